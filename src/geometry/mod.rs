@@ -1,0 +1,8 @@
+//! Meshes, parts, mesh checks, generated shapes, ray casting, surface samples and their tree.
+
+pub mod bvh;
+pub mod check;
+pub mod mesh;
+pub mod parts;
+pub mod shapes;
+pub mod source;

@@ -1,0 +1,1 @@
+//! Files to plain buffers and back: OBJ, glTF, PLY, EXR, Radiance HDR, PNG.

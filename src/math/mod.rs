@@ -1,0 +1,4 @@
+//! Quadrature, counter-based random numbers, directions and statistics.
+
+pub mod quadrature;
+pub mod random;

@@ -1,0 +1,1 @@
+//! Gauss-Legendre quadrature and an adaptive integrator for tests and tables.

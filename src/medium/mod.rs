@@ -1,0 +1,6 @@
+//! Optical properties and their units, Fresnel, the dipole and other profiles, measured materials.
+
+pub mod dipole;
+pub mod fresnel;
+pub mod material;
+pub mod profile;

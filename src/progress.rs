@@ -1,0 +1,21 @@
+//! Progress of long work: stages report units of work done, whoever listens shows them.
+
+/// Receives the progress of one stage after another. Implementations must be cheap to call from many threads.
+pub trait Progress: Sync {
+    /// A stage of `total` units of work starts.
+    fn start(&self, stage: &'static str, total: u64);
+    /// `units` more units of the current stage are done.
+    fn advance(&self, units: u64);
+    /// The current stage ended.
+    fn finish(&self);
+}
+
+/// Progress that nobody looks at.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Silent;
+
+impl Progress for Silent {
+    fn start(&self, _stage: &'static str, _total: u64) {}
+    fn advance(&self, _units: u64) {}
+    fn finish(&self) {}
+}
