@@ -25,3 +25,5 @@ pub mod geometry;
 pub mod light;
 
 pub mod io;
+
+pub mod transport;

@@ -1,3 +1,7 @@
 //! The `translux` program: parse, run, map the error to an exit code.
 
-fn main() {}
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    ExitCode::from(translux::commands::run(std::env::args_os()) as u8)
+}

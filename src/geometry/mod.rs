@@ -2,7 +2,9 @@
 
 pub mod bvh;
 pub mod check;
+pub mod cluster;
 pub mod mesh;
 pub mod parts;
+pub mod samples;
 pub mod shapes;
 pub mod source;

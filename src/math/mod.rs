@@ -2,3 +2,5 @@
 
 pub mod quadrature;
 pub mod random;
+pub mod spherical_rectangle;
+pub mod statistics;

@@ -1,0 +1,284 @@
+//! The domain view of a `.tlux` file: our types on one side, `translux-format`'s plain arrays on the other.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use glam::{DVec3, Vec2, Vec3};
+use translux_format as format;
+
+use crate::compress::ledger::{Entry, Ledger};
+use crate::error::{Error, Result};
+use crate::geometry::mesh::Mesh;
+use crate::geometry::parts::{Part, Parts};
+use crate::geometry::samples::{Facet, Samples};
+use crate::geometry::source::CornerAttribute;
+use crate::io::atomic;
+use crate::math::statistics::VertexError;
+use crate::medium::material::OpticalProperties;
+use crate::transport::scene::{Medium, Scene};
+
+/// Revision of the algorithms: raised whenever the same input gives other bytes.
+pub const ALGORITHM_REVISION: u32 = 1;
+
+/// A file that the asset was made from.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct Input {
+    /// File name without its folder.
+    pub name: String,
+    /// Its BLAKE3 hash, hexadecimal.
+    pub blake3: String,
+    /// Its length.
+    pub bytes: u64,
+}
+
+impl Input {
+    /// Hashes the bytes of a file.
+    pub fn of(path: &Path, bytes: &[u8]) -> Self {
+        let name = path.file_name().map_or_else(|| "-".to_owned(), |n| n.to_string_lossy().into_owned());
+        Self { name, blake3: blake3::hash(bytes).to_hex().to_string(), bytes: bytes.len() as u64 }
+    }
+}
+
+/// Where an asset comes from; nothing in it depends on when or where it was made.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Provenance {
+    /// Method that baked it.
+    pub method: String,
+    /// Resolved parameters.
+    pub settings: BTreeMap<String, String>,
+    /// Files it was made from.
+    pub inputs: Vec<Input>,
+    /// How the source's unit was fixed.
+    pub source_unit: String,
+    /// Millimetres in one source unit.
+    pub mm_per_source_unit: f64,
+    /// Repairs and choices that are part of the truth.
+    pub notes: Vec<String>,
+}
+
+/// One scene baked by one method.
+#[derive(Clone, Debug)]
+pub struct Asset {
+    /// Mesh, parts, media.
+    pub scene: Scene,
+    /// Surface samples.
+    pub samples: Samples,
+    /// Origin.
+    pub provenance: Provenance,
+    /// What each lossy stage added.
+    pub ledger: Ledger,
+    /// The method's own sections.
+    pub sections: Vec<format::RawSection>,
+}
+
+impl Asset {
+    /// The file's bytes.
+    ///
+    /// # Errors
+    /// Values that the format refuses.
+    pub fn to_bytes(&self) -> Result<Vec<u8>> {
+        self.to_file().to_bytes().map_err(|e| Error::runtime(format!("asset: {e}")))
+    }
+
+    /// Reads and validates bytes.
+    ///
+    /// # Errors
+    /// `InvalidInput` for anything that is not a valid asset; `Unsupported` for another major version.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self> {
+        let file = format::AssetFile::from_bytes(bytes, format::Budget::default()).map_err(|e| {
+            let kind = match e {
+                format::FormatError::UnsupportedVersion { .. } => crate::error::ExitCode::Unsupported,
+                _ => crate::error::ExitCode::InvalidInput,
+            };
+            Error::new(kind, e.to_string())
+        })?;
+        Self::from_file(file)
+    }
+
+    /// Writes the file atomically.
+    ///
+    /// # Errors
+    /// As [`Self::to_bytes`], and I/O.
+    pub fn write(&self, path: &Path) -> Result<u64> {
+        let bytes = self.to_bytes()?;
+        atomic::write(path, &bytes)?;
+        Ok(bytes.len() as u64)
+    }
+
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// As [`Self::from_bytes`], and I/O; the message starts with the path.
+    pub fn read(path: &Path) -> Result<Self> {
+        let bytes = std::fs::read(path).map_err(|e| Error::io(path, &e))?;
+        Self::from_bytes(&bytes).map_err(|e| e.at(path.display()))
+    }
+
+    fn to_file(&self) -> format::AssetFile {
+        format::AssetFile {
+            mesh: mesh_to_file(&self.scene.mesh),
+            parts: parts_to_file(&self.scene),
+            samples: format::Samples {
+                facets: self.samples.facets.iter().map(|f| [f.triangle, f.path]).collect(),
+                patch_offsets: self.samples.patch_offsets.clone(),
+                part_offsets: self.samples.part_offsets.clone(),
+            },
+            provenance: provenance_to_file(&self.provenance),
+            ledger: self.ledger.entries.iter().map(entry_to_file).collect(),
+            extra: self.sections.clone(),
+        }
+    }
+
+    fn from_file(file: format::AssetFile) -> Result<Self> {
+        let mesh = mesh_from_file(file.mesh);
+        let media: Vec<Medium> = file.parts.media.iter().map(medium_from_file).collect::<Result<_>>()?;
+        let records: Vec<Part> = file
+            .parts
+            .parts
+            .iter()
+            .map(|p| Part::new(p.name.clone(), (!p.opaque).then_some(p.medium)))
+            .collect();
+        let parts = Parts::from_records(&mesh, file.parts.triangle_part, records);
+        Ok(Self {
+            scene: Scene { mesh, parts, media },
+            samples: Samples {
+                facets: file.samples.facets.iter().map(|&[triangle, path]| Facet { triangle, path }).collect(),
+                patch_offsets: file.samples.patch_offsets,
+                part_offsets: file.samples.part_offsets,
+            },
+            provenance: provenance_from_file(file.provenance),
+            ledger: Ledger { entries: file.ledger.into_iter().map(entry_from_file).collect() },
+            sections: file.extra,
+        })
+    }
+}
+
+fn mesh_to_file(mesh: &Mesh) -> format::Mesh {
+    format::Mesh {
+        origin_mm: mesh.origin_mm.to_array(),
+        positions_mm: mesh.local_mm.iter().map(|p| p.to_array()).collect(),
+        triangles: mesh.triangles.clone(),
+        triangle_material: mesh.triangle_material.clone(),
+        materials: mesh.materials.clone(),
+        weld: mesh.weld.clone(),
+        normals: mesh.normals.as_ref().map(|n| format::CornerAttribute {
+            values: n.values.iter().map(|v| v.to_array()).collect(),
+            corners: n.corners.clone(),
+        }),
+        uvs: mesh.uvs.as_ref().map(|n| format::CornerAttribute {
+            values: n.values.iter().map(|v| v.to_array()).collect(),
+            corners: n.corners.clone(),
+        }),
+    }
+}
+
+fn mesh_from_file(file: format::Mesh) -> Mesh {
+    Mesh {
+        origin_mm: DVec3::from_array(file.origin_mm),
+        local_mm: file.positions_mm.into_iter().map(Vec3::from_array).collect(),
+        triangles: file.triangles,
+        triangle_material: file.triangle_material,
+        materials: file.materials,
+        weld: file.weld,
+        normals: file.normals.map(|n| CornerAttribute {
+            values: n.values.into_iter().map(Vec3::from_array).collect(),
+            corners: n.corners,
+        }),
+        uvs: file.uvs.map(|n| CornerAttribute {
+            values: n.values.into_iter().map(Vec2::from_array).collect(),
+            corners: n.corners,
+        }),
+    }
+}
+
+fn parts_to_file(scene: &Scene) -> format::Parts {
+    let record = |part: &Part| format::PartRecord {
+        name: part.name.clone(),
+        opaque: !part.transfers(),
+        medium: part.medium.unwrap_or(format::NO_MEDIUM),
+    };
+    let medium = |m: &Medium| format::MediumRecord {
+        name: m.name.clone(),
+        sigma_s_reduced_per_mm: m.properties.sigma_s_reduced_per_mm.to_array(),
+        sigma_a_per_mm: m.properties.sigma_a_per_mm.to_array(),
+        g: m.properties.g,
+        eta_inside_over_outside: m.properties.eta_inside_over_outside,
+    };
+    format::Parts {
+        triangle_part: scene.parts.triangle_part.clone(),
+        parts: scene.parts.parts.iter().map(record).collect(),
+        media: scene.media.iter().map(medium).collect(),
+    }
+}
+
+fn medium_from_file(record: &format::MediumRecord) -> Result<Medium> {
+    let properties = OpticalProperties {
+        sigma_s_reduced_per_mm: DVec3::from_array(record.sigma_s_reduced_per_mm),
+        sigma_a_per_mm: DVec3::from_array(record.sigma_a_per_mm),
+        g: record.g,
+        eta_inside_over_outside: record.eta_inside_over_outside,
+    };
+    properties.validate().map_err(|e| e.at(format!("medium `{}`", record.name)))?;
+    Ok(Medium { name: record.name.clone(), properties })
+}
+
+fn provenance_to_file(p: &Provenance) -> format::Provenance {
+    let hash = |text: &str| blake3::Hash::from_hex(text).map_or([0; 32], |h| *h.as_bytes());
+    format::Provenance {
+        algorithm_revision: ALGORITHM_REVISION,
+        method: p.method.clone(),
+        settings: p.settings.iter().map(|(k, v)| (k.clone(), v.clone())).collect(),
+        seed: 0,
+        inputs: p
+            .inputs
+            .iter()
+            .map(|i| format::InputRecord { name: i.name.clone(), blake3: hash(&i.blake3), bytes: i.bytes })
+            .collect(),
+        source_unit: p.source_unit.clone(),
+        mm_per_source_unit: p.mm_per_source_unit,
+        notes: p.notes.clone(),
+    }
+}
+
+fn provenance_from_file(p: format::Provenance) -> Provenance {
+    Provenance {
+        method: p.method,
+        settings: p.settings.into_iter().collect(),
+        inputs: p
+            .inputs
+            .into_iter()
+            .map(|i| Input {
+                name: i.name,
+                blake3: blake3::Hash::from_bytes(i.blake3).to_hex().to_string(),
+                bytes: i.bytes,
+            })
+            .collect(),
+        source_unit: p.source_unit,
+        mm_per_source_unit: p.mm_per_source_unit,
+        notes: p.notes,
+    }
+}
+
+fn entry_to_file(entry: &Entry) -> format::LedgerEntry {
+    format::LedgerEntry {
+        stage: entry.stage.clone(),
+        relative_rms: entry.error.rms,
+        relative_bias: entry.error.bias,
+        p999: entry.error.p999,
+        worst: entry.error.worst,
+        note: entry.note.clone(),
+    }
+}
+
+fn entry_from_file(entry: format::LedgerEntry) -> Entry {
+    Entry {
+        stage: entry.stage,
+        error: VertexError {
+            rms: entry.relative_rms,
+            bias: entry.relative_bias,
+            p999: entry.p999,
+            worst: entry.worst,
+        },
+        note: entry.note,
+    }
+}

@@ -1,0 +1,87 @@
+//! `translux bake MODEL -o A.tlux`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde::Serialize;
+
+use super::console::{Console, duration, megabytes, percent};
+use super::model::{self, BakeOptions, MediumReport, ModelArgs};
+use super::{output, report};
+use crate::compress::ledger::Ledger;
+use crate::error::{ExitCode, Result};
+use crate::geometry::check::MeshCheck;
+use crate::methods;
+
+#[derive(Clone, Debug, Args)]
+pub(super) struct BakeArgs {
+    #[command(flatten)]
+    model: ModelArgs,
+    /// Asset to write (.tlux)
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+    /// Method (see `translux methods`)
+    #[arg(long, default_value = "two_pass")]
+    method: String,
+    #[command(flatten)]
+    options: BakeOptions,
+}
+
+#[derive(Serialize)]
+struct BakeReport {
+    method: &'static str,
+    output: PathBuf,
+    vertices: usize,
+    triangles: usize,
+    samples: usize,
+    bytes: u64,
+    bytes_without_mesh: u64,
+    bytes_per_vertex: f64,
+    diagonal_mm: f64,
+    media: Vec<MediumReport>,
+    mesh: MeshCheck,
+    ledger: Ledger,
+}
+
+pub(super) fn run(args: &BakeArgs, console: &Console) -> Result<ExitCode> {
+    let method = methods::named(&args.method)?;
+    let settings = args.options.resolve(method)?;
+    output::check(std::slice::from_ref(&args.output), &["tlux"], console)?;
+    let loaded = args.model.load(console)?;
+    let (media, mesh) = (loaded.scene.media.iter().map(MediumReport::of).collect(), loaded.check.clone());
+    let asset = model::bake(method, loaded, &settings, console)?;
+    let (bytes, without_mesh) = console.stage("write", || -> Result<_> {
+        let bytes = asset.to_bytes()?;
+        let sizes = super::inspect::sizes(&bytes)?;
+        crate::io::atomic::write(&args.output, &bytes)?;
+        Ok((bytes.len() as u64, sizes.stored_without_mesh))
+    })?;
+    let vertices = asset.scene.mesh.local_mm.len();
+    let result = BakeReport {
+        method: method.name(),
+        output: args.output.clone(),
+        vertices,
+        triangles: asset.scene.mesh.triangles.len(),
+        samples: asset.samples.len(),
+        bytes,
+        bytes_without_mesh: without_mesh,
+        bytes_per_vertex: without_mesh as f64 / vertices.max(1) as f64,
+        diagonal_mm: asset.scene.mesh.diagonal_mm(),
+        media,
+        mesh,
+        ledger: asset.ledger,
+    };
+    console.note(&format!(
+        "{}: {}, {} samples, {:.1} bytes/vertex without the mesh, {}",
+        result.output.display(),
+        megabytes(bytes),
+        result.samples,
+        result.bytes_per_vertex,
+        duration(console.seconds())
+    ));
+    for entry in &result.ledger.entries {
+        console.note(&format!("  {}: {} RMS ({})", entry.stage, percent(entry.error.rms), entry.note));
+    }
+    report::print(console, "bake", &result)?;
+    Ok(ExitCode::Ok)
+}

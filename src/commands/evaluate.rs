@@ -1,0 +1,192 @@
+//! `translux evaluate A.tlux --light L -o B.ply`.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use clap::{Args, ValueEnum};
+use glam::DVec3;
+use serde::Serialize;
+
+use super::console::{Console, Strictness, percent};
+use super::lights::{LightArgs, ResolvedLights};
+use super::model::{MediumArgs, edited_media};
+use super::{output, report};
+use crate::asset::{Asset, Input};
+use crate::compress::ledger::Ledger;
+use crate::error::{Error, ExitCode, Result};
+use crate::evaluate::{Cost, Evaluator};
+use crate::io::atomic;
+use crate::io::ply::{RadiosityPly, srgb_colours};
+use crate::methods;
+use crate::transport::scene::Scene;
+
+#[derive(Clone, Debug, Args)]
+pub(super) struct EvaluateArgs {
+    /// Asset
+    asset: PathBuf,
+    #[command(flatten)]
+    lights: LightArgs,
+    #[command(flatten)]
+    media: MediumArgs,
+    /// PLY to write, `-` for standard output; repeatable
+    #[arg(short, long, required = true, value_name = "FILE")]
+    output: Vec<PathBuf>,
+    /// Where to compute
+    #[arg(long, default_value = "cpu")]
+    device: Device,
+    /// Measure the error and report it
+    #[arg(long)]
+    measure: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Device {
+    Cpu,
+    Gpu,
+}
+
+/// Whether to spend time on measuring the error.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Measure {
+    Yes,
+    No,
+}
+
+/// Figures of an evaluation.
+#[derive(Serialize)]
+pub(super) struct EvaluationReport {
+    pub(super) method: String,
+    pub(super) lights: Vec<String>,
+    pub(super) inputs: Vec<Input>,
+    pub(super) outputs: Vec<PathBuf>,
+    pub(super) vertices: usize,
+    /// Vertices without transferring area, whose radiosity is 0.
+    pub(super) vertices_without_area: usize,
+    pub(super) mean_radiosity: [f64; 3],
+    pub(super) max_radiosity: [f64; 3],
+    pub(super) cost: Cost,
+    pub(super) asked_rms: Option<f64>,
+    pub(super) measured: Ledger,
+}
+
+pub(super) fn run(args: &EvaluateArgs, console: &Console) -> Result<ExitCode> {
+    output::check(&args.output, &["ply"], console)?;
+    if args.device == Device::Gpu {
+        return Err(Error::unsupported("--device gpu: this build evaluates on the CPU only; leave the option out"));
+    }
+    let lights = args.lights.load(console)?;
+    let asset = Arc::new(console.stage("open", || Asset::read(&args.asset))?);
+    let method = methods::named(&asset.provenance.method).map_err(|_| {
+        let (path, method) = (args.asset.display(), &asset.provenance.method);
+        Error::unsupported(format!("{path}: baked by the method `{method}`, which this build does not have"))
+    })?;
+    let mut evaluator = console.stage("prepare", || method.open(Arc::clone(&asset)))?;
+    if let Some(media) = edited_media(&args.media, evaluator.scene())? {
+        evaluator.set_media(media)?;
+    }
+    let asked = asset.provenance.settings.get("max-rms").and_then(|t| t.parse().ok());
+    let measure = if args.measure { Measure::Yes } else { Measure::No };
+    let result = finish(evaluator.as_mut(), method.name(), lights, &args.output, measure, asked, console)?;
+    report::print(console, "evaluate", &result)?;
+    judge(&result, console)
+}
+
+/// Lights an evaluator, writes its radiosity and measures its error.
+pub(super) fn finish(
+    evaluator: &mut dyn Evaluator,
+    method: &str,
+    lights: ResolvedLights,
+    outputs: &[PathBuf],
+    measure: Measure,
+    asked_rms: Option<f64>,
+    console: &Console,
+) -> Result<EvaluationReport> {
+    evaluator.set_lights(lights.lights, console)?;
+    let radiosity = evaluator.radiosity(console)?;
+    let ply = console.stage("write", || {
+        let scene = evaluator.scene();
+        let media: Vec<&str> = scene.media.iter().map(|m| m.name.as_str()).collect();
+        let mut comments = vec![format!("translux {method}"), format!("material {}", media.join(", "))];
+        comments.extend(lights.text.iter().map(|t| format!("light {t}")));
+        radiosity_ply(scene, &radiosity, comments)
+    });
+    console.stage("write", || -> Result<()> {
+        let bytes = ply.to_bytes()?;
+        outputs.iter().try_for_each(|path| atomic::write(path, &bytes))
+    })?;
+    let measured = match measure {
+        Measure::Yes => evaluator.measured_error(console)?,
+        Measure::No => Ledger::default(),
+    };
+    for entry in &measured.entries {
+        console.note(&format!(
+            "{} error: {} RMS, {} worst vertex ({})",
+            entry.stage,
+            percent(entry.error.rms),
+            percent(entry.error.worst),
+            entry.note
+        ));
+    }
+    let scene = evaluator.scene();
+    let without_area = without_area(scene);
+    if without_area > 0 {
+        console.note(&format!("{without_area} vertices have no translucent area around them; their radiosity is 0"));
+    }
+    let count = radiosity.len().max(1) as f64;
+    let mean = radiosity.iter().sum::<DVec3>() / count;
+    let max = radiosity.iter().fold(DVec3::ZERO, |a, &b| a.max(b));
+    Ok(EvaluationReport {
+        method: method.to_owned(),
+        lights: lights.text,
+        inputs: lights.inputs,
+        outputs: outputs.to_vec(),
+        vertices: radiosity.len(),
+        vertices_without_area: without_area,
+        mean_radiosity: mean.to_array(),
+        max_radiosity: max.to_array(),
+        cost: evaluator.cost(),
+        asked_rms,
+        measured,
+    })
+}
+
+/// Warns, or fails where `--strict` asks for it, if the measured error is above the asked one.
+pub(super) fn judge(result: &EvaluationReport, console: &Console) -> Result<ExitCode> {
+    let measured = result.measured.total_rms();
+    match result.asked_rms {
+        Some(asked) if measured > asked => {
+            let line = format!("measured error {} is above the asked {}", percent(measured), percent(asked));
+            if console.strictness == Strictness::Fail {
+                return Err(Error::new(ExitCode::QualityNotMet, line));
+            }
+            console.warn(&line);
+            Ok(ExitCode::Ok)
+        }
+        _ => Ok(ExitCode::Ok),
+    }
+}
+
+fn without_area(scene: &Scene) -> usize {
+    let mut used = vec![false; scene.mesh.local_mm.len()];
+    for (triangle, &part) in scene.mesh.triangles.iter().zip(&scene.parts.triangle_part) {
+        if scene.parts.parts[part as usize].transfers() {
+            for &v in triangle {
+                used[v as usize] = true;
+            }
+        }
+    }
+    used.iter().filter(|u| !**u).count()
+}
+
+/// The PLY of per-vertex radiosity.
+pub(super) fn radiosity_ply(scene: &Scene, radiosity: &[DVec3], comments: Vec<String>) -> RadiosityPly {
+    let b: Vec<[f32; 3]> = radiosity.iter().map(|v| v.as_vec3().to_array()).collect();
+    RadiosityPly {
+        positions: (0..b.len() as u32).map(|v| scene.mesh.position_mm(v).as_vec3().to_array()).collect(),
+        colours: srgb_colours(&b),
+        b,
+        s: None,
+        faces: scene.mesh.triangles.clone(),
+        comments,
+    }
+}

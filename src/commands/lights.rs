@@ -1,0 +1,58 @@
+//! `--light`, repeatable, and the sky where there is none.
+
+use clap::Args;
+
+use super::console::Console;
+use crate::asset::Input;
+use crate::error::{Error, Result};
+use crate::io::environment::{load_light, map_path};
+use crate::light::Light;
+use crate::light::parse::{LightSpec, examples, parse};
+
+/// Lights of a command.
+#[derive(Clone, Debug, Default, Args)]
+#[command(next_help_heading = "Light")]
+pub(super) struct LightArgs {
+    /// A light; repeatable. constant, directional, point, area, env, sky or a bare path of an EXR or HDR picture
+    #[arg(long = "light", value_name = "LIGHT", long_help = long_help())]
+    pub(super) light: Vec<String>,
+}
+
+fn long_help() -> String {
+    let forms: Vec<&str> = examples().collect();
+    format!(
+        "A light; repeatable, their light adds up. Without any, the built-in sky. Lengths in mm, values a number or R,G,B:\n  {}\n\
+         A bare path is an environment.",
+        forms.join("\n  ")
+    )
+}
+
+/// Lights ready to use and what they were made from.
+pub(super) struct ResolvedLights {
+    pub(super) lights: Vec<Light>,
+    pub(super) text: Vec<String>,
+    pub(super) inputs: Vec<Input>,
+}
+
+impl LightArgs {
+    /// Reads the text forms and the pictures that they name.
+    pub(super) fn load(&self, console: &Console) -> Result<ResolvedLights> {
+        let sky = ["sky".to_owned()];
+        let texts = if self.light.is_empty() { &sky } else { self.light.as_slice() };
+        let specs: Vec<LightSpec> = texts.iter().map(|t| parse(t)).collect::<Result<_>>()?;
+        let mut resolved = ResolvedLights { lights: Vec::new(), text: Vec::new(), inputs: Vec::new() };
+        for spec in &specs {
+            let mut warnings = Vec::new();
+            resolved.lights.push(load_light(spec, &mut warnings)?);
+            for warning in warnings {
+                console.warn(&warning);
+            }
+            if let Some(path) = map_path(spec) {
+                let bytes = std::fs::read(path).map_err(|e| Error::io(path, &e))?;
+                resolved.inputs.push(Input::of(path, &bytes));
+            }
+            resolved.text.push(spec.to_string());
+        }
+        Ok(resolved)
+    }
+}

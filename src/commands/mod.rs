@@ -1,0 +1,150 @@
+//! One file for each command: arguments as typed, arguments as resolved, library call, report.
+
+mod bake;
+mod compare;
+mod console;
+mod demo;
+mod evaluate;
+mod inspect;
+mod lights;
+mod materials;
+mod methods;
+mod model;
+mod output;
+mod reference;
+mod render;
+mod report;
+
+use std::ffi::OsString;
+
+use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
+
+use crate::error::{Error, ExitCode, Result};
+use console::Console;
+
+/// Precompute, inspect, relight and render light transport in translucent meshes.
+#[derive(Debug, Parser)]
+#[command(name = "translux", version, max_term_width = 110, subcommand_required = true, arg_required_else_help = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+    #[command(flatten)]
+    global: Global,
+}
+
+/// Options of every command.
+#[derive(Clone, Debug, Args)]
+#[command(next_help_heading = "Common options")]
+struct Global {
+    /// Print nothing but errors and what was asked for
+    #[arg(short, long, global = true)]
+    quiet: bool,
+    /// Print one JSON report on standard output
+    #[arg(long, global = true)]
+    json: bool,
+    /// Turn warnings about quality, size or time into exit code 6
+    #[arg(long, global = true)]
+    strict: bool,
+    /// Worker threads (default: the processors that this process may use)
+    #[arg(long, global = true, env = "TRANSLUX_THREADS", value_name = "N")]
+    threads: Option<usize>,
+    /// Memory that may be used, such as 4GiB or 800MB (default: 75 % of what there is)
+    #[arg(long, global = true, value_name = "SIZE")]
+    max_memory: Option<String>,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Precompute a model and write an asset
+    Bake(bake::BakeArgs),
+    /// Per-vertex radiosity of an asset under lights, as PLY
+    Evaluate(evaluate::EvaluateArgs),
+    /// A picture of an asset under lights, as EXR or PNG
+    Render(render::RenderArgs),
+    /// The brute-force truth of a model under lights, as PLY
+    Reference(reference::ReferenceArgs),
+    /// Sections, bytes, bytes per vertex, error ledger and provenance of an asset
+    Inspect(inspect::InspectArgs),
+    /// Compare two PLY or two EXR files
+    Compare(compare::CompareArgs),
+    /// List the measured materials
+    Materials(materials::MaterialsArgs),
+    /// List the methods and the keys that --set takes
+    Methods(methods::MethodsArgs),
+    /// Bake a built-in model under a built-in sky, render it and say what to type next
+    Demo(demo::DemoArgs),
+}
+
+/// Runs the program on its arguments (the first is the program's name) and returns its exit code.
+///
+/// Errors go to standard error, one line each.
+pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let parsed = command().try_get_matches_from(arguments).and_then(|m| Cli::from_arg_matches(&m));
+    let cli = match parsed {
+        Ok(cli) => cli,
+        Err(error) => {
+            // Help and version arrive as errors that are not errors; a closed pipe is nobody's fault.
+            let _ = error.print();
+            return if error.use_stderr() { ExitCode::CommandLine } else { ExitCode::Ok };
+        }
+    };
+    match dispatch(cli) {
+        Ok(code) => code,
+        Err(error) => {
+            eprintln!("translux: {error}");
+            error.code()
+        }
+    }
+}
+
+/// The command line with the exit codes in its help.
+fn command() -> clap::Command {
+    let codes: Vec<String> =
+        ExitCode::ALL.iter().map(|(code, meaning)| format!("  {}  {meaning}", *code as u8)).collect();
+    Cli::command().after_help(format!("Exit codes:\n{}", codes.join("\n")))
+}
+
+fn dispatch(cli: Cli) -> Result<ExitCode> {
+    let console = Console::new(&cli.global)?;
+    let threads = cli.global.threads.unwrap_or(0);
+    if cli.global.threads == Some(0) || threads > 4096 {
+        return Err(Error::command_line("--threads: a number from 1 to 4096 is needed"));
+    }
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .map_err(|e| Error::runtime(format!("the worker threads could not be started: {e}")))?;
+    watch_for_interrupts()?;
+    pool.install(|| match cli.command {
+        Command::Bake(args) => bake::run(&args, &console),
+        Command::Evaluate(args) => evaluate::run(&args, &console),
+        Command::Render(args) => render::run(&args, &console),
+        Command::Reference(args) => reference::run(&args, &console),
+        Command::Inspect(args) => inspect::run(&args, &console),
+        Command::Compare(args) => compare::run(&args, &console),
+        Command::Materials(args) => materials::run(&args, &console),
+        Command::Methods(args) => methods::run(&args, &console),
+        Command::Demo(args) => demo::run(&args, &console),
+    })
+}
+
+/// Ctrl-C and SIGTERM remove files that are not finished and end the process with 130.
+fn watch_for_interrupts() -> Result<()> {
+    let handler = || {
+        crate::io::atomic::remove_unfinished();
+        eprintln!("\ntranslux: interrupted; no file was left unfinished");
+        std::process::exit(130);
+    };
+    match ctrlc::set_handler(handler) {
+        Ok(()) | Err(ctrlc::Error::MultipleHandlers) => Ok(()),
+        Err(e) => Err(Error::runtime(format!("interrupts cannot be watched: {e}"))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn the_command_line_is_consistent() {
+        super::command().debug_assert();
+    }
+}

@@ -1,0 +1,33 @@
+//! The error ledger: what each lossy stage added, all in the unit of the vertex error.
+
+use crate::math::statistics::VertexError;
+
+/// What one stage added.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Entry {
+    /// Name of the stage.
+    pub stage: String,
+    /// Its error.
+    pub error: VertexError,
+    /// How it was measured.
+    pub note: String,
+}
+
+/// Errors by stage, in the order of the pipeline.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Ledger {
+    /// One entry a stage.
+    pub entries: Vec<Entry>,
+}
+
+impl Ledger {
+    /// Adds what a stage lost.
+    pub fn add(&mut self, stage: &str, error: VertexError, note: impl Into<String>) {
+        self.entries.push(Entry { stage: stage.to_owned(), error, note: note.into() });
+    }
+
+    /// Sum of the stages' RMS: errors of different stages may point the same way, so this is what is promised.
+    pub fn total_rms(&self) -> f64 {
+        self.entries.iter().map(|e| e.error.rms).sum()
+    }
+}

@@ -1,0 +1,3 @@
+//! What is lost on the way, and the record of it.
+
+pub mod ledger;

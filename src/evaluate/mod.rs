@@ -1,0 +1,141 @@
+//! From an opened asset and lights to radiosity: the traits that every method implements.
+
+pub mod sampled;
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use crate::asset::Asset;
+use crate::compress::ledger::Ledger;
+use crate::error::Result;
+use crate::light::Light;
+use crate::progress::Progress;
+use crate::transport::scene::{Medium, Scene};
+
+/// A key that `--set key=value` takes.
+#[derive(Clone, Copy, Debug)]
+pub struct Key {
+    /// Name.
+    pub name: &'static str,
+    /// Default, as it would be typed.
+    pub default: &'static str,
+    /// One line: effect, unit, values.
+    pub help: &'static str,
+}
+
+/// Everything that determines a bake besides the scene.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BakeSettings {
+    /// Surface samples, or as many as the method needs.
+    pub samples: Option<usize>,
+    /// Relative error that is asked for.
+    pub max_rms: f64,
+    /// Method-specific keys, all of them, resolved.
+    pub values: BTreeMap<String, String>,
+}
+
+/// What a bake makes of a scene.
+pub struct AssetParts {
+    /// The surface samples.
+    pub samples: crate::geometry::samples::Samples,
+    /// What each lossy stage added.
+    pub ledger: Ledger,
+    /// Sections of the method's own.
+    pub sections: Vec<translux_format::RawSection>,
+}
+
+/// A precomputation method.
+pub trait Method: Sync {
+    /// Name on the command line and in the asset.
+    fn name(&self) -> &'static str;
+
+    /// One line for people.
+    fn summary(&self) -> &'static str;
+
+    /// Keys that `--set` takes.
+    fn keys(&self) -> &'static [Key];
+
+    /// Memory that a bake of this scene takes, in bytes, estimated before the work.
+    fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64;
+
+    /// Precomputes.
+    ///
+    /// # Errors
+    /// Values of keys that do not fit; failures of the work.
+    fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts>;
+
+    /// Makes the asset's evaluator.
+    ///
+    /// # Errors
+    /// Sections that are missing or do not fit.
+    fn open(&self, asset: Arc<Asset>) -> Result<Box<dyn Evaluator>>;
+}
+
+/// What an evaluator allows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct Capabilities {
+    /// What may change about the material without a new bake.
+    pub material: MaterialEdit,
+}
+
+/// What may change about the material.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum MaterialEdit {
+    /// Nothing: the material is baked in.
+    None,
+    /// Every optical property.
+    Any,
+}
+
+/// Size of what an evaluator holds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct Cost {
+    /// Surface samples.
+    pub samples: usize,
+    /// Points where radiosity is gathered.
+    pub receivers: usize,
+    /// Bytes of the method's data in memory, mesh and occluders apart.
+    pub resident_bytes: usize,
+}
+
+/// An asset at run time: lights in, radiosity out. Linear in the lights.
+pub trait Evaluator: Send {
+    /// What may change.
+    fn capabilities(&self) -> Capabilities;
+
+    /// Size of what is held.
+    fn cost(&self) -> Cost;
+
+    /// The scene that the asset describes, with the media in force.
+    fn scene(&self) -> &Scene;
+
+    /// Occluders of the scene, for whoever looks at it.
+    fn bvh(&self) -> &crate::geometry::bvh::Bvh;
+
+    /// Replaces the lights.
+    ///
+    /// # Errors
+    /// Lights that the asset does not carry (`Unsupported`).
+    fn set_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()>;
+
+    /// Replaces the media, one for each of the scene's.
+    ///
+    /// # Errors
+    /// `Unsupported` where the material is baked in or out of the asset's range.
+    fn set_media(&mut self, media: Vec<Medium>) -> Result<()>;
+
+    /// Radiosity of every source vertex, RGB; zero for vertices without transferring area.
+    ///
+    /// # Errors
+    /// Failures of the work.
+    fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>>;
+
+    /// What the evaluator measured of its own error for the lights and media in force.
+    ///
+    /// # Errors
+    /// Failures of the work.
+    fn measured_error(&mut self, progress: &dyn Progress) -> Result<Ledger>;
+}

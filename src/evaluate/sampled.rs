@@ -1,0 +1,284 @@
+//! The evaluator of methods that store surface samples and no transport: light reaches the samples by ray casting and
+//! is gathered at the receivers, over all pairs or through the tree. Everything about lights and media may change.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use super::{Capabilities, Cost, Evaluator, MaterialEdit};
+use crate::asset::Asset;
+use crate::compress::ledger::Ledger;
+use crate::error::{Error, Result};
+use crate::geometry::bvh::Bvh;
+use crate::geometry::samples::{Patch, Samples};
+use crate::light::Light;
+use crate::math::statistics::{VertexError, vertex_error};
+use crate::progress::{Progress, Silent};
+use crate::transport::gather::{Criterion, Gather, NearField, Scheme};
+use crate::transport::irradiance::{Illumination, LightSampling};
+use crate::transport::receivers::Receivers;
+use crate::transport::scene::{self, Medium, Scene, Surface};
+use crate::transport::tree::SampleTree;
+
+/// How samples turn into radiosity.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plan {
+    /// Rays.
+    pub sampling: LightSampling,
+    /// Near field.
+    pub near: NearField,
+    /// Far field.
+    pub far: Far,
+    /// Receivers that share a traversal.
+    pub group: usize,
+}
+
+/// The far field.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Far {
+    /// Every sample with every receiver.
+    AllPairs,
+    /// Through the tree, with an asked error relative to all pairs.
+    Hierarchical {
+        /// Asked relative error of the hierarchy alone.
+        error: f64,
+        /// Which clusters may stand for their samples.
+        bound: Bound,
+    },
+}
+
+/// The criterion that the asked error tunes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Bound {
+    /// Solid angle of the cluster.
+    SolidAngle,
+    /// Bound on the kernel's error.
+    Kernel,
+}
+
+impl Bound {
+    fn criterion(self, limit: f64) -> Criterion {
+        match self {
+            Self::SolidAngle => Criterion::SolidAngle(limit),
+            Self::Kernel => Criterion::KernelBound(limit),
+        }
+    }
+
+    /// Where tuning starts: loose enough that a larger limit would not pay, by the measured error of each criterion.
+    fn first_limit(self, error: f64) -> f64 {
+        match self {
+            Self::SolidAngle => (8.0 * error).clamp(1e-4, 1.0),
+            Self::Kernel => 0.02 * error,
+        }
+    }
+}
+
+/// Receivers that tune the hierarchy, and as many others that measure it.
+const PROBES: usize = 96;
+
+/// Halvings of the limit at most; beyond them the hierarchy is all pairs.
+const HALVINGS: usize = 12;
+
+/// Samples, lights and media, with what follows from them.
+pub struct SampledEvaluator {
+    asset: Arc<Asset>,
+    scene: Scene,
+    plan: Plan,
+    bvh: Bvh,
+    patches: Vec<Patch>,
+    tree: SampleTree,
+    receivers: Receivers,
+    areas: Vec<f64>,
+    lights: Vec<Light>,
+    irradiance: Option<Vec<DVec3>>,
+    limit: Option<f64>,
+    hierarchy_error: Option<VertexError>,
+}
+
+impl SampledEvaluator {
+    /// Builds the tree and the occluders of an asset.
+    pub fn new(asset: Arc<Asset>, plan: Plan) -> Self {
+        let scene = asset.scene.clone();
+        let (bvh, patches) = rayon::join(|| Bvh::new(&scene.mesh), || scene::patches(&scene, &asset.samples));
+        let tree = SampleTree::new(&asset.samples, &patches);
+        let receivers = Receivers::new(&scene.mesh, &scene.parts, plan.group);
+        let areas = receiver_areas(&scene, &receivers);
+        Self {
+            asset,
+            scene,
+            plan,
+            bvh,
+            patches,
+            tree,
+            receivers,
+            areas,
+            lights: Vec::new(),
+            irradiance: None,
+            limit: None,
+            hierarchy_error: None,
+        }
+    }
+
+    fn surface(&self) -> Surface<'_> {
+        Surface { scene: &self.scene, bvh: &self.bvh, samples: &self.asset.samples, patches: &self.patches }
+    }
+
+    /// Irradiance of every sample under the lights in force, RGB.
+    ///
+    /// # Errors
+    /// None at present.
+    pub fn irradiance(&mut self, progress: &dyn Progress) -> Result<&[DVec3]> {
+        if self.irradiance.is_none() {
+            self.irradiance = Some(self.illuminate(&self.surface(), self.plan.sampling, progress));
+        }
+        Ok(self.irradiance.as_deref().unwrap_or(&[]))
+    }
+
+    fn illuminate(&self, surface: &Surface, sampling: LightSampling, progress: &dyn Progress) -> Vec<DVec3> {
+        let etas: Vec<f64> = self.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
+        Illumination::new(surface, &self.lights, &etas, sampling).all(progress)
+    }
+
+    /// Finds the limit of the criterion that keeps the asked error on some receivers, and measures it on others.
+    fn tune(&mut self, error: f64, bound: Bound) {
+        let irradiance = self.irradiance.as_deref().unwrap_or(&[]);
+        let surface = self.surface();
+        let gather = Gather::new(&surface, &self.tree, &self.scene.media, self.plan.near);
+        let lit = gather.light(irradiance);
+        let on = |phase: usize| {
+            // Whole groups, because groups share a traversal.
+            let (subset, indices) = self.receivers.group_subset(PROBES, phase);
+            let truth = gather.radiosity(&subset, &lit, Scheme::AllPairs, &Silent);
+            let areas: Vec<f64> = indices.iter().map(|&i| self.areas[i as usize]).collect();
+            (subset, truth, areas)
+        };
+        let (subset, truth, areas) = on(0);
+        let mut limit = bound.first_limit(error);
+        for _ in 0..HALVINGS {
+            let scheme = Scheme::Hierarchical { criterion: bound.criterion(limit) };
+            let values = gather.radiosity(&subset, &lit, scheme, &Silent);
+            let found = vertex_error(&values, &truth, &areas).rms;
+            if found <= 0.5 * error {
+                break;
+            }
+            limit *= 0.5;
+        }
+        let (subset, truth, areas) = on(1);
+        let scheme = Scheme::Hierarchical { criterion: bound.criterion(limit) };
+        let values = gather.radiosity(&subset, &lit, scheme, &Silent);
+        let measured = vertex_error(&values, &truth, &areas);
+        self.limit = Some(limit);
+        self.hierarchy_error = Some(measured);
+    }
+
+    fn scheme(&self) -> Scheme {
+        match (self.plan.far, self.limit) {
+            (Far::Hierarchical { bound, .. }, Some(limit)) => {
+                Scheme::Hierarchical { criterion: bound.criterion(limit) }
+            }
+            _ => Scheme::AllPairs,
+        }
+    }
+
+    /// Error of sampling: the same sum from half as many samples with their own rays, on some receivers. The error of
+    /// the full set is smaller, so the figure is a bound and not an estimate.
+    fn sampling_error(&self, progress: &dyn Progress) -> VertexError {
+        let half = Samples::new(&self.scene.mesh, &self.scene.parts, self.asset.samples.len() / 2);
+        let patches = scene::patches(&self.scene, &half);
+        let tree = SampleTree::new(&half, &patches);
+        let surface = Surface { scene: &self.scene, bvh: &self.bvh, samples: &half, patches: &patches };
+        let irradiance = self.illuminate(&surface, self.plan.sampling, progress);
+        let (subset, indices) = self.receivers.group_subset(4 * PROBES, 2);
+        let sum = |surface: &Surface, tree: &SampleTree, irradiance: &[DVec3]| {
+            let gather = Gather::new(surface, tree, &self.scene.media, self.plan.near);
+            gather.radiosity(&subset, &gather.light(irradiance), Scheme::AllPairs, &Silent)
+        };
+        let coarse = sum(&surface, &tree, &irradiance);
+        let fine = sum(&self.surface(), &self.tree, self.irradiance.as_deref().unwrap_or(&[]));
+        let areas: Vec<f64> = indices.iter().map(|&i| self.areas[i as usize]).collect();
+        vertex_error(&coarse, &fine, &areas)
+    }
+}
+
+/// A third of the area of the triangles around each receiver, mm^2.
+fn receiver_areas(scene: &Scene, receivers: &Receivers) -> Vec<f64> {
+    let mut areas = vec![0.0; receivers.len()];
+    for (index, triangle) in scene.mesh.triangles.iter().enumerate() {
+        let third = scene.mesh.cross_mm2(index as u32).length() / 6.0;
+        for &v in triangle {
+            if let Some(area) = areas.get_mut(receivers.of_vertex[v as usize] as usize) {
+                *area += third;
+            }
+        }
+    }
+    areas
+}
+
+impl Evaluator for SampledEvaluator {
+    fn capabilities(&self) -> Capabilities {
+        Capabilities { material: MaterialEdit::Any }
+    }
+
+    fn cost(&self) -> Cost {
+        Cost {
+            samples: self.asset.samples.len(),
+            receivers: self.receivers.len(),
+            resident_bytes: self.tree.bytes()
+                + size_of_val(self.patches.as_slice())
+                + size_of_val(self.asset.samples.facets.as_slice())
+                + size_of_val(self.asset.samples.patch_offsets.as_slice()),
+        }
+    }
+
+    fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    fn bvh(&self) -> &Bvh {
+        &self.bvh
+    }
+
+    fn set_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()> {
+        self.lights = lights;
+        self.irradiance = None;
+        self.limit = None;
+        self.irradiance(progress).map(|_| ())
+    }
+
+    fn set_media(&mut self, media: Vec<Medium>) -> Result<()> {
+        if media.len() != self.scene.media.len() {
+            let (given, there) = (media.len(), self.scene.media.len());
+            return Err(Error::command_line(format!("{given} materials for the {there} media of the asset")));
+        }
+        let eta = |m: &Medium| m.properties.eta_inside_over_outside;
+        if media.iter().zip(&self.scene.media).any(|(a, b)| eta(a) != eta(b)) {
+            self.irradiance = None;
+        }
+        self.limit = None;
+        self.scene.media = media;
+        Ok(())
+    }
+
+    fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
+        self.irradiance(progress)?;
+        if let (Far::Hierarchical { error, bound }, None) = (self.plan.far, self.limit) {
+            self.tune(error, bound);
+        }
+        let surface = self.surface();
+        let gather = Gather::new(&surface, &self.tree, &self.scene.media, self.plan.near);
+        let lit = gather.light(self.irradiance.as_deref().unwrap_or(&[]));
+        let values = gather.radiosity(&self.receivers, &lit, self.scheme(), progress);
+        Ok(self.receivers.expand(&values))
+    }
+
+    fn measured_error(&mut self, progress: &dyn Progress) -> Result<Ledger> {
+        self.irradiance(progress)?;
+        let mut ledger = Ledger::default();
+        let halved = self.sampling_error(progress);
+        ledger.add("sampling", halved, "against half as many samples, on vertices of their own");
+        if let Some(error) = self.hierarchy_error {
+            ledger.add("hierarchy", error, "against all pairs, on vertices that no tuning saw");
+        }
+        Ok(ledger)
+    }
+}

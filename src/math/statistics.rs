@@ -1,0 +1,104 @@
+//! The vertex error of the whole project: relative, area-weighted, worst channel.
+
+use glam::DVec3;
+
+/// How far per-vertex values are from a reference, relative to the reference's RMS of the channel; worst channel each.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct VertexError {
+    /// Area-weighted root mean square of the difference.
+    pub rms: f64,
+    /// Area-weighted mean of the difference, signed, of the channel where it is largest.
+    pub bias: f64,
+    /// 99.9th percentile of the absolute difference.
+    pub p999: f64,
+    /// Largest absolute difference.
+    pub worst: f64,
+}
+
+impl VertexError {
+    /// The larger of each figure.
+    #[must_use]
+    pub fn max(self, other: Self) -> Self {
+        Self {
+            rms: self.rms.max(other.rms),
+            bias: if self.bias.abs() >= other.bias.abs() { self.bias } else { other.bias },
+            p999: self.p999.max(other.p999),
+            worst: self.worst.max(other.worst),
+        }
+    }
+}
+
+/// Share of the brightest channel's RMS below which a channel's own RMS is not used as the unit.
+const CHANNEL_FLOOR: f64 = 1e-3;
+
+/// Error of `values` against `reference`; `weights` are areas (any unit), all slices of one length.
+/// Zero everywhere for an empty or black reference that the values equal; infinite where a black one differs.
+pub fn vertex_error(values: &[DVec3], reference: &[DVec3], weights: &[f64]) -> VertexError {
+    let total: f64 = weights.iter().sum();
+    if total <= 0.0 || values.is_empty() {
+        return VertexError::default();
+    }
+    let mean = |f: &dyn Fn(usize) -> f64| weights.iter().enumerate().map(|(i, w)| w * f(i)).sum::<f64>() / total;
+    let rms = [0, 1, 2].map(|c| mean(&|i| reference[i][c] * reference[i][c]).sqrt());
+    let brightest = rms.iter().copied().fold(0.0, f64::max);
+    let mut result = VertexError::default();
+    for channel in 0..3 {
+        let unit = rms[channel].max(CHANNEL_FLOOR * brightest);
+        let difference = |i: usize| values[i][channel] - reference[i][channel];
+        let relative = |d: f64| {
+            if d == 0.0 {
+                0.0
+            } else if unit > 0.0 {
+                d / unit
+            } else {
+                f64::INFINITY.copysign(d)
+            }
+        };
+        let mut absolute: Vec<f64> = (0..values.len()).map(|i| difference(i).abs()).collect();
+        absolute.sort_unstable_by(f64::total_cmp);
+        let rank = ((absolute.len() as f64 * 0.999).ceil() as usize).clamp(1, absolute.len()) - 1;
+        result = result.max(VertexError {
+            rms: relative(mean(&|i| difference(i).powi(2)).sqrt()),
+            bias: relative(mean(&difference)),
+            p999: relative(absolute[rank]),
+            worst: relative(absolute[absolute.len() - 1]),
+        });
+    }
+    result
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn uniform_scaling_is_its_own_error() {
+        let reference: Vec<DVec3> = (1..=100).map(|i| DVec3::new(f64::from(i), 1.0, 0.5)).collect();
+        let values: Vec<DVec3> = reference.iter().map(|v| *v * 1.01).collect();
+        let e = vertex_error(&values, &reference, &vec![2.0; 100]);
+        assert!((e.rms - 0.01).abs() < 1e-12, "{e:?}");
+        assert!((e.bias - 0.01).abs() < 1e-12, "{e:?}");
+    }
+
+    #[test]
+    fn weights_count_and_the_worst_channel_wins() {
+        let reference = [DVec3::ONE; 2];
+        let values = [DVec3::new(1.1, 1.0, 1.0), DVec3::ONE];
+        let e = vertex_error(&values, &reference, &[1.0, 3.0]);
+        assert!((e.rms - 0.05).abs() < 1e-12 && (e.worst - 0.1).abs() < 1e-12, "{e:?}");
+    }
+
+    #[test]
+    fn dark_channels_are_measured_against_the_brightest() {
+        let reference = [DVec3::new(1.0, 1e-9, 0.0)];
+        let e = vertex_error(&[DVec3::new(1.0, 2e-9, 0.0)], &reference, &[1.0]);
+        assert!((e.rms - 1e-6).abs() < 1e-12, "{e:?}");
+    }
+
+    #[test]
+    fn a_black_reference_is_safe() {
+        assert_eq!(vertex_error(&[DVec3::ZERO], &[DVec3::ZERO], &[1.0]), VertexError::default());
+        assert!(vertex_error(&[DVec3::ONE], &[DVec3::ZERO], &[1.0]).rms.is_infinite());
+        assert_eq!(vertex_error(&[], &[], &[]), VertexError::default());
+    }
+}

@@ -1,0 +1,48 @@
+//! How `two_pass` evaluates: shadow rays at the samples, then the hierarchy with an asked error.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use super::{AREA_SIDE, BOUND, DIRECTIONS, ERROR, POINTS};
+use crate::asset::Asset;
+use crate::error::{Error, Result};
+use crate::evaluate::Evaluator;
+use crate::evaluate::sampled::{Bound, Far, Plan, SampledEvaluator};
+use crate::methods::settings::{number, share};
+use crate::transport::gather::NearField;
+use crate::transport::irradiance::LightSampling;
+
+/// Receivers that share a traversal of the tree.
+const GROUP: usize = 16;
+
+/// The plan that the keys describe.
+pub(super) fn plan(values: &BTreeMap<String, String>, max_rms: f64) -> Result<Plan> {
+    let error = match values.get(ERROR.name).map(String::as_str) {
+        None | Some("auto") => 0.25 * max_rms,
+        Some(text) => share(text, "--set error")?,
+    };
+    let bound = match values.get(BOUND.name).map_or(BOUND.default, String::as_str) {
+        "solid-angle" => Bound::SolidAngle,
+        "kernel" => Bound::Kernel,
+        other => {
+            return Err(Error::command_line(format!("--set bound={other}: it is solid-angle or kernel")));
+        }
+    };
+    let sampling = LightSampling {
+        points_per_patch: number(values, &POINTS, 1..=64)?,
+        directions: number(values, &DIRECTIONS, 1..=65536)?,
+        area_side: number(values, &AREA_SIDE, 1..=256)?,
+    };
+    if !sampling.points_per_patch.is_power_of_two() {
+        let points = sampling.points_per_patch;
+        return Err(Error::command_line(format!("--set points={points}: a power of two is needed")));
+    }
+    Ok(Plan { sampling, near: NearField::FAST, far: Far::Hierarchical { error, bound }, group: GROUP })
+}
+
+pub(super) fn open(asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
+    let settings = &asset.provenance.settings;
+    let max_rms = settings.get("max-rms").map_or(Ok(0.005), |text| share(text, "max-rms"))?;
+    let plan = plan(settings, max_rms)?;
+    Ok(Box::new(SampledEvaluator::new(asset, plan)))
+}

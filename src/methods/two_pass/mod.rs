@@ -1,0 +1,75 @@
+//! `two_pass`: irradiance at surface samples, then R_d summed through a tree (Jensen & Buhler 2002).
+
+mod bake;
+mod evaluate;
+
+use std::sync::Arc;
+
+use crate::asset::Asset;
+use crate::error::Result;
+use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Key, Method};
+use crate::progress::Progress;
+use crate::transport::scene::Scene;
+
+/// The method.
+pub struct TwoPass;
+
+/// Error of the hierarchy.
+const ERROR: Key = Key {
+    name: "error",
+    default: "auto",
+    help: "relative error asked of the hierarchy, such as 0.1%; auto: a quarter of --max-rms",
+};
+
+/// Criterion of the hierarchy.
+const BOUND: Key = Key {
+    name: "bound",
+    default: "solid-angle",
+    help: "which clusters stand for their samples: solid-angle or kernel (a bound on the kernel's error)",
+};
+
+/// Shadow rays of a sample.
+const POINTS: Key = Key {
+    name: "points",
+    default: "4",
+    help: "points of a sample that a directional or point light's shadow rays start from, a power of two",
+};
+
+/// Directions of soft lights.
+const DIRECTIONS: Key = Key {
+    name: "directions",
+    default: "256",
+    help: "shadow rays of a sample towards a constant light or an environment",
+};
+
+/// Cells of an area light.
+const AREA_SIDE: Key =
+    Key { name: "area-side", default: "8", help: "an area light is cut into this many cells along each edge" };
+
+const KEYS: &[Key] = &[ERROR, BOUND, POINTS, DIRECTIONS, AREA_SIDE];
+
+impl Method for TwoPass {
+    fn name(&self) -> &'static str {
+        "two_pass"
+    }
+
+    fn summary(&self) -> &'static str {
+        "surface samples only; shadows and hierarchical transfer for each light (Jensen & Buhler 2002)"
+    }
+
+    fn keys(&self) -> &'static [Key] {
+        KEYS
+    }
+
+    fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {
+        bake::memory(scene, settings)
+    }
+
+    fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {
+        bake::bake(scene, settings, progress)
+    }
+
+    fn open(&self, asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
+        evaluate::open(asset)
+    }
+}

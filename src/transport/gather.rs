@@ -1,0 +1,285 @@
+//! Gathers the flux of all samples at the receivers: B(x) = Int_A R_d(|x - y|) E(y) dA, all pairs or through the tree.
+//!
+//! How a patch is integrated follows from its size against its distance and the depth of the real source, because R_d
+//! is smooth on the scale of sqrt(d^2 + z_r^2): as flat triangles in closed form, at three points, or at its centroid.
+//! The patch under the receiver is never skipped.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::kernel::{self, Block, FlatSource, KernelRgb, PointSource};
+use super::receivers::{Group, Receivers};
+use super::scene::{Medium, Surface};
+use super::simd::Level;
+use super::tree::{Cluster, SampleTree, Visit};
+use crate::medium::dipole::Dipole;
+use crate::medium::profile::Profile;
+use crate::progress::Progress;
+
+/// When a patch counts as near, in units of its radius.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NearField {
+    /// Closed form below this distance over radius.
+    pub exact_below: f64,
+    /// Three points on each facet below this distance over radius, the centroid beyond.
+    pub three_points_below: f64,
+}
+
+impl NearField {
+    /// Errors of 1e-5 of the total reflectance: for the truth.
+    pub const REFERENCE: Self = Self { exact_below: 6.0, three_points_below: 24.0 };
+    /// Errors of a few 1e-4.
+    pub const FAST: Self = Self { exact_below: 3.0, three_points_below: 8.0 };
+}
+
+/// How the sum over samples is organised.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Scheme {
+    /// Every sample with every receiver.
+    AllPairs,
+    /// Clusters that look small from the receivers stand for their samples (Jensen & Buhler 2002).
+    Hierarchical {
+        /// Which clusters look small.
+        criterion: Criterion,
+    },
+}
+
+/// Which clusters may stand for their samples.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Criterion {
+    /// Area / distance^2 below this many steradians (Jensen & Buhler 2002).
+    SolidAngle(f64),
+    /// A bound on the second-order error of the cluster's kernel below this fraction of the total reflectance times the
+    /// part's mean irradiance: flux R_d(d) (radius (sigma_tr + 3 / d))^2 / 6, d the shortest distance.
+    KernelBound(f64),
+}
+
+/// The diffuse profiles and the single-precision kernel of one medium.
+#[derive(Clone, Debug)]
+pub struct MediumKernel {
+    profiles: [Dipole; 3],
+    kernel: KernelRgb,
+    /// Depth of the shallowest real source, mm.
+    smooth_mm: f64,
+}
+
+impl MediumKernel {
+    /// Of a medium; `None` if nothing scatters in it.
+    pub fn new(medium: &Medium) -> Self {
+        let profiles = [0, 1, 2].map(|channel| Dipole::new(&medium.properties, channel));
+        let smooth_mm =
+            profiles.iter().flat_map(|p| p.poles()).map(|p| p.z_mm).fold(f64::INFINITY, f64::min).min(f64::MAX);
+        Self { kernel: KernelRgb::new(profiles.map(|p| p.poles())), profiles, smooth_mm }
+    }
+
+    /// Total diffuse reflectance, RGB.
+    pub fn total(&self) -> DVec3 {
+        DVec3::from_array(self.profiles.map(|p| p.total()))
+    }
+}
+
+/// Everything a gather needs besides the light.
+pub struct Gather<'a> {
+    surface: &'a Surface<'a>,
+    tree: &'a SampleTree,
+    media: Vec<MediumKernel>,
+    near: NearField,
+    level: Level,
+}
+
+/// Irradiance of the samples and what the tree makes of it.
+pub struct Lit<'a> {
+    irradiance: &'a [DVec3],
+    clusters: Vec<Cluster>,
+}
+
+/// Sources that one group of receivers sees.
+#[derive(Default)]
+struct Lists {
+    points: Vec<PointSource>,
+    flats: Vec<FlatSource>,
+    block: Block,
+}
+
+/// Bounding sphere of a group.
+struct Sphere {
+    centre: DVec3,
+    radius: f64,
+}
+
+impl<'a> Gather<'a> {
+    /// With the media given (a change of material is another `Gather`).
+    pub fn new(surface: &'a Surface<'a>, tree: &'a SampleTree, media: &[Medium], near: NearField) -> Self {
+        Self { surface, tree, media: media.iter().map(MediumKernel::new).collect(), near, level: Level::detect() }
+    }
+
+    /// Uses narrower instructions than this processor offers: the results are the same to the bit.
+    #[must_use]
+    pub fn with_level(mut self, level: Level) -> Self {
+        self.level = level;
+        self
+    }
+
+    /// Prepares the tree for one irradiance per sample, RGB.
+    pub fn light<'b>(&self, irradiance: &'b [DVec3]) -> Lit<'b> {
+        Lit { irradiance, clusters: self.tree.light(self.surface.patches, irradiance) }
+    }
+
+    /// Radiosity of every receiver, RGB. A receiver's value depends on its own group only.
+    pub fn radiosity(&self, receivers: &Receivers, lit: &Lit, scheme: Scheme, progress: &dyn Progress) -> Vec<DVec3> {
+        progress.start("transfer", receivers.len() as u64);
+        let mut result = vec![DVec3::ZERO; receivers.len()];
+        let mut rest = result.as_mut_slice();
+        let mut jobs = Vec::with_capacity(receivers.groups.len());
+        for group in &receivers.groups {
+            let (mine, others) = rest.split_at_mut(group.run.range().len());
+            rest = others;
+            jobs.push((group, mine));
+        }
+        jobs.into_par_iter().for_each_init(Lists::default, |lists, (group, out)| {
+            self.group(receivers, *group, lit, scheme, lists);
+            for (i, value) in out.iter_mut().enumerate() {
+                *value = lists.block.sum(i);
+            }
+            progress.advance(out.len() as u64);
+        });
+        progress.finish();
+        result
+    }
+
+    fn group(&self, receivers: &Receivers, group: Group, lit: &Lit, scheme: Scheme, lists: &mut Lists) {
+        let members = &receivers.positions[group.run.range()];
+        let sphere = bounding_sphere(members);
+        lists.block.reset(sphere.centre, members);
+        lists.points.clear();
+        lists.flats.clear();
+        let part = group.part as usize;
+        let medium = &self.media[self.surface.scene.parts.parts[part].medium as usize];
+        match scheme {
+            Scheme::AllPairs => {
+                for patch in self.surface.samples.part(part) {
+                    self.patch(patch, lit, medium, &sphere, lists);
+                    self.drain(medium, lists, 4096);
+                }
+            }
+            Scheme::Hierarchical { criterion } => self.descend(part, lit, medium, criterion, &sphere, lists),
+        }
+        self.drain(medium, lists, 0);
+    }
+
+    /// Runs the kernels over the lists if they hold more than `limit` sources.
+    fn drain(&self, medium: &MediumKernel, lists: &mut Lists, limit: usize) {
+        if lists.points.len() > limit {
+            kernel::add_points(self.level, &mut lists.block, &medium.kernel, &lists.points);
+            lists.points.clear();
+        }
+        if lists.flats.len() > limit {
+            kernel::add_triangles(self.level, &mut lists.block, &medium.kernel, &lists.flats);
+            lists.flats.clear();
+        }
+    }
+
+    fn descend(
+        &self,
+        part: usize,
+        lit: &Lit,
+        medium: &MediumKernel,
+        criterion: Criterion,
+        sphere: &Sphere,
+        lists: &mut Lists,
+    ) {
+        let scale = self.surface.scene.parts.parts[part].area_mm2.max(f64::MIN_POSITIVE);
+        let mean_flux = self.part_flux(part, lit) / scale;
+        self.tree.walk(part, &lit.clusters, |visit| match visit {
+            Visit::Node(cluster) => {
+                let distance = cluster.centre_mm.distance(sphere.centre) - sphere.radius;
+                if distance <= cluster.radius_mm {
+                    return false;
+                }
+                let accepted = match criterion {
+                    Criterion::SolidAngle(limit) => cluster.area_mm2 < limit * (distance * distance),
+                    Criterion::KernelBound(limit) => bound(medium, cluster, distance, mean_flux) < limit,
+                };
+                if accepted {
+                    lists.points.push(point(cluster.centre_mm, cluster.flux, sphere));
+                }
+                accepted
+            }
+            Visit::Leaf(members) => {
+                for &patch in members {
+                    self.patch(patch as usize, lit, medium, sphere, lists);
+                }
+                true
+            }
+        });
+    }
+
+    fn part_flux(&self, part: usize, lit: &Lit) -> DVec3 {
+        let mut total = DVec3::ZERO;
+        self.tree.walk(part, &lit.clusters, |visit| {
+            if let Visit::Node(cluster) = visit {
+                total = cluster.flux;
+            }
+            true
+        });
+        total
+    }
+
+    /// Adds one patch to the lists, as finely as its distance asks for.
+    fn patch(&self, index: usize, lit: &Lit, medium: &MediumKernel, sphere: &Sphere, lists: &mut Lists) {
+        let e = lit.irradiance[index];
+        if e == DVec3::ZERO {
+            return;
+        }
+        let patch = &self.surface.patches[index];
+        let distance = (patch.centre_mm.distance(sphere.centre) - sphere.radius).max(0.0);
+        let reach = distance.hypot(medium.smooth_mm);
+        if reach > self.near.three_points_below * patch.radius_mm {
+            lists.points.push(point(patch.centre_mm, e * patch.area_mm2, sphere));
+            return;
+        }
+        let exact = reach < self.near.exact_below * patch.radius_mm;
+        let mesh = &self.surface.scene.mesh;
+        for facet in self.surface.samples.patch(index) {
+            let corners = facet.corners_local_mm(mesh);
+            if exact {
+                let irradiance = e.as_vec3().to_array();
+                lists.flats.extend(FlatSource::new(corners, irradiance, sphere.centre));
+            } else {
+                let centre = corners.iter().sum::<DVec3>() / 3.0;
+                let flux = e * (crate::geometry::samples::area(corners) / 3.0);
+                lists.points.extend(corners.map(|c| point(0.5 * (centre + c), flux, sphere)));
+            }
+        }
+    }
+}
+
+/// Bound of [`Criterion::KernelBound`], worst channel.
+fn bound(medium: &MediumKernel, cluster: &Cluster, distance: f64, mean_irradiance: DVec3) -> f64 {
+    let mut worst: f64 = 0.0;
+    for (channel, profile) in medium.profiles.iter().enumerate() {
+        let scale = profile.total() * mean_irradiance[channel];
+        if scale > 0.0 {
+            let sigma = profile.poles()[0].sigma_per_mm;
+            let slope = cluster.radius_mm * (sigma + 3.0 / distance);
+            let error = cluster.flux[channel] * profile.reflectance(distance) * slope * slope / 6.0;
+            worst = worst.max(error / scale);
+        }
+    }
+    worst
+}
+
+fn point(at: DVec3, flux: DVec3, sphere: &Sphere) -> PointSource {
+    PointSource { at: (at - sphere.centre).as_vec3().to_array(), flux: flux.as_vec3().to_array() }
+}
+
+fn bounding_sphere(points: &[DVec3]) -> Sphere {
+    let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    for &p in points {
+        low = low.min(p);
+        high = high.max(p);
+    }
+    let centre = if points.is_empty() { DVec3::ZERO } else { 0.5 * (low + high) };
+    let radius = points.iter().map(|p| p.distance(centre)).fold(0.0, f64::max);
+    Sphere { centre, radius }
+}

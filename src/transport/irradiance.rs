@@ -1,0 +1,280 @@
+//! Irradiance of the samples under a set of lights: E = Int L V F_t(eta, n.w) max(0, n.w) dw, shadows by ray casting.
+
+use std::f64::consts::{PI, TAU};
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::scene::Surface;
+use crate::geometry::bvh::{Ray, offset_origin};
+use crate::geometry::samples::{Facet, area, bisect};
+use crate::light::Light;
+use crate::light::environment::{Strata, rotate_about_y};
+use crate::math::random::{bits, radical_inverse_2, uniform};
+use crate::math::spherical_rectangle::SphericalRectangle;
+use crate::medium::fresnel::{self, CosineTransmittance};
+use crate::progress::Progress;
+
+/// How finely lights and shadows are sampled.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LightSampling {
+    /// Points of a patch that see a directional or a point light, a power of two.
+    pub points_per_patch: u32,
+    /// Directions of a constant light and strata of an environment, for each patch.
+    pub directions: u32,
+    /// Strata of an area light along each edge, for each patch.
+    pub area_side: u32,
+}
+
+impl LightSampling {
+    /// For the truth.
+    pub const REFERENCE: Self = Self { points_per_patch: 16, directions: 1024, area_side: 16 };
+    /// Shadow boundaries to a quarter of a patch, soft light to about 1 % of each patch, which scattering averages.
+    pub const FAST: Self = Self { points_per_patch: 4, directions: 256, area_side: 8 };
+}
+
+/// Seeds of the stages that draw numbers.
+const STAGE_CONSTANT: u64 = 1;
+const STAGE_AREA: u64 = 2;
+const STAGE_ENVIRONMENT: u64 = 3;
+
+/// Candidate directions in each stratum of an environment.
+const CANDIDATES: usize = 64;
+
+/// A light with what all patches share precomputed.
+enum Prepared<'a> {
+    Constant { radiance: DVec3 },
+    Directional { from: DVec3, irradiance: DVec3 },
+    Point { at: DVec3, intensity: DVec3 },
+    Area(&'a Light),
+    Environment { directions: Vec<DVec3>, weights: Vec<DVec3> },
+}
+
+/// A point of a patch.
+#[derive(Clone, Copy, Debug, Default)]
+struct SurfacePoint {
+    at: DVec3,
+    normal: DVec3,
+    triangle: u32,
+}
+
+/// Lights prepared for a surface.
+pub struct Illumination<'a> {
+    surface: &'a Surface<'a>,
+    lights: Vec<Prepared<'a>>,
+    sampling: LightSampling,
+    entrance: Vec<(f64, CosineTransmittance)>,
+}
+
+impl<'a> Illumination<'a> {
+    /// Prepares lights; `etas` is the relative index of refraction of each medium of the scene.
+    pub fn new(surface: &'a Surface<'a>, lights: &'a [Light], etas: &[f64], sampling: LightSampling) -> Self {
+        let origin = surface.scene.mesh.origin_mm;
+        let prepare = |light: &'a Light| match light {
+            Light::Constant { radiance } => Prepared::Constant { radiance: *radiance },
+            Light::Directional { from, irradiance } => {
+                Prepared::Directional { from: *from, irradiance: *irradiance }
+            }
+            Light::Point { at_mm, intensity } => Prepared::Point { at: *at_mm - origin, intensity: *intensity },
+            Light::Area { .. } => Prepared::Area(light),
+            Light::Environment { map, rotate_degrees, scale } => {
+                let strata = Strata::new(map, sampling.directions as usize, CANDIDATES);
+                Prepared::Environment {
+                    directions: strata.directions().iter().map(|&d| rotate_about_y(d, *rotate_degrees)).collect(),
+                    weights: strata.weights().iter().map(|&w| w * *scale).collect(),
+                }
+            }
+        };
+        Self {
+            surface,
+            lights: lights.iter().map(prepare).collect(),
+            sampling,
+            entrance: etas.iter().map(|&eta| (eta, CosineTransmittance::new(eta))).collect(),
+        }
+    }
+
+    /// Irradiance of every patch, RGB.
+    pub fn all(&self, progress: &dyn Progress) -> Vec<DVec3> {
+        const CHUNK: usize = 256;
+        let count = self.surface.samples.len();
+        progress.start("irradiance", count as u64);
+        let mut result = vec![DVec3::ZERO; count];
+        result.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, out)| {
+            self.range(chunk * CHUNK, out);
+            progress.advance(out.len() as u64);
+        });
+        progress.finish();
+        result
+    }
+
+    /// Irradiance of the patches from `first` on.
+    pub fn range(&self, first: usize, out: &mut [DVec3]) {
+        let mut part = self.surface.samples.part_offsets.partition_point(|&p| p as usize <= first).saturating_sub(1);
+        let mut points = Vec::new();
+        for (i, e) in out.iter_mut().enumerate() {
+            let patch = first + i;
+            while patch >= self.surface.samples.part(part).end {
+                part += 1;
+            }
+            points.clear();
+            self.points_of(patch, &mut points);
+            let medium = self.surface.scene.parts.parts[part].medium as usize;
+            *e = self.lights.iter().map(|light| self.irradiance(light, medium, patch, &points)).sum();
+        }
+    }
+
+    fn irradiance(&self, light: &Prepared, medium: usize, patch: usize, points: &[SurfacePoint]) -> DVec3 {
+        let eta = self.entrance[medium].0;
+        match light {
+            Prepared::Constant { radiance } => *radiance * self.constant(medium, patch, points),
+            Prepared::Directional { from, irradiance } => {
+                let total: f64 = points.iter().map(|p| self.direct(p, *from, f64::INFINITY, eta)).sum();
+                *irradiance * (total / points.len() as f64)
+            }
+            Prepared::Point { at, intensity } => {
+                let total: f64 = points
+                    .iter()
+                    .map(|p| {
+                        let (d, distance) = ((*at - p.at).normalize_or_zero(), at.distance(p.at));
+                        self.direct(p, d, distance, eta) / (distance * distance).max(f64::MIN_POSITIVE)
+                    })
+                    .sum();
+                *intensity * (total / points.len() as f64)
+            }
+            Prepared::Area(light) => self.area(light, eta, patch, points),
+            Prepared::Environment { directions, weights } => {
+                self.environment(directions, weights, eta, patch, points)
+            }
+        }
+    }
+
+    /// F_t cos of one direction, zero in shadow.
+    fn direct(&self, p: &SurfacePoint, to_light: DVec3, distance: f64, eta: f64) -> f64 {
+        let cosine = p.normal.dot(to_light);
+        if cosine <= 0.0 {
+            return 0.0;
+        }
+        let arriving = fresnel::transmittance(eta, cosine) * cosine;
+        if arriving > 0.0 && self.visible(p, to_light, distance) { arriving } else { 0.0 }
+    }
+
+    fn visible(&self, p: &SurfacePoint, direction: DVec3, distance: f64) -> bool {
+        let ray = Ray {
+            origin: offset_origin(p.at.as_vec3(), p.normal.as_vec3()),
+            direction: direction.as_vec3(),
+            t_min: 0.0,
+            t_max: distance as f32,
+        };
+        !self.surface.bvh.occluded(&ray, p.triangle)
+    }
+
+    /// Int V F_t cos: directions with density F_t cos, so that only visibility varies.
+    fn constant(&self, medium: usize, patch: usize, points: &[SurfacePoint]) -> f64 {
+        let (_, entrance) = &self.entrance[medium];
+        let count = self.sampling.directions;
+        let (turn_u, turn_v) = (uniform(STAGE_CONSTANT, patch as u64, 0), uniform(STAGE_CONSTANT, patch as u64, 1));
+        let mut seen = 0u32;
+        for k in 0..count {
+            let p = &points[k as usize % points.len()];
+            let mu = entrance.sample((f64::from(k) + turn_u) / f64::from(count));
+            let azimuth = TAU * (radical_inverse_2(k) + turn_v);
+            seen += u32::from(self.visible(p, around(p.normal, mu, azimuth), f64::INFINITY));
+        }
+        PI * entrance.normalisation() * f64::from(seen) / f64::from(count)
+    }
+
+    fn area(&self, light: &Light, eta: f64, patch: usize, points: &[SurfacePoint]) -> DVec3 {
+        let Light::Area { at_mm, normal, u, size_mm, radiance } = light else { return DVec3::ZERO };
+        let v = normal.cross(*u);
+        let centre = *at_mm - self.surface.scene.mesh.origin_mm;
+        let corner = centre - 0.5 * size_mm[0] * *u - 0.5 * size_mm[1] * v;
+        let side = self.sampling.area_side;
+        let mut total = 0.0;
+        for (index, p) in points.iter().enumerate() {
+            if (p.at - centre).dot(*normal) <= 0.0 {
+                continue;
+            }
+            let rectangle = SphericalRectangle::new(p.at, corner, *u, v, *size_mm);
+            let mut sum = 0.0;
+            let mut cells = 0;
+            for cell in (index as u32..side * side).step_by(points.len()) {
+                let key = patch as u64 * u64::from(side * side) + u64::from(cell);
+                let s = (f64::from(cell % side) + uniform(STAGE_AREA, key, 0)) / f64::from(side);
+                let t = (f64::from(cell / side) + uniform(STAGE_AREA, key, 1)) / f64::from(side);
+                let to_light = rectangle.sample(s, t) - p.at;
+                let distance = to_light.length();
+                sum += self.direct(p, to_light / distance.max(f64::MIN_POSITIVE), distance, eta);
+                cells += 1;
+            }
+            total += sum * rectangle.solid_angle() / f64::from(cells.max(1));
+        }
+        *radiance * (total / points.len() as f64)
+    }
+
+    fn environment(
+        &self,
+        directions: &[DVec3],
+        weights: &[DVec3],
+        eta: f64,
+        patch: usize,
+        points: &[SurfacePoint],
+    ) -> DVec3 {
+        let turn = (patch as u32).reverse_bits() >> (32 - CANDIDATES.ilog2());
+        let mut total = DVec3::ZERO;
+        for stratum in 0..directions.len() / CANDIDATES {
+            // Neighbouring patches take different candidates of each stratum; scattering averages over them.
+            let shift = bits(STAGE_ENVIRONMENT, stratum as u64, 0) as usize;
+            let index = stratum * CANDIDATES + ((turn as usize ^ shift) & (CANDIDATES - 1));
+            let p = &points[stratum % points.len()];
+            total += weights[index] * self.direct(p, directions[index], f64::INFINITY, eta);
+        }
+        total
+    }
+
+    /// Points that stand for equal areas of a patch.
+    fn points_of(&self, patch: usize, out: &mut Vec<SurfacePoint>) {
+        let mesh = &self.surface.scene.mesh;
+        let facets = self.surface.samples.patch(patch);
+        let count = self.sampling.points_per_patch.next_power_of_two();
+        if let [facet] = facets {
+            let normal = mesh.cross_mm2(facet.triangle).normalize_or_zero();
+            let centroid = |corners: [DVec3; 3]| corners.iter().sum::<DVec3>() / 3.0;
+            pieces(facet.corners_local_mm(mesh), count, &mut |corners| {
+                out.push(SurfacePoint { at: centroid(corners), normal, triangle: facet.triangle });
+            });
+            return;
+        }
+        let areas: Vec<f64> = facets.iter().map(|f| area(f.corners_local_mm(mesh))).collect();
+        let total: f64 = areas.iter().sum();
+        let (mut index, mut passed) = (0, 0.0);
+        for k in 0..count.max(facets.len().min(16) as u32) {
+            let wanted = total * (f64::from(k) + 0.5) / f64::from(count.max(facets.len().min(16) as u32));
+            while index + 1 < facets.len() && passed + areas[index] < wanted {
+                passed += areas[index];
+                index += 1;
+            }
+            let Facet { triangle, .. } = facets[index];
+            let corners = facets[index].corners_local_mm(mesh);
+            let normal = mesh.cross_mm2(triangle).normalize_or_zero();
+            out.push(SurfacePoint { at: corners.iter().sum::<DVec3>() / 3.0, normal, triangle });
+        }
+    }
+}
+
+/// Visits `count` (a power of two) congruent-area pieces of a triangle.
+fn pieces(corners: [DVec3; 3], count: u32, visit: &mut impl FnMut([DVec3; 3])) {
+    if count <= 1 {
+        visit(corners);
+        return;
+    }
+    for half in bisect(corners) {
+        pieces(half, count / 2, visit);
+    }
+}
+
+/// The direction at cosine `mu` and azimuth around an axis.
+fn around(axis: DVec3, mu: f64, azimuth: f64) -> DVec3 {
+    let (t, b) = axis.any_orthonormal_pair();
+    let radius = (1.0 - mu * mu).max(0.0).sqrt();
+    axis * mu + t * (radius * azimuth.cos()) + b * (radius * azimuth.sin())
+}

@@ -1,0 +1,110 @@
+//! Where radiosity is gathered: one receiver for each welded vertex and part, in groups that lie close together.
+
+use glam::DVec3;
+
+use crate::geometry::cluster::{self, Run};
+use crate::geometry::mesh::Mesh;
+use crate::geometry::parts::Parts;
+
+/// Points that gather flux, grouped by part and place.
+#[derive(Clone, Debug, Default)]
+pub struct Receivers {
+    /// Positions relative to the mesh's origin, mm, group after group.
+    pub positions: Vec<DVec3>,
+    /// Runs of `positions` that lie close together and belong to one part.
+    pub groups: Vec<Group>,
+    /// For each source vertex the receiver whose value it takes; `NONE` for vertices without transferring area.
+    pub of_vertex: Vec<u32>,
+}
+
+/// No receiver.
+pub const NONE: u32 = u32::MAX;
+
+/// Neighbouring receivers of one part.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Group {
+    /// Positions in [`Receivers::positions`].
+    pub run: Run,
+    /// The part whose flux they gather.
+    pub part: u32,
+}
+
+impl Receivers {
+    /// One receiver for each welded vertex that a transferring part uses. A vertex that several parts share belongs to
+    /// the first of them. Groups hold at most `capacity` receivers.
+    pub fn new(mesh: &Mesh, parts: &Parts, capacity: usize) -> Self {
+        let mut part_of_weld = vec![NONE; mesh.local_mm.len()];
+        for (triangle, &part) in mesh.triangles.iter().zip(&parts.triangle_part) {
+            if !parts.parts.get(part as usize).is_some_and(|p| p.transfers()) {
+                continue;
+            }
+            for &v in triangle {
+                let slot = &mut part_of_weld[mesh.weld[v as usize] as usize];
+                *slot = (*slot).min(part);
+            }
+        }
+        let mut by_part = vec![Vec::new(); parts.parts.len()];
+        for (vertex, &part) in part_of_weld.iter().enumerate() {
+            if part != NONE {
+                by_part[part as usize].push(vertex as u32);
+            }
+        }
+        let positions: Vec<DVec3> = mesh.local_mm.iter().map(|p| p.as_dvec3()).collect();
+        let mut result =
+            Self { positions: Vec::new(), groups: Vec::new(), of_vertex: vec![NONE; mesh.local_mm.len()] };
+        let mut of_weld = vec![NONE; mesh.local_mm.len()];
+        for (part, mut order) in by_part.into_iter().enumerate() {
+            let first = result.positions.len() as u32;
+            for run in cluster::groups(&mut order, &positions, capacity) {
+                let run = Run { first: first + run.first, end: first + run.end };
+                result.groups.push(Group { run, part: part as u32 });
+            }
+            for vertex in order {
+                of_weld[vertex as usize] = result.positions.len() as u32;
+                result.positions.push(positions[vertex as usize]);
+            }
+        }
+        let mut used = vec![false; mesh.local_mm.len()];
+        for &v in mesh.triangles.iter().flatten() {
+            used[v as usize] = true;
+        }
+        for (vertex, slot) in result.of_vertex.iter_mut().enumerate() {
+            if used[vertex] {
+                *slot = of_weld[mesh.weld[vertex] as usize];
+            }
+        }
+        result
+    }
+
+    /// Number of receivers.
+    pub fn len(&self) -> usize {
+        self.positions.len()
+    }
+
+    /// True if there are none.
+    pub fn is_empty(&self) -> bool {
+        self.positions.is_empty()
+    }
+
+    /// Values of the receivers handed to the source vertices; zero where a vertex has none.
+    pub fn expand(&self, values: &[DVec3]) -> Vec<DVec3> {
+        self.of_vertex.iter().map(|&r| values.get(r as usize).copied().unwrap_or(DVec3::ZERO)).collect()
+    }
+
+    /// A regular subset of whole groups with about `count` receivers, and their indices; `phase` picks disjoint subsets.
+    pub fn group_subset(&self, count: usize, phase: usize) -> (Self, Vec<u32>) {
+        let groups = self.groups.len();
+        let wanted = (groups * count).div_ceil(self.len().max(1)).max(8);
+        let step = (groups / wanted).max(1);
+        let mut subset = Self::default();
+        let mut indices = Vec::new();
+        for group in self.groups.iter().skip(phase % step).step_by(step) {
+            let first = subset.positions.len() as u32;
+            subset.positions.extend_from_slice(&self.positions[group.run.range()]);
+            indices.extend(group.run.first..group.run.end);
+            let run = Run { first, end: subset.positions.len() as u32 };
+            subset.groups.push(Group { run, part: group.part });
+        }
+        (subset, indices)
+    }
+}

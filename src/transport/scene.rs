@@ -1,0 +1,51 @@
+//! What is baked: a mesh, its parts and the medium of each, and the surface as the transport stages see it.
+
+use crate::geometry::bvh::Bvh;
+use crate::geometry::mesh::Mesh;
+use crate::geometry::parts::Parts;
+use crate::geometry::samples::{self, Patch, Samples};
+use crate::medium::material::OpticalProperties;
+
+/// A named medium.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Medium {
+    /// Name of the material it came from.
+    pub name: String,
+    /// Its optical properties.
+    pub properties: OpticalProperties,
+}
+
+/// A mesh in mm with its parts and media.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scene {
+    /// Geometry.
+    pub mesh: Mesh,
+    /// Which triangles form one body.
+    pub parts: Parts,
+    /// Media that parts refer to.
+    pub media: Vec<Medium>,
+}
+
+/// A scene's surface ready for transport: occluders and samples with their geometry.
+pub struct Surface<'a> {
+    /// The scene.
+    pub scene: &'a Scene,
+    /// Occluders: all triangles, whatever their part.
+    pub bvh: &'a Bvh,
+    /// The partition into patches.
+    pub samples: &'a Samples,
+    /// Geometry of each patch.
+    pub patches: &'a [Patch],
+}
+
+impl<'a> Surface<'a> {
+    /// The medium of a part.
+    pub fn medium(&self, part: usize) -> &'a Medium {
+        &self.scene.media[self.scene.parts.parts[part].medium as usize]
+    }
+}
+
+/// Geometry of the patches of a scene.
+pub fn patches(scene: &Scene, samples: &Samples) -> Vec<Patch> {
+    samples::patches(&scene.mesh, samples)
+}

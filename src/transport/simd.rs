@@ -1,0 +1,76 @@
+//! One source text compiled for several instruction sets, chosen at run time.
+//!
+//! Every lane of a kernel computes one receiver and lanes never mix, no multiplication is fused with an addition, and
+//! division and square root are the exact IEEE operations: all levels give the same bits.
+
+/// Instruction sets that the kernels are compiled for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Level {
+    /// What the target guarantees (SSE2 on x86-64, NEON on AArch64).
+    Baseline,
+    /// AVX2, 8 lanes of f32.
+    Avx2,
+    /// AVX-512 F/VL/BW/DQ, 16 lanes of f32.
+    Avx512,
+}
+
+impl Level {
+    /// The widest level that this processor runs.
+    pub fn detect() -> Self {
+        *Self::available().last().unwrap_or(&Self::Baseline)
+    }
+
+    /// Every level that this processor runs, narrowest first.
+    pub fn available() -> Vec<Self> {
+        #[cfg_attr(not(target_arch = "x86_64"), allow(unused_mut))]
+        let mut levels = vec![Self::Baseline];
+        #[cfg(target_arch = "x86_64")]
+        {
+            if is_x86_feature_detected!("avx2") {
+                levels.push(Self::Avx2);
+            }
+            if is_x86_feature_detected!("avx512f")
+                && is_x86_feature_detected!("avx512vl")
+                && is_x86_feature_detected!("avx512bw")
+                && is_x86_feature_detected!("avx512dq")
+            {
+                levels.push(Self::Avx512);
+            }
+        }
+        levels
+    }
+}
+
+/// Compiles `$body` (an `#[inline(always)]` function) for every level and defines `$name` that calls one of them.
+macro_rules! multiversion {
+    ($(#[$meta:meta])* $vis:vis fn $name:ident ( $($arg:ident : $ty:ty),* $(,)? ) => $body:path) => {
+        $(#[$meta])*
+        $vis fn $name(level: $crate::transport::simd::Level, $($arg: $ty),*) {
+            #[cfg(target_arch = "x86_64")]
+            {
+                #[target_feature(enable = "avx2")]
+                fn avx2($($arg: $ty),*) {
+                    $body($($arg),*)
+                }
+                #[target_feature(enable = "avx2,avx512f,avx512vl,avx512bw,avx512dq")]
+                fn avx512($($arg: $ty),*) {
+                    $body($($arg),*)
+                }
+                match level {
+                    $crate::transport::simd::Level::Baseline => $body($($arg),*),
+                    // SAFETY: `Level::available` found these features on this processor.
+                    $crate::transport::simd::Level::Avx2 => unsafe { avx2($($arg),*) },
+                    // SAFETY: as above.
+                    $crate::transport::simd::Level::Avx512 => unsafe { avx512($($arg),*) },
+                }
+            }
+            #[cfg(not(target_arch = "x86_64"))]
+            {
+                let _ = level;
+                $body($($arg),*)
+            }
+        }
+    };
+}
+
+pub(crate) use multiversion;
