@@ -34,6 +34,7 @@ pub struct OpticalProperties {
 }
 
 /// The lengths and the total of one channel that tell whether a method's resolution suits a medium.
+/// Infinite lengths become `null` in JSON.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ChannelSummary {
     /// 1 / sigma_t', infinite without extinction.
@@ -51,6 +52,10 @@ impl OpticalProperties {
     /// Invalid input when a coefficient is negative, not finite or above [`LARGEST_SIGMA_PER_MM`], when |g| is not below 1,
     /// or when eta is outside [`ETA_RANGE`]. Zero scattering and zero extinction are valid: such a channel returns nothing.
     pub fn validated(self) -> Result<Self> {
+        // First, because a g beyond its range spoils the reduced scattering that was derived with it.
+        if self.g.is_nan() || self.g.abs() >= 1.0 {
+            return Err(Error::input(format!("g is {}; it must be above -1 and below 1", self.g)));
+        }
         let sigmas = [("sigma_s'", self.sigma_s_reduced_per_mm), ("sigma_a", self.sigma_a_per_mm)];
         for (name, sigma) in sigmas {
             for (channel, value) in ["red", "green", "blue"].into_iter().zip(sigma.to_array()) {
@@ -60,9 +65,6 @@ impl OpticalProperties {
                     )));
                 }
             }
-        }
-        if !(self.g.abs() < 1.0) {
-            return Err(Error::input(format!("g is {}; it must be above -1 and below 1", self.g)));
         }
         if !ETA_RANGE.contains(&self.eta_inside_over_outside) {
             return Err(Error::input(format!(

@@ -226,3 +226,14 @@ fn arguments_that_end_in_toml_are_files() {
     }
     assert_eq!(Material::from_file(folder.path()).unwrap_err().code(), ExitCode::Io);
 }
+
+#[test]
+fn g_is_blamed_for_the_scattering_that_it_spoils() {
+    let overrides = Overrides {
+        sigma_s_per_mm: Some(DVec3::ONE),
+        sigma_a_per_mm: Some(DVec3::ONE),
+        g: Some(1.5),
+        ..Overrides::default()
+    };
+    assert!(Material::from_flags(None, &overrides).unwrap_err().message().starts_with("g is 1.5"));
+}
