@@ -3,4 +3,5 @@
 pub mod dipole;
 pub mod fresnel;
 pub mod material;
+mod material_file;
 pub mod profile;

@@ -24,6 +24,30 @@ pub trait Profile: Send + Sync {
         std::f64::consts::TAU * (self.tail(0.0) - self.tail(r_mm))
     }
 
+    /// The smallest radius (mm) around a receiver whose disc holds `fraction` of the total, to 1e-12 of itself.
+    ///
+    /// 0 for a fraction of 0 or less and for a profile that returns nothing; infinite for 1 or more.
+    fn radius_containing_mm(&self, fraction: f64) -> f64 {
+        let whole = self.tail(0.0);
+        // Written so that NaN ends here as well.
+        if !(whole > 0.0 && fraction > 0.0) {
+            return 0.0;
+        }
+        if fraction >= 1.0 {
+            return f64::INFINITY;
+        }
+        let outside = (1.0 - fraction) * whole;
+        let (mut low, mut high) = (0.0, 1.0);
+        while self.tail(high) > outside && high < 1e150 {
+            (low, high) = (high, 4.0 * high);
+        }
+        while high - low > 1e-12 * high && high > 1e-150 {
+            let middle = 0.5 * (low + high);
+            if self.tail(middle) > outside { low = middle } else { high = middle }
+        }
+        high
+    }
+
     /// `Int_triangle R_d(|x - y|) dA(y)`, the receiver anywhere in space.
     fn triangle(&self, receiver_mm: DVec3, corners_mm: [DVec3; 3]) -> f64;
 }

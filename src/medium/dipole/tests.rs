@@ -1,0 +1,389 @@
+use super::*;
+use crate::math::quadrature::integrate;
+use crate::math::random::uniform;
+use crate::medium::fresnel::{BoundaryFit, boundary_a};
+
+/// sigma_s', sigma_a (1/mm) and eta: marble, ketchup, skin, spectralon, cream, matched and inverted indices, a nearly
+/// black and a nearly white medium, and two far ends of the scale.
+const MEDIA: [(f64, f64, f64); 13] = [
+    (2.19, 0.0021, 1.5),
+    (0.18, 0.061, 1.3),
+    (0.03, 1.45, 1.3),
+    (0.74, 0.032, 1.3),
+    (20.4, 0.0, 1.3),
+    (7.38, 0.0002, 1.3),
+    (1.0, 0.01, 1.0),
+    (1.0, 0.01, 0.75),
+    (1e-9, 1.0, 1.3),
+    (1.0, 1e-14, 1.3),
+    (1e6, 1e5, 1.3),
+    (1e-6, 1e-7, 1.3),
+    (5.0, 5.0, 2.4),
+];
+
+fn dipole((scattering, absorption, eta): (f64, f64, f64)) -> Dipole {
+    Dipole::new(scattering, absorption, boundary_a(eta, BoundaryFit::Published))
+}
+
+fn all() -> impl Iterator<Item = Dipole> {
+    MEDIA.into_iter().map(dipole)
+}
+
+/// A triangle as nested adaptive quadrature of the profile itself, sharing nothing with the edge form.
+fn brute_triangle(profile: &Dipole, receiver: DVec3, [a, b, c]: [DVec3; 3]) -> f64 {
+    let doubled_area = (b - a).cross(c - a).length();
+    if profile.total() == 0.0 {
+        return 0.0;
+    }
+    let tolerance = 1e-12 * profile.total() / doubled_area;
+    doubled_area
+        * integrate(
+            |u| {
+                let (left, right) = (a.lerp(b, u), a.lerp(c, u));
+                u * integrate(
+                    |v| profile.reflectance(left.lerp(right, v).distance(receiver)),
+                    0.0,
+                    1.0,
+                    0.1 * tolerance,
+                )
+            },
+            0.0,
+            1.0,
+            tolerance,
+        )
+}
+
+/// The published form of R_d: Jensen et al. 2001, equation 4.
+fn published_reflectance(d: &Dipole, r: f64) -> f64 {
+    let term = |z: f64| {
+        let distance = (r * r + z * z).sqrt();
+        z * (d.sigma_tr_per_mm + 1.0 / distance) * (-d.sigma_tr_per_mm * distance).exp() / (distance * distance)
+    };
+    d.albedo / (4.0 * std::f64::consts::PI) * (term(d.z_real_mm) + term(d.z_virtual_mm))
+}
+
+#[test]
+fn profile_is_the_published_formula() {
+    for d in all() {
+        for r in [0.0, 0.01, 0.3, 1.0, 7.0] {
+            let r = r * d.z_real_mm;
+            let expected = published_reflectance(&d, r);
+            assert!((d.reflectance(r) - expected).abs() <= 1e-13 * expected, "{d:?} {r}");
+        }
+    }
+}
+
+#[test]
+fn total_is_the_published_closed_form() {
+    for (scattering, absorption, eta) in MEDIA {
+        let a = boundary_a(eta, BoundaryFit::Published);
+        let albedo = scattering / (scattering + absorption);
+        let root = (3.0 * absorption / (scattering + absorption)).sqrt();
+        let expected = 0.5 * albedo * (1.0 + (-4.0 / 3.0 * a * root).exp()) * (-root).exp();
+        let d = Dipole::new(scattering, absorption, a);
+        assert!((d.total() - expected).abs() <= 1e-14, "{d:?}");
+        assert!((d.total() - TAU * d.tail(0.0)).abs() <= 1e-15, "{d:?}");
+    }
+}
+
+#[test]
+fn tail_and_disc_are_integrals_of_the_profile() {
+    for d in all() {
+        for radius in [1e-4, 0.03, 0.5, 2.0, 15.0] {
+            let radius = radius * d.z_real_mm;
+            let brute = integrate(|r| TAU * r * d.reflectance(r), 0.0, radius, 1e-14 * d.total());
+            assert!((d.disc(radius) - brute).abs() <= 1e-9 * d.total().min(brute * 1e3), "{d:?} {radius}");
+            assert!((d.disc(radius) - TAU * (d.tail(0.0) - d.tail(radius))).abs() <= 1e-14, "{d:?}");
+        }
+        // The whole plane, in r = z_real sinh u; without absorption the tail ends as 1 / r.
+        let brute = integrate(
+            |u| {
+                let (r, slope) = (d.z_real_mm * f64::sinh(u), d.z_real_mm * f64::cosh(u));
+                TAU * r * d.reflectance(r) * slope
+            },
+            0.0,
+            40.0,
+            1e-12 * d.total(),
+        );
+        assert!((d.total() - brute).abs() <= 1e-9 * d.total(), "{d:?} {brute}");
+    }
+}
+
+/// Receivers in units of a triangle (0,0) (1,0) (0.3,0.8): coordinates along, across and above its plane.
+const RECEIVERS: [(f64, f64, f64); 16] = [
+    (0.4, 0.3, 0.0),
+    (0.4, 0.3, 0.2),
+    (0.4, 0.3, -0.2),
+    (0.4, 0.3, 5.0),
+    (0.0, 0.0, 0.0),
+    (1.0, 0.0, 0.0),
+    (0.3, 0.8, 0.0),
+    (0.3, 0.8, 1.0),
+    (0.5, 0.0, 0.0),
+    (0.15, 0.4, 0.0),
+    (0.5, 0.0, 0.4),
+    (1.7, 0.0, 0.0),
+    (-0.2, 0.5, 0.0),
+    (0.5, -1e-9, 0.0),
+    (3.0, 2.0, -1.0),
+    (40.0, -30.0, 20.0),
+];
+
+/// A frame that no coordinate axis is special in, with the triangle and the receiver in it.
+fn placed(scale: f64, (x, y, height): (f64, f64, f64)) -> (DVec3, [DVec3; 3]) {
+    let origin = DVec3::new(3.0, -2.0, 1.5) * scale;
+    let along = DVec3::new(2.0, -1.0, 2.0) / 3.0;
+    let across = DVec3::new(1.0, -2.0, -2.0) / 3.0;
+    let normal = along.cross(across);
+    let at = |x: f64, y: f64, h: f64| origin + (along * x + across * y + normal * h) * scale;
+    (at(x, y, height), [at(0.0, 0.0, 0.0), at(1.0, 0.0, 0.0), at(0.3, 0.8, 0.0)])
+}
+
+#[test]
+fn triangle_agrees_with_brute_force_wherever_the_receiver_is() {
+    let mut worst = 0.0_f64;
+    for d in all() {
+        for scale in [0.02, 0.5, 6.0] {
+            for at in RECEIVERS {
+                let (receiver, corners) = placed(scale * d.z_real_mm, at);
+                let expected = brute_triangle(&d, receiver, corners);
+                let found = d.triangle(receiver, corners);
+                let error = (found - expected).abs() / d.total();
+                worst = worst.max(error);
+                assert!(error <= 1e-10, "{d:?} {scale} {at:?}: {found} {expected}");
+            }
+        }
+    }
+    println!("triangle: worst error {worst:e} of the total");
+}
+
+#[test]
+fn far_triangles_are_accurate_relative_to_themselves() {
+    for d in [dipole(MEDIA[0]), dipole(MEDIA[4]), dipole(MEDIA[3])] {
+        for distance in [8.0, 20.0, 50.0] {
+            let (receiver, corners) = placed(1.0, (distance, 0.7 * distance, 0.3 * distance));
+            let doubled_area = (corners[1] - corners[0]).cross(corners[2] - corners[0]).length();
+            let expected = doubled_area
+                * integrate(
+                    |u| {
+                        let (left, right) = (corners[0].lerp(corners[1], u), corners[0].lerp(corners[2], u));
+                        u * integrate(|v| d.reflectance(left.lerp(right, v).distance(receiver)), 0.0, 1.0, 0.0)
+                    },
+                    0.0,
+                    1.0,
+                    0.0,
+                );
+            let found = d.triangle(receiver, corners);
+            assert!((found - expected).abs() <= 1e-8 * expected, "{d:?} {distance}: {found} {expected}");
+        }
+    }
+}
+
+#[test]
+fn far_and_near_forms_meet() {
+    for d in all() {
+        for pole in d.poles() {
+            for i in 0..400 {
+                let draw = |k: u64| uniform(11, i, k) - 0.5;
+                let corners = [0, 1, 2].map(|k| DVec3::new(draw(3 * k), draw(3 * k + 1), draw(3 * k + 2)));
+                let receiver = DVec3::new(draw(9), draw(10), draw(11)).normalize();
+                let size = 0.25 / (1.0 / pole.z_mm + pole.sigma_per_mm);
+                let away = receiver * pole.z_mm * 3.0 * uniform(12, i, 0);
+                let corners = corners.map(|c| c * size - away);
+                let cross = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
+                let far = far_triangle(&pole, corners, cross.length(), 0.249);
+                let near = near_triangle(&pole, corners, cross.normalize());
+                assert!((far - near).abs() <= 1e-10 * TAU * pole.tail(0.0), "{pole:?} {far} {near}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_half_plane_from_its_edge_returns_half_the_total() {
+    for d in all().filter(|d| d.total() > 0.0) {
+        // The tail without absorption falls as 1 / r, so the triangle that stands for the half-plane must be huge.
+        let r = 1e13 * d.z_real_mm;
+        let corners = [DVec3::new(-r, 0.0, 0.0), DVec3::new(r, 0.0, 0.0), DVec3::new(0.0, r, 0.0)];
+        let at_edge = d.triangle(DVec3::ZERO, corners);
+        assert!((at_edge - 0.5 * d.total()).abs() <= 1e-10 * d.total(), "{d:?} {at_edge}");
+        for distance in [0.1, 1.0, 4.0] {
+            // Response at a distance from the step: the line spread integrated over the half-plane.
+            let h = distance * d.z_real_mm;
+            let outside = 2.0 * integrate(|angle: f64| d.tail(h / angle.cos()), 0.0, 0.25 * TAU, 1e-13);
+            let lit = d.triangle(DVec3::new(0.0, h, 0.0), corners);
+            let dark = d.triangle(DVec3::new(0.0, -h, 0.0), corners);
+            assert!((dark - outside).abs() <= 1e-10, "{d:?} {dark} {outside}");
+            assert!((lit + dark - d.total()).abs() <= 1e-10, "{d:?} {lit} {dark}");
+        }
+    }
+}
+
+#[test]
+fn triangle_does_not_depend_on_orientation_rotation_or_where_it_is() {
+    for d in all() {
+        let scale = 1.5 * d.z_real_mm;
+        for at in RECEIVERS {
+            let (receiver, [a, b, c]) = placed(scale, at);
+            let value = d.triangle(receiver, [a, b, c]);
+            let same = |other: f64| (other - value).abs() <= 1e-12 * d.total();
+            for order in [[b, c, a], [c, a, b], [a, c, b], [c, b, a], [b, a, c]] {
+                assert!(same(d.triangle(receiver, order)), "{d:?} {at:?}");
+            }
+            let turn = glam::DQuat::from_euler(glam::EulerRot::XYZ, 0.3, 1.1, -2.0);
+            let shift = DVec3::new(5.0, 7.0, -3.0) * scale;
+            let moved = |p: DVec3| turn * p + shift;
+            assert!(same(d.triangle(moved(receiver), [moved(a), moved(b), moved(c)])), "{d:?} {at:?}");
+        }
+    }
+}
+
+#[test]
+fn parts_of_a_triangle_add_up() {
+    for d in all() {
+        for scale in [0.3, 3.0, 30.0] {
+            for at in RECEIVERS {
+                let (receiver, [a, b, c]) = placed(scale * d.z_real_mm, at);
+                let whole = d.triangle(receiver, [a, b, c]);
+                for (u, v) in [(0.2, 0.3), (0.01, 0.98), (0.5, 0.5), (1.0 / 3.0, 1.0 / 3.0)] {
+                    let p = a * (1.0 - u - v) + b * u + c * v;
+                    let parts: f64 = [[a, b, p], [b, c, p], [c, a, p]].map(|t| d.triangle(receiver, t)).iter().sum();
+                    assert!((whole - parts).abs() <= 1e-10 * d.total(), "{d:?} {scale} {at:?} {whole} {parts}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_fan_of_triangles_tends_to_the_disc() {
+    let d = dipole(MEDIA[0]);
+    let (n, radius) = (720_u32, 2.0);
+    let corner = |i: u32| {
+        let angle = TAU * f64::from(i) / f64::from(n);
+        DVec3::new(radius * angle.cos(), radius * angle.sin(), 0.0)
+    };
+    let fan: f64 = (0..n).map(|i| d.triangle(DVec3::ZERO, [DVec3::ZERO, corner(i), corner(i + 1)])).sum();
+    assert!((fan - d.disc(radius)).abs() < 1e-5 * d.total());
+}
+
+#[test]
+fn degenerate_triangles_return_nothing() {
+    let d = dipole(MEDIA[0]);
+    let (a, b) = (DVec3::new(1.0, 2.0, 3.0), DVec3::new(-1.0, 0.5, 3.0));
+    for corners in [[a, a, a], [a, b, a], [a, b, b], [a, b, a.midpoint(b)], [a, b, DVec3::splat(f64::NAN)]] {
+        for receiver in [a, b, DVec3::ZERO] {
+            let value = d.triangle(receiver, corners);
+            assert!(value.abs() < 1e-14, "{corners:?} {value}");
+        }
+    }
+    assert_eq!(d.triangle(DVec3::splat(f64::INFINITY), [a, b, DVec3::ZERO]), 0.0);
+    assert_eq!(d.triangle(DVec3::splat(1e200), [a, b, DVec3::ZERO]), 0.0);
+    // Slivers: finite, not negative, no more than their area allows.
+    for thin in [1e-3, 1e-6, 1e-9, 1e-12, 1e-15] {
+        let corners = [DVec3::ZERO, DVec3::X * 10.0, DVec3::new(5.0, thin, 0.0)];
+        for receiver in [DVec3::ZERO, DVec3::X * 5.0, DVec3::new(5.0, 0.5 * thin, 0.0), DVec3::new(5.0, -1.0, 1.0)] {
+            let value = d.triangle(receiver, corners);
+            assert!((0.0..=1.001 * 5.0 * thin * d.reflectance(0.0)).contains(&value), "{thin} {value}");
+        }
+    }
+}
+
+/// The same formulas as a f32 kernel would evaluate them.
+fn reflectance_f32(d: &Dipole, r: f32) -> f32 {
+    d.poles()
+        .iter()
+        .map(|pole| {
+            let (weight, z, sigma) = (pole.weight as f32, pole.z_mm as f32, pole.sigma_per_mm as f32);
+            let distance = (r * r + z * z).sqrt();
+            weight * (1.0 + sigma * distance) * (-sigma * distance).exp() / (distance * distance * distance)
+        })
+        .sum()
+}
+
+#[test]
+fn nothing_is_ever_nan_or_infinite() {
+    let sigmas = [0.0, 5e-324, 1e-300, 1e-40, 1e-12, 1e-3, 1.0, 1e3, 1e12, 1e40, 1e300, f64::MAX];
+    let lengths = [0.0, 1e-300, 1e-20, 1e-6, 1.0, 1e6, 1e20, 1e160, f64::MAX, f64::INFINITY];
+    for scattering in sigmas {
+        for absorption in sigmas {
+            for eta in [0.4, 0.75, 1.0, 1.3, 3.0] {
+                let d = dipole((scattering, absorption, eta));
+                assert!((0.0..=1.0).contains(&d.total()), "{d:?}");
+                for r in lengths {
+                    let values = [d.reflectance(r), d.tail(r), d.disc(r)];
+                    assert!(values.iter().all(|v| v.is_finite() && *v >= 0.0), "{d:?} {r} {values:?}");
+                    assert!(values.iter().all(|v| (*v as f32).is_finite()), "{d:?} {r} {values:?}");
+                    assert!(d.disc(r) <= d.total() * (1.0 + 1e-12) + f64::MIN_POSITIVE, "{d:?} {r}");
+                }
+                for r in [0.0, 1e-6, 1e-3, 1.0, 1e3, 1e6] {
+                    assert!(reflectance_f32(&d, r).is_finite(), "{d:?} {r}");
+                }
+                for scale in [1e-6, 1.0, 1e6] {
+                    for at in [RECEIVERS[0], RECEIVERS[4], RECEIVERS[8], RECEIVERS[15]] {
+                        let (receiver, corners) = placed(scale, at);
+                        let value = d.triangle(receiver, corners);
+                        assert!(
+                            (0.0..=d.total() * (1.0 + 1e-10) + 1e-290).contains(&value),
+                            "{d:?} {scale} {at:?} {value}"
+                        );
+                    }
+                }
+            }
+        }
+    }
+    for bad in [f64::NAN, f64::INFINITY, -1.0] {
+        assert_eq!(Dipole::new(bad, bad, bad).total(), 0.0);
+        assert!(Dipole::new(1.0, bad, bad).total() > 0.99);
+    }
+}
+
+#[test]
+fn limits_of_the_albedo() {
+    // Spectralon: no absorption, everything comes back, the tail falls as 1 / r.
+    let white = dipole((20.4, 0.0, 1.3));
+    assert_eq!((white.sigma_tr_per_mm, white.total()), (0.0, 1.0));
+    let reach: f64 = white.poles().iter().map(|pole| pole.weight).sum();
+    assert!((white.tail(1e4) * 1e4 / reach - 1.0).abs() < 1e-6);
+    assert!((white.reflectance(1e4) * 1e12 / reach - 1.0).abs() < 1e-6);
+    // Towards it continuously, and monotonically in the absorption.
+    let mut previous = 1.0;
+    for exponent in -14..=4 {
+        let total = dipole((20.4, 10.0_f64.powi(exponent), 1.3)).total();
+        assert!(total < previous, "{exponent}");
+        previous = total;
+    }
+    assert!(dipole((20.4, 1e-14, 1.3)).total() > 1.0 - 1e-6);
+    assert!(previous < 1e-3);
+    // Black: proportional to the albedo.
+    let black = dipole((1e-12, 1.0, 1.3));
+    assert!((black.total() / black.albedo - dipole((1e-9, 1.0, 1.3)).total() / 1e-9).abs() < 1e-8);
+    assert_eq!(dipole((0.0, 1.0, 1.3)).total(), 0.0);
+    assert_eq!(dipole((0.0, 0.0, 1.3)).total(), 0.0);
+    assert_eq!(dipole((0.0, 0.0, 1.3)).reflectance(0.0), 0.0);
+}
+
+#[test]
+fn the_profile_is_similar_under_a_change_of_unit() {
+    let (d, inches) = (dipole((2.19, 0.0021, 1.5)), dipole((2.19 * 25.4, 0.0021 * 25.4, 1.5)));
+    assert!((d.total() - inches.total()).abs() < 1e-14);
+    for r in [0.0, 0.4, 3.0] {
+        assert!((d.reflectance(r) * 25.4 * 25.4 / inches.reflectance(r / 25.4) - 1.0).abs() < 1e-12);
+        assert!((d.disc(r) - inches.disc(r / 25.4)).abs() < 1e-14);
+    }
+}
+
+#[test]
+fn radius_containing_a_fraction_inverts_the_disc() {
+    for d in all().filter(|d| d.total() > 0.0) {
+        for fraction in [1e-6, 0.1, 0.5, 0.99, 0.999] {
+            let radius = d.radius_containing_mm(fraction);
+            assert!((d.disc(radius) / d.total() - fraction).abs() < 1e-9, "{d:?} {fraction} {radius}");
+        }
+        assert_eq!(d.radius_containing_mm(0.0), 0.0);
+        assert_eq!(d.radius_containing_mm(1.0), f64::INFINITY);
+    }
+    assert_eq!(dipole((0.0, 1.0, 1.3)).radius_containing_mm(0.5), 0.0);
+    // Independent figure: 99 % of spectralon's red lie within 24 mm.
+    assert!((dipole((11.6, 0.0, 1.3)).radius_containing_mm(0.99) - 24.0).abs() < 0.5);
+}

@@ -1,0 +1,158 @@
+//! Material files: TOML text to a material, every error with its line and column.
+
+use std::fmt;
+use std::io::Read;
+use std::ops::Range;
+use std::path::Path;
+
+use glam::DVec3;
+use serde::de::{Deserialize, Deserializer, Error as _, SeqAccess, Visitor};
+use toml::Spanned;
+
+use super::material::{Material, OpticalProperties, Overrides, Preset, preset, unknown_preset};
+use crate::error::{Error, Result};
+
+/// Longest material file; a path given by mistake must not fill the memory.
+const LARGEST_FILE_BYTES: u64 = 1 << 20;
+
+/// The keys as written.
+#[derive(serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    name: Option<String>,
+    preset: Option<Spanned<String>>,
+    sigma_s_reduced_per_mm: Option<Spanned<Channels>>,
+    sigma_s_per_mm: Option<Spanned<Channels>>,
+    sigma_a_per_mm: Option<Spanned<Channels>>,
+    g: Option<Spanned<f64>>,
+    eta: Option<Spanned<f64>>,
+}
+
+/// One number for all channels, or three.
+#[derive(Clone, Copy)]
+struct Channels(DVec3);
+
+impl<'de> Deserialize<'de> for Channels {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
+        deserializer.deserialize_any(ChannelsVisitor)
+    }
+}
+
+struct ChannelsVisitor;
+
+impl<'de> Visitor<'de> for ChannelsVisitor {
+    type Value = Channels;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("one number or [red, green, blue] in 1/mm")
+    }
+
+    fn visit_f64<E>(self, value: f64) -> std::result::Result<Channels, E> {
+        Ok(Channels(DVec3::splat(value)))
+    }
+
+    fn visit_i64<E>(self, value: i64) -> std::result::Result<Channels, E> {
+        Ok(Channels(DVec3::splat(value as f64)))
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut sequence: A) -> std::result::Result<Channels, A::Error> {
+        let mut values: Vec<f64> = Vec::with_capacity(3);
+        while let Some(value) = sequence.next_element()? {
+            values.push(value);
+        }
+        <[f64; 3]>::try_from(values.as_slice())
+            .map(|values| Channels(DVec3::from_array(values)))
+            .map_err(|_| A::Error::invalid_length(values.len(), &self))
+    }
+}
+
+/// The text of the file at `path`.
+pub(super) fn read(path: &Path) -> Result<String> {
+    let file = std::fs::File::open(path).map_err(|error| Error::io(path, &error))?;
+    let mut bytes = Vec::new();
+    file.take(LARGEST_FILE_BYTES + 1).read_to_end(&mut bytes).map_err(|error| Error::io(path, &error))?;
+    if bytes.len() as u64 > LARGEST_FILE_BYTES {
+        return Err(Error::input("longer than 1 MiB, so this is no material file").at(path.display()));
+    }
+    String::from_utf8(bytes).map_err(|_| Error::input("not UTF-8 text, so this is no material file").at(path.display()))
+}
+
+/// `line:column` of a byte offset, both from 1, columns in characters.
+fn position(text: &str, offset: usize) -> String {
+    let before = text.get(..offset).unwrap_or(text);
+    let line = before.matches('\n').count() + 1;
+    let column = before.rsplit('\n').next().map_or(0, |line| line.chars().count()) + 1;
+    format!("{line}:{column}")
+}
+
+/// The material that `text` describes; `place` names the text in errors, `name` is used where the text has none.
+pub(super) fn parse(text: &str, place: &str, name: &str) -> Result<Material> {
+    let at = |span: Option<Range<usize>>, error: Error| match span {
+        Some(span) => error.at(format!("{place}:{}", position(text, span.start))),
+        None => error.at(place),
+    };
+    let file: File = toml::from_str(text).map_err(|error| at(error.span(), Error::input(one_line(error.message()))))?;
+    let base = match &file.preset {
+        None => None,
+        Some(wanted) => match preset(wanted.get_ref()) {
+            Some(preset) => Some(preset),
+            None => return Err(at(Some(wanted.span()), Error::input(unknown_preset(wanted.get_ref())))),
+        },
+    };
+    let properties = apply(&file, base).map_err(|(span, error)| at(span, error))?;
+    Ok(Material { name: file.name.unwrap_or_else(|| name.to_owned()), properties })
+}
+
+fn one_line(message: &str) -> String {
+    message.split('\n').map(str::trim).collect::<Vec<_>>().join(", ")
+}
+
+/// Applies one key after another, so that an invalid value is blamed on the key that brought it.
+fn apply(file: &File, base: Option<&Preset>) -> std::result::Result<OpticalProperties, (Option<Range<usize>>, Error)> {
+    let channels = |value: &Option<Spanned<Channels>>| value.as_ref().map(|value| value.get_ref().0);
+    let whole = Overrides {
+        sigma_s_reduced_per_mm: channels(&file.sigma_s_reduced_per_mm),
+        sigma_s_per_mm: channels(&file.sigma_s_per_mm),
+        sigma_a_per_mm: channels(&file.sigma_a_per_mm),
+        g: file.g.as_ref().map(|g| *g.get_ref()),
+        eta_inside_over_outside: file.eta.as_ref().map(|eta| *eta.get_ref()),
+    };
+    let base = base.map(Preset::properties);
+    whole.apply(base.as_ref()).map_err(|error| {
+        let harmless = OpticalProperties {
+            sigma_s_reduced_per_mm: DVec3::ONE,
+            sigma_a_per_mm: DVec3::ONE,
+            g: 0.0,
+            eta_inside_over_outside: 1.0,
+        };
+        let alone = [
+            (file.g.as_ref().map(Spanned::span), Overrides { g: whole.g, ..Overrides::default() }),
+            (
+                file.sigma_s_reduced_per_mm.as_ref().map(Spanned::span),
+                Overrides { sigma_s_reduced_per_mm: whole.sigma_s_reduced_per_mm, ..Overrides::default() },
+            ),
+            (
+                file.sigma_s_per_mm.as_ref().map(Spanned::span),
+                Overrides { sigma_s_per_mm: whole.sigma_s_per_mm, g: whole.g, ..Overrides::default() },
+            ),
+            (
+                file.sigma_a_per_mm.as_ref().map(Spanned::span),
+                Overrides { sigma_a_per_mm: whole.sigma_a_per_mm, ..Overrides::default() },
+            ),
+            (
+                file.eta.as_ref().map(Spanned::span),
+                Overrides { eta_inside_over_outside: whole.eta_inside_over_outside, ..Overrides::default() },
+            ),
+        ];
+        let blamed = alone
+            .into_iter()
+            .find_map(|(span, one)| span.and_then(|span| one.apply(Some(&harmless)).err().map(|error| (span, error))));
+        match blamed {
+            Some((span, error)) => (Some(span), error),
+            None if whole.sigma_s_reduced_per_mm.is_some() && whole.sigma_s_per_mm.is_some() => {
+                (file.sigma_s_per_mm.as_ref().map(Spanned::span), error)
+            }
+            None => (None, error),
+        }
+    })
+}
