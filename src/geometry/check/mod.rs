@@ -1,0 +1,189 @@
+//! The mesh check: what a mesh is, what is wrong with it, and whether it is fine enough for its material.
+
+mod measure;
+
+use serde::Serialize;
+
+use super::mesh::{Mesh, RepairReport};
+use super::parts::{Analysis, Closure, Part, Role};
+
+/// A part is thin where a straight way inwards leaves it within this many mean free paths: diffusion, which assumes
+/// many scattering events between two surfaces, is inaccurate there.
+pub const THIN_MEAN_FREE_PATHS: f64 = 3.0;
+
+/// Inward rays that measure thickness, spread over the translucent area of the whole mesh.
+pub const THICKNESS_SAMPLES: usize = 2048;
+
+/// Share of a part's area above which thin regions and long edges are worth a warning.
+const WARNING_SHARE: f64 = 0.05;
+
+/// Mean free paths 1/sigma_t' of one medium over its colour channels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MeanFreePath {
+    /// Of the densest channel, in mm: what triangles must resolve.
+    pub shortest_mm: f64,
+    /// Of the clearest channel, in mm: what thickness must exceed.
+    pub longest_mm: f64,
+}
+
+/// Measurements of one part.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct PartCheck {
+    /// The part itself.
+    #[serde(flatten)]
+    pub part: Part,
+    /// Thickness of a sheet of the same area and volume, 2 V / A, in mm; none for open parts.
+    pub mean_thickness_mm: Option<f64>,
+    /// 5th and 50th percentile over the area of the way straight inwards to the next back face of the part, in mm;
+    /// none where so many of the rays find no way out, and for parts with fewer than 16 of the samples.
+    pub thickness_mm: [Option<f64>; 2],
+    /// Share of the area where that way is below [`THIN_MEAN_FREE_PATHS`]; none without a mean free path. Parts with
+    /// fewer than 16 samples are judged by their mean thickness.
+    pub thin_area_share: Option<f64>,
+    /// Share of the area in triangles with an edge longer than the shortest mean free path; none without one.
+    pub long_edge_area_share: Option<f64>,
+}
+
+/// What the mesh check found.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct MeshCheck {
+    /// Vertices of the source.
+    pub vertices: usize,
+    /// Distinct places of vertices that triangles use.
+    pub welded_vertices_used: usize,
+    /// Triangles after repairs.
+    pub triangles: usize,
+    /// What was changed on the way.
+    pub repairs: RepairReport,
+    /// Corners of the bounding box in world mm.
+    pub bounds_mm: [[f64; 3]; 2],
+    /// Its diagonal in mm.
+    pub diagonal_mm: f64,
+    /// Total area in mm^2.
+    pub area_mm2: f64,
+    /// Sum of the volumes of the parts in mm^3; none where one is open.
+    pub volume_mm3: Option<f64>,
+    /// Edges in all, by welded vertices.
+    pub edges: usize,
+    /// Edges with one triangle.
+    pub boundary_edges: usize,
+    /// Loops and open paths that those edges form.
+    pub boundary_loops: usize,
+    /// Of those, loops of no width (a corner of one triangle lies on an edge of another): they leave no opening.
+    pub slits: usize,
+    /// Edges with more than two triangles.
+    pub non_manifold_edges: usize,
+    /// Vertices at which more than one fan of triangles meets.
+    pub non_manifold_vertices: usize,
+    /// Edges whose triangles do not pair up in opposite directions (borders aside).
+    pub inconsistent_edges: usize,
+    /// Connected components within one medium.
+    pub components: usize,
+    /// Closed components with their normals inwards, inside another closed component: bubbles.
+    pub cavities: usize,
+    /// Indices of closed parts whose signed volume is negative although inverted components were turned round.
+    pub inverted_parts: Vec<usize>,
+    /// Shortest, median and longest edge in mm.
+    pub edge_mm: [f64; 3],
+    /// 1st and 50th percentile of 4 sqrt(3) A / (a^2 + b^2 + c^2): 1 for an equilateral triangle, 0 for a line.
+    pub quality: [f64; 2],
+    /// The parts.
+    pub parts: Vec<PartCheck>,
+}
+
+/// Measures a mesh. `mean_free_paths` is indexed by medium; media beyond its end are not judged.
+pub fn check(
+    mesh: &Mesh,
+    analysis: &Analysis,
+    repairs: &RepairReport,
+    mean_free_paths: Option<&[MeanFreePath]>,
+) -> MeshCheck {
+    let edges = measure::edges(mesh, analysis);
+    let shapes = measure::triangle_shapes(mesh);
+    let parts = measure::parts(mesh, &analysis.parts, mean_free_paths.unwrap_or(&[]));
+    let [min, max] = mesh.bounds_local_mm();
+    let (welded_vertices_used, non_manifold_vertices) = measure::vertices(mesh);
+    let volumes: Option<Vec<f64>> = parts.iter().map(|p| p.part.volume_mm3).collect();
+    let inverted = |p: &PartCheck| p.part.closure == Closure::Closed && p.part.volume_mm3.is_some_and(|v| v < 0.0);
+    let list = &analysis.components.list;
+    MeshCheck {
+        vertices: mesh.local_mm.len(),
+        welded_vertices_used,
+        triangles: mesh.triangles.len(),
+        repairs: *repairs,
+        bounds_mm: [min, max].map(|p| (mesh.origin_mm + p).to_array()),
+        diagonal_mm: (max - min).length(),
+        area_mm2: parts.iter().map(|p| p.part.area_mm2).sum(),
+        volume_mm3: volumes.map(|v| v.iter().sum()),
+        edges: edges.count,
+        boundary_edges: edges.boundary,
+        boundary_loops: edges.loops,
+        slits: edges.slits,
+        non_manifold_edges: edges.non_manifold,
+        non_manifold_vertices,
+        inconsistent_edges: list.iter().map(|c| c.inconsistent_edges).sum(),
+        components: list.len(),
+        cavities: list.iter().filter(|c| c.is_inverted()).count(),
+        inverted_parts: (0..parts.len()).filter(|&p| inverted(&parts[p])).collect(),
+        edge_mm: edges.lengths_mm,
+        quality: shapes,
+        parts,
+    }
+}
+
+impl MeshCheck {
+    /// What a person should know before they trust results on this mesh, one line each; empty for a sound mesh.
+    pub fn warnings(&self) -> Vec<String> {
+        let mut lines = self.repairs.lines();
+        let openings = self.boundary_loops - self.slits;
+        if openings > 0 {
+            lines.push(format!(
+                "{openings} openings ({} boundary edges): open surfaces receive light on the front side only",
+                self.boundary_edges
+            ));
+        }
+        if self.slits > 0 {
+            lines.push(format!("{} slits of no width, where vertices of one side are missing on the other", self.slits));
+        }
+        if self.non_manifold_edges > 0 {
+            lines.push(format!("{} edges have more than two triangles", self.non_manifold_edges));
+        }
+        if self.non_manifold_vertices > 0 {
+            lines.push(format!("at {} vertices more than one fan of triangles meets", self.non_manifold_vertices));
+        }
+        if self.inconsistent_edges > 0 {
+            lines.push(format!(
+                "{} edges join triangles of opposite winding: one of their sides receives no light",
+                self.inconsistent_edges
+            ));
+        }
+        for &p in &self.inverted_parts {
+            lines.push(format!("the part '{}' is closed and its normals point inwards", self.parts[p].part.name));
+        }
+        self.parts.iter().filter(|p| p.part.role != Role::Opaque).for_each(|p| p.warn(&mut lines));
+        lines
+    }
+}
+
+impl PartCheck {
+    fn warn(&self, lines: &mut Vec<String>) {
+        let name = &self.part.name;
+        if let Some(share) = self.thin_area_share.filter(|&s| s > WARNING_SHARE) {
+            lines.push(format!(
+                "{:.0} % of the part '{name}' is thinner than {THIN_MEAN_FREE_PATHS} mean free paths: diffusion is \
+                 inaccurate there",
+                100.0 * share
+            ));
+        }
+        if let Some(share) = self.long_edge_area_share.filter(|&s| s > WARNING_SHARE) {
+            lines.push(format!(
+                "{:.0} % of the part '{name}' is in triangles longer than a mean free path: light varies within them, \
+                 refine the mesh",
+                100.0 * share
+            ));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,247 @@
+//! Parts: the pieces of surface that exchange light inside one medium.
+//!
+//! Light inside a medium never crosses air, so transfer joins only triangles of one medium and one part. A *component*
+//! is a set of triangles of one medium that hangs together by welded vertices; a *part* is one component or several.
+
+mod components;
+mod touch;
+mod tree;
+
+use std::collections::HashMap;
+
+use serde::Serialize;
+
+pub use components::Closure;
+pub(crate) use components::{Component, ComponentTree, Components, DisjointSets, is_slit};
+use components::ComponentTrees;
+
+use super::mesh::{EdgeTable, Mesh, RepairReport, material_indices};
+use crate::error::{Error, Result};
+
+/// Components of one medium that come this near, as a share of the mesh's diagonal, touch (`PartsRule::Auto`).
+///
+/// A hundred times the rounding of positions: parts modelled face to face touch, parts with a visible gap do not.
+pub const TOUCH_TOLERANCE: f64 = 1e-5;
+
+/// What a material of the source is for light.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Role {
+    /// Translucent, with the medium of this index.
+    Medium(u32),
+    /// Casts shadows, exchanges no light.
+    Opaque,
+}
+
+/// The role of each material of a mesh.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct MaterialRoles {
+    of_material: Vec<Role>,
+}
+
+impl MaterialRoles {
+    /// Every material is the same medium, with index 0.
+    pub fn single(materials: usize) -> Self {
+        Self { of_material: vec![Role::Medium(0); materials] }
+    }
+
+    /// Roles by name: `media` gives names of materials with the index of their medium, `opaque` names the opaque ones,
+    /// and every other material has the medium `rest`.
+    ///
+    /// # Errors
+    /// Command line: a name that no material has (the message lists those that exist), or one that is given twice with
+    /// different roles.
+    pub fn resolve(materials: &[String], media: &[(String, u32)], rest: u32, opaque: &[String]) -> Result<Self> {
+        let mut given: Vec<Option<Role>> = vec![None; materials.len()];
+        let names: Vec<String> = media.iter().map(|(name, _)| name.clone()).collect();
+        let media_roles = material_indices(materials, &names, "--material")?;
+        let media_roles = media_roles.into_iter().zip(media.iter().map(|(_, medium)| Role::Medium(*medium)));
+        let opaque_roles = material_indices(materials, opaque, "--opaque")?.into_iter().map(|m| (m, Role::Opaque));
+        for (material, role) in media_roles.chain(opaque_roles) {
+            let slot = &mut given[material as usize];
+            if slot.is_some_and(|old| old != role) {
+                return Err(Error::command_line(format!(
+                    "the material '{}' is given two roles by --material and --opaque: keep one",
+                    materials[material as usize]
+                )));
+            }
+            *slot = Some(role);
+        }
+        Ok(Self { of_material: given.into_iter().map(|role| role.unwrap_or(Role::Medium(rest))).collect() })
+    }
+
+    /// Role of a material; the first medium for an index that the source does not have.
+    pub fn of_material(&self, material: u32) -> Role {
+        self.of_material.get(material as usize).copied().unwrap_or(Role::Medium(0))
+    }
+
+    fn of_triangle(&self, mesh: &Mesh, triangle: u32) -> Role {
+        self.of_material(mesh.triangle_material[triangle as usize])
+    }
+
+    fn distinct(&self) -> Vec<Role> {
+        let mut roles = self.of_material.clone();
+        roles.push(Role::Medium(0));
+        roles.sort_unstable();
+        roles.dedup();
+        roles
+    }
+}
+
+/// How components of one medium become parts (`--parts`).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PartsRule {
+    /// Components that touch, overlap or lie inside a closed one are one part.
+    #[default]
+    Auto,
+    /// Each component is a part.
+    Separate,
+    /// All components of a medium are one part.
+    Joined,
+}
+
+/// Surface that exchanges light within itself and with no other part.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Part {
+    /// Material of the first triangle, numbered from the second part of that name on (`skin`, `skin 2`).
+    pub name: String,
+    /// Medium, or opaque (all opaque triangles are one part).
+    pub role: Role,
+    /// Closed if all of its components are.
+    pub closure: Closure,
+    /// Area in mm^2.
+    pub area_mm2: f64,
+    /// Signed volume in mm^3, cavities subtracted; overlapping components count twice. None for an open part.
+    pub volume_mm3: Option<f64>,
+    /// Number of triangles.
+    pub triangle_count: usize,
+    /// Number of connected components.
+    pub components: usize,
+}
+
+/// The parts of a mesh in the order of their first triangles.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Parts {
+    /// For each triangle, an index into `parts`.
+    pub triangle_part: Vec<u32>,
+    /// The parts.
+    pub parts: Vec<Part>,
+    /// The rule that made them.
+    pub rule: PartsRule,
+}
+
+impl Parts {
+    /// Turns inverted components round (see [`RepairReport::flipped_components`]), then groups components into parts.
+    pub fn new(mesh: &mut Mesh, roles: &MaterialRoles, rule: PartsRule, report: &mut RepairReport) -> Self {
+        Analysis::new(mesh, roles, rule, report).parts
+    }
+
+    fn group(mesh: &Mesh, components: &Components, rule: PartsRule) -> Self {
+        let mut sets = DisjointSets::new(components.list.len());
+        join_alike(&components.list, &mut sets, |role| rule == PartsRule::Joined || role == Role::Opaque);
+        if rule == PartsRule::Auto {
+            join_touching(mesh, components, &mut sets);
+        }
+        let (label, count) = sets.labels();
+        let mut parts: Vec<Part> = Vec::with_capacity(count);
+        let mut used_names: HashMap<&str, usize> = HashMap::new();
+        for (component, &part) in components.list.iter().zip(&label) {
+            if part as usize == parts.len() {
+                let material = mesh.triangle_material[component.first_triangle as usize] as usize;
+                let base = mesh.materials.get(material).map_or("default", String::as_str);
+                let number = used_names.entry(base).and_modify(|n| *n += 1).or_insert(1);
+                let name = if *number == 1 { base.to_string() } else { format!("{base} {number}") };
+                parts.push(Part {
+                    name,
+                    role: component.role,
+                    closure: Closure::Closed,
+                    area_mm2: 0.0,
+                    volume_mm3: Some(0.0),
+                    triangle_count: 0,
+                    components: 0,
+                });
+            }
+            let part = &mut parts[part as usize];
+            part.area_mm2 += component.area_mm2;
+            part.triangle_count += component.triangles;
+            part.components += 1;
+            part.volume_mm3 = part.volume_mm3.map(|v| v + component.volume_mm3);
+            if component.closure == Closure::Open {
+                part.closure = Closure::Open;
+                part.volume_mm3 = None;
+            }
+        }
+        let triangle_part = components.of_triangle.iter().map(|&c| label[c as usize]).collect();
+        Self { triangle_part, parts, rule }
+    }
+
+    /// One line about the choice, such as `3 components -> 1 part (auto: touching or nested)`.
+    pub fn description(&self) -> String {
+        let components: usize = self.parts.iter().map(|p| p.components).sum();
+        let plural = |n: usize, word: &str| format!("{n} {word}{}", if n == 1 { "" } else { "s" });
+        let merged = components > self.parts.len();
+        let rule = match self.rule {
+            PartsRule::Auto if merged => "auto: touching or nested",
+            PartsRule::Auto if components > 1 => "auto: none touch",
+            PartsRule::Auto => "auto",
+            PartsRule::Separate => "separate",
+            PartsRule::Joined => "joined",
+        };
+        let opaque: usize = self.parts.iter().filter(|p| p.role == Role::Opaque).count();
+        let opaque = if opaque > 0 { ", one of them opaque" } else { "" };
+        format!("{} -> {} ({rule}){opaque}", plural(components, "component"), plural(self.parts.len(), "part"))
+    }
+}
+
+/// Everything that parts and the mesh check derive from one mesh, computed once.
+pub struct Analysis {
+    /// The parts.
+    pub parts: Parts,
+    pub(crate) components: Components,
+    pub(crate) edges: EdgeTable,
+}
+
+impl Analysis {
+    /// Finds edges and components, turns inverted components round (counted in `report`) and groups parts.
+    pub fn new(mesh: &mut Mesh, roles: &MaterialRoles, rule: PartsRule, report: &mut RepairReport) -> Self {
+        let mut edges = EdgeTable::new(mesh);
+        let mut components = Components::find(mesh, roles, &edges);
+        let before = report.flipped_triangles;
+        components.orient(mesh, report);
+        if report.flipped_triangles != before {
+            edges = EdgeTable::new(mesh);
+        }
+        let parts = Parts::group(mesh, &components, rule);
+        Self { parts, components, edges }
+    }
+}
+
+/// Joins all components of each role that `whole` selects.
+fn join_alike(components: &[Component], sets: &mut DisjointSets, whole: impl Fn(Role) -> bool) {
+    let mut first: HashMap<Role, u32> = HashMap::new();
+    for (id, component) in components.iter().enumerate().filter(|(_, c)| whole(c.role)) {
+        sets.join(*first.entry(component.role).or_insert(id as u32), id as u32);
+    }
+}
+
+/// Joins components of one medium that touch, overlap or lie one inside the other.
+fn join_touching(mesh: &Mesh, components: &Components, sets: &mut DisjointSets) {
+    if components.list.len() < 2 {
+        return;
+    }
+    let tolerance = TOUCH_TOLERANCE * mesh.diagonal_mm();
+    let mut trees = ComponentTrees::new(mesh, components);
+    for id in 0..components.list.len() as u32 {
+        // Each pair once, from its later member.
+        for other in trees.near(id, tolerance).into_iter().filter(|&other| other < id) {
+            let joined = sets.find(id) == sets.find(other);
+            if !joined && (trees.touch(id, other, tolerance) || trees.holds(id, other) || trees.holds(other, id)) {
+                sets.join(id, other);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;
