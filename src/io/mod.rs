@@ -1,1 +1,5 @@
 //! Files to plain buffers and back: OBJ, glTF, PLY, EXR, Radiance HDR, PNG.
+
+pub mod obj;
+pub mod ply;
+pub mod polygon;
