@@ -1,6 +1,6 @@
 //! Wavefront OBJ: polygon meshes with texture coordinates, normals and material names.
 //!
-//! The crate `tobj` parses the file. Before it sees a byte, [`preflight`] checks every statement (errors name the
+//! The crate `tobj` parses the file. Before it sees a byte, our own preflight checks every statement (errors name the
 //! line) and writes the geometry again in the narrow dialect that `tobj` reads without guessing. What `tobj` returns
 //! is then compared with the preflight's own numbers.
 //!
@@ -14,6 +14,7 @@ use crate::error::{Error, Result};
 use crate::geometry::source::{CornerAttribute, SourceModel};
 use crate::io::polygon;
 
+mod dialect;
 mod preflight;
 mod statement;
 #[cfg(test)]

@@ -11,6 +11,7 @@ use std::collections::HashMap;
 
 use glam::DVec3;
 
+use super::dialect::{append_counting_face, append_faces, append_words};
 use super::statement::{Index, Statements, index, number, shown, split_keyword, text_of, words};
 use crate::error::{Error, Result};
 use crate::io::polygon::MAX_POLYGON_CORNERS;
@@ -361,7 +362,9 @@ impl Preflight<'_> {
         if uses_normals {
             text.append(&mut self.normal_text);
         }
-        append_faces(&mut text, counting_corners, [self.positions.len(), uv_count, normal_count], &self);
+        let counts = [self.positions.len(), uv_count, normal_count];
+        append_counting_face(&mut text, counting_corners, counts);
+        append_faces(&mut text, &self.corners, self.faces.iter().map(|face| face.end));
         Ok(Checked {
             text,
             counting_corners,
@@ -461,70 +464,4 @@ impl Preflight<'_> {
         self.more_unknown.report(&mut warnings, "more unknown statements left out");
         warnings
     }
-}
-
-/// A statement with the first words of the original, which `tobj` then parses to the same numbers.
-fn append_words(text: &mut Vec<u8>, keyword: &[u8], rest: &[u8], count: usize) {
-    text.extend_from_slice(keyword);
-    for word in words(rest).take(count) {
-        text.push(b' ');
-        text.extend_from_slice(word);
-    }
-    text.push(b'\n');
-}
-
-/// The face that counts through all values, then those of the file, all with absolute indices.
-fn append_faces(text: &mut Vec<u8>, counting_corners: usize, counts: [usize; 3], preflight: &Preflight) {
-    text.reserve(9 * (counting_corners + preflight.corners.len()));
-    text.push(b'f');
-    for i in 0..counting_corners {
-        let [vertex, uv, normal] = counts.map(|count| {
-            if count == 0 {
-                NONE
-            } else if i < count {
-                i as u32
-            } else {
-                0
-            }
-        });
-        append_corner(text, Corner { vertex, uv, normal });
-    }
-    text.push(b'\n');
-    let mut start = 0;
-    for face in &preflight.faces {
-        text.push(b'f');
-        for &corner in &preflight.corners[start..face.end] {
-            append_corner(text, corner);
-        }
-        text.push(b'\n');
-        start = face.end;
-    }
-}
-
-fn append_corner(text: &mut Vec<u8>, corner: Corner) {
-    text.push(b' ');
-    append_number(text, corner.vertex);
-    if corner.uv != NONE || corner.normal != NONE {
-        text.push(b'/');
-    }
-    if corner.uv != NONE {
-        append_number(text, corner.uv);
-    }
-    if corner.normal != NONE {
-        text.push(b'/');
-        append_number(text, corner.normal);
-    }
-}
-
-/// An index from 0 as OBJ writes it, from 1.
-fn append_number(text: &mut Vec<u8>, index: u32) {
-    let mut digits = [0u8; 10];
-    let mut at = digits.len();
-    let mut value = u64::from(index) + 1;
-    while value > 0 {
-        at -= 1;
-        digits[at] = b'0' + (value % 10) as u8;
-        value /= 10;
-    }
-    text.extend_from_slice(&digits[at..]);
 }

@@ -131,7 +131,7 @@ fn files_without_faces_are_refused() {
         (b"glTF\x02\0\0\0", "zero bytes"),
         (b"\xFF\xFEf\0", "UTF-16"),
         (b"\xFE\xFF\0f", "UTF-16"),
-        (b"f\0 \01\0", "zero bytes"),
+        (b"f\0 \x001\0", "zero bytes"),
     ] {
         let error = parse_obj(bytes, "model.obj").unwrap_err();
         assert_eq!(error.code(), ExitCode::InvalidInput);
@@ -273,7 +273,7 @@ const BAD: &[(&str, std::result::Result<usize, &str>)] = &[
     ("no_final_newline.obj", Ok(12)),
     ("non_manifold_box.obj", Ok(12)),
     ("non_manifold_edge.obj", Ok(12)),
-    ("non_manifold_openscad.obj", Ok(0)),
+    ("non_manifold_openscad.obj", Ok(1442)),
     ("number_formats.obj", Err(":11: `3.1+e2` is not a number")),
     ("octagon_ngon.obj", Ok(6)),
     ("points_no_faces.obj", Err(": 8 vertices and no faces; export")),

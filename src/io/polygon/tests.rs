@@ -264,6 +264,27 @@ fn the_largest_polygons_take_bounded_time() {
         let area = newell(&corners).length() / 2.0;
         assert!((total_area(&corners, &triangles) - area).abs() < 1e-10 * area);
     }
-    println!("two polygons of {n} corners: {:?}", start.elapsed());
+    println!("two stars of {n} corners: {:?}", start.elapsed());
+    // Random radii, random points (crossing everywhere) and points on a coarse grid (repeated and collinear).
+    let mut state = 3u64;
+    let mut random = move || {
+        state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (state >> 11) as f64 / (1u64 << 53) as f64
+    };
+    for kind in 0..3 {
+        let corners: Vec<DVec3> = (0..n)
+            .map(|i| {
+                let angle = i as f64 * std::f64::consts::TAU / n as f64;
+                match kind {
+                    0 => (0.1 + random()) * DVec3::new(angle.cos(), angle.sin(), 0.0),
+                    1 => DVec3::new(random(), random(), random()),
+                    _ => DVec3::new((random() * 9.0).floor(), (random() * 9.0).floor(), 0.0),
+                }
+            })
+            .collect();
+        let start = std::time::Instant::now();
+        assert_eq!(triangulate(&corners).len(), n - 2);
+        println!("kind {kind}: {:?}", start.elapsed());
+    }
     assert!(start.elapsed().as_secs() < 20);
 }
