@@ -1,0 +1,467 @@
+//! Checks every statement of an OBJ file and writes the geometry again in the dialect that `tobj` reads safely.
+//!
+//! What `tobj` 4.0.5 gets wrong, and what this does about it: errors have no line (ours do); corners without a texture
+//! coordinate or normal repeat the one before (we know which they are); colours on some vertices only, comments after
+//! numbers, continued lines and names that are not UTF-8 fail (not passed on); a fourth coordinate divides the others
+//! (it is the weight of rational curves, meaningless for polygons: not passed on); a face of one or two corners
+//! becomes a point or a line (refused); files without faces, NaN and infinity are accepted (refused); an unknown
+//! material is forgotten (names are kept here).
+
+use std::collections::HashMap;
+
+use glam::DVec3;
+
+use super::dialect::{append_counting_face, append_faces, append_words};
+use super::statement::{Index, Statements, index, number, shown, split_keyword, text_of, words};
+use crate::error::{Error, Result};
+use crate::io::polygon::MAX_POLYGON_CORNERS;
+
+/// Index of a texture coordinate or normal that a corner does not have.
+pub(super) const NONE: u32 = u32::MAX;
+
+/// Unknown keywords that are named in a warning; a file of garbage must not give a warning as long as itself.
+const UNKNOWN_KEYWORDS_NAMED: usize = 8;
+
+/// A corner of a face: indices from 0 into the values in file order.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Corner {
+    pub(super) vertex: u32,
+    pub(super) uv: u32,
+    pub(super) normal: u32,
+}
+
+/// A face: its corners end here (they start where the face before ends).
+pub(super) struct Face {
+    pub(super) end: usize,
+    pub(super) material: u32,
+    line: usize,
+}
+
+/// A file without a known fault.
+pub(super) struct Checked {
+    /// The geometry for `tobj`: `v`, `vt` and `vn` lines with three, two and three numbers, then faces.
+    pub(super) text: Vec<u8>,
+    /// Corners of the first face of `text`, which is not of the file: it counts through all values.
+    pub(super) counting_corners: usize,
+    /// What `tobj` must find, to the bit.
+    pub(super) positions: Vec<DVec3>,
+    pub(super) corners: Vec<Corner>,
+    pub(super) faces: Vec<Face>,
+    pub(super) materials: Vec<String>,
+    pub(super) material_libraries: Vec<String>,
+    pub(super) uv_count: usize,
+    pub(super) normal_count: usize,
+    pub(super) uses_uvs: bool,
+    pub(super) uses_normals: bool,
+    pub(super) warnings: Vec<String>,
+}
+
+/// How often something happened, and where first.
+#[derive(Default)]
+struct Tally {
+    count: usize,
+    first_line: usize,
+}
+
+impl Tally {
+    fn add(&mut self, line: usize) {
+        if self.count == 0 {
+            self.first_line = line;
+        }
+        self.count += 1;
+    }
+
+    fn report(&self, warnings: &mut Vec<String>, what: &str) {
+        if self.count > 0 {
+            warnings.push(format!("{what}: {}, first at line {}", self.count, self.first_line));
+        }
+    }
+}
+
+#[derive(Default)]
+struct Preflight<'a> {
+    name: &'a str,
+    line: usize,
+    vertex_text: Vec<u8>,
+    uv_text: Vec<u8>,
+    normal_text: Vec<u8>,
+    positions: Vec<DVec3>,
+    /// Vertices that are not finite, in order: index and line.
+    not_finite: Vec<(u32, usize)>,
+    uv_count: usize,
+    normal_count: usize,
+    corners: Vec<Corner>,
+    faces: Vec<Face>,
+    materials: Vec<String>,
+    material_ids: HashMap<String, u32>,
+    material: Option<String>,
+    /// Index of `material` once a face has used it.
+    material_id: Option<u32>,
+    material_libraries: Vec<String>,
+    weights: Tally,
+    colours: Tally,
+    points_and_lines: Tally,
+    free_forms: Tally,
+    trailing_slashes: Tally,
+    unknown: Vec<(String, Tally)>,
+    more_unknown: Tally,
+}
+
+/// Checks the bytes of a file; `name` stands in front of every error.
+pub(super) fn check(bytes: &[u8], name: &str) -> Result<Checked> {
+    let text = text_of(bytes, name)?;
+    let mut preflight = Preflight { name, ..Preflight::default() };
+    for (line, statement) in Statements::new(text) {
+        preflight.line = line;
+        preflight.statement(&statement)?;
+    }
+    preflight.finish()
+}
+
+impl Preflight<'_> {
+    fn wrong(&self, message: &str) -> Error {
+        self.wrong_at(self.line, message)
+    }
+
+    fn wrong_at(&self, line: usize, message: &str) -> Error {
+        Error::input(format!("{}:{line}: {message}", self.name))
+    }
+
+    fn statement(&mut self, statement: &[u8]) -> Result<()> {
+        let (keyword, rest) = split_keyword(statement);
+        match keyword {
+            b"v" => self.vertex(rest),
+            b"vt" => self.uv(rest),
+            b"vn" => self.normal(rest),
+            b"f" | b"fo" => self.face(rest),
+            b"usemtl" => {
+                self.material = (!rest.is_empty()).then(|| String::from_utf8_lossy(rest).into_owned());
+                self.material_id = None;
+                Ok(())
+            }
+            b"mtllib" => {
+                let library = String::from_utf8_lossy(rest).into_owned();
+                if !rest.is_empty() && !self.material_libraries.contains(&library) {
+                    self.material_libraries.push(library);
+                }
+                Ok(())
+            }
+            _ => {
+                self.other(keyword);
+                Ok(())
+            }
+        }
+    }
+
+    /// Statements that hold no polygons.
+    fn other(&mut self, keyword: &[u8]) {
+        match keyword {
+            // Names, smoothing and display attributes say nothing about geometry or materials.
+            b"" | b"o" | b"g" | b"s" | b"mg" | b"bevel" | b"c_interp" | b"d_interp" | b"lod" | b"maplib"
+            | b"usemap" | b"shadow_obj" | b"trace_obj" => {}
+            _ if keyword[0] == b'#' => {}
+            b"p" | b"l" => self.points_and_lines.add(self.line),
+            b"vp" | b"cstype" | b"deg" | b"bmat" | b"step" | b"curv" | b"curv2" | b"surf" | b"parm" | b"trim"
+            | b"hole" | b"scrv" | b"sp" | b"end" | b"con" | b"ctech" | b"stech" => self.free_forms.add(self.line),
+            _ => {
+                let word = shown(keyword);
+                if let Some((_, tally)) = self.unknown.iter_mut().find(|(known, _)| *known == word) {
+                    tally.add(self.line);
+                } else if self.unknown.len() < UNKNOWN_KEYWORDS_NAMED {
+                    let mut tally = Tally::default();
+                    tally.add(self.line);
+                    self.unknown.push((word, tally));
+                } else {
+                    self.more_unknown.add(self.line);
+                }
+            }
+        }
+    }
+
+    /// Parses up to eight numbers of a statement; more are an error of every statement.
+    fn numbers(&self, keyword: &str, rest: &[u8]) -> Result<([f64; 8], usize)> {
+        let mut values = [0.0; 8];
+        let mut count = 0;
+        for word in words(rest) {
+            let Some(value) = values.get_mut(count) else {
+                return Err(self.wrong(&format!("`{keyword}` with more than 8 numbers")));
+            };
+            *value = number(word).ok_or_else(|| {
+                let hint = if word.contains(&b',') { " (decimals need a point)" } else { "" };
+                self.wrong(&format!("`{}` is not a number{hint}", shown(word)))
+            })?;
+            count += 1;
+        }
+        Ok((values, count))
+    }
+
+    fn check_count(&self, count: usize, what: &str) -> Result<()> {
+        if count >= NONE as usize {
+            return Err(Error::unsupported(format!("{}: more than {NONE} {what}; split the model", self.name)));
+        }
+        Ok(())
+    }
+
+    fn vertex(&mut self, rest: &[u8]) -> Result<()> {
+        let (values, count) = self.numbers("v", rest)?;
+        match count {
+            3 => {}
+            4 if values[3] != 1.0 => self.weights.add(self.line),
+            4 => {}
+            6 | 7 => self.colours.add(self.line),
+            _ => {
+                return Err(
+                    self.wrong(&format!("vertex with {count} numbers; x y z are needed, w or r g b may follow"))
+                );
+            }
+        }
+        self.check_count(self.positions.len(), "vertices")?;
+        let position = DVec3::new(values[0], values[1], values[2]);
+        if position.is_finite() {
+            self.positions.push(position);
+            append_words(&mut self.vertex_text, b"v", rest, 3);
+        } else {
+            self.not_finite.push((self.positions.len() as u32, self.line));
+            self.positions.push(DVec3::ZERO);
+            self.vertex_text.extend_from_slice(b"v 0 0 0\n");
+        }
+        Ok(())
+    }
+
+    fn uv(&mut self, rest: &[u8]) -> Result<()> {
+        let (values, count) = self.numbers("vt", rest)?;
+        if !(1..=3).contains(&count) {
+            return Err(self.wrong(&format!("texture coordinate with {count} numbers; one to three are needed")));
+        }
+        self.check_count(self.uv_count, "texture coordinates")?;
+        self.uv_count += 1;
+        if values[..2].iter().any(|value| !value.is_finite()) {
+            self.uv_text.extend_from_slice(b"vt nan nan\n");
+        } else {
+            append_words(&mut self.uv_text, b"vt", rest, 2);
+            if count == 1 {
+                // The format takes a missing v as 0; tobj does not.
+                self.uv_text.pop();
+                self.uv_text.extend_from_slice(b" 0\n");
+            }
+        }
+        Ok(())
+    }
+
+    fn normal(&mut self, rest: &[u8]) -> Result<()> {
+        let (values, count) = self.numbers("vn", rest)?;
+        if count != 3 {
+            return Err(self.wrong(&format!("normal with {count} numbers; three are needed")));
+        }
+        self.check_count(self.normal_count, "normals")?;
+        self.normal_count += 1;
+        if values[..3].iter().all(|value| value.is_finite()) {
+            append_words(&mut self.normal_text, b"vn", rest, 3);
+        } else {
+            self.normal_text.extend_from_slice(b"vn nan nan nan\n");
+        }
+        Ok(())
+    }
+
+    fn face(&mut self, rest: &[u8]) -> Result<()> {
+        let start = self.corners.len();
+        for word in words(rest) {
+            let corner = self.corner(word)?;
+            self.corners.push(corner);
+        }
+        let count = self.corners.len() - start;
+        if count < 3 {
+            let corners = if count == 1 { "corner" } else { "corners" };
+            return Err(self.wrong(&format!("face with {count} {corners}; at least 3 are needed")));
+        }
+        if count > MAX_POLYGON_CORNERS {
+            return Err(Error::unsupported(format!(
+                "{}:{}: face with {count} corners; at most {MAX_POLYGON_CORNERS} are supported: cut it into triangles",
+                self.name, self.line
+            )));
+        }
+        let material = match self.material_id {
+            Some(id) => id,
+            None => self.use_material(),
+        };
+        self.faces.push(Face { end: self.corners.len(), material, line: self.line });
+        Ok(())
+    }
+
+    /// The index of the current material, entered at its first face.
+    fn use_material(&mut self) -> u32 {
+        let name = self.material.as_deref().unwrap_or("default");
+        let id = match self.material_ids.get(name) {
+            Some(&id) => id,
+            None => {
+                let id = self.materials.len() as u32;
+                self.materials.push(name.to_owned());
+                self.material_ids.insert(name.to_owned(), id);
+                id
+            }
+        };
+        self.material_id = Some(id);
+        id
+    }
+
+    fn corner(&mut self, word: &[u8]) -> Result<Corner> {
+        let mut parts = word.split(|&b| b == b'/');
+        let [vertex, uv, normal] = [parts.next(), parts.next(), parts.next()].map(Option::unwrap_or_default);
+        if vertex.is_empty() || parts.next().is_some() {
+            let word = shown(word);
+            return Err(self.wrong(&format!("`{word}` is no corner of a face; v, v/vt, v//vn or v/vt/vn are")));
+        }
+        if word.ends_with(b"/") {
+            self.trailing_slashes.add(self.line);
+        }
+        Ok(Corner {
+            vertex: self.resolve(vertex, self.positions.len(), "vertex")?,
+            uv: self.resolve(uv, self.uv_count, "texture coordinate")?,
+            normal: self.resolve(normal, self.normal_count, "normal")?,
+        })
+    }
+
+    /// An index from 0. Absolute ones may refer to lines below, so their range is checked at the end.
+    fn resolve(&self, word: &[u8], above: usize, what: &str) -> Result<u32> {
+        if word.is_empty() {
+            return Ok(NONE);
+        }
+        match index(word) {
+            Some(Index::Absolute(value)) if value < u64::from(NONE) => Ok(value as u32),
+            Some(Index::Back(value)) if value <= above as u64 => Ok((above as u64 - value) as u32),
+            Some(Index::Back(value)) => Err(self.wrong(&format!(
+                "face refers to {what} -{value}, but only {above} are defined above; negative indices count back from \
+                 the line of the face"
+            ))),
+            Some(Index::Zero) => {
+                Err(self.wrong(&format!("face refers to {what} 0, but indices count from 1 (or back from -1)")))
+            }
+            Some(Index::Absolute(_)) | None => {
+                Err(self.wrong(&format!("`{}` is not an index of a {what}", shown(word))))
+            }
+        }
+    }
+
+    fn finish(mut self) -> Result<Checked> {
+        if self.faces.is_empty() {
+            return Err(self.without_faces());
+        }
+        self.check_ranges()?;
+        self.check_finite()?;
+        let uses_uvs = self.corners.iter().any(|corner| corner.uv != NONE);
+        let uses_normals = self.corners.iter().any(|corner| corner.normal != NONE);
+        let uv_count = if uses_uvs { self.uv_count } else { 0 };
+        let normal_count = if uses_normals { self.normal_count } else { 0 };
+        let counting_corners = self.positions.len().max(uv_count).max(normal_count).max(3);
+        let warnings = self.warnings();
+
+        let mut text = std::mem::take(&mut self.vertex_text);
+        if uses_uvs {
+            text.append(&mut self.uv_text);
+        }
+        if uses_normals {
+            text.append(&mut self.normal_text);
+        }
+        let counts = [self.positions.len(), uv_count, normal_count];
+        append_counting_face(&mut text, counting_corners, counts);
+        append_faces(&mut text, &self.corners, self.faces.iter().map(|face| face.end));
+        Ok(Checked {
+            text,
+            counting_corners,
+            positions: self.positions,
+            corners: self.corners,
+            faces: self.faces,
+            materials: self.materials,
+            material_libraries: self.material_libraries,
+            uv_count,
+            normal_count,
+            uses_uvs,
+            uses_normals,
+            warnings,
+        })
+    }
+
+    fn without_faces(&self) -> Error {
+        let name = self.name;
+        let vertices = self.positions.len();
+        let unknown: usize = self.unknown.iter().map(|(_, tally)| tally.count).sum::<usize>() + self.more_unknown.count;
+        Error::input(if vertices == 0 && unknown > 0 {
+            format!("{name}: no vertices, no faces and {unknown} unknown statements; is this an OBJ file?")
+        } else if vertices == 0 {
+            format!("{name}: no vertices and no faces")
+        } else if self.free_forms.count > 0 {
+            format!("{name}: no faces, only free-form curves or surfaces; export the model as polygons")
+        } else if self.points_and_lines.count > 0 {
+            format!("{name}: {vertices} vertices and no faces, only points or lines; export the model with its faces")
+        } else {
+            format!("{name}: {vertices} vertices and no faces; export the model with its faces")
+        })
+    }
+
+    /// The first face in the file that refers to what the file does not define.
+    fn check_ranges(&self) -> Result<()> {
+        let mut corners = self.corners.iter().enumerate();
+        let outside = corners.find_map(|(at, corner)| {
+            [
+                (corner.vertex, self.positions.len(), "vertex"),
+                (corner.uv, self.uv_count, "texture coordinate"),
+                (corner.normal, self.normal_count, "normal"),
+            ]
+            .into_iter()
+            .find(|&(index, count, what)| index as usize >= count && (index != NONE || what == "vertex"))
+            .map(|found| (at, found))
+        });
+        let Some((at, (index, count, what))) = outside else { return Ok(()) };
+        let number = u64::from(index) + 1;
+        Err(self.wrong_at(
+            self.line_of_corner(at),
+            &format!(
+                "face refers to {what} {number}, but only {count} are defined in the file; it may be cut off, or its \
+                 indices may count per object"
+            ),
+        ))
+    }
+
+    /// Vertices that are not finite must not be used; unused ones have become zero.
+    fn check_finite(&self) -> Result<()> {
+        if self.not_finite.is_empty() {
+            return Ok(());
+        }
+        let line_of = |vertex: u32| {
+            self.not_finite.binary_search_by_key(&vertex, |&(v, _)| v).ok().map(|found| self.not_finite[found].1)
+        };
+        let used = self.corners.iter().enumerate().find_map(|(at, c)| line_of(c.vertex).map(|l| (at, c.vertex, l)));
+        let Some((at, vertex, line)) = used else { return Ok(()) };
+        Err(self.wrong_at(
+            self.line_of_corner(at),
+            &format!(
+                "face uses vertex {}, whose coordinates are not finite (line {line}); correct the vertex or delete the \
+                 face",
+                u64::from(vertex) + 1
+            ),
+        ))
+    }
+
+    fn line_of_corner(&self, corner: usize) -> usize {
+        let face = self.faces.partition_point(|face| face.end <= corner);
+        self.faces.get(face).map_or(self.line, |face| face.line)
+    }
+
+    fn warnings(&self) -> Vec<String> {
+        let mut warnings = Vec::new();
+        if let Some(&(_, first_line)) = self.not_finite.first() {
+            Tally { count: self.not_finite.len(), first_line }
+                .report(&mut warnings, "vertices that are not finite, set to zero as no face uses them");
+        }
+        self.weights.report(&mut warnings, "vertices with a weight w other than 1, which polygons ignore");
+        self.colours.report(&mut warnings, "vertices with colours, which are left out");
+        self.points_and_lines.report(&mut warnings, "point and line statements left out");
+        self.free_forms.report(&mut warnings, "statements of free-form curves and surfaces left out");
+        self.trailing_slashes.report(&mut warnings, "face corners that end with a slash, read as if they did not");
+        for (keyword, tally) in &self.unknown {
+            tally.report(&mut warnings, &format!("unknown statements `{keyword}` left out"));
+        }
+        self.more_unknown.report(&mut warnings, "more unknown statements left out");
+        warnings
+    }
+}
