@@ -1,0 +1,229 @@
+//! A whole file as plain arrays: what every method has in common, and the sections that are its own.
+
+use std::borrow::Cow;
+use std::io;
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use crate::error::{FormatError, Result};
+use crate::mesh::{self, Mesh};
+use crate::metadata::{self, LedgerEntry, Provenance};
+use crate::parts::{self, Parts};
+use crate::reader::Reader;
+use crate::samples::{self, Samples};
+use crate::types::{Budget, Codec, Element, ElementType, Kind, Scalar, Tag};
+use crate::writer::Writer;
+use crate::{codec, container};
+
+/// Every tag of the sections that this crate reads and writes itself.
+pub const COMMON_TAGS: [Tag; 18] = [
+    mesh::tags::ORIGIN,
+    mesh::tags::POSITIONS,
+    mesh::tags::TRIANGLES,
+    mesh::tags::NORMALS,
+    mesh::tags::NORMAL_CORNERS,
+    mesh::tags::UVS,
+    mesh::tags::UV_CORNERS,
+    mesh::tags::TRIANGLE_MATERIAL,
+    mesh::tags::MATERIALS,
+    mesh::tags::WELD,
+    parts::tags::TRIANGLE_PART,
+    parts::tags::PARTS,
+    parts::tags::MEDIA,
+    samples::tags::FACETS,
+    samples::tags::PATCH_OFFSETS,
+    samples::tags::PART_OFFSETS,
+    metadata::tags::PROVENANCE,
+    metadata::tags::LEDGER,
+];
+
+/// A section that this crate has no type for: a method's own data, or one from a later minor version.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RawSection {
+    /// Name; none of [`COMMON_TAGS`].
+    pub tag: Tag,
+    /// What it is for.
+    pub kind: Kind,
+    /// Type of its scalars.
+    pub element: ElementType,
+    /// Scalars in one row; 1 for a record.
+    pub components: u16,
+    /// How it is stored.
+    pub codec: Codec,
+    /// Decoded bytes, whole rows, little-endian.
+    pub bytes: Vec<u8>,
+}
+
+impl RawSection {
+    /// A section of rows.
+    pub fn from_rows<T: Element>(tag: Tag, kind: Kind, codec: Codec, rows: &[T]) -> Self {
+        let bytes = bytemuck::cast_slice(rows).to_vec();
+        Self { tag, kind, element: T::TYPE, components: T::COMPONENTS, codec, bytes }
+    }
+
+    /// A section of rows whose width is known at run time: `scalars.len()` is a multiple of `components`.
+    pub fn from_scalars<T: Scalar>(tag: Tag, kind: Kind, codec: Codec, components: u16, scalars: &[T]) -> Self {
+        let bytes = bytemuck::cast_slice(scalars).to_vec();
+        Self { tag, kind, element: T::TYPE, components, codec, bytes }
+    }
+
+    /// A section with a serialised structure; see [`Writer::add_record`].
+    ///
+    /// # Errors
+    /// [`FormatError::Record`] if `value` is too long.
+    pub fn from_record<T: Serialize>(tag: Tag, kind: Kind, codec: Codec, value: &T) -> Result<Self> {
+        let bytes = codec::encode(tag, value)?;
+        Ok(Self { tag, kind, element: ElementType::Record, components: 1, codec, bytes })
+    }
+
+    /// The rows.
+    ///
+    /// # Errors
+    /// [`FormatError::WrongType`] if the section has another element type or width, [`FormatError::SectionLength`] if
+    /// its bytes are not whole rows.
+    pub fn rows<T: Element>(&self) -> Result<Vec<T>> {
+        self.cast(T::TYPE, T::COMPONENTS)
+    }
+
+    /// The scalars of all rows, whatever the width: `len = rows * components`.
+    ///
+    /// # Errors
+    /// As [`RawSection::rows`].
+    pub fn scalars<T: Scalar>(&self) -> Result<Vec<T>> {
+        self.cast(T::TYPE, self.components)
+    }
+
+    /// The structure. `T` holds no lists of zero-sized elements.
+    ///
+    /// # Errors
+    /// [`FormatError::WrongType`] or [`FormatError::Record`].
+    pub fn record<T: DeserializeOwned>(&self) -> Result<T> {
+        self.expect(ElementType::Record, 1)?;
+        codec::decode(self.tag, &self.bytes)
+    }
+
+    fn expect(&self, expected: ElementType, expected_components: u16) -> Result<()> {
+        if self.element == expected && self.components == expected_components {
+            return Ok(());
+        }
+        let (tag, found, found_components) = (self.tag, self.element, self.components);
+        Err(FormatError::WrongType { tag, expected, expected_components, found, found_components })
+    }
+
+    fn cast<T: bytemuck::Pod>(&self, element: ElementType, components: u16) -> Result<Vec<T>> {
+        self.expect(element, components)?;
+        let (length, size) = (self.bytes.len(), size_of::<T>());
+        if size == 0 || !length.is_multiple_of(size) {
+            let reason = format!("{length} bytes are not whole rows of {size}");
+            return Err(FormatError::SectionLength { tag: self.tag, reason });
+        }
+        let mut out = vec![T::zeroed(); length / size];
+        bytemuck::cast_slice_mut(&mut out).copy_from_slice(&self.bytes);
+        Ok(out)
+    }
+}
+
+/// The content of a `.tlux` file.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct AssetFile {
+    /// The mesh.
+    pub mesh: Mesh,
+    /// Parts and media.
+    pub parts: Parts,
+    /// Surface samples.
+    pub samples: Samples,
+    /// Where the asset comes from.
+    pub provenance: Provenance,
+    /// What each lossy stage added to the error.
+    pub ledger: Vec<LedgerEntry>,
+    /// The method's own sections, in the order of the file.
+    pub extra: Vec<RawSection>,
+}
+
+impl AssetFile {
+    /// Checks every component and that they fit together.
+    ///
+    /// # Errors
+    /// [`FormatError::Invalid`] with the tag of the section at fault, or [`FormatError::DuplicateTag`].
+    pub fn validate(&self) -> Result<()> {
+        self.mesh.validate()?;
+        self.parts.validate()?;
+        self.samples.validate()?;
+        self.provenance.validate()?;
+        self.ledger.iter().try_for_each(LedgerEntry::validate)?;
+        self.validate_together()
+    }
+
+    /// What holds between components, each of which is valid.
+    fn validate_together(&self) -> Result<()> {
+        self.parts.validate_against(self.mesh.triangles.len())?;
+        self.samples.validate_against(&self.parts.triangle_part, self.parts.parts.len())?;
+        match self.extra.iter().find(|section| COMMON_TAGS.contains(&section.tag)) {
+            Some(section) => Err(FormatError::DuplicateTag { tag: section.tag }),
+            None => Ok(()),
+        }
+    }
+
+    /// The file as bytes; the same asset gives the same bytes.
+    ///
+    /// # Errors
+    /// The asset is not valid, or an extra section has a bad width or a tag that is taken.
+    pub fn to_bytes(&self) -> Result<Vec<u8>> {
+        Ok(self.writer()?.finish())
+    }
+
+    /// Writes the same bytes as [`AssetFile::to_bytes`] to a stream, without the whole file in memory.
+    ///
+    /// # Errors
+    /// As [`AssetFile::to_bytes`] (kind `InvalidData`), and what `out` fails with.
+    pub fn write_to(&self, out: &mut dyn io::Write) -> io::Result<()> {
+        let writer = self.writer().map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error))?;
+        writer.write_to(out)
+    }
+
+    fn writer(&self) -> Result<Writer<'_>> {
+        self.provenance.validate()?;
+        self.ledger.iter().try_for_each(LedgerEntry::validate)?;
+        let mut writer = Writer::new();
+        writer.add_record(metadata::tags::PROVENANCE, Kind::Metadata, Codec::Zstd, &self.provenance)?.add_record(
+            metadata::tags::LEDGER,
+            Kind::Metadata,
+            Codec::Zstd,
+            &self.ledger,
+        )?;
+        self.mesh.encode(&mut writer)?;
+        self.parts.encode(&mut writer)?;
+        self.samples.encode(&mut writer)?;
+        self.validate_together()?;
+        for RawSection { tag, kind, element, components, codec, bytes } in &self.extra {
+            writer.add_bytes(*tag, *kind, (*element, *components), *codec, Cow::Borrowed(bytes.as_slice()))?;
+        }
+        Ok(writer)
+    }
+
+    /// Reads a whole file and validates it. Sections without a type here are kept in `extra`.
+    ///
+    /// # Errors
+    /// Any error of `SPEC.md`.
+    pub fn from_bytes(bytes: &[u8], budget: Budget) -> Result<Self> {
+        let reader = Reader::parse(bytes, budget)?;
+        let mut extra = Vec::new();
+        for info in reader.sections().iter().filter(|info| !COMMON_TAGS.contains(&info.tag)) {
+            let &container::SectionInfo { tag, kind, element, components, codec, .. } = info;
+            extra.push(RawSection { tag, kind, element, components, codec, bytes: reader.bytes(tag)?.into_owned() });
+        }
+        let asset = Self {
+            mesh: Mesh::decode(&reader)?,
+            parts: Parts::decode(&reader)?,
+            samples: Samples::decode(&reader)?,
+            provenance: reader.record_of(metadata::tags::PROVENANCE, Kind::Metadata)?,
+            ledger: reader.record_of(metadata::tags::LEDGER, Kind::Metadata)?,
+            extra,
+        };
+        asset.provenance.validate()?;
+        asset.ledger.iter().try_for_each(LedgerEntry::validate)?;
+        asset.validate_together()?;
+        Ok(asset)
+    }
+}

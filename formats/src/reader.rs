@@ -1,0 +1,274 @@
+//! Bytes to sections. Nothing is trusted: every length is checked before memory is taken for it.
+
+use std::borrow::Cow;
+use std::collections::BTreeSet;
+
+use serde::de::DeserializeOwned;
+
+use crate::container::{
+    CHECKSUM_AT, ENTRY_BYTES, HEADER_BYTES, MAGIC, MAX_SECTIONS, SectionInfo, VERSION_MAJOR, align, field,
+    head_checksum,
+};
+use crate::error::{FormatError, Result};
+use crate::types::{Budget, Codec, Element, ElementType, Kind, Scalar, Tag};
+use crate::{codec, compression};
+
+/// A file whose header and directory are valid. Sections are checked and decoded when they are asked for, so that
+/// an engine that maps the file touches only what it uses.
+#[derive(Clone, Debug)]
+pub struct Reader<'a> {
+    bytes: &'a [u8],
+    version: (u16, u16),
+    sections: Vec<SectionInfo>,
+}
+
+impl<'a> Reader<'a> {
+    /// Checks magic, version, length, checksum of the directory, the place and length of every section, the padding,
+    /// and that all sections together stay within `budget`.
+    ///
+    /// # Errors
+    /// Errors 1 to 14 of `SPEC.md`.
+    pub fn parse(bytes: &'a [u8], budget: Budget) -> Result<Self> {
+        let (version, count) = parse_header(bytes)?;
+        let head_end = HEADER_BYTES + ENTRY_BYTES * count;
+        let mut reader = Self { bytes, version, sections: Vec::with_capacity(count) };
+        let mut tags = BTreeSet::new();
+        let mut end = head_end as u64;
+        let mut cost = 0u64;
+        for index in 0..count {
+            let at = HEADER_BYTES + ENTRY_BYTES * index;
+            let info = SectionInfo::from_entry(index as u32, at as u64, &field(bytes, at))?;
+            if !tags.insert(info.tag) {
+                return Err(FormatError::DuplicateTag { tag: info.tag });
+            }
+            end = check_place(bytes, &info, end)?;
+            cost = cost.saturating_add(decoding_cost(&info));
+            if cost > budget.max_decoded_bytes {
+                let budget = budget.max_decoded_bytes;
+                return Err(FormatError::OverBudget { tag: info.tag, needed: cost, budget });
+            }
+            reader.sections.push(info);
+        }
+        let length = bytes.len() as u64;
+        if end != length {
+            return Err(FormatError::SectionEnd { end, length });
+        }
+        Ok(reader)
+    }
+
+    /// Major and minor version in the header.
+    pub fn version(&self) -> (u16, u16) {
+        self.version
+    }
+
+    /// Every section, known or not, in the order of the file.
+    pub fn sections(&self) -> &[SectionInfo] {
+        &self.sections
+    }
+
+    /// The section with this tag.
+    pub fn find(&self, tag: Tag) -> Option<&SectionInfo> {
+        self.sections.iter().find(|section| section.tag == tag)
+    }
+
+    /// The section with this tag.
+    ///
+    /// # Errors
+    /// [`FormatError::MissingSection`].
+    pub fn section(&self, tag: Tag) -> Result<&SectionInfo> {
+        self.find(tag).ok_or(FormatError::MissingSection { tag })
+    }
+
+    /// A section as rows of `T`, `len = info.rows()`.
+    ///
+    /// # Errors
+    /// The section is missing, damaged, or holds something else.
+    pub fn array<T: Element>(&self, tag: Tag) -> Result<Vec<T>> {
+        let info = self.section(tag)?;
+        expect_type(info, T::TYPE, T::COMPONENTS)?;
+        self.decode(info)
+    }
+
+    /// As [`Reader::array`], also checking what the section is for.
+    pub(crate) fn array_of<T: Element>(&self, tag: Tag, kind: Kind) -> Result<Vec<T>> {
+        expect_kind(self.section(tag)?, kind)?;
+        self.array(tag)
+    }
+
+    /// A section as single numbers, whatever its number of components: `len = info.rows() * info.components`.
+    ///
+    /// # Errors
+    /// As [`Reader::array`].
+    pub fn scalars<T: Scalar>(&self, tag: Tag) -> Result<Vec<T>> {
+        let info = self.section(tag)?;
+        expect_type(info, T::TYPE, info.components)?;
+        self.decode(info)
+    }
+
+    /// As [`Reader::array`], and in place where the section is raw and `bytes` lies aligned in memory.
+    ///
+    /// # Errors
+    /// As [`Reader::array`].
+    pub fn view<T: Element>(&self, tag: Tag) -> Result<Cow<'a, [T]>> {
+        let info = self.section(tag)?;
+        expect_type(info, T::TYPE, T::COMPONENTS)?;
+        if info.codec == Codec::Raw
+            && let Ok(rows) = bytemuck::try_cast_slice(self.stored(info)?)
+        {
+            return Ok(Cow::Borrowed(rows));
+        }
+        self.decode(info).map(Cow::Owned)
+    }
+
+    /// A serialised structure, see [`crate::Writer::add_record`]. `T` holds no lists of zero-sized elements.
+    ///
+    /// # Errors
+    /// The section is missing, damaged, no record, or another record.
+    pub fn record<T: DeserializeOwned>(&self, tag: Tag) -> Result<T> {
+        let info = self.section(tag)?;
+        expect_type(info, ElementType::Record, 1)?;
+        codec::decode(tag, &self.bytes_of(info)?)
+    }
+
+    /// As [`Reader::record`], also checking what the section is for.
+    pub(crate) fn record_of<T: DeserializeOwned>(&self, tag: Tag, kind: Kind) -> Result<T> {
+        expect_kind(self.section(tag)?, kind)?;
+        self.record(tag)
+    }
+
+    /// The decoded bytes of a section of any type.
+    ///
+    /// # Errors
+    /// The section is missing or damaged.
+    pub fn bytes(&self, tag: Tag) -> Result<Cow<'a, [u8]>> {
+        self.bytes_of(self.section(tag)?)
+    }
+
+    /// Checks the checksum of every section without decoding it.
+    ///
+    /// # Errors
+    /// [`FormatError::SectionChecksum`] of the first damaged section.
+    pub fn verify_checksums(&self) -> Result<()> {
+        self.sections.iter().try_for_each(|info| self.stored(info).map(drop))
+    }
+
+    fn bytes_of(&self, info: &SectionInfo) -> Result<Cow<'a, [u8]>> {
+        match info.codec {
+            Codec::Raw => self.stored(info).map(Cow::Borrowed),
+            Codec::Zstd => self.decode(info).map(Cow::Owned),
+        }
+    }
+
+    /// The stored bytes, their checksum verified.
+    fn stored(&self, info: &SectionInfo) -> Result<&'a [u8]> {
+        // `parse` has found offset and length inside the file, so both fit in `usize`.
+        let start = info.offset as usize;
+        let stored = &self.bytes[start..start + info.stored_bytes as usize];
+        let computed = crc32fast::hash(stored);
+        if computed != info.crc32 {
+            return Err(FormatError::SectionChecksum { tag: info.tag, stated: info.crc32, computed });
+        }
+        Ok(stored)
+    }
+
+    /// Decodes straight into the rows, so that an array is in memory once.
+    fn decode<T: bytemuck::Pod>(&self, info: &SectionInfo) -> Result<Vec<T>> {
+        let tag = info.tag;
+        let stored = self.stored(info)?;
+        if info.codec == Codec::Zstd {
+            compression::check_frame(tag, stored, info.decoded_bytes)?;
+        }
+        let no_memory = FormatError::OutOfMemory { tag, bytes: info.decoded_bytes };
+        let size = size_of::<T>() as u64;
+        if size == 0 || !info.decoded_bytes.is_multiple_of(size) {
+            let reason = format!("{} bytes are not whole rows of {size}", info.decoded_bytes);
+            return Err(FormatError::SectionLength { tag, reason });
+        }
+        let Ok(rows) = usize::try_from(info.decoded_bytes / size) else { return Err(no_memory) };
+        let mut out = Vec::new();
+        if out.try_reserve_exact(rows).is_err() {
+            return Err(no_memory);
+        }
+        out.resize(rows, T::zeroed());
+        let out_bytes = bytemuck::cast_slice_mut(&mut out);
+        match info.codec {
+            Codec::Raw => out_bytes.copy_from_slice(stored),
+            Codec::Zstd => compression::decompress(tag, stored, out_bytes)?,
+        }
+        Ok(out)
+    }
+}
+
+/// Version and number of sections, after everything that needs no directory entry has been checked.
+fn parse_header(bytes: &[u8]) -> Result<((u16, u16), usize)> {
+    let length = bytes.len() as u64;
+    let need = |needed: u64| if length < needed { Err(FormatError::TooShort { needed, length }) } else { Ok(()) };
+    if !MAGIC.starts_with(&bytes[..bytes.len().min(MAGIC.len())]) {
+        return Err(FormatError::BadMagic);
+    }
+    need(HEADER_BYTES as u64)?;
+    let major = u16::from_le_bytes(field(bytes, 8));
+    let minor = u16::from_le_bytes(field(bytes, 10));
+    if major != VERSION_MAJOR {
+        return Err(FormatError::UnsupportedVersion { major, minor });
+    }
+    let stated = u64::from_le_bytes(field(bytes, 16));
+    if stated != length {
+        return Err(FormatError::FileLength { stated, actual: length });
+    }
+    let count = u32::from_le_bytes(field(bytes, 12)) as usize;
+    if count > MAX_SECTIONS {
+        return Err(FormatError::TooManySections { count: count as u64 });
+    }
+    let head_end = HEADER_BYTES + ENTRY_BYTES * count;
+    need(head_end as u64)?;
+    let stated = u32::from_le_bytes(field(bytes, CHECKSUM_AT));
+    let computed = head_checksum(&bytes[..head_end]);
+    if stated != computed {
+        return Err(FormatError::HeaderChecksum { stated, computed });
+    }
+    check_zero(bytes, 28, HEADER_BYTES, "reserved, header")?;
+    Ok(((major, minor), count))
+}
+
+/// Checks that a section begins at the first boundary after `previous_end`; returns where it ends.
+fn check_place(bytes: &[u8], info: &SectionInfo, previous_end: u64) -> Result<u64> {
+    let length = bytes.len() as u64;
+    let expected = align(previous_end).unwrap_or(u64::MAX);
+    if info.offset != expected {
+        return Err(FormatError::Offset { tag: info.tag, offset: info.offset, expected });
+    }
+    let end = expected.saturating_add(info.stored_bytes);
+    if end > length {
+        return Err(FormatError::SectionEnd { end, length });
+    }
+    check_zero(bytes, previous_end as usize, expected as usize, "padding")?;
+    Ok(end)
+}
+
+fn check_zero(bytes: &[u8], from: usize, to: usize, place: &'static str) -> Result<()> {
+    match bytes[from..to].iter().position(|&byte| byte != 0) {
+        Some(i) => Err(FormatError::NotZero { offset: (from + i) as u64, place }),
+        None => Ok(()),
+    }
+}
+
+fn decoding_cost(info: &SectionInfo) -> u64 {
+    let factor = if info.element == ElementType::Record { Budget::RECORD_FACTOR } else { 1 };
+    info.decoded_bytes.saturating_mul(factor)
+}
+
+fn expect_type(info: &SectionInfo, expected: ElementType, expected_components: u16) -> Result<()> {
+    let (found, found_components) = (info.element, info.components);
+    if found == expected && found_components == expected_components {
+        return Ok(());
+    }
+    Err(FormatError::WrongType { tag: info.tag, expected, expected_components, found, found_components })
+}
+
+fn expect_kind(info: &SectionInfo, kind: Kind) -> Result<()> {
+    if info.kind == kind {
+        return Ok(());
+    }
+    Err(FormatError::Invalid { tag: info.tag, reason: format!("its kind is {}, not {kind}", info.kind) })
+}
