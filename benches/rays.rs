@@ -86,6 +86,7 @@ fn measure(name: &str, corners: &Corners) {
     println!("{name:<16} {triangles} triangles, build {:.1} ms, {:.1} MB", fastest * 1e3, bvh.bytes() as f64 * 1e-6);
     for (kind, make) in [
         ("cosine hemisphere", cosine as fn(&Corners, u64) -> (Ray, u32)),
+        ("cosine, random origins", scattered),
         ("one direction", parallel),
         ("one origin, 256 rays", fans),
     ] {
@@ -135,9 +136,18 @@ fn surface(corners: &Corners, triangle: usize, index: u64) -> (Vec3, Vec3) {
     (offset_origin(a + (b - a) * u + (c - a) * v, normal), normal)
 }
 
-/// A random point, a direction with the density of the cosine.
+/// Triangles in the order of the file, six rays from each.
 fn cosine(corners: &Corners, index: u64) -> (Ray, u32) {
-    let triangle = (uniform(2, index, 0) * corners.len() as f64) as usize;
+    hemisphere(corners, index as usize / 6 % corners.len(), index)
+}
+
+/// The same from random triangles: what no cache helps.
+fn scattered(corners: &Corners, index: u64) -> (Ray, u32) {
+    hemisphere(corners, (uniform(2, index, 0) * corners.len() as f64) as usize, index)
+}
+
+/// A direction with the density of the cosine, from a random point of a triangle.
+fn hemisphere(corners: &Corners, triangle: usize, index: u64) -> (Ray, u32) {
     let (point, normal) = surface(corners, triangle, index);
     let (z, a) = (2.0 * uniform(2, index, 1) - 1.0, TAU * uniform(2, index, 2));
     let r = (1.0 - z * z).max(0.0).sqrt();

@@ -3,7 +3,12 @@
 //! Nothing here changes an answer: additions, products and comparisons of `f32` are the same on every path, and
 //! [`Lanes::mul_sub`], which may or may not round in between, serves boxes only, whose growth covers both.
 
+use std::mem::MaybeUninit;
+
 use super::build::{Children, WIDTH};
+
+/// An entry of a stack of references; clearing stacks for every ray would cost as much as a node.
+pub(super) type Slot = MaybeUninit<u32>;
 
 /// Which instructions to use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,7 +52,7 @@ pub(super) trait Lanes {
     /// Bit `i` set where `least < 0` and `most > 0` in lane `i`.
     fn opposite_signs(least: Self::V, most: Self::V) -> u32;
     /// Appends the children whose bit is set to a stack of `len` entries that has room for 8 more; the new length.
-    fn push(stack: &mut [u32], len: usize, children: &Children, mask: u32) -> usize;
+    fn push(stack: &mut [Slot], len: usize, children: &Children, mask: u32) -> usize;
 }
 
 /// Arrays.
@@ -97,9 +102,9 @@ impl Lanes for Portable {
         (0..WIDTH).fold(0, |mask, i| mask | (u32::from(least[i] < 0.0 && most[i] > 0.0) << i))
     }
     #[inline(always)]
-    fn push(stack: &mut [u32], mut len: usize, children: &Children, mut mask: u32) -> usize {
+    fn push(stack: &mut [Slot], mut len: usize, children: &Children, mut mask: u32) -> usize {
         while mask != 0 {
-            stack[len] = children.0[mask.trailing_zeros() as usize % WIDTH];
+            stack[len].write(children.0[mask.trailing_zeros() as usize % WIDTH]);
             len += 1;
             mask &= mask - 1;
         }
@@ -115,7 +120,7 @@ mod avx2 {
     use std::arch::x86_64::*;
 
     use super::super::build::{Children, WIDTH};
-    use super::Lanes;
+    use super::{Lanes, Slot};
 
     /// AVX2 and FMA. Every caller is compiled for both and entered only after [`super::Path::detect`] found them,
     /// which is what the `unsafe` blocks below rely on.
@@ -190,7 +195,7 @@ mod avx2 {
             }
         }
         #[inline(always)]
-        fn push(stack: &mut [u32], len: usize, children: &Children, mask: u32) -> usize {
+        fn push(stack: &mut [Slot], len: usize, children: &Children, mask: u32) -> usize {
             // One check for the whole store, which always writes eight entries.
             let Some(top) = stack.get_mut(len..len + WIDTH) else { return len };
             unsafe {

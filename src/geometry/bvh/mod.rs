@@ -102,12 +102,9 @@ impl Bvh {
     /// Hands over every hit in the open range of the ray, in no particular but a fixed order.
     ///
     /// A ray through an edge or a vertex meets each of the triangles around it.
-    pub fn crossings(&self, ray: &Ray, mut visit: impl FnMut(Hit)) {
+    pub fn crossings(&self, ray: &Ray, visit: impl FnMut(Hit)) {
         let Some(query) = Query::new(ray, &self.tree) else { return };
-        traverse::any(self.path, &self.tree, &query, &mut |hit: triangle::ExactHit, id| {
-            visit(hit.rounded(id));
-            false
-        });
+        traverse::crossings(self.path, &self.tree, &query, visit);
     }
 
     /// Bytes held in memory.

@@ -122,7 +122,7 @@ impl Query {
         let mut query = Self {
             origin: o,
             axes,
-            shear: [d[axes[0]] / d[z], d[axes[1]] / d[z]],
+            shear: [0.0; 2],
             direction_z: f64::from(d[z]),
             inverse: [0.0; 3],
             near_offset: [0.0; 3],
@@ -140,6 +140,14 @@ impl Query {
             query.far_offset[axis] = (o[axis] - grow) * inverse;
             query.negative[axis] = inverse < 0.0;
         }
+        query.shear = [d[axes[0]] * query.inverse[z], d[axes[1]] * query.inverse[z]];
         query
+    }
+
+    /// For each axis, the planes where the ray enters and where it leaves a box, as in `Node::planes`.
+    #[inline(always)]
+    pub(super) fn planes(&self) -> ([usize; 3], [usize; 3]) {
+        let [x, y, z] = self.negative.map(|negative| 3 * usize::from(negative));
+        ([x, 1 + y, 2 + z], [3 - x, 4 - y, 5 - z])
     }
 }

@@ -1,13 +1,16 @@
 //! One ray through the tree.
 
 use super::build::{LEAF, Tree, WIDTH};
-use super::lanes::{Lanes, Path, Portable};
+use super::lanes::{Lanes, Path, Portable, Slot};
 use super::ray::Query;
 use super::triangle::{ExactHit, candidates, exact};
 use super::{Hit, NO_TRIANGLE};
 
 /// Entries of a stack that needs no allocation; deeper trees take a `Vec`.
 const SMALL_STACK: usize = 256;
+
+/// No block has this number: there are fewer than 2^28.
+const NOTHING: u32 = u32::MAX;
 
 /// A query in registers.
 struct Wide<L: Lanes> {
@@ -21,99 +24,176 @@ struct Wide<L: Lanes> {
 impl<L: Lanes> Wide<L> {
     #[inline(always)]
     fn new(query: &Query) -> Self {
-        let pick = |positive: [usize; 3], negative: [usize; 3]| {
-            [0, 1, 2].map(|a| if query.negative[a] { negative[a] } else { positive[a] })
-        };
+        let (near_planes, far_planes) = query.planes();
         Self {
-            inverse: query.inverse.map(|x| L::splat(x)),
-            near_offset: query.near_offset.map(|x| L::splat(x)),
-            far_offset: query.far_offset.map(|x| L::splat(x)),
-            near_planes: pick([0, 1, 2], [3, 4, 5]),
-            far_planes: pick([3, 4, 5], [0, 1, 2]),
+            inverse: splat3::<L>(query.inverse),
+            near_offset: splat3::<L>(query.near_offset),
+            far_offset: splat3::<L>(query.far_offset),
+            near_planes,
+            far_planes,
         }
     }
 
     /// Which of the eight boxes the ray may meet between `t_min` and `t_max`, and where it enters them.
     #[inline(always)]
     fn boxes(&self, planes: &[[f32; WIDTH]; 6], t_min: L::V, t_max: L::V) -> (u32, L::V) {
-        let plane =
-            |axis: usize, which: usize, offset: L::V| L::mul_sub(L::load(&planes[which]), self.inverse[axis], offset);
-        let near = |axis: usize| plane(axis, self.near_planes[axis], self.near_offset[axis]);
-        let far = |axis: usize| plane(axis, self.far_planes[axis], self.far_offset[axis]);
-        let enter = L::max(near(0), L::max(near(1), L::max(near(2), t_min)));
-        let leave = L::min(far(0), L::min(far(1), L::min(far(2), t_max)));
+        let enter = L::max(self.near(planes, 0), L::max(self.near(planes, 1), L::max(self.near(planes, 2), t_min)));
+        let leave = L::min(self.far(planes, 0), L::min(self.far(planes, 1), L::min(self.far(planes, 2), t_max)));
         (L::less_equal(enter, leave), enter)
+    }
+
+    #[inline(always)]
+    fn near(&self, planes: &[[f32; WIDTH]; 6], axis: usize) -> L::V {
+        L::mul_sub(L::load(&planes[self.near_planes[axis]]), self.inverse[axis], self.near_offset[axis])
+    }
+
+    #[inline(always)]
+    fn far(&self, planes: &[[f32; WIDTH]; 6], axis: usize) -> L::V {
+        L::mul_sub(L::load(&planes[self.far_planes[axis]]), self.inverse[axis], self.far_offset[axis])
     }
 }
 
-/// Hands `visit` every hit of the ray until it says that this is enough; whether it did.
-pub(super) fn any<F: FnMut(ExactHit, u32) -> bool>(path: Path, tree: &Tree, query: &Query, visit: &mut F) -> bool {
+#[inline(always)]
+fn splat3<L: Lanes>([x, y, z]: [f32; 3]) -> [L::V; 3] {
+    [L::splat(x), L::splat(y), L::splat(z)]
+}
+
+/// What to do with the hits of a ray.
+pub(super) trait Visit {
+    /// Whether a hit with this triangle is of any interest; asked before the hit is worked out.
+    fn wants(&self, triangle: u32) -> bool;
+    /// Takes a hit; true ends the search.
+    fn take(&mut self, hit: ExactHit, triangle: u32) -> bool;
+}
+
+/// Any triangle but one.
+struct Except(u32);
+
+impl Visit for Except {
+    #[inline(always)]
+    fn wants(&self, triangle: u32) -> bool {
+        triangle != self.0
+    }
+    #[inline(always)]
+    fn take(&mut self, _: ExactHit, _: u32) -> bool {
+        true
+    }
+}
+
+/// Every hit.
+struct Every<F>(F);
+
+impl<F: FnMut(Hit)> Visit for Every<F> {
+    #[inline(always)]
+    fn wants(&self, _: u32) -> bool {
+        true
+    }
+    #[inline(always)]
+    fn take(&mut self, hit: ExactHit, triangle: u32) -> bool {
+        (self.0)(hit.rounded(triangle));
+        false
+    }
+}
+
+/// Whether the ray meets a triangle other than `skip`.
+pub(super) fn occluded(path: Path, tree: &Tree, query: &Query, skip: u32) -> bool {
+    any(path, tree, query, &mut Except(skip))
+}
+
+/// Hands over every hit of the ray.
+pub(super) fn crossings(path: Path, tree: &Tree, query: &Query, visit: impl FnMut(Hit)) {
+    any(path, tree, query, &mut Every(visit));
+}
+
+fn any<V: Visit>(path: Path, tree: &Tree, query: &Query, visit: &mut V) -> bool {
     match path {
-        Path::Portable => any_with::<Portable, F>(tree, query, visit),
+        Path::Portable => any_with::<Portable, V>(tree, query, visit),
         #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Path::detect` returns this path only on a CPU that has both features.
+        // SAFETY: `Path::detect` returns this path only on a CPU that has these features.
         Path::Avx2 => unsafe { any_avx2(tree, query, visit) },
     }
 }
 
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,fma")]
-fn any_avx2<F: FnMut(ExactHit, u32) -> bool>(tree: &Tree, query: &Query, visit: &mut F) -> bool {
-    any_with::<super::lanes::Avx2, F>(tree, query, visit)
-}
-
-/// Whether the ray meets a triangle other than `skip`.
-pub(super) fn occluded(path: Path, tree: &Tree, query: &Query, skip: u32) -> bool {
-    any(path, tree, query, &mut |_, id| id != skip)
+#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+fn any_avx2<V: Visit>(tree: &Tree, query: &Query, visit: &mut V) -> bool {
+    any_with::<super::lanes::Avx2, V>(tree, query, visit)
 }
 
 #[inline(always)]
-fn any_with<L: Lanes, F: FnMut(ExactHit, u32) -> bool>(tree: &Tree, query: &Query, visit: &mut F) -> bool {
-    let mut small = [0u32; SMALL_STACK];
+fn any_with<L: Lanes, V: Visit>(tree: &Tree, query: &Query, visit: &mut V) -> bool {
     if tree.stack <= SMALL_STACK {
-        return any_on_stack::<L, F>(tree, query, &mut small, visit);
+        return any_on_stack::<L, V>(tree, query, &mut [const { Slot::uninit() }; SMALL_STACK], visit);
     }
-    any_on_stack::<L, F>(tree, query, &mut vec![0; tree.stack], visit)
+    any_on_stack::<L, V>(tree, query, &mut vec![Slot::uninit(); tree.stack], visit)
 }
 
 #[inline(always)]
-fn any_on_stack<L: Lanes, F: FnMut(ExactHit, u32) -> bool>(
-    tree: &Tree,
-    query: &Query,
-    stack: &mut [u32],
-    visit: &mut F,
-) -> bool {
+fn any_on_stack<L: Lanes, V: Visit>(tree: &Tree, query: &Query, stack: &mut [Slot], visit: &mut V) -> bool {
     let wide = Wide::<L>::new(query);
     let (t_min, t_max) = (L::splat(query.box_range[0]), L::splat(query.box_range[1]));
-    let mut len = 1;
-    while len > 0 {
-        len -= 1;
-        let top = stack[len];
-        if top & LEAF == 0 {
-            let node = &tree.nodes[top as usize];
+    let mut len = 0;
+    let mut at = 0;
+    loop {
+        // The first child that is hit stays in a register; its way over the stack would be the longest wait here.
+        while at & LEAF == 0 {
+            let node = &tree.nodes[at as usize];
             let (mask, _) = wide.boxes(&node.planes, t_min, t_max);
-            len = L::push(stack, len, &node.children, mask);
-        } else if block::<L, F>(tree, query, top, visit) {
+            if mask == 0 {
+                at = NOTHING;
+                break;
+            }
+            at = node.children.0[mask.trailing_zeros() as usize % WIDTH];
+            len = L::push(stack, len, &node.children, mask & (mask - 1));
+        }
+        if at != NOTHING && block::<L, V>(tree, query, at, visit) {
             return true;
         }
+        if len == 0 {
+            return false;
+        }
+        len -= 1;
+        // SAFETY: `push` wrote every entry below the length that it returned.
+        at = unsafe { stack[len].assume_init() };
     }
-    false
 }
 
 #[inline(always)]
-fn block<L: Lanes, F: FnMut(ExactHit, u32) -> bool>(tree: &Tree, query: &Query, leaf: u32, visit: &mut F) -> bool {
+fn block<L: Lanes, V: Visit>(tree: &Tree, query: &Query, leaf: u32, visit: &mut V) -> bool {
     let block = &tree.blocks[((leaf & !LEAF) >> 3) as usize];
     let mut mask = candidates::<L>(block, query, (leaf & 7) + 1);
     while mask != 0 {
         let lane = mask.trailing_zeros() as usize % WIDTH;
         mask &= mask - 1;
-        if let Some(hit) = exact(block, lane, query)
-            && visit(hit, block.triangles[lane])
+        let triangle = block.triangles[lane];
+        if visit.wants(triangle)
+            && let Some(hit) = exact(block, lane, query)
+            && visit.take(hit, triangle)
         {
             return true;
         }
     }
     false
+}
+
+/// The nearest hit so far.
+struct Nearest {
+    hit: ExactHit,
+    triangle: u32,
+}
+
+impl Visit for Nearest {
+    #[inline(always)]
+    fn wants(&self, _: u32) -> bool {
+        true
+    }
+    #[inline(always)]
+    fn take(&mut self, hit: ExactHit, triangle: u32) -> bool {
+        if (hit.t, triangle) < (self.hit.t, self.triangle) {
+            (self.hit, self.triangle) = (hit, triangle);
+        }
+        false
+    }
 }
 
 /// The nearest hit; of equal ones, the lowest triangle.
@@ -127,7 +207,7 @@ pub(super) fn closest(path: Path, tree: &Tree, query: &Query) -> Option<Hit> {
 }
 
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,fma")]
+#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
 fn closest_avx2(tree: &Tree, query: &Query) -> Option<Hit> {
     closest_with::<super::lanes::Avx2>(tree, query)
 }
@@ -146,7 +226,7 @@ fn closest_on_stack<L: Lanes>(tree: &Tree, query: &Query, stack: &mut [(f32, u32
     let wide = Wide::<L>::new(query);
     let t_min = L::splat(query.box_range[0]);
     let mut t_max = query.box_range[1];
-    let mut best = (ExactHit { t: f64::INFINITY, u: 0.0, v: 0.0 }, NO_TRIANGLE);
+    let mut best = Nearest { hit: ExactHit { t: f64::INFINITY, u: 0.0, v: 0.0 }, triangle: NO_TRIANGLE };
     stack[0] = (f32::NEG_INFINITY, 0);
     let mut len = 1;
     while len > 0 {
@@ -156,13 +236,8 @@ fn closest_on_stack<L: Lanes>(tree: &Tree, query: &Query, stack: &mut [(f32, u32
             continue;
         }
         if top & LEAF != 0 {
-            block::<L, _>(tree, query, top, &mut |hit, id| {
-                if (hit.t, id) < (best.0.t, best.1) {
-                    best = (hit, id);
-                    t_max = (hit.t - query.start) as f32;
-                }
-                false
-            });
+            block::<L, _>(tree, query, top, &mut best);
+            t_max = t_max.min((best.hit.t - query.start) as f32);
             continue;
         }
         let node = &tree.nodes[top as usize];
@@ -182,5 +257,5 @@ fn closest_on_stack<L: Lanes>(tree: &Tree, query: &Query, stack: &mut [(f32, u32
             len += 1;
         }
     }
-    (best.1 != NO_TRIANGLE).then(|| best.0.rounded(best.1))
+    (best.triangle != NO_TRIANGLE).then(|| best.hit.rounded(best.triangle))
 }

@@ -28,24 +28,24 @@ impl ExactHit {
 /// left out has no hit; nothing is said about distances. Contracting a product and a difference would break this.
 #[inline(always)]
 pub(super) fn candidates<L: Lanes>(block: &Block, query: &Query, count: u32) -> u32 {
-    let [kx, ky, kz] = query.axes;
-    let [ox, oy, oz] = [kx, ky, kz].map(|k| L::splat(query.origin[k]));
-    let [sx, sy] = query.shear.map(|s| L::splat(s));
-    let shear = |corner: usize| {
-        let rows = &block.corners[corner];
-        let z = L::sub(L::load(&rows[kz]), oz);
-        let x = L::sub(L::sub(L::load(&rows[kx]), ox), L::mul(sx, z));
-        let y = L::sub(L::sub(L::load(&rows[ky]), oy), L::mul(sy, z));
-        (x, y)
-    };
-    let (ax, ay) = shear(0);
-    let (bx, by) = shear(1);
-    let (cx, cy) = shear(2);
+    let (ax, ay) = shear::<L>(&block.corners[0], query);
+    let (bx, by) = shear::<L>(&block.corners[1], query);
+    let (cx, cy) = shear::<L>(&block.corners[2], query);
     let u = L::sub(L::mul(cx, by), L::mul(cy, bx));
     let v = L::sub(L::mul(ax, cy), L::mul(ay, cx));
     let w = L::sub(L::mul(bx, ay), L::mul(by, ax));
     let outside = L::opposite_signs(L::min(L::min(u, v), w), L::max(L::max(u, v), w));
     !outside & ((1 << count) - 1)
+}
+
+/// One corner of eight triangles in the frame of the ray. (A closure would not be compiled for the caller's features.)
+#[inline(always)]
+fn shear<L: Lanes>(rows: &[[f32; WIDTH]; 3], query: &Query) -> (L::V, L::V) {
+    let [kx, ky, kz] = query.axes;
+    let z = L::sub(L::load(&rows[kz]), L::splat(query.origin[kz]));
+    let x = L::sub(L::load(&rows[kx]), L::splat(query.origin[kx]));
+    let y = L::sub(L::load(&rows[ky]), L::splat(query.origin[ky]));
+    (L::sub(x, L::mul(L::splat(query.shear[0]), z)), L::sub(y, L::mul(L::splat(query.shear[1]), z)))
 }
 
 /// The hit of one lane, if there is one within the range of the ray.
