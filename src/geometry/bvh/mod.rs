@@ -1,0 +1,114 @@
+//! Ray casting over triangles: watertight, conservative at every coordinate scale, the same answer on every CPU.
+//!
+//! # What a hit is
+//!
+//! The answer to a ray depends on the ray and the triangles only, never on the tree or the instruction set.
+//! Vertices are sheared into the frame of the ray in 32-bit arithmetic (Woop, Benthin, Wald 2013, "Watertight
+//! Ray/Triangle Intersection"), so a vertex lands on the same point for every triangle around it; on those points the
+//! three edge functions are decided exactly. A ray that starts well inside a closed surface therefore cannot leave it
+//! between triangles. See [`triangle`](self::triangle).
+//!
+//! # Why the boxes never lose a hit
+//!
+//! With `u = 2^-24`, `m` the largest coordinate of the scene and of the ray's origin: the shear moves a vertex by less
+//! than `6u * 2m`, the slab test is off by less than `4u * 2m` (planes and origin times a rounded reciprocal), and a
+//! direction component is raised to at least `2^-30` of the largest one, which moves the ray by less than
+//! `2^-30 * 2m` inside the scene. Every box is grown by `32u * m` on each side at the moment of its test
+//! (it costs nothing there: two origins in place of one). Distances are compared after the same growth, so a box
+//! is skipped only if no triangle in it can be hit within the range of the ray.
+//!
+//! # What was tried
+//!
+//! See `benches/rays.rs` for the figures of the present machine.
+
+mod build;
+mod lanes;
+mod packet;
+mod ray;
+#[cfg(test)]
+mod tests;
+mod traverse;
+pub mod triangle;
+
+use glam::Vec3;
+
+use self::build::{Block, Node, Tree};
+use self::ray::Query;
+use super::mesh::Mesh;
+
+pub use self::ray::{Ray, offset_origin};
+
+/// No triangle: the value of `skip` that skips nothing.
+pub const NO_TRIANGLE: u32 = u32::MAX;
+
+/// Where a ray meets a triangle.
+///
+/// The point is `(1 - u - v) * a + u * b + v * c` for the corners `a`, `b`, `c`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    /// Index of the triangle as it was given.
+    pub triangle: u32,
+    /// Ray parameter: the distance in mm for a unit direction.
+    pub t: f32,
+    /// Weight of the second corner.
+    pub u: f32,
+    /// Weight of the third corner.
+    pub v: f32,
+}
+
+/// Triangles arranged for ray casting. The tree is a function of the triangles alone.
+#[derive(Clone, Debug)]
+pub struct Bvh {
+    tree: Tree,
+    path: lanes::Path,
+}
+
+impl Bvh {
+    /// Arranges the triangles of a mesh, in its local coordinates (mm); hits carry the mesh's triangle indices.
+    pub fn new(mesh: &Mesh) -> Self {
+        let corners: Vec<[Vec3; 3]> = mesh.triangles.iter().map(|t| t.map(|v| mesh.local_mm[v as usize])).collect();
+        Self::from_triangles(&corners)
+    }
+
+    /// Arranges triangles given by their corners; hits carry positions in this slice. No triangle is fine.
+    ///
+    /// Triangles without area or with a coordinate that is not finite are never hit.
+    pub fn from_triangles(corners: &[[Vec3; 3]]) -> Self {
+        Self { tree: Tree::new(corners), path: lanes::Path::detect() }
+    }
+
+    /// Whether anything but triangle `skip` ([`NO_TRIANGLE`]: nothing is skipped) lies on the ray, ends excluded.
+    ///
+    /// A ray that is not finite meets nothing.
+    pub fn occluded(&self, ray: &Ray, skip: u32) -> bool {
+        let Some(query) = Query::new(ray, &self.tree) else { return false };
+        traverse::occluded(self.path, &self.tree, &query, skip)
+    }
+
+    /// For each ray what [`Self::occluded`] says, to the bit; faster where neighbours in the slice are alike
+    /// (one direction and near origins, or one origin and near directions).
+    ///
+    /// Answers as many rays as the shortest of the three slices holds.
+    pub fn occluded_many(&self, rays: &[Ray], skip: &[u32], out: &mut [bool]) {
+        packet::occluded_many(self.path, &self.tree, rays, skip, out);
+    }
+
+    /// The hit with the smallest distance in the open range of the ray; of equal ones, the lowest triangle index.
+    pub fn closest(&self, ray: &Ray) -> Option<Hit> {
+        let query = Query::new(ray, &self.tree)?;
+        traverse::closest(self.path, &self.tree, &query)
+    }
+
+    /// Hands over every hit in the open range of the ray, in no particular but a fixed order.
+    ///
+    /// A ray through an edge or a vertex meets each of the triangles around it.
+    pub fn crossings(&self, ray: &Ray, visit: impl FnMut(Hit)) {
+        let Some(query) = Query::new(ray, &self.tree) else { return };
+        traverse::crossings(self.path, &self.tree, &query, visit);
+    }
+
+    /// Bytes held in memory.
+    pub fn bytes(&self) -> usize {
+        self.tree.nodes.len() * size_of::<Node>() + self.tree.blocks.len() * size_of::<Block>()
+    }
+}
