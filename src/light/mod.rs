@@ -2,14 +2,20 @@
 
 pub mod environment;
 pub mod parse;
+pub mod sky;
+pub mod strata;
+mod validate;
 
 use glam::DVec3;
 
+use crate::error::Result;
 use environment::EnvironmentMap;
 use std::sync::Arc;
 
 /// A light source. Colours are linear sRGB; positions world mm; directions point towards the light.
-#[derive(Clone, Debug)]
+///
+/// The constructors check what they are given and normalise directions; a literal is trusted.
+#[derive(Clone, Debug, PartialEq)]
 pub enum Light {
     /// The same radiance from every direction.
     Constant {
@@ -52,4 +58,71 @@ pub enum Light {
         /// Factor on the picture's radiance, RGB.
         scale: DVec3,
     },
+}
+
+impl Light {
+    /// The same radiance from every direction.
+    ///
+    /// # Errors
+    /// A negative or non-finite radiance (exit 3).
+    pub fn constant(radiance: DVec3) -> Result<Self> {
+        Ok(Self::Constant { radiance: validate::amount("radiance", radiance)? })
+    }
+
+    /// Parallel light that comes from `from`, which need not be normalised.
+    ///
+    /// # Errors
+    /// A zero or non-finite direction, a negative or non-finite irradiance (exit 3).
+    pub fn directional(from: DVec3, irradiance: DVec3) -> Result<Self> {
+        Ok(Self::Directional {
+            from: validate::direction("from", from)?,
+            irradiance: validate::amount("irradiance", irradiance)?,
+        })
+    }
+
+    /// A point light of the intensity `intensity` (irradiance times mm^2).
+    ///
+    /// # Errors
+    /// A non-finite position, a negative or non-finite intensity (exit 3).
+    pub fn point(at_mm: DVec3, intensity: DVec3) -> Result<Self> {
+        Ok(Self::Point {
+            at_mm: validate::position("at", at_mm)?,
+            intensity: validate::amount("intensity", intensity)?,
+        })
+    }
+
+    /// A one-sided rectangle centred at `at_mm`. `u` gives the direction of the first edge and is made perpendicular to
+    /// `normal`; without it the first edge is normalize(Z x normal), or +X where |normal.z| > 0.99.
+    ///
+    /// # Errors
+    /// Non-finite values, a zero normal, an edge length that is not positive, `u` parallel to `normal`, a negative
+    /// radiance (exit 3).
+    pub fn area(
+        at_mm: DVec3,
+        normal: DVec3,
+        size_mm: [f64; 2],
+        radiance: DVec3,
+        first_edge: Option<DVec3>,
+    ) -> Result<Self> {
+        let normal = validate::direction("normal", normal)?;
+        Ok(Self::Area {
+            at_mm: validate::position("at", at_mm)?,
+            normal,
+            u: validate::first_edge(normal, first_edge)?,
+            size_mm: validate::size(size_mm)?,
+            radiance: validate::amount("radiance", radiance)?,
+        })
+    }
+
+    /// An environment, turned by `rotate_degrees` and multiplied by `scale`.
+    ///
+    /// # Errors
+    /// A non-finite angle, a negative or non-finite scale (exit 3).
+    pub fn environment(map: Arc<EnvironmentMap>, rotate_degrees: f64, scale: DVec3) -> Result<Self> {
+        Ok(Self::Environment {
+            map,
+            rotate_degrees: validate::angle("rotate", rotate_degrees)?,
+            scale: validate::amount("scale", scale)?,
+        })
+    }
 }

@@ -1,0 +1,96 @@
+//! What the numbers of a light must satisfy; shared by the constructors and the text form.
+
+use glam::DVec3;
+
+use crate::error::{Error, Result};
+
+/// Squared lengths this close to 1 are left alone, so that normalising twice gives the same bits as once.
+const UNIT_TOLERANCE: f64 = 4.0 * f64::EPSILON;
+
+/// Vectors closer to parallel than this have no usable perpendicular part.
+const PARALLEL_SINE: f64 = 1e-6;
+
+/// A radiometric RGB quantity: finite and not negative.
+pub(super) fn amount(key: &str, value: DVec3) -> Result<DVec3> {
+    if !value.is_finite() {
+        return Err(Error::input(format!("{key} must be finite, and it is {}", text(value))));
+    }
+    if value.min_element() < 0.0 {
+        return Err(Error::input(format!("{key} must not be negative, and it is {}", text(value))));
+    }
+    // Adding zero turns -0 into 0, which prints as people expect.
+    Ok(value + 0.0)
+}
+
+/// A finite position.
+pub(super) fn position(key: &str, value: DVec3) -> Result<DVec3> {
+    if value.is_finite() {
+        Ok(value)
+    } else {
+        Err(Error::input(format!("{key} must be finite, and it is {}", text(value))))
+    }
+}
+
+/// A finite angle in degrees.
+pub(super) fn angle(key: &str, degrees: f64) -> Result<f64> {
+    if degrees.is_finite() {
+        Ok(degrees)
+    } else {
+        Err(Error::input(format!("{key} must be a finite angle in degrees, and it is {degrees}")))
+    }
+}
+
+/// A unit vector along `value`; lengths from 1e-300 to 1e300 work.
+pub(super) fn direction(key: &str, value: DVec3) -> Result<DVec3> {
+    if !value.is_finite() {
+        return Err(Error::input(format!("{key} must be finite, and it is {}", text(value))));
+    }
+    let largest = value.abs().max_element();
+    if largest == 0.0 {
+        return Err(Error::input(format!("{key} is the zero vector; give a direction, for example {key}=0,1,0")));
+    }
+    if (value.length_squared() - 1.0).abs() <= UNIT_TOLERANCE {
+        return Ok(value);
+    }
+    // Division by the largest component keeps the squares in range.
+    Ok((value / largest).normalize())
+}
+
+/// Two positive finite lengths in mm.
+pub(super) fn size(size_mm: [f64; 2]) -> Result<[f64; 2]> {
+    if size_mm.iter().all(|s| s.is_finite() && *s > 0.0) {
+        Ok(size_mm)
+    } else {
+        Err(Error::input(format!(
+            "size must be two positive lengths in mm, for example size=20,20, and it is {},{}",
+            size_mm[0], size_mm[1]
+        )))
+    }
+}
+
+/// The unit first edge of a rectangle with the unit normal `normal`.
+pub(super) fn first_edge(normal: DVec3, asked: Option<DVec3>) -> Result<DVec3> {
+    let edge = match asked {
+        Some(edge) => direction("u", edge)?,
+        None if normal.z.abs() > 0.99 => DVec3::X,
+        None => DVec3::Z.cross(normal).normalize(),
+    };
+    if edge.dot(normal).abs() <= UNIT_TOLERANCE {
+        return Ok(edge);
+    }
+    let perpendicular = edge - normal * edge.dot(normal);
+    if perpendicular.length() < PARALLEL_SINE {
+        return Err(Error::input(format!(
+            "u={} is parallel to normal={}; give the direction of an edge of the rectangle",
+            text(edge),
+            text(normal)
+        )));
+    }
+    // The second pass removes what cancellation left in the first.
+    let unit = perpendicular.normalize();
+    Ok((unit - normal * unit.dot(normal)).normalize())
+}
+
+fn text(v: DVec3) -> String {
+    format!("{},{},{}", v.x, v.y, v.z)
+}
