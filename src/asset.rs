@@ -9,7 +9,7 @@ use translux_format as format;
 use crate::compress::ledger::{Entry, Ledger};
 use crate::error::{Error, Result};
 use crate::geometry::mesh::Mesh;
-use crate::geometry::parts::{Part, Parts};
+use crate::geometry::part_table::{PartEntry, PartTable};
 use crate::geometry::samples::{Facet, Samples};
 use crate::geometry::source::CornerAttribute;
 use crate::io::atomic;
@@ -132,13 +132,8 @@ impl Asset {
     fn from_file(file: format::AssetFile) -> Result<Self> {
         let mesh = mesh_from_file(file.mesh);
         let media: Vec<Medium> = file.parts.media.iter().map(medium_from_file).collect::<Result<_>>()?;
-        let records: Vec<Part> = file
-            .parts
-            .parts
-            .iter()
-            .map(|p| Part::new(p.name.clone(), (!p.opaque).then_some(p.medium)))
-            .collect();
-        let parts = Parts::from_records(&mesh, file.parts.triangle_part, records);
+        let entries = file.parts.parts.iter().map(|p| (p.name.clone(), (!p.opaque).then_some(p.medium))).collect();
+        let parts = PartTable::new(&mesh, file.parts.triangle_part, entries);
         Ok(Self {
             scene: Scene { mesh, parts, media },
             samples: Samples {
@@ -192,7 +187,7 @@ fn mesh_from_file(file: format::Mesh) -> Mesh {
 }
 
 fn parts_to_file(scene: &Scene) -> format::Parts {
-    let record = |part: &Part| format::PartRecord {
+    let record = |part: &PartEntry| format::PartRecord {
         name: part.name.clone(),
         opaque: !part.transfers(),
         medium: part.medium.unwrap_or(format::NO_MEDIUM),
@@ -218,7 +213,7 @@ fn medium_from_file(record: &format::MediumRecord) -> Result<Medium> {
         g: record.g,
         eta_inside_over_outside: record.eta_inside_over_outside,
     };
-    properties.validate().map_err(|e| e.at(format!("medium `{}`", record.name)))?;
+    let properties = properties.validated().map_err(|e| e.at(format!("medium `{}`", record.name)))?;
     Ok(Medium { name: record.name.clone(), properties })
 }
 
@@ -273,12 +268,7 @@ fn entry_to_file(entry: &Entry) -> format::LedgerEntry {
 fn entry_from_file(entry: format::LedgerEntry) -> Entry {
     Entry {
         stage: entry.stage,
-        error: VertexError {
-            rms: entry.relative_rms,
-            bias: entry.relative_bias,
-            p999: entry.p999,
-            worst: entry.worst,
-        },
+        error: VertexError { rms: entry.relative_rms, bias: entry.relative_bias, p999: entry.p999, worst: entry.worst },
         note: entry.note,
     }
 }

@@ -26,4 +26,12 @@ pub mod light;
 
 pub mod io;
 
+pub mod compress;
+
 pub mod transport;
+
+pub mod asset;
+
+pub mod evaluate;
+
+pub mod methods;

@@ -126,17 +126,17 @@ impl SampledEvaluator {
     /// Irradiance of every sample under the lights in force, RGB.
     ///
     /// # Errors
-    /// None at present.
+    /// As [`Illumination::new`].
     pub fn irradiance(&mut self, progress: &dyn Progress) -> Result<&[DVec3]> {
         if self.irradiance.is_none() {
-            self.irradiance = Some(self.illuminate(&self.surface(), self.plan.sampling, progress));
+            self.irradiance = Some(self.illuminate(&self.surface(), self.plan.sampling, progress)?);
         }
         Ok(self.irradiance.as_deref().unwrap_or(&[]))
     }
 
-    fn illuminate(&self, surface: &Surface, sampling: LightSampling, progress: &dyn Progress) -> Vec<DVec3> {
+    fn illuminate(&self, surface: &Surface, sampling: LightSampling, progress: &dyn Progress) -> Result<Vec<DVec3>> {
         let etas: Vec<f64> = self.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
-        Illumination::new(surface, &self.lights, &etas, sampling).all(progress)
+        Ok(Illumination::new(surface, &self.lights, &etas, sampling)?.all(progress))
     }
 
     /// Finds the limit of the criterion that keeps the asked error on some receivers, and measures it on others.
@@ -182,12 +182,12 @@ impl SampledEvaluator {
 
     /// Error of sampling: the same sum from half as many samples with their own rays, on some receivers. The error of
     /// the full set is smaller, so the figure is a bound and not an estimate.
-    fn sampling_error(&self, progress: &dyn Progress) -> VertexError {
+    fn sampling_error(&self, progress: &dyn Progress) -> Result<VertexError> {
         let half = Samples::new(&self.scene.mesh, &self.scene.parts, self.asset.samples.len() / 2);
         let patches = scene::patches(&self.scene, &half);
         let tree = SampleTree::new(&half, &patches);
         let surface = Surface { scene: &self.scene, bvh: &self.bvh, samples: &half, patches: &patches };
-        let irradiance = self.illuminate(&surface, self.plan.sampling, progress);
+        let irradiance = self.illuminate(&surface, self.plan.sampling, progress)?;
         let (subset, indices) = self.receivers.group_subset(4 * PROBES, 2);
         let sum = |surface: &Surface, tree: &SampleTree, irradiance: &[DVec3]| {
             let gather = Gather::new(surface, tree, &self.scene.media, self.plan.near);
@@ -196,7 +196,7 @@ impl SampledEvaluator {
         let coarse = sum(&surface, &tree, &irradiance);
         let fine = sum(&self.surface(), &self.tree, self.irradiance.as_deref().unwrap_or(&[]));
         let areas: Vec<f64> = indices.iter().map(|&i| self.areas[i as usize]).collect();
-        vertex_error(&coarse, &fine, &areas)
+        Ok(vertex_error(&coarse, &fine, &areas))
     }
 }
 
@@ -274,7 +274,7 @@ impl Evaluator for SampledEvaluator {
     fn measured_error(&mut self, progress: &dyn Progress) -> Result<Ledger> {
         self.irradiance(progress)?;
         let mut ledger = Ledger::default();
-        let halved = self.sampling_error(progress);
+        let halved = self.sampling_error(progress)?;
         ledger.add("sampling", halved, "against half as many samples, on vertices of their own");
         if let Some(error) = self.hierarchy_error {
             ledger.add("hierarchy", error, "against all pairs, on vertices that no tuning saw");

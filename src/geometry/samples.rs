@@ -17,7 +17,7 @@ use glam::DVec3;
 
 use super::cluster::longest_axis;
 use super::mesh::Mesh;
-use super::parts::Parts;
+use super::part_table::PartTable;
 
 /// A triangle, or a piece of it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, bytemuck::Pod, bytemuck::Zeroable)]
@@ -119,7 +119,7 @@ impl Ord for Piece {
 
 impl Samples {
     /// Cuts the transfer parts of a mesh into `count` patches (at least one for each part that is not opaque).
-    pub fn new(mesh: &Mesh, parts: &Parts, count: usize) -> Self {
+    pub fn new(mesh: &Mesh, parts: &PartTable, count: usize) -> Self {
         let mut builder = Builder::new(mesh, parts);
         let mut heap = BinaryHeap::with_capacity(count + 1);
         let mut done = Vec::new();
@@ -167,7 +167,7 @@ struct Builder<'a> {
 }
 
 impl<'a> Builder<'a> {
-    fn new(mesh: &'a Mesh, parts: &Parts) -> Self {
+    fn new(mesh: &'a Mesh, parts: &PartTable) -> Self {
         let corners = |t: u32| mesh.corners_local_mm(t);
         let count = mesh.triangles.len() as u32;
         let mut order: Vec<u32> = (0..count).collect();
@@ -181,14 +181,12 @@ impl<'a> Builder<'a> {
         }
     }
 
-    fn roots(&mut self, parts: &Parts) -> Vec<Piece> {
+    fn roots(&mut self, parts: &PartTable) -> Vec<Piece> {
         let mut roots = Vec::new();
         let mut first = 0;
         for (index, part) in parts.parts.iter().enumerate() {
-            let len = self.order[first..]
-                .iter()
-                .take_while(|&&t| parts.triangle_part[t as usize] as usize == index)
-                .count();
+            let len =
+                self.order[first..].iter().take_while(|&&t| parts.triangle_part[t as usize] as usize == index).count();
             if part.transfers() && len > 0 {
                 roots.push(self.piece(index as u32, first..first + len, (index as u32, 1)));
             }
@@ -244,9 +242,8 @@ impl<'a> Builder<'a> {
         let slice = &mut self.order[range.clone()];
         let axis = longest_axis(slice.iter().map(|&t| centroids[t as usize]));
         let total: f64 = slice.iter().map(|&t| areas[t as usize]).sum();
-        let along = |&a: &u32, &b: &u32| {
-            centroids[a as usize][axis].total_cmp(&centroids[b as usize][axis]).then(a.cmp(&b))
-        };
+        let along =
+            |&a: &u32, &b: &u32| centroids[a as usize][axis].total_cmp(&centroids[b as usize][axis]).then(a.cmp(&b));
         // Quickselect by area: keep the half that holds the median until it is one element wide.
         let (mut low, mut high, mut before) = (0, slice.len(), 0.0);
         while high - low > 1 {
@@ -328,11 +325,8 @@ fn measure(mesh: &Mesh, facets: &[Facet]) -> Patch {
         return Patch::default();
     }
     let centre = moment / total;
-    let radius2 = facets
-        .iter()
-        .flat_map(|f| f.corners_local_mm(mesh))
-        .map(|c| c.distance_squared(centre))
-        .fold(0.0, f64::max);
+    let radius2 =
+        facets.iter().flat_map(|f| f.corners_local_mm(mesh)).map(|c| c.distance_squared(centre)).fold(0.0, f64::max);
     Patch { centre_mm: centre, area_mm2: total, radius_mm: radius2.sqrt() }
 }
 
@@ -357,9 +351,7 @@ pub fn spacing(patches: &[Patch], probes: usize) -> Spacing {
     let area_variance = patches.iter().map(|p| (p.area_mm2 - mean_area).powi(2)).sum::<f64>() / n;
     let nominal = mean_area.sqrt();
     let mut order: Vec<u32> = (0..patches.len() as u32).collect();
-    order.sort_by(|&a, &b| {
-        patches[a as usize].centre_mm.x.total_cmp(&patches[b as usize].centre_mm.x).then(a.cmp(&b))
-    });
+    order.sort_by(|&a, &b| patches[a as usize].centre_mm.x.total_cmp(&patches[b as usize].centre_mm.x).then(a.cmp(&b)));
     let step = (patches.len() / probes.max(1)).max(1);
     let distances: Vec<f64> = (0..patches.len())
         .into_par_iter()

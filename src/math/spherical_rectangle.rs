@@ -29,8 +29,7 @@ impl SphericalRectangle {
         let x = [offset.dot(u), offset.dot(u) + lengths[0]];
         let y = [offset.dot(v), offset.dot(v) + lengths[1]];
         let corner_vector = |i: usize, j: usize| DVec3::new(x[i], y[j], z);
-        let (v00, v01, v10, v11) =
-            (corner_vector(0, 0), corner_vector(0, 1), corner_vector(1, 0), corner_vector(1, 1));
+        let (v00, v01, v10, v11) = (corner_vector(0, 0), corner_vector(0, 1), corner_vector(1, 0), corner_vector(1, 1));
         let plane = |a: DVec3, b: DVec3| a.cross(b).normalize_or_zero();
         let (n0, n1, n2, n3) = (plane(v00, v10), plane(v10, v11), plane(v11, v01), plane(v01, v00));
         let angle = |a: DVec3, b: DVec3| (-a.dot(b)).clamp(-1.0, 1.0).acos();

@@ -13,6 +13,7 @@ use super::scene::{Medium, Surface};
 use super::simd::Level;
 use super::tree::{Cluster, SampleTree, Visit};
 use crate::medium::dipole::Dipole;
+use crate::medium::fresnel::BoundaryFit;
 use crate::medium::profile::Profile;
 use crate::progress::Progress;
 
@@ -64,11 +65,10 @@ pub struct MediumKernel {
 }
 
 impl MediumKernel {
-    /// Of a medium; `None` if nothing scatters in it.
+    /// Of a medium.
     pub fn new(medium: &Medium) -> Self {
-        let profiles = [0, 1, 2].map(|channel| Dipole::new(&medium.properties, channel));
-        let smooth_mm =
-            profiles.iter().flat_map(|p| p.poles()).map(|p| p.z_mm).fold(f64::INFINITY, f64::min).min(f64::MAX);
+        let profiles = medium.properties.dipoles(BoundaryFit::Published);
+        let smooth_mm = profiles.iter().flat_map(|p| p.poles()).map(|p| p.z_mm).fold(f64::MAX, f64::min);
         Self { kernel: KernelRgb::new(profiles.map(|p| p.poles())), profiles, smooth_mm }
     }
 
@@ -154,7 +154,7 @@ impl<'a> Gather<'a> {
         lists.points.clear();
         lists.flats.clear();
         let part = group.part as usize;
-        let medium = &self.media[self.surface.scene.parts.parts[part].medium as usize];
+        let Some(medium) = self.medium(part) else { return };
         match scheme {
             Scheme::AllPairs => {
                 for patch in self.surface.samples.part(part) {
@@ -212,6 +212,10 @@ impl<'a> Gather<'a> {
                 true
             }
         });
+    }
+
+    fn medium(&self, part: usize) -> Option<&MediumKernel> {
+        self.media.get(self.surface.scene.parts.parts[part].medium? as usize)
     }
 
     fn part_flux(&self, part: usize, lit: &Lit) -> DVec3 {

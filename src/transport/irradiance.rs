@@ -6,10 +6,12 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::scene::Surface;
+use crate::error::Result;
 use crate::geometry::bvh::{Ray, offset_origin};
 use crate::geometry::samples::{Facet, area, bisect};
 use crate::light::Light;
-use crate::light::environment::{Strata, rotate_about_y};
+use crate::light::environment::Rotation;
+use crate::light::strata::{Candidate, Strata, StrataSettings};
 use crate::math::random::{bits, radical_inverse_2, uniform};
 use crate::math::spherical_rectangle::SphericalRectangle;
 use crate::medium::fresnel::{self, CosineTransmittance};
@@ -47,7 +49,7 @@ enum Prepared<'a> {
     Directional { from: DVec3, irradiance: DVec3 },
     Point { at: DVec3, intensity: DVec3 },
     Area(&'a Light),
-    Environment { directions: Vec<DVec3>, weights: Vec<DVec3> },
+    Environment { candidates: Vec<Candidate> },
 }
 
 /// A point of a patch.
@@ -68,29 +70,39 @@ pub struct Illumination<'a> {
 
 impl<'a> Illumination<'a> {
     /// Prepares lights; `etas` is the relative index of refraction of each medium of the scene.
-    pub fn new(surface: &'a Surface<'a>, lights: &'a [Light], etas: &[f64], sampling: LightSampling) -> Self {
+    ///
+    /// # Errors
+    /// A sampling that environments do not take.
+    pub fn new(surface: &'a Surface<'a>, lights: &'a [Light], etas: &[f64], sampling: LightSampling) -> Result<Self> {
         let origin = surface.scene.mesh.origin_mm;
-        let prepare = |light: &'a Light| match light {
-            Light::Constant { radiance } => Prepared::Constant { radiance: *radiance },
-            Light::Directional { from, irradiance } => {
-                Prepared::Directional { from: *from, irradiance: *irradiance }
-            }
-            Light::Point { at_mm, intensity } => Prepared::Point { at: *at_mm - origin, intensity: *intensity },
-            Light::Area { .. } => Prepared::Area(light),
-            Light::Environment { map, rotate_degrees, scale } => {
-                let strata = Strata::new(map, sampling.directions as usize, CANDIDATES);
-                Prepared::Environment {
-                    directions: strata.directions().iter().map(|&d| rotate_about_y(d, *rotate_degrees)).collect(),
-                    weights: strata.weights().iter().map(|&w| w * *scale).collect(),
+        let prepare = |light: &'a Light| -> Result<Prepared<'a>> {
+            Ok(match light {
+                Light::Constant { radiance } => Prepared::Constant { radiance: *radiance },
+                Light::Directional { from, irradiance } => {
+                    Prepared::Directional { from: *from, irradiance: *irradiance }
                 }
-            }
+                Light::Point { at_mm, intensity } => Prepared::Point { at: *at_mm - origin, intensity: *intensity },
+                Light::Area { .. } => Prepared::Area(light),
+                Light::Environment { map, rotate_degrees, scale } => {
+                    let settings = StrataSettings { strata: sampling.directions as usize, candidates: CANDIDATES };
+                    let strata = Strata::new(map, settings)?;
+                    let rotation = Rotation::from_degrees(*rotate_degrees);
+                    let turned = |c: &Candidate| Candidate {
+                        direction: rotation.to_world(c.direction),
+                        weight: c.weight * *scale,
+                    };
+                    let candidates =
+                        (0..strata.strata().len()).flat_map(|i| strata.candidates(i)).map(turned).collect();
+                    Prepared::Environment { candidates }
+                }
+            })
         };
-        Self {
+        Ok(Self {
             surface,
-            lights: lights.iter().map(prepare).collect(),
+            lights: lights.iter().map(prepare).collect::<Result<_>>()?,
             sampling,
             entrance: etas.iter().map(|&eta| (eta, CosineTransmittance::new(eta))).collect(),
-        }
+        })
     }
 
     /// Irradiance of every patch, RGB.
@@ -118,7 +130,7 @@ impl<'a> Illumination<'a> {
             }
             points.clear();
             self.points_of(patch, &mut points);
-            let medium = self.surface.scene.parts.parts[part].medium as usize;
+            let medium = self.surface.scene.parts.parts[part].medium.unwrap_or(0) as usize;
             *e = self.lights.iter().map(|light| self.irradiance(light, medium, patch, &points)).sum();
         }
     }
@@ -142,9 +154,7 @@ impl<'a> Illumination<'a> {
                 *intensity * (total / points.len() as f64)
             }
             Prepared::Area(light) => self.area(light, eta, patch, points),
-            Prepared::Environment { directions, weights } => {
-                self.environment(directions, weights, eta, patch, points)
-            }
+            Prepared::Environment { candidates } => self.environment(candidates, eta, patch, points),
         }
     }
 
@@ -176,11 +186,11 @@ impl<'a> Illumination<'a> {
         let mut seen = 0u32;
         for k in 0..count {
             let p = &points[k as usize % points.len()];
-            let mu = entrance.sample((f64::from(k) + turn_u) / f64::from(count));
+            let mu = entrance.sample_entrance_cosine((f64::from(k) + turn_u) / f64::from(count));
             let azimuth = TAU * (radical_inverse_2(k) + turn_v);
             seen += u32::from(self.visible(p, around(p.normal, mu, azimuth), f64::INFINITY));
         }
-        PI * entrance.normalisation() * f64::from(seen) / f64::from(count)
+        PI * entrance.diffuse_transmittance() * f64::from(seen) / f64::from(count)
     }
 
     fn area(&self, light: &Light, eta: f64, patch: usize, points: &[SurfacePoint]) -> DVec3 {
@@ -211,22 +221,15 @@ impl<'a> Illumination<'a> {
         *radiance * (total / points.len() as f64)
     }
 
-    fn environment(
-        &self,
-        directions: &[DVec3],
-        weights: &[DVec3],
-        eta: f64,
-        patch: usize,
-        points: &[SurfacePoint],
-    ) -> DVec3 {
+    fn environment(&self, candidates: &[Candidate], eta: f64, patch: usize, points: &[SurfacePoint]) -> DVec3 {
         let turn = (patch as u32).reverse_bits() >> (32 - CANDIDATES.ilog2());
         let mut total = DVec3::ZERO;
-        for stratum in 0..directions.len() / CANDIDATES {
+        for (stratum, candidates) in candidates.chunks_exact(CANDIDATES).enumerate() {
             // Neighbouring patches take different candidates of each stratum; scattering averages over them.
             let shift = bits(STAGE_ENVIRONMENT, stratum as u64, 0) as usize;
-            let index = stratum * CANDIDATES + ((turn as usize ^ shift) & (CANDIDATES - 1));
+            let candidate = candidates[(turn as usize ^ shift) & (CANDIDATES - 1)];
             let p = &points[stratum % points.len()];
-            total += weights[index] * self.direct(p, directions[index], f64::INFINITY, eta);
+            total += candidate.weight * self.direct(p, candidate.direction, f64::INFINITY, eta);
         }
         total
     }

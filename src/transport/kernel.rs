@@ -64,11 +64,8 @@ pub struct KernelRgb {
 impl KernelRgb {
     /// From the poles of each channel's profile.
     pub fn new(poles: [[Pole; 2]; 3]) -> Self {
-        let term = |p: Pole| Term {
-            weight: p.weight as f32,
-            z2: (p.z_mm * p.z_mm) as f32,
-            sigma: p.sigma_per_mm as f32,
-        };
+        let term =
+            |p: Pole| Term { weight: p.weight as f32, z2: (p.z_mm * p.z_mm) as f32, sigma: p.sigma_per_mm as f32 };
         Self { terms: poles.map(|channel| channel.map(term)) }
     }
 }

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use crate::geometry::cluster::{self, Run};
 use crate::geometry::mesh::Mesh;
-use crate::geometry::parts::Parts;
+use crate::geometry::part_table::PartTable;
 
 /// Points that gather flux, grouped by part and place.
 #[derive(Clone, Debug, Default)]
@@ -32,7 +32,7 @@ pub struct Group {
 impl Receivers {
     /// One receiver for each welded vertex that a transferring part uses. A vertex that several parts share belongs to
     /// the first of them. Groups hold at most `capacity` receivers.
-    pub fn new(mesh: &Mesh, parts: &Parts, capacity: usize) -> Self {
+    pub fn new(mesh: &Mesh, parts: &PartTable, capacity: usize) -> Self {
         let mut part_of_weld = vec![NONE; mesh.local_mm.len()];
         for (triangle, &part) in mesh.triangles.iter().zip(&parts.triangle_part) {
             if !parts.parts.get(part as usize).is_some_and(|p| p.transfers()) {
@@ -50,8 +50,7 @@ impl Receivers {
             }
         }
         let positions: Vec<DVec3> = mesh.local_mm.iter().map(|p| p.as_dvec3()).collect();
-        let mut result =
-            Self { positions: Vec::new(), groups: Vec::new(), of_vertex: vec![NONE; mesh.local_mm.len()] };
+        let mut result = Self { positions: Vec::new(), groups: Vec::new(), of_vertex: vec![NONE; mesh.local_mm.len()] };
         let mut of_weld = vec![NONE; mesh.local_mm.len()];
         for (part, mut order) in by_part.into_iter().enumerate() {
             let first = result.positions.len() as u32;

@@ -2,7 +2,7 @@
 
 use crate::geometry::bvh::Bvh;
 use crate::geometry::mesh::Mesh;
-use crate::geometry::parts::Parts;
+use crate::geometry::part_table::PartTable;
 use crate::geometry::samples::{self, Patch, Samples};
 use crate::medium::material::OpticalProperties;
 
@@ -21,7 +21,7 @@ pub struct Scene {
     /// Geometry.
     pub mesh: Mesh,
     /// Which triangles form one body.
-    pub parts: Parts,
+    pub parts: PartTable,
     /// Media that parts refer to.
     pub media: Vec<Medium>,
 }
@@ -36,13 +36,6 @@ pub struct Surface<'a> {
     pub samples: &'a Samples,
     /// Geometry of each patch.
     pub patches: &'a [Patch],
-}
-
-impl<'a> Surface<'a> {
-    /// The medium of a part.
-    pub fn medium(&self, part: usize) -> &'a Medium {
-        &self.scene.media[self.scene.parts.parts[part].medium as usize]
-    }
 }
 
 /// Geometry of the patches of a scene.
