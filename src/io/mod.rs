@@ -1,1 +1,8 @@
 //! Files to plain buffers and back: OBJ, glTF, PLY, EXR, Radiance HDR, PNG.
+
+pub mod colour;
+pub mod environment;
+pub mod exr;
+pub mod exr_write;
+pub mod hdr;
+pub mod png;
