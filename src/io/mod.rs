@@ -1,6 +1,12 @@
 //! Files to plain buffers and back: OBJ, glTF, PLY, EXR, Radiance HDR, PNG.
 
 pub mod atomic;
+pub mod colour;
+pub mod environment;
+pub mod exr;
+pub mod exr_write;
+pub mod hdr;
 pub mod obj;
 pub mod ply;
+pub mod png;
 pub mod polygon;

@@ -1,0 +1,164 @@
+//! Environment maps from files: the format is told by the first bytes, the pixels become linear sRGB radiance.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+use std::sync::Arc;
+
+use glam::{DMat3, DVec3};
+
+use super::{exr, hdr};
+use crate::error::{Error, Result};
+use crate::light::Light;
+use crate::light::environment::EnvironmentMap;
+use crate::light::parse::{self, LightSpec, MapSource};
+
+/// Decoded pixels of one picture may take this much memory.
+pub const MAX_DECODED_BYTES: u64 = 1 << 30;
+/// Pictures in files larger than this are refused unread.
+pub const MAX_FILE_BYTES: u64 = 1 << 31;
+
+/// A picture in linear sRGB, row by row from the top, as its file has it: values may be negative or not finite.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LinearImage {
+    /// Pixels in a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// `width * height` pixels.
+    pub pixels: Vec<[f32; 3]>,
+    /// What a person should know about how the file was read.
+    pub warnings: Vec<String>,
+}
+
+/// What was loaded, and what a person should know about it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Loaded<T> {
+    /// The result.
+    pub value: T,
+    /// One line each, with the path in front.
+    pub warnings: Vec<String>,
+}
+
+/// Reads an OpenEXR or Radiance HDR environment map.
+///
+/// # Errors
+/// A file that cannot be read (exit 2), is damaged or holds values that are no radiance (exit 3), or uses a feature that
+/// is not supported (exit 5); the path is in the message.
+pub fn load_environment(path: &Path) -> Result<Loaded<EnvironmentMap>> {
+    let place = path.display();
+    let decoded = read_capped(path).and_then(|bytes| decode(&bytes).map_err(|e| e.at(place.to_string())))?;
+    let LinearImage { width, height, pixels, mut warnings } = decoded;
+    let (map, negatives) =
+        EnvironmentMap::with_negatives_clamped(width, height, pixels).map_err(|e| e.at(place.to_string()))?;
+    warnings.extend(negatives.map(|n| n.to_string()));
+    if width != 2 * height {
+        warnings.push(format!(
+            "{width} x {height} pixels; an equirectangular map is twice as wide as high, so this one is stretched"
+        ));
+    }
+    if map.energy() == DVec3::ZERO {
+        warnings.push("every pixel is black".to_owned());
+    }
+    let warnings = warnings.into_iter().map(|w| format!("{place}: {w}")).collect();
+    Ok(Loaded { value: map, warnings })
+}
+
+/// Makes the light that `spec` describes, reading its picture if it has one.
+///
+/// # Errors
+/// Those of [`load_environment`].
+pub fn load_light(spec: &LightSpec) -> Result<Loaded<Light>> {
+    let mut warnings = Vec::new();
+    let load = |path: &Path| {
+        let loaded = load_environment(path)?;
+        warnings = loaded.warnings;
+        Ok(Arc::new(loaded.value))
+    };
+    let value = spec.resolve(load).map_err(|e| with_hint(e, spec))?;
+    Ok(Loaded { value, warnings })
+}
+
+/// A bare path may be a misspelt light, and a path with `:word=` a misspelt key.
+fn with_hint(error: Error, spec: &LightSpec) -> Error {
+    let LightSpec::Environment { source: MapSource::File(path), .. } = spec else { return error };
+    if path.exists() {
+        return error;
+    }
+    let hint = if path.to_string_lossy().split(':').skip(1).any(|part| part.contains('=')) {
+        "an environment takes the keys path, rotate and scale".to_owned()
+    } else {
+        format!("a light is the path of a picture or one of: {}", parse::examples().collect::<Vec<_>>().join("  "))
+    };
+    Error::new(error.code(), format!("{} ({hint})", error.message()))
+}
+
+/// Reads a whole file of at most [`MAX_FILE_BYTES`].
+pub(super) fn read_capped(path: &Path) -> Result<Vec<u8>> {
+    let io = |e: std::io::Error| Error::io(path, &e);
+    let file = File::open(path).map_err(io)?;
+    let meta = file.metadata().map_err(io)?;
+    if meta.is_dir() {
+        return Err(Error::new(
+            crate::error::ExitCode::Io,
+            format!("{}: is a folder; give the picture's file", path.display()),
+        ));
+    }
+    let mut bytes = Vec::new();
+    // A pipe or device has no length, so the limit holds while reading too.
+    file.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes).map_err(io)?;
+    if bytes.len() as u64 > MAX_FILE_BYTES {
+        return Err(Error::unsupported(format!(
+            "{}: pictures above {} MiB are not read; reduce its resolution",
+            path.display(),
+            MAX_FILE_BYTES >> 20
+        )));
+    }
+    Ok(bytes)
+}
+
+/// Decodes a picture by its first bytes.
+///
+/// # Errors
+/// As [`load_environment`], without the path.
+pub fn decode(bytes: &[u8]) -> Result<LinearImage> {
+    if bytes.starts_with(&exr::MAGIC) {
+        exr::decode_rgb(bytes)
+    } else if bytes.starts_with(b"#?") {
+        hdr::decode(bytes)
+    } else if bytes.starts_with(b"\x89PNG") || bytes.starts_with(b"\xff\xd8\xff") {
+        Err(Error::unsupported("an 8-bit picture holds no radiance; use an OpenEXR (.exr) or Radiance (.hdr) file"))
+    } else if bytes.is_empty() {
+        Err(Error::input("the file is empty; an environment is an OpenEXR (.exr) or Radiance (.hdr) picture"))
+    } else {
+        Err(Error::input("neither OpenEXR (.exr) nor Radiance (.hdr); convert the picture to one of them"))
+    }
+}
+
+/// Refuses pictures whose pixels would not fit [`MAX_DECODED_BYTES`], before anything is allocated.
+pub(super) fn check_size(width: u64, height: u64, bytes_per_pixel: u64) -> Result<()> {
+    if width == 0 || height == 0 {
+        return Err(Error::input(format!("its header says {width} x {height} pixels")));
+    }
+    match width.checked_mul(height).and_then(|n| n.checked_mul(bytes_per_pixel)) {
+        Some(bytes) if bytes <= MAX_DECODED_BYTES => Ok(()),
+        _ => Err(Error::unsupported(format!(
+            "its header says {width} x {height} pixels of {bytes_per_pixel} bytes, above the limit of {} MiB; \
+             reduce its resolution, or repair the file if that is not its size",
+            MAX_DECODED_BYTES >> 20
+        ))),
+    }
+}
+
+/// Applies a colour matrix in place; the identity costs nothing and changes no bits.
+pub(super) fn convert(pixels: &mut [[f32; 3]], matrix: DMat3) {
+    if matrix != DMat3::IDENTITY {
+        for pixel in pixels {
+            *pixel = (matrix * DVec3::from_array(pixel.map(f64::from))).to_array().map(|c| c as f32);
+        }
+    }
+}
+
+#[cfg(test)]
+#[path = "environment_tests.rs"]
+mod tests;
