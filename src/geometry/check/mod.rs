@@ -143,7 +143,8 @@ impl MeshCheck {
             ));
         }
         if self.slits > 0 {
-            lines.push(format!("{} slits of no width, where vertices of one side are missing on the other", self.slits));
+            lines
+                .push(format!("{} slits of no width, where vertices of one side are missing on the other", self.slits));
         }
         if self.non_manifold_edges > 0 {
             lines.push(format!("{} edges have more than two triangles", self.non_manifold_edges));

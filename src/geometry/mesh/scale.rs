@@ -130,7 +130,13 @@ fn describe(extents: DVec3) -> String {
 /// Four significant digits, in scientific notation where that is shorter.
 fn short(value: f64) -> String {
     if value == 0.0 || (1e-3..1e6).contains(&value) {
-        let digits = if value >= 1000.0 { 0 } else if value >= 10.0 { 1 } else { 4 };
+        let digits = if value >= 1000.0 {
+            0
+        } else if value >= 10.0 {
+            1
+        } else {
+            4
+        };
         format!("{value:.digits$}")
     } else {
         format!("{value:.3e}")
@@ -188,7 +194,8 @@ mod tests {
 
     #[test]
     fn a_model_without_a_unit_is_an_error_that_says_what_to_type() {
-        for (longest, flag) in [(0.15, "--unit m"), (1.0, "--size-mm"), (11.0, "--unit cm"), (340.0, "--unit mm"), (1e7, "--size-mm")]
+        for (longest, flag) in
+            [(0.15, "--unit m"), (1.0, "--size-mm"), (11.0, "--unit cm"), (340.0, "--unit mm"), (1e7, "--size-mm")]
         {
             let error = resolve_scale(&box_of(DVec3::splat(longest)), None).unwrap_err();
             assert_eq!(error.code(), ExitCode::CommandLine);
@@ -211,10 +218,7 @@ mod tests {
         assert_eq!(empty.code(), ExitCode::InvalidInput);
         let mut overflow = box_of(DVec3::splat(f64::MAX));
         overflow.positions[0] = DVec3::splat(-f64::MAX);
-        assert_eq!(
-            resolve_scale(&overflow, Some(Scale::DiagonalMm(1.0))).unwrap_err().code(),
-            ExitCode::InvalidInput
-        );
+        assert_eq!(resolve_scale(&overflow, Some(Scale::DiagonalMm(1.0))).unwrap_err().code(), ExitCode::InvalidInput);
         let float_range = resolve_scale(&box_of(DVec3::splat(6.8e38)), Some(Scale::DiagonalMm(30.0))).unwrap();
         assert!(float_range.mm_per_unit > 0.0);
     }

@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 
-use super::tree::{Aabb, BoxTree};
 use super::touch::{Corners, Crossing, crossing};
+use super::tree::{Aabb, BoxTree};
 use super::{MaterialRoles, Role};
 use crate::geometry::mesh::{Chain, EdgeTable, Mesh, POSITION_RESOLUTION, RepairReport, simple_chains};
 
@@ -312,7 +312,13 @@ impl ComponentTree {
     }
 
     /// Nearest triangle that the ray leaves through its back, with the distance, beyond `t_min` and before `t_max`.
-    pub(crate) fn exit(&self, origin: DVec3, direction: DVec3, t_min: f64, accept: impl Fn(u32) -> bool) -> Option<f64> {
+    pub(crate) fn exit(
+        &self,
+        origin: DVec3,
+        direction: DVec3,
+        t_min: f64,
+        accept: impl Fn(u32) -> bool,
+    ) -> Option<f64> {
         let mut nearest = f64::INFINITY;
         self.tree.along_ray(origin, direction, f64::INFINITY, |item, t_max| {
             match crossing(origin, direction, &self.corners[item as usize]) {

@@ -12,8 +12,8 @@ use std::collections::HashMap;
 use serde::Serialize;
 
 pub use components::Closure;
-pub(crate) use components::{Component, ComponentTree, Components, DisjointSets, is_slit};
 use components::ComponentTrees;
+pub(crate) use components::{Component, ComponentTree, Components, DisjointSets, is_slit};
 
 use super::mesh::{EdgeTable, Mesh, RepairReport, material_indices};
 use crate::error::{Error, Result};

@@ -146,7 +146,8 @@ mod tests {
         let points = |t: &Corners| {
             let t = *t;
             (0..=24).flat_map(move |i| {
-                (0..=24 - i).map(move |j| t[0] + (t[1] - t[0]) * f64::from(i) / 24.0 + (t[2] - t[0]) * f64::from(j) / 24.0)
+                (0..=24 - i)
+                    .map(move |j| t[0] + (t[1] - t[0]) * f64::from(i) / 24.0 + (t[2] - t[0]) * f64::from(j) / 24.0)
             })
         };
         for i in 0..40 {

@@ -150,7 +150,13 @@ impl BoxTree {
     }
 
     /// Calls `visit` with each item whose box the ray may meet before `t_max`; it returns the `t_max` from there on.
-    pub(crate) fn along_ray(&self, origin: DVec3, direction: DVec3, mut t_max: f64, mut visit: impl FnMut(u32, f64) -> f64) {
+    pub(crate) fn along_ray(
+        &self,
+        origin: DVec3,
+        direction: DVec3,
+        mut t_max: f64,
+        mut visit: impl FnMut(u32, f64) -> f64,
+    ) {
         let inverse = direction.recip();
         let mut stack = [0usize; 64];
         stack[0] = 1;
@@ -236,7 +242,8 @@ mod tests {
         let boxes = boxes(500, 0.1);
         let tree = BoxTree::new(&boxes);
         for i in 0..50 {
-            let direction = DVec3::new(uniform(5, i, 0) - 0.5, uniform(5, i, 1) - 0.5, if i % 2 == 0 { 0.0 } else { 1.0 });
+            let direction =
+                DVec3::new(uniform(5, i, 0) - 0.5, uniform(5, i, 1) - 0.5, if i % 2 == 0 { 0.0 } else { 1.0 });
             let origin = DVec3::splat(0.5);
             let mut seen = vec![false; boxes.len()];
             tree.along_ray(origin, direction, 10.0, |item, t| {
