@@ -124,8 +124,7 @@ impl MediumRecord {
         text(tag, "the name of a medium", &self.name)?;
         in_range(tag, "sigma_s'", &self.sigma_s_reduced_per_mm, 0.0)?;
         in_range(tag, "sigma_a", &self.sigma_a_per_mm, 0.0)?;
-        // Written so that NaN is refused as well.
-        if !(self.g.abs() < 1.0) {
+        if !(self.g > -1.0 && self.g < 1.0) {
             return invalid(tag, format!("g is {}: it must lie between -1 and 1", self.g));
         }
         if !(self.eta_inside_over_outside > 0.0 && self.eta_inside_over_outside.is_finite()) {

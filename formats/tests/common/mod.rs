@@ -1,0 +1,223 @@
+//! A handmade asset that uses every feature, and a second writer made from the numbers in SPEC.md alone.
+#![allow(dead_code, unreachable_pub, clippy::unwrap_used)]
+
+use translux_format::{
+    AssetFile, Codec, CornerAttribute, F16Bits, InputRecord, Kind, LedgerEntry, MediumRecord, Mesh, NO_MEDIUM, NO_PART,
+    PartRecord, Parts, Provenance, RawSection, Reader, Samples, Tag,
+};
+
+pub fn full_mesh() -> Mesh {
+    Mesh {
+        origin_mm: [1.5, -2.25, 1e3],
+        positions_mm: vec![
+            [0.0, 0.0, 0.0],
+            [4.0, 0.0, 0.0],
+            [0.0, 3.0, 0.0],
+            [4.0, 0.0, 0.0],
+            [0.0, 0.0, 5.0],
+            [0.125, -0.5, 7.0],
+        ],
+        triangles: vec![[0, 2, 1], [0, 3, 4], [4, 2, 0], [5, 4, 1]],
+        triangle_material: vec![0, 1, 0, 1],
+        materials: vec!["Körper".into(), String::new()],
+        weld: vec![0, 1, 2, 1, 4, 5],
+        normals: Some(CornerAttribute {
+            values: vec![[0.0, 0.0, 1.0], [0.0; 3], [-0.6, 0.8, 0.0]],
+            corners: vec![[0, 0, 0], [1, 1, 1], [2, 0, 1], [2, 2, 2]],
+        }),
+        uvs: Some(CornerAttribute {
+            values: vec![[0.0, 1.0], [-0.5, 2.0]],
+            corners: vec![[0, 1, 0], [1, 1, 1], [0, 0, 0], [1, 0, 1]],
+        }),
+    }
+}
+
+pub fn full_parts() -> Parts {
+    let medium = |name: &str, scale: f64| MediumRecord {
+        name: name.into(),
+        sigma_s_reduced_per_mm: [2.19 * scale, 2.62 * scale, 3.0],
+        sigma_a_per_mm: [0.0021, 0.0041, 0.0],
+        g: -0.25,
+        eta_inside_over_outside: 1.5,
+    };
+    let part = |name: &str, opaque, medium| PartRecord { name: name.into(), opaque, medium };
+    Parts {
+        triangle_part: vec![0, 0, 1, NO_PART],
+        parts: vec![part("body", false, 1), part("eyes", false, 0), part("base", true, NO_MEDIUM)],
+        media: vec![medium("marble", 1.0), medium("skin1", 0.25)],
+    }
+}
+
+pub fn full_asset() -> AssetFile {
+    AssetFile {
+        mesh: full_mesh(),
+        parts: full_parts(),
+        samples: Samples {
+            facets: vec![[0, 0b10], [0, 0b110], [0, 0b111], [1, 1], [2, 1]],
+            patch_offsets: vec![0, 1, 4, 5],
+            part_offsets: vec![0, 2, 3, 3],
+        },
+        provenance: Provenance {
+            algorithm_revision: 7,
+            method: "two_pass".into(),
+            settings: vec![("max-rms".into(), "0.01".into()), ("samples".into(), "3".into())],
+            seed: 0x0123_4567_89ab_cdef,
+            inputs: vec![InputRecord { name: "model.obj".into(), blake3: [0xa5; 32], bytes: 123_456_789_012 }],
+            source_unit: "cm (stated)".into(),
+            mm_per_source_unit: 10.0,
+            notes: vec!["2 degenerate triangles left out".into()],
+        },
+        ledger: vec![LedgerEntry {
+            stage: "truncation".into(),
+            relative_rms: 0.003,
+            relative_bias: -0.0004,
+            p999: 0.02,
+            worst: 0.05,
+            note: "measured on the probe lights".into(),
+        }],
+        extra: extra_sections(),
+    }
+}
+
+/// One section of every element type, both codecs, every kind, wide and empty rows.
+fn extra_sections() -> Vec<RawSection> {
+    let tag = |text: &str| Tag::new(text).unwrap();
+    let (raw, zstd, method) = (Codec::Raw, Codec::Zstd, Kind::Method);
+    vec![
+        RawSection::from_rows(tag("x.u8"), method, raw, &[1u8, 2, 255]),
+        RawSection::from_rows(tag("x.i8"), method, zstd, &[[-1i8, 2], [-128, 127]]),
+        RawSection::from_rows(tag("x.u16"), method, zstd, &(0..500u16).map(|i| i / 7).collect::<Vec<_>>()),
+        RawSection::from_rows(tag("x.i16"), method, raw, &[-32768i16]),
+        RawSection::from_rows(tag("x.u32"), method, raw, &[0u32; 0]),
+        RawSection::from_rows(tag("x.i32"), Kind::Samples, zstd, &[0i32; 0]),
+        RawSection::from_rows(tag("x.u64"), Kind::Metadata, raw, &[[u64::MAX; 4]]),
+        RawSection::from_rows(tag("x.i64"), Kind::Mesh, raw, &[i64::MIN]),
+        RawSection::from_rows(tag("x.f16"), method, zstd, &[[F16Bits(0x3c00); 3]; 5]),
+        RawSection::from_rows(tag("x_F32-.9"), method, raw, &[[1.0f32, -0.0, f32::MIN_POSITIVE, f32::MAX]; 3]),
+        RawSection::from_scalars(tag("x.f64"), method, zstd, 300, &[0.5f64; 600]),
+        RawSection::from_record(tag("x.rec"), method, zstd, &("k".to_string(), Some(3u8), vec![1.5f32])).unwrap(),
+    ]
+}
+
+/// Every section of a file as its decoded bytes.
+pub fn sections_of(file: &[u8]) -> Vec<RawSection> {
+    let reader = Reader::parse(file, Default::default()).unwrap();
+    let section = |info: &translux_format::SectionInfo| RawSection {
+        tag: info.tag,
+        kind: info.kind,
+        element: info.element,
+        components: info.components,
+        codec: info.codec,
+        bytes: reader.bytes(info.tag).unwrap().into_owned(),
+    };
+    reader.sections().iter().map(section).collect()
+}
+
+/// One section as the directory has it, any field free to be wrong.
+pub struct Entry {
+    pub head: [u8; 16],
+    pub decoded: u64,
+    pub stored: Vec<u8>,
+}
+
+impl Entry {
+    pub fn raw(section: &RawSection) -> Self {
+        let mut head = [0; 16];
+        head[0..8].copy_from_slice(&section.tag.to_bytes());
+        head[8] = section.element.code();
+        head[10..12].copy_from_slice(&section.components.to_le_bytes());
+        head[12] = section.kind.code();
+        Self { head, decoded: section.bytes.len() as u64, stored: section.bytes.clone() }
+    }
+
+    pub fn zstd(tag: &str, element: u8, components: u16, kind: u8, decoded: u64, stored: Vec<u8>) -> Self {
+        let mut head = [0; 16];
+        head[..tag.len()].copy_from_slice(tag.as_bytes());
+        head[8..13].copy_from_slice(&[element, 1, components as u8, (components >> 8) as u8, kind]);
+        Self { head, decoded, stored }
+    }
+}
+
+/// A file with these sections, laid out as SPEC.md says.
+pub fn build(entries: &[Entry]) -> Vec<u8> {
+    let mut file = b"\x89TLUX\r\n\x1a\0\0\0\0".to_vec();
+    file.extend((entries.len() as u32).to_le_bytes());
+    file.resize(32 + 48 * entries.len(), 0);
+    for (i, entry) in entries.iter().enumerate() {
+        file.resize(file.len().div_ceil(64) * 64, 0);
+        let (at, offset) = (32 + 48 * i, file.len() as u64);
+        file[at..at + 16].copy_from_slice(&entry.head);
+        file[at + 16..at + 24].copy_from_slice(&offset.to_le_bytes());
+        file[at + 24..at + 32].copy_from_slice(&(entry.stored.len() as u64).to_le_bytes());
+        file[at + 32..at + 40].copy_from_slice(&entry.decoded.to_le_bytes());
+        file.extend(&entry.stored);
+    }
+    let length = file.len() as u64;
+    file[16..24].copy_from_slice(&length.to_le_bytes());
+    seal(&mut file);
+    file
+}
+
+/// Makes every checksum right again, as far as the directory still makes sense.
+pub fn seal(file: &mut [u8]) {
+    if file.len() < 32 {
+        return;
+    }
+    let count = (u32_at(file, 12) as usize).min((file.len() - 32) / 48);
+    for i in 0..count {
+        let at = 32 + 48 * i;
+        let (start, length) = (u64_at(file, at + 16), u64_at(file, at + 24));
+        let stored = start.checked_add(length).and_then(|end| file.get(start as usize..end as usize));
+        if let Some(crc) = stored.map(crc32) {
+            file[at + 40..at + 44].copy_from_slice(&crc.to_le_bytes());
+        }
+    }
+    file[24..28].fill(0);
+    let crc = crc32(&file[..32 + 48 * count]);
+    file[24..28].copy_from_slice(&crc.to_le_bytes());
+}
+
+pub fn u16_at(bytes: &[u8], at: usize) -> u16 {
+    u16::from_le_bytes(bytes[at..at + 2].try_into().unwrap())
+}
+
+pub fn u32_at(bytes: &[u8], at: usize) -> u32 {
+    u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap())
+}
+
+pub fn u64_at(bytes: &[u8], at: usize) -> u64 {
+    u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap())
+}
+
+pub fn f64_at(bytes: &[u8], at: usize) -> f64 {
+    f64::from_bits(u64_at(bytes, at))
+}
+
+/// The CRC-32 of SPEC.md, bit by bit.
+pub fn crc32(bytes: &[u8]) -> u32 {
+    let mut crc = !0u32;
+    for byte in bytes {
+        crc ^= u32::from(*byte);
+        for _ in 0..8 {
+            crc = if crc & 1 == 1 { (crc >> 1) ^ 0xedb8_8320 } else { crc >> 1 };
+        }
+    }
+    !crc
+}
+
+/// SplitMix64 with a fixed seed.
+pub struct Random(pub u64);
+
+impl Random {
+    pub fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    pub fn below(&mut self, limit: usize) -> usize {
+        if limit == 0 { 0 } else { (self.next() % limit as u64) as usize }
+    }
+}
