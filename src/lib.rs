@@ -35,3 +35,7 @@ pub mod asset;
 pub mod evaluate;
 
 pub mod methods;
+
+pub mod measure;
+
+pub mod commands;

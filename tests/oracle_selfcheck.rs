@@ -83,7 +83,8 @@ fn closed_form_of_a_triangle_agrees_with_brute_subdivision() {
     let corners = [[0.0, 0.0, 0.0], [0.9, 0.1, 0.2], [0.2, 0.8, -0.1]];
     let patch = Patch::new(corners);
     let channel = marble().channels()[0];
-    for x in [corners[0], corners[2], patch.centroid, patch.point([-0.5, 0.7, 0.8]), [0.3, 0.3, 0.9], [3.0, 1.0, -2.0]] {
+    for x in [corners[0], corners[2], patch.centroid, patch.point([-0.5, 0.7, 0.8]), [0.3, 0.3, 0.9], [3.0, 1.0, -2.0]]
+    {
         let (closed, summed) = (channel.triangle(corners, x), brute(&channel, &patch, x, 18));
         below(&format!("triangle seen from {x:?}"), (closed / summed - 1.0).abs(), 2e-5);
     }
@@ -211,8 +212,7 @@ fn sphere_under_constant_light_is_the_disc_of_twice_its_radius() {
 #[test]
 fn torus_follows_its_symmetry_and_dims_inside() {
     let mesh = OracleMesh::torus(6.0, 2.0, 48, 24);
-    let oracle =
-        Oracle::new(&mesh, &marble(), &[OracleLight::Constant { radiance: GREY }], OracleSettings::default());
+    let oracle = Oracle::new(&mesh, &marble(), &[OracleLight::Constant { radiance: GREY }], OracleSettings::default());
     let outer = oracle.radiosities(&[0, 12 * 24, 24 * 24, 36 * 24]);
     let spread = outer.iter().map(|&b| worst_relative(b, outer[0])).fold(0.0, f64::max);
     below("torus, quarter turns", spread, 2e-3);
@@ -320,10 +320,8 @@ fn environment_keeps_its_orientation_and_energy() {
 #[test]
 fn same_numbers_on_any_thread_count() {
     let mesh = OracleMesh::torus(6.0, 2.0, 16, 8);
-    let lights = [
-        OracleLight::Constant { radiance: GREY },
-        OracleLight::Point { at: [0.0, 9.0, 4.0], intensity: [30.0; 3] },
-    ];
+    let lights =
+        [OracleLight::Constant { radiance: GREY }, OracleLight::Point { at: [0.0, 9.0, 4.0], intensity: [30.0; 3] }];
     let with = |threads| {
         let settings = OracleSettings { threads, ..OracleSettings::default() };
         Oracle::new(&mesh, &marble(), &lights, settings).radiosities(&[0, 3, 17])
@@ -503,7 +501,8 @@ fn truth_environments() {
 #[test]
 fn truth_large_meshes() {
     if long() {
-        let bunny = |file, medium, light| Case { file, mesh: "bunny_closed", size_mm: 30.0, medium, light, limit: 3e-3 };
+        let bunny =
+            |file, medium, light| Case { file, mesh: "bunny_closed", size_mm: 30.0, medium, light, limit: 3e-3 };
         check(&bunny("bunny_closed_30mm_marble_directional", "marble", || sun([0.4, 0.7, 0.6], [3.0; 3])));
         check(&bunny("bunny_closed_30mm_spectralon_directional", "spectralon", || sun([0.4, 0.7, 0.6], [3.0; 3])));
         check(&bunny("bunny_closed_30mm_ketchup_point", "ketchup", lamp));
@@ -521,6 +520,15 @@ fn truth_large_meshes() {
 fn tmp_settings() -> OracleSettings {
     let g = |k: &str, d: f64| std::env::var(k).map_or(d, |v| v.parse().unwrap());
     let s = OracleSettings::default();
-    OracleSettings { seed: g("SEED", 1.0) as u64, draws: g("DRAWS", s.draws as f64) as u64, extended_share: g("EXT", s.extended_share),
-      sharp_pixel_share: g("SHARP", s.sharp_pixel_share), edge_share: g("EDGE", s.edge_share), probe_share: g("PROBE", s.probe_share), kernel_step: g("KERNEL", s.kernel_step), far_step: g("FAR", s.far_step), ..s }
+    OracleSettings {
+        seed: g("SEED", 1.0) as u64,
+        draws: g("DRAWS", s.draws as f64) as u64,
+        extended_share: g("EXT", s.extended_share),
+        sharp_pixel_share: g("SHARP", s.sharp_pixel_share),
+        edge_share: g("EDGE", s.edge_share),
+        probe_share: g("PROBE", s.probe_share),
+        kernel_step: g("KERNEL", s.kernel_step),
+        far_step: g("FAR", s.far_step),
+        ..s
+    }
 }

@@ -224,8 +224,7 @@ impl Oracle {
                 let k = self.kernel(receiver.x, p);
                 for (light, share) in self.sharp.iter().zip(lit).filter(|(_, share)| **share > 0.0) {
                     let e = light.unshadowed(self.eta, p, patch.normal);
-                    receiver.sum =
-                        add(receiver.sum, [0, 1, 2].map(|c| w * patch.area * share * k[c] * e[c]));
+                    receiver.sum = add(receiver.sum, [0, 1, 2].map(|c| w * patch.area * share * k[c] * e[c]));
                 }
             }
             return;

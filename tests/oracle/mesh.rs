@@ -92,8 +92,7 @@ impl OracleMesh {
             triangles = triangles
                 .iter()
                 .flat_map(|&[a, b, c]| {
-                    let (ab, bc, ca) =
-                        (split(&mut points, a, b), split(&mut points, b, c), split(&mut points, c, a));
+                    let (ab, bc, ca) = (split(&mut points, a, b), split(&mut points, b, c), split(&mut points, c, a));
                     [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
                 })
                 .collect();
