@@ -170,5 +170,5 @@ fn ear(m: DVec3) -> f64 {
     };
     let outline = blend(disc(9.0, 2.5, 11.0, 10.5), disc(7.0, -7.5, 6.6, 8.5), 5.0);
     let half_thickness = 1.9 - 0.85 * (x / 12.0).clamp(0.0, 1.0);
-    cut((z - bend).abs() - half_thickness, outline, 2.6)
+    cut((z - bend).abs() - half_thickness, outline, 1.6)
 }
