@@ -90,7 +90,7 @@ fn measure(name: &str, corners: &Corners) {
         ("one direction", parallel),
         ("one origin, 256 rays", fans),
     ] {
-        let n = 400_000;
+        let n = 2_000_000;
         let (rays, skip): (Vec<Ray>, Vec<u32>) = (0..n).map(|i| make(corners, i)).unzip();
         let mut out = vec![false; rays.len()];
         run(name, kind, &rays, |()| {
