@@ -39,7 +39,9 @@ fn alike(tree: &Tree, rays: &[Ray]) -> usize {
     let least = LEAST_COSINE * first.direction.length_squared();
     let reach = LARGEST_STEP * tree.extent;
     let same = |ray: &&Ray| {
-        true && ray.direction.dot(first.direction) >= least && (ray.origin - first.origin).abs().max_element() <= reach
+        first.direction.is_negative_bitmask() == ray.direction.is_negative_bitmask()
+            && ray.direction.dot(first.direction) >= least
+            && (ray.origin - first.origin).abs().max_element() <= reach
     };
     1 + rays[1..].iter().take_while(same).count()
 }
