@@ -6,7 +6,7 @@
 //! Vertices are sheared into the frame of the ray in 32-bit arithmetic (Woop, Benthin, Wald 2013, "Watertight
 //! Ray/Triangle Intersection"), so a vertex lands on the same point for every triangle around it; on those points the
 //! three edge functions are decided exactly. A ray that starts well inside a closed surface therefore cannot leave it
-//! between triangles. See [`triangle`](self::triangle).
+//! between triangles.
 //!
 //! # Why the boxes never lose a hit
 //!
@@ -33,7 +33,7 @@ mod ray;
 #[cfg(test)]
 mod tests;
 mod traverse;
-pub mod triangle;
+mod triangle;
 
 use glam::Vec3;
 

@@ -30,8 +30,8 @@ const ROUNDING: f32 = 1.0 / 16_777_216.0;
 /// Moves a surface point along the geometric normal, out of reach of the rounding of its own coordinates, so that a
 /// ray from there does not meet the surface it leaves.
 ///
-/// Each coordinate moves by at least 4 units in its last place in the direction of the normal where the normal has a
-/// component, and the whole point by 16 roundings of its largest coordinate. A normal of zero length moves nothing.
+/// The step is 2^-19 of the largest coordinate (16 units in its last place or more), and rounding never takes any of
+/// it back. A normal of zero length moves nothing.
 pub fn offset_origin(point: Vec3, geometric_normal: Vec3) -> Vec3 {
     let unit = geometric_normal.as_dvec3().normalize_or_zero();
     let distance = f64::from(32.0 * ROUNDING) * point.as_dvec3().abs().max_element();
