@@ -74,7 +74,7 @@ impl Bound {
 }
 
 /// Receivers that tune the hierarchy, and as many others that measure it.
-const PROBES: usize = 96;
+const PROBES: usize = 256;
 
 /// Halvings of the limit at most; beyond them the hierarchy is all pairs.
 const HALVINGS: usize = 12;
@@ -146,8 +146,7 @@ impl SampledEvaluator {
         let gather = Gather::new(&surface, &self.tree, &self.scene.media, self.plan.near);
         let lit = gather.light(irradiance);
         let on = |phase: usize| {
-            // Whole groups, because groups share a traversal.
-            let (subset, indices) = self.receivers.group_subset(PROBES, phase);
+            let (subset, indices) = self.receivers.subset(PROBES, phase);
             let truth = gather.radiosity(&subset, &lit, Scheme::AllPairs, &Silent);
             let areas: Vec<f64> = indices.iter().map(|&i| self.areas[i as usize]).collect();
             (subset, truth, areas)
@@ -158,7 +157,7 @@ impl SampledEvaluator {
             let scheme = Scheme::Hierarchical { criterion: bound.criterion(limit) };
             let values = gather.radiosity(&subset, &lit, scheme, &Silent);
             let found = vertex_error(&values, &truth, &areas).rms;
-            if found <= 0.5 * error {
+            if found <= 0.7 * error {
                 break;
             }
             limit *= 0.5;
@@ -188,7 +187,7 @@ impl SampledEvaluator {
         let tree = SampleTree::new(&half, &patches);
         let surface = Surface { scene: &self.scene, bvh: &self.bvh, samples: &half, patches: &patches };
         let irradiance = self.illuminate(&surface, self.plan.sampling, progress)?;
-        let (subset, indices) = self.receivers.group_subset(4 * PROBES, 2);
+        let (subset, indices) = self.receivers.subset(2 * PROBES, 2);
         let sum = |surface: &Surface, tree: &SampleTree, irradiance: &[DVec3]| {
             let gather = Gather::new(surface, tree, &self.scene.media, self.plan.near);
             gather.radiosity(&subset, &gather.light(irradiance), Scheme::AllPairs, &Silent)

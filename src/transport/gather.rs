@@ -30,7 +30,7 @@ impl NearField {
     /// Errors of 1e-5 of the total reflectance: for the truth.
     pub const REFERENCE: Self = Self { exact_below: 6.0, three_points_below: 24.0 };
     /// Errors of a few 1e-4.
-    pub const FAST: Self = Self { exact_below: 3.0, three_points_below: 8.0 };
+    pub const FAST: Self = Self { exact_below: 2.0, three_points_below: 4.0 };
 }
 
 /// How the sum over samples is organised.

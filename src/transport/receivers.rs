@@ -90,17 +90,19 @@ impl Receivers {
         self.of_vertex.iter().map(|&r| values.get(r as usize).copied().unwrap_or(DVec3::ZERO)).collect()
     }
 
-    /// A regular subset of whole groups with about `count` receivers, and their indices; `phase` picks disjoint subsets.
-    pub fn group_subset(&self, count: usize, phase: usize) -> (Self, Vec<u32>) {
+    /// About `count` receivers from groups spread over all of them, a few of each, and their indices; different `phase`s
+    /// (0 to 2) give disjoint subsets where there are enough groups.
+    pub fn subset(&self, count: usize, phase: usize) -> (Self, Vec<u32>) {
+        const OF_A_GROUP: usize = 8;
         let groups = self.groups.len();
-        let wanted = (groups * count).div_ceil(self.len().max(1)).max(8);
-        let step = (groups / wanted).max(1);
+        let step = (groups * OF_A_GROUP / count.max(1)).max(1);
         let mut subset = Self::default();
         let mut indices = Vec::new();
-        for group in self.groups.iter().skip(phase % step).step_by(step) {
+        for group in self.groups.iter().skip(phase * step / 3).step_by(step) {
             let first = subset.positions.len() as u32;
-            subset.positions.extend_from_slice(&self.positions[group.run.range()]);
-            indices.extend(group.run.first..group.run.end);
+            let end = group.run.end.min(group.run.first + OF_A_GROUP as u32);
+            subset.positions.extend_from_slice(&self.positions[group.run.first as usize..end as usize]);
+            indices.extend(group.run.first..end);
             let run = Run { first, end: subset.positions.len() as u32 };
             subset.groups.push(Group { run, part: group.part });
         }

@@ -13,7 +13,7 @@ use crate::transport::scene::Scene;
 const SPACING: f64 = 0.35;
 
 /// Samples at least: what the shape's own shadows ask for.
-const LEAST: usize = 1 << 14;
+const LEAST: usize = 1 << 16;
 
 /// Samples at most, unless asked for: where even that is coarser than a mean free path, a boundary of a shadow is drawn
 /// as sharp as the samples are.
