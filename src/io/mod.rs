@@ -1,1 +1,3 @@
 //! Files to plain buffers and back: OBJ, glTF, PLY, EXR, Radiance HDR, PNG.
+
+pub mod gltf;
