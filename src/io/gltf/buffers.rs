@@ -199,7 +199,7 @@ mod tests {
     #[test]
     fn uris_stay_in_the_folder_of_the_model() {
         assert_eq!(confined_path("a%20b/%c3%a9.bin").unwrap(), Path::new("a b/\u{e9}.bin"));
-        assert_eq!(confined_path("./x.bin").unwrap(), Path::new("x.bin"));
+        assert_eq!(confined_path("./x.bin").unwrap(), Path::new("./x.bin"));
         for uri in ["/etc/passwd", "../x.bin", "a/../../x.bin", "%2e%2e/x.bin", "%2Fetc/passwd"] {
             assert!(confined_path(uri).unwrap_err().message().contains("leaves the model's folder"), "{uri}");
         }

@@ -18,8 +18,6 @@ mod nodes;
 mod primitive;
 #[cfg(test)]
 mod tests;
-#[cfg(test)]
-mod tests_files;
 
 use std::path::Path;
 
@@ -37,7 +35,7 @@ pub const MAX_INSTANCES: usize = 1 << 20;
 /// Vertices follow the nodes of the default scene depth first, then instance, primitive and vertex. Without a default
 /// scene the first one is read, without scenes every root node, without nodes every mesh once. Transforms are applied
 /// in f64; one that mirrors reverses the winding, so that outside stays outside. Two materials of the same name become
-/// one entry; an unnamed one is called `material_<index>`. Stored normals that are not of unit length become zero.
+/// one entry, listed in the order of their first use; an unnamed one is called `material_<index>`, none `default`. Stored normals that are not of unit length become zero.
 ///
 /// External buffers are read only from the model's folder and the folders in it.
 ///
