@@ -34,8 +34,9 @@ pub const MAX_INSTANCES: usize = 1 << 20;
 ///
 /// Vertices follow the nodes of the default scene depth first, then instance, primitive and vertex. Without a default
 /// scene the first one is read, without scenes every root node, without nodes every mesh once. Transforms are applied
-/// in f64; one that mirrors reverses the winding, so that outside stays outside. Two materials of the same name become
-/// one entry, listed in the order of their first use; an unnamed one is called `material_<index>`, none `default`. Stored normals that are not of unit length become zero.
+/// in f64; one that mirrors reverses the winding, so that outside stays outside. Materials are listed in the order of
+/// their first use; two of the same name become one entry, an unnamed one is called `material_<index>`, none at all
+/// `default`. Stored normals that are not of unit length become zero.
 ///
 /// External buffers are read only from the model's folder and the folders in it.
 ///
