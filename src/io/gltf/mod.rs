@@ -1,0 +1,111 @@
+//! glTF 2.0 models, JSON with external or embedded buffers and binary GLB.
+//!
+//! The file's JSON is parsed by the `gltf` crate; everything it refers to is checked and read here, because the
+//! crate's own readers turn a wrong range or type into missing or arbitrary values. Node transforms are applied,
+//! a mesh appears once for each node and instance that places it, and lengths are metres.
+//!
+//! What is read: triangles, strips and fans; `POSITION`, `NORMAL` and `TEXCOORD_0`; sparse accessors;
+//! `KHR_mesh_quantization`; `EXT_mesh_gpu_instancing`. Skins and morph targets are not applied (a warning says so).
+//! Compressed geometry (Draco, meshopt) is refused as unsupported.
+
+mod accessor;
+mod assemble;
+mod buffers;
+mod container;
+mod document;
+mod extensions;
+mod nodes;
+mod primitive;
+#[cfg(test)]
+mod tests;
+
+use std::path::Path;
+
+use crate::error::{Error, Result};
+use crate::geometry::source::SourceModel;
+
+/// Most vertices, and most triangles, of a model with every instance counted.
+pub const MAX_ELEMENTS: usize = 1 << 26;
+
+/// Most placements of meshes by nodes and their instances together.
+pub const MAX_INSTANCES: usize = 1 << 20;
+
+/// Reads a glTF 2.0 file (`.gltf` or `.glb`) in metres.
+///
+/// Vertices follow the nodes of the default scene depth first, then instance, primitive and vertex. Without a default
+/// scene the first one is read, without scenes every root node, without nodes every mesh once. Transforms are applied
+/// in f64; one that mirrors reverses the winding, so that outside stays outside. Materials are listed in the order of
+/// their first use; two of the same name become one entry, an unnamed one is called `material_<index>`, none at all
+/// `default`. Stored normals that are not of unit length become zero.
+///
+/// External buffers are read only from the model's folder and the folders in it.
+///
+/// # Errors
+/// I/O (2) for files that cannot be read, invalid input (3) for anything the specification forbids and that would
+/// change the geometry, for positions that are not finite and for a model without triangles, unsupported (5) for
+/// required extensions that hold geometry this reader does not know.
+pub fn read_gltf(path: &Path) -> Result<SourceModel> {
+    let bytes = std::fs::read(path).map_err(|e| Error::io(path, &e))?;
+    read_bytes(&bytes, path).map_err(|e| e.at(path.display()))
+}
+
+fn read_bytes(bytes: &[u8], path: &Path) -> Result<SourceModel> {
+    let mut warnings = Warnings::default();
+    let container = container::split(bytes, path, &mut warnings)?;
+    let root = document::parse(container.json)?;
+    extensions::check(&root, &mut warnings)?;
+    document::check_references(&root)?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let data = accessor::Accessors::new(&root, buffers::Buffers::new(&root, container.binary, folder));
+    let placements = nodes::placements(&root, &data, &mut warnings)?;
+    assemble::assemble(&root, &data, &placements, warnings)
+}
+
+/// What the user should know, each kind told once: its first place, how many more, and how many things it concerns.
+#[derive(Default)]
+struct Warnings {
+    kinds: Vec<Warning>,
+}
+
+struct Warning {
+    message: String,
+    place: Option<String>,
+    places: usize,
+    items: usize,
+}
+
+impl Warnings {
+    fn add(&mut self, message: impl Into<String>) {
+        self.kinds.push(Warning { message: message.into(), place: None, places: 0, items: 0 });
+    }
+
+    fn add_at(&mut self, place: &str, message: &str) {
+        self.add_items(place, 0, message);
+    }
+
+    /// `message` reads on from a number, which is the sum of `items` over all places.
+    fn add_items(&mut self, place: &str, items: usize, message: &str) {
+        if let Some(known) = self.kinds.iter_mut().find(|known| known.place.is_some() && known.message == message) {
+            known.places += 1;
+            known.items += items;
+        } else {
+            self.kinds.push(Warning { message: message.to_owned(), place: Some(place.to_owned()), places: 1, items });
+        }
+    }
+
+    fn into_lines(self) -> Vec<String> {
+        self.kinds.into_iter().map(Warning::into_line).collect()
+    }
+}
+
+impl Warning {
+    fn into_line(self) -> String {
+        let Self { message, place, places, items } = self;
+        let message = if items > 0 { format!("{items} {message}") } else { message };
+        match (place, places) {
+            (None, _) => message,
+            (Some(place), 1) => format!("{place}: {message}"),
+            (Some(place), _) => format!("{place} and {} more: {message}", places - 1),
+        }
+    }
+}
