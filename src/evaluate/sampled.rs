@@ -74,10 +74,13 @@ impl Bound {
 }
 
 /// Receivers that tune the hierarchy, and as many others that measure it.
-const PROBES: usize = 256;
+const PROBES: usize = 192;
 
 /// Halvings of the limit at most; beyond them the hierarchy is all pairs.
-const HALVINGS: usize = 12;
+const HALVINGS: i32 = 12;
+
+/// Share of the asked error that tuning aims at, because other receivers may fare worse.
+const TARGET: f64 = 0.7;
 
 /// Samples, lights and media, with what follows from them.
 pub struct SampledEvaluator {
@@ -92,7 +95,6 @@ pub struct SampledEvaluator {
     lights: Vec<Light>,
     irradiance: Option<Vec<DVec3>>,
     limit: Option<f64>,
-    hierarchy_error: Option<VertexError>,
 }
 
 impl SampledEvaluator {
@@ -115,7 +117,6 @@ impl SampledEvaluator {
             lights: Vec::new(),
             irradiance: None,
             limit: None,
-            hierarchy_error: None,
         }
     }
 
@@ -139,35 +140,62 @@ impl SampledEvaluator {
         Ok(Illumination::new(surface, &self.lights, &etas, sampling)?.all(progress))
     }
 
-    /// Finds the limit of the criterion that keeps the asked error on some receivers, and measures it on others.
-    fn tune(&mut self, error: f64, bound: Bound) {
-        let irradiance = self.irradiance.as_deref().unwrap_or(&[]);
+    /// The hierarchy with a limit of its criterion against all pairs, on a subset of the receivers.
+    fn hierarchy_errors(
+        &self,
+        bound: Bound,
+        phase: usize,
+        mut accept: impl FnMut(VertexError) -> Option<f64>,
+        first: f64,
+    ) {
         let surface = self.surface();
         let gather = Gather::new(&surface, &self.tree, &self.scene.media, self.plan.near);
-        let lit = gather.light(irradiance);
-        let on = |phase: usize| {
-            let (subset, indices) = self.receivers.subset(PROBES, phase);
-            let truth = gather.radiosity(&subset, &lit, Scheme::AllPairs, &Silent);
-            let areas: Vec<f64> = indices.iter().map(|&i| self.areas[i as usize]).collect();
-            (subset, truth, areas)
-        };
-        let (subset, truth, areas) = on(0);
-        let mut limit = bound.first_limit(error);
-        for _ in 0..HALVINGS {
+        let lit = gather.light(self.irradiance.as_deref().unwrap_or(&[]));
+        let (subset, indices) = self.receivers.subset(PROBES, phase);
+        let truth = gather.radiosity(&subset, &lit, Scheme::AllPairs, &Silent);
+        let areas: Vec<f64> = indices.iter().map(|&i| self.areas[i as usize]).collect();
+        let mut next = Some(first);
+        while let Some(limit) = next {
             let scheme = Scheme::Hierarchical { criterion: bound.criterion(limit) };
             let values = gather.radiosity(&subset, &lit, scheme, &Silent);
-            let found = vertex_error(&values, &truth, &areas).rms;
-            if found <= 0.7 * error {
-                break;
-            }
-            limit *= 0.5;
+            next = accept(vertex_error(&values, &truth, &areas));
         }
-        let (subset, truth, areas) = on(1);
-        let scheme = Scheme::Hierarchical { criterion: bound.criterion(limit) };
-        let values = gather.radiosity(&subset, &lit, scheme, &Silent);
-        let measured = vertex_error(&values, &truth, &areas);
+    }
+
+    /// Finds the limit of the criterion that keeps the asked error on some receivers.
+    fn tune(&mut self, error: f64, bound: Bound) {
+        let mut limit = bound.first_limit(error);
+        let least = limit * 0.5f64.powi(HALVINGS);
+        let first = limit;
+        self.hierarchy_errors(
+            bound,
+            0,
+            |found| {
+                if found.rms <= TARGET * error || limit <= least {
+                    return None;
+                }
+                limit *= 0.5;
+                Some(limit)
+            },
+            first,
+        );
         self.limit = Some(limit);
-        self.hierarchy_error = Some(measured);
+    }
+
+    /// The error of the hierarchy in force on receivers that no tuning saw.
+    fn hierarchy_error(&self) -> Option<VertexError> {
+        let (Far::Hierarchical { bound, .. }, Some(limit)) = (self.plan.far, self.limit) else { return None };
+        let mut measured = None;
+        self.hierarchy_errors(
+            bound,
+            1,
+            |found| {
+                measured = Some(found);
+                None
+            },
+            limit,
+        );
+        measured
     }
 
     fn scheme(&self) -> Scheme {
@@ -275,7 +303,7 @@ impl Evaluator for SampledEvaluator {
         let mut ledger = Ledger::default();
         let halved = self.sampling_error(progress)?;
         ledger.add("sampling", halved, "against half as many samples, on vertices of their own");
-        if let Some(error) = self.hierarchy_error {
+        if let Some(error) = self.hierarchy_error() {
             ledger.add("hierarchy", error, "against all pairs, on vertices that no tuning saw");
         }
         Ok(ledger)

@@ -17,7 +17,7 @@ use glam::DVec3;
 
 use super::cluster::longest_axis;
 use super::mesh::Mesh;
-use super::part_table::PartTable;
+use super::part_table::{PartEntry, PartTable};
 
 /// A triangle, or a piece of it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, bytemuck::Pod, bytemuck::Zeroable)]
@@ -84,57 +84,12 @@ pub struct Samples {
     pub part_offsets: Vec<u32>,
 }
 
-/// A node of the subdivision: whole triangles, or one facet.
-struct Piece {
-    area: f64,
-    part: u32,
-    /// Creation order, which breaks ties and makes the result unique.
-    serial: u64,
-    content: Content,
-    /// Position in the hierarchy, for the final order: bit string from the root.
-    key: (u32, u128),
-}
-
-enum Content {
-    Triangles(std::ops::Range<usize>),
-    Facet(Facet, [DVec3; 3]),
-}
-
-impl PartialEq for Piece {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other).is_eq()
-    }
-}
-impl Eq for Piece {}
-impl PartialOrd for Piece {
-    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
-        Some(self.cmp(other))
-    }
-}
-impl Ord for Piece {
-    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        self.area.total_cmp(&other.area).then(other.serial.cmp(&self.serial))
-    }
-}
-
 impl Samples {
     /// Cuts the transfer parts of a mesh into `count` patches (at least one for each part that is not opaque).
     pub fn new(mesh: &Mesh, parts: &PartTable, count: usize) -> Self {
-        let mut builder = Builder::new(mesh, parts);
-        let mut heap = BinaryHeap::with_capacity(count + 1);
-        let mut done = Vec::new();
-        for root in builder.roots(parts) {
-            heap.push(root);
-        }
-        while heap.len() + done.len() < count {
-            let Some(piece) = heap.pop() else { break };
-            match builder.split(&piece) {
-                Some(halves) => heap.extend(halves),
-                None => done.push(piece),
-            }
-        }
-        done.extend(heap);
-        builder.collect(done, parts.parts.len())
+        let mut subdivision = Subdivision::new(mesh, parts);
+        subdivision.split_until(count);
+        subdivision.collect(parts.parts.len())
     }
 
     /// Number of patches.
@@ -158,142 +113,228 @@ impl Samples {
     }
 }
 
-struct Builder<'a> {
-    mesh: &'a Mesh,
-    order: Vec<u32>,
-    centroids: Vec<DVec3>,
-    areas: Vec<f64>,
-    serial: u64,
+/// No child.
+const NONE: u32 = u32::MAX;
+
+/// A node of the subdivision: a cluster of triangles, or a piece of one.
+struct Node {
+    area: f64,
+    content: Content,
+    /// First of two consecutive children: made in advance for clusters, on splitting for facets.
+    children: u32,
+    split: bool,
 }
 
-impl<'a> Builder<'a> {
-    fn new(mesh: &'a Mesh, parts: &PartTable) -> Self {
-        let corners = |t: u32| mesh.corners_local_mm(t);
-        let count = mesh.triangles.len() as u32;
-        let mut order: Vec<u32> = (0..count).collect();
-        order.sort_by_key(|&t| parts.triangle_part[t as usize]);
-        Self {
-            mesh,
-            order,
-            centroids: (0..count).map(|t| corners(t).iter().sum::<DVec3>() / 3.0).collect(),
-            areas: (0..count).map(|t| area(corners(t))).collect(),
-            serial: 0,
+enum Content {
+    /// A run of the order of triangles.
+    Cluster(std::ops::Range<u32>),
+    Facet(Facet),
+}
+
+/// A candidate for the next cut: the largest area goes first, then the older node.
+#[derive(Clone, Copy, PartialEq)]
+struct Candidate {
+    area: f64,
+    node: u32,
+}
+
+impl Eq for Candidate {}
+
+impl PartialOrd for Candidate {
+    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Candidate {
+    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
+        self.area.total_cmp(&other.area).then(other.node.cmp(&self.node))
+    }
+}
+
+/// The hierarchy from whole parts over clusters and triangles to facets.
+struct Subdivision {
+    order: Vec<u32>,
+    nodes: Vec<Node>,
+    /// Part and root node.
+    roots: Vec<(u32, u32)>,
+}
+
+impl Subdivision {
+    /// Clusters of every part down to single triangles.
+    fn new(mesh: &Mesh, parts: &PartTable) -> Self {
+        use rayon::prelude::*;
+        let triangles: Vec<Triangle> = (0..mesh.triangles.len() as u32)
+            .into_par_iter()
+            .map(|t| {
+                let corners = mesh.corners_local_mm(t);
+                Triangle { centroid: corners.iter().sum::<DVec3>() / 3.0, area: area(corners) }
+            })
+            .collect();
+        let mut members = vec![Vec::new(); parts.parts.len()];
+        for (triangle, &part) in parts.triangle_part.iter().enumerate() {
+            if parts.parts.get(part as usize).is_some_and(PartEntry::transfers) {
+                members[part as usize].push(triangle as u32);
+            }
+        }
+        let mut result = Self { order: Vec::new(), nodes: Vec::new(), roots: Vec::new() };
+        for (part, mut order) in members.into_iter().enumerate().filter(|(_, order)| !order.is_empty()) {
+            let clusters = clusters(&mut order, &triangles);
+            let (base, first) = (result.nodes.len() as u32, result.order.len() as u32);
+            result.roots.push((part as u32, base));
+            result.nodes.extend(clusters.into_iter().map(|c| Node {
+                area: c.area,
+                content: Content::Cluster(first + c.range.start..first + c.range.end),
+                children: if c.children == NONE { NONE } else { base + c.children },
+                split: false,
+            }));
+            result.order.extend(order);
+        }
+        result
+    }
+
+    fn split_until(&mut self, count: usize) {
+        let mut heap: BinaryHeap<Candidate> =
+            self.roots.iter().map(|&(_, node)| Candidate { area: self.nodes[node as usize].area, node }).collect();
+        let mut leaves = heap.len();
+        while leaves < count {
+            let Some(Candidate { node, .. }) = heap.pop() else { break };
+            if let Some(children) = self.split(node) {
+                heap.extend(children.map(|c| Candidate { area: self.nodes[c as usize].area, node: c }));
+                leaves += 1;
+            }
         }
     }
 
-    fn roots(&mut self, parts: &PartTable) -> Vec<Piece> {
-        let mut roots = Vec::new();
-        let mut first = 0;
-        for (index, part) in parts.parts.iter().enumerate() {
-            let len =
-                self.order[first..].iter().take_while(|&&t| parts.triangle_part[t as usize] as usize == index).count();
-            if part.transfers() && len > 0 {
-                roots.push(self.piece(index as u32, first..first + len, (index as u32, 1)));
-            }
-            first += len;
+    fn split(&mut self, index: u32) -> Option<[u32; 2]> {
+        let node = &self.nodes[index as usize];
+        let mut children = node.children;
+        if children == NONE {
+            let facet = match &node.content {
+                Content::Cluster(range) => Facet::whole(self.order[range.start as usize]),
+                Content::Facet(facet) => *facet,
+            };
+            let (halves, half) = (facet.halves()?, 0.5 * node.area);
+            children = u32::try_from(self.nodes.len()).ok().filter(|&c| c < NONE - 2)?;
+            self.nodes.extend(halves.map(|facet| Node {
+                area: half,
+                content: Content::Facet(facet),
+                children: NONE,
+                split: false,
+            }));
         }
-        roots
+        let node = &mut self.nodes[index as usize];
+        node.children = children;
+        node.split = true;
+        Some([children, children + 1])
     }
 
-    fn piece(&mut self, part: u32, range: std::ops::Range<usize>, key: (u32, u128)) -> Piece {
-        self.serial += 1;
-        let area = self.order[range.clone()].iter().map(|&t| self.areas[t as usize]).sum();
-        Piece { area, part, serial: self.serial, content: Content::Triangles(range), key }
-    }
-
-    fn split(&mut self, piece: &Piece) -> Option<[Piece; 2]> {
-        match &piece.content {
-            Content::Triangles(range) if range.len() > 1 => {
-                let middle = self.area_median(range.clone());
-                let keys = child_keys(piece.key);
-                Some([
-                    self.piece(piece.part, range.start..middle, keys[0]),
-                    self.piece(piece.part, middle..range.end, keys[1]),
-                ])
-            }
-            Content::Triangles(range) => {
-                let triangle = self.order[range.start];
-                self.halves(piece, Facet::whole(triangle), self.mesh.corners_local_mm(triangle))
-            }
-            Content::Facet(facet, corners) => self.halves(piece, *facet, *corners),
-        }
-    }
-
-    fn halves(&mut self, piece: &Piece, facet: Facet, corners: [DVec3; 3]) -> Option<[Piece; 2]> {
-        let facets = facet.halves()?;
-        let corners = bisect(corners);
-        let keys = child_keys(piece.key);
-        let mut half = |i: usize| {
-            self.serial += 1;
-            Piece {
-                area: 0.5 * piece.area,
-                part: piece.part,
-                serial: self.serial,
-                content: Content::Facet(facets[i], corners[i]),
-                key: keys[i],
-            }
-        };
-        Some([half(0), half(1)])
-    }
-
-    /// Orders the triangles of a range along its longest axis and returns where half of the area is reached.
-    fn area_median(&mut self, range: std::ops::Range<usize>) -> usize {
-        let (centroids, areas) = (&self.centroids, &self.areas);
-        let slice = &mut self.order[range.clone()];
-        let axis = longest_axis(slice.iter().map(|&t| centroids[t as usize]));
-        let total: f64 = slice.iter().map(|&t| areas[t as usize]).sum();
-        let along =
-            |&a: &u32, &b: &u32| centroids[a as usize][axis].total_cmp(&centroids[b as usize][axis]).then(a.cmp(&b));
-        // Quickselect by area: keep the half that holds the median until it is one element wide.
-        let (mut low, mut high, mut before) = (0, slice.len(), 0.0);
-        while high - low > 1 {
-            let k = (high - low) / 2;
-            slice[low..high].select_nth_unstable_by(k, along);
-            let left: f64 = slice[low..low + k].iter().map(|&t| areas[t as usize]).sum();
-            if before + left > 0.5 * total {
-                high = low + k;
-            } else {
-                before += left;
-                low += k;
-            }
-        }
-        range.start + (low + 1).min(range.len() - 1).max(1)
-    }
-
-    fn collect(&self, mut pieces: Vec<Piece>, parts: usize) -> Samples {
-        pieces.sort_by_key(|p| p.key_order());
+    /// The leaves in depth-first order.
+    fn collect(&self, parts: usize) -> Samples {
         let mut samples =
             Samples { facets: Vec::new(), patch_offsets: vec![0], part_offsets: Vec::with_capacity(parts + 1) };
-        for piece in &pieces {
-            while samples.part_offsets.len() <= piece.part as usize {
-                samples.part_offsets.push(samples.patch_offsets.len() as u32 - 1);
-            }
-            match &piece.content {
-                Content::Triangles(range) => {
-                    let first = samples.facets.len();
-                    samples.facets.extend(self.order[range.clone()].iter().map(|&t| Facet::whole(t)));
-                    samples.facets[first..].sort_unstable();
+        for &(part, root) in &self.roots {
+            samples.part_offsets.resize(part as usize + 1, samples.patch_offsets.len() as u32 - 1);
+            let mut stack = vec![root];
+            while let Some(index) = stack.pop() {
+                let node = &self.nodes[index as usize];
+                if node.split {
+                    stack.extend([node.children + 1, node.children]);
+                    continue;
                 }
-                Content::Facet(facet, _) => samples.facets.push(*facet),
+                match &node.content {
+                    Content::Cluster(range) => {
+                        let first = samples.facets.len();
+                        let triangles = &self.order[range.start as usize..range.end as usize];
+                        samples.facets.extend(triangles.iter().map(|&t| Facet::whole(t)));
+                        samples.facets[first..].sort_unstable();
+                    }
+                    Content::Facet(facet) => samples.facets.push(*facet),
+                }
+                samples.patch_offsets.push(samples.facets.len() as u32);
             }
-            samples.patch_offsets.push(samples.facets.len() as u32);
         }
         samples.part_offsets.resize(parts + 1, samples.patch_offsets.len() as u32 - 1);
         samples
     }
 }
 
-/// Keys of the children: one more bit. Past 127 levels (sliver cascades) siblings share a key and keep creation order.
-fn child_keys((part, bits): (u32, u128)) -> [(u32, u128); 2] {
-    if bits.leading_zeros() == 0 { [(part, bits); 2] } else { [(part, bits << 1), (part, bits << 1 | 1)] }
+/// What the clustering needs of a triangle.
+#[derive(Clone, Copy)]
+struct Triangle {
+    centroid: DVec3,
+    area: f64,
 }
 
-impl Piece {
-    /// Depth-first order: keys aligned to the left, so that a subtree is contiguous.
-    fn key_order(&self) -> (u32, u128, u64) {
-        let (part, bits) = self.key;
-        (part, bits << bits.leading_zeros(), self.serial)
+/// A cluster of triangles: a run of their order.
+struct Cluster {
+    area: f64,
+    range: std::ops::Range<u32>,
+    /// First of two consecutive children.
+    children: u32,
+}
+
+/// The tree of clusters over `order`, split at the median of the area along the longest axis; the root comes first and
+/// siblings are neighbours. The result does not depend on the number of threads.
+fn clusters(order: &mut [u32], triangles: &[Triangle]) -> Vec<Cluster> {
+    /// Below this many triangles a subtree is one task.
+    const TASK: usize = 2048;
+    fn build(order: &mut [u32], first: u32, triangles: &[Triangle]) -> Vec<Cluster> {
+        let range = first..first + order.len() as u32;
+        let area = order.iter().map(|&t| triangles[t as usize].area).sum();
+        let mut nodes = vec![Cluster { area, range, children: NONE }];
+        if order.len() == 1 {
+            return nodes;
+        }
+        let middle = area_median(order, area, triangles);
+        let (left, right) = order.split_at_mut(middle);
+        let second = first + middle as u32;
+        let (left, right) = if left.len() + right.len() > TASK {
+            rayon::join(|| build(left, first, triangles), || build(right, second, triangles))
+        } else {
+            (build(left, first, triangles), build(right, second, triangles))
+        };
+        nodes[0].children = 1;
+        // Each list starts with its root; the two roots go side by side, then the rest of each.
+        let moved = |list: Vec<Cluster>, shift: u32| {
+            list.into_iter().map(move |mut c| {
+                if c.children != NONE {
+                    c.children += shift;
+                }
+                c
+            })
+        };
+        let shift = left.len() as u32 + 1;
+        let mut left = moved(left, 2);
+        let mut right = moved(right, shift);
+        nodes.extend(left.next());
+        nodes.extend(right.next());
+        nodes.extend(left);
+        nodes.extend(right);
+        nodes
     }
+    build(order, 0, triangles)
+}
+
+/// Orders triangles along their longest axis and returns where half of the area is reached, at least 1 from each end.
+fn area_median(order: &mut [u32], total: f64, triangles: &[Triangle]) -> usize {
+    let centroid = |t: u32| triangles[t as usize].centroid;
+    let axis = longest_axis(order.iter().map(|&t| centroid(t)));
+    // Quickselect by area: keep the half that holds the median until it is one element wide.
+    let (mut low, mut high, mut before) = (0, order.len(), 0.0);
+    while high - low > 1 {
+        let k = (high - low) / 2;
+        order[low..high]
+            .select_nth_unstable_by(k, |&a, &b| centroid(a)[axis].total_cmp(&centroid(b)[axis]).then(a.cmp(&b)));
+        let left: f64 = order[low..low + k].iter().map(|&t| triangles[t as usize].area).sum();
+        if before + left > 0.5 * total {
+            high = low + k;
+        } else {
+            before += left;
+            low += k;
+        }
+    }
+    (low + 1).clamp(1, order.len() - 1)
 }
 
 /// Where a patch lies, derived from its facets.
@@ -388,4 +429,96 @@ fn nearest(patches: &[Patch], order: &[u32], i: usize) -> Option<f64> {
         best = best.min(at(k).distance(p));
     }
     best.is_finite().then_some(best)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::geometry::mesh::{Placement, Scale, resolve_scale};
+    use crate::geometry::shapes;
+    use crate::geometry::source::SourceModel;
+
+    fn mesh_of(source: SourceModel) -> (Mesh, PartTable) {
+        let placement: Placement = resolve_scale(&source, Some(Scale::MillimetresPerUnit(1.0))).unwrap();
+        let (mesh, _) = Mesh::from_source(source, &placement).unwrap();
+        let triangle_part = vec![0; mesh.triangles.len()];
+        let parts = PartTable::new(&mesh, triangle_part, vec![("all".into(), Some(0))]);
+        (mesh, parts)
+    }
+
+    #[test]
+    fn areas_are_exact_and_the_count_is_the_asked_one_below_and_above_the_number_of_triangles() {
+        let (mesh, parts) = mesh_of(shapes::bumpy_head(10.0, 4));
+        let triangles = mesh.triangles.len();
+        for count in [1, 2, 7, triangles / 3, triangles, triangles + 1, 3 * triangles + 5] {
+            let samples = Samples::new(&mesh, &parts, count);
+            assert_eq!(samples.len(), count);
+            assert_eq!(samples.part(0), 0..count);
+            let patches = patches(&mesh, &samples);
+            let total: f64 = patches.iter().map(|p| p.area_mm2).sum();
+            assert!((total / mesh.total_area_mm2() - 1.0).abs() < 1e-12, "{count}: {total}");
+            let mut seen: Vec<Facet> = samples.facets.clone();
+            seen.sort_unstable();
+            seen.dedup();
+            assert_eq!(seen.len(), samples.facets.len());
+        }
+    }
+
+    #[test]
+    fn halves_cover_their_facet_and_paths_find_their_corners() {
+        let (mesh, _) = mesh_of(shapes::icosphere(3.0, 0));
+        let mut facet = Facet::whole(5);
+        let mut expected = mesh.corners_local_mm(5);
+        for bit in [0, 1, 1, 0, 1] {
+            let halves = facet.halves().unwrap();
+            let pieces = bisect(expected);
+            assert!((area(pieces[0]) + area(pieces[1]) - area(expected)).abs() < 1e-12);
+            facet = halves[bit];
+            expected = pieces[bit];
+            assert_eq!(facet.corners_local_mm(&mesh), expected);
+        }
+    }
+
+    #[test]
+    fn the_deepest_facet_does_not_split_and_a_tiny_part_still_has_a_patch() {
+        assert!(Facet { triangle: 0, path: 1 << MAX_DEPTH }.halves().is_none());
+        let small = shapes::icosphere(0.001, 0);
+        let big = shapes::icosphere(10.0, 2);
+        let triangles = small.triangles.len();
+        let (mesh, _) = mesh_of(shapes::compose(&[(small, DVec3::new(30.0, 0.0, 0.0)), (big, DVec3::ZERO)]));
+        let part_of = (0..mesh.triangles.len()).map(|t| u32::from(t >= triangles)).collect();
+        let parts = PartTable::new(&mesh, part_of, vec![("a".into(), Some(0)), ("b".into(), Some(0))]);
+        let samples = Samples::new(&mesh, &parts, 100);
+        assert_eq!((samples.len(), samples.part(0), samples.part(1)), (100, 0..1, 1..100));
+    }
+
+    #[test]
+    fn opaque_parts_have_no_samples() {
+        let (mesh, mut parts) = mesh_of(shapes::icosphere(1.0, 1));
+        parts.parts[0].medium = None;
+        let samples = Samples::new(&mesh, &parts, 50);
+        assert!(samples.is_empty() && samples.part(0).is_empty());
+    }
+
+    #[test]
+    fn spacing_is_far_more_even_than_random() {
+        let (mesh, parts) = mesh_of(shapes::bumpy_head(10.0, 5));
+        let samples = Samples::new(&mesh, &parts, 4 * mesh.triangles.len());
+        let statistics = spacing(&patches(&mesh, &samples), 2000);
+        // Random points: nearest 0.5 with variation 0.52.
+        assert!(statistics.nearest_mean > 0.6, "{statistics:?}");
+        assert!(statistics.nearest_variation < 0.3, "{statistics:?}");
+        assert!(statistics.area_variation < 0.5, "{statistics:?}");
+    }
+
+    #[test]
+    fn the_result_does_not_depend_on_threads() {
+        let (mesh, parts) = mesh_of(shapes::torus(10.0, 3.0, 120, 40));
+        let on = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| Samples::new(&mesh, &parts, 20_000))
+        };
+        assert_eq!(on(1), on(4));
+    }
 }
