@@ -237,12 +237,13 @@ impl<'a> Gather<'a> {
         }
         let patch = &self.surface.patches[index];
         let distance = (patch.centre_mm.distance(sphere.centre) - sphere.radius).max(0.0);
-        let reach = distance.hypot(medium.smooth_mm);
-        if reach > self.near.three_points_below * patch.radius_mm {
+        let reach2 = distance * distance + medium.smooth_mm * medium.smooth_mm;
+        let below = |radii: f64| reach2 < (radii * patch.radius_mm) * (radii * patch.radius_mm);
+        if !below(self.near.three_points_below) {
             lists.points.push(point(patch.centre_mm, e * patch.area_mm2, sphere));
             return;
         }
-        let exact = reach < self.near.exact_below * patch.radius_mm;
+        let exact = below(self.near.exact_below);
         let mesh = &self.surface.scene.mesh;
         for facet in self.surface.samples.patch(index) {
             let corners = facet.corners_local_mm(mesh);
