@@ -30,7 +30,7 @@ pub struct LightSampling {
 
 impl LightSampling {
     /// For the truth.
-    pub const REFERENCE: Self = Self { points_per_patch: 16, directions: 1024, area_side: 16 };
+    pub const REFERENCE: Self = Self { points_per_patch: 16, directions: 512, area_side: 16 };
     /// Shadow boundaries to a quarter of a patch, soft light to about 1 % of each patch, which scattering averages.
     pub const FAST: Self = Self { points_per_patch: 4, directions: 256, area_side: 8 };
 }
@@ -43,13 +43,30 @@ const STAGE_ENVIRONMENT: u64 = 3;
 /// Candidate directions in each stratum of an environment.
 const CANDIDATES: usize = 64;
 
+/// Strata with more than this share of an environment's energy are seen from every point of a patch.
+const BRIGHT_SHARE: f64 = 0.02;
+
 /// A light with what all patches share precomputed.
 enum Prepared<'a> {
     Constant { radiance: DVec3 },
     Directional { from: DVec3, irradiance: DVec3 },
     Point { at: DVec3, intensity: DVec3 },
     Area(&'a Light),
-    Environment { candidates: Vec<Candidate> },
+    Environment { strata: Vec<StratumRays> },
+}
+
+/// Directions of one stratum of an environment.
+struct StratumRays {
+    candidates: Vec<Candidate>,
+    /// Whether every point of a patch looks there: a sun's shadow is as sharp as a directional light's.
+    points: PointsUsed,
+}
+
+/// Which points of a patch look at a stratum.
+#[derive(Clone, Copy, PartialEq)]
+enum PointsUsed {
+    One,
+    All,
 }
 
 /// A point of a patch.
@@ -91,9 +108,15 @@ impl<'a> Illumination<'a> {
                         direction: rotation.to_world(c.direction),
                         weight: c.weight * *scale,
                     };
-                    let candidates =
-                        (0..strata.strata().len()).flat_map(|i| strata.candidates(i)).map(turned).collect();
-                    Prepared::Environment { candidates }
+                    let total = strata.energy().element_sum();
+                    let rays = strata.strata().iter().enumerate().map(|(i, stratum)| {
+                        let share = stratum.energy.element_sum() / total;
+                        StratumRays {
+                            candidates: strata.candidates(i).iter().map(turned).collect(),
+                            points: if share > BRIGHT_SHARE { PointsUsed::All } else { PointsUsed::One },
+                        }
+                    });
+                    Prepared::Environment { strata: rays.collect() }
                 }
             })
         };
@@ -154,7 +177,7 @@ impl<'a> Illumination<'a> {
                 *intensity * (total / points.len() as f64)
             }
             Prepared::Area(light) => self.area(light, eta, patch, points),
-            Prepared::Environment { candidates } => self.environment(candidates, eta, patch, points),
+            Prepared::Environment { strata } => self.environment(strata, eta, patch, points),
         }
     }
 
@@ -221,15 +244,24 @@ impl<'a> Illumination<'a> {
         *radiance * (total / points.len() as f64)
     }
 
-    fn environment(&self, candidates: &[Candidate], eta: f64, patch: usize, points: &[SurfacePoint]) -> DVec3 {
+    fn environment(&self, strata: &[StratumRays], eta: f64, patch: usize, points: &[SurfacePoint]) -> DVec3 {
         let turn = (patch as u32).reverse_bits() >> (32 - CANDIDATES.ilog2());
         let mut total = DVec3::ZERO;
-        for (stratum, candidates) in candidates.chunks_exact(CANDIDATES).enumerate() {
+        for (stratum, rays) in strata.iter().enumerate() {
             // Neighbouring patches take different candidates of each stratum; scattering averages over them.
             let shift = bits(STAGE_ENVIRONMENT, stratum as u64, 0) as usize;
-            let candidate = candidates[(turn as usize ^ shift) & (CANDIDATES - 1)];
+            let candidate = |k: usize| rays.candidates[(turn as usize ^ shift ^ k) & (CANDIDATES - 1)];
+            if rays.points == PointsUsed::All {
+                let share = 1.0 / points.len() as f64;
+                for (k, p) in points.iter().enumerate() {
+                    let Candidate { direction, weight } = candidate(k);
+                    total += weight * (share * self.direct(p, direction, f64::INFINITY, eta));
+                }
+                continue;
+            }
             let p = &points[stratum % points.len()];
-            total += candidate.weight * self.direct(p, candidate.direction, f64::INFINITY, eta);
+            let Candidate { direction, weight } = candidate(0);
+            total += weight * self.direct(p, direction, f64::INFINITY, eta);
         }
         total
     }

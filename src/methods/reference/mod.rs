@@ -25,7 +25,7 @@ const POINTS: Key = Key {
 /// Directions of soft lights.
 const DIRECTIONS: Key = Key {
     name: "directions",
-    default: "1024",
+    default: "512",
     help: "shadow rays of a sample towards a constant light or an environment",
 };
 
