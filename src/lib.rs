@@ -35,3 +35,5 @@ pub mod asset;
 pub mod evaluate;
 
 pub mod methods;
+
+pub mod render;
