@@ -90,10 +90,10 @@ impl Camera {
     /// outside [`MIN_FOV_DEGREES`] to [`MAX_FOV_DEGREES`] (exit 1).
     pub fn new(at_mm: DVec3, look_mm: DVec3, up: DVec3, fov_degrees: f64) -> Result<Self> {
         let wrong = |what: String| Err(Error::command_line(what));
-        for (key, v) in [("at", at_mm), ("look", look_mm), ("up", up)] {
-            checked_vector(key, v)?;
-        }
-        checked_fov(fov_degrees)?;
+        let at_mm = checked_vector("at", at_mm)?;
+        let look_mm = checked_vector("look", look_mm)?;
+        let up = checked_vector("up", up)?;
+        let fov_degrees = checked_fov(fov_degrees)?;
         let Some(forward) = unit(look_mm - at_mm) else {
             return wrong(format!("at and look are both {}; move one of them", text(at_mm)));
         };
@@ -212,7 +212,8 @@ impl std::fmt::Display for Camera {
 pub(super) fn checked_vector(key: &str, v: DVec3) -> Result<DVec3> {
     // Written so that NaN fails as well.
     if v.is_finite() && v.abs().max_element() <= MAX_COORDINATE_MM {
-        return Ok(v);
+        // Adding zero turns -0 into 0, which prints as people expect.
+        return Ok(v + 0.0);
     }
     Err(Error::command_line(format!("{key}={} must hold finite numbers up to 1e12", text(v))))
 }
@@ -241,7 +242,7 @@ pub(super) fn default_up(forward: DVec3) -> DVec3 {
 /// An axis that is up in a picture along `forward`.
 fn upward_of(forward: DVec3) -> DVec3 {
     let d = forward.abs();
-    if d.y >= d.x.max(d.z) { DVec3::Z * forward.y.signum() } else { DVec3::Y }
+    if d.y >= d.x.max(d.z) { DVec3::new(0.0, 0.0, forward.y.signum()) } else { DVec3::Y }
 }
 
 /// Centre of the bounding box of the triangles in mm, with no more digits than a person needs.

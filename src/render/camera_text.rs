@@ -86,11 +86,7 @@ fn set<T>(slot: &mut Option<T>, key: &str, value: T) -> Result<()> {
 }
 
 fn number(key: &str, value: &str) -> Result<f64> {
-    match value.trim().parse::<f64>() {
-        Ok(number) if number.is_finite() => Ok(number),
-        Ok(number) => Err(Error::command_line(format!("{key}={value} must be finite, and it holds {number}"))),
-        Err(_) => Err(Error::command_line(format!("`{}` in {key}={value} is not a number", value.trim()))),
-    }
+    one_number(value).map_err(|what| Error::command_line(format!("{what} in {key}={value}")))
 }
 
 fn vector(key: &str, value: &str) -> Result<DVec3> {
@@ -99,7 +95,17 @@ fn vector(key: &str, value: &str) -> Result<DVec3> {
         let count = parts.len();
         return Err(Error::command_line(format!("{key} takes X,Y,Z, not {count} numbers, and it is `{value}`")));
     };
-    checked_vector(key, DVec3::new(number(key, x)?, number(key, y)?, number(key, z)?))
+    let component = |part| one_number(part).map_err(|what| Error::command_line(format!("{what} in {key}={value}")));
+    checked_vector(key, DVec3::new(component(x)?, component(y)?, component(z)?))
+}
+
+fn one_number(part: &str) -> std::result::Result<f64, String> {
+    let part = part.trim();
+    match part.parse::<f64>() {
+        Ok(number) if number.is_finite() => Ok(number),
+        Ok(_) => Err(format!("`{part}` is not finite")),
+        Err(_) => Err(format!("`{part}` is not a number")),
+    }
 }
 
 fn with_example(error: Error) -> Error {
