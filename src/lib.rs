@@ -37,3 +37,7 @@ pub mod evaluate;
 pub mod methods;
 
 pub mod render;
+
+pub mod measure;
+
+pub mod commands;

@@ -144,6 +144,24 @@ fn a_field_of_the_header_or_directory_that_is_wrong_is_refused_with_a_right_chec
 }
 
 #[test]
+fn every_flipped_bit_of_the_header_and_directory_with_a_right_checksum() {
+    let good = full();
+    let head = 32 + 48 * common::u32_at(&good, 12) as usize;
+    let mut refused = 0;
+    for bit in 0..8 * head {
+        let mut bytes = good.clone();
+        bytes[bit / 8] ^= 1 << (bit % 8);
+        seal(&mut bytes);
+        match decode(&bytes) {
+            // The minor version, a checksum (made right again), or the description of a method's own section.
+            Ok(asset) => assert!(bytes == good || (10..12).contains(&(bit / 8)) || asset.extra != full_asset().extra),
+            Err(_) => refused += 1,
+        }
+    }
+    assert!(refused > 6 * head, "{refused} of {} flips", 8 * head);
+}
+
+#[test]
 fn a_checksum_of_a_section_is_looked_at() {
     let good = full();
     for entry in 0..common::u32_at(&good, 12) as usize {
@@ -176,6 +194,22 @@ fn padding_must_be_zero() {
     }
 }
 
+#[test]
+fn limits_of_the_directory() {
+    let entry = |tag: &str| Entry::zstd(tag, 1, 1, 2, 0, Vec::new());
+    let code = |entries: &[Entry]| Reader::parse(&build(entries), Budget::bytes(u64::MAX)).map_err(|e| e.code()).err();
+    assert_eq!(code(&[entry("a"), entry("b")]), None);
+    assert_eq!(code(&[entry("a"), entry("b"), entry("a")]), Some(9));
+    let many: Vec<Entry> = (0..1025).map(|i| entry(&format!("s{i}"))).collect();
+    assert_eq!(code(&many[..1024]), None);
+    assert_eq!(code(&many), Some(7));
+    let record = |length: u64| Entry::zstd("r", 0, 1, 3, length, Vec::new());
+    assert_eq!(code(&[record(64 << 20)]), None);
+    assert_eq!(code(&[record((64 << 20) + 1)]), Some(13));
+    assert_eq!(code(&[Entry::zstd("r", 0, 2, 3, 0, Vec::new())]), Some(10));
+    assert_eq!(code(&[Entry::zstd("w", 11, u16::MAX, 2, u64::MAX, Vec::new())]), Some(13));
+}
+
 /// Changes a few bytes, or copies, removes or repeats some.
 fn mutate(random: &mut Random, bytes: &mut Vec<u8>) {
     for _ in 0..=random.below(6) {
@@ -204,10 +238,10 @@ fn check_again(asset: &AssetFile) {
 }
 
 #[test]
-fn ten_thousand_mutations_of_the_bytes() {
+fn twenty_thousand_mutations_of_the_bytes() {
     let good = full();
     let mut random = Random(1);
-    for i in 0..10_000 {
+    for i in 0..20_000 {
         let mut bytes = good.clone();
         mutate(&mut random, &mut bytes);
         // Most files get right checksums, and half a right length, so that the checks behind those are met.
@@ -299,6 +333,9 @@ fn only_one_plain_zstd_frame_is_a_section() {
     assert_eq!(read([frame.as_slice(), &frame].concat()), Err(17));
     assert_eq!(read(frame[..frame.len() - 1].to_vec()), Err(17));
     assert_eq!(read(Vec::new()), Err(17));
+    let nothing = build(&[Entry::zstd("z", 1, 1, 2, 0, skippable.to_vec())]);
+    let reader = Reader::parse(&nothing, BUDGET).unwrap();
+    assert_eq!(reader.array::<u8>(Tag::from_static("z")).unwrap_err().code(), 17);
     let unsized_frame = zstd::stream::encode_all(content.as_slice(), 3).unwrap();
     assert_eq!(read(unsized_frame), Err(17));
 }

@@ -16,7 +16,8 @@ use crate::compress::ledger::Ledger;
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::{Cost, Evaluator};
 use crate::io::atomic;
-use crate::io::ply::{RadiosityPly, srgb_colours};
+use crate::io::colour::srgb_from_linear;
+use crate::io::ply::{RadiosityPly, write_ply};
 use crate::methods;
 use crate::transport::scene::Scene;
 
@@ -111,7 +112,7 @@ pub(super) fn finish(
         radiosity_ply(scene, &radiosity, comments)
     });
     console.stage("write", || -> Result<()> {
-        let bytes = ply.to_bytes()?;
+        let bytes = write_ply(&ply)?;
         outputs.iter().try_for_each(|path| atomic::write(path, &bytes))
     })?;
     let measured = match measure {
@@ -183,10 +184,20 @@ pub(super) fn radiosity_ply(scene: &Scene, radiosity: &[DVec3], comments: Vec<St
     let b: Vec<[f32; 3]> = radiosity.iter().map(|v| v.as_vec3().to_array()).collect();
     RadiosityPly {
         positions: (0..b.len() as u32).map(|v| scene.mesh.position_mm(v).as_vec3().to_array()).collect(),
-        colours: srgb_colours(&b),
+        colors: colours(radiosity),
         b,
         s: None,
-        faces: scene.mesh.triangles.clone(),
+        triangles: scene.mesh.triangles.clone(),
         comments,
     }
+}
+
+/// Colours for viewers, sRGB: the 99.5th percentile of the brightest channel over lit vertices is white.
+fn colours(radiosity: &[DVec3]) -> Vec<[u8; 3]> {
+    let mut brightest: Vec<f64> = radiosity.iter().map(|b| b.max_element()).filter(|&b| b > 0.0).collect();
+    brightest.sort_unstable_by(f64::total_cmp);
+    let rank = (brightest.len() as f64 * 0.995) as usize;
+    let white = brightest.get(rank.min(brightest.len().saturating_sub(1))).copied().unwrap_or(1.0);
+    let code = |v: f64| (255.0 * srgb_from_linear((v / white).clamp(0.0, 1.0))).round() as u8;
+    radiosity.iter().map(|b| b.to_array().map(code)).collect()
 }

@@ -129,9 +129,9 @@ pub(super) fn run(args: &InspectArgs, console: &Console) -> Result<ExitCode> {
 }
 
 fn parts(asset: &Asset) -> Vec<PartRow> {
-    let row = |(index, part): (usize, &crate::geometry::parts::Part)| PartRow {
+    let row = |(index, part): (usize, &crate::geometry::part_table::PartEntry)| PartRow {
         name: part.name.clone(),
-        medium: part.medium().map(|m| asset.scene.media[m as usize].name.clone()),
+        medium: part.medium.map(|m| asset.scene.media[m as usize].name.clone()),
         triangles: part.triangle_count,
         area_mm2: part.area_mm2,
         samples: asset.samples.part(index).len(),
@@ -151,10 +151,7 @@ fn print(r: &InspectReport) -> Result<()> {
         r.diagonal_mm
     ))?;
     let resident = r.bytes_per_vertex_resident.map_or_else(|| "?".to_owned(), |b| format!("{b:.1}"));
-    say(format!(
-        "bytes/vertex without the mesh: {:.1} on disk, {resident} resident",
-        r.bytes_per_vertex_on_disk
-    ))?;
+    say(format!("bytes/vertex without the mesh: {:.1} on disk, {resident} resident", r.bytes_per_vertex_on_disk))?;
     if let Some(edits) = r.edits {
         say(format!("material edits without a new bake: {:?}", edits.material).to_lowercase())?;
     }
@@ -188,7 +185,10 @@ fn print(r: &InspectReport) -> Result<()> {
     for input in &r.provenance.inputs {
         say(format!("from {} ({} bytes, BLAKE3 {})", input.name, input.bytes, input.blake3))?;
     }
-    say(format!("scale {} mm in a unit of the source ({})", r.provenance.mm_per_source_unit, r.provenance.source_unit))?;
+    say(format!(
+        "scale {} mm in a unit of the source ({})",
+        r.provenance.mm_per_source_unit, r.provenance.source_unit
+    ))?;
     let settings: Vec<String> = r.provenance.settings.iter().map(|(k, v)| format!("{k}={v}")).collect();
     say(format!("settings {}", settings.join(" ")))?;
     r.provenance.notes.iter().try_for_each(|note| say(format!("note {note}")))

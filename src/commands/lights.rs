@@ -5,9 +5,9 @@ use clap::Args;
 use super::console::Console;
 use crate::asset::Input;
 use crate::error::{Error, Result};
-use crate::io::environment::{load_light, map_path};
+use crate::io::environment::load_light;
 use crate::light::Light;
-use crate::light::parse::{LightSpec, examples, parse};
+use crate::light::parse::{LightSpec, MapSource, examples, parse};
 
 /// Lights of a command.
 #[derive(Clone, Debug, Default, Args)]
@@ -42,12 +42,10 @@ impl LightArgs {
         let specs: Vec<LightSpec> = texts.iter().map(|t| parse(t)).collect::<Result<_>>()?;
         let mut resolved = ResolvedLights { lights: Vec::new(), text: Vec::new(), inputs: Vec::new() };
         for spec in &specs {
-            let mut warnings = Vec::new();
-            resolved.lights.push(load_light(spec, &mut warnings)?);
-            for warning in warnings {
-                console.warn(&warning);
-            }
-            if let Some(path) = map_path(spec) {
+            let loaded = load_light(spec)?;
+            loaded.warnings.iter().for_each(|w| console.warn(w));
+            resolved.lights.push(loaded.value);
+            if let LightSpec::Environment { source: MapSource::File(path), .. } = spec {
                 let bytes = std::fs::read(path).map_err(|e| Error::io(path, &e))?;
                 resolved.inputs.push(Input::of(path, &bytes));
             }

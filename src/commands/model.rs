@@ -9,8 +9,9 @@ use super::console::{Console, Verbosity, significant};
 use crate::asset::{Asset, Input, Provenance};
 use crate::error::{Error, Result};
 use crate::evaluate::{BakeSettings, Method};
-use crate::geometry::check::{self, MeshCheck};
+use crate::geometry::check::{self, MeanFreePath, MeshCheck};
 use crate::geometry::mesh::{Mesh, Scale, UpAxis, resolve_scale, skip_materials};
+use crate::geometry::part_table::PartTable;
 use crate::geometry::parts::{Analysis, MaterialRoles, PartsRule};
 use crate::geometry::source::SourceModel;
 use crate::io;
@@ -190,14 +191,15 @@ pub(super) fn prepare(
     let (scene, check, notes) = console.stage("mesh", || -> Result<_> {
         let (mut mesh, mut repairs) = Mesh::from_source(source, &placement)?;
         let analysis = Analysis::new(&mut mesh, roles, rule, &mut repairs);
-        let free_path = media.iter().map(|m| m.properties.mean_free_path_mm().min_element()).fold(f64::INFINITY, f64::min);
-        let check = check::check_with(&mesh, &analysis, &repairs, free_path.is_finite().then_some(free_path));
+        let free_paths: Vec<MeanFreePath> = media.iter().map(free_path).collect();
+        let check = check::check(&mesh, &analysis, &repairs, Some(&free_paths));
         let mut notes = repairs.lines();
         notes.push(analysis.parts.description());
-        Ok((Scene { mesh, parts: analysis.parts, media }, check, notes))
+        let parts = PartTable::of(&mesh, &analysis.parts);
+        Ok((Scene { mesh, parts, media }, check, notes))
     })?;
-    for line in &notes {
-        console.note(&format!("  {line}"));
+    if let Some(choice) = notes.last().filter(|_| check.components > 1) {
+        console.note(choice);
     }
     for warning in check.warnings() {
         console.warn(&warning);
@@ -215,6 +217,12 @@ pub(super) fn prepare(
         notes,
     };
     Ok(Loaded { scene, provenance, check })
+}
+
+/// Mean free paths over the channels of a medium.
+fn free_path(medium: &Medium) -> MeanFreePath {
+    let paths = medium.properties.mean_free_path_mm();
+    MeanFreePath { shortest_mm: paths.min_element(), longest_mm: paths.max_element() }
 }
 
 /// The line nobody can miss: the size against the lengths of the medium.
@@ -343,12 +351,7 @@ impl MediumArgs {
 }
 
 /// Bakes a loaded model; the memory is checked before.
-pub(super) fn bake(
-    method: &dyn Method,
-    loaded: Loaded,
-    settings: &BakeSettings,
-    console: &Console,
-) -> Result<Asset> {
+pub(super) fn bake(method: &dyn Method, loaded: Loaded, settings: &BakeSettings, console: &Console) -> Result<Asset> {
     let Loaded { scene, mut provenance, .. } = loaded;
     let fitting = largest_fit(method, &scene, settings, console.max_memory);
     let needed = method.bake_memory(&scene, settings);
@@ -389,7 +392,9 @@ pub(super) fn edited_media(arguments: &MediumArgs, scene: &Scene) -> Result<Opti
             let mut known: Vec<&str> = scene.parts.parts.iter().map(|p| p.name.as_str()).collect();
             known.extend(scene.media.iter().map(|m| m.name.as_str()));
             let known = known.join(", ");
-            return Err(Error::command_line(format!("--material {name}=...: no such part or medium; there are {known}")));
+            return Err(Error::command_line(format!(
+                "--material {name}=...: no such part or medium; there are {known}"
+            )));
         };
         media[index] = medium;
     }
@@ -398,7 +403,7 @@ pub(super) fn edited_media(arguments: &MediumArgs, scene: &Scene) -> Result<Opti
 
 /// The medium of a part of that name, or the medium itself.
 fn medium_named(scene: &Scene, name: &str) -> Option<usize> {
-    let of_part = scene.parts.parts.iter().find(|p| p.name == name).and_then(|p| p.medium());
+    let of_part = scene.parts.parts.iter().find(|p| p.name == name).and_then(|p| p.medium);
     of_part.map(|m| m as usize).or_else(|| scene.media.iter().position(|m| m.name == name))
 }
 

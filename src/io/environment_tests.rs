@@ -58,6 +58,45 @@ fn the_noon_sun_is_above_the_horizon_and_in_a_small_stratum() {
 }
 
 #[test]
+fn strata_of_real_maps_give_the_irradiance_of_all_pixels() {
+    use crate::light::environment::direction_of;
+    use crate::light::strata::{Strata, StrataSettings};
+    let Some(folder) = shared_env() else { return };
+    for name in ["noon_grass_1k.hdr", "st_peters_square_night_1k.hdr", "debevec_grace_256.hdr", "museum.exr"] {
+        let map = load_environment(&folder.join(name)).unwrap().value;
+        let started = std::time::Instant::now();
+        let strata = Strata::new(&map, StrataSettings::DEFAULT).unwrap();
+        let seconds = started.elapsed().as_secs_f64();
+        let normals: Vec<DVec3> =
+            (0..12).map(|i| direction_of((f64::from(i) * 0.618).fract(), (f64::from(i) + 0.5) / 12.0)).collect();
+        let mut truth = vec![DVec3::ZERO; normals.len()];
+        for y in 0..map.height() {
+            for x in 0..map.width() {
+                let (energy, direction) = (map.pixel(x, y) * map.pixel_solid_angle_sr(y), map.pixel_direction(x, y));
+                normals.iter().zip(&mut truth).for_each(|(n, sum)| *sum += energy * n.dot(direction).max(0.0));
+            }
+        }
+        // `count` candidates from a random one on, as a run-time would take them.
+        let sampled = |normal: DVec3, count: usize| -> DVec3 {
+            (0..strata.strata().len())
+                .flat_map(|i| {
+                    let first = (crate::math::random::bits(1, i as u64, normal.x.to_bits()) % 64) as usize;
+                    strata.candidates(i).iter().cycle().skip(first).take(count)
+                })
+                .map(|c| c.weight * c.direction.dot(normal).max(0.0) / count as f64)
+                .sum()
+        };
+        let worst = |count: usize| {
+            let error = |n: &DVec3, t: &DVec3| ((sampled(*n, count) - t) / t).abs().max_element();
+            normals.iter().zip(&truth).map(|(n, t)| error(n, t)).fold(0.0, f64::max)
+        };
+        println!("{name}: {seconds:.3} s, worst error {:.4} (64), {:.4} (8), {:.4} (1)", worst(64), worst(8), worst(1));
+        assert!(worst(64) < 0.01, "{name}: {}", worst(64));
+        assert!(worst(1) < 0.2, "{name}: {}", worst(1));
+    }
+}
+
+#[test]
 fn lights_are_loaded_and_errors_give_a_hint() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a:b.hdr");

@@ -80,6 +80,12 @@ fn attributes_reach_the_header_in_order() {
     }
     let find = |text: &str| bytes.windows(text.len()).position(|w| w == text.as_bytes()).unwrap();
     assert!(find("light\0string") < find("anotherOne\0string") && find("anotherOne\0") < find("empty\0string"));
+    // The header ends after the last attribute; the table behind it must point at blocks of rows 0, 16 and 32.
+    let table = find("empty\0string\0") + "empty\0string\0".len() + 4 + 1;
+    for block in 0..3 {
+        let offset = u64::from_le_bytes(*bytes[table + 8 * block..].first_chunk().unwrap()) as usize;
+        assert_eq!(i32::from_le_bytes(*bytes[offset..].first_chunk().unwrap()), 16 * block as i32);
+    }
     let white = meta.headers[0].shared_attributes.chromaticities.unwrap().white;
     assert_eq!(white, openexr::Vec2(0.3127, 0.3290));
 }

@@ -5,6 +5,7 @@ pub mod colour;
 pub mod environment;
 pub mod exr;
 pub mod exr_write;
+pub mod gltf;
 pub mod hdr;
 pub mod obj;
 pub mod ply;

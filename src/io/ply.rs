@@ -38,6 +38,8 @@ pub struct PlyVertexTable {
     pub columns: Vec<(String, Vec<f64>)>,
     /// Comments of the header.
     pub comments: Vec<String>,
+    /// Faces of the `face` element, polygons cut into fans; every index is that of a vertex.
+    pub triangles: Vec<[u32; 3]>,
 }
 
 impl PlyVertexTable {
@@ -131,8 +133,8 @@ pub fn read_ply(path: &Path) -> Result<PlyVertexTable> {
     parse_ply(&bytes, &path.display().to_string())
 }
 
-/// Parses the bytes of a PLY file; `name` stands in front of every error. List properties and elements other than
-/// `vertex` are walked over, not kept.
+/// Parses the bytes of a PLY file; `name` stands in front of every error. Kept are the scalars of `vertex` and the
+/// vertex indices of `face`; everything else is walked over.
 ///
 /// # Errors
 /// Invalid input where the header or a row is malformed, a vertex value is not finite, or the data is shorter or longer
@@ -164,6 +166,10 @@ fn parse(bytes: &[u8]) -> Result<PlyVertexTable> {
                 return Err(Error::input(format!("{} bytes more than the header counts", rows.rest.len())));
             }
         }
+    }
+    let vertices = table.vertex_count;
+    if let Some(index) = table.triangles.iter().flatten().find(|&&index| index as usize >= vertices) {
+        return Err(Error::input(format!("a face refers to vertex {index} of {vertices}")));
     }
     Ok(table)
 }
@@ -254,9 +260,10 @@ impl<'a> TextRows<'a> {
                 }
                 Kind::List { count, item } => {
                     let length = value(count, property)?;
+                    let mut fan = Fan::new(element, property);
                     // The words of the line bound the loop, whatever the length says.
                     for _ in 0..list_length(length, property)? {
-                        value(item, property)?;
+                        fan.corner(value(item, property)?, table);
                     }
                 }
             }
@@ -265,6 +272,36 @@ impl<'a> TextRows<'a> {
             return Err(Error::input(format!("row {row} of `{}` has too many values", element.name)));
         }
         Ok(())
+    }
+}
+
+/// Cuts one face into a fan while its corners arrive.
+struct Fan {
+    kept: bool,
+    first: Option<u32>,
+    last: Option<u32>,
+}
+
+impl Fan {
+    fn new(element: &Element, property: &Property) -> Self {
+        let kept = element.name == "face" && matches!(property.name.as_str(), "vertex_indices" | "vertex_index");
+        Self { kept, first: None, last: None }
+    }
+
+    fn corner(&mut self, index: f64, table: &mut PlyVertexTable) {
+        if !self.kept {
+            return;
+        }
+        // Negative and fractional indices saturate or round to something that the check of the range judges.
+        let index = if index < 0.0 { u32::MAX } else { index as u32 };
+        match (self.first, self.last) {
+            (Some(first), Some(last)) => {
+                table.triangles.push([first, last, index]);
+                self.last = Some(index);
+            }
+            (Some(_), None) => self.last = Some(index),
+            (None, _) => self.first = Some(index),
+        }
     }
 }
 
@@ -318,10 +355,14 @@ impl<'a> BinaryRows<'a> {
                 Kind::List { count, item } => {
                     let bytes = self.take(count.bytes()).ok_or_else(|| too_short(element))?;
                     let length = list_length(count.decode(bytes), property)?;
-                    length
+                    let items = length
                         .checked_mul(item.bytes())
                         .and_then(|bytes| self.take(bytes))
                         .ok_or_else(|| too_short(element))?;
+                    let mut fan = Fan::new(element, property);
+                    for bytes in items.chunks_exact(item.bytes()) {
+                        fan.corner(item.decode(bytes), table);
+                    }
                 }
             }
         }

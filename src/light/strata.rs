@@ -25,7 +25,8 @@ pub struct StrataSettings {
 }
 
 impl StrataSettings {
-    /// Irradiance within about 1 % of the sum over all pixels.
+    /// Unoccluded irradiance within 0.1 % of the sum over all pixels with all candidates; with one random candidate a
+    /// stratum the worst of a few normals is 3 to 10 % off, zero on average (1k maps, noon sun to museum).
     pub const DEFAULT: Self = Self { strata: 256, candidates: 64 };
 }
 
@@ -94,7 +95,7 @@ impl Strata {
     }
 
     /// Candidates of the stratum `index` (none past the end). Any aligned run of a power of two of them is itself well
-    /// spread over the stratum.
+    /// spread over the stratum. To use a few, start at a random one: the first alone sits in a corner.
     pub fn candidates(&self, index: usize) -> &[Candidate] {
         let start = index.saturating_mul(self.candidates_per_stratum).min(self.candidates.len());
         &self.candidates[start..(start + self.candidates_per_stratum).min(self.candidates.len())]
@@ -121,6 +122,9 @@ struct Piece {
     cost: f64,
     order: usize,
 }
+
+/// Columns, rows and energy of one side of a cut.
+type Half = (Range<usize>, Range<usize>, f64);
 
 impl Ord for Piece {
     fn cmp(&self, other: &Self) -> Ordering {
@@ -205,8 +209,7 @@ impl<'a> Grid<'a> {
     }
 
     /// The cut of a rectangle that leaves the lowest cost, with the halves' energies; none for a single pixel.
-    #[allow(clippy::type_complexity)]
-    fn best_cut(&self, columns: &Range<usize>, rows: &Range<usize>) -> Option<[(Range<usize>, Range<usize>, f64); 2]> {
+    fn best_cut(&self, columns: &Range<usize>, rows: &Range<usize>) -> Option<[Half; 2]> {
         let mut by_column = vec![0.0; columns.len()];
         let mut by_row = Vec::with_capacity(rows.len());
         for y in rows.clone() {
@@ -226,7 +229,7 @@ impl<'a> Grid<'a> {
             let at = rows.start + k;
             [(columns.clone(), rows.start..at, a), (columns.clone(), at..rows.end, b)]
         });
-        let cost = |halves: &[(Range<usize>, Range<usize>, f64); 2]| -> f64 {
+        let cost = |halves: &[Half; 2]| -> f64 {
             halves.iter().map(|(c, r, energy)| energy * energy * self.diameter(c, r)).sum()
         };
         column_cuts.chain(row_cuts).min_by(|a, b| cost(a).total_cmp(&cost(b)))

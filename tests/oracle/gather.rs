@@ -21,7 +21,8 @@ pub struct OracleSettings {
     pub probe_share: f64,
     /// Largest contribution of a patch with one estimate of the extended lights' irradiance.
     pub extended_share: f64,
-    /// Draws for each of the seven points of a patch and for each of two independent estimates.
+    /// Draws for each of the seven points of a patch and for each of two independent estimates; even, as
+    /// environments are drawn from in two ways by turns.
     pub draws: u64,
     /// Pixels of an environment with more than this share of its power are directional lights.
     pub sharp_pixel_share: f64,
@@ -76,6 +77,7 @@ struct Receiver<'a> {
 
 impl Oracle {
     pub fn new(mesh: &OracleMesh, medium: &OracleMedium, lights: &[OracleLight], settings: OracleSettings) -> Self {
+        assert!(settings.draws > 0 && settings.draws.is_multiple_of(2), "draws must be even");
         let (sharp, extended) = prepare(lights, settings.sharp_pixel_share);
         let channels = medium.channels();
         let mut oracle = Self {
@@ -115,6 +117,12 @@ impl Oracle {
         self.at_point(self.positions[vertex], &self.settings).0
     }
 
+    /// The same with light that entered through the triangles named only: the vertex' own part, without what is
+    /// opaque. All triangles cast shadows.
+    pub fn radiosity_through(&self, vertex: usize, triangles: &[usize]) -> V3 {
+        self.gather(self.positions[vertex], &self.settings, triangles.iter().copied()).0
+    }
+
     /// Radiosity at a vertex and what it differs by under looser tolerances and other draws.
     pub fn radiosity_with_error(&self, vertex: usize) -> (V3, V3) {
         let s = self.settings;
@@ -137,12 +145,18 @@ impl Oracle {
 
     /// Radiosity at any point of the surface, and half the difference of the two estimates of extended lights.
     pub fn at_point(&self, x: V3, settings: &OracleSettings) -> (V3, V3) {
+        self.gather(x, settings, 0..self.roots.len())
+    }
+
+    fn gather(&self, x: V3, settings: &OracleSettings, triangles: impl Iterator<Item = usize>) -> (V3, V3) {
         let mut receiver = Receiver { x, settings, sum: [0.0; 3], halves: [[0.0; 3]; 2] };
-        for t in 0..self.trees.len() {
-            self.gather_sharp_root(&mut receiver, t);
-        }
-        for t in 0..self.means.len() {
-            self.gather_extended_root(&mut receiver, t);
+        for t in triangles {
+            if !self.sharp.is_empty() {
+                self.gather_sharp_root(&mut receiver, t);
+            }
+            if !self.extended.is_empty() {
+                self.gather_extended_root(&mut receiver, t);
+            }
         }
         let [a, b] = receiver.halves;
         let noise = sub(a, b).map(|d| 0.5 * d.abs());
@@ -224,8 +238,7 @@ impl Oracle {
                 let k = self.kernel(receiver.x, p);
                 for (light, share) in self.sharp.iter().zip(lit).filter(|(_, share)| **share > 0.0) {
                     let e = light.unshadowed(self.eta, p, patch.normal);
-                    receiver.sum =
-                        add(receiver.sum, [0, 1, 2].map(|c| w * patch.area * share * k[c] * e[c]));
+                    receiver.sum = add(receiver.sum, [0, 1, 2].map(|c| w * patch.area * share * k[c] * e[c]));
                 }
             }
             return;
@@ -310,7 +323,7 @@ impl Oracle {
         let points = radon_rule().map(|(barycentric, _)| patch.point(barycentric));
         let mut sums = [[[0.0; 3]; 2]; 7];
         for (index, light) in self.extended.iter().enumerate() {
-            for half in 0..2 {
+            for half in [0, 1] {
                 let shift = hash(hash(key, 1000 + index as u64), half as u64);
                 for j in 0..7 * self.settings.draws {
                     // Blocks of draws, so that an even and an odd one fall on each point.
@@ -353,8 +366,8 @@ impl Oracle {
 fn weighted(estimates: &[Pair; 7]) -> Pair {
     let mut mean = [[0.0; 3]; 2];
     for ((_, w), pair) in radon_rule().iter().zip(estimates) {
-        for half in 0..2 {
-            mean[half] = add(mean[half], mul(pair[half], *w));
+        for (sum, e) in mean.iter_mut().zip(pair) {
+            *sum = add(*sum, mul(*e, *w));
         }
     }
     mean

@@ -7,7 +7,11 @@ use std::path::Path;
 /// # Panics
 /// On any file that is not what a test should feed it.
 pub fn read_hdr(path: &Path) -> (usize, usize, Vec<[f32; 3]>) {
-    let bytes = std::fs::read(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    parse_hdr(&std::fs::read(path).unwrap_or_else(|e| panic!("{}: {e}", path.display())))
+}
+
+/// The same from the bytes of a file.
+pub fn parse_hdr(bytes: &[u8]) -> (usize, usize, Vec<[f32; 3]>) {
     let blank = bytes.windows(2).position(|w| w == b"\n\n").unwrap();
     let size_end = blank + 2 + bytes[blank + 2..].iter().position(|&b| b == b'\n').unwrap();
     let size = String::from_utf8_lossy(&bytes[blank + 2..size_end]).into_owned();
@@ -20,7 +24,7 @@ pub fn read_hdr(path: &Path) -> (usize, usize, Vec<[f32; 3]>) {
         let mut row = vec![[0u8; 4]; width];
         if bytes[at] == 2 && bytes[at + 1] == 2 && bytes[at + 2] < 128 {
             at += 4;
-            for channel in 0..4 {
+            for channel in [0, 1, 2, 3] {
                 let mut x = 0;
                 while x < width {
                     let count = usize::from(bytes[at]);

@@ -2,6 +2,7 @@
 
 use super::vector::{V3, cross, distance, dot, gauss_legendre, length, normalised, sub};
 use std::f64::consts::PI;
+use std::sync::OnceLock;
 
 /// Reduced scattering and absorption per mm for R, G, B; eta is inside over outside.
 #[derive(Clone, Debug)]
@@ -90,7 +91,8 @@ impl Channel {
                 .sum();
             self.albedo / (4.0 * PI) * sum
         };
-        let nodes = gauss_legendre(64);
+        static NODES: OnceLock<Vec<(f64, f64)>> = OnceLock::new();
+        let nodes = NODES.get_or_init(|| gauss_legendre(64));
         let mut total = 0.0;
         for k in 0..3 {
             let (a, b) = (sub(corners[k], foot), sub(corners[(k + 1) % 3], foot));

@@ -1,6 +1,6 @@
 //! Triangle meshes: an OBJ reader for `v` and `f` lines, scaling, and a few generated shapes.
 
-use super::vector::{V3, distance, normalised};
+use super::vector::{V3, add, cross, distance, dot, mul, normalised, sub};
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -18,6 +18,11 @@ impl OracleMesh {
     /// On any file that is not what a test should feed it.
     pub fn read_obj(path: &Path) -> Self {
         let text = std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+        Self::parse_obj(&text, &path.display().to_string())
+    }
+
+    /// The same from the text of the file called `name`.
+    pub fn parse_obj(text: &str, name: &str) -> Self {
         let mut mesh = Self::default();
         for (line_number, line) in text.lines().enumerate() {
             let mut words = line.split_whitespace();
@@ -34,7 +39,7 @@ impl OracleMesh {
                             u32::try_from(index).unwrap()
                         })
                         .collect();
-                    assert!(corners.len() >= 3, "{}:{}: face with too few corners", path.display(), line_number + 1);
+                    assert!(corners.len() >= 3, "{name}:{}: face with too few corners", line_number + 1);
                     for k in 1..corners.len() - 1 {
                         mesh.triangles.push([corners[0], corners[k], corners[k + 1]]);
                     }
@@ -72,10 +77,7 @@ impl OracleMesh {
                 for k in j + 1..12 {
                     let (a, b, c) = (points[i as usize], points[j as usize], points[k as usize]);
                     if [distance(a, b), distance(b, c), distance(c, a)].iter().all(|d| (d - 2.0).abs() < 1e-9) {
-                        let outward = super::vector::dot(
-                            super::vector::cross(super::vector::sub(b, a), super::vector::sub(c, a)),
-                            a,
-                        );
+                        let outward = dot(cross(sub(b, a), sub(c, a)), a);
                         triangles.push(if outward > 0.0 { [i, j, k] } else { [i, k, j] });
                     }
                 }
@@ -85,15 +87,14 @@ impl OracleMesh {
             let mut middle: HashMap<(u32, u32), u32> = HashMap::new();
             let mut split = |points: &mut Vec<V3>, a: u32, b: u32| {
                 *middle.entry((a.min(b), a.max(b))).or_insert_with(|| {
-                    points.push(super::vector::add(points[a as usize], points[b as usize]).map(|c| c / 2.0));
+                    points.push(mul(add(points[a as usize], points[b as usize]), 0.5));
                     points.len() as u32 - 1
                 })
             };
             triangles = triangles
                 .iter()
                 .flat_map(|&[a, b, c]| {
-                    let (ab, bc, ca) =
-                        (split(&mut points, a, b), split(&mut points, b, c), split(&mut points, c, a));
+                    let (ab, bc, ca) = (split(&mut points, a, b), split(&mut points, b, c), split(&mut points, c, a));
                     [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
                 })
                 .collect();

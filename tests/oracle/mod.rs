@@ -18,6 +18,7 @@ pub mod mesh;
 pub mod patch;
 pub mod rays;
 pub mod shadow;
+pub mod truth_files;
 pub mod vector;
 
 pub use gather::{Oracle, OracleSettings};

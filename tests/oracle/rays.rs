@@ -16,6 +16,7 @@ struct BoxNode {
 pub struct Blockers {
     nodes: Vec<BoxNode>,
     order: Vec<u32>,
+    /// In the order of the mesh while the tree is built, in the order of `order` afterwards.
     corners: Vec<[V3; 3]>,
     /// Hits nearer than this are the surface itself, mm.
     nearest_mm: f64,
@@ -105,14 +106,22 @@ impl Blockers {
                 continue;
             }
             for slot in node.link as usize..(node.link + node.count) as usize {
-                if self.order[slot] != own
-                    && hit(self.corners[slot], origin, direction).is_some_and(|t| t > nearest && t < reach)
-                {
+                if self.blocks(slot, origin, own, direction, nearest, reach) {
                     return false;
                 }
             }
         }
         true
+    }
+
+    /// The same answer without the tree.
+    pub fn sees_by_loop(&self, origin: V3, own: u32, direction: V3, reach: f64) -> bool {
+        let nearest = self.nearest_mm / dot(direction, direction).sqrt();
+        !(0..self.order.len()).any(|slot| self.blocks(slot, origin, own, direction, nearest, reach))
+    }
+
+    fn blocks(&self, slot: usize, origin: V3, own: u32, direction: V3, nearest: f64, reach: f64) -> bool {
+        self.order[slot] != own && hit(self.corners[slot], origin, direction).is_some_and(|t| t > nearest && t < reach)
     }
 }
 

@@ -15,7 +15,7 @@ pub(super) type Slot = MaybeUninit<u32>;
 pub(super) enum Path {
     /// Whatever the compiler makes of arrays.
     Portable,
-    /// AVX2 and FMA.
+    /// AVX2 and FMA, and the bit instructions that come with them.
     #[cfg(target_arch = "x86_64")]
     Avx2,
 }
@@ -24,8 +24,12 @@ impl Path {
     /// The best path of this CPU.
     pub(super) fn detect() -> Self {
         #[cfg(target_arch = "x86_64")]
-        if std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma") {
-            return Self::Avx2;
+        {
+            use std::arch::is_x86_feature_detected as has;
+            let vectors = has!("avx2") && has!("fma");
+            if vectors && has!("bmi1") && has!("bmi2") && has!("lzcnt") && has!("popcnt") {
+                return Self::Avx2;
+            }
         }
         Self::Portable
     }

@@ -30,8 +30,8 @@ const ROUNDING: f32 = 1.0 / 16_777_216.0;
 /// Moves a surface point along the geometric normal, out of reach of the rounding of its own coordinates, so that a
 /// ray from there does not meet the surface it leaves.
 ///
-/// Each coordinate moves by at least 4 units in its last place in the direction of the normal where the normal has a
-/// component, and the whole point by 16 roundings of its largest coordinate. A normal of zero length moves nothing.
+/// The step is 2^-19 of the largest coordinate (16 units in its last place or more), and rounding never takes any of
+/// it back. A normal of zero length moves nothing.
 pub fn offset_origin(point: Vec3, geometric_normal: Vec3) -> Vec3 {
     let unit = geometric_normal.as_dvec3().normalize_or_zero();
     let distance = f64::from(32.0 * ROUNDING) * point.as_dvec3().abs().max_element();
@@ -67,9 +67,13 @@ pub(super) struct Query {
     pub direction_z: f64,
     /// Reciprocal of the direction, its components held away from zero.
     pub inverse: [f32; 3],
-    /// `inverse` times the origin moved back, for the near planes.
+    /// The origin moved forth by the growth of boxes, for the planes where the ray enters.
+    pub near_origin: [f32; 3],
+    /// The origin moved back by it, for the planes where the ray leaves.
+    pub far_origin: [f32; 3],
+    /// `inverse` times `near_origin`.
     pub near_offset: [f32; 3],
-    /// `inverse` times the origin moved forth, for the far planes.
+    /// `inverse` times `far_origin`.
     pub far_offset: [f32; 3],
     /// For each axis, whether the direction points down it.
     pub negative: [bool; 3],
@@ -125,6 +129,8 @@ impl Query {
             shear: [0.0; 2],
             direction_z: f64::from(d[z]),
             inverse: [0.0; 3],
+            near_origin: [0.0; 3],
+            far_origin: [0.0; 3],
             near_offset: [0.0; 3],
             far_offset: [0.0; 3],
             negative: [false; 3],
@@ -136,8 +142,10 @@ impl Query {
             let inverse = 1.0 / d[axis].abs().max(least).copysign(d[axis]);
             let grow = grow.copysign(inverse);
             query.inverse[axis] = inverse;
-            query.near_offset[axis] = (o[axis] + grow) * inverse;
-            query.far_offset[axis] = (o[axis] - grow) * inverse;
+            query.near_origin[axis] = o[axis] + grow;
+            query.far_origin[axis] = o[axis] - grow;
+            query.near_offset[axis] = query.near_origin[axis] * inverse;
+            query.far_offset[axis] = query.far_origin[axis] * inverse;
             query.negative[axis] = inverse < 0.0;
         }
         query.shear = [d[axes[0]] * query.inverse[z], d[axes[1]] * query.inverse[z]];

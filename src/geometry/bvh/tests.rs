@@ -167,7 +167,7 @@ fn plain(&[a, b, c]: &[Vec3; 3], ray: &Ray) -> Option<Option<f64>> {
 }
 
 fn sorted(mut hits: Vec<Hit>) -> Vec<Hit> {
-    hits.sort_by(|a, b| a.triangle.cmp(&b.triangle));
+    hits.sort_by_key(|hit| hit.triangle);
     hits
 }
 
@@ -177,7 +177,7 @@ fn probe(i: u64, corners: &Corners, scale: f32, offset: Vec3) -> Ray {
     let origin = point(12, i) * 1.5 * scale + offset;
     let mut ray = Ray::new(origin, direction(13, i));
     match i % 8 {
-        0 => ray.direction = Vec3::AXES[(i / 8 % 3) as usize] * if i / 24 % 2 == 0 { 1.0 } else { -1.0 },
+        0 => ray.direction = Vec3::AXES[(i / 8 % 3) as usize] * [1.0, -1.0][(i / 24 % 2) as usize],
         1 => ray.direction = (direction(13, i) * Vec3::new(1.0, 1.0, 0.0)).normalize_or(Vec3::X),
         // At a vertex, at the middle of an edge, along an edge.
         2 => ray.direction = (triangle[0] - origin).normalize_or(Vec3::X),

@@ -7,7 +7,7 @@ use super::triangle::{ExactHit, candidates, exact};
 use super::{Hit, NO_TRIANGLE};
 
 /// Entries of a stack that needs no allocation; deeper trees take a `Vec`.
-const SMALL_STACK: usize = 256;
+pub(super) const SMALL_STACK: usize = 256;
 
 /// No block has this number: there are fewer than 2^28.
 const NOTHING: u32 = u32::MAX;
@@ -67,7 +67,7 @@ pub(super) trait Visit {
 }
 
 /// Any triangle but one.
-struct Except(u32);
+pub(super) struct Except(pub u32);
 
 impl Visit for Except {
     #[inline(always)]
@@ -159,7 +159,7 @@ fn any_on_stack<L: Lanes, V: Visit>(tree: &Tree, query: &Query, stack: &mut [Slo
 }
 
 #[inline(always)]
-fn block<L: Lanes, V: Visit>(tree: &Tree, query: &Query, leaf: u32, visit: &mut V) -> bool {
+pub(super) fn block<L: Lanes, V: Visit>(tree: &Tree, query: &Query, leaf: u32, visit: &mut V) -> bool {
     let block = &tree.blocks[((leaf & !LEAF) >> 3) as usize];
     let mut mask = candidates::<L>(block, query, (leaf & 7) + 1);
     while mask != 0 {

@@ -103,3 +103,6 @@ impl Mesh {
 /// A coordinate is at most half the diagonal, so the rounding error is at most 2^-25 of the diagonal; twice that is
 /// the resolution that the mesh claims.
 pub(crate) const POSITION_RESOLUTION: f64 = 1.0 / 16_777_216.0;
+
+#[cfg(test)]
+mod tests;

@@ -121,10 +121,17 @@ fn collinear_corners_give_no_triangle_without_area() {
     square.extend(side.map(|t| [1.0 - t, 1.0]));
     square.extend(side.map(|t| [0.0, 1.0 - t]));
     check_everywhere(&square);
-    let turn = glam::DQuat::from_rotation_z(0.3) * glam::DQuat::from_rotation_x(1.3);
-    let corners: Vec<DVec3> = flat(&square).iter().map(|&c| turn * c).collect();
-    for [a, b, c] in triangulate(&corners) {
-        assert!((corners[b] - corners[a]).cross(corners[c] - corners[a]).length() > 1e-3);
+    // Corners on one side only, so that the shortest cuts are those along it. In slanted planes the corners are
+    // collinear only up to rounding.
+    let mut comb: Vec<[f64; 2]> = (0..=10).map(|i| [0.1 * f64::from(i), 0.0]).collect();
+    comb.extend([[1.0, 1.0], [0.0, 1.0]]);
+    check_everywhere(&comb);
+    for step in 0..200 {
+        let turn = glam::DQuat::from_rotation_z(f64::from(step)) * glam::DQuat::from_rotation_x(0.37 * f64::from(step));
+        let corners: Vec<DVec3> = flat(&comb).iter().map(|&c| turn * c).collect();
+        for [a, b, c] in triangulate(&corners) {
+            assert!((corners[b] - corners[a]).cross(corners[c] - corners[a]).length() > 1e-3, "step {step}");
+        }
     }
 }
 

@@ -1,0 +1,200 @@
+//! `translux compare A B`: PLY and EXR pairs; exact equality without a threshold.
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum};
+use glam::DVec3;
+use serde::Serialize;
+
+use super::console::{Console, Format, percent};
+use super::{output, report};
+use crate::error::{Error, ExitCode, Result};
+use crate::io::exr::{ExrPlane, read_exr_channels};
+use crate::io::ply::{PlyVertexTable, read_ply};
+use crate::math::statistics::{VertexError, vertex_error};
+use crate::measure::image_error::{ImageError, image_error};
+use crate::methods::settings::share;
+
+#[derive(Clone, Debug, Args)]
+pub(super) struct CompareArgs {
+    /// File to judge (.ply or .exr)
+    a: PathBuf,
+    /// Reference of the same kind
+    b: PathBuf,
+    /// Figure that --fail-above judges
+    #[arg(long, default_value = "rms")]
+    metric: Metric,
+    /// Exit with 7 if the metric is above this, such as 0.5%; without it anything but equality does
+    #[arg(long, value_name = "E")]
+    fail_above: Option<String>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
+#[serde(rename_all = "kebab-case")]
+enum Metric {
+    /// Area-weighted RMS over vertices, worst channel; RMS over covered pixels for pictures
+    Rms,
+    /// 99.9th percentile
+    P999,
+    /// Worst vertex or pixel
+    Worst,
+}
+
+#[derive(Serialize)]
+struct CompareReport {
+    a: PathBuf,
+    b: PathBuf,
+    equal: bool,
+    metric: Metric,
+    value: f64,
+    threshold: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    vertices: Option<VertexError>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    image: Option<ImageError>,
+}
+
+pub(super) fn run(args: &CompareArgs, console: &Console) -> Result<ExitCode> {
+    let threshold = args.fail_above.as_deref().map(|t| threshold(t)).transpose()?;
+    let suffixes = (output::suffix(&args.a), output::suffix(&args.b));
+    let mut result = CompareReport {
+        a: args.a.clone(),
+        b: args.b.clone(),
+        equal: false,
+        metric: args.metric,
+        value: 0.0,
+        threshold,
+        vertices: None,
+        image: None,
+    };
+    match (suffixes.0.as_str(), suffixes.1.as_str()) {
+        ("ply", "ply") => compare_ply(&mut result)?,
+        ("exr", "exr") => compare_exr(&mut result)?,
+        _ => {
+            let (a, b) = (args.a.display(), args.b.display());
+            return Err(Error::command_line(format!("{a} and {b}: two .ply or two .exr files are needed")));
+        }
+    }
+    let differs = threshold.map_or(!result.equal, |limit| result.value > limit);
+    if console.format == Format::Text && console.verbosity == super::console::Verbosity::Normal {
+        output::print_line(&describe(&result))?;
+    }
+    report::print(console, "compare", &result)?;
+    Ok(if differs { ExitCode::Difference } else { ExitCode::Ok })
+}
+
+/// Zero is a threshold too.
+fn threshold(text: &str) -> Result<f64> {
+    if text.trim().trim_end_matches('%').trim().parse() == Ok(0.0) { Ok(0.0) } else { share(text, "--fail-above") }
+}
+
+fn describe(r: &CompareReport) -> String {
+    let figures = match (&r.vertices, &r.image) {
+        (Some(v), _) => format!(
+            "RMS {}, bias {}, 99.9th percentile {}, worst vertex {}",
+            percent(v.rms),
+            percent(v.bias),
+            percent(v.p999),
+            percent(v.worst)
+        ),
+        (_, Some(i)) => format!(
+            "RMS {} over {} covered pixels ({} with background), 99.9th percentile {}, worst pixel {}",
+            percent(i.rms),
+            i.covered,
+            percent(i.rms_with_background),
+            percent(i.p999),
+            percent(i.worst)
+        ),
+        _ => String::new(),
+    };
+    format!("{}: {figures}", if r.equal { "equal" } else { "different" })
+}
+
+fn compare_ply(result: &mut CompareReport) -> Result<()> {
+    let (a, b) = (read_ply(&result.a)?, read_ply(&result.b)?);
+    if a.vertex_count != b.vertex_count {
+        let counts = format!("{} and {} vertices", a.vertex_count, b.vertex_count);
+        return Err(Error::new(ExitCode::Difference, format!("the files have {counts}")));
+    }
+    result.equal = a.columns == b.columns && a.triangles == b.triangles;
+    let mut worst = compare_triples(&a, &b, ["b_r", "b_g", "b_b"], &result.a, &result.b)?;
+    if a.column("s_r").is_some() && b.column("s_r").is_some() {
+        worst = worst.max(compare_triples(&a, &b, ["s_r", "s_g", "s_b"], &result.a, &result.b)?);
+    }
+    result.value = match result.metric {
+        Metric::Rms => worst.rms,
+        Metric::P999 => worst.p999,
+        Metric::Worst => worst.worst,
+    };
+    result.vertices = Some(worst);
+    Ok(())
+}
+
+fn compare_triples(
+    a: &PlyVertexTable,
+    b: &PlyVertexTable,
+    names: [&str; 3],
+    path_a: &Path,
+    path_b: &Path,
+) -> Result<VertexError> {
+    let values = |table: &PlyVertexTable, path: &Path| -> Result<Vec<DVec3>> {
+        let missing = || Error::input(format!("{}: no properties {}", path.display(), names.join(" ")));
+        Ok(table.triples(names).ok_or_else(missing)?.into_iter().map(DVec3::from_array).collect())
+    };
+    Ok(vertex_error(&values(a, path_a)?, &values(b, path_b)?, &vertex_areas(b)))
+}
+
+/// A third of the area around each vertex; equal weights for a file without faces.
+fn vertex_areas(table: &PlyVertexTable) -> Vec<f64> {
+    let positions = table.triples(["x", "y", "z"]).filter(|_| !table.triangles.is_empty());
+    let Some(positions) = positions else { return vec![1.0; table.vertex_count] };
+    let at = |i: u32| DVec3::from_array(positions[i as usize]);
+    let mut areas = vec![0.0; table.vertex_count];
+    for &[a, b, c] in &table.triangles {
+        let third = (at(b) - at(a)).cross(at(c) - at(a)).length() / 6.0;
+        for v in [a, b, c] {
+            areas[v as usize] += third;
+        }
+    }
+    areas
+}
+
+fn compare_exr(result: &mut CompareReport) -> Result<()> {
+    let (a, b) = (read_exr_channels(&result.a)?, read_exr_channels(&result.b)?);
+    let size = |planes: &[ExrPlane]| planes.first().map(|p| (p.width, p.height));
+    if size(&a) != size(&b) {
+        return Err(Error::new(ExitCode::Difference, "the pictures have different sizes"));
+    }
+    result.equal = a == b;
+    let layer = if find(&a, "diffuse.R").is_some() && find(&b, "diffuse.R").is_some() { "diffuse." } else { "" };
+    let (picture, reference) = (rgb(&a, layer, &result.a)?, rgb(&b, layer, &result.b)?);
+    let covered: Vec<bool> = match (coverage(&a), coverage(&b)) {
+        (Some(a), Some(b)) => a.iter().zip(b).map(|(a, b)| *a > 0.0 || *b > 0.0).collect(),
+        _ => vec![true; picture.len()],
+    };
+    let error = image_error(&picture, &reference, &covered);
+    result.value = match result.metric {
+        Metric::Rms => error.rms,
+        Metric::P999 => error.p999,
+        Metric::Worst => error.worst,
+    };
+    result.image = Some(error);
+    Ok(())
+}
+
+fn find<'a>(planes: &'a [ExrPlane], name: &str) -> Option<&'a ExrPlane> {
+    planes.iter().find(|p| p.name == name)
+}
+
+fn coverage(planes: &[ExrPlane]) -> Option<&[f32]> {
+    find(planes, "coverage.A").or_else(|| find(planes, "A")).map(|p| p.samples.as_slice())
+}
+
+fn rgb(planes: &[ExrPlane], layer: &str, path: &Path) -> Result<Vec<[f32; 3]>> {
+    let plane = |channel: &str| {
+        let name = format!("{layer}{channel}");
+        find(planes, &name).ok_or_else(|| Error::input(format!("{}: no channel {name}", path.display())))
+    };
+    let (r, g, b) = (plane("R")?, plane("G")?, plane("B")?);
+    Ok(r.samples.iter().zip(&g.samples).zip(&b.samples).map(|((r, g), b)| [*r, *g, *b]).collect())
+}

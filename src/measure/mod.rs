@@ -1,0 +1,4 @@
+//! Error metrics of pictures, probe lights and comparisons.
+
+pub mod image_error;
+pub mod probes;

@@ -1,0 +1,75 @@
+//! Probe lights: the fixed set under which errors are measured. Tuning sees one half, figures come from the other.
+
+use glam::DVec3;
+
+use crate::geometry::mesh::Mesh;
+use crate::light::Light;
+
+/// Which half of the probe lights.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Half {
+    /// Lights that choices may look at.
+    Tuning,
+    /// Lights that figures are reported for.
+    Figures,
+}
+
+/// Number of directional probe lights in both halves.
+pub const DIRECTIONS: usize = 32;
+
+/// The `index`-th of `count` directions of a spherical Fibonacci lattice.
+pub fn fibonacci_direction(index: usize, count: usize) -> DVec3 {
+    let golden = 0.5 * (5f64.sqrt() - 1.0);
+    let y = 1.0 - (2.0 * index as f64 + 1.0) / count as f64;
+    let radius = (1.0 - y * y).max(0.0).sqrt();
+    let azimuth = std::f64::consts::TAU * (index as f64 * golden).fract();
+    DVec3::new(radius * azimuth.sin(), y, radius * azimuth.cos())
+}
+
+/// Directional lights of a half: every other direction of the lattice, irradiance 1.
+pub fn directional(half: Half) -> Vec<Light> {
+    let first = usize::from(half == Half::Figures);
+    (first..DIRECTIONS)
+        .step_by(2)
+        .map(|i| Light::Directional { from: fibonacci_direction(i, DIRECTIONS), irradiance: DVec3::ONE })
+        .collect()
+}
+
+/// Point lights of a half: corners of a cube at 1.5 (four corners) and 3 bounding radii (the other four) from the
+/// centre, with the irradiance of 1 at the centre.
+pub fn points(mesh: &Mesh, half: Half) -> Vec<Light> {
+    let radius = 0.5 * mesh.diagonal_mm();
+    let sign = |bit: usize| if bit == 0 { -1.0 } else { 1.0 };
+    let first = usize::from(half == Half::Figures);
+    (0..8)
+        .map(|i| (i, DVec3::new(sign(i & 1), sign(i >> 1 & 1), sign(i >> 2 & 1))))
+        .filter(|(i, _)| (i.count_ones() as usize + (i >> 2)) % 2 == first)
+        .map(|(i, corner)| {
+            let distance = radius * if i % 3 == 0 { 3.0 } else { 1.5 };
+            let at_mm = mesh.origin_mm + corner.normalize() * distance;
+            Light::Point { at_mm, intensity: DVec3::splat(distance * distance) }
+        })
+        .collect()
+}
+
+/// The constant light of radiance 1.
+pub fn constant() -> Light {
+    Light::Constant { radiance: DVec3::ONE }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn directions_are_spread_and_the_halves_disjoint() {
+        let all: Vec<DVec3> = (0..DIRECTIONS).map(|i| fibonacci_direction(i, DIRECTIONS)).collect();
+        assert!(all.iter().sum::<DVec3>().length() / (DIRECTIONS as f64) < 0.02);
+        for (i, a) in all.iter().enumerate() {
+            for b in &all[..i] {
+                assert!(a.dot(*b) < 0.95);
+            }
+        }
+        assert_eq!(directional(Half::Tuning).len() + directional(Half::Figures).len(), DIRECTIONS);
+    }
+}
