@@ -438,7 +438,7 @@ fn camera_texts_say_what_to_type() {
         ("eye=1,2,3", "`eye` is not one of its keys (at, look, up, fov)"),
         ("at=1,2", "at takes X,Y,Z, not 2 numbers"),
         ("at=1,2,3,4", "at takes X,Y,Z, not 4 numbers"),
-        ("at=1,2,three", "`three` in at=1,2,three is not a number"),
+        ("at=1,2,three", "`three` is not a number in at=1,2,three"),
         ("at=1,nan,3", "at=1,nan,3"),
         ("look=1e300,0,0", "up to 1e12"),
         ("fov=inf", "finite"),

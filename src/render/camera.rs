@@ -188,8 +188,7 @@ impl Camera {
     pub fn project(&self, point_mm: DVec3, resolution: Resolution) -> Option<Projection> {
         let p = point_mm - self.at_mm;
         let depth_mm = p.dot(self.forward);
-        // Written so that NaN fails as well.
-        if !(depth_mm > 0.0) {
+        if depth_mm <= 0.0 {
             return None;
         }
         let half = 0.5 * resolution.height as f64;

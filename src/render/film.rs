@@ -88,8 +88,12 @@ fn white(pixels: &[Pixel]) -> Option<f64> {
 /// As [`encode_png`].
 pub fn to_png(frame: &Frame, factor: f64, background: PngBackground) -> Result<Vec<u8>> {
     let Resolution { width, height } = frame.resolution;
-    // Black stays black under a factor that overflowed: max passes over what is no number.
-    let exposed = |v: [f32; 3], factor: f64| v.map(|c| (f64::from(c) * factor).max(0.0).min(1.0) as f32);
+    let expose = |c: f32, factor: f64| match f64::from(c) * factor {
+        // Black stays black under a factor that overflowed.
+        v if v > 0.0 => v.min(1.0) as f32,
+        _ => 0.0,
+    };
+    let exposed = |v: [f32; 3], factor: f64| v.map(|c| expose(c, factor));
     match background {
         PngBackground::Shown => {
             let rgb: Vec<[f32; 3]> = frame.pixels.iter().map(|p| exposed(p.beauty, factor)).collect();

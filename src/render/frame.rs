@@ -23,7 +23,7 @@ pub const MAX_SAMPLES_PER_PIXEL: u32 = 1 << 14;
 const TILE: usize = 16;
 /// The exit cosine is at least this share of the geometric one: a smooth normal may face away from the eye near the
 /// outline of a coarse mesh, where Fresnel's factor would paint whole triangles black.
-const LEAST_COSINE_SHARE: f64 = 0.25;
+const LEAST_COSINE_SHARE: f64 = 0.5;
 
 /// What to render beside the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
