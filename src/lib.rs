@@ -36,6 +36,8 @@ pub mod evaluate;
 
 pub mod methods;
 
+pub mod render;
+
 pub mod measure;
 
 pub mod commands;

@@ -1,0 +1,275 @@
+//! A pinhole camera in world millimetres: what it sees in a pixel, where it shows a point, how it frames a mesh.
+
+use glam::{DVec2, DVec3};
+
+use crate::error::{Error, Result};
+use crate::geometry::mesh::Mesh;
+
+/// Vertical field of view where none is given, in degrees: objects look as from arm's length.
+pub const DEFAULT_FOV_DEGREES: f64 = 28.0;
+/// Narrowest vertical field of view, in degrees: below it, pixels fall under the precision of ray directions.
+pub const MIN_FOV_DEGREES: f64 = 0.01;
+/// Widest vertical field of view, in degrees: a plane picture has no room for more.
+pub const MAX_FOV_DEGREES: f64 = 179.0;
+/// Height above the horizon from which the default camera looks, in degrees.
+const DEFAULT_ELEVATION_DEGREES: f64 = 12.0;
+/// Share of the half width or half height that the object fills under the default camera.
+const FILL: f64 = 0.93;
+/// Coordinates beyond this are mistakes, and their squares would cost digits.
+const MAX_COORDINATE_MM: f64 = 1e12;
+/// View directions closer to `up` than this sine leave no horizontal.
+const PARALLEL_SINE: f64 = 1e-6;
+
+/// Pixels of a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct Resolution {
+    /// Pixels in a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+}
+
+/// Longest side of a picture, in pixels.
+pub const MAX_SIDE: usize = 1 << 16;
+
+impl Resolution {
+    /// A picture of this size.
+    ///
+    /// # Errors
+    /// A side of 0 or above [`MAX_SIDE`] (exit 1).
+    pub fn new(width: usize, height: usize) -> Result<Self> {
+        if width == 0 || height == 0 || width.max(height) > MAX_SIDE {
+            return Err(Error::command_line(format!(
+                "resolution {width}x{height}: both sides must be from 1 to {MAX_SIDE} pixels; type for example 1024x768"
+            )));
+        }
+        Ok(Self { width, height })
+    }
+
+    /// Width over height.
+    pub fn aspect(self) -> f64 {
+        self.width as f64 / self.height as f64
+    }
+
+    /// Number of pixels.
+    pub fn pixels(self) -> usize {
+        self.width * self.height
+    }
+}
+
+/// A pinhole camera. Its pixels are square; `fov_degrees` spans the height of the picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Camera {
+    at_mm: DVec3,
+    look_mm: DVec3,
+    up: DVec3,
+    fov_degrees: f64,
+    /// Unit vectors of the picture: to the right, up, and into the scene.
+    right: DVec3,
+    upward: DVec3,
+    forward: DVec3,
+    /// Tangent of half the vertical field of view.
+    half_height: f64,
+}
+
+/// Where a camera shows a point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Projection {
+    /// Column and row in pixels from the upper left corner of the picture; pixel (0, 0) spans [0, 1) in both.
+    pub pixel: DVec2,
+    /// Distance along the viewing axis in mm.
+    pub depth_mm: f64,
+}
+
+impl Camera {
+    /// A camera at `at_mm` that looks at `look_mm`, with `up` upwards in the picture (any length, need not be
+    /// perpendicular), `fov_degrees` high.
+    ///
+    /// # Errors
+    /// Values that are not finite or beyond 1e12 mm, `at` and `look` in one place, `up` along the view, a field of view
+    /// outside [`MIN_FOV_DEGREES`] to [`MAX_FOV_DEGREES`] (exit 1).
+    pub fn new(at_mm: DVec3, look_mm: DVec3, up: DVec3, fov_degrees: f64) -> Result<Self> {
+        let wrong = |what: String| Err(Error::command_line(what));
+        let at_mm = checked_vector("at", at_mm)?;
+        let look_mm = checked_vector("look", look_mm)?;
+        let up = checked_vector("up", up)?;
+        let fov_degrees = checked_fov(fov_degrees)?;
+        let Some(forward) = unit(look_mm - at_mm) else {
+            return wrong(format!("at and look are both {}; move one of them", text(at_mm)));
+        };
+        let Some(up_unit) = unit(up) else {
+            return wrong("up=0,0,0 has no direction; type for example up=0,1,0".to_owned());
+        };
+        let across = forward.cross(up_unit);
+        if across.length() < PARALLEL_SINE {
+            return wrong(format!(
+                "up={} is parallel to the view from at={} to look={}; give the direction that is up in the picture, for example up={}",
+                text(up),
+                text(at_mm),
+                text(look_mm),
+                text(upward_of(forward))
+            ));
+        }
+        let right = across.normalize();
+        let upward = right.cross(forward).normalize();
+        let half_height = (0.5 * fov_degrees).to_radians().tan();
+        Ok(Self { at_mm, look_mm, up, fov_degrees, right, upward, forward, half_height })
+    }
+
+    /// The default camera: the whole mesh from the front (+Z), slightly above.
+    ///
+    /// # Errors
+    /// As [`Camera::new`], for a mesh beyond 1e12 mm.
+    pub fn framing(mesh: &Mesh, resolution: Resolution) -> Result<Self> {
+        let up = default_up(-default_direction());
+        Self::framing_from(mesh, resolution, default_direction(), centre_mm(mesh), up, DEFAULT_FOV_DEGREES)
+    }
+
+    /// The camera on the ray from `look_mm` towards `direction`, as near as it may be to see the whole mesh.
+    ///
+    /// # Errors
+    /// As [`Camera::new`].
+    pub fn framing_from(
+        mesh: &Mesh,
+        resolution: Resolution,
+        direction: DVec3,
+        look_mm: DVec3,
+        up: DVec3,
+        fov_degrees: f64,
+    ) -> Result<Self> {
+        let frame = Self::new(look_mm + direction, look_mm, up, fov_degrees)?;
+        let limit = DVec2::new(resolution.aspect(), 1.0) * frame.half_height * FILL;
+        let distance = mesh.triangles.iter().flatten().fold(0.0f64, |distance, &v| {
+            let p = mesh.position_mm(v) - look_mm;
+            let beside = DVec2::new(p.dot(frame.right), p.dot(frame.upward)).abs() / limit;
+            // In front of the eye, even where a wide view would let it come as near as it likes.
+            distance.max(beside.max_element() - p.dot(frame.forward))
+        });
+        let diagonal = mesh.diagonal_mm();
+        let nearest = mesh
+            .triangles
+            .iter()
+            .flatten()
+            .fold(0.0f64, |nearest, &v| nearest.max((look_mm - mesh.position_mm(v)).dot(frame.forward)));
+        let distance = distance.max(nearest + 1e-2 * diagonal).max(1e-6);
+        Self::new(rounded(look_mm + direction * distance, diagonal), look_mm, up, fov_degrees)
+    }
+
+    /// Position of the eye in mm.
+    pub fn at_mm(&self) -> DVec3 {
+        self.at_mm
+    }
+
+    /// The point in the middle of the picture, in mm.
+    pub fn look_mm(&self) -> DVec3 {
+        self.look_mm
+    }
+
+    /// Unit vector of the viewing axis.
+    pub fn forward(&self) -> DVec3 {
+        self.forward
+    }
+
+    /// Vertical field of view in degrees.
+    pub fn fov_degrees(&self) -> f64 {
+        self.fov_degrees
+    }
+
+    /// Unit direction from the eye through a place in the picture: `pixel` as in [`Projection`].
+    #[inline]
+    pub fn direction(&self, pixel: DVec2, resolution: Resolution) -> DVec3 {
+        let half = 0.5 * resolution.height as f64;
+        let x = (pixel.x - 0.5 * resolution.width as f64) / half;
+        let y = (half - pixel.y) / half;
+        (self.forward + (self.right * x + self.upward * y) * self.half_height).normalize()
+    }
+
+    /// Where the picture shows a point; none for points that are not in front of the eye.
+    pub fn project(&self, point_mm: DVec3, resolution: Resolution) -> Option<Projection> {
+        let p = point_mm - self.at_mm;
+        let depth_mm = p.dot(self.forward);
+        if depth_mm <= 0.0 {
+            return None;
+        }
+        let half = 0.5 * resolution.height as f64;
+        let scale = half / (depth_mm * self.half_height);
+        let pixel =
+            DVec2::new(0.5 * resolution.width as f64 + p.dot(self.right) * scale, half - p.dot(self.upward) * scale);
+        pixel.is_finite().then_some(Projection { pixel, depth_mm })
+    }
+}
+
+/// The canonical text form, which [`CameraSpec`](super::camera_text::CameraSpec) reads back bit for bit.
+impl std::fmt::Display for Camera {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let (at, look, up) = (text(self.at_mm), text(self.look_mm), text(self.up));
+        write!(f, "at={at}:look={look}:up={up}:fov={}", self.fov_degrees)
+    }
+}
+
+/// A vector whose squares keep their digits.
+pub(super) fn checked_vector(key: &str, v: DVec3) -> Result<DVec3> {
+    // Written so that NaN fails as well.
+    if v.is_finite() && v.abs().max_element() <= MAX_COORDINATE_MM {
+        // Adding zero turns -0 into 0, which prints as people expect.
+        return Ok(v + 0.0);
+    }
+    Err(Error::command_line(format!("{key}={} must hold finite numbers up to 1e12", text(v))))
+}
+
+/// A field of view that a plane picture can have.
+pub(super) fn checked_fov(degrees: f64) -> Result<f64> {
+    if (MIN_FOV_DEGREES..=MAX_FOV_DEGREES).contains(&degrees) {
+        return Ok(degrees);
+    }
+    Err(Error::command_line(format!(
+        "fov={degrees} must be a vertical angle from {MIN_FOV_DEGREES} to {MAX_FOV_DEGREES} degrees"
+    )))
+}
+
+/// From the object to the default camera.
+pub(super) fn default_direction() -> DVec3 {
+    let (sin, cos) = DEFAULT_ELEVATION_DEGREES.to_radians().sin_cos();
+    DVec3::new(0.0, sin, cos)
+}
+
+/// `up` where none is given: +Y, and for a vertical view what a person who tilts the head from the front (+Z) sees.
+pub(super) fn default_up(forward: DVec3) -> DVec3 {
+    if forward.cross(DVec3::Y).length() < 1e-3 * forward.length() { upward_of(forward) } else { DVec3::Y }
+}
+
+/// An axis that is up in a picture along `forward`.
+fn upward_of(forward: DVec3) -> DVec3 {
+    let d = forward.abs();
+    if d.y >= d.x.max(d.z) { DVec3::new(0.0, 0.0, forward.y.signum()) } else { DVec3::Y }
+}
+
+/// Centre of the bounding box of the triangles in mm, with no more digits than a person needs.
+pub(super) fn centre_mm(mesh: &Mesh) -> DVec3 {
+    let [min, max] = mesh.bounds_local_mm();
+    rounded(mesh.origin_mm + 0.5 * (min + max), mesh.diagonal_mm())
+}
+
+/// Rounded to about 1e-4 of `scale`, so that a chosen camera reads well and can be typed again.
+fn rounded(v: DVec3, scale: f64) -> DVec3 {
+    let digits = 4.0 - scale.log10().floor();
+    if !(-12.0..=18.0).contains(&digits) {
+        return v;
+    }
+    // A power of ten is exact up to 22, so dividing by it gives the decimal nearest to the value.
+    let factor = 10f64.powi(digits.abs() as i32);
+    let round = |c: f64| {
+        let short = if digits >= 0.0 { (c * factor).round() / factor } else { (c / factor).round() * factor };
+        if short.is_finite() { short + 0.0 } else { c }
+    };
+    v.map(round)
+}
+
+fn unit(v: DVec3) -> Option<DVec3> {
+    let largest = v.abs().max_element();
+    (largest > 0.0 && largest.is_finite()).then(|| (v / largest).normalize())
+}
+
+fn text(v: DVec3) -> String {
+    format!("{},{},{}", v.x, v.y, v.z)
+}

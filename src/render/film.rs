@@ -1,0 +1,248 @@
+//! Exposure, and pictures as PNG and OpenEXR.
+
+use std::str::FromStr;
+
+use super::camera::Resolution;
+use super::frame::{Frame, Pixel};
+use crate::error::{Error, Result};
+use crate::io::exr_write::{ExrChannel, ExrImage, ExrLayer, SampleKind};
+use crate::io::png::encode_png;
+
+/// Share of the covered pixels that automatic exposure keeps at or below white.
+pub const AUTO_EXPOSURE_PERCENTILE: f64 = 0.995;
+/// Largest exposure in stops, either way.
+pub const MAX_STOPS: f64 = 64.0;
+
+/// Brightness of a PNG. OpenEXR pictures are never exposed.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Exposure {
+    /// The 99.5th percentile of the brightest channel over the covered pixels becomes white.
+    #[default]
+    Auto,
+    /// A factor of 2 to this power.
+    Stops(f64),
+}
+
+/// Reads `auto` or a number of stops.
+impl FromStr for Exposure {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        let trimmed = text.trim();
+        if trimmed == "auto" {
+            return Ok(Self::Auto);
+        }
+        match trimmed.parse::<f64>() {
+            Ok(stops) if stops.abs() <= MAX_STOPS => Ok(Self::Stops(stops)),
+            _ => Err(Error::command_line(format!(
+                "exposure `{trimmed}`: type auto, or stops from -{MAX_STOPS} to {MAX_STOPS}, for example 1.5"
+            ))),
+        }
+    }
+}
+
+impl std::fmt::Display for Exposure {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Auto => f.write_str("auto"),
+            Self::Stops(stops) => write!(f, "{stops}"),
+        }
+    }
+}
+
+/// What a PNG does with pixels that the object does not cover.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PngBackground {
+    /// Shows the background that was rendered.
+    Shown,
+    /// Is transparent there.
+    Transparent,
+}
+
+impl Exposure {
+    /// The factor on radiance, at least the smallest positive number.
+    ///
+    /// Automatic: the reciprocal of the percentile of max(R, G, B) of the diffuse radiance over pixels with any coverage,
+    /// divided by the coverage, so that outlines count like the rest; by nearest rank. 1 where nothing shines.
+    pub fn factor(self, frame: &Frame) -> f64 {
+        match self {
+            Self::Stops(stops) => stops.clamp(-MAX_STOPS, MAX_STOPS).exp2(),
+            Self::Auto => white(&frame.pixels).map_or(1.0, f64::recip),
+        }
+    }
+}
+
+/// The radiance that becomes white; none where nothing shines.
+fn white(pixels: &[Pixel]) -> Option<f64> {
+    let brightest = |p: &Pixel| f64::from(p.diffuse.into_iter().fold(0.0, f32::max)) / f64::from(p.coverage);
+    let mut values: Vec<f64> = pixels.iter().filter(|p| p.coverage > 0.0).map(brightest).collect();
+    let rank = (AUTO_EXPOSURE_PERCENTILE * values.len() as f64).ceil() as usize;
+    let index = rank.checked_sub(1)?;
+    let (_, value, _) = values.select_nth_unstable_by(index, f64::total_cmp);
+    (*value >= f64::MIN_POSITIVE && value.is_finite()).then_some(*value)
+}
+
+/// An 8-bit sRGB PNG of the beauty (transparent: of the diffuse radiance, not multiplied by alpha), times `factor`.
+///
+/// # Errors
+/// As [`encode_png`].
+pub fn to_png(frame: &Frame, factor: f64, background: PngBackground) -> Result<Vec<u8>> {
+    let Resolution { width, height } = frame.resolution;
+    let expose = |c: f32, factor: f64| match f64::from(c) * factor {
+        // Black stays black under a factor that overflowed.
+        v if v > 0.0 => v.min(1.0) as f32,
+        _ => 0.0,
+    };
+    let exposed = |v: [f32; 3], factor: f64| v.map(|c| expose(c, factor));
+    match background {
+        PngBackground::Shown => {
+            let rgb: Vec<[f32; 3]> = frame.pixels.iter().map(|p| exposed(p.beauty, factor)).collect();
+            encode_png(width, height, &rgb, None)
+        }
+        PngBackground::Transparent => {
+            let unmultiplied = |p: &Pixel| match p.coverage {
+                c if c > 0.0 => exposed(p.diffuse, factor / f64::from(c)),
+                _ => [0.0; 3],
+            };
+            let rgb: Vec<[f32; 3]> = frame.pixels.iter().map(unmultiplied).collect();
+            let alpha: Vec<f32> = frame.pixels.iter().map(|p| p.coverage).collect();
+            encode_png(width, height, &rgb, Some(&alpha))
+        }
+    }
+}
+
+/// An OpenEXR picture of linear radiance, never exposed, with `attributes` (name, text) in its header.
+///
+/// Layers: the beauty as `R`, `G`, `B` with the coverage as `A` (16 bits); `diffuse.R`, `.G`, `.B`; `normal.X`, `.Y`,
+/// `.Z`; `depth.Z` in mm along the viewing axis; `coverage.A` (all 32 bits, see [`Pixel`]).
+///
+/// # Errors
+/// As [`ExrImage::encode`].
+pub fn to_exr(frame: &Frame, attributes: Vec<(String, String)>) -> Result<Vec<u8>> {
+    let channel = |name: &str, kind: SampleKind, value: &dyn Fn(&Pixel) -> f32| ExrChannel {
+        name: name.to_owned(),
+        kind,
+        samples: frame.pixels.iter().map(value).collect(),
+    };
+    let triple = |names: [&str; 3], kind: SampleKind, value: fn(&Pixel) -> [f32; 3]| -> Vec<ExrChannel> {
+        (0..3).map(|c| channel(names[c], kind, &|p| value(p)[c])).collect()
+    };
+    let layer = |name: &str, channels: Vec<ExrChannel>| ExrLayer { name: name.to_owned(), channels };
+    let rgb = ["R", "G", "B"];
+    let mut beauty = triple(rgb, SampleKind::Half, |p| p.beauty);
+    beauty.push(channel("A", SampleKind::Half, &|p| p.coverage));
+    let layers = vec![
+        layer("", beauty),
+        layer("diffuse", triple(rgb, SampleKind::Float, |p| p.diffuse)),
+        layer("normal", triple(["X", "Y", "Z"], SampleKind::Float, |p| p.normal)),
+        layer("depth", vec![channel("Z", SampleKind::Float, &|p| p.depth_mm)]),
+        layer("coverage", vec![channel("A", SampleKind::Float, &|p| p.coverage)]),
+    ];
+    let Resolution { width, height } = frame.resolution;
+    ExrImage { width, height, layers, attributes }.encode()
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::io::exr::decode_planes;
+    use crate::io::png::decode_png;
+
+    fn frame(width: usize, pixels: Vec<Pixel>) -> Frame {
+        let resolution = Resolution::new(width, pixels.len() / width).unwrap();
+        Frame { resolution, pixels, back_facing_share: 0.0 }
+    }
+
+    fn pixel(radiance: [f32; 3], coverage: f32) -> Pixel {
+        let diffuse = radiance.map(|c| c * coverage);
+        Pixel { beauty: diffuse, diffuse, normal: [0.0, 0.0, coverage.ceil()], depth_mm: 3.0, coverage }
+    }
+
+    #[test]
+    fn automatic_exposure_is_the_percentile_by_nearest_rank() {
+        // 1000 covered pixels of brightness 1 to 1000: rank 995; uncovered ones do not count.
+        let mut pixels: Vec<Pixel> = (0..1000).map(|i| pixel([0.1, (i * 7 % 1000 + 1) as f32, 0.2], 1.0)).collect();
+        pixels.extend(vec![pixel([9e9; 3], 0.0); 500]);
+        assert_eq!(Exposure::Auto.factor(&frame(10, pixels)), 1.0 / 995.0);
+        // The outline counts as if the object filled the pixel.
+        assert_eq!(Exposure::Auto.factor(&frame(1, vec![pixel([0.0, 0.0, 4.0], 0.25)])), 0.25);
+        for dark in [pixel([0.0; 3], 1.0), pixel([-1.0; 3], 1.0), pixel([1.0; 3], 0.0)] {
+            assert_eq!(Exposure::Auto.factor(&frame(2, vec![dark; 4])), 1.0);
+        }
+    }
+
+    #[test]
+    fn stops_are_powers_of_two() {
+        let any = frame(1, vec![pixel([1.0; 3], 1.0)]);
+        for (text, factor) in [("0", 1.0), ("3", 8.0), ("-1.5", 2f64.powf(-1.5)), ("auto", 1.0)] {
+            let exposure: Exposure = text.parse().unwrap();
+            assert_eq!(exposure.factor(&any), factor, "{text}");
+            assert_eq!(exposure.to_string(), text);
+        }
+        for bad in ["", "bright", "nan", "inf", "65"] {
+            assert!(bad.parse::<Exposure>().unwrap_err().message().contains("type auto, or stops"), "{bad}");
+        }
+    }
+
+    /// The sRGB transfer function by its definition (IEC 61966-2-1), apart from the one under test.
+    fn code(linear: f64) -> u8 {
+        let c = if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 };
+        (255.0 * c).round() as u8
+    }
+
+    fn raw(png: &[u8]) -> Vec<u8> {
+        image::load_from_memory(png).unwrap().into_bytes()
+    }
+
+    #[test]
+    fn png_holds_exact_srgb_of_the_exposed_beauty() {
+        let values: Vec<f32> = (0..600).map(|i| 1.2 * i as f32 / 599.0).collect();
+        let picture = frame(10, values.iter().map(|&v| pixel([v, 0.5 * v, -v], 1.0)).collect());
+        let bytes = raw(&to_png(&picture, 2.0, PngBackground::Shown).unwrap());
+        assert_eq!(bytes.len(), 1800);
+        for (i, &v) in values.iter().enumerate() {
+            let v = f64::from(v);
+            let expected = [code((2.0 * v).min(1.0)), code(v.min(1.0)), 0];
+            assert_eq!(bytes[3 * i..3 * i + 3], expected, "{v}");
+        }
+    }
+
+    #[test]
+    fn transparent_png_keeps_the_colour_of_the_outline() {
+        let picture = frame(1, vec![pixel([0.5, 0.25, 1.0], 0.25), pixel([0.0; 3], 0.0)]);
+        let bytes = raw(&to_png(&picture, 1.0, PngBackground::Transparent).unwrap());
+        assert_eq!(bytes, [code(0.5), code(0.25), 255, 64, 0, 0, 0, 0]);
+        assert!(decode_png(&to_png(&picture, 1.0, PngBackground::Shown).unwrap()).unwrap().alpha.is_none());
+    }
+
+    #[test]
+    fn extreme_factors_stay_finite() {
+        let picture = frame(2, vec![pixel([f32::MAX, 0.0, -1.0], 1.0), pixel([1e-30, 0.0, -1.0], 1e-3)]);
+        for factor in [f64::MIN_POSITIVE, 1e-300, 1e300, f64::MAX] {
+            for background in [PngBackground::Shown, PngBackground::Transparent] {
+                assert!(to_png(&picture, factor, background).is_ok());
+            }
+        }
+    }
+
+    #[test]
+    fn exr_has_every_layer_unexposed() {
+        let mut bright = pixel([70_000.0, 0.5, 0.25], 1.0);
+        bright.depth_mm = f32::INFINITY;
+        let picture = frame(2, vec![bright, pixel([0.125, 0.5, 1.5], 0.5)]);
+        let attributes = vec![("camera".to_owned(), "at=0,0,1".to_owned())];
+        let bytes = to_exr(&picture, attributes).unwrap();
+        let planes = decode_planes(&bytes).unwrap();
+        let plane = |name: &str| planes.iter().find(|p| p.name == name).unwrap().samples.clone();
+        assert_eq!(planes.len(), 12);
+        assert_eq!(plane("R"), [65_504.0, 0.0625]);
+        assert_eq!(plane("A"), [1.0, 0.5]);
+        assert_eq!(plane("diffuse.R"), [70_000.0, 0.0625]);
+        assert_eq!(plane("diffuse.B"), [0.25, 0.75]);
+        assert_eq!(plane("normal.Z"), [1.0, 1.0]);
+        assert_eq!(plane("depth.Z"), [f32::INFINITY, 3.0]);
+        assert_eq!(plane("coverage.A"), [1.0, 0.5]);
+        assert!(bytes.windows(8).any(|w| w == b"at=0,0,1"));
+    }
+}
