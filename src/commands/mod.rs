@@ -3,6 +3,7 @@
 mod bake;
 mod compare;
 mod console;
+mod demo;
 mod evaluate;
 mod inspect;
 mod lights;
@@ -11,6 +12,7 @@ mod methods;
 mod model;
 mod output;
 mod reference;
+mod render;
 mod report;
 
 use std::ffi::OsString;
@@ -57,6 +59,8 @@ enum Command {
     Bake(bake::BakeArgs),
     /// Per-vertex radiosity of an asset under lights, as PLY
     Evaluate(evaluate::EvaluateArgs),
+    /// A picture of an asset under lights, as OpenEXR or PNG
+    Render(render::RenderArgs),
     /// The brute-force truth of a model under lights, as PLY
     Reference(reference::ReferenceArgs),
     /// Sections, bytes, bytes per vertex, error ledger and provenance of an asset
@@ -67,6 +71,8 @@ enum Command {
     Materials(materials::MaterialsArgs),
     /// List the methods and the keys that --set takes
     Methods(methods::MethodsArgs),
+    /// Bake a built-in model under a built-in sky, render it and say what to type next
+    Demo(demo::DemoArgs),
 }
 
 /// Runs the program on its arguments (the first is the program's name) and returns its exit code.
@@ -112,11 +118,13 @@ fn dispatch(cli: Cli) -> Result<ExitCode> {
     pool.install(|| match cli.command {
         Command::Bake(args) => bake::run(&args, &console),
         Command::Evaluate(args) => evaluate::run(&args, &console),
+        Command::Render(args) => render::run(&args, &console),
         Command::Reference(args) => reference::run(&args, &console),
         Command::Inspect(args) => inspect::run(&args, &console),
         Command::Compare(args) => compare::run(&args, &console),
         Command::Materials(args) => materials::run(&args, &console),
         Command::Methods(args) => methods::run(&args, &console),
+        Command::Demo(args) => demo::run(&args, &console),
     })
 }
 

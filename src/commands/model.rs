@@ -171,26 +171,29 @@ impl ModelArgs {
         let rest = self.media.resolve(&source.materials)?;
         let opaque = &self.placement.opaque;
         let roles = MaterialRoles::resolve(&source.materials, &rest.by_name, rest.rest, opaque)?;
-        prepare(source, scale, &unit, &roles, rest.media, self.placement.parts.rule(), inputs, console)
+        let rule = self.placement.parts.rule();
+        prepare(Prepare { scale, unit: &unit, roles, media: rest.media, rule, inputs }, source, console)
     }
 }
 
+/// What turns a source into a scene.
+pub(super) struct Prepare<'a> {
+    pub(super) scale: Option<Scale>,
+    /// How the unit was fixed, for the provenance.
+    pub(super) unit: &'a str,
+    pub(super) roles: MaterialRoles,
+    pub(super) media: Vec<Medium>,
+    pub(super) rule: PartsRule,
+    pub(super) inputs: Vec<Input>,
+}
+
 /// From a source to a scene, with everything that a user must be told.
-#[allow(clippy::too_many_arguments)]
-pub(super) fn prepare(
-    source: SourceModel,
-    scale: Option<Scale>,
-    unit: &str,
-    roles: &MaterialRoles,
-    media: Vec<Medium>,
-    rule: PartsRule,
-    inputs: Vec<Input>,
-    console: &Console,
-) -> Result<Loaded> {
+pub(super) fn prepare(how: Prepare, source: SourceModel, console: &Console) -> Result<Loaded> {
+    let Prepare { scale, unit, roles, media, rule, inputs } = how;
     let placement = resolve_scale(&source, scale)?;
     let (scene, check, notes) = console.stage("mesh", || -> Result<_> {
         let (mut mesh, mut repairs) = Mesh::from_source(source, &placement)?;
-        let analysis = Analysis::new(&mut mesh, roles, rule, &mut repairs);
+        let analysis = Analysis::new(&mut mesh, &roles, rule, &mut repairs);
         let free_paths: Vec<MeanFreePath> = media.iter().map(free_path).collect();
         let check = check::check(&mesh, &analysis, &repairs, Some(&free_paths));
         let mut notes = repairs.lines();

@@ -120,6 +120,18 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> Result<ExitCode> {
 }
 
 impl PictureArgs {
+    /// The defaults at a resolution.
+    pub(super) fn at(resolution: Resolution) -> Self {
+        Self {
+            camera: None,
+            resolution,
+            samples_per_pixel: DEFAULT_SAMPLES_PER_PIXEL,
+            exposure: Exposure::Auto,
+            exit_fresnel: ExitFresnelArg::Normalised,
+            background: Background::Environment,
+        }
+    }
+
     fn check_memory(&self, console: &Console) -> Result<()> {
         let needed = memory_bytes(self.resolution);
         let share = (console.max_memory as f64 / needed as f64).sqrt();
