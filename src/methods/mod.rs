@@ -1,6 +1,7 @@
 //! The precomputation methods. A method is one folder and one line in [`ALL`].
 
 pub mod reference;
+pub mod sampling;
 pub mod settings;
 pub mod two_pass;
 

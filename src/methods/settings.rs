@@ -5,8 +5,6 @@ use std::str::FromStr;
 
 use crate::error::{Error, Result};
 use crate::evaluate::{Key, Method};
-use crate::geometry::samples;
-use crate::transport::scene::Scene;
 
 /// All keys of a method with the given values or their defaults.
 ///
@@ -57,28 +55,4 @@ pub fn share(text: &str, flag: &str) -> Result<f64> {
         Ok(value) if value.is_finite() && value > 0.0 && value * unit <= 1.0 => Ok(value * unit),
         _ => Err(Error::command_line(format!("{flag} {text}: a share such as 1% or 0.01 is needed"))),
     }
-}
-
-/// Number of surface samples for a spacing of `fraction` of the shortest mean free path, within bounds.
-///
-/// The near field is integrated exactly, so the spacing need not go below what shadow boundaries inside a mean free
-/// path ask for; and a far field of a large object needs no more than `most`, where a mean free path is a detail.
-pub fn sample_count(scene: &Scene, fraction: f64, least: usize, most: usize) -> usize {
-    let mut wanted = 0.0;
-    for part in scene.parts.parts.iter() {
-        if let Some(medium) = part.medium.and_then(|m| scene.media.get(m as usize)) {
-            let free_path = medium.properties.mean_free_path_mm().min_element();
-            let spacing = fraction * free_path;
-            if spacing > 0.0 {
-                wanted += part.area_mm2 / (spacing * spacing);
-            }
-        }
-    }
-    (wanted.min(1e12) as usize).clamp(least, most)
-}
-
-/// Bytes that a set of samples takes at run time, tree included.
-pub fn sample_memory(count: usize, triangles: usize) -> u64 {
-    let per_sample = size_of::<samples::Patch>() + 2 * size_of::<samples::Facet>() + 4 + 24 + 120;
-    (count * per_sample + triangles * 16) as u64
 }

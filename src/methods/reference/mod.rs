@@ -9,29 +9,16 @@ use std::sync::Arc;
 use crate::asset::Asset;
 use crate::error::Result;
 use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Key, Method};
+use crate::methods::sampling;
 use crate::progress::Progress;
 use crate::transport::scene::Scene;
 
 /// The method.
 pub struct Reference;
 
-/// Shadow rays of a sample.
-const POINTS: Key = Key {
-    name: "points",
-    default: "16",
-    help: "points of a sample that a directional or point light's shadow rays start from, a power of two",
-};
-
-/// Directions of soft lights.
-const DIRECTIONS: Key = Key {
-    name: "directions",
-    default: "512",
-    help: "shadow rays of a sample towards a constant light or an environment",
-};
-
-/// Cells of an area light.
-const AREA_SIDE: Key =
-    Key { name: "area-side", default: "16", help: "an area light is cut into this many cells along each edge" };
+const POINTS: Key = sampling::points("16");
+const DIRECTIONS: Key = sampling::directions("512");
+const AREA_SIDE: Key = sampling::area_side("16");
 
 const KEYS: &[Key] = &[POINTS, DIRECTIONS, AREA_SIDE];
 

@@ -1,38 +1,28 @@
 //! What `two_pass` precomputes: the surface samples.
 
 use super::evaluate;
-use crate::compress::ledger::Ledger;
 use crate::error::Result;
 use crate::evaluate::{AssetParts, BakeSettings};
-use crate::geometry::samples::Samples;
-use crate::methods::settings::{sample_count, sample_memory};
+use crate::methods::sampling::{self, Density};
 use crate::progress::Progress;
 use crate::transport::scene::Scene;
 
-/// Spacing over the shortest mean free path at the default of 0.5 %: shadow boundaries stay well inside the kernel.
-const SPACING: f64 = 0.35;
+/// Shadow boundaries stay well inside the kernel.
+const DENSITY: Density = Density { spacing: 0.35, least: 1 << 16, most: 1 << 17 };
 
-/// Samples at least: what the shape's own shadows ask for.
-const LEAST: usize = 1 << 16;
-
-/// Samples at most, unless asked for: where even that is coarser than a mean free path, a boundary of a shadow is drawn
-/// as sharp as the samples are.
-const MOST: usize = 1 << 17;
+/// The error that the density is made for; a smaller one asks for more samples.
+const DEFAULT_RMS: f64 = 0.005;
 
 fn count(scene: &Scene, settings: &BakeSettings) -> usize {
-    let spacing = SPACING * (settings.max_rms / 0.005).sqrt();
-    settings.samples.unwrap_or_else(|| sample_count(scene, spacing, LEAST, MOST))
+    DENSITY.count(scene, settings, (DEFAULT_RMS / settings.max_rms).sqrt())
 }
 
 pub(super) fn memory(scene: &Scene, settings: &BakeSettings) -> u64 {
-    sample_memory(count(scene, settings), scene.mesh.triangles.len())
+    sampling::memory(count(scene, settings), scene)
 }
 
 pub(super) fn bake(scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {
+    // Refuses values of keys now that would fail when the asset is opened.
     evaluate::plan(&settings.values, settings.max_rms)?;
-    let count = count(scene, settings);
-    progress.start("samples", count as u64);
-    let samples = Samples::new(&scene.mesh, &scene.parts, count);
-    progress.finish();
-    Ok(AssetParts { samples, ledger: Ledger::default(), sections: Vec::new() })
+    Ok(sampling::bake(scene, count(scene, settings), progress))
 }

@@ -8,9 +8,9 @@ use crate::asset::Asset;
 use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
 use crate::evaluate::sampled::{Bound, Far, Plan, SampledEvaluator};
-use crate::methods::settings::{number, share};
+use crate::methods::sampling::light_sampling;
+use crate::methods::settings::share;
 use crate::transport::gather::NearField;
-use crate::transport::irradiance::LightSampling;
 
 /// Receivers that share a traversal of the tree.
 const GROUP: usize = 16;
@@ -28,15 +28,7 @@ pub(super) fn plan(values: &BTreeMap<String, String>, max_rms: f64) -> Result<Pl
             return Err(Error::command_line(format!("--set bound={other}: it is solid-angle or kernel")));
         }
     };
-    let sampling = LightSampling {
-        points_per_patch: number(values, &POINTS, 1..=64)?,
-        directions: number(values, &DIRECTIONS, 1..=65536)?,
-        area_side: number(values, &AREA_SIDE, 1..=256)?,
-    };
-    if !sampling.points_per_patch.is_power_of_two() {
-        let points = sampling.points_per_patch;
-        return Err(Error::command_line(format!("--set points={points}: a power of two is needed")));
-    }
+    let sampling = light_sampling(values, [&POINTS, &DIRECTIONS, &AREA_SIDE])?;
     Ok(Plan { sampling, near: NearField::FAST, far: Far::Hierarchical { error, bound }, group: GROUP })
 }
 

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use crate::asset::Asset;
 use crate::error::Result;
 use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Key, Method};
+use crate::methods::sampling;
 use crate::progress::Progress;
 use crate::transport::scene::Scene;
 
@@ -28,23 +29,9 @@ const BOUND: Key = Key {
     help: "which clusters stand for their samples: solid-angle or kernel (a bound on the kernel's error)",
 };
 
-/// Shadow rays of a sample.
-const POINTS: Key = Key {
-    name: "points",
-    default: "4",
-    help: "points of a sample that a directional or point light's shadow rays start from, a power of two",
-};
-
-/// Directions of soft lights.
-const DIRECTIONS: Key = Key {
-    name: "directions",
-    default: "256",
-    help: "shadow rays of a sample towards a constant light or an environment",
-};
-
-/// Cells of an area light.
-const AREA_SIDE: Key =
-    Key { name: "area-side", default: "8", help: "an area light is cut into this many cells along each edge" };
+const POINTS: Key = sampling::points("4");
+const DIRECTIONS: Key = sampling::directions("256");
+const AREA_SIDE: Key = sampling::area_side("8");
 
 const KEYS: &[Key] = &[ERROR, BOUND, POINTS, DIRECTIONS, AREA_SIDE];
 
