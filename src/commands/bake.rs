@@ -5,12 +5,13 @@ use std::path::PathBuf;
 use clap::Args;
 use serde::Serialize;
 
-use super::console::{Console, duration, megabytes, percent};
+use super::console::{Console, duration, megabytes, percent, significant};
 use super::model::{self, BakeOptions, MediumReport, ModelArgs};
 use super::{output, report};
 use crate::compress::ledger::Ledger;
 use crate::error::{ExitCode, Result};
 use crate::geometry::check::MeshCheck;
+use crate::geometry::samples::{self, Spacing};
 use crate::methods;
 
 #[derive(Clone, Debug, Args)]
@@ -27,6 +28,9 @@ pub(super) struct BakeArgs {
     options: BakeOptions,
 }
 
+/// Samples whose spacing is measured.
+const SPACING_PROBES: usize = 2048;
+
 #[derive(Serialize)]
 struct BakeReport {
     method: &'static str,
@@ -34,6 +38,9 @@ struct BakeReport {
     vertices: usize,
     triangles: usize,
     samples: usize,
+    spacing: Spacing,
+    /// Nominal spacing over the shortest mean free path of any medium.
+    spacing_over_mean_free_path: Option<f64>,
     bytes: u64,
     bytes_without_mesh: u64,
     bytes_per_vertex: f64,
@@ -57,12 +64,17 @@ pub(super) fn run(args: &BakeArgs, console: &Console) -> Result<ExitCode> {
         Ok((bytes.len() as u64, sizes.stored_without_mesh))
     })?;
     let vertices = asset.scene.mesh.local_mm.len();
+    let spacing = samples::spacing(&samples::patches(&asset.scene.mesh, &asset.samples), SPACING_PROBES);
+    let paths = asset.scene.media.iter().map(|m| m.properties.mean_free_path_mm().min_element());
+    let free_path = paths.fold(f64::INFINITY, f64::min);
     let result = BakeReport {
         method: method.name(),
         output: args.output.clone(),
         vertices,
         triangles: asset.scene.mesh.triangles.len(),
         samples: asset.samples.len(),
+        spacing,
+        spacing_over_mean_free_path: free_path.is_finite().then_some(spacing.nominal_mm / free_path),
         bytes,
         bytes_without_mesh: without_mesh,
         bytes_per_vertex: without_mesh as f64 / vertices.max(1) as f64,
@@ -72,10 +84,11 @@ pub(super) fn run(args: &BakeArgs, console: &Console) -> Result<ExitCode> {
         ledger: asset.ledger,
     };
     console.note(&format!(
-        "{}: {}, {} samples, {:.1} bytes/vertex without the mesh, {}",
+        "{}: {}, {} samples {} mm apart, {:.1} bytes/vertex without the mesh, {}",
         result.output.display(),
         megabytes(bytes),
         result.samples,
+        significant(spacing.nominal_mm),
         result.bytes_per_vertex,
         duration(console.seconds())
     ));

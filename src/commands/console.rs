@@ -205,6 +205,9 @@ pub(super) fn significant(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return format!("{value}");
     }
+    if value.abs() < 1e-4 {
+        return format!("{value:.1e}");
+    }
     let digits = (2 - value.abs().log10().floor() as i32).clamp(0, 12) as usize;
     format!("{value:.digits$}")
 }
@@ -272,6 +275,7 @@ mod tests {
     fn numbers_are_short() {
         assert_eq!(percent(0.001234), "0.123 %");
         assert_eq!(significant(1234.5), "1234");
+        assert_eq!(percent(1.2e-9), "1.2e-7 %");
         assert_eq!(duration(0.25), "250 ms");
         assert_eq!(megabytes(3 << 20), "3.0 MiB");
     }

@@ -88,8 +88,9 @@ pub(super) fn run(args: &EvaluateArgs, console: &Console) -> Result<ExitCode> {
     let asked = asset.provenance.settings.get("max-rms").and_then(|t| t.parse().ok());
     let measure = if args.measure { Measure::Yes } else { Measure::No };
     let result = finish(evaluator.as_mut(), method.name(), lights, &args.output, measure, asked, console)?;
+    let verdict = judge(&result, console);
     report::print(console, "evaluate", &result)?;
-    judge(&result, console)
+    verdict
 }
 
 /// Lights an evaluator, writes its radiosity and measures its error.

@@ -8,8 +8,9 @@
 //!
 //! Why not blue noise: a sample set that ignores triangles has no exact near field, and point rules with random or
 //! blue-noise positions converge as h^1 to h^2 with a constant 3 to 10 times that of the centroid rule used here
-//! (centroids of congruent pieces integrate linear functions exactly). Measured on the closed bunny with 128k samples,
-//! spacing / sqrt(area / count): see `spacing`.
+//! (centroids of congruent pieces integrate linear functions exactly). Measured on a closed bunny of 69,666 triangles with
+//! 20,000, 131,072 and 500,000 samples ([`spacing`]): nearest neighbour at 0.76, 0.69, 0.69 of sqrt(area / count) with a
+//! variation of 0.18, 0.20, 0.20 (random points: 0.5 and 0.52), areas varying by 0.25, 0.21, 0.23.
 
 use std::collections::BinaryHeap;
 
