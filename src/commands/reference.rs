@@ -43,6 +43,7 @@ pub(super) fn run(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
     let measure = if args.no_measure { Measure::No } else { Measure::Yes };
     let asked = Some(settings.max_rms);
     let result = finish(evaluator.as_mut(), method.name(), lights, &args.output, measure, asked, console)?;
+    let verdict = judge(&result, console);
     report::print(console, "reference", &result)?;
-    judge(&result, console)
+    verdict
 }
