@@ -105,6 +105,7 @@ pub(super) fn finish(
 ) -> Result<EvaluationReport> {
     evaluator.set_lights(lights.lights, console)?;
     let radiosity = evaluator.radiosity(console)?;
+    check_range(&radiosity)?;
     let ply = console.stage("write", || {
         let scene = evaluator.scene();
         let media: Vec<&str> = scene.media.iter().map(|m| m.name.as_str()).collect();
@@ -150,6 +151,17 @@ pub(super) fn finish(
         asked_rms,
         measured,
     })
+}
+
+/// Refuses what a 32-bit file cannot hold.
+fn check_range(radiosity: &[DVec3]) -> Result<()> {
+    match radiosity.iter().position(|b| !b.as_vec3().is_finite()) {
+        Some(v) => Err(Error::runtime(format!(
+            "the radiosity of vertex {v} is {:?}, which 32-bit floats do not hold: scale the lights down",
+            radiosity[v].to_array()
+        ))),
+        None => Ok(()),
+    }
 }
 
 /// Warns, or fails where `--strict` asks for it, if the measured error is above the asked one.

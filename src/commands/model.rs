@@ -10,8 +10,8 @@ use crate::asset::{Asset, Input, Provenance};
 use crate::error::{Error, Result};
 use crate::evaluate::{BakeSettings, Method};
 use crate::geometry::check::{self, MeanFreePath, MeshCheck};
-use crate::geometry::mesh::{Mesh, Scale, UpAxis, resolve_scale, skip_materials};
-use crate::geometry::part_table::PartTable;
+use crate::geometry::mesh::{Mesh, Scale, UpAxis, material_indices, resolve_scale, skip_materials};
+use crate::geometry::part_table::{PartEntry, PartTable};
 use crate::geometry::parts::{Analysis, MaterialRoles, PartsRule};
 use crate::geometry::source::SourceModel;
 use crate::io;
@@ -38,16 +38,16 @@ pub(super) struct MediumArgs {
     #[arg(long, value_name = "[NAME=]MATERIAL")]
     pub(super) material: Vec<String>,
     /// Scattering coefficient in 1/mm, unreduced: a number or R,G,B
-    #[arg(long, value_name = "RGB", value_parser = rgb)]
+    #[arg(long, value_name = "RGB", value_parser = rgb, allow_negative_numbers = true)]
     sigma_s: Option<DVec3>,
     /// Absorption coefficient in 1/mm: a number or R,G,B
-    #[arg(long, value_name = "RGB", value_parser = rgb)]
+    #[arg(long, value_name = "RGB", value_parser = rgb, allow_negative_numbers = true)]
     sigma_a: Option<DVec3>,
     /// Mean cosine of the phase function, -1 to 1; keeps the reduced scattering of a --material
     #[arg(long, allow_negative_numbers = true)]
     g: Option<f64>,
     /// Index of refraction, inside over outside
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     eta: Option<f64>,
 }
 
@@ -59,10 +59,10 @@ struct PlacementArgs {
     #[arg(long, group = "scale")]
     unit: Option<Unit>,
     /// Scale the model so that the diagonal of its bounding box is this long, in mm
-    #[arg(long, group = "scale", value_name = "MM")]
+    #[arg(long, group = "scale", value_name = "MM", allow_negative_numbers = true)]
     size_mm: Option<f64>,
     /// Scale the model so that it is this high, in mm
-    #[arg(long, group = "scale", value_name = "MM")]
+    #[arg(long, group = "scale", value_name = "MM", allow_negative_numbers = true)]
     height_mm: Option<f64>,
     /// Axis of the model that --height-mm measures along
     #[arg(long, default_value = "y")]
@@ -168,8 +168,8 @@ impl ModelArgs {
             Some(Scale::HeightMm(mm, axis)) => format!("--height-mm {mm} along {axis:?}"),
             None => "the file's".to_owned(),
         };
-        let rest = self.media.resolve(&source.materials)?;
         let opaque = &self.placement.opaque;
+        let rest = self.media.resolve(&source.materials, &translucent(&source, opaque))?;
         let roles = MaterialRoles::resolve(&source.materials, &rest.by_name, rest.rest, opaque)?;
         let rule = self.placement.parts.rule();
         prepare(Prepare { scale, unit: &unit, roles, media: rest.media, rule, inputs }, source, console)
@@ -185,6 +185,18 @@ pub(super) struct Prepare<'a> {
     pub(super) media: Vec<Medium>,
     pub(super) rule: PartsRule,
     pub(super) inputs: Vec<Input>,
+}
+
+/// Names of the materials that triangles have, the opaque ones left out.
+fn translucent<'a>(source: &'a SourceModel, opaque: &[String]) -> Vec<&'a str> {
+    let mut used = vec![false; source.materials.len()];
+    for &material in &source.triangle_material {
+        if let Some(used) = used.get_mut(material as usize) {
+            *used = true;
+        }
+    }
+    let names = source.materials.iter().zip(used).filter(|(name, used)| *used && !opaque.contains(name));
+    names.map(|(name, _)| name.as_str()).collect()
 }
 
 /// From a source to a scene, with everything that a user must be told.
@@ -321,7 +333,8 @@ impl MediumArgs {
             .collect()
     }
 
-    fn resolve(&self, materials: &[String]) -> Result<ResolvedMedia> {
+    /// Media for a model with these materials, of which `translucent` need one.
+    fn resolve(&self, materials: &[String], translucent: &[&str]) -> Result<ResolvedMedia> {
         let mut media = Vec::new();
         let mut index_of = |medium: Medium| {
             let known = media.iter().position(|m| *m == medium).unwrap_or_else(|| {
@@ -339,9 +352,10 @@ impl MediumArgs {
                 "what is it made of? say for example --material marble (see `translux materials`), or --sigma-s and --sigma-a",
             ));
         };
+        let named: Vec<String> = by_name.iter().map(|(name, _)| name.clone()).collect();
+        material_indices(materials, &named, "--material")?;
         if self.plain()?.is_none() {
-            let named: Vec<&str> = by_name.iter().map(|(name, _)| name.as_str()).collect();
-            let left: Vec<&str> = materials.iter().map(String::as_str).filter(|m| !named.contains(m)).collect();
+            let left: Vec<&str> = translucent.iter().copied().filter(|m| !named.iter().any(|n| n == m)).collect();
             if !left.is_empty() {
                 let left = left.join(", ");
                 return Err(Error::command_line(format!(
@@ -356,9 +370,12 @@ impl MediumArgs {
 /// Bakes a loaded model; the memory is checked before.
 pub(super) fn bake(method: &dyn Method, loaded: Loaded, settings: &BakeSettings, console: &Console) -> Result<Asset> {
     let Loaded { scene, mut provenance, .. } = loaded;
-    let fitting = largest_fit(method, &scene, settings, console.max_memory);
     let needed = method.bake_memory(&scene, settings);
-    console.check_memory(needed, &format!("--samples {fitting} would fit, or raise --max-memory"))?;
+    let advice = match largest_fit(method, &scene, settings, console.max_memory) {
+        Some(fitting) => format!("--samples {fitting} would fit, or raise --max-memory"),
+        None => "no number of samples would fit, raise --max-memory".to_owned(),
+    };
+    console.check_memory(needed, &advice)?;
     let parts = method.bake(&scene, settings, console)?;
     provenance.method = method.name().to_owned();
     provenance.settings = settings.values.clone();
@@ -368,16 +385,12 @@ pub(super) fn bake(method: &dyn Method, loaded: Loaded, settings: &BakeSettings,
 }
 
 /// The largest number of samples that the memory limit allows, as a power of two.
-fn largest_fit(method: &dyn Method, scene: &Scene, settings: &BakeSettings, limit: u64) -> usize {
+fn largest_fit(method: &dyn Method, scene: &Scene, settings: &BakeSettings, limit: u64) -> Option<usize> {
     let mut trial = settings.clone();
-    (4..28)
-        .rev()
-        .map(|power| 1usize << power)
-        .find(|&samples| {
-            trial.samples = Some(samples);
-            method.bake_memory(scene, &trial) <= limit
-        })
-        .unwrap_or(16)
+    (0..28).rev().map(|power| 1usize << power).find(|&samples| {
+        trial.samples = Some(samples);
+        method.bake_memory(scene, &trial) <= limit
+    })
 }
 
 /// Replaces the media of a scene by `--material` and its companions; `None` where they say nothing.
@@ -391,7 +404,7 @@ pub(super) fn edited_media(arguments: &MediumArgs, scene: &Scene) -> Result<Opti
         media.fill(plain);
     }
     for (name, medium) in named {
-        let Some(index) = medium_named(scene, &name) else {
+        let Some(index) = medium_named(scene, &name)? else {
             let mut known: Vec<&str> = scene.parts.parts.iter().map(|p| p.name.as_str()).collect();
             known.extend(scene.media.iter().map(|m| m.name.as_str()));
             let known = known.join(", ");
@@ -405,9 +418,25 @@ pub(super) fn edited_media(arguments: &MediumArgs, scene: &Scene) -> Result<Opti
 }
 
 /// The medium of a part of that name, or the medium itself.
-fn medium_named(scene: &Scene, name: &str) -> Option<usize> {
-    let of_part = scene.parts.parts.iter().find(|p| p.name == name).and_then(|p| p.medium);
-    of_part.map(|m| m as usize).or_else(|| scene.media.iter().position(|m| m.name == name))
+///
+/// Parts of equal material have one medium: to edit it through one of them would change the others in silence.
+fn medium_named(scene: &Scene, name: &str) -> Result<Option<usize>> {
+    let parts = &scene.parts.parts;
+    let Some(medium) = parts.iter().find(|p| p.name == name).and_then(|p| p.medium) else {
+        return Ok(scene.media.iter().position(|m| m.name == name));
+    };
+    let sharing = |p: &&PartEntry| p.medium == Some(medium) && p.name != name;
+    let others: Vec<&str> = parts.iter().filter(sharing).map(|p| p.name.as_str()).collect();
+    match scene.media.get(medium as usize) {
+        Some(shared) if !others.is_empty() => {
+            let (others, shared) = (others.join(", "), &shared.name);
+            Err(Error::command_line(format!(
+                "--material {name}=...: {name} and {others} are one medium; edit all of them by --material {shared}=..., \
+                 or bake them with different materials"
+            )))
+        }
+        _ => Ok(Some(medium as usize)),
+    }
 }
 
 /// Reads a model by the suffix of its name.

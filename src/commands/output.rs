@@ -19,7 +19,10 @@ pub(super) fn print_line(text: &str) -> Result<()> {
 
 /// Refuses outputs that cannot be told apart or written: before the work, not after it.
 pub(super) fn check(outputs: &[PathBuf], suffixes: &[&str], console: &Console) -> Result<()> {
-    for path in outputs {
+    for (index, path) in outputs.iter().enumerate() {
+        if outputs[..index].contains(path) {
+            return Err(Error::command_line(format!("-o {}: given twice", path.display())));
+        }
         if path == Path::new("-") {
             if console.format == Format::Json {
                 return Err(Error::command_line("-o - and --json both want standard output: give -o a file"));
@@ -30,6 +33,9 @@ pub(super) fn check(outputs: &[PathBuf], suffixes: &[&str], console: &Console) -
             let known: Vec<String> = suffixes.iter().map(|s| format!(".{s}")).collect();
             let (path, known) = (path.display(), known.join(" or "));
             return Err(Error::command_line(format!("-o {path}: the name must end in {known}")));
+        }
+        if path.is_dir() {
+            return Err(Error::new(ExitCode::Io, format!("-o {}: is a folder", path.display())));
         }
         let folder = match path.parent() {
             Some(parent) if !parent.as_os_str().is_empty() => parent,

@@ -26,9 +26,12 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
     if path.is_dir() {
         return Err(Error::new(crate::error::ExitCode::Io, format!("{}: is a folder", path.display())));
     }
+    // Listed before anybody else can look: an interrupt between the two would leave the file.
+    let mut unfinished = lock();
     let mut file = tempfile::Builder::new().prefix(".translux-").suffix(".part").tempfile_in(folder).map_err(fail)?;
     let temporary = file.path().to_path_buf();
-    lock().push(temporary.clone());
+    unfinished.push(temporary.clone());
+    drop(unfinished);
     let result = (|| {
         file.write_all(bytes)?;
         file.as_file().sync_all()?;
@@ -41,11 +44,16 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
 }
 
 /// Deletes temporary files of writes in flight; for the handler of an interrupt, just before the process ends.
+///
+/// Every write that is in flight or starts later waits until then: it neither makes another file nor reports that its
+/// own is gone.
 pub fn remove_unfinished() {
-    for path in lock().drain(..) {
+    let mut unfinished = lock();
+    for path in unfinished.drain(..) {
         // The process is about to end: a file that cannot be removed has nobody left to tell.
         let _ = std::fs::remove_file(path);
     }
+    std::mem::forget(unfinished);
 }
 
 fn lock() -> std::sync::MutexGuard<'static, Vec<PathBuf>> {
