@@ -40,7 +40,7 @@ impl Input {
 }
 
 /// Where an asset comes from; nothing in it depends on when or where it was made.
-#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Provenance {
     /// Method that baked it.
     pub method: String,
@@ -54,6 +54,19 @@ pub struct Provenance {
     pub mm_per_source_unit: f64,
     /// Repairs and choices that are part of the truth.
     pub notes: Vec<String>,
+}
+
+impl Default for Provenance {
+    fn default() -> Self {
+        Self {
+            method: String::new(),
+            settings: BTreeMap::new(),
+            inputs: Vec::new(),
+            source_unit: "mm".to_owned(),
+            mm_per_source_unit: 1.0,
+            notes: Vec::new(),
+        }
+    }
 }
 
 /// One scene baked by one method.

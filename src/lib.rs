@@ -13,6 +13,38 @@
 //! `error` < `progress` < `math` < `medium` < `geometry` < `light` < `io` < `compress` < `transport` < `asset`
 //! < `evaluate` < `methods` < `render` < `measure` < `commands`. `tests/layers.rs` checks it.
 
+//! # Example
+//!
+//! Radiosity of a marble sphere of 20 mm under one light:
+//!
+//! ```
+//! use std::sync::Arc;
+//! use glam::DVec3;
+//! use translux::asset::Provenance;
+//! use translux::evaluate::{BakeSettings, Method};
+//! use translux::geometry::{mesh::{Mesh, Placement}, part_table::PartTable, shapes};
+//! use translux::light::Light;
+//! use translux::medium::material::preset;
+//! use translux::methods::{self, settings, two_pass::TwoPass};
+//! use translux::progress::Silent;
+//! use translux::transport::scene::{Medium, Scene};
+//!
+//! # fn main() -> translux::error::Result<()> {
+//! let (mesh, _) = Mesh::from_source(shapes::icosphere(10.0, 3), &Placement { mm_per_unit: 1.0 })?;
+//! let parts = PartTable::new(&mesh, vec![0; mesh.triangles.len()], vec![("ball".into(), Some(0))]);
+//! let marble = preset("marble").ok_or_else(|| translux::error::Error::input("no marble"))?;
+//! let media = vec![Medium { name: "marble".into(), properties: marble.properties() }];
+//! let settings = BakeSettings { samples: None, max_rms: 0.005, values: settings::resolve(&TwoPass, &[])? };
+//! let scene = Scene { mesh, parts, media };
+//! let asset = methods::bake(&TwoPass, scene, &settings, Provenance::default(), &Silent)?;
+//! let mut evaluator = TwoPass.open(Arc::new(asset))?;
+//! evaluator.set_lights(vec![Light::directional(DVec3::Y, DVec3::splat(3.0))?], &Silent)?;
+//! let radiosity = evaluator.radiosity(&Silent)?; // one RGB for each vertex
+//! assert!(radiosity.iter().all(|b| b.min_element() > 0.0));
+//! # Ok(())
+//! # }
+//! ```
+
 pub mod error;
 pub mod progress;
 

@@ -16,6 +16,7 @@ use crate::geometry::parts::{Analysis, MaterialRoles, PartsRule};
 use crate::geometry::source::SourceModel;
 use crate::io;
 use crate::medium::material::{Material, OpticalProperties, Overrides};
+use crate::methods;
 use crate::methods::settings::{resolve, share};
 use crate::transport::scene::{Medium, Scene};
 
@@ -369,19 +370,14 @@ impl MediumArgs {
 
 /// Bakes a loaded model; the memory is checked before.
 pub(super) fn bake(method: &dyn Method, loaded: Loaded, settings: &BakeSettings, console: &Console) -> Result<Asset> {
-    let Loaded { scene, mut provenance, .. } = loaded;
+    let Loaded { scene, provenance, .. } = loaded;
     let needed = method.bake_memory(&scene, settings);
     let advice = match largest_fit(method, &scene, settings, console.max_memory) {
         Some(fitting) => format!("--samples {fitting} would fit, or raise --max-memory"),
         None => "no number of samples would fit, raise --max-memory".to_owned(),
     };
     console.check_memory(needed, &advice)?;
-    let parts = method.bake(&scene, settings, console)?;
-    provenance.method = method.name().to_owned();
-    provenance.settings = settings.values.clone();
-    provenance.settings.insert("max-rms".to_owned(), settings.max_rms.to_string());
-    provenance.settings.insert("samples".to_owned(), parts.samples.len().to_string());
-    Ok(Asset { scene, samples: parts.samples, provenance, ledger: parts.ledger, sections: parts.sections })
+    methods::bake(method, scene, settings, provenance, console)
 }
 
 /// The largest number of samples that the memory limit allows, as a power of two.

@@ -5,8 +5,11 @@ pub mod sampling;
 pub mod settings;
 pub mod two_pass;
 
+use crate::asset::{Asset, Provenance};
 use crate::error::{Error, Result};
-use crate::evaluate::Method;
+use crate::evaluate::{BakeSettings, Method};
+use crate::progress::Progress;
+use crate::transport::scene::Scene;
 
 /// Every method.
 pub const ALL: [&dyn Method; 2] = [&reference::Reference, &two_pass::TwoPass];
@@ -20,4 +23,23 @@ pub fn named(name: &str) -> Result<&'static dyn Method> {
         let names: Vec<&str> = ALL.iter().map(|m| m.name()).collect();
         Error::command_line(format!("no method `{name}`; there are {}", names.join(", ")))
     })
+}
+
+/// Bakes a scene into an asset; the method and the resolved settings enter the provenance.
+///
+/// # Errors
+/// Those of the method.
+pub fn bake(
+    method: &dyn Method,
+    scene: Scene,
+    settings: &BakeSettings,
+    mut provenance: Provenance,
+    progress: &dyn Progress,
+) -> Result<Asset> {
+    let parts = method.bake(&scene, settings, progress)?;
+    provenance.method = method.name().to_owned();
+    provenance.settings = settings.values.clone();
+    provenance.settings.insert("max-rms".to_owned(), settings.max_rms.to_string());
+    provenance.settings.insert("samples".to_owned(), parts.samples.len().to_string());
+    Ok(Asset { scene, samples: parts.samples, provenance, ledger: parts.ledger, sections: parts.sections })
 }
