@@ -91,7 +91,7 @@ impl Evaluator for Fake {
     fn radiosity(&mut self, _progress: &dyn Progress) -> Result<Vec<DVec3>> {
         Ok(self.uniform())
     }
-    fn measured_error(&mut self, _progress: &dyn Progress) -> Result<Ledger> {
+    fn measured_error(&mut self, _unseen: &[Light], _progress: &dyn Progress) -> Result<Ledger> {
         Ok(Ledger::default())
     }
 }

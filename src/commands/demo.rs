@@ -18,6 +18,7 @@ use crate::evaluate::BakeSettings;
 use crate::geometry::mesh::Scale;
 use crate::geometry::parts::{MaterialRoles, PartsRule};
 use crate::geometry::shapes;
+use crate::measure::probes::unseen;
 use crate::medium::material::Material;
 use crate::methods;
 use crate::methods::settings::resolve;
@@ -86,7 +87,7 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> Result<ExitCode> {
     let pictures = [file("demo.png"), file("demo.exr")];
     let picture = PictureArgs::at(Resolution::new(768, 768)?);
     let picture = render::finish(evaluator.as_mut(), METHOD, lights, &picture, &pictures, console)?;
-    let measured = evaluator.measured_error(console)?;
+    let measured = evaluator.measured_error(&unseen(&asset.scene.mesh), console)?;
     let vertices = asset.scene.mesh.local_mm.len();
     let result = DemoReport {
         asset: path,

@@ -18,6 +18,7 @@ use crate::evaluate::{Cost, Evaluator};
 use crate::io::atomic;
 use crate::io::colour::srgb_from_linear;
 use crate::io::ply::{RadiosityPly, write_ply};
+use crate::measure::probes::unseen;
 use crate::methods;
 use crate::transport::scene::Scene;
 
@@ -118,7 +119,7 @@ pub(super) fn finish(
         outputs.iter().try_for_each(|path| atomic::write(path, &bytes))
     })?;
     let measured = match measure {
-        Measure::Yes => evaluator.measured_error(console)?,
+        Measure::Yes => evaluator.measured_error(&unseen(&evaluator.scene().mesh), console)?,
         Measure::No => Ledger::default(),
     };
     for entry in &measured.entries {

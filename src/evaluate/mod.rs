@@ -133,9 +133,10 @@ pub trait Evaluator: Send {
     /// Failures of the work.
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>>;
 
-    /// What the evaluator measured of its own error for the lights and media in force.
+    /// What the evaluator measures of its own error for the lights and media in force, on vertices that no choice saw;
+    /// what was tuned for these lights is measured under the `unseen` ones as well.
     ///
     /// # Errors
     /// Failures of the work.
-    fn measured_error(&mut self, progress: &dyn Progress) -> Result<Ledger>;
+    fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger>;
 }

@@ -73,14 +73,20 @@ impl Bound {
     }
 }
 
-/// Receivers that tune the hierarchy, and as many others that measure it.
+/// Receivers that tune the hierarchy.
+const TUNING_PROBES: usize = 96;
+
+/// Receivers that measure an error, none of which tuned anything.
 const PROBES: usize = 192;
 
-/// Halvings of the limit at most; beyond them the hierarchy is all pairs.
-const HALVINGS: i32 = 12;
+/// Limits that tuning tries at most; without success the hierarchy is left out.
+const TRIALS: usize = 12;
 
 /// Share of the asked error that tuning aims at, because other receivers may fare worse.
 const TARGET: f64 = 0.7;
+
+/// Share of the target from which on a larger limit would not pay.
+const CLOSE: f64 = 0.6;
 
 /// Samples, lights and media, with what follows from them.
 pub struct SampledEvaluator {
@@ -130,72 +136,70 @@ impl SampledEvaluator {
     /// As [`Illumination::new`].
     pub fn irradiance(&mut self, progress: &dyn Progress) -> Result<&[DVec3]> {
         if self.irradiance.is_none() {
-            self.irradiance = Some(self.illuminate(&self.surface(), self.plan.sampling, progress)?);
+            self.irradiance = Some(self.illuminate(&self.surface(), &self.lights, progress)?);
         }
         Ok(self.irradiance.as_deref().unwrap_or(&[]))
     }
 
-    fn illuminate(&self, surface: &Surface, sampling: LightSampling, progress: &dyn Progress) -> Result<Vec<DVec3>> {
+    fn illuminate(&self, surface: &Surface, lights: &[Light], progress: &dyn Progress) -> Result<Vec<DVec3>> {
         let etas: Vec<f64> = self.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
-        Ok(Illumination::new(surface, &self.lights, &etas, sampling)?.all(progress))
+        Ok(Illumination::new(surface, lights, &etas, self.plan.sampling)?.all(progress))
     }
 
-    /// The hierarchy with a limit of its criterion against all pairs, on a subset of the receivers.
-    fn hierarchy_errors(
+    /// Calls `work` with a function from a limit of the criterion to the error of the hierarchy against all pairs, on a
+    /// subset of `count` receivers.
+    fn against_all_pairs<T>(
         &self,
+        irradiance: &[DVec3],
         bound: Bound,
-        phase: usize,
-        mut accept: impl FnMut(VertexError) -> Option<f64>,
-        first: f64,
-    ) {
+        (count, phase): (usize, usize),
+        work: impl FnOnce(&dyn Fn(f64) -> VertexError) -> T,
+    ) -> T {
         let surface = self.surface();
         let gather = Gather::new(&surface, &self.tree, &self.scene.media, self.plan.near);
-        let lit = gather.light(self.irradiance.as_deref().unwrap_or(&[]));
-        let (subset, indices) = self.receivers.subset(PROBES, phase);
+        let lit = gather.light(irradiance);
+        let (subset, indices) = self.receivers.subset(count, phase);
         let truth = gather.radiosity(&subset, &lit, Scheme::AllPairs, &Silent);
         let areas: Vec<f64> = indices.iter().map(|&i| self.areas[i as usize]).collect();
-        let mut next = Some(first);
-        while let Some(limit) = next {
+        work(&|limit| {
             let scheme = Scheme::Hierarchical { criterion: bound.criterion(limit) };
-            let values = gather.radiosity(&subset, &lit, scheme, &Silent);
-            next = accept(vertex_error(&values, &truth, &areas));
-        }
+            vertex_error(&gather.radiosity(&subset, &lit, scheme, &Silent), &truth, &areas)
+        })
     }
 
-    /// Finds the limit of the criterion that keeps the asked error on some receivers.
+    /// Finds the largest limit of the criterion that keeps the asked error on some receivers.
     fn tune(&mut self, error: f64, bound: Bound) {
-        let mut limit = bound.first_limit(error);
-        let least = limit * 0.5f64.powi(HALVINGS);
-        let first = limit;
-        self.hierarchy_errors(
-            bound,
-            0,
-            |found| {
-                if found.rms <= TARGET * error || limit <= least {
-                    return None;
+        let irradiance = self.irradiance.as_deref().unwrap_or(&[]);
+        let limit = self.against_all_pairs(irradiance, bound, (TUNING_PROBES, 0), |error_of| {
+            let mut limit = bound.first_limit(error);
+            let mut kept = None;
+            for _ in 0..TRIALS {
+                let found = error_of(limit).rms;
+                if found <= TARGET * error {
+                    kept = Some(limit);
+                    if found >= CLOSE * TARGET * error {
+                        break;
+                    }
+                } else if kept.is_some() {
+                    break;
                 }
-                limit *= 0.5;
-                Some(limit)
-            },
-            first,
-        );
-        self.limit = Some(limit);
+                // The error grows a little faster than the limit.
+                let factor = (TARGET * error / found.max(f64::MIN_POSITIVE)).powf(0.8);
+                limit *= if kept.is_some() { (0.9 * factor).clamp(1.1, 4.0) } else { (0.9 * factor).clamp(0.05, 0.7) };
+            }
+            kept
+        });
+        self.limit = Some(limit.unwrap_or(0.0));
     }
 
     /// The error of the hierarchy in force on receivers that no tuning saw.
-    fn hierarchy_error(&self) -> Option<VertexError> {
-        let (Far::Hierarchical { bound, .. }, Some(limit)) = (self.plan.far, self.limit) else { return None };
-        let mut measured = None;
-        self.hierarchy_errors(
-            bound,
-            1,
-            |found| {
-                measured = Some(found);
-                None
-            },
-            limit,
-        );
-        measured
+    fn hierarchy_error(&self, irradiance: &[DVec3]) -> Option<VertexError> {
+        match (self.plan.far, self.limit) {
+            (Far::Hierarchical { bound, .. }, Some(limit)) => {
+                Some(self.against_all_pairs(irradiance, bound, (PROBES, 1), |error_of| error_of(limit)))
+            }
+            _ => None,
+        }
     }
 
     fn scheme(&self) -> Scheme {
@@ -214,7 +218,7 @@ impl SampledEvaluator {
         let patches = scene::patches(&self.scene, &half);
         let tree = SampleTree::new(&half, &patches);
         let surface = Surface { scene: &self.scene, bvh: &self.bvh, samples: &half, patches: &patches };
-        let irradiance = self.illuminate(&surface, self.plan.sampling, progress)?;
+        let irradiance = self.illuminate(&surface, &self.lights, progress)?;
         let (subset, indices) = self.receivers.subset(2 * PROBES, 2);
         let sum = |surface: &Surface, tree: &SampleTree, irradiance: &[DVec3]| {
             let gather = Gather::new(surface, tree, &self.scene.media, self.plan.near);
@@ -298,14 +302,19 @@ impl Evaluator for SampledEvaluator {
         Ok(self.receivers.expand(&values))
     }
 
-    fn measured_error(&mut self, progress: &dyn Progress) -> Result<Ledger> {
+    fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {
         self.irradiance(progress)?;
         let mut ledger = Ledger::default();
         let halved = self.sampling_error(progress)?;
         ledger.add("sampling", halved, "against half as many samples, on vertices of their own");
-        if let Some(error) = self.hierarchy_error() {
-            ledger.add("hierarchy", error, "against all pairs, on vertices that no tuning saw");
+        let irradiance = self.irradiance.as_deref().unwrap_or(&[]);
+        let Some(mut error) = self.hierarchy_error(irradiance) else { return Ok(ledger) };
+        for light in unseen {
+            let irradiance = self.illuminate(&self.surface(), std::slice::from_ref(light), progress)?;
+            error = self.hierarchy_error(&irradiance).map_or(error, |other| error.max(other));
         }
+        let note = "against all pairs, on vertices that no tuning saw, the worst of these and of probe lights";
+        ledger.add("hierarchy", error, note);
         Ok(ledger)
     }
 }

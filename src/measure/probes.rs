@@ -52,6 +52,12 @@ pub fn points(mesh: &Mesh, half: Half) -> Vec<Light> {
         .collect()
 }
 
+/// A few lights of the half that figures come from: two directions and a point.
+pub fn unseen(mesh: &Mesh) -> Vec<Light> {
+    let directions = directional(Half::Figures).into_iter().step_by(DIRECTIONS / 4);
+    directions.take(2).chain(points(mesh, Half::Figures).into_iter().take(1)).collect()
+}
+
 /// The constant light of radiance 1.
 pub fn constant() -> Light {
     Light::Constant { radiance: DVec3::ONE }
