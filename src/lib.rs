@@ -11,7 +11,9 @@
 //!
 //! Modules import downwards only, in this order:
 //! `error` < `progress` < `math` < `medium` < `geometry` < `light` < `io` < `compress` < `transport` < `asset`
-//! < `evaluate` < `methods` < `render` < `measure` < `commands`. `tests/layers.rs` checks it.
+//! < `evaluate` < `methods` < `render` < `relight` < `measure` < `commands`. `tests/layers.rs` checks it.
+
+#![warn(clippy::exit, clippy::panic, clippy::print_stderr, clippy::print_stdout)]
 
 //! # Example
 //!

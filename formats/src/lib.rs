@@ -33,6 +33,8 @@
 //! # Ok::<(), translux_format::FormatError>(())
 //! ```
 
+#![warn(clippy::exit, clippy::panic, clippy::print_stderr, clippy::print_stdout)]
+
 #[cfg(not(target_endian = "little"))]
 compile_error!("sections are little-endian and read in place: this crate needs a little-endian target");
 

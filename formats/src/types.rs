@@ -46,6 +46,7 @@ impl Tag {
     ///
     /// # Panics
     /// If the text is not a tag; use [`Tag::new`] for text that is not a literal.
+    #[expect(clippy::panic, reason = "in a constant it stops the compiler")]
     pub const fn from_static(text: &'static str) -> Self {
         match Self::new(text) {
             Some(tag) => tag,

@@ -1,6 +1,6 @@
 //! What a command says while it works: progress with remaining time, notes, warnings, stage timings, peak memory.
 
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
@@ -87,9 +87,11 @@ impl Console {
     /// A line for people on standard error.
     pub(super) fn note(&self, line: &str) {
         if self.verbosity == Verbosity::Normal {
+            // A note that standard error does not take is lost, the work is not.
+            let print = || drop(writeln!(std::io::stderr(), "{line}"));
             match &self.state().bar {
-                Some(bar) => bar.suspend(|| eprintln!("{line}")),
-                None => eprintln!("{line}"),
+                Some(bar) => bar.suspend(print),
+                None => print(),
             }
         }
     }

@@ -16,6 +16,7 @@ mod render;
 mod report;
 
 use std::ffi::OsString;
+use std::io::Write;
 
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 
@@ -91,7 +92,8 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     match dispatch(cli) {
         Ok(code) => code,
         Err(error) => {
-            eprintln!("translux: {error}");
+            // The exit code tells it too where standard error cannot be written.
+            let _ = writeln!(std::io::stderr(), "translux: {error}");
             error.code()
         }
     }
@@ -129,10 +131,11 @@ fn dispatch(cli: Cli) -> Result<ExitCode> {
 }
 
 /// Ctrl-C and SIGTERM remove files that are not finished and end the process with 130.
+#[expect(clippy::exit, reason = "an interrupt ends the process from a thread of its own")]
 fn watch_for_interrupts() -> Result<()> {
     let handler = || {
         crate::io::atomic::remove_unfinished();
-        eprintln!("\ntranslux: interrupted; no file was left unfinished");
+        let _ = writeln!(std::io::stderr(), "\ntranslux: interrupted; no file was left unfinished");
         std::process::exit(130);
     };
     match ctrlc::set_handler(handler) {

@@ -1,7 +1,7 @@
 //! The inner loops of the transfer: point sources and flat triangles against a block of receivers, in f32.
 //!
 //! A block holds a few dozen receivers that lie close together; coordinates are relative to the block's centre, so
-//! that single precision loses nothing. Sums run in f32 over at most [`FLUSH`] sources and are then added to f64.
+//! that single precision loses nothing. Sums run in f32 over at most `FLUSH` sources and are then added to f64.
 
 use glam::DVec3;
 
@@ -125,7 +125,7 @@ fn exp_neg(x: f32) -> f32 {
     let p = p * f + 0.009_618_009_5;
     let p = p * f + 0.055_503_327;
     let p = p * f + 0.240_226_51;
-    let p = p * f + 0.693_147_2;
+    let p = p * f + std::f32::consts::LN_2;
     let p = p * f + 1.0;
     let scale = f32::from_bits(rounded.to_bits().wrapping_add(127) << 23);
     p * scale

@@ -148,6 +148,7 @@ mod avx2 {
         table
     };
 
+    #[expect(clippy::undocumented_unsafe_blocks, reason = "what `Avx2` says above holds for each")]
     impl Lanes for Avx2 {
         type V = __m256;
 
