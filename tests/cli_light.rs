@@ -7,6 +7,7 @@ use common::{Folder, called, relative_difference};
 use glam::DVec3;
 use serde_json::Value;
 use translux::geometry::shapes;
+use translux::io::exr_write::{ExrChannel, ExrImage, ExrLayer, SampleKind};
 
 const LIGHTS: [&str; 5] = [
     "directional:from=1,2,3:irradiance=3,2,1",
@@ -210,4 +211,87 @@ fn gltf_is_in_metres() {
     for (found, source) in folder.positions("b.ply").iter().zip(&model.positions) {
         assert!(found.distance(*source * 1000.0) < 1e-4, "{found} mm from {source} m");
     }
+}
+
+/// A latitude-longitude picture of 32 x 16 pixels as OpenEXR.
+fn picture(pixel: impl Fn(usize, usize) -> [f32; 3]) -> Vec<u8> {
+    let (width, height) = (32, 16);
+    let channel = |index: usize, name: &str| ExrChannel {
+        name: name.to_owned(),
+        kind: SampleKind::Float,
+        samples: (0..width * height).map(|i| pixel(i % width, i / width)[index]).collect(),
+    };
+    let channels = vec![channel(0, "R"), channel(1, "G"), channel(2, "B")];
+    let layers = vec![ExrLayer { name: String::new(), channels }];
+    ExrImage { width, height, layers, attributes: Vec::new() }.encode().unwrap()
+}
+
+/// A picture of one colour is a constant light; a bare path is an environment; turns go the documented way.
+#[test]
+fn environments_come_from_pictures() {
+    let folder = Folder::new();
+    folder.obj("ball.obj", &shapes::icosphere(8.0, 2));
+    folder
+        .run(
+            "bake ball.obj --unit mm --material skin1 --samples 1500 --method reference --set directions=256 -o a.tlux",
+        )
+        .ok();
+    folder.write("grey.exr", picture(|_, _| [0.5, 0.25, 1.0]));
+    // Bright in the centre column of the horizon: +Z, where the picture's centre looks.
+    let bright = |x: usize, y: usize| (14..18).contains(&x) && (6..10).contains(&y);
+    folder.write("lamp.exr", picture(|x, y| if bright(x, y) { [9.0; 3] } else { [0.0; 3] }));
+    let lit = |light: &str| {
+        folder.run(&format!("evaluate a.tlux --light {light} -o b.ply")).ok();
+        folder.radiosity("b.ply")
+    };
+    let constant = lit("constant:radiance=0.5,0.25,1");
+    for grey in ["grey.exr", "env:path=grey.exr", "env:path=grey.exr:rotate=77", "grey.exr:rotate=-1000"] {
+        let error = relative_difference(&lit(grey), &constant);
+        assert!(error < 0.01, "{grey}: {error:.1e}");
+    }
+    let doubled: Vec<DVec3> = lit("lamp.exr").iter().map(|b| *b * 2.0).collect();
+    assert!(relative_difference(&lit("lamp.exr:scale=2"), &doubled) < 1e-6);
+    let positions = folder.positions("b.ply");
+    for (rotate, towards) in [(0, DVec3::Z), (90, DVec3::X), (180, DVec3::NEG_Z), (270, DVec3::NEG_X)] {
+        let values = lit(&format!("lamp.exr:rotate={rotate}"));
+        let total: f64 = values.iter().map(|b| b.y).sum();
+        let centre: DVec3 = values.iter().zip(&positions).map(|(b, p)| *p * b.y / total).sum();
+        assert!(centre.normalize().dot(towards) > 0.99, "rotate={rotate}: the light comes from {centre}");
+    }
+    let report = folder.run("evaluate a.tlux --light grey.exr -o b.ply --json").ok().json();
+    let hash = blake3::hash(&folder.read("grey.exr")).to_hex();
+    assert_eq!(report["inputs"][0]["blake3"], hash.as_str());
+}
+
+/// A material file says the same as the flags, and a mistake in it is found by its line.
+#[test]
+fn materials_come_from_files() {
+    let folder = Folder::new();
+    folder.obj("ball.obj", &shapes::icosphere(8.0, 2));
+    folder.write("wax.toml", "sigma_s_per_mm = [2.0, 1.0, 0.5]\nsigma_a_per_mm = 0.01\ng = 0.5\neta = 1.4\n");
+    folder.write("typo.toml", "sigma_s_per_mm = 1\nsigma_q_per_mm = 0.01\n");
+    let rest = "ball.obj --unit mm --samples 300 --light constant:radiance=1 -o";
+    folder.run(&format!("reference {rest} file.ply --material wax.toml")).ok();
+    folder.run(&format!("reference {rest} flags.ply --sigma-s 2,1,0.5 --sigma-a 0.01 --g 0.5 --eta 1.4")).ok();
+    assert_eq!(folder.radiosity("file.ply"), folder.radiosity("flags.ply"));
+    folder.run(&format!("reference {rest} c.ply --material typo.toml")).fails(3, &["typo.toml:2", "sigma_q_per_mm"]);
+    folder.run(&format!("reference {rest} c.ply --material none.toml")).fails(2, &["none.toml"]);
+    folder.run(&format!("reference {rest} c.ply --sigma-s 1")).fails(1, &["sigma_a"]);
+}
+
+/// Pictures are compared like tables: equal, different, judged by a threshold.
+#[test]
+fn pictures_are_compared() {
+    let folder = Folder::new();
+    let ramp = |x: usize, y: usize| [x as f32, y as f32, 1.0].map(|v| 0.01 * (v + 1.0));
+    folder.write("a.exr", picture(ramp));
+    folder.write("b.exr", picture(|x, y| if (x, y) == (3, 4) { [0.0; 3] } else { ramp(x, y) }));
+    let equal = folder.run("compare a.exr a.exr --json").ok().json();
+    assert_eq!(equal["equal"], true);
+    let different = folder.run("compare b.exr a.exr --json").fails(7, &[]).json();
+    assert_eq!(different["equal"], false);
+    assert!(different["value"].as_f64().unwrap() > 0.0);
+    folder.run("compare b.exr a.exr --fail-above 50%").ok();
+    folder.run("compare b.exr a.exr --metric worst --fail-above 0.1%").fails(7, &[]);
+    folder.run("compare a.exr c.exr").fails(2, &["c.exr"]);
 }

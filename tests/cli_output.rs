@@ -125,6 +125,28 @@ fn an_existing_file_is_replaced_and_keeps_its_mode() {
     assert_eq!(folder.names(), ["a.tlux", "b.ply", "ball.obj", "c.ply"]);
 }
 
+/// Names need not be UTF-8, nor free of spaces; a report shows them as well as it can.
+#[test]
+#[cfg(target_os = "linux")]
+fn names_may_hold_any_bytes() {
+    use std::os::unix::ffi::OsStringExt;
+    let folder = ball();
+    let name = |suffix: &str| std::ffi::OsString::from_vec([b"b \xff:=,".as_slice(), suffix.as_bytes()].concat());
+    std::fs::copy(folder.path("ball.obj"), folder.path("").join(name(".obj"))).unwrap();
+    let run = |command: &str, input: &str, rest: &str, output: Option<&str>| {
+        let mut words = vec![command.into(), name(input)];
+        words.extend(rest.split_whitespace().map(std::ffi::OsString::from));
+        words.extend(output.into_iter().flat_map(|suffix| ["-o".into(), name(suffix)]));
+        folder.run_words(words).ok().json()
+    };
+    run("bake", ".obj", "--unit mm --material skin1 --samples 500 --json", Some(".tlux"));
+    run("evaluate", ".tlux", &format!("{LIGHT} --json"), Some(".ply"));
+    run("inspect", ".tlux", "--json", None);
+    let report = run("compare", ".ply", "b.ply --json", None);
+    assert_eq!(report["equal"], true);
+    assert_eq!(report["a"], "b \u{fffd}:=,.ply");
+}
+
 #[cfg(unix)]
 mod interrupts {
     use super::*;

@@ -119,7 +119,7 @@ fn gltf_files_bake_in_their_own_size() {
             outcome.fails(2, &[".bin"]);
         } else {
             outcome.ok();
-            if std::fs::metadata(file).unwrap().len() > 70_000 {
+            if std::fs::metadata(file).unwrap().len() > 40_000 {
                 continue;
             }
             folder.run("evaluate a.tlux --light constant:radiance=1 -o b.ply").ok();

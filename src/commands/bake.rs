@@ -30,6 +30,7 @@ pub(super) struct BakeArgs {
 #[derive(Serialize)]
 struct BakeReport {
     method: &'static str,
+    #[serde(serialize_with = "report::path")]
     output: PathBuf,
     vertices: usize,
     triangles: usize,

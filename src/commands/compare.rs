@@ -42,7 +42,9 @@ enum Metric {
 
 #[derive(Serialize)]
 struct CompareReport {
+    #[serde(serialize_with = "report::path")]
     a: PathBuf,
+    #[serde(serialize_with = "report::path")]
     b: PathBuf,
     equal: bool,
     metric: Metric,
@@ -55,7 +57,7 @@ struct CompareReport {
 }
 
 pub(super) fn run(args: &CompareArgs, console: &Console) -> Result<ExitCode> {
-    let threshold = args.fail_above.as_deref().map(|t| threshold(t)).transpose()?;
+    let threshold = args.fail_above.as_deref().map(threshold).transpose()?;
     let suffixes = (output::suffix(&args.a), output::suffix(&args.b));
     let mut result = CompareReport {
         a: args.a.clone(),

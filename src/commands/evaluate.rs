@@ -59,6 +59,7 @@ pub(super) struct EvaluationReport {
     pub(super) method: String,
     pub(super) lights: Vec<String>,
     pub(super) inputs: Vec<Input>,
+    #[serde(serialize_with = "report::paths")]
     pub(super) outputs: Vec<PathBuf>,
     pub(super) vertices: usize,
     /// Vertices without transferring area, whose radiosity is 0.
