@@ -34,6 +34,7 @@ const SPACING_PROBES: usize = 2048;
 #[derive(Serialize)]
 struct BakeReport {
     method: &'static str,
+    #[serde(serialize_with = "report::path")]
     output: PathBuf,
     vertices: usize,
     triangles: usize,

@@ -42,7 +42,9 @@ enum Metric {
 
 #[derive(Serialize)]
 struct CompareReport {
+    #[serde(serialize_with = "report::path")]
     a: PathBuf,
+    #[serde(serialize_with = "report::path")]
     b: PathBuf,
     equal: bool,
     metric: Metric,

@@ -60,6 +60,7 @@ pub(super) struct EvaluationReport {
     pub(super) method: String,
     pub(super) lights: Vec<String>,
     pub(super) inputs: Vec<Input>,
+    #[serde(serialize_with = "report::paths")]
     pub(super) outputs: Vec<PathBuf>,
     pub(super) vertices: usize,
     /// Vertices without transferring area, whose radiosity is 0.
@@ -154,12 +155,12 @@ pub(super) fn finish(
     })
 }
 
-/// Refuses what a 32-bit file cannot hold.
+/// Refuses what a 32-bit file cannot hold; sums beyond its range may have become NaN on the way.
 fn check_range(radiosity: &[DVec3]) -> Result<()> {
     match radiosity.iter().position(|b| !b.as_vec3().is_finite()) {
         Some(v) => Err(Error::runtime(format!(
-            "the radiosity of vertex {v} is {:?}, which 32-bit floats do not hold: scale the lights down",
-            radiosity[v].to_array()
+            "the radiosity of vertex {v} is beyond 32-bit floats: a light is too bright, or too near a surface; \
+             scale the lights down or move them"
         ))),
         None => Ok(()),
     }

@@ -48,6 +48,7 @@ struct SectionRow {
 
 #[derive(Serialize)]
 struct InspectReport {
+    #[serde(serialize_with = "report::path")]
     asset: PathBuf,
     method: String,
     vertices: usize,

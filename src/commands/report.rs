@@ -1,6 +1,8 @@
 //! The report of a command: typed, printed as JSON with `--json`.
 
-use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+use serde::{Serialize, Serializer};
 
 use super::console::{Console, Format, StageTime, peak_memory};
 use crate::error::{Error, Result};
@@ -37,4 +39,14 @@ pub(super) fn print<T: Serialize>(console: &Console, command: &str, body: &T) ->
     };
     let text = serde_json::to_string_pretty(&envelope).map_err(|e| Error::runtime(format!("report: {e}")))?;
     super::output::print_line(&text)
+}
+
+/// Serialises a path as text; bytes that are not UTF-8 are replaced, because a report is not worth failing for.
+pub(super) fn path<S: Serializer>(path: &Path, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+    serializer.collect_str(&path.display())
+}
+
+/// As [`path`], for several.
+pub(super) fn paths<S: Serializer>(paths: &[PathBuf], serializer: S) -> std::result::Result<S::Ok, S::Error> {
+    serializer.collect_seq(paths.iter().map(|p| p.to_string_lossy()))
 }
