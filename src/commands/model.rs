@@ -299,6 +299,23 @@ struct ResolvedMedia {
 }
 
 impl MediumArgs {
+    fn overrides(&self) -> Overrides {
+        Overrides {
+            sigma_s_per_mm: self.sigma_s,
+            sigma_a_per_mm: self.sigma_a,
+            g: self.g,
+            eta_inside_over_outside: self.eta,
+            ..Overrides::default()
+        }
+    }
+
+    /// A medium with what these arguments say in place of its own.
+    fn changed(&self, medium: &Medium) -> Result<Medium> {
+        let base = Material { name: medium.name.clone(), properties: medium.properties };
+        let material = Material::from_flags(Some(base), &self.overrides())?;
+        Ok(Medium { name: material.name, properties: material.properties })
+    }
+
     /// The plain material of these arguments, if any.
     pub(super) fn plain(&self) -> Result<Option<Medium>> {
         let plain: Vec<&String> = self.material.iter().filter(|m| !m.contains('=')).collect();
@@ -308,13 +325,7 @@ impl MediumArgs {
             )));
         }
         let base = plain.first().map(|text| Material::from_argument(text)).transpose()?;
-        let overrides = Overrides {
-            sigma_s_per_mm: self.sigma_s,
-            sigma_a_per_mm: self.sigma_a,
-            g: self.g,
-            eta_inside_over_outside: self.eta,
-            ..Overrides::default()
-        };
+        let overrides = self.overrides();
         if base.is_none() && overrides.is_empty() {
             return Ok(None);
         }
@@ -391,6 +402,9 @@ fn largest_fit(method: &dyn Method, scene: &Scene, settings: &BakeSettings, limi
 
 /// Replaces the media of a scene by `--material` and its companions; `None` where they say nothing.
 pub(super) fn edited_media(arguments: &MediumArgs, scene: &Scene) -> Result<Option<Vec<Medium>>> {
+    if arguments.material.is_empty() && !arguments.overrides().is_empty() {
+        return scene.media.iter().map(|m| arguments.changed(m)).collect::<Result<_>>().map(Some);
+    }
     let (plain, named) = (arguments.plain()?, arguments.named()?);
     if plain.is_none() && named.is_empty() {
         return Ok(None);

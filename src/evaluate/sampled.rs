@@ -212,9 +212,14 @@ impl SampledEvaluator {
     }
 
     /// Error of sampling: the same sum from half as many samples with their own rays, on some receivers. The error of
-    /// the full set is smaller, so the figure is a bound and not an estimate.
+    /// the full set is smaller than that of the half, which is most of the figure.
     fn sampling_error(&self, progress: &dyn Progress) -> Result<VertexError> {
-        let half = Samples::new(&self.scene.mesh, &self.scene.parts, self.asset.samples.len() / 2);
+        let count = self.asset.samples.len();
+        let mut half = Samples::new(&self.scene.mesh, &self.scene.parts, count / 2);
+        if half.len() > count / 2 {
+            // Fewer than one for each part there cannot be: twice as many then show what is missing.
+            half = Samples::new(&self.scene.mesh, &self.scene.parts, 2 * count);
+        }
         let patches = scene::patches(&self.scene, &half);
         let tree = SampleTree::new(&half, &patches);
         let surface = Surface { scene: &self.scene, bvh: &self.bvh, samples: &half, patches: &patches };

@@ -28,6 +28,9 @@ impl SphericalRectangle {
         }
         let x = [offset.dot(u), offset.dot(u) + lengths[0]];
         let y = [offset.dot(v), offset.dot(v) + lengths[1]];
+        // In the plane of the rectangle the angles lose all digits: a receiver keeps a billionth of the size away from it.
+        let reach = x.iter().chain(&y).fold(0.0f64, |a, v| a.max(v.abs()));
+        let z = z.min(-1e-9 * reach).min(-f64::MIN_POSITIVE);
         let corner_vector = |i: usize, j: usize| DVec3::new(x[i], y[j], z);
         let (v00, v01, v10, v11) = (corner_vector(0, 0), corner_vector(0, 1), corner_vector(1, 0), corner_vector(1, 1));
         let plane = |a: DVec3, b: DVec3| a.cross(b).normalize_or_zero();
@@ -47,8 +50,9 @@ impl SphericalRectangle {
     /// The point of the rectangle for two numbers in [0, 1), uniform in solid angle.
     pub fn sample(&self, s: f64, t: f64) -> DVec3 {
         let au = s * self.solid_angle + self.k;
-        let fu = (au.cos() * self.b[0] - self.b[1]) / au.sin();
-        let cu = (1.0 / fu.hypot(self.b[0])).copysign(fu).clamp(-1.0, 1.0);
+        let sine = au.sin();
+        let fu = (au.cos() * self.b[0] - self.b[1]) / if sine.abs() < 1e-300 { 1e-300 } else { sine };
+        let cu = (1.0 / fu.hypot(self.b[0]).max(1e-300)).copysign(fu).clamp(-1.0, 1.0);
         let xu = (-(cu * self.z) / (1.0 - cu * cu).max(1e-300).sqrt()).clamp(self.x[0], self.x[1]);
         let d = xu.hypot(self.z);
         let h0 = self.y[0] / d.hypot(self.y[0]);
