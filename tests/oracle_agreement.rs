@@ -170,7 +170,7 @@ fn hierarchy_keeps_the_asked_error() {
             let plan = Plan { sampling: LightSampling::FAST, near: NearField::FAST, far, group: 16 };
             let mut evaluator = SampledEvaluator::new(asset.clone(), plan);
             let values = radiosity(&mut evaluator, light.clone());
-            (values, evaluator.measured_error(&Silent).unwrap())
+            (values, evaluator.measured_error(&[], &Silent).unwrap())
         };
         let (truth, _) = run(Far::AllPairs);
         for bound in [Bound::SolidAngle, Bound::Kernel] {
@@ -263,7 +263,7 @@ fn odd_models_evaluate_under_every_light() {
             for light in &lights {
                 let values = radiosity(evaluator.as_mut(), light.clone());
                 assert_eq!(values.len(), scene.mesh.local_mm.len());
-                assert!(evaluator.measured_error(&Silent).unwrap().total_rms().is_finite(), "{name}, {method}");
+                assert!(evaluator.measured_error(&[], &Silent).unwrap().total_rms().is_finite(), "{name}, {method}");
             }
         }
     }

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::scene::Surface;
 use crate::error::Result;
-use crate::geometry::bvh::{Ray, offset_origin};
+use crate::geometry::bvh::{Bvh, Ray, offset_origin};
 use crate::geometry::samples::{Facet, area, bisect};
 use crate::light::Light;
 use crate::light::environment::Rotation;
@@ -75,6 +75,39 @@ enum PointsUsed {
     All,
 }
 
+/// Shadow rays of one patch, in an order that keeps neighbouring directions together, and what each brings unoccluded.
+#[derive(Default)]
+struct Bundle {
+    rays: Vec<Ray>,
+    skip: Vec<u32>,
+    gains: Vec<DVec3>,
+    occluded: Vec<bool>,
+}
+
+impl Bundle {
+    fn push(&mut self, p: &SurfacePoint, direction: DVec3, gain: DVec3) {
+        self.rays.push(shadow_ray(p, direction, f64::INFINITY));
+        self.skip.push(p.triangle);
+        self.gains.push(gain);
+    }
+
+    /// Sum of the gains of the rays that meet nothing; empties the bundle.
+    fn trace(&mut self, bvh: &Bvh) -> DVec3 {
+        self.occluded.clear();
+        self.occluded.resize(self.rays.len(), false);
+        bvh.occluded_many(&self.rays, &self.skip, &mut self.occluded);
+        let seen = self.gains.iter().zip(&self.occluded).filter(|(_, occluded)| !**occluded);
+        let sum = seen.map(|(gain, _)| *gain).sum();
+        self.rays.clear();
+        self.skip.clear();
+        self.gains.clear();
+        sum
+    }
+}
+
+/// Rays that go from one point of a patch before the next point's: as many as one bundle of the ray caster takes.
+const RUN: usize = 16;
+
 /// A point of a patch.
 #[derive(Clone, Copy, Debug, Default)]
 struct SurfacePoint {
@@ -122,7 +155,10 @@ impl<'a> Illumination<'a> {
                             points: if share > BRIGHT_SHARE { PointsUsed::All } else { PointsUsed::One },
                         }
                     });
-                    Prepared::Environment { strata: rays.collect() }
+                    let mut rays: Vec<(u32, StratumRays)> =
+                        rays.map(|r| (direction_key(r.candidates[0].direction), r)).collect();
+                    rays.sort_by_key(|(key, _)| *key);
+                    Prepared::Environment { strata: rays.into_iter().map(|(_, r)| r).collect() }
                 }
             })
         };
@@ -151,7 +187,7 @@ impl<'a> Illumination<'a> {
     /// Irradiance of the patches from `first` on.
     pub fn range(&self, first: usize, out: &mut [DVec3]) {
         let mut part = self.surface.samples.part_offsets.partition_point(|&p| p as usize <= first).saturating_sub(1);
-        let mut points = Vec::new();
+        let (mut points, mut bundle) = (Vec::new(), Bundle::default());
         for (i, e) in out.iter_mut().enumerate() {
             let patch = first + i;
             while patch >= self.surface.samples.part(part).end {
@@ -160,15 +196,23 @@ impl<'a> Illumination<'a> {
             points.clear();
             self.points_of(patch, &mut points);
             let medium = self.surface.scene.parts.parts[part].medium.unwrap_or(0) as usize;
-            let sum: DVec3 = self.lights.iter().map(|light| self.irradiance(light, medium, patch, &points)).sum();
+            let sum: DVec3 =
+                self.lights.iter().map(|light| self.irradiance(light, medium, patch, &points, &mut bundle)).sum();
             *e = sum.min(DVec3::splat(MOST));
         }
     }
 
-    fn irradiance(&self, light: &Prepared, medium: usize, patch: usize, points: &[SurfacePoint]) -> DVec3 {
+    fn irradiance(
+        &self,
+        light: &Prepared,
+        medium: usize,
+        patch: usize,
+        points: &[SurfacePoint],
+        bundle: &mut Bundle,
+    ) -> DVec3 {
         let eta = self.entrance[medium].0;
         match light {
-            Prepared::Constant { radiance } => *radiance * self.constant(medium, patch, points),
+            Prepared::Constant { radiance } => *radiance * self.constant(medium, patch, points, bundle),
             Prepared::Directional { from, irradiance } => {
                 let total: f64 = points.iter().map(|p| self.direct(p, *from, f64::INFINITY, eta)).sum();
                 *irradiance * (total / points.len() as f64)
@@ -184,7 +228,7 @@ impl<'a> Illumination<'a> {
                 *intensity * (total / points.len() as f64)
             }
             Prepared::Area(light) => self.area(light, eta, patch, points),
-            Prepared::Environment { strata } => self.environment(strata, eta, patch, points),
+            Prepared::Environment { strata } => self.environment(strata, eta, patch, points, bundle),
         }
     }
 
@@ -199,28 +243,22 @@ impl<'a> Illumination<'a> {
     }
 
     fn visible(&self, p: &SurfacePoint, direction: DVec3, distance: f64) -> bool {
-        let ray = Ray {
-            origin: offset_origin(p.at.as_vec3(), p.normal.as_vec3()),
-            direction: direction.as_vec3(),
-            t_min: 0.0,
-            t_max: distance as f32,
-        };
-        !self.surface.bvh.occluded(&ray, p.triangle)
+        !self.surface.bvh.occluded(&shadow_ray(p, direction, distance), p.triangle)
     }
 
     /// Int V F_t cos: directions with density F_t cos, so that only visibility varies.
-    fn constant(&self, medium: usize, patch: usize, points: &[SurfacePoint]) -> f64 {
+    fn constant(&self, medium: usize, patch: usize, points: &[SurfacePoint], bundle: &mut Bundle) -> f64 {
         let (_, entrance) = &self.entrance[medium];
         let count = self.sampling.directions;
         let (turn_u, turn_v) = (uniform(STAGE_CONSTANT, patch as u64, 0), uniform(STAGE_CONSTANT, patch as u64, 1));
-        let mut seen = 0u32;
+        let gain = DVec3::X / f64::from(count);
         for k in 0..count {
-            let p = &points[k as usize % points.len()];
-            let mu = entrance.sample_entrance_cosine((f64::from(k) + turn_u) / f64::from(count));
-            let azimuth = TAU * (radical_inverse_2(k) + turn_v);
-            seen += u32::from(self.visible(p, around(p.normal, mu, azimuth), f64::INFINITY));
+            let p = &points[(k as usize / RUN + patch) % points.len()];
+            let mu = entrance.sample_entrance_cosine((radical_inverse_2(k) + turn_u).fract());
+            let azimuth = TAU * (f64::from(k) + turn_v) / f64::from(count);
+            bundle.push(p, around(p.normal, mu, azimuth), gain);
         }
-        PI * entrance.diffuse_transmittance() * f64::from(seen) / f64::from(count)
+        PI * entrance.diffuse_transmittance() * bundle.trace(self.surface.bvh).x
     }
 
     fn area(&self, light: &Light, eta: f64, patch: usize, points: &[SurfacePoint]) -> DVec3 {
@@ -251,26 +289,34 @@ impl<'a> Illumination<'a> {
         *radiance * (total / points.len() as f64)
     }
 
-    fn environment(&self, strata: &[StratumRays], eta: f64, patch: usize, points: &[SurfacePoint]) -> DVec3 {
+    fn environment(
+        &self,
+        strata: &[StratumRays],
+        eta: f64,
+        patch: usize,
+        points: &[SurfacePoint],
+        bundle: &mut Bundle,
+    ) -> DVec3 {
         let turn = (patch as u32).reverse_bits() >> (32 - CANDIDATES.ilog2());
-        let mut total = DVec3::ZERO;
-        for (stratum, rays) in strata.iter().enumerate() {
+        for (index, stratum) in strata.iter().enumerate() {
             // Neighbouring patches take different candidates of each stratum; scattering averages over them.
-            let shift = bits(STAGE_ENVIRONMENT, stratum as u64, 0) as usize;
-            let candidate = |k: usize| rays.candidates[(turn as usize ^ shift ^ k) & (CANDIDATES - 1)];
-            if rays.points == PointsUsed::All {
-                let share = 1.0 / points.len() as f64;
-                for (k, p) in points.iter().enumerate() {
-                    let Candidate { direction, weight } = candidate(k);
-                    total += weight * (share * self.direct(p, direction, f64::INFINITY, eta));
+            let shift = bits(STAGE_ENVIRONMENT, index as u64, 0) as usize ^ turn as usize;
+            let mut look = |p: &SurfacePoint, k: usize, share: f64| {
+                let Candidate { direction, weight } = stratum.candidates[(shift ^ k) & (CANDIDATES - 1)];
+                let cosine = p.normal.dot(direction);
+                if cosine > 0.0 {
+                    bundle.push(p, direction, weight * (share * fresnel::transmittance(eta, cosine) * cosine));
                 }
-                continue;
+            };
+            match stratum.points {
+                PointsUsed::One => look(&points[(index / RUN + patch) % points.len()], 0, 1.0),
+                PointsUsed::All => {
+                    let share = 1.0 / points.len() as f64;
+                    points.iter().enumerate().for_each(|(k, p)| look(p, k, share));
+                }
             }
-            let p = &points[stratum % points.len()];
-            let Candidate { direction, weight } = candidate(0);
-            total += weight * self.direct(p, direction, f64::INFINITY, eta);
         }
-        total
+        bundle.trace(self.surface.bvh)
     }
 
     /// Points that stand for equal areas of a patch.
@@ -300,6 +346,28 @@ impl<'a> Illumination<'a> {
             let normal = mesh.cross_mm2(triangle).normalize_or_zero();
             out.push(SurfacePoint { at: corners.iter().sum::<DVec3>() / 3.0, normal, triangle });
         }
+    }
+}
+
+/// Orders directions so that neighbours in the order are neighbours on the sphere: the Morton code of the octahedral map.
+fn direction_key(d: DVec3) -> u32 {
+    let sum = d.x.abs() + d.y.abs() + d.z.abs();
+    let (x, z) = (d.x / sum, d.z / sum);
+    let (u, v) = if d.y >= 0.0 { (x, z) } else { ((1.0 - z.abs()).copysign(x), (1.0 - x.abs()).copysign(z)) };
+    let spread = |t: f64| {
+        let cell = ((0.5 * t + 0.5).clamp(0.0, 1.0) * 1023.0) as u32;
+        (0..10).fold(0, |code, bit| code | (cell >> bit & 1) << (2 * bit))
+    };
+    spread(u) | spread(v) << 1
+}
+
+/// The ray from a point of a patch towards a light.
+fn shadow_ray(p: &SurfacePoint, direction: DVec3, distance: f64) -> Ray {
+    Ray {
+        origin: offset_origin(p.at.as_vec3(), p.normal.as_vec3()),
+        direction: direction.as_vec3(),
+        t_min: 0.0,
+        t_max: distance as f32,
     }
 }
 
