@@ -45,7 +45,7 @@ pub fn points(mesh: &Mesh, half: Half) -> Vec<Light> {
         .map(|i| (i, DVec3::new(sign(i & 1), sign(i >> 1 & 1), sign(i >> 2 & 1))))
         .filter(|(i, _)| (i.count_ones() as usize + (i >> 2)) % 2 == first)
         .map(|(i, corner)| {
-            let distance = radius * if i % 3 == 0 { 3.0 } else { 1.5 };
+            let distance = radius * if (i ^ (i >> 2)) & 1 == 0 { 3.0 } else { 1.5 };
             let at_mm = mesh.origin_mm + corner.normalize() * distance;
             Light::Point { at_mm, intensity: DVec3::splat(distance * distance) }
         })

@@ -22,7 +22,7 @@ use crate::progress::Progress;
 pub struct LightSampling {
     /// Points of a patch that see a directional or a point light, a power of two.
     pub points_per_patch: u32,
-    /// Directions of a constant light and strata of an environment, for each patch.
+    /// Strata of an environment, for each patch; a constant light takes a quarter as many directions.
     pub directions: u32,
     /// Strata of an area light along each edge, for each patch.
     pub area_side: u32,
@@ -48,6 +48,9 @@ const MOST: f64 = 1e280;
 
 /// Candidate directions in each stratum of an environment.
 const CANDIDATES: usize = 64;
+
+/// Only visibility varies between the directions of a constant light, so that it takes this many times fewer.
+const CONSTANT_SAVES: u32 = 4;
 
 /// Strata with more than this share of an environment's energy are seen from every point of a patch.
 const BRIGHT_SHARE: f64 = 0.02;
@@ -249,7 +252,7 @@ impl<'a> Illumination<'a> {
     /// Int V F_t cos: directions with density F_t cos, so that only visibility varies.
     fn constant(&self, medium: usize, patch: usize, points: &[SurfacePoint], bundle: &mut Bundle) -> f64 {
         let (_, entrance) = &self.entrance[medium];
-        let count = self.sampling.directions;
+        let count = self.sampling.directions.div_ceil(CONSTANT_SAVES);
         let (turn_u, turn_v) = (uniform(STAGE_CONSTANT, patch as u64, 0), uniform(STAGE_CONSTANT, patch as u64, 1));
         let gain = DVec3::X / f64::from(count);
         for k in 0..count {
