@@ -40,6 +40,12 @@ const STAGE_CONSTANT: u64 = 1;
 const STAGE_AREA: u64 = 2;
 const STAGE_ENVIRONMENT: u64 = 3;
 
+/// A point light comes no nearer to a sample than the square root of this, so that E stays finite.
+const LEAST_DISTANCE2_MM2: f64 = 1e-30;
+
+/// Irradiance at most: its sums over a surface stay finite.
+const MOST: f64 = 1e280;
+
 /// Candidate directions in each stratum of an environment.
 const CANDIDATES: usize = 64;
 
@@ -154,7 +160,8 @@ impl<'a> Illumination<'a> {
             points.clear();
             self.points_of(patch, &mut points);
             let medium = self.surface.scene.parts.parts[part].medium.unwrap_or(0) as usize;
-            *e = self.lights.iter().map(|light| self.irradiance(light, medium, patch, &points)).sum();
+            let sum: DVec3 = self.lights.iter().map(|light| self.irradiance(light, medium, patch, &points)).sum();
+            *e = sum.min(DVec3::splat(MOST));
         }
     }
 
@@ -171,7 +178,7 @@ impl<'a> Illumination<'a> {
                     .iter()
                     .map(|p| {
                         let (d, distance) = ((*at - p.at).normalize_or_zero(), at.distance(p.at));
-                        self.direct(p, d, distance, eta) / (distance * distance).max(f64::MIN_POSITIVE)
+                        self.direct(p, d, distance, eta) / (distance * distance).max(LEAST_DISTANCE2_MM2)
                     })
                     .sum();
                 *intensity * (total / points.len() as f64)
@@ -313,3 +320,7 @@ fn around(axis: DVec3, mu: f64, azimuth: f64) -> DVec3 {
     let radius = (1.0 - mu * mu).max(0.0).sqrt();
     axis * mu + t * (radius * azimuth.cos()) + b * (radius * azimuth.sin())
 }
+
+#[cfg(test)]
+#[path = "irradiance_tests.rs"]
+mod tests;

@@ -22,24 +22,54 @@ pub struct PointSource {
     pub flux: [f32; 3],
 }
 
-/// A flat triangle of uniform irradiance.
+/// A flat triangle of uniform irradiance, as a block sees it. What depends on the triangle alone is taken in double
+/// precision, so that single precision loses only a part in 2^24 of the block's own size.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FlatSource {
-    /// Corners relative to the block's centre, mm.
-    pub corners: [[f32; 3]; 3],
     /// Unit normal.
-    pub normal: [f32; 3],
+    normal: [f32; 3],
+    /// Height of the block's centre over the plane, mm.
+    height: f32,
+    edges: [Edge; 3],
     /// Irradiance, RGB.
-    pub irradiance: [f32; 3],
+    irradiance: [f32; 3],
+}
+
+/// An edge of a triangle, seen from the foot of the block's centre in the triangle's plane.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Edge {
+    /// Unit vector along the edge.
+    along: [f32; 3],
+    /// Unit vector in the plane, perpendicular to the edge, away from the triangle.
+    outward: [f32; 3],
+    /// Distance to the edge's line along `outward`, mm.
+    pedal: f32,
+    /// Coordinate of its first end along `along`, mm.
+    start: f32,
+    /// Length, mm.
+    length: f32,
 }
 
 impl FlatSource {
     /// The triangle seen from a block centred at `centre`; `None` if it has no area.
     pub fn new(corners: [DVec3; 3], irradiance: [f32; 3], centre: DVec3) -> Option<Self> {
         let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).try_normalize()?;
+        let edge = |index: usize| {
+            let (from, to) = (corners[index], corners[(index + 1) % 3]);
+            let along = (to - from).try_normalize()?;
+            let outward = along.cross(normal);
+            Some(Edge {
+                along: along.as_vec3().to_array(),
+                outward: outward.as_vec3().to_array(),
+                pedal: (from - centre).dot(outward) as f32,
+                start: (from - centre).dot(along) as f32,
+                length: from.distance(to) as f32,
+            })
+        };
         Some(Self {
-            corners: corners.map(|c| (c - centre).as_vec3().to_array()),
             normal: normal.as_vec3().to_array(),
+            height: normal.dot(centre - corners[0]) as f32,
+            edges: [edge(0)?, edge(1)?, edge(2)?],
             irradiance,
         })
     }
@@ -211,7 +241,7 @@ static GAUSS_4: [(f32, f32); 4] = rule();
 static GAUSS_6: [(f32, f32); 6] = rule();
 static GAUSS_8: [(f32, f32); 8] = rule();
 static GAUSS_12: [(f32, f32); 12] = rule();
-static GAUSS_16: [(f32, f32); 16] = rule();
+static GAUSS_24: [(f32, f32); 24] = rule();
 
 /// The rule for an edge of `ratio` times the depth of the shallowest source: below 1e-6 of the total reflectance up
 /// to 10 times, 1e-5 beyond (measured on the twelve published materials).
@@ -226,7 +256,7 @@ fn edge_rule(ratio: f32) -> &'static [(f32, f32)] {
     } else if ratio <= 100.0 {
         &GAUSS_12
     } else {
-        &GAUSS_16
+        &GAUSS_24
     }
 }
 
@@ -241,33 +271,6 @@ fn triangles_body(block: &mut Block, kernel: &KernelRgb, sources: &[FlatSource])
             flush(&mut row.sums, &partial);
         }
     }
-}
-
-/// An edge of a triangle: its direction, the outward perpendicular in the triangle's plane, its length.
-#[derive(Clone, Copy)]
-struct Edge {
-    from: [f32; 3],
-    along: [f32; 3],
-    outward: [f32; 3],
-    length: f32,
-}
-
-impl Edge {
-    #[inline(always)]
-    fn of(source: &FlatSource, index: usize) -> Self {
-        let (from, to, n) = (source.corners[index], source.corners[(index + 1) % 3], source.normal);
-        let d = [to[0] - from[0], to[1] - from[1], to[2] - from[2]];
-        let length = dot(d, d).sqrt();
-        let scale = 1.0 / length.max(f32::MIN_POSITIVE);
-        let u = [d[0] * scale, d[1] * scale, d[2] * scale];
-        let outward = [u[1] * n[2] - u[2] * n[1], u[2] * n[0] - u[0] * n[2], u[0] * n[1] - u[1] * n[0]];
-        Self { from, along: u, outward, length }
-    }
-}
-
-#[inline(always)]
-fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// `x + scale (1 - exp(-x))` over x, which is `1 + scale` at x = 0, without the cancellation there; times 1 / `divisor`.
@@ -287,19 +290,18 @@ fn rise_over(x: f32, scale: f32, divisor: f32) -> f32 {
 /// (-1, 1), where the integrand is bounded and analytic.
 #[inline(always)]
 fn triangle_into(partial: &mut [Row; 3], [x, y, z]: &[Row; 3], kernel: &KernelRgb, source: &FlatSource) {
-    let (n, a) = (source.normal, source.corners[0]);
+    let (n, edges) = (source.normal, &source.edges);
     let mut height2 = [0.0; LANES];
     for i in 0..LANES {
-        let h = n[0] * (x[i] - a[0]) + n[1] * (y[i] - a[1]) + n[2] * (z[i] - a[2]);
+        let h = source.height + (n[0] * x[i] + n[1] * y[i] + n[2] * z[i]);
         height2[i] = h * h;
     }
-    let edges = [0, 1, 2].map(|index| Edge::of(source, index));
     let (mut pedals, mut starts) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
     for (k, e) in edges.iter().enumerate() {
+        let (o, u) = (e.outward, e.along);
         for i in 0..LANES {
-            let (dx, dy, dz) = (e.from[0] - x[i], e.from[1] - y[i], e.from[2] - z[i]);
-            pedals[k][i] = dx * e.outward[0] + dy * e.outward[1] + dz * e.outward[2];
-            starts[k][i] = dx * e.along[0] + dy * e.along[1] + dz * e.along[2];
+            pedals[k][i] = e.pedal - (o[0] * x[i] + o[1] * y[i] + o[2] * z[i]);
+            starts[k][i] = e.start - (u[0] * x[i] + u[1] * y[i] + u[2] * z[i]);
         }
     }
     let longest = edges[0].length.max(edges[1].length).max(edges[2].length);
@@ -313,7 +315,8 @@ fn triangle_into(partial: &mut [Row; 3], [x, y, z]: &[Row; 3], kernel: &KernelRg
         let irradiance = source.irradiance[channel];
         for i in 0..LANES {
             let sum = tail(terms[0], height2[i]) * sums[0][i] + tail(terms[1], height2[i]) * sums[1][i];
-            partial[i] += irradiance * sum;
+            // The edges of a near, but dark triangle cancel up to rounding.
+            partial[i] += irradiance * sum.max(0.0);
         }
     }
 }

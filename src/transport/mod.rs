@@ -7,3 +7,6 @@ pub mod receivers;
 pub mod scene;
 pub mod simd;
 pub mod tree;
+
+#[cfg(test)]
+mod test_scene;

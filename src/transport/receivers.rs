@@ -109,3 +109,7 @@ impl Receivers {
         (subset, indices)
     }
 }
+
+#[cfg(test)]
+#[path = "receivers_tests.rs"]
+mod tests;

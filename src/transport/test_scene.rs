@@ -1,0 +1,66 @@
+//! Scenes for the tests of this layer.
+#![allow(clippy::unwrap_used)]
+
+use glam::DVec3;
+
+use super::scene::{Medium, Scene, Surface, patches};
+use super::tree::SampleTree;
+use crate::geometry::bvh::Bvh;
+use crate::geometry::mesh::{Mesh, Placement};
+use crate::geometry::part_table::PartTable;
+use crate::geometry::samples::{Patch, Samples};
+use crate::geometry::source::SourceModel;
+use crate::medium::material::{OpticalProperties, preset};
+
+/// A scene with everything that a [`Surface`] borrows.
+pub(super) struct Fixture {
+    pub(super) scene: Scene,
+    pub(super) bvh: Bvh,
+    pub(super) samples: Samples,
+    pub(super) patches: Vec<Patch>,
+    pub(super) tree: SampleTree,
+}
+
+/// Mesh of a model in mm.
+pub(super) fn mesh_of(source: SourceModel) -> Mesh {
+    Mesh::from_source(source, &Placement { mm_per_unit: 1.0 }).unwrap().0
+}
+
+/// Optical properties of a published material.
+pub(super) fn named(name: &str) -> OpticalProperties {
+    preset(name).unwrap().properties()
+}
+
+impl Fixture {
+    /// One part of one medium.
+    pub(super) fn new(source: SourceModel, properties: OpticalProperties, samples: usize) -> Self {
+        Self::with_opaque(source, usize::MAX, properties, samples)
+    }
+
+    /// The same, with triangles from `first_opaque` on that only cast shadows.
+    pub(super) fn with_opaque(
+        source: SourceModel,
+        first_opaque: usize,
+        properties: OpticalProperties,
+        samples: usize,
+    ) -> Self {
+        let mesh = mesh_of(source);
+        let triangle_part = (0..mesh.triangles.len()).map(|t| u32::from(t >= first_opaque)).collect();
+        let parts = PartTable::new(&mesh, triangle_part, vec![("body".into(), Some(0)), ("opaque".into(), None)]);
+        let scene = Scene { mesh, parts, media: vec![Medium { name: "test".into(), properties }] };
+        let bvh = Bvh::new(&scene.mesh);
+        let samples = Samples::new(&scene.mesh, &scene.parts, samples);
+        let patches = patches(&scene, &samples);
+        let tree = SampleTree::new(&samples, &patches);
+        Self { scene, bvh, samples, patches, tree }
+    }
+
+    pub(super) fn surface(&self) -> Surface<'_> {
+        Surface { scene: &self.scene, bvh: &self.bvh, samples: &self.samples, patches: &self.patches }
+    }
+
+    /// Flux into the samples, RGB.
+    pub(super) fn flux(&self, irradiance: &[DVec3]) -> DVec3 {
+        self.patches.iter().zip(irradiance).map(|(p, e)| p.area_mm2 * *e).sum()
+    }
+}
