@@ -381,8 +381,8 @@ fn backgrounds_add_up_or_are_what_is_asked_for() {
         let frame = render(&fake, &fake.uniform(), &lights, &view, &Silent).unwrap();
         assert_eq!((frame.pixels[0].beauty, frame.pixels[0].diffuse), (expected, [0.0; 3]), "{background}");
         for p in frame.pixels.iter().filter(|p| p.coverage > 0.0) {
-            for c in 0..3 {
-                let over = p.diffuse[c] + (1.0 - p.coverage) * expected[c];
+            for (c, behind) in expected.iter().enumerate() {
+                let over = p.diffuse[c] + (1.0 - p.coverage) * behind;
                 assert!((p.beauty[c] - over).abs() < 1e-5, "{background}: {p:?}");
             }
         }
