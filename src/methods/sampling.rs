@@ -66,7 +66,11 @@ pub const fn points(default: &'static str) -> Key {
 
 /// Shadow rays of a sample towards soft lights.
 pub const fn directions(default: &'static str) -> Key {
-    Key { name: "directions", default, help: "shadow rays of a sample towards an environment; a constant light takes a quarter of them" }
+    Key {
+        name: "directions",
+        default,
+        help: "shadow rays of a sample towards an environment; a constant light takes a quarter of them",
+    }
 }
 
 /// Cells of an area light.

@@ -32,6 +32,17 @@ impl NearField {
     /// Errors of 1e-3 RMS (2e-3 at worst) of the total reflectance at 0.2 to 0.5 mean free paths between samples, a few
     /// 1e-4 elsewhere.
     pub const FAST: Self = Self { exact_below: 2.0, three_points_below: 4.0 };
+
+    /// For an asked error of the whole result: [`Self::FAST`] at 0.5 %. The error of a rule falls with the square of
+    /// distance over size.
+    pub fn for_error(relative_rms: f64) -> Self {
+        let reach = (0.005 / relative_rms).sqrt();
+        let Self { exact_below, three_points_below } = Self::FAST;
+        Self {
+            exact_below: (exact_below * reach).clamp(1.5, Self::REFERENCE.exact_below),
+            three_points_below: (three_points_below * reach).clamp(3.0, Self::REFERENCE.three_points_below),
+        }
+    }
 }
 
 /// How the sum over samples is organised.

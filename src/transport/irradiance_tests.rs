@@ -273,10 +273,10 @@ fn a_hole_in_a_lid_lets_its_area_of_light_through() {
 
 #[test]
 fn even_light_through_a_hole_is_its_solid_angle() {
-    let fixture = floor_below_a_hole(2000);
+    let fixture = floor_below_a_hole(8000);
     let hole_centre = DVec3::new(0.4, 5.0, 1.25);
     let light = Light::area(hole_centre, DVec3::NEG_Y, [7.9, 7.4], DVec3::ONE, Some(DVec3::Z)).unwrap();
-    let open = floor(2000);
+    let open = floor(8000);
     let through = illuminate(&fixture, Light::constant(DVec3::ONE).unwrap());
     let window = illuminate(&open, light);
     let share = fixture.flux(&through).x / open.flux(&window).x - 1.0;

@@ -44,7 +44,7 @@ fn triangles_at(level: Level, kernel: &KernelRgb, corners: [DVec3; 3], receivers
 fn exponential_is_accurate_to_two_parts_in_ten_million() {
     let mut worst: f64 = 0.0;
     for i in 0..=200_000 {
-        let x = 80.0 * f64::from(i) / 200_000.0;
+        let x = 55.0 * f64::from(i) / 200_000.0;
         let x = x as f32;
         // The argument's own rounding costs x / 2^24.
         let exact = (-f64::from(x)).exp();
@@ -55,9 +55,12 @@ fn exponential_is_accurate_to_two_parts_in_ten_million() {
     assert!(worst < 2e-7, "{worst:.3e}");
     assert_eq!(exp_neg(0.0), 1.0);
     for x in [87.0, 200.0, 1e6, 1e30, f32::INFINITY] {
-        assert!((0.0..2e-38).contains(&exp_neg(x)), "{x}: {}", exp_neg(x));
+        assert!((0.0..1e-24).contains(&exp_neg(x)), "{x}: {}", exp_neg(x));
     }
 }
+
+/// exp(-x) ends at 2^-80; with the profile's own factors this is what remains, in 1/mm^2.
+const FLOOR: f64 = 1e-24;
 
 #[test]
 fn points_follow_the_profile_at_every_distance() {
@@ -68,10 +71,10 @@ fn points_follow_the_profile_at_every_distance() {
             for c in 0..3 {
                 let exact = dipoles[c].reflectance(*r);
                 let error = (value[c] - exact).abs();
-                if error > 1e-30 {
+                if error > FLOOR {
                     worst = worst.max(error / exact);
                 }
-                assert!(error <= 1e-30 + 1e-5 * exact, "r {r:e}: {} against {exact:e}, {:?}", value[c], dipoles[c]);
+                assert!(error <= FLOOR + 1e-5 * exact, "r {r:e}: {} against {exact:e}, {:?}", value[c], dipoles[c]);
             }
         }
     }

@@ -29,7 +29,7 @@ pub(super) fn plan(values: &BTreeMap<String, String>, max_rms: f64) -> Result<Pl
         }
     };
     let sampling = light_sampling(values, [&POINTS, &DIRECTIONS, &AREA_SIDE])?;
-    Ok(Plan { sampling, near: NearField::FAST, far: Far::Hierarchical { error, bound }, group: GROUP })
+    Ok(Plan { sampling, near: NearField::for_error(max_rms), far: Far::Hierarchical { error, bound }, group: GROUP })
 }
 
 pub(super) fn open(asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
