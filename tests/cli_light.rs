@@ -233,7 +233,7 @@ fn environments_come_from_pictures() {
     folder.obj("ball.obj", &shapes::icosphere(8.0, 2));
     folder
         .run(
-            "bake ball.obj --unit mm --material skin1 --samples 1500 --method reference --set directions=256 -o a.tlux",
+            "bake ball.obj --unit mm --material skin1 --samples 1500 --method reference --set directions=1024 -o a.tlux",
         )
         .ok();
     folder.write("grey.exr", picture(|_, _| [0.5, 0.25, 1.0]));

@@ -151,8 +151,14 @@ impl ModelArgs {
     /// Reads the model and resolves its size, parts and media; says what a user must know on standard error.
     pub(super) fn load(&self, console: &Console) -> Result<Loaded> {
         let source = console.stage("import", || read_model(&self.model))?;
-        let bytes = std::fs::read(&self.model).map_err(|e| Error::io(&self.model, &e))?;
-        let inputs = vec![Input::of(&self.model, &bytes)];
+        let mut files = vec![self.model.clone()];
+        if matches!(super::output::suffix(&self.model).as_str(), "gltf" | "glb") {
+            files.extend(io::gltf::external_files(&self.model)?);
+        }
+        files.extend(self.media.files());
+        let hash =
+            |path: &PathBuf| std::fs::read(path).map(|bytes| Input::of(path, &bytes)).map_err(|e| Error::io(path, &e));
+        let inputs = files.iter().map(hash).collect::<Result<_>>()?;
         self.prepare(source, inputs, console).map_err(|e| e.at(self.model.display()))
     }
 
@@ -307,6 +313,12 @@ impl MediumArgs {
             eta_inside_over_outside: self.eta,
             ..Overrides::default()
         }
+    }
+
+    /// Material files among the arguments.
+    fn files(&self) -> impl Iterator<Item = PathBuf> {
+        let texts = self.material.iter().map(|text| text.split_once('=').map_or(text.as_str(), |(_, text)| text));
+        texts.map(PathBuf::from).filter(|path| super::output::suffix(path) == "toml")
     }
 
     /// A medium with what these arguments say in place of its own.

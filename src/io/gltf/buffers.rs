@@ -83,7 +83,7 @@ impl<'a> Buffers<'a> {
 }
 
 /// The path a relative URI names, or an error if it could leave the model's folder.
-fn confined_path(uri: &str) -> Result<PathBuf> {
+pub(super) fn confined_path(uri: &str) -> Result<PathBuf> {
     if let Some((scheme, _)) = uri.split_once(':')
         && scheme.starts_with(|c: char| c.is_ascii_alphabetic())
         && scheme.chars().all(|c| c.is_ascii_alphanumeric() || "+-.".contains(c))

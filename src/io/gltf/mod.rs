@@ -19,7 +19,7 @@ mod primitive;
 #[cfg(test)]
 mod tests;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
 use crate::geometry::source::SourceModel;
@@ -47,6 +47,24 @@ pub const MAX_INSTANCES: usize = 1 << 20;
 pub fn read_gltf(path: &Path) -> Result<SourceModel> {
     let bytes = std::fs::read(path).map_err(|e| Error::io(path, &e))?;
     read_bytes(&bytes, path).map_err(|e| e.at(path.display()))
+}
+
+/// The files beside a model that hold its buffers, each once, in the order of the document.
+///
+/// # Errors
+/// As [`read_gltf`]; the files themselves are not opened.
+pub fn external_files(path: &Path) -> Result<Vec<PathBuf>> {
+    let bytes = std::fs::read(path).map_err(|e| Error::io(path, &e))?;
+    let root = document::parse(container::split(&bytes, path, &mut Warnings::default())?.json)?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let mut files = Vec::new();
+    for uri in root.buffers.iter().filter_map(|b| b.uri.as_deref()).filter(|uri| !uri.starts_with("data:")) {
+        let file = folder.join(buffers::confined_path(uri)?);
+        if !files.contains(&file) {
+            files.push(file);
+        }
+    }
+    Ok(files)
 }
 
 fn read_bytes(bytes: &[u8], path: &Path) -> Result<SourceModel> {
