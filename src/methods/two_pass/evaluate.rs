@@ -18,7 +18,7 @@ const GROUP: usize = 16;
 /// The plan that the keys describe.
 pub(super) fn plan(values: &BTreeMap<String, String>, max_rms: f64) -> Result<Plan> {
     let error = match values.get(ERROR.name).map(String::as_str) {
-        None | Some("auto") => 0.5 * max_rms,
+        None | Some("auto") => 0.3 * max_rms,
         Some(text) => share(text, "--set error")?,
     };
     let bound = match values.get(BOUND.name).map_or(BOUND.default, String::as_str) {

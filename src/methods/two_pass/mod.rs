@@ -19,7 +19,7 @@ pub struct TwoPass;
 const ERROR: Key = Key {
     name: "error",
     default: "auto",
-    help: "relative error asked of the hierarchy, such as 0.1%; auto: half of --max-rms",
+    help: "relative error asked of the hierarchy, such as 0.1%; auto: 30 % of --max-rms",
 };
 
 /// Criterion of the hierarchy.
