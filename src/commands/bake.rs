@@ -5,8 +5,10 @@ use std::path::PathBuf;
 use clap::Args;
 use serde::Serialize;
 
+use super::baking::{self, BakeOptions};
 use super::console::{Console, duration, megabytes, percent, significant};
-use super::model::{self, BakeOptions, MediumReport, ModelArgs};
+use super::media::MediumReport;
+use super::model::ModelArgs;
 use super::{output, report};
 use crate::compress::ledger::Ledger;
 use crate::error::{ExitCode, Result};
@@ -57,7 +59,7 @@ pub(super) fn run(args: &BakeArgs, console: &Console) -> Result<ExitCode> {
     output::check(std::slice::from_ref(&args.output), &["tlux"], console)?;
     let loaded = args.model.load(console)?;
     let (media, mesh) = (loaded.scene.media.iter().map(MediumReport::of).collect(), loaded.check.clone());
-    let asset = model::bake(method, loaded, &settings, console)?;
+    let asset = baking::bake(method, loaded, &settings, console)?;
     let (bytes, without_mesh) = console.stage("write", || -> Result<_> {
         let bytes = asset.to_bytes()?;
         let sizes = super::inspect::sizes(&bytes)?;

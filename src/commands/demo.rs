@@ -6,9 +6,11 @@ use std::sync::Arc;
 use clap::Args;
 use serde::Serialize;
 
+use super::baking;
 use super::console::{Console, Format, Verbosity, duration, megabytes, percent};
 use super::lights::LightArgs;
-use super::model::{self, MediumReport, Prepare};
+use super::media::MediumReport;
+use super::model::{self, Prepare};
 use super::render::{self, PictureArgs, RenderReport};
 use super::{inspect, output, report};
 use crate::asset::Asset;
@@ -75,7 +77,7 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> Result<ExitCode> {
         source,
         console,
     )?;
-    let asset = Arc::new(model::bake(method, loaded, &settings, console)?);
+    let asset = Arc::new(baking::bake(method, loaded, &settings, console)?);
     let path = file("demo.tlux");
     let bytes = asset.to_bytes()?;
     let sizes = inspect::sizes(&bytes)?;

@@ -1,7 +1,6 @@
 //! `translux evaluate A.tlux --light L -o B.ply`.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
 use glam::DVec3;
@@ -9,9 +8,9 @@ use serde::Serialize;
 
 use super::console::{Console, Strictness, percent};
 use super::lights::{LightArgs, ResolvedLights};
-use super::model::{MediumArgs, edited_media};
+use super::opened::{AssetArgs, Opened};
 use super::{output, report};
-use crate::asset::{Asset, Input};
+use crate::asset::Input;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::{Cost, Evaluator};
@@ -19,17 +18,14 @@ use crate::io::atomic;
 use crate::io::colour::srgb_from_linear;
 use crate::io::ply::{RadiosityPly, write_ply};
 use crate::measure::probes::unseen;
-use crate::methods;
 use crate::transport::scene::Scene;
 
 #[derive(Clone, Debug, Args)]
 pub(super) struct EvaluateArgs {
-    /// Asset
-    asset: PathBuf,
+    #[command(flatten)]
+    asset: AssetArgs,
     #[command(flatten)]
     lights: LightArgs,
-    #[command(flatten)]
-    media: MediumArgs,
     /// PLY to write, `-` for standard output; repeatable
     #[arg(short, long, required = true, value_name = "FILE")]
     output: Vec<PathBuf>,
@@ -78,15 +74,7 @@ pub(super) fn run(args: &EvaluateArgs, console: &Console) -> Result<ExitCode> {
         return Err(Error::unsupported("--device gpu: this build evaluates on the CPU only; leave the option out"));
     }
     let lights = args.lights.load(console)?;
-    let asset = Arc::new(console.stage("open", || Asset::read(&args.asset))?);
-    let method = methods::named(&asset.provenance.method).map_err(|_| {
-        let (path, method) = (args.asset.display(), &asset.provenance.method);
-        Error::unsupported(format!("{path}: baked by the method `{method}`, which this build does not have"))
-    })?;
-    let mut evaluator = console.stage("prepare", || method.open(Arc::clone(&asset)))?;
-    if let Some(media) = edited_media(&args.media, evaluator.scene())? {
-        evaluator.set_media(media)?;
-    }
+    let Opened { asset, method, mut evaluator } = args.asset.open(console)?;
     let asked = asset.provenance.settings.get("max-rms").and_then(|t| t.parse().ok());
     let measure = if args.measure { Measure::Yes } else { Measure::No };
     let result = finish(evaluator.as_mut(), method.name(), lights, &args.output, measure, asked, console)?;

@@ -8,7 +8,7 @@ use serde::Serialize;
 use translux_format::{Budget, Kind, Reader};
 
 use super::console::{Console, Format, megabytes, percent};
-use super::model::MediumReport;
+use super::media::MediumReport;
 use super::{output, report};
 use crate::asset::{Asset, Provenance};
 use crate::compress::ledger::Ledger;

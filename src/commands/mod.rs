@@ -1,6 +1,7 @@
 //! One file for each command: arguments as typed, arguments as resolved, library call, report.
 
 mod bake;
+mod baking;
 mod compare;
 mod console;
 mod demo;
@@ -8,8 +9,10 @@ mod evaluate;
 mod inspect;
 mod lights;
 mod materials;
+mod media;
 mod methods;
 mod model;
+mod opened;
 mod output;
 mod reference;
 mod render;

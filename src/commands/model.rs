@@ -6,18 +6,15 @@ use clap::{Args, ValueEnum};
 use glam::DVec3;
 
 use super::console::{Console, Verbosity, significant};
-use crate::asset::{Asset, Input, Provenance};
+use super::media::MediumArgs;
+use crate::asset::{Input, Provenance};
 use crate::error::{Error, Result};
-use crate::evaluate::{BakeSettings, Method};
 use crate::geometry::check::{self, MeanFreePath, MeshCheck};
-use crate::geometry::mesh::{Mesh, Scale, UpAxis, material_indices, resolve_scale, skip_materials};
-use crate::geometry::part_table::{PartEntry, PartTable};
+use crate::geometry::mesh::{Mesh, Scale, UpAxis, resolve_scale, skip_materials};
+use crate::geometry::part_table::PartTable;
 use crate::geometry::parts::{Analysis, MaterialRoles, PartsRule};
 use crate::geometry::source::SourceModel;
 use crate::io;
-use crate::medium::material::{Material, OpticalProperties, Overrides};
-use crate::methods;
-use crate::methods::settings::{resolve, share};
 use crate::transport::scene::{Medium, Scene};
 
 /// A model and what it is made of.
@@ -29,27 +26,6 @@ pub(super) struct ModelArgs {
     media: MediumArgs,
     #[command(flatten)]
     placement: PlacementArgs,
-}
-
-/// Optical properties.
-#[derive(Clone, Debug, Default, Args)]
-#[command(next_help_heading = "Material")]
-pub(super) struct MediumArgs {
-    /// A measured material, a TOML file, or NAME=either for one material of the model; repeatable
-    #[arg(long, value_name = "[NAME=]MATERIAL")]
-    pub(super) material: Vec<String>,
-    /// Scattering coefficient in 1/mm, unreduced: a number or R,G,B
-    #[arg(long, value_name = "RGB", value_parser = rgb, allow_negative_numbers = true)]
-    sigma_s: Option<DVec3>,
-    /// Absorption coefficient in 1/mm: a number or R,G,B
-    #[arg(long, value_name = "RGB", value_parser = rgb, allow_negative_numbers = true)]
-    sigma_a: Option<DVec3>,
-    /// Mean cosine of the phase function, -1 to 1; keeps the reduced scattering of a --material
-    #[arg(long, allow_negative_numbers = true)]
-    g: Option<f64>,
-    /// Index of refraction, inside over outside
-    #[arg(long, allow_negative_numbers = true)]
-    eta: Option<f64>,
 }
 
 /// Size, parts, roles.
@@ -102,42 +78,6 @@ enum PartsChoice {
     Separate,
     /// All components of a medium are one part
     Joined,
-}
-
-/// What is baked and how.
-#[derive(Clone, Debug, Args)]
-#[command(next_help_heading = "Method")]
-pub(super) struct BakeOptions {
-    /// Surface samples (default: as many as the mean free path and the far field need)
-    #[arg(long, value_name = "N")]
-    samples: Option<usize>,
-    /// Relative error to reach, such as 1% or 0.01
-    #[arg(long, value_name = "E", default_value = "0.5%")]
-    max_rms: String,
-    /// A key of the method (see `translux methods`); repeatable
-    #[arg(long = "set", value_name = "KEY=VALUE")]
-    set: Vec<String>,
-}
-
-impl BakeOptions {
-    /// All settings of a method.
-    pub(super) fn resolve(&self, method: &dyn Method) -> Result<BakeSettings> {
-        let pairs: Vec<(String, String)> = self
-            .set
-            .iter()
-            .map(|text| match text.split_once('=') {
-                Some((key, value)) if !key.is_empty() => Ok((key.to_owned(), value.to_owned())),
-                _ => Err(Error::command_line(format!("--set {text}: key=value is needed"))),
-            })
-            .collect::<Result<_>>()?;
-        if let Some(samples) = self.samples
-            && !(1..=1 << 28).contains(&samples)
-        {
-            return Err(Error::command_line(format!("--samples {samples}: a number from 1 to 268435456 is needed")));
-        }
-        let max_rms = share(&self.max_rms, "--max-rms")?;
-        Ok(BakeSettings { samples: self.samples, max_rms, values: resolve(method, &pairs)? })
-    }
 }
 
 /// A model ready to bake.
@@ -297,211 +237,11 @@ impl PartsChoice {
     }
 }
 
-/// Media of a model and who has which.
-struct ResolvedMedia {
-    media: Vec<Medium>,
-    by_name: Vec<(String, u32)>,
-    rest: u32,
-}
-
-impl MediumArgs {
-    fn overrides(&self) -> Overrides {
-        Overrides {
-            sigma_s_per_mm: self.sigma_s,
-            sigma_a_per_mm: self.sigma_a,
-            g: self.g,
-            eta_inside_over_outside: self.eta,
-            ..Overrides::default()
-        }
-    }
-
-    /// Material files among the arguments.
-    fn files(&self) -> impl Iterator<Item = PathBuf> {
-        let texts = self.material.iter().map(|text| text.split_once('=').map_or(text.as_str(), |(_, text)| text));
-        texts.map(PathBuf::from).filter(|path| super::output::suffix(path) == "toml")
-    }
-
-    /// A medium with what these arguments say in place of its own.
-    fn changed(&self, medium: &Medium) -> Result<Medium> {
-        let base = Material { name: medium.name.clone(), properties: medium.properties };
-        let material = Material::from_flags(Some(base), &self.overrides())?;
-        Ok(Medium { name: material.name, properties: material.properties })
-    }
-
-    /// The plain material of these arguments, if any.
-    pub(super) fn plain(&self) -> Result<Option<Medium>> {
-        let plain: Vec<&String> = self.material.iter().filter(|m| !m.contains('=')).collect();
-        if let [_, second, ..] = plain[..] {
-            return Err(Error::command_line(format!(
-                "--material {second}: a second one without NAME=; only one material can be the rest's"
-            )));
-        }
-        let base = plain.first().map(|text| Material::from_argument(text)).transpose()?;
-        let overrides = self.overrides();
-        if base.is_none() && overrides.is_empty() {
-            return Ok(None);
-        }
-        let material = Material::from_flags(base, &overrides)?;
-        Ok(Some(Medium { name: material.name, properties: material.properties }))
-    }
-
-    /// Materials given by name.
-    pub(super) fn named(&self) -> Result<Vec<(String, Medium)>> {
-        self.material
-            .iter()
-            .filter_map(|text| text.split_once('='))
-            .map(|(name, text)| {
-                let material = Material::from_argument(text)?;
-                Ok((name.to_owned(), Medium { name: material.name, properties: material.properties }))
-            })
-            .collect()
-    }
-
-    /// Media for a model with these materials, of which `translucent` need one.
-    fn resolve(&self, materials: &[String], translucent: &[&str]) -> Result<ResolvedMedia> {
-        let mut media = Vec::new();
-        let mut index_of = |medium: Medium| {
-            let known = media.iter().position(|m| *m == medium).unwrap_or_else(|| {
-                media.push(medium);
-                media.len() - 1
-            });
-            known as u32
-        };
-        let plain = self.plain()?;
-        let rest = plain.map(&mut index_of);
-        let by_name: Vec<(String, u32)> =
-            self.named()?.into_iter().map(|(name, medium)| (name, index_of(medium))).collect();
-        let Some(rest) = rest.or_else(|| by_name.first().map(|(_, index)| *index)) else {
-            return Err(Error::command_line(
-                "what is it made of? say for example --material marble (see `translux materials`), or --sigma-s and --sigma-a",
-            ));
-        };
-        let named: Vec<String> = by_name.iter().map(|(name, _)| name.clone()).collect();
-        material_indices(materials, &named, "--material")?;
-        if self.plain()?.is_none() {
-            let left: Vec<&str> = translucent.iter().copied().filter(|m| !named.iter().any(|n| n == m)).collect();
-            if !left.is_empty() {
-                let left = left.join(", ");
-                return Err(Error::command_line(format!(
-                    "no material for {left}: add a plain --material for the rest, or --opaque or --skip them"
-                )));
-            }
-        }
-        Ok(ResolvedMedia { media, by_name, rest })
-    }
-}
-
-/// Bakes a loaded model; the memory is checked before.
-pub(super) fn bake(method: &dyn Method, loaded: Loaded, settings: &BakeSettings, console: &Console) -> Result<Asset> {
-    let Loaded { scene, provenance, .. } = loaded;
-    let needed = method.bake_memory(&scene, settings);
-    let advice = match largest_fit(method, &scene, settings, console.max_memory) {
-        Some(fitting) => format!("--samples {fitting} would fit, or raise --max-memory"),
-        None => "no number of samples would fit, raise --max-memory".to_owned(),
-    };
-    console.check_memory(needed, &advice)?;
-    methods::bake(method, scene, settings, provenance, console)
-}
-
-/// The largest number of samples that the memory limit allows, as a power of two.
-fn largest_fit(method: &dyn Method, scene: &Scene, settings: &BakeSettings, limit: u64) -> Option<usize> {
-    let mut trial = settings.clone();
-    (0..28).rev().map(|power| 1usize << power).find(|&samples| {
-        trial.samples = Some(samples);
-        method.bake_memory(scene, &trial) <= limit
-    })
-}
-
-/// Replaces the media of a scene by `--material` and its companions; `None` where they say nothing.
-pub(super) fn edited_media(arguments: &MediumArgs, scene: &Scene) -> Result<Option<Vec<Medium>>> {
-    if arguments.material.is_empty() && !arguments.overrides().is_empty() {
-        return scene.media.iter().map(|m| arguments.changed(m)).collect::<Result<_>>().map(Some);
-    }
-    let (plain, named) = (arguments.plain()?, arguments.named()?);
-    if plain.is_none() && named.is_empty() {
-        return Ok(None);
-    }
-    let mut media = scene.media.clone();
-    if let Some(plain) = plain {
-        media.fill(plain);
-    }
-    for (name, medium) in named {
-        let Some(index) = medium_named(scene, &name)? else {
-            let mut known: Vec<&str> = scene.parts.parts.iter().map(|p| p.name.as_str()).collect();
-            known.extend(scene.media.iter().map(|m| m.name.as_str()));
-            let known = known.join(", ");
-            return Err(Error::command_line(format!(
-                "--material {name}=...: no such part or medium; there are {known}"
-            )));
-        };
-        media[index] = medium;
-    }
-    Ok(Some(media))
-}
-
-/// The medium of a part of that name, or the medium itself.
-///
-/// Parts of equal material have one medium: to edit it through one of them would change the others in silence.
-fn medium_named(scene: &Scene, name: &str) -> Result<Option<usize>> {
-    let parts = &scene.parts.parts;
-    let Some(medium) = parts.iter().find(|p| p.name == name).and_then(|p| p.medium) else {
-        return Ok(scene.media.iter().position(|m| m.name == name));
-    };
-    let sharing = |p: &&PartEntry| p.medium == Some(medium) && p.name != name;
-    let others: Vec<&str> = parts.iter().filter(sharing).map(|p| p.name.as_str()).collect();
-    match scene.media.get(medium as usize) {
-        Some(shared) if !others.is_empty() => {
-            let (others, shared) = (others.join(", "), &shared.name);
-            Err(Error::command_line(format!(
-                "--material {name}=...: {name} and {others} are one medium; edit all of them by --material {shared}=..., \
-                 or bake them with different materials"
-            )))
-        }
-        _ => Ok(Some(medium as usize)),
-    }
-}
-
 /// Reads a model by the suffix of its name.
 pub(super) fn read_model(path: &Path) -> Result<SourceModel> {
     match super::output::suffix(path).as_str() {
         "obj" => io::obj::read_obj(path),
         "gltf" | "glb" => io::gltf::read_gltf(path),
         _ => Err(Error::unsupported(format!("{}: models are .obj, .gltf or .glb files", path.display()))),
-    }
-}
-
-/// A number, or three separated by commas.
-fn rgb(text: &str) -> std::result::Result<DVec3, String> {
-    let numbers: Vec<f64> = text
-        .split(',')
-        .map(|part| part.trim().parse::<f64>().map_err(|_| format!("`{part}` is not a number")))
-        .collect::<std::result::Result<_, _>>()?;
-    match numbers[..] {
-        [v] => Ok(DVec3::splat(v)),
-        [r, g, b] => Ok(DVec3::new(r, g, b)),
-        _ => Err("one number or three separated by commas are needed".to_owned()),
-    }
-}
-
-/// Optical properties as a report shows them.
-#[derive(serde::Serialize)]
-pub(super) struct MediumReport {
-    name: String,
-    #[serde(flatten)]
-    properties: OpticalProperties,
-    mean_free_path_mm: [f64; 3],
-    /// Null where nothing absorbs.
-    diffusion_length_mm: [Option<f64>; 3],
-}
-
-impl MediumReport {
-    pub(super) fn of(medium: &Medium) -> Self {
-        let finite = |v: f64| v.is_finite().then_some(v);
-        Self {
-            name: medium.name.clone(),
-            properties: medium.properties,
-            mean_free_path_mm: medium.properties.mean_free_path_mm().to_array(),
-            diffusion_length_mm: medium.properties.diffusion_length_mm().to_array().map(finite),
-        }
     }
 }

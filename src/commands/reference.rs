@@ -5,10 +5,11 @@ use std::sync::Arc;
 
 use clap::Args;
 
+use super::baking::{self, BakeOptions};
 use super::console::Console;
 use super::evaluate::{Measure, finish, judge};
 use super::lights::LightArgs;
-use super::model::{self, BakeOptions, ModelArgs};
+use super::model::ModelArgs;
 use super::{output, report};
 use crate::error::{ExitCode, Result};
 use crate::methods;
@@ -38,7 +39,7 @@ pub(super) fn run(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
     output::check(&args.output, &["ply"], console)?;
     let lights = args.lights.load(console)?;
     let loaded = args.model.load(console)?;
-    let asset = Arc::new(model::bake(method, loaded, &settings, console)?);
+    let asset = Arc::new(baking::bake(method, loaded, &settings, console)?);
     let mut evaluator = console.stage("prepare", || method.open(asset))?;
     let measure = if args.no_measure { Measure::No } else { Measure::Yes };
     let asked = Some(settings.max_rms);

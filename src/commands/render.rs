@@ -1,20 +1,18 @@
 //! `translux render A.tlux --light L -o I.exr -o I.png`.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 
 use super::console::{Console, percent, significant};
 use super::lights::{LightArgs, ResolvedLights};
-use super::model::{MediumArgs, edited_media};
+use super::opened::{AssetArgs, Opened};
 use super::{output, report};
-use crate::asset::{Asset, Input};
-use crate::error::{Error, ExitCode, Result};
+use crate::asset::Input;
+use crate::error::{ExitCode, Result};
 use crate::evaluate::{Cost, Evaluator};
 use crate::io::atomic;
-use crate::methods;
 use crate::render::background::Background;
 use crate::render::camera::Resolution;
 use crate::render::camera_text::CameraSpec;
@@ -29,12 +27,10 @@ const BACK_FACING_WARNING: f64 = 0.01;
 
 #[derive(Clone, Debug, Args)]
 pub(super) struct RenderArgs {
-    /// Asset
-    asset: PathBuf,
+    #[command(flatten)]
+    asset: AssetArgs,
     #[command(flatten)]
     lights: LightArgs,
-    #[command(flatten)]
-    media: MediumArgs,
     #[command(flatten)]
     picture: PictureArgs,
     /// Picture to write (.exr: linear radiance with auxiliary layers; .png: exposed), `-` for OpenEXR on standard output;
@@ -105,15 +101,7 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> Result<ExitCode> {
     output::check(&args.output, &["exr", "png"], console)?;
     args.picture.check_memory(console)?;
     let lights = args.lights.load(console)?;
-    let asset = Arc::new(console.stage("open", || Asset::read(&args.asset))?);
-    let method = methods::named(&asset.provenance.method).map_err(|_| {
-        let (path, method) = (args.asset.display(), &asset.provenance.method);
-        Error::unsupported(format!("{path}: baked by the method `{method}`, which this build does not have"))
-    })?;
-    let mut evaluator = console.stage("prepare", || method.open(Arc::clone(&asset)))?;
-    if let Some(media) = edited_media(&args.media, evaluator.scene())? {
-        evaluator.set_media(media)?;
-    }
+    let Opened { method, mut evaluator, .. } = args.asset.open(console)?;
     let result = finish(evaluator.as_mut(), method.name(), lights, &args.picture, &args.output, console)?;
     report::print(console, "render", &result)?;
     Ok(ExitCode::Ok)

@@ -1,0 +1,69 @@
+//! Settings of a bake as typed and as resolved, and the bake with its memory checked before.
+
+use clap::Args;
+
+use super::console::Console;
+use super::model::Loaded;
+use crate::asset::Asset;
+use crate::error::{Error, Result};
+use crate::evaluate::{BakeSettings, Method};
+use crate::methods;
+use crate::methods::settings::{resolve, share};
+use crate::transport::scene::Scene;
+
+/// What is baked and how.
+#[derive(Clone, Debug, Args)]
+#[command(next_help_heading = "Method")]
+pub(super) struct BakeOptions {
+    /// Surface samples (default: as many as the mean free path and the far field need)
+    #[arg(long, value_name = "N")]
+    samples: Option<usize>,
+    /// Relative error to reach, such as 1% or 0.01
+    #[arg(long, value_name = "E", default_value = "0.5%")]
+    max_rms: String,
+    /// A key of the method (see `translux methods`); repeatable
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+}
+
+impl BakeOptions {
+    /// All settings of a method.
+    pub(super) fn resolve(&self, method: &dyn Method) -> Result<BakeSettings> {
+        let pairs: Vec<(String, String)> = self
+            .set
+            .iter()
+            .map(|text| match text.split_once('=') {
+                Some((key, value)) if !key.is_empty() => Ok((key.to_owned(), value.to_owned())),
+                _ => Err(Error::command_line(format!("--set {text}: key=value is needed"))),
+            })
+            .collect::<Result<_>>()?;
+        if let Some(samples) = self.samples
+            && !(1..=1 << 28).contains(&samples)
+        {
+            return Err(Error::command_line(format!("--samples {samples}: a number from 1 to 268435456 is needed")));
+        }
+        let max_rms = share(&self.max_rms, "--max-rms")?;
+        Ok(BakeSettings { samples: self.samples, max_rms, values: resolve(method, &pairs)? })
+    }
+}
+
+/// Bakes a loaded model; the memory is checked before.
+pub(super) fn bake(method: &dyn Method, loaded: Loaded, settings: &BakeSettings, console: &Console) -> Result<Asset> {
+    let Loaded { scene, provenance, .. } = loaded;
+    let needed = method.bake_memory(&scene, settings);
+    let advice = match largest_fit(method, &scene, settings, console.max_memory) {
+        Some(fitting) => format!("--samples {fitting} would fit, or raise --max-memory"),
+        None => "no number of samples would fit, raise --max-memory".to_owned(),
+    };
+    console.check_memory(needed, &advice)?;
+    methods::bake(method, scene, settings, provenance, console)
+}
+
+/// The largest number of samples that the memory limit allows, as a power of two.
+fn largest_fit(method: &dyn Method, scene: &Scene, settings: &BakeSettings, limit: u64) -> Option<usize> {
+    let mut trial = settings.clone();
+    (0..28).rev().map(|power| 1usize << power).find(|&samples| {
+        trial.samples = Some(samples);
+        method.bake_memory(scene, &trial) <= limit
+    })
+}
