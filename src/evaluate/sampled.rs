@@ -136,14 +136,20 @@ impl SampledEvaluator {
     /// As [`Illumination::new`].
     pub fn irradiance(&mut self, progress: &dyn Progress) -> Result<&[DVec3]> {
         if self.irradiance.is_none() {
-            self.irradiance = Some(self.illuminate(&self.surface(), &self.lights, progress)?);
+            self.irradiance = Some(self.illuminate(&self.surface(), &self.lights, self.plan.sampling, progress)?);
         }
         Ok(self.irradiance.as_deref().unwrap_or(&[]))
     }
 
-    fn illuminate(&self, surface: &Surface, lights: &[Light], progress: &dyn Progress) -> Result<Vec<DVec3>> {
+    fn illuminate(
+        &self,
+        surface: &Surface,
+        lights: &[Light],
+        sampling: LightSampling,
+        progress: &dyn Progress,
+    ) -> Result<Vec<DVec3>> {
         let etas: Vec<f64> = self.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
-        Ok(Illumination::new(surface, lights, &etas, self.plan.sampling)?.all(progress))
+        Ok(Illumination::new(surface, lights, &etas, sampling)?.all(progress))
     }
 
     /// Calls `work` with a function from a limit of the criterion to the error of the hierarchy against all pairs, on a
@@ -211,28 +217,44 @@ impl SampledEvaluator {
         }
     }
 
-    /// Error of sampling: the same sum from half as many samples with their own rays, on some receivers. The error of
-    /// the full set is smaller than that of the half, which is most of the figure.
-    fn sampling_error(&self, progress: &dyn Progress) -> Result<VertexError> {
-        let count = self.asset.samples.len();
-        let mut half = Samples::new(&self.scene.mesh, &self.scene.parts, count / 2);
-        if half.len() > count / 2 {
-            // Fewer than one for each part there cannot be: twice as many then show what is missing.
-            half = Samples::new(&self.scene.mesh, &self.scene.parts, 2 * count);
-        }
-        let patches = scene::patches(&self.scene, &half);
-        let tree = SampleTree::new(&half, &patches);
-        let surface = Surface { scene: &self.scene, bvh: &self.bvh, samples: &half, patches: &patches };
-        let irradiance = self.illuminate(&surface, &self.lights, progress)?;
+    /// Error of sampling, extrapolated from a second sample set with rays of its own, on some receivers; and the size of
+    /// that set. An error that falls in proportion to the number of samples is taken for granted.
+    fn sampling_error(&self, progress: &dyn Progress) -> Result<(VertexError, usize)> {
+        let (samples, scene) = (&self.asset.samples, &self.scene);
+        let other = Samples::new(&scene.mesh, &scene.parts, comparison_count(samples.len(), scene));
+        let patches = scene::patches(scene, &other);
+        let tree = SampleTree::new(&other, &patches);
+        let surface = Surface { scene, bvh: &self.bvh, samples: &other, patches: &patches };
+        // Other shadow rays too: patches that both sets share would agree on the errors of theirs.
+        let points_per_patch = 4 * self.plan.sampling.points_per_patch;
+        let sampling = LightSampling { points_per_patch, ..self.plan.sampling };
+        let irradiance = self.illuminate(&surface, &self.lights, sampling, progress)?;
         let (subset, indices) = self.receivers.subset(2 * PROBES, 2);
         let sum = |surface: &Surface, tree: &SampleTree, irradiance: &[DVec3]| {
-            let gather = Gather::new(surface, tree, &self.scene.media, self.plan.near);
+            let gather = Gather::new(surface, tree, &scene.media, self.plan.near);
             gather.radiosity(&subset, &gather.light(irradiance), Scheme::AllPairs, &Silent)
         };
-        let coarse = sum(&surface, &tree, &irradiance);
-        let fine = sum(&self.surface(), &self.tree, self.irradiance.as_deref().unwrap_or(&[]));
+        let theirs = sum(&surface, &tree, &irradiance);
+        let ours = sum(&self.surface(), &self.tree, self.irradiance.as_deref().unwrap_or(&[]));
         let areas: Vec<f64> = indices.iter().map(|&i| self.areas[i as usize]).collect();
-        Ok(vertex_error(&coarse, &fine, &areas))
+        let (n, m) = (samples.len() as f64, other.len() as f64);
+        // e(N) = k / N: the difference is |k / m - k / n|.
+        let factor = if m == n { 1.0 } else { m / (n - m).abs() };
+        Ok((vertex_error(&theirs, &ours, &areas).scaled(factor), other.len()))
+    }
+}
+
+/// Samples of the set that tells the error of `count`: half as many, but one for each triangle where `count` has them,
+/// since clusters of triangles err in another way; twice as many where there cannot be fewer.
+fn comparison_count(count: usize, scene: &Scene) -> usize {
+    let transferring = scene.parts.parts.iter().filter(|p| p.transfers());
+    let (parts, triangles) = transferring.fold((0, 0), |(n, t), p| (n + 1, t + p.triangle_count));
+    if count < 2 * parts {
+        2 * count
+    } else if (count / 2..=count / 4 * 3).contains(&triangles) {
+        triangles
+    } else {
+        count / 2
     }
 }
 
@@ -310,12 +332,13 @@ impl Evaluator for SampledEvaluator {
     fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {
         self.irradiance(progress)?;
         let mut ledger = Ledger::default();
-        let halved = self.sampling_error(progress)?;
-        ledger.add("sampling", halved, "against half as many samples, on vertices of their own");
+        let (error, other) = self.sampling_error(progress)?;
+        ledger.add("sampling", error, format!("extrapolated from {other} samples, on vertices of their own"));
         let irradiance = self.irradiance.as_deref().unwrap_or(&[]);
         let Some(mut error) = self.hierarchy_error(irradiance) else { return Ok(ledger) };
         for light in unseen {
-            let irradiance = self.illuminate(&self.surface(), std::slice::from_ref(light), progress)?;
+            let irradiance =
+                self.illuminate(&self.surface(), std::slice::from_ref(light), self.plan.sampling, progress)?;
             error = self.hierarchy_error(&irradiance).map_or(error, |other| error.max(other));
         }
         let note = "against all pairs, on vertices that no tuning saw, the worst of these and of probe lights";

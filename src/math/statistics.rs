@@ -16,6 +16,13 @@ pub struct VertexError {
 }
 
 impl VertexError {
+    /// Every figure times a factor.
+    #[must_use]
+    pub fn scaled(self, factor: f64) -> Self {
+        let Self { rms, bias, p999, worst } = self;
+        Self { rms: rms * factor, bias: bias * factor, p999: p999 * factor, worst: worst * factor }
+    }
+
     /// The larger of each figure.
     #[must_use]
     pub fn max(self, other: Self) -> Self {

@@ -19,9 +19,9 @@ use crate::transport::scene::Scene;
 pub struct Density {
     /// Spacing over the shortest mean free path.
     pub spacing: f64,
-    /// Samples at least: what the shape's own shadows ask for.
+    /// Samples at least, for the shape's own shadows; one for each triangle as well, because each has its own irradiance.
     pub least: usize,
-    /// Samples at most, unless more are asked for.
+    /// Samples at most, unless more are asked for or there are more triangles.
     pub most: usize,
 }
 
@@ -37,7 +37,9 @@ impl Density {
                 }
             }
         }
-        settings.samples.unwrap_or_else(|| (wanted.min(1e12) as usize).clamp(self.least, self.most))
+        let triangles = scene.mesh.triangles.len();
+        let (least, most) = (self.least.max(triangles), self.most.max(triangles));
+        settings.samples.unwrap_or_else(|| (wanted.min(1e12) as usize).clamp(least, most))
     }
 }
 

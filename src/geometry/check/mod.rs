@@ -161,27 +161,27 @@ impl MeshCheck {
         for &p in &self.inverted_parts {
             lines.push(format!("the part '{}' is closed and its normals point inwards", self.parts[p].part.name));
         }
-        self.parts.iter().filter(|p| p.part.role != Role::Opaque).for_each(|p| p.warn(&mut lines));
+        let thin = format!("is thinner than {THIN_MEAN_FREE_PATHS} mean free paths: diffusion is inaccurate there");
+        lines.extend(self.share_of_parts(|p| p.thin_area_share, &thin));
+        let long = "is in triangles longer than a mean free path: light varies within them, refine the mesh";
+        lines.extend(self.share_of_parts(|p| p.long_edge_area_share, long));
         lines
     }
-}
 
-impl PartCheck {
-    fn warn(&self, lines: &mut Vec<String>) {
-        let name = &self.part.name;
-        if let Some(share) = self.thin_area_share.filter(|&s| s > WARNING_SHARE) {
-            lines.push(format!(
-                "{:.0} % of the part '{name}' is thinner than {THIN_MEAN_FREE_PATHS} mean free paths: diffusion is \
-                 inaccurate there",
-                100.0 * share
-            ));
-        }
-        if let Some(share) = self.long_edge_area_share.filter(|&s| s > WARNING_SHARE) {
-            lines.push(format!(
-                "{:.0} % of the part '{name}' is in triangles longer than a mean free path: light varies within them, \
-                 refine the mesh",
-                100.0 * share
-            ));
+    /// One line about the translucent parts whose share is worth a warning.
+    fn share_of_parts(&self, share: impl Fn(&PartCheck) -> Option<f64>, what: &str) -> Option<String> {
+        let parts = self.parts.iter().filter(|p| p.part.role != Role::Opaque);
+        let concerned: Vec<(f64, &str)> = parts
+            .filter_map(|p| share(p).filter(|&s| s > WARNING_SHARE).map(|s| (100.0 * s, p.part.name.as_str())))
+            .collect();
+        let most = concerned.iter().map(|(share, _)| *share).fold(0.0, f64::max);
+        match concerned[..] {
+            [] => None,
+            [(share, name)] => Some(format!("{share:.0} % of the part '{name}' {what}")),
+            [(_, a), (_, b)] => Some(format!("up to {most:.0} % of the parts '{a}' and '{b}' {what}")),
+            [(_, a), .., (_, z)] => {
+                Some(format!("up to {most:.0} % of {} parts ('{a}' ... '{z}') {what}", concerned.len()))
+            }
         }
     }
 }

@@ -8,7 +8,7 @@ use crate::progress::Progress;
 use crate::transport::scene::Scene;
 
 /// Shadow boundaries stay well inside the kernel.
-const DENSITY: Density = Density { spacing: 0.35, least: 1 << 16, most: 1 << 17 };
+const DENSITY: Density = Density { spacing: 0.35, least: 1 << 17, most: 1 << 18 };
 
 /// The error that the density is made for; a smaller one asks for more samples.
 const DEFAULT_RMS: f64 = 0.005;
