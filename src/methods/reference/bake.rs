@@ -8,7 +8,7 @@ use crate::progress::Progress;
 use crate::transport::scene::Scene;
 
 /// Shadow boundaries stay well inside the kernel.
-const DENSITY: Density = Density { spacing: 0.2, least: 1 << 16, most: 1 << 19 };
+const DENSITY: Density = Density { spacing: 0.2, least: 1 << 17, most: 1 << 19 };
 
 fn count(scene: &Scene, settings: &BakeSettings) -> usize {
     DENSITY.count(scene, settings, 1.0)
