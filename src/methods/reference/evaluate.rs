@@ -24,3 +24,18 @@ pub(super) fn open(asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
     let plan = plan(&asset.provenance.settings)?;
     Ok(Box::new(SampledEvaluator::new(asset, plan)))
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::methods::reference::Reference;
+    use crate::methods::settings::resolve;
+    use crate::transport::irradiance::LightSampling;
+
+    #[test]
+    fn the_defaults_are_the_named_quality() {
+        let plan = plan(&resolve(&Reference, &[]).unwrap()).unwrap();
+        assert_eq!((plan.sampling, plan.near), (LightSampling::REFERENCE, NearField::REFERENCE));
+    }
+}

@@ -38,3 +38,18 @@ pub(super) fn open(asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
     let plan = plan(settings, max_rms)?;
     Ok(Box::new(SampledEvaluator::new(asset, plan)))
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::methods::settings::resolve;
+    use crate::methods::two_pass::TwoPass;
+    use crate::transport::irradiance::LightSampling;
+
+    #[test]
+    fn the_defaults_are_the_named_quality() {
+        let plan = plan(&resolve(&TwoPass, &[]).unwrap(), 0.005).unwrap();
+        assert_eq!((plan.sampling, plan.near), (LightSampling::FAST, NearField::FAST));
+    }
+}
