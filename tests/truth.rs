@@ -9,7 +9,7 @@ use std::time::Instant;
 
 use glam::DVec3;
 use in_memory::{error, long, open, radiosity, scene};
-use oracle::truth_files::shared;
+use oracle::truth_files::{self, shared};
 use oracle::vector::V3;
 use translux::geometry::mesh::Scale;
 use translux::io::environment::load_environment;
@@ -33,15 +33,7 @@ fn check(case: Case) {
     let Some(path) = shared(&format!("truth/{}.csv", case.file)) else { return };
     let Some(mesh) = shared(&format!("data/meshes/{}.obj", case.mesh)) else { return };
     let text = std::fs::read_to_string(path).unwrap();
-    let truth: Vec<(usize, V3)> = text
-        .lines()
-        .filter(|l| l.starts_with(|c: char| c.is_ascii_digit()))
-        .map(|l| {
-            let mut words = l.split(',');
-            let vertex = words.next().unwrap().parse().unwrap();
-            (vertex, std::array::from_fn(|_| words.next().unwrap().parse().unwrap()))
-        })
-        .collect();
+    let truth: Vec<(usize, V3)> = truth_files::rows_of(&text);
     assert!(truth.len() >= 50, "{} has {} rows", case.file, truth.len());
     let scene = scene(read_obj(&mesh).unwrap(), Scale::DiagonalMm(case.size_mm), case.material);
     for (method, limit) in ["reference", "two_pass"].into_iter().zip(case.limits) {

@@ -55,15 +55,7 @@ pub fn compare(case: &Case) -> Option<f64> {
     let text = std::fs::read_to_string(shared(&format!("truth/{}.csv", case.file))?).unwrap();
     let mesh = OracleMesh::read_obj(&shared(&format!("data/meshes/{}.obj", case.mesh))?).scaled(case.size_mm);
     let light = (case.light)()?;
-    let rows: Vec<(usize, V3)> = text
-        .lines()
-        .filter(|l| l.starts_with(|c: char| c.is_ascii_digit()))
-        .map(|l| {
-            let mut words = l.split(',');
-            let vertex = words.next().unwrap().parse().unwrap();
-            (vertex, std::array::from_fn(|_| words.next().unwrap().parse().unwrap()))
-        })
-        .collect();
+    let rows: Vec<(usize, V3)> = rows_of(&text);
     assert!(rows.len() >= 50, "{} has {} rows", case.file, rows.len());
     let start = Instant::now();
     let oracle = Oracle::new(&mesh, &material(case.medium), &[light], OracleSettings::default());
@@ -97,4 +89,15 @@ pub fn compare(case: &Case) -> Option<f64> {
         rows.len()
     );
     Some(worst)
+}
+
+/// Vertices and their radiosities in the text of a truth file.
+pub fn rows_of(text: &str) -> Vec<(usize, V3)> {
+    let rows = text.lines().filter(|l| l.starts_with(|c: char| c.is_ascii_digit()));
+    rows.map(|l| {
+        let mut words = l.split(',');
+        let vertex = words.next().unwrap().parse().unwrap();
+        (vertex, std::array::from_fn(|_| words.next().unwrap().parse().unwrap()))
+    })
+    .collect()
 }
