@@ -176,6 +176,8 @@ coded_enum! {
         Method = 2, "method";
         /// Everything else: materials, parts, provenance, ledger.
         Metadata = 3, "metadata";
+        /// Irradiance rows of the samples over an environment; bytes per vertex count them apart.
+        Environment = 4, "environment";
     }
 }
 

@@ -1,3 +1,5 @@
 //! What is lost on the way, and the record of it.
 
+pub mod blocks;
 pub mod ledger;
+pub mod rows;

@@ -1,5 +1,7 @@
 //! Quadrature, counter-based random numbers, directions and statistics.
 
+pub mod cube_map;
+pub mod haar;
 pub mod quadrature;
 pub mod random;
 pub mod spherical_rectangle;

@@ -1,7 +1,10 @@
 //! Optical properties and their units, Fresnel, the dipole and other profiles, measured materials.
 
 pub mod dipole;
+pub mod entrance_basis;
+pub mod far_profile;
 pub mod fresnel;
 pub mod material;
 mod material_file;
 pub mod profile;
+pub mod profile_basis;

@@ -1,12 +1,15 @@
 //! Visibility, irradiance and the transfer of flux through the medium.
 
+pub mod far_field;
 pub mod gather;
 pub mod irradiance;
+pub mod irradiance_rows;
 pub mod kernel;
 pub mod receivers;
 pub mod scene;
 pub mod simd;
 pub mod tree;
+pub mod visibility;
 
 #[cfg(test)]
 mod test_scene;

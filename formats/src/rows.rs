@@ -1,0 +1,1 @@
+//! Irradiance rows over a cube map: sparse, quantised Haar coefficients of every sample.

@@ -1,0 +1,1 @@
+//! Blocks of wavelet coefficients of neighbouring receivers: selection and quantisation.

@@ -1,0 +1,1 @@
+//! Sparse quantised rows of Haar coefficients.

@@ -1,0 +1,1 @@
+//! Cube maps: faces, texels, directions and solid angles, as `formats/SPEC.md` lays them out.

@@ -1,0 +1,1 @@
+//! Visibility of a whole cube map from a point, decided for groups of directions at once.
