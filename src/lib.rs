@@ -36,7 +36,7 @@
 //! let parts = PartTable::new(&mesh, vec![0; mesh.triangles.len()], vec![("ball".into(), Some(0))]);
 //! let marble = preset("marble").ok_or_else(|| translux::error::Error::input("no marble"))?;
 //! let media = vec![Medium { name: "marble".into(), properties: marble.properties() }];
-//! let settings = BakeSettings { samples: None, max_rms: 0.005, values: settings::resolve(&TwoPass, &[])? };
+//! let settings = BakeSettings::new(&TwoPass, settings::resolve(&TwoPass, &[])?);
 //! let scene = Scene { mesh, parts, media };
 //! let asset = methods::bake(&TwoPass, scene, &settings, Provenance::default(), &Silent)?;
 //! let mut evaluator = TwoPass.open(Arc::new(asset))?;

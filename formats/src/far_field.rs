@@ -26,10 +26,12 @@ pub struct FarField {
     pub groups: Vec<Group>,
     /// Tree node of each coefficient, strictly ascending inside a group. A node is named by the first sample of its right child.
     pub nodes: Vec<u32>,
+    /// Which basis functions are kept of each coefficient: bit k; not 0.
+    pub masks: Vec<u16>,
     /// Quantiser step of each basis function, positive.
     pub steps: Vec<f32>,
-    /// Quantised values: `[coefficient][k][lane]`; lanes beyond the group's receivers are 0.
-    pub values: Vec<i16>,
+    /// Quantised values: for each coefficient its kept functions, ascending; lanes beyond the group's receivers are 0.
+    pub values: Vec<[i16; LANES]>,
     /// Sum of each receiver's row, mm^2 times the unit of the basis: `[receiver][k]`.
     pub row_sums: Vec<f32>,
 }

@@ -1,5 +1,7 @@
 //! Settings of a bake as typed and as resolved, and the bake with its memory checked before.
 
+use std::collections::BTreeSet;
+
 use clap::Args;
 
 use super::console::Console;
@@ -7,6 +9,8 @@ use super::model::Loaded;
 use crate::asset::Asset;
 use crate::error::{Error, Result};
 use crate::evaluate::{BakeSettings, Method};
+use crate::light::LightKind;
+use crate::measure::probes::for_bake;
 use crate::methods;
 use crate::methods::settings::{resolve, share};
 use crate::transport::scene::Scene;
@@ -18,9 +22,13 @@ pub(super) struct BakeOptions {
     /// Surface samples (default: as many as the mean free path and the far field need)
     #[arg(long, value_name = "N")]
     samples: Option<usize>,
-    /// Relative error to reach, such as 1% or 0.01
-    #[arg(long, value_name = "E", default_value = "0.5%")]
-    max_rms: String,
+    /// Relative error to reach, such as 1% or 0.01 (default: the method's, see `translux methods`)
+    #[arg(long, value_name = "E")]
+    max_rms: Option<String>,
+    /// Kinds of light to precompute for, separated by commas: constant, directional, point, area, environment, or all.
+    /// Other kinds still work where the method can sample them at run time, only slower
+    #[arg(long, value_name = "KINDS", default_value = "all")]
+    for_lights: String,
     /// A key of the method (see `translux methods`); repeatable
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
@@ -42,9 +50,28 @@ impl BakeOptions {
         {
             return Err(Error::command_line(format!("--samples {samples}: a number from 1 to 268435456 is needed")));
         }
-        let max_rms = share(&self.max_rms, "--max-rms")?;
-        Ok(BakeSettings { samples: self.samples, max_rms, values: resolve(method, &pairs)? })
+        let mut settings = BakeSettings::new(method, resolve(method, &pairs)?);
+        settings.samples = self.samples;
+        settings.for_lights = light_kinds(&self.for_lights)?;
+        if let Some(text) = &self.max_rms {
+            settings.max_rms = share(text, "--max-rms")?;
+        }
+        Ok(settings)
     }
+}
+
+/// The kinds of light of `--for-lights`.
+fn light_kinds(text: &str) -> Result<BTreeSet<LightKind>> {
+    if text.trim() == "all" {
+        return Ok(LightKind::ALL.into_iter().collect());
+    }
+    let kind = |name: &str| {
+        LightKind::ALL.into_iter().find(|k| k.name() == name).ok_or_else(|| {
+            let names = LightKind::ALL.map(LightKind::name).join(", ");
+            Error::command_line(format!("--for-lights {name}: there are {names}, and all"))
+        })
+    };
+    text.split(',').map(|name| kind(name.trim())).collect()
 }
 
 /// Bakes a loaded model; the memory is checked before.
@@ -56,7 +83,8 @@ pub(super) fn bake(method: &dyn Method, loaded: Loaded, settings: &BakeSettings,
         None => "no number of samples would fit, raise --max-memory".to_owned(),
     };
     console.check_memory(needed, &advice)?;
-    methods::bake(method, scene, settings, provenance, console)
+    let settings = BakeSettings { probes: for_bake(&scene.mesh), ..settings.clone() };
+    methods::bake(method, scene, &settings, provenance, console)
 }
 
 /// The largest number of samples that the memory limit allows, as a power of two.

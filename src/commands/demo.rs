@@ -62,7 +62,7 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> Result<ExitCode> {
     std::fs::create_dir_all(&args.output).map_err(|e| Error::io(&args.output, &e))?;
     let file = |name: &str| args.output.join(name);
     let method = methods::named(METHOD)?;
-    let settings = BakeSettings { samples: None, max_rms: MAX_RMS, values: resolve(method, &[])? };
+    let settings = BakeSettings { max_rms: MAX_RMS, ..BakeSettings::new(method, resolve(method, &[])?) };
     let source = console.stage("model", shapes::demo_model);
     let Material { name, properties } = Material::from_argument(MATERIAL)?;
     let loaded = model::prepare(

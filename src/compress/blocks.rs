@@ -1,1 +1,85 @@
-//! Blocks of wavelet coefficients of neighbouring receivers: selection and quantisation.
+//! Blocks of wavelet coefficients: one coefficient of one basis function for neighbouring receivers, kept or dropped
+//! together and quantised with one step for each function.
+//!
+//! What dropping or rounding a coefficient costs is its significance: its size in a typical material times the detail that
+//! a typical light has there, relative to the radiosity. All coefficients cost about the same bytes, so the best choice
+//! for a given error is one threshold on the significance for all of them.
+
+/// Receivers side by side in a block.
+pub const LANES: usize = 16;
+
+/// The largest threshold such that what falls below it adds up to at most `error`, an RMS over receivers.
+///
+/// `squares` are squared significances, each summed over the receivers of its block; `receivers` is their number in all.
+pub fn threshold(mut squares: Vec<f64>, receivers: usize, error: f64) -> f64 {
+    squares.retain(|s| s.is_finite());
+    squares.sort_unstable_by(f64::total_cmp);
+    let budget = error * error * receivers as f64;
+    let mut dropped = 0.0;
+    for square in squares {
+        dropped += square;
+        if dropped > budget {
+            return square.sqrt();
+        }
+    }
+    f64::MAX
+}
+
+/// Step for one typical unit such that rounding adds an RMS of `error`: `gain2` is the sum over a receiver's kept
+/// coefficients of the squared detail of the light, as a mean over receivers.
+pub fn step(gain2: f64, error: f64) -> f64 {
+    // Uniform rounding errors have a variance of step^2 / 12.
+    if gain2 > 0.0 { error * (12.0 / gain2).sqrt() } else { error }
+}
+
+/// The step, raised where the largest value would not fit into 16 bits.
+pub fn fitting_step(step: f64, largest: f64) -> f32 {
+    let least = largest / f64::from(i16::MAX - 1);
+    let step = step.max(least).max(f64::from(f32::MIN_POSITIVE));
+    if step.is_finite() { (step as f32).min(f32::MAX) } else { f32::MAX }
+}
+
+/// Nearest multiples of the step.
+pub fn quantise(values: &[f32; LANES], step: f32) -> [i16; LANES] {
+    // The cast saturates and takes NaN to 0.
+    values.map(|v| (v / step).round() as i16)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_threshold_spends_the_budget_and_no_more() {
+        let squares: Vec<f64> = (0..1000).map(|i| f64::from((i * 7919) % 1000)).collect();
+        let limit = threshold(squares.clone(), 10, 40.0);
+        let dropped: f64 = squares.iter().filter(|s| s.sqrt() < limit).sum();
+        assert!(dropped <= 16000.0 && dropped + limit * limit > 16000.0, "{dropped}");
+        assert_eq!(threshold(vec![1.0], 1, 2.0), f64::MAX);
+        assert_eq!(threshold(vec![], 1, 2.0), f64::MAX);
+    }
+
+    #[test]
+    fn rounding_errors_add_up_to_what_was_asked() {
+        let values: Vec<f32> = (0..4096).map(|i| crate::math::random::uniform(9, i, 0) as f32 - 0.5).collect();
+        // A hundred coefficients meet details of 0.3 each.
+        let step = fitting_step(step(100.0 * 0.09, 1e-3), 0.5);
+        let mut sum = 0.0;
+        for run in values.chunks_exact(LANES) {
+            let run: [f32; LANES] = std::array::from_fn(|i| run[i]);
+            let rounded = quantise(&run, step).map(|q| f32::from(q) * step);
+            sum += run.iter().zip(rounded).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>();
+        }
+        let rms = (sum / 4096.0 * 100.0 * 0.09).sqrt();
+        assert!((rms / 1e-3 - 1.0).abs() < 0.1, "{rms}");
+    }
+
+    #[test]
+    fn no_value_overflows() {
+        let step = fitting_step(1e-6, 5.0);
+        assert!(quantise(&[5.0; LANES], step)[0] > 32000);
+        assert!((f32::from(quantise(&[-5.0; LANES], step)[3]) * step + 5.0).abs() < 1e-3);
+        assert_eq!(quantise(&[f32::NAN; LANES], step), [0; LANES]);
+        assert!(fitting_step(0.0, 0.0) > 0.0);
+    }
+}

@@ -1,8 +1,10 @@
 //! From an opened asset and lights to radiosity: the traits that every method implements.
 
+pub mod far_field;
 pub mod sampled;
+pub mod sampling_error;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use glam::DVec3;
@@ -10,7 +12,7 @@ use glam::DVec3;
 use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
 use crate::error::Result;
-use crate::light::Light;
+use crate::light::{Light, LightKind};
 use crate::progress::Progress;
 use crate::transport::scene::{Medium, Scene};
 
@@ -34,6 +36,32 @@ pub struct BakeSettings {
     pub max_rms: f64,
     /// Method-specific keys, all of them, resolved.
     pub values: BTreeMap<String, String>,
+    /// Kinds of light that the asset is made for.
+    pub for_lights: BTreeSet<LightKind>,
+    /// Lights that choices and figures take.
+    pub probes: Probes,
+}
+
+impl BakeSettings {
+    /// A method's defaults for the values of its keys, for every kind of light, without probe lights.
+    pub fn new(method: &dyn Method, values: BTreeMap<String, String>) -> Self {
+        Self {
+            samples: None,
+            max_rms: method.default_max_rms(),
+            values,
+            for_lights: LightKind::ALL.into_iter().collect(),
+            probes: Probes::default(),
+        }
+    }
+}
+
+/// Lights for the choices of a bake and for the figures of its ledger, which no choice sees.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Probes {
+    /// Lights that choices look at.
+    pub tuning: Vec<Light>,
+    /// Lights that errors are measured under.
+    pub unseen: Vec<Light>,
 }
 
 /// What a bake makes of a scene.
@@ -56,6 +84,11 @@ pub trait Method: Sync {
 
     /// Keys that `--set` takes.
     fn keys(&self) -> &'static [Key];
+
+    /// Error that a bake aims at unless another one is asked for.
+    fn default_max_rms(&self) -> f64 {
+        0.005
+    }
 
     /// Memory that a bake of this scene takes, in bytes, estimated before the work.
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64;

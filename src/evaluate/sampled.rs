@@ -5,12 +5,13 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+use super::sampling_error::{Sampled, receiver_areas};
 use super::{Capabilities, Cost, Evaluator, MaterialEdit};
 use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
 use crate::geometry::bvh::Bvh;
-use crate::geometry::samples::{Patch, Samples};
+use crate::geometry::samples::Patch;
 use crate::light::Light;
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::progress::{Progress, Silent};
@@ -216,60 +217,6 @@ impl SampledEvaluator {
             _ => Scheme::AllPairs,
         }
     }
-
-    /// Error of sampling, extrapolated from a second sample set with rays of its own, on some receivers; and the size of
-    /// that set. An error that falls in proportion to the number of samples is taken for granted.
-    fn sampling_error(&self, progress: &dyn Progress) -> Result<(VertexError, usize)> {
-        let (samples, scene) = (&self.asset.samples, &self.scene);
-        let other = Samples::new(&scene.mesh, &scene.parts, comparison_count(samples.len(), scene));
-        let patches = scene::patches(scene, &other);
-        let tree = SampleTree::new(&other, &patches);
-        let surface = Surface { scene, bvh: &self.bvh, samples: &other, patches: &patches };
-        // Other shadow rays too: patches that both sets share would agree on the errors of theirs.
-        let points_per_patch = 4 * self.plan.sampling.points_per_patch;
-        let sampling = LightSampling { points_per_patch, ..self.plan.sampling };
-        let irradiance = self.illuminate(&surface, &self.lights, sampling, progress)?;
-        let (subset, indices) = self.receivers.subset(2 * PROBES, 2);
-        let sum = |surface: &Surface, tree: &SampleTree, irradiance: &[DVec3]| {
-            let gather = Gather::new(surface, tree, &scene.media, self.plan.near);
-            gather.radiosity(&subset, &gather.light(irradiance), Scheme::AllPairs, &Silent)
-        };
-        let theirs = sum(&surface, &tree, &irradiance);
-        let ours = sum(&self.surface(), &self.tree, self.irradiance.as_deref().unwrap_or(&[]));
-        let areas: Vec<f64> = indices.iter().map(|&i| self.areas[i as usize]).collect();
-        let (n, m) = (samples.len() as f64, other.len() as f64);
-        // e(N) = k / N: the difference is |k / m - k / n|.
-        let factor = if m == n { 1.0 } else { m / (n - m).abs() };
-        Ok((vertex_error(&theirs, &ours, &areas).scaled(factor), other.len()))
-    }
-}
-
-/// Samples of the set that tells the error of `count`: half as many, but one for each triangle where `count` has them,
-/// since clusters of triangles err in another way; twice as many where there cannot be fewer.
-fn comparison_count(count: usize, scene: &Scene) -> usize {
-    let transferring = scene.parts.parts.iter().filter(|p| p.transfers());
-    let (parts, triangles) = transferring.fold((0, 0), |(n, t), p| (n + 1, t + p.triangle_count));
-    if count < 2 * parts {
-        2 * count
-    } else if (count / 2..=count / 4 * 3).contains(&triangles) {
-        triangles
-    } else {
-        count / 2
-    }
-}
-
-/// A third of the area of the triangles around each receiver, mm^2.
-fn receiver_areas(scene: &Scene, receivers: &Receivers) -> Vec<f64> {
-    let mut areas = vec![0.0; receivers.len()];
-    for (index, triangle) in scene.mesh.triangles.iter().enumerate() {
-        let third = scene.mesh.cross_mm2(index as u32).length() / 6.0;
-        for &v in triangle {
-            if let Some(area) = areas.get_mut(receivers.of_vertex[v as usize] as usize) {
-                *area += third;
-            }
-        }
-    }
-    areas
 }
 
 impl Evaluator for SampledEvaluator {
@@ -332,9 +279,18 @@ impl Evaluator for SampledEvaluator {
     fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {
         self.irradiance(progress)?;
         let mut ledger = Ledger::default();
-        let (error, other) = self.sampling_error(progress)?;
-        ledger.add("sampling", error, format!("extrapolated from {other} samples, on vertices of their own"));
         let irradiance = self.irradiance.as_deref().unwrap_or(&[]);
+        let sampled = Sampled {
+            surface: self.surface(),
+            media: &self.scene.media,
+            lights: &self.lights,
+            irradiance,
+            sampling: self.plan.sampling,
+            near: self.plan.near,
+            receivers: &self.receivers,
+            areas: &self.areas,
+        };
+        sampled.enter(&mut ledger, progress)?;
         let Some(mut error) = self.hierarchy_error(irradiance) else { return Ok(ledger) };
         for light in unseen {
             let irradiance =

@@ -60,7 +60,50 @@ pub enum Light {
     },
 }
 
+/// The kinds of light.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LightKind {
+    /// [`Light::Constant`].
+    Constant,
+    /// [`Light::Directional`].
+    Directional,
+    /// [`Light::Point`].
+    Point,
+    /// [`Light::Area`].
+    Area,
+    /// [`Light::Environment`].
+    Environment,
+}
+
+impl LightKind {
+    /// Every kind.
+    pub const ALL: [Self; 5] = [Self::Constant, Self::Directional, Self::Point, Self::Area, Self::Environment];
+
+    /// Its name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Constant => "constant",
+            Self::Directional => "directional",
+            Self::Point => "point",
+            Self::Area => "area",
+            Self::Environment => "environment",
+        }
+    }
+}
+
 impl Light {
+    /// Its kind.
+    pub fn kind(&self) -> LightKind {
+        match self {
+            Self::Constant { .. } => LightKind::Constant,
+            Self::Directional { .. } => LightKind::Directional,
+            Self::Point { .. } => LightKind::Point,
+            Self::Area { .. } => LightKind::Area,
+            Self::Environment { .. } => LightKind::Environment,
+        }
+    }
+
     /// The same radiance from every direction.
     ///
     /// # Errors

@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 
+use crate::evaluate::Probes;
 use crate::geometry::mesh::Mesh;
 use crate::light::Light;
 
@@ -56,6 +57,12 @@ pub fn points(mesh: &Mesh, half: Half) -> Vec<Light> {
 pub fn unseen(mesh: &Mesh) -> Vec<Light> {
     let directions = directional(Half::Figures).into_iter().step_by(DIRECTIONS / 4);
     directions.take(2).chain(points(mesh, Half::Figures).into_iter().take(1)).collect()
+}
+
+/// The lights that a bake gets: for its choices the whole tuning half, for the figures of its ledger a few of the other.
+pub fn for_bake(mesh: &Mesh) -> Probes {
+    let tuning = directional(Half::Tuning).into_iter().chain(points(mesh, Half::Tuning)).collect();
+    Probes { tuning, unseen: unseen(mesh) }
 }
 
 /// The constant light of radiance 1.

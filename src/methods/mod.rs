@@ -40,6 +40,8 @@ pub fn bake(
     provenance.method = method.name().to_owned();
     provenance.settings = settings.values.clone();
     provenance.settings.insert("max-rms".to_owned(), settings.max_rms.to_string());
+    let kinds: Vec<&str> = settings.for_lights.iter().map(|k| k.name()).collect();
+    provenance.settings.insert("for-lights".to_owned(), kinds.join(","));
     provenance.settings.insert("samples".to_owned(), parts.samples.len().to_string());
     Ok(Asset { scene, samples: parts.samples, provenance, ledger: parts.ledger, sections: parts.sections })
 }

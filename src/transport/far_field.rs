@@ -1,1 +1,204 @@
-//! Transport of the smooth far part: balanced tree over the samples, weighted Haar details, hierarchical integration.
+//! Transport of the smooth far part of R_d: for a group of neighbouring receivers, the area-weighted Haar coefficients of
+//! every basis function over the tree of samples.
+//!
+//! With `T_c = Int_c b_k(|x - y|) dA` over a child c of a node and A_c its area, the detail of the node is
+//! `(T_left A_right - T_right A_left) / (A_left + A_right)`, which meets the difference of the children's mean irradiance.
+//! Details vanish under a constant irradiance: whatever is dropped, the sum of a row is kept.
+
+use glam::DVec3;
+
+use super::balanced_tree::{BalancedTree, Cell, Node};
+use crate::geometry::samples::Patch;
+use crate::medium::profile_basis::Table;
+
+/// Receivers of a group, side by side.
+pub const LANES: usize = 16;
+
+/// Basis functions at most.
+pub const TERMS: usize = 16;
+
+/// One value for each basis function (padded with zeros) and receiver.
+type Values = [[f32; TERMS]; LANES];
+
+/// How finely rows are integrated and what of them is kept.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Precision {
+    /// A cell whose radius is below this fraction of its distance is integrated by the centroids of its children.
+    pub opening: f64,
+    /// Details below this significance are dropped.
+    pub threshold: f64,
+}
+
+/// Rows of one group.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Rows {
+    /// Nodes of the kept coefficients, ascending.
+    pub nodes: Vec<u32>,
+    /// Which basis functions are kept of each coefficient: bit k.
+    pub masks: Vec<u16>,
+    /// `[coefficient][kept k][lane]`.
+    pub values: Vec<[f32; LANES]>,
+    /// Sum of each row, `[lane][k]`.
+    pub sums: Vec<f32>,
+}
+
+/// What all groups share.
+pub struct FarTransport<'a> {
+    /// Tree over the samples.
+    pub tree: &'a BalancedTree,
+    /// Samples in tree order.
+    pub patches: &'a [Patch],
+    /// The basis functions.
+    pub table: &'a Table,
+    /// What a typical material makes of each function, over its total reflectance.
+    pub spread: &'a [f64],
+    /// Expected detail of the light at each node over its mean, by name.
+    pub expected: &'a [f32],
+    /// Radius inside which the functions are polynomials, mm.
+    pub split_mm: f64,
+    /// How finely.
+    pub precision: Precision,
+}
+
+/// Details of one node.
+struct Found {
+    node: u32,
+    mask: u16,
+    details: Box<Values>,
+}
+
+/// Squares of the significance of a node's details, summed over receivers.
+type Significance = [f64; TERMS];
+
+/// One traversal.
+struct Walk<'a> {
+    shared: &'a FarTransport<'a>,
+    receivers: [[f32; 3]; LANES],
+    count: usize,
+    terms: usize,
+    threshold2: f64,
+    centre: DVec3,
+    radius: f64,
+    spread: [f32; TERMS],
+    found: Vec<Found>,
+    /// Squared significance of every detail of every function.
+    seen: Vec<f64>,
+}
+
+impl FarTransport<'_> {
+    /// Rows of up to [`LANES`] receivers over the samples of a part, and the squares of the significance of all details that
+    /// were worked out, each summed over the receivers.
+    pub fn rows(&self, receivers: &[DVec3], part: usize) -> (Rows, Vec<f64>) {
+        let terms = self.spread.len().min(TERMS);
+        let count = receivers.len().min(LANES);
+        let Some(root) = self.tree.root(part).filter(|_| count > 0) else {
+            return (Rows { sums: vec![0.0; count * terms], ..Rows::default() }, Vec::new());
+        };
+        let (low, high) =
+            receivers.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), &p| (l.min(p), h.max(p)));
+        let centre = 0.5 * (low + high);
+        let relative = |i: usize| (receivers[i.min(count - 1)] - centre).as_vec3().to_array();
+        let mut walk = Walk {
+            shared: self,
+            receivers: std::array::from_fn(relative),
+            count,
+            terms,
+            threshold2: self.precision.threshold * self.precision.threshold,
+            centre,
+            radius: receivers.iter().map(|p| p.distance(centre)).fold(0.0, f64::max),
+            spread: std::array::from_fn(|k| self.spread.get(k).map_or(0.0, |&s| s as f32)),
+            found: Vec::new(),
+            seen: Vec::new(),
+        };
+        let sums = walk.visit(root);
+        walk.found.sort_unstable_by_key(|found| found.node);
+        let mut rows = Rows::default();
+        for Found { node, mask, details } in &walk.found {
+            rows.nodes.push(*node);
+            rows.masks.push(*mask);
+            for k in (0..terms).filter(|k| mask >> k & 1 == 1) {
+                rows.values.push(std::array::from_fn(|lane| if lane < count { details[lane][k] } else { 0.0 }));
+            }
+        }
+        rows.sums = sums[..count].iter().flat_map(|s| &s[..terms]).copied().collect();
+        (rows, walk.seen)
+    }
+}
+
+impl Walk<'_> {
+    /// Integral over a node.
+    fn visit(&mut self, node: Node) -> Values {
+        let shared = self.shared;
+        if node.is_leaf() {
+            return self.centroid(&Cell::from(&shared.patches[node.first as usize]));
+        }
+        let cell = shared.tree.cell(node, shared.patches);
+        let distance = (cell.centre_mm.distance(self.centre) - self.radius).max(0.0);
+        // The functions change over lengths of about the distance, and of the split radius inside it.
+        let length = distance.max(0.5 * shared.split_mm);
+        let children = node.children();
+        let cells = children.map(|child| shared.tree.cell(child, shared.patches));
+        if cell.radius_mm <= shared.precision.opening * length {
+            let [left, right] = cells.map(|c| self.centroid(&c));
+            let (details, significance2) = self.details(&cells, &left, &right, node.name());
+            let significant = significance2.iter().any(|&s| s > self.threshold2);
+            if !significant || children.iter().all(|c| c.is_leaf()) {
+                self.keep(node.name(), details, &significance2);
+                return sum(&left, &right);
+            }
+        }
+        let [left, right] = children.map(|child| self.visit(child));
+        let (details, significance2) = self.details(&cells, &left, &right, node.name());
+        self.keep(node.name(), details, &significance2);
+        sum(&left, &right)
+    }
+
+    fn keep(&mut self, name: usize, details: Values, significance2: &Significance) {
+        let mut mask = 0;
+        for (k, &s) in significance2[..self.terms].iter().enumerate() {
+            self.seen.push(s);
+            mask |= u16::from(s > self.threshold2) << k;
+        }
+        if mask != 0 {
+            self.found.push(Found { node: name as u32, mask, details: Box::new(details) });
+        }
+    }
+
+    /// Details of a node and their significance.
+    fn details(&self, cells: &[Cell; 2], left: &Values, right: &Values, name: usize) -> (Values, Significance) {
+        let whole = (cells[0].area_mm2 + cells[1].area_mm2).max(f64::MIN_POSITIVE);
+        let (a, b) = ((cells[1].area_mm2 / whole) as f32, (cells[0].area_mm2 / whole) as f32);
+        let mut details = [[0.0; TERMS]; LANES];
+        let mut squares = [0.0f32; TERMS];
+        for lane in 0..self.count {
+            for k in 0..TERMS {
+                let detail = left[lane][k] * a - right[lane][k] * b;
+                details[lane][k] = detail;
+                let typical = detail * self.spread[k];
+                squares[k] += typical * typical;
+            }
+        }
+        let expected = f64::from(self.shared.expected[name]);
+        (details, squares.map(|s| f64::from(s) * (expected * expected)))
+    }
+
+    /// Area of a cell times the functions at its centroid.
+    fn centroid(&self, cell: &Cell) -> Values {
+        let [x, y, z] = (cell.centre_mm - self.centre).as_vec3().to_array();
+        let area = cell.area_mm2 as f32;
+        let mut values = [[0.0; TERMS]; LANES];
+        for (value, at) in values.iter_mut().zip(&self.receivers[..self.count]) {
+            let (dx, dy, dz) = (at[0] - x, at[1] - y, at[2] - z);
+            let (index, fraction) = self.shared.table.index_of(dx * dx + dy * dy + dz * dz);
+            let (low, high) = (self.shared.table.row(index), self.shared.table.row(index + 1));
+            for k in 0..TERMS {
+                value[k] = area * (low[k] + fraction * (high[k] - low[k]));
+            }
+        }
+        values
+    }
+}
+
+fn sum(a: &Values, b: &Values) -> Values {
+    std::array::from_fn(|lane| std::array::from_fn(|k| a[lane][k] + b[lane][k]))
+}

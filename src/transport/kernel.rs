@@ -3,6 +3,8 @@
 //! A block holds a few dozen receivers that lie close together; coordinates are relative to the block's centre, so
 //! that single precision loses little. Sums run in f32 over at most `FLUSH` sources and are then added to f64.
 
+pub mod near;
+
 use glam::DVec3;
 
 use super::simd::multiversion;
@@ -310,7 +312,7 @@ fn triangle_into(partial: &mut [Row; 3], [x, y, z]: &[Row; 3], kernel: &KernelRg
         let terms = kernel.terms[channel];
         let mut sums = [[0.0; LANES]; 2];
         for (k, e) in edges.iter().enumerate() {
-            edge_into(&mut sums, &height2, (&pedals[k], &starts[k], e.length), terms, nodes);
+            edge_into(&mut sums, &height2, (&pedals[k], &starts[k], &[e.length; LANES]), terms, nodes);
         }
         let irradiance = source.irradiance[channel];
         for i in 0..LANES {
@@ -326,7 +328,7 @@ fn triangle_into(partial: &mut [Row; 3], [x, y, z]: &[Row; 3], kernel: &KernelRg
 fn edge_into(
     sums: &mut [Row; 2],
     height2: &Row,
-    (pedals, starts, length): (&Row, &Row, f32),
+    (pedals, starts, lengths): (&Row, &Row, &Row),
     [real, image]: [Term; 2],
     nodes: &[(f32, f32)],
 ) {
@@ -336,7 +338,7 @@ fn edge_into(
         real_d0[i] = (height2[i] + real.z2).sqrt();
         image_d0[i] = (height2[i] + image.z2).sqrt();
         let span2 = height2[i] + real.z2 + pedals[i] * pedals[i];
-        let (s0, s1) = (starts[i], starts[i] + length);
+        let (s0, s1) = (starts[i], starts[i] + lengths[i]);
         span[i] = span2.sqrt();
         let v0 = s0 / (span[i] + (span2 + s0 * s0).sqrt());
         let v1 = s1 / (span[i] + (span2 + s1 * s1).sqrt());

@@ -1,10 +1,12 @@
 //! Visibility, irradiance and the transfer of flux through the medium.
 
+pub mod balanced_tree;
 pub mod far_field;
 pub mod gather;
 pub mod irradiance;
 pub mod irradiance_rows;
 pub mod kernel;
+pub mod near_field;
 pub mod receivers;
 pub mod scene;
 pub mod simd;

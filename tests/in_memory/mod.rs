@@ -34,12 +34,9 @@ pub fn scene(source: SourceModel, scale: Scale, material: &str) -> Scene {
 pub fn bake(method: &str, scene: Scene, samples: Option<usize>) -> Arc<Asset> {
     let method = methods::named(method).unwrap();
     let values = methods::settings::resolve(method, &[]).unwrap();
-    let settings = BakeSettings { samples, max_rms: 0.005, values };
-    let parts = method.bake(&scene, &settings, &Silent).unwrap();
-    let mut provenance = Provenance { method: method.name().to_owned(), ..Provenance::default() };
-    provenance.settings.clone_from(&settings.values);
-    provenance.settings.insert("max-rms".to_owned(), settings.max_rms.to_string());
-    Arc::new(Asset { scene, samples: parts.samples, provenance, ledger: parts.ledger, sections: parts.sections })
+    let probes = translux::measure::probes::for_bake(&scene.mesh);
+    let settings = BakeSettings { samples, probes, ..BakeSettings::new(method, values) };
+    Arc::new(methods::bake(method, scene, &settings, Provenance::default(), &Silent).unwrap())
 }
 
 /// The method's evaluator of a scene.

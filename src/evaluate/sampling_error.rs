@@ -1,0 +1,101 @@
+//! What sampling costs: the error of a sample set and its shadow rays, extrapolated from a second set.
+
+use glam::DVec3;
+
+use crate::compress::ledger::Ledger;
+use crate::error::Result;
+use crate::geometry::samples::Samples;
+use crate::light::Light;
+use crate::math::statistics::vertex_error;
+use crate::progress::{Progress, Silent};
+use crate::transport::gather::{Gather, NearField, Scheme};
+use crate::transport::irradiance::{Illumination, LightSampling};
+use crate::transport::receivers::Receivers;
+use crate::transport::scene::{self, Medium, Scene, Surface};
+use crate::transport::tree::SampleTree;
+
+/// Receivers that measure the error; the third of them that no tuning sees (see [`Receivers::subset`]).
+const PROBES: usize = 384;
+
+/// A lit sample set.
+pub struct Sampled<'a> {
+    /// The samples.
+    pub surface: Surface<'a>,
+    /// Media in force.
+    pub media: &'a [Medium],
+    /// Lights in force.
+    pub lights: &'a [Light],
+    /// Irradiance of each sample, RGB.
+    pub irradiance: &'a [DVec3],
+    /// How it was sampled.
+    pub sampling: LightSampling,
+    /// How near samples are integrated.
+    pub near: NearField,
+    /// Receivers.
+    pub receivers: &'a Receivers,
+    /// Area around each of them, mm^2.
+    pub areas: &'a [f64],
+}
+
+impl Sampled<'_> {
+    /// Enters the error of sampling into the ledger. An error that falls in proportion to the number of samples is taken
+    /// for granted.
+    ///
+    /// # Errors
+    /// As [`Illumination::new`].
+    pub fn enter(&self, ledger: &mut Ledger, progress: &dyn Progress) -> Result<()> {
+        let (samples, scene) = (self.surface.samples, self.surface.scene);
+        let other = Samples::new(&scene.mesh, &scene.parts, comparison_count(samples.len(), scene));
+        let patches = scene::patches(scene, &other);
+        let surface = Surface { scene, bvh: self.surface.bvh, samples: &other, patches: &patches };
+        // Other shadow rays too: patches that both sets share would agree on the errors of theirs.
+        let points_per_patch = 4 * self.sampling.points_per_patch;
+        let sampling = LightSampling { points_per_patch, ..self.sampling };
+        let etas: Vec<f64> = self.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
+        let irradiance = Illumination::new(&surface, self.lights, &etas, sampling)?.all(progress);
+        let (subset, indices) = self.receivers.subset(PROBES, 2);
+        let sum = |surface: &Surface, irradiance: &[DVec3]| {
+            // All pairs need no tree.
+            let tree = SampleTree::default();
+            let gather = Gather::new(surface, &tree, self.media, self.near);
+            gather.radiosity(&subset, &gather.light(irradiance), Scheme::AllPairs, &Silent)
+        };
+        let (theirs, ours) = (sum(&surface, &irradiance), sum(&self.surface, self.irradiance));
+        let areas: Vec<f64> = indices.iter().map(|&i| self.areas[i as usize]).collect();
+        let (n, m) = (samples.len() as f64, other.len() as f64);
+        // e(N) = k / N: the difference is |k / m - k / n|.
+        let factor = if m == n { 1.0 } else { m / (n - m).abs() };
+        let note = format!("extrapolated from {} samples, on vertices of their own", other.len());
+        ledger.add("sampling", vertex_error(&theirs, &ours, &areas).scaled(factor), note);
+        Ok(())
+    }
+}
+
+/// Samples of the set that tells the error of `count`: half as many, but one for each triangle where `count` has them,
+/// since clusters of triangles err in another way; twice as many where there cannot be fewer.
+fn comparison_count(count: usize, scene: &Scene) -> usize {
+    let transferring = scene.parts.parts.iter().filter(|p| p.transfers());
+    let (parts, triangles) = transferring.fold((0, 0), |(n, t), p| (n + 1, t + p.triangle_count));
+    if count < 2 * parts {
+        2 * count
+    } else if (count / 2..=count / 4 * 3).contains(&triangles) {
+        triangles
+    } else {
+        count / 2
+    }
+}
+
+/// A third of the area of the triangles around each receiver, mm^2.
+pub fn receiver_areas(scene: &Scene, receivers: &Receivers) -> Vec<f64> {
+    let mut areas = vec![0.0; receivers.len()];
+    for (index, triangle) in scene.mesh.triangles.iter().enumerate() {
+        let third = scene.mesh.cross_mm2(index as u32).length() / 6.0;
+        for &v in triangle {
+            if let Some(area) = areas.get_mut(receivers.of_vertex[v as usize] as usize) {
+                *area += third;
+            }
+        }
+    }
+    areas
+}
+

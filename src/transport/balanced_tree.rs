@@ -1,0 +1,226 @@
+//! The balanced tree over the samples of each part, and the area-weighted Haar transform of irradiance on it.
+//!
+//! Samples are stored in the order of the tree, so that the tree needs no storage: the node over the samples `a..b`
+//! splits in the middle, every second level of it makes the four equal children of a balanced quadtree (Hasan et al. 2006),
+//! and a node is named by the first sample of its right child, which no other node shares.
+
+use glam::DVec3;
+
+use crate::geometry::cluster;
+use crate::geometry::samples::{Patch, Samples};
+
+/// Ranges shorter than this are one task.
+const TASK: usize = 4096;
+
+/// A node: the samples `first..end` of one part.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Node {
+    /// First sample.
+    pub first: u32,
+    /// One past the last.
+    pub end: u32,
+}
+
+impl Node {
+    /// First sample of the right child: the name of a node of more than one sample.
+    pub fn name(self) -> usize {
+        middle(self.first as usize, self.end as usize)
+    }
+
+    /// Whether it is a single sample.
+    pub fn is_leaf(self) -> bool {
+        self.end - self.first <= 1
+    }
+
+    /// The two halves of a node that is not a leaf; the left one is larger where they differ.
+    pub fn children(self) -> [Self; 2] {
+        let middle = self.name() as u32;
+        [Self { first: self.first, end: middle }, Self { first: middle, end: self.end }]
+    }
+}
+
+fn middle(first: usize, end: usize) -> usize {
+    first + (end - first).div_ceil(2)
+}
+
+/// The samples with those of each part in the order of its tree: median splits by count along the longest axis.
+pub fn in_tree_order(samples: &Samples, patches: &[Patch]) -> Samples {
+    let centres: Vec<DVec3> = patches.iter().map(|p| p.centre_mm).collect();
+    let mut order: Vec<u32> = (0..samples.len() as u32).collect();
+    for part in 0..samples.part_offsets.len().saturating_sub(1) {
+        sort(&mut order[samples.part(part)], &centres);
+    }
+    let mut result = Samples {
+        facets: Vec::with_capacity(samples.facets.len()),
+        patch_offsets: Vec::with_capacity(samples.patch_offsets.len()),
+        part_offsets: samples.part_offsets.clone(),
+    };
+    result.patch_offsets.push(0);
+    for patch in order {
+        result.facets.extend_from_slice(samples.patch(patch as usize));
+        result.patch_offsets.push(result.facets.len() as u32);
+    }
+    result
+}
+
+fn sort(order: &mut [u32], centres: &[DVec3]) {
+    if order.len() <= 1 {
+        return;
+    }
+    let half = middle(0, order.len());
+    cluster::partition(order, centres, half);
+    let (left, right) = order.split_at_mut(half);
+    if left.len() + right.len() > TASK {
+        rayon::join(|| sort(left, centres), || sort(right, centres));
+    } else {
+        sort(left, centres);
+        sort(right, centres);
+    }
+}
+
+/// What is known of a node without a light.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Cell {
+    /// Area-weighted centroid relative to the mesh's origin, mm.
+    pub centre_mm: DVec3,
+    /// Every sample's farthest corner lies within this distance of the centroid, mm.
+    pub radius_mm: f64,
+    /// Area, mm^2.
+    pub area_mm2: f64,
+    /// Radius of the largest sample, mm.
+    pub largest_mm: f64,
+}
+
+impl From<&Patch> for Cell {
+    fn from(patch: &Patch) -> Self {
+        let Patch { centre_mm, radius_mm, area_mm2 } = *patch;
+        Self { centre_mm, radius_mm, area_mm2, largest_mm: radius_mm }
+    }
+}
+
+/// Cells of the balanced trees of all parts.
+#[derive(Clone, Debug, Default)]
+pub struct BalancedTree {
+    /// Cell of each node of more than one sample, by its name.
+    cells: Vec<Cell>,
+    part_offsets: Vec<u32>,
+}
+
+impl BalancedTree {
+    /// Of samples in tree order.
+    pub fn new(samples: &Samples, patches: &[Patch]) -> Self {
+        let mut cells = vec![Cell::default(); patches.len()];
+        for part in 0..samples.part_offsets.len().saturating_sub(1) {
+            let range = samples.part(part);
+            build(&patches[range.clone()], &mut cells[range]);
+        }
+        Self { cells, part_offsets: samples.part_offsets.clone() }
+    }
+
+    /// The node over all samples of a part; `None` if it has none.
+    pub fn root(&self, part: usize) -> Option<Node> {
+        let (first, end) = (*self.part_offsets.get(part)?, *self.part_offsets.get(part + 1)?);
+        (first < end).then_some(Node { first, end })
+    }
+
+    /// What is known of a node.
+    pub fn cell(&self, node: Node, patches: &[Patch]) -> Cell {
+        if node.is_leaf() { Cell::from(&patches[node.first as usize]) } else { self.cells[node.name()] }
+    }
+
+    /// Bytes in memory.
+    pub fn bytes(&self) -> usize {
+        size_of_val(self.cells.as_slice())
+    }
+}
+
+/// Cells of a range by name, and its own.
+fn build(patches: &[Patch], cells: &mut [Cell]) -> Cell {
+    match patches {
+        [] => return Cell::default(),
+        [patch] => return patch.into(),
+        _ => {}
+    }
+    let half = middle(0, patches.len());
+    let (left, right) = patches.split_at(half);
+    let (left_cells, right_cells) = cells.split_at_mut(half);
+    let (a, b) = if patches.len() > TASK {
+        rayon::join(|| build(left, left_cells), || build(right, right_cells))
+    } else {
+        (build(left, left_cells), build(right, right_cells))
+    };
+    let area = a.area_mm2 + b.area_mm2;
+    let centre = (a.area_mm2 * a.centre_mm + b.area_mm2 * b.centre_mm) / area.max(f64::MIN_POSITIVE);
+    let reach = |c: &Cell| c.centre_mm.distance(centre) + c.radius_mm;
+    let cell = Cell {
+        centre_mm: centre,
+        radius_mm: reach(&a).max(reach(&b)),
+        area_mm2: area,
+        largest_mm: a.largest_mm.max(b.largest_mm),
+    };
+    right_cells[0] = cell;
+    cell
+}
+
+/// Irradiance in the basis of the tree.
+#[derive(Clone, Debug, Default)]
+pub struct LightDetails {
+    /// Mean irradiance of the left child less that of the right one, over `scale`, RGB, by the name of the node.
+    pub details: Vec<[f32; 3]>,
+    /// Area-weighted mean irradiance of each part over `scale`, RGB.
+    pub means: Vec<[f32; 3]>,
+    /// A power of two that brings the brightest irradiance near 1, into the range of single precision.
+    pub scale: f64,
+}
+
+impl LightDetails {
+    /// Transforms one irradiance for each sample, RGB.
+    pub fn new(samples: &Samples, patches: &[Patch], irradiance: &[DVec3]) -> Self {
+        let brightest = irradiance.iter().map(|e| e.max_element()).fold(0.0, f64::max);
+        let usable = brightest > 0.0 && brightest.is_finite();
+        let scale = if usable { brightest.log2().floor().clamp(-1000.0, 1000.0).exp2() } else { 1.0 };
+        let mut details = vec![[0.0; 3]; patches.len()];
+        let parts = samples.part_offsets.len().saturating_sub(1);
+        let means = (0..parts).map(|part| {
+            let range = samples.part(part);
+            let mean = transform(
+                &patches[range.clone()],
+                &irradiance[range.clone()],
+                &mut details[range.clone()],
+                scale.recip(),
+            );
+            (mean.0 / mean.1.max(f64::MIN_POSITIVE)).as_vec3().to_array()
+        });
+        let means = means.collect();
+        Self { details, means, scale }
+    }
+}
+
+/// Scaled flux and area of a range; writes its details.
+fn transform(patches: &[Patch], irradiance: &[DVec3], details: &mut [[f32; 3]], inverse_scale: f64) -> (DVec3, f64) {
+    match patches {
+        [] => return (DVec3::ZERO, 0.0),
+        [patch] => return (irradiance[0] * (patch.area_mm2 * inverse_scale), patch.area_mm2),
+        _ => {}
+    }
+    let half = middle(0, patches.len());
+    let (left, right) = patches.split_at(half);
+    let (left_e, right_e) = irradiance.split_at(half);
+    let (left_d, right_d) = details.split_at_mut(half);
+    let ((a, area_a), (b, area_b)) = if patches.len() > TASK {
+        rayon::join(
+            || transform(left, left_e, left_d, inverse_scale),
+            || transform(right, right_e, right_d, inverse_scale),
+        )
+    } else {
+        (transform(left, left_e, left_d, inverse_scale), transform(right, right_e, right_d, inverse_scale))
+    };
+    let mean = |flux: DVec3, area: f64| if area > 0.0 { flux / area } else { DVec3::ZERO };
+    right_d[0] =
+        if area_a > 0.0 && area_b > 0.0 { (mean(a, area_a) - mean(b, area_b)).as_vec3().to_array() } else { [0.0; 3] };
+    (a + b, area_a + area_b)
+}
+
+#[cfg(test)]
+#[path = "balanced_tree_tests.rs"]
+mod tests;

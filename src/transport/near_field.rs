@@ -1,0 +1,242 @@
+//! The near field that is never stored: R_d less its smooth far part, integrated over the samples around each receiver
+//! with the actual profile.
+//!
+//! Inside the split radius a far profile is a polynomial, so the difference is compact. A sample close enough is
+//! integrated exactly (as in [`super::gather`]) and what the far field takes for it, f at its centroid, is subtracted;
+//! the others are points.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::balanced_tree::{BalancedTree, Node};
+use super::gather::NearField;
+use super::kernel::KernelRgb;
+use super::kernel::near::{self, Flats, Points, SplitRgb};
+use super::receivers::{Group, Receivers};
+use super::scene::{Medium, Surface};
+use super::simd::Level;
+use crate::geometry::mesh::Mesh;
+use crate::geometry::samples::{self, Patch, Samples};
+use crate::medium::far_profile::FarProfile;
+use crate::medium::fresnel::BoundaryFit;
+use crate::progress::Progress;
+
+/// Kernels of one medium.
+struct NearKernel {
+    kernel: KernelRgb,
+    split: SplitRgb,
+    /// Depth of the shallowest real source, mm.
+    smooth_mm: f64,
+}
+
+impl NearKernel {
+    fn new(medium: &Medium, split_mm: f64) -> Self {
+        let profiles = medium.properties.dipoles(BoundaryFit::Published);
+        let smooth_mm = profiles.iter().flat_map(|p| p.poles()).map(|p| p.z_mm).fold(f64::MAX, f64::min);
+        let polynomials = profiles.map(|p| FarProfile::new(&p, split_mm).polynomial().map(|c| c as f32));
+        let split = SplitRgb { split2: (split_mm * split_mm) as f32, polynomials };
+        Self { kernel: KernelRgb::new(profiles.map(|p| p.poles())), split, smooth_mm }
+    }
+}
+
+/// Corners of every facet relative to the centroid of its patch, mm.
+#[derive(Clone, Debug, Default)]
+pub struct Corners(Vec<[[f32; 3]; 3]>);
+
+impl Corners {
+    /// Of all facets of a sample set.
+    pub fn new(mesh: &Mesh, samples: &Samples, patches: &[Patch]) -> Self {
+        let of_patch = |(index, patch): (usize, &Patch)| {
+            let centre = patch.centre_mm;
+            let relative =
+                move |f: &samples::Facet| f.corners_local_mm(mesh).map(|c| (c - centre).as_vec3().to_array());
+            samples.patch(index).iter().map(relative).collect::<Vec<_>>()
+        };
+        Self(patches.par_iter().enumerate().flat_map_iter(of_patch).collect())
+    }
+
+    /// Bytes in memory.
+    pub fn bytes(&self) -> usize {
+        size_of_val(self.0.as_slice())
+    }
+}
+
+/// The near field of a scene's media.
+pub struct Near<'a> {
+    surface: &'a Surface<'a>,
+    tree: &'a BalancedTree,
+    corners: &'a Corners,
+    media: Vec<NearKernel>,
+    rule: NearField,
+    split_mm: f64,
+    level: Level,
+}
+
+/// A sample that some receiver of a group is near to; positions relative to the group's centre.
+#[derive(Clone, Copy)]
+struct Candidate {
+    at: [f32; 3],
+    flux: [f32; 3],
+    /// Squared distances below which the sample is integrated at three points of each facet, and exactly, mm^2.
+    three2: f32,
+    exact2: f32,
+    patch: u32,
+}
+
+/// What one group of receivers works with.
+#[derive(Default)]
+struct Lists {
+    stack: Vec<Node>,
+    candidates: Vec<Candidate>,
+    near: Points,
+    less_far: Points,
+    whole: Points,
+    flats: Flats,
+}
+
+/// Where a group of receivers is.
+struct Place {
+    centre: DVec3,
+    radius: f64,
+}
+
+impl<'a> Near<'a> {
+    /// Of media split at a radius; samples and patches of the surface are in the order of the tree.
+    pub fn new(
+        surface: &'a Surface<'a>,
+        (tree, corners): (&'a BalancedTree, &'a Corners),
+        media: &[Medium],
+        rule: NearField,
+        split_mm: f64,
+    ) -> Self {
+        let media = media.iter().map(|m| NearKernel::new(m, split_mm)).collect();
+        Self { surface, tree, corners, media, rule, split_mm, level: Level::detect() }
+    }
+
+    /// Adds the near field of one irradiance for each sample, RGB, to the radiosity of every receiver.
+    pub fn add(&self, receivers: &Receivers, irradiance: &[DVec3], radiosity: &mut [DVec3], progress: &dyn Progress) {
+        progress.start("near field", receivers.len() as u64);
+        let brightest = irradiance.iter().map(|e| e.max_element()).fold(0.0, f64::max);
+        let usable = brightest > 0.0 && brightest.is_finite();
+        let scale = if usable { (-brightest.log2().floor().clamp(-1000.0, 1000.0)).exp2() } else { 1.0 };
+        let mut jobs = Vec::with_capacity(receivers.groups.len());
+        let mut rest = radiosity;
+        for group in &receivers.groups {
+            let (mine, others) = rest.split_at_mut(group.run.range().len().min(rest.len()));
+            rest = others;
+            jobs.push((*group, mine));
+        }
+        jobs.into_par_iter().for_each_init(Lists::default, |lists, (group, out)| {
+            self.group(receivers, group, (irradiance, scale), lists, out);
+            progress.advance(out.len() as u64);
+        });
+        progress.finish();
+    }
+
+    fn group(&self, receivers: &Receivers, group: Group, light: (&[DVec3], f64), lists: &mut Lists, out: &mut [DVec3]) {
+        let part = group.part as usize;
+        let medium = self.surface.scene.parts.parts[part].medium.and_then(|m| self.media.get(m as usize));
+        let Some(medium) = medium else { return };
+        let members = &receivers.positions[group.run.range()];
+        let (low, high) =
+            members.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), &p| (l.min(p), h.max(p)));
+        let centre = 0.5 * (low + high);
+        let radius = members.iter().map(|p| p.distance(centre)).fold(0.0, f64::max);
+        self.collect(part, medium, &Place { centre, radius }, light, lists);
+        for (receiver, out) in members.iter().zip(out) {
+            let sum = self.receiver((*receiver - centre).as_vec3().to_array(), medium, light, lists);
+            *out += DVec3::from_array(sum) / light.1;
+        }
+    }
+
+    /// The samples that some receiver of a group is near to.
+    fn collect(&self, part: usize, medium: &NearKernel, place: &Place, light: (&[DVec3], f64), lists: &mut Lists) {
+        lists.candidates.clear();
+        lists.stack.extend(self.tree.root(part));
+        while let Some(node) = lists.stack.pop() {
+            if node.is_leaf() {
+                lists.candidates.extend(self.candidate(node.first, medium, place, light));
+                continue;
+            }
+            let cell = self.tree.cell(node, self.surface.patches);
+            let distance = cell.centre_mm.distance(place.centre) - place.radius - cell.radius_mm;
+            if distance < self.split_mm.max(self.rule.three_points_below * cell.largest_mm) {
+                lists.stack.extend(node.children());
+            }
+        }
+    }
+
+    fn candidate(
+        &self,
+        index: u32,
+        medium: &NearKernel,
+        place: &Place,
+        (irradiance, scale): (&[DVec3], f64),
+    ) -> Option<Candidate> {
+        let e = irradiance[index as usize];
+        let patch = &self.surface.patches[index as usize];
+        let below2 = |radii: f64| (radii * patch.radius_mm).powi(2) - medium.smooth_mm * medium.smooth_mm;
+        let three2 = below2(self.rule.three_points_below);
+        let reach = self.split_mm.max(three2.max(0.0).sqrt()) + place.radius;
+        let near = patch.centre_mm.distance_squared(place.centre) < reach * reach;
+        (near && e != DVec3::ZERO).then(|| Candidate {
+            at: (patch.centre_mm - place.centre).as_vec3().to_array(),
+            flux: (e * (scale * patch.area_mm2)).as_vec3().to_array(),
+            three2: three2 as f32,
+            exact2: below2(self.rule.exact_below) as f32,
+            patch: index,
+        })
+    }
+
+    fn receiver(
+        &self,
+        [x, y, z]: [f32; 3],
+        medium: &NearKernel,
+        light: (&[DVec3], f64),
+        lists: &mut Lists,
+    ) -> [f64; 3] {
+        for list in [&mut lists.near, &mut lists.less_far, &mut lists.whole] {
+            list.clear();
+        }
+        lists.flats.clear();
+        for candidate in &lists.candidates {
+            let [dx, dy, dz] = [candidate.at[0] - x, candidate.at[1] - y, candidate.at[2] - z];
+            let r2 = dx * dx + dy * dy + dz * dz;
+            if r2 >= candidate.three2 {
+                if r2 < medium.split.split2 {
+                    lists.near.push(r2, candidate.flux);
+                }
+                continue;
+            }
+            lists.less_far.push(r2, candidate.flux);
+            let offsets = &self.surface.samples.patch_offsets;
+            let facets = offsets[candidate.patch as usize] as usize..offsets[candidate.patch as usize + 1] as usize;
+            let e = (light.0[candidate.patch as usize] * light.1).as_vec3().to_array();
+            for corners in &self.corners.0[facets] {
+                let seen = corners.map(|[cx, cy, cz]| [cx + dx, cy + dy, cz + dz]);
+                if r2 < candidate.exact2 {
+                    lists.flats.push(seen, e);
+                } else {
+                    three_points(seen, e, &mut lists.whole);
+                }
+            }
+        }
+        let mut sums = [0.0; 3];
+        let NearKernel { kernel, split, .. } = medium;
+        near::add_near(self.level, kernel, split, &lists.near, &mut sums);
+        near::add_whole(self.level, kernel, split, &lists.whole, &mut sums);
+        near::add_flats(self.level, kernel, &lists.flats, &mut sums);
+        near::subtract_far(self.level, kernel, split, &lists.less_far, &mut sums);
+        sums
+    }
+}
+
+/// The midpoints between the centroid and the corners, a third of the flux each: exact for quadratic functions.
+fn three_points(corners: [[f32; 3]; 3], irradiance: [f32; 3], points: &mut Points) {
+    let [a, b, c] = corners.map(glam::Vec3::from_array);
+    let third = (b - a).cross(c - a).length() / 6.0;
+    let centre = (a + b + c) / 3.0;
+    for corner in [a, b, c] {
+        points.push((0.5 * (centre + corner)).length_squared(), irradiance.map(|e| e * third));
+    }
+}
