@@ -26,6 +26,20 @@ impl Ledger {
         self.entries.push(Entry { stage: stage.to_owned(), error, note: note.into() });
     }
 
+    /// Takes the larger error of each stage of another ledger; stages that are not here are added.
+    pub fn worst_of(&mut self, other: Self) {
+        for entry in other.entries {
+            match self.entries.iter_mut().find(|mine| mine.stage == entry.stage) {
+                Some(mine) if entry.error.rms > mine.error.rms => {
+                    mine.error = mine.error.max(entry.error);
+                    mine.note = entry.note;
+                }
+                Some(mine) => mine.error = mine.error.max(entry.error),
+                None => self.entries.push(entry),
+            }
+        }
+    }
+
     /// Sum of the stages' RMS: errors of different stages may point the same way, so this is what is promised.
     pub fn total_rms(&self) -> f64 {
         self.entries.iter().map(|e| e.error.rms).sum()

@@ -73,6 +73,11 @@ impl FarSums {
         }
     }
 
+    /// Far radiosity of one receiver and basis function, RGB.
+    pub fn value(&self, receiver: usize, k: usize) -> DVec3 {
+        glam::Vec3::from_array(self.values[receiver * self.terms + k]).as_dvec3() * self.scale
+    }
+
     /// Bytes in memory.
     pub fn bytes(&self) -> usize {
         size_of_val(self.values.as_slice())

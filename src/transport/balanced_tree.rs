@@ -177,8 +177,7 @@ impl LightDetails {
     /// Transforms one irradiance for each sample, RGB.
     pub fn new(samples: &Samples, patches: &[Patch], irradiance: &[DVec3]) -> Self {
         let brightest = irradiance.iter().map(|e| e.max_element()).fold(0.0, f64::max);
-        let usable = brightest > 0.0 && brightest.is_finite();
-        let scale = if usable { brightest.log2().floor().clamp(-1000.0, 1000.0).exp2() } else { 1.0 };
+        let scale = power_of_two_near(brightest);
         let mut details = vec![[0.0; 3]; patches.len()];
         let parts = samples.part_offsets.len().saturating_sub(1);
         let means = (0..parts).map(|part| {
@@ -194,6 +193,12 @@ impl LightDetails {
         let means = means.collect();
         Self { details, means, scale }
     }
+}
+
+/// The power of two at or below a value, within 2^-1000..2^1000; 1 for what has none.
+pub fn power_of_two_near(value: f64) -> f64 {
+    let usable = value > 0.0 && value.is_finite();
+    if usable { value.log2().floor().clamp(-1000.0, 1000.0).exp2() } else { 1.0 }
 }
 
 /// Scaled flux and area of a range; writes its details.

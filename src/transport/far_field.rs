@@ -25,8 +25,10 @@ type Values = [[f32; TERMS]; LANES];
 pub struct Precision {
     /// A cell whose radius is below this fraction of its distance is integrated by the centroids of its children.
     pub opening: f64,
-    /// Details below this significance are dropped.
+    /// Cells whose details stay below this significance are not opened for their sake.
     pub threshold: f64,
+    /// Details below this significance are dropped; the threshold, or less to see what it drops.
+    pub keep: f64,
 }
 
 /// Rows of one group.
@@ -77,6 +79,7 @@ struct Walk<'a> {
     count: usize,
     terms: usize,
     threshold2: f64,
+    keep2: f64,
     centre: DVec3,
     radius: f64,
     spread: [f32; TERMS],
@@ -104,6 +107,7 @@ impl FarTransport<'_> {
             count,
             terms,
             threshold2: self.precision.threshold * self.precision.threshold,
+            keep2: self.precision.keep * self.precision.keep,
             centre,
             radius: receivers.iter().map(|p| p.distance(centre)).fold(0.0, f64::max),
             spread: std::array::from_fn(|k| self.spread.get(k).map_or(0.0, |&s| s as f32)),
@@ -157,7 +161,7 @@ impl Walk<'_> {
         let mut mask = 0;
         for (k, &s) in significance2[..self.terms].iter().enumerate() {
             self.seen.push(s);
-            mask |= u16::from(s > self.threshold2) << k;
+            mask |= u16::from(s > self.keep2) << k;
         }
         if mask != 0 {
             self.found.push(Found { node: name as u32, mask, details: Box::new(details) });

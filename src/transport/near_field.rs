@@ -8,7 +8,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::balanced_tree::{BalancedTree, Node};
+use super::balanced_tree::{BalancedTree, Node, power_of_two_near};
 use super::gather::NearField;
 use super::kernel::KernelRgb;
 use super::kernel::near::{self, Flats, Points, SplitRgb};
@@ -17,6 +17,7 @@ use super::scene::{Medium, Surface};
 use super::simd::Level;
 use crate::geometry::mesh::Mesh;
 use crate::geometry::samples::{self, Patch, Samples};
+use crate::medium::dipole::Dipole;
 use crate::medium::far_profile::FarProfile;
 use crate::medium::fresnel::BoundaryFit;
 use crate::progress::Progress;
@@ -31,9 +32,12 @@ struct NearKernel {
 
 impl NearKernel {
     fn new(medium: &Medium, split_mm: f64) -> Self {
-        let profiles = medium.properties.dipoles(BoundaryFit::Published);
+        Self::of(&medium.properties.dipoles(BoundaryFit::Published), split_mm)
+    }
+
+    fn of(profiles: &[Dipole; 3], split_mm: f64) -> Self {
         let smooth_mm = profiles.iter().flat_map(|p| p.poles()).map(|p| p.z_mm).fold(f64::MAX, f64::min);
-        let polynomials = profiles.map(|p| FarProfile::new(&p, split_mm).polynomial().map(|c| c as f32));
+        let polynomials = profiles.each_ref().map(|p| FarProfile::new(p, split_mm).polynomial().map(|c| c as f32));
         let split = SplitRgb { split2: (split_mm * split_mm) as f32, polynomials };
         Self { kernel: KernelRgb::new(profiles.map(|p| p.poles())), split, smooth_mm }
     }
@@ -117,8 +121,7 @@ impl<'a> Near<'a> {
     pub fn add(&self, receivers: &Receivers, irradiance: &[DVec3], radiosity: &mut [DVec3], progress: &dyn Progress) {
         progress.start("near field", receivers.len() as u64);
         let brightest = irradiance.iter().map(|e| e.max_element()).fold(0.0, f64::max);
-        let usable = brightest > 0.0 && brightest.is_finite();
-        let scale = if usable { (-brightest.log2().floor().clamp(-1000.0, 1000.0)).exp2() } else { 1.0 };
+        let scale = power_of_two_near(brightest).recip();
         let mut jobs = Vec::with_capacity(receivers.groups.len());
         let mut rest = radiosity;
         for group in &receivers.groups {
@@ -239,4 +242,34 @@ fn three_points(corners: [[f32; 3]; 3], irradiance: [f32; 3], points: &mut Point
     for corner in [a, b, c] {
         points.push((0.5 * (centre + corner)).length_squared(), irradiance.map(|e| e * third));
     }
+}
+
+/// The far part of R_d of three channels summed over every sample, RGB: slow, for checks.
+pub fn far_all_pairs(
+    surface: &Surface,
+    dipoles: &[Dipole; 3],
+    split_mm: f64,
+    receivers: &Receivers,
+    irradiance: &[DVec3],
+) -> Vec<DVec3> {
+    let kernel = NearKernel::of(dipoles, split_mm);
+    let brightest = irradiance.iter().map(|e| e.max_element()).fold(0.0, f64::max);
+    let scale = power_of_two_near(brightest).recip();
+    let of_group = |group: &Group| {
+        let samples = surface.samples.part(group.part as usize);
+        let mut points = Points::default();
+        let mut of_receiver = |receiver: DVec3| {
+            points.clear();
+            for index in samples.clone() {
+                let patch = &surface.patches[index];
+                let r2 = patch.centre_mm.distance_squared(receiver) as f32;
+                points.push(r2, (irradiance[index] * (patch.area_mm2 * scale)).as_vec3().to_array());
+            }
+            let mut sums = [0.0; 3];
+            near::subtract_far(Level::detect(), &kernel.kernel, &kernel.split, &points, &mut sums);
+            DVec3::from_array(sums) / -scale
+        };
+        receivers.positions[group.run.range()].iter().map(|&p| of_receiver(p)).collect::<Vec<_>>()
+    };
+    receivers.groups.par_iter().flat_map_iter(of_group).collect()
 }

@@ -1,0 +1,266 @@
+//! What `editable` precomputes: samples in tree order, a basis of far profiles, and the transport of each basis function.
+
+use glam::DVec3;
+use rayon::prelude::*;
+use translux_format::far_field::{FarField, Group};
+
+use super::ledger::{self, Baked};
+use super::plan::Plan;
+use super::sections;
+use crate::compress::blocks;
+use crate::error::Result;
+use crate::evaluate::{AssetParts, BakeSettings};
+use crate::geometry::bvh::Bvh;
+use crate::geometry::samples::{Patch, Samples};
+use crate::light::{Light, LightKind};
+use crate::medium::profile_basis::{BasisSettings, ProfileBasis, Table};
+use crate::methods::sampling::{self, Density};
+use crate::progress::{Progress, Silent};
+use crate::transport::balanced_tree::{BalancedTree, LightDetails, in_tree_order};
+use crate::transport::expected_light::expected_details;
+use crate::transport::far_field::{FarTransport, LANES, Precision, Rows};
+use crate::transport::irradiance::{Illumination, LightSampling};
+use crate::transport::receivers::Receivers;
+use crate::transport::scene::{self, Scene, Surface};
+
+/// Shadow boundaries stay well inside the kernel.
+const DENSITY: Density = Density { spacing: 0.35, least: 1 << 17, most: 1 << 18 };
+
+/// The error that the density is made for; a smaller one asks for more samples.
+const DENSITY_RMS: f64 = 0.01;
+
+/// Groups that the threshold and the step are chosen by.
+const TUNING_GROUPS: usize = 64;
+
+/// Significance below which the tuning does not look, over the asked error of truncation.
+const TUNING_FLOOR: f64 = 0.02;
+
+/// Bytes that a receiver's coefficients take at most while they are made, before quantisation.
+const BYTES_PER_RECEIVER: u64 = 24_000;
+
+fn count(scene: &Scene, settings: &BakeSettings) -> usize {
+    DENSITY.count(scene, settings, (DENSITY_RMS / settings.max_rms).sqrt())
+}
+
+pub(super) fn memory(scene: &Scene, settings: &BakeSettings) -> u64 {
+    let receivers = scene.mesh.local_mm.len() as u64;
+    sampling::memory(count(scene, settings), scene) + receivers * BYTES_PER_RECEIVER
+}
+
+/// Geometry that every stage reads.
+pub(super) struct Stage {
+    pub(super) bvh: Bvh,
+    pub(super) samples: Samples,
+    pub(super) patches: Vec<Patch>,
+    pub(super) tree: BalancedTree,
+    pub(super) receivers: Receivers,
+    pub(super) split_mm: f64,
+}
+
+impl Stage {
+    fn new(scene: &Scene, count: usize, plan: &Plan) -> Self {
+        let unordered = Samples::new(&scene.mesh, &scene.parts, count);
+        let samples = in_tree_order(&unordered, &scene::patches(scene, &unordered));
+        let (bvh, patches) = rayon::join(|| Bvh::new(&scene.mesh), || scene::patches(scene, &samples));
+        let tree = BalancedTree::new(&samples, &patches);
+        let receivers = Receivers::new(&scene.mesh, &scene.parts, LANES);
+        let area: f64 = patches.iter().map(|p| p.area_mm2).sum();
+        let split_mm = plan.split * (area / patches.len().max(1) as f64).sqrt();
+        Self { bvh, samples, patches, tree, receivers, split_mm: split_mm.max(f64::MIN_POSITIVE) }
+    }
+
+    pub(super) fn surface<'a>(&'a self, scene: &'a Scene) -> Surface<'a> {
+        Surface { scene, bvh: &self.bvh, samples: &self.samples, patches: &self.patches }
+    }
+
+    /// Irradiance of every sample under one light.
+    pub(super) fn irradiance(&self, scene: &Scene, light: &Light, sampling: LightSampling) -> Result<Vec<DVec3>> {
+        let etas: Vec<f64> = scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
+        let surface = self.surface(scene);
+        let lights = std::slice::from_ref(light);
+        Ok(Illumination::new(&surface, lights, &etas, sampling)?.all(&Silent))
+    }
+
+    /// Largest distance between two points of one part, mm, or a little more.
+    fn reach_mm(&self, scene: &Scene) -> f64 {
+        let extent = |part: usize| {
+            self.tree.root(part).map_or(0.0, |root| 2.0 * self.tree.cell(root, &self.patches).radius_mm)
+        };
+        let reach = (0..scene.parts.parts.len()).map(extent).fold(0.0, f64::max);
+        reach.clamp(self.split_mm * 2.0, scene.mesh.diagonal_mm().max(self.split_mm * 2.0))
+    }
+}
+
+pub(super) fn bake(scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {
+    let plan = Plan::new(&settings.values, settings.max_rms)?;
+    progress.start("samples", 0);
+    let stage = Stage::new(scene, count(scene, settings), &plan);
+    progress.finish();
+
+    progress.start("basis", 0);
+    let basis = ProfileBasis::new(&BasisSettings {
+        split_mm: stage.split_mm,
+        reach_mm: stage.reach_mm(scene),
+        weighting: plan.weighting,
+        terms: plan.terms,
+        most_terms: crate::transport::far_field::TERMS,
+        error: plan.basis_error,
+    });
+    let (table, spread) = (basis.table(), basis.spread());
+    progress.finish();
+
+    let expected = expected_light(scene, &stage, &settings.probes.tuning, plan.sampling, progress)?;
+    let transport = FarTransport {
+        tree: &stage.tree,
+        patches: &stage.patches,
+        table: &table,
+        spread: &spread,
+        expected: &expected,
+        split_mm: stage.split_mm,
+        precision: Precision { opening: plan.opening, threshold: 0.0, keep: 0.0 },
+    };
+    progress.start("threshold", 0);
+    let choice = Choice::new(&transport, &stage.receivers, &plan);
+    progress.finish();
+    let precision = Precision { opening: plan.opening, threshold: choice.threshold, keep: choice.threshold };
+    let transport = FarTransport { precision, ..transport };
+    let far = far_field(&transport, &stage.receivers, &choice, progress);
+
+    let mut sections = sections::write(&basis, &far, &scene.mesh, &stage.samples)?;
+    let mut ledger = ledger::measure(&Baked {
+        scene,
+        stage: &stage,
+        plan: &plan,
+        basis: &basis,
+        transport: &transport,
+        far: &far,
+        unseen: &settings.probes.unseen,
+        progress,
+    })?;
+    if settings.for_lights.contains(&LightKind::Environment) {
+        sections.extend(super::bake_rows(scene, &stage, &plan, &mut ledger, progress)?);
+    }
+    Ok(AssetParts { samples: stage.samples, ledger, sections })
+}
+
+/// What typical lights do at each node.
+fn expected_light(
+    scene: &Scene,
+    stage: &Stage,
+    lights: &[Light],
+    sampling: LightSampling,
+    progress: &dyn Progress,
+) -> Result<Vec<f32>> {
+    progress.start("typical light", lights.len() as u64);
+    let mut details = Vec::with_capacity(lights.len());
+    for light in lights {
+        let irradiance = stage.irradiance(scene, light, sampling)?;
+        details.push(LightDetails::new(&stage.samples, &stage.patches, &irradiance));
+        progress.advance(1);
+    }
+    progress.finish();
+    let parts = scene.parts.parts.len();
+    Ok(expected_details(&stage.tree, parts, stage.samples.len(), &details))
+}
+
+/// What is kept, and how finely.
+pub(super) struct Choice {
+    pub(super) threshold: f64,
+    /// Quantiser step of each basis function; raised for values that would not fit.
+    steps: Vec<f64>,
+}
+
+impl Choice {
+    /// From some of the groups.
+    fn new(transport: &FarTransport, receivers: &Receivers, plan: &Plan) -> Self {
+        let step = receivers.groups.len().div_ceil(TUNING_GROUPS).max(1);
+        let floor = TUNING_FLOOR * plan.truncation;
+        let precision = Precision { opening: plan.opening, threshold: floor, keep: floor };
+        let trial = FarTransport { precision, ..*transport };
+        let groups: Vec<_> = receivers.groups.iter().step_by(step).collect();
+        let found: Vec<_> = groups
+            .par_iter()
+            .map(|group| {
+                let members = &receivers.positions[group.run.range()];
+                let (rows, squares) = trial.rows(members, group.part as usize);
+                (rows, squares, members.len())
+            })
+            .collect();
+        let count: usize = found.iter().map(|(_, _, count)| count).sum();
+        let squares = found.iter().flat_map(|(_, squares, _)| squares).copied().collect();
+        let threshold = blocks::threshold(squares, count, plan.truncation);
+        // Rounding meets the light where coefficients are kept.
+        let mut gain2 = 0.0;
+        for (rows, _, count) in &found {
+            let mut values = rows.values.iter();
+            for (&node, &mask) in rows.nodes.iter().zip(&rows.masks) {
+                let light = f64::from(transport.expected[node as usize]);
+                for k in (0..transport.spread.len()).filter(|k| mask >> k & 1 == 1) {
+                    let Some(row) = values.next() else { break };
+                    let typical = |v: &f32| (f64::from(*v) * transport.spread[k] * light).powi(2);
+                    if row.iter().map(typical).sum::<f64>() > threshold * threshold {
+                        gain2 += *count as f64 * light * light;
+                    }
+                }
+            }
+        }
+        let step = blocks::step(gain2 / count.max(1) as f64, plan.quantiser);
+        let steps = transport.spread.iter().map(|s| step / s.max(f64::MIN_POSITIVE)).collect();
+        Self { threshold, steps }
+    }
+}
+
+/// Rows of the groups `first..end`: independent of how the groups are cut into ranges.
+fn rows(transport: &FarTransport, receivers: &Receivers, range: std::ops::Range<usize>) -> Vec<Rows> {
+    let of_group = |group: &crate::transport::receivers::Group| {
+        transport.rows(&receivers.positions[group.run.range()], group.part as usize).0
+    };
+    receivers.groups[range].par_iter().map(of_group).collect()
+}
+
+fn far_field(transport: &FarTransport, receivers: &Receivers, choice: &Choice, progress: &dyn Progress) -> FarField {
+    const CHUNK: usize = 64;
+    let groups = receivers.groups.len();
+    progress.start("transport", groups as u64);
+    let mut all = Vec::with_capacity(groups);
+    for first in (0..groups).step_by(CHUNK) {
+        let range = first..groups.min(first + CHUNK);
+        progress.advance(range.len() as u64);
+        all.extend(rows(transport, receivers, range));
+    }
+    progress.finish();
+    let terms = transport.spread.len();
+    let mut largest = vec![0.0f64; terms];
+    for_each_value(&all, |k, row| {
+        largest[k] = row.iter().fold(largest[k], |a, v| a.max(f64::from(v.abs())));
+    });
+    let steps: Vec<f32> = choice.steps.iter().zip(&largest).map(|(&s, &l)| blocks::fitting_step(s, l)).collect();
+    let mut far = FarField { terms, receiver_of_vertex: receivers.of_vertex.clone(), ..FarField::default() };
+    for_each_value(&all, |k, row| far.values.push(blocks::quantise(row, steps[k])));
+    for (rows, group) in all.iter().zip(&receivers.groups) {
+        far.nodes.extend_from_slice(&rows.nodes);
+        far.masks.extend_from_slice(&rows.masks);
+        far.row_sums.extend_from_slice(&rows.sums);
+        far.groups.push(Group {
+            part: group.part,
+            receivers_end: group.run.end,
+            coefficients_end: far.nodes.len() as u32,
+        });
+    }
+    far.steps = steps;
+    far
+}
+
+/// Visits the values of every kept coefficient with its basis function, in the order of the file.
+fn for_each_value(all: &[Rows], mut visit: impl FnMut(usize, &[f32; LANES])) {
+    for rows in all {
+        let mut values = rows.values.iter();
+        for &mask in &rows.masks {
+            for k in (0..u16::BITS as usize).filter(|k| mask >> k & 1 == 1) {
+                if let Some(row) = values.next() {
+                    visit(k, row);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,284 @@
+//! How `editable` evaluates: shadow rays at the samples (or stored rows for an environment), the stored far field once for
+//! every basis function, and the near field from the geometry. A change of material combines anew.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+use rayon::prelude::*;
+use translux_format::far_field::FarField;
+
+use super::plan::Plan;
+use super::sections;
+use crate::asset::Asset;
+use crate::compress::ledger::Ledger;
+use crate::error::{Error, Result};
+use crate::evaluate::far_field::FarSums;
+use crate::evaluate::sampling_error::{Sampled, receiver_areas};
+use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit};
+use crate::geometry::bvh::Bvh;
+use crate::geometry::cluster::Run;
+use crate::geometry::samples::Patch;
+use crate::light::Light;
+use crate::math::statistics::{VertexError, vertex_error};
+use crate::medium::fresnel::BoundaryFit;
+use crate::medium::profile_basis::ProfileBasis;
+use crate::methods::settings::share;
+use crate::progress::{Progress, Silent};
+use crate::transport::balanced_tree::{BalancedTree, LightDetails};
+use crate::transport::gather::{Gather, NearField, Scheme};
+use crate::transport::irradiance::Illumination;
+use crate::transport::near_field::{Corners, Near};
+use crate::transport::receivers::{Group, Receivers};
+use crate::transport::scene::{self, Medium, Scene, Surface};
+use crate::transport::simd::Level;
+use crate::transport::tree::SampleTree;
+
+/// A material whose error by the basis alone is above this (T1, any light) is refused.
+const MOST_BASIS_ERROR: f64 = 0.1;
+
+/// Receivers that the far field's error is measured on.
+const PROBES: usize = 192;
+
+/// Receivers that are combined as one task.
+const RUN: usize = 1024;
+
+/// One coefficient for each channel and basis function.
+type Coefficients = [Vec<f64>; 3];
+
+struct EditableEvaluator {
+    asset: Arc<Asset>,
+    scene: Scene,
+    plan: Plan,
+    bvh: Bvh,
+    patches: Vec<Patch>,
+    tree: BalancedTree,
+    corners: Corners,
+    receivers: Receivers,
+    areas: Vec<f64>,
+    basis: ProfileBasis,
+    far: FarField,
+    /// Of each medium.
+    coefficients: Vec<Coefficients>,
+    lights: Vec<Light>,
+    lit: Option<Lit>,
+}
+
+/// What follows from the lights.
+struct Lit {
+    irradiance: Vec<DVec3>,
+    far: FarSums,
+}
+
+pub(super) fn open(asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
+    let settings = &asset.provenance.settings;
+    let max_rms = settings.get("max-rms").map_or(Ok(0.01), |text| share(text, "max-rms"))?;
+    let plan = Plan::new(settings, max_rms)?;
+    let (basis, far) = sections::read(&asset)?;
+    let scene = asset.scene.clone();
+    let (bvh, patches) = rayon::join(|| Bvh::new(&scene.mesh), || scene::patches(&scene, &asset.samples));
+    let (tree, corners) = rayon::join(
+        || BalancedTree::new(&asset.samples, &patches),
+        || Corners::new(&scene.mesh, &asset.samples, &patches),
+    );
+    let receivers = receivers(&scene, &far);
+    let areas = receiver_areas(&scene, &receivers);
+    let media = scene.media.clone();
+    let mut evaluator = EditableEvaluator {
+        asset,
+        scene,
+        plan,
+        bvh,
+        patches,
+        tree,
+        corners,
+        receivers,
+        areas,
+        basis,
+        far,
+        coefficients: Vec::new(),
+        lights: Vec::new(),
+        lit: None,
+    };
+    evaluator.set_media(media)?;
+    Ok(Box::new(evaluator))
+}
+
+/// The receivers of the stored groups.
+fn receivers(scene: &Scene, far: &FarField) -> Receivers {
+    let end = far.groups.last().map_or(0, |g| g.receivers_end as usize);
+    let mut result = Receivers {
+        positions: vec![DVec3::ZERO; end],
+        groups: Vec::with_capacity(far.groups.len()),
+        of_vertex: far.receiver_of_vertex.clone(),
+    };
+    for (position, &receiver) in scene.mesh.local_mm.iter().zip(&far.receiver_of_vertex) {
+        if let Some(slot) = result.positions.get_mut(receiver as usize) {
+            *slot = position.as_dvec3();
+        }
+    }
+    let mut first = 0;
+    for group in &far.groups {
+        result.groups.push(Group { run: Run { first, end: group.receivers_end }, part: group.part });
+        first = group.receivers_end;
+    }
+    result
+}
+
+impl EditableEvaluator {
+    fn surface(&self) -> Surface<'_> {
+        Surface { scene: &self.scene, bvh: &self.bvh, samples: &self.asset.samples, patches: &self.patches }
+    }
+
+    fn irradiance(&self, lights: &[Light], progress: &dyn Progress) -> Result<Vec<DVec3>> {
+        let etas: Vec<f64> = self.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
+        Ok(Illumination::new(&self.surface(), lights, &etas, self.plan.sampling)?.all(progress))
+    }
+
+    fn light(&self, lights: &[Light], progress: &dyn Progress) -> Result<Lit> {
+        let irradiance = self.irradiance(lights, progress)?;
+        progress.start("far field", self.far.groups.len() as u64);
+        let details = LightDetails::new(&self.asset.samples, &self.patches, &irradiance);
+        let far = FarSums::new(Level::detect(), &self.far, &details);
+        progress.finish();
+        Ok(Lit { irradiance, far })
+    }
+
+    fn combine(&self, lit: &Lit, progress: &dyn Progress) -> Vec<DVec3> {
+        progress.start("materials", 0);
+        let mut values = vec![DVec3::ZERO; self.receivers.len()];
+        // Receivers of one medium lie together, because those of one part do.
+        let mut rest = values.as_mut_slice();
+        let mut jobs = Vec::new();
+        for group in self.receivers.groups.chunk_by(|a, b| a.part == b.part) {
+            let first = group[0].run.first as usize;
+            let end = group[group.len() - 1].run.end as usize;
+            let (mine, others) = rest.split_at_mut(end - first);
+            rest = others;
+            let Some(medium) = self.scene.parts.parts[group[0].part as usize].medium else { continue };
+            let run = mine.chunks_mut(RUN).enumerate();
+            jobs.extend(run.map(|(i, out)| (first + i * RUN, &self.coefficients[medium as usize], out)));
+        }
+        jobs.into_par_iter().for_each(|(first, coefficients, out)| lit.far.combine(first, coefficients, out));
+        progress.finish();
+        let surface = self.surface();
+        let geometry = (&self.tree, &self.corners);
+        let near = Near::new(&surface, geometry, &self.scene.media, self.plan.near, self.basis.split_mm());
+        near.add(&self.receivers, &lit.irradiance, &mut values, progress);
+        values
+    }
+
+    /// Error of everything but the sampling, against all pairs of the same samples.
+    fn transport_error(&self, lit: &Lit) -> VertexError {
+        let (subset, indices) = self.receivers.subset(PROBES, 1);
+        let (surface, tree) = (self.surface(), SampleTree::default());
+        let gather = Gather::new(&surface, &tree, &self.scene.media, NearField::REFERENCE);
+        let truth = gather.radiosity(&subset, &gather.light(&lit.irradiance), Scheme::AllPairs, &Silent);
+        let all = self.combine(lit, &Silent);
+        let values: Vec<DVec3> = indices.iter().map(|&i| all[i as usize]).collect();
+        let areas: Vec<f64> = indices.iter().map(|&i| self.areas[i as usize]).collect();
+        vertex_error(&values, &truth, &areas)
+    }
+}
+
+impl Evaluator for EditableEvaluator {
+    fn capabilities(&self) -> Capabilities {
+        Capabilities { material: MaterialEdit::Any }
+    }
+
+    fn cost(&self) -> Cost {
+        let far = &self.far;
+        Cost {
+            samples: self.asset.samples.len(),
+            receivers: self.receivers.len(),
+            resident_bytes: self.tree.bytes()
+                + self.corners.bytes()
+                + size_of_val(self.patches.as_slice())
+                + size_of_val(self.asset.samples.facets.as_slice())
+                + size_of_val(self.asset.samples.patch_offsets.as_slice())
+                + size_of_val(far.values.as_slice())
+                + size_of_val(far.nodes.as_slice())
+                + size_of_val(far.masks.as_slice())
+                + size_of_val(far.row_sums.as_slice())
+                + self.lit.as_ref().map_or(0, |lit| lit.far.bytes()),
+        }
+    }
+
+    fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    fn bvh(&self) -> &Bvh {
+        &self.bvh
+    }
+
+    fn set_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()> {
+        self.lit = None;
+        self.lights = lights;
+        self.lit = Some(self.light(&self.lights, progress)?);
+        Ok(())
+    }
+
+    fn set_media(&mut self, media: Vec<Medium>) -> Result<()> {
+        if media.len() != self.scene.media.len() {
+            let (given, there) = (media.len(), self.scene.media.len());
+            return Err(Error::command_line(format!("{given} materials for the {there} media of the asset")));
+        }
+        let mut coefficients = Vec::with_capacity(media.len());
+        for medium in &media {
+            let projections = medium.properties.dipoles(BoundaryFit::Published).map(|d| self.basis.project(&d));
+            let error = projections.iter().map(|p| p.error).fold(0.0, f64::max);
+            if error > MOST_BASIS_ERROR {
+                return Err(Error::unsupported(format!(
+                    "`{}` is outside the range of this asset's basis: its radiosity could be off by {:.0} %; bake with more \
+                     --set terms, or with --method two_pass",
+                    medium.name,
+                    100.0 * error
+                )));
+            }
+            coefficients.push(projections.map(|p| p.coefficients));
+        }
+        let eta = |m: &Medium| m.properties.eta_inside_over_outside;
+        if media.iter().zip(&self.scene.media).any(|(a, b)| eta(a) != eta(b)) {
+            self.lit = None;
+        }
+        self.coefficients = coefficients;
+        self.scene.media = media;
+        Ok(())
+    }
+
+    fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
+        let lit = match self.lit.take() {
+            Some(lit) => lit,
+            None => self.light(&self.lights, progress)?,
+        };
+        let values = self.combine(&lit, progress);
+        self.lit = Some(lit);
+        Ok(self.receivers.expand(&values))
+    }
+
+    fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {
+        let lit = self.light(&self.lights, progress)?;
+        let mut ledger = Ledger::default();
+        let sampled = Sampled {
+            surface: self.surface(),
+            media: &self.scene.media,
+            lights: &self.lights,
+            irradiance: &lit.irradiance,
+            sampling: self.plan.sampling,
+            near: self.plan.near,
+            receivers: &self.receivers,
+            areas: &self.areas,
+        };
+        sampled.enter(&mut ledger, progress)?;
+        let mut error = self.transport_error(&lit);
+        for light in unseen {
+            let lit = self.light(std::slice::from_ref(light), progress)?;
+            error = error.max(self.transport_error(&lit));
+        }
+        let note = "hierarchy, basis, truncation and quantiser against all pairs, on vertices that no choice saw, the worst \
+                    of these and of probe lights";
+        ledger.add("transport", error, note);
+        self.lit = Some(lit);
+        Ok(ledger)
+    }
+}

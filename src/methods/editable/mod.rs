@@ -1,0 +1,87 @@
+//! `editable`: transport of a basis of R_d, so that the material is chosen when the asset is evaluated (Wang et al. 2008).
+
+mod bake;
+mod evaluate;
+mod ledger;
+mod plan;
+mod sections;
+
+use std::sync::Arc;
+
+use crate::asset::Asset;
+use crate::error::Result;
+use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Key, Method};
+use crate::methods::sampling;
+use crate::progress::Progress;
+use crate::transport::scene::Scene;
+
+/// The method.
+pub struct Editable;
+
+const BASIS: Key = Key {
+    name: "basis",
+    default: "transported",
+    help: "principal components weighted for transported light over this object's range, or plain: those of the paper",
+};
+
+const TERMS: Key = Key {
+    name: "terms",
+    default: "auto",
+    help: "basis functions, 1 to 16; auto: as few as a fifth of --max-rms allows for the published materials and others",
+};
+
+const SPLIT: Key = Key {
+    name: "split",
+    default: "6",
+    help: "radius of the near field, which is not stored, in sample spacings, 4 to 64",
+};
+
+const TRUNCATION: Key = Key {
+    name: "truncation",
+    default: "auto",
+    help: "relative error asked of dropping coefficients, such as 0.3%; auto: 35 % of --max-rms",
+};
+
+const CUBE: Key = Key { name: "cube", default: "32", help: "texels along an edge of the environment's cube map, 32 or 64" };
+
+const COEFFICIENTS: Key = Key {
+    name: "coefficients",
+    default: "128",
+    help: "Haar coefficients kept of the irradiance row of a sample, 8 to 1024",
+};
+
+const POINTS: Key = sampling::points("4");
+const DIRECTIONS: Key = sampling::directions("256");
+const AREA_SIDE: Key = sampling::area_side("8");
+
+const KEYS: &[Key] = &[BASIS, TERMS, SPLIT, TRUNCATION, CUBE, COEFFICIENTS, POINTS, DIRECTIONS, AREA_SIDE];
+
+impl Method for Editable {
+    fn name(&self) -> &'static str {
+        "editable"
+    }
+
+    fn summary(&self) -> &'static str {
+        "transport of a basis of R_d, wavelet-compressed; the material is chosen later (Wang et al. 2008)"
+    }
+
+    fn keys(&self) -> &'static [Key] {
+        KEYS
+    }
+
+    fn default_max_rms(&self) -> f64 {
+        0.01
+    }
+
+    fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {
+        bake::memory(scene, settings)
+    }
+
+    fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {
+        bake::bake(scene, settings, progress)
+    }
+
+    fn open(&self, asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
+        evaluate::open(asset)
+    }
+}

@@ -1,0 +1,114 @@
+//! The keys of `editable`, checked.
+
+use std::collections::BTreeMap;
+
+use super::{AREA_SIDE, BASIS, COEFFICIENTS, CUBE, DIRECTIONS, POINTS, SPLIT, TERMS, TRUNCATION};
+use crate::error::{Error, Result};
+use crate::evaluate::Key;
+use crate::medium::profile_basis::Weighting;
+use crate::methods::sampling::light_sampling;
+use crate::methods::settings::{number, share};
+use crate::transport::far_field;
+use crate::transport::gather::NearField;
+use crate::transport::irradiance::LightSampling;
+
+/// Shares of the asked error that the lossy stages of the far field may take. What is left is for sampling.
+const TRUNCATION_SHARE: f64 = 0.35;
+const QUANTISER_SHARE: f64 = 0.05;
+const BASIS_SHARE: f64 = 0.2;
+
+/// What a bake and an evaluation follow.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Plan {
+    pub(super) weighting: Weighting,
+    /// `None`: as few as `basis_error` allows.
+    pub(super) terms: Option<usize>,
+    /// Error asked of the basis for any light (T1), over the total reflectance.
+    pub(super) basis_error: f64,
+    /// Near-field radius over the spacing of the samples.
+    pub(super) split: f64,
+    pub(super) truncation: f64,
+    pub(super) quantiser: f64,
+    /// Cells of the hierarchy open above this radius over distance.
+    pub(super) opening: f64,
+    pub(super) cube: u32,
+    pub(super) coefficients: usize,
+    pub(super) sampling: LightSampling,
+    pub(super) near: NearField,
+}
+
+impl Plan {
+    pub(super) fn new(values: &BTreeMap<String, String>, max_rms: f64) -> Result<Self> {
+        let text = |key: &Key| values.get(key.name).map_or(key.default, String::as_str).trim().to_owned();
+        let weighting = match text(&BASIS).as_str() {
+            "transported" => Weighting::Transported,
+            "plain" => Weighting::Plain,
+            other => return Err(Error::command_line(format!("--set basis={other}: it is transported or plain"))),
+        };
+        let terms = match text(&TERMS).as_str() {
+            "auto" => None,
+            _ => Some(number(values, &TERMS, 1..=far_field::TERMS)?),
+        };
+        let truncation = match text(&TRUNCATION).as_str() {
+            "auto" => TRUNCATION_SHARE * max_rms,
+            text => share(text, "--set truncation")?,
+        };
+        let cube = number(values, &CUBE, 32..=64)?;
+        if cube != 32 && cube != 64 {
+            return Err(Error::command_line(format!("--set cube={cube}: it is 32 or 64")));
+        }
+        Ok(Self {
+            weighting,
+            terms,
+            basis_error: BASIS_SHARE * max_rms,
+            split: number(values, &SPLIT, 4.0..=64.0)?,
+            truncation,
+            quantiser: QUANTISER_SHARE * max_rms,
+            opening: (0.1 * (max_rms / 0.01).sqrt()).clamp(0.03, 0.2),
+            cube,
+            coefficients: number(values, &COEFFICIENTS, 8..=1024)?,
+            sampling: light_sampling(values, [&POINTS, &DIRECTIONS, &AREA_SIDE])?,
+            near: NearField::for_error(max_rms),
+        })
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::methods::editable::Editable;
+    use crate::methods::settings::resolve;
+
+    fn plan(set: &[(&str, &str)]) -> Result<Plan> {
+        let set: Vec<(String, String)> = set.iter().map(|(k, v)| ((*k).to_owned(), (*v).to_owned())).collect();
+        Plan::new(&resolve(&Editable, &set).unwrap(), 0.01)
+    }
+
+    #[test]
+    fn defaults_share_out_the_error() {
+        let plan = plan(&[]).unwrap();
+        assert_eq!((plan.terms, plan.weighting, plan.cube), (None, Weighting::Transported, 32));
+        assert!(plan.truncation + plan.quantiser + plan.basis_error < 0.01);
+        assert_eq!(plan.sampling, LightSampling::FAST);
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused() {
+        for (key, value) in [
+            ("basis", "best"),
+            ("terms", "0"),
+            ("terms", "17"),
+            ("split", "1"),
+            ("split", "nan"),
+            ("truncation", "0"),
+            ("cube", "48"),
+            ("coefficients", "4"),
+            ("points", "3"),
+        ] {
+            let error = plan(&[(key, value)]).unwrap_err();
+            assert!(error.message.contains(key), "{}", error.message);
+        }
+        assert_eq!(plan(&[("terms", "7"), ("truncation", "0.2%")]).unwrap().terms, Some(7));
+    }
+}
