@@ -6,3 +6,4 @@ pub mod quadrature;
 pub mod random;
 pub mod spherical_rectangle;
 pub mod statistics;
+pub mod svd;
