@@ -103,6 +103,15 @@ impl RawSection {
         codec::decode(self.tag, &self.bytes)
     }
 
+    /// The rows in place; only for elements of one byte, which lie aligned anywhere.
+    pub(crate) fn view<T: Element>(&self) -> Result<&[T]> {
+        self.expect(T::TYPE, T::COMPONENTS)?;
+        bytemuck::try_cast_slice(&self.bytes).map_err(|_| {
+            let reason = format!("{} bytes are not whole rows of {}", self.bytes.len(), size_of::<T>());
+            FormatError::SectionLength { tag: self.tag, reason }
+        })
+    }
+
     fn expect(&self, expected: ElementType, expected_components: u16) -> Result<()> {
         if self.element == expected && self.components == expected_components {
             return Ok(());
@@ -122,6 +131,25 @@ impl RawSection {
         bytemuck::cast_slice_mut(&mut out).copy_from_slice(&self.bytes);
         Ok(out)
     }
+}
+
+/// The sections with these tags, of this kind; `None` if none of them is there.
+pub(crate) fn pick<const N: usize>(
+    sections: &[RawSection],
+    tags: [Tag; N],
+    kind: Kind,
+) -> Result<Option<[&RawSection; N]>> {
+    let find = |tag: Tag| sections.iter().find(|section| section.tag == tag);
+    if tags.iter().all(|tag| find(*tag).is_none()) {
+        return Ok(None);
+    }
+    let found = tags.iter().map(|&tag| find(tag).ok_or(FormatError::MissingSection { tag }));
+    let found: Vec<&RawSection> = found.collect::<Result<_>>()?;
+    if let Some(section) = found.iter().find(|section| section.kind != kind) {
+        let reason = format!("its kind is {}, not {kind}", section.kind);
+        return Err(FormatError::Invalid { tag: section.tag, reason });
+    }
+    Ok(<[&RawSection; N]>::try_from(found).ok())
 }
 
 /// The content of a `.tlux` file.

@@ -45,6 +45,8 @@ mod compression;
 mod container;
 mod error;
 pub mod far_field;
+mod far_sums;
+mod far_values;
 pub mod mesh;
 pub mod metadata;
 pub mod parts;
@@ -53,6 +55,7 @@ mod reader;
 pub mod rows;
 pub mod samples;
 mod types;
+mod varints;
 mod writer;
 
 pub use asset::{AssetFile, COMMON_TAGS, RawSection};

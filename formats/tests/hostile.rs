@@ -6,7 +6,7 @@ mod common;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
-use common::{Entry, Random, build, full_asset, seal, sections_of};
+use common::{Entry, Random, build, full_asset, mutate, seal, sections_of};
 use translux_format::{AssetFile, Budget, FormatError, Reader, Tag};
 
 thread_local! {
@@ -208,27 +208,6 @@ fn limits_of_the_directory() {
     assert_eq!(code(&[record((64 << 20) + 1)]), Some(13));
     assert_eq!(code(&[Entry::zstd("r", 0, 2, 3, 0, Vec::new())]), Some(10));
     assert_eq!(code(&[Entry::zstd("w", 11, u16::MAX, 2, u64::MAX, Vec::new())]), Some(13));
-}
-
-/// Changes a few bytes, or copies, removes or repeats some.
-fn mutate(random: &mut Random, bytes: &mut Vec<u8>) {
-    for _ in 0..=random.below(6) {
-        let (at, length) = (random.below(bytes.len()), random.below(9));
-        match random.below(8) {
-            0 => drop(bytes.drain(at..(at + length).min(bytes.len()))),
-            1 => {
-                let again = bytes[at..(at + length).min(bytes.len())].to_vec();
-                bytes.splice(at..at, again);
-            }
-            2 if at < bytes.len() => bytes[at] = [0, 1, 0x7f, 0x80, 0xff][random.below(5)],
-            3 => {
-                let word = [0, 1, u64::MAX, 1 << 31, 1 << 40, f64::NAN.to_bits()][random.below(6)];
-                bytes.iter_mut().skip(at).zip(word.to_le_bytes()).for_each(|(byte, new)| *byte = new);
-            }
-            _ if at < bytes.len() => bytes[at] ^= 1 << random.below(8),
-            _ => {}
-        }
-    }
 }
 
 /// Reads again what was decoded, once written.
