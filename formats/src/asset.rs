@@ -6,6 +6,8 @@ use std::io;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
+use crate::codec;
+use crate::container::SectionInfo;
 use crate::error::{FormatError, Result};
 use crate::mesh::{self, Mesh};
 use crate::metadata::{self, LedgerEntry, Provenance};
@@ -14,7 +16,6 @@ use crate::reader::Reader;
 use crate::samples::{self, Samples};
 use crate::types::{Budget, Codec, Element, ElementType, Kind, Scalar, Tag};
 use crate::writer::Writer;
-use crate::{codec, container};
 
 /// Every tag of the sections that this crate reads and writes itself.
 pub const COMMON_TAGS: [Tag; 18] = [
@@ -75,6 +76,11 @@ impl RawSection {
     pub fn from_record<T: Serialize>(tag: Tag, kind: Kind, codec: Codec, value: &T) -> Result<Self> {
         let bytes = codec::encode(tag, value)?;
         Ok(Self { tag, kind, element: ElementType::Record, components: 1, codec, bytes })
+    }
+
+    pub(crate) fn read(reader: &Reader<'_>, info: &SectionInfo) -> Result<Self> {
+        let &SectionInfo { tag, kind, element, components, codec, .. } = info;
+        Ok(Self { tag, kind, element, components, codec, bytes: reader.bytes(tag)?.into_owned() })
     }
 
     /// The rows.
@@ -238,19 +244,16 @@ impl AssetFile {
         let reader = Reader::parse(bytes, budget)?;
         let mut extra = Vec::new();
         for info in reader.sections().iter().filter(|info| !COMMON_TAGS.contains(&info.tag)) {
-            let &container::SectionInfo { tag, kind, element, components, codec, .. } = info;
-            extra.push(RawSection { tag, kind, element, components, codec, bytes: reader.bytes(tag)?.into_owned() });
+            extra.push(RawSection::read(&reader, info)?);
         }
         let asset = Self {
             mesh: Mesh::decode(&reader)?,
             parts: Parts::decode(&reader)?,
             samples: Samples::decode(&reader)?,
-            provenance: reader.record_of(metadata::tags::PROVENANCE, Kind::Metadata)?,
-            ledger: reader.record_of(metadata::tags::LEDGER, Kind::Metadata)?,
+            provenance: metadata::provenance(&reader)?,
+            ledger: metadata::ledger(&reader)?,
             extra,
         };
-        asset.provenance.validate()?;
-        asset.ledger.iter().try_for_each(LedgerEntry::validate)?;
         asset.validate_together()?;
         Ok(asset)
     }
