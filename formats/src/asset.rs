@@ -6,6 +6,8 @@ use std::io;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
+use crate::codec;
+use crate::container::SectionInfo;
 use crate::error::{FormatError, Result};
 use crate::mesh::{self, Mesh};
 use crate::metadata::{self, LedgerEntry, Provenance};
@@ -14,7 +16,6 @@ use crate::reader::Reader;
 use crate::samples::{self, Samples};
 use crate::types::{Budget, Codec, Element, ElementType, Kind, Scalar, Tag};
 use crate::writer::Writer;
-use crate::{codec, container};
 
 /// Every tag of the sections that this crate reads and writes itself.
 pub const COMMON_TAGS: [Tag; 18] = [
@@ -77,6 +78,11 @@ impl RawSection {
         Ok(Self { tag, kind, element: ElementType::Record, components: 1, codec, bytes })
     }
 
+    pub(crate) fn read(reader: &Reader<'_>, info: &SectionInfo) -> Result<Self> {
+        let &SectionInfo { tag, kind, element, components, codec, .. } = info;
+        Ok(Self { tag, kind, element, components, codec, bytes: reader.bytes(tag)?.into_owned() })
+    }
+
     /// The rows.
     ///
     /// # Errors
@@ -103,6 +109,15 @@ impl RawSection {
         codec::decode(self.tag, &self.bytes)
     }
 
+    /// The rows in place; only for elements of one byte, which lie aligned anywhere.
+    pub(crate) fn view<T: Element>(&self) -> Result<&[T]> {
+        self.expect(T::TYPE, T::COMPONENTS)?;
+        bytemuck::try_cast_slice(&self.bytes).map_err(|_| {
+            let reason = format!("{} bytes are not whole rows of {}", self.bytes.len(), size_of::<T>());
+            FormatError::SectionLength { tag: self.tag, reason }
+        })
+    }
+
     fn expect(&self, expected: ElementType, expected_components: u16) -> Result<()> {
         if self.element == expected && self.components == expected_components {
             return Ok(());
@@ -122,6 +137,25 @@ impl RawSection {
         bytemuck::cast_slice_mut(&mut out).copy_from_slice(&self.bytes);
         Ok(out)
     }
+}
+
+/// The sections with these tags, of this kind; `None` if none of them is there.
+pub(crate) fn pick<const N: usize>(
+    sections: &[RawSection],
+    tags: [Tag; N],
+    kind: Kind,
+) -> Result<Option<[&RawSection; N]>> {
+    let find = |tag: Tag| sections.iter().find(|section| section.tag == tag);
+    if tags.iter().all(|tag| find(*tag).is_none()) {
+        return Ok(None);
+    }
+    let found = tags.iter().map(|&tag| find(tag).ok_or(FormatError::MissingSection { tag }));
+    let found: Vec<&RawSection> = found.collect::<Result<_>>()?;
+    if let Some(section) = found.iter().find(|section| section.kind != kind) {
+        let reason = format!("its kind is {}, not {kind}", section.kind);
+        return Err(FormatError::Invalid { tag: section.tag, reason });
+    }
+    Ok(<[&RawSection; N]>::try_from(found).ok())
 }
 
 /// The content of a `.tlux` file.
@@ -210,19 +244,16 @@ impl AssetFile {
         let reader = Reader::parse(bytes, budget)?;
         let mut extra = Vec::new();
         for info in reader.sections().iter().filter(|info| !COMMON_TAGS.contains(&info.tag)) {
-            let &container::SectionInfo { tag, kind, element, components, codec, .. } = info;
-            extra.push(RawSection { tag, kind, element, components, codec, bytes: reader.bytes(tag)?.into_owned() });
+            extra.push(RawSection::read(&reader, info)?);
         }
         let asset = Self {
             mesh: Mesh::decode(&reader)?,
             parts: Parts::decode(&reader)?,
             samples: Samples::decode(&reader)?,
-            provenance: reader.record_of(metadata::tags::PROVENANCE, Kind::Metadata)?,
-            ledger: reader.record_of(metadata::tags::LEDGER, Kind::Metadata)?,
+            provenance: metadata::provenance(&reader)?,
+            ledger: metadata::ledger(&reader)?,
             extra,
         };
-        asset.provenance.validate()?;
-        asset.ledger.iter().try_for_each(LedgerEntry::validate)?;
         asset.validate_together()?;
         Ok(asset)
     }

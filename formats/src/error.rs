@@ -210,6 +210,36 @@ impl FormatError {
         }
     }
 
+    /// The name that `SPEC.md` gives the number.
+    pub fn name(&self) -> &'static str {
+        Self::NAMES[usize::from(self.code() - 1)]
+    }
+
+    /// Names of the numbers from 1 on.
+    pub const NAMES: [&'static str; 21] = [
+        "BadMagic",
+        "TooShort",
+        "UnsupportedVersion",
+        "FileLength",
+        "HeaderChecksum",
+        "NotZero",
+        "TooManySections",
+        "BadTag",
+        "DuplicateTag",
+        "UnknownCode",
+        "Offset",
+        "SectionEnd",
+        "SectionLength",
+        "OverBudget",
+        "OutOfMemory",
+        "SectionChecksum",
+        "Compression",
+        "MissingSection",
+        "WrongType",
+        "Record",
+        "Invalid",
+    ];
+
     /// The section that the error is about, if it is about one.
     pub fn tag(&self) -> Option<Tag> {
         match self {
@@ -227,5 +257,22 @@ impl FormatError {
             | Self::Invalid { tag, .. } => Some(*tag),
             _ => None,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::FormatError;
+
+    #[test]
+    fn the_specification_lists_every_number() {
+        let page = include_str!("../SPEC.md");
+        for (number, name) in (1..).zip(FormatError::NAMES) {
+            assert!(page.contains(&format!("\n| {number} | `{name}` | ")), "{number} {name}");
+        }
+        let error = FormatError::BadTag { index: 0 };
+        assert_eq!((error.code(), error.name()), (8, "BadTag"));
+        let debug = |error: FormatError| format!("{error:?}").starts_with(error.name());
+        assert!(debug(FormatError::BadMagic) && debug(FormatError::TooManySections { count: 1 }) && debug(error));
     }
 }

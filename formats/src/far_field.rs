@@ -1,8 +1,38 @@
 //! The far field of `editable`: for groups of neighbouring receivers, weighted Haar coefficients of the transport of every
 //! basis function over the tree of samples.
 
+use crate::asset::{RawSection, pick};
+use crate::checks::{addressable, indices_below, invalid, same_length};
+use crate::error::Result;
+use crate::samples::Samples;
+use crate::types::{Codec, Kind};
+use crate::{far_sums, far_values, varints};
+
+/// Tags of the far field.
+pub mod tags {
+    use crate::types::Tag;
+
+    /// Receiver of each vertex, u32.
+    pub const RECEIVERS: Tag = Tag::from_static("far.rcv");
+    /// Groups, u32 x 3.
+    pub const GROUPS: Tag = Tag::from_static("far.grp");
+    /// Nodes, varints in u8.
+    pub const NODES: Tag = Tag::from_static("far.nod");
+    /// Quantiser steps, f32.
+    pub const STEPS: Tag = Tag::from_static("far.stp");
+    /// Row sums, four planes of u8 for each function.
+    pub const ROW_SUMS: Tag = Tag::from_static("far.sum");
+    /// Values, u8 x 16: a plane of low and one of high bytes.
+    pub const VALUES: Tag = Tag::from_static("far.val");
+
+    /// All of them, in the order of the file.
+    pub const ALL: [Tag; 6] = [RECEIVERS, GROUPS, NODES, STEPS, ROW_SUMS, VALUES];
+}
+
 /// Receivers side by side in a coefficient.
 pub const LANES: usize = 16;
+/// Receiver of a vertex that has none.
+pub const NO_RECEIVER: u32 = u32::MAX;
 
 /// A run of receivers of one part with one list of coefficients.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,7 +50,7 @@ pub struct Group {
 pub struct FarField {
     /// Number of basis functions K.
     pub terms: usize,
-    /// For each source vertex its receiver, or `u32::MAX`.
+    /// For each source vertex its receiver, or [`NO_RECEIVER`].
     pub receiver_of_vertex: Vec<u32>,
     /// The groups.
     pub groups: Vec<Group>,
@@ -34,4 +64,255 @@ pub struct FarField {
     pub values: Vec<[i16; LANES]>,
     /// Sum of each receiver's row, mm^2 times the unit of the basis: `[receiver][k]`.
     pub row_sums: Vec<f32>,
+}
+
+/// What a far field must fit: the mesh and the samples of its asset.
+#[derive(Clone, Copy, Debug)]
+pub struct Shape<'a> {
+    /// Number of vertices.
+    pub vertices: usize,
+    /// Part `p` has the samples (patches) `part_offsets[p]..part_offsets[p + 1]`; never descending, `len = parts + 1`.
+    pub part_offsets: &'a [u32],
+}
+
+impl<'a> Shape<'a> {
+    /// Of a mesh with this many vertices and valid samples.
+    pub fn new(vertices: usize, samples: &'a Samples) -> Self {
+        Self { vertices, part_offsets: &samples.part_offsets }
+    }
+
+    /// First sample and end of a part that has samples.
+    fn samples(&self, part: u32) -> Option<(u32, u32)> {
+        let first = self.part_offsets.get(part as usize)?;
+        let end = self.part_offsets.get(part as usize + 1)?;
+        (first < end).then_some((*first, *end))
+    }
+}
+
+impl FarField {
+    /// Number of receivers.
+    pub fn receivers(&self) -> usize {
+        self.groups.last().map_or(0, |group| group.receivers_end as usize)
+    }
+
+    /// Checks every length, index, order and range, as [`FarField::from_sections`] guarantees them.
+    ///
+    /// # Errors
+    /// [`crate::FormatError::Invalid`] with the tag of the section at fault.
+    pub fn validate(&self, shape: &Shape<'_>) -> Result<()> {
+        addressable(tags::NODES, self.nodes.len())?;
+        check_groups(&self.groups, shape)?;
+        check_receivers(&self.receiver_of_vertex, self.receivers(), shape)?;
+        check_steps(&self.steps)?;
+        same_length(tags::STEPS, "basis functions", self.steps.len(), self.terms)?;
+        let coefficients = self.groups.last().map_or(0, |group| group.coefficients_end as usize);
+        same_length(tags::NODES, "coefficients", self.nodes.len(), coefficients)?;
+        self.check_nodes(shape)?;
+        let expected = product(&[self.receivers(), self.terms]);
+        same_length(tags::ROW_SUMS, "receivers times functions", self.row_sums.len(), expected)?;
+        if let Some(i) = self.row_sums.iter().position(|sum| !sum.is_finite()) {
+            return invalid(tags::ROW_SUMS, format!("row sum {i} is not finite"));
+        }
+        let expected = product(&[coefficients, self.terms, LANES]);
+        same_length(tags::VALUES, "coefficients, functions and lanes", self.values.len(), expected)?;
+        self.check_lanes()
+    }
+
+    /// The nodes of a group lie strictly inside its part's samples, in order.
+    fn check_nodes(&self, shape: &Shape<'_>) -> Result<()> {
+        let mut rest = self.nodes.as_slice();
+        for ((g, group), (_, count)) in self.groups.iter().enumerate().zip(group_sizes(&self.groups)) {
+            let (nodes, others) = rest.split_at(count);
+            rest = others;
+            let (first, end) = shape.samples(group.part).unwrap_or_default();
+            let inside = nodes.first().is_none_or(|&node| node > first) && nodes.last().is_none_or(|&node| node < end);
+            if !inside || nodes.windows(2).any(|pair| pair[0] >= pair[1]) {
+                let what = format!("the nodes of group {g} do not ascend strictly between {first} and {end}");
+                return invalid(tags::NODES, what);
+            }
+        }
+        Ok(())
+    }
+
+    fn check_lanes(&self) -> Result<()> {
+        let mut rows = self.values.chunks_exact(LANES * self.terms.max(1));
+        for (lanes, count) in group_sizes(&self.groups) {
+            for _ in 0..count {
+                let of_coefficient = rows.next().unwrap_or_default();
+                if lanes < LANES && of_coefficient.chunks_exact(LANES).any(|row| row[lanes..].iter().any(|&x| x != 0)) {
+                    return invalid(tags::VALUES, format!("a value in a lane from {lanes} on, which has no receiver"));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The sections of a valid far field.
+    ///
+    /// # Errors
+    /// [`crate::FormatError::Invalid`] as [`FarField::validate`].
+    pub fn to_sections(&self, shape: &Shape<'_>) -> Result<Vec<RawSection>> {
+        self.validate(shape)?;
+        let (kind, zstd) = (Kind::Method, Codec::Zstd);
+        let groups: Vec<[u32; 3]> = self.groups.iter().map(|g| [g.part, g.receivers_end, g.coefficients_end]).collect();
+        let lanes = group_sizes(&self.groups).flat_map(|(lanes, count)| std::iter::repeat_n(lanes, count));
+        let values = far_values::encode(&self.values, self.terms, lanes);
+        Ok(vec![
+            RawSection::from_rows(tags::RECEIVERS, kind, zstd, &self.receiver_of_vertex),
+            RawSection::from_rows(tags::GROUPS, kind, zstd, &groups),
+            RawSection::from_rows(tags::NODES, kind, zstd, &self.node_bytes(shape)),
+            RawSection::from_rows(tags::STEPS, kind, zstd, &self.steps),
+            RawSection::from_rows(tags::ROW_SUMS, kind, zstd, &far_sums::encode(&self.row_sums, self.terms)),
+            RawSection::from_scalars(tags::VALUES, kind, zstd, LANES as u16, &values),
+        ])
+    }
+
+    /// Steps between the nodes of each group, less 1.
+    fn node_bytes(&self, shape: &Shape<'_>) -> Vec<u8> {
+        let mut bytes = Vec::with_capacity(2 * self.nodes.len());
+        let mut nodes = self.nodes.iter();
+        for (group, (_, count)) in self.groups.iter().zip(group_sizes(&self.groups)) {
+            let mut last = shape.samples(group.part).map_or(0, |(first, _)| first);
+            for &node in nodes.by_ref().take(count) {
+                varints::push(&mut bytes, node.wrapping_sub(last).wrapping_sub(1));
+                last = node;
+            }
+        }
+        bytes
+    }
+
+    /// Reads the far field among the sections of an asset; `None` where there is none. Other sections are left alone.
+    /// Takes less than five times the bytes of its sections.
+    ///
+    /// # Errors
+    /// [`crate::FormatError::MissingSection`] where only some are there, and whatever is wrong with their type or content.
+    pub fn from_sections(sections: &[RawSection], shape: &Shape<'_>) -> Result<Option<Self>> {
+        let Some([receivers, groups, nodes, steps, row_sums, values]) = pick(sections, tags::ALL, Kind::Method)? else {
+            return Ok(None);
+        };
+        let group = |[part, receivers_end, coefficients_end]: [u32; 3]| Group { part, receivers_end, coefficients_end };
+        let groups: Vec<Group> = groups.rows()?.into_iter().map(group).collect();
+        check_groups(&groups, shape)?;
+        let end = groups.last().map_or((0, 0), |g| (g.receivers_end as usize, g.coefficients_end as usize));
+        let steps: Vec<f32> = steps.rows()?;
+        check_steps(&steps)?;
+        let terms = steps.len();
+        let nodes: &[u8] = nodes.view()?;
+        let sums: &[u8] = row_sums.view()?;
+        same_length(tags::ROW_SUMS, "bytes of row sums", sums.len(), product(&[end.0, terms, 4]))?;
+        let value_bytes: &[[u8; LANES]] = values.view()?;
+        same_length(
+            tags::VALUES,
+            "planes of coefficients and functions",
+            value_bytes.len(),
+            product(&[2, end.1, terms]),
+        )?;
+        let mut field = Self {
+            terms,
+            receiver_of_vertex: receivers.rows()?,
+            nodes: read_nodes(nodes, &groups, shape)?,
+            groups,
+            steps,
+            values: far_values::decode(value_bytes.as_flattened(), terms),
+            row_sums: far_sums::decode(sums, terms),
+        };
+        field.clear_lanes();
+        field.validate(shape)?;
+        Ok(Some(field))
+    }
+
+    /// Zeroes the lanes without a receiver.
+    fn clear_lanes(&mut self) {
+        let mut at = 0;
+        for (lanes, count) in group_sizes(&self.groups) {
+            let end = at + count * self.terms * LANES;
+            if lanes < LANES {
+                self.values[at..end].chunks_exact_mut(LANES).for_each(|row| row[lanes..].fill(0));
+            }
+            at = end;
+        }
+    }
+}
+
+/// Receivers and coefficients of each group; of groups whose ends ascend.
+fn group_sizes(groups: &[Group]) -> impl Iterator<Item = (usize, usize)> {
+    groups.iter().scan((0, 0), |(receivers, coefficients), group| {
+        let ends = (group.receivers_end as usize, group.coefficients_end as usize);
+        let sizes = (ends.0 - *receivers, ends.1 - *coefficients);
+        (*receivers, *coefficients) = ends;
+        Some(sizes)
+    })
+}
+
+fn check_groups(groups: &[Group], shape: &Shape<'_>) -> Result<()> {
+    let mut last = (0, 0);
+    for (g, group) in groups.iter().enumerate() {
+        let wrong = |what: String| invalid(tags::GROUPS, format!("group {g}: {what}"));
+        if shape.samples(group.part).is_none() {
+            return wrong(format!("there is no part {} with samples", group.part));
+        }
+        let receivers = i64::from(group.receivers_end) - last.0;
+        if !(1..=LANES as i64).contains(&receivers) {
+            return wrong(format!("{receivers} receivers, not 1 to {LANES}"));
+        }
+        if i64::from(group.coefficients_end) < last.1 {
+            return wrong("its coefficients end before they begin".into());
+        }
+        last = (group.receivers_end.into(), group.coefficients_end.into());
+    }
+    addressable(tags::GROUPS, last.0.max(last.1) as usize)
+}
+
+/// One receiver or none for each vertex; every receiver has a vertex.
+fn check_receivers(receiver_of_vertex: &[u32], receivers: usize, shape: &Shape<'_>) -> Result<()> {
+    let tag = tags::RECEIVERS;
+    same_length(tag, "vertices", receiver_of_vertex.len(), shape.vertices)?;
+    if receivers > receiver_of_vertex.len() {
+        return invalid(tag, format!("{receivers} receivers for {} vertices", receiver_of_vertex.len()));
+    }
+    let some = || receiver_of_vertex.iter().filter(|&&receiver| receiver != NO_RECEIVER);
+    indices_below(tag, some().copied(), receivers)?;
+    let mut used = vec![false; receivers];
+    some().for_each(|&receiver| used[receiver as usize] = true);
+    match used.iter().position(|used| !used) {
+        Some(receiver) => invalid(tag, format!("no vertex has receiver {receiver}")),
+        None => Ok(()),
+    }
+}
+
+/// Positive steps whose largest multiple is finite.
+fn check_steps(steps: &[f32]) -> Result<()> {
+    if steps.is_empty() {
+        return invalid(tags::STEPS, "no basis functions");
+    }
+    match steps.iter().position(|step| !(*step > 0.0 && (*step * 32768.0).is_finite())) {
+        Some(k) => invalid(tags::STEPS, format!("step {k} is {}: it must be above 0 and below 1e34", steps[k])),
+        None => Ok(()),
+    }
+}
+
+fn read_nodes(bytes: &[u8], groups: &[Group], shape: &Shape<'_>) -> Result<Vec<u32>> {
+    let coefficients = groups.last().map_or(0, |group| group.coefficients_end as usize);
+    if coefficients > bytes.len() {
+        return invalid(tags::NODES, format!("{} bytes for {coefficients} nodes", bytes.len()));
+    }
+    let mut nodes = Vec::with_capacity(coefficients);
+    let mut rest = bytes;
+    for (group, (_, count)) in groups.iter().zip(group_sizes(groups)) {
+        let mut last = shape.samples(group.part).map_or(0, |(first, _)| first);
+        for _ in 0..count {
+            let step = varints::take(&mut rest).and_then(|step| last.checked_add(step)?.checked_add(1));
+            let Some(node) = step else {
+                return invalid(tags::NODES, format!("node {} is not a varint that fits u32", nodes.len()));
+            };
+            nodes.push(node);
+            last = node;
+        }
+    }
+    if rest.is_empty() { Ok(nodes) } else { invalid(tags::NODES, format!("{} bytes after the last node", rest.len())) }
+}
+
+/// A product of lengths; more than any length in memory where it overflows.
+fn product(factors: &[usize]) -> usize {
+    factors.iter().fold(1, |product, factor| product.saturating_mul(*factor))
 }

@@ -4,6 +4,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::checks::{in_range, invalid, text};
 use crate::error::Result;
+use crate::reader::Reader;
+use crate::types::Kind;
 
 /// Tags of the metadata.
 pub mod tags {
@@ -122,4 +124,18 @@ impl LedgerEntry {
         in_range(tag, "an error", &[self.relative_rms, self.p999, self.worst], 0.0)?;
         in_range(tag, "a bias", &[self.relative_bias], f64::NEG_INFINITY)
     }
+}
+
+/// Reads the provenance and validates it.
+pub(crate) fn provenance(reader: &Reader<'_>) -> Result<Provenance> {
+    let provenance: Provenance = reader.record_of(tags::PROVENANCE, Kind::Metadata)?;
+    provenance.validate()?;
+    Ok(provenance)
+}
+
+/// Reads the ledger and validates it.
+pub(crate) fn ledger(reader: &Reader<'_>) -> Result<Vec<LedgerEntry>> {
+    let ledger: Vec<LedgerEntry> = reader.record_of(tags::LEDGER, Kind::Metadata)?;
+    ledger.iter().try_for_each(LedgerEntry::validate)?;
+    Ok(ledger)
 }

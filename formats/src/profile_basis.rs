@@ -1,5 +1,29 @@
 //! The basis of radial profiles: an edited material is projected on it with one dot product a function.
 
+use serde::{Deserialize, Serialize};
+
+use crate::asset::{RawSection, pick};
+use crate::checks::{in_range, invalid, same_length};
+use crate::error::Result;
+use crate::types::{Codec, Kind};
+
+/// Tags of the profile basis.
+pub mod tags {
+    use crate::types::Tag;
+
+    /// Split radius, a record.
+    pub const SPLIT: Tag = Tag::from_static("bas.rec");
+    /// Nodes, f64.
+    pub const NODES: Tag = Tag::from_static("bas.nod");
+    /// Weights of the nodes, f64.
+    pub const WEIGHTS: Tag = Tag::from_static("bas.wgt");
+    /// Functions at the nodes, f32.
+    pub const FUNCTIONS: Tag = Tag::from_static("bas.fun");
+
+    /// All of them, in the order of the file.
+    pub const ALL: [Tag; 4] = [SPLIT, NODES, WEIGHTS, FUNCTIONS];
+}
+
 /// Functions b_k(r) on shared nodes. The coefficients of a far profile f are `s_k = Sum_g weight_g f(r_g) b_k(r_g)`, and
 /// `f(r) ~ Sum_k s_k b_k(r)`.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -12,4 +36,79 @@ pub struct ProfileBasis {
     pub weights_mm2: Vec<f64>,
     /// b_k(r_g), function after function, 1/mm^2.
     pub functions: Vec<f32>,
+}
+
+/// What is no array.
+#[derive(Serialize, Deserialize)]
+struct Record {
+    split_mm: f64,
+}
+
+impl ProfileBasis {
+    /// Number of functions K.
+    pub fn terms(&self) -> usize {
+        self.functions.len().checked_div(self.nodes_mm.len()).unwrap_or(0)
+    }
+
+    /// Checks every length, order and range, as [`ProfileBasis::from_sections`] guarantees them.
+    ///
+    /// # Errors
+    /// [`crate::FormatError::Invalid`] with the tag of the section at fault.
+    pub fn validate(&self) -> Result<()> {
+        in_range(tags::SPLIT, "the split radius", &[self.split_mm], 0.0)?;
+        let nodes = &self.nodes_mm;
+        if nodes.is_empty() {
+            return invalid(tags::NODES, "no nodes");
+        }
+        in_range(tags::NODES, "a node", nodes, 0.0)?;
+        if let Some(i) = nodes.windows(2).position(|pair| pair[0] >= pair[1]) {
+            return invalid(tags::NODES, format!("node {} does not lie beyond the one before it", i + 1));
+        }
+        same_length(tags::WEIGHTS, "nodes", self.weights_mm2.len(), nodes.len())?;
+        in_range(tags::WEIGHTS, "a weight", &self.weights_mm2, f64::NEG_INFINITY)?;
+        let values = self.functions.len();
+        if values == 0 || !values.is_multiple_of(nodes.len()) {
+            return invalid(
+                tags::FUNCTIONS,
+                format!("{values} values are not whole functions on {} nodes", nodes.len()),
+            );
+        }
+        match self.functions.iter().position(|x| !x.is_finite()) {
+            Some(i) => invalid(tags::FUNCTIONS, format!("value {i} is not finite")),
+            None => Ok(()),
+        }
+    }
+
+    /// The sections of a valid basis.
+    ///
+    /// # Errors
+    /// [`crate::FormatError::Invalid`] as [`ProfileBasis::validate`].
+    pub fn to_sections(&self) -> Result<Vec<RawSection>> {
+        self.validate()?;
+        let (kind, zstd) = (Kind::Method, Codec::Zstd);
+        Ok(vec![
+            RawSection::from_record(tags::SPLIT, kind, zstd, &Record { split_mm: self.split_mm })?,
+            RawSection::from_rows(tags::NODES, kind, zstd, &self.nodes_mm),
+            RawSection::from_rows(tags::WEIGHTS, kind, zstd, &self.weights_mm2),
+            RawSection::from_rows(tags::FUNCTIONS, kind, zstd, &self.functions),
+        ])
+    }
+
+    /// Reads the basis among the sections of an asset; `None` where there is none. Other sections are left alone.
+    ///
+    /// # Errors
+    /// [`crate::FormatError::MissingSection`] where only some are there, and whatever is wrong with their type or content.
+    pub fn from_sections(sections: &[RawSection]) -> Result<Option<Self>> {
+        let Some([split, nodes, weights, functions]) = pick(sections, tags::ALL, Kind::Method)? else {
+            return Ok(None);
+        };
+        let basis = Self {
+            split_mm: split.record::<Record>()?.split_mm,
+            nodes_mm: nodes.rows()?,
+            weights_mm2: weights.rows()?,
+            functions: functions.rows()?,
+        };
+        basis.validate()?;
+        Ok(Some(basis))
+    }
 }

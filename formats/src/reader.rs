@@ -29,29 +29,47 @@ impl<'a> Reader<'a> {
     /// # Errors
     /// Errors 1 to 14 of `SPEC.md`.
     pub fn parse(bytes: &'a [u8], budget: Budget) -> Result<Self> {
-        let (version, count) = parse_header(bytes)?;
+        Self::parse_with(bytes, budget, &mut Err)
+    }
+
+    /// As [`Reader::parse`] where `report` passes every error on. Where it swallows them, the reader has the sections
+    /// that have a place in the file; an error is returned where nothing can be said about the rest of the file.
+    pub(crate) fn parse_with(bytes: &'a [u8], budget: Budget, report: Report<'_>) -> Result<Self> {
+        let (version, count) = parse_header(bytes, report)?;
         let head_end = HEADER_BYTES + ENTRY_BYTES * count;
         let mut reader = Self { bytes, version, sections: Vec::with_capacity(count) };
         let mut tags = BTreeSet::new();
-        let mut end = head_end as u64;
+        // Unknown behind an entry that does not parse.
+        let mut end = Some(head_end as u64);
         let mut cost = 0u64;
         for index in 0..count {
             let at = HEADER_BYTES + ENTRY_BYTES * index;
-            let info = SectionInfo::from_entry(index as u32, at as u64, &field(bytes, at))?;
-            if !tags.insert(info.tag) {
-                return Err(FormatError::DuplicateTag { tag: info.tag });
+            let info = match SectionInfo::from_entry(index as u32, at as u64, &field(bytes, at)) {
+                Ok(info) => info,
+                Err(error) => {
+                    report(error)?;
+                    end = None;
+                    continue;
+                }
+            };
+            let repeated = !tags.insert(info.tag);
+            if repeated {
+                report(FormatError::DuplicateTag { tag: info.tag })?;
             }
-            end = check_place(bytes, &info, end)?;
-            cost = cost.saturating_add(decoding_cost(&info));
-            if cost > budget.max_decoded_bytes {
-                let budget = budget.max_decoded_bytes;
-                return Err(FormatError::OverBudget { tag: info.tag, needed: cost, budget });
+            end = check_place(bytes, &info, end, report)?;
+            let needed = cost.saturating_add(decoding_cost(&info));
+            if needed > budget.max_decoded_bytes {
+                report(FormatError::OverBudget { tag: info.tag, needed, budget: budget.max_decoded_bytes })?;
+            } else if end.is_some() && !repeated {
+                cost = needed;
+                reader.sections.push(info);
             }
-            reader.sections.push(info);
         }
-        let length = bytes.len() as u64;
-        if end != length {
-            return Err(FormatError::SectionEnd { end, length });
+        match end {
+            Some(end) if end != bytes.len() as u64 => {
+                report(FormatError::SectionEnd { end, length: bytes.len() as u64 })?;
+            }
+            _ => {}
         }
         Ok(reader)
     }
@@ -172,6 +190,17 @@ impl<'a> Reader<'a> {
     }
 
     /// Decodes straight into the rows, so that an array is in memory once.
+    /// Checks the checksum of a section and that it decodes.
+    pub(crate) fn check(&self, info: &SectionInfo) -> Result<()> {
+        self.bytes_of(info).map(drop)
+    }
+
+    /// The same file with only the sections that `keep` says.
+    pub(crate) fn keeping(mut self, keep: impl Fn(&SectionInfo) -> bool) -> Self {
+        self.sections.retain(keep);
+        self
+    }
+
     fn decode<T: bytemuck::Pod>(&self, info: &SectionInfo) -> Result<Vec<T>> {
         let tag = info.tag;
         let stored = self.stored(info)?;
@@ -199,8 +228,11 @@ impl<'a> Reader<'a> {
     }
 }
 
+/// Takes an error and says whether to go on: the strict reader passes it back, a scan keeps it.
+pub(crate) type Report<'r> = &'r mut dyn FnMut(FormatError) -> Result<()>;
+
 /// Version and number of sections, after everything that needs no directory entry has been checked.
-fn parse_header(bytes: &[u8]) -> Result<((u16, u16), usize)> {
+fn parse_header(bytes: &[u8], report: Report<'_>) -> Result<((u16, u16), usize)> {
     let length = bytes.len() as u64;
     let need = |needed: u64| if length < needed { Err(FormatError::TooShort { needed, length }) } else { Ok(()) };
     if !MAGIC.starts_with(&bytes[..bytes.len().min(MAGIC.len())]) {
@@ -214,7 +246,7 @@ fn parse_header(bytes: &[u8]) -> Result<((u16, u16), usize)> {
     }
     let stated = u64::from_le_bytes(field(bytes, 16));
     if stated != length {
-        return Err(FormatError::FileLength { stated, actual: length });
+        report(FormatError::FileLength { stated, actual: length })?;
     }
     let count = u32::from_le_bytes(field(bytes, 12)) as usize;
     if count > MAX_SECTIONS {
@@ -225,25 +257,29 @@ fn parse_header(bytes: &[u8]) -> Result<((u16, u16), usize)> {
     let stated = u32::from_le_bytes(field(bytes, CHECKSUM_AT));
     let computed = head_checksum(&bytes[..head_end]);
     if stated != computed {
-        return Err(FormatError::HeaderChecksum { stated, computed });
+        report(FormatError::HeaderChecksum { stated, computed })?;
     }
-    check_zero(bytes, 28, HEADER_BYTES, "reserved, header")?;
+    check_zero(bytes, 28, HEADER_BYTES, "reserved, header").or_else(report)?;
     Ok(((major, minor), count))
 }
 
-/// Checks that a section begins at the first boundary after `previous_end`; returns where it ends.
-fn check_place(bytes: &[u8], info: &SectionInfo, previous_end: u64) -> Result<u64> {
+/// Checks that a section begins at the first boundary after `previous_end`; returns where it ends, if inside the file.
+fn check_place(bytes: &[u8], info: &SectionInfo, previous_end: Option<u64>, report: Report<'_>) -> Result<Option<u64>> {
     let length = bytes.len() as u64;
-    let expected = align(previous_end).unwrap_or(u64::MAX);
-    if info.offset != expected {
-        return Err(FormatError::Offset { tag: info.tag, offset: info.offset, expected });
+    if let Some(previous_end) = previous_end {
+        let expected = align(previous_end).unwrap_or(u64::MAX);
+        if info.offset != expected {
+            report(FormatError::Offset { tag: info.tag, offset: info.offset, expected })?;
+        } else if expected <= length {
+            check_zero(bytes, previous_end as usize, expected as usize, "padding").or_else(&mut *report)?;
+        }
     }
-    let end = expected.saturating_add(info.stored_bytes);
+    let end = info.offset.saturating_add(info.stored_bytes);
     if end > length {
-        return Err(FormatError::SectionEnd { end, length });
+        report(FormatError::SectionEnd { end, length })?;
+        return Ok(None);
     }
-    check_zero(bytes, previous_end as usize, expected as usize, "padding")?;
-    Ok(end)
+    Ok(Some(end))
 }
 
 fn check_zero(bytes: &[u8], from: usize, to: usize, place: &'static str) -> Result<()> {

@@ -6,12 +6,15 @@ mod common;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
-use common::{Entry, Random, build, full_asset, seal, sections_of};
-use translux_format::{AssetFile, Budget, FormatError, Reader, Tag};
+use common::{Entry, Random, build, full_asset, full_asset_0_1, mutate, seal, sections_of};
+use translux_format::far_field::{self, FarField, Shape};
+use translux_format::profile_basis::{self, ProfileBasis};
+use translux_format::{AssetFile, Budget, COMMON_TAGS, FormatError, Reader, Tag, scan};
 
 thread_local! {
     static LIVE: Cell<isize> = const { Cell::new(0) };
     static PEAK: Cell<isize> = const { Cell::new(0) };
+    static COUNT: Cell<usize> = const { Cell::new(0) };
 }
 
 /// Counts the bytes that the current thread holds.
@@ -51,22 +54,54 @@ const BUDGET: Budget = Budget::bytes(256 << 10);
 /// What a reader may take beside its budget (see `Budget`).
 const BESIDE: isize = 2 << 20;
 
-/// Decodes, and checks what must hold for any bytes.
-fn decode(bytes: &[u8]) -> Result<AssetFile, FormatError> {
+/// Runs `work` and checks what memory it took.
+fn within<T>(limit: isize, work: impl FnOnce() -> T) -> T {
     let before = LIVE.get();
     PEAK.set(before);
-    let result = AssetFile::from_bytes(bytes, BUDGET);
+    let result = work();
     let peak = PEAK.get() - before;
-    assert!(peak <= BUDGET.max_decoded_bytes as isize + BESIDE, "{peak} bytes");
+    assert!(peak <= limit, "{peak} bytes, {limit} allowed");
+    result
+}
+
+/// Decodes, and checks what must hold for any bytes.
+fn decode(bytes: &[u8]) -> Result<AssetFile, FormatError> {
+    let limit = BUDGET.max_decoded_bytes as isize + BESIDE;
+    let result = within(limit, || AssetFile::from_bytes(bytes, BUDGET));
     match &result {
-        Ok(asset) => asset.validate().unwrap(),
+        Ok(asset) => {
+            asset.validate().unwrap();
+            decode_method(asset);
+        }
         Err(error) => assert!((1..=21).contains(&error.code()) && !error.to_string().is_empty()),
+    }
+    if COUNT.replace(COUNT.get() + 1) % 8 != 0 {
+        return result;
+    }
+    // A look at the whole finds at least the error that stopped the reader, and none where there was none.
+    let found = within(limit, || scan(bytes, BUDGET));
+    match &result {
+        Ok(asset) => assert_eq!(found.into_asset().as_ref(), Some(asset)),
+        Err(error) => assert!(found.errors.contains(error), "{error} is not among {:?}", found.errors),
     }
     result
 }
 
+/// What the sections of the method hold: an error or valid content, within the memory that they promise.
+fn decode_method(asset: &AssetFile) {
+    let shape = Shape::new(asset.mesh.positions_mm.len(), &asset.samples);
+    let total: usize = asset.extra.iter().map(|section| section.bytes.len()).sum();
+    let limit = 5 * total as isize + (16 << 10);
+    if let Ok(Some(field)) = within(limit, || FarField::from_sections(&asset.extra, &shape)) {
+        field.validate(&shape).unwrap();
+    }
+    if let Ok(Some(basis)) = within(limit, || ProfileBasis::from_sections(&asset.extra)) {
+        basis.validate().unwrap();
+    }
+}
+
 fn full() -> Vec<u8> {
-    full_asset().to_bytes().unwrap()
+    full_asset_0_1().to_bytes().unwrap()
 }
 
 #[test]
@@ -105,12 +140,14 @@ fn an_appended_byte_is_refused() {
 
 #[test]
 fn every_flipped_bit_is_found() {
-    let mut bytes = full();
-    for bit in 0..8 * bytes.len() {
-        bytes[bit / 8] ^= 1 << (bit % 8);
-        let result = decode(&bytes);
-        bytes[bit / 8] ^= 1 << (bit % 8);
-        result.unwrap_err();
+    // Every bit of the older asset, one of each byte of the newer.
+    for (mut bytes, step) in [(full_asset().to_bytes().unwrap(), 1), (full(), 9)] {
+        for bit in (0..8 * bytes.len()).step_by(step) {
+            bytes[bit / 8] ^= 1 << (bit % 8);
+            let result = decode(&bytes);
+            bytes[bit / 8] ^= 1 << (bit % 8);
+            result.unwrap_err();
+        }
     }
 }
 
@@ -134,9 +171,10 @@ fn a_field_of_the_header_or_directory_that_is_wrong_is_refused_with_a_right_chec
             seal(&mut bytes);
             let in_entry = at >= 32;
             let (entry, field) = (at.saturating_sub(32) / 48, at.saturating_sub(32) % 48);
-            let tag = &good[32 + 48 * entry..40 + 48 * entry];
+            let tag = in_entry.then(|| Tag::from_bytes(good[32 + 48 * entry..40 + 48 * entry].try_into().unwrap()));
+            let common = tag.flatten().is_none_or(|tag| COMMON_TAGS.contains(&tag));
             // A method's own section may as well have another name, type, width or purpose.
-            let free = in_entry && tag.starts_with(b"x") && matches!(field, 0 | 8 | 10 | 12);
+            let free = !common && matches!(field, 0 | 8 | 10 | 12);
             let result = decode(&bytes);
             assert!(free || result.is_err(), "{at}+{length} = {value}");
         }
@@ -154,7 +192,9 @@ fn every_flipped_bit_of_the_header_and_directory_with_a_right_checksum() {
         seal(&mut bytes);
         match decode(&bytes) {
             // The minor version, a checksum (made right again), or the description of a method's own section.
-            Ok(asset) => assert!(bytes == good || (10..12).contains(&(bit / 8)) || asset.extra != full_asset().extra),
+            Ok(asset) => {
+                assert!(bytes == good || (10..12).contains(&(bit / 8)) || asset.extra != full_asset_0_1().extra)
+            }
             Err(_) => refused += 1,
         }
     }
@@ -210,27 +250,6 @@ fn limits_of_the_directory() {
     assert_eq!(code(&[Entry::zstd("w", 11, u16::MAX, 2, u64::MAX, Vec::new())]), Some(13));
 }
 
-/// Changes a few bytes, or copies, removes or repeats some.
-fn mutate(random: &mut Random, bytes: &mut Vec<u8>) {
-    for _ in 0..=random.below(6) {
-        let (at, length) = (random.below(bytes.len()), random.below(9));
-        match random.below(8) {
-            0 => drop(bytes.drain(at..(at + length).min(bytes.len()))),
-            1 => {
-                let again = bytes[at..(at + length).min(bytes.len())].to_vec();
-                bytes.splice(at..at, again);
-            }
-            2 if at < bytes.len() => bytes[at] = [0, 1, 0x7f, 0x80, 0xff][random.below(5)],
-            3 => {
-                let word = [0, 1, u64::MAX, 1 << 31, 1 << 40, f64::NAN.to_bits()][random.below(6)];
-                bytes.iter_mut().skip(at).zip(word.to_le_bytes()).for_each(|(byte, new)| *byte = new);
-            }
-            _ if at < bytes.len() => bytes[at] ^= 1 << random.below(8),
-            _ => {}
-        }
-    }
-}
-
 /// Reads again what was decoded, once written.
 fn check_again(asset: &AssetFile) {
     let bytes = asset.to_bytes().unwrap();
@@ -283,6 +302,83 @@ fn ten_thousand_mutations_of_the_content() {
     }
     // The mutations are useless unless they reach what lies deepest, and unless some are harmless.
     assert!(accepted > 100 && codes[&20] > 100 && codes[&21] > 1000 && codes[&13] > 100, "{accepted} {codes:?}");
+}
+
+/// Every byte of the method's sections takes other values in a file that is right in all else.
+#[test]
+fn every_byte_of_the_method_sections_with_right_checksums() {
+    let sections = sections_of(&full());
+    let tags: Vec<Tag> = far_field::tags::ALL.into_iter().chain(profile_basis::tags::ALL).collect();
+    let shape_of = |asset: &AssetFile| asset.mesh.positions_mm.len();
+    let (mut refused, mut accepted) = (0, 0);
+    for index in (0..sections.len()).filter(|&i| tags.contains(&sections[i].tag)) {
+        for at in 0..sections[index].bytes.len() {
+            for change in [0x01, 0x80] {
+                let mut entries: Vec<Entry> = sections.iter().map(Entry::raw).collect();
+                entries[index].stored[at] ^= change;
+                // The container has no opinion on what a method keeps.
+                let asset = decode(&build(&entries)).unwrap();
+                let shape = Shape::new(shape_of(&asset), &asset.samples);
+                let field = FarField::from_sections(&asset.extra, &shape).map(drop);
+                match field.and(ProfileBasis::from_sections(&asset.extra).map(drop)) {
+                    Ok(()) => accepted += 1,
+                    Err(error) => {
+                        // Wrong ends of groups may be noticed at what they cut.
+                        let blamed = [Some(sections[index].tag), error.tag()].map(|tag| tag.unwrap());
+                        let together = far_field::tags::ALL.iter().filter(|tag| blamed.contains(tag)).count();
+                        assert!(error.code() == 21 && (blamed[0] == blamed[1] || together == 2), "byte {at}: {error}");
+                        refused += 1;
+                    }
+                }
+            }
+        }
+    }
+    assert!(refused > 100 && accepted > 100, "{refused} refused, {accepted} accepted");
+}
+
+/// Counts that claim far more than there is take no memory.
+#[test]
+fn method_sections_that_claim_much_take_no_memory() {
+    let sections = sections_of(&full());
+    for (tag, words) in [("far.grp", 3), ("far.grp", 6), ("far.rcv", 6), ("far.stp", 2)] {
+        for value in [u32::MAX, u32::MAX - 1, 1 << 31, (1 << 28) - 1] {
+            for at in 0..words {
+                let mut entries: Vec<Entry> = sections.iter().map(Entry::raw).collect();
+                let index = sections.iter().position(|section| section.tag.as_str() == tag).unwrap();
+                entries[index].stored[4 * at..4 * at + 4].copy_from_slice(&value.to_le_bytes());
+                decode(&build(&entries)).unwrap();
+            }
+        }
+    }
+}
+
+#[test]
+fn a_scan_goes_on_behind_the_first_error() {
+    let good = full();
+    let reader = Reader::parse(&good, BUDGET).unwrap();
+    let mut bytes = good.clone();
+    let damaged = ["mesh.pos", "samp.fac", "x.f64", "meta.err"];
+    for tag in damaged {
+        let section = reader.section(Tag::new(tag).unwrap()).unwrap();
+        bytes[(section.offset + section.stored_bytes) as usize - 1] ^= 1;
+    }
+    let found = scan(&bytes, BUDGET);
+    let mut tags: Vec<String> = found.errors.iter().map(|error| error.tag().unwrap().to_string()).collect();
+    tags.sort();
+    assert_eq!(tags, ["mesh.pos", "meta.err", "samp.fac", "x.f64"]);
+    assert!(found.errors.iter().all(|error| error.code() == 16));
+    assert!(found.mesh.is_none() && found.samples.is_none() && found.ledger.is_none());
+    assert_eq!(found.parts, Some(full_asset().parts));
+    assert_eq!(found.provenance, Some(full_asset_0_1().provenance));
+    assert_eq!(found.extra.len(), full_asset_0_1().extra.len() - 1);
+
+    // A wrong entry does not hide the sections behind it, nor a wrong length of the file its content.
+    let mut bytes = good.clone();
+    bytes[32 + 48 * 3 + 8] = 99;
+    bytes.push(7);
+    bytes[28] = 1;
+    let codes: Vec<u16> = scan(&bytes, BUDGET).errors.iter().map(FormatError::code).collect();
+    assert_eq!(codes, [4, 5, 6, 10, 12]);
 }
 
 #[test]

@@ -3,9 +3,15 @@
 
 mod common;
 
-use common::{crc32, f64_at, full_asset, u16_at, u32_at, u64_at};
+use common::{crc32, f64_at, full_asset, full_asset_0_1, u16_at, u32_at, u64_at};
+use translux_format::far_field::{FarField, Group, LANES, NO_RECEIVER, Shape};
+use translux_format::profile_basis::ProfileBasis;
+use translux_format::{AssetFile, Mesh, PartRecord, Parts, Samples};
 
-const GOLDEN: &[u8] = include_bytes!("data/v0_0_full.tlux");
+const GOLDEN_0_0: &[u8] = include_bytes!("data/v0_0_full.tlux");
+const GOLDEN: &[u8] = include_bytes!("data/v0_1_full.tlux");
+/// The page itself, whose example is checked word by word.
+const PAGE: &str = include_str!("../SPEC.md");
 
 struct Section {
     tag: String,
@@ -17,7 +23,7 @@ struct Section {
 
 fn read_by_hand(file: &[u8]) -> Vec<Section> {
     assert_eq!(file[..8], [0x89, 0x54, 0x4c, 0x55, 0x58, 0x0d, 0x0a, 0x1a]);
-    assert_eq!((u16_at(file, 8), u16_at(file, 10)), (0, 0));
+    assert!(u16_at(file, 8) == 0 && u16_at(file, 10) <= 1);
     let count = u32_at(file, 12) as usize;
     assert_eq!(u64_at(file, 16) as usize, file.len());
     let mut head = file[..32 + 48 * count].to_vec();
@@ -55,7 +61,13 @@ fn the_crc_is_the_one_that_the_specification_names() {
 
 #[test]
 fn arrays_lie_where_the_specification_says() {
-    let (sections, asset) = (read_by_hand(GOLDEN), full_asset());
+    for golden in [GOLDEN_0_0, GOLDEN] {
+        arrays_of(golden);
+    }
+}
+
+fn arrays_of(golden: &[u8]) {
+    let (sections, asset) = (read_by_hand(golden), full_asset());
     let find = |tag: &str, element: u8, components: u16, kind: u8| {
         let section = sections.iter().find(|section| section.tag == tag).unwrap();
         assert_eq!((section.element, section.components, section.kind), (element, components, kind), "{tag}");
@@ -111,7 +123,7 @@ impl<'a> Fields<'a> {
 
 #[test]
 fn records_read_field_by_field() {
-    let (sections, asset) = (read_by_hand(GOLDEN), full_asset());
+    let (sections, asset) = (read_by_hand(GOLDEN_0_0), full_asset());
     let record = |tag: &str| {
         let section = sections.iter().find(|section| section.tag == tag).unwrap();
         assert_eq!((section.element, section.components, section.kind), (0, 1, 3), "{tag}");
@@ -149,4 +161,244 @@ fn records_read_field_by_field() {
     for fields in [names, parts, media, source, ledger] {
         assert!(fields.0.is_empty());
     }
+}
+
+fn find<'a>(sections: &'a [Section], tag: &str, element: u8, components: u16) -> &'a [u8] {
+    let section = sections.iter().find(|section| section.tag == tag).unwrap();
+    assert_eq!((section.element, section.components, section.kind), (element, components, 2), "{tag}");
+    &section.bytes
+}
+
+fn u32s(bytes: &[u8]) -> Vec<u32> {
+    bytes.chunks_exact(4).map(|b| u32_at(b, 0)).collect()
+}
+
+fn f64s(bytes: &[u8]) -> Vec<f64> {
+    bytes.chunks_exact(8).map(|b| f64_at(b, 0)).collect()
+}
+
+/// The far field and the basis, read as the page says.
+struct ByHand {
+    receiver_of_vertex: Vec<u32>,
+    groups: Vec<[u32; 3]>,
+    nodes: Vec<u32>,
+    steps: Vec<f32>,
+    /// `[receiver][k]`
+    row_sums: Vec<Vec<f32>>,
+    /// `[coefficient][k][lane]`
+    values: Vec<Vec<Vec<i16>>>,
+    split_mm: f64,
+    radii_mm: Vec<f64>,
+    weights: Vec<f64>,
+    /// `[k][g]`
+    functions: Vec<Vec<f32>>,
+}
+
+fn values_by_hand(bytes: &[u8], functions: usize, coefficients: usize) -> Vec<Vec<Vec<i16>>> {
+    let value = |c: usize, k: usize| {
+        let byte =
+            |j: usize, position: usize| u16::from(bytes[16 * ((j * functions + k) * coefficients + c) + position]);
+        let z: Vec<u16> = (0..16).map(|position| byte(0, position) | byte(1, position) << 8).collect();
+        let t: Vec<i16> = z.iter().map(|z| (z >> 1) as i16 ^ ((z & 1) as i16).wrapping_neg()).collect();
+        let mut s = vec![t[0]];
+        for h in [1, 2, 4, 8] {
+            let pair = |i: usize| {
+                let even = s[i].wrapping_sub(t[h + i] >> 1);
+                [even, even.wrapping_add(t[h + i])]
+            };
+            s = (0..h).flat_map(pair).collect();
+        }
+        s
+    };
+    (0..coefficients).map(|c| (0..functions).map(|k| value(c, k)).collect()).collect()
+}
+
+fn editable_by_hand(sections: &[Section], part_offsets: &[u32]) -> ByHand {
+    let groups: Vec<[u32; 3]> =
+        u32s(find(sections, "far.grp", 5, 3)).chunks_exact(3).map(|g| [g[0], g[1], g[2]]).collect();
+    let [_, receivers, coefficients] = groups.last().unwrap().map(|end| end as usize);
+    let steps: Vec<f32> = u32s(find(sections, "far.stp", 10, 1)).into_iter().map(f32::from_bits).collect();
+    let mut varints = find(sections, "far.nod", 1, 1).iter();
+    let mut nodes = Vec::new();
+    for group in &groups {
+        let mut last = part_offsets[group[0] as usize];
+        while nodes.len() < group[2] as usize {
+            let (mut step, mut shift) = (0, 0);
+            loop {
+                let byte = *varints.next().unwrap();
+                step |= u32::from(byte & 127) << shift;
+                shift += 7;
+                if byte < 128 {
+                    break;
+                }
+            }
+            last += step + 1;
+            nodes.push(last);
+        }
+    }
+    assert!(varints.next().is_none());
+    let planes = find(sections, "far.sum", 1, 1);
+    let mut row_sums = vec![Vec::new(); receivers];
+    for k in 0..steps.len() {
+        let mut x = 0u32;
+        for (i, sums) in row_sums.iter_mut().enumerate() {
+            let z = (0..4).fold(0, |z, j| z | u32::from(planes[(k * 4 + j) * receivers + i]) << (8 * j));
+            x = x.wrapping_add((z >> 1) ^ (z & 1).wrapping_neg());
+            sums.push(f32::from_bits(x));
+        }
+    }
+    let (split, radii_mm) = (find(sections, "bas.rec", 0, 1), f64s(find(sections, "bas.nod", 11, 1)));
+    assert_eq!(split.len(), 8);
+    let functions: Vec<f32> = u32s(find(sections, "bas.fun", 10, 1)).into_iter().map(f32::from_bits).collect();
+    ByHand {
+        receiver_of_vertex: u32s(find(sections, "far.rcv", 5, 1)),
+        values: values_by_hand(find(sections, "far.val", 1, 16), steps.len(), coefficients),
+        groups,
+        nodes,
+        steps,
+        row_sums,
+        split_mm: f64_at(split, 0),
+        weights: f64s(find(sections, "bas.wgt", 11, 1)),
+        functions: functions.chunks_exact(radii_mm.len()).map(<[f32]>::to_vec).collect(),
+        radii_mm,
+    }
+}
+
+fn mean(areas: &[f64], irradiance: &[f64]) -> f64 {
+    areas.iter().zip(irradiance).map(|(a, e)| a * e).sum::<f64>() / areas.iter().sum::<f64>()
+}
+
+/// Fills in the details of the nodes below `[a, b)`.
+fn details(a: usize, b: usize, areas: &[f64], irradiance: &[f64], detail: &mut [f64]) {
+    if b - a > 1 {
+        let m = a + (b - a).div_ceil(2);
+        detail[m] = mean(&areas[a..m], &irradiance[a..m]) - mean(&areas[m..b], &irradiance[m..b]);
+        details(a, m, areas, irradiance, detail);
+        details(m, b, areas, irradiance, detail);
+    }
+}
+
+impl ByHand {
+    /// `s_k` of `R_d = profile`, whose value and first two derivatives with respect to the square of the radius are given.
+    fn coefficients(&self, profile: impl Fn(f64) -> [f64; 3]) -> Vec<f64> {
+        let far = |r: f64| {
+            if r >= self.split_mm {
+                return profile(r)[0];
+            }
+            let ([value, first, second], du) = (profile(self.split_mm), r * r - self.split_mm * self.split_mm);
+            value + first * du + second * du * du / 2.0
+        };
+        let of = |b: &Vec<f32>| {
+            self.radii_mm.iter().zip(&self.weights).zip(b).map(|((r, w), b)| w * far(*r) * f64::from(*b)).sum()
+        };
+        self.functions.iter().map(of).collect()
+    }
+
+    fn far(&self, s: &[f64], part_offsets: &[u32], areas: &[f64], irradiance: &[f64]) -> Vec<f64> {
+        let mut detail = vec![f64::NAN; areas.len()];
+        let mut out = Vec::new();
+        let mut first = 0;
+        for [part, receivers_end, coefficients_end] in self.groups.iter().map(|g| g.map(|x| x as usize)) {
+            let (a, b) = (part_offsets[part] as usize, part_offsets[part + 1] as usize);
+            details(a, b, areas, irradiance, &mut detail);
+            let mean = mean(&areas[a..b], &irradiance[a..b]);
+            let start = out.len();
+            for receiver in start..receivers_end {
+                let of = |k: usize| {
+                    let term =
+                        |c: usize| f64::from(self.values[c][k][receiver - start]) * detail[self.nodes[c] as usize];
+                    let sum: f64 = (first..coefficients_end).map(term).sum();
+                    s[k] * (f64::from(self.row_sums[receiver][k]) * mean + f64::from(self.steps[k]) * sum)
+                };
+                out.push((0..s.len()).map(of).sum());
+            }
+            first = coefficients_end;
+        }
+        out
+    }
+}
+
+#[test]
+fn the_sections_of_editable_read_as_the_page_says() {
+    let asset = full_asset_0_1();
+    let by_hand = editable_by_hand(&read_by_hand(GOLDEN), &asset.samples.part_offsets);
+    let shape = Shape::new(asset.mesh.positions_mm.len(), &asset.samples);
+    let field = FarField::from_sections(&asset.extra, &shape).unwrap().unwrap();
+    let basis = ProfileBasis::from_sections(&asset.extra).unwrap().unwrap();
+    assert_eq!(by_hand.receiver_of_vertex, field.receiver_of_vertex);
+    assert_eq!(by_hand.nodes, field.nodes);
+    assert_eq!(by_hand.steps, field.steps);
+    assert_eq!(by_hand.row_sums.concat(), field.row_sums);
+    for (row, lanes) in by_hand.values.concat().iter().zip(field.values.chunks(LANES)) {
+        assert_eq!(row[..3], lanes[..3]);
+    }
+    assert_eq!((by_hand.split_mm, by_hand.radii_mm), (basis.split_mm, basis.nodes_mm));
+    assert_eq!((by_hand.weights, by_hand.functions.concat()), (basis.weights_mm2, basis.functions));
+}
+
+/// The asset of the page's example: triangles of 1, 1 and 2 mm^2, two of whose corners are receivers.
+fn example() -> AssetFile {
+    let mesh = Mesh {
+        positions_mm: vec![[0.0; 3], [2.0, 0.0, 0.0], [0.0, 1.0, 0.0], [2.0, 1.0, 0.0], [0.0, 3.0, 0.0]],
+        triangles: vec![[0, 1, 2], [1, 3, 2], [2, 3, 4]],
+        triangle_material: vec![0; 3],
+        materials: vec![String::new()],
+        weld: (0..5).collect(),
+        ..Default::default()
+    };
+    let part = PartRecord { name: String::new(), opaque: false, medium: 0 };
+    let parts =
+        Parts { triangle_part: vec![0; 3], parts: vec![part], media: vec![full_asset().parts.media[0].clone()] };
+    let samples = Samples {
+        facets: (0..3).map(|triangle| [triangle, 1]).collect(),
+        patch_offsets: vec![0, 1, 2, 3],
+        part_offsets: vec![0, 3],
+    };
+    let rows = [[3, 5], [1, -1], [-4, 300], [0, 2]];
+    let lanes = |row: [i16; 2]| row.into_iter().chain([0; LANES - 2]);
+    let field = FarField {
+        terms: 2,
+        receiver_of_vertex: vec![0, NO_RECEIVER, NO_RECEIVER, NO_RECEIVER, 1],
+        groups: vec![Group { part: 0, receivers_end: 2, coefficients_end: 2 }],
+        nodes: vec![1, 2],
+        steps: vec![0.5, 0.25],
+        values: rows.into_iter().flat_map(lanes).collect(),
+        row_sums: vec![2.0, 1.0, 2.5, -0.5],
+    };
+    let basis = ProfileBasis {
+        split_mm: 1.0,
+        nodes_mm: vec![0.5, 2.0],
+        weights_mm2: vec![3.0, 5.0],
+        functions: vec![0.5, 0.25, 1.0, -0.5],
+    };
+    let mut extra = field.to_sections(&Shape::new(5, &samples)).unwrap();
+    extra.extend(basis.to_sections().unwrap());
+    AssetFile { mesh, parts, samples, extra, ..Default::default() }
+}
+
+#[test]
+fn the_example_of_the_page_is_right() {
+    let sections = read_by_hand(&example().to_bytes().unwrap());
+    let by_hand = editable_by_hand(&sections, &[0, 3]);
+    assert_eq!(by_hand.groups, [[0, 2, 2]]);
+    assert_eq!(find(&sections, "far.nod", 1, 1), [0, 0]);
+    let (areas, irradiance) = ([1.0, 1.0, 2.0], [1.0, 2.0, 4.0]);
+    let mut detail = [0.0; 3];
+    details(0, 3, &areas, &irradiance, &mut detail);
+    assert_eq!((mean(&areas, &irradiance), detail), (2.75, [0.0, -1.0, -2.5]));
+    // Low bytes of node 1 for k = 0, zigzag.
+    let low = &find(&sections, "far.val", 1, 16)[..16];
+    let t: Vec<i32> = low.iter().map(|&z| i32::from(z >> 1) ^ -i32::from(z & 1)).collect();
+    assert_eq!(t, [4, 1, 1, 0, 1, 0, 0, 0, 2, 0, 0, 0, 0, 0, 0, 0]);
+
+    let s = by_hand.coefficients(|r| {
+        let x = 1.0 + r * r;
+        [1.0 / x, -1.0 / (x * x), 2.0 / (x * x * x)]
+    });
+    let far = by_hand.far(&s, &[0, 3], &areas, &irradiance);
+    assert!((s[0] - 1.38671875).abs() < 1e-14 && (s[1] - 1.7734375).abs() < 1e-14, "{s:?}");
+    assert!((far[0] - 16.9140625).abs() < 1e-12 && (far[1] + 518.16455078125).abs() < 1e-12, "{far:?}");
+    let numbers =
+        ["1.38671875 ", "1.7734375\n", "16.9140625\n", "-518.16455078125\n", "4 1 1 0 1 0 0 0 2 0", "-370.625\n"];
+    numbers.iter().for_each(|number| assert!(PAGE.contains(number), "{number} is not on the page"));
 }

@@ -1,4 +1,4 @@
-//! `translux compare A B`: PLY and EXR pairs; exact equality without a threshold.
+//! `translux compare A B`: pairs of PLY, EXR or assets; exact equality without a threshold.
 
 use std::path::{Path, PathBuf};
 
@@ -6,6 +6,7 @@ use clap::{Args, ValueEnum};
 use glam::DVec3;
 use serde::Serialize;
 
+use super::compare_assets::{self, AssetDifference};
 use super::console::{Console, Format, percent};
 use super::{output, report};
 use crate::error::{Error, ExitCode, Result};
@@ -17,14 +18,15 @@ use crate::methods::settings::share;
 
 #[derive(Clone, Debug, Args)]
 pub(super) struct CompareArgs {
-    /// File to judge (.ply or .exr)
+    /// File to judge (.ply, .exr or .tlux)
     a: PathBuf,
     /// Reference of the same kind
     b: PathBuf,
     /// Figure that --fail-above judges
     #[arg(long, default_value = "rms")]
     metric: Metric,
-    /// Exit with 7 if the metric is above this, such as 0.5%; without it anything but equality does
+    /// Exit with 7 if the metric is above this, such as 0.5%; without it anything but equality does. Assets are
+    /// evaluated under fixed probe lights then
     #[arg(long, value_name = "E")]
     fail_above: Option<String>,
 }
@@ -40,6 +42,16 @@ enum Metric {
     Worst,
 }
 
+impl Metric {
+    fn of(self, error: &VertexError) -> f64 {
+        match self {
+            Self::Rms => error.rms,
+            Self::P999 => error.p999,
+            Self::Worst => error.worst,
+        }
+    }
+}
+
 #[derive(Serialize)]
 struct CompareReport {
     #[serde(serialize_with = "report::path")]
@@ -48,12 +60,15 @@ struct CompareReport {
     b: PathBuf,
     equal: bool,
     metric: Metric,
-    value: f64,
+    /// The metric; none for assets without a threshold, whose bytes are compared.
+    value: Option<f64>,
     threshold: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     vertices: Option<VertexError>,
     #[serde(skip_serializing_if = "Option::is_none")]
     image: Option<ImageError>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    assets: Option<AssetDifference>,
 }
 
 pub(super) fn run(args: &CompareArgs, console: &Console) -> Result<ExitCode> {
@@ -64,20 +79,25 @@ pub(super) fn run(args: &CompareArgs, console: &Console) -> Result<ExitCode> {
         b: args.b.clone(),
         equal: false,
         metric: args.metric,
-        value: 0.0,
+        value: None,
         threshold,
         vertices: None,
         image: None,
+        assets: None,
     };
     match (suffixes.0.as_str(), suffixes.1.as_str()) {
         ("ply", "ply") => compare_ply(&mut result)?,
         ("exr", "exr") => compare_exr(&mut result)?,
+        ("tlux", "tlux") => compare_assets(&mut result, console)?,
         _ => {
             let (a, b) = (args.a.display(), args.b.display());
-            return Err(Error::command_line(format!("{a} and {b}: two .ply or two .exr files are needed")));
+            return Err(Error::command_line(format!("{a} and {b}: two .ply, two .exr or two .tlux files are needed")));
         }
     }
-    let differs = threshold.map_or(!result.equal, |limit| result.value > limit);
+    let differs = match (threshold, result.value) {
+        (Some(limit), Some(value)) => value > limit,
+        _ => !result.equal,
+    };
     if console.format == Format::Text && console.verbosity == super::console::Verbosity::Normal {
         output::print_line(&describe(&result))?;
     }
@@ -109,7 +129,12 @@ fn describe(r: &CompareReport) -> String {
         ),
         _ => String::new(),
     };
-    format!("{}: {figures}", if r.equal { "equal" } else { "different" })
+    let verdict = if r.equal { "equal" } else { "different" };
+    match (&r.assets, figures.as_str()) {
+        (Some(assets), "") => format!("{verdict}: {}", assets.describe()),
+        (Some(assets), _) => format!("{verdict}: {figures}, worst light each\n{}", assets.describe()),
+        _ => format!("{verdict}: {figures}"),
+    }
 }
 
 fn compare_ply(result: &mut CompareReport) -> Result<()> {
@@ -123,11 +148,7 @@ fn compare_ply(result: &mut CompareReport) -> Result<()> {
     if a.column("s_r").is_some() && b.column("s_r").is_some() {
         worst = worst.max(compare_triples(&a, &b, ["s_r", "s_g", "s_b"], &result.a, &result.b)?);
     }
-    result.value = match result.metric {
-        Metric::Rms => worst.rms,
-        Metric::P999 => worst.p999,
-        Metric::Worst => worst.worst,
-    };
+    result.value = Some(result.metric.of(&worst));
     result.vertices = Some(worst);
     Ok(())
 }
@@ -143,22 +164,40 @@ fn compare_triples(
         let missing = || Error::input(format!("{}: no properties {}", path.display(), names.join(" ")));
         Ok(table.triples(names).ok_or_else(missing)?.into_iter().map(DVec3::from_array).collect())
     };
-    Ok(vertex_error(&values(a, path_a)?, &values(b, path_b)?, &vertex_areas(b)))
+    // Equal weights for a file without faces.
+    let areas = match b.triples(["x", "y", "z"]).filter(|_| !b.triangles.is_empty()) {
+        Some(positions) => vertex_areas(|v| DVec3::from_array(positions[v as usize]), b.vertex_count, &b.triangles),
+        None => vec![1.0; b.vertex_count],
+    };
+    Ok(vertex_error(&values(a, path_a)?, &values(b, path_b)?, &areas))
 }
 
-/// A third of the area around each vertex; equal weights for a file without faces.
-fn vertex_areas(table: &PlyVertexTable) -> Vec<f64> {
-    let positions = table.triples(["x", "y", "z"]).filter(|_| !table.triangles.is_empty());
-    let Some(positions) = positions else { return vec![1.0; table.vertex_count] };
-    let at = |i: u32| DVec3::from_array(positions[i as usize]);
-    let mut areas = vec![0.0; table.vertex_count];
-    for &[a, b, c] in &table.triangles {
+/// A third of the area of the triangles around each vertex.
+pub(super) fn vertex_areas(at: impl Fn(u32) -> DVec3, vertices: usize, triangles: &[[u32; 3]]) -> Vec<f64> {
+    let mut areas = vec![0.0; vertices];
+    for &[a, b, c] in triangles {
         let third = (at(b) - at(a)).cross(at(c) - at(a)).length() / 6.0;
         for v in [a, b, c] {
             areas[v as usize] += third;
         }
     }
     areas
+}
+
+/// Bytes alone without a threshold; with one, radiosity under probe lights as well.
+fn compare_assets(result: &mut CompareReport, console: &Console) -> Result<()> {
+    let read = |path: &PathBuf| std::fs::read(path).map_err(|e| Error::io(path, &e));
+    let (a, b) = (read(&result.a)?, read(&result.b)?);
+    result.equal = a == b;
+    let mut assets = compare_assets::bytes(&a, &b, &result.a, &result.b)?;
+    if result.threshold.is_some() {
+        let (worst, probes) = compare_assets::radiosity([&a, &b], [&result.a, &result.b], console)?;
+        result.value = Some(result.metric.of(&worst));
+        result.vertices = Some(worst);
+        assets.probes = probes;
+    }
+    result.assets = Some(assets);
+    Ok(())
 }
 
 fn compare_exr(result: &mut CompareReport) -> Result<()> {
@@ -175,11 +214,11 @@ fn compare_exr(result: &mut CompareReport) -> Result<()> {
         _ => vec![true; picture.len()],
     };
     let error = image_error(&picture, &reference, &covered);
-    result.value = match result.metric {
+    result.value = Some(match result.metric {
         Metric::Rms => error.rms,
         Metric::P999 => error.p999,
         Metric::Worst => error.worst,
-    };
+    });
     result.image = Some(error);
     Ok(())
 }

@@ -27,11 +27,25 @@ pub(super) struct InspectArgs {
 pub(super) struct Sizes {
     /// The whole file.
     pub(super) file: u64,
-    /// Stored bytes of all sections but the mesh's.
+    /// Stored bytes of all sections but the mesh's and the environment's.
     pub(super) stored_without_mesh: u64,
-    /// Decoded bytes of all sections but the mesh's.
+    /// Decoded bytes of the same.
     pub(super) decoded_without_mesh: u64,
+    /// Stored bytes of what is there for environments.
+    pub(super) stored_environment: u64,
+    /// Decoded bytes of the same.
+    pub(super) decoded_environment: u64,
+    /// By what the sections are for, every kind.
+    kinds: Vec<KindRow>,
     sections: Vec<SectionRow>,
+}
+
+#[derive(Clone, Debug, Serialize)]
+struct KindRow {
+    kind: &'static str,
+    sections: usize,
+    stored_bytes: u64,
+    decoded_bytes: u64,
 }
 
 #[derive(Clone, Debug, Serialize)]
@@ -59,6 +73,8 @@ struct InspectReport {
     sizes: Sizes,
     bytes_per_vertex_on_disk: f64,
     bytes_per_vertex_resident: Option<f64>,
+    environment_bytes_per_vertex_on_disk: f64,
+    environment_bytes_per_vertex_resident: f64,
     cost: Option<Cost>,
     edits: Option<Capabilities>,
     ledger: Ledger,
@@ -78,10 +94,27 @@ struct PartRow {
 pub(super) fn sizes(bytes: &[u8]) -> Result<Sizes> {
     let reader = Reader::parse(bytes, Budget::default()).map_err(|e| Error::input(e.to_string()))?;
     let mut result = Sizes { file: bytes.len() as u64, ..Sizes::default() };
+    let rows = Kind::ALL.iter().map(|kind| {
+        let mut row = KindRow { kind: kind.name(), sections: 0, stored_bytes: 0, decoded_bytes: 0 };
+        for section in reader.sections().iter().filter(|section| section.kind == *kind) {
+            row.sections += 1;
+            row.stored_bytes += section.stored_bytes;
+            row.decoded_bytes += section.decoded_bytes;
+        }
+        row
+    });
+    result.kinds = rows.collect();
     for section in reader.sections() {
-        if section.kind != Kind::Mesh {
-            result.stored_without_mesh += section.stored_bytes;
-            result.decoded_without_mesh += section.decoded_bytes;
+        match section.kind {
+            Kind::Mesh => {}
+            Kind::Environment => {
+                result.stored_environment += section.stored_bytes;
+                result.decoded_environment += section.decoded_bytes;
+            }
+            Kind::Samples | Kind::Method | Kind::Metadata => {
+                result.stored_without_mesh += section.stored_bytes;
+                result.decoded_without_mesh += section.decoded_bytes;
+            }
         }
         result.sections.push(SectionRow {
             tag: section.tag.to_string(),
@@ -115,6 +148,8 @@ pub(super) fn run(args: &InspectArgs, console: &Console) -> Result<ExitCode> {
         media: asset.scene.media.iter().map(MediumReport::of).collect(),
         diagonal_mm: asset.scene.mesh.diagonal_mm(),
         bytes_per_vertex_on_disk: per_vertex(sizes.stored_without_mesh),
+        environment_bytes_per_vertex_on_disk: per_vertex(sizes.stored_environment),
+        environment_bytes_per_vertex_resident: per_vertex(sizes.decoded_environment),
         bytes_per_vertex_resident: cost.map(|c| per_vertex(c.resident_bytes as u64)),
         sizes,
         cost,
@@ -140,6 +175,23 @@ fn parts(asset: &Asset) -> Vec<PartRow> {
     asset.scene.parts.parts.iter().enumerate().map(row).collect()
 }
 
+/// Bytes by kind; the method's decoded bytes are those of its sections, what an evaluator holds is said above.
+fn kinds(r: &InspectReport) -> String {
+    let per_vertex = |bytes: u64| format!("{:.1}", bytes as f64 / r.vertices.max(1) as f64);
+    let mut rows = vec![["kind", "sections", "stored", "decoded", "bytes/vertex stored", "decoded"].map(str::to_owned)];
+    rows.extend(r.sizes.kinds.iter().map(|k| {
+        [
+            k.kind.to_owned(),
+            k.sections.to_string(),
+            megabytes(k.stored_bytes),
+            megabytes(k.decoded_bytes),
+            per_vertex(k.stored_bytes),
+            per_vertex(k.decoded_bytes),
+        ]
+    }));
+    output::table(&rows)
+}
+
 fn print(r: &InspectReport) -> Result<()> {
     let say = |line: String| output::print_line(&line);
     say(format!(
@@ -152,10 +204,16 @@ fn print(r: &InspectReport) -> Result<()> {
         r.diagonal_mm
     ))?;
     let resident = r.bytes_per_vertex_resident.map_or_else(|| "?".to_owned(), |b| format!("{b:.1}"));
-    say(format!("bytes/vertex without the mesh: {:.1} on disk, {resident} resident", r.bytes_per_vertex_on_disk))?;
+    let on_disk = r.bytes_per_vertex_on_disk;
+    say(format!("bytes/vertex without mesh and environment: {on_disk:.1} on disk, {resident} resident"))?;
+    if r.sizes.stored_environment > 0 {
+        let (disk, resident) = (r.environment_bytes_per_vertex_on_disk, r.environment_bytes_per_vertex_resident);
+        say(format!("bytes/vertex for environments: {disk:.1} on disk, {resident:.1} resident"))?;
+    }
     if let Some(edits) = r.edits {
         say(format!("material edits without a new bake: {:?}", edits.material).to_lowercase())?;
     }
+    say(kinds(r))?;
     let mut rows = vec![["section", "kind", "type", "codec", "rows", "stored", "decoded"].map(str::to_owned)];
     for s in &r.sizes.sections {
         rows.push([

@@ -3,9 +3,11 @@
 mod bake;
 mod baking;
 mod compare;
+mod compare_assets;
 mod console;
 mod demo;
 mod evaluate;
+mod findings;
 mod inspect;
 mod lights;
 mod materials;
@@ -17,6 +19,7 @@ mod output;
 mod reference;
 mod render;
 mod report;
+mod validate;
 
 use std::ffi::OsString;
 use std::io::Write;
@@ -69,7 +72,9 @@ enum Command {
     Reference(reference::ReferenceArgs),
     /// Sections, bytes, bytes per vertex, error ledger and provenance of an asset
     Inspect(inspect::InspectArgs),
-    /// Compare two PLY or two EXR files
+    /// Everything that is wrong with an asset, as numbered findings
+    Validate(validate::ValidateArgs),
+    /// Compare two PLY or EXR files or two assets
     Compare(compare::CompareArgs),
     /// List the measured materials
     Materials(materials::MaterialsArgs),
@@ -126,6 +131,7 @@ fn dispatch(cli: Cli) -> Result<ExitCode> {
         Command::Render(args) => render::run(&args, &console),
         Command::Reference(args) => reference::run(&args, &console),
         Command::Inspect(args) => inspect::run(&args, &console),
+        Command::Validate(args) => validate::run(&args, &console),
         Command::Compare(args) => compare::run(&args, &console),
         Command::Materials(args) => materials::run(&args, &console),
         Command::Methods(args) => methods::run(&args, &console),

@@ -3,7 +3,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use translux_format::{AssetFile, Budget, Reader};
+use translux_format::{AssetFile, Budget, Reader, scan};
 
 #[path = "../../tests/common/mod.rs"]
 mod common;
@@ -17,7 +17,13 @@ fn check(bytes: &[u8]) {
             assert!(decoded.is_err() || decoded.is_ok_and(|bytes| bytes.len() as u64 == section.decoded_bytes));
         }
     }
-    if let Ok(asset) = AssetFile::from_bytes(bytes, BUDGET) {
+    let result = AssetFile::from_bytes(bytes, BUDGET);
+    let found = scan(bytes, BUDGET);
+    match &result {
+        Ok(asset) => assert_eq!(found.into_asset().as_ref(), Some(asset)),
+        Err(error) => assert!(found.errors.contains(error)),
+    }
+    if let Ok(asset) = result {
         let written = asset.to_bytes().expect("what decodes can be written");
         assert_eq!(AssetFile::from_bytes(&written, Budget::default()).as_ref(), Ok(&asset));
         assert_eq!(asset.to_bytes().as_ref(), Ok(&written));

@@ -1,6 +1,8 @@
 //! A handmade asset that uses every feature, and a second writer made from the numbers in SPEC.md alone.
 #![allow(dead_code, unreachable_pub, clippy::unwrap_used)]
 
+use translux_format::far_field::{FarField, Group, LANES, NO_RECEIVER, Shape};
+use translux_format::profile_basis::ProfileBasis;
 use translux_format::{
     AssetFile, Codec, CornerAttribute, F16Bits, InputRecord, Kind, LedgerEntry, MediumRecord, Mesh, NO_MEDIUM, NO_PART,
     PartRecord, Parts, Provenance, RawSection, Reader, Samples, Tag,
@@ -97,6 +99,88 @@ fn extra_sections() -> Vec<RawSection> {
         RawSection::from_scalars(tag("x.f64"), method, zstd, 300, &[0.5f64; 600]),
         RawSection::from_record(tag("x.rec"), method, zstd, &("k".to_string(), Some(3u8), vec![1.5f32])).unwrap(),
     ]
+}
+
+/// Part offsets that [`far_field`] fits: a part without samples, and none of them starts at 0 but the first.
+pub const FAR_PARTS: [u32; 4] = [0, 300, 300, 420];
+
+pub fn far_shape() -> Shape<'static> {
+    Shape { vertices: 90, part_offsets: &FAR_PARTS }
+}
+
+/// Full and part-filled groups, one without coefficients, every size of value, vertices that share a receiver or have none.
+pub fn far_field(terms: usize) -> FarField {
+    let mut random = Random(terms as u64);
+    let sizes = [(0, 16, 40), (0, 5, 1), (2, 16, 0), (2, 1, 90), (0, 16, 299), (2, 7, 3)];
+    let mut field = FarField { terms, ..Default::default() };
+    let (mut receivers, mut lanes_of) = (0, Vec::new());
+    for (part, lanes, count) in sizes {
+        receivers += lanes;
+        let (first, end) = (FAR_PARTS[part as usize], FAR_PARTS[part as usize + 1]);
+        let mut nodes: Vec<u32> = (first + 1..end).collect();
+        while nodes.len() > count {
+            nodes.swap_remove(random.below(nodes.len()));
+        }
+        nodes.sort_unstable();
+        lanes_of.extend(nodes.iter().map(|_| lanes as usize));
+        field.nodes.extend(nodes);
+        field.groups.push(Group { part, receivers_end: receivers, coefficients_end: field.nodes.len() as u32 });
+    }
+    field.receiver_of_vertex =
+        (0..90).map(|i| if i % 9 == 8 { NO_RECEIVER } else { (i * 7 + i / 3) % receivers }).collect();
+    for receiver in 0..receivers {
+        field.receiver_of_vertex[29 + receiver as usize] = receiver;
+    }
+    field.steps = (0..terms).map(|k| 0.01 * 0.5f32.powi(k as i32)).collect();
+    field.row_sums = (0..receivers as usize * terms).map(|i| (i as f32 * 0.1).sin()).collect();
+    for lanes in lanes_of {
+        for k in 0..terms {
+            let range = 1usize << (15 - k.min(14));
+            let value = |lane| if lane < lanes { (random.below(2 * range) as i32 - range as i32) as i16 } else { 0 };
+            field.values.extend((0..LANES).map(value));
+        }
+    }
+    field
+}
+
+pub fn profile_basis(terms: usize) -> ProfileBasis {
+    ProfileBasis {
+        split_mm: 0.5,
+        nodes_mm: vec![0.0, 0.125, 0.5, 2.0, 9.5],
+        weights_mm2: vec![0.01, 0.02, 1.0, 8.0, 30.0],
+        functions: (0..5 * terms).map(|i| 1.0 / (1 + i) as f32 - 0.25).collect(),
+    }
+}
+
+/// A far field that fits [`full_asset`].
+pub fn small_far_field() -> FarField {
+    let mut values = vec![0; 2 * LANES];
+    values[..3].copy_from_slice(&[-300, 7, 32_767]);
+    values[LANES..LANES + 3].copy_from_slice(&[1, 0, -1]);
+    FarField {
+        terms: 2,
+        receiver_of_vertex: vec![0, 1, 2, 1, 3, NO_RECEIVER],
+        groups: vec![
+            Group { part: 0, receivers_end: 3, coefficients_end: 1 },
+            Group { part: 1, receivers_end: 4, coefficients_end: 1 },
+        ],
+        nodes: vec![1],
+        steps: vec![0.5, 0.0625],
+        values,
+        row_sums: vec![1.0, -0.5, 1.25, 0.0, 1.5, 0.25, 3.0, -0.0],
+    }
+}
+
+/// [`full_asset`] with what version 0.1 added: a far field, a basis, a section for environments.
+pub fn full_asset_0_1() -> AssetFile {
+    let mut asset = full_asset();
+    asset.provenance.method = "editable".into();
+    let shape = Shape::new(asset.mesh.positions_mm.len(), &asset.samples);
+    asset.extra.extend(small_far_field().to_sections(&shape).unwrap());
+    asset.extra.extend(profile_basis(2).to_sections().unwrap());
+    let tag = Tag::new("x.env").unwrap();
+    asset.extra.push(RawSection::from_rows(tag, Kind::Environment, Codec::Zstd, &[[0u8, 255]; 3]));
+    asset
 }
 
 /// Every section of a file as its decoded bytes.
@@ -219,5 +303,26 @@ impl Random {
 
     pub fn below(&mut self, limit: usize) -> usize {
         if limit == 0 { 0 } else { (self.next() % limit as u64) as usize }
+    }
+}
+
+/// Changes a few bytes, or copies, removes or repeats some.
+pub fn mutate(random: &mut Random, bytes: &mut Vec<u8>) {
+    for _ in 0..=random.below(6) {
+        let (at, length) = (random.below(bytes.len()), random.below(9));
+        match random.below(8) {
+            0 => drop(bytes.drain(at..(at + length).min(bytes.len()))),
+            1 => {
+                let again = bytes[at..(at + length).min(bytes.len())].to_vec();
+                bytes.splice(at..at, again);
+            }
+            2 if at < bytes.len() => bytes[at] = [0, 1, 0x7f, 0x80, 0xff][random.below(5)],
+            3 => {
+                let word = [0, 1, u64::MAX, 1 << 31, 1 << 40, f64::NAN.to_bits()][random.below(6)];
+                bytes.iter_mut().skip(at).zip(word.to_le_bytes()).for_each(|(byte, new)| *byte = new);
+            }
+            _ if at < bytes.len() => bytes[at] ^= 1 << random.below(8),
+            _ => {}
+        }
     }
 }

@@ -1,0 +1,122 @@
+//! A file looked at as a whole: everything that is wrong with it, and what can be read all the same.
+
+use std::collections::BTreeSet;
+
+use crate::asset::{AssetFile, COMMON_TAGS, RawSection};
+use crate::container::SectionInfo;
+use crate::error::{FormatError, Result};
+use crate::mesh::Mesh;
+use crate::metadata::{self, LedgerEntry, Provenance};
+use crate::parts::Parts;
+use crate::reader::Reader;
+use crate::samples::Samples;
+use crate::types::{Budget, Tag};
+
+/// What a look at a whole file found. Without errors the file is exactly one that [`AssetFile::from_bytes`] accepts, and
+/// every component is there.
+#[derive(Clone, Debug, Default)]
+pub struct Scan {
+    /// Everything that is wrong, roughly in the order of the file. An error may be the consequence of another one.
+    pub errors: Vec<FormatError>,
+    /// Major and minor version, where the header could be read.
+    pub version: Option<(u16, u16)>,
+    /// The sections that have a place in the file.
+    pub sections: Vec<SectionInfo>,
+    /// The mesh, if it is valid.
+    pub mesh: Option<Mesh>,
+    /// Parts and media, if valid.
+    pub parts: Option<Parts>,
+    /// Samples, if valid.
+    pub samples: Option<Samples>,
+    /// Provenance, if valid.
+    pub provenance: Option<Provenance>,
+    /// The ledger, if valid.
+    pub ledger: Option<Vec<LedgerEntry>>,
+    /// The sections that this crate has no type for, those that decode.
+    pub extra: Vec<RawSection>,
+}
+
+/// Looks at every section of a file whatever is wrong with the others. Takes the memory that `budget` allows.
+pub fn scan(bytes: &[u8], budget: Budget) -> Scan {
+    let mut scan = Scan::default();
+    let mut keep = |error| {
+        scan.errors.push(error);
+        Ok(())
+    };
+    match Reader::parse_with(bytes, budget, &mut keep) {
+        Ok(reader) => scan.read(reader),
+        Err(error) => scan.errors.push(error),
+    }
+    scan
+}
+
+impl Scan {
+    fn read(&mut self, reader: Reader<'_>) {
+        self.version = Some(reader.version());
+        self.sections = reader.sections().to_vec();
+        let mut damaged = BTreeSet::new();
+        for info in self.sections.clone() {
+            if COMMON_TAGS.contains(&info.tag) {
+                if let Err(error) = reader.check(&info) {
+                    damaged.insert(info.tag);
+                    self.errors.push(error);
+                }
+            } else {
+                match RawSection::read(&reader, &info) {
+                    Ok(section) => self.extra.push(section),
+                    Err(error) => self.errors.push(error),
+                }
+            }
+        }
+        let reader = reader.keeping(|info| !damaged.contains(&info.tag));
+        damaged.extend(self.errors.iter().filter_map(FormatError::tag));
+        self.mesh = self.component(&damaged, Mesh::decode(&reader));
+        self.parts = self.component(&damaged, Parts::decode(&reader));
+        self.samples = self.component(&damaged, Samples::decode(&reader));
+        self.provenance = self.component(&damaged, metadata::provenance(&reader));
+        self.ledger = self.component(&damaged, metadata::ledger(&reader));
+        self.check_together();
+    }
+
+    /// A component; that a damaged section is missing is no news.
+    fn component<T>(&mut self, damaged: &BTreeSet<Tag>, component: Result<T>) -> Option<T> {
+        match component {
+            Ok(component) => return Some(component),
+            Err(FormatError::MissingSection { tag }) if damaged.contains(&tag) => {}
+            Err(error) => self.errors.push(error),
+        }
+        None
+    }
+
+    /// What holds between components; one that does not fit the others is taken out.
+    fn check_together(&mut self) {
+        if let (Some(mesh), Some(parts)) = (&self.mesh, &self.parts)
+            && let Err(error) = parts.validate_against(mesh.triangles.len())
+        {
+            self.errors.push(error);
+            self.parts = None;
+        }
+        if let (Some(parts), Some(samples)) = (&self.parts, &self.samples)
+            && let Err(error) = samples.validate_against(&parts.triangle_part, parts.parts.len())
+        {
+            self.errors.push(error);
+            self.samples = None;
+        }
+    }
+
+    /// The whole asset, where nothing is wrong.
+    pub fn into_asset(self) -> Option<AssetFile> {
+        let Self { errors, mesh, parts, samples, provenance, ledger, extra, .. } = self;
+        if !errors.is_empty() {
+            return None;
+        }
+        Some(AssetFile {
+            mesh: mesh?,
+            parts: parts?,
+            samples: samples?,
+            provenance: provenance?,
+            ledger: ledger?,
+            extra,
+        })
+    }
+}

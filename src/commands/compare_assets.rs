@@ -1,0 +1,233 @@
+//! Two assets: what differs in their bytes, and how far apart their radiosities are under the probe lights.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+use std::sync::Arc;
+
+use glam::DVec3;
+use serde::Serialize;
+use translux_format::{Budget, FormatError, Provenance, Reader, SectionInfo, Tag, metadata};
+
+use super::console::{Console, percent};
+use super::output;
+use crate::asset::Asset;
+use crate::error::{Error, ExitCode, Result};
+use crate::geometry::mesh::Mesh;
+use crate::light::Light;
+use crate::math::statistics::{VertexError, vertex_error};
+use crate::measure::probes;
+use crate::methods;
+
+/// What two assets have in common and what not.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct AssetDifference {
+    sections: Vec<SectionPair>,
+    settings: Vec<Difference>,
+    provenance: Vec<Difference>,
+    /// Errors of the first against the second under each probe light, where they were asked for.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub(super) probes: Vec<ProbeError>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+enum Status {
+    Equal,
+    Different,
+    OnlyInA,
+    OnlyInB,
+}
+
+#[derive(Clone, Debug, Serialize)]
+struct SectionPair {
+    tag: String,
+    /// Whether type and decoded bytes are the same.
+    status: Status,
+    stored_bytes_a: Option<u64>,
+    stored_bytes_b: Option<u64>,
+    decoded_bytes_a: Option<u64>,
+    decoded_bytes_b: Option<u64>,
+}
+
+#[derive(Clone, Debug, Serialize)]
+struct Difference {
+    key: String,
+    a: Option<String>,
+    b: Option<String>,
+}
+
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct ProbeError {
+    light: &'static str,
+    pub(super) error: VertexError,
+}
+
+/// Compares the bytes of two assets.
+pub(super) fn bytes(a: &[u8], b: &[u8], path_a: &Path, path_b: &Path) -> Result<AssetDifference> {
+    let (reader_a, reader_b) = (parsed(a, path_a)?, parsed(b, path_b)?);
+    let tags_b = reader_b.sections().iter().map(|section| section.tag);
+    let mut tags: Vec<Tag> = reader_a.sections().iter().map(|section| section.tag).collect();
+    tags.extend(tags_b.filter(|tag| reader_a.find(*tag).is_none()));
+    let pair = |tag: &Tag| -> Result<SectionPair> {
+        let (in_a, in_b) = (reader_a.find(*tag), reader_b.find(*tag));
+        let status = match (in_a, in_b) {
+            (Some(x), Some(y)) if kind_of(x) != kind_of(y) => Status::Different,
+            (Some(_), Some(_)) => {
+                let content_a = reader_a.bytes(*tag).map_err(|e| wrong(&e, path_a))?;
+                let content_b = reader_b.bytes(*tag).map_err(|e| wrong(&e, path_b))?;
+                if content_a == content_b { Status::Equal } else { Status::Different }
+            }
+            (Some(_), None) => Status::OnlyInA,
+            (None, _) => Status::OnlyInB,
+        };
+        Ok(SectionPair {
+            tag: tag.to_string(),
+            status,
+            stored_bytes_a: in_a.map(|section| section.stored_bytes),
+            stored_bytes_b: in_b.map(|section| section.stored_bytes),
+            decoded_bytes_a: in_a.map(|section| section.decoded_bytes),
+            decoded_bytes_b: in_b.map(|section| section.decoded_bytes),
+        })
+    };
+    let sections = tags.iter().map(pair).collect::<Result<_>>()?;
+    let provenance = |reader: &Reader<'_>, path| -> Result<Provenance> {
+        reader.record(metadata::tags::PROVENANCE).map_err(|e| wrong(&e, path))
+    };
+    let (from_a, from_b) = (provenance(&reader_a, path_a)?, provenance(&reader_b, path_b)?);
+    Ok(AssetDifference {
+        sections,
+        settings: differences(&from_a.settings, &from_b.settings),
+        provenance: differences(&facts(&from_a), &facts(&from_b)),
+        probes: Vec::new(),
+    })
+}
+
+fn wrong(error: &FormatError, path: &Path) -> Error {
+    let code = match error {
+        FormatError::UnsupportedVersion { .. } => ExitCode::Unsupported,
+        _ => ExitCode::InvalidInput,
+    };
+    Error::new(code, error.to_string()).at(path.display())
+}
+
+fn parsed<'a>(bytes: &'a [u8], path: &Path) -> Result<Reader<'a>> {
+    Reader::parse(bytes, Budget::default()).map_err(|e| wrong(&e, path))
+}
+
+fn kind_of(section: &SectionInfo) -> impl PartialEq {
+    (section.kind, section.element, section.components)
+}
+
+/// Provenance but for the settings, as keys and values.
+fn facts(p: &Provenance) -> Vec<(String, String)> {
+    let mut out = vec![
+        ("algorithm revision".to_owned(), p.algorithm_revision.to_string()),
+        ("method".to_owned(), p.method.clone()),
+        ("seed".to_owned(), p.seed.to_string()),
+        ("unit of the source".to_owned(), format!("{} mm ({})", p.mm_per_source_unit, p.source_unit)),
+        ("notes".to_owned(), p.notes.join("; ")),
+    ];
+    out.extend(p.inputs.iter().map(|input| {
+        let hash = blake3::Hash::from_bytes(input.blake3).to_hex();
+        (format!("input {}", input.name), format!("{} bytes, BLAKE3 {hash}", input.bytes))
+    }));
+    out
+}
+
+/// Keys whose values differ or that only one side has, in order.
+fn differences(a: &[(String, String)], b: &[(String, String)]) -> Vec<Difference> {
+    let value = |pairs: &[(String, String)], key: &str| pairs.iter().find(|(k, _)| k == key).map(|(_, v)| v.clone());
+    let keys: BTreeSet<&String> = a.iter().chain(b).map(|(key, _)| key).collect();
+    let difference = |key: &String| Difference { key: key.clone(), a: value(a, key), b: value(b, key) };
+    keys.into_iter().map(difference).filter(|d| d.a != d.b).collect()
+}
+
+impl AssetDifference {
+    /// Says what differs, in lines.
+    pub(super) fn describe(&self) -> String {
+        let differing: Vec<&SectionPair> = self.sections.iter().filter(|s| s.status != Status::Equal).collect();
+        let mut lines = vec![match differing.len() {
+            0 => format!("{} sections, all of the same content", self.sections.len()),
+            n => format!("{n} of {} sections differ", self.sections.len()),
+        }];
+        if !differing.is_empty() {
+            let bytes = |b: Option<u64>| b.map_or_else(|| "-".to_owned(), |b| b.to_string());
+            let mut rows = vec![["section", "bytes of A", "bytes of B"].map(str::to_owned)];
+            rows.extend(differing.iter().map(|s| [s.tag.clone(), bytes(s.decoded_bytes_a), bytes(s.decoded_bytes_b)]));
+            lines.push(output::table(&rows));
+        }
+        for (what, list) in [("setting", &self.settings), ("provenance", &self.provenance)] {
+            let text = |value: &Option<String>| value.clone().unwrap_or_else(|| "-".to_owned());
+            lines.extend(list.iter().map(|d| format!("{what} {}: {} | {}", d.key, text(&d.a), text(&d.b))));
+        }
+        lines.extend(self.probes.iter().map(|probe| {
+            let VertexError { rms, p999, worst, .. } = probe.error;
+            let figures = [rms, p999, worst].map(percent);
+            format!(
+                "under {}: RMS {}, 99.9th percentile {}, worst vertex {}",
+                probe.light, figures[0], figures[1], figures[2]
+            )
+        }));
+        lines.join("\n")
+    }
+}
+
+/// Radiosity of both under fixed lights that no choice saw, the first judged by the second; worst light of each figure.
+pub(super) fn radiosity(
+    [a, b]: [&[u8]; 2],
+    [path_a, path_b]: [&Path; 2],
+    console: &Console,
+) -> Result<(VertexError, Vec<ProbeError>)> {
+    let open = |bytes: &[u8], path: &Path| Asset::from_bytes(bytes).map(Arc::new).map_err(|e| e.at(path.display()));
+    let (a, b) = (open(a, path_a)?, open(b, path_b)?);
+    let (mesh, other) = (&b.scene.mesh, &a.scene.mesh);
+    let same =
+        |x: &Mesh, y: &Mesh| x.origin_mm == y.origin_mm && x.local_mm == y.local_mm && x.triangles == y.triangles;
+    if !same(mesh, other) {
+        let (va, ta) = (other.local_mm.len(), other.triangles.len());
+        let (vb, tb) = (mesh.local_mm.len(), mesh.triangles.len());
+        return Err(Error::input(format!(
+            "{} ({va} vertices, {ta} triangles) and {} ({vb}, {tb}) are not of one mesh: vertices cannot be compared; \
+             leave --fail-above out to compare the bytes",
+            path_a.display(),
+            path_b.display()
+        )));
+    }
+    let lights = probe_lights(mesh);
+    let areas =
+        super::compare::vertex_areas(|v| mesh.local_mm[v as usize].as_dvec3(), mesh.local_mm.len(), &mesh.triangles);
+    let values_a = under(&a, path_a, &lights, console)?;
+    let values_b = under(&b, path_b, &lights, console)?;
+    let errors = lights
+        .iter()
+        .zip(values_a.iter().zip(&values_b))
+        .map(|((light, _), (values, reference))| ProbeError { light, error: vertex_error(values, reference, &areas) });
+    let errors: Vec<ProbeError> = errors.collect();
+    Ok((errors.iter().fold(VertexError::default(), |worst, probe| worst.max(probe.error)), errors))
+}
+
+fn probe_lights(mesh: &Mesh) -> Vec<(&'static str, Light)> {
+    let name = |light: &Light| match light {
+        Light::Directional { .. } => "a directional light",
+        Light::Point { .. } => "a point light",
+        _ => "a constant light",
+    };
+    probes::unseen(mesh).into_iter().chain([probes::constant()]).map(|light| (name(&light), light)).collect()
+}
+
+/// Radiosity of the vertices under each light.
+fn under(asset: &Arc<Asset>, path: &Path, lights: &[(&str, Light)], console: &Console) -> Result<Vec<Vec<DVec3>>> {
+    let name = &asset.provenance.method;
+    let method = methods::named(name).map_err(|_| {
+        let path = path.display();
+        Error::unsupported(format!("{path}: baked by the method `{name}`, which this build does not have"))
+    })?;
+    let needed = methods::sampling::memory(asset.samples.len(), &asset.scene);
+    console.check_memory(needed, "raise --max-memory, or bake with fewer --samples")?;
+    let mut evaluator = method.open(Arc::clone(asset)).map_err(|e| e.at(path.display()))?;
+    let values = lights.iter().map(|(_, light)| {
+        evaluator.set_lights(vec![light.clone()], console)?;
+        evaluator.radiosity(console)
+    });
+    values.collect()
+}

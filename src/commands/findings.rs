@@ -1,0 +1,301 @@
+//! What a reader accepts and should not have been written: the catalogue, and the search in what a scan found.
+
+use std::collections::BTreeSet;
+
+use glam::{DVec3, Vec3};
+use serde::Serialize;
+use translux_format::far_field::{self, FarField, Shape};
+use translux_format::profile_basis::{self, ProfileBasis};
+use translux_format::{
+    COMMON_TAGS, FormatError, Kind, Scan, VERSION_MAJOR, VERSION_MINOR, mesh, metadata, parts, samples,
+};
+
+use super::console::percent;
+use super::validate::Finding;
+use crate::asset::ALGORITHM_REVISION;
+use crate::geometry::mesh::Mesh;
+use crate::geometry::samples::{Facet, area};
+use crate::methods;
+use crate::methods::settings::share;
+
+/// Whether an asset with such a finding can be used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum Severity {
+    /// It cannot, or gives wrong results.
+    Error,
+    /// It can, and something is odd.
+    Warning,
+}
+
+impl Severity {
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Error => "error",
+            Self::Warning => "warning",
+        }
+    }
+}
+
+/// An entry of the catalogue. Numbers are never reused.
+pub(super) struct FindingKind {
+    pub(super) number: u16,
+    pub(super) severity: Severity,
+    pub(super) name: &'static str,
+    pub(super) meaning: &'static str,
+}
+
+macro_rules! catalogue {
+    ($($constant:ident = $number:literal $severity:ident $name:literal $meaning:literal;)*) => {
+        $(pub(super) const $constant: FindingKind =
+            FindingKind { number: $number, severity: Severity::$severity, name: $name, meaning: $meaning };)*
+        /// Every finding about what a reader accepts.
+        pub(super) const CATALOGUE: &[FindingKind] = &[$($constant),*];
+    };
+}
+
+catalogue! {
+    UNKNOWN_METHOD = 100 Error "UnknownMethod" "this build does not have the method of the asset";
+    REFUSED = 101 Error "Refused" "the method does not open the asset";
+    MAX_RMS = 102 Error "MaxRms" "the setting max-rms is no share in (0, 1]";
+    TERMS = 103 Error "Terms" "far field and basis have unlike numbers of functions";
+    NO_SAMPLES = 104 Error "NoSamples" "light travels in a part that has no samples";
+    SAMPLE_AREA = 105 Error "SampleArea" "the samples of a part do not cover its surface once";
+    OPAQUE_SAMPLES = 110 Warning "OpaqueSamples" "a part that only casts shadows has samples";
+    EMPTY_PATCHES = 111 Warning "EmptyPatches" "samples have no area";
+    EMPTY_TRIANGLES = 112 Warning "EmptyTriangles" "triangles have no area";
+    UNUSED_VERTICES = 113 Warning "UnusedVertices" "no triangle has these vertices";
+    UNUSED_MATERIALS = 114 Warning "UnusedMaterials" "no triangle has these materials";
+    UNUSED_MEDIA = 115 Warning "UnusedMedia" "no part has these media";
+    SETTINGS = 120 Warning "Settings" "the settings are not those that the method has";
+    SAMPLE_COUNT = 121 Warning "SampleCount" "the setting samples is not the number of samples";
+    NO_LEDGER = 122 Warning "NoLedger" "no stage has told its error";
+    QUALITY = 123 Warning "Quality" "the errors of the stages add up to more than was asked for";
+    UNKNOWN_SECTION = 130 Warning "UnknownSection" "this build does not know the section";
+    NEWER_REVISION = 131 Warning "NewerRevision" "made by newer algorithms than those of this build";
+    NEWER_VERSION = 132 Warning "NewerVersion" "a newer minor version of the format";
+}
+
+/// Share of a part's area that its samples may miss by.
+const AREA_TOLERANCE: f64 = 1e-5;
+
+/// Versions, and sections that nobody here reads.
+pub(super) fn of_version(scan: &Scan) -> Vec<Finding> {
+    let mut out = Vec::new();
+    if let Some((major, minor)) = scan.version.filter(|(_, minor)| *minor > VERSION_MINOR) {
+        let known = format!("this build knows {VERSION_MAJOR}.{VERSION_MINOR}");
+        out.push(Finding::new(&NEWER_VERSION, None, format!("version {major}.{minor}; {known}")));
+    }
+    for section in &scan.sections {
+        let ours = COMMON_TAGS.iter().chain(&far_field::tags::ALL).chain(&profile_basis::tags::ALL);
+        // What an environment needs is a matter of the method that opens the asset.
+        if section.kind != Kind::Environment && !ours.into_iter().any(|tag| *tag == section.tag) {
+            let (bytes, kind) = (section.stored_bytes, section.kind);
+            let message = format!("section {} ({kind}, {bytes} bytes) is unknown", section.tag);
+            out.push(Finding::new(&UNKNOWN_SECTION, Some(section.tag), message));
+        }
+    }
+    out
+}
+
+/// Mesh, parts and samples.
+pub(super) fn of_geometry(scan: &Scan) -> Vec<Finding> {
+    let mut out = Vec::new();
+    let Some(file) = &scan.mesh else { return out };
+    let used: BTreeSet<u32> = file.triangles.iter().flatten().copied().collect();
+    let unused = file.positions_mm.len() - used.len();
+    if unused > 0 {
+        let message = format!("{unused} of {} vertices belong to no triangle", file.positions_mm.len());
+        out.push(Finding::new(&UNUSED_VERTICES, Some(mesh::tags::POSITIONS), message));
+    }
+    let used: BTreeSet<u32> = file.triangle_material.iter().copied().collect();
+    let names = unused_names(file.materials.iter().map(String::as_str), &used);
+    if !names.is_empty() {
+        let message = format!("no triangle has the materials {}", names.join(", "));
+        out.push(Finding::new(&UNUSED_MATERIALS, Some(mesh::tags::MATERIALS), message));
+    }
+    let mesh = geometry_of(file);
+    let areas: Vec<f64> = (0..mesh.triangles.len() as u32).map(|t| mesh.area_mm2(t)).collect();
+    let empty = areas.iter().filter(|area| **area == 0.0).count();
+    if empty > 0 {
+        let message = format!("{empty} of {} triangles have no area", areas.len());
+        out.push(Finding::new(&EMPTY_TRIANGLES, Some(mesh::tags::TRIANGLES), message));
+    }
+    let Some(parts) = &scan.parts else { return out };
+    let used: BTreeSet<u32> = parts.parts.iter().map(|part| part.medium).collect();
+    let names = unused_names(parts.media.iter().map(|medium| medium.name.as_str()), &used);
+    if !names.is_empty() {
+        let message = format!("no part has the media {}", names.join(", "));
+        out.push(Finding::new(&UNUSED_MEDIA, Some(parts::tags::MEDIA), message));
+    }
+    if let Some(samples) = &scan.samples {
+        out.extend(of_samples(&mesh, parts, samples, &areas));
+    }
+    out
+}
+
+/// Samples of a part against the part, all of them valid and fitting together.
+fn of_samples(
+    mesh: &Mesh,
+    parts: &translux_format::Parts,
+    samples: &translux_format::Samples,
+    triangle_areas: &[f64],
+) -> Vec<Finding> {
+    let mut out = Vec::new();
+    let facet = |&[triangle, path]: &[u32; 2]| area(Facet { triangle, path }.corners_local_mm(mesh));
+    let facets = |range: &[u32]| &samples.facets[range[0] as usize..range[1] as usize];
+    let patch_areas: Vec<f64> = samples.patch_offsets.windows(2).map(|r| facets(r).iter().map(facet).sum()).collect();
+    let empty = patch_areas.iter().filter(|area| **area == 0.0).count();
+    if empty > 0 {
+        let message = format!("{empty} of {} samples have no area", patch_areas.len());
+        out.push(Finding::new(&EMPTY_PATCHES, Some(samples::tags::PATCH_OFFSETS), message));
+    }
+    let mut part_areas = vec![0.0; parts.parts.len()];
+    for (part, area) in parts.triangle_part.iter().zip(triangle_areas) {
+        if let Some(sum) = part_areas.get_mut(*part as usize) {
+            *sum += area;
+        }
+    }
+    for ((part, whole), range) in parts.parts.iter().zip(&part_areas).zip(samples.part_offsets.windows(2)) {
+        let tag = Some(samples::tags::PART_OFFSETS);
+        let name = &part.name;
+        let sum: f64 = patch_areas[range[0] as usize..range[1] as usize].iter().sum();
+        let has_samples = range[0] < range[1];
+        if part.opaque && has_samples {
+            out.push(Finding::new(&OPAQUE_SAMPLES, tag, format!("part `{name}` only casts shadows and has samples")));
+        } else if !part.opaque && !has_samples {
+            out.push(Finding::new(&NO_SAMPLES, tag, format!("part `{name}` has no samples")));
+        } else if !part.opaque && (sum - whole).abs() > AREA_TOLERANCE * whole {
+            let message = format!("the samples of part `{name}` cover {sum:.6} mm^2 and the part has {whole:.6}");
+            out.push(Finding::new(&SAMPLE_AREA, tag, message));
+        }
+    }
+    out
+}
+
+/// Names whose index is not in use.
+fn unused_names<'a>(names: impl Iterator<Item = &'a str>, used: &BTreeSet<u32>) -> Vec<String> {
+    (0..).zip(names).filter(|(index, _)| !used.contains(index)).map(|(_, name)| format!("`{name}`")).collect()
+}
+
+/// Positions and triangles only.
+fn geometry_of(file: &translux_format::Mesh) -> Mesh {
+    Mesh {
+        origin_mm: DVec3::from_array(file.origin_mm),
+        local_mm: file.positions_mm.iter().map(|p| Vec3::from_array(*p)).collect(),
+        triangles: file.triangles.clone(),
+        triangle_material: Vec::new(),
+        materials: Vec::new(),
+        weld: file.weld.clone(),
+        normals: None,
+        uvs: None,
+    }
+}
+
+/// Method, settings and what the ledger promises.
+pub(super) fn of_provenance(scan: &Scan) -> Vec<Finding> {
+    let mut out = Vec::new();
+    let ledger = Some(metadata::tags::LEDGER);
+    if scan.ledger.as_ref().is_some_and(Vec::is_empty) {
+        out.push(Finding::new(&NO_LEDGER, ledger, "the ledger is empty".to_owned()));
+    }
+    let Some(provenance) = &scan.provenance else { return out };
+    let tag = Some(metadata::tags::PROVENANCE);
+    let revision = provenance.algorithm_revision;
+    if revision > ALGORITHM_REVISION {
+        let message = format!("algorithm revision {revision}; this build has {ALGORITHM_REVISION}");
+        out.push(Finding::new(&NEWER_REVISION, tag, message));
+    }
+    let setting = |key: &str| provenance.settings.iter().find(|(k, _)| k == key).map(|(_, value)| value.as_str());
+    let max_rms = setting("max-rms").map(|text| (text, share(text, "max-rms")));
+    match (&max_rms, &scan.ledger) {
+        (Some((text, Err(_))), _) => {
+            let message = format!("the setting max-rms is `{text}`: a share such as 1% or 0.01 is needed");
+            out.push(Finding::new(&MAX_RMS, tag, message));
+        }
+        (Some((_, Ok(asked))), Some(entries)) => {
+            let total: f64 = entries.iter().map(|entry| entry.relative_rms).sum();
+            if total > *asked {
+                let message = format!("errors of {} in all; {} were asked for", percent(total), percent(*asked));
+                out.push(Finding::new(&QUALITY, ledger, message));
+            }
+        }
+        _ => {}
+    }
+    if let (Some(text), Some(samples)) = (setting("samples"), &scan.samples)
+        && text.parse() != Ok(samples.patch_count())
+    {
+        let message = format!("the setting samples is `{text}` and there are {}", samples.patch_count());
+        out.push(Finding::new(&SAMPLE_COUNT, tag, message));
+    }
+    out.extend(of_method(provenance));
+    out
+}
+
+fn of_method(provenance: &translux_format::Provenance) -> Vec<Finding> {
+    let tag = Some(metadata::tags::PROVENANCE);
+    let Ok(method) = methods::named(&provenance.method) else {
+        let known: Vec<&str> = methods::ALL.iter().map(|m| m.name()).collect();
+        let message = format!("method `{}`; this build has {}", provenance.method, known.join(", "));
+        return vec![Finding::new(&UNKNOWN_METHOD, tag, message)];
+    };
+    let wanted: BTreeSet<&str> = method.keys().iter().map(|key| key.name).chain(["max-rms", "samples"]).collect();
+    let there: BTreeSet<&str> = provenance.settings.iter().map(|(key, _)| key.as_str()).collect();
+    let list = |keys: BTreeSet<&str>| keys.into_iter().map(|key| format!("`{key}`")).collect::<Vec<_>>().join(", ");
+    let mut out = Vec::new();
+    let (missing, unknown) = (&wanted - &there, &there - &wanted);
+    if !missing.is_empty() {
+        let message = format!("{} lacks the settings {}", method.name(), list(missing));
+        out.push(Finding::new(&SETTINGS, tag, message));
+    }
+    if !unknown.is_empty() {
+        let message = format!("{} does not know the settings {}", method.name(), list(unknown));
+        out.push(Finding::new(&SETTINGS, tag, message));
+    }
+    out
+}
+
+/// Far field and basis where they are there.
+///
+/// # Errors
+/// What their sections are refused for.
+pub(super) fn of_method_sections(scan: &Scan) -> Result<Vec<Finding>, Vec<FormatError>> {
+    // A section that does not decode has been found already; the others would be blamed for missing it.
+    let damaged: Vec<_> = scan.errors.iter().filter_map(FormatError::tag).collect();
+    let intact = |tags: &[translux_format::Tag]| !tags.iter().any(|tag| damaged.contains(tag));
+    let mut errors = Vec::new();
+    let (mut field, mut basis) = (None, None);
+    if let (Some(mesh), Some(samples), true) = (&scan.mesh, &scan.samples, intact(&far_field::tags::ALL)) {
+        match FarField::from_sections(&scan.extra, &Shape::new(mesh.positions_mm.len(), samples)) {
+            Ok(found) => field = found,
+            Err(error) => errors.push(error),
+        }
+    }
+    if intact(&profile_basis::tags::ALL) {
+        match ProfileBasis::from_sections(&scan.extra) {
+            Ok(found) => basis = found,
+            Err(error) => errors.push(error),
+        }
+    }
+    if !errors.is_empty() {
+        return Err(errors);
+    }
+    let mut out = Vec::new();
+    if let (Some(field), Some(basis)) = (field, basis)
+        && field.terms != basis.terms()
+    {
+        let message = format!("{} functions in the far field, {} in the basis", field.terms, basis.terms());
+        out.push(Finding::new(&TERMS, Some(far_field::tags::STEPS), message));
+    }
+    Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::CATALOGUE;
+
+    #[test]
+    fn numbers_ascend_and_leave_the_format_its_own() {
+        assert!(CATALOGUE[0].number == 100 && CATALOGUE.windows(2).all(|pair| pair[0].number < pair[1].number));
+    }
+}
