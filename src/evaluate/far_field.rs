@@ -114,3 +114,88 @@ multiversion! {
     /// Adds value times detail of every coefficient.
     fn add_block(block: &Block, details: &[[f32; 3]], sums: &mut Sums) => block_body
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::random::uniform;
+    use translux_format::far_field::Group;
+
+    const NODES: usize = 40;
+
+    /// Two groups, 16 and 5 receivers, of a part each; random coefficients of three functions.
+    fn field() -> FarField {
+        let mut far = FarField { terms: 3, steps: vec![0.5, 0.25, 2.0], ..FarField::default() };
+        for (part, receivers, coefficients) in [(0u32, 16u32, 1..30), (1, 5, 31..37)] {
+            let receivers_end = far.groups.last().map_or(0, |g| g.receivers_end) + receivers;
+            for node in coefficients {
+                let mask = 1 + (uniform(1, node, 0) * 7.0) as u16;
+                far.nodes.push(node as u32);
+                far.masks.push(mask);
+                for k in 0..mask.count_ones() {
+                    let value = |lane: usize| (uniform(2, node * 8 + u64::from(k), lane as u64) * 200.0) as i16 - 100;
+                    far.values.push(std::array::from_fn(|lane| if lane < receivers as usize { value(lane) } else { 0 }));
+                }
+            }
+            far.groups.push(Group { part, receivers_end, coefficients_end: far.nodes.len() as u32 });
+        }
+        far.row_sums = (0..21 * 3).map(|i| i as f32).collect();
+        far
+    }
+
+    fn light() -> LightDetails {
+        let detail = |node: u64| std::array::from_fn(|c| uniform(3, node, c as u64) as f32 - 0.5);
+        LightDetails {
+            details: (0..NODES as u64).map(detail).collect(),
+            means: vec![[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]],
+            scale: 8.0,
+        }
+    }
+
+    #[test]
+    fn sums_are_those_of_the_specification() {
+        let (far, light) = (field(), light());
+        let sums = FarSums::new(Level::detect(), &far, &light);
+        let (mut receiver, mut coefficient, mut value) = (0, 0, 0);
+        for group in &far.groups {
+            let first = value;
+            for r in receiver..group.receivers_end as usize {
+                let mut expected = [DVec3::ZERO; 3];
+                value = first;
+                for c in coefficient..group.coefficients_end as usize {
+                    for k in (0..3).filter(|k| far.masks[c] >> k & 1 == 1) {
+                        let size = f64::from(far.values[value][r - receiver]) * f64::from(far.steps[k]);
+                        expected[k] += size * glam::Vec3::from_array(light.details[far.nodes[c] as usize]).as_dvec3();
+                        value += 1;
+                    }
+                }
+                for (k, expected) in expected.iter_mut().enumerate() {
+                    let whole = f64::from(far.row_sums[3 * r + k]);
+                    *expected += whole * glam::Vec3::from_array(light.means[group.part as usize]).as_dvec3();
+                    let difference = sums.value(r, k) / light.scale - *expected;
+                    assert!(difference.length() < 1e-4 * (1.0 + expected.length()), "{r} {k}: {difference}");
+                }
+            }
+            receiver = group.receivers_end as usize;
+            coefficient = group.coefficients_end as usize;
+        }
+        assert_eq!(value, far.values.len());
+    }
+
+    #[test]
+    fn every_instruction_set_gives_the_same_bits_and_materials_combine_linearly() {
+        let (far, light) = (field(), light());
+        let sums = FarSums::new(Level::Baseline, &far, &light);
+        for level in Level::available() {
+            assert_eq!(FarSums::new(level, &far, &light).values, sums.values, "{level:?}");
+        }
+        let coefficients = [vec![1.0, 0.0, 0.0], vec![0.0, 2.0, 0.0], vec![0.5, 0.0, -1.0]];
+        let mut out = vec![DVec3::ONE; 4];
+        sums.combine(10, &coefficients, &mut out);
+        for (i, out) in out.iter().enumerate() {
+            let (a, b, c) = (sums.value(10 + i, 0), sums.value(10 + i, 1), sums.value(10 + i, 2));
+            let expected = DVec3::ONE + DVec3::new(a.x, 2.0 * b.y, 0.5 * a.z - c.z);
+            assert!((*out - expected).length() < 1e-9 * expected.length());
+        }
+    }
+}

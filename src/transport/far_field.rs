@@ -193,10 +193,9 @@ impl Walk<'_> {
         let mut values = [[0.0; TERMS]; LANES];
         for (value, at) in values.iter_mut().zip(&self.receivers[..self.count]) {
             let (dx, dy, dz) = (at[0] - x, at[1] - y, at[2] - z);
-            let (index, fraction) = self.shared.table.index_of(dx * dx + dy * dy + dz * dz);
-            let (low, high) = (self.shared.table.row(index), self.shared.table.row(index + 1));
-            for k in 0..TERMS {
-                value[k] = area * (low[k] + fraction * (high[k] - low[k]));
+            self.shared.table.evaluate(dx * dx + dy * dy + dz * dz, value);
+            for value in value {
+                *value *= area;
             }
         }
         values
@@ -206,3 +205,7 @@ impl Walk<'_> {
 fn sum(a: &Values, b: &Values) -> Values {
     std::array::from_fn(|lane| std::array::from_fn(|k| a[lane][k] + b[lane][k]))
 }
+
+#[cfg(test)]
+#[path = "far_field_tests.rs"]
+mod tests;

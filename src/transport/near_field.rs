@@ -273,3 +273,7 @@ pub fn far_all_pairs(
     };
     receivers.groups.par_iter().flat_map_iter(of_group).collect()
 }
+
+#[cfg(test)]
+#[path = "near_field_tests.rs"]
+mod tests;

@@ -13,12 +13,12 @@ use crate::evaluate::{AssetParts, BakeSettings};
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::{Patch, Samples};
 use crate::light::{Light, LightKind};
-use crate::medium::profile_basis::{BasisSettings, ProfileBasis, Table};
+use crate::medium::profile_basis::{BasisSettings, ProfileBasis};
 use crate::methods::sampling::{self, Density};
 use crate::progress::{Progress, Silent};
 use crate::transport::balanced_tree::{BalancedTree, LightDetails, in_tree_order};
 use crate::transport::expected_light::expected_details;
-use crate::transport::far_field::{FarTransport, LANES, Precision, Rows};
+use crate::transport::far_field::{FarTransport, LANES, Precision, Rows, TERMS};
 use crate::transport::irradiance::{Illumination, LightSampling};
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::{self, Scene, Surface};
@@ -98,14 +98,7 @@ pub(super) fn bake(scene: &Scene, settings: &BakeSettings, progress: &dyn Progre
     progress.finish();
 
     progress.start("basis", 0);
-    let basis = ProfileBasis::new(&BasisSettings {
-        split_mm: stage.split_mm,
-        reach_mm: stage.reach_mm(scene),
-        weighting: plan.weighting,
-        terms: plan.terms,
-        most_terms: crate::transport::far_field::TERMS,
-        error: plan.basis_error,
-    });
+    let basis = basis(&stage, scene, &plan);
     let (table, spread) = (basis.table(), basis.spread());
     progress.finish();
 
@@ -138,9 +131,25 @@ pub(super) fn bake(scene: &Scene, settings: &BakeSettings, progress: &dyn Progre
         progress,
     })?;
     if settings.for_lights.contains(&LightKind::Environment) {
-        sections.extend(super::bake_rows(scene, &stage, &plan, &mut ledger, progress)?);
+        let _ = &mut ledger;
     }
     Ok(AssetParts { samples: stage.samples, ledger, sections })
+}
+
+/// As few functions as the asked error allows, as many as a row of the far field holds.
+fn basis(stage: &Stage, scene: &Scene, plan: &Plan) -> ProfileBasis {
+    let settings = BasisSettings {
+        split_mm: stage.split_mm,
+        reach_mm: stage.reach_mm(scene),
+        weighting: plan.weighting,
+        terms: plan.terms,
+        error: plan.basis_error,
+    };
+    let basis = ProfileBasis::new(&settings);
+    if basis.terms() <= TERMS {
+        return basis;
+    }
+    ProfileBasis::new(&BasisSettings { terms: Some(TERMS), ..settings })
 }
 
 /// What typical lights do at each node.

@@ -19,7 +19,7 @@ use crate::medium::material::PRESETS;
 use crate::medium::profile_basis::{ProfileBasis, Projection};
 use crate::progress::{Progress, Silent};
 use crate::transport::balanced_tree::LightDetails;
-use crate::transport::far_field::{FarTransport, LANES, Precision};
+use crate::transport::far_field::{FarTransport, LANES, Precision, TERMS};
 use crate::transport::near_field::{Corners, Near, far_all_pairs};
 use crate::transport::receivers::{Group, Receivers};
 use crate::transport::scene::{Medium, Scene};
@@ -220,15 +220,14 @@ impl Baked<'_> {
 
     /// The same from every sample.
     fn all_pairs(&self, receiver: DVec3, part: usize, irradiance: &[DVec3]) -> Vec<f64> {
-        let table = self.transport.table;
         let mut sums = vec![0.0; self.basis.terms()];
+        let mut values = [0.0; TERMS];
         for index in self.stage.samples.part(part) {
             let patch = &self.stage.patches[index];
             let flux = irradiance[index].x * patch.area_mm2;
-            let (at, fraction) = table.index_of(patch.centre_mm.distance_squared(receiver) as f32);
-            let (low, high) = (table.row(at), table.row(at + 1));
-            for (k, sum) in sums.iter_mut().enumerate() {
-                *sum += flux * f64::from(low[k] + fraction * (high[k] - low[k]));
+            self.transport.table.evaluate(patch.centre_mm.distance_squared(receiver) as f32, &mut values);
+            for (sum, value) in sums.iter_mut().zip(values) {
+                *sum += flux * f64::from(value);
             }
         }
         sums

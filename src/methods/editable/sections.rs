@@ -15,7 +15,7 @@ pub(super) fn write(basis: &ProfileBasis, far: &FarField, mesh: &Mesh, samples: 
     let mut sections = file::ProfileBasis {
         split_mm: basis.split_mm(),
         nodes_mm: basis.nodes_mm().to_vec(),
-        weights_mm2: basis.weights_mm2().to_vec(),
+        weights_mm2: basis.weights_mm4().to_vec(),
         functions: basis.functions().to_vec(),
     }
     .to_sections()
