@@ -75,7 +75,7 @@ fn decode(bytes: &[u8]) -> Result<AssetFile, FormatError> {
         }
         Err(error) => assert!((1..=21).contains(&error.code()) && !error.to_string().is_empty()),
     }
-    if COUNT.replace(COUNT.get() + 1) % 8 != 0 {
+    if !COUNT.replace(COUNT.get() + 1).is_multiple_of(8) {
         return result;
     }
     // A look at the whole finds at least the error that stopped the reader, and none where there was none.
@@ -193,7 +193,7 @@ fn every_flipped_bit_of_the_header_and_directory_with_a_right_checksum() {
         match decode(&bytes) {
             // The minor version, a checksum (made right again), or the description of a method's own section.
             Ok(asset) => {
-                assert!(bytes == good || (10..12).contains(&(bit / 8)) || asset.extra != full_asset_0_1().extra)
+                assert!(bytes == good || (10..12).contains(&(bit / 8)) || asset.extra != full_asset_0_1().extra);
             }
             Err(_) => refused += 1,
         }
