@@ -71,8 +71,7 @@ fn reduce(columns: &mut [Vec<f64>], steps: usize) -> (Vec<Vec<f64>>, Vec<Vec<f64
         let Some((pivot, square)) = longest else { break };
         let length = square.sqrt();
         first_length = first_length.max(length);
-        // Written so that an empty matrix and NaN end here as well.
-        if !(length > NEGLIGIBLE * first_length) {
+        if length <= NEGLIGIBLE * first_length {
             break;
         }
         let mut vector = columns[pivot].clone();
@@ -132,4 +131,77 @@ fn with_sign(mut vector: Vec<f64>) -> Vec<f64> {
         vector.iter_mut().for_each(|x| *x = -*x);
     }
     vector
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::random::uniform;
+
+    /// A matrix with these singular values and random singular vectors.
+    fn matrix(values: &[f64], rows: usize, columns: usize) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
+        let orthonormal = |stage: u64, length: usize| -> Vec<Vec<f64>> {
+            let mut vectors: Vec<Vec<f64>> = Vec::new();
+            for i in 0..values.len() as u64 {
+                let mut vector: Vec<f64> = (0..length as u64).map(|j| uniform(stage, i, j) - 0.5).collect();
+                for _ in 0..2 {
+                    for earlier in &vectors {
+                        let along = dot(earlier, &vector);
+                        add_scaled(&mut vector, -along, earlier);
+                    }
+                    let norm = dot(&vector, &vector).sqrt();
+                    vector.iter_mut().for_each(|x| *x /= norm);
+                }
+                vectors.push(vector);
+            }
+            vectors
+        };
+        let (left, right) = (orthonormal(1, rows), orthonormal(2, columns));
+        let entry = |i: usize, j: usize| -> f64 {
+            values.iter().zip(&left).zip(&right).map(|((value, u), v)| value * u[i] * v[j]).sum()
+        };
+        ((0..columns).map(|j| (0..rows).map(|i| entry(i, j)).collect()).collect(), left)
+    }
+
+    #[test]
+    fn known_singular_vectors_come_back_down_to_small_values() {
+        let values: Vec<f64> = (0..12).map(|k| 10.0_f64.powi(-k)).collect();
+        let (columns, left) = matrix(&values, 60, 200);
+        let found = left_singular(columns, 12);
+        assert_eq!(found.values.len(), 12);
+        for (k, value) in values.iter().enumerate() {
+            assert!((found.values[k] - value).abs() < 1e-14, "{k} {:e}", found.values[k]);
+            // Rounding of the entries turns a vector by about 1e-16 over its value.
+            let along = dot(&found.vectors[k], &left[k]).abs();
+            assert!(1.0 - along < 1e-12 + 1e-30 / (value * value), "{k} {along}");
+        }
+    }
+
+    #[test]
+    fn vectors_are_orthonormal_with_a_positive_largest_component() {
+        let columns: Vec<Vec<f64>> = (0..90).map(|j| (0..40).map(|i| uniform(9, i, j) - 0.3).collect()).collect();
+        let found = left_singular(columns.clone(), 40);
+        assert_eq!(found.vectors.len(), 40);
+        for (i, a) in found.vectors.iter().enumerate() {
+            for (j, b) in found.vectors.iter().enumerate() {
+                assert!((dot(a, b) - f64::from(u8::from(i == j))).abs() < 1e-13, "{i} {j}");
+            }
+            let largest = a.iter().fold(0.0_f64, |best, x| if x.abs() > best.abs() { *x } else { best });
+            assert!(largest > 0.0);
+        }
+        let squares: f64 = columns.iter().map(|column| dot(column, column)).sum();
+        assert!((found.values.iter().map(|value| value * value).sum::<f64>() / squares - 1.0).abs() < 1e-13);
+        assert!(found.values.windows(2).all(|pair| pair[0] >= pair[1]));
+        assert_eq!(left_singular(columns, 40), found);
+    }
+
+    #[test]
+    fn rank_and_wish_limit_the_number_of_vectors() {
+        let (columns, _) = matrix(&[3.0, 2.0, 1.0], 30, 50);
+        assert_eq!(left_singular(columns.clone(), 2).values.len(), 2);
+        assert_eq!(left_singular(columns, 10).values.len(), 3);
+        assert!(left_singular(vec![vec![0.0; 5]; 4], 3).vectors.is_empty());
+        assert!(left_singular(Vec::new(), 3).vectors.is_empty());
+        assert!(left_singular(vec![Vec::new(); 3], 3).vectors.is_empty());
+    }
 }

@@ -211,11 +211,6 @@ impl ProfileBasis {
         &self.functions
     }
 
-    #[doc(hidden)]
-    pub fn exact(&self, s: f64) -> Vec<f64> {
-        self.interpolation.at(&self.functions, s)
-    }
-
     /// Number of functions K.
     pub fn terms(&self) -> usize {
         self.functions.len() / self.nodes_mm.len()
