@@ -18,6 +18,8 @@ pub mod tags {
     pub const GROUPS: Tag = Tag::from_static("far.grp");
     /// Nodes, varints in u8.
     pub const NODES: Tag = Tag::from_static("far.nod");
+    /// Kept functions, u16.
+    pub const MASKS: Tag = Tag::from_static("far.msk");
     /// Quantiser steps, f32.
     pub const STEPS: Tag = Tag::from_static("far.stp");
     /// Row sums, four planes of u8 for each function.
@@ -26,8 +28,11 @@ pub mod tags {
     pub const VALUES: Tag = Tag::from_static("far.val");
 
     /// All of them, in the order of the file.
-    pub const ALL: [Tag; 6] = [RECEIVERS, GROUPS, NODES, STEPS, ROW_SUMS, VALUES];
+    pub const ALL: [Tag; 7] = [RECEIVERS, GROUPS, NODES, MASKS, STEPS, ROW_SUMS, VALUES];
 }
+
+/// Basis functions at most: the bits of a mask.
+pub const MOST_TERMS: usize = 16;
 
 /// Receivers side by side in a coefficient.
 pub const LANES: usize = 16;
@@ -113,8 +118,9 @@ impl FarField {
         if let Some(i) = self.row_sums.iter().position(|sum| !sum.is_finite()) {
             return invalid(tags::ROW_SUMS, format!("row sum {i} is not finite"));
         }
-        let expected = product(&[coefficients, self.terms, LANES]);
-        same_length(tags::VALUES, "coefficients, functions and lanes", self.values.len(), expected)?;
+        same_length(tags::MASKS, "coefficients", self.masks.len(), coefficients)?;
+        check_masks(&self.masks, self.terms)?;
+        same_length(tags::VALUES, "kept functions of all coefficients", self.values.len(), count_kept(&self.masks))?;
         self.check_lanes()
     }
 
@@ -135,16 +141,25 @@ impl FarField {
     }
 
     fn check_lanes(&self) -> Result<()> {
-        let mut rows = self.values.chunks_exact(LANES * self.terms.max(1));
-        for (lanes, count) in group_sizes(&self.groups) {
-            for _ in 0..count {
-                let of_coefficient = rows.next().unwrap_or_default();
-                if lanes < LANES && of_coefficient.chunks_exact(LANES).any(|row| row[lanes..].iter().any(|&x| x != 0)) {
-                    return invalid(tags::VALUES, format!("a value in a lane from {lanes} on, which has no receiver"));
-                }
+        let mut values = self.values.as_slice();
+        for (lanes, rows) in self.group_rows() {
+            let (rows, others) = values.split_at(rows);
+            values = others;
+            if rows.iter().any(|row| row[lanes..].iter().any(|&x| x != 0)) {
+                return invalid(tags::VALUES, format!("a value in a lane from {lanes} on, which has no receiver"));
             }
         }
         Ok(())
+    }
+
+    /// Receivers and rows of values of each group.
+    fn group_rows(&self) -> impl Iterator<Item = (usize, usize)> {
+        let mut masks = self.masks.as_slice();
+        group_sizes(&self.groups).map(move |(lanes, count)| {
+            let (mine, others) = masks.split_at(count);
+            masks = others;
+            (lanes, count_kept(mine))
+        })
     }
 
     /// The sections of a valid far field.
@@ -156,11 +171,12 @@ impl FarField {
         let (kind, zstd) = (Kind::Method, Codec::Zstd);
         let groups: Vec<[u32; 3]> = self.groups.iter().map(|g| [g.part, g.receivers_end, g.coefficients_end]).collect();
         let lanes = group_sizes(&self.groups).flat_map(|(lanes, count)| std::iter::repeat_n(lanes, count));
-        let values = far_values::encode(&self.values, self.terms, lanes);
+        let values = far_values::encode(&self.values, &self.masks, lanes);
         Ok(vec![
             RawSection::from_rows(tags::RECEIVERS, kind, zstd, &self.receiver_of_vertex),
             RawSection::from_rows(tags::GROUPS, kind, zstd, &groups),
             RawSection::from_rows(tags::NODES, kind, zstd, &self.node_bytes(shape)),
+            RawSection::from_rows(tags::MASKS, kind, zstd, &self.masks),
             RawSection::from_rows(tags::STEPS, kind, zstd, &self.steps),
             RawSection::from_rows(tags::ROW_SUMS, kind, zstd, &far_sums::encode(&self.row_sums, self.terms)),
             RawSection::from_scalars(tags::VALUES, kind, zstd, LANES as u16, &values),
@@ -187,7 +203,8 @@ impl FarField {
     /// # Errors
     /// [`crate::FormatError::MissingSection`] where only some are there, and whatever is wrong with their type or content.
     pub fn from_sections(sections: &[RawSection], shape: &Shape<'_>) -> Result<Option<Self>> {
-        let Some([receivers, groups, nodes, steps, row_sums, values]) = pick(sections, tags::ALL, Kind::Method)? else {
+        let Some([receivers, groups, nodes, masks, steps, row_sums, values]) = pick(sections, tags::ALL, Kind::Method)?
+        else {
             return Ok(None);
         };
         let group = |[part, receivers_end, coefficients_end]: [u32; 3]| Group { part, receivers_end, coefficients_end };
@@ -201,19 +218,18 @@ impl FarField {
         let sums: &[u8] = row_sums.view()?;
         same_length(tags::ROW_SUMS, "bytes of row sums", sums.len(), product(&[end.0, terms, 4]))?;
         let value_bytes: &[[u8; LANES]] = values.view()?;
-        same_length(
-            tags::VALUES,
-            "planes of coefficients and functions",
-            value_bytes.len(),
-            product(&[2, end.1, terms]),
-        )?;
+        let masks: Vec<u16> = masks.rows()?;
+        same_length(tags::MASKS, "coefficients", masks.len(), end.1)?;
+        check_masks(&masks, terms)?;
+        same_length(tags::VALUES, "planes of kept functions", value_bytes.len(), product(&[2, count_kept(&masks)]))?;
         let mut field = Self {
             terms,
             receiver_of_vertex: receivers.rows()?,
             nodes: read_nodes(nodes, &groups, shape)?,
             groups,
             steps,
-            values: far_values::decode(value_bytes.as_flattened(), terms),
+            values: far_values::decode(value_bytes.as_flattened(), &masks),
+            masks,
             row_sums: far_sums::decode(sums, terms),
         };
         field.clear_lanes();
@@ -223,14 +239,31 @@ impl FarField {
 
     /// Zeroes the lanes without a receiver.
     fn clear_lanes(&mut self) {
-        let mut at = 0;
-        for (lanes, count) in group_sizes(&self.groups) {
-            let end = at + count * self.terms * LANES;
+        let sizes: Vec<(usize, usize)> = self.group_rows().collect();
+        let mut values = self.values.as_mut_slice();
+        for (lanes, rows) in sizes {
+            let (rows, others) = values.split_at_mut(rows);
+            values = others;
             if lanes < LANES {
-                self.values[at..end].chunks_exact_mut(LANES).for_each(|row| row[lanes..].fill(0));
+                rows.iter_mut().for_each(|row| row[lanes..].fill(0));
             }
-            at = end;
         }
+    }
+}
+
+/// Kept functions of all coefficients together.
+fn count_kept(masks: &[u16]) -> usize {
+    masks.iter().map(|mask| mask.count_ones() as usize).sum()
+}
+
+fn check_masks(masks: &[u16], terms: usize) -> Result<()> {
+    if terms > MOST_TERMS {
+        return invalid(tags::STEPS, format!("{terms} basis functions, more than {MOST_TERMS}"));
+    }
+    let beyond = !((1u32 << terms) - 1) as u16;
+    match masks.iter().position(|&mask| mask == 0 || mask & beyond != 0) {
+        Some(i) => invalid(tags::MASKS, format!("mask {i} is {:x}, with {terms} functions", masks[i])),
+        None => Ok(()),
     }
 }
 

@@ -8,52 +8,64 @@
 
 use crate::far_field::LANES;
 
-/// Coefficients that are decoded together: both sides of the reordering stay in the first-level cache for 16 functions.
-const BLOCK: usize = 32;
-
 type Row = [i16; LANES];
 
-/// Bytes of the values of `coefficients * terms` rows: all low bytes, then all high bytes, each `[k][coefficient][lane]`.
-/// `lanes_in_use(c)` of the lanes of coefficient `c` are real, at least 1.
-pub(crate) fn encode(values: &[i16], terms: usize, lanes_in_use: impl Iterator<Item = usize>) -> Vec<u8> {
-    let rows: &[Row] = bytemuck::cast_slice(&values[..values.len() / LANES * LANES]);
-    let coefficients = rows.len() / terms.max(1);
-    let mut out = vec![[0u8; LANES]; 2 * rows.len()];
-    let (low, high) = out.split_at_mut(rows.len());
-    for ((c, of_coefficient), lanes) in rows.chunks_exact(terms.max(1)).enumerate().zip(lanes_in_use) {
-        for (k, row) in of_coefficient.iter().enumerate() {
-            let mut row = *row;
+/// Bytes of the values: all low bytes, then all high bytes, each `[k][coefficient that keeps k][lane]`. `lanes` of
+/// each coefficient are real, at least 1.
+pub(crate) fn encode(values: &[Row], masks: &[u16], lanes: impl Iterator<Item = usize>) -> Vec<u8> {
+    let mut at = starts(masks);
+    let mut out = vec![[0u8; LANES]; 2 * values.len()];
+    let (low, high) = out.split_at_mut(values.len());
+    let mut rows = values.iter();
+    for (&mask, lanes) in masks.iter().zip(lanes) {
+        for k in bits(mask) {
+            let Some(&row) = rows.next() else { break };
+            let mut row = row;
             let last = row[lanes.clamp(1, LANES) - 1];
             row[lanes.min(LANES)..].fill(last);
             let row = forward(row).map(|x| ((x << 1) ^ (x >> 15)) as u16);
-            let at = k * coefficients + c;
-            low[at] = row.map(|x| x as u8);
-            high[at] = row.map(|x| (x >> 8) as u8);
+            low[at[k]] = row.map(|x| x as u8);
+            high[at[k]] = row.map(|x| (x >> 8) as u8);
+            at[k] += 1;
         }
     }
     out.into_flattened()
 }
 
-/// The values again; lanes that are not in use are whatever the last real one was.
-pub(crate) fn decode(bytes: &[u8], terms: usize) -> Vec<i16> {
+/// The values again; lanes that are not in use are whatever the last real one was. `bytes` hold as many rows as the masks
+/// have bits.
+pub(crate) fn decode(bytes: &[u8], masks: &[u16]) -> Vec<Row> {
     let rows = bytes.len() / (2 * LANES);
     let (low, high) = bytes.split_at(rows * LANES);
     let (low, _) = low.as_chunks::<LANES>();
     let (high, _) = high.as_chunks::<LANES>();
-    let terms = terms.max(1);
-    let coefficients = rows / terms;
-    let mut out = vec![0i16; rows * LANES];
-    let (out_rows, _) = out.as_chunks_mut::<LANES>();
-    for (block, of_block) in out_rows.chunks_mut(BLOCK * terms).enumerate() {
-        for k in 0..terms {
-            let from = k * coefficients + block * BLOCK;
-            let bytes = low[from..].iter().zip(&high[from..]);
-            for (row, (low, high)) in of_block.iter_mut().skip(k).step_by(terms).zip(bytes) {
-                *row = inverse(unzigzag(low, high));
-            }
+    let mut at = starts(masks);
+    let mut out = Vec::with_capacity(rows);
+    for &mask in masks {
+        for k in bits(mask) {
+            out.push(inverse(unzigzag(&low[at[k]], &high[at[k]])));
+            at[k] += 1;
         }
     }
     out
+}
+
+/// Set bits, lowest first.
+pub(crate) fn bits(mask: u16) -> impl Iterator<Item = usize> {
+    (0..16).filter(move |k| mask >> k & 1 == 1)
+}
+
+/// First row of each function.
+fn starts(masks: &[u16]) -> [usize; 16] {
+    let mut counts = [0; 16];
+    for &mask in masks {
+        bits(mask).for_each(|k| counts[k] += 1);
+    }
+    let mut first = 0;
+    counts.map(|count| {
+        first += count;
+        first - count
+    })
 }
 
 #[inline]
@@ -117,34 +129,37 @@ mod tests {
                 _ => (state >> 40) as i16,
             }
         };
-        for (terms, coefficients) in [(1, 1), (3, 1), (1, 33), (10, 31), (7, 100), (2, 0)] {
-            let values: Vec<i16> = (0..terms * coefficients * LANES).map(|_| next()).collect();
-            let bytes = encode(&values, terms, std::iter::repeat(LANES));
-            assert_eq!(bytes.len(), 2 * values.len());
-            assert_eq!(decode(&bytes, terms), values);
+        for coefficients in [0, 1, 33, 1000] {
+            let masks: Vec<u16> = (0..coefficients).map(|_| next() as u16).collect();
+            let rows: u32 = masks.iter().map(|m| m.count_ones()).sum();
+            let values: Vec<Row> = (0..rows).map(|_| std::array::from_fn(|_| next())).collect();
+            let bytes = encode(&values, &masks, std::iter::repeat(LANES));
+            assert_eq!(bytes.len(), 32 * values.len());
+            assert_eq!(decode(&bytes, &masks), values);
         }
     }
 
     #[test]
     fn lanes_out_of_use_cost_nothing() {
-        let values: Vec<i16> = (0..LANES as i16).map(|lane| if lane < 5 { 7 } else { 0 }).collect();
-        let bytes = encode(&values, 1, std::iter::once(5));
+        let row = std::array::from_fn(|lane| if lane < 5 { 7 } else { 0 });
+        let bytes = encode(&[row], &[8], std::iter::once(5));
         assert_eq!(bytes[0], 14);
         assert!(bytes[1..].iter().all(|&byte| byte == 0));
-        assert_eq!(decode(&bytes, 1), [7; LANES]);
+        assert_eq!(decode(&bytes, &[8]), [[7; LANES]]);
     }
 
     /// Speed of decoding, for whoever changes it: `cargo test --release -p translux-format --lib speed -- --ignored --nocapture`.
     #[test]
     #[ignore = "prints times"]
     fn speed() {
-        let (terms, coefficients) = (10, 328_125);
-        let values: Vec<i16> = (0..terms * coefficients * LANES).map(|i| (i % 251) as i16 - 125).collect();
-        let bytes = encode(&values, terms, std::iter::repeat(LANES));
+        let masks: Vec<u16> = (0..800_000u32).map(|i| 1 | (i % 1024) as u16).collect();
+        let rows: u32 = masks.iter().map(|m| m.count_ones()).sum();
+        let values: Vec<Row> = (0..rows).map(|i| [(i % 251) as i16 - 125; LANES]).collect();
+        let bytes = encode(&values, &masks, std::iter::repeat(LANES));
         for _ in 0..5 {
             let start = std::time::Instant::now();
-            let back = std::hint::black_box(decode(&bytes, terms));
-            println!("{} values in {:.1} ms", back.len(), 1e3 * start.elapsed().as_secs_f64());
+            let back = std::hint::black_box(decode(&bytes, &masks));
+            println!("{} rows in {:.1} ms", back.len(), 1e3 * start.elapsed().as_secs_f64());
             assert!(back == values);
         }
     }

@@ -32,8 +32,8 @@ pub struct ProfileBasis {
     pub split_mm: f64,
     /// Nodes r_g in mm, ascending; the last one is the largest distance that the basis serves.
     pub nodes_mm: Vec<f64>,
-    /// Quadrature weights of the nodes, mm^2.
-    pub weights_mm2: Vec<f64>,
+    /// Quadrature weights of the nodes, mm^4.
+    pub weights_mm4: Vec<f64>,
     /// b_k(r_g), function after function, 1/mm^2.
     pub functions: Vec<f32>,
 }
@@ -64,8 +64,8 @@ impl ProfileBasis {
         if let Some(i) = nodes.windows(2).position(|pair| pair[0] >= pair[1]) {
             return invalid(tags::NODES, format!("node {} does not lie beyond the one before it", i + 1));
         }
-        same_length(tags::WEIGHTS, "nodes", self.weights_mm2.len(), nodes.len())?;
-        in_range(tags::WEIGHTS, "a weight", &self.weights_mm2, f64::NEG_INFINITY)?;
+        same_length(tags::WEIGHTS, "nodes", self.weights_mm4.len(), nodes.len())?;
+        in_range(tags::WEIGHTS, "a weight", &self.weights_mm4, f64::NEG_INFINITY)?;
         let values = self.functions.len();
         if values == 0 || !values.is_multiple_of(nodes.len()) {
             return invalid(
@@ -89,7 +89,7 @@ impl ProfileBasis {
         Ok(vec![
             RawSection::from_record(tags::SPLIT, kind, zstd, &Record { split_mm: self.split_mm })?,
             RawSection::from_rows(tags::NODES, kind, zstd, &self.nodes_mm),
-            RawSection::from_rows(tags::WEIGHTS, kind, zstd, &self.weights_mm2),
+            RawSection::from_rows(tags::WEIGHTS, kind, zstd, &self.weights_mm4),
             RawSection::from_rows(tags::FUNCTIONS, kind, zstd, &self.functions),
         ])
     }
@@ -105,7 +105,7 @@ impl ProfileBasis {
         let basis = Self {
             split_mm: split.record::<Record>()?.split_mm,
             nodes_mm: nodes.rows()?,
-            weights_mm2: weights.rows()?,
+            weights_mm4: weights.rows()?,
             functions: functions.rows()?,
         };
         basis.validate()?;

@@ -134,7 +134,8 @@ mod tests {
                 far.masks.push(mask);
                 for k in 0..mask.count_ones() {
                     let value = |lane: usize| (uniform(2, node * 8 + u64::from(k), lane as u64) * 200.0) as i16 - 100;
-                    far.values.push(std::array::from_fn(|lane| if lane < receivers as usize { value(lane) } else { 0 }));
+                    far.values
+                        .push(std::array::from_fn(|lane| if lane < receivers as usize { value(lane) } else { 0 }));
                 }
             }
             far.groups.push(Group { part, receivers_end, coefficients_end: far.nodes.len() as u32 });

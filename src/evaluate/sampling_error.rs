@@ -98,4 +98,3 @@ pub fn receiver_areas(scene: &Scene, receivers: &Receivers) -> Vec<f64> {
     }
     areas
 }
-

@@ -134,10 +134,13 @@ pub fn far_field(terms: usize) -> FarField {
     field.steps = (0..terms).map(|k| 0.01 * 0.5f32.powi(k as i32)).collect();
     field.row_sums = (0..receivers as usize * terms).map(|i| (i as f32 * 0.1).sin()).collect();
     for lanes in lanes_of {
-        for k in 0..terms {
+        let mask = 1 + random.below((1 << terms) - 1) as u16;
+        field.masks.push(mask);
+        for k in (0..terms).filter(|k| mask >> k & 1 == 1) {
             let range = 1usize << (15 - k.min(14));
-            let value = |lane| if lane < lanes { (random.below(2 * range) as i32 - range as i32) as i16 } else { 0 };
-            field.values.extend((0..LANES).map(value));
+            let mut value =
+                |lane| if lane < lanes { (random.below(2 * range) as i32 - range as i32) as i16 } else { 0 };
+            field.values.push(std::array::from_fn(&mut value));
         }
     }
     field
@@ -147,16 +150,16 @@ pub fn profile_basis(terms: usize) -> ProfileBasis {
     ProfileBasis {
         split_mm: 0.5,
         nodes_mm: vec![0.0, 0.125, 0.5, 2.0, 9.5],
-        weights_mm2: vec![0.01, 0.02, 1.0, 8.0, 30.0],
+        weights_mm4: vec![0.01, 0.02, 1.0, 8.0, 30.0],
         functions: (0..5 * terms).map(|i| 1.0 / (1 + i) as f32 - 0.25).collect(),
     }
 }
 
 /// A far field that fits [`full_asset`].
 pub fn small_far_field() -> FarField {
-    let mut values = vec![0; 2 * LANES];
-    values[..3].copy_from_slice(&[-300, 7, 32_767]);
-    values[LANES..LANES + 3].copy_from_slice(&[1, 0, -1]);
+    let mut values = vec![[0; LANES]; 2];
+    values[0][..3].copy_from_slice(&[-300, 7, 32_767]);
+    values[1][..3].copy_from_slice(&[1, 0, -1]);
     FarField {
         terms: 2,
         receiver_of_vertex: vec![0, 1, 2, 1, 3, NO_RECEIVER],
@@ -165,6 +168,7 @@ pub fn small_far_field() -> FarField {
             Group { part: 1, receivers_end: 4, coefficients_end: 1 },
         ],
         nodes: vec![1],
+        masks: vec![3],
         steps: vec![0.5, 0.0625],
         values,
         row_sums: vec![1.0, -0.5, 1.25, 0.0, 1.5, 0.25, 3.0, -0.0],

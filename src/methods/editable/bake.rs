@@ -83,9 +83,8 @@ impl Stage {
 
     /// Largest distance between two points of one part, mm, or a little more.
     fn reach_mm(&self, scene: &Scene) -> f64 {
-        let extent = |part: usize| {
-            self.tree.root(part).map_or(0.0, |root| 2.0 * self.tree.cell(root, &self.patches).radius_mm)
-        };
+        let extent =
+            |part: usize| self.tree.root(part).map_or(0.0, |root| 2.0 * self.tree.cell(root, &self.patches).radius_mm);
         let reach = (0..scene.parts.parts.len()).map(extent).fold(0.0, f64::max);
         reach.clamp(self.split_mm * 2.0, scene.mesh.diagonal_mm().max(self.split_mm * 2.0))
     }

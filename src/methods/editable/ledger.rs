@@ -203,7 +203,8 @@ impl Baked<'_> {
         let (rows, _) = transport.rows(members, part);
         let terms = self.basis.terms();
         let mean = f64::from(light.means[part][0]);
-        let mut sums: Vec<Vec<f64>> = rows.sums.chunks_exact(terms).map(|s| s.iter().map(|&v| f64::from(v) * mean).collect()).collect();
+        let mut sums: Vec<Vec<f64>> =
+            rows.sums.chunks_exact(terms).map(|s| s.iter().map(|&v| f64::from(v) * mean).collect()).collect();
         let mut values = rows.values.iter();
         for (&node, &mask) in rows.nodes.iter().zip(&rows.masks) {
             let detail = f64::from(light.details[node as usize][0]);

@@ -42,7 +42,8 @@ const TRUNCATION: Key = Key {
     help: "relative error asked of dropping coefficients, such as 0.3%; auto: 35 % of --max-rms",
 };
 
-const CUBE: Key = Key { name: "cube", default: "32", help: "texels along an edge of the environment's cube map, 32 or 64" };
+const CUBE: Key =
+    Key { name: "cube", default: "32", help: "texels along an edge of the environment's cube map, 32 or 64" };
 
 const COEFFICIENTS: Key = Key {
     name: "coefficients",

@@ -15,7 +15,7 @@ pub(super) fn write(basis: &ProfileBasis, far: &FarField, mesh: &Mesh, samples: 
     let mut sections = file::ProfileBasis {
         split_mm: basis.split_mm(),
         nodes_mm: basis.nodes_mm().to_vec(),
-        weights_mm2: basis.weights_mm4().to_vec(),
+        weights_mm4: basis.weights_mm4().to_vec(),
         functions: basis.functions().to_vec(),
     }
     .to_sections()
@@ -35,8 +35,8 @@ pub(super) fn read(asset: &Asset) -> Result<(ProfileBasis, FarField)> {
     let far = FarField::from_sections(&asset.sections, &shape)
         .map_err(fail)?
         .ok_or_else(|| missing("far field (sections far.*)"))?;
-    let file::ProfileBasis { split_mm, nodes_mm, weights_mm2, functions } = basis;
-    let basis = ProfileBasis::from_parts(split_mm, nodes_mm, weights_mm2, functions)?;
+    let file::ProfileBasis { split_mm, nodes_mm, weights_mm4, functions } = basis;
+    let basis = ProfileBasis::from_parts(split_mm, nodes_mm, weights_mm4, functions)?;
     if basis.terms() != far.terms {
         let (a, b) = (basis.terms(), far.terms);
         return Err(Error::input(format!("the basis has {a} functions and the far field {b}; bake the asset again")));
