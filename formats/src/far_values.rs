@@ -34,26 +34,57 @@ pub(crate) fn encode(values: &[i16], terms: usize, lanes_in_use: impl Iterator<I
     out.into_flattened()
 }
 
-/// The values again; lanes that are not in use are whatever the last real one was.
+/// Rows from which on a second thread helps to decode.
+const SHARED_ROWS: usize = 1 << 17;
+
+/// The values again; lanes that are not in use are whatever the last real one was. Uses a second thread for many values.
 pub(crate) fn decode(bytes: &[u8], terms: usize) -> Vec<i16> {
     let rows = bytes.len() / (2 * LANES);
     let (low, high) = bytes.split_at(rows * LANES);
-    let (low, _) = low.as_chunks::<LANES>();
-    let (high, _) = high.as_chunks::<LANES>();
-    let terms = terms.max(1);
-    let coefficients = rows / terms;
+    let planes = Planes { low: low.as_chunks().0, high: high.as_chunks().0, terms: terms.max(1) };
     let mut out = vec![0i16; rows * LANES];
     let (out_rows, _) = out.as_chunks_mut::<LANES>();
-    for (block, of_block) in out_rows.chunks_mut(BLOCK * terms).enumerate() {
-        for k in 0..terms {
-            let from = k * coefficients + block * BLOCK;
-            let bytes = low[from..].iter().zip(&high[from..]);
-            for (row, (low, high)) in of_block.iter_mut().skip(k).step_by(terms).zip(bytes) {
-                *row = inverse(unzigzag(low, high));
-            }
+    let middle = planes.coefficients() / 2;
+    let (first, second) = out_rows.split_at_mut(middle * planes.terms);
+    let started = rows >= SHARED_ROWS
+        && std::thread::scope(|scope| {
+            let helper = std::thread::Builder::new().spawn_scoped(scope, || planes.decode_from(0, first));
+            planes.decode_from(middle, second);
+            helper.is_ok()
+        });
+    if !started {
+        planes.decode_from(0, first);
+        if rows < SHARED_ROWS {
+            planes.decode_from(middle, second);
         }
     }
     out
+}
+
+/// Bytes of the values, `[k][coefficient][lane]` each.
+struct Planes<'a> {
+    low: &'a [[u8; LANES]],
+    high: &'a [[u8; LANES]],
+    terms: usize,
+}
+
+impl Planes<'_> {
+    fn coefficients(&self) -> usize {
+        self.low.len() / self.terms
+    }
+
+    /// Fills the rows `[coefficient][k]` of whole coefficients, `first` and those behind it.
+    fn decode_from(&self, first: usize, out: &mut [Row]) {
+        for (block, of_block) in out.chunks_mut(BLOCK * self.terms).enumerate() {
+            for k in 0..self.terms {
+                let from = k * self.coefficients() + first + block * BLOCK;
+                let bytes = self.low[from..].iter().zip(&self.high[from..]);
+                for (row, (low, high)) in of_block.iter_mut().skip(k).step_by(self.terms).zip(bytes) {
+                    *row = inverse(unzigzag(low, high));
+                }
+            }
+        }
+    }
 }
 
 #[inline]
@@ -117,7 +148,7 @@ mod tests {
                 _ => (state >> 40) as i16,
             }
         };
-        for (terms, coefficients) in [(1, 1), (3, 1), (1, 33), (10, 31), (7, 100), (2, 0)] {
+        for (terms, coefficients) in [(1, 1), (3, 1), (1, 33), (10, 31), (7, 100), (2, 0), (3, SHARED_ROWS / 3 + 1)] {
             let values: Vec<i16> = (0..terms * coefficients * LANES).map(|_| next()).collect();
             let bytes = encode(&values, terms, std::iter::repeat(LANES));
             assert_eq!(bytes.len(), 2 * values.len());
