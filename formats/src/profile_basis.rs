@@ -32,7 +32,7 @@ pub struct ProfileBasis {
     pub split_mm: f64,
     /// Nodes r_g in mm, ascending; the last one is the largest distance that the basis serves.
     pub nodes_mm: Vec<f64>,
-    /// Quadrature weights of the nodes, mm^2.
+    /// Quadrature weights of the nodes; in mm^4, which makes the coefficients `s_k` plain numbers.
     pub weights_mm2: Vec<f64>,
     /// b_k(r_g), function after function, 1/mm^2.
     pub functions: Vec<f32>,
