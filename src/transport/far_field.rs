@@ -84,18 +84,15 @@ struct Walk<'a> {
     radius: f64,
     spread: [f32; TERMS],
     found: Vec<Found>,
-    /// Squared significance of every detail of every function.
-    seen: Vec<f64>,
 }
 
 impl FarTransport<'_> {
-    /// Rows of up to [`LANES`] receivers over the samples of a part, and the squares of the significance of all details that
-    /// were worked out, each summed over the receivers.
-    pub fn rows(&self, receivers: &[DVec3], part: usize) -> (Rows, Vec<f64>) {
+    /// Rows of up to [`LANES`] receivers over the samples of a part.
+    pub fn rows(&self, receivers: &[DVec3], part: usize) -> Rows {
         let terms = self.spread.len().min(TERMS);
         let count = receivers.len().min(LANES);
         let Some(root) = self.tree.root(part).filter(|_| count > 0) else {
-            return (Rows { sums: vec![0.0; count * terms], ..Rows::default() }, Vec::new());
+            return Rows { sums: vec![0.0; count * terms], ..Rows::default() };
         };
         let (low, high) =
             receivers.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), &p| (l.min(p), h.max(p)));
@@ -112,7 +109,6 @@ impl FarTransport<'_> {
             radius: receivers.iter().map(|p| p.distance(centre)).fold(0.0, f64::max),
             spread: std::array::from_fn(|k| self.spread.get(k).map_or(0.0, |&s| s as f32)),
             found: Vec::new(),
-            seen: Vec::new(),
         };
         let sums = walk.visit(root);
         walk.found.sort_unstable_by_key(|found| found.node);
@@ -125,7 +121,7 @@ impl FarTransport<'_> {
             }
         }
         rows.sums = sums[..count].iter().flat_map(|s| &s[..terms]).copied().collect();
-        (rows, walk.seen)
+        rows
     }
 }
 
@@ -160,7 +156,6 @@ impl Walk<'_> {
     fn keep(&mut self, name: usize, details: Values, significance2: &Significance) {
         let mut mask = 0;
         for (k, &s) in significance2[..self.terms].iter().enumerate() {
-            self.seen.push(s);
             mask |= u16::from(s > self.keep2) << k;
         }
         if mask != 0 {

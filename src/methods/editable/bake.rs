@@ -4,6 +4,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 use translux_format::far_field::{FarField, Group};
 
+use super::choice::{self, Choice, Tuning};
 use super::ledger::{self, Baked};
 use super::plan::Plan;
 use super::sections;
@@ -20,6 +21,7 @@ use crate::transport::balanced_tree::{BalancedTree, LightDetails, in_tree_order}
 use crate::transport::expected_light::expected_details;
 use crate::transport::far_field::{FarTransport, LANES, Precision, Rows, TERMS};
 use crate::transport::irradiance::{Illumination, LightSampling};
+use crate::transport::near_field::Corners;
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::{self, Scene, Surface};
 
@@ -28,12 +30,6 @@ const DENSITY: Density = Density { spacing: 0.35, least: 1 << 17, most: 1 << 18 
 
 /// The error that the density is made for; a smaller one asks for more samples.
 const DENSITY_RMS: f64 = 0.01;
-
-/// Groups that the threshold and the step are chosen by.
-const TUNING_GROUPS: usize = 64;
-
-/// Significance below which the tuning does not look, over the asked error of truncation.
-const TUNING_FLOOR: f64 = 0.02;
 
 /// Bytes that a receiver's coefficients take at most while they are made, before quantisation.
 const BYTES_PER_RECEIVER: u64 = 24_000;
@@ -53,6 +49,7 @@ pub(super) struct Stage {
     pub(super) samples: Samples,
     pub(super) patches: Vec<Patch>,
     pub(super) tree: BalancedTree,
+    pub(super) corners: Corners,
     pub(super) receivers: Receivers,
     pub(super) split_mm: f64,
 }
@@ -63,10 +60,11 @@ impl Stage {
         let samples = in_tree_order(&unordered, &scene::patches(scene, &unordered));
         let (bvh, patches) = rayon::join(|| Bvh::new(&scene.mesh), || scene::patches(scene, &samples));
         let tree = BalancedTree::new(&samples, &patches);
+        let corners = Corners::new(&scene.mesh, &samples, &patches);
         let receivers = Receivers::new(&scene.mesh, &scene.parts, LANES);
         let area: f64 = patches.iter().map(|p| p.area_mm2).sum();
         let split_mm = plan.split * (area / patches.len().max(1) as f64).sqrt();
-        Self { bvh, samples, patches, tree, receivers, split_mm: split_mm.max(f64::MIN_POSITIVE) }
+        Self { bvh, samples, patches, tree, corners, receivers, split_mm: split_mm.max(f64::MIN_POSITIVE) }
     }
 
     pub(super) fn surface<'a>(&'a self, scene: &'a Scene) -> Surface<'a> {
@@ -101,7 +99,7 @@ pub(super) fn bake(scene: &Scene, settings: &BakeSettings, progress: &dyn Progre
     let (table, spread) = (basis.table(), basis.spread());
     progress.finish();
 
-    let expected = expected_light(scene, &stage, &settings.probes.tuning, plan.sampling, progress)?;
+    let (expected, tuning) = expected_light(scene, &stage, &settings.probes.tuning, plan.sampling, progress)?;
     let transport = FarTransport {
         tree: &stage.tree,
         patches: &stage.patches,
@@ -112,13 +110,13 @@ pub(super) fn bake(scene: &Scene, settings: &BakeSettings, progress: &dyn Progre
         precision: Precision { opening: plan.opening, threshold: 0.0, keep: 0.0 },
     };
     progress.start("threshold", 0);
-    let choice = Choice::new(&transport, &stage.receivers, &plan);
+    let choice = Choice::new(scene, &stage, &plan, (&basis, &transport), &tuning);
     progress.finish();
     let precision = Precision { opening: plan.opening, threshold: choice.threshold, keep: choice.threshold };
     let transport = FarTransport { precision, ..transport };
     let far = far_field(&transport, &stage.receivers, &choice, progress);
 
-    let mut sections = sections::write(&basis, &far, &scene.mesh, &stage.samples)?;
+    let sections = sections::write(&basis, &far, &scene.mesh, &stage.samples)?;
     let mut ledger = ledger::measure(&Baked {
         scene,
         stage: &stage,
@@ -151,77 +149,35 @@ fn basis(stage: &Stage, scene: &Scene, plan: &Plan) -> ProfileBasis {
     ProfileBasis::new(&BasisSettings { terms: Some(TERMS), ..settings })
 }
 
-/// What typical lights do at each node.
+/// What typical lights do at each node, and some of these lights for choices.
 fn expected_light(
     scene: &Scene,
     stage: &Stage,
     lights: &[Light],
     sampling: LightSampling,
     progress: &dyn Progress,
-) -> Result<Vec<f32>> {
+) -> Result<(Vec<f32>, Vec<Tuning>)> {
     progress.start("typical light", lights.len() as u64);
-    let mut details = Vec::with_capacity(lights.len());
-    for light in lights {
+    let chosen: Vec<usize> = choice::tuning_lights(lights).collect();
+    let (mut details, mut tuning) = (Vec::with_capacity(lights.len()), Vec::with_capacity(chosen.len()));
+    for (index, light) in lights.iter().enumerate() {
         let irradiance = stage.irradiance(scene, light, sampling)?;
-        details.push(LightDetails::new(&stage.samples, &stage.patches, &irradiance));
+        let found = LightDetails::new(&stage.samples, &stage.patches, &irradiance);
+        if chosen.contains(&index) {
+            tuning.push(Tuning { irradiance, details: found.clone() });
+        }
+        details.push(found);
         progress.advance(1);
     }
     progress.finish();
     let parts = scene.parts.parts.len();
-    Ok(expected_details(&stage.tree, parts, stage.samples.len(), &details))
-}
-
-/// What is kept, and how finely.
-pub(super) struct Choice {
-    pub(super) threshold: f64,
-    /// Quantiser step of each basis function; raised for values that would not fit.
-    steps: Vec<f64>,
-}
-
-impl Choice {
-    /// From some of the groups.
-    fn new(transport: &FarTransport, receivers: &Receivers, plan: &Plan) -> Self {
-        let step = receivers.groups.len().div_ceil(TUNING_GROUPS).max(1);
-        let floor = TUNING_FLOOR * plan.truncation;
-        let precision = Precision { opening: plan.opening, threshold: floor, keep: floor };
-        let trial = FarTransport { precision, ..*transport };
-        let groups: Vec<_> = receivers.groups.iter().step_by(step).collect();
-        let found: Vec<_> = groups
-            .par_iter()
-            .map(|group| {
-                let members = &receivers.positions[group.run.range()];
-                let (rows, squares) = trial.rows(members, group.part as usize);
-                (rows, squares, members.len())
-            })
-            .collect();
-        let count: usize = found.iter().map(|(_, _, count)| count).sum();
-        let squares = found.iter().flat_map(|(_, squares, _)| squares).copied().collect();
-        let threshold = blocks::threshold(squares, count, plan.truncation);
-        // Rounding meets the light where coefficients are kept.
-        let mut gain2 = 0.0;
-        for (rows, _, count) in &found {
-            let mut values = rows.values.iter();
-            for (&node, &mask) in rows.nodes.iter().zip(&rows.masks) {
-                let light = f64::from(transport.expected[node as usize]);
-                for k in (0..transport.spread.len()).filter(|k| mask >> k & 1 == 1) {
-                    let Some(row) = values.next() else { break };
-                    let typical = |v: &f32| (f64::from(*v) * transport.spread[k] * light).powi(2);
-                    if row.iter().map(typical).sum::<f64>() > threshold * threshold {
-                        gain2 += *count as f64 * light * light;
-                    }
-                }
-            }
-        }
-        let step = blocks::step(gain2 / count.max(1) as f64, plan.quantiser);
-        let steps = transport.spread.iter().map(|s| step / s.max(f64::MIN_POSITIVE)).collect();
-        Self { threshold, steps }
-    }
+    Ok((expected_details(&stage.tree, parts, stage.samples.len(), &details), tuning))
 }
 
 /// Rows of the groups `first..end`: independent of how the groups are cut into ranges.
 fn rows(transport: &FarTransport, receivers: &Receivers, range: std::ops::Range<usize>) -> Vec<Rows> {
     let of_group = |group: &crate::transport::receivers::Group| {
-        transport.rows(&receivers.positions[group.run.range()], group.part as usize).0
+        transport.rows(&receivers.positions[group.run.range()], group.part as usize)
     };
     receivers.groups[range].par_iter().map(of_group).collect()
 }

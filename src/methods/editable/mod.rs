@@ -1,10 +1,12 @@
 //! `editable`: transport of a basis of R_d, so that the material is chosen when the asset is evaluated (Wang et al. 2008).
 
 mod bake;
+mod choice;
 mod evaluate;
 mod ledger;
 mod plan;
 mod sections;
+mod subset;
 
 use std::sync::Arc;
 
@@ -39,7 +41,7 @@ const SPLIT: Key = Key {
 const TRUNCATION: Key = Key {
     name: "truncation",
     default: "auto",
-    help: "relative error asked of dropping coefficients, such as 0.3%; auto: 35 % of --max-rms",
+    help: "relative error asked of dropping coefficients, such as 0.3%; auto: 60 % of --max-rms",
 };
 
 const CUBE: Key =

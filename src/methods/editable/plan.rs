@@ -13,7 +13,7 @@ use crate::transport::gather::NearField;
 use crate::transport::irradiance::LightSampling;
 
 /// Shares of the asked error that the lossy stages of the far field may take. What is left is for sampling.
-const TRUNCATION_SHARE: f64 = 0.35;
+const TRUNCATION_SHARE: f64 = 0.6;
 const QUANTISER_SHARE: f64 = 0.05;
 const BASIS_SHARE: f64 = 0.2;
 

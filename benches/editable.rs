@@ -1,0 +1,94 @@
+//! Times of `editable` in one process: after a change of light, after a change of material.
+//!
+//! `cargo bench --bench editable -- ASSET.tlux`; medians of several runs, wall-clock, all threads.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Instant;
+
+use glam::DVec3;
+use translux::asset::Asset;
+use translux::light::Light;
+use translux::medium::material::PRESETS;
+use translux::methods;
+use translux::progress::Silent;
+use translux::transport::scene::Medium;
+
+const RUNS: usize = 9;
+
+fn main() {
+    let Some(path) = std::env::args().skip(1).find(|a| !a.starts_with('-')) else {
+        println!("SKIPPED: name an asset");
+        return;
+    };
+    if let Err(error) = measure(Path::new(&path)) {
+        println!("{}", error.message());
+        std::process::exit(1);
+    }
+}
+
+/// Median, least and largest of some times in ms.
+fn report(what: &str, mut times: Vec<f64>) {
+    times.sort_by(f64::total_cmp);
+    println!("{what:<44} {:8.2} ms  ({:.2} to {:.2})", times[times.len() / 2], times[0], times[times.len() - 1]);
+}
+
+fn timed<T>(work: impl FnOnce() -> T) -> (f64, T) {
+    let start = Instant::now();
+    let value = work();
+    (1e3 * start.elapsed().as_secs_f64(), value)
+}
+
+fn measure(path: &Path) -> translux::error::Result<()> {
+    let mut loads = Vec::new();
+    for _ in 0..3 {
+        let (time, asset) = timed(|| Asset::read(path));
+        asset?;
+        loads.push(time);
+    }
+    report("read and verify the file", loads);
+    let asset = Arc::new(Asset::read(path)?);
+    let method = methods::named(&asset.provenance.method)?;
+    let (time, evaluator) = timed(|| method.open(Arc::clone(&asset)));
+    let mut evaluator = evaluator?;
+    report("open the evaluator", vec![time]);
+    let radius = asset.scene.mesh.diagonal_mm();
+    let around = |i: usize| {
+        let angle = 0.7 * i as f64;
+        DVec3::new(angle.sin(), 0.4, angle.cos()).normalize()
+    };
+    for preset in &PRESETS {
+        let media =
+            vec![Medium { name: preset.name.to_owned(), properties: preset.properties() }; asset.scene.media.len()];
+        evaluator.set_media(media.clone())?;
+        for kind in ["directional", "point"] {
+            let mut times = Vec::new();
+            for i in 0..RUNS {
+                let light = match kind {
+                    "directional" => Light::directional(around(i), DVec3::ONE)?,
+                    _ => Light::point(asset.scene.mesh.origin_mm + radius * around(i), DVec3::ONE)?,
+                };
+                let (time, result) = timed(|| {
+                    evaluator.set_lights(vec![light], &Silent)?;
+                    evaluator.radiosity(&Silent)
+                });
+                result?;
+                times.push(time);
+            }
+            report(&format!("{}: new {kind} light", preset.name), times);
+        }
+        let mut times = Vec::new();
+        for i in 0..RUNS {
+            let mut media = media.clone();
+            media.iter_mut().for_each(|m| m.properties.sigma_a_per_mm *= 1.0 + 0.01 * i as f64);
+            let (time, result) = timed(|| {
+                evaluator.set_media(media)?;
+                evaluator.radiosity(&Silent)
+            });
+            result?;
+            times.push(time);
+        }
+        report(&format!("{}: new material, near field included", preset.name), times);
+    }
+    Ok(())
+}

@@ -1,0 +1,120 @@
+//! A few groups of receivers on which choices are made or errors measured, and materials as the basis sees them.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::bake::Stage;
+use super::plan::Plan;
+use crate::evaluate::sampling_error::receiver_areas;
+use crate::geometry::cluster::Run;
+use crate::medium::dipole::Dipole;
+use crate::medium::fresnel::BoundaryFit;
+use crate::medium::material::PRESETS;
+use crate::medium::profile_basis::ProfileBasis;
+use crate::progress::Silent;
+use crate::transport::balanced_tree::LightDetails;
+use crate::transport::far_field::Rows;
+use crate::transport::near_field::{Corners, Near};
+use crate::transport::receivers::{Group, Receivers};
+use crate::transport::scene::{Medium, Scene};
+
+/// A few groups of receivers, spread over all of them.
+pub(super) struct Subset {
+    pub(super) receivers: Receivers,
+    /// Index of each receiver in all of them.
+    pub(super) indices: Vec<u32>,
+    pub(super) areas: Vec<f64>,
+}
+
+/// A material and its coefficients.
+pub(super) struct Projected {
+    pub(super) medium: Medium,
+    pub(super) dipoles: [Dipole; 3],
+    /// `[channel][k]`.
+    coefficients: [Vec<f64>; 3],
+}
+
+impl Subset {
+    /// About `count` groups; phases 0 and 1 give others where there are enough.
+    pub(super) fn new(scene: &Scene, all: &Receivers, count: usize, phase: usize) -> Self {
+        let step = (all.groups.len() / count).max(1);
+        let mut receivers = Receivers::default();
+        let mut indices = Vec::new();
+        for group in all.groups.iter().skip(phase * step / 2).step_by(step) {
+            let first = receivers.positions.len() as u32;
+            receivers.positions.extend_from_slice(&all.positions[group.run.range()]);
+            indices.extend(group.run.first..group.run.end);
+            let run = Run { first, end: receivers.positions.len() as u32 };
+            receivers.groups.push(Group { run, part: group.part });
+        }
+        let areas = receiver_areas(scene, all);
+        let areas = indices.iter().map(|&i| areas[i as usize]).collect();
+        Self { receivers, indices, areas }
+    }
+
+    /// Every published material and those of the scene.
+    pub(super) fn materials(&self, scene: &Scene, basis: &ProfileBasis) -> Vec<Projected> {
+        let presets = PRESETS.iter().map(|m| Medium { name: m.name.to_owned(), properties: m.properties() });
+        let project = |medium: Medium| {
+            let dipoles = medium.properties.dipoles(BoundaryFit::Published);
+            let coefficients = dipoles.each_ref().map(|d| basis.project(d).coefficients);
+            Projected { medium, dipoles, coefficients }
+        };
+        presets.chain(scene.media.iter().cloned()).map(project).collect()
+    }
+
+    /// Near field of each material, RGB for each receiver.
+    pub(super) fn near(
+        &self,
+        scene: &Scene,
+        stage: &Stage,
+        plan: &Plan,
+        materials: &[Projected],
+        irradiance: &[DVec3],
+    ) -> Vec<Vec<DVec3>> {
+        let surface = stage.surface(scene);
+        let corners: &Corners = &stage.corners;
+        let of_material = |material: &Projected| {
+            let media = vec![material.medium.clone(); scene.media.len()];
+            let near = Near::new(&surface, (&stage.tree, corners), &media, plan.near, stage.split_mm);
+            let mut values = vec![DVec3::ZERO; self.receivers.len()];
+            near.add(&self.receivers, irradiance, &mut values, &Silent);
+            values
+        };
+        materials.par_iter().map(of_material).collect()
+    }
+
+    /// Far radiosity of each receiver and function under the first channel of a light, from rows of every group.
+    pub(super) fn rebuilt(&self, rows: &[Rows], terms: usize, light: &LightDetails) -> Vec<Vec<f64>> {
+        let of_group = |(group, rows): (&Group, &Rows)| {
+            let mean = f64::from(light.means[group.part as usize][0]);
+            let scaled = |sums: &[f32]| sums.iter().map(|&v| f64::from(v) * mean).collect::<Vec<f64>>();
+            let mut sums: Vec<Vec<f64>> = rows.sums.chunks_exact(terms.max(1)).map(scaled).collect();
+            let mut values = rows.values.iter();
+            for (&node, &mask) in rows.nodes.iter().zip(&rows.masks) {
+                let detail = f64::from(light.details[node as usize][0]);
+                for k in (0..terms).filter(|k| mask >> k & 1 == 1) {
+                    let Some(row) = values.next() else { break };
+                    for (sum, value) in sums.iter_mut().zip(row) {
+                        sum[k] += f64::from(*value) * detail;
+                    }
+                }
+            }
+            sums.iter_mut().flatten().for_each(|v| *v *= light.scale);
+            sums
+        };
+        self.receivers.groups.par_iter().zip(rows).flat_map_iter(of_group).collect()
+    }
+}
+
+impl Projected {
+    /// Adds the far radiosity of each receiver's functions to values, RGB.
+    pub(super) fn add(&self, far: &[Vec<f64>], mut values: Vec<DVec3>) -> Vec<DVec3> {
+        for (value, far) in values.iter_mut().zip(far) {
+            for c in 0..3 {
+                value[c] += self.coefficients[c].iter().zip(far).map(|(s, v)| s * v).sum::<f64>();
+            }
+        }
+        values
+    }
+}
