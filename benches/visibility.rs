@@ -14,8 +14,20 @@ use translux::geometry::part_table::PartTable;
 use translux::geometry::samples::Samples;
 use translux::geometry::shapes;
 use translux::geometry::source::SourceModel;
+use translux::io::environment::load_environment;
+use translux::light::Light;
+use translux::light::cube_light::CubeLight;
+use translux::light::sky::sky;
 use translux::math::cube_map::{FACES, direction};
+use translux::medium::entrance_basis::EntranceBasis;
+use translux::medium::material::preset;
+use translux::progress::Silent;
+use translux::transport::irradiance::{Illumination, LightSampling};
+use translux::transport::irradiance_rows::{RowBaker, RowSettings};
+use translux::transport::scene::{Medium, Scene, Surface, patches};
 use translux::transport::visibility::{GROUP, Observer, Occluders, Resolution, visit};
+use translux_format::rows::IrradianceRows;
+use translux_format::{AssetFile, Budget, Reader, Samples as FormatSamples};
 
 const SAMPLES: usize = 131_072;
 /// Decisions of a second on two cores that the project asks for.
@@ -57,6 +69,8 @@ fn main() {
         }
     }
     let side = Resolution::Sub64.side();
+    let scene = scene_of(mesh.clone(), parts);
+    rows(&scene, &bvh, &samples, &shared);
     let directions: Vec<DVec3> = (0..FACES * side * side)
         .map(|i| direction(side, i / side / side, i % side, i / side % side))
         .collect();
@@ -71,6 +85,102 @@ fn main() {
         }
         (decisions, hidden)
     });
+}
+
+fn scene_of(mesh: Mesh, parts: PartTable) -> Option<Scene> {
+    let properties = preset("marble")?.properties();
+    Some(Scene { mesh, parts, media: vec![Medium { name: "marble".into(), properties }] })
+}
+
+/// Times, sizes and errors of irradiance rows; errors are relative RMS over patches against shadow rays at native
+/// resolution, which have an error of their own (two sets of rays are compared).
+fn rows(scene: Option<Scene>, bvh: &Bvh, samples: &Samples, shared: &Path) {
+    let Some(scene) = scene else { return };
+    let patches = patches(&scene, samples);
+    let surface = Surface { scene: &scene, bvh, samples, patches: &patches };
+    let mut lights = vec![("built-in sky".to_string(), sky())];
+    for name in ["debevec_grace_1k.exr", "noon_grass_1k.hdr", "potsdamer_platz_1k.hdr", "debevec_uffizi_256.hdr"] {
+        if let Ok(map) = load_environment(&shared.join("data/env").join(name)) {
+            lights.push((name.to_string(), map.value));
+        }
+    }
+    let lights: Vec<(String, Light)> = lights
+        .into_iter()
+        .filter_map(|(name, map)| Some((name, Light::environment(map.into(), 20.0, DVec3::ONE).ok()?)))
+        .collect();
+    let eta = 1.3;
+    let truth: Vec<Vec<DVec3>> = lights.iter().map(|(_, light)| sampled(&surface, light, eta, 1024)).collect();
+    for ((name, light), truth) in lights.iter().zip(&truth) {
+        println!("{name}: rays themselves {:.2} %", 100.0 * error(&sampled(&surface, light, eta, 512), truth));
+    }
+    for (terms, coefficients) in [(2, 6144), (1, 128), (2, 128), (3, 128), (2, 64), (2, 256)] {
+        let settings = RowSettings { terms, coefficients, ..RowSettings::DEFAULT };
+        let (start, cpu) = (Instant::now(), cpu_seconds());
+        let Ok(rows) = RowBaker::new(&surface, settings).and_then(|baker| baker.all(&Silent)) else { return };
+        let (wall, cpu) = (start.elapsed().as_secs_f64(), cpu_seconds() - cpu);
+        println!("{terms} terms, {coefficients} coefficients: {wall:.2} s elapsed, {cpu:.2} s of CPU time");
+        let Ok(projection) = EntranceBasis::new(terms).project(eta) else { return };
+        for ((name, light), truth) in lights.iter().zip(&truth) {
+            let start = Instant::now();
+            let Ok(cube) = CubeLight::new(light, settings.side()) else { return };
+            let prepared = milliseconds(start);
+            let (start, cpu) = (Instant::now(), cpu_seconds());
+            let Ok(values) = rows.irradiance(&cube, |_| projection.coefficients) else { return };
+            let (wall, cpu) = (milliseconds(start), (cpu_seconds() - cpu) * 1e3);
+            println!(
+                "  {name:<24} error {:.2} %, in local means {:.2} %; light {prepared:.0} ms, product {wall:.0} ms \
+                 elapsed, {cpu:.0} ms of CPU time",
+                100.0 * error(&values, truth),
+                100.0 * error(&means(&values), &means(truth)),
+            );
+        }
+        if coefficients <= 256 {
+            stored(rows.data(), samples.len());
+        }
+    }
+}
+
+fn sampled(surface: &Surface, light: &Light, eta: f64, directions: u32) -> Vec<DVec3> {
+    let sampling = LightSampling { directions, ..LightSampling::FAST };
+    Illumination::new(surface, std::slice::from_ref(light), &[eta], sampling)
+        .map(|illumination| illumination.all(&Silent))
+        .unwrap_or_default()
+}
+
+fn error(values: &[DVec3], reference: &[DVec3]) -> f64 {
+    let error: f64 = values.iter().zip(reference).map(|(a, b)| (*a - *b).length_squared()).sum();
+    (error / reference.iter().map(|b| b.length_squared()).sum::<f64>()).sqrt()
+}
+
+/// Means of 64 neighbours in the order of the samples: about what scattering sees.
+fn means(values: &[DVec3]) -> Vec<DVec3> {
+    values.chunks(64).map(|chunk| chunk.iter().sum::<DVec3>() / chunk.len() as f64).collect()
+}
+
+/// Bytes in a file, and the time to read them back.
+fn stored(rows: &IrradianceRows, patches: usize) {
+    let start = Instant::now();
+    let Ok(extra) = rows.to_sections() else { return };
+    let asset = AssetFile { samples: FormatSamples::none(0), extra, ..AssetFile::default() };
+    let Ok(bytes) = asset.to_bytes() else { return };
+    let write = milliseconds(start);
+    let start = Instant::now();
+    let Ok(asset) = AssetFile::from_bytes(&bytes, Budget::default()) else { return };
+    let unpacked = milliseconds(start);
+    let same = matches!(IrradianceRows::from_sections(&asset.extra, patches), Ok(Some(back)) if back == *rows);
+    println!(
+        "  {:.1} bytes a sample in the file, {:.1} in memory; written in {write:.0} ms, unpacked in {unpacked:.0} ms, \
+         all in {:.0} ms, same: {same}",
+        bytes.len() as f64 / patches as f64,
+        rows.bytes() as f64 / patches as f64,
+        milliseconds(start)
+    );
+    if let Ok(reader) = Reader::parse(&bytes, Budget::default()) {
+        let kept = reader.sections().iter().filter(|s| s.tag.as_str().starts_with("rows."));
+        let sizes: Vec<String> =
+            kept.map(|s| format!("{} {:.1}", s.tag, s.stored_bytes as f64 / patches as f64)).collect();
+        println!("  {}", sizes.join(", "));
+    }
 }
 
 /// Prints rates of the best of three; returns decisions per elapsed second.
