@@ -1,7 +1,8 @@
 //! Sub-texel decisions per second above the horizon, beside one shadow ray each.
 //!
 //! `cargo bench --bench visibility`: a closed bunny of the shared test data scaled to a diagonal of 30 mm with 131,072
-//! samples, a generated knot where it is missing. Rates are over CPU time of all threads, and over elapsed time.
+//! samples, a generated knot where it is missing; then irradiance rows, their time, size and errors (`-- rows`: these
+//! alone). Rates are over CPU time of all threads, and over elapsed time.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -49,7 +50,8 @@ fn main() {
     println!("edges arranged in {:.0} ms, {:.1} MB", milliseconds(start), occluders.bytes() as f64 * 1e-6);
     let observers: Vec<Observer> =
         (0..samples.len()).into_par_iter().map(|i| Observer::of(&mesh, samples.patch(i))).collect();
-    for resolution in [Resolution::Sub64, Resolution::Sub128] {
+    let asked: Vec<String> = std::env::args().filter(|a| a == "rows").collect();
+    for resolution in [Resolution::Sub64, Resolution::Sub128].into_iter().filter(|_| asked.is_empty()) {
         let run = |observers: &[Observer]| {
             let (mut decisions, mut hidden) = (0, 0);
             visit(&occluders, &bvh, observers, resolution, |_, v| {
@@ -70,10 +72,9 @@ fn main() {
     }
     let side = Resolution::Sub64.side();
     let scene = scene_of(mesh.clone(), parts);
-    rows(&scene, &bvh, &samples, &shared);
-    let directions: Vec<DVec3> = (0..FACES * side * side)
-        .map(|i| direction(side, i / side / side, i % side, i / side % side))
-        .collect();
+    rows(scene, &bvh, &samples, &shared);
+    let directions: Vec<DVec3> =
+        (0..FACES * side * side).map(|i| direction(side, i / side / side, i % side, i / side % side)).collect();
     rate("one ray each, one thread", || {
         let (mut decisions, mut hidden) = (0, 0);
         for o in observers.iter().step_by(SAMPLES / 256) {
@@ -127,6 +128,7 @@ fn rows(scene: Option<Scene>, bvh: &Bvh, samples: &Samples, shared: &Path) {
             let (start, cpu) = (Instant::now(), cpu_seconds());
             let Ok(values) = rows.irradiance(&cube, |_| projection.coefficients) else { return };
             let (wall, cpu) = (milliseconds(start), (cpu_seconds() - cpu) * 1e3);
+            let values = probed(&values);
             println!(
                 "  {name:<24} error {:.2} %, in local means {:.2} %; light {prepared:.0} ms, product {wall:.0} ms \
                  elapsed, {cpu:.0} ms of CPU time",
@@ -140,11 +142,22 @@ fn rows(scene: Option<Scene>, bvh: &Bvh, samples: &Samples, shared: &Path) {
     }
 }
 
+/// Runs of patches that errors are measured on, and how many are left out for each.
+const PROBED: usize = 1024;
+const EVERY: usize = 16;
+
 fn sampled(surface: &Surface, light: &Light, eta: f64, directions: u32) -> Vec<DVec3> {
     let sampling = LightSampling { directions, ..LightSampling::FAST };
-    Illumination::new(surface, std::slice::from_ref(light), &[eta], sampling)
-        .map(|illumination| illumination.all(&Silent))
-        .unwrap_or_default()
+    let lights = std::slice::from_ref(light);
+    let Ok(illumination) = Illumination::new(surface, lights, &[eta], sampling) else { return Vec::new() };
+    let mut out = vec![DVec3::ZERO; surface.samples.len() / EVERY / PROBED * PROBED];
+    let each = |(i, out): (usize, &mut [DVec3])| illumination.range(i * EVERY * PROBED, out);
+    out.par_chunks_mut(PROBED).enumerate().for_each(each);
+    out
+}
+
+fn probed(values: &[DVec3]) -> Vec<DVec3> {
+    values.chunks_exact(EVERY * PROBED).flat_map(|run| &run[..PROBED]).copied().collect()
 }
 
 fn error(values: &[DVec3], reference: &[DVec3]) -> f64 {
@@ -229,7 +242,13 @@ fn read(path: &Path) -> Option<SourceModel> {
     let (low, high) = positions.iter().fold((first, first), |(l, h), p| (l.min(*p), h.max(*p)));
     positions.iter_mut().for_each(|p| *p *= 30.0 / (high - low).length());
     let triangle_material = vec![0; triangles.len()];
-    Some(SourceModel { positions, triangles, triangle_material, materials: vec!["default".into()], ..Default::default() })
+    Some(SourceModel {
+        positions,
+        triangles,
+        triangle_material,
+        materials: vec!["default".into()],
+        ..Default::default()
+    })
 }
 
 /// CPU seconds of all threads of this process, from the kernel on Linux; elapsed time elsewhere.

@@ -91,7 +91,10 @@ impl IrradianceRows {
             let ascending = row.windows(2).all(|pair| pair[0] < pair[1]);
             let inside = row.last().is_none_or(|last| usize::from(*last) < FACES * face);
             if !ascending || !inside || row.iter().any(|i| usize::from(*i).is_multiple_of(face)) {
-                return invalid(tags::INDICES, format!("the indices of patch {patch} are not ascending places of details"));
+                return invalid(
+                    tags::INDICES,
+                    format!("the indices of patch {patch} are not ascending places of details"),
+                );
             }
         }
         Ok(())

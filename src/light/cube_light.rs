@@ -38,7 +38,9 @@ impl CubeLight {
     pub fn new(light: &Light, side: usize) -> Result<Self> {
         let angles = if side.is_power_of_two() && side <= 256 { solid_angles_sr(side) } else { Vec::new() };
         let Some(haar) = Haar::new(side, &angles) else {
-            return Err(Error::unsupported(format!("cube maps have 1, 2, 4, ... 256 texels along an edge, not {side}")));
+            return Err(Error::unsupported(format!(
+                "cube maps have 1, 2, 4, ... 256 texels along an edge, not {side}"
+            )));
         };
         let radiance = match light {
             Light::Constant { radiance } => vec![*radiance; FACES * side * side],

@@ -11,15 +11,15 @@ use std::ops::Range;
 use rayon::prelude::*;
 use translux_format::rows::IrradianceRows;
 
-use crate::transport::scene::Surface;
-use crate::transport::simd::{Level, multiversion};
-use crate::transport::visibility::{GROUP, Observer, Occluders, Resolution, Visible, visit};
 use crate::compress::rows::Rows;
 use crate::error::{Error, Result};
 use crate::math::cube_map::{FACES, FRAMES, centre, solid_angles_sr};
 use crate::math::haar::Haar;
 use crate::medium::entrance_basis::{DEGREE, EntranceBasis, MOST_TERMS};
 use crate::progress::Progress;
+use crate::transport::scene::Surface;
+use crate::transport::simd::{Level, multiversion};
+use crate::transport::visibility::{GROUP, Observer, Occluders, Resolution, Visible, visit};
 
 /// What the rows keep.
 #[derive(Clone, Copy, Debug, PartialEq)]

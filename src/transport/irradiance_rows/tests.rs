@@ -93,9 +93,8 @@ fn errors_fall_with_coefficients() {
         .all(&Silent);
     let whole = relight(&fixture, settings(2, 6144), &light, ETA);
     let native = relative_rms(&whole, &truth);
-    let cut = [32, 128, 512].map(|coefficients| {
-        relative_rms(&relight(&fixture, settings(2, coefficients), &light, ETA), &whole)
-    });
+    let cut = [32, 128, 512]
+        .map(|coefficients| relative_rms(&relight(&fixture, settings(2, coefficients), &light, ETA), &whole));
     println!("sky: texels and one point for a patch {native:.3}; 32, 128, 512 coefficients {cut:.4?}");
     assert!(native < 0.12, "{native}");
     assert!(cut[0] < 0.1 && cut[1] < 0.6 * cut[0] && cut[2] < 0.6 * cut[1], "{cut:?}");

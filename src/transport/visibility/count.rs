@@ -47,6 +47,10 @@ pub(super) struct Counts {
     side: usize,
     /// `[quarter][row from the pole][column]`: changes, after [`Counts::sum`] the counts.
     cells: Vec<i16>,
+    /// `[quarter][row]`.
+    bounds: Vec<[i16; 2]>,
+    /// Of one quarter.
+    words: Vec<u64>,
 }
 
 /// A ring as one point sees it.
@@ -72,12 +76,7 @@ impl View {
             let [z, x, r] = in_quarter(quarter, normal);
             z + x.abs() + r.abs() > 0.0
         };
-        Self {
-            axes,
-            flipped,
-            active: [0, 1, 2, 3].map(|q| ring.quarters[q].is_some() && reach(q)),
-            normal,
-        }
+        Self { axes, flipped, active: [0, 1, 2, 3].map(|q| ring.quarters[q].is_some() && reach(q)), normal }
     }
 
     /// First and end column of a row above the horizon, `n.w > 0`.
@@ -106,6 +105,18 @@ impl View {
     }
 }
 
+/// The quarter of an azimuth.
+#[inline]
+fn quarter_of(p: f64, q: f64) -> usize {
+    if q.abs() <= p.abs() {
+        if p > 0.0 { 0 } else { 2 }
+    } else if q > 0.0 {
+        1
+    } else {
+        3
+    }
+}
+
 /// Forward, right and axis of a quarter from the ring's components.
 fn in_quarter(quarter: usize, [p, q, r]: [f64; 3]) -> [f64; 3] {
     match quarter {
@@ -118,17 +129,15 @@ fn in_quarter(quarter: usize, [p, q, r]: [f64; 3]) -> [f64; 3] {
 
 impl Counts {
     pub(super) fn new(side: usize) -> Self {
-        Self { side, cells: vec![0; 4 * side * side] }
+        let (bounds, words) = (vec![[0; 2]; 4 * side], vec![0; side * side / WORD]);
+        Self { side, cells: vec![0; 4 * side * side], bounds, words }
     }
 
     /// Column lines before the azimuth of a point.
     #[inline]
     fn azimuth(&self, p: f64, q: f64) -> usize {
-        let (quarter, s) = if q.abs() <= p.abs() {
-            (if p > 0.0 { 0 } else { 2 }, q / p)
-        } else {
-            (if q > 0.0 { 1 } else { 3 }, -p / q)
-        };
+        let quarter = quarter_of(p, q);
+        let s = if quarter % 2 == 0 { q / p } else { -p / q };
         quarter * self.side + self.start(0.5 * self.side as f64 * (s + 1.0))
     }
 
@@ -148,6 +157,11 @@ impl Counts {
             let e = e.as_dvec3();
             [p.dot(e), q.dot(e), r.dot(e)]
         });
+        let quarter = quarter_of(a[0], a[1]);
+        // Quarters are convex: the edge stays inside.
+        if !view.active[quarter] && quarter == quarter_of(b[0], b[1]) {
+            return;
+        }
         let whole = 4 * self.side;
         let turn = a[0] * b[1] - a[1] * b[0];
         let (ka, kb) = (self.azimuth(a[0], a[1]), self.azimuth(b[0], b[1]));
@@ -193,41 +207,43 @@ impl Counts {
 
     /// Turns changes into counts; the least of them above the horizon, `i16::MAX` for none.
     pub(super) fn sum(&mut self, level: Level, view: &View) -> i16 {
+        let (side, face) = (self.side, self.side * self.side);
         let mut least = i16::MAX;
-        let mut running = [0; MOST_COLUMNS];
         for quarter in (0..4).filter(|q| view.active[*q]) {
-            running.fill(0);
-            for row in 0..self.side {
-                let [low, high] = view.above(self.side, quarter, row);
-                let cells = &mut self.cells[(quarter * self.side + row) * self.side..][..self.side];
-                accumulate(level, cells, &mut running[..self.side], [low as i16, high as i16], &mut least);
+            let bounds = &mut self.bounds[quarter * side..(quarter + 1) * side];
+            for (row, bounds) in bounds.iter_mut().enumerate() {
+                *bounds = view.above(side, quarter, row).map(|column| column as i16);
             }
+            accumulate(level, &mut self.cells[quarter * face..(quarter + 1) * face], bounds, &mut least);
         }
         least
     }
 
-    /// Words with a bit for each column whose count is `value`.
-    pub(super) fn equal(&self, level: Level, quarter: usize, row: usize, value: i16, words: &mut [u64]) {
-        let cells = &self.cells[(quarter * self.side + row) * self.side..][..self.side];
-        compare(level, cells, value, words);
+    /// First and end column above the horizon of each row of a quarter, after [`Counts::sum`].
+    pub(super) fn bounds(&self, quarter: usize) -> &[[i16; 2]] {
+        &self.bounds[quarter * self.side..(quarter + 1) * self.side]
     }
 
-    pub(super) fn clear(&mut self, view: &View) {
+    /// Sets, row by row of a quarter, words with a bit for each column whose count is `value`; clears the cells.
+    pub(super) fn take_equal(&mut self, level: Level, quarter: usize, value: i16) {
         let face = self.side * self.side;
-        for quarter in (0..4).filter(|q| view.active[*q]) {
-            self.cells[quarter * face..(quarter + 1) * face].fill(0);
-        }
+        compare(level, &mut self.cells[quarter * face..(quarter + 1) * face], value, &mut self.words);
+    }
+
+    /// What [`Counts::take_equal`] found.
+    pub(super) fn words(&self) -> &[u64] {
+        &self.words
     }
 }
 
-/// Sub-texels along an edge of a face at most.
-pub(super) const MOST_COLUMNS: usize = 128;
+/// Columns side by side in a word.
+const WORD: usize = 64;
 
 /// 0, 1, 2, ...
-const COLUMNS: [i16; MOST_COLUMNS] = {
-    let mut columns = [0; MOST_COLUMNS];
+const COLUMNS: [i16; WORD] = {
+    let mut columns = [0; WORD];
     let mut i = 0;
-    while i < MOST_COLUMNS {
+    while i < WORD {
         columns[i] = i as i16;
         i += 1;
     }
@@ -235,36 +251,48 @@ const COLUMNS: [i16; MOST_COLUMNS] = {
 };
 
 multiversion! {
-    /// Adds a row to the running sums, leaves the sums in it, and lowers `least` to the least of them in a range.
-    fn accumulate(row: &mut [i16], running: &mut [i16], range: [i16; 2], least: &mut i16) => accumulate_body
+    /// Sums each column of a quarter from the first row on, and lowers `least` to the least sum within the bounds of its row.
+    fn accumulate(cells: &mut [i16], bounds: &[[i16; 2]], least: &mut i16) => accumulate_body
 }
 
 #[inline(always)]
-fn accumulate_body(row: &mut [i16], running: &mut [i16], range: [i16; 2], least: &mut i16) {
-    let mut lowest = *least;
-    for ((cell, sum), column) in row.iter_mut().zip(running).zip(&COLUMNS) {
-        *sum = sum.wrapping_add(*cell);
-        *cell = *sum;
-        let inside = (*column >= range[0]) & (*column < range[1]);
-        lowest = lowest.min(if inside { *sum } else { i16::MAX });
+fn accumulate_body(cells: &mut [i16], bounds: &[[i16; 2]], least: &mut i16) {
+    let side = bounds.len();
+    let mut lowest = [*least; WORD];
+    for first in (0..side).step_by(WORD) {
+        let mut running = [0i16; WORD];
+        for (row, bounds) in cells.chunks_exact_mut(side).zip(bounds) {
+            let Some(row) = row[first..].first_chunk_mut::<WORD>() else { continue };
+            let [low, high] = bounds.map(|column| column - first as i16);
+            for i in 0..WORD {
+                running[i] = running[i].wrapping_add(row[i]);
+                row[i] = running[i];
+                let inside = (COLUMNS[i] >= low) & (COLUMNS[i] < high);
+                let sum = if inside { running[i] } else { i16::MAX };
+                lowest[i] = if sum < lowest[i] { sum } else { lowest[i] };
+            }
+        }
     }
-    *least = lowest;
+    *least = lowest.iter().fold(*least, |least, low| least.min(*low));
 }
 
 multiversion! {
-    fn compare(row: &[i16], value: i16, words: &mut [u64]) => compare_body
+    /// A bit for each cell that has the value; clears the cells.
+    fn compare(cells: &mut [i16], value: i16, words: &mut [u64]) => compare_body
 }
 
 #[inline(always)]
-fn compare_body(row: &[i16], value: i16, words: &mut [u64]) {
-    for (cells, word) in row.chunks_exact(64).zip(words) {
-        let mut equal = [0u8; 64];
-        for (out, cell) in equal.iter_mut().zip(cells) {
-            *out = u8::from(*cell == value);
+fn compare_body(cells: &mut [i16], value: i16, words: &mut [u64]) {
+    for (cells, word) in cells.chunks_exact_mut(WORD).zip(words) {
+        let Some(cells) = cells.first_chunk_mut::<WORD>() else { continue };
+        let mut equal = [0u8; WORD];
+        for i in 0..WORD {
+            equal[i] = u8::from(cells[i] == value);
         }
+        *cells = [0; WORD];
         *word = 0;
-        for (k, bytes) in equal.chunks_exact(8).enumerate() {
-            let bytes = bytes.iter().rev().fold(0u64, |all, b| all << 8 | u64::from(*b));
+        for k in 0..WORD / 8 {
+            let bytes = (0..8).fold(0u64, |all, b| all | u64::from(equal[8 * k + b]) << (8 * b));
             *word |= (bytes.wrapping_mul(0x0102_0408_1020_4080) >> 56) << (8 * k);
         }
     }

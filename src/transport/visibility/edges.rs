@@ -23,8 +23,7 @@ struct Block {
 }
 
 impl Block {
-    const EMPTY: Self =
-        Self { ends: [[[0.0; LANES]; 3]; 2], planes: [[[0.0; LANES]; 4]; 2], edge: [u32::MAX; LANES] };
+    const EMPTY: Self = Self { ends: [[[0.0; LANES]; 3]; 2], planes: [[[0.0; LANES]; 4]; 2], edge: [u32::MAX; LANES] };
 }
 
 /// Some edges.

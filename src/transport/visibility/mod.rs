@@ -219,32 +219,32 @@ impl Walk<'_> {
             }
             let least = self.counts.sum(self.level, &view);
             self.bits(ring, &view, least, observer);
-            self.counts.clear(&view);
         }
         self.edges = edges;
     }
 
     /// Sets the bits of a ring: where the count is least, if a ray there meets nothing.
     fn bits(&mut self, ring: &Ring, view: &View, least: i16, observer: &Observer) {
-        let side = self.counts_side();
-        let mut seen = [0u64; 2];
-        let seen = &mut seen[..self.visible.resolution.words()];
+        let (side, count) = (self.visible.resolution.side(), self.visible.resolution.words());
         let mut free = false;
         for (q, quarter) in ring.quarters.iter().enumerate().filter(|(q, _)| view.active[*q]) {
             let Some(quarter) = quarter else { continue };
             let mut best = (0, 0, 0);
-            for row in 0..side {
-                let above = range_bits(view.above(side, q, row));
-                self.counts.equal(self.level, q, row, least, seen);
-                seen.iter_mut().zip(above).for_each(|(seen, above)| *seen &= above);
-                let (length, column) = longest_run(seen);
+            self.counts.take_equal(self.level, q, least);
+            for (row, (bounds, words)) in
+                self.counts.bounds(q).iter().zip(self.counts.words().chunks(count)).enumerate()
+            {
+                let above = range_bits(bounds.map(|column| column as usize));
+                let mut seen = [0; 2];
+                seen.iter_mut().zip(words).zip(above).for_each(|((seen, word), above)| *seen = word & above);
+                let (length, column) = longest_run(&seen, best.0);
                 if length > best.0 {
                     best = (length, row, column);
                 }
-                let at = self.visible.row(quarter.face, if view.flipped != quarter.turned { side - 1 - row } else { row });
-                self.visible.above[at.clone()].copy_from_slice(&turn(above, quarter.turned, seen.len())[..seen.len()]);
-                let words = [seen[0], seen.get(1).copied().unwrap_or(0)];
-                self.visible.seen[at].copy_from_slice(&turn(words, quarter.turned, seen.len())[..seen.len()]);
+                let row = if view.flipped == quarter.turned { row } else { side - 1 - row };
+                let at = self.visible.row(quarter.face, row);
+                self.visible.above[at.clone()].copy_from_slice(&turn(above, quarter.turned, count)[..count]);
+                self.visible.seen[at].copy_from_slice(&turn(seen, quarter.turned, count)[..count]);
             }
             // The middle of the longest run is far from every edge, where no rounding matters.
             if !free && best.0 > 0 {
@@ -259,10 +259,6 @@ impl Walk<'_> {
             let (from, end) = (self.visible.row(quarter.face, 0).start, self.visible.row(quarter.face, side - 1).end);
             self.visible.seen[from..end].fill(0);
         }
-    }
-
-    fn counts_side(&self) -> usize {
-        self.visible.resolution.side()
     }
 }
 
@@ -282,20 +278,24 @@ fn turn(words: [u64; 2], turned: bool, count: usize) -> [u64; 2] {
     }
 }
 
-/// Length and middle of the longest run of ones inside a word.
-fn longest_run(words: &[u64]) -> (usize, usize) {
-    let mut best = (0, 0);
+/// Length and middle of the longest run of ones inside a word, if it is longer than `least`.
+fn longest_run(words: &[u64], least: usize) -> (usize, usize) {
+    let mut best = (least, 0);
     for (index, &word) in words.iter().enumerate() {
-        if word.count_ones() as usize <= best.0 {
-            continue;
+        // What is left has a run of one more than the shifts.
+        let mut rest = word;
+        let mut have = 1;
+        while have <= best.0 && rest != 0 {
+            let shift = have.min(best.0 + 1 - have);
+            rest &= rest >> shift;
+            have += shift;
         }
-        let (mut rest, mut length) = (word, 0);
-        let mut last = 0;
+        let (mut last, mut length) = (0, have - 1);
         while rest != 0 {
             (last, length) = (rest, length + 1);
             rest &= rest >> 1;
         }
-        if length > best.0 {
+        if last != 0 && length > best.0 {
             best = (length, 64 * index + last.trailing_zeros() as usize + length / 2);
         }
     }

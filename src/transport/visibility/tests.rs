@@ -137,10 +137,8 @@ fn answers_do_not_depend_on_the_range() {
 
 #[test]
 fn the_scanned_bunny_is_seen_as_one_ray_each_sees_it() {
-    let shared = std::env::var_os("TRANSLUX_SHARED").map_or_else(
-        || std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared"),
-        std::path::PathBuf::from,
-    );
+    let shared = std::env::var_os("TRANSLUX_SHARED")
+        .map_or_else(|| std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared"), std::path::PathBuf::from);
     let Ok(text) = std::fs::read_to_string(shared.join("data/meshes/bunny_closed.obj")) else {
         println!("SKIPPED: bunny_closed is not there");
         return;
@@ -166,6 +164,10 @@ fn the_scanned_bunny_is_seen_as_one_ray_each_sees_it() {
     let chosen = shadowed_and_others(&fixture, 1000);
     let start = std::time::Instant::now();
     let (wrong, all) = compare(&fixture, &chosen[..1000.min(chosen.len())], Resolution::Sub64);
-    println!("bunny: {wrong} of {all} differ, {:.1e}, {:.1} s", wrong as f64 / all as f64, start.elapsed().as_secs_f64());
+    println!(
+        "bunny: {wrong} of {all} differ, {:.1e}, {:.1} s",
+        wrong as f64 / all as f64,
+        start.elapsed().as_secs_f64()
+    );
     assert!(wrong as f64 <= 1e-4 * all as f64, "{wrong} of {all}");
 }
