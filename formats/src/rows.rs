@@ -75,6 +75,21 @@ impl IrradianceRows {
     /// # Errors
     /// [`FormatError::Invalid`] with the tag of the section at fault.
     pub fn validate(&self) -> Result<()> {
+        self.validate_shape()?;
+        let face = self.side * self.side;
+        for (patch, pair) in self.offsets.windows(2).enumerate() {
+            let row = &self.indices[pair[0] as usize..pair[1] as usize];
+            let ascending = row.windows(2).all(|pair| pair[0] < pair[1]);
+            let inside = row.last().is_none_or(|last| usize::from(*last) < FACES * face);
+            if !ascending || !inside || row.iter().any(|i| is_scaling(*i, face)) {
+                return bad_indices(patch);
+            }
+        }
+        Ok(())
+    }
+
+    /// Everything but the indices.
+    fn validate_shape(&self) -> Result<()> {
         dimensions(self.side, self.terms)?;
         let (patches, count) = (self.patches(), self.indices.len());
         offsets(tags::COUNTS, &self.offsets, count, Ranges::MayBeEmpty)?;
@@ -84,20 +99,7 @@ impl IrradianceRows {
         same_length(tags::VALUES, "values", self.values.len(), count.saturating_mul(self.terms))?;
         same_length(tags::SCALING, "numbers", self.scaling.len(), patches.saturating_mul(FACES * self.terms))?;
         steps(tags::STEPS, &self.steps, patches)?;
-        steps(tags::SCALING_STEPS, &self.scaling_steps, patches)?;
-        let face = self.side * self.side;
-        for (patch, pair) in self.offsets.windows(2).enumerate() {
-            let row = &self.indices[pair[0] as usize..pair[1] as usize];
-            let ascending = row.windows(2).all(|pair| pair[0] < pair[1]);
-            let inside = row.last().is_none_or(|last| usize::from(*last) < FACES * face);
-            if !ascending || !inside || row.iter().any(|i| usize::from(*i).is_multiple_of(face)) {
-                return invalid(
-                    tags::INDICES,
-                    format!("the indices of patch {patch} are not ascending places of details"),
-                );
-            }
-        }
-        Ok(())
+        steps(tags::SCALING_STEPS, &self.scaling_steps, patches)
     }
 
     /// The sections, for [`crate::AssetFile::extra`].
@@ -179,13 +181,13 @@ impl IrradianceRows {
             side,
             terms,
             offsets: ends(&counts),
-            indices: indices(&counts, &differences, FACES * side * side)?,
+            indices: indices(&counts, &differences, side * side)?,
             values: interleaved(&counts, &planar, terms),
             steps: find(tags::STEPS)?.rows()?,
             scaling: transposed(&bytes, columns, patches),
             scaling_steps: find(tags::SCALING_STEPS)?.rows()?,
         };
-        rows.validate()?;
+        rows.validate_shape()?;
         Ok(Some(rows))
     }
 }
@@ -222,20 +224,35 @@ fn ends(counts: &[u16]) -> Vec<u32> {
     std::iter::once(0).chain(ends).collect()
 }
 
-fn indices(counts: &[u16], differences: &[u8], limit: usize) -> Result<Vec<u16>> {
-    let (low, high) = differences.split_at(differences.len() / 2);
-    let mut result = Vec::with_capacity(low.len());
-    let mut pairs = low.iter().zip(high);
+/// Whether an index is the first of a face; `face` is a power of two.
+fn is_scaling(index: u16, face: usize) -> bool {
+    usize::from(index) & (face - 1) == 0
+}
+
+fn bad_indices<T>(patch: usize) -> Result<T> {
+    invalid(tags::INDICES, format!("the indices of patch {patch} are not ascending places of details"))
+}
+
+fn indices(counts: &[u16], differences: &[u8], face: usize) -> Result<Vec<u16>> {
+    let (mut low, mut high) = differences.split_at(differences.len() / 2);
+    let mut result = vec![0; low.len()];
+    let mut rest = &mut result[..];
     for (patch, &count) in counts.iter().enumerate() {
-        let mut next = 0u32;
-        for (low, high) in pairs.by_ref().take(usize::from(count)) {
+        // The caller compared the sum of the counts with the lengths.
+        let (row, row_low, row_high);
+        (row_low, low) = low.split_at(usize::from(count));
+        (row_high, high) = high.split_at(usize::from(count));
+        (row, rest) = std::mem::take(&mut rest).split_at_mut(usize::from(count));
+        let (mut next, mut scaling) = (0u32, false);
+        for ((index, low), high) in row.iter_mut().zip(row_low).zip(row_high) {
             // At most 65535 numbers below 2^16: no overflow.
-            let index = next + (u32::from(*low) | u32::from(*high) << 8);
-            result.push(index as u16);
-            next = index + 1;
+            let place = next + u32::from(u16::from_le_bytes([*low, *high]));
+            *index = place as u16;
+            scaling |= is_scaling(*index, face);
+            next = place + 1;
         }
-        if next as usize > limit {
-            return invalid(tags::INDICES, format!("an index of patch {patch} is not below {limit}"));
+        if scaling || next as usize > FACES * face {
+            return bad_indices(patch);
         }
     }
     Ok(result)

@@ -5,6 +5,14 @@
 //! transformed with the solid angles as weights: the transform is orthonormal on the sphere, and constant light needs the
 //! six scaling coefficients only, which are always kept, in 16 bits. Of the others the largest are kept, all terms of
 //! a place together, in 8 bits each with one step for a patch.
+//!
+//! # Measured
+//!
+//! Closed bunny, 131,072 samples, faces of 32 texels, eta 1.3; relative RMS against rays at native resolution (whose own
+//! noise is about 0.5 %), and in brackets of means over 64 neighbours: two terms with all coefficients 0.6 % (0.15 %) under
+//! four environments, with 256 0.7 % (0.4 %), 128 1.2 % (0.8 %), 64 2.3 % (1.8 %); one term and 128 1.6 % (1.2 %);
+//! three terms and 128 as two. A map with a bare sun: all 10.6 % (5.3 %), 128 16 % (9 %): texels are wider than suns. So
+//! neither a third term nor more bits would show. A row of 128 takes 131 bytes in a file.
 
 use std::ops::Range;
 

@@ -137,7 +137,7 @@ impl Counts {
     #[inline]
     fn azimuth(&self, p: f64, q: f64) -> usize {
         let quarter = quarter_of(p, q);
-        let s = if quarter % 2 == 0 { q / p } else { -p / q };
+        let s = if quarter.is_multiple_of(2) { q / p } else { -p / q };
         quarter * self.side + self.start(0.5 * self.side as f64 * (s + 1.0))
     }
 

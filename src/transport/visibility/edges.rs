@@ -147,8 +147,8 @@ impl Occluders {
         &self.edges[index as usize]
     }
 
-    /// By how much the number of triangles in a direction changes across an edge: the sum over its triangles of +1 for
-    /// one that shows its front and runs along the edge, -1 for one that does one of the two, +1 for neither.
+    /// By how much the number of triangles in a direction changes across an edge. Each of its triangles counts +1 if it
+    /// shows its front and runs from the first end to the second, or neither of the two, else -1.
     ///
     /// The facing of a triangle is decided by one formula for all its edges, so that even where rounding decides it the
     /// boundary of what is covered stays closed.
@@ -173,7 +173,6 @@ impl Occluders {
                 mask &= mask - 1;
             }
         }
-        // Lanes beyond the count repeat nothing: their edge is none and `list` drops them.
     }
 
     /// As [`Self::narrow`], only the indices.
@@ -243,7 +242,7 @@ fn mark_body(blocks: &[Block], group: &Group, slack: f32, marks: &mut [u16]) {
     let least = group.least - slack;
     for (block, mark) in blocks.iter().zip(marks) {
         let mut keep = [0u8; LANES];
-        for i in 0..LANES {
+        for (i, keep) in keep.iter_mut().enumerate() {
             let mut above = [0.0f32; 2];
             for (end, above) in above.iter_mut().enumerate() {
                 for axis in 0..3 {
@@ -264,7 +263,7 @@ fn mark_body(blocks: &[Block], group: &Group, slack: f32, marks: &mut [u16]) {
             let front = (value[0] > spread[0]) & (value[1] > spread[1]);
             let back = (value[0] < -spread[0]) & (value[1] < -spread[1]);
             let seen = (above[0] > least) | (above[1] > least);
-            keep[i] = u8::from(seen & !front & !back & (block.edge[i] != u32::MAX));
+            *keep = u8::from(seen & !front & !back & (block.edge[i] != u32::MAX));
         }
         let halves = [0, 8].map(|from| {
             let byte = |k: usize| u64::from(keep[from + k]) << (8 * k);

@@ -13,9 +13,10 @@
 //!
 //! # What was tried
 //!
-//! On a closed bunny of 69,666 triangles one ray each decides 7 to 12 M sub-texels/s and core. Marking the sub-texels that
-//! silhouettes touch, with one ray for each and one for each connected rest, needs several hundred rays for a point, more
-//! than all of this takes, and conservative rasterisation; counting needs two.
+//! On a closed bunny of 69,666 triangles with 131,072 samples, M sub-texels/s and core: bundles of one ray each 16; this 150
+//! (495 with four times as many sub-texels). Marking the sub-texels that silhouettes touch, with one ray for each of them
+//! and one for each connected rest, needs hundreds of rays for a point, where counting needs two. A tree of edges with
+//! cones of normals was not needed: lists from lists of larger groups take 5 % of the time.
 
 mod count;
 mod edges;
@@ -152,7 +153,7 @@ pub fn visit(
         visible: Visible::new(resolution),
     };
     for (index, group) in observers.chunks(GROUP).enumerate() {
-        walk.group(occluders.all(), group, index * GROUP, 0, &mut each);
+        walk.group(occluders.all(), group, index * GROUP, &mut each);
     }
 }
 
@@ -178,7 +179,6 @@ impl Walk<'_> {
         from: &Candidates,
         observers: &[Observer],
         first: usize,
-        depth: usize,
         each: &mut impl FnMut(usize, &Visible),
     ) {
         let Some(group) = group_of(observers) else { return };
@@ -192,7 +192,7 @@ impl Walk<'_> {
         } else {
             let size = observers.len().div_ceil(CUTS).max(SMALLEST);
             for (i, part) in observers.chunks(size).enumerate() {
-                self.group(&list, part, first + i * size, depth + 1, each);
+                self.group(&list, part, first + i * size, each);
             }
         }
         self.lists.push(list);
