@@ -1,1 +1,288 @@
-//! Irradiance rows over a cube map: sparse, quantised Haar coefficients of every sample.
+//! Irradiance rows over a cube map: for every patch, sparse quantised Haar coefficients of what it receives from far away.
+
+use crate::asset::RawSection;
+use crate::checks::{Ranges, invalid, offsets, same_length};
+use crate::error::{FormatError, Result};
+use crate::types::{Codec, Kind, Tag};
+
+/// Tags of the rows.
+pub mod tags {
+    use crate::types::Tag;
+
+    /// Texels along an edge of a face and number of terms, u32 x 2, one row.
+    pub const DIMENSIONS: Tag = Tag::from_static("rows.dim");
+    /// Number of coefficients of each patch, u16.
+    pub const COUNTS: Tag = Tag::from_static("rows.cnt");
+    /// Indices: differences less one, low bytes of all, then high bytes; u8.
+    pub const INDICES: Tag = Tag::from_static("rows.idx");
+    /// Values, term after term, i8.
+    pub const VALUES: Tag = Tag::from_static("rows.val");
+    /// Step of the values of each patch, f32.
+    pub const STEPS: Tag = Tag::from_static("rows.stp");
+    /// Scaling coefficients, low bytes of all, then high bytes; u8.
+    pub const SCALING: Tag = Tag::from_static("rows.sca");
+    /// Step of the scaling coefficients of each patch, f32.
+    pub const SCALING_STEPS: Tag = Tag::from_static("rows.scs");
+}
+
+/// Faces of a cube map.
+pub const FACES: usize = 6;
+/// Texels along an edge of a face at most.
+pub const MOST_SIDE: usize = 64;
+/// Terms at most.
+pub const MOST_TERMS: usize = 4;
+
+/// The rows of all patches. A coefficient of term `j` is `value * step` of its patch.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct IrradianceRows {
+    /// Texels along an edge of a face: a power of two, 2 to [`MOST_SIDE`].
+    pub side: usize,
+    /// Functions of the angle, 1 to [`MOST_TERMS`].
+    pub terms: usize,
+    /// Patch `i` has the coefficients `offsets[i]..offsets[i + 1]`; `len = patches + 1`.
+    pub offsets: Vec<u32>,
+    /// Place of each coefficient, `face * side^2 + row * side + column`: strictly ascending inside a patch, never the
+    /// first of a face.
+    pub indices: Vec<u16>,
+    /// Patch by patch: for each term the values of all its coefficients.
+    pub values: Vec<i8>,
+    /// Step of `values` for each patch, finite and at least 0.
+    pub steps: Vec<f32>,
+    /// The first coefficient of each face, `[patch][term][face]`.
+    pub scaling: Vec<i16>,
+    /// Step of `scaling` for each patch, finite and at least 0.
+    pub scaling_steps: Vec<f32>,
+}
+
+impl IrradianceRows {
+    /// Number of patches.
+    pub fn patches(&self) -> usize {
+        self.offsets.len().saturating_sub(1)
+    }
+
+    /// Bytes held in memory.
+    pub fn bytes(&self) -> usize {
+        size_of_val(&self.offsets[..])
+            + size_of_val(&self.indices[..])
+            + size_of_val(&self.values[..])
+            + size_of_val(&self.steps[..])
+            + size_of_val(&self.scaling[..])
+            + size_of_val(&self.scaling_steps[..])
+    }
+
+    /// Checks what [`IrradianceRows::from_sections`] guarantees.
+    ///
+    /// # Errors
+    /// [`FormatError::Invalid`] with the tag of the section at fault.
+    pub fn validate(&self) -> Result<()> {
+        self.validate_shape()?;
+        let face = self.side * self.side;
+        for (patch, pair) in self.offsets.windows(2).enumerate() {
+            let row = &self.indices[pair[0] as usize..pair[1] as usize];
+            let ascending = row.windows(2).all(|pair| pair[0] < pair[1]);
+            let inside = row.last().is_none_or(|last| usize::from(*last) < FACES * face);
+            if !ascending || !inside || row.iter().any(|i| is_scaling(*i, face)) {
+                return bad_indices(patch);
+            }
+        }
+        Ok(())
+    }
+
+    /// Everything but the indices.
+    fn validate_shape(&self) -> Result<()> {
+        dimensions(self.side, self.terms)?;
+        let (patches, count) = (self.patches(), self.indices.len());
+        offsets(tags::COUNTS, &self.offsets, count, Ranges::MayBeEmpty)?;
+        if self.offsets.windows(2).any(|pair| pair[1] - pair[0] > u32::from(u16::MAX)) {
+            return invalid(tags::COUNTS, "a patch has more than 65535 coefficients");
+        }
+        same_length(tags::VALUES, "values", self.values.len(), count.saturating_mul(self.terms))?;
+        same_length(tags::SCALING, "numbers", self.scaling.len(), patches.saturating_mul(FACES * self.terms))?;
+        steps(tags::STEPS, &self.steps, patches)?;
+        steps(tags::SCALING_STEPS, &self.scaling_steps, patches)
+    }
+
+    /// The sections, for [`crate::AssetFile::extra`].
+    ///
+    /// # Errors
+    /// The rows are not valid.
+    pub fn to_sections(&self) -> Result<Vec<RawSection>> {
+        self.validate()?;
+        let counts: Vec<u16> = self.offsets.windows(2).map(|pair| (pair[1] - pair[0]) as u16).collect();
+        let mut differences = Vec::with_capacity(self.indices.len());
+        let mut values = Vec::with_capacity(self.values.len());
+        for pair in self.offsets.windows(2) {
+            let mut next = 0;
+            for &index in &self.indices[pair[0] as usize..pair[1] as usize] {
+                differences.push(index - next);
+                next = index + 1;
+            }
+        }
+        for term in 0..self.terms {
+            for pair in self.offsets.windows(2) {
+                let (first, count) = (pair[0] as usize, (pair[1] - pair[0]) as usize);
+                let at = first * self.terms + term * count;
+                values.extend_from_slice(&self.values[at..at + count]);
+            }
+        }
+        let columns = FACES * self.terms;
+        let scaling: Vec<u16> = (0..columns)
+            .flat_map(|column| self.scaling.iter().skip(column).step_by(columns).map(|value| *value as u16))
+            .collect();
+        let (kind, codec) = (Kind::Environment, Codec::Zstd);
+        let size = [self.side as u32, self.terms as u32];
+        Ok(vec![
+            RawSection::from_rows(tags::DIMENSIONS, kind, codec, &[size]),
+            RawSection::from_rows(tags::COUNTS, kind, codec, &counts),
+            RawSection::from_rows(tags::INDICES, kind, codec, &planes(&differences)),
+            RawSection::from_rows(tags::VALUES, kind, codec, &values),
+            RawSection::from_rows(tags::STEPS, kind, codec, &self.steps),
+            RawSection::from_rows(tags::SCALING, kind, codec, &planes(&scaling)),
+            RawSection::from_rows(tags::SCALING_STEPS, kind, codec, &self.scaling_steps),
+        ])
+    }
+
+    /// The rows of `patches` patches, `None` if there are none among the sections.
+    ///
+    /// # Errors
+    /// Some of the sections are missing, of another type, or their content is not valid.
+    pub fn from_sections(sections: &[RawSection], patches: usize) -> Result<Option<Self>> {
+        let Some(size) = sections.iter().find(|section| section.tag == tags::DIMENSIONS) else { return Ok(None) };
+        let find = |tag: Tag| {
+            let section = sections.iter().find(|section| section.tag == tag);
+            section.ok_or(FormatError::MissingSection { tag }).and_then(|section| {
+                if section.kind == Kind::Environment {
+                    return Ok(section);
+                }
+                invalid(tag, format!("its kind is {}, not {}", section.kind, Kind::Environment))
+            })
+        };
+        find(tags::DIMENSIONS)?;
+        let size = size.rows::<[u32; 2]>()?;
+        let [[side, terms]] = size[..] else {
+            return invalid(tags::DIMENSIONS, format!("{} rows, not 1", size.len()));
+        };
+        let (side, terms) = (side as usize, terms as usize);
+        dimensions(side, terms)?;
+        let counts: Vec<u16> = find(tags::COUNTS)?.rows()?;
+        same_length(tags::COUNTS, "patches", counts.len(), patches)?;
+        let total = counts.iter().map(|c| u64::from(*c)).sum::<u64>();
+        let Some(count) = u32::try_from(total).ok().filter(|c| *c < u32::MAX).map(|c| c as usize) else {
+            return invalid(tags::COUNTS, format!("{total} coefficients are more than 2^32 - 2"));
+        };
+        let differences: Vec<u8> = find(tags::INDICES)?.rows()?;
+        same_length(tags::INDICES, "bytes", differences.len(), count.saturating_mul(2))?;
+        let planar: Vec<i8> = find(tags::VALUES)?.rows()?;
+        same_length(tags::VALUES, "values", planar.len(), count.saturating_mul(terms))?;
+        let columns = FACES * terms;
+        let bytes: Vec<u8> = find(tags::SCALING)?.rows()?;
+        same_length(tags::SCALING, "bytes", bytes.len(), patches.saturating_mul(2 * columns))?;
+        let rows = Self {
+            side,
+            terms,
+            offsets: ends(&counts),
+            indices: indices(&counts, &differences, side * side)?,
+            values: interleaved(&counts, &planar, terms),
+            steps: find(tags::STEPS)?.rows()?,
+            scaling: transposed(&bytes, columns, patches),
+            scaling_steps: find(tags::SCALING_STEPS)?.rows()?,
+        };
+        rows.validate_shape()?;
+        Ok(Some(rows))
+    }
+}
+
+fn dimensions(side: usize, terms: usize) -> Result<()> {
+    if !(side.is_power_of_two() && (2..=MOST_SIDE).contains(&side)) {
+        return invalid(tags::DIMENSIONS, format!("{side} texels along an edge: 2, 4, 8, ... {MOST_SIDE} are allowed"));
+    }
+    if !(1..=MOST_TERMS).contains(&terms) {
+        return invalid(tags::DIMENSIONS, format!("{terms} terms: 1 to {MOST_TERMS} are allowed"));
+    }
+    Ok(())
+}
+
+fn steps(tag: Tag, steps: &[f32], patches: usize) -> Result<()> {
+    same_length(tag, "patches", steps.len(), patches)?;
+    match steps.iter().position(|step| !(step.is_finite() && *step >= 0.0)) {
+        Some(i) => invalid(tag, format!("step {i} is not a finite number of at least 0")),
+        None => Ok(()),
+    }
+}
+
+/// Low bytes, then high bytes.
+fn planes(numbers: &[u16]) -> Vec<u8> {
+    numbers.iter().map(|n| *n as u8).chain(numbers.iter().map(|n| (n >> 8) as u8)).collect()
+}
+
+fn ends(counts: &[u16]) -> Vec<u32> {
+    let mut end = 0;
+    let ends = counts.iter().map(|count| {
+        end += u32::from(*count);
+        end
+    });
+    std::iter::once(0).chain(ends).collect()
+}
+
+/// Whether an index is the first of a face; `face` is a power of two.
+fn is_scaling(index: u16, face: usize) -> bool {
+    usize::from(index) & (face - 1) == 0
+}
+
+fn bad_indices<T>(patch: usize) -> Result<T> {
+    invalid(tags::INDICES, format!("the indices of patch {patch} are not ascending places of details"))
+}
+
+fn indices(counts: &[u16], differences: &[u8], face: usize) -> Result<Vec<u16>> {
+    let (mut low, mut high) = differences.split_at(differences.len() / 2);
+    let mut result = vec![0; low.len()];
+    let mut rest = &mut result[..];
+    for (patch, &count) in counts.iter().enumerate() {
+        // The caller compared the sum of the counts with the lengths.
+        let (row, row_low, row_high);
+        (row_low, low) = low.split_at(usize::from(count));
+        (row_high, high) = high.split_at(usize::from(count));
+        (row, rest) = std::mem::take(&mut rest).split_at_mut(usize::from(count));
+        let (mut next, mut scaling) = (0u32, false);
+        for ((index, low), high) in row.iter_mut().zip(row_low).zip(row_high) {
+            // At most 65535 numbers below 2^16: no overflow.
+            let place = next + u32::from(u16::from_le_bytes([*low, *high]));
+            *index = place as u16;
+            scaling |= is_scaling(*index, face);
+            next = place + 1;
+        }
+        if scaling || next as usize > FACES * face {
+            return bad_indices(patch);
+        }
+    }
+    Ok(result)
+}
+
+/// From term after term to patch by patch.
+fn interleaved(counts: &[u16], planar: &[i8], terms: usize) -> Vec<i8> {
+    let plane = planar.len() / terms;
+    let mut result = Vec::with_capacity(planar.len());
+    let mut at = 0;
+    for &count in counts {
+        let count = usize::from(count);
+        for term in 0..terms {
+            result.extend_from_slice(&planar[term * plane + at..term * plane + at + count]);
+        }
+        at += count;
+    }
+    result
+}
+
+/// From byte planes of columns to numbers patch by patch.
+fn transposed(bytes: &[u8], columns: usize, patches: usize) -> Vec<i16> {
+    let (low, high) = bytes.split_at(bytes.len() / 2);
+    let mut result = vec![0; columns * patches];
+    for column in 0..columns {
+        let range = column * patches..(column + 1) * patches;
+        let plane = low[range.clone()].iter().zip(&high[range]);
+        for (out, (low, high)) in result.iter_mut().skip(column).step_by(columns).zip(plane) {
+            *out = i16::from_le_bytes([*low, *high]);
+        }
+    }
+    result
+}

@@ -1,1 +1,149 @@
-//! Sparse quantised rows of Haar coefficients.
+//! Sparse quantised rows of Haar coefficients: the irradiance of every patch under a cube map, linear in the light.
+
+use std::ops::Range;
+
+use glam::DVec3;
+use rayon::prelude::*;
+use translux_format::rows::{FACES, IrradianceRows};
+
+use crate::error::{Error, Result};
+use crate::light::cube_light::CubeLight;
+use crate::medium::entrance_basis::MOST_TERMS;
+
+/// Rows that are multiplied with a light.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rows {
+    data: IrradianceRows,
+}
+
+/// Coefficients whose values are dequantised together.
+const RUN: usize = 64;
+
+impl Rows {
+    /// Takes rows that an asset holds, or that were just made.
+    ///
+    /// # Errors
+    /// Rows that are not valid (exit 3).
+    pub fn new(data: IrradianceRows) -> Result<Self> {
+        data.validate().map_err(|error| Error::input(error.to_string()))?;
+        Ok(Self { data })
+    }
+
+    /// The plain arrays.
+    pub fn data(&self) -> &IrradianceRows {
+        &self.data
+    }
+
+    /// The plain arrays.
+    pub fn into_data(self) -> IrradianceRows {
+        self.data
+    }
+
+    /// Number of patches.
+    pub fn len(&self) -> usize {
+        self.data.patches()
+    }
+
+    /// Whether there are no patches.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Irradiance of every patch, RGB. `coefficients_of_patch` gives the coefficients of the entrance basis for the
+    /// patch's medium (see [`crate::medium::entrance_basis`]).
+    ///
+    /// # Errors
+    /// A light with another side (exit 3).
+    pub fn irradiance(
+        &self,
+        light: &CubeLight,
+        coefficients_of_patch: impl Fn(usize) -> [f64; MOST_TERMS] + Sync,
+    ) -> Result<Vec<DVec3>> {
+        const CHUNK: usize = 1024;
+        let mut result = vec![DVec3::ZERO; self.len()];
+        self.check(light)?;
+        result.par_chunks_mut(CHUNK).enumerate().for_each(|(i, out)| {
+            self.fill(i * CHUNK, light, &coefficients_of_patch, out);
+        });
+        Ok(result)
+    }
+
+    /// As [`Rows::irradiance`] for some patches, on one thread; patches beyond the last are left out.
+    ///
+    /// # Errors
+    /// A light with another side (exit 3).
+    pub fn irradiance_range(
+        &self,
+        patches: Range<usize>,
+        light: &CubeLight,
+        coefficients_of_patch: impl Fn(usize) -> [f64; MOST_TERMS],
+    ) -> Result<Vec<DVec3>> {
+        self.check(light)?;
+        let end = patches.end.min(self.len());
+        let mut result = vec![DVec3::ZERO; end.saturating_sub(patches.start)];
+        self.fill(patches.start, light, &coefficients_of_patch, &mut result);
+        Ok(result)
+    }
+
+    fn check(&self, light: &CubeLight) -> Result<()> {
+        if light.side() == self.data.side {
+            return Ok(());
+        }
+        Err(Error::input(format!(
+            "the rows are for cube maps of {} texels along an edge, and the light has {}",
+            self.data.side,
+            light.side()
+        )))
+    }
+
+    /// Patches from `first` on, as many as there are in `out` and in the rows.
+    fn fill(
+        &self,
+        first: usize,
+        light: &CubeLight,
+        coefficients_of_patch: &impl Fn(usize) -> [f64; MOST_TERMS],
+        out: &mut [DVec3],
+    ) {
+        let (rows, terms) = (&self.data, self.data.terms);
+        let face = rows.side * rows.side;
+        let radiance = light.coefficients();
+        for (patch, out) in (first..self.len()).zip(out) {
+            let c = coefficients_of_patch(patch).map(|c| c as f32);
+            let (from, end) = (rows.offsets[patch] as usize, rows.offsets[patch + 1] as usize);
+            let values = &rows.values[from * terms..end * terms];
+            let detail = product(&rows.indices[from..end], values, &c[..terms], radiance);
+            let mut total = detail.map(|sum| f64::from(sum) * f64::from(rows.steps[patch]));
+            let scaling = &rows.scaling[patch * terms * FACES..(patch + 1) * terms * FACES];
+            for (k, value) in scaling.iter().enumerate() {
+                let weight = f64::from(c[k / FACES]) * f64::from(*value) * f64::from(rows.scaling_steps[patch]);
+                let coefficient = radiance[k % FACES * face];
+                total.iter_mut().zip(coefficient).for_each(|(sum, l)| *sum += weight * f64::from(l));
+            }
+            *out = DVec3::new(total[0], total[1], total[2]) * light.scale();
+        }
+    }
+}
+
+/// `Sum_k (Sum_j c_j value_jk) radiance[index_k]`.
+fn product(indices: &[u16], values: &[i8], c: &[f32], radiance: &[[f32; 4]]) -> [f32; 4] {
+    let count = indices.len();
+    let mut sums = [[0.0f32; 4]; 2];
+    let mut weights = [0.0f32; RUN];
+    for start in (0..count).step_by(RUN) {
+        let run = RUN.min(count - start);
+        weights[..run].fill(0.0);
+        for (c, values) in c.iter().zip(values.chunks_exact(count)) {
+            for (weight, value) in weights.iter_mut().zip(&values[start..start + run]) {
+                *weight += c * f32::from(*value);
+            }
+        }
+        // Two chains of sums in a fixed order.
+        for (k, (weight, index)) in weights.iter().zip(&indices[start..start + run]).enumerate() {
+            let Some(light) = radiance.get(usize::from(*index)) else { continue };
+            for (sum, light) in sums[k % 2].iter_mut().zip(light) {
+                *sum += weight * light;
+            }
+        }
+    }
+    std::array::from_fn(|i| sums[0][i] + sums[1][i])
+}

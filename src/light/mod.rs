@@ -1,5 +1,6 @@
 //! Light sources: constant, directional, point, area and environment, and the text form that the command line takes.
 
+pub mod cube_light;
 pub mod environment;
 pub mod parse;
 pub mod sky;

@@ -1,0 +1,189 @@
+//! Light from far away as a cube map: the mean radiance of every texel, as Haar coefficients that rows multiply.
+
+use std::f64::consts::{PI, TAU};
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::Light;
+use super::environment::{EnvironmentMap, Rotation};
+use crate::error::{Error, Result};
+use crate::math::cube_map::{FACES, solid_angles_sr, texel_of};
+use crate::math::haar::Haar;
+
+/// Pieces of a pixel are at most this fraction of a texel wide.
+const PIECES_PER_TEXEL: usize = 16;
+
+/// Rows of a map that are summed together, so that sums do not depend on the number of threads.
+const BANDS: usize = 16;
+
+/// Mean radiance of the texels of a cube map.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CubeLight {
+    side: usize,
+    /// Mean radiance, RGB, texel by texel.
+    radiance: Vec<DVec3>,
+    /// Haar coefficients of radiance times the square root of the solid angle, over `scale`; the fourth number is 0.
+    coefficients: Vec<[f32; 4]>,
+    scale: f64,
+}
+
+impl CubeLight {
+    /// From a constant light or an environment in its own resolution; `side` is a power of two.
+    ///
+    /// Every pixel's energy is conserved: it is cut in pieces, and each piece goes to one texel.
+    ///
+    /// # Errors
+    /// Another kind of light, or another side (exit 5).
+    pub fn new(light: &Light, side: usize) -> Result<Self> {
+        let angles = if side.is_power_of_two() && side <= 256 { solid_angles_sr(side) } else { Vec::new() };
+        let Some(haar) = Haar::new(side, &angles) else {
+            return Err(Error::unsupported(format!(
+                "cube maps have 1, 2, 4, ... 256 texels along an edge, not {side}"
+            )));
+        };
+        let radiance = match light {
+            Light::Constant { radiance } => vec![*radiance; FACES * side * side],
+            Light::Environment { map, rotate_degrees, scale } => {
+                let mut sums = energies(map, Rotation::from_degrees(*rotate_degrees), side);
+                sums.iter_mut().zip(angles.iter().cycle()).for_each(|(sum, angle)| *sum *= *scale / *angle);
+                sums
+            }
+            _ => return Err(Error::unsupported("only constant lights and environments are cube maps")),
+        };
+        let scale = radiance.iter().map(|r| r.max_element()).fold(0.0, f64::max);
+        let mut coefficients = vec![[0.0; 4]; FACES * side * side];
+        let (mut face, mut scratch) = (vec![0.0f32; side * side], vec![0.0f32; side * side]);
+        for (texels, out) in radiance.chunks_exact(side * side).zip(coefficients.chunks_exact_mut(side * side)) {
+            for channel in (0..3).filter(|_| scale > 0.0) {
+                for ((value, texel), angle) in face.iter_mut().zip(texels).zip(&angles) {
+                    *value = (texel[channel] / scale * angle.sqrt()) as f32;
+                }
+                haar.forward(&mut face, &mut scratch);
+                out.iter_mut().zip(&face).for_each(|(out, value)| out[channel] = *value);
+            }
+        }
+        Ok(Self { side, radiance, coefficients, scale })
+    }
+
+    /// Texels along an edge of a face.
+    pub fn side(&self) -> usize {
+        self.side
+    }
+
+    /// Mean radiance of every texel, RGB, in the order of [`crate::math::cube_map`].
+    pub fn radiance(&self) -> &[DVec3] {
+        &self.radiance
+    }
+
+    /// Haar coefficients of every face (see [`Haar`]) of radiance times the square root of the texel's solid angle, over
+    /// [`CubeLight::scale`]: R, G, B, 0.
+    pub fn coefficients(&self) -> &[[f32; 4]] {
+        &self.coefficients
+    }
+
+    /// Largest radiance of a texel.
+    pub fn scale(&self) -> f64 {
+        self.scale
+    }
+}
+
+/// Energy of every texel.
+fn energies(map: &EnvironmentMap, rotation: Rotation, side: usize) -> Vec<DVec3> {
+    let (width, height) = (map.width(), map.height());
+    let (across, down) =
+        ((4 * side * PIECES_PER_TEXEL).div_ceil(width), (2 * side * PIECES_PER_TEXEL).div_ceil(height));
+    let columns: Vec<(f64, f64)> = (0..width * across)
+        .map(|i| {
+            let longitude = TAU * (0.5 - (i as f64 + 0.5) / (width * across) as f64);
+            let turned = rotation.to_world(DVec3::new(longitude.sin(), 0.0, longitude.cos()));
+            (turned.x, turned.z)
+        })
+        .collect();
+    let band = |index: usize| {
+        let mut sums = vec![DVec3::ZERO; FACES * side * side];
+        for row in index * height / BANDS..(index + 1) * height / BANDS {
+            for piece in 0..down {
+                let step = PI / (height * down) as f64;
+                let polar = ((row * down + piece) as f64 + 0.5) * step;
+                let (sin, cos) = polar.sin_cos();
+                let angle = TAU / (width * across) as f64 * 2.0 * sin * (0.5 * step).sin();
+                for (x, pieces) in columns.chunks_exact(across).enumerate() {
+                    let energy = map.pixel(x, row) * angle;
+                    for &(dx, dz) in pieces {
+                        sums[texel_of(side, DVec3::new(sin * dx, cos, sin * dz))] += energy;
+                    }
+                }
+            }
+        }
+        sums
+    };
+    let bands: Vec<Vec<DVec3>> = (0..BANDS).into_par_iter().map(band).collect();
+    let mut total = vec![DVec3::ZERO; FACES * side * side];
+    for sums in bands {
+        total.iter_mut().zip(sums).for_each(|(total, sum)| *total += sum);
+    }
+    total
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::light::sky::sky;
+    use crate::math::cube_map::direction;
+
+    fn energy(light: &CubeLight) -> DVec3 {
+        light.radiance.iter().zip(solid_angles_sr(light.side).iter().cycle()).map(|(r, a)| *r * *a).sum()
+    }
+
+    #[test]
+    fn energy_is_conserved() {
+        let one = EnvironmentMap::new(1, 1, vec![[1.0, 2.0, 3.0]]).unwrap();
+        let mut spot = vec![[0.0; 3]; 64 * 32];
+        spot[9 * 64 + 41] = [9e5, 8e5, 7e5];
+        for map in [sky(), one, EnvironmentMap::new(64, 32, spot).unwrap()] {
+            let expected = map.energy() * DVec3::new(2.0, 1.0, 0.5);
+            let light = Light::environment(Arc::new(map), 33.0, DVec3::new(2.0, 1.0, 0.5)).unwrap();
+            let found = energy(&CubeLight::new(&light, 32).unwrap());
+            assert!(((found - expected) / expected).abs().max_element() < 1e-12, "{found} {expected}");
+        }
+    }
+
+    #[test]
+    fn texels_have_the_radiance_of_the_map() {
+        let map = Arc::new(sky());
+        for degrees in [0.0, 90.0, 211.0] {
+            let light = Light::environment(map.clone(), degrees, DVec3::ONE).unwrap();
+            let cube = CubeLight::new(&light, 32).unwrap();
+            let rotation = Rotation::from_degrees(degrees);
+            let (mut error, mut total) = (0.0, 0.0);
+            for (i, radiance) in cube.radiance().iter().enumerate() {
+                let exact = map.radiance_bilinear(rotation.to_map(direction(32, i / 1024, i % 32, i / 32 % 32)));
+                // Away from the sun the sky is smooth.
+                if exact.max_element() < 5.0 && radiance.max_element() < 5.0 {
+                    error += (*radiance - exact).length();
+                    total += exact.length();
+                }
+            }
+            assert!(error < 0.06 * total, "{degrees}: {}", error / total);
+        }
+    }
+
+    #[test]
+    fn constant_light_has_six_coefficients_and_others_are_refused() {
+        let cube = CubeLight::new(&Light::constant(DVec3::new(3.0, 1.0, 0.0)).unwrap(), 32).unwrap();
+        let lit = cube.coefficients().iter().enumerate().filter(|(_, c)| c[0].abs() > 1e-6);
+        assert_eq!(lit.map(|(i, _)| i).collect::<Vec<_>>(), [0, 1024, 2048, 3072, 4096, 5120]);
+        assert_eq!(cube.scale(), 3.0);
+        let dark = CubeLight::new(&Light::constant(DVec3::ZERO).unwrap(), 4).unwrap();
+        assert!(dark.coefficients().iter().flatten().all(|c| *c == 0.0));
+        let sun = Light::directional(DVec3::Y, DVec3::ONE).unwrap();
+        assert_eq!(CubeLight::new(&sun, 32).unwrap_err().code(), crate::error::ExitCode::Unsupported);
+        for side in [0, 3, 512, usize::MAX] {
+            assert!(CubeLight::new(&Light::constant(DVec3::ONE).unwrap(), side).is_err());
+        }
+    }
+}

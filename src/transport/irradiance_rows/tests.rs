@@ -1,0 +1,137 @@
+#![allow(clippy::unwrap_used)]
+
+use std::f64::consts::PI;
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use super::*;
+use crate::geometry::shapes;
+use crate::light::Light;
+use crate::light::cube_light::CubeLight;
+use crate::light::sky::sky;
+use crate::medium::fresnel;
+use crate::progress::Silent;
+use crate::transport::irradiance::{Illumination, LightSampling};
+use crate::transport::test_scene::{Fixture, named};
+
+const ETA: f64 = 1.3;
+
+fn knot(samples: usize) -> Fixture {
+    Fixture::new(shapes::torus_knot(2, 3, 10.0, 4.0, 1.5, 160, 16), named("marble"), samples)
+}
+
+fn settings(terms: usize, coefficients: usize) -> RowSettings {
+    RowSettings { terms, coefficients, ..RowSettings::DEFAULT }
+}
+
+fn relight(fixture: &Fixture, settings: RowSettings, light: &Light, eta: f64) -> Vec<DVec3> {
+    let surface = fixture.surface();
+    let rows = RowBaker::new(&surface, settings).unwrap().all(&Silent).unwrap();
+    let c = EntranceBasis::new(settings.terms).project(eta).unwrap().coefficients;
+    rows.irradiance(&CubeLight::new(light, settings.side()).unwrap(), |_| c).unwrap()
+}
+
+fn relative_rms(values: &[DVec3], reference: &[DVec3]) -> f64 {
+    let error: f64 = values.iter().zip(reference).map(|(a, b)| (*a - *b).length_squared()).sum();
+    (error / reference.iter().map(|b| b.length_squared()).sum::<f64>()).sqrt()
+}
+
+#[test]
+fn constant_light_on_a_convex_body_is_the_closed_form() {
+    let fixture = Fixture::new(shapes::icosphere(10.0, 3), named("marble"), 2000);
+    let radiance = DVec3::new(1.0, 2.0, 0.5);
+    for eta in [1.0, 1.3, 1.7] {
+        let expected = radiance * PI * fresnel::diffuse_transmittance(eta);
+        let found = relight(&fixture, settings(2, FACES), &Light::Constant { radiance }, eta);
+        let worst = found.iter().map(|e| (*e / expected - 1.0).abs().max_element()).fold(0.0, f64::max);
+        println!("constant light, eta {eta}: {worst:.1e}");
+        // What is left is the sub-texel sum at the horizon.
+        assert!(worst < 2e-3, "{worst}");
+    }
+}
+
+#[test]
+fn all_coefficients_give_the_sum_over_texels() {
+    let fixture = knot(64);
+    let (surface, light) = (fixture.surface(), Light::environment(Arc::new(sky()), 40.0, DVec3::ONE).unwrap());
+    let all = settings(3, FACES * 32 * 32);
+    let cube = CubeLight::new(&light, 32).unwrap();
+    let (basis, angles) = (EntranceBasis::new(3), solid_angles_sr(32));
+    let c = basis.project(ETA).unwrap().coefficients;
+    let mut expected = Vec::new();
+    let observers: Vec<Observer> =
+        (0..64).map(|i| Observer::of(&fixture.scene.mesh, fixture.samples.patch(i))).collect();
+    visit(&Occluders::new(&fixture.scene.mesh), &fixture.bvh, &observers, Resolution::Sub64, |i, visible| {
+        let mut sum = DVec3::ZERO;
+        for face in 0..FACES {
+            for (y, x) in (0..64).flat_map(|y| (0..64).map(move |x| (y, x))) {
+                if visible.bit(&visible.seen, face, x, y) {
+                    let mu = observers[i].normal.dot(crate::math::cube_map::direction(64, face, x, y));
+                    let texel = y / 2 * 32 + x / 2;
+                    sum += cube.radiance()[face * 1024 + texel] * angles[texel] * 0.25 * basis.sum(&c, mu);
+                }
+            }
+        }
+        expected.push(sum);
+    });
+    let found = relight(&fixture, all, &light, ETA);
+    let error = relative_rms(&found, &expected);
+    println!("quantiser alone: {error:.1e}");
+    assert!(error < 4e-3, "{error}");
+    let whole = RowBaker::new(&surface, all).unwrap().range(0..64);
+    assert!(whole.validate().is_ok());
+}
+
+#[test]
+fn errors_fall_with_coefficients() {
+    let fixture = knot(3000);
+    let (surface, light) = (fixture.surface(), Light::environment(Arc::new(sky()), 40.0, DVec3::ONE).unwrap());
+    let lights = [light.clone()];
+    let truth = Illumination::new(&surface, &lights, &[ETA], LightSampling { directions: 2048, ..LightSampling::FAST })
+        .unwrap()
+        .all(&Silent);
+    let whole = relight(&fixture, settings(2, 6144), &light, ETA);
+    let native = relative_rms(&whole, &truth);
+    let cut = [32, 128, 512]
+        .map(|coefficients| relative_rms(&relight(&fixture, settings(2, coefficients), &light, ETA), &whole));
+    println!("sky: texels and one point for a patch {native:.3}; 32, 128, 512 coefficients {cut:.4?}");
+    assert!(native < 0.12, "{native}");
+    assert!(cut[0] < 0.1 && cut[1] < 0.6 * cut[0] && cut[2] < 0.6 * cut[1], "{cut:?}");
+}
+
+#[test]
+fn ranges_threads_and_instructions_do_not_change_the_rows() {
+    let fixture = knot(2500);
+    let surface = fixture.surface();
+    let mut baker = RowBaker::new(&surface, settings(2, 64)).unwrap();
+    let whole = baker.all(&Silent).unwrap().into_data();
+    for level in Level::available() {
+        baker.level = level;
+        assert_eq!(baker.range(0..40).values, whole.values[..2 * whole.offsets[40] as usize], "{level:?}");
+    }
+    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    assert_eq!(one.install(|| baker.all(&Silent)).unwrap().data(), &whole);
+    let part = baker.range(1000..1100);
+    let (from, end) = (whole.offsets[1000] as usize, whole.offsets[1100] as usize);
+    assert_eq!(part.indices, whole.indices[from..end]);
+    assert_eq!(part.values, whole.values[2 * from..2 * end]);
+    assert_eq!(part.scaling, whole.scaling[1000 * 12..1100 * 12]);
+    assert!(whole.offsets.windows(2).all(|pair| pair[1] - pair[0] <= 58));
+    let light = CubeLight::new(&Light::constant(DVec3::ONE).unwrap(), 32).unwrap();
+    let (rows, c) = (Rows::new(whole).unwrap(), EntranceBasis::new(2).project(ETA).unwrap().coefficients);
+    let all = rows.irradiance(&light, |_| c).unwrap();
+    assert_eq!(rows.irradiance_range(70..90, &light, |_| c).unwrap(), all[70..90]);
+    assert!(rows.irradiance_range(9000..9001, &light, |_| c).unwrap().is_empty());
+    let other = CubeLight::new(&Light::constant(DVec3::ONE).unwrap(), 64).unwrap();
+    assert!(rows.irradiance(&other, |_| c).is_err());
+}
+
+#[test]
+fn impossible_settings_are_refused() {
+    let fixture = knot(10);
+    let surface = fixture.surface();
+    for (terms, coefficients) in [(0, 128), (5, 128), (2, 5), (2, 6145)] {
+        assert!(RowBaker::new(&surface, settings(terms, coefficients)).is_err());
+    }
+}
