@@ -2,28 +2,11 @@
 //! together and quantised with one step for each function.
 //!
 //! What dropping or rounding a coefficient costs is its significance: its size in a typical material times the detail that
-//! a typical light has there, relative to the radiosity. All coefficients cost about the same bytes, so the best choice
-//! for a given error is one threshold on the significance for all of them.
+//! a typical light has there, relative to the radiosity. All coefficients cost about the same bytes, so for a given error
+//! one threshold on the significance serves all of them.
 
 /// Receivers side by side in a block.
 pub const LANES: usize = 16;
-
-/// The largest threshold such that what falls below it adds up to at most `error`, an RMS over receivers.
-///
-/// `squares` are squared significances, each summed over the receivers of its block; `receivers` is their number in all.
-pub fn threshold(mut squares: Vec<f64>, receivers: usize, error: f64) -> f64 {
-    squares.retain(|s| s.is_finite());
-    squares.sort_unstable_by(f64::total_cmp);
-    let budget = error * error * receivers as f64;
-    let mut dropped = 0.0;
-    for square in squares {
-        dropped += square;
-        if dropped > budget {
-            return square.sqrt();
-        }
-    }
-    f64::MAX
-}
 
 /// Step for one typical unit such that rounding adds an RMS of `error`: `gain2` is the sum over a receiver's kept
 /// coefficients of the squared detail of the light, as a mean over receivers.
@@ -48,16 +31,6 @@ pub fn quantise(values: &[f32; LANES], step: f32) -> [i16; LANES] {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_threshold_spends_the_budget_and_no_more() {
-        let squares: Vec<f64> = (0..1000).map(|i| f64::from((i * 7919) % 1000)).collect();
-        let limit = threshold(squares.clone(), 10, 40.0);
-        let dropped: f64 = squares.iter().filter(|s| s.sqrt() < limit).sum();
-        assert!(dropped <= 16000.0 && dropped + limit * limit > 16000.0, "{dropped}");
-        assert_eq!(threshold(vec![1.0], 1, 2.0), f64::MAX);
-        assert_eq!(threshold(vec![], 1, 2.0), f64::MAX);
-    }
 
     #[test]
     fn rounding_errors_add_up_to_what_was_asked() {

@@ -101,9 +101,15 @@ fn block_body(block: &Block, details: &[[f32; 3]], sums: &mut Sums) {
             let k = mask.trailing_zeros() as usize % TERMS;
             mask &= mask - 1;
             let Some(row) = values.next() else { return };
-            for (sums, light) in sums[k].iter_mut().zip(light) {
+            // Plain loops over arrays: what the compiler turns into whole registers.
+            let mut sizes = [0.0f32; LANES];
+            for i in 0..LANES {
+                sizes[i] = f32::from(row[i]);
+            }
+            for c in 0..3 {
+                let (sums, light) = (&mut sums[k][c], light[c]);
                 for i in 0..LANES {
-                    sums[i] += f32::from(row[i]) * light;
+                    sums[i] += sizes[i] * light;
                 }
             }
         }

@@ -108,6 +108,73 @@ impl Bundle {
     }
 }
 
+impl Prepared<'_> {
+    /// Whether all points of a patch see one direction or one point.
+    fn is_sharp(&self) -> bool {
+        matches!(self, Self::Directional { .. } | Self::Point { .. })
+    }
+}
+
+/// A light whose rays run side by side, from all patches of a range.
+struct Sharp {
+    source: Source,
+    colour: DVec3,
+    rays: Vec<Ray>,
+    skip: Vec<u32>,
+    /// Patch of each ray, counted from the first of the range, and what arrives if it meets nothing.
+    gains: Vec<(u32, f64)>,
+}
+
+/// Where sharp light comes from.
+enum Source {
+    Direction(DVec3),
+    Point(DVec3),
+}
+
+impl Sharp {
+    fn new(light: &Prepared) -> Option<Self> {
+        let (source, colour) = match light {
+            Prepared::Directional { from, irradiance } => (Source::Direction(*from), *irradiance),
+            Prepared::Point { at, intensity } => (Source::Point(*at), *intensity),
+            _ => return None,
+        };
+        Some(Self { source, colour, rays: Vec::new(), skip: Vec::new(), gains: Vec::new() })
+    }
+
+    /// Adds the rays of one patch.
+    fn collect(&mut self, patch: usize, eta: f64, points: &[SurfacePoint]) {
+        for p in points {
+            let (to_light, distance, falloff) = match self.source {
+                Source::Direction(from) => (from, f64::INFINITY, 1.0),
+                Source::Point(at) => {
+                    let distance = at.distance(p.at);
+                    let direction = (at - p.at).normalize_or_zero();
+                    (direction, distance, (distance * distance).max(LEAST_DISTANCE2_MM2).recip())
+                }
+            };
+            let cosine = p.normal.dot(to_light);
+            if cosine <= 0.0 {
+                continue;
+            }
+            let arriving = fresnel::transmittance(eta, cosine) * cosine;
+            if arriving > 0.0 {
+                self.rays.push(shadow_ray(p, to_light, distance));
+                self.skip.push(p.triangle);
+                self.gains.push((patch as u32, arriving * falloff / points.len() as f64));
+            }
+        }
+    }
+
+    /// Adds what arrives at each patch.
+    fn trace(&mut self, bvh: &Bvh, out: &mut [DVec3]) {
+        let mut occluded = vec![false; self.rays.len()];
+        bvh.occluded_many(&self.rays, &self.skip, &mut occluded);
+        for ((patch, gain), _) in self.gains.iter().zip(&occluded).filter(|(_, occluded)| !**occluded) {
+            out[*patch as usize] += self.colour * *gain;
+        }
+    }
+}
+
 /// Rays that go from one point of a patch before the next point's: as many as one bundle of the ray caster takes.
 const RUN: usize = 16;
 
@@ -191,6 +258,8 @@ impl<'a> Illumination<'a> {
     pub fn range(&self, first: usize, out: &mut [DVec3]) {
         let mut part = self.surface.samples.part_offsets.partition_point(|&p| p as usize <= first).saturating_sub(1);
         let (mut points, mut bundle) = (Vec::new(), Bundle::default());
+        let mut sharp: Vec<Sharp> = self.lights.iter().filter_map(|light| Sharp::new(light)).collect();
+        out.fill(DVec3::ZERO);
         for (i, e) in out.iter_mut().enumerate() {
             let patch = first + i;
             while patch >= self.surface.samples.part(part).end {
@@ -199,9 +268,17 @@ impl<'a> Illumination<'a> {
             points.clear();
             self.points_of(patch, &mut points);
             let medium = self.surface.scene.parts.parts[part].medium.unwrap_or(0) as usize;
-            let sum: DVec3 =
-                self.lights.iter().map(|light| self.irradiance(light, medium, patch, &points, &mut bundle)).sum();
-            *e = sum.min(DVec3::splat(MOST));
+            for light in &mut sharp {
+                light.collect(i, self.entrance[medium].0, &points);
+            }
+            let soft = self.lights.iter().filter(|light| !light.is_sharp());
+            *e = soft.map(|light| self.irradiance(light, medium, patch, &points, &mut bundle)).sum();
+        }
+        for light in &mut sharp {
+            light.trace(self.surface.bvh, out);
+        }
+        for e in out {
+            *e = e.min(DVec3::splat(MOST));
         }
     }
 
@@ -216,20 +293,8 @@ impl<'a> Illumination<'a> {
         let eta = self.entrance[medium].0;
         match light {
             Prepared::Constant { radiance } => *radiance * self.constant(medium, patch, points, bundle),
-            Prepared::Directional { from, irradiance } => {
-                let total: f64 = points.iter().map(|p| self.direct(p, *from, f64::INFINITY, eta)).sum();
-                *irradiance * (total / points.len() as f64)
-            }
-            Prepared::Point { at, intensity } => {
-                let total: f64 = points
-                    .iter()
-                    .map(|p| {
-                        let (d, distance) = ((*at - p.at).normalize_or_zero(), at.distance(p.at));
-                        self.direct(p, d, distance, eta) / (distance * distance).max(LEAST_DISTANCE2_MM2)
-                    })
-                    .sum();
-                *intensity * (total / points.len() as f64)
-            }
+            // These come in bundles of many patches.
+            Prepared::Directional { .. } | Prepared::Point { .. } => DVec3::ZERO,
             Prepared::Area(light) => self.area(light, eta, patch, points),
             Prepared::Environment { strata } => self.environment(strata, eta, patch, points, bundle),
         }

@@ -76,22 +76,36 @@ pub struct Near<'a> {
     level: Level,
 }
 
-/// A sample that some receiver of a group is near to; positions relative to the group's centre.
-#[derive(Clone, Copy)]
-struct Candidate {
-    at: [f32; 3],
-    flux: [f32; 3],
-    /// Squared distances below which the sample is integrated at three points of each facet, and exactly, mm^2.
-    three2: f32,
-    exact2: f32,
-    patch: u32,
+/// Samples that some receiver of a group is near to, side by side; positions relative to the group's centre, mm.
+#[derive(Default)]
+struct Candidates {
+    at: [Vec<f32>; 3],
+    flux: Vec<[f32; 3]>,
+    /// Squared distances below which a sample is integrated at three points of each facet, and exactly, mm^2.
+    three2: Vec<f32>,
+    exact2: Vec<f32>,
+    patch: Vec<u32>,
+}
+
+impl Candidates {
+    fn clear(&mut self) {
+        self.at.iter_mut().for_each(Vec::clear);
+        self.flux.clear();
+        self.three2.clear();
+        self.exact2.clear();
+        self.patch.clear();
+    }
 }
 
 /// What one group of receivers works with.
 #[derive(Default)]
 struct Lists {
     stack: Vec<Node>,
-    candidates: Vec<Candidate>,
+    candidates: Candidates,
+    /// Squared distances of the candidates to one receiver, mm^2.
+    r2: Vec<f32>,
+    near_indices: Vec<u32>,
+    special_indices: Vec<u32>,
     near: Points,
     less_far: Points,
     whole: Points,
@@ -158,7 +172,7 @@ impl<'a> Near<'a> {
         lists.stack.extend(self.tree.root(part));
         while let Some(node) = lists.stack.pop() {
             if node.is_leaf() {
-                lists.candidates.extend(self.candidate(node.first, medium, place, light));
+                self.candidate(node.first, medium, place, light, &mut lists.candidates);
                 continue;
             }
             let cell = self.tree.cell(node, self.surface.patches);
@@ -175,63 +189,85 @@ impl<'a> Near<'a> {
         medium: &NearKernel,
         place: &Place,
         (irradiance, scale): (&[DVec3], f64),
-    ) -> Option<Candidate> {
+        candidates: &mut Candidates,
+    ) {
         let e = irradiance[index as usize];
         let patch = &self.surface.patches[index as usize];
         let below2 = |radii: f64| (radii * patch.radius_mm).powi(2) - medium.smooth_mm * medium.smooth_mm;
         let three2 = below2(self.rule.three_points_below);
         let reach = self.split_mm.max(three2.max(0.0).sqrt()) + place.radius;
-        let near = patch.centre_mm.distance_squared(place.centre) < reach * reach;
-        (near && e != DVec3::ZERO).then(|| Candidate {
-            at: (patch.centre_mm - place.centre).as_vec3().to_array(),
-            flux: (e * (scale * patch.area_mm2)).as_vec3().to_array(),
-            three2: three2 as f32,
-            exact2: below2(self.rule.exact_below) as f32,
-            patch: index,
-        })
+        if e == DVec3::ZERO || patch.centre_mm.distance_squared(place.centre) >= reach * reach {
+            return;
+        }
+        let at = (patch.centre_mm - place.centre).as_vec3().to_array();
+        candidates.at.iter_mut().zip(at).for_each(|(list, x)| list.push(x));
+        candidates.flux.push((e * (scale * patch.area_mm2)).as_vec3().to_array());
+        candidates.three2.push(three2 as f32);
+        candidates.exact2.push(below2(self.rule.exact_below) as f32);
+        candidates.patch.push(index);
     }
 
-    fn receiver(
-        &self,
-        [x, y, z]: [f32; 3],
-        medium: &NearKernel,
-        light: (&[DVec3], f64),
-        lists: &mut Lists,
-    ) -> [f64; 3] {
-        for list in [&mut lists.near, &mut lists.less_far, &mut lists.whole] {
-            list.clear();
-        }
-        lists.flats.clear();
-        for candidate in &lists.candidates {
-            let [dx, dy, dz] = [candidate.at[0] - x, candidate.at[1] - y, candidate.at[2] - z];
-            let r2 = dx * dx + dy * dy + dz * dz;
-            if r2 >= candidate.three2 {
-                if r2 < medium.split.split2 {
-                    lists.near.push(r2, candidate.flux);
-                }
-                continue;
-            }
-            lists.less_far.push(r2, candidate.flux);
+    fn receiver(&self, at: [f32; 3], medium: &NearKernel, light: (&[DVec3], f64), lists: &mut Lists) -> [f64; 3] {
+        let Lists { candidates, r2, near_indices, special_indices, near, less_far, whole, flats, .. } = lists;
+        sort_by_distance(candidates, at, medium.split.split2, r2, (near_indices, special_indices));
+        near.select(near_indices, r2, &candidates.flux);
+        less_far.select(special_indices, r2, &candidates.flux);
+        whole.clear();
+        flats.clear();
+        for &candidate in special_indices.iter() {
+            let i = candidate as usize;
+            let offset: [f32; 3] = std::array::from_fn(|axis| candidates.at[axis][i] - at[axis]);
+            let patch = candidates.patch[i] as usize;
             let offsets = &self.surface.samples.patch_offsets;
-            let facets = offsets[candidate.patch as usize] as usize..offsets[candidate.patch as usize + 1] as usize;
-            let e = (light.0[candidate.patch as usize] * light.1).as_vec3().to_array();
+            let facets = offsets[patch] as usize..offsets[patch + 1] as usize;
+            let e = (light.0[patch] * light.1).as_vec3().to_array();
             for corners in &self.corners.0[facets] {
-                let seen = corners.map(|[cx, cy, cz]| [cx + dx, cy + dy, cz + dz]);
-                if r2 < candidate.exact2 {
-                    lists.flats.push(seen, e);
+                let seen = corners.map(|corner| std::array::from_fn(|axis| corner[axis] + offset[axis]));
+                if r2[i] < candidates.exact2[i] {
+                    flats.push(seen, e);
                 } else {
-                    three_points(seen, e, &mut lists.whole);
+                    three_points(seen, e, whole);
                 }
             }
         }
         let mut sums = [0.0; 3];
         let NearKernel { kernel, split, .. } = medium;
-        near::add_near(self.level, kernel, split, &lists.near, &mut sums);
-        near::add_whole(self.level, kernel, split, &lists.whole, &mut sums);
-        near::add_flats(self.level, kernel, &lists.flats, &mut sums);
-        near::subtract_far(self.level, kernel, split, &lists.less_far, &mut sums);
+        near::add_near(self.level, kernel, split, near, &mut sums);
+        near::add_whole(self.level, kernel, split, whole, &mut sums);
+        near::add_flats(self.level, kernel, flats, &mut sums);
+        near::subtract_far(self.level, kernel, split, less_far, &mut sums);
         sums
     }
+}
+
+/// Squared distances of all candidates to a receiver, the indices of those that are points inside the split radius, and of
+/// those that need more than a point.
+fn sort_by_distance(
+    candidates: &Candidates,
+    [x, y, z]: [f32; 3],
+    split2: f32,
+    r2: &mut Vec<f32>,
+    (near, special): (&mut Vec<u32>, &mut Vec<u32>),
+) {
+    let count = candidates.patch.len();
+    let [xs, ys, zs] = candidates.at.each_ref().map(|list| &list[..count]);
+    r2.clear();
+    r2.extend((0..count).map(|i| {
+        let (dx, dy, dz) = (xs[i] - x, ys[i] - y, zs[i] - z);
+        dx * dx + dy * dy + dz * dz
+    }));
+    near.resize(count, 0);
+    special.resize(count, 0);
+    let (mut nears, mut specials) = (0, 0);
+    // Without branches: which way they go is anybody's guess.
+    for (i, (&r2, &three2)) in r2.iter().zip(&candidates.three2).enumerate() {
+        near[nears] = i as u32;
+        special[specials] = i as u32;
+        nears += usize::from((r2 >= three2) & (r2 < split2));
+        specials += usize::from(r2 < three2);
+    }
+    near.truncate(nears);
+    special.truncate(specials);
 }
 
 /// The midpoints between the centroid and the corners, a third of the flux each: exact for quadratic functions.

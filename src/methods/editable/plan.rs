@@ -107,7 +107,7 @@ mod tests {
             ("points", "3"),
         ] {
             let error = plan(&[(key, value)]).unwrap_err();
-            assert!(error.message.contains(key), "{}", error.message);
+            assert!(error.message().contains(key), "{}", error.message());
         }
         assert_eq!(plan(&[("terms", "7"), ("truncation", "0.2%")]).unwrap().terms, Some(7));
     }

@@ -31,6 +31,9 @@ struct PointRow {
     flux: [Row; 3],
 }
 
+/// A row that nothing comes from.
+const NOTHING: PointRow = PointRow { r2: [1.0; LANES], flux: [[0.0; LANES]; 3] };
+
 impl Points {
     /// Forgets all.
     pub fn clear(&mut self) {
@@ -39,11 +42,10 @@ impl Points {
     }
 
     /// Adds a source at a squared distance (mm^2).
-    #[inline(always)]
     pub fn push(&mut self, r2: f32, flux: [f32; 3]) {
         let lane = self.len % LANES;
         if lane == 0 {
-            self.rows.push(PointRow { r2: [1.0; LANES], flux: [[0.0; LANES]; 3] });
+            self.rows.push(NOTHING);
         }
         self.len += 1;
         if let Some(row) = self.rows.last_mut() {
@@ -51,6 +53,23 @@ impl Points {
             for (channel, flux) in row.flux.iter_mut().zip(flux) {
                 channel[lane] = flux;
             }
+        }
+    }
+
+    /// Replaces all by those of `indices`: squared distances (mm^2) and fluxes of every source that there is.
+    pub fn select(&mut self, indices: &[u32], r2: &[f32], flux: &[[f32; 3]]) {
+        self.rows.clear();
+        self.len = indices.len();
+        for chunk in indices.chunks(LANES) {
+            let mut row = NOTHING;
+            for (lane, &index) in chunk.iter().enumerate() {
+                let [red, green, blue] = flux[index as usize];
+                row.r2[lane] = r2[index as usize];
+                row.flux[0][lane] = red;
+                row.flux[1][lane] = green;
+                row.flux[2][lane] = blue;
+            }
+            self.rows.push(row);
         }
     }
 }
