@@ -4,9 +4,10 @@
 use crate::asset::{RawSection, pick};
 use crate::checks::{addressable, indices_below, invalid, same_length};
 use crate::error::Result;
+use crate::far_values::{count, from_planes, narrow, planes, wide};
 use crate::samples::Samples;
 use crate::types::{Codec, Kind};
-use crate::{far_sums, far_values, varints};
+use crate::{far_sums, varints};
 
 /// Tags of the far field.
 pub mod tags {
@@ -20,15 +21,19 @@ pub mod tags {
     pub const NODES: Tag = Tag::from_static("far.nod");
     /// Kept functions, u16.
     pub const MASKS: Tag = Tag::from_static("far.msk");
+    /// Those of them with 16-bit values, u16.
+    pub const WIDE_MASKS: Tag = Tag::from_static("far.wid");
     /// Quantiser steps, f32.
     pub const STEPS: Tag = Tag::from_static("far.stp");
     /// Row sums, four planes of u8 for each function.
     pub const ROW_SUMS: Tag = Tag::from_static("far.sum");
-    /// Values, u8 x 16: a plane of low and one of high bytes.
-    pub const VALUES: Tag = Tag::from_static("far.val");
+    /// 8-bit values, u8 x 16.
+    pub const NARROW: Tag = Tag::from_static("far.val");
+    /// 16-bit values, u8 x 16: a plane of low and one of high bytes.
+    pub const WIDE: Tag = Tag::from_static("far.big");
 
     /// All of them, in the order of the file.
-    pub const ALL: [Tag; 7] = [RECEIVERS, GROUPS, NODES, MASKS, STEPS, ROW_SUMS, VALUES];
+    pub const ALL: [Tag; 9] = [RECEIVERS, GROUPS, NODES, MASKS, WIDE_MASKS, STEPS, ROW_SUMS, NARROW, WIDE];
 }
 
 /// Basis functions at most: the bits of a mask.
@@ -50,7 +55,7 @@ pub struct Group {
     pub coefficients_end: u32,
 }
 
-/// The far field, dequantised value = `values[..] * steps[k]`.
+/// The far field; a value stands for `value * steps[k]`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FarField {
     /// Number of basis functions K.
@@ -65,8 +70,12 @@ pub struct FarField {
     pub masks: Vec<u16>,
     /// Quantiser step of each basis function, positive.
     pub steps: Vec<f32>,
-    /// Quantised values: for each coefficient its kept functions, ascending; lanes beyond the group's receivers are 0.
-    pub values: Vec<[i16; LANES]>,
+    /// Those of the kept functions whose values need 16 bits.
+    pub wide_masks: Vec<u16>,
+    /// Quantised values of the others: for each coefficient its functions, ascending; lanes beyond the group's receivers are 0.
+    pub narrow: Vec<[i8; LANES]>,
+    /// Quantised values that need 16 bits, likewise.
+    pub wide: Vec<[i16; LANES]>,
     /// Sum of each receiver's row, mm^2 times the unit of the basis: `[receiver][k]`.
     pub row_sums: Vec<f32>,
 }
@@ -119,8 +128,10 @@ impl FarField {
             return invalid(tags::ROW_SUMS, format!("row sum {i} is not finite"));
         }
         same_length(tags::MASKS, "coefficients", self.masks.len(), coefficients)?;
-        check_masks(&self.masks, self.terms)?;
-        same_length(tags::VALUES, "kept functions of all coefficients", self.values.len(), count_kept(&self.masks))?;
+        same_length(tags::WIDE_MASKS, "coefficients", self.wide_masks.len(), coefficients)?;
+        check_masks(&self.masks, &self.wide_masks, self.terms)?;
+        same_length(tags::NARROW, "8-bit rows", self.narrow.len(), count(self.narrow_masks()))?;
+        same_length(tags::WIDE, "16-bit rows", self.wide.len(), count(self.wide_masks.iter().copied()))?;
         self.check_lanes()
     }
 
@@ -140,26 +151,24 @@ impl FarField {
         Ok(())
     }
 
+    /// Kept functions with 8-bit values of each coefficient.
+    fn narrow_masks(&self) -> impl Iterator<Item = u16> + Clone {
+        self.masks.iter().zip(&self.wide_masks).map(|(kept, wide)| kept & !wide)
+    }
+
     fn check_lanes(&self) -> Result<()> {
-        let mut values = self.values.as_slice();
-        for (lanes, rows) in self.group_rows() {
-            let (rows, others) = values.split_at(rows);
-            values = others;
+        let stray = |tag, lanes| invalid(tag, format!("a value in a lane from {lanes} on, which has no receiver"));
+        for (lanes, rows) in by_group(&self.groups, &self.narrow, self.narrow_masks()) {
             if rows.iter().any(|row| row[lanes..].iter().any(|&x| x != 0)) {
-                return invalid(tags::VALUES, format!("a value in a lane from {lanes} on, which has no receiver"));
+                return stray(tags::NARROW, lanes);
+            }
+        }
+        for (lanes, rows) in by_group(&self.groups, &self.wide, self.wide_masks.iter().copied()) {
+            if rows.iter().any(|row| row[lanes..].iter().any(|&x| x != 0)) {
+                return stray(tags::WIDE, lanes);
             }
         }
         Ok(())
-    }
-
-    /// Receivers and rows of values of each group.
-    fn group_rows(&self) -> impl Iterator<Item = (usize, usize)> {
-        let mut masks = self.masks.as_slice();
-        group_sizes(&self.groups).map(move |(lanes, count)| {
-            let (mine, others) = masks.split_at(count);
-            masks = others;
-            (lanes, count_kept(mine))
-        })
     }
 
     /// The sections of a valid far field.
@@ -170,16 +179,19 @@ impl FarField {
         self.validate(shape)?;
         let (kind, zstd) = (Kind::Method, Codec::Zstd);
         let groups: Vec<[u32; 3]> = self.groups.iter().map(|g| [g.part, g.receivers_end, g.coefficients_end]).collect();
-        let lanes = group_sizes(&self.groups).flat_map(|(lanes, count)| std::iter::repeat_n(lanes, count));
-        let values = far_values::encode(&self.values, &self.masks, lanes);
+        let lanes = || group_sizes(&self.groups).flat_map(|(lanes, count)| std::iter::repeat_n(lanes, count));
+        let narrow = narrow::pack(&self.narrow, self.narrow_masks(), lanes());
+        let wide = planes(&wide::pack(&self.wide, self.wide_masks.iter().copied(), lanes()));
         Ok(vec![
             RawSection::from_rows(tags::RECEIVERS, kind, zstd, &self.receiver_of_vertex),
             RawSection::from_rows(tags::GROUPS, kind, zstd, &groups),
             RawSection::from_rows(tags::NODES, kind, zstd, &self.node_bytes(shape)),
             RawSection::from_rows(tags::MASKS, kind, zstd, &self.masks),
+            RawSection::from_rows(tags::WIDE_MASKS, kind, zstd, &self.wide_masks),
             RawSection::from_rows(tags::STEPS, kind, zstd, &self.steps),
             RawSection::from_rows(tags::ROW_SUMS, kind, zstd, &far_sums::encode(&self.row_sums, self.terms)),
-            RawSection::from_scalars(tags::VALUES, kind, zstd, LANES as u16, &values),
+            RawSection::from_rows(tags::NARROW, kind, zstd, &narrow),
+            RawSection::from_rows(tags::WIDE, kind, zstd, &wide),
         ])
     }
 
@@ -203,8 +215,8 @@ impl FarField {
     /// # Errors
     /// [`crate::FormatError::MissingSection`] where only some are there, and whatever is wrong with their type or content.
     pub fn from_sections(sections: &[RawSection], shape: &Shape<'_>) -> Result<Option<Self>> {
-        let Some([receivers, groups, nodes, masks, steps, row_sums, values]) = pick(sections, tags::ALL, Kind::Method)?
-        else {
+        let found = pick(sections, tags::ALL, Kind::Method)?;
+        let Some([receivers, groups, nodes, masks, wide_masks, steps, row_sums, narrow_rows, wide_rows]) = found else {
             return Ok(None);
         };
         let group = |[part, receivers_end, coefficients_end]: [u32; 3]| Group { part, receivers_end, coefficients_end };
@@ -217,21 +229,30 @@ impl FarField {
         let nodes: &[u8] = nodes.view()?;
         let sums: &[u8] = row_sums.view()?;
         same_length(tags::ROW_SUMS, "bytes of row sums", sums.len(), product(&[end.0, terms, 4]))?;
-        let value_bytes: &[[u8; LANES]] = values.view()?;
         let masks: Vec<u16> = masks.rows()?;
         same_length(tags::MASKS, "coefficients", masks.len(), end.1)?;
-        check_masks(&masks, terms)?;
-        same_length(tags::VALUES, "planes of kept functions", value_bytes.len(), product(&[2, count_kept(&masks)]))?;
+        let wide_masks: Vec<u16> = wide_masks.rows()?;
+        same_length(tags::WIDE_MASKS, "coefficients", wide_masks.len(), end.1)?;
+        check_masks(&masks, &wide_masks, terms)?;
+        let narrow_bytes: &[[u8; LANES]] = narrow_rows.view()?;
+        let wide_bytes: &[[u8; LANES]] = wide_rows.view()?;
         let mut field = Self {
             terms,
             receiver_of_vertex: receivers.rows()?,
             nodes: read_nodes(nodes, &groups, shape)?,
             groups,
-            steps,
-            values: far_values::decode(value_bytes.as_flattened(), &masks),
             masks,
+            wide_masks,
+            steps,
+            narrow: Vec::new(),
+            wide: Vec::new(),
             row_sums: far_sums::decode(sums, terms),
         };
+        let rows = (count(field.narrow_masks()), count(field.wide_masks.iter().copied()));
+        same_length(tags::NARROW, "8-bit rows", narrow_bytes.len(), rows.0)?;
+        same_length(tags::WIDE, "planes of 16-bit rows", wide_bytes.len(), 2 * rows.1)?;
+        field.narrow = narrow::unpack(narrow_bytes, field.narrow_masks());
+        field.wide = wide::unpack(&from_planes(wide_bytes), field.wide_masks.iter().copied());
         field.clear_lanes();
         field.validate(shape)?;
         Ok(Some(field))
@@ -239,30 +260,49 @@ impl FarField {
 
     /// Zeroes the lanes without a receiver.
     fn clear_lanes(&mut self) {
-        let sizes: Vec<(usize, usize)> = self.group_rows().collect();
-        let mut values = self.values.as_mut_slice();
-        for (lanes, rows) in sizes {
-            let (rows, others) = values.split_at_mut(rows);
-            values = others;
-            if lanes < LANES {
-                rows.iter_mut().for_each(|row| row[lanes..].fill(0));
-            }
+        if group_sizes(&self.groups).all(|(lanes, _)| lanes == LANES) {
+            return;
+        }
+        let (mut narrow, mut wide) = (self.narrow.as_mut_slice(), self.wide.as_mut_slice());
+        let mut first = 0;
+        for (lanes, coefficients) in group_sizes(&self.groups) {
+            let range = first..first + coefficients;
+            first = range.end;
+            let wide_masks = &self.wide_masks[range.clone()];
+            let narrow_masks = self.masks[range].iter().zip(wide_masks).map(|(kept, wide)| kept & !wide);
+            let (mine, others) = narrow.split_at_mut(count(narrow_masks));
+            narrow = others;
+            mine.iter_mut().for_each(|row| row[lanes..].fill(0));
+            let (mine, others) = wide.split_at_mut(count(wide_masks.iter().copied()));
+            wide = others;
+            mine.iter_mut().for_each(|row| row[lanes..].fill(0));
         }
     }
 }
 
-/// Kept functions of all coefficients together.
-fn count_kept(masks: &[u16]) -> usize {
-    masks.iter().map(|mask| mask.count_ones() as usize).sum()
+/// Receivers and rows of each group.
+fn by_group<'a, T>(
+    groups: &'a [Group],
+    mut rows: &'a [T],
+    mut masks: impl Iterator<Item = u16> + 'a,
+) -> impl Iterator<Item = (usize, &'a [T])> {
+    group_sizes(groups).map(move |(lanes, coefficients)| {
+        let (mine, others) = rows.split_at(count(masks.by_ref().take(coefficients)));
+        rows = others;
+        (lanes, mine)
+    })
 }
 
-fn check_masks(masks: &[u16], terms: usize) -> Result<()> {
+fn check_masks(masks: &[u16], wide_masks: &[u16], terms: usize) -> Result<()> {
     if terms > MOST_TERMS {
         return invalid(tags::STEPS, format!("{terms} basis functions, more than {MOST_TERMS}"));
     }
     let beyond = !((1u32 << terms) - 1) as u16;
-    match masks.iter().position(|&mask| mask == 0 || mask & beyond != 0) {
-        Some(i) => invalid(tags::MASKS, format!("mask {i} is {:x}, with {terms} functions", masks[i])),
+    if let Some(i) = masks.iter().position(|&mask| mask == 0 || mask & beyond != 0) {
+        return invalid(tags::MASKS, format!("mask {i} is {:x}, with {terms} functions", masks[i]));
+    }
+    match masks.iter().zip(wide_masks).position(|(kept, wide)| wide & !kept != 0) {
+        Some(i) => invalid(tags::WIDE_MASKS, format!("mask {i} has functions that are not kept")),
         None => Ok(()),
     }
 }

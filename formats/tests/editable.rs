@@ -65,7 +65,7 @@ type Break<T> = (&'static str, &'static str, fn(&mut T));
 
 #[test]
 fn a_broken_far_field_is_not_written() {
-    let rules: [Break<FarField>; 32] = [
+    let rules: [Break<FarField>; 35] = [
         ("no vertex", "far.rcv", |f| f.receiver_of_vertex.clear()),
         ("one vertex more", "far.rcv", |f| f.receiver_of_vertex.push(0)),
         ("receiver beyond", "far.rcv", |f| f.receiver_of_vertex[0] = 61),
@@ -102,10 +102,16 @@ fn a_broken_far_field_is_not_written() {
         ("largest multiple", "far.stp", |f| f.steps[0] = 1.1e34),
         ("a sum less", "far.sum", |f| _ = f.row_sums.pop()),
         ("sum", "far.sum", |f| f.row_sums[7] = f32::NEG_INFINITY),
-        ("a row more", "far.val", |f| f.values.push([0; LANES])),
-        ("lane without a receiver", "far.val", |f| {
-            let rows: u32 = f.masks[..40].iter().map(|m| m.count_ones()).sum();
-            f.values[rows as usize][5] = 1;
+        ("a wide mask less", "far.wid", |f| _ = f.wide_masks.pop()),
+        ("wide, but not kept", "far.wid", |f| {
+            let i = f.masks.iter().position(|&mask| mask == 1).unwrap();
+            f.wide_masks[i] = 2;
+        }),
+        ("a row more", "far.val", |f| f.narrow.push([0; LANES])),
+        ("a wide row more", "far.big", |f| f.wide.push([0; LANES])),
+        ("lane without a receiver", "far.big", |f| {
+            let rows: u32 = f.wide_masks[..40].iter().map(|m| m.count_ones()).sum();
+            f.wide[rows as usize][5] = 1;
         }),
     ];
     for (what, tag, break_rule) in rules {

@@ -194,28 +194,44 @@ struct ByHand {
     functions: Vec<Vec<f32>>,
 }
 
-/// `[coefficient][k][lane]`; zeros where a function is not kept.
-fn values_by_hand(bytes: &[u8], functions: usize, masks: &[u16]) -> Vec<Vec<Vec<i16>>> {
-    let kept = |c: usize, k: usize| masks[c] >> k & 1 == 1;
-    let order: Vec<(usize, usize)> =
-        (0..functions).flat_map(|k| (0..masks.len()).map(move |c| (c, k))).filter(|&(c, k)| kept(c, k)).collect();
-    assert_eq!(bytes.len(), 32 * order.len());
-    let value = |c: usize, k: usize| {
-        let Some(n) = order.iter().position(|&place| place == (c, k)) else { return vec![0; 16] };
-        let byte = |j: usize, position: usize| u16::from(bytes[16 * (j * order.len() + n) + position]);
-        let z: Vec<u16> = (0..16).map(|position| byte(0, position) | byte(1, position) << 8).collect();
-        let t: Vec<i16> = z.iter().map(|z| (z >> 1) as i16 ^ ((z & 1) as i16).wrapping_neg()).collect();
+/// Rows of one width, as (coefficient, k) and its lanes.
+fn rows_by_hand(bytes: &[u8], width: usize, functions: usize, masks: &[u16]) -> Vec<((usize, usize), Vec<i16>)> {
+    let order: Vec<(usize, usize)> = (0..functions)
+        .flat_map(|k| (0..masks.len()).map(move |c| (c, k)))
+        .filter(|&(c, k)| masks[c] >> k & 1 == 1)
+        .collect();
+    assert_eq!(bytes.len(), 16 * width * order.len());
+    let wrap = |x: i32| if width == 1 { i32::from(x as i8) } else { i32::from(x as i16) };
+    let lanes = |n: usize| {
+        let byte = |j: usize, position: usize| i32::from(bytes[16 * (j * order.len() + n) + position]);
+        let z = (0..16).map(|position| (0..width).map(|j| byte(j, position) << (8 * j)).sum::<i32>());
+        let t: Vec<i32> = z.map(|z| wrap((z >> 1) ^ -(z & 1))).collect();
         let mut s = vec![t[0]];
         for h in [1, 2, 4, 8] {
             let pair = |i: usize| {
-                let even = s[i].wrapping_sub(t[h + i] >> 1);
-                [even, even.wrapping_add(t[h + i])]
+                let even = wrap(s[i] - (t[h + i] >> 1));
+                [even, wrap(even + t[h + i])]
             };
             s = (0..h).flat_map(pair).collect();
         }
-        s
+        s.into_iter().map(|x| x as i16).collect()
     };
-    (0..masks.len()).map(|c| (0..functions).map(|k| value(c, k)).collect()).collect()
+    order.iter().enumerate().map(|(n, &place)| (place, lanes(n))).collect()
+}
+
+/// `[coefficient][k][lane]`; zeros where a function is not kept.
+fn values_by_hand(sections: &[Section], functions: usize) -> Vec<Vec<Vec<i16>>> {
+    let u16s = |tag| -> Vec<u16> {
+        find(sections, tag, 3, 1).chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect()
+    };
+    let (masks, wide) = (u16s("far.msk"), u16s("far.wid"));
+    let narrow: Vec<u16> = masks.iter().zip(&wide).map(|(kept, wide)| kept & !wide).collect();
+    let mut values = vec![vec![vec![0; 16]; functions]; masks.len()];
+    let rows = rows_by_hand(find(sections, "far.val", 1, 16), 1, functions, &narrow);
+    for ((c, k), lanes) in rows.into_iter().chain(rows_by_hand(find(sections, "far.big", 1, 16), 2, functions, &wide)) {
+        values[c][k] = lanes;
+    }
+    values
 }
 
 fn editable_by_hand(sections: &[Section], part_offsets: &[u32]) -> ByHand {
@@ -252,15 +268,13 @@ fn editable_by_hand(sections: &[Section], part_offsets: &[u32]) -> ByHand {
             sums.push(f32::from_bits(x));
         }
     }
-    let masks: Vec<u16> =
-        find(sections, "far.msk", 3, 1).chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect();
-    assert_eq!(masks.len(), coefficients);
+    assert_eq!(find(sections, "far.msk", 3, 1).len(), 2 * coefficients);
     let (split, radii_mm) = (find(sections, "bas.rec", 0, 1), f64s(find(sections, "bas.nod", 11, 1)));
     assert_eq!(split.len(), 8);
     let functions: Vec<f32> = u32s(find(sections, "bas.fun", 10, 1)).into_iter().map(f32::from_bits).collect();
     ByHand {
         receiver_of_vertex: u32s(find(sections, "far.rcv", 5, 1)),
-        values: values_by_hand(find(sections, "far.val", 1, 16), steps.len(), &masks),
+        values: values_by_hand(sections, steps.len()),
         groups,
         nodes,
         steps,
@@ -337,9 +351,9 @@ fn the_sections_of_editable_read_as_the_page_says() {
     assert_eq!(by_hand.nodes, field.nodes);
     assert_eq!(by_hand.steps, field.steps);
     assert_eq!(by_hand.row_sums.concat(), field.row_sums);
-    for (row, lanes) in by_hand.values.concat().iter().zip(&field.values) {
-        assert_eq!(row[..3], lanes[..3]);
-    }
+    // One coefficient, whose first function is wide.
+    assert_eq!(by_hand.values[0][0][..3], field.wide[0][..3]);
+    assert_eq!(by_hand.values[0][1][..3], field.narrow[0][..3].iter().map(|&x| i16::from(x)).collect::<Vec<_>>());
     assert_eq!((by_hand.split_mm, by_hand.radii_mm), (basis.split_mm, basis.nodes_mm));
     assert_eq!((by_hand.weights, by_hand.functions.concat()), (basis.weights_mm4, basis.functions));
 }
@@ -362,16 +376,19 @@ fn example() -> AssetFile {
         patch_offsets: vec![0, 1, 2, 3],
         part_offsets: vec![0, 3],
     };
-    let rows = [[3, 5], [1, -1], [-4, 300]];
-    let lanes = |row: [i16; 2]| std::array::from_fn(|lane| row.get(lane).copied().unwrap_or(0));
+    let lanes = |row: [i8; 2]| std::array::from_fn(|lane| row.get(lane).copied().unwrap_or(0));
+    let mut wide = [0; 16];
+    wide[..2].copy_from_slice(&[-4, 300]);
     let field = FarField {
         terms: 2,
         receiver_of_vertex: vec![0, NO_RECEIVER, NO_RECEIVER, NO_RECEIVER, 1],
         groups: vec![Group { part: 0, receivers_end: 2, coefficients_end: 2 }],
         nodes: vec![1, 2],
         masks: vec![3, 1],
+        wide_masks: vec![0, 1],
         steps: vec![0.5, 0.25],
-        values: rows.into_iter().map(lanes).collect(),
+        narrow: vec![lanes([3, 5]), lanes([1, -1])],
+        wide: vec![wide],
         row_sums: vec![2.0, 1.0, 2.5, -0.5],
     };
     let basis = ProfileBasis {

@@ -136,12 +136,21 @@ pub fn far_field(terms: usize) -> FarField {
     for lanes in lanes_of {
         let mask = 1 + random.below((1 << terms) - 1) as u16;
         field.masks.push(mask);
+        let mut wide = 0;
         for k in (0..terms).filter(|k| mask >> k & 1 == 1) {
-            let range = 1usize << (15 - k.min(14));
+            let range = if k % 2 == 1 { 1usize << 7 } else { 1 << (15 - k.min(14)) };
             let mut value =
                 |lane| if lane < lanes { (random.below(2 * range) as i32 - range as i32) as i16 } else { 0 };
-            field.values.push(std::array::from_fn(&mut value));
+            let row: [i16; LANES] = std::array::from_fn(&mut value);
+            match row.map(i8::try_from) {
+                narrow if narrow.iter().all(|x| x.is_ok()) => field.narrow.push(narrow.map(|x| x.unwrap())),
+                _ => {
+                    field.wide.push(row);
+                    wide |= 1 << k;
+                }
+            }
         }
+        field.wide_masks.push(wide);
     }
     field
 }
@@ -157,9 +166,9 @@ pub fn profile_basis(terms: usize) -> ProfileBasis {
 
 /// A far field that fits [`full_asset`].
 pub fn small_far_field() -> FarField {
-    let mut values = vec![[0; LANES]; 2];
-    values[0][..3].copy_from_slice(&[-300, 7, 32_767]);
-    values[1][..3].copy_from_slice(&[1, 0, -1]);
+    let (mut wide, mut narrow) = ([0; LANES], [0; LANES]);
+    wide[..3].copy_from_slice(&[-300, 7, 32_767]);
+    narrow[..3].copy_from_slice(&[1, 0, -1]);
     FarField {
         terms: 2,
         receiver_of_vertex: vec![0, 1, 2, 1, 3, NO_RECEIVER],
@@ -169,8 +178,10 @@ pub fn small_far_field() -> FarField {
         ],
         nodes: vec![1],
         masks: vec![3],
+        wide_masks: vec![1],
         steps: vec![0.5, 0.0625],
-        values,
+        narrow: vec![narrow],
+        wide: vec![wide],
         row_sums: vec![1.0, -0.5, 1.25, 0.0, 1.5, 0.25, 3.0, -0.0],
     }
 }

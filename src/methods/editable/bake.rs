@@ -200,19 +200,42 @@ fn far_field(transport: &FarTransport, receivers: &Receivers, choice: &Choice, p
     });
     let steps: Vec<f32> = choice.steps.iter().zip(&largest).map(|(&s, &l)| blocks::fitting_step(s, l)).collect();
     let mut far = FarField { terms, receiver_of_vertex: receivers.of_vertex.clone(), ..FarField::default() };
-    for_each_value(&all, |k, row| far.values.push(blocks::quantise(row, steps[k])));
     for (rows, group) in all.iter().zip(&receivers.groups) {
-        far.nodes.extend_from_slice(&rows.nodes);
-        far.masks.extend_from_slice(&rows.masks);
+        quantise(rows, &steps, &mut far);
         far.row_sums.extend_from_slice(&rows.sums);
-        far.groups.push(Group {
-            part: group.part,
-            receivers_end: group.run.end,
-            coefficients_end: far.nodes.len() as u32,
-        });
+        let coefficients_end = far.nodes.len() as u32;
+        far.groups.push(Group { part: group.part, receivers_end: group.run.end, coefficients_end });
     }
     far.steps = steps;
     far
+}
+
+/// Adds the rows of a group. What is rounded to nothing is not kept.
+fn quantise(rows: &Rows, steps: &[f32], far: &mut FarField) {
+    let mut values = rows.values.iter();
+    for (&node, &mask) in rows.nodes.iter().zip(&rows.masks) {
+        let (mut kept, mut wide) = (0, 0);
+        for k in (0..u16::BITS as usize).filter(|k| mask >> k & 1 == 1) {
+            let Some(row) = values.next() else { break };
+            let row = blocks::quantise(row, steps[k]);
+            if row.iter().all(|&q| q == 0) {
+                continue;
+            }
+            kept |= 1 << k;
+            match row.map(|q| q as i8) {
+                narrow if narrow.map(i16::from) == row => far.narrow.push(narrow),
+                _ => {
+                    wide |= 1 << k;
+                    far.wide.push(row);
+                }
+            }
+        }
+        if kept != 0 {
+            far.nodes.push(node);
+            far.masks.push(kept);
+            far.wide_masks.push(wide);
+        }
+    }
 }
 
 /// Visits the values of every kept coefficient with its basis function, in the order of the file.
