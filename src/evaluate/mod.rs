@@ -1,5 +1,6 @@
 //! From an opened asset and lights to radiosity: the traits that every method implements.
 
+pub mod environment;
 pub mod far_field;
 pub mod sampled;
 pub mod sampling_error;

@@ -1,10 +1,13 @@
 //! Probe lights: the fixed set under which errors are measured. Tuning sees one half, figures come from the other.
 
+use std::sync::Arc;
+
 use glam::DVec3;
 
 use crate::evaluate::Probes;
 use crate::geometry::mesh::Mesh;
 use crate::light::Light;
+use crate::light::sky::sky;
 
 /// Which half of the probe lights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,10 +62,20 @@ pub fn unseen(mesh: &Mesh) -> Vec<Light> {
     directions.take(2).chain(points(mesh, Half::Figures).into_iter().take(1)).collect()
 }
 
-/// The lights that a bake gets: for its choices the whole tuning half, for the figures of its ledger a few of the other.
+/// The built-in sky in two rotations for each half.
+pub fn environments(half: Half) -> Vec<Light> {
+    let first = if half == Half::Tuning { 0.0 } else { 63.0 };
+    let map = Arc::new(sky());
+    [first, first + 137.0]
+        .map(|rotate_degrees| Light::Environment { map: Arc::clone(&map), rotate_degrees, scale: DVec3::ONE })
+        .to_vec()
+}
+
+/// The lights that a bake gets: for its choices the whole tuning half, for the figures of its ledger a few of the other and
+/// environments.
 pub fn for_bake(mesh: &Mesh) -> Probes {
     let tuning = directional(Half::Tuning).into_iter().chain(points(mesh, Half::Tuning)).collect();
-    Probes { tuning, unseen: unseen(mesh) }
+    Probes { tuning, unseen: unseen(mesh).into_iter().chain(environments(Half::Figures)).collect() }
 }
 
 /// The constant light of radiance 1.

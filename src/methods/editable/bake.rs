@@ -5,11 +5,12 @@ use rayon::prelude::*;
 use translux_format::far_field::{FarField, Group};
 
 use super::choice::{self, Choice, Tuning};
+use super::environment;
 use super::ledger::{self, Baked};
 use super::plan::Plan;
 use super::sections;
 use crate::compress::blocks;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::evaluate::{AssetParts, BakeSettings};
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::{Patch, Samples};
@@ -116,7 +117,7 @@ pub(super) fn bake(scene: &Scene, settings: &BakeSettings, progress: &dyn Progre
     let transport = FarTransport { precision, ..transport };
     let far = far_field(&transport, &stage.receivers, &choice, progress);
 
-    let sections = sections::write(&basis, &far, &scene.mesh, &stage.samples)?;
+    let mut sections = sections::write(&basis, &far, &scene.mesh, &stage.samples)?;
     let mut ledger = ledger::measure(&Baked {
         scene,
         stage: &stage,
@@ -128,7 +129,10 @@ pub(super) fn bake(scene: &Scene, settings: &BakeSettings, progress: &dyn Progre
         progress,
     })?;
     if settings.for_lights.contains(&LightKind::Environment) {
-        let _ = &mut ledger;
+        let rows = environment::rows(&stage.surface(scene), &plan, progress)?;
+        environment::measure(scene, &stage, &plan, &settings.probes.unseen, &mut ledger, progress)?;
+        let fail = |e: translux_format::FormatError| Error::runtime(format!("asset: {e}"));
+        sections.extend(rows.into_data().to_sections().map_err(fail)?);
     }
     Ok(AssetParts { samples: stage.samples, ledger, sections })
 }

@@ -12,6 +12,7 @@ use super::sections;
 use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
+use crate::evaluate::environment::{StoredRows, comes_from_far_away};
 use crate::evaluate::far_field::FarSums;
 use crate::evaluate::sampling_error::{Sampled, receiver_areas};
 use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit};
@@ -57,6 +58,7 @@ struct EditableEvaluator {
     areas: Vec<f64>,
     basis: ProfileBasis,
     far: FarField,
+    rows: Option<StoredRows>,
     /// Of each medium.
     coefficients: Vec<Coefficients>,
     lights: Vec<Light>,
@@ -73,13 +75,17 @@ pub(super) fn open(asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
     let settings = &asset.provenance.settings;
     let max_rms = settings.get("max-rms").map_or(Ok(0.01), |text| share(text, "max-rms"))?;
     let plan = Plan::new(settings, max_rms)?;
-    let (basis, far) = sections::read(&asset)?;
     let scene = asset.scene.clone();
-    let (bvh, patches) = rayon::join(|| Bvh::new(&scene.mesh), || scene::patches(&scene, &asset.samples));
-    let (tree, corners) = rayon::join(
-        || BalancedTree::new(&asset.samples, &patches),
-        || Corners::new(&scene.mesh, &asset.samples, &patches),
-    );
+    let stored = || rayon::join(|| sections::read(&asset), || StoredRows::of(&asset));
+    let geometry = || {
+        let bvh = Bvh::new(&scene.mesh);
+        let patches = scene::patches(&scene, &asset.samples);
+        let tree = BalancedTree::new(&asset.samples, &patches);
+        let corners = Corners::new(&scene.mesh, &asset.samples, &patches);
+        (bvh, patches, tree, corners)
+    };
+    let ((far, rows), (bvh, patches, tree, corners)) = rayon::join(stored, geometry);
+    let ((basis, far), rows) = (far?, rows?);
     let receivers = receivers(&scene, &far);
     let areas = receiver_areas(&scene, &receivers);
     let media = scene.media.clone();
@@ -95,6 +101,7 @@ pub(super) fn open(asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
         areas,
         basis,
         far,
+        rows,
         coefficients: Vec::new(),
         lights: Vec::new(),
         lit: None,
@@ -129,7 +136,26 @@ impl EditableEvaluator {
         Surface { scene: &self.scene, bvh: &self.bvh, samples: &self.asset.samples, patches: &self.patches }
     }
 
+    /// Through the stored rows where there are any for a light, else by rays.
     fn irradiance(&self, lights: &[Light], progress: &dyn Progress) -> Result<Vec<DVec3>> {
+        let (near, far): (Vec<Light>, Vec<Light>) = lights.iter().cloned().partition(|l| !self.is_stored(l));
+        let (Some(rows), false) = (&self.rows, far.is_empty()) else { return self.sampled(lights, progress) };
+        let mut irradiance = match near.as_slice() {
+            [] => vec![DVec3::ZERO; self.asset.samples.len()],
+            near => self.sampled(near, progress)?,
+        };
+        progress.start("rows", 0);
+        rows.add(&far, (&self.scene.parts, &self.scene.media), &self.asset.samples, &mut irradiance)?;
+        progress.finish();
+        Ok(irradiance)
+    }
+
+    /// Whether a light goes through the stored rows.
+    fn is_stored(&self, light: &Light) -> bool {
+        comes_from_far_away(light) && self.rows.as_ref().is_some_and(|rows| rows.serve(&self.scene.media))
+    }
+
+    fn sampled(&self, lights: &[Light], progress: &dyn Progress) -> Result<Vec<DVec3>> {
         let etas: Vec<f64> = self.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
         Ok(Illumination::new(&self.surface(), lights, &etas, self.plan.sampling)?.all(progress))
     }
@@ -167,6 +193,16 @@ impl EditableEvaluator {
         values
     }
 
+    /// Error of stored rows against rays, on the same samples.
+    fn rows_error(&self, stored: &[DVec3], rays: &[DVec3]) -> VertexError {
+        let (subset, indices) = self.receivers.subset(PROBES, 1);
+        let (surface, tree) = (self.surface(), SampleTree::default());
+        let gather = Gather::new(&surface, &tree, &self.scene.media, self.plan.near);
+        let sum = |e: &[DVec3]| gather.radiosity(&subset, &gather.light(e), Scheme::AllPairs, &Silent);
+        let areas: Vec<f64> = indices.iter().map(|&i| self.areas[i as usize]).collect();
+        vertex_error(&sum(stored), &sum(rays), &areas)
+    }
+
     /// Error of everything but the sampling, against all pairs of the same samples.
     fn transport_error(&self, lit: &Lit) -> VertexError {
         let (subset, indices) = self.receivers.subset(PROBES, 1);
@@ -201,6 +237,7 @@ impl Evaluator for EditableEvaluator {
                 + size_of_val(far.nodes.as_slice())
                 + size_of_val(far.masks.as_slice())
                 + size_of_val(far.row_sums.as_slice())
+                + self.rows.as_ref().map_or(0, StoredRows::bytes)
                 + self.lit.as_ref().map_or(0, |lit| lit.far.bytes()),
         }
     }
@@ -261,17 +298,26 @@ impl Evaluator for EditableEvaluator {
     fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {
         let lit = self.light(&self.lights, progress)?;
         let mut ledger = Ledger::default();
+        // Sampling is that of rays; what rows lose against them has an entry of its own.
+        let rays = match self.lights.iter().any(|l| self.is_stored(l)) {
+            true => Some(self.sampled(&self.lights, progress)?),
+            false => None,
+        };
         let sampled = Sampled {
             surface: self.surface(),
             media: &self.scene.media,
             lights: &self.lights,
-            irradiance: &lit.irradiance,
+            irradiance: rays.as_ref().unwrap_or(&lit.irradiance),
             sampling: self.plan.sampling,
             near: self.plan.near,
             receivers: &self.receivers,
             areas: &self.areas,
         };
         sampled.enter(&mut ledger, progress)?;
+        if let Some(rays) = rays {
+            let error = self.rows_error(&lit.irradiance, &rays);
+            ledger.add("environment", error, "stored rows (cube map, truncation, quantiser) against rays");
+        }
         let mut error = self.transport_error(&lit);
         for light in unseen {
             let lit = self.light(std::slice::from_ref(light), progress)?;

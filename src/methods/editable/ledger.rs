@@ -10,6 +10,7 @@ use super::plan::Plan;
 use super::subset::{Projected, Subset};
 use crate::compress::ledger::Ledger;
 use crate::error::Result;
+use crate::evaluate::environment::comes_from_far_away;
 use crate::evaluate::far_field::FarSums;
 use crate::evaluate::sampling_error::{Sampled, receiver_areas};
 use crate::light::Light;
@@ -60,12 +61,14 @@ const NAMES: [&str; 4] = ["hierarchy", "basis", "truncation", "quantiser"];
 
 pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
     let Baked { scene, stage, plan, unseen, progress, .. } = *baked;
+    // Environments have entries of their own; to the transport they are smooth.
+    let unseen: Vec<&Light> = unseen.iter().filter(|l| !comes_from_far_away(l)).collect();
     let mut ledger = Ledger::default();
     let areas = receiver_areas(scene, &stage.receivers);
     progress.start("ledger", 2 * unseen.len() as u64);
     let measured = baked.rows();
     let mut worst: Option<Errors> = None;
-    for light in unseen {
+    for &light in &unseen {
         let irradiance = stage.irradiance(scene, light, plan.sampling)?;
         let errors = baked.under(&measured, &irradiance);
         worst = Some(worst.map_or(errors, |w| std::array::from_fn(|i| w[i].max(errors[i]))));

@@ -2,6 +2,7 @@
 
 mod bake;
 mod choice;
+mod environment;
 mod evaluate;
 mod ledger;
 mod plan;

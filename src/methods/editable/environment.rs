@@ -1,0 +1,165 @@
+//! Irradiance rows of an asset, and what they lose under environments that no choice saw.
+
+use std::ops::Range;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::bake::Stage;
+use super::plan::Plan;
+use crate::compress::ledger::Ledger;
+use crate::compress::rows::Rows;
+use crate::error::Result;
+use crate::evaluate::environment::{StoredRows, comes_from_far_away};
+use crate::evaluate::sampling_error::receiver_areas;
+use crate::geometry::samples::Samples;
+use crate::light::Light;
+use crate::light::cube_light::CubeLight;
+use crate::math::cube_map::{self, FACES};
+use crate::math::statistics::{VertexError, vertex_error};
+use crate::medium::entrance_basis::EntranceBasis;
+use crate::progress::{Progress, Silent};
+use crate::transport::gather::{Gather, Scheme};
+use crate::transport::irradiance::{Illumination, LightSampling};
+use crate::transport::irradiance_rows::{RowBaker, RowSettings};
+use crate::transport::scene::{self, Scene, Surface};
+use crate::transport::tree::SampleTree;
+use crate::transport::visibility::{self, Observer, Occluders, Resolution};
+
+/// Functions of the angle that hold F_t over the allowed refractive indices: 0.4 % of irradiance at most between 1.2
+/// and 1.6.
+const TERMS: usize = 2;
+
+/// Samples of the coarser set that errors are measured on, for each of which an asset has this many.
+const COARSER: usize = 8;
+
+/// Rays of a sample that stand for the native resolution of an environment.
+const NATIVE_DIRECTIONS: u32 = 2048;
+
+/// Samples whose visibility is checked with one ray for each sub-texel.
+const CHECKED: usize = 32;
+
+/// Receivers that errors are measured on.
+const PROBES: usize = 192;
+
+fn settings(plan: &Plan, coefficients: usize) -> RowSettings {
+    let resolution = if plan.cube == 32 { Resolution::Sub64 } else { Resolution::Sub128 };
+    RowSettings { resolution, terms: TERMS, coefficients }
+}
+
+/// Rows of every sample.
+pub(super) fn rows(surface: &Surface, plan: &Plan, progress: &dyn Progress) -> Result<Rows> {
+    RowBaker::new(surface, settings(plan, plan.coefficients))?.all(progress)
+}
+
+/// Enters what visibility, cube map and the truncation of rows cost under environments, on a coarser set of samples that
+/// nothing else uses.
+pub(super) fn measure(
+    scene: &Scene,
+    stage: &Stage,
+    plan: &Plan,
+    unseen: &[Light],
+    ledger: &mut Ledger,
+    progress: &dyn Progress,
+) -> Result<()> {
+    let lights: Vec<&Light> = unseen.iter().filter(|l| comes_from_far_away(l)).collect();
+    let entrance = EntranceBasis::new(TERMS);
+    let etas: Vec<f64> = scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
+    if lights.is_empty() || etas.iter().any(|&eta| entrance.project(eta).is_err()) {
+        return Ok(());
+    }
+    progress.start("environment errors", 2 + lights.len() as u64);
+    let samples = Samples::new(&scene.mesh, &scene.parts, stage.samples.len().div_ceil(COARSER));
+    let patches = scene::patches(scene, &samples);
+    let surface = Surface { scene, bvh: &stage.bvh, samples: &samples, patches: &patches };
+    let visibility = visibility_error(&surface, plan);
+    progress.advance(1);
+    let stored = StoredRows::new(rows(&surface, plan, &Silent)?);
+    let side = plan.cube as usize;
+    let everything = RowBaker::new(&surface, settings(plan, 6 * side * side))?;
+    progress.advance(1);
+
+    let (subset, indices) = stage.receivers.subset(PROBES, 1);
+    let areas = receiver_areas(scene, &stage.receivers);
+    let areas: Vec<f64> = indices.iter().map(|&i| areas[i as usize]).collect();
+    let tree = SampleTree::default();
+    let gather = Gather::new(&surface, &tree, &scene.media, plan.near);
+    let radiosity = |e: &[DVec3]| gather.radiosity(&subset, &gather.light(e), Scheme::AllPairs, &Silent);
+    let mut worst = [VertexError::default(); 2];
+    for light in &lights {
+        let sampling = LightSampling { directions: NATIVE_DIRECTIONS, ..plan.sampling };
+        let native = Illumination::new(&surface, std::slice::from_ref(*light), &etas, sampling)?.all(&Silent);
+        let full = full_resolution(&everything, &surface, light, side)?;
+        let mut kept = vec![DVec3::ZERO; samples.len()];
+        stored.add(std::slice::from_ref(*light), (&scene.parts, &scene.media), &samples, &mut kept)?;
+        let [native, full, kept] = [native, full, kept].map(|e| radiosity(&e));
+        worst[0] = worst[0].max(vertex_error(&full, &native, &areas));
+        worst[1] = worst[1].max(vertex_error(&kept, &full, &areas));
+        progress.advance(1);
+    }
+    progress.finish();
+    let note = format!("the worst of {} environments, on {} samples of their own", lights.len(), samples.len());
+    ledger.add(
+        "visibility",
+        visibility.0,
+        format!("{} of {} sub-texels decided otherwise", visibility.1, visibility.2),
+    );
+    ledger.add("cube map", worst[0], format!("against {NATIVE_DIRECTIONS} rays into the native map; {note}"));
+    ledger.add("row truncation", worst[1], format!("quantiser included; {note}"));
+    Ok(())
+}
+
+/// Irradiance from rows of which nothing is dropped, chunk by chunk.
+fn full_resolution(baker: &RowBaker, surface: &Surface, light: &Light, side: usize) -> Result<Vec<DVec3>> {
+    let light = CubeLight::new(light, side)?;
+    let entrance = EntranceBasis::new(TERMS);
+    let (samples, scene) = (surface.samples, surface.scene);
+    let project = |patch: usize| {
+        let part = samples.part_offsets.partition_point(|&first| first as usize <= patch) - 1;
+        let medium = scene.parts.parts[part].medium.and_then(|m| scene.media.get(m as usize));
+        let projection = medium.and_then(|m| entrance.project(m.properties.eta_inside_over_outside).ok());
+        projection.map_or_else(Default::default, |p| p.coefficients)
+    };
+    let chunk = |range: Range<usize>| {
+        let rows = Rows::new(baker.range(range.clone()))?;
+        rows.irradiance_range(0..range.len(), &light, |i| project(range.start + i))
+    };
+    let count = samples.len();
+    let ranges: Vec<Range<usize>> =
+        (0..count).step_by(visibility::GROUP).map(|a| a..count.min(a + visibility::GROUP)).collect();
+    let parts: Vec<Vec<DVec3>> = ranges.into_par_iter().map(chunk).collect::<Result<_>>()?;
+    Ok(parts.concat())
+}
+
+/// Error of the irradiance under a constant light by visibility decisions that differ from one ray each, over some samples; how
+/// many differ, and of how many.
+fn visibility_error(surface: &Surface, plan: &Plan) -> (VertexError, u64, u64) {
+    let resolution = settings(plan, 6).resolution;
+    let step = surface.samples.len().div_ceil(CHECKED).max(1);
+    let mesh = &surface.scene.mesh;
+    let observers: Vec<Observer> =
+        (0..surface.samples.len()).step_by(step).map(|i| Observer::of(mesh, surface.samples.patch(i))).collect();
+    let occluders = Occluders::new(mesh);
+    let (mut wrong, mut all, mut error2, mut mean2) = (0, 0, 0.0, 0.0);
+    visibility::visit(&occluders, surface.bvh, &observers, resolution, |i, visible| {
+        let (mut signed, mut seen) = (0i64, 0i64);
+        let side = resolution.side();
+        for index in 0..FACES * side * side {
+            let (face, y, x) = (index / (side * side), index / side % side, index % side);
+            if !visible.bit(&visible.above, face, x, y) {
+                continue;
+            }
+            let ray = observers[i].ray(cube_map::direction(side, face, x, y));
+            let by_ray = !surface.bvh.occluded(&ray, observers[i].triangle);
+            let decided = visible.bit(&visible.seen, face, x, y);
+            wrong += u64::from(by_ray != decided);
+            signed += i64::from(decided) - i64::from(by_ray);
+            seen += i64::from(by_ray);
+            all += 1;
+        }
+        error2 += (signed * signed) as f64;
+        mean2 += (seen * seen) as f64;
+    });
+    let rms = if mean2 > 0.0 { (error2 / mean2).sqrt() } else { 0.0 };
+    (VertexError { rms, bias: 0.0, p999: rms, worst: rms }, wrong, all)
+}
