@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 use std::io;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -38,6 +39,41 @@ pub const COMMON_TAGS: [Tag; 18] = [
     metadata::tags::PROVENANCE,
     metadata::tags::LEDGER,
 ];
+
+/// Decoded bytes from which on two threads read sections.
+const TWO_THREADS: u64 = 8 << 20;
+
+/// The sections that this crate has no type for, in the order of the file.
+fn read_extra(reader: &Reader<'_>) -> Result<Vec<RawSection>> {
+    let infos: Vec<_> = reader.sections().iter().filter(|info| !COMMON_TAGS.contains(&info.tag)).collect();
+    let total: u64 = infos.iter().map(|info| info.decoded_bytes).sum();
+    if total < TWO_THREADS || infos.len() < 2 {
+        return infos.into_iter().map(|info| RawSection::read(reader, info)).collect();
+    }
+    // The largest go first, each to whoever is free.
+    let mut order: Vec<usize> = (0..infos.len()).collect();
+    order.sort_by_key(|&i| (std::cmp::Reverse(infos[i].decoded_bytes), i));
+    let next = AtomicUsize::new(0);
+    let work = || {
+        let mut mine = Vec::new();
+        while let Some(&i) = order.get(next.fetch_add(1, Ordering::Relaxed)) {
+            mine.push((i, RawSection::read(reader, infos[i])));
+        }
+        mine
+    };
+    let mut read = std::thread::scope(|scope| {
+        let other = scope.spawn(work);
+        let mut read = work();
+        // The thread does not panic; if it did, its sections would be missing below.
+        read.extend(other.join().unwrap_or_default());
+        read
+    });
+    read.sort_by_key(|(i, _)| *i);
+    if let Some(missing) = infos.iter().enumerate().find(|(i, _)| read.get(*i).is_none_or(|(j, _)| i != j)) {
+        return Err(FormatError::MissingSection { tag: missing.1.tag });
+    }
+    read.into_iter().map(|(_, section)| section).collect()
+}
 
 /// A section that this crate has no type for: a method's own data, or one from a later minor version.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -242,10 +278,7 @@ impl AssetFile {
     /// Any error of `SPEC.md`.
     pub fn from_bytes(bytes: &[u8], budget: Budget) -> Result<Self> {
         let reader = Reader::parse(bytes, budget)?;
-        let mut extra = Vec::new();
-        for info in reader.sections().iter().filter(|info| !COMMON_TAGS.contains(&info.tag)) {
-            extra.push(RawSection::read(&reader, info)?);
-        }
+        let extra = read_extra(&reader)?;
         let asset = Self {
             mesh: Mesh::decode(&reader)?,
             parts: Parts::decode(&reader)?,

@@ -24,7 +24,7 @@ pub(super) struct BakeArgs {
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
     /// Method (see `translux methods`)
-    #[arg(long, default_value = "two_pass")]
+    #[arg(long, default_value = "editable")]
     method: String,
     #[command(flatten)]
     options: BakeOptions,

@@ -32,16 +32,25 @@ const DENSITY: Density = Density { spacing: 0.35, least: 1 << 17, most: 1 << 18 
 /// The error that the density is made for; a smaller one asks for more samples.
 const DENSITY_RMS: f64 = 0.01;
 
-/// Bytes that a receiver's coefficients take at most while they are made, before quantisation.
-const BYTES_PER_RECEIVER: u64 = 24_000;
+/// Bytes that a receiver's coefficients take while they are made, before quantisation, at an error of 1 %; about in
+/// proportion to its inverse.
+const BYTES_PER_RECEIVER: f64 = 24_000.0;
+
+/// Bytes of a sample's irradiance row for each coefficient, with a copy while it is written.
+const BYTES_PER_ROW_COEFFICIENT: u64 = 10;
 
 fn count(scene: &Scene, settings: &BakeSettings) -> usize {
     DENSITY.count(scene, settings, (DENSITY_RMS / settings.max_rms).sqrt())
 }
 
 pub(super) fn memory(scene: &Scene, settings: &BakeSettings) -> u64 {
-    let receivers = scene.mesh.local_mm.len() as u64;
-    sampling::memory(count(scene, settings), scene) + receivers * BYTES_PER_RECEIVER
+    let count = count(scene, settings);
+    let coefficients =
+        settings.values.get(super::COEFFICIENTS.name).and_then(|text| text.parse().ok()).unwrap_or(128u64);
+    let stored = settings.for_lights.contains(&LightKind::Environment);
+    let rows = if stored { count as u64 * coefficients * BYTES_PER_ROW_COEFFICIENT } else { 0 };
+    let far = scene.mesh.local_mm.len() as f64 * BYTES_PER_RECEIVER * (0.01 / settings.max_rms).clamp(0.3, 30.0);
+    sampling::memory(count, scene) + far as u64 + rows
 }
 
 /// Geometry that every stage reads.
