@@ -55,6 +55,19 @@ const CONSTANT_SAVES: u32 = 4;
 /// Strata with more than this share of an environment's energy are seen from every point of a patch.
 const BRIGHT_SHARE: f64 = 0.02;
 
+/// A patch that a shadow boundary of a sharp light crosses is looked at from this many times as many points, a power of two.
+const UNEVEN_REFINEMENT: u32 = 8;
+
+/// How far the first points of a patch are from its centroid, over the distance of the corners: off the edges, where
+/// neighbours would shadow them.
+const PROBE_REACH: f64 = 0.9;
+
+/// Weights of these three points and the centroid that integrate quadratic functions exactly.
+const PROBE_WEIGHTS: [f64; 4] = {
+    let corner = 1.0 / (12.0 * PROBE_REACH * PROBE_REACH);
+    [corner, corner, corner, 1.0 - 3.0 * corner]
+};
+
 /// A light with what all patches share precomputed.
 enum Prepared<'a> {
     Constant { radiance: DVec3 },
@@ -121,8 +134,25 @@ struct Sharp {
     colour: DVec3,
     rays: Vec<Ray>,
     skip: Vec<u32>,
-    /// Patch of each ray, counted from the first of the range, and what arrives if it meets nothing.
-    gains: Vec<(u32, f64)>,
+    arrivals: Vec<Arrival>,
+}
+
+/// What one ray brings if it meets nothing.
+struct Arrival {
+    /// Patch, counted from the first of the range, and point of it.
+    patch: u32,
+    point: u32,
+    /// F_t cos times the share of the point, over the squared distance.
+    gain: f64,
+    occluded: bool,
+}
+
+/// A patch that a shadow boundary crosses.
+#[derive(Clone, Debug)]
+pub struct Uneven {
+    patch: u32,
+    /// Irradiance of each of its pieces, RGB.
+    points: Vec<DVec3>,
 }
 
 /// Where sharp light comes from.
@@ -138,12 +168,12 @@ impl Sharp {
             Prepared::Point { at, intensity } => (Source::Point(*at), *intensity),
             _ => return None,
         };
-        Some(Self { source, colour, rays: Vec::new(), skip: Vec::new(), gains: Vec::new() })
+        Some(Self { source, colour, rays: Vec::new(), skip: Vec::new(), arrivals: Vec::new() })
     }
 
-    /// Adds the rays of one patch.
-    fn collect(&mut self, patch: usize, eta: f64, points: &[SurfacePoint]) {
-        for p in points {
+    /// Adds the rays of one patch; each point stands for a share of it.
+    fn collect(&mut self, patch: usize, eta: f64, points: &[SurfacePoint], share: impl Fn(usize) -> f64) {
+        for (point, p) in points.iter().enumerate() {
             let (to_light, distance, falloff) = match self.source {
                 Source::Direction(from) => (from, f64::INFINITY, 1.0),
                 Source::Point(at) => {
@@ -160,17 +190,42 @@ impl Sharp {
             if arriving > 0.0 {
                 self.rays.push(shadow_ray(p, to_light, distance));
                 self.skip.push(p.triangle);
-                self.gains.push((patch as u32, arriving * falloff / points.len() as f64));
+                let gain = arriving * falloff * share(point);
+                self.arrivals.push(Arrival { patch: patch as u32, point: point as u32, gain, occluded: false });
             }
         }
     }
 
-    /// Adds what arrives at each patch.
-    fn trace(&mut self, bvh: &Bvh, out: &mut [DVec3]) {
+    fn trace(&mut self, bvh: &Bvh) {
         let mut occluded = vec![false; self.rays.len()];
         bvh.occluded_many(&self.rays, &self.skip, &mut occluded);
-        for ((patch, gain), _) in self.gains.iter().zip(&occluded).filter(|(_, occluded)| !**occluded) {
-            out[*patch as usize] += self.colour * *gain;
+        self.arrivals.iter_mut().zip(occluded).for_each(|(arrival, occluded)| arrival.occluded = occluded);
+    }
+
+    /// Marks patches of which some points are lit and others in shadow.
+    fn mark(&self, crossed: &mut [bool]) {
+        for of_patch in self.arrivals.chunk_by(|a, b| a.patch == b.patch) {
+            if of_patch.iter().any(|a| a.occluded != of_patch[0].occluded) {
+                crossed[of_patch[0].patch as usize] = true;
+            }
+        }
+    }
+
+    /// Adds what arrives at each of some patches.
+    fn add(&self, out: &mut [DVec3], of: impl Fn(usize) -> bool) {
+        for arrival in self.arrivals.iter().filter(|a| !a.occluded && of(a.patch as usize)) {
+            out[arrival.patch as usize] += self.colour * arrival.gain;
+        }
+    }
+
+    /// Adds what arrives at each piece of one patch.
+    fn add_to_pieces(&self, patch: usize, points: &mut [DVec3]) {
+        let first = self.arrivals.partition_point(|a| (a.patch as usize) < patch);
+        let count = points.len() as f64;
+        for arrival in self.arrivals[first..].iter().take_while(|a| a.patch as usize == patch) {
+            if !arrival.occluded {
+                points[arrival.point as usize] += self.colour * (arrival.gain * count);
+            }
         }
     }
 }
@@ -184,6 +239,32 @@ struct SurfacePoint {
     at: DVec3,
     normal: DVec3,
     triangle: u32,
+}
+
+/// Samples that a shadow boundary of a sharp light crosses, with the irradiance of each of their pieces.
+#[derive(Clone, Debug, Default)]
+pub struct Pieces {
+    /// Position of each sample's pieces in `irradiance`; `u32::MAX` for samples that are lit evenly.
+    first: Vec<u32>,
+    irradiance: Vec<DVec3>,
+    count: usize,
+}
+
+impl Pieces {
+    /// Adds an even irradiance to all pieces of each sample, RGB.
+    pub fn add(&mut self, of_patch: impl Fn(usize) -> DVec3) {
+        for (patch, &first) in self.first.iter().enumerate().filter(|(_, first)| **first != u32::MAX) {
+            let more = of_patch(patch);
+            let mine = first as usize..(first as usize + self.count).min(self.irradiance.len());
+            self.irradiance[mine].iter_mut().for_each(|e| *e += more);
+        }
+    }
+
+    /// Irradiance of the pieces of a sample, RGB, in the order of [`pieces`]; `None` if it is lit evenly.
+    pub fn of(&self, patch: usize) -> Option<&[DVec3]> {
+        let first = *self.first.get(patch).filter(|&&first| first != u32::MAX)? as usize;
+        self.irradiance.get(first..first + self.count)
+    }
 }
 
 /// Lights prepared for a surface.
@@ -242,24 +323,39 @@ impl<'a> Illumination<'a> {
 
     /// Irradiance of every patch, RGB.
     pub fn all(&self, progress: &dyn Progress) -> Vec<DVec3> {
-        const CHUNK: usize = 256;
-        let count = self.surface.samples.len();
-        progress.start("irradiance", count as u64);
-        let mut result = vec![DVec3::ZERO; count];
-        result.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, out)| {
-            self.range(chunk * CHUNK, out);
-            progress.advance(out.len() as u64);
-        });
-        progress.finish();
-        result
+        self.all_with_pieces(progress).0
     }
 
-    /// Irradiance of the patches from `first` on.
-    pub fn range(&self, first: usize, out: &mut [DVec3]) {
+    /// Irradiance of every patch, RGB, and of the pieces of those that are not lit evenly.
+    pub fn all_with_pieces(&self, progress: &dyn Progress) -> (Vec<DVec3>, Pieces) {
+        const CHUNK: usize = 256;
+        let patches = self.surface.samples.len();
+        progress.start("irradiance", patches as u64);
+        let mut result = vec![DVec3::ZERO; patches];
+        let uneven: Vec<Vec<Uneven>> = result
+            .par_chunks_mut(CHUNK)
+            .enumerate()
+            .map(|(chunk, out)| {
+                let uneven = self.range(chunk * CHUNK, out);
+                progress.advance(out.len() as u64);
+                uneven
+            })
+            .collect();
+        progress.finish();
+        let count = self.pieces_of_uneven() as usize;
+        let mut pieces = Pieces { first: vec![u32::MAX; patches], irradiance: Vec::new(), count };
+        for Uneven { patch, points } in uneven.into_iter().flatten() {
+            pieces.first[patch as usize] = pieces.irradiance.len() as u32;
+            pieces.irradiance.extend(points);
+        }
+        (result, pieces)
+    }
+
+    /// Irradiance of the patches from `first` on; returns those that are not lit evenly.
+    pub fn range(&self, first: usize, out: &mut [DVec3]) -> Vec<Uneven> {
         let mut part = self.surface.samples.part_offsets.partition_point(|&p| p as usize <= first).saturating_sub(1);
         let (mut points, mut bundle) = (Vec::new(), Bundle::default());
-        let mut sharp: Vec<Sharp> = self.lights.iter().filter_map(|light| Sharp::new(light)).collect();
-        out.fill(DVec3::ZERO);
+        let mut sharp: Vec<Sharp> = self.lights.iter().filter_map(Sharp::new).collect();
         for (i, e) in out.iter_mut().enumerate() {
             let patch = first + i;
             while patch >= self.surface.samples.part(part).end {
@@ -268,18 +364,57 @@ impl<'a> Illumination<'a> {
             points.clear();
             self.points_of(patch, &mut points);
             let medium = self.surface.scene.parts.parts[part].medium.unwrap_or(0) as usize;
+            let probe = if sharp.is_empty() { None } else { self.corners_and_centroid(patch) };
             for light in &mut sharp {
-                light.collect(i, self.entrance[medium].0, &points);
+                match &probe {
+                    Some(probe) => light.collect(i, self.entrance[medium].0, probe, |k| PROBE_WEIGHTS[k]),
+                    None => light.collect(i, self.entrance[medium].0, &points, |_| 1.0 / points.len() as f64),
+                }
             }
             let soft = self.lights.iter().filter(|light| !light.is_sharp());
             *e = soft.map(|light| self.irradiance(light, medium, patch, &points, &mut bundle)).sum();
         }
+        let mut crossed = vec![false; out.len()];
         for light in &mut sharp {
-            light.trace(self.surface.bvh, out);
+            light.trace(self.surface.bvh);
+            light.mark(&mut crossed);
+        }
+        // Where a shadow boundary crosses a patch, more rays tell where.
+        let mut fine: Vec<Sharp> = self.lights.iter().filter_map(Sharp::new).collect();
+        for (i, crossed) in crossed.iter_mut().enumerate() {
+            *crossed &= self.surface.samples.patch(first + i).len() == 1;
+            if *crossed {
+                points.clear();
+                self.pieces_as_points(first + i, self.pieces_of_uneven(), &mut points);
+                let part = self.surface.samples.part_offsets.partition_point(|&p| p as usize <= first + i) - 1;
+                let medium = self.surface.scene.parts.parts[part].medium.unwrap_or(0) as usize;
+                let share = 1.0 / points.len() as f64;
+                fine.iter_mut().for_each(|light| light.collect(i, self.entrance[medium].0, &points, |_| share));
+            }
+        }
+        let mut uneven = Vec::new();
+        for light in &mut fine {
+            light.trace(self.surface.bvh);
+        }
+        for i in (0..out.len()).filter(|&i| crossed[i]) {
+            let mut points = vec![out[i]; self.pieces_of_uneven() as usize];
+            fine.iter().for_each(|light| light.add_to_pieces(i, &mut points));
+            points.iter_mut().for_each(|e| *e = e.min(DVec3::splat(MOST)));
+            uneven.push(Uneven { patch: (first + i) as u32, points });
+        }
+        for (coarse, fine) in sharp.iter().zip(&fine) {
+            coarse.add(out, |i| !crossed[i]);
+            fine.add(out, |_| true);
         }
         for e in out {
             *e = e.min(DVec3::splat(MOST));
         }
+        uneven
+    }
+
+    /// Pieces of a patch that a shadow boundary crosses.
+    fn pieces_of_uneven(&self) -> u32 {
+        UNEVEN_REFINEMENT * self.sampling.points_per_patch.next_power_of_two()
     }
 
     fn irradiance(
@@ -387,17 +522,39 @@ impl<'a> Illumination<'a> {
         bundle.trace(self.surface.bvh)
     }
 
+    /// Near the corners and at the centroid of a patch that is one facet, where that is as many points as asked for: no
+    /// straight shadow boundary leaves much of a patch unnoticed between them.
+    fn corners_and_centroid(&self, patch: usize) -> Option<[SurfacePoint; 4]> {
+        let [facet] = self.surface.samples.patch(patch) else { return None };
+        if self.sampling.points_per_patch.next_power_of_two() as usize != PROBE_WEIGHTS.len() {
+            return None;
+        }
+        let mesh = &self.surface.scene.mesh;
+        let [a, b, c] = facet.corners_local_mm(mesh);
+        let normal = mesh.cross_mm2(facet.triangle).normalize_or_zero();
+        let centre = (a + b + c) / 3.0;
+        let at = |p: DVec3| SurfacePoint { at: centre.lerp(p, PROBE_REACH), normal, triangle: facet.triangle };
+        Some([at(a), at(b), at(c), at(centre)])
+    }
+
+    /// Centroids of the pieces of a patch that is one facet.
+    fn pieces_as_points(&self, patch: usize, count: u32, out: &mut Vec<SurfacePoint>) {
+        let mesh = &self.surface.scene.mesh;
+        let [facet] = self.surface.samples.patch(patch) else { return };
+        let normal = mesh.cross_mm2(facet.triangle).normalize_or_zero();
+        pieces(facet.corners_local_mm(mesh), count, &mut |corners| {
+            let at = corners.iter().sum::<DVec3>() / 3.0;
+            out.push(SurfacePoint { at, normal, triangle: facet.triangle });
+        });
+    }
+
     /// Points that stand for equal areas of a patch.
     fn points_of(&self, patch: usize, out: &mut Vec<SurfacePoint>) {
         let mesh = &self.surface.scene.mesh;
         let facets = self.surface.samples.patch(patch);
         let count = self.sampling.points_per_patch.next_power_of_two();
-        if let [facet] = facets {
-            let normal = mesh.cross_mm2(facet.triangle).normalize_or_zero();
-            let centroid = |corners: [DVec3; 3]| corners.iter().sum::<DVec3>() / 3.0;
-            pieces(facet.corners_local_mm(mesh), count, &mut |corners| {
-                out.push(SurfacePoint { at: centroid(corners), normal, triangle: facet.triangle });
-            });
+        if facets.len() == 1 {
+            self.pieces_as_points(patch, count, out);
             return;
         }
         let areas: Vec<f64> = facets.iter().map(|f| area(f.corners_local_mm(mesh))).collect();
@@ -440,7 +597,7 @@ fn shadow_ray(p: &SurfacePoint, direction: DVec3, distance: f64) -> Ray {
 }
 
 /// Visits `count` (a power of two) congruent-area pieces of a triangle.
-fn pieces(corners: [DVec3; 3], count: u32, visit: &mut impl FnMut([DVec3; 3])) {
+pub fn pieces(corners: [DVec3; 3], count: u32, visit: &mut impl FnMut([DVec3; 3])) {
     if count <= 1 {
         visit(corners);
         return;

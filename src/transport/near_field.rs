@@ -10,6 +10,7 @@ use rayon::prelude::*;
 
 use super::balanced_tree::{BalancedTree, Node, power_of_two_near};
 use super::gather::NearField;
+use super::irradiance::{Pieces, pieces};
 use super::kernel::KernelRgb;
 use super::kernel::near::{self, Flats, Points, SplitRgb};
 use super::receivers::{Group, Receivers};
@@ -131,8 +132,15 @@ impl<'a> Near<'a> {
         Self { surface, tree, corners, media, rule, split_mm, level: Level::detect() }
     }
 
-    /// Adds the near field of one irradiance for each sample, RGB, to the radiosity of every receiver.
-    pub fn add(&self, receivers: &Receivers, irradiance: &[DVec3], radiosity: &mut [DVec3], progress: &dyn Progress) {
+    /// Adds the near field of one irradiance for each sample, RGB, to the radiosity of every receiver. `pieces` are those of
+    /// the same light, or the default.
+    pub fn add(
+        &self,
+        receivers: &Receivers,
+        (irradiance, pieces): (&[DVec3], &Pieces),
+        radiosity: &mut [DVec3],
+        progress: &dyn Progress,
+    ) {
         progress.start("near field", receivers.len() as u64);
         let brightest = irradiance.iter().map(|e| e.max_element()).fold(0.0, f64::max);
         let scale = power_of_two_near(brightest).recip();
@@ -144,13 +152,13 @@ impl<'a> Near<'a> {
             jobs.push((*group, mine));
         }
         jobs.into_par_iter().for_each_init(Lists::default, |lists, (group, out)| {
-            self.group(receivers, group, (irradiance, scale), lists, out);
+            self.group(receivers, group, &Shine { irradiance, pieces, scale }, lists, out);
             progress.advance(out.len() as u64);
         });
         progress.finish();
     }
 
-    fn group(&self, receivers: &Receivers, group: Group, light: (&[DVec3], f64), lists: &mut Lists, out: &mut [DVec3]) {
+    fn group(&self, receivers: &Receivers, group: Group, light: &Shine, lists: &mut Lists, out: &mut [DVec3]) {
         let part = group.part as usize;
         let medium = self.surface.scene.parts.parts[part].medium.and_then(|m| self.media.get(m as usize));
         let Some(medium) = medium else { return };
@@ -162,12 +170,12 @@ impl<'a> Near<'a> {
         self.collect(part, medium, &Place { centre, radius }, light, lists);
         for (receiver, out) in members.iter().zip(out) {
             let sum = self.receiver((*receiver - centre).as_vec3().to_array(), medium, light, lists);
-            *out += DVec3::from_array(sum) / light.1;
+            *out += DVec3::from_array(sum) / light.scale;
         }
     }
 
     /// The samples that some receiver of a group is near to.
-    fn collect(&self, part: usize, medium: &NearKernel, place: &Place, light: (&[DVec3], f64), lists: &mut Lists) {
+    fn collect(&self, part: usize, medium: &NearKernel, place: &Place, light: &Shine, lists: &mut Lists) {
         lists.candidates.clear();
         lists.stack.extend(self.tree.root(part));
         while let Some(node) = lists.stack.pop() {
@@ -183,15 +191,8 @@ impl<'a> Near<'a> {
         }
     }
 
-    fn candidate(
-        &self,
-        index: u32,
-        medium: &NearKernel,
-        place: &Place,
-        (irradiance, scale): (&[DVec3], f64),
-        candidates: &mut Candidates,
-    ) {
-        let e = irradiance[index as usize];
+    fn candidate(&self, index: u32, medium: &NearKernel, place: &Place, light: &Shine, candidates: &mut Candidates) {
+        let e = light.irradiance[index as usize];
         let patch = &self.surface.patches[index as usize];
         let below2 = |radii: f64| (radii * patch.radius_mm).powi(2) - medium.smooth_mm * medium.smooth_mm;
         let three2 = below2(self.rule.three_points_below);
@@ -201,13 +202,13 @@ impl<'a> Near<'a> {
         }
         let at = (patch.centre_mm - place.centre).as_vec3().to_array();
         candidates.at.iter_mut().zip(at).for_each(|(list, x)| list.push(x));
-        candidates.flux.push((e * (scale * patch.area_mm2)).as_vec3().to_array());
+        candidates.flux.push((e * (light.scale * patch.area_mm2)).as_vec3().to_array());
         candidates.three2.push(three2 as f32);
         candidates.exact2.push(below2(self.rule.exact_below) as f32);
         candidates.patch.push(index);
     }
 
-    fn receiver(&self, at: [f32; 3], medium: &NearKernel, light: (&[DVec3], f64), lists: &mut Lists) -> [f64; 3] {
+    fn receiver(&self, at: [f32; 3], medium: &NearKernel, light: &Shine, lists: &mut Lists) -> [f64; 3] {
         let Lists { candidates, r2, near_indices, special_indices, near, less_far, whole, flats, .. } = lists;
         sort_by_distance(candidates, at, medium.split.split2, r2, (near_indices, special_indices));
         near.select(near_indices, r2, &candidates.flux);
@@ -220,7 +221,11 @@ impl<'a> Near<'a> {
             let patch = candidates.patch[i] as usize;
             let offsets = &self.surface.samples.patch_offsets;
             let facets = offsets[patch] as usize..offsets[patch + 1] as usize;
-            let e = (light.0[patch] * light.1).as_vec3().to_array();
+            if let Some(pieces) = light.pieces.of(patch) {
+                self.pieces_of(patch, pieces, light.scale, offset, r2[i] < candidates.exact2[i], (whole, flats));
+                continue;
+            }
+            let e = (light.irradiance[patch] * light.scale).as_vec3().to_array();
             for corners in &self.corners.0[facets] {
                 let seen = corners.map(|corner| std::array::from_fn(|axis| corner[axis] + offset[axis]));
                 if r2[i] < candidates.exact2[i] {
@@ -238,6 +243,13 @@ impl<'a> Near<'a> {
         near::subtract_far(self.level, kernel, split, less_far, &mut sums);
         sums
     }
+}
+
+/// Light on the samples, brought near 1.
+struct Shine<'a> {
+    irradiance: &'a [DVec3],
+    pieces: &'a Pieces,
+    scale: f64,
 }
 
 /// Squared distances of all candidates to a receiver, the indices of those that are points inside the split radius, and of
@@ -268,6 +280,39 @@ fn sort_by_distance(
     }
     near.truncate(nears);
     special.truncate(specials);
+}
+
+impl Near<'_> {
+    /// The pieces of a sample that a shadow boundary crosses, each with its own irradiance.
+    fn pieces_of(
+        &self,
+        patch: usize,
+        irradiance: &[DVec3],
+        scale: f64,
+        offset: [f32; 3],
+        exact: bool,
+        (whole, flats): (&mut Points, &mut Flats),
+    ) {
+        let [facet, ..] = self.surface.samples.patch(patch) else { return };
+        let centre = self.surface.patches[patch].centre_mm;
+        let mut irradiance = irradiance.iter();
+        pieces(facet.corners_local_mm(&self.surface.scene.mesh), irradiance.len() as u32, &mut |corners| {
+            let Some(e) = irradiance.next().filter(|e| **e != DVec3::ZERO) else { return };
+            let e = (*e * scale).as_vec3().to_array();
+            let seen = corners.map(|c| {
+                let relative = (c - centre).as_vec3().to_array();
+                std::array::from_fn(|axis| relative[axis] + offset[axis])
+            });
+            if exact {
+                flats.push(seen, e);
+            } else {
+                // A piece is small where its sample is three points.
+                let [a, b, c] = seen.map(glam::Vec3::from_array);
+                let area = 0.5 * (b - a).cross(c - a).length();
+                whole.push(((a + b + c) / 3.0).length_squared(), e.map(|e| e * area));
+            }
+        });
+    }
 }
 
 /// The midpoints between the centroid and the corners, a third of the flux each: exact for quadratic functions.

@@ -30,7 +30,7 @@ fn difference(fixture: Fixture, split_mm: f64, rule: NearField, irradiance: &dyn
     let dipoles = media[0].properties.dipoles(BoundaryFit::Published);
     let mut sums = far_all_pairs(&surface, &dipoles, split_mm, &receivers, &irradiance);
     let near = Near::new(&surface, (&tree, &corners), media, rule, split_mm);
-    near.add(&receivers, &irradiance, &mut sums, &Silent);
+    near.add(&receivers, (&irradiance, &Pieces::default()), &mut sums, &Silent);
     let no_tree = SampleTree::default();
     let gather = Gather::new(&surface, &no_tree, media, NearField::REFERENCE);
     let all = gather.radiosity(&receivers, &gather.light(&irradiance), Scheme::AllPairs, &Silent);

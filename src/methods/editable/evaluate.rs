@@ -27,7 +27,7 @@ use crate::methods::settings::share;
 use crate::progress::{Progress, Silent};
 use crate::transport::balanced_tree::{BalancedTree, LightDetails};
 use crate::transport::gather::{Gather, NearField, Scheme};
-use crate::transport::irradiance::Illumination;
+use crate::transport::irradiance::{Illumination, Pieces};
 use crate::transport::near_field::{Corners, Near};
 use crate::transport::receivers::{Group, Receivers};
 use crate::transport::scene::{self, Medium, Scene, Surface};
@@ -68,6 +68,7 @@ struct EditableEvaluator {
 /// What follows from the lights.
 struct Lit {
     irradiance: Vec<DVec3>,
+    pieces: Pieces,
     far: FarSums,
 }
 
@@ -137,17 +138,19 @@ impl EditableEvaluator {
     }
 
     /// Through the stored rows where there are any for a light, else by rays.
-    fn irradiance(&self, lights: &[Light], progress: &dyn Progress) -> Result<Vec<DVec3>> {
+    fn irradiance(&self, lights: &[Light], progress: &dyn Progress) -> Result<(Vec<DVec3>, Pieces)> {
         let (near, far): (Vec<Light>, Vec<Light>) = lights.iter().cloned().partition(|l| !self.is_stored(l));
         let (Some(rows), false) = (&self.rows, far.is_empty()) else { return self.sampled(lights, progress) };
-        let mut irradiance = match near.as_slice() {
-            [] => vec![DVec3::ZERO; self.asset.samples.len()],
+        let (mut irradiance, mut pieces) = match near.as_slice() {
+            [] => (vec![DVec3::ZERO; self.asset.samples.len()], Pieces::default()),
             near => self.sampled(near, progress)?,
         };
+        let sharp = irradiance.clone();
         progress.start("rows", 0);
         rows.add(&far, (&self.scene.parts, &self.scene.media), &self.asset.samples, &mut irradiance)?;
+        pieces.add(|patch| irradiance[patch] - sharp[patch]);
         progress.finish();
-        Ok(irradiance)
+        Ok((irradiance, pieces))
     }
 
     /// Whether a light goes through the stored rows.
@@ -155,18 +158,18 @@ impl EditableEvaluator {
         comes_from_far_away(light) && self.rows.as_ref().is_some_and(|rows| rows.serve(&self.scene.media))
     }
 
-    fn sampled(&self, lights: &[Light], progress: &dyn Progress) -> Result<Vec<DVec3>> {
+    fn sampled(&self, lights: &[Light], progress: &dyn Progress) -> Result<(Vec<DVec3>, Pieces)> {
         let etas: Vec<f64> = self.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
-        Ok(Illumination::new(&self.surface(), lights, &etas, self.plan.sampling)?.all(progress))
+        Ok(Illumination::new(&self.surface(), lights, &etas, self.plan.sampling)?.all_with_pieces(progress))
     }
 
     fn light(&self, lights: &[Light], progress: &dyn Progress) -> Result<Lit> {
-        let irradiance = self.irradiance(lights, progress)?;
+        let (irradiance, pieces) = self.irradiance(lights, progress)?;
         progress.start("far field", self.far.groups.len() as u64);
         let details = LightDetails::new(&self.asset.samples, &self.patches, &irradiance);
         let far = FarSums::new(Level::detect(), &self.far, &details);
         progress.finish();
-        Ok(Lit { irradiance, far })
+        Ok(Lit { irradiance, pieces, far })
     }
 
     fn combine(&self, lit: &Lit, progress: &dyn Progress) -> Vec<DVec3> {
@@ -189,7 +192,7 @@ impl EditableEvaluator {
         let surface = self.surface();
         let geometry = (&self.tree, &self.corners);
         let near = Near::new(&surface, geometry, &self.scene.media, self.plan.near, self.basis.split_mm());
-        near.add(&self.receivers, &lit.irradiance, &mut values, progress);
+        near.add(&self.receivers, (&lit.irradiance, &lit.pieces), &mut values, progress);
         values
     }
 
@@ -300,7 +303,7 @@ impl Evaluator for EditableEvaluator {
         let mut ledger = Ledger::default();
         // Sampling is that of rays; what rows lose against them has an entry of its own.
         let rays = match self.lights.iter().any(|l| self.is_stored(l)) {
-            true => Some(self.sampled(&self.lights, progress)?),
+            true => Some(self.sampled(&self.lights, progress)?.0),
             false => None,
         };
         let sampled = Sampled {

@@ -14,6 +14,7 @@ use crate::medium::profile_basis::ProfileBasis;
 use crate::progress::Silent;
 use crate::transport::balanced_tree::LightDetails;
 use crate::transport::far_field::Rows;
+use crate::transport::irradiance::Pieces;
 use crate::transport::near_field::{Corners, Near};
 use crate::transport::receivers::{Group, Receivers};
 use crate::transport::scene::{Medium, Scene};
@@ -78,7 +79,7 @@ impl Subset {
             let media = vec![material.medium.clone(); scene.media.len()];
             let near = Near::new(&surface, (&stage.tree, corners), &media, plan.near, stage.split_mm);
             let mut values = vec![DVec3::ZERO; self.receivers.len()];
-            near.add(&self.receivers, irradiance, &mut values, &Silent);
+            near.add(&self.receivers, (irradiance, &Pieces::default()), &mut values, &Silent);
             values
         };
         materials.par_iter().map(of_material).collect()
