@@ -151,10 +151,11 @@ fn build(patches: &[Patch], cells: &mut [Cell]) -> Cell {
     };
     let area = a.area_mm2 + b.area_mm2;
     let centre = (a.area_mm2 * a.centre_mm + b.area_mm2 * b.centre_mm) / area.max(f64::MIN_POSITIVE);
-    let reach = |c: &Cell| c.centre_mm.distance(centre) + c.radius_mm;
+    // From the samples themselves: spheres around spheres grow with every level.
+    let reach = |p: &Patch| p.centre_mm.distance(centre) + p.radius_mm;
     let cell = Cell {
         centre_mm: centre,
-        radius_mm: reach(&a).max(reach(&b)),
+        radius_mm: patches.iter().map(reach).fold(0.0, f64::max),
         area_mm2: area,
         largest_mm: a.largest_mm.max(b.largest_mm),
     };
