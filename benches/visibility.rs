@@ -151,7 +151,7 @@ fn sampled(surface: &Surface, light: &Light, eta: f64, directions: u32) -> Vec<D
     let lights = std::slice::from_ref(light);
     let Ok(illumination) = Illumination::new(surface, lights, &[eta], sampling) else { return Vec::new() };
     let mut out = vec![DVec3::ZERO; surface.samples.len() / EVERY / PROBED * PROBED];
-    let each = |(i, out): (usize, &mut [DVec3])| illumination.range(i * EVERY * PROBED, out);
+    let each = |(i, out): (usize, &mut [DVec3])| drop(illumination.range(i * EVERY * PROBED, out));
     out.par_chunks_mut(PROBED).enumerate().for_each(each);
     out
 }

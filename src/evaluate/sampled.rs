@@ -16,7 +16,7 @@ use crate::light::Light;
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::progress::{Progress, Silent};
 use crate::transport::gather::{Criterion, Gather, NearField, Scheme};
-use crate::transport::irradiance::{Illumination, LightSampling};
+use crate::transport::irradiance::{Illumination, LightSampling, Pieces};
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::{self, Medium, Scene, Surface};
 use crate::transport::tree::SampleTree;
@@ -74,6 +74,9 @@ impl Bound {
     }
 }
 
+/// What there is before there are lights.
+static NO_PIECES: Pieces = Pieces::NONE;
+
 /// Receivers that tune the hierarchy.
 const TUNING_PROBES: usize = 96;
 
@@ -100,7 +103,7 @@ pub struct SampledEvaluator {
     receivers: Receivers,
     areas: Vec<f64>,
     lights: Vec<Light>,
-    irradiance: Option<Vec<DVec3>>,
+    irradiance: Option<(Vec<DVec3>, Pieces)>,
     limit: Option<f64>,
 }
 
@@ -139,7 +142,12 @@ impl SampledEvaluator {
         if self.irradiance.is_none() {
             self.irradiance = Some(self.illuminate(&self.surface(), &self.lights, self.plan.sampling, progress)?);
         }
-        Ok(self.irradiance.as_deref().unwrap_or(&[]))
+        Ok(self.lit().0)
+    }
+
+    /// Irradiance of the samples and of the pieces of those that are not lit evenly; empty before there are lights.
+    fn lit(&self) -> (&[DVec3], &Pieces) {
+        self.irradiance.as_ref().map_or((&[], &NO_PIECES), |(irradiance, pieces)| (irradiance, pieces))
     }
 
     fn illuminate(
@@ -148,9 +156,9 @@ impl SampledEvaluator {
         lights: &[Light],
         sampling: LightSampling,
         progress: &dyn Progress,
-    ) -> Result<Vec<DVec3>> {
+    ) -> Result<(Vec<DVec3>, Pieces)> {
         let etas: Vec<f64> = self.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
-        Ok(Illumination::new(surface, lights, &etas, sampling)?.all(progress))
+        Ok(Illumination::new(surface, lights, &etas, sampling)?.all_with_pieces(progress))
     }
 
     /// Calls `work` with a function from a limit of the criterion to the error of the hierarchy against all pairs, on a
@@ -176,7 +184,7 @@ impl SampledEvaluator {
 
     /// Finds the largest limit of the criterion that keeps the asked error on some receivers.
     fn tune(&mut self, error: f64, bound: Bound) {
-        let irradiance = self.irradiance.as_deref().unwrap_or(&[]);
+        let irradiance = self.lit().0;
         let limit = self.against_all_pairs(irradiance, bound, (TUNING_PROBES, 0), |error_of| {
             let mut limit = bound.first_limit(error);
             let mut kept = None;
@@ -271,7 +279,8 @@ impl Evaluator for SampledEvaluator {
         }
         let surface = self.surface();
         let gather = Gather::new(&surface, &self.tree, &self.scene.media, self.plan.near);
-        let lit = gather.light(self.irradiance.as_deref().unwrap_or(&[]));
+        let (irradiance, pieces) = self.lit();
+        let lit = gather.light_with_pieces(irradiance, pieces);
         let values = gather.radiosity(&self.receivers, &lit, self.scheme(), progress);
         Ok(self.receivers.expand(&values))
     }
@@ -279,12 +288,12 @@ impl Evaluator for SampledEvaluator {
     fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {
         self.irradiance(progress)?;
         let mut ledger = Ledger::default();
-        let irradiance = self.irradiance.as_deref().unwrap_or(&[]);
+        let irradiance = self.lit().0;
         let sampled = Sampled {
             surface: self.surface(),
             media: &self.scene.media,
             lights: &self.lights,
-            irradiance,
+            irradiance: self.lit(),
             sampling: self.plan.sampling,
             near: self.plan.near,
             receivers: &self.receivers,
@@ -293,7 +302,7 @@ impl Evaluator for SampledEvaluator {
         sampled.enter(&mut ledger, progress)?;
         let Some(mut error) = self.hierarchy_error(irradiance) else { return Ok(ledger) };
         for light in unseen {
-            let irradiance =
+            let (irradiance, _) =
                 self.illuminate(&self.surface(), std::slice::from_ref(light), self.plan.sampling, progress)?;
             error = self.hierarchy_error(&irradiance).map_or(error, |other| error.max(other));
         }

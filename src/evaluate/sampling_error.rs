@@ -9,7 +9,7 @@ use crate::light::Light;
 use crate::math::statistics::vertex_error;
 use crate::progress::{Progress, Silent};
 use crate::transport::gather::{Gather, NearField, Scheme};
-use crate::transport::irradiance::{Illumination, LightSampling};
+use crate::transport::irradiance::{Illumination, LightSampling, Pieces};
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::{self, Medium, Scene, Surface};
 use crate::transport::tree::SampleTree;
@@ -25,8 +25,8 @@ pub struct Sampled<'a> {
     pub media: &'a [Medium],
     /// Lights in force.
     pub lights: &'a [Light],
-    /// Irradiance of each sample, RGB.
-    pub irradiance: &'a [DVec3],
+    /// Irradiance of each sample, RGB, and of the pieces of those that are not lit evenly.
+    pub irradiance: (&'a [DVec3], &'a Pieces),
     /// How it was sampled.
     pub sampling: LightSampling,
     /// How near samples are integrated.
@@ -52,15 +52,16 @@ impl Sampled<'_> {
         let points_per_patch = 4 * self.sampling.points_per_patch;
         let sampling = LightSampling { points_per_patch, ..self.sampling };
         let etas: Vec<f64> = self.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
-        let irradiance = Illumination::new(&surface, self.lights, &etas, sampling)?.all(progress);
+        let irradiance = Illumination::new(&surface, self.lights, &etas, sampling)?.all_with_pieces(progress);
         let (subset, indices) = self.receivers.subset(PROBES, 2);
-        let sum = |surface: &Surface, irradiance: &[DVec3]| {
+        let sum = |surface: &Surface, (irradiance, pieces): (&[DVec3], &Pieces)| {
             // All pairs need no tree.
             let tree = SampleTree::default();
             let gather = Gather::new(surface, &tree, self.media, self.near);
-            gather.radiosity(&subset, &gather.light(irradiance), Scheme::AllPairs, &Silent)
+            gather.radiosity(&subset, &gather.light_with_pieces(irradiance, pieces), Scheme::AllPairs, &Silent)
         };
-        let (theirs, ours) = (sum(&surface, &irradiance), sum(&self.surface, self.irradiance));
+        let theirs = sum(&surface, (&irradiance.0, &irradiance.1));
+        let ours = sum(&self.surface, self.irradiance);
         let areas: Vec<f64> = indices.iter().map(|&i| self.areas[i as usize]).collect();
         let (n, m) = (samples.len() as f64, other.len() as f64);
         // e(N) = k / N: the difference is |k / m - k / n|.

@@ -7,6 +7,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::irradiance::{Pieces, pieces};
 use super::kernel::{self, Block, FlatSource, KernelRgb, PointSource};
 use super::receivers::{Group, Receivers};
 use super::scene::{Medium, Surface};
@@ -102,6 +103,8 @@ pub struct Gather<'a> {
 /// Irradiance of the samples and what the tree makes of it.
 pub struct Lit<'a> {
     irradiance: &'a [DVec3],
+    /// Samples that are not lit evenly.
+    pieces: Option<&'a Pieces>,
     clusters: Vec<Cluster>,
     /// A power of two that brings the brightest irradiance near 1, into the range of single precision.
     scale: f64,
@@ -139,7 +142,12 @@ impl<'a> Gather<'a> {
         let brightest = irradiance.iter().map(|e| e.max_element()).fold(0.0, f64::max);
         let usable = brightest > 0.0 && brightest.is_finite();
         let scale = if usable { (-brightest.log2().floor().clamp(-1000.0, 1000.0)).exp2() } else { 1.0 };
-        Lit { irradiance, clusters: self.tree.light(self.surface.patches, irradiance), scale }
+        Lit { irradiance, pieces: None, clusters: self.tree.light(self.surface.patches, irradiance), scale }
+    }
+
+    /// The same, with what is known of samples that are not lit evenly.
+    pub fn light_with_pieces<'b>(&self, irradiance: &'b [DVec3], pieces: &'b Pieces) -> Lit<'b> {
+        Lit { pieces: Some(pieces), ..self.light(irradiance) }
     }
 
     /// Radiosity of every receiver, RGB. A receiver's value depends on its own group only.
@@ -263,6 +271,21 @@ impl<'a> Gather<'a> {
         }
         let exact = below(self.near.exact_below);
         let mesh = &self.surface.scene.mesh;
+        if let (Some(irradiance), [facet]) = (lit.pieces.and_then(|p| p.of(index)), self.surface.samples.patch(index)) {
+            let mut irradiance = irradiance.iter();
+            pieces(facet.corners_local_mm(mesh), irradiance.len() as u32, &mut |corners| {
+                let e = irradiance.next().map_or(DVec3::ZERO, |e| *e * lit.scale);
+                if e == DVec3::ZERO {
+                } else if exact {
+                    lists.flats.extend(FlatSource::new(corners, e.as_vec3().to_array(), sphere.centre));
+                } else {
+                    // A piece is small where its sample is three points.
+                    let centre = corners.iter().sum::<DVec3>() / 3.0;
+                    lists.points.push(point(centre, e * crate::geometry::samples::area(corners), sphere));
+                }
+            });
+            return;
+        }
         for facet in self.surface.samples.patch(index) {
             let corners = facet.corners_local_mm(mesh);
             if exact {

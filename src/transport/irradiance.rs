@@ -251,6 +251,9 @@ pub struct Pieces {
 }
 
 impl Pieces {
+    /// Every sample lit evenly.
+    pub const NONE: Self = Self { first: Vec::new(), irradiance: Vec::new(), count: 0 };
+
     /// Adds an even irradiance to all pieces of each sample, RGB.
     pub fn add(&mut self, of_patch: impl Fn(usize) -> DVec3) {
         for (patch, &first) in self.first.iter().enumerate().filter(|(_, first)| **first != u32::MAX) {

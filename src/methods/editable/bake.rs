@@ -21,7 +21,7 @@ use crate::progress::{Progress, Silent};
 use crate::transport::balanced_tree::{BalancedTree, LightDetails, in_tree_order};
 use crate::transport::expected_light::expected_details;
 use crate::transport::far_field::{FarTransport, LANES, Precision, Rows, TERMS};
-use crate::transport::irradiance::{Illumination, LightSampling};
+use crate::transport::irradiance::{Illumination, LightSampling, Pieces};
 use crate::transport::near_field::Corners;
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::{self, Scene, Surface};
@@ -81,12 +81,17 @@ impl Stage {
         Surface { scene, bvh: &self.bvh, samples: &self.samples, patches: &self.patches }
     }
 
-    /// Irradiance of every sample under one light.
-    pub(super) fn irradiance(&self, scene: &Scene, light: &Light, sampling: LightSampling) -> Result<Vec<DVec3>> {
+    /// Irradiance of every sample under one light, and of the pieces of those that are not lit evenly.
+    pub(super) fn irradiance(
+        &self,
+        scene: &Scene,
+        light: &Light,
+        sampling: LightSampling,
+    ) -> Result<(Vec<DVec3>, Pieces)> {
         let etas: Vec<f64> = scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
         let surface = self.surface(scene);
         let lights = std::slice::from_ref(light);
-        Ok(Illumination::new(&surface, lights, &etas, sampling)?.all(&Silent))
+        Ok(Illumination::new(&surface, lights, &etas, sampling)?.all_with_pieces(&Silent))
     }
 
     /// Largest distance between two points of one part, mm, or a little more.
@@ -174,7 +179,7 @@ fn expected_light(
     let chosen: Vec<usize> = choice::tuning_lights(lights).collect();
     let (mut details, mut tuning) = (Vec::with_capacity(lights.len()), Vec::with_capacity(chosen.len()));
     for (index, light) in lights.iter().enumerate() {
-        let irradiance = stage.irradiance(scene, light, sampling)?;
+        let (irradiance, _) = stage.irradiance(scene, light, sampling)?;
         let found = LightDetails::new(&stage.samples, &stage.patches, &irradiance);
         if chosen.contains(&index) {
             tuning.push(Tuning { irradiance, details: found.clone() });

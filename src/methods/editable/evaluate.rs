@@ -211,7 +211,8 @@ impl EditableEvaluator {
         let (subset, indices) = self.receivers.subset(PROBES, 1);
         let (surface, tree) = (self.surface(), SampleTree::default());
         let gather = Gather::new(&surface, &tree, &self.scene.media, NearField::REFERENCE);
-        let truth = gather.radiosity(&subset, &gather.light(&lit.irradiance), Scheme::AllPairs, &Silent);
+        let light = gather.light_with_pieces(&lit.irradiance, &lit.pieces);
+        let truth = gather.radiosity(&subset, &light, Scheme::AllPairs, &Silent);
         let all = self.combine(lit, &Silent);
         let values: Vec<DVec3> = indices.iter().map(|&i| all[i as usize]).collect();
         let areas: Vec<f64> = indices.iter().map(|&i| self.areas[i as usize]).collect();
@@ -303,14 +304,14 @@ impl Evaluator for EditableEvaluator {
         let mut ledger = Ledger::default();
         // Sampling is that of rays; what rows lose against them has an entry of its own.
         let rays = match self.lights.iter().any(|l| self.is_stored(l)) {
-            true => Some(self.sampled(&self.lights, progress)?.0),
+            true => Some(self.sampled(&self.lights, progress)?),
             false => None,
         };
         let sampled = Sampled {
             surface: self.surface(),
             media: &self.scene.media,
             lights: &self.lights,
-            irradiance: rays.as_ref().unwrap_or(&lit.irradiance),
+            irradiance: rays.as_ref().map_or((&lit.irradiance, &lit.pieces), |(e, pieces)| (e, pieces)),
             sampling: self.plan.sampling,
             near: self.plan.near,
             receivers: &self.receivers,
@@ -318,7 +319,7 @@ impl Evaluator for EditableEvaluator {
         };
         sampled.enter(&mut ledger, progress)?;
         if let Some(rays) = rays {
-            let error = self.rows_error(&lit.irradiance, &rays);
+            let error = self.rows_error(&lit.irradiance, &rays.0);
             ledger.add("environment", error, "stored rows (cube map, truncation, quantiser) against rays");
         }
         let mut error = self.transport_error(&lit);

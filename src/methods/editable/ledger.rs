@@ -69,7 +69,7 @@ pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
     let measured = baked.rows();
     let mut worst: Option<Errors> = None;
     for &light in &unseen {
-        let irradiance = stage.irradiance(scene, light, plan.sampling)?;
+        let (irradiance, pieces) = stage.irradiance(scene, light, plan.sampling)?;
         let errors = baked.under(&measured, &irradiance);
         worst = Some(worst.map_or(errors, |w| std::array::from_fn(|i| w[i].max(errors[i]))));
         progress.advance(1);
@@ -78,7 +78,7 @@ pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
             surface: stage.surface(scene),
             media: &scene.media,
             lights: std::slice::from_ref(light),
-            irradiance: &irradiance,
+            irradiance: (&irradiance, &pieces),
             sampling: plan.sampling,
             near: plan.near,
             receivers: &stage.receivers,
