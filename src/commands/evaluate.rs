@@ -74,8 +74,8 @@ pub(super) fn run(args: &EvaluateArgs, console: &Console) -> Result<ExitCode> {
         return Err(Error::unsupported("--device gpu: this build evaluates on the CPU only; leave the option out"));
     }
     let lights = args.lights.load(console)?;
-    let Opened { asset, method, mut evaluator } = args.asset.open(console)?;
-    let asked = asset.provenance.settings.get("max-rms").and_then(|t| t.parse().ok());
+    let Opened { provenance, method, mut evaluator } = args.asset.open(console)?;
+    let asked = provenance.settings.get("max-rms").and_then(|t| t.parse().ok());
     let measure = if args.measure { Measure::Yes } else { Measure::No };
     let result = finish(evaluator.as_mut(), method.name(), lights, &args.output, measure, asked, console)?;
     let verdict = judge(&result, console);

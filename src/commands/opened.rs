@@ -7,7 +7,7 @@ use clap::Args;
 
 use super::console::Console;
 use super::media::{MediumArgs, edited_media};
-use crate::asset::Asset;
+use crate::asset::{Asset, Provenance};
 use crate::error::{Error, Result};
 use crate::evaluate::{Evaluator, Method};
 use crate::methods;
@@ -23,7 +23,7 @@ pub(super) struct AssetArgs {
 
 /// An asset with its evaluator.
 pub(super) struct Opened {
-    pub(super) asset: Arc<Asset>,
+    pub(super) provenance: Provenance,
     pub(super) method: &'static dyn Method,
     pub(super) evaluator: Box<dyn Evaluator>,
 }
@@ -42,6 +42,7 @@ impl AssetArgs {
         if let Some(media) = edited_media(&self.media, evaluator.scene())? {
             evaluator.set_media(media)?;
         }
-        Ok(Opened { asset, method, evaluator })
+        // The asset goes, and with it what the evaluator has in another form.
+        Ok(Opened { provenance: asset.provenance.clone(), method, evaluator })
     }
 }

@@ -18,7 +18,7 @@ use crate::evaluate::sampling_error::{Sampled, receiver_areas};
 use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit};
 use crate::geometry::bvh::Bvh;
 use crate::geometry::cluster::Run;
-use crate::geometry::samples::Patch;
+use crate::geometry::samples::{Patch, Samples};
 use crate::light::Light;
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::medium::fresnel::BoundaryFit;
@@ -47,7 +47,8 @@ const RUN: usize = 1024;
 type Coefficients = [Vec<f64>; 3];
 
 struct EditableEvaluator {
-    asset: Arc<Asset>,
+    // Not the asset: its sections would be in memory twice.
+    samples: Samples,
     scene: Scene,
     plan: Plan,
     bvh: Bvh,
@@ -91,7 +92,7 @@ pub(super) fn open(asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
     let areas = receiver_areas(&scene, &receivers);
     let media = scene.media.clone();
     let mut evaluator = EditableEvaluator {
-        asset,
+        samples: asset.samples.clone(),
         scene,
         plan,
         bvh,
@@ -134,7 +135,7 @@ fn receivers(scene: &Scene, far: &FarField) -> Receivers {
 
 impl EditableEvaluator {
     fn surface(&self) -> Surface<'_> {
-        Surface { scene: &self.scene, bvh: &self.bvh, samples: &self.asset.samples, patches: &self.patches }
+        Surface { scene: &self.scene, bvh: &self.bvh, samples: &self.samples, patches: &self.patches }
     }
 
     /// Through the stored rows where there are any for a light, else by rays.
@@ -142,12 +143,12 @@ impl EditableEvaluator {
         let (near, far): (Vec<Light>, Vec<Light>) = lights.iter().cloned().partition(|l| !self.is_stored(l));
         let (Some(rows), false) = (&self.rows, far.is_empty()) else { return self.sampled(lights, progress) };
         let (mut irradiance, mut pieces) = match near.as_slice() {
-            [] => (vec![DVec3::ZERO; self.asset.samples.len()], Pieces::default()),
+            [] => (vec![DVec3::ZERO; self.samples.len()], Pieces::default()),
             near => self.sampled(near, progress)?,
         };
         let sharp = irradiance.clone();
         progress.start("rows", 0);
-        rows.add(&far, (&self.scene.parts, &self.scene.media), &self.asset.samples, &mut irradiance)?;
+        rows.add(&far, (&self.scene.parts, &self.scene.media), &self.samples, &mut irradiance)?;
         pieces.add(|patch| irradiance[patch] - sharp[patch]);
         progress.finish();
         Ok((irradiance, pieces))
@@ -166,7 +167,7 @@ impl EditableEvaluator {
     fn light(&self, lights: &[Light], progress: &dyn Progress) -> Result<Lit> {
         let (irradiance, pieces) = self.irradiance(lights, progress)?;
         progress.start("far field", self.far.groups.len() as u64);
-        let details = LightDetails::new(&self.asset.samples, &self.patches, &irradiance);
+        let details = LightDetails::new(&self.samples, &self.patches, &irradiance);
         let far = FarSums::new(Level::detect(), &self.far, &details);
         progress.finish();
         Ok(Lit { irradiance, pieces, far })
@@ -228,13 +229,13 @@ impl Evaluator for EditableEvaluator {
     fn cost(&self) -> Cost {
         let far = &self.far;
         Cost {
-            samples: self.asset.samples.len(),
+            samples: self.samples.len(),
             receivers: self.receivers.len(),
             resident_bytes: self.tree.bytes()
                 + self.corners.bytes()
                 + size_of_val(self.patches.as_slice())
-                + size_of_val(self.asset.samples.facets.as_slice())
-                + size_of_val(self.asset.samples.patch_offsets.as_slice())
+                + size_of_val(self.samples.facets.as_slice())
+                + size_of_val(self.samples.patch_offsets.as_slice())
                 + size_of_val(far.narrow.as_slice())
                 + size_of_val(far.wide.as_slice())
                 + size_of_val(far.wide_masks.as_slice())
