@@ -239,7 +239,8 @@ fn of_method(provenance: &translux_format::Provenance) -> Vec<Finding> {
         let message = format!("method `{}`; this build has {}", provenance.method, known.join(", "));
         return vec![Finding::new(&UNKNOWN_METHOD, tag, message)];
     };
-    let wanted: BTreeSet<&str> = method.keys().iter().map(|key| key.name).chain(["max-rms", "samples"]).collect();
+    let of_every_method = ["for-lights", "max-rms", "samples"];
+    let wanted: BTreeSet<&str> = method.keys().iter().map(|key| key.name).chain(of_every_method).collect();
     let there: BTreeSet<&str> = provenance.settings.iter().map(|(key, _)| key.as_str()).collect();
     let list = |keys: BTreeSet<&str>| keys.into_iter().map(|key| format!("`{key}`")).collect::<Vec<_>>().join(", ");
     let mut out = Vec::new();
