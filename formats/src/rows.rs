@@ -1,8 +1,9 @@
 //! Irradiance rows over a cube map: for every patch, sparse quantised Haar coefficients of what it receives from far away.
 //!
 //! [`IrradianceRows::from_sections`] checks while it decodes, in one pass over the bytes. 131,072 patches of 122 details and
-//! two terms: 14 ms into memory that the process has already, 40 ms into fresh memory, whose page faults are the difference;
-//! copies of the sections and a detail at a time took 70 ms. A second thread saved nothing: page faults wait for each other.
+//! two terms: 14 ms into memory that the process has already, 25 to 45 ms into fresh memory (64 MB), whose page faults are
+//! the difference; copies of the sections and a detail at a time took 70 ms. A second thread saved nothing: page faults
+//! wait for each other.
 
 use crate::asset::{RawSection, pick};
 use crate::checks::{Ranges, in_range, invalid, offsets, same_length};

