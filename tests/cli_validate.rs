@@ -10,6 +10,7 @@ use serde_json::Value;
 use translux::geometry::shapes;
 use translux_format::far_field::{FarField, NO_RECEIVER, Shape};
 use translux_format::profile_basis::ProfileBasis;
+use translux_format::rows::IrradianceRows;
 use translux_format::{AssetFile, Budget, Codec, Kind, LedgerEntry, MediumRecord, RawSection, Reader, Tag};
 
 /// A small asset that nothing is wrong with.
@@ -68,12 +69,13 @@ type Case = (fn(&mut AssetFile), u64, &'static str, &'static str);
 
 #[test]
 fn every_finding_of_the_catalogue() {
-    let cases: [Case; 16] = [
+    let cases: [Case; 17] = [
         (|a| a.provenance.method = "crystal_ball".into(), 100, "error", "meta.src"),
         (|a| set(a, "max-rms", "a lot"), 102, "error", "meta.src"),
         (|a| add_far_field(a, 2, 3), 103, "error", "far.stp"),
         (|a| a.samples = translux_format::Samples::none(1), 104, "error", "samp.prt"),
         (|a| a.samples.facets[7][1] <<= 1, 105, "error", "samp.prt"),
+        (|a| add_rows(a, a.samples.patch_count(), 0.0), 106, "error", "rows.fun"),
         (|a| a.parts.parts[0].opaque = true, 110, "warning", "samp.prt"),
         (add_empty_triangle, 111, "warning", "samp.off"),
         (add_empty_triangle, 112, "warning", "mesh.tri"),
@@ -142,6 +144,51 @@ fn add_far_field(asset: &mut AssetFile, terms: usize, basis_terms: usize) {
     let basis = ProfileBasis { split_mm: 1.0, nodes_mm: vec![1.0], weights_mm4: vec![1.0], functions };
     asset.extra.extend(field.to_sections(&Shape::new(vertices, &asset.samples)).unwrap());
     asset.extra.extend(basis.to_sections().unwrap());
+}
+
+/// Irradiance rows without details for this many patches, of the function `scale mu`.
+fn add_rows(asset: &mut AssetFile, patches: usize, scale: f64) {
+    let mut function = [0.0; 9];
+    function[0] = scale;
+    let rows = IrradianceRows {
+        side: 32,
+        terms: 1,
+        offsets: vec![0; patches + 1],
+        steps: vec![1.0; patches],
+        scaling: vec![1; 6 * patches],
+        scaling_steps: vec![1.0; patches],
+        functions: vec![function],
+        ..Default::default()
+    };
+    asset.extra.extend(rows.to_sections().unwrap());
+}
+
+#[test]
+fn irradiance_rows_are_decoded_and_fit_the_samples() {
+    let (code, found) = changed(|a| add_rows(a, a.samples.patch_count(), 1.0));
+    assert_eq!((code, found), (0, vec![]));
+    let error = |number, tag: &str| (3, vec![(number, "error".to_owned(), Some(tag.to_owned()))]);
+    for change in [-1, 1] {
+        let found = changed(|a| add_rows(a, a.samples.patch_count().wrapping_add_signed(change), 1.0));
+        assert_eq!(found, error(21, "rows.cnt"));
+    }
+    for tag in translux_format::rows::tags::ALL {
+        let found = changed(|a| {
+            add_rows(a, a.samples.patch_count(), 1.0);
+            a.extra.retain(|section| section.tag != tag);
+        });
+        assert_eq!(found, error(18, tag.as_str()));
+    }
+    let found = changed(|a| {
+        add_rows(a, a.samples.patch_count(), 1.0);
+        let steps = a.extra.iter_mut().find(|section| section.tag.as_str() == "rows.stp").unwrap();
+        steps.bytes[..4].copy_from_slice(&f32::NAN.to_le_bytes());
+    });
+    assert_eq!(found, error(21, "rows.stp"));
+    let unknown = Tag::new("rows.new").unwrap();
+    let (code, found) =
+        changed(|a| a.extra.push(RawSection::from_rows(unknown, Kind::Environment, Codec::Raw, &[1u8])));
+    assert_eq!((code, found), (0, vec![(130, "warning".into(), Some("rows.new".into()))]));
 }
 
 #[test]

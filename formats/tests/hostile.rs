@@ -9,6 +9,7 @@ use std::cell::Cell;
 use common::{Entry, Random, build, full_asset, full_asset_0_1, mutate, seal, sections_of};
 use translux_format::far_field::{self, FarField, Shape};
 use translux_format::profile_basis::{self, ProfileBasis};
+use translux_format::rows::{self, IrradianceRows};
 use translux_format::{AssetFile, Budget, COMMON_TAGS, FormatError, Reader, Tag, scan};
 
 thread_local! {
@@ -97,6 +98,9 @@ fn decode_method(asset: &AssetFile) {
     }
     if let Ok(Some(basis)) = within(limit, || ProfileBasis::from_sections(&asset.extra)) {
         basis.validate().unwrap();
+    }
+    if let Ok(Some(rows)) = within(limit, || IrradianceRows::from_sections(&asset.extra, asset.samples.patch_count())) {
+        rows.validate().unwrap();
     }
 }
 
@@ -308,7 +312,8 @@ fn ten_thousand_mutations_of_the_content() {
 #[test]
 fn every_byte_of_the_method_sections_with_right_checksums() {
     let sections = sections_of(&full());
-    let tags: Vec<Tag> = far_field::tags::ALL.into_iter().chain(profile_basis::tags::ALL).collect();
+    let tags: Vec<Tag> =
+        far_field::tags::ALL.into_iter().chain(profile_basis::tags::ALL).chain(rows::tags::ALL).collect();
     let shape_of = |asset: &AssetFile| asset.mesh.positions_mm.len();
     let (mut refused, mut accepted) = (0, 0);
     for index in (0..sections.len()).filter(|&i| tags.contains(&sections[i].tag)) {
@@ -320,13 +325,16 @@ fn every_byte_of_the_method_sections_with_right_checksums() {
                 let asset = decode(&build(&entries)).unwrap();
                 let shape = Shape::new(shape_of(&asset), &asset.samples);
                 let field = FarField::from_sections(&asset.extra, &shape).map(drop);
-                match field.and(ProfileBasis::from_sections(&asset.extra).map(drop)) {
+                let rows = IrradianceRows::from_sections(&asset.extra, asset.samples.patch_count()).map(drop);
+                match field.and(ProfileBasis::from_sections(&asset.extra).map(drop)).and(rows) {
                     Ok(()) => accepted += 1,
                     Err(error) => {
                         // Wrong ends of groups may be noticed at what they cut.
                         let blamed = [Some(sections[index].tag), error.tag()].map(|tag| tag.unwrap());
-                        let together = far_field::tags::ALL.iter().filter(|tag| blamed.contains(tag)).count();
-                        assert!(error.code() == 21 && (blamed[0] == blamed[1] || together == 2), "byte {at}: {error}");
+                        let together = [&far_field::tags::ALL[..], &rows::tags::ALL]
+                            .map(|of_one| of_one.iter().filter(|tag| blamed.contains(tag)).count());
+                        let fits = blamed[0] == blamed[1] || together.contains(&2);
+                        assert!(error.code() == 21 && fits, "byte {at}: {error}");
                         refused += 1;
                     }
                 }
@@ -340,7 +348,9 @@ fn every_byte_of_the_method_sections_with_right_checksums() {
 #[test]
 fn method_sections_that_claim_much_take_no_memory() {
     let sections = sections_of(&full());
-    for (tag, words) in [("far.grp", 3), ("far.grp", 6), ("far.rcv", 6), ("far.stp", 2)] {
+    for (tag, words) in
+        [("far.grp", 3), ("far.grp", 6), ("far.rcv", 6), ("far.stp", 2), ("rows.dim", 2), ("rows.cnt", 1)]
+    {
         for value in [u32::MAX, u32::MAX - 1, 1 << 31, (1 << 28) - 1] {
             for at in 0..words {
                 let mut entries: Vec<Entry> = sections.iter().map(Entry::raw).collect();

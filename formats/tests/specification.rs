@@ -6,6 +6,7 @@ mod common;
 use common::{crc32, f64_at, full_asset, full_asset_0_1, u16_at, u32_at, u64_at};
 use translux_format::far_field::{FarField, Group, NO_RECEIVER, Shape};
 use translux_format::profile_basis::ProfileBasis;
+use translux_format::rows::IrradianceRows;
 use translux_format::{AssetFile, Mesh, PartRecord, Parts, Samples};
 
 const GOLDEN_0_0: &[u8] = include_bytes!("data/v0_0_full.tlux");
@@ -427,4 +428,118 @@ fn the_example_of_the_page_is_right() {
     let numbers =
         ["1.38671875 ", "1.7734375\n", "16.9140625\n", "-515.94775390625\n", "4 1 1 0 1 0 0 0 2 0", "-370.625\n"];
     numbers.iter().for_each(|number| assert!(PAGE.contains(number), "{number} is not on the page"));
+}
+
+/// Irradiance rows, read as the page says.
+struct RowsByHand {
+    /// `n` and `J`
+    dimensions: [u32; 2],
+    /// `[patch][detail]`
+    places: Vec<Vec<u32>>,
+    /// `[patch][term][detail]`
+    values: Vec<Vec<Vec<i8>>>,
+    /// `[patch][term][face]`
+    scaling: Vec<Vec<Vec<i16>>>,
+    steps: Vec<f32>,
+    scaling_steps: Vec<f32>,
+    /// `[term][power - 1]`
+    functions: Vec<Vec<f64>>,
+}
+
+fn environment<'a>(sections: &'a [Section], tag: &str, element: u8, components: u16) -> &'a [u8] {
+    let section = sections.iter().find(|section| section.tag == tag).unwrap();
+    assert_eq!((section.element, section.components, section.kind), (element, components, 4), "{tag}");
+    &section.bytes
+}
+
+fn rows_of_environment_by_hand(sections: &[Section]) -> RowsByHand {
+    let f32s = |tag| u32s(environment(sections, tag, 10, 1)).into_iter().map(f32::from_bits).collect();
+    let dimensions: [u32; 2] = u32s(environment(sections, "rows.dim", 5, 2)).try_into().unwrap();
+    let terms = dimensions[1] as usize;
+    let counts = environment(sections, "rows.cnt", 3, 1).chunks_exact(2).map(|b| usize::from(u16_at(b, 0)));
+    let counts: Vec<usize> = counts.collect();
+    let (patches, total): (usize, usize) = (counts.len(), counts.iter().sum());
+    let two = |bytes: &[u8], i: usize| u16::from_le_bytes([bytes[i], bytes[bytes.len() / 2 + i]]);
+    let differences = environment(sections, "rows.idx", 1, 1);
+    let values = environment(sections, "rows.val", 2, 1);
+    let scaling = environment(sections, "rows.sca", 1, 1);
+    assert_eq!([differences.len(), values.len(), scaling.len()], [2 * total, terms * total, 12 * terms * patches]);
+    let (mut places, mut of_details, mut first) = (Vec::new(), Vec::new(), 0);
+    for count in counts {
+        let mut row: Vec<u32> = Vec::new();
+        for i in first..first + count {
+            let number = u32::from(two(differences, i));
+            row.push(row.last().map_or(number, |before| before + 1 + number));
+        }
+        places.push(row);
+        let of_term = |j: usize| values[j * total + first..][..count].iter().map(|&byte| byte as i8).collect();
+        of_details.push((0..terms).map(of_term).collect());
+        first += count;
+    }
+    let of_face = |i: usize, j: usize, f: usize| two(scaling, (6 * j + f) * patches + i) as i16;
+    let of_patch = |i: usize| (0..terms).map(|j| (0..6).map(|f| of_face(i, j, f)).collect()).collect();
+    RowsByHand {
+        dimensions,
+        places,
+        values: of_details,
+        scaling: (0..patches).map(of_patch).collect(),
+        steps: f32s("rows.stp"),
+        scaling_steps: f32s("rows.scs"),
+        functions: f64s(environment(sections, "rows.fun", 11, 9)).chunks_exact(9).map(<[f64]>::to_vec).collect(),
+    }
+}
+
+#[test]
+fn irradiance_rows_read_as_the_page_says() {
+    let asset = full_asset_0_1();
+    let by_hand = rows_of_environment_by_hand(&read_by_hand(GOLDEN));
+    let rows = IrradianceRows::from_sections(&asset.extra, asset.samples.patch_count()).unwrap().unwrap();
+    assert_eq!(by_hand.dimensions, [32, 2]);
+    assert_eq!(by_hand.places, [vec![1, 700, 6143], vec![], vec![2, 1025]]);
+    assert_eq!(by_hand.places.concat(), rows.indices.iter().map(|&place| u32::from(place)).collect::<Vec<_>>());
+    assert_eq!(by_hand.values[0], [[127, -5, 3], [0, 2, -127]]);
+    assert_eq!(by_hand.values.concat().concat(), rows.values);
+    assert_eq!(by_hand.scaling.concat().concat(), rows.scaling);
+    assert_eq!((by_hand.steps, by_hand.scaling_steps), (rows.steps, rows.scaling_steps));
+    assert_eq!(by_hand.functions, rows.functions);
+}
+
+/// `Int_0^1 f dmu` by Simpson's rule.
+fn integral(f: impl Fn(f64) -> f64) -> f64 {
+    const INTERVALS: u32 = 4000;
+    let weight = |i: u32| match i {
+        0 | INTERVALS => 1.0,
+        _ => f64::from(2 + 2 * (i % 2)),
+    };
+    (0..=INTERVALS).map(|i| weight(i) * f(f64::from(i) / f64::from(INTERVALS))).sum::<f64>() / f64::from(3 * INTERVALS)
+}
+
+/// The c_j of functions, as the page says.
+fn entrance_by_hand(functions: &[Vec<f64>], eta: f64) -> (f64, Vec<f64>) {
+    let f = |j: usize, mu: f64| functions[j].iter().zip(1..).map(|(a, power)| a * mu.powi(power)).sum::<f64>();
+    let transmittance = |mu: f64| {
+        let m = (mu * mu + eta * eta - 1.0).sqrt() / eta;
+        2.0 * eta * mu * m * ((mu + eta * m).powi(-2) + (eta * mu + m).powi(-2))
+    };
+    let terms = 0..functions.len();
+    let t = integral(|mu| transmittance(mu) * mu);
+    let q: Vec<f64> = terms.clone().map(|j| integral(|mu| f(j, mu) * f(j, mu))).collect();
+    let g: Vec<f64> = terms.clone().map(|j| integral(|mu| f(j, mu))).collect();
+    let b: Vec<f64> = terms.clone().map(|j| integral(|mu| transmittance(mu) * mu * f(j, mu)) / q[j]).collect();
+    let missing = t - terms.clone().map(|j| b[j] * g[j]).sum::<f64>();
+    let size: f64 = terms.clone().map(|j| g[j] * g[j] / q[j]).sum();
+    (t, terms.map(|j| b[j] + missing / size * g[j] / q[j]).collect())
+}
+
+/// The functions of the frozen file are those of the page's example.
+#[test]
+fn the_example_of_the_functions_of_the_angle_is_right() {
+    let by_hand = rows_of_environment_by_hand(&read_by_hand(GOLDEN));
+    let (t, c) = entrance_by_hand(&by_hand.functions, 1.5);
+    let whole = integral(|mu| c[0] * mu + c[1] * (mu * mu - 0.75 * mu));
+    assert!((whole - t).abs() < 1e-12, "{whole} {t}");
+    for number in [t, c[0], c[1]] {
+        let text = format!(" {number:.6}");
+        assert!(PAGE.contains(&text), "{text} is not on the page");
+    }
 }

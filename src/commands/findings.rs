@@ -6,15 +6,15 @@ use glam::{DVec3, Vec3};
 use serde::Serialize;
 use translux_format::far_field::{self, FarField, Shape};
 use translux_format::profile_basis::{self, ProfileBasis};
-use translux_format::{
-    COMMON_TAGS, FormatError, Kind, Scan, VERSION_MAJOR, VERSION_MINOR, mesh, metadata, parts, samples,
-};
+use translux_format::rows::{self, IrradianceRows};
+use translux_format::{COMMON_TAGS, FormatError, Scan, VERSION_MAJOR, VERSION_MINOR, mesh, metadata, parts, samples};
 
 use super::console::percent;
 use super::validate::Finding;
 use crate::asset::ALGORITHM_REVISION;
 use crate::geometry::mesh::Mesh;
 use crate::geometry::samples::{Facet, area};
+use crate::medium::entrance_basis::EntranceBasis;
 use crate::methods;
 use crate::methods::settings::share;
 
@@ -61,6 +61,7 @@ catalogue! {
     TERMS = 103 Error "Terms" "far field and basis have unlike numbers of functions";
     NO_SAMPLES = 104 Error "NoSamples" "light travels in a part that has no samples";
     SAMPLE_AREA = 105 Error "SampleArea" "the samples of a part do not cover its surface once";
+    ANGLES = 106 Error "Angles" "the irradiance rows have useless functions of the angle";
     OPAQUE_SAMPLES = 110 Warning "OpaqueSamples" "a part that only casts shadows has samples";
     EMPTY_PATCHES = 111 Warning "EmptyPatches" "samples have no area";
     EMPTY_TRIANGLES = 112 Warning "EmptyTriangles" "triangles have no area";
@@ -87,9 +88,8 @@ pub(super) fn of_version(scan: &Scan) -> Vec<Finding> {
         out.push(Finding::new(&NEWER_VERSION, None, format!("version {major}.{minor}; {known}")));
     }
     for section in &scan.sections {
-        let ours = COMMON_TAGS.iter().chain(&far_field::tags::ALL).chain(&profile_basis::tags::ALL);
-        // What an environment needs is a matter of the method that opens the asset.
-        if section.kind != Kind::Environment && !ours.into_iter().any(|tag| *tag == section.tag) {
+        let of_methods = [&far_field::tags::ALL[..], &profile_basis::tags::ALL, &rows::tags::ALL];
+        if !COMMON_TAGS.iter().chain(of_methods.into_iter().flatten()).any(|tag| *tag == section.tag) {
             let (bytes, kind) = (section.stored_bytes, section.kind);
             let message = format!("section {} ({kind}, {bytes} bytes) is unknown", section.tag);
             out.push(Finding::new(&UNKNOWN_SECTION, Some(section.tag), message));
@@ -239,7 +239,8 @@ fn of_method(provenance: &translux_format::Provenance) -> Vec<Finding> {
         let message = format!("method `{}`; this build has {}", provenance.method, known.join(", "));
         return vec![Finding::new(&UNKNOWN_METHOD, tag, message)];
     };
-    let wanted: BTreeSet<&str> = method.keys().iter().map(|key| key.name).chain(["max-rms", "samples"]).collect();
+    let of_every_method = ["for-lights", "max-rms", "samples"];
+    let wanted: BTreeSet<&str> = method.keys().iter().map(|key| key.name).chain(of_every_method).collect();
     let there: BTreeSet<&str> = provenance.settings.iter().map(|(key, _)| key.as_str()).collect();
     let list = |keys: BTreeSet<&str>| keys.into_iter().map(|key| format!("`{key}`")).collect::<Vec<_>>().join(", ");
     let mut out = Vec::new();
@@ -255,7 +256,7 @@ fn of_method(provenance: &translux_format::Provenance) -> Vec<Finding> {
     out
 }
 
-/// Far field and basis where they are there.
+/// Far field, basis and irradiance rows where they are there.
 ///
 /// # Errors
 /// What their sections are refused for.
@@ -264,7 +265,7 @@ pub(super) fn of_method_sections(scan: &Scan) -> Result<Vec<Finding>, Vec<Format
     let damaged: Vec<_> = scan.errors.iter().filter_map(FormatError::tag).collect();
     let intact = |tags: &[translux_format::Tag]| !tags.iter().any(|tag| damaged.contains(tag));
     let mut errors = Vec::new();
-    let (mut field, mut basis) = (None, None);
+    let (mut field, mut basis, mut stored_rows) = (None, None, None);
     if let (Some(mesh), Some(samples), true) = (&scan.mesh, &scan.samples, intact(&far_field::tags::ALL)) {
         match FarField::from_sections(&scan.extra, &Shape::new(mesh.positions_mm.len(), samples)) {
             Ok(found) => field = found,
@@ -277,6 +278,12 @@ pub(super) fn of_method_sections(scan: &Scan) -> Result<Vec<Finding>, Vec<Format
             Err(error) => errors.push(error),
         }
     }
+    if let (Some(samples), true) = (&scan.samples, intact(&rows::tags::ALL)) {
+        match IrradianceRows::from_sections(&scan.extra, samples.patch_count()) {
+            Ok(found) => stored_rows = found,
+            Err(error) => errors.push(error),
+        }
+    }
     if !errors.is_empty() {
         return Err(errors);
     }
@@ -286,6 +293,9 @@ pub(super) fn of_method_sections(scan: &Scan) -> Result<Vec<Finding>, Vec<Format
     {
         let message = format!("{} functions in the far field, {} in the basis", field.terms, basis.terms());
         out.push(Finding::new(&TERMS, Some(far_field::tags::STEPS), message));
+    }
+    if let Some(Err(refused)) = stored_rows.map(|rows| EntranceBasis::from_polynomials(&rows.functions)) {
+        out.push(Finding::new(&ANGLES, Some(rows::tags::FUNCTIONS), refused.message().to_owned()));
     }
     Ok(out)
 }

@@ -4,29 +4,52 @@ use std::ops::Range;
 
 use glam::DVec3;
 use rayon::prelude::*;
+use translux_format::RawSection;
 use translux_format::rows::{FACES, IrradianceRows};
 
 use crate::error::{Error, Result};
 use crate::light::cube_light::CubeLight;
-use crate::medium::entrance_basis::MOST_TERMS;
+use crate::medium::entrance_basis::{EntranceBasis, MOST_TERMS};
 
 /// Rows that are multiplied with a light.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rows {
+    /// Valid: `fill` relies on it.
     data: IrradianceRows,
+    entrance: EntranceBasis,
 }
 
 /// Coefficients whose values are dequantised together.
 const RUN: usize = 64;
 
 impl Rows {
-    /// Takes rows that an asset holds, or that were just made.
+    /// Takes rows that were just made.
     ///
     /// # Errors
     /// Rows that are not valid (exit 3).
     pub fn new(data: IrradianceRows) -> Result<Self> {
         data.validate().map_err(|error| Error::input(error.to_string()))?;
-        Ok(Self { data })
+        Self::of_valid(data)
+    }
+
+    /// The rows of an asset with this many patches, `None` if it has none. They are checked while they are decoded, and
+    /// not again.
+    ///
+    /// # Errors
+    /// Sections that are missing or not valid (exit 3).
+    pub fn from_sections(sections: &[RawSection], patches: usize) -> Result<Option<Self>> {
+        let data = IrradianceRows::from_sections(sections, patches).map_err(|error| Error::input(error.to_string()))?;
+        data.map(Self::of_valid).transpose()
+    }
+
+    fn of_valid(data: IrradianceRows) -> Result<Self> {
+        let entrance = EntranceBasis::from_polynomials(&data.functions)?;
+        Ok(Self { data, entrance })
+    }
+
+    /// The functions of the angle that the rows are made of; they give the coefficients of a refractive index.
+    pub fn entrance(&self) -> &EntranceBasis {
+        &self.entrance
     }
 
     /// The plain arrays.
@@ -49,8 +72,8 @@ impl Rows {
         self.len() == 0
     }
 
-    /// Irradiance of every patch, RGB. `coefficients_of_patch` gives the coefficients of the entrance basis for the
-    /// patch's medium (see [`crate::medium::entrance_basis`]).
+    /// Irradiance of every patch, RGB. `coefficients_of_patch` gives the coefficients of [`Rows::entrance`] for the
+    /// patch's medium.
     ///
     /// # Errors
     /// A light with another side (exit 3).

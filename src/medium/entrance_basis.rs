@@ -32,6 +32,15 @@ const ETAS: usize = 49;
 /// Sweeps of the Jacobi iteration at most; it converges in less than ten.
 const SWEEPS: usize = 30;
 
+/// Lengths `sqrt(Int f_j^2)` of stored functions: those made here have 0.55 to 0.0005.
+const SIZES: RangeInclusive<f64> = 1e-6..=1e6;
+
+/// Cosine of the angle between stored functions at most.
+const MOST_OVERLAP: f64 = 1e-6;
+
+/// Share of the constant 1 that stored functions hold at least; those made here have 0.7 and more.
+const LEAST_CONSTANT: f64 = 0.01;
+
 /// Orthogonal functions f_j(mu).
 #[derive(Clone, Debug, PartialEq)]
 pub struct EntranceBasis {
@@ -113,21 +122,67 @@ impl EntranceBasis {
                 row.iter_mut().zip(&seen).for_each(|(g, b)| *g += a * b / ETAS as f64);
             }
         }
-        let mut result = Self {
-            terms,
-            polynomials: [[0.0; DEGREE]; MOST_TERMS],
-            squares: [0.0; MOST_TERMS],
-            integrals: [0.0; MOST_TERMS],
-        };
-        for (j, (value, vector)) in leading_eigenvectors(gram, terms).into_iter().enumerate() {
+        let mut functions = [[0.0; DEGREE]; MOST_TERMS];
+        let leading = leading_eigenvectors(gram, terms);
+        for (function, (value, vector)) in functions.iter_mut().zip(leading) {
             for (weight, polynomial) in vector.iter().zip(&polynomials) {
-                let sum = result.polynomials[j].iter_mut().zip(polynomial);
-                sum.for_each(|(s, c)| *s += weight * value.sqrt() * c);
+                function.iter_mut().zip(polynomial).for_each(|(f, c)| *f += weight * value.sqrt() * c);
             }
-            let f = |mu: f64| evaluate(&result.polynomials[j], mu);
-            (result.squares[j], result.integrals[j]) = (inner(f, f), inner(f, |_| 1.0));
         }
-        result
+        Self::of(terms, functions)
+    }
+
+    /// The functions that rows were stored with: the coefficients of `mu`, `mu^2`, ... of each.
+    ///
+    /// # Errors
+    /// None or more than [`MOST_TERMS`], functions that are not orthogonal, too small or too large, or so far from a
+    /// constant that no integral can be made exact (exit 3). What passes gives finite coefficients.
+    pub fn from_polynomials(polynomials: &[[f64; DEGREE]]) -> Result<Self> {
+        let terms = polynomials.len();
+        if !(1..=MOST_TERMS).contains(&terms) {
+            let message = format!("{terms} functions of the angle for irradiance rows: 1 to {MOST_TERMS} are possible");
+            return Err(Error::input(message));
+        }
+        let mut functions = [[0.0; DEGREE]; MOST_TERMS];
+        functions.iter_mut().zip(polynomials).for_each(|(function, polynomial)| *function = *polynomial);
+        let result = Self::of(terms, functions);
+        let fail =
+            |what: String| Err(Error::input(format!("the functions of the angle of the irradiance rows: {what}")));
+        for (j, square) in result.squares.iter().take(terms).enumerate() {
+            // NaN anywhere makes this NaN, which is no size.
+            if !SIZES.contains(&square.sqrt()) {
+                return fail(format!(
+                    "number {j} has the size {:e}, not {:e} to {:e}",
+                    square.sqrt(),
+                    SIZES.start(),
+                    SIZES.end()
+                ));
+            }
+            for (k, other) in result.squares.iter().take(j).enumerate() {
+                let product = inner(|mu| evaluate(&functions[j], mu), |mu| evaluate(&functions[k], mu));
+                if product.abs() > MOST_OVERLAP * (square * other).sqrt() {
+                    return fail(format!("numbers {k} and {j} are not orthogonal"));
+                }
+            }
+        }
+        let constant = result.share_of_constant();
+        if constant < LEAST_CONSTANT {
+            return fail(format!("they hold a share of {constant:e} of a constant, less than {LEAST_CONSTANT}"));
+        }
+        Ok(result)
+    }
+
+    /// With what follows from the functions.
+    fn of(terms: usize, polynomials: [[f64; DEGREE]; MOST_TERMS]) -> Self {
+        let square = |p: &[f64; DEGREE]| inner(|mu| evaluate(p, mu), |mu| evaluate(p, mu));
+        let integral = |p: &[f64; DEGREE]| inner(|mu| evaluate(p, mu), |_| 1.0);
+        let (squares, integrals) = (polynomials.each_ref().map(square), polynomials.each_ref().map(integral));
+        Self { terms, polynomials, squares, integrals }
+    }
+
+    /// Square of the length of what the functions hold of the constant 1, at most 1.
+    fn share_of_constant(&self) -> f64 {
+        (0..self.terms).map(|j| self.integrals[j] * self.integrals[j] / self.squares[j]).sum()
     }
 
     /// Number of functions.
@@ -171,10 +226,8 @@ impl EntranceBasis {
         }
         // The smallest change that makes the integral exact.
         let integral: f64 = coefficients.iter().zip(&self.integrals).map(|(c, g)| c * g).sum();
-        let terms = 0..self.terms;
-        let square: f64 = terms.clone().map(|j| self.integrals[j] * self.integrals[j] / self.squares[j]).sum();
-        let missing = (0.5 * fresnel::diffuse_transmittance(eta) - integral) / square;
-        terms.for_each(|j| coefficients[j] += missing * self.integrals[j] / self.squares[j]);
+        let missing = (0.5 * fresnel::diffuse_transmittance(eta) - integral) / self.share_of_constant();
+        (0..self.terms).for_each(|j| coefficients[j] += missing * self.integrals[j] / self.squares[j]);
         let (mut error, mut total, mut worst) = (0.0, 0.0, 0.0f64);
         for (mu, weight) in nodes() {
             let (exact, difference) = (arriving(eta, mu), self.sum(&coefficients, mu) - arriving(eta, mu));
@@ -269,6 +322,52 @@ mod tests {
             let integral: f64 = nodes().map(|(mu, weight)| weight * basis.sum(&coefficients, mu)).sum();
             assert!((2.0 * integral - fresnel::diffuse_transmittance(eta)).abs() < 1e-12);
         }
+    }
+
+    #[test]
+    fn stored_functions_give_the_same_coefficients() {
+        for terms in 1..=MOST_TERMS {
+            let basis = EntranceBasis::new(terms);
+            let stored = EntranceBasis::from_polynomials(&basis.polynomials()[..terms]).unwrap();
+            assert_eq!(stored, basis);
+        }
+        // The example of the format's page.
+        let mut page = [[0.0; DEGREE]; 2];
+        (page[0][0], page[1][0], page[1][1]) = (1.0, -0.75, 1.0);
+        let found = EntranceBasis::from_polynomials(&page).unwrap().project(1.5).unwrap().coefficients;
+        let text = found.map(|c| format!("{c:.6}"));
+        assert_eq!(text, ["0.927613", "0.232692", "0.000000", "0.000000"]);
+    }
+
+    #[test]
+    fn useless_functions_are_refused_and_others_are_harmless() {
+        let of = |scale: f64, first: usize, second: usize| {
+            let mut polynomials = [[0.0; DEGREE]; 2];
+            (polynomials[0][first], polynomials[1][second]) = (scale, 1.0);
+            polynomials
+        };
+        let refused = |polynomials: &[[f64; DEGREE]]| EntranceBasis::from_polynomials(polynomials).unwrap_err();
+        assert!(refused(&[]).message().contains("1 to 4"));
+        assert!(refused(&[[1.0; DEGREE]; 5]).message().contains("1 to 4"));
+        for scale in [f64::NAN, f64::INFINITY, f64::MAX, 0.0, 1e-200, f64::MIN_POSITIVE] {
+            assert!(refused(&of(scale, 0, 1)).message().contains("number 0 has the size"), "{scale}");
+        }
+        assert!(refused(&of(1.0, 0, 1)).message().contains("not orthogonal"));
+        assert!(refused(&[[1.0, -1.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]]).message().contains("of a constant"));
+        let numbers = [0.0, 1.0, -1.0, 1e-300, 1e-6, 1e6, 1e300, -1e-9, 0.3];
+        let mut accepted = 0;
+        for (i, a) in numbers.iter().enumerate() {
+            for b in &numbers[i..] {
+                for c in numbers {
+                    let polynomial = [*a, *b, c, c, *a, 0.0, 0.0, *b, 0.0];
+                    let Ok(basis) = EntranceBasis::from_polynomials(&[polynomial]) else { continue };
+                    accepted += 1;
+                    let found = basis.project(1.3).unwrap();
+                    assert!(found.coefficients.iter().all(|c| (*c as f32).is_finite()), "{polynomial:?}");
+                }
+            }
+        }
+        assert!(accepted > 20, "{accepted}");
     }
 
     #[test]

@@ -1,5 +1,6 @@
-//! A well-formed container whose sections, those of `editable` included, hold what the fuzzer wants. The input is a list of
-//! (section, offset u16, length u8, that many bytes to put there; an offset beyond the end appends).
+//! A well-formed container whose sections, those of `editable` and of irradiance rows included, hold what the fuzzer
+//! wants. The input is a list of (section, offset u16, length u8, that many bytes to put there; an offset beyond the end
+//! appends).
 #![no_main]
 
 use std::sync::LazyLock;
@@ -7,6 +8,7 @@ use std::sync::LazyLock;
 use libfuzzer_sys::fuzz_target;
 use translux_format::far_field::{FarField, Shape};
 use translux_format::profile_basis::ProfileBasis;
+use translux_format::rows::IrradianceRows;
 use translux_format::{AssetFile, Budget, RawSection, scan};
 
 #[path = "../../tests/common/mod.rs"]
@@ -59,5 +61,11 @@ fn check_method(asset: &AssetFile) {
     if let Ok(Some(basis)) = ProfileBasis::from_sections(&asset.extra) {
         let written = basis.to_sections().expect("what decodes can be written");
         assert_eq!(ProfileBasis::from_sections(&written), Ok(Some(basis)));
+    }
+    let patches = asset.samples.patch_count();
+    if let Ok(Some(rows)) = IrradianceRows::from_sections(&asset.extra, patches) {
+        let written = rows.to_sections().expect("what decodes can be written");
+        let back = IrradianceRows::from_sections(&written, patches).expect("what is written decodes");
+        assert_eq!(back.map(|back| back.to_sections()), Some(Ok(written)));
     }
 }

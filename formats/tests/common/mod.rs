@@ -3,6 +3,7 @@
 
 use translux_format::far_field::{FarField, Group, LANES, NO_RECEIVER, Shape};
 use translux_format::profile_basis::ProfileBasis;
+use translux_format::rows::IrradianceRows;
 use translux_format::{
     AssetFile, Codec, CornerAttribute, F16Bits, InputRecord, Kind, LedgerEntry, MediumRecord, Mesh, NO_MEDIUM, NO_PART,
     PartRecord, Parts, Provenance, RawSection, Reader, Samples, Tag,
@@ -186,15 +187,32 @@ pub fn small_far_field() -> FarField {
     }
 }
 
-/// [`full_asset`] with what version 0.1 added: a far field, a basis, a section for environments.
+/// Rows of three patches, as [`full_asset`] has: two with details, one without.
+pub fn small_rows() -> IrradianceRows {
+    IrradianceRows {
+        side: 32,
+        terms: 2,
+        offsets: vec![0, 3, 3, 5],
+        indices: vec![1, 700, 6143, 2, 1025],
+        values: vec![127, -5, 3, 0, 2, -127, 9, 1, -1, 0],
+        steps: vec![0.5, 0.0, 1e-3],
+        scaling: (0..36).map(|i| i * 1800 - 32_767).collect(),
+        scaling_steps: vec![1e-4, 2e-4, 0.0],
+        functions: vec![
+            [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+            [-0.75, 1.0, 0.0, -0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        ],
+    }
+}
+
+/// [`full_asset`] with what version 0.1 added: a far field, a basis, irradiance rows.
 pub fn full_asset_0_1() -> AssetFile {
     let mut asset = full_asset();
     asset.provenance.method = "editable".into();
     let shape = Shape::new(asset.mesh.positions_mm.len(), &asset.samples);
     asset.extra.extend(small_far_field().to_sections(&shape).unwrap());
     asset.extra.extend(profile_basis(2).to_sections().unwrap());
-    let tag = Tag::new("x.env").unwrap();
-    asset.extra.push(RawSection::from_rows(tag, Kind::Environment, Codec::Zstd, &[[0u8, 255]; 3]));
+    asset.extra.extend(small_rows().to_sections().unwrap());
     asset
 }
 

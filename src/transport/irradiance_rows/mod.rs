@@ -71,6 +71,8 @@ struct Tables {
     /// A quarter of the square root of the solid angle of each texel.
     weights: Vec<f32>,
     polynomials: [[f32; DEGREE]; MOST_TERMS],
+    /// The same as they are stored, one for each term.
+    functions: Vec<[f64; DEGREE]>,
     haar: Haar,
 }
 
@@ -94,6 +96,7 @@ impl Tables {
             inverse_length,
             weights: angles.iter().map(|a| (0.25 * a.sqrt()) as f32).collect(),
             polynomials: basis.polynomials().map(|p| p.map(|c| c as f32)),
+            functions: basis.polynomials().iter().take(basis.terms()).copied().collect(),
             haar,
         })
     }
@@ -158,6 +161,7 @@ impl<'a> RowBaker<'a> {
             side: self.tables.side,
             terms: self.settings.terms,
             offsets: vec![0],
+            functions: self.tables.functions.clone(),
             ..IrradianceRows::default()
         }
     }

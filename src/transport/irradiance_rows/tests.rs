@@ -28,7 +28,7 @@ fn settings(terms: usize, coefficients: usize) -> RowSettings {
 fn relight(fixture: &Fixture, settings: RowSettings, light: &Light, eta: f64) -> Vec<DVec3> {
     let surface = fixture.surface();
     let rows = RowBaker::new(&surface, settings).unwrap().all(&Silent).unwrap();
-    let c = EntranceBasis::new(settings.terms).project(eta).unwrap().coefficients;
+    let c = rows.entrance().project(eta).unwrap().coefficients;
     rows.irradiance(&CubeLight::new(light, settings.side()).unwrap(), |_| c).unwrap()
 }
 
@@ -125,6 +125,23 @@ fn ranges_threads_and_instructions_do_not_change_the_rows() {
     assert!(rows.irradiance_range(9000..9001, &light, |_| c).unwrap().is_empty());
     let other = CubeLight::new(&Light::constant(DVec3::ONE).unwrap(), 64).unwrap();
     assert!(rows.irradiance(&other, |_| c).is_err());
+}
+
+/// A reader needs nothing but the sections.
+#[test]
+fn sections_hold_the_functions_of_the_angle() {
+    let fixture = knot(50);
+    let surface = fixture.surface();
+    let rows = RowBaker::new(&surface, settings(3, 32)).unwrap().all(&Silent).unwrap();
+    assert!(*rows.entrance() == EntranceBasis::new(3));
+    let mut sections = rows.data().to_sections().unwrap();
+    assert!(Rows::from_sections(&sections, 50).unwrap() == Some(rows));
+    assert!(Rows::from_sections(&sections, 51).is_err());
+    assert!(Rows::from_sections(&[], 50).unwrap().is_none());
+    let functions = sections.iter_mut().find(|s| s.tag == translux_format::rows::tags::FUNCTIONS).unwrap();
+    functions.bytes.fill(0);
+    let refused = Rows::from_sections(&sections, 50).unwrap_err();
+    assert!(refused.message().contains("number 0 has the size 0e0"), "{}", refused.message());
 }
 
 #[test]
