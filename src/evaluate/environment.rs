@@ -4,18 +4,17 @@ use glam::DVec3;
 
 use crate::asset::Asset;
 use crate::compress::rows::Rows;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::geometry::part_table::PartTable;
 use crate::geometry::samples::Samples;
 use crate::light::cube_light::CubeLight;
 use crate::light::{Light, LightKind};
-use crate::medium::entrance_basis::{EntranceBasis, MOST_TERMS};
+use crate::medium::entrance_basis::MOST_TERMS;
 use crate::transport::scene::Medium;
 
-/// Rows and the functions of the angle that they are made of.
+/// Rows that serve as a light's irradiance.
 pub struct StoredRows {
     rows: Rows,
-    entrance: EntranceBasis,
 }
 
 /// Whether rows hold what this light does.
@@ -26,8 +25,7 @@ pub fn comes_from_far_away(light: &Light) -> bool {
 impl StoredRows {
     /// Of rows.
     pub fn new(rows: Rows) -> Self {
-        let entrance = EntranceBasis::new(rows.data().terms);
-        Self { rows, entrance }
+        Self { rows }
     }
 
     /// Those of an asset, if it has any.
@@ -35,9 +33,7 @@ impl StoredRows {
     /// # Errors
     /// Sections that do not fit.
     pub fn of(asset: &Asset) -> Result<Option<Self>> {
-        let read = translux_format::rows::IrradianceRows::from_sections(&asset.sections, asset.samples.len());
-        let data = read.map_err(|e| Error::input(e.to_string()))?;
-        data.map(|data| Ok(Self::new(Rows::new(data)?))).transpose()
+        Ok(Rows::from_sections(&asset.sections, asset.samples.len())?.map(Self::new))
     }
 
     /// Bytes in memory.
@@ -47,7 +43,7 @@ impl StoredRows {
 
     /// Whether the rows serve every medium: they hold a range of refractive indices.
     pub fn serve(&self, media: &[Medium]) -> bool {
-        media.iter().all(|m| self.entrance.project(m.properties.eta_inside_over_outside).is_ok())
+        media.iter().all(|m| self.rows.entrance().project(m.properties.eta_inside_over_outside).is_ok())
     }
 
     /// Adds the irradiance of every sample under lights that come from far away, RGB.
@@ -61,7 +57,7 @@ impl StoredRows {
         samples: &Samples,
         irradiance: &mut [DVec3],
     ) -> Result<()> {
-        let project = |m: &Medium| Ok(self.entrance.project(m.properties.eta_inside_over_outside)?.coefficients);
+        let project = |m: &Medium| Ok(self.rows.entrance().project(m.properties.eta_inside_over_outside)?.coefficients);
         let of_medium: Vec<[f64; MOST_TERMS]> = media.iter().map(project).collect::<Result<_>>()?;
         let of_part = |part: usize| parts.parts[part].medium.and_then(|m| of_medium.get(m as usize)).copied();
         let of_part: Vec<_> = (0..parts.parts.len()).map(|part| of_part(part).unwrap_or_default()).collect();
