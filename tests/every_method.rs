@@ -39,9 +39,10 @@ const MISSED: f64 = 2.5e-3;
 /// Promises above this would make every comparison with them vacuous.
 const LARGEST_PROMISE: f64 = 0.025;
 
-/// Negative radiosity over the mean that is put up with: compressed transport oscillates about zero, and the more the
-/// fewer vertices share a row of it.
-const NEGATIVE: f64 = 2e-3;
+/// Negative radiosity over the mean that is put up with, because compressed transport oscillates about zero: on average,
+/// and at one vertex.
+const NEGATIVE: f64 = 1e-3;
+const WORST_NEGATIVE: f64 = 1e-2;
 
 fn head(subdivisions: u32, material: &str) -> Scene {
     scene(shapes::bumpy_head(1.0, subdivisions), Scale::DiagonalMm(20.0), material)
@@ -53,9 +54,9 @@ fn called(mut model: SourceModel, name: &str) -> SourceModel {
 }
 
 /// Two bodies of unlike media, and a slab that only casts shadows.
-fn group() -> Scene {
-    let wax = called(shapes::bumpy_head(8.0, 3), "wax");
-    let soap = called(shapes::icosphere(5.0, 3), "soap");
+fn group(subdivisions: u32) -> Scene {
+    let wax = called(shapes::bumpy_head(8.0, subdivisions), "wax");
+    let soap = called(shapes::icosphere(5.0, subdivisions), "soap");
     let slab = called(shapes::cuboid(DVec3::new(30.0, 1.0, 20.0), 3), "slab");
     let place = [DVec3::ZERO, DVec3::new(14.0, 1.0, 3.0), DVec3::new(6.0, -11.0, 0.0)];
     let model = shapes::compose(&[(wax, place[0]), (soap, place[1]), (slab, place[2])]);
@@ -104,9 +105,13 @@ fn promise(evaluator: &mut dyn Evaluator) -> f64 {
 
 #[track_caller]
 fn assert_not_negative(what: &str, values: &[DVec3]) {
-    let mean = values.iter().sum::<DVec3>() / values.len() as f64;
+    let mean_of = |f: &dyn Fn(DVec3) -> DVec3| values.iter().map(|v| f(*v)).sum::<DVec3>() / values.len() as f64;
+    let mean = mean_of(&|v| v);
+    let negative = mean_of(&|v| v.min(DVec3::ZERO));
+    assert!(negative.cmpge(-NEGATIVE * mean).all(), "{what}: {negative} is negative of {mean}");
     for (v, value) in values.iter().enumerate() {
-        assert!(value.is_finite() && value.cmpge(-NEGATIVE * mean).all(), "{what}: {value} at vertex {v}, mean {mean}");
+        let enough = value.is_finite() && value.cmpge(-WORST_NEGATIVE * mean).all();
+        assert!(enough, "{what}: {value} at vertex {v}, mean {mean}");
     }
 }
 
@@ -149,6 +154,22 @@ fn assert_promise(
     assert_not_negative(&what, values);
 }
 
+/// Without [`MISSED`]: the error is stated as it is.
+#[test]
+#[ignore = "few of a small mesh's vertices are measured, and those beside shadow boundaries are missed"]
+fn the_measured_error_sees_shadow_boundaries() {
+    let scene = head(3, "spectralon");
+    let light = &every_light(&scene)[1];
+    let truth = Truth::new(&scene).under(light);
+    for method in ALL {
+        let mut evaluator = baked(method, &scene, SAMPLES);
+        let values = lit(evaluator.as_mut(), vec![light.clone()]);
+        let found = vertex_error(&values, &truth.0, &vertex_areas(&scene)).rms;
+        let promised = promise(evaluator.as_mut());
+        assert!(found <= SLACK * promised + truth.1, "{}: {found:.2e} RMS, promised {promised:.2e}", method.name());
+    }
+}
+
 /// Runs the methods on one scene under every kind of light.
 fn compare_with_reference(scene: &Scene, mut open: impl FnMut(&dyn Method) -> Box<dyn Evaluator>) {
     let lights = every_light(scene);
@@ -172,7 +193,7 @@ fn radiosity_is_that_of_the_reference() {
 /// Through a file that is moved to an empty folder and removed before the light comes.
 #[test]
 fn parts_media_and_shadows_go_through_a_file() {
-    let scene = group();
+    let scene = group(3);
     compare_with_reference(&scene, |method| {
         let [from, to] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
         let (first, moved) = (from.path().join("a.tlux"), to.path().join("b.tlux"));
@@ -190,7 +211,7 @@ fn parts_media_and_shadows_go_through_a_file() {
 
 #[test]
 fn opaque_parts_have_no_radiosity() {
-    let scene = group();
+    let scene = group(2);
     let areas = vertex_areas(&scene);
     assert!(areas.contains(&0.0) && areas.iter().any(|a| *a > 0.0));
     for method in ALL {
@@ -239,7 +260,7 @@ fn radiosity_is_linear_in_the_lights() {
 /// What was in force before leaves no trace: lights set twice, lights and media changed there and back.
 #[test]
 fn evaluators_have_no_memory() {
-    let scene = group();
+    let scene = group(2);
     let lights = every_light(&scene);
     for method in ALL {
         let mut evaluator = baked(method, &scene, 1500);
@@ -312,7 +333,7 @@ fn an_edit_gives_what_a_bake_gives() {
 
 #[test]
 fn a_wrong_number_of_media_is_refused() {
-    let scene = group();
+    let scene = group(2);
     for method in ALL {
         let mut evaluator = baked(method, &scene, 1000);
         let before = lit(evaluator.as_mut(), vec![probes::constant()]);
@@ -327,7 +348,7 @@ fn a_wrong_number_of_media_is_refused() {
 
 #[test]
 fn figures_make_sense() {
-    let scene = group();
+    let scene = group(2);
     let names: BTreeSet<&str> = ALL.iter().map(|m| m.name()).collect();
     assert_eq!(names.len(), ALL.len());
     for method in ALL {
@@ -353,7 +374,7 @@ fn figures_make_sense() {
 /// The same bytes of the asset and of the radiosity on 1, 2 and 8 threads.
 #[test]
 fn threads_do_not_change_a_bit() {
-    let scene = group();
+    let scene = group(2);
     let lights = every_light(&scene);
     for method in ALL {
         let run = |threads: usize| {
@@ -378,7 +399,7 @@ fn threads_do_not_change_a_bit() {
 
 #[test]
 fn bytes_survive_a_round_trip() {
-    let scene = group();
+    let scene = group(2);
     for method in ALL {
         let bytes = asset(method, &scene, 1500).to_bytes().unwrap();
         assert!(Asset::from_bytes(&bytes).unwrap().to_bytes().unwrap() == bytes, "{}", method.name());
@@ -506,7 +527,7 @@ fn nothing_translucent() {
 fn few_samples_and_many() {
     survives("head", &head(2, "marble"), &[1, 7, 320, 2000], 2.0);
     // Fewer samples than parts.
-    survives("group", &group(), &[1, 2], 2.0);
+    survives("group", &group(1), &[1], 2.0);
 }
 
 #[test]
