@@ -3,7 +3,7 @@
 use clap::Args;
 use serde::Serialize;
 
-use super::console::{Console, Format};
+use super::console::{Console, Format, percent};
 use super::{output, report};
 use crate::error::{ExitCode, Result};
 use crate::evaluate::Method;
@@ -24,6 +24,8 @@ struct MethodsReport {
 struct MethodRow {
     name: &'static str,
     summary: &'static str,
+    /// Relative error that a bake aims at without `--max-rms`.
+    default_max_rms: f64,
     keys: Vec<KeyRow>,
 }
 
@@ -37,7 +39,7 @@ struct KeyRow {
 impl MethodRow {
     fn of(method: &dyn Method) -> Self {
         let keys = method.keys().iter().map(|k| KeyRow { name: k.name, default: k.default, help: k.help }).collect();
-        Self { name: method.name(), summary: method.summary(), keys }
+        Self { name: method.name(), summary: method.summary(), default_max_rms: method.default_max_rms(), keys }
     }
 }
 
@@ -49,9 +51,10 @@ pub(super) fn run(args: &MethodsArgs, console: &Console) -> Result<ExitCode> {
     if console.format == Format::Text {
         for row in &rows {
             output::print_line(&format!("{}: {}", row.name, row.summary))?;
-            let keys: Vec<[String; 3]> =
-                row.keys.iter().map(|k| [format!("  --set {}=", k.name), k.default.into(), k.help.into()]).collect();
-            output::print_line(&output::table(&keys))?;
+            let aim = ["  --max-rms", &percent(row.default_max_rms), "relative error that a bake aims at"];
+            let keys = row.keys.iter().map(|k| [format!("  --set {}=", k.name), k.default.into(), k.help.into()]);
+            let lines: Vec<[String; 3]> = [aim.map(str::to_owned)].into_iter().chain(keys).collect();
+            output::print_line(&output::table(&lines))?;
         }
     }
     report::print(console, "methods", &MethodsReport { methods: rows })?;

@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use glam::DVec3;
 use translux::asset::{Asset, Provenance};
-use translux::evaluate::{BakeSettings, Evaluator};
+use translux::error::Result;
+use translux::evaluate::{BakeSettings, Evaluator, Method};
 use translux::geometry::mesh::{Mesh, Scale, resolve_scale};
 use translux::geometry::part_table::PartTable;
 use translux::geometry::parts::{MaterialRoles, Parts, PartsRule};
@@ -21,22 +22,50 @@ use crate::oracle::{OracleLight, OracleMesh};
 
 /// A model of one medium; the scale as the command line takes it.
 pub fn scene(source: SourceModel, scale: Scale, material: &str) -> Scene {
+    with_roles(source, scale, &[material], |materials| MaterialRoles::single(materials.len()))
+}
+
+/// A model whose materials have media of their own, `(material of the model, published material)`; the others are opaque.
+pub fn scene_of(source: SourceModel, scale: Scale, media: &[(&str, &str)]) -> Scene {
+    let presets: Vec<&str> = media.iter().map(|(_, preset)| *preset).collect();
+    with_roles(source, scale, &presets, |materials| {
+        let by_name: Vec<(String, u32)> = media.iter().map(|m| m.0.to_owned()).zip(0..).collect();
+        let given = |name: &String| media.iter().any(|m| m.0 == name);
+        let opaque: Vec<String> = materials.iter().filter(|name| !given(name)).cloned().collect();
+        MaterialRoles::resolve(materials, &by_name, 0, &opaque).unwrap()
+    })
+}
+
+fn with_roles(
+    source: SourceModel,
+    scale: Scale,
+    presets: &[&str],
+    roles: impl Fn(&[String]) -> MaterialRoles,
+) -> Scene {
     let placement = resolve_scale(&source, Some(scale)).unwrap();
     let (mut mesh, mut report) = Mesh::from_source(source, &placement).unwrap();
-    let roles = MaterialRoles::single(mesh.materials.len());
+    let roles = roles(&mesh.materials);
     let parts = Parts::new(&mut mesh, &roles, PartsRule::Auto, &mut report);
     let parts = PartTable::of(&mesh, &parts);
-    let media = vec![Medium { name: material.to_owned(), properties: preset(material).unwrap().properties() }];
-    Scene { mesh, parts, media }
+    Scene { mesh, parts, media: presets.iter().map(|name| medium(name)).collect() }
+}
+
+/// A published material.
+pub fn medium(name: &str) -> Medium {
+    Medium { name: name.to_owned(), properties: preset(name).unwrap().properties() }
 }
 
 /// Bakes with the method's defaults; `samples` replaces its choice.
 pub fn bake(method: &str, scene: Scene, samples: Option<usize>) -> Arc<Asset> {
-    let method = methods::named(method).unwrap();
-    let values = methods::settings::resolve(method, &[]).unwrap();
+    Arc::new(try_bake(methods::named(method).unwrap(), scene, samples, &[]).unwrap())
+}
+
+/// Bakes with some keys set, for every kind of light.
+pub fn try_bake(method: &dyn Method, scene: Scene, samples: Option<usize>, set: &[(String, String)]) -> Result<Asset> {
     let probes = translux::measure::probes::for_bake(&scene.mesh);
+    let values = methods::settings::resolve(method, set)?;
     let settings = BakeSettings { samples, probes, ..BakeSettings::new(method, values) };
-    Arc::new(methods::bake(method, scene, &settings, Provenance::default(), &Silent).unwrap())
+    methods::bake(method, scene, &settings, Provenance::default(), &Silent)
 }
 
 /// The method's evaluator of a scene.
@@ -46,11 +75,27 @@ pub fn open(method: &str, scene: Scene, samples: Option<usize>) -> Box<dyn Evalu
 
 /// Radiosity of every vertex under one light.
 pub fn radiosity(evaluator: &mut dyn Evaluator, light: Light) -> Vec<DVec3> {
-    evaluator.set_lights(vec![light], &Silent).unwrap();
-    let values = evaluator.radiosity(&Silent).unwrap();
+    let values = lit(evaluator, vec![light]);
     let odd = values.iter().find(|v| !(v.is_finite() && v.min_element() >= 0.0));
     assert!(odd.is_none(), "radiosity {odd:?}");
     values
+}
+
+/// Radiosity of every vertex under some lights, whatever its sign.
+pub fn lit(evaluator: &mut dyn Evaluator, lights: Vec<Light>) -> Vec<DVec3> {
+    evaluator.set_lights(lights, &Silent).unwrap();
+    evaluator.radiosity(&Silent).unwrap()
+}
+
+/// A third of the area of the translucent triangles around each vertex, mm^2.
+pub fn vertex_areas(scene: &Scene) -> Vec<f64> {
+    let mut areas = vec![0.0; scene.mesh.local_mm.len()];
+    for (index, triangle) in scene.mesh.triangles.iter().enumerate() {
+        if scene.parts.parts[scene.parts.triangle_part[index] as usize].transfers() {
+            triangle.iter().for_each(|&v| areas[v as usize] += scene.mesh.area_mm2(index as u32) / 3.0);
+        }
+    }
+    areas
 }
 
 /// The same triangles for the separate truth.

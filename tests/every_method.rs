@@ -1,0 +1,539 @@
+//! What every method owes, whichever it is: radiosity near that of `reference` under every kind of light, an asset that is
+//! sufficient, the same bytes on any number of threads, keys that mean what they say, and an answer for any scene.
+#![allow(clippy::unwrap_used, missing_docs)]
+
+mod in_memory;
+#[allow(dead_code)]
+mod oracle;
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+use glam::DVec3;
+use in_memory::{lit, medium, scene, scene_of, try_bake, vertex_areas};
+use translux::asset::Asset;
+use translux::error::ExitCode;
+use translux::evaluate::{BakeSettings, Evaluator, MaterialEdit, Method};
+use translux::geometry::mesh::Scale;
+use translux::geometry::shapes;
+use translux::geometry::source::SourceModel;
+use translux::light::{Light, LightKind, sky};
+use translux::math::statistics::{VertexError, vertex_error};
+use translux::measure::probes;
+use translux::medium::material::PRESETS;
+use translux::methods::{self, ALL};
+use translux::progress::Silent;
+use translux::transport::scene::{Medium, Scene};
+
+/// Samples of the methods and of the truth: few, so that the tests are short. The promises say what that costs.
+const SAMPLES: usize = 8000;
+const TRUTH_SAMPLES: usize = 24_000;
+
+/// A promise is measured on some vertices; others may fare this much worse.
+const SLACK: f64 = 1.25;
+
+/// On a coarse mesh the error of sharp lights sits at the few vertices beside shadow boundaries, and the measured ones may
+/// miss all of these. So much is put up with, whatever the method.
+const MISSED: f64 = 2.5e-3;
+
+/// Promises above this would make every comparison with them vacuous.
+const LARGEST_PROMISE: f64 = 0.025;
+
+/// Negative radiosity over the mean that is put up with, because compressed transport oscillates about zero: on average,
+/// and at one vertex.
+const NEGATIVE: f64 = 1e-3;
+const WORST_NEGATIVE: f64 = 1e-2;
+
+fn head(subdivisions: u32, material: &str) -> Scene {
+    scene(shapes::bumpy_head(1.0, subdivisions), Scale::DiagonalMm(20.0), material)
+}
+
+fn called(mut model: SourceModel, name: &str) -> SourceModel {
+    model.materials = vec![name.to_owned()];
+    model
+}
+
+/// Two bodies of unlike media, and a slab that only casts shadows.
+fn group(subdivisions: u32) -> Scene {
+    let wax = called(shapes::bumpy_head(8.0, subdivisions), "wax");
+    let soap = called(shapes::icosphere(5.0, subdivisions), "soap");
+    let slab = called(shapes::cuboid(DVec3::new(30.0, 1.0, 20.0), 3), "slab");
+    let place = [DVec3::ZERO, DVec3::new(14.0, 1.0, 3.0), DVec3::new(6.0, -11.0, 0.0)];
+    let model = shapes::compose(&[(wax, place[0]), (soap, place[1]), (slab, place[2])]);
+    scene_of(model, Scale::MillimetresPerUnit(1.0), &[("wax", "marble"), ("soap", "skin1")])
+}
+
+/// A light of each kind, from all around.
+fn every_light(scene: &Scene) -> Vec<Light> {
+    let (centre, size) = (scene.mesh.origin_mm, scene.mesh.diagonal_mm());
+    let at = |x, y, z| centre + size * DVec3::new(x, y, z);
+    let lights = vec![
+        Light::constant(DVec3::new(0.5, 0.6, 0.7)).unwrap(),
+        Light::directional(DVec3::new(1.0, 2.0, 3.0), DVec3::new(3.0, 2.0, 1.0)).unwrap(),
+        Light::point(at(-0.5, 0.7, 0.6), DVec3::new(1.0, 0.8, 0.6) * size * size).unwrap(),
+        Light::area(at(0.5, 0.6, -0.4), DVec3::new(-0.5, -0.6, 0.4), [0.4 * size, 0.3 * size], DVec3::ONE, None)
+            .unwrap(),
+        Light::environment(Arc::new(sky::sky()), 40.0, DVec3::ONE).unwrap(),
+    ];
+    let kinds: BTreeSet<LightKind> = lights.iter().map(Light::kind).collect();
+    assert_eq!(kinds, LightKind::ALL.into_iter().collect());
+    lights
+}
+
+fn asset(method: &dyn Method, scene: &Scene, samples: usize) -> Asset {
+    try_bake(method, scene.clone(), Some(samples), &[]).unwrap_or_else(|e| panic!("{}: {e}", method.name()))
+}
+
+/// The evaluator of an asset that went through its bytes.
+fn reopened(method: &dyn Method, asset: &Asset) -> Box<dyn Evaluator> {
+    let asset = Asset::from_bytes(&asset.to_bytes().unwrap()).unwrap();
+    method.open(Arc::new(asset)).unwrap()
+}
+
+fn baked(method: &dyn Method, scene: &Scene, samples: usize) -> Box<dyn Evaluator> {
+    reopened(method, &asset(method, scene, samples))
+}
+
+/// The sum of what the evaluator measures of its own error, for what is in force.
+fn promise(evaluator: &mut dyn Evaluator) -> f64 {
+    let ledger = evaluator.measured_error(&[], &Silent).unwrap();
+    assert!(!ledger.entries.is_empty(), "nothing is measured");
+    let valid = |e: &VertexError| [e.rms, e.p999, e.worst].iter().all(|v| v.is_finite() && *v >= 0.0);
+    assert!(ledger.entries.iter().all(|e| valid(&e.error) && !e.stage.is_empty() && !e.note.is_empty()));
+    ledger.total_rms()
+}
+
+#[track_caller]
+fn assert_not_negative(what: &str, values: &[DVec3]) {
+    let mean_of = |f: &dyn Fn(DVec3) -> DVec3| values.iter().map(|v| f(*v)).sum::<DVec3>() / values.len() as f64;
+    let mean = mean_of(&|v| v);
+    let negative = mean_of(&|v| v.min(DVec3::ZERO));
+    assert!(negative.cmpge(-NEGATIVE * mean).all(), "{what}: {negative} is negative of {mean}");
+    for (v, value) in values.iter().enumerate() {
+        let enough = value.is_finite() && value.cmpge(-WORST_NEGATIVE * mean).all();
+        assert!(enough, "{what}: {value} at vertex {v}, mean {mean}");
+    }
+}
+
+/// The brute-force evaluator with more samples, and its error under what is in force.
+struct Truth(Box<dyn Evaluator>);
+
+impl Truth {
+    fn new(scene: &Scene) -> Self {
+        Self(baked(methods::named("reference").unwrap(), scene, TRUTH_SAMPLES))
+    }
+
+    fn under(&mut self, light: &Light) -> (Vec<DVec3>, f64) {
+        let values = lit(self.0.as_mut(), vec![light.clone()]);
+        let error = promise(self.0.as_mut());
+        assert!(error < 0.01, "the truth itself is off by {error:.2e}");
+        (values, error)
+    }
+
+    fn of_media(&mut self, light: &Light, media: Vec<Medium>) -> (Vec<DVec3>, f64) {
+        self.0.set_media(media).unwrap();
+        self.under(light)
+    }
+}
+
+/// Judges what is in force against the truth by what the evaluator promises.
+#[track_caller]
+fn assert_promise(
+    (method, what): (&dyn Method, &str),
+    evaluator: &mut dyn Evaluator,
+    values: &[DVec3],
+    truth: &(Vec<DVec3>, f64),
+) {
+    let what = format!("{}, {what}", method.name());
+    let found = vertex_error(values, &truth.0, &vertex_areas(evaluator.scene())).rms;
+    let promised = promise(evaluator);
+    println!("{what}: {:.3} % RMS, promised {:.3} %, truth {:.3} %", 100. * found, 100. * promised, 100. * truth.1);
+    assert!(promised < LARGEST_PROMISE, "{what}: a promise of {promised:.2e}");
+    let most = SLACK * promised + truth.1 + MISSED;
+    assert!(found <= most, "{what}: {found:.2e} RMS, promised {promised:.2e}");
+    assert_not_negative(&what, values);
+}
+
+/// Without [`MISSED`]: the error is stated as it is.
+#[test]
+#[ignore = "few of a small mesh's vertices are measured, and those beside shadow boundaries are missed"]
+fn the_measured_error_sees_shadow_boundaries() {
+    let scene = head(3, "spectralon");
+    let light = &every_light(&scene)[1];
+    let truth = Truth::new(&scene).under(light);
+    for method in ALL {
+        let mut evaluator = baked(method, &scene, SAMPLES);
+        let values = lit(evaluator.as_mut(), vec![light.clone()]);
+        let found = vertex_error(&values, &truth.0, &vertex_areas(&scene)).rms;
+        let promised = promise(evaluator.as_mut());
+        assert!(found <= SLACK * promised + truth.1, "{}: {found:.2e} RMS, promised {promised:.2e}", method.name());
+    }
+}
+
+/// Runs the methods on one scene under every kind of light.
+fn compare_with_reference(scene: &Scene, mut open: impl FnMut(&dyn Method) -> Box<dyn Evaluator>) {
+    let lights = every_light(scene);
+    let mut truth = Truth::new(scene);
+    let truths: Vec<_> = lights.iter().map(|light| truth.under(light)).collect();
+    for method in ALL {
+        let mut evaluator = open(method);
+        for (light, truth) in lights.iter().zip(&truths) {
+            let values = lit(evaluator.as_mut(), vec![light.clone()]);
+            assert_promise((method, light.kind().name()), evaluator.as_mut(), &values, truth);
+        }
+    }
+}
+
+#[test]
+fn radiosity_is_that_of_the_reference() {
+    let scene = head(4, "marble");
+    compare_with_reference(&scene, |method| baked(method, &scene, SAMPLES));
+}
+
+/// Through a file that is moved to an empty folder and removed before the light comes.
+#[test]
+fn parts_media_and_shadows_go_through_a_file() {
+    let scene = group(3);
+    compare_with_reference(&scene, |method| {
+        let [from, to] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
+        let (first, moved) = (from.path().join("a.tlux"), to.path().join("b.tlux"));
+        let bytes = asset(method, &scene, SAMPLES).write(&first).unwrap();
+        std::fs::rename(&first, &moved).unwrap();
+        from.close().unwrap();
+        assert_eq!(std::fs::metadata(&moved).unwrap().len(), bytes);
+        let asset = Asset::read(&moved).unwrap();
+        assert_eq!((asset.scene.clone(), asset.provenance.method.as_str()), (scene.clone(), method.name()));
+        let evaluator = method.open(Arc::new(asset)).unwrap();
+        to.close().unwrap();
+        evaluator
+    });
+}
+
+#[test]
+fn opaque_parts_have_no_radiosity() {
+    let scene = group(2);
+    let areas = vertex_areas(&scene);
+    assert!(areas.contains(&0.0) && areas.iter().any(|a| *a > 0.0));
+    for method in ALL {
+        let mut evaluator = baked(method, &scene, 800);
+        for light in every_light(&scene) {
+            let values = lit(evaluator.as_mut(), vec![light]);
+            let dark = |(value, area): (&DVec3, &f64)| (*area == 0.0) == (*value == DVec3::ZERO);
+            assert!(values.iter().zip(&areas).all(dark), "{}", method.name());
+        }
+    }
+}
+
+#[test]
+fn radiosity_is_linear_in_the_lights() {
+    let scene = head(3, "skin1");
+    let areas = vertex_areas(&scene);
+    let lights = every_light(&scene);
+    for method in ALL {
+        let mut evaluator = baked(method, &scene, 2000);
+        let evaluator = evaluator.as_mut();
+        let mut sum = vec![DVec3::ZERO; areas.len()];
+        for light in &lights {
+            let values = lit(evaluator, vec![light.clone()]);
+            sum.iter_mut().zip(&values).for_each(|(sum, value)| *sum += *value);
+        }
+        let together = lit(evaluator, lights.clone());
+        // A method may choose its precision anew for each set of lights.
+        let error = vertex_error(&together, &sum, &areas).rms;
+        assert!(error < method.default_max_rms(), "{}: {error:.2e} between the sum and all", method.name());
+
+        let [dim, bright] = [1.0, 1000.0].map(|factor| {
+            let light = Light::directional(DVec3::new(-1.0, 1.0, 0.5), DVec3::new(1.0, 2.0, 3.0) * factor).unwrap();
+            lit(evaluator, vec![light]).iter().map(|v| *v / factor).collect::<Vec<DVec3>>()
+        });
+        let error = vertex_error(&bright, &dim, &areas);
+        assert!(error.worst < 1e-6, "{}: {error:?} for a brighter light", method.name());
+
+        let dark = lit(evaluator, vec![Light::constant(DVec3::ZERO).unwrap()]);
+        assert!(dark.iter().all(|v| *v == DVec3::ZERO), "{}", method.name());
+        let none = lit(evaluator, Vec::new());
+        assert!(none.iter().all(|v| *v == DVec3::ZERO), "{}", method.name());
+        assert!(none.len() == areas.len() && lit(evaluator, lights.clone()) == together, "{}", method.name());
+    }
+}
+
+/// What was in force before leaves no trace: lights set twice, lights and media changed there and back.
+#[test]
+fn evaluators_have_no_memory() {
+    let scene = group(2);
+    let lights = every_light(&scene);
+    for method in ALL {
+        let mut evaluator = baked(method, &scene, 1500);
+        let evaluator = evaluator.as_mut();
+        let first = lit(evaluator, lights.clone());
+        let name = method.name();
+        assert!(evaluator.radiosity(&Silent).unwrap() == first, "{name}: asked again");
+        assert!(lit(evaluator, lights.clone()) == first, "{name}: set again");
+        lit(evaluator, vec![lights[1].clone()]);
+        assert!(lit(evaluator, lights.clone()) == first, "{name}: other lights in between");
+        promise(evaluator);
+        assert!(evaluator.radiosity(&Silent).unwrap() == first, "{name}: measured in between");
+        if evaluator.capabilities().material == MaterialEdit::None {
+            continue;
+        }
+        let media = evaluator.scene().media.clone();
+        // Cream has another index of refraction than skin.
+        evaluator.set_media(vec![medium("cream"), medium("spectralon")]).unwrap();
+        let other = evaluator.radiosity(&Silent).unwrap();
+        assert!(vertex_error(&other, &first, &vertex_areas(&scene)).rms > 0.02, "{name}: the edit does nothing");
+        evaluator.set_media(media).unwrap();
+        assert!(evaluator.radiosity(&Silent).unwrap() == first, "{name}: other media in between");
+    }
+}
+
+#[test]
+fn every_published_material_is_within_its_promise() {
+    let scene = head(3, "marble");
+    let light = &every_light(&scene)[1];
+    let mut truth = Truth::new(&scene);
+    for method in ALL {
+        let mut evaluator = baked(method, &scene, SAMPLES);
+        if evaluator.capabilities().material == MaterialEdit::None {
+            assert_eq!(evaluator.set_media(vec![medium("skin1")]).unwrap_err().code(), ExitCode::Unsupported);
+            continue;
+        }
+        lit(evaluator.as_mut(), vec![light.clone()]);
+        for preset in &PRESETS {
+            let media = vec![medium(preset.name)];
+            evaluator.set_media(media.clone()).unwrap();
+            assert_eq!(evaluator.scene().media, media);
+            let values = evaluator.radiosity(&Silent).unwrap();
+            let truth = truth.of_media(light, media);
+            assert_promise((method, preset.name), evaluator.as_mut(), &values, &truth);
+        }
+    }
+}
+
+#[test]
+fn an_edit_gives_what_a_bake_gives() {
+    let scene = head(3, "marble");
+    let lights = vec![every_light(&scene)[2].clone()];
+    for method in ALL {
+        let mut edited = baked(method, &scene, 3000);
+        if edited.capabilities().material == MaterialEdit::None {
+            continue;
+        }
+        for material in ["skin1", "ketchup"] {
+            let mut fresh = baked(method, &Scene { media: vec![medium(material)], ..scene.clone() }, 3000);
+            edited.set_media(vec![medium(material)]).unwrap();
+            let (mine, theirs) = (lit(edited.as_mut(), lights.clone()), lit(fresh.as_mut(), lights.clone()));
+            let found = vertex_error(&mine, &theirs, &vertex_areas(&scene)).rms;
+            let promised = promise(edited.as_mut()) + promise(fresh.as_mut());
+            let name = method.name();
+            println!("{name}, {material}: {found:.1e} between edit and bake, promised {promised:.1e}");
+            assert!(promised < 2.0 * LARGEST_PROMISE && found <= promised, "{name}, {material}: {found:.2e}");
+        }
+    }
+}
+
+#[test]
+fn a_wrong_number_of_media_is_refused() {
+    let scene = group(2);
+    for method in ALL {
+        let mut evaluator = baked(method, &scene, 1000);
+        let before = lit(evaluator.as_mut(), vec![probes::constant()]);
+        for count in [0, 1, 3] {
+            let error = evaluator.set_media(vec![medium("skin1"); count]).unwrap_err();
+            assert!([ExitCode::CommandLine, ExitCode::Unsupported].contains(&error.code()), "{}", error.message());
+        }
+        assert_eq!(evaluator.scene().media, scene.media);
+        assert!(evaluator.radiosity(&Silent).unwrap() == before, "{}: a refusal left a trace", method.name());
+    }
+}
+
+#[test]
+fn figures_make_sense() {
+    let scene = group(2);
+    let names: BTreeSet<&str> = ALL.iter().map(|m| m.name()).collect();
+    assert_eq!(names.len(), ALL.len());
+    for method in ALL {
+        let name = method.name();
+        assert!((1e-4..0.1).contains(&method.default_max_rms()) && !method.summary().is_empty(), "{name}");
+        let asset = asset(method, &scene, 3000);
+        assert!((2900..=3100).contains(&asset.samples.len()), "{name}: {} samples", asset.samples.len());
+        let cost = reopened(method, &asset).cost();
+        assert_eq!(cost.samples, asset.samples.len(), "{name}");
+        // The slab's vertices are no receivers.
+        let translucent = vertex_areas(&scene).iter().filter(|a| **a > 0.0).count();
+        assert_eq!(cost.receivers, translucent, "{name}");
+        let values = methods::settings::resolve(method, &[]).unwrap();
+        let settings = BakeSettings { samples: Some(3000), ..BakeSettings::new(method, values) };
+        let announced = method.bake_memory(&scene, &settings);
+        let least = 32 * cost.samples;
+        assert!((least..announced as usize).contains(&cost.resident_bytes), "{name}: {cost:?}, {announced} bytes");
+        let more = BakeSettings { samples: Some(300_000), ..settings };
+        assert!(method.bake_memory(&scene, &more) > announced, "{name}");
+    }
+}
+
+/// The same bytes of the asset and of the radiosity on 1, 2 and 8 threads.
+#[test]
+fn threads_do_not_change_a_bit() {
+    let scene = group(2);
+    let lights = every_light(&scene);
+    for method in ALL {
+        let run = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| {
+                let asset = asset(method, &scene, 1500);
+                let mut evaluator = reopened(method, &asset);
+                let values: Vec<_> = lights.iter().map(|l| lit(evaluator.as_mut(), vec![l.clone()])).collect();
+                (asset.to_bytes().unwrap(), values, promise(evaluator.as_mut()).to_bits())
+            })
+        };
+        let first = run(1);
+        for threads in [2, 8] {
+            let (bytes, values, promised) = run(threads);
+            let name = method.name();
+            assert!(bytes == first.0, "{name}: the asset on {threads} threads");
+            assert!(values == first.1, "{name}: the radiosity on {threads} threads");
+            assert_eq!(promised, first.2, "{name}: the measured error on {threads} threads");
+        }
+    }
+}
+
+#[test]
+fn bytes_survive_a_round_trip() {
+    let scene = group(2);
+    for method in ALL {
+        let bytes = asset(method, &scene, 1500).to_bytes().unwrap();
+        assert!(Asset::from_bytes(&bytes).unwrap().to_bytes().unwrap() == bytes, "{}", method.name());
+    }
+}
+
+#[test]
+fn keys_mean_what_they_say() {
+    let scene = head(2, "marble");
+    let code = |method: &dyn Method, set: &[(String, String)]| {
+        let error = try_bake(method, scene.clone(), Some(500), set).unwrap_err();
+        (error.code(), error.message().to_owned())
+    };
+    for method in ALL {
+        let name = method.name();
+        let bytes =
+            |set: &[(String, String)]| try_bake(method, scene.clone(), Some(500), set).unwrap().to_bytes().unwrap();
+        let defaults = bytes(&[]);
+        let pairs: Vec<(String, String)> = method.keys().iter().map(|k| (k.name.into(), k.default.into())).collect();
+        assert!(bytes(&pairs) == defaults, "{name}: all defaults typed");
+        for key in method.keys() {
+            assert!(!key.help.is_empty() && key.name.chars().all(|c| c.is_ascii_lowercase() || c == '-'), "{name}");
+            for value in ["", "?", "-1", "1e99", "nan"] {
+                let (code, message) = code(method, &[(key.name.to_owned(), value.to_owned())]);
+                assert_eq!(code, ExitCode::CommandLine, "{name}: {}={value}", key.name);
+                assert!(message.contains(key.name), "{name}: {}={value}: {message}", key.name);
+            }
+        }
+        let (code, message) = code(method, &[("no-such-key".into(), "1".into())]);
+        assert_eq!(code, ExitCode::CommandLine);
+        assert!(message.contains("no-such-key") && message.contains(name), "{message}");
+        assert!(method.keys().iter().all(|k| message.contains(k.name)), "{message}");
+    }
+}
+
+/// Without a kind of light an asset evaluates it as well as ever, or says that it cannot.
+#[test]
+fn other_lights_than_baked_for_are_as_good_or_refused() {
+    let scene = head(3, "marble");
+    let mut truth = Truth::new(&scene);
+    let lights = every_light(&scene);
+    let truths: Vec<_> = lights.iter().map(|light| truth.under(light)).collect();
+    for method in ALL {
+        let values = methods::settings::resolve(method, &[]).unwrap();
+        let mut settings = BakeSettings { samples: Some(SAMPLES), ..BakeSettings::new(method, values) };
+        settings.for_lights = [LightKind::Directional].into();
+        settings.probes = probes::for_bake(&scene.mesh);
+        let asset = methods::bake(method, scene.clone(), &settings, Default::default(), &Silent).unwrap();
+        let mut evaluator = reopened(method, &asset);
+        for (light, truth) in lights.iter().zip(&truths) {
+            match evaluator.set_lights(vec![light.clone()], &Silent) {
+                Ok(()) => {
+                    let values = evaluator.radiosity(&Silent).unwrap();
+                    let what = format!("unannounced {}", light.kind().name());
+                    assert_promise((method, &what), evaluator.as_mut(), &values, truth);
+                }
+                Err(error) => {
+                    assert_ne!(light.kind(), LightKind::Directional);
+                    assert_eq!(error.code(), ExitCode::Unsupported, "{}", error.message());
+                }
+            }
+        }
+    }
+}
+
+fn triangle(size_mm: f64) -> SourceModel {
+    SourceModel {
+        positions: [DVec3::ZERO, DVec3::X, DVec3::new(0.2, 0.9, 0.3)].map(|p| p * size_mm).to_vec(),
+        triangles: vec![[0, 1, 2]],
+        triangle_material: vec![0],
+        materials: vec!["default".into()],
+        ..SourceModel::default()
+    }
+}
+
+/// Bakes and evaluates a scene with every method under every light, alone and all at once. A flat or convex surface
+/// under constant light returns at most what arrives, `most` times pi.
+fn survives(name: &str, scene: &Scene, samples: &[usize], most: f64) {
+    let lights = every_light(scene);
+    for method in ALL {
+        for &samples in samples {
+            let what = format!("{name}, {}, {samples} samples", method.name());
+            let mut evaluator = baked(method, scene, samples);
+            for light in &lights {
+                let values = lit(evaluator.as_mut(), vec![light.clone()]);
+                assert_eq!(values.len(), scene.mesh.local_mm.len(), "{what}");
+                assert_not_negative(&format!("{what}, {}", light.kind().name()), &values);
+            }
+            let under = vec![probes::constant(), lights[1].clone()];
+            let largest =
+                lit(evaluator.as_mut(), vec![probes::constant()]).iter().fold(0.0f64, |a, v| a.max(v.max_element()));
+            let translucent = scene.parts.parts.iter().any(|p| p.transfers());
+            assert_eq!(largest > 0.0, translucent, "{what}");
+            assert!(largest <= most * std::f64::consts::PI, "{what}: {largest} under constant light");
+            lit(evaluator.as_mut(), under);
+            let measured = evaluator.measured_error(&probes::unseen(&scene.mesh), &Silent).unwrap();
+            assert!(measured.total_rms().is_finite(), "{what}: {measured:?}");
+        }
+    }
+}
+
+#[test]
+fn a_single_triangle() {
+    survives("triangle", &scene(triangle(5.0), Scale::MillimetresPerUnit(1.0), "marble"), &[1, 200], 1.02);
+}
+
+#[test]
+fn an_open_plane() {
+    survives("plane", &scene(shapes::plane(20.0, 20.0, 8), Scale::MillimetresPerUnit(1.0), "skin1"), &[1, 300], 1.02);
+}
+
+#[test]
+fn nothing_translucent() {
+    let model = called(shapes::icosphere(5.0, 2), "stone");
+    let opaque = scene_of(model.clone(), Scale::MillimetresPerUnit(1.0), &[]);
+    assert!(opaque.media.is_empty() && opaque.parts.parts.iter().all(|p| !p.transfers()));
+    survives("opaque", &opaque, &[1, 100], 0.0);
+    // A medium that no part has.
+    let mut unused = opaque;
+    unused.media = vec![medium("marble")];
+    survives("unused medium", &unused, &[1, 100], 0.0);
+}
+
+#[test]
+fn few_samples_and_many() {
+    survives("head", &head(2, "marble"), &[1, 7, 320, 2000], 2.0);
+    // Fewer samples than parts.
+    survives("group", &group(1), &[1], 2.0);
+}
+
+#[test]
+fn a_huge_object_and_tiny_ones() {
+    for (size_mm, material) in [(1800.0, "marble"), (0.1, "spectralon"), (1e-4, "ketchup"), (1e6, "cream")] {
+        let scene = scene(shapes::bumpy_head(1.0, 2), Scale::DiagonalMm(size_mm), material);
+        survives(&format!("{size_mm} mm of {material}"), &scene, &[500], 2.0);
+    }
+}
