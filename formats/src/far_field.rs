@@ -4,7 +4,7 @@
 use crate::asset::{RawSection, pick};
 use crate::checks::{addressable, indices_below, invalid, same_length};
 use crate::error::Result;
-use crate::far_values::{count, from_planes, narrow, planes, wide};
+use crate::far_values::{by_coefficient, by_function, count, from_planes, planes};
 use crate::samples::Samples;
 use crate::types::{Codec, Kind};
 use crate::{far_sums, varints};
@@ -27,13 +27,45 @@ pub mod tags {
     pub const STEPS: Tag = Tag::from_static("far.stp");
     /// Row sums, four planes of u8 for each function.
     pub const ROW_SUMS: Tag = Tag::from_static("far.sum");
-    /// 8-bit values, u8 x 16.
+    /// 8-bit values, i8 x 16.
     pub const NARROW: Tag = Tag::from_static("far.val");
     /// 16-bit values, u8 x 16: a plane of low and one of high bytes.
     pub const WIDE: Tag = Tag::from_static("far.big");
 
     /// All of them, in the order of the file.
     pub const ALL: [Tag; 9] = [RECEIVERS, GROUPS, NODES, MASKS, WIDE_MASKS, STEPS, ROW_SUMS, NARROW, WIDE];
+}
+
+/// 1 / sqrt(2), rounded.
+const HALF_ROOT: f32 = std::f32::consts::FRAC_1_SQRT_2;
+
+/// Orthonormal Haar transform over the lanes: the scaled mean, then the details from the coarsest on.
+pub fn transform_lanes(mut lanes: [f32; LANES]) -> [f32; LANES] {
+    let mut length = LANES;
+    while length > 1 {
+        let half = length / 2;
+        let level = lanes;
+        for i in 0..half {
+            lanes[i] = (level[2 * i] + level[2 * i + 1]) * HALF_ROOT;
+            lanes[half + i] = (level[2 * i + 1] - level[2 * i]) * HALF_ROOT;
+        }
+        length = half;
+    }
+    lanes
+}
+
+/// Undoes [`transform_lanes`]: from coefficients to the values of the lanes.
+pub fn over_lanes(mut coefficients: [f32; LANES]) -> [f32; LANES] {
+    let mut half = 1;
+    while half < LANES {
+        let level = coefficients;
+        for i in 0..half {
+            coefficients[2 * i] = (level[i] - level[half + i]) * HALF_ROOT;
+            coefficients[2 * i + 1] = (level[i] + level[half + i]) * HALF_ROOT;
+        }
+        half *= 2;
+    }
+    coefficients
 }
 
 /// Basis functions at most: the bits of a mask.
@@ -72,7 +104,8 @@ pub struct FarField {
     pub steps: Vec<f32>,
     /// Those of the kept functions whose values need 16 bits.
     pub wide_masks: Vec<u16>,
-    /// Quantised values of the others: for each coefficient its functions, ascending; lanes beyond the group's receivers are 0.
+    /// Quantised values of the others: for each coefficient its functions, ascending, and for each of these the Haar
+    /// transform over the lanes (see [`over_lanes`]).
     pub narrow: Vec<[i8; LANES]>,
     /// Quantised values that need 16 bits, likewise.
     pub wide: Vec<[i16; LANES]>,
@@ -131,8 +164,7 @@ impl FarField {
         same_length(tags::WIDE_MASKS, "coefficients", self.wide_masks.len(), coefficients)?;
         check_masks(&self.masks, &self.wide_masks, self.terms)?;
         same_length(tags::NARROW, "8-bit rows", self.narrow.len(), count(self.narrow_masks()))?;
-        same_length(tags::WIDE, "16-bit rows", self.wide.len(), count(self.wide_masks.iter().copied()))?;
-        self.check_lanes()
+        same_length(tags::WIDE, "16-bit rows", self.wide.len(), count(self.wide_masks.iter().copied()))
     }
 
     /// The nodes of a group lie strictly inside its part's samples, in order.
@@ -156,21 +188,6 @@ impl FarField {
         self.masks.iter().zip(&self.wide_masks).map(|(kept, wide)| kept & !wide)
     }
 
-    fn check_lanes(&self) -> Result<()> {
-        let stray = |tag, lanes| invalid(tag, format!("a value in a lane from {lanes} on, which has no receiver"));
-        for (lanes, rows) in by_group(&self.groups, &self.narrow, self.narrow_masks()) {
-            if rows.iter().any(|row| row[lanes..].iter().any(|&x| x != 0)) {
-                return stray(tags::NARROW, lanes);
-            }
-        }
-        for (lanes, rows) in by_group(&self.groups, &self.wide, self.wide_masks.iter().copied()) {
-            if rows.iter().any(|row| row[lanes..].iter().any(|&x| x != 0)) {
-                return stray(tags::WIDE, lanes);
-            }
-        }
-        Ok(())
-    }
-
     /// The sections of a valid far field.
     ///
     /// # Errors
@@ -179,9 +196,8 @@ impl FarField {
         self.validate(shape)?;
         let (kind, zstd) = (Kind::Method, Codec::Zstd);
         let groups: Vec<[u32; 3]> = self.groups.iter().map(|g| [g.part, g.receivers_end, g.coefficients_end]).collect();
-        let lanes = || group_sizes(&self.groups).flat_map(|(lanes, count)| std::iter::repeat_n(lanes, count));
-        let narrow = narrow::pack(&self.narrow, self.narrow_masks(), lanes());
-        let wide = planes(&wide::pack(&self.wide, self.wide_masks.iter().copied(), lanes()));
+        let narrow = by_function(&self.narrow, self.narrow_masks());
+        let wide = planes(&by_function(&self.wide, self.wide_masks.iter().copied()));
         Ok(vec![
             RawSection::from_rows(tags::RECEIVERS, kind, zstd, &self.receiver_of_vertex),
             RawSection::from_rows(tags::GROUPS, kind, zstd, &groups),
@@ -234,7 +250,7 @@ impl FarField {
         let wide_masks: Vec<u16> = wide_masks.rows()?;
         same_length(tags::WIDE_MASKS, "coefficients", wide_masks.len(), end.1)?;
         check_masks(&masks, &wide_masks, terms)?;
-        let narrow_bytes: &[[u8; LANES]] = narrow_rows.view()?;
+        let narrow_stored: &[[i8; LANES]] = narrow_rows.view()?;
         let wide_bytes: &[[u8; LANES]] = wide_rows.view()?;
         let mut field = Self {
             terms,
@@ -249,48 +265,13 @@ impl FarField {
             row_sums: far_sums::decode(sums, terms),
         };
         let rows = (count(field.narrow_masks()), count(field.wide_masks.iter().copied()));
-        same_length(tags::NARROW, "8-bit rows", narrow_bytes.len(), rows.0)?;
+        same_length(tags::NARROW, "8-bit rows", narrow_stored.len(), rows.0)?;
         same_length(tags::WIDE, "planes of 16-bit rows", wide_bytes.len(), 2 * rows.1)?;
-        field.narrow = narrow::unpack(narrow_bytes, field.narrow_masks());
-        field.wide = wide::unpack(&from_planes(wide_bytes), field.wide_masks.iter().copied());
-        field.clear_lanes();
+        field.narrow = by_coefficient(narrow_stored, field.narrow_masks());
+        field.wide = by_coefficient(&from_planes(wide_bytes), field.wide_masks.iter().copied());
         field.validate(shape)?;
         Ok(Some(field))
     }
-
-    /// Zeroes the lanes without a receiver.
-    fn clear_lanes(&mut self) {
-        if group_sizes(&self.groups).all(|(lanes, _)| lanes == LANES) {
-            return;
-        }
-        let (mut narrow, mut wide) = (self.narrow.as_mut_slice(), self.wide.as_mut_slice());
-        let mut first = 0;
-        for (lanes, coefficients) in group_sizes(&self.groups) {
-            let range = first..first + coefficients;
-            first = range.end;
-            let wide_masks = &self.wide_masks[range.clone()];
-            let narrow_masks = self.masks[range].iter().zip(wide_masks).map(|(kept, wide)| kept & !wide);
-            let (mine, others) = narrow.split_at_mut(count(narrow_masks));
-            narrow = others;
-            mine.iter_mut().for_each(|row| row[lanes..].fill(0));
-            let (mine, others) = wide.split_at_mut(count(wide_masks.iter().copied()));
-            wide = others;
-            mine.iter_mut().for_each(|row| row[lanes..].fill(0));
-        }
-    }
-}
-
-/// Receivers and rows of each group.
-fn by_group<'a, T>(
-    groups: &'a [Group],
-    mut rows: &'a [T],
-    mut masks: impl Iterator<Item = u16> + 'a,
-) -> impl Iterator<Item = (usize, &'a [T])> {
-    group_sizes(groups).map(move |(lanes, coefficients)| {
-        let (mine, others) = rows.split_at(count(masks.by_ref().take(coefficients)));
-        rows = others;
-        (lanes, mine)
-    })
 }
 
 fn check_masks(masks: &[u16], wide_masks: &[u16], terms: usize) -> Result<()> {
@@ -388,4 +369,21 @@ fn read_nodes(bytes: &[u8], groups: &[Group], shape: &Shape<'_>) -> Result<Vec<u
 /// A product of lengths; more than any length in memory where it overflows.
 fn product(factors: &[usize]) -> usize {
     factors.iter().fold(1, |product, factor| product.saturating_mul(*factor))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_transform_over_lanes_is_orthonormal_and_inverts() {
+        let lanes: [f32; LANES] = std::array::from_fn(|i| ((7 * i * i + 3) % 23) as f32 - 11.0);
+        let coefficients = transform_lanes(lanes);
+        let energy = |values: [f32; LANES]| values.iter().map(|x| x * x).sum::<f32>();
+        assert!((energy(coefficients) / energy(lanes) - 1.0).abs() < 1e-6);
+        assert!((coefficients[0] - lanes.iter().sum::<f32>() / 4.0).abs() < 1e-5);
+        let back = over_lanes(coefficients);
+        assert!(lanes.iter().zip(back).all(|(a, b)| (a - b).abs() < 1e-5), "{back:?}");
+        assert!(transform_lanes([3.0; LANES])[1..].iter().all(|d| *d == 0.0));
+    }
 }

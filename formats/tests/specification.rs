@@ -4,7 +4,7 @@
 mod common;
 
 use common::{crc32, f64_at, full_asset, full_asset_0_1, u16_at, u32_at, u64_at};
-use translux_format::far_field::{FarField, Group, NO_RECEIVER, Shape};
+use translux_format::far_field::{FarField, Group, NO_RECEIVER, Shape, over_lanes};
 use translux_format::profile_basis::ProfileBasis;
 use translux_format::rows::IrradianceRows;
 use translux_format::{AssetFile, Mesh, PartRecord, Parts, Samples};
@@ -187,7 +187,7 @@ struct ByHand {
     /// `[receiver][k]`
     row_sums: Vec<Vec<f32>>,
     /// `[coefficient][k][lane]`
-    values: Vec<Vec<Vec<i16>>>,
+    values: Vec<Vec<Vec<f64>>>,
     split_mm: f64,
     radii_mm: Vec<f64>,
     weights: Vec<f64>,
@@ -195,40 +195,41 @@ struct ByHand {
     functions: Vec<Vec<f32>>,
 }
 
-/// Rows of one width, as (coefficient, k) and its lanes.
-fn rows_by_hand(bytes: &[u8], width: usize, functions: usize, masks: &[u16]) -> Vec<((usize, usize), Vec<i16>)> {
+/// Rows of one width in bytes, as (coefficient, k) and the values of the lanes.
+fn rows_by_hand(bytes: &[u8], width: usize, functions: usize, masks: &[u16]) -> Vec<((usize, usize), Vec<f64>)> {
     let order: Vec<(usize, usize)> = (0..functions)
         .flat_map(|k| (0..masks.len()).map(move |c| (c, k)))
         .filter(|&(c, k)| masks[c] >> k & 1 == 1)
         .collect();
     assert_eq!(bytes.len(), 16 * width * order.len());
-    let wrap = |x: i32| if width == 1 { i32::from(x as i8) } else { i32::from(x as i16) };
-    let lanes = |n: usize| {
-        let byte = |j: usize, position: usize| i32::from(bytes[16 * (j * order.len() + n) + position]);
-        let z = (0..16).map(|position| (0..width).map(|j| byte(j, position) << (8 * j)).sum::<i32>());
-        let t: Vec<i32> = z.map(|z| wrap((z >> 1) ^ -(z & 1))).collect();
-        let mut s = vec![t[0]];
-        for h in [1, 2, 4, 8] {
-            let pair = |i: usize| {
-                let even = wrap(s[i] - (t[h + i] >> 1));
-                [even, wrap(even + t[h + i])]
-            };
-            s = (0..h).flat_map(pair).collect();
+    let number = |n: usize, position: usize| {
+        let byte = |j: usize| bytes[16 * (j * order.len() + n) + position];
+        if width == 1 {
+            return f64::from(byte(0) as i8);
         }
-        s.into_iter().map(|x| x as i16).collect()
+        let z = u16::from_le_bytes([byte(0), byte(1)]);
+        f64::from((z >> 1) as i16 ^ ((z & 1) as i16).wrapping_neg())
+    };
+    let lanes = |n: usize| {
+        let q: Vec<f64> = (0..16).map(|position| number(n, position)).collect();
+        let mut s = vec![q[0]];
+        for h in [1, 2, 4, 8] {
+            s = (0..h).flat_map(|i| [s[i] - q[h + i], s[i] + q[h + i]].map(|x| x / 2f64.sqrt())).collect();
+        }
+        s
     };
     order.iter().enumerate().map(|(n, &place)| (place, lanes(n))).collect()
 }
 
 /// `[coefficient][k][lane]`; zeros where a function is not kept.
-fn values_by_hand(sections: &[Section], functions: usize) -> Vec<Vec<Vec<i16>>> {
+fn values_by_hand(sections: &[Section], functions: usize) -> Vec<Vec<Vec<f64>>> {
     let u16s = |tag| -> Vec<u16> {
         find(sections, tag, 3, 1).chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect()
     };
     let (masks, wide) = (u16s("far.msk"), u16s("far.wid"));
     let narrow: Vec<u16> = masks.iter().zip(&wide).map(|(kept, wide)| kept & !wide).collect();
-    let mut values = vec![vec![vec![0; 16]; functions]; masks.len()];
-    let rows = rows_by_hand(find(sections, "far.val", 1, 16), 1, functions, &narrow);
+    let mut values = vec![vec![vec![0.0; 16]; functions]; masks.len()];
+    let rows = rows_by_hand(find(sections, "far.val", 2, 16), 1, functions, &narrow);
     for ((c, k), lanes) in rows.into_iter().chain(rows_by_hand(find(sections, "far.big", 1, 16), 2, functions, &wide)) {
         values[c][k] = lanes;
     }
@@ -328,8 +329,7 @@ impl ByHand {
             let start = out.len();
             for receiver in start..receivers_end {
                 let of = |k: usize| {
-                    let term =
-                        |c: usize| f64::from(self.values[c][k][receiver - start]) * detail[self.nodes[c] as usize];
+                    let term = |c: usize| self.values[c][k][receiver - start] * detail[self.nodes[c] as usize];
                     let sum: f64 = (first..coefficients_end).map(term).sum();
                     s[k] * (f64::from(self.row_sums[receiver][k]) * mean + f64::from(self.steps[k]) * sum)
                 };
@@ -353,8 +353,12 @@ fn the_sections_of_editable_read_as_the_page_says() {
     assert_eq!(by_hand.steps, field.steps);
     assert_eq!(by_hand.row_sums.concat(), field.row_sums);
     // One coefficient, whose first function is wide.
-    assert_eq!(by_hand.values[0][0][..3], field.wide[0][..3]);
-    assert_eq!(by_hand.values[0][1][..3], field.narrow[0][..3].iter().map(|&x| i16::from(x)).collect::<Vec<_>>());
+    let wide = over_lanes(field.wide[0].map(f32::from));
+    let narrow = over_lanes(field.narrow[0].map(f32::from));
+    for lane in 0..16 {
+        assert!((by_hand.values[0][0][lane] - f64::from(wide[lane])).abs() < 0.01, "lane {lane}");
+        assert!((by_hand.values[0][1][lane] - f64::from(narrow[lane])).abs() < 1e-5, "lane {lane}");
+    }
     assert_eq!((by_hand.split_mm, by_hand.radii_mm), (basis.split_mm, basis.nodes_mm));
     assert_eq!((by_hand.weights, by_hand.functions.concat()), (basis.weights_mm4, basis.functions));
 }
@@ -377,9 +381,13 @@ fn example() -> AssetFile {
         patch_offsets: vec![0, 1, 2, 3],
         part_offsets: vec![0, 3],
     };
-    let lanes = |row: [i8; 2]| std::array::from_fn(|lane| row.get(lane).copied().unwrap_or(0));
+    let lanes = |first, second| {
+        let mut row = [0; 16];
+        row[..2].copy_from_slice(&[first, second]);
+        row
+    };
     let mut wide = [0; 16];
-    wide[..2].copy_from_slice(&[-4, 300]);
+    wide[0] = 1184;
     let field = FarField {
         terms: 2,
         receiver_of_vertex: vec![0, NO_RECEIVER, NO_RECEIVER, NO_RECEIVER, 1],
@@ -388,7 +396,7 @@ fn example() -> AssetFile {
         masks: vec![3, 1],
         wide_masks: vec![0, 1],
         steps: vec![0.5, 0.25],
-        narrow: vec![lanes([3, 5]), lanes([1, -1])],
+        narrow: vec![lanes(16, 0), lanes(4, -4)],
         wide: vec![wide],
         row_sums: vec![2.0, 1.0, 2.5, -0.5],
     };
@@ -413,10 +421,9 @@ fn the_example_of_the_page_is_right() {
     let mut detail = [0.0; 3];
     details(0, 3, &areas, &irradiance, &mut detail);
     assert_eq!((mean(&areas, &irradiance), detail), (2.75, [0.0, -1.0, -2.5]));
-    // Low bytes of node 1 for k = 0, zigzag.
-    let low = &find(&sections, "far.val", 1, 16)[..16];
-    let t: Vec<i32> = low.iter().map(|&z| i32::from(z >> 1) ^ -i32::from(z & 1)).collect();
-    assert_eq!(t, [4, 1, 1, 0, 1, 0, 0, 0, 2, 0, 0, 0, 0, 0, 0, 0]);
+    let near = |a: &[f64], b: [f64; 2]| a[..2].iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-9);
+    let values = &by_hand.values;
+    assert!(near(&values[0][0], [4.0, 4.0]) && near(&values[0][1], [2.0, 2.0]) && near(&values[1][0], [296.0, 296.0]));
 
     let s = by_hand.coefficients(|r| {
         let x = 1.0 + r * r;
@@ -424,9 +431,8 @@ fn the_example_of_the_page_is_right() {
     });
     let far = by_hand.far(&s, &[0, 3], &areas, &irradiance);
     assert!((s[0] - 1.38671875).abs() < 1e-14 && (s[1] - 1.7734375).abs() < 1e-14, "{s:?}");
-    assert!((far[0] - 16.9140625).abs() < 1e-12 && (far[1] + 515.94775390625).abs() < 1e-12, "{far:?}");
-    let numbers =
-        ["1.38671875 ", "1.7734375\n", "16.9140625\n", "-515.94775390625\n", "4 1 1 0 1 0 0 0 2 0", "-370.625\n"];
+    assert!((far[0] + 504.2421875).abs() < 1e-9 && (far[1] + 509.65087890625).abs() < 1e-9, "{far:?}");
+    let numbers = ["1.38671875 ", "1.7734375\n", "-504.2421875\n", "-509.65087890625\n", "-365.125\n", "296, 296"];
     numbers.iter().for_each(|number| assert!(PAGE.contains(number), "{number} is not on the page"));
 }
 

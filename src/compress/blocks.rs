@@ -22,6 +22,14 @@ pub fn fitting_step(step: f64, largest: f64) -> f32 {
     if step.is_finite() { (step as f32).min(f32::MAX) } else { f32::MAX }
 }
 
+/// The transform of a row over its lanes, of which `count` are real; the others repeat the last, which costs nothing.
+pub fn transformed(row: &[f32; LANES], count: usize) -> [f32; LANES] {
+    let mut row = *row;
+    let last = row[count.clamp(1, LANES) - 1];
+    row[count.min(LANES)..].fill(last);
+    translux_format::far_field::transform_lanes(row)
+}
+
 /// Nearest multiples of the step.
 pub fn quantise(values: &[f32; LANES], step: f32) -> [i16; LANES] {
     // The cast saturates and takes NaN to 0.

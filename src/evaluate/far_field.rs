@@ -3,7 +3,7 @@
 
 use glam::DVec3;
 use rayon::prelude::*;
-use translux_format::far_field::{FarField, LANES};
+use translux_format::far_field::{FarField, LANES, over_lanes};
 
 use crate::transport::balanced_tree::LightDetails;
 use crate::transport::simd::{Level, multiversion};
@@ -57,6 +57,10 @@ impl FarSums {
         jobs.into_par_iter().for_each(|(block, mean, receiver, out)| {
             let mut sums = [[[0.0; LANES]; 3]; TERMS];
             add_block(level, &block, &light.details, &mut sums);
+            // The transform over the lanes is linear: once for the sums instead of once for each coefficient.
+            for row in sums[..terms].iter_mut().flatten() {
+                *row = over_lanes(*row);
+            }
             for (lane, out) in out.chunks_exact_mut(terms.max(1)).enumerate() {
                 let whole = &far.row_sums[(receiver + lane) * terms..];
                 for (k, out) in out.iter_mut().enumerate() {
@@ -192,10 +196,11 @@ mod tests {
                 used = first;
                 for c in coefficient..group.coefficients_end as usize {
                     for k in (0..3).filter(|k| far.masks[c] >> k & 1 == 1) {
-                        let size = match k {
-                            1 => f64::from(far.wide[used[1]][r - receiver]),
-                            _ => f64::from(far.narrow[used[0]][r - receiver]),
-                        } * f64::from(far.steps[k]);
+                        let row = match k {
+                            1 => far.wide[used[1]].map(f32::from),
+                            _ => far.narrow[used[0]].map(f32::from),
+                        };
+                        let size = f64::from(over_lanes(row)[r - receiver]) * f64::from(far.steps[k]);
                         expected[k] += size * glam::Vec3::from_array(light.details[far.nodes[c] as usize]).as_dvec3();
                         used[usize::from(k == 1)] += 1;
                     }

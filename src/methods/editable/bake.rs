@@ -213,6 +213,11 @@ fn far_field(transport: &FarTransport, receivers: &Receivers, choice: &Choice, p
     progress.finish();
     let terms = transport.spread.len();
     let mut largest = vec![0.0f64; terms];
+    for (rows, group) in all.iter_mut().zip(&receivers.groups) {
+        for row in &mut rows.values {
+            *row = blocks::transformed(row, group.run.range().len());
+        }
+    }
     for_each_value(&all, |k, row| {
         largest[k] = row.iter().fold(largest[k], |a, v| a.max(f64::from(v.abs())));
     });
