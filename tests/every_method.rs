@@ -3,7 +3,6 @@
 #![allow(clippy::unwrap_used, missing_docs)]
 
 mod in_memory;
-#[allow(dead_code)]
 mod oracle;
 
 use std::collections::BTreeSet;
