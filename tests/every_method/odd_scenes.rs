@@ -1,0 +1,76 @@
+//! Scenes that nobody wants and somebody has: no method may fail on them.
+
+use super::*;
+
+fn triangle(size_mm: f64) -> SourceModel {
+    SourceModel {
+        positions: [DVec3::ZERO, DVec3::X, DVec3::new(0.2, 0.9, 0.3)].map(|p| p * size_mm).to_vec(),
+        triangles: vec![[0, 1, 2]],
+        triangle_material: vec![0],
+        materials: vec!["default".into()],
+        ..SourceModel::default()
+    }
+}
+
+/// Bakes and evaluates a scene with every method under every light, alone and all at once. A flat or convex surface
+/// under constant light returns at most what arrives, `most` times pi.
+fn survives(name: &str, scene: &Scene, samples: &[usize], most: f64) {
+    let lights = every_light(scene);
+    for method in ALL {
+        for &samples in samples {
+            let what = format!("{name}, {}, {samples} samples", method.name());
+            let mut evaluator = baked(method, scene, samples);
+            for light in &lights {
+                let values = lit(evaluator.as_mut(), vec![light.clone()]);
+                assert_eq!(values.len(), scene.mesh.local_mm.len(), "{what}");
+                assert_not_negative(&format!("{what}, {}", light.kind().name()), &values);
+            }
+            let under = vec![probes::constant(), lights[1].clone()];
+            let largest =
+                lit(evaluator.as_mut(), vec![probes::constant()]).iter().fold(0.0f64, |a, v| a.max(v.max_element()));
+            let translucent = scene.parts.parts.iter().any(|p| p.transfers());
+            assert_eq!(largest > 0.0, translucent, "{what}");
+            assert!(largest <= most * std::f64::consts::PI, "{what}: {largest} under constant light");
+            lit(evaluator.as_mut(), under);
+            let measured = evaluator.measured_error(&probes::unseen(&scene.mesh), &Silent).unwrap();
+            assert!(measured.total_rms().is_finite(), "{what}: {measured:?}");
+        }
+    }
+}
+
+#[test]
+fn a_single_triangle() {
+    survives("triangle", &scene(triangle(5.0), Scale::MillimetresPerUnit(1.0), "marble"), &[1, 200], 1.02);
+}
+
+#[test]
+fn an_open_plane() {
+    survives("plane", &scene(shapes::plane(20.0, 20.0, 8), Scale::MillimetresPerUnit(1.0), "skin1"), &[1, 300], 1.02);
+}
+
+#[test]
+fn nothing_translucent() {
+    let model = called(shapes::icosphere(5.0, 2), "stone");
+    let opaque = scene_of(model.clone(), Scale::MillimetresPerUnit(1.0), &[]);
+    assert!(opaque.media.is_empty() && opaque.parts.parts.iter().all(|p| !p.transfers()));
+    survives("opaque", &opaque, &[1, 100], 0.0);
+    // A medium that no part has.
+    let mut unused = opaque;
+    unused.media = vec![medium("marble")];
+    survives("unused medium", &unused, &[1, 100], 0.0);
+}
+
+#[test]
+fn few_samples_and_many() {
+    survives("head", &head(2, "marble"), &[1, 7, 320, 2000], 2.0);
+    // Fewer samples than parts.
+    survives("group", &group(1), &[1], 2.0);
+}
+
+#[test]
+fn a_huge_object_and_tiny_ones() {
+    for (size_mm, material) in [(1800.0, "marble"), (0.1, "spectralon"), (1e-4, "ketchup"), (1e6, "cream")] {
+        let scene = scene(shapes::bumpy_head(1.0, 2), Scale::DiagonalMm(size_mm), material);
+        survives(&format!("{size_mm} mm of {material}"), &scene, &[500], 2.0);
+    }
+}
