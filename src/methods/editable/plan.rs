@@ -14,7 +14,7 @@ use crate::transport::irradiance::LightSampling;
 
 /// Shares of the asked error that the lossy stages of the far field may take. What is left is for sampling.
 const TRUNCATION_SHARE: f64 = 0.6;
-const QUANTISER_SHARE: f64 = 0.2;
+const QUANTISER_SHARE: f64 = 0.1;
 const BASIS_SHARE: f64 = 0.15;
 
 /// What a bake and an evaluation follow.
