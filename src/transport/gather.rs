@@ -7,7 +7,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::irradiance::{Pieces, pieces};
+use super::irradiance::Pieces;
 use super::kernel::{self, Block, FlatSource, KernelRgb, PointSource};
 use super::receivers::{Group, Receivers};
 use super::scene::{Medium, Surface};
@@ -271,19 +271,18 @@ impl<'a> Gather<'a> {
         }
         let exact = below(self.near.exact_below);
         let mesh = &self.surface.scene.mesh;
-        if let (Some(irradiance), [facet]) = (lit.pieces.and_then(|p| p.of(index)), self.surface.samples.patch(index)) {
-            let mut irradiance = irradiance.iter();
-            pieces(facet.corners_local_mm(mesh), irradiance.len() as u32, &mut |corners| {
-                let e = irradiance.next().map_or(DVec3::ZERO, |e| *e * lit.scale);
-                if e == DVec3::ZERO {
-                } else if exact {
+        if let Some(pieces) = lit.pieces.and_then(|p| p.of(index)) {
+            for (e, corners) in pieces.filter(|(e, _)| *e != DVec3::ZERO) {
+                let e = e * lit.scale;
+                let corners = corners.map(|c| patch.centre_mm + glam::Vec3::from_array(c).as_dvec3());
+                if exact {
                     lists.flats.extend(FlatSource::new(corners, e.as_vec3().to_array(), sphere.centre));
                 } else {
                     // A piece is small where its sample is three points.
                     let centre = corners.iter().sum::<DVec3>() / 3.0;
                     lists.points.push(point(centre, e * crate::geometry::samples::area(corners), sphere));
                 }
-            });
+            }
             return;
         }
         for facet in self.surface.samples.patch(index) {

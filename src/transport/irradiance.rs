@@ -153,6 +153,8 @@ pub struct Uneven {
     patch: u32,
     /// Irradiance of each of its pieces, RGB.
     points: Vec<DVec3>,
+    /// Corners of each relative to the centroid of the patch, mm.
+    corners: Vec<[[f32; 3]; 3]>,
 }
 
 /// Where sharp light comes from.
@@ -247,12 +249,14 @@ pub struct Pieces {
     /// Position of each sample's pieces in `irradiance`; `u32::MAX` for samples that are lit evenly.
     first: Vec<u32>,
     irradiance: Vec<DVec3>,
+    /// Corners of each piece relative to the centroid of its sample, mm.
+    corners: Vec<[[f32; 3]; 3]>,
     count: usize,
 }
 
 impl Pieces {
     /// Every sample lit evenly.
-    pub const NONE: Self = Self { first: Vec::new(), irradiance: Vec::new(), count: 0 };
+    pub const NONE: Self = Self { first: Vec::new(), irradiance: Vec::new(), corners: Vec::new(), count: 0 };
 
     /// Adds an even irradiance to all pieces of each sample, RGB.
     pub fn add(&mut self, of_patch: impl Fn(usize) -> DVec3) {
@@ -263,10 +267,12 @@ impl Pieces {
         }
     }
 
-    /// Irradiance of the pieces of a sample, RGB, in the order of [`pieces`]; `None` if it is lit evenly.
-    pub fn of(&self, patch: usize) -> Option<&[DVec3]> {
+    /// Pieces of a sample: their irradiance, RGB, and corners relative to the sample's centroid, mm; `None` if it is lit
+    /// evenly.
+    pub fn of(&self, patch: usize) -> Option<impl Iterator<Item = (DVec3, &[[f32; 3]; 3])>> {
         let first = *self.first.get(patch).filter(|&&first| first != u32::MAX)? as usize;
-        self.irradiance.get(first..first + self.count)
+        let range = first..first + self.count;
+        Some(self.irradiance.get(range.clone())?.iter().copied().zip(self.corners.get(range)?))
     }
 }
 
@@ -346,12 +352,13 @@ impl<'a> Illumination<'a> {
             .collect();
         progress.finish();
         let count = self.pieces_of_uneven() as usize;
-        let mut pieces = Pieces { first: vec![u32::MAX; patches], irradiance: Vec::new(), count };
-        for Uneven { patch, points } in uneven.into_iter().flatten() {
-            pieces.first[patch as usize] = pieces.irradiance.len() as u32;
-            pieces.irradiance.extend(points);
+        let mut result_pieces = Pieces { first: vec![u32::MAX; patches], count, ..Pieces::NONE };
+        for Uneven { patch, points, corners } in uneven.into_iter().flatten() {
+            result_pieces.first[patch as usize] = result_pieces.irradiance.len() as u32;
+            result_pieces.irradiance.extend(points);
+            result_pieces.corners.extend(corners);
         }
-        (result, pieces)
+        (result, result_pieces)
     }
 
     /// Irradiance of the patches from `first` on; returns those that are not lit evenly.
@@ -359,15 +366,18 @@ impl<'a> Illumination<'a> {
         let mut part = self.surface.samples.part_offsets.partition_point(|&p| p as usize <= first).saturating_sub(1);
         let (mut points, mut bundle) = (Vec::new(), Bundle::default());
         let mut sharp: Vec<Sharp> = self.lights.iter().filter_map(Sharp::new).collect();
+        let soft = sharp.len() < self.lights.len();
         for (i, e) in out.iter_mut().enumerate() {
             let patch = first + i;
             while patch >= self.surface.samples.part(part).end {
                 part += 1;
             }
-            points.clear();
-            self.points_of(patch, &mut points);
             let medium = self.surface.scene.parts.parts[part].medium.unwrap_or(0) as usize;
             let probe = if sharp.is_empty() { None } else { self.corners_and_centroid(patch) };
+            points.clear();
+            if soft || probe.is_none() {
+                self.points_of(patch, &mut points);
+            }
             for light in &mut sharp {
                 match &probe {
                     Some(probe) => light.collect(i, self.entrance[medium].0, probe, |k| PROBE_WEIGHTS[k]),
@@ -403,7 +413,15 @@ impl<'a> Illumination<'a> {
             let mut points = vec![out[i]; self.pieces_of_uneven() as usize];
             fine.iter().for_each(|light| light.add_to_pieces(i, &mut points));
             points.iter_mut().for_each(|e| *e = e.min(DVec3::splat(MOST)));
-            uneven.push(Uneven { patch: (first + i) as u32, points });
+            let centre = self.surface.patches[first + i].centre_mm;
+            let mut corners = Vec::with_capacity(points.len());
+            if let [facet] = self.surface.samples.patch(first + i) {
+                let whole = facet.corners_local_mm(&self.surface.scene.mesh);
+                pieces(whole, points.len() as u32, &mut |piece| {
+                    corners.push(piece.map(|c| (c - centre).as_vec3().to_array()));
+                });
+            }
+            uneven.push(Uneven { patch: (first + i) as u32, points, corners });
         }
         for (coarse, fine) in sharp.iter().zip(&fine) {
             coarse.add(out, |i| !crossed[i]);
@@ -600,7 +618,7 @@ fn shadow_ray(p: &SurfacePoint, direction: DVec3, distance: f64) -> Ray {
 }
 
 /// Visits `count` (a power of two) congruent-area pieces of a triangle.
-pub fn pieces(corners: [DVec3; 3], count: u32, visit: &mut impl FnMut([DVec3; 3])) {
+fn pieces(corners: [DVec3; 3], count: u32, visit: &mut impl FnMut([DVec3; 3])) {
     if count <= 1 {
         visit(corners);
         return;

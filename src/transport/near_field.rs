@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use super::balanced_tree::{BalancedTree, Node, power_of_two_near};
 use super::gather::NearField;
-use super::irradiance::{Pieces, pieces};
+use super::irradiance::Pieces;
 use super::kernel::KernelRgb;
 use super::kernel::near::{self, Flats, Points, SplitRgb};
 use super::receivers::{Group, Receivers};
@@ -210,19 +210,25 @@ impl<'a> Near<'a> {
 
     fn receiver(&self, at: [f32; 3], medium: &NearKernel, light: &Shine, lists: &mut Lists) -> [f64; 3] {
         let Lists { candidates, r2, near_indices, special_indices, near, less_far, whole, flats, .. } = lists;
-        sort_by_distance(candidates, at, medium.split.split2, r2, (near_indices, special_indices));
+        let (nears, specials) =
+            sort_by_distance(candidates, at, medium.split.split2, r2, (near_indices, special_indices));
+        let (near_indices, special_indices) = (&near_indices[..nears], &special_indices[..specials]);
         near.select(near_indices, r2, &candidates.flux);
         less_far.select(special_indices, r2, &candidates.flux);
         whole.clear();
         flats.clear();
-        for &candidate in special_indices.iter() {
+        for &candidate in special_indices {
             let i = candidate as usize;
             let offset: [f32; 3] = std::array::from_fn(|axis| candidates.at[axis][i] - at[axis]);
             let patch = candidates.patch[i] as usize;
             let offsets = &self.surface.samples.patch_offsets;
             let facets = offsets[patch] as usize..offsets[patch + 1] as usize;
             if let Some(pieces) = light.pieces.of(patch) {
-                self.pieces_of(patch, pieces, light.scale, offset, r2[i] < candidates.exact2[i], (whole, flats));
+                let exact = r2[i] < candidates.exact2[i];
+                for (e, corners) in pieces.filter(|(e, _)| *e != DVec3::ZERO) {
+                    let seen = corners.map(|corner| std::array::from_fn(|axis| corner[axis] + offset[axis]));
+                    piece(seen, (e * light.scale).as_vec3().to_array(), exact, (whole, flats));
+                }
                 continue;
             }
             let e = (light.irradiance[patch] * light.scale).as_vec3().to_array();
@@ -253,14 +259,14 @@ struct Shine<'a> {
 }
 
 /// Squared distances of all candidates to a receiver, the indices of those that are points inside the split radius, and of
-/// those that need more than a point.
+/// those that need more than a point; the numbers of both.
 fn sort_by_distance(
     candidates: &Candidates,
     [x, y, z]: [f32; 3],
     split2: f32,
     r2: &mut Vec<f32>,
     (near, special): (&mut Vec<u32>, &mut Vec<u32>),
-) {
+) -> (usize, usize) {
     let count = candidates.patch.len();
     let [xs, ys, zs] = candidates.at.each_ref().map(|list| &list[..count]);
     r2.clear();
@@ -268,51 +274,31 @@ fn sort_by_distance(
         let (dx, dy, dz) = (xs[i] - x, ys[i] - y, zs[i] - z);
         dx * dx + dy * dy + dz * dz
     }));
-    near.resize(count, 0);
-    special.resize(count, 0);
+    if near.len() < count {
+        near.resize(count, 0);
+        special.resize(count, 0);
+    }
     let (mut nears, mut specials) = (0, 0);
     // Without branches: which way they go is anybody's guess.
-    for (i, (&r2, &three2)) in r2.iter().zip(&candidates.three2).enumerate() {
-        near[nears] = i as u32;
-        special[specials] = i as u32;
+    let (near_slots, special_slots) = (&mut near[..count], &mut special[..count]);
+    for (i, (&r2, &three2)) in r2.iter().zip(&candidates.three2[..count]).enumerate() {
+        near_slots[nears] = i as u32;
+        special_slots[specials] = i as u32;
         nears += usize::from((r2 >= three2) & (r2 < split2));
         specials += usize::from(r2 < three2);
     }
-    near.truncate(nears);
-    special.truncate(specials);
+    (nears, specials)
 }
 
-impl Near<'_> {
-    /// The pieces of a sample that a shadow boundary crosses, each with its own irradiance.
-    fn pieces_of(
-        &self,
-        patch: usize,
-        irradiance: &[DVec3],
-        scale: f64,
-        offset: [f32; 3],
-        exact: bool,
-        (whole, flats): (&mut Points, &mut Flats),
-    ) {
-        let [facet, ..] = self.surface.samples.patch(patch) else { return };
-        let centre = self.surface.patches[patch].centre_mm;
-        let mut irradiance = irradiance.iter();
-        pieces(facet.corners_local_mm(&self.surface.scene.mesh), irradiance.len() as u32, &mut |corners| {
-            let Some(e) = irradiance.next().filter(|e| **e != DVec3::ZERO) else { return };
-            let e = (*e * scale).as_vec3().to_array();
-            let seen = corners.map(|c| {
-                let relative = (c - centre).as_vec3().to_array();
-                std::array::from_fn(|axis| relative[axis] + offset[axis])
-            });
-            if exact {
-                flats.push(seen, e);
-            } else {
-                // A piece is small where its sample is three points.
-                let [a, b, c] = seen.map(glam::Vec3::from_array);
-                let area = 0.5 * (b - a).cross(c - a).length();
-                whole.push(((a + b + c) / 3.0).length_squared(), e.map(|e| e * area));
-            }
-        });
+/// A piece of a sample: exact, or a point, because it is small where its sample is three.
+fn piece(seen: [[f32; 3]; 3], e: [f32; 3], exact: bool, (whole, flats): (&mut Points, &mut Flats)) {
+    if exact {
+        flats.push(seen, e);
+        return;
     }
+    let [a, b, c] = seen.map(glam::Vec3::from_array);
+    let area = 0.5 * (b - a).cross(c - a).length();
+    whole.push(((a + b + c) / 3.0).length_squared(), e.map(|e| e * area));
 }
 
 /// The midpoints between the centroid and the corners, a third of the flux each: exact for quadratic functions.
