@@ -157,7 +157,6 @@ fn assert_promise(
 
 /// Without [`MISSED`]: the error is stated as it is.
 #[test]
-#[ignore = "few of a small mesh's vertices are measured, and those beside shadow boundaries are missed"]
 fn the_measured_error_sees_shadow_boundaries() {
     let scene = head(3, "spectralon");
     let light = &every_light(&scene)[1];

@@ -98,6 +98,8 @@ pub(super) fn run(args: &BakeArgs, console: &Console) -> Result<ExitCode> {
     for entry in &result.ledger.entries {
         console.note(&format!("  {}: {} RMS ({})", entry.stage, percent(entry.error.rms), entry.note));
     }
+    let measured = result.ledger.total_rms_without_environment();
+    let verdict = super::evaluate::judge_error(measured, Some(settings.max_rms), console);
     report::print(console, "bake", &result)?;
-    Ok(ExitCode::Ok)
+    verdict
 }

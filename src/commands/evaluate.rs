@@ -156,8 +156,12 @@ fn check_range(radiosity: &[DVec3]) -> Result<()> {
 
 /// Warns, or fails where `--strict` asks for it, if the measured error is above the asked one.
 pub(super) fn judge(result: &EvaluationReport, console: &Console) -> Result<ExitCode> {
-    let measured = result.measured.total_rms();
-    match result.asked_rms {
+    judge_error(result.measured.total_rms(), result.asked_rms, console)
+}
+
+/// The same for any relative RMS.
+pub(super) fn judge_error(measured: f64, asked: Option<f64>, console: &Console) -> Result<ExitCode> {
+    match asked {
         Some(asked) if measured > asked => {
             let line = format!("measured error {} is above the asked {}", percent(measured), percent(asked));
             if console.strictness == Strictness::Fail {

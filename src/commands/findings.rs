@@ -7,11 +7,14 @@ use serde::Serialize;
 use translux_format::far_field::{self, FarField, Shape};
 use translux_format::profile_basis::{self, ProfileBasis};
 use translux_format::rows::{self, IrradianceRows};
-use translux_format::{COMMON_TAGS, FormatError, Scan, VERSION_MAJOR, VERSION_MINOR, mesh, metadata, parts, samples};
+use translux_format::{
+    COMMON_TAGS, FormatError, LedgerEntry, Scan, VERSION_MAJOR, VERSION_MINOR, mesh, metadata, parts, samples,
+};
 
 use super::console::percent;
 use super::validate::Finding;
 use crate::asset::ALGORITHM_REVISION;
+use crate::compress::ledger::ENVIRONMENT_STAGES;
 use crate::geometry::mesh::Mesh;
 use crate::geometry::samples::{Facet, area};
 use crate::medium::entrance_basis::EntranceBasis;
@@ -214,9 +217,17 @@ pub(super) fn of_provenance(scan: &Scan) -> Vec<Finding> {
             out.push(Finding::new(&MAX_RMS, tag, message));
         }
         (Some((_, Ok(asked))), Some(entries)) => {
-            let total: f64 = entries.iter().map(|entry| entry.relative_rms).sum();
-            if total > *asked {
-                let message = format!("errors of {} in all; {} were asked for", percent(total), percent(*asked));
+            let sum = |environment: bool| -> f64 {
+                let of_light = |e: &&LedgerEntry| environment || !ENVIRONMENT_STAGES.contains(&e.stage.as_str());
+                entries.iter().filter(of_light).map(|entry| entry.relative_rms).sum()
+            };
+            let (near, all) = (sum(false), sum(true));
+            if near > *asked {
+                let message = format!("errors of {} in all; {} were asked for", percent(near), percent(*asked));
+                out.push(Finding::new(&QUALITY, ledger, message));
+            } else if all > *asked {
+                let (all, asked) = (percent(all), percent(*asked));
+                let message = format!("errors of {all} in all under environments; {asked} were asked for");
                 out.push(Finding::new(&QUALITY, ledger, message));
             }
         }

@@ -2,6 +2,9 @@
 
 use crate::math::statistics::VertexError;
 
+/// Stages that only light from an environment goes through.
+pub const ENVIRONMENT_STAGES: [&str; 3] = ["visibility", "cube map", "row truncation"];
+
 /// What one stage added.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Entry {
@@ -38,6 +41,11 @@ impl Ledger {
                 None => self.entries.push(entry),
             }
         }
+    }
+
+    /// [`Self::total_rms`] without what only light from an environment meets.
+    pub fn total_rms_without_environment(&self) -> f64 {
+        self.entries.iter().filter(|e| !ENVIRONMENT_STAGES.contains(&e.stage.as_str())).map(|e| e.error.rms).sum()
     }
 
     /// Sum of the stages' RMS: errors of different stages may point the same way, so this is what is promised.

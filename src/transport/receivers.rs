@@ -90,21 +90,31 @@ impl Receivers {
         self.of_vertex.iter().map(|&r| values.get(r as usize).copied().unwrap_or(DVec3::ZERO)).collect()
     }
 
-    /// About `count` receivers from groups spread over all of them, a few of each, and their indices; different `phase`s
-    /// (0 to 2) give disjoint subsets where there are enough groups.
+    /// About `count` receivers or more from groups spread over all of them, a few of each, and their indices; different
+    /// `phase`s (0 to 2) give disjoint subsets. Where there are few receivers, each phase has a third of them, or
+    /// all where there are very few.
     pub fn subset(&self, count: usize, phase: usize) -> (Self, Vec<u32>) {
         const OF_A_GROUP: usize = 8;
-        let groups = self.groups.len();
-        let step = (groups * OF_A_GROUP / count.max(1)).max(1);
+        const PHASES: usize = 3;
+        let (groups, wanted) = (self.groups.len(), count.max(1));
+        let few = groups * OF_A_GROUP < PHASES * wanted;
+        let very_few = self.len() < PHASES * OF_A_GROUP;
+        let step = if few { 1 } else { groups * OF_A_GROUP / wanted };
         let mut subset = Self::default();
         let mut indices = Vec::new();
-        for group in self.groups.iter().skip(phase * step / 3).step_by(step) {
+        for group in self.groups.iter().skip(if few { 0 } else { phase * step / PHASES }).step_by(step) {
             let first = subset.positions.len() as u32;
-            let end = group.run.end.min(group.run.first + OF_A_GROUP as u32);
-            subset.positions.extend_from_slice(&self.positions[group.run.first as usize..end as usize]);
-            indices.extend(group.run.first..end);
+            let all = group.run.first..group.run.end;
+            if few {
+                indices.extend(all.filter(|i| very_few || *i as usize % PHASES == phase % PHASES));
+            } else {
+                indices.extend(all.take(OF_A_GROUP));
+            }
+            subset.positions.extend(indices[first as usize..].iter().map(|&i| self.positions[i as usize]));
             let run = Run { first, end: subset.positions.len() as u32 };
-            subset.groups.push(Group { run, part: group.part });
+            if !run.range().is_empty() {
+                subset.groups.push(Group { run, part: group.part });
+            }
         }
         (subset, indices)
     }

@@ -113,3 +113,17 @@ fn subsets_of_different_phases_are_disjoint() {
     }
     assert_eq!(Receivers::default().subset(10, 0).0.len(), 0);
 }
+
+#[test]
+fn few_receivers_are_shared_out_among_the_phases() {
+    let of = |subdivisions, capacity| {
+        let mesh = mesh_of(shapes::icosphere(1.0, subdivisions));
+        let part = vec![0; mesh.triangles.len()];
+        Receivers::new(&mesh, &table(&mesh, &part, &[Some(0)]), capacity)
+    };
+    let receivers = of(3, 64);
+    let mut all: Vec<u32> = (0..3).flat_map(|phase| receivers.subset(384, phase).1).collect();
+    all.sort_unstable();
+    assert!(all.iter().copied().eq(0..receivers.len() as u32));
+    assert_eq!(of(0, 16).subset(384, 1).1.len(), 12);
+}
