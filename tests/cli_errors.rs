@@ -136,7 +136,7 @@ fn code_3_for_damaged_assets() {
 #[test]
 fn code_4_names_the_samples_that_fit() {
     let folder = cube();
-    let bake = "bake cube.obj --unit mm --material marble -o a.tlux";
+    let bake = "bake cube.obj --unit mm --material marble --method two_pass -o a.tlux";
     for limit in ["1MB", "100KB", "40KB"] {
         let refused = folder.run(&format!("{bake} --max-memory {limit}")).fails(4, &["memory", "would fit"]);
         let words: Vec<&str> = refused.stderr.split_whitespace().collect();
@@ -210,7 +210,7 @@ fn keys_have_their_effect() {
     let lights = "--light directional:from=1,2,3:irradiance=2 --light constant:radiance=1 \
                   --light area:at=0,30,0:normal=0,-1,0:size=20,20:radiance=5";
     let run = |set: &str, output: &str| {
-        let bake = "bake head.obj --unit mm --material skin1 --samples 6000 -o a.tlux --max-rms 4%";
+        let bake = "bake head.obj --unit mm --material skin1 --samples 6000 --method two_pass -o a.tlux --max-rms 4%";
         folder.run(&format!("{bake} --set directions=16 --set area-side=2 --set points=1 {set}")).ok();
         folder.run(&format!("evaluate a.tlux {lights} -o {output}")).ok();
     };
@@ -221,7 +221,7 @@ fn keys_have_their_effect() {
         folder.run("compare b.ply base.ply").fails(7, &[]);
         folder.run("compare b.ply base.ply --fail-above 10%").ok();
     }
-    let bake = "bake head.obj --unit mm --material skin1 --samples 6000 -o b.tlux";
+    let bake = "bake head.obj --unit mm --material skin1 --samples 6000 --method two_pass -o b.tlux";
     for (set, fragments) in [
         ("bound=tight", &["bound=tight", "solid-angle", "kernel"][..]),
         ("error=0", &["error", "1% or 0.01"]),

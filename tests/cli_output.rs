@@ -13,7 +13,7 @@ const LIGHT: &str = "--light directional:from=1,2,3:irradiance=2";
 fn ball() -> Folder {
     let folder = Folder::new();
     folder.obj("ball.obj", &shapes::icosphere(8.0, 2));
-    folder.run(&format!("bake {MODEL} -o a.tlux")).ok();
+    folder.run(&format!("bake {MODEL} --method two_pass -o a.tlux")).ok();
     folder.run(&format!("evaluate a.tlux {LIGHT} -o b.ply")).ok();
     folder
 }
@@ -21,7 +21,7 @@ fn ball() -> Folder {
 /// One line for each command, all of them successful.
 fn every_command() -> Vec<String> {
     vec![
-        format!("bake {MODEL} -o c.tlux"),
+        format!("bake {MODEL} --method two_pass -o c.tlux"),
         format!("evaluate a.tlux {LIGHT} -o c.ply"),
         format!("evaluate a.tlux {LIGHT} --measure -o c.ply"),
         format!("reference {MODEL} {LIGHT} -o c.ply"),
@@ -72,7 +72,7 @@ fn quiet_is_silent() {
 #[test]
 fn the_size_is_said() {
     let folder = ball();
-    for line in [format!("bake {MODEL} -o c.tlux"), format!("reference {MODEL} {LIGHT} -o c.ply")] {
+    for line in [format!("bake {MODEL} --method two_pass -o c.tlux"), format!("reference {MODEL} {LIGHT} -o c.ply")] {
         for flags in ["", " --json"] {
             let outcome = folder.run(&format!("{line}{flags}")).ok();
             let sizes: Vec<&str> = outcome.stderr.lines().filter(|l| l.starts_with("SIZE ")).collect();
@@ -97,7 +97,7 @@ fn standard_output_takes_the_ply_and_nothing_else() {
     let both: Outcome = folder.run(&format!("evaluate a.tlux {LIGHT} -o - -o c.ply -o d.ply")).ok();
     assert!(both.stdout == folder.read("b.ply") && folder.read("c.ply") == both.stdout);
     assert!(folder.read("d.ply") == both.stdout);
-    assert!(folder.run(&format!("bake {MODEL} -o -")).ok().stdout == folder.read("a.tlux"));
+    assert!(folder.run(&format!("bake {MODEL} --method two_pass -o -")).ok().stdout == folder.read("a.tlux"));
     // A closed pipe is an end, not a crash.
     let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_translux"))
         .current_dir(folder.path(""))
@@ -139,7 +139,7 @@ fn names_may_hold_any_bytes() {
         words.extend(output.into_iter().flat_map(|suffix| ["-o".into(), name(suffix)]));
         folder.run_words(words).ok().json()
     };
-    run("bake", ".obj", "--unit mm --material skin1 --samples 500 --json", Some(".tlux"));
+    run("bake", ".obj", "--unit mm --material skin1 --samples 500 --method two_pass --json", Some(".tlux"));
     run("evaluate", ".tlux", &format!("{LIGHT} --json"), Some(".ply"));
     run("inspect", ".tlux", "--json", None);
     let report = run("compare", ".ply", "b.ply --json", None);

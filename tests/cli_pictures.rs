@@ -12,7 +12,7 @@ use translux::io::png::read_png;
 fn baked() -> Folder {
     let folder = Folder::new();
     folder.obj("ball.obj", &called(shapes::bumpy_head(10.0, 4), "stone"));
-    folder.run("bake ball.obj --unit mm --material marble -o ball.tlux -q").ok();
+    folder.run("bake ball.obj --unit mm --material marble --method two_pass -o ball.tlux -q").ok();
     folder
 }
 

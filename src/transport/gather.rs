@@ -272,8 +272,8 @@ impl<'a> Gather<'a> {
         let exact = below(self.near.exact_below);
         let mesh = &self.surface.scene.mesh;
         if let Some(pieces) = lit.pieces.and_then(|p| p.of(index)) {
-            for (e, corners) in pieces.filter(|(e, _)| *e != DVec3::ZERO) {
-                let e = e * lit.scale;
+            for (deviation, corners) in pieces {
+                let e = deviation * lit.scale;
                 let corners = corners.map(|c| patch.centre_mm + glam::Vec3::from_array(c).as_dvec3());
                 if exact {
                     lists.flats.extend(FlatSource::new(corners, e.as_vec3().to_array(), sphere.centre));
@@ -283,7 +283,6 @@ impl<'a> Gather<'a> {
                     lists.points.push(point(centre, e * crate::geometry::samples::area(corners), sphere));
                 }
             }
-            return;
         }
         for facet in self.surface.samples.patch(index) {
             let corners = facet.corners_local_mm(mesh);

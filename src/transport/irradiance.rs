@@ -1,14 +1,17 @@
 //! Irradiance of the samples under a set of lights: E = Int L V F_t(eta, n.w) max(0, n.w) dw, shadows by ray casting.
 
+mod sharp;
+
 use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
 use rayon::prelude::*;
 
+use self::sharp::{Sharp, pieces};
 use super::scene::Surface;
 use crate::error::Result;
 use crate::geometry::bvh::{Bvh, Ray, offset_origin};
-use crate::geometry::samples::{Facet, area, bisect};
+use crate::geometry::samples::{Facet, area};
 use crate::light::Light;
 use crate::light::environment::Rotation;
 use crate::light::strata::{Candidate, Strata, StrataSettings};
@@ -16,6 +19,8 @@ use crate::math::random::{bits, radical_inverse_2, uniform};
 use crate::math::spherical_rectangle::SphericalRectangle;
 use crate::medium::fresnel::{self, CosineTransmittance};
 use crate::progress::Progress;
+
+pub use self::sharp::{Pieces, Uneven};
 
 /// How finely lights and shadows are sampled.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -128,110 +133,6 @@ impl Prepared<'_> {
     }
 }
 
-/// A light whose rays run side by side, from all patches of a range.
-struct Sharp {
-    source: Source,
-    colour: DVec3,
-    rays: Vec<Ray>,
-    skip: Vec<u32>,
-    arrivals: Vec<Arrival>,
-}
-
-/// What one ray brings if it meets nothing.
-struct Arrival {
-    /// Patch, counted from the first of the range, and point of it.
-    patch: u32,
-    point: u32,
-    /// F_t cos times the share of the point, over the squared distance.
-    gain: f64,
-    occluded: bool,
-}
-
-/// A patch that a shadow boundary crosses.
-#[derive(Clone, Debug)]
-pub struct Uneven {
-    patch: u32,
-    /// Irradiance of each of its pieces, RGB.
-    points: Vec<DVec3>,
-    /// Corners of each relative to the centroid of the patch, mm.
-    corners: Vec<[[f32; 3]; 3]>,
-}
-
-/// Where sharp light comes from.
-enum Source {
-    Direction(DVec3),
-    Point(DVec3),
-}
-
-impl Sharp {
-    fn new(light: &Prepared) -> Option<Self> {
-        let (source, colour) = match light {
-            Prepared::Directional { from, irradiance } => (Source::Direction(*from), *irradiance),
-            Prepared::Point { at, intensity } => (Source::Point(*at), *intensity),
-            _ => return None,
-        };
-        Some(Self { source, colour, rays: Vec::new(), skip: Vec::new(), arrivals: Vec::new() })
-    }
-
-    /// Adds the rays of one patch; each point stands for a share of it.
-    fn collect(&mut self, patch: usize, eta: f64, points: &[SurfacePoint], share: impl Fn(usize) -> f64) {
-        for (point, p) in points.iter().enumerate() {
-            let (to_light, distance, falloff) = match self.source {
-                Source::Direction(from) => (from, f64::INFINITY, 1.0),
-                Source::Point(at) => {
-                    let distance = at.distance(p.at);
-                    let direction = (at - p.at).normalize_or_zero();
-                    (direction, distance, (distance * distance).max(LEAST_DISTANCE2_MM2).recip())
-                }
-            };
-            let cosine = p.normal.dot(to_light);
-            if cosine <= 0.0 {
-                continue;
-            }
-            let arriving = fresnel::transmittance(eta, cosine) * cosine;
-            if arriving > 0.0 {
-                self.rays.push(shadow_ray(p, to_light, distance));
-                self.skip.push(p.triangle);
-                let gain = arriving * falloff * share(point);
-                self.arrivals.push(Arrival { patch: patch as u32, point: point as u32, gain, occluded: false });
-            }
-        }
-    }
-
-    fn trace(&mut self, bvh: &Bvh) {
-        let mut occluded = vec![false; self.rays.len()];
-        bvh.occluded_many(&self.rays, &self.skip, &mut occluded);
-        self.arrivals.iter_mut().zip(occluded).for_each(|(arrival, occluded)| arrival.occluded = occluded);
-    }
-
-    /// Marks patches of which some points are lit and others in shadow.
-    fn mark(&self, crossed: &mut [bool]) {
-        for of_patch in self.arrivals.chunk_by(|a, b| a.patch == b.patch) {
-            if of_patch.iter().any(|a| a.occluded != of_patch[0].occluded) {
-                crossed[of_patch[0].patch as usize] = true;
-            }
-        }
-    }
-
-    /// Adds what arrives at each of some patches.
-    fn add(&self, out: &mut [DVec3], of: impl Fn(usize) -> bool) {
-        for arrival in self.arrivals.iter().filter(|a| !a.occluded && of(a.patch as usize)) {
-            out[arrival.patch as usize] += self.colour * arrival.gain;
-        }
-    }
-
-    /// Adds what arrives at each piece of one patch.
-    fn add_to_pieces(&self, patch: usize, points: &mut [DVec3]) {
-        let first = self.arrivals.partition_point(|a| (a.patch as usize) < patch);
-        let count = points.len() as f64;
-        for arrival in self.arrivals[first..].iter().take_while(|a| a.patch as usize == patch) {
-            if !arrival.occluded {
-                points[arrival.point as usize] += self.colour * (arrival.gain * count);
-            }
-        }
-    }
-}
-
 /// Rays that go from one point of a patch before the next point's: as many as one bundle of the ray caster takes.
 const RUN: usize = 16;
 
@@ -241,39 +142,6 @@ struct SurfacePoint {
     at: DVec3,
     normal: DVec3,
     triangle: u32,
-}
-
-/// Samples that a shadow boundary of a sharp light crosses, with the irradiance of each of their pieces.
-#[derive(Clone, Debug, Default)]
-pub struct Pieces {
-    /// Position of each sample's pieces in `irradiance`; `u32::MAX` for samples that are lit evenly.
-    first: Vec<u32>,
-    irradiance: Vec<DVec3>,
-    /// Corners of each piece relative to the centroid of its sample, mm.
-    corners: Vec<[[f32; 3]; 3]>,
-    count: usize,
-}
-
-impl Pieces {
-    /// Every sample lit evenly.
-    pub const NONE: Self = Self { first: Vec::new(), irradiance: Vec::new(), corners: Vec::new(), count: 0 };
-
-    /// Adds an even irradiance to all pieces of each sample, RGB.
-    pub fn add(&mut self, of_patch: impl Fn(usize) -> DVec3) {
-        for (patch, &first) in self.first.iter().enumerate().filter(|(_, first)| **first != u32::MAX) {
-            let more = of_patch(patch);
-            let mine = first as usize..(first as usize + self.count).min(self.irradiance.len());
-            self.irradiance[mine].iter_mut().for_each(|e| *e += more);
-        }
-    }
-
-    /// Pieces of a sample: their irradiance, RGB, and corners relative to the sample's centroid, mm; `None` if it is lit
-    /// evenly.
-    pub fn of(&self, patch: usize) -> Option<impl Iterator<Item = (DVec3, &[[f32; 3]; 3])>> {
-        let first = *self.first.get(patch).filter(|&&first| first != u32::MAX)? as usize;
-        let range = first..first + self.count;
-        Some(self.irradiance.get(range.clone())?.iter().copied().zip(self.corners.get(range)?))
-    }
 }
 
 /// Lights prepared for a surface.
@@ -352,13 +220,7 @@ impl<'a> Illumination<'a> {
             .collect();
         progress.finish();
         let count = self.pieces_of_uneven() as usize;
-        let mut result_pieces = Pieces { first: vec![u32::MAX; patches], count, ..Pieces::NONE };
-        for Uneven { patch, points, corners } in uneven.into_iter().flatten() {
-            result_pieces.first[patch as usize] = result_pieces.irradiance.len() as u32;
-            result_pieces.irradiance.extend(points);
-            result_pieces.corners.extend(corners);
-        }
-        (result, result_pieces)
+        (result, Pieces::new(patches, count, uneven.into_iter().flatten()))
     }
 
     /// Irradiance of the patches from `first` on; returns those that are not lit evenly.
@@ -387,44 +249,45 @@ impl<'a> Illumination<'a> {
             let soft = self.lights.iter().filter(|light| !light.is_sharp());
             *e = soft.map(|light| self.irradiance(light, medium, patch, &points, &mut bundle)).sum();
         }
-        let mut crossed = vec![false; out.len()];
         for light in &mut sharp {
             light.trace(self.surface.bvh);
-            light.mark(&mut crossed);
         }
-        // Where a shadow boundary crosses a patch, more rays tell where.
+        // Where a shadow boundary crosses a patch, more rays tell where; for each light on its own, so that lights add up.
         let mut fine: Vec<Sharp> = self.lights.iter().filter_map(Sharp::new).collect();
-        for (i, crossed) in crossed.iter_mut().enumerate() {
-            *crossed &= self.surface.samples.patch(first + i).len() == 1;
-            if *crossed {
-                points.clear();
-                self.pieces_as_points(first + i, self.pieces_of_uneven(), &mut points);
-                let part = self.surface.samples.part_offsets.partition_point(|&p| p as usize <= first + i) - 1;
-                let medium = self.surface.scene.parts.parts[part].medium.unwrap_or(0) as usize;
-                let share = 1.0 / points.len() as f64;
-                fine.iter_mut().for_each(|light| light.collect(i, self.entrance[medium].0, &points, |_| share));
-            }
-        }
+        let crossed: Vec<Vec<bool>> = sharp.iter().map(|light| light.crossed(out.len())).collect();
+        let single = |i: usize| self.surface.samples.patch(first + i).len() == 1;
+        let crossed = |light: usize, i: usize| crossed[light][i] && single(i);
         let mut uneven = Vec::new();
+        for i in (0..out.len()).filter(|&i| (0..sharp.len()).any(|light| crossed(light, i))) {
+            points.clear();
+            self.pieces_as_points(first + i, self.pieces_of_uneven(), &mut points);
+            let part = self.surface.samples.part_offsets.partition_point(|&p| p as usize <= first + i) - 1;
+            let medium = self.surface.scene.parts.parts[part].medium.unwrap_or(0) as usize;
+            let share = 1.0 / points.len() as f64;
+            for (_, light) in fine.iter_mut().enumerate().filter(|(light, _)| crossed(*light, i)) {
+                light.collect(i, self.entrance[medium].0, &points, |_| share);
+            }
+            uneven.push(Uneven { patch: (first + i) as u32, deviations: Vec::new(), corners: Vec::new() });
+        }
         for light in &mut fine {
             light.trace(self.surface.bvh);
         }
-        for i in (0..out.len()).filter(|&i| crossed[i]) {
-            let mut points = vec![out[i]; self.pieces_of_uneven() as usize];
-            fine.iter().for_each(|light| light.add_to_pieces(i, &mut points));
-            points.iter_mut().for_each(|e| *e = e.min(DVec3::splat(MOST)));
-            let centre = self.surface.patches[first + i].centre_mm;
-            let mut corners = Vec::with_capacity(points.len());
-            if let [facet] = self.surface.samples.patch(first + i) {
+        for Uneven { patch, deviations, corners } in &mut uneven {
+            let index = *patch as usize;
+            deviations.resize(self.pieces_of_uneven() as usize, DVec3::ZERO);
+            fine.iter().for_each(|light| light.add_to_pieces(index - first, deviations));
+            let mean = deviations.iter().sum::<DVec3>() / deviations.len() as f64;
+            deviations.iter_mut().for_each(|e| *e = (*e - mean).clamp(DVec3::splat(-MOST), DVec3::splat(MOST)));
+            let centre = self.surface.patches[index].centre_mm;
+            if let [facet] = self.surface.samples.patch(index) {
                 let whole = facet.corners_local_mm(&self.surface.scene.mesh);
-                pieces(whole, points.len() as u32, &mut |piece| {
+                pieces(whole, self.pieces_of_uneven(), &mut |piece| {
                     corners.push(piece.map(|c| (c - centre).as_vec3().to_array()));
                 });
             }
-            uneven.push(Uneven { patch: (first + i) as u32, points, corners });
         }
-        for (coarse, fine) in sharp.iter().zip(&fine) {
-            coarse.add(out, |i| !crossed[i]);
+        for (index, (coarse, fine)) in sharp.iter().zip(&fine).enumerate() {
+            coarse.add(out, |i| !crossed(index, i));
             fine.add(out, |_| true);
         }
         for e in out {
@@ -614,17 +477,6 @@ fn shadow_ray(p: &SurfacePoint, direction: DVec3, distance: f64) -> Ray {
         direction: direction.as_vec3(),
         t_min: 0.0,
         t_max: distance as f32,
-    }
-}
-
-/// Visits `count` (a power of two) congruent-area pieces of a triangle.
-fn pieces(corners: [DVec3; 3], count: u32, visit: &mut impl FnMut([DVec3; 3])) {
-    if count <= 1 {
-        visit(corners);
-        return;
-    }
-    for half in bisect(corners) {
-        pieces(half, count / 2, visit);
     }
 }
 

@@ -225,11 +225,10 @@ impl<'a> Near<'a> {
             let facets = offsets[patch] as usize..offsets[patch + 1] as usize;
             if let Some(pieces) = light.pieces.of(patch) {
                 let exact = r2[i] < candidates.exact2[i];
-                for (e, corners) in pieces.filter(|(e, _)| *e != DVec3::ZERO) {
+                for (deviation, corners) in pieces {
                     let seen = corners.map(|corner| std::array::from_fn(|axis| corner[axis] + offset[axis]));
-                    piece(seen, (e * light.scale).as_vec3().to_array(), exact, (whole, flats));
+                    piece(seen, (deviation * light.scale).as_vec3().to_array(), exact, (whole, flats));
                 }
-                continue;
             }
             let e = (light.irradiance[patch] * light.scale).as_vec3().to_array();
             for corners in &self.corners.0[facets] {

@@ -142,14 +142,12 @@ impl EditableEvaluator {
     fn irradiance(&self, lights: &[Light], progress: &dyn Progress) -> Result<(Vec<DVec3>, Pieces)> {
         let (near, far): (Vec<Light>, Vec<Light>) = lights.iter().cloned().partition(|l| !self.is_stored(l));
         let (Some(rows), false) = (&self.rows, far.is_empty()) else { return self.sampled(lights, progress) };
-        let (mut irradiance, mut pieces) = match near.as_slice() {
+        let (mut irradiance, pieces) = match near.as_slice() {
             [] => (vec![DVec3::ZERO; self.samples.len()], Pieces::default()),
             near => self.sampled(near, progress)?,
         };
-        let sharp = irradiance.clone();
         progress.start("rows", 0);
         rows.add(&far, (&self.scene.parts, &self.scene.media), &self.samples, &mut irradiance)?;
-        pieces.add(|patch| irradiance[patch] - sharp[patch]);
         progress.finish();
         Ok((irradiance, pieces))
     }

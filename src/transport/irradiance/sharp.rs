@@ -1,0 +1,159 @@
+//! Directional and point lights: one ray for each point of a sample, and the samples that a shadow boundary crosses.
+
+use glam::DVec3;
+
+use super::{LEAST_DISTANCE2_MM2, Prepared, SurfacePoint, shadow_ray};
+use crate::geometry::bvh::{Bvh, Ray};
+use crate::geometry::samples::bisect;
+use crate::medium::fresnel;
+
+/// A light whose rays run side by side, from all patches of a range.
+pub(super) struct Sharp {
+    source: Source,
+    colour: DVec3,
+    rays: Vec<Ray>,
+    skip: Vec<u32>,
+    arrivals: Vec<Arrival>,
+}
+
+/// What one ray brings if it meets nothing.
+struct Arrival {
+    /// Patch, counted from the first of the range, and point of it.
+    patch: u32,
+    point: u32,
+    /// F_t cos times the share of the point, over the squared distance.
+    gain: f64,
+    occluded: bool,
+}
+
+/// A patch that a shadow boundary crosses.
+#[derive(Clone, Debug)]
+pub struct Uneven {
+    pub(super) patch: u32,
+    /// Irradiance of each of its pieces less its own, RGB.
+    pub(super) deviations: Vec<DVec3>,
+    /// Corners of each relative to the centroid of the patch, mm.
+    pub(super) corners: Vec<[[f32; 3]; 3]>,
+}
+
+/// Where sharp light comes from.
+enum Source {
+    Direction(DVec3),
+    Point(DVec3),
+}
+
+impl Sharp {
+    pub(super) fn new(light: &Prepared) -> Option<Self> {
+        let (source, colour) = match light {
+            Prepared::Directional { from, irradiance } => (Source::Direction(*from), *irradiance),
+            Prepared::Point { at, intensity } => (Source::Point(*at), *intensity),
+            _ => return None,
+        };
+        Some(Self { source, colour, rays: Vec::new(), skip: Vec::new(), arrivals: Vec::new() })
+    }
+
+    /// Adds the rays of one patch; each point stands for a share of it.
+    pub(super) fn collect(&mut self, patch: usize, eta: f64, points: &[SurfacePoint], share: impl Fn(usize) -> f64) {
+        for (point, p) in points.iter().enumerate() {
+            let (to_light, distance, falloff) = match self.source {
+                Source::Direction(from) => (from, f64::INFINITY, 1.0),
+                Source::Point(at) => {
+                    let distance = at.distance(p.at);
+                    let direction = (at - p.at).normalize_or_zero();
+                    (direction, distance, (distance * distance).max(LEAST_DISTANCE2_MM2).recip())
+                }
+            };
+            let cosine = p.normal.dot(to_light);
+            if cosine <= 0.0 {
+                continue;
+            }
+            let arriving = fresnel::transmittance(eta, cosine) * cosine;
+            if arriving > 0.0 {
+                self.rays.push(shadow_ray(p, to_light, distance));
+                self.skip.push(p.triangle);
+                let gain = arriving * falloff * share(point);
+                self.arrivals.push(Arrival { patch: patch as u32, point: point as u32, gain, occluded: false });
+            }
+        }
+    }
+
+    pub(super) fn trace(&mut self, bvh: &Bvh) {
+        let mut occluded = vec![false; self.rays.len()];
+        bvh.occluded_many(&self.rays, &self.skip, &mut occluded);
+        self.arrivals.iter_mut().zip(occluded).for_each(|(arrival, occluded)| arrival.occluded = occluded);
+    }
+
+    /// Patches of which some points are lit and others in shadow.
+    pub(super) fn crossed(&self, patches: usize) -> Vec<bool> {
+        let mut crossed = vec![false; patches];
+        for of_patch in self.arrivals.chunk_by(|a, b| a.patch == b.patch) {
+            crossed[of_patch[0].patch as usize] = of_patch.iter().any(|a| a.occluded != of_patch[0].occluded);
+        }
+        crossed
+    }
+
+    /// Adds what arrives at each of some patches.
+    pub(super) fn add(&self, out: &mut [DVec3], of: impl Fn(usize) -> bool) {
+        for arrival in self.arrivals.iter().filter(|a| !a.occluded && of(a.patch as usize)) {
+            out[arrival.patch as usize] += self.colour * arrival.gain;
+        }
+    }
+
+    /// Adds what arrives at each piece of one patch.
+    pub(super) fn add_to_pieces(&self, patch: usize, points: &mut [DVec3]) {
+        let first = self.arrivals.partition_point(|a| (a.patch as usize) < patch);
+        let count = points.len() as f64;
+        for arrival in self.arrivals[first..].iter().take_while(|a| a.patch as usize == patch) {
+            if !arrival.occluded {
+                points[arrival.point as usize] += self.colour * (arrival.gain * count);
+            }
+        }
+    }
+}
+
+/// Samples that a shadow boundary of a sharp light crosses, with what each of their pieces receives more or
+/// less than the whole.
+#[derive(Clone, Debug, Default)]
+pub struct Pieces {
+    /// Position of each sample's pieces in `deviations`; `u32::MAX` for samples that are lit evenly.
+    first: Vec<u32>,
+    deviations: Vec<DVec3>,
+    /// Corners of each piece relative to the centroid of its sample, mm.
+    corners: Vec<[[f32; 3]; 3]>,
+    count: usize,
+}
+
+impl Pieces {
+    /// Every sample lit evenly.
+    pub const NONE: Self = Self { first: Vec::new(), deviations: Vec::new(), corners: Vec::new(), count: 0 };
+
+    /// Of the uneven ones among `patches` patches, each in `count` pieces.
+    pub(super) fn new(patches: usize, count: usize, uneven: impl Iterator<Item = Uneven>) -> Self {
+        let mut result = Self { first: vec![u32::MAX; patches], count, ..Self::NONE };
+        for Uneven { patch, deviations, corners } in uneven {
+            result.first[patch as usize] = result.deviations.len() as u32;
+            result.deviations.extend(deviations);
+            result.corners.extend(corners);
+        }
+        result
+    }
+
+    /// Pieces of a sample: how far their irradiance is from the sample's, RGB, in all 0; and corners relative to the
+    /// sample's centroid, mm. `None` if it is lit evenly.
+    pub fn of(&self, patch: usize) -> Option<impl Iterator<Item = (DVec3, &[[f32; 3]; 3])>> {
+        let first = *self.first.get(patch).filter(|&&first| first != u32::MAX)? as usize;
+        let range = first..first + self.count;
+        Some(self.deviations.get(range.clone())?.iter().copied().zip(self.corners.get(range)?))
+    }
+}
+
+/// Visits `count` (a power of two) congruent-area pieces of a triangle.
+pub(super) fn pieces(corners: [DVec3; 3], count: u32, visit: &mut impl FnMut([DVec3; 3])) {
+    if count <= 1 {
+        visit(corners);
+        return;
+    }
+    for half in bisect(corners) {
+        pieces(half, count / 2, visit);
+    }
+}
