@@ -89,7 +89,7 @@ impl IrradianceRows {
     /// Checks what [`IrradianceRows::from_sections`] guarantees.
     ///
     /// # Errors
-    /// [`FormatError::Invalid`] with the tag of the section at fault.
+    /// [`crate::FormatError::Invalid`] with the tag of the section at fault.
     pub fn validate(&self) -> Result<()> {
         self.validate_shape()?;
         let face = self.side * self.side;

@@ -1,7 +1,7 @@
 //! The kernels of the near field: many sources against one receiver, side by side.
 //!
 //! Around a group of receivers most sources are near to a few of them only, so each receiver has its own list. Sums run in
-//! f32 over at most [`FLUSH`](super::FLUSH) rows and are then added to f64, lane after lane.
+//! f32 over at most `FLUSH` rows and are then added to f64, lane after lane.
 
 use super::{
     FLUSH, GAUSS_4, GAUSS_6, GAUSS_8, GAUSS_12, GAUSS_24, KernelRgb, LANES, Row, edge_into, reflectance, rule, tail,
