@@ -72,6 +72,8 @@ pub mod methods;
 
 pub mod render;
 
+pub mod relight;
+
 pub mod measure;
 
 pub mod commands;

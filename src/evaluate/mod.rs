@@ -1,5 +1,7 @@
 //! From an opened asset and lights to radiosity: the traits that every method implements.
 
+#[cfg(feature = "gpu")]
+pub mod device;
 pub mod environment;
 pub mod far_field;
 pub mod sampled;
@@ -173,4 +175,20 @@ pub trait Evaluator: Send {
     /// # Errors
     /// Failures of the work.
     fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger>;
+
+    /// Radiosity of every source vertex under the lights and media in force, RGB, as the samples alone would have it: all
+    /// pairs, the near field integrated as finely as the truth does. What the evaluator's own transport is off by.
+    ///
+    /// # Errors
+    /// Failures of the work.
+    fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>>;
+
+    /// The same evaluator with its transport in compute shaders.
+    ///
+    /// # Errors
+    /// `Unsupported` where the method has no shaders, or the adapter no room.
+    #[cfg(feature = "gpu")]
+    fn on_device(self: Box<Self>, _device: &Arc<device::Device>) -> Result<Box<dyn device::DeviceEvaluator>> {
+        Err(crate::error::Error::unsupported("this method has no compute shaders; use --device cpu"))
+    }
 }

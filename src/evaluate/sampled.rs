@@ -310,4 +310,13 @@ impl Evaluator for SampledEvaluator {
         ledger.add("hierarchy", error, note);
         Ok(ledger)
     }
+
+    fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
+        self.irradiance(progress)?;
+        let surface = self.surface();
+        let gather = Gather::new(&surface, &self.tree, &self.scene.media, NearField::REFERENCE);
+        let (irradiance, pieces) = self.lit();
+        let lit = gather.light_with_pieces(irradiance, pieces);
+        Ok(self.receivers.expand(&gather.radiosity(&self.receivers, &lit, Scheme::AllPairs, progress)))
+    }
 }

@@ -332,4 +332,18 @@ impl Evaluator for EditableEvaluator {
         self.lit = Some(lit);
         Ok(ledger)
     }
+
+    fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
+        let lit = match self.lit.take() {
+            Some(lit) => lit,
+            None => self.light(&self.lights, progress)?,
+        };
+        let (surface, tree) = (self.surface(), SampleTree::default());
+        let gather = Gather::new(&surface, &tree, &self.scene.media, NearField::REFERENCE);
+        let light = gather.light_with_pieces(&lit.irradiance, &lit.pieces);
+        let values = gather.radiosity(&self.receivers, &light, Scheme::AllPairs, progress);
+        let radiosity = self.receivers.expand(&values);
+        self.lit = Some(lit);
+        Ok(radiosity)
+    }
 }

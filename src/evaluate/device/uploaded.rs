@@ -1,0 +1,108 @@
+//! Transport on the CPU, its radiosity uploaded: the fastest way on a software adapter, and what any method can do.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use super::{Device, DeviceEvaluator};
+use crate::compress::ledger::Ledger;
+use crate::error::Result;
+use crate::evaluate::{Capabilities, Cost, Evaluator};
+use crate::geometry::bvh::Bvh;
+use crate::light::Light;
+use crate::progress::Progress;
+use crate::transport::balanced_tree::power_of_two_near;
+use crate::transport::scene::{Medium, Scene};
+
+/// An evaluator of the CPU with a copy of its radiosity on a device; a receiver for each source vertex.
+pub struct Uploaded {
+    evaluator: Box<dyn Evaluator>,
+    device: Arc<Device>,
+    buffer: wgpu::Buffer,
+    receivers: Vec<u32>,
+    scale: f64,
+}
+
+impl Uploaded {
+    /// On a device.
+    ///
+    /// # Errors
+    /// More vertices than the adapter binds (exit 5).
+    pub fn new(evaluator: Box<dyn Evaluator>, device: Arc<Device>) -> Result<Self> {
+        let vertices = evaluator.scene().mesh.local_mm.len();
+        let buffer = device.zeros("radiosity", vertices as u64 * 16)?;
+        Ok(Self { evaluator, device, buffer, receivers: (0..vertices as u32).collect(), scale: 1.0 })
+    }
+}
+
+impl DeviceEvaluator for Uploaded {
+    fn device(&self) -> &Arc<Device> {
+        &self.device
+    }
+
+    fn update(&mut self, progress: &dyn Progress) -> Result<()> {
+        let radiosity = self.evaluator.radiosity(progress)?;
+        self.scale = power_of_two_near(radiosity.iter().map(|b| b.abs().max_element()).fold(0.0, f64::max));
+        let values: Vec<[f32; 4]> = radiosity.iter().map(|b| (*b / self.scale).extend(0.0).as_vec4().into()).collect();
+        self.device.queue.write_buffer(&self.buffer, 0, bytemuck::cast_slice(&values));
+        self.device.check()
+    }
+
+    fn radiosity_buffer(&self) -> &wgpu::Buffer {
+        &self.buffer
+    }
+
+    fn scale(&self) -> f64 {
+        self.scale
+    }
+
+    fn receiver_of_vertex(&self) -> &[u32] {
+        &self.receivers
+    }
+
+    fn transport(&self) -> String {
+        "CPU".to_owned()
+    }
+}
+
+impl Evaluator for Uploaded {
+    fn capabilities(&self) -> Capabilities {
+        self.evaluator.capabilities()
+    }
+
+    fn cost(&self) -> Cost {
+        self.evaluator.cost()
+    }
+
+    fn scene(&self) -> &Scene {
+        self.evaluator.scene()
+    }
+
+    fn bvh(&self) -> &Bvh {
+        self.evaluator.bvh()
+    }
+
+    fn set_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()> {
+        self.evaluator.set_lights(lights, progress)
+    }
+
+    fn set_media(&mut self, media: Vec<Medium>) -> Result<()> {
+        self.evaluator.set_media(media)
+    }
+
+    fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
+        self.evaluator.radiosity(progress)
+    }
+
+    fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {
+        self.evaluator.measured_error(unseen, progress)
+    }
+
+    fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
+        self.evaluator.all_pairs(progress)
+    }
+
+    fn on_device(self: Box<Self>, device: &Arc<Device>) -> Result<Box<dyn DeviceEvaluator>> {
+        self.evaluator.on_device(device)
+    }
+}
