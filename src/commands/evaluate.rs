@@ -2,11 +2,12 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 use glam::DVec3;
 use serde::Serialize;
 
 use super::console::{Console, Strictness, percent};
+use super::device::DeviceArg;
 use super::lights::{LightArgs, ResolvedLights};
 use super::opened::{AssetArgs, Opened};
 use super::{output, report};
@@ -31,16 +32,10 @@ pub(super) struct EvaluateArgs {
     output: Vec<PathBuf>,
     /// Where to compute
     #[arg(long, default_value = "cpu")]
-    device: Device,
+    device: DeviceArg,
     /// Measure the error and report it
     #[arg(long)]
     measure: bool,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Device {
-    Cpu,
-    Gpu,
 }
 
 /// Whether to spend time on measuring the error.
@@ -70,11 +65,9 @@ pub(super) struct EvaluationReport {
 
 pub(super) fn run(args: &EvaluateArgs, console: &Console) -> Result<ExitCode> {
     output::check(&args.output, &["ply"], console)?;
-    if args.device == Device::Gpu {
-        return Err(Error::unsupported("--device gpu: this build evaluates on the CPU only; leave the option out"));
-    }
     let lights = args.lights.load(console)?;
-    let Opened { provenance, method, mut evaluator } = args.asset.open(console)?;
+    let Opened { provenance, method, evaluator } = args.asset.open(console)?;
+    let mut evaluator = args.device.place(evaluator, console)?;
     let asked = provenance.settings.get("max-rms").and_then(|t| t.parse().ok());
     let measure = if args.measure { Measure::Yes } else { Measure::No };
     let result = finish(evaluator.as_mut(), method.name(), lights, &args.output, measure, asked, console)?;

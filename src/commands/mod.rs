@@ -6,6 +6,7 @@ mod compare;
 mod compare_assets;
 mod console;
 mod demo;
+mod device;
 mod evaluate;
 mod findings;
 mod inspect;

@@ -5,6 +5,8 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+#[cfg(feature = "gpu")]
+use super::device::{Device, DeviceEvaluator, sampled::SampledOnDevice};
 use super::sampling_error::{Sampled, receiver_areas};
 use super::{Capabilities, Cost, Evaluator, MaterialEdit};
 use crate::asset::Asset;
@@ -15,7 +17,7 @@ use crate::geometry::samples::Patch;
 use crate::light::Light;
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::progress::{Progress, Silent};
-use crate::transport::gather::{Criterion, Gather, NearField, Scheme};
+use crate::transport::gather::{Criterion, Gather, Lit, NearField, Scheme};
 use crate::transport::irradiance::{Illumination, LightSampling, Pieces};
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::{self, Medium, Scene, Surface};
@@ -130,7 +132,8 @@ impl SampledEvaluator {
         }
     }
 
-    fn surface(&self) -> Surface<'_> {
+    /// The samples and what is known of them.
+    pub fn surface(&self) -> Surface<'_> {
         Surface { scene: &self.scene, bvh: &self.bvh, samples: &self.asset.samples, patches: &self.patches }
     }
 
@@ -145,8 +148,40 @@ impl SampledEvaluator {
         Ok(self.lit().0)
     }
 
+    /// Where radiosity is gathered.
+    pub fn receivers(&self) -> &Receivers {
+        &self.receivers
+    }
+
+    /// How near samples are integrated.
+    pub fn near(&self) -> NearField {
+        self.plan.near
+    }
+
+    /// How light reaches the samples.
+    pub fn sampling(&self) -> LightSampling {
+        self.plan.sampling
+    }
+
+    /// How samples are summed under the light and the media in force, after tuning where that is needed. There must have
+    /// been [`Self::irradiance`].
+    pub fn tuned_scheme(&mut self) -> Scheme {
+        if let (Far::Hierarchical { error, bound }, None) = (self.plan.far, self.limit) {
+            self.tune(error, bound);
+        }
+        self.scheme()
+    }
+
+    /// Calls `work` with a gather for the media in force and the light on the samples.
+    pub fn with_gather<T>(&self, work: impl FnOnce(&Gather, &Lit) -> T) -> T {
+        let surface = self.surface();
+        let gather = Gather::new(&surface, &self.tree, &self.scene.media, self.plan.near);
+        let (irradiance, pieces) = self.lit();
+        work(&gather, &gather.light_with_pieces(irradiance, pieces))
+    }
+
     /// Irradiance of the samples and of the pieces of those that are not lit evenly; empty before there are lights.
-    fn lit(&self) -> (&[DVec3], &Pieces) {
+    pub fn lit(&self) -> (&[DVec3], &Pieces) {
         self.irradiance.as_ref().map_or((&[], &NO_PIECES), |(irradiance, pieces)| (irradiance, pieces))
     }
 
@@ -274,14 +309,8 @@ impl Evaluator for SampledEvaluator {
 
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
         self.irradiance(progress)?;
-        if let (Far::Hierarchical { error, bound }, None) = (self.plan.far, self.limit) {
-            self.tune(error, bound);
-        }
-        let surface = self.surface();
-        let gather = Gather::new(&surface, &self.tree, &self.scene.media, self.plan.near);
-        let (irradiance, pieces) = self.lit();
-        let lit = gather.light_with_pieces(irradiance, pieces);
-        let values = gather.radiosity(&self.receivers, &lit, self.scheme(), progress);
+        let scheme = self.tuned_scheme();
+        let values = self.with_gather(|gather, lit| gather.radiosity(&self.receivers, lit, scheme, progress));
         Ok(self.receivers.expand(&values))
     }
 
@@ -318,5 +347,10 @@ impl Evaluator for SampledEvaluator {
         let (irradiance, pieces) = self.lit();
         let lit = gather.light_with_pieces(irradiance, pieces);
         Ok(self.receivers.expand(&gather.radiosity(&self.receivers, &lit, Scheme::AllPairs, progress)))
+    }
+
+    #[cfg(feature = "gpu")]
+    fn on_device(self: Box<Self>, device: &Arc<Device>) -> Result<Box<dyn DeviceEvaluator>> {
+        Ok(Box::new(SampledOnDevice::new(*self, device)?))
     }
 }

@@ -8,6 +8,7 @@
 use glam::DVec3;
 
 use super::balanced_tree::{BalancedTree, Cell, Node};
+use super::receivers::Sphere;
 use crate::geometry::samples::Patch;
 use crate::medium::profile_basis::Table;
 
@@ -80,8 +81,7 @@ struct Walk<'a> {
     terms: usize,
     threshold2: f64,
     keep2: f64,
-    centre: DVec3,
-    radius: f64,
+    sphere: Sphere,
     spread: [f32; TERMS],
     found: Vec<Found>,
 }
@@ -94,10 +94,8 @@ impl FarTransport<'_> {
         let Some(root) = self.tree.root(part).filter(|_| count > 0) else {
             return Rows { sums: vec![0.0; count * terms], ..Rows::default() };
         };
-        let (low, high) =
-            receivers.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), &p| (l.min(p), h.max(p)));
-        let centre = 0.5 * (low + high);
-        let relative = |i: usize| (receivers[i.min(count - 1)] - centre).as_vec3().to_array();
+        let sphere = Sphere::around(receivers);
+        let relative = |i: usize| (receivers[i.min(count - 1)] - sphere.centre_mm).as_vec3().to_array();
         let mut walk = Walk {
             shared: self,
             receivers: std::array::from_fn(relative),
@@ -105,8 +103,7 @@ impl FarTransport<'_> {
             terms,
             threshold2: self.precision.threshold * self.precision.threshold,
             keep2: self.precision.keep * self.precision.keep,
-            centre,
-            radius: receivers.iter().map(|p| p.distance(centre)).fold(0.0, f64::max),
+            sphere,
             spread: std::array::from_fn(|k| self.spread.get(k).map_or(0.0, |&s| s as f32)),
             found: Vec::new(),
         };
@@ -133,7 +130,7 @@ impl Walk<'_> {
             return self.centroid(&Cell::from(&shared.patches[node.first as usize]));
         }
         let cell = shared.tree.cell(node, shared.patches);
-        let distance = (cell.centre_mm.distance(self.centre) - self.radius).max(0.0);
+        let distance = (cell.centre_mm.distance(self.sphere.centre_mm) - self.sphere.radius_mm).max(0.0);
         // The functions change over lengths of about the distance, and of the split radius inside it.
         let length = distance.max(0.5 * shared.split_mm);
         let children = node.children();
@@ -183,7 +180,7 @@ impl Walk<'_> {
 
     /// Area of a cell times the functions at its centroid.
     fn centroid(&self, cell: &Cell) -> Values {
-        let [x, y, z] = (cell.centre_mm - self.centre).as_vec3().to_array();
+        let [x, y, z] = (cell.centre_mm - self.sphere.centre_mm).as_vec3().to_array();
         let area = cell.area_mm2 as f32;
         let mut values = [[0.0; TERMS]; LANES];
         for (value, at) in values.iter_mut().zip(&self.receivers[..self.count]) {

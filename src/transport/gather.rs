@@ -7,9 +7,10 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::balanced_tree::power_of_two_near;
 use super::irradiance::Pieces;
 use super::kernel::{self, Block, FlatSource, KernelRgb, PointSource};
-use super::receivers::{Group, Receivers};
+use super::receivers::{Group, Receivers, Sphere};
 use super::scene::{Medium, Surface};
 use super::simd::Level;
 use super::tree::{Cluster, SampleTree, Visit};
@@ -110,18 +111,21 @@ pub struct Lit<'a> {
     scale: f64,
 }
 
+/// Something that a group of receivers gathers from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Source {
+    /// A cluster of the light's tree, by its index.
+    Cluster(u32),
+    /// A sample.
+    Patch(u32),
+}
+
 /// Sources that one group of receivers sees.
 #[derive(Default)]
 struct Lists {
     points: Vec<PointSource>,
     flats: Vec<FlatSource>,
     block: Block,
-}
-
-/// Bounding sphere of a group.
-struct Sphere {
-    centre: DVec3,
-    radius: f64,
 }
 
 impl<'a> Gather<'a> {
@@ -140,8 +144,7 @@ impl<'a> Gather<'a> {
     /// Prepares the tree for one irradiance per sample, RGB.
     pub fn light<'b>(&self, irradiance: &'b [DVec3]) -> Lit<'b> {
         let brightest = irradiance.iter().map(|e| e.max_element()).fold(0.0, f64::max);
-        let usable = brightest > 0.0 && brightest.is_finite();
-        let scale = if usable { (-brightest.log2().floor().clamp(-1000.0, 1000.0)).exp2() } else { 1.0 };
+        let scale = power_of_two_near(brightest).recip();
         Lit { irradiance, pieces: None, clusters: self.tree.light(self.surface.patches, irradiance), scale }
     }
 
@@ -172,24 +175,59 @@ impl<'a> Gather<'a> {
         result
     }
 
+    /// The clusters of a light: flux over its scale and what stands for it where.
+    pub fn clusters<'b>(&self, lit: &'b Lit) -> (&'b [Cluster], f64) {
+        (&lit.clusters, lit.scale)
+    }
+
+    /// What each group of receivers gathers from under a scheme, group after group; the order is that of [`Self::radiosity`].
+    pub fn sources(&self, receivers: &Receivers, lit: &Lit, scheme: Scheme) -> Vec<Vec<Source>> {
+        let of_group = |group: &Group| {
+            let mut sources = Vec::new();
+            let sphere = receivers.sphere(*group);
+            let part = group.part as usize;
+            if let Some(medium) = self.medium(part) {
+                self.visit(part, lit, medium, scheme, &sphere, &mut |source| sources.push(source));
+            }
+            sources
+        };
+        receivers.groups.par_iter().map(of_group).collect()
+    }
+
     fn group(&self, receivers: &Receivers, group: Group, lit: &Lit, scheme: Scheme, lists: &mut Lists) {
         let members = &receivers.positions[group.run.range()];
-        let sphere = bounding_sphere(members);
-        lists.block.reset(sphere.centre, members);
+        let sphere = receivers.sphere(group);
+        lists.block.reset(sphere.centre_mm, members);
         lists.points.clear();
         lists.flats.clear();
         let part = group.part as usize;
         let Some(medium) = self.medium(part) else { return };
-        match scheme {
-            Scheme::AllPairs => {
-                for patch in self.surface.samples.part(part) {
-                    self.patch(patch, lit, medium, &sphere, lists);
-                    self.drain(medium, lists, 4096);
-                }
+        self.visit(part, lit, medium, scheme, &sphere, &mut |source| match source {
+            Source::Cluster(index) => {
+                let cluster = &lit.clusters[index as usize];
+                lists.points.push(point(cluster.centre_mm, cluster.flux * lit.scale, &sphere));
             }
-            Scheme::Hierarchical { criterion } => self.descend(part, lit, medium, criterion, &sphere, lists),
-        }
+            Source::Patch(index) => {
+                self.patch(index as usize, lit, medium, &sphere, lists);
+                self.drain(medium, lists, 4096);
+            }
+        });
         self.drain(medium, lists, 0);
+    }
+
+    fn visit(
+        &self,
+        part: usize,
+        lit: &Lit,
+        medium: &MediumKernel,
+        scheme: Scheme,
+        sphere: &Sphere,
+        take: &mut impl FnMut(Source),
+    ) {
+        match scheme {
+            Scheme::AllPairs => self.surface.samples.part(part).for_each(|patch| take(Source::Patch(patch as u32))),
+            Scheme::Hierarchical { criterion } => self.descend(part, lit, medium, criterion, sphere, take),
+        }
     }
 
     /// Runs the kernels over the lists if they hold more than `limit` sources.
@@ -211,13 +249,13 @@ impl<'a> Gather<'a> {
         medium: &MediumKernel,
         criterion: Criterion,
         sphere: &Sphere,
-        lists: &mut Lists,
+        take: &mut impl FnMut(Source),
     ) {
         let scale = self.surface.scene.parts.parts[part].area_mm2.max(f64::MIN_POSITIVE);
         let mean_flux = self.part_flux(part, lit) / scale;
         self.tree.walk(part, &lit.clusters, |visit| match visit {
-            Visit::Node(cluster) => {
-                let distance = cluster.centre_mm.distance(sphere.centre) - sphere.radius;
+            Visit::Node(index, cluster) => {
+                let distance = cluster.centre_mm.distance(sphere.centre_mm) - sphere.radius_mm;
                 if distance <= cluster.radius_mm {
                     return false;
                 }
@@ -226,14 +264,12 @@ impl<'a> Gather<'a> {
                     Criterion::KernelBound(limit) => bound(medium, cluster, distance, mean_flux) < limit,
                 };
                 if accepted {
-                    lists.points.push(point(cluster.centre_mm, cluster.flux * lit.scale, sphere));
+                    take(Source::Cluster(index));
                 }
                 accepted
             }
             Visit::Leaf(members) => {
-                for &patch in members {
-                    self.patch(patch as usize, lit, medium, sphere, lists);
-                }
+                members.iter().for_each(|&patch| take(Source::Patch(patch)));
                 true
             }
         });
@@ -246,7 +282,7 @@ impl<'a> Gather<'a> {
     fn part_flux(&self, part: usize, lit: &Lit) -> DVec3 {
         let mut total = DVec3::ZERO;
         self.tree.walk(part, &lit.clusters, |visit| {
-            if let Visit::Node(cluster) = visit {
+            if let Visit::Node(_, cluster) = visit {
                 total = cluster.flux;
             }
             true
@@ -262,7 +298,7 @@ impl<'a> Gather<'a> {
         }
         let e = e * lit.scale;
         let patch = &self.surface.patches[index];
-        let distance = (patch.centre_mm.distance(sphere.centre) - sphere.radius).max(0.0);
+        let distance = (patch.centre_mm.distance(sphere.centre_mm) - sphere.radius_mm).max(0.0);
         let reach2 = distance * distance + medium.smooth_mm * medium.smooth_mm;
         let below = |radii: f64| reach2 < (radii * patch.radius_mm) * (radii * patch.radius_mm);
         if !below(self.near.three_points_below) {
@@ -276,7 +312,7 @@ impl<'a> Gather<'a> {
                 let e = deviation * lit.scale;
                 let corners = corners.map(|c| patch.centre_mm + glam::Vec3::from_array(c).as_dvec3());
                 if exact {
-                    lists.flats.extend(FlatSource::new(corners, e.as_vec3().to_array(), sphere.centre));
+                    lists.flats.extend(FlatSource::new(corners, e.as_vec3().to_array(), sphere.centre_mm));
                 } else {
                     // A piece is small where its sample is three points.
                     let centre = corners.iter().sum::<DVec3>() / 3.0;
@@ -288,7 +324,7 @@ impl<'a> Gather<'a> {
             let corners = facet.corners_local_mm(mesh);
             if exact {
                 let irradiance = e.as_vec3().to_array();
-                lists.flats.extend(FlatSource::new(corners, irradiance, sphere.centre));
+                lists.flats.extend(FlatSource::new(corners, irradiance, sphere.centre_mm));
             } else {
                 let centre = corners.iter().sum::<DVec3>() / 3.0;
                 let flux = e * (crate::geometry::samples::area(corners) / 3.0);
@@ -314,18 +350,7 @@ fn bound(medium: &MediumKernel, cluster: &Cluster, distance: f64, mean_irradianc
 }
 
 fn point(at: DVec3, flux: DVec3, sphere: &Sphere) -> PointSource {
-    PointSource { at: (at - sphere.centre).as_vec3().to_array(), flux: flux.as_vec3().to_array() }
-}
-
-fn bounding_sphere(points: &[DVec3]) -> Sphere {
-    let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    for &p in points {
-        low = low.min(p);
-        high = high.max(p);
-    }
-    let centre = if points.is_empty() { DVec3::ZERO } else { 0.5 * (low + high) };
-    let radius = points.iter().map(|p| p.distance(centre)).fold(0.0, f64::max);
-    Sphere { centre, radius }
+    PointSource { at: (at - sphere.centre_mm).as_vec3().to_array(), flux: flux.as_vec3().to_array() }
 }
 
 #[cfg(test)]

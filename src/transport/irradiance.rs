@@ -38,6 +38,11 @@ impl LightSampling {
     pub const REFERENCE: Self = Self { points_per_patch: 16, directions: 512, area_side: 16 };
     /// Shadow boundaries to a quarter of a patch, soft light to about 1 % of each patch, which scattering averages.
     pub const FAST: Self = Self { points_per_patch: 4, directions: 256, area_side: 8 };
+
+    /// Pieces of a patch that a shadow boundary crosses.
+    pub fn pieces_of_uneven(self) -> u32 {
+        UNEVEN_REFINEMENT * self.points_per_patch.next_power_of_two()
+    }
 }
 
 /// Seeds of the stages that draw numbers.
@@ -219,7 +224,7 @@ impl<'a> Illumination<'a> {
             })
             .collect();
         progress.finish();
-        let count = self.pieces_of_uneven() as usize;
+        let count = self.sampling.pieces_of_uneven() as usize;
         (result, Pieces::new(patches, count, uneven.into_iter().flatten()))
     }
 
@@ -260,7 +265,7 @@ impl<'a> Illumination<'a> {
         let mut uneven = Vec::new();
         for i in (0..out.len()).filter(|&i| (0..sharp.len()).any(|light| crossed(light, i))) {
             points.clear();
-            self.pieces_as_points(first + i, self.pieces_of_uneven(), &mut points);
+            self.pieces_as_points(first + i, self.sampling.pieces_of_uneven(), &mut points);
             let part = self.surface.samples.part_offsets.partition_point(|&p| p as usize <= first + i) - 1;
             let medium = self.surface.scene.parts.parts[part].medium.unwrap_or(0) as usize;
             let share = 1.0 / points.len() as f64;
@@ -274,14 +279,14 @@ impl<'a> Illumination<'a> {
         }
         for Uneven { patch, deviations, corners } in &mut uneven {
             let index = *patch as usize;
-            deviations.resize(self.pieces_of_uneven() as usize, DVec3::ZERO);
+            deviations.resize(self.sampling.pieces_of_uneven() as usize, DVec3::ZERO);
             fine.iter().for_each(|light| light.add_to_pieces(index - first, deviations));
             let mean = deviations.iter().sum::<DVec3>() / deviations.len() as f64;
             deviations.iter_mut().for_each(|e| *e = (*e - mean).clamp(DVec3::splat(-MOST), DVec3::splat(MOST)));
             let centre = self.surface.patches[index].centre_mm;
             if let [facet] = self.surface.samples.patch(index) {
                 let whole = facet.corners_local_mm(&self.surface.scene.mesh);
-                pieces(whole, self.pieces_of_uneven(), &mut |piece| {
+                pieces(whole, self.sampling.pieces_of_uneven(), &mut |piece| {
                     corners.push(piece.map(|c| (c - centre).as_vec3().to_array()));
                 });
             }
@@ -294,11 +299,6 @@ impl<'a> Illumination<'a> {
             *e = e.min(DVec3::splat(MOST));
         }
         uneven
-    }
-
-    /// Pieces of a patch that a shadow boundary crosses.
-    fn pieces_of_uneven(&self) -> u32 {
-        UNEVEN_REFINEMENT * self.sampling.points_per_patch.next_power_of_two()
     }
 
     fn irradiance(

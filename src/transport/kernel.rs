@@ -245,21 +245,19 @@ static GAUSS_8: [(f32, f32); 8] = rule();
 static GAUSS_12: [(f32, f32); 12] = rule();
 static GAUSS_24: [(f32, f32); 24] = rule();
 
-/// The rule for an edge of `ratio` times the depth of the shallowest source: 5e-7 of the total reflectance up to 30
-/// times, 2e-6 beyond (worst case over the published materials and extreme ones).
+/// A Gauss-Legendre rule, nodes on [-1, 1] and weights, for edges up to a length over the depth of the shallowest source.
+pub type EdgeRule = (f32, &'static [(f32, f32)]);
+
+/// 5e-7 of the total reflectance up to 30 times the depth, 2e-6 beyond (worst case over the published materials and
+/// extreme ones).
+pub static EDGE_RULES: [EdgeRule; 5] =
+    [(1.0, &GAUSS_4), (3.0, &GAUSS_6), (10.0, &GAUSS_8), (100.0, &GAUSS_12), (f32::INFINITY, &GAUSS_24)];
+
+/// The first rule that is long enough, or the last.
 #[inline(always)]
-fn edge_rule(ratio: f32) -> &'static [(f32, f32)] {
-    if ratio <= 1.0 {
-        &GAUSS_4
-    } else if ratio <= 3.0 {
-        &GAUSS_6
-    } else if ratio <= 10.0 {
-        &GAUSS_8
-    } else if ratio <= 100.0 {
-        &GAUSS_12
-    } else {
-        &GAUSS_24
-    }
+fn edge_rule(rules: &'static [EdgeRule], ratio: f32) -> &'static [(f32, f32)] {
+    let longest = rules.iter().find(|(limit, _)| ratio <= *limit).or(rules.last());
+    longest.map_or(&[], |(_, nodes)| nodes)
 }
 
 #[inline(always)]
@@ -307,7 +305,7 @@ fn triangle_into(partial: &mut [Row; 3], [x, y, z]: &[Row; 3], kernel: &KernelRg
         }
     }
     let longest = edges[0].length.max(edges[1].length).max(edges[2].length);
-    let nodes = edge_rule(longest / kernel.shallowest);
+    let nodes = edge_rule(&EDGE_RULES, longest / kernel.shallowest);
     for (channel, partial) in partial.iter_mut().enumerate() {
         let terms = kernel.terms[channel];
         let mut sums = [[0.0; LANES]; 2];

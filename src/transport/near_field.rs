@@ -13,7 +13,7 @@ use super::gather::NearField;
 use super::irradiance::Pieces;
 use super::kernel::KernelRgb;
 use super::kernel::near::{self, Flats, Points, SplitRgb};
-use super::receivers::{Group, Receivers};
+use super::receivers::{Group, Receivers, Sphere};
 use super::scene::{Medium, Surface};
 use super::simd::Level;
 use crate::geometry::mesh::Mesh;
@@ -60,6 +60,11 @@ impl Corners {
         Self(patches.par_iter().enumerate().flat_map_iter(of_patch).collect())
     }
 
+    /// Facet after facet.
+    pub fn values(&self) -> &[[[f32; 3]; 3]] {
+        &self.0
+    }
+
     /// Bytes in memory.
     pub fn bytes(&self) -> usize {
         size_of_val(self.0.as_slice())
@@ -68,7 +73,7 @@ impl Corners {
 
 /// The near field of a scene's media.
 pub struct Near<'a> {
-    surface: &'a Surface<'a>,
+    surface: Surface<'a>,
     tree: &'a BalancedTree,
     corners: &'a Corners,
     media: Vec<NearKernel>,
@@ -113,16 +118,10 @@ struct Lists {
     flats: Flats,
 }
 
-/// Where a group of receivers is.
-struct Place {
-    centre: DVec3,
-    radius: f64,
-}
-
 impl<'a> Near<'a> {
     /// Of media split at a radius; samples and patches of the surface are in the order of the tree.
     pub fn new(
-        surface: &'a Surface<'a>,
+        surface: Surface<'a>,
         (tree, corners): (&'a BalancedTree, &'a Corners),
         media: &[Medium],
         rule: NearField,
@@ -160,51 +159,73 @@ impl<'a> Near<'a> {
 
     fn group(&self, receivers: &Receivers, group: Group, light: &Shine, lists: &mut Lists, out: &mut [DVec3]) {
         let part = group.part as usize;
-        let medium = self.surface.scene.parts.parts[part].medium.and_then(|m| self.media.get(m as usize));
-        let Some(medium) = medium else { return };
+        let Some(medium) = self.medium(part) else { return };
         let members = &receivers.positions[group.run.range()];
-        let (low, high) =
-            members.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), &p| (l.min(p), h.max(p)));
-        let centre = 0.5 * (low + high);
-        let radius = members.iter().map(|p| p.distance(centre)).fold(0.0, f64::max);
-        self.collect(part, medium, &Place { centre, radius }, light, lists);
+        let place = receivers.sphere(group);
+        lists.candidates.clear();
+        self.visit(part, &place, &mut lists.stack, &mut |index| {
+            self.candidate(index, medium, &place, light, &mut lists.candidates);
+        });
         for (receiver, out) in members.iter().zip(out) {
-            let sum = self.receiver((*receiver - centre).as_vec3().to_array(), medium, light, lists);
+            let sum = self.receiver((*receiver - place.centre_mm).as_vec3().to_array(), medium, light, lists);
             *out += DVec3::from_array(sum) / light.scale;
         }
     }
 
-    /// The samples that some receiver of a group is near to.
-    fn collect(&self, part: usize, medium: &NearKernel, place: &Place, light: &Shine, lists: &mut Lists) {
-        lists.candidates.clear();
-        lists.stack.extend(self.tree.root(part));
-        while let Some(node) = lists.stack.pop() {
+    /// The samples, lit or not, that some receiver of each group may be near to, whatever the medium.
+    pub fn samples_around(&self, receivers: &Receivers) -> Vec<Vec<u32>> {
+        let of_group = |group: &Group| {
+            let (sphere, mut found) = (receivers.sphere(*group), Vec::new());
+            self.visit(group.part as usize, &sphere, &mut Vec::new(), &mut |index| {
+                let patch = &self.surface.patches[index as usize];
+                let reach = self.split_mm.max(self.rule.three_points_below * patch.radius_mm) + sphere.radius_mm;
+                if patch.centre_mm.distance_squared(sphere.centre_mm) < reach * reach {
+                    found.push(index);
+                }
+            });
+            found
+        };
+        receivers.groups.par_iter().map(of_group).collect()
+    }
+
+    fn medium(&self, part: usize) -> Option<&NearKernel> {
+        self.media.get(self.surface.scene.parts.parts[part].medium? as usize)
+    }
+
+    /// The samples that some receiver of a group may be near to.
+    fn visit(&self, part: usize, place: &Sphere, stack: &mut Vec<Node>, take: &mut impl FnMut(u32)) {
+        stack.extend(self.tree.root(part));
+        while let Some(node) = stack.pop() {
             if node.is_leaf() {
-                self.candidate(node.first, medium, place, light, &mut lists.candidates);
+                take(node.first);
                 continue;
             }
             let cell = self.tree.cell(node, self.surface.patches);
-            let distance = cell.centre_mm.distance(place.centre) - place.radius - cell.radius_mm;
+            let distance = cell.centre_mm.distance(place.centre_mm) - place.radius_mm - cell.radius_mm;
             if distance < self.split_mm.max(self.rule.three_points_below * cell.largest_mm) {
-                lists.stack.extend(node.children());
+                stack.extend(node.children());
             }
         }
     }
 
-    fn candidate(&self, index: u32, medium: &NearKernel, place: &Place, light: &Shine, candidates: &mut Candidates) {
+    /// Squared distance below which a sample is not a point, mm^2; may be negative.
+    fn below2(&self, patch: &Patch, medium: &NearKernel, radii: f64) -> f64 {
+        (radii * patch.radius_mm).powi(2) - medium.smooth_mm * medium.smooth_mm
+    }
+
+    fn candidate(&self, index: u32, medium: &NearKernel, place: &Sphere, light: &Shine, candidates: &mut Candidates) {
         let e = light.irradiance[index as usize];
         let patch = &self.surface.patches[index as usize];
-        let below2 = |radii: f64| (radii * patch.radius_mm).powi(2) - medium.smooth_mm * medium.smooth_mm;
-        let three2 = below2(self.rule.three_points_below);
-        let reach = self.split_mm.max(three2.max(0.0).sqrt()) + place.radius;
-        if e == DVec3::ZERO || patch.centre_mm.distance_squared(place.centre) >= reach * reach {
+        let three2 = self.below2(patch, medium, self.rule.three_points_below);
+        let reach = self.split_mm.max(three2.max(0.0).sqrt()) + place.radius_mm;
+        if e == DVec3::ZERO || patch.centre_mm.distance_squared(place.centre_mm) >= reach * reach {
             return;
         }
-        let at = (patch.centre_mm - place.centre).as_vec3().to_array();
+        let at = (patch.centre_mm - place.centre_mm).as_vec3().to_array();
         candidates.at.iter_mut().zip(at).for_each(|(list, x)| list.push(x));
         candidates.flux.push((e * (light.scale * patch.area_mm2)).as_vec3().to_array());
         candidates.three2.push(three2 as f32);
-        candidates.exact2.push(below2(self.rule.exact_below) as f32);
+        candidates.exact2.push(self.below2(patch, medium, self.rule.exact_below) as f32);
         candidates.patch.push(index);
     }
 

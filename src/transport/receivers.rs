@@ -29,6 +29,25 @@ pub struct Group {
     pub part: u32,
 }
 
+/// A sphere around points.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Sphere {
+    /// Middle of their bounding box, mm.
+    pub centre_mm: DVec3,
+    /// Distance of the farthest, mm.
+    pub radius_mm: f64,
+}
+
+impl Sphere {
+    /// Around these; about the origin if there are none.
+    pub fn around(points: &[DVec3]) -> Self {
+        let grow = |(low, high): (DVec3, DVec3), &p: &DVec3| (low.min(p), high.max(p));
+        let (low, high) = points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), grow);
+        let centre_mm = if points.is_empty() { DVec3::ZERO } else { 0.5 * (low + high) };
+        Self { centre_mm, radius_mm: points.iter().map(|p| p.distance(centre_mm)).fold(0.0, f64::max) }
+    }
+}
+
 impl Receivers {
     /// One receiver for each welded vertex that a transferring part uses. A vertex that several parts share belongs to
     /// the first of them. Groups hold at most `capacity` receivers.
@@ -78,6 +97,11 @@ impl Receivers {
     /// Number of receivers.
     pub fn len(&self) -> usize {
         self.positions.len()
+    }
+
+    /// The sphere around a group.
+    pub fn sphere(&self, group: Group) -> Sphere {
+        Sphere::around(&self.positions[group.run.range()])
     }
 
     /// True if there are none.

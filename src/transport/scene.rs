@@ -27,6 +27,7 @@ pub struct Scene {
 }
 
 /// A scene's surface ready for transport: occluders and samples with their geometry.
+#[derive(Clone, Copy)]
 pub struct Surface<'a> {
     /// The scene.
     pub scene: &'a Scene,

@@ -42,8 +42,8 @@ pub struct Cluster {
 
 /// What a visitor of the tree wants next.
 pub enum Visit<'a> {
-    /// A node with children, as a cluster; the answer is whether the cluster will do.
-    Node(&'a Cluster),
+    /// A node with its index among the clusters; the answer is whether the cluster will do.
+    Node(u32, &'a Cluster),
     /// The samples of a leaf.
     Leaf(&'a [u32]),
 }
@@ -127,7 +127,7 @@ impl SampleTree {
             if clusters[index as usize].flux == DVec3::ZERO {
                 continue;
             }
-            if visit(Visit::Node(&clusters[index as usize])) {
+            if visit(Visit::Node(index, &clusters[index as usize])) {
                 continue;
             }
             if node.children[0] == NONE {

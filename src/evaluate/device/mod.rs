@@ -1,9 +1,15 @@
 //! Graphics adapters: one device, its limits and its errors, and evaluators whose radiosity lies in its memory.
 
+pub mod far_field;
+pub mod jobs;
+pub mod near_field;
+pub mod sampled;
+pub mod surface;
 mod uploaded;
 
 use std::sync::{Arc, Mutex, PoisonError};
 
+use glam::DVec3;
 use wgpu::util::DeviceExt;
 
 pub use uploaded::Uploaded;
@@ -42,6 +48,26 @@ pub trait DeviceEvaluator: Evaluator {
     fn transport(&self) -> String;
 }
 
+/// What [`Evaluator::radiosity`] of a device evaluator is: updated, read back, a value for each source vertex.
+///
+/// # Errors
+/// As [`DeviceEvaluator::update`].
+pub fn read_radiosity(evaluator: &mut dyn DeviceEvaluator, progress: &dyn Progress) -> Result<Vec<DVec3>> {
+    evaluator.update(progress)?;
+    progress.start("read back", 0);
+    let buffer = evaluator.radiosity_buffer();
+    let bytes = evaluator.device().read(buffer, buffer.size())?;
+    let values: &[[f32; 4]] = &bytemuck::pod_collect_to_vec(&bytes);
+    let scale = evaluator.scale();
+    let of = |&receiver: &u32| match values.get(receiver as usize) {
+        Some(&[r, g, b, _]) => glam::Vec3::new(r, g, b).as_dvec3() * scale,
+        None => DVec3::ZERO,
+    };
+    let radiosity = evaluator.receiver_of_vertex().iter().map(of).collect();
+    progress.finish();
+    Ok(radiosity)
+}
+
 /// An opened adapter.
 pub struct Device {
     /// Its calls.
@@ -59,8 +85,16 @@ impl Device {
     /// # Errors
     /// No adapter, or one that refuses (exit 5).
     pub fn open() -> Result<Arc<Self>> {
+        Self::open_limited(u64::MAX)
+    }
+
+    /// The same with storage bindings of this many bytes at most, as other adapters have them.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn open_limited(largest_binding: u64) -> Result<Arc<Self>> {
         let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle().with_env());
-        Self::open_for(&instance, None)
+        Self::request(&instance, None, largest_binding)
     }
 
     /// A device that can present to a surface, where one is given.
@@ -68,6 +102,10 @@ impl Device {
     /// # Errors
     /// No adapter, or one that refuses (exit 5).
     pub fn open_for(instance: &wgpu::Instance, surface: Option<&wgpu::Surface>) -> Result<Arc<Self>> {
+        Self::request(instance, surface, u64::MAX)
+    }
+
+    fn request(instance: &wgpu::Instance, surface: Option<&wgpu::Surface>, largest_binding: u64) -> Result<Arc<Self>> {
         let options = wgpu::RequestAdapterOptions {
             power_preference: wgpu::PowerPreference::HighPerformance,
             compatible_surface: surface,
@@ -76,7 +114,8 @@ impl Device {
         let adapter = pollster::block_on(instance.request_adapter(&options))
             .map_err(|e| Error::unsupported(format!("no graphics adapter: {e}; {WITHOUT}")))?;
         let info = adapter.get_info();
-        let limits = adapter.limits();
+        let mut limits = adapter.limits();
+        limits.max_storage_buffer_binding_size = limits.max_storage_buffer_binding_size.min(largest_binding);
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("translux"),
             required_features: adapter.features() & wgpu::Features::POLYGON_MODE_LINE,
@@ -128,7 +167,8 @@ impl Device {
     pub fn storage<T: bytemuck::NoUninit>(&self, label: &str, values: &[T]) -> Result<wgpu::Buffer> {
         let bytes: &[u8] = bytemuck::cast_slice(values);
         self.check_size(label, bytes.len() as u64)?;
-        let zero = [0u8; 16];
+        // Room for one element of any type.
+        let zero = [0u8; 64];
         Ok(self.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
             label: Some(label),
             contents: if bytes.is_empty() { &zero } else { bytes },
@@ -144,7 +184,7 @@ impl Device {
         self.check_size(label, bytes)?;
         Ok(self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some(label),
-            size: bytes.max(16).next_multiple_of(16),
+            size: bytes.max(64).next_multiple_of(16),
             usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC,
             mapped_at_creation: false,
         }))
@@ -155,10 +195,10 @@ impl Device {
             return Ok(());
         }
         Err(Error::unsupported(format!(
-            "{label}: {} MiB where {} binds {} MiB at most; {WITHOUT}",
-            bytes >> 20,
+            "{label}: {} KiB where {} binds {} KiB at most; {WITHOUT}",
+            bytes.div_ceil(1024),
             self.info.name,
-            self.largest_binding() >> 20
+            self.largest_binding() / 1024
         )))
     }
 

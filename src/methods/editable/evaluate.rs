@@ -7,11 +7,15 @@ use glam::DVec3;
 use rayon::prelude::*;
 use translux_format::far_field::FarField;
 
+#[cfg(feature = "gpu")]
+use super::gpu::EditableOnDevice;
 use super::plan::Plan;
 use super::sections;
 use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
+#[cfg(feature = "gpu")]
+use crate::evaluate::device::{Device, DeviceEvaluator};
 use crate::evaluate::environment::{StoredRows, comes_from_far_away};
 use crate::evaluate::far_field::FarSums;
 use crate::evaluate::sampling_error::{Sampled, receiver_areas};
@@ -46,23 +50,23 @@ const RUN: usize = 1024;
 /// One coefficient for each channel and basis function.
 type Coefficients = [Vec<f64>; 3];
 
-struct EditableEvaluator {
+pub(super) struct EditableEvaluator {
     // Not the asset: its sections would be in memory twice.
-    samples: Samples,
-    scene: Scene,
-    plan: Plan,
+    pub(super) samples: Samples,
+    pub(super) scene: Scene,
+    pub(super) plan: Plan,
     bvh: Bvh,
-    patches: Vec<Patch>,
+    pub(super) patches: Vec<Patch>,
     tree: BalancedTree,
-    corners: Corners,
-    receivers: Receivers,
+    pub(super) corners: Corners,
+    pub(super) receivers: Receivers,
     areas: Vec<f64>,
-    basis: ProfileBasis,
-    far: FarField,
+    pub(super) basis: ProfileBasis,
+    pub(super) far: FarField,
     rows: Option<StoredRows>,
     /// Of each medium.
-    coefficients: Vec<Coefficients>,
-    lights: Vec<Light>,
+    pub(super) coefficients: Vec<Coefficients>,
+    pub(super) lights: Vec<Light>,
     lit: Option<Lit>,
 }
 
@@ -134,12 +138,12 @@ fn receivers(scene: &Scene, far: &FarField) -> Receivers {
 }
 
 impl EditableEvaluator {
-    fn surface(&self) -> Surface<'_> {
+    pub(super) fn surface(&self) -> Surface<'_> {
         Surface { scene: &self.scene, bvh: &self.bvh, samples: &self.samples, patches: &self.patches }
     }
 
     /// Through the stored rows where there are any for a light, else by rays.
-    fn irradiance(&self, lights: &[Light], progress: &dyn Progress) -> Result<(Vec<DVec3>, Pieces)> {
+    pub(super) fn irradiance(&self, lights: &[Light], progress: &dyn Progress) -> Result<(Vec<DVec3>, Pieces)> {
         let (near, far): (Vec<Light>, Vec<Light>) = lights.iter().cloned().partition(|l| !self.is_stored(l));
         let (Some(rows), false) = (&self.rows, far.is_empty()) else { return self.sampled(lights, progress) };
         let (mut irradiance, pieces) = match near.as_slice() {
@@ -188,11 +192,14 @@ impl EditableEvaluator {
         }
         jobs.into_par_iter().for_each(|(first, coefficients, out)| lit.far.combine(first, coefficients, out));
         progress.finish();
-        let surface = self.surface();
-        let geometry = (&self.tree, &self.corners);
-        let near = Near::new(&surface, geometry, &self.scene.media, self.plan.near, self.basis.split_mm());
-        near.add(&self.receivers, (&lit.irradiance, &lit.pieces), &mut values, progress);
+        self.near().add(&self.receivers, (&lit.irradiance, &lit.pieces), &mut values, progress);
         values
+    }
+
+    /// The near field of the media in force.
+    pub(super) fn near(&self) -> Near<'_> {
+        let geometry = (&self.tree, &self.corners);
+        Near::new(self.surface(), geometry, &self.scene.media, self.plan.near, self.basis.split_mm())
     }
 
     /// Error of stored rows against rays, on the same samples.
@@ -345,5 +352,10 @@ impl Evaluator for EditableEvaluator {
         let radiosity = self.receivers.expand(&values);
         self.lit = Some(lit);
         Ok(radiosity)
+    }
+
+    #[cfg(feature = "gpu")]
+    fn on_device(self: Box<Self>, device: &Arc<Device>) -> Result<Box<dyn DeviceEvaluator>> {
+        Ok(Box::new(EditableOnDevice::new(*self, device)?))
     }
 }

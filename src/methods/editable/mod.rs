@@ -4,6 +4,8 @@ mod bake;
 mod choice;
 mod environment;
 mod evaluate;
+#[cfg(feature = "gpu")]
+mod gpu;
 mod ledger;
 mod plan;
 mod sections;

@@ -77,7 +77,7 @@ impl Subset {
         let corners: &Corners = &stage.corners;
         let of_material = |material: &Projected| {
             let media = vec![material.medium.clone(); scene.media.len()];
-            let near = Near::new(&surface, (&stage.tree, corners), &media, plan.near, stage.split_mm);
+            let near = Near::new(surface, (&stage.tree, corners), &media, plan.near, stage.split_mm);
             let mut values = vec![DVec3::ZERO; self.receivers.len()];
             near.add(&self.receivers, (irradiance, &Pieces::default()), &mut values, &Silent);
             values

@@ -138,6 +138,11 @@ impl Pieces {
         result
     }
 
+    /// Pieces of each sample that is not lit evenly.
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
     /// Pieces of a sample: how far their irradiance is from the sample's, RGB, in all 0; and corners relative to the
     /// sample's centroid, mm. `None` if it is lit evenly.
     pub fn of(&self, patch: usize) -> Option<impl Iterator<Item = (DVec3, &[[f32; 3]; 3])>> {

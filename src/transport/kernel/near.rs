@@ -4,7 +4,8 @@
 //! f32 over at most `FLUSH` rows and are then added to f64, lane after lane.
 
 use super::{
-    FLUSH, GAUSS_4, GAUSS_6, GAUSS_8, GAUSS_12, GAUSS_24, KernelRgb, LANES, Row, edge_into, reflectance, rule, tail,
+    EdgeRule, FLUSH, GAUSS_4, GAUSS_6, GAUSS_8, GAUSS_12, GAUSS_24, KernelRgb, LANES, Row, edge_into, edge_rule,
+    reflectance, rule, tail,
 };
 use crate::transport::simd::multiversion;
 
@@ -206,23 +207,15 @@ multiversion! {
 
 static GAUSS_3: [(f32, f32); 3] = rule();
 
-/// The rule for an edge of `ratio` times the depth of the shallowest source: EDGE_ERROR of the total reflectance.
-#[inline(always)]
-fn edge_rule(ratio: f32) -> &'static [(f32, f32)] {
-    if ratio <= 1.0 {
-        &GAUSS_3
-    } else if ratio <= 3.0 {
-        &GAUSS_4
-    } else if ratio <= 10.0 {
-        &GAUSS_6
-    } else if ratio <= 30.0 {
-        &GAUSS_8
-    } else if ratio <= 100.0 {
-        &GAUSS_12
-    } else {
-        &GAUSS_24
-    }
-}
+/// Coarser than those of the truth: see `near_rules_are_as_good_as_the_points_beside_them`.
+pub static NEAR_EDGE_RULES: [EdgeRule; 6] = [
+    (1.0, &GAUSS_3),
+    (3.0, &GAUSS_4),
+    (10.0, &GAUSS_6),
+    (30.0, &GAUSS_8),
+    (100.0, &GAUSS_12),
+    (f32::INFINITY, &GAUSS_24),
+];
 
 /// As `triangle_into` of the parent module, with the geometry of the triangles worked out here.
 #[inline(always)]
@@ -271,7 +264,7 @@ fn flat_row(kernel: &KernelRgb, row: &FlatRow, partial: &mut [Row; 3]) {
         }
         longest = lengths[k].iter().fold(longest, |a, &b| a.max(b));
     }
-    let nodes = edge_rule(longest / kernel.shallowest);
+    let nodes = edge_rule(&NEAR_EDGE_RULES, longest / kernel.shallowest);
     for (channel, partial) in partial.iter_mut().enumerate() {
         let terms = kernel.terms[channel];
         let mut edges = [[0.0; LANES]; 2];

@@ -1,0 +1,67 @@
+// The near field that is never stored, as in transport/near_field.rs, and the stored far field combined for the material.
+
+// [receiver][term], RGB.
+@group(1) @binding(2) var<storage, read> far_values: array<f32>;
+// [medium][term], RGB and 0; 16 for each medium.
+@group(1) @binding(3) var<storage, read> coefficients: array<vec4<f32>>;
+
+var<workgroup> slices: array<vec3<f32>, 64>;
+
+fn of_candidate(medium: u32, index: u32, at: vec3<f32>) -> vec3<f32> {
+    let offset = patches[index].centre - at;
+    let r2 = dot(offset, offset);
+    let radius = patches[index].radius;
+    let three = settings.three_points_below * radius;
+    let split2 = media[medium].split2;
+    let is_close = r2 < three * three - media[medium].smooth2;
+    if !is_close && r2 >= split2 {
+        return vec3(0.0);
+    }
+    let whole = reflectance(medium, r2);
+    var far = whole;
+    if r2 < split2 {
+        far = polynomial(medium, r2 - split2);
+    }
+    let flux = irradiance[index].xyz * patches[index].area;
+    if !is_close {
+        return flux * (whole - far);
+    }
+    let exact = settings.exact_below * radius;
+    return close_patch(medium, index, offset, r2 < exact * exact - media[medium].smooth2) - flux * far;
+}
+
+@compute @workgroup_size(64)
+fn near(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
+    let job = group.x;
+    let lane = thread % LANES;
+    let receiver = jobs[job].first_receiver + lane;
+    let end_receiver = jobs[job].end_receiver;
+    let at = receivers[min(receiver, end_receiver - 1u)].xyz;
+    let medium = jobs[job].medium;
+    let end = jobs[job].end_entry;
+    var total = vec3(0.0);
+    var partial = vec3(0.0);
+    var count = 0u;
+    for (var i = jobs[job].first_entry + thread / LANES; i < end; i += SLICES) {
+        partial += of_candidate(medium, list[i], at);
+        count += 1u;
+        if (count & FLUSH) == 0u {
+            total += partial;
+            partial = vec3(0.0);
+        }
+    }
+    slices[thread] = total + partial;
+    workgroupBarrier();
+    if thread < LANES && receiver < end_receiver {
+        var sum = slices[lane] + slices[lane + 16u] + slices[lane + 32u] + slices[lane + 48u];
+        for (var k = 0u; k < settings.terms && jobs[job].round == 0u; k += 1u) {
+            let i = 3u * (receiver * settings.terms + k);
+            let value = vec3(far_values[i], far_values[i + 1u], far_values[i + 2u]);
+            sum += coefficients[16u * medium + k].xyz * value;
+        }
+        if jobs[job].round > 0u {
+            sum += radiosity[receiver].xyz;
+        }
+        radiosity[receiver] = vec4(sum, 0.0);
+    }
+}

@@ -1,0 +1,66 @@
+//! The near field from the geometry, and the far field combined for the materials, on a device.
+
+use std::sync::Arc;
+
+use super::Device;
+use super::jobs::{Effort, Entries, Shard, shards};
+use super::surface::{KERNEL, READ, SurfaceBuffers, bind, bind_group_layout, dispatch, pipeline};
+use crate::error::Result;
+use crate::transport::receivers::Receivers;
+
+/// Coefficients of one medium in the shader.
+const TERMS: usize = 16;
+
+/// The near field on a device.
+pub struct NearOnDevice {
+    device: Arc<Device>,
+    pipeline: wgpu::ComputePipeline,
+    coefficients: wgpu::Buffer,
+    shards: Vec<(wgpu::BindGroup, u32)>,
+}
+
+impl NearOnDevice {
+    /// Of receivers, the samples around each group of them and what these cost, and the medium of each part of `media`;
+    /// `far_values` are what the far field writes.
+    ///
+    /// # Errors
+    /// Lists beyond the adapter's bindings (exit 5).
+    pub fn new(
+        buffers: &SurfaceBuffers,
+        receivers: &Receivers,
+        (around, effort): (Vec<Vec<u32>>, &Effort),
+        (media, medium): (usize, impl Fn(u32) -> Option<u32>),
+        far_values: &wgpu::Buffer,
+    ) -> Result<Self> {
+        let device = Arc::clone(buffers.device());
+        let layout = bind_group_layout(&device.device, "near", &[READ; 4]);
+        let text = format!("{KERNEL}{}", include_str!("near.wgsl"));
+        let pipeline = pipeline(&device.device, &text, "near", [buffers.layout(), &layout]);
+        let coefficients = device.zeros("coefficients of the media", (16 * TERMS * media) as u64)?;
+        let lists: Vec<Entries> = around.into_iter().map(Entries::List).collect();
+        let of_shard = |shard: Shard| {
+            let bound = [&shard.jobs, &shard.list, far_values, &coefficients];
+            (bind(&device.device, &layout, bound.into_iter()), shard.count)
+        };
+        let shards = shards(&device, receivers, medium, &lists, effort)?.into_iter().map(of_shard).collect();
+        device.check()?;
+        Ok(Self { device, pipeline, coefficients, shards })
+    }
+
+    /// Replaces the coefficients of each medium's profile, `[channel][k]`.
+    pub fn set_media(&mut self, coefficients: &[[Vec<f64>; 3]]) {
+        let mut packed = vec![[0.0f32; 4]; TERMS * coefficients.len()];
+        for (packed, channels) in packed.chunks_mut(TERMS).zip(coefficients) {
+            for (channel, values) in channels.iter().enumerate() {
+                packed.iter_mut().zip(values).for_each(|(slot, value)| slot[channel] = *value as f32);
+            }
+        }
+        self.device.queue.write_buffer(&self.coefficients, 0, bytemuck::cast_slice(&packed));
+    }
+
+    /// Writes the radiosity of every receiver.
+    pub fn run(&self, buffers: &SurfaceBuffers) {
+        let shards = self.shards.iter().map(|(group, count)| (group, *count));
+        dispatch(&self.device, &self.pipeline, buffers.bind_group(), shards);
+    }
+}

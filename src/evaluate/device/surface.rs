@@ -1,0 +1,405 @@
+//! What the shaders of every method share: samples, receivers, media and the light on the samples.
+
+use std::sync::Arc;
+
+use bytemuck::{Pod, Zeroable};
+use glam::DVec3;
+use wgpu::util::DeviceExt;
+
+use super::Device;
+use crate::error::{Error, Result};
+use crate::geometry::samples::{Patch, Samples};
+use crate::medium::far_profile::FarProfile;
+use crate::medium::fresnel::BoundaryFit;
+use crate::transport::balanced_tree::power_of_two_near;
+use crate::transport::gather::NearField;
+use crate::transport::irradiance::Pieces;
+use crate::transport::kernel::EdgeRule;
+use crate::transport::near_field::Corners;
+use crate::transport::receivers::Receivers;
+use crate::transport::scene::Medium;
+
+/// The text of the shaders that use these buffers begins with this.
+pub const KERNEL: &str = include_str!("kernel.wgsl");
+
+/// Rules for edges that the shader holds, and nodes of all of them.
+const RULES: usize = 6;
+const NODES: usize = 64;
+
+/// Storage buffers that the shaders bind at once.
+const STORAGE_BUFFERS: u32 = 12;
+
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct GpuSettings {
+    exact_below: f32,
+    three_points_below: f32,
+    terms: u32,
+    pieces: u32,
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct GpuRules {
+    limits: [f32; 8],
+    starts: [u32; 8],
+    nodes: [[f32; 2]; NODES],
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct GpuMedium {
+    real: [[f32; 4]; 3],
+    image: [[f32; 4]; 3],
+    polynomial: [[f32; 4]; 3],
+    split2: f32,
+    shallowest: f32,
+    smooth2: f32,
+    padding: f32,
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct GpuPatch {
+    centre: [f32; 3],
+    area: f32,
+    radius: f32,
+    first_facet: u32,
+    end_facet: u32,
+    padding: u32,
+}
+
+/// Samples, receivers, media and light.
+pub struct SurfaceBuffers {
+    device: Arc<Device>,
+    layout: wgpu::BindGroupLayout,
+    settings: GpuSettings,
+    settings_buffer: wgpu::Buffer,
+    rules: wgpu::Buffer,
+    media: wgpu::Buffer,
+    patches: wgpu::Buffer,
+    corners: wgpu::Buffer,
+    receivers: wgpu::Buffer,
+    radiosity: wgpu::Buffer,
+    irradiance: wgpu::Buffer,
+    first_piece: wgpu::Buffer,
+    pieces: wgpu::Buffer,
+    count: u32,
+    scale: f64,
+    bind_group: wgpu::BindGroup,
+}
+
+/// What stays the same under every light and material.
+pub struct Geometry<'a> {
+    /// The samples.
+    pub samples: &'a Samples,
+    /// What is known of each.
+    pub patches: &'a [Patch],
+    /// Corners of their facets.
+    pub corners: &'a Corners,
+    /// Where radiosity is gathered.
+    pub receivers: &'a Receivers,
+    /// How near samples are integrated.
+    pub near: NearField,
+    /// Rules for the edges of triangles.
+    pub rules: &'a [EdgeRule],
+    /// Basis functions of a far field; 0 without one.
+    pub terms: usize,
+}
+
+impl SurfaceBuffers {
+    /// Uploads what stays the same.
+    ///
+    /// # Errors
+    /// An adapter with too few or too small bindings (exit 5).
+    pub fn new(device: &Arc<Device>, geometry: &Geometry) -> Result<Self> {
+        let most = device.device.limits().max_storage_buffers_per_shader_stage;
+        if most < STORAGE_BUFFERS {
+            let name = &device.info.name;
+            return Err(Error::unsupported(format!(
+                "{name} binds {most} storage buffers where {STORAGE_BUFFERS} are needed; use --device cpu"
+            )));
+        }
+        let Geometry { samples, patches, corners, receivers, near, rules, terms } = geometry;
+        let settings = GpuSettings {
+            exact_below: near.exact_below as f32,
+            three_points_below: near.three_points_below as f32,
+            terms: *terms as u32,
+            pieces: 0,
+        };
+        let uniform = |label, bytes: &[u8]| {
+            device.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+                label: Some(label),
+                contents: bytes,
+                usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+            })
+        };
+        let patch = |(index, patch): (usize, &Patch)| GpuPatch {
+            centre: patch.centre_mm.as_vec3().to_array(),
+            area: patch.area_mm2 as f32,
+            radius: patch.radius_mm as f32,
+            first_facet: samples.patch_offsets[index],
+            end_facet: samples.patch_offsets[index + 1],
+            padding: 0,
+        };
+        let patches: Vec<GpuPatch> = patches.iter().enumerate().map(patch).collect();
+        let positions: Vec<[f32; 4]> = receivers.positions.iter().map(|p| p.as_vec3().extend(0.0).to_array()).collect();
+        let count = patches.len();
+        let settings_buffer = uniform("settings", bytemuck::bytes_of(&settings));
+        let rules = uniform("rules", bytemuck::bytes_of(&pack(rules)?));
+        let layout = layout(&device.device);
+        let media = device.storage::<GpuMedium>("media", &[GpuMedium::zeroed()])?;
+        let corners = device.storage("corners of the facets", corners.values().as_flattened().as_flattened())?;
+        let irradiance = device.zeros("irradiance", 16 * count as u64)?;
+        let first_piece = device.zeros("first pieces", 4 * count as u64)?;
+        let pieces = device.zeros("pieces", 16)?;
+        let radiosity = device.zeros("radiosity", 16 * receivers.len() as u64)?;
+        let (patches, receivers) = (device.storage("samples", &patches)?, device.storage("receivers", &positions)?);
+        let bound = [&settings_buffer, &rules, &media, &patches, &corners, &receivers, &radiosity, &irradiance];
+        let bind_group = bind(&device.device, &layout, bound.into_iter().chain([&first_piece, &pieces]));
+        Ok(Self {
+            device: Arc::clone(device),
+            settings,
+            settings_buffer,
+            rules,
+            media,
+            patches,
+            corners,
+            receivers,
+            radiosity,
+            irradiance,
+            first_piece,
+            pieces,
+            count: count as u32,
+            scale: 1.0,
+            bind_group,
+            layout,
+        })
+    }
+
+    /// Replaces the media; `split_mm` is where a far field begins, infinite without one.
+    ///
+    /// # Errors
+    /// More media than the adapter binds (exit 5).
+    pub fn set_media(&mut self, media: &[Medium], split_mm: f64) -> Result<()> {
+        let media: Vec<GpuMedium> = media.iter().map(|m| medium(m, split_mm)).collect();
+        self.media = self.device.storage("media", &media)?;
+        self.bind();
+        Ok(())
+    }
+
+    /// Replaces the light on the samples.
+    ///
+    /// # Errors
+    /// More pieces than the adapter binds (exit 5).
+    pub fn set_light(&mut self, irradiance: &[DVec3], pieces: &Pieces) -> Result<()> {
+        let brightest = irradiance.iter().map(|e| e.max_element()).fold(0.0, f64::max);
+        self.scale = power_of_two_near(brightest);
+        let scaled: Vec<[f32; 4]> =
+            irradiance.iter().map(|e| (*e / self.scale).as_vec3().extend(0.0).to_array()).collect();
+        let mut first = vec![u32::MAX; self.count as usize];
+        let mut packed: Vec<[f32; 4]> = Vec::new();
+        for (patch, first) in first.iter_mut().enumerate() {
+            let Some(of_patch) = pieces.of(patch) else { continue };
+            *first = (packed.len() / 3) as u32;
+            for (deviation, corners) in of_patch {
+                let deviation = (deviation / self.scale).as_vec3().to_array();
+                packed.extend(corners.iter().zip(deviation).map(|([x, y, z], e)| [*x, *y, *z, e]));
+            }
+        }
+        let queue = self.device.queue.clone();
+        queue.write_buffer(&self.irradiance, 0, bytemuck::cast_slice(&scaled));
+        queue.write_buffer(&self.first_piece, 0, bytemuck::cast_slice(&first));
+        let bytes = 16 * packed.len() as u64;
+        if bytes > self.pieces.size() {
+            self.pieces =
+                self.device.zeros("pieces", bytes.next_power_of_two().min(self.device.largest_binding()).max(bytes))?;
+            self.bind();
+        }
+        queue.write_buffer(&self.pieces, 0, bytemuck::cast_slice(&packed));
+        self.settings.pieces = pieces.count() as u32;
+        queue.write_buffer(&self.settings_buffer, 0, bytemuck::bytes_of(&self.settings));
+        Ok(())
+    }
+
+    fn bind(&mut self) {
+        let bound = [
+            &self.settings_buffer,
+            &self.rules,
+            &self.media,
+            &self.patches,
+            &self.corners,
+            &self.receivers,
+            &self.radiosity,
+            &self.irradiance,
+            &self.first_piece,
+            &self.pieces,
+        ];
+        self.bind_group = bind(&self.device.device, &self.layout, bound.into_iter());
+    }
+
+    /// Where the buffers are.
+    pub fn device(&self) -> &Arc<Device> {
+        &self.device
+    }
+
+    /// What the values of the radiosity are multiplied by.
+    pub fn scale(&self) -> f64 {
+        self.scale
+    }
+
+    /// Radiosity of every receiver over the scale, RGB and 0.
+    pub fn radiosity(&self) -> &wgpu::Buffer {
+        &self.radiosity
+    }
+
+    /// Layout of the first bind group.
+    pub fn layout(&self) -> &wgpu::BindGroupLayout {
+        &self.layout
+    }
+
+    /// The first bind group.
+    pub fn bind_group(&self) -> &wgpu::BindGroup {
+        &self.bind_group
+    }
+}
+
+fn pack(rules: &[EdgeRule]) -> Result<GpuRules> {
+    let mut packed = GpuRules { limits: [f32::MAX; 8], starts: [0; 8], nodes: [[0.0; 2]; NODES] };
+    let fits = rules.len() <= RULES && rules.iter().map(|(_, nodes)| nodes.len()).sum::<usize>() <= NODES;
+    let (Some((_, last)), true) = (rules.last(), fits) else {
+        return Err(Error::runtime("the rules for edges do not fit the shader"));
+    };
+    let mut at = 0;
+    // The shader looks at all places: the last rule stands for those that are not there.
+    for place in 0..=RULES {
+        packed.starts[place] = at as u32;
+        let Some((limit, nodes)) = rules.get(place) else { continue };
+        packed.limits[place] = limit.min(f32::MAX);
+        for node in *nodes {
+            packed.nodes[at] = [node.0, node.1];
+            at += 1;
+        }
+    }
+    debug_assert!(!last.is_empty());
+    Ok(packed)
+}
+
+fn medium(medium: &Medium, split_mm: f64) -> GpuMedium {
+    let profiles = medium.properties.dipoles(BoundaryFit::Published);
+    let poles = profiles.each_ref().map(|p| p.poles());
+    let rgb = |value: &dyn Fn(usize) -> f64| -> [f32; 4] {
+        std::array::from_fn(|channel| if channel < 3 { value(channel) as f32 } else { 0.0 })
+    };
+    let term = |which: usize| {
+        [
+            rgb(&|c| poles[c][which].weight),
+            rgb(&|c| poles[c][which].z_mm.powi(2)),
+            rgb(&|c| poles[c][which].sigma_per_mm),
+        ]
+    };
+    let shallowest = poles.iter().flatten().map(|p| p.z_mm).fold(f64::MAX, f64::min);
+    let polynomial = if split_mm.is_finite() {
+        let of_channel = profiles.each_ref().map(|p| FarProfile::new(p, split_mm).polynomial());
+        [0, 1, 2].map(|power| rgb(&|c| of_channel[c][power]))
+    } else {
+        [[0.0; 4]; 3]
+    };
+    GpuMedium {
+        real: term(0),
+        image: term(1),
+        polynomial,
+        split2: (split_mm * split_mm).min(f64::from(f32::MAX)) as f32,
+        shallowest: shallowest as f32,
+        smooth2: (shallowest * shallowest) as f32,
+        padding: 0.0,
+    }
+}
+
+/// Two uniforms, then storage, of which radiosity is written.
+fn layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
+    let uniform = wgpu::BufferBindingType::Uniform;
+    let kinds = [uniform, uniform, READ, READ, READ, READ, WRITE, READ, READ, READ];
+    bind_group_layout(device, "surface", &kinds)
+}
+
+/// A storage buffer that a shader reads.
+pub const READ: wgpu::BufferBindingType = wgpu::BufferBindingType::Storage { read_only: true };
+/// A storage buffer that a shader writes.
+pub const WRITE: wgpu::BufferBindingType = wgpu::BufferBindingType::Storage { read_only: false };
+
+/// A layout of buffers for compute shaders, bound from 0 on.
+pub fn bind_group_layout(
+    device: &wgpu::Device,
+    label: &str,
+    kinds: &[wgpu::BufferBindingType],
+) -> wgpu::BindGroupLayout {
+    let entry = |(binding, ty): (usize, &wgpu::BufferBindingType)| wgpu::BindGroupLayoutEntry {
+        binding: binding as u32,
+        visibility: wgpu::ShaderStages::COMPUTE,
+        ty: wgpu::BindingType::Buffer { ty: *ty, has_dynamic_offset: false, min_binding_size: None },
+        count: None,
+    };
+    let entries: Vec<_> = kinds.iter().enumerate().map(entry).collect();
+    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(label), entries: &entries })
+}
+
+/// Whole buffers, bound from 0 on.
+pub fn bind<'a>(
+    device: &wgpu::Device,
+    layout: &wgpu::BindGroupLayout,
+    buffers: impl Iterator<Item = &'a wgpu::Buffer>,
+) -> wgpu::BindGroup {
+    let entry = |(binding, buffer): (usize, &'a wgpu::Buffer)| wgpu::BindGroupEntry {
+        binding: binding as u32,
+        resource: buffer.as_entire_binding(),
+    };
+    let entries: Vec<_> = buffers.enumerate().map(entry).collect();
+    device.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout, entries: &entries })
+}
+
+/// A compute pipeline of an entry point.
+pub fn pipeline(
+    device: &wgpu::Device,
+    text: &str,
+    entry: &str,
+    layouts: [&wgpu::BindGroupLayout; 2],
+) -> wgpu::ComputePipeline {
+    let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
+        label: Some(entry),
+        source: wgpu::ShaderSource::Wgsl(text.into()),
+    });
+    let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+        label: Some(entry),
+        bind_group_layouts: &layouts.map(Some),
+        ..Default::default()
+    });
+    device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        label: Some(entry),
+        layout: Some(&layout),
+        module: &module,
+        entry_point: Some(entry),
+        compilation_options: wgpu::PipelineCompilationOptions::default(),
+        cache: None,
+    })
+}
+
+/// Runs a pipeline once for each (bind group, number of workgroups), each a submission of its own.
+pub fn dispatch<'a>(
+    device: &Device,
+    pipeline: &wgpu::ComputePipeline,
+    first: &wgpu::BindGroup,
+    shards: impl Iterator<Item = (&'a wgpu::BindGroup, u32)>,
+) {
+    for (shard, count) in shards {
+        let mut encoder = device.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        {
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+            pass.set_pipeline(pipeline);
+            pass.set_bind_group(0, first, &[]);
+            pass.set_bind_group(1, shard, &[]);
+            pass.dispatch_workgroups(count, 1, 1);
+        }
+        device.queue.submit([encoder.finish()]);
+    }
+}

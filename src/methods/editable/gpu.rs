@@ -1,0 +1,155 @@
+//! `editable` in compute shaders: light reaches the samples on the CPU (rays, stored rows), the far field, the near field
+//! and the materials are a device's.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use super::evaluate::EditableEvaluator;
+use crate::compress::ledger::Ledger;
+use crate::error::Result;
+use crate::evaluate::device::far_field::FarOnDevice;
+use crate::evaluate::device::jobs::Effort;
+use crate::evaluate::device::near_field::NearOnDevice;
+use crate::evaluate::device::surface::{Geometry, SurfaceBuffers};
+use crate::evaluate::device::{Device, DeviceEvaluator, read_radiosity};
+use crate::evaluate::{Capabilities, Cost, Evaluator};
+use crate::geometry::bvh::Bvh;
+use crate::light::Light;
+use crate::progress::Progress;
+use crate::transport::balanced_tree::LightDetails;
+use crate::transport::kernel::near::NEAR_EDGE_RULES;
+use crate::transport::scene::{Medium, Scene};
+
+/// What has to run before the radiosity is that of the lights and media in force.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Stale {
+    Nothing,
+    Media,
+    Light,
+}
+
+pub(super) struct EditableOnDevice {
+    cpu: EditableEvaluator,
+    device: Arc<Device>,
+    buffers: SurfaceBuffers,
+    far: FarOnDevice,
+    near: NearOnDevice,
+    lights: Vec<Light>,
+    stale: Stale,
+}
+
+impl EditableOnDevice {
+    pub(super) fn new(cpu: EditableEvaluator, device: &Arc<Device>) -> Result<Self> {
+        let geometry = Geometry {
+            samples: &cpu.samples,
+            patches: &cpu.patches,
+            corners: &cpu.corners,
+            receivers: &cpu.receivers,
+            near: cpu.plan.near,
+            rules: &NEAR_EDGE_RULES,
+            terms: cpu.far.terms,
+        };
+        let buffers = SurfaceBuffers::new(device, &geometry)?;
+        let far = FarOnDevice::new(device, &cpu.far, cpu.samples.len(), cpu.scene.parts.parts.len())?;
+        let pieces = cpu.plan.sampling.pieces_of_uneven() as usize;
+        let effort = Effort::new(&cpu.surface(), cpu.plan.near, &NEAR_EDGE_RULES, pieces);
+        let around = cpu.near().samples_around(&cpu.receivers);
+        let parts = &cpu.scene.parts.parts;
+        let media = (cpu.scene.media.len(), |part: u32| parts[part as usize].medium);
+        let near = NearOnDevice::new(&buffers, &cpu.receivers, (around, &effort), media, far.values())?;
+        let lights = cpu.lights.clone();
+        let device = Arc::clone(device);
+        let mut evaluator = Self { cpu, device, buffers, far, near, lights, stale: Stale::Light };
+        evaluator.upload_media()?;
+        Ok(evaluator)
+    }
+
+    fn upload_media(&mut self) -> Result<()> {
+        self.near.set_media(&self.cpu.coefficients);
+        self.buffers.set_media(&self.cpu.scene.media, self.cpu.basis.split_mm())
+    }
+}
+
+impl DeviceEvaluator for EditableOnDevice {
+    fn device(&self) -> &Arc<Device> {
+        &self.device
+    }
+
+    fn update(&mut self, progress: &dyn Progress) -> Result<()> {
+        if self.stale == Stale::Light {
+            let (irradiance, pieces) = self.cpu.irradiance(&self.lights, progress)?;
+            let details = LightDetails::new(&self.cpu.samples, &self.cpu.patches, &irradiance);
+            self.buffers.set_light(&irradiance, &pieces)?;
+            self.far.run(&details);
+        }
+        if self.stale != Stale::Nothing {
+            self.near.run(&self.buffers);
+        }
+        self.stale = Stale::Nothing;
+        self.device.check()
+    }
+
+    fn radiosity_buffer(&self) -> &wgpu::Buffer {
+        self.buffers.radiosity()
+    }
+
+    fn scale(&self) -> f64 {
+        self.buffers.scale()
+    }
+
+    fn receiver_of_vertex(&self) -> &[u32] {
+        &self.cpu.receivers.of_vertex
+    }
+
+    fn transport(&self) -> String {
+        self.device.describe()
+    }
+}
+
+impl Evaluator for EditableOnDevice {
+    fn capabilities(&self) -> Capabilities {
+        self.cpu.capabilities()
+    }
+
+    fn cost(&self) -> Cost {
+        self.cpu.cost()
+    }
+
+    fn scene(&self) -> &Scene {
+        self.cpu.scene()
+    }
+
+    fn bvh(&self) -> &Bvh {
+        self.cpu.bvh()
+    }
+
+    fn set_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()> {
+        self.lights = lights;
+        self.stale = Stale::Light;
+        self.update(progress)
+    }
+
+    fn set_media(&mut self, media: Vec<Medium>) -> Result<()> {
+        let eta = |m: &Medium| m.properties.eta_inside_over_outside;
+        let etas: Vec<f64> = self.cpu.scene.media.iter().map(eta).collect();
+        self.cpu.set_media(media)?;
+        let same_light = self.cpu.scene.media.iter().map(eta).eq(etas);
+        self.stale = if same_light && self.stale != Stale::Light { Stale::Media } else { Stale::Light };
+        self.upload_media()
+    }
+
+    fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
+        read_radiosity(self, progress)
+    }
+
+    fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {
+        self.cpu.set_lights(self.lights.clone(), progress)?;
+        self.cpu.measured_error(unseen, progress)
+    }
+
+    fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
+        self.cpu.set_lights(self.lights.clone(), progress)?;
+        self.cpu.all_pairs(progress)
+    }
+}
