@@ -25,7 +25,7 @@ use translux::render::background::Background;
 use translux::render::camera::{Camera, Resolution};
 use translux::render::camera_text::CameraSpec;
 use translux::render::exit::ExitFresnel;
-use translux::render::film::{Exposure, PngBackground, to_exr, to_png};
+use translux::render::film::{ColourType, Exposure, PngBackground, to_exr, to_png};
 use translux::render::frame::{Frame, Pixel, RenderSettings, render};
 use translux::transport::scene::{Medium, Scene};
 
@@ -311,7 +311,7 @@ fn bytes_do_not_depend_on_threads() {
         pool.install(|| {
             let frame = render(&fake, &radiosity, &lights, &view, &Silent).unwrap();
             let png = to_png(&frame, Exposure::Auto.factor(&frame), PngBackground::Shown).unwrap();
-            (to_exr(&frame, Vec::new()).unwrap(), png, frame)
+            (to_exr(&frame, ColourType::Half, Vec::new()).unwrap(), png, frame)
         })
     };
     let (one, three) = (on(1), on(3));
@@ -497,7 +497,10 @@ fn hard_views_give_finite_pictures() {
             let values = [p.beauty, p.diffuse, p.normal].concat();
             assert!(values.iter().all(|v| v.is_finite()) && !p.depth_mm.is_nan(), "{at:?}: {p:?}");
         }
-        assert!(to_exr(&frame, Vec::new()).is_ok() && to_png(&frame, 1.0, PngBackground::Transparent).is_ok());
+        assert!(
+            to_exr(&frame, ColourType::Half, Vec::new()).is_ok()
+                && to_png(&frame, 1.0, PngBackground::Transparent).is_ok()
+        );
     }
 }
 
