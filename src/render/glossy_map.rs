@@ -18,9 +18,9 @@ const MAX_SIDE: usize = 256;
 const PIECES_PER_TEXEL: usize = 3;
 /// Rows of the map that are summed together, so that sums do not depend on the number of threads.
 const BANDS: usize = 4;
-/// Look-ups are blurred by so many halvings more than the samples are apart, so that their footprints overlap
-/// (the authors' K = 4).
-const OVERLAP: f32 = 1.0;
+/// Look-ups are blurred by so many halvings more than the samples are apart, so that their footprints overlap. The authors
+/// take 1; interpolation between texels blurs as well, and half of that moves highlights half as far to texel centres.
+const OVERLAP: f32 = 0.5;
 
 /// One resolution: faces of `(side + 2)^2` texels, the outer ones copied from the neighbouring faces, so that
 /// interpolation crosses the edges of the cube.
@@ -90,6 +90,14 @@ impl Level {
                         texel_of(side, frame.direction(beyond(x), beyond(y)))
                     };
                     texels[(face * padded + y) * padded + x] = faces[from];
+                }
+            }
+            // Beyond a corner of the cube there is no texel: the three that meet there share one value.
+            for (y, inner_y) in [(0, 1), (side + 1, side)] {
+                for (x, inner_x) in [(0, 1), (side + 1, side)] {
+                    let at = |x: usize, y: usize| (face * padded + y) * padded + x;
+                    let sum = texels[at(inner_x, inner_y)] + texels[at(x, inner_y)] + texels[at(inner_x, y)];
+                    texels[at(x, y)] = sum / 3.0;
                 }
             }
         }
