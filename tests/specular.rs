@@ -369,7 +369,7 @@ fn default_samples_are_free_of_visible_noise() {
     let fake = ball(1.5);
     for light in every_light() {
         let few = lit(&fake, std::slice::from_ref(&light), &front(32));
-        let many = lit(&fake, &[light.clone()], &RenderSettings { samples_per_pixel: 1024, ..front(32) });
+        let many = lit(&fake, std::slice::from_ref(&light), &RenderSettings { samples_per_pixel: 1024, ..front(32) });
         let (mut error, mut scale) = (0.0, 0.0);
         for (few, many) in few.pixels.iter().zip(&many.pixels).filter(|(few, _)| few.coverage == 1.0) {
             error += (specular(few) - specular(many)).length_squared();

@@ -193,10 +193,10 @@ impl GlossyLights {
         for (index, place) in places.iter().enumerate() {
             let reflection = place.reflection();
             if let Some(sample) = &reflection {
-                out[index] += self.from_afar(sample);
+                out[index] += self.of_afar(sample);
             }
             for rectangle in &self.rectangles {
-                self.from_rectangle(rectangle, index, place, reflection.as_ref(), shadow);
+                self.of_rectangle(rectangle, index, place, reflection.as_ref(), shadow);
             }
         }
         shadow.resolve(bvh, out);
@@ -204,7 +204,7 @@ impl GlossyLights {
 
     /// What a reflection brings from the lights at infinity.
     #[inline]
-    fn from_afar(&self, sample: &Reflected) -> DVec3 {
+    fn of_afar(&self, sample: &Reflected) -> DVec3 {
         let solid_angle = 1.0 / (self.samples_per_pixel * sample.density_per_sr);
         let seen = |(map, rotation, scale): &(GlossyMap, Rotation, DVec3)| {
             *scale * map.radiance(rotation.to_map(sample.to_light), solid_angle)
@@ -212,7 +212,7 @@ impl GlossyLights {
         sample.weight * (self.constant + self.maps.iter().map(seen).sum::<DVec3>())
     }
 
-    fn from_rectangle(
+    fn of_rectangle(
         &self,
         light: &Rectangle,
         index: usize,
@@ -226,8 +226,7 @@ impl GlossyLights {
         let [u, v] = light.edges;
         let seen = SphericalRectangle::new(place.point, light.corner, u, v, light.lengths);
         let solid_angle = seen.solid_angle();
-        // Written so that NaN fails as well.
-        if !(solid_angle > 0.0) {
+        if solid_angle <= 0.0 || !solid_angle.is_finite() {
             return;
         }
         let offset = seen.sample(place.light.x, place.light.y) - place.point;
