@@ -3,16 +3,24 @@
 
 mod common;
 
+use std::sync::OnceLock;
+
 use common::{Folder, called};
 use glam::DVec3;
 use translux::geometry::shapes;
 use translux::io::exr::read_exr_channels;
 use translux::io::png::read_png;
 
+/// A folder with `ball.tlux`, which is baked once for all tests.
 fn baked() -> Folder {
+    static ASSET: OnceLock<Vec<u8>> = OnceLock::new();
     let folder = Folder::new();
-    folder.obj("ball.obj", &called(shapes::bumpy_head(10.0, 4), "stone"));
-    folder.run("bake ball.obj --unit mm --material marble --method two_pass -o ball.tlux -q").ok();
+    let bytes = ASSET.get_or_init(|| {
+        folder.obj("ball.obj", &called(shapes::bumpy_head(10.0, 4), "stone"));
+        folder.run("bake ball.obj --unit mm --material marble --method two_pass -o ball.tlux -q").ok();
+        folder.read("ball.tlux")
+    });
+    folder.write("ball.tlux", bytes);
     folder
 }
 
@@ -28,7 +36,9 @@ fn pictures_come_from_the_asset_alone_and_have_every_layer() {
     assert_eq!(folder.read("a.png"), alone.read("a.png"));
     let planes = read_exr_channels(&folder.path("a.exr")).unwrap();
     assert!(planes.iter().all(|p| (p.width, p.height) == (64, 48)));
-    for name in ["R", "G", "B", "A", "diffuse.R", "normal.X", "normal.Z", "depth.Z", "coverage.A"] {
+    for name in
+        ["R", "G", "B", "A", "diffuse.R", "specular.B", "normal.X", "normal.Z", "depth.Z", "coverage.A", "part.ID"]
+    {
         assert!(planes.iter().any(|p| p.name == name), "no channel {name}");
     }
     let png = read_png(&folder.path("a.png")).unwrap();
@@ -61,6 +71,79 @@ fn a_material_edit_changes_the_picture_and_compare_says_by_how_much() {
     let rms = report["image"]["rms"].as_f64().unwrap();
     // Skin reflects 0.13 to 0.44, marble 0.75 to 0.83.
     assert!((0.2..0.9).contains(&rms), "{rms}");
+}
+
+fn plane(folder: &Folder, file: &str, name: &str) -> Vec<f32> {
+    read_exr_channels(&folder.path(file)).unwrap().into_iter().find(|p| p.name == name).unwrap().samples
+}
+
+#[test]
+fn specular_reflection_is_a_layer_that_can_be_made_rougher_or_left_out() {
+    let folder = baked();
+    let line = "render ball.tlux --light directional:from=0.2,0.5,1:irradiance=3 --resolution 40x40 -q";
+    for (options, file) in [("", "a.exr"), ("--roughness 0.3", "b.exr"), ("--roughness 1", "rough.exr")] {
+        folder.run(&format!("{line} {options} -o {file}")).ok();
+    }
+    let report = folder.run(&format!("{line} --no-specular -o off.exr --json")).ok().json();
+    assert!(report["roughness"].is_null() && report["exr_type"] == "half", "{report}");
+    assert_eq!(folder.read("a.exr"), folder.read("b.exr"), "0.3 is the default");
+    let brightest = |file: &str| plane(&folder, file, "specular.G").into_iter().fold(0.0, f32::max);
+    assert!(brightest("a.exr") > 4.0 * brightest("rough.exr") && brightest("rough.exr") > 0.0);
+    assert_eq!(brightest("off.exr"), 0.0);
+    assert_eq!(plane(&folder, "a.exr", "diffuse.R"), plane(&folder, "off.exr", "diffuse.R"));
+    // Figures of errors are those of the diffuse layer.
+    folder.run("compare a.exr rough.exr --fail-above 0").ok();
+    for (bad, fragment) in [("--roughness 1.5", "from 0 (polished) to 1 (matt)"), ("--roughness -1", "matt")] {
+        folder.run(&format!("{line} {bad} -o c.exr")).fails(1, &[fragment]);
+    }
+    folder.run(&format!("{line} --roughness 0.5 --no-specular -o c.exr")).fails(1, &["--no-specular"]);
+}
+
+#[test]
+fn colours_have_16_bits_or_32_and_what_is_cut_is_said() {
+    let folder = baked();
+    let line = "render ball.tlux --light constant:radiance=1e6 --resolution 24x24";
+    let half = folder.run(&format!("{line} -o half.exr")).ok();
+    assert!(half.stderr.contains("576 pixels have colours above 65504"), "{}", half.stderr);
+    let float = folder.run(&format!("{line} --exr-type float -o float.exr")).ok();
+    let png = folder.run(&format!("{line} -o a.png")).ok();
+    assert!(!float.stderr.contains("65504") && !png.stderr.contains("65504"), "{}{}", float.stderr, png.stderr);
+    assert_eq!((plane(&folder, "half.exr", "R")[0], plane(&folder, "float.exr", "R")[0]), (65_504.0, 1e6));
+    assert_eq!(plane(&folder, "half.exr", "depth.Z"), plane(&folder, "float.exr", "depth.Z"));
+    folder.run(&format!("{line} --exr-type double -o c.exr")).fails(1, &["half", "float"]);
+}
+
+#[test]
+fn the_header_says_what_made_the_picture() {
+    let folder = Folder::new();
+    let parts = [
+        (called(shapes::icosphere(5.0, 2), "wax"), DVec3::ZERO),
+        (called(shapes::icosphere(3.0, 1), "wick"), DVec3::X * 20.0),
+    ];
+    folder.obj("two.obj", &shapes::compose(&parts));
+    folder.run("bake two.obj --unit mm --material wax=skin1 --opaque wick --method two_pass -o two.tlux -q").ok();
+    folder.run("render two.tlux --light constant:radiance=2 --resolution 48x24 -q -o two.exr").ok();
+    let bytes = folder.read("two.exr");
+    let head = String::from_utf8_lossy(&bytes[..4096.min(bytes.len())]).into_owned();
+    for text in [
+        concat!("translux ", env!("CARGO_PKG_VERSION")),
+        "two_pass",
+        "skin1: sigma_s'=0.74,0.88,1.01/mm sigma_a=0.032,0.17,0.48/mm eta=1.3 g=0",
+        "1 wax (skin1); 2 wick (opaque)",
+        "constant:radiance=2",
+        "fov=28",
+        "roughness",
+        "two.obj blake3 ",
+    ] {
+        assert!(head.contains(text), "no `{text}` in {head:?}");
+    }
+    assert!(!head.contains(folder.path("").to_str().unwrap()), "{head:?}");
+    let ids = plane(&folder, "two.exr", "part.ID");
+    let coverage = plane(&folder, "two.exr", "coverage.A");
+    for part in [0.0, 1.0, 2.0] {
+        assert!(ids.contains(&part));
+    }
+    assert!(ids.iter().zip(&coverage).all(|(id, coverage)| (*id > 0.0) == (*coverage > 0.0)));
 }
 
 #[test]

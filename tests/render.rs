@@ -2,112 +2,28 @@
 
 #![allow(clippy::unwrap_used)]
 
+mod rendering;
+
 use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use glam::{DVec2, DVec3};
+use rendering::{Fake, camera, settings, size};
 
-use translux::compress::ledger::Ledger;
-use translux::error::{ExitCode, Result};
-use translux::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit};
-use translux::geometry::bvh::Bvh;
-use translux::geometry::mesh::{Mesh, Placement};
-use translux::geometry::part_table::PartTable;
+use translux::error::ExitCode;
 use translux::geometry::shapes::{compose, cuboid, icosphere, inside_out, plane};
-use translux::geometry::source::{CornerAttribute, SourceModel};
+use translux::geometry::source::CornerAttribute;
 use translux::light::Light;
 use translux::light::environment::EnvironmentMap;
 use translux::medium::fresnel::diffuse_transmittance;
-use translux::medium::material::preset;
-use translux::progress::{Progress, Silent};
+use translux::progress::Silent;
 use translux::render::background::Background;
 use translux::render::camera::{Camera, Resolution};
 use translux::render::camera_text::CameraSpec;
 use translux::render::exit::ExitFresnel;
-use translux::render::film::{Exposure, PngBackground, to_exr, to_png};
+use translux::render::film::{ColourType, Exposure, PngBackground, to_exr, to_png};
 use translux::render::frame::{Frame, Pixel, RenderSettings, render};
-use translux::transport::scene::{Medium, Scene};
-
-/// An evaluator that carries a scene and computes nothing: the tests say what the radiosity is.
-struct Fake {
-    scene: Scene,
-    bvh: Bvh,
-}
-
-impl Fake {
-    /// Every triangle in one marble part.
-    fn new(source: SourceModel) -> Self {
-        Self::with_parts(source, |_| Some(0))
-    }
-
-    /// One part for each material of the source; `medium` of its index.
-    fn with_parts(source: SourceModel, medium: impl Fn(usize) -> Option<u32>) -> Self {
-        let (mesh, _) = Mesh::from_source(source, &Placement { mm_per_unit: 1.0 }).unwrap();
-        let names = mesh.materials.iter().enumerate().map(|(i, name)| (name.clone(), medium(i))).collect();
-        let parts = PartTable::new(&mesh, mesh.triangle_material.clone(), names);
-        let marble = Medium { name: "marble".to_owned(), properties: preset("marble").unwrap().properties() };
-        let bvh = Bvh::new(&mesh);
-        Self { scene: Scene { mesh, parts, media: vec![marble] }, bvh }
-    }
-
-    fn radiosity_by(&self, b: impl Fn(DVec3) -> DVec3) -> Vec<DVec3> {
-        (0..self.scene.mesh.local_mm.len() as u32).map(|v| b(self.scene.mesh.position_mm(v))).collect()
-    }
-
-    fn uniform(&self) -> Vec<DVec3> {
-        self.radiosity_by(|_| DVec3::ONE)
-    }
-
-    fn render(&self, radiosity: &[DVec3], settings: &RenderSettings) -> Frame {
-        render(self, radiosity, &[], settings, &Silent).unwrap()
-    }
-
-    fn default_camera(&self, resolution: Resolution) -> Camera {
-        Camera::framing(&self.scene.mesh, resolution).unwrap()
-    }
-}
-
-impl Evaluator for Fake {
-    fn capabilities(&self) -> Capabilities {
-        Capabilities { material: MaterialEdit::None }
-    }
-    fn cost(&self) -> Cost {
-        Cost::default()
-    }
-    fn scene(&self) -> &Scene {
-        &self.scene
-    }
-    fn bvh(&self) -> &Bvh {
-        &self.bvh
-    }
-    fn set_lights(&mut self, _lights: Vec<Light>, _progress: &dyn Progress) -> Result<()> {
-        Ok(())
-    }
-    fn set_media(&mut self, media: Vec<Medium>) -> Result<()> {
-        self.scene.media = media;
-        Ok(())
-    }
-    fn radiosity(&mut self, _progress: &dyn Progress) -> Result<Vec<DVec3>> {
-        Ok(self.uniform())
-    }
-    fn measured_error(&mut self, _unseen: &[Light], _progress: &dyn Progress) -> Result<Ledger> {
-        Ok(Ledger::default())
-    }
-}
-
-fn size(width: usize, height: usize) -> Resolution {
-    Resolution::new(width, height).unwrap()
-}
-
-fn camera(at: [f64; 3], fov: f64) -> Camera {
-    let up = if at[1].abs() > 1e3 * at[0].abs().max(at[2].abs()) { DVec3::Z } else { DVec3::Y };
-    Camera::new(DVec3::from(at), DVec3::ZERO, up, fov).unwrap()
-}
-
-fn settings(camera: Camera, resolution: Resolution) -> RenderSettings {
-    RenderSettings { background: Background::None, ..RenderSettings::new(camera, resolution) }
-}
 
 fn fibonacci(count: usize) -> impl Iterator<Item = DVec3> {
     (0..count).map(move |i| {
@@ -311,7 +227,7 @@ fn bytes_do_not_depend_on_threads() {
         pool.install(|| {
             let frame = render(&fake, &radiosity, &lights, &view, &Silent).unwrap();
             let png = to_png(&frame, Exposure::Auto.factor(&frame), PngBackground::Shown).unwrap();
-            (to_exr(&frame, Vec::new()).unwrap(), png, frame)
+            (to_exr(&frame, ColourType::Half, Vec::new()).unwrap(), png, frame)
         })
     };
     let (one, three) = (on(1), on(3));
@@ -382,7 +298,7 @@ fn backgrounds_add_up_or_are_what_is_asked_for() {
         assert_eq!((frame.pixels[0].beauty, frame.pixels[0].diffuse), (expected, [0.0; 3]), "{background}");
         for p in frame.pixels.iter().filter(|p| p.coverage > 0.0) {
             for (c, behind) in expected.iter().enumerate() {
-                let over = p.diffuse[c] + (1.0 - p.coverage) * behind;
+                let over = p.diffuse[c] + p.specular[c] + (1.0 - p.coverage) * behind;
                 assert!((p.beauty[c] - over).abs() < 1e-5, "{background}: {p:?}");
             }
         }
@@ -497,7 +413,10 @@ fn hard_views_give_finite_pictures() {
             let values = [p.beauty, p.diffuse, p.normal].concat();
             assert!(values.iter().all(|v| v.is_finite()) && !p.depth_mm.is_nan(), "{at:?}: {p:?}");
         }
-        assert!(to_exr(&frame, Vec::new()).is_ok() && to_png(&frame, 1.0, PngBackground::Transparent).is_ok());
+        assert!(
+            to_exr(&frame, ColourType::Half, Vec::new()).is_ok()
+                && to_png(&frame, 1.0, PngBackground::Transparent).is_ok()
+        );
     }
 }
 

@@ -12,15 +12,18 @@ use super::{output, report};
 use crate::asset::Input;
 use crate::error::{ExitCode, Result};
 use crate::evaluate::{Cost, Evaluator};
+use crate::geometry::part_table::PartEntry;
 use crate::io::atomic;
 use crate::render::background::Background;
 use crate::render::camera::Resolution;
 use crate::render::camera_text::CameraSpec;
 use crate::render::exit::ExitFresnel;
-use crate::render::film::{Exposure, PngBackground, to_exr, to_png};
+use crate::render::film::{ColourType, Exposure, PngBackground, to_exr, to_png};
 use crate::render::frame::{
-    DEFAULT_SAMPLES_PER_PIXEL, Frame, MAX_SAMPLES_PER_PIXEL, RenderSettings, memory_bytes, render,
+    DEFAULT_SAMPLES_PER_PIXEL, Frame, MAX_SAMPLES_PER_PIXEL, RenderSettings, Specular, memory_bytes, render,
 };
+use crate::render::specular::Roughness;
+use crate::transport::scene::{Medium, Scene};
 
 /// Share of hits on back sides above which a picture needs an explanation.
 const BACK_FACING_WARNING: f64 = 0.01;
@@ -63,6 +66,26 @@ pub(super) struct PictureArgs {
     /// What is seen beside the object: env (environments and constant lights), none (transparent in PNG) or R,G,B
     #[arg(long, value_name = "env|none|RGB", default_value = "env")]
     background: Background,
+    /// Roughness of the surface for specular reflection, from 0 (polished) to 1 (matt)
+    #[arg(long, value_name = "R", default_value_t = Roughness::default(), allow_hyphen_values = true)]
+    roughness: Roughness,
+    /// No specular reflection of the lights
+    #[arg(long, conflicts_with = "roughness")]
+    no_specular: bool,
+    /// How OpenEXR pictures store colours; data (normal, depth, coverage, part) always have 32 bits
+    #[arg(long, value_name = "TYPE", default_value = "half")]
+    exr_type: ExrTypeArg,
+    /// Files that the asset was made from, for the header of OpenEXR pictures.
+    #[arg(skip)]
+    sources: Vec<Input>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum ExrTypeArg {
+    /// 16 bits, up to 65504
+    Half,
+    /// 32 bits
+    Float,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -87,6 +110,9 @@ pub(super) struct RenderReport {
     samples_per_pixel: u32,
     exit_fresnel: ExitFresnel,
     background: String,
+    /// None: no specular reflection.
+    roughness: Option<Roughness>,
+    exr_type: ColourType,
     /// As asked for, and the factor that it became; PNG only.
     exposure: String,
     exposure_factor: f64,
@@ -95,14 +121,18 @@ pub(super) struct RenderReport {
     /// Share of the hits on back sides, which are black.
     back_facing_share: f64,
     cost: Cost,
+    /// Text attributes of OpenEXR pictures.
+    #[serde(skip)]
+    header: Vec<(String, String)>,
 }
 
 pub(super) fn run(args: &RenderArgs, console: &Console) -> Result<ExitCode> {
     output::check(&args.output, &["exr", "png"], console)?;
     args.picture.check_memory(console)?;
     let lights = args.lights.load(console)?;
-    let Opened { method, mut evaluator, .. } = args.asset.open(console)?;
-    let result = finish(evaluator.as_mut(), method.name(), lights, &args.picture, &args.output, console)?;
+    let Opened { provenance, method, mut evaluator } = args.asset.open(console)?;
+    let picture = PictureArgs { sources: provenance.inputs, ..args.picture.clone() };
+    let result = finish(evaluator.as_mut(), method.name(), lights, &picture, &args.output, console)?;
     report::print(console, "render", &result)?;
     Ok(ExitCode::Ok)
 }
@@ -117,6 +147,17 @@ impl PictureArgs {
             exposure: Exposure::Auto,
             exit_fresnel: ExitFresnelArg::Normalised,
             background: Background::Environment,
+            roughness: Roughness::default(),
+            no_specular: false,
+            exr_type: ExrTypeArg::Half,
+            sources: Vec::new(),
+        }
+    }
+
+    fn colours(&self) -> ColourType {
+        match self.exr_type {
+            ExrTypeArg::Half => ColourType::Half,
+            ExrTypeArg::Float => ColourType::Float,
         }
     }
 
@@ -139,6 +180,7 @@ impl PictureArgs {
                 ExitFresnelArg::Paper => ExitFresnel::Paper,
             },
             background: self.background,
+            specular: if self.no_specular { Specular::Off } else { Specular::Rough(self.roughness) },
         })
     }
 }
@@ -156,7 +198,7 @@ pub(super) fn finish(
     evaluator.set_lights(lights.lights.clone(), console)?;
     let radiosity = evaluator.radiosity(console)?;
     let frame = render(evaluator, &radiosity, &lights.lights, &settings, console)?;
-    let result = RenderReport {
+    let mut result = RenderReport {
         method: method.to_owned(),
         materials: evaluator.scene().media.iter().map(|m| m.name.clone()).collect(),
         lights: lights.text,
@@ -167,19 +209,26 @@ pub(super) fn finish(
         samples_per_pixel: settings.samples_per_pixel,
         exit_fresnel: settings.exit_fresnel,
         background: settings.background.to_string(),
+        roughness: match settings.specular {
+            Specular::Off => None,
+            Specular::Rough(roughness) => Some(roughness),
+        },
+        exr_type: picture.colours(),
         exposure: picture.exposure.to_string(),
         exposure_factor: picture.exposure.factor(&frame),
         coverage: frame.pixels.iter().map(|p| f64::from(p.coverage)).sum::<f64>() / frame.pixels.len() as f64,
         back_facing_share: frame.back_facing_share,
         cost: evaluator.cost(),
+        header: Vec::new(),
     };
-    explain(&result, console);
+    result.header = attributes(&result, evaluator.scene(), &picture.sources);
+    explain(&result, &frame, console);
     console.stage("write", || write(&frame, &settings, &result, outputs))?;
     Ok(result)
 }
 
 /// What a person should know about a picture that may not look as expected.
-fn explain(result: &RenderReport, console: &Console) {
+fn explain(result: &RenderReport, frame: &Frame, console: &Console) {
     console.note(&format!("CAMERA {} | exposure {}", result.camera, significant(result.exposure_factor)));
     if result.coverage == 0.0 {
         console.warn("the camera does not see the object; leave --camera out to see the whole of it");
@@ -189,6 +238,11 @@ fn explain(result: &RenderReport, console: &Console) {
             "{} of what the camera sees of the object is its inside, which is black: the camera stands in it, or the mesh is open",
             percent(result.back_facing_share)
         ));
+    }
+    let cut = result.exr_type.cut_pixels(frame);
+    if cut > 0 && result.outputs.iter().any(|path| output::suffix(path) != "png") {
+        let pixels = if cut == 1 { "1 pixel has".to_owned() } else { format!("{cut} pixels have") };
+        console.warn(&format!("{pixels} colours above 65504, which 16 bits cut there; --exr-type float keeps them"));
     }
 }
 
@@ -200,7 +254,7 @@ fn write(frame: &Frame, settings: &RenderSettings, result: &RenderReport, output
         Background::None => PngBackground::Transparent,
         Background::Environment | Background::Colour(_) => PngBackground::Shown,
     };
-    write_all(&exr, || to_exr(frame, attributes(result)))?;
+    write_all(&exr, || to_exr(frame, result.exr_type, result.header.clone()))?;
     write_all(&png, || to_png(frame, result.exposure_factor, background))
 }
 
@@ -213,23 +267,50 @@ fn write_all(paths: &[&PathBuf], encode: impl FnOnce() -> Result<Vec<u8>>) -> Re
 }
 
 /// Text attributes of an OpenEXR picture: all that determines it, no time and no path of the asset.
-fn attributes(result: &RenderReport) -> Vec<(String, String)> {
+fn attributes(result: &RenderReport, scene: &Scene, sources: &[Input]) -> Vec<(String, String)> {
     let exit_fresnel = match result.exit_fresnel {
         ExitFresnel::Normalised => "normalised",
         ExitFresnel::Paper => "paper",
     };
-    [
+    let joined = |texts: Vec<String>| texts.join("; ");
+    let hashed = |inputs: &[Input]| joined(inputs.iter().map(|i| format!("{} blake3 {}", i.name, i.blake3)).collect());
+    let mut all = vec![
         ("software", format!("translux {}", env!("CARGO_PKG_VERSION"))),
         ("method", result.method.clone()),
         ("material", result.materials.join("; ")),
+        ("opticalProperties", joined(scene.media.iter().map(optical_properties).collect())),
+        ("parts", joined(scene.parts.parts.iter().enumerate().map(|(i, p)| part(i, p, &scene.media)).collect())),
         ("lights", result.lights.join("; ")),
         ("camera", result.camera.clone()),
         ("samplesPerPixel", result.samples_per_pixel.to_string()),
         ("exitFresnel", exit_fresnel.to_owned()),
+        ("roughness", result.roughness.map_or_else(|| "no specular reflection".to_owned(), |r| r.to_string())),
         ("background", result.background.clone()),
         ("units", "radiance: linear sRGB; depth: mm along the viewing axis, infinite beside the object".to_owned()),
-    ]
-    .into_iter()
-    .map(|(name, value)| (name.to_owned(), value))
-    .collect()
+    ];
+    for (name, inputs) in [("bakedFrom", sources), ("environments", &result.inputs)] {
+        if !inputs.is_empty() {
+            all.push((name, hashed(inputs)));
+        }
+    }
+    all.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
+}
+
+fn optical_properties(medium: &Medium) -> String {
+    let rgb = |v: glam::DVec3| format!("{},{},{}", v.x, v.y, v.z);
+    let p = &medium.properties;
+    format!(
+        "{}: sigma_s'={}/mm sigma_a={}/mm eta={} g={}",
+        medium.name,
+        rgb(p.sigma_s_reduced_per_mm),
+        rgb(p.sigma_a_per_mm),
+        p.eta_inside_over_outside,
+        p.g
+    )
+}
+
+/// A part as `part.ID` numbers it.
+fn part(index: usize, part: &PartEntry, media: &[Medium]) -> String {
+    let medium = part.medium.and_then(|m| media.get(m as usize)).map_or("opaque", |m| m.name.as_str());
+    format!("{} {} ({medium})", index + 1, part.name)
 }

@@ -42,6 +42,23 @@ fn only(width: usize, height: usize, names: &[&str]) -> ExrImage {
 }
 
 #[test]
+fn whole_numbers_are_kept_and_others_refused() {
+    let image = |samples: Vec<f32>| ExrImage {
+        layers: vec![ExrLayer {
+            name: "part".into(),
+            channels: vec![ExrChannel { name: "ID".into(), kind: SampleKind::Whole, samples }],
+        }],
+        ..only(3, 1, &["R"])
+    };
+    let ids = vec![0.0, 1.0, 16_777_216.0];
+    let planes = decode_planes(&image(ids.clone()).encode().unwrap()).unwrap();
+    assert_eq!((planes[0].name.as_str(), &planes[0].samples), ("part.ID", &ids));
+    for odd in [-1.0, 0.5, 3e7, f32::INFINITY, f32::NAN] {
+        assert!(image(vec![0.0, odd, 1.0]).encode().is_err(), "{odd}");
+    }
+}
+
+#[test]
 fn what_is_written_reads_back() {
     for (width, height) in [(1, 1), (37, 16), (20, 53)] {
         let image = picture(width, height);

@@ -19,7 +19,14 @@ pub enum SampleKind {
     Half,
     /// 32 bits: data.
     Float,
+    /// 32-bit whole numbers from 0 to [`MAX_WHOLE`]: identifiers.
+    Whole,
 }
+
+/// The largest of the whole numbers that 32-bit floats count without gaps.
+pub const MAX_WHOLE: f32 = 16_777_216.0;
+/// The largest value of 16 bits; what lies beyond is cut there.
+pub const MAX_HALF: f32 = 65_504.0;
 
 /// A channel of a layer.
 #[derive(Clone, Debug, PartialEq)]
@@ -64,7 +71,8 @@ impl ExrImage {
     /// The file's bytes.
     ///
     /// # Errors
-    /// An empty picture, wrong sample counts, NaN, doubled, empty or overlong names (exit 4: a caller's mistake).
+    /// An empty picture, wrong sample counts, NaN, fractions among whole numbers, doubled, empty or overlong names
+    /// (exit 4: a caller's mistake).
     pub fn encode(&self) -> Result<Vec<u8>> {
         if self.width == 0 || self.height == 0 || self.width.max(self.height) > MAX_SIDE {
             return Err(Error::runtime(format!("cannot write {} x {} pixels as OpenEXR", self.width, self.height)));
@@ -122,8 +130,15 @@ impl ExrImage {
         let samples = match channel.kind {
             SampleKind::Float => FlatSamples::F32(channel.samples.clone()),
             SampleKind::Half => {
-                let (low, high) = (f16::MIN.to_f32(), f16::MAX.to_f32());
-                FlatSamples::F16(channel.samples.iter().map(|v| f16::from_f32(v.clamp(low, high))).collect())
+                let half = |v: &f32| f16::from_f32(v.clamp(-MAX_HALF, MAX_HALF));
+                FlatSamples::F16(channel.samples.iter().map(half).collect())
+            }
+            SampleKind::Whole => {
+                let whole = |v: &f32| (0.0..=MAX_WHOLE).contains(v) && v.fract() == 0.0;
+                if let Some(odd) = channel.samples.iter().find(|v| !whole(v)) {
+                    return Err(Error::runtime(format!("channel {name} holds whole numbers from 0 on, not {odd}")));
+                }
+                FlatSamples::U32(channel.samples.iter().map(|v| *v as u32).collect())
             }
         };
         Ok(AnyChannel::new(text, samples))

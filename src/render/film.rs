@@ -5,7 +5,7 @@ use std::str::FromStr;
 use super::camera::Resolution;
 use super::frame::{Frame, Pixel};
 use crate::error::{Error, Result};
-use crate::io::exr_write::{ExrChannel, ExrImage, ExrLayer, SampleKind};
+use crate::io::exr_write::{ExrChannel, ExrImage, ExrLayer, MAX_HALF, SampleKind};
 use crate::io::png::encode_png;
 
 /// Share of the covered pixels that automatic exposure keeps at or below white.
@@ -82,7 +82,8 @@ fn white(pixels: &[Pixel]) -> Option<f64> {
     (*value >= f64::MIN_POSITIVE && value.is_finite()).then_some(*value)
 }
 
-/// An 8-bit sRGB PNG of the beauty (transparent: of the diffuse radiance, not multiplied by alpha), times `factor`.
+/// An 8-bit sRGB PNG of the beauty (transparent: of the diffuse and specular radiance, not multiplied by alpha), times
+/// `factor`.
 ///
 /// # Errors
 /// As [`encode_png`].
@@ -101,7 +102,7 @@ pub fn to_png(frame: &Frame, factor: f64, background: PngBackground) -> Result<V
         }
         PngBackground::Transparent => {
             let unmultiplied = |p: &Pixel| match p.coverage {
-                c if c > 0.0 => exposed(p.diffuse, factor / f64::from(c)),
+                c if c > 0.0 => exposed(object(p), factor / f64::from(c)),
                 _ => [0.0; 3],
             };
             let rgb: Vec<[f32; 3]> = frame.pixels.iter().map(unmultiplied).collect();
@@ -111,14 +112,42 @@ pub fn to_png(frame: &Frame, factor: f64, background: PngBackground) -> Result<V
     }
 }
 
+/// Radiance of the object without the background, multiplied by the coverage.
+fn object(p: &Pixel) -> [f32; 3] {
+    std::array::from_fn(|c| (p.diffuse[c] + p.specular[c]).min(f32::MAX))
+}
+
+/// How the colours of an OpenEXR picture are stored.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ColourType {
+    /// 16 bits: 11 significant bits up to 65504, where brighter values are cut.
+    #[default]
+    Half,
+    /// 32 bits.
+    Float,
+}
+
+impl ColourType {
+    /// Pixels with a colour that is cut.
+    pub fn cut_pixels(self, frame: &Frame) -> usize {
+        let beyond = |p: &&Pixel| [p.beauty, p.diffuse, p.specular].as_flattened().iter().any(|c| c.abs() > MAX_HALF);
+        match self {
+            Self::Half => frame.pixels.iter().filter(beyond).count(),
+            Self::Float => 0,
+        }
+    }
+}
+
 /// An OpenEXR picture of linear radiance, never exposed, with `attributes` (name, text) in its header.
 ///
-/// Layers: the beauty as `R`, `G`, `B` with the coverage as `A` (16 bits); `diffuse.R`, `.G`, `.B`; `normal.X`, `.Y`,
-/// `.Z`; `depth.Z` in mm along the viewing axis; `coverage.A` (all 32 bits, see [`Pixel`]).
+/// Layers of colour, stored as asked: the beauty as `R`, `G`, `B` with the coverage as `A`; `diffuse.R`, `.G`, `.B`;
+/// `specular.R`, `.G`, `.B`. Layers of data, always 32 bits (see [`Pixel`]): `normal.X`, `.Y`, `.Z`; `depth.Z` in mm along
+/// the viewing axis; `coverage.A`; `part.ID`, a whole number.
 ///
 /// # Errors
 /// As [`ExrImage::encode`].
-pub fn to_exr(frame: &Frame, attributes: Vec<(String, String)>) -> Result<Vec<u8>> {
+pub fn to_exr(frame: &Frame, colours: ColourType, attributes: Vec<(String, String)>) -> Result<Vec<u8>> {
     let channel = |name: &str, kind: SampleKind, value: &dyn Fn(&Pixel) -> f32| ExrChannel {
         name: name.to_owned(),
         kind,
@@ -128,15 +157,21 @@ pub fn to_exr(frame: &Frame, attributes: Vec<(String, String)>) -> Result<Vec<u8
         (0..3).map(|c| channel(names[c], kind, &|p| value(p)[c])).collect()
     };
     let layer = |name: &str, channels: Vec<ExrChannel>| ExrLayer { name: name.to_owned(), channels };
+    let colour = match colours {
+        ColourType::Half => SampleKind::Half,
+        ColourType::Float => SampleKind::Float,
+    };
     let rgb = ["R", "G", "B"];
-    let mut beauty = triple(rgb, SampleKind::Half, |p| p.beauty);
-    beauty.push(channel("A", SampleKind::Half, &|p| p.coverage));
+    let mut beauty = triple(rgb, colour, |p| p.beauty);
+    beauty.push(channel("A", colour, &|p| p.coverage));
     let layers = vec![
         layer("", beauty),
-        layer("diffuse", triple(rgb, SampleKind::Float, |p| p.diffuse)),
+        layer("diffuse", triple(rgb, colour, |p| p.diffuse)),
+        layer("specular", triple(rgb, colour, |p| p.specular)),
         layer("normal", triple(["X", "Y", "Z"], SampleKind::Float, |p| p.normal)),
         layer("depth", vec![channel("Z", SampleKind::Float, &|p| p.depth_mm)]),
         layer("coverage", vec![channel("A", SampleKind::Float, &|p| p.coverage)]),
+        layer("part", vec![channel("ID", SampleKind::Whole, &|p| p.part as f32)]),
     ];
     let Resolution { width, height } = frame.resolution;
     ExrImage { width, height, layers, attributes }.encode()
@@ -148,6 +183,7 @@ mod tests {
     use super::*;
     use crate::io::exr::decode_planes;
     use crate::io::png::decode_png;
+    use crate::render::frame::EMPTY;
 
     fn frame(width: usize, pixels: Vec<Pixel>) -> Frame {
         let resolution = Resolution::new(width, pixels.len() / width).unwrap();
@@ -156,7 +192,8 @@ mod tests {
 
     fn pixel(radiance: [f32; 3], coverage: f32) -> Pixel {
         let diffuse = radiance.map(|c| c * coverage);
-        Pixel { beauty: diffuse, diffuse, normal: [0.0, 0.0, coverage.ceil()], depth_mm: 3.0, coverage }
+        let normal = [0.0, 0.0, coverage.ceil()];
+        Pixel { beauty: diffuse, diffuse, normal, depth_mm: 3.0, coverage, part: coverage.ceil() as u32, ..EMPTY }
     }
 
     #[test]
@@ -227,22 +264,39 @@ mod tests {
     }
 
     #[test]
+    fn transparent_png_shows_reflections() {
+        let mut shiny = pixel([0.25; 3], 0.5);
+        shiny.specular = [0.125, 0.0, 0.0];
+        let bytes = raw(&to_png(&frame(1, vec![shiny]), 1.0, PngBackground::Transparent).unwrap());
+        assert_eq!(bytes, [code(0.5), code(0.25), code(0.25), 128]);
+    }
+
+    #[test]
     fn exr_has_every_layer_unexposed() {
         let mut bright = pixel([70_000.0, 0.5, 0.25], 1.0);
         bright.depth_mm = f32::INFINITY;
+        bright.specular = [0.5, 0.3, 0.0];
         let picture = frame(2, vec![bright, pixel([0.125, 0.5, 1.5], 0.5)]);
-        let attributes = vec![("camera".to_owned(), "at=0,0,1".to_owned())];
-        let bytes = to_exr(&picture, attributes).unwrap();
-        let planes = decode_planes(&bytes).unwrap();
-        let plane = |name: &str| planes.iter().find(|p| p.name == name).unwrap().samples.clone();
-        assert_eq!(planes.len(), 12);
-        assert_eq!(plane("R"), [65_504.0, 0.0625]);
-        assert_eq!(plane("A"), [1.0, 0.5]);
-        assert_eq!(plane("diffuse.R"), [70_000.0, 0.0625]);
-        assert_eq!(plane("diffuse.B"), [0.25, 0.75]);
-        assert_eq!(plane("normal.Z"), [1.0, 1.0]);
-        assert_eq!(plane("depth.Z"), [f32::INFINITY, 3.0]);
-        assert_eq!(plane("coverage.A"), [1.0, 0.5]);
-        assert!(bytes.windows(8).any(|w| w == b"at=0,0,1"));
+        for (colours, brightest, third, cut) in
+            [(ColourType::Half, 65_504.0, 0.300_048_83, 1), (ColourType::Float, 70_000.0, 0.3, 0)]
+        {
+            assert_eq!(colours.cut_pixels(&picture), cut);
+            let attributes = vec![("camera".to_owned(), "at=0,0,1".to_owned())];
+            let bytes = to_exr(&picture, colours, attributes).unwrap();
+            let planes = decode_planes(&bytes).unwrap();
+            let plane = |name: &str| planes.iter().find(|p| p.name == name).unwrap().samples.clone();
+            assert_eq!(planes.len(), 16);
+            assert_eq!(plane("R"), [brightest, 0.0625]);
+            assert_eq!(plane("A"), [1.0, 0.5]);
+            assert_eq!(plane("diffuse.R"), [brightest, 0.0625]);
+            assert_eq!(plane("diffuse.B"), [0.25, 0.75]);
+            assert_eq!(plane("specular.R"), [0.5, 0.0]);
+            assert_eq!(plane("specular.G"), [third, 0.0]);
+            assert_eq!(plane("normal.Z"), [1.0, 1.0]);
+            assert_eq!(plane("depth.Z"), [f32::INFINITY, 3.0]);
+            assert_eq!(plane("coverage.A"), [1.0, 0.5]);
+            assert_eq!(plane("part.ID"), [1.0, 1.0]);
+            assert!(bytes.windows(8).any(|w| w == b"at=0,0,1"));
+        }
     }
 }

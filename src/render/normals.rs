@@ -14,6 +14,8 @@ const MAX_VALENCE: usize = 1024;
 /// Shading normals of a scene, three for each triangle.
 pub(super) struct ShadingNormals {
     corners: Vec<[Vec3; 3]>,
+    /// Geometric unit normals.
+    triangles: Vec<DVec3>,
 }
 
 impl ShadingNormals {
@@ -33,7 +35,13 @@ impl ShadingNormals {
                 })
             })
             .collect();
-        Self { corners }
+        Self { corners, triangles: around.normals }
+    }
+
+    /// The geometric unit normal of a triangle.
+    #[inline]
+    pub(super) fn geometric(&self, triangle: u32) -> DVec3 {
+        self.triangles[triangle as usize]
     }
 
     /// The unit normal at a point of a triangle; zero where the corners cancel.
@@ -75,16 +83,23 @@ impl Around {
         for v in 1..offsets.len() {
             offsets[v] += offsets[v - 1];
         }
+        let angles: Vec<[f32; 3]> = (0..count)
+            .into_par_iter()
+            .map(|t| {
+                let p = mesh.corners_local_mm(t);
+                std::array::from_fn(|corner| {
+                    let edge = |other: usize| p[(corner + other) % 3] - p[corner];
+                    let (a, b) = (edge(1), edge(2));
+                    // The arctangent stays accurate for the flattest triangles.
+                    a.cross(b).length().atan2(a.dot(b)) as f32
+                })
+            })
+            .collect();
         let mut next = offsets.clone();
         let mut entries = vec![(0, 0.0); 3 * count as usize];
-        for t in 0..count {
-            let p = mesh.corners_local_mm(t);
-            for (corner, v) in mesh.welded(t).into_iter().enumerate() {
-                let edge = |other: usize| p[(corner + other) % 3] - p[corner];
-                let (a, b) = (edge(1), edge(2));
-                // The arctangent stays accurate for the flattest triangles.
-                let angle = a.cross(b).length().atan2(a.dot(b));
-                entries[next[v as usize] as usize] = (t, angle as f32);
+        for (t, angles) in (0..count).zip(&angles) {
+            for (v, &angle) in mesh.welded(t).into_iter().zip(angles) {
+                entries[next[v as usize] as usize] = (t, angle);
                 next[v as usize] += 1;
             }
         }

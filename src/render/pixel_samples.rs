@@ -1,4 +1,5 @@
-//! Places of the eye rays within a pixel: stratified, different in each pixel, a function of the pixel alone.
+//! Places of the eye rays within a pixel, and other pairs of numbers for each of them: stratified, different in each
+//! pixel, a function of the pixel alone.
 //!
 //! The first 2^k points of the Sobol (0, 2) sequence lie one in each column, row and elementary rectangle of the pixel
 //! cut in 2^k. A random digit scramble for each pixel and a jitter within the finest cell keep that, and make every
@@ -12,6 +13,17 @@ use crate::math::random;
 const STAGE: u64 = 0x7069_7865_6c73;
 /// Dimension of the pixel's scramble; the samples use the lower ones.
 const SCRAMBLE: u64 = 1 << 32;
+
+/// What the points are for. Those of different streams are independent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Stream {
+    /// Where eye rays cross the pixel.
+    Eye,
+    /// Which way they are reflected.
+    Lobe,
+    /// Which point of an area light they look at.
+    Light,
+}
 
 /// The points of a pixel before they are scrambled.
 pub(super) struct PixelSamples {
@@ -29,14 +41,15 @@ impl PixelSamples {
         Self { cells, bits }
     }
 
-    /// Places in [0, 1)^2 of one pixel.
-    pub(super) fn of_pixel(&self, pixel: u64) -> impl Iterator<Item = DVec2> + '_ {
+    /// Points in [0, 1)^2 of one pixel.
+    pub(super) fn of_pixel(&self, stream: Stream, pixel: u64) -> impl Iterator<Item = DVec2> + '_ {
         let mask = (1u32 << self.bits) - 1;
-        let scramble = random::bits(STAGE, pixel, SCRAMBLE);
+        let stage = STAGE ^ ((stream as u64) << 60);
+        let scramble = random::bits(stage, pixel, SCRAMBLE);
         let scramble = [scramble as u32 & mask, (scramble >> 32) as u32 & mask];
         let width = 1.0 / f64::from(1u32 << self.bits);
         self.cells.iter().enumerate().map(move |(i, cell)| {
-            let jitter = random::bits(STAGE, pixel, i as u64);
+            let jitter = random::bits(stage, pixel, i as u64);
             let fraction = |bits: u32| f64::from(bits) * (1.0 / 4_294_967_296.0);
             let place = |axis: usize, bits: u32| (f64::from(cell[axis] ^ scramble[axis]) + fraction(bits)) * width;
             DVec2::new(place(0, jitter as u32), place(1, (jitter >> 32) as u32))
@@ -69,7 +82,7 @@ mod tests {
                 for columns in 0..=bits {
                     let (nx, ny) = (1usize << columns, 1usize << (bits - columns));
                     let mut hits = vec![0; nx * ny];
-                    for p in samples.of_pixel(pixel) {
+                    for p in samples.of_pixel(Stream::Lobe, pixel) {
                         hits[(p.y * ny as f64) as usize * nx + (p.x * nx as f64) as usize] += 1;
                     }
                     assert!(hits.iter().all(|&h| h == 1), "{bits} bits, pixel {pixel}, {nx} x {ny}: {hits:?}");
@@ -84,7 +97,7 @@ mod tests {
             let samples = PixelSamples::new(count);
             let pixels = 20_000;
             let (mut sum, mut square) = (DVec2::ZERO, DVec2::ZERO);
-            for p in (0..pixels).flat_map(|pixel| samples.of_pixel(pixel)) {
+            for p in (0..pixels).flat_map(|pixel| samples.of_pixel(Stream::Lobe, pixel)) {
                 assert!(p.min_element() >= 0.0 && p.max_element() < 1.0);
                 sum += p;
                 square += p * p;

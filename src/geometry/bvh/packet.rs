@@ -4,10 +4,11 @@
 //! each ray look at the box, then at the triangles, on its own. Boxes decide nothing but effort (see the parent module),
 //! so the answers are those of single rays.
 
+use super::Hit;
 use super::build::{Children, LEAF, Node, Tree, WIDTH};
 use super::lanes::{Lanes, Path, Portable, Slot};
 use super::ray::{Query, Ray};
-use super::traverse::{self, Except, SMALL_STACK};
+use super::traverse::{self, Except, Nearest, SMALL_STACK};
 
 /// Most rays in a bundle.
 const BUNDLE: usize = 2 * WIDTH;
@@ -70,6 +71,129 @@ fn bundle_or_single(path: Path, tree: &Tree, rays: &[Ray], skip: &[u32], out: &m
     }
     for ((ray, &skip), out) in rays.iter().zip(skip).zip(out) {
         *out = Query::new(ray, tree).is_some_and(|query| traverse::occluded(path, tree, &query, skip));
+    }
+}
+
+/// See [`super::Bvh::closest_many`].
+pub(super) fn closest_many(path: Path, tree: &Tree, rays: &[Ray], out: &mut [Option<Hit>]) {
+    let count = rays.len().min(out.len());
+    let mut at = 0;
+    while at < count {
+        let length = alike(tree, &rays[at..count.min(at + BUNDLE)]);
+        closest_of_some(path, tree, &rays[at..at + length], &mut out[at..at + length]);
+        at += length;
+    }
+}
+
+fn closest_of_some(path: Path, tree: &Tree, rays: &[Ray], out: &mut [Option<Hit>]) {
+    let mut queries = [const { None }; BUNDLE];
+    for (query, ray) in queries.iter_mut().zip(rays) {
+        *query = Query::new(ray, tree);
+    }
+    let mut best = [Nearest::NONE; BUNDLE];
+    let found = rays.len() >= FEWEST
+        && tree.stack <= SMALL_STACK
+        && match path {
+            Path::Portable => nearest::<Portable>(tree, &queries, &mut best),
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: `Path::detect` returns this path only on a CPU that has these features.
+            Path::Avx2 => unsafe { nearest_avx2(tree, &queries, &mut best) },
+        };
+    for ((query, best), out) in queries.iter().zip(&best).zip(out) {
+        *out = if found { best.rounded() } else { query.as_ref().and_then(|q| traverse::closest(path, tree, q)) };
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+fn nearest_avx2(tree: &Tree, queries: &[Option<Query>; BUNDLE], best: &mut [Nearest; BUNDLE]) -> bool {
+    nearest::<super::lanes::Avx2>(tree, queries, best)
+}
+
+/// The nearest hit of each ray; false where the rays part so much that they are better asked one by one.
+#[inline(always)]
+fn nearest<L: Lanes>(tree: &Tree, queries: &[Option<Query>; BUNDLE], best: &mut [Nearest; BUNDLE]) -> bool {
+    let Some(mut bundle) = Bundle::new(queries) else { return false };
+    let mut budget = PATIENCE * bundle.valid.count_ones() as usize;
+    let mut stack = [(0.0f32, 0u32); SMALL_STACK];
+    stack[0] = (f32::NEG_INFINITY, 0);
+    let mut len = 1;
+    while len > 0 {
+        len -= 1;
+        let (enter, at) = stack[len];
+        if enter > bundle.whole_range[1] {
+            continue;
+        }
+        let node = &tree.nodes[at as usize];
+        if budget == 0 {
+            return false;
+        }
+        budget -= 1;
+        let (mut mask, enter) = bundle.children::<L>(node);
+        let enter = L::to_array(enter);
+        // Leaves first, the near ones before the far ones; nodes onto the stack, the nearest on top.
+        let leaves = mask & leaves_of(&node.children);
+        mask &= !leaves;
+        if leaves != 0 {
+            visit_leaves::<L>(tree, &mut bundle, node, leaves, &enter, queries, best);
+        }
+        let floor = len;
+        while mask != 0 {
+            let child = mask.trailing_zeros() as usize % WIDTH;
+            mask &= mask - 1;
+            if enter[child] > bundle.whole_range[1] {
+                continue;
+            }
+            let item = (enter[child], node.children.0[child]);
+            let mut at = len;
+            while at > floor && stack[at - 1].0 < item.0 {
+                stack[at] = stack[at - 1];
+                at -= 1;
+            }
+            stack[at] = item;
+            len += 1;
+        }
+    }
+    true
+}
+
+/// Looks for nearer hits in some leaves of a node, the near ones first.
+#[inline(always)]
+fn visit_leaves<L: Lanes>(
+    tree: &Tree,
+    bundle: &mut Bundle,
+    node: &Node,
+    mut leaves: u32,
+    enter: &[f32; WIDTH],
+    queries: &[Option<Query>; BUNDLE],
+    best: &mut [Nearest; BUNDLE],
+) {
+    while leaves != 0 {
+        let mut child = leaves.trailing_zeros() as usize % WIDTH;
+        let mut others = leaves & (leaves - 1);
+        while others != 0 {
+            let other = others.trailing_zeros() as usize % WIDTH;
+            others &= others - 1;
+            if enter[other] < enter[child] {
+                child = other;
+            }
+        }
+        leaves &= !(1 << child);
+        let mut rays = bundle.rays::<L>(node, child);
+        if rays == 0 {
+            continue;
+        }
+        while rays != 0 {
+            let i = rays.trailing_zeros() as usize % BUNDLE;
+            rays &= rays - 1;
+            if let Some(query) = &queries[i] {
+                traverse::block::<L, _>(tree, query, node.children.0[child] | LEAF, &mut best[i]);
+                let limit = &mut bundle.range[1][i / WIDTH][i % WIDTH];
+                *limit = limit.min((best[i].t() - query.start) as f32);
+            }
+        }
+        let [low, high] = bundle.range[1];
+        bundle.whole_range[1] = low.into_iter().chain(high).fold(f32::NEG_INFINITY, f32::max);
     }
 }
 
@@ -140,9 +264,9 @@ impl Bundle {
         Some(bundle)
     }
 
-    /// Children that any ray of the bundle may meet.
+    /// Children that any ray of the bundle may meet, and where the first of them could enter.
     #[inline(always)]
-    fn children<L: Lanes>(&self, node: &Node) -> u32 {
+    fn children<L: Lanes>(&self, node: &Node) -> (u32, L::V) {
         let mut enter = L::splat(self.whole_range[0]);
         let mut leave = L::splat(self.whole_range[1]);
         for axis in 0..3 {
@@ -152,7 +276,7 @@ impl Bundle {
             enter = L::max(L::min(L::mul(near, slow), L::mul(near, fast)), enter);
             leave = L::min(L::max(L::mul(far, slow), L::mul(far, fast)), leave);
         }
-        L::less_equal(enter, leave)
+        (L::less_equal(enter, leave), enter)
     }
 
     /// Rays that may meet one child.
@@ -191,7 +315,7 @@ fn walk<L: Lanes>(tree: &Tree, queries: &[Option<Query>; BUNDLE], skip: &[u32]) 
     let (mut len, mut at) = (0, 0u32);
     loop {
         let node = &tree.nodes[at as usize];
-        let mut mask = bundle.children::<L>(node);
+        let (mut mask, _) = bundle.children::<L>(node);
         let leaves = mask & leaves_of(&node.children);
         mask &= !leaves;
         len = L::push(&mut stack, len, &node.children, mask);

@@ -249,6 +249,53 @@ fn agrees_with_brute_force(name: &str, corners: &Corners, scale: f32, offset: Ve
     }
 }
 
+/// Eye rays of neighbouring places, from near and far, and rays that have nothing in common.
+#[test]
+fn bundles_find_the_closest_hits_of_single_rays() {
+    let meshes = [
+        ("nothing", Vec::new()),
+        ("one", soup(1, 1.0)),
+        ("sphere", icosphere(4)),
+        ("torus", torus(24, 12)),
+        ("soup", soup(2000, 0.1)),
+        ("slivers", slivers(300)),
+    ];
+    for (name, corners) in &meshes {
+        let bvh = Bvh::from_triangles(corners);
+        for (distance, spread) in [(3.0, 0.002), (3.0, 0.05), (100.0, 0.01), (0.3, 0.2), (1.5, 2.0), (1e6, 1e-7)] {
+            let rays: Vec<Ray> = (0..4000u64)
+                .map(|i| {
+                    // Sixteen rays about one axis at a time; some bundles start on both sides of a plane, some break off.
+                    let axis = direction(31, i / 16);
+                    let aim = axis * 0.4 * direction(32, i / 16) + direction(33, i) * spread * distance;
+                    let origin = axis * distance;
+                    let mut ray = Ray::new(origin, (aim - origin).normalize_or(Vec3::X));
+                    if i % 97 == 0 {
+                        ray.t_max = distance;
+                    }
+                    if i % 611 == 0 {
+                        ray.direction = Vec3::NAN;
+                    }
+                    ray
+                })
+                .collect();
+            for bvh in paths(&bvh) {
+                let single: Vec<Option<Hit>> = rays.iter().map(|ray| bvh.closest(ray)).collect();
+                for cut in [1, 3, 16, 4000] {
+                    let mut many = vec![Some(Hit { triangle: 7, t: 0.0, u: 0.0, v: 0.0 }); rays.len()];
+                    for (rays, out) in rays.chunks(cut).zip(many.chunks_mut(cut)) {
+                        bvh.closest_many(rays, out);
+                    }
+                    assert!(many == single, "{name} from {distance}, spread {spread}, {cut} at once");
+                }
+                let hits = single.iter().flatten().count();
+                let few = ["nothing", "one", "slivers"].contains(name) || distance > 1e5 || spread > 1.0;
+                assert!(few || hits > 500, "{name} {distance}: {hits}");
+            }
+        }
+    }
+}
+
 #[test]
 fn every_query_agrees_with_brute_force_at_every_scale() {
     let meshes = [

@@ -177,9 +177,27 @@ pub(super) fn block<L: Lanes, V: Visit>(tree: &Tree, query: &Query, leaf: u32, v
 }
 
 /// The nearest hit so far.
-struct Nearest {
+#[derive(Clone, Copy)]
+pub(super) struct Nearest {
     hit: ExactHit,
     triangle: u32,
+}
+
+impl Nearest {
+    /// None so far.
+    pub(super) const NONE: Self = Self { hit: ExactHit { t: f64::INFINITY, u: 0.0, v: 0.0 }, triangle: NO_TRIANGLE };
+
+    /// Its distance from the ray's own origin; infinite for none.
+    #[inline(always)]
+    pub(super) fn t(&self) -> f64 {
+        self.hit.t
+    }
+
+    /// As users see it.
+    #[inline]
+    pub(super) fn rounded(&self) -> Option<Hit> {
+        (self.triangle != NO_TRIANGLE).then(|| self.hit.rounded(self.triangle))
+    }
 }
 
 impl Visit for Nearest {
@@ -226,7 +244,7 @@ fn closest_on_stack<L: Lanes>(tree: &Tree, query: &Query, stack: &mut [(f32, u32
     let wide = Wide::<L>::new(query);
     let t_min = L::splat(query.box_range[0]);
     let mut t_max = query.box_range[1];
-    let mut best = Nearest { hit: ExactHit { t: f64::INFINITY, u: 0.0, v: 0.0 }, triangle: NO_TRIANGLE };
+    let mut best = Nearest::NONE;
     stack[0] = (f32::NEG_INFINITY, 0);
     let mut len = 1;
     while len > 0 {
@@ -257,5 +275,5 @@ fn closest_on_stack<L: Lanes>(tree: &Tree, query: &Query, stack: &mut [(f32, u32
             len += 1;
         }
     }
-    (best.triangle != NO_TRIANGLE).then(|| best.hit.rounded(best.triangle))
+    best.rounded()
 }

@@ -1,0 +1,386 @@
+//! Eye rays: what they meet, and what comes back along them.
+
+use glam::{DVec2, DVec3};
+use rayon::prelude::*;
+
+use super::background::Backdrop;
+use super::exit::ExitRadiance;
+use super::frame::{EMPTY, Pixel, RenderSettings, Specular};
+use super::glossy_lights::{GlossyLights, Place, ShadowRays};
+use super::normals::ShadingNormals;
+use super::pixel_samples::{PixelSamples, Stream};
+use super::specular::Ggx;
+use crate::geometry::bvh::{Bvh, Hit, Ray};
+use crate::light::Light;
+use crate::transport::scene::Scene;
+
+/// Side of a tile in pixels.
+pub(super) const TILE: usize = 16;
+/// Pixels are rendered together until they have so many eye rays, which go through the tree as one bundle.
+const RAYS_TOGETHER: usize = 16;
+/// The exit cosine is at least this share of the geometric one: a smooth normal may face away from the eye near the
+/// outline of a coarse mesh, where Fresnel's factor would paint whole triangles black.
+const LEAST_COSINE_SHARE: f64 = 0.5;
+
+/// Hits, and those from behind. Integers add up to the same in any order.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Counts {
+    hits: u64,
+    from_behind: u64,
+}
+
+impl Counts {
+    pub(super) fn add(self, other: Self) -> Self {
+        Self { hits: self.hits + other.hits, from_behind: self.from_behind + other.from_behind }
+    }
+
+    pub(super) fn share(self) -> f64 {
+        if self.hits == 0 { 0.0 } else { self.from_behind as f64 / self.hits as f64 }
+    }
+}
+
+/// Sums over the eye rays of a pixel.
+#[derive(Default)]
+struct Sum {
+    diffuse: DVec3,
+    specular: DVec3,
+    background: DVec3,
+    normal: DVec3,
+    depth_mm: f64,
+    hits: u32,
+    /// Parts and their hits; few meet in a pixel.
+    parts: Vec<(u32, u32)>,
+}
+
+impl Sum {
+    fn count(&mut self, part: u32) {
+        match self.parts.iter_mut().find(|(known, _)| *known == part) {
+            Some((_, hits)) => *hits += 1,
+            None => self.parts.push((part, 1)),
+        }
+    }
+
+    fn pixel(&self, samples: u32) -> Pixel {
+        let share = 1.0 / f64::from(samples);
+        if self.hits == 0 {
+            return Pixel { beauty: narrow(self.background * share), ..EMPTY };
+        }
+        let most = self.parts.iter().max_by_key(|(part, hits)| (*hits, std::cmp::Reverse(*part)));
+        Pixel {
+            beauty: narrow((self.diffuse + self.specular + self.background) * share),
+            diffuse: narrow(self.diffuse * share),
+            specular: narrow(self.specular * share),
+            normal: narrow(self.normal.normalize_or_zero()),
+            depth_mm: (self.depth_mm / f64::from(self.hits)) as f32,
+            coverage: (f64::from(self.hits) * share) as f32,
+            part: most.map_or(0, |(part, _)| part.saturating_add(1)),
+        }
+    }
+}
+
+/// To 32 bits; what does not fit becomes the largest finite value.
+fn narrow(v: DVec3) -> [f32; 3] {
+    let limit = f64::from(f32::MAX);
+    v.to_array().map(|c| c.clamp(-limit, limit) as f32)
+}
+
+/// The boundary of a medium.
+struct Boundary {
+    exit: ExitRadiance,
+    /// None where nothing is reflected.
+    ggx: Option<Ggx>,
+}
+
+/// A scene ready to be looked at.
+pub(super) struct Renderer<'a> {
+    scene: &'a Scene,
+    bvh: &'a Bvh,
+    radiosity: &'a [DVec3],
+    settings: &'a RenderSettings,
+    backdrop: Backdrop<'a>,
+    lights: GlossyLights,
+    normals: ShadingNormals,
+    samples: PixelSamples,
+    /// For each medium.
+    boundaries: Vec<Boundary>,
+    /// The eye in the mesh's local coordinates.
+    eye: DVec3,
+    /// A sphere around the mesh in its local coordinates.
+    centre: DVec3,
+    radius_mm: f64,
+}
+
+/// What a group of pixels is worked out in; one for each tile.
+#[derive(Default)]
+struct Desk {
+    /// Of every eye ray.
+    directions: Vec<DVec3>,
+    /// Of those that come near the object: the ray and which one it is.
+    rays: Vec<Ray>,
+    indices: Vec<u32>,
+    hits: Vec<Option<Hit>>,
+    /// What reflects, the eye rays that see it, and what they get.
+    places: Vec<Place>,
+    of_place: Vec<u32>,
+    reflected: Vec<DVec3>,
+    shadow: ShadowRays,
+    sums: Vec<Sum>,
+}
+
+impl<'a> Renderer<'a> {
+    pub(super) fn new(
+        scene: &'a Scene,
+        bvh: &'a Bvh,
+        radiosity: &'a [DVec3],
+        lights: &'a [Light],
+        settings: &'a RenderSettings,
+    ) -> Self {
+        let [min, max] = scene.mesh.bounds_local_mm();
+        let boundary = |eta: f64| Boundary {
+            exit: ExitRadiance::new(eta, settings.exit_fresnel),
+            ggx: match settings.specular {
+                Specular::Rough(roughness) if eta != 1.0 => Some(Ggx::new(roughness, eta)),
+                _ => None,
+            },
+        };
+        let reflecting = if settings.specular == Specular::Off { &[] } else { lights };
+        Self {
+            scene,
+            bvh,
+            radiosity,
+            settings,
+            backdrop: Backdrop::new(settings.background, lights),
+            lights: GlossyLights::new(reflecting, scene.mesh.origin_mm, settings.samples_per_pixel),
+            normals: ShadingNormals::new(scene),
+            samples: PixelSamples::new(settings.samples_per_pixel),
+            boundaries: scene.media.iter().map(|m| boundary(m.properties.eta_inside_over_outside)).collect(),
+            eye: settings.camera.at_mm() - scene.mesh.origin_mm,
+            centre: 0.5 * (min + max),
+            // A little larger, so that rounding cuts nothing off.
+            radius_mm: 0.5 * (max - min).length() * (1.0 + 1e-6),
+        }
+    }
+
+    /// Renders the rows from `top` on that `pixels` holds.
+    pub(super) fn tile_row(&self, top: usize, pixels: &mut [Pixel]) -> Counts {
+        let width = self.settings.resolution.width;
+        let rows = pixels.len() / width;
+        let tiles: Vec<(Vec<Pixel>, Counts)> = (0..width.div_ceil(TILE))
+            .into_par_iter()
+            .map(|tile| {
+                let columns = tile * TILE..width.min((tile + 1) * TILE);
+                let places: Vec<(usize, usize)> =
+                    (top..top + rows).flat_map(|y| columns.clone().map(move |x| (x, y))).collect();
+                let mut counts = Counts::default();
+                let mut rendered = Vec::with_capacity(places.len());
+                let mut desk = Desk::default();
+                let together = RAYS_TOGETHER.div_ceil(self.settings.samples_per_pixel as usize);
+                for group in places.chunks(together) {
+                    counts = counts.add(self.group(group, &mut desk));
+                    rendered.extend(desk.sums.iter().map(|sum| sum.pixel(self.settings.samples_per_pixel)));
+                }
+                (rendered, counts)
+            })
+            .collect();
+        for (tile, (rendered, _)) in tiles.iter().enumerate() {
+            let columns = tile * TILE..width.min((tile + 1) * TILE);
+            for (row, line) in rendered.chunks(columns.len()).enumerate() {
+                pixels[row * width..][columns.clone()].copy_from_slice(line);
+            }
+        }
+        tiles.iter().fold(Counts::default(), |sum, (_, counts)| sum.add(*counts))
+    }
+
+    /// Leaves the sums of some pixels on the desk.
+    fn group(&self, pixels: &[(usize, usize)], desk: &mut Desk) -> Counts {
+        let samples = self.settings.samples_per_pixel as usize;
+        desk.sums.clear();
+        desk.sums.resize_with(pixels.len(), Sum::default);
+        self.cast(pixels, desk);
+        let mut counts = Counts::default();
+        let mut next = 0;
+        for (index, direction) in desk.directions.iter().enumerate() {
+            let sum = &mut desk.sums[index / samples];
+            let hit = if desk.indices.get(next) == Some(&(index as u32)) {
+                next += 1;
+                desk.hits[next - 1]
+            } else {
+                None
+            };
+            let Some(seen) = hit.and_then(|hit| self.shade(&hit, *direction)) else {
+                sum.background += self.backdrop.radiance(*direction);
+                continue;
+            };
+            sum.diffuse += seen.radiance;
+            sum.normal += seen.normal;
+            sum.depth_mm += seen.depth_mm;
+            sum.hits += 1;
+            sum.count(seen.part);
+            counts.hits += 1;
+            counts.from_behind += u64::from(seen.from_behind);
+            if let Some(place) = seen.place {
+                desk.places.push(place);
+                desk.of_place.push(index as u32);
+            }
+        }
+        self.reflect(pixels, desk);
+        counts
+    }
+
+    /// Eye rays of some pixels, and what they hit.
+    fn cast(&self, pixels: &[(usize, usize)], desk: &mut Desk) {
+        let RenderSettings { camera, resolution, .. } = self.settings;
+        desk.directions.clear();
+        desk.rays.clear();
+        desk.indices.clear();
+        desk.hits.clear();
+        let to_centre = self.centre - self.eye;
+        let radius2 = self.radius_mm * self.radius_mm;
+        for &(x, y) in pixels {
+            let corner = DVec2::new(x as f64, y as f64);
+            for offset in self.samples.of_pixel(Stream::Eye, (y * resolution.width + x) as u64) {
+                let direction = camera.direction(corner + offset, *resolution);
+                let along = to_centre.dot(direction);
+                let beside = to_centre - direction * along;
+                if beside.length_squared() <= radius2 && along >= -self.radius_mm {
+                    // Far eyes start beside the scene: in 32 bits, the position of a far origin would move the picture.
+                    let origin = self.eye + direction * (along - self.radius_mm).max(0.0);
+                    desk.rays.push(Ray::new(origin.as_vec3(), direction.as_vec3()));
+                    desk.indices.push(desk.directions.len() as u32);
+                }
+                desk.directions.push(direction);
+            }
+        }
+        desk.hits.resize(desk.rays.len(), None);
+        self.bvh.closest_many(&desk.rays, &mut desk.hits);
+    }
+
+    /// Adds what the places on the desk reflect, and clears them.
+    fn reflect(&self, pixels: &[(usize, usize)], desk: &mut Desk) {
+        let samples = self.settings.samples_per_pixel as usize;
+        if desk.places.is_empty() {
+            return;
+        }
+        if self.lights.are_sampled() {
+            let width = self.settings.resolution.width;
+            let mut entries = desk.of_place.iter().zip(&mut desk.places).peekable();
+            for (index, &(x, y)) in pixels.iter().enumerate() {
+                let pixel = (y * width + x) as u64;
+                let pairs = self.samples.of_pixel(Stream::Lobe, pixel);
+                let pairs = pairs.zip(self.samples.of_pixel(Stream::Light, pixel));
+                for (sample, (lobe, light)) in pairs.enumerate() {
+                    let ray = (index * samples + sample) as u32;
+                    if let Some((_, place)) = entries.next_if(|(of, _)| **of == ray) {
+                        (place.lobe, place.light) = (lobe, light);
+                    }
+                }
+            }
+        }
+        desk.reflected.clear();
+        desk.reflected.resize(desk.places.len(), DVec3::ZERO);
+        self.lights.add(self.bvh, &desk.places, &mut desk.shadow, &mut desk.reflected);
+        for (ray, radiance) in desk.of_place.iter().zip(&desk.reflected) {
+            desk.sums[*ray as usize / samples].specular += *radiance;
+        }
+        desk.places.clear();
+        desk.of_place.clear();
+    }
+
+    fn shade(&self, hit: &Hit, direction: DVec3) -> Option<Seen> {
+        let Scene { mesh, parts, .. } = self.scene;
+        let vertices = *mesh.triangles.get(hit.triangle as usize)?;
+        let (u, v) = (f64::from(hit.u), f64::from(hit.v));
+        let weights = [1.0 - u - v, u, v];
+        let blend = |values: [DVec3; 3]| values[0] * weights[0] + values[1] * weights[1] + values[2] * weights[2];
+        let point = blend(mesh.corners_local_mm(hit.triangle));
+        let geometric = self.normals.geometric(hit.triangle);
+        let cos_geometric = -geometric.dot(direction);
+        let smooth = self.normals.at(hit.triangle, weights);
+        let normal = if smooth == DVec3::ZERO { geometric } else { smooth };
+        let part = parts.triangle_part.get(hit.triangle as usize).copied().unwrap_or(u32::MAX);
+        let medium = parts.parts.get(part as usize).and_then(|p| p.medium);
+        let boundary = medium.and_then(|m| self.boundaries.get(m as usize));
+        let mut seen = Seen {
+            radiance: DVec3::ZERO,
+            normal,
+            depth_mm: (point - self.eye).dot(self.settings.camera.forward()),
+            from_behind: cos_geometric <= 0.0,
+            part,
+            place: None,
+        };
+        if let Some(boundary) = boundary.filter(|_| cos_geometric > 0.0) {
+            let least = LEAST_COSINE_SHARE * cos_geometric;
+            let cosine = (-normal.dot(direction)).max(least);
+            let radiosity = blend(vertices.map(|v| self.radiosity[v as usize]));
+            seen.radiance = radiosity * boundary.exit.per_radiosity(cosine);
+            seen.place = boundary.ggx.map(|ggx| Place {
+                point,
+                triangle: hit.triangle,
+                geometric,
+                normal: facing(normal, -direction, least).unwrap_or(geometric),
+                to_eye: -direction,
+                ggx,
+                lobe: DVec2::ZERO,
+                light: DVec2::ZERO,
+            });
+        }
+        Some(seen)
+    }
+}
+
+/// The unit normal turned towards the eye until its cosine is at least `least`; none where it points straight away.
+#[inline]
+fn facing(normal: DVec3, to_eye: DVec3, least: f64) -> Option<DVec3> {
+    let cosine = normal.dot(to_eye);
+    if cosine >= least {
+        return Some(normal);
+    }
+    let across = (normal - to_eye * cosine).try_normalize()?;
+    Some(to_eye * least + across * (1.0 - least * least).max(0.0).sqrt())
+}
+
+/// What an eye ray sees of the object.
+struct Seen {
+    radiance: DVec3,
+    normal: DVec3,
+    depth_mm: f64,
+    from_behind: bool,
+    part: u32,
+    /// Where it is reflected.
+    place: Option<Place>,
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn colours_beyond_32_bits_stay_finite() {
+        assert_eq!(narrow(DVec3::new(1e300, -1e300, 0.5)), [f32::MAX, f32::MIN, 0.5]);
+    }
+
+    #[test]
+    fn an_empty_pixel_has_no_normal_and_is_infinitely_deep() {
+        let sum = Sum { background: DVec3::ONE, ..Sum::default() };
+        assert_eq!(sum.pixel(16), Pixel { beauty: [1.0 / 16.0; 3], ..EMPTY });
+    }
+
+    #[test]
+    fn the_part_with_most_hits_is_named_and_the_first_of_equals() {
+        let mut sum = Sum { hits: 5, ..Sum::default() };
+        [7, 2, 7, 2, 9].into_iter().for_each(|part| sum.count(part));
+        assert_eq!(sum.pixel(8).part, 3);
+        sum.count(7);
+        assert_eq!(sum.pixel(8).part, 8);
+    }
+
+    #[test]
+    fn normals_that_turn_away_are_turned_back() {
+        let eye = DVec3::Z;
+        assert_eq!(facing(DVec3::new(0.6, 0.0, 0.8), eye, 0.3), Some(DVec3::new(0.6, 0.0, 0.8)));
+        let turned = facing(DVec3::new(0.8, 0.0, -0.6), eye, 0.3).unwrap();
+        assert!((turned.dot(eye) - 0.3).abs() < 1e-12 && (turned.length() - 1.0).abs() < 1e-12 && turned.x > 0.9);
+        assert_eq!(facing(-eye, eye, 0.3), None);
+    }
+}
