@@ -20,6 +20,7 @@ use translux::medium::fresnel::transmittance;
 use translux::methods::ALL;
 use translux::progress::Silent;
 use translux::render::camera::Camera;
+use translux::render::film::Exposure;
 use translux::render::frame::{Frame, Pixel, RenderSettings, Specular, render};
 use translux::render::specular::Roughness;
 
@@ -313,6 +314,31 @@ fn beauty_is_diffuse_and_specular_and_switching_off_leaves_the_rest() {
         assert!((sum - DVec3::from(on.beauty.map(f64::from))).length() < 1e-5 * sum.length());
         assert!(on.coverage < 1.0 || on.specular[1] > 0.0, "{on:?}");
     }
+}
+
+#[test]
+fn glare_is_what_single_rays_have_above_white_and_changes_nothing_else() {
+    let (fake, view) = (ball(1.5), RenderSettings { background: Default::default(), ..front(32) });
+    let plain = lit(&fake, &every_light(), &view);
+    assert!(plain.pixels.iter().all(|p| p.glare == [0.0; 3]));
+    let white = Exposure::Auto.white(&fake, &fake.uniform(), &view).unwrap();
+    assert!((white * Exposure::Auto.factor(&plain) - 1.0).abs() < 0.05, "{white}");
+    assert_eq!(Exposure::Stops(3.0).white(&fake, &fake.uniform(), &view).unwrap(), 0.125);
+    let white = 0.2 * white;
+    let shown = lit(&fake, &every_light(), &RenderSettings { white, ..view });
+    let mut bright = 0;
+    for (a, b) in plain.pixels.iter().zip(&shown.pixels) {
+        assert_eq!(*a, Pixel { glare: [0.0; 3], ..*b });
+        bright += u32::from(b.glare[0] > 0.0);
+        for c in 0..3 {
+            let (left, diffuse) = (f64::from(b.beauty[c] - b.glare[c]), f64::from(b.diffuse[c]));
+            assert!(b.glare[c] >= 0.0 && left <= diffuse + white * 1.0001, "{b:?}");
+            // What is cut is no more than what the mean has above white, where all rays are alike.
+            let above = f64::from(b.beauty[c]) - diffuse - white;
+            assert!(f64::from(b.glare[c]) >= above * 0.999 - 1e-6, "{b:?}");
+        }
+    }
+    assert!(bright > 20, "{bright}");
 }
 
 #[test]

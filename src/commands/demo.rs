@@ -1,6 +1,7 @@
-//! `translux demo`: a built-in model under a built-in sky, from bake to picture, and what to type next.
+//! `translux demo`: a built-in model under a built-in sky, from one bake to pictures in several materials, and what to type
+//! next.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
@@ -16,16 +17,19 @@ use super::{inspect, output, report};
 use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, ExitCode, Result};
-use crate::evaluate::BakeSettings;
+use crate::evaluate::{BakeSettings, Evaluator};
 use crate::geometry::mesh::Scale;
 use crate::geometry::parts::{MaterialRoles, PartsRule};
 use crate::geometry::shapes;
+use crate::io::atomic;
 use crate::measure::probes::unseen;
 use crate::medium::material::Material;
 use crate::methods;
 use crate::methods::settings::resolve;
 use crate::render::camera::Resolution;
-use crate::transport::scene::Medium;
+use crate::render::film::{PngBackground, side_by_side, to_png};
+use crate::render::frame::Frame;
+use crate::transport::scene::{Medium, Scene};
 
 #[derive(Clone, Debug, Args)]
 pub(super) struct DemoArgs {
@@ -37,69 +41,80 @@ pub(super) struct DemoArgs {
 /// Diagonal of the built-in model, mm: small enough for light to cross its ears.
 const SIZE_MM: f64 = 60.0;
 
-/// Material of the built-in model.
-const MATERIAL: &str = "skin2";
+/// Materials that it is shown in; it is baked in the first.
+const MATERIALS: [&str; 3] = ["skin1", "marble", "apple"];
 
-/// Method that bakes it.
-const METHOD: &str = "two_pass";
+/// The sky, dimmed, and a lamp behind the model.
+const LIGHTS: [&str; 2] = ["sky:scale=0.5", "point:at=20,34,-35:intensity=9000,7500,5500"];
 
-/// Relative error to reach.
-const MAX_RMS: f64 = 0.005;
+const CAMERA: &str = "at=-38,30,108:look=0,19.8,2:fov=22.5";
+
+/// Pixels of the picture of one material.
+const SIDES: [usize; 2] = [480, 480];
+
+const METHOD: &str = "editable";
+
+/// Surface samples: some more than the model has triangles.
+const SAMPLES: usize = 3 << 14;
+
+/// One material.
+#[derive(Serialize)]
+struct Shown {
+    medium: MediumReport,
+    /// What the evaluator measures under the lights of the pictures and under others.
+    measured: Ledger,
+    picture: RenderReport,
+}
 
 #[derive(Serialize)]
 struct DemoReport {
+    #[serde(serialize_with = "report::path")]
     asset: PathBuf,
+    #[serde(serialize_with = "report::path")]
+    picture: PathBuf,
     bytes: u64,
     bytes_per_vertex: f64,
+    environment_bytes_per_vertex: f64,
     vertices: usize,
     samples: usize,
-    media: Vec<MediumReport>,
-    measured: Ledger,
-    picture: RenderReport,
+    bake_seconds: f64,
+    /// Of the bake: for all materials and lights that the asset is made for.
+    ledger: Ledger,
+    materials: Vec<Shown>,
 }
 
 pub(super) fn run(args: &DemoArgs, console: &Console) -> Result<ExitCode> {
     std::fs::create_dir_all(&args.output).map_err(|e| Error::io(&args.output, &e))?;
     let file = |name: &str| args.output.join(name);
-    let method = methods::named(METHOD)?;
-    let settings = BakeSettings { max_rms: MAX_RMS, ..BakeSettings::new(method, resolve(method, &[])?) };
-    let source = console.stage("model", shapes::demo_model);
-    let Material { name, properties } = Material::from_argument(MATERIAL)?;
-    let loaded = model::prepare(
-        Prepare {
-            scale: Some(Scale::DiagonalMm(SIZE_MM)),
-            unit: "built-in model",
-            roles: MaterialRoles::single(source.materials.len()),
-            media: vec![Medium { name, properties }],
-            rule: PartsRule::Auto,
-            inputs: Vec::new(),
-        },
-        source,
-        console,
-    )?;
-    let asset = Arc::new(baking::bake(method, loaded, &settings, console)?);
-    let path = file("demo.tlux");
-    let bytes = asset.to_bytes()?;
+    let start = console.seconds();
+    let (path, bytes) = (file("demo.tlux"), bake(console)?);
+    let bake_seconds = console.seconds() - start;
     let sizes = inspect::sizes(&bytes)?;
-    crate::io::atomic::write(&path, &bytes)?;
-    // What the picture shows comes from the file, as for every user of it.
+    atomic::write(&path, &bytes)?;
+    // What the pictures show comes from the file, as for every user of it.
     let asset = Arc::new(Asset::read(&path)?);
-    let mut evaluator = method.open(Arc::clone(&asset))?;
-    let lights = LightArgs::default().load(console)?;
-    let pictures = [file("demo.png"), file("demo.exr")];
-    let picture = PictureArgs::at(Resolution::new(768, 768)?);
-    let picture = render::finish(evaluator.as_mut(), METHOD, lights, &picture, &pictures, console)?;
-    let measured = evaluator.measured_error(&unseen(&asset.scene.mesh), console)?;
+    let mut evaluator = methods::named(METHOD)?.open(Arc::clone(&asset))?;
+    let (mut materials, mut frames) = (Vec::new(), Vec::new());
+    for name in MATERIALS {
+        let (shown, frame) = show(evaluator.as_mut(), name, &args.output, console)?;
+        frames.push((frame, shown.picture.exposure_factor));
+        materials.push(shown);
+    }
+    let picture = file("demo.png");
+    atomic::write(&picture, &to_png(&side_by_side(&frames)?, 1.0, PngBackground::Shown)?)?;
     let vertices = asset.scene.mesh.local_mm.len();
+    let per_vertex = |bytes: u64| bytes as f64 / vertices.max(1) as f64;
     let result = DemoReport {
         asset: path,
+        picture,
         bytes: bytes.len() as u64,
-        bytes_per_vertex: sizes.stored_without_mesh as f64 / vertices.max(1) as f64,
+        bytes_per_vertex: per_vertex(sizes.stored_without_mesh),
+        environment_bytes_per_vertex: per_vertex(sizes.stored_environment),
         vertices,
         samples: asset.samples.len(),
-        media: asset.scene.media.iter().map(MediumReport::of).collect(),
-        measured,
-        picture,
+        bake_seconds,
+        ledger: asset.ledger.clone(),
+        materials,
     };
     if console.format == Format::Text && console.verbosity == Verbosity::Normal {
         output::print_line(&summary(&result, args, console))?;
@@ -108,29 +123,89 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> Result<ExitCode> {
     Ok(ExitCode::Ok)
 }
 
+/// The bytes of the asset.
+fn bake(console: &Console) -> Result<Vec<u8>> {
+    let method = methods::named(METHOD)?;
+    let defaults = BakeSettings::new(method, resolve(method, &[])?);
+    let settings = BakeSettings { samples: Some(SAMPLES), ..defaults };
+    let source = console.stage("model", shapes::demo_model);
+    let loaded = model::prepare(
+        Prepare {
+            scale: Some(Scale::DiagonalMm(SIZE_MM)),
+            unit: "built-in model",
+            roles: MaterialRoles::single(source.materials.len()),
+            media: vec![medium(MATERIALS[0])?],
+            rule: PartsRule::Auto,
+            inputs: Vec::new(),
+        },
+        source,
+        console,
+    )?;
+    baking::bake(method, loaded, &settings, console)?.to_bytes()
+}
+
+fn medium(name: &str) -> Result<Medium> {
+    let Material { name, properties } = Material::from_argument(name)?;
+    Ok(Medium { name, properties })
+}
+
+/// Pictures of one material, and how right they are.
+fn show(evaluator: &mut dyn Evaluator, name: &str, folder: &Path, console: &Console) -> Result<(Shown, Frame)> {
+    evaluator.set_media(vec![medium(name)?])?;
+    let lights = LightArgs { light: LIGHTS.map(str::to_owned).into() }.load(console)?;
+    let files = ["png", "exr"].map(|suffix| folder.join(format!("{name}.{suffix}")));
+    let picture = PictureArgs::at(CAMERA.parse()?, Resolution::new(SIDES[0], SIDES[1])?);
+    let (picture, frame) = render::finish(evaluator, METHOD, lights, &picture, &files, console)?;
+    let measured = evaluator.measured_error(&unseen(&evaluator.scene().mesh), console)?;
+    let Scene { media, .. } = evaluator.scene();
+    let medium = MediumReport::of(&media[0]);
+    Ok((Shown { medium, measured, picture }, frame))
+}
+
 fn summary(r: &DemoReport, args: &DemoArgs, console: &Console) -> String {
-    let shown = |path: &PathBuf| path.display().to_string();
-    let mut lines = vec![format!(
-        "{}: {} ({:.1} bytes/vertex without the mesh), {} vertices, {} samples",
-        shown(&r.asset),
-        megabytes(r.bytes),
-        r.bytes_per_vertex,
-        r.vertices,
-        r.samples
-    )];
-    for entry in &r.measured.entries {
-        lines.push(format!("error of {}: {} RMS ({})", entry.stage, percent(entry.error.rms), entry.note));
-    }
-    let pictures: Vec<String> = ["demo.png", "demo.exr"].iter().map(|n| shown(&args.output.join(n))).collect();
-    lines.push(format!("pictures: {} (after {})", pictures.join(", "), duration(console.seconds())));
+    let shown = |path: &Path| path.display().to_string();
     let asset = shown(&r.asset);
-    let marble = shown(&args.output.join("marble.png"));
-    let ply = shown(&args.output.join("side.ply"));
+    let mut lines = vec![
+        format!(
+            "{asset}: {}, {} vertices, {} samples, baked in {}",
+            megabytes(r.bytes),
+            r.vertices,
+            r.samples,
+            duration(r.bake_seconds)
+        ),
+        format!(
+            "  {:.0} bytes/vertex without the mesh, {:.0} more for environments; error of the bake {} RMS, {} more under \
+             environments",
+            r.bytes_per_vertex,
+            r.environment_bytes_per_vertex,
+            percent(r.ledger.total_rms_without_environment()),
+            percent(r.ledger.total_rms() - r.ledger.total_rms_without_environment()),
+        ),
+    ];
+    for (name, Shown { measured, .. }) in MATERIALS.iter().zip(&r.materials) {
+        let stage = |e: &crate::compress::ledger::Entry| format!("{} {}", e.stage, percent(e.error.rms));
+        let stages: Vec<String> = measured.entries.iter().map(stage).collect();
+        lines.push(format!(
+            "  {name}: error in these lights {} RMS ({})",
+            percent(measured.total_rms()),
+            stages.join(", ")
+        ));
+    }
     lines.push(format!(
-        "next:\n  translux render {asset} --material marble --light sky:rotate=180 -o {marble}\n  \
-         translux evaluate {asset} --light directional:from=1,0.3,-0.5:irradiance=3 -o {ply}\n  \
+        "{}: {} from one bake, each beside it as .png and .exr (all after {})",
+        shown(&r.picture),
+        MATERIALS.join(", "),
+        duration(console.seconds())
+    ));
+    let beside = |name: &str| shown(&args.output.join(name));
+    lines.push(format!(
+        "next:\n  translux render {asset} --material ketchup --light sky:rotate=180 -o {}\n  \
+         translux evaluate {asset} --material wholemilk --light directional:from=1,0.3,-0.5:irradiance=3 -o {}\n  \
          translux inspect {asset}\n  \
-         translux bake MODEL.glb --material skin1 -o MODEL.tlux"
+         translux relight {asset}\n  \
+         translux bake MODEL.glb --material skin1 -o MODEL.tlux",
+        beside("ketchup.png"),
+        beside("side.ply"),
     ));
     lines.join("\n")
 }

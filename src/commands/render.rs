@@ -115,7 +115,7 @@ pub(super) struct RenderReport {
     exr_type: ColourType,
     /// As asked for, and the factor that it became; PNG only.
     exposure: String,
-    exposure_factor: f64,
+    pub(super) exposure_factor: f64,
     /// Share of the picture that the object covers.
     coverage: f64,
     /// Share of the hits on back sides, which are black.
@@ -132,16 +132,16 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> Result<ExitCode> {
     let lights = args.lights.load(console)?;
     let Opened { provenance, method, mut evaluator } = args.asset.open(console)?;
     let picture = PictureArgs { sources: provenance.inputs, ..args.picture.clone() };
-    let result = finish(evaluator.as_mut(), method.name(), lights, &picture, &args.output, console)?;
+    let (result, _) = finish(evaluator.as_mut(), method.name(), lights, &picture, &args.output, console)?;
     report::print(console, "render", &result)?;
     Ok(ExitCode::Ok)
 }
 
 impl PictureArgs {
-    /// The defaults at a resolution.
-    pub(super) fn at(resolution: Resolution) -> Self {
+    /// The defaults for a camera and a resolution.
+    pub(super) fn at(camera: CameraSpec, resolution: Resolution) -> Self {
         Self {
-            camera: None,
+            camera: Some(camera),
             resolution,
             samples_per_pixel: DEFAULT_SAMPLES_PER_PIXEL,
             exposure: Exposure::Auto,
@@ -181,11 +181,12 @@ impl PictureArgs {
             },
             background: self.background,
             specular: if self.no_specular { Specular::Off } else { Specular::Rough(self.roughness) },
+            white: f64::INFINITY,
         })
     }
 }
 
-/// Lights an evaluator, renders it and writes the pictures.
+/// Lights an evaluator, renders it and writes the pictures; the report, and what was written.
 pub(super) fn finish(
     evaluator: &mut dyn Evaluator,
     method: &str,
@@ -193,10 +194,14 @@ pub(super) fn finish(
     picture: &PictureArgs,
     outputs: &[PathBuf],
     console: &Console,
-) -> Result<RenderReport> {
-    let settings = picture.settings(evaluator)?;
+) -> Result<(RenderReport, Frame)> {
+    let mut settings = picture.settings(evaluator)?;
     evaluator.set_lights(lights.lights.clone(), console)?;
     let radiosity = evaluator.radiosity(console)?;
+    let shown = outputs.iter().any(|path| output::suffix(path) == "png");
+    if shown {
+        settings.white = picture.exposure.white(evaluator, &radiosity, &settings)?;
+    }
     let frame = render(evaluator, &radiosity, &lights.lights, &settings, console)?;
     let mut result = RenderReport {
         method: method.to_owned(),
@@ -224,7 +229,7 @@ pub(super) fn finish(
     result.header = attributes(&result, evaluator.scene(), &picture.sources);
     explain(&result, &frame, console);
     console.stage("write", || write(&frame, &settings, &result, outputs))?;
-    Ok(result)
+    Ok((result, frame))
 }
 
 /// What a person should know about a picture that may not look as expected.

@@ -45,6 +45,7 @@ struct Sum {
     diffuse: DVec3,
     specular: DVec3,
     background: DVec3,
+    glare: DVec3,
     normal: DVec3,
     depth_mm: f64,
     hits: u32,
@@ -63,13 +64,14 @@ impl Sum {
     fn pixel(&self, samples: u32) -> Pixel {
         let share = 1.0 / f64::from(samples);
         if self.hits == 0 {
-            return Pixel { beauty: narrow(self.background * share), ..EMPTY };
+            return Pixel { beauty: narrow(self.background * share), glare: narrow(self.glare * share), ..EMPTY };
         }
         let most = self.parts.iter().max_by_key(|(part, hits)| (*hits, std::cmp::Reverse(*part)));
         Pixel {
             beauty: narrow((self.diffuse + self.specular + self.background) * share),
             diffuse: narrow(self.diffuse * share),
             specular: narrow(self.specular * share),
+            glare: narrow(self.glare * share),
             normal: narrow(self.normal.normalize_or_zero()),
             depth_mm: (self.depth_mm / f64::from(self.hits)) as f32,
             coverage: (f64::from(self.hits) * share) as f32,
@@ -208,7 +210,9 @@ impl<'a> Renderer<'a> {
                 None
             };
             let Some(seen) = hit.and_then(|hit| self.shade(&hit, *direction)) else {
-                sum.background += self.backdrop.radiance(*direction);
+                let radiance = self.backdrop.radiance(*direction);
+                sum.background += radiance;
+                sum.glare += (radiance - self.settings.white).max(DVec3::ZERO);
                 continue;
             };
             sum.diffuse += seen.radiance;
@@ -280,7 +284,9 @@ impl<'a> Renderer<'a> {
         desk.reflected.resize(desk.places.len(), DVec3::ZERO);
         self.lights.add(self.bvh, &desk.places, &mut desk.shadow, &mut desk.reflected);
         for (ray, radiance) in desk.of_place.iter().zip(&desk.reflected) {
-            desk.sums[*ray as usize / samples].specular += *radiance;
+            let sum = &mut desk.sums[*ray as usize / samples];
+            sum.specular += *radiance;
+            sum.glare += (*radiance - self.settings.white).max(DVec3::ZERO);
         }
         desk.places.clear();
         desk.of_place.clear();

@@ -2,11 +2,16 @@
 
 use std::str::FromStr;
 
+use super::background::Background;
 use super::camera::Resolution;
-use super::frame::{Frame, Pixel};
+use super::frame::{Frame, Pixel, RenderSettings, Specular, render};
+use glam::DVec3;
+
 use crate::error::{Error, Result};
+use crate::evaluate::Evaluator;
 use crate::io::exr_write::{ExrChannel, ExrImage, ExrLayer, MAX_HALF, SampleKind};
 use crate::io::png::encode_png;
+use crate::progress::Silent;
 
 /// Share of the covered pixels that automatic exposure keeps at or below white.
 pub const AUTO_EXPOSURE_PERCENTILE: f64 = 0.995;
@@ -70,6 +75,24 @@ impl Exposure {
             Self::Auto => white(&frame.pixels).map_or(1.0, f64::recip),
         }
     }
+
+    /// The radiance that becomes white in a view, from a small picture of it.
+    ///
+    /// # Errors
+    /// As [`render`].
+    pub fn white(self, evaluator: &dyn Evaluator, radiosity: &[DVec3], settings: &RenderSettings) -> Result<f64> {
+        const LONGEST_SIDE: usize = 96;
+        let Resolution { width, height } = settings.resolution;
+        let side = |n: usize| (n * LONGEST_SIDE).div_ceil(width.max(height).max(1)).clamp(1, n.max(1));
+        let small = RenderSettings {
+            resolution: Resolution::new(side(width), side(height))?,
+            samples_per_pixel: 1,
+            specular: Specular::Off,
+            background: Background::None,
+            ..*settings
+        };
+        Ok(self.factor(&render(evaluator, radiosity, &[], &small, &Silent)?).recip())
+    }
 }
 
 /// The radiance that becomes white; none where nothing shines.
@@ -82,8 +105,8 @@ fn white(pixels: &[Pixel]) -> Option<f64> {
     (*value >= f64::MIN_POSITIVE && value.is_finite()).then_some(*value)
 }
 
-/// An 8-bit sRGB PNG of the beauty (transparent: of the diffuse and specular radiance, not multiplied by alpha), times
-/// `factor`.
+/// An 8-bit sRGB PNG of the beauty without its glare (transparent: of the diffuse and specular radiance, not multiplied by
+/// alpha), times `factor`.
 ///
 /// # Errors
 /// As [`encode_png`].
@@ -97,12 +120,12 @@ pub fn to_png(frame: &Frame, factor: f64, background: PngBackground) -> Result<V
     let exposed = |v: [f32; 3], factor: f64| v.map(|c| expose(c, factor));
     match background {
         PngBackground::Shown => {
-            let rgb: Vec<[f32; 3]> = frame.pixels.iter().map(|p| exposed(p.beauty, factor)).collect();
+            let rgb: Vec<[f32; 3]> = frame.pixels.iter().map(|p| exposed(without_glare(p, p.beauty), factor)).collect();
             encode_png(width, height, &rgb, None)
         }
         PngBackground::Transparent => {
             let unmultiplied = |p: &Pixel| match p.coverage {
-                c if c > 0.0 => exposed(object(p), factor / f64::from(c)),
+                c if c > 0.0 => exposed(without_glare(p, object(p)), factor / f64::from(c)),
                 _ => [0.0; 3],
             };
             let rgb: Vec<[f32; 3]> = frame.pixels.iter().map(unmultiplied).collect();
@@ -110,6 +133,33 @@ pub fn to_png(frame: &Frame, factor: f64, background: PngBackground) -> Result<V
             encode_png(width, height, &rgb, Some(&alpha))
         }
     }
+}
+
+fn without_glare(p: &Pixel, radiance: [f32; 3]) -> [f32; 3] {
+    std::array::from_fn(|c| radiance[c] - p.glare[c])
+}
+
+/// Pictures of one height side by side, each as bright as its factor makes it, without their glare.
+///
+/// # Errors
+/// No picture, or unequal heights (exit 4: a caller's mistake).
+pub fn side_by_side(pictures: &[(Frame, f64)]) -> Result<Frame> {
+    let height = pictures.first().map_or(0, |(frame, _)| frame.resolution.height);
+    if height == 0 || pictures.iter().any(|(frame, _)| frame.resolution.height != height) {
+        return Err(Error::runtime("pictures of one height are needed"));
+    }
+    let width = pictures.iter().map(|(frame, _)| frame.resolution.width).sum();
+    let mut pixels = Vec::with_capacity(width * height);
+    for row in 0..height {
+        for (frame, factor) in pictures {
+            let width = frame.resolution.width;
+            pixels.extend(frame.pixels[row * width..(row + 1) * width].iter().map(|p| {
+                let beauty = without_glare(p, p.beauty).map(|c| (f64::from(c) * factor) as f32);
+                Pixel { beauty, glare: [0.0; 3], ..*p }
+            }));
+        }
+    }
+    Ok(Frame { resolution: Resolution::new(width, height)?, pixels, back_facing_share: 0.0 })
 }
 
 /// Radiance of the object without the background, multiplied by the coverage.
@@ -207,6 +257,23 @@ mod tests {
         for dark in [pixel([0.0; 3], 1.0), pixel([-1.0; 3], 1.0), pixel([1.0; 3], 0.0)] {
             assert_eq!(Exposure::Auto.factor(&frame(2, vec![dark; 4])), 1.0);
         }
+    }
+
+    #[test]
+    fn glare_is_not_shown_and_pictures_stand_side_by_side() {
+        // A tenth of the pixel is a highlight of 100 on a diffuse 0.2, and white is 1.
+        let highlight = Pixel { beauty: [10.2; 3], specular: [10.0; 3], glare: [9.9; 3], ..pixel([0.2; 3], 1.0) };
+        let plain = pixel([0.3; 3], 1.0);
+        let shown = |f: &Frame, background| decode_png(&to_png(f, 1.0, background).unwrap()).unwrap().rgb;
+        let expected = shown(&frame(2, vec![plain; 2]), PngBackground::Shown);
+        let bright = frame(2, vec![highlight, plain]);
+        assert_eq!(shown(&bright, PngBackground::Shown), expected);
+        assert_eq!(shown(&bright, PngBackground::Transparent), expected);
+        let pair = side_by_side(&[(bright, 1.0), (frame(1, vec![pixel([0.15; 3], 1.0)]), 2.0)]).unwrap();
+        assert_eq!((pair.resolution.width, pair.resolution.height), (3, 1));
+        assert_eq!(shown(&pair, PngBackground::Shown), shown(&frame(3, vec![plain; 3]), PngBackground::Shown));
+        assert!(side_by_side(&[]).is_err());
+        assert!(side_by_side(&[(frame(1, vec![plain]), 1.0), (frame(1, vec![plain; 2]), 1.0)]).is_err());
     }
 
     #[test]

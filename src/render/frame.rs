@@ -49,6 +49,9 @@ pub struct RenderSettings {
     pub background: Background,
     /// What the boundary reflects.
     pub specular: Specular,
+    /// The radiance that will be white where the picture is shown: what single eye rays have above it goes into
+    /// [`Pixel::glare`]. Infinite where that is not known.
+    pub white: f64,
 }
 
 impl RenderSettings {
@@ -61,6 +64,7 @@ impl RenderSettings {
             exit_fresnel: ExitFresnel::default(),
             background: Background::default(),
             specular: Specular::default(),
+            white: f64::INFINITY,
         }
     }
 }
@@ -74,6 +78,9 @@ pub struct Pixel {
     pub diffuse: [f32; 3],
     /// Specular radiance, likewise.
     pub specular: [f32; 3],
+    /// The mean of what the specular radiance, or the background, of single eye rays has above white. A highlight thinner
+    /// than a pixel may be so bright that all pixels it touches are white: without the glare, its edges are smooth.
+    pub glare: [f32; 3],
     /// Unit mean of the shading normals in world axes; 0 where nothing is hit.
     pub normal: [f32; 3],
     /// Mean distance of what is hit along the viewing axis, in mm; infinite where nothing is hit.
@@ -143,6 +150,7 @@ pub(super) const EMPTY: Pixel = Pixel {
     beauty: [0.0; 3],
     diffuse: [0.0; 3],
     specular: [0.0; 3],
+    glare: [0.0; 3],
     normal: [0.0; 3],
     depth_mm: f32::INFINITY,
     coverage: 0.0,

@@ -83,6 +83,9 @@ impl Evaluator for Fake {
     fn measured_error(&mut self, _unseen: &[Light], _progress: &dyn Progress) -> Result<Ledger> {
         Ok(Ledger::default())
     }
+    fn all_pairs(&mut self, _progress: &dyn Progress) -> Result<Vec<DVec3>> {
+        Ok(self.uniform())
+    }
 }
 
 pub fn size(width: usize, height: usize) -> Resolution {
