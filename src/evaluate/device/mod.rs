@@ -93,8 +93,13 @@ impl Device {
     /// # Errors
     /// As [`Self::open`].
     pub fn open_limited(largest_binding: u64) -> Result<Arc<Self>> {
-        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle().with_env());
-        Self::request(&instance, None, largest_binding)
+        let with = |backends| {
+            let descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
+            let descriptor = wgpu::InstanceDescriptor { backends, ..descriptor }.with_env();
+            Self::request(&wgpu::Instance::new(descriptor), None, largest_binding)
+        };
+        // OpenGL only where there is nothing else: looking for it without a display writes complaints to standard error.
+        with(wgpu::Backends::PRIMARY).or_else(|_| with(wgpu::Backends::all()))
     }
 
     /// A device that can present to a surface, where one is given.
