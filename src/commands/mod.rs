@@ -17,6 +17,7 @@ mod model;
 mod opened;
 mod output;
 mod reference;
+mod relight;
 mod render;
 mod report;
 mod validate;
@@ -68,6 +69,8 @@ enum Command {
     Evaluate(evaluate::EvaluateArgs),
     /// A picture of an asset under lights, as OpenEXR or PNG
     Render(render::RenderArgs),
+    /// Turn the lights of an asset in a window, or without one as pictures and timings
+    Relight(relight::RelightArgs),
     /// The brute-force truth of a model under lights, as PLY
     Reference(reference::ReferenceArgs),
     /// Sections, bytes, bytes per vertex, error ledger and provenance of an asset
@@ -125,6 +128,9 @@ fn dispatch(cli: Cli) -> Result<ExitCode> {
         .build()
         .map_err(|e| Error::runtime(format!("the worker threads could not be started: {e}")))?;
     watch_for_interrupts()?;
+    if let Command::Relight(args) = &cli.command {
+        return relight::run(args, &console, std::sync::Arc::new(pool));
+    }
     pool.install(|| match cli.command {
         Command::Bake(args) => bake::run(&args, &console),
         Command::Evaluate(args) => evaluate::run(&args, &console),
@@ -136,6 +142,8 @@ fn dispatch(cli: Cli) -> Result<ExitCode> {
         Command::Materials(args) => materials::run(&args, &console),
         Command::Methods(args) => methods::run(&args, &console),
         Command::Demo(args) => demo::run(&args, &console),
+        // Has run above: a window must be on the main thread.
+        Command::Relight(_) => Ok(ExitCode::Ok),
     })
 }
 

@@ -16,7 +16,7 @@ use crate::methods;
 #[derive(Clone, Debug, Args)]
 pub(super) struct AssetArgs {
     /// Asset
-    asset: PathBuf,
+    pub(super) asset: PathBuf,
     #[command(flatten)]
     media: MediumArgs,
 }

@@ -1,1 +1,14 @@
 //! Relighting in real time: a window, and the same frames without one. Knows evaluators by their traits only.
+
+pub mod choice;
+pub mod files;
+pub mod gloss;
+pub mod headless;
+pub mod lights;
+pub mod newest;
+pub mod orbit;
+#[cfg(feature = "gpu")]
+pub mod raster;
+pub mod timings;
+//GUI
+//pub mod window;

@@ -6,5 +6,5 @@ pub mod camera_text;
 pub mod exit;
 pub mod film;
 pub mod frame;
-mod normals;
+pub(crate) mod normals;
 mod pixel_samples;
