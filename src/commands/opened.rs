@@ -46,3 +46,10 @@ impl AssetArgs {
         Ok(Opened { provenance: asset.provenance.clone(), method, evaluator })
     }
 }
+
+/// The evaluator of an asset as it was baked.
+#[cfg(feature = "gui")]
+pub(super) fn evaluator_of(path: &std::path::Path) -> Result<Box<dyn Evaluator>> {
+    let asset = Arc::new(Asset::read(path)?);
+    methods::named(&asset.provenance.method)?.open(asset)
+}

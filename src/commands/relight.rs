@@ -159,8 +159,46 @@ fn window(_: &RelightArgs, _: &Console, _: Arc<rayon::ThreadPool>) -> Result<Exi
     ))
 }
 
+/// Figures of a window.
+#[cfg(feature = "gui")]
+#[derive(Serialize)]
+struct WindowRun<'a> {
+    method: &'a str,
+    lights: &'a [String],
+    window: &'a crate::relight::window::WindowReport,
+}
+
 #[cfg(feature = "gui")]
 fn window(args: &RelightArgs, console: &Console, pool: Arc<rayon::ThreadPool>) -> Result<ExitCode> {
-    let _ = (args, console, pool);
-    Err(Error::unsupported("soon"))
+    use crate::relight::window::{Session, Turn, run};
+    if let Some(seconds) = args.quit_after
+        && !(0.0..=1e6).contains(&seconds)
+    {
+        return Err(Error::command_line(format!("--quit-after {seconds}: seconds from 0 to 1000000 are needed")));
+    }
+    let (lights, opened) =
+        pool.install(|| -> Result<_> { Ok((args.lights.load(console)?, args.asset.open(console)?)) })?;
+    let session = Session {
+        model: args.asset.asset.clone(),
+        evaluator: opened.evaluator,
+        open: Arc::new(super::opened::evaluator_of),
+        lights: lights.lights,
+        choice: args.device.choice(),
+        camera: args.camera.unwrap_or_default(),
+        resolution: args.resolution.unwrap_or(WINDOW_RESOLUTION),
+        exposure: args.exposure,
+        gloss: args.roughness,
+        background: args.background,
+        turn: if args.turn { Turn::Turning } else { Turn::Still },
+        quit_after_s: args.quit_after,
+        pool: Arc::clone(&pool),
+    };
+    let shown = run(session)?;
+    console.note(&format!(
+        "{:.1} frames and {:.1} light updates a second | transport on {}, drawn by {}",
+        shown.frames_per_second, shown.light_updates_per_second, shown.transport, shown.adapter.name
+    ));
+    let run = WindowRun { method: opened.method.name(), lights: &lights.text, window: &shown };
+    pool.install(|| report::print(console, "relight", &run))?;
+    Ok(ExitCode::Ok)
 }

@@ -10,8 +10,8 @@ use super::lights::{pivot_mm, turned};
 #[cfg(feature = "gpu")]
 use super::raster::{
     Raster,
-    target::{LINEAR_FORMAT, LinearPicture, Picture},
-    view::{Encoding, View},
+    target::{Finish, LinearPicture, Picture},
+    view::View,
 };
 use super::timings::{Adapter, FrameTime, SCHEMA, Summary, Timings};
 use crate::error::{Error, Result};
@@ -124,9 +124,9 @@ impl Painter {
             Place::Cpu(evaluator) => Ok(Self::Cpu(evaluator)),
             #[cfg(feature = "gpu")]
             Place::Device(evaluator) => {
-                let mut raster = Raster::new(evaluator.as_ref(), LINEAR_FORMAT, SAMPLES_PER_PIXEL, Encoding::Linear)?;
+                let mut raster = Raster::new(evaluator.as_ref(), &[Finish::PICTURE])?;
                 raster.set_media(&evaluator.scene().media, animation.gloss);
-                let picture = Picture::new(raster.device(), animation.resolution, SAMPLES_PER_PIXEL)?;
+                let picture = Picture::new(raster.device(), animation.resolution)?;
                 let shadows = super::raster::shadows::Shadows::new(evaluator.scene());
                 Ok(Self::Device(Box::new(OnDevice { evaluator, raster, picture, shadows })))
             }

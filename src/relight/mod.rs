@@ -10,5 +10,5 @@ pub mod orbit;
 #[cfg(feature = "gpu")]
 pub mod raster;
 pub mod timings;
-//GUI
-//pub mod window;
+#[cfg(feature = "gui")]
+pub mod window;

@@ -17,7 +17,7 @@ use glam::DVec3;
 use self::corners::{Corner, corners, wires};
 use self::lit::{ALBEDO_STEPS, Environments, Lamp, albedos, constant, lamps};
 use self::pipelines::{DEPTH_FORMAT, Pipelines, layout};
-use self::target::Canvas;
+use self::target::{Canvas, Finish};
 use self::view::{Encoding, View, ViewUniform, Wires, finite, finite3};
 use super::gloss::Gloss;
 use crate::error::Result;
@@ -33,8 +33,8 @@ pub use self::shown::Shown;
 /// A scene on a device, ready to be drawn.
 pub struct Raster {
     device: Arc<Device>,
-    pipelines: Pipelines,
-    encoding: Encoding,
+    layout: wgpu::BindGroupLayout,
+    pipelines: Vec<Pipelines>,
     origin_mm: DVec3,
     bounds_mm: [DVec3; 2],
     corner_count: u32,
@@ -55,20 +55,15 @@ pub struct Raster {
 }
 
 impl Raster {
-    /// The scene of an evaluator, drawn in `format` with `samples` in a pixel (1 or 4).
+    /// The scene of an evaluator, to be drawn in these ways.
     ///
     /// # Errors
     /// A mesh that the adapter has no room for (exit 5), a lost device (exit 4).
-    pub fn new(
-        evaluator: &dyn DeviceEvaluator,
-        format: wgpu::TextureFormat,
-        samples: u32,
-        encoding: Encoding,
-    ) -> Result<Self> {
+    pub fn new(evaluator: &dyn DeviceEvaluator, finishes: &[Finish]) -> Result<Self> {
         let device = Arc::clone(evaluator.device());
         let scene = evaluator.scene();
         let layout = layout(&device);
-        let pipelines = Pipelines::new(&device, &layout, format, samples);
+        let pipelines = finishes.iter().map(|finish| Pipelines::new(&device, &layout, *finish)).collect();
         let triangles = scene.mesh.triangles.len();
         let usage = |usage| wgpu::BufferUsages::COPY_DST | usage;
         let vertices = corners(scene, evaluator.receiver_of_vertex());
@@ -99,8 +94,8 @@ impl Raster {
         let bindings = pipelines::bindings(&device, &layout, buffers, &environments, &wrap);
         device.check()?;
         Ok(Self {
+            layout,
             pipelines,
-            encoding,
             origin_mm: scene.mesh.origin_mm,
             bounds_mm: scene.mesh.bounds_local_mm(),
             corner_count: vertices.len() as u32,
@@ -173,7 +168,7 @@ impl Raster {
         }
         self.lights = lights.to_vec();
         if stale {
-            let layout = &self.pipelines.layout;
+            let layout = &self.layout;
             let shown = &self.shown;
             let buffers = [
                 &self.uniform,
@@ -196,9 +191,12 @@ impl Raster {
         }
     }
 
-    /// Draws what was published last to `target`; `canvas` must have the samples that the raster was made for.
+    /// Draws what was published last to the upper left corner of `target`, as large as the view says; nothing where the
+    /// raster was not made for the finish of `canvas`.
     pub fn draw(&self, encoder: &mut wgpu::CommandEncoder, view: &View, canvas: &Canvas, target: &wgpu::TextureView) {
-        self.device.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&self.uniform_of(view)));
+        let Some(pipelines) = self.pipelines.iter().find(|p| p.finish == canvas.finish()) else { return };
+        let uniform = self.uniform_of(view, canvas.finish().encoding);
+        self.device.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
         let (drawn, resolved) = match canvas.many() {
             Some(many) => (many, Some(target)),
             None => (target, None),
@@ -219,22 +217,27 @@ impl Raster {
             }),
             ..Default::default()
         });
+        let side = |view: usize, canvas: usize| view.min(canvas) as u32;
+        let (whole, shown) = (canvas.resolution(), view.resolution);
+        let (width, height) = (side(shown.width, whole.width), side(shown.height, whole.height));
+        pass.set_viewport(0.0, 0.0, width as f32, height as f32, 0.0, 1.0);
+        pass.set_scissor_rect(0, 0, width, height);
         pass.set_bind_group(0, &self.bindings, &[]);
-        pass.set_pipeline(&self.pipelines.surface);
+        pass.set_pipeline(&pipelines.surface);
         pass.set_vertex_buffer(0, self.corners.slice(..));
         pass.draw(0..self.corner_count, 0..1);
         if view.wires == Wires::Shown {
-            pass.set_pipeline(&self.pipelines.wire);
+            pass.set_pipeline(&pipelines.wire);
             pass.set_index_buffer(self.wires.slice(..), wgpu::IndexFormat::Uint32);
             pass.draw_indexed(0..2 * self.corner_count, 0, 0..1);
         }
         // Last, so that what the object hides costs nothing.
-        pass.set_pipeline(&self.pipelines.beside);
+        pass.set_pipeline(&pipelines.beside);
         pass.draw(0..3, 0..1);
     }
 
-    fn uniform_of(&self, view: &View) -> ViewUniform {
-        let mut uniform = ViewUniform::new(view, self.encoding, self.origin_mm, self.bounds_mm);
+    fn uniform_of(&self, view: &View, encoding: Encoding) -> ViewUniform {
+        let mut uniform = ViewUniform::new(view, encoding, self.origin_mm, self.bounds_mm);
         let constant = constant(&self.lights);
         (uniform.environments, uniform.environment_count) = self.environments.uniforms(&self.lights);
         uniform.light_count = lamps(&self.lights, self.origin_mm).len() as u32;

@@ -2,6 +2,7 @@
 
 use super::corners::Corner;
 use super::lit::Environments;
+use super::target::Finish;
 use crate::evaluate::device::Device;
 
 /// Format of the depth; reversed, so that infinity is 0.
@@ -9,7 +10,7 @@ pub(super) const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth3
 
 /// The pipelines of one format.
 pub(super) struct Pipelines {
-    pub(super) layout: wgpu::BindGroupLayout,
+    pub(super) finish: Finish,
     pub(super) surface: wgpu::RenderPipeline,
     pub(super) wire: wgpu::RenderPipeline,
     pub(super) beside: wgpu::RenderPipeline,
@@ -27,12 +28,7 @@ struct Stage<'a> {
 }
 
 impl Pipelines {
-    pub(super) fn new(
-        device: &Device,
-        layout: &wgpu::BindGroupLayout,
-        format: wgpu::TextureFormat,
-        samples: u32,
-    ) -> Self {
+    pub(super) fn new(device: &Device, layout: &wgpu::BindGroupLayout, finish: Finish) -> Self {
         let module = device.device.create_shader_module(wgpu::ShaderModuleDescriptor {
             label: Some("surface"),
             source: wgpu::ShaderSource::Wgsl(include_str!("surface.wgsl").into()),
@@ -42,7 +38,7 @@ impl Pipelines {
             bind_group_layouts: &[Some(layout)],
             immediate_size: 0,
         });
-        let make = |stage: Stage| pipeline(device, &module, &pipeline_layout, format, samples, &stage);
+        let make = |stage: Stage| pipeline(device, &module, &pipeline_layout, finish, &stage);
         let surface = make(Stage {
             label: "surface",
             vertex: "surface_corner",
@@ -70,7 +66,7 @@ impl Pipelines {
             depth_writes: false,
             depth: wgpu::CompareFunction::GreaterEqual,
         });
-        Self { layout: layout.clone(), surface, wire, beside }
+        Self { finish, surface, wire, beside }
     }
 }
 
@@ -78,8 +74,7 @@ fn pipeline(
     device: &Device,
     module: &wgpu::ShaderModule,
     layout: &wgpu::PipelineLayout,
-    format: wgpu::TextureFormat,
-    samples: u32,
+    finish: Finish,
     stage: &Stage,
 ) -> wgpu::RenderPipeline {
     let corners = [Some(wgpu::VertexBufferLayout {
@@ -104,12 +99,12 @@ fn pipeline(
             stencil: wgpu::StencilState::default(),
             bias: wgpu::DepthBiasState::default(),
         }),
-        multisample: wgpu::MultisampleState { count: samples, ..Default::default() },
+        multisample: wgpu::MultisampleState { count: finish.samples, ..Default::default() },
         fragment: Some(wgpu::FragmentState {
             module,
             entry_point: Some(stage.fragment),
             compilation_options: wgpu::PipelineCompilationOptions::default(),
-            targets: &[Some(format.into())],
+            targets: &[Some(finish.format.into())],
         }),
         multiview_mask: None,
         cache: None,

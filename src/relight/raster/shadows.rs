@@ -40,6 +40,12 @@ impl Shadows {
         Self { starts: (0..mesh.local_mm.len()).map(start).collect(), origin_mm: mesh.origin_mm }
     }
 
+    /// Where rays start, and the normal there, of each vertex, in the local coordinates of the mesh.
+    #[cfg(feature = "gui")]
+    pub(crate) fn starts(&self) -> &[(Vec3, Vec3)] {
+        &self.starts
+    }
+
     /// For each vertex a byte for each of the shadowed lights: 255 where it is seen, or where the surface faces away.
     pub(crate) fn visibility(&self, bvh: &Bvh, lights: &[Light]) -> Vec<u32> {
         let mut out = vec![u32::MAX; self.starts.len()];

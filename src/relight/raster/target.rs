@@ -1,18 +1,34 @@
 //! Pictures off the screen, read back as linear radiance.
 
 use super::Raster;
-use super::view::View;
+use super::view::{Encoding, View};
 use crate::error::{Error, Result};
 use crate::evaluate::device::Device;
 use crate::render::camera::Resolution;
 
 /// Format of pictures off the screen.
-pub const LINEAR_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
+const LINEAR_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
+
+/// How pixels are made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Finish {
+    /// Format of the target.
+    pub format: wgpu::TextureFormat,
+    /// Samples in a pixel, 1 or 4.
+    pub samples: u32,
+    /// How colours are written.
+    pub encoding: Encoding,
+}
+
+impl Finish {
+    /// Of pictures that are read back.
+    pub const PICTURE: Self = Self { format: LINEAR_FORMAT, samples: 4, encoding: Encoding::Linear };
+}
 
 /// The textures that a frame is drawn to, besides the one that is shown.
 pub struct Canvas {
     resolution: Resolution,
-    samples: u32,
+    finish: Finish,
     depth: wgpu::TextureView,
     /// What is resolved, where there are several samples.
     many: Option<wgpu::TextureView>,
@@ -23,7 +39,7 @@ impl Canvas {
     ///
     /// # Errors
     /// A picture larger than the adapter has (exit 5).
-    pub fn new(device: &Device, resolution: Resolution, format: wgpu::TextureFormat, samples: u32) -> Result<Self> {
+    pub fn new(device: &Device, resolution: Resolution, finish: Finish) -> Result<Self> {
         let limit = device.device.limits().max_texture_dimension_2d as usize;
         if resolution.width.max(resolution.height) > limit {
             return Err(Error::unsupported(format!(
@@ -33,14 +49,15 @@ impl Canvas {
             )));
         }
         let texture = |label, format| {
-            let descriptor = descriptor(label, resolution, format, samples, wgpu::TextureUsages::RENDER_ATTACHMENT);
+            let descriptor =
+                descriptor(label, resolution, format, finish.samples, wgpu::TextureUsages::RENDER_ATTACHMENT);
             device.device.create_texture(&descriptor).create_view(&wgpu::TextureViewDescriptor::default())
         };
         Ok(Self {
             resolution,
-            samples,
+            finish,
             depth: texture("depth", super::DEPTH_FORMAT),
-            many: (samples > 1).then(|| texture("samples", format)),
+            many: (finish.samples > 1).then(|| texture("samples", finish.format)),
         })
     }
 
@@ -49,9 +66,9 @@ impl Canvas {
         self.resolution
     }
 
-    /// Samples in a pixel.
-    pub fn samples(&self) -> u32 {
-        self.samples
+    /// How its pixels are made.
+    pub fn finish(&self) -> Finish {
+        self.finish
     }
 
     pub(super) fn depth(&self) -> &wgpu::TextureView {
@@ -104,12 +121,12 @@ pub struct LinearPicture {
 }
 
 impl Picture {
-    /// A picture of a size with this many samples in a pixel.
+    /// A picture of a size.
     ///
     /// # Errors
     /// A picture larger than the adapter has (exit 5).
-    pub fn new(device: &Device, resolution: Resolution, samples: u32) -> Result<Self> {
-        let canvas = Canvas::new(device, resolution, LINEAR_FORMAT, samples)?;
+    pub fn new(device: &Device, resolution: Resolution) -> Result<Self> {
+        let canvas = Canvas::new(device, resolution, Finish::PICTURE)?;
         let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
         let texture = device.device.create_texture(&descriptor("picture", resolution, LINEAR_FORMAT, 1, usage));
         let bytes_per_row = (8 * resolution.width as u32).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
