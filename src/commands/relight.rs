@@ -24,7 +24,7 @@ use crate::render::film::Exposure;
 const HEADLESS_RESOLUTION: Resolution = Resolution { width: 1024, height: 1024 };
 /// Size of the window.
 #[cfg(feature = "gui")]
-const WINDOW_RESOLUTION: Resolution = Resolution { width: 1280, height: 800 };
+const WINDOW_RESOLUTION: Resolution = Resolution { width: 1024, height: 700 };
 
 #[derive(Clone, Debug, Args)]
 pub(super) struct RelightArgs {
@@ -38,7 +38,7 @@ pub(super) struct RelightArgs {
     /// Eye, target, up and vertical degrees, in mm, as at=0,8,75:look=0,0,0:up=0,1,0:fov=28; every key may be left out
     #[arg(long, value_name = "CAMERA")]
     camera: Option<CameraSpec>,
-    /// Pixels (default: 1024x1024, the window 1280x800)
+    /// Pixels (default: 1024x1024, the window 1024x700)
     #[arg(long, value_name = "WIDTHxHEIGHT")]
     resolution: Option<Resolution>,
     /// Brightness: auto (the 99.5th percentile of the object becomes white, in the first frame) or stops

@@ -18,7 +18,7 @@ use self::corners::{Corner, corners, wires};
 use self::lit::{ALBEDO_STEPS, Environments, Lamp, albedos, constant, lamps};
 use self::pipelines::{DEPTH_FORMAT, Pipelines, layout};
 use self::target::{Canvas, Finish};
-use self::view::{Encoding, View, ViewUniform, Wires, finite, finite3};
+use self::view::{Encoding, Look, View, ViewUniform, Wires, finite, finite3};
 use super::gloss::Gloss;
 use crate::error::Result;
 use crate::evaluate::device::{Device, DeviceEvaluator};
@@ -37,8 +37,9 @@ pub struct Raster {
     pipelines: Vec<Pipelines>,
     origin_mm: DVec3,
     bounds_mm: [DVec3; 2],
-    corner_count: u32,
+    index_count: u32,
     corners: wgpu::Buffer,
+    indices: wgpu::Buffer,
     wires: wgpu::Buffer,
     shown: Shown,
     errors: wgpu::Buffer,
@@ -64,11 +65,11 @@ impl Raster {
         let scene = evaluator.scene();
         let layout = layout(&device);
         let pipelines = finishes.iter().map(|finish| Pipelines::new(&device, &layout, *finish)).collect();
-        let triangles = scene.mesh.triangles.len();
         let usage = |usage| wgpu::BufferUsages::COPY_DST | usage;
-        let vertices = corners(scene, evaluator.receiver_of_vertex());
+        let (vertices, triangles) = corners(scene, evaluator.receiver_of_vertex());
         let corners = filled(&device, "corners", &vertices, usage(wgpu::BufferUsages::VERTEX))?;
-        let wires = filled(&device, "wires", &wires(triangles), usage(wgpu::BufferUsages::INDEX))?;
+        let indices = filled(&device, "triangles", &triangles, usage(wgpu::BufferUsages::INDEX))?;
+        let wires = filled(&device, "wires", &wires(&triangles), usage(wgpu::BufferUsages::INDEX))?;
         let shown = Shown::new(evaluator)?;
         let errors = device.zeros("errors", scene.mesh.local_mm.len() as u64 * 4)?;
         let media = device.zeros("media", scene.media.len() as u64 * 16)?;
@@ -98,8 +99,9 @@ impl Raster {
             pipelines,
             origin_mm: scene.mesh.origin_mm,
             bounds_mm: scene.mesh.bounds_local_mm(),
-            corner_count: vertices.len() as u32,
+            index_count: triangles.len() as u32,
             corners,
+            indices,
             wires,
             shown,
             errors,
@@ -225,15 +227,20 @@ impl Raster {
         pass.set_bind_group(0, &self.bindings, &[]);
         pass.set_pipeline(&pipelines.surface);
         pass.set_vertex_buffer(0, self.corners.slice(..));
-        pass.draw(0..self.corner_count, 0..1);
+        pass.set_index_buffer(self.indices.slice(..), wgpu::IndexFormat::Uint32);
+        pass.draw_indexed(0..self.index_count, 0, 0..1);
         if view.wires == Wires::Shown {
             pass.set_pipeline(&pipelines.wire);
             pass.set_index_buffer(self.wires.slice(..), wgpu::IndexFormat::Uint32);
-            pass.draw_indexed(0..2 * self.corner_count, 0, 0..1);
+            pass.draw_indexed(0..2 * self.index_count, 0, 0..1);
         }
-        // Last, so that what the object hides costs nothing.
-        pass.set_pipeline(&pipelines.beside);
-        pass.draw(0..3, 0..1);
+        // Last, so that what the object hides costs nothing; black is there already.
+        let is_black =
+            canvas.finish().encoding == Encoding::Srgb && view.look != Look::Error && uniform.is_black_beside();
+        if !is_black {
+            pass.set_pipeline(&pipelines.beside);
+            pass.draw(0..3, 0..1);
+        }
     }
 
     fn uniform_of(&self, view: &View, encoding: Encoding) -> ViewUniform {

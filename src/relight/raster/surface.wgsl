@@ -64,9 +64,8 @@ struct Light {
 struct Corner {
     @location(0) local: vec3f,
     @location(1) normal: vec3f,
-    @location(2) face: vec3f,
     // Receiver, vertex, medium.
-    @location(3) ids: vec3u,
+    @location(2) ids: vec3u,
 }
 
 struct Surface {
@@ -76,8 +75,7 @@ struct Surface {
     @location(2) radiosity: vec3f,
     @location(3) visible: vec4f,
     @location(4) error: f32,
-    @location(5) @interpolate(flat) face: vec3f,
-    @location(6) @interpolate(flat) medium: u32,
+    @location(5) @interpolate(flat) medium: u32,
 }
 
 @vertex
@@ -86,7 +84,6 @@ fn surface_corner(corner: Corner) -> Surface {
     out.clip = view.clip_from_local * vec4f(corner.local, 1.0);
     out.local = corner.local;
     out.normal = corner.normal;
-    out.face = corner.face;
     out.medium = corner.ids.z;
     out.radiosity = vec3f(0.0);
     if corner.ids.x != NONE {
@@ -216,10 +213,18 @@ fn false_colour(value: f32) -> vec3f {
 }
 
 @fragment
-fn surface_colour(in: Surface) -> @location(0) vec4f {
+fn surface_colour(in: Surface, @builtin(front_facing) front: bool) -> @location(0) vec4f {
     let to_eye = normalize(view.eye - in.local);
-    let cos_face = dot(in.face, to_eye);
-    if cos_face <= 0.0 || in.medium == NONE {
+    // The triangle's normal: what is drawn of its front faces the eye.
+    let across = cross(dpdx(in.local), dpdy(in.local));
+    let square = dot(across, across);
+    var face = to_eye;
+    if square > 0.0 {
+        face = across * inverseSqrt(square);
+        face *= select(1.0, -1.0, dot(face, to_eye) < 0.0);
+    }
+    let cos_face = dot(face, to_eye);
+    if !front || in.medium == NONE {
         return finished(vec3f(0.0), 1.0);
     }
     if view.mode == 2u {
@@ -232,7 +237,7 @@ fn surface_colour(in: Surface) -> @location(0) vec4f {
         return finished(in.radiosity / PI, 1.0);
     }
     let medium = media[in.medium];
-    var normal = in.face;
+    var normal = face;
     if dot(in.normal, in.normal) > 0.0 {
         normal = normalize(in.normal);
     }

@@ -179,6 +179,12 @@ impl ViewUniform {
             ..Self::default()
         }
     }
+
+    /// Whether nothing shines beside the object.
+    pub(super) fn is_black_beside(&self) -> bool {
+        let environments = self.backdrop_alpha == 2.0 && self.environment_count > 0;
+        !environments && self.backdrop == [0.0; 3]
+    }
 }
 
 /// The nearest finite number of 32 bits.
