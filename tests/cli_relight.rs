@@ -105,6 +105,29 @@ fn without_a_display_the_message_says_what_to_type() {
     assert!(stderr.contains("--headless") && stderr.contains("render") && !stderr.contains("panicked"), "{stderr}");
 }
 
+#[test]
+fn without_an_adapter_the_cpu_draws_unless_the_adapter_was_asked_for() {
+    let folder = baked();
+    let run = |device: &str| {
+        let line =
+            format!("relight ball.tlux --headless --frames 1 --out {device} --resolution 30x20 --device {device}");
+        let output = Command::new(env!("CARGO_BIN_EXE_translux"))
+            .current_dir(folder.path(""))
+            .args(line.split_whitespace())
+            // An interface that this system does not have.
+            .env("WGPU_BACKEND", if cfg!(target_os = "linux") { "metal" } else { "none" })
+            .output()
+            .unwrap();
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let (code, stderr) = run("auto");
+    assert_eq!(code, Some(0), "{stderr}");
+    assert!(stderr.contains("drawn on the CPU"), "{stderr}");
+    let (code, stderr) = run("gpu");
+    assert_eq!(code, Some(5), "{stderr}");
+    assert!(stderr.contains("--device cpu"), "{stderr}");
+}
+
 /// Ends a process that the test started.
 struct Running(Child);
 

@@ -1,15 +1,20 @@
 //! The events of the window: from input to states that are evaluated, and from what is done to frames.
 
+mod input;
+mod log;
+
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use winit::application::ApplicationHandler;
 use winit::dpi::{LogicalSize, PhysicalSize};
-use winit::event::{ElementState, KeyEvent, MouseButton, MouseScrollDelta, WindowEvent};
+use winit::event::{MouseScrollDelta, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoopProxy};
-use winit::keyboard::{Key, ModifiersState, NamedKey};
+use winit::keyboard::ModifiersState;
 use winit::window::{Window, WindowId};
 
+use self::input::Drag;
+use self::log::Log;
 use super::desk::{Desk, KnownError};
 use super::jobs::{Job, Jobs, Outcome, State, folder};
 use super::panel::{self, Asked, Figures};
@@ -23,28 +28,13 @@ use crate::relight::files::{Dropped, free_picture};
 use crate::relight::raster::Raster;
 use crate::relight::raster::target::{Finish, Picture};
 use crate::relight::raster::view::{View, Wires};
-use crate::relight::timings::{Adapter, Quantiles};
 use crate::render::camera::{Camera, Resolution};
 use crate::render::frame::RenderSettings;
 
 /// Smallest window that everything is readable in.
 const LEAST_SIZE: LogicalSize<f64> = LogicalSize::new(640.0, 480.0);
-/// Degrees that a drag over the height of the picture turns a light.
-const LIGHT_DEGREES_PER_HEIGHT: f64 = 180.0;
-/// Degrees that an arrow key turns a light.
-const LIGHT_DEGREES_PER_KEY: f64 = 5.0;
 /// How often automatic exposure looks anew while something changes.
 const EXPOSURE_EVERY: Duration = Duration::from_millis(500);
-/// Over how many frames and states the shown rates are.
-const RATE_OVER: Duration = Duration::from_secs(1);
-
-/// What a drag does.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Drag {
-    Camera,
-    Light,
-}
-
 /// The window and what it shows.
 struct Shown {
     screen: Screen,
@@ -55,15 +45,6 @@ struct Shown {
     transport: String,
     vertices: usize,
     samples: usize,
-}
-
-/// When things happened and how long they took.
-#[derive(Default)]
-struct Log {
-    frames: Vec<Instant>,
-    updates: Vec<Instant>,
-    light_ms: Vec<f64>,
-    transport_ms: Vec<f64>,
 }
 
 /// The application.
@@ -283,7 +264,7 @@ impl App {
         shown.raster.set_media(&shown.desk.accepted, view.gloss);
         let repaint = interface.viewport_output.get(&egui::ViewportId::ROOT).map(|v| v.repaint_delay);
         if shown.screen.draw(&shown.raster, &view, interface)? {
-            self.log.frames.push(now);
+            self.log.frame(now);
         }
         if let Err(error) = shown.screen.device.check() {
             shown.desk.complain(error.message());
@@ -296,7 +277,7 @@ impl App {
 
     fn schedule(&mut self, event_loop: &ActiveEventLoop, moving: bool, repaint: Duration, now: Instant) {
         let Some(shown) = &self.shown else { return };
-        let first = self.log.frames.first().copied();
+        let first = self.log.first();
         let ends = self.settings.quit_after_s.zip(first).map(|(s, first)| first + Duration::from_secs_f64(s));
         if ends.is_some_and(|end| now >= end) {
             event_loop.exit();
@@ -313,18 +294,14 @@ impl App {
         event_loop.set_control_flow(next.map_or(ControlFlow::Wait, ControlFlow::WaitUntil));
     }
 
-    fn figures(&mut self, now: Instant) -> Figures {
+    fn figures(&self, now: Instant) -> Figures {
         let Some(shown) = &self.shown else { return Figures::default() };
-        let rate = |times: &[Instant]| {
-            let recent = times.iter().rev().take_while(|t| now - **t < RATE_OVER).count();
-            recent as f64 / RATE_OVER.as_secs_f64()
-        };
-        let last = |values: &[f64]| values.last().copied().unwrap_or(0.0);
+        let [frames_per_second, updates_per_second, light_ms, transport_ms] = self.log.now(now);
         Figures {
-            frames_per_second: rate(&self.log.frames),
-            updates_per_second: rate(&self.log.updates),
-            light_ms: last(&self.log.light_ms),
-            transport_ms: last(&self.log.transport_ms),
+            frames_per_second,
+            updates_per_second,
+            light_ms,
+            transport_ms,
             adapter: shown.screen.device.describe(),
             transport: shown.transport.clone(),
             job: shown.jobs.running(),
@@ -374,7 +351,7 @@ impl App {
         };
         match shown.desk.orbit.camera() {
             Ok(camera) => {
-                let mut settings = RenderSettings::new(camera, self.viewport);
+                let mut settings = Box::new(RenderSettings::new(camera, self.viewport));
                 settings.background = shown.desk.background;
                 let exposure = shown.desk.exposure_factor();
                 let job = Job::Render { state: state(&shown.desk), settings, exposure, stem };
@@ -392,96 +369,10 @@ impl App {
             Dropped::Other(message) => shown.desk.complain(message),
         }
     }
-
-    fn key(&mut self, event: &KeyEvent) {
-        let Some(shown) = &mut self.shown else { return };
-        if event.state != ElementState::Pressed || shown.screen.context.egui_wants_keyboard_input() {
-            return;
-        }
-        let desk = &mut shown.desk;
-        let step = LIGHT_DEGREES_PER_KEY;
-        match &event.logical_key {
-            Key::Named(NamedKey::ArrowLeft) => desk.turn_selected(-step, 0.0),
-            Key::Named(NamedKey::ArrowRight) => desk.turn_selected(step, 0.0),
-            Key::Named(NamedKey::ArrowUp) => desk.turn_selected(0.0, step),
-            Key::Named(NamedKey::ArrowDown) => desk.turn_selected(0.0, -step),
-            Key::Named(NamedKey::Space) => desk.turning = !desk.turning,
-            Key::Named(NamedKey::Tab) => desk.panel_open = !desk.panel_open,
-            Key::Character(text) => match text.to_lowercase().as_str() {
-                "+" | "=" => desk.brighten_selected(0.5),
-                "-" => desk.brighten_selected(-0.5),
-                "w" => desk.wires = !desk.wires,
-                "1" => desk.look = crate::relight::raster::view::Look::Picture,
-                "2" => desk.look = crate::relight::raster::view::Look::Radiosity,
-                "3" => desk.look = crate::relight::raster::view::Look::Error,
-                "s" => self.save_png(),
-                _ => {}
-            },
-            _ => {}
-        }
-    }
-
-    fn moved(&mut self, x: f64, y: f64) {
-        let (dx, dy) = (x - self.cursor.0, y - self.cursor.1);
-        self.cursor = (x, y);
-        let (Some(drag), Some(shown)) = (self.drag, &mut self.shown) else { return };
-        let height = self.viewport.height as f64;
-        match drag {
-            Drag::Camera => shown.desk.orbit.drag(dx / height, dy / height),
-            Drag::Light => {
-                let degrees = LIGHT_DEGREES_PER_HEIGHT / height;
-                shown.desk.turn_selected(dx * degrees, -dy * degrees);
-            }
-        }
-    }
-
-    fn pressed(&mut self, state: ElementState, button: MouseButton) {
-        let inside = self.cursor.0 < self.viewport.width as f64 && self.cursor.1 < self.viewport.height as f64;
-        self.drag = match (state, button) {
-            (ElementState::Released, _) => None,
-            (ElementState::Pressed, MouseButton::Left) if inside && self.modifiers.shift_key() => Some(Drag::Light),
-            (ElementState::Pressed, MouseButton::Left) if inside => Some(Drag::Camera),
-            (ElementState::Pressed, MouseButton::Right) if inside => Some(Drag::Light),
-            _ => self.drag,
-        };
-    }
-
-    fn close(&mut self) {
-        let Some(shown) = self.shown.take() else { return };
-        let info = &shown.screen.device.info;
-        let (frames, updates) = (self.log.frames.len(), self.log.updates.len());
-        let seconds = match (self.log.frames.first(), self.log.frames.last()) {
-            (Some(first), Some(last)) => (*last - *first).as_secs_f64(),
-            _ => return,
-        };
-        let rate = |count: usize| if seconds > 0.0 { count as f64 / seconds } else { 0.0 };
-        let gaps = self.log.frames.windows(2).map(|pair| (pair[1] - pair[0]).as_secs_f64() * 1e3);
-        self.report = Some(WindowReport {
-            adapter: Adapter {
-                name: info.name.clone(),
-                kind: if shown.screen.device.is_software() { "software" } else { "graphics" },
-                backend: info.backend.to_string(),
-            },
-            transport: shown.transport.clone(),
-            resolution: shown.screen.resolution(),
-            vertices: shown.vertices,
-            samples: shown.samples,
-            seconds,
-            frames,
-            frames_per_second: rate(frames.saturating_sub(1)),
-            light_updates: updates,
-            light_updates_per_second: rate(updates),
-            frame_ms: Quantiles::of(gaps),
-            light_ms: Quantiles::of(self.log.light_ms.iter().copied()),
-            transport_ms: Quantiles::of(self.log.transport_ms.iter().copied()),
-        });
-    }
 }
 
 fn take_in(shown: &mut Shown, log: &mut Log, done: Done) {
-    log.updates.push(Instant::now());
-    log.light_ms.push(done.light_ms);
-    log.transport_ms.push(done.transport_ms);
+    log.update(done.light_ms, done.transport_ms);
     if let Err(error) = shown.raster.set_lights(&done.lights) {
         shown.desk.complain(error.message());
     }
@@ -581,6 +472,6 @@ impl ApplicationHandler for App {
     }
 
     fn exiting(&mut self, _: &ActiveEventLoop) {
-        self.close();
+        self.report = self.shown.take().and_then(|shown| self.log.report(&shown));
     }
 }

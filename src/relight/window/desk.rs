@@ -243,7 +243,6 @@ impl Desk {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use std::collections::BTreeMap;
     use std::sync::Arc;
 
     use super::*;
@@ -264,8 +263,7 @@ mod tests {
         let parts = PartTable::new(&mesh, vec![0; mesh.triangles.len()], vec![("ball".into(), Some(0))]);
         let media = vec![Medium { name: "marble".into(), properties: preset("marble").unwrap().properties() }];
         let method = crate::methods::two_pass::TwoPass;
-        let settings =
-            BakeSettings::new(&method, crate::methods::settings::resolve(&method, &[]).unwrap_or(BTreeMap::new()));
+        let settings = BakeSettings::new(&method, crate::methods::settings::resolve(&method, &[]).unwrap());
         let scene = Scene { mesh, parts, media };
         let asset = crate::methods::bake(&method, scene, &settings, Provenance::default(), &Silent).unwrap();
         let evaluator = method.open(Arc::new(asset)).unwrap();
@@ -288,7 +286,9 @@ mod tests {
         desk.adapt(1.0);
         desk.pass(0.1);
         assert!((0.25..1.0).contains(&desk.exposure_factor()) && desk.is_adapting());
-        (0..200).for_each(|_| drop(desk.pass(0.1)));
+        (0..200).for_each(|_| {
+            desk.pass(0.1);
+        });
         assert!((desk.exposure_factor() - 1.0).abs() < 1e-3 && !desk.is_adapting());
         desk.set_exposure(Exposure::Stops(2.0));
         assert_eq!(desk.exposure_factor(), 4.0);

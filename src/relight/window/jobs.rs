@@ -32,7 +32,7 @@ pub(super) enum Job {
     /// The error of the transport in a state.
     Error(State),
     /// A picture by the renderer, as EXR and PNG.
-    Render { state: State, settings: RenderSettings, exposure: f64, stem: PathBuf },
+    Render { state: State, settings: Box<RenderSettings>, exposure: f64, stem: PathBuf },
     /// A picture that is there, as PNG.
     Png { picture: LinearPicture, background: Background, path: PathBuf },
     /// Another model.
