@@ -120,6 +120,8 @@ struct OnDevice {
 
 impl Painter {
     fn new(place: Place, animation: &Animation) -> Result<Self> {
+        #[cfg(not(feature = "gpu"))]
+        let _ = animation;
         match place {
             Place::Cpu(evaluator) => Ok(Self::Cpu(evaluator)),
             #[cfg(feature = "gpu")]

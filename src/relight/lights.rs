@@ -1,5 +1,7 @@
 //! Lights that turn: about the vertical axis for an animation, and by hand in azimuth, elevation and brightness.
 
+use std::sync::Arc;
+
 use glam::{DMat3, DVec3};
 
 use crate::geometry::mesh::Mesh;
@@ -142,10 +144,22 @@ pub fn shining(entries: &[LightEntry], turn_degrees: f64, pivot_mm: DVec3) -> Ve
     entries.iter().filter(|e| e.on).map(|e| e.light(turn_degrees, pivot_mm)).collect()
 }
 
+/// Whether two states of the lights are the same; environments by the place of their picture in memory, which is quick.
+pub fn are_same(a: &[Light], b: &[Light]) -> bool {
+    let same = |(a, b): (&Light, &Light)| match (a, b) {
+        (
+            Light::Environment { map: a, rotate_degrees: turn_a, scale: scale_a },
+            Light::Environment { map: b, rotate_degrees: turn_b, scale: scale_b },
+        ) => Arc::ptr_eq(a, b) && turn_a == turn_b && scale_a == scale_b,
+        (Light::Environment { .. }, _) | (_, Light::Environment { .. }) => false,
+        (a, b) => a == b,
+    };
+    a.len() == b.len() && a.iter().zip(b).all(same)
+}
+
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use std::sync::Arc;
 
     use super::*;
     use crate::light::sky::sky;
@@ -218,6 +232,20 @@ mod tests {
         assert!((elevation - 10.0).abs() < 1e-9);
         entry.on = false;
         assert!(shining(&[entry], 0.0, PIVOT).is_empty());
+    }
+
+    #[test]
+    fn equal_states_are_told_from_others() {
+        let lights = all();
+        assert!(are_same(&lights, &lights.clone()));
+        assert!(!are_same(&lights, &lights[1..]));
+        for i in 1..lights.len() {
+            let mut other = lights.clone();
+            other[i] = turned(&other[i], 1.0, PIVOT);
+            assert!(!are_same(&lights, &other), "{i}");
+        }
+        let twin = Light::environment(Arc::new(sky()), 33.0, DVec3::ONE).unwrap();
+        assert!(!are_same(&lights[4..], &[twin]));
     }
 
     #[test]

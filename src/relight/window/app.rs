@@ -189,7 +189,8 @@ impl App {
         let Some(mut shown) = self.shown.take() else { return };
         match outcome {
             Outcome::Saved(paths) => {
-                let names: Vec<String> = paths.iter().map(|p| p.display().to_string()).collect();
+                let names: Vec<String> =
+                    paths.iter().map(|p| p.strip_prefix(".").unwrap_or(p).display().to_string()).collect();
                 shown.desk.say(format!("saved {}", names.join(" and ")));
             }
             Outcome::Error(field) => {

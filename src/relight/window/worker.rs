@@ -11,6 +11,7 @@ use crate::error::{Error, Result};
 use crate::evaluate::device::DeviceEvaluator;
 use crate::light::Light;
 use crate::progress::Silent;
+use crate::relight::lights::are_same;
 use crate::relight::newest::Newest;
 use crate::relight::raster::Shown;
 use crate::relight::raster::shadows::Shadows;
@@ -113,6 +114,9 @@ struct Bench {
     evaluator: Box<dyn DeviceEvaluator>,
     shown: Shown,
     shadows: Shadows,
+    /// Of the vertices, for the lights.
+    visibility: Vec<u32>,
+    is_lit: bool,
     lights: Vec<Light>,
     media: Vec<Medium>,
 }
@@ -121,7 +125,7 @@ impl Bench {
     fn new(evaluator: Box<dyn DeviceEvaluator>, shown: Shown) -> Self {
         let shadows = Shadows::new(evaluator.scene());
         let media = evaluator.scene().media.clone();
-        Self { evaluator, shown, shadows, lights: Vec::new(), media }
+        Self { evaluator, shown, shadows, visibility: Vec::new(), is_lit: false, lights: Vec::new(), media }
     }
 
     fn work(&mut self, wanted: Wanted) -> Done {
@@ -138,17 +142,21 @@ impl Bench {
             }
         }
         let mut failed = None;
-        match self.evaluator.set_lights(wanted.lights.clone(), &Silent) {
-            Ok(()) => self.lights = wanted.lights,
-            Err(error) => {
-                failed = Some(error);
-                let _ = self.evaluator.set_lights(self.lights.clone(), &Silent);
+        if !self.is_lit || !are_same(&wanted.lights, &self.lights) {
+            match self.evaluator.set_lights(wanted.lights.clone(), &Silent) {
+                Ok(()) => self.lights = wanted.lights,
+                Err(error) => {
+                    failed = Some(error);
+                    // As they were before.
+                    let _ = self.evaluator.set_lights(self.lights.clone(), &Silent);
+                }
             }
+            self.visibility = self.shadows.visibility(self.evaluator.bvh(), &self.lights);
+            self.is_lit = true;
         }
-        let visibility = self.shadows.visibility(self.evaluator.bvh(), &self.lights);
         let lit = Instant::now();
         let result =
-            self.evaluator.update(&Silent).and_then(|()| self.shown.publish(self.evaluator.as_ref(), &visibility));
+            self.evaluator.update(&Silent).and_then(|()| self.shown.publish(self.evaluator.as_ref(), &self.visibility));
         let white = match (&result, wanted.expose_for) {
             (Ok(()), Some(camera)) => self.white(&camera),
             _ => Ok(None),
