@@ -137,7 +137,8 @@ impl App {
             .map_err(|e| Error::unsupported(format!("no window can be opened: {e}; use --headless")))?;
         let screen = Screen::new(event_loop, Arc::new(window))?;
         let camera = session.camera.resolve(&session.evaluator.scene().mesh, screen.resolution())?;
-        let mut desk = Desk::new(session.model, session.evaluator.as_ref(), session.lights, &camera);
+        let material = session.evaluator.capabilities().material;
+        let mut desk = Desk::new(session.model, session.evaluator.scene(), material, session.lights, &camera);
         desk.set_exposure(session.exposure);
         desk.set_gloss(session.gloss);
         desk.background = session.background;
@@ -208,7 +209,8 @@ impl App {
             Outcome::Model { path, evaluator } => {
                 let camera = self.settings.camera.resolve(&evaluator.scene().mesh, self.viewport);
                 let placed = camera.and_then(|camera| {
-                    shown.desk.replace_model(path.clone(), evaluator.as_ref(), &camera);
+                    let material = evaluator.capabilities().material;
+                    shown.desk.replace_model(path.clone(), evaluator.scene(), material, &camera);
                     self.place(&shown.screen, evaluator, &mut shown.desk)
                 });
                 match placed {

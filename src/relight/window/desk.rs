@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use glam::DVec3;
 
-use crate::evaluate::{Evaluator, MaterialEdit};
+use crate::evaluate::MaterialEdit;
 use crate::light::Light;
 use crate::light::environment::EnvironmentMap;
 use crate::medium::material::Preset;
@@ -15,7 +15,7 @@ use crate::relight::raster::view::Look;
 use crate::render::background::Background;
 use crate::render::camera::Camera;
 use crate::render::film::{Exposure, MAX_STOPS};
-use crate::transport::scene::Medium;
+use crate::transport::scene::{Medium, Scene};
 
 /// Degrees that the lights turn in a second.
 const TURN_DEGREES_PER_SECOND: f64 = 30.0;
@@ -71,8 +71,13 @@ pub(super) struct Desk {
 }
 
 impl Desk {
-    pub(super) fn new(model: PathBuf, evaluator: &dyn Evaluator, lights: Vec<Light>, camera: &Camera) -> Self {
-        let scene = evaluator.scene();
+    pub(super) fn new(
+        model: PathBuf,
+        scene: &Scene,
+        material: MaterialEdit,
+        lights: Vec<Light>,
+        camera: &Camera,
+    ) -> Self {
         let pivot_mm = pivot_mm(&scene.mesh);
         Self {
             model,
@@ -83,7 +88,7 @@ impl Desk {
             turning: false,
             media: scene.media.clone(),
             accepted: scene.media.clone(),
-            material: evaluator.capabilities().material,
+            material,
             refused: None,
             auto_exposure: true,
             stops: 0.0,
@@ -103,8 +108,7 @@ impl Desk {
     }
 
     /// Another model in place of this one; lights and settings stay.
-    pub(super) fn replace_model(&mut self, model: PathBuf, evaluator: &dyn Evaluator, camera: &Camera) {
-        let scene = evaluator.scene();
+    pub(super) fn replace_model(&mut self, model: PathBuf, scene: &Scene, material: MaterialEdit, camera: &Camera) {
         let pivot = pivot_mm(&scene.mesh);
         self.entries = self
             .entries
@@ -119,7 +123,7 @@ impl Desk {
         self.pivot_mm = pivot;
         self.media = scene.media.clone();
         self.accepted = scene.media.clone();
-        self.material = evaluator.capabilities().material;
+        self.material = material;
         self.refused = None;
         self.error = None;
         self.orbit = Orbit::of(camera);
@@ -246,29 +250,21 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::asset::Provenance;
-    use crate::evaluate::{BakeSettings, Method};
     use crate::geometry::mesh::{Mesh, Placement};
     use crate::geometry::part_table::PartTable;
     use crate::geometry::shapes;
     use crate::light::sky::sky;
     use crate::medium::material::preset;
-    use crate::progress::Silent;
     use crate::render::camera::Resolution;
-    use crate::transport::scene::Scene;
 
     fn desk() -> Desk {
         let (mesh, _) = Mesh::from_source(shapes::icosphere(10.0, 2), &Placement { mm_per_unit: 1.0 }).unwrap();
         let camera = Camera::framing(&mesh, Resolution::new(4, 4).unwrap()).unwrap();
         let parts = PartTable::new(&mesh, vec![0; mesh.triangles.len()], vec![("ball".into(), Some(0))]);
         let media = vec![Medium { name: "marble".into(), properties: preset("marble").unwrap().properties() }];
-        let method = crate::methods::two_pass::TwoPass;
-        let settings = BakeSettings::new(&method, crate::methods::settings::resolve(&method, &[]).unwrap());
         let scene = Scene { mesh, parts, media };
-        let asset = crate::methods::bake(&method, scene, &settings, Provenance::default(), &Silent).unwrap();
-        let evaluator = method.open(Arc::new(asset)).unwrap();
         let lights = vec![Light::directional(DVec3::Z, DVec3::ONE).unwrap(), Light::constant(DVec3::ONE).unwrap()];
-        Desk::new("ball.tlux".into(), evaluator.as_ref(), lights, &camera)
+        Desk::new("ball.tlux".into(), &scene, MaterialEdit::Any, lights, &camera)
     }
 
     #[test]
