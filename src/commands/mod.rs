@@ -18,6 +18,7 @@ mod model;
 mod opened;
 mod output;
 mod reference;
+mod relight;
 mod render;
 mod report;
 mod validate;
@@ -69,6 +70,8 @@ enum Command {
     Evaluate(evaluate::EvaluateArgs),
     /// A picture of an asset under lights, as OpenEXR or PNG
     Render(render::RenderArgs),
+    /// Turn the lights of an asset in a window, or without one as pictures and timings
+    Relight(relight::RelightArgs),
     /// The brute-force truth of a model under lights, as PLY
     Reference(reference::ReferenceArgs),
     /// Sections, bytes, bytes per vertex, error ledger and provenance of an asset
@@ -126,6 +129,9 @@ fn dispatch(cli: Cli) -> Result<ExitCode> {
         .build()
         .map_err(|e| Error::runtime(format!("the worker threads could not be started: {e}")))?;
     watch_for_interrupts()?;
+    if let Command::Relight(args) = &cli.command {
+        return relight::run(args, &console, std::sync::Arc::new(pool));
+    }
     pool.install(|| match cli.command {
         Command::Bake(args) => bake::run(&args, &console),
         Command::Evaluate(args) => evaluate::run(&args, &console),
@@ -137,6 +143,8 @@ fn dispatch(cli: Cli) -> Result<ExitCode> {
         Command::Materials(args) => materials::run(&args, &console),
         Command::Methods(args) => methods::run(&args, &console),
         Command::Demo(args) => demo::run(&args, &console),
+        // Has run above: a window must be on the main thread.
+        Command::Relight(_) => Ok(ExitCode::Ok),
     })
 }
 

@@ -16,7 +16,7 @@ use crate::methods;
 #[derive(Clone, Debug, Args)]
 pub(super) struct AssetArgs {
     /// Asset
-    asset: PathBuf,
+    pub(super) asset: PathBuf,
     #[command(flatten)]
     media: MediumArgs,
 }
@@ -45,4 +45,11 @@ impl AssetArgs {
         // The asset goes, and with it what the evaluator has in another form.
         Ok(Opened { provenance: asset.provenance.clone(), method, evaluator })
     }
+}
+
+/// The evaluator of an asset as it was baked.
+#[cfg(feature = "gui")]
+pub(super) fn evaluator_of(path: &std::path::Path) -> Result<Box<dyn Evaluator>> {
+    let asset = Arc::new(Asset::read(path)?);
+    methods::named(&asset.provenance.method)?.open(asset)
 }

@@ -1,1 +1,13 @@
 //! Relighting in real time: a window, and the same frames without one. Knows evaluators by their traits only.
+
+pub mod choice;
+pub mod files;
+pub mod headless;
+pub mod lights;
+pub mod newest;
+pub mod orbit;
+#[cfg(feature = "gpu")]
+pub mod raster;
+pub mod timings;
+#[cfg(feature = "gui")]
+pub mod window;

@@ -28,6 +28,16 @@ pub enum Specular {
     Rough(Roughness),
 }
 
+impl Specular {
+    /// Of the boundary, if it reflects.
+    pub fn roughness(self) -> Option<Roughness> {
+        match self {
+            Self::Off => None,
+            Self::Rough(roughness) => Some(roughness),
+        }
+    }
+}
+
 impl Default for Specular {
     fn default() -> Self {
         Self::Rough(Roughness::default())

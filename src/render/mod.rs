@@ -9,6 +9,6 @@ pub mod film;
 pub mod frame;
 mod glossy_lights;
 mod glossy_map;
-mod normals;
+pub(crate) mod normals;
 mod pixel_samples;
 pub mod specular;

@@ -1,0 +1,214 @@
+//! `translux relight A.tlux`: a window; with `--headless --frames N --out DIR`, pictures of a turn of the lights.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use clap::{Args, ValueEnum};
+use serde::Serialize;
+
+use super::console::Console;
+use super::lights::{LightArgs, ResolvedLights};
+use super::opened::{AssetArgs, Opened};
+use super::report;
+use crate::error::{Error, ExitCode, Result};
+use crate::relight::choice::{DeviceChoice, Placed, place};
+use crate::relight::headless::{self, Animation, MAX_FRAMES};
+use crate::relight::timings::Timings;
+use crate::render::background::Background;
+use crate::render::camera::Resolution;
+use crate::render::camera_text::CameraSpec;
+use crate::render::film::Exposure;
+use crate::render::frame::Specular;
+use crate::render::specular::Roughness;
+
+/// Size of the pictures of an animation.
+const HEADLESS_RESOLUTION: Resolution = Resolution { width: 1024, height: 1024 };
+/// Size of the window.
+#[cfg(feature = "gui")]
+const WINDOW_RESOLUTION: Resolution = Resolution { width: 1024, height: 700 };
+
+#[derive(Clone, Debug, Args)]
+pub(super) struct RelightArgs {
+    #[command(flatten)]
+    asset: AssetArgs,
+    #[command(flatten)]
+    lights: LightArgs,
+    /// Where to compute and draw
+    #[arg(long, value_enum, default_value = "auto")]
+    device: DeviceArg,
+    /// Eye, target, up and vertical degrees, in mm, as at=0,8,75:look=0,0,0:up=0,1,0:fov=28; every key may be left out
+    #[arg(long, value_name = "CAMERA")]
+    camera: Option<CameraSpec>,
+    /// Pixels (default: 1024x1024, the window 1024x700)
+    #[arg(long, value_name = "WIDTHxHEIGHT")]
+    resolution: Option<Resolution>,
+    /// Brightness: auto (the 99.5th percentile of the object becomes white, in the first frame) or stops
+    #[arg(long, value_name = "auto|EV", default_value = "auto", allow_hyphen_values = true)]
+    exposure: Exposure,
+    /// Roughness of the boundary, from 0 (polished) to 1 (matt)
+    #[arg(long, value_name = "R", default_value_t = Roughness::default())]
+    roughness: Roughness,
+    /// Leave out specular reflection
+    #[arg(long, conflicts_with = "roughness")]
+    no_specular: bool,
+    /// What is seen beside the object: env (environments and constant lights), none or R,G,B
+    #[arg(long, value_name = "env|none|RGB", default_value = "env")]
+    background: Background,
+    /// No window: pictures of one turn of the lights about the object, and their timings
+    #[arg(long, help_heading = "Without a window")]
+    headless: bool,
+    /// Pictures of the turn
+    #[arg(long, value_name = "N", help_heading = "Without a window")]
+    frames: Option<usize>,
+    /// Folder for frame_0000.png ... and timings.json
+    #[arg(long, value_name = "DIR", help_heading = "Without a window")]
+    out: Option<PathBuf>,
+    /// Start with the lights turning
+    #[arg(long, help_heading = "Window")]
+    turn: bool,
+    /// Close the window after this many seconds and report how fast it was
+    #[arg(long, value_name = "SECONDS", help_heading = "Window")]
+    quit_after: Option<f64>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum DeviceArg {
+    /// Shaders on a graphics adapter; on a software adapter, transport on the CPU; without any, all on the CPU
+    Auto,
+    /// Transport in compute shaders
+    Gpu,
+    /// Transport on the CPU
+    Cpu,
+}
+
+impl DeviceArg {
+    fn choice(self) -> DeviceChoice {
+        match self {
+            Self::Auto => DeviceChoice::Auto,
+            Self::Gpu => DeviceChoice::Gpu,
+            Self::Cpu => DeviceChoice::Cpu,
+        }
+    }
+}
+
+/// Figures of an animation.
+#[derive(Serialize)]
+struct AnimationReport<'a> {
+    #[serde(serialize_with = "report::path")]
+    folder: &'a std::path::Path,
+    timings: &'a Timings,
+}
+
+/// Runs on the main thread, which a window needs; work goes to `pool`.
+impl RelightArgs {
+    fn specular(&self) -> Specular {
+        if self.no_specular { Specular::Off } else { Specular::Rough(self.roughness) }
+    }
+}
+
+pub(super) fn run(args: &RelightArgs, console: &Console, pool: Arc<rayon::ThreadPool>) -> Result<ExitCode> {
+    match (args.headless, args.frames, &args.out) {
+        (true, Some(frames), Some(out)) => {
+            if args.turn || args.quit_after.is_some() {
+                return Err(Error::command_line("--turn and --quit-after are for the window; leave them out"));
+            }
+            if !(1..=MAX_FRAMES).contains(&frames) {
+                return Err(Error::command_line(format!(
+                    "--frames {frames}: a number from 1 to {MAX_FRAMES} is needed"
+                )));
+            }
+            pool.install(|| animate(args, frames, out, console))
+        }
+        (true, ..) => Err(Error::command_line("--headless needs --frames N and --out DIR")),
+        (false, None, None) => window(args, console, pool),
+        (false, ..) => Err(Error::command_line("--frames and --out go with --headless; add it, or leave them out")),
+    }
+}
+
+fn animate(args: &RelightArgs, frames: usize, out: &std::path::Path, console: &Console) -> Result<ExitCode> {
+    let ResolvedLights { lights, .. } = args.lights.load(console)?;
+    let Opened { method, evaluator, .. } = args.asset.open(console)?;
+    let resolution = args.resolution.unwrap_or(HEADLESS_RESOLUTION);
+    let needed = crate::render::frame::memory_bytes(resolution);
+    console.check_memory(needed, "use a smaller --resolution, or raise --max-memory")?;
+    let camera = args.camera.unwrap_or_default().resolve(&evaluator.scene().mesh, resolution)?;
+    let again = || Ok(args.asset.open(console)?.evaluator);
+    let Placed { place, note } = place(args.device.choice(), evaluator, &again)?;
+    note.iter().for_each(|note| console.note(note));
+    let animation = Animation {
+        frames,
+        folder: out.to_owned(),
+        camera,
+        resolution,
+        exposure: args.exposure,
+        specular: args.specular(),
+        background: args.background,
+        lights,
+        method: method.name().to_owned(),
+    };
+    let timings = headless::run(place, &animation, console)?;
+    let drawn = timings.adapter.as_ref().map_or("CPU", |a| a.name.as_str());
+    let summary = &timings.summary;
+    console.note(&format!(
+        "{frames} frames in {} | transport on {}, drawn by {drawn} | median {:.1} ms: light {:.1}, transport {:.1}, draw {:.1}",
+        out.display(),
+        timings.transport,
+        summary.total_ms.median,
+        summary.light_ms.median,
+        summary.transport_ms.median,
+        summary.draw_ms.median
+    ));
+    report::print(console, "relight", &AnimationReport { folder: out, timings: &timings })?;
+    Ok(ExitCode::Ok)
+}
+
+#[cfg(not(feature = "gui"))]
+fn window(_: &RelightArgs, _: &Console, _: Arc<rayon::ThreadPool>) -> Result<ExitCode> {
+    Err(Error::unsupported(
+        "this build has no window (cargo feature `gui`); use --headless --frames N --out DIR, or `translux render`",
+    ))
+}
+
+/// Figures of a window.
+#[cfg(feature = "gui")]
+#[derive(Serialize)]
+struct WindowRun<'a> {
+    method: &'a str,
+    lights: &'a [String],
+    window: &'a crate::relight::window::WindowReport,
+}
+
+#[cfg(feature = "gui")]
+fn window(args: &RelightArgs, console: &Console, pool: Arc<rayon::ThreadPool>) -> Result<ExitCode> {
+    use crate::relight::window::{Session, Turn, run};
+    if let Some(seconds) = args.quit_after
+        && !(0.0..=1e6).contains(&seconds)
+    {
+        return Err(Error::command_line(format!("--quit-after {seconds}: seconds from 0 to 1000000 are needed")));
+    }
+    let (lights, opened) =
+        pool.install(|| -> Result<_> { Ok((args.lights.load(console)?, args.asset.open(console)?)) })?;
+    let session = Session {
+        model: args.asset.asset.clone(),
+        evaluator: opened.evaluator,
+        open: Arc::new(super::opened::evaluator_of),
+        lights: lights.lights,
+        choice: args.device.choice(),
+        camera: args.camera.unwrap_or_default(),
+        resolution: args.resolution.unwrap_or(WINDOW_RESOLUTION),
+        exposure: args.exposure,
+        specular: args.specular(),
+        background: args.background,
+        turn: if args.turn { Turn::Turning } else { Turn::Still },
+        quit_after_s: args.quit_after,
+        pool: Arc::clone(&pool),
+    };
+    let shown = run(session)?;
+    console.note(&format!(
+        "{:.1} frames and {:.1} light updates a second | transport on {}, drawn by {}",
+        shown.frames_per_second, shown.light_updates_per_second, shown.transport, shown.adapter.name
+    ));
+    let run = WindowRun { method: opened.method.name(), lights: &lights.text, window: &shown };
+    pool.install(|| report::print(console, "relight", &run))?;
+    Ok(ExitCode::Ok)
+}

@@ -1,0 +1,109 @@
+//! Where transport and drawing run.
+
+#[cfg(feature = "gpu")]
+use std::sync::Arc;
+
+use crate::error::Result;
+use crate::evaluate::Evaluator;
+#[cfg(feature = "gpu")]
+use crate::evaluate::device::{Device, DeviceEvaluator, Uploaded};
+
+/// What a person asks for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum DeviceChoice {
+    /// Shaders on a graphics adapter; the CPU's transport drawn by a software adapter; all on the CPU where there is none.
+    #[default]
+    Auto,
+    /// Transport in compute shaders, drawn by the adapter.
+    Gpu,
+    /// All on the CPU.
+    Cpu,
+}
+
+/// Opens the evaluator; again where a first attempt took it.
+pub type Open<'a> = &'a dyn Fn() -> Result<Box<dyn Evaluator>>;
+
+/// An evaluator where it runs.
+pub enum Place {
+    /// On the CPU, with pictures drawn there.
+    Cpu(Box<dyn Evaluator>),
+    /// With its radiosity on a device that draws.
+    #[cfg(feature = "gpu")]
+    Device(Box<dyn DeviceEvaluator>),
+}
+
+/// An evaluator, and what a person should know about where it runs.
+pub struct Placed {
+    /// The evaluator.
+    pub place: Place,
+    /// One line where it is not what somebody may expect.
+    pub note: Option<String>,
+}
+
+/// Places the evaluator of `first`, which `open` gives again if it is needed once more.
+///
+/// # Errors
+/// `Gpu` without an adapter, without shaders for the method or in a build without them (exit 5); those of `open`.
+#[cfg(feature = "gpu")]
+pub fn place(choice: DeviceChoice, first: Box<dyn Evaluator>, open: Open) -> Result<Placed> {
+    if choice == DeviceChoice::Cpu {
+        return Ok(Placed { place: Place::Cpu(first), note: None });
+    }
+    match (Device::open(), choice) {
+        (Ok(device), _) => {
+            let (evaluator, note) = on(&device, choice, first, open)?;
+            Ok(Placed { place: Place::Device(evaluator), note })
+        }
+        (Err(error), DeviceChoice::Gpu) => Err(error),
+        (Err(error), _) => {
+            let note = Some(format!("{}; pictures are drawn on the CPU", error.message()));
+            Ok(Placed { place: Place::Cpu(first), note })
+        }
+    }
+}
+
+/// Places the evaluator in a build without shaders.
+///
+/// # Errors
+/// `Gpu` (exit 5).
+#[cfg(not(feature = "gpu"))]
+pub fn place(choice: DeviceChoice, first: Box<dyn Evaluator>, _open: Open) -> Result<Placed> {
+    let missing = "this build has no graphics (cargo feature `gpu`)";
+    match choice {
+        DeviceChoice::Gpu => {
+            Err(crate::error::Error::unsupported(format!("{missing}; the CPU does the same with --device cpu")))
+        }
+        DeviceChoice::Cpu => Ok(Placed { place: Place::Cpu(first), note: None }),
+        DeviceChoice::Auto => {
+            Ok(Placed { place: Place::Cpu(first), note: Some(format!("{missing}; pictures are drawn on the CPU")) })
+        }
+    }
+}
+
+/// Places the evaluator on a device; with `Cpu`, only its radiosity.
+///
+/// # Errors
+/// `Gpu` without shaders for the method, a mesh that the device has no room for (exit 5); those of `open`.
+#[cfg(feature = "gpu")]
+pub fn on(
+    device: &Arc<Device>,
+    choice: DeviceChoice,
+    first: Box<dyn Evaluator>,
+    open: Open,
+) -> Result<(Box<dyn DeviceEvaluator>, Option<String>)> {
+    let uploaded =
+        |evaluator| -> Result<Box<dyn DeviceEvaluator>> { Ok(Box::new(Uploaded::new(evaluator, Arc::clone(device))?)) };
+    match choice {
+        DeviceChoice::Cpu => Ok((uploaded(first)?, None)),
+        DeviceChoice::Gpu => Ok((first.on_device(device)?, None)),
+        // Measured: transport on the CPU is several times as fast as shaders that run there.
+        DeviceChoice::Auto if device.is_software() => Ok((uploaded(first)?, None)),
+        DeviceChoice::Auto => match first.on_device(device) {
+            Ok(evaluator) => Ok((evaluator, None)),
+            Err(error) if error.code() == crate::error::ExitCode::Unsupported => {
+                Ok((uploaded(open()?)?, Some(format!("{}; transport runs on the CPU", error.message()))))
+            }
+            Err(error) => Err(error),
+        },
+    }
+}

@@ -1,0 +1,273 @@
+//! An animation without a window: the lights turn once about the object, every frame is a picture, all are timed.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use super::choice::Place;
+use super::files::frame_name;
+use super::lights::{pivot_mm, turned};
+#[cfg(feature = "gpu")]
+use super::raster::{
+    Raster,
+    target::{Finish, LinearPicture, Picture},
+    view::View,
+};
+use super::timings::{Adapter, FrameTime, SCHEMA, Summary, Timings};
+use crate::error::{Error, Result};
+use crate::evaluate::Evaluator;
+use crate::io::atomic;
+use crate::light::Light;
+use crate::progress::{Progress, Silent};
+use crate::render::background::Background;
+use crate::render::camera::{Camera, Resolution};
+use crate::render::film::{Exposure, MAX_STOPS, PngBackground, to_png};
+use crate::render::frame::{RenderSettings, Specular, render};
+
+/// Samples in a pixel of a frame.
+pub const SAMPLES_PER_PIXEL: u32 = 4;
+/// Most frames.
+pub const MAX_FRAMES: usize = 100_000;
+
+/// An animation.
+#[derive(Clone, Debug)]
+pub struct Animation {
+    /// Pictures of a whole turn.
+    pub frames: usize,
+    /// Folder that they go to; made where its parent is there.
+    pub folder: PathBuf,
+    /// The eye.
+    pub camera: Camera,
+    /// Pixels.
+    pub resolution: Resolution,
+    /// Brightness; automatic: that of the first frame, so that nothing flickers.
+    pub exposure: Exposure,
+    /// Reflection.
+    pub specular: Specular,
+    /// What is seen beside the object.
+    pub background: Background,
+    /// Lights of the first frame.
+    pub lights: Vec<Light>,
+    /// Method of the asset, for the file of timings.
+    pub method: String,
+}
+
+/// Draws the frames of a whole turn, writes them as PNG, and their timings as `timings.json`.
+///
+/// # Errors
+/// A folder or file that cannot be written (exit 2), lights that the asset does not carry (exit 5), failures of the work.
+pub fn run(place: Place, animation: &Animation, progress: &dyn Progress) -> Result<Timings> {
+    make_folder(&animation.folder)?;
+    let mut painter = Painter::new(place, animation)?;
+    let pivot = pivot_mm(&painter.evaluator().scene().mesh);
+    let lights_of = |frame: usize| -> Vec<Light> {
+        let degrees = 360.0 * frame as f64 / animation.frames as f64;
+        animation.lights.iter().map(|l| if frame == 0 { l.clone() } else { turned(l, degrees, pivot) }).collect()
+    };
+    let exposure = painter.exposure(animation, progress)?;
+    progress.start("frames", animation.frames as u64);
+    let mut frames = Vec::with_capacity(animation.frames);
+    for frame in 0..animation.frames {
+        let file = frame_name(frame, animation.frames);
+        let (time, png) = painter.frame(animation, lights_of(frame), exposure)?;
+        atomic::write(&animation.folder.join(&file), &png)?;
+        frames.push(FrameTime { file, ..time });
+        progress.advance(1);
+    }
+    progress.finish();
+    let evaluator = painter.evaluator();
+    let timings = Timings {
+        schema: SCHEMA,
+        version: env!("CARGO_PKG_VERSION"),
+        adapter: painter.adapter(),
+        transport: painter.transport(),
+        method: animation.method.clone(),
+        vertices: evaluator.scene().mesh.local_mm.len(),
+        samples: evaluator.cost().samples,
+        resolution: animation.resolution,
+        camera: animation.camera.to_string(),
+        lights: animation.lights.iter().map(ToString::to_string).collect(),
+        exposure_factor: exposure,
+        summary: Summary::of(&frames),
+        frames,
+    };
+    let text = serde_json::to_string_pretty(&timings).map_err(|e| Error::runtime(format!("timings: {e}")))?;
+    atomic::write(&animation.folder.join("timings.json"), format!("{text}\n").as_bytes())?;
+    Ok(timings)
+}
+
+fn make_folder(folder: &Path) -> Result<()> {
+    match std::fs::create_dir(folder) {
+        Err(_) if folder.is_dir() => Ok(()),
+        made => made.map_err(|e| Error::io(folder, &e)),
+    }
+}
+
+/// Draws frames where the evaluator is.
+enum Painter {
+    Cpu(Box<dyn Evaluator>),
+    #[cfg(feature = "gpu")]
+    Device(Box<OnDevice>),
+}
+
+#[cfg(feature = "gpu")]
+struct OnDevice {
+    evaluator: Box<dyn crate::evaluate::device::DeviceEvaluator>,
+    raster: Raster,
+    picture: Picture,
+    shadows: super::raster::shadows::Shadows,
+}
+
+impl Painter {
+    fn new(place: Place, animation: &Animation) -> Result<Self> {
+        #[cfg(not(feature = "gpu"))]
+        let _ = animation;
+        match place {
+            Place::Cpu(evaluator) => Ok(Self::Cpu(evaluator)),
+            #[cfg(feature = "gpu")]
+            Place::Device(evaluator) => {
+                let mut raster = Raster::new(evaluator.as_ref(), &[Finish::PICTURE])?;
+                raster.set_media(&evaluator.scene().media, animation.specular);
+                let picture = Picture::new(raster.device(), animation.resolution)?;
+                let shadows = super::raster::shadows::Shadows::new(evaluator.scene());
+                Ok(Self::Device(Box::new(OnDevice { evaluator, raster, picture, shadows })))
+            }
+        }
+    }
+
+    fn evaluator(&self) -> &dyn Evaluator {
+        match self {
+            Self::Cpu(evaluator) => evaluator.as_ref(),
+            #[cfg(feature = "gpu")]
+            Self::Device(on) => on.evaluator.as_ref(),
+        }
+    }
+
+    fn adapter(&self) -> Option<Adapter> {
+        match self {
+            Self::Cpu(_) => None,
+            #[cfg(feature = "gpu")]
+            Self::Device(on) => {
+                let device = on.raster.device();
+                Some(Adapter {
+                    name: device.info.name.clone(),
+                    kind: if device.is_software() { "software" } else { "graphics" },
+                    backend: device.info.backend.to_string(),
+                })
+            }
+        }
+    }
+
+    fn transport(&self) -> String {
+        match self {
+            Self::Cpu(_) => "CPU".to_owned(),
+            #[cfg(feature = "gpu")]
+            Self::Device(on) => on.evaluator.transport(),
+        }
+    }
+
+    /// The factor of all frames: where it is automatic, that of the renderer for the first frame.
+    fn exposure(&mut self, animation: &Animation, progress: &dyn Progress) -> Result<f64> {
+        if let Exposure::Stops(stops) = animation.exposure {
+            return Ok(stops.clamp(-MAX_STOPS, MAX_STOPS).exp2());
+        }
+        let evaluator: &mut dyn Evaluator = match self {
+            Self::Cpu(evaluator) => evaluator.as_mut(),
+            #[cfg(feature = "gpu")]
+            Self::Device(on) => on.evaluator.as_mut(),
+        };
+        evaluator.set_lights(animation.lights.clone(), progress)?;
+        let radiosity = evaluator.radiosity(progress)?;
+        let frame = render(evaluator, &radiosity, &animation.lights, &settings(animation), progress)?;
+        Ok(animation.exposure.factor(&frame))
+    }
+
+    /// Times of a frame (its name left open) and its PNG.
+    fn frame(&mut self, animation: &Animation, lights: Vec<Light>, exposure: f64) -> Result<(FrameTime, Vec<u8>)> {
+        match self {
+            Self::Cpu(evaluator) => {
+                let mut clock = Clock::start();
+                evaluator.set_lights(lights.clone(), &Silent)?;
+                let light_ms = clock.lap_ms();
+                let radiosity = evaluator.radiosity(&Silent)?;
+                let transport_ms = clock.lap_ms();
+                let frame = render(evaluator.as_ref(), &radiosity, &lights, &settings(animation), &Silent)?;
+                let draw_ms = clock.lap_ms();
+                let background = match animation.background {
+                    Background::None => PngBackground::Transparent,
+                    Background::Environment | Background::Colour(_) => PngBackground::Shown,
+                };
+                Ok((time(light_ms, transport_ms, draw_ms), to_png(&frame, exposure, background)?))
+            }
+            #[cfg(feature = "gpu")]
+            Self::Device(on) => on.frame(animation, lights, exposure),
+        }
+    }
+}
+
+#[cfg(feature = "gpu")]
+impl OnDevice {
+    fn frame(&mut self, animation: &Animation, lights: Vec<Light>, exposure: f64) -> Result<(FrameTime, Vec<u8>)> {
+        let mut clock = Clock::start();
+        self.evaluator.set_lights(lights.clone(), &Silent)?;
+        let visibility = match animation.specular.roughness() {
+            Some(_) => self.shadows.visibility(self.evaluator.bvh(), &lights),
+            None => Vec::new(),
+        };
+        let light_ms = clock.lap_ms();
+        self.evaluator.update(&Silent)?;
+        self.raster.shown().publish(self.evaluator.as_ref(), &visibility)?;
+        self.raster.device().wait()?;
+        let transport_ms = clock.lap_ms();
+        self.raster.set_lights(&lights)?;
+        let view = View {
+            specular: animation.specular,
+            background: animation.background,
+            ..View::new(animation.camera, animation.resolution, exposure)
+        };
+        let picture = self.picture.take(&self.raster, &view)?;
+        let draw_ms = clock.lap_ms();
+        Ok((time(light_ms, transport_ms, draw_ms), png(&picture, animation.background)?))
+    }
+}
+
+/// The PNG of a picture; transparent where nothing is beside the object.
+#[cfg(feature = "gpu")]
+pub(super) fn png(picture: &LinearPicture, background: Background) -> Result<Vec<u8>> {
+    let Resolution { width, height } = picture.resolution;
+    if background == Background::None {
+        let colour = |[r, g, b, a]: [f32; 4]| if a > 0.0 { [r / a, g / a, b / a] } else { [0.0; 3] };
+        let rgb: Vec<[f32; 3]> = picture.pixels.iter().map(|p| colour(*p)).collect();
+        let alpha: Vec<f32> = picture.pixels.iter().map(|p| p[3]).collect();
+        return crate::io::png::encode_png(width, height, &rgb, Some(&alpha));
+    }
+    let rgb: Vec<[f32; 3]> = picture.pixels.iter().map(|[r, g, b, _]| [*r, *g, *b]).collect();
+    crate::io::png::encode_png(width, height, &rgb, None)
+}
+
+fn settings(animation: &Animation) -> RenderSettings {
+    let mut settings = RenderSettings::new(animation.camera, animation.resolution);
+    settings.samples_per_pixel = SAMPLES_PER_PIXEL;
+    settings.background = animation.background;
+    settings.specular = animation.specular;
+    settings
+}
+
+fn time(light_ms: f64, transport_ms: f64, draw_ms: f64) -> FrameTime {
+    FrameTime { file: String::new(), light_ms, transport_ms, draw_ms, total_ms: light_ms + transport_ms + draw_ms }
+}
+
+/// A stopwatch.
+struct Clock(Instant);
+
+impl Clock {
+    fn start() -> Self {
+        Self(Instant::now())
+    }
+
+    fn lap_ms(&mut self) -> f64 {
+        let now = Instant::now();
+        let lap = now - self.0;
+        self.0 = now;
+        lap.as_secs_f64() * 1e3
+    }
+}

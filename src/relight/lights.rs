@@ -1,0 +1,258 @@
+//! Lights that turn: about the vertical axis for an animation, and by hand in azimuth, elevation and brightness.
+
+use std::sync::Arc;
+
+use glam::{DMat3, DVec3};
+
+use crate::geometry::mesh::Mesh;
+use crate::light::Light;
+use crate::light::environment::Rotation;
+
+/// Most stops that a light is made brighter or darker by.
+pub const MAX_STOPS: f64 = 10.0;
+
+/// What lights turn about: the vertical axis through the middle of the mesh's bounding box, in world mm.
+pub fn pivot_mm(mesh: &Mesh) -> DVec3 {
+    let [min, max] = mesh.bounds_local_mm();
+    mesh.origin_mm + 0.5 * (min + max)
+}
+
+/// A light turned by `degrees` about +Y through `pivot_mm`, counter-clockwise seen from above.
+pub fn turned(light: &Light, degrees: f64, pivot_mm: DVec3) -> Light {
+    let turn = Rotation::from_degrees(degrees);
+    let mut light = light.clone();
+    match &mut light {
+        Light::Constant { .. } => {}
+        Light::Directional { from, .. } => *from = turn.to_world(*from),
+        Light::Point { at_mm, .. } => *at_mm = pivot_mm + turn.to_world(*at_mm - pivot_mm),
+        Light::Area { at_mm, normal, u, .. } => {
+            *at_mm = pivot_mm + turn.to_world(*at_mm - pivot_mm);
+            (*normal, *u) = (turn.to_world(*normal), turn.to_world(*u));
+        }
+        Light::Environment { rotate_degrees, .. } => *rotate_degrees = (*rotate_degrees + degrees).rem_euclid(360.0),
+    }
+    light
+}
+
+/// Azimuth from +Z towards +X and elevation above the horizon of a direction, in degrees.
+pub fn angles_degrees(direction: DVec3) -> (f64, f64) {
+    let across = direction.x.hypot(direction.z);
+    (direction.x.atan2(direction.z).to_degrees(), direction.y.atan2(across).to_degrees())
+}
+
+/// Unit direction of these angles.
+pub fn direction_of_degrees(azimuth: f64, elevation: f64) -> DVec3 {
+    let ((sin_a, cos_a), (sin_e, cos_e)) = (azimuth.to_radians().sin_cos(), elevation.to_radians().sin_cos());
+    DVec3::new(sin_a * cos_e, sin_e, cos_a * cos_e)
+}
+
+/// A light with what a person does to it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LightEntry {
+    base: Light,
+    /// Where the light is seen from the pivot; the turn of an environment.
+    pub azimuth_degrees: f64,
+    /// Height of the light above the horizon; none where it has no direction or only turns.
+    pub elevation_degrees: Option<f64>,
+    /// Brightness relative to the light as it was given, in stops.
+    pub stops: f64,
+    /// Whether it shines.
+    pub on: bool,
+}
+
+impl LightEntry {
+    /// A light as it was given.
+    pub fn new(base: Light, pivot_mm: DVec3) -> Self {
+        let (azimuth_degrees, elevation_degrees) = match &base {
+            Light::Environment { rotate_degrees, .. } => (*rotate_degrees, None),
+            Light::Constant { .. } => (0.0, None),
+            Light::Directional { .. } | Light::Point { .. } | Light::Area { .. } => {
+                let (azimuth, elevation) = angles_degrees(base_direction(&base, pivot_mm));
+                (azimuth, Some(elevation))
+            }
+        };
+        Self { base, azimuth_degrees, elevation_degrees, stops: 0.0, on: true }
+    }
+
+    /// The light as it was given.
+    pub fn base(&self) -> &Light {
+        &self.base
+    }
+
+    /// Whether turning it changes anything.
+    pub fn turns(&self) -> bool {
+        !matches!(self.base, Light::Constant { .. })
+    }
+
+    /// The light as it stands now, turned by `turn_degrees` more.
+    pub fn light(&self, turn_degrees: f64, pivot_mm: DVec3) -> Light {
+        let mut light = self.base.clone();
+        if let Some(elevation) = self.elevation_degrees {
+            let (azimuth_0, elevation_0) = angles_degrees(base_direction(&light, pivot_mm));
+            let rotation = DMat3::from_rotation_y(self.azimuth_degrees.to_radians())
+                * DMat3::from_rotation_x((elevation_0 - elevation).to_radians())
+                * DMat3::from_rotation_y(-azimuth_0.to_radians());
+            match &mut light {
+                Light::Directional { from, .. } => *from = (rotation * *from).normalize(),
+                Light::Point { at_mm, .. } => *at_mm = pivot_mm + rotation * (*at_mm - pivot_mm),
+                Light::Area { at_mm, normal, u, .. } => {
+                    *at_mm = pivot_mm + rotation * (*at_mm - pivot_mm);
+                    *normal = (rotation * *normal).normalize();
+                    *u = (rotation * *u).normalize();
+                }
+                Light::Constant { .. } | Light::Environment { .. } => {}
+            }
+        } else if let Light::Environment { rotate_degrees, .. } = &mut light {
+            *rotate_degrees = self.azimuth_degrees;
+        }
+        scale(&mut light, self.stops.clamp(-MAX_STOPS, MAX_STOPS).exp2());
+        if turn_degrees == 0.0 { light } else { turned(&light, turn_degrees, pivot_mm) }
+    }
+
+    /// Turns by hand.
+    pub fn turn(&mut self, azimuth_degrees: f64, elevation_degrees: f64) {
+        if self.turns() {
+            self.azimuth_degrees = (self.azimuth_degrees + azimuth_degrees + 180.0).rem_euclid(360.0) - 180.0;
+        }
+        if let Some(elevation) = &mut self.elevation_degrees {
+            *elevation = (*elevation + elevation_degrees).clamp(-90.0, 90.0);
+        }
+    }
+}
+
+fn base_direction(light: &Light, pivot_mm: DVec3) -> DVec3 {
+    match light {
+        Light::Directional { from, .. } => *from,
+        Light::Point { at_mm, .. } | Light::Area { at_mm, .. } => *at_mm - pivot_mm,
+        Light::Constant { .. } | Light::Environment { .. } => DVec3::Z,
+    }
+}
+
+fn scale(light: &mut Light, factor: f64) {
+    let colour = match light {
+        Light::Constant { radiance } | Light::Area { radiance, .. } => radiance,
+        Light::Directional { irradiance, .. } => irradiance,
+        Light::Point { intensity, .. } => intensity,
+        Light::Environment { scale, .. } => scale,
+    };
+    // A light at the end of the range of its numbers stays there.
+    *colour = (*colour * factor).min(DVec3::splat(f64::MAX));
+}
+
+/// The lights that shine, turned.
+pub fn shining(entries: &[LightEntry], turn_degrees: f64, pivot_mm: DVec3) -> Vec<Light> {
+    entries.iter().filter(|e| e.on).map(|e| e.light(turn_degrees, pivot_mm)).collect()
+}
+
+/// Whether two states of the lights are the same; environments by the place of their picture in memory, which is quick.
+pub fn are_same(a: &[Light], b: &[Light]) -> bool {
+    let same = |(a, b): (&Light, &Light)| match (a, b) {
+        (
+            Light::Environment { map: a, rotate_degrees: turn_a, scale: scale_a },
+            Light::Environment { map: b, rotate_degrees: turn_b, scale: scale_b },
+        ) => Arc::ptr_eq(a, b) && turn_a == turn_b && scale_a == scale_b,
+        (Light::Environment { .. }, _) | (_, Light::Environment { .. }) => false,
+        (a, b) => a == b,
+    };
+    a.len() == b.len() && a.iter().zip(b).all(same)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+
+    use super::*;
+    use crate::light::sky::sky;
+
+    const PIVOT: DVec3 = DVec3::new(10.0, 2.0, -3.0);
+
+    fn all() -> Vec<Light> {
+        vec![
+            Light::constant(DVec3::ONE).unwrap(),
+            Light::directional(DVec3::new(0.3, 0.8, 0.5), DVec3::splat(3.0)).unwrap(),
+            Light::point(PIVOT + DVec3::new(0.0, 10.0, 30.0), DVec3::splat(900.0)).unwrap(),
+            Light::area(PIVOT + DVec3::X * 9.0, DVec3::new(-1.0, 0.2, 0.0), [2.0, 3.0], DVec3::ONE, None).unwrap(),
+            Light::environment(Arc::new(sky()), 33.0, DVec3::ONE).unwrap(),
+        ]
+    }
+
+    fn close(a: &Light, b: &Light) {
+        let pairs = match (a, b) {
+            (Light::Constant { .. }, Light::Constant { .. }) => vec![],
+            (Light::Directional { from: a, .. }, Light::Directional { from: b, .. }) => vec![(*a, *b)],
+            (Light::Point { at_mm: a, .. }, Light::Point { at_mm: b, .. }) => vec![(*a, *b)],
+            (Light::Area { at_mm: a, normal: n, u, .. }, Light::Area { at_mm: b, normal: m, u: v, .. }) => {
+                vec![(*a, *b), (*n, *m), (*u, *v)]
+            }
+            (Light::Environment { rotate_degrees: a, .. }, Light::Environment { rotate_degrees: b, .. }) => {
+                vec![(DVec3::splat(*a), DVec3::splat(*b))]
+            }
+            _ => panic!("other kinds"),
+        };
+        assert!(pairs.iter().all(|(a, b)| (*a - *b).length() < 1e-9), "{a} {b}");
+    }
+
+    #[test]
+    fn a_full_turn_and_steps_of_it_come_back() {
+        for light in all() {
+            close(&turned(&light, 360.0, PIVOT), &light);
+            let stepped = (0..8).fold(light.clone(), |l, _| turned(&l, 45.0, PIVOT));
+            close(&stepped, &light);
+        }
+        let quarter = turned(&Light::directional(DVec3::Z, DVec3::ONE).unwrap(), 90.0, PIVOT);
+        close(&quarter, &Light::directional(DVec3::X, DVec3::ONE).unwrap());
+        let point = turned(&Light::point(PIVOT + DVec3::Z, DVec3::ONE).unwrap(), 90.0, PIVOT);
+        close(&point, &Light::point(PIVOT + DVec3::X, DVec3::ONE).unwrap());
+    }
+
+    #[test]
+    fn an_entry_is_its_light_until_somebody_turns_it() {
+        for light in all() {
+            let mut entry = LightEntry::new(light.clone(), PIVOT);
+            close(&entry.light(0.0, PIVOT), &light);
+            close(&entry.light(77.0, PIVOT), &turned(&light, 77.0, PIVOT));
+            let before = entry.light(0.0, PIVOT);
+            entry.turn(30.0, 0.0);
+            close(&entry.light(0.0, PIVOT), &turned(&before, 30.0, PIVOT));
+        }
+    }
+
+    #[test]
+    fn height_and_brightness() {
+        let mut entry = LightEntry::new(all()[1].clone(), PIVOT);
+        entry.turn(0.0, 500.0);
+        entry.stops = 1.0;
+        let Light::Directional { from, irradiance } = entry.light(0.0, PIVOT) else { panic!("kind") };
+        assert!((from - DVec3::Y).length() < 1e-9 && irradiance == DVec3::splat(6.0));
+        entry.elevation_degrees = Some(10.0);
+        let (_, elevation) = angles_degrees(match entry.light(0.0, PIVOT) {
+            Light::Directional { from, .. } => from,
+            _ => DVec3::ZERO,
+        });
+        assert!((elevation - 10.0).abs() < 1e-9);
+        entry.on = false;
+        assert!(shining(&[entry], 0.0, PIVOT).is_empty());
+    }
+
+    #[test]
+    fn equal_states_are_told_from_others() {
+        let lights = all();
+        assert!(are_same(&lights, &lights.clone()));
+        assert!(!are_same(&lights, &lights[1..]));
+        for i in 1..lights.len() {
+            let mut other = lights.clone();
+            other[i] = turned(&other[i], 1.0, PIVOT);
+            assert!(!are_same(&lights, &other), "{i}");
+        }
+        let twin = Light::environment(Arc::new(sky()), 33.0, DVec3::ONE).unwrap();
+        assert!(!are_same(&lights[4..], &[twin]));
+    }
+
+    #[test]
+    fn angles_and_directions_are_inverse() {
+        for (azimuth, elevation) in [(0.0, 0.0), (90.0, 30.0), (-120.0, -45.0), (179.0, 80.0)] {
+            let (a, e) = angles_degrees(direction_of_degrees(azimuth, elevation));
+            assert!((a - azimuth).abs() < 1e-9 && (e - elevation).abs() < 1e-9);
+        }
+    }
+}

@@ -1,0 +1,210 @@
+//! Environments for the shaders: a sharp one for the background, and one blurred by the lobe of ever rougher surfaces.
+
+use std::f64::consts::{FRAC_1_PI, PI, TAU};
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use crate::light::environment::{EnvironmentMap, direction_of};
+use crate::math::random::radical_inverse_2;
+
+/// Width of the finest blurred level in pixels; its height is half of it.
+pub(super) const GLOSSY_WIDTH: usize = 256;
+/// Levels: the first is sharp, the last has roughness 1; the shader knows this number.
+pub(super) const LEVELS: usize = 6;
+/// Widest background in pixels.
+pub(super) const MAX_BACKDROP_WIDTH: usize = 2048;
+/// Directions that a blurred pixel looks in.
+const DIRECTIONS: u32 = 96;
+
+/// A picture of width w and height w / 2.
+#[derive(Clone)]
+pub(super) struct Level {
+    pub(super) width: usize,
+    pub(super) pixels: Vec<DVec3>,
+}
+
+impl Level {
+    fn height(&self) -> usize {
+        (self.width / 2).max(1)
+    }
+
+    fn bilinear(&self, direction: DVec3) -> DVec3 {
+        let (u, v) = crate::light::environment::position_of(direction);
+        let (width, height) = (self.width as f64, self.height() as f64);
+        let (x, y) = (u * width - 0.5, (v * height - 0.5).clamp(0.0, height - 1.0));
+        let (fx, fy) = (x - x.floor(), y - y.floor());
+        let column = |x: f64| x.rem_euclid(width) as usize % self.width;
+        let (x0, x1) = (column(x.floor()), column(x.floor() + 1.0));
+        let row = |y: f64| {
+            let start = (y as usize).min(self.height() - 1) * self.width;
+            self.pixels[start + x0] * (1.0 - fx) + self.pixels[start + x1] * fx
+        };
+        row(y.floor()) * (1.0 - fy) + row(y.floor() + 1.0) * fy
+    }
+
+    /// Half the size, pixels weighted by their solid angle.
+    fn halved(&self) -> Self {
+        let (width, height) = (self.width / 2, self.height() / 2);
+        let weight = |row: usize| ((row as f64 + 0.5) * PI / self.height() as f64).sin();
+        let pixel = |x: usize, y: usize| {
+            let row = |r: usize| self.pixels[r * self.width + 2 * x] + self.pixels[r * self.width + 2 * x + 1];
+            let (a, b) = (weight(2 * y), weight(2 * y + 1));
+            (row(2 * y) * a + row(2 * y + 1) * b) / (2.0 * (a + b))
+        };
+        Self { width, pixels: (0..width * height).map(|i| pixel(i % width, i / width)).collect() }
+    }
+}
+
+/// The map at another size: means over what a pixel covers, or interpolated where it covers less than one.
+pub(super) fn resized(map: &EnvironmentMap, width: usize) -> Level {
+    let height = (width / 2).max(1);
+    if map.width() < width || map.height() < height {
+        let at = |i: usize| centre_of(i, width, height);
+        return Level {
+            width,
+            pixels: (0..width * height).into_par_iter().map(|i| map.radiance_bilinear(at(i))).collect(),
+        };
+    }
+    let mut level = Level { width, pixels: vec![DVec3::ZERO; width * height] };
+    level.pixels.par_chunks_mut(width).enumerate().for_each(|(row, pixels)| {
+        let mut weights = vec![0.0; width];
+        for y in row * map.height() / height..(row + 1) * map.height() / height {
+            let angle = map.pixel_solid_angle_sr(y);
+            for x in 0..map.width() {
+                let column = x * width / map.width();
+                pixels[column] += map.pixel(x, y) * angle;
+                weights[column] += angle;
+            }
+        }
+        pixels.iter_mut().zip(weights).for_each(|(pixel, weight)| *pixel /= weight);
+    });
+    level
+}
+
+/// Direction of the middle of a pixel.
+fn centre_of(index: usize, width: usize, height: usize) -> DVec3 {
+    let (x, y) = ((index % width) as f64 + 0.5, (index / width) as f64 + 0.5);
+    direction_of(x / width as f64, y / height as f64)
+}
+
+/// Levels for roughness 0, 0.2, ... 1, each of half the size of the one before: what a mirror direction sees through the
+/// GGX lobe around it, seen from above (Karis 2013, "Real shading in Unreal Engine 4").
+pub(super) fn blurred(map: &EnvironmentMap) -> Vec<Level> {
+    let mut sources = vec![resized(map, GLOSSY_WIDTH)];
+    while sources.last().is_some_and(|l| l.width > 4) {
+        let next = sources.last().map(Level::halved);
+        sources.extend(next);
+    }
+    (0..LEVELS)
+        .map(|level| {
+            let width = GLOSSY_WIDTH >> level;
+            match level {
+                0 => sources[0].clone(),
+                _ => blur(&sources, width, level as f64 / (LEVELS - 1) as f64),
+            }
+        })
+        .collect()
+}
+
+fn blur(sources: &[Level], width: usize, roughness: f64) -> Level {
+    let alpha = roughness * roughness;
+    let lobe = lobe(alpha, 4.0 * PI / (GLOSSY_WIDTH * GLOSSY_WIDTH / 2) as f64, sources.len());
+    let height = width / 2;
+    let pixel = |i: usize| {
+        let normal = centre_of(i, width, height);
+        let (a, b) = normal.any_orthonormal_pair();
+        let (mut sum, mut weights) = (DVec3::ZERO, 0.0);
+        for &(direction, source) in &lobe {
+            let world = a * direction.x + b * direction.y + normal * direction.z;
+            sum += sources[source].bilinear(world) * direction.z;
+            weights += direction.z;
+        }
+        sum / weights
+    };
+    Level { width, pixels: (0..width * height).into_par_iter().map(pixel).collect() }
+}
+
+/// Directions of the lobe about +Z, and the source whose pixels are about as large as each one's share of it.
+fn lobe(alpha: f64, pixel_sr: f64, sources: usize) -> Vec<(DVec3, usize)> {
+    let a2 = alpha * alpha;
+    let direction = |i: u32| {
+        let xi = (f64::from(i) + 0.5) / f64::from(DIRECTIONS);
+        let (sin_phi, cos_phi) = (TAU * radical_inverse_2(i)).sin_cos();
+        let cos2 = (1.0 - xi) / (1.0 + (a2 - 1.0) * xi);
+        let (cos, sin) = (cos2.sqrt(), (1.0 - cos2).max(0.0).sqrt());
+        let half = DVec3::new(sin * cos_phi, sin * sin_phi, cos);
+        let light = half * (2.0 * cos) - DVec3::Z;
+        let t = 1.0 + (a2 - 1.0) * cos2;
+        let density = 0.25 * FRAC_1_PI * a2 / (t * t);
+        let share_sr = 1.0 / (f64::from(DIRECTIONS) * density);
+        let level = (0.5 * (share_sr / pixel_sr).log2() + 0.5).clamp(0.0, (sources - 1) as f64);
+        (light, level as usize)
+    };
+    (0..DIRECTIONS).map(direction).filter(|(light, _)| light.z > 0.0).collect()
+}
+
+/// Largest value that [`packed`] holds.
+pub(super) const MAX_PACKED: f64 = 65408.0;
+
+/// Three numbers of 9 bits with a common exponent (the texture format Rgb9e5Ufloat).
+pub(super) fn packed(colour: DVec3) -> u32 {
+    let c = colour.clamp(DVec3::ZERO, DVec3::splat(MAX_PACKED));
+    let largest = c.max_element();
+    if largest.is_nan() || largest < 1e-9 {
+        return 0;
+    }
+    let mut exponent = (largest.log2().floor() as i32).max(-16) + 16;
+    let unit = |exponent: i32| f64::from(exponent - 24).exp2();
+    if (largest / unit(exponent)).round() > 511.0 {
+        exponent += 1;
+    }
+    let mantissa = |v: f64| ((v / unit(exponent)).round() as u32).min(511);
+    mantissa(c.x) | mantissa(c.y) << 9 | mantissa(c.z) << 18 | (exponent as u32) << 27
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::light::sky::sky;
+
+    fn unpacked(bits: u32) -> DVec3 {
+        let unit = f64::from((bits >> 27) as i32 - 24).exp2();
+        DVec3::new(f64::from(bits & 511), f64::from(bits >> 9 & 511), f64::from(bits >> 18 & 511)) * unit
+    }
+
+    #[test]
+    fn shared_exponents_keep_eight_bits() {
+        for i in 0..2000 {
+            let v = 1e-3 * 1.01f64.powi(i % 1500);
+            let colour = DVec3::new(v, 0.7 * v, 0.02 * v).min(DVec3::splat(6e4));
+            let back = unpacked(packed(colour));
+            assert!((back - colour).abs().max_element() <= colour.max_element() / 500.0, "{colour} {back}");
+        }
+        assert_eq!(packed(DVec3::ZERO), 0);
+        assert_eq!(unpacked(packed(DVec3::splat(f64::INFINITY))), DVec3::splat(MAX_PACKED));
+        assert_eq!(packed(DVec3::splat(f64::NAN)), 0);
+    }
+
+    #[test]
+    fn blurring_a_constant_changes_nothing_and_energy_survives_resizing() {
+        let grey = EnvironmentMap::new(8, 4, vec![[2.0, 1.0, 0.5]; 32]).unwrap();
+        for level in blurred(&grey) {
+            assert_eq!(level.pixels.len(), level.width * level.width / 2);
+            assert!(level.pixels.iter().all(|p| (*p - DVec3::new(2.0, 1.0, 0.5)).length() < 1e-12));
+        }
+        let map = sky();
+        let mean = |level: &Level| {
+            let height = level.pixels.len() / level.width;
+            let weight = |i: usize| (((i / level.width) as f64 + 0.5) * PI / height as f64).sin();
+            let sum: f64 = (0..level.pixels.len()).map(weight).sum();
+            level.pixels.iter().enumerate().map(|(i, p)| *p * weight(i)).sum::<DVec3>() / sum
+        };
+        let expected = map.energy() / (4.0 * PI);
+        assert!(((mean(&resized(&map, 64)) - expected) / expected).abs().max_element() < 0.02);
+        for level in blurred(&map) {
+            assert!(((mean(&level) - expected) / expected).abs().max_element() < 0.1, "{}", level.width);
+        }
+    }
+}

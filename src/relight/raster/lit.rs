@@ -1,0 +1,264 @@
+//! Lights as the shaders read them: lamps for highlights, environments as textures.
+
+use std::f64::consts::FRAC_PI_2;
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use super::environment::{LEVELS, Level, MAX_BACKDROP_WIDTH, MAX_PACKED, blurred, packed, resized};
+use super::shadows::{SHADOWED, is_sharp};
+use super::view::{ENVIRONMENTS, EnvironmentUniform, finite, finite3};
+use crate::evaluate::device::Device;
+use crate::light::Light;
+use crate::light::environment::EnvironmentMap;
+
+/// A rectangle stands for itself by this many points along each edge.
+const POINTS_PER_EDGE: usize = 3;
+
+/// A light that makes highlights.
+#[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub(super) struct Lamp {
+    to: [f32; 4],
+    power: [f32; 4],
+    normal: [f32; 4],
+}
+
+/// Highlights of the directional, point and area lights.
+pub(super) fn lamps(lights: &[Light], origin_mm: DVec3) -> Vec<Lamp> {
+    let with = |v: [f32; 3], w: f32| [v[0], v[1], v[2], w];
+    let mut slot = 0;
+    let mut out = Vec::new();
+    for light in lights {
+        let shadow = if is_sharp(light) && slot < SHADOWED { slot as f32 } else { -1.0 };
+        slot += usize::from(is_sharp(light));
+        match light {
+            Light::Directional { from, irradiance } => out.push(Lamp {
+                to: with(finite3(*from), 0.0),
+                power: with(finite3(*irradiance), shadow),
+                normal: [0.0; 4],
+            }),
+            Light::Point { at_mm, intensity } => out.push(Lamp {
+                to: with(finite3(*at_mm - origin_mm), 1.0),
+                power: with(finite3(*intensity), shadow),
+                normal: [0.0; 4],
+            }),
+            Light::Area { at_mm, normal, u, size_mm, radiance } => {
+                let (first, second) = (*u * size_mm[0], normal.cross(*u) * size_mm[1]);
+                let share = size_mm[0] * size_mm[1] / (POINTS_PER_EDGE * POINTS_PER_EDGE) as f64;
+                let middle = |i: usize| (i as f64 + 0.5) / POINTS_PER_EDGE as f64 - 0.5;
+                for (a, b) in (0..POINTS_PER_EDGE).flat_map(|a| (0..POINTS_PER_EDGE).map(move |b| (a, b))) {
+                    let point = *at_mm + first * middle(a) + second * middle(b) - origin_mm;
+                    out.push(Lamp {
+                        to: with(finite3(point), 1.0),
+                        power: with(finite3(*radiance * share), -1.0),
+                        normal: with(finite3(*normal), 1.0),
+                    });
+                }
+            }
+            Light::Constant { .. } | Light::Environment { .. } => {}
+        }
+    }
+    out
+}
+
+/// Sum of the constant lights.
+pub(super) fn constant(lights: &[Light]) -> DVec3 {
+    let radiance = |light: &Light| if let Light::Constant { radiance } = light { *radiance } else { DVec3::ZERO };
+    lights.iter().map(radiance).sum()
+}
+
+/// The environments among the lights that are shown.
+fn environments(lights: &[Light]) -> Vec<(&Arc<EnvironmentMap>, f64, DVec3)> {
+    let environment = |light: &'_ Light| matches!(light, Light::Environment { .. });
+    lights
+        .iter()
+        .filter(|l| environment(l))
+        .filter_map(|l| match l {
+            Light::Environment { map, rotate_degrees, scale } => Some((map, *rotate_degrees, *scale)),
+            _ => None,
+        })
+        .take(ENVIRONMENTS)
+        .collect()
+}
+
+/// Textures of the environments, made anew only when other pictures come.
+pub(super) struct Environments {
+    maps: Vec<Arc<EnvironmentMap>>,
+    /// What the textures' values are multiplied by.
+    scales: Vec<f64>,
+    pub(super) glossy: wgpu::TextureView,
+    pub(super) backdrop: wgpu::TextureView,
+}
+
+impl Environments {
+    /// None at all.
+    pub(super) fn none(device: &Device) -> Self {
+        Self::of(device, Vec::new())
+    }
+
+    fn of(device: &Device, maps: Vec<Arc<EnvironmentMap>>) -> Self {
+        let limit = device.device.limits().max_texture_dimension_2d as usize;
+        let widest = maps.iter().map(|m| m.width()).max().unwrap_or(2).next_power_of_two();
+        let width = widest.clamp(2, MAX_BACKDROP_WIDTH.min(limit));
+        let brightest = |m: &Arc<EnvironmentMap>| {
+            let largest = f64::from(m.pixels().iter().flatten().fold(0.0f32, |a, b| a.max(*b)));
+            // A sun stays as bright as it is as long as the rest keeps its digits.
+            (largest / MAX_PACKED).max(1.0).log2().ceil().exp2()
+        };
+        let scales: Vec<f64> = maps.iter().map(brightest).collect();
+        let black = |width: usize| Level { width, pixels: vec![DVec3::ZERO; width * (width / 2).max(1)] };
+        let mut glossy: Vec<Vec<Level>> = maps.iter().map(|m| blurred(m)).collect();
+        let mut backdrop: Vec<Vec<Level>> = maps.iter().map(|m| vec![resized(m, width)]).collect();
+        if maps.is_empty() {
+            glossy.push((0..LEVELS).map(|l| black(64 >> l)).collect());
+            backdrop.push(vec![black(width)]);
+        }
+        let layer_scales = if scales.is_empty() { vec![1.0] } else { scales.clone() };
+        let glossy = texture(device, "glossy environment", &glossy, &layer_scales);
+        let backdrop = texture(device, "background", &backdrop, &layer_scales);
+        Self { maps, scales, glossy, backdrop }
+    }
+
+    /// Brings the textures up to date; whether they are other ones now.
+    pub(super) fn update(&mut self, device: &Device, lights: &[Light]) -> bool {
+        let now = environments(lights);
+        let same = now.len() == self.maps.len() && now.iter().zip(&self.maps).all(|((a, ..), b)| Arc::ptr_eq(a, b));
+        if !same {
+            *self = Self::of(device, now.iter().map(|(map, ..)| Arc::clone(map)).collect());
+        }
+        !same
+    }
+
+    /// Turns and factors of the environments.
+    pub(super) fn uniforms(&self, lights: &[Light]) -> ([EnvironmentUniform; ENVIRONMENTS], u32) {
+        let mut out = [EnvironmentUniform::default(); ENVIRONMENTS];
+        let now = environments(lights);
+        for ((out, (_, degrees, scale)), factor) in out.iter_mut().zip(&now).zip(&self.scales) {
+            let (sin, cos) = degrees.to_radians().sin_cos();
+            let [r, g, b] = (*scale * *factor).to_array().map(finite);
+            *out = EnvironmentUniform { turn: [cos as f32, sin as f32, 0.0, 0.0], scale: [r, g, b, 0.0] };
+        }
+        (out, now.len().min(self.maps.len()) as u32)
+    }
+}
+
+/// A texture array of one layer for each environment, with the levels of each.
+fn texture(device: &Device, label: &str, layers: &[Vec<Level>], scales: &[f64]) -> wgpu::TextureView {
+    let (width, levels) = layers.first().and_then(|l| Some((l.first()?.width, l.len()))).unwrap_or((1, 1));
+    let size = |level: usize| wgpu::Extent3d {
+        width: (width >> level).max(1) as u32,
+        height: (width >> (level + 1)).max(1) as u32,
+        depth_or_array_layers: 1,
+    };
+    let texture = device.device.create_texture(&wgpu::TextureDescriptor {
+        label: Some(label),
+        size: wgpu::Extent3d { depth_or_array_layers: layers.len() as u32, ..size(0) },
+        mip_level_count: levels as u32,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: wgpu::TextureFormat::Rgb9e5Ufloat,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        view_formats: &[],
+    });
+    for (layer, (pictures, scale)) in layers.iter().zip(scales).enumerate() {
+        for (level, picture) in pictures.iter().enumerate() {
+            let texels: Vec<u32> = picture.pixels.iter().map(|p| packed(*p / *scale)).collect();
+            let size = size(level);
+            device.queue.write_texture(
+                wgpu::TexelCopyTextureInfo {
+                    texture: &texture,
+                    mip_level: level as u32,
+                    origin: wgpu::Origin3d { x: 0, y: 0, z: layer as u32 },
+                    aspect: wgpu::TextureAspect::All,
+                },
+                bytemuck::cast_slice(&texels),
+                wgpu::TexelCopyBufferLayout {
+                    offset: 0,
+                    bytes_per_row: Some(4 * size.width),
+                    rows_per_image: Some(size.height),
+                },
+                size,
+            );
+        }
+    }
+    texture.create_view(&wgpu::TextureViewDescriptor {
+        dimension: Some(wgpu::TextureViewDimension::D2Array),
+        ..Default::default()
+    })
+}
+
+/// Steps of the table of [`albedos`]; the shader knows this number.
+pub(super) const ALBEDO_STEPS: usize = 32;
+
+/// Share of light from everywhere that a rough dielectric boundary reflects, at cosines from 0 to 1.
+///
+/// Microfacet normals are taken as those that a direction sees (Heitz 2018, "Sampling the GGX distribution of visible
+/// normals"), each one's light weighted by Fresnel and the masking that is left.
+pub(super) fn albedos(eta: f64, roughness: f64) -> [f32; ALBEDO_STEPS] {
+    const SIDE: u32 = 24;
+    let alpha = (roughness * roughness).max(1e-3);
+    let root = |c: f64| (alpha * alpha + (1.0 - alpha * alpha) * c * c).sqrt();
+    std::array::from_fn(|step| {
+        let cos = (step as f64 / (ALBEDO_STEPS - 1) as f64).max(1e-3);
+        let eye = DVec3::new((1.0 - cos * cos).sqrt(), 0.0, cos);
+        let stretched = DVec3::new(alpha * eye.x, 0.0, eye.z).normalize();
+        let (a, b) = stretched_frame(stretched);
+        let mut sum = 0.0;
+        for i in 0..SIDE * SIDE {
+            let place = |k: u32| (f64::from(k) + 0.5) / f64::from(SIDE);
+            let (radius, phi) = (place(i % SIDE).sqrt(), 4.0 * FRAC_PI_2 * place(i / SIDE));
+            let x = radius * phi.cos();
+            let s = 0.5 * (1.0 + stretched.z);
+            let y = (1.0 - s) * (1.0 - x * x).sqrt() + s * radius * phi.sin();
+            let normal = a * x + b * y + stretched * (1.0 - x * x - y * y).max(0.0).sqrt();
+            let half = DVec3::new(alpha * normal.x, alpha * normal.y, normal.z.max(0.0)).normalize_or_zero();
+            let along = half.dot(eye);
+            let cos_light = 2.0 * along * half.z - eye.z;
+            if cos_light > 0.0 {
+                let fresnel = 1.0 - crate::medium::fresnel::transmittance(eta, along);
+                // G2 / G1 of the eye.
+                let left = cos_light * (eye.z + root(eye.z)) / (eye.z * root(cos_light) + cos_light * root(eye.z));
+                sum += fresnel * left;
+            }
+        }
+        (sum / f64::from(SIDE * SIDE)) as f32
+    })
+}
+
+fn stretched_frame(normal: DVec3) -> (DVec3, DVec3) {
+    let across = DVec3::new(-normal.y, normal.x, 0.0).normalize_or(DVec3::X);
+    (across, normal.cross(across))
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_smooth_boundary_reflects_what_fresnel_says_and_none_without_a_step() {
+        let smooth = albedos(1.5, 0.0);
+        for (step, value) in smooth.iter().enumerate().skip(2) {
+            let cos = step as f64 / (ALBEDO_STEPS - 1) as f64;
+            let expected = 1.0 - crate::medium::fresnel::transmittance(1.5, cos);
+            assert!((f64::from(*value) - expected).abs() < 0.01 * expected + 1e-3, "{cos}: {value} {expected}");
+        }
+        assert!(albedos(1.0, 0.5).iter().all(|a| a.abs() < 1e-6));
+        for roughness in [0.1, 0.3, 1.0] {
+            assert!(albedos(1.3, roughness).iter().all(|a| (0.0..=1.0).contains(a)));
+        }
+    }
+
+    #[test]
+    fn lamps_hold_the_power_of_their_light() {
+        let area =
+            Light::area(DVec3::new(0.0, 40.0, 0.0), DVec3::NEG_Y, [20.0, 10.0], DVec3::splat(5.0), None).unwrap();
+        let sun = Light::directional(DVec3::Y, DVec3::ONE).unwrap();
+        let found = lamps(&[area, sun.clone(), sun], DVec3::ZERO);
+        assert_eq!(found.len(), POINTS_PER_EDGE * POINTS_PER_EDGE + 2);
+        let sum: f32 = found.iter().filter(|l| l.normal[3] == 1.0).map(|l| l.power[0]).sum();
+        assert!((sum - 1000.0).abs() < 1e-2);
+        assert_eq!([found[9].power[3], found[10].power[3]], [0.0, 1.0]);
+    }
+}

@@ -1,0 +1,286 @@
+//! Draws a scene from the radiosity in a device's memory, without reading it back: exit radiance as the renderer has it,
+//! reflections of the lights, and what is seen beside the object.
+
+mod corners;
+mod environment;
+mod lit;
+mod pipelines;
+pub(crate) mod shadows;
+mod shown;
+pub mod target;
+pub mod view;
+
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use self::corners::{Corner, corners, wires};
+use self::lit::{ALBEDO_STEPS, Environments, Lamp, albedos, constant, lamps};
+use self::pipelines::{DEPTH_FORMAT, Pipelines, layout};
+use self::target::{Canvas, Finish};
+use self::view::{Encoding, Look, View, ViewUniform, Wires, finite, finite3};
+use crate::error::Result;
+use crate::evaluate::device::{Device, DeviceEvaluator};
+use crate::light::Light;
+use crate::medium::fresnel::transmittance;
+use crate::render::background::Background;
+use crate::render::exit::{ExitFresnel, ExitRadiance};
+use crate::render::frame::Specular;
+use crate::render::specular::Roughness;
+use crate::transport::scene::Medium;
+
+pub use self::shown::Shown;
+
+/// A scene on a device, ready to be drawn.
+pub struct Raster {
+    device: Arc<Device>,
+    layout: wgpu::BindGroupLayout,
+    pipelines: Vec<Pipelines>,
+    origin_mm: DVec3,
+    bounds_mm: [DVec3; 2],
+    index_count: u32,
+    corners: wgpu::Buffer,
+    indices: wgpu::Buffer,
+    wires: wgpu::Buffer,
+    shown: Shown,
+    errors: wgpu::Buffer,
+    media: wgpu::Buffer,
+    albedo: wgpu::Buffer,
+    lamps: wgpu::Buffer,
+    uniform: wgpu::Buffer,
+    wrap: wgpu::Sampler,
+    environments: Environments,
+    lights: Vec<Light>,
+    /// What the tables of the media were made for.
+    made_for: Option<(Vec<Medium>, Specular)>,
+    bindings: wgpu::BindGroup,
+}
+
+impl Raster {
+    /// The scene of an evaluator, to be drawn in these ways.
+    ///
+    /// # Errors
+    /// A mesh that the adapter has no room for (exit 5), a lost device (exit 4).
+    pub fn new(evaluator: &dyn DeviceEvaluator, finishes: &[Finish]) -> Result<Self> {
+        let device = Arc::clone(evaluator.device());
+        let scene = evaluator.scene();
+        let layout = layout(&device);
+        let pipelines = finishes.iter().map(|finish| Pipelines::new(&device, &layout, *finish)).collect();
+        let usage = |usage| wgpu::BufferUsages::COPY_DST | usage;
+        let (vertices, triangles) = corners(scene, evaluator.receiver_of_vertex());
+        let corners = filled(&device, "corners", &vertices, usage(wgpu::BufferUsages::VERTEX))?;
+        let indices = filled(&device, "triangles", &triangles, usage(wgpu::BufferUsages::INDEX))?;
+        let wires = filled(&device, "wires", &wires(&triangles), usage(wgpu::BufferUsages::INDEX))?;
+        let shown = Shown::new(evaluator)?;
+        let errors = device.zeros("errors", scene.mesh.local_mm.len() as u64 * 4)?;
+        let media = device.zeros("media", scene.media.len() as u64 * 16)?;
+        let albedo = device.zeros("reflected shares", (scene.media.len() * ALBEDO_STEPS) as u64 * 4)?;
+        let lamps = device.storage("lamps", &[Lamp::default()])?;
+        let uniform = device.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("view"),
+            size: size_of::<ViewUniform>() as u64,
+            usage: usage(wgpu::BufferUsages::UNIFORM),
+            mapped_at_creation: false,
+        });
+        let wrap = device.device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some("environment"),
+            address_mode_u: wgpu::AddressMode::Repeat,
+            address_mode_v: wgpu::AddressMode::ClampToEdge,
+            mag_filter: wgpu::FilterMode::Linear,
+            min_filter: wgpu::FilterMode::Linear,
+            mipmap_filter: wgpu::MipmapFilterMode::Linear,
+            ..Default::default()
+        });
+        let environments = Environments::none(&device);
+        let buffers = [&uniform, shown.radiosity(), shown.visibility(), &errors, &media, &albedo, &lamps];
+        let bindings = pipelines::bindings(&device, &layout, buffers, &environments, &wrap);
+        device.check()?;
+        Ok(Self {
+            layout,
+            pipelines,
+            origin_mm: scene.mesh.origin_mm,
+            bounds_mm: scene.mesh.bounds_local_mm(),
+            index_count: triangles.len() as u32,
+            corners,
+            indices,
+            wires,
+            shown,
+            errors,
+            media,
+            albedo,
+            lamps,
+            uniform,
+            wrap,
+            environments,
+            lights: Vec::new(),
+            made_for: None,
+            bindings,
+            device,
+        })
+    }
+
+    /// The device.
+    pub fn device(&self) -> &Arc<Device> {
+        &self.device
+    }
+
+    /// Where whoever evaluates puts what is drawn.
+    pub fn shown(&self) -> &Shown {
+        &self.shown
+    }
+
+    /// Replaces the media and the reflection; cheap where nothing changed.
+    pub fn set_media(&mut self, media: &[Medium], specular: Specular) {
+        let same = self.made_for.as_ref().is_some_and(|(m, g)| m == media && *g == specular);
+        if same {
+            return;
+        }
+        let roughness = specular.roughness().map_or(1.0, Roughness::value);
+        let mut rows: Vec<[f32; 4]> = Vec::with_capacity(media.len());
+        let mut shares: Vec<f32> = Vec::with_capacity(media.len() * ALBEDO_STEPS);
+        for medium in media {
+            let eta = medium.properties.eta_inside_over_outside;
+            let exit = ExitRadiance::new(eta, ExitFresnel::Normalised);
+            let straight = transmittance(eta, 1.0);
+            let scale_per_sr = if straight > 0.0 { exit.per_radiosity(1.0) / straight } else { 0.0 };
+            rows.push([eta as f32, finite(scale_per_sr), shares.len() as f32, 0.0]);
+            shares.extend(albedos(eta, roughness));
+        }
+        // The buffers are as long as the scene has media; more would have no part.
+        let fits = |buffer: &wgpu::Buffer, bytes: usize| bytes as u64 <= buffer.size();
+        if fits(&self.media, rows.len() * 16) && fits(&self.albedo, shares.len() * 4) {
+            self.device.queue.write_buffer(&self.media, 0, bytemuck::cast_slice(&rows));
+            self.device.queue.write_buffer(&self.albedo, 0, bytemuck::cast_slice(&shares));
+        }
+        self.made_for = Some((media.to_vec(), specular));
+    }
+
+    /// Replaces the lights that are reflected and seen.
+    ///
+    /// # Errors
+    /// More lights than the adapter binds (exit 5).
+    pub fn set_lights(&mut self, lights: &[Light]) -> Result<()> {
+        let lamps = lamps(lights, self.origin_mm);
+        let mut stale = self.environments.update(&self.device, lights);
+        let bytes: &[u8] = bytemuck::cast_slice(&lamps);
+        if bytes.len() as u64 > self.lamps.size() {
+            self.lamps = self.device.storage("lamps", &lamps)?;
+            stale = true;
+        } else if !lamps.is_empty() {
+            self.device.queue.write_buffer(&self.lamps, 0, bytes);
+        }
+        self.lights = lights.to_vec();
+        if stale {
+            let layout = &self.layout;
+            let shown = &self.shown;
+            let buffers = [
+                &self.uniform,
+                shown.radiosity(),
+                shown.visibility(),
+                &self.errors,
+                &self.media,
+                &self.albedo,
+                &self.lamps,
+            ];
+            self.bindings = pipelines::bindings(&self.device, layout, buffers, &self.environments, &self.wrap);
+        }
+        Ok(())
+    }
+
+    /// Replaces the errors of the error view, one for each source vertex.
+    pub fn set_errors(&self, errors: &[f32]) {
+        if !errors.is_empty() && size_of_val(errors) as u64 <= self.errors.size() {
+            self.device.queue.write_buffer(&self.errors, 0, bytemuck::cast_slice(errors));
+        }
+    }
+
+    /// Draws what was published last to the upper left corner of `target`, as large as the view says; nothing where the
+    /// raster was not made for the finish of `canvas`.
+    pub fn draw(&self, encoder: &mut wgpu::CommandEncoder, view: &View, canvas: &Canvas, target: &wgpu::TextureView) {
+        let Some(pipelines) = self.pipelines.iter().find(|p| p.finish == canvas.finish()) else { return };
+        let uniform = self.uniform_of(view, canvas.finish().encoding);
+        self.device.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
+        let (drawn, resolved) = match canvas.many() {
+            Some(many) => (many, Some(target)),
+            None => (target, None),
+        };
+        let store = if resolved.is_some() { wgpu::StoreOp::Discard } else { wgpu::StoreOp::Store };
+        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("scene"),
+            color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                view: drawn,
+                depth_slice: None,
+                resolve_target: resolved,
+                ops: wgpu::Operations { load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT), store },
+            })],
+            depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
+                view: canvas.depth(),
+                depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(0.0), store: wgpu::StoreOp::Discard }),
+                stencil_ops: None,
+            }),
+            ..Default::default()
+        });
+        let side = |view: usize, canvas: usize| view.min(canvas) as u32;
+        let (whole, shown) = (canvas.resolution(), view.resolution);
+        let (width, height) = (side(shown.width, whole.width), side(shown.height, whole.height));
+        pass.set_viewport(0.0, 0.0, width as f32, height as f32, 0.0, 1.0);
+        pass.set_scissor_rect(0, 0, width, height);
+        pass.set_bind_group(0, &self.bindings, &[]);
+        pass.set_pipeline(&pipelines.surface);
+        pass.set_vertex_buffer(0, self.corners.slice(..));
+        pass.set_index_buffer(self.indices.slice(..), wgpu::IndexFormat::Uint32);
+        pass.draw_indexed(0..self.index_count, 0, 0..1);
+        if view.wires == Wires::Shown {
+            pass.set_pipeline(&pipelines.wire);
+            pass.set_index_buffer(self.wires.slice(..), wgpu::IndexFormat::Uint32);
+            pass.draw_indexed(0..2 * self.index_count, 0, 0..1);
+        }
+        // Last, so that what the object hides costs nothing; black is there already.
+        let is_black =
+            canvas.finish().encoding == Encoding::Srgb && view.look != Look::Error && uniform.is_black_beside();
+        if !is_black {
+            pass.set_pipeline(&pipelines.beside);
+            pass.draw(0..3, 0..1);
+        }
+    }
+
+    fn uniform_of(&self, view: &View, encoding: Encoding) -> ViewUniform {
+        let mut uniform = ViewUniform::new(view, encoding, self.origin_mm, self.bounds_mm);
+        let constant = constant(&self.lights);
+        (uniform.environments, uniform.environment_count) = self.environments.uniforms(&self.lights);
+        uniform.light_count = lamps(&self.lights, self.origin_mm).len() as u32;
+        uniform.constant = finite3(constant);
+        uniform.backdrop = match view.background {
+            Background::Environment => finite3(constant),
+            Background::None => [0.0; 3],
+            Background::Colour(colour) => finite3(colour),
+        };
+        uniform
+    }
+}
+
+/// A buffer with these contents, never empty.
+fn filled<T: bytemuck::NoUninit>(
+    device: &Device,
+    label: &str,
+    values: &[T],
+    usage: wgpu::BufferUsages,
+) -> Result<wgpu::Buffer> {
+    use wgpu::util::DeviceExt;
+    let bytes: &[u8] = bytemuck::cast_slice(values);
+    let limit = device.device.limits().max_buffer_size;
+    if bytes.len() as u64 > limit {
+        return Err(crate::error::Error::unsupported(format!(
+            "{label}: {} MiB where {} holds {} MiB at most; use --device cpu",
+            bytes.len() >> 20,
+            device.info.name,
+            limit >> 20
+        )));
+    }
+    let zero = [0u8; size_of::<Corner>()];
+    Ok(device.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+        label: Some(label),
+        contents: if bytes.is_empty() { &zero } else { bytes },
+        usage,
+    }))
+}

@@ -1,0 +1,160 @@
+//! Bindings and pipelines of the shaders.
+
+use super::corners::Corner;
+use super::lit::Environments;
+use super::target::Finish;
+use crate::evaluate::device::Device;
+
+/// Format of the depth; reversed, so that infinity is 0.
+pub(super) const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
+
+/// The pipelines of one format.
+pub(super) struct Pipelines {
+    pub(super) finish: Finish,
+    pub(super) surface: wgpu::RenderPipeline,
+    pub(super) wire: wgpu::RenderPipeline,
+    pub(super) beside: wgpu::RenderPipeline,
+}
+
+/// What one pipeline differs in from the others.
+struct Stage<'a> {
+    label: &'a str,
+    vertex: &'a str,
+    fragment: &'a str,
+    topology: wgpu::PrimitiveTopology,
+    corners: bool,
+    depth_writes: bool,
+    depth: wgpu::CompareFunction,
+}
+
+impl Pipelines {
+    pub(super) fn new(device: &Device, layout: &wgpu::BindGroupLayout, finish: Finish) -> Self {
+        let module = device.device.create_shader_module(wgpu::ShaderModuleDescriptor {
+            label: Some("surface"),
+            source: wgpu::ShaderSource::Wgsl(include_str!("surface.wgsl").into()),
+        });
+        let pipeline_layout = device.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: Some("scene"),
+            bind_group_layouts: &[Some(layout)],
+            immediate_size: 0,
+        });
+        let make = |stage: Stage| pipeline(device, &module, &pipeline_layout, finish, &stage);
+        let surface = make(Stage {
+            label: "surface",
+            vertex: "surface_corner",
+            fragment: "surface_colour",
+            topology: wgpu::PrimitiveTopology::TriangleList,
+            corners: true,
+            depth_writes: true,
+            depth: wgpu::CompareFunction::Greater,
+        });
+        let wire = make(Stage {
+            label: "wires",
+            vertex: "wire_corner",
+            fragment: "wire_colour",
+            topology: wgpu::PrimitiveTopology::LineList,
+            corners: true,
+            depth_writes: false,
+            depth: wgpu::CompareFunction::GreaterEqual,
+        });
+        let beside = make(Stage {
+            label: "beside",
+            vertex: "beside_corner",
+            fragment: "beside_colour",
+            topology: wgpu::PrimitiveTopology::TriangleList,
+            corners: false,
+            depth_writes: false,
+            depth: wgpu::CompareFunction::GreaterEqual,
+        });
+        Self { finish, surface, wire, beside }
+    }
+}
+
+fn pipeline(
+    device: &Device,
+    module: &wgpu::ShaderModule,
+    layout: &wgpu::PipelineLayout,
+    finish: Finish,
+    stage: &Stage,
+) -> wgpu::RenderPipeline {
+    let corners = [Some(wgpu::VertexBufferLayout {
+        array_stride: size_of::<Corner>() as u64,
+        step_mode: wgpu::VertexStepMode::Vertex,
+        attributes: &Corner::ATTRIBUTES,
+    })];
+    device.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        label: Some(stage.label),
+        layout: Some(layout),
+        vertex: wgpu::VertexState {
+            module,
+            entry_point: Some(stage.vertex),
+            compilation_options: wgpu::PipelineCompilationOptions::default(),
+            buffers: if stage.corners { &corners } else { &[] },
+        },
+        primitive: wgpu::PrimitiveState { topology: stage.topology, ..Default::default() },
+        depth_stencil: Some(wgpu::DepthStencilState {
+            format: DEPTH_FORMAT,
+            depth_write_enabled: Some(stage.depth_writes),
+            depth_compare: Some(stage.depth),
+            stencil: wgpu::StencilState::default(),
+            bias: wgpu::DepthBiasState::default(),
+        }),
+        multisample: wgpu::MultisampleState { count: finish.samples, ..Default::default() },
+        fragment: Some(wgpu::FragmentState {
+            module,
+            entry_point: Some(stage.fragment),
+            compilation_options: wgpu::PipelineCompilationOptions::default(),
+            targets: &[Some(finish.format.into())],
+        }),
+        multiview_mask: None,
+        cache: None,
+    })
+}
+
+/// Bindings 0 to 9 of the shaders.
+pub(super) fn layout(device: &Device) -> wgpu::BindGroupLayout {
+    let both = wgpu::ShaderStages::VERTEX_FRAGMENT;
+    let (vertex, fragment) = (wgpu::ShaderStages::VERTEX, wgpu::ShaderStages::FRAGMENT);
+    let buffer = |ty| wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None };
+    let storage = buffer(wgpu::BufferBindingType::Storage { read_only: true });
+    let texture = wgpu::BindingType::Texture {
+        sample_type: wgpu::TextureSampleType::Float { filterable: true },
+        view_dimension: wgpu::TextureViewDimension::D2Array,
+        multisampled: false,
+    };
+    let kinds = [
+        (both, buffer(wgpu::BufferBindingType::Uniform)),
+        (vertex, storage),
+        (vertex, storage),
+        (vertex, storage),
+        (fragment, storage),
+        (fragment, storage),
+        (fragment, storage),
+        (fragment, texture),
+        (fragment, texture),
+        (fragment, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
+    ];
+    let entries: Vec<wgpu::BindGroupLayoutEntry> = (0..)
+        .zip(kinds)
+        .map(|(binding, (visibility, ty))| wgpu::BindGroupLayoutEntry { binding, visibility, ty, count: None })
+        .collect();
+    let descriptor = wgpu::BindGroupLayoutDescriptor { label: Some("scene"), entries: &entries };
+    device.device.create_bind_group_layout(&descriptor)
+}
+
+/// The resources of [`layout`]; `buffers` are those of bindings 0 to 6.
+pub(super) fn bindings(
+    device: &Device,
+    layout: &wgpu::BindGroupLayout,
+    buffers: [&wgpu::Buffer; 7],
+    environments: &Environments,
+    wrap: &wgpu::Sampler,
+) -> wgpu::BindGroup {
+    let mut resources: Vec<wgpu::BindingResource> = buffers.iter().map(|b| b.as_entire_binding()).collect();
+    resources.push(wgpu::BindingResource::TextureView(&environments.glossy));
+    resources.push(wgpu::BindingResource::TextureView(&environments.backdrop));
+    resources.push(wgpu::BindingResource::Sampler(wrap));
+    let entries: Vec<wgpu::BindGroupEntry> =
+        (0..).zip(resources).map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource }).collect();
+    device.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some("scene"), layout, entries: &entries })
+}

@@ -1,0 +1,118 @@
+//! Which vertices see a directional or a point light, for its reflection: the shaders interpolate in between.
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use crate::geometry::bvh::{Bvh, NO_TRIANGLE, Ray, offset_origin};
+use crate::light::Light;
+use crate::transport::scene::Scene;
+
+/// Lights that have shadows: the first ones.
+pub(crate) const SHADOWED: usize = 4;
+/// Rays that are cast as one task.
+const CHUNK: usize = 512;
+/// Rays start above the surface by this share of the diagonal: between vertices a coarse mesh is flatter than it looks.
+const LIFT: f64 = 2e-3;
+
+/// Where the shadow rays of the vertices start.
+pub(crate) struct Shadows {
+    starts: Vec<(Vec3, Vec3)>,
+    origin_mm: DVec3,
+}
+
+impl Shadows {
+    /// Of the vertices of a scene.
+    pub(crate) fn new(scene: &Scene) -> Self {
+        let mesh = &scene.mesh;
+        let mut normals = vec![DVec3::ZERO; mesh.local_mm.len()];
+        for (triangle, vertices) in mesh.triangles.iter().enumerate() {
+            let cross = mesh.cross_mm2(triangle as u32);
+            for &vertex in vertices {
+                normals[mesh.weld[vertex as usize] as usize] += cross;
+            }
+        }
+        let lift = LIFT * mesh.diagonal_mm();
+        let start = |vertex: usize| {
+            let normal = normals[mesh.weld[vertex] as usize].normalize_or_zero();
+            let point = mesh.local_mm[vertex].as_dvec3() + normal * lift;
+            (offset_origin(point.as_vec3(), normal.as_vec3()), normal.as_vec3())
+        };
+        Self { starts: (0..mesh.local_mm.len()).map(start).collect(), origin_mm: mesh.origin_mm }
+    }
+
+    /// Where rays start, and the normal there, of each vertex, in the local coordinates of the mesh.
+    #[cfg(feature = "gui")]
+    pub(crate) fn starts(&self) -> &[(Vec3, Vec3)] {
+        &self.starts
+    }
+
+    /// For each vertex a byte for each of the shadowed lights: 255 where it is seen, or where the surface faces away.
+    pub(crate) fn visibility(&self, bvh: &Bvh, lights: &[Light]) -> Vec<u32> {
+        let mut out = vec![u32::MAX; self.starts.len()];
+        let sharp = lights.iter().filter(|l| is_sharp(l)).take(SHADOWED);
+        for (slot, light) in sharp.enumerate() {
+            out.par_chunks_mut(CHUNK).zip(self.starts.par_chunks(CHUNK)).for_each(|(out, starts)| {
+                let rays: Vec<Ray> = starts.iter().map(|(start, _)| self.ray(*start, light)).collect();
+                let mut occluded = vec![false; rays.len()];
+                bvh.occluded_many(&rays, &vec![NO_TRIANGLE; rays.len()], &mut occluded);
+                for (((out, occluded), ray), (_, normal)) in out.iter_mut().zip(occluded).zip(&rays).zip(starts) {
+                    if occluded && ray.direction.dot(*normal) > 0.0 {
+                        *out &= !(0xff << (8 * slot));
+                    }
+                }
+            });
+        }
+        out
+    }
+
+    fn ray(&self, start: Vec3, light: &Light) -> Ray {
+        match light {
+            Light::Point { at_mm, .. } => {
+                let offset = *at_mm - self.origin_mm - start.as_dvec3();
+                let distance = offset.length() as f32;
+                Ray { t_max: distance, ..Ray::new(start, offset.normalize_or_zero().as_vec3()) }
+            }
+            Light::Directional { from, .. } => Ray::new(start, from.as_vec3()),
+            Light::Constant { .. } | Light::Area { .. } | Light::Environment { .. } => Ray::new(start, Vec3::ZERO),
+        }
+    }
+}
+
+/// Whether a light has shadows.
+pub(crate) fn is_sharp(light: &Light) -> bool {
+    matches!(light, Light::Directional { .. } | Light::Point { .. })
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::geometry::mesh::{Mesh, Placement};
+    use crate::geometry::part_table::PartTable;
+    use crate::geometry::shapes;
+
+    #[test]
+    fn a_convex_body_shadows_nothing_that_faces_the_light_and_a_lid_all_of_it() {
+        let source = shapes::icosphere(10.0, 3);
+        let vertices = source.positions.len();
+        let scene = |source| {
+            let (mesh, _) = Mesh::from_source(source, &Placement { mm_per_unit: 1.0 }).unwrap();
+            let parts = PartTable::new(&mesh, vec![0; mesh.triangles.len()], vec![("ball".into(), Some(0))]);
+            Scene { mesh, parts, media: Vec::new() }
+        };
+        let lights = [
+            Light::constant(DVec3::ONE).unwrap(),
+            Light::directional(DVec3::Y, DVec3::ONE).unwrap(),
+            Light::point(DVec3::new(0.0, 15.0, 0.0), DVec3::ONE).unwrap(),
+        ];
+        let ball = scene(source.clone());
+        let seen = Shadows::new(&ball).visibility(&Bvh::new(&ball.mesh), &lights);
+        assert!(seen.iter().all(|v| *v == u32::MAX));
+        // A roof above the ball, higher than the point light.
+        let roof = shapes::plane(60.0, 60.0, 1);
+        let covered = scene(shapes::compose(&[(source, DVec3::ZERO), (roof, DVec3::new(0.0, 20.0, 0.0))]));
+        let seen = Shadows::new(&covered).visibility(&Bvh::new(&covered.mesh), &lights);
+        let top = (0..vertices).max_by(|a, b| covered.mesh.local_mm[*a].y.total_cmp(&covered.mesh.local_mm[*b].y));
+        assert_eq!(seen[top.unwrap()], 0xffff_ff00);
+    }
+}

@@ -1,0 +1,64 @@
+//! What is drawn, apart from what is computed: a copy that changes in one submission, so that a frame never mixes two
+//! states.
+
+use std::sync::Arc;
+
+use wgpu::util::DeviceExt;
+
+use crate::error::Result;
+use crate::evaluate::device::{Device, DeviceEvaluator};
+
+/// Bytes in front of the radiosity: the scale of its values.
+const HEADER: u64 = 16;
+
+/// Radiosity and visibility as they are drawn; clones are the same memory.
+#[derive(Clone)]
+pub struct Shown {
+    device: Arc<Device>,
+    /// Four floats with the scale, then those of every receiver.
+    radiosity: wgpu::Buffer,
+    visibility: wgpu::Buffer,
+}
+
+impl Shown {
+    pub(super) fn new(evaluator: &dyn DeviceEvaluator) -> Result<Self> {
+        let device = Arc::clone(evaluator.device());
+        let radiosity = device.zeros("shown radiosity", HEADER + evaluator.radiosity_buffer().size())?;
+        let visibility = device.zeros("shown visibility", evaluator.scene().mesh.local_mm.len() as u64 * 4)?;
+        Ok(Self { device, radiosity, visibility })
+    }
+
+    pub(super) fn radiosity(&self) -> &wgpu::Buffer {
+        &self.radiosity
+    }
+
+    pub(super) fn visibility(&self) -> &wgpu::Buffer {
+        &self.visibility
+    }
+
+    /// Shows what an evaluator has computed from now on; `visibility` has an entry for each source vertex.
+    ///
+    /// # Errors
+    /// A lost device (exit 4).
+    pub fn publish(&self, evaluator: &dyn DeviceEvaluator, visibility: &[u32]) -> Result<()> {
+        let device = &self.device.device;
+        let staged = |label, contents: &[u8]| {
+            let usage = wgpu::BufferUsages::COPY_SRC;
+            device.create_buffer_init(&wgpu::util::BufferInitDescriptor { label: Some(label), contents, usage })
+        };
+        let scale = (evaluator.scale() as f32).clamp(f32::MIN_POSITIVE, f32::MAX);
+        let header = staged("scale", bytemuck::cast_slice(&[scale, 0.0, 0.0, 0.0]));
+        let source = evaluator.radiosity_buffer();
+        let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        encoder.copy_buffer_to_buffer(&header, 0, &self.radiosity, 0, HEADER);
+        let bytes = source.size().min(self.radiosity.size() - HEADER) / 4 * 4;
+        encoder.copy_buffer_to_buffer(source, 0, &self.radiosity, HEADER, bytes);
+        let bytes = size_of_val(visibility) as u64;
+        if bytes > 0 && bytes <= self.visibility.size() {
+            let seen = staged("visibility", bytemuck::cast_slice(visibility));
+            encoder.copy_buffer_to_buffer(&seen, 0, &self.visibility, 0, bytes);
+        }
+        self.device.queue.submit([encoder.finish()]);
+        self.device.check()
+    }
+}

@@ -1,0 +1,323 @@
+//! What a person can change, and what the window says about it: plain state, no device.
+
+use std::path::PathBuf;
+
+use glam::DVec3;
+
+use crate::evaluate::MaterialEdit;
+use crate::light::Light;
+use crate::light::environment::EnvironmentMap;
+use crate::medium::material::Preset;
+use crate::relight::lights::{LightEntry, pivot_mm, shining};
+use crate::relight::orbit::Orbit;
+use crate::relight::raster::view::Look;
+use crate::render::background::Background;
+use crate::render::camera::Camera;
+use crate::render::film::{Exposure, MAX_STOPS};
+use crate::render::frame::Specular;
+use crate::render::specular::Roughness;
+use crate::transport::scene::{Medium, Scene};
+
+/// Degrees that the lights turn in a second.
+const TURN_DEGREES_PER_SECOND: f64 = 30.0;
+/// Seconds in which automatic exposure follows most of a change.
+const ADAPTATION_S: f64 = 0.3;
+
+/// What is known about the error of the transport.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct KnownError {
+    /// State that it is for.
+    pub(super) serial: u64,
+    pub(super) rms: f64,
+    pub(super) worst: f64,
+    pub(super) scale: f64,
+}
+
+/// A line for people.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Message {
+    pub(super) text: String,
+    pub(super) bad: bool,
+}
+
+/// The state of the window.
+pub(super) struct Desk {
+    pub(super) model: PathBuf,
+    pub(super) entries: Vec<LightEntry>,
+    pub(super) selected: usize,
+    pub(super) pivot_mm: DVec3,
+    pub(super) turn_degrees: f64,
+    pub(super) turning: bool,
+    /// As the sliders have them.
+    pub(super) media: Vec<Medium>,
+    /// In force.
+    pub(super) accepted: Vec<Medium>,
+    pub(super) material: MaterialEdit,
+    pub(super) refused: Option<String>,
+    pub(super) auto_exposure: bool,
+    pub(super) stops: f64,
+    white: Option<f64>,
+    white_wanted: Option<f64>,
+    pub(super) reflects: bool,
+    pub(super) roughness: f64,
+    pub(super) background: Background,
+    pub(super) look: Look,
+    pub(super) wires: bool,
+    pub(super) orbit: Orbit,
+    pub(super) panel_open: bool,
+    pub(super) message: Option<Message>,
+    pub(super) error: Option<KnownError>,
+    /// Counts the states of lights and media.
+    pub(super) serial: u64,
+}
+
+impl Desk {
+    pub(super) fn new(
+        model: PathBuf,
+        scene: &Scene,
+        material: MaterialEdit,
+        lights: Vec<Light>,
+        camera: &Camera,
+    ) -> Self {
+        let pivot_mm = pivot_mm(&scene.mesh);
+        Self {
+            model,
+            entries: lights.into_iter().map(|l| LightEntry::new(l, pivot_mm)).collect(),
+            selected: 0,
+            pivot_mm,
+            turn_degrees: 0.0,
+            turning: false,
+            media: scene.media.clone(),
+            accepted: scene.media.clone(),
+            material,
+            refused: None,
+            auto_exposure: true,
+            stops: 0.0,
+            white: None,
+            white_wanted: None,
+            reflects: true,
+            roughness: 0.3,
+            background: Background::Environment,
+            look: Look::Picture,
+            wires: false,
+            orbit: Orbit::of(camera),
+            panel_open: true,
+            message: None,
+            error: None,
+            serial: 1,
+        }
+    }
+
+    /// Another model in place of this one; lights and settings stay.
+    pub(super) fn replace_model(&mut self, model: PathBuf, scene: &Scene, material: MaterialEdit, camera: &Camera) {
+        let pivot = pivot_mm(&scene.mesh);
+        self.entries = self
+            .entries
+            .iter()
+            .map(|e| {
+                let mut entry = LightEntry::new(e.light(0.0, self.pivot_mm), pivot);
+                entry.on = e.on;
+                entry
+            })
+            .collect();
+        self.model = model;
+        self.pivot_mm = pivot;
+        self.media = scene.media.clone();
+        self.accepted = scene.media.clone();
+        self.material = material;
+        self.refused = None;
+        self.error = None;
+        self.orbit = Orbit::of(camera);
+        self.white = None;
+        self.serial += 1;
+    }
+
+    /// An environment in place of the first one, or of all lights at infinity where there is none.
+    pub(super) fn replace_environment(&mut self, map: std::sync::Arc<EnvironmentMap>) {
+        let light = Light::Environment { map, rotate_degrees: 0.0, scale: DVec3::ONE };
+        let entry = LightEntry::new(light, self.pivot_mm);
+        match self.entries.iter_mut().find(|e| matches!(e.base(), Light::Environment { .. })) {
+            Some(place) => *place = entry,
+            None => self.entries.push(entry),
+        }
+        self.serial += 1;
+    }
+
+    pub(super) fn lights(&self) -> Vec<Light> {
+        shining(&self.entries, self.turn_degrees, self.pivot_mm)
+    }
+
+    /// Time passes; whether the lights turned.
+    pub(super) fn pass(&mut self, seconds: f64) -> bool {
+        if let Some(wanted) = self.white_wanted {
+            let share = 1.0 - (-seconds / ADAPTATION_S).exp();
+            let next = self.white.map_or(wanted, |white| white * (wanted / white).powf(share));
+            self.white = Some(if next.is_finite() && next > 0.0 { next } else { wanted });
+        }
+        if self.turning {
+            self.turn_degrees = (self.turn_degrees + TURN_DEGREES_PER_SECOND * seconds).rem_euclid(360.0);
+            self.serial += 1;
+        }
+        self.turning
+    }
+
+    /// The radiance that automatic exposure makes white; the first time at once, then gradually.
+    pub(super) fn adapt(&mut self, white: f64) {
+        self.white_wanted = Some(white);
+        self.white.get_or_insert(white);
+    }
+
+    /// Whether the exposure still changes.
+    pub(super) fn is_adapting(&self) -> bool {
+        match (self.auto_exposure, self.white, self.white_wanted) {
+            (true, Some(white), Some(wanted)) => (white / wanted).log2().abs() > 0.01,
+            _ => false,
+        }
+    }
+
+    /// Factor on radiance.
+    pub(super) fn exposure_factor(&self) -> f64 {
+        let stops = self.stops.clamp(-MAX_STOPS, MAX_STOPS).exp2();
+        if self.auto_exposure { self.white.map_or(1.0, f64::recip) } else { stops }
+    }
+
+    pub(super) fn set_exposure(&mut self, exposure: Exposure) {
+        match exposure {
+            Exposure::Auto => self.auto_exposure = true,
+            Exposure::Stops(stops) => (self.auto_exposure, self.stops) = (false, stops),
+        }
+    }
+
+    pub(super) fn specular(&self) -> Specular {
+        let roughness = Roughness::new(self.roughness).unwrap_or_default();
+        if self.reflects { Specular::Rough(roughness) } else { Specular::Off }
+    }
+
+    pub(super) fn set_specular(&mut self, specular: Specular) {
+        self.reflects = specular.roughness().is_some();
+        self.roughness = specular.roughness().map_or(self.roughness, Roughness::value);
+    }
+
+    /// Turns the selected light by hand.
+    pub(super) fn turn_selected(&mut self, azimuth_degrees: f64, elevation_degrees: f64) {
+        if let Some(entry) = self.entries.get_mut(self.selected) {
+            entry.turn(azimuth_degrees, elevation_degrees);
+            self.serial += 1;
+        }
+    }
+
+    /// Makes the selected light brighter.
+    pub(super) fn brighten_selected(&mut self, stops: f64) {
+        let most = crate::relight::lights::MAX_STOPS;
+        if let Some(entry) = self.entries.get_mut(self.selected) {
+            entry.stops = (entry.stops + stops).clamp(-most, most);
+            self.serial += 1;
+        }
+    }
+
+    /// The media in force; drafts that were refused are forgotten.
+    pub(super) fn settle_media(&mut self, accepted: Vec<Medium>, refused: Option<String>) {
+        match refused {
+            Some(reason) => {
+                self.refused = Some(reason);
+                self.media.clone_from(&accepted);
+            }
+            None if self.media == accepted => self.refused = None,
+            None => {}
+        }
+        self.accepted = accepted;
+    }
+
+    /// A preset in place of a medium.
+    pub(super) fn choose_preset(&mut self, medium: usize, preset: &Preset) {
+        if let Some(medium) = self.media.get_mut(medium) {
+            *medium = Medium { name: preset.name.to_owned(), properties: preset.properties() };
+            self.refused = None;
+            self.serial += 1;
+        }
+    }
+
+    pub(super) fn say(&mut self, text: impl Into<String>) {
+        self.message = Some(Message { text: text.into(), bad: false });
+    }
+
+    pub(super) fn complain(&mut self, text: impl Into<String>) {
+        self.message = Some(Message { text: text.into(), bad: true });
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::geometry::mesh::{Mesh, Placement};
+    use crate::geometry::part_table::PartTable;
+    use crate::geometry::shapes;
+    use crate::light::sky::sky;
+    use crate::medium::material::preset;
+    use crate::render::camera::Resolution;
+
+    fn desk() -> Desk {
+        let (mesh, _) = Mesh::from_source(shapes::icosphere(10.0, 2), &Placement { mm_per_unit: 1.0 }).unwrap();
+        let camera = Camera::framing(&mesh, Resolution::new(4, 4).unwrap()).unwrap();
+        let parts = PartTable::new(&mesh, vec![0; mesh.triangles.len()], vec![("ball".into(), Some(0))]);
+        let media = vec![Medium { name: "marble".into(), properties: preset("marble").unwrap().properties() }];
+        let scene = Scene { mesh, parts, media };
+        let lights = vec![Light::directional(DVec3::Z, DVec3::ONE).unwrap(), Light::constant(DVec3::ONE).unwrap()];
+        Desk::new("ball.tlux".into(), &scene, MaterialEdit::Any, lights, &camera)
+    }
+
+    #[test]
+    fn time_turns_the_lights_and_adapts_the_eye() {
+        let mut desk = desk();
+        assert!(!desk.pass(1.0));
+        desk.turning = true;
+        let serial = desk.serial;
+        assert!(desk.pass(3.0) && desk.serial > serial);
+        let lights = desk.lights();
+        let Light::Directional { from, .. } = lights[0] else { panic!("kind") };
+        assert!((from - DVec3::X).length() < 1e-12);
+        desk.adapt(4.0);
+        assert_eq!(desk.exposure_factor(), 0.25);
+        desk.adapt(1.0);
+        desk.pass(0.1);
+        assert!((0.25..1.0).contains(&desk.exposure_factor()) && desk.is_adapting());
+        (0..200).for_each(|_| {
+            desk.pass(0.1);
+        });
+        assert!((desk.exposure_factor() - 1.0).abs() < 1e-3 && !desk.is_adapting());
+        desk.set_exposure(Exposure::Stops(2.0));
+        assert_eq!(desk.exposure_factor(), 4.0);
+    }
+
+    #[test]
+    fn a_refused_material_goes_back_and_says_why() {
+        let mut desk = desk();
+        let old = desk.media.clone();
+        desk.choose_preset(0, preset("skin1").unwrap());
+        desk.settle_media(old.clone(), Some("no".into()));
+        assert_eq!((&desk.media, desk.refused.as_deref()), (&old, Some("no")));
+        desk.choose_preset(0, preset("skin1").unwrap());
+        let new = desk.media.clone();
+        desk.settle_media(new.clone(), None);
+        assert_eq!((&desk.accepted, &desk.refused), (&new, &None));
+        // An answer to an older state does not move the sliders.
+        desk.choose_preset(0, preset("cream").unwrap());
+        desk.settle_media(old, None);
+        assert_eq!(desk.media[0].name, "cream");
+    }
+
+    #[test]
+    fn a_dropped_environment_replaces_the_one_before() {
+        let mut desk = desk();
+        desk.replace_environment(Arc::new(sky()));
+        assert_eq!(desk.entries.len(), 3);
+        desk.replace_environment(Arc::new(sky()));
+        assert_eq!(desk.entries.len(), 3);
+        assert!(matches!(desk.lights()[2], Light::Environment { .. }));
+        desk.brighten_selected(50.0);
+        assert_eq!(desk.entries[0].stops, crate::relight::lights::MAX_STOPS);
+    }
+}

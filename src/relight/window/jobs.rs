@@ -1,0 +1,248 @@
+//! Work beside the evaluation, on a thread of its own with its own evaluator: errors, pictures, files.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, Sender, channel};
+
+use glam::DVec3;
+use rayon::ThreadPool;
+
+use super::OpenModel;
+use crate::error::{Error, Result};
+use crate::evaluate::Evaluator;
+use crate::io::atomic;
+use crate::io::environment::load_environment;
+use crate::light::Light;
+use crate::light::environment::EnvironmentMap;
+use crate::math::statistics::vertex_error;
+use crate::progress::Progress;
+use crate::relight::headless::png;
+use crate::relight::raster::target::LinearPicture;
+use crate::render::background::Background;
+use crate::render::film::{ColourType, PngBackground, to_exr, to_png};
+use crate::render::frame::{RenderSettings, render};
+use crate::transport::scene::{Medium, Scene};
+
+/// Share of the brightest channel's RMS below which a channel's own is not the unit.
+const CHANNEL_FLOOR: f64 = 1e-3;
+
+/// Something to do.
+pub(super) enum Job {
+    /// The error of the transport in a state.
+    Error(State),
+    /// A picture by the renderer, as EXR and PNG.
+    Render { state: State, settings: Box<RenderSettings>, exposure: f64, stem: PathBuf },
+    /// A picture that is there, as PNG.
+    Png { picture: LinearPicture, background: Background, path: PathBuf },
+    /// Another model.
+    Model(PathBuf),
+    /// An environment.
+    Environment(PathBuf),
+}
+
+/// A state to look at.
+pub(super) struct State {
+    pub(super) model: PathBuf,
+    pub(super) lights: Vec<Light>,
+    pub(super) media: Vec<Medium>,
+    pub(super) serial: u64,
+}
+
+/// What came of a job.
+pub(super) enum Outcome {
+    Error(ErrorField),
+    Saved(Vec<PathBuf>),
+    Model { path: PathBuf, evaluator: Box<dyn Evaluator> },
+    Environment { map: Arc<EnvironmentMap>, warnings: Vec<String> },
+}
+
+/// Errors of all vertices.
+pub(super) struct ErrorField {
+    /// Of the state that it is for.
+    pub(super) serial: u64,
+    /// Largest of the channels, relative to the channel's RMS, of each vertex.
+    pub(super) values: Vec<f32>,
+    /// Relative RMS and worst vertex.
+    pub(super) rms: f64,
+    pub(super) worst: f64,
+    /// End of the scale of colours: 99 % of the vertices are below.
+    pub(super) scale: f64,
+}
+
+/// The job that runs, and the one that ended.
+pub(super) struct Jobs {
+    running: Option<(&'static str, Arc<Meter>)>,
+    ended: Receiver<Result<Outcome>>,
+    sender: Sender<Result<Outcome>>,
+    pool: Arc<ThreadPool>,
+    open: OpenModel,
+    wake: Arc<dyn Fn() + Send + Sync>,
+}
+
+impl Jobs {
+    pub(super) fn new(pool: Arc<ThreadPool>, open: OpenModel, wake: Arc<dyn Fn() + Send + Sync>) -> Self {
+        let (sender, ended) = channel();
+        Self { running: None, ended, sender, pool, open, wake }
+    }
+
+    /// Name and progress of the job that runs.
+    pub(super) fn running(&self) -> Option<(&'static str, f32)> {
+        self.running.as_ref().map(|(name, meter)| (*name, meter.share()))
+    }
+
+    /// Starts a job.
+    ///
+    /// # Errors
+    /// Another one runs, or no thread can be started.
+    pub(super) fn start(&mut self, name: &'static str, job: Job) -> Result<()> {
+        if let Some((running, _)) = &self.running {
+            return Err(Error::runtime(format!("wait for: {running}")));
+        }
+        let meter = Arc::new(Meter::default());
+        let (sender, pool, open, wake) =
+            (self.sender.clone(), Arc::clone(&self.pool), Arc::clone(&self.open), Arc::clone(&self.wake));
+        let progress = Arc::clone(&meter);
+        let work = move || {
+            let result = pool.install(|| run(job, &open, progress.as_ref()));
+            let _ = sender.send(result);
+            wake();
+        };
+        std::thread::Builder::new()
+            .name("job".to_owned())
+            .spawn(work)
+            .map_err(|e| Error::runtime(format!("a thread could not be started: {e}")))?;
+        self.running = Some((name, meter));
+        Ok(())
+    }
+
+    /// The outcome of a job that ended.
+    pub(super) fn ended(&mut self) -> Option<Result<Outcome>> {
+        let result = self.ended.try_recv().ok()?;
+        self.running = None;
+        Some(result)
+    }
+}
+
+fn run(job: Job, open: &OpenModel, progress: &dyn Progress) -> Result<Outcome> {
+    match job {
+        Job::Error(state) => error_field(&state, open, progress).map(Outcome::Error),
+        Job::Render { state, settings, exposure, stem } => {
+            let mut evaluator = evaluator_in(&state, open, progress)?;
+            let radiosity = evaluator.radiosity(progress)?;
+            let frame = render(evaluator.as_ref(), &radiosity, &state.lights, &settings, progress)?;
+            let paths = ["exr", "png"].map(|suffix| stem.with_extension(suffix));
+            let text = |name: &str, text: String| (name.to_owned(), text);
+            let attributes = vec![
+                text("software", format!("translux {}", env!("CARGO_PKG_VERSION"))),
+                text("camera", settings.camera.to_string()),
+                text("lights", state.lights.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")),
+                text("material", state.media.iter().map(|m| m.name.clone()).collect::<Vec<_>>().join("; ")),
+            ];
+            let background =
+                if settings.background == Background::None { PngBackground::Transparent } else { PngBackground::Shown };
+            atomic::write(&paths[0], &to_exr(&frame, ColourType::default(), attributes)?)?;
+            atomic::write(&paths[1], &to_png(&frame, exposure, background)?)?;
+            Ok(Outcome::Saved(paths.to_vec()))
+        }
+        Job::Png { picture, background, path } => {
+            atomic::write(&path, &png(&picture, background)?)?;
+            Ok(Outcome::Saved(vec![path]))
+        }
+        Job::Model(path) => Ok(Outcome::Model { evaluator: open(&path)?, path }),
+        Job::Environment(path) => {
+            let loaded = load_environment(&path)?;
+            Ok(Outcome::Environment { map: Arc::new(loaded.value), warnings: loaded.warnings })
+        }
+    }
+}
+
+fn evaluator_in(state: &State, open: &OpenModel, progress: &dyn Progress) -> Result<Box<dyn Evaluator>> {
+    let mut evaluator = open(&state.model)?;
+    if evaluator.scene().media != state.media {
+        evaluator.set_media(state.media.clone())?;
+    }
+    evaluator.set_lights(state.lights.clone(), progress)?;
+    Ok(evaluator)
+}
+
+fn error_field(state: &State, open: &OpenModel, progress: &dyn Progress) -> Result<ErrorField> {
+    let mut evaluator = evaluator_in(state, open, progress)?;
+    let radiosity = evaluator.radiosity(progress)?;
+    let truth = evaluator.all_pairs(progress)?;
+    let areas = vertex_areas(evaluator.scene());
+    let error = vertex_error(&radiosity, &truth, &areas);
+    let values = relative(&radiosity, &truth, &areas);
+    let mut sorted: Vec<f32> = values.iter().zip(&areas).filter(|(_, a)| **a > 0.0).map(|(v, _)| *v).collect();
+    sorted.sort_unstable_by(f32::total_cmp);
+    let scale = sorted.get(sorted.len() * 99 / 100).copied().map_or(0.0, f64::from);
+    Ok(ErrorField { serial: state.serial, values, rms: error.rms, worst: error.worst, scale: scale.max(1e-9) })
+}
+
+fn vertex_areas(scene: &Scene) -> Vec<f64> {
+    let mut areas = vec![0.0; scene.mesh.local_mm.len()];
+    for (triangle, vertices) in scene.mesh.triangles.iter().enumerate() {
+        let part = scene.parts.triangle_part.get(triangle).and_then(|p| scene.parts.parts.get(*p as usize));
+        if part.is_some_and(|p| p.transfers()) {
+            let third = scene.mesh.area_mm2(triangle as u32) / 3.0;
+            vertices.iter().for_each(|v| areas[*v as usize] += third);
+        }
+    }
+    areas
+}
+
+/// Largest channel of the difference, each relative to its RMS over the area.
+fn relative(values: &[DVec3], truth: &[DVec3], areas: &[f64]) -> Vec<f32> {
+    let square: DVec3 = truth.iter().zip(areas).map(|(t, a)| *t * *t * *a).sum();
+    let rms = (square / areas.iter().sum::<f64>().max(f64::MIN_POSITIVE)).map(f64::sqrt);
+    let unit = rms.max(DVec3::splat((CHANNEL_FLOOR * rms.max_element()).max(f64::MIN_POSITIVE)));
+    let error = |(b, t): (&DVec3, &DVec3)| (((*b - *t) / unit).abs().max_element() as f32).min(f32::MAX);
+    values.iter().zip(truth).map(error).collect()
+}
+
+/// How far a job is.
+#[derive(Default)]
+pub(super) struct Meter {
+    total: AtomicU64,
+    done: AtomicU64,
+}
+
+impl Meter {
+    /// Share of the stage that is done.
+    fn share(&self) -> f32 {
+        let (done, total) = (self.done.load(Ordering::Relaxed), self.total.load(Ordering::Relaxed));
+        if total == 0 { 0.0 } else { (done as f32 / total as f32).min(1.0) }
+    }
+}
+
+impl Progress for Meter {
+    fn start(&self, _stage: &'static str, total: u64) {
+        self.total.store(total, Ordering::Relaxed);
+        self.done.store(0, Ordering::Relaxed);
+    }
+
+    fn advance(&self, units: u64) {
+        self.done.fetch_add(units, Ordering::Relaxed);
+    }
+
+    fn finish(&self) {}
+}
+
+/// The folder that pictures are saved in.
+pub(super) fn folder() -> &'static Path {
+    Path::new(".")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_are_relative_to_the_rms_of_their_channel() {
+        let truth = [DVec3::new(1.0, 2.0, 0.0), DVec3::new(1.0, 2.0, 0.0)];
+        let values = [DVec3::new(1.1, 2.0, 0.0), DVec3::new(1.0, 1.0, 0.0)];
+        let found = relative(&values, &truth, &[1.0, 3.0]);
+        assert!((found[0] - 0.1).abs() < 1e-6 && (found[1] - 0.5).abs() < 1e-6, "{found:?}");
+        assert!(relative(&truth, &[DVec3::ZERO; 2], &[0.0; 2]).iter().all(|e| e.is_finite()));
+    }
+}

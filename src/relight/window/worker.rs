@@ -1,0 +1,197 @@
+//! The thread that evaluates: it always takes the newest state, so that the window never waits for it.
+
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::thread::JoinHandle;
+use std::time::Instant;
+
+use rayon::ThreadPool;
+
+use crate::error::{Error, Result};
+use crate::evaluate::device::DeviceEvaluator;
+use crate::light::Light;
+use crate::progress::Silent;
+use crate::relight::lights::are_same;
+use crate::relight::newest::Newest;
+use crate::relight::raster::Shown;
+use crate::relight::raster::shadows::Shadows;
+use crate::render::camera::Camera;
+use crate::render::film::AUTO_EXPOSURE_PERCENTILE;
+use crate::transport::scene::Medium;
+
+/// A state that somebody wants to see.
+#[derive(Clone)]
+pub(super) struct Wanted {
+    /// Counts states.
+    pub(super) serial: u64,
+    pub(super) lights: Vec<Light>,
+    pub(super) media: Vec<Medium>,
+    /// The eye that the automatic exposure is for, where it is wanted.
+    pub(super) expose_for: Option<Camera>,
+}
+
+/// A state that is shown now.
+pub(super) struct Done {
+    pub(super) serial: u64,
+    pub(super) lights: Vec<Light>,
+    pub(super) media: Vec<Medium>,
+    /// Why the wanted media are not those in force.
+    pub(super) refused: Option<Error>,
+    /// Why nothing changed.
+    pub(super) failed: Option<Error>,
+    /// Radiance that becomes white.
+    pub(super) white: Option<f64>,
+    pub(super) light_ms: f64,
+    pub(super) transport_ms: f64,
+}
+
+/// The thread and its mailboxes.
+pub(super) struct Worker {
+    wanted: Arc<Newest<Wanted>>,
+    done: Receiver<Done>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Worker {
+    /// Starts the thread; `wake` is called after every state.
+    pub(super) fn start(
+        evaluator: Box<dyn DeviceEvaluator>,
+        shown: Shown,
+        pool: Arc<ThreadPool>,
+        wake: impl Fn() + Send + 'static,
+    ) -> Result<Self> {
+        let wanted = Arc::new(Newest::default());
+        let (sender, done) = channel();
+        let mailbox = Arc::clone(&wanted);
+        let work = move || {
+            let mut bench = pool.install(|| Bench::new(evaluator, shown));
+            while let Some(state) = mailbox.take() {
+                let done = pool.install(|| bench.work(state));
+                if !sent(&sender, done) {
+                    break;
+                }
+                wake();
+            }
+        };
+        let thread = std::thread::Builder::new()
+            .name("evaluate".to_owned())
+            .spawn(work)
+            .map_err(|e| Error::runtime(format!("the evaluating thread could not be started: {e}")))?;
+        Ok(Self { wanted, done, thread: Some(thread) })
+    }
+
+    pub(super) fn post(&self, wanted: Wanted) {
+        self.wanted.post(wanted);
+    }
+
+    /// Whether a state still waits to be taken.
+    pub(super) fn is_behind(&self) -> bool {
+        self.wanted.is_waiting()
+    }
+
+    pub(super) fn done(&self) -> Option<Done> {
+        self.done.try_recv().ok()
+    }
+}
+
+/// Ends the thread after what it does now.
+impl Drop for Worker {
+    fn drop(&mut self) {
+        self.wanted.close();
+        if let Some(thread) = self.thread.take() {
+            // A thread that panicked has said so.
+            let _ = thread.join();
+        }
+    }
+}
+
+fn sent(sender: &Sender<Done>, done: Done) -> bool {
+    sender.send(done).is_ok()
+}
+
+/// What the thread owns.
+struct Bench {
+    evaluator: Box<dyn DeviceEvaluator>,
+    shown: Shown,
+    shadows: Shadows,
+    /// Of the vertices, for the lights.
+    visibility: Vec<u32>,
+    is_lit: bool,
+    lights: Vec<Light>,
+    media: Vec<Medium>,
+}
+
+impl Bench {
+    fn new(evaluator: Box<dyn DeviceEvaluator>, shown: Shown) -> Self {
+        let shadows = Shadows::new(evaluator.scene());
+        let media = evaluator.scene().media.clone();
+        Self { evaluator, shown, shadows, visibility: Vec::new(), is_lit: false, lights: Vec::new(), media }
+    }
+
+    fn work(&mut self, wanted: Wanted) -> Done {
+        let start = Instant::now();
+        let mut refused = None;
+        if wanted.media != self.media {
+            match self.evaluator.set_media(wanted.media.clone()) {
+                Ok(()) => self.media = wanted.media,
+                Err(error) => {
+                    refused = Some(error);
+                    // Whatever was done halfway.
+                    let _ = self.evaluator.set_media(self.media.clone());
+                }
+            }
+        }
+        let mut failed = None;
+        if !self.is_lit || !are_same(&wanted.lights, &self.lights) {
+            match self.evaluator.set_lights(wanted.lights.clone(), &Silent) {
+                Ok(()) => self.lights = wanted.lights,
+                Err(error) => {
+                    failed = Some(error);
+                    // As they were before.
+                    let _ = self.evaluator.set_lights(self.lights.clone(), &Silent);
+                }
+            }
+            self.visibility = self.shadows.visibility(self.evaluator.bvh(), &self.lights);
+            self.is_lit = true;
+        }
+        let lit = Instant::now();
+        let result =
+            self.evaluator.update(&Silent).and_then(|()| self.shown.publish(self.evaluator.as_ref(), &self.visibility));
+        let white = match (&result, wanted.expose_for) {
+            (Ok(()), Some(camera)) => self.white(&camera),
+            _ => Ok(None),
+        };
+        let ended = Instant::now();
+        let failed = failed.or(result.err()).or(white.as_ref().err().cloned());
+        Done {
+            serial: wanted.serial,
+            lights: self.lights.clone(),
+            media: self.media.clone(),
+            refused,
+            failed,
+            white: white.ok().flatten(),
+            light_ms: (lit - start).as_secs_f64() * 1e3,
+            transport_ms: (ended - lit).as_secs_f64() * 1e3,
+        }
+    }
+
+    /// The radiance of the vertices that face the eye, at the percentile that automatic exposure makes white.
+    fn white(&self, camera: &Camera) -> Result<Option<f64>> {
+        let buffer = self.evaluator.radiosity_buffer();
+        let bytes = self.evaluator.device().read(buffer, buffer.size())?;
+        let values: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&bytes);
+        let eye = (camera.at_mm() - self.evaluator.scene().mesh.origin_mm).as_vec3();
+        let scale = self.evaluator.scale() / std::f64::consts::PI;
+        let radiance = |(receiver, (point, normal)): (&u32, &(glam::Vec3, glam::Vec3))| {
+            let [r, g, b, _] = values.get(*receiver as usize)?;
+            let value = f64::from(r.max(*g).max(*b)) * scale;
+            (normal.dot(eye - *point) > 0.0 && value.is_finite()).then_some(value)
+        };
+        let receivers = self.evaluator.receiver_of_vertex();
+        let mut seen: Vec<f64> = receivers.iter().zip(self.shadows.starts()).filter_map(radiance).collect();
+        let rank = (AUTO_EXPOSURE_PERCENTILE * seen.len() as f64).ceil() as usize;
+        let Some(index) = rank.checked_sub(1) else { return Ok(None) };
+        let (_, white, _) = seen.select_nth_unstable_by(index, f64::total_cmp);
+        Ok((*white >= f64::from(f32::MIN_POSITIVE)).then_some(*white))
+    }
+}

@@ -1,0 +1,194 @@
+//! The drawn picture against the rendered one, on whatever adapter there is.
+#![cfg(feature = "gpu")]
+#![allow(clippy::unwrap_used, missing_docs)]
+
+use std::sync::Arc;
+
+use glam::DVec3;
+use translux::asset::Provenance;
+use translux::evaluate::device::{Device, DeviceEvaluator, Uploaded};
+use translux::evaluate::{BakeSettings, Evaluator, Method};
+use translux::geometry::mesh::{Mesh, Placement};
+use translux::geometry::part_table::PartTable;
+use translux::geometry::shapes;
+use translux::light::Light;
+use translux::light::environment::EnvironmentMap;
+use translux::medium::material::preset;
+use translux::methods::two_pass::TwoPass;
+use translux::methods::{self, settings};
+use translux::progress::Silent;
+use translux::relight::raster::Raster;
+use translux::relight::raster::target::{Finish, LinearPicture, Picture};
+use translux::relight::raster::view::{Look, View, Wires};
+use translux::render::background::Background;
+use translux::render::camera::{Camera, Resolution};
+use translux::render::film::Exposure;
+use translux::render::frame::Specular;
+use translux::render::frame::{Frame, RenderSettings, render};
+use translux::transport::scene::{Medium, Scene};
+
+fn device() -> Option<Arc<Device>> {
+    match Device::open() {
+        Ok(device) => Some(device),
+        Err(error) => {
+            println!("SKIPPED: {error}");
+            None
+        }
+    }
+}
+
+/// A sphere of marble beside one of skin, and an opaque box, away from the origin.
+fn scene() -> Scene {
+    let shapes = [
+        (shapes::icosphere(10.0, 4), DVec3::new(100.0, 0.0, 0.0)),
+        (shapes::icosphere(6.0, 4), DVec3::new(117.0, 3.0, 2.0)),
+        (shapes::cuboid(DVec3::new(6.0, 6.0, 6.0), 2), DVec3::new(84.0, -4.0, 4.0)),
+    ];
+    let counts = shapes.each_ref().map(|(s, _)| s.triangles.len());
+    let (mesh, _) = Mesh::from_source(shapes::compose(&shapes), &Placement { mm_per_unit: 1.0 }).unwrap();
+    let part: Vec<u32> = (0..3).flat_map(|p| vec![p as u32; counts[p]]).collect();
+    assert_eq!(part.len(), mesh.triangles.len());
+    let names = vec![("a".into(), Some(0)), ("b".into(), Some(1)), ("c".into(), None)];
+    let parts = PartTable::new(&mesh, part, names);
+    let medium = |name: &str| Medium { name: name.into(), properties: preset(name).unwrap().properties() };
+    Scene { mesh, parts, media: vec![medium("marble"), medium("skin1")] }
+}
+
+fn evaluator() -> Box<dyn Evaluator> {
+    let mut settings = BakeSettings::new(&TwoPass, settings::resolve(&TwoPass, &[]).unwrap());
+    settings.samples = Some(2000);
+    let asset = methods::bake(&TwoPass, scene(), &settings, Provenance::default(), &Silent).unwrap();
+    TwoPass.open(Arc::new(asset)).unwrap()
+}
+
+fn lights() -> Vec<Light> {
+    vec![Light::directional(DVec3::new(0.4, 0.7, 0.6), DVec3::new(3.0, 2.5, 2.0)).unwrap()]
+}
+
+struct Drawn {
+    evaluator: Uploaded,
+    raster: Raster,
+}
+
+impl Drawn {
+    fn new(device: Arc<Device>, lights: &[Light]) -> Self {
+        let mut evaluator = Uploaded::new(evaluator(), device).unwrap();
+        evaluator.set_lights(lights.to_vec(), &Silent).unwrap();
+        evaluator.update(&Silent).unwrap();
+        let mut raster = Raster::new(&evaluator, &[Finish::PICTURE]).unwrap();
+        let vertices = evaluator.scene().mesh.local_mm.len();
+        raster.shown().publish(&evaluator, &vec![u32::MAX; vertices]).unwrap();
+        raster.set_lights(lights).unwrap();
+        Self { evaluator, raster }
+    }
+
+    fn take(&mut self, view: &View) -> LinearPicture {
+        self.raster.set_media(&self.evaluator.scene().media.clone(), view.specular);
+        Picture::new(self.raster.device(), view.resolution).unwrap().take(&self.raster, view).unwrap()
+    }
+
+    fn rendered(&mut self, lights: &[Light], settings: &RenderSettings) -> Frame {
+        let radiosity = self.evaluator.radiosity(&Silent).unwrap();
+        render(&self.evaluator, &radiosity, lights, settings, &Silent).unwrap()
+    }
+}
+
+fn eye() -> (Camera, Resolution) {
+    let resolution = Resolution::new(320, 200).unwrap();
+    (Camera::framing(&scene().mesh, resolution).unwrap(), resolution)
+}
+
+fn is_inside(frame: &Frame, pixel: usize) -> bool {
+    let width = frame.resolution.width;
+    let (x, y) = (pixel % width, pixel / width);
+    let full = |x: usize, y: usize| frame.pixels.get(y * width + x).is_some_and(|p| p.coverage == 1.0);
+    x > 0 && y > 0 && x + 1 < width && (y - 1..=y + 1).all(|y| (x - 1..=x + 1).all(|x| full(x, y)))
+}
+
+#[test]
+fn the_drawn_diffuse_picture_is_the_rendered_one() {
+    let Some(device) = device() else { return };
+    let (camera, resolution) = eye();
+    let mut drawn = Drawn::new(device, &lights());
+    let mut settings = RenderSettings::new(camera, resolution);
+    settings.background = Background::None;
+    let frame = drawn.rendered(&lights(), &settings);
+    let exposure = Exposure::Auto.factor(&frame);
+    let view =
+        View { specular: Specular::Off, background: Background::None, ..View::new(camera, resolution, exposure) };
+    let picture = drawn.take(&view);
+    let (mut sum, mut count, mut worst, mut lit) = (0.0f64, 0usize, 0.0f64, 0usize);
+    let mut coverage = 0.0f64;
+    for (i, (expected, found)) in frame.pixels.iter().zip(&picture.pixels).enumerate() {
+        coverage += f64::from((expected.coverage - found[3]).abs());
+        if !is_inside(&frame, i) {
+            continue;
+        }
+        for c in 0..3 {
+            let difference = (f64::from(expected.diffuse[c]) * exposure - f64::from(found[c])).abs();
+            (sum, count, worst) = (sum + difference, count + 1, worst.max(difference));
+            lit += usize::from(found[c] > 0.05);
+        }
+    }
+    let mean = sum / count as f64;
+    println!("{}: mean {:.4} % of white, worst {:.2} %", drawn.raster.device().describe(), 100.0 * mean, 100.0 * worst);
+    assert!(count > 3 * 5000 && lit > count / 4, "{count} {lit}");
+    assert!(mean < 0.005, "mean difference {mean} of white");
+    // Outlines: four samples against sixteen.
+    assert!(coverage / (frame.pixels.len() as f64) < 0.01, "{coverage}");
+}
+
+#[test]
+fn a_constant_environment_is_seen_and_reflected_as_a_constant_light_is() {
+    let Some(device) = device() else { return };
+    let (camera, resolution) = eye();
+    let grey = EnvironmentMap::new(64, 32, vec![[0.5, 0.25, 0.125]; 64 * 32]).unwrap();
+    let map = vec![Light::environment(Arc::new(grey), 40.0, DVec3::splat(2.0)).unwrap()];
+    let constant = vec![Light::constant(DVec3::new(1.0, 0.5, 0.25)).unwrap()];
+    let mut drawn = Drawn::new(device, &constant);
+    let view = View::new(camera, resolution, 0.5);
+    let by_constant = drawn.take(&view);
+    drawn.raster.set_lights(&map).unwrap();
+    let by_map = drawn.take(&view);
+    let dull = drawn.take(&View { specular: Specular::Off, ..view });
+    let difference = |a: &LinearPicture, b: &LinearPicture| {
+        let pairs = a.pixels.iter().zip(&b.pixels);
+        pairs.map(|(a, b)| (0..3).map(|c| (a[c] - b[c]).abs()).fold(0.0, f32::max)).fold(0.0, f32::max)
+    };
+    assert!(difference(&by_constant, &by_map) < 0.01, "{}", difference(&by_constant, &by_map));
+    assert!(difference(&dull, &by_map) > 0.01);
+    let corner = by_map.pixels[0];
+    assert!((corner[0] - 0.5).abs() < 0.01 && (corner[2] - 0.125).abs() < 0.01, "{corner:?}");
+}
+
+#[test]
+fn highlights_are_shadowed_and_the_other_views_show_what_they_say() {
+    let Some(device) = device() else { return };
+    let (camera, resolution) = eye();
+    let mut drawn = Drawn::new(device, &lights());
+    let view = View { background: Background::None, ..View::new(camera, resolution, 1.0) };
+    let sum = |p: &LinearPicture| p.pixels.iter().map(|p| f64::from(p[0])).sum::<f64>();
+    let shining = drawn.take(&view);
+    let dull = drawn.take(&View { specular: Specular::Off, ..view });
+    assert!(sum(&shining) > 1.01 * sum(&dull));
+    let vertices = drawn.evaluator.scene().mesh.local_mm.len();
+    drawn.raster.shown().publish(&drawn.evaluator, &vec![0; vertices]).unwrap();
+    let shadowed = drawn.take(&view);
+    assert!((sum(&shadowed) - sum(&dull)).abs() < 1e-3 * sum(&dull));
+    let wires = drawn.take(&View { wires: Wires::Shown, ..view });
+    assert_ne!(wires, shadowed);
+    let radiosity = drawn.take(&View { look: Look::Radiosity, ..view });
+    assert!(sum(&radiosity) > 0.0 && radiosity != shadowed);
+    drawn.raster.set_errors(&vec![1.0; vertices]);
+    let unknown = drawn.take(&View { look: Look::Error, ..view });
+    let known = drawn.take(&View { look: Look::Error, worst_error: Some(1.0), ..view });
+    let half = drawn.take(&View { look: Look::Error, worst_error: Some(2.0), ..view });
+    assert!(unknown != known && known != half);
+    // A part of the picture: the rest stays empty.
+    let part = Resolution::new(100, 80).unwrap();
+    let corner = Picture::new(drawn.raster.device(), resolution).unwrap();
+    let corner = corner.take(&drawn.raster, &View { resolution: part, ..view }).unwrap();
+    let outside = |i: usize| i % 320 >= 100 || i / 320 >= 80;
+    assert!(corner.pixels.iter().enumerate().all(|(i, p)| !outside(i) || *p == [0.0; 4]));
+    assert!(sum(&corner) > 0.0);
+}
