@@ -240,8 +240,12 @@ impl<'a> Illumination<'a> {
                 part += 1;
             }
             let medium = self.surface.scene.parts.parts[part].medium.unwrap_or(0) as usize;
-            let probe = if sharp.is_empty() { None } else { self.corners_and_centroid(patch) };
             points.clear();
+            if !soft && !self.is_faced(patch, &sharp) {
+                *e = DVec3::ZERO;
+                continue;
+            }
+            let probe = if sharp.is_empty() { None } else { self.corners_and_centroid(patch) };
             if soft || probe.is_none() {
                 self.points_of(patch, &mut points);
             }
@@ -419,6 +423,14 @@ impl<'a> Illumination<'a> {
         let centre = (a + b + c) / 3.0;
         let at = |p: DVec3| SurfacePoint { at: centre.lerp(p, PROBE_REACH), normal, triangle: facet.triangle };
         Some([at(a), at(b), at(c), at(centre)])
+    }
+
+    /// Whether one of the lights is in front of a patch; true where that is not obvious.
+    fn is_faced(&self, patch: usize, lights: &[Sharp]) -> bool {
+        let [facet] = self.surface.samples.patch(patch) else { return true };
+        let mesh = &self.surface.scene.mesh;
+        let (normal, [corner, ..]) = (mesh.cross_mm2(facet.triangle), mesh.corners_local_mm(facet.triangle));
+        lights.iter().any(|light| light.faces(corner, normal))
     }
 
     /// Centroids of the pieces of a patch that is one facet.

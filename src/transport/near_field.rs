@@ -71,10 +71,64 @@ impl Corners {
     }
 }
 
+/// The samples, lit or not, that some receiver of each group may be near to, whatever the medium.
+#[derive(Clone, Debug, Default)]
+pub struct Around {
+    /// Those of group `g` are `samples[offsets[g]..offsets[g + 1]]`.
+    offsets: Vec<usize>,
+    samples: Vec<u32>,
+}
+
+impl Around {
+    /// Around the groups of receivers, by a walk through the tree for each; `rule` and `split_mm` are those of the near field.
+    pub fn new(
+        surface: &Surface,
+        tree: &BalancedTree,
+        receivers: &Receivers,
+        rule: NearField,
+        split_mm: f64,
+    ) -> Self {
+        let of_group = |group: &Group| {
+            let (sphere, mut found) = (receivers.sphere(*group), Vec::new());
+            let mut stack: Vec<Node> = tree.root(group.part as usize).into_iter().collect();
+            while let Some(node) = stack.pop() {
+                let cell = tree.cell(node, surface.patches);
+                let distance = cell.centre_mm.distance(sphere.centre_mm) - sphere.radius_mm;
+                let reach = split_mm.max(rule.three_points_below * cell.largest_mm);
+                if node.is_leaf() {
+                    found.extend((distance < reach).then_some(node.first));
+                } else if distance - cell.radius_mm < reach {
+                    stack.extend(node.children());
+                }
+            }
+            found
+        };
+        let lists: Vec<Vec<u32>> = receivers.groups.par_iter().map(of_group).collect();
+        let mut offsets = Vec::with_capacity(lists.len() + 1);
+        offsets.push(0);
+        let mut end = 0;
+        offsets.extend(lists.iter().map(|list| {
+            end += list.len();
+            end
+        }));
+        Self { offsets, samples: lists.concat() }
+    }
+
+    /// Those of a group.
+    pub fn of(&self, group: usize) -> &[u32] {
+        self.offsets.get(group..group + 2).and_then(|o| self.samples.get(o[0]..o[1])).unwrap_or(&[])
+    }
+
+    /// Bytes in memory.
+    pub fn bytes(&self) -> usize {
+        size_of_val(self.offsets.as_slice()) + size_of_val(self.samples.as_slice())
+    }
+}
+
 /// The near field of a scene's media.
 pub struct Near<'a> {
     surface: Surface<'a>,
-    tree: &'a BalancedTree,
+    around: &'a Around,
     corners: &'a Corners,
     media: Vec<NearKernel>,
     rule: NearField,
@@ -106,7 +160,6 @@ impl Candidates {
 /// What one group of receivers works with.
 #[derive(Default)]
 struct Lists {
-    stack: Vec<Node>,
     candidates: Candidates,
     /// Squared distances of the candidates to one receiver, mm^2.
     r2: Vec<f32>,
@@ -119,16 +172,16 @@ struct Lists {
 }
 
 impl<'a> Near<'a> {
-    /// Of media split at a radius; samples and patches of the surface are in the order of the tree.
+    /// Of media split at a radius; `around` is made with the same radius and rule.
     pub fn new(
         surface: Surface<'a>,
-        (tree, corners): (&'a BalancedTree, &'a Corners),
+        (around, corners): (&'a Around, &'a Corners),
         media: &[Medium],
         rule: NearField,
         split_mm: f64,
     ) -> Self {
         let media = media.iter().map(|m| NearKernel::new(m, split_mm)).collect();
-        Self { surface, tree, corners, media, rule, split_mm, level: Level::detect() }
+        Self { surface, around, corners, media, rule, split_mm, level: Level::detect() }
     }
 
     /// Adds the near field of one irradiance for each sample, RGB, to the radiosity of every receiver. `pieces` are those of
@@ -145,67 +198,35 @@ impl<'a> Near<'a> {
         let scale = power_of_two_near(brightest).recip();
         let mut jobs = Vec::with_capacity(receivers.groups.len());
         let mut rest = radiosity;
-        for group in &receivers.groups {
+        for (index, group) in receivers.groups.iter().enumerate() {
             let (mine, others) = rest.split_at_mut(group.run.range().len().min(rest.len()));
             rest = others;
-            jobs.push((*group, mine));
+            jobs.push((index, *group, mine));
         }
-        jobs.into_par_iter().for_each_init(Lists::default, |lists, (group, out)| {
-            self.group(receivers, group, &Shine { irradiance, pieces, scale }, lists, out);
+        jobs.into_par_iter().for_each_init(Lists::default, |lists, (index, group, out)| {
+            self.group((receivers, index), group, &Shine { irradiance, pieces, scale }, lists, out);
             progress.advance(out.len() as u64);
         });
         progress.finish();
     }
 
-    fn group(&self, receivers: &Receivers, group: Group, light: &Shine, lists: &mut Lists, out: &mut [DVec3]) {
+    fn group(&self, (receivers, index): (&Receivers, usize), group: Group, light: &Shine, lists: &mut Lists, out: &mut [DVec3]) {
         let part = group.part as usize;
         let Some(medium) = self.medium(part) else { return };
         let members = &receivers.positions[group.run.range()];
         let place = receivers.sphere(group);
         lists.candidates.clear();
-        self.visit(part, &place, &mut lists.stack, &mut |index| {
-            self.candidate(index, medium, &place, light, &mut lists.candidates);
-        });
+        for &sample in self.around.of(index) {
+            self.candidate(sample, medium, &place, light, &mut lists.candidates);
+        }
         for (receiver, out) in members.iter().zip(out) {
             let sum = self.receiver((*receiver - place.centre_mm).as_vec3().to_array(), medium, light, lists);
             *out += DVec3::from_array(sum) / light.scale;
         }
     }
 
-    /// The samples, lit or not, that some receiver of each group may be near to, whatever the medium.
-    pub fn samples_around(&self, receivers: &Receivers) -> Vec<Vec<u32>> {
-        let of_group = |group: &Group| {
-            let (sphere, mut found) = (receivers.sphere(*group), Vec::new());
-            self.visit(group.part as usize, &sphere, &mut Vec::new(), &mut |index| {
-                let patch = &self.surface.patches[index as usize];
-                let reach = self.split_mm.max(self.rule.three_points_below * patch.radius_mm) + sphere.radius_mm;
-                if patch.centre_mm.distance_squared(sphere.centre_mm) < reach * reach {
-                    found.push(index);
-                }
-            });
-            found
-        };
-        receivers.groups.par_iter().map(of_group).collect()
-    }
-
     fn medium(&self, part: usize) -> Option<&NearKernel> {
         self.media.get(self.surface.scene.parts.parts[part].medium? as usize)
-    }
-
-    /// The samples that some receiver of a group may be near to.
-    fn visit(&self, part: usize, place: &Sphere, stack: &mut Vec<Node>, take: &mut impl FnMut(u32)) {
-        stack.extend(self.tree.root(part));
-        while let Some(node) = stack.pop() {
-            if node.is_leaf() {
-                take(node.first);
-                continue;
-            }
-            let cell = self.tree.cell(node, self.surface.patches);
-            let distance = cell.centre_mm.distance(place.centre_mm) - place.radius_mm - cell.radius_mm;
-            if distance < self.split_mm.max(self.rule.three_points_below * cell.largest_mm) {
-                stack.extend(node.children());
-            }
-        }
     }
 
     /// Squared distance below which a sample is not a point, mm^2; may be negative.

@@ -34,7 +34,8 @@ fn differences(fixture: Fixture, split_mm: f64, rule: NearField, irradiance: &dy
     let corners = Corners::new(&fixture.scene.mesh, &fixture.samples, &fixture.patches);
     let dipoles = media[0].properties.dipoles(BoundaryFit::Published);
     let mut sums = far_all_pairs(&surface, &dipoles, split_mm, &receivers, &irradiance);
-    let near = Near::new(surface, (&tree, &corners), media, rule, split_mm);
+    let around = Around::new(&surface, &tree, &receivers, rule, split_mm);
+    let near = Near::new(surface, (&around, &corners), media, rule, split_mm);
     near.add(&receivers, (&irradiance, &Pieces::default()), &mut sums, &Silent);
     let no_tree = SampleTree::default();
     let all = |rule| {

@@ -6,6 +6,7 @@ use super::Device;
 use super::jobs::{Effort, Entries, Shard, shards};
 use super::surface::{KERNEL, READ, SurfaceBuffers, bind, bind_group_layout, dispatch, pipeline};
 use crate::error::Result;
+use crate::transport::near_field::Around;
 use crate::transport::receivers::Receivers;
 
 /// Coefficients of one medium in the shader.
@@ -28,7 +29,7 @@ impl NearOnDevice {
     pub fn new(
         buffers: &SurfaceBuffers,
         receivers: &Receivers,
-        (around, effort): (Vec<Vec<u32>>, &Effort),
+        (around, effort): (&Around, &Effort),
         (media, medium): (usize, impl Fn(u32) -> Option<u32>),
         far_values: &wgpu::Buffer,
     ) -> Result<Self> {
@@ -37,7 +38,8 @@ impl NearOnDevice {
         let text = format!("{KERNEL}{}", include_str!("near.wgsl"));
         let pipeline = pipeline(&device.device, &text, "near", [buffers.layout(), &layout]);
         let coefficients = device.zeros("coefficients of the media", (16 * TERMS * media) as u64)?;
-        let lists: Vec<Entries> = around.into_iter().map(Entries::List).collect();
+        let lists: Vec<Entries> =
+            (0..receivers.groups.len()).map(|group| Entries::List(around.of(group).to_vec())).collect();
         let of_shard = |shard: Shard| {
             let bound = [&shard.jobs, &shard.list, far_values, &coefficients];
             (bind(&device.device, &layout, bound.into_iter()), shard.count)

@@ -32,7 +32,7 @@ use crate::progress::{Progress, Silent};
 use crate::transport::balanced_tree::{BalancedTree, LightDetails};
 use crate::transport::gather::{Gather, NearField, Scheme};
 use crate::transport::irradiance::{Illumination, Pieces};
-use crate::transport::near_field::{Corners, Near};
+use crate::transport::near_field::{Around, Corners, Near};
 use crate::transport::receivers::{Group, Receivers};
 use crate::transport::scene::{self, Medium, Scene, Surface};
 use crate::transport::simd::Level;
@@ -57,7 +57,7 @@ pub(super) struct EditableEvaluator {
     pub(super) plan: Plan,
     bvh: Bvh,
     pub(super) patches: Vec<Patch>,
-    tree: BalancedTree,
+    pub(super) around: Around,
     pub(super) corners: Corners,
     pub(super) receivers: Receivers,
     areas: Vec<f64>,
@@ -93,6 +93,10 @@ pub(super) fn open(asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
     let ((far, rows), (bvh, patches, tree, corners)) = rayon::join(stored, geometry);
     let ((basis, far), rows) = (far?, rows?);
     let receivers = receivers(&scene, &far);
+    let around = {
+        let surface = Surface { scene: &scene, bvh: &bvh, samples: &asset.samples, patches: &patches };
+        Around::new(&surface, &tree, &receivers, plan.near, basis.split_mm())
+    };
     let areas = receiver_areas(&scene, &receivers);
     let media = scene.media.clone();
     let mut evaluator = EditableEvaluator {
@@ -101,7 +105,7 @@ pub(super) fn open(asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
         plan,
         bvh,
         patches,
-        tree,
+        around,
         corners,
         receivers,
         areas,
@@ -198,7 +202,7 @@ impl EditableEvaluator {
 
     /// The near field of the media in force.
     pub(super) fn near(&self) -> Near<'_> {
-        let geometry = (&self.tree, &self.corners);
+        let geometry = (&self.around, &self.corners);
         Near::new(self.surface(), geometry, &self.scene.media, self.plan.near, self.basis.split_mm())
     }
 
@@ -236,7 +240,7 @@ impl Evaluator for EditableEvaluator {
         Cost {
             samples: self.samples.len(),
             receivers: self.receivers.len(),
-            resident_bytes: self.tree.bytes()
+            resident_bytes: self.around.bytes()
                 + self.corners.bytes()
                 + size_of_val(self.patches.as_slice())
                 + size_of_val(self.samples.facets.as_slice())

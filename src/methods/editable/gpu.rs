@@ -54,10 +54,9 @@ impl EditableOnDevice {
         let far = FarOnDevice::new(device, &cpu.far, cpu.samples.len(), cpu.scene.parts.parts.len())?;
         let pieces = cpu.plan.sampling.pieces_of_uneven() as usize;
         let effort = Effort::new(&cpu.surface(), cpu.plan.near, &NEAR_EDGE_RULES, pieces);
-        let around = cpu.near().samples_around(&cpu.receivers);
         let parts = &cpu.scene.parts.parts;
         let media = (cpu.scene.media.len(), |part: u32| parts[part as usize].medium);
-        let near = NearOnDevice::new(&buffers, &cpu.receivers, (around, &effort), media, far.values())?;
+        let near = NearOnDevice::new(&buffers, &cpu.receivers, (&cpu.around, &effort), media, far.values())?;
         let lights = cpu.lights.clone();
         let device = Arc::clone(device);
         let mut evaluator = Self { cpu, device, buffers, far, near, lights, stale: Stale::Light };

@@ -15,7 +15,7 @@ use crate::progress::Silent;
 use crate::transport::balanced_tree::LightDetails;
 use crate::transport::far_field::Rows;
 use crate::transport::irradiance::Pieces;
-use crate::transport::near_field::{Corners, Near};
+use crate::transport::near_field::{Around, Corners, Near};
 use crate::transport::receivers::{Group, Receivers};
 use crate::transport::scene::{Medium, Scene};
 
@@ -75,9 +75,10 @@ impl Subset {
     ) -> Vec<Vec<DVec3>> {
         let surface = stage.surface(scene);
         let corners: &Corners = &stage.corners;
+        let around = Around::new(&surface, &stage.tree, &self.receivers, plan.near, stage.split_mm);
         let of_material = |material: &Projected| {
             let media = vec![material.medium.clone(); scene.media.len()];
-            let near = Near::new(surface, (&stage.tree, corners), &media, plan.near, stage.split_mm);
+            let near = Near::new(surface, (&around, corners), &media, plan.near, stage.split_mm);
             let mut values = vec![DVec3::ZERO; self.receivers.len()];
             near.add(&self.receivers, (irradiance, &Pieces::default()), &mut values, &Silent);
             values

@@ -52,6 +52,15 @@ impl Sharp {
         Some(Self { source, colour, rays: Vec::new(), skip: Vec::new(), arrivals: Vec::new() })
     }
 
+    /// Whether the light is in front of the plane of a triangle, given by a point and a normal of any length.
+    pub(super) fn faces(&self, on_plane: DVec3, normal: DVec3) -> bool {
+        match self.source {
+            Source::Direction(from) => normal.dot(from) > 0.0,
+            // Points of the triangle are rounded: a light near its plane may still be in front of some.
+            Source::Point(at) => normal.dot(at - on_plane) > -1e-9 * normal.length() * at.distance(on_plane),
+        }
+    }
+
     /// Adds the rays of one patch; each point stands for a share of it.
     pub(super) fn collect(&mut self, patch: usize, eta: f64, points: &[SurfacePoint], share: impl Fn(usize) -> f64) {
         for (point, p) in points.iter().enumerate() {
