@@ -124,10 +124,10 @@ fn the_drawn_diffuse_picture_is_the_rendered_one() {
         if !is_inside(&frame, i) {
             continue;
         }
-        for c in 0..3 {
-            let difference = (f64::from(expected.diffuse[c]) * exposure - f64::from(found[c])).abs();
+        for (expected, found) in expected.diffuse.iter().zip(found) {
+            let difference = (f64::from(*expected) * exposure - f64::from(*found)).abs();
             (sum, count, worst) = (sum + difference, count + 1, worst.max(difference));
-            lit += usize::from(found[c] > 0.05);
+            lit += usize::from(*found > 0.05);
         }
     }
     let mean = sum / count as f64;
@@ -136,6 +136,30 @@ fn the_drawn_diffuse_picture_is_the_rendered_one() {
     assert!(mean < 0.005, "mean difference {mean} of white");
     // Outlines: four samples against sixteen.
     assert!(coverage / (frame.pixels.len() as f64) < 0.01, "{coverage}");
+}
+
+#[test]
+fn drawn_reflections_are_near_the_rendered_ones() {
+    let Some(device) = device() else { return };
+    let (camera, resolution) = eye();
+    let mut drawn = Drawn::new(device, &lights());
+    let settings = RenderSettings { background: Background::None, ..RenderSettings::new(camera, resolution) };
+    let frame = drawn.rendered(&lights(), &settings);
+    let exposure = Exposure::Auto.factor(&frame);
+    let view = View { background: Background::None, ..View::new(camera, resolution, exposure) };
+    let picture = drawn.take(&view);
+    let (mut difference, mut reflected) = (0.0, 0.0);
+    for (i, (expected, found)) in frame.pixels.iter().zip(&picture.pixels).enumerate() {
+        if is_inside(&frame, i) {
+            let shown = |radiance: f32| (f64::from(radiance) * exposure).min(1.0);
+            for (beauty, found) in expected.beauty.iter().zip(found) {
+                difference += (shown(*beauty) - f64::from(*found).min(1.0)).abs();
+            }
+            reflected += expected.specular.iter().map(|c| shown(*c)).sum::<f64>();
+        }
+    }
+    // Shadows at vertices instead of pixels, and lobes of environments looked up instead of sampled.
+    assert!(difference < 0.15 * reflected, "{difference} of {reflected}");
 }
 
 #[test]

@@ -81,13 +81,7 @@ pub struct Around {
 
 impl Around {
     /// Around the groups of receivers, by a walk through the tree for each; `rule` and `split_mm` are those of the near field.
-    pub fn new(
-        surface: &Surface,
-        tree: &BalancedTree,
-        receivers: &Receivers,
-        rule: NearField,
-        split_mm: f64,
-    ) -> Self {
+    pub fn new(surface: &Surface, tree: &BalancedTree, receivers: &Receivers, rule: NearField, split_mm: f64) -> Self {
         let of_group = |group: &Group| {
             let (sphere, mut found) = (receivers.sphere(*group), Vec::new());
             let mut stack: Vec<Node> = tree.root(group.part as usize).into_iter().collect();
@@ -210,7 +204,14 @@ impl<'a> Near<'a> {
         progress.finish();
     }
 
-    fn group(&self, (receivers, index): (&Receivers, usize), group: Group, light: &Shine, lists: &mut Lists, out: &mut [DVec3]) {
+    fn group(
+        &self,
+        (receivers, index): (&Receivers, usize),
+        group: Group,
+        light: &Shine,
+        lists: &mut Lists,
+        out: &mut [DVec3],
+    ) {
         let part = group.part as usize;
         let Some(medium) = self.medium(part) else { return };
         let members = &receivers.positions[group.run.range()];

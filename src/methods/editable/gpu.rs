@@ -64,6 +64,19 @@ impl EditableOnDevice {
         Ok(evaluator)
     }
 
+    /// Brings light to the samples and the far field, where that is not done.
+    fn light(&mut self, progress: &dyn Progress) -> Result<()> {
+        if self.stale != Stale::Light {
+            return Ok(());
+        }
+        let (irradiance, pieces) = self.cpu.irradiance(&self.lights, progress)?;
+        let details = LightDetails::new(&self.cpu.samples, &self.cpu.patches, &irradiance);
+        self.buffers.set_light(&irradiance, &pieces)?;
+        self.far.run(&details);
+        self.stale = Stale::Media;
+        self.device.check()
+    }
+
     fn upload_media(&mut self) -> Result<()> {
         self.near.set_media(&self.cpu.coefficients);
         self.buffers.set_media(&self.cpu.scene.media, self.cpu.basis.split_mm())
@@ -76,12 +89,7 @@ impl DeviceEvaluator for EditableOnDevice {
     }
 
     fn update(&mut self, progress: &dyn Progress) -> Result<()> {
-        if self.stale == Stale::Light {
-            let (irradiance, pieces) = self.cpu.irradiance(&self.lights, progress)?;
-            let details = LightDetails::new(&self.cpu.samples, &self.cpu.patches, &irradiance);
-            self.buffers.set_light(&irradiance, &pieces)?;
-            self.far.run(&details);
-        }
+        self.light(progress)?;
         if self.stale != Stale::Nothing {
             self.near.run(&self.buffers);
         }
@@ -126,7 +134,7 @@ impl Evaluator for EditableOnDevice {
     fn set_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()> {
         self.lights = lights;
         self.stale = Stale::Light;
-        self.update(progress)
+        self.light(progress)
     }
 
     fn set_media(&mut self, media: Vec<Medium>) -> Result<()> {
