@@ -1,6 +1,7 @@
 //! Environments and constant light through stored irradiance rows.
 
 use glam::DVec3;
+use translux_format::rows::IrradianceRows;
 
 use crate::asset::Asset;
 use crate::compress::rows::Rows;
@@ -46,6 +47,22 @@ impl StoredRows {
         media.iter().all(|m| self.rows.entrance().project(m.properties.eta_inside_over_outside).is_ok())
     }
 
+    /// The plain arrays.
+    pub fn data(&self) -> &IrradianceRows {
+        self.rows.data()
+    }
+
+    /// Coefficients of the functions of the angle for the medium of each part; zeros where it has none.
+    ///
+    /// # Errors
+    /// A medium that the rows do not serve.
+    pub fn entrance_of_parts(&self, parts: &PartTable, media: &[Medium]) -> Result<Vec<[f64; MOST_TERMS]>> {
+        let project = |m: &Medium| Ok(self.rows.entrance().project(m.properties.eta_inside_over_outside)?.coefficients);
+        let of_medium: Vec<[f64; MOST_TERMS]> = media.iter().map(project).collect::<Result<_>>()?;
+        let of_part = |part: usize| parts.parts[part].medium.and_then(|m| of_medium.get(m as usize)).copied();
+        Ok((0..parts.parts.len()).map(|part| of_part(part).unwrap_or_default()).collect())
+    }
+
     /// Adds the irradiance of every sample under lights that come from far away, RGB.
     ///
     /// # Errors
@@ -57,10 +74,7 @@ impl StoredRows {
         samples: &Samples,
         irradiance: &mut [DVec3],
     ) -> Result<()> {
-        let project = |m: &Medium| Ok(self.rows.entrance().project(m.properties.eta_inside_over_outside)?.coefficients);
-        let of_medium: Vec<[f64; MOST_TERMS]> = media.iter().map(project).collect::<Result<_>>()?;
-        let of_part = |part: usize| parts.parts[part].medium.and_then(|m| of_medium.get(m as usize)).copied();
-        let of_part: Vec<_> = (0..parts.parts.len()).map(|part| of_part(part).unwrap_or_default()).collect();
+        let of_part = self.entrance_of_parts(parts, media)?;
         let of_patch =
             |patch: usize| of_part[samples.part_offsets.partition_point(|&first| first as usize <= patch) - 1];
         for light in lights {

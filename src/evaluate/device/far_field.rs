@@ -4,13 +4,12 @@ use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
 use translux_format::far_field::{FarField, LANES};
-use wgpu::util::DeviceExt;
 
 use super::Device;
 use super::jobs::MOST_TURNS_OF_SOFTWARE;
-use super::surface::{READ, WRITE, bind, bind_group_layout, dispatch, pipeline};
+use super::surface::{READ, UNIFORM, WRITE, bind, bind_group_layout, dispatch, pipeline, uniform};
+use super::tree::TreeOnDevice;
 use crate::error::{Error, Result};
-use crate::transport::balanced_tree::LightDetails;
 
 /// Basis functions at most.
 const TERMS: usize = 16;
@@ -49,8 +48,6 @@ struct Pending {
 /// The far field on a device.
 pub struct FarOnDevice {
     device: Arc<Device>,
-    details: wgpu::Buffer,
-    means: wgpu::Buffer,
     values: wgpu::Buffer,
     pipeline: wgpu::ComputePipeline,
     bind_group: wgpu::BindGroup,
@@ -58,41 +55,29 @@ pub struct FarOnDevice {
 }
 
 impl FarOnDevice {
-    /// Uploads a far field of this many samples.
+    /// Uploads a far field; the light comes from a tree.
     ///
     /// # Errors
     /// Buffers beyond the adapter's bindings that cannot be cut (exit 5).
-    pub fn new(device: &Arc<Device>, far: &FarField, samples: usize, parts: usize) -> Result<Self> {
+    pub fn new(device: &Arc<Device>, far: &FarField, tree: &TreeOnDevice) -> Result<Self> {
         let terms = far.terms.min(TERMS);
         let mut steps = GpuSteps { values: [0.0; TERMS], terms: terms as u32, padding: [0; 3] };
         steps.values.iter_mut().zip(&far.steps).for_each(|(value, step)| *value = *step);
-        let steps = device.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
-            label: Some("steps"),
-            contents: bytemuck::bytes_of(&steps),
-            usage: wgpu::BufferUsages::UNIFORM,
-        });
-        let details = device.zeros("details of the light", 16 * samples as u64)?;
-        let means = device.zeros("means of the light", 16 * parts as u64)?;
+        let steps = uniform(&device.device, "steps", bytemuck::bytes_of(&steps));
         let row_sums = device.storage("row sums", &far.row_sums)?;
         let values = device.zeros("far radiosity", 12 * far.row_sums.len() as u64)?;
-        let uniform = wgpu::BufferBindingType::Uniform;
-        let first = bind_group_layout(&device.device, "far light", &[uniform, READ, READ, READ, WRITE]);
+        let first = bind_group_layout(&device.device, "far light", &[UNIFORM, READ, READ, READ, WRITE]);
         let second = bind_group_layout(&device.device, "far field", &[READ; 4]);
         let pipeline = pipeline(&device.device, include_str!("far.wgsl"), "far", [&first, &second]);
-        let bound = [&steps, &details, &means, &row_sums, &values];
+        let bound = [&steps, tree.details(), tree.means(), &row_sums, &values];
         let bind_group = bind(&device.device, &first, bound.into_iter());
         let shards = shards(device, far, &second)?;
         device.check()?;
-        Ok(Self { device: Arc::clone(device), details, means, values, pipeline, bind_group, shards })
+        Ok(Self { device: Arc::clone(device), values, pipeline, bind_group, shards })
     }
 
-    /// Far radiosity of every receiver and function under a light, over its scale: `[receiver][k]`, RGB.
-    pub fn run(&self, light: &LightDetails) {
-        let widened =
-            |values: &[[f32; 3]]| -> Vec<[f32; 4]> { values.iter().map(|&[r, g, b]| [r, g, b, 0.0]).collect() };
-        let queue = &self.device.queue;
-        queue.write_buffer(&self.details, 0, bytemuck::cast_slice(&widened(&light.details)));
-        queue.write_buffer(&self.means, 0, bytemuck::cast_slice(&widened(&light.means)));
+    /// Far radiosity of every receiver and function under the light of the tree, over its scale: `[receiver][k]`, RGB.
+    pub fn run(&self) {
         let shards = self.shards.iter().map(|(group, count)| (group, *count));
         dispatch(&self.device, &self.pipeline, &self.bind_group, shards);
     }

@@ -3,8 +3,10 @@
 pub mod far_field;
 pub mod jobs;
 pub mod near_field;
+pub mod rows;
 pub mod sampled;
 pub mod surface;
+pub mod tree;
 mod uploaded;
 
 use std::sync::{Arc, Mutex, PoisonError};

@@ -16,6 +16,7 @@ use crate::evaluate::{Capabilities, Cost, Evaluator};
 use crate::geometry::bvh::Bvh;
 use crate::light::Light;
 use crate::progress::Progress;
+use crate::transport::balanced_tree::power_of_two_near;
 use crate::transport::gather::{Scheme, Source};
 use crate::transport::kernel::EDGE_RULES;
 use crate::transport::near_field::Corners;
@@ -118,7 +119,8 @@ impl DeviceEvaluator for SampledOnDevice {
         }
         self.cpu.irradiance(progress)?;
         let (irradiance, pieces) = self.cpu.lit();
-        self.buffers.set_light(irradiance, pieces)?;
+        let brightest = irradiance.iter().map(|e| e.max_element()).fold(0.0, f64::max);
+        self.buffers.set_light(irradiance, pieces, power_of_two_near(brightest))?;
         match self.cpu.tuned_scheme() {
             Scheme::AllPairs => {
                 let shards = match self.all_pairs.take() {

@@ -11,7 +11,6 @@ use crate::error::{Error, Result};
 use crate::geometry::samples::{Patch, Samples};
 use crate::medium::far_profile::FarProfile;
 use crate::medium::fresnel::BoundaryFit;
-use crate::transport::balanced_tree::power_of_two_near;
 use crate::transport::gather::NearField;
 use crate::transport::irradiance::Pieces;
 use crate::transport::kernel::EdgeRule;
@@ -25,6 +24,9 @@ pub const KERNEL: &str = include_str!("kernel.wgsl");
 /// Rules for edges that the shader holds, and nodes of all of them.
 const RULES: usize = 6;
 const NODES: usize = 64;
+
+/// Workgroups along the first axis at most, on every adapter; more go into further rows.
+const WIDTH: u32 = 65_535;
 
 /// Storage buffers that the shaders bind at once.
 const STORAGE_BUFFERS: u32 = 12;
@@ -127,13 +129,6 @@ impl SurfaceBuffers {
             terms: *terms as u32,
             pieces: 0,
         };
-        let uniform = |label, bytes: &[u8]| {
-            device.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
-                label: Some(label),
-                contents: bytes,
-                usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
-            })
-        };
         let patch = |(index, patch): (usize, &Patch)| GpuPatch {
             centre: patch.centre_mm.as_vec3().to_array(),
             area: patch.area_mm2 as f32,
@@ -145,8 +140,8 @@ impl SurfaceBuffers {
         let patches: Vec<GpuPatch> = patches.iter().enumerate().map(patch).collect();
         let positions: Vec<[f32; 4]> = receivers.positions.iter().map(|p| p.as_vec3().extend(0.0).to_array()).collect();
         let count = patches.len();
-        let settings_buffer = uniform("settings", bytemuck::bytes_of(&settings));
-        let rules = uniform("rules", bytemuck::bytes_of(&pack(rules)?));
+        let settings_buffer = uniform(&device.device, "settings", bytemuck::bytes_of(&settings));
+        let rules = uniform(&device.device, "rules", bytemuck::bytes_of(&pack(rules)?));
         let layout = layout(&device.device);
         let media = device.storage::<GpuMedium>("media", &[GpuMedium::zeroed()])?;
         let corners = device.storage("corners of the facets", corners.values().as_flattened().as_flattened())?;
@@ -188,13 +183,12 @@ impl SurfaceBuffers {
         Ok(())
     }
 
-    /// Replaces the light on the samples.
+    /// Replaces the light on the samples; `scale` is a power of two that brings the brightest irradiance near 1.
     ///
     /// # Errors
     /// More pieces than the adapter binds (exit 5).
-    pub fn set_light(&mut self, irradiance: &[DVec3], pieces: &Pieces) -> Result<()> {
-        let brightest = irradiance.iter().map(|e| e.max_element()).fold(0.0, f64::max);
-        self.scale = power_of_two_near(brightest);
+    pub fn set_light(&mut self, irradiance: &[DVec3], pieces: &Pieces, scale: f64) -> Result<()> {
+        self.scale = scale;
         let scaled: Vec<[f32; 4]> =
             irradiance.iter().map(|e| (*e / self.scale).as_vec3().extend(0.0).to_array()).collect();
         let mut first = vec![u32::MAX; self.count as usize];
@@ -246,6 +240,11 @@ impl SurfaceBuffers {
     /// What the values of the radiosity are multiplied by.
     pub fn scale(&self) -> f64 {
         self.scale
+    }
+
+    /// Irradiance of every sample over the scale, RGB and 0.
+    pub fn irradiance(&self) -> &wgpu::Buffer {
+        &self.irradiance
     }
 
     /// Radiosity of every receiver over the scale, RGB and 0.
@@ -318,11 +317,21 @@ fn medium(medium: &Medium, split_mm: f64) -> GpuMedium {
 
 /// Two uniforms, then storage, of which radiosity is written.
 fn layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
-    let uniform = wgpu::BufferBindingType::Uniform;
-    let kinds = [uniform, uniform, READ, READ, READ, READ, WRITE, READ, READ, READ];
+    let kinds = [UNIFORM, UNIFORM, READ, READ, READ, READ, WRITE, READ, READ, READ];
     bind_group_layout(device, "surface", &kinds)
 }
 
+/// A uniform buffer with these contents.
+pub fn uniform(device: &wgpu::Device, label: &str, contents: &[u8]) -> wgpu::Buffer {
+    device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+        label: Some(label),
+        contents,
+        usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+    })
+}
+
+/// A uniform buffer.
+pub const UNIFORM: wgpu::BufferBindingType = wgpu::BufferBindingType::Uniform;
 /// A storage buffer that a shader reads.
 pub const READ: wgpu::BufferBindingType = wgpu::BufferBindingType::Storage { read_only: true };
 /// A storage buffer that a shader writes.
@@ -398,7 +407,7 @@ pub fn dispatch<'a>(
             pass.set_pipeline(pipeline);
             pass.set_bind_group(0, first, &[]);
             pass.set_bind_group(1, shard, &[]);
-            pass.dispatch_workgroups(count, 1, 1);
+            pass.dispatch_workgroups(count.min(WIDTH), count.div_ceil(WIDTH), 1);
         }
         device.queue.submit([encoder.finish()]);
     }

@@ -63,7 +63,7 @@ pub(super) struct EditableEvaluator {
     areas: Vec<f64>,
     pub(super) basis: ProfileBasis,
     pub(super) far: FarField,
-    rows: Option<StoredRows>,
+    pub(super) rows: Option<StoredRows>,
     /// Of each medium.
     pub(super) coefficients: Vec<Coefficients>,
     pub(super) lights: Vec<Light>,
@@ -147,7 +147,7 @@ impl EditableEvaluator {
     }
 
     /// Through the stored rows where there are any for a light, else by rays.
-    pub(super) fn irradiance(&self, lights: &[Light], progress: &dyn Progress) -> Result<(Vec<DVec3>, Pieces)> {
+    fn irradiance(&self, lights: &[Light], progress: &dyn Progress) -> Result<(Vec<DVec3>, Pieces)> {
         let (near, far): (Vec<Light>, Vec<Light>) = lights.iter().cloned().partition(|l| !self.is_stored(l));
         let (Some(rows), false) = (&self.rows, far.is_empty()) else { return self.sampled(lights, progress) };
         let (mut irradiance, pieces) = match near.as_slice() {
@@ -161,11 +161,11 @@ impl EditableEvaluator {
     }
 
     /// Whether a light goes through the stored rows.
-    fn is_stored(&self, light: &Light) -> bool {
+    pub(super) fn is_stored(&self, light: &Light) -> bool {
         comes_from_far_away(light) && self.rows.as_ref().is_some_and(|rows| rows.serve(&self.scene.media))
     }
 
-    fn sampled(&self, lights: &[Light], progress: &dyn Progress) -> Result<(Vec<DVec3>, Pieces)> {
+    pub(super) fn sampled(&self, lights: &[Light], progress: &dyn Progress) -> Result<(Vec<DVec3>, Pieces)> {
         let etas: Vec<f64> = self.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
         Ok(Illumination::new(&self.surface(), lights, &etas, self.plan.sampling)?.all_with_pieces(progress))
     }

@@ -1,5 +1,5 @@
-//! `editable` in compute shaders: light reaches the samples on the CPU (rays, stored rows), the far field, the near field
-//! and the materials are a device's.
+//! `editable` in compute shaders: rays reach the samples on the CPU; stored rows, far field, near field and materials are a
+//! device's.
 
 use std::sync::Arc;
 
@@ -11,13 +11,17 @@ use crate::error::Result;
 use crate::evaluate::device::far_field::FarOnDevice;
 use crate::evaluate::device::jobs::Effort;
 use crate::evaluate::device::near_field::NearOnDevice;
+use crate::evaluate::device::rows::RowsOnDevice;
 use crate::evaluate::device::surface::{Geometry, SurfaceBuffers};
+use crate::evaluate::device::tree::TreeOnDevice;
 use crate::evaluate::device::{Device, DeviceEvaluator, read_radiosity};
 use crate::evaluate::{Capabilities, Cost, Evaluator};
 use crate::geometry::bvh::Bvh;
 use crate::light::Light;
+use crate::light::cube_light::CubeLight;
 use crate::progress::Progress;
-use crate::transport::balanced_tree::LightDetails;
+use crate::transport::balanced_tree::power_of_two_near;
+use crate::transport::irradiance::Pieces;
 use crate::transport::kernel::near::NEAR_EDGE_RULES;
 use crate::transport::scene::{Medium, Scene};
 
@@ -33,6 +37,8 @@ pub(super) struct EditableOnDevice {
     cpu: EditableEvaluator,
     device: Arc<Device>,
     buffers: SurfaceBuffers,
+    rows: Option<RowsOnDevice>,
+    tree: TreeOnDevice,
     far: FarOnDevice,
     near: NearOnDevice,
     lights: Vec<Light>,
@@ -51,7 +57,9 @@ impl EditableOnDevice {
             terms: cpu.far.terms,
         };
         let buffers = SurfaceBuffers::new(device, &geometry)?;
-        let far = FarOnDevice::new(device, &cpu.far, cpu.samples.len(), cpu.scene.parts.parts.len())?;
+        let rows = cpu.rows.as_ref().map(|rows| RowsOnDevice::new(&buffers, rows.data(), &cpu.samples)).transpose()?;
+        let tree = TreeOnDevice::new(&buffers, &cpu.samples, &cpu.patches)?;
+        let far = FarOnDevice::new(device, &cpu.far, &tree)?;
         let pieces = cpu.plan.sampling.pieces_of_uneven() as usize;
         let effort = Effort::new(&cpu.surface(), cpu.plan.near, &NEAR_EDGE_RULES, pieces);
         let parts = &cpu.scene.parts.parts;
@@ -59,7 +67,7 @@ impl EditableOnDevice {
         let near = NearOnDevice::new(&buffers, &cpu.receivers, (&cpu.around, &effort), media, far.values())?;
         let lights = cpu.lights.clone();
         let device = Arc::clone(device);
-        let mut evaluator = Self { cpu, device, buffers, far, near, lights, stale: Stale::Light };
+        let mut evaluator = Self { cpu, device, buffers, rows, tree, far, near, lights, stale: Stale::Light };
         evaluator.upload_media()?;
         Ok(evaluator)
     }
@@ -69,10 +77,25 @@ impl EditableOnDevice {
         if self.stale != Stale::Light {
             return Ok(());
         }
-        let (irradiance, pieces) = self.cpu.irradiance(&self.lights, progress)?;
-        let details = LightDetails::new(&self.cpu.samples, &self.cpu.patches, &irradiance);
-        self.buffers.set_light(&irradiance, &pieces)?;
-        self.far.run(&details);
+        let cpu = &self.cpu;
+        let (near, stored): (Vec<Light>, Vec<Light>) = self.lights.iter().cloned().partition(|l| !cpu.is_stored(l));
+        let (irradiance, pieces) = match near.as_slice() {
+            [] => (vec![DVec3::ZERO; cpu.samples.len()], Pieces::default()),
+            near => cpu.sampled(near, progress)?,
+        };
+        let maps: Vec<CubeLight> = match &self.rows {
+            Some(rows) => stored.iter().map(|l| CubeLight::new(l, rows.side())).collect::<Result<_>>()?,
+            None => Vec::new(),
+        };
+        let brightest = irradiance.iter().map(|e| e.max_element()).chain(maps.iter().map(CubeLight::scale));
+        let scale = power_of_two_near(brightest.fold(0.0, f64::max));
+        self.buffers.set_light(&irradiance, &pieces, scale)?;
+        if let (Some(rows), Some(stored), false) = (&self.rows, &cpu.rows, maps.is_empty()) {
+            let entrance = stored.entrance_of_parts(&cpu.scene.parts, &cpu.scene.media)?;
+            maps.iter().try_for_each(|map| rows.add(map, &entrance, scale))?;
+        }
+        self.tree.run();
+        self.far.run();
         self.stale = Stale::Media;
         self.device.check()
     }
