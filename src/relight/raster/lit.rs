@@ -153,7 +153,8 @@ fn texture(device: &Device, label: &str, layers: &[Vec<Level>], scales: &[f64]) 
     };
     let texture = device.device.create_texture(&wgpu::TextureDescriptor {
         label: Some(label),
-        size: wgpu::Extent3d { depth_or_array_layers: layers.len() as u32, ..size(0) },
+        // A single layer is no array to the OpenGL backend.
+        size: wgpu::Extent3d { depth_or_array_layers: layers.len().max(2) as u32, ..size(0) },
         mip_level_count: levels as u32,
         sample_count: 1,
         dimension: wgpu::TextureDimension::D2,
