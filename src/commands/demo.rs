@@ -198,11 +198,16 @@ fn summary(r: &DemoReport, args: &DemoArgs, console: &Console) -> String {
         duration(console.seconds())
     ));
     let beside = |name: &str| shown(&args.output.join(name));
+    let window = if cfg!(feature = "gui") {
+        format!("translux relight {asset}")
+    } else {
+        format!("translux relight {asset} --headless --frames 12 --out {}", beside("turn"))
+    };
     lines.push(format!(
         "next:\n  translux render {asset} --material ketchup --light sky:rotate=180 -o {}\n  \
          translux evaluate {asset} --material wholemilk --light directional:from=1,0.3,-0.5:irradiance=3 -o {}\n  \
          translux inspect {asset}\n  \
-         translux relight {asset}\n  \
+         {window}\n  \
          translux bake MODEL.glb --material skin1 -o MODEL.tlux",
         beside("ketchup.png"),
         beside("side.ply"),

@@ -156,6 +156,30 @@ fn triangles_follow_the_closed_form_wherever_the_receiver_is() {
 }
 
 #[test]
+fn near_rules_follow_the_closed_form() {
+    let mut worst = 0.0f64;
+    for (m, dipoles) in media().iter().enumerate() {
+        let (kernel, z) = (kernel_of(dipoles), dipoles[1].z_real_mm);
+        for size in [1e-2, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0] {
+            for (s, shape) in shapes().iter().enumerate() {
+                let corners = shape.map(|p| p * (size * z));
+                for x in receivers_of(corners, z, (m * 5 + s) as u64) {
+                    let (mut flats, mut sums) = (near::Flats::default(), [0.0; 3]);
+                    flats.push(corners.map(|c| (c - x).as_vec3().to_array()), [1.0; 3]);
+                    near::add_flats(Level::detect(), &kernel, &flats, &mut sums);
+                    for (value, dipole) in sums.iter().zip(dipoles) {
+                        let error = (value - dipole.triangle(x, corners)).abs() / dipole.total().max(1e-300);
+                        worst = worst.max(error);
+                    }
+                }
+            }
+        }
+    }
+    println!("{worst:.1e} of the total");
+    assert!(worst < 1e-5, "{worst:.1e}");
+}
+
+#[test]
 fn halves_of_a_triangle_add_up_and_orientation_does_not_matter() {
     let dipoles = PRESETS[8].properties().dipoles(BoundaryFit::Published);
     let kernel = kernel_of(&dipoles);
