@@ -1,9 +1,9 @@
-//! The vertex error of the whole project: relative, area-weighted, worst channel.
+//! The vertex error of the whole project: relative, area-weighted, worst channel; and quantiles of timings.
 
 use glam::DVec3;
 
 /// How far per-vertex values are from a reference, relative to the reference's RMS of the channel; worst channel each.
-#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct VertexError {
     /// Area-weighted root mean square of the difference.
     pub rms: f64,
@@ -32,6 +32,30 @@ impl VertexError {
             p999: self.p999.max(other.p999),
             worst: self.worst.max(other.worst),
         }
+    }
+}
+
+/// Quantiles by nearest rank.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Quantiles {
+    /// A tenth is below.
+    pub p10: f64,
+    /// Half is below.
+    pub median: f64,
+    /// A tenth is above.
+    pub p90: f64,
+}
+
+impl Quantiles {
+    /// Of some values, zero where there are none.
+    pub fn of(values: impl IntoIterator<Item = f64>) -> Self {
+        let mut sorted: Vec<f64> = values.into_iter().collect();
+        sorted.sort_unstable_by(f64::total_cmp);
+        let at = |share: f64| {
+            let rank = (share * sorted.len() as f64).ceil() as usize;
+            sorted.get(rank.saturating_sub(1)).copied().unwrap_or(0.0)
+        };
+        Self { p10: at(0.1), median: at(0.5), p90: at(0.9) }
     }
 }
 
@@ -107,5 +131,13 @@ mod tests {
         assert_eq!(vertex_error(&[DVec3::ZERO], &[DVec3::ZERO], &[1.0]), VertexError::default());
         assert!(vertex_error(&[DVec3::ONE], &[DVec3::ZERO], &[1.0]).rms.is_infinite());
         assert_eq!(vertex_error(&[], &[], &[]), VertexError::default());
+    }
+
+    #[test]
+    fn quantiles_are_by_nearest_rank() {
+        let q = Quantiles::of((1..=10).rev().map(f64::from));
+        assert_eq!(q, Quantiles { p10: 1.0, median: 5.0, p90: 9.0 });
+        assert_eq!(Quantiles::of([7.0]), Quantiles { p10: 7.0, median: 7.0, p90: 7.0 });
+        assert_eq!(Quantiles::of([]), Quantiles::default());
     }
 }

@@ -2,6 +2,8 @@
 
 use serde::Serialize;
 
+use crate::math::statistics::Quantiles;
+
 use crate::render::camera::Resolution;
 
 /// Identifies the shape of the file of timings.
@@ -31,30 +33,6 @@ pub struct FrameTime {
     pub draw_ms: f64,
     /// All of them.
     pub total_ms: f64,
-}
-
-/// Quantiles by nearest rank.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct Quantiles {
-    /// A tenth is below.
-    pub p10: f64,
-    /// Half is below.
-    pub median: f64,
-    /// A tenth is above.
-    pub p90: f64,
-}
-
-impl Quantiles {
-    /// Of some values, zero where there are none.
-    pub fn of(values: impl IntoIterator<Item = f64>) -> Self {
-        let mut sorted: Vec<f64> = values.into_iter().collect();
-        sorted.sort_unstable_by(f64::total_cmp);
-        let at = |share: f64| {
-            let rank = (share * sorted.len() as f64).ceil() as usize;
-            sorted.get(rank.saturating_sub(1)).copied().unwrap_or(0.0)
-        };
-        Self { p10: at(0.1), median: at(0.5), p90: at(0.9) }
-    }
 }
 
 /// Quantiles over the frames, in milliseconds.
@@ -117,12 +95,4 @@ pub struct Timings {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn quantiles_are_by_nearest_rank() {
-        let q = Quantiles::of((1..=10).rev().map(f64::from));
-        assert_eq!(q, Quantiles { p10: 1.0, median: 5.0, p90: 9.0 });
-        assert_eq!(Quantiles::of([7.0]), Quantiles { p10: 7.0, median: 7.0, p90: 7.0 });
-        assert_eq!(Quantiles::of([]), Quantiles::default());
-    }
 }

@@ -15,10 +15,11 @@ use serde::Serialize;
 use winit::event_loop::EventLoop;
 
 use super::choice::DeviceChoice;
-use super::timings::{Adapter, Quantiles};
+use super::timings::Adapter;
 use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
 use crate::light::Light;
+use crate::math::statistics::Quantiles;
 use crate::render::background::Background;
 use crate::render::camera::Resolution;
 use crate::render::camera_text::CameraSpec;

@@ -4,7 +4,8 @@ use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 use super::Shown;
-use crate::relight::timings::{Adapter, Quantiles};
+use crate::math::statistics::Quantiles;
+use crate::relight::timings::Adapter;
 use crate::relight::window::WindowReport;
 
 /// Over how many frames and states the shown rates are.

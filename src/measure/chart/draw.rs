@@ -1,0 +1,383 @@
+//! Charts as SVG and PNG: error against a cost on logarithmic axes with the Pareto front, and bars of an error by stage.
+//!
+//! Methods differ in colour (Okabe & Ito's palette, which colour-blind people tell apart) and in the shape of their marks.
+
+use std::sync::Once;
+
+use plotters::coord::Shift;
+use plotters::prelude::*;
+use plotters::style::{FontStyle, register_font};
+
+use super::front::pareto;
+use crate::error::{Error, Result};
+use crate::io::colour::linear_from_srgb;
+use crate::io::png::encode_png;
+
+/// Okabe & Ito (2008), without yellow, which is weak on white.
+const COLOURS: [RGBColor; 7] = [
+    RGBColor(0, 114, 178),
+    RGBColor(213, 94, 0),
+    RGBColor(0, 158, 115),
+    RGBColor(204, 121, 167),
+    RGBColor(230, 159, 0),
+    RGBColor(86, 180, 233),
+    RGBColor(0, 0, 0),
+];
+
+/// Pixels of a chart.
+const SIZE: (u32, u32) = (900, 620);
+const FONT: &str = "sans-serif";
+
+/// How numbers of an axis are written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unit {
+    /// Shares as percent.
+    Percent,
+    /// Milliseconds, or seconds from a thousand on.
+    Milliseconds,
+    /// Seconds, or minutes from 120 on.
+    Seconds,
+    /// Bytes for each vertex, or kB from ten thousand on.
+    BytesPerVertex,
+}
+
+impl Unit {
+    /// A number with its unit.
+    pub fn text(self, value: f64) -> String {
+        let plain = |v: f64| {
+            let digits = if v.abs() >= 100.0 || v == 0.0 { 0 } else { (2 - v.abs().log10().floor() as i32).max(0) };
+            let text = format!("{v:.*}", digits as usize);
+            if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+        };
+        match self {
+            Self::Percent => format!("{} %", plain(100.0 * value)),
+            Self::Milliseconds if value >= 1000.0 => format!("{} s", plain(value / 1000.0)),
+            Self::Milliseconds => format!("{} ms", plain(value)),
+            Self::Seconds if value >= 120.0 => format!("{} min", plain(value / 60.0)),
+            Self::Seconds => format!("{} s", plain(value)),
+            Self::BytesPerVertex if value >= 10_000.0 => format!("{} kB", plain(value / 1000.0)),
+            Self::BytesPerVertex => format!("{} B", plain(value)),
+        }
+    }
+}
+
+/// A point of a chart.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Point {
+    /// Method; the points of one are joined in their order.
+    pub series: String,
+    /// Cost, positive.
+    pub x: f64,
+    /// Error, positive.
+    pub y: f64,
+}
+
+/// Error against a cost.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scatter {
+    /// Over the chart.
+    pub title: String,
+    /// Beside the axes.
+    pub axes: [String; 2],
+    /// Of their numbers.
+    pub units: [Unit; 2],
+    /// In the order of the series.
+    pub points: Vec<Point>,
+    /// Errors to draw a line at, and what they are.
+    pub lines: Vec<(f64, String)>,
+}
+
+/// An error by stage.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Bars {
+    /// Over the chart.
+    pub title: String,
+    /// Stages in the order of their colours.
+    pub stages: Vec<String>,
+    /// Name, RMS of each stage, and the RMS that was measured of the whole.
+    pub rows: Vec<(String, Vec<f64>, f64)>,
+}
+
+/// Something that can be drawn.
+trait Drawing {
+    fn draw<B: DrawingBackend>(&self, root: &DrawingArea<B, Shift>) -> Result<()>;
+}
+
+/// As SVG.
+///
+/// # Errors
+/// The backend's.
+pub fn scatter_svg(chart: &Scatter) -> Result<String> {
+    svg(chart)
+}
+
+/// As PNG.
+///
+/// # Errors
+/// The backend's.
+pub fn scatter_png(chart: &Scatter) -> Result<Vec<u8>> {
+    png(chart)
+}
+
+/// As SVG.
+///
+/// # Errors
+/// The backend's.
+pub fn bars_svg(chart: &Bars) -> Result<String> {
+    svg(chart)
+}
+
+/// As PNG.
+///
+/// # Errors
+/// The backend's.
+pub fn bars_png(chart: &Bars) -> Result<Vec<u8>> {
+    png(chart)
+}
+
+fn svg(drawing: &impl Drawing) -> Result<String> {
+    fonts();
+    let mut text = String::new();
+    let root = SVGBackend::with_string(&mut text, SIZE).into_drawing_area();
+    drawing.draw(&root)?;
+    root.present().map_err(|e| failed(&e))?;
+    drop(root);
+    Ok(text)
+}
+
+fn png(drawing: &impl Drawing) -> Result<Vec<u8>> {
+    fonts();
+    let mut buffer = vec![255u8; (3 * SIZE.0 * SIZE.1) as usize];
+    let root = BitMapBackend::with_buffer(&mut buffer, SIZE).into_drawing_area();
+    drawing.draw(&root)?;
+    root.present().map_err(|e| failed(&e))?;
+    drop(root);
+    let linear = |code: u8| linear_from_srgb(f64::from(code) / 255.0) as f32;
+    let rgb: Vec<[f32; 3]> = buffer.as_chunks::<3>().0.iter().map(|c| c.map(linear)).collect();
+    encode_png(SIZE.0 as usize, SIZE.1 as usize, &rgb, None)
+}
+
+fn fonts() {
+    static ONCE: Once = Once::new();
+    ONCE.call_once(|| {
+        for style in [FontStyle::Normal, FontStyle::Bold] {
+            // Text is measured with this font; what shows an SVG takes its own of the same family.
+            let _ = register_font(FONT, style, epaint_default_fonts::UBUNTU_LIGHT);
+        }
+    });
+}
+
+fn failed(error: &dyn std::fmt::Display) -> Error {
+    Error::runtime(format!("chart: {error}"))
+}
+
+/// A little more than the values span, within what an axis can show; one decade where there is nothing.
+fn span(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    let usable = values.filter(|v| v.is_finite() && *v > 0.0);
+    let (low, high) = usable.fold((f64::INFINITY, 0.0f64), |(l, h), v| (l.min(v), h.max(v)));
+    if high == 0.0 { (0.1, 1.0) } else { (low / 1.5, high * 1.5) }
+}
+
+impl Drawing for Scatter {
+    fn draw<B: DrawingBackend>(&self, root: &DrawingArea<B, Shift>) -> Result<()> {
+        root.fill(&WHITE).map_err(|e| failed(&e))?;
+        let shown: Vec<&Point> =
+            self.points.iter().filter(|p| [p.x, p.y].iter().all(|v| v.is_finite() && *v > 0.0)).collect();
+        let x = span(shown.iter().map(|p| p.x));
+        let y = span(shown.iter().map(|p| p.y).chain(self.lines.iter().map(|l| l.0)));
+        let mut chart = ChartBuilder::on(root)
+            .caption(&self.title, (FONT, 22))
+            .margin(14)
+            .x_label_area_size(52)
+            .y_label_area_size(84)
+            .build_cartesian_2d((x.0..x.1).log_scale(), (y.0..y.1).log_scale())
+            .map_err(|e| failed(&e))?;
+        chart
+            .configure_mesh()
+            .x_desc(&self.axes[0])
+            .y_desc(&self.axes[1])
+            .x_label_formatter(&|v| self.units[0].text(*v))
+            .y_label_formatter(&|v| self.units[1].text(*v))
+            .label_style((FONT, 15))
+            .axis_desc_style((FONT, 17))
+            .light_line_style(RGBColor(240, 240, 240))
+            .draw()
+            .map_err(|e| failed(&e))?;
+        for (level, name) in &self.lines {
+            let line = [(x.0, *level), (x.1, *level)];
+            let style = ShapeStyle::from(&RGBColor(90, 90, 90)).stroke_width(1);
+            chart
+                .draw_series(DashedLineSeries::new(line, 6, 4, style))
+                .map_err(|e| failed(&e))?
+                .label(name.clone())
+                .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 18, y)], style));
+        }
+        let places: Vec<(f64, f64)> = shown.iter().map(|p| (p.x, p.y)).collect();
+        let front: Vec<(f64, f64)> = pareto(&places).into_iter().map(|i| places[i]).collect();
+        let grey = ShapeStyle::from(&RGBColor(170, 170, 170)).stroke_width(3);
+        chart
+            .draw_series(LineSeries::new(front, grey))
+            .map_err(|e| failed(&e))?
+            .label("Pareto front")
+            .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 18, y)], grey));
+        let mut series: Vec<&str> = Vec::new();
+        for point in &shown {
+            if !series.contains(&point.series.as_str()) {
+                series.push(&point.series);
+            }
+        }
+        for (index, name) in series.into_iter().enumerate() {
+            let colour = COLOURS[index % COLOURS.len()];
+            let points: Vec<(f64, f64)> = shown.iter().filter(|p| p.series == name).map(|p| (p.x, p.y)).collect();
+            let thin = ShapeStyle::from(&colour).stroke_width(1);
+            chart.draw_series(LineSeries::new(points.clone(), thin)).map_err(|e| failed(&e))?;
+            let style = ShapeStyle::from(&colour).filled();
+            let drawn = match index % 3 {
+                0 => chart.draw_series(points.iter().map(|p| Circle::new(*p, 6, style).into_dyn())),
+                1 => chart.draw_series(points.iter().map(|p| TriangleMarker::new(*p, 8, style).into_dyn())),
+                _ => chart.draw_series(points.iter().map(|p| Cross::new(*p, 6, style.stroke_width(3)).into_dyn())),
+            };
+            drawn.map_err(|e| failed(&e))?.label(name).legend(move |(x, y)| match index % 3 {
+                0 => Circle::new((x + 9, y), 6, style).into_dyn(),
+                1 => TriangleMarker::new((x + 9, y), 8, style).into_dyn(),
+                _ => Cross::new((x + 9, y), 6, style.stroke_width(3)).into_dyn(),
+            });
+        }
+        chart
+            .configure_series_labels()
+            .position(SeriesLabelPosition::UpperRight)
+            .background_style(WHITE.mix(0.85))
+            .border_style(RGBColor(200, 200, 200))
+            .label_font((FONT, 15))
+            .draw()
+            .map_err(|e| failed(&e))
+    }
+}
+
+impl Drawing for Bars {
+    fn draw<B: DrawingBackend>(&self, root: &DrawingArea<B, Shift>) -> Result<()> {
+        root.fill(&WHITE).map_err(|e| failed(&e))?;
+        let total = |stages: &[f64]| stages.iter().filter(|v| v.is_finite()).sum::<f64>();
+        let longest = self.rows.iter().map(|(_, stages, whole)| total(stages).max(*whole));
+        let longest = longest.filter(|v| v.is_finite()).fold(0.0, f64::max).max(1e-6) * 1.25;
+        let count = self.rows.len().max(1);
+        let mut chart = ChartBuilder::on(root)
+            .caption(&self.title, (FONT, 22))
+            .margin(14)
+            .x_label_area_size(52)
+            .y_label_area_size(220)
+            .build_cartesian_2d(0.0..longest, 0.0..count as f64)
+            .map_err(|e| failed(&e))?;
+        // The first row at the top, its name at the middle of its bar.
+        let name = |v: &f64| {
+            let row = count as f64 - 0.5 - *v;
+            let index = row.round();
+            let named = (row - index).abs() < 1e-6 && index >= 0.0;
+            if named { self.rows.get(index as usize).map_or_else(String::new, |r| r.0.clone()) } else { String::new() }
+        };
+        chart
+            .configure_mesh()
+            .disable_y_mesh()
+            .y_labels(2 * count + 1)
+            .x_desc("RMS error, the stages one after the other; the mark is the measured whole")
+            .x_label_formatter(&|v| Unit::Percent.text(*v))
+            .y_label_formatter(&name)
+            .label_style((FONT, 15))
+            .axis_desc_style((FONT, 17))
+            .draw()
+            .map_err(|e| failed(&e))?;
+        for (index, stage) in self.stages.iter().enumerate() {
+            let style = ShapeStyle::from(&COLOURS[index % COLOURS.len()]).filled();
+            let bars = self.rows.iter().enumerate().filter_map(|(row, (_, stages, _))| {
+                let (from, length) = (total(&stages[..index.min(stages.len())]), stages.get(index).copied()?);
+                let middle = count as f64 - 0.5 - row as f64;
+                Some(Rectangle::new([(from, middle - 0.3), (from + length, middle + 0.3)], style))
+            });
+            chart
+                .draw_series(bars)
+                .map_err(|e| failed(&e))?
+                .label(stage.clone())
+                .legend(move |(x, y)| Rectangle::new([(x + 2, y - 5), (x + 16, y + 5)], style));
+        }
+        let whole = self.rows.iter().enumerate().map(|(row, (_, _, whole))| {
+            let middle = count as f64 - 0.5 - row as f64;
+            PathElement::new(vec![(*whole, middle - 0.42), (*whole, middle + 0.42)], BLACK.stroke_width(3))
+        });
+        chart.draw_series(whole).map_err(|e| failed(&e))?;
+        chart
+            .configure_series_labels()
+            .position(SeriesLabelPosition::UpperRight)
+            .background_style(WHITE.mix(0.85))
+            .border_style(RGBColor(200, 200, 200))
+            .label_font((FONT, 15))
+            .draw()
+            .map_err(|e| failed(&e))
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    fn scatter() -> Scatter {
+        let point = |series: &str, x: f64, y: f64| Point { series: series.into(), x, y };
+        Scatter {
+            title: "bunny".into(),
+            axes: ["relight".into(), "error".into()],
+            units: [Unit::Milliseconds, Unit::Percent],
+            points: vec![
+                point("a", 1.0, 0.02),
+                point("a", 10.0, 0.004),
+                point("b", 100.0, 0.001),
+                point("b", f64::NAN, 0.0),
+                point("c", 2000.0, 0.0005),
+            ],
+            lines: vec![(0.06, "the dipole's own".into())],
+        }
+    }
+
+    #[test]
+    fn units_are_plain() {
+        assert_eq!(Unit::Percent.text(0.001), "0.1 %");
+        assert_eq!(Unit::Percent.text(0.05), "5 %");
+        assert_eq!(Unit::Milliseconds.text(100.0), "100 ms");
+        assert_eq!(Unit::Milliseconds.text(2500.0), "2.5 s");
+        assert_eq!(Unit::Seconds.text(0.25), "0.25 s");
+        assert_eq!(Unit::Seconds.text(600.0), "10 min");
+        assert_eq!(Unit::BytesPerVertex.text(1057.0), "1057 B");
+    }
+
+    #[test]
+    fn charts_name_what_they_show_and_are_the_same_every_time() {
+        let svg = scatter_svg(&scatter()).unwrap();
+        for text in ["bunny", "relight", "error", "Pareto front", "the dipole's own", "10 ms", "0.1 %"] {
+            let escaped = text.replace('\'', "&apos;");
+            assert!(svg.contains(text) || svg.contains(&escaped), "{text}: {svg}");
+        }
+        assert_eq!(svg, scatter_svg(&scatter()).unwrap());
+        assert_eq!(scatter_png(&scatter()).unwrap(), scatter_png(&scatter()).unwrap());
+    }
+
+    #[test]
+    fn nothing_is_a_chart_too() {
+        let empty = Scatter { points: Vec::new(), lines: Vec::new(), ..scatter() };
+        assert!(scatter_svg(&empty).unwrap().contains("bunny"));
+        let bars = Bars { title: "stages".into(), stages: Vec::new(), rows: Vec::new() };
+        assert!(bars_svg(&bars).unwrap().contains("stages"));
+        assert!(!bars_png(&bars).unwrap().is_empty());
+    }
+
+    #[test]
+    fn bars_show_every_stage_of_every_row() {
+        let bars = Bars {
+            title: "stages".into(),
+            stages: vec!["sampling".into(), "basis".into()],
+            rows: vec![("one".into(), vec![0.01, 0.02], 0.025), ("two".into(), vec![0.005, 0.0], 0.004)],
+        };
+        let svg = bars_svg(&bars).unwrap();
+        for text in ["sampling", "basis", "one", "two"] {
+            assert!(svg.contains(text), "{text}");
+        }
+    }
+}

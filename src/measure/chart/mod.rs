@@ -1,0 +1,139 @@
+//! Speed against accuracy against size: what is measured of a method at one setting, and what is made of many such rows.
+
+pub mod draw;
+pub mod front;
+pub mod table;
+
+use serde::{Deserialize, Serialize};
+
+use crate::math::statistics::{Quantiles, VertexError};
+
+/// Identifies the shape of the JSON.
+pub const SCHEMA: &str = "translux-chart/1";
+
+/// Where the rows were measured.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Machine {
+    /// As the processor calls itself.
+    pub processor: String,
+    /// Threads that were used.
+    pub threads: usize,
+    /// Load average over the last minute when the measurement began; none where the system does not tell.
+    pub load: Option<f64>,
+}
+
+/// What everything of one model and material is compared with.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Truth {
+    /// Model, as it was named.
+    pub model: String,
+    /// Material.
+    pub material: String,
+    /// Samples of the reference.
+    pub samples: usize,
+    /// Its own error, the sum of what it measures of itself, worst light.
+    pub own_rms: f64,
+    /// The command that makes its asset.
+    pub command: String,
+}
+
+/// One light's errors.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LightError {
+    /// The light as it would be typed.
+    pub light: String,
+    /// Over the vertices.
+    pub error: VertexError,
+    /// Share of the area with negative radiosity, in the channel where it is largest.
+    pub negative_share: f64,
+    /// Time to new radiosity after a change of this light, ms.
+    pub relight_ms: Quantiles,
+}
+
+/// Errors of one picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct PictureError {
+    /// RMS over covered pixels.
+    pub rms: f64,
+    /// RMS over all pixels.
+    pub rms_with_background: f64,
+}
+
+/// A method at one setting, on one model of one material.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Row {
+    /// Model, as it was named.
+    pub model: String,
+    /// Material.
+    pub material: String,
+    /// Method.
+    pub method: String,
+    /// What differs from the method's defaults, as it would be typed; empty for the defaults.
+    pub setting: String,
+    /// The command that bakes the asset.
+    pub command: String,
+    /// Vertices of the model.
+    pub vertices: usize,
+    /// Surface samples.
+    pub samples: usize,
+    /// The whole bake, s.
+    pub bake_seconds: f64,
+    /// Its stages, s.
+    pub bake_stages: Vec<(String, f64)>,
+    /// Most memory that the bake had, bytes.
+    pub peak_memory_bytes: u64,
+    /// The asset, bytes.
+    pub file_bytes: u64,
+    /// Sections but the mesh's and the environment's, on disk.
+    pub bytes_per_vertex: f64,
+    /// The environment's sections, on disk.
+    pub environment_bytes_per_vertex: f64,
+    /// Method's data in memory.
+    pub resident_bytes_per_vertex: f64,
+    /// From the file to an evaluator, ms.
+    pub open_ms: f64,
+    /// Time to new radiosity after a change of light, ms: the median light.
+    pub relight_ms: Quantiles,
+    /// Time to new radiosity after a change of material, ms; none where the material is baked in.
+    pub edit_ms: Option<Quantiles>,
+    /// The same on a graphics adapter, and its name.
+    pub device: Option<DeviceRow>,
+    /// Worst light of each figure.
+    pub error: VertexError,
+    /// Largest share of any light.
+    pub negative_share: f64,
+    /// Worst light and view of each figure.
+    pub picture: PictureError,
+    /// What the asset promises, RMS.
+    pub promised_rms: f64,
+    /// Ledger of the asset: stage and RMS.
+    pub ledger: Vec<(String, f64)>,
+    /// Light by light.
+    pub lights: Vec<LightError>,
+}
+
+/// Times on a graphics adapter.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DeviceRow {
+    /// Name, kind and backend: software adapters say so.
+    pub adapter: String,
+    /// Time to new radiosity in the adapter's memory after a change of light, ms.
+    pub relight_ms: Quantiles,
+    /// After a change of material, ms.
+    pub edit_ms: Option<Quantiles>,
+}
+
+/// All of it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Chart {
+    /// [`SCHEMA`].
+    pub schema: String,
+    /// Version of the program.
+    pub version: String,
+    /// Where it was measured.
+    pub machine: Machine,
+    /// One for each model and material.
+    pub truths: Vec<Truth>,
+    /// In the order of models, materials, methods and their ladders.
+    pub rows: Vec<Row>,
+}

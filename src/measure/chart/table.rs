@@ -1,0 +1,78 @@
+//! Rows as comma-separated values (RFC 4180), one line each.
+
+use super::{Chart, Row};
+
+/// A column: its name with its unit, and what a row has there.
+pub type Column = (&'static str, fn(&Row) -> String);
+
+/// Every column of the table.
+pub const COLUMNS: &[Column] = &[
+    ("model", |r| r.model.clone()),
+    ("material", |r| r.material.clone()),
+    ("method", |r| r.method.clone()),
+    ("setting", |r| r.setting.clone()),
+    ("vertices", |r| r.vertices.to_string()),
+    ("samples", |r| r.samples.to_string()),
+    ("bake_s", |r| number(r.bake_seconds)),
+    ("peak_memory_bytes", |r| r.peak_memory_bytes.to_string()),
+    ("file_bytes", |r| r.file_bytes.to_string()),
+    ("bytes_per_vertex", |r| number(r.bytes_per_vertex)),
+    ("environment_bytes_per_vertex", |r| number(r.environment_bytes_per_vertex)),
+    ("resident_bytes_per_vertex", |r| number(r.resident_bytes_per_vertex)),
+    ("open_ms", |r| number(r.open_ms)),
+    ("relight_ms", |r| number(r.relight_ms.median)),
+    ("relight_ms_p10", |r| number(r.relight_ms.p10)),
+    ("relight_ms_p90", |r| number(r.relight_ms.p90)),
+    ("edit_ms", |r| r.edit_ms.map_or_else(String::new, |q| number(q.median))),
+    ("adapter", |r| r.device.as_ref().map_or_else(String::new, |d| d.adapter.clone())),
+    ("adapter_relight_ms", |r| r.device.as_ref().map_or_else(String::new, |d| number(d.relight_ms.median))),
+    ("adapter_edit_ms", |r| r.device.as_ref().and_then(|d| d.edit_ms).map_or_else(String::new, |q| number(q.median))),
+    ("rms", |r| number(r.error.rms)),
+    ("bias", |r| number(r.error.bias)),
+    ("p999", |r| number(r.error.p999)),
+    ("worst_vertex", |r| number(r.error.worst)),
+    ("negative_share", |r| number(r.negative_share)),
+    ("picture_rms", |r| number(r.picture.rms)),
+    ("picture_rms_with_background", |r| number(r.picture.rms_with_background)),
+    ("promised_rms", |r| number(r.promised_rms)),
+    ("command", |r| r.command.clone()),
+];
+
+/// Six digits, in the shortest form.
+fn number(value: f64) -> String {
+    let rounded: f64 = format!("{value:.5e}").parse().unwrap_or(value);
+    rounded.to_string()
+}
+
+/// The table with its header.
+pub fn csv(chart: &Chart) -> String {
+    let line = |cells: Vec<String>| cells.iter().map(|cell| quoted(cell)).collect::<Vec<_>>().join(",") + "\r\n";
+    let mut text = line(COLUMNS.iter().map(|(name, _)| (*name).to_owned()).collect());
+    for row in &chart.rows {
+        text += &line(COLUMNS.iter().map(|(_, value)| value(row)).collect());
+    }
+    text
+}
+
+fn quoted(cell: &str) -> String {
+    if cell.contains([',', '"', '\n', '\r']) { format!("\"{}\"", cell.replace('"', "\"\"")) } else { cell.to_owned() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_are_quoted_where_they_must_be() {
+        assert_eq!(quoted("plain"), "plain");
+        assert_eq!(quoted("a,b"), "\"a,b\"");
+        assert_eq!(quoted("say \"x\""), "\"say \"\"x\"\"\"");
+    }
+
+    #[test]
+    fn numbers_keep_six_digits() {
+        assert_eq!(number(0.123_456_789), "0.123457");
+        assert_eq!(number(1234.0), "1234");
+        assert_eq!(number(1e-9), "0.000000001");
+    }
+}
