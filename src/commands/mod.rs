@@ -2,6 +2,7 @@
 
 mod bake;
 mod baking;
+mod chart;
 mod compare;
 mod compare_assets;
 mod console;
@@ -78,6 +79,8 @@ enum Command {
     Inspect(inspect::InspectArgs),
     /// Everything that is wrong with an asset, as numbered findings
     Validate(validate::ValidateArgs),
+    /// Speed against accuracy against size: every method at several settings, against one reference
+    Chart(chart::ChartArgs),
     /// Compare two PLY or EXR files or two assets
     Compare(compare::CompareArgs),
     /// List the measured materials
@@ -139,6 +142,7 @@ fn dispatch(cli: Cli) -> Result<ExitCode> {
         Command::Reference(args) => reference::run(&args, &console),
         Command::Inspect(args) => inspect::run(&args, &console),
         Command::Validate(args) => validate::run(&args, &console),
+        Command::Chart(args) => chart::run(&args, &console),
         Command::Compare(args) => compare::run(&args, &console),
         Command::Materials(args) => materials::run(&args, &console),
         Command::Methods(args) => methods::run(&args, &console),

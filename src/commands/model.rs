@@ -31,7 +31,7 @@ pub(super) struct ModelArgs {
 /// Size, parts, roles.
 #[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = "Size and parts")]
-struct PlacementArgs {
+pub(super) struct PlacementArgs {
     /// Length of one unit of the model
     #[arg(long, group = "scale")]
     unit: Option<Unit>,
@@ -209,6 +209,32 @@ fn print_sizes(scene: &Scene, console: &Console) {
 }
 
 impl PlacementArgs {
+    /// As they were typed.
+    pub(super) fn words(&self) -> Vec<String> {
+        let mut words = Vec::new();
+        let mut option = |name: &str, value: String| words.extend([name.to_owned(), value]);
+        if let Some(unit) = self.unit.and_then(|u| u.to_possible_value()) {
+            option("--unit", unit.get_name().to_owned());
+        }
+        if let Some(mm) = self.size_mm {
+            option("--size-mm", mm.to_string());
+        }
+        if let Some(mm) = self.height_mm {
+            option("--height-mm", mm.to_string());
+            option("--up", self.up.to_possible_value().map_or_else(String::new, |v| v.get_name().to_owned()));
+        }
+        if let Some(rule) = self.parts.to_possible_value() {
+            option("--parts", rule.get_name().to_owned());
+        }
+        if !self.opaque.is_empty() {
+            option("--opaque", self.opaque.join(","));
+        }
+        if !self.skip.is_empty() {
+            option("--skip", self.skip.join(","));
+        }
+        words
+    }
+
     fn scale(&self) -> Option<Scale> {
         let axis = match self.up {
             Up::Y => UpAxis::Y,

@@ -93,6 +93,11 @@ pub trait Method: Sync {
         0.005
     }
 
+    /// Settings that charts compare, as options of `bake`, the defaults (no options) first: from fast or small to exact.
+    fn ladder(&self) -> &'static [&'static str] {
+        &[""]
+    }
+
     /// Memory that a bake of this scene takes, in bytes, estimated before the work.
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64;
 

@@ -26,6 +26,21 @@ pub struct Scene {
     pub media: Vec<Medium>,
 }
 
+impl Scene {
+    /// A third of the transferring area around each source vertex, mm^2.
+    pub fn vertex_areas_mm2(&self) -> Vec<f64> {
+        let mut areas = vec![0.0; self.mesh.local_mm.len()];
+        for (triangle, vertices) in self.mesh.triangles.iter().enumerate() {
+            let part = self.parts.triangle_part.get(triangle).and_then(|p| self.parts.parts.get(*p as usize));
+            if part.is_some_and(|p| p.transfers()) {
+                let third = self.mesh.area_mm2(triangle as u32) / 3.0;
+                vertices.iter().for_each(|v| areas[*v as usize] += third);
+            }
+        }
+        areas
+    }
+}
+
 /// A scene's surface ready for transport: occluders and samples with their geometry.
 #[derive(Clone, Copy)]
 pub struct Surface<'a> {

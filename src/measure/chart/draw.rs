@@ -13,8 +13,8 @@ use crate::error::{Error, Result};
 use crate::io::colour::linear_from_srgb;
 use crate::io::png::encode_png;
 
-/// Okabe & Ito (2008), without yellow, which is weak on white.
-const COLOURS: [RGBColor; 7] = [
+/// Okabe & Ito (2008), grey in place of yellow, which is weak on white.
+const COLOURS: [RGBColor; 8] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
@@ -22,6 +22,7 @@ const COLOURS: [RGBColor; 7] = [
     RGBColor(230, 159, 0),
     RGBColor(86, 180, 233),
     RGBColor(0, 0, 0),
+    RGBColor(150, 150, 150),
 ];
 
 /// Pixels of a chart.

@@ -2,6 +2,7 @@
 
 pub mod draw;
 pub mod front;
+pub mod page;
 pub mod table;
 
 use serde::{Deserialize, Serialize};

@@ -62,6 +62,10 @@ const AREA_SIDE: Key = sampling::area_side("8");
 
 const KEYS: &[Key] = &[BASIS, TERMS, SPLIT, TRUNCATION, CUBE, COEFFICIENTS, POINTS, DIRECTIONS, AREA_SIDE];
 
+/// What charts compare.
+const LADDER: &[&str] =
+    &["", "--max-rms 4%", "--max-rms 2%", "--samples 32768", "--max-rms 0.5%", "--max-rms 0.5% --samples 262144"];
+
 impl Method for Editable {
     fn name(&self) -> &'static str {
         "editable"
@@ -77,6 +81,10 @@ impl Method for Editable {
 
     fn default_max_rms(&self) -> f64 {
         0.01
+    }
+
+    fn ladder(&self) -> &'static [&'static str] {
+        LADDER
     }
 
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {

@@ -22,6 +22,9 @@ const AREA_SIDE: Key = sampling::area_side("16");
 
 const KEYS: &[Key] = &[POINTS, DIRECTIONS, AREA_SIDE];
 
+/// What charts compare.
+const LADDER: &[&str] = &["", "--samples 16384", "--samples 65536"];
+
 impl Method for Reference {
     fn name(&self) -> &'static str {
         "reference"
@@ -33,6 +36,10 @@ impl Method for Reference {
 
     fn keys(&self) -> &'static [Key] {
         KEYS
+    }
+
+    fn ladder(&self) -> &'static [&'static str] {
+        LADDER
     }
 
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {

@@ -35,6 +35,16 @@ const AREA_SIDE: Key = sampling::area_side("8");
 
 const KEYS: &[Key] = &[ERROR, BOUND, POINTS, DIRECTIONS, AREA_SIDE];
 
+/// What charts compare.
+const LADDER: &[&str] = &[
+    "",
+    "--max-rms 4% --samples 16384",
+    "--max-rms 2% --samples 32768",
+    "--max-rms 1%",
+    "--max-rms 0.1%",
+    "--set bound=kernel",
+];
+
 impl Method for TwoPass {
     fn name(&self) -> &'static str {
         "two_pass"
@@ -46,6 +56,10 @@ impl Method for TwoPass {
 
     fn keys(&self) -> &'static [Key] {
         KEYS
+    }
+
+    fn ladder(&self) -> &'static [&'static str] {
+        LADDER
     }
 
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {

@@ -22,7 +22,7 @@ use crate::relight::raster::target::LinearPicture;
 use crate::render::background::Background;
 use crate::render::film::{ColourType, PngBackground, to_exr, to_png};
 use crate::render::frame::{RenderSettings, render};
-use crate::transport::scene::{Medium, Scene};
+use crate::transport::scene::Medium;
 
 /// Share of the brightest channel's RMS below which a channel's own is not the unit.
 const CHANNEL_FLOOR: f64 = 1e-3;
@@ -170,25 +170,13 @@ fn error_field(state: &State, open: &OpenModel, progress: &dyn Progress) -> Resu
     let mut evaluator = evaluator_in(state, open, progress)?;
     let radiosity = evaluator.radiosity(progress)?;
     let truth = evaluator.all_pairs(progress)?;
-    let areas = vertex_areas(evaluator.scene());
+    let areas = evaluator.scene().vertex_areas_mm2();
     let error = vertex_error(&radiosity, &truth, &areas);
     let values = relative(&radiosity, &truth, &areas);
     let mut sorted: Vec<f32> = values.iter().zip(&areas).filter(|(_, a)| **a > 0.0).map(|(v, _)| *v).collect();
     sorted.sort_unstable_by(f32::total_cmp);
     let scale = sorted.get(sorted.len() * 99 / 100).copied().map_or(0.0, f64::from);
     Ok(ErrorField { serial: state.serial, values, rms: error.rms, worst: error.worst, scale: scale.max(1e-9) })
-}
-
-fn vertex_areas(scene: &Scene) -> Vec<f64> {
-    let mut areas = vec![0.0; scene.mesh.local_mm.len()];
-    for (triangle, vertices) in scene.mesh.triangles.iter().enumerate() {
-        let part = scene.parts.triangle_part.get(triangle).and_then(|p| scene.parts.parts.get(*p as usize));
-        if part.is_some_and(|p| p.transfers()) {
-            let third = scene.mesh.area_mm2(triangle as u32) / 3.0;
-            vertices.iter().for_each(|v| areas[*v as usize] += third);
-        }
-    }
-    areas
 }
 
 /// Largest channel of the difference, each relative to its RMS over the area.

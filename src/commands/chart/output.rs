@@ -1,0 +1,151 @@
+//! The files of a chart.
+
+use std::path::{Path, PathBuf};
+
+use super::row::Shown;
+use crate::error::{Error, Result};
+use crate::io::atomic;
+use crate::io::png::encode_png;
+use crate::measure::chart::draw::{Bars, Point, Scatter, Unit, bars_png, bars_svg, scatter_png, scatter_svg};
+use crate::measure::chart::front::pareto;
+use crate::measure::chart::page::{Triple, page};
+use crate::measure::chart::table::csv;
+use crate::measure::chart::{Chart, Row, Truth};
+use crate::render::film::Exposure;
+
+/// What was written.
+pub(super) struct Files {
+    pub(super) page: PathBuf,
+}
+
+/// A cost that the error is drawn against.
+struct Cost {
+    file: &'static str,
+    title: &'static str,
+    axis: &'static str,
+    unit: Unit,
+    of: fn(&Row) -> f64,
+}
+
+const COSTS: &[Cost] = &[
+    Cost {
+        file: "relight",
+        title: "Error against the time to a new light",
+        axis: "time from a new light to new radiosity",
+        unit: Unit::Milliseconds,
+        of: |r| r.relight_ms.median,
+    },
+    Cost {
+        file: "bytes",
+        title: "Error against size",
+        axis: "bytes a vertex on disk, without mesh and environment",
+        unit: Unit::BytesPerVertex,
+        of: |r| r.bytes_per_vertex,
+    },
+    Cost {
+        file: "bake",
+        title: "Error against the time to bake",
+        axis: "time to bake",
+        unit: Unit::Seconds,
+        of: |r| r.bake_seconds,
+    },
+];
+
+/// The difference is shown this many times as bright.
+const AMPLIFICATION: f32 = 10.0;
+
+/// Writes tables, charts and the page.
+pub(super) fn write(chart: &Chart, shown: &[Shown], folder: &Path) -> Result<Files> {
+    let put = |name: &str, bytes: &[u8]| atomic::write(&folder.join(name), bytes);
+    let json = serde_json::to_string_pretty(chart).map_err(|e| Error::runtime(format!("chart.json: {e}")))?;
+    put("chart.json", format!("{json}\n").as_bytes())?;
+    put("chart.csv", csv(chart).as_bytes())?;
+    let mut charts = Vec::new();
+    let mut members = Vec::new();
+    for (index, truth) in chart.truths.iter().enumerate() {
+        let rows: Vec<(usize, &Row)> = chart.rows.iter().enumerate().filter(|(_, row)| is_of(row, truth)).collect();
+        let name = |what: &str| if index == 0 { what.to_owned() } else { format!("{what}-{}", index + 1) };
+        for cost in COSTS {
+            let places: Vec<(f64, f64)> = rows.iter().map(|(_, r)| ((cost.of)(r), r.error.rms)).collect();
+            members.extend(pareto(&places).into_iter().map(|i| rows[i].0));
+            let scatter = scatter(cost, truth, &rows);
+            let (svg, png) = (scatter_svg(&scatter)?, scatter_png(&scatter)?);
+            put(&format!("{}.svg", name(cost.file)), svg.as_bytes())?;
+            put(&format!("{}.png", name(cost.file)), &png)?;
+            charts.push((scatter.title, svg));
+        }
+        let bars = bars(truth, &rows);
+        let (svg, png) = (bars_svg(&bars)?, bars_png(&bars)?);
+        put(&format!("{}.svg", name("stages")), svg.as_bytes())?;
+        put(&format!("{}.png", name("stages")), &png)?;
+        charts.push((bars.title, svg));
+    }
+    members.sort_unstable();
+    members.dedup();
+    let triple = |&index: &usize| triple(&chart.rows[index], &shown[index]);
+    let pictures: Vec<Triple> = members.iter().map(triple).collect::<Result<_>>()?;
+    put("index.html", page(chart, &charts, &pictures).as_bytes())?;
+    Ok(Files { page: folder.join("index.html") })
+}
+
+fn is_of(row: &Row, truth: &Truth) -> bool {
+    row.model == truth.model && row.material == truth.material
+}
+
+fn scatter(cost: &Cost, truth: &Truth, rows: &[(usize, &Row)]) -> Scatter {
+    let point = |(_, row): &(usize, &Row)| Point { series: row.method.clone(), x: (cost.of)(row), y: row.error.rms };
+    Scatter {
+        title: format!("{}: {} in {}", cost.title, truth.model, truth.material),
+        axes: [cost.axis.to_owned(), "RMS error over the vertices, worst light".to_owned()],
+        units: [cost.unit, Unit::Percent],
+        points: rows.iter().map(point).collect(),
+        lines: vec![(truth.own_rms, "the reference's own error".to_owned())],
+    }
+}
+
+/// The ledgers of all rows, beside what was measured.
+fn bars(truth: &Truth, rows: &[(usize, &Row)]) -> Bars {
+    let mut stages: Vec<String> = Vec::new();
+    for (stage, _) in rows.iter().flat_map(|(_, row)| &row.ledger) {
+        if !stages.contains(stage) {
+            stages.push(stage.clone());
+        }
+    }
+    let of_row = |row: &Row| {
+        let value = |stage: &String| row.ledger.iter().find(|(s, _)| s == stage).map_or(0.0, |(_, rms)| *rms);
+        (
+            format!("{} {}", row.method, row.setting).trim_end().to_owned(),
+            stages.iter().map(value).collect(),
+            row.error.rms,
+        )
+    };
+    let with_ledger = rows.iter().filter(|(_, row)| !row.ledger.is_empty());
+    let rows = with_ledger.map(|(_, row)| of_row(row)).collect();
+    Bars { title: format!("Error by stage: {} in {}", truth.model, truth.material), stages, rows }
+}
+
+/// The pictures of a row.
+fn triple(row: &Row, Shown { frame, truth }: &Shown) -> Result<Triple> {
+    let factor = Exposure::Auto.factor(truth) as f32;
+    let exposed = |v: [f32; 3]| v.map(|c| (c * factor).clamp(0.0, 1.0));
+    let (width, height) = (frame.resolution.width, frame.resolution.height);
+    let encode = |rgb: Vec<[f32; 3]>| encode_png(width, height, &rgb, None);
+    let difference = frame.pixels.iter().zip(&truth.pixels).map(|(a, b)| {
+        let c = |i: usize| ((a.diffuse[i] - b.diffuse[i]).abs() * factor * AMPLIFICATION).min(1.0);
+        [c(0), c(1), c(2)]
+    });
+    let pngs = [
+        encode(frame.pixels.iter().map(|p| exposed(p.diffuse)).collect())?,
+        encode(truth.pixels.iter().map(|p| exposed(p.diffuse)).collect())?,
+        encode(difference.collect())?,
+    ];
+    let setting = if row.setting.is_empty() { "defaults" } else { &row.setting };
+    let caption = format!(
+        "{} {setting}, {} in {}: {} RMS over the vertices",
+        row.method,
+        row.model,
+        row.material,
+        Unit::Percent.text(row.error.rms)
+    );
+    Ok(Triple { caption, pngs })
+}

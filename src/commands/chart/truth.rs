@@ -1,0 +1,101 @@
+//! The reference of one model and material.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use super::Subject;
+use super::row::{Baked, bake};
+use crate::asset::Asset;
+use crate::error::{Error, Result};
+use crate::evaluate::Evaluator;
+use crate::light::Light;
+use crate::light::sky::sky;
+use crate::measure::chart::Truth;
+use crate::measure::probes;
+use crate::methods;
+use crate::progress::Silent;
+use crate::render::background::Background;
+use crate::render::camera::{Camera, Resolution};
+use crate::render::frame::{Frame, RenderSettings, Specular, render};
+
+/// Sides of the pictures that are compared.
+const PICTURE: Resolution = Resolution { width: 320, height: 320 };
+const SAMPLES_PER_PIXEL: u32 = 4;
+
+/// What everything of a model and material is compared with.
+pub(super) struct Reference {
+    pub(super) entry: Truth,
+    /// Lights as they would be typed.
+    pub(super) lights: Vec<(String, Light)>,
+    /// Radiosity of every vertex under each light.
+    pub(super) radiosity: Vec<Vec<DVec3>>,
+    /// Area around each vertex.
+    pub(super) areas: Vec<f64>,
+    /// Views and what they show under the first light.
+    pub(super) views: Vec<(RenderSettings, Frame)>,
+}
+
+/// Bakes the reference, lights it and measures its own error.
+pub(super) fn of(subject: &Subject, samples: usize) -> Result<Reference> {
+    let console = subject.console;
+    let Baked { path, command, .. } = bake(subject, "reference", &format!("--samples {samples}"))?;
+    let asset = Arc::new(Asset::read(&path)?);
+    let mut evaluator = methods::named("reference")?.open(Arc::clone(&asset))?;
+    let lights = match subject.lights {
+        [] => defaults(evaluator.as_ref()),
+        lights => lights.to_vec(),
+    };
+    let mut radiosity = Vec::with_capacity(lights.len());
+    let mut own_rms = 0.0f64;
+    for (text, light) in &lights {
+        evaluator.set_lights(vec![light.clone()], console)?;
+        let values = evaluator.radiosity(console)?;
+        if !values.iter().all(|b| b.is_finite()) {
+            return Err(Error::runtime(format!("the reference under {text} is not finite")));
+        }
+        own_rms = own_rms.max(evaluator.measured_error(&[], console)?.total_rms());
+        radiosity.push(values);
+    }
+    let views = views(evaluator.as_ref(), radiosity.first().map_or(&[], Vec::as_slice))?;
+    Ok(Reference {
+        entry: Truth {
+            model: super::row::name(subject.model),
+            material: subject.material.to_owned(),
+            samples: asset.samples.len(),
+            own_rms,
+            command,
+        },
+        areas: evaluator.scene().vertex_areas_mm2(),
+        lights,
+        radiosity,
+        views,
+    })
+}
+
+/// Two directions, a point and the sky, which no bake sees.
+fn defaults(evaluator: &dyn Evaluator) -> Vec<(String, Light)> {
+    let mesh = &evaluator.scene().mesh;
+    let sky = Light::Environment { map: Arc::new(sky()), rotate_degrees: 63.0, scale: DVec3::ONE };
+    let near = probes::unseen(mesh).into_iter().map(|light| (light.to_string(), light));
+    near.chain([("sky:rotate=63".to_owned(), sky)]).collect()
+}
+
+/// The front, and the other side from above.
+fn views(evaluator: &dyn Evaluator, radiosity: &[DVec3]) -> Result<Vec<(RenderSettings, Frame)>> {
+    let mesh = &evaluator.scene().mesh;
+    let front = Camera::framing(mesh, PICTURE)?;
+    let direction = DVec3::new(0.8, 0.6, -1.0).normalize();
+    let back = Camera::framing_from(mesh, PICTURE, direction, front.look_mm(), DVec3::Y, front.fov_degrees())?;
+    let of_camera = |camera: Camera| {
+        let settings = RenderSettings {
+            samples_per_pixel: SAMPLES_PER_PIXEL,
+            background: Background::None,
+            specular: Specular::Off,
+            ..RenderSettings::new(camera, PICTURE)
+        };
+        let frame = render(evaluator, radiosity, &[], &settings, &Silent)?;
+        Ok((settings, frame))
+    };
+    [front, back].into_iter().map(of_camera).collect()
+}

@@ -1,0 +1,163 @@
+//! One HTML page that needs nothing beside it: table, charts, pictures.
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+
+use super::draw::Unit;
+use super::{Chart, Row};
+
+/// Pictures of one row: its own, the reference's, and their difference, as PNG.
+pub struct Triple {
+    /// What is shown.
+    pub caption: String,
+    /// In this order.
+    pub pngs: [Vec<u8>; 3],
+}
+
+/// A cell: what is shown, and what the column is sorted by.
+type Cell = (String, f64);
+
+/// A column of the page's table: its title, what a click on it explains, and its cells.
+const COLUMNS: &[(&str, &str, fn(&Row) -> Cell)] = &[
+    ("RMS", "Error over the vertices, worst channel and light, relative to the reference", |r| percent(r.error.rms)),
+    ("bias", "Mean error, signed", |r| percent(r.error.bias)),
+    ("99.9 %", "99.9th percentile of the error", |r| percent(r.error.p999)),
+    ("worst", "Worst vertex", |r| percent(r.error.worst)),
+    ("negative", "Share of the area with negative radiosity", |r| percent(r.negative_share)),
+    ("picture", "RMS over covered pixels, worst of the views", |r| percent(r.picture.rms)),
+    ("promised", "Error that the asset states of itself", |r| percent(r.promised_rms)),
+    ("bytes/vertex", "On disk, without the mesh and the environment", |r| {
+        (Unit::BytesPerVertex.text(r.bytes_per_vertex), r.bytes_per_vertex)
+    }),
+    ("environment", "Bytes a vertex of what environments need, on disk", |r| {
+        (Unit::BytesPerVertex.text(r.environment_bytes_per_vertex), r.environment_bytes_per_vertex)
+    }),
+    ("in memory", "Bytes a vertex of the opened method, without the mesh", |r| {
+        (Unit::BytesPerVertex.text(r.resident_bytes_per_vertex), r.resident_bytes_per_vertex)
+    }),
+    ("bake", "The whole bake", |r| (Unit::Seconds.text(r.bake_seconds), r.bake_seconds)),
+    ("peak", "Most memory of the bake", |r| {
+        (format!("{} MB", r.peak_memory_bytes / 1_000_000), r.peak_memory_bytes as f64)
+    }),
+    ("open", "From the file to the first light", |r| (Unit::Milliseconds.text(r.open_ms), r.open_ms)),
+    ("relight", "A new light, the median one: median (10 % to 90 %)", |r| times(Some(r.relight_ms))),
+    ("edit", "A new material", |r| times(r.edit_ms)),
+];
+
+fn percent(value: f64) -> Cell {
+    (Unit::Percent.text(value), value)
+}
+
+fn times(quantiles: Option<crate::math::statistics::Quantiles>) -> Cell {
+    match quantiles {
+        None => ("baked in".to_owned(), f64::MAX),
+        Some(q) => {
+            let text = |v| Unit::Milliseconds.text(v);
+            (format!("{} <small>({} to {})</small>", text(q.median), text(q.p10), text(q.p90)), q.median)
+        }
+    }
+}
+
+/// The page; `charts` are SVG documents with their titles, already in a sensible order.
+pub fn page(chart: &Chart, charts: &[(String, String)], pictures: &[Triple]) -> String {
+    let machine = &chart.machine;
+    let load = machine.load.map_or_else(String::new, |load| format!(", load {load} when it began"));
+    let mut text = format!(
+        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>translux: speed, accuracy, size</title>\n\
+         <style>{STYLE}</style></head><body>\n<h1>Speed against accuracy against size</h1>\n\
+         <p>translux {}, {} threads of {}{load}. Times are medians.</p>\n",
+        escaped(&chart.version),
+        machine.threads,
+        escaped(&machine.processor)
+    );
+    for truth in &chart.truths {
+        text += &format!(
+            "<p>{} in {}: compared with all pairs of {} samples, which is itself {} RMS off: <code>{}</code></p>\n",
+            escaped(&truth.model),
+            escaped(&truth.material),
+            truth.samples,
+            Unit::Percent.text(truth.own_rms),
+            escaped(&truth.command)
+        );
+    }
+    text += &table(chart);
+    for (title, svg) in charts {
+        text += &format!("<figure>{}<figcaption>{}</figcaption></figure>\n", inline(svg), escaped(title));
+    }
+    if !pictures.is_empty() {
+        text += "<h2>What the errors look like</h2>\n<p>Members of a Pareto front: the method, the reference, and ten times \
+                 their difference.</p>\n";
+    }
+    for Triple { caption, pngs } in pictures {
+        text += "<figure class=\"triple\">";
+        for (png, what) in pngs.iter().zip(["method", "reference", "difference"]) {
+            let data = STANDARD.encode(png);
+            text += &format!("<img alt=\"{what}\" src=\"data:image/png;base64,{data}\">");
+        }
+        text += &format!("<figcaption>{}</figcaption></figure>\n", escaped(caption));
+    }
+    text + "<script>" + SCRIPT + "</script>\n</body></html>\n"
+}
+
+fn table(chart: &Chart) -> String {
+    let mut text =
+        "<table id=\"rows\"><thead><tr><th>model</th><th>material</th><th>method</th><th>setting</th>".to_owned();
+    for (title, explanation, _) in COLUMNS {
+        text += &format!("<th title=\"{}\">{}</th>", escaped(explanation), escaped(title));
+    }
+    text += "</tr></thead><tbody>\n";
+    for row in &chart.rows {
+        let setting = if row.setting.is_empty() { "defaults" } else { &row.setting };
+        text += &format!("<tr title=\"{}\">", escaped(&row.command));
+        for cell in [&row.model, &row.material, &row.method, setting] {
+            text += &format!("<td>{}</td>", escaped(cell));
+        }
+        for (_, _, cell) in COLUMNS {
+            let (shown, key) = cell(row);
+            text += &format!("<td data-key=\"{key}\">{shown}</td>");
+        }
+        text += "</tr>\n";
+    }
+    text + "</tbody></table>\n<p>A click on a title sorts; a row's command appears under the pointer.</p>\n"
+}
+
+/// An SVG document without its prologue.
+fn inline(svg: &str) -> &str {
+    svg.find("<svg").map_or("", |at| &svg[at..])
+}
+
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+const STYLE: &str = "body{font:15px/1.45 system-ui,sans-serif;margin:2em auto;max-width:1250px;padding:0 1em;color:#222}\
+    table{border-collapse:collapse;font-size:13px;display:block;overflow-x:auto}\
+    th{cursor:pointer;text-align:left;border-bottom:2px solid #444;padding:4px 8px;white-space:nowrap}\
+    td{border-bottom:1px solid #ddd;padding:3px 8px;white-space:nowrap;font-variant-numeric:tabular-nums}\
+    th.up::after{content:' \\25B2'}th.down::after{content:' \\25BC'}\
+    figure{margin:1.5em 0}figure svg{max-width:100%;height:auto}figcaption{color:#555}\
+    .triple img{width:32%;max-width:320px;image-rendering:auto;background:#000}code{font-size:12px;overflow-wrap:anywhere}\
+    small{color:#777}";
+
+const SCRIPT: &str = "const table=document.getElementById('rows'),body=table.tBodies[0];\
+    const key=(row,i)=>row.cells[i].dataset.key===undefined?row.cells[i].textContent:Number(row.cells[i].dataset.key);\
+    table.querySelectorAll('th').forEach((th,i)=>th.addEventListener('click',()=>{\
+    const down=th.classList.contains('up');table.querySelectorAll('th').forEach(t=>t.classList.remove('up','down'));\
+    th.classList.add(down?'down':'up');const sign=down?-1:1;\
+    [...body.rows].sort((a,b)=>{const x=key(a,i),y=key(b,i);return sign*(x<y?-1:x>y?1:0)}).forEach(r=>body.append(r));}));";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn text_cannot_break_out() {
+        assert_eq!(escaped("<a href=\"x\">&"), "&lt;a href=&quot;x&quot;&gt;&amp;");
+    }
+
+    #[test]
+    fn prologues_are_left_out() {
+        assert_eq!(inline("<?xml version=\"1.0\"?><svg>x</svg>"), "<svg>x</svg>");
+        assert_eq!(inline("nothing"), "");
+    }
+}
