@@ -50,6 +50,8 @@ impl Unit {
             let text = format!("{v:.*}", digits as usize);
             if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
         };
+        // Minus zero looks odd.
+        let value = value + 0.0;
         match self {
             Self::Percent => format!("{} %", plain(100.0 * value)),
             Self::Milliseconds if value >= 1000.0 => format!("{} s", plain(value / 1000.0)),
@@ -185,6 +187,8 @@ impl Drawing for Scatter {
         let shown: Vec<&Point> =
             self.points.iter().filter(|p| [p.x, p.y].iter().all(|v| v.is_finite() && *v > 0.0)).collect();
         let x = span(shown.iter().map(|p| p.x));
+        // Room for the legend.
+        let x = (x.0, x.1 * (x.1 / x.0).powf(0.35));
         let y = span(shown.iter().map(|p| p.y).chain(self.lines.iter().map(|l| l.0)));
         let mut chart = ChartBuilder::on(root)
             .caption(&self.title, (FONT, 22))
@@ -260,7 +264,7 @@ impl Drawing for Bars {
         root.fill(&WHITE).map_err(|e| failed(&e))?;
         let total = |stages: &[f64]| stages.iter().filter(|v| v.is_finite()).sum::<f64>();
         let longest = self.rows.iter().map(|(_, stages, whole)| total(stages).max(*whole));
-        let longest = longest.filter(|v| v.is_finite()).fold(0.0, f64::max).max(1e-6) * 1.25;
+        let longest = longest.filter(|v| v.is_finite()).fold(0.0, f64::max).max(1e-6) * 1.4;
         let count = self.rows.len().max(1);
         let mut chart = ChartBuilder::on(root)
             .caption(&self.title, (FONT, 22))

@@ -25,7 +25,10 @@ const COLUMNS: &[(&str, &str, fn(&Row) -> Cell)] = &[
     ("worst", "Worst vertex", |r| percent(r.error.worst)),
     ("negative", "Share of the area with negative radiosity", |r| percent(r.negative_share)),
     ("picture", "RMS over covered pixels, worst of the views", |r| percent(r.picture.rms)),
-    ("promised", "Error that the asset states of itself", |r| percent(r.promised_rms)),
+    ("promised", "Error that the asset states of itself", |r| match r.ledger.is_empty() {
+        true => ("nothing".to_owned(), f64::MAX),
+        false => percent(r.promised_rms),
+    }),
     ("bytes/vertex", "On disk, without the mesh and the environment", |r| {
         (Unit::BytesPerVertex.text(r.bytes_per_vertex), r.bytes_per_vertex)
     }),
