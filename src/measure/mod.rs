@@ -1,4 +1,5 @@
 //! Error metrics of pictures, probe lights and comparisons.
 
+pub mod flip;
 pub mod image_error;
 pub mod probes;
