@@ -4,6 +4,7 @@
 mod common;
 
 use common::Folder;
+use serde_json::Value;
 use translux::geometry::shapes;
 use translux::io::exr_write::{ExrChannel, ExrImage, ExrLayer, SampleKind};
 use translux::measure::flip::{Picture, Settings, hdr};
@@ -53,6 +54,13 @@ fn expected(test: &Pixels, reference: &Pixels) -> translux::measure::flip::HdrFl
     hdr(&reference, &test, &Settings::default()).unwrap()
 }
 
+/// Numbers read from JSON may be off by their last bit.
+#[track_caller]
+fn assert_is(found: &Value, expected: f64) {
+    let found = found.as_f64().unwrap();
+    assert!((found - expected).abs() < 1e-12, "{found} is not {expected}");
+}
+
 #[test]
 fn the_figure_is_the_mean_over_the_picture_with_b_as_the_reference() {
     let folder = Folder::new();
@@ -62,9 +70,10 @@ fn the_figure_is_the_mean_over_the_picture_with_b_as_the_reference() {
     let report = folder.run("compare a.exr b.exr --metric flip --fail-above 100% --json").ok().json();
     let found = expected(&a, &b);
     assert!(found.mean > 0.05);
-    assert_eq!((&report["metric"], &report["value"]), (&"flip".into(), &found.mean.into()));
-    assert_eq!(report["flip"]["mean"], found.mean);
-    assert_eq!(report["flip"]["mean_covered"], found.mean);
+    assert_eq!(report["metric"], "flip");
+    assert_is(&report["value"], found.mean);
+    assert_is(&report["flip"]["mean"], found.mean);
+    assert_is(&report["flip"]["mean_covered"], found.mean);
     assert!((report["flip"]["pixels_per_degree"].as_f64().unwrap() - 67.02).abs() < 0.01);
     let exposures = &report["flip"]["exposures"];
     assert_eq!(
@@ -106,7 +115,7 @@ fn the_diffuse_layer_counts_where_both_have_it() {
         folder.run(&format!("compare {files} --metric flip --fail-above 1 --json")).ok().json()["value"].clone()
     };
     assert_eq!(value("a.exr b.exr"), 0.0);
-    assert_eq!(value("a.exr plain.exr"), expected(&bright, &dim).mean);
+    assert_is(&value("a.exr plain.exr"), expected(&bright, &dim).mean);
 }
 
 #[test]
@@ -119,8 +128,8 @@ fn covered_pixels_have_a_mean_of_their_own() {
     let report = folder.run("compare a.exr b.exr --metric flip --fail-above 1 --json").ok().json();
     let found = expected(&a, &b);
     let either: Vec<bool> = (0..WIDTH * HEIGHT).map(|i| top(i) || left(i)).collect();
-    assert_eq!(report["value"], found.mean);
-    assert_eq!(report["flip"]["mean_covered"], found.mean_over(&either).unwrap());
+    assert_is(&report["value"], found.mean);
+    assert_is(&report["flip"]["mean_covered"], found.mean_over(&either).unwrap());
     assert_ne!(report["flip"]["mean_covered"], report["value"]);
     // Nothing is covered.
     let black = vec![[0.0; 3]; WIDTH * HEIGHT];
@@ -153,6 +162,17 @@ fn what_is_not_finite_is_an_error_that_names_file_and_pixel() {
     let parts = ["broken.exr against the reference b.exr: the test picture is not finite at column 3, row 1"];
     folder.run("compare broken.exr b.exr --metric flip").fails(3, &parts);
     folder.run("compare b.exr broken.exr --metric flip").fails(3, &["the reference is not finite"]);
+}
+
+#[test]
+fn pictures_of_different_sizes_are_different() {
+    let folder = Folder::new();
+    write(&folder, "a.exr", vec![rgb("", &slope(1.0))]);
+    let image = ExrImage { width: HEIGHT, height: WIDTH, layers: vec![rgb("", &slope(1.0))], attributes: Vec::new() };
+    folder.write("turned.exr", image.encode().unwrap());
+    folder.run("compare a.exr turned.exr --metric flip --fail-above 1").fails(7, &["different sizes"]);
+    write(&folder, "data.exr", vec![coverage(|_| true)]);
+    folder.run("compare a.exr data.exr --metric flip").fails(3, &["data.exr: no channel R"]);
 }
 
 #[test]
