@@ -93,7 +93,7 @@ fn what_cannot_be_compared_is_refused() {
     folder.run(&format!("bake other.obj {BAKE} --material marble --samples 2000 -o other.tlux")).ok();
     folder.run("compare a.tlux other.tlux --fail-above 1%").fails(3, &["not of one mesh", "--fail-above"]);
     folder.run("compare a.tlux other.tlux").fails(7, &[]);
-    folder.run("compare a.tlux a.tlux --metric flip").fails(1, &["flip", "rms, p999, worst"]);
+    folder.run("compare a.tlux a.tlux --metric mean").fails(1, &["mean", "rms, p999, worst"]);
     folder.run("compare a.tlux ball.obj").fails(1, &[".tlux"]);
     folder.write("broken.tlux", &folder.read("a.tlux")[..100]);
     folder.run("compare a.tlux broken.tlux").fails(3, &["broken.tlux"]);

@@ -13,6 +13,7 @@ use crate::error::{Error, ExitCode, Result};
 use crate::io::exr::{ExrPlane, read_exr_channels};
 use crate::io::ply::{PlyVertexTable, read_ply};
 use crate::math::statistics::{VertexError, vertex_error};
+use crate::measure::flip::{self, Exposures, Picture};
 use crate::measure::image_error::{ImageError, image_error};
 use crate::methods::settings::share;
 
@@ -40,16 +41,32 @@ enum Metric {
     P999,
     /// Worst vertex or pixel
     Worst,
+    /// HDR-FLIP of pictures: mean of what a person sees who flips between them, 0 to 1
+    Flip,
 }
 
 impl Metric {
-    fn of(self, error: &VertexError) -> f64 {
+    /// `None` for a figure that vertices do not have.
+    fn of(self, error: &VertexError) -> Option<f64> {
         match self {
-            Self::Rms => error.rms,
-            Self::P999 => error.p999,
-            Self::Worst => error.worst,
+            Self::Rms => Some(error.rms),
+            Self::P999 => Some(error.p999),
+            Self::Worst => Some(error.worst),
+            Self::Flip => None,
         }
     }
+}
+
+/// HDR-FLIP of two pictures.
+#[derive(Serialize)]
+struct FlipReport {
+    /// Over the whole picture.
+    mean: f64,
+    /// Over the pixels that either picture covers; none without any.
+    mean_covered: Option<f64>,
+    pixels_per_degree: f64,
+    /// Stops that the pictures were compared at.
+    exposures: Exposures,
 }
 
 #[derive(Serialize)]
@@ -68,6 +85,8 @@ struct CompareReport {
     #[serde(skip_serializing_if = "Option::is_none")]
     image: Option<ImageError>,
     #[serde(skip_serializing_if = "Option::is_none")]
+    flip: Option<FlipReport>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     assets: Option<AssetDifference>,
 }
 
@@ -83,9 +102,16 @@ pub(super) fn run(args: &CompareArgs, console: &Console) -> Result<ExitCode> {
         threshold,
         vertices: None,
         image: None,
+        flip: None,
         assets: None,
     };
     match (suffixes.0.as_str(), suffixes.1.as_str()) {
+        ("ply", "ply") | ("tlux", "tlux") if args.metric == Metric::Flip => {
+            let (a, b) = (args.a.display(), args.b.display());
+            return Err(Error::command_line(format!(
+                "{a} and {b}: --metric flip compares pictures; render both to .exr files and compare those"
+            )));
+        }
         ("ply", "ply") => compare_ply(&mut result)?,
         ("exr", "exr") => compare_exr(&mut result)?,
         ("tlux", "tlux") => compare_assets(&mut result, console)?,
@@ -119,14 +145,17 @@ fn describe(r: &CompareReport) -> String {
             percent(v.p999),
             percent(v.worst)
         ),
-        (_, Some(i)) => format!(
-            "RMS {} over {} covered pixels ({} with background), 99.9th percentile {}, worst pixel {}",
-            percent(i.rms),
-            i.covered,
-            percent(i.rms_with_background),
-            percent(i.p999),
-            percent(i.worst)
-        ),
+        (_, Some(i)) => {
+            flip_text(r.flip.as_ref())
+                + &format!(
+                    "RMS {} over {} covered pixels ({} with background), 99.9th percentile {}, worst pixel {}",
+                    percent(i.rms),
+                    i.covered,
+                    percent(i.rms_with_background),
+                    percent(i.p999),
+                    percent(i.worst)
+                )
+        }
         _ => String::new(),
     };
     let verdict = if r.equal { "equal" } else { "different" };
@@ -135,6 +164,16 @@ fn describe(r: &CompareReport) -> String {
         (Some(assets), _) => format!("{verdict}: {figures}, worst light each\n{}", assets.describe()),
         _ => format!("{verdict}: {figures}"),
     }
+}
+
+fn flip_text(flip: Option<&FlipReport>) -> String {
+    let Some(flip) = flip else { return String::new() };
+    let covered = flip.mean_covered.map_or_else(String::new, |mean| format!(" ({mean:.4} over covered pixels)"));
+    let exposures = match flip.exposures {
+        Exposures { count: 1, .. } => "1 exposure".to_owned(),
+        Exposures { start, stop, count, .. } => format!("{count} exposures from {start:+.1} to {stop:+.1} stops"),
+    };
+    format!("HDR-FLIP {:.4}{covered} at {exposures}, ", flip.mean)
 }
 
 fn compare_ply(result: &mut CompareReport) -> Result<()> {
@@ -148,7 +187,7 @@ fn compare_ply(result: &mut CompareReport) -> Result<()> {
     if a.column("s_r").is_some() && b.column("s_r").is_some() {
         worst = worst.max(compare_triples(&a, &b, ["s_r", "s_g", "s_b"], &result.a, &result.b)?);
     }
-    result.value = Some(result.metric.of(&worst));
+    result.value = result.metric.of(&worst);
     result.vertices = Some(worst);
     Ok(())
 }
@@ -192,7 +231,7 @@ fn compare_assets(result: &mut CompareReport, console: &Console) -> Result<()> {
     let mut assets = compare_assets::bytes(&a, &b, &result.a, &result.b)?;
     if result.threshold.is_some() {
         let (worst, probes) = compare_assets::radiosity([&a, &b], [&result.a, &result.b], console)?;
-        result.value = Some(result.metric.of(&worst));
+        result.value = result.metric.of(&worst);
         result.vertices = Some(worst);
         assets.probes = probes;
     }
@@ -202,25 +241,51 @@ fn compare_assets(result: &mut CompareReport, console: &Console) -> Result<()> {
 
 fn compare_exr(result: &mut CompareReport) -> Result<()> {
     let (a, b) = (read_exr_channels(&result.a)?, read_exr_channels(&result.b)?);
-    let size = |planes: &[ExrPlane]| planes.first().map(|p| (p.width, p.height));
-    if size(&a) != size(&b) {
+    let layer = if find(&a, "diffuse.R").is_some() && find(&b, "diffuse.R").is_some() { "diffuse." } else { "" };
+    // The parts of a file may differ in size.
+    let size = |planes: &[ExrPlane]| find(planes, &format!("{layer}R")).map(|p| (p.width, p.height));
+    if size(&a).is_some() && size(&b).is_some() && size(&a) != size(&b) {
         return Err(Error::new(ExitCode::Difference, "the pictures have different sizes"));
     }
     result.equal = a == b;
-    let layer = if find(&a, "diffuse.R").is_some() && find(&b, "diffuse.R").is_some() { "diffuse." } else { "" };
     let (picture, reference) = (rgb(&a, layer, &result.a)?, rgb(&b, layer, &result.b)?);
     let covered: Vec<bool> = match (coverage(&a), coverage(&b)) {
         (Some(a), Some(b)) => a.iter().zip(b).map(|(a, b)| *a > 0.0 || *b > 0.0).collect(),
         _ => vec![true; picture.len()],
     };
     let error = image_error(&picture, &reference, &covered);
-    result.value = Some(match result.metric {
-        Metric::Rms => error.rms,
-        Metric::P999 => error.p999,
-        Metric::Worst => error.worst,
-    });
+    if result.metric == Metric::Flip {
+        result.flip = Some(flip_report(size(&b), &picture, &reference, &covered).map_err(|e| {
+            let (a, b) = (result.a.display(), result.b.display());
+            e.at(format!("{a} against the reference {b}"))
+        })?);
+    }
+    result.value = match result.metric {
+        Metric::Rms => Some(error.rms),
+        Metric::P999 => Some(error.p999),
+        Metric::Worst => Some(error.worst),
+        Metric::Flip => result.flip.as_ref().map(|flip| flip.mean),
+    };
     result.image = Some(error);
     Ok(())
+}
+
+fn flip_report(
+    size: Option<(usize, usize)>,
+    picture: &[[f32; 3]],
+    reference: &[[f32; 3]],
+    covered: &[bool],
+) -> Result<FlipReport> {
+    let (width, height) = size.unwrap_or((0, 0));
+    let [test, reference] = [picture, reference].map(|rgb| Picture { width, height, rgb });
+    let settings = flip::Settings::default();
+    let found = flip::hdr(&reference, &test, &settings)?;
+    Ok(FlipReport {
+        mean: found.mean,
+        mean_covered: found.mean_over(covered),
+        pixels_per_degree: settings.pixels_per_degree,
+        exposures: found.exposures,
+    })
 }
 
 fn find<'a>(planes: &'a [ExrPlane], name: &str) -> Option<&'a ExrPlane> {

@@ -1,5 +1,6 @@
 //! Error metrics of pictures, probe lights and comparisons.
 
 pub mod chart;
+pub mod flip;
 pub mod image_error;
 pub mod probes;

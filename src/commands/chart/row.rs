@@ -16,6 +16,7 @@ use crate::evaluate::{Evaluator, MaterialEdit, Method};
 use crate::io::atomic;
 use crate::math::statistics::{Quantiles, VertexError, vertex_error};
 use crate::measure::chart::{LightError, PictureError, Row};
+use crate::measure::flip::{self, Picture};
 use crate::measure::image_error::image_error;
 use crate::medium::material::preset;
 use crate::methods;
@@ -207,9 +208,14 @@ fn pictures(evaluator: &dyn Evaluator, radiosity: &[DVec3], truth: &Reference) -
     for (settings, expected) in &truth.views {
         let frame = render(evaluator, radiosity, &[], settings, &Silent)?;
         let diffuse = |f: &Frame| f.pixels.iter().map(|p| p.diffuse).collect::<Vec<_>>();
+        let (found, wanted) = (diffuse(&frame), diffuse(expected));
+        let (width, height) = (frame.resolution.width, frame.resolution.height);
+        let picture = |rgb| Picture { width, height, rgb };
+        let flip = flip::hdr(&picture(&wanted), &picture(&found), &flip::Settings::default())?;
+        worst.flip = worst.flip.max(flip.mean);
         let covered: Vec<bool> =
             frame.pixels.iter().zip(&expected.pixels).map(|(a, b)| a.coverage > 0.0 || b.coverage > 0.0).collect();
-        let error = image_error(&diffuse(&frame), &diffuse(expected), &covered);
+        let error = image_error(&found, &wanted, &covered);
         worst.rms = worst.rms.max(error.rms);
         worst.rms_with_background = worst.rms_with_background.max(error.rms_with_background);
         shown.get_or_insert(Shown { frame, truth: expected.clone() });

@@ -58,6 +58,8 @@ pub struct PictureError {
     pub rms: f64,
     /// RMS over all pixels.
     pub rms_with_background: f64,
+    /// Mean HDR-FLIP over all pixels.
+    pub flip: f64,
 }
 
 /// A method at one setting, on one model of one material.

@@ -25,6 +25,7 @@ const COLUMNS: &[(&str, &str, fn(&Row) -> Cell)] = &[
     ("worst", "Worst vertex", |r| percent(r.error.worst)),
     ("negative", "Share of the area with negative radiosity", |r| percent(r.negative_share)),
     ("picture", "RMS over covered pixels, worst of the views", |r| percent(r.picture.rms)),
+    ("FLIP", "Mean HDR-FLIP, worst of the views", |r| (format!("{:.4}", r.picture.flip), r.picture.flip)),
     ("promised", "Error that the asset states of itself", |r| match r.ledger.is_empty() {
         true => ("nothing".to_owned(), f64::MAX),
         false => percent(r.promised_rms),

@@ -34,6 +34,7 @@ pub const COLUMNS: &[Column] = &[
     ("negative_share", |r| number(r.negative_share)),
     ("picture_rms", |r| number(r.picture.rms)),
     ("picture_rms_with_background", |r| number(r.picture.rms_with_background)),
+    ("hdr_flip", |r| number(r.picture.flip)),
     ("promised_rms", |r| number(r.promised_rms)),
     ("command", |r| r.command.clone()),
 ];

@@ -1,0 +1,215 @@
+//! The filters of FLIP, all of them products of one-dimensional ones: what the eye resolves at a distance (contrast
+//! sensitivity, one filter for each opponent channel) and what it takes for edges and points.
+
+use std::f64::consts::PI;
+
+/// One-dimensional weights around a pixel, `2 * radius + 1` of them.
+#[derive(Clone, Debug)]
+pub(super) struct Taps {
+    radius: usize,
+    weights: Vec<f64>,
+}
+
+impl Taps {
+    fn new(radius: usize, weight: impl Fn(f64) -> f64) -> Self {
+        let mut weights: Vec<f64> = (0..=radius).rev().map(|i| weight(-(i as f64))).collect();
+        weights.extend((1..=radius).map(|i| weight(i as f64)));
+        Self { radius, weights }
+    }
+
+    /// Positive weights add up to 1, negative ones to -1.
+    fn normalised(mut self) -> Self {
+        let sum = |sign: f64| self.weights.iter().map(|w| (w * sign).max(0.0)).sum::<f64>();
+        let (positive, negative) = (sum(1.0), sum(-1.0));
+        for w in &mut self.weights {
+            let total = if *w > 0.0 { positive } else { negative };
+            if total > 0.0 {
+                *w /= total;
+            }
+        }
+        self
+    }
+}
+
+/// A Gaussian of a contrast sensitivity function: `a sqrt(pi / b) exp(-pi^2 x^2 / b)`, x in degrees.
+struct Sensitivity {
+    a: f64,
+    b: f64,
+}
+
+const ACHROMATIC: Sensitivity = Sensitivity { a: 1.0, b: 0.0047 };
+const RED_GREEN: Sensitivity = Sensitivity { a: 1.0, b: 0.0053 };
+const BLUE_YELLOW: [Sensitivity; 2] = [Sensitivity { a: 34.1, b: 0.04 }, Sensitivity { a: 13.5, b: 0.025 }];
+
+impl Sensitivity {
+    /// The normalised filter, and its weight (its sum over the plane) beside others.
+    fn taps(&self, radius: usize, pixels_per_degree: f64) -> (Taps, f64) {
+        let at = |x: f64| (-(PI * x / pixels_per_degree).powi(2) / self.b).exp();
+        let taps = Taps::new(radius, at);
+        let sum: f64 = taps.weights.iter().sum();
+        (taps.normalised(), self.a * (PI / self.b).sqrt() * sum * sum)
+    }
+}
+
+/// All filters for one viewing distance.
+#[derive(Clone, Debug)]
+pub(super) struct Filters {
+    pub(super) achromatic: Taps,
+    pub(super) red_green: Taps,
+    /// The two Gaussians of the blue-yellow filter with their shares.
+    pub(super) blue_yellow: [(Taps, f64); 2],
+    /// Across an edge or point: smoothing, first and second derivative.
+    pub(super) smooth: Taps,
+    pub(super) slope: Taps,
+    pub(super) bend: Taps,
+}
+
+impl Filters {
+    /// Filters for a positive number of pixels in a degree.
+    pub(super) fn new(pixels_per_degree: f64) -> Self {
+        /// Width of what counts as a feature in degrees.
+        const FEATURE_DEG: f64 = 0.082;
+        let [wide, narrow] = BLUE_YELLOW;
+        // Three standard deviations of the widest Gaussian, for all of them.
+        let radius = (3.0 * (wide.b / (2.0 * PI * PI)).sqrt() * pixels_per_degree).ceil() as usize;
+        let (wide, narrow) = (wide.taps(radius, pixels_per_degree), narrow.taps(radius, pixels_per_degree));
+        let weight = wide.1 + narrow.1;
+        let sigma = 0.5 * FEATURE_DEG * pixels_per_degree;
+        let gaussian = |x: f64| (-x * x / (2.0 * sigma * sigma)).exp();
+        let feature_radius = (3.0 * sigma).ceil() as usize;
+        Self {
+            achromatic: ACHROMATIC.taps(radius, pixels_per_degree).0,
+            red_green: RED_GREEN.taps(radius, pixels_per_degree).0,
+            blue_yellow: [(wide.0, wide.1 / weight), (narrow.0, narrow.1 / weight)],
+            smooth: Taps::new(feature_radius, gaussian).normalised(),
+            slope: Taps::new(feature_radius, |x| -x * gaussian(x)).normalised(),
+            bend: Taps::new(feature_radius, |x| (x * x / (sigma * sigma) - 1.0) * gaussian(x)).normalised(),
+        }
+    }
+
+    /// Pixels that a filtered pixel looks past itself.
+    pub(super) fn reach(&self) -> usize {
+        self.blue_yellow[0].0.radius.max(self.smooth.radius)
+    }
+}
+
+/// Rows of numbers with a margin on all sides, as wide as the widest filter reaches.
+#[derive(Clone, Debug)]
+pub(super) struct Plane {
+    /// Columns without the margin.
+    width: usize,
+    /// Rows without the margin.
+    height: usize,
+    reach: usize,
+    values: Vec<f64>,
+}
+
+impl Plane {
+    /// A plane of zeros.
+    pub(super) fn new(width: usize, height: usize, reach: usize) -> Self {
+        Self { width, height, reach, values: vec![0.0; (width + 2 * reach) * (height + 2 * reach)] }
+    }
+
+    /// All values with the margin, `width + 2 * reach` in a row.
+    pub(super) fn values_mut(&mut self) -> &mut [f64] {
+        &mut self.values
+    }
+
+    /// The plane filtered along the rows by one filter and along the columns by the other, without a margin.
+    pub(super) fn filtered(&self, along_rows: &Taps, along_columns: &Taps) -> Vec<f64> {
+        self.across(along_rows).down(along_columns)
+    }
+
+    /// Filters rows; the margin above and below stays.
+    pub(super) fn across(&self, taps: &Taps) -> Filtered {
+        let pitch = self.width + 2 * self.reach;
+        let mut values = vec![0.0; self.width * (self.height + 2 * self.reach)];
+        for (out, source) in values.chunks_exact_mut(self.width).zip(self.values.chunks_exact(pitch)) {
+            add_taps(out, taps, |offset| source.get(self.reach - taps.radius + offset..));
+        }
+        Filtered { width: self.width, height: self.height, reach: self.reach, values }
+    }
+}
+
+/// A plane after the filter along its rows.
+pub(super) struct Filtered {
+    width: usize,
+    height: usize,
+    reach: usize,
+    values: Vec<f64>,
+}
+
+impl Filtered {
+    /// Filters columns.
+    pub(super) fn down(&self, taps: &Taps) -> Vec<f64> {
+        let mut values = vec![0.0; self.width * self.height];
+        for (row, out) in values.chunks_exact_mut(self.width).enumerate() {
+            let first = row + self.reach - taps.radius;
+            add_taps(out, taps, |offset| self.values.get((first + offset) * self.width..));
+        }
+        values
+    }
+}
+
+/// Adds what each tap sees, in the order of the taps.
+fn add_taps<'a>(out: &mut [f64], taps: &Taps, seen_by: impl Fn(usize) -> Option<&'a [f64]>) {
+    for (offset, weight) in taps.weights.iter().enumerate() {
+        for (out, value) in out.iter_mut().zip(seen_by(offset).unwrap_or(&[])) {
+            *out += weight * value;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plane(width: usize, height: usize, reach: usize, at: impl Fn(isize, isize) -> f64) -> Plane {
+        let mut plane = Plane::new(width, height, reach);
+        let pitch = width + 2 * reach;
+        for (i, v) in plane.values_mut().iter_mut().enumerate() {
+            *v = at((i % pitch) as isize - reach as isize, (i / pitch) as isize - reach as isize);
+        }
+        plane
+    }
+
+    #[test]
+    fn smoothing_filters_keep_constants_and_derivatives_remove_them() {
+        for pixels_per_degree in [1.0, 5.0, 67.0, 300.0] {
+            let f = Filters::new(pixels_per_degree);
+            let sum = |taps: &Taps| taps.weights.iter().sum::<f64>();
+            for taps in [&f.achromatic, &f.red_green, &f.blue_yellow[0].0, &f.blue_yellow[1].0, &f.smooth] {
+                assert!((sum(taps) - 1.0).abs() < 1e-12, "{pixels_per_degree}");
+            }
+            assert!(sum(&f.slope).abs() < 1e-12 && sum(&f.bend).abs() < 1e-12, "{pixels_per_degree}");
+            assert!((f.blue_yellow[0].1 + f.blue_yellow[1].1 - 1.0).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn at_the_usual_distance_the_filters_reach_ten_pixels() {
+        let f = Filters::new(67.0);
+        assert_eq!((f.reach(), f.achromatic.radius, f.smooth.radius), (10, 10, 9));
+        assert!(f.slope.weights[8] > 0.0 && f.slope.weights[10] < 0.0 && f.slope.weights[9] == 0.0);
+        assert!(f.bend.weights[9] < 0.0 && f.bend.weights[0] > 0.0);
+    }
+
+    #[test]
+    fn separate_passes_equal_the_filter_in_two_dimensions() {
+        let f = Filters::new(30.0);
+        let at = |x: isize, y: isize| ((x * 7 + y * 13).rem_euclid(11)) as f64;
+        let out = plane(5, 4, f.reach(), at).filtered(&f.slope, &f.achromatic);
+        let direct = |x: isize, y: isize| {
+            let mut sum = 0.0;
+            for (j, wy) in (-(f.achromatic.radius as isize)..).zip(&f.achromatic.weights) {
+                for (i, wx) in (-(f.slope.radius as isize)..).zip(&f.slope.weights) {
+                    sum += wx * wy * at(x + i, y + j);
+                }
+            }
+            sum
+        };
+        for (i, v) in out.iter().enumerate() {
+            assert!((v - direct((i % 5) as isize, (i / 5) as isize)).abs() < 1e-12);
+        }
+    }
+}
