@@ -1,5 +1,6 @@
 //! `translux chart MODEL... -o DIR`: every method at a ladder of settings, against one reference.
 
+mod adapter;
 mod output;
 mod row;
 mod truth;
@@ -8,6 +9,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use self::adapter::Adapter;
 use super::console::{Console, Format, Verbosity, duration, percent};
 use super::lights::LightArgs;
 use super::model::PlacementArgs;
@@ -40,8 +42,19 @@ pub(super) struct ChartArgs {
     /// Surface samples of the reference
     #[arg(long, value_name = "N", default_value_t = 1 << 19)]
     reference_samples: usize,
+    /// Where shaders are timed beside the processor: on a graphics adapter if there is one (auto; a software adapter is none),
+    /// on whatever adapter there is (gpu), nowhere (cpu)
+    #[arg(long, value_enum, default_value = "auto")]
+    device: DeviceArg,
     #[command(flatten)]
     placement: PlacementArgs,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum DeviceArg {
+    Auto,
+    Cpu,
+    Gpu,
 }
 
 /// How much is measured.
@@ -67,6 +80,7 @@ struct Subject<'a> {
     lights: &'a [(String, Light)],
     extent: Extent,
     folder: &'a Path,
+    adapter: &'a Adapter,
     console: &'a Console,
 }
 
@@ -87,6 +101,7 @@ pub(super) fn run(args: &ChartArgs, console: &Console) -> Result<ExitCode> {
         _ => resolved.text.into_iter().zip(resolved.lights).collect(),
     };
     let placement = args.placement.words();
+    let adapter = Adapter::open(args.device)?;
     let mut chart = Chart {
         schema: SCHEMA.to_owned(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -97,8 +112,16 @@ pub(super) fn run(args: &ChartArgs, console: &Console) -> Result<ExitCode> {
     let mut pictures = Vec::new();
     for model in &args.models {
         for material in &args.material {
-            let subject =
-                Subject { model, material, placement: &placement, lights: &lights, extent, folder: &work, console };
+            let subject = Subject {
+                model,
+                material,
+                placement: &placement,
+                lights: &lights,
+                extent,
+                folder: &work,
+                adapter: &adapter,
+                console,
+            };
             let truth = truth::of(&subject, args.reference_samples)?;
             for method in &methods {
                 for rung in method.ladder().iter().take(extent.rungs) {

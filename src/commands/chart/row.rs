@@ -19,7 +19,6 @@ use crate::measure::chart::{LightError, PictureError, Row};
 use crate::measure::flip::{self, Picture};
 use crate::measure::image_error::image_error;
 use crate::medium::material::preset;
-use crate::methods;
 use crate::progress::Silent;
 use crate::render::frame::{Frame, render};
 use crate::transport::scene::Medium;
@@ -88,7 +87,7 @@ pub(super) fn of(subject: &Subject, method: &dyn Method, rung: &str, truth: &Ref
     let started = Instant::now();
     let asset = Arc::new(Asset::read(&path)?);
     let ledger = asset.ledger.clone();
-    let mut evaluator = methods::named(&asset.provenance.method)?.open(asset)?;
+    let mut evaluator = method.open(Arc::clone(&asset))?;
     let open_ms = 1e3 * started.elapsed().as_secs_f64();
     let mut lights = Vec::with_capacity(truth.lights.len());
     let mut first = Vec::new();
@@ -115,6 +114,7 @@ pub(super) fn of(subject: &Subject, method: &dyn Method, rung: &str, truth: &Ref
         }
     }
     let edit_ms = edits(evaluator.as_mut(), &subject.extent)?;
+    let device = subject.adapter.row(|| method.open(Arc::clone(&asset)), &truth.lights, &subject.extent)?;
     let (picture, shown) = pictures(evaluator.as_ref(), &first, truth)?;
     let vertices = truth.areas.len();
     let per_vertex = |bytes: u64| bytes as f64 / vertices.max(1) as f64;
@@ -140,7 +140,7 @@ pub(super) fn of(subject: &Subject, method: &dyn Method, rung: &str, truth: &Ref
         open_ms,
         relight_ms: middle(&lights),
         edit_ms,
-        device: None,
+        device,
         error: lights.iter().fold(VertexError::default(), |worst, l| worst.max(l.error)),
         negative_share: lights.iter().map(|l| l.negative_share).fold(0.0, f64::max),
         picture,
@@ -174,18 +174,7 @@ fn edits(evaluator: &mut dyn Evaluator, extent: &Extent) -> Result<Option<Quanti
         return Ok(None);
     }
     let before = evaluator.scene().media.clone();
-    let eta = |m: &Medium| m.properties.eta_inside_over_outside;
-    let other: Vec<Medium> = before
-        .iter()
-        .map(|medium| {
-            let mut other = medium.clone();
-            if let Some(skin) = preset("skin1") {
-                other.properties = skin.properties();
-                other.properties.eta_inside_over_outside = eta(medium);
-            }
-            other
-        })
-        .collect();
+    let other: Vec<Medium> = before.iter().map(edited).collect();
     let mut times = Vec::with_capacity(extent.repeats + 1);
     let begun = Instant::now();
     for (index, media) in [&other, &before].into_iter().cycle().take(2 * extent.repeats.div_ceil(2)).enumerate() {
@@ -199,6 +188,16 @@ fn edits(evaluator: &mut dyn Evaluator, extent: &Extent) -> Result<Option<Quanti
         times.push(1e3 * started.elapsed().as_secs_f64());
     }
     Ok(Some(Quantiles::of(times)))
+}
+
+/// Another material of the same index of refraction.
+pub(super) fn edited(medium: &Medium) -> Medium {
+    let mut other = medium.clone();
+    if let Some(skin) = preset("skin1") {
+        other.properties = skin.properties();
+        other.properties.eta_inside_over_outside = medium.properties.eta_inside_over_outside;
+    }
+    other
 }
 
 /// Errors of the pictures under the first light, and that of the first view.

@@ -46,6 +46,13 @@ const COLUMNS: &[(&str, &str, fn(&Row) -> Cell)] = &[
     ("open", "From the file to the first light", |r| (Unit::Milliseconds.text(r.open_ms), r.open_ms)),
     ("relight", "A new light, the median one: median (10 % to 90 %)", |r| times(Some(r.relight_ms))),
     ("edit", "A new material", |r| times(r.edit_ms)),
+    ("shaders: relight", "A new light on the adapter, the light's rays on the processor", |r| match &r.device {
+        None => ("not timed".to_owned(), f64::MAX),
+        Some(device) => {
+            let (text, key) = times(Some(device.relight_ms));
+            (format!("{text} <small>{}</small>", escaped(&device.adapter)), key)
+        }
+    }),
 ];
 
 fn percent(value: f64) -> Cell {
