@@ -91,8 +91,3 @@ pub struct Timings {
     /// Each frame.
     pub frames: Vec<FrameTime>,
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-}

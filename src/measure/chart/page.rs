@@ -17,8 +17,10 @@ pub struct Triple {
 /// A cell: what is shown, and what the column is sorted by.
 type Cell = (String, f64);
 
-/// A column of the page's table: its title, what a click on it explains, and its cells.
-const COLUMNS: &[(&str, &str, fn(&Row) -> Cell)] = &[
+/// A column of the page's table: its title, what the pointer on it explains, and its cells.
+type Column = (&'static str, &'static str, fn(&Row) -> Cell);
+
+const COLUMNS: &[Column] = &[
     ("RMS", "Error over the vertices, worst channel and light, relative to the reference", |r| percent(r.error.rms)),
     ("bias", "Mean error, signed", |r| percent(r.error.bias)),
     ("99.9 %", "99.9th percentile of the error", |r| percent(r.error.p999)),
