@@ -137,7 +137,8 @@ pub fn exitance(
     let photons = match effort {
         Effort::Photons(photons) => [photons.clamp(1, MOST_PHOTONS); 3],
         Effort::Noise(asked) => {
-            let count = (PILOT_PHOTONS_PER_SLOT * hats.len() as u64).clamp(*PILOT_PHOTONS.start(), *PILOT_PHOTONS.end());
+            let count =
+                (PILOT_PHOTONS_PER_SLOT * hats.len() as u64).clamp(*PILOT_PHOTONS.start(), *PILOT_PHOTONS.end());
             let pilot = run.channels([count; 3], !seed, "pilot", progress);
             check_lost(&pilot)?;
             let noise = pilot.relative_noise() / asked.max(f64::MIN_POSITIVE);
@@ -241,7 +242,14 @@ impl Run<'_> {
             }
         }
         progress.finish();
-        Exitance { hats: self.hats.clone(), total, single, standard_error, budget, photons: in_batch.map(|n| n * BATCHES) }
+        Exitance {
+            hats: self.hats.clone(),
+            total,
+            single,
+            standard_error,
+            budget,
+            photons: in_batch.map(|n| n * BATCHES),
+        }
     }
 
     /// Mean irradiance over the surface, roughly; none without light.
