@@ -95,6 +95,15 @@ impl ClearanceGrid {
         }
     }
 
+    /// The radius of a ball around a point that the surface does not enter, in mm; 0 where none is known.
+    #[inline(always)]
+    pub(super) fn free(&self, point: DVec3) -> f64 {
+        match self.at(point) {
+            Clearance::AtLeast(clear) => clear,
+            Clearance::Outside => 0.0,
+        }
+    }
+
     fn index(&self, x: u32, y: u32, z: u32) -> usize {
         ((z * self.size.y + y) * self.size.x + x) as usize
     }
@@ -108,7 +117,7 @@ impl ClearanceGrid {
         while let Some(corners) = stack.pop() {
             let [a, b, c] = corners.map(|c| (c - self.low) * self.inverse_cell);
             let (low, high) = (a.min(b).min(c) - 1e-4, a.max(b).max(c) + 1e-4);
-            if (high - low).max_element() > 2.0 {
+            if (high - low).max_element() > 1.0 {
                 stack.extend(bisect(corners));
                 continue;
             }

@@ -32,6 +32,10 @@ const HEAVIEST: f64 = 1_048_576.0;
 const PILOT_PHOTONS_PER_SLOT: u64 = 8;
 const PILOT_PHOTONS: std::ops::RangeInclusive<u64> = (1 << 14)..=(1 << 20);
 
+/// A pilot that is noisier than this is repeated with more photons, up to this many.
+const WORTHLESS: f64 = 0.7;
+const MOST_PILOT_PHOTONS: u64 = 1 << 26;
+
 /// More photons than the pilot asks for, against its own uncertainty.
 const MARGIN: f64 = 1.1;
 
@@ -80,11 +84,12 @@ impl Exitance {
         squares.max(DVec3::ZERO).map(f64::sqrt)
     }
 
-    /// RMS of the standard errors over the RMS of the channel (of the brightest one's thousandth where that is more).
+    /// RMS of the standard errors over the RMS of the channel (of the brightest one's thousandth where that is more); infinite
+    /// where there is nothing but noise.
     pub fn relative_noise(&self) -> DVec3 {
         let noise = self.mean(|_, e| e * e).map(f64::sqrt);
         let unit = self.unit();
-        DVec3::select(unit.cmpgt(DVec3::ZERO), noise / unit, DVec3::ZERO)
+        DVec3::select(noise.cmpgt(DVec3::ZERO), noise / unit, DVec3::ZERO)
     }
 
     /// [`Self::relative_noise`] of the worst channel.
@@ -137,11 +142,18 @@ pub fn exitance(
     let photons = match effort {
         Effort::Photons(photons) => [photons.clamp(1, MOST_PHOTONS); 3],
         Effort::Noise(asked) => {
-            let count =
+            let mut count =
                 (PILOT_PHOTONS_PER_SLOT * hats.len() as u64).clamp(*PILOT_PHOTONS.start(), *PILOT_PHOTONS.end());
-            let pilot = run.channels([count; 3], !seed, "pilot", progress);
-            check_lost(&pilot)?;
-            let noise = pilot.relative_noise() / asked.max(f64::MIN_POSITIVE);
+            let noise = loop {
+                let pilot = run.channels([count; 3], !seed, "pilot", progress);
+                check_lost(&pilot)?;
+                let noise = pilot.relative_noise();
+                // Where hardly anything comes out, a pilot may see nothing but noise, and its estimate is worth nothing.
+                if noise.max_element() <= WORTHLESS || count >= MOST_PILOT_PHOTONS {
+                    break noise / asked.max(f64::MIN_POSITIVE);
+                }
+                count *= 8;
+            };
             noise.to_array().map(|n| (MARGIN * n * n * count as f64).clamp(BATCHES as f64, MOST_PHOTONS as f64) as u64)
         }
     };

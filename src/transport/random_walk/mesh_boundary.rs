@@ -19,11 +19,11 @@ pub struct MeshBoundary {
     slack_mm: f32,
 }
 
-/// Steps through free space before a ray is cast.
+/// Steps through free space from both ends before a ray is cast.
 const MOST_STEPS: u32 = 6;
 
-/// A step below this share of the free space that is asked for is not worth the look-up.
-const LEAST_STEP: f64 = 0.1;
+/// A step that covers less than this share of what is left is the last.
+const LEAST_GAIN: f64 = 0.2;
 
 /// Surfaces of the same part inside each other that one flight crosses at most; more are a loop of rounding errors.
 const MOST_NESTED: u32 = 64;
@@ -89,21 +89,31 @@ impl MeshBoundary {
 impl Boundary for MeshBoundary {
     #[inline(always)]
     fn crossing(&self, from_mm: DVec3, direction: DVec3, reach_mm: f64, depth: &mut u32) -> Crossing {
-        let mut gone = 0.0;
+        let Clearance::AtLeast(mut near) = self.grid.at(from_mm) else { return Crossing::Lost };
+        if near > reach_mm {
+            return Crossing::Inside;
+        }
+        let mut far = reach_mm;
+        if !far.is_finite() {
+            return self.cast(from_mm, direction, far, depth);
+        }
+        // Free space around both ends, and then around the ends of what is left: where it meets, nothing is in between. The
+        // end helps the flights that start at the surface, inwards.
         for _ in 0..MOST_STEPS {
-            match self.grid.at(from_mm + gone * direction) {
-                Clearance::Outside => return Crossing::Lost,
-                Clearance::AtLeast(clear) => {
-                    if gone + clear > reach_mm {
-                        return Crossing::Inside;
-                    }
-                    if clear <= LEAST_STEP * (reach_mm - gone) {
-                        break;
-                    }
-                    gone += clear;
-                }
+            let behind = self.grid.free(from_mm + far * direction);
+            far -= behind;
+            if near > far {
+                return Crossing::Inside;
+            }
+            let ahead = self.grid.free(from_mm + near * direction);
+            near += ahead;
+            if near > far {
+                return Crossing::Inside;
+            }
+            if ahead + behind <= LEAST_GAIN * (far - near) {
+                break;
             }
         }
-        self.cast(from_mm + gone * direction, direction, reach_mm - gone, depth)
+        self.cast(from_mm + near * direction, direction, far - near, depth)
     }
 }

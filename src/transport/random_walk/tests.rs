@@ -246,7 +246,7 @@ fn threads_change_nothing_and_seeds_everything() {
 
 #[test]
 fn standard_errors_are_those_of_the_spread_over_seeds() {
-    let runs: Vec<Exitance> = (0..24).map(|seed| small_walk(40_000, seed)).collect();
+    let runs: Vec<Exitance> = (0..16).map(|seed| small_walk(30_000, seed)).collect();
     let n = runs.len() as f64;
     let slots = runs[0].total.len();
     let mean = |slot: usize| runs.iter().map(|r| r.total[slot]).sum::<DVec3>() / n;
