@@ -17,6 +17,7 @@ use super::model::{Loaded, ModelArgs};
 use super::{output, report};
 use crate::asset::Input;
 use crate::error::{Error, ExitCode, Result};
+use crate::geometry::check::MeshCheck;
 use crate::geometry::parts::Closure;
 use crate::io::atomic;
 use crate::io::ply::write_ply;
@@ -24,6 +25,7 @@ use crate::methods;
 use crate::methods::settings::share;
 use crate::transport::random_walk::exitance::{self, Effort, Exitance, MOST_PHOTONS};
 use crate::transport::random_walk::tally::{Budget, NONE};
+use crate::transport::scene::Scene;
 
 /// Noise that a random walk aims at where nothing else is asked for.
 const DEFAULT_NOISE: f64 = 0.05;
@@ -129,21 +131,7 @@ fn monte_carlo(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
     output::check(&args.output, &["ply"], console)?;
     let lights = args.lights.load(console)?;
     let Loaded { scene, check, .. } = args.model.load(console)?;
-    for (entry, part) in scene.parts.parts.iter().zip(&check.parts).filter(|(entry, _)| entry.transfers()) {
-        if part.part.closure == Closure::Open {
-            return Err(Error::unsupported(format!(
-                "part `{}` is open, and a random walk needs a volume: close it, name it with --opaque or --skip, or use \
-                 --model dipole",
-                entry.name
-            )));
-        }
-        if part.part.volume_mm3.is_some_and(|v| v <= 0.0) {
-            return Err(Error::input(format!(
-                "part `{}` encloses no volume: its surface is turned inside out or folds into itself",
-                entry.name
-            )));
-        }
-    }
+    check_closed(&scene, &check).map_err(|e| e.at(args.model.model.display()))?;
     console.check_memory(exitance::memory(&scene), "raise --max-memory")?;
     let started = Instant::now();
     let walked = exitance::exitance(&scene, &lights.lights, effort, args.walk.seed, console)?;
@@ -170,6 +158,26 @@ fn monte_carlo(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
     let result = walk_report(&walked, &radiosity, lights, asked_noise, args);
     report::print(console, "reference", &result)?;
     verdict
+}
+
+/// Refuses parts that are no volumes.
+fn check_closed(scene: &Scene, check: &MeshCheck) -> Result<()> {
+    for (entry, part) in scene.parts.parts.iter().zip(&check.parts).filter(|(entry, _)| entry.transfers()) {
+        if part.part.closure == Closure::Open {
+            return Err(Error::unsupported(format!(
+                "part `{}` is open, and a random walk needs a volume: close it, name it with --opaque or --skip, or use \
+                 --model dipole",
+                entry.name
+            )));
+        }
+        if part.part.volume_mm3.is_some_and(|v| v <= 0.0) {
+            return Err(Error::input(format!(
+                "part `{}` encloses no volume: its surface is turned inside out or folds into itself",
+                entry.name
+            )));
+        }
+    }
+    Ok(())
 }
 
 impl ReferenceArgs {

@@ -8,7 +8,7 @@ use super::entry::{Candidate, Entries};
 use super::mesh_boundary::MeshBoundary;
 use super::tally::{Budget, Hats, Order, SlotTally};
 use super::walk::{End, Start, Stream, WalkMedium, walk};
-use crate::error::{Error, Result};
+use crate::error::{Error, ExitCode, Result};
 use crate::geometry::bvh::Bvh;
 use crate::light::Light;
 use crate::progress::Progress;
@@ -35,6 +35,10 @@ const PILOT_PHOTONS: std::ops::RangeInclusive<u64> = (1 << 14)..=(1 << 20);
 /// A pilot that is noisier than this is repeated with more photons, up to this many.
 const WORTHLESS: f64 = 0.7;
 const MOST_PILOT_PHOTONS: u64 = 1 << 26;
+
+/// What to say where that many are not enough.
+const HOPELESS: &str =
+    "hardly any light comes out, less than its noise: ask for a number of photons instead of an error";
 
 /// More photons than the pilot asks for, against its own uncertainty.
 const MARGIN: f64 = 1.1;
@@ -126,7 +130,8 @@ pub fn memory(scene: &Scene) -> u64 {
 /// Walks photons through a scene. The same seed gives the same bits on any number of threads.
 ///
 /// # Errors
-/// Environments that cannot be cut; more than [`MOST_LOST`] of the flux lost (the surface of a part is not closed).
+/// Environments that cannot be cut; more than [`MOST_LOST`] of the flux lost (the surface of a part is not closed); a noise
+/// that no number of photons within reason brings (exit 6).
 pub fn exitance(
     scene: &Scene,
     lights: &[Light],
@@ -150,6 +155,9 @@ pub fn exitance(
                 let noise = pilot.relative_noise();
                 // Where hardly anything comes out, a pilot may see nothing but noise, and its estimate is worth nothing.
                 if noise.max_element() <= WORTHLESS || count >= MOST_PILOT_PHOTONS {
+                    if !noise.is_finite() {
+                        return Err(Error::new(ExitCode::QualityNotMet, HOPELESS));
+                    }
                     break noise / asked.max(f64::MIN_POSITIVE);
                 }
                 count *= 8;

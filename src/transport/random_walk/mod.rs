@@ -8,6 +8,14 @@
 //! does not enter again, neither its own part nor another; shadows are those of the whole scene. What it does not share:
 //! the dipole is a half space's answer to multiple scattering, the walk knows the shape, the direction of entrance and
 //! every order. Parts joined across air are walked one by one: no light crosses the air.
+//!
+//! # Speed
+//!
+//! Million collisions for a second of one core (AMD EPYC, marble at g = 0 and 0.8, entrances and rays included): half space
+//! 71 and 43, ball of 15 mm 51 and 39, closed bunny of 30 mm (70k triangles) 5 to 7 and 13. A photon in the bunny scatters 40
+//! times (200) before it leaves: what costs there are the flights near the surface, whose rays and look-ups in the grid of free
+//! space take three quarters of the time. Free space around both ends of a flight in place of its start alone gave 1.3; a
+//! grid of 8 and 40 times fewer cells, and its cells in bricks of a cache line, gave nothing.
 
 pub mod boundary;
 mod clearance;
