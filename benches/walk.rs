@@ -65,7 +65,7 @@ fn mesh(name: &str, source: SourceModel, properties: OpticalProperties) {
     let parts = PartTable::new(&mesh, vec![0; mesh.triangles.len()], vec![("body".into(), Some(0))]);
     let scene = Scene { mesh, parts, media: vec![Medium { name: name.into(), properties }] };
     let Ok(light) = Light::constant(DVec3::ONE) else { return };
-    report(name, || match exitance(&scene, &[light.clone()], Effort::Photons(200_000), 1, &Silent) {
+    report(name, || match exitance(&scene, std::slice::from_ref(&light), Effort::Photons(200_000), 1, &Silent) {
         Ok(walked) => walked.budget.iter().fold(Budget::default(), |sum, b| sum.plus(b)),
         Err(error) => {
             println!("FAILED: {error}");
