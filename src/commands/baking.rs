@@ -21,17 +21,17 @@ use crate::transport::scene::Scene;
 pub(super) struct BakeOptions {
     /// Surface samples (default: as many as the mean free path and the far field need)
     #[arg(long, value_name = "N")]
-    samples: Option<usize>,
+    pub(super) samples: Option<usize>,
     /// Relative error to reach, such as 1% or 0.01 (default: the method's, see `translux methods`)
     #[arg(long, value_name = "E")]
-    max_rms: Option<String>,
+    pub(super) max_rms: Option<String>,
     /// Kinds of light to precompute for, separated by commas: constant, directional, point, area, environment, or all.
     /// Other kinds still work where the method can sample them at run time, only slower
     #[arg(long, value_name = "KINDS", default_value = "all")]
     for_lights: String,
     /// A key of the method (see `translux methods`); repeatable
     #[arg(long = "set", value_name = "KEY=VALUE")]
-    set: Vec<String>,
+    pub(super) set: Vec<String>,
 }
 
 impl BakeOptions {

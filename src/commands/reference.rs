@@ -1,18 +1,37 @@
-//! `translux reference MODEL --light L -o B.ply`: the truth without an asset, or any method's figures in memory.
+//! `translux reference MODEL --light L -o B.ply`: the truth without an asset, or any method's figures in memory; by the
+//! dipole as the methods have it, or by a random walk through the volume.
 
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::Instant;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
+use glam::DVec3;
+use serde::Serialize;
 
 use super::baking::{self, BakeOptions};
-use super::console::Console;
-use super::evaluate::{Measure, finish, judge};
-use super::lights::LightArgs;
-use super::model::ModelArgs;
+use super::console::{Console, percent, significant};
+use super::evaluate::{Measure, finish, judge, judge_error, radiosity_ply};
+use super::lights::{LightArgs, ResolvedLights};
+use super::model::{Loaded, ModelArgs};
 use super::{output, report};
-use crate::error::{ExitCode, Result};
+use crate::asset::Input;
+use crate::error::{Error, ExitCode, Result};
+use crate::geometry::check::MeshCheck;
+use crate::geometry::parts::Closure;
+use crate::io::atomic;
+use crate::io::ply::write_ply;
 use crate::methods;
+use crate::methods::settings::share;
+use crate::transport::random_walk::exitance::{self, Effort, Exitance, MOST_PHOTONS};
+use crate::transport::random_walk::tally::{Budget, NONE};
+use crate::transport::scene::Scene;
+
+/// Noise that a random walk aims at where nothing else is asked for.
+const DEFAULT_NOISE: f64 = 0.05;
+
+/// A share of lost flux above this is worth a warning.
+const WORTH_A_WARNING: f64 = 1e-6;
 
 #[derive(Clone, Debug, Args)]
 pub(super) struct ReferenceArgs {
@@ -30,10 +49,45 @@ pub(super) struct ReferenceArgs {
     #[arg(long)]
     no_measure: bool,
     #[command(flatten)]
+    walk: WalkArgs,
+    #[command(flatten)]
     options: BakeOptions,
 }
 
+/// Which model of the light inside.
+#[derive(Clone, Debug, Args)]
+#[command(next_help_heading = "Model of the light inside")]
+struct WalkArgs {
+    /// What the exitance is computed by. A random walk writes every order of scattering to b_* and the first to s_*
+    #[arg(long = "model", id = "physics", default_value = "dipole", value_name = "WHICH")]
+    physics: Physics,
+    /// Photons of each channel of a random walk (default: as many as bring the noise to --max-rms, 5% where that is not given)
+    #[arg(long, value_name = "N", conflicts_with = "max_rms")]
+    photons: Option<u64>,
+    /// Seed of a random walk
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Physics {
+    /// The dipole, over all pairs of samples and vertices
+    Dipole,
+    /// A random walk through the volume: closed parts only, no light from one part to another
+    MonteCarlo,
+}
+
 pub(super) fn run(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
+    match args.walk.physics {
+        Physics::Dipole => dipole(args, console),
+        Physics::MonteCarlo => monte_carlo(args, console),
+    }
+}
+
+fn dipole(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
+    if args.walk.photons.is_some() {
+        return Err(Error::command_line("--photons is for --model monte-carlo; the dipole takes --samples"));
+    }
     let method = methods::named(&args.method)?;
     let settings = args.options.resolve(method)?;
     output::check(&args.output, &["ply"], console)?;
@@ -47,4 +101,158 @@ pub(super) fn run(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
     let verdict = judge(&result, console);
     report::print(console, "reference", &result)?;
     verdict
+}
+
+/// Figures of a random walk.
+#[derive(Serialize)]
+struct WalkReport {
+    model: &'static str,
+    lights: Vec<String>,
+    inputs: Vec<Input>,
+    #[serde(serialize_with = "report::paths")]
+    outputs: Vec<PathBuf>,
+    vertices: usize,
+    /// Vertices without transferring area, whose exitance is 0.
+    vertices_without_area: usize,
+    mean_radiosity: [f64; 3],
+    max_radiosity: [f64; 3],
+    seed: u64,
+    /// Photons of each channel.
+    photons: [u64; 3],
+    /// Where the flux of each channel went.
+    budget: [Budget; 3],
+    /// The result's own error: RMS of the standard errors of the vertices over the RMS of the exitance, by channel.
+    noise: [f64; 3],
+    asked_noise: Option<f64>,
+}
+
+fn monte_carlo(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
+    let effort = args.effort()?;
+    output::check(&args.output, &["ply"], console)?;
+    let lights = args.lights.load(console)?;
+    let Loaded { scene, check, .. } = args.model.load(console)?;
+    check_closed(&scene, &check).map_err(|e| e.at(args.model.model.display()))?;
+    console.check_memory(exitance::memory(&scene), "raise --max-memory")?;
+    let started = Instant::now();
+    let walked = exitance::exitance(&scene, &lights.lights, effort, args.walk.seed, console)?;
+    let rate = walked.budget.iter().map(|b| b.collisions).sum::<u64>() as f64 / started.elapsed().as_secs_f64();
+    let radiosity = walked.hats.to_vertices(&walked.total);
+    console.stage("write", || -> Result<()> {
+        let media: Vec<&str> = scene.media.iter().map(|m| m.name.as_str()).collect();
+        let mut comments = vec!["translux random walk".to_owned(), format!("material {}", media.join(", "))];
+        comments.extend(lights.text.iter().map(|t| format!("light {t}")));
+        comments.push(format!("noise {} of the RMS", percent(walked.noise())));
+        comments.push("s is what left after one scattering event, b includes it".to_owned());
+        let mut ply = radiosity_ply(&scene, &radiosity, comments);
+        let single = walked.hats.to_vertices(&walked.single);
+        ply.s = Some(single.iter().map(|s| s.as_vec3().to_array()).collect());
+        let bytes = write_ply(&ply)?;
+        args.output.iter().try_for_each(|path| atomic::write(path, &bytes))
+    })?;
+    tell(&walked, rate, console);
+    let asked_noise = match effort {
+        Effort::Noise(asked) => Some(asked),
+        Effort::Photons(_) => None,
+    };
+    let verdict = judge_error(walked.noise(), asked_noise, console);
+    let result = walk_report(&walked, &radiosity, lights, asked_noise, args);
+    report::print(console, "reference", &result)?;
+    verdict
+}
+
+/// Refuses parts that are no volumes.
+fn check_closed(scene: &Scene, check: &MeshCheck) -> Result<()> {
+    for (entry, part) in scene.parts.parts.iter().zip(&check.parts).filter(|(entry, _)| entry.transfers()) {
+        if part.part.closure == Closure::Open {
+            return Err(Error::unsupported(format!(
+                "part `{}` is open, and a random walk needs a volume: close it, name it with --opaque or --skip, or use \
+                 --model dipole",
+                entry.name
+            )));
+        }
+        if part.part.volume_mm3.is_some_and(|v| v <= 0.0) {
+            return Err(Error::input(format!(
+                "part `{}` encloses no volume: its surface is turned inside out or folds into itself",
+                entry.name
+            )));
+        }
+    }
+    Ok(())
+}
+
+impl ReferenceArgs {
+    /// How long to walk, once nothing asks for what a walk does not have.
+    fn effort(&self) -> Result<Effort> {
+        let unfit = [
+            (self.method != "reference", "--method"),
+            (self.options.samples.is_some(), "--samples"),
+            (!self.options.set.is_empty(), "--set"),
+        ];
+        if let Some((_, flag)) = unfit.iter().find(|(given, _)| *given) {
+            return Err(Error::command_line(format!(
+                "{flag} is for --model dipole; a random walk takes --photons, --max-rms and --seed"
+            )));
+        }
+        match (self.walk.photons, &self.options.max_rms) {
+            (Some(photons), _) if (1..=MOST_PHOTONS).contains(&photons) => Ok(Effort::Photons(photons)),
+            (Some(photons), _) => {
+                Err(Error::command_line(format!("--photons {photons}: a number from 1 to {MOST_PHOTONS} is needed")))
+            }
+            (None, Some(text)) => Ok(Effort::Noise(share(text, "--max-rms")?)),
+            (None, None) => Ok(Effort::Noise(DEFAULT_NOISE)),
+        }
+    }
+}
+
+/// What a person must know about a walk.
+fn tell(walked: &Exitance, rate: f64, console: &Console) {
+    let noise = walked.relative_noise().to_array().map(percent);
+    let collisions: u64 = walked.budget.iter().map(|b| b.collisions).sum();
+    console.note(&format!(
+        "noise {} RMS (RGB) from {} photons; {} million collisions, {} million a second",
+        noise.join(", "),
+        walked.photons.iter().sum::<u64>(),
+        significant(collisions as f64 * 1e-6),
+        significant(rate * 1e-6)
+    ));
+    let of = |f: fn(&Budget) -> f64| walked.budget.map(|b| percent(b.share(f(&b)))).join(" ");
+    console.note(&format!(
+        "of what enters (RGB): {} leaves after one scattering, {} after more, {} unscattered",
+        of(|b| b.left_once),
+        of(|b| b.left_more),
+        of(|b| b.left_unscattered)
+    ));
+    if walked.lost_share() > WORTH_A_WARNING {
+        console.warn(&format!("{} of the light was lost through the surface", percent(walked.lost_share())));
+    }
+    let trapped = walked.budget.iter().map(|b| b.share(b.trapped)).fold(0.0, f64::max);
+    if trapped > 0.0 {
+        console
+            .note(&format!("{} of the light never leaves a clear medium: total reflection keeps it", percent(trapped)));
+    }
+}
+
+fn walk_report(
+    walked: &Exitance,
+    radiosity: &[DVec3],
+    lights: ResolvedLights,
+    asked_noise: Option<f64>,
+    args: &ReferenceArgs,
+) -> WalkReport {
+    let count = radiosity.len().max(1) as f64;
+    WalkReport {
+        model: "monte-carlo",
+        lights: lights.text,
+        inputs: lights.inputs,
+        outputs: args.output.clone(),
+        vertices: radiosity.len(),
+        vertices_without_area: walked.hats.of_vertex.iter().filter(|&&s| s == NONE).count(),
+        mean_radiosity: (radiosity.iter().sum::<DVec3>() / count).to_array(),
+        max_radiosity: radiosity.iter().fold(DVec3::ZERO, |a, &b| a.max(b)).to_array(),
+        seed: args.walk.seed,
+        photons: walked.photons,
+        budget: walked.budget,
+        noise: walked.relative_noise().to_array(),
+        asked_noise,
+    }
 }

@@ -6,5 +6,6 @@ pub mod far_profile;
 pub mod fresnel;
 pub mod material;
 mod material_file;
+pub mod phase;
 pub mod profile;
 pub mod profile_basis;

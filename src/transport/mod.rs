@@ -8,6 +8,7 @@ pub mod irradiance;
 pub mod irradiance_rows;
 pub mod kernel;
 pub mod near_field;
+pub mod random_walk;
 pub mod receivers;
 pub mod scene;
 pub mod simd;

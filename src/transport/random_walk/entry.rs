@@ -1,0 +1,202 @@
+//! Where photons enter a scene: points uniform over the surface, directions by the light, weights that are irradiance.
+
+use std::f64::consts::{PI, TAU};
+
+use glam::DVec3;
+
+use super::mesh_boundary::MeshBoundary;
+use super::walk::{Start, Stream};
+use crate::error::Result;
+use crate::geometry::bvh::{Bvh, Ray, offset_origin};
+use crate::light::Light;
+use crate::light::environment::Rotation;
+use crate::light::strata::{Strata, StrataSettings};
+use crate::math::spherical_rectangle::SphericalRectangle;
+use crate::medium::fresnel::{self, CosineTransmittance};
+use crate::transport::scene::Scene;
+
+/// How finely an environment is cut: 2^18 directions, each with the energy around it.
+const ENVIRONMENT: StrataSettings = StrataSettings { strata: 4096, candidates: 64 };
+
+/// A point light comes no nearer than the square root of this, so that weights stay finite.
+const LEAST_DISTANCE2_MM2: f64 = 1e-30;
+
+/// A photon that may enter.
+#[derive(Clone, Copy, Debug)]
+pub struct Candidate {
+    /// Where and how it would start.
+    pub start: Start,
+    /// Part that it enters.
+    pub part: u32,
+    /// Irradiance behind the surface that it stands for where nothing is in the way, RGB: its mean over candidates is the mean
+    /// irradiance of the unshadowed surface.
+    pub irradiance: DVec3,
+    shadow: Ray,
+    triangle: u32,
+}
+
+/// A light with what all points share.
+enum Source<'a> {
+    Constant { radiance: DVec3 },
+    Directional { from: DVec3, irradiance: DVec3 },
+    Point { at: DVec3, intensity: DVec3 },
+    Area { light: &'a Light },
+    Environment { strata: Strata, cumulative: Vec<f64>, rotation: Rotation, scale: DVec3 },
+}
+
+/// Light towards a point: its direction, how far it is, and the irradiance behind the surface over the entrance's
+/// `F_t cos`, or including it.
+struct Arrival {
+    towards: DVec3,
+    distance: f64,
+    gain: DVec3,
+    includes_entrance: bool,
+}
+
+/// The lit surface of a scene.
+pub struct Entries<'a> {
+    scene: &'a Scene,
+    bvh: &'a Bvh,
+    sources: Vec<Source<'a>>,
+    entrance: Vec<CosineTransmittance>,
+    /// Triangles of parts that transfer, part after part, and the area up to and including each.
+    triangles: Vec<u32>,
+    cumulative_mm2: Vec<f64>,
+}
+
+impl<'a> Entries<'a> {
+    /// `bvh` holds the occluders: all triangles of the scene.
+    ///
+    /// # Errors
+    /// Those of cutting an environment.
+    pub fn new(scene: &'a Scene, bvh: &'a Bvh, lights: &'a [Light]) -> Result<Self> {
+        let part_of = |t: u32| scene.parts.triangle_part.get(t as usize).copied().unwrap_or(u32::MAX);
+        let transfers = |t: &u32| scene.parts.parts.get(part_of(*t) as usize).is_some_and(|p| p.transfers());
+        let mut triangles: Vec<u32> = (0..scene.mesh.triangles.len() as u32).filter(transfers).collect();
+        triangles.sort_by_key(|&t| part_of(t));
+        let area_so_far = |sum: &mut f64, &t: &u32| {
+            *sum += scene.mesh.area_mm2(t);
+            Some(*sum)
+        };
+        let cumulative_mm2 = triangles.iter().scan(0.0, area_so_far).collect();
+        let sources = lights.iter().map(|l| Source::new(l, scene)).collect::<Result<_>>()?;
+        let eta = |m: &crate::transport::scene::Medium| m.properties.eta_inside_over_outside;
+        let entrance = scene.media.iter().map(|m| CosineTransmittance::new(eta(m))).collect();
+        Ok(Self { scene, bvh, sources, entrance, triangles, cumulative_mm2 })
+    }
+
+    /// Area that light can enter through, mm^2.
+    pub fn area_mm2(&self) -> f64 {
+        self.cumulative_mm2.last().copied().unwrap_or(0.0)
+    }
+
+    /// The candidate at the fraction `along` (in [0, 1)) of the area; none where no light arrives.
+    pub fn candidate(&self, along: f64, stream: &mut Stream) -> Option<Candidate> {
+        let wanted = along * self.area_mm2();
+        let index = self.cumulative_mm2.partition_point(|&a| a <= wanted).min(self.triangles.len().checked_sub(1)?);
+        let triangle = self.triangles[index];
+        let normal = self.scene.mesh.normal(triangle);
+        let [a, b, c] = self.scene.mesh.corners_local_mm(triangle);
+        let (r, s) = (stream.uniform().sqrt(), stream.uniform());
+        let at = a * (1.0 - r) + b * (r * (1.0 - s)) + c * (r * s);
+        let part = *self.scene.parts.triangle_part.get(triangle as usize)?;
+        let medium = self.scene.parts.parts.get(part as usize)?.medium? as usize;
+        let entrance = self.entrance.get(medium)?;
+        let choice = (stream.uniform() * self.sources.len() as f64) as usize;
+        let arrival = self.sources.get(choice)?.arrival(at, normal, self.scene, entrance, stream)?;
+        let (eta, cosine) = (entrance.eta_inside_over_outside(), arrival.towards.dot(normal));
+        let cos_inside = fresnel::refracted_cosine(eta, cosine)?;
+        let entering = if arrival.includes_entrance { 1.0 } else { fresnel::transmittance(eta, cosine) * cosine };
+        let direction = -((arrival.towards - cosine * normal) / eta + cos_inside * normal).normalize_or_zero();
+        let shadow = Ray {
+            origin: offset_origin(at.as_vec3(), normal.as_vec3()),
+            direction: arrival.towards.as_vec3(),
+            t_min: 0.0,
+            t_max: arrival.distance as f32,
+        };
+        let irradiance = arrival.gain * (entering * self.sources.len() as f64);
+        let start = Start { at_mm: MeshBoundary::just_inside(at, normal), direction };
+        (irradiance.max_element() > 0.0).then_some(Candidate { start, part, irradiance, shadow, triangle })
+    }
+
+    /// Whether nothing is between a candidate and its light.
+    pub fn is_lit(&self, candidate: &Candidate) -> bool {
+        !self.bvh.occluded(&candidate.shadow, candidate.triangle)
+    }
+}
+
+impl<'a> Source<'a> {
+    fn new(light: &'a Light, scene: &Scene) -> Result<Self> {
+        Ok(match light {
+            Light::Constant { radiance } => Self::Constant { radiance: *radiance },
+            Light::Directional { from, irradiance } => Self::Directional { from: *from, irradiance: *irradiance },
+            Light::Point { at_mm, intensity } => {
+                Self::Point { at: *at_mm - scene.mesh.origin_mm, intensity: *intensity }
+            }
+            Light::Area { .. } => Self::Area { light },
+            Light::Environment { map, rotate_degrees, scale } => {
+                let strata = Strata::new(map, ENVIRONMENT)?;
+                let energy_so_far = |sum: &mut f64, energy: DVec3| {
+                    *sum += energy.element_sum();
+                    Some(*sum)
+                };
+                let cumulative = strata.strata().iter().map(|s| s.energy).scan(0.0, energy_so_far).collect();
+                Self::Environment {
+                    strata,
+                    cumulative,
+                    rotation: Rotation::from_degrees(*rotate_degrees),
+                    scale: *scale,
+                }
+            }
+        })
+    }
+
+    /// A direction of this light for a point; none where it does not reach the front.
+    fn arrival(
+        &self,
+        at: DVec3,
+        normal: DVec3,
+        scene: &Scene,
+        entrance: &CosineTransmittance,
+        stream: &mut Stream,
+    ) -> Option<Arrival> {
+        let plain = |towards, distance, gain| Arrival { towards, distance, gain, includes_entrance: false };
+        let arrival = match self {
+            Self::Constant { radiance } => {
+                let mu = entrance.sample_entrance_cosine(stream.uniform());
+                let (sin, cos) = (TAU * stream.uniform()).sin_cos();
+                let (t, b) = normal.any_orthonormal_pair();
+                let towards = mu * normal + (1.0 - mu * mu).max(0.0).sqrt() * (cos * t + sin * b);
+                let gain = *radiance * (PI * entrance.diffuse_transmittance());
+                Arrival { towards, distance: f64::INFINITY, gain, includes_entrance: true }
+            }
+            Self::Directional { from, irradiance } => plain(*from, f64::INFINITY, *irradiance),
+            Self::Point { at: light, intensity } => {
+                let way = *light - at;
+                let square = way.length_squared().max(LEAST_DISTANCE2_MM2);
+                plain(way.normalize_or_zero(), square.sqrt(), *intensity / square)
+            }
+            Self::Area { light } => {
+                let Light::Area { at_mm, normal: front, u, size_mm, radiance } = light else { return None };
+                let (v, centre) = (front.cross(*u), *at_mm - scene.mesh.origin_mm);
+                if (at - centre).dot(*front) <= 0.0 {
+                    return None;
+                }
+                let corner = centre - 0.5 * size_mm[0] * *u - 0.5 * size_mm[1] * v;
+                let rectangle = SphericalRectangle::new(at, corner, *u, v, *size_mm);
+                let way = rectangle.sample(stream.uniform(), stream.uniform()) - at;
+                plain(way.normalize_or_zero(), way.length(), *radiance * rectangle.solid_angle())
+            }
+            Self::Environment { strata, cumulative, rotation, scale } => {
+                let total = cumulative.last().copied().filter(|total| *total > 0.0)?;
+                let wanted = stream.uniform() * total;
+                let index = cumulative.partition_point(|&e| e <= wanted).min(cumulative.len() - 1);
+                let candidates = strata.candidates(index);
+                let candidate = candidates.get((stream.uniform() * candidates.len() as f64) as usize)?;
+                let share = strata.strata().get(index)?.energy.element_sum() / total;
+                plain(rotation.to_world(candidate.direction), f64::INFINITY, candidate.weight * *scale / share)
+            }
+        };
+        (arrival.towards.dot(normal) > 0.0 && arrival.gain.is_finite()).then_some(arrival)
+    }
+}

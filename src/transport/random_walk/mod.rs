@@ -1,0 +1,30 @@
+//! A volumetric random walk: the exitance that the dipole only approximates.
+//!
+//! Photons enter a homogeneous medium through its boundary, scatter (Henyey and Greenstein) after free paths of mean
+//! 1/sigma_t (unreduced), lose weight by absorption, are reflected at the smooth boundary by exact Fresnel, and leave. What
+//! leaves is tallied where it does, split by the number of scattering events.
+//!
+//! What it shares with the other methods: irradiance behind the surface includes F_t at the entrance; light that has left
+//! does not enter again, neither its own part nor another; shadows are those of the whole scene. What it does not share:
+//! the dipole is a half space's answer to multiple scattering, the walk knows the shape, the direction of entrance and
+//! every order. Parts joined across air are walked one by one: no light crosses the air.
+//!
+//! # Speed
+//!
+//! Million collisions for a second of one core (AMD EPYC, marble at g = 0 and 0.8, entrances and rays included): half space
+//! 71 and 43, ball of 15 mm 51 and 39, closed bunny of 30 mm (70k triangles) 5 to 7 and 13. A photon in the bunny scatters 40
+//! times (200) before it leaves: what costs there are the flights near the surface, whose rays and look-ups in the grid of free
+//! space take three quarters of the time. Free space around both ends of a flight in place of its start alone gave 1.3; a
+//! grid of 8 and 40 times fewer cells, and its cells in bricks of a cache line, gave nothing.
+
+pub mod boundary;
+mod clearance;
+pub mod entry;
+pub mod exitance;
+pub mod mesh_boundary;
+pub mod model_error;
+pub mod tally;
+pub mod walk;
+
+#[cfg(test)]
+mod tests;

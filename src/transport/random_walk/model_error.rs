@@ -1,0 +1,82 @@
+//! How far another method's radiosity is from the walk's exitance: the model's own error.
+
+use glam::DVec3;
+
+use super::exitance::Exitance;
+use super::tally::Hats;
+use crate::error::{Error, Result};
+
+/// The difference between a method and the walk, with the walk's noise taken out. Shares of the walk's RMS, by channel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct ModelError {
+    /// RMS of the difference over the surface, less the noise: `sqrt(max(0, mean((b - mc)^2) - mean(se^2)))`.
+    pub rms: [f64; 3],
+    /// Mean of the difference, signed: positive where the method is brighter.
+    pub bias: [f64; 3],
+    /// What was taken out: RMS of the standard errors.
+    pub noise: [f64; 3],
+    /// Standard error of `bias` (the errors of vertices taken for independent).
+    pub bias_error: [f64; 3],
+}
+
+impl ModelError {
+    /// RMS of the worst channel.
+    pub fn worst_rms(&self) -> f64 {
+        self.rms.iter().fold(0.0, |a, &b| a.max(b))
+    }
+}
+
+/// Radiosity that is linear between vertices, projected on the hat functions as the walk's exitance is:
+/// `Int b hat / Int hat`, by slot.
+///
+/// # Errors
+/// As many values as source vertices are needed.
+pub fn project(hats: &Hats, radiosity: &[DVec3]) -> Result<Vec<DVec3>> {
+    if radiosity.len() != hats.of_vertex.len() {
+        let (values, vertices) = (radiosity.len(), hats.of_vertex.len());
+        return Err(Error::input(format!("{values} values of radiosity for {vertices} vertices")));
+    }
+    let nodal: Vec<DVec3> =
+        hats.vertex.iter().map(|&v| radiosity.get(v as usize).copied().unwrap_or_default()).collect();
+    let mut sums = vec![DVec3::ZERO; hats.len()];
+    for (corners, area) in hats.corners.iter().zip(&hats.triangle_area_mm2) {
+        let values = corners.map(|c| nodal.get(c as usize).copied().unwrap_or_default());
+        let all: DVec3 = values.iter().sum();
+        for (&corner, &value) in corners.iter().zip(&values) {
+            if let Some(sum) = sums.get_mut(corner as usize) {
+                *sum += (area / 12.0) * (all + value);
+            }
+        }
+    }
+    let divided = sums.iter().zip(&hats.mass_mm2);
+    Ok(divided.map(|(sum, &mass)| if mass > 0.0 { *sum / mass } else { DVec3::ZERO }).collect())
+}
+
+/// Compares the radiosity of every source vertex with a walk.
+///
+/// # Errors
+/// As [`project`].
+pub fn compare(walk: &Exitance, radiosity: &[DVec3]) -> Result<ModelError> {
+    let projected = project(&walk.hats, radiosity)?;
+    let area: f64 = walk.hats.mass_mm2.iter().sum();
+    if area <= 0.0 {
+        return Ok(ModelError::default());
+    }
+    let (mut squares, mut sums, mut noise, mut bias_error) = (DVec3::ZERO, DVec3::ZERO, DVec3::ZERO, DVec3::ZERO);
+    let values = projected.iter().zip(&walk.total).zip(&walk.standard_error).zip(&walk.hats.mass_mm2);
+    for (((&b, &mc), &error), &mass) in values {
+        let (share, difference) = (mass / area, b - mc);
+        squares += share * difference * difference;
+        sums += share * difference;
+        noise += share * error * error;
+        bias_error += share * share * error * error;
+    }
+    let unit = walk.unit();
+    let relative = |v: DVec3| DVec3::select(unit.cmpgt(DVec3::ZERO), v / unit, DVec3::ZERO).to_array();
+    Ok(ModelError {
+        rms: relative((squares - noise).max(DVec3::ZERO).map(f64::sqrt)),
+        bias: relative(sums),
+        noise: relative(noise.map(f64::sqrt)),
+        bias_error: relative(bias_error.map(f64::sqrt)),
+    })
+}
