@@ -28,7 +28,7 @@ pub(super) struct BakeOptions {
     /// Kinds of light to precompute for, separated by commas: constant, directional, point, area, environment, or all.
     /// Other kinds still work where the method can sample them at run time, only slower
     #[arg(long, value_name = "KINDS", default_value = "all")]
-    for_lights: String,
+    pub(super) for_lights: String,
     /// A key of the method (see `translux methods`); repeatable
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub(super) set: Vec<String>,

@@ -85,8 +85,10 @@ pub(super) fn run(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
 }
 
 fn dipole(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
-    if args.walk.photons.is_some() {
-        return Err(Error::command_line("--photons is for --model monte-carlo; the dipole takes --samples"));
+    if args.walk.photons.is_some() || args.walk.seed != 0 {
+        return Err(Error::command_line(
+            "--photons and --seed are for --model monte-carlo; the dipole takes --samples",
+        ));
     }
     let method = methods::named(&args.method)?;
     let settings = args.options.resolve(method)?;
@@ -187,6 +189,8 @@ impl ReferenceArgs {
             (self.method != "reference", "--method"),
             (self.options.samples.is_some(), "--samples"),
             (!self.options.set.is_empty(), "--set"),
+            (self.options.for_lights != "all", "--for-lights"),
+            (self.no_measure, "--no-measure"),
         ];
         if let Some((_, flag)) = unfit.iter().find(|(given, _)| *given) {
             return Err(Error::command_line(format!(
