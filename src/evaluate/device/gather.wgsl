@@ -9,8 +9,6 @@ struct Cluster {
 
 const CLUSTER: u32 = 0x80000000u;
 
-var<workgroup> slices: array<vec3<f32>, 64>;
-
 fn of_patch(job: u32, medium: u32, index: u32, at: vec3<f32>) -> vec3<f32> {
     let centre = patches[index].centre;
     let distance = max(length(centre - jobs[job].centre) - jobs[job].radius, 0.0);
@@ -58,10 +56,6 @@ fn gather(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_ind
     slices[thread] = total + partial;
     workgroupBarrier();
     if thread < LANES && receiver < end_receiver {
-        var sum = slices[lane] + slices[lane + 16u] + slices[lane + 32u] + slices[lane + 48u];
-        if jobs[job].round > 0u {
-            sum += radiosity[receiver].xyz;
-        }
-        radiosity[receiver] = vec4(sum, 0.0);
+        store(job, receiver, sum_of(lane));
     }
 }

@@ -83,6 +83,23 @@ const FLUSH: u32 = 31u;
 const LANES: u32 = 16u;
 const SLICES: u32 = 4u;
 
+// One for each thread: a lane of receivers times a slice of the entries.
+var<workgroup> slices: array<vec3<f32>, 64>;
+
+// The sum of a lane's slices, after a barrier.
+fn sum_of(lane: u32) -> vec3<f32> {
+    return slices[lane] + slices[lane + LANES] + slices[lane + 2u * LANES] + slices[lane + 3u * LANES];
+}
+
+// Later rounds add to what earlier ones wrote.
+fn store(job: u32, receiver: u32, sum: vec3<f32>) {
+    var total = sum;
+    if jobs[job].round > 0u {
+        total += radiosity[receiver].xyz;
+    }
+    radiosity[receiver] = vec4(total, 0.0);
+}
+
 fn term(weight: vec3<f32>, z2: vec3<f32>, sigma: vec3<f32>, r2: f32) -> vec3<f32> {
     let d2 = z2 + r2;
     let inverse = inverseSqrt(d2);

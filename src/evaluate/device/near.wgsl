@@ -5,8 +5,6 @@
 // [medium][term], RGB and 0; 16 for each medium.
 @group(1) @binding(3) var<storage, read> coefficients: array<vec4<f32>>;
 
-var<workgroup> slices: array<vec3<f32>, 64>;
-
 fn of_candidate(medium: u32, index: u32, at: vec3<f32>) -> vec3<f32> {
     let offset = patches[index].centre - at;
     let r2 = dot(offset, offset);
@@ -53,15 +51,12 @@ fn near(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     slices[thread] = total + partial;
     workgroupBarrier();
     if thread < LANES && receiver < end_receiver {
-        var sum = slices[lane] + slices[lane + 16u] + slices[lane + 32u] + slices[lane + 48u];
+        var sum = sum_of(lane);
         for (var k = 0u; k < settings.terms && jobs[job].round == 0u; k += 1u) {
             let i = 3u * (receiver * settings.terms + k);
             let value = vec3(far_values[i], far_values[i + 1u], far_values[i + 2u]);
             sum += coefficients[16u * medium + k].xyz * value;
         }
-        if jobs[job].round > 0u {
-            sum += radiosity[receiver].xyz;
-        }
-        radiosity[receiver] = vec4(sum, 0.0);
+        store(job, receiver, sum);
     }
 }

@@ -144,14 +144,7 @@ fn nearest<L: Lanes>(tree: &Tree, queries: &[Option<Query>; BUNDLE], best: &mut 
             if enter[child] > bundle.whole_range[1] {
                 continue;
             }
-            let item = (enter[child], node.children.0[child]);
-            let mut at = len;
-            while at > floor && stack[at - 1].0 < item.0 {
-                stack[at] = stack[at - 1];
-                at -= 1;
-            }
-            stack[at] = item;
-            len += 1;
+            traverse::push(&mut stack, floor, &mut len, (enter[child], node.children.0[child]));
         }
     }
     true

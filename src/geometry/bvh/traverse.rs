@@ -265,15 +265,20 @@ fn closest_on_stack<L: Lanes>(tree: &Tree, query: &Query, stack: &mut [(f32, u32
         while mask != 0 {
             let child = mask.trailing_zeros() as usize % WIDTH;
             mask &= mask - 1;
-            let item = (enter[child], node.children.0[child]);
-            let mut at = len;
-            while at > floor && stack[at - 1].0 < item.0 {
-                stack[at] = stack[at - 1];
-                at -= 1;
-            }
-            stack[at] = item;
-            len += 1;
+            push(stack, floor, &mut len, (enter[child], node.children.0[child]));
         }
     }
     best.rounded()
+}
+
+/// Pushes a child so that those of one node, from `floor` on, lie with the nearest on top.
+#[inline(always)]
+pub(super) fn push(stack: &mut [(f32, u32)], floor: usize, len: &mut usize, item: (f32, u32)) {
+    let mut at = *len;
+    while at > floor && stack[at - 1].0 < item.0 {
+        stack[at] = stack[at - 1];
+        at -= 1;
+    }
+    stack[at] = item;
+    *len += 1;
 }

@@ -11,6 +11,7 @@ use super::view::{ENVIRONMENTS, EnvironmentUniform, finite, finite3};
 use crate::evaluate::device::Device;
 use crate::light::Light;
 use crate::light::environment::EnvironmentMap;
+use crate::render::specular::MIN_ALPHA;
 
 /// A rectangle stands for itself by this many points along each edge.
 const POINTS_PER_EDGE: usize = 3;
@@ -198,7 +199,7 @@ pub(super) const ALBEDO_STEPS: usize = 32;
 /// normals"), each one's light weighted by Fresnel and the masking that is left.
 pub(super) fn albedos(eta: f64, roughness: f64) -> [f32; ALBEDO_STEPS] {
     const SIDE: u32 = 24;
-    let alpha = (roughness * roughness).max(1e-3);
+    let alpha = (roughness * roughness).max(MIN_ALPHA);
     let root = |c: f64| (alpha * alpha + (1.0 - alpha * alpha) * c * c).sqrt();
     std::array::from_fn(|step| {
         let cos = (step as f64 / (ALBEDO_STEPS - 1) as f64).max(1e-3);
