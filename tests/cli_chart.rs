@@ -55,6 +55,15 @@ fn every_row_is_measured_and_says_how_to_make_it_again() {
     }
     let truth = &chart["truths"][0];
     assert!(truth["own_rms"].as_f64().unwrap() > 0.0 && truth["samples"].as_u64().unwrap() >= 6000);
+    let models = truth["model_errors"].as_array().unwrap();
+    for line in models {
+        let of = |key: &str| line["error"][key][0].as_f64().unwrap();
+        assert!((0.005..0.3).contains(&of("rms")) && of("rms_error") < 0.1 * of("rms") + 0.02, "{line}");
+    }
+    assert_eq!(models.len(), 2, "a line for each light");
+    let walk = models[0]["command"].as_str().unwrap().strip_prefix("translux ").unwrap();
+    let again = folder.run(&format!("{walk} -q --json -o walk.ply")).ok().json();
+    assert_eq!(again["photons"], models[0]["photons"]);
     let table = String::from_utf8(folder.read("out/chart.csv")).unwrap();
     let lines: Vec<&str> = table.lines().collect();
     assert!(lines.len() == 5 && lines[0].starts_with("model,material,method,setting"), "{table}");

@@ -1,6 +1,7 @@
 //! `translux chart MODEL... -o DIR`: every method at a ladder of settings, against one reference.
 
 mod adapter;
+mod model;
 mod output;
 mod row;
 mod truth;

@@ -94,12 +94,14 @@ fn is_of(row: &Row, truth: &Truth) -> bool {
 
 fn scatter(cost: &Cost, truth: &Truth, rows: &[(usize, &Row)]) -> Scatter {
     let point = |(_, row): &(usize, &Row)| Point { series: row.method.clone(), x: (cost.of)(row), y: row.error.rms };
+    let mut lines = vec![(truth.own_rms, "the reference's own error".to_owned())];
+    lines.extend(truth.model_rms().map(|[rms, _]| (rms, "the dipole's own, against a random walk".to_owned())));
     Scatter {
         title: format!("{}: {} in {}", cost.title, truth.model, truth.material),
         axes: [cost.axis.to_owned(), "RMS error over the vertices, worst light".to_owned()],
         units: [cost.unit, Unit::Percent],
         points: rows.iter().map(point).collect(),
-        lines: vec![(truth.own_rms, "the reference's own error".to_owned())],
+        lines,
     }
 }
 

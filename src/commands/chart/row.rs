@@ -90,8 +90,8 @@ pub(super) fn of(subject: &Subject, method: &dyn Method, rung: &str, truth: &Ref
     let mut evaluator = method.open(Arc::clone(&asset))?;
     let open_ms = 1e3 * started.elapsed().as_secs_f64();
     let mut lights = Vec::with_capacity(truth.lights.len());
-    let mut first = Vec::new();
-    for ((text, light), expected) in truth.lights.iter().zip(&truth.radiosity) {
+    let mut shown = None;
+    for (index, ((text, light), expected)) in truth.lights.iter().zip(&truth.radiosity).enumerate() {
         let mut times = Vec::with_capacity(subject.extent.repeats);
         let mut values = Vec::new();
         let begun = Instant::now();
@@ -103,19 +103,19 @@ pub(super) fn of(subject: &Subject, method: &dyn Method, rung: &str, truth: &Ref
             values = evaluator.radiosity(&Silent)?;
             times.push(1e3 * started.elapsed().as_secs_f64());
         }
+        let (picture, of_light) = pictures(evaluator.as_ref(), &values, index, truth)?;
+        shown = shown.or(of_light);
         lights.push(LightError {
             light: text.clone(),
+            picture,
             error: vertex_error(&values, expected, &truth.areas),
             negative_share: negative_share(&values, &truth.areas),
             relight_ms: Quantiles::of(times),
         });
-        if first.is_empty() {
-            first = values;
-        }
     }
     let edit_ms = edits(evaluator.as_mut(), &subject.extent)?;
     let device = subject.adapter.row(|| method.open(Arc::clone(&asset)), &truth.lights, &subject.extent)?;
-    let (picture, shown) = pictures(evaluator.as_ref(), &first, truth)?;
+    let shown = shown.ok_or_else(|| Error::runtime("a chart without lights or views"))?;
     let vertices = truth.areas.len();
     let per_vertex = |bytes: u64| bytes as f64 / vertices.max(1) as f64;
     let number = |name: &str| report[name].as_f64().unwrap_or(f64::NAN);
@@ -143,7 +143,7 @@ pub(super) fn of(subject: &Subject, method: &dyn Method, rung: &str, truth: &Ref
         device,
         error: lights.iter().fold(VertexError::default(), |worst, l| worst.max(l.error)),
         negative_share: lights.iter().map(|l| l.negative_share).fold(0.0, f64::max),
-        picture,
+        picture: lights.iter().fold(PictureError::default(), |worst, l| worst.max(l.picture)),
         promised_rms: ledger.total_rms(),
         ledger: ledger.entries.iter().map(|e| (e.stage.clone(), e.error.rms)).collect(),
         lights,
@@ -200,25 +200,29 @@ pub(super) fn edited(medium: &Medium) -> Medium {
     other
 }
 
-/// Errors of the pictures under the first light, and that of the first view.
-fn pictures(evaluator: &dyn Evaluator, radiosity: &[DVec3], truth: &Reference) -> Result<(PictureError, Shown)> {
+/// Errors of the pictures under the `index`-th light, and that of the first view.
+fn pictures(
+    evaluator: &dyn Evaluator,
+    radiosity: &[DVec3],
+    index: usize,
+    truth: &Reference,
+) -> Result<(PictureError, Option<Shown>)> {
     let mut worst = PictureError::default();
     let mut shown = None;
-    for (settings, expected) in &truth.views {
+    for (settings, frames) in &truth.views {
+        let Some(expected) = frames.get(index) else { continue };
         let frame = render(evaluator, radiosity, &[], settings, &Silent)?;
         let diffuse = |f: &Frame| f.pixels.iter().map(|p| p.diffuse).collect::<Vec<_>>();
         let (found, wanted) = (diffuse(&frame), diffuse(expected));
         let (width, height) = (frame.resolution.width, frame.resolution.height);
         let picture = |rgb| Picture { width, height, rgb };
         let flip = flip::hdr(&picture(&wanted), &picture(&found), &flip::Settings::default())?;
-        worst.flip = worst.flip.max(flip.mean);
         let covered: Vec<bool> =
             frame.pixels.iter().zip(&expected.pixels).map(|(a, b)| a.coverage > 0.0 || b.coverage > 0.0).collect();
         let error = image_error(&found, &wanted, &covered);
-        worst.rms = worst.rms.max(error.rms);
-        worst.rms_with_background = worst.rms_with_background.max(error.rms_with_background);
+        let of_view = PictureError { rms: error.rms, rms_with_background: error.rms_with_background, flip: flip.mean };
+        worst = worst.max(of_view);
         shown.get_or_insert(Shown { frame, truth: expected.clone() });
     }
-    let shown = shown.ok_or_else(|| Error::runtime("a chart without views"))?;
     Ok((worst, shown))
 }

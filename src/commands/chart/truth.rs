@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::Subject;
 use super::row::{Baked, bake};
+use super::{Subject, model};
 use crate::asset::Asset;
 use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
@@ -32,8 +32,8 @@ pub(super) struct Reference {
     pub(super) radiosity: Vec<Vec<DVec3>>,
     /// Area around each vertex.
     pub(super) areas: Vec<f64>,
-    /// Views and what they show under the first light.
-    pub(super) views: Vec<(RenderSettings, Frame)>,
+    /// Views, and what each shows under each light.
+    pub(super) views: Vec<(RenderSettings, Vec<Frame>)>,
 }
 
 /// Bakes the reference, lights it and measures its own error.
@@ -57,7 +57,14 @@ pub(super) fn of(subject: &Subject, samples: usize) -> Result<Reference> {
         own_rms = own_rms.max(evaluator.measured_error(&[], console)?.total_rms());
         radiosity.push(values);
     }
-    let views = views(evaluator.as_ref(), radiosity.first().map_or(&[], Vec::as_slice))?;
+    let views = views(evaluator.as_ref(), &radiosity)?;
+    let (model_errors, no_model_errors) = match model::errors(subject, evaluator.scene(), &lights, &radiosity) {
+        Ok(lines) => (lines, None),
+        Err(error) => {
+            console.warn(&format!("the model's own error is left out: {error}"));
+            (Vec::new(), Some(error.to_string()))
+        }
+    };
     Ok(Reference {
         entry: Truth {
             model: super::row::name(subject.model),
@@ -65,6 +72,8 @@ pub(super) fn of(subject: &Subject, samples: usize) -> Result<Reference> {
             samples: asset.samples.len(),
             own_rms,
             command,
+            model_errors,
+            no_model_errors,
         },
         areas: evaluator.scene().vertex_areas_mm2(),
         lights,
@@ -82,7 +91,7 @@ fn defaults(evaluator: &dyn Evaluator) -> Vec<(String, Light)> {
 }
 
 /// The front, and the other side from above.
-fn views(evaluator: &dyn Evaluator, radiosity: &[DVec3]) -> Result<Vec<(RenderSettings, Frame)>> {
+fn views(evaluator: &dyn Evaluator, radiosity: &[Vec<DVec3>]) -> Result<Vec<(RenderSettings, Vec<Frame>)>> {
     let mesh = &evaluator.scene().mesh;
     let front = Camera::framing(mesh, PICTURE)?;
     let direction = DVec3::new(0.8, 0.6, -1.0).normalize();
@@ -94,8 +103,8 @@ fn views(evaluator: &dyn Evaluator, radiosity: &[DVec3]) -> Result<Vec<(RenderSe
             specular: Specular::Off,
             ..RenderSettings::new(camera, PICTURE)
         };
-        let frame = render(evaluator, radiosity, &[], &settings, &Silent)?;
-        Ok((settings, frame))
+        let frames = radiosity.iter().map(|b| render(evaluator, b, &[], &settings, &Silent)).collect::<Result<_>>()?;
+        Ok((settings, frames))
     };
     [front, back].into_iter().map(of_camera).collect()
 }

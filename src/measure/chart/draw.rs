@@ -210,12 +210,12 @@ impl Drawing for Scatter {
             .map_err(|e| failed(&e))?;
         for (level, name) in &self.lines {
             let line = [(x.0, *level), (x.1, *level)];
-            let style = ShapeStyle::from(&RGBColor(90, 90, 90)).stroke_width(1);
-            chart
-                .draw_series(DashedLineSeries::new(line, 6, 4, style))
-                .map_err(|e| failed(&e))?
-                .label(name.clone())
-                .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 18, y)], style));
+            let colour = RGBColor(90, 90, 90);
+            let style = ShapeStyle::from(&colour).stroke_width(1);
+            chart.draw_series(DashedLineSeries::new(line, 6, 4, style)).map_err(|e| failed(&e))?;
+            let text = format!("{name}: {}", self.units[1].text(*level));
+            let text = Text::new(text, (8, -18), (FONT, 14).into_font().color(&colour));
+            chart.draw_series([EmptyElement::at((x.0, *level)) + text]).map_err(|e| failed(&e))?;
         }
         let places: Vec<(f64, f64)> = shown.iter().map(|p| (p.x, p.y)).collect();
         let front: Vec<(f64, f64)> = pareto(&places).into_iter().map(|i| places[i]).collect();

@@ -8,6 +8,7 @@ pub mod table;
 use serde::{Deserialize, Serialize};
 
 use crate::math::statistics::{Quantiles, VertexError};
+use crate::transport::random_walk::model_error::ModelError;
 
 /// Identifies the shape of the JSON.
 pub const SCHEMA: &str = "translux-chart/1";
@@ -36,6 +37,30 @@ pub struct Truth {
     pub own_rms: f64,
     /// The command that makes its asset.
     pub command: String,
+    /// How far its model of the light inside is from a random walk, light by light; empty where none can be walked.
+    pub model_errors: Vec<ModelLine>,
+    /// Why no random walk was possible.
+    pub no_model_errors: Option<String>,
+}
+
+impl Truth {
+    /// RMS of the model's own error under the worst light, and its standard error.
+    pub fn model_rms(&self) -> Option<[f64; 2]> {
+        self.model_errors.iter().map(|line| line.error.worst()).max_by(|a, b| a[0].total_cmp(&b[0]))
+    }
+}
+
+/// The dipole against a random walk, under one light.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ModelLine {
+    /// The light as it would be typed.
+    pub light: String,
+    /// The reference less the walk.
+    pub error: ModelError,
+    /// Photons of each channel.
+    pub photons: [u64; 3],
+    /// The command that walks the same photons.
+    pub command: String,
 }
 
 /// One light's errors.
@@ -47,6 +72,8 @@ pub struct LightError {
     pub error: VertexError,
     /// Share of the area with negative radiosity, in the channel where it is largest.
     pub negative_share: f64,
+    /// Of its pictures, worst view of each figure.
+    pub picture: PictureError,
     /// Time to new radiosity after a change of this light, ms.
     pub relight_ms: Quantiles,
 }
@@ -60,6 +87,17 @@ pub struct PictureError {
     pub rms_with_background: f64,
     /// Mean HDR-FLIP over all pixels.
     pub flip: f64,
+}
+
+impl PictureError {
+    /// The larger of each figure.
+    pub fn max(self, other: Self) -> Self {
+        Self {
+            rms: self.rms.max(other.rms),
+            rms_with_background: self.rms_with_background.max(other.rms_with_background),
+            flip: self.flip.max(other.flip),
+        }
+    }
 }
 
 /// A method at one setting, on one model of one material.

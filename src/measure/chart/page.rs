@@ -4,7 +4,7 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
 use super::draw::Unit;
-use super::{Chart, Row};
+use super::{Chart, ModelLine, Row, Truth};
 
 /// Pictures of one row: its own, the reference's, and their difference, as PNG.
 pub struct Triple {
@@ -32,6 +32,14 @@ const COLUMNS: &[Column] = &[
         true => ("nothing".to_owned(), f64::MAX),
         false => percent(r.promised_rms),
     }),
+    (
+        "measured/promised",
+        "RMS over what the asset promises, the sum of its stages; more than 1 is a broken promise",
+        |r| match r.promised_rms > 0.0 {
+            true => (format!("{:.2}", r.error.rms / r.promised_rms), r.error.rms / r.promised_rms),
+            false => ("".to_owned(), f64::MAX),
+        },
+    ),
     ("bytes/vertex", "On disk, without the mesh and the environment", |r| {
         (Unit::BytesPerVertex.text(r.bytes_per_vertex), r.bytes_per_vertex)
     }),
@@ -84,14 +92,7 @@ pub fn page(chart: &Chart, charts: &[(String, String)], pictures: &[Triple]) -> 
         escaped(&machine.processor)
     );
     for truth in &chart.truths {
-        text += &format!(
-            "<p>{} in {}: compared with all pairs of {} samples, which is itself {} RMS off: <code>{}</code></p>\n",
-            escaped(&truth.model),
-            escaped(&truth.material),
-            truth.samples,
-            Unit::Percent.text(truth.own_rms),
-            escaped(&truth.command)
-        );
+        text += &paragraph(truth);
     }
     text += &table(chart);
     for (title, svg) in charts {
@@ -110,6 +111,56 @@ pub fn page(chart: &Chart, charts: &[(String, String)], pictures: &[Triple]) -> 
         text += &format!("<figcaption>{}</figcaption></figure>\n", escaped(caption));
     }
     text + "<script>" + SCRIPT + "</script>\n</body></html>\n"
+}
+
+/// What the rows of one model and material are compared with, and how good that is.
+fn paragraph(truth: &Truth) -> String {
+    let mut text = format!(
+        "<p>{} in {}: compared with all pairs of {} samples, which is itself {} RMS off: <code>{}</code><br>\n",
+        escaped(&truth.model),
+        escaped(&truth.material),
+        truth.samples,
+        Unit::Percent.text(truth.own_rms),
+        escaped(&truth.command)
+    );
+    if let Some(reason) = &truth.no_model_errors {
+        text += &format!("The dipole's own error is not known: {}", escaped(reason));
+    } else if !truth.model_errors.is_empty() {
+        let one = |line: &ModelLine| {
+            let [rms, error] = line.error.worst();
+            let bias = line.error.bias.iter().fold(0.0f64, |a, &b| if b.abs() > a.abs() { b } else { a });
+            format!(
+                "<span title=\"{}\">{} &plusmn; {} RMS, bias {}, under {}</span>",
+                escaped(&line.command),
+                Unit::Percent.text(rms),
+                Unit::Percent.text(error),
+                Unit::Percent.text(bias),
+                escaped(&rounded(&line.light))
+            )
+        };
+        let all: Vec<String> = truth.model_errors.iter().map(one).collect();
+        text += &format!("The dipole itself, against a random walk through the volume:<br>{}", all.join("<br>"));
+    }
+    text + "</p>\n"
+}
+
+/// A light with the decimals of its numbers cut to four.
+fn rounded(light: &str) -> String {
+    let is_number = |c: char| c.is_ascii_digit() || c == '.' || c == '-';
+    let mut text = String::new();
+    let mut rest = light;
+    while !rest.is_empty() {
+        let end = rest.find(is_number).unwrap_or(rest.len());
+        let (words, after) = rest.split_at(end);
+        let (number, after) = after.split_at(after.find(|c| !is_number(c)).unwrap_or(after.len()));
+        text += words;
+        text += &match number.parse::<f64>() {
+            Ok(value) if number.contains('.') => format!("{}", (value * 1e4).round() / 1e4),
+            _ => number.to_owned(),
+        };
+        rest = after;
+    }
+    text
 }
 
 fn table(chart: &Chart) -> String {
@@ -166,6 +217,16 @@ mod tests {
     #[test]
     fn text_cannot_break_out() {
         assert_eq!(escaped("<a href=\"x\">&"), "&lt;a href=&quot;x&quot;&gt;&amp;");
+    }
+
+    #[test]
+    fn lights_are_rounded_and_names_left_alone() {
+        assert_eq!(
+            rounded("directional:from=-0.28555822,0.90625,1:irradiance=3"),
+            "directional:from=-0.2856,0.9063,1:irradiance=3"
+        );
+        assert_eq!(rounded("maps/a-1.hdr:rotate=63"), "maps/a-1.hdr:rotate=63");
+        assert_eq!(rounded(""), "");
     }
 
     #[test]

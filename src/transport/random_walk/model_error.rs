@@ -7,10 +7,12 @@ use super::tally::Hats;
 use crate::error::{Error, Result};
 
 /// The difference between a method and the walk, with the walk's noise taken out. Shares of the walk's RMS, by channel.
-#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ModelError {
     /// RMS of the difference over the surface, less the noise: `sqrt(max(0, mean((b - mc)^2) - mean(se^2)))`.
     pub rms: [f64; 3],
+    /// Standard error of `rms` (the errors of vertices taken for independent).
+    pub rms_error: [f64; 3],
     /// Mean of the difference, signed: positive where the method is brighter.
     pub bias: [f64; 3],
     /// What was taken out: RMS of the standard errors.
@@ -20,9 +22,10 @@ pub struct ModelError {
 }
 
 impl ModelError {
-    /// RMS of the worst channel.
-    pub fn worst_rms(&self) -> f64 {
-        self.rms.iter().fold(0.0, |a, &b| a.max(b))
+    /// RMS of the worst channel, and its standard error.
+    pub fn worst(&self) -> [f64; 2] {
+        let channels = self.rms.iter().zip(&self.rms_error).map(|(&rms, &error)| [rms, error]);
+        channels.fold([0.0; 2], |worst, channel| if channel[0] > worst[0] { channel } else { worst })
     }
 }
 
@@ -62,7 +65,7 @@ pub fn compare(walk: &Exitance, radiosity: &[DVec3]) -> Result<ModelError> {
     if area <= 0.0 {
         return Ok(ModelError::default());
     }
-    let (mut squares, mut sums, mut noise, mut bias_error) = (DVec3::ZERO, DVec3::ZERO, DVec3::ZERO, DVec3::ZERO);
+    let [mut squares, mut sums, mut noise, mut bias_error, mut variance] = [DVec3::ZERO; 5];
     let values = projected.iter().zip(&walk.total).zip(&walk.standard_error).zip(&walk.hats.mass_mm2);
     for (((&b, &mc), &error), &mass) in values {
         let (share, difference) = (mass / area, b - mc);
@@ -70,11 +73,19 @@ pub fn compare(walk: &Exitance, radiosity: &[DVec3]) -> Result<ModelError> {
         sums += share * difference;
         noise += share * error * error;
         bias_error += share * share * error * error;
+        // Of a normal deviate added to a true difference d: Var (d + e)^2 = 4 d^2 <e^2> + 2 <e^2>^2.
+        let true_square = (difference * difference - error * error).max(DVec3::ZERO);
+        variance += share * share * (4.0 * true_square + 2.0 * error * error) * error * error;
     }
+    let rms = (squares - noise).max(DVec3::ZERO).map(f64::sqrt);
+    // The root of a mean square m with standard error s: s / (2 sqrt m), or sqrt s where m is lost in the noise.
+    let deviation = variance.map(f64::sqrt);
+    let steep = DVec3::select(rms.cmpgt(DVec3::ZERO), deviation / (2.0 * rms), DVec3::INFINITY);
     let unit = walk.unit();
     let relative = |v: DVec3| DVec3::select(unit.cmpgt(DVec3::ZERO), v / unit, DVec3::ZERO).to_array();
     Ok(ModelError {
-        rms: relative((squares - noise).max(DVec3::ZERO).map(f64::sqrt)),
+        rms: relative(rms),
+        rms_error: relative(steep.min(deviation.map(f64::sqrt))),
         bias: relative(sums),
         noise: relative(noise.map(f64::sqrt)),
         bias_error: relative(bias_error.map(f64::sqrt)),
