@@ -122,7 +122,7 @@ pub enum Source {
 
 /// Sources that one group of receivers sees.
 #[derive(Default)]
-struct Lists {
+pub(super) struct Lists {
     points: Vec<PointSource>,
     flats: Vec<FlatSource>,
     block: Block,
@@ -192,6 +192,44 @@ impl<'a> Gather<'a> {
             sources
         };
         receivers.groups.par_iter().map(of_group).collect()
+    }
+
+    /// What every source brings the receivers of a group for a flux of 1 (clusters) or an irradiance of 1 (samples): RGB
+    /// of each receiver. `even` is the light of irradiance 1 everywhere.
+    pub(super) fn weights(
+        &self,
+        receivers: &Receivers,
+        group: Group,
+        even: &Lit,
+        scheme: Scheme,
+        lists: &mut Lists,
+        take: &mut impl FnMut(Source, &[[f32; 3]]),
+    ) {
+        let members = &receivers.positions[group.run.range()];
+        let sphere = receivers.sphere(group);
+        lists.block.reset(sphere.centre_mm, members);
+        lists.points.clear();
+        lists.flats.clear();
+        let part = group.part as usize;
+        let Some(medium) = self.medium(part) else { return };
+        let mut weights = vec![[0.0; 3]; members.len()];
+        self.visit(part, even, medium, scheme, &sphere, &mut |source| {
+            match source {
+                Source::Cluster(index) => {
+                    let at = even.clusters[index as usize].centre_mm;
+                    lists.points.push(point(at, DVec3::ONE, &sphere));
+                }
+                Source::Patch(index) => self.patch(index as usize, even, medium, &sphere, lists),
+            }
+            self.drain(medium, lists, 0);
+            lists.block.take(&mut weights);
+            take(source, &weights);
+        });
+    }
+
+    /// Patches of the surface.
+    pub(super) fn patches(&self) -> &[crate::geometry::samples::Patch] {
+        self.surface.patches
     }
 
     fn group(&self, receivers: &Receivers, group: Group, lit: &Lit, scheme: Scheme, lists: &mut Lists) {

@@ -136,6 +136,16 @@ impl Block {
         }
     }
 
+    /// The sums of all receivers, RGB, which then are zero again.
+    pub fn take(&mut self, out: &mut [[f32; 3]]) {
+        for (row, out) in self.rows.iter_mut().zip(out.chunks_mut(LANES)) {
+            for (lane, out) in out.iter_mut().enumerate() {
+                *out = [0, 1, 2].map(|c| row.sums[c][lane] as f32);
+            }
+            row.sums = [[0.0; LANES]; 3];
+        }
+    }
+
     /// RGB sum of one receiver.
     pub fn sum(&self, receiver: usize) -> DVec3 {
         DVec3::from_array(self.rows[receiver / LANES].sums.map(|channel| channel[receiver % LANES]))

@@ -7,6 +7,7 @@ pub mod gather;
 pub mod irradiance;
 pub mod irradiance_rows;
 pub mod kernel;
+pub mod many_lights;
 pub mod near_field;
 pub mod random_walk;
 pub mod receivers;

@@ -92,6 +92,33 @@ impl SampleTree {
         clusters
     }
 
+    /// Flux of every node under each of `lights` lights, from the irradiance of every sample under each of them:
+    /// `[node][light]`.
+    pub fn flux_rows(&self, patches: &[Patch], irradiance: &[f32], lights: usize) -> Vec<f32> {
+        let mut rows = vec![0.0; self.nodes.len() * lights];
+        for (index, node) in self.nodes.iter().enumerate().rev() {
+            // Children follow their parent.
+            let (before, after) = rows.split_at_mut((index + 1) * lights);
+            let row = &mut before[index * lights..];
+            let mut add = |source: &[f32], factor: f32| {
+                row.iter_mut().zip(source).for_each(|(sum, value)| *sum += factor * value);
+            };
+            if node.children[0] == NONE {
+                for &i in &self.order[node.run.range()] {
+                    add(
+                        &irradiance[i as usize * lights..(i as usize + 1) * lights],
+                        patches[i as usize].area_mm2 as f32,
+                    );
+                }
+            } else {
+                for child in node.children {
+                    add(&after[(child as usize - index - 1) * lights..][..lights], 1.0);
+                }
+            }
+        }
+        rows
+    }
+
     /// Bytes in memory.
     pub fn bytes(&self) -> usize {
         size_of_val(self.nodes.as_slice()) + size_of_val(self.order.as_slice())

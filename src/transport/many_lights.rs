@@ -1,0 +1,289 @@
+//! Radiosity under many lights at once: the transfer from samples to receivers is computed once for all of them, and
+//! applied as a product of matrices.
+//!
+//! What stands for what is the same for every light: clusters have the centroid of their area instead of that of their
+//! flux, which costs a tighter criterion and saves everything else. Irradiance of directional and point lights is
+//! scalar (F_t depends on eta alone), transfer is RGB.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::gather::{Criterion, Gather, Lit, Scheme, Source};
+use super::receivers::{Group, Receivers};
+use super::simd::{Level, multiversion};
+use super::tree::SampleTree;
+use crate::math::statistics::{VertexError, vertex_error};
+use crate::progress::Progress;
+
+/// Irradiance of every sample under each of some lights; for a scene of one index of refraction, white lights.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct IrradianceRows {
+    /// Lights.
+    pub lights: usize,
+    /// Those of sample `s` are `values[s * lights..(s + 1) * lights]`.
+    pub values: Vec<f32>,
+}
+
+/// Radiosity of every receiver under each light: `values[(receiver * 3 + channel) * lights + light]`.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RadiosityRows {
+    /// Lights.
+    pub lights: usize,
+    /// In the order of the receivers.
+    pub values: Vec<f32>,
+}
+
+impl RadiosityRows {
+    /// The three rows of a receiver, channel after channel.
+    pub fn of(&self, receiver: usize) -> &[f32] {
+        let size = 3 * self.lights;
+        self.values.get(receiver * size..(receiver + 1) * size).unwrap_or(&[])
+    }
+
+    /// Radiosity of every receiver under one light, RGB.
+    pub fn under(&self, light: usize) -> Vec<DVec3> {
+        let rows = self.values.chunks_exact((3 * self.lights).max(1));
+        rows.map(|row| DVec3::from([0, 1, 2].map(|c| f64::from(row[c * self.lights + light])))).collect()
+    }
+}
+
+/// Receivers that tune the criterion, and others that measure what it costs.
+const TUNING: usize = 96;
+const PROBES: usize = 192;
+
+/// Limits that tuning tries at most; without success there is no hierarchy.
+const TRIALS: usize = 14;
+
+/// Share of the asked error that tuning aims at, because other receivers may fare worse.
+const TARGET: f64 = 0.7;
+
+/// Sources whose weights are multiplied at once.
+const SOURCES: usize = 64;
+
+/// Rows of a block: three channels of a group of receivers.
+const ROWS: usize = 4;
+
+/// Lights of a block.
+const COLUMNS: usize = 32;
+
+/// A scene's transfer for lights that are not known yet.
+pub struct ManyLights<'a> {
+    gather: &'a Gather<'a>,
+    tree: &'a SampleTree,
+    receivers: &'a Receivers,
+    areas: &'a [f64],
+    even: Lit<'a>,
+    scheme: Scheme,
+    level: Level,
+}
+
+impl<'a> ManyLights<'a> {
+    /// All pairs until [`Self::tune`]; `ones` is an irradiance of 1 for every sample, `areas` those around the receivers.
+    pub fn new(
+        gather: &'a Gather<'a>,
+        tree: &'a SampleTree,
+        receivers: &'a Receivers,
+        areas: &'a [f64],
+        ones: &'a [DVec3],
+    ) -> Self {
+        let even = gather.light(ones);
+        Self { gather, tree, receivers, areas, even, scheme: Scheme::AllPairs, level: Level::detect() }
+    }
+
+    /// Uses narrower instructions than this processor offers: the results are the same to the bit.
+    #[must_use]
+    pub fn with_level(mut self, level: Level) -> Self {
+        self.level = level;
+        self
+    }
+
+    /// Finds the largest limit of the criterion that keeps the asked error under every one of these lights, on some
+    /// receivers; returns the error on others.
+    pub fn tune(&mut self, error: f64, rows: &IrradianceRows) -> VertexError {
+        let flux = self.fluxes(rows);
+        let (subset, indices) = self.receivers.subset(TUNING, 0);
+        let truth = self.gathered(&subset, rows, &flux, Scheme::AllPairs, &crate::progress::Silent);
+        let scheme = |limit| Scheme::Hierarchical { criterion: Criterion::SolidAngle(limit) };
+        let mut limit = (4.0 * error).clamp(1e-4, 1.0);
+        let mut kept = None;
+        for _ in 0..TRIALS {
+            let found = self.gathered(&subset, rows, &flux, scheme(limit), &crate::progress::Silent);
+            let found = self.worst(&found, &truth, &indices).rms;
+            if found <= TARGET * error {
+                kept = Some(limit);
+                if found >= 0.5 * TARGET * error {
+                    break;
+                }
+            } else if kept.is_some() {
+                break;
+            }
+            let factor = (TARGET * error / found.max(f64::MIN_POSITIVE)).powf(0.8);
+            limit *= if kept.is_some() { (0.9 * factor).clamp(1.1, 4.0) } else { (0.9 * factor).clamp(0.05, 0.7) };
+        }
+        let Some(limit) = kept else { return VertexError::default() };
+        self.scheme = scheme(limit);
+        let (subset, indices) = self.receivers.subset(PROBES, 1);
+        let truth = self.gathered(&subset, rows, &flux, Scheme::AllPairs, &crate::progress::Silent);
+        let found = self.gathered(&subset, rows, &flux, self.scheme, &crate::progress::Silent);
+        self.worst(&found, &truth, &indices)
+    }
+
+    /// Radiosity of every receiver under each light. A receiver's value depends on its own group only.
+    pub fn radiosity(&self, rows: &IrradianceRows, progress: &dyn Progress) -> RadiosityRows {
+        progress.start("transfer", self.receivers.len() as u64);
+        let result = self.gathered(self.receivers, rows, &self.fluxes(rows), self.scheme, progress);
+        progress.finish();
+        result
+    }
+
+    /// Flux of every node of the tree under each light.
+    fn fluxes(&self, rows: &IrradianceRows) -> Vec<f32> {
+        self.tree.flux_rows(self.gather.patches(), &rows.values, rows.lights)
+    }
+
+    /// The error under the worst light.
+    fn worst(&self, found: &RadiosityRows, truth: &RadiosityRows, indices: &[u32]) -> VertexError {
+        let areas: Vec<f64> = indices.iter().map(|&i| self.areas.get(i as usize).copied().unwrap_or(0.0)).collect();
+        let of_light = |light| vertex_error(&found.under(light), &truth.under(light), &areas);
+        (0..found.lights).map(of_light).fold(VertexError::default(), VertexError::max)
+    }
+
+    fn gathered(
+        &self,
+        receivers: &Receivers,
+        rows: &IrradianceRows,
+        flux: &[f32],
+        scheme: Scheme,
+        progress: &dyn Progress,
+    ) -> RadiosityRows {
+        let lights = rows.lights;
+        let mut values = vec![0.0; receivers.len() * 3 * lights];
+        let mut rest = values.as_mut_slice();
+        let mut jobs = Vec::with_capacity(receivers.groups.len());
+        for group in &receivers.groups {
+            let (mine, others) = rest.split_at_mut(group.run.range().len() * 3 * lights);
+            rest = others;
+            jobs.push((*group, mine));
+        }
+        let of_group = |work: &mut Work, (group, out): (Group, &mut [f32])| {
+            let members = group.run.range().len();
+            work.begin(members, lights);
+            let row = |source: Source| match source {
+                Source::Cluster(node) => &flux[node as usize * lights..(node as usize + 1) * lights],
+                Source::Patch(sample) => &rows.values[sample as usize * lights..(sample as usize + 1) * lights],
+            };
+            self.gather.weights(receivers, group, &self.even, scheme, &mut work.lists, &mut |source, weights| {
+                work.block.push(weights, row(source));
+                if work.block.sources == SOURCES {
+                    work.block.multiply(self.level);
+                }
+            });
+            work.block.multiply(self.level);
+            work.block.store(members, out);
+            progress.advance(members as u64);
+        };
+        jobs.into_par_iter().for_each_init(Work::default, of_group);
+        RadiosityRows { lights, values }
+    }
+}
+
+/// What a thread works with.
+#[derive(Default)]
+struct Work {
+    lists: super::gather::Lists,
+    block: Product,
+}
+
+impl Work {
+    fn begin(&mut self, members: usize, lights: usize) {
+        self.block.begin(3 * members, lights);
+    }
+}
+
+/// The sum over sources of weights (rows) times light (columns), both padded to whole blocks.
+#[derive(Default)]
+struct Product {
+    rows: usize,
+    columns: usize,
+    lights: usize,
+    sources: usize,
+    /// `[source][row]`.
+    weights: Vec<f32>,
+    /// `[source][column]`.
+    light: Vec<f32>,
+    /// `[row][column]`.
+    sums: Vec<f32>,
+}
+
+impl Product {
+    fn begin(&mut self, rows: usize, lights: usize) {
+        (self.rows, self.lights, self.sources) = (rows.next_multiple_of(ROWS), lights, 0);
+        self.columns = lights.next_multiple_of(COLUMNS);
+        self.sums.clear();
+        self.sums.resize(self.rows * self.columns, 0.0);
+        self.weights.resize(SOURCES * self.rows, 0.0);
+        self.light.clear();
+        self.light.resize(SOURCES * self.columns, 0.0);
+    }
+
+    /// `weights` is per receiver, RGB.
+    fn push(&mut self, weights: &[[f32; 3]], light: &[f32]) {
+        let at = self.sources * self.rows;
+        let slots = self.weights[at..at + self.rows].iter_mut();
+        slots.zip(weights.as_flattened().iter().chain(std::iter::repeat(&0.0))).for_each(|(slot, &w)| *slot = w);
+        let at = self.sources * self.columns;
+        self.light[at..at + self.lights].copy_from_slice(light);
+        self.sources += 1;
+    }
+
+    fn multiply(&mut self, level: Level) {
+        multiply(level, self);
+        self.sources = 0;
+    }
+
+    /// From `[receiver, channel][padded light]` to the layout of [`RadiosityRows`].
+    fn store(&self, members: usize, out: &mut [f32]) {
+        for (row, out) in out.chunks_exact_mut(self.lights.max(1)).enumerate().take(3 * members) {
+            let at = row * self.columns;
+            out.copy_from_slice(&self.sums[at..at + self.lights]);
+        }
+    }
+}
+
+multiversion! {
+    /// Adds the products of the sources at hand to the sums.
+    fn multiply(product: &mut Product) => multiply_body
+}
+
+#[inline(always)]
+fn multiply_body(product: &mut Product) {
+    let Product { rows, columns, sources, weights, light, sums, .. } = product;
+    let (rows, columns, sources) = (*rows, *columns, *sources);
+    for row in (0..rows).step_by(ROWS) {
+        for column in (0..columns).step_by(COLUMNS) {
+            let mut block = [[0.0f32; COLUMNS]; ROWS];
+            for source in 0..sources {
+                let at = source * columns + column;
+                let Some(light) = light.get(at..at + COLUMNS) else { return };
+                let at = source * rows + row;
+                let Some(weights) = weights.get(at..at + ROWS) else { return };
+                for (sums, &weight) in block.iter_mut().zip(weights) {
+                    for i in 0..COLUMNS {
+                        sums[i] += weight * light[i];
+                    }
+                }
+            }
+            for (r, partial) in block.iter().enumerate() {
+                let at = (row + r) * columns + column;
+                let Some(sums) = sums.get_mut(at..at + COLUMNS) else { return };
+                for i in 0..COLUMNS {
+                    sums[i] += partial[i];
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+#[path = "many_lights_tests.rs"]
+mod tests;

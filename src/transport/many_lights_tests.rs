@@ -1,0 +1,112 @@
+use glam::DVec3;
+
+use super::*;
+use crate::geometry::shapes;
+use crate::light::Light;
+use crate::progress::Silent;
+use crate::transport::gather::NearField;
+use crate::transport::irradiance::{Illumination, LightSampling};
+use crate::transport::test_scene::{Fixture, named};
+
+fn lights(count: usize) -> Vec<Light> {
+    let from = |i: usize| crate::math::random::uniform(7, i as u64, 0) * 2.0 - 1.0;
+    (0..count)
+        .map(|i| Light::Directional {
+            from: DVec3::new(from(3 * i), from(3 * i + 1), from(3 * i + 2)).normalize(),
+            irradiance: DVec3::ONE,
+        })
+        .collect()
+}
+
+fn rows(fixture: &Fixture, lights: &[Light]) -> (IrradianceRows, Vec<Vec<DVec3>>) {
+    let surface = fixture.surface();
+    let eta = fixture.scene.media[0].properties.eta_inside_over_outside;
+    let of_light = |light: &Light| {
+        let one = std::slice::from_ref(light);
+        Illumination::new(&surface, one, &[eta], LightSampling::FAST).unwrap().all(&Silent)
+    };
+    let columns: Vec<Vec<DVec3>> = lights.iter().map(of_light).collect();
+    let of_sample = |s: usize| columns.iter().map(move |c| c[s].x as f32);
+    let values = (0..fixture.samples.len()).flat_map(of_sample).collect();
+    (IrradianceRows { lights: lights.len(), values }, columns)
+}
+
+fn with_many<T>(fixture: &Fixture, work: impl FnOnce(&mut ManyLights, &Gather, &Receivers) -> T) -> T {
+    let surface = fixture.surface();
+    let gather = Gather::new(&surface, &fixture.tree, &fixture.scene.media, NearField::FAST);
+    let receivers = Receivers::new(&fixture.scene.mesh, &fixture.scene.parts, 16);
+    let (areas, ones) = (vec![1.0; receivers.len()], vec![DVec3::ONE; fixture.samples.len()]);
+    work(&mut ManyLights::new(&gather, &fixture.tree, &receivers, &areas, &ones), &gather, &receivers)
+}
+
+#[test]
+fn all_pairs_are_those_of_the_gather() {
+    let fixture = Fixture::new(shapes::bumpy_head(10.0, 2), named("marble"), 3000);
+    let lights = lights(5);
+    let (rows, columns) = rows(&fixture, &lights);
+    with_many(&fixture, |many, gather, receivers| {
+        let found = many.radiosity(&rows, &Silent);
+        for (light, column) in columns.iter().enumerate() {
+            let expected = gather.radiosity(receivers, &gather.light(column), Scheme::AllPairs, &Silent);
+            let error = vertex_error(&found.under(light), &expected, &vec![1.0; expected.len()]);
+            assert!(error.worst < 3e-6, "{error:?}");
+        }
+        assert_eq!(found.of(3).len(), 15);
+        assert!(found.of(receivers.len()).is_empty());
+    });
+}
+
+#[test]
+fn the_hierarchy_keeps_the_asked_error_under_lights_that_no_tuning_saw() {
+    let fixture = Fixture::new(shapes::bumpy_head(10.0, 4), named("skin1"), 12_000);
+    let lights = lights(8);
+    let (tuning, _) = rows(&fixture, &lights[..4]);
+    let (others, columns) = rows(&fixture, &lights[4..]);
+    with_many(&fixture, |many, gather, receivers| {
+        for asked in [0.01, 0.002] {
+            let own = many.tune(asked, &tuning);
+            assert!(own.rms > 0.05 * asked && own.rms < 1.5 * asked, "{own:?}");
+            let found = many.radiosity(&others, &Silent);
+            for (light, column) in columns.iter().enumerate() {
+                let expected = gather.radiosity(receivers, &gather.light(column), Scheme::AllPairs, &Silent);
+                let error = vertex_error(&found.under(light), &expected, &vec![1.0; expected.len()]);
+                assert!(error.rms < 1.5 * asked, "{asked}: {error:?}");
+            }
+        }
+    });
+}
+
+#[test]
+fn every_level_and_any_number_of_lights_give_the_same_bits() {
+    let fixture = Fixture::new(shapes::bumpy_head(10.0, 2), named("marble"), 1500);
+    let (all, _) = rows(&fixture, &lights(37));
+    let (first, _) = rows(&fixture, &lights(1));
+    with_many(&fixture, |many, _, _| {
+        let _ = many.tune(0.01, &first);
+        let expected = many.radiosity(&all, &Silent);
+        let alone = many.radiosity(&first, &Silent);
+        assert_eq!(alone.under(0), expected.under(0));
+    });
+    let of_level = |level| {
+        with_many(&fixture, |many, gather, receivers| {
+            let (areas, ones) = (vec![1.0; receivers.len()], vec![DVec3::ONE; fixture.samples.len()]);
+            let _ = many;
+            ManyLights::new(gather, &fixture.tree, receivers, &areas, &ones).with_level(level).radiosity(&all, &Silent)
+        })
+    };
+    let levels = Level::available();
+    for level in &levels[1..] {
+        assert_eq!(of_level(*level), of_level(levels[0]));
+    }
+}
+
+#[test]
+fn nothing_gives_nothing() {
+    let fixture = Fixture::new(shapes::bumpy_head(10.0, 1), named("marble"), 300);
+    with_many(&fixture, |many, _, receivers| {
+        let dark = IrradianceRows { lights: 2, values: vec![0.0; 2 * fixture.samples.len()] };
+        assert!(many.radiosity(&dark, &Silent).values.iter().all(|v| *v == 0.0));
+        let none = many.radiosity(&IrradianceRows::default(), &Silent);
+        assert_eq!((none.values.len(), receivers.is_empty()), (0, false));
+    });
+}
