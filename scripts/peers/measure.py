@@ -87,6 +87,8 @@ def llvm_library():
 
 def read_obj(path):
     points, faces = [], []
+    if not os.path.isfile(path):
+        raise Failure(f"there is no {path}")
     with open(path, encoding="utf-8", errors="replace") as file:
         for line in file:
             words = line.split()
@@ -305,6 +307,7 @@ def arguments():
     p.add_argument("--photons", type=int, default=1_000_000, help="of each channel of our random walk, twice; 0 leaves it out")
     p.add_argument("--venvs", default=os.path.join(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"),
                                                    "translux-peers"), help="folder of the Python environments")
+    p.add_argument("--translux", help="the program (default: built here)")
     p.add_argument("-o", "--output", required=True, help="folder for peers.json, peers.md, peers.png and the pictures")
     asked = p.parse_args()
     unknown = set(asked.peers.split(",")) - PEERS.keys() - {""}
@@ -321,8 +324,9 @@ def main():
     asked = arguments()
     asked.model = os.path.abspath(asked.model)
     os.makedirs(asked.output, exist_ok=True)
-    run(["cargo", "build", "--release", "--quiet", "--locked", "--manifest-path", os.path.join(ROOT, "Cargo.toml")])
-    translux = os.path.join(ROOT, "target", "release", "translux")
+    translux = asked.translux or os.path.join(ROOT, "target", "release", "translux")
+    if not asked.translux:
+        run(["cargo", "build", "--release", "--quiet", "--locked", "--manifest-path", os.path.join(ROOT, "Cargo.toml")])
     presets = {m["name"]: m for m in json.loads(run([translux, "materials", "--json"])[0])["materials"]}
     if asked.material not in presets:
         raise Failure(f"no material is called {asked.material}; there are {', '.join(presets)}")
