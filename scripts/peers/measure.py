@@ -246,8 +246,8 @@ def differences(row, peers, mask):
 def sheet(path, ours, peers, size):
     """Upper row: pictures, left to right as the table. Lower row: what each has above (red) or below (blue) our first."""
     shown = [r["picture"] for r in ours] + [np.nan_to_num(0.5 * (p["a"] + p["b"])) for p in peers]
-    first = shown[0]
-    white = np.percentile(first[ours[0]["alpha"] > 0.99].max(-1), 99.5)
+    first, covered = shown[0], ours[0]["alpha"] > 0.99
+    white = max(np.percentile(picture[covered].max(-1), 90) for picture in shown)
     cell = 8
     rows = max(size // cell, 1) * cell
     upper, lower = [], []

@@ -1,7 +1,9 @@
 """Two independent pictures by Cycles. Usage: render_cycles.py SCENE.json OUT.npz (a child of measure.py)
 
 Colour: the diffuse reflectance of a half space of the medium, as light that entered leaves it. Cycles inverts it into a
-single-scattering albedo for a boundary without refraction. Radius: 4 pi mean free paths, because Cycles divides by 4 pi.
+single-scattering albedo for a boundary without internal reflection. Radius: 4 pi mean free paths, because Cycles divides
+by 4 pi and takes what is left as the mean free path (random walk), or as the length d of the profile (Burley), which is
+the mean free path over s(colour), equation 6 of Christensen and Burley 2015; Blender 5 leaves that division to the user.
 """
 
 import json
@@ -71,6 +73,12 @@ def set_up(asked):
     return scene
 
 
+def radius(asked):
+    colours = asked["total_reflectance"]
+    shape = [1.9 - a + 3.5 * (a - 0.8) ** 2 for a in colours] if asked["method"] == "BURLEY" else [1.0] * 3
+    return [4 * math.pi * x / s for x, s in zip(asked["mean_free_path_mm"], shape)]
+
+
 def material(asked):
     made = bpy.data.materials.new("medium")
     made.use_nodes = True
@@ -82,7 +90,7 @@ def material(asked):
     for name, value in {
         "Base Color": (*asked["total_reflectance"], 1.0),
         "Subsurface Weight": 1.0,
-        "Subsurface Radius": [4 * math.pi * x for x in asked["mean_free_path_mm"]],
+        "Subsurface Radius": radius(asked),
         "Subsurface Scale": 1.0,
         "Subsurface Anisotropy": 0.0,
         "IOR": asked["eta"],
