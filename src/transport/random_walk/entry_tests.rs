@@ -68,9 +68,9 @@ fn lights() -> Vec<(&'static str, Vec<Light>, u64)> {
         ("point", vec![Light::point(centre + DVec3::new(2.0, 6.0, 9.0), 100.0 * colour).unwrap()], 1 << 19),
         ("area", vec![area.clone()], 1 << 21),
         ("sky", vec![environment(sky(), 0.0)], 1 << 21),
-        ("turned environment", vec![environment(patchy, 117.0)], 1 << 21),
+        ("turned environment", vec![environment(patchy, 117.0)], 3 << 20),
         ("small sun", vec![environment(sun, -40.0)], 1 << 20),
-        ("three lights", vec![constant, Light::directional(DVec3::NEG_X, 3.0 * DVec3::Z).unwrap(), area], 1 << 21),
+        ("three lights", vec![constant, Light::directional(DVec3::NEG_X, 3.0 * DVec3::Z).unwrap(), area], 1 << 22),
     ]
 }
 
