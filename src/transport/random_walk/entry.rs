@@ -8,6 +8,7 @@ use super::mesh_boundary::MeshBoundary;
 use super::walk::{Start, Stream};
 use crate::error::Result;
 use crate::geometry::bvh::{Bvh, Ray, offset_origin};
+use crate::geometry::mesh::Mesh;
 use crate::light::Light;
 use crate::light::environment::Rotation;
 use crate::light::strata::{Strata, StrataSettings};
@@ -20,6 +21,9 @@ const ENVIRONMENT: StrataSettings = StrataSettings { strata: 4096, candidates: 6
 
 /// A point light comes no nearer than the square root of this, so that weights stay finite.
 const LEAST_DISTANCE2_MM2: f64 = 1e-30;
+
+/// Cells of the space-filling curve along the longest side of the bounding box.
+const CURVE_CELLS: f64 = 65_535.0;
 
 /// A photon that may enter.
 #[derive(Clone, Copy, Debug)]
@@ -59,7 +63,8 @@ pub struct Entries<'a> {
     bvh: &'a Bvh,
     sources: Vec<Source<'a>>,
     entrance: Vec<CosineTransmittance>,
-    /// Triangles of parts that transfer, part after part, and the area up to and including each.
+    /// Triangles of parts that transfer, part after part and along a curve that keeps neighbours together (photons that
+    /// follow each other then walk through the same memory), and the area up to and including each.
     triangles: Vec<u32>,
     cumulative_mm2: Vec<f64>,
 }
@@ -72,8 +77,9 @@ impl<'a> Entries<'a> {
     pub fn new(scene: &'a Scene, bvh: &'a Bvh, lights: &'a [Light]) -> Result<Self> {
         let part_of = |t: u32| scene.parts.triangle_part.get(t as usize).copied().unwrap_or(u32::MAX);
         let transfers = |t: &u32| scene.parts.parts.get(part_of(*t) as usize).is_some_and(|p| p.transfers());
+        let bounds = scene.mesh.bounds_local_mm();
         let mut triangles: Vec<u32> = (0..scene.mesh.triangles.len() as u32).filter(transfers).collect();
-        triangles.sort_by_key(|&t| part_of(t));
+        triangles.sort_by_cached_key(|&t| (part_of(t), along_curve(&scene.mesh, bounds, t)));
         let area_so_far = |sum: &mut f64, &t: &u32| {
             *sum += scene.mesh.area_mm2(t);
             Some(*sum)
@@ -123,6 +129,14 @@ impl<'a> Entries<'a> {
     pub fn is_lit(&self, candidate: &Candidate) -> bool {
         !self.bvh.occluded(&candidate.shadow, candidate.triangle)
     }
+}
+
+/// Where the first corner of a triangle is along a space-filling curve through the bounding box (Morton's).
+fn along_curve(mesh: &Mesh, [low, high]: [DVec3; 2], triangle: u32) -> u64 {
+    let [corner, ..] = mesh.corners_local_mm(triangle);
+    let scaled = (corner - low) * (CURVE_CELLS / (high - low).max_element().max(f64::MIN_POSITIVE));
+    let spread = |x: f64| (0..16).fold(0, |code, bit| code | (x as u64 >> bit & 1) << (3 * bit));
+    spread(scaled.x) | spread(scaled.y) << 1 | spread(scaled.z) << 2
 }
 
 impl<'a> Source<'a> {
@@ -200,3 +214,7 @@ impl<'a> Source<'a> {
         (arrival.towards.dot(normal) > 0.0 && arrival.gain.is_finite()).then_some(arrival)
     }
 }
+
+#[cfg(test)]
+#[path = "entry_tests.rs"]
+mod tests;
