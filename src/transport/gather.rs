@@ -194,13 +194,13 @@ impl<'a> Gather<'a> {
         receivers.groups.par_iter().map(of_group).collect()
     }
 
-    /// What every source brings the receivers of a group for a flux of 1 (clusters) or an irradiance of 1 (samples): RGB
-    /// of each receiver. `even` is the light of irradiance 1 everywhere.
+    /// What every source of a light brings the receivers of a group for a flux of 1 (clusters) or an irradiance of 1
+    /// (samples): RGB of each receiver.
     pub(super) fn weights(
         &self,
         receivers: &Receivers,
         group: Group,
-        even: &Lit,
+        lit: &Lit,
         scheme: Scheme,
         lists: &mut Lists,
         take: &mut impl FnMut(Source, &[[f32; 3]]),
@@ -213,13 +213,16 @@ impl<'a> Gather<'a> {
         let part = group.part as usize;
         let Some(medium) = self.medium(part) else { return };
         let mut weights = vec![[0.0; 3]; members.len()];
-        self.visit(part, even, medium, scheme, &sphere, &mut |source| {
+        self.visit(part, lit, medium, scheme, &sphere, &mut |source| {
             match source {
                 Source::Cluster(index) => {
-                    let at = even.clusters[index as usize].centre_mm;
+                    let at = lit.clusters[index as usize].centre_mm;
                     lists.points.push(point(at, DVec3::ONE, &sphere));
                 }
-                Source::Patch(index) => self.patch(index as usize, even, medium, &sphere, lists),
+                Source::Patch(index) if lit.irradiance[index as usize] == DVec3::ZERO => return,
+                Source::Patch(index) => {
+                    self.patch(index as usize, (DVec3::ONE, 1.0), None, medium, &sphere, lists);
+                }
             }
             self.drain(medium, lists, 0);
             lists.block.take(&mut weights);
@@ -246,7 +249,8 @@ impl<'a> Gather<'a> {
                 lists.points.push(point(cluster.centre_mm, cluster.flux * lit.scale, &sphere));
             }
             Source::Patch(index) => {
-                self.patch(index as usize, lit, medium, &sphere, lists);
+                let index = index as usize;
+                self.patch(index, (lit.irradiance[index], lit.scale), lit.pieces, medium, &sphere, lists);
                 self.drain(medium, lists, 4096);
             }
         });
@@ -329,12 +333,19 @@ impl<'a> Gather<'a> {
     }
 
     /// Adds one patch to the lists, as finely as its distance asks for.
-    fn patch(&self, index: usize, lit: &Lit, medium: &MediumKernel, sphere: &Sphere, lists: &mut Lists) {
-        let e = lit.irradiance[index];
+    fn patch(
+        &self,
+        index: usize,
+        (e, scale): (DVec3, f64),
+        pieces: Option<&Pieces>,
+        medium: &MediumKernel,
+        sphere: &Sphere,
+        lists: &mut Lists,
+    ) {
         if e == DVec3::ZERO {
             return;
         }
-        let e = e * lit.scale;
+        let e = e * scale;
         let patch = &self.surface.patches[index];
         let distance = (patch.centre_mm.distance(sphere.centre_mm) - sphere.radius_mm).max(0.0);
         let reach2 = distance * distance + medium.smooth_mm * medium.smooth_mm;
@@ -345,9 +356,9 @@ impl<'a> Gather<'a> {
         }
         let exact = below(self.near.exact_below);
         let mesh = &self.surface.scene.mesh;
-        if let Some(pieces) = lit.pieces.and_then(|p| p.of(index)) {
+        if let Some(pieces) = pieces.and_then(|p| p.of(index)) {
             for (deviation, corners) in pieces {
-                let e = deviation * lit.scale;
+                let e = deviation * scale;
                 let corners = corners.map(|c| patch.centre_mm + glam::Vec3::from_array(c).as_dvec3());
                 if exact {
                     lists.flats.extend(FlatSource::new(corners, e.as_vec3().to_array(), sphere.centre_mm));

@@ -1,14 +1,14 @@
 //! Radiosity under many lights at once: the transfer from samples to receivers is computed once for all of them, and
 //! applied as a product of matrices.
 //!
-//! What stands for what is the same for every light: clusters have the centroid of their area instead of that of their
-//! flux, which costs a tighter criterion and saves everything else. Irradiance of directional and point lights is
-//! scalar (F_t depends on eta alone), transfer is RGB.
+//! What stands for what is the same for all lights of a call: clusters have the centroid of the flux that these bring
+//! together. Lights of one call should be neighbours; samples that none of them reaches cost nothing then. Irradiance of
+//! directional and point lights is scalar (F_t depends on eta alone), transfer is RGB.
 
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::gather::{Criterion, Gather, Lit, Scheme, Source};
+use super::gather::{Criterion, Gather, Scheme, Source};
 use super::receivers::{Group, Receivers};
 use super::simd::{Level, multiversion};
 use super::tree::SampleTree;
@@ -72,22 +72,14 @@ pub struct ManyLights<'a> {
     tree: &'a SampleTree,
     receivers: &'a Receivers,
     areas: &'a [f64],
-    even: Lit<'a>,
     scheme: Scheme,
     level: Level,
 }
 
 impl<'a> ManyLights<'a> {
-    /// All pairs until [`Self::tune`]; `ones` is an irradiance of 1 for every sample, `areas` those around the receivers.
-    pub fn new(
-        gather: &'a Gather<'a>,
-        tree: &'a SampleTree,
-        receivers: &'a Receivers,
-        areas: &'a [f64],
-        ones: &'a [DVec3],
-    ) -> Self {
-        let even = gather.light(ones);
-        Self { gather, tree, receivers, areas, even, scheme: Scheme::AllPairs, level: Level::detect() }
+    /// All pairs until [`Self::tune`]; `areas` are those around the receivers.
+    pub fn new(gather: &'a Gather<'a>, tree: &'a SampleTree, receivers: &'a Receivers, areas: &'a [f64]) -> Self {
+        Self { gather, tree, receivers, areas, scheme: Scheme::AllPairs, level: Level::detect() }
     }
 
     /// Uses narrower instructions than this processor offers: the results are the same to the bit.
@@ -100,14 +92,14 @@ impl<'a> ManyLights<'a> {
     /// Finds the largest limit of the criterion that keeps the asked error under every one of these lights, on some
     /// receivers; returns the error on others.
     pub fn tune(&mut self, error: f64, rows: &IrradianceRows) -> VertexError {
-        let flux = self.fluxes(rows);
+        let shared = &Shared::new(self, rows);
         let (subset, indices) = self.receivers.subset(TUNING, 0);
-        let truth = self.gathered(&subset, rows, &flux, Scheme::AllPairs, &crate::progress::Silent);
+        let truth = self.gathered(&subset, rows, shared, Scheme::AllPairs, &crate::progress::Silent);
         let scheme = |limit| Scheme::Hierarchical { criterion: Criterion::SolidAngle(limit) };
         let mut limit = (4.0 * error).clamp(1e-4, 1.0);
         let mut kept = None;
         for _ in 0..TRIALS {
-            let found = self.gathered(&subset, rows, &flux, scheme(limit), &crate::progress::Silent);
+            let found = self.gathered(&subset, rows, shared, scheme(limit), &crate::progress::Silent);
             let found = self.worst(&found, &truth, &indices).rms;
             if found <= TARGET * error {
                 kept = Some(limit);
@@ -123,22 +115,17 @@ impl<'a> ManyLights<'a> {
         let Some(limit) = kept else { return VertexError::default() };
         self.scheme = scheme(limit);
         let (subset, indices) = self.receivers.subset(PROBES, 1);
-        let truth = self.gathered(&subset, rows, &flux, Scheme::AllPairs, &crate::progress::Silent);
-        let found = self.gathered(&subset, rows, &flux, self.scheme, &crate::progress::Silent);
+        let truth = self.gathered(&subset, rows, shared, Scheme::AllPairs, &crate::progress::Silent);
+        let found = self.gathered(&subset, rows, shared, self.scheme, &crate::progress::Silent);
         self.worst(&found, &truth, &indices)
     }
 
     /// Radiosity of every receiver under each light. A receiver's value depends on its own group only.
     pub fn radiosity(&self, rows: &IrradianceRows, progress: &dyn Progress) -> RadiosityRows {
         progress.start("transfer", self.receivers.len() as u64);
-        let result = self.gathered(self.receivers, rows, &self.fluxes(rows), self.scheme, progress);
+        let result = self.gathered(self.receivers, rows, &Shared::new(self, rows), self.scheme, progress);
         progress.finish();
         result
-    }
-
-    /// Flux of every node of the tree under each light.
-    fn fluxes(&self, rows: &IrradianceRows) -> Vec<f32> {
-        self.tree.flux_rows(self.gather.patches(), &rows.values, rows.lights)
     }
 
     /// The error under the worst light.
@@ -152,11 +139,12 @@ impl<'a> ManyLights<'a> {
         &self,
         receivers: &Receivers,
         rows: &IrradianceRows,
-        flux: &[f32],
+        shared: &Shared,
         scheme: Scheme,
         progress: &dyn Progress,
     ) -> RadiosityRows {
-        let lights = rows.lights;
+        let (lights, flux) = (rows.lights, &shared.flux);
+        let lit = self.gather.light(&shared.mean);
         let mut values = vec![0.0; receivers.len() * 3 * lights];
         let mut rest = values.as_mut_slice();
         let mut jobs = Vec::with_capacity(receivers.groups.len());
@@ -172,7 +160,7 @@ impl<'a> ManyLights<'a> {
                 Source::Cluster(node) => &flux[node as usize * lights..(node as usize + 1) * lights],
                 Source::Patch(sample) => &rows.values[sample as usize * lights..(sample as usize + 1) * lights],
             };
-            self.gather.weights(receivers, group, &self.even, scheme, &mut work.lists, &mut |source, weights| {
+            self.gather.weights(receivers, group, &lit, scheme, &mut work.lists, &mut |source, weights| {
                 work.block.push(weights, row(source));
                 if work.block.sources == SOURCES {
                     work.block.multiply(self.level);
@@ -184,6 +172,24 @@ impl<'a> ManyLights<'a> {
         };
         jobs.into_par_iter().for_each_init(Work::default, of_group);
         RadiosityRows { lights, values }
+    }
+}
+
+/// What all receivers share.
+struct Shared {
+    /// Mean irradiance of every sample.
+    mean: Vec<DVec3>,
+    /// Flux of every node of the tree under each light.
+    flux: Vec<f32>,
+}
+
+impl Shared {
+    fn new(many: &ManyLights, rows: &IrradianceRows) -> Self {
+        let of_sample = |row: &[f32]| row.iter().map(|e| f64::from(*e)).sum::<f64>() / row.len() as f64;
+        Self {
+            mean: rows.values.chunks_exact(rows.lights.max(1)).map(|row| DVec3::splat(of_sample(row))).collect(),
+            flux: many.tree.flux_rows(many.gather.patches(), &rows.values, rows.lights),
+        }
     }
 }
 
@@ -261,26 +267,30 @@ fn multiply_body(product: &mut Product) {
     let (rows, columns, sources) = (*rows, *columns, *sources);
     for row in (0..rows).step_by(ROWS) {
         for column in (0..columns).step_by(COLUMNS) {
-            let mut block = [[0.0f32; COLUMNS]; ROWS];
+            // One variable each, so that they stay in registers.
+            let [mut s0, mut s1, mut s2, mut s3] = [[0.0f32; COLUMNS]; ROWS];
             for source in 0..sources {
-                let at = source * columns + column;
-                let Some(light) = light.get(at..at + COLUMNS) else { return };
-                let at = source * rows + row;
-                let Some(weights) = weights.get(at..at + ROWS) else { return };
-                for (sums, &weight) in block.iter_mut().zip(weights) {
-                    for i in 0..COLUMNS {
-                        sums[i] += weight * light[i];
-                    }
-                }
+                let light = light.get(source * columns + column..).and_then(|l| l.first_chunk::<COLUMNS>());
+                let weights = weights.get(source * rows + row..).and_then(|w| w.first_chunk::<ROWS>());
+                let (Some(light), Some(&[w0, w1, w2, w3])) = (light, weights) else { return };
+                add(&mut s0, w0, light);
+                add(&mut s1, w1, light);
+                add(&mut s2, w2, light);
+                add(&mut s3, w3, light);
             }
-            for (r, partial) in block.iter().enumerate() {
-                let at = (row + r) * columns + column;
-                let Some(sums) = sums.get_mut(at..at + COLUMNS) else { return };
-                for i in 0..COLUMNS {
-                    sums[i] += partial[i];
-                }
+            for (r, partial) in [s0, s1, s2, s3].iter().enumerate() {
+                let sums = sums.get_mut((row + r) * columns + column..).and_then(|s| s.first_chunk_mut::<COLUMNS>());
+                let Some(sums) = sums else { return };
+                add(sums, 1.0, partial);
             }
         }
+    }
+}
+
+#[inline(always)]
+fn add(sums: &mut [f32; COLUMNS], weight: f32, light: &[f32; COLUMNS]) {
+    for i in 0..COLUMNS {
+        sums[i] += weight * light[i];
     }
 }
 

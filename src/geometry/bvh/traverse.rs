@@ -9,6 +9,9 @@ use super::{Hit, NO_TRIANGLE};
 /// Entries of a stack that needs no allocation; deeper trees take a `Vec`.
 pub(super) const SMALL_STACK: usize = 256;
 
+/// The same of a stack that is cleared for every ray, which short rays feel.
+const CLEARED_STACK: usize = 96;
+
 /// No block has this number: there are fewer than 2^28.
 const NOTHING: u32 = u32::MAX;
 
@@ -232,9 +235,11 @@ fn closest_avx2(tree: &Tree, query: &Query) -> Option<Hit> {
 
 #[inline(always)]
 fn closest_with<L: Lanes>(tree: &Tree, query: &Query) -> Option<Hit> {
-    let mut small = [(0.0f32, 0u32); SMALL_STACK];
+    if tree.stack <= CLEARED_STACK {
+        return closest_on_stack::<L>(tree, query, &mut [(0.0, 0); CLEARED_STACK]);
+    }
     if tree.stack <= SMALL_STACK {
-        return closest_on_stack::<L>(tree, query, &mut small);
+        return closest_on_stack::<L>(tree, query, &mut [(0.0, 0); SMALL_STACK]);
     }
     closest_on_stack::<L>(tree, query, &mut vec![(0.0, 0); tree.stack])
 }

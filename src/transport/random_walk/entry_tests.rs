@@ -49,6 +49,9 @@ fn region(scene: &Scene, triangle: u32) -> usize {
     8 * part + (0..3).fold(0, |octant, axis| octant | usize::from(normal[axis] > 0.0) << axis)
 }
 
+/// Fewer candidates unless there is time: 1.5 % in place of 0.5 %.
+const SAVES: u64 = 9;
+
 /// Lights around the scene, all coloured, with as many candidates as bring four standard errors of the whole below 0.5 %.
 fn lights() -> Vec<(&'static str, Vec<Light>, u64)> {
     let colour = DVec3::new(1.0, 2.0, 0.4);
@@ -119,10 +122,11 @@ fn arriving(scene: &Scene, lights: &[Light], sampling: LightSampling) -> Vec<DVe
 #[test]
 fn every_light_brings_the_irradiance_that_all_methods_use() {
     let scene = scene();
+    let (saves, most) = if std::env::var_os("TRANSLUX_LONG").is_some() { (1, 5e-3) } else { (SAVES, 1.5e-2) };
     for (name, lights, candidates) in lights() {
         let coarse = arriving(&scene, &lights, LightSampling::FAST);
         let fine = arriving(&scene, &lights, LightSampling { directions: 1024, ..LightSampling::REFERENCE });
-        let [flux, error] = entering(&scene, &lights, candidates);
+        let [flux, error] = entering(&scene, &lights, candidates / saves);
         let whole: DVec3 = fine.iter().sum();
         // Four standard errors, and what is left of the error of the other side, which is less than what refining it changed.
         let tolerance = |r: usize| 4.0 * error[r] + (coarse[r] - fine[r]).abs() + 1e-4 * whole;
@@ -133,7 +137,7 @@ fn every_light_brings_the_irradiance_that_all_methods_use() {
         let squares: DVec3 = error.iter().map(|e| *e * *e).sum();
         let (off, tolerance) = (flux.iter().sum::<DVec3>() / whole - 1.0, 4.0 * squares.map(f64::sqrt) / whole);
         println!("{name}: off by {off:.5}, tolerance {tolerance:.5}");
-        assert!(tolerance.max_element() <= 5e-3, "{name}: {tolerance}");
+        assert!(tolerance.max_element() <= most, "{name}: {tolerance}");
         assert!(off.abs().cmple(tolerance).all(), "{name}: {off} {tolerance}");
     }
 }
