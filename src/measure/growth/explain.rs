@@ -1,0 +1,23 @@
+//! Why a cost grows faster than size, where the reason is known.
+
+use super::{Axis, Quantity};
+
+/// The reason of a finding, if there is a known one.
+pub fn why(axis: Axis, method: &str, quantity: Quantity) -> Option<&'static str> {
+    match (axis, method, quantity) {
+        (Axis::Vertices, "reference", Quantity::RelightMs) => Some(
+            "all pairs by construction: vertices times samples, and beyond 65,536 vertices the samples grow with the \
+             triangles, one each at least, so that the exponent goes from 1 to 2",
+        ),
+        (Axis::Ratio, "reference", Quantity::RelightMs) => Some(
+            "all pairs by construction: vertices times samples, and the samples follow the square of the ratio between \
+             their least and largest number",
+        ),
+        _ => None,
+    }
+}
+
+/// Pairs that a new light sums over, for a method that sums over all of them: its time is predicted from them, not from size.
+pub fn pairs(method: &str, vertices: usize, samples: usize) -> Option<f64> {
+    (method == "reference").then_some(vertices as f64 * samples as f64)
+}
