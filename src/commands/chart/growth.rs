@@ -33,6 +33,8 @@ struct Extent {
     ratios: &'static [f64],
     /// Vertices where something else is varied.
     fixed_vertices: usize,
+    /// Surface samples where they are not varied; as many as the method chooses without.
+    fixed_samples: Option<usize>,
     /// Repetitions of a new light, at most.
     repeats: usize,
     /// No repetition begins after this long, s.
@@ -46,6 +48,7 @@ const WHOLE: Extent = Extent {
     samples: &[1 << 14, 1 << 15, 1 << 16, 1 << 17, 1 << 18, 1 << 19, 1 << 20],
     ratios: &[1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0],
     fixed_vertices: 30_000,
+    fixed_samples: None,
     repeats: 7,
     patience: 3.0,
     limit_seconds: 120.0,
@@ -53,9 +56,10 @@ const WHOLE: Extent = Extent {
 
 const QUICK: Extent = Extent {
     vertices: &[10_000, 30_000, 100_000],
-    samples: &[1 << 13, 1 << 14, 1 << 15],
+    samples: &[1 << 12, 1 << 13, 1 << 14],
     ratios: &[1.0, 30.0, 1000.0],
     fixed_vertices: 10_000,
+    fixed_samples: Some(1 << 14),
     repeats: 3,
     patience: 0.5,
     limit_seconds: 20.0,
@@ -109,6 +113,7 @@ pub(super) fn run(args: &ChartArgs, methods: &[&'static dyn Method], console: &C
         material: material_text.clone(),
         light: text,
         surface: DESCRIPTION.to_owned(),
+        fixed_samples: extent.fixed_samples,
         points: Vec::new(),
         growing: Vec::new(),
     };
@@ -181,8 +186,8 @@ fn light(args: &ChartArgs, console: &Console) -> Result<(String, crate::light::L
         _ => args.lights.clone(),
     };
     let resolved = asked.load(console)?;
-    match (<[_; 1]>::try_from(resolved.text), <[_; 1]>::try_from(resolved.lights)) {
-        (Ok([text]), Ok([light])) => Ok((text, light, resolved.inputs)),
+    match (asked.light.as_slice(), <[_; 1]>::try_from(resolved.lights)) {
+        ([text], Ok([light])) => Ok((text.clone(), light, resolved.inputs)),
         _ => Err(Error::command_line("--scale times one --light")),
     }
 }
@@ -194,7 +199,7 @@ fn places(extent: &Extent, free_path_mm: f64) -> Vec<Place> {
         axis: Axis::Vertices,
         size: vertices as f64,
         vertices,
-        samples: None,
+        samples: extent.fixed_samples,
         size_mm: SIZE_MM,
     });
     let of_samples = extent.samples.iter().map(|&samples| Place {
@@ -208,7 +213,7 @@ fn places(extent: &Extent, free_path_mm: f64) -> Vec<Place> {
         axis: Axis::Ratio,
         size: ratio,
         vertices,
-        samples: None,
+        samples: extent.fixed_samples,
         size_mm: ratio * free_path_mm,
     });
     of_vertices.chain(of_samples).chain(of_ratios).collect()
@@ -242,7 +247,7 @@ fn say(point: &Point, console: &Console) {
         ),
     };
     let skipped = point.skipped.as_ref().map_or_else(String::new, |s| format!("; no {}: {}", s.what.name(), s.reason));
-    console.note(&format!("{method}, {} {}{measured}{skipped}", size_text(*axis, *size), axis.title()));
+    console.note(&format!("{method}, {} {}{measured}{skipped}", size_text(*axis, *size), axis.unit()));
 }
 
 /// How limits say what they allow.

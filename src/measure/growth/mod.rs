@@ -58,11 +58,12 @@ impl Axis {
         }
     }
 
-    /// Exponent that a prediction from a single point assumes.
-    pub fn assumed_exponent(self) -> f64 {
+    /// What a size counts, after the number.
+    pub fn unit(self) -> &'static str {
         match self {
-            Self::Vertices | Self::Samples => 1.0,
-            Self::Ratio => 0.0,
+            Self::Vertices => "vertices",
+            Self::Samples => "samples",
+            Self::Ratio => "mean free paths across",
         }
     }
 }
@@ -271,6 +272,8 @@ pub struct Growth {
     pub light: String,
     /// The surface, in words.
     pub surface: String,
+    /// Samples of every bake whose samples are not varied; none where the methods choose.
+    pub fixed_samples: Option<usize>,
     /// In the order of axes, methods and sizes.
     pub points: Vec<Point>,
     /// In the order of axes, quantities and methods.

@@ -18,13 +18,15 @@ pub fn finding_text(growing: &Growing) -> String {
 pub fn page(growth: &Growth, charts: &[(String, String)]) -> String {
     let machine = &growth.machine;
     let load = machine.load.map_or_else(String::new, |load| format!(", load {load} when it began"));
+    let samples = growth.fixed_samples.map_or_else(String::new, |n| format!(" and the number of samples, {n}"));
     let mut text = format!(
         "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>translux: how cost grows</title>\n\
          <style>{STYLE}</style></head><body>\n<h1>How cost grows</h1>\n\
-         <p>translux {}, {} threads of {}{load}. {} in {}, baked by every method at its defaults but for what is varied; the \
-         light is <code>{}</code>, the processor's times are medians.</p>\n\
-         <p>A bake or a new light is not started where more than {} of time (by more than {MARGIN} times) is predicted from \
-         smaller sizes, or more than {} of memory is estimated; a bake is ended at {KILL} times that time.</p>\n",
+         <p>translux {}, {} threads of {}{load}. Times are medians.</p>\n\
+         <p>The surface is {}, in {}. Every method bakes it at its defaults but for what is varied{samples}; a new light is \
+         <code>{}</code>.</p>\n\
+         <p>A bake or a new light is not started where its time is predicted from smaller sizes to be above {} (by more than \
+         {MARGIN} times), a bake also where its memory is estimated above {}; a bake is ended at {KILL} times that time.</p>\n",
         escaped(&growth.version),
         machine.threads,
         escaped(&machine.processor),

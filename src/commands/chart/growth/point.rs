@@ -150,7 +150,8 @@ impl Measurer<'_> {
             return Ok(without(reason));
         }
         let history = self.bake_history(point, before);
-        let predicted = predict(&history, point.size, point.axis.assumed_exponent());
+        // One bake alone says little of the next, which can be ended; a light cannot.
+        let predicted = predict(&history, point.size, 0.0);
         if let Some(reason) = self.limits.too_long(predicted, WORDS) {
             return Ok(without(reason));
         }
@@ -195,10 +196,7 @@ impl Measurer<'_> {
         };
         let history: Vec<(f64, f64)> =
             same.filter_map(|p| Some((size(p)?, 1e-3 * Quantity::RelightMs.of(p)?))).collect();
-        match by_pairs {
-            Some(pairs) => predict(&history, pairs, 1.0),
-            None => predict(&history, point.size, point.axis.assumed_exponent()),
-        }
+        predict(&history, by_pairs.unwrap_or(point.size), 1.0)
     }
 
     /// Opens an asset and times a new light.
