@@ -45,7 +45,7 @@ pub(super) struct ChartArgs {
     scale: bool,
     /// With --scale: do not start a bake or a new light that is predicted to take longer than this (default: 120, with
     /// --quick 20); end a bake after twice as long
-    #[arg(long, value_name = "S", requires = "scale", allow_negative_numbers = true)]
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
     limit_seconds: Option<f64>,
     /// Surface samples of the reference
     #[arg(long, value_name = "N", default_value_t = 1 << 19, conflicts_with = "scale")]
@@ -100,6 +100,9 @@ pub(super) fn run(args: &ChartArgs, console: &Console) -> Result<ExitCode> {
     };
     if args.scale {
         return growth::run(args, &methods, console);
+    }
+    if args.limit_seconds.is_some() {
+        return Err(Error::command_line("--limit-seconds: only with --scale"));
     }
     if !(1..=1 << 28).contains(&args.reference_samples) {
         return Err(Error::command_line("--reference-samples: a number from 1 to 268435456 is needed"));
