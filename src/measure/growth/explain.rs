@@ -2,9 +2,14 @@
 
 use super::{Axis, Quantity};
 
-/// The reason of a finding, if there is a known one.
-pub fn why(axis: Axis, method: &str, quantity: Quantity) -> Option<&'static str> {
+/// The reason of a finding, if there is a known one; `fixed_samples` are those of every bake, where they do not follow the
+/// surface.
+pub fn why(axis: Axis, method: &str, quantity: Quantity, fixed_samples: Option<usize>) -> Option<&'static str> {
     match (axis, method, quantity) {
+        (Axis::Vertices, "reference" | "two_pass", Quantity::RelightMs) if fixed_samples.is_some() => Some(
+            "the number of samples is fixed: a sample becomes a cluster of ever more triangles, and the near field of every \
+             vertex is integrated over each of them",
+        ),
         (Axis::Vertices, "reference", Quantity::RelightMs) => Some(
             "all pairs by construction: vertices times samples, and beyond 65,536 vertices the samples grow with the \
              triangles, one each at least, so that the exponent goes from 1 to 2",

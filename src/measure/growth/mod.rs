@@ -287,9 +287,27 @@ impl Growth {
         self.growing.clear();
         for axis in Axis::ALL {
             for quantity in Quantity::ALL {
-                self.growing.extend(methods.iter().filter_map(|method| growing(&self.points, axis, method, quantity)));
+                self.growing.extend(methods.iter().filter_map(|method| self.growing(axis, method, quantity)));
             }
         }
+    }
+
+    /// The growth of one cost; none where no point has it.
+    fn growing(&self, axis: Axis, method: &str, quantity: Quantity) -> Option<Growing> {
+        let all = places(&self.points, axis, method, quantity);
+        if all.is_empty() {
+            return None;
+        }
+        let (used, below): (Vec<(f64, f64)>, Vec<(f64, f64)>) = all.into_iter().partition(|p| p.1 >= quantity.floor());
+        let law = power_law(&used);
+        let end_exponent = end_slope(&used);
+        let finding = law.is_some_and(|law| law.exponent > FASTER_THAN_SIZE)
+            || end_exponent.is_some_and(|exponent| exponent > FASTER_AT_THE_END);
+        let why = || explain::why(axis, method, quantity, self.fixed_samples);
+        let explanation = finding.then(why).flatten().map(str::to_owned);
+        let method = method.to_owned();
+        let below_floor = below.into_iter().map(|p| p.0).collect();
+        Some(Growing { axis, method, quantity, law, end_exponent, below_floor, finding, explanation })
     }
 
     /// In the order of their first points.
@@ -315,23 +333,6 @@ pub fn places(points: &[Point], axis: Axis, method: &str, quantity: Quantity) ->
     let mut places: Vec<(f64, f64)> = of_method.filter_map(|p| Some((p.size, quantity.of(p)?))).collect();
     places.sort_by(|a, b| a.0.total_cmp(&b.0));
     places
-}
-
-/// The growth of one cost; none where no point has it.
-fn growing(points: &[Point], axis: Axis, method: &str, quantity: Quantity) -> Option<Growing> {
-    let all = places(points, axis, method, quantity);
-    if all.is_empty() {
-        return None;
-    }
-    let (used, below): (Vec<(f64, f64)>, Vec<(f64, f64)>) = all.into_iter().partition(|p| p.1 >= quantity.floor());
-    let law = power_law(&used);
-    let end_exponent = end_slope(&used);
-    let finding = law.is_some_and(|law| law.exponent > FASTER_THAN_SIZE)
-        || end_exponent.is_some_and(|exponent| exponent > FASTER_AT_THE_END);
-    let explanation = finding.then(|| explain::why(axis, method, quantity)).flatten().map(str::to_owned);
-    let method = method.to_owned();
-    let below_floor = below.into_iter().map(|p| p.0).collect();
-    Some(Growing { axis, method, quantity, law, end_exponent, below_floor, finding, explanation })
 }
 
 #[cfg(test)]
