@@ -83,10 +83,15 @@ pub fn cost_text(quantity: Quantity, value: f64) -> String {
     }
 }
 
-/// An exponent, in words.
+/// An exponent to two digits, never minus zero.
+pub fn exponent(value: f64) -> String {
+    format!("{:.2}", (100.0 * value).round() / 100.0 + 0.0)
+}
+
+/// A fitted exponent with its standard error.
 pub fn exponent_text(growing: &Growing) -> String {
     match growing.law {
-        Some(law) => format!("{:.2} \u{b1} {:.2}", law.exponent + 0.0, law.standard_error),
+        Some(law) => format!("{} \u{b1} {:.2}", exponent(law.exponent), law.standard_error),
         None => "not fitted".to_owned(),
     }
 }

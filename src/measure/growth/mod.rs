@@ -284,12 +284,10 @@ impl Growth {
     /// Fits every cost of the points.
     pub fn fit(&mut self) {
         let methods = self.methods();
-        self.growing.clear();
-        for axis in Axis::ALL {
-            for quantity in Quantity::ALL {
-                self.growing.extend(methods.iter().filter_map(|method| self.growing(axis, method, quantity)));
-            }
-        }
+        let of_axis = |axis: Axis| Quantity::ALL.into_iter().map(move |quantity| (axis, quantity));
+        let kinds = Axis::ALL.into_iter().flat_map(of_axis);
+        let all = kinds.flat_map(|(axis, quantity)| methods.iter().map(move |method| (axis, quantity, method)));
+        self.growing = all.filter_map(|(axis, quantity, method)| self.growing(axis, method, quantity)).collect();
     }
 
     /// The growth of one cost; none where no point has it.
@@ -298,7 +296,7 @@ impl Growth {
         if all.is_empty() {
             return None;
         }
-        let (used, below): (Vec<(f64, f64)>, Vec<(f64, f64)>) = all.into_iter().partition(|p| p.1 >= quantity.floor());
+        let (used, below): (Vec<_>, Vec<_>) = all.into_iter().partition(|p| p.1 >= quantity.floor());
         let law = power_law(&used);
         let end_exponent = end_slope(&used);
         let finding = law.is_some_and(|law| law.exponent > FASTER_THAN_SIZE)

@@ -1,17 +1,17 @@
 //! One HTML page that needs nothing beside it: findings, exponents, charts, points.
 
 use super::super::chart::page::{SCRIPT, STYLE, escaped, inline};
-use super::draw::{cost_text, exponent_text, size_text};
+use super::draw::{cost_text, exponent, exponent_text, size_text};
 use super::limits::{KILL, MARGIN};
 use super::{Growing, Growth, Point, Quantity};
 
 /// A finding, in one sentence.
 pub fn finding_text(growing: &Growing) -> String {
     let Growing { axis, method, quantity, end_exponent, explanation, .. } = growing;
-    let end = end_exponent.map_or_else(String::new, |e| format!(", {e:.2} between the two largest"));
+    let end = end_exponent.map_or_else(String::new, |e| format!(", {} between the two largest", exponent(e)));
     let why = explanation.as_deref().unwrap_or("not explained");
-    let exponent = exponent_text(growing);
-    format!("{method}: {} grows with an exponent of {exponent} in {}{end}: {why}", quantity.title(), axis.title())
+    let (cost, fitted, size) = (quantity.title(), exponent_text(growing), axis.title());
+    format!("{method}: {cost} grows with an exponent of {fitted} in {size}{end}: {why}")
 }
 
 /// The page; `charts` are SVG documents with their titles.
@@ -62,7 +62,7 @@ fn skipped(growth: &Growth) -> String {
         Some(format!(
             "<li>{}, {size} {}: {what}: {}</li>\n",
             escaped(&p.method),
-            p.axis.title(),
+            p.axis.unit(),
             escaped(&skipped.reason)
         ))
     };
@@ -77,17 +77,13 @@ fn exponents(growth: &Growth) -> String {
                     <th>points</th><th>between the two largest</th><th>left out</th><th></th></tr></thead><tbody>\n"
         .to_owned();
     for g in &growth.growing {
-        let end = g.end_exponent.map_or_else(String::new, |e| format!("{:.2}", e + 0.0));
+        let end = g.end_exponent.map_or_else(String::new, exponent);
         let sizes: Vec<String> = g.below_floor.iter().map(|s| size_text(g.axis, *s)).collect();
         let left_out = match sizes.as_slice() {
             [] => String::new(),
             _ => format!("{}: below {}", sizes.join(", "), cost_text(g.quantity, g.quantity.floor())),
         };
-        let verdict = match (&g.explanation, g.finding) {
-            (_, false) => "",
-            (Some(why), true) => &format!("grows faster than size: {why}"),
-            (None, true) => "grows faster than size: not explained",
-        };
+        let verdict = if g.finding { "grows faster than size" } else { "" };
         let cells = [
             g.quantity.title(),
             g.axis.title(),
