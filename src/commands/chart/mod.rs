@@ -24,7 +24,7 @@ use crate::methods::{self, ALL};
 #[derive(Clone, Debug, Args)]
 pub(super) struct ChartArgs {
     /// OBJ, glTF or GLB files
-    #[arg(required_unless_present = "scale", conflicts_with = "scale", value_name = "MODEL")]
+    #[arg(required_unless_present = "growth", conflicts_with = "growth", value_name = "MODEL")]
     models: Vec<PathBuf>,
     /// Folder for the page, the charts, the tables and what is needed to go on after an interruption
     #[arg(short, long, value_name = "DIR")]
@@ -41,18 +41,18 @@ pub(super) struct ChartArgs {
     #[arg(long)]
     quick: bool,
     /// How cost grows with vertices, samples and size, on a surface of its own in place of models
-    #[arg(long)]
-    scale: bool,
+    #[arg(long = "scale")]
+    growth: bool,
     /// With --scale: do not start a bake or a new light that is predicted to take longer than this (default: 120, with
     /// --quick 20); end a bake after twice as long
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     limit_seconds: Option<f64>,
     /// Surface samples of the reference
-    #[arg(long, value_name = "N", default_value_t = 1 << 19, conflicts_with = "scale")]
+    #[arg(long, value_name = "N", default_value_t = 1 << 19, conflicts_with = "growth")]
     reference_samples: usize,
     /// Where shaders are timed beside the processor: on a graphics adapter if there is one (auto; a software adapter is none),
     /// on whatever adapter there is (gpu), nowhere (cpu)
-    #[arg(long, value_enum, default_value = "auto", conflicts_with = "scale")]
+    #[arg(long, value_enum, default_value = "auto", conflicts_with = "growth")]
     device: DeviceArg,
     #[command(flatten)]
     placement: PlacementArgs,
@@ -98,7 +98,7 @@ pub(super) fn run(args: &ChartArgs, console: &Console) -> Result<ExitCode> {
         [] => ALL.to_vec(),
         names => names.iter().map(|name| methods::named(name)).collect::<Result<_>>()?,
     };
-    if args.scale {
+    if args.growth {
         return growth::run(args, &methods, console);
     }
     if args.limit_seconds.is_some() {
