@@ -2,5 +2,6 @@
 
 pub mod chart;
 pub mod flip;
+pub mod growth;
 pub mod image_error;
 pub mod probes;

@@ -1,6 +1,7 @@
-//! `translux chart MODEL... -o DIR`: every method at a ladder of settings, against one reference.
+//! `translux chart MODEL... -o DIR`: every method at a ladder of settings, against one reference; with `--scale` how cost grows.
 
 mod adapter;
+mod growth;
 mod model;
 mod output;
 mod row;
@@ -24,7 +25,7 @@ use crate::methods::{self, ALL};
 #[derive(Clone, Debug, Args)]
 pub(super) struct ChartArgs {
     /// OBJ, glTF or GLB files
-    #[arg(required = true, value_name = "MODEL")]
+    #[arg(required_unless_present = "growth", conflicts_with = "growth", value_name = "MODEL")]
     models: Vec<PathBuf>,
     /// Folder for the page, the charts, the tables and what is needed to go on after an interruption
     #[arg(short, long, value_name = "DIR")]
@@ -37,15 +38,22 @@ pub(super) struct ChartArgs {
     /// Methods, separated by commas (default: all)
     #[arg(long, value_delimiter = ',', value_name = "NAMES")]
     methods: Vec<String>,
-    /// Two settings of each method, and fewer repetitions
+    /// Two settings of each method, and fewer repetitions; with --scale fewer and smaller sizes
     #[arg(long)]
     quick: bool,
+    /// How cost grows with vertices, samples and size, on a surface of its own in place of models
+    #[arg(long = "scale")]
+    growth: bool,
+    /// With --scale: do not start a bake or a new light that is predicted to take longer than this (default: 120, with
+    /// --quick 20); end a bake after twice as long
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    limit_seconds: Option<f64>,
     /// Surface samples of the reference
-    #[arg(long, value_name = "N", default_value_t = 1 << 19)]
+    #[arg(long, value_name = "N", default_value_t = 1 << 19, conflicts_with = "growth")]
     reference_samples: usize,
     /// Where shaders are timed beside the processor: on a graphics adapter if there is one (auto; a software adapter is none),
     /// on whatever adapter there is (gpu), nowhere (cpu)
-    #[arg(long, value_enum, default_value = "auto")]
+    #[arg(long, value_enum, default_value = "auto", conflicts_with = "growth")]
     device: DeviceArg,
     #[command(flatten)]
     placement: PlacementArgs,
@@ -91,6 +99,12 @@ pub(super) fn run(args: &ChartArgs, console: &Console) -> Result<ExitCode> {
         [] => ALL.to_vec(),
         names => names.iter().map(|name| methods::named(name)).collect::<Result<_>>()?,
     };
+    if args.growth {
+        return growth::run(args, &methods, console);
+    }
+    if args.limit_seconds.is_some() {
+        return Err(Error::command_line("--limit-seconds: only with --scale"));
+    }
     if !(1..=1 << 28).contains(&args.reference_samples) {
         return Err(Error::command_line("--reference-samples: a number from 1 to 268435456 is needed"));
     }

@@ -14,7 +14,7 @@ use crate::io::colour::linear_from_srgb;
 use crate::io::png::encode_png;
 
 /// Okabe & Ito (2008), grey in place of yellow, which is weak on white.
-const COLOURS: [RGBColor; 8] = [
+pub(in crate::measure) const COLOURS: [RGBColor; 8] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
@@ -27,7 +27,7 @@ const COLOURS: [RGBColor; 8] = [
 
 /// Pixels of a chart.
 const SIZE: (u32, u32) = (900, 620);
-const FONT: &str = "sans-serif";
+pub(in crate::measure) const FONT: &str = "sans-serif";
 
 /// How numbers of an axis are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -102,7 +102,7 @@ pub struct Bars {
 }
 
 /// Something that can be drawn.
-trait Drawing {
+pub(in crate::measure) trait Drawing {
     fn draw<B: DrawingBackend>(&self, root: &DrawingArea<B, Shift>) -> Result<()>;
 }
 
@@ -138,7 +138,7 @@ pub fn bars_png(chart: &Bars) -> Result<Vec<u8>> {
     png(chart)
 }
 
-fn svg(drawing: &impl Drawing) -> Result<String> {
+pub(in crate::measure) fn svg(drawing: &impl Drawing) -> Result<String> {
     fonts();
     let mut text = String::new();
     let root = SVGBackend::with_string(&mut text, SIZE).into_drawing_area();
@@ -148,7 +148,7 @@ fn svg(drawing: &impl Drawing) -> Result<String> {
     Ok(text)
 }
 
-fn png(drawing: &impl Drawing) -> Result<Vec<u8>> {
+pub(in crate::measure) fn png(drawing: &impl Drawing) -> Result<Vec<u8>> {
     fonts();
     let mut buffer = vec![255u8; (3 * SIZE.0 * SIZE.1) as usize];
     let root = BitMapBackend::with_buffer(&mut buffer, SIZE).into_drawing_area();
@@ -170,12 +170,12 @@ fn fonts() {
     });
 }
 
-fn failed(error: &dyn std::fmt::Display) -> Error {
+pub(in crate::measure) fn failed(error: &dyn std::fmt::Display) -> Error {
     Error::runtime(format!("chart: {error}"))
 }
 
 /// A little more than the values span, within what an axis can show; one decade where there is nothing.
-fn span(values: impl Iterator<Item = f64>) -> (f64, f64) {
+pub(in crate::measure) fn span(values: impl Iterator<Item = f64>) -> (f64, f64) {
     let usable = values.filter(|v| v.is_finite() && *v > 0.0);
     let (low, high) = usable.fold((f64::INFINITY, 0.0f64), |(l, h), v| (l.min(v), h.max(v)));
     if high == 0.0 { (0.1, 1.0) } else { (low / 1.5, high * 1.5) }

@@ -186,15 +186,15 @@ fn table(chart: &Chart) -> String {
 }
 
 /// An SVG document without its prologue.
-fn inline(svg: &str) -> &str {
+pub(in crate::measure) fn inline(svg: &str) -> &str {
     svg.find("<svg").map_or("", |at| &svg[at..])
 }
 
-fn escaped(text: &str) -> String {
+pub(in crate::measure) fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
-const STYLE: &str = "body{font:15px/1.45 system-ui,sans-serif;margin:2em auto;max-width:1250px;padding:0 1em;color:#222}\
+pub(in crate::measure) const STYLE: &str = "body{font:15px/1.45 system-ui,sans-serif;margin:2em auto;max-width:1250px;padding:0 1em;color:#222}\
     table{border-collapse:collapse;font-size:13px;display:block;overflow-x:auto}\
     th{cursor:pointer;text-align:left;border-bottom:2px solid #444;padding:4px 8px;white-space:nowrap}\
     td{border-bottom:1px solid #ddd;padding:3px 8px;white-space:nowrap;font-variant-numeric:tabular-nums}\
@@ -203,7 +203,7 @@ const STYLE: &str = "body{font:15px/1.45 system-ui,sans-serif;margin:2em auto;ma
     .triple img{width:32%;max-width:320px;image-rendering:auto;background:#000}code{font-size:12px;overflow-wrap:anywhere}\
     small{color:#777}";
 
-const SCRIPT: &str = "const table=document.getElementById('rows'),body=table.tBodies[0];\
+pub(in crate::measure) const SCRIPT: &str = "const table=document.getElementById('rows'),body=table.tBodies[0];\
     const key=(row,i)=>row.cells[i].dataset.key===undefined?row.cells[i].textContent:Number(row.cells[i].dataset.key);\
     table.querySelectorAll('th').forEach((th,i)=>th.addEventListener('click',()=>{\
     const down=th.classList.contains('up');table.querySelectorAll('th').forEach(t=>t.classList.remove('up','down'));\

@@ -40,7 +40,7 @@ pub const COLUMNS: &[Column] = &[
 ];
 
 /// Six digits, in the shortest form.
-fn number(value: f64) -> String {
+pub(in crate::measure) fn number(value: f64) -> String {
     let rounded: f64 = format!("{value:.5e}").parse().unwrap_or(value);
     rounded.to_string()
 }
@@ -55,7 +55,7 @@ pub fn csv(chart: &Chart) -> String {
     text
 }
 
-fn quoted(cell: &str) -> String {
+pub(in crate::measure) fn quoted(cell: &str) -> String {
     if cell.contains([',', '"', '\n', '\r']) { format!("\"{}\"", cell.replace('"', "\"\"")) } else { cell.to_owned() }
 }
 

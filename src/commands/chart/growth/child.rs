@@ -1,0 +1,120 @@
+//! A bake in another process, whose memory and time are its own, ended when it takes too long.
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+use crate::error::{Error, ExitCode, Result};
+use crate::io::atomic;
+
+/// How often a running bake is looked at.
+const POLL: Duration = Duration::from_millis(10);
+
+/// How a bake came out.
+pub(super) enum Outcome {
+    /// Its asset and its report.
+    Done(PathBuf, Value),
+    /// Took too long, after this many seconds.
+    Ended(f64),
+    /// Ran out of something.
+    Failed(String),
+}
+
+/// What is run.
+pub(super) struct Bake<'a> {
+    /// Arguments of the program.
+    pub(super) words: &'a [String],
+    /// Names the files of this bake.
+    pub(super) key: &'a str,
+    pub(super) work: &'a Path,
+    pub(super) kill_seconds: f64,
+    pub(super) memory_bytes: u64,
+}
+
+/// Bakes, or takes an asset and a report that are there already.
+///
+/// # Errors
+/// A bake that fails for another reason than memory and time, with its exit code; I/O.
+pub(super) fn bake(bake: &Bake) -> Result<Outcome> {
+    let file = |suffix: &str| bake.work.join(format!("{}.{suffix}", bake.key));
+    let (asset, report_path) = (file("tlux"), file("json"));
+    let cached = std::fs::read(&report_path).ok().and_then(|text| serde_json::from_slice(&text).ok());
+    if let Some(report) = cached.filter(|_| asset.is_file()) {
+        return Ok(Outcome::Done(asset, report));
+    }
+    // A folder of its own: whatever an ended bake leaves goes with it.
+    let folder = file("part");
+    let fail = |e: std::io::Error| Error::io(&folder, &e);
+    remove(&folder)?;
+    std::fs::create_dir_all(&folder).map_err(fail)?;
+    let outcome = run(bake, &folder);
+    if let Ok(Outcome::Done(made, _)) = &outcome {
+        std::fs::rename(made, &asset).map_err(fail)?;
+        let report = std::fs::read(folder.join("report.json")).map_err(fail)?;
+        // Last: a report without its asset is not taken.
+        atomic::write(&report_path, &report)?;
+    }
+    remove(&folder)?;
+    outcome.map(|outcome| match outcome {
+        Outcome::Done(_, report) => Outcome::Done(asset, report),
+        other => other,
+    })
+}
+
+fn remove(folder: &Path) -> Result<()> {
+    match std::fs::remove_dir_all(folder) {
+        Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(Error::io(folder, &e)),
+        _ => Ok(()),
+    }
+}
+
+fn run(bake: &Bake, folder: &Path) -> Result<Outcome> {
+    let command = format!("translux {}", bake.words.join(" "));
+    let made = folder.join("asset.tlux");
+    let paths = ["report.json", "errors.txt"].map(|name| folder.join(name));
+    let create = |path: &PathBuf| File::create(path).map_err(|e| Error::io(path, &e));
+    let program = std::env::current_exe().map_err(|e| Error::runtime(format!("where this program is: {e}")))?;
+    let mut child = Command::new(program)
+        .args(bake.words)
+        .args(["--json", "-q", "--threads", &rayon::current_num_threads().to_string()])
+        .args(["--max-memory", &bake.memory_bytes.to_string(), "-o"])
+        .arg(&made)
+        .stdin(Stdio::null())
+        .stdout(create(&paths[0])?)
+        .stderr(create(&paths[1])?)
+        .spawn()
+        .map_err(|e| Error::runtime(format!("{command}: {e}")))?;
+    let started = Instant::now();
+    let status = loop {
+        match child.try_wait() {
+            Ok(Some(status)) => break status,
+            Ok(None) if started.elapsed().as_secs_f64() > bake.kill_seconds => {
+                // It may have ended by itself just now.
+                let _ = child.kill();
+                let _ = child.wait();
+                return Ok(Outcome::Ended(started.elapsed().as_secs_f64()));
+            }
+            Ok(None) => std::thread::sleep(POLL),
+            Err(e) => return Err(Error::runtime(format!("{command}: {e}"))),
+        }
+    };
+    let read = |path: &PathBuf| std::fs::read(path).map_err(|e| Error::io(path, &e));
+    if status.success() {
+        let report = serde_json::from_slice(&read(&paths[0])?)
+            .map_err(|e| Error::runtime(format!("{command}: its report: {e}")))?;
+        return Ok(Outcome::Done(made, report));
+    }
+    let said = read(&paths[1])?;
+    let said = String::from_utf8_lossy(&said).trim().trim_start_matches("translux: ").to_owned();
+    match status.code() {
+        None => Ok(Outcome::Failed("was ended by the system, which may have run out of memory".to_owned())),
+        Some(code) if code == ExitCode::Runtime as i32 => Ok(Outcome::Failed(said)),
+        Some(code) => {
+            let known = ExitCode::ALL.iter().find(|(known, _)| code == *known as i32);
+            Err(Error::new(known.map_or(ExitCode::Runtime, |(code, _)| *code), format!("{command}: {said}")))
+        }
+    }
+}

@@ -1,0 +1,254 @@
+//! One method at one size: what is predicted and estimated, the bake, the time of a new light; kept by key.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::child::{self, Bake, Outcome};
+use super::{Place, WORDS};
+use crate::asset::Asset;
+use crate::commands::console::{Console, duration};
+use crate::commands::inspect;
+use crate::error::{Error, Result};
+use crate::evaluate::{BakeSettings, Method};
+use crate::geometry::source::SourceModel;
+use crate::io::atomic;
+use crate::light::Light;
+use crate::math::statistics::Quantiles;
+use crate::measure::growth::explain::pairs;
+use crate::measure::growth::fit::predict;
+use crate::measure::growth::{Axis, Costs, Limits, Missing, Point, Quantity, Skipped, surface};
+use crate::medium::material::Material;
+use crate::methods::settings::resolve;
+use crate::progress::Silent;
+use crate::transport::scene::Scene;
+
+/// The surface in some number of vertices.
+pub(super) struct Shape {
+    /// Vertices as asked for.
+    pub(super) asked: usize,
+    pub(super) vertices: usize,
+    pub(super) path: PathBuf,
+    /// Of the file.
+    pub(super) hash: String,
+    pub(super) model: SourceModel,
+}
+
+/// What every point is measured with.
+pub(super) struct Measurer<'a> {
+    pub(super) material: &'a Material,
+    pub(super) material_text: &'a str,
+    /// The shortest of the channels.
+    pub(super) free_path_mm: f64,
+    pub(super) light: &'a Light,
+    pub(super) light_text: &'a str,
+    /// What times depend on beside the command and the light.
+    pub(super) context: String,
+    pub(super) limits: Limits,
+    pub(super) repeats: usize,
+    pub(super) patience: f64,
+    pub(super) work: &'a Path,
+    pub(super) console: &'a Console,
+}
+
+/// What is kept of a point.
+#[derive(Serialize, Deserialize)]
+struct Kept {
+    costs: Option<Costs>,
+    skipped: Option<Skipped>,
+}
+
+impl Measurer<'_> {
+    /// The scene that bakes of a shape have, for estimates.
+    pub(super) fn scene(&self, shape: &Shape, size_mm: f64) -> Result<Scene> {
+        surface::scene(&shape.model, size_mm, self.material)
+    }
+
+    /// Measures a point; `before` are the points so far, which predictions come from.
+    pub(super) fn point(
+        &self,
+        place: &Place,
+        shape: &Shape,
+        scene: &Scene,
+        method: &dyn Method,
+        before: &[Point],
+    ) -> Result<Point> {
+        let words = self.words(place, shape, method);
+        let command = format!("translux {}", words.join(" "));
+        let mut point = Point {
+            axis: place.axis,
+            method: method.name().to_owned(),
+            size: match place.axis {
+                Axis::Vertices => shape.vertices as f64,
+                Axis::Samples | Axis::Ratio => place.size,
+            },
+            vertices: shape.vertices,
+            size_mm: place.size_mm,
+            size_over_mean_free_path: place.size_mm / self.free_path_mm,
+            command: command.clone(),
+            costs: None,
+            skipped: None,
+        };
+        let key = |more: &[&str]| {
+            let mut hasher = blake3::Hasher::new();
+            for text in [env!("CARGO_PKG_VERSION"), &command, &shape.hash, &self.context].iter().chain(more) {
+                hasher.update(text.as_bytes()).update(b"\0");
+            }
+            hasher.finalize().to_hex()[..16].to_owned()
+        };
+        let bake_key = key(&[]);
+        let limit = self.limits.seconds.to_string();
+        let path = self.work.join(format!("{}.point.json", key(&["point", self.light_text, &limit])));
+        let kept = std::fs::read(&path).ok().and_then(|text| serde_json::from_slice::<Kept>(&text).ok());
+        let kept = match kept {
+            Some(kept) => kept,
+            None => {
+                let kept = self.measure(&point, place, scene, method, (&words, &bake_key), before)?;
+                // What was not started costs nothing to decide again, and other points may decide it otherwise.
+                if kept.worth_keeping() {
+                    let text = serde_json::to_vec(&kept).map_err(|e| Error::runtime(format!("{command}: {e}")))?;
+                    atomic::write(&path, &text)?;
+                }
+                kept
+            }
+        };
+        if let (Axis::Samples, Some(costs)) = (place.axis, &kept.costs) {
+            point.size = costs.samples as f64;
+        }
+        (point.costs, point.skipped) = (kept.costs, kept.skipped);
+        Ok(point)
+    }
+
+    /// The bake as it would be typed, but for its output.
+    fn words(&self, place: &Place, shape: &Shape, method: &dyn Method) -> Vec<String> {
+        let model = shape.path.display().to_string();
+        let size = place.size_mm.to_string();
+        let mut words: Vec<String> =
+            ["bake", &model, "--method", method.name(), "--material", self.material_text, "--size-mm", &size]
+                .map(str::to_owned)
+                .into();
+        words.extend(place.samples.into_iter().flat_map(|n| ["--samples".to_owned(), n.to_string()]));
+        words
+    }
+
+    fn measure(
+        &self,
+        point: &Point,
+        place: &Place,
+        scene: &Scene,
+        method: &dyn Method,
+        (words, key): (&[String], &str),
+        before: &[Point],
+    ) -> Result<Kept> {
+        let without = |reason: String| Kept { costs: None, skipped: Some(Skipped { what: Missing::Bake, reason }) };
+        let mut settings = BakeSettings::new(method, resolve(method, &[])?);
+        settings.samples = place.samples;
+        if let Some(reason) = self.limits.too_large(method.bake_memory(scene, &settings), WORDS) {
+            return Ok(without(reason));
+        }
+        let history = self.bake_history(point, before);
+        // One bake alone says little of the next, which can be ended; a light cannot.
+        let predicted = predict(&history, point.size, 0.0);
+        if let Some(reason) = self.limits.too_long(predicted, WORDS) {
+            return Ok(without(reason));
+        }
+        let bake = Bake {
+            words,
+            key,
+            work: self.work,
+            kill_seconds: self.limits.kill_seconds(),
+            memory_bytes: self.limits.memory_bytes,
+        };
+        match child::bake(&bake)? {
+            Outcome::Done(asset, report) => self.costs(point, &asset, &report, method, before),
+            Outcome::Ended(after) => {
+                let allowed = duration(self.limits.seconds);
+                Ok(without(format!("{ENDED} after {}, {allowed} allowed", duration(after))))
+            }
+            Outcome::Failed(said) => {
+                self.console.warn(&format!("{}: {said}", point.command));
+                Ok(without(format!("failed: {said}")))
+            }
+        }
+    }
+
+    /// Sizes and times of the bakes of this method on this axis; one that was ended took at least as long as it was allowed.
+    fn bake_history(&self, point: &Point, before: &[Point]) -> Vec<(f64, f64)> {
+        let same = before.iter().filter(|p| p.axis == point.axis && p.method == point.method);
+        let ended = |p: &Point| p.skipped.as_ref().is_some_and(|s| s.reason.starts_with(ENDED));
+        same.filter_map(|p| match Quantity::BakeSeconds.of(p) {
+            Some(seconds) => Some((p.size, seconds)),
+            None => ended(p).then(|| (p.size, self.limits.kill_seconds())),
+        })
+        .collect()
+    }
+
+    /// What a new light takes by the smaller sizes, s: from the pairs for a method that sums over all of them.
+    fn predicted_relight(&self, point: &Point, samples: usize, before: &[Point]) -> Option<f64> {
+        let same = before.iter().filter(|p| p.axis == point.axis && p.method == point.method);
+        let by_pairs = pairs(&point.method, point.vertices, samples);
+        let size = |p: &Point| match by_pairs {
+            Some(_) => pairs(&p.method, p.vertices, p.costs.as_ref()?.samples),
+            None => Some(p.size),
+        };
+        let history: Vec<(f64, f64)> =
+            same.filter_map(|p| Some((size(p)?, 1e-3 * Quantity::RelightMs.of(p)?))).collect();
+        predict(&history, by_pairs.unwrap_or(point.size), 1.0)
+    }
+
+    /// Opens an asset and times a new light.
+    fn costs(&self, point: &Point, path: &Path, report: &Value, method: &dyn Method, before: &[Point]) -> Result<Kept> {
+        let sizes = inspect::sizes(&std::fs::read(path).map_err(|e| Error::io(path, &e))?)?;
+        let started = Instant::now();
+        let mut evaluator = method.open(Arc::new(Asset::read(path)?))?;
+        let open_ms = 1e3 * started.elapsed().as_secs_f64();
+        let cost = evaluator.cost();
+        let predicted = self.predicted_relight(point, cost.samples, before);
+        let skipped = self.limits.too_long(predicted, WORDS).map(|reason| Skipped { what: Missing::Relight, reason });
+        let mut times = Vec::with_capacity(self.repeats);
+        if skipped.is_none() {
+            let begun = Instant::now();
+            while times.is_empty() || times.len() < self.repeats && begun.elapsed().as_secs_f64() < self.patience {
+                let started = Instant::now();
+                evaluator.set_lights(vec![self.light.clone()], &Silent)?;
+                let radiosity = evaluator.radiosity(&Silent)?;
+                times.push(1e3 * started.elapsed().as_secs_f64());
+                if !radiosity.iter().all(|b| b.is_finite()) {
+                    return Err(Error::runtime(format!("{}: its radiosity is not finite", point.command)));
+                }
+            }
+        }
+        let missing = |name: &str| Error::runtime(format!("{}: its report has no `{name}`", point.command));
+        let stages = report["stages"].as_array().map_or(&[] as &[Value], Vec::as_slice);
+        let stage = |s: &Value| Some((s["stage"].as_str()?.to_owned(), s["seconds"].as_f64()?));
+        let costs = Costs {
+            samples: cost.samples,
+            bake_seconds: report["seconds"].as_f64().ok_or_else(|| missing("seconds"))?,
+            bake_stages: stages.iter().filter_map(stage).collect(),
+            peak_memory_bytes: report["peak_memory_bytes"].as_u64().ok_or_else(|| missing("peak_memory_bytes"))?,
+            file_bytes: sizes.file,
+            bytes: sizes.stored_without_mesh,
+            environment_bytes: sizes.stored_environment,
+            resident_bytes: cost.resident_bytes as u64,
+            open_ms,
+            relights: times.len(),
+            relight_ms: (!times.is_empty()).then(|| Quantiles::of(times)),
+        };
+        Ok(Kept { costs: Some(costs), skipped })
+    }
+}
+
+/// How the reason of an ended bake begins.
+const ENDED: &str = "ended";
+
+impl Kept {
+    fn worth_keeping(&self) -> bool {
+        match &self.skipped {
+            None => true,
+            Some(skipped) => skipped.what == Missing::Bake && skipped.reason.starts_with(ENDED),
+        }
+    }
+}

@@ -1,0 +1,177 @@
+//! A cost against size on logarithmic axes, with the fitted power laws and their exponents.
+
+use plotters::coord::Shift;
+use plotters::prelude::*;
+
+use super::super::chart::draw::{COLOURS, Drawing, FONT, failed, png, span, svg};
+use super::{Axis, Growing, Growth, Quantity, places};
+use crate::error::Result;
+
+/// One cost of every method along one axis.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Curves {
+    /// Over the chart.
+    pub title: String,
+    /// What is varied.
+    pub axis: Axis,
+    /// Cost.
+    pub quantity: Quantity,
+    /// Points (size, cost) and their law, method by method.
+    pub series: Vec<(Growing, Vec<(f64, f64)>)>,
+}
+
+impl Curves {
+    /// Of a measurement; none where no point has this cost. Colours and marks follow `methods`.
+    pub fn of(growth: &Growth, axis: Axis, quantity: Quantity) -> Option<Self> {
+        let of_this = growth.growing.iter().filter(|g| g.axis == axis && g.quantity == quantity);
+        let series: Vec<_> = of_this.map(|g| (g.clone(), places(&growth.points, axis, &g.method, quantity))).collect();
+        let mut title = format!("{} against {}", quantity.title(), axis.title());
+        if let Some(first) = title.get_mut(..1) {
+            first.make_ascii_uppercase();
+        }
+        (!series.is_empty()).then_some(Self { title, axis, quantity, series })
+    }
+}
+
+/// As SVG.
+///
+/// # Errors
+/// The backend's.
+pub fn curves_svg(curves: &Curves) -> Result<String> {
+    svg(curves)
+}
+
+/// As PNG.
+///
+/// # Errors
+/// The backend's.
+pub fn curves_png(curves: &Curves) -> Result<Vec<u8>> {
+    png(curves)
+}
+
+/// Three digits at most, without a sign of precision that is not there.
+fn plain(value: f64) -> String {
+    let digits = if value.abs() >= 100.0 || value == 0.0 { 0 } else { (2 - value.abs().log10().floor() as i32).max(0) };
+    let text = format!("{value:.*}", digits.min(12) as usize);
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+}
+
+/// A number with the largest of the units that keeps it at 1 or more, the first where none does.
+fn scaled(value: f64, units: &[(f64, &str)]) -> String {
+    let (unit, name) =
+        units.iter().rev().find(|(unit, _)| value >= 0.9995 * unit).or(units.first()).unwrap_or(&(1.0, ""));
+    format!("{}{name}", plain(value / unit))
+}
+
+/// A size on an axis, in words.
+pub fn size_text(axis: Axis, size: f64) -> String {
+    match axis {
+        Axis::Vertices | Axis::Samples => scaled(size, &[(1.0, ""), (1e3, "k"), (1e6, "M")]),
+        Axis::Ratio => plain(size),
+    }
+}
+
+/// A cost, in words.
+pub fn cost_text(quantity: Quantity, value: f64) -> String {
+    const TIMES: &[(f64, &str)] = &[(1e-3, " ms"), (1.0, " s"), (120.0, "")];
+    match quantity {
+        Quantity::BakeSeconds if value >= 120.0 => format!("{} min", plain(value / 60.0)),
+        Quantity::BakeSeconds => scaled(value, &TIMES[..2]),
+        Quantity::RelightMs if value >= 120_000.0 => format!("{} min", plain(value / 60_000.0)),
+        Quantity::RelightMs => scaled(value / 1000.0, &TIMES[..2]),
+        _ => scaled(value, &[(1.0, " B"), (1e3, " kB"), (1e6, " MB"), (1e9, " GB")]),
+    }
+}
+
+/// An exponent to two digits, never minus zero.
+pub fn exponent(value: f64) -> String {
+    format!("{:.2}", (100.0 * value).round() / 100.0 + 0.0)
+}
+
+/// A fitted exponent with its standard error.
+pub fn exponent_text(growing: &Growing) -> String {
+    match growing.law {
+        Some(law) => format!("{} \u{b1} {:.2}", exponent(law.exponent), law.standard_error),
+        None => "not fitted".to_owned(),
+    }
+}
+
+/// What the legend says of a method.
+fn legend(growing: &Growing) -> String {
+    let name = &growing.method;
+    let law = growing.law.map_or_else(
+        || "fewer than 3 points above the floor".to_owned(),
+        |_| format!("exponent {}", exponent_text(growing)),
+    );
+    format!("{name}: {law}{}", if growing.finding { " (faster than size)" } else { "" })
+}
+
+/// From the power of ten below where there would be fewer than two powers of ten, which ticks start from.
+fn ticked((low, high): (f64, f64)) -> (f64, f64) {
+    let first = low.log10().ceil();
+    if high.log10().floor() > first { (low, high) } else { (10f64.powf(low.log10().floor()), high) }
+}
+
+/// A tick's number where it starts with 1, 2 or 5: others would run into each other.
+fn label(value: f64, text: &dyn Fn(f64) -> String) -> String {
+    let leading = value / 10f64.powf((value * 1.000_001).log10().floor());
+    if [1.0, 2.0, 5.0].iter().any(|digit| (leading - digit).abs() < 1e-3) { text(value) } else { String::new() }
+}
+
+impl Drawing for Curves {
+    fn draw<B: DrawingBackend>(&self, root: &DrawingArea<B, Shift>) -> Result<()> {
+        root.fill(&WHITE).map_err(|e| failed(&e))?;
+        let all = || self.series.iter().flat_map(|(_, points)| points.iter().copied());
+        let x = ticked(span(all().map(|p| p.0)));
+        let y = ticked(span(all().map(|p| p.1)));
+        // Room for the legend above the curves, which mostly rise to the right.
+        let y = (y.0, y.1 * (y.1 / y.0).powf(0.12 * self.series.len() as f64).max(1.5));
+        let mut chart = ChartBuilder::on(root)
+            .caption(&self.title, (FONT, 22))
+            .margin(14)
+            .x_label_area_size(52)
+            .y_label_area_size(84)
+            .build_cartesian_2d((x.0..x.1).log_scale(), (y.0..y.1).log_scale())
+            .map_err(|e| failed(&e))?;
+        chart
+            .configure_mesh()
+            .x_desc(self.axis.title())
+            .y_desc(self.quantity.title())
+            .x_label_formatter(&|v| label(*v, &|v| size_text(self.axis, v)))
+            .y_label_formatter(&|v| label(*v, &|v| cost_text(self.quantity, v)))
+            .label_style((FONT, 15))
+            .axis_desc_style((FONT, 17))
+            .light_line_style(RGBColor(240, 240, 240))
+            .draw()
+            .map_err(|e| failed(&e))?;
+        for (index, (growing, points)) in self.series.iter().enumerate() {
+            let colour = COLOURS[index % COLOURS.len()];
+            if let Some(law) = growing.law {
+                let above = points.iter().filter(|p| p.1 >= self.quantity.floor()).map(|p| p.0);
+                let (from, to) = above.fold((f64::INFINITY, 0.0f64), |(l, h), s| (l.min(s), h.max(s)));
+                let ends = [from, to].map(|size| (size, law.at(size)));
+                let style = ShapeStyle::from(&colour).stroke_width(2);
+                chart.draw_series(LineSeries::new(ends, style)).map_err(|e| failed(&e))?;
+            }
+            let style = ShapeStyle::from(&colour).filled();
+            let drawn = match index % 3 {
+                0 => chart.draw_series(points.iter().map(|p| Circle::new(*p, 6, style).into_dyn())),
+                1 => chart.draw_series(points.iter().map(|p| TriangleMarker::new(*p, 8, style).into_dyn())),
+                _ => chart.draw_series(points.iter().map(|p| Cross::new(*p, 6, style.stroke_width(3)).into_dyn())),
+            };
+            drawn.map_err(|e| failed(&e))?.label(legend(growing)).legend(move |(x, y)| match index % 3 {
+                0 => Circle::new((x + 9, y), 6, style).into_dyn(),
+                1 => TriangleMarker::new((x + 9, y), 8, style).into_dyn(),
+                _ => Cross::new((x + 9, y), 6, style.stroke_width(3)).into_dyn(),
+            });
+        }
+        chart
+            .configure_series_labels()
+            .position(SeriesLabelPosition::UpperLeft)
+            .background_style(WHITE.mix(0.85))
+            .border_style(RGBColor(200, 200, 200))
+            .label_font((FONT, 15))
+            .draw()
+            .map_err(|e| failed(&e))
+    }
+}
