@@ -29,7 +29,7 @@ fn every_row_is_measured_and_says_how_to_make_it_again() {
     let report = folder.run(&format!("{LINE} --json")).ok().json();
     let chart = chart(&folder);
     assert_eq!(chart["schema"], "translux-chart/1");
-    assert_eq!(report["rows"], chart["rows"]);
+    assert_eq!(report["chart"], chart);
     let rows = chart["rows"].as_array().unwrap();
     let names: Vec<(&str, &str)> =
         rows.iter().map(|r| (r["method"].as_str().unwrap(), r["setting"].as_str().unwrap())).collect();

@@ -93,6 +93,11 @@ struct Subject<'a> {
     console: &'a Console,
 }
 
+#[derive(serde::Serialize)]
+struct ChartReport<'a> {
+    chart: &'a Chart,
+}
+
 pub(super) fn run(args: &ChartArgs, console: &Console) -> Result<ExitCode> {
     let extent = if args.quick { QUICK } else { WHOLE };
     let methods: Vec<&'static dyn Method> = match args.methods.as_slice() {
@@ -153,7 +158,7 @@ pub(super) fn run(args: &ChartArgs, console: &Console) -> Result<ExitCode> {
     if console.format == Format::Text && console.verbosity == Verbosity::Normal {
         print_line(&format!("{} (after {})", files.page.display(), duration(console.seconds())))?;
     }
-    report::print(console, "chart", &chart)?;
+    report::print(console, "chart", &ChartReport { chart: &chart })?;
     Ok(ExitCode::Ok)
 }
 
