@@ -116,7 +116,8 @@ impl SphericalDelaunay {
         let triangle = self.walk(start as usize, direction);
         let sides = self.sides(triangle, direction).map(|s| s.max(0.0));
         let sum = sides[0] + sides[1] + sides[2];
-        if !(sum > 0.0) {
+        // Every side is positive in some triangle; a sum of zero would be a failure of rounding.
+        if sum.is_nan() || sum <= 0.0 {
             return Location { triangle, barycentric: [1.0, 0.0, 0.0] };
         }
         // The corner across from the edge k, k + 1 is k + 2.
@@ -172,8 +173,8 @@ fn check(points: &[DVec3]) -> Result<()> {
             points.len()
         )));
     }
-    // A NaN fails this comparison too.
-    match points.iter().position(|p| !((p.length() - 1.0).abs() < UNIT_TOLERANCE)) {
+    let is_unit = |p: &DVec3| (p.length() - 1.0).abs() < UNIT_TOLERANCE;
+    match points.iter().position(|p| !is_unit(p)) {
         Some(i) => Err(Error::input(format!("direction {i} is not a unit vector: {}", points[i]))),
         None => Ok(()),
     }
@@ -185,6 +186,9 @@ fn shuffled(count: usize) -> Vec<usize> {
     order.sort_by_key(|i| (random::bits(SHUFFLE, *i as u64, 0), *i));
     order
 }
+
+/// Three indices for each triangle.
+type Triples = Vec<[u32; 3]>;
 
 /// A face of the growing hull.
 #[derive(Clone, Copy)]
@@ -360,7 +364,7 @@ impl<'a> Hull<'a> {
     }
 
     /// Triangles and neighbours without gaps, after a check of what every triangulation of a sphere satisfies.
-    fn finish(self) -> Result<(Vec<[u32; 3]>, Vec<[u32; 3]>)> {
+    fn finish(self) -> Result<(Triples, Triples)> {
         let mut number = vec![NONE; self.faces.len()];
         let mut kept = Vec::new();
         for (slot, face) in self.faces.iter().enumerate() {
@@ -369,8 +373,8 @@ impl<'a> Hull<'a> {
                 kept.push(*face);
             }
         }
-        let triangles: Vec<[u32; 3]> = kept.iter().map(|face| face.corners).collect();
-        let neighbours: Vec<[u32; 3]> =
+        let triangles: Triples = kept.iter().map(|face| face.corners).collect();
+        let neighbours: Triples =
             kept.iter().map(|face| face.across.map(|a| number.get(a as usize).copied().unwrap_or(NONE))).collect();
         if triangles.len() != 2 * self.points.len() - 4 || neighbours.iter().flatten().any(|n| *n == NONE) {
             return Err(broken());
@@ -383,4 +387,164 @@ fn broken() -> Error {
     Error::input(
         "some directions are too close to each other to be triangulated; give directions that are further apart",
     )
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::f64::consts::{PI, TAU};
+
+    use super::*;
+    use crate::math::random::uniform;
+
+    fn random_direction(stage: u64, index: u64) -> DVec3 {
+        let (z, azimuth) = (1.0 - 2.0 * uniform(stage, index, 0), TAU * uniform(stage, index, 1));
+        let r = (1.0 - z * z).sqrt();
+        DVec3::new(r * azimuth.cos(), r * azimuth.sin(), z)
+    }
+
+    fn random_points(stage: u64, count: usize) -> Vec<DVec3> {
+        (0..count).map(|i| random_direction(stage, i as u64)).collect()
+    }
+
+    /// Corners of a cube and other sets with many points on one circle.
+    fn regular_sets() -> Vec<Vec<DVec3>> {
+        let sign = |bit: usize| if bit & 1 == 0 { -1.0 } else { 1.0 };
+        let cube = (0..8).map(|i| DVec3::new(sign(i), sign(i >> 1), sign(i >> 2)).normalize()).collect::<Vec<_>>();
+        let octahedron = DVec3::AXES.iter().flat_map(|a| [*a, -*a]).collect();
+        let turn = glam::DQuat::from_axis_angle(DVec3::new(1.0, 2.0, 3.0).normalize(), 0.7);
+        let turned = cube.iter().map(|p| (turn * *p).normalize()).collect();
+        let ring = |count: usize, z: f64| {
+            (0..count).map(move |k| {
+                let (sin, cos) = (TAU * k as f64 / count as f64).sin_cos();
+                DVec3::new((1.0 - z * z).sqrt() * cos, (1.0 - z * z).sqrt() * sin, z)
+            })
+        };
+        let poles = [DVec3::Z, DVec3::NEG_Z];
+        let globe = (1..12).flat_map(|k| ring(24, (PI * f64::from(k) / 12.0).cos())).chain(poles).collect();
+        let prism = ring(50, 0.3).chain(ring(50, -0.3)).collect();
+        vec![cube, octahedron, turned, globe, prism, ring(200, 0.0).chain(poles).collect()]
+    }
+
+    #[test]
+    fn triangulations_are_closed_and_no_circle_holds_a_point() {
+        let random = [4, 5, 6, 10, 37, 200].map(|count| random_points(7 + count as u64, count));
+        for points in regular_sets().into_iter().chain(random) {
+            let count = points.len();
+            let sphere = match SphericalDelaunay::new(points) {
+                Ok(sphere) => sphere,
+                // A few random points often leave a half of the sphere empty.
+                Err(error) => {
+                    assert!(count <= 10, "{error}");
+                    continue;
+                }
+            };
+            let mut solid_angle = 0.0;
+            for (t, corners) in sphere.triangles().iter().enumerate() {
+                let [a, b, c] = corners.map(|i| sphere.points()[i as usize]);
+                let normal = (b - a).cross(c - a).normalize();
+                assert!(sphere.points().iter().all(|p| (*p - a).dot(normal) < 2e-12), "{count}");
+                solid_angle += 2.0 * a.dot(b.cross(c)).atan2(1.0 + a.dot(b) + b.dot(c) + c.dot(a));
+                for (k, &other) in sphere.neighbours()[t].iter().enumerate() {
+                    let edge = [corners[(k + 1) % 3], corners[k]];
+                    let back = (0..3).find(|&j| sphere.neighbours()[other as usize][j] as usize == t).unwrap();
+                    let there = sphere.triangles()[other as usize];
+                    assert_eq!([there[back], there[(back + 1) % 3]], edge);
+                }
+            }
+            assert!((solid_angle - 4.0 * PI).abs() < 1e-9, "{count}: {solid_angle}");
+        }
+    }
+
+    #[test]
+    fn the_covering_radius_is_the_largest_empty_circle() {
+        let cube = SphericalDelaunay::new(regular_sets()[0].clone()).unwrap();
+        assert!((cube.covering_radius() - (1.0 / 3.0_f64.sqrt()).acos()).abs() < 1e-12);
+        for stage in 0..20 {
+            let points = random_points(100 + stage, 30);
+            let Ok(sphere) = SphericalDelaunay::new(points.clone()) else { continue };
+            let mut largest = 0.0_f64;
+            for a in 0..30 {
+                for b in a + 1..30 {
+                    for c in b + 1..30 {
+                        let normal = (points[b] - points[a]).cross(points[c] - points[a]).normalize();
+                        for centre in [normal, -normal] {
+                            let cosine = centre.dot(points[a]);
+                            if points.iter().all(|p| centre.dot(*p) < cosine + 1e-12) {
+                                largest = largest.max(cosine.acos());
+                            }
+                        }
+                    }
+                }
+            }
+            assert!((sphere.covering_radius() - largest).abs() < 1e-7, "{} {largest}", sphere.covering_radius());
+        }
+    }
+
+    #[test]
+    fn a_direction_lies_in_the_triangle_that_is_found() {
+        for points in regular_sets().into_iter().chain([random_points(3, 500)]) {
+            let sphere = SphericalDelaunay::new(points.clone()).unwrap();
+            let middles = sphere.triangles().iter().map(|t| points[t[0] as usize] + points[t[1] as usize]);
+            let random = (0..2000).map(|i| random_direction(4, i) * 1e3_f64.powi(i as i32 % 5 - 2));
+            for direction in points.iter().copied().chain(middles).chain(random).filter(|d| d.length() > 1e-9) {
+                let Location { triangle, barycentric } = sphere.locate(direction);
+                let corners = sphere.triangles()[triangle].map(|i| points[i as usize]);
+                let at: DVec3 = (0..3).map(|k| barycentric[k] * corners[k]).sum();
+                assert!(barycentric.iter().all(|b| *b >= 0.0));
+                assert!((barycentric.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+                assert!(at.normalize().distance(direction.normalize()) < 1e-9, "{direction}");
+            }
+            for strange in [DVec3::ZERO, DVec3::NAN, DVec3::INFINITY, DVec3::splat(f64::MAX), DVec3::splat(1e-300)] {
+                assert!(sphere.locate(strange).barycentric.iter().all(|b| b.is_finite()));
+            }
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_triangulated_is_an_error() {
+        let octahedron = regular_sets()[1].clone();
+        let refused = |points: Vec<DVec3>, said: &str| {
+            let error = SphericalDelaunay::new(points).unwrap_err();
+            assert!(error.message().contains(said), "{error}");
+        };
+        refused(Vec::new(), "4 to");
+        refused(octahedron[..3].to_vec(), "4 to");
+        refused(vec![DVec3::X; MOST_POINTS + 1], "4 to");
+        refused(vec![DVec3::X; 6], "plane");
+        let ring = (0..40).map(|k| DVec3::new(f64::from(k).cos(), f64::from(k).sin(), 0.0));
+        refused(ring.clone().collect(), "plane");
+        refused(ring.chain([DVec3::Z]).collect(), "half");
+        refused(random_points(1, 50).into_iter().map(|p| p.with_z(p.z.abs())).collect(), "half");
+        for broken in [DVec3::ZERO, 2.0 * DVec3::X, DVec3::NAN, DVec3::INFINITY] {
+            refused(octahedron.iter().copied().chain([broken]).collect(), "direction 6 is not");
+        }
+        refused(octahedron.iter().copied().chain([DVec3::Y]).collect(), "directions 2 and 6 coincide");
+    }
+
+    #[test]
+    fn clusters_are_triangulated_or_refused_without_a_panic() {
+        let mut triangulated = 0;
+        for stage in 0..200 {
+            let spread = 10f64.powf(-16.0 * uniform(stage, 0, 9));
+            let mut points = regular_sets()[1].clone();
+            points.extend((0..20).map(|i| (DVec3::X + spread * random_direction(stage, i)).normalize()));
+            if let Ok(sphere) = SphericalDelaunay::new(points) {
+                triangulated += 1;
+                assert!(sphere.locate(random_direction(stage, 77)).barycentric.iter().all(|b| b.is_finite()));
+            }
+        }
+        assert!(triangulated > 50, "{triangulated}");
+    }
+
+    #[test]
+    fn thousands_of_points_take_a_moment() {
+        let points = random_points(5, 4096);
+        let start = std::time::Instant::now();
+        let sphere = SphericalDelaunay::new(points.clone()).unwrap();
+        let seconds = start.elapsed().as_secs_f64();
+        println!("4096 directions in {seconds:.3} s");
+        assert!(seconds < 5.0);
+        assert_eq!(sphere, SphericalDelaunay::new(points).unwrap());
+    }
 }

@@ -10,7 +10,13 @@ pub mod directions;
 pub mod distances;
 mod harmonics;
 pub mod interpolation;
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod interpolation_tests;
 pub mod mean;
 #[cfg(test)]
 mod test_functions;
 pub mod vector;
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod vector_tests;

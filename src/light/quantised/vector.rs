@@ -20,7 +20,7 @@ const GATHER_SIDE: usize = 64;
 const BANDS: usize = 16;
 
 /// Quadrature points along an edge of an area light, at least and at most.
-const AREA_POINTS: (usize, usize) = (2, 12);
+const AREA_POINTS: (usize, usize) = (2, 16);
 
 /// RGB weights over the entries of `lights` (see [`QuantisedLights::entry`]) that stand for `light`: radiosity, irradiance and
 /// everything else that is linear in the light is the weighted sum over the entries, up to the interpolation.
@@ -32,27 +32,33 @@ const AREA_POINTS: (usize, usize) = (2, 12);
 /// - Point: the weights of its direction from the scene's centre times those of its distance, times intensity / distance^2. A
 ///   far point is parallel light.
 /// - Area: Gauss-Legendre points over the rectangle, as many as its size over its distance asks for, each a point light of
-///   the intensity radiance dA cos, where cos is that of the emitter's normal to the scene's centre. The approximation: towards the
-///   rest of the scene the emission is that towards the centre. Off the centre by an angle b the true cosine differs by
-///   tan(angle) sin(b) at first order; an emitter that faces the centre from 5 radii is at most 2 % wrong, at grazing emission it is a
-///   coarse approximation. Points of the emitter that face away from the centre are dark.
+///   the intensity radiance dA cos(a), where a is the angle between the emitter's normal and the scene's centre. The
+///   approximation: all of the scene sees the emission that the centre sees. A part of the scene that is off the centre by an angle b,
+///   seen from the emitter, would see cos(a + b) / cos(a) = cos(b) - tan(a) sin(b) of that: 2 % less at most for an
+///   emitter that faces the centre from 5 radii, more the nearer it is and the more it looks past the scene. Parts of the emitter
+///   that face away from the centre are dark.
 ///
 /// # Errors
-/// An interpolator of another set (exit 3); a point light, or a part of an area light, nearer than the nearest shell (exit 5).
+/// An interpolator of another set (exit 3); a point light, or a part of an area light, nearer than the nearest shell (exit 5);
+/// a light so bright that sums overflow (exit 4).
 pub fn light_vector(lights: &QuantisedLights, interpolator: &Interpolator, light: &Light) -> Result<Vec<DVec3>> {
     if interpolator.set() != &lights.directions {
         return Err(Error::input("the interpolator was made for another set of directions than that of the lights"));
     }
-    match light {
-        Light::Directional { from, irradiance } => Ok(parallel(lights, interpolator, &[(*from, *irradiance)])),
-        Light::Constant { radiance } => Ok(parallel(lights, interpolator, &everywhere(*radiance))),
+    let vector = match light {
+        Light::Directional { from, irradiance } => parallel(lights, interpolator, &[(*from, *irradiance)]),
+        Light::Constant { radiance } => parallel(lights, interpolator, &everywhere(*radiance)),
         Light::Environment { map, rotate_degrees, scale } => {
-            let gathered = gather(map, Rotation::from_degrees(*rotate_degrees), *scale);
-            Ok(parallel(lights, interpolator, &gathered))
+            parallel(lights, interpolator, &gather(map, Rotation::from_degrees(*rotate_degrees), *scale))
         }
-        Light::Point { at_mm, intensity } => points(lights, interpolator, &[(*at_mm, *intensity)]),
+        Light::Point { at_mm, intensity } => points(lights, interpolator, &[(*at_mm, *intensity)])?,
         Light::Area { .. } => points(lights, interpolator, &emitters(light, lights.shells.centre_mm()))
-            .map_err(|error| error.at("a part of an area light")),
+            .map_err(|error| error.at("a part of an area light"))?,
+    };
+    if vector.iter().all(|weight| weight.is_finite()) {
+        Ok(vector)
+    } else {
+        Err(Error::runtime("the light is too bright for double precision; make it weaker"))
     }
 }
 
@@ -88,7 +94,7 @@ fn emitters(light: &Light, centre_mm: DVec3) -> Vec<(DVec3, DVec3)> {
     let v = normal.cross(*u);
     let distance_mm = at_mm.distance(centre_mm);
     let [across, along] = size_mm.map(|size| {
-        let wanted = (6.0 * size / distance_mm).ceil();
+        let wanted = (12.0 * size / distance_mm).ceil();
         gauss_legendre_cached((wanted as usize).saturating_add(1).clamp(AREA_POINTS.0, AREA_POINTS.1))
     });
     let mut found = Vec::with_capacity(across.len() * along.len());
