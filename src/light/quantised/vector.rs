@@ -34,7 +34,7 @@ const AREA_POINTS: (usize, usize) = (2, 16);
 /// - Area: Gauss-Legendre points over the rectangle, as many as its size over its distance asks for, each a point light of
 ///   the intensity radiance dA cos(a), where a is the angle between the emitter's normal and the scene's centre. The
 ///   approximation: all of the scene sees the emission that the centre sees. A part of the scene that is off the centre by an angle b,
-///   seen from the emitter, would see cos(a + b) / cos(a) = cos(b) - tan(a) sin(b) of that: 2 % less at most for an
+///   seen from the emitter, would see cos(a + b) / cos(a) = cos(b) - tan(a) sin(b) of that: about 2 % less at most for an
 ///   emitter that faces the centre from 5 radii, more the nearer it is and the more it looks past the scene. Parts of the emitter
 ///   that face away from the centre are dark.
 ///

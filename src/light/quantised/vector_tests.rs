@@ -180,6 +180,22 @@ fn vectors_are_linear_in_the_light() {
     }
 }
 
+#[test]
+fn threads_do_not_change_a_bit() {
+    let map = Arc::new(sky());
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            Scheme::ALL.map(|scheme| {
+                let (lights, interpolator) = set(150, scheme);
+                let light = Light::environment(map.clone(), 77.0, DVec3::ONE).unwrap();
+                (light_vector(&lights, &interpolator, &light).unwrap(), interpolator)
+            })
+        })
+    };
+    assert!(on(1) == on(3));
+}
+
 /// A point light with its direction and its distance interpolated, against the truth at points of the surface.
 #[test]
 fn point_lights_are_as_good_as_directional_ones() {
