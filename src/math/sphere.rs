@@ -1,7 +1,7 @@
 //! Delaunay triangulation of directions: the convex hull of points on the unit sphere.
 //!
 //! The hull grows point by point in a shuffled order that depends on nothing but the number of points. A point within
-//! [`COPLANAR`] of a face's plane does not see it, so points on one circle give some triangulation of their polygon instead of
+//! 1e-12 of a face's plane does not see it, so points on one circle give some triangulation of their polygon instead of
 //! a failure. What cannot be triangulated over the whole sphere (all points in a half space, two that coincide) is an error.
 
 use glam::DVec3;
