@@ -3,6 +3,7 @@
 pub mod cube_light;
 pub mod environment;
 pub mod parse;
+pub mod quantised;
 pub mod sky;
 pub mod strata;
 mod validate;

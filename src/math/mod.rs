@@ -4,6 +4,7 @@ pub mod cube_map;
 pub mod haar;
 pub mod quadrature;
 pub mod random;
+pub mod sphere;
 pub mod spherical_rectangle;
 pub mod statistics;
 pub mod svd;

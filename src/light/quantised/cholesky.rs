@@ -1,0 +1,109 @@
+//! Cholesky factors of a dense matrix, with the same bits on any number of threads.
+
+use rayon::prelude::*;
+
+/// Sum of products in eight interleaved partial sums, so that the order is fixed and does not wait for every addition.
+pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut partial = [0.0; 8];
+    let (a8, b8) = (a.chunks_exact(8), b.chunks_exact(8));
+    let rest: f64 = a8.remainder().iter().zip(b8.remainder()).map(|(x, y)| x * y).sum();
+    for (x, y) in a8.zip(b8) {
+        for lane in 0..8 {
+            partial[lane] += x[lane] * y[lane];
+        }
+    }
+    let [a, b, c, d, e, f, g, h] = partial;
+    ((a + e) + (c + g)) + ((b + f) + (d + h)) + rest
+}
+
+/// The lower triangular factor L of A = L L^T.
+pub(super) struct Cholesky {
+    size: usize,
+    /// Row by row, zeros above the diagonal.
+    factor: Vec<f64>,
+}
+
+impl Cholesky {
+    /// Of a symmetric matrix of `size` rows; only its lower half is read. None unless it is positive definite.
+    pub(super) fn new(mut matrix: Vec<f64>, size: usize) -> Option<Self> {
+        for i in 0..size {
+            let (above, row) = matrix.split_at_mut(i * size);
+            for j in 0..i {
+                let other = &above[j * size..j * size + size];
+                row[j] = (row[j] - dot(&row[..j], &other[..j])) / other[j];
+            }
+            let square = row[i] - dot(&row[..i], &row[..i]);
+            // A NaN is not positive either.
+            if !(square > 0.0 && square.is_finite()) {
+                return None;
+            }
+            row[i] = square.sqrt();
+            row[i + 1..size].fill(0.0);
+        }
+        Some(Self { size, factor: matrix })
+    }
+
+    fn row(&self, i: usize) -> &[f64] {
+        &self.factor[i * self.size..(i + 1) * self.size]
+    }
+
+    /// Replaces b by the solution of A x = b; entries of b before `first` are zero.
+    fn solve_from(&self, b: &mut [f64], first: usize) {
+        for i in first..self.size {
+            let row = self.row(i);
+            b[i] = (b[i] - dot(&row[first..i], &b[first..i])) / row[i];
+        }
+        for i in (0..self.size).rev() {
+            let row = self.row(i);
+            let value = b[i] / row[i];
+            b[i] = value;
+            b[..i].iter_mut().zip(row).for_each(|(x, l)| *x -= value * l);
+        }
+    }
+
+    /// The inverse of A, row by row.
+    pub(super) fn inverse(&self) -> Vec<f64> {
+        let mut inverse = vec![0.0; self.size * self.size];
+        inverse.par_chunks_mut(self.size.max(1)).enumerate().for_each(|(i, row)| {
+            row[i] = 1.0;
+            self.solve_from(row, i);
+        });
+        inverse
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::math::random::uniform;
+
+    #[test]
+    fn the_inverse_times_the_matrix_is_the_identity() {
+        for size in [1, 2, 7, 40] {
+            let b: Vec<f64> = (0..size * size).map(|i| uniform(3, i as u64, 0) - 0.5).collect();
+            let row = |i: usize| &b[i * size..(i + 1) * size];
+            let a: Vec<f64> = (0..size * size)
+                .map(|k| dot(row(k / size), row(k % size)) + if k / size == k % size { 0.1 } else { 0.0 })
+                .collect();
+            let factors = Cholesky::new(a.clone(), size).unwrap();
+            let inverse = factors.inverse();
+            for i in 0..size {
+                for j in 0..size {
+                    // Both are symmetric.
+                    let product = dot(&a[i * size..(i + 1) * size], &inverse[j * size..(j + 1) * size]);
+                    assert!((product - f64::from(u8::from(i == j))).abs() < 1e-10, "{size} {i} {j}: {product}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_not_positive_definite_is_refused() {
+        assert!(Cholesky::new(vec![1.0, 2.0, 2.0, 1.0], 2).is_none());
+        assert!(Cholesky::new(vec![0.0], 1).is_none());
+        assert!(Cholesky::new(vec![f64::NAN], 1).is_none());
+        assert!(Cholesky::new(vec![f64::INFINITY], 1).is_none());
+        assert!(Cholesky::new(Vec::new(), 0).is_some_and(|c| c.inverse().is_empty()));
+    }
+}

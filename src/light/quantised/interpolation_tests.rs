@@ -1,0 +1,283 @@
+use glam::DVec3;
+
+use super::directions::DirectionSet;
+use super::harmonics::real_sh;
+use super::interpolation::{Interpolator, MOST_ORDER, MOST_RBF, Scheme, default_order, rbf_matrix};
+use super::test_functions::{Lit, random_direction};
+use crate::error::ExitCode;
+
+fn interpolator(count: usize, scheme: Scheme) -> Interpolator {
+    Interpolator::new(&DirectionSet::fibonacci(count).unwrap(), scheme).unwrap()
+}
+
+fn weights(interpolator: &Interpolator, direction: DVec3) -> Vec<f64> {
+    let mut out = Vec::new();
+    interpolator.weights(direction, &mut out);
+    out
+}
+
+fn total(weights: &[f64], values: &[f64]) -> f64 {
+    weights.iter().zip(values).map(|(w, v)| w * v).sum()
+}
+
+#[test]
+fn constants_are_exact_for_every_scheme_and_count() {
+    for count in [4, 5, 6, 9, 15, 16, 17, 50, 200, 333] {
+        for scheme in Scheme::ALL {
+            let interpolator = interpolator(count, scheme);
+            let strange = [DVec3::ZERO, DVec3::NAN, DVec3::INFINITY, DVec3::splat(f64::MAX), DVec3::splat(1e-300)];
+            for direction in (0..50).map(|i| random_direction(1, i)).chain(strange) {
+                let weights = weights(&interpolator, direction);
+                assert_eq!(weights.len(), count);
+                let sum: f64 = weights.iter().sum();
+                assert!((sum - 1.0).abs() < 1e-9, "{count} {scheme:?} {direction}: {sum}");
+                if matches!(scheme, Scheme::Nearest4 | Scheme::Barycentric) {
+                    assert!(weights.iter().all(|w| *w >= 0.0));
+                    assert!(weights.iter().filter(|w| **w > 0.0).count() <= 4);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn interpolation_is_exact_at_the_directions() {
+    for count in [4, 12, 50, 200, 800] {
+        for scheme in [Scheme::Nearest4, Scheme::Barycentric, Scheme::Rbf] {
+            let interpolator = interpolator(count, scheme);
+            for (i, direction) in interpolator.set().directions().iter().enumerate().step_by(1 + count / 40) {
+                for (j, weight) in weights(&interpolator, *direction).iter().enumerate() {
+                    let exact = f64::from(u8::from(i == j));
+                    assert!((weight - exact).abs() < 1e-8, "{count} {scheme:?} {i} {j}: {weight}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn polynomials_are_exact_up_to_the_degree_that_is_promised() {
+    let cases = [(4, Scheme::Rbf, 2), (15, Scheme::Rbf, 2), (16, Scheme::Rbf, 3), (200, Scheme::Rbf, 3)];
+    let fitted = [20, 100, 200, 800].map(|count| (count, Scheme::LeastSquares, default_order(count)));
+    for (count, scheme, order) in cases.into_iter().chain(fitted) {
+        let interpolator = interpolator(count, scheme);
+        let (mut at, mut there) = (vec![0.0; order * order], vec![0.0; order * order]);
+        for i in 0..20 {
+            let direction = random_direction(2, i);
+            let mut sums = vec![0.0; order * order];
+            for (weight, other) in weights(&interpolator, direction).iter().zip(interpolator.set().directions()) {
+                real_sh(order, *other, &mut there);
+                sums.iter_mut().zip(&there).for_each(|(sum, value)| *sum += weight * value);
+            }
+            real_sh(order, direction, &mut at);
+            let worst = sums.iter().zip(&at).map(|(sum, value)| (sum - value).abs()).fold(0.0, f64::max);
+            assert!(worst < 1e-10, "{count} {scheme:?}: {worst}");
+        }
+    }
+}
+
+#[test]
+fn a_sum_over_lights_is_the_sum_of_their_weights() {
+    for scheme in Scheme::ALL {
+        let interpolator = interpolator(60, scheme);
+        let lights: Vec<(DVec3, DVec3)> =
+            (0..30).map(|i| (random_direction(3, i) * 5.0, random_direction(4, i).abs())).collect();
+        let mut expected = vec![DVec3::ZERO; 60];
+        for (direction, amount) in &lights {
+            let weights = weights(&interpolator, *direction);
+            expected.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += weight * *amount);
+        }
+        let found = interpolator.sum(&lights);
+        assert!(found.iter().zip(&expected).all(|(a, b)| (*a - *b).abs().max_element() < 1e-11), "{scheme:?}");
+        assert_eq!(interpolator.sum(&[]), vec![DVec3::ZERO; 60]);
+    }
+}
+
+/// An arc of a great circle, in degrees from its start.
+#[derive(Clone, Copy)]
+struct Arc {
+    circle: u64,
+    from: f64,
+    to: f64,
+}
+
+/// Most that a value moves in a step along an arc beyond the function's own motion, and the step where it does.
+fn largest_jump(interpolator: &Interpolator, lit: &[(Lit, Vec<f64>)], arc: Arc, steps: u32) -> (f64, Arc) {
+    let start = random_direction(21, arc.circle);
+    let across = random_direction(22, arc.circle).cross(start).normalize();
+    let angle = |k: u32| arc.from + (arc.to - arc.from) * f64::from(k) / f64::from(steps);
+    let mut largest = (0.0, arc);
+    let mut before: Vec<(f64, f64)> = Vec::new();
+    for k in 0..=steps {
+        let (sin, cos) = angle(k).to_radians().sin_cos();
+        let direction = start * cos + across * sin;
+        let weights = weights(interpolator, direction);
+        let now: Vec<(f64, f64)> = lit.iter().map(|(f, values)| (f.at(direction), total(&weights, values))).collect();
+        for ((exact, found), (exact_before, found_before)) in now.iter().zip(&before) {
+            let jump = (found - found_before).abs() - (exact - exact_before).abs();
+            if jump > largest.0 {
+                largest = (jump, Arc { from: angle(k - 1), to: angle(k), ..arc });
+            }
+        }
+        before = now;
+    }
+    largest
+}
+
+/// The largest jump in 0.1 degrees over some quarters of great circles, and what is left of it in a hundredth of that step.
+fn jumps(interpolator: &Interpolator) -> [f64; 2] {
+    let value_of = |f: &Lit| interpolator.set().directions().iter().map(|d| f.at(*d)).collect();
+    let lit: Vec<(Lit, Vec<f64>)> = (0..24)
+        .map(|i| Lit::new(i, 3.0, 30.0))
+        .map(|f| {
+            let values = value_of(&f);
+            (f, values)
+        })
+        .collect();
+    let sweep = |circle| largest_jump(interpolator, &lit, Arc { circle, from: 0.0, to: 90.0 }, 900);
+    let (jump, arc) = (1..12).map(sweep).fold(sweep(0), |best, next| if next.0 > best.0 { next } else { best });
+    [jump, largest_jump(interpolator, &lit, arc, 100).0]
+}
+
+#[test]
+fn only_the_four_nearest_jump_when_a_light_turns() {
+    for scheme in Scheme::ALL {
+        let [jump, close] = jumps(&interpolator(200, scheme));
+        println!("{}: {jump:.2e} beyond the function's own motion in 0.1 degrees", scheme.name());
+        // A hundredth of the step leaves a hundredth of the motion, and all of a jump.
+        if scheme == Scheme::Nearest4 {
+            assert!(jump > 0.05 && close > 0.5 * jump, "{jump} {close}");
+        } else {
+            assert!(jump < 0.005 && close < 0.05 * jump, "{scheme:?}: {jump} {close}");
+        }
+    }
+}
+
+/// RMS over functions of blurs between two angles in degrees, and the largest undershoot.
+fn error(
+    set: &DirectionSet,
+    weights: impl Fn(DVec3) -> Vec<f64>,
+    [functions, directions]: [u64; 2],
+    narrowest: f64,
+    widest: f64,
+) -> (f64, f64) {
+    let lit: Vec<Lit> = (0..functions).map(|i| Lit::new(i, narrowest, widest)).collect();
+    let values: Vec<Vec<f64>> = lit.iter().map(|f| set.directions().iter().map(|d| f.at(*d)).collect()).collect();
+    let (mut sum, mut lowest) = (0.0, 0.0_f64);
+    for direction in (0..directions).map(|i| random_direction(99, i)) {
+        let weights = weights(direction);
+        for (f, values) in lit.iter().zip(&values) {
+            let found = total(&weights, values);
+            sum += (found - f.at(direction)).powi(2);
+            lowest = lowest.min(found);
+        }
+    }
+    ((sum / (functions * directions) as f64).sqrt(), lowest)
+}
+
+#[test]
+fn errors_are_those_of_the_documentation() {
+    for (scheme, documented) in Scheme::ALL.into_iter().zip(DOCUMENTED) {
+        let interpolator = interpolator(200, scheme);
+        let (rms, _) = error(interpolator.set(), |d| weights(&interpolator, d), [300, 400], 3.0, 30.0);
+        assert!((rms / documented - 1.0).abs() < 0.01, "{scheme:?}: {rms}");
+    }
+}
+
+/// RMS at 200 directions in the order of [`Scheme::ALL`].
+const DOCUMENTED: [f64; 4] = [1.531e-2, 1.232e-2, 7.31e-3, 1.130e-2];
+
+/// Prints the tables of the documentation: `cargo test --release --lib quantised -- --ignored --nocapture`.
+#[test]
+#[ignore = "prints tables"]
+fn print_errors() {
+    for (narrowest, widest) in [(3.0, 30.0), (3.0, 8.0), (8.0, 16.0), (16.0, 30.0)] {
+        for scheme in Scheme::ALL {
+            print!("{narrowest} to {widest} degrees | {}", scheme.name());
+            for count in [50, 100, 150, 200, 400, 800] {
+                let start = std::time::Instant::now();
+                let interpolator = interpolator(count, scheme);
+                let seconds = start.elapsed().as_secs_f64();
+                let (rms, lowest) =
+                    error(interpolator.set(), |d| weights(&interpolator, d), [300, 400], narrowest, widest);
+                print!(" | {rms:.3e} ({lowest:.3}, {seconds:.3} s)");
+            }
+            println!();
+        }
+    }
+    for count in [50, 100, 200, 400, 800] {
+        let jumps = Scheme::ALL.map(|scheme| jumps(&interpolator(count, scheme))[0]);
+        println!("jumps at {count}: {:?}", jumps.map(|jump| format!("{jump:.2e}")));
+    }
+    for count in [800, 1024, 2048] {
+        let start = std::time::Instant::now();
+        let interpolator = interpolator(count, Scheme::Rbf);
+        let seconds = start.elapsed().as_secs_f64();
+        let at = interpolator.set().directions()[17];
+        let off = weights(&interpolator, at)
+            .iter()
+            .enumerate()
+            .map(|(i, w)| if i == 17 { 1.0 - w } else { *w }.abs())
+            .fold(0.0, f64::max);
+        println!("rbf {count}: set up in {seconds:.2} s, off by {off:.1e} at a direction");
+    }
+}
+
+/// Prints the comparison of kernels in the documentation of [`Scheme::Rbf`].
+#[test]
+#[ignore = "prints tables"]
+fn print_kernels() {
+    // Functions of the chord, with the sign that makes them positive definite on what is orthogonal to polynomials.
+    type Kernel = fn(f64) -> f64;
+    let kernels: [(&str, Kernel); 13] = [
+        ("(r^2 + 0.2^2)^(3/2)", |r| (r * r + 0.04).powf(1.5)),
+        ("r", |r| -r),
+        ("r^3", |r| r.powi(3)),
+        ("r^4 log r", |r| if r > 0.0 { -r.powi(4) * r.ln() } else { 0.0 }),
+        // The scale keeps it below the shift that makes the matrix positive definite.
+        ("r^5", |r| -r.powi(5) / 8.0),
+        ("Matern 3/2, length 0.6", |r| (1.0 + 3f64.sqrt() * r / 0.6) * (-3f64.sqrt() * r / 0.6).exp()),
+        ("Matern 5/2, length 0.6", |r| {
+            let x = 5f64.sqrt() * r / 0.6;
+            (1.0 + x + x * x / 3.0) * (-x).exp()
+        }),
+        ("Wendland C2, radius 2", |r| (1.0 - 0.5 * r).max(0.0).powi(4) * (2.0 * r + 1.0)),
+        ("Wendland C4, radius 2", |r| {
+            let x = 0.5 * r;
+            (1.0 - x).max(0.0).powi(6) * (35.0 * x * x + 18.0 * x + 3.0) / 3.0
+        }),
+        ("exp(-angle)", |r| (-2.0 * (0.5 * r).min(1.0).asin()).exp()),
+        ("Gaussian of 0.3", |r| (-(r / 0.3).powi(2)).exp()),
+        ("(r^2 + 0.3^2)^(3/2)", |r| (r * r + 0.09).powf(1.5)),
+        ("(r^2 + 0.2^2)^(1/2)", |r| -(r * r + 0.04).sqrt()),
+    ];
+    for (name, kernel) in kernels {
+        print!("{name}");
+        for (narrowest, widest) in [(3.0, 30.0), (8.0, 16.0)] {
+            for count in [50, 100, 200, 400] {
+                let set = DirectionSet::fibonacci(count).unwrap();
+                let matrix = rbf_matrix(&set, 3, |squared| kernel(squared.sqrt())).unwrap();
+                let weights = |direction: DVec3| -> Vec<f64> {
+                    let mut values = vec![0.0; count + 9];
+                    let chords = set.directions().iter().map(|d| kernel(d.distance(direction)));
+                    values.iter_mut().zip(chords).for_each(|(out, value)| *out = value);
+                    real_sh(3, direction, &mut values[count..]);
+                    matrix.chunks_exact(count + 9).map(|row| total(row, &values)).collect()
+                };
+                print!(" | {:.3e}", error(&set, weights, [300, 400], narrowest, widest).0);
+            }
+        }
+        println!();
+    }
+}
+
+#[test]
+fn what_does_not_fit_is_an_error() {
+    let set = DirectionSet::fibonacci(MOST_RBF + 1).unwrap();
+    assert_eq!(Interpolator::new(&set, Scheme::Rbf).unwrap_err().code(), ExitCode::Unsupported);
+    let set = DirectionSet::fibonacci(50).unwrap();
+    for order in [0, 8, MOST_ORDER + 1, usize::MAX] {
+        assert!(Interpolator::least_squares(&set, order).is_err());
+    }
+    assert_eq!((default_order(0), default_order(200), default_order(4096)), (1, 10, MOST_ORDER));
+}

@@ -1,0 +1,176 @@
+//! A light as weights over the entries of a quantised light set.
+
+use std::f64::consts::{PI, TAU};
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::distances::QuantisedLights;
+use super::interpolation::Interpolator;
+use crate::error::{Error, Result};
+use crate::light::Light;
+use crate::light::environment::{EnvironmentMap, Rotation};
+use crate::math::cube_map::{FACES, direction as texel_direction, solid_angles_sr, texel_of};
+use crate::math::quadrature::gauss_legendre_cached;
+
+/// Texels along an edge of the cube map that distant light is gathered in: 1.4 degrees.
+const GATHER_SIDE: usize = 64;
+
+/// Rows of a map that are gathered together, so that sums do not depend on the number of threads.
+const BANDS: usize = 16;
+
+/// Quadrature points along an edge of an area light, at least and at most.
+const AREA_POINTS: (usize, usize) = (2, 16);
+
+/// RGB weights over the entries of `lights` (see [`QuantisedLights::entry`]) that stand for `light`: radiosity, irradiance and
+/// everything else that is linear in the light is the weighted sum over the entries, up to the interpolation.
+///
+/// - Directional: irradiance times the interpolator's weights on the parallel entries.
+/// - Constant and environment: every piece of the sphere as parallel light, all of its energy. Light is gathered in texels of
+///   1.4 degrees, each in the direction of its centre of energy, so that a sun keeps its place. Sums over the parallel entries are
+///   the integral of the radiance.
+/// - Point: the weights of its direction from the scene's centre times those of its distance, times intensity / distance^2. A
+///   far point is parallel light.
+/// - Area: Gauss-Legendre points over the rectangle, as many as its size over its distance asks for, each a point light of
+///   the intensity radiance dA cos(a), where a is the angle between the emitter's normal and the scene's centre. The
+///   approximation: all of the scene sees the emission that the centre sees. A part of the scene that is off the centre by an angle b,
+///   seen from the emitter, would see cos(a + b) / cos(a) = cos(b) - tan(a) sin(b) of that: about 2 % less at most for an
+///   emitter that faces the centre from 5 radii, more the nearer it is and the more it looks past the scene. Parts of the emitter
+///   that face away from the centre are dark.
+///
+/// # Errors
+/// An interpolator of another set (exit 3); a point light, or a part of an area light, nearer than the nearest shell (exit 5);
+/// a light so bright that sums overflow (exit 4).
+pub fn light_vector(lights: &QuantisedLights, interpolator: &Interpolator, light: &Light) -> Result<Vec<DVec3>> {
+    if interpolator.set() != &lights.directions {
+        return Err(Error::input("the interpolator was made for another set of directions than that of the lights"));
+    }
+    let vector = match light {
+        Light::Directional { from, irradiance } => parallel(lights, interpolator, &[(*from, *irradiance)]),
+        Light::Constant { radiance } => parallel(lights, interpolator, &everywhere(*radiance)),
+        Light::Environment { map, rotate_degrees, scale } => {
+            parallel(lights, interpolator, &gather(map, Rotation::from_degrees(*rotate_degrees), *scale))
+        }
+        Light::Point { at_mm, intensity } => points(lights, interpolator, &[(*at_mm, *intensity)])?,
+        Light::Area { .. } => points(lights, interpolator, &emitters(light, lights.shells.centre_mm()))
+            .map_err(|error| error.at("a part of an area light"))?,
+    };
+    if vector.iter().all(|weight| weight.is_finite()) {
+        Ok(vector)
+    } else {
+        Err(Error::runtime("the light is too bright for double precision; make it weaker"))
+    }
+}
+
+/// Light from far away, pairs of direction and irradiance.
+fn parallel(lights: &QuantisedLights, interpolator: &Interpolator, distant: &[(DVec3, DVec3)]) -> Vec<DVec3> {
+    let mut vector = interpolator.sum(distant);
+    vector.resize(lights.count(), DVec3::ZERO);
+    vector
+}
+
+/// Pairs of position in mm and intensity.
+fn points(lights: &QuantisedLights, interpolator: &Interpolator, points: &[(DVec3, DVec3)]) -> Result<Vec<DVec3>> {
+    let shells = lights.shells.inverse().len();
+    let mut by_shell = vec![Vec::with_capacity(points.len()); shells];
+    for (at_mm, intensity) in points {
+        let from_centre = *at_mm - lights.shells.centre_mm();
+        let distance_mm = from_centre.length();
+        let weights = lights.shells.weights(distance_mm)?;
+        // Two divisions: the square of a distance that is still finite may not be.
+        let irradiance = *intensity / distance_mm / distance_mm;
+        for (out, weight) in by_shell.iter_mut().zip(weights) {
+            if weight != 0.0 {
+                out.push((from_centre, weight * irradiance));
+            }
+        }
+    }
+    Ok(by_shell.iter().flat_map(|shell| interpolator.sum(shell)).collect())
+}
+
+/// A rectangle as point lights, as the centre of the scene sees them; positions in mm.
+fn emitters(light: &Light, centre_mm: DVec3) -> Vec<(DVec3, DVec3)> {
+    let Light::Area { at_mm, normal, u, size_mm, radiance } = light else { return Vec::new() };
+    let v = normal.cross(*u);
+    let distance_mm = at_mm.distance(centre_mm);
+    let [across, along] = size_mm.map(|size| {
+        let wanted = (12.0 * size / distance_mm).ceil();
+        gauss_legendre_cached((wanted as usize).saturating_add(1).clamp(AREA_POINTS.0, AREA_POINTS.1))
+    });
+    let mut found = Vec::with_capacity(across.len() * along.len());
+    for s in across {
+        for t in along {
+            let point = *at_mm + 0.5 * (s.position * size_mm[0] * *u + t.position * size_mm[1] * v);
+            let area_mm2 = 0.25 * s.weight * t.weight * size_mm[0] * size_mm[1];
+            let cosine = (centre_mm - point).try_normalize().map_or(0.0, |to_centre| normal.dot(to_centre));
+            if cosine > 0.0 {
+                found.push((point, *radiance * (area_mm2 * cosine)));
+            }
+        }
+    }
+    found
+}
+
+/// The same radiance from everywhere, as irradiance from the centres of texels.
+fn everywhere(radiance: DVec3) -> Vec<(DVec3, DVec3)> {
+    let side = GATHER_SIDE;
+    let angles = solid_angles_sr(side);
+    (0..FACES * side * side)
+        .map(|i| {
+            let direction = texel_direction(side, i / (side * side), i % side, i / side % side);
+            (direction, radiance * angles[i % (side * side)])
+        })
+        .collect()
+}
+
+/// Energy of a texel and where it comes from.
+#[derive(Clone, Copy, Default)]
+struct Gathered {
+    energy: DVec3,
+    /// Directions weighted by the sum of the channels.
+    centre: DVec3,
+}
+
+/// The light of a map as irradiance from a direction for every texel that is lit.
+fn gather(map: &EnvironmentMap, rotation: Rotation, scale: DVec3) -> Vec<(DVec3, DVec3)> {
+    let (width, height) = (map.width(), map.height());
+    // Pixels wider than half a texel are cut.
+    let (across, down) = ((8 * GATHER_SIDE).div_ceil(width), (4 * GATHER_SIDE).div_ceil(height));
+    let columns: Vec<(f64, f64)> = (0..width * across)
+        .map(|i| {
+            let longitude = TAU * (0.5 - (i as f64 + 0.5) / (width * across) as f64);
+            let turned = rotation.to_world(DVec3::new(longitude.sin(), 0.0, longitude.cos()));
+            (turned.x, turned.z)
+        })
+        .collect();
+    let band = |index: usize| {
+        let mut texels = vec![Gathered::default(); FACES * GATHER_SIDE * GATHER_SIDE];
+        for row in index * height / BANDS..(index + 1) * height / BANDS {
+            for piece in 0..down {
+                let step = PI / (height * down) as f64;
+                let (sin, cos) = (((row * down + piece) as f64 + 0.5) * step).sin_cos();
+                let angle = TAU / (width * across) as f64 * 2.0 * sin * (0.5 * step).sin();
+                for (x, pieces) in columns.chunks_exact(across).enumerate() {
+                    let energy = map.pixel(x, row) * angle;
+                    let brightness = energy.element_sum();
+                    for &(dx, dz) in pieces.iter().filter(|_| brightness > 0.0) {
+                        let direction = DVec3::new(sin * dx, cos, sin * dz);
+                        let texel = &mut texels[texel_of(GATHER_SIDE, direction)];
+                        texel.energy += energy;
+                        texel.centre += brightness * direction;
+                    }
+                }
+            }
+        }
+        texels
+    };
+    let mut total = vec![Gathered::default(); FACES * GATHER_SIDE * GATHER_SIDE];
+    for texels in (0..BANDS).into_par_iter().map(band).collect::<Vec<_>>() {
+        for (total, texel) in total.iter_mut().zip(texels) {
+            total.energy += texel.energy;
+            total.centre += texel.centre;
+        }
+    }
+    total.retain(|texel| texel.energy != DVec3::ZERO);
+    total.iter().map(|texel| (texel.centre, texel.energy * scale)).collect()
+}
