@@ -6,6 +6,8 @@ pub mod cluster;
 pub mod mesh;
 pub mod part_table;
 pub mod parts;
+
 pub mod samples;
+pub mod scattered;
 pub mod shapes;
 pub mod source;
