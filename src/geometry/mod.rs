@@ -8,4 +8,5 @@ pub mod part_table;
 pub mod parts;
 pub mod samples;
 pub mod shapes;
+pub mod simplify;
 pub mod source;
