@@ -239,8 +239,9 @@ pub fn fit(value: &[f32], corners: [&[f32]; 3], start: [f64; 3], bounds: Bounds)
     let weights = error.regularised(start).minimum(bounds.least());
     let (fitted, before) = (error.at(weights), error.at(start));
     let start_allowed = start.iter().all(|&w| w >= bounds.least());
-    // Also catches what is not a number.
-    if start_allowed && !(fitted < before) {
+    // False as well for what is not a number.
+    let improves = fitted < before;
+    if start_allowed && !improves {
         return Fit { weights: start, squared_error: before };
     }
     Fit { weights, squared_error: fitted }

@@ -200,6 +200,21 @@ fn values_are_predictions_plus_residuals() {
 }
 
 #[test]
+fn references_are_predicted_from_the_next_coarser_level() {
+    let head = Head::new(4, 10);
+    let levels = Hierarchy::new(&head.input(&[]), &Costs::default(), &[640, 160], &Silent).levels;
+    let finer = &levels[0].references;
+    let references = gather(&head.values, LIGHTS, &levels[1].references);
+    let own = gather(&head.values, LIGHTS, finer);
+    let errors = CHOICES.map(|choice| {
+        let predictions = predictions(&levels[1], Some(finer), &head.values, &references, LIGHTS, choice);
+        assert_eq!(predictions.len(), 640);
+        rms(&residuals(&own, LIGHTS, &references, &predictions))
+    });
+    assert!(errors[0] < 0.12 && errors[1] < errors[0] && errors[3] < errors[1], "{errors:?}");
+}
+
+#[test]
 fn more_references_and_better_weights_mean_a_smaller_error() {
     let head = Head::new(5, 30);
     let mut last = [f64::INFINITY; 5];

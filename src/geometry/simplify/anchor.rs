@@ -98,7 +98,7 @@ impl Level {
         let all = parent.len();
         let mut index = vec![NONE; all];
         let mut level = Self::default();
-        let kept = |v: u32| parent[v as usize] == NONE && mesh.sets.of(v).first().is_some();
+        let kept = |v: u32| parent[v as usize] == NONE && !mesh.sets.of(v).is_empty();
         for v in (0..all as u32).filter(|&v| kept(v)) {
             index[v as usize] = level.references.len() as u32;
             level.references.push(v);

@@ -47,7 +47,9 @@ pub struct Signal<'a> {
     pub values: &'a [f32],
     /// Values of a vertex.
     pub dimension: usize,
-    /// The squared distance in mm^2 that counts as much as a squared difference of 1 between values.
+    /// The squared distance in mm^2 that counts as much as a squared difference of 1 between values. With values from 0
+    /// to 1, a sixth of the mesh's diagonal, squared, was best on a head with a shadow edge; a tenth of that gave 5 %
+    /// more error, ten times 15 to 40 % more.
     pub weight_mm2: f64,
 }
 
@@ -55,7 +57,8 @@ pub struct Signal<'a> {
 #[derive(Clone, Copy, Debug)]
 pub struct Costs<'a> {
     /// Share of the squared length of a collapse that is added to its squared geometric error: keeps the references
-    /// apart where the surface is flat.
+    /// apart where the surface is flat. On scanned meshes, 0 to 1e-2 give the same deviation within a tenth, 1e-1 a
+    /// quarter to a half more. At 0, large flat regions gather vertices with very many triangles, which takes long.
     pub spacing: f64,
     /// Weight of the planes that hold boundaries in place, relative to that of triangles.
     pub border: f64,
