@@ -2,4 +2,5 @@
 
 pub mod blocks;
 pub mod ledger;
+pub mod reference_points;
 pub mod rows;
