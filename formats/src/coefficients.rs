@@ -96,7 +96,7 @@ impl Models {
 
     /// The number of columns up to a row's last coefficient that is not 0.
     fn count<C: Coder>(&mut self, coder: &mut C, expected: u32, count: u32) -> u32 {
-        let class = expected as usize * COUNT_CLASSES >> self.count_bits;
+        let class = (expected as usize * COUNT_CLASSES) >> self.count_bits;
         let (mut top, mut shift) = (1, self.count_bits);
         for _ in 0..COUNT_BITS.min(self.count_bits) {
             shift -= 1;

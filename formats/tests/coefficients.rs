@@ -151,30 +151,18 @@ fn every_cut_and_every_changed_byte_is_refused() {
     }
 }
 
-/// What random bytes decode to, if anything, is what encodes to them.
+/// Random streams are refused in the end; nothing is read or taken that should not be on the way.
 #[test]
-fn any_bytes_give_a_matrix_or_an_error() {
+fn random_bytes_are_refused() {
     let mut random = Random(2);
-    let (mut accepted, mut refused) = (0, 0);
     for round in 0..20_000 {
-        let (rows, columns) = (random.below(12), random.below(12));
+        let (rows, columns) = (random.below(12), 1 + random.below(11));
         let mut bytes = vec![rows as u8, columns as u8, 0];
         let length = random.below(6 + round % 30);
         bytes.extend((0..length).map(|_| if random.below(3) == 0 { 0xff } else { random.next() as u8 }));
-        match decode(TAG, &bytes, None, Budget::bytes(1000)) {
-            Ok(found) => {
-                assert_eq!((found.rows, found.columns, found.values.len()), (rows, columns, rows * columns));
-                assert_eq!(encode(TAG, rows, columns, &found.values, None).unwrap(), bytes);
-                accepted += 1;
-            }
-            Err(error) => {
-                assert!(matches!(error, FormatError::Invalid { tag: TAG, .. }), "{error}");
-                refused += 1;
-            }
-        }
+        let found = decode(TAG, &bytes, None, Budget::bytes(1000));
+        assert!(matches!(found, Err(FormatError::Invalid { tag: TAG, .. })), "{bytes:?}");
     }
-    // The mark at the end is random with a chance of 2^-32.
-    assert_eq!((accepted, refused), (0, 20_000));
 }
 
 #[test]
@@ -356,7 +344,7 @@ impl ByTheBook<'_> {
         let mut matrix: Vec<Vec<i32>> = Vec::new();
         for predictor in predictors.iter().take(rows) {
             let expected = predictor.map_or(counts.last().copied().unwrap_or(0), |row| counts[row]);
-            let c = self.bits(&[0, (16 * expected >> bits).min(15)], bits, 7);
+            let c = self.bits(&[0, ((16 * expected) >> bits).min(15)], bits, 7);
             let mut row = vec![0i32; columns];
             for k in 0..c {
                 let near = |back: usize| k.checked_sub(back).map_or(0, |k| row[k].unsigned_abs() as usize);

@@ -2,4 +2,5 @@
 
 pub mod blocks;
 pub mod ledger;
+pub mod quantiser;
 pub mod rows;
