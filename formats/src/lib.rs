@@ -41,6 +41,7 @@ compile_error!("sections are little-endian and read in place: this crate needs a
 mod asset;
 mod checks;
 mod codec;
+pub mod coefficients;
 mod compression;
 mod container;
 mod error;
@@ -51,6 +52,7 @@ pub mod mesh;
 pub mod metadata;
 pub mod parts;
 pub mod profile_basis;
+pub mod range_coder;
 mod reader;
 pub mod rows;
 pub mod samples;

@@ -2,5 +2,6 @@
 
 pub mod blocks;
 pub mod ledger;
+pub mod quantiser;
 pub mod reference_points;
 pub mod rows;

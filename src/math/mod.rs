@@ -1,9 +1,11 @@
 //! Quadrature, counter-based random numbers, directions and statistics.
 
 pub mod cube_map;
+pub mod eigen;
 pub mod haar;
 pub mod quadrature;
 pub mod random;
+pub mod sh;
 pub mod sphere;
 pub mod spherical_rectangle;
 pub mod statistics;
