@@ -6,7 +6,6 @@ pub mod cluster;
 pub mod mesh;
 pub mod part_table;
 pub mod parts;
-
 pub mod samples;
 pub mod scattered;
 pub mod shapes;
