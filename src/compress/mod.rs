@@ -2,6 +2,7 @@
 
 pub mod blocks;
 pub mod ledger;
+pub mod prediction;
 pub mod quantiser;
 pub mod reference_points;
 pub mod rows;

@@ -82,6 +82,21 @@ impl<'a> ManyLights<'a> {
         Self { gather, tree, receivers, areas, scheme: Scheme::AllPairs, level: Level::detect() }
     }
 
+    /// Radiosity of every receiver under one irradiance of the samples, RGB, with the same scheme.
+    pub fn under(&self, irradiance: &[DVec3]) -> Vec<DVec3> {
+        let lit = self.gather.light(irradiance);
+        self.gather.radiosity(self.receivers, &lit, self.scheme, &crate::progress::Silent)
+    }
+
+    /// The same transfer to other receivers, and the areas around them.
+    #[must_use]
+    pub fn towards<'b>(&self, receivers: &'b Receivers, areas: &'b [f64]) -> ManyLights<'b>
+    where
+        'a: 'b,
+    {
+        ManyLights { gather: self.gather, tree: self.tree, receivers, areas, scheme: self.scheme, level: self.level }
+    }
+
     /// Uses narrower instructions than this processor offers: the results are the same to the bit.
     #[must_use]
     pub fn with_level(mut self, level: Level) -> Self {

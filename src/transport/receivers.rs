@@ -109,6 +109,24 @@ impl Receivers {
         self.positions.is_empty()
     }
 
+    /// Some of the receivers, by their ascending indices, in groups of at most `capacity`; no vertex takes their values.
+    pub fn only(&self, indices: &[u32], capacity: usize) -> Self {
+        let mut result = Self::default();
+        let mut rest = indices;
+        for part in self.groups.chunk_by(|a, b| a.part == b.part) {
+            let end = part.last().map_or(0, |g| g.run.end);
+            let (mine, others) = rest.split_at(rest.partition_point(|&i| i < end));
+            rest = others;
+            for run in mine.chunks(capacity.max(1)) {
+                let first = result.positions.len() as u32;
+                result.positions.extend(run.iter().filter_map(|&i| self.positions.get(i as usize)));
+                let run = Run { first, end: result.positions.len() as u32 };
+                result.groups.push(Group { run, part: part[0].part });
+            }
+        }
+        result
+    }
+
     /// Values of the receivers handed to the source vertices; zero where a vertex has none.
     pub fn expand(&self, values: &[DVec3]) -> Vec<DVec3> {
         self.of_vertex.iter().map(|&r| values.get(r as usize).copied().unwrap_or(DVec3::ZERO)).collect()
