@@ -149,10 +149,6 @@ fn spacing(stage: &Stage, truth: &[Vec<DVec3>], error: f64) -> f64 {
     let mut spacing = (WIDEST * widest).clamp(1e-3 * diagonal, 0.25 * diagonal);
     for _ in 0..TRIALS {
         let net = Net::new(&stage.points, &parts(&stage.receivers), spacing);
-        eprintln!(
-            net.point.len(),
-            truth.iter().map(|t| spatial_error(stage, &net, spacing, std::slice::from_ref(t)).rms).collect::<Vec<_>>()
-        );
         if net.point.len() == stage.points.len() || spatial_error(stage, &net, spacing, truth).rms <= error {
             break;
         }
