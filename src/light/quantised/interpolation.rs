@@ -5,8 +5,8 @@ use rayon::prelude::*;
 
 use super::cholesky::{Cholesky, dot};
 use super::directions::DirectionSet;
-use super::harmonics::real_sh;
 use crate::error::{Error, Result};
+use crate::math::sh::real_sh;
 use crate::math::sphere::unit;
 
 /// How a value between the directions of a set follows from the values at them. All reproduce constants.

@@ -1,10 +1,10 @@
 use glam::DVec3;
 
 use super::directions::DirectionSet;
-use super::harmonics::real_sh;
 use super::interpolation::{Interpolator, MOST_ORDER, MOST_RBF, Scheme, default_order, rbf_matrix};
 use super::test_functions::{Lit, random_direction};
 use crate::error::ExitCode;
+use crate::math::sh::real_sh;
 
 fn interpolator(count: usize, scheme: Scheme) -> Interpolator {
     Interpolator::new(&DirectionSet::fibonacci(count).unwrap(), scheme).unwrap()

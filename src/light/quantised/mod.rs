@@ -8,7 +8,6 @@
 mod cholesky;
 pub mod directions;
 pub mod distances;
-mod harmonics;
 pub mod interpolation;
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
