@@ -229,10 +229,8 @@ fn kriging(target: &OrientedPoint, sources: &[OrientedPoint], near: &[u32], norm
     let size = count + 1;
     let mut matrix = [[0.0; MOST + 2]; MOST + 1];
     for i in 0..count {
-        for j in 0..i {
-            let value = covariance(distance2(source(i), source(j), normal_mm));
-            matrix[i][j] = value;
-            matrix[j][i] = value;
+        for (j, cell) in matrix[i].iter_mut().enumerate().take(count) {
+            *cell = covariance(distance2(source(i), source(j), normal_mm));
         }
         matrix[i][i] = covariance(0.0) + RIDGE;
         matrix[i][count] = 1.0;
@@ -254,11 +252,12 @@ fn solve(matrix: &mut [[f64; MOST + 2]; MOST + 1], size: usize) -> Option<[f64; 
             return None;
         }
         matrix.swap(column, pivot);
-        for row in column + 1..size {
-            let factor = matrix[row][column] / matrix[column][column];
-            for k in column..=size {
-                matrix[row][k] -= factor * matrix[column][k];
-            }
+        let (above, below) = matrix.split_at_mut(column + 1);
+        let pivot = &above[column];
+        for row in below.iter_mut().take(size - column - 1) {
+            let factor = row[column] / pivot[column];
+            let cells = row.iter_mut().zip(pivot).take(size + 1).skip(column);
+            cells.for_each(|(cell, known)| *cell -= factor * known);
         }
     }
     let mut values = [0.0; MOST + 1];

@@ -19,9 +19,9 @@ pub fn why(axis: Axis, method: &str, quantity: Quantity, fixed_samples: Option<u
              their least and largest number",
         ),
         (Axis::Vertices, "two_pass", Quantity::RelightMs) => Some(
-            "beyond 65,536 vertices the samples grow with the triangles, and each vertex sums over a number of their clusters \
-             that grows as the logarithm of the samples, which is up to 0.1 above 1; the opening that keeps the asked error is \
-             tuned anew at each size and may add to that",
+            "beyond 65,536 vertices the samples grow with the triangles, and the opening that keeps the asked error narrows: 0.024, \
+             0.017 and 0.012 sr at 100k, 300k and 1M vertices of the knot, where a group of vertices sums over 1240, 1860 and 2570 \
+             clusters and samples",
         ),
         _ => None,
     }
