@@ -52,6 +52,7 @@ pub mod mesh;
 pub mod metadata;
 pub mod parts;
 pub mod profile_basis;
+pub mod quantised_lights;
 pub mod range_coder;
 mod reader;
 pub mod rows;

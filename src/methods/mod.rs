@@ -1,6 +1,7 @@
 //! The precomputation methods. A method is one folder and one line in [`ALL`].
 
 pub mod editable;
+pub mod quantized_lights;
 pub mod reference;
 pub mod sampling;
 pub mod settings;
@@ -13,7 +14,8 @@ use crate::progress::Progress;
 use crate::transport::scene::Scene;
 
 /// Every method.
-pub const ALL: [&dyn Method; 3] = [&reference::Reference, &two_pass::TwoPass, &editable::Editable];
+pub const ALL: [&dyn Method; 4] =
+    [&reference::Reference, &two_pass::TwoPass, &quantized_lights::QuantizedLights, &editable::Editable];
 
 /// The method of a name.
 ///

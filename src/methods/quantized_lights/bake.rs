@@ -1,0 +1,263 @@
+//! What `quantized_lights` precomputes: radiosity at reference points under every light of the set, coded.
+
+use glam::DVec3;
+
+use super::basis::{Radiosities, code, light_net, light_spacing};
+use super::lights::{LightSet, Plan};
+use super::sections;
+use super::stage::{GROUP, Stage, parts, radiosity_of_set};
+use crate::compress::ledger::Ledger;
+use crate::compress::prediction::Net;
+use crate::error::{Error, Result};
+use crate::evaluate::{AssetParts, BakeSettings};
+use crate::geometry::samples::Samples;
+use crate::light::Light;
+use crate::math::statistics::{VertexError, vertex_error};
+use crate::methods::sampling::{self, Density};
+use crate::progress::{Progress, Silent};
+use crate::transport::gather::NearField;
+use crate::transport::many_lights::ManyLights;
+use crate::transport::scene::Scene;
+
+/// Shadow boundaries stay well inside the kernel.
+const DENSITY: Density = Density { spacing: 0.35, least: 1 << 17, most: 1 << 18 };
+
+/// The error that the density is made for.
+const DENSITY_RMS: f64 = 0.02;
+
+/// Shares of the asked error: what is left of its square goes to the interpolation between lights.
+const SPATIAL: f64 = 0.4;
+const CODED: f64 = 0.35;
+const HIERARCHY: f64 = 0.1;
+const BETWEEN_LIGHTS: f64 = 0.75;
+
+/// Directions of the first set, from whose error the number is chosen, and at most.
+const FIRST_SET: usize = 200;
+const LARGEST_SET: usize = 1600;
+
+/// The interpolation's error falls with this power of the number of directions (measured on closed bunny and horse).
+const ORDER: f64 = 0.8;
+
+/// Lights that choices look at.
+const TUNING: usize = 12;
+
+/// Spacings that are tried, each a quarter shorter, from this many mean free paths on.
+const TRIALS: usize = 24;
+const WIDEST: f64 = 8.0;
+const NARROWER: f64 = 0.8;
+
+fn count(scene: &Scene, settings: &BakeSettings) -> usize {
+    DENSITY.count(scene, settings, (DENSITY_RMS / settings.max_rms).sqrt().max(1.0))
+}
+
+pub(super) fn memory(scene: &Scene, settings: &BakeSettings) -> u64 {
+    let directions = settings.values.get(super::LIGHTS.name).and_then(|t| t.parse().ok()).unwrap_or(LARGEST_SET as u64);
+    let shells = Plan::new(&settings.values, &settings.for_lights).map_or(1, |p| p.shells as u64 + 1);
+    // Radiosities of each reference point, twice; about a quarter of the vertices at most.
+    let references = scene.mesh.local_mm.len() as u64 / 4;
+    sampling::memory(count(scene, settings), scene)
+        + references * 3 * 4 * 2 * directions * shells
+        + count(scene, settings) as u64 * 32 * 4 * 3
+}
+
+pub(super) fn bake(scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {
+    let plan = Plan::new(&settings.values, &settings.for_lights)?;
+    progress.start("samples", 0);
+    let stage = Stage::new(scene, count(scene, settings));
+    progress.finish();
+    if stage.receivers.is_empty() {
+        return Err(Error::input("no surface that light enters: every part is opaque"));
+    }
+    stage.with_transfer(NearField::for_error(settings.max_rms), |mut transfer| {
+        let tuning = chosen(&settings.probes.tuning, TUNING);
+        progress.start("tuning", tuning.len() as u64);
+        let rows = stage.irradiance(&tuning)?;
+        let hierarchy = transfer.tune(HIERARCHY * settings.max_rms, &rows);
+        let truth = transfer.radiosity(&rows, &Silent);
+        let truth: Vec<Vec<DVec3>> = (0..tuning.len()).map(|light| truth.under(light)).collect();
+        let spacing_mm = plan.spacing_mm.unwrap_or_else(|| spacing(&stage, &truth, SPATIAL * settings.max_rms));
+        progress.finish();
+        let net = Net::new(&stage.points, &parts(&stage.receivers), spacing_mm);
+        let mut set = LightSet::planned(scene, plan.directions.unwrap_or(FIRST_SET), &plan)?;
+        let mut values = at_references(&stage, &transfer, &set, &net, progress)?;
+        if plan.directions.is_none() {
+            let found = between_lights(&stage, &set, &net, &values, &tuning, &truth)?;
+            let factor = (found / (BETWEEN_LIGHTS * settings.max_rms)).powf(1.0 / ORDER);
+            let wanted = ((FIRST_SET as f64 * factor).ceil() as usize).clamp(FIRST_SET / 4, LARGEST_SET);
+            if wanted > FIRST_SET {
+                set = LightSet::planned(scene, wanted, &plan)?;
+                values = at_references(&stage, &transfer, &set, &net, progress)?;
+            }
+        }
+        progress.start("coding", 0);
+        let shells = set.lights.shells.inverse().len();
+        let direction_spacing = light_spacing(&set.lights.directions);
+        let radiosities = Radiosities::new(&values, set.lights.count());
+        let directions_net = light_net(&set.lights.directions, shells, direction_spacing);
+        let mut file = code(&radiosities, &net, &directions_net, CODED * settings.max_rms)?;
+        file.directions = set.lights.directions.count() as u32;
+        file.shells = set.lights.shells.inverse().to_vec();
+        file.spacing_mm = spacing_mm;
+        file.direction_spacing = direction_spacing;
+        file.samples = stage.samples.len() as u32;
+        let sections = sections::write(&file)?;
+        progress.finish();
+        let mut ledger = Ledger::default();
+        ledger.add("hierarchy", hierarchy, "against all pairs, on vertices that no tuning saw");
+        measure(&stage, &transfer, (&set, &net, &values, &file), &settings.probes.unseen, &mut ledger, progress)?;
+        let samples =
+            Samples { facets: Vec::new(), patch_offsets: vec![0], part_offsets: vec![0; scene.parts.parts.len() + 1] };
+        Ok(AssetParts { samples, ledger, sections })
+    })
+}
+
+/// Some lights spread over all.
+fn chosen(lights: &[Light], count: usize) -> Vec<Light> {
+    let white = |l: &&Light| matches!(l, Light::Directional { .. } | Light::Point { .. });
+    let all: Vec<&Light> = lights.iter().filter(white).collect();
+    all.iter().step_by(all.len().div_ceil(count).max(1)).map(|l| (*l).clone()).collect()
+}
+
+/// Radiosities `[row of the net][channel][light]`.
+fn at_references(
+    stage: &Stage,
+    transfer: &ManyLights,
+    set: &LightSet,
+    net: &Net,
+    progress: &dyn Progress,
+) -> Result<Vec<f32>> {
+    let mut order: Vec<u32> = (0..net.point.len() as u32).collect();
+    order.sort_unstable_by_key(|&row| net.point[row as usize]);
+    let chosen: Vec<u32> = order.iter().map(|&row| net.point[row as usize]).collect();
+    let receivers = stage.receivers.only(&chosen, GROUP);
+    let areas = vec![1.0; receivers.len()];
+    let transfer = transfer.towards(&receivers, &areas);
+    let sorted = radiosity_of_set(stage, &transfer, &set.lights, receivers.len(), progress)?;
+    let size = 3 * set.lights.count();
+    let mut values = vec![0.0; sorted.len()];
+    for (row, source) in order.iter().zip(sorted.chunks_exact(size)) {
+        values[*row as usize * size..(*row as usize + 1) * size].copy_from_slice(source);
+    }
+    Ok(values)
+}
+
+/// The widest spacing whose interpolation keeps an error under all of some lights.
+fn spacing(stage: &Stage, truth: &[Vec<DVec3>], error: f64) -> f64 {
+    let free_path = |m: &crate::transport::scene::Medium| m.properties.mean_free_path_mm().max_element();
+    let widest = stage.scene.media.iter().map(free_path).filter(|m| m.is_finite()).fold(0.0, f64::max);
+    let diagonal = stage.scene.mesh.diagonal_mm();
+    let mut spacing = (WIDEST * widest).clamp(1e-3 * diagonal, 0.25 * diagonal);
+    for _ in 0..TRIALS {
+        let net = Net::new(&stage.points, &parts(&stage.receivers), spacing);
+        if net.point.len() == stage.points.len() || spatial_error(stage, &net, spacing, truth).rms <= error {
+            break;
+        }
+        spacing *= NARROWER;
+    }
+    spacing
+}
+
+/// The error of interpolation from reference points, under the worst of some lights.
+fn spatial_error(stage: &Stage, net: &Net, spacing_mm: f64, truth: &[Vec<DVec3>]) -> VertexError {
+    let mut chosen = net.point.clone();
+    chosen.sort_unstable();
+    let weights = sections::weights(&chosen, &stage.points, &stage.receivers, spacing_mm);
+    let of_light = |values: &Vec<DVec3>| {
+        let sources: Vec<[f32; 4]> = chosen
+            .iter()
+            .map(|&i| {
+                let [r, g, b] = values[i as usize].as_vec3().to_array();
+                [r, g, b, 0.0]
+            })
+            .collect();
+        vertex_error(&sections::interpolate(&weights, &sources, stage.receivers.len()), values, &stage.areas)
+    };
+    truth.iter().map(of_light).fold(VertexError::default(), VertexError::max)
+}
+
+/// What interpolation between the lights of a set makes of each of some lights, at the rows of the net.
+fn interpolated(set: &LightSet, values: &[f32], lights: &[Light]) -> Result<Vec<Vec<DVec3>>> {
+    let count = set.lights.count();
+    let of_light = |light: &Light| -> Result<Vec<DVec3>> {
+        let vector = set.vector(std::slice::from_ref(light))?;
+        let of_row = |row: &[f32]| {
+            let sum = |c: usize| row[c * count..].iter().zip(&vector).map(|(v, w)| f64::from(*v) * w[c]).sum::<f64>();
+            DVec3::new(sum(0), sum(1), sum(2)).max(DVec3::ZERO)
+        };
+        Ok(values.chunks_exact(3 * count).map(of_row).collect())
+    };
+    lights.iter().map(of_light).collect()
+}
+
+/// RMS error of the interpolation between lights under those of `lights` that the set serves: the RMS over lights, since
+/// the worst of a few says little.
+fn between_lights(
+    stage: &Stage,
+    set: &LightSet,
+    net: &Net,
+    values: &[f32],
+    lights: &[Light],
+    truth: &[Vec<DVec3>],
+) -> Result<f64> {
+    let areas: Vec<f64> = net.point.iter().map(|&i| stage.areas[i as usize]).collect();
+    let mut squares = Vec::new();
+    for (light, truth) in lights.iter().zip(truth) {
+        if matches!(light, Light::Directional { .. }) {
+            let expected: Vec<DVec3> = net.point.iter().map(|&i| truth[i as usize]).collect();
+            let found = interpolated(set, values, std::slice::from_ref(light))?;
+            squares.push(vertex_error(&found[0], &expected, &areas).rms.powi(2));
+        }
+    }
+    Ok((squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt())
+}
+
+/// Enters what each stage loses under lights that no choice saw.
+fn measure(
+    stage: &Stage,
+    transfer: &ManyLights,
+    (set, net, values, file): (&LightSet, &Net, &[f32], &translux_format::quantised_lights::QuantisedLights),
+    unseen: &[Light],
+    ledger: &mut Ledger,
+    progress: &dyn Progress,
+) -> Result<()> {
+    let parallel = set.lights.shells.inverse().len() == 1;
+    let served = |l: &&Light| !(parallel && matches!(l, Light::Point { .. } | Light::Area { .. }));
+    let unseen: Vec<Light> = unseen.iter().filter(served).cloned().collect();
+    progress.start("errors", unseen.len() as u64);
+    let transport = sections::Transport::new(file, stage.scene, &stage.receivers, set)?;
+    let surface = stage.surface();
+    let etas: Vec<f64> = stage.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
+    let areas: Vec<f64> = net.point.iter().map(|&i| stage.areas[i as usize]).collect();
+    let mut errors = [VertexError::default(); 3];
+    for light in &unseen {
+        let one = std::slice::from_ref(light);
+        let illumination = crate::transport::irradiance::Illumination::new(&surface, one, &etas, stage.sampling)?;
+        let truth = transfer.under(&illumination.all(&Silent));
+        let at_net: Vec<DVec3> = net.point.iter().map(|&i| truth[i as usize]).collect();
+        let between = interpolated(set, values, one)?.remove(0);
+        let stored = transport.at_references(&set.vector(one)?);
+        let mut order: Vec<u32> = (0..net.point.len() as u32).collect();
+        order.sort_unstable_by_key(|&row| net.point[row as usize]);
+        let mut coded = vec![DVec3::ZERO; stored.len()];
+        order.iter().zip(&stored).for_each(|(&row, v)| {
+            coded[row as usize] = DVec3::new(v[0].into(), v[1].into(), v[2].into()).max(DVec3::ZERO);
+        });
+        let found = [
+            vertex_error(&between, &at_net, &areas),
+            spatial_error(stage, net, file.spacing_mm, std::slice::from_ref(&truth)),
+            vertex_error(&coded, &between, &areas),
+        ];
+        errors.iter_mut().zip(found).for_each(|(worst, found)| *worst = worst.max(found));
+        progress.advance(1);
+    }
+    progress.finish();
+    let count = set.lights.directions.count();
+    ledger.add(
+        "lights",
+        errors[0],
+        format!("interpolation between {count} directions, under lights that no choice saw"),
+    );
+    ledger.add("reference points", errors[1], format!("interpolation from {} of them, as above", net.point.len()));
+    ledger.add("coding", errors[2], "basis of the lights and quantiser, as above");
+    Ok(())
+}

@@ -1,0 +1,243 @@
+//! From radiosities at reference points to coded coefficients: channels and lights are decorrelated (principal components),
+//! coefficients predicted from coarser reference points, and what is left quantised with one step.
+
+use glam::DMat3;
+use glam::DVec3;
+use rayon::prelude::*;
+use translux_format::FormatError;
+use translux_format::coefficients::encode;
+use translux_format::quantised_lights::{QuantisedLights as File, tags};
+
+use crate::compress::prediction::Net;
+use crate::error::{Error, Result};
+use crate::geometry::scattered::OrientedPoint;
+use crate::light::quantised::directions::DirectionSet;
+use crate::math::eigen::symmetric_eigen;
+
+/// Share of the squared error for functions that are left out, and for the rounding of those that are kept.
+const OMITTED: f64 = 0.25;
+const ROUNDED_BASIS: f64 = 0.1;
+
+/// A basis function has this many steps on either side of 0 at most.
+const MOST_STEPS: f64 = 32_000.0;
+
+/// Steps that are tried until the error is as asked.
+const TRIALS: usize = 8;
+
+/// Radiosities `[reference point][channel][light]` and the units of the lights.
+pub(super) struct Radiosities<'a> {
+    pub(super) values: &'a [f32],
+    pub(super) lights: usize,
+    /// RMS of each light over points and channels.
+    pub(super) units: Vec<f32>,
+}
+
+impl<'a> Radiosities<'a> {
+    pub(super) fn new(values: &'a [f32], lights: usize) -> Self {
+        let mut squares = vec![0.0f64; lights];
+        for row in values.chunks_exact(lights.max(1)) {
+            squares.iter_mut().zip(row).for_each(|(sum, v)| *sum += f64::from(*v) * f64::from(*v));
+        }
+        let count = (values.len() / lights.max(1)).max(1) as f64;
+        let rms: Vec<f64> = squares.iter().map(|s| (s / count).sqrt()).collect();
+        // Light from where hardly anything is seen does not count as much as other light.
+        let floor = 1e-3 * rms.iter().copied().fold(0.0, f64::max);
+        let unit = |v: &f64| (v.max(floor) as f32).max(f32::MIN_POSITIVE);
+        Self { values, lights, units: rms.iter().map(unit).collect() }
+    }
+
+    fn points(&self) -> usize {
+        self.values.len() / (3 * self.lights).max(1)
+    }
+}
+
+/// The net over the directions of a set; every shell is a part of its own.
+pub(super) fn light_net(set: &DirectionSet, shells: usize, spacing: f64) -> Net {
+    let points: Vec<OrientedPoint> = (0..shells)
+        .flat_map(|_| set.directions().iter().map(|d| OrientedPoint { at_mm: *d, normal: DVec3::ZERO }))
+        .collect();
+    let count = set.count();
+    let parts: Vec<_> = (0..shells).map(|s| s * count..(s + 1) * count).collect();
+    Net::new(&points, &parts, spacing)
+}
+
+/// Spacing at which every direction of a set is in its net.
+pub(super) fn light_spacing(set: &DirectionSet) -> f64 {
+    let nearest = |d: &DVec3| set.nearest(*d, 2).get(1).map_or(1.0, |n| 2.0 * (0.5 * n.angle).sin());
+    0.5 * set.directions().iter().map(nearest).fold(f64::MAX, f64::min)
+}
+
+/// Codes radiosities, in the order of the rows of `net`, so that their error is `error` times their RMS; what the set's own
+/// numbers are is for the caller to fill in.
+pub(super) fn code(radiosities: &Radiosities, net: &Net, light_net: &Net, error: f64) -> Result<File> {
+    let (points, lights) = (radiosities.points(), radiosities.lights);
+    let channels = decorrelated_channels(radiosities)?;
+    let mut rows = vec![0.0f32; radiosities.values.len()];
+    rows.par_chunks_mut(3 * lights).zip(radiosities.values.par_chunks(3 * lights)).for_each(|(out, row)| {
+        for light in 0..lights {
+            let unit = f64::from(radiosities.units[light]);
+            let rgb = DVec3::from([0, 1, 2].map(|c| f64::from(row[c * lights + light]) / unit));
+            let turned = channels * rgb;
+            (0..3).for_each(|c| out[c * lights + light] = turned[c] as f32);
+        }
+    });
+    let squares: f64 = rows.par_chunks(3 * lights).map(square).collect::<Vec<f64>>().iter().sum();
+    // Squared error of all rows together.
+    let budget = squares * error * error;
+    let eigen = symmetric_eigen(&gram(&rows, lights), lights)?;
+    let mut omitted = 0.0;
+    let mut functions = eigen.values.len();
+    while functions > 1 && omitted + eigen.values[functions - 1].max(0.0) <= OMITTED * budget {
+        functions -= 1;
+        omitted += eigen.values[functions].max(0.0);
+    }
+    // Rows of the light net: functions side by side, each with the step that its importance allows.
+    let mut basis = vec![0.0f32; lights * functions];
+    for (row, &light) in light_net.point.iter().enumerate() {
+        for f in 0..functions {
+            basis[row * functions + f] = eigen.vectors[f][light as usize] as f32;
+        }
+    }
+    let step_of = |f: usize| {
+        let largest = eigen.vectors[f].iter().fold(0.0f64, |a, v| a.max(v.abs()));
+        let share = ROUNDED_BASIS * budget / (functions * lights) as f64;
+        let step = (12.0 * share / eigen.values[f].max(f64::MIN_POSITIVE)).sqrt().min(1.0);
+        step.max(largest / MOST_STEPS).max(f64::from(f32::MIN_POSITIVE)) as f32
+    };
+    let basis_steps: Vec<f32> = (0..functions).map(step_of).collect();
+    let (basis_integers, _) = light_net.quantise(&basis, &basis_steps);
+    // On the exact functions: those of little weight are rounded coarsely, and strong ones would leak into them.
+    let coefficients = project(&rows, lights, light_net, &basis, functions);
+    let columns = columns(&coefficients, functions);
+    let ordered: Vec<f32> =
+        coefficients.chunks_exact(3 * functions).flat_map(|row| columns.iter().map(|&c| row[usize::from(c)])).collect();
+    let spent = omitted + ROUNDED_BASIS * budget;
+    let (step, integers) = quantised(net, &ordered, columns.len(), (budget - spent).max(0.1 * budget));
+    let fail = |e: FormatError| Error::runtime(format!("asset: {e}"));
+    let (integers, columns) = without_empty(integers, columns);
+    Ok(File {
+        channels: channels.transpose().to_cols_array(),
+        step,
+        units: radiosities.units.clone(),
+        basis: encode(tags::BASIS, lights, functions, &basis_integers, Some(&light_net.similar())).map_err(fail)?,
+        basis_steps,
+        coefficients: encode(tags::COEFFICIENTS, points, columns.len(), &integers, Some(&net.similar()))
+            .map_err(fail)?,
+        columns,
+        ..File::default()
+    })
+}
+
+fn square(row: &[f32]) -> f64 {
+    row.iter().map(|v| f64::from(*v) * f64::from(*v)).sum()
+}
+
+/// The orthonormal mixture of channels whose products vanish on average, the strongest first.
+fn decorrelated_channels(radiosities: &Radiosities) -> Result<DMat3> {
+    let lights = radiosities.lights;
+    let of_row = |row: &[f32]| {
+        let mut products = [0.0f64; 9];
+        for light in 0..lights {
+            let unit = f64::from(radiosities.units[light]);
+            let rgb = [0, 1, 2].map(|c| f64::from(row[c * lights + light]) / unit);
+            (0..9).for_each(|i| products[i] += rgb[i / 3] * rgb[i % 3]);
+        }
+        products
+    };
+    let rows: Vec<[f64; 9]> = radiosities.values.par_chunks((3 * lights).max(1)).map(of_row).collect();
+    let mut sum = [0.0; 9];
+    rows.iter().for_each(|row| (0..9).for_each(|i| sum[i] += row[i]));
+    let eigen = symmetric_eigen(&sum, 3)?;
+    let [a, b, c] = [0, 1, 2].map(|i| DVec3::from_slice(&eigen.vectors[i]));
+    Ok(DMat3::from_cols(a, b, c).transpose())
+}
+
+/// Products of the rows' entries, summed over all rows of `size`: the lower triangle.
+fn gram(rows: &[f32], size: usize) -> Vec<f64> {
+    const BLOCK: usize = 16;
+    let mut result = vec![0.0f64; size * size];
+    result.par_chunks_mut(size * BLOCK).enumerate().for_each(|(block, out)| {
+        let first = block * BLOCK;
+        let mut partial = vec![0.0f32; out.len()];
+        // Single precision within some rows, double beyond.
+        for some in rows.chunks(size * 256) {
+            partial.fill(0.0);
+            for row in some.chunks_exact(size) {
+                for (i, sums) in partial.chunks_exact_mut(size).enumerate() {
+                    let factor = row[first + i];
+                    let end = first + i + 1;
+                    sums[..end].iter_mut().zip(&row[..end]).for_each(|(sum, v)| *sum += factor * v);
+                }
+            }
+            out.iter_mut().zip(&partial).for_each(|(sum, v)| *sum += f64::from(*v));
+        }
+    });
+    result
+}
+
+/// Coefficients `[point][function * 3 + channel]` of rows `[point][channel][light]`; the basis is `[row of its net][function]`.
+fn project(rows: &[f32], lights: usize, light_net: &Net, basis: &[f32], functions: usize) -> Vec<f32> {
+    let mut result = vec![0.0f32; rows.len() / lights.max(1) * functions];
+    result.par_chunks_mut(3 * functions).zip(rows.par_chunks(3 * lights)).for_each(|(out, row)| {
+        let mut sums = vec![0.0f32; functions];
+        for (channel, row) in row.chunks_exact(lights).enumerate() {
+            sums.fill(0.0);
+            for (&light, function) in light_net.point.iter().zip(basis.chunks_exact(functions)) {
+                let value = row[light as usize];
+                sums.iter_mut().zip(function).for_each(|(sum, f)| *sum += value * f);
+            }
+            sums.iter().enumerate().for_each(|(f, sum)| out[3 * f + channel] = *sum);
+        }
+    });
+    result
+}
+
+/// Columns by falling energy.
+fn columns(coefficients: &[f32], functions: usize) -> Vec<u16> {
+    let mut energy = vec![0.0f64; 3 * functions];
+    for row in coefficients.chunks_exact((3 * functions).max(1)) {
+        energy.iter_mut().zip(row).for_each(|(sum, v)| *sum += f64::from(*v) * f64::from(*v));
+    }
+    let mut order: Vec<u16> = (0..3 * functions as u16).collect();
+    order.sort_by(|&a, &b| energy[usize::from(b)].total_cmp(&energy[usize::from(a)]).then(a.cmp(&b)));
+    order
+}
+
+/// The step whose squared error is the budget, and the integers that it gives.
+fn quantised(net: &Net, values: &[f32], columns: usize, budget: f64) -> (f32, Vec<i16>) {
+    let largest = values.iter().fold(0.0f32, |a, v| a.max(v.abs()));
+    let least = (largest / 16_000.0).max(f32::MIN_POSITIVE);
+    // As if every coefficient had the error of its rounding.
+    let mut step = (((12.0 * budget / values.len().max(1) as f64).sqrt()) as f32).max(least);
+    let mut best = None;
+    for _ in 0..TRIALS {
+        let (integers, known) = net.quantise(values, &vec![step; columns]);
+        let errors = values.par_chunks(4096).zip(known.par_chunks(4096));
+        let of_chunk = |(a, b): (&[f32], &[f32])| a.iter().zip(b).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>();
+        let error: f64 = errors.map(of_chunk).collect::<Vec<f64>>().iter().sum();
+        let fits = error <= budget;
+        if fits && best.as_ref().is_none_or(|(largest, _)| step > *largest) {
+            best = Some((step, integers));
+        }
+        if fits && error >= 0.95 * budget {
+            break;
+        }
+        let factor = (0.98 * budget / error.max(f64::MIN_POSITIVE)).sqrt().clamp(0.25, 4.0) as f32;
+        // Zeros make the error grow slower than the step.
+        step = (step * factor.powf(if factor > 1.0 { 1.3 } else { 1.0 })).max(least);
+    }
+    best.unwrap_or_else(|| (least, net.quantise(values, &vec![least; columns]).0))
+}
+
+/// Without the columns whose integers are all 0.
+fn without_empty(integers: Vec<i16>, columns: Vec<u16>) -> (Vec<i16>, Vec<u16>) {
+    let mut used = vec![false; columns.len()];
+    for row in integers.chunks_exact(columns.len().max(1)) {
+        used.iter_mut().zip(row).for_each(|(used, v)| *used |= *v != 0);
+    }
+    let kept =
+        |values: &[i16]| -> Vec<i16> { values.iter().zip(&used).filter(|(_, used)| **used).map(|(v, _)| *v).collect() };
+    let integers = integers.chunks_exact(columns.len().max(1)).flat_map(|row| kept(row)).collect();
+    let columns = columns.into_iter().zip(&used).filter(|(_, used)| **used).map(|(c, _)| c).collect();
+    (integers, columns)
+}

@@ -1,0 +1,124 @@
+//! The set of lights and how others are made of it.
+
+use std::collections::BTreeMap;
+
+use glam::DVec3;
+
+use super::{INTERPOLATION, LIGHTS, NEAREST, SHELLS, SPACING};
+use crate::error::{Error, Result};
+use crate::light::quantised::directions::DirectionSet;
+use crate::light::quantised::distances::{Blend, DistanceSet, QuantisedLights};
+use crate::light::quantised::interpolation::{Interpolator, Scheme};
+use crate::light::quantised::vector::light_vector;
+use crate::light::{Light, LightKind};
+use crate::methods::settings::number;
+use crate::transport::receivers::Sphere;
+use crate::transport::scene::Scene;
+
+/// Shells of point lights unless they are asked for.
+const DEFAULT_SHELLS: usize = 5;
+
+/// What the keys say.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Plan {
+    /// Directions; as many as the error asks for.
+    pub(super) directions: Option<usize>,
+    pub(super) scheme: Scheme,
+    /// Shells beside infinity.
+    pub(super) shells: usize,
+    /// Bounding radius over the distance of the nearest shell.
+    pub(super) nearest: f64,
+    /// Between reference points, mm.
+    pub(super) spacing_mm: Option<f64>,
+}
+
+impl Plan {
+    pub(super) fn new(
+        values: &BTreeMap<String, String>,
+        kinds: &std::collections::BTreeSet<LightKind>,
+    ) -> Result<Self> {
+        let is_auto = |key: &str| values.get(key).is_none_or(|text| text == "auto");
+        let near = kinds.contains(&LightKind::Point) || kinds.contains(&LightKind::Area);
+        let shells = match is_auto(SHELLS.name) {
+            true => DEFAULT_SHELLS * usize::from(near),
+            false => number(values, &SHELLS, 0..=16)?,
+        };
+        let directions = match is_auto(LIGHTS.name) {
+            true => None,
+            false => Some(number(values, &LIGHTS, 16..=2048)?),
+        };
+        let spacing_mm = match is_auto(SPACING.name) {
+            true => None,
+            false => Some(number(values, &SPACING, 1e-6..=1e6)?),
+        };
+        let scheme = scheme(values)?;
+        Ok(Self { directions, scheme, shells, nearest: 1.0 / number(values, &NEAREST, 1.05..=100.0)?, spacing_mm })
+    }
+}
+
+/// The interpolation that was asked for.
+pub(super) fn scheme(values: &BTreeMap<String, String>) -> Result<Scheme> {
+    let text = values.get(INTERPOLATION.name).map_or(INTERPOLATION.default, String::as_str);
+    Scheme::ALL.into_iter().find(|s| s.name() == text).ok_or_else(|| {
+        let names: Vec<&str> = Scheme::ALL.iter().map(|s| s.name()).collect();
+        Error::command_line(format!("--set interpolation={text}: it is one of {}", names.join(", ")))
+    })
+}
+
+/// A set with its interpolation.
+pub(super) struct LightSet {
+    pub(super) lights: QuantisedLights,
+    pub(super) interpolator: Interpolator,
+}
+
+impl LightSet {
+    /// Shells around the scene; `inverse` are its radius over their distances, from 0.
+    pub(super) fn new(scene: &Scene, directions: usize, inverse: Vec<f64>, scheme: Scheme) -> Result<Self> {
+        let (centre_mm, radius_mm) = sphere(scene);
+        let directions = DirectionSet::fibonacci(directions)?;
+        let shells = match inverse.len() {
+            0 | 1 => DistanceSet::parallel(centre_mm, radius_mm)?,
+            _ => DistanceSet::new(centre_mm, radius_mm, inverse, Blend::Polynomial)?,
+        };
+        let interpolator = Interpolator::new(&directions, scheme)?;
+        Ok(Self { lights: QuantisedLights { directions, shells }, interpolator })
+    }
+
+    /// The same with as many shells as were planned.
+    pub(super) fn planned(scene: &Scene, directions: usize, plan: &Plan) -> Result<Self> {
+        let (centre_mm, radius_mm) = sphere(scene);
+        let inverse = match plan.shells {
+            0 => vec![0.0],
+            count => DistanceSet::spread(centre_mm, radius_mm, count + 1, plan.nearest, Blend::Polynomial)?
+                .inverse()
+                .to_vec(),
+        };
+        Self::new(scene, directions, inverse, plan.scheme)
+    }
+
+    /// Weights of the lights of the set, RGB, for several lights together.
+    pub(super) fn vector(&self, lights: &[Light]) -> Result<Vec<DVec3>> {
+        let mut sum = vec![DVec3::ZERO; self.lights.count()];
+        for light in lights {
+            if let (Light::Point { .. } | Light::Area { .. }, 1) = (light, self.lights.shells.inverse().len()) {
+                return Err(Error::unsupported(
+                    "this asset has parallel light only: bake it --for-lights point (or area) for others",
+                ));
+            }
+            let vector = light_vector(&self.lights, &self.interpolator, light)?;
+            sum.iter_mut().zip(vector).for_each(|(sum, value)| *sum += value);
+        }
+        Ok(sum)
+    }
+}
+
+/// Around the surfaces that light enters, not what only casts shadows.
+fn sphere(scene: &Scene) -> (DVec3, f64) {
+    let transfers = |part: u32| scene.parts.parts.get(part as usize).is_some_and(|p| p.transfers());
+    let mesh = &scene.mesh;
+    let triangles = mesh.triangles.iter().zip(&scene.parts.triangle_part).filter(|(_, part)| transfers(**part));
+    let points: Vec<DVec3> =
+        triangles.flat_map(|(t, _)| t.map(|v| mesh.local_mm[v as usize].as_dvec3() + mesh.origin_mm)).collect();
+    let sphere = Sphere::around(&points);
+    (sphere.centre_mm, sphere.radius_mm.max(f64::MIN_POSITIVE))
+}

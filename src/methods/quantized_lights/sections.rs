@@ -1,0 +1,243 @@
+//! What is stored, and what an evaluator makes of it.
+
+use glam::DVec3;
+use rayon::prelude::*;
+use translux_format::coefficients::decode;
+use translux_format::quantised_lights::{QuantisedLights as File, tags};
+use translux_format::{Budget, FormatError, RawSection};
+
+use super::basis::light_net;
+use super::lights::LightSet;
+use super::stage::{oriented, parts};
+use crate::compress::prediction::Net;
+use crate::error::{Error, Result};
+use crate::geometry::scattered::{OrientedPoint, Weights};
+use crate::transport::receivers::Receivers;
+use crate::transport::scene::Scene;
+use crate::transport::simd::{Level, multiversion};
+
+/// Reference points that a vertex is interpolated from.
+pub(super) const SOURCES: usize = 10;
+
+/// Reference points of one task.
+const CHUNK: usize = 256;
+
+/// Columns are padded to whole registers.
+pub(super) const LANES: usize = 16;
+
+pub(super) fn write(file: &File) -> Result<Vec<RawSection>> {
+    file.to_sections().map_err(|e| Error::runtime(format!("asset: {e}")))
+}
+
+pub(super) fn read(sections: &[RawSection]) -> Result<File> {
+    File::from_sections(sections)
+        .map_err(|e| Error::input(e.to_string()))?
+        .ok_or_else(|| Error::input("an asset of `quantized_lights` without its sections qlt.*; bake it again"))
+}
+
+/// The transport as it is evaluated.
+pub(super) struct Transport {
+    /// Coefficients `[reference point][padded column]`, reference points in the order of the receivers.
+    pub(super) coefficients: Vec<i16>,
+    /// Padded columns.
+    pub(super) columns: usize,
+    /// Of each column: what its integers are multiples of, its function and its channel.
+    pub(super) scales: Vec<f32>,
+    pub(super) column_function: Vec<u16>,
+    /// `[light][function]` divided by nothing: the unit of the light is in it.
+    pub(super) basis: Vec<f32>,
+    pub(super) functions: usize,
+    /// Rows: decorrelated channels.
+    pub(super) channels: [f64; 9],
+    /// Reference points that every receiver is interpolated from.
+    pub(super) weights: Weights,
+}
+
+impl Transport {
+    /// Decodes, predicts and arranges.
+    pub(super) fn new(file: &File, scene: &Scene, receivers: &Receivers, set: &LightSet) -> Result<Self> {
+        let fail = |e: FormatError| Error::input(e.to_string());
+        let points = oriented(scene, receivers);
+        let net = Net::new(&points, &parts(receivers), file.spacing_mm);
+        let light_net = light_net(&set.lights.directions, file.shells.len(), file.direction_spacing);
+        let functions = file.basis_steps.len();
+        let decoded = |tag, bytes: &[u8], net: &Net| {
+            let found = decode(tag, bytes, Some(&net.similar()), Budget::default()).map_err(fail)?;
+            if found.rows != net.point.len() {
+                let (rows, wanted) = (found.rows, net.point.len());
+                return Err(Error::input(format!(
+                    "{rows} rows of coefficients for {wanted} reference points: the mesh and its transport do not belong together"
+                )));
+            }
+            Ok(found.values)
+        };
+        let basis = decoded(tags::BASIS, &file.basis, &light_net)?;
+        let integers = decoded(tags::COEFFICIENTS, &file.coefficients, &net)?;
+        let known = net.dequantise(&integers, &vec![file.step; file.columns.len()]);
+        let mut transport = Self {
+            coefficients: Vec::new(),
+            columns: file.columns.len().next_multiple_of(LANES),
+            scales: Vec::new(),
+            column_function: file.columns.clone(),
+            basis: by_light(&light_net.dequantise(&basis, &file.basis_steps), &light_net, functions, &file.units),
+            functions,
+            channels: file.channels,
+            weights: Weights::default(),
+        };
+        transport.arrange(&known, &net, &points, receivers, file.spacing_mm);
+        Ok(transport)
+    }
+
+    /// Puts the reference points in the order of the receivers and their coefficients into 16 bits.
+    fn arrange(&mut self, known: &[f32], net: &Net, points: &[OrientedPoint], receivers: &Receivers, spacing_mm: f64) {
+        let used = self.column_function.len();
+        let mut largest = vec![0.0f32; used];
+        for row in known.chunks_exact(used.max(1)) {
+            largest.iter_mut().zip(row).for_each(|(l, v)| *l = l.max(v.abs()));
+        }
+        let scale = |l: &f32| if *l > 0.0 { *l / f32::from(i16::MAX) } else { 1.0 };
+        self.scales = largest.iter().map(scale).collect();
+        let mut order: Vec<u32> = (0..net.point.len() as u32).collect();
+        order.sort_unstable_by_key(|&row| net.point[row as usize]);
+        self.coefficients = vec![0; order.len() * self.columns];
+        for (out, &row) in self.coefficients.chunks_exact_mut(self.columns.max(1)).zip(&order) {
+            let values = known.get(row as usize * used..(row as usize + 1) * used).unwrap_or(&[]);
+            let slots = out.iter_mut().zip(values).zip(&self.scales);
+            slots.for_each(|((slot, v), scale)| *slot = (v / scale).round() as i16);
+        }
+        let chosen: Vec<u32> = order.iter().map(|&row| net.point[row as usize]).collect();
+        self.weights = weights(&chosen, points, receivers, spacing_mm);
+    }
+
+    /// What every column contributes for each unit of its integers, for weights over the lights: RGB, padded.
+    pub(super) fn columns_of(&self, vector: &[DVec3]) -> [Vec<f32>; 3] {
+        let mut functions = vec![DVec3::ZERO; self.functions];
+        for (weight, row) in vector.iter().zip(self.basis.chunks_exact(self.functions.max(1))) {
+            if *weight != DVec3::ZERO {
+                functions.iter_mut().zip(row).for_each(|(sum, f)| *sum += *weight * f64::from(*f));
+            }
+        }
+        [0, 1, 2].map(|rgb| {
+            let of_column = |(&c, &scale): (&u16, &f32)| {
+                let (function, channel) = (usize::from(c) / 3, usize::from(c) % 3);
+                (functions[function][rgb] * self.channels[3 * channel + rgb] * f64::from(scale)) as f32
+            };
+            let mut columns: Vec<f32> = self.column_function.iter().zip(&self.scales).map(of_column).collect();
+            columns.resize(self.columns, 0.0);
+            columns
+        })
+    }
+
+    /// Radiosity of every reference point, RGB and nothing.
+    pub(super) fn products(&self, columns: &[Vec<f32>; 3]) -> Vec<[f32; 4]> {
+        let mut values = vec![[0.0f32; 4]; self.coefficients.len() / self.columns.max(1)];
+        let level = Level::detect();
+        let rows = self.coefficients.par_chunks((self.columns * CHUNK).max(1));
+        values.par_chunks_mut(CHUNK).zip(rows).for_each(|(out, rows)| products(level, out, rows, columns));
+        values
+    }
+
+    /// The same from weights over the lights.
+    pub(super) fn at_references(&self, vector: &[DVec3]) -> Vec<[f32; 4]> {
+        self.products(&self.columns_of(vector))
+    }
+
+    /// Bytes in memory.
+    pub(super) fn bytes(&self) -> usize {
+        size_of_val(self.coefficients.as_slice())
+            + size_of_val(self.basis.as_slice())
+            + size_of_val(self.weights.sources.as_slice())
+            + size_of_val(self.weights.values.as_slice())
+    }
+}
+
+/// Dot products of rows of coefficients with the columns of each channel.
+#[inline(always)]
+fn products_body(out: &mut [[f32; 4]], rows: &[i16], columns: &[Vec<f32>; 3]) {
+    let width = columns[0].len();
+    let [red, green, blue] = columns;
+    for (out, row) in out.iter_mut().zip(rows.chunks_exact(width.max(1))) {
+        let [mut r, mut g, mut b] = [[0.0f32; LANES]; 3];
+        let chunks = row.chunks_exact(LANES).zip(red.chunks_exact(LANES));
+        for ((row, red), (green, blue)) in chunks.zip(green.chunks_exact(LANES).zip(blue.chunks_exact(LANES))) {
+            for i in 0..LANES {
+                let value = f32::from(row[i]);
+                r[i] += value * red[i];
+                g[i] += value * green[i];
+                b[i] += value * blue[i];
+            }
+        }
+        *out = [total(&r), total(&g), total(&b), 0.0];
+    }
+}
+
+/// Pairwise, the same on every level.
+#[inline(always)]
+fn total(lanes: &[f32; LANES]) -> f32 {
+    let mut sums = *lanes;
+    let mut half = LANES / 2;
+    while half > 0 {
+        for i in 0..half {
+            sums[i] += sums[i + half];
+        }
+        half /= 2;
+    }
+    sums[0]
+}
+
+multiversion! {
+    /// See [`products_body`].
+    fn products(out: &mut [[f32; 4]], rows: &[i16], columns: &[Vec<f32>; 3]) => products_body
+}
+
+/// Weights of every receiver over the reference points, which are some of the receivers, ascending.
+pub(super) fn weights(chosen: &[u32], points: &[OrientedPoint], receivers: &Receivers, spacing_mm: f64) -> Weights {
+    let mut result = Weights { each: SOURCES, ..Weights::default() };
+    for part in parts(receivers) {
+        let first = chosen.partition_point(|&i| (i as usize) < part.start);
+        let end = chosen.partition_point(|&i| (i as usize) < part.end);
+        let sources: Vec<OrientedPoint> = chosen[first..end].iter().map(|&i| points[i as usize]).collect();
+        let own = Weights::new(&sources, &points[part.clone()], spacing_mm, SOURCES);
+        let missing = part.len() * SOURCES - own.sources.len();
+        result.sources.extend(own.sources.iter().map(|&s| first as u32 + s));
+        result.sources.extend(std::iter::repeat_n(0, missing));
+        result.values.extend(own.values);
+        result.values.extend(std::iter::repeat_n(0.0, missing));
+    }
+    result
+}
+
+/// From rows of the light net to `[light][function]` times the light's unit.
+fn by_light(rows: &[f32], net: &Net, functions: usize, units: &[f32]) -> Vec<f32> {
+    let mut result = vec![0.0; units.len() * functions];
+    for (&light, row) in net.point.iter().zip(rows.chunks_exact(functions.max(1))) {
+        let at = light as usize * functions;
+        let Some(out) = result.get_mut(at..at + functions) else { continue };
+        let unit = units.get(light as usize).copied().unwrap_or(0.0);
+        out.iter_mut().zip(row).for_each(|(out, v)| *out = unit * v);
+    }
+    result
+}
+
+/// Values `[target][each]` interpolated at every target, clamped at 0.
+pub(super) fn interpolate(weights: &Weights, values: &[[f32; 4]], targets: usize) -> Vec<DVec3> {
+    const CHUNK: usize = 2048;
+    let mut result = vec![DVec3::ZERO; targets];
+    result.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, out)| {
+        let first = chunk * CHUNK * SOURCES;
+        let cells = first..first + out.len() * SOURCES;
+        let (Some(sources), Some(factors)) = (weights.sources.get(cells.clone()), weights.values.get(cells)) else {
+            return;
+        };
+        let rows = sources.chunks_exact(SOURCES).zip(factors.chunks_exact(SOURCES));
+        for (out, (sources, factors)) in out.iter_mut().zip(rows) {
+            let mut sum = [0.0f32; 4];
+            for (&source, &factor) in sources.iter().zip(factors) {
+                let value = values.get(source as usize).copied().unwrap_or_default();
+                (0..4).for_each(|i| sum[i] += factor * value[i]);
+            }
+            *out = DVec3::new(sum[0].max(0.0).into(), sum[1].max(0.0).into(), sum[2].max(0.0).into());
+        }
+    });
+    result
+}
