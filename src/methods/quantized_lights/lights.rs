@@ -11,12 +11,13 @@ use crate::light::quantised::distances::{Blend, DistanceSet, QuantisedLights};
 use crate::light::quantised::interpolation::{Interpolator, Scheme};
 use crate::light::quantised::vector::light_vector;
 use crate::light::{Light, LightKind};
+use crate::math::cube_map::{direction, texel_of};
 use crate::methods::settings::number;
 use crate::transport::receivers::Sphere;
 use crate::transport::scene::Scene;
 
 /// Shells of point lights unless they are asked for.
-const DEFAULT_SHELLS: usize = 5;
+const DEFAULT_SHELLS: usize = 3;
 
 /// What the keys say.
 #[derive(Clone, Debug, PartialEq)]
@@ -75,7 +76,7 @@ impl LightSet {
     /// Shells around the scene; `inverse` are its radius over their distances, from 0.
     pub(super) fn new(scene: &Scene, directions: usize, inverse: Vec<f64>, scheme: Scheme) -> Result<Self> {
         let (centre_mm, radius_mm) = sphere(scene);
-        let directions = DirectionSet::fibonacci(directions)?;
+        let directions = DirectionSet::new(lattice(directions)?)?;
         let shells = match inverse.len() {
             0 | 1 => DistanceSet::parallel(centre_mm, radius_mm)?,
             _ => DistanceSet::new(centre_mm, radius_mm, inverse, Blend::Polynomial)?,
@@ -110,6 +111,21 @@ impl LightSet {
         }
         Ok(sum)
     }
+}
+
+/// Side of the faces of the cube map that visibility is decided on.
+pub(super) const SIDE: usize = 64;
+
+/// The spherical Fibonacci lattice, each direction moved to the centre of its texel of a cube map (0.7 degrees at most),
+/// where visibility of all directions is decided at once.
+fn lattice(count: usize) -> Result<Vec<DVec3>> {
+    let set = DirectionSet::fibonacci(count)?;
+    let centre = |d: &DVec3| {
+        let texel = texel_of(SIDE, *d);
+        let (face, rest) = (texel / (SIDE * SIDE), texel % (SIDE * SIDE));
+        direction(SIDE, face, rest % SIDE, rest / SIDE)
+    };
+    Ok(set.directions().iter().map(centre).collect())
 }
 
 /// Around the surfaces that light enters, not what only casts shadows.

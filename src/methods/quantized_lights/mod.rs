@@ -34,7 +34,7 @@ const INTERPOLATION: Key = Key {
 const SHELLS: Key = Key {
     name: "shells",
     default: "auto",
-    help: "distances of point and area lights in the set, beside infinity, 0 to 16; auto: 5 where --for-lights has them, else 0",
+    help: "distances of point and area lights in the set, beside infinity, 0 to 16; auto: 3 where --for-lights has them, else 0",
 };
 
 const NEAREST: Key = Key {

@@ -192,13 +192,25 @@ multiversion! {
 
 /// Weights of every receiver over the reference points, which are some of the receivers, ascending.
 pub(super) fn weights(chosen: &[u32], points: &[OrientedPoint], receivers: &Receivers, spacing_mm: f64) -> Weights {
+    weights_of_some(chosen, points, receivers, spacing_mm, 1)
+}
+
+/// The same of every `stride`-th receiver of each part.
+pub(super) fn weights_of_some(
+    chosen: &[u32],
+    points: &[OrientedPoint],
+    receivers: &Receivers,
+    spacing_mm: f64,
+    stride: usize,
+) -> Weights {
     let mut result = Weights { each: SOURCES, ..Weights::default() };
     for part in parts(receivers) {
+        let targets: Vec<OrientedPoint> = points[part.clone()].iter().step_by(stride).copied().collect();
         let first = chosen.partition_point(|&i| (i as usize) < part.start);
         let end = chosen.partition_point(|&i| (i as usize) < part.end);
         let sources: Vec<OrientedPoint> = chosen[first..end].iter().map(|&i| points[i as usize]).collect();
-        let own = Weights::new(&sources, &points[part.clone()], spacing_mm, SOURCES);
-        let missing = part.len() * SOURCES - own.sources.len();
+        let own = Weights::new(&sources, &targets, spacing_mm, SOURCES);
+        let missing = targets.len() * SOURCES - own.sources.len();
         result.sources.extend(own.sources.iter().map(|&s| first as u32 + s));
         result.sources.extend(std::iter::repeat_n(0, missing));
         result.values.extend(own.values);

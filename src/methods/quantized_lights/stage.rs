@@ -3,7 +3,9 @@
 use std::ops::Range;
 
 use glam::DVec3;
+use rayon::prelude::*;
 
+use super::lights::SIDE;
 use crate::error::Result;
 use crate::evaluate::sampling_error::receiver_areas;
 use crate::geometry::bvh::Bvh;
@@ -12,6 +14,8 @@ use crate::geometry::samples::{Patch, Samples};
 use crate::geometry::scattered::OrientedPoint;
 use crate::light::Light;
 use crate::light::quantised::directions::DirectionSet;
+use crate::math::cube_map::texel_of;
+use crate::medium::fresnel;
 use crate::progress::{Progress, Silent};
 use crate::transport::gather::Gather;
 use crate::transport::irradiance::{Illumination, LightSampling};
@@ -19,9 +23,16 @@ use crate::transport::many_lights::{IrradianceRows, ManyLights};
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::{self, Scene, Surface};
 use crate::transport::tree::SampleTree;
+use crate::transport::visibility::{self, Observer, Occluders, Resolution, visit};
 
 /// Receivers that share a traversal of the tree.
 pub(super) const GROUP: usize = 16;
+
+/// Rays of the lights near the scene; scattering and the number of samples smooth what one ray each decides.
+const SAMPLING: LightSampling = LightSampling { points_per_patch: 1, ..LightSampling::FAST };
+
+/// Samples that look around together.
+const GROUP_OF_OBSERVERS: usize = 2 * visibility::GROUP;
 
 /// Lights that share their clusters.
 const NEIGHBOURS: usize = 32;
@@ -63,6 +74,42 @@ pub(super) struct Stage<'a> {
     pub(super) sampling: LightSampling,
 }
 
+/// Which directions each sample sees: one bit each, `[sample][word]`.
+pub(super) struct Seen {
+    words: usize,
+    bits: Vec<u64>,
+}
+
+impl Seen {
+    /// Of directions that are centres of texels of a cube map.
+    pub(super) fn new(stage: &Stage, set: &DirectionSet, progress: &dyn Progress) -> Self {
+        let (words, samples) = (set.count().div_ceil(64), stage.samples.len());
+        let place = |d: &DVec3| {
+            let texel = texel_of(SIDE, *d);
+            (texel / (SIDE * SIDE), texel % SIDE, texel / SIDE % SIDE)
+        };
+        let places: Vec<(usize, usize, usize)> = set.directions().iter().map(place).collect();
+        let occluders = Occluders::new(&stage.scene.mesh);
+        let mut bits = vec![0u64; samples * words];
+        progress.start("visibility", samples as u64);
+        bits.par_chunks_mut(GROUP_OF_OBSERVERS * words.max(1)).enumerate().for_each(|(chunk, bits)| {
+            let first = chunk * GROUP_OF_OBSERVERS;
+            let range = first..(first + GROUP_OF_OBSERVERS).min(samples);
+            let observers: Vec<Observer> =
+                range.clone().map(|i| Observer::of(&stage.scene.mesh, stage.samples.patch(i))).collect();
+            visit(&occluders, &stage.bvh, &observers, Resolution::Sub64, |i, visible| {
+                for (light, &(face, x, y)) in places.iter().enumerate() {
+                    let seen = visible.bit(&visible.seen, face, x, y);
+                    bits[i * words + light / 64] |= u64::from(seen) << (light % 64);
+                }
+            });
+            progress.advance(range.len() as u64);
+        });
+        progress.finish();
+        Self { words, bits }
+    }
+}
+
 impl<'a> Stage<'a> {
     pub(super) fn new(scene: &'a Scene, count: usize) -> Self {
         let samples = Samples::new(&scene.mesh, &scene.parts, count);
@@ -71,7 +118,7 @@ impl<'a> Stage<'a> {
         let receivers = Receivers::new(&scene.mesh, &scene.parts, GROUP);
         let areas = receiver_areas(scene, &receivers);
         let points = oriented(scene, &receivers);
-        Self { scene, bvh, samples, patches, tree, receivers, areas, points, sampling: LightSampling::FAST }
+        Self { scene, bvh, samples, patches, tree, receivers, areas, points, sampling: SAMPLING }
     }
 
     pub(super) fn surface(&self) -> Surface<'_> {
@@ -91,6 +138,30 @@ impl<'a> Stage<'a> {
             }
         }
         Ok(IrradianceRows { lights: lights.len(), values })
+    }
+
+    /// The same of parallel lights of irradiance 1 by their indices in a set, from what is known of visibility.
+    pub(super) fn parallel(&self, seen: &Seen, set: &DirectionSet, lights: &[u32]) -> IrradianceRows {
+        let count = lights.len();
+        let mut values = vec![0.0f32; self.samples.len() * count];
+        let directions: Vec<DVec3> = lights.iter().map(|&l| set.directions()[l as usize]).collect();
+        let eta_of_part = |part: usize| {
+            let medium = self.scene.parts.parts[part].medium.and_then(|m| self.scene.media.get(m as usize));
+            medium.map_or(1.0, |m| m.properties.eta_inside_over_outside)
+        };
+        values.par_chunks_mut(count.max(1)).enumerate().for_each(|(sample, row)| {
+            let part = self.samples.part_offsets.partition_point(|&p| p as usize <= sample).saturating_sub(1);
+            let eta = eta_of_part(part);
+            let observer = Observer::of(&self.scene.mesh, self.samples.patch(sample));
+            let bits = &seen.bits[sample * seen.words..(sample + 1) * seen.words];
+            for ((value, &light), direction) in row.iter_mut().zip(lights).zip(&directions) {
+                if bits[light as usize / 64] >> (light % 64) & 1 == 1 {
+                    let cosine = observer.normal.dot(*direction).max(0.0);
+                    *value = (fresnel::transmittance(eta, cosine) * cosine) as f32;
+                }
+            }
+        });
+        IrradianceRows { lights: count, values }
     }
 
     /// Calls `work` with the transfer, which keeps an error under some lights.
@@ -125,13 +196,19 @@ pub(super) fn radiosity_of_set(
     receivers: usize,
     progress: &dyn Progress,
 ) -> Result<Vec<f32>> {
-    let count = lights.count();
+    let (count, parallel) = (lights.count(), lights.directions.count());
     let mut values = vec![0.0f32; receivers * 3 * count];
+    let seen = Seen::new(stage, &lights.directions, progress);
     progress.start("lights", count as u64);
     for run in neighbours(&lights.directions, lights.shells.inverse().len()) {
-        let entries: Vec<Light> = run.iter().filter_map(|&i| lights.entry(i as usize)).collect();
-        let rows = transfer.radiosity(&stage.irradiance(&entries)?, &Silent);
-        for (out, row) in values.chunks_exact_mut(count).zip(rows.values.chunks_exact(entries.len().max(1))) {
+        let irradiance = if run.iter().all(|&i| (i as usize) < parallel) {
+            stage.parallel(&seen, &lights.directions, &run)
+        } else {
+            let entries: Vec<Light> = run.iter().filter_map(|&i| lights.entry(i as usize)).collect();
+            stage.irradiance(&entries)?
+        };
+        let rows = transfer.radiosity(&irradiance, &Silent);
+        for (out, row) in values.chunks_exact_mut(count).zip(rows.values.chunks_exact(run.len().max(1))) {
             run.iter().zip(row).for_each(|(&light, value)| out[light as usize] = *value);
         }
         progress.advance(run.len() as u64);
