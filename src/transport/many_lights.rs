@@ -200,9 +200,12 @@ struct Shared {
 
 impl Shared {
     fn new(many: &ManyLights, rows: &IrradianceRows) -> Self {
-        let of_sample = |row: &[f32]| row.iter().map(|e| f64::from(*e)).sum::<f64>() / row.len() as f64;
+        let of_sample = |sample: usize| {
+            let row = rows.values.get(sample * rows.lights..(sample + 1) * rows.lights).unwrap_or(&[]);
+            DVec3::splat(row.iter().map(|e| f64::from(*e)).sum::<f64>() / row.len().max(1) as f64)
+        };
         Self {
-            mean: rows.values.chunks_exact(rows.lights.max(1)).map(|row| DVec3::splat(of_sample(row))).collect(),
+            mean: (0..many.gather.patches().len()).map(of_sample).collect(),
             flux: many.tree.flux_rows(many.gather.patches(), &rows.values, rows.lights),
         }
     }

@@ -155,7 +155,7 @@ fn rounded(light: &str) -> String {
         let (number, after) = after.split_at(after.find(|c| !is_number(c)).unwrap_or(after.len()));
         text += words;
         text += &match number.parse::<f64>() {
-            Ok(value) if number.contains('.') => format!("{}", (value * 1e4).round() / 1e4),
+            Ok(value) if number.contains('.') && !number.ends_with('.') => format!("{}", (value * 1e4).round() / 1e4),
             _ => number.to_owned(),
         };
         rest = after;
