@@ -3,9 +3,7 @@
 
 mod common;
 
-use std::process::{Command, Stdio};
-
-use common::Folder;
+use common::{Folder, browse};
 use serde_json::Value;
 use translux::geometry::shapes;
 use translux::io::png::decode_png;
@@ -116,40 +114,11 @@ fn wrong_charts_are_refused_before_the_work() {
 
 #[test]
 fn the_page_shows_its_table_and_pictures_in_a_browser() {
-    let Some(browser) = ["chromium", "chromium-browser", "google-chrome"]
-        .into_iter()
-        .find(|name| Command::new(name).arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status().is_ok())
-    else {
-        return println!("SKIPPED: no Chromium");
-    };
     let folder = head();
     folder.run(LINE).ok();
-    let page = folder.path("out/index.html");
-    let run = |extra: &[&str]| {
-        let output = Command::new(browser)
-            .args([
-                "--headless",
-                "--no-sandbox",
-                "--disable-gpu",
-                "--virtual-time-budget=2000",
-                "--window-size=1300,1800",
-            ])
-            .arg(format!("--user-data-dir={}", folder.path("profile").display()))
-            .args(extra)
-            .arg(format!("file://{}", page.display()))
-            .output()
-            .unwrap();
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        output.stdout
-    };
-    // As the browser has it after its scripts.
-    let page = String::from_utf8(run(&["--dump-dom"])).unwrap();
+    let Some((page, picture)) = browse(&folder, "out/index.html") else { return };
     assert_eq!(page.matches("<tr title=").count(), 4, "rows");
     assert!(page.matches("<svg").count() >= 4 && page.matches("data:image/png;base64,").count() >= 6);
-    assert!(!page.contains("src=\"http") && !page.contains("href=\"http"), "the page needs something else");
-    let shot = folder.path("page.png");
-    run(&[&format!("--screenshot={}", shot.display())]);
-    let picture = decode_png(&folder.read("page.png")).unwrap();
     let dark = picture.rgb.iter().filter(|c| c[0] < 0.5).count();
     assert!(dark > 2000 && dark < picture.rgb.len() / 2, "{dark} dark pixels");
 }

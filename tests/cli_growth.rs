@@ -3,9 +3,7 @@
 
 mod common;
 
-use std::process::{Command, Stdio};
-
-use common::Folder;
+use common::{Folder, browse};
 use serde_json::Value;
 use translux::io::png::decode_png;
 
@@ -76,43 +74,15 @@ fn every_size_is_measured_once_and_says_how_to_make_it_again() {
     };
     assert_eq!(changed("bake_seconds"), 0);
     assert!(changed("relight_ms") <= 1);
-    browse(&folder);
+    browsed(&folder);
 }
 
-fn browse(folder: &Folder) {
-    let Some(browser) = ["chromium", "chromium-browser", "google-chrome"]
-        .into_iter()
-        .find(|name| Command::new(name).arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status().is_ok())
-    else {
-        return println!("SKIPPED: no Chromium");
-    };
-    let page = folder.path("out/growth.html");
-    let run = |extra: &[&str]| {
-        let output = Command::new(browser)
-            .args([
-                "--headless",
-                "--no-sandbox",
-                "--disable-gpu",
-                "--virtual-time-budget=2000",
-                "--window-size=1300,1800",
-            ])
-            .arg(format!("--user-data-dir={}", folder.path("profile").display()))
-            .args(extra)
-            .arg(format!("file://{}", page.display()))
-            .output()
-            .unwrap();
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        output.stdout
-    };
-    let page = String::from_utf8(run(&["--dump-dom"])).unwrap();
+fn browsed(folder: &Folder) {
+    let Some((page, picture)) = browse(folder, "out/growth.html") else { return };
     assert_eq!(page.matches("<tr title=").count(), 9, "points");
     assert!(
         page.matches("<svg").count() >= 15 && page.contains("id=\"findings\"") && page.contains("id=\"exponents\"")
     );
-    assert!(!page.contains("src=\"http") && !page.contains("href=\"http"), "the page needs something else");
-    let shot = folder.path("page.png");
-    run(&[&format!("--screenshot={}", shot.display())]);
-    let picture = decode_png(&folder.read("page.png")).unwrap();
     let dark = picture.rgb.iter().filter(|c| c[0] < 0.5).count();
     assert!(dark > 2000 && dark < picture.rgb.len() / 2, "{dark} dark pixels");
 }

@@ -93,13 +93,7 @@ fn energies(map: &EnvironmentMap, rotation: Rotation, side: usize) -> Vec<DVec3>
     let (width, height) = (map.width(), map.height());
     let (across, down) =
         ((4 * side * PIECES_PER_TEXEL).div_ceil(width), (2 * side * PIECES_PER_TEXEL).div_ceil(height));
-    let columns: Vec<(f64, f64)> = (0..width * across)
-        .map(|i| {
-            let longitude = TAU * (0.5 - (i as f64 + 0.5) / (width * across) as f64);
-            let turned = rotation.to_world(DVec3::new(longitude.sin(), 0.0, longitude.cos()));
-            (turned.x, turned.z)
-        })
-        .collect();
+    let columns = columns(width * across, rotation);
     let band = |index: usize| {
         let mut sums = vec![DVec3::ZERO; FACES * side * side];
         for row in index * height / BANDS..(index + 1) * height / BANDS {
@@ -124,6 +118,16 @@ fn energies(map: &EnvironmentMap, rotation: Rotation, side: usize) -> Vec<DVec3>
         total.iter_mut().zip(sums).for_each(|(total, sum)| *total += sum);
     }
     total
+}
+
+/// `x` and `z` of the turned horizontal directions of `count` columns around an environment map.
+pub(super) fn columns(count: usize, rotation: Rotation) -> Vec<(f64, f64)> {
+    let column = |i: usize| {
+        let longitude = TAU * (0.5 - (i as f64 + 0.5) / count as f64);
+        let turned = rotation.to_world(DVec3::new(longitude.sin(), 0.0, longitude.cos()));
+        (turned.x, turned.z)
+    };
+    (0..count).map(column).collect()
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
+use crate::math::svd::with_sign;
 
 /// Largest order that is accepted.
 pub const MOST_ORDER: usize = 4096;
@@ -247,12 +248,7 @@ fn transformed(order: usize, reflections: &[Reflection], rotations: &[Rotation])
 
 /// Eigenvector `i`, or its negative.
 fn vector(blocks: &[Vec<[f64; BLOCK]>], order: usize, i: usize) -> Vec<f64> {
-    let mut vector: Vec<f64> = blocks.iter().flat_map(|rows| rows[i]).take(order).collect();
-    let largest = vector.iter().fold(0.0_f64, |best, &x| if x.abs() > best.abs() { x } else { best });
-    if largest < 0.0 {
-        vector.iter_mut().for_each(|x| *x = -*x);
-    }
-    vector
+    with_sign(blocks.iter().flat_map(|rows| rows[i]).take(order).collect())
 }
 
 #[cfg(test)]

@@ -125,7 +125,7 @@ fn rotate(vectors: &mut [Vec<f64>], rows: &mut [Vec<f64>]) {
 }
 
 /// The vector or its negative, so that the first of its largest components is positive.
-fn with_sign(mut vector: Vec<f64>) -> Vec<f64> {
+pub(super) fn with_sign(mut vector: Vec<f64>) -> Vec<f64> {
     let largest = vector.iter().fold(0.0_f64, |best, &x| if x.abs() > best.abs() { x } else { best });
     if largest < 0.0 {
         vector.iter_mut().for_each(|x| *x = -*x);

@@ -3,12 +3,14 @@
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use glam::DVec3;
 use serde_json::Value;
 use translux::geometry::source::SourceModel;
 use translux::io::ply::{PlyVertexTable, read_ply};
+use translux::io::png::{PngImage, decode_png};
 
 /// No run of these tests takes nearly this long; one that does hangs.
 const LIMIT: Duration = Duration::from_secs(120);
@@ -162,4 +164,37 @@ pub fn relative_difference(a: &[DVec3], b: &[DVec3]) -> f64 {
     let difference = a.iter().zip(b).fold(0.0_f64, |m, (a, b)| m.max((*a - *b).abs().max_element()));
     assert!(largest > 0.0, "there is nothing to compare: everything is 0");
     difference / largest
+}
+
+/// A page as headless Chromium has it after its scripts, and a picture of it; none without Chromium, which is said.
+pub fn browse(folder: &Folder, page: &str) -> Option<(String, PngImage)> {
+    let here = |name: &&str| {
+        let status = Command::new(name).arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status();
+        status.is_ok()
+    };
+    let Some(browser) = ["chromium", "chromium-browser", "google-chrome"].into_iter().find(here) else {
+        println!("SKIPPED: no Chromium");
+        return None;
+    };
+    let run = |extra: &str| {
+        let output = Command::new(browser)
+            .args([
+                "--headless",
+                "--no-sandbox",
+                "--disable-gpu",
+                "--virtual-time-budget=2000",
+                "--window-size=1300,1800",
+            ])
+            .arg(format!("--user-data-dir={}", folder.path("profile").display()))
+            .arg(extra)
+            .arg(format!("file://{}", folder.path(page).display()))
+            .output()
+            .unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        output.stdout
+    };
+    let text = String::from_utf8(run("--dump-dom")).unwrap();
+    assert!(!text.contains("src=\"http") && !text.contains("href=\"http"), "the page needs something else");
+    run(&format!("--screenshot={}", folder.path("page.png").display()));
+    Some((text, decode_png(&folder.read("page.png")).unwrap()))
 }

@@ -9,6 +9,7 @@ use super::distances::QuantisedLights;
 use super::interpolation::Interpolator;
 use crate::error::{Error, Result};
 use crate::light::Light;
+use crate::light::cube_light::columns;
 use crate::light::environment::{EnvironmentMap, Rotation};
 use crate::math::cube_map::{FACES, direction as texel_direction, solid_angles_sr, texel_of};
 use crate::math::quadrature::gauss_legendre_cached;
@@ -136,13 +137,7 @@ fn gather(map: &EnvironmentMap, rotation: Rotation, scale: DVec3) -> Vec<(DVec3,
     let (width, height) = (map.width(), map.height());
     // Pixels wider than half a texel are cut.
     let (across, down) = ((8 * GATHER_SIDE).div_ceil(width), (4 * GATHER_SIDE).div_ceil(height));
-    let columns: Vec<(f64, f64)> = (0..width * across)
-        .map(|i| {
-            let longitude = TAU * (0.5 - (i as f64 + 0.5) / (width * across) as f64);
-            let turned = rotation.to_world(DVec3::new(longitude.sin(), 0.0, longitude.cos()));
-            (turned.x, turned.z)
-        })
-        .collect();
+    let columns = columns(width * across, rotation);
     let band = |index: usize| {
         let mut texels = vec![Gathered::default(); FACES * GATHER_SIDE * GATHER_SIDE];
         for row in index * height / BANDS..(index + 1) * height / BANDS {
