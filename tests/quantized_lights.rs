@@ -120,7 +120,7 @@ fn point_lights_are_served_from_their_shells_and_refused_elsewhere() {
         println!("{distance} mm: {:.2} %", 100.0 * found);
         assert!(found < 0.06, "{distance}: {found}");
     }
-    let error = evaluator.set_lights(vec![at(10.5)], &Silent).unwrap_err();
+    let error = evaluator.set_lights(vec![at(8.0)], &Silent).unwrap_err();
     assert_eq!(error.code(), ExitCode::Unsupported, "{}", error.message());
     assert!(error.message().contains("mm"), "{}", error.message());
 }
@@ -149,7 +149,9 @@ fn largest_step(evaluator: &mut dyn Evaluator) -> f64 {
 fn nothing_pops_when_the_light_turns_but_for_the_nearest_four() {
     let scene = head();
     let step = |interpolation: &str| {
-        largest_step(reopened(&bake(&scene, &PARALLEL, &[("lights", "200"), ("interpolation", interpolation)])).as_mut())
+        largest_step(
+            reopened(&bake(&scene, &PARALLEL, &[("lights", "200"), ("interpolation", interpolation)])).as_mut(),
+        )
     };
     let [smooth, linear, nearest] = ["rbf", "barycentric", "nearest4"].map(step);
     println!("rbf {smooth:.4}, barycentric {linear:.4}, nearest4 {nearest:.4}");
@@ -181,7 +183,7 @@ fn damaged_sections_are_refused_or_harmless() {
     for index in 0..asset.sections.len() {
         let mut without = asset.clone();
         let tag = without.sections.remove(index).tag;
-        assert_eq!(QuantizedLights.open(Arc::new(without)).err().unwrap().code(), ExitCode::Input, "{tag}");
+        assert_eq!(QuantizedLights.open(Arc::new(without)).err().unwrap().code(), ExitCode::InvalidInput, "{tag}");
         let length = asset.sections[index].bytes.len();
         for at in (0..length).step_by((length / 40).max(1)) {
             let mut changed = asset.clone();

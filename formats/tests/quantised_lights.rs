@@ -5,6 +5,9 @@ use translux_format::coefficients::encode;
 use translux_format::quantised_lights::{QuantisedLights, tags};
 use translux_format::{Codec, FormatError, Kind, RawSection, Tag};
 
+/// Something that breaks a rule.
+type Change = fn(&mut QuantisedLights);
+
 fn small() -> QuantisedLights {
     let coded = |tag: Tag, rows: usize, columns: usize| {
         let values: Vec<i16> = (0..rows * columns).map(|i| (i * 7 % 11) as i16 - 5).collect();
@@ -40,7 +43,7 @@ fn they_survive() {
 
 #[test]
 fn what_breaks_a_rule_is_not_written() {
-    let broken: Vec<(Tag, fn(&mut QuantisedLights))> = vec![
+    let broken: Vec<(Tag, Change)> = vec![
         (tags::NUMBERS, |q| q.directions = 0),
         (tags::NUMBERS, |q| q.directions = u32::MAX),
         (tags::NUMBERS, |q| q.shells = vec![]),

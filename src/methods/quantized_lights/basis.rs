@@ -237,7 +237,7 @@ fn without_empty(integers: Vec<i16>, columns: Vec<u16>) -> (Vec<i16>, Vec<u16>) 
     }
     let kept =
         |values: &[i16]| -> Vec<i16> { values.iter().zip(&used).filter(|(_, used)| **used).map(|(v, _)| *v).collect() };
-    let integers = integers.chunks_exact(columns.len().max(1)).flat_map(|row| kept(row)).collect();
+    let integers = integers.chunks_exact(columns.len().max(1)).flat_map(kept).collect();
     let columns = columns.into_iter().zip(&used).filter(|(_, used)| **used).map(|(c, _)| c).collect();
     (integers, columns)
 }
