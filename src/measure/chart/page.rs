@@ -26,8 +26,9 @@ const COLUMNS: &[Column] = &[
     ("99.9 %", "99.9th percentile of the error", |r| percent(r.error.p999)),
     ("worst", "Worst vertex", |r| percent(r.error.worst)),
     ("negative", "Share of the area with negative radiosity", |r| percent(r.negative_share)),
-    ("picture", "RMS over covered pixels, worst of the views", |r| percent(r.picture.rms)),
-    ("FLIP", "Mean HDR-FLIP, worst of the views", |r| (format!("{:.4}", r.picture.flip), r.picture.flip)),
+    ("picture", "RMS over covered pixels, worst of the views and lights", |r| percent(r.picture.rms)),
+    ("with background", "RMS over all pixels, as the papers have it", |r| percent(r.picture.rms_with_background)),
+    ("FLIP", "Mean HDR-FLIP, worst of the views and lights", |r| (format!("{:.4}", r.picture.flip), r.picture.flip)),
     ("promised", "Error that the asset states of itself", |r| match r.ledger.is_empty() {
         true => ("nothing".to_owned(), f64::MAX),
         false => percent(r.promised_rms),
