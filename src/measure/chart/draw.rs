@@ -4,7 +4,7 @@
 
 use std::sync::Once;
 
-use plotters::coord::Shift;
+use plotters::coord::{CoordTranslate, Shift};
 use plotters::prelude::*;
 use plotters::style::{FontStyle, register_font};
 
@@ -181,6 +181,50 @@ pub(in crate::measure) fn span(values: impl Iterator<Item = f64>) -> (f64, f64) 
     if high == 0.0 { (0.1, 1.0) } else { (low / 1.5, high * 1.5) }
 }
 
+/// Points of the `index`-th series in its colour and the shape of its marks, and its name in the legend.
+pub(in crate::measure) fn marks<'a, B, T>(
+    chart: &mut ChartContext<'a, B, T>,
+    index: usize,
+    name: String,
+    points: &[(f64, f64)],
+) -> Result<()>
+where
+    B: DrawingBackend + 'a,
+    T: CoordTranslate<From = (f64, f64)>,
+{
+    let style = ShapeStyle::from(&COLOURS[index % COLOURS.len()]).filled();
+    let drawn = match index % 3 {
+        0 => chart.draw_series(points.iter().map(|p| Circle::new(*p, 6, style).into_dyn())),
+        1 => chart.draw_series(points.iter().map(|p| TriangleMarker::new(*p, 8, style).into_dyn())),
+        _ => chart.draw_series(points.iter().map(|p| Cross::new(*p, 6, style.stroke_width(3)).into_dyn())),
+    };
+    drawn.map_err(|e| failed(&e))?.label(name).legend(move |(x, y)| match index % 3 {
+        0 => Circle::new((x + 9, y), 6, style).into_dyn(),
+        1 => TriangleMarker::new((x + 9, y), 8, style).into_dyn(),
+        _ => Cross::new((x + 9, y), 6, style.stroke_width(3)).into_dyn(),
+    });
+    Ok(())
+}
+
+/// The names of all series in a corner.
+pub(in crate::measure) fn legend<'a, B, T>(
+    chart: &mut ChartContext<'a, B, T>,
+    position: SeriesLabelPosition,
+) -> Result<()>
+where
+    B: DrawingBackend + 'a,
+    T: CoordTranslate,
+{
+    chart
+        .configure_series_labels()
+        .position(position)
+        .background_style(WHITE.mix(0.85))
+        .border_style(RGBColor(200, 200, 200))
+        .label_font((FONT, 15))
+        .draw()
+        .map_err(|e| failed(&e))
+}
+
 impl Drawing for Scatter {
     fn draw<B: DrawingBackend>(&self, root: &DrawingArea<B, Shift>) -> Result<()> {
         root.fill(&WHITE).map_err(|e| failed(&e))?;
@@ -236,26 +280,9 @@ impl Drawing for Scatter {
             let points: Vec<(f64, f64)> = shown.iter().filter(|p| p.series == name).map(|p| (p.x, p.y)).collect();
             let thin = ShapeStyle::from(&colour).stroke_width(1);
             chart.draw_series(LineSeries::new(points.clone(), thin)).map_err(|e| failed(&e))?;
-            let style = ShapeStyle::from(&colour).filled();
-            let drawn = match index % 3 {
-                0 => chart.draw_series(points.iter().map(|p| Circle::new(*p, 6, style).into_dyn())),
-                1 => chart.draw_series(points.iter().map(|p| TriangleMarker::new(*p, 8, style).into_dyn())),
-                _ => chart.draw_series(points.iter().map(|p| Cross::new(*p, 6, style.stroke_width(3)).into_dyn())),
-            };
-            drawn.map_err(|e| failed(&e))?.label(name).legend(move |(x, y)| match index % 3 {
-                0 => Circle::new((x + 9, y), 6, style).into_dyn(),
-                1 => TriangleMarker::new((x + 9, y), 8, style).into_dyn(),
-                _ => Cross::new((x + 9, y), 6, style.stroke_width(3)).into_dyn(),
-            });
+            marks(&mut chart, index, name.to_owned(), &points)?;
         }
-        chart
-            .configure_series_labels()
-            .position(SeriesLabelPosition::UpperRight)
-            .background_style(WHITE.mix(0.85))
-            .border_style(RGBColor(200, 200, 200))
-            .label_font((FONT, 15))
-            .draw()
-            .map_err(|e| failed(&e))
+        legend(&mut chart, SeriesLabelPosition::UpperRight)
     }
 }
 
@@ -309,14 +336,7 @@ impl Drawing for Bars {
             PathElement::new(vec![(*whole, middle - 0.42), (*whole, middle + 0.42)], BLACK.stroke_width(3))
         });
         chart.draw_series(whole).map_err(|e| failed(&e))?;
-        chart
-            .configure_series_labels()
-            .position(SeriesLabelPosition::UpperRight)
-            .background_style(WHITE.mix(0.85))
-            .border_style(RGBColor(200, 200, 200))
-            .label_font((FONT, 15))
-            .draw()
-            .map_err(|e| failed(&e))
+        legend(&mut chart, SeriesLabelPosition::UpperRight)
     }
 }
 

@@ -3,7 +3,7 @@
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
-use super::super::chart::draw::{COLOURS, Drawing, FONT, failed, png, span, svg};
+use super::super::chart::draw::{COLOURS, Drawing, FONT, failed, legend, marks, png, span, svg};
 use super::{Axis, Growing, Growth, Quantity, places};
 use crate::error::Result;
 
@@ -97,7 +97,7 @@ pub fn exponent_text(growing: &Growing) -> String {
 }
 
 /// What the legend says of a method.
-fn legend(growing: &Growing) -> String {
+fn named(growing: &Growing) -> String {
     let name = &growing.method;
     let law = growing.law.map_or_else(
         || "fewer than 3 points above the floor".to_owned(),
@@ -153,25 +153,8 @@ impl Drawing for Curves {
                 let style = ShapeStyle::from(&colour).stroke_width(2);
                 chart.draw_series(LineSeries::new(ends, style)).map_err(|e| failed(&e))?;
             }
-            let style = ShapeStyle::from(&colour).filled();
-            let drawn = match index % 3 {
-                0 => chart.draw_series(points.iter().map(|p| Circle::new(*p, 6, style).into_dyn())),
-                1 => chart.draw_series(points.iter().map(|p| TriangleMarker::new(*p, 8, style).into_dyn())),
-                _ => chart.draw_series(points.iter().map(|p| Cross::new(*p, 6, style.stroke_width(3)).into_dyn())),
-            };
-            drawn.map_err(|e| failed(&e))?.label(legend(growing)).legend(move |(x, y)| match index % 3 {
-                0 => Circle::new((x + 9, y), 6, style).into_dyn(),
-                1 => TriangleMarker::new((x + 9, y), 8, style).into_dyn(),
-                _ => Cross::new((x + 9, y), 6, style.stroke_width(3)).into_dyn(),
-            });
+            marks(&mut chart, index, named(growing), points)?;
         }
-        chart
-            .configure_series_labels()
-            .position(SeriesLabelPosition::UpperLeft)
-            .background_style(WHITE.mix(0.85))
-            .border_style(RGBColor(200, 200, 200))
-            .label_font((FONT, 15))
-            .draw()
-            .map_err(|e| failed(&e))
+        legend(&mut chart, SeriesLabelPosition::UpperLeft)
     }
 }

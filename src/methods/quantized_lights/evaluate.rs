@@ -12,7 +12,6 @@ use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
 use crate::evaluate::sampled::{Bound, Far, Plan, SampledEvaluator};
-use crate::evaluate::sampling_error::receiver_areas;
 use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit};
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::Samples;
@@ -93,13 +92,7 @@ impl QuantisedEvaluator {
     fn error(&mut self, lights: &[Light], progress: &dyn Progress) -> Result<VertexError> {
         let values = self.receivers.expand(&self.gathered(&self.columns_of(lights)?));
         let expected = self.truth(lights, progress)?.radiosity(progress)?;
-        let areas = self.receivers.of_vertex.iter().map(|&r| f64::from(u8::from((r as usize) < self.receivers.len())));
-        let own = receiver_areas(&self.scene, &self.receivers);
-        let areas: Vec<f64> = areas
-            .zip(&self.receivers.of_vertex)
-            .map(|(there, &r)| there * own.get(r as usize).copied().unwrap_or(0.0))
-            .collect();
-        Ok(vertex_error(&values, &expected, &areas))
+        Ok(vertex_error(&values, &expected, &self.scene.vertex_areas_mm2()))
     }
 }
 
