@@ -4,6 +4,7 @@ pub mod balanced_tree;
 pub mod expected_light;
 pub mod far_field;
 pub mod gather;
+pub mod interpolation;
 pub mod irradiance;
 pub mod irradiance_rows;
 pub mod kernel;

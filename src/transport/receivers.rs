@@ -1,6 +1,7 @@
 //! Where radiosity is gathered: one receiver for each welded vertex and part, in groups that lie close together.
 
 use glam::DVec3;
+use rayon::prelude::*;
 
 use crate::geometry::cluster::{self, Run};
 use crate::geometry::mesh::Mesh;
@@ -16,6 +17,9 @@ pub struct Receivers {
     /// For each source vertex the receiver whose value it takes; `NONE` for vertices without transferring area.
     pub of_vertex: Vec<u32>,
 }
+
+/// Vertices of one task at least.
+const VERTICES_OF_A_TASK: usize = 1 << 13;
 
 /// No receiver.
 pub const NONE: u32 = u32::MAX;
@@ -130,6 +134,15 @@ impl Receivers {
     /// Values of the receivers handed to the source vertices; zero where a vertex has none.
     pub fn expand(&self, values: &[DVec3]) -> Vec<DVec3> {
         self.of_vertex.iter().map(|&r| values.get(r as usize).copied().unwrap_or(DVec3::ZERO)).collect()
+    }
+
+    /// As [`Self::expand`] from single precision, RGB and nothing, on all threads.
+    pub fn expand_rgb(&self, values: &[[f32; 4]]) -> Vec<DVec3> {
+        let of_vertex = |&receiver: &u32| match values.get(receiver as usize) {
+            Some(&[r, g, b, _]) => DVec3::new(r.into(), g.into(), b.into()),
+            None => DVec3::ZERO,
+        };
+        self.of_vertex.par_iter().with_min_len(VERTICES_OF_A_TASK).map(of_vertex).collect()
     }
 
     /// About `count` receivers or more from groups spread over all of them, a few of each, and their indices; different

@@ -91,6 +91,9 @@ pub const QUADRATIC_FROM: usize = 16;
 /// Highest order of [`Scheme::LeastSquares`].
 pub const MOST_ORDER: usize = 20;
 
+/// Directions whose functions one task sums.
+const DIRECTIONS_OF_A_TASK: usize = 512;
+
 /// A direction this close (radians) to one of the set has that one's value.
 const SAME_DIRECTION: f64 = 1e-12;
 
@@ -211,16 +214,42 @@ impl Interpolator {
             }
             return total;
         }
-        let mut values = vec![0.0; self.functions];
-        let mut sums = [vec![0.0; self.functions], vec![0.0; self.functions], vec![0.0; self.functions]];
-        for (direction, amount) in lights {
-            self.values(unit(*direction), &mut values);
-            for (sums, amount) in sums.iter_mut().zip(amount.to_array()) {
-                sums.iter_mut().zip(&values).for_each(|(sum, value)| *sum += amount * value);
-            }
-        }
+        let sums = self.function_sums(lights);
         for (total, row) in total.iter_mut().zip(self.matrix.chunks_exact(self.functions)) {
             *total = DVec3::new(dot(row, &sums[0]), dot(row, &sums[1]), dot(row, &sums[2]));
+        }
+        total
+    }
+
+    /// How many functions of the direction the weights of a smooth scheme are linear in; 0 for the local schemes.
+    pub fn functions(&self) -> usize {
+        self.functions
+    }
+
+    /// Weights from these functions: a row for each direction of the set, empty for the local schemes.
+    pub fn matrix(&self) -> &[f64] {
+        &self.matrix
+    }
+
+    /// Sums of the functions of many directions, each times its RGB amount, channel after channel.
+    pub fn function_sums(&self, lights: &[(DVec3, DVec3)]) -> [Vec<f64>; 3] {
+        let of_chunk = |lights: &[(DVec3, DVec3)]| {
+            let mut values = vec![0.0; self.functions];
+            let mut sums = [0, 1, 2].map(|_| vec![0.0; self.functions]);
+            for (direction, amount) in lights {
+                self.values(unit(*direction), &mut values);
+                for (sums, amount) in sums.iter_mut().zip(amount.to_array()) {
+                    sums.iter_mut().zip(&values).for_each(|(sum, value)| *sum += amount * value);
+                }
+            }
+            sums
+        };
+        let mut chunks: Vec<[Vec<f64>; 3]> = lights.par_chunks(DIRECTIONS_OF_A_TASK).map(of_chunk).collect();
+        let mut total = chunks.pop().unwrap_or_else(|| of_chunk(&[]));
+        for chunk in chunks {
+            for (total, chunk) in total.iter_mut().zip(chunk) {
+                total.iter_mut().zip(chunk).for_each(|(total, sum)| *total += sum);
+            }
         }
         total
     }

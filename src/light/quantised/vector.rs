@@ -46,16 +46,7 @@ pub fn light_vector(lights: &QuantisedLights, interpolator: &Interpolator, light
     if interpolator.set() != &lights.directions {
         return Err(Error::input("the interpolator was made for another set of directions than that of the lights"));
     }
-    let vector = match light {
-        Light::Directional { from, irradiance } => parallel(lights, interpolator, &[(*from, *irradiance)]),
-        Light::Constant { radiance } => parallel(lights, interpolator, &everywhere(*radiance)),
-        Light::Environment { map, rotate_degrees, scale } => {
-            parallel(lights, interpolator, &gather(map, Rotation::from_degrees(*rotate_degrees), *scale))
-        }
-        Light::Point { at_mm, intensity } => points(lights, interpolator, &[(*at_mm, *intensity)])?,
-        Light::Area { .. } => points(lights, interpolator, &emitters(light, lights.shells.centre_mm()))
-            .map_err(|error| error.at("a part of an area light"))?,
-    };
+    let vector: Vec<DVec3> = split(lights, light)?.iter().flat_map(|shell| interpolator.sum(shell)).collect();
     if vector.iter().all(|weight| weight.is_finite()) {
         Ok(vector)
     } else {
@@ -63,15 +54,31 @@ pub fn light_vector(lights: &QuantisedLights, interpolator: &Interpolator, light
     }
 }
 
-/// Light from far away, pairs of direction and irradiance.
-fn parallel(lights: &QuantisedLights, interpolator: &Interpolator, distant: &[(DVec3, DVec3)]) -> Vec<DVec3> {
-    let mut vector = interpolator.sum(distant);
-    vector.resize(lights.count(), DVec3::ZERO);
-    vector
+/// What [`light_vector`] interpolates: for each shell the directions from which light comes, with its RGB irradiance at the
+/// centre of the scene.
+///
+/// # Errors
+/// A point light, or a part of an area light, nearer than the nearest shell (exit 5).
+pub fn split(lights: &QuantisedLights, light: &Light) -> Result<Vec<Vec<(DVec3, DVec3)>>> {
+    let parallel = |distant: Vec<(DVec3, DVec3)>| {
+        let mut shells = vec![Vec::new(); lights.shells.inverse().len()];
+        shells[0] = distant;
+        Ok(shells)
+    };
+    match light {
+        Light::Directional { from, irradiance } => parallel(vec![(*from, *irradiance)]),
+        Light::Constant { radiance } => parallel(everywhere(*radiance)),
+        Light::Environment { map, rotate_degrees, scale } => {
+            parallel(gather(map, Rotation::from_degrees(*rotate_degrees), *scale))
+        }
+        Light::Point { at_mm, intensity } => points(lights, &[(*at_mm, *intensity)]),
+        Light::Area { .. } => points(lights, &emitters(light, lights.shells.centre_mm()))
+            .map_err(|error| error.at("a part of an area light")),
+    }
 }
 
 /// Pairs of position in mm and intensity.
-fn points(lights: &QuantisedLights, interpolator: &Interpolator, points: &[(DVec3, DVec3)]) -> Result<Vec<DVec3>> {
+fn points(lights: &QuantisedLights, points: &[(DVec3, DVec3)]) -> Result<Vec<Vec<(DVec3, DVec3)>>> {
     let shells = lights.shells.inverse().len();
     let mut by_shell = vec![Vec::with_capacity(points.len()); shells];
     for (at_mm, intensity) in points {
@@ -86,7 +93,7 @@ fn points(lights: &QuantisedLights, interpolator: &Interpolator, points: &[(DVec
             }
         }
     }
-    Ok(by_shell.iter().flat_map(|shell| interpolator.sum(shell)).collect())
+    Ok(by_shell)
 }
 
 /// A rectangle as point lights, as the centre of the scene sees them; positions in mm.

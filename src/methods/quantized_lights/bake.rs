@@ -252,7 +252,8 @@ fn measure(
         let truth = transfer.under(&illumination.all(&Silent));
         let at_net: Vec<DVec3> = net.point.iter().map(|&i| truth[i as usize]).collect();
         let between = interpolated(set, values, one)?.remove(0);
-        let stored = transport.at_references(&set.vector(one)?);
+        let mut stored = Vec::new();
+        transport.products(&transport.columns(set, one)?, &mut stored);
         let mut order: Vec<u32> = (0..net.point.len() as u32).collect();
         order.sort_unstable_by_key(|&row| net.point[row as usize]);
         let mut coded = vec![DVec3::ZERO; stored.len()];

@@ -6,7 +6,7 @@ use std::sync::{Arc, OnceLock};
 use glam::DVec3;
 
 use super::lights::{LightSet, scheme};
-use super::sections::{Transport, interpolate, read};
+use super::sections::{Transport, read};
 use super::stage::GROUP;
 use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
@@ -37,6 +37,9 @@ pub(super) struct QuantisedEvaluator {
     lights: Vec<Light>,
     /// Per channel, column after column.
     columns: [Vec<f32>; 3],
+    /// Radiosity of the reference points and of the receivers, kept for their memory.
+    references: Vec<[f32; 4]>,
+    gathered: Vec<[f32; 4]>,
     /// Samples and rays, for who asks what the transport is worth.
     truth: Option<Box<SampledEvaluator>>,
 }
@@ -50,17 +53,27 @@ pub(super) fn open(asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
     let transport = Transport::new(&file, &scene, &receivers, &set)?;
     let columns = [0, 1, 2].map(|_| vec![0.0; transport.columns]);
     let samples = file.samples as usize;
-    let (lights, bvh) = (Vec::new(), OnceLock::new());
-    Ok(Box::new(QuantisedEvaluator { scene, samples, bvh, receivers, set, transport, lights, columns, truth: None }))
+    Ok(Box::new(QuantisedEvaluator {
+        scene,
+        samples,
+        bvh: OnceLock::new(),
+        receivers,
+        set,
+        transport,
+        lights: Vec::new(),
+        columns,
+        references: Vec::new(),
+        gathered: Vec::new(),
+        truth: None,
+    }))
 }
 
 impl QuantisedEvaluator {
-    fn gathered(&self, columns: &[Vec<f32>; 3]) -> Vec<DVec3> {
-        interpolate(&self.transport.weights, &self.transport.products(columns), self.receivers.len())
-    }
-
-    fn columns_of(&self, lights: &[Light]) -> Result<[Vec<f32>; 3]> {
-        Ok(self.transport.columns_of(&self.set.vector(lights)?))
+    /// Radiosity of the vertices.
+    fn gathered(&mut self, columns: &[Vec<f32>; 3]) -> Vec<DVec3> {
+        self.transport.products(columns, &mut self.references);
+        self.transport.weights.apply(&self.references, &mut self.gathered);
+        self.receivers.expand_rgb(&self.gathered)
     }
 
     /// The samples with rays and the hierarchy; made when it is first asked for.
@@ -90,7 +103,8 @@ impl QuantisedEvaluator {
 
     /// The error against the gather of the samples.
     fn error(&mut self, lights: &[Light], progress: &dyn Progress) -> Result<VertexError> {
-        let values = self.receivers.expand(&self.gathered(&self.columns_of(lights)?));
+        let columns = self.transport.columns(&self.set, lights)?;
+        let values = self.gathered(&columns);
         let expected = self.truth(lights, progress)?.radiosity(progress)?;
         Ok(vertex_error(&values, &expected, &self.scene.vertex_areas_mm2()))
     }
@@ -118,7 +132,7 @@ impl Evaluator for QuantisedEvaluator {
     }
 
     fn set_lights(&mut self, lights: Vec<Light>, _: &dyn Progress) -> Result<()> {
-        self.columns = self.columns_of(&lights)?;
+        self.columns = self.transport.columns(&self.set, &lights)?;
         self.lights = lights;
         Ok(())
     }
@@ -138,7 +152,10 @@ impl Evaluator for QuantisedEvaluator {
     }
 
     fn radiosity(&mut self, _: &dyn Progress) -> Result<Vec<DVec3>> {
-        Ok(self.receivers.expand(&self.gathered(&self.columns)))
+        let columns = std::mem::take(&mut self.columns);
+        let values = self.gathered(&columns);
+        self.columns = columns;
+        Ok(values)
     }
 
     fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {

@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::light::quantised::directions::DirectionSet;
 use crate::light::quantised::distances::{Blend, DistanceSet, QuantisedLights};
 use crate::light::quantised::interpolation::{Interpolator, Scheme};
-use crate::light::quantised::vector::light_vector;
+use crate::light::quantised::vector::{light_vector, split};
 use crate::light::{Light, LightKind};
 use crate::math::cube_map::{direction, texel_of};
 use crate::methods::settings::number;
@@ -101,15 +101,30 @@ impl LightSet {
     pub(super) fn vector(&self, lights: &[Light]) -> Result<Vec<DVec3>> {
         let mut sum = vec![DVec3::ZERO; self.lights.count()];
         for light in lights {
-            if let (Light::Point { .. } | Light::Area { .. }, 1) = (light, self.lights.shells.inverse().len()) {
-                return Err(Error::unsupported(
-                    "this asset has parallel light only: bake it --for-lights point (or area) for others",
-                ));
-            }
+            self.check(light)?;
             let vector = light_vector(&self.lights, &self.interpolator, light)?;
             sum.iter_mut().zip(vector).for_each(|(sum, value)| *sum += value);
         }
         Ok(sum)
+    }
+
+    /// The same before it is interpolated: for each shell, sums of the functions that the interpolator's weights are linear in.
+    pub(super) fn function_sums(&self, lights: &[Light]) -> Result<Vec<[Vec<f64>; 3]>> {
+        let mut directions = vec![Vec::new(); self.lights.shells.inverse().len()];
+        for light in lights {
+            self.check(light)?;
+            directions.iter_mut().zip(split(&self.lights, light)?).for_each(|(all, own)| all.extend(own));
+        }
+        Ok(directions.iter().map(|shell| self.interpolator.function_sums(shell)).collect())
+    }
+
+    fn check(&self, light: &Light) -> Result<()> {
+        match (light, self.lights.shells.inverse().len()) {
+            (Light::Point { .. } | Light::Area { .. }, 1) => Err(Error::unsupported(
+                "this asset has parallel light only: bake it --for-lights point (or area) for others",
+            )),
+            _ => Ok(()),
+        }
     }
 }
 

@@ -12,6 +12,8 @@ use super::stage::{oriented, parts};
 use crate::compress::prediction::Net;
 use crate::error::{Error, Result};
 use crate::geometry::scattered::{OrientedPoint, Weights};
+use crate::light::Light;
+use crate::transport::interpolation::SharedWeights;
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::Scene;
 use crate::transport::simd::{Level, multiversion};
@@ -44,13 +46,13 @@ pub(super) struct Transport {
     /// Of each column: what its integers are multiples of, its function and its channel.
     pub(super) scales: Vec<f32>,
     pub(super) column_function: Vec<u16>,
-    /// `[light][function]` divided by nothing: the unit of the light is in it.
-    pub(super) basis: Vec<f32>,
+    /// See [`folded`]; the units of the lights are in it.
+    pub(super) basis: Vec<f64>,
     pub(super) functions: usize,
     /// Rows: decorrelated channels.
     pub(super) channels: [f64; 9],
     /// Reference points that every receiver is interpolated from.
-    pub(super) weights: Weights,
+    pub(super) weights: SharedWeights,
 }
 
 impl Transport {
@@ -74,15 +76,16 @@ impl Transport {
         let basis = decoded(tags::BASIS, &file.basis, &light_net)?;
         let integers = decoded(tags::COEFFICIENTS, &file.coefficients, &net)?;
         let known = net.dequantise(&integers, &vec![file.step; file.columns.len()]);
+        let basis = by_light(&light_net.dequantise(&basis, &file.basis_steps), &light_net, functions, &file.units);
         let mut transport = Self {
             coefficients: Vec::new(),
             columns: file.columns.len().next_multiple_of(LANES),
             scales: Vec::new(),
             column_function: file.columns.clone(),
-            basis: by_light(&light_net.dequantise(&basis, &file.basis_steps), &light_net, functions, &file.units),
+            basis: folded(basis, functions, set),
             functions,
             channels: file.channels,
-            weights: Weights::default(),
+            weights: SharedWeights::default(),
         };
         transport.arrange(&known, &net, &points, receivers, file.spacing_mm);
         Ok(transport)
@@ -106,18 +109,29 @@ impl Transport {
             slots.for_each(|((slot, v), scale)| *slot = (v / scale).round() as i16);
         }
         let chosen: Vec<u32> = order.iter().map(|&row| net.point[row as usize]).collect();
-        self.weights = weights(&chosen, points, receivers, spacing_mm);
+        self.weights = SharedWeights::new(&weights(&chosen, points, receivers, spacing_mm));
     }
 
-    /// What every column contributes for each unit of its integers, for weights over the lights: RGB, padded.
-    pub(super) fn columns_of(&self, vector: &[DVec3]) -> [Vec<f32>; 3] {
+    /// What every column contributes for each unit of its integers under some lights: RGB, padded.
+    pub(super) fn columns(&self, set: &LightSet, lights: &[Light]) -> Result<[Vec<f32>; 3]> {
         let mut functions = vec![DVec3::ZERO; self.functions];
-        for (weight, row) in vector.iter().zip(self.basis.chunks_exact(self.functions.max(1))) {
-            if *weight != DVec3::ZERO {
-                functions.iter_mut().zip(row).for_each(|(sum, f)| *sum += *weight * f64::from(*f));
+        let mut add = |weight: DVec3, row: &[f64]| {
+            if weight != DVec3::ZERO {
+                functions.iter_mut().zip(row).for_each(|(sum, f)| *sum += weight * *f);
             }
+        };
+        let rows = self.basis.chunks_exact(self.functions.max(1));
+        if set.interpolator.functions() == 0 {
+            set.vector(lights)?.iter().zip(rows).for_each(|(weight, row)| add(*weight, row));
+        } else {
+            let sums = set.function_sums(lights)?;
+            let sums = sums.iter().flat_map(|[r, g, b]| r.iter().zip(g).zip(b));
+            sums.zip(rows).for_each(|(((r, g), b), row)| add(DVec3::new(*r, *g, *b), row));
         }
-        [0, 1, 2].map(|rgb| {
+        if functions.iter().any(|f| !f.is_finite()) {
+            return Err(Error::runtime("the light is too bright for double precision; make it weaker"));
+        }
+        Ok([0, 1, 2].map(|rgb| {
             let of_column = |(&c, &scale): (&u16, &f32)| {
                 let (function, channel) = (usize::from(c) / 3, usize::from(c) % 3);
                 (functions[function][rgb] * self.channels[3 * channel + rgb] * f64::from(scale)) as f32
@@ -125,30 +139,41 @@ impl Transport {
             let mut columns: Vec<f32> = self.column_function.iter().zip(&self.scales).map(of_column).collect();
             columns.resize(self.columns, 0.0);
             columns
-        })
+        }))
     }
 
-    /// Radiosity of every reference point, RGB and nothing.
-    pub(super) fn products(&self, columns: &[Vec<f32>; 3]) -> Vec<[f32; 4]> {
-        let mut values = vec![[0.0f32; 4]; self.coefficients.len() / self.columns.max(1)];
+    /// Fills `values` with the radiosity of every reference point, RGB and nothing.
+    pub(super) fn products(&self, columns: &[Vec<f32>; 3], values: &mut Vec<[f32; 4]>) {
+        values.resize(self.coefficients.len() / self.columns.max(1), [0.0; 4]);
         let level = Level::detect();
         let rows = self.coefficients.par_chunks((self.columns * CHUNK).max(1));
         values.par_chunks_mut(CHUNK).zip(rows).for_each(|(out, rows)| products(level, out, rows, columns));
-        values
-    }
-
-    /// The same from weights over the lights.
-    pub(super) fn at_references(&self, vector: &[DVec3]) -> Vec<[f32; 4]> {
-        self.products(&self.columns_of(vector))
     }
 
     /// Bytes in memory.
     pub(super) fn bytes(&self) -> usize {
-        size_of_val(self.coefficients.as_slice())
-            + size_of_val(self.basis.as_slice())
-            + size_of_val(self.weights.sources.as_slice())
-            + size_of_val(self.weights.values.as_slice())
+        size_of_val(self.coefficients.as_slice()) + size_of_val(self.basis.as_slice()) + self.weights.bytes()
     }
+}
+
+/// The basis as a function of what the interpolator's weights are linear in, `[shell][function of the direction][function]`; as it
+/// is, `[light][function]`, where there is nothing of the kind.
+fn folded(basis: Vec<f32>, functions: usize, set: &LightSet) -> Vec<f64> {
+    let (count, width) = (set.lights.directions.count(), set.interpolator.functions());
+    if width == 0 {
+        return basis.iter().map(|v| f64::from(*v)).collect();
+    }
+    let matrix = set.interpolator.matrix();
+    let of_shell = |shell: &[f32]| {
+        let mut result = vec![0.0f64; width * functions];
+        result.par_chunks_mut(functions.max(1)).enumerate().for_each(|(k, out)| {
+            for (row, values) in matrix.chunks_exact(width).zip(shell.chunks_exact(functions.max(1))) {
+                out.iter_mut().zip(values).for_each(|(sum, v)| *sum += row[k] * f64::from(*v));
+            }
+        });
+        result
+    };
+    basis.chunks_exact((count * functions).max(1)).flat_map(of_shell).collect()
 }
 
 /// Dot products of rows of coefficients with the columns of each channel.
