@@ -45,7 +45,7 @@ pub struct QuantisedLights {
     pub direction_spacing: f64,
     /// Samples that the transport was computed from.
     pub samples: u32,
-    /// Rows: the decorrelated channels, columns: RGB; orthonormal.
+    /// Rows: what one of each decorrelated channel is, columns: in RGB.
     pub channels: [f64; 9],
     /// Step of the coefficients.
     pub step: f32,

@@ -7,6 +7,7 @@
 //! follows from the points alone, by additions, multiplications, divisions and square roots: a reader computes the same.
 
 use std::collections::HashMap;
+use std::hash::{BuildHasherDefault, Hasher};
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -43,19 +44,46 @@ const FIRST_RING: i64 = 2;
 /// Cubes with more cells on either side are not walked cell by cell.
 const MOST_RINGS: i64 = 12;
 
+/// Hashes the coordinates of cells by multiplication: a search looks up a hundred of them.
+#[derive(Clone, Copy, Default)]
+struct CellHasher(u64);
+
+impl Hasher for CellHasher {
+    fn finish(&self) -> u64 {
+        self.0 ^ self.0 >> 32
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        bytes.iter().for_each(|byte| self.write_u64(u64::from(*byte)));
+    }
+
+    fn write_u64(&mut self, value: u64) {
+        self.0 = (self.0.rotate_left(23) ^ value).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    }
+
+    fn write_i64(&mut self, value: i64) {
+        self.write_u64(value as u64);
+    }
+}
+
+/// Coordinates of a cell.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+struct Cell(i64, i64, i64);
+
 /// Points in cubes of a given size.
 struct Grid {
     cell_mm: f64,
-    cells: HashMap<[i64; 3], Vec<u32>>,
+    cells: HashMap<Cell, Vec<u32>, BuildHasherDefault<CellHasher>>,
 }
 
 impl Grid {
     fn new(cell_mm: f64) -> Self {
-        Self { cell_mm, cells: HashMap::new() }
+        Self { cell_mm, cells: HashMap::default() }
     }
 
-    fn cell(&self, at: DVec3) -> [i64; 3] {
-        (at / self.cell_mm).floor().to_array().map(|c| c as i64)
+    fn cell(&self, at: DVec3) -> Cell {
+        let [x, y, z] = (at / self.cell_mm).floor().to_array().map(|c| c as i64);
+        Cell(x, y, z)
     }
 
     fn insert(&mut self, index: u32, at: DVec3) {
@@ -64,7 +92,7 @@ impl Grid {
 
     /// Calls `take` with every point of the cube of cells within `ring` of that of `at`.
     fn around(&self, at: DVec3, ring: i64, mut take: impl FnMut(u32)) {
-        let [x, y, z] = self.cell(at);
+        let Cell(x, y, z) = self.cell(at);
         if ring > MOST_RINGS {
             let mut all: Vec<u32> = self.cells.values().flatten().copied().collect();
             all.sort_unstable();
@@ -73,7 +101,7 @@ impl Grid {
         for dx in -ring..=ring {
             for dy in -ring..=ring {
                 for dz in -ring..=ring {
-                    let cell = [x.saturating_add(dx), y.saturating_add(dy), z.saturating_add(dz)];
+                    let cell = Cell(x.saturating_add(dx), y.saturating_add(dy), z.saturating_add(dz));
                     self.cells.get(&cell).into_iter().flatten().for_each(|&index| take(index));
                 }
             }

@@ -26,10 +26,10 @@ const DENSITY: Density = Density { spacing: 0.35, least: 1 << 16, most: 1 << 18 
 const DENSITY_RMS: f64 = 0.02;
 
 /// Shares of the asked error: what is left of its square goes to the interpolation between lights.
-const SPATIAL: f64 = 0.4;
-const CODED: f64 = 0.35;
+const SPATIAL: f64 = 0.3;
+const CODED: f64 = 0.45;
 const HIERARCHY: f64 = 0.1;
-const BETWEEN_LIGHTS: f64 = 0.75;
+const BETWEEN_LIGHTS: f64 = 0.65;
 
 /// Directions of the first set, from whose error the number is chosen, and at most.
 const FIRST_SET: usize = 200;

@@ -71,13 +71,13 @@ pub(super) fn light_spacing(set: &DirectionSet) -> f64 {
 /// numbers are is for the caller to fill in.
 pub(super) fn code(radiosities: &Radiosities, net: &Net, light_net: &Net, error: f64) -> Result<File> {
     let (points, lights) = (radiosities.points(), radiosities.lights);
-    let channels = decorrelated_channels(radiosities)?;
+    let (channels, units) = decorrelated_channels(radiosities)?;
     let mut rows = vec![0.0f32; radiosities.values.len()];
     rows.par_chunks_mut(3 * lights).zip(radiosities.values.par_chunks(3 * lights)).for_each(|(out, row)| {
         for light in 0..lights {
             let unit = f64::from(radiosities.units[light]);
             let rgb = DVec3::from([0, 1, 2].map(|c| f64::from(row[c * lights + light]) / unit));
-            let turned = channels * rgb;
+            let turned = channels * (rgb / units);
             (0..3).for_each(|c| out[c * lights + light] = turned[c] as f32);
         }
     });
@@ -116,7 +116,7 @@ pub(super) fn code(radiosities: &Radiosities, net: &Net, light_net: &Net, error:
     let fail = |e: FormatError| Error::runtime(format!("asset: {e}"));
     let (integers, columns) = without_empty(integers, columns);
     Ok(File {
-        channels: channels.transpose().to_cols_array(),
+        channels: (channels * DMat3::from_diagonal(units)).transpose().to_cols_array(),
         step,
         units: radiosities.units.clone(),
         basis: encode(tags::BASIS, lights, functions, &basis_integers, Some(&light_net.similar())).map_err(fail)?,
@@ -132,8 +132,9 @@ fn square(row: &[f32]) -> f64 {
     row.iter().map(|v| f64::from(*v) * f64::from(*v)).sum()
 }
 
-/// The orthonormal mixture of channels whose products vanish on average, the strongest first.
-fn decorrelated_channels(radiosities: &Radiosities) -> Result<DMat3> {
+/// RMS of each channel, and the orthonormal mixture of channels in these units whose products vanish on average, the strongest
+/// first. In these units the same error is relative to each channel's own brightness.
+fn decorrelated_channels(radiosities: &Radiosities) -> Result<(DMat3, DVec3)> {
     let lights = radiosities.lights;
     let of_row = |row: &[f32]| {
         let mut products = [0.0f64; 9];
@@ -147,9 +148,14 @@ fn decorrelated_channels(radiosities: &Radiosities) -> Result<DMat3> {
     let rows: Vec<[f64; 9]> = radiosities.values.par_chunks((3 * lights).max(1)).map(of_row).collect();
     let mut sum = [0.0; 9];
     rows.iter().for_each(|row| (0..9).for_each(|i| sum[i] += row[i]));
+    let squares = DVec3::new(sum[0], sum[4], sum[8]) / (rows.len() * lights).max(1) as f64;
+    let rms = DVec3::from(squares.to_array().map(f64::sqrt));
+    // A dark channel does not count more than a thousandth of the brightest.
+    let units = rms.max(DVec3::splat((1e-3 * rms.max_element()).max(f64::MIN_POSITIVE.sqrt())));
+    (0..9).for_each(|i| sum[i] /= units[i / 3] * units[i % 3]);
     let eigen = symmetric_eigen(&sum, 3)?;
     let [a, b, c] = [0, 1, 2].map(|i| DVec3::from_slice(&eigen.vectors[i]));
-    Ok(DMat3::from_cols(a, b, c).transpose())
+    Ok((DMat3::from_cols(a, b, c).transpose(), units))
 }
 
 /// Products of the rows' entries, summed over all rows of `size`: the lower triangle.
