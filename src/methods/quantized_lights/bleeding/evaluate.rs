@@ -24,7 +24,7 @@ use crate::transport::scene::{Medium, Scene, Surface};
 const PROBES: usize = 256;
 
 /// Irradiance of every vertex, RGB: the first pass.
-fn first_pass(
+pub(super) fn first_pass(
     scene: &Scene,
     bvh: &Bvh,
     vertices: &Neighbourhoods,

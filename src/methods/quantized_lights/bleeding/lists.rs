@@ -301,6 +301,19 @@ impl Lists {
         self.groups.iter().flat_map(Rows::iter)
     }
 
+    /// Leaves each vertex out of its own list, as the paper's pseudo code does.
+    #[cfg(test)]
+    pub(super) fn clear_own(&mut self) {
+        let mut row = 0;
+        for group in &mut self.groups {
+            let mut first = 0;
+            for &end in &group.ends {
+                group.entries[first..end].iter_mut().filter(|e| e.vertex == row).for_each(|e| e.factors = [0.0; 3]);
+                (first, row) = (end, row + 1);
+            }
+        }
+    }
+
     /// Bytes in memory.
     pub(super) fn bytes(&self) -> usize {
         self.groups.iter().map(|g| size_of_val(g.ends.as_slice()) + size_of_val(g.entries.as_slice())).sum()
