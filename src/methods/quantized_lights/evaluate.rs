@@ -6,7 +6,7 @@ use std::sync::{Arc, OnceLock};
 use glam::DVec3;
 
 use super::baked_in;
-use super::lights::{LightSet, scheme};
+use super::lights::{LightSet, blend, scheme};
 use super::sections::{Transport, interpolate, read};
 use super::stage::GROUP;
 use crate::asset::Asset;
@@ -40,8 +40,9 @@ pub(super) fn open(asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
     let file = read(&asset.sections)?;
     let scene = asset.scene.clone();
     let receivers = Receivers::new(&scene.mesh, &scene.parts, GROUP);
-    let set =
-        LightSet::new(&scene, file.directions as usize, file.shells.clone(), scheme(&asset.provenance.settings)?)?;
+    let settings = &asset.provenance.settings;
+    let between = (scheme(settings)?, blend(settings)?);
+    let set = LightSet::new(&scene, file.directions as usize, file.shells.clone(), between)?;
     let transport = Transport::new(&file, &scene, &receivers, &set)?;
     let columns = [0, 1, 2].map(|_| vec![0.0; transport.columns]);
     let samples = file.samples as usize;

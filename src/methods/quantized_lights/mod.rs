@@ -46,6 +46,12 @@ const NEAREST: Key = Key {
     help: "nearest distance of point and area lights, in bounding radii from the centre, 1.05 to 100",
 };
 
+const BLEND: Key = Key {
+    name: "blend",
+    default: "polynomial",
+    help: "between the distances of point lights: polynomial through all, or linear between two (the paper's, with nearest4)",
+};
+
 const SPACING: Key = Key {
     name: "spacing",
     default: "auto",
@@ -58,7 +64,7 @@ const ENCODING: Key = Key {
     help: "auto: quantised lights; bleeding: none, two passes over lists of neighbouring vertices for each light, for comparison",
 };
 
-const KEYS: &[Key] = &[LIGHTS, INTERPOLATION, SHELLS, NEAREST, SPACING, ENCODING, bleeding::RANGE_SHARE];
+const KEYS: &[Key] = &[LIGHTS, INTERPOLATION, SHELLS, NEAREST, BLEND, SPACING, ENCODING, bleeding::RANGE_SHARE];
 
 /// What an asset keeps of the transport.
 #[derive(Clone, Copy, PartialEq, Eq)]

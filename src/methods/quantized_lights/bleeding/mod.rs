@@ -68,11 +68,16 @@ pub(super) fn memory(scene: &Scene, settings: &BakeSettings) -> u64 {
 
 /// The lists' size, refused where it is beyond reason.
 fn affordable(neighbourhoods: &Neighbourhoods, ranges_mm: &[f64]) -> Result<()> {
-    let entries = neighbourhoods.entries(ranges_mm);
-    let bytes = entries.saturating_mul(size_of::<Entry>() as u64);
-    if bytes <= MOST_BYTES {
+    let most = MOST_BYTES / size_of::<Entry>() as u64;
+    // Counting takes long where there is far too much.
+    let mut entries = neighbourhoods.estimated_entries(ranges_mm);
+    if entries <= most {
+        entries = neighbourhoods.entries(ranges_mm);
+    }
+    if entries <= most {
         return Ok(());
     }
+    let bytes = entries.saturating_mul(size_of::<Entry>() as u64);
     let vertices = neighbourhoods.len();
     let farthest = ranges_mm.iter().copied().fold(0.0, f64::max);
     Err(Error::unsupported(format!(
