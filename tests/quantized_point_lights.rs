@@ -26,7 +26,7 @@ use translux::progress::Silent;
 use translux::transport::receivers::Sphere;
 use translux::transport::scene::Scene;
 
-const SAMPLES: usize = 5_000;
+const SAMPLES: usize = 3_000;
 const DIRECTIONS: &str = "100";
 
 /// Nearest shell unless it is set, in bounding radii.
@@ -69,8 +69,11 @@ fn of_the_set() -> DVec3 {
 /// As far as possible from the directions of the set.
 fn between() -> DVec3 {
     let set = DirectionSet::fibonacci(DIRECTIONS.parse().unwrap()).unwrap();
-    let [a, b, c] = [0, 1, 2].map(|k| set.directions()[set.nearest(of_the_set(), 3)[k].index as usize]);
-    (a + b + c).normalize()
+    let nearest = |d: &DVec3| set.directions().iter().map(|s| s.angle_between(*d)).fold(f64::INFINITY, f64::min);
+    let many = DirectionSet::fibonacci(2048).unwrap();
+    let farthest = *many.directions().iter().max_by(|a, b| nearest(a).total_cmp(&nearest(b))).unwrap();
+    assert!(nearest(&farthest) > 0.2, "{}", nearest(&farthest));
+    farthest
 }
 
 /// The scene with what errors are measured against.
@@ -205,7 +208,7 @@ fn close_to_the_surface_a_set_of_distances_fails() {
     let towards = scene.mesh.local_mm.iter().map(|p| p.as_dvec3() + scene.mesh.origin_mm - bench.centre_mm);
     let towards = towards.max_by(|a, b| a.length().total_cmp(&b.length())).unwrap().normalize();
     let mut errors = Vec::new();
-    for nearest in ["1.5", "1.25", "1.1", "1.05"] {
+    for nearest in ["1.5", "1.2", "1.05"] {
         let radii: f64 = nearest.parse().unwrap();
         let mut set = evaluator(&scene, &[("nearest", nearest)]);
         let above_mm = (radii - 1.0) * bench.radius_mm;
@@ -216,7 +219,7 @@ fn close_to_the_surface_a_set_of_distances_fails() {
         println!("nearest {nearest} radii, {above_mm:.2} mm above the surface: {:.1} %", 100.0 * error);
         errors.push(error);
     }
-    assert!(errors[0] < 0.08 && errors[3] > 0.2, "{errors:?}");
+    assert!(errors[0] < 0.08 && errors[2] > 0.2, "{errors:?}");
     assert!(errors.windows(2).all(|pair| pair[0] < pair[1]), "{errors:?}");
 }
 
@@ -235,6 +238,11 @@ fn more_shells_are_better_and_the_default_beats_eight_neighbours() {
     let mut table = BTreeMap::new();
     for shells in ["1", "2", "3", "4"] {
         let default = worst(&mut bench, evaluator(&scene, &[("shells", shells)]).as_mut());
+        if shells != "3" && !in_memory::long() {
+            println!("{shells} shells: {default:?}");
+            table.insert(shells, default);
+            continue;
+        }
         let trilinear = [("shells", shells), ("blend", "linear"), ("interpolation", "nearest4")];
         let paper = worst(&mut bench, evaluator(&scene, &trilinear).as_mut());
         println!(
@@ -244,10 +252,12 @@ fn more_shells_are_better_and_the_default_beats_eight_neighbours() {
             100.0 * paper[0],
             100.0 * paper[1]
         );
-        assert!(default[1] < paper[1], "{shells}: {default:?} {paper:?}");
-        table.insert(shells, (default, paper));
+        // With one shell beside infinity both are linear.
+        let better = |k: usize| shells == "1" || default[k] < 0.8 * paper[k];
+        assert!(better(0) && better(1), "{shells}: {default:?} {paper:?}");
+        table.insert(shells, default);
     }
-    let at_node = |shells: &str| (table[shells].0[0], table[shells].1[0]);
-    assert!(at_node("1").0 > 2.0 * at_node("2").0 && at_node("2").0 > at_node("3").0, "{table:?}");
-    assert!(at_node("1").1 > at_node("4").1 && at_node("2").0 < at_node("2").1, "{table:?}");
+    let at_node = |shells: &str| table[shells][0];
+    assert!(at_node("1") > 0.08 && at_node("2") < 0.5 * at_node("1"), "{table:?}");
+    assert!(at_node("3") < 0.8 * at_node("2") && at_node("4") < at_node("3"), "{table:?}");
 }

@@ -11,8 +11,10 @@ use crate::medium::dipole::Dipole;
 use crate::medium::fresnel::BoundaryFit;
 use crate::medium::profile::Profile;
 use crate::transport::irradiance::SurfacePoint;
+use crate::transport::kernel::{Block, KernelRgb, PointSource, add_points};
 use crate::transport::receivers::{Group, NONE, Sphere};
 use crate::transport::scene::Scene;
+use crate::transport::simd::Level;
 
 /// Vertices whose candidates are found together.
 const CAPACITY: usize = 16;
@@ -154,14 +156,16 @@ impl Neighbourhoods {
         ranges_mm.get(medium as usize).copied().unwrap_or(0.0)
     }
 
-    /// Calls `take` with each row of `step`-th groups and the vertices of its list, ascending; results in the order of the groups.
-    fn visit<T: Send>(
+    /// Calls `take` with each row of `step`-th groups and the vertices of its list, ascending; what `end` makes of each group, in
+    /// their order.
+    fn visit<T, U: Send>(
         &self,
         ranges_mm: &[f64],
         step: usize,
         take: impl Fn(&mut T, usize, &[u32]) + Sync,
         start: impl Fn() -> T + Sync,
-    ) -> Vec<T> {
+        end: impl Fn(T) -> U + Sync,
+    ) -> Vec<U> {
         let spheres: Vec<Sphere> = self.groups.par_iter().map(|g| self.sphere(*g)).collect();
         let chosen: Vec<usize> = (0..self.groups.len()).step_by(step.max(1)).collect();
         let of_group = |&index: &usize| {
@@ -169,8 +173,8 @@ impl Neighbourhoods {
             let range = self.range(group, ranges_mm);
             let (mut result, mut candidates, mut list) = (start(), Vec::new(), Vec::new());
             let first = self.groups.partition_point(|g| g.part < group.part);
-            let end = self.groups.partition_point(|g| g.part <= group.part);
-            for other in first..end {
+            let last = self.groups.partition_point(|g| g.part <= group.part);
+            for other in first..last {
                 let reach = range + spheres[index].radius_mm + spheres[other].radius_mm;
                 // Rounding of the radii must not lose what the exact test below would take.
                 if spheres[index].centre_mm.distance(spheres[other].centre_mm) <= reach * (1.0 + 1e-9) {
@@ -184,14 +188,14 @@ impl Neighbourhoods {
                 list.extend(candidates.iter().copied().filter(within));
                 take(&mut result, row, &list);
             }
-            result
+            end(result)
         };
         chosen.par_iter().map(of_group).collect()
     }
 
     /// Entries of all lists together.
     pub(super) fn entries(&self, ranges_mm: &[f64]) -> u64 {
-        self.visit(ranges_mm, 1, |sum: &mut u64, _, list| *sum += list.len() as u64, || 0).into_iter().sum()
+        self.visit(ranges_mm, 1, |sum: &mut u64, _, list| *sum += list.len() as u64, || 0, |sum| sum).into_iter().sum()
     }
 
     /// About as many, from some of the rows.
@@ -201,7 +205,7 @@ impl Neighbourhoods {
             *rows += 1;
             *sum += list.len() as u64;
         };
-        let found = self.visit(ranges_mm, step, count, || (0, 0));
+        let found = self.visit(ranges_mm, step, count, || (0, 0), |found| found);
         let (rows, sum) = found.into_iter().fold((0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
         (sum as f64 / rows.max(1) as f64 * self.len() as f64) as u64
     }
@@ -226,6 +230,13 @@ impl Neighbourhoods {
         sums
     }
 
+    /// Whether R_d at a vertex times its area is what [`Neighbourhoods::factors`] gives.
+    fn is_far(&self, to: usize, from: usize, cell: Cell) -> bool {
+        let distance = self.at(from).distance(self.at(to));
+        let near = |d: &Dipole| is_near(cell, self.areas_mm2[from], distance, d);
+        to != from && !self.dipoles.get(self.points[to].1 as usize).is_some_and(|dipoles| dipoles.iter().any(near))
+    }
+
     /// `Int R_d dA` over what a vertex stands for, as `to` receives it. The vertex itself is the disc of its area.
     pub(super) fn factors(&self, to: usize, from: usize, cell: Cell) -> [f64; 3] {
         let area = self.areas_mm2[from];
@@ -238,14 +249,18 @@ impl Neighbourhoods {
         let distance = self.at(from).distance(at);
         let pieces = self.first_piece[from] as usize..self.first_piece[from + 1] as usize;
         dipoles.each_ref().map(|d| {
-            let near = cell == Cell::Pieces && area > PI * (NEAR * distance.hypot(d.z_real_mm)).powi(2);
-            if near {
+            if is_near(cell, area, distance, d) {
                 self.pieces[pieces.clone()].iter().map(|(p, a)| d.reflectance(p.distance(at)) * a).sum()
             } else {
                 d.reflectance(distance) * area
             }
         })
     }
+}
+
+/// Whether the area of a source is wide as seen from a receiver.
+fn is_near(cell: Cell, area_mm2: f64, distance_mm: f64, dipole: &Dipole) -> bool {
+    cell == Cell::Pieces && area_mm2 > PI * (NEAR * distance_mm.hypot(dipole.z_real_mm)).powi(2)
 }
 
 /// The lists of neighbouring vertices.
@@ -266,6 +281,23 @@ impl Rows {
     }
 }
 
+/// The vertices of a group as receivers.
+struct GroupBlock {
+    level: Level,
+    centre: DVec3,
+    block: Block,
+    factors: Vec<[f32; 3]>,
+}
+
+impl GroupBlock {
+    /// R_d at each of them times the area of a source.
+    fn receive(&mut self, kernel: &KernelRgb, at: DVec3, area_mm2: f64) {
+        let at = (at - self.centre).as_vec3().to_array();
+        add_points(self.level, &mut self.block, kernel, &[PointSource { at, flux: [area_mm2 as f32; 3] }]);
+        self.block.take(&mut self.factors);
+    }
+}
+
 /// The lists of all vertices, in their order.
 pub(super) struct Lists {
     groups: Vec<Rows>,
@@ -273,16 +305,46 @@ pub(super) struct Lists {
 
 impl Lists {
     pub(super) fn new(vertices: &Neighbourhoods, ranges_mm: &[f64], cell: Cell) -> Self {
-        let take = |rows: &mut Rows, to: usize, list: &[u32]| {
-            // Exactly: lists are what fills the memory.
-            rows.entries.reserve_exact(list.len());
-            rows.entries.extend(list.iter().map(|&vertex| {
-                let factors = vertices.factors(to, vertex as usize, cell).map(|f| f as f32);
-                Entry { factors, vertex }
-            }));
-            rows.ends.push(rows.entries.len());
+        let poles = |dipoles: &[Dipole; 3]| KernelRgb::new(dipoles.each_ref().map(Dipole::poles));
+        let level = Level::detect();
+        let kernels: Vec<KernelRgb> = vertices.dipoles.iter().map(poles).collect();
+        let of_group = |(mut lists, first): (Vec<Vec<u32>>, usize)| {
+            let medium = vertices.points[first].1 as usize;
+            let at: Vec<DVec3> = (first..first + lists.len()).map(|row| vertices.at(row)).collect();
+            let mut block =
+                GroupBlock { level, centre: at[0], block: Block::default(), factors: vec![[0.0; 3]; lists.len()] };
+            block.block.reset(block.centre, &at);
+            let mut rows: Vec<Vec<Entry>> = lists.iter().map(|list| Vec::with_capacity(list.len())).collect();
+            // Ascending in every list, so that the next vertex of all is the least of the next of each.
+            lists.iter_mut().for_each(|list| list.reverse());
+            while let Some(vertex) = lists.iter().filter_map(|list| list.last().copied()).min() {
+                let from = vertex as usize;
+                block.receive(&kernels[medium], vertices.at(from), vertices.areas_mm2[from]);
+                for (i, (list, row)) in lists.iter_mut().zip(&mut rows).enumerate() {
+                    if list.last() == Some(&vertex) {
+                        list.pop();
+                        let factors = match vertices.is_far(first + i, from, cell) {
+                            true => block.factors[i],
+                            false => vertices.factors(first + i, from, cell).map(|f| f as f32),
+                        };
+                        row.push(Entry { factors, vertex });
+                    }
+                }
+            }
+            let mut end = 0;
+            let ends = rows.iter().map(|row| {
+                end += row.len();
+                end
+            });
+            Rows { ends: ends.collect(), entries: rows.concat() }
         };
-        Self { groups: vertices.visit(ranges_mm, 1, take, Rows::default) }
+        let take = |(lists, first): &mut (Vec<Vec<u32>>, usize), to: usize, list: &[u32]| {
+            if lists.is_empty() {
+                *first = to;
+            }
+            lists.push(list.to_vec());
+        };
+        Self { groups: vertices.visit(ranges_mm, 1, take, Default::default, of_group) }
     }
 
     /// Radiosity of every vertex from the irradiance at every vertex.

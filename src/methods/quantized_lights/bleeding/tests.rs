@@ -56,6 +56,12 @@ fn lists_hold_the_vertices_of_the_part_in_range_and_no_others() {
         let expected: Vec<u32> = (0..vertices.len()).filter(near).map(|v| v as u32).collect();
         assert_eq!(list.iter().map(|e| e.vertex).collect::<Vec<_>>(), expected, "{row}");
         entries += list.len() as u64;
+        for entry in list {
+            let expected = vertices.factors(row, entry.vertex as usize, Cell::Pieces);
+            for (found, expected) in entry.factors.into_iter().zip(expected) {
+                assert!((f64::from(found) - expected).abs() <= 1e-5 * expected, "{row} {entry:?} {expected}");
+            }
+        }
     }
     assert_eq!(vertices.entries(&ranges), entries);
     assert!(entries > 5 * vertices.len() as u64);
