@@ -25,7 +25,7 @@ fn what_breaks_a_rule_is_neither_written_nor_read() {
     }
     let lists = ScatteringLists { ranges_mm: vec![1.0], samples: 1 };
     let mut section = lists.to_sections().unwrap().remove(0);
-    section.kind = Kind::Common;
+    section.kind = Kind::Mesh;
     assert!(ScatteringLists::from_sections(std::slice::from_ref(&section)).is_err());
     section.kind = Kind::Method;
     for length in 0..section.bytes.len() {

@@ -52,7 +52,9 @@ pub(super) fn measure(
     // Source vertices with the value of each probe.
     let step = (vertices.len() / PROBES).max(1);
     let probes: Vec<(usize, u32)> = (0..vertices.of_vertex.len())
-        .filter_map(|v| Some((v, vertices.of_vertex[v])).filter(|(_, i)| *i != NONE && *i as usize % step == 0))
+        .filter_map(|v| {
+            Some((v, vertices.of_vertex[v])).filter(|(_, i)| *i != NONE && (*i as usize).is_multiple_of(step))
+        })
         .collect();
     let areas: Vec<f64> = probes.iter().map(|(_, i)| vertices.areas_mm2[*i as usize]).collect();
     let irradiance: Vec<Vec<DVec3>> = unseen
