@@ -58,6 +58,7 @@ mod reader;
 pub mod rows;
 pub mod samples;
 mod scan;
+pub mod scattering_lists;
 mod types;
 mod varints;
 mod writer;

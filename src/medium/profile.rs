@@ -28,15 +28,23 @@ pub trait Profile: Send + Sync {
     ///
     /// 0 for a fraction of 0 or less and for a profile that returns nothing; infinite for 1 or more.
     fn radius_containing_mm(&self, fraction: f64) -> f64 {
+        self.range_mm(1.0 - fraction)
+    }
+
+    /// The smallest distance (mm) beyond which at most `share` of the total comes from, to 1e-12 of itself; unlike
+    /// [`Profile::radius_containing_mm`] it keeps the digits of shares near 0.
+    ///
+    /// 0 for a share of 1 or more and for a profile that returns nothing; infinite for 0 or less.
+    fn range_mm(&self, share: f64) -> f64 {
         let whole = self.tail(0.0);
         // Written so that NaN ends here as well.
-        if !(whole > 0.0 && fraction > 0.0) {
+        if !(whole > 0.0 && share < 1.0) {
             return 0.0;
         }
-        if fraction >= 1.0 {
+        if share <= 0.0 {
             return f64::INFINITY;
         }
-        let outside = (1.0 - fraction) * whole;
+        let outside = share * whole;
         let (mut low, mut high) = (0.0, 1.0);
         while self.tail(high) > outside && high < 1e150 {
             (low, high) = (high, 4.0 * high);

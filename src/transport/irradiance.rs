@@ -1,5 +1,6 @@
 //! Irradiance of the samples under a set of lights: E = Int L V F_t(eta, n.w) max(0, n.w) dw, shadows by ray casting.
 
+mod points;
 mod sharp;
 
 use std::f64::consts::{PI, TAU};
@@ -141,12 +142,15 @@ impl Prepared<'_> {
 /// Rays that go from one point of a patch before the next point's: as many as one bundle of the ray caster takes.
 const RUN: usize = 16;
 
-/// A point of a patch.
+/// A point of the surface.
 #[derive(Clone, Copy, Debug, Default)]
-struct SurfacePoint {
-    at: DVec3,
-    normal: DVec3,
-    triangle: u32,
+pub struct SurfacePoint {
+    /// Relative to the mesh's origin, mm.
+    pub at: DVec3,
+    /// Unit normal; zero where there is none, and nothing arrives.
+    pub normal: DVec3,
+    /// The triangle that casts no shadow on it, or [`crate::geometry::bvh::NO_TRIANGLE`].
+    pub triangle: u32,
 }
 
 /// Lights prepared for a surface.

@@ -146,11 +146,10 @@ impl DistanceSet {
                 "{at}: this light set has parallel light only; bake it with point lights"
             ));
         }
+        let (nearest, radius) = (self.nearest_mm(), self.radius_mm);
         Error::unsupported(format!(
-            "a point light {distance_mm:.3} mm from the scene's centre is too near: this light set carries point lights from {:.3} mm on (the bounding radius is {:.3} mm); move the light \
-             away or bake with nearer point lights",
-            self.nearest_mm(),
-            self.radius_mm
+            "{at} is too near: this light set carries point lights from {nearest:.3} mm on (the bounding radius is {radius:.3} mm); \
+             move it away, bake for nearer ones (--set nearest, in bounding radii), or take a method that traces light, such as two_pass"
         ))
     }
 }

@@ -2,6 +2,7 @@ use super::*;
 use crate::math::quadrature::integrate;
 use crate::math::random::uniform;
 use crate::medium::fresnel::{BoundaryFit, boundary_a};
+use crate::medium::material::PRESETS;
 
 /// sigma_s', sigma_a (1/mm) and eta: marble, ketchup, skin, spectralon, cream, matched and inverted indices, a nearly
 /// black and a nearly white medium, and two far ends of the scale.
@@ -386,4 +387,61 @@ fn radius_containing_a_fraction_inverts_the_disc() {
     assert_eq!(dipole((0.0, 1.0, 1.3)).radius_containing_mm(0.5), 0.0);
     // Independent figure: 99 % of spectralon's red lie within 24 mm.
     assert!((dipole((11.6, 0.0, 1.3)).radius_containing_mm(0.99) - 24.0).abs() < 0.5);
+}
+
+#[test]
+fn nothing_but_the_share_lies_beyond_the_range() {
+    let presets = PRESETS.iter().flat_map(|p| p.properties().dipoles(BoundaryFit::Published));
+    let mut checked = 0;
+    for d in all().chain(presets).filter(|d| d.total() > 0.0) {
+        let mut before = f64::INFINITY;
+        for share in [1e-12, 1e-6, 1e-3, 0.01, 0.1, 0.5, 0.9, 0.999] {
+            let range = d.range_mm(share);
+            assert!(range.is_finite() && range > 0.0 && range < before, "{d:?} {share} {range}");
+            before = range;
+            let found = d.tail(range) / d.tail(0.0);
+            assert!((found / share - 1.0).abs() < 1e-9, "{d:?} {share} {found}");
+            // The same from the disc, which loses the digits of small shares.
+            assert!((1.0 - d.disc(range) / d.total() - share).abs() < 1e-10, "{d:?} {share}");
+            // Hardly nearer there is more beyond.
+            assert!(d.tail(range * (1.0 - 1e-9)) > share * d.tail(0.0), "{d:?} {share}");
+            checked += 1;
+        }
+        assert_eq!((d.range_mm(1.0), d.range_mm(f64::NAN)), (0.0, 0.0));
+        assert_eq!((d.range_mm(0.0), d.range_mm(-1.0)), (f64::INFINITY, f64::INFINITY));
+        assert!(d.range_mm(f64::MIN_POSITIVE) > d.range_mm(1e-12));
+    }
+    assert!(checked > 8 * 40);
+    assert_eq!(dipole((0.0, 1.0, 1.3)).range_mm(0.01), 0.0);
+}
+
+/// Why the range is not a fixed number of mean free paths: what lies beyond ten of them, and how many hold all but 1 %.
+#[test]
+fn a_fixed_multiple_of_the_mean_free_path_is_no_range() {
+    let mut shares = Vec::new();
+    let mut multiples = Vec::new();
+    for material in PRESETS {
+        for (channel, d) in material.properties().dipoles(BoundaryFit::Published).iter().enumerate() {
+            let share = d.tail(10.0 * d.z_real_mm) / d.tail(0.0);
+            let multiple = d.range_mm(0.01) / d.z_real_mm;
+            println!(
+                "{} {}: mean free path {:.3} mm, {:.2e} beyond 10 of them, 1 % beyond {multiple:.1} = {:.2} mm",
+                material.name,
+                ["R", "G", "B"][channel],
+                d.z_real_mm,
+                share,
+                multiple * d.z_real_mm
+            );
+            shares.push(share);
+            multiples.push(multiple);
+        }
+    }
+    let span = |values: &[f64]| {
+        let low = values.iter().copied().fold(f64::INFINITY, f64::min);
+        (low, values.iter().copied().fold(0.0, f64::max))
+    };
+    let ((least, most), (short, long)) = (span(&shares), span(&multiples));
+    println!("beyond 10: {least:.1e} to {most:.3}; 1 %: {short:.1} to {long:.0} mean free paths");
+    assert!(most > 0.2 && least < 1e-6, "{least} {most}");
+    assert!(long > 40.0 * short, "{short} {long}");
 }

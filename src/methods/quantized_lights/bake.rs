@@ -49,7 +49,8 @@ const CLOSE: f64 = 0.7;
 /// One vertex of so many measures them.
 const STRIDE: usize = 4;
 
-fn count(scene: &Scene, settings: &BakeSettings) -> usize {
+/// Samples of a bake.
+pub(super) fn count(scene: &Scene, settings: &BakeSettings) -> usize {
     DENSITY.count(scene, settings, (DENSITY_RMS / settings.max_rms).sqrt().max(1.0))
 }
 

@@ -5,26 +5,21 @@ use std::sync::{Arc, OnceLock};
 
 use glam::DVec3;
 
-use super::lights::{LightSet, scheme};
+use super::baked_in;
+use super::lights::{LightSet, blend, scheme};
 use super::sections::{Transport, read};
 use super::stage::GROUP;
 use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
-use crate::evaluate::sampled::{Bound, Far, Plan, SampledEvaluator};
+use crate::evaluate::sampled::SampledEvaluator;
 use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit};
 use crate::geometry::bvh::Bvh;
-use crate::geometry::samples::Samples;
 use crate::light::Light;
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::progress::Progress;
-use crate::transport::gather::NearField;
-use crate::transport::irradiance::LightSampling;
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::{Medium, Scene};
-
-/// Error of the hierarchy that the transport is measured against.
-const TRUTH_ERROR: f64 = 0.001;
 
 /// The transport of an asset, lit.
 pub(super) struct QuantisedEvaluator {
@@ -48,8 +43,9 @@ pub(super) fn open(asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
     let file = read(&asset.sections)?;
     let scene = asset.scene.clone();
     let receivers = Receivers::new(&scene.mesh, &scene.parts, GROUP);
-    let set =
-        LightSet::new(&scene, file.directions as usize, file.shells.clone(), scheme(&asset.provenance.settings)?)?;
+    let settings = &asset.provenance.settings;
+    let between = (scheme(settings)?, blend(settings)?);
+    let set = LightSet::new(&scene, file.directions as usize, file.shells.clone(), between)?;
     let transport = Transport::new(&file, &scene, &receivers, &set)?;
     let columns = [0, 1, 2].map(|_| vec![0.0; transport.columns]);
     let samples = file.samples as usize;
@@ -79,22 +75,7 @@ impl QuantisedEvaluator {
     /// The samples with rays and the hierarchy; made when it is first asked for.
     fn truth(&mut self, lights: &[Light], progress: &dyn Progress) -> Result<&mut SampledEvaluator> {
         if self.truth.is_none() {
-            let scene = self.scene.clone();
-            let samples = Samples::new(&scene.mesh, &scene.parts, self.samples);
-            let asset = Asset {
-                scene,
-                samples,
-                provenance: Default::default(),
-                ledger: Ledger::default(),
-                sections: Vec::new(),
-            };
-            let plan = Plan {
-                sampling: LightSampling::FAST,
-                near: NearField::FAST,
-                far: Far::Hierarchical { error: TRUTH_ERROR, bound: Bound::SolidAngle },
-                group: GROUP,
-            };
-            self.truth = Some(Box::new(SampledEvaluator::new(Arc::new(asset), plan)));
+            self.truth = Some(Box::new(baked_in::truth(&self.scene, self.samples)));
         }
         let truth = self.truth.as_mut().ok_or_else(|| Error::runtime("no samples"))?;
         truth.set_lights(lights.to_vec(), progress)?;
@@ -138,17 +119,7 @@ impl Evaluator for QuantisedEvaluator {
     }
 
     fn set_media(&mut self, media: Vec<Medium>) -> Result<()> {
-        if media.len() != self.scene.media.len() {
-            let (given, there) = (media.len(), self.scene.media.len());
-            return Err(Error::command_line(format!("{given} materials for the {there} media of the asset")));
-        }
-        if media.iter().zip(&self.scene.media).any(|(a, b)| a.properties != b.properties) {
-            return Err(Error::unsupported(
-                "the material is baked into this asset of `quantized_lights`; bake it again, or with --method editable",
-            ));
-        }
-        self.scene.media = media;
-        Ok(())
+        baked_in::replace_media(&mut self.scene, media)
     }
 
     fn radiosity(&mut self, _: &dyn Progress) -> Result<Vec<DVec3>> {

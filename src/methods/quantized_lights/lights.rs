@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use glam::DVec3;
 
-use super::{INTERPOLATION, LIGHTS, NEAREST, SHELLS, SPACING};
+use super::{BLEND, INTERPOLATION, LIGHTS, NEAREST, SHELLS, SPACING};
 use crate::error::{Error, Result};
 use crate::light::quantised::directions::DirectionSet;
 use crate::light::quantised::distances::{Blend, DistanceSet, QuantisedLights};
@@ -25,6 +25,7 @@ pub(super) struct Plan {
     /// Directions; as many as the error asks for.
     pub(super) directions: Option<usize>,
     pub(super) scheme: Scheme,
+    pub(super) blend: Blend,
     /// Shells beside infinity.
     pub(super) shells: usize,
     /// Bounding radius over the distance of the nearest shell.
@@ -52,8 +53,15 @@ impl Plan {
             true => None,
             false => Some(number(values, &SPACING, 1e-6..=1e6)?),
         };
-        let scheme = scheme(values)?;
-        Ok(Self { directions, scheme, shells, nearest: 1.0 / number(values, &NEAREST, 1.05..=100.0)?, spacing_mm })
+        let (scheme, blend) = (scheme(values)?, blend(values)?);
+        Ok(Self {
+            directions,
+            scheme,
+            blend,
+            shells,
+            nearest: 1.0 / number(values, &NEAREST, 1.05..=100.0)?,
+            spacing_mm,
+        })
     }
 }
 
@@ -66,6 +74,15 @@ pub(super) fn scheme(values: &BTreeMap<String, String>) -> Result<Scheme> {
     })
 }
 
+/// What was asked for between distances.
+pub(super) fn blend(values: &BTreeMap<String, String>) -> Result<Blend> {
+    match values.get(BLEND.name).map_or(BLEND.default, String::as_str) {
+        "polynomial" => Ok(Blend::Polynomial),
+        "linear" => Ok(Blend::Linear),
+        other => Err(Error::command_line(format!("--set blend={other}: it is polynomial or linear"))),
+    }
+}
+
 /// A set with its interpolation.
 pub(super) struct LightSet {
     pub(super) lights: QuantisedLights,
@@ -74,12 +91,17 @@ pub(super) struct LightSet {
 
 impl LightSet {
     /// Shells around the scene; `inverse` are its radius over their distances, from 0.
-    pub(super) fn new(scene: &Scene, directions: usize, inverse: Vec<f64>, scheme: Scheme) -> Result<Self> {
+    pub(super) fn new(
+        scene: &Scene,
+        directions: usize,
+        inverse: Vec<f64>,
+        (scheme, blend): (Scheme, Blend),
+    ) -> Result<Self> {
         let (centre_mm, radius_mm) = sphere(scene);
         let directions = DirectionSet::new(lattice(directions)?)?;
         let shells = match inverse.len() {
             0 | 1 => DistanceSet::parallel(centre_mm, radius_mm)?,
-            _ => DistanceSet::new(centre_mm, radius_mm, inverse, Blend::Polynomial)?,
+            _ => DistanceSet::new(centre_mm, radius_mm, inverse, blend)?,
         };
         let interpolator = Interpolator::new(&directions, scheme)?;
         Ok(Self { lights: QuantisedLights { directions, shells }, interpolator })
@@ -90,11 +112,9 @@ impl LightSet {
         let (centre_mm, radius_mm) = sphere(scene);
         let inverse = match plan.shells {
             0 => vec![0.0],
-            count => DistanceSet::spread(centre_mm, radius_mm, count + 1, plan.nearest, Blend::Polynomial)?
-                .inverse()
-                .to_vec(),
+            count => DistanceSet::spread(centre_mm, radius_mm, count + 1, plan.nearest, plan.blend)?.inverse().to_vec(),
         };
-        Self::new(scene, directions, inverse, plan.scheme)
+        Self::new(scene, directions, inverse, (plan.scheme, plan.blend))
     }
 
     /// Weights of the lights of the set, RGB, for several lights together.

@@ -2,16 +2,19 @@
 //! Varshney 2004).
 
 mod bake;
+mod baked_in;
 mod basis;
+mod bleeding;
 mod evaluate;
 mod lights;
 mod sections;
 mod stage;
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use crate::asset::Asset;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Key, Method};
 use crate::progress::Progress;
 use crate::transport::scene::Scene;
@@ -43,13 +46,40 @@ const NEAREST: Key = Key {
     help: "nearest distance of point and area lights, in bounding radii from the centre, 1.05 to 100",
 };
 
+const BLEND: Key = Key {
+    name: "blend",
+    default: "polynomial",
+    help: "between the distances of point lights: polynomial through all, or linear between two (the paper's, with nearest4)",
+};
+
 const SPACING: Key = Key {
     name: "spacing",
     default: "auto",
     help: "distance between reference points, mm; auto: what --max-rms asks for",
 };
 
-const KEYS: &[Key] = &[LIGHTS, INTERPOLATION, SHELLS, NEAREST, SPACING];
+const ENCODING: Key = Key {
+    name: "encoding",
+    default: "auto",
+    help: "auto: quantised lights; bleeding: none, two passes over lists of neighbouring vertices for each light, for comparison",
+};
+
+const KEYS: &[Key] = &[LIGHTS, INTERPOLATION, SHELLS, NEAREST, BLEND, SPACING, ENCODING, bleeding::RANGE_SHARE];
+
+/// What an asset keeps of the transport.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Encoding {
+    Auto,
+    Bleeding,
+}
+
+fn encoding(values: &BTreeMap<String, String>) -> Result<Encoding> {
+    match values.get(ENCODING.name).map_or(ENCODING.default, String::as_str) {
+        "auto" => Ok(Encoding::Auto),
+        "bleeding" => Ok(Encoding::Bleeding),
+        other => Err(Error::command_line(format!("--set encoding={other}: it is auto or bleeding"))),
+    }
+}
 
 /// What charts compare.
 const LADDER: &[&str] = &[
@@ -85,14 +115,26 @@ impl Method for QuantizedLights {
     }
 
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {
-        bake::memory(scene, settings)
+        match encoding(&settings.values) {
+            Ok(Encoding::Bleeding) => bleeding::memory(scene, settings),
+            _ => bake::memory(scene, settings),
+        }
     }
 
     fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {
-        bake::bake(scene, settings, progress)
+        // Values of keys that this encoding does not use are judged as well.
+        lights::Plan::new(&settings.values, &settings.for_lights)?;
+        bleeding::range_share(&settings.values, settings.max_rms)?;
+        match encoding(&settings.values)? {
+            Encoding::Auto => bake::bake(scene, settings, progress),
+            Encoding::Bleeding => bleeding::bake(scene, settings, progress),
+        }
     }
 
     fn open(&self, asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
-        evaluate::open(asset)
+        match encoding(&asset.provenance.settings)? {
+            Encoding::Auto => evaluate::open(asset),
+            Encoding::Bleeding => bleeding::open(asset),
+        }
     }
 }

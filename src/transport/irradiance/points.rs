@@ -1,0 +1,133 @@
+//! Irradiance at single points, for who takes vertices as samples.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::{Bundle, Illumination, MOST, Sharp, SurfacePoint};
+use crate::progress::Progress;
+
+/// Points that are lit together.
+const CHUNK: usize = 256;
+
+impl Illumination<'_> {
+    /// Irradiance of single points, RGB, each with the index of its medium: one shadow ray for each directional and point light,
+    /// as many as a patch has for the others. A point is lit from the side of its normal only. A medium that the scene does not have
+    /// gives 0.
+    pub fn at_points(&self, points: &[(SurfacePoint, u32)], progress: &dyn Progress) -> Vec<DVec3> {
+        progress.start("irradiance", points.len() as u64);
+        let mut result = vec![DVec3::ZERO; points.len()];
+        result.par_chunks_mut(CHUNK).zip(points.par_chunks(CHUNK)).enumerate().for_each(|(chunk, (out, points))| {
+            self.some_points(chunk * CHUNK, points, out);
+            progress.advance(out.len() as u64);
+        });
+        progress.finish();
+        result
+    }
+
+    /// The same of the points from the index `first` on, which turns their sets of directions.
+    fn some_points(&self, first: usize, points: &[(SurfacePoint, u32)], out: &mut [DVec3]) {
+        let mut bundle = Bundle::default();
+        let mut sharp: Vec<Sharp> = self.lights.iter().filter_map(Sharp::new).collect();
+        for (i, ((point, medium), e)) in points.iter().zip(out.iter_mut()).enumerate() {
+            let Some((eta, _)) = self.entrance.get(*medium as usize) else { continue };
+            let point = std::slice::from_ref(point);
+            sharp.iter_mut().for_each(|light| light.collect(i, *eta, point, |_| 1.0));
+            let soft = self.lights.iter().filter(|light| !light.is_sharp());
+            *e = soft.map(|light| self.irradiance(light, *medium as usize, first + i, point, &mut bundle)).sum();
+        }
+        for light in &mut sharp {
+            light.trace(self.surface.bvh);
+            light.add(out, |_| true);
+        }
+        for e in out {
+            *e = e.min(DVec3::splat(MOST));
+        }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::f64::consts::PI;
+
+    use super::*;
+    use crate::geometry::bvh::NO_TRIANGLE;
+    use crate::geometry::shapes;
+    use crate::light::Light;
+    use crate::medium::fresnel;
+    use crate::progress::Silent;
+    use crate::transport::irradiance::LightSampling;
+    use crate::transport::test_scene::{Fixture, named};
+
+    /// Vertices with the normals of the sphere that they are on.
+    fn points(fixture: &Fixture) -> Vec<(SurfacePoint, u32)> {
+        let mesh = &fixture.scene.mesh;
+        let point = |p: &glam::Vec3| {
+            let normal = (p.as_dvec3() + mesh.origin_mm).normalize();
+            (SurfacePoint { at: p.as_dvec3(), normal, triangle: NO_TRIANGLE }, 0)
+        };
+        mesh.local_mm.iter().map(point).collect()
+    }
+
+    fn lit(fixture: &Fixture, points: &[(SurfacePoint, u32)], light: Light) -> Vec<DVec3> {
+        let (surface, lights) = (fixture.surface(), [light]);
+        let eta = fixture.scene.media[0].properties.eta_inside_over_outside;
+        Illumination::new(&surface, &lights, &[eta], LightSampling::FAST).unwrap().at_points(points, &Silent)
+    }
+
+    /// No vertex of a ball shadows itself, however large the ball, and none on the far side is lit.
+    #[test]
+    fn vertices_of_a_sphere_have_the_closed_form() {
+        for radius in [1e-3, 1.0, 10.0, 1e5] {
+            let fixture = Fixture::new(shapes::icosphere(radius, 4), named("marble"), 100);
+            let points = points(&fixture);
+            let eta = fixture.scene.media[0].properties.eta_inside_over_outside;
+            let from = DVec3::new(0.3, 0.5, 0.81).normalize();
+            let colour = DVec3::new(1.0, 2.0, 3.0);
+            let values = lit(&fixture, &points, Light::directional(from, colour).unwrap());
+            let arriving = |cosine: f64| fresnel::transmittance(eta, cosine) * cosine;
+            for (value, (p, _)) in values.iter().zip(&points) {
+                let cosine = p.normal.dot(from);
+                if cosine > 0.02 {
+                    assert!((*value - colour * arriving(cosine)).length() < 1e-12, "{radius} {cosine} {value}");
+                } else if cosine <= 0.0 {
+                    assert_eq!(*value, DVec3::ZERO, "{radius} {cosine}");
+                }
+            }
+            let at = fixture.scene.mesh.origin_mm + 3.0 * radius * from;
+            let values = lit(&fixture, &points, Light::point(at, DVec3::splat(radius * radius)).unwrap());
+            for (value, (p, _)) in values.iter().zip(&points) {
+                let to_light = 3.0 * radius * from - p.at;
+                let cosine = p.normal.dot(to_light.normalize());
+                if cosine > 0.02 {
+                    let expected = arriving(cosine) * (radius / to_light.length()).powi(2);
+                    assert!((value.x / expected - 1.0).abs() < 1e-9, "{radius} {cosine} {value}");
+                }
+            }
+            let values = lit(&fixture, &points, Light::constant(DVec3::ONE).unwrap());
+            let expected = PI * fresnel::diffuse_transmittance(eta);
+            // The facets around a vertex leave a little more than the half space free, what is below the horizon does not count.
+            for value in values {
+                assert!((value.x / expected - 1.0).abs() < 0.01, "{radius}: {value} {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn points_without_a_normal_or_a_medium_are_dark_and_shadows_fall() {
+        let near = shapes::icosphere(1.0, 2);
+        let two = shapes::compose(&[(near.clone(), DVec3::ZERO), (near, DVec3::X * 3.0)]);
+        let fixture = Fixture::new(two, named("marble"), 100);
+        let at = -fixture.scene.mesh.origin_mm - 1.0 * DVec3::X;
+        let point =
+            |normal: DVec3, at: DVec3, medium: u32| (SurfacePoint { at, normal, triangle: NO_TRIANGLE }, medium);
+        let points = [
+            point(DVec3::NEG_X, at, 0),
+            point(DVec3::ZERO, at, 0),
+            point(DVec3::NEG_X, at, 7),
+            point(DVec3::NEG_X, at + 3.0 * DVec3::X, 0),
+        ];
+        let values = lit(&fixture, &points, Light::directional(DVec3::NEG_X, DVec3::ONE).unwrap());
+        assert!(values[0].x > 0.9 && values[1..].iter().all(|v| *v == DVec3::ZERO), "{values:?}");
+    }
+}
