@@ -355,9 +355,10 @@ fn figures_make_sense() {
         let name = method.name();
         assert!((1e-4..0.1).contains(&method.default_max_rms()) && !method.summary().is_empty(), "{name}");
         let asset = asset(method, &scene, 3000);
-        assert!((2900..=3100).contains(&asset.samples.len()), "{name}: {} samples", asset.samples.len());
         let cost = reopened(method, &asset).cost();
-        assert_eq!(cost.samples, asset.samples.len(), "{name}");
+        assert!((2900..=3100).contains(&cost.samples), "{name}: {} samples", cost.samples);
+        // What is not evaluated from samples does not store them.
+        assert!([0, cost.samples].contains(&asset.samples.len()), "{name}: {} stored", asset.samples.len());
         // The slab's vertices are no receivers.
         let translucent = vertex_areas(&scene).iter().filter(|a| **a > 0.0).count();
         assert_eq!(cost.receivers, translucent, "{name}");

@@ -45,17 +45,17 @@ pub struct QuantisedLights {
     pub direction_spacing: f64,
     /// Samples that the transport was computed from.
     pub samples: u32,
-    /// Rows: what one of each decorrelated channel is, columns: in RGB.
-    pub channels: [f64; 9],
+    /// Rows: what one of each decorrelated plane is, columns: in each channel and, for a channel, each shell.
+    pub channels: Vec<f64>,
     /// Step of the coefficients.
     pub step: f32,
     /// Unit of each light: what its radiosity is divided by.
     pub units: Vec<f32>,
     /// Step of each basis function.
     pub basis_steps: Vec<f32>,
-    /// Basis, `[light][function]`, as [`coefficients::encode`] writes it.
+    /// Basis, `[direction][function]`, as [`coefficients::encode`] writes it.
     pub basis: Vec<u8>,
-    /// Of each column of coefficients: function times three plus channel.
+    /// Of each column of coefficients: function times the number of planes plus plane.
     pub columns: Vec<u16>,
     /// Coefficients, `[reference point][column]`, as [`coefficients::encode`] writes them.
     pub coefficients: Vec<u8>,
@@ -69,7 +69,7 @@ struct Record {
     spacing_mm: f64,
     direction_spacing: f64,
     samples: u32,
-    channels: [f64; 9],
+    channels: Vec<f64>,
     step: f32,
 }
 
@@ -95,6 +95,8 @@ impl QuantisedLights {
         if !(1..=MOST_LIGHTS).contains(&self.lights()) {
             return invalid(tags::NUMBERS, format!("{} lights: from 1 to {MOST_LIGHTS} are possible", self.lights()));
         }
+        let planes = 3 * self.shells.len();
+        same_length(tags::NUMBERS, "numbers of the channels", self.channels.len(), planes * planes)?;
         let positive = |tag, what: &str, values: &[f32]| match values.iter().position(|v| !(*v > 0.0 && v.is_finite()))
         {
             Some(i) => invalid(tag, format!("{what} {i} is not positive")),
@@ -106,16 +108,16 @@ impl QuantisedLights {
         same_length(tags::UNITS, "lights", self.units.len(), self.lights())?;
         let functions = self.basis_steps.len();
         let shape = coefficients::shape(tags::BASIS, &self.basis)?;
-        if shape != (self.lights(), functions) {
+        if shape != (self.directions as usize, functions) {
             let (rows, columns) = shape;
             return invalid(
                 tags::BASIS,
-                format!("{rows} rows of {columns} for {} lights and {functions} functions", self.lights()),
+                format!("{rows} rows of {columns} for {} directions and {functions} functions", self.directions),
             );
         }
         let (_, columns) = coefficients::shape(tags::COEFFICIENTS, &self.coefficients)?;
         same_length(tags::COLUMNS, "columns", self.columns.len(), columns)?;
-        let mut seen = vec![false; 3 * functions];
+        let mut seen = vec![false; planes * functions];
         for &column in &self.columns {
             match seen.get_mut(usize::from(column)) {
                 Some(seen) if !*seen => *seen = true,
@@ -137,7 +139,7 @@ impl QuantisedLights {
             spacing_mm: self.spacing_mm,
             direction_spacing: self.direction_spacing,
             samples: self.samples,
-            channels: self.channels,
+            channels: self.channels.clone(),
             step: self.step,
         };
         let (kind, zstd) = (Kind::Method, Codec::Zstd);

@@ -13,8 +13,9 @@ use crate::evaluate::{BakeSettings, Method};
 use crate::progress::Progress;
 use crate::transport::scene::Scene;
 
-/// Every method that is ready; [`quantized_lights`] is in work.
-pub const ALL: [&dyn Method; 3] = [&reference::Reference, &two_pass::TwoPass, &editable::Editable];
+/// Every method.
+pub const ALL: [&dyn Method; 4] =
+    [&reference::Reference, &two_pass::TwoPass, &editable::Editable, &quantized_lights::QuantizedLights];
 
 /// The method of a name.
 ///

@@ -96,8 +96,8 @@ pub(super) fn bake(scene: &Scene, settings: &BakeSettings, progress: &dyn Progre
         progress.start("coding", 0);
         let shells = set.lights.shells.inverse().len();
         let direction_spacing = light_spacing(&set.lights.directions);
-        let radiosities = Radiosities::new(&values, set.lights.count());
-        let directions_net = light_net(&set.lights.directions, shells, direction_spacing);
+        let radiosities = Radiosities::new(&values, shells, set.lights.directions.count());
+        let directions_net = light_net(&set.lights.directions, direction_spacing);
         let mut file = code(&radiosities, &net, &directions_net, CODED * settings.max_rms)?;
         file.directions = set.lights.directions.count() as u32;
         file.shells = set.lights.shells.inverse().to_vec();

@@ -1,7 +1,6 @@
-//! From radiosities at reference points to coded coefficients: channels and lights are decorrelated (principal components),
+//! From radiosities at reference points to coded coefficients: channels with distances, and directions, are decorrelated (principal components),
 //! coefficients predicted from coarser reference points, and what is left quantised with one step.
 
-use glam::DMat3;
 use glam::DVec3;
 use rayon::prelude::*;
 use translux_format::FormatError;
@@ -18,22 +17,31 @@ use crate::math::eigen::symmetric_eigen;
 const OMITTED: f64 = 0.25;
 const ROUNDED_BASIS: f64 = 0.1;
 
+/// Points whose products are in memory together.
+const POINTS_OF_A_BATCH: usize = 4096;
+
 /// A basis function has this many steps on either side of 0 at most.
 const MOST_STEPS: f64 = 32_000.0;
+
+/// Columns of coefficients at most.
+const MOST_COLUMNS: usize = 1 << 16;
 
 /// Steps that are tried until the error is as asked.
 const TRIALS: usize = 8;
 
-/// Radiosities `[reference point][channel][light]` and the units of the lights.
+/// Radiosities `[reference point][channel][light]` and the units of the lights. Lights are `[shell][direction]`, so that a point's
+/// row consists of planes `[channel][shell]` over the directions.
 pub(super) struct Radiosities<'a> {
     pub(super) values: &'a [f32],
-    pub(super) lights: usize,
+    pub(super) shells: usize,
+    pub(super) directions: usize,
     /// RMS of each light over points and channels.
     pub(super) units: Vec<f32>,
 }
 
 impl<'a> Radiosities<'a> {
-    pub(super) fn new(values: &'a [f32], lights: usize) -> Self {
+    pub(super) fn new(values: &'a [f32], shells: usize, directions: usize) -> Self {
+        let lights = shells * directions;
         let mut squares = vec![0.0f64; lights];
         for row in values.chunks_exact(lights.max(1)) {
             squares.iter_mut().zip(row).for_each(|(sum, v)| *sum += f64::from(*v) * f64::from(*v));
@@ -43,22 +51,31 @@ impl<'a> Radiosities<'a> {
         // Light from where hardly anything is seen does not count as much as other light.
         let floor = 1e-3 * rms.iter().copied().fold(0.0, f64::max);
         let unit = |v: &f64| (v.max(floor) as f32).max(f32::MIN_POSITIVE);
-        Self { values, lights, units: rms.iter().map(unit).collect() }
+        Self { values, shells, directions, units: rms.iter().map(unit).collect() }
+    }
+
+    fn planes(&self) -> usize {
+        3 * self.shells
     }
 
     fn points(&self) -> usize {
-        self.values.len() / (3 * self.lights).max(1)
+        self.values.len() / (self.planes() * self.directions).max(1)
+    }
+
+    /// The planes of one direction in a point's row, in units of their lights.
+    fn of_direction(&self, row: &[f32], direction: usize, out: &mut [f64]) {
+        for (plane, out) in out.iter_mut().enumerate() {
+            let unit = self.units[plane % self.shells * self.directions + direction];
+            *out = f64::from(row[plane * self.directions + direction]) / f64::from(unit);
+        }
     }
 }
 
-/// The net over the directions of a set; every shell is a part of its own.
-pub(super) fn light_net(set: &DirectionSet, shells: usize, spacing: f64) -> Net {
-    let points: Vec<OrientedPoint> = (0..shells)
-        .flat_map(|_| set.directions().iter().map(|d| OrientedPoint { at_mm: *d, normal: DVec3::ZERO }))
-        .collect();
-    let count = set.count();
-    let parts: Vec<_> = (0..shells).map(|s| s * count..(s + 1) * count).collect();
-    Net::new(&points, &parts, spacing)
+/// The net over the directions of a set.
+pub(super) fn light_net(set: &DirectionSet, spacing: f64) -> Net {
+    let point = |d: &DVec3| OrientedPoint { at_mm: *d, normal: DVec3::ZERO };
+    let points: Vec<OrientedPoint> = set.directions().iter().map(point).collect();
+    Net::new(&points, std::slice::from_ref(&(0..points.len())), spacing)
 }
 
 /// Spacing at which every direction of a set is in its net.
@@ -70,23 +87,29 @@ pub(super) fn light_spacing(set: &DirectionSet) -> f64 {
 /// Codes radiosities, in the order of the rows of `net`, so that their error is `error` times their RMS; what the set's own
 /// numbers are is for the caller to fill in.
 pub(super) fn code(radiosities: &Radiosities, net: &Net, light_net: &Net, error: f64) -> Result<File> {
-    let (points, lights) = (radiosities.points(), radiosities.lights);
-    let (channels, units) = decorrelated_channels(radiosities)?;
+    let (points, planes, lights) = (radiosities.points(), radiosities.planes(), radiosities.directions);
+    let (mixture, units) = decorrelated_planes(radiosities)?;
     let mut rows = vec![0.0f32; radiosities.values.len()];
-    rows.par_chunks_mut(3 * lights).zip(radiosities.values.par_chunks(3 * lights)).for_each(|(out, row)| {
+    let size = (planes * lights).max(1);
+    rows.par_chunks_mut(size).zip(radiosities.values.par_chunks(size)).for_each(|(out, row)| {
+        let mut of_direction = vec![0.0; planes];
         for light in 0..lights {
-            let unit = f64::from(radiosities.units[light]);
-            let rgb = DVec3::from([0, 1, 2].map(|c| f64::from(row[c * lights + light]) / unit));
-            let turned = channels * (rgb / units);
-            (0..3).for_each(|c| out[c * lights + light] = turned[c] as f32);
+            radiosities.of_direction(row, light, &mut of_direction);
+            of_direction.iter_mut().zip(&units).for_each(|(value, unit)| *value /= unit);
+            for (plane, mixture) in mixture.chunks_exact(planes).enumerate() {
+                let sum: f64 = mixture.iter().zip(&of_direction).map(|(m, v)| m * v).sum();
+                out[plane * lights + light] = sum as f32;
+            }
         }
     });
-    let squares: f64 = rows.par_chunks(3 * lights).map(square).collect::<Vec<f64>>().iter().sum();
+    let squares: f64 = rows.par_chunks(size).map(square).collect::<Vec<f64>>().iter().sum();
     // Squared error of all rows together.
     let budget = squares * error * error;
     let eigen = symmetric_eigen(&gram(&rows, lights), lights)?;
     let mut omitted = 0.0;
-    let mut functions = eigen.values.len();
+    // Columns are numbered with 16 bits.
+    let mut functions = eigen.values.len().min(MOST_COLUMNS / planes.max(1));
+    eigen.values.iter().skip(functions).for_each(|value| omitted += value.max(0.0));
     while functions > 1 && omitted + eigen.values[functions - 1].max(0.0) <= OMITTED * budget {
         functions -= 1;
         omitted += eigen.values[functions].max(0.0);
@@ -107,16 +130,18 @@ pub(super) fn code(radiosities: &Radiosities, net: &Net, light_net: &Net, error:
     let basis_steps: Vec<f32> = (0..functions).map(step_of).collect();
     let (basis_integers, _) = light_net.quantise(&basis, &basis_steps);
     // On the exact functions: those of little weight are rounded coarsely, and strong ones would leak into them.
-    let coefficients = project(&rows, lights, light_net, &basis, functions);
-    let columns = columns(&coefficients, functions);
-    let ordered: Vec<f32> =
-        coefficients.chunks_exact(3 * functions).flat_map(|row| columns.iter().map(|&c| row[usize::from(c)])).collect();
+    let coefficients = project(&rows, (planes, lights), light_net, &basis, functions);
+    let columns = columns(&coefficients, planes * functions);
+    let ordered: Vec<f32> = coefficients
+        .chunks_exact(planes * functions)
+        .flat_map(|row| columns.iter().map(|&c| row[usize::from(c)]))
+        .collect();
     let spent = omitted + ROUNDED_BASIS * budget;
     let (step, integers) = quantised(net, &ordered, columns.len(), (budget - spent).max(0.1 * budget));
     let fail = |e: FormatError| Error::runtime(format!("asset: {e}"));
     let (integers, columns) = without_empty(integers, columns);
     Ok(File {
-        channels: (channels * DMat3::from_diagonal(units)).transpose().to_cols_array(),
+        channels: mixture.iter().zip(units.iter().cycle()).map(|(m, unit)| m * unit).collect(),
         step,
         units: radiosities.units.clone(),
         basis: encode(tags::BASIS, lights, functions, &basis_integers, Some(&light_net.similar())).map_err(fail)?,
@@ -132,30 +157,37 @@ fn square(row: &[f32]) -> f64 {
     row.iter().map(|v| f64::from(*v) * f64::from(*v)).sum()
 }
 
-/// RMS of each channel, and the orthonormal mixture of channels in these units whose products vanish on average, the strongest
-/// first. In these units the same error is relative to each channel's own brightness.
-fn decorrelated_channels(radiosities: &Radiosities) -> Result<(DMat3, DVec3)> {
-    let lights = radiosities.lights;
+/// The orthonormal mixture of planes in units of their RMS whose products vanish on average, the strongest first, a row for each
+/// of them; and these units. In them the same error is relative to each plane's own brightness.
+fn decorrelated_planes(radiosities: &Radiosities) -> Result<(Vec<f64>, Vec<f64>)> {
+    let (planes, lights) = (radiosities.planes(), radiosities.directions);
     let of_row = |row: &[f32]| {
-        let mut products = [0.0f64; 9];
+        let mut products = vec![0.0f64; planes * planes];
+        let mut of_direction = vec![0.0; planes];
         for light in 0..lights {
-            let unit = f64::from(radiosities.units[light]);
-            let rgb = [0, 1, 2].map(|c| f64::from(row[c * lights + light]) / unit);
-            (0..9).for_each(|i| products[i] += rgb[i / 3] * rgb[i % 3]);
+            radiosities.of_direction(row, light, &mut of_direction);
+            for (products, a) in products.chunks_exact_mut(planes).zip(&of_direction) {
+                products.iter_mut().zip(&of_direction).for_each(|(sum, b)| *sum += a * b);
+            }
         }
         products
     };
-    let rows: Vec<[f64; 9]> = radiosities.values.par_chunks((3 * lights).max(1)).map(of_row).collect();
-    let mut sum = [0.0; 9];
-    rows.iter().for_each(|row| (0..9).for_each(|i| sum[i] += row[i]));
-    let squares = DVec3::new(sum[0], sum[4], sum[8]) / (rows.len() * lights).max(1) as f64;
-    let rms = DVec3::from(squares.to_array().map(f64::sqrt));
-    // A dark channel does not count more than a thousandth of the brightest.
-    let units = rms.max(DVec3::splat((1e-3 * rms.max_element()).max(f64::MIN_POSITIVE.sqrt())));
-    (0..9).for_each(|i| sum[i] /= units[i / 3] * units[i % 3]);
-    let eigen = symmetric_eigen(&sum, 3)?;
-    let [a, b, c] = [0, 1, 2].map(|i| DVec3::from_slice(&eigen.vectors[i]));
-    Ok((DMat3::from_cols(a, b, c).transpose(), units))
+    let mut sum = vec![0.0; planes * planes];
+    // Some points at a time, for their memory.
+    for some in radiosities.values.chunks((planes * lights).max(1) * POINTS_OF_A_BATCH) {
+        let rows: Vec<Vec<f64>> = some.par_chunks((planes * lights).max(1)).map(of_row).collect();
+        rows.iter().for_each(|row| sum.iter_mut().zip(row).for_each(|(sum, product)| *sum += product));
+    }
+    let count = (radiosities.points() * lights).max(1) as f64;
+    let rms: Vec<f64> = (0..planes).map(|i| (sum[i * planes + i] / count).sqrt()).collect();
+    // A dark plane does not count more than a thousandth of the brightest.
+    let least = (1e-3 * rms.iter().copied().fold(0.0, f64::max)).max(f64::MIN_POSITIVE.sqrt());
+    let units: Vec<f64> = rms.iter().map(|rms| rms.max(least)).collect();
+    for (i, sums) in sum.chunks_exact_mut(planes).enumerate() {
+        sums.iter_mut().zip(&units).for_each(|(sum, unit)| *sum /= units[i] * unit);
+    }
+    let eigen = symmetric_eigen(&sum, planes)?;
+    Ok((eigen.vectors.concat(), units))
 }
 
 /// Products of the rows' entries, summed over all rows of `size`: the lower triangle.
@@ -181,30 +213,37 @@ fn gram(rows: &[f32], size: usize) -> Vec<f64> {
     result
 }
 
-/// Coefficients `[point][function * 3 + channel]` of rows `[point][channel][light]`; the basis is `[row of its net][function]`.
-fn project(rows: &[f32], lights: usize, light_net: &Net, basis: &[f32], functions: usize) -> Vec<f32> {
+/// Coefficients `[point][function][plane]` of rows `[point][plane][light]`; the basis is `[row of its net][function]`.
+fn project(
+    rows: &[f32],
+    (planes, lights): (usize, usize),
+    light_net: &Net,
+    basis: &[f32],
+    functions: usize,
+) -> Vec<f32> {
     let mut result = vec![0.0f32; rows.len() / lights.max(1) * functions];
-    result.par_chunks_mut(3 * functions).zip(rows.par_chunks(3 * lights)).for_each(|(out, row)| {
+    let rows = rows.par_chunks((planes * lights).max(1));
+    result.par_chunks_mut((planes * functions).max(1)).zip(rows).for_each(|(out, row)| {
         let mut sums = vec![0.0f32; functions];
-        for (channel, row) in row.chunks_exact(lights).enumerate() {
+        for (plane, row) in row.chunks_exact(lights).enumerate() {
             sums.fill(0.0);
             for (&light, function) in light_net.point.iter().zip(basis.chunks_exact(functions)) {
                 let value = row[light as usize];
                 sums.iter_mut().zip(function).for_each(|(sum, f)| *sum += value * f);
             }
-            sums.iter().enumerate().for_each(|(f, sum)| out[3 * f + channel] = *sum);
+            sums.iter().enumerate().for_each(|(f, sum)| out[planes * f + plane] = *sum);
         }
     });
     result
 }
 
 /// Columns by falling energy.
-fn columns(coefficients: &[f32], functions: usize) -> Vec<u16> {
-    let mut energy = vec![0.0f64; 3 * functions];
-    for row in coefficients.chunks_exact((3 * functions).max(1)) {
+fn columns(coefficients: &[f32], count: usize) -> Vec<u16> {
+    let mut energy = vec![0.0f64; count];
+    for row in coefficients.chunks_exact(count.max(1)) {
         energy.iter_mut().zip(row).for_each(|(sum, v)| *sum += f64::from(*v) * f64::from(*v));
     }
-    let mut order: Vec<u16> = (0..3 * functions as u16).collect();
+    let mut order: Vec<u16> = (0..count).map(|c| c as u16).collect();
     order.sort_by(|&a, &b| energy[usize::from(b)].total_cmp(&energy[usize::from(a)]).then(a.cmp(&b)));
     order
 }

@@ -107,7 +107,7 @@ impl Method for QuantizedLights {
     }
 
     fn default_max_rms(&self) -> f64 {
-        0.03
+        0.02
     }
 
     fn ladder(&self) -> &'static [&'static str] {

@@ -24,6 +24,9 @@ pub(super) const SOURCES: usize = 10;
 /// Reference points of one task.
 const CHUNK: usize = 256;
 
+/// Rows of the basis that one task sums.
+const ROWS_OF_A_TASK: usize = 512;
+
 /// Columns are padded to whole registers.
 pub(super) const LANES: usize = 16;
 
@@ -49,8 +52,9 @@ pub(super) struct Transport {
     /// See [`folded`]; the units of the lights are in it.
     pub(super) basis: Vec<f64>,
     pub(super) functions: usize,
-    /// Rows: decorrelated channels.
-    pub(super) channels: [f64; 9],
+    /// Rows: decorrelated planes, columns: channels and, in each, shells.
+    pub(super) channels: Vec<f64>,
+    pub(super) shells: usize,
     /// Reference points that every receiver is interpolated from.
     pub(super) weights: SharedWeights,
 }
@@ -61,7 +65,7 @@ impl Transport {
         let fail = |e: FormatError| Error::input(e.to_string());
         let points = oriented(scene, receivers);
         let net = Net::new(&points, &parts(receivers), file.spacing_mm);
-        let light_net = light_net(&set.lights.directions, file.shells.len(), file.direction_spacing);
+        let light_net = light_net(&set.lights.directions, file.direction_spacing);
         let functions = file.basis_steps.len();
         let decoded = |tag, bytes: &[u8], net: &Net| {
             let found = decode(tag, bytes, Some(&net.similar()), Budget::default()).map_err(fail)?;
@@ -84,7 +88,8 @@ impl Transport {
             column_function: file.columns.clone(),
             basis: folded(basis, functions, set),
             functions,
-            channels: file.channels,
+            channels: file.channels.clone(),
+            shells: file.shells.len(),
             weights: SharedWeights::default(),
         };
         transport.arrange(&known, &net, &points, receivers, file.spacing_mm);
@@ -114,32 +119,52 @@ impl Transport {
 
     /// What every column contributes for each unit of its integers under some lights: RGB, padded.
     pub(super) fn columns(&self, set: &LightSet, lights: &[Light]) -> Result<[Vec<f32>; 3]> {
-        let mut functions = vec![DVec3::ZERO; self.functions];
-        let mut add = |weight: DVec3, row: &[f64]| {
-            if weight != DVec3::ZERO {
-                functions.iter_mut().zip(row).for_each(|(sum, f)| *sum += weight * *f);
-            }
-        };
-        let rows = self.basis.chunks_exact(self.functions.max(1));
-        if set.interpolator.functions() == 0 {
-            set.vector(lights)?.iter().zip(rows).for_each(|(weight, row)| add(*weight, row));
+        let weights: Vec<[f64; 3]> = if set.interpolator.functions() == 0 {
+            set.vector(lights)?.iter().map(DVec3::to_array).collect()
         } else {
-            let sums = set.function_sums(lights)?;
-            let sums = sums.iter().flat_map(|[r, g, b]| r.iter().zip(g).zip(b));
-            sums.zip(rows).for_each(|(((r, g), b), row)| add(DVec3::new(*r, *g, *b), row));
-        }
-        if functions.iter().any(|f| !f.is_finite()) {
+            let of_shell = |[r, g, b]: [Vec<f64>; 3]| -> Vec<[f64; 3]> {
+                r.into_iter().zip(g).zip(b).map(|((r, g), b)| [r, g, b]).collect()
+            };
+            set.function_sums(lights)?.into_iter().flat_map(of_shell).collect()
+        };
+        let (of_shell, functions) = (weights.len() / self.shells.max(1), self.functions.max(1));
+        let shells = weights.chunks(of_shell.max(1)).zip(self.basis.chunks((of_shell * functions).max(1)));
+        let functions: Vec<[Vec<f64>; 3]> = shells.map(|(weights, rows)| self.functions_of(weights, rows)).collect();
+        if functions.iter().flatten().flatten().any(|f| !f.is_finite()) {
             return Err(Error::runtime("the light is too bright for double precision; make it weaker"));
         }
+        let planes = 3 * self.shells;
         Ok([0, 1, 2].map(|rgb| {
             let of_column = |(&c, &scale): (&u16, &f32)| {
-                let (function, channel) = (usize::from(c) / 3, usize::from(c) % 3);
-                (functions[function][rgb] * self.channels[3 * channel + rgb] * f64::from(scale)) as f32
+                let (function, plane) = (usize::from(c) / planes, usize::from(c) % planes);
+                let row = &self.channels[plane * planes + rgb * self.shells..][..self.shells];
+                let sum: f64 = functions.iter().zip(row).map(|(shell, m)| m * shell[rgb][function]).sum();
+                (sum * f64::from(scale)) as f32
             };
             let mut columns: Vec<f32> = self.column_function.iter().zip(&self.scales).map(of_column).collect();
             columns.resize(self.columns, 0.0);
             columns
         }))
+    }
+
+    /// Sums of the rows of the basis, each with its RGB weight.
+    fn functions_of(&self, weights: &[[f64; 3]], rows: &[f64]) -> [Vec<f64>; 3] {
+        let width = self.functions.max(1);
+        let level = Level::detect();
+        let of_chunk = |(weights, rows): (&[[f64; 3]], &[f64])| {
+            let mut sums = [0, 1, 2].map(|_| vec![0.0; self.functions]);
+            add_rows(level, &mut sums, weights, rows);
+            sums
+        };
+        let chunks = weights.par_chunks(ROWS_OF_A_TASK).zip(rows.par_chunks(ROWS_OF_A_TASK * width));
+        let mut chunks = chunks.map(of_chunk).collect::<Vec<_>>().into_iter();
+        let mut total = chunks.next().unwrap_or_else(|| [0, 1, 2].map(|_| vec![0.0; self.functions]));
+        for chunk in chunks {
+            for (total, sums) in total.iter_mut().flatten().zip(chunk.iter().flatten()) {
+                *total += sums;
+            }
+        }
+        total
     }
 
     /// Fills `values` with the radiosity of every reference point, RGB and nothing.
@@ -174,6 +199,27 @@ fn folded(basis: Vec<f32>, functions: usize, set: &LightSet) -> Vec<f64> {
         result
     };
     basis.chunks_exact((count * functions).max(1)).flat_map(of_shell).collect()
+}
+
+/// Adds rows of the basis times their weights.
+#[inline(always)]
+fn add_rows_body(sums: &mut [Vec<f64>; 3], weights: &[[f64; 3]], rows: &[f64]) {
+    let [r, g, b] = sums;
+    for (&[red, green, blue], row) in weights.iter().zip(rows.chunks_exact(r.len().max(1))) {
+        if [red, green, blue] == [0.0; 3] {
+            continue;
+        }
+        for (((r, g), b), v) in r.iter_mut().zip(&mut *g).zip(&mut *b).zip(row) {
+            *r += red * v;
+            *g += green * v;
+            *b += blue * v;
+        }
+    }
+}
+
+multiversion! {
+    /// See [`add_rows_body`].
+    fn add_rows(sums: &mut [Vec<f64>; 3], weights: &[[f64; 3]], rows: &[f64]) => add_rows_body
 }
 
 /// Dot products of rows of coefficients with the columns of each channel.
@@ -244,14 +290,15 @@ pub(super) fn weights_of_some(
     result
 }
 
-/// From rows of the light net to `[light][function]` times the light's unit.
+/// From rows of the light net to `[shell][direction][function]` times the light's unit.
 fn by_light(rows: &[f32], net: &Net, functions: usize, units: &[f32]) -> Vec<f32> {
     let mut result = vec![0.0; units.len() * functions];
+    let directions = net.point.len().max(1);
     for (&light, row) in net.point.iter().zip(rows.chunks_exact(functions.max(1))) {
-        let at = light as usize * functions;
-        let Some(out) = result.get_mut(at..at + functions) else { continue };
-        let unit = units.get(light as usize).copied().unwrap_or(0.0);
-        out.iter_mut().zip(row).for_each(|(out, v)| *out = unit * v);
+        for entry in (light as usize..units.len()).step_by(directions) {
+            let out = &mut result[entry * functions..(entry + 1) * functions];
+            out.iter_mut().zip(row).for_each(|(out, v)| *out = units[entry] * v);
+        }
     }
     result
 }
