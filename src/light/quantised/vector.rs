@@ -46,16 +46,8 @@ pub fn light_vector(lights: &QuantisedLights, interpolator: &Interpolator, light
     if interpolator.set() != &lights.directions {
         return Err(Error::input("the interpolator was made for another set of directions than that of the lights"));
     }
-    let vector = match light {
-        Light::Directional { from, irradiance } => parallel(lights, interpolator, &[(*from, *irradiance)]),
-        Light::Constant { radiance } => parallel(lights, interpolator, &everywhere(*radiance)),
-        Light::Environment { map, rotate_degrees, scale } => {
-            parallel(lights, interpolator, &gather(map, Rotation::from_degrees(*rotate_degrees), *scale))
-        }
-        Light::Point { at_mm, intensity } => points(lights, interpolator, &[(*at_mm, *intensity)])?,
-        Light::Area { .. } => points(lights, interpolator, &emitters(light, lights.shells.centre_mm()))
-            .map_err(|error| error.at("a part of an area light"))?,
-    };
+    let mut vector: Vec<DVec3> = pieces(lights, light)?.iter().flat_map(|shell| interpolator.sum(shell)).collect();
+    vector.resize(lights.count(), DVec3::ZERO);
     if vector.iter().all(|weight| weight.is_finite()) {
         Ok(vector)
     } else {
@@ -63,15 +55,26 @@ pub fn light_vector(lights: &QuantisedLights, interpolator: &Interpolator, light
     }
 }
 
-/// Light from far away, pairs of direction and irradiance.
-fn parallel(lights: &QuantisedLights, interpolator: &Interpolator, distant: &[(DVec3, DVec3)]) -> Vec<DVec3> {
-    let mut vector = interpolator.sum(distant);
-    vector.resize(lights.count(), DVec3::ZERO);
-    vector
+/// A light as parallel light and point lights on the shells, as [`light_vector`] makes it: for each shell pairs of direction (of any
+/// length, from the scene's centre) and irradiance at the centre. Shells beyond the last one in use are left out.
+///
+/// # Errors
+/// A point light, or a part of an area light, nearer than the nearest shell (exit 5).
+pub fn pieces(lights: &QuantisedLights, light: &Light) -> Result<Vec<Vec<(DVec3, DVec3)>>> {
+    Ok(match light {
+        Light::Directional { from, irradiance } => vec![vec![(*from, *irradiance)]],
+        Light::Constant { radiance } => vec![everywhere(*radiance)],
+        Light::Environment { map, rotate_degrees, scale } => {
+            vec![gather(map, Rotation::from_degrees(*rotate_degrees), *scale)]
+        }
+        Light::Point { at_mm, intensity } => points(lights, &[(*at_mm, *intensity)])?,
+        Light::Area { .. } => points(lights, &emitters(light, lights.shells.centre_mm()))
+            .map_err(|error| error.at("a part of an area light"))?,
+    })
 }
 
 /// Pairs of position in mm and intensity.
-fn points(lights: &QuantisedLights, interpolator: &Interpolator, points: &[(DVec3, DVec3)]) -> Result<Vec<DVec3>> {
+fn points(lights: &QuantisedLights, points: &[(DVec3, DVec3)]) -> Result<Vec<Vec<(DVec3, DVec3)>>> {
     let shells = lights.shells.inverse().len();
     let mut by_shell = vec![Vec::with_capacity(points.len()); shells];
     for (at_mm, intensity) in points {
@@ -86,7 +89,7 @@ fn points(lights: &QuantisedLights, interpolator: &Interpolator, points: &[(DVec
             }
         }
     }
-    Ok(by_shell.iter().flat_map(|shell| interpolator.sum(shell)).collect())
+    Ok(by_shell)
 }
 
 /// A rectangle as point lights, as the centre of the scene sees them; positions in mm.

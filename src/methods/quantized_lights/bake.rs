@@ -39,7 +39,7 @@ const LARGEST_SET: usize = 1600;
 const ORDER: f64 = 0.7;
 
 /// Lights that choices look at.
-const TUNING: usize = 20;
+pub(super) const TUNING: usize = 20;
 
 /// Spacings that are tried, from this many mean free paths on, until the error is this share of what is allowed.
 const TRIALS: usize = 12;
@@ -49,7 +49,7 @@ const CLOSE: f64 = 0.7;
 /// One vertex of so many measures them.
 const STRIDE: usize = 4;
 
-fn count(scene: &Scene, settings: &BakeSettings) -> usize {
+pub(super) fn count(scene: &Scene, settings: &BakeSettings) -> usize {
     DENSITY.count(scene, settings, (DENSITY_RMS / settings.max_rms).sqrt().max(1.0))
 }
 
@@ -115,7 +115,7 @@ pub(super) fn bake(scene: &Scene, settings: &BakeSettings, progress: &dyn Progre
 }
 
 /// Some lights spread over all.
-fn chosen(lights: &[Light], count: usize) -> Vec<Light> {
+pub(super) fn chosen(lights: &[Light], count: usize) -> Vec<Light> {
     let white = |l: &&Light| matches!(l, Light::Directional { .. } | Light::Point { .. });
     let all: Vec<&Light> = lights.iter().filter(white).collect();
     all.iter().step_by(all.len().div_ceil(count).max(1)).map(|l| (*l).clone()).collect()

@@ -1,5 +1,6 @@
-//! How `quantized_lights` evaluates: lights become weights over the set, these a vector over the columns; radiosity at a
-//! reference point is a dot product with it, and at a vertex a weighted sum over reference points.
+//! How `quantized_lights` evaluates: lights become weights over what is stored, and radiosity is linear in these. Components:
+//! weights over the set become a vector over the columns, radiosity at a reference point is a dot product with it, and at a vertex
+//! a weighted sum over reference points.
 
 use std::sync::{Arc, OnceLock};
 
@@ -26,41 +27,81 @@ use crate::transport::scene::{Medium, Scene};
 /// Error of the hierarchy that the transport is measured against.
 const TRUTH_ERROR: f64 = 0.001;
 
+/// What an asset stores, as it is evaluated.
+pub(super) trait Stored: Send {
+    /// A light, made ready.
+    type Light: Send;
+
+    /// Several lights together.
+    fn light(&self, set: &LightSet, lights: &[Light]) -> Result<Self::Light>;
+
+    /// Radiosity of every receiver, RGB, none negative.
+    fn radiosity(&self, light: &Self::Light) -> Vec<DVec3>;
+
+    /// Bytes in memory.
+    fn bytes(&self) -> usize;
+}
+
 /// The transport of an asset, lit.
-pub(super) struct QuantisedEvaluator {
+pub(super) struct QuantisedEvaluator<S: Stored> {
     scene: Scene,
     samples: usize,
     bvh: OnceLock<Bvh>,
     receivers: Receivers,
     set: LightSet,
-    transport: Transport,
+    stored: S,
     lights: Vec<Light>,
-    /// Per channel, column after column.
-    columns: [Vec<f32>; 3],
+    light: S::Light,
     /// Samples and rays, for who asks what the transport is worth.
     truth: Option<Box<SampledEvaluator>>,
 }
 
-pub(super) fn open(asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
+/// An asset of components.
+pub(super) fn open(asset: &Arc<Asset>) -> Result<Box<dyn Evaluator>> {
     let file = read(&asset.sections)?;
     let scene = asset.scene.clone();
     let receivers = Receivers::new(&scene.mesh, &scene.parts, GROUP);
     let set =
         LightSet::new(&scene, file.directions as usize, file.shells.clone(), scheme(&asset.provenance.settings)?)?;
     let transport = Transport::new(&file, &scene, &receivers, &set)?;
-    let columns = [0, 1, 2].map(|_| vec![0.0; transport.columns]);
-    let samples = file.samples as usize;
-    let (lights, bvh) = (Vec::new(), OnceLock::new());
-    Ok(Box::new(QuantisedEvaluator { scene, samples, bvh, receivers, set, transport, lights, columns, truth: None }))
+    let components = Components { transport, receivers: receivers.len() };
+    QuantisedEvaluator::boxed(scene, receivers, set, file.samples as usize, components)
 }
 
-impl QuantisedEvaluator {
-    fn gathered(&self, columns: &[Vec<f32>; 3]) -> Vec<DVec3> {
-        interpolate(&self.transport.weights, &self.transport.products(columns), self.receivers.len())
+/// Components at reference points.
+struct Components {
+    transport: Transport,
+    receivers: usize,
+}
+
+impl Stored for Components {
+    /// Per channel, column after column.
+    type Light = [Vec<f32>; 3];
+
+    fn light(&self, set: &LightSet, lights: &[Light]) -> Result<Self::Light> {
+        Ok(self.transport.columns_of(&set.vector(lights)?))
     }
 
-    fn columns_of(&self, lights: &[Light]) -> Result<[Vec<f32>; 3]> {
-        Ok(self.transport.columns_of(&self.set.vector(lights)?))
+    fn radiosity(&self, columns: &Self::Light) -> Vec<DVec3> {
+        interpolate(&self.transport.weights, &self.transport.products(columns), self.receivers)
+    }
+
+    fn bytes(&self) -> usize {
+        self.transport.bytes()
+    }
+}
+
+impl<S: Stored + 'static> QuantisedEvaluator<S> {
+    /// What was stored for these receivers, without light.
+    pub(super) fn boxed(
+        scene: Scene,
+        receivers: Receivers,
+        set: LightSet,
+        samples: usize,
+        stored: S,
+    ) -> Result<Box<dyn Evaluator>> {
+        let (lights, bvh, light) = (Vec::new(), OnceLock::new(), stored.light(&set, &[])?);
+        Ok(Box::new(Self { scene, samples, bvh, receivers, set, stored, lights, light, truth: None }))
     }
 
     /// The samples with rays and the hierarchy; made when it is first asked for.
@@ -90,13 +131,13 @@ impl QuantisedEvaluator {
 
     /// The error against the gather of the samples.
     fn error(&mut self, lights: &[Light], progress: &dyn Progress) -> Result<VertexError> {
-        let values = self.receivers.expand(&self.gathered(&self.columns_of(lights)?));
+        let values = self.receivers.expand(&self.stored.radiosity(&self.stored.light(&self.set, lights)?));
         let expected = self.truth(lights, progress)?.radiosity(progress)?;
         Ok(vertex_error(&values, &expected, &self.scene.vertex_areas_mm2()))
     }
 }
 
-impl Evaluator for QuantisedEvaluator {
+impl<S: Stored + 'static> Evaluator for QuantisedEvaluator<S> {
     fn capabilities(&self) -> Capabilities {
         Capabilities { material: MaterialEdit::None }
     }
@@ -105,7 +146,7 @@ impl Evaluator for QuantisedEvaluator {
         Cost {
             samples: self.samples,
             receivers: self.receivers.len(),
-            resident_bytes: self.transport.bytes() + size_of_val(self.receivers.of_vertex.as_slice()),
+            resident_bytes: self.stored.bytes() + size_of_val(self.receivers.of_vertex.as_slice()),
         }
     }
 
@@ -118,7 +159,7 @@ impl Evaluator for QuantisedEvaluator {
     }
 
     fn set_lights(&mut self, lights: Vec<Light>, _: &dyn Progress) -> Result<()> {
-        self.columns = self.columns_of(&lights)?;
+        self.light = self.stored.light(&self.set, &lights)?;
         self.lights = lights;
         Ok(())
     }
@@ -138,7 +179,7 @@ impl Evaluator for QuantisedEvaluator {
     }
 
     fn radiosity(&mut self, _: &dyn Progress) -> Result<Vec<DVec3>> {
-        Ok(self.receivers.expand(&self.gathered(&self.columns)))
+        Ok(self.receivers.expand(&self.stored.radiosity(&self.light)))
     }
 
     fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {

@@ -4,14 +4,16 @@ use std::collections::BTreeMap;
 
 use glam::DVec3;
 
+use super::encoding::{Choices, Integral};
 use super::{INTERPOLATION, LIGHTS, NEAREST, SHELLS, SPACING};
 use crate::error::{Error, Result};
 use crate::light::quantised::directions::DirectionSet;
 use crate::light::quantised::distances::{Blend, DistanceSet, QuantisedLights};
 use crate::light::quantised::interpolation::{Interpolator, Scheme};
-use crate::light::quantised::vector::light_vector;
+use crate::light::quantised::vector::{light_vector, pieces};
 use crate::light::{Light, LightKind};
 use crate::math::cube_map::{direction, texel_of};
+use crate::math::sphere::unit;
 use crate::methods::settings::number;
 use crate::transport::receivers::Sphere;
 use crate::transport::scene::Scene;
@@ -31,6 +33,8 @@ pub(super) struct Plan {
     pub(super) nearest: f64,
     /// Between reference points, mm.
     pub(super) spacing_mm: Option<f64>,
+    /// What is stored.
+    pub(super) choices: Choices,
 }
 
 impl Plan {
@@ -53,7 +57,15 @@ impl Plan {
             false => Some(number(values, &SPACING, 1e-6..=1e6)?),
         };
         let scheme = scheme(values)?;
-        Ok(Self { directions, scheme, shells, nearest: 1.0 / number(values, &NEAREST, 1.05..=100.0)?, spacing_mm })
+        let choices = Choices::new(values)?;
+        if choices.integral == Integral::Vector && shells > 0 {
+            return Err(Error::command_line(
+                "--set integral=vector: vectors are for parallel light alone; add --set shells=0 (or --for-lights without point and \
+                 area)",
+            ));
+        }
+        let nearest = 1.0 / number(values, &NEAREST, 1.05..=100.0)?;
+        Ok(Self { directions, scheme, shells, nearest, spacing_mm, choices })
     }
 }
 
@@ -101,15 +113,36 @@ impl LightSet {
     pub(super) fn vector(&self, lights: &[Light]) -> Result<Vec<DVec3>> {
         let mut sum = vec![DVec3::ZERO; self.lights.count()];
         for light in lights {
-            if let (Light::Point { .. } | Light::Area { .. }, 1) = (light, self.lights.shells.inverse().len()) {
-                return Err(Error::unsupported(
-                    "this asset has parallel light only: bake it --for-lights point (or area) for others",
-                ));
-            }
+            self.check(light)?;
             let vector = light_vector(&self.lights, &self.interpolator, light)?;
             sum.iter_mut().zip(vector).for_each(|(sum, value)| *sum += value);
         }
         Ok(sum)
+    }
+
+    /// Several lights as parallel light and point lights on the shells: pairs of unit direction and irradiance, by shell.
+    pub(super) fn pieces(&self, lights: &[Light]) -> Result<Vec<Vec<(DVec3, DVec3)>>> {
+        let mut all = vec![Vec::new(); self.lights.shells.inverse().len()];
+        for light in lights {
+            self.check(light)?;
+            let own = pieces(&self.lights, light)?;
+            all.iter_mut().zip(own).for_each(|(all, own)| {
+                all.extend(own.into_iter().map(|(direction, irradiance)| (unit(direction), irradiance)));
+            });
+        }
+        match all.iter().flatten().all(|(_, irradiance)| irradiance.is_finite()) {
+            true => Ok(all),
+            false => Err(Error::runtime("the light is too bright for double precision; make it weaker")),
+        }
+    }
+
+    fn check(&self, light: &Light) -> Result<()> {
+        match (light, self.lights.shells.inverse().len()) {
+            (Light::Point { .. } | Light::Area { .. }, 1) => Err(Error::unsupported(
+                "this asset has parallel light only: bake it --for-lights point (or area) for others",
+            )),
+            _ => Ok(()),
+        }
     }
 }
 

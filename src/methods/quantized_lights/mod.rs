@@ -3,13 +3,17 @@
 
 mod bake;
 mod basis;
+mod encoding;
 mod evaluate;
 mod lights;
 mod sections;
 mod stage;
+mod values;
 
 use std::sync::Arc;
 
+use self::encoding::{Choices, Encoding};
+use self::lights::Plan;
 use crate::asset::Asset;
 use crate::error::Result;
 use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Key, Method};
@@ -49,7 +53,53 @@ const SPACING: Key = Key {
     help: "distance between reference points, mm; auto: what --max-rms asks for",
 };
 
-const KEYS: &[Key] = &[LIGHTS, INTERPOLATION, SHELLS, NEAREST, SPACING];
+const ENCODING: Key = Key {
+    name: "encoding",
+    default: "auto",
+    help: "what is stored: auto (components), components, and the paper's: raw, uniform8, lloyd8, sh, reference-points \
+           (these with 200 lights where lights=auto, more for sh of a high order)",
+};
+
+const INTEGRAL: Key = Key {
+    name: "integral",
+    default: "scalar",
+    help: "for raw, uniform8 and lloyd8: scalar (q of the paper), vector (Q, three times the size, parallel light only)",
+};
+
+const ORDER: Key = Key {
+    name: "order",
+    default: "auto",
+    help: "order n of spherical harmonics, 1 to 24, n^2 coefficients; auto: for sh what --max-rms asks for (7 in the paper), for \
+           reference-points 3",
+};
+
+const WINDOW: Key = Key {
+    name: "window",
+    default: "none",
+    help: "for sh, against ringing: none, lanczos, hanning (smoother and less exact)",
+};
+
+const REFERENCES: Key = Key {
+    name: "references",
+    default: "auto",
+    help: "number of reference points, for reference-points; auto: what --max-rms asks for",
+};
+
+const CHOICE: Key = Key {
+    name: "choice",
+    default: "geometry",
+    help: "of reference points, for reference-points: by the error of geometry (the paper's) or illumination as well",
+};
+
+const WEIGHTS: Key = Key {
+    name: "weights",
+    default: "best",
+    help: "of three reference points, for reference-points: barycentric (the paper's), least-squares, best (of the triangles nearby \
+           as well)",
+};
+
+const KEYS: &[Key] =
+    &[LIGHTS, INTERPOLATION, SHELLS, NEAREST, SPACING, ENCODING, INTEGRAL, ORDER, WINDOW, REFERENCES, CHOICE, WEIGHTS];
 
 /// What charts compare.
 const LADDER: &[&str] = &[
@@ -61,6 +111,10 @@ const LADDER: &[&str] = &[
     "--set lights=200 --set interpolation=nearest4",
     "--set lights=200 --set interpolation=barycentric",
     "--set lights=200 --set interpolation=least-squares",
+    "--set encoding=lloyd8",
+    "--set encoding=lloyd8 --set interpolation=nearest4",
+    "--set encoding=sh --set order=7",
+    "--set encoding=reference-points",
 ];
 
 impl Method for QuantizedLights {
@@ -85,14 +139,29 @@ impl Method for QuantizedLights {
     }
 
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {
-        bake::memory(scene, settings)
+        match Plan::new(&settings.values, &settings.for_lights) {
+            Ok(plan) if plan.choices.encoding != Encoding::Components => values::bake::memory(scene, settings, &plan),
+            _ => bake::memory(scene, settings),
+        }
     }
 
     fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {
-        bake::bake(scene, settings, progress)
+        let plan = Plan::new(&settings.values, &settings.for_lights)?;
+        match plan.choices.encoding {
+            Encoding::Components => bake::bake(scene, settings, progress),
+            Encoding::Raw | Encoding::Uniform8 | Encoding::Lloyd8 | Encoding::Harmonics | Encoding::ReferencePoints => {
+                values::bake::bake(scene, settings, &plan, progress)
+            }
+        }
     }
 
     fn open(&self, asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
-        evaluate::open(asset)
+        let choices = Choices::new(&asset.provenance.settings)?;
+        match choices.encoding {
+            Encoding::Components => evaluate::open(&asset),
+            Encoding::Raw | Encoding::Uniform8 | Encoding::Lloyd8 | Encoding::Harmonics | Encoding::ReferencePoints => {
+                values::open(&asset, &choices)
+            }
+        }
     }
 }
