@@ -27,6 +27,11 @@ use crate::transport::scene::{Medium, Scene};
 /// Error of the hierarchy that the transport is measured against.
 const TRUTH_ERROR: f64 = 0.001;
 
+/// An error, or none where the truth is black and the values are not: nothing can be relative to that.
+pub(super) fn relative(error: VertexError) -> VertexError {
+    if error.rms.is_finite() { error } else { VertexError::default() }
+}
+
 /// What an asset stores, as it is evaluated.
 pub(super) trait Stored: Send {
     /// A light, made ready.
@@ -133,7 +138,7 @@ impl<S: Stored + 'static> QuantisedEvaluator<S> {
     fn error(&mut self, lights: &[Light], progress: &dyn Progress) -> Result<VertexError> {
         let values = self.receivers.expand(&self.stored.radiosity(&self.stored.light(&self.set, lights)?));
         let expected = self.truth(lights, progress)?.radiosity(progress)?;
-        Ok(vertex_error(&values, &expected, &self.scene.vertex_areas_mm2()))
+        Ok(relative(vertex_error(&values, &expected, &self.scene.vertex_areas_mm2())))
     }
 }
 

@@ -64,6 +64,14 @@ impl Plan {
                  area)",
             ));
         }
+        if let (Some(order), Some(count)) = (choices.order, directions)
+            && order * order > count
+        {
+            return Err(Error::command_line(format!(
+                "--set order={order}: {} harmonics need as many directions at least; --set lights={count} gives fewer",
+                order * order
+            )));
+        }
         let nearest = 1.0 / number(values, &NEAREST, 1.05..=100.0)?;
         Ok(Self { directions, scheme, shells, nearest, spacing_mm, choices })
     }

@@ -6,7 +6,7 @@ use translux_format::quantised_values::{Encoding as Stored8, QuantisedValues as 
 
 use super::super::bake::{TUNING, chosen, count};
 use super::super::encoding::{Encoding, Integral};
-use super::super::evaluate::Stored;
+use super::super::evaluate::{Stored, relative};
 use super::super::lights::{LightSet, Plan};
 use super::super::stage::Stage;
 use super::codes::{self, Table};
@@ -238,7 +238,7 @@ impl Work<'_> {
                 let found = matrix.products(&harmonics::weights(order, &pieces, &vec![1.0; CHANNELS * columns]));
                 let clamp = |v: &[f32; 4]| DVec3::new(v[0].into(), v[1].into(), v[2].into()).max(DVec3::ZERO);
                 let found: Vec<DVec3> = found.iter().map(clamp).collect();
-                worst = worst.max(vertex_error(&found, truth, &areas).rms);
+                worst = worst.max(relative(vertex_error(&found, truth, &areas)).rms);
             }
             if worst < best.1 {
                 best = (order, worst);
@@ -308,7 +308,7 @@ impl Work<'_> {
             let one = std::slice::from_ref(light);
             let exact = self.exact.radiosity(&self.exact.light(self.set, one)?);
             let found = stored.radiosity(&stored.light(self.set, one)?);
-            worst = worst.max(vertex_error(&found, &exact, &self.stage.areas));
+            worst = worst.max(relative(vertex_error(&found, &exact, &self.stage.areas)));
         }
         Ok(worst)
     }
@@ -350,8 +350,8 @@ impl Work<'_> {
                 Encoding::Harmonics => truth.clone(),
                 _ => self.exact.radiosity(&self.exact.light(self.set, one)?),
             };
-            errors[0] = errors[0].max(vertex_error(&between, &truth, &self.stage.areas));
-            errors[1] = errors[1].max(vertex_error(&found, &between, &self.stage.areas));
+            errors[0] = errors[0].max(relative(vertex_error(&between, &truth, &self.stage.areas)));
+            errors[1] = errors[1].max(relative(vertex_error(&found, &between, &self.stage.areas)));
             progress.advance(1);
         }
         progress.finish();
