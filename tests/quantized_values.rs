@@ -6,7 +6,6 @@ mod in_memory;
 mod oracle;
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use glam::DVec3;
@@ -374,79 +373,5 @@ fn damaged_sections_are_refused_or_harmless() {
         let name = if set[0].1 == "sh" { "raw" } else { "sh" };
         other.provenance.settings = BTreeMap::from([("encoding".to_owned(), name.to_owned())]);
         assert_eq!(QuantizedLights.open(Arc::new(other)).err().unwrap().code(), ExitCode::InvalidInput);
-    }
-}
-
-/// Prints what the documentation says of these encodings: `MODEL=bunny_closed MEDIA=marble,skin1`, and `ONLY=` a part of a line.
-#[test]
-#[ignore = "prints a table"]
-fn measured() {
-    let root = std::env::var_os("TRANSLUX_SHARED")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared"), PathBuf::from);
-    let variable = |name: &str, default: &str| std::env::var(name).unwrap_or_else(|_| default.to_owned());
-    let path = root.join("data/meshes").join(variable("MODEL", "bunny_closed") + ".obj");
-    if !path.exists() {
-        eprintln!("SKIPPED: {} is not there", path.display());
-        return;
-    }
-    let only = variable("ONLY", "");
-    let values = "raw|uniform8|lloyd8|raw,integral=vector|lloyd8,integral=vector";
-    let mut settings: Vec<String> = vec!["components,lights=200".to_owned(), "components".to_owned()];
-    for interpolation in ["nearest4", "rbf"] {
-        settings.extend(values.split('|').map(|v| format!("{v},interpolation={interpolation}")));
-    }
-    settings.extend([3, 5, 7, 10].map(|n| format!("sh,order={n}")));
-    settings.extend(["lanczos", "hanning"].map(|w| format!("sh,order=7,window={w}")));
-    settings.extend(["sh", "reference-points"].map(str::to_owned));
-    for material in variable("MEDIA", "marble,skin1").split(',') {
-        let scene = scene(translux::io::obj::read_obj(&path).unwrap(), Scale::DiagonalMm(30.0), material);
-        let vertices = scene.mesh.local_mm.len();
-        let count = |percent: usize| (vertices * percent / 100).to_string();
-        let mut settings = settings.clone();
-        for percent in [1, 3, 6] {
-            for order in [3, 6] {
-                for choice in ["geometry", "illumination"] {
-                    for weights in ["barycentric", "least-squares", "best"] {
-                        let references = count(percent);
-                        settings.push(format!(
-                            "reference-points,references={references},order={order},choice={choice},weights={weights}"
-                        ));
-                    }
-                }
-            }
-        }
-        let mut truth = open("two_pass", scene.clone(), Some(1 << 18));
-        let lights = probes::directional(Half::Figures);
-        let expected: Vec<Vec<DVec3>> = lights.iter().map(|l| lit(truth.as_mut(), vec![l.clone()])).collect();
-        let areas = vertex_areas(&scene);
-        for setting in settings.iter().filter(|s| s.contains(&only)) {
-            let text = format!("encoding={setting}");
-            let set: Vec<(&str, &str)> = text.split(',').map(|pair| pair.split_once('=').unwrap()).collect();
-            let start = std::time::Instant::now();
-            let asset = Bake { samples: None, ..Bake::new(&scene) }.run(&set).unwrap();
-            let seconds = start.elapsed().as_secs_f64();
-            let mut evaluator = reopened(&asset);
-            let mut milliseconds = f64::INFINITY;
-            let mut errors: Vec<f64> = Vec::new();
-            for (light, expected) in lights.iter().zip(&expected) {
-                let start = std::time::Instant::now();
-                let values = lit(evaluator.as_mut(), vec![light.clone()]);
-                milliseconds = milliseconds.min(1e3 * start.elapsed().as_secs_f64());
-                errors.push(vertex_error(&values, expected, &areas).rms);
-            }
-            errors.sort_unstable_by(f64::total_cmp);
-            let per_vertex = |bytes: usize| bytes as f64 / vertices as f64;
-            println!(
-                "{material} {setting}: {:.1} B/v, {:.1} resident, RMS median {:.3} % worst {:.3} %, bake {seconds:.0} s, light \
-                 {milliseconds:.1} ms",
-                per_vertex(stored_bytes(&asset)),
-                per_vertex(evaluator.cost().resident_bytes),
-                100.0 * errors[errors.len() / 2],
-                100.0 * errors[errors.len() - 1],
-            );
-            for entry in &asset.ledger.entries {
-                println!("    {}: {:.3} % ({})", entry.stage, 100.0 * entry.error.rms, entry.note);
-            }
-        }
     }
 }

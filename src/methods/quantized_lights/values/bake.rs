@@ -77,17 +77,17 @@ pub(in super::super) fn memory(scene: &Scene, settings: &BakeSettings, plan: &Pl
 }
 
 /// What the stages share.
-struct Work<'a> {
-    stage: &'a Stage<'a>,
-    transfer: &'a ManyLights<'a>,
-    set: &'a LightSet,
-    topology: &'a Topology,
+pub(super) struct Work<'a> {
+    pub(super) stage: &'a Stage<'a>,
+    pub(super) transfer: &'a ManyLights<'a>,
+    pub(super) set: &'a LightSet,
+    pub(super) topology: &'a Topology,
     /// Values as computed.
-    exact: &'a Values,
-    plan: &'a Plan,
-    max_rms: f64,
+    pub(super) exact: &'a Values,
+    pub(super) plan: &'a Plan,
+    pub(super) max_rms: f64,
     /// Lights that choices look at.
-    tuning: &'a [Light],
+    pub(super) tuning: &'a [Light],
 }
 
 pub(in super::super) fn bake(
@@ -159,7 +159,7 @@ impl Work<'_> {
     }
 
     /// Fills the file; says what people should know of the encoding.
-    fn encode(&self, file: &mut File) -> Result<String> {
+    pub(super) fn encode(&self, file: &mut File) -> Result<String> {
         let (matrix, cells) = self.matrix()?;
         match self.plan.choices.encoding {
             Encoding::Components | Encoding::Raw => {

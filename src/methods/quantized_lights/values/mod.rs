@@ -7,6 +7,8 @@ mod evaluate;
 mod exact;
 mod harmonics;
 mod matrix;
+#[cfg(test)]
+mod measured;
 mod prediction;
 mod references;
 
