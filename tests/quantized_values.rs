@@ -25,7 +25,7 @@ use translux::methods::{self, quantized_lights::QuantizedLights};
 use translux::progress::Silent;
 use translux::transport::scene::Scene;
 
-const SAMPLES: usize = 6_000;
+const SAMPLES: usize = 5_000;
 
 const ENCODINGS: [&str; 5] = ["raw", "uniform8", "lloyd8", "sh", "reference-points"];
 
@@ -222,26 +222,29 @@ fn against_raw(scene: &Scene, asset: &Asset, raw: &Asset, lights: &[Light]) -> V
 #[test]
 fn parts_boundaries_and_edges_of_three_triangles_work() {
     let scene = odd_scene();
-    let raw = Bake::new(&scene).run(&[("encoding", "raw")]).unwrap();
-    let lights = probes::directional(Half::Figures);
+    let bake = Bake { samples: Some(1500), ..Bake::new(&scene) };
+    let raw = bake.run(&[("encoding", "raw"), ("lights", "100")]).unwrap();
+    // From below the sheet shades the rest: hardly any light to be relative to.
+    let mut lights = probes::directional(Half::Figures);
+    lights.retain(|l| matches!(l, Light::Directional { from, .. } if from.y > 0.1));
+    lights.push(sky_light());
     let error = |set: &[(&str, &str)]| {
-        let asset = Bake::new(&scene).run(set).unwrap();
+        let asset = bake.run(&[set, &[("lights", "100")]].concat()).unwrap();
         against_raw(&scene, &asset, &raw, &lights).rms
     };
-    let (bytes, harmonics) = (error(&[("encoding", "lloyd8")]), error(&[("encoding", "sh"), ("order", "9")]));
+    let (bytes, harmonics) = (error(&[("encoding", "lloyd8")]), error(&[("encoding", "sh"), ("order", "7")]));
     println!("lloyd8 {bytes}, sh {harmonics}");
-    assert!(bytes < 0.02 && harmonics < 0.15, "{bytes} {harmonics}");
-    for weights in ["barycentric", "least-squares", "best"] {
-        for choice in ["geometry", "illumination"] {
-            let of = |references: &str| {
-                let keys = [("references", references), ("order", "3"), ("weights", weights), ("choice", choice)];
-                error(&[&[("encoding", "reference-points")][..], &keys].concat())
-            };
-            let errors = ["20", "80", "100000"].map(of);
-            println!("{weights}, {choice}: {errors:?}");
-            // More than there are: every vertex is one.
-            assert!(errors[1] < 0.12 && errors[1] < 0.9 * errors[0] && errors[2] < 0.02, "{errors:?}");
-        }
+    assert!(bytes < 0.01 && harmonics < 0.15, "{bytes} {harmonics}");
+    let ways = [("barycentric", "geometry"), ("least-squares", "geometry"), ("best", "illumination")];
+    for (weights, choice) in ways {
+        let of = |references: &str| {
+            let keys = [("references", references), ("order", "3"), ("weights", weights), ("choice", choice)];
+            error(&[&[("encoding", "reference-points")][..], &keys].concat())
+        };
+        // More than there are: every vertex is one.
+        let errors = ["20", "80", "100000"].map(of);
+        println!("{weights}, {choice}: {errors:?}");
+        assert!(errors[1] < 0.12 && errors[1] < 0.9 * errors[0] && errors[2] < 0.01, "{errors:?}");
     }
 }
 
@@ -323,7 +326,7 @@ const ALL: [&[(&str, &str)]; 6] = [
     &[("encoding", "uniform8"), ("lights", "30")],
     &[("encoding", "lloyd8"), ("integral", "vector"), ("lights", "30"), ("interpolation", "nearest4")],
     &[("encoding", "sh"), ("lights", "50"), ("window", "lanczos")],
-    &[("encoding", "reference-points"), ("lights", "50"), ("choice", "illumination")],
+    &[("encoding", "reference-points"), ("lights", "50"), ("choice", "geometry")],
     &[("encoding", "reference-points"), ("lights", "50"), ("references", "20"), ("weights", "barycentric")],
 ];
 

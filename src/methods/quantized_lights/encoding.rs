@@ -71,6 +71,18 @@ pub(super) enum Integral {
 }
 
 /// What the simplification that chooses the reference points looks at.
+///
+/// Error added to values under 200 lights, the median and the worst of 16 parallel lights, harmonics of order 3; closed bunny of
+/// 30 mm in marble, by the share of the vertices that are reference points, in % (`Barycentric` and geometry are the paper's):
+///
+/// | | 1 % | 3 % | 6 % |
+/// | --- | --- | --- | --- |
+/// | geometry, barycentric | 4.31, 8.92 | 2.27, 4.75 | 1.43, 2.83 |
+/// | geometry, least squares | 3.72, 9.04 | 2.03, 4.58 | 1.28, 2.76 |
+/// | geometry, best triangle | 3.52, 9.12 | 1.90, 4.04 | 1.22, 2.48 |
+/// | illumination, barycentric | 3.95, 9.30 | 1.99, 4.40 | 1.32, 2.80 |
+/// | illumination, least squares | 3.49, 9.04 | 1.77, 4.22 | 1.16, 2.58 |
+/// | illumination, best triangle | 3.37, 8.30 | 1.60, 3.67 | 1.01, 2.32 |
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ChosenBy {
     Geometry,

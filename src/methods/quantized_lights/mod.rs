@@ -32,7 +32,7 @@ const LIGHTS: Key = Key {
 const INTERPOLATION: Key = Key {
     name: "interpolation",
     default: "rbf",
-    help: "between the lights: rbf (smooth), least-squares, barycentric, nearest4 (the paper's, which jumps)",
+    help: "between the lights (not for sh): rbf (smooth), least-squares, barycentric, nearest4 (the paper's, which jumps)",
 };
 
 const SHELLS: Key = Key {
@@ -50,7 +50,7 @@ const NEAREST: Key = Key {
 const SPACING: Key = Key {
     name: "spacing",
     default: "auto",
-    help: "distance between reference points, mm; auto: what --max-rms asks for",
+    help: "distance between reference points of components, mm; auto: what --max-rms asks for",
 };
 
 const ENCODING: Key = Key {
@@ -87,8 +87,8 @@ const REFERENCES: Key = Key {
 
 const CHOICE: Key = Key {
     name: "choice",
-    default: "geometry",
-    help: "of reference points, for reference-points: by the error of geometry (the paper's) or illumination as well",
+    default: "illumination",
+    help: "what reference points follow, for reference-points: geometry (the paper's), illumination (as well as geometry)",
 };
 
 const WEIGHTS: Key = Key {

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 use translux_format::coefficients::encode;
-use translux_format::quantised_values::{Encoding as Stored8, QuantisedValues as File, tags};
+use translux_format::quantised_values::{Encoding as Layout, QuantisedValues as File, tags};
 
 use super::super::bake::{TUNING, chosen, count};
 use super::super::encoding::{Encoding, Integral};
@@ -163,14 +163,14 @@ impl Work<'_> {
         let (matrix, cells) = self.matrix()?;
         match self.plan.choices.encoding {
             Encoding::Components | Encoding::Raw => {
-                (file.encoding, file.raw) = (Stored8::Raw, cells.to_vec());
+                (file.encoding, file.raw) = (Layout::Raw, cells.to_vec());
                 Ok("floats".to_owned())
             }
             encoding @ (Encoding::Uniform8 | Encoding::Lloyd8) => {
                 let table = if encoding == Encoding::Lloyd8 { Table::Lloyd } else { Table::Uniform };
                 let coded = codes::quantised(cells, matrix.planes, matrix.columns, table)?;
                 let earlier = Earlier::new(matrix.rows(), &self.topology.triangles);
-                file.encoding = Stored8::Codes;
+                file.encoding = Layout::Codes;
                 (file.tables, file.codes) = codes::write(&coded.matrix, &earlier)?;
                 Ok(format!("one byte a value, {:.2} dB of signal over noise", coded.signal_to_noise_db))
             }
@@ -186,7 +186,7 @@ impl Work<'_> {
         };
         let coefficients = self.project(cells, order)?;
         let columns = CHANNELS * self.shells() * order * order;
-        (file.encoding, file.order) = (Stored8::Harmonics, order as u8);
+        (file.encoding, file.order) = (Layout::Harmonics, order as u8);
         file.scales = harmonics::scales(&coefficients, columns, f32::from(i16::MAX));
         let integers = harmonics::integers(&coefficients, &file.scales, f32::from(i16::MAX));
         let rows = integers.len() / columns.max(1);
@@ -260,7 +260,7 @@ impl Work<'_> {
             chosen_by: choices.chosen_by,
             weights: choices.weights,
         };
-        file.encoding = Stored8::References;
+        file.encoding = Layout::References;
         let (directions, shells) = (&self.set.lights.directions, self.shells());
         let values = references::Values { cells, directions, shells };
         let write = |file: &mut File, recipe: &Recipe| references::write(self.topology, &values, recipe, file);

@@ -77,3 +77,42 @@ pub(super) fn read(bytes: &[u8], tables: &[f32], planes: usize, columns: usize, 
     }
     Ok(Matrix { planes, columns, cells: Cells::Codes { codes, tables: tables.to_vec() } })
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::error::ExitCode;
+    use crate::math::random::uniform;
+
+    #[test]
+    fn constant_values_are_exact_and_others_close() {
+        for table in [Table::Uniform, Table::Lloyd] {
+            for value in [0.0, 0.3, -2.0] {
+                let coded = quantised(&[value; 24], 3, 4, table).unwrap();
+                assert!(coded.signal_to_noise_db == f64::INFINITY);
+                assert!((0..24).all(|i| coded.matrix.value(i / 12, i / 4 % 3, i % 4) == value));
+            }
+            let values: Vec<f32> = (0..24_000).map(|i| uniform(1, i, 0) as f32 * (1 + i / 4 % 3) as f32).collect();
+            let coded = quantised(&values, 3, 4, table).unwrap();
+            assert!(coded.signal_to_noise_db > 51.0, "{}", coded.signal_to_noise_db);
+            let close = |(i, v): (usize, &f32)| (coded.matrix.value(i / 12, i / 4 % 3, i % 4) - v).abs() < 0.01;
+            assert!(values.iter().enumerate().all(close));
+        }
+    }
+
+    #[test]
+    fn codes_are_read_back_and_others_refused() {
+        let earlier = Earlier::new(5, &[[0, 1, 2], [2, 3, 4]]);
+        let values: Vec<f32> = (0..60).map(|i| uniform(2, i, 0) as f32).collect();
+        let coded = quantised(&values, 3, 4, Table::Lloyd).unwrap();
+        let (tables, bytes) = write(&coded.matrix, &earlier).unwrap();
+        assert_eq!(read(&bytes, &tables, 3, 4, &earlier).unwrap(), coded.matrix);
+        // Residuals that leave the byte.
+        let residuals = vec![200i16; 60];
+        let bytes = encode(tags::CODES, 15, 4, &residuals, Some(&earlier.similar(3))).unwrap();
+        assert_eq!(read(&bytes, &tables, 3, 4, &earlier).unwrap_err().code(), ExitCode::InvalidInput);
+        let other = Earlier::new(6, &[]);
+        assert_eq!(read(&bytes, &tables, 3, 4, &other).unwrap_err().code(), ExitCode::InvalidInput);
+    }
+}

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::DVec3;
 use rayon::prelude::*;
 use translux_format::coefficients::decode;
-use translux_format::quantised_values::{Encoding as Stored8, QuantisedValues as File, tags};
+use translux_format::quantised_values::{Encoding as Layout, QuantisedValues as File, tags};
 use translux_format::{Budget, RawSection};
 
 use super::super::encoding::{Choices, Encoding};
@@ -47,10 +47,10 @@ fn read(sections: &[RawSection], encoding: Encoding) -> Result<File> {
         .map_err(|e| Error::input(e.to_string()))?
         .ok_or_else(|| Error::input("an asset of `quantized_lights` without its sections qlv.*; bake it again"))?;
     let expected = match encoding {
-        Encoding::Components | Encoding::Raw => Stored8::Raw,
-        Encoding::Uniform8 | Encoding::Lloyd8 => Stored8::Codes,
-        Encoding::Harmonics => Stored8::Harmonics,
-        Encoding::ReferencePoints => Stored8::References,
+        Encoding::Components | Encoding::Raw => Layout::Raw,
+        Encoding::Uniform8 | Encoding::Lloyd8 => Layout::Codes,
+        Encoding::Harmonics => Layout::Harmonics,
+        Encoding::ReferencePoints => Layout::References,
     };
     if file.encoding == expected {
         return Ok(file);
@@ -105,9 +105,9 @@ impl Values {
         let earlier = || Earlier::new(receivers, &topology.triangles);
         let order = usize::from(file.order);
         let content = match file.encoding {
-            Stored8::Raw => Content::Lights(Matrix { planes, columns, cells: Cells::Floats(file.raw.clone()) }),
-            Stored8::Codes => Content::Lights(codes::read(&file.codes, &file.tables, planes, columns, &earlier())?),
-            Stored8::Harmonics => {
+            Layout::Raw => Content::Lights(Matrix { planes, columns, cells: Cells::Floats(file.raw.clone()) }),
+            Layout::Codes => Content::Lights(codes::read(&file.codes, &file.tables, planes, columns, &earlier())?),
+            Layout::Harmonics => {
                 let earlier = earlier();
                 let found = decode(tags::HARMONICS, &file.harmonics, Some(&earlier.similar(1)), Budget::default());
                 let mut values = found.map_err(|e| Error::input(e.to_string()))?.values;
@@ -116,7 +116,7 @@ impl Values {
                 let matrix = Matrix { planes: CHANNELS, columns, cells: Cells::Shorts(values) };
                 Content::Harmonics { matrix, order, scales: file.scales.clone() }
             }
-            Stored8::References => {
+            Layout::References => {
                 let references = References::read(file, topology)?;
                 Content::References { references, order, scales: file.scales.clone() }
             }
