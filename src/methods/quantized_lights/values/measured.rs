@@ -129,6 +129,36 @@ impl Bench<'_> {
         );
     }
 
+    /// How far vectors and scalars between lights are apart, RMS over the vertices as a share of full scale (pictures show that).
+    fn vectors(&self) {
+        for scheme in [Scheme::Nearest4, Scheme::Rbf] {
+            let set = LightSet::new(self.stage.scene, 200, vec![0.0], scheme).unwrap();
+            let [scalar, vector] = [Integral::Scalar, Integral::Vector].map(|integral| {
+                Values::exact(exact::values(self.stage, self.transfer, &set, integral, &Silent).unwrap())
+            });
+            let total: f64 = self.stage.areas.iter().sum();
+            let of_light = |(light, truth): (&Light, &Vec<DVec3>)| {
+                let one = std::slice::from_ref(light);
+                let [q, v] = [&scalar, &vector].map(|values| values.radiosity(&values.light(&set, one).unwrap()));
+                let mut all: Vec<f64> = truth.iter().map(|t| t.max_element()).collect();
+                all.sort_unstable_by(f64::total_cmp);
+                let full = all[all.len() * 995 / 1000];
+                let rms = |a: &[DVec3], b: &[DVec3]| {
+                    let squares =
+                        a.iter().zip(b).zip(&self.stage.areas).map(|((a, b), area)| area * a.distance_squared(*b));
+                    100.0 * (squares.sum::<f64>() / (3.0 * total)).sqrt() / full
+                };
+                [rms(&q, &v), rms(&q, truth), rms(&v, truth)]
+            };
+            let mut found: Vec<[f64; 3]> = self.unseen.iter().zip(&self.truth).map(of_light).collect();
+            for (k, what) in ["Q to q", "q to truth", "Q to truth"].into_iter().enumerate() {
+                found.sort_unstable_by(|a, b| a[k].total_cmp(&b[k]));
+                let (median, worst) = (found[found.len() / 2][k], found[found.len() - 1][k]);
+                println!("{} {} {what}: {median:.3} / {worst:.3} % of full scale", self.name, scheme.name());
+            }
+        }
+    }
+
     fn run(&self, full: bool) {
         let choices = Choices::new(&std::collections::BTreeMap::new()).unwrap();
         let set_of = |scheme| LightSet::new(self.stage.scene, 200, vec![0.0], scheme).unwrap();
@@ -191,7 +221,7 @@ impl Bench<'_> {
     }
 }
 
-fn bench(name: &str, source: SourceModel, material: &str, full: bool) {
+fn bench(name: &str, source: SourceModel, material: &str, work: impl Fn(&Bench)) {
     let scene = scene_of(source, material);
     let settings =
         BakeSettings { max_rms: MAX_RMS, ..BakeSettings::new(&super::super::QuantizedLights, Default::default()) };
@@ -207,31 +237,45 @@ fn bench(name: &str, source: SourceModel, material: &str, full: bool) {
             let truth = unseen.iter().map(of_light).collect::<crate::error::Result<_>>()?;
             let topology = Topology::new(&scene, &stage.receivers);
             let name = format!("{name} {material}");
-            Bench { name, stage: &stage, transfer: &transfer, topology, tuning, unseen, truth }.run(full);
+            work(&Bench { name, stage: &stage, transfer: &transfer, topology, tuning, unseen, truth });
             Ok(())
         })
         .unwrap();
 }
 
-#[test]
-#[ignore = "prints a table"]
-fn of_a_head() {
-    let source = || crate::geometry::shapes::bumpy_head(1.0, 5);
-    bench("head", source(), "marble", false);
-    bench("head", source(), "skin1", false);
-}
-
-#[test]
-#[ignore = "prints a table"]
-fn of_a_bunny() {
+fn bunny() -> Option<SourceModel> {
     let root = std::env::var_os("TRANSLUX_SHARED")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared"), PathBuf::from);
     let path = root.join("data/meshes/bunny_closed.obj");
     if !path.exists() {
         eprintln!("SKIPPED: {} is not there", path.display());
-        return;
+        return None;
     }
+    Some(crate::io::obj::read_obj(&path).unwrap())
+}
+
+#[test]
+#[ignore = "prints a table"]
+fn of_a_head() {
     for material in ["marble", "skin1"] {
-        bench("bunny", crate::io::obj::read_obj(&path).unwrap(), material, material == "marble");
+        bench("head", crate::geometry::shapes::bumpy_head(1.0, 5), material, |bench| bench.run(false));
+    }
+}
+
+#[test]
+#[ignore = "prints a table"]
+fn of_a_bunny() {
+    for material in ["marble", "skin1"] {
+        let Some(source) = bunny() else { return };
+        bench("bunny", source, material, |bench| bench.run(material == "marble"));
+    }
+}
+
+#[test]
+#[ignore = "prints a table"]
+fn of_vectors() {
+    for material in ["marble", "skin1"] {
+        let Some(source) = bunny() else { return };
+        bench("bunny", source, material, Bench::vectors);
     }
 }
