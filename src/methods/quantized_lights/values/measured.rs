@@ -276,6 +276,6 @@ fn of_a_bunny() {
 fn of_vectors() {
     for material in ["marble", "skin1"] {
         let Some(source) = bunny() else { return };
-        bench("bunny", source, material, Bench::vectors);
+        bench("bunny", source, material, |bench| bench.vectors());
     }
 }
