@@ -42,7 +42,7 @@ impl Projection {
     }
 }
 
-/// In single precision within eight lanes.
+/// In single precision, sixteen sums side by side.
 fn dot(a: &[f32], b: &[f32]) -> f32 {
     const LANES: usize = 16;
     let ((a, rest_a), (b, rest_b)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
