@@ -53,6 +53,7 @@ pub mod metadata;
 pub mod parts;
 pub mod profile_basis;
 pub mod quantised_lights;
+pub mod quantised_values;
 pub mod range_coder;
 mod reader;
 pub mod rows;

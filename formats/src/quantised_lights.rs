@@ -14,7 +14,7 @@ pub mod tags {
 
     /// Numbers, a record.
     pub const NUMBERS: Tag = Tag::from_static("qlt.rec");
-    /// Unit of each light, f32.
+    /// Unit of each direction, f32.
     pub const UNITS: Tag = Tag::from_static("qlt.uni");
     /// Step of each basis function, f32.
     pub const BASIS_STEPS: Tag = Tag::from_static("qlt.stp");
@@ -49,7 +49,7 @@ pub struct QuantisedLights {
     pub channels: Vec<f64>,
     /// Step of the coefficients.
     pub step: f32,
-    /// Unit of each light: what its radiosity is divided by.
+    /// Unit of each direction: what its radiosity is divided by.
     pub units: Vec<f32>,
     /// Step of each basis function.
     pub basis_steps: Vec<f32>,
@@ -105,7 +105,7 @@ impl QuantisedLights {
         positive(tags::NUMBERS, "step", &[self.step])?;
         positive(tags::UNITS, "unit", &self.units)?;
         positive(tags::BASIS_STEPS, "step", &self.basis_steps)?;
-        same_length(tags::UNITS, "lights", self.units.len(), self.lights())?;
+        same_length(tags::UNITS, "directions", self.units.len(), self.directions as usize)?;
         let functions = self.basis_steps.len();
         let shape = coefficients::shape(tags::BASIS, &self.basis)?;
         if shape != (self.directions as usize, functions) {

@@ -231,6 +231,12 @@ impl Interpolator {
         &self.matrix
     }
 
+    /// Frees what [`Self::weights`] and [`Self::sum`] of a smooth scheme need (they give zeros from then on), for who reads
+    /// [`Self::function_sums`] only.
+    pub fn forget_weights(&mut self) {
+        self.matrix = Vec::new();
+    }
+
     /// Sums of the functions of many directions, each times its RGB amount, channel after channel.
     pub fn function_sums(&self, lights: &[(DVec3, DVec3)]) -> [Vec<f64>; 3] {
         let of_chunk = |lights: &[(DVec3, DVec3)]| {

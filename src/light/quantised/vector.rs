@@ -46,7 +46,8 @@ pub fn light_vector(lights: &QuantisedLights, interpolator: &Interpolator, light
     if interpolator.set() != &lights.directions {
         return Err(Error::input("the interpolator was made for another set of directions than that of the lights"));
     }
-    let vector: Vec<DVec3> = split(lights, light)?.iter().flat_map(|shell| interpolator.sum(shell)).collect();
+    let mut vector: Vec<DVec3> = pieces(lights, light)?.iter().flat_map(|shell| interpolator.sum(shell)).collect();
+    vector.resize(lights.count(), DVec3::ZERO);
     if vector.iter().all(|weight| weight.is_finite()) {
         Ok(vector)
     } else {
@@ -54,27 +55,22 @@ pub fn light_vector(lights: &QuantisedLights, interpolator: &Interpolator, light
     }
 }
 
-/// What [`light_vector`] interpolates: for each shell the directions from which light comes, with its RGB irradiance at the
-/// centre of the scene.
+/// A light as parallel light and point lights on the shells, as [`light_vector`] makes it: for each shell pairs of direction (of any
+/// length, from the scene's centre) and irradiance at the centre. Shells beyond the last one in use are left out.
 ///
 /// # Errors
 /// A point light, or a part of an area light, nearer than the nearest shell (exit 5).
-pub fn split(lights: &QuantisedLights, light: &Light) -> Result<Vec<Vec<(DVec3, DVec3)>>> {
-    let parallel = |distant: Vec<(DVec3, DVec3)>| {
-        let mut shells = vec![Vec::new(); lights.shells.inverse().len()];
-        shells[0] = distant;
-        Ok(shells)
-    };
-    match light {
-        Light::Directional { from, irradiance } => parallel(vec![(*from, *irradiance)]),
-        Light::Constant { radiance } => parallel(everywhere(*radiance)),
+pub fn pieces(lights: &QuantisedLights, light: &Light) -> Result<Vec<Vec<(DVec3, DVec3)>>> {
+    Ok(match light {
+        Light::Directional { from, irradiance } => vec![vec![(*from, *irradiance)]],
+        Light::Constant { radiance } => vec![everywhere(*radiance)],
         Light::Environment { map, rotate_degrees, scale } => {
-            parallel(gather(map, Rotation::from_degrees(*rotate_degrees), *scale))
+            vec![gather(map, Rotation::from_degrees(*rotate_degrees), *scale)]
         }
-        Light::Point { at_mm, intensity } => points(lights, &[(*at_mm, *intensity)]),
+        Light::Point { at_mm, intensity } => points(lights, &[(*at_mm, *intensity)])?,
         Light::Area { .. } => points(lights, &emitters(light, lights.shells.centre_mm()))
-            .map_err(|error| error.at("a part of an area light")),
-    }
+            .map_err(|error| error.at("a part of an area light"))?,
+    })
 }
 
 /// Pairs of position in mm and intensity.

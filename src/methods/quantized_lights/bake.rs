@@ -3,12 +3,13 @@
 use glam::DVec3;
 
 use super::basis::{Radiosities, code, light_net, light_spacing};
+use super::evaluate::relative;
 use super::lights::{LightSet, Plan};
 use super::sections;
 use super::stage::{GROUP, Stage, parts, radiosity_of_set};
 use crate::compress::ledger::Ledger;
 use crate::compress::prediction::Net;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::evaluate::{AssetParts, BakeSettings};
 use crate::geometry::samples::Samples;
 use crate::light::Light;
@@ -39,12 +40,15 @@ const LARGEST_SET: usize = 1600;
 const ORDER: f64 = 0.7;
 
 /// Lights that choices look at.
-const TUNING: usize = 20;
+pub(super) const TUNING: usize = 20;
 
 /// Spacings that are tried, from this many mean free paths on, until the error is this share of what is allowed.
 const TRIALS: usize = 12;
 const WIDEST: f64 = 2.0;
 const CLOSE: f64 = 0.7;
+
+/// Spacings that are tried for a number of reference points.
+const BISECTIONS: usize = 14;
 
 /// One vertex of so many measures them.
 const STRIDE: usize = 4;
@@ -57,11 +61,14 @@ pub(super) fn count(scene: &Scene, settings: &BakeSettings) -> usize {
 pub(super) fn memory(scene: &Scene, settings: &BakeSettings) -> u64 {
     let directions = settings.values.get(super::LIGHTS.name).and_then(|t| t.parse().ok()).unwrap_or(LARGEST_SET as u64);
     let shells = Plan::new(&settings.values, &settings.for_lights).map_or(1, |p| p.shells as u64 + 1);
+    let (samples, lights) = (count(scene, settings) as u64, directions * shells);
     // Radiosities of each reference point, twice; about a quarter of the vertices at most.
-    let references = scene.mesh.local_mm.len() as u64 / 4;
-    sampling::memory(count(scene, settings), scene)
-        + references * 3 * 4 * 2 * directions * shells
-        + count(scene, settings) as u64 * 32 * 4 * 3
+    let references = scene.mesh.local_mm.len() as u64 / 4 + 256;
+    // Visibility, irradiance and flux of a run of lights; the products of lights and of their functions.
+    sampling::memory(samples as usize, scene)
+        + references * 3 * 4 * 2 * lights
+        + samples * (lights / 8 + 128 * 4 * 3)
+        + 8 * 4 * directions * directions
 }
 
 pub(super) fn bake(scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {
@@ -69,9 +76,6 @@ pub(super) fn bake(scene: &Scene, settings: &BakeSettings, progress: &dyn Progre
     progress.start("samples", 0);
     let stage = Stage::new(scene, count(scene, settings));
     progress.finish();
-    if stage.receivers.is_empty() {
-        return Err(Error::input("no surface that light enters: every part is opaque"));
-    }
     stage.with_transfer(NearField::for_error(settings.max_rms), |mut transfer| {
         let tuning = chosen(&settings.probes.tuning, TUNING);
         progress.start("tuning", tuning.len() as u64);
@@ -79,7 +83,11 @@ pub(super) fn bake(scene: &Scene, settings: &BakeSettings, progress: &dyn Progre
         let hierarchy = transfer.tune(HIERARCHY * settings.max_rms, &rows);
         let truth = transfer.radiosity(&rows, &Silent);
         let truth: Vec<Vec<DVec3>> = (0..tuning.len()).map(|light| truth.under(light)).collect();
-        let spacing_mm = plan.spacing_mm.unwrap_or_else(|| spacing(&stage, &truth, SPATIAL * settings.max_rms));
+        let spacing_mm = match (plan.spacing_mm, plan.choices.references) {
+            (Some(spacing_mm), _) => spacing_mm,
+            (None, Some(count)) => spacing_of(&stage, count),
+            (None, None) => spacing(&stage, &truth, SPATIAL * settings.max_rms),
+        };
         progress.finish();
         let net = Net::new(&stage.points, &parts(&stage.receivers), spacing_mm);
         let mut set = LightSet::planned(scene, plan.directions.unwrap_or(FIRST_SET), &plan)?;
@@ -116,7 +124,7 @@ pub(super) fn bake(scene: &Scene, settings: &BakeSettings, progress: &dyn Progre
 }
 
 /// Some lights spread over all.
-fn chosen(lights: &[Light], count: usize) -> Vec<Light> {
+pub(super) fn chosen(lights: &[Light], count: usize) -> Vec<Light> {
     let white = |l: &&Light| matches!(l, Light::Directional { .. } | Light::Point { .. });
     let all: Vec<&Light> = lights.iter().filter(white).collect();
     all.iter().step_by(all.len().div_ceil(count).max(1)).map(|l| (*l).clone()).collect()
@@ -173,6 +181,26 @@ fn spacing(stage: &Stage, truth: &[Vec<DVec3>], error: f64) -> f64 {
     kept.unwrap_or(spacing)
 }
 
+/// The spacing that gives about so many reference points.
+fn spacing_of(stage: &Stage, count: usize) -> f64 {
+    let diagonal = stage.scene.mesh.diagonal_mm();
+    let (mut close, mut wide) = (1e-4 * diagonal, diagonal);
+    let mut best = (usize::MAX, close);
+    for _ in 0..BISECTIONS {
+        let middle = (close * wide).sqrt();
+        let found = Net::new(&stage.points, &parts(&stage.receivers), middle).point.len();
+        if found.abs_diff(count) < best.0 {
+            best = (found.abs_diff(count), middle);
+        }
+        match found.cmp(&count) {
+            std::cmp::Ordering::Less => wide = middle,
+            std::cmp::Ordering::Equal => break,
+            std::cmp::Ordering::Greater => close = middle,
+        }
+    }
+    best.1
+}
+
 /// The error of interpolation from reference points, under the worst of some lights, on some vertices.
 fn spatial_error(stage: &Stage, net: &Net, spacing_mm: f64, truth: &[Vec<DVec3>]) -> VertexError {
     let mut chosen = net.point.clone();
@@ -223,7 +251,7 @@ fn between_lights(
         if matches!(light, Light::Directional { .. }) {
             let expected: Vec<DVec3> = net.point.iter().map(|&i| truth[i as usize]).collect();
             let found = interpolated(set, values, std::slice::from_ref(light))?;
-            worst = worst.max(vertex_error(&found[0], &expected, &areas).rms);
+            worst = worst.max(relative(vertex_error(&found[0], &expected, &areas)).rms);
         }
     }
     Ok(worst)
@@ -266,7 +294,7 @@ fn measure(
             spatial_error(stage, net, file.spacing_mm, std::slice::from_ref(&truth)),
             vertex_error(&coded, &between, &areas),
         ];
-        errors.iter_mut().zip(found).for_each(|(worst, found)| *worst = worst.max(found));
+        errors.iter_mut().zip(found).for_each(|(worst, found)| *worst = worst.max(relative(found)));
         progress.advance(1);
     }
     progress.finish();

@@ -35,18 +35,17 @@ pub(super) struct Radiosities<'a> {
     pub(super) values: &'a [f32],
     pub(super) shells: usize,
     pub(super) directions: usize,
-    /// RMS of each light over points and channels.
+    /// RMS of each direction over points, channels and shells.
     pub(super) units: Vec<f32>,
 }
 
 impl<'a> Radiosities<'a> {
     pub(super) fn new(values: &'a [f32], shells: usize, directions: usize) -> Self {
-        let lights = shells * directions;
-        let mut squares = vec![0.0f64; lights];
-        for row in values.chunks_exact(lights.max(1)) {
+        let mut squares = vec![0.0f64; directions];
+        for row in values.chunks_exact(directions.max(1)) {
             squares.iter_mut().zip(row).for_each(|(sum, v)| *sum += f64::from(*v) * f64::from(*v));
         }
-        let count = (values.len() / lights.max(1)).max(1) as f64;
+        let count = (values.len() / directions.max(1)).max(1) as f64;
         let rms: Vec<f64> = squares.iter().map(|s| (s / count).sqrt()).collect();
         // Light from where hardly anything is seen does not count as much as other light.
         let floor = 1e-3 * rms.iter().copied().fold(0.0, f64::max);
@@ -65,8 +64,7 @@ impl<'a> Radiosities<'a> {
     /// The planes of one direction in a point's row, in units of their lights.
     fn of_direction(&self, row: &[f32], direction: usize, out: &mut [f64]) {
         for (plane, out) in out.iter_mut().enumerate() {
-            let unit = self.units[plane % self.shells * self.directions + direction];
-            *out = f64::from(row[plane * self.directions + direction]) / f64::from(unit);
+            *out = f64::from(row[plane * self.directions + direction]) / f64::from(self.units[direction]);
         }
     }
 }

@@ -1,5 +1,6 @@
-//! How `quantized_lights` evaluates: lights become weights over the set, these a vector over the columns; radiosity at a
-//! reference point is a dot product with it, and at a vertex a weighted sum over reference points.
+//! How `quantized_lights` evaluates: lights become weights over what is stored, and radiosity is linear in these. Components:
+//! weights over the set become a vector over the columns, radiosity at a reference point is a dot product with it, and at a vertex
+//! a weighted sum over reference points.
 
 use std::sync::{Arc, OnceLock};
 
@@ -21,55 +22,93 @@ use crate::progress::Progress;
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::{Medium, Scene};
 
+/// An error, or none where the truth is black and the values are not: nothing can be relative to that.
+pub(super) fn relative(error: VertexError) -> VertexError {
+    if error.rms.is_finite() { error } else { VertexError::default() }
+}
+
+/// What an asset stores, as it is evaluated.
+pub(super) trait Stored: Send {
+    /// A light, made ready.
+    type Light: Send;
+
+    /// Several lights together.
+    fn light(&self, set: &LightSet, lights: &[Light]) -> Result<Self::Light>;
+
+    /// Radiosity of every source vertex, RGB, none negative.
+    fn radiosity(&mut self, light: &Self::Light, receivers: &Receivers) -> Vec<DVec3>;
+
+    /// Bytes in memory.
+    fn bytes(&self) -> usize;
+}
+
 /// The transport of an asset, lit.
-pub(super) struct QuantisedEvaluator {
+pub(super) struct QuantisedEvaluator<S: Stored> {
     scene: Scene,
     samples: usize,
     bvh: OnceLock<Bvh>,
     receivers: Receivers,
     set: LightSet,
-    transport: Transport,
+    stored: S,
     lights: Vec<Light>,
-    /// Per channel, column after column.
-    columns: [Vec<f32>; 3],
-    /// Radiosity of the reference points and of the receivers, kept for their memory.
-    references: Vec<[f32; 4]>,
-    gathered: Vec<[f32; 4]>,
+    light: S::Light,
     /// Samples and rays, for who asks what the transport is worth.
     truth: Option<Box<SampledEvaluator>>,
 }
 
-pub(super) fn open(asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
+/// An asset of components.
+pub(super) fn open(asset: &Arc<Asset>) -> Result<Box<dyn Evaluator>> {
     let file = read(&asset.sections)?;
     let scene = asset.scene.clone();
     let receivers = Receivers::new(&scene.mesh, &scene.parts, GROUP);
     let settings = &asset.provenance.settings;
     let between = (scheme(settings)?, blend(settings)?);
-    let set = LightSet::new(&scene, file.directions as usize, file.shells.clone(), between)?;
+    let mut set = LightSet::new(&scene, file.directions as usize, file.shells.clone(), between)?;
     let transport = Transport::new(&file, &scene, &receivers, &set)?;
-    let columns = [0, 1, 2].map(|_| vec![0.0; transport.columns]);
-    let samples = file.samples as usize;
-    Ok(Box::new(QuantisedEvaluator {
-        scene,
-        samples,
-        bvh: OnceLock::new(),
-        receivers,
-        set,
-        transport,
-        lights: Vec::new(),
-        columns,
-        references: Vec::new(),
-        gathered: Vec::new(),
-        truth: None,
-    }))
+    // The basis has taken them in.
+    set.interpolator.forget_weights();
+    let components = Components { transport, references: Vec::new(), gathered: Vec::new() };
+    QuantisedEvaluator::boxed(scene, receivers, set, file.samples as usize, components)
 }
 
-impl QuantisedEvaluator {
-    /// Radiosity of the vertices.
-    fn gathered(&mut self, columns: &[Vec<f32>; 3]) -> Vec<DVec3> {
+/// Components at reference points.
+struct Components {
+    transport: Transport,
+    /// Radiosity of the reference points and of the receivers, kept for their memory.
+    references: Vec<[f32; 4]>,
+    gathered: Vec<[f32; 4]>,
+}
+
+impl Stored for Components {
+    /// Per channel, column after column.
+    type Light = [Vec<f32>; 3];
+
+    fn light(&self, set: &LightSet, lights: &[Light]) -> Result<Self::Light> {
+        self.transport.columns(set, lights)
+    }
+
+    fn radiosity(&mut self, columns: &Self::Light, receivers: &Receivers) -> Vec<DVec3> {
         self.transport.products(columns, &mut self.references);
         self.transport.weights.apply(&self.references, &mut self.gathered);
-        self.receivers.expand_rgb(&self.gathered)
+        receivers.expand_rgb(&self.gathered)
+    }
+
+    fn bytes(&self) -> usize {
+        self.transport.bytes()
+    }
+}
+
+impl<S: Stored + 'static> QuantisedEvaluator<S> {
+    /// What was stored for these receivers, without light.
+    pub(super) fn boxed(
+        scene: Scene,
+        receivers: Receivers,
+        set: LightSet,
+        samples: usize,
+        stored: S,
+    ) -> Result<Box<dyn Evaluator>> {
+        let (lights, bvh, light) = (Vec::new(), OnceLock::new(), stored.light(&set, &[])?);
+        Ok(Box::new(Self { scene, samples, bvh, receivers, set, stored, lights, light, truth: None }))
     }
 
     /// The samples with rays and the hierarchy; made when it is first asked for.
@@ -84,14 +123,14 @@ impl QuantisedEvaluator {
 
     /// The error against the gather of the samples.
     fn error(&mut self, lights: &[Light], progress: &dyn Progress) -> Result<VertexError> {
-        let columns = self.transport.columns(&self.set, lights)?;
-        let values = self.gathered(&columns);
+        let light = self.stored.light(&self.set, lights)?;
+        let values = self.stored.radiosity(&light, &self.receivers);
         let expected = self.truth(lights, progress)?.radiosity(progress)?;
-        Ok(vertex_error(&values, &expected, &self.scene.vertex_areas_mm2()))
+        Ok(relative(vertex_error(&values, &expected, &self.scene.vertex_areas_mm2())))
     }
 }
 
-impl Evaluator for QuantisedEvaluator {
+impl<S: Stored + 'static> Evaluator for QuantisedEvaluator<S> {
     fn capabilities(&self) -> Capabilities {
         Capabilities { material: MaterialEdit::None }
     }
@@ -100,7 +139,7 @@ impl Evaluator for QuantisedEvaluator {
         Cost {
             samples: self.samples,
             receivers: self.receivers.len(),
-            resident_bytes: self.transport.bytes() + size_of_val(self.receivers.of_vertex.as_slice()),
+            resident_bytes: self.stored.bytes() + size_of_val(self.receivers.of_vertex.as_slice()),
         }
     }
 
@@ -113,7 +152,7 @@ impl Evaluator for QuantisedEvaluator {
     }
 
     fn set_lights(&mut self, lights: Vec<Light>, _: &dyn Progress) -> Result<()> {
-        self.columns = self.transport.columns(&self.set, &lights)?;
+        self.light = self.stored.light(&self.set, &lights)?;
         self.lights = lights;
         Ok(())
     }
@@ -123,10 +162,7 @@ impl Evaluator for QuantisedEvaluator {
     }
 
     fn radiosity(&mut self, _: &dyn Progress) -> Result<Vec<DVec3>> {
-        let columns = std::mem::take(&mut self.columns);
-        let values = self.gathered(&columns);
-        self.columns = columns;
-        Ok(values)
+        Ok(self.stored.radiosity(&self.light, &self.receivers))
     }
 
     fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {

@@ -4,14 +4,16 @@ use std::collections::BTreeMap;
 
 use glam::DVec3;
 
+use super::encoding::{Choices, Integral};
 use super::{BLEND, INTERPOLATION, LIGHTS, NEAREST, SHELLS, SPACING};
 use crate::error::{Error, Result};
 use crate::light::quantised::directions::DirectionSet;
 use crate::light::quantised::distances::{Blend, DistanceSet, QuantisedLights};
 use crate::light::quantised::interpolation::{Interpolator, Scheme};
-use crate::light::quantised::vector::{light_vector, split};
+use crate::light::quantised::vector::{light_vector, pieces};
 use crate::light::{Light, LightKind};
 use crate::math::cube_map::{direction, texel_of};
+use crate::math::sphere::unit;
 use crate::methods::settings::number;
 use crate::transport::receivers::Sphere;
 use crate::transport::scene::Scene;
@@ -32,6 +34,8 @@ pub(super) struct Plan {
     pub(super) nearest: f64,
     /// Between reference points, mm.
     pub(super) spacing_mm: Option<f64>,
+    /// What is stored.
+    pub(super) choices: Choices,
 }
 
 impl Plan {
@@ -54,14 +58,23 @@ impl Plan {
             false => Some(number(values, &SPACING, 1e-6..=1e6)?),
         };
         let (scheme, blend) = (scheme(values)?, blend(values)?);
-        Ok(Self {
-            directions,
-            scheme,
-            blend,
-            shells,
-            nearest: 1.0 / number(values, &NEAREST, 1.05..=100.0)?,
-            spacing_mm,
-        })
+        let choices = Choices::new(values)?;
+        if choices.integral == Integral::Vector && shells > 0 {
+            return Err(Error::command_line(
+                "--set integral=vector: vectors are for parallel light alone; add --set shells=0 (or --for-lights without point and \
+                 area)",
+            ));
+        }
+        if let (Some(order), Some(count)) = (choices.order, directions)
+            && order * order > count
+        {
+            return Err(Error::command_line(format!(
+                "--set order={order}: {} harmonics need as many directions at least; --set lights={count} gives fewer",
+                order * order
+            )));
+        }
+        let nearest = 1.0 / number(values, &NEAREST, 1.05..=100.0)?;
+        Ok(Self { directions, scheme, blend, shells, nearest, spacing_mm, choices })
     }
 }
 
@@ -130,12 +143,23 @@ impl LightSet {
 
     /// The same before it is interpolated: for each shell, sums of the functions that the interpolator's weights are linear in.
     pub(super) fn function_sums(&self, lights: &[Light]) -> Result<Vec<[Vec<f64>; 3]>> {
-        let mut directions = vec![Vec::new(); self.lights.shells.inverse().len()];
+        Ok(self.pieces(lights)?.iter().map(|shell| self.interpolator.function_sums(shell)).collect())
+    }
+
+    /// Several lights as parallel light and point lights on the shells: pairs of unit direction and irradiance, by shell.
+    pub(super) fn pieces(&self, lights: &[Light]) -> Result<Vec<Vec<(DVec3, DVec3)>>> {
+        let mut all = vec![Vec::new(); self.lights.shells.inverse().len()];
         for light in lights {
             self.check(light)?;
-            directions.iter_mut().zip(split(&self.lights, light)?).for_each(|(all, own)| all.extend(own));
+            let own = pieces(&self.lights, light)?;
+            all.iter_mut().zip(own).for_each(|(all, own)| {
+                all.extend(own.into_iter().map(|(direction, irradiance)| (unit(direction), irradiance)));
+            });
         }
-        Ok(directions.iter().map(|shell| self.interpolator.function_sums(shell)).collect())
+        match all.iter().flatten().all(|(_, irradiance)| irradiance.is_finite()) {
+            true => Ok(all),
+            false => Err(Error::runtime("the light is too bright for double precision; make it weaker")),
+        }
     }
 
     fn check(&self, light: &Light) -> Result<()> {

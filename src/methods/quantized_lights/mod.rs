@@ -5,16 +5,19 @@ mod bake;
 mod baked_in;
 mod basis;
 mod bleeding;
+mod encoding;
 mod evaluate;
 mod lights;
 mod sections;
 mod stage;
+mod values;
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use self::encoding::{Choices, Encoding};
+use self::lights::Plan;
 use crate::asset::Asset;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Key, Method};
 use crate::progress::Progress;
 use crate::transport::scene::Scene;
@@ -31,7 +34,7 @@ const LIGHTS: Key = Key {
 const INTERPOLATION: Key = Key {
     name: "interpolation",
     default: "rbf",
-    help: "between the lights: rbf (smooth), least-squares, barycentric, nearest4 (the paper's, which jumps)",
+    help: "between the lights (not for sh): rbf (smooth), least-squares, barycentric, nearest4 (the paper's, which jumps)",
 };
 
 const SHELLS: Key = Key {
@@ -55,31 +58,71 @@ const BLEND: Key = Key {
 const SPACING: Key = Key {
     name: "spacing",
     default: "auto",
-    help: "distance between reference points, mm; auto: what --max-rms asks for",
+    help: "distance between reference points of components, mm; auto: what --max-rms asks for",
 };
 
 const ENCODING: Key = Key {
     name: "encoding",
     default: "auto",
-    help: "auto: quantised lights; bleeding: none, two passes over lists of neighbouring vertices for each light, for comparison",
+    help: "what is stored: auto (components), components, and the paper's: raw, uniform8, lloyd8, sh, reference-points \
+           (these with 200 lights where lights=auto, more for sh of a high order); bleeding: nothing, two passes over lists of \
+           neighbouring vertices for each light",
 };
 
-const KEYS: &[Key] = &[LIGHTS, INTERPOLATION, SHELLS, NEAREST, BLEND, SPACING, ENCODING, bleeding::RANGE_SHARE];
+const INTEGRAL: Key = Key {
+    name: "integral",
+    default: "scalar",
+    help: "for raw, uniform8 and lloyd8: scalar (q of the paper), vector (Q, three times the size, parallel light only)",
+};
 
-/// What an asset keeps of the transport.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Encoding {
-    Auto,
-    Bleeding,
-}
+const ORDER: Key = Key {
+    name: "order",
+    default: "auto",
+    help: "order n of spherical harmonics, 1 to 24, n^2 coefficients; auto: for sh what --max-rms asks for (7 in the paper), for \
+           reference-points 3",
+};
 
-fn encoding(values: &BTreeMap<String, String>) -> Result<Encoding> {
-    match values.get(ENCODING.name).map_or(ENCODING.default, String::as_str) {
-        "auto" => Ok(Encoding::Auto),
-        "bleeding" => Ok(Encoding::Bleeding),
-        other => Err(Error::command_line(format!("--set encoding={other}: it is auto or bleeding"))),
-    }
-}
+const WINDOW: Key = Key {
+    name: "window",
+    default: "none",
+    help: "for sh, against ringing: none, lanczos, hanning (smoother and less exact)",
+};
+
+const REFERENCES: Key = Key {
+    name: "references",
+    default: "auto",
+    help: "number of reference points, for components (about) and reference-points; auto: what --max-rms asks for",
+};
+
+const CHOICE: Key = Key {
+    name: "choice",
+    default: "illumination",
+    help: "what reference points follow, for reference-points: geometry (the paper's), illumination (as well as geometry)",
+};
+
+const WEIGHTS: Key = Key {
+    name: "weights",
+    default: "best",
+    help: "of three reference points, for reference-points: barycentric (the paper's), least-squares, best (of the triangles nearby \
+           as well)",
+};
+
+const KEYS: &[Key] = &[
+    LIGHTS,
+    INTERPOLATION,
+    SHELLS,
+    NEAREST,
+    BLEND,
+    SPACING,
+    ENCODING,
+    INTEGRAL,
+    ORDER,
+    WINDOW,
+    REFERENCES,
+    CHOICE,
+    WEIGHTS,
+    bleeding::RANGE_SHARE,
+];
 
 /// What charts compare.
 const LADDER: &[&str] = &[
@@ -91,6 +134,10 @@ const LADDER: &[&str] = &[
     "--set lights=200 --set interpolation=nearest4",
     "--set lights=200 --set interpolation=barycentric",
     "--set lights=200 --set interpolation=least-squares",
+    "--set encoding=lloyd8",
+    "--set encoding=lloyd8 --set interpolation=nearest4",
+    "--set encoding=sh --set order=7",
+    "--set encoding=reference-points",
 ];
 
 impl Method for QuantizedLights {
@@ -115,26 +162,37 @@ impl Method for QuantizedLights {
     }
 
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {
-        match encoding(&settings.values) {
-            Ok(Encoding::Bleeding) => bleeding::memory(scene, settings),
-            _ => bake::memory(scene, settings),
+        let Ok(plan) = Plan::new(&settings.values, &settings.for_lights) else { return 0 };
+        match plan.choices.encoding {
+            Encoding::Components => bake::memory(scene, settings),
+            Encoding::Bleeding => bleeding::memory(scene, settings),
+            Encoding::Raw | Encoding::Uniform8 | Encoding::Lloyd8 | Encoding::Harmonics | Encoding::ReferencePoints => {
+                values::bake::memory(scene, settings, &plan)
+            }
         }
     }
 
     fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {
-        // Values of keys that this encoding does not use are judged as well.
-        lights::Plan::new(&settings.values, &settings.for_lights)?;
+        let plan = Plan::new(&settings.values, &settings.for_lights)?;
+        // Judged where it is not used as well.
         bleeding::range_share(&settings.values, settings.max_rms)?;
-        match encoding(&settings.values)? {
-            Encoding::Auto => bake::bake(scene, settings, progress),
+        match plan.choices.encoding {
+            Encoding::Components => bake::bake(scene, settings, progress),
             Encoding::Bleeding => bleeding::bake(scene, settings, progress),
+            Encoding::Raw | Encoding::Uniform8 | Encoding::Lloyd8 | Encoding::Harmonics | Encoding::ReferencePoints => {
+                values::bake::bake(scene, settings, &plan, progress)
+            }
         }
     }
 
     fn open(&self, asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
-        match encoding(&asset.provenance.settings)? {
-            Encoding::Auto => evaluate::open(asset),
+        let choices = Choices::new(&asset.provenance.settings)?;
+        match choices.encoding {
+            Encoding::Components => evaluate::open(&asset),
             Encoding::Bleeding => bleeding::open(asset),
+            Encoding::Raw | Encoding::Uniform8 | Encoding::Lloyd8 | Encoding::Harmonics | Encoding::ReferencePoints => {
+                values::open(&asset, &choices)
+            }
         }
     }
 }

@@ -49,7 +49,7 @@ pub(super) struct Transport {
     /// Of each column: what its integers are multiples of, its function and its channel.
     pub(super) scales: Vec<f32>,
     pub(super) column_function: Vec<u16>,
-    /// See [`folded`]; the units of the lights are in it.
+    /// See [`folded`]; the units of the directions are in it.
     pub(super) basis: Vec<f64>,
     pub(super) functions: usize,
     /// Rows: decorrelated planes, columns: channels and, in each, shells.
@@ -80,7 +80,7 @@ impl Transport {
         let basis = decoded(tags::BASIS, &file.basis, &light_net)?;
         let integers = decoded(tags::COEFFICIENTS, &file.coefficients, &net)?;
         let known = net.dequantise(&integers, &vec![file.step; file.columns.len()]);
-        let basis = by_light(&light_net.dequantise(&basis, &file.basis_steps), &light_net, functions, &file.units);
+        let basis = by_direction(&light_net.dequantise(&basis, &file.basis_steps), &light_net, functions, &file.units);
         let mut transport = Self {
             coefficients: Vec::new(),
             columns: file.columns.len().next_multiple_of(LANES),
@@ -127,9 +127,8 @@ impl Transport {
             };
             set.function_sums(lights)?.into_iter().flat_map(of_shell).collect()
         };
-        let (of_shell, functions) = (weights.len() / self.shells.max(1), self.functions.max(1));
-        let shells = weights.chunks(of_shell.max(1)).zip(self.basis.chunks((of_shell * functions).max(1)));
-        let functions: Vec<[Vec<f64>; 3]> = shells.map(|(weights, rows)| self.functions_of(weights, rows)).collect();
+        let shells = weights.chunks((weights.len() / self.shells.max(1)).max(1));
+        let functions: Vec<[Vec<f64>; 3]> = shells.map(|weights| self.functions_of(weights)).collect();
         if functions.iter().flatten().flatten().any(|f| !f.is_finite()) {
             return Err(Error::runtime("the light is too bright for double precision; make it weaker"));
         }
@@ -148,7 +147,7 @@ impl Transport {
     }
 
     /// Sums of the rows of the basis, each with its RGB weight.
-    fn functions_of(&self, weights: &[[f64; 3]], rows: &[f64]) -> [Vec<f64>; 3] {
+    fn functions_of(&self, weights: &[[f64; 3]]) -> [Vec<f64>; 3] {
         let width = self.functions.max(1);
         let level = Level::detect();
         let of_chunk = |(weights, rows): (&[[f64; 3]], &[f64])| {
@@ -156,7 +155,7 @@ impl Transport {
             add_rows(level, &mut sums, weights, rows);
             sums
         };
-        let chunks = weights.par_chunks(ROWS_OF_A_TASK).zip(rows.par_chunks(ROWS_OF_A_TASK * width));
+        let chunks = weights.par_chunks(ROWS_OF_A_TASK).zip(self.basis.par_chunks(ROWS_OF_A_TASK * width));
         let mut chunks = chunks.map(of_chunk).collect::<Vec<_>>().into_iter();
         let mut total = chunks.next().unwrap_or_else(|| [0, 1, 2].map(|_| vec![0.0; self.functions]));
         for chunk in chunks {
@@ -181,24 +180,21 @@ impl Transport {
     }
 }
 
-/// The basis as a function of what the interpolator's weights are linear in, `[shell][function of the direction][function]`; as it
-/// is, `[light][function]`, where there is nothing of the kind.
+/// The basis as a function of what the interpolator's weights are linear in, `[function of the direction][function]`; as it is,
+/// `[direction][function]`, where there is nothing of the kind.
 fn folded(basis: Vec<f32>, functions: usize, set: &LightSet) -> Vec<f64> {
-    let (count, width) = (set.lights.directions.count(), set.interpolator.functions());
+    let width = set.interpolator.functions();
     if width == 0 {
         return basis.iter().map(|v| f64::from(*v)).collect();
     }
     let matrix = set.interpolator.matrix();
-    let of_shell = |shell: &[f32]| {
-        let mut result = vec![0.0f64; width * functions];
-        result.par_chunks_mut(functions.max(1)).enumerate().for_each(|(k, out)| {
-            for (row, values) in matrix.chunks_exact(width).zip(shell.chunks_exact(functions.max(1))) {
-                out.iter_mut().zip(values).for_each(|(sum, v)| *sum += row[k] * f64::from(*v));
-            }
-        });
-        result
-    };
-    basis.chunks_exact((count * functions).max(1)).flat_map(of_shell).collect()
+    let mut result = vec![0.0f64; width * functions];
+    result.par_chunks_mut(functions.max(1)).enumerate().for_each(|(k, out)| {
+        for (row, values) in matrix.chunks_exact(width).zip(basis.chunks_exact(functions.max(1))) {
+            out.iter_mut().zip(values).for_each(|(sum, v)| *sum += row[k] * f64::from(*v));
+        }
+    });
+    result
 }
 
 /// Adds rows of the basis times their weights.
@@ -290,15 +286,14 @@ pub(super) fn weights_of_some(
     result
 }
 
-/// From rows of the light net to `[shell][direction][function]` times the light's unit.
-fn by_light(rows: &[f32], net: &Net, functions: usize, units: &[f32]) -> Vec<f32> {
+/// From rows of the light net to `[direction][function]` times the direction's unit.
+fn by_direction(rows: &[f32], net: &Net, functions: usize, units: &[f32]) -> Vec<f32> {
     let mut result = vec![0.0; units.len() * functions];
-    let directions = net.point.len().max(1);
-    for (&light, row) in net.point.iter().zip(rows.chunks_exact(functions.max(1))) {
-        for entry in (light as usize..units.len()).step_by(directions) {
-            let out = &mut result[entry * functions..(entry + 1) * functions];
-            out.iter_mut().zip(row).for_each(|(out, v)| *out = units[entry] * v);
-        }
+    for (&direction, row) in net.point.iter().zip(rows.chunks_exact(functions.max(1))) {
+        let at = direction as usize * functions;
+        let Some(out) = result.get_mut(at..at + functions) else { continue };
+        let unit = units.get(direction as usize).copied().unwrap_or(0.0);
+        out.iter_mut().zip(row).for_each(|(out, v)| *out = unit * v);
     }
     result
 }

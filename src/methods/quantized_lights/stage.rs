@@ -198,7 +198,7 @@ impl<'a> Stage<'a> {
     }
 
     /// The same of lights of a set, by their indices, from what is known of visibility.
-    fn irradiance_of_seen(&self, seen: &Seen, lights: &[u32]) -> IrradianceRows {
+    pub(super) fn irradiance_of_seen(&self, seen: &Seen, lights: &[u32]) -> IrradianceRows {
         let count = lights.len();
         let mut values = vec![0.0f32; self.samples.len() * count];
         let eta_of_part = |part: usize| {
@@ -227,7 +227,7 @@ impl<'a> Stage<'a> {
 
 /// The lights of a set in runs of neighbours, indices of entries; all shells of some directions, since the tree is walked once
 /// for all of a run.
-fn neighbours(set: &DirectionSet, shells: usize) -> Vec<Vec<u32>> {
+pub(super) fn neighbours(set: &DirectionSet, shells: usize) -> Vec<Vec<u32>> {
     let count = set.count();
     let mut order: Vec<u32> = (0..count as u32).collect();
     let runs = cluster::groups(&mut order, set.directions(), (NEIGHBOURS / shells.max(1)).max(1));
