@@ -5,12 +5,16 @@ use std::sync::{Arc, OnceLock};
 
 use glam::DVec3;
 
+#[cfg(feature = "gpu")]
+use super::gpu::QuantisedOnDevice;
 use super::lights::{LightSet, scheme};
-use super::sections::{Transport, read};
+use super::sections::{Columns, Transport, read};
 use super::stage::GROUP;
 use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
+#[cfg(feature = "gpu")]
+use crate::evaluate::device::{Device, DeviceEvaluator};
 use crate::evaluate::sampled::{Bound, Far, Plan, SampledEvaluator};
 use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit};
 use crate::geometry::bvh::Bvh;
@@ -35,8 +39,7 @@ pub(super) struct QuantisedEvaluator {
     set: LightSet,
     transport: Transport,
     lights: Vec<Light>,
-    /// Per channel, column after column.
-    columns: [Vec<f32>; 3],
+    columns: Columns,
     /// Radiosity of the reference points and of the receivers, kept for their memory.
     references: Vec<[f32; 4]>,
     gathered: Vec<[f32; 4]>,
@@ -51,7 +54,7 @@ pub(super) fn open(asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
     let set =
         LightSet::new(&scene, file.directions as usize, file.shells.clone(), scheme(&asset.provenance.settings)?)?;
     let transport = Transport::new(&file, &scene, &receivers, &set)?;
-    let columns = [0, 1, 2].map(|_| vec![0.0; transport.columns]);
+    let columns = transport.columns(&set, &[])?;
     let samples = file.samples as usize;
     Ok(Box::new(QuantisedEvaluator {
         scene,
@@ -70,10 +73,10 @@ pub(super) fn open(asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
 
 impl QuantisedEvaluator {
     /// Radiosity of the vertices.
-    fn gathered(&mut self, columns: &[Vec<f32>; 3]) -> Vec<DVec3> {
+    fn gathered(&mut self, columns: &Columns) -> Vec<DVec3> {
         self.transport.products(columns, &mut self.references);
         self.transport.weights.apply(&self.references, &mut self.gathered);
-        self.receivers.expand_rgb(&self.gathered)
+        self.receivers.expand_rgb(&self.gathered, columns.scale)
     }
 
     /// The samples with rays and the hierarchy; made when it is first asked for.
@@ -107,6 +110,23 @@ impl QuantisedEvaluator {
         let values = self.gathered(&columns);
         let expected = self.truth(lights, progress)?.radiosity(progress)?;
         Ok(vertex_error(&values, &expected, &self.scene.vertex_areas_mm2()))
+    }
+}
+
+/// What a device takes from here.
+#[cfg(feature = "gpu")]
+impl QuantisedEvaluator {
+    pub(super) fn transport(&self) -> &Transport {
+        &self.transport
+    }
+
+    pub(super) fn receivers(&self) -> &Receivers {
+        &self.receivers
+    }
+
+    /// The lights in force.
+    pub(super) fn columns(&self) -> &Columns {
+        &self.columns
     }
 }
 
@@ -174,5 +194,10 @@ impl Evaluator for QuantisedEvaluator {
     fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
         let lights = self.lights.clone();
         self.truth(&lights, progress)?.all_pairs(progress)
+    }
+
+    #[cfg(feature = "gpu")]
+    fn on_device(self: Box<Self>, device: &Arc<Device>) -> Result<Box<dyn DeviceEvaluator>> {
+        Ok(Box::new(QuantisedOnDevice::new(*self, device)?))
     }
 }

@@ -4,6 +4,8 @@
 mod bake;
 mod basis;
 mod evaluate;
+#[cfg(feature = "gpu")]
+mod gpu;
 mod lights;
 mod sections;
 mod stage;
