@@ -13,7 +13,7 @@ use crate::transport::interpolation::{LANES, SharedWeights};
 
 /// Rows of one workgroup, and runs of one.
 const ROWS: usize = 16;
-const RUNS: usize = 4;
+const RUNS: usize = 8;
 
 /// Integers that the invocations of a row take together in one turn.
 const TURN: usize = 32;

@@ -18,24 +18,34 @@ struct Shard {
 // [source][receiver of the run], two each.
 @group(1) @binding(3) var<storage, read> weights: array<u32>;
 
-const LANES: u32 = 16u;
+// Receivers of a run, and invocations, two receivers each.
+const RECEIVERS: u32 = 16u;
+const LANES: u32 = 8u;
 const UNIT: f32 = 1.0 / 16384.0;
+
+fn store(receiver: u32, sum: vec3<f32>) {
+    if receiver < shard.receivers {
+        radiosity[receiver] = vec4(max(sum * UNIT, vec3(0.0)), 0.0);
+    }
+}
 
 @compute @workgroup_size(64)
 fn interpolate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
     let lane = thread % LANES;
     let run = (group.x + 65535u * group.y) * (64u / LANES) + thread / LANES;
-    let receiver = (shard.first_run + run) * LANES + lane;
-    if run >= shard.runs || receiver >= shard.receivers {
+    if run >= shard.runs {
         return;
     }
-    let word = lane / 2u;
-    let shift = 16u * (lane % 2u);
     let end = offsets[run + 1u];
-    var sum = vec3(0.0);
+    var even = vec3(0.0);
+    var odd = vec3(0.0);
     for (var i = offsets[run]; i < end; i += 1u) {
-        let weight = f32(extractBits(bitcast<i32>(weights[8u * i + word]), shift, 16u));
-        sum += weight * references[sources[i]].xyz;
+        let pair = bitcast<i32>(weights[LANES * i + lane]);
+        let value = references[sources[i]].xyz;
+        even += f32(extractBits(pair, 0u, 16u)) * value;
+        odd += f32(extractBits(pair, 16u, 16u)) * value;
     }
-    radiosity[receiver] = vec4(max(sum * UNIT, vec3(0.0)), 0.0);
+    let receiver = (shard.first_run + run) * RECEIVERS + 2u * lane;
+    store(receiver, even);
+    store(receiver + 1u, odd);
 }
