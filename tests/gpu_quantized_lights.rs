@@ -113,7 +113,14 @@ fn weights(targets: u64, each: u64, sources: u64) -> SharedWeights {
 
 #[test]
 fn products_of_any_size_are_interpolated() {
-    let Some(device) = device(u64::MAX) else { return };
+    // Bindings for everything at once, and for a tenth of the longest rows and weights.
+    for largest_binding in [u64::MAX, 20 << 10] {
+        let Some(device) = device(largest_binding) else { return };
+        products_are_interpolated(&device);
+    }
+}
+
+fn products_are_interpolated(device: &Arc<Device>) {
     // Columns that do not fill a turn; rows and runs that do not fill a workgroup; sources without a row; nothing at all.
     let sizes = [(48, 5, 17, 9), (2, 1, 1, 1), (32, 33, 100, 33), (94, 700, 1000, 700), (16, 0, 20, 4), (0, 0, 20, 4)];
     for (width, rows, targets, sources) in sizes.into_iter().chain([(0, 0, 0, 0)]) {
@@ -121,7 +128,7 @@ fn products_of_any_size_are_interpolated() {
         let coefficients: Vec<i16> = (0..width * rows).map(coefficient).collect();
         let columns = [0, 1, 2].map(|c| (0..width).map(|i| (uniform(2, i, c) - 0.5) as f32).collect::<Vec<f32>>());
         let weights = weights(targets, 4, sources);
-        let on_device = InterpolatedOnDevice::new(&device, &coefficients, width as usize, &weights).unwrap();
+        let on_device = InterpolatedOnDevice::new(device, &coefficients, width as usize, &weights).unwrap();
         on_device.run(&columns).unwrap();
         let bytes = device.read(on_device.radiosity(), 16 * targets).unwrap();
         let found: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&bytes);
@@ -141,6 +148,6 @@ fn products_of_any_size_are_interpolated() {
         let error = on_device.run(&[0, 1, 2].map(|_| vec![0.0; width as usize + 1]));
         assert_eq!(error.unwrap_err().code(), ExitCode::Runtime);
     }
-    let error = InterpolatedOnDevice::new(&device, &[0; 9], 3, &weights(4, 2, 3)).err().unwrap();
+    let error = InterpolatedOnDevice::new(device, &[0; 9], 3, &weights(4, 2, 3)).err().unwrap();
     assert_eq!(error.code(), ExitCode::Runtime);
 }
