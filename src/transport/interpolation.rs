@@ -29,7 +29,7 @@ pub struct SharedWeights {
 impl SharedWeights {
     /// The same weights rounded to 16 bits; those of a target still add up to what they did, to the rounding of one weight.
     pub fn new(weights: &Weights) -> Self {
-        let targets = if weights.each == 0 { 0 } else { weights.values.len() / weights.each };
+        let targets = weights.values.len().checked_div(weights.each).unwrap_or(0);
         let runs: Vec<(Vec<u32>, Vec<[i16; LANES]>)> = (0..targets.div_ceil(LANES))
             .into_par_iter()
             .map(|run| of_run(weights, run * LANES..((run + 1) * LANES).min(targets)))

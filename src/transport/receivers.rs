@@ -136,10 +136,10 @@ impl Receivers {
         self.of_vertex.iter().map(|&r| values.get(r as usize).copied().unwrap_or(DVec3::ZERO)).collect()
     }
 
-    /// As [`Self::expand`] from single precision, RGB and nothing, on all threads.
-    pub fn expand_rgb(&self, values: &[[f32; 4]]) -> Vec<DVec3> {
+    /// As [`Self::expand`] from single precision over a scale, RGB and nothing, on all threads.
+    pub fn expand_rgb(&self, values: &[[f32; 4]], scale: f64) -> Vec<DVec3> {
         let of_vertex = |&receiver: &u32| match values.get(receiver as usize) {
-            Some(&[r, g, b, _]) => DVec3::new(r.into(), g.into(), b.into()),
+            Some(&[r, g, b, _]) => DVec3::new(r.into(), g.into(), b.into()) * scale,
             None => DVec3::ZERO,
         };
         self.of_vertex.par_iter().with_min_len(VERTICES_OF_A_TASK).map(of_vertex).collect()

@@ -1,6 +1,7 @@
 //! Graphics adapters: one device, its limits and its errors, and evaluators whose radiosity lies in its memory.
 
 pub mod far_field;
+pub mod interpolated;
 pub mod jobs;
 pub mod near_field;
 pub mod rows;

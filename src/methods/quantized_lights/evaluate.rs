@@ -7,12 +7,16 @@ use std::sync::{Arc, OnceLock};
 use glam::DVec3;
 
 use super::baked_in;
+#[cfg(feature = "gpu")]
+use super::gpu::QuantisedOnDevice;
 use super::lights::{LightSet, blend, scheme};
-use super::sections::{Transport, read};
+use super::sections::{Columns, Transport, read};
 use super::stage::GROUP;
 use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
+#[cfg(feature = "gpu")]
+use crate::evaluate::device::{Device, DeviceEvaluator};
 use crate::evaluate::sampled::SampledEvaluator;
 use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit};
 use crate::geometry::bvh::Bvh;
@@ -40,6 +44,17 @@ pub(super) trait Stored: Send {
 
     /// Bytes in memory.
     fn bytes(&self) -> usize;
+
+    /// The same on a device.
+    #[cfg(feature = "gpu")]
+    fn on_device(_: QuantisedEvaluator<Self>, _: &Arc<Device>) -> Result<Box<dyn DeviceEvaluator>>
+    where
+        Self: Sized,
+    {
+        Err(Error::unsupported(
+            "this encoding of `quantized_lights` is evaluated on the CPU only: --device cpu, or bake it with --set encoding=auto",
+        ))
+    }
 }
 
 /// The transport of an asset, lit.
@@ -72,7 +87,7 @@ pub(super) fn open(asset: &Arc<Asset>) -> Result<Box<dyn Evaluator>> {
 }
 
 /// Components at reference points.
-struct Components {
+pub(super) struct Components {
     transport: Transport,
     /// Radiosity of the reference points and of the receivers, kept for their memory.
     references: Vec<[f32; 4]>,
@@ -80,8 +95,7 @@ struct Components {
 }
 
 impl Stored for Components {
-    /// Per channel, column after column.
-    type Light = [Vec<f32>; 3];
+    type Light = Columns;
 
     fn light(&self, set: &LightSet, lights: &[Light]) -> Result<Self::Light> {
         self.transport.columns(set, lights)
@@ -90,11 +104,16 @@ impl Stored for Components {
     fn radiosity(&mut self, columns: &Self::Light, receivers: &Receivers) -> Vec<DVec3> {
         self.transport.products(columns, &mut self.references);
         self.transport.weights.apply(&self.references, &mut self.gathered);
-        receivers.expand_rgb(&self.gathered)
+        receivers.expand_rgb(&self.gathered, columns.scale)
     }
 
     fn bytes(&self) -> usize {
         self.transport.bytes()
+    }
+
+    #[cfg(feature = "gpu")]
+    fn on_device(evaluator: QuantisedEvaluator<Self>, device: &Arc<Device>) -> Result<Box<dyn DeviceEvaluator>> {
+        Ok(Box::new(QuantisedOnDevice::new(evaluator, device)?))
     }
 }
 
@@ -127,6 +146,23 @@ impl<S: Stored + 'static> QuantisedEvaluator<S> {
         let values = self.stored.radiosity(&light, &self.receivers);
         let expected = self.truth(lights, progress)?.radiosity(progress)?;
         Ok(relative(vertex_error(&values, &expected, &self.scene.vertex_areas_mm2())))
+    }
+}
+
+/// What a device takes from here.
+#[cfg(feature = "gpu")]
+impl QuantisedEvaluator<Components> {
+    pub(super) fn transport(&self) -> &Transport {
+        &self.stored.transport
+    }
+
+    pub(super) fn receivers(&self) -> &Receivers {
+        &self.receivers
+    }
+
+    /// The lights in force.
+    pub(super) fn columns(&self) -> &Columns {
+        &self.light
     }
 }
 
@@ -181,5 +217,10 @@ impl<S: Stored + 'static> Evaluator for QuantisedEvaluator<S> {
     fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
         let lights = self.lights.clone();
         self.truth(&lights, progress)?.all_pairs(progress)
+    }
+
+    #[cfg(feature = "gpu")]
+    fn on_device(self: Box<Self>, device: &Arc<Device>) -> Result<Box<dyn DeviceEvaluator>> {
+        S::on_device(*self, device)
     }
 }

@@ -7,6 +7,8 @@ mod basis;
 mod bleeding;
 mod encoding;
 mod evaluate;
+#[cfg(feature = "gpu")]
+mod gpu;
 mod lights;
 mod sections;
 mod stage;

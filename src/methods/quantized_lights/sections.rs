@@ -13,6 +13,7 @@ use crate::compress::prediction::Net;
 use crate::error::{Error, Result};
 use crate::geometry::scattered::{OrientedPoint, Weights};
 use crate::light::Light;
+use crate::transport::balanced_tree::power_of_two_near;
 use crate::transport::interpolation::SharedWeights;
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::Scene;
@@ -38,6 +39,15 @@ pub(super) fn read(sections: &[RawSection]) -> Result<File> {
     File::from_sections(sections)
         .map_err(|e| Error::input(e.to_string()))?
         .ok_or_else(|| Error::input("an asset of `quantized_lights` without its sections qlt.*; bake it again"))
+}
+
+/// What every column contributes for each unit of its integers under some lights.
+#[derive(Default)]
+pub(super) struct Columns {
+    /// Per channel of RGB, over the scale, padded with zeros.
+    pub(super) values: [Vec<f32>; 3],
+    /// A power of two that brings radiosity near 1, so that single precision holds lights of any size.
+    pub(super) scale: f64,
 }
 
 /// The transport as it is evaluated.
@@ -117,8 +127,8 @@ impl Transport {
         self.weights = SharedWeights::new(&weights(&chosen, points, receivers, spacing_mm));
     }
 
-    /// What every column contributes for each unit of its integers under some lights: RGB, padded.
-    pub(super) fn columns(&self, set: &LightSet, lights: &[Light]) -> Result<[Vec<f32>; 3]> {
+    /// What every column contributes under some lights.
+    pub(super) fn columns(&self, set: &LightSet, lights: &[Light]) -> Result<Columns> {
         let weights: Vec<[f64; 3]> = if set.interpolator.functions() == 0 {
             set.vector(lights)?.iter().map(DVec3::to_array).collect()
         } else {
@@ -129,21 +139,27 @@ impl Transport {
         };
         let shells = weights.chunks((weights.len() / self.shells.max(1)).max(1));
         let functions: Vec<[Vec<f64>; 3]> = shells.map(|weights| self.functions_of(weights)).collect();
-        if functions.iter().flatten().flatten().any(|f| !f.is_finite()) {
-            return Err(Error::runtime("the light is too bright for double precision; make it weaker"));
-        }
         let planes = 3 * self.shells;
-        Ok([0, 1, 2].map(|rgb| {
+        let exact = [0, 1, 2].map(|rgb| {
             let of_column = |(&c, &scale): (&u16, &f32)| {
                 let (function, plane) = (usize::from(c) / planes, usize::from(c) % planes);
                 let row = &self.channels[plane * planes + rgb * self.shells..][..self.shells];
                 let sum: f64 = functions.iter().zip(row).map(|(shell, m)| m * shell[rgb][function]).sum();
-                (sum * f64::from(scale)) as f32
+                sum * f64::from(scale)
             };
-            let mut columns: Vec<f32> = self.column_function.iter().zip(&self.scales).map(of_column).collect();
-            columns.resize(self.columns, 0.0);
-            columns
-        }))
+            self.column_function.iter().zip(&self.scales).map(of_column).collect::<Vec<f64>>()
+        });
+        if exact.iter().flatten().any(|value| !value.is_finite()) {
+            return Err(Error::runtime("the light is too bright for double precision; make it weaker"));
+        }
+        let largest = exact.iter().flatten().fold(0.0f64, |a, v| a.max(v.abs()));
+        let scale = power_of_two_near(largest) * f64::from(1u32 << 15);
+        let values = exact.map(|values| {
+            let mut values: Vec<f32> = values.iter().map(|value| (value / scale) as f32).collect();
+            values.resize(self.columns, 0.0);
+            values
+        });
+        Ok(Columns { values, scale })
     }
 
     /// Sums of the rows of the basis, each with its RGB weight.
@@ -166,12 +182,12 @@ impl Transport {
         total
     }
 
-    /// Fills `values` with the radiosity of every reference point, RGB and nothing.
-    pub(super) fn products(&self, columns: &[Vec<f32>; 3], values: &mut Vec<[f32; 4]>) {
+    /// Fills `values` with the radiosity of every reference point over the scale of the columns, RGB and nothing.
+    pub(super) fn products(&self, columns: &Columns, values: &mut Vec<[f32; 4]>) {
         values.resize(self.coefficients.len() / self.columns.max(1), [0.0; 4]);
         let level = Level::detect();
         let rows = self.coefficients.par_chunks((self.columns * CHUNK).max(1));
-        values.par_chunks_mut(CHUNK).zip(rows).for_each(|(out, rows)| products(level, out, rows, columns));
+        values.par_chunks_mut(CHUNK).zip(rows).for_each(|(out, rows)| products(level, out, rows, &columns.values));
     }
 
     /// Bytes in memory.

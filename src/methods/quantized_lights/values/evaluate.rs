@@ -78,7 +78,6 @@ enum Content {
 /// Stored values of all receivers.
 pub(super) struct Values {
     content: Content,
-    receivers: usize,
 }
 
 /// A light for them.
@@ -130,13 +129,12 @@ impl Values {
                 matrix.rows()
             )));
         }
-        Ok(Self { content, receivers })
+        Ok(Self { content })
     }
 
     /// Values `[receiver][plane][light]` as they were computed.
     pub(super) fn exact(matrix: Matrix) -> Self {
-        let receivers = matrix.rows();
-        Self { content: Content::Lights(matrix), receivers }
+        Self { content: Content::Lights(matrix) }
     }
 
     /// The values as they were computed, if these are what is held.
@@ -223,7 +221,7 @@ impl Stored for Values {
     }
 
     fn radiosity(&mut self, light: &Weighted, receivers: &Receivers) -> Vec<DVec3> {
-        receivers.expand_rgb(&self.clamped(light))
+        receivers.expand_rgb(&self.clamped(light), 1.0)
     }
 
     fn bytes(&self) -> usize {

@@ -1,0 +1,205 @@
+//! Radiosity as products of stored rows with a few columns, interpolated from the rows' points to all receivers, on a device.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use bytemuck::{Pod, Zeroable};
+
+use super::Device;
+use super::jobs::MOST_TURNS_OF_SOFTWARE;
+use super::surface::{READ, UNIFORM, WRITE, bind, bind_group_layout, dispatch, pipeline, uniform};
+use crate::error::{Error, Result};
+use crate::transport::interpolation::{LANES, SharedWeights};
+
+/// Rows of one workgroup, and runs of one.
+const ROWS: usize = 16;
+const RUNS: usize = 8;
+
+/// Integers that the invocations of a row take together in one turn.
+const TURN: usize = 32;
+
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct RowsOfShard {
+    words: u32,
+    first_row: u32,
+    rows: u32,
+    padding: u32,
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct RunsOfShard {
+    first_run: u32,
+    runs: u32,
+    receivers: u32,
+    padding: u32,
+}
+
+/// A stage of the evaluation: what it reads and writes, and its work cut to what the adapter binds, with workgroups.
+struct Stage {
+    pipeline: wgpu::ComputePipeline,
+    bind_group: wgpu::BindGroup,
+    shards: Vec<(wgpu::BindGroup, u32)>,
+}
+
+impl Stage {
+    fn run(&self, device: &Device) {
+        let shards = self.shards.iter().map(|(group, count)| (group, *count));
+        dispatch(device, &self.pipeline, &self.bind_group, shards);
+    }
+}
+
+/// Rows and weights on a device.
+pub struct InterpolatedOnDevice {
+    device: Arc<Device>,
+    columns: wgpu::Buffer,
+    width: usize,
+    radiosity: wgpu::Buffer,
+    products: Stage,
+    interpolation: Stage,
+}
+
+impl InterpolatedOnDevice {
+    /// Uploads rows of coefficients `[reference point][column]`, an even number of columns, and the weights of every receiver
+    /// over the reference points; reference points that have no row count as 0.
+    ///
+    /// # Errors
+    /// Rows, points or receivers beyond the adapter's bindings (exit 5); an odd number of columns or coefficients that do not
+    /// fill their rows (exit 4: a caller's mistake).
+    pub fn new(device: &Arc<Device>, coefficients: &[i16], width: usize, weights: &SharedWeights) -> Result<Self> {
+        let most = weights.offsets().windows(2).map(|w| w[1] as usize - w[0] as usize).max().unwrap_or(0);
+        let turns = most.max(width.div_ceil(TURN));
+        if turns > MOST_TURNS_OF_SOFTWARE {
+            return Err(Error::unsupported(format!(
+                "sums of {turns} where shaders sum {MOST_TURNS_OF_SOFTWARE}; use --device cpu"
+            )));
+        }
+        if !width.is_multiple_of(2) || !coefficients.len().is_multiple_of(width.max(1)) {
+            let count = coefficients.len();
+            return Err(Error::runtime(format!("{count} coefficients in rows of {width} on the device")));
+        }
+        let rows = coefficients.len() / width.max(1);
+        let named = weights.sources().iter().max().map_or(0, |&last| last as usize + 1);
+        let columns = device.zeros("columns of the lights", 16 * width as u64)?;
+        let references = device.zeros("reference points", 16 * rows.max(named) as u64)?;
+        let radiosity = device.zeros("radiosity", 16 * weights.targets() as u64)?;
+        let calls = &device.device;
+        let first = bind_group_layout(calls, "values", &[READ, WRITE]);
+        let second = bind_group_layout(calls, "rows of coefficients", &[UNIFORM, READ]);
+        let products = Stage {
+            pipeline: pipeline(calls, include_str!("products.wgsl"), "products", [&first, &second]),
+            bind_group: bind(calls, &first, [&columns, &references].into_iter()),
+            shards: shards_of_rows(device, coefficients, width, &second)?,
+        };
+        let second = bind_group_layout(calls, "weights", &[UNIFORM, READ, READ, READ]);
+        let interpolation = Stage {
+            pipeline: pipeline(calls, include_str!("interpolated.wgsl"), "interpolate", [&first, &second]),
+            bind_group: bind(calls, &first, [&references, &radiosity].into_iter()),
+            shards: shards_of_runs(device, weights, &second)?,
+        };
+        device.check()?;
+        Ok(Self { device: Arc::clone(device), columns, width, radiosity, products, interpolation })
+    }
+
+    /// Enqueues the radiosity of every receiver under a light that is a column for each channel, RGB.
+    ///
+    /// # Errors
+    /// Columns of another length (exit 4: a caller's mistake); a lost device (exit 4).
+    pub fn run(&self, columns: &[Vec<f32>; 3]) -> Result<()> {
+        let [red, green, blue] = columns;
+        if columns.iter().any(|column| column.len() != self.width) {
+            let given = red.len();
+            return Err(Error::runtime(format!("a light of {given} columns for rows of {}", self.width)));
+        }
+        let packed: Vec<[f32; 4]> = red.iter().zip(green).zip(blue).map(|((&r, &g), &b)| [r, g, b, 0.0]).collect();
+        self.device.queue.write_buffer(&self.columns, 0, bytemuck::cast_slice(&packed));
+        self.products.run(&self.device);
+        self.interpolation.run(&self.device);
+        self.device.check()
+    }
+
+    /// Radiosity of every receiver, RGB and 0, what [`Self::run`] writes.
+    pub fn radiosity(&self) -> &wgpu::Buffer {
+        &self.radiosity
+    }
+}
+
+/// Rows as many at once as the adapter binds.
+fn shards_of_rows(
+    device: &Device,
+    coefficients: &[i16],
+    width: usize,
+    layout: &wgpu::BindGroupLayout,
+) -> Result<Vec<(wgpu::BindGroup, u32)>> {
+    let width = width.max(1);
+    let rows = (device.largest_binding() as usize / (2 * width)).max(1);
+    let of_chunk = |(chunk, values): (usize, &[i16])| {
+        let count = values.len() / width;
+        let shard =
+            RowsOfShard { words: (width / 2) as u32, first_row: (chunk * rows) as u32, rows: count as u32, padding: 0 };
+        let shard = uniform(&device.device, "shard of rows", bytemuck::bytes_of(&shard));
+        let values = device.storage("coefficients", values)?;
+        Ok((bind(&device.device, layout, [&shard, &values].into_iter()), count.div_ceil(ROWS) as u32))
+    };
+    coefficients.chunks(rows.saturating_mul(width)).enumerate().map(of_chunk).collect()
+}
+
+/// Runs as many at once as the adapter binds.
+fn shards_of_runs(
+    device: &Device,
+    weights: &SharedWeights,
+    layout: &wgpu::BindGroupLayout,
+) -> Result<Vec<(wgpu::BindGroup, u32)>> {
+    // The rows of weights are the largest; every run has some, but for those without sources.
+    let binding = device.largest_binding() as usize;
+    let (most_cells, most_runs) = (binding / (2 * LANES), (binding / 4).saturating_sub(1));
+    let of_range = |runs: Range<usize>| {
+        let offsets = weights.offsets().get(runs.start..=runs.end).unwrap_or(&[]);
+        let (from, to) = (offsets.first().copied().unwrap_or(0), offsets.last().copied().unwrap_or(0));
+        let cells = from as usize..to as usize;
+        let shard = RunsOfShard {
+            first_run: runs.start as u32,
+            runs: runs.len() as u32,
+            receivers: weights.targets() as u32,
+            padding: 0,
+        };
+        let offsets: Vec<u32> = offsets.iter().map(|offset| offset - from).collect();
+        let bound = [
+            uniform(&device.device, "shard of runs", bytemuck::bytes_of(&shard)),
+            device.storage("runs of receivers", &offsets)?,
+            device.storage("sources of the runs", weights.sources().get(cells.clone()).unwrap_or(&[]))?,
+            device.storage("weights", weights.values().get(cells).unwrap_or(&[]))?,
+        ];
+        Ok((bind(&device.device, layout, bound.iter()), runs.len().div_ceil(RUNS) as u32))
+    };
+    cut(weights.offsets(), most_cells, most_runs).into_iter().map(of_range).collect()
+}
+
+/// Cuts runs into ranges of at most so many cells and runs; at least one run each.
+fn cut(offsets: &[u32], most_cells: usize, most_runs: usize) -> Vec<Range<usize>> {
+    let runs = offsets.len().saturating_sub(1);
+    let (mut result, mut first) = (Vec::new(), 0);
+    for run in 1..=runs {
+        let is_full = |end: usize| (offsets[end] - offsets[first]) as usize > most_cells || end - first > most_runs;
+        if run == runs || is_full(run + 1) {
+            result.push(first..run);
+            first = run;
+        }
+    }
+    result
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn runs_are_cut_where_bindings_are_full() {
+        assert_eq!(cut(&[], 9, 9), Vec::<Range<usize>>::new());
+        assert_eq!(cut(&[0], 9, 9), Vec::<Range<usize>>::new());
+        assert_eq!(cut(&[0, 4, 8, 12, 20, 21], 9, 9), [0..2, 2..3, 3..5]);
+        assert_eq!(cut(&[0, 0, 0, 0, 1], 9, 2), [0..2, 2..4]);
+        assert_eq!(cut(&[0, 50, 51], 9, 9), [0..1, 1..2], "too long a run alone, which the adapter then refuses");
+    }
+}

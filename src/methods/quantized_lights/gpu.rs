@@ -1,0 +1,106 @@
+//! `quantized_lights` in compute shaders: lights become columns on the CPU; products with the stored rows and interpolation
+//! between the reference points are a device's.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use super::evaluate::{Components, QuantisedEvaluator};
+use crate::compress::ledger::Ledger;
+use crate::error::Result;
+use crate::evaluate::device::interpolated::InterpolatedOnDevice;
+use crate::evaluate::device::{Device, DeviceEvaluator, read_radiosity};
+use crate::evaluate::{Capabilities, Cost, Evaluator};
+use crate::geometry::bvh::Bvh;
+use crate::light::Light;
+use crate::progress::Progress;
+use crate::transport::scene::{Medium, Scene};
+
+pub(super) struct QuantisedOnDevice {
+    cpu: QuantisedEvaluator<Components>,
+    device: Arc<Device>,
+    stored: InterpolatedOnDevice,
+    /// Of the radiosity in the buffer.
+    scale: f64,
+    is_current: bool,
+}
+
+impl QuantisedOnDevice {
+    pub(super) fn new(cpu: QuantisedEvaluator<Components>, device: &Arc<Device>) -> Result<Self> {
+        let transport = cpu.transport();
+        let stored = InterpolatedOnDevice::new(device, &transport.coefficients, transport.columns, &transport.weights)?;
+        Ok(Self { cpu, device: Arc::clone(device), stored, scale: 1.0, is_current: false })
+    }
+}
+
+impl DeviceEvaluator for QuantisedOnDevice {
+    fn device(&self) -> &Arc<Device> {
+        &self.device
+    }
+
+    fn update(&mut self, _: &dyn Progress) -> Result<()> {
+        if !self.is_current {
+            let columns = self.cpu.columns();
+            self.stored.run(&columns.values)?;
+            self.scale = columns.scale;
+            self.is_current = true;
+        }
+        Ok(())
+    }
+
+    fn radiosity_buffer(&self) -> &wgpu::Buffer {
+        self.stored.radiosity()
+    }
+
+    fn scale(&self) -> f64 {
+        self.scale
+    }
+
+    fn receiver_of_vertex(&self) -> &[u32] {
+        &self.cpu.receivers().of_vertex
+    }
+
+    fn transport(&self) -> String {
+        self.device.describe()
+    }
+}
+
+impl Evaluator for QuantisedOnDevice {
+    fn capabilities(&self) -> Capabilities {
+        self.cpu.capabilities()
+    }
+
+    fn cost(&self) -> Cost {
+        self.cpu.cost()
+    }
+
+    fn scene(&self) -> &Scene {
+        self.cpu.scene()
+    }
+
+    fn bvh(&self) -> &Bvh {
+        self.cpu.bvh()
+    }
+
+    fn set_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()> {
+        self.cpu.set_lights(lights, progress)?;
+        self.is_current = false;
+        Ok(())
+    }
+
+    fn set_media(&mut self, media: Vec<Medium>) -> Result<()> {
+        self.cpu.set_media(media)
+    }
+
+    fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
+        read_radiosity(self, progress)
+    }
+
+    fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {
+        self.cpu.measured_error(unseen, progress)
+    }
+
+    fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
+        self.cpu.all_pairs(progress)
+    }
+}
