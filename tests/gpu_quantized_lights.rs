@@ -14,7 +14,7 @@ use in_memory::{lit, medium, try_bake};
 use on_device::{assert_same, device, group, lights};
 use translux::asset::Asset;
 use translux::error::ExitCode;
-use translux::evaluate::device::interpolated::InterpolatedOnDevice;
+use translux::evaluate::device::interpolated::{InterpolatedOnDevice, Sum};
 use translux::evaluate::device::{Device, DeviceEvaluator};
 use translux::evaluate::{Evaluator, Method};
 use translux::geometry::scattered::Weights;
@@ -129,7 +129,12 @@ fn products_are_interpolated(device: &Arc<Device>) {
         let columns = [0, 1, 2].map(|c| (0..width).map(|i| (uniform(2, i, c) - 0.5) as f32).collect::<Vec<f32>>());
         let weights = weights(targets, 4, sources);
         let on_device = InterpolatedOnDevice::new(device, &coefficients, width as usize, &weights).unwrap();
-        on_device.run(&columns).unwrap();
+        // The same light twice, a quarter of it and the rest.
+        let [some, rest] = [0.25, 0.75].map(|factor| vec![factor; rows as usize]);
+        on_device.add(&columns, &[], Sum::New).unwrap();
+        on_device.add(&columns, &some, Sum::New).unwrap();
+        on_device.add(&columns, &rest, Sum::Added).unwrap();
+        on_device.interpolate().unwrap();
         let bytes = device.read(on_device.radiosity(), 16 * targets).unwrap();
         let found: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&bytes);
         let product = |row: &[i16]| {
@@ -145,7 +150,9 @@ fn products_are_interpolated(device: &Arc<Device>) {
                 assert!((a - b).abs() <= 0.05 + 1e-5 * b.abs(), "{width} x {rows}: {a} {b}");
             }
         }
-        let error = on_device.run(&[0, 1, 2].map(|_| vec![0.0; width as usize + 1]));
+        let error = on_device.add(&[0, 1, 2].map(|_| vec![0.0; width as usize + 1]), &[], Sum::New);
+        assert_eq!(error.unwrap_err().code(), ExitCode::Runtime);
+        let error = on_device.add(&columns, &vec![1.0; rows as usize + 1], Sum::New);
         assert_eq!(error.unwrap_err().code(), ExitCode::Runtime);
     }
     let error = InterpolatedOnDevice::new(device, &[0; 9], 3, &weights(4, 2, 3)).err().unwrap();

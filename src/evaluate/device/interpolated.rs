@@ -50,11 +50,23 @@ impl Stage {
     }
 }
 
+/// What becomes of the radiosity that is there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sum {
+    /// It is replaced.
+    New,
+    /// It is added to.
+    Added,
+}
+
 /// Rows and weights on a device.
 pub struct InterpolatedOnDevice {
     device: Arc<Device>,
     columns: wgpu::Buffer,
     width: usize,
+    /// 1 where products are added to what is there, and a factor for each reference point.
+    factors: wgpu::Buffer,
+    rows: usize,
     radiosity: wgpu::Buffer,
     products: Stage,
     interpolation: Stage,
@@ -82,16 +94,18 @@ impl InterpolatedOnDevice {
         let rows = coefficients.len() / width.max(1);
         let named = weights.sources().iter().max().map_or(0, |&last| last as usize + 1);
         let columns = device.zeros("columns of the lights", 16 * width as u64)?;
+        let factors = device.zeros("factors of the reference points", 4 * (rows as u64 + 1))?;
         let references = device.zeros("reference points", 16 * rows.max(named) as u64)?;
         let radiosity = device.zeros("radiosity", 16 * weights.targets() as u64)?;
         let calls = &device.device;
-        let first = bind_group_layout(calls, "values", &[READ, WRITE]);
+        let first = bind_group_layout(calls, "columns", &[READ, WRITE, READ]);
         let second = bind_group_layout(calls, "rows of coefficients", &[UNIFORM, READ]);
         let products = Stage {
             pipeline: pipeline(calls, include_str!("products.wgsl"), "products", [&first, &second]),
-            bind_group: bind(calls, &first, [&columns, &references].into_iter()),
+            bind_group: bind(calls, &first, [&columns, &references, &factors].into_iter()),
             shards: shards_of_rows(device, coefficients, width, &second)?,
         };
+        let first = bind_group_layout(calls, "values", &[READ, WRITE]);
         let second = bind_group_layout(calls, "weights", &[UNIFORM, READ, READ, READ]);
         let interpolation = Stage {
             pipeline: pipeline(calls, include_str!("interpolated.wgsl"), "interpolate", [&first, &second]),
@@ -99,27 +113,44 @@ impl InterpolatedOnDevice {
             shards: shards_of_runs(device, weights, &second)?,
         };
         device.check()?;
-        Ok(Self { device: Arc::clone(device), columns, width, radiosity, products, interpolation })
+        Ok(Self { device: Arc::clone(device), columns, width, factors, rows, radiosity, products, interpolation })
     }
 
-    /// Enqueues the radiosity of every receiver under a light that is a column for each channel, RGB.
+    /// Enqueues the radiosity of every reference point under a light that is a column for each channel, RGB, times a factor for
+    /// each reference point (1 where there are none), instead of what is there or added to it.
     ///
     /// # Errors
-    /// Columns of another length (exit 4: a caller's mistake); a lost device (exit 4).
-    pub fn run(&self, columns: &[Vec<f32>; 3]) -> Result<()> {
+    /// Columns or factors of another length (exit 4: a caller's mistake); a lost device (exit 4).
+    pub fn add(&self, columns: &[Vec<f32>; 3], factors: &[f32], sum: Sum) -> Result<()> {
         let [red, green, blue] = columns;
         if columns.iter().any(|column| column.len() != self.width) {
             let given = red.len();
             return Err(Error::runtime(format!("a light of {given} columns for rows of {}", self.width)));
         }
+        if !factors.is_empty() && factors.len() != self.rows {
+            let given = factors.len();
+            return Err(Error::runtime(format!("{given} factors for {} reference points", self.rows)));
+        }
         let packed: Vec<[f32; 4]> = red.iter().zip(green).zip(blue).map(|((&r, &g), &b)| [r, g, b, 0.0]).collect();
+        let mut header = vec![f32::from(u8::from(sum == Sum::Added))];
+        header.extend(factors);
+        header.resize(self.rows + 1, 1.0);
         self.device.queue.write_buffer(&self.columns, 0, bytemuck::cast_slice(&packed));
+        self.device.queue.write_buffer(&self.factors, 0, bytemuck::cast_slice(&header));
         self.products.run(&self.device);
+        self.device.check()
+    }
+
+    /// Enqueues the interpolation from the reference points to all receivers.
+    ///
+    /// # Errors
+    /// A lost device (exit 4).
+    pub fn interpolate(&self) -> Result<()> {
         self.interpolation.run(&self.device);
         self.device.check()
     }
 
-    /// Radiosity of every receiver, RGB and 0, what [`Self::run`] writes.
+    /// Radiosity of every receiver, RGB and 0, what [`Self::interpolate`] writes.
     pub fn radiosity(&self) -> &wgpu::Buffer {
         &self.radiosity
     }

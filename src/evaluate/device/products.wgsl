@@ -11,6 +11,8 @@ struct Shard {
 // Of each column: RGB and 0.
 @group(0) @binding(0) var<storage, read> columns: array<vec4<f32>>;
 @group(0) @binding(1) var<storage, read_write> references: array<vec4<f32>>;
+// 1 to add to what is there, 0 to replace it; then a factor for each reference point.
+@group(0) @binding(2) var<storage, read> factors: array<f32>;
 
 @group(1) @binding(0) var<uniform> shard: Shard;
 // [row][word]
@@ -57,6 +59,8 @@ fn products(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_i
         for (var i = 0u; i < LANES; i += 1u) {
             sum += sums[(slot + lane) * LANES + i];
         }
-        references[shard.first_row + row] = vec4(sum, 0.0);
+        let at = shard.first_row + row;
+        let before = select(vec4(0.0), references[at], factors[0] > 0.0);
+        references[at] = before + vec4(factors[at + 1u] * sum, 0.0);
     }
 }

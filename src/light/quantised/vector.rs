@@ -36,8 +36,8 @@ const AREA_POINTS: (usize, usize) = (2, 16);
 ///   the intensity radiance dA cos(a), where a is the angle between the emitter's normal and the scene's centre. The
 ///   approximation: all of the scene sees the emission that the centre sees. A part of the scene that is off the centre by an angle b,
 ///   seen from the emitter, would see cos(a + b) / cos(a) = cos(b) - tan(a) sin(b) of that: about 2 % less at most for an
-///   emitter that faces the centre from 5 radii, more the nearer it is and the more it looks past the scene. Parts of the emitter
-///   that face away from the centre are dark.
+///   emitter that faces the centre from 5 radii, more the nearer it is and the more it looks past the scene; where scattering is
+///   local, [`Emission::ratio`] mends that. Parts of the emitter that face away from the centre are dark.
 ///
 /// # Errors
 /// An interpolator of another set (exit 3); a point light, or a part of an area light, nearer than the nearest shell (exit 5);
@@ -92,27 +92,62 @@ fn points(lights: &QuantisedLights, points: &[(DVec3, DVec3)]) -> Result<Vec<Vec
     Ok(by_shell)
 }
 
-/// A rectangle as point lights, as the centre of the scene sees them; positions in mm.
-fn emitters(light: &Light, centre_mm: DVec3) -> Vec<(DVec3, DVec3)> {
-    let Light::Area { at_mm, normal, u, size_mm, radiance } = light else { return Vec::new() };
-    let v = normal.cross(*u);
-    let distance_mm = at_mm.distance(centre_mm);
-    let [across, along] = size_mm.map(|size| {
-        let wanted = (12.0 * size / distance_mm).ceil();
-        gauss_legendre_cached((wanted as usize).saturating_add(1).clamp(AREA_POINTS.0, AREA_POINTS.1))
-    });
-    let mut found = Vec::with_capacity(across.len() * along.len());
-    for s in across {
-        for t in along {
-            let point = *at_mm + 0.5 * (s.position * size_mm[0] * *u + t.position * size_mm[1] * v);
-            let area_mm2 = 0.25 * s.weight * t.weight * size_mm[0] * size_mm[1];
-            let cosine = (centre_mm - point).try_normalize().map_or(0.0, |to_centre| normal.dot(to_centre));
-            if cosine > 0.0 {
-                found.push((point, *radiance * (area_mm2 * cosine)));
+/// A rectangle as points that emit, cosine-weighted: what is left out when all of the scene sees the emission that its centre
+/// sees.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Emission {
+    normal: DVec3,
+    /// Position in mm, area in mm^2, cosine towards the centre of the scene, positive.
+    points: Vec<(DVec3, f64, f64)>,
+}
+
+impl Emission {
+    /// Of an area light; none of other lights.
+    pub fn new(light: &Light, centre_mm: DVec3) -> Option<Self> {
+        let Light::Area { at_mm, normal, u, size_mm, .. } = light else { return None };
+        let v = normal.cross(*u);
+        let distance_mm = at_mm.distance(centre_mm);
+        let [across, along] = size_mm.map(|size| {
+            let wanted = (12.0 * size / distance_mm).ceil();
+            gauss_legendre_cached((wanted as usize).saturating_add(1).clamp(AREA_POINTS.0, AREA_POINTS.1))
+        });
+        let mut points = Vec::with_capacity(across.len() * along.len());
+        for s in across {
+            for t in along {
+                let point = *at_mm + 0.5 * (s.position * size_mm[0] * *u + t.position * size_mm[1] * v);
+                let area_mm2 = 0.25 * s.weight * t.weight * size_mm[0] * size_mm[1];
+                let cosine = (centre_mm - point).try_normalize().map_or(0.0, |to_centre| normal.dot(to_centre));
+                if cosine > 0.0 {
+                    points.push((point, area_mm2, cosine));
+                }
             }
         }
+        Some(Self { normal: *normal, points })
     }
-    found
+
+    /// What a place in mm sees of it over what it would see if the cosine of each point were that towards the centre.
+    pub fn ratio(&self, at_mm: DVec3) -> f64 {
+        let (mut seen, mut assumed) = (0.0, 0.0);
+        for (point, area_mm2, cosine) in &self.points {
+            let to = at_mm - *point;
+            let squared = to.length_squared();
+            if squared > 0.0 {
+                seen += area_mm2 / squared * (self.normal.dot(to) / squared.sqrt()).max(0.0);
+                assumed += area_mm2 / squared * cosine;
+            }
+        }
+        let ratio = seen / assumed;
+        if ratio.is_finite() { ratio } else { 0.0 }
+    }
+}
+
+/// A rectangle as point lights, as the centre of the scene sees them: position in mm and intensity.
+fn emitters(light: &Light, centre_mm: DVec3) -> Vec<(DVec3, DVec3)> {
+    let (Light::Area { radiance, .. }, Some(emission)) = (light, Emission::new(light, centre_mm)) else {
+        return Vec::new();
+    };
+    let intensity = |(point, area_mm2, cosine): &(DVec3, f64, f64)| (*point, *radiance * (area_mm2 * cosine));
+    emission.points.iter().map(intensity).collect()
 }
 
 /// The same radiance from everywhere, as irradiance from the centres of texels.

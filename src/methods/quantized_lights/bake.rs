@@ -282,13 +282,13 @@ fn measure(
         let at_net: Vec<DVec3> = net.point.iter().map(|&i| truth[i as usize]).collect();
         let between = interpolated(set, values, one)?.remove(0);
         let mut stored = Vec::new();
-        let columns = transport.columns(set, one)?;
-        transport.products(&columns, &mut stored);
+        let lit = transport.light(set, one)?;
+        transport.products(&lit, &mut stored);
         let mut order: Vec<u32> = (0..net.point.len() as u32).collect();
         order.sort_unstable_by_key(|&row| net.point[row as usize]);
         let mut coded = vec![DVec3::ZERO; stored.len()];
         order.iter().zip(&stored).for_each(|(&row, v)| {
-            coded[row as usize] = DVec3::new(v[0].into(), v[1].into(), v[2].into()).max(DVec3::ZERO) * columns.scale;
+            coded[row as usize] = DVec3::new(v[0].into(), v[1].into(), v[2].into()).max(DVec3::ZERO) * lit.scale;
         });
         let found = [
             vertex_error(&between, &at_net, &areas),

@@ -10,7 +10,7 @@ use super::baked_in;
 #[cfg(feature = "gpu")]
 use super::gpu::QuantisedOnDevice;
 use super::lights::{LightSet, blend, scheme};
-use super::sections::{Columns, Transport, read};
+use super::sections::{Lit, Transport, read};
 use super::stage::GROUP;
 use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
@@ -95,16 +95,16 @@ pub(super) struct Components {
 }
 
 impl Stored for Components {
-    type Light = Columns;
+    type Light = Lit;
 
     fn light(&self, set: &LightSet, lights: &[Light]) -> Result<Self::Light> {
-        self.transport.columns(set, lights)
+        self.transport.light(set, lights)
     }
 
-    fn radiosity(&mut self, columns: &Self::Light, receivers: &Receivers) -> Vec<DVec3> {
-        self.transport.products(columns, &mut self.references);
+    fn radiosity(&mut self, lit: &Self::Light, receivers: &Receivers) -> Vec<DVec3> {
+        self.transport.products(lit, &mut self.references);
         self.transport.weights.apply(&self.references, &mut self.gathered);
-        receivers.expand_rgb(&self.gathered, columns.scale)
+        receivers.expand_rgb(&self.gathered, lit.scale)
     }
 
     fn bytes(&self) -> usize {
@@ -161,7 +161,7 @@ impl QuantisedEvaluator<Components> {
     }
 
     /// The lights in force.
-    pub(super) fn columns(&self) -> &Columns {
+    pub(super) fn lit(&self) -> &Lit {
         &self.light
     }
 }

@@ -8,7 +8,7 @@ use glam::DVec3;
 use super::evaluate::{Components, QuantisedEvaluator};
 use crate::compress::ledger::Ledger;
 use crate::error::Result;
-use crate::evaluate::device::interpolated::InterpolatedOnDevice;
+use crate::evaluate::device::interpolated::{InterpolatedOnDevice, Sum};
 use crate::evaluate::device::{Device, DeviceEvaluator, read_radiosity};
 use crate::evaluate::{Capabilities, Cost, Evaluator};
 use crate::geometry::bvh::Bvh;
@@ -40,9 +40,13 @@ impl DeviceEvaluator for QuantisedOnDevice {
 
     fn update(&mut self, _: &dyn Progress) -> Result<()> {
         if !self.is_current {
-            let columns = self.cpu.columns();
-            self.stored.run(&columns.values)?;
-            self.scale = columns.scale;
+            let lit = self.cpu.lit();
+            for (index, part) in lit.parts.iter().enumerate() {
+                let sum = if index == 0 { Sum::New } else { Sum::Added };
+                self.stored.add(&part.columns, &part.factors, sum)?;
+            }
+            self.stored.interpolate()?;
+            self.scale = lit.scale;
             self.is_current = true;
         }
         Ok(())

@@ -13,6 +13,7 @@ use crate::compress::prediction::Net;
 use crate::error::{Error, Result};
 use crate::geometry::scattered::{OrientedPoint, Weights};
 use crate::light::Light;
+use crate::light::quantised::vector::Emission;
 use crate::transport::balanced_tree::power_of_two_near;
 use crate::transport::interpolation::SharedWeights;
 use crate::transport::receivers::Receivers;
@@ -41,13 +42,20 @@ pub(super) fn read(sections: &[RawSection]) -> Result<File> {
         .ok_or_else(|| Error::input("an asset of `quantized_lights` without its sections qlt.*; bake it again"))
 }
 
-/// What every column contributes for each unit of its integers under some lights.
+/// Lights made ready: what parts of them give adds up.
 #[derive(Default)]
-pub(super) struct Columns {
-    /// Per channel of RGB, over the scale, padded with zeros.
-    pub(super) values: [Vec<f32>; 3],
+pub(super) struct Lit {
+    pub(super) parts: Vec<Part>,
     /// A power of two that brings radiosity near 1, so that single precision holds lights of any size.
     pub(super) scale: f64,
+}
+
+/// Some lights together.
+pub(super) struct Part {
+    /// What every column contributes for each unit of its integers: per channel of RGB, over the scale, padded with zeros.
+    pub(super) columns: [Vec<f32>; 3],
+    /// Of every reference point, what of it arrives there; empty for all of it.
+    pub(super) factors: Vec<f32>,
 }
 
 /// The transport as it is evaluated.
@@ -67,6 +75,8 @@ pub(super) struct Transport {
     pub(super) shells: usize,
     /// Reference points that every receiver is interpolated from.
     pub(super) weights: SharedWeights,
+    /// Where they are, mm.
+    pub(super) positions: Vec<DVec3>,
 }
 
 impl Transport {
@@ -101,8 +111,10 @@ impl Transport {
             channels: file.channels.clone(),
             shells: file.shells.len(),
             weights: SharedWeights::default(),
+            positions: Vec::new(),
         };
         transport.arrange(&known, &net, &points, receivers, file.spacing_mm);
+        transport.positions.iter_mut().for_each(|at| *at += scene.mesh.origin_mm);
         Ok(transport)
     }
 
@@ -124,11 +136,40 @@ impl Transport {
             slots.for_each(|((slot, v), scale)| *slot = (v / scale).round() as i16);
         }
         let chosen: Vec<u32> = order.iter().map(|&row| net.point[row as usize]).collect();
+        self.positions = chosen.iter().map(|&i| points[i as usize].at_mm).collect();
         self.weights = SharedWeights::new(&weights(&chosen, points, receivers, spacing_mm));
     }
 
-    /// What every column contributes under some lights.
-    pub(super) fn columns(&self, set: &LightSet, lights: &[Light]) -> Result<Columns> {
+    /// Lights made ready. What an area light emits depends on the direction, and is that towards each reference point.
+    pub(super) fn light(&self, set: &LightSet, lights: &[Light]) -> Result<Lit> {
+        let emission = |light: &Light| Emission::new(light, set.lights.shells.centre_mm());
+        let rest: Vec<Light> = lights.iter().filter(|light| emission(light).is_none()).cloned().collect();
+        let mut parts = vec![(self.columns(set, &rest)?, Vec::new())];
+        for light in lights {
+            if let Some(emission) = emission(light) {
+                let factors = self.positions.par_iter().map(|at| emission.ratio(*at) as f32).collect();
+                parts.push((self.columns(set, std::slice::from_ref(light))?, factors));
+            }
+        }
+        if rest.is_empty() && parts.len() > 1 {
+            parts.remove(0);
+        }
+        let values = parts.iter().flat_map(|(columns, _)| columns.iter().flatten());
+        let largest = values.fold(0.0f64, |a, v| a.max(v.abs()));
+        let scale = power_of_two_near(largest) * f64::from(1u32 << 15);
+        let part = |(columns, factors): ([Vec<f64>; 3], Vec<f32>)| {
+            let columns = columns.map(|values| {
+                let mut values: Vec<f32> = values.iter().map(|value| (value / scale) as f32).collect();
+                values.resize(self.columns, 0.0);
+                values
+            });
+            Part { columns, factors }
+        };
+        Ok(Lit { parts: parts.into_iter().map(part).collect(), scale })
+    }
+
+    /// What every column contributes for each unit of its integers under some lights, for each channel of RGB.
+    fn columns(&self, set: &LightSet, lights: &[Light]) -> Result<[Vec<f64>; 3]> {
         let weights: Vec<[f64; 3]> = if set.interpolator.functions() == 0 {
             set.vector(lights)?.iter().map(DVec3::to_array).collect()
         } else {
@@ -152,14 +193,7 @@ impl Transport {
         if exact.iter().flatten().any(|value| !value.is_finite()) {
             return Err(Error::runtime("the light is too bright for double precision; make it weaker"));
         }
-        let largest = exact.iter().flatten().fold(0.0f64, |a, v| a.max(v.abs()));
-        let scale = power_of_two_near(largest) * f64::from(1u32 << 15);
-        let values = exact.map(|values| {
-            let mut values: Vec<f32> = values.iter().map(|value| (value / scale) as f32).collect();
-            values.resize(self.columns, 0.0);
-            values
-        });
-        Ok(Columns { values, scale })
+        Ok(exact)
     }
 
     /// Sums of the rows of the basis, each with its RGB weight.
@@ -182,17 +216,35 @@ impl Transport {
         total
     }
 
-    /// Fills `values` with the radiosity of every reference point over the scale of the columns, RGB and nothing.
-    pub(super) fn products(&self, columns: &Columns, values: &mut Vec<[f32; 4]>) {
+    /// Fills `values` with the radiosity of every reference point over the scale of the lights, RGB and nothing.
+    pub(super) fn products(&self, lit: &Lit, values: &mut Vec<[f32; 4]>) {
         values.resize(self.coefficients.len() / self.columns.max(1), [0.0; 4]);
         let level = Level::detect();
         let rows = self.coefficients.par_chunks((self.columns * CHUNK).max(1));
-        values.par_chunks_mut(CHUNK).zip(rows).for_each(|(out, rows)| products(level, out, rows, &columns.values));
+        values.par_chunks_mut(CHUNK).zip(rows).enumerate().for_each(|(chunk, (out, rows))| {
+            let mut own = [[0.0f32; 4]; CHUNK];
+            let own = &mut own[..out.len()];
+            for (index, part) in lit.parts.iter().enumerate() {
+                products(level, own, rows, &part.columns);
+                if let Some(factors) = part.factors.get(chunk * CHUNK..) {
+                    own.iter_mut().zip(factors).for_each(|(value, factor)| value.iter_mut().for_each(|v| *v *= factor));
+                }
+                if index == 0 {
+                    out.copy_from_slice(own);
+                } else {
+                    let cells = out.as_flattened_mut().iter_mut().zip(own.as_flattened());
+                    cells.for_each(|(out, value)| *out += value);
+                }
+            }
+        });
     }
 
     /// Bytes in memory.
     pub(super) fn bytes(&self) -> usize {
-        size_of_val(self.coefficients.as_slice()) + size_of_val(self.basis.as_slice()) + self.weights.bytes()
+        size_of_val(self.coefficients.as_slice())
+            + size_of_val(self.basis.as_slice())
+            + self.weights.bytes()
+            + size_of_val(self.positions.as_slice())
     }
 }
 
