@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::asset::{RawSection, pick};
 use crate::checks::{in_range, invalid, same_length};
 use crate::coefficients;
-use crate::error::Result;
+use crate::error::{FormatError, Result};
 use crate::types::{Codec, Kind};
 
 /// Tags of the quantised lights.
@@ -14,38 +14,55 @@ pub mod tags {
 
     /// Numbers, a record.
     pub const NUMBERS: Tag = Tag::from_static("qlt.rec");
-    /// Unit of each direction, f32.
-    pub const UNITS: Tag = Tag::from_static("qlt.uni");
-    /// Step of each basis function, f32.
-    pub const BASIS_STEPS: Tag = Tag::from_static("qlt.stp");
-    /// Basis, coded coefficients.
-    pub const BASIS: Tag = Tag::from_static("qlt.bas");
-    /// Function of each column, u16.
-    pub const COLUMNS: Tag = Tag::from_static("qlt.col");
-    /// Coefficients of the reference points, coded.
-    pub const COEFFICIENTS: Tag = Tag::from_static("qlt.cof");
 
-    /// All of them, in the order of the file.
-    pub const ALL: [Tag; 6] = [NUMBERS, UNITS, BASIS_STEPS, BASIS, COLUMNS, COEFFICIENTS];
+    /// Tags of a set.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub struct Set {
+        /// Unit of each direction, f32.
+        pub units: Tag,
+        /// Step of each basis function, f32.
+        pub basis_steps: Tag,
+        /// Basis, coded coefficients.
+        pub basis: Tag,
+        /// Function and plane of each column, u16.
+        pub columns: Tag,
+        /// Coefficients of the reference points, coded.
+        pub coefficients: Tag,
+    }
+
+    /// Parallel light, and lights at a distance.
+    pub const SETS: [Set; 2] = [
+        Set {
+            units: Tag::from_static("qlt.uni"),
+            basis_steps: Tag::from_static("qlt.stp"),
+            basis: Tag::from_static("qlt.bas"),
+            columns: Tag::from_static("qlt.col"),
+            coefficients: Tag::from_static("qlt.cof"),
+        },
+        Set {
+            units: Tag::from_static("qln.uni"),
+            basis_steps: Tag::from_static("qln.stp"),
+            basis: Tag::from_static("qln.bas"),
+            columns: Tag::from_static("qln.col"),
+            coefficients: Tag::from_static("qln.cof"),
+        },
+    ];
+
+    impl Set {
+        /// In the order of the file.
+        pub const fn all(self) -> [Tag; 5] {
+            [self.units, self.basis_steps, self.basis, self.columns, self.coefficients]
+        }
+    }
 }
 
 /// Most quantised lights.
 pub const MOST_LIGHTS: usize = 1 << 20;
 
-/// What no reader needs geometry for. See `SPEC.md`, "Quantised lights".
+/// Radiosity of the reference points under the lights of some shells.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct QuantisedLights {
-    /// Directions of the spherical Fibonacci lattice.
-    pub directions: u32,
-    /// Radius of the scene over the distance of each shell of lights, ascending from 0.
-    pub shells: Vec<f64>,
-    /// Spacing of the reference points, mm.
-    pub spacing_mm: f64,
-    /// Spacing of the coarsest to finest directions that predict each other, on the unit sphere.
-    pub direction_spacing: f64,
-    /// Samples that the transport was computed from.
-    pub samples: u32,
-    /// Rows: what one of each decorrelated plane is, columns: in each channel and, for a channel, each shell.
+pub struct Set {
+    /// Rows: what one of each decorrelated plane is, columns: in each channel and, for a channel, each of the shells.
     pub channels: Vec<f64>,
     /// Step of the coefficients.
     pub step: f32,
@@ -61,6 +78,23 @@ pub struct QuantisedLights {
     pub coefficients: Vec<u8>,
 }
 
+/// What no reader needs geometry for. See `SPEC.md`, "Quantised lights".
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct QuantisedLights {
+    /// Directions of the spherical Fibonacci lattice.
+    pub directions: u32,
+    /// Radius of the scene over the distance of each shell of lights, ascending from 0.
+    pub shells: Vec<f64>,
+    /// Spacing of the reference points, mm.
+    pub spacing_mm: f64,
+    /// Spacing of the coarsest to finest directions that predict each other, on the unit sphere.
+    pub direction_spacing: f64,
+    /// Samples that the transport was computed from.
+    pub samples: u32,
+    /// Parallel light; then, where there are more shells than one, the others.
+    pub sets: Vec<Set>,
+}
+
 /// What is no array.
 #[derive(Serialize, Deserialize)]
 struct Record {
@@ -69,8 +103,44 @@ struct Record {
     spacing_mm: f64,
     direction_spacing: f64,
     samples: u32,
-    channels: Vec<f64>,
-    step: f32,
+    channels: Vec<Vec<f64>>,
+    steps: Vec<f32>,
+}
+
+impl Set {
+    fn validate(&self, tags: tags::Set, directions: usize, shells: usize) -> Result<()> {
+        in_range(tags::NUMBERS, "a channel", &self.channels, f64::NEG_INFINITY)?;
+        let planes = 3 * shells;
+        same_length(tags::NUMBERS, "numbers of the channels", self.channels.len(), planes * planes)?;
+        let positive = |tag, what: &str, values: &[f32]| match values.iter().position(|v| !(*v > 0.0 && v.is_finite()))
+        {
+            Some(i) => invalid(tag, format!("{what} {i} is not positive")),
+            None => Ok(()),
+        };
+        positive(tags::NUMBERS, "step", &[self.step])?;
+        positive(tags.units, "unit", &self.units)?;
+        positive(tags.basis_steps, "step", &self.basis_steps)?;
+        same_length(tags.units, "directions", self.units.len(), directions)?;
+        let functions = self.basis_steps.len();
+        let shape = coefficients::shape(tags.basis, &self.basis)?;
+        if shape != (directions, functions) {
+            let (rows, columns) = shape;
+            return invalid(
+                tags.basis,
+                format!("{rows} rows of {columns} for {directions} directions and {functions} functions"),
+            );
+        }
+        let (_, columns) = coefficients::shape(tags.coefficients, &self.coefficients)?;
+        same_length(tags.columns, "columns", self.columns.len(), columns)?;
+        let mut seen = vec![false; planes * functions];
+        for &column in &self.columns {
+            match seen.get_mut(usize::from(column)) {
+                Some(seen) if !*seen => *seen = true,
+                _ => return invalid(tags.columns, format!("column {column} is there twice or has no function")),
+            }
+        }
+        Ok(())
+    }
 }
 
 impl QuantisedLights {
@@ -85,8 +155,6 @@ impl QuantisedLights {
     /// # Errors
     /// [`crate::FormatError::Invalid`] with the tag of the section at fault.
     pub fn validate(&self) -> Result<()> {
-        let finite = |what, values: &[f64]| in_range(tags::NUMBERS, what, values, f64::NEG_INFINITY);
-        finite("a channel", &self.channels)?;
         in_range(tags::NUMBERS, "a spacing", &[self.spacing_mm, self.direction_spacing], 0.0)?;
         in_range(tags::NUMBERS, "a shell", &self.shells, 0.0)?;
         if self.shells.first() != Some(&0.0) || self.shells.windows(2).any(|pair| pair[0] >= pair[1]) {
@@ -95,34 +163,10 @@ impl QuantisedLights {
         if !(1..=MOST_LIGHTS).contains(&self.lights()) {
             return invalid(tags::NUMBERS, format!("{} lights: from 1 to {MOST_LIGHTS} are possible", self.lights()));
         }
-        let planes = 3 * self.shells.len();
-        same_length(tags::NUMBERS, "numbers of the channels", self.channels.len(), planes * planes)?;
-        let positive = |tag, what: &str, values: &[f32]| match values.iter().position(|v| !(*v > 0.0 && v.is_finite()))
-        {
-            Some(i) => invalid(tag, format!("{what} {i} is not positive")),
-            None => Ok(()),
-        };
-        positive(tags::NUMBERS, "step", &[self.step])?;
-        positive(tags::UNITS, "unit", &self.units)?;
-        positive(tags::BASIS_STEPS, "step", &self.basis_steps)?;
-        same_length(tags::UNITS, "directions", self.units.len(), self.directions as usize)?;
-        let functions = self.basis_steps.len();
-        let shape = coefficients::shape(tags::BASIS, &self.basis)?;
-        if shape != (self.directions as usize, functions) {
-            let (rows, columns) = shape;
-            return invalid(
-                tags::BASIS,
-                format!("{rows} rows of {columns} for {} directions and {functions} functions", self.directions),
-            );
-        }
-        let (_, columns) = coefficients::shape(tags::COEFFICIENTS, &self.coefficients)?;
-        same_length(tags::COLUMNS, "columns", self.columns.len(), columns)?;
-        let mut seen = vec![false; planes * functions];
-        for &column in &self.columns {
-            match seen.get_mut(usize::from(column)) {
-                Some(seen) if !*seen => *seen = true,
-                _ => return invalid(tags::COLUMNS, format!("column {column} is there twice or has no function")),
-            }
+        let shells = shells_of_sets(self.shells.len());
+        same_length(tags::NUMBERS, "sets", self.sets.len(), shells.len())?;
+        for ((set, tags), shells) in self.sets.iter().zip(tags::SETS).zip(shells) {
+            set.validate(tags, self.directions as usize, shells)?;
         }
         Ok(())
     }
@@ -139,18 +183,21 @@ impl QuantisedLights {
             spacing_mm: self.spacing_mm,
             direction_spacing: self.direction_spacing,
             samples: self.samples,
-            channels: self.channels.clone(),
-            step: self.step,
+            channels: self.sets.iter().map(|set| set.channels.clone()).collect(),
+            steps: self.sets.iter().map(|set| set.step).collect(),
         };
         let (kind, zstd) = (Kind::Method, Codec::Zstd);
-        Ok(vec![
-            RawSection::from_record(tags::NUMBERS, kind, zstd, &record)?,
-            RawSection::from_rows(tags::UNITS, kind, zstd, &self.units),
-            RawSection::from_rows(tags::BASIS_STEPS, kind, zstd, &self.basis_steps),
-            RawSection::from_rows(tags::BASIS, kind, Codec::Raw, &self.basis),
-            RawSection::from_rows(tags::COLUMNS, kind, zstd, &self.columns),
-            RawSection::from_rows(tags::COEFFICIENTS, kind, Codec::Raw, &self.coefficients),
-        ])
+        let mut sections = vec![RawSection::from_record(tags::NUMBERS, kind, zstd, &record)?];
+        for (set, tags) in self.sets.iter().zip(tags::SETS) {
+            sections.extend([
+                RawSection::from_rows(tags.units, kind, zstd, &set.units),
+                RawSection::from_rows(tags.basis_steps, kind, zstd, &set.basis_steps),
+                RawSection::from_rows(tags.basis, kind, Codec::Raw, &set.basis),
+                RawSection::from_rows(tags.columns, kind, zstd, &set.columns),
+                RawSection::from_rows(tags.coefficients, kind, Codec::Raw, &set.coefficients),
+            ]);
+        }
+        Ok(sections)
     }
 
     /// Reads them among the sections of an asset; `None` where there are none. Other sections are left alone.
@@ -158,25 +205,39 @@ impl QuantisedLights {
     /// # Errors
     /// [`crate::FormatError::MissingSection`] where only some are there, and whatever is wrong with their type or content.
     pub fn from_sections(sections: &[RawSection]) -> Result<Option<Self>> {
-        let Some([numbers, units, steps, basis, columns, values]) = pick(sections, tags::ALL, Kind::Method)? else {
-            return Ok(None);
+        let numbers = pick(sections, [tags::NUMBERS], Kind::Method)?;
+        let mut sets = Vec::with_capacity(tags::SETS.len());
+        for tags in tags::SETS {
+            if let Some([units, steps, basis, columns, values]) = pick(sections, tags.all(), Kind::Method)? {
+                sets.push(Set {
+                    units: units.rows()?,
+                    basis_steps: steps.rows()?,
+                    basis: basis.rows()?,
+                    columns: columns.rows()?,
+                    coefficients: values.rows()?,
+                    ..Set::default()
+                });
+            }
+        }
+        let Some([numbers]) = numbers else {
+            return if sets.is_empty() { Ok(None) } else { Err(FormatError::MissingSection { tag: tags::NUMBERS }) };
         };
-        let Record { directions, shells, spacing_mm, direction_spacing, samples, channels, step } = numbers.record()?;
-        let result = Self {
-            directions,
-            shells,
-            spacing_mm,
-            direction_spacing,
-            samples,
-            channels,
-            step,
-            units: units.rows()?,
-            basis_steps: steps.rows()?,
-            basis: basis.rows()?,
-            columns: columns.rows()?,
-            coefficients: values.rows()?,
-        };
+        let Record { directions, shells, spacing_mm, direction_spacing, samples, channels, steps } = numbers.record()?;
+        if let Some(missing) = tags::SETS.get(sets.len()..shells_of_sets(shells.len()).len()).and_then(<[_]>::first) {
+            return Err(FormatError::MissingSection { tag: missing.units });
+        }
+        same_length(tags::NUMBERS, "channels of sets", channels.len(), sets.len())?;
+        same_length(tags::NUMBERS, "steps of sets", steps.len(), sets.len())?;
+        for ((set, channels), step) in sets.iter_mut().zip(channels).zip(steps) {
+            (set.channels, set.step) = (channels, step);
+        }
+        let result = Self { directions, shells, spacing_mm, direction_spacing, samples, sets };
         result.validate()?;
         Ok(Some(result))
     }
+}
+
+/// Shells of each set.
+fn shells_of_sets(shells: usize) -> Vec<usize> {
+    if shells > 1 { vec![1, shells - 1] } else { vec![1] }
 }

@@ -1,6 +1,9 @@
 //! What `quantized_lights` precomputes: radiosity at reference points under every light of the set, coded.
 
+use std::borrow::Cow;
+
 use glam::DVec3;
+use translux_format::quantised_lights::{QuantisedLights as File, tags};
 
 use super::basis::{Radiosities, code, light_net, light_spacing};
 use super::evaluate::relative;
@@ -35,6 +38,9 @@ const BETWEEN_LIGHTS: f64 = 0.65;
 /// Directions of the first set, from whose error the number is chosen, and at most.
 const FIRST_SET: usize = 200;
 const LARGEST_SET: usize = 1600;
+
+/// Reference points, the coarsest ones, that it is measured at.
+const FIRST_POINTS: usize = 1024;
 
 /// The interpolation's error falls with this power of the number of directions (measured on closed bunny and horse).
 const ORDER: f64 = 0.7;
@@ -90,28 +96,41 @@ pub(super) fn bake(scene: &Scene, settings: &BakeSettings, progress: &dyn Progre
         };
         progress.finish();
         let net = Net::new(&stage.points, &parts(&stage.receivers), spacing_mm);
-        let mut set = LightSet::planned(scene, plan.directions.unwrap_or(FIRST_SET), &plan)?;
-        let mut values = at_references(&stage, &transfer, &set, &net, progress)?;
-        if plan.directions.is_none() {
-            let found = between_lights(&stage, &set, &net, &values, &tuning, &truth)?;
-            let factor = (found / (BETWEEN_LIGHTS * settings.max_rms)).powf(1.0 / ORDER);
-            let wanted = ((FIRST_SET as f64 * factor).ceil() as usize).clamp(FIRST_SET / 4, LARGEST_SET);
-            if wanted > FIRST_SET {
-                set = LightSet::planned(scene, wanted, &plan)?;
-                values = at_references(&stage, &transfer, &set, &net, progress)?;
+        let directions = match plan.directions {
+            Some(directions) => directions,
+            None => {
+                // Parallel light tells how many directions are needed, at some reference points.
+                let few = &net.point[..net.point.len().min(FIRST_POINTS)];
+                let first = LightSet::planned(scene, FIRST_SET, &Plan { shells: 0, ..plan.clone() })?;
+                let values = at_references(&stage, &transfer, &first, few, progress)?;
+                let found = between_lights(&stage, &first, few, &values, &tuning, &truth)?;
+                let factor = (found / (BETWEEN_LIGHTS * settings.max_rms)).powf(1.0 / ORDER);
+                ((FIRST_SET as f64 * factor).ceil() as usize).clamp(FIRST_SET / 4, LARGEST_SET)
             }
-        }
+        };
+        let set = LightSet::planned(scene, directions, &plan)?;
+        let values = at_references(&stage, &transfer, &set, &net.point, progress)?;
         progress.start("coding", 0);
         let shells = set.lights.shells.inverse().len();
         let direction_spacing = light_spacing(&set.lights.directions);
-        let radiosities = Radiosities::new(&values, shells, set.lights.directions.count());
         let directions_net = light_net(&set.lights.directions, direction_spacing);
-        let mut file = code(&radiosities, &net, &directions_net, CODED * settings.max_rms)?;
-        file.directions = set.lights.directions.count() as u32;
-        file.shells = set.lights.shells.inverse().to_vec();
-        file.spacing_mm = spacing_mm;
-        file.direction_spacing = direction_spacing;
-        file.samples = stage.samples.len() as u32;
+        let count = set.lights.directions.count();
+        let mut file = File {
+            directions: count as u32,
+            shells: set.lights.shells.inverse().to_vec(),
+            spacing_mm,
+            direction_spacing,
+            samples: stage.samples.len() as u32,
+            sets: Vec::new(),
+        };
+        // Parallel light is alone, so that who has no other does not pay for it.
+        for (tags, shells) in tags::SETS.into_iter().zip([0..1, 1..shells]) {
+            if !shells.is_empty() {
+                let own = of_shells(&values, set.lights.shells.inverse().len(), count, shells.clone());
+                let radiosities = Radiosities::new(own, shells.len(), count);
+                file.sets.push(code(&radiosities, &net, &directions_net, tags, CODED * settings.max_rms)?);
+            }
+        }
         let sections = sections::write(&file)?;
         progress.finish();
         let mut ledger = Ledger::default();
@@ -130,17 +149,17 @@ pub(super) fn chosen(lights: &[Light], count: usize) -> Vec<Light> {
     all.iter().step_by(all.len().div_ceil(count).max(1)).map(|l| (*l).clone()).collect()
 }
 
-/// Radiosities `[row of the net][channel][light]`.
+/// Radiosities `[point][channel][light]` of some receivers.
 fn at_references(
     stage: &Stage,
     transfer: &ManyLights,
     set: &LightSet,
-    net: &Net,
+    points: &[u32],
     progress: &dyn Progress,
 ) -> Result<Vec<f32>> {
-    let mut order: Vec<u32> = (0..net.point.len() as u32).collect();
-    order.sort_unstable_by_key(|&row| net.point[row as usize]);
-    let chosen: Vec<u32> = order.iter().map(|&row| net.point[row as usize]).collect();
+    let mut order: Vec<u32> = (0..points.len() as u32).collect();
+    order.sort_unstable_by_key(|&row| points[row as usize]);
+    let chosen: Vec<u32> = order.iter().map(|&row| points[row as usize]).collect();
     let receivers = stage.receivers.only(&chosen, GROUP);
     let areas = vec![1.0; receivers.len()];
     let transfer = transfer.towards(&receivers, &areas);
@@ -151,6 +170,15 @@ fn at_references(
         values[*row as usize * size..(*row as usize + 1) * size].copy_from_slice(source);
     }
     Ok(values)
+}
+
+/// Radiosities of some shells of a set that has more.
+fn of_shells(values: &[f32], shells: usize, directions: usize, some: std::ops::Range<usize>) -> Cow<'_, [f32]> {
+    if some.len() == shells {
+        return Cow::Borrowed(values);
+    }
+    let planes = values.chunks_exact((shells * directions).max(1));
+    Cow::Owned(planes.flat_map(|plane| &plane[some.start * directions..some.end * directions]).copied().collect())
 }
 
 /// The widest spacing whose interpolation keeps an error under all of some lights, or little less.
@@ -240,16 +268,16 @@ fn interpolated(set: &LightSet, values: &[f32], lights: &[Light]) -> Result<Vec<
 fn between_lights(
     stage: &Stage,
     set: &LightSet,
-    net: &Net,
+    points: &[u32],
     values: &[f32],
     lights: &[Light],
     truth: &[Vec<DVec3>],
 ) -> Result<f64> {
-    let areas: Vec<f64> = net.point.iter().map(|&i| stage.areas[i as usize]).collect();
+    let areas: Vec<f64> = points.iter().map(|&i| stage.areas[i as usize]).collect();
     let mut worst = 0.0f64;
     for (light, truth) in lights.iter().zip(truth) {
         if matches!(light, Light::Directional { .. }) {
-            let expected: Vec<DVec3> = net.point.iter().map(|&i| truth[i as usize]).collect();
+            let expected: Vec<DVec3> = points.iter().map(|&i| truth[i as usize]).collect();
             let found = interpolated(set, values, std::slice::from_ref(light))?;
             worst = worst.max(relative(vertex_error(&found[0], &expected, &areas)).rms);
         }
@@ -261,7 +289,7 @@ fn between_lights(
 fn measure(
     stage: &Stage,
     transfer: &ManyLights,
-    (set, net, values, file): (&LightSet, &Net, &[f32], &translux_format::quantised_lights::QuantisedLights),
+    (set, net, values, file): (&LightSet, &Net, &[f32], &File),
     unseen: &[Light],
     ledger: &mut Ledger,
     progress: &dyn Progress,
@@ -295,6 +323,7 @@ fn measure(
             spatial_error(stage, net, file.spacing_mm, std::slice::from_ref(&truth)),
             vertex_error(&coded, &between, &areas),
         ];
+        if std::env::var("DBGL").is_ok() { println!("{light}: {:.2?}", found.map(|f| 100.0 * f.rms)); }
         errors.iter_mut().zip(found).for_each(|(worst, found)| *worst = worst.max(relative(found)));
         progress.advance(1);
     }

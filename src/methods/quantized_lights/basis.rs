@@ -5,7 +5,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 use translux_format::FormatError;
 use translux_format::coefficients::encode;
-use translux_format::quantised_lights::{QuantisedLights as File, tags};
+use translux_format::quantised_lights::{Set, tags};
 
 use crate::compress::prediction::Net;
 use crate::error::{Error, Result};
@@ -29,10 +29,10 @@ const MOST_COLUMNS: usize = 1 << 16;
 /// Steps that are tried until the error is as asked.
 const TRIALS: usize = 8;
 
-/// Radiosities `[reference point][channel][light]` and the units of the lights. Lights are `[shell][direction]`, so that a point's
-/// row consists of planes `[channel][shell]` over the directions.
+/// Radiosities `[reference point][channel][shell][direction]` and the units of the directions; a point's row consists of planes,
+/// one for each channel and shell.
 pub(super) struct Radiosities<'a> {
-    pub(super) values: &'a [f32],
+    pub(super) values: std::borrow::Cow<'a, [f32]>,
     pub(super) shells: usize,
     pub(super) directions: usize,
     /// RMS of each direction over points, channels and shells.
@@ -40,7 +40,8 @@ pub(super) struct Radiosities<'a> {
 }
 
 impl<'a> Radiosities<'a> {
-    pub(super) fn new(values: &'a [f32], shells: usize, directions: usize) -> Self {
+    pub(super) fn new(values: impl Into<std::borrow::Cow<'a, [f32]>>, shells: usize, directions: usize) -> Self {
+        let values = values.into();
         let mut squares = vec![0.0f64; directions];
         for row in values.chunks_exact(directions.max(1)) {
             squares.iter_mut().zip(row).for_each(|(sum, v)| *sum += f64::from(*v) * f64::from(*v));
@@ -82,9 +83,14 @@ pub(super) fn light_spacing(set: &DirectionSet) -> f64 {
     0.5 * set.directions().iter().map(nearest).fold(f64::MAX, f64::min)
 }
 
-/// Codes radiosities, in the order of the rows of `net`, so that their error is `error` times their RMS; what the set's own
-/// numbers are is for the caller to fill in.
-pub(super) fn code(radiosities: &Radiosities, net: &Net, light_net: &Net, error: f64) -> Result<File> {
+/// Codes radiosities, in the order of the rows of `net`, so that their error is `error` times their RMS.
+pub(super) fn code(
+    radiosities: &Radiosities,
+    net: &Net,
+    light_net: &Net,
+    tags: tags::Set,
+    error: f64,
+) -> Result<Set> {
     let (points, planes, lights) = (radiosities.points(), radiosities.planes(), radiosities.directions);
     let (mixture, units) = decorrelated_planes(radiosities)?;
     let mut rows = vec![0.0f32; radiosities.values.len()];
@@ -138,16 +144,15 @@ pub(super) fn code(radiosities: &Radiosities, net: &Net, light_net: &Net, error:
     let (step, integers) = quantised(net, &ordered, columns.len(), (budget - spent).max(0.1 * budget));
     let fail = |e: FormatError| Error::runtime(format!("asset: {e}"));
     let (integers, columns) = without_empty(integers, columns);
-    Ok(File {
+    Ok(Set {
         channels: mixture.iter().zip(units.iter().cycle()).map(|(m, unit)| m * unit).collect(),
         step,
         units: radiosities.units.clone(),
-        basis: encode(tags::BASIS, lights, functions, &basis_integers, Some(&light_net.similar())).map_err(fail)?,
+        basis: encode(tags.basis, lights, functions, &basis_integers, Some(&light_net.similar())).map_err(fail)?,
         basis_steps,
-        coefficients: encode(tags::COEFFICIENTS, points, columns.len(), &integers, Some(&net.similar()))
+        coefficients: encode(tags.coefficients, points, columns.len(), &integers, Some(&net.similar()))
             .map_err(fail)?,
         columns,
-        ..File::default()
     })
 }
 

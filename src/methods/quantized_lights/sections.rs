@@ -1,5 +1,7 @@
 //! What is stored, and what an evaluator makes of it.
 
+use std::ops::Range;
+
 use glam::DVec3;
 use rayon::prelude::*;
 use translux_format::coefficients::decode;
@@ -54,29 +56,38 @@ pub(super) struct Lit {
 pub(super) struct Part {
     /// What every column contributes for each unit of its integers: per channel of RGB, over the scale, padded with zeros.
     pub(super) columns: [Vec<f32>; 3],
+    /// Columns beyond these contribute nothing; whole registers.
+    pub(super) used: usize,
     /// Of every reference point, what of it arrives there; empty for all of it.
     pub(super) factors: Vec<f32>,
 }
 
 /// The transport as it is evaluated.
 pub(super) struct Transport {
-    /// Coefficients `[reference point][padded column]`, reference points in the order of the receivers.
+    /// Coefficients `[reference point][padded column]`, reference points in the order of the receivers; columns of one set after
+    /// those of the other.
     pub(super) coefficients: Vec<i16>,
     /// Padded columns.
     pub(super) columns: usize,
-    /// Of each column: what its integers are multiples of, its function and its channel.
-    pub(super) scales: Vec<f32>,
-    pub(super) column_function: Vec<u16>,
-    /// See [`folded`]; the units of the directions are in it.
-    pub(super) basis: Vec<f64>,
-    pub(super) functions: usize,
-    /// Rows: decorrelated planes, columns: channels and, in each, shells.
-    pub(super) channels: Vec<f64>,
-    pub(super) shells: usize,
+    /// Of each column what its integers are multiples of.
+    scales: Vec<f32>,
+    sets: Vec<SetOfShells>,
     /// Reference points that every receiver is interpolated from.
     pub(super) weights: SharedWeights,
     /// Where they are, mm.
-    pub(super) positions: Vec<DVec3>,
+    positions: Vec<DVec3>,
+}
+
+/// What makes columns of lights in some shells.
+struct SetOfShells {
+    shells: Range<usize>,
+    /// Of each column: function times planes plus plane.
+    columns: Vec<u16>,
+    /// See [`folded`]; the units of the directions are in it.
+    basis: Vec<f64>,
+    functions: usize,
+    /// Rows: decorrelated planes, columns: channels and, in each, shells.
+    channels: Vec<f64>,
 }
 
 impl Transport {
@@ -86,7 +97,6 @@ impl Transport {
         let points = oriented(scene, receivers);
         let net = Net::new(&points, &parts(receivers), file.spacing_mm);
         let light_net = light_net(&set.lights.directions, file.direction_spacing);
-        let functions = file.basis_steps.len();
         let decoded = |tag, bytes: &[u8], net: &Net| {
             let found = decode(tag, bytes, Some(&net.similar()), Budget::default()).map_err(fail)?;
             if found.rows != net.point.len() {
@@ -97,47 +107,61 @@ impl Transport {
             }
             Ok(found.values)
         };
-        let basis = decoded(tags::BASIS, &file.basis, &light_net)?;
-        let integers = decoded(tags::COEFFICIENTS, &file.coefficients, &net)?;
-        let known = net.dequantise(&integers, &vec![file.step; file.columns.len()]);
-        let basis = by_direction(&light_net.dequantise(&basis, &file.basis_steps), &light_net, functions, &file.units);
+        let (mut sets, mut known) = (Vec::new(), Vec::new());
+        for ((own, tags), shells) in file.sets.iter().zip(tags::SETS).zip([0..1, 1..file.shells.len()]) {
+            let functions = own.basis_steps.len();
+            let basis = decoded(tags.basis, &own.basis, &light_net)?;
+            let integers = decoded(tags.coefficients, &own.coefficients, &net)?;
+            known.push(net.dequantise(&integers, &vec![own.step; own.columns.len()]));
+            let basis = light_net.dequantise(&basis, &own.basis_steps);
+            let basis = by_direction(&basis, &light_net, functions, &own.units);
+            sets.push(SetOfShells {
+                shells,
+                columns: own.columns.clone(),
+                basis: folded(basis, functions, set),
+                functions,
+                channels: own.channels.clone(),
+            });
+        }
+        // Each set has whole registers, so that one can be left out.
+        let columns = sets.iter().map(|set| set.columns.len().next_multiple_of(LANES)).sum();
         let mut transport = Self {
-            coefficients: Vec::new(),
-            columns: file.columns.len().next_multiple_of(LANES),
-            scales: Vec::new(),
-            column_function: file.columns.clone(),
-            basis: folded(basis, functions, set),
-            functions,
-            channels: file.channels.clone(),
-            shells: file.shells.len(),
+            coefficients: vec![0; net.point.len() * columns],
+            columns,
+            scales: vec![1.0; columns],
+            sets,
             weights: SharedWeights::default(),
             positions: Vec::new(),
         };
-        transport.arrange(&known, &net, &points, receivers, file.spacing_mm);
-        transport.positions.iter_mut().for_each(|at| *at += scene.mesh.origin_mm);
+        let mut order: Vec<u32> = (0..net.point.len() as u32).collect();
+        order.sort_unstable_by_key(|&row| net.point[row as usize]);
+        let mut first = 0;
+        for (index, known) in known.iter().enumerate() {
+            let used = transport.sets[index].columns.len();
+            transport.arrange(known, &order, first..first + used);
+            first += used.next_multiple_of(LANES);
+        }
+        let chosen: Vec<u32> = order.iter().map(|&row| net.point[row as usize]).collect();
+        transport.positions = chosen.iter().map(|&i| points[i as usize].at_mm + scene.mesh.origin_mm).collect();
+        transport.weights = SharedWeights::new(&weights(&chosen, &points, receivers, file.spacing_mm));
         Ok(transport)
     }
 
-    /// Puts the reference points in the order of the receivers and their coefficients into 16 bits.
-    fn arrange(&mut self, known: &[f32], net: &Net, points: &[OrientedPoint], receivers: &Receivers, spacing_mm: f64) {
-        let used = self.column_function.len();
+    /// Puts the reference points of some columns in the order of the receivers and their coefficients into 16 bits.
+    fn arrange(&mut self, known: &[f32], order: &[u32], columns: Range<usize>) {
+        let used = columns.len();
         let mut largest = vec![0.0f32; used];
         for row in known.chunks_exact(used.max(1)) {
             largest.iter_mut().zip(row).for_each(|(l, v)| *l = l.max(v.abs()));
         }
         let scale = |l: &f32| if *l > 0.0 { *l / f32::from(i16::MAX) } else { 1.0 };
-        self.scales = largest.iter().map(scale).collect();
-        let mut order: Vec<u32> = (0..net.point.len() as u32).collect();
-        order.sort_unstable_by_key(|&row| net.point[row as usize]);
-        self.coefficients = vec![0; order.len() * self.columns];
-        for (out, &row) in self.coefficients.chunks_exact_mut(self.columns.max(1)).zip(&order) {
+        let scales: Vec<f32> = largest.iter().map(scale).collect();
+        for (out, &row) in self.coefficients.chunks_exact_mut(self.columns.max(1)).zip(order) {
             let values = known.get(row as usize * used..(row as usize + 1) * used).unwrap_or(&[]);
-            let slots = out.iter_mut().zip(values).zip(&self.scales);
+            let slots = out[columns.clone()].iter_mut().zip(values).zip(&scales);
             slots.for_each(|((slot, v), scale)| *slot = (v / scale).round() as i16);
         }
-        let chosen: Vec<u32> = order.iter().map(|&row| net.point[row as usize]).collect();
-        self.positions = chosen.iter().map(|&i| points[i as usize].at_mm).collect();
-        self.weights = SharedWeights::new(&weights(&chosen, points, receivers, spacing_mm));
+        self.scales[columns].copy_from_slice(&scales);
     }
 
     /// Lights made ready. What an area light emits depends on the direction, and is that towards each reference point.
@@ -159,11 +183,11 @@ impl Transport {
         let scale = power_of_two_near(largest) * f64::from(1u32 << 15);
         let part = |(columns, factors): ([Vec<f64>; 3], Vec<f32>)| {
             let columns = columns.map(|values| {
-                let mut values: Vec<f32> = values.iter().map(|value| (value / scale) as f32).collect();
-                values.resize(self.columns, 0.0);
-                values
+                values.iter().map(|value| (value / scale) as f32).collect::<Vec<f32>>()
             });
-            Part { columns, factors }
+            let last = |values: &Vec<f32>| values.iter().rposition(|v| *v != 0.0).map_or(0, |last| last + 1);
+            let used = columns.iter().map(last).max().unwrap_or(0).next_multiple_of(LANES);
+            Part { columns, used, factors }
         };
         Ok(Lit { parts: parts.into_iter().map(part).collect(), scale })
     }
@@ -178,42 +202,21 @@ impl Transport {
             };
             set.function_sums(lights)?.into_iter().flat_map(of_shell).collect()
         };
-        let shells = weights.chunks((weights.len() / self.shells.max(1)).max(1));
-        let functions: Vec<[Vec<f64>; 3]> = shells.map(|weights| self.functions_of(weights)).collect();
-        let planes = 3 * self.shells;
-        let exact = [0, 1, 2].map(|rgb| {
-            let of_column = |(&c, &scale): (&u16, &f32)| {
-                let (function, plane) = (usize::from(c) / planes, usize::from(c) % planes);
-                let row = &self.channels[plane * planes + rgb * self.shells..][..self.shells];
-                let sum: f64 = functions.iter().zip(row).map(|(shell, m)| m * shell[rgb][function]).sum();
-                sum * f64::from(scale)
-            };
-            self.column_function.iter().zip(&self.scales).map(of_column).collect::<Vec<f64>>()
-        });
+        let of_shell = (weights.len() / set.lights.shells.inverse().len().max(1)).max(1);
+        let shells: Vec<&[[f64; 3]]> = weights.chunks(of_shell).collect();
+        let mut exact = [0, 1, 2].map(|_| Vec::with_capacity(self.columns));
+        for own in &self.sets {
+            let columns = own.columns(shells.get(own.shells.clone()).unwrap_or(&[]));
+            for (all, columns) in exact.iter_mut().zip(columns) {
+                let scales = &self.scales[all.len()..];
+                all.extend(columns.iter().zip(scales).map(|(value, scale)| value * f64::from(*scale)));
+                all.resize(all.len().next_multiple_of(LANES), 0.0);
+            }
+        }
         if exact.iter().flatten().any(|value| !value.is_finite()) {
             return Err(Error::runtime("the light is too bright for double precision; make it weaker"));
         }
         Ok(exact)
-    }
-
-    /// Sums of the rows of the basis, each with its RGB weight.
-    fn functions_of(&self, weights: &[[f64; 3]]) -> [Vec<f64>; 3] {
-        let width = self.functions.max(1);
-        let level = Level::detect();
-        let of_chunk = |(weights, rows): (&[[f64; 3]], &[f64])| {
-            let mut sums = [0, 1, 2].map(|_| vec![0.0; self.functions]);
-            add_rows(level, &mut sums, weights, rows);
-            sums
-        };
-        let chunks = weights.par_chunks(ROWS_OF_A_TASK).zip(self.basis.par_chunks(ROWS_OF_A_TASK * width));
-        let mut chunks = chunks.map(of_chunk).collect::<Vec<_>>().into_iter();
-        let mut total = chunks.next().unwrap_or_else(|| [0, 1, 2].map(|_| vec![0.0; self.functions]));
-        for chunk in chunks {
-            for (total, sums) in total.iter_mut().flatten().zip(chunk.iter().flatten()) {
-                *total += sums;
-            }
-        }
-        total
     }
 
     /// Fills `values` with the radiosity of every reference point over the scale of the lights, RGB and nothing.
@@ -225,7 +228,7 @@ impl Transport {
             let mut own = [[0.0f32; 4]; CHUNK];
             let own = &mut own[..out.len()];
             for (index, part) in lit.parts.iter().enumerate() {
-                products(level, own, rows, &part.columns);
+                products(level, own, rows, &part.columns, part.used);
                 if let Some(factors) = part.factors.get(chunk * CHUNK..) {
                     own.iter_mut().zip(factors).for_each(|(value, factor)| value.iter_mut().for_each(|v| *v *= factor));
                 }
@@ -242,9 +245,45 @@ impl Transport {
     /// Bytes in memory.
     pub(super) fn bytes(&self) -> usize {
         size_of_val(self.coefficients.as_slice())
-            + size_of_val(self.basis.as_slice())
-            + self.weights.bytes()
+            + self.sets.iter().map(|set| size_of_val(set.basis.as_slice())).sum::<usize>()
             + size_of_val(self.positions.as_slice())
+            + self.weights.bytes()
+    }
+}
+
+impl SetOfShells {
+    /// What every column gives for weights of the basis' rows in each shell, for each channel of RGB.
+    fn columns(&self, shells: &[&[[f64; 3]]]) -> [Vec<f64>; 3] {
+        let functions: Vec<[Vec<f64>; 3]> = shells.iter().map(|weights| self.functions_of(weights)).collect();
+        let planes = 3 * self.shells.len();
+        [0, 1, 2].map(|rgb| {
+            let of_column = |&c: &u16| {
+                let (function, plane) = (usize::from(c) / planes, usize::from(c) % planes);
+                let row = &self.channels[plane * planes + rgb * self.shells.len()..][..self.shells.len()];
+                functions.iter().zip(row).map(|(shell, m)| m * shell[rgb][function]).sum()
+            };
+            self.columns.iter().map(of_column).collect()
+        })
+    }
+
+    /// Sums of the rows of the basis, each with its RGB weight.
+    fn functions_of(&self, weights: &[[f64; 3]]) -> [Vec<f64>; 3] {
+        let none = || [0, 1, 2].map(|_| vec![0.0; self.functions]);
+        if weights.iter().flatten().all(|weight| *weight == 0.0) {
+            return none();
+        }
+        let level = Level::detect();
+        let of_chunk = |(weights, rows): (&[[f64; 3]], &[f64])| {
+            let mut sums = none();
+            add_rows(level, &mut sums, weights, rows);
+            sums
+        };
+        let rows = self.basis.par_chunks(ROWS_OF_A_TASK * self.functions.max(1));
+        let chunks = weights.par_chunks(ROWS_OF_A_TASK).zip(rows).map(of_chunk).collect::<Vec<_>>();
+        chunks.into_iter().reduce(|mut total, chunk| {
+            total.iter_mut().flatten().zip(chunk.iter().flatten()).for_each(|(total, sum)| *total += sum);
+            total
+        }).unwrap_or_else(none)
     }
 }
 
@@ -288,9 +327,9 @@ multiversion! {
 
 /// Dot products of rows of coefficients with the columns of each channel.
 #[inline(always)]
-fn products_body(out: &mut [[f32; 4]], rows: &[i16], columns: &[Vec<f32>; 3]) {
+fn products_body(out: &mut [[f32; 4]], rows: &[i16], columns: &[Vec<f32>; 3], used: usize) {
     let width = columns[0].len();
-    let [red, green, blue] = columns;
+    let [red, green, blue] = columns.each_ref().map(|column| &column[..used.min(width)]);
     for (out, row) in out.iter_mut().zip(rows.chunks_exact(width.max(1))) {
         let [mut r, mut g, mut b] = [[0.0f32; LANES]; 3];
         let chunks = row.chunks_exact(LANES).zip(red.chunks_exact(LANES));
@@ -322,7 +361,7 @@ fn total(lanes: &[f32; LANES]) -> f32 {
 
 multiversion! {
     /// See [`products_body`].
-    fn products(out: &mut [[f32; 4]], rows: &[i16], columns: &[Vec<f32>; 3]) => products_body
+    fn products(out: &mut [[f32; 4]], rows: &[i16], columns: &[Vec<f32>; 3], used: usize) => products_body
 }
 
 /// Weights of every receiver over the reference points, which are some of the receivers, ascending.
