@@ -222,7 +222,8 @@ impl QuantisedLights {
         let Some([numbers]) = numbers else {
             return if sets.is_empty() { Ok(None) } else { Err(FormatError::MissingSection { tag: tags::NUMBERS }) };
         };
-        let Record { directions, shells, spacing_mm, direction_spacing, samples, channels, steps } = numbers.record()?;
+        let Record { directions, shells, spacing_mm, direction_spacing, samples, channels, steps } =
+            numbers.record()?;
         if let Some(missing) = tags::SETS.get(sets.len()..shells_of_sets(shells.len()).len()).and_then(<[_]>::first) {
             return Err(FormatError::MissingSection { tag: missing.units });
         }

@@ -84,13 +84,7 @@ pub(super) fn light_spacing(set: &DirectionSet) -> f64 {
 }
 
 /// Codes radiosities, in the order of the rows of `net`, so that their error is `error` times their RMS.
-pub(super) fn code(
-    radiosities: &Radiosities,
-    net: &Net,
-    light_net: &Net,
-    tags: tags::Set,
-    error: f64,
-) -> Result<Set> {
+pub(super) fn code(radiosities: &Radiosities, net: &Net, light_net: &Net, tags: tags::Set, error: f64) -> Result<Set> {
     let (points, planes, lights) = (radiosities.points(), radiosities.planes(), radiosities.directions);
     let (mixture, units) = decorrelated_planes(radiosities)?;
     let mut rows = vec![0.0f32; radiosities.values.len()];

@@ -164,7 +164,8 @@ impl Method for QuantizedLights {
     }
 
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {
-        let Ok(plan) = Plan::new(&settings.values, &settings.for_lights) else { return 0 };
+        // Keys that are refused take no memory; the bake says what is wrong with them.
+        let Ok(plan) = Plan::new(&settings.values, &settings.for_lights) else { return bake::memory(scene, settings) };
         match plan.choices.encoding {
             Encoding::Components => bake::memory(scene, settings),
             Encoding::Bleeding => bleeding::memory(scene, settings),

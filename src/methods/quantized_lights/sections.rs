@@ -182,9 +182,7 @@ impl Transport {
         let largest = values.fold(0.0f64, |a, v| a.max(v.abs()));
         let scale = power_of_two_near(largest) * f64::from(1u32 << 15);
         let part = |(columns, factors): ([Vec<f64>; 3], Vec<f32>)| {
-            let columns = columns.map(|values| {
-                values.iter().map(|value| (value / scale) as f32).collect::<Vec<f32>>()
-            });
+            let columns = columns.map(|values| values.iter().map(|value| (value / scale) as f32).collect::<Vec<f32>>());
             let last = |values: &Vec<f32>| values.iter().rposition(|v| *v != 0.0).map_or(0, |last| last + 1);
             let used = columns.iter().map(last).max().unwrap_or(0).next_multiple_of(LANES);
             Part { columns, used, factors }
@@ -280,10 +278,13 @@ impl SetOfShells {
         };
         let rows = self.basis.par_chunks(ROWS_OF_A_TASK * self.functions.max(1));
         let chunks = weights.par_chunks(ROWS_OF_A_TASK).zip(rows).map(of_chunk).collect::<Vec<_>>();
-        chunks.into_iter().reduce(|mut total, chunk| {
-            total.iter_mut().flatten().zip(chunk.iter().flatten()).for_each(|(total, sum)| *total += sum);
-            total
-        }).unwrap_or_else(none)
+        chunks
+            .into_iter()
+            .reduce(|mut total, chunk| {
+                total.iter_mut().flatten().zip(chunk.iter().flatten()).for_each(|(total, sum)| *total += sum);
+                total
+            })
+            .unwrap_or_else(none)
     }
 }
 
