@@ -31,6 +31,9 @@ const CHUNK: usize = 256;
 /// Rows of the basis that one task sums.
 const ROWS_OF_A_TASK: usize = 512;
 
+/// Columns that are off a common colour by less than this have it.
+const ROUNDING: f32 = 1e-6;
+
 /// Columns are padded to whole registers.
 pub(super) const LANES: usize = 16;
 
@@ -58,19 +61,54 @@ pub(super) struct Part {
     pub(super) columns: [Vec<f32>; 3],
     /// Columns beyond these contribute nothing; whole registers.
     pub(super) used: usize,
+    /// The same as products of few numbers, where there are such.
+    separated: Option<Separated>,
     /// Of every reference point, what of it arrives there; empty for all of it.
     pub(super) factors: Vec<f32>,
 }
 
+/// Columns that are, in each group, one number times a colour: those of parallel light of one colour.
+struct Separated {
+    numbers: Vec<f32>,
+    colours: Vec<(Range<usize>, [f32; 3])>,
+}
+
+impl Separated {
+    /// Groups without light are left out; none where a group has several colours.
+    fn new(columns: &[Vec<f32>; 3], groups: &[Range<usize>]) -> Option<Self> {
+        let mut result = Self { numbers: vec![0.0; columns[0].len()], colours: Vec::new() };
+        for group in groups {
+            let [r, g, b] = columns.each_ref().map(|column| &column[group.clone()]);
+            let rgb = || r.iter().zip(g).zip(b).map(|((r, g), b)| [*r, *g, *b]);
+            let size = |cell: &[f32; 3]| cell.iter().fold(0.0f32, |a, v| a.max(v.abs()));
+            let largest = rgb().max_by(|a, b| size(a).total_cmp(&size(b))).filter(|cell| size(cell) > 0.0);
+            let Some(largest) = largest else { continue };
+            let colour = largest.map(|v| v / size(&largest));
+            let squares: f32 = colour.iter().map(|c| c * c).sum();
+            for (number, cell) in result.numbers[group.clone()].iter_mut().zip(rgb()) {
+                *number = cell.iter().zip(colour).map(|(v, c)| v * c).sum::<f32>() / squares;
+                let off = cell.iter().zip(colour).map(|(v, c)| (v - *number * c).abs()).fold(0.0, f32::max);
+                if off > ROUNDING * size(&largest) {
+                    return None;
+                }
+            }
+            result.colours.push((group.clone(), colour));
+        }
+        Some(result)
+    }
+}
+
 /// The transport as it is evaluated.
 pub(super) struct Transport {
-    /// Coefficients `[reference point][padded column]`, reference points in the order of the receivers; columns of one set after
+    /// Coefficients `[reference point][padded column]`, reference points in the order of the receivers; columns of one plane after
     /// those of the other.
     pub(super) coefficients: Vec<i16>,
     /// Padded columns.
     pub(super) columns: usize,
     /// Of each column what its integers are multiples of.
     scales: Vec<f32>,
+    /// Columns of each plane, whole registers.
+    groups: Vec<Range<usize>>,
     sets: Vec<SetOfShells>,
     /// Reference points that every receiver is interpolated from.
     pub(super) weights: SharedWeights,
@@ -81,8 +119,8 @@ pub(super) struct Transport {
 /// What makes columns of lights in some shells.
 struct SetOfShells {
     shells: Range<usize>,
-    /// Of each column: function times planes plus plane.
-    columns: Vec<u16>,
+    /// Of each padded column: where it is stored, and function times planes plus plane.
+    columns: Vec<Option<(usize, u16)>>,
     /// See [`folded`]; the units of the directions are in it.
     basis: Vec<f64>,
     functions: usize,
@@ -107,7 +145,7 @@ impl Transport {
             }
             Ok(found.values)
         };
-        let (mut sets, mut known) = (Vec::new(), Vec::new());
+        let (mut sets, mut known, mut groups, mut columns) = (Vec::new(), Vec::new(), Vec::new(), 0);
         for ((own, tags), shells) in file.sets.iter().zip(tags::SETS).zip([0..1, 1..file.shells.len()]) {
             let functions = own.basis_steps.len();
             let basis = decoded(tags.basis, &own.basis, &light_net)?;
@@ -115,20 +153,28 @@ impl Transport {
             known.push(net.dequantise(&integers, &vec![own.step; own.columns.len()]));
             let basis = light_net.dequantise(&basis, &own.basis_steps);
             let basis = by_direction(&basis, &light_net, functions, &own.units);
+            let first = columns;
+            let mut padded = Vec::new();
+            for plane in 0..3 * shells.len() {
+                let stored = own.columns.iter().copied().enumerate();
+                padded.extend(stored.filter(|(_, c)| usize::from(*c) % (3 * shells.len()) == plane).map(Some));
+                padded.resize(padded.len().next_multiple_of(LANES), None);
+                groups.push(columns..first + padded.len());
+                columns = first + padded.len();
+            }
             sets.push(SetOfShells {
                 shells,
-                columns: own.columns.clone(),
+                columns: padded,
                 basis: folded(basis, functions, set),
                 functions,
                 channels: own.channels.clone(),
             });
         }
-        // Each set has whole registers, so that one can be left out.
-        let columns = sets.iter().map(|set| set.columns.len().next_multiple_of(LANES)).sum();
         let mut transport = Self {
             coefficients: vec![0; net.point.len() * columns],
             columns,
             scales: vec![1.0; columns],
+            groups,
             sets,
             weights: SharedWeights::default(),
             positions: Vec::new(),
@@ -137,9 +183,8 @@ impl Transport {
         order.sort_unstable_by_key(|&row| net.point[row as usize]);
         let mut first = 0;
         for (index, known) in known.iter().enumerate() {
-            let used = transport.sets[index].columns.len();
-            transport.arrange(known, &order, first..first + used);
-            first += used.next_multiple_of(LANES);
+            let stored = file.sets[index].columns.len();
+            first = transport.arrange(known, stored, &order, index, first);
         }
         let chosen: Vec<u32> = order.iter().map(|&row| net.point[row as usize]).collect();
         transport.positions = chosen.iter().map(|&i| points[i as usize].at_mm + scene.mesh.origin_mm).collect();
@@ -147,21 +192,29 @@ impl Transport {
         Ok(transport)
     }
 
-    /// Puts the reference points of some columns in the order of the receivers and their coefficients into 16 bits.
-    fn arrange(&mut self, known: &[f32], order: &[u32], columns: Range<usize>) {
-        let used = columns.len();
-        let mut largest = vec![0.0f32; used];
-        for row in known.chunks_exact(used.max(1)) {
+    /// Puts the reference points of a set in the order of the receivers and their coefficients into 16 bits, from one column on;
+    /// returns that after its last one.
+    fn arrange(&mut self, known: &[f32], stored: usize, order: &[u32], set: usize, first: usize) -> usize {
+        let mut largest = vec![0.0f32; stored];
+        for row in known.chunks_exact(stored.max(1)) {
             largest.iter_mut().zip(row).for_each(|(l, v)| *l = l.max(v.abs()));
         }
-        let scale = |l: &f32| if *l > 0.0 { *l / f32::from(i16::MAX) } else { 1.0 };
-        let scales: Vec<f32> = largest.iter().map(scale).collect();
-        for (out, &row) in self.coefficients.chunks_exact_mut(self.columns.max(1)).zip(order) {
-            let values = known.get(row as usize * used..(row as usize + 1) * used).unwrap_or(&[]);
-            let slots = out[columns.clone()].iter_mut().zip(values).zip(&scales);
-            slots.for_each(|((slot, v), scale)| *slot = (v / scale).round() as i16);
+        let columns = &self.sets[set].columns;
+        let end = first + columns.len();
+        for (scale, column) in self.scales[first..end].iter_mut().zip(columns) {
+            if let Some((index, _)) = column {
+                *scale = if largest[*index] > 0.0 { largest[*index] / f32::from(i16::MAX) } else { 1.0 };
+            }
         }
-        self.scales[columns].copy_from_slice(&scales);
+        for (out, &row) in self.coefficients.chunks_exact_mut(self.columns.max(1)).zip(order) {
+            let Some(values) = known.get(row as usize * stored..(row as usize + 1) * stored) else { continue };
+            for ((slot, scale), column) in out[first..end].iter_mut().zip(&self.scales[first..end]).zip(columns) {
+                if let Some((index, _)) = column {
+                    *slot = (values[*index] / scale).round() as i16;
+                }
+            }
+        }
+        end
     }
 
     /// Lights made ready. What an area light emits depends on the direction, and is that towards each reference point.
@@ -185,7 +238,8 @@ impl Transport {
             let columns = columns.map(|values| values.iter().map(|value| (value / scale) as f32).collect::<Vec<f32>>());
             let last = |values: &Vec<f32>| values.iter().rposition(|v| *v != 0.0).map_or(0, |last| last + 1);
             let used = columns.iter().map(last).max().unwrap_or(0).next_multiple_of(LANES);
-            Part { columns, used, factors }
+            let separated = Separated::new(&columns, &self.groups);
+            Part { columns, used, separated, factors }
         };
         Ok(Lit { parts: parts.into_iter().map(part).collect(), scale })
     }
@@ -206,9 +260,8 @@ impl Transport {
         for own in &self.sets {
             let columns = own.columns(shells.get(own.shells.clone()).unwrap_or(&[]));
             for (all, columns) in exact.iter_mut().zip(columns) {
-                let scales = &self.scales[all.len()..];
-                all.extend(columns.iter().zip(scales).map(|(value, scale)| value * f64::from(*scale)));
-                all.resize(all.len().next_multiple_of(LANES), 0.0);
+                let first = all.len();
+                all.extend(columns.iter().zip(&self.scales[first..]).map(|(value, scale)| value * f64::from(*scale)));
             }
         }
         if exact.iter().flatten().any(|value| !value.is_finite()) {
@@ -226,7 +279,10 @@ impl Transport {
             let mut own = [[0.0f32; 4]; CHUNK];
             let own = &mut own[..out.len()];
             for (index, part) in lit.parts.iter().enumerate() {
-                products(level, own, rows, &part.columns, part.used);
+                match &part.separated {
+                    Some(separated) => separated_products(level, own, rows, self.columns, separated),
+                    None => products(level, own, rows, &part.columns, part.used),
+                }
                 if let Some(factors) = part.factors.get(chunk * CHUNK..) {
                     own.iter_mut().zip(factors).for_each(|(value, factor)| value.iter_mut().for_each(|v| *v *= factor));
                 }
@@ -255,7 +311,8 @@ impl SetOfShells {
         let functions: Vec<[Vec<f64>; 3]> = shells.iter().map(|weights| self.functions_of(weights)).collect();
         let planes = 3 * self.shells.len();
         [0, 1, 2].map(|rgb| {
-            let of_column = |&c: &u16| {
+            let of_column = |column: &Option<(usize, u16)>| {
+                let Some((_, c)) = *column else { return 0.0 };
                 let (function, plane) = (usize::from(c) / planes, usize::from(c) % planes);
                 let row = &self.channels[plane * planes + rgb * self.shells.len()..][..self.shells.len()];
                 functions.iter().zip(row).map(|(shell, m)| m * shell[rgb][function]).sum()
@@ -344,6 +401,42 @@ fn products_body(out: &mut [[f32; 4]], rows: &[i16], columns: &[Vec<f32>; 3], us
         }
         *out = [total(&r), total(&g), total(&b), 0.0];
     }
+}
+
+/// The same where groups of columns have a colour each; four rows at a time, whose sums do not wait for each other.
+#[inline(always)]
+fn separated_body(out: &mut [[f32; 4]], rows: &[i16], width: usize, separated: &Separated) {
+    for (out, rows) in out.chunks_mut(4).zip(rows.chunks((4 * width).max(1))) {
+        // Beyond the last row it is taken again.
+        let row = |i: usize| rows.get(i * width..(i + 1) * width).unwrap_or(&rows[..width.min(rows.len())]);
+        let rows = [row(0), row(1), row(2), row(3)];
+        let mut rgb = [[0.0f32; 4]; 4];
+        for (group, colour) in &separated.colours {
+            let Some(numbers) = separated.numbers.get(group.clone()) else { return };
+            let [Some(a), Some(b), Some(c), Some(d)] = rows.map(|row| row.get(group.clone())) else { return };
+            let [mut s0, mut s1, mut s2, mut s3] = [[0.0f32; LANES]; 4];
+            let first = a.chunks_exact(LANES).zip(b.chunks_exact(LANES));
+            let second = c.chunks_exact(LANES).zip(d.chunks_exact(LANES));
+            for (((a, b), (c, d)), numbers) in first.zip(second).zip(numbers.chunks_exact(LANES)) {
+                for i in 0..LANES {
+                    s0[i] += f32::from(a[i]) * numbers[i];
+                    s1[i] += f32::from(b[i]) * numbers[i];
+                    s2[i] += f32::from(c[i]) * numbers[i];
+                    s3[i] += f32::from(d[i]) * numbers[i];
+                }
+            }
+            for (rgb, sums) in rgb.iter_mut().zip([&s0, &s1, &s2, &s3]) {
+                let sum = total(sums);
+                rgb.iter_mut().zip(colour).for_each(|(value, colour)| *value += sum * colour);
+            }
+        }
+        out.iter_mut().zip(rgb).for_each(|(out, rgb)| *out = rgb);
+    }
+}
+
+multiversion! {
+    /// See [`separated_body`].
+    fn separated_products(out: &mut [[f32; 4]], rows: &[i16], width: usize, separated: &Separated) => separated_body
 }
 
 /// Pairwise, the same on every level.
