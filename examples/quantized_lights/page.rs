@@ -1,0 +1,2 @@
+//! x
+pub(crate) fn assembled(p: &[(&str, String)]) -> String { format!("{p:?}") }
