@@ -1,4 +1,186 @@
-//! x
+//! The default encoding from end to end: bytes and image error against `reference`, and the paper's Table I with times of a new light.
+
+use std::time::Instant;
+
+use glam::DVec3;
+use rayon::prelude::*;
+use translux::asset::Asset;
 use translux::error::Result;
-use crate::bench::Context;
-pub(crate) fn run(_: &Context) -> Result<String> { Ok(String::new()) }
+use translux::evaluate::Evaluator;
+use translux::measure::chart::draw::{Front, Point, Scatter, Unit, scatter_svg};
+use translux::methods::quantized_lights::QuantizedLights;
+
+use crate::bench::{
+    Context, Recipe, all_lit, bake, bytes_per_vertex, lit, method, noted, open, random_direction, table, thousandths,
+    truth,
+};
+use crate::encodings::cells;
+use crate::views::{ImageRms, Spread, Views};
+
+/// Model, material and the errors that are asked for.
+const LADDERS: [(&str, &str, &[f64]); 6] = [
+    ("bunny_closed", "marble", &[0.03, 0.02, 0.015, 0.01]),
+    ("bunny_closed", "skin1", &[0.03, 0.02, 0.015]),
+    ("horse", "marble", &[0.02, 0.015]),
+    ("horse", "skin1", &[0.02]),
+    ("dragon_50k", "marble", &[0.02]),
+    ("dragon_50k", "skin1", &[0.02]),
+];
+
+/// The error that Table I's assets are asked for: the method's default.
+const DEFAULT_RMS: f64 = 0.02;
+
+/// New lights that are timed.
+const TIMED: usize = 200;
+
+/// Random numbers of the lights that are timed.
+const STAGE: u64 = 0x7469_6d65_6400;
+
+/// Bytes of the paper's uncompressed values, RGB.
+const PAPER_BYTES: f64 = 600.0;
+
+/// Bytes of a vertex's result.
+const RESULT_BYTES: usize = size_of::<DVec3>();
+
+/// Bytes a second of a parallel copy, read and written.
+fn copy_bandwidth() -> f64 {
+    const CHUNK: usize = 1 << 20;
+    let from = vec![1u64; 1 << 25];
+    let mut to = vec![0u64; from.len()];
+    let once = |to: &mut Vec<u64>| {
+        let start = Instant::now();
+        to.par_chunks_mut(CHUNK).zip(from.par_chunks(CHUNK)).for_each(|(to, from)| to.copy_from_slice(from));
+        start.elapsed().as_secs_f64()
+    };
+    let best = (0..7).map(|_| once(&mut to)).fold(f64::INFINITY, f64::min);
+    (2 * size_of_val(from.as_slice())) as f64 / best
+}
+
+/// Best and median seconds of a new parallel light.
+fn relight(evaluator: &mut dyn Evaluator) -> Result<[f64; 2]> {
+    let mut times = Vec::with_capacity(TIMED);
+    for index in 0..TIMED {
+        let from = random_direction(STAGE, index as u64);
+        let start = Instant::now();
+        let values = lit(evaluator, from)?;
+        times.push(start.elapsed().as_secs_f64());
+        drop(values);
+    }
+    times.sort_unstable_by(f64::total_cmp);
+    Ok([0, TIMED / 2].map(|i| times.get(i).copied().unwrap_or(f64::NAN)))
+}
+
+/// One row of Table I.
+fn row(model: &str, material: &str, asset: &Asset, bandwidth: f64) -> Result<Vec<String>> {
+    let mut evaluator = open(asset, None)?;
+    let [best, median] = relight(evaluator.as_mut())?;
+    let vertices = asset.scene.mesh.local_mm.len();
+    let bytes = bytes_per_vertex(asset)?;
+    let touched = evaluator.cost().resident_bytes + vertices * RESULT_BYTES;
+    let rate = |seconds: f64| format!("{:.0}", vertices as f64 / seconds / 1e6);
+    Ok(vec![
+        format!("{model}, {material}"),
+        vertices.to_string(),
+        noted(asset, "of them").map_or("?".to_owned(), |n| n.to_string()),
+        format!("{bytes:.1}"),
+        format!("{:.0}", PAPER_BYTES / bytes),
+        format!("{:.0}, {:.0}", 1.0 / best, 1.0 / median),
+        format!("{}, {}", rate(best), rate(median)),
+        format!("{:.0} %", 100.0 * touched as f64 / best / bandwidth),
+    ])
+}
+
+/// End to end, and Table I.
+pub(crate) fn run(context: &Context) -> Result<String> {
+    let bandwidth = copy_bandwidth();
+    context.say(&format!("components: copies {:.1} GB/s", bandwidth / 1e9));
+    let quick: &[(&str, &str, &[f64])] = &[("bunny_3k", "marble", &[0.03, 0.02])];
+    let lights = context.lights();
+    let (mut rows, mut times, mut points) = (Vec::new(), Vec::new(), Vec::new());
+    for (model, material, asked) in if context.quick { quick } else { &LADDERS } {
+        let scene = context.scene(model, material)?;
+        let views = Views::new(&scene, context.views())?;
+        let first = lights.first().copied().unwrap_or(DVec3::Z);
+        let none = Recipe { samples: None, max_rms: DEFAULT_RMS, set: &[] };
+        let brute = views.reference(&lit(method("reference", &scene, &none)?.as_mut(), first)?);
+        let all = all_lit(truth(&scene)?.as_mut(), &lights)?;
+        let expected: Vec<_> = all.iter().map(|b| views.reference(b)).collect();
+        let own = all.first().map_or(f64::NAN, |b| views.worst(b, &brute).with_background);
+        context.say(&format!("components: {model}, {material}, reference ({} to two_pass)", thousandths(own)));
+        for &max_rms in *asked {
+            let start = Instant::now();
+            let asset = bake(&QuantizedLights, &scene, &Recipe { max_rms, ..none })?;
+            let seconds = start.elapsed().as_secs_f64();
+            let found = all_lit(open(&asset, None)?.as_mut(), &lights)?;
+            let errors: Vec<ImageRms> = found.iter().zip(&expected).map(|(b, r)| views.worst(b, r)).collect();
+            let against = found.first().map_or_else(ImageRms::default, |b| views.worst(b, &brute));
+            let error = Spread::of(&errors);
+            let bytes = bytes_per_vertex(&asset)?;
+            let series = format!("{model}, {material}");
+            points.push(Point { series: series.clone(), x: bytes, y: error.worst.with_background });
+            let [with_background, covered, one] = cells(error);
+            let text = |figure: Option<f64>| figure.map_or("?".to_owned(), |n| n.to_string());
+            rows.push(vec![
+                series,
+                format!("{} %", 100.0 * max_rms),
+                text(noted(&asset, "directions, under")),
+                text(noted(&asset, "of them")),
+                format!("{bytes:.1}"),
+                format!("{}, {}", thousandths(against.with_background), thousandths(against.covered)),
+                with_background,
+                covered,
+                one,
+                format!("{seconds:.0}"),
+            ]);
+            context.say(&format!("components: {model}, {material}, {max_rms}: {bytes:.1} bytes/vertex"));
+            if max_rms == DEFAULT_RMS {
+                times.push(row(model, material, &asset, bandwidth)?);
+            }
+        }
+    }
+    for model in if context.quick { &[][..] } else { &["santa", "buddha_50k"] } {
+        let scene = context.scene(model, "marble")?;
+        let asset = bake(&QuantizedLights, &scene, &Recipe { samples: None, max_rms: DEFAULT_RMS, set: &[] })?;
+        times.push(row(model, "marble", &asset, bandwidth)?);
+        context.say(&format!("components: {model}, times"));
+    }
+    let scatter = Scatter {
+        title: format!("Image error against bytes a vertex, RGB, {} mm", crate::bench::SIZE_MM),
+        axes: ["bytes/vertex on disk".to_owned(), "image RMS with background, worst light and view".to_owned()],
+        units: [Unit::BytesPerVertex, Unit::Number],
+        points,
+        lines: vec![(4e-3, "asked".to_owned())],
+        front: Front::Left,
+    };
+    let file = "quantized_bytes.svg";
+    translux::io::atomic::write(&context.pictures.join(file), scatter_svg(&scatter)?.as_bytes())?;
+    let head = [
+        "model, material",
+        "asked",
+        "directions",
+        "reference points",
+        "bytes/vertex",
+        "against `reference`, one light: with background, covered",
+        "8 lights, with background: median, worst",
+        "covered",
+        "one exposure",
+        "bake, s",
+    ];
+    let table_i = [
+        "model, material",
+        "vertices",
+        "reference points",
+        "bytes/vertex, RGB",
+        "compression of 600 bytes",
+        "new lights a second: best, median",
+        "Mvertices/s: best, median",
+        "of the bandwidth",
+    ];
+    Ok(format!(
+        "![Image error against bytes a vertex](pictures/{file})\n\n{}\n### Table I\n\n@table-i@ A copy moves {:.1} GB/s \
+         here, read and written.\n\n{}",
+        table(&head, &rows),
+        bandwidth / 1e9,
+        table(&table_i, &times)
+    ))
+}

@@ -20,7 +20,8 @@ use translux::transport::receivers::Receivers;
 use translux::transport::scene::{self, Scene, Surface};
 use translux::transport::tree::SampleTree;
 
-use crate::bench::{self, Context, directions_of, parallel, table, thousandths};
+use crate::bench::{self, Context, directions_of, parallel, table};
+use crate::encodings::cells;
 use crate::views::{Spread, Views};
 
 /// The paper's meshes or the nearest to them.
@@ -151,7 +152,7 @@ pub(crate) fn run(context: &Context) -> Result<String> {
             lines: vec![(3e-3, "the paper at 200 lights".to_owned())],
             front: Front::Left,
         };
-        let (mut with_background, mut covered) = (Vec::new(), Vec::new());
+        let mut tables = [const { Vec::new() }; 3];
         let mut all = Vec::new();
         for model in &models {
             let scene = context.scene(model, material)?;
@@ -161,24 +162,18 @@ pub(crate) fn run(context: &Context) -> Result<String> {
         }
         for scheme in Scheme::ALL {
             for (model, found) in &all {
-                let mut rows = [Vec::new(), Vec::new()];
+                let mut rows = [const { Vec::new() }; 3].map(|mut row: Vec<String>| {
+                    row.extend([scheme.name().to_owned(), (*model).to_owned()]);
+                    row
+                });
                 for f in found.iter().filter(|f| f.scheme == scheme) {
-                    let Spread { median, worst } = f.error;
-                    let pair = |a: f64, b: f64| format!("{}, {}", thousandths(a), thousandths(b));
-                    rows[0].push(pair(median.with_background, worst.with_background));
-                    rows[1].push(pair(median.covered, worst.covered));
+                    rows.iter_mut().zip(cells(f.error)).for_each(|(row, cell)| row.push(cell));
                     if matches!(scheme, Scheme::Nearest4 | Scheme::Rbf) {
                         let series = format!("{model}, {}", scheme.name());
-                        scatter.points.push(Point { series, x: f.count as f64, y: worst.with_background });
+                        scatter.points.push(Point { series, x: f.count as f64, y: f.error.worst.with_background });
                     }
                 }
-                let named = |cells: &[String]| {
-                    let mut row = vec![scheme.name().to_owned(), (*model).to_owned()];
-                    row.extend_from_slice(cells);
-                    row
-                };
-                with_background.push(named(&rows[0]));
-                covered.push(named(&rows[1]));
+                tables.iter_mut().zip(rows).for_each(|(table, row)| table.push(row));
             }
         }
         let name = format!("quantized_figure5_{material}.svg");
@@ -186,9 +181,14 @@ pub(crate) fn run(context: &Context) -> Result<String> {
         let counts: Vec<String> = counts.iter().map(|c| format!("{c} lights")).collect();
         let head: Vec<&str> = ["interpolation", "model"].into_iter().chain(counts.iter().map(String::as_str)).collect();
         text.push_str(&format!("![Image error against the number of lights, {material}](pictures/{name})\n\n"));
-        text.push_str(&format!("**{material}**, with background, as the paper has it:\n\n"));
-        text.push_str(&table(&head, &with_background));
-        text.push_str(&format!("\n**{material}**, covered pixels only:\n\n{}\n", table(&head, &covered)));
+        let what = [
+            "with background, as the paper has it",
+            "covered pixels only",
+            "with background, one exposure for all views of a light",
+        ];
+        for (what, rows) in what.iter().zip(&tables) {
+            text.push_str(&format!("**{material}**, {what}:\n\n{}\n", table(&head, rows)));
+        }
     }
     Ok(text)
 }

@@ -1,2 +1,4 @@
 //! x
-pub(crate) fn assembled(p: &[(&str, String)]) -> String { format!("{p:?}") }
+pub(crate) fn assembled(p: &[(&str, String)]) -> String {
+    format!("{p:?}")
+}

@@ -35,6 +35,8 @@ pub(crate) struct Views {
 /// Pictures of one radiosity in all views, and the factors that scale them.
 pub(crate) struct Pictures {
     pictures: Vec<(Picture, f64)>,
+    /// The factor that all views together would have.
+    together: f64,
 }
 
 /// Image RMS in the worst view.
@@ -42,6 +44,9 @@ pub(crate) struct Pictures {
 pub(crate) struct ImageRms {
     pub(crate) covered: f64,
     pub(crate) with_background: f64,
+    /// With background, and the factor that brings the 99.5th percentile of all views together to 1: views of the dark side are
+    /// not brightened.
+    pub(crate) one_exposure: f64,
 }
 
 impl Views {
@@ -86,17 +91,25 @@ impl Views {
             let scale = exposure(&picture, &vec![true; picture.len()]);
             (picture, scale)
         };
-        Pictures { pictures: self.pictures_of(radiosity).map(of_view).collect() }
+        let pictures: Vec<(Picture, f64)> = self.pictures_of(radiosity).map(of_view).collect();
+        let all: Picture = pictures.iter().flat_map(|(picture, _)| picture.iter().copied()).collect();
+        Pictures { together: exposure(&all, &vec![true; all.len()]), pictures }
     }
 
     /// The image error's RMS in the worst view.
     pub(crate) fn worst(&self, radiosity: &[DVec3], reference: &Pictures) -> ImageRms {
+        let together = reference.together;
         let of_view = |(picture, (reference, scale)): (Picture, &(Picture, f64))| {
-            let clamp = |v: f32| (f64::from(v) * scale).clamp(0.0, 1.0);
-            let pairs = picture.as_flattened().iter().zip(reference.as_flattened());
-            let sum: f64 = pairs.map(|(a, b)| (clamp(*a) - clamp(*b)).powi(2)).sum();
-            let root = |pixels: usize| (sum / (3 * pixels).max(1) as f64).sqrt();
-            ImageRms { covered: root(picture.len()), with_background: root(SIDE * SIDE) }
+            let root = |scale: f64, pixels: usize| {
+                let clamp = |v: f32| (f64::from(v) * scale).clamp(0.0, 1.0);
+                let pairs = picture.as_flattened().iter().zip(reference.as_flattened());
+                let sum: f64 = pairs.map(|(a, b)| (clamp(*a) - clamp(*b)).powi(2)).sum();
+                (sum / (3 * pixels).max(1) as f64).sqrt()
+            };
+            let covered = root(*scale, picture.len());
+            let share = picture.len() as f64 / (SIDE * SIDE) as f64;
+            let one_exposure = root(together, SIDE * SIDE);
+            ImageRms { covered, with_background: covered * share.sqrt(), one_exposure }
         };
         let all: Vec<ImageRms> = self.pictures_of(radiosity).zip(&reference.pictures).map(of_view).collect();
         all.into_iter().fold(ImageRms::default(), ImageRms::max)
@@ -115,6 +128,7 @@ impl ImageRms {
         Self {
             covered: self.covered.max(other.covered),
             with_background: self.with_background.max(other.with_background),
+            one_exposure: self.one_exposure.max(other.one_exposure),
         }
     }
 }
@@ -131,10 +145,15 @@ impl Spread {
         let median = |figure: fn(&ImageRms) -> f64| {
             let mut values: Vec<f64> = all.iter().map(figure).collect();
             values.sort_unstable_by(f64::total_cmp);
-            values.get(values.len() / 2).copied().unwrap_or(0.0)
+            let at = |index: usize| values.get(index).copied().unwrap_or(0.0);
+            0.5 * (at(values.len() / 2) + at(values.len().saturating_sub(1) / 2))
         };
         Self {
-            median: ImageRms { covered: median(|e| e.covered), with_background: median(|e| e.with_background) },
+            median: ImageRms {
+                covered: median(|e| e.covered),
+                with_background: median(|e| e.with_background),
+                one_exposure: median(|e| e.one_exposure),
+            },
             worst: all.iter().copied().fold(ImageRms::default(), ImageRms::max),
         }
     }
