@@ -213,3 +213,16 @@ pub(crate) fn table(head: &[&str], rows: &[Vec<String>]) -> String {
     }
     text
 }
+
+/// Marks a row of the page's first table in a part's text.
+pub(crate) const SUMMARY: &str = "@summary ";
+
+/// A row of the page's first table: a figure, what the paper says, what is wanted here, what was measured.
+pub(crate) fn summary(figure: &str, paper: &str, wanted: &str, measured: &str) -> String {
+    format!("{SUMMARY}| {figure} | {paper} | {wanted} | {measured} |\n")
+}
+
+/// Whether a figure is as wanted.
+pub(crate) fn met(as_wanted: bool) -> &'static str {
+    if as_wanted { "**met**" } else { "**not met**" }
+}

@@ -9,8 +9,8 @@ use translux::light::quantised::interpolation::Scheme;
 use translux::transport::scene::Scene;
 
 use crate::bench::{
-    Context, LIGHTS, all_lit, bytes_per_vertex, directions_of, encoded, noted, open, same_samples, table, thousandths,
-    truth,
+    Context, LIGHTS, all_lit, bytes_per_vertex, directions_of, encoded, met, noted, open, same_samples, summary, table,
+    thousandths, truth,
 };
 use crate::figure5;
 use crate::views::{ImageRms, Pictures, Spread, Views};
@@ -131,6 +131,21 @@ fn one_byte(context: &Context, stand: &Stand, raw: &Asset) -> Result<String> {
         ]);
         context.say(&format!("encodings: {encoding}"));
     }
+    let of = |name: &str| rows.iter().find(|row| row[0] == name).map_or(["?"; 2], |row| [&row[1], &row[3]]);
+    let decibels = |name: &str| of(name)[0].parse().unwrap_or(0.0);
+    let line = summary(
+        "one byte a value: SNR; image RMS, 1e-3: median, worst",
+        "50.99 dB; 0.88",
+        ">= 51 dB",
+        &format!(
+            "`lloyd8` {} dB; {}; `uniform8` {} dB; {}; {}",
+            of("lloyd8")[0],
+            of("lloyd8")[1],
+            of("uniform8")[0],
+            of("uniform8")[1],
+            met(decibels("lloyd8") >= 51.0)
+        ),
+    );
     rows.push(["the paper, grey teapot", "50.99", "200", "0.88", "", "", ""].map(str::to_owned).to_vec());
     let head = [
         "encoding",
@@ -141,7 +156,7 @@ fn one_byte(context: &Context, stand: &Stand, raw: &Asset) -> Result<String> {
         "one exposure",
         "with the interpolation",
     ];
-    Ok(format!("\n### One byte a value\n\n@one-byte@\n\n{}\n", table(&head, &rows)))
+    Ok(format!("{line}\n### One byte a value\n\n@one-byte@\n\n{}\n", table(&head, &rows)))
 }
 
 fn harmonics(context: &Context, stand: &Stand) -> Result<String> {
@@ -174,6 +189,10 @@ fn vectors(context: &Context) -> Result<String> {
         rows.push(vec![scheme.to_owned(), apart, covered, one, q, v]);
     }
     context.say("encodings: vectors");
+    let line = rows.first().zip(rows.last()).map_or(String::new(), |(nearest, smooth)| {
+        let measured = format!("`nearest4` {} ({} with one exposure); `rbf` {}", nearest[1], nearest[3], smooth[1]);
+        summary(&format!("Q against q, image RMS, {model}, 1e-3: median, worst"), "5.26", "measured", &measured)
+    });
     let head = ["interpolation", "Q to q", "covered", "one exposure", "q to the truth", "Q to the truth"];
-    Ok(format!("\n### Vectors Q against scalars q\n\n@vectors@\n\n{}\n", table(&head, &rows)))
+    Ok(format!("{line}\n### Vectors Q against scalars q\n\n@vectors@\n\n{}\n", table(&head, &rows)))
 }
