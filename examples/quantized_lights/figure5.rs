@@ -190,9 +190,15 @@ pub(crate) fn run(context: &Context) -> Result<String> {
         if let Some(line) = in_short(material, &at(Scheme::Nearest4), &at(Scheme::Rbf)) {
             text.push_str(&line);
         }
+        let powers: Vec<String> = Scheme::ALL.iter().map(|s| format!("{} {}", s.name(), exponents(&all, *s))).collect();
         let counts: Vec<String> = counts.iter().map(|c| format!("{c} lights")).collect();
         let head: Vec<&str> = ["interpolation", "model"].into_iter().chain(counts.iter().map(String::as_str)).collect();
         text.push_str(&format!("![Image error against the number of lights, {material}](pictures/{name})\n\n"));
+        text.push_str(&format!(
+            "The error is proportional to this power of the number of lights (median light, worst light; mean of the models): \
+             {}.\n\n",
+            powers.join("; ")
+        ));
         let what = [
             "with background, as the paper has it",
             "covered pixels only",
@@ -227,4 +233,27 @@ fn in_short(material: &str, nearest: &[Spread], smooth: &[Spread]) -> Option<Str
             &format!("`nearest4`: {}; `rbf`: {}; {}", text(nearest), text(smooth), met(reached)),
         )
     })
+}
+
+/// Fitted powers of the number of lights, means over the models: of the median light's error and of the worst light's.
+fn exponents(all: &[(&str, Vec<Found>)], scheme: Scheme) -> String {
+    let fitted = |figure: fn(&Spread) -> f64| {
+        let of_model = |(_, found): &(&str, Vec<Found>)| {
+            let own = found.iter().filter(|f| f.scheme == scheme);
+            slope(&own.map(|f| ((f.count as f64).ln(), figure(&f.error).ln())).collect::<Vec<_>>())
+        };
+        all.iter().map(of_model).sum::<f64>() / all.len().max(1) as f64
+    };
+    format!("{:.2}, {:.2}", fitted(|e| e.median.with_background), fitted(|e| e.worst.with_background))
+}
+
+/// Of the least-squares line.
+fn slope(points: &[(f64, f64)]) -> f64 {
+    let count = points.len().max(1) as f64;
+    let mean = points.iter().fold((0.0, 0.0), |sum, p| (sum.0 + p.0 / count, sum.1 + p.1 / count));
+    let (above, below) = points.iter().fold((0.0, 0.0), |sum, p| {
+        let x = p.0 - mean.0;
+        (sum.0 + x * (p.1 - mean.1), sum.1 + x * x)
+    });
+    above / below
 }
