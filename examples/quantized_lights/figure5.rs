@@ -149,7 +149,7 @@ pub(crate) fn run(context: &Context) -> Result<String> {
     for material in context.some(&MATERIALS, 1) {
         let mut scatter = Scatter {
             title: format!("Image error against the number of lights, {material}, {} mm", bench::SIZE_MM),
-            axes: ["lights in the set".to_owned(), "image RMS with background, worst light and view".to_owned()],
+            axes: ["lights in the set".to_owned(), "image RMS with background, median light, worst view".to_owned()],
             units: [Unit::Number, Unit::Number],
             points: Vec::new(),
             lines: vec![(3e-3, "the paper at 200 lights".to_owned())],
@@ -173,7 +173,7 @@ pub(crate) fn run(context: &Context) -> Result<String> {
                     rows.iter_mut().zip(cells(f.error)).for_each(|(row, cell)| row.push(cell));
                     if matches!(scheme, Scheme::Nearest4 | Scheme::Rbf) {
                         let series = format!("{model}, {}", scheme.name());
-                        scatter.points.push(Point { series, x: f.count as f64, y: f.error.worst.with_background });
+                        scatter.points.push(Point { series, x: f.count as f64, y: f.error.median.with_background });
                     }
                 }
                 tables.iter_mut().zip(rows).for_each(|(table, row)| table.push(row));
