@@ -5,8 +5,8 @@
 //! ```
 //!
 //! `DATA` holds `meshes/*.obj`; `DOCS` receives `quantized_lights.md` and charts and pictures in `pictures/`. Each part leaves its
-//! piece of the page in the folder of the fragments, so that one part can be measured again alone. `--quick` takes a minute: one
-//! small mesh, few lights and views.
+//! piece of the page in the folder of the fragments, so that one part can be measured again alone; `--only page` measures nothing.
+//! `--quick` takes a minute or two: one small mesh, few lights and views.
 
 mod bench;
 mod components;
@@ -38,6 +38,9 @@ const PARTS: &[Part] = &[
     ("components", components::run),
 ];
 
+/// No part: the page alone, from what was measured before.
+const PAGE: &str = "page";
+
 const USAGE: &str = "usage: quantized_lights DATA DOCS [--quick] [--only PART]... [--fragments FOLDER]";
 
 fn main() {
@@ -62,8 +65,8 @@ fn run() -> Result<()> {
         }
     }
     let Ok([data, docs]) = <[PathBuf; 2]>::try_from(folders) else { return Err(Error::command_line(USAGE)) };
-    if let Some(name) = only.iter().find(|name| PARTS.iter().all(|(part, _)| part != name)) {
-        let names: Vec<&str> = PARTS.iter().map(|(part, _)| *part).collect();
+    let names: Vec<&str> = PARTS.iter().map(|(part, _)| *part).chain([PAGE]).collect();
+    if let Some(name) = only.iter().find(|name| !names.contains(&name.as_str())) {
         return Err(Error::command_line(format!("no part `{name}`; there are {}", names.join(", "))));
     }
     let pictures = docs.join("pictures");
