@@ -112,17 +112,17 @@ fn in_short(reached: &[Reached], fastest: f64) -> String {
     }
     let (mut all, mut parts) = (true, Vec::new());
     for name in names {
-        let own = || reached.iter().filter(|r| r.0 == name && r.2 <= WANTED_RMS);
-        let least = own().map(|r| r.1).fold(f64::INFINITY, f64::min);
-        all &= least <= WANTED_BYTES;
-        parts.push(match least.is_finite() {
-            true => format!("{name} {least:.1}"),
-            false => format!("{name} not reached by what was asked"),
-        });
+        let own = reached.iter().filter(|r| r.0 == name && r.2 <= WANTED_RMS);
+        let least = own.min_by(|a, b| a.1.total_cmp(&b.1));
+        all &= least.is_some_and(|r| r.1 <= WANTED_BYTES);
+        parts.push(least.map_or_else(
+            || format!("{name} not reached by what was asked"),
+            |r| format!("{name} {:.1} ({})", r.1, thousandths(r.3.worst.with_background)),
+        ));
     }
     let measured = format!("{}; {}", parts.join(", "), met(all && !reached.is_empty()));
     let bytes = summary(
-        "bytes/vertex, RGB, at image RMS <= 4e-3 end to end against `reference`, one light, with background",
+        "bytes/vertex, RGB, at image RMS <= 4e-3 end to end against `reference`, one light, with background (in brackets the worst of 8 lights there, 1e-3)",
         "46 (18 to 27 grey), before the interpolation's error",
         "<= 20",
         &measured,
@@ -169,7 +169,7 @@ pub(crate) fn run(context: &Context) -> Result<String> {
             let text = |figure: Option<f64>| figure.map_or("?".to_owned(), |n| n.to_string());
             rows.push(vec![
                 series,
-                format!("{} %", 100.0 * max_rms),
+                format!("{} %", (1000.0 * max_rms).round() / 10.0),
                 text(noted(&asset, "directions, under")),
                 text(noted(&asset, "of them")),
                 format!("{bytes:.1}"),

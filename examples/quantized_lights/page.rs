@@ -6,8 +6,9 @@ const HEAD: &str = "\
 # Quantised lights: the figures of Hao & Varshney 2004 remade
 
 `scripts/figures quantized-lights` measures everything on this page and writes it (`examples/quantized_lights/`; `--quick` tries
-it in a minute or two, `--only PART` measures one part again). Models have a diagonal of 30 mm. Measured on 2 cores of an AMD EPYC, 2026-11-21,
-beside other work, which makes times longer than on a machine at rest.
+it in a minute or two, `--only PART` measures one part again). Models have a diagonal of 30 mm. Measured on 2 cores of an AMD EPYC,
+2026-11-21, beside other work (load 3 to 6): times are longer than on a machine at rest, rates lower; all else is the same to
+the digit anywhere.
 
 **Image RMS**: linear RGB of the diffuse radiance, 256 x 256 pixels, one ray each, scaled so that the 99.5th percentile of
 max(R, G, B) over the covered pixels of the reference's picture is 1, clamped to [0, 1]; the worst of 100 random views, under each
