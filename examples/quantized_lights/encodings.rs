@@ -101,7 +101,8 @@ fn worth(context: &Context, stand: &Stand, raw: &Asset) -> Result<String> {
         "Under directions of the set itself, where nothing is interpolated, an asset of raw values has an image RMS of at most {} \
          ({} covered) against `two_pass` from the same samples, and {} ({}) against 262,144 samples, all in 1e-3: the floor of \
          the columns *with the interpolation* and *to the truth* below and of the next table (16,384 samples are fewer than the \
-         triangles). Figure 5 and the columns *added* compare the same transport and have none. The image errors of this page differ from `measure::image_error` of the same pictures by {check:.0e}.\n\n\
+         triangles). Figure 5 and the columns *added* compare the same transport and have none. The image errors of this page differ from \
+         `measure::image_error` of the same pictures by {check:.0e}.\n\n\
          Figure 5 at {LIGHTS} lights from an asset (`encoding=raw`), beside the way above through irradiance ({}, marble, with \
          background, 1e-3):\n\n{}\n",
         thousandths(same.with_background),
