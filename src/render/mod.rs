@@ -9,6 +9,6 @@ pub mod film;
 pub mod frame;
 mod glossy_lights;
 mod glossy_map;
-pub(crate) mod normals;
+pub mod normals;
 mod pixel_samples;
 pub mod specular;

@@ -12,7 +12,7 @@ const CREASE_COSINE: f64 = 0.5;
 const MAX_VALENCE: usize = 1024;
 
 /// Shading normals of a scene, three for each triangle.
-pub(crate) struct ShadingNormals {
+pub struct ShadingNormals {
     corners: Vec<[Vec3; 3]>,
     /// Geometric unit normals.
     triangles: Vec<DVec3>,
@@ -22,7 +22,7 @@ impl ShadingNormals {
     /// A stored normal counts where it is finite, not zero and within 90 degrees of its triangle's. Elsewhere the
     /// corner gets the angle-weighted mean of the normals around its welded vertex, over the triangles of the same part
     /// that are no crease away.
-    pub(crate) fn new(scene: &Scene) -> Self {
+    pub fn new(scene: &Scene) -> Self {
         let mesh = &scene.mesh;
         let around = Around::new(scene);
         let corners = (0..mesh.triangles.len() as u32)
@@ -40,13 +40,13 @@ impl ShadingNormals {
 
     /// The geometric unit normal of a triangle.
     #[inline]
-    pub(super) fn geometric(&self, triangle: u32) -> DVec3 {
+    pub fn geometric(&self, triangle: u32) -> DVec3 {
         self.triangles[triangle as usize]
     }
 
     /// The unit normal at a point of a triangle; zero where the corners cancel.
     #[inline]
-    pub(crate) fn at(&self, triangle: u32, weights: [f64; 3]) -> DVec3 {
+    pub fn at(&self, triangle: u32, weights: [f64; 3]) -> DVec3 {
         let [a, b, c] = self.corners[triangle as usize].map(|n| n.as_dvec3());
         (a * weights[0] + b * weights[1] + c * weights[2]).normalize_or_zero()
     }

@@ -6,7 +6,7 @@ use super::row::Shown;
 use crate::error::{Error, Result};
 use crate::io::atomic;
 use crate::io::png::encode_png;
-use crate::measure::chart::draw::{Bars, Point, Scatter, Unit, bars_png, bars_svg, scatter_png, scatter_svg};
+use crate::measure::chart::draw::{Bars, Front, Point, Scatter, Unit, bars_png, bars_svg, scatter_png, scatter_svg};
 use crate::measure::chart::front::pareto;
 use crate::measure::chart::page::{Triple, page};
 use crate::measure::chart::table::csv;
@@ -102,6 +102,7 @@ fn scatter(cost: &Cost, truth: &Truth, rows: &[(usize, &Row)]) -> Scatter {
         units: [cost.unit, Unit::Percent],
         points: rows.iter().map(point).collect(),
         lines,
+        front: Front::Drawn,
     }
 }
 

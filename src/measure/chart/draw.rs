@@ -40,6 +40,8 @@ pub enum Unit {
     Seconds,
     /// Bytes for each vertex, or kB from ten thousand on.
     BytesPerVertex,
+    /// As it is.
+    Number,
 }
 
 impl Unit {
@@ -60,6 +62,7 @@ impl Unit {
             Self::Seconds => format!("{} s", plain(value)),
             Self::BytesPerVertex if value >= 10_000.0 => format!("{} kB", plain(value / 1000.0)),
             Self::BytesPerVertex => format!("{} B", plain(value)),
+            Self::Number => plain(value),
         }
     }
 }
@@ -75,6 +78,16 @@ pub struct Point {
     pub y: f64,
 }
 
+/// Whether the points that no other beats in both are joined.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Front {
+    /// By a line.
+    #[default]
+    Drawn,
+    /// They are not.
+    Left,
+}
+
 /// Error against a cost.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scatter {
@@ -88,6 +101,8 @@ pub struct Scatter {
     pub points: Vec<Point>,
     /// Errors to draw a line at, and what they are.
     pub lines: Vec<(f64, String)>,
+    /// The Pareto front.
+    pub front: Front,
 }
 
 /// An error by stage.
@@ -261,14 +276,16 @@ impl Drawing for Scatter {
             let text = Text::new(text, (8, -18), (FONT, 14).into_font().color(&colour));
             chart.draw_series([EmptyElement::at((x.0, *level)) + text]).map_err(|e| failed(&e))?;
         }
-        let places: Vec<(f64, f64)> = shown.iter().map(|p| (p.x, p.y)).collect();
-        let front: Vec<(f64, f64)> = pareto(&places).into_iter().map(|i| places[i]).collect();
-        let grey = ShapeStyle::from(&RGBColor(170, 170, 170)).stroke_width(3);
-        chart
-            .draw_series(LineSeries::new(front, grey))
-            .map_err(|e| failed(&e))?
-            .label("Pareto front")
-            .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 18, y)], grey));
+        if self.front == Front::Drawn {
+            let places: Vec<(f64, f64)> = shown.iter().map(|p| (p.x, p.y)).collect();
+            let front: Vec<(f64, f64)> = pareto(&places).into_iter().map(|i| places[i]).collect();
+            let grey = ShapeStyle::from(&RGBColor(170, 170, 170)).stroke_width(3);
+            chart
+                .draw_series(LineSeries::new(front, grey))
+                .map_err(|e| failed(&e))?
+                .label("Pareto front")
+                .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 18, y)], grey));
+        }
         let mut series: Vec<&str> = Vec::new();
         for point in &shown {
             if !series.contains(&point.series.as_str()) {
@@ -359,6 +376,7 @@ mod tests {
                 point("c", 2000.0, 0.0005),
             ],
             lines: vec![(0.06, "the dipole's own".into())],
+            front: Front::Drawn,
         }
     }
 
@@ -371,6 +389,7 @@ mod tests {
         assert_eq!(Unit::Seconds.text(0.25), "0.25 s");
         assert_eq!(Unit::Seconds.text(600.0), "10 min");
         assert_eq!(Unit::BytesPerVertex.text(1057.0), "1057 B");
+        assert_eq!(Unit::Number.text(0.003), "0.003");
     }
 
     #[test]
@@ -381,6 +400,8 @@ mod tests {
             assert!(svg.contains(text) || svg.contains(&escaped), "{text}: {svg}");
         }
         assert_eq!(svg, scatter_svg(&scatter()).unwrap());
+        let without = scatter_svg(&Scatter { front: Front::Left, ..scatter() }).unwrap();
+        assert!(!without.contains("Pareto front") && without.contains("bunny"));
         assert_eq!(scatter_png(&scatter()).unwrap(), scatter_png(&scatter()).unwrap());
     }
 
