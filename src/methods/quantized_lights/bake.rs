@@ -323,9 +323,6 @@ fn measure(
             spatial_error(stage, net, file.spacing_mm, std::slice::from_ref(&truth)),
             vertex_error(&coded, &between, &areas),
         ];
-        if std::env::var("DBGL").is_ok() {
-            println!("{light}: {:.2?}", found.map(|f| 100.0 * f.rms));
-        }
         errors.iter_mut().zip(found).for_each(|(worst, found)| *worst = worst.max(relative(found)));
         progress.advance(1);
     }

@@ -20,6 +20,7 @@ use crate::geometry::samples::Samples;
 use crate::geometry::source::SourceModel;
 use crate::light::Light;
 use crate::light::quantised::directions::DirectionSet;
+use crate::light::quantised::distances::Blend;
 use crate::light::quantised::interpolation::Scheme;
 use crate::math::sh::Window;
 use crate::math::statistics::vertex_error;
@@ -76,6 +77,7 @@ impl Bench<'_> {
         let plan = Plan {
             directions: Some(set.lights.directions.count()),
             scheme: set.interpolator.scheme(),
+            blend: Blend::Polynomial,
             shells: 0,
             nearest: 0.5,
             spacing_mm: None,
