@@ -20,6 +20,9 @@ const ROUNDED_BASIS: f64 = 0.1;
 /// Points whose products are in memory together.
 const POINTS_OF_A_BATCH: usize = 4096;
 
+/// Share of the squared error for columns of coefficients that hardly lessen it: they would cost memory and time.
+const DROPPED: f64 = 0.08;
+
 /// A basis function has this many steps on either side of 0 at most.
 const MOST_STEPS: f64 = 32_000.0;
 
@@ -135,9 +138,11 @@ pub(super) fn code(radiosities: &Radiosities, net: &Net, light_net: &Net, tags: 
         .flat_map(|row| columns.iter().map(|&c| row[usize::from(c)]))
         .collect();
     let spent = omitted + ROUNDED_BASIS * budget;
-    let (step, integers) = quantised(net, &ordered, columns.len(), (budget - spent).max(0.1 * budget));
+    let Quantised { step, integers, known } =
+        quantised(net, &ordered, columns.len(), (budget - spent).max(0.1 * budget));
     let fail = |e: FormatError| Error::runtime(format!("asset: {e}"));
-    let (integers, columns) = without_empty(integers, columns);
+    let kept = worthwhile(&ordered, &known, columns.len(), DROPPED * budget);
+    let (integers, columns) = without(integers, columns, &kept);
     Ok(Set {
         channels: mixture.iter().zip(units.iter().cycle()).map(|(m, unit)| m * unit).collect(),
         step,
@@ -245,21 +250,32 @@ fn columns(coefficients: &[f32], count: usize) -> Vec<u16> {
     order
 }
 
-/// The step whose squared error is the budget, and the integers that it gives.
-fn quantised(net: &Net, values: &[f32], columns: usize, budget: f64) -> (f32, Vec<i16>) {
+/// Integers, and what a reader makes of them.
+struct Quantised {
+    step: f32,
+    integers: Vec<i16>,
+    known: Vec<f32>,
+}
+
+/// With the step whose squared error is the budget.
+fn quantised(net: &Net, values: &[f32], columns: usize, budget: f64) -> Quantised {
     let largest = values.iter().fold(0.0f32, |a, v| a.max(v.abs()));
     let least = (largest / 16_000.0).max(f32::MIN_POSITIVE);
+    let with = |step: f32| {
+        let (integers, known) = net.quantise(values, &vec![step; columns]);
+        Quantised { step, integers, known }
+    };
     // As if every coefficient had the error of its rounding.
     let mut step = (((12.0 * budget / values.len().max(1) as f64).sqrt()) as f32).max(least);
-    let mut best = None;
+    let mut best: Option<Quantised> = None;
     for _ in 0..TRIALS {
-        let (integers, known) = net.quantise(values, &vec![step; columns]);
-        let errors = values.par_chunks(4096).zip(known.par_chunks(4096));
+        let found = with(step);
+        let errors = values.par_chunks(4096).zip(found.known.par_chunks(4096));
         let of_chunk = |(a, b): (&[f32], &[f32])| a.iter().zip(b).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>();
         let error: f64 = errors.map(of_chunk).collect::<Vec<f64>>().iter().sum();
         let fits = error <= budget;
-        if fits && best.as_ref().is_none_or(|(largest, _)| step > *largest) {
-            best = Some((step, integers));
+        if fits && best.as_ref().is_none_or(|best| step > best.step) {
+            best = Some(found);
         }
         if fits && error >= 0.95 * budget {
             break;
@@ -268,18 +284,35 @@ fn quantised(net: &Net, values: &[f32], columns: usize, budget: f64) -> (f32, Ve
         // Zeros make the error grow slower than the step.
         step = (step * factor.powf(if factor > 1.0 { 1.3 } else { 1.0 })).max(least);
     }
-    best.unwrap_or_else(|| (least, net.quantise(values, &vec![least; columns]).0))
+    best.unwrap_or_else(|| with(least))
 }
 
-/// Without the columns whose integers are all 0.
-fn without_empty(integers: Vec<i16>, columns: Vec<u16>) -> (Vec<i16>, Vec<u16>) {
-    let mut used = vec![false; columns.len()];
-    for row in integers.chunks_exact(columns.len().max(1)) {
-        used.iter_mut().zip(row).for_each(|(used, v)| *used |= *v != 0);
+/// Which columns lessen the squared error by enough: those that lessen it least are left out, all together by at most an amount.
+fn worthwhile(values: &[f32], known: &[f32], columns: usize, amount: f64) -> Vec<bool> {
+    let mut gains = vec![0.0f64; columns];
+    for (values, known) in values.chunks_exact(columns.max(1)).zip(known.chunks_exact(columns.max(1))) {
+        for ((gain, v), k) in gains.iter_mut().zip(values).zip(known) {
+            *gain += f64::from(*v).powi(2) - f64::from(v - k).powi(2);
+        }
     }
-    let kept =
-        |values: &[i16]| -> Vec<i16> { values.iter().zip(&used).filter(|(_, used)| **used).map(|(v, _)| *v).collect() };
-    let integers = integers.chunks_exact(columns.len().max(1)).flat_map(kept).collect();
-    let columns = columns.into_iter().zip(&used).filter(|(_, used)| **used).map(|(c, _)| c).collect();
+    let mut order: Vec<usize> = (0..columns).collect();
+    order.sort_by(|&a, &b| gains[a].total_cmp(&gains[b]).then(a.cmp(&b)));
+    let (mut kept, mut lost) = (vec![true; columns], 0.0);
+    for column in order {
+        lost += gains[column].max(0.0);
+        if lost > amount {
+            break;
+        }
+        kept[column] = false;
+    }
+    kept
+}
+
+/// Without some columns.
+fn without(integers: Vec<i16>, columns: Vec<u16>, kept: &[bool]) -> (Vec<i16>, Vec<u16>) {
+    let of_row =
+        |values: &[i16]| -> Vec<i16> { values.iter().zip(kept).filter(|(_, kept)| **kept).map(|(v, _)| *v).collect() };
+    let integers = integers.chunks_exact(columns.len().max(1)).flat_map(of_row).collect();
+    let columns = columns.into_iter().zip(kept).filter(|(_, kept)| **kept).map(|(c, _)| c).collect();
     (integers, columns)
 }
