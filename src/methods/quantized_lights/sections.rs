@@ -441,7 +441,7 @@ multiversion! {
 
 /// Pairwise, the same on every level.
 #[inline(always)]
-fn total(lanes: &[f32; LANES]) -> f32 {
+pub(super) fn total(lanes: &[f32; LANES]) -> f32 {
     let mut sums = *lanes;
     let mut half = LANES / 2;
     while half > 0 {

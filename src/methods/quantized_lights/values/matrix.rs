@@ -3,14 +3,12 @@
 use rayon::prelude::*;
 use translux_format::quantised_values::LEVELS;
 
+use super::super::sections::{LANES, total};
 use super::CHANNELS;
 use crate::transport::simd::{Level, multiversion};
 
 /// Rows of one task.
 const CHUNK: usize = 256;
-
-/// Numbers that are summed side by side.
-const LANES: usize = 16;
 
 /// Columns that are not 0 are taken one by one where they are fewer than one of so many.
 const SPARSE: usize = 8;
@@ -135,20 +133,6 @@ fn body<T: Copy>(out: &mut [[f32; 4]], cells: &[T], weights: &[Vec<f32>], value:
             out[channel(plane, planes)] += total(&sums);
         }
     }
-}
-
-/// Pairwise, the same on every level.
-#[inline(always)]
-fn total(lanes: &[f32; LANES]) -> f32 {
-    let mut sums = *lanes;
-    let mut half = LANES / 2;
-    while half > 0 {
-        for i in 0..half {
-            sums[i] += sums[i + half];
-        }
-        half /= 2;
-    }
-    sums[0]
 }
 
 #[inline(always)]
