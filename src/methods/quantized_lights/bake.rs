@@ -5,8 +5,8 @@ use std::borrow::Cow;
 use glam::DVec3;
 use translux_format::quantised_lights::{QuantisedLights as File, tags};
 
+use super::baked_in::relative;
 use super::basis::{Radiosities, code, light_net, light_spacing};
-use super::evaluate::relative;
 use super::lights::{LightSet, Plan};
 use super::sections;
 use super::stage::{GROUP, Stage, parts, radiosity_of_set};

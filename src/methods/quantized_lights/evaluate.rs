@@ -6,7 +6,7 @@ use std::sync::{Arc, OnceLock};
 
 use glam::DVec3;
 
-use super::baked_in;
+use super::baked_in::{self, Truth};
 #[cfg(feature = "gpu")]
 use super::gpu::QuantisedOnDevice;
 use super::lights::{LightSet, blend, scheme};
@@ -17,19 +17,12 @@ use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
 #[cfg(feature = "gpu")]
 use crate::evaluate::device::{Device, DeviceEvaluator};
-use crate::evaluate::sampled::SampledEvaluator;
 use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit};
 use crate::geometry::bvh::Bvh;
 use crate::light::Light;
-use crate::math::statistics::{VertexError, vertex_error};
 use crate::progress::Progress;
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::{Medium, Scene};
-
-/// An error, or none where the truth is black and the values are not: nothing can be relative to that.
-pub(super) fn relative(error: VertexError) -> VertexError {
-    if error.rms.is_finite() { error } else { VertexError::default() }
-}
 
 /// What an asset stores, as it is evaluated.
 pub(super) trait Stored: Send {
@@ -60,15 +53,14 @@ pub(super) trait Stored: Send {
 /// The transport of an asset, lit.
 pub(super) struct QuantisedEvaluator<S: Stored> {
     scene: Scene,
-    samples: usize,
     bvh: OnceLock<Bvh>,
     receivers: Receivers,
     set: LightSet,
     stored: S,
     lights: Vec<Light>,
     light: S::Light,
-    /// Samples and rays, for who asks what the transport is worth.
-    truth: Option<Box<SampledEvaluator>>,
+    /// For who asks what the transport is worth.
+    truth: Truth,
 }
 
 /// An asset of components.
@@ -127,25 +119,7 @@ impl<S: Stored + 'static> QuantisedEvaluator<S> {
         stored: S,
     ) -> Result<Box<dyn Evaluator>> {
         let (lights, bvh, light) = (Vec::new(), OnceLock::new(), stored.light(&set, &[])?);
-        Ok(Box::new(Self { scene, samples, bvh, receivers, set, stored, lights, light, truth: None }))
-    }
-
-    /// The samples with rays and the hierarchy; made when it is first asked for.
-    fn truth(&mut self, lights: &[Light], progress: &dyn Progress) -> Result<&mut SampledEvaluator> {
-        if self.truth.is_none() {
-            self.truth = Some(Box::new(baked_in::truth(&self.scene, self.samples)));
-        }
-        let truth = self.truth.as_mut().ok_or_else(|| Error::runtime("no samples"))?;
-        truth.set_lights(lights.to_vec(), progress)?;
-        Ok(truth)
-    }
-
-    /// The error against the gather of the samples.
-    fn error(&mut self, lights: &[Light], progress: &dyn Progress) -> Result<VertexError> {
-        let light = self.stored.light(&self.set, lights)?;
-        let values = self.stored.radiosity(&light, &self.receivers);
-        let expected = self.truth(lights, progress)?.radiosity(progress)?;
-        Ok(relative(vertex_error(&values, &expected, &self.scene.vertex_areas_mm2())))
+        Ok(Box::new(Self { scene, bvh, receivers, set, stored, lights, light, truth: Truth::new(samples) }))
     }
 }
 
@@ -173,7 +147,7 @@ impl<S: Stored + 'static> Evaluator for QuantisedEvaluator<S> {
 
     fn cost(&self) -> Cost {
         Cost {
-            samples: self.samples,
+            samples: self.truth.samples(),
             receivers: self.receivers.len(),
             resident_bytes: self.stored.bytes() + size_of_val(self.receivers.of_vertex.as_slice()),
         }
@@ -202,21 +176,17 @@ impl<S: Stored + 'static> Evaluator for QuantisedEvaluator<S> {
     }
 
     fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {
-        let lights = self.lights.clone();
-        let mut error = VertexError::default();
-        for light in unseen {
-            error = error.max(self.error(std::slice::from_ref(light), progress)?);
-        }
-        error = error.max(self.error(&lights, progress)?);
-        let mut ledger = self.truth(&lights, progress)?.measured_error(&[], progress)?;
+        let Self { scene, receivers, set, stored, lights, truth, .. } = self;
+        let values = |lights: &[Light]| {
+            let light = stored.light(set, lights)?;
+            Ok(stored.radiosity(&light, receivers))
+        };
         let note = "the quantised set against its samples lit by rays, the worst of these lights and of probe lights";
-        ledger.add("quantised lights", error, note);
-        Ok(ledger)
+        truth.measured(scene, (lights, unseen), values, ("quantised lights", note), progress)
     }
 
     fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
-        let lights = self.lights.clone();
-        self.truth(&lights, progress)?.all_pairs(progress)
+        self.truth.lit(&self.scene, &self.lights, progress)?.all_pairs(progress)
     }
 
     #[cfg(feature = "gpu")]

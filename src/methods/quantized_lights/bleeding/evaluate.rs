@@ -5,11 +5,10 @@ use std::sync::OnceLock;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::super::baked_in;
+use super::super::baked_in::{self, Truth, relative};
 use super::lists::{Cell, Lists, Neighbourhoods};
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
-use crate::evaluate::sampled::SampledEvaluator;
 use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit};
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::Samples;
@@ -70,8 +69,8 @@ pub(super) fn measure(
         let expected = truth.radiosity(&Silent)?;
         let expected: Vec<DVec3> = probes.iter().map(|(v, _)| expected[*v]).collect();
         let [all, near] = [0, 1].map(|k| sums.iter().map(|of_light| of_light[index][k]).collect::<Vec<DVec3>>());
-        range = range.max(vertex_error(&near, &all, &areas));
-        sampling = sampling.max(vertex_error(&all, &expected, &areas));
+        range = range.max(relative(vertex_error(&near, &all, &areas)));
+        sampling = sampling.max(relative(vertex_error(&all, &expected, &areas)));
         progress.advance(1);
     }
     progress.finish();
@@ -90,46 +89,27 @@ pub(super) fn measure(
 pub(super) struct BleedingEvaluator {
     scene: Scene,
     bvh: OnceLock<Bvh>,
-    samples: usize,
     vertices: Neighbourhoods,
     lists: Lists,
     lights: Vec<Light>,
     irradiance: Vec<DVec3>,
-    /// Samples and rays, for who asks what this is worth.
-    truth: Option<Box<SampledEvaluator>>,
+    /// For who asks what this is worth.
+    truth: Truth,
 }
 
 impl BleedingEvaluator {
     pub(super) fn new(scene: Scene, vertices: Neighbourhoods, ranges_mm: &[f64], samples: usize) -> Self {
         let lists = Lists::new(&vertices, ranges_mm, Cell::Pieces);
         let irradiance = vec![DVec3::ZERO; vertices.len()];
-        Self { scene, bvh: OnceLock::new(), samples, vertices, lists, lights: Vec::new(), irradiance, truth: None }
+        let (lights, truth) = (Vec::new(), Truth::new(samples));
+        Self { scene, bvh: OnceLock::new(), vertices, lists, lights, irradiance, truth }
     }
+}
 
-    fn lit(&self, lights: &[Light], progress: &dyn Progress) -> Result<Vec<DVec3>> {
-        first_pass(&self.scene, self.bvh(), &self.vertices, lights, progress)
-    }
-
-    /// The second pass, at the source vertices.
-    fn gathered(&self, irradiance: &[DVec3]) -> Vec<DVec3> {
-        let values = self.lists.radiosity(irradiance);
-        self.vertices.of_vertex.iter().map(|&i| values.get(i as usize).copied().unwrap_or(DVec3::ZERO)).collect()
-    }
-
-    fn truth(&mut self, lights: &[Light], progress: &dyn Progress) -> Result<&mut SampledEvaluator> {
-        if self.truth.is_none() {
-            self.truth = Some(Box::new(baked_in::truth(&self.scene, self.samples)));
-        }
-        let truth = self.truth.as_mut().ok_or_else(|| Error::runtime("no samples"))?;
-        truth.set_lights(lights.to_vec(), progress)?;
-        Ok(truth)
-    }
-
-    fn error(&mut self, lights: &[Light], progress: &dyn Progress) -> Result<VertexError> {
-        let values = self.gathered(&self.lit(lights, progress)?);
-        let expected = self.truth(lights, progress)?.radiosity(progress)?;
-        Ok(vertex_error(&values, &expected, &self.scene.vertex_areas_mm2()))
-    }
+/// The second pass, at the source vertices.
+fn gathered(lists: &Lists, vertices: &Neighbourhoods, irradiance: &[DVec3]) -> Vec<DVec3> {
+    let values = lists.radiosity(irradiance);
+    vertices.of_vertex.iter().map(|&i| values.get(i as usize).copied().unwrap_or(DVec3::ZERO)).collect()
 }
 
 impl Evaluator for BleedingEvaluator {
@@ -158,7 +138,7 @@ impl Evaluator for BleedingEvaluator {
     }
 
     fn set_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()> {
-        self.irradiance = self.lit(&lights, progress)?;
+        self.irradiance = first_pass(&self.scene, self.bvh(), &self.vertices, &lights, progress)?;
         self.lights = lights;
         Ok(())
     }
@@ -168,25 +148,21 @@ impl Evaluator for BleedingEvaluator {
     }
 
     fn radiosity(&mut self, _: &dyn Progress) -> Result<Vec<DVec3>> {
-        Ok(self.gathered(&self.irradiance))
+        Ok(gathered(&self.lists, &self.vertices, &self.irradiance))
     }
 
     fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {
-        let lights = self.lights.clone();
-        let mut error = VertexError::default();
-        for light in unseen {
-            error = error.max(self.error(std::slice::from_ref(light), progress)?);
-        }
-        error = error.max(self.error(&lights, progress)?);
-        let mut ledger = self.truth(&lights, progress)?.measured_error(&[], progress)?;
+        self.bvh();
+        let Self { scene, bvh, vertices, lists, lights, truth, .. } = self;
+        let Some(bvh) = bvh.get() else { return Err(Error::runtime("no tree of triangles")) };
+        let values =
+            |lights: &[Light]| Ok(gathered(lists, vertices, &first_pass(scene, bvh, vertices, lights, progress)?));
         let note =
             "sums over lists of vertices against samples lit by rays, the worst of these lights and of probe lights";
-        ledger.add("bleeding", error, note);
-        Ok(ledger)
+        truth.measured(scene, (lights, unseen), values, ("bleeding", note), progress)
     }
 
     fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
-        let lights = self.lights.clone();
-        self.truth(&lights, progress)?.all_pairs(progress)
+        self.truth.lit(&self.scene, &self.lights, progress)?.all_pairs(progress)
     }
 }
