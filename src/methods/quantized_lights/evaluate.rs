@@ -14,7 +14,9 @@ use super::sections::{Lit, Transport, read};
 use super::stage::GROUP;
 use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
-use crate::error::{Error, Result};
+#[cfg(feature = "gpu")]
+use crate::error::Error;
+use crate::error::Result;
 #[cfg(feature = "gpu")]
 use crate::evaluate::device::{Device, DeviceEvaluator};
 use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit};
