@@ -17,6 +17,51 @@ const PIECES_PER_TEXEL: usize = 16;
 /// Rows of a map that are summed together, so that sums do not depend on the number of threads.
 const BANDS: usize = 16;
 
+/// How light and transport over a cube map become Haar coefficients; dot products are the same in both.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Transform {
+    /// Orthonormal on the sphere: both times the square root of the texels' solid angles, which weigh the transform.
+    SolidAngle,
+    /// Orthonormal on the texels (Ng et al. 2003; Wang, Tran & Luebke 2005): the transport times the solid angles, the light as
+    /// it is.
+    Texels,
+}
+
+impl Transform {
+    fn haar(self, side: usize) -> Result<(Haar, Vec<f64>)> {
+        let fits = side.is_power_of_two() && side <= MOST_SIDE;
+        let angles = if fits { solid_angles_sr(side) } else { Vec::new() };
+        let weights = match self {
+            Self::SolidAngle => angles.clone(),
+            Self::Texels => vec![1.0; angles.len()],
+        };
+        let haar = Haar::new(side, &weights).ok_or_else(|| {
+            Error::unsupported(format!("cube maps have 1, 2, 4, ... {MOST_SIDE} texels along an edge, not {side}"))
+        })?;
+        Ok((haar, angles))
+    }
+
+    /// The transform of a face's picture of transport (means over texels), and what each texel is multiplied by before.
+    ///
+    /// # Errors
+    /// Another side than a power of two (exit 5).
+    pub fn of_transport(self, side: usize) -> Result<(Haar, Vec<f32>)> {
+        let (haar, angles) = self.haar(side)?;
+        let factor = |angle: f64| if self == Self::SolidAngle { angle.sqrt() } else { angle };
+        Ok((haar, angles.into_iter().map(|angle| factor(angle) as f32).collect()))
+    }
+
+    /// The same for radiance.
+    fn of_light(self, side: usize) -> Result<(Haar, Vec<f64>)> {
+        let (haar, angles) = self.haar(side)?;
+        let factor = |angle: f64| if self == Self::SolidAngle { angle.sqrt() } else { 1.0 };
+        Ok((haar, angles.into_iter().map(factor).collect()))
+    }
+}
+
+/// Texels along an edge at most.
+const MOST_SIDE: usize = 256;
+
 /// Mean radiance of the texels of a cube map.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CubeLight {
@@ -36,12 +81,16 @@ impl CubeLight {
     /// # Errors
     /// Another kind of light, or another side (exit 5).
     pub fn new(light: &Light, side: usize) -> Result<Self> {
-        let angles = if side.is_power_of_two() && side <= 256 { solid_angles_sr(side) } else { Vec::new() };
-        let Some(haar) = Haar::new(side, &angles) else {
-            return Err(Error::unsupported(format!(
-                "cube maps have 1, 2, 4, ... 256 texels along an edge, not {side}"
-            )));
-        };
+        Self::transformed(light, side, Transform::SolidAngle)
+    }
+
+    /// The same in another transform; parallel light fills its texel evenly.
+    ///
+    /// # Errors
+    /// A light at a distance, or another side (exit 5).
+    pub fn transformed(light: &Light, side: usize, transform: Transform) -> Result<Self> {
+        let (haar, factors) = transform.of_light(side)?;
+        let angles = solid_angles_sr(side);
         let radiance = match light {
             Light::Constant { radiance } => vec![*radiance; FACES * side * side],
             Light::Environment { map, rotate_degrees, scale } => {
@@ -49,15 +98,21 @@ impl CubeLight {
                 sums.iter_mut().zip(angles.iter().cycle()).for_each(|(sum, angle)| *sum *= *scale / *angle);
                 sums
             }
-            _ => return Err(Error::unsupported("only constant lights and environments are cube maps")),
+            Light::Directional { from, irradiance } => {
+                let texel = texel_of(side, *from);
+                let mut radiance = vec![DVec3::ZERO; FACES * side * side];
+                radiance[texel] = *irradiance / angles[texel % (side * side)];
+                radiance
+            }
+            _ => return Err(Error::unsupported("point and area lights are not far away and no cube maps")),
         };
         let scale = radiance.iter().map(|r| r.max_element()).fold(0.0, f64::max);
         let mut coefficients = vec![[0.0; 4]; FACES * side * side];
         let (mut face, mut scratch) = (vec![0.0f32; side * side], vec![0.0f32; side * side]);
         for (texels, out) in radiance.chunks_exact(side * side).zip(coefficients.chunks_exact_mut(side * side)) {
             for channel in (0..3).filter(|_| scale > 0.0) {
-                for ((value, texel), angle) in face.iter_mut().zip(texels).zip(&angles) {
-                    *value = (texel[channel] / scale * angle.sqrt()) as f32;
+                for ((value, texel), factor) in face.iter_mut().zip(texels).zip(&factors) {
+                    *value = (texel[channel] / scale * factor) as f32;
                 }
                 haar.forward(&mut face, &mut scratch);
                 out.iter_mut().zip(&face).for_each(|(out, value)| out[channel] = *value);
@@ -76,8 +131,8 @@ impl CubeLight {
         &self.radiance
     }
 
-    /// Haar coefficients of every face (see [`Haar`]) of radiance times the square root of the texel's solid angle, over
-    /// [`CubeLight::scale`]: R, G, B, 0.
+    /// Haar coefficients of every face (see [`Haar`]) of radiance, in the transform asked for, over [`CubeLight::scale`]: R, G, B,
+    /// 0.
     pub fn coefficients(&self) -> &[[f32; 4]] {
         &self.coefficients
     }
@@ -184,8 +239,10 @@ mod tests {
         assert_eq!(cube.scale(), 3.0);
         let dark = CubeLight::new(&Light::constant(DVec3::ZERO).unwrap(), 4).unwrap();
         assert!(dark.coefficients().iter().flatten().all(|c| *c == 0.0));
-        let sun = Light::directional(DVec3::Y, DVec3::ONE).unwrap();
-        assert_eq!(CubeLight::new(&sun, 32).unwrap_err().code(), crate::error::ExitCode::Unsupported);
+        let sun = CubeLight::new(&Light::directional(DVec3::Y, DVec3::ONE).unwrap(), 32).unwrap();
+        assert!((energy(&sun) - DVec3::ONE).length() < 1e-12);
+        let lamp = Light::point(DVec3::Y, DVec3::ONE).unwrap();
+        assert_eq!(CubeLight::new(&lamp, 32).map(|_| ()).unwrap_err().code(), crate::error::ExitCode::Unsupported);
         for side in [0, 3, 512, usize::MAX] {
             assert!(CubeLight::new(&Light::constant(DVec3::ONE).unwrap(), side).is_err());
         }

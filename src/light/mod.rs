@@ -2,6 +2,7 @@
 
 pub mod cube_light;
 pub mod environment;
+pub mod harmonics;
 pub mod parse;
 pub mod quantised;
 pub mod sky;

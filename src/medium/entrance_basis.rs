@@ -107,6 +107,19 @@ fn orthonormal() -> Vec<[f64; DEGREE]> {
     basis
 }
 
+/// The polynomial nearest to `F_t(eta, mu) mu`, coefficients of `mu`, `mu^2`, ...; its integral is exact. Relative RMS 1e-3 at
+/// most for eta from 1 to 2; below 1, where light is reflected totally from an angle on, up to a few percent.
+pub fn polynomial(eta_inside_over_outside: f64) -> [f64; DEGREE] {
+    let mut result = [0.0; DEGREE];
+    for p in orthonormal() {
+        let length = inner(|mu| evaluate(&p, mu), |mu| arriving(eta_inside_over_outside, mu));
+        result.iter_mut().zip(&p).for_each(|(sum, c)| *sum += length * c);
+    }
+    let wanted = inner(|mu| arriving(eta_inside_over_outside, mu), |_| 1.0);
+    let found = inner(|mu| evaluate(&result, mu), |_| 1.0);
+    if found != 0.0 { result.map(|c| c * wanted / found) } else { result }
+}
+
 impl EntranceBasis {
     /// The first `terms` functions, 1 to [`MOST_TERMS`] (others count as the nearest of these).
     pub fn new(terms: usize) -> Self {

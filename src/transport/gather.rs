@@ -122,7 +122,7 @@ pub enum Source {
 
 /// Sources that one group of receivers sees.
 #[derive(Default)]
-pub(super) struct Lists {
+pub(in crate::transport) struct Lists {
     points: Vec<PointSource>,
     flats: Vec<FlatSource>,
     block: Block,
@@ -196,7 +196,7 @@ impl<'a> Gather<'a> {
 
     /// What every source of a light brings the receivers of a group for a flux of 1 (clusters) or an irradiance of 1
     /// (samples): RGB of each receiver.
-    pub(super) fn weights(
+    pub(in crate::transport) fn weights(
         &self,
         receivers: &Receivers,
         group: Group,
@@ -231,7 +231,7 @@ impl<'a> Gather<'a> {
     }
 
     /// Patches of the surface.
-    pub(super) fn patches(&self) -> &[crate::geometry::samples::Patch] {
+    pub(in crate::transport) fn patches(&self) -> &[crate::geometry::samples::Patch] {
         self.surface.patches
     }
 

@@ -119,6 +119,27 @@ impl SampleTree {
         rows
     }
 
+    /// Number of nodes.
+    pub fn len(&self) -> usize {
+        self.nodes.len()
+    }
+
+    /// Whether there are no nodes.
+    pub fn is_empty(&self) -> bool {
+        self.nodes.is_empty()
+    }
+
+    /// The children of a node, which have larger indices; none of a leaf.
+    pub fn children(&self, node: usize) -> Option<[usize; 2]> {
+        let children = self.nodes.get(node)?.children;
+        (children[0] != NONE).then(|| children.map(|c| c as usize))
+    }
+
+    /// Samples below a node.
+    pub fn members(&self, node: usize) -> &[u32] {
+        self.nodes.get(node).map_or(&[], |node| &self.order[node.run.range()])
+    }
+
     /// Bytes in memory.
     pub fn bytes(&self) -> usize {
         size_of_val(self.nodes.as_slice()) + size_of_val(self.order.as_slice())

@@ -62,15 +62,29 @@ pub fn light_vector(lights: &QuantisedLights, interpolator: &Interpolator, light
 /// A point light, or a part of an area light, nearer than the nearest shell (exit 5).
 pub fn pieces(lights: &QuantisedLights, light: &Light) -> Result<Vec<Vec<(DVec3, DVec3)>>> {
     Ok(match light {
-        Light::Directional { from, irradiance } => vec![vec![(*from, *irradiance)]],
-        Light::Constant { radiance } => vec![everywhere(*radiance)],
-        Light::Environment { map, rotate_degrees, scale } => {
-            vec![gather(map, Rotation::from_degrees(*rotate_degrees), *scale)]
-        }
+        Light::Directional { .. } | Light::Constant { .. } | Light::Environment { .. } => vec![distant(light)?],
         Light::Point { at_mm, intensity } => points(lights, &[(*at_mm, *intensity)])?,
         Light::Area { .. } => points(lights, &emitters(light, lights.shells.centre_mm()))
             .map_err(|error| error.at("a part of an area light"))?,
     })
+}
+
+/// A light that is far away as parallel light: pairs of direction (of any length) and irradiance, with all of its energy, a texel
+/// of 1.4 degrees each.
+///
+/// # Errors
+/// A light at a distance (exit 5).
+pub fn distant(light: &Light) -> Result<Vec<(DVec3, DVec3)>> {
+    match light {
+        Light::Directional { from, irradiance } => Ok(vec![(*from, *irradiance)]),
+        Light::Constant { radiance } => Ok(everywhere(*radiance)),
+        Light::Environment { map, rotate_degrees, scale } => {
+            Ok(gather(map, Rotation::from_degrees(*rotate_degrees), *scale))
+        }
+        Light::Point { .. } | Light::Area { .. } => Err(Error::unsupported(
+            "point and area lights are not far away: environments, constant and directional lights are",
+        )),
+    }
 }
 
 /// Pairs of position in mm and intensity.
