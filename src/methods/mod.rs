@@ -1,10 +1,12 @@
 //! The precomputation methods. A method is one folder and one line in [`ALL`].
 
+mod baked_in;
 pub mod editable;
 pub mod quantized_lights;
 pub mod reference;
 pub mod sampling;
 pub mod settings;
+mod stage;
 pub mod two_pass;
 
 use crate::asset::{Asset, Provenance};

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::evaluate::{Components, QuantisedEvaluator};
+use super::evaluate::Components;
 use crate::compress::ledger::Ledger;
 use crate::error::Result;
 use crate::evaluate::device::interpolated::{InterpolatedOnDevice, Sum};
@@ -13,11 +13,12 @@ use crate::evaluate::device::{Device, DeviceEvaluator, read_radiosity};
 use crate::evaluate::{Capabilities, Cost, Evaluator};
 use crate::geometry::bvh::Bvh;
 use crate::light::Light;
+use crate::methods::baked_in::BakedIn;
 use crate::progress::Progress;
 use crate::transport::scene::{Medium, Scene};
 
 pub(super) struct QuantisedOnDevice {
-    cpu: QuantisedEvaluator<Components>,
+    cpu: BakedIn<Components>,
     device: Arc<Device>,
     stored: InterpolatedOnDevice,
     /// Of the radiosity in the buffer.
@@ -26,8 +27,8 @@ pub(super) struct QuantisedOnDevice {
 }
 
 impl QuantisedOnDevice {
-    pub(super) fn new(cpu: QuantisedEvaluator<Components>, device: &Arc<Device>) -> Result<Self> {
-        let transport = cpu.transport();
+    pub(super) fn new(cpu: BakedIn<Components>, device: &Arc<Device>) -> Result<Self> {
+        let transport = cpu.stored().transport();
         let stored = InterpolatedOnDevice::new(device, &transport.coefficients, transport.columns, &transport.weights)?;
         Ok(Self { cpu, device: Arc::clone(device), stored, scale: 1.0, is_current: false })
     }

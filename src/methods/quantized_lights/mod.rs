@@ -2,7 +2,6 @@
 //! Varshney 2004).
 
 mod bake;
-mod baked_in;
 mod basis;
 mod bleeding;
 mod encoding;
@@ -11,7 +10,7 @@ mod evaluate;
 mod gpu;
 mod lights;
 mod sections;
-mod stage;
+mod seen;
 mod values;
 
 use std::sync::Arc;

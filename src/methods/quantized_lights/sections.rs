@@ -10,7 +10,7 @@ use translux_format::{Budget, FormatError, RawSection};
 
 use super::basis::light_net;
 use super::lights::LightSet;
-use super::stage::{oriented, parts};
+use crate::methods::stage::{oriented, parts};
 use crate::compress::prediction::Net;
 use crate::error::{Error, Result};
 use crate::geometry::scattered::{OrientedPoint, Weights};

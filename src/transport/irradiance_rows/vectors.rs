@@ -168,7 +168,7 @@ impl<'a> RowTree<'a> {
         let mut used: Vec<u16> = Vec::new();
         let mut coefficients = Vec::new();
         let count = tree.len();
-        let mut add = |sums: &mut [f32], used: &mut Vec<u16>, (places, values): (&[u16], &[f32]), factor: f32| {
+        let add = |sums: &mut [f32], used: &mut Vec<u16>, (places, values): (&[u16], &[f32]), factor: f32| {
             for (place, value) in places.iter().zip(values) {
                 let sum = &mut sums[usize::from(*place)];
                 // A sum that cancels exactly is listed again, which does no harm.

@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::super::baked_in::{self, Truth, relative};
+use crate::methods::baked_in::{self, Truth, relative};
 use super::lists::{Cell, Lists, Neighbourhoods};
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};

@@ -11,7 +11,7 @@ use crate::geometry::source::SourceModel;
 use crate::light::Light;
 use crate::math::statistics::vertex_error;
 use crate::medium::material::preset;
-use crate::methods::quantized_lights::baked_in;
+use crate::methods::baked_in;
 use crate::progress::Silent;
 
 fn medium(name: &str) -> Medium {

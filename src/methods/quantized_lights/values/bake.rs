@@ -5,11 +5,10 @@ use translux_format::coefficients::encode;
 use translux_format::quantised_values::{Encoding as Layout, QuantisedValues as File, tags};
 
 use super::super::bake::{TUNING, chosen, count};
-use super::super::baked_in::relative;
+use crate::methods::baked_in::relative;
 use super::super::encoding::{Encoding, Integral};
-use super::super::evaluate::Stored;
 use super::super::lights::{LightSet, Plan};
-use super::super::stage::Stage;
+use crate::methods::stage::Stage;
 use super::codes::{self, Table};
 use super::evaluate::{Values, interpolation};
 use super::exact;

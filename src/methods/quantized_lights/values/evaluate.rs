@@ -9,9 +9,7 @@ use translux_format::quantised_values::{Encoding as Layout, QuantisedValues as F
 use translux_format::{Budget, RawSection};
 
 use super::super::encoding::{Choices, Encoding};
-use super::super::evaluate::{QuantisedEvaluator, Stored};
 use super::super::lights::{LightSet, blend, scheme};
-use super::super::stage::GROUP;
 use super::matrix::{Cells, Matrix};
 use super::prediction::Earlier;
 use super::references::References;
@@ -22,6 +20,8 @@ use crate::evaluate::Evaluator;
 use crate::light::Light;
 use crate::light::quantised::interpolation::Scheme;
 use crate::light::quantised::mean::spherical_mean;
+use crate::methods::baked_in::{BakedIn, Stored};
+use crate::methods::stage::GROUP;
 use crate::transport::receivers::Receivers;
 
 /// Components of a vector.
@@ -35,7 +35,7 @@ pub(in super::super) fn open(asset: &Arc<Asset>, choices: &Choices) -> Result<Bo
     let between = (interpolation(choices.encoding, scheme(settings)?), blend(settings)?);
     let set = LightSet::new(&scene, file.directions as usize, file.shells.clone(), between)?;
     let values = Values::read(&file, &Topology::new(&scene, &receivers))?;
-    QuantisedEvaluator::boxed(scene, receivers, set, file.samples as usize, values)
+    BakedIn::boxed(scene, receivers, file.samples as usize, WithLights { set, values })
 }
 
 /// Harmonics need no interpolation between lights; this one takes no time to set up.
@@ -179,10 +179,35 @@ impl Values {
     }
 }
 
-impl Stored for Values {
+/// With the set of lights that they belong to.
+struct WithLights {
+    set: LightSet,
+    values: Values,
+}
+
+impl Stored for WithLights {
     type Light = Weighted;
 
-    fn light(&self, set: &LightSet, lights: &[Light]) -> Result<Weighted> {
+    fn light(&self, lights: &[Light]) -> Result<Weighted> {
+        self.values.light(&self.set, lights)
+    }
+
+    fn radiosity(&mut self, light: &Weighted, receivers: &Receivers) -> Vec<DVec3> {
+        self.values.radiosity(light, receivers)
+    }
+
+    fn stage(&self) -> &'static str {
+        "quantised lights"
+    }
+
+    fn bytes(&self) -> usize {
+        self.values.bytes()
+    }
+}
+
+impl Values {
+    /// Lights made ready.
+    pub(super) fn light(&self, set: &LightSet, lights: &[Light]) -> Result<Weighted> {
         let mut result = Weighted { lights: Vec::new(), harmonics: Vec::new(), spherical: Vec::new() };
         let of_channel = |vector: &[DVec3], c: usize| vector.iter().map(|v| v[c] as f32).collect::<Vec<f32>>();
         match &self.content {
@@ -220,11 +245,13 @@ impl Stored for Values {
         }
     }
 
-    fn radiosity(&mut self, light: &Weighted, receivers: &Receivers) -> Vec<DVec3> {
+    /// Radiosity of every source vertex, RGB.
+    pub(super) fn radiosity(&self, light: &Weighted, receivers: &Receivers) -> Vec<DVec3> {
         receivers.expand_rgb(&self.clamped(light), 1.0)
     }
 
-    fn bytes(&self) -> usize {
+    /// Bytes in memory.
+    pub(super) fn bytes(&self) -> usize {
         match &self.content {
             Content::Lights(matrix) => matrix.bytes(),
             Content::Harmonics { matrix, scales, .. } => matrix.bytes() + size_of_val(scales.as_slice()),

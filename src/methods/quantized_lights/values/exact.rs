@@ -5,7 +5,8 @@ use rayon::prelude::*;
 
 use super::super::encoding::Integral;
 use super::super::lights::LightSet;
-use super::super::stage::{Seen, Stage, neighbours, radiosity_of_set};
+use super::super::seen::{Seen, irradiance_of_seen, neighbours, radiosity_of_set};
+use crate::methods::stage::Stage;
 use super::CHANNELS;
 use super::matrix::{Cells, Matrix};
 use crate::error::Result;
@@ -48,7 +49,7 @@ fn vectors(stage: &Stage, transfer: &ManyLights, set: &LightSet, progress: &dyn 
     progress.start("lights", count as u64);
     for run in neighbours(directions, 1) {
         for run in run.chunks(RUN) {
-            let columns = columns(stage, &stage.irradiance_of_seen(&seen, run), run, directions.directions());
+            let columns = columns(stage, &irradiance_of_seen(stage, &seen, run), run, directions.directions());
             let rows = transfer.radiosity(&columns, &Silent).values;
             let out = values.par_chunks_exact_mut((COMPONENTS * count).max(1));
             out.zip(rows.par_chunks_exact(columns.lights.max(1))).for_each(|(out, row)| {

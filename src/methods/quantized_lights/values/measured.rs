@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use super::super::encoding::{ChosenBy, Integral};
-use super::super::stage::Stage;
+use crate::methods::stage::Stage;
 use super::bake::Work;
 use super::evaluate::Values;
 use super::*;
@@ -26,7 +26,6 @@ use crate::math::sh::Window;
 use crate::math::statistics::vertex_error;
 use crate::medium::material::preset;
 use crate::methods::quantized_lights::encoding::{Choices, Encoding};
-use crate::methods::quantized_lights::evaluate::Stored;
 use crate::methods::quantized_lights::lights::{LightSet, Plan};
 use crate::progress::Silent;
 use crate::transport::gather::NearField;

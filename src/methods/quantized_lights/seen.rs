@@ -1,79 +1,26 @@
-//! Geometry that a bake works with, and radiosity of the set's lights at chosen vertices.
-
-use std::ops::Range;
+//! Which lights of a set the samples see, and radiosity under all of them.
 
 use glam::DVec3;
 use rayon::prelude::*;
 
 use super::lights::SIDE;
 use crate::error::Result;
-use crate::evaluate::sampling_error::receiver_areas;
-use crate::geometry::bvh::Bvh;
 use crate::geometry::cluster;
-use crate::geometry::samples::{Patch, Samples};
-use crate::geometry::scattered::OrientedPoint;
 use crate::light::Light;
 use crate::light::quantised::directions::DirectionSet;
 use crate::light::quantised::distances::QuantisedLights;
 use crate::math::cube_map::texel_of;
 use crate::medium::fresnel;
+use crate::methods::stage::Stage;
 use crate::progress::{Progress, Silent};
-use crate::transport::gather::Gather;
-use crate::transport::irradiance::{Illumination, LightSampling};
 use crate::transport::many_lights::{IrradianceRows, ManyLights};
-use crate::transport::receivers::Receivers;
-use crate::transport::scene::{self, Scene, Surface};
-use crate::transport::tree::SampleTree;
 use crate::transport::visibility::{self, Observer, Occluders, Resolution, visit};
-
-/// Receivers that share a traversal of the tree.
-pub(super) const GROUP: usize = 16;
-
-/// Rays of the lights near the scene; scattering and the number of samples smooth what one ray each decides.
-const SAMPLING: LightSampling = LightSampling { points_per_patch: 1, ..LightSampling::FAST };
 
 /// Samples that look around together.
 const GROUP_OF_OBSERVERS: usize = 2 * visibility::GROUP;
 
 /// Lights that share their clusters.
 const NEIGHBOURS: usize = 128;
-
-/// The vertices as points of the surface.
-pub(super) fn oriented(scene: &Scene, receivers: &Receivers) -> Vec<OrientedPoint> {
-    let mut normals = vec![DVec3::ZERO; receivers.len()];
-    for (index, triangle) in scene.mesh.triangles.iter().enumerate() {
-        let cross = scene.mesh.cross_mm2(index as u32);
-        for &v in triangle {
-            if let Some(normal) = normals.get_mut(receivers.of_vertex[v as usize] as usize) {
-                *normal += cross;
-            }
-        }
-    }
-    let point = |(at_mm, normal): (&DVec3, &DVec3)| OrientedPoint { at_mm: *at_mm, normal: normal.normalize_or_zero() };
-    receivers.positions.iter().zip(&normals).map(point).collect()
-}
-
-/// Receivers of each part.
-pub(super) fn parts(receivers: &Receivers) -> Vec<Range<usize>> {
-    let run = |groups: &[crate::transport::receivers::Group]| {
-        let end = groups.last().map_or(0, |g| g.run.end as usize);
-        groups.first().map_or(0, |g| g.run.first as usize)..end
-    };
-    receivers.groups.chunk_by(|a, b| a.part == b.part).map(run).collect()
-}
-
-/// What every stage reads.
-pub(super) struct Stage<'a> {
-    pub(super) scene: &'a Scene,
-    pub(super) bvh: Bvh,
-    pub(super) samples: Samples,
-    pub(super) patches: Vec<Patch>,
-    pub(super) tree: SampleTree,
-    pub(super) receivers: Receivers,
-    pub(super) areas: Vec<f64>,
-    pub(super) points: Vec<OrientedPoint>,
-    pub(super) sampling: LightSampling,
-}
 
 /// Which lights of a set each sample sees: one bit each, `[sample][word]`.
 pub(super) struct Seen {
@@ -167,62 +114,20 @@ impl Seen {
     }
 }
 
-impl<'a> Stage<'a> {
-    pub(super) fn new(scene: &'a Scene, count: usize) -> Self {
-        let samples = Samples::new(&scene.mesh, &scene.parts, count);
-        let (bvh, patches) = rayon::join(|| Bvh::new(&scene.mesh), || scene::patches(scene, &samples));
-        let tree = SampleTree::new(&samples, &patches);
-        let receivers = Receivers::new(&scene.mesh, &scene.parts, GROUP);
-        let areas = receiver_areas(scene, &receivers);
-        let points = oriented(scene, &receivers);
-        Self { scene, bvh, samples, patches, tree, receivers, areas, points, sampling: SAMPLING }
-    }
-
-    pub(super) fn surface(&self) -> Surface<'_> {
-        Surface { scene: self.scene, bvh: &self.bvh, samples: &self.samples, patches: &self.patches }
-    }
-
-    /// Irradiance of every sample under each light, RGB lights as their first channel.
-    pub(super) fn irradiance(&self, lights: &[Light]) -> Result<IrradianceRows> {
-        let surface = self.surface();
-        let etas: Vec<f64> = self.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
-        let mut values = vec![0.0; self.samples.len() * lights.len()];
-        for (column, light) in lights.iter().enumerate() {
-            let one = std::slice::from_ref(light);
-            let irradiance = Illumination::new(&surface, one, &etas, self.sampling)?.all(&Silent);
-            for (row, e) in values.chunks_exact_mut(lights.len()).zip(&irradiance) {
-                row[column] = e.x as f32;
-            }
-        }
-        Ok(IrradianceRows { lights: lights.len(), values })
-    }
-
-    /// The same of lights of a set, by their indices, from what is known of visibility.
-    pub(super) fn irradiance_of_seen(&self, seen: &Seen, lights: &[u32]) -> IrradianceRows {
-        let count = lights.len();
-        let mut values = vec![0.0f32; self.samples.len() * count];
-        let eta_of_part = |part: usize| {
-            let medium = self.scene.parts.parts[part].medium.and_then(|m| self.scene.media.get(m as usize));
-            medium.map_or(1.0, |m| m.properties.eta_inside_over_outside)
-        };
-        values.par_chunks_mut(count.max(1)).enumerate().for_each(|(sample, row)| {
-            let part = self.samples.part_offsets.partition_point(|&p| p as usize <= sample).saturating_sub(1);
-            let eta = eta_of_part(part);
-            row.iter_mut().zip(lights).for_each(|(value, &light)| *value = seen.irradiance(sample, light, eta) as f32);
-        });
-        IrradianceRows { lights: count, values }
-    }
-
-    /// Calls `work` with the transfer, which keeps an error under some lights.
-    pub(super) fn with_transfer<T>(
-        &self,
-        near: crate::transport::gather::NearField,
-        work: impl FnOnce(ManyLights) -> Result<T>,
-    ) -> Result<T> {
-        let surface = self.surface();
-        let gather = Gather::new(&surface, &self.tree, &self.scene.media, near);
-        work(ManyLights::new(&gather, &self.tree, &self.receivers, &self.areas))
-    }
+/// Irradiance of every sample under lights of a set, by their indices, from what is known of visibility.
+pub(super) fn irradiance_of_seen(stage: &Stage, seen: &Seen, lights: &[u32]) -> IrradianceRows {
+    let count = lights.len();
+    let mut values = vec![0.0f32; stage.samples.len() * count];
+    let eta_of_part = |part: usize| {
+        let medium = stage.scene.parts.parts[part].medium.and_then(|m| stage.scene.media.get(m as usize));
+        medium.map_or(1.0, |m| m.properties.eta_inside_over_outside)
+    };
+    values.par_chunks_mut(count.max(1)).enumerate().for_each(|(sample, row)| {
+        let part = stage.samples.part_offsets.partition_point(|&p| p as usize <= sample).saturating_sub(1);
+        let eta = eta_of_part(part);
+        row.iter_mut().zip(lights).for_each(|(value, &light)| *value = seen.irradiance(sample, light, eta) as f32);
+    });
+    IrradianceRows { lights: count, values }
 }
 
 /// The lights of a set in runs of neighbours, indices of entries; all shells of some directions, since the tree is walked once
@@ -252,7 +157,7 @@ pub(super) fn radiosity_of_set(
     progress.start("lights", count as u64);
     for run in neighbours(&lights.directions, lights.shells.inverse().len()) {
         let irradiance = if seen.knows(&run) {
-            stage.irradiance_of_seen(&seen, &run)
+            irradiance_of_seen(stage, &seen, &run)
         } else {
             let entries: Vec<Light> = run.iter().filter_map(|&i| lights.entry(i as usize)).collect();
             stage.irradiance(&entries)?

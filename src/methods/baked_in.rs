@@ -1,0 +1,241 @@
+//! What evaluators share whose material is baked in: lights become what is multiplied with stored transport; the samples that
+//! their error is measured against; media that stay.
+
+use std::sync::{Arc, OnceLock};
+
+use glam::DVec3;
+
+use super::stage::GROUP;
+use crate::asset::Asset;
+use crate::compress::ledger::Ledger;
+use crate::error::{Error, Result};
+#[cfg(feature = "gpu")]
+use crate::evaluate::device::{Device, DeviceEvaluator};
+use crate::evaluate::sampled::{Bound, Far, Plan, SampledEvaluator};
+use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit};
+use crate::geometry::bvh::Bvh;
+use crate::geometry::samples::Samples;
+use crate::light::Light;
+use crate::math::statistics::{VertexError, vertex_error};
+use crate::progress::Progress;
+use crate::transport::gather::NearField;
+use crate::transport::irradiance::LightSampling;
+use crate::transport::receivers::Receivers;
+use crate::transport::scene::{Medium, Scene};
+
+/// Error of the hierarchy that the transport is measured against.
+const TRUTH_ERROR: f64 = 0.001;
+
+/// An error, or none where the truth is black and the values are not: nothing can be relative to that.
+pub(in crate::methods) fn relative(error: VertexError) -> VertexError {
+    if error.rms.is_finite() { error } else { VertexError::default() }
+}
+
+/// Samples lit by rays and summed through the hierarchy.
+pub(in crate::methods) fn truth(scene: &Scene, samples: usize) -> SampledEvaluator {
+    let asset = Asset {
+        samples: Samples::new(&scene.mesh, &scene.parts, samples),
+        scene: scene.clone(),
+        provenance: Default::default(),
+        ledger: Ledger::default(),
+        sections: Vec::new(),
+    };
+    let plan = Plan {
+        sampling: LightSampling::FAST,
+        near: NearField::FAST,
+        far: Far::Hierarchical { error: TRUTH_ERROR, bound: Bound::SolidAngle },
+        group: GROUP,
+    };
+    SampledEvaluator::new(Arc::new(asset), plan)
+}
+
+/// What an evaluator gives, against [`truth`], which is made when it is first asked for.
+pub(in crate::methods) struct Truth {
+    samples: usize,
+    made: Option<Box<SampledEvaluator>>,
+}
+
+impl Truth {
+    pub(in crate::methods) fn new(samples: usize) -> Self {
+        Self { samples, made: None }
+    }
+
+    /// Number of samples.
+    pub(in crate::methods) fn samples(&self) -> usize {
+        self.samples
+    }
+
+    /// Under some lights.
+    pub(in crate::methods) fn lit(
+        &mut self,
+        scene: &Scene,
+        lights: &[Light],
+        progress: &dyn Progress,
+    ) -> Result<&mut SampledEvaluator> {
+        let made = self.made.get_or_insert_with(|| Box::new(truth(scene, self.samples)));
+        made.set_lights(lights.to_vec(), progress)?;
+        Ok(made)
+    }
+
+    /// The truth's own error, and a stage: that of `values` under the worst of the lights in force, all together, and of others,
+    /// each alone.
+    pub(in crate::methods) fn measured(
+        &mut self,
+        scene: &Scene,
+        (lights, unseen): (&[Light], &[Light]),
+        mut values: impl FnMut(&[Light]) -> Result<Vec<DVec3>>,
+        (stage, note): (&str, &str),
+        progress: &dyn Progress,
+    ) -> Result<Ledger> {
+        let areas = scene.vertex_areas_mm2();
+        let mut error = VertexError::default();
+        for lights in unseen.iter().map(std::slice::from_ref).chain([lights]) {
+            let expected = self.lit(scene, lights, progress)?.radiosity(progress)?;
+            error = error.max(relative(vertex_error(&values(lights)?, &expected, &areas)));
+        }
+        let mut ledger = self.lit(scene, lights, progress)?.measured_error(&[], progress)?;
+        ledger.add(stage, error, note);
+        Ok(ledger)
+    }
+}
+
+/// Names may change, properties may not.
+///
+/// # Errors
+/// Command line: another number of media; unsupported: other properties.
+pub(in crate::methods) fn replace_media(scene: &mut Scene, media: Vec<Medium>) -> Result<()> {
+    if media.len() != scene.media.len() {
+        let (given, there) = (media.len(), scene.media.len());
+        return Err(Error::command_line(format!("{given} materials for the {there} media of the asset")));
+    }
+    if media.iter().zip(&scene.media).any(|(a, b)| a.properties != b.properties) {
+        return Err(Error::unsupported(
+            "the material is baked into this asset; bake it again, or with --method editable",
+        ));
+    }
+    scene.media = media;
+    Ok(())
+}
+
+/// What an asset stores, as it is evaluated.
+pub(in crate::methods) trait Stored: Send {
+    /// A light, made ready.
+    type Light: Send;
+
+    /// Several lights together.
+    fn light(&self, lights: &[Light]) -> Result<Self::Light>;
+
+    /// Radiosity of every source vertex, RGB, none negative.
+    fn radiosity(&mut self, light: &Self::Light, receivers: &Receivers) -> Vec<DVec3>;
+
+    /// What [`Evaluator::measured_error`] calls the error of these values.
+    fn stage(&self) -> &'static str;
+
+    /// Bytes in memory.
+    fn bytes(&self) -> usize;
+
+    /// The same on a device.
+    #[cfg(feature = "gpu")]
+    fn on_device(_: BakedIn<Self>, _: &Arc<Device>) -> Result<Box<dyn DeviceEvaluator>>
+    where
+        Self: Sized,
+    {
+        Err(Error::unsupported(
+            "what this asset stores is evaluated on the CPU only: --device cpu, or bake it with the defaults of its method",
+        ))
+    }
+}
+
+/// The transport of an asset, lit.
+pub(in crate::methods) struct BakedIn<S: Stored> {
+    scene: Scene,
+    bvh: OnceLock<Bvh>,
+    receivers: Receivers,
+    stored: S,
+    lights: Vec<Light>,
+    light: S::Light,
+    /// For who asks what the transport is worth.
+    truth: Truth,
+}
+
+impl<S: Stored + 'static> BakedIn<S> {
+    /// What was stored for these receivers, without light.
+    pub(in crate::methods) fn boxed(
+        scene: Scene,
+        receivers: Receivers,
+        samples: usize,
+        stored: S,
+    ) -> Result<Box<dyn Evaluator>> {
+        let (lights, bvh, light) = (Vec::new(), OnceLock::new(), stored.light(&[])?);
+        Ok(Box::new(Self { scene, bvh, receivers, stored, lights, light, truth: Truth::new(samples) }))
+    }
+
+    pub(in crate::methods) fn stored(&self) -> &S {
+        &self.stored
+    }
+
+    pub(in crate::methods) fn receivers(&self) -> &Receivers {
+        &self.receivers
+    }
+
+    /// The lights in force.
+    pub(in crate::methods) fn lit(&self) -> &S::Light {
+        &self.light
+    }
+}
+
+impl<S: Stored + 'static> Evaluator for BakedIn<S> {
+    fn capabilities(&self) -> Capabilities {
+        Capabilities { material: MaterialEdit::None }
+    }
+
+    fn cost(&self) -> Cost {
+        Cost {
+            samples: self.truth.samples(),
+            receivers: self.receivers.len(),
+            resident_bytes: self.stored.bytes() + size_of_val(self.receivers.of_vertex.as_slice()),
+        }
+    }
+
+    fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    fn bvh(&self) -> &Bvh {
+        self.bvh.get_or_init(|| Bvh::new(&self.scene.mesh))
+    }
+
+    fn set_lights(&mut self, lights: Vec<Light>, _: &dyn Progress) -> Result<()> {
+        self.light = self.stored.light(&lights)?;
+        self.lights = lights;
+        Ok(())
+    }
+
+    fn set_media(&mut self, media: Vec<Medium>) -> Result<()> {
+        replace_media(&mut self.scene, media)
+    }
+
+    fn radiosity(&mut self, _: &dyn Progress) -> Result<Vec<DVec3>> {
+        Ok(self.stored.radiosity(&self.light, &self.receivers))
+    }
+
+    fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {
+        let Self { scene, receivers, stored, lights, truth, .. } = self;
+        let stage = stored.stage();
+        let values = |lights: &[Light]| {
+            let light = stored.light(lights)?;
+            Ok(stored.radiosity(&light, receivers))
+        };
+        let note = "against its samples lit by rays, the worst of these lights and of probe lights";
+        truth.measured(scene, (lights, unseen), values, (stage, note), progress)
+    }
+
+    fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
+        self.truth.lit(&self.scene, &self.lights, progress)?.all_pairs(progress)
+    }
+
+    #[cfg(feature = "gpu")]
+    fn on_device(self: Box<Self>, device: &Arc<Device>) -> Result<Box<dyn DeviceEvaluator>> {
+        S::on_device(*self, device)
+    }
+}
