@@ -48,6 +48,7 @@ mod error;
 pub mod far_field;
 mod far_sums;
 mod far_values;
+pub mod harmonic_transport;
 pub mod mesh;
 pub mod metadata;
 pub mod parts;

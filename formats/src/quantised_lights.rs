@@ -108,7 +108,34 @@ struct Record {
 }
 
 impl Set {
-    fn validate(&self, tags: tags::Set, directions: usize, shells: usize) -> Result<()> {
+    /// Sections of the arrays; the matrix and the step are for a record.
+    pub(crate) fn arrays(&self, tags: tags::Set) -> [RawSection; 5] {
+        let (kind, zstd) = (Kind::Method, Codec::Zstd);
+        [
+            RawSection::from_rows(tags.units, kind, zstd, &self.units),
+            RawSection::from_rows(tags.basis_steps, kind, zstd, &self.basis_steps),
+            RawSection::from_rows(tags.basis, kind, Codec::Raw, &self.basis),
+            RawSection::from_rows(tags.columns, kind, zstd, &self.columns),
+            RawSection::from_rows(tags.coefficients, kind, Codec::Raw, &self.coefficients),
+        ]
+    }
+
+    /// The arrays, without what a record holds; `None` where there are none.
+    pub(crate) fn from_arrays(sections: &[RawSection], tags: tags::Set) -> Result<Option<Self>> {
+        let Some([units, steps, basis, columns, values]) = pick(sections, tags.all(), Kind::Method)? else {
+            return Ok(None);
+        };
+        Ok(Some(Self {
+            units: units.rows()?,
+            basis_steps: steps.rows()?,
+            basis: basis.rows()?,
+            columns: columns.rows()?,
+            coefficients: values.rows()?,
+            ..Self::default()
+        }))
+    }
+
+    pub(crate) fn validate(&self, tags: tags::Set, directions: usize, shells: usize) -> Result<()> {
         in_range(tags::NUMBERS, "a channel", &self.channels, f64::NEG_INFINITY)?;
         let planes = 3 * shells;
         same_length(tags::NUMBERS, "numbers of the channels", self.channels.len(), planes * planes)?;
@@ -189,13 +216,7 @@ impl QuantisedLights {
         let (kind, zstd) = (Kind::Method, Codec::Zstd);
         let mut sections = vec![RawSection::from_record(tags::NUMBERS, kind, zstd, &record)?];
         for (set, tags) in self.sets.iter().zip(tags::SETS) {
-            sections.extend([
-                RawSection::from_rows(tags.units, kind, zstd, &set.units),
-                RawSection::from_rows(tags.basis_steps, kind, zstd, &set.basis_steps),
-                RawSection::from_rows(tags.basis, kind, Codec::Raw, &set.basis),
-                RawSection::from_rows(tags.columns, kind, zstd, &set.columns),
-                RawSection::from_rows(tags.coefficients, kind, Codec::Raw, &set.coefficients),
-            ]);
+            sections.extend(set.arrays(tags));
         }
         Ok(sections)
     }
@@ -208,16 +229,7 @@ impl QuantisedLights {
         let numbers = pick(sections, [tags::NUMBERS], Kind::Method)?;
         let mut sets = Vec::with_capacity(tags::SETS.len());
         for tags in tags::SETS {
-            if let Some([units, steps, basis, columns, values]) = pick(sections, tags.all(), Kind::Method)? {
-                sets.push(Set {
-                    units: units.rows()?,
-                    basis_steps: steps.rows()?,
-                    basis: basis.rows()?,
-                    columns: columns.rows()?,
-                    coefficients: values.rows()?,
-                    ..Set::default()
-                });
-            }
+            sets.extend(Set::from_arrays(sections, tags)?);
         }
         let Some([numbers]) = numbers else {
             return if sets.is_empty() { Ok(None) } else { Err(FormatError::MissingSection { tag: tags::NUMBERS }) };

@@ -32,7 +32,68 @@ pub mod tags {
     pub const FUNCTIONS: Tag = Tag::from_static("rows.fun");
 
     /// All of them, in the order of the file.
-    pub const ALL: [Tag; 8] = [DIMENSIONS, COUNTS, INDICES, VALUES, STEPS, SCALING, SCALING_STEPS, FUNCTIONS];
+    pub const ALL: [Tag; 8] = IRRADIANCE.all();
+
+    /// Tags of rows of one use.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub struct Set {
+        /// As [`DIMENSIONS`].
+        pub dimensions: Tag,
+        /// As [`COUNTS`].
+        pub counts: Tag,
+        /// As [`INDICES`].
+        pub indices: Tag,
+        /// As [`VALUES`].
+        pub values: Tag,
+        /// As [`STEPS`].
+        pub steps: Tag,
+        /// As [`SCALING`].
+        pub scaling: Tag,
+        /// As [`SCALING_STEPS`].
+        pub scaling_steps: Tag,
+        /// As [`FUNCTIONS`].
+        pub functions: Tag,
+    }
+
+    /// Rows of patches: irradiance.
+    pub const IRRADIANCE: Set = Set {
+        dimensions: DIMENSIONS,
+        counts: COUNTS,
+        indices: INDICES,
+        values: VALUES,
+        steps: STEPS,
+        scaling: SCALING,
+        scaling_steps: SCALING_STEPS,
+        functions: FUNCTIONS,
+    };
+
+    /// Rows of vertices: radiosity, whose terms are the channels R, G, B.
+    pub const TRANSPORT: Set = Set {
+        dimensions: Tag::from_static("aft.dim"),
+        counts: Tag::from_static("aft.cnt"),
+        indices: Tag::from_static("aft.idx"),
+        values: Tag::from_static("aft.val"),
+        steps: Tag::from_static("aft.vst"),
+        scaling: Tag::from_static("aft.sca"),
+        scaling_steps: Tag::from_static("aft.scs"),
+        functions: Tag::from_static("aft.fun"),
+    };
+
+    impl Set {
+        /// In the order of the file.
+        pub const fn all(self) -> [Tag; 8] {
+            [
+                self.dimensions,
+                self.counts,
+                self.indices,
+                self.values,
+                self.steps,
+                self.scaling,
+                self.scaling_steps,
+                self.functions,
+            ]
+        }
+    }
 }
 
 /// Faces of a cube map.
@@ -91,32 +152,36 @@ impl IrradianceRows {
     /// # Errors
     /// [`crate::FormatError::Invalid`] with the tag of the section at fault.
     pub fn validate(&self) -> Result<()> {
-        self.validate_shape()?;
+        self.validate_as(&tags::IRRADIANCE)
+    }
+
+    fn validate_as(&self, tags: &tags::Set) -> Result<()> {
+        self.validate_shape(tags)?;
         let face = self.side * self.side;
         for (patch, pair) in self.offsets.windows(2).enumerate() {
             let row = &self.indices[pair[0] as usize..pair[1] as usize];
             let ascending = row.windows(2).all(|pair| pair[0] < pair[1]);
             let inside = row.last().is_none_or(|last| usize::from(*last) < FACES * face);
             if !ascending || !inside || row.iter().any(|i| is_scaling(*i, face)) {
-                return bad_indices(patch);
+                return bad_indices(tags, patch);
             }
         }
         Ok(())
     }
 
     /// Everything but the indices.
-    fn validate_shape(&self) -> Result<()> {
-        dimensions(self.side, self.terms)?;
+    fn validate_shape(&self, tags: &tags::Set) -> Result<()> {
+        dimensions(tags, self.side, self.terms)?;
         let (patches, count) = (self.patches(), self.indices.len());
-        offsets(tags::COUNTS, &self.offsets, count, Ranges::MayBeEmpty)?;
+        offsets(tags.counts, &self.offsets, count, Ranges::MayBeEmpty)?;
         if self.offsets.windows(2).any(|pair| pair[1] - pair[0] > u32::from(u16::MAX)) {
-            return invalid(tags::COUNTS, "a patch has more than 65535 coefficients");
+            return invalid(tags.counts, "a patch has more than 65535 coefficients");
         }
-        same_length(tags::VALUES, "values", self.values.len(), count.saturating_mul(self.terms))?;
-        same_length(tags::SCALING, "numbers", self.scaling.len(), patches.saturating_mul(FACES * self.terms))?;
-        check_steps(tags::STEPS, &self.steps, patches)?;
-        check_steps(tags::SCALING_STEPS, &self.scaling_steps, patches)?;
-        check_functions(&self.functions, self.terms)
+        same_length(tags.values, "values", self.values.len(), count.saturating_mul(self.terms))?;
+        same_length(tags.scaling, "numbers", self.scaling.len(), patches.saturating_mul(FACES * self.terms))?;
+        check_steps(tags.steps, &self.steps, patches)?;
+        check_steps(tags.scaling_steps, &self.scaling_steps, patches)?;
+        check_functions(tags, &self.functions, self.terms)
     }
 
     /// The sections, for [`crate::AssetFile::extra`].
@@ -124,7 +189,15 @@ impl IrradianceRows {
     /// # Errors
     /// The rows are not valid.
     pub fn to_sections(&self) -> Result<Vec<RawSection>> {
-        self.validate()?;
+        self.to_sections_as(&tags::IRRADIANCE, Kind::Environment)
+    }
+
+    /// The same with other tags.
+    ///
+    /// # Errors
+    /// The rows are not valid.
+    pub fn to_sections_as(&self, tags: &tags::Set, kind: Kind) -> Result<Vec<RawSection>> {
+        self.validate_as(tags)?;
         let counts: Vec<u16> = self.offsets.windows(2).map(|pair| (pair[1] - pair[0]) as u16).collect();
         let mut differences = Vec::with_capacity(self.indices.len());
         let mut values = Vec::with_capacity(self.values.len());
@@ -146,17 +219,17 @@ impl IrradianceRows {
         let scaling: Vec<u16> = (0..columns)
             .flat_map(|column| self.scaling.iter().skip(column).step_by(columns).map(|value| *value as u16))
             .collect();
-        let (kind, codec) = (Kind::Environment, Codec::Zstd);
+        let codec = Codec::Zstd;
         let size = [self.side as u32, self.terms as u32];
         Ok(vec![
-            RawSection::from_rows(tags::DIMENSIONS, kind, codec, &[size]),
-            RawSection::from_rows(tags::COUNTS, kind, codec, &counts),
-            RawSection::from_rows(tags::INDICES, kind, codec, &planes(&differences)),
-            RawSection::from_rows(tags::VALUES, kind, codec, &values),
-            RawSection::from_rows(tags::STEPS, kind, codec, &self.steps),
-            RawSection::from_rows(tags::SCALING, kind, codec, &planes(&scaling)),
-            RawSection::from_rows(tags::SCALING_STEPS, kind, codec, &self.scaling_steps),
-            RawSection::from_rows(tags::FUNCTIONS, kind, codec, &self.functions),
+            RawSection::from_rows(tags.dimensions, kind, codec, &[size]),
+            RawSection::from_rows(tags.counts, kind, codec, &counts),
+            RawSection::from_rows(tags.indices, kind, codec, &planes(&differences)),
+            RawSection::from_rows(tags.values, kind, codec, &values),
+            RawSection::from_rows(tags.steps, kind, codec, &self.steps),
+            RawSection::from_rows(tags.scaling, kind, codec, &planes(&scaling)),
+            RawSection::from_rows(tags.scaling_steps, kind, codec, &self.scaling_steps),
+            RawSection::from_rows(tags.functions, kind, codec, &self.functions),
         ])
     }
 
@@ -165,40 +238,52 @@ impl IrradianceRows {
     /// # Errors
     /// Some of the sections are missing, of another type, or their content is not valid.
     pub fn from_sections(sections: &[RawSection], patches: usize) -> Result<Option<Self>> {
-        let Some(found) = pick(sections, tags::ALL, Kind::Environment)? else { return Ok(None) };
+        Self::from_sections_as(sections, (&tags::IRRADIANCE, Kind::Environment), patches)
+    }
+
+    /// The same of other tags.
+    ///
+    /// # Errors
+    /// Some of the sections are missing, of another type, or their content is not valid.
+    pub fn from_sections_as(
+        sections: &[RawSection],
+        (tags, kind): (&tags::Set, Kind),
+        patches: usize,
+    ) -> Result<Option<Self>> {
+        let Some(found) = pick(sections, tags.all(), kind)? else { return Ok(None) };
         let [size, counts, indices, values, steps, scaling, scaling_steps, functions] = found;
         let size = size.rows::<[u32; 2]>()?;
         let [[side, terms]] = size[..] else {
-            return invalid(tags::DIMENSIONS, format!("{} rows, not 1", size.len()));
+            return invalid(tags.dimensions, format!("{} rows, not 1", size.len()));
         };
         let (side, terms) = (side as usize, terms as usize);
-        dimensions(side, terms)?;
+        dimensions(tags, side, terms)?;
         let counts: Vec<u16> = counts.rows()?;
-        same_length(tags::COUNTS, "patches", counts.len(), patches)?;
+        same_length(tags.counts, "patches", counts.len(), patches)?;
         let total = counts.iter().map(|c| u64::from(*c)).sum::<u64>();
         let Some(count) = u32::try_from(total).ok().filter(|c| *c < u32::MAX).map(|c| c as usize) else {
-            return invalid(tags::COUNTS, format!("{total} coefficients are more than 2^32 - 2"));
+            return invalid(tags.counts, format!("{total} coefficients are more than 2^32 - 2"));
         };
         let indices = indices.view::<u8>()?;
-        same_length(tags::INDICES, "bytes", indices.len(), count.saturating_mul(2))?;
+        same_length(tags.indices, "bytes", indices.len(), count.saturating_mul(2))?;
         let values = values.view::<i8>()?;
-        same_length(tags::VALUES, "values", values.len(), count.saturating_mul(terms))?;
+        same_length(tags.values, "values", values.len(), count.saturating_mul(terms))?;
         let columns = FACES * terms;
         let scaling = scaling.view::<u8>()?;
-        same_length(tags::SCALING, "bytes", scaling.len(), patches.saturating_mul(2 * columns))?;
-        let steps = [(tags::STEPS, steps), (tags::SCALING_STEPS, scaling_steps)].map(|(tag, section)| {
+        same_length(tags.scaling, "bytes", scaling.len(), patches.saturating_mul(2 * columns))?;
+        let steps = [(tags.steps, steps), (tags.scaling_steps, scaling_steps)].map(|(tag, section)| {
             let steps = section.rows::<f32>()?;
             check_steps(tag, &steps, patches)?;
             Ok(steps)
         });
         let [steps, scaling_steps] = steps;
         let functions: Vec<[f64; DEGREE]> = functions.rows()?;
-        check_functions(&functions, terms)?;
+        check_functions(tags, &functions, terms)?;
         let offsets = ends(&counts);
         Ok(Some(Self {
             side,
             terms,
-            indices: places(&offsets, indices.split_at(count), side * side)?,
+            indices: places(tags, &offsets, indices.split_at(count), side * side)?,
             values: interleaved(&offsets, values, terms),
             steps: steps?,
             scaling: transposed(scaling, columns, patches),
@@ -209,12 +294,12 @@ impl IrradianceRows {
     }
 }
 
-fn dimensions(side: usize, terms: usize) -> Result<()> {
+fn dimensions(tags: &tags::Set, side: usize, terms: usize) -> Result<()> {
     if !(side.is_power_of_two() && (2..=MOST_SIDE).contains(&side)) {
-        return invalid(tags::DIMENSIONS, format!("{side} texels along an edge: 2, 4, 8, ... {MOST_SIDE} are allowed"));
+        return invalid(tags.dimensions, format!("{side} texels along an edge: 2, 4, 8, ... {MOST_SIDE} are allowed"));
     }
     if !(1..=MOST_TERMS).contains(&terms) {
-        return invalid(tags::DIMENSIONS, format!("{terms} terms: 1 to {MOST_TERMS} are allowed"));
+        return invalid(tags.dimensions, format!("{terms} terms: 1 to {MOST_TERMS} are allowed"));
     }
     Ok(())
 }
@@ -227,9 +312,9 @@ fn check_steps(tag: Tag, steps: &[f32], patches: usize) -> Result<()> {
     }
 }
 
-fn check_functions(functions: &[[f64; DEGREE]], terms: usize) -> Result<()> {
-    same_length(tags::FUNCTIONS, "terms", functions.len(), terms)?;
-    in_range(tags::FUNCTIONS, "a coefficient", functions.as_flattened(), f64::NEG_INFINITY)
+fn check_functions(tags: &tags::Set, functions: &[[f64; DEGREE]], terms: usize) -> Result<()> {
+    same_length(tags.functions, "terms", functions.len(), terms)?;
+    in_range(tags.functions, "a coefficient", functions.as_flattened(), f64::NEG_INFINITY)
 }
 
 /// Low bytes, then high bytes.
@@ -251,19 +336,19 @@ fn is_scaling(index: u16, face: usize) -> bool {
     usize::from(index) & (face - 1) == 0
 }
 
-fn bad_indices<T>(patch: usize) -> Result<T> {
-    invalid(tags::INDICES, format!("the indices of patch {patch} are not ascending places of details"))
+fn bad_indices<T>(tags: &tags::Set, patch: usize) -> Result<T> {
+    invalid(tags.indices, format!("the indices of patch {patch} are not ascending places of details"))
 }
 
 /// Places of all details from the low and the high bytes of their differences.
-fn places(offsets: &[u32], (low, high): (&[u8], &[u8]), face: usize) -> Result<Vec<u16>> {
+fn places(tags: &tags::Set, offsets: &[u32], (low, high): (&[u8], &[u8]), face: usize) -> Result<Vec<u16>> {
     let mut places = Vec::with_capacity(low.len());
     for (patch, pair) in offsets.windows(2).enumerate() {
         let (from, end) = (pair[0] as usize, pair[1] as usize);
         let bytes = low[from..end].iter().zip(&high[from..end]);
         places.extend(bytes.map(|(low, high)| u16::from_le_bytes([*low, *high])));
         if !add_up(&mut places[from..], face) {
-            return bad_indices(patch);
+            return bad_indices(tags, patch);
         }
     }
     Ok(places)

@@ -10,12 +10,12 @@ use translux_format::{Budget, FormatError, RawSection};
 
 use super::basis::light_net;
 use super::lights::LightSet;
-use crate::methods::stage::{oriented, parts};
 use crate::compress::prediction::Net;
 use crate::error::{Error, Result};
 use crate::geometry::scattered::{OrientedPoint, Weights};
 use crate::light::Light;
 use crate::light::quantised::vector::Emission;
+use crate::methods::stage::{oriented, parts};
 use crate::transport::balanced_tree::power_of_two_near;
 use crate::transport::interpolation::SharedWeights;
 use crate::transport::receivers::Receivers;

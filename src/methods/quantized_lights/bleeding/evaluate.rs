@@ -5,7 +5,6 @@ use std::sync::OnceLock;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use crate::methods::baked_in::{self, Truth, relative};
 use super::lists::{Cell, Lists, Neighbourhoods};
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
@@ -14,6 +13,7 @@ use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::Samples;
 use crate::light::Light;
 use crate::math::statistics::{VertexError, vertex_error};
+use crate::methods::baked_in::{self, Truth, relative};
 use crate::progress::{Progress, Silent};
 use crate::transport::irradiance::{Illumination, LightSampling};
 use crate::transport::receivers::NONE;

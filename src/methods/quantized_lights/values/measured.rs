@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use super::super::encoding::{ChosenBy, Integral};
-use crate::methods::stage::Stage;
 use super::bake::Work;
 use super::evaluate::Values;
 use super::*;
@@ -27,6 +26,7 @@ use crate::math::statistics::vertex_error;
 use crate::medium::material::preset;
 use crate::methods::quantized_lights::encoding::{Choices, Encoding};
 use crate::methods::quantized_lights::lights::{LightSet, Plan};
+use crate::methods::stage::Stage;
 use crate::progress::Silent;
 use crate::transport::gather::NearField;
 use crate::transport::many_lights::ManyLights;
