@@ -6,7 +6,7 @@ use crate::asset::{RawSection, pick};
 use crate::checks::{in_range, invalid, same_length};
 use crate::coefficients;
 use crate::error::{FormatError, Result};
-use crate::types::{Codec, Kind};
+use crate::types::{Codec, Kind, Tag};
 
 /// Tags of the quantised lights.
 pub mod tags {
@@ -135,16 +135,16 @@ impl Set {
         }))
     }
 
-    pub(crate) fn validate(&self, tags: tags::Set, directions: usize, shells: usize) -> Result<()> {
-        in_range(tags::NUMBERS, "a channel", &self.channels, f64::NEG_INFINITY)?;
+    pub(crate) fn validate(&self, (numbers, tags): (Tag, tags::Set), directions: usize, shells: usize) -> Result<()> {
+        in_range(numbers, "a channel", &self.channels, f64::NEG_INFINITY)?;
         let planes = 3 * shells;
-        same_length(tags::NUMBERS, "numbers of the channels", self.channels.len(), planes * planes)?;
+        same_length(numbers, "numbers of the channels", self.channels.len(), planes * planes)?;
         let positive = |tag, what: &str, values: &[f32]| match values.iter().position(|v| !(*v > 0.0 && v.is_finite()))
         {
             Some(i) => invalid(tag, format!("{what} {i} is not positive")),
             None => Ok(()),
         };
-        positive(tags::NUMBERS, "step", &[self.step])?;
+        positive(numbers, "step", &[self.step])?;
         positive(tags.units, "unit", &self.units)?;
         positive(tags.basis_steps, "step", &self.basis_steps)?;
         same_length(tags.units, "directions", self.units.len(), directions)?;
@@ -192,8 +192,8 @@ impl QuantisedLights {
         }
         let shells = shells_of_sets(self.shells.len());
         same_length(tags::NUMBERS, "sets", self.sets.len(), shells.len())?;
-        for ((set, tags), shells) in self.sets.iter().zip(tags::SETS).zip(shells) {
-            set.validate(tags, self.directions as usize, shells)?;
+        for ((set, own), shells) in self.sets.iter().zip(tags::SETS).zip(shells) {
+            set.validate((tags::NUMBERS, own), self.directions as usize, shells)?;
         }
         Ok(())
     }

@@ -155,7 +155,7 @@ impl IrradianceRows {
         self.validate_as(&tags::IRRADIANCE)
     }
 
-    fn validate_as(&self, tags: &tags::Set) -> Result<()> {
+    pub(crate) fn validate_as(&self, tags: &tags::Set) -> Result<()> {
         self.validate_shape(tags)?;
         let face = self.side * self.side;
         for (patch, pair) in self.offsets.windows(2).enumerate() {

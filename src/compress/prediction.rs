@@ -77,6 +77,13 @@ impl Net {
         net
     }
 
+    /// Rows in the order of the points that do not predict each other.
+    pub fn unpredicted(points: usize) -> Self {
+        let weights =
+            Weights { each: SOURCES, sources: vec![NONE; points * SOURCES], values: vec![0.0; points * SOURCES] };
+        Self { point: (0..points as u32).collect(), levels: vec![Level { rows: 0..points, weights }] }
+    }
+
     /// For each row one before it that is likely to be similar; `u32::MAX` where there is none.
     pub fn similar(&self) -> Vec<u32> {
         self.levels.iter().flat_map(|l| l.weights.sources.chunks_exact(SOURCES).map(|sources| sources[0])).collect()

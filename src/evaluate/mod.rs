@@ -88,6 +88,11 @@ pub trait Method: Sync {
     /// Keys that `--set` takes.
     fn keys(&self) -> &'static [Key];
 
+    /// Kinds of light whose error a bake controls; an evaluator refuses others, or serves them as well as it can.
+    fn kinds(&self) -> &'static [LightKind] {
+        &LightKind::ALL
+    }
+
     /// Error that a bake aims at unless another one is asked for.
     fn default_max_rms(&self) -> f64 {
         0.005

@@ -1,9 +1,11 @@
 //! The precomputation methods. A method is one folder and one line in [`ALL`].
 
+pub mod all_frequency;
 mod baked_in;
 pub mod editable;
 pub mod quantized_lights;
 pub mod reference;
+mod references;
 pub mod sampling;
 pub mod settings;
 mod stage;
@@ -16,8 +18,13 @@ use crate::progress::Progress;
 use crate::transport::scene::Scene;
 
 /// Every method.
-pub const ALL: [&dyn Method; 4] =
-    [&reference::Reference, &two_pass::TwoPass, &editable::Editable, &quantized_lights::QuantizedLights];
+pub const ALL: [&dyn Method; 5] = [
+    &reference::Reference,
+    &two_pass::TwoPass,
+    &editable::Editable,
+    &quantized_lights::QuantizedLights,
+    &all_frequency::AllFrequency,
+];
 
 /// The method of a name.
 ///

@@ -82,6 +82,16 @@ impl<'a> ManyLights<'a> {
         Self { gather, tree, receivers, areas, scheme: Scheme::AllPairs, level: Level::detect() }
     }
 
+    /// What the transfer is made of.
+    pub fn gather(&self) -> &'a Gather<'a> {
+        self.gather
+    }
+
+    /// How its sums are organised.
+    pub fn scheme(&self) -> Scheme {
+        self.scheme
+    }
+
     /// Radiosity of every receiver under one irradiance of the samples, RGB, with the same scheme.
     pub fn under(&self, irradiance: &[DVec3]) -> Vec<DVec3> {
         let lit = self.gather.light(irradiance);

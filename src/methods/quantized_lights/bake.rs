@@ -17,6 +17,7 @@ use crate::geometry::samples::Samples;
 use crate::light::Light;
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::methods::baked_in::relative;
+use crate::methods::references::{spacing, spacing_of, spatial_error};
 use crate::methods::sampling::{self, Density};
 use crate::methods::stage::{GROUP, Stage, parts};
 use crate::progress::{Progress, Silent};
@@ -48,17 +49,6 @@ const ORDER: f64 = 0.7;
 
 /// Lights that choices look at.
 pub(super) const TUNING: usize = 20;
-
-/// Spacings that are tried, from this many mean free paths on, until the error is this share of what is allowed.
-const TRIALS: usize = 12;
-const WIDEST: f64 = 2.0;
-const CLOSE: f64 = 0.7;
-
-/// Spacings that are tried for a number of reference points.
-const BISECTIONS: usize = 14;
-
-/// One vertex of so many measures them.
-const STRIDE: usize = 4;
 
 /// Samples of a bake.
 pub(super) fn count(scene: &Scene, settings: &BakeSettings) -> usize {
@@ -182,75 +172,6 @@ fn of_shells(values: &[f32], shells: usize, directions: usize, some: std::ops::R
     Cow::Owned(planes.flat_map(|plane| &plane[some.start * directions..some.end * directions]).copied().collect())
 }
 
-/// The widest spacing whose interpolation keeps an error under all of some lights, or little less.
-fn spacing(stage: &Stage, truth: &[Vec<DVec3>], error: f64) -> f64 {
-    let free_path = |m: &crate::transport::scene::Medium| m.properties.mean_free_path_mm().max_element();
-    let widest = stage.scene.media.iter().map(free_path).filter(|m| m.is_finite()).fold(0.0, f64::max);
-    let diagonal = stage.scene.mesh.diagonal_mm();
-    let mut spacing = (WIDEST * widest).clamp(1e-3 * diagonal, 0.25 * diagonal);
-    let mut kept = None;
-    for _ in 0..TRIALS {
-        let net = Net::new(&stage.points, &parts(&stage.receivers), spacing);
-        let found = spatial_error(stage, &net, spacing, truth).rms;
-        if found <= error {
-            kept = Some(spacing);
-            if found >= CLOSE * error {
-                break;
-            }
-        } else if kept.is_some() {
-            break;
-        }
-        if net.point.len() == stage.points.len() {
-            return spacing;
-        }
-        // The error falls with the square of the spacing.
-        let factor = (0.9 * error / found.max(f64::MIN_POSITIVE)).sqrt();
-        spacing *= if kept.is_some() { factor.clamp(1.05, 2.0) } else { factor.clamp(0.3, 0.9) };
-    }
-    kept.unwrap_or(spacing)
-}
-
-/// The spacing that gives about so many reference points.
-fn spacing_of(stage: &Stage, count: usize) -> f64 {
-    let diagonal = stage.scene.mesh.diagonal_mm();
-    let (mut close, mut wide) = (1e-4 * diagonal, diagonal);
-    let mut best = (usize::MAX, close);
-    for _ in 0..BISECTIONS {
-        let middle = (close * wide).sqrt();
-        let found = Net::new(&stage.points, &parts(&stage.receivers), middle).point.len();
-        if found.abs_diff(count) < best.0 {
-            best = (found.abs_diff(count), middle);
-        }
-        match found.cmp(&count) {
-            std::cmp::Ordering::Less => wide = middle,
-            std::cmp::Ordering::Equal => break,
-            std::cmp::Ordering::Greater => close = middle,
-        }
-    }
-    best.1
-}
-
-/// The error of interpolation from reference points, under the worst of some lights, on some vertices.
-fn spatial_error(stage: &Stage, net: &Net, spacing_mm: f64, truth: &[Vec<DVec3>]) -> VertexError {
-    let mut chosen = net.point.clone();
-    chosen.sort_unstable();
-    let weights = sections::weights_of_some(&chosen, &stage.points, &stage.receivers, spacing_mm, STRIDE);
-    let some: Vec<usize> = parts(&stage.receivers).into_iter().flat_map(|part| part.step_by(STRIDE)).collect();
-    let areas: Vec<f64> = some.iter().map(|&i| stage.areas[i]).collect();
-    let of_light = |values: &Vec<DVec3>| {
-        let sources: Vec<[f32; 4]> = chosen
-            .iter()
-            .map(|&i| {
-                let [r, g, b] = values[i as usize].as_vec3().to_array();
-                [r, g, b, 0.0]
-            })
-            .collect();
-        let expected: Vec<DVec3> = some.iter().map(|&i| values[i]).collect();
-        vertex_error(&sections::interpolate(&weights, &sources, some.len()), &expected, &areas)
-    };
-    truth.iter().map(of_light).fold(VertexError::default(), VertexError::max)
-}
-
 /// What interpolation between the lights of a set makes of each of some lights, at the rows of the net.
 fn interpolated(set: &LightSet, values: &[f32], lights: &[Light]) -> Result<Vec<Vec<DVec3>>> {
     let count = set.lights.count();
@@ -299,7 +220,7 @@ fn measure(
     let served = |l: &&Light| !(parallel && matches!(l, Light::Point { .. } | Light::Area { .. }));
     let unseen: Vec<Light> = unseen.iter().filter(served).cloned().collect();
     progress.start("errors", unseen.len() as u64);
-    let transport = sections::Transport::new(file, stage.scene, &stage.receivers, set)?;
+    let transport = sections::Transport::of_lights(file, stage.scene, &stage.receivers, set)?;
     let surface = stage.surface();
     let etas: Vec<f64> = stage.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
     let areas: Vec<f64> = net.point.iter().map(|&i| stage.areas[i as usize]).collect();

@@ -34,12 +34,12 @@ const TRIALS: usize = 8;
 
 /// Radiosities `[reference point][channel][shell][direction]` and the units of the directions; a point's row consists of planes,
 /// one for each channel and shell.
-pub(super) struct Radiosities<'a> {
-    pub(super) values: std::borrow::Cow<'a, [f32]>,
-    pub(super) shells: usize,
-    pub(super) directions: usize,
+pub(in crate::methods) struct Radiosities<'a> {
+    pub(in crate::methods) values: std::borrow::Cow<'a, [f32]>,
+    pub(in crate::methods) shells: usize,
+    pub(in crate::methods) directions: usize,
     /// RMS of each direction over points, channels and shells.
-    pub(super) units: Vec<f32>,
+    pub(in crate::methods) units: Vec<f32>,
 }
 
 impl<'a> Radiosities<'a> {
@@ -87,7 +87,13 @@ pub(super) fn light_spacing(set: &DirectionSet) -> f64 {
 }
 
 /// Codes radiosities, in the order of the rows of `net`, so that their error is `error` times their RMS.
-pub(super) fn code(radiosities: &Radiosities, net: &Net, light_net: &Net, tags: tags::Set, error: f64) -> Result<Set> {
+pub(in crate::methods) fn code(
+    radiosities: &Radiosities,
+    net: &Net,
+    light_net: &Net,
+    tags: tags::Set,
+    error: f64,
+) -> Result<Set> {
     let (points, planes, lights) = (radiosities.points(), radiosities.planes(), radiosities.directions);
     let (mixture, units) = decorrelated_planes(radiosities)?;
     let mut rows = vec![0.0f32; radiosities.values.len()];

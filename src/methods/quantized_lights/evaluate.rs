@@ -28,7 +28,7 @@ pub(super) fn open(asset: &Arc<Asset>) -> Result<Box<dyn Evaluator>> {
     let settings = &asset.provenance.settings;
     let between = (scheme(settings)?, blend(settings)?);
     let mut set = LightSet::new(&scene, file.directions as usize, file.shells.clone(), between)?;
-    let transport = Transport::new(&file, &scene, &receivers, &set)?;
+    let transport = Transport::of_lights(&file, &scene, &receivers, &set)?;
     // The basis has taken them in.
     set.interpolator.forget_weights();
     let components = Components { set, transport, references: Vec::new(), gathered: Vec::new() };

@@ -2,14 +2,14 @@
 //! Varshney 2004).
 
 mod bake;
-mod basis;
+pub(in crate::methods) mod basis;
 mod bleeding;
 mod encoding;
 mod evaluate;
 #[cfg(feature = "gpu")]
 mod gpu;
 mod lights;
-mod sections;
+pub(in crate::methods) mod sections;
 mod seen;
 mod values;
 

@@ -5,7 +5,7 @@ use std::ops::Range;
 use glam::DVec3;
 use rayon::prelude::*;
 use translux_format::coefficients::decode;
-use translux_format::quantised_lights::{QuantisedLights as File, tags};
+use translux_format::quantised_lights::{QuantisedLights as File, Set, tags};
 use translux_format::{Budget, FormatError, RawSection};
 
 use super::basis::light_net;
@@ -49,14 +49,14 @@ pub(super) fn read(sections: &[RawSection]) -> Result<File> {
 
 /// Lights made ready: what parts of them give adds up.
 #[derive(Default)]
-pub(super) struct Lit {
-    pub(super) parts: Vec<Part>,
+pub(in crate::methods) struct Lit {
+    pub(in crate::methods) parts: Vec<Part>,
     /// A power of two that brings radiosity near 1, so that single precision holds lights of any size.
-    pub(super) scale: f64,
+    pub(in crate::methods) scale: f64,
 }
 
 /// Some lights together.
-pub(super) struct Part {
+pub(in crate::methods) struct Part {
     /// What every column contributes for each unit of its integers: per channel of RGB, over the scale, padded with zeros.
     pub(super) columns: [Vec<f32>; 3],
     /// Columns beyond these contribute nothing; whole registers.
@@ -98,8 +98,18 @@ impl Separated {
     }
 }
 
+/// A set of coefficients as it is stored, with what its reader knows of the lights.
+pub(in crate::methods) struct Coded<'a> {
+    pub(in crate::methods) set: &'a Set,
+    pub(in crate::methods) tags: tags::Set,
+    /// Shells that its lights are on.
+    pub(in crate::methods) shells: Range<usize>,
+    /// Over the lights.
+    pub(in crate::methods) net: &'a Net,
+}
+
 /// The transport as it is evaluated.
-pub(super) struct Transport {
+pub(in crate::methods) struct Transport {
     /// Coefficients `[reference point][padded column]`, reference points in the order of the receivers; columns of one plane after
     /// those of the other.
     pub(super) coefficients: Vec<i16>,
@@ -111,7 +121,7 @@ pub(super) struct Transport {
     groups: Vec<Range<usize>>,
     sets: Vec<SetOfShells>,
     /// Reference points that every receiver is interpolated from.
-    pub(super) weights: SharedWeights,
+    pub(in crate::methods) weights: SharedWeights,
     /// Where they are, mm.
     positions: Vec<DVec3>,
 }
@@ -129,12 +139,27 @@ struct SetOfShells {
 }
 
 impl Transport {
-    /// Decodes, predicts and arranges.
-    pub(super) fn new(file: &File, scene: &Scene, receivers: &Receivers, set: &LightSet) -> Result<Self> {
+    /// Of quantised lights.
+    pub(super) fn of_lights(file: &File, scene: &Scene, receivers: &Receivers, set: &LightSet) -> Result<Self> {
+        let net = light_net(&set.lights.directions, file.direction_spacing);
+        let shells = [0..1, 1..file.shells.len()];
+        let coded = file.sets.iter().zip(tags::SETS).zip(shells);
+        let coded: Vec<Coded> = coded.map(|((set, tags), shells)| Coded { set, tags, shells, net: &net }).collect();
+        let fold = |basis, functions| folded(basis, functions, set);
+        Self::new(&coded, (scene, receivers), file.spacing_mm, fold)
+    }
+
+    /// Decodes, predicts and arranges; `fold` takes a basis `[light][function]`, the lights in their own order, to what weights are
+    /// multiplied with.
+    pub(in crate::methods) fn new(
+        coded: &[Coded],
+        (scene, receivers): (&Scene, &Receivers),
+        spacing_mm: f64,
+        fold: impl Fn(Vec<f32>, usize) -> Vec<f64>,
+    ) -> Result<Self> {
         let fail = |e: FormatError| Error::input(e.to_string());
         let points = oriented(scene, receivers);
-        let net = Net::new(&points, &parts(receivers), file.spacing_mm);
-        let light_net = light_net(&set.lights.directions, file.direction_spacing);
+        let net = Net::new(&points, &parts(receivers), spacing_mm);
         let decoded = |tag, bytes: &[u8], net: &Net| {
             let found = decode(tag, bytes, Some(&net.similar()), Budget::default()).map_err(fail)?;
             if found.rows != net.point.len() {
@@ -146,13 +171,14 @@ impl Transport {
             Ok(found.values)
         };
         let (mut sets, mut known, mut groups, mut columns) = (Vec::new(), Vec::new(), Vec::new(), 0);
-        for ((own, tags), shells) in file.sets.iter().zip(tags::SETS).zip([0..1, 1..file.shells.len()]) {
+        for Coded { set: own, tags, shells, net: light_net } in coded {
+            let shells = shells.clone();
             let functions = own.basis_steps.len();
-            let basis = decoded(tags.basis, &own.basis, &light_net)?;
+            let basis = decoded(tags.basis, &own.basis, light_net)?;
             let integers = decoded(tags.coefficients, &own.coefficients, &net)?;
             known.push(net.dequantise(&integers, &vec![own.step; own.columns.len()]));
             let basis = light_net.dequantise(&basis, &own.basis_steps);
-            let basis = by_direction(&basis, &light_net, functions, &own.units);
+            let basis = by_direction(&basis, light_net, functions, &own.units);
             let first = columns;
             let mut padded = Vec::new();
             for plane in 0..3 * shells.len() {
@@ -165,7 +191,7 @@ impl Transport {
             sets.push(SetOfShells {
                 shells,
                 columns: padded,
-                basis: folded(basis, functions, set),
+                basis: fold(basis, functions),
                 functions,
                 channels: own.channels.clone(),
             });
@@ -183,12 +209,12 @@ impl Transport {
         order.sort_unstable_by_key(|&row| net.point[row as usize]);
         let mut first = 0;
         for (index, known) in known.iter().enumerate() {
-            let stored = file.sets[index].columns.len();
+            let stored = coded[index].set.columns.len();
             first = transport.arrange(known, stored, &order, index, first);
         }
         let chosen: Vec<u32> = order.iter().map(|&row| net.point[row as usize]).collect();
         transport.positions = chosen.iter().map(|&i| points[i as usize].at_mm + scene.mesh.origin_mm).collect();
-        transport.weights = SharedWeights::new(&weights(&chosen, &points, receivers, file.spacing_mm));
+        transport.weights = SharedWeights::new(&weights(&chosen, &points, receivers, spacing_mm));
         Ok(transport)
     }
 
@@ -221,16 +247,24 @@ impl Transport {
     pub(super) fn light(&self, set: &LightSet, lights: &[Light]) -> Result<Lit> {
         let emission = |light: &Light| Emission::new(light, set.lights.shells.centre_mm());
         let rest: Vec<Light> = lights.iter().filter(|light| emission(light).is_none()).cloned().collect();
-        let mut parts = vec![(self.columns(set, &rest)?, Vec::new())];
+        let mut parts = vec![(weights_of_lights(set, &rest)?, Vec::new())];
         for light in lights {
             if let Some(emission) = emission(light) {
                 let factors = self.positions.par_iter().map(|at| emission.ratio(*at) as f32).collect();
-                parts.push((self.columns(set, std::slice::from_ref(light))?, factors));
+                parts.push((weights_of_lights(set, std::slice::from_ref(light))?, factors));
             }
         }
         if rest.is_empty() && parts.len() > 1 {
             parts.remove(0);
         }
+        self.lit(parts)
+    }
+
+    /// Lights made ready, in parts: RGB weights of what the basis was folded to, for each shell, and of every reference point what of
+    /// it arrives there (empty for all).
+    pub(in crate::methods) fn lit(&self, parts: Vec<(Vec<Vec<[f64; 3]>>, Vec<f32>)>) -> Result<Lit> {
+        let columns = |(weights, factors): (Vec<Vec<[f64; 3]>>, Vec<f32>)| Ok((self.columns(&weights)?, factors));
+        let parts = parts.into_iter().map(columns).collect::<Result<Vec<_>>>()?;
         let values = parts.iter().flat_map(|(columns, _)| columns.iter().flatten());
         let largest = values.fold(0.0f64, |a, v| a.max(v.abs()));
         let scale = power_of_two_near(largest) * f64::from(1u32 << 15);
@@ -245,17 +279,8 @@ impl Transport {
     }
 
     /// What every column contributes for each unit of its integers under some lights, for each channel of RGB.
-    fn columns(&self, set: &LightSet, lights: &[Light]) -> Result<[Vec<f64>; 3]> {
-        let weights: Vec<[f64; 3]> = if set.interpolator.functions() == 0 {
-            set.vector(lights)?.iter().map(DVec3::to_array).collect()
-        } else {
-            let of_shell = |[r, g, b]: [Vec<f64>; 3]| -> Vec<[f64; 3]> {
-                r.into_iter().zip(g).zip(b).map(|((r, g), b)| [r, g, b]).collect()
-            };
-            set.function_sums(lights)?.into_iter().flat_map(of_shell).collect()
-        };
-        let of_shell = (weights.len() / set.lights.shells.inverse().len().max(1)).max(1);
-        let shells: Vec<&[[f64; 3]]> = weights.chunks(of_shell).collect();
+    fn columns(&self, shells: &[Vec<[f64; 3]>]) -> Result<[Vec<f64>; 3]> {
+        let shells: Vec<&[[f64; 3]]> = shells.iter().map(Vec::as_slice).collect();
         let mut exact = [0, 1, 2].map(|_| Vec::with_capacity(self.columns));
         for own in &self.sets {
             let columns = own.columns(shells.get(own.shells.clone()).unwrap_or(&[]));
@@ -271,7 +296,7 @@ impl Transport {
     }
 
     /// Fills `values` with the radiosity of every reference point over the scale of the lights, RGB and nothing.
-    pub(super) fn products(&self, lit: &Lit, values: &mut Vec<[f32; 4]>) {
+    pub(in crate::methods) fn products(&self, lit: &Lit, values: &mut Vec<[f32; 4]>) {
         values.resize(self.coefficients.len() / self.columns.max(1), [0.0; 4]);
         let level = Level::detect();
         let rows = self.coefficients.par_chunks((self.columns * CHUNK).max(1));
@@ -297,7 +322,7 @@ impl Transport {
     }
 
     /// Bytes in memory.
-    pub(super) fn bytes(&self) -> usize {
+    pub(in crate::methods) fn bytes(&self) -> usize {
         size_of_val(self.coefficients.as_slice())
             + self.sets.iter().map(|set| size_of_val(set.basis.as_slice())).sum::<usize>()
             + size_of_val(self.positions.as_slice())
@@ -343,6 +368,17 @@ impl SetOfShells {
             })
             .unwrap_or_else(none)
     }
+}
+
+/// RGB weights of what the basis is folded to, for each shell.
+fn weights_of_lights(set: &LightSet, lights: &[Light]) -> Result<Vec<Vec<[f64; 3]>>> {
+    if set.interpolator.functions() == 0 {
+        let weights: Vec<[f64; 3]> = set.vector(lights)?.iter().map(DVec3::to_array).collect();
+        let of_shell = (weights.len() / set.lights.shells.inverse().len().max(1)).max(1);
+        return Ok(weights.chunks(of_shell).map(<[_]>::to_vec).collect());
+    }
+    let of_shell = |[r, g, b]: [Vec<f64>; 3]| r.into_iter().zip(g).zip(b).map(|((r, g), b)| [r, g, b]).collect();
+    Ok(set.function_sums(lights)?.into_iter().map(of_shell).collect())
 }
 
 /// The basis as a function of what the interpolator's weights are linear in, `[function of the direction][function]`; as it is,
@@ -464,7 +500,7 @@ pub(super) fn weights(chosen: &[u32], points: &[OrientedPoint], receivers: &Rece
 }
 
 /// The same of every `stride`-th receiver of each part.
-pub(super) fn weights_of_some(
+pub(in crate::methods) fn weights_of_some(
     chosen: &[u32],
     points: &[OrientedPoint],
     receivers: &Receivers,
@@ -500,7 +536,7 @@ fn by_direction(rows: &[f32], net: &Net, functions: usize, units: &[f32]) -> Vec
 }
 
 /// Values `[target][each]` interpolated at every target, clamped at 0.
-pub(super) fn interpolate(weights: &Weights, values: &[[f32; 4]], targets: usize) -> Vec<DVec3> {
+pub(in crate::methods) fn interpolate(weights: &Weights, values: &[[f32; 4]], targets: usize) -> Vec<DVec3> {
     const CHUNK: usize = 2048;
     let mut result = vec![DVec3::ZERO; targets];
     result.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, out)| {

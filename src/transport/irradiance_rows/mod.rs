@@ -14,7 +14,7 @@
 //! three terms and 128 as two. A map with a bare sun: all 10.6 % (5.3 %), 128 16 % (9 %): texels are wider than suns. So
 //! neither a third term nor more bits would show. A row of 128 takes 131 bytes in a file.
 
-mod row;
+pub mod row;
 pub mod texels;
 pub mod vectors;
 

@@ -213,6 +213,11 @@ impl<'a> RowTree<'a> {
         Ok(Self { gather, samples, nodes, side, level: Level::detect() })
     }
 
+    /// Texels along an edge of a face.
+    pub fn side(&self) -> usize {
+        self.side
+    }
+
     /// Bytes in memory.
     pub fn bytes(&self) -> usize {
         size_of_val(self.nodes.places.as_slice()) + size_of_val(self.nodes.values.as_slice())

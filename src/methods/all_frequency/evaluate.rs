@@ -1,0 +1,45 @@
+//! How `all_frequency` evaluates: lights become vectors in the basis of the transport.
+
+use std::sync::Arc;
+
+use translux_format::distant_transport::DistantTransport;
+
+use super::harmonics::Harmonics;
+use super::plan::Plan;
+use super::rows::Rows;
+use crate::asset::Asset;
+use crate::error::{Error, Result};
+use crate::evaluate::Evaluator;
+use crate::light::{Light, LightKind};
+use crate::methods::baked_in::BakedIn;
+use crate::methods::stage::GROUP;
+use crate::transport::receivers::Receivers;
+
+/// Refuses lights at a distance.
+pub(super) fn far_away(light: &Light) -> Result<()> {
+    match light.kind() {
+        LightKind::Constant | LightKind::Environment | LightKind::Directional => Ok(()),
+        LightKind::Point | LightKind::Area => Err(Error::unsupported(
+            "this asset of `all_frequency` has light from far away only (environment, constant, directional): bake it with \
+             --method quantized_lights or editable for point and area lights",
+        )),
+    }
+}
+
+pub(super) fn open(asset: &Arc<Asset>) -> Result<Box<dyn Evaluator>> {
+    let plan = Plan::new(&asset.provenance.settings)?;
+    let scene = asset.scene.clone();
+    let receivers = Receivers::new(&scene.mesh, &scene.parts, GROUP);
+    let file = DistantTransport::from_sections(&asset.sections, receivers.len())
+        .map_err(|e| Error::input(e.to_string()))?
+        .ok_or_else(|| Error::input("an asset of `all_frequency` without its sections aft.*; bake it again"))?;
+    let samples = file.samples as usize;
+    match (&file.harmonics, &file.rows) {
+        (Some(harmonics), None) => {
+            let harmonics = Harmonics::new(harmonics, &scene, &receivers)?;
+            BakedIn::boxed(scene, receivers, samples, harmonics)
+        }
+        (None, Some(rows)) => BakedIn::boxed(scene, receivers, samples, Rows::new(rows, plan.transform)?),
+        _ => Err(Error::input("an asset of `all_frequency` that needs a later version of this program")),
+    }
+}

@@ -1,0 +1,93 @@
+//! Reference points: how far apart they may be.
+
+use glam::DVec3;
+
+use super::quantized_lights::sections::{interpolate, weights_of_some};
+use super::stage::{Stage, parts};
+use crate::compress::prediction::Net;
+use crate::math::statistics::{VertexError, vertex_error};
+
+/// Spacings that are tried, from this many mean free paths on, until the error is this share of what is allowed.
+const TRIALS: usize = 12;
+const WIDEST: f64 = 2.0;
+const CLOSE: f64 = 0.7;
+
+/// Spacings that are tried for a number of reference points.
+const BISECTIONS: usize = 14;
+
+/// One vertex of so many measures them.
+const STRIDE: usize = 4;
+
+/// The widest spacing whose interpolation keeps an error under all of some lights, or little less.
+pub(in crate::methods) fn spacing(stage: &Stage, truth: &[Vec<DVec3>], error: f64) -> f64 {
+    let free_path = |m: &crate::transport::scene::Medium| m.properties.mean_free_path_mm().max_element();
+    let widest = stage.scene.media.iter().map(free_path).filter(|m| m.is_finite()).fold(0.0, f64::max);
+    let diagonal = stage.scene.mesh.diagonal_mm();
+    let mut spacing = (WIDEST * widest).clamp(1e-3 * diagonal, 0.25 * diagonal);
+    let mut kept = None;
+    for _ in 0..TRIALS {
+        let net = Net::new(&stage.points, &parts(&stage.receivers), spacing);
+        let found = spatial_error(stage, &net, spacing, truth).rms;
+        if found <= error {
+            kept = Some(spacing);
+            if found >= CLOSE * error {
+                break;
+            }
+        } else if kept.is_some() {
+            break;
+        }
+        if net.point.len() == stage.points.len() {
+            return spacing;
+        }
+        // The error falls with the square of the spacing.
+        let factor = (0.9 * error / found.max(f64::MIN_POSITIVE)).sqrt();
+        spacing *= if kept.is_some() { factor.clamp(1.05, 2.0) } else { factor.clamp(0.3, 0.9) };
+    }
+    kept.unwrap_or(spacing)
+}
+
+/// The spacing that gives about so many reference points.
+pub(in crate::methods) fn spacing_of(stage: &Stage, count: usize) -> f64 {
+    let diagonal = stage.scene.mesh.diagonal_mm();
+    let (mut close, mut wide) = (1e-4 * diagonal, diagonal);
+    let mut best = (usize::MAX, close);
+    for _ in 0..BISECTIONS {
+        let middle = (close * wide).sqrt();
+        let found = Net::new(&stage.points, &parts(&stage.receivers), middle).point.len();
+        if found.abs_diff(count) < best.0 {
+            best = (found.abs_diff(count), middle);
+        }
+        match found.cmp(&count) {
+            std::cmp::Ordering::Less => wide = middle,
+            std::cmp::Ordering::Equal => break,
+            std::cmp::Ordering::Greater => close = middle,
+        }
+    }
+    best.1
+}
+
+/// The error of interpolation from reference points, under the worst of some lights, on some vertices.
+pub(in crate::methods) fn spatial_error(
+    stage: &Stage,
+    net: &Net,
+    spacing_mm: f64,
+    truth: &[Vec<DVec3>],
+) -> VertexError {
+    let mut chosen = net.point.clone();
+    chosen.sort_unstable();
+    let weights = weights_of_some(&chosen, &stage.points, &stage.receivers, spacing_mm, STRIDE);
+    let some: Vec<usize> = parts(&stage.receivers).into_iter().flat_map(|part| part.step_by(STRIDE)).collect();
+    let areas: Vec<f64> = some.iter().map(|&i| stage.areas[i]).collect();
+    let of_light = |values: &Vec<DVec3>| {
+        let sources: Vec<[f32; 4]> = chosen
+            .iter()
+            .map(|&i| {
+                let [r, g, b] = values[i as usize].as_vec3().to_array();
+                [r, g, b, 0.0]
+            })
+            .collect();
+        let expected: Vec<DVec3> = some.iter().map(|&i| values[i]).collect();
+        vertex_error(&interpolate(&weights, &sources, some.len()), &expected, &areas)
+    };
+    truth.iter().map(of_light).fold(VertexError::default(), VertexError::max)
+}
