@@ -40,7 +40,7 @@ const BASIS: Key = Key {
 const COEFFICIENTS: Key = Key {
     name: "coefficients",
     default: "auto",
-    help: "for haar: kept for each vertex, 6 and more, auto 128 (the paper's); for sh: a square, 1 to 196; auto: what --max-rms asks for",
+    help: "for haar: kept for each vertex, 6 and more, auto 128 (the paper's); for sh: a square, 1 to 576; auto: what --max-rms asks for",
 };
 
 const TRANSFORM: Key = Key {

@@ -11,7 +11,7 @@ use crate::methods::settings::number;
 use crate::transport::visibility::Resolution;
 
 /// Order of the harmonics at most.
-pub(super) const MOST_ORDER: usize = 14;
+pub(super) const MOST_ORDER: usize = 24;
 
 /// Coefficients of a row unless they are asked for: the paper's.
 const ROW: usize = 128;
