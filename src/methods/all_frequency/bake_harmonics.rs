@@ -22,9 +22,9 @@ use crate::transport::irradiance_rows::texels::TexelBaker;
 use crate::transport::many_lights::IrradianceRows;
 
 /// Shares of the asked error.
-const SPATIAL: f64 = 0.3;
-const CODED: f64 = 0.35;
-const ORDER: f64 = 0.85;
+const SPATIAL: f64 = 0.35;
+const CODED: f64 = 0.4;
+const ORDER: f64 = 0.65;
 
 /// Reference points, the coarsest ones, that orders are compared at.
 const FIRST_POINTS: usize = 1024;
