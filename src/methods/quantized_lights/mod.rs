@@ -10,6 +10,7 @@ mod evaluate;
 #[cfg(feature = "gpu")]
 mod gpu;
 mod lights;
+mod rows;
 mod sections;
 mod stage;
 mod values;
