@@ -160,11 +160,11 @@ impl<'a> ManyLights<'a> {
         (0..found.lights).map(of_light).fold(VertexError::default(), VertexError::max)
     }
 
-    fn gathered(
+    fn gathered<'r>(
         &self,
         receivers: &Receivers,
-        rows: &IrradianceRows,
-        shared: &Shared,
+        rows: &'r IrradianceRows,
+        shared: &'r Shared,
         scheme: Scheme,
         progress: &dyn Progress,
     ) -> RadiosityRows {
@@ -178,7 +178,7 @@ impl<'a> ManyLights<'a> {
             rest = others;
             jobs.push((*group, mine));
         }
-        let of_group = |work: &mut Work, (group, out): (Group, &mut [f32])| {
+        let of_group = |work: &mut Work<'r>, (group, out): (Group, &mut [f32])| {
             let members = group.run.range().len();
             work.begin(members, lights);
             let row = |source: Source| match source {
@@ -187,7 +187,7 @@ impl<'a> ManyLights<'a> {
             };
             self.gather.weights(receivers, group, &lit, scheme, &mut work.lists, &mut |source, weights| {
                 work.block.push(weights, row(source));
-                if work.block.sources == SOURCES {
+                if work.block.light.len() == SOURCES {
                     work.block.multiply(self.level);
                 }
             });
@@ -223,12 +223,12 @@ impl Shared {
 
 /// What a thread works with.
 #[derive(Default)]
-struct Work {
+struct Work<'a> {
     lists: super::gather::Lists,
-    block: Product,
+    block: Product<'a>,
 }
 
-impl Work {
+impl Work<'_> {
     fn begin(&mut self, members: usize, lights: usize) {
         self.block.begin(3 * members, lights);
     }
@@ -236,43 +236,49 @@ impl Work {
 
 /// The sum over sources of weights (rows) times light (columns), both padded to whole blocks.
 #[derive(Default)]
-struct Product {
+struct Product<'a> {
     rows: usize,
     columns: usize,
     lights: usize,
-    sources: usize,
     /// `[source][row]`.
     weights: Vec<f32>,
-    /// `[source][column]`.
-    light: Vec<f32>,
+    /// Light of each source.
+    light: Vec<&'a [f32]>,
+    /// The last block of it where lights do not fill one, and zeros: `[source][column]`.
+    last: Vec<[f32; COLUMNS]>,
     /// `[row][column]`.
     sums: Vec<f32>,
 }
 
-impl Product {
+impl<'a> Product<'a> {
     fn begin(&mut self, rows: usize, lights: usize) {
-        (self.rows, self.lights, self.sources) = (rows.next_multiple_of(ROWS), lights, 0);
+        (self.rows, self.lights) = (rows.next_multiple_of(ROWS), lights);
         self.columns = lights.next_multiple_of(COLUMNS);
         self.sums.clear();
         self.sums.resize(self.rows * self.columns, 0.0);
         self.weights.resize(SOURCES * self.rows, 0.0);
         self.light.clear();
-        self.light.resize(SOURCES * self.columns, 0.0);
+        self.last.clear();
     }
 
     /// `weights` is per receiver, RGB.
-    fn push(&mut self, weights: &[[f32; 3]], light: &[f32]) {
-        let at = self.sources * self.rows;
+    fn push(&mut self, weights: &[[f32; 3]], light: &'a [f32]) {
+        let at = self.light.len() * self.rows;
         let slots = self.weights[at..at + self.rows].iter_mut();
         slots.zip(weights.as_flattened().iter().chain(std::iter::repeat(&0.0))).for_each(|(slot, &w)| *slot = w);
-        let at = self.sources * self.columns;
-        self.light[at..at + self.lights].copy_from_slice(light);
-        self.sources += 1;
+        self.light.push(light);
+        let (_, rest) = light.as_chunks::<COLUMNS>();
+        if !rest.is_empty() {
+            let mut last = [0.0; COLUMNS];
+            last[..rest.len()].copy_from_slice(rest);
+            self.last.push(last);
+        }
     }
 
     fn multiply(&mut self, level: Level) {
         multiply(level, self);
-        self.sources = 0;
+        self.light.clear();
+        self.last.clear();
     }
 
     /// From `[receiver, channel][padded light]` to the layout of [`RadiosityRows`].
@@ -286,19 +292,20 @@ impl Product {
 
 multiversion! {
     /// Adds the products of the sources at hand to the sums.
-    fn multiply(product: &mut Product) => multiply_body
+    fn multiply(product: &mut Product<'_>) => multiply_body
 }
 
 #[inline(always)]
-fn multiply_body(product: &mut Product) {
-    let Product { rows, columns, sources, weights, light, sums, .. } = product;
-    let (rows, columns, sources) = (*rows, *columns, *sources);
+fn multiply_body(product: &mut Product<'_>) {
+    let Product { rows, columns, weights, light, last, sums, .. } = product;
+    let (rows, columns) = (*rows, *columns);
     for row in (0..rows).step_by(ROWS) {
         for column in (0..columns).step_by(COLUMNS) {
             // One variable each, so that they stay in registers.
             let [mut s0, mut s1, mut s2, mut s3] = [[0.0f32; COLUMNS]; ROWS];
-            for source in 0..sources {
-                let light = light.get(source * columns + column..).and_then(|l| l.first_chunk::<COLUMNS>());
+            for (source, light) in light.iter().enumerate() {
+                let whole = light.get(column..).and_then(|l| l.first_chunk::<COLUMNS>());
+                let light = whole.or_else(|| last.get(source));
                 let weights = weights.get(source * rows + row..).and_then(|w| w.first_chunk::<ROWS>());
                 let (Some(light), Some(&[w0, w1, w2, w3])) = (light, weights) else { return };
                 add(&mut s0, w0, light);

@@ -32,7 +32,7 @@ const DENSITY: Density = Density { spacing: 0.35, least: 1 << 16, most: 1 << 18 
 const DENSITY_RMS: f64 = 0.02;
 
 /// Shares of the asked error: what is left of its square goes to the interpolation between lights.
-const SPATIAL: f64 = 0.3;
+const SPATIAL: f64 = 0.42;
 const CODED: f64 = 0.45;
 const HIERARCHY: f64 = 0.1;
 const BETWEEN_LIGHTS: f64 = 0.65;

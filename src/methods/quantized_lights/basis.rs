@@ -14,14 +14,14 @@ use crate::light::quantised::directions::DirectionSet;
 use crate::math::eigen::symmetric_eigen;
 
 /// Share of the squared error for functions that are left out, and for the rounding of those that are kept.
-const OMITTED: f64 = 0.25;
+const OMITTED: f64 = 0.4;
 const ROUNDED_BASIS: f64 = 0.1;
 
 /// Points whose products are in memory together.
 const POINTS_OF_A_BATCH: usize = 4096;
 
 /// Share of the squared error for columns of coefficients that hardly lessen it: they would cost memory and time.
-const DROPPED: f64 = 0.08;
+const DROPPED: f64 = 0.12;
 
 /// A basis function has this many steps on either side of 0 at most.
 const MOST_STEPS: f64 = 32_000.0;

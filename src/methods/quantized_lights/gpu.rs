@@ -6,6 +6,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::evaluate::Components;
+use super::rows::Term;
 use crate::compress::ledger::Ledger;
 use crate::error::Result;
 use crate::evaluate::device::interpolated::{InterpolatedOnDevice, Sum};
@@ -29,7 +30,8 @@ pub(super) struct QuantisedOnDevice {
 impl QuantisedOnDevice {
     pub(super) fn new(cpu: BakedIn<Components>, device: &Arc<Device>) -> Result<Self> {
         let transport = cpu.stored().transport();
-        let stored = InterpolatedOnDevice::new(device, &transport.coefficients, transport.columns, &transport.weights)?;
+        let coefficients: Vec<i16> = transport.coefficients.iter().map(|&digit| i16::from(digit)).collect();
+        let stored = InterpolatedOnDevice::new(device, &coefficients, transport.columns, &transport.weights)?;
         Ok(Self { cpu, device: Arc::clone(device), stored, scale: 1.0, is_current: false })
     }
 }
@@ -44,7 +46,8 @@ impl DeviceEvaluator for QuantisedOnDevice {
             let lit = self.cpu.lit();
             for (index, part) in lit.parts.iter().enumerate() {
                 let sum = if index == 0 { Sum::New } else { Sum::Added };
-                self.stored.add(&part.columns, &part.factors, sum)?;
+                let columns = Term::columns(&part.terms, self.cpu.stored().transport().columns);
+                self.stored.add(&columns, &part.factors, sum)?;
             }
             self.stored.interpolate()?;
             self.scale = lit.scale;

@@ -9,6 +9,7 @@ mod evaluate;
 #[cfg(feature = "gpu")]
 mod gpu;
 mod lights;
+mod rows;
 pub(in crate::methods) mod sections;
 mod seen;
 mod values;

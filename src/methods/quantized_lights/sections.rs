@@ -10,6 +10,7 @@ use translux_format::{Budget, FormatError, RawSection};
 
 use super::basis::light_net;
 use super::lights::LightSet;
+use super::rows::{Digit, LANES, Term, products};
 use crate::compress::prediction::Net;
 use crate::error::{Error, Result};
 use crate::geometry::scattered::{OrientedPoint, Weights};
@@ -28,14 +29,12 @@ pub(super) const SOURCES: usize = 10;
 /// Reference points of one task.
 const CHUNK: usize = 256;
 
-/// Rows of the basis that one task sums.
-const ROWS_OF_A_TASK: usize = 512;
+/// Rows of the basis that one task sums, and that are summed together.
+const ROWS_OF_A_TASK: usize = 256;
+const ROWS: usize = 4;
 
-/// Columns that are off a common colour by less than this have it.
-const ROUNDING: f32 = 1e-6;
-
-/// Columns are padded to whole registers.
-pub(super) const LANES: usize = 16;
+/// Weights that are off a common colour by less than this share of the largest have it.
+const ROUNDING: f64 = 1e-14;
 
 pub(super) fn write(file: &File) -> Result<Vec<RawSection>> {
     file.to_sections().map_err(|e| Error::runtime(format!("asset: {e}")))
@@ -57,45 +56,10 @@ pub(in crate::methods) struct Lit {
 
 /// Some lights together.
 pub(in crate::methods) struct Part {
-    /// What every column contributes for each unit of its integers: per channel of RGB, over the scale, padded with zeros.
-    pub(super) columns: [Vec<f32>; 3],
-    /// Columns beyond these contribute nothing; whole registers.
-    pub(super) used: usize,
-    /// The same as products of few numbers, where there are such.
-    separated: Option<Separated>,
+    /// What every column contributes for each unit of its digits, over the scale.
+    pub(super) terms: Vec<Term>,
     /// Of every reference point, what of it arrives there; empty for all of it.
     pub(super) factors: Vec<f32>,
-}
-
-/// Columns that are, in each group, one number times a colour: those of parallel light of one colour.
-struct Separated {
-    numbers: Vec<f32>,
-    colours: Vec<(Range<usize>, [f32; 3])>,
-}
-
-impl Separated {
-    /// Groups without light are left out; none where a group has several colours.
-    fn new(columns: &[Vec<f32>; 3], groups: &[Range<usize>]) -> Option<Self> {
-        let mut result = Self { numbers: vec![0.0; columns[0].len()], colours: Vec::new() };
-        for group in groups {
-            let [r, g, b] = columns.each_ref().map(|column| &column[group.clone()]);
-            let rgb = || r.iter().zip(g).zip(b).map(|((r, g), b)| [*r, *g, *b]);
-            let size = |cell: &[f32; 3]| cell.iter().fold(0.0f32, |a, v| a.max(v.abs()));
-            let largest = rgb().max_by(|a, b| size(a).total_cmp(&size(b))).filter(|cell| size(cell) > 0.0);
-            let Some(largest) = largest else { continue };
-            let colour = largest.map(|v| v / size(&largest));
-            let squares: f32 = colour.iter().map(|c| c * c).sum();
-            for (number, cell) in result.numbers[group.clone()].iter_mut().zip(rgb()) {
-                *number = cell.iter().zip(colour).map(|(v, c)| v * c).sum::<f32>() / squares;
-                let off = cell.iter().zip(colour).map(|(v, c)| (v - *number * c).abs()).fold(0.0, f32::max);
-                if off > ROUNDING * size(&largest) {
-                    return None;
-                }
-            }
-            result.colours.push((group.clone(), colour));
-        }
-        Some(result)
-    }
 }
 
 /// A set of coefficients as it is stored, with what its reader knows of the lights.
@@ -110,13 +74,11 @@ pub(in crate::methods) struct Coded<'a> {
 
 /// The transport as it is evaluated.
 pub(in crate::methods) struct Transport {
-    /// Coefficients `[reference point][padded column]`, reference points in the order of the receivers; columns of one plane after
-    /// those of the other.
-    pub(super) coefficients: Vec<i16>,
-    /// Padded columns.
+    /// Digits of the coefficients `[reference point][padded column]`, reference points in the order of the receivers; columns of
+    /// one plane after those of the other.
+    pub(super) coefficients: Vec<i8>,
+    /// Padded columns of digits.
     pub(super) columns: usize,
-    /// Of each column what its integers are multiples of.
-    scales: Vec<f32>,
     /// Columns of each plane, whole registers.
     groups: Vec<Range<usize>>,
     sets: Vec<SetOfShells>,
@@ -126,11 +88,20 @@ pub(in crate::methods) struct Transport {
     positions: Vec<DVec3>,
 }
 
+/// What a column of digits is of.
+#[derive(Clone, Copy)]
+struct Column {
+    /// Where it is stored.
+    stored: usize,
+    /// Function times planes plus plane.
+    number: u16,
+    digit: Digit,
+}
+
 /// What makes columns of lights in some shells.
 struct SetOfShells {
     shells: Range<usize>,
-    /// Of each padded column: where it is stored, and function times planes plus plane.
-    columns: Vec<Option<(usize, u16)>>,
+    columns: Vec<Option<Column>>,
     /// See [`folded`]; the units of the directions are in it.
     basis: Vec<f64>,
     functions: usize,
@@ -176,14 +147,19 @@ impl Transport {
             let functions = own.basis_steps.len();
             let basis = decoded(tags.basis, &own.basis, light_net)?;
             let integers = decoded(tags.coefficients, &own.coefficients, &net)?;
-            known.push(net.dequantise(&integers, &vec![own.step; own.columns.len()]));
+            let values = net.dequantise(&integers, &vec![own.step; own.columns.len()]);
+            let digits = digits(&values, own.columns.len(), own.step);
+            known.push(values);
             let basis = light_net.dequantise(&basis, &own.basis_steps);
             let basis = by_direction(&basis, light_net, functions, &own.units);
             let first = columns;
             let mut padded = Vec::new();
             for plane in 0..3 * shells.len() {
-                let stored = own.columns.iter().copied().enumerate();
-                padded.extend(stored.filter(|(_, c)| usize::from(*c) % (3 * shells.len()) == plane).map(Some));
+                for (stored, (&number, digits)) in own.columns.iter().zip(&digits).enumerate() {
+                    if usize::from(number) % (3 * shells.len()) == plane {
+                        padded.extend(digits.iter().map(|&digit| Some(Column { stored, number, digit })));
+                    }
+                }
                 padded.resize(padded.len().next_multiple_of(LANES), None);
                 groups.push(columns..first + padded.len());
                 columns = first + padded.len();
@@ -199,7 +175,6 @@ impl Transport {
         let mut transport = Self {
             coefficients: vec![0; net.point.len() * columns],
             columns,
-            scales: vec![1.0; columns],
             groups,
             sets,
             weights: SharedWeights::default(),
@@ -218,28 +193,17 @@ impl Transport {
         Ok(transport)
     }
 
-    /// Puts the reference points of a set in the order of the receivers and their coefficients into 16 bits, from one column on;
+    /// Puts the reference points of a set in the order of the receivers and their coefficients into digits, from one column on;
     /// returns that after its last one.
     fn arrange(&mut self, known: &[f32], stored: usize, order: &[u32], set: usize, first: usize) -> usize {
-        let mut largest = vec![0.0f32; stored];
-        for row in known.chunks_exact(stored.max(1)) {
-            largest.iter_mut().zip(row).for_each(|(l, v)| *l = l.max(v.abs()));
-        }
         let columns = &self.sets[set].columns;
         let end = first + columns.len();
-        for (scale, column) in self.scales[first..end].iter_mut().zip(columns) {
-            if let Some((index, _)) = column {
-                *scale = if largest[*index] > 0.0 { largest[*index] / f32::from(i16::MAX) } else { 1.0 };
+        self.coefficients.par_chunks_exact_mut(self.columns.max(1)).zip(order).for_each(|(out, &row)| {
+            let Some(values) = known.get(row as usize * stored..(row as usize + 1) * stored) else { return };
+            for (slot, column) in out[first..end].iter_mut().zip(columns) {
+                *slot = column.map_or(0, |column| column.digit.of(values[column.stored]));
             }
-        }
-        for (out, &row) in self.coefficients.chunks_exact_mut(self.columns.max(1)).zip(order) {
-            let Some(values) = known.get(row as usize * stored..(row as usize + 1) * stored) else { continue };
-            for ((slot, scale), column) in out[first..end].iter_mut().zip(&self.scales[first..end]).zip(columns) {
-                if let Some((index, _)) = column {
-                    *slot = (values[*index] / scale).round() as i16;
-                }
-            }
-        }
+        });
         end
     }
 
@@ -267,26 +231,22 @@ impl Transport {
         let parts = parts.into_iter().map(columns).collect::<Result<Vec<_>>>()?;
         let values = parts.iter().flat_map(|(columns, _)| columns.iter().flatten());
         let largest = values.fold(0.0f64, |a, v| a.max(v.abs()));
-        let scale = power_of_two_near(largest) * f64::from(1u32 << 15);
+        let scale = power_of_two_near(largest) * f64::from(1u32 << 7);
         let part = |(columns, factors): ([Vec<f64>; 3], Vec<f32>)| {
             let columns = columns.map(|values| values.iter().map(|value| (value / scale) as f32).collect::<Vec<f32>>());
-            let last = |values: &Vec<f32>| values.iter().rposition(|v| *v != 0.0).map_or(0, |last| last + 1);
-            let used = columns.iter().map(last).max().unwrap_or(0).next_multiple_of(LANES);
-            let separated = Separated::new(&columns, &self.groups);
-            Part { columns, used, separated, factors }
+            Part { terms: Term::of_groups(&columns, &self.groups), factors }
         };
         Ok(Lit { parts: parts.into_iter().map(part).collect(), scale })
     }
 
-    /// What every column contributes for each unit of its integers under some lights, for each channel of RGB.
+    /// What every column contributes for each unit of its digits under some lights, for each channel of RGB.
     fn columns(&self, shells: &[Vec<[f64; 3]>]) -> Result<[Vec<f64>; 3]> {
         let shells: Vec<&[[f64; 3]]> = shells.iter().map(Vec::as_slice).collect();
         let mut exact = [0, 1, 2].map(|_| Vec::with_capacity(self.columns));
         for own in &self.sets {
             let columns = own.columns(shells.get(own.shells.clone()).unwrap_or(&[]));
             for (all, columns) in exact.iter_mut().zip(columns) {
-                let first = all.len();
-                all.extend(columns.iter().zip(&self.scales[first..]).map(|(value, scale)| value * f64::from(*scale)));
+                all.extend(columns);
             }
         }
         if exact.iter().flatten().any(|value| !value.is_finite()) {
@@ -304,10 +264,7 @@ impl Transport {
             let mut own = [[0.0f32; 4]; CHUNK];
             let own = &mut own[..out.len()];
             for (index, part) in lit.parts.iter().enumerate() {
-                match &part.separated {
-                    Some(separated) => separated_products(level, own, rows, self.columns, separated),
-                    None => products(level, own, rows, &part.columns, part.used),
-                }
+                products(level, own, rows, self.columns, &part.terms);
                 if let Some(factors) = part.factors.get(chunk * CHUNK..) {
                     own.iter_mut().zip(factors).for_each(|(value, factor)| value.iter_mut().for_each(|v| *v *= factor));
                 }
@@ -336,11 +293,12 @@ impl SetOfShells {
         let functions: Vec<[Vec<f64>; 3]> = shells.iter().map(|weights| self.functions_of(weights)).collect();
         let planes = 3 * self.shells.len();
         [0, 1, 2].map(|rgb| {
-            let of_column = |column: &Option<(usize, u16)>| {
-                let Some((_, c)) = *column else { return 0.0 };
-                let (function, plane) = (usize::from(c) / planes, usize::from(c) % planes);
+            let of_column = |column: &Option<Column>| {
+                let Some(Column { number, digit, .. }) = *column else { return 0.0 };
+                let (function, plane) = (usize::from(number) / planes, usize::from(number) % planes);
                 let row = &self.channels[plane * planes + rgb * self.shells.len()..][..self.shells.len()];
-                functions.iter().zip(row).map(|(shell, m)| m * shell[rgb][function]).sum()
+                let sum: f64 = functions.iter().zip(row).map(|(shell, m)| m * shell[rgb][function]).sum();
+                sum * f64::from(digit.unit)
             };
             self.columns.iter().map(of_column).collect()
         })
@@ -348,25 +306,32 @@ impl SetOfShells {
 
     /// Sums of the rows of the basis, each with its RGB weight.
     fn functions_of(&self, weights: &[[f64; 3]]) -> [Vec<f64>; 3] {
-        let none = || [0, 1, 2].map(|_| vec![0.0; self.functions]);
-        if weights.iter().flatten().all(|weight| *weight == 0.0) {
-            return none();
+        let mut result = [0, 1, 2].map(|_| vec![0.0; self.functions]);
+        for (colour, numbers) in by_colour(weights) {
+            let sums = self.sums_of(&numbers);
+            for (result, colour) in result.iter_mut().zip(colour) {
+                result.iter_mut().zip(&sums).for_each(|(result, sum)| *result += colour * sum);
+            }
         }
+        result
+    }
+
+    /// Sums of rows of the basis with these weights.
+    fn sums_of(&self, weights: &[f64]) -> Vec<f64> {
+        let rows = weights.iter().zip(self.basis.chunks_exact(self.functions.max(1)));
+        let rows: Vec<(f64, &[f64])> = rows.map(|(w, row)| (*w, row)).filter(|(w, _)| *w != 0.0).collect();
         let level = Level::detect();
-        let of_chunk = |(weights, rows): (&[[f64; 3]], &[f64])| {
-            let mut sums = none();
-            add_rows(level, &mut sums, weights, rows);
+        let of_chunk = |rows: &[(f64, &[f64])]| {
+            let mut sums = vec![0.0; self.functions];
+            add_rows(level, &mut sums, rows);
             sums
         };
-        let rows = self.basis.par_chunks(ROWS_OF_A_TASK * self.functions.max(1));
-        let chunks = weights.par_chunks(ROWS_OF_A_TASK).zip(rows).map(of_chunk).collect::<Vec<_>>();
-        chunks
-            .into_iter()
-            .reduce(|mut total, chunk| {
-                total.iter_mut().flatten().zip(chunk.iter().flatten()).for_each(|(total, sum)| *total += sum);
-                total
-            })
-            .unwrap_or_else(none)
+        let chunks: Vec<Vec<f64>> = rows.par_chunks(ROWS_OF_A_TASK).map(of_chunk).collect();
+        let mut total = vec![0.0; self.functions];
+        for chunk in &chunks {
+            total.iter_mut().zip(chunk).for_each(|(total, sum)| *total += sum);
+        }
+        total
     }
 }
 
@@ -379,6 +344,33 @@ fn weights_of_lights(set: &LightSet, lights: &[Light]) -> Result<Vec<Vec<[f64; 3
     }
     let of_shell = |[r, g, b]: [Vec<f64>; 3]| r.into_iter().zip(g).zip(b).map(|((r, g), b)| [r, g, b]).collect();
     Ok(set.function_sums(lights)?.into_iter().map(of_shell).collect())
+}
+
+/// Digits of every stored column.
+fn digits(known: &[f32], stored: usize, step: f32) -> Vec<Vec<Digit>> {
+    let mut largest = vec![0.0f32; stored];
+    for row in known.chunks_exact(stored.max(1)) {
+        largest.iter_mut().zip(row).for_each(|(l, v)| *l = l.max(v.abs()));
+    }
+    largest.into_iter().map(|largest| Digit::of_column(largest, step)).collect()
+}
+
+/// RGB weights as a colour times numbers, or the channels one by one where they have several colours.
+fn by_colour(weights: &[[f64; 3]]) -> Vec<([f64; 3], Vec<f64>)> {
+    let size = |w: &[f64; 3]| w.iter().fold(0.0f64, |a, v| a.max(v.abs()));
+    let largest = weights.iter().max_by(|a, b| size(a).total_cmp(&size(b))).copied().unwrap_or_default();
+    let scale = size(&largest);
+    if scale == 0.0 {
+        return Vec::new();
+    }
+    let brightest = (0..3).find(|&c| largest[c].abs() == scale).unwrap_or(0);
+    let colour = largest.map(|v| v / largest[brightest]);
+    let is_off = |w: &[f64; 3]| (0..3).any(|c| (w[c] - colour[c] * w[brightest]).abs() > ROUNDING * scale);
+    if !weights.iter().any(is_off) {
+        return vec![(colour, weights.iter().map(|w| w[brightest]).collect())];
+    }
+    let axis = |c: usize| [0, 1, 2].map(|i| f64::from(u8::from(i == c)));
+    [0, 1, 2].map(|c| (axis(c), weights.iter().map(|w| w[c]).collect())).into()
 }
 
 /// The basis as a function of what the interpolator's weights are linear in, `[function of the direction][function]`; as it is,
@@ -400,79 +392,22 @@ fn folded(basis: Vec<f32>, functions: usize, set: &LightSet) -> Vec<f64> {
 
 /// Adds rows of the basis times their weights.
 #[inline(always)]
-fn add_rows_body(sums: &mut [Vec<f64>; 3], weights: &[[f64; 3]], rows: &[f64]) {
-    let [r, g, b] = sums;
-    for (&[red, green, blue], row) in weights.iter().zip(rows.chunks_exact(r.len().max(1))) {
-        if [red, green, blue] == [0.0; 3] {
-            continue;
+fn add_rows_body(sums: &mut [f64], rows: &[(f64, &[f64])]) {
+    let (together, rest) = rows.as_chunks::<ROWS>();
+    for &[(a, first), (b, second), (c, third), (d, fourth)] in together {
+        let rows = first.iter().zip(second).zip(third.iter().zip(fourth));
+        for (sum, ((p, q), (r, s))) in sums.iter_mut().zip(rows) {
+            *sum += (a * p + b * q) + (c * r + d * s);
         }
-        for (((r, g), b), v) in r.iter_mut().zip(&mut *g).zip(&mut *b).zip(row) {
-            *r += red * v;
-            *g += green * v;
-            *b += blue * v;
-        }
+    }
+    for (weight, row) in rest {
+        sums.iter_mut().zip(*row).for_each(|(sum, v)| *sum += weight * v);
     }
 }
 
 multiversion! {
     /// See [`add_rows_body`].
-    fn add_rows(sums: &mut [Vec<f64>; 3], weights: &[[f64; 3]], rows: &[f64]) => add_rows_body
-}
-
-/// Dot products of rows of coefficients with the columns of each channel.
-#[inline(always)]
-fn products_body(out: &mut [[f32; 4]], rows: &[i16], columns: &[Vec<f32>; 3], used: usize) {
-    let width = columns[0].len();
-    let [red, green, blue] = columns.each_ref().map(|column| &column[..used.min(width)]);
-    for (out, row) in out.iter_mut().zip(rows.chunks_exact(width.max(1))) {
-        let [mut r, mut g, mut b] = [[0.0f32; LANES]; 3];
-        let chunks = row.chunks_exact(LANES).zip(red.chunks_exact(LANES));
-        for ((row, red), (green, blue)) in chunks.zip(green.chunks_exact(LANES).zip(blue.chunks_exact(LANES))) {
-            for i in 0..LANES {
-                let value = f32::from(row[i]);
-                r[i] += value * red[i];
-                g[i] += value * green[i];
-                b[i] += value * blue[i];
-            }
-        }
-        *out = [total(&r), total(&g), total(&b), 0.0];
-    }
-}
-
-/// The same where groups of columns have a colour each; four rows at a time, whose sums do not wait for each other.
-#[inline(always)]
-fn separated_body(out: &mut [[f32; 4]], rows: &[i16], width: usize, separated: &Separated) {
-    for (out, rows) in out.chunks_mut(4).zip(rows.chunks((4 * width).max(1))) {
-        // Beyond the last row it is taken again.
-        let row = |i: usize| rows.get(i * width..(i + 1) * width).unwrap_or(&rows[..width.min(rows.len())]);
-        let rows = [row(0), row(1), row(2), row(3)];
-        let mut rgb = [[0.0f32; 4]; 4];
-        for (group, colour) in &separated.colours {
-            let Some(numbers) = separated.numbers.get(group.clone()) else { return };
-            let [Some(a), Some(b), Some(c), Some(d)] = rows.map(|row| row.get(group.clone())) else { return };
-            let [mut s0, mut s1, mut s2, mut s3] = [[0.0f32; LANES]; 4];
-            let first = a.chunks_exact(LANES).zip(b.chunks_exact(LANES));
-            let second = c.chunks_exact(LANES).zip(d.chunks_exact(LANES));
-            for (((a, b), (c, d)), numbers) in first.zip(second).zip(numbers.chunks_exact(LANES)) {
-                for i in 0..LANES {
-                    s0[i] += f32::from(a[i]) * numbers[i];
-                    s1[i] += f32::from(b[i]) * numbers[i];
-                    s2[i] += f32::from(c[i]) * numbers[i];
-                    s3[i] += f32::from(d[i]) * numbers[i];
-                }
-            }
-            for (rgb, sums) in rgb.iter_mut().zip([&s0, &s1, &s2, &s3]) {
-                let sum = total(sums);
-                rgb.iter_mut().zip(colour).for_each(|(value, colour)| *value += sum * colour);
-            }
-        }
-        out.iter_mut().zip(rgb).for_each(|(out, rgb)| *out = rgb);
-    }
-}
-
-multiversion! {
-    /// See [`separated_body`].
-    fn separated_products(out: &mut [[f32; 4]], rows: &[i16], width: usize, separated: &Separated) => separated_body
+    fn add_rows(sums: &mut [f64], rows: &[(f64, &[f64])]) => add_rows_body
 }
 
 /// Pairwise, the same on every level.
@@ -487,11 +422,6 @@ pub(super) fn total(lanes: &[f32; LANES]) -> f32 {
         half /= 2;
     }
     sums[0]
-}
-
-multiversion! {
-    /// See [`products_body`].
-    fn products(out: &mut [[f32; 4]], rows: &[i16], columns: &[Vec<f32>; 3], used: usize) => products_body
 }
 
 /// Weights of every receiver over the reference points, which are some of the receivers, ascending.

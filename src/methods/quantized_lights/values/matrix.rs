@@ -3,7 +3,8 @@
 use rayon::prelude::*;
 use translux_format::quantised_values::LEVELS;
 
-use super::super::sections::{LANES, total};
+use super::super::rows::LANES;
+use super::super::sections::total;
 use super::CHANNELS;
 use crate::transport::simd::{Level, multiversion};
 
