@@ -2,6 +2,7 @@
 
 pub mod all_frequency;
 mod baked_in;
+mod components;
 pub mod editable;
 pub mod quantized_lights;
 pub mod reference;

@@ -1,11 +1,16 @@
-//! Reference points: how far apart they may be.
+//! Reference points: how far apart they may be, and how vertices are interpolated from them.
 
 use glam::DVec3;
+use rayon::prelude::*;
 
-use super::quantized_lights::sections::{interpolate, weights_of_some};
 use super::stage::{Stage, parts};
 use crate::compress::prediction::Net;
+use crate::geometry::scattered::{OrientedPoint, Weights};
 use crate::math::statistics::{VertexError, vertex_error};
+use crate::transport::receivers::Receivers;
+
+/// Reference points that a vertex is interpolated from.
+const SOURCES: usize = 10;
 
 /// Spacings that are tried, from this many mean free paths on, until the error is this share of what is allowed.
 const TRIALS: usize = 12;
@@ -90,4 +95,61 @@ pub(in crate::methods) fn spatial_error(
         vertex_error(&interpolate(&weights, &sources, some.len()), &expected, &areas)
     };
     truth.iter().map(of_light).fold(VertexError::default(), VertexError::max)
+}
+
+/// Weights of every receiver over the reference points, which are some of the receivers, ascending.
+pub(in crate::methods) fn weights(
+    chosen: &[u32],
+    points: &[OrientedPoint],
+    receivers: &Receivers,
+    spacing_mm: f64,
+) -> Weights {
+    weights_of_some(chosen, points, receivers, spacing_mm, 1)
+}
+
+/// The same of every `stride`-th receiver of each part.
+pub(in crate::methods) fn weights_of_some(
+    chosen: &[u32],
+    points: &[OrientedPoint],
+    receivers: &Receivers,
+    spacing_mm: f64,
+    stride: usize,
+) -> Weights {
+    let mut result = Weights { each: SOURCES, ..Weights::default() };
+    for part in parts(receivers) {
+        let targets: Vec<OrientedPoint> = points[part.clone()].iter().step_by(stride).copied().collect();
+        let first = chosen.partition_point(|&i| (i as usize) < part.start);
+        let end = chosen.partition_point(|&i| (i as usize) < part.end);
+        let sources: Vec<OrientedPoint> = chosen[first..end].iter().map(|&i| points[i as usize]).collect();
+        let own = Weights::new(&sources, &targets, spacing_mm, SOURCES);
+        let missing = targets.len() * SOURCES - own.sources.len();
+        result.sources.extend(own.sources.iter().map(|&s| first as u32 + s));
+        result.sources.extend(std::iter::repeat_n(0, missing));
+        result.values.extend(own.values);
+        result.values.extend(std::iter::repeat_n(0.0, missing));
+    }
+    result
+}
+
+/// Values `[target][each]` interpolated at every target, clamped at 0.
+pub(in crate::methods) fn interpolate(weights: &Weights, values: &[[f32; 4]], targets: usize) -> Vec<DVec3> {
+    const CHUNK: usize = 2048;
+    let mut result = vec![DVec3::ZERO; targets];
+    result.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, out)| {
+        let first = chunk * CHUNK * SOURCES;
+        let cells = first..first + out.len() * SOURCES;
+        let (Some(sources), Some(factors)) = (weights.sources.get(cells.clone()), weights.values.get(cells)) else {
+            return;
+        };
+        let rows = sources.chunks_exact(SOURCES).zip(factors.chunks_exact(SOURCES));
+        for (out, (sources, factors)) in out.iter_mut().zip(rows) {
+            let mut sum = [0.0f32; 4];
+            for (&source, &factor) in sources.iter().zip(factors) {
+                let value = values.get(source as usize).copied().unwrap_or_default();
+                (0..4).for_each(|i| sum[i] += factor * value[i]);
+            }
+            *out = DVec3::new(sum[0].max(0.0).into(), sum[1].max(0.0).into(), sum[2].max(0.0).into());
+        }
+    });
+    result
 }

@@ -13,7 +13,7 @@ use crate::light::Light;
 use crate::light::harmonics::coefficients;
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::methods::baked_in::{Stored, relative};
-use crate::methods::quantized_lights::basis::{Radiosities, code};
+use crate::methods::components::coding::{Radiosities, code};
 use crate::methods::references::{spacing, spacing_of, spatial_error};
 use crate::methods::stage::{GROUP, parts};
 use crate::progress::{Progress, Silent};

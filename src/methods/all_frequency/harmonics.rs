@@ -1,16 +1,25 @@
 //! Transport as coefficients at reference points over a basis of spherical harmonics: a light becomes its projection on the
 //! harmonics, that a vector over the columns, and radiosity at a reference point is a dot product.
 
+#[cfg(feature = "gpu")]
+use std::sync::Arc;
+
 use glam::DVec3;
 use translux_format::distant_transport::{Harmonics as File, tags};
 
 use super::evaluate::far_away;
 use crate::compress::prediction::Net;
 use crate::error::Result;
+#[cfg(feature = "gpu")]
+use crate::evaluate::device::{Device, DeviceEvaluator};
 use crate::light::Light;
 use crate::light::harmonics::coefficients;
+#[cfg(feature = "gpu")]
+use crate::methods::baked_in::BakedIn;
 use crate::methods::baked_in::Stored;
-use crate::methods::quantized_lights::sections::{Coded, Lit, Transport};
+#[cfg(feature = "gpu")]
+use crate::methods::components::gpu::{ComponentsOnDevice, HasComponents};
+use crate::methods::components::{Coded, Lit, Transport};
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::Scene;
 
@@ -67,5 +76,17 @@ impl Stored for Harmonics {
 
     fn bytes(&self) -> usize {
         self.transport.bytes()
+    }
+
+    #[cfg(feature = "gpu")]
+    fn on_device(evaluator: BakedIn<Self>, device: &Arc<Device>) -> Result<Box<dyn DeviceEvaluator>> {
+        Ok(Box::new(ComponentsOnDevice::new(evaluator, device)?))
+    }
+}
+
+#[cfg(feature = "gpu")]
+impl HasComponents for Harmonics {
+    fn components(&self) -> &Transport {
+        &self.transport
     }
 }

@@ -5,8 +5,7 @@ use std::borrow::Cow;
 use glam::DVec3;
 use translux_format::quantised_lights::{QuantisedLights as File, tags};
 
-use super::basis::{Radiosities, code, light_net, light_spacing};
-use super::lights::{LightSet, Plan};
+use super::lights::{LightSet, Plan, light_net, light_spacing};
 use super::sections;
 use super::seen::radiosity_of_set;
 use crate::compress::ledger::Ledger;
@@ -17,6 +16,7 @@ use crate::geometry::samples::Samples;
 use crate::light::Light;
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::methods::baked_in::relative;
+use crate::methods::components::coding::{Radiosities, code};
 use crate::methods::references::{spacing, spacing_of, spatial_error};
 use crate::methods::sampling::{self, Density};
 use crate::methods::stage::{GROUP, Stage, parts};
@@ -220,7 +220,7 @@ fn measure(
     let served = |l: &&Light| !(parallel && matches!(l, Light::Point { .. } | Light::Area { .. }));
     let unseen: Vec<Light> = unseen.iter().filter(served).cloned().collect();
     progress.start("errors", unseen.len() as u64);
-    let transport = sections::Transport::of_lights(file, stage.scene, &stage.receivers, set)?;
+    let transport = sections::transport(file, stage.scene, &stage.receivers, set)?;
     let surface = stage.surface();
     let etas: Vec<f64> = stage.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
     let areas: Vec<f64> = net.point.iter().map(|&i| stage.areas[i as usize]).collect();
@@ -232,7 +232,7 @@ fn measure(
         let at_net: Vec<DVec3> = net.point.iter().map(|&i| truth[i as usize]).collect();
         let between = interpolated(set, values, one)?.remove(0);
         let mut stored = Vec::new();
-        let lit = transport.light(set, one)?;
+        let lit = sections::light(&transport, set, one)?;
         transport.products(&lit, &mut stored);
         let mut order: Vec<u32> = (0..net.point.len() as u32).collect();
         order.sort_unstable_by_key(|&row| net.point[row as usize]);

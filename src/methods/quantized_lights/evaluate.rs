@@ -6,10 +6,8 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-#[cfg(feature = "gpu")]
-use super::gpu::QuantisedOnDevice;
 use super::lights::{LightSet, blend, scheme};
-use super::sections::{Lit, Transport, read};
+use super::sections::{self, read};
 use crate::asset::Asset;
 use crate::error::Result;
 use crate::evaluate::Evaluator;
@@ -17,6 +15,9 @@ use crate::evaluate::Evaluator;
 use crate::evaluate::device::{Device, DeviceEvaluator};
 use crate::light::Light;
 use crate::methods::baked_in::{BakedIn, Stored};
+#[cfg(feature = "gpu")]
+use crate::methods::components::gpu::{ComponentsOnDevice, HasComponents};
+use crate::methods::components::{Lit, Transport};
 use crate::methods::stage::GROUP;
 use crate::transport::receivers::Receivers;
 
@@ -28,7 +29,7 @@ pub(super) fn open(asset: &Arc<Asset>) -> Result<Box<dyn Evaluator>> {
     let settings = &asset.provenance.settings;
     let between = (scheme(settings)?, blend(settings)?);
     let mut set = LightSet::new(&scene, file.directions as usize, file.shells.clone(), between)?;
-    let transport = Transport::of_lights(&file, &scene, &receivers, &set)?;
+    let transport = sections::transport(&file, &scene, &receivers, &set)?;
     // The basis has taken them in.
     set.interpolator.forget_weights();
     let components = Components { set, transport, references: Vec::new(), gathered: Vec::new() };
@@ -48,7 +49,7 @@ impl Stored for Components {
     type Light = Lit;
 
     fn light(&self, lights: &[Light]) -> Result<Self::Light> {
-        self.transport.light(&self.set, lights)
+        sections::light(&self.transport, &self.set, lights)
     }
 
     fn radiosity(&mut self, lit: &Self::Light, receivers: &Receivers) -> Vec<DVec3> {
@@ -67,13 +68,13 @@ impl Stored for Components {
 
     #[cfg(feature = "gpu")]
     fn on_device(evaluator: BakedIn<Self>, device: &Arc<Device>) -> Result<Box<dyn DeviceEvaluator>> {
-        Ok(Box::new(QuantisedOnDevice::new(evaluator, device)?))
+        Ok(Box::new(ComponentsOnDevice::new(evaluator, device)?))
     }
 }
 
 #[cfg(feature = "gpu")]
-impl Components {
-    pub(super) fn transport(&self) -> &Transport {
+impl HasComponents for Components {
+    fn components(&self) -> &Transport {
         &self.transport
     }
 }

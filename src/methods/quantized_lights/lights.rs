@@ -6,7 +6,9 @@ use glam::DVec3;
 
 use super::encoding::{Choices, Integral};
 use super::{BLEND, INTERPOLATION, LIGHTS, NEAREST, SHELLS, SPACING};
+use crate::compress::prediction::Net;
 use crate::error::{Error, Result};
+use crate::geometry::scattered::OrientedPoint;
 use crate::light::quantised::directions::DirectionSet;
 use crate::light::quantised::distances::{Blend, DistanceSet, QuantisedLights};
 use crate::light::quantised::interpolation::{Interpolator, Scheme};
@@ -174,6 +176,19 @@ impl LightSet {
 
 /// Side of the faces of the cube map that visibility is decided on.
 pub(super) const SIDE: usize = 64;
+
+/// The net over the directions of a set.
+pub(super) fn light_net(set: &DirectionSet, spacing: f64) -> Net {
+    let point = |d: &DVec3| OrientedPoint { at_mm: *d, normal: DVec3::ZERO };
+    let points: Vec<OrientedPoint> = set.directions().iter().map(point).collect();
+    Net::new(&points, std::slice::from_ref(&(0..points.len())), spacing)
+}
+
+/// Spacing at which every direction of a set is in its net.
+pub(super) fn light_spacing(set: &DirectionSet) -> f64 {
+    let nearest = |d: &DVec3| set.nearest(*d, 2).get(1).map_or(1.0, |n| 2.0 * (0.5 * n.angle).sin());
+    0.5 * set.directions().iter().map(nearest).fold(f64::MAX, f64::min)
+}
 
 /// The spherical Fibonacci lattice, each direction moved to the centre of its texel of a cube map (0.7 degrees at most),
 /// where visibility of all directions is decided at once.

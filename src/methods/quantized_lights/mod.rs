@@ -2,15 +2,11 @@
 //! Varshney 2004).
 
 mod bake;
-pub(in crate::methods) mod basis;
 mod bleeding;
 mod encoding;
 mod evaluate;
-#[cfg(feature = "gpu")]
-mod gpu;
 mod lights;
-mod rows;
-pub(in crate::methods) mod sections;
+mod sections;
 mod seen;
 mod values;
 

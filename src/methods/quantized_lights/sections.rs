@@ -1,40 +1,17 @@
-//! What is stored, and what an evaluator makes of it.
-
-use std::ops::Range;
+//! What is stored of components, and lights for them.
 
 use glam::DVec3;
 use rayon::prelude::*;
-use translux_format::coefficients::decode;
-use translux_format::quantised_lights::{QuantisedLights as File, Set, tags};
-use translux_format::{Budget, FormatError, RawSection};
+use translux_format::RawSection;
+use translux_format::quantised_lights::{QuantisedLights as File, tags};
 
-use super::basis::light_net;
-use super::lights::LightSet;
-use super::rows::{Digit, LANES, Term, products};
-use crate::compress::prediction::Net;
+use super::lights::{LightSet, light_net};
 use crate::error::{Error, Result};
-use crate::geometry::scattered::{OrientedPoint, Weights};
 use crate::light::Light;
 use crate::light::quantised::vector::Emission;
-use crate::methods::stage::{oriented, parts};
-use crate::transport::balanced_tree::power_of_two_near;
-use crate::transport::interpolation::SharedWeights;
+use crate::methods::components::{Coded, Lit, Transport};
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::Scene;
-use crate::transport::simd::{Level, multiversion};
-
-/// Reference points that a vertex is interpolated from.
-pub(super) const SOURCES: usize = 10;
-
-/// Reference points of one task.
-const CHUNK: usize = 256;
-
-/// Rows of the basis that one task sums, and that are summed together.
-const ROWS_OF_A_TASK: usize = 256;
-const ROWS: usize = 4;
-
-/// Weights that are off a common colour by less than this share of the largest have it.
-const ROUNDING: f64 = 1e-14;
 
 pub(super) fn write(file: &File) -> Result<Vec<RawSection>> {
     file.to_sections().map_err(|e| Error::runtime(format!("asset: {e}")))
@@ -46,293 +23,31 @@ pub(super) fn read(sections: &[RawSection]) -> Result<File> {
         .ok_or_else(|| Error::input("an asset of `quantized_lights` without its sections qlt.*; bake it again"))
 }
 
-/// Lights made ready: what parts of them give adds up.
-#[derive(Default)]
-pub(in crate::methods) struct Lit {
-    pub(in crate::methods) parts: Vec<Part>,
-    /// A power of two that brings radiosity near 1, so that single precision holds lights of any size.
-    pub(in crate::methods) scale: f64,
+/// The transport of quantised lights.
+pub(super) fn transport(file: &File, scene: &Scene, receivers: &Receivers, set: &LightSet) -> Result<Transport> {
+    let net = light_net(&set.lights.directions, file.direction_spacing);
+    let shells = [0..1, 1..file.shells.len()];
+    let coded = file.sets.iter().zip(tags::SETS).zip(shells);
+    let coded: Vec<Coded> = coded.map(|((set, tags), shells)| Coded { set, tags, shells, net: &net }).collect();
+    let fold = |basis, functions| folded(basis, functions, set);
+    Transport::new(&coded, (scene, receivers), file.spacing_mm, fold)
 }
 
-/// Some lights together.
-pub(in crate::methods) struct Part {
-    /// What every column contributes for each unit of its digits, over the scale.
-    pub(super) terms: Vec<Term>,
-    /// Of every reference point, what of it arrives there; empty for all of it.
-    pub(super) factors: Vec<f32>,
-}
-
-/// A set of coefficients as it is stored, with what its reader knows of the lights.
-pub(in crate::methods) struct Coded<'a> {
-    pub(in crate::methods) set: &'a Set,
-    pub(in crate::methods) tags: tags::Set,
-    /// Shells that its lights are on.
-    pub(in crate::methods) shells: Range<usize>,
-    /// Over the lights.
-    pub(in crate::methods) net: &'a Net,
-}
-
-/// The transport as it is evaluated.
-pub(in crate::methods) struct Transport {
-    /// Digits of the coefficients `[reference point][padded column]`, reference points in the order of the receivers; columns of
-    /// one plane after those of the other.
-    pub(super) coefficients: Vec<i8>,
-    /// Padded columns of digits.
-    pub(super) columns: usize,
-    /// Columns of each plane, whole registers.
-    groups: Vec<Range<usize>>,
-    sets: Vec<SetOfShells>,
-    /// Reference points that every receiver is interpolated from.
-    pub(in crate::methods) weights: SharedWeights,
-    /// Where they are, mm.
-    positions: Vec<DVec3>,
-}
-
-/// What a column of digits is of.
-#[derive(Clone, Copy)]
-struct Column {
-    /// Where it is stored.
-    stored: usize,
-    /// Function times planes plus plane.
-    number: u16,
-    digit: Digit,
-}
-
-/// What makes columns of lights in some shells.
-struct SetOfShells {
-    shells: Range<usize>,
-    columns: Vec<Option<Column>>,
-    /// See [`folded`]; the units of the directions are in it.
-    basis: Vec<f64>,
-    functions: usize,
-    /// Rows: decorrelated planes, columns: channels and, in each, shells.
-    channels: Vec<f64>,
-}
-
-impl Transport {
-    /// Of quantised lights.
-    pub(super) fn of_lights(file: &File, scene: &Scene, receivers: &Receivers, set: &LightSet) -> Result<Self> {
-        let net = light_net(&set.lights.directions, file.direction_spacing);
-        let shells = [0..1, 1..file.shells.len()];
-        let coded = file.sets.iter().zip(tags::SETS).zip(shells);
-        let coded: Vec<Coded> = coded.map(|((set, tags), shells)| Coded { set, tags, shells, net: &net }).collect();
-        let fold = |basis, functions| folded(basis, functions, set);
-        Self::new(&coded, (scene, receivers), file.spacing_mm, fold)
-    }
-
-    /// Decodes, predicts and arranges; `fold` takes a basis `[light][function]`, the lights in their own order, to what weights are
-    /// multiplied with.
-    pub(in crate::methods) fn new(
-        coded: &[Coded],
-        (scene, receivers): (&Scene, &Receivers),
-        spacing_mm: f64,
-        fold: impl Fn(Vec<f32>, usize) -> Vec<f64>,
-    ) -> Result<Self> {
-        let fail = |e: FormatError| Error::input(e.to_string());
-        let points = oriented(scene, receivers);
-        let net = Net::new(&points, &parts(receivers), spacing_mm);
-        let decoded = |tag, bytes: &[u8], net: &Net| {
-            let found = decode(tag, bytes, Some(&net.similar()), Budget::default()).map_err(fail)?;
-            if found.rows != net.point.len() {
-                let (rows, wanted) = (found.rows, net.point.len());
-                return Err(Error::input(format!(
-                    "{rows} rows of coefficients for {wanted} reference points: the mesh and its transport do not belong together"
-                )));
-            }
-            Ok(found.values)
-        };
-        let (mut sets, mut known, mut groups, mut columns) = (Vec::new(), Vec::new(), Vec::new(), 0);
-        for Coded { set: own, tags, shells, net: light_net } in coded {
-            let shells = shells.clone();
-            let functions = own.basis_steps.len();
-            let basis = decoded(tags.basis, &own.basis, light_net)?;
-            let integers = decoded(tags.coefficients, &own.coefficients, &net)?;
-            let values = net.dequantise(&integers, &vec![own.step; own.columns.len()]);
-            let digits = digits(&values, own.columns.len(), own.step);
-            known.push(values);
-            let basis = light_net.dequantise(&basis, &own.basis_steps);
-            let basis = by_direction(&basis, light_net, functions, &own.units);
-            let first = columns;
-            let mut padded = Vec::new();
-            for plane in 0..3 * shells.len() {
-                for (stored, (&number, digits)) in own.columns.iter().zip(&digits).enumerate() {
-                    if usize::from(number) % (3 * shells.len()) == plane {
-                        padded.extend(digits.iter().map(|&digit| Some(Column { stored, number, digit })));
-                    }
-                }
-                padded.resize(padded.len().next_multiple_of(LANES), None);
-                groups.push(columns..first + padded.len());
-                columns = first + padded.len();
-            }
-            sets.push(SetOfShells {
-                shells,
-                columns: padded,
-                basis: fold(basis, functions),
-                functions,
-                channels: own.channels.clone(),
-            });
+/// Lights made ready. What an area light emits depends on the direction, and is that towards each reference point.
+pub(super) fn light(transport: &Transport, set: &LightSet, lights: &[Light]) -> Result<Lit> {
+    let emission = |light: &Light| Emission::new(light, set.lights.shells.centre_mm());
+    let rest: Vec<Light> = lights.iter().filter(|light| emission(light).is_none()).cloned().collect();
+    let mut parts = vec![(weights_of_lights(set, &rest)?, Vec::new())];
+    for light in lights {
+        if let Some(emission) = emission(light) {
+            let factors = transport.positions().par_iter().map(|at| emission.ratio(*at) as f32).collect();
+            parts.push((weights_of_lights(set, std::slice::from_ref(light))?, factors));
         }
-        let mut transport = Self {
-            coefficients: vec![0; net.point.len() * columns],
-            columns,
-            groups,
-            sets,
-            weights: SharedWeights::default(),
-            positions: Vec::new(),
-        };
-        let mut order: Vec<u32> = (0..net.point.len() as u32).collect();
-        order.sort_unstable_by_key(|&row| net.point[row as usize]);
-        let mut first = 0;
-        for (index, known) in known.iter().enumerate() {
-            let stored = coded[index].set.columns.len();
-            first = transport.arrange(known, stored, &order, index, first);
-        }
-        let chosen: Vec<u32> = order.iter().map(|&row| net.point[row as usize]).collect();
-        transport.positions = chosen.iter().map(|&i| points[i as usize].at_mm + scene.mesh.origin_mm).collect();
-        transport.weights = SharedWeights::new(&weights(&chosen, &points, receivers, spacing_mm));
-        Ok(transport)
     }
-
-    /// Puts the reference points of a set in the order of the receivers and their coefficients into digits, from one column on;
-    /// returns that after its last one.
-    fn arrange(&mut self, known: &[f32], stored: usize, order: &[u32], set: usize, first: usize) -> usize {
-        let columns = &self.sets[set].columns;
-        let end = first + columns.len();
-        self.coefficients.par_chunks_exact_mut(self.columns.max(1)).zip(order).for_each(|(out, &row)| {
-            let Some(values) = known.get(row as usize * stored..(row as usize + 1) * stored) else { return };
-            for (slot, column) in out[first..end].iter_mut().zip(columns) {
-                *slot = column.map_or(0, |column| column.digit.of(values[column.stored]));
-            }
-        });
-        end
+    if rest.is_empty() && parts.len() > 1 {
+        parts.remove(0);
     }
-
-    /// Lights made ready. What an area light emits depends on the direction, and is that towards each reference point.
-    pub(super) fn light(&self, set: &LightSet, lights: &[Light]) -> Result<Lit> {
-        let emission = |light: &Light| Emission::new(light, set.lights.shells.centre_mm());
-        let rest: Vec<Light> = lights.iter().filter(|light| emission(light).is_none()).cloned().collect();
-        let mut parts = vec![(weights_of_lights(set, &rest)?, Vec::new())];
-        for light in lights {
-            if let Some(emission) = emission(light) {
-                let factors = self.positions.par_iter().map(|at| emission.ratio(*at) as f32).collect();
-                parts.push((weights_of_lights(set, std::slice::from_ref(light))?, factors));
-            }
-        }
-        if rest.is_empty() && parts.len() > 1 {
-            parts.remove(0);
-        }
-        self.lit(parts)
-    }
-
-    /// Lights made ready, in parts: RGB weights of what the basis was folded to, for each shell, and of every reference point what of
-    /// it arrives there (empty for all).
-    pub(in crate::methods) fn lit(&self, parts: Vec<(Vec<Vec<[f64; 3]>>, Vec<f32>)>) -> Result<Lit> {
-        let columns = |(weights, factors): (Vec<Vec<[f64; 3]>>, Vec<f32>)| Ok((self.columns(&weights)?, factors));
-        let parts = parts.into_iter().map(columns).collect::<Result<Vec<_>>>()?;
-        let values = parts.iter().flat_map(|(columns, _)| columns.iter().flatten());
-        let largest = values.fold(0.0f64, |a, v| a.max(v.abs()));
-        let scale = power_of_two_near(largest) * f64::from(1u32 << 7);
-        let part = |(columns, factors): ([Vec<f64>; 3], Vec<f32>)| {
-            let columns = columns.map(|values| values.iter().map(|value| (value / scale) as f32).collect::<Vec<f32>>());
-            Part { terms: Term::of_groups(&columns, &self.groups), factors }
-        };
-        Ok(Lit { parts: parts.into_iter().map(part).collect(), scale })
-    }
-
-    /// What every column contributes for each unit of its digits under some lights, for each channel of RGB.
-    fn columns(&self, shells: &[Vec<[f64; 3]>]) -> Result<[Vec<f64>; 3]> {
-        let shells: Vec<&[[f64; 3]]> = shells.iter().map(Vec::as_slice).collect();
-        let mut exact = [0, 1, 2].map(|_| Vec::with_capacity(self.columns));
-        for own in &self.sets {
-            let columns = own.columns(shells.get(own.shells.clone()).unwrap_or(&[]));
-            for (all, columns) in exact.iter_mut().zip(columns) {
-                all.extend(columns);
-            }
-        }
-        if exact.iter().flatten().any(|value| !value.is_finite()) {
-            return Err(Error::runtime("the light is too bright for double precision; make it weaker"));
-        }
-        Ok(exact)
-    }
-
-    /// Fills `values` with the radiosity of every reference point over the scale of the lights, RGB and nothing.
-    pub(in crate::methods) fn products(&self, lit: &Lit, values: &mut Vec<[f32; 4]>) {
-        values.resize(self.coefficients.len() / self.columns.max(1), [0.0; 4]);
-        let level = Level::detect();
-        let rows = self.coefficients.par_chunks((self.columns * CHUNK).max(1));
-        values.par_chunks_mut(CHUNK).zip(rows).enumerate().for_each(|(chunk, (out, rows))| {
-            let mut own = [[0.0f32; 4]; CHUNK];
-            let own = &mut own[..out.len()];
-            for (index, part) in lit.parts.iter().enumerate() {
-                products(level, own, rows, self.columns, &part.terms);
-                if let Some(factors) = part.factors.get(chunk * CHUNK..) {
-                    own.iter_mut().zip(factors).for_each(|(value, factor)| value.iter_mut().for_each(|v| *v *= factor));
-                }
-                if index == 0 {
-                    out.copy_from_slice(own);
-                } else {
-                    let cells = out.as_flattened_mut().iter_mut().zip(own.as_flattened());
-                    cells.for_each(|(out, value)| *out += value);
-                }
-            }
-        });
-    }
-
-    /// Bytes in memory.
-    pub(in crate::methods) fn bytes(&self) -> usize {
-        size_of_val(self.coefficients.as_slice())
-            + self.sets.iter().map(|set| size_of_val(set.basis.as_slice())).sum::<usize>()
-            + size_of_val(self.positions.as_slice())
-            + self.weights.bytes()
-    }
-}
-
-impl SetOfShells {
-    /// What every column gives for weights of the basis' rows in each shell, for each channel of RGB.
-    fn columns(&self, shells: &[&[[f64; 3]]]) -> [Vec<f64>; 3] {
-        let functions: Vec<[Vec<f64>; 3]> = shells.iter().map(|weights| self.functions_of(weights)).collect();
-        let planes = 3 * self.shells.len();
-        [0, 1, 2].map(|rgb| {
-            let of_column = |column: &Option<Column>| {
-                let Some(Column { number, digit, .. }) = *column else { return 0.0 };
-                let (function, plane) = (usize::from(number) / planes, usize::from(number) % planes);
-                let row = &self.channels[plane * planes + rgb * self.shells.len()..][..self.shells.len()];
-                let sum: f64 = functions.iter().zip(row).map(|(shell, m)| m * shell[rgb][function]).sum();
-                sum * f64::from(digit.unit)
-            };
-            self.columns.iter().map(of_column).collect()
-        })
-    }
-
-    /// Sums of the rows of the basis, each with its RGB weight.
-    fn functions_of(&self, weights: &[[f64; 3]]) -> [Vec<f64>; 3] {
-        let mut result = [0, 1, 2].map(|_| vec![0.0; self.functions]);
-        for (colour, numbers) in by_colour(weights) {
-            let sums = self.sums_of(&numbers);
-            for (result, colour) in result.iter_mut().zip(colour) {
-                result.iter_mut().zip(&sums).for_each(|(result, sum)| *result += colour * sum);
-            }
-        }
-        result
-    }
-
-    /// Sums of rows of the basis with these weights.
-    fn sums_of(&self, weights: &[f64]) -> Vec<f64> {
-        let rows = weights.iter().zip(self.basis.chunks_exact(self.functions.max(1)));
-        let rows: Vec<(f64, &[f64])> = rows.map(|(w, row)| (*w, row)).filter(|(w, _)| *w != 0.0).collect();
-        let level = Level::detect();
-        let of_chunk = |rows: &[(f64, &[f64])]| {
-            let mut sums = vec![0.0; self.functions];
-            add_rows(level, &mut sums, rows);
-            sums
-        };
-        let chunks: Vec<Vec<f64>> = rows.par_chunks(ROWS_OF_A_TASK).map(of_chunk).collect();
-        let mut total = vec![0.0; self.functions];
-        for chunk in &chunks {
-            total.iter_mut().zip(chunk).for_each(|(total, sum)| *total += sum);
-        }
-        total
-    }
+    transport.lit(parts)
 }
 
 /// RGB weights of what the basis is folded to, for each shell.
@@ -344,33 +59,6 @@ fn weights_of_lights(set: &LightSet, lights: &[Light]) -> Result<Vec<Vec<[f64; 3
     }
     let of_shell = |[r, g, b]: [Vec<f64>; 3]| r.into_iter().zip(g).zip(b).map(|((r, g), b)| [r, g, b]).collect();
     Ok(set.function_sums(lights)?.into_iter().map(of_shell).collect())
-}
-
-/// Digits of every stored column.
-fn digits(known: &[f32], stored: usize, step: f32) -> Vec<Vec<Digit>> {
-    let mut largest = vec![0.0f32; stored];
-    for row in known.chunks_exact(stored.max(1)) {
-        largest.iter_mut().zip(row).for_each(|(l, v)| *l = l.max(v.abs()));
-    }
-    largest.into_iter().map(|largest| Digit::of_column(largest, step)).collect()
-}
-
-/// RGB weights as a colour times numbers, or the channels one by one where they have several colours.
-fn by_colour(weights: &[[f64; 3]]) -> Vec<([f64; 3], Vec<f64>)> {
-    let size = |w: &[f64; 3]| w.iter().fold(0.0f64, |a, v| a.max(v.abs()));
-    let largest = weights.iter().max_by(|a, b| size(a).total_cmp(&size(b))).copied().unwrap_or_default();
-    let scale = size(&largest);
-    if scale == 0.0 {
-        return Vec::new();
-    }
-    let brightest = (0..3).find(|&c| largest[c].abs() == scale).unwrap_or(0);
-    let colour = largest.map(|v| v / largest[brightest]);
-    let is_off = |w: &[f64; 3]| (0..3).any(|c| (w[c] - colour[c] * w[brightest]).abs() > ROUNDING * scale);
-    if !weights.iter().any(is_off) {
-        return vec![(colour, weights.iter().map(|w| w[brightest]).collect())];
-    }
-    let axis = |c: usize| [0, 1, 2].map(|i| f64::from(u8::from(i == c)));
-    [0, 1, 2].map(|c| (axis(c), weights.iter().map(|w| w[c]).collect())).into()
 }
 
 /// The basis as a function of what the interpolator's weights are linear in, `[function of the direction][function]`; as it is,
@@ -385,104 +73,6 @@ fn folded(basis: Vec<f32>, functions: usize, set: &LightSet) -> Vec<f64> {
     result.par_chunks_mut(functions.max(1)).enumerate().for_each(|(k, out)| {
         for (row, values) in matrix.chunks_exact(width).zip(basis.chunks_exact(functions.max(1))) {
             out.iter_mut().zip(values).for_each(|(sum, v)| *sum += row[k] * f64::from(*v));
-        }
-    });
-    result
-}
-
-/// Adds rows of the basis times their weights.
-#[inline(always)]
-fn add_rows_body(sums: &mut [f64], rows: &[(f64, &[f64])]) {
-    let (together, rest) = rows.as_chunks::<ROWS>();
-    for &[(a, first), (b, second), (c, third), (d, fourth)] in together {
-        let rows = first.iter().zip(second).zip(third.iter().zip(fourth));
-        for (sum, ((p, q), (r, s))) in sums.iter_mut().zip(rows) {
-            *sum += (a * p + b * q) + (c * r + d * s);
-        }
-    }
-    for (weight, row) in rest {
-        sums.iter_mut().zip(*row).for_each(|(sum, v)| *sum += weight * v);
-    }
-}
-
-multiversion! {
-    /// See [`add_rows_body`].
-    fn add_rows(sums: &mut [f64], rows: &[(f64, &[f64])]) => add_rows_body
-}
-
-/// Pairwise, the same on every level.
-#[inline(always)]
-pub(super) fn total(lanes: &[f32; LANES]) -> f32 {
-    let mut sums = *lanes;
-    let mut half = LANES / 2;
-    while half > 0 {
-        for i in 0..half {
-            sums[i] += sums[i + half];
-        }
-        half /= 2;
-    }
-    sums[0]
-}
-
-/// Weights of every receiver over the reference points, which are some of the receivers, ascending.
-pub(super) fn weights(chosen: &[u32], points: &[OrientedPoint], receivers: &Receivers, spacing_mm: f64) -> Weights {
-    weights_of_some(chosen, points, receivers, spacing_mm, 1)
-}
-
-/// The same of every `stride`-th receiver of each part.
-pub(in crate::methods) fn weights_of_some(
-    chosen: &[u32],
-    points: &[OrientedPoint],
-    receivers: &Receivers,
-    spacing_mm: f64,
-    stride: usize,
-) -> Weights {
-    let mut result = Weights { each: SOURCES, ..Weights::default() };
-    for part in parts(receivers) {
-        let targets: Vec<OrientedPoint> = points[part.clone()].iter().step_by(stride).copied().collect();
-        let first = chosen.partition_point(|&i| (i as usize) < part.start);
-        let end = chosen.partition_point(|&i| (i as usize) < part.end);
-        let sources: Vec<OrientedPoint> = chosen[first..end].iter().map(|&i| points[i as usize]).collect();
-        let own = Weights::new(&sources, &targets, spacing_mm, SOURCES);
-        let missing = targets.len() * SOURCES - own.sources.len();
-        result.sources.extend(own.sources.iter().map(|&s| first as u32 + s));
-        result.sources.extend(std::iter::repeat_n(0, missing));
-        result.values.extend(own.values);
-        result.values.extend(std::iter::repeat_n(0.0, missing));
-    }
-    result
-}
-
-/// From rows of the light net to `[direction][function]` times the direction's unit.
-fn by_direction(rows: &[f32], net: &Net, functions: usize, units: &[f32]) -> Vec<f32> {
-    let mut result = vec![0.0; units.len() * functions];
-    for (&direction, row) in net.point.iter().zip(rows.chunks_exact(functions.max(1))) {
-        let at = direction as usize * functions;
-        let Some(out) = result.get_mut(at..at + functions) else { continue };
-        let unit = units.get(direction as usize).copied().unwrap_or(0.0);
-        out.iter_mut().zip(row).for_each(|(out, v)| *out = unit * v);
-    }
-    result
-}
-
-/// Values `[target][each]` interpolated at every target, clamped at 0.
-pub(in crate::methods) fn interpolate(weights: &Weights, values: &[[f32; 4]], targets: usize) -> Vec<DVec3> {
-    const CHUNK: usize = 2048;
-    let mut result = vec![DVec3::ZERO; targets];
-    result.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, out)| {
-        let first = chunk * CHUNK * SOURCES;
-        let cells = first..first + out.len() * SOURCES;
-        let (Some(sources), Some(factors)) = (weights.sources.get(cells.clone()), weights.values.get(cells)) else {
-            return;
-        };
-        let rows = sources.chunks_exact(SOURCES).zip(factors.chunks_exact(SOURCES));
-        for (out, (sources, factors)) in out.iter_mut().zip(rows) {
-            let mut sum = [0.0f32; 4];
-            for (&source, &factor) in sources.iter().zip(factors) {
-                let value = values.get(source as usize).copied().unwrap_or_default();
-                (0..4).for_each(|i| sum[i] += factor * value[i]);
-            }
-            *out = DVec3::new(sum[0].max(0.0).into(), sum[1].max(0.0).into(), sum[2].max(0.0).into());
         }
     });
     result

@@ -3,10 +3,11 @@
 use rayon::prelude::*;
 use translux_format::quantised_values::LEVELS;
 
-use super::super::rows::LANES;
-use super::super::sections::total;
 use super::CHANNELS;
 use crate::transport::simd::{Level, multiversion};
+
+/// Sums side by side.
+const LANES: usize = 16;
 
 /// Rows of one task.
 const CHUNK: usize = 256;
@@ -219,4 +220,18 @@ mod tests {
             }
         }
     }
+}
+
+/// Pairwise, the same on every level.
+#[inline(always)]
+fn total(lanes: &[f32; LANES]) -> f32 {
+    let mut sums = *lanes;
+    let mut half = LANES / 2;
+    while half > 0 {
+        for i in 0..half {
+            sums[i] += sums[i + half];
+        }
+        half /= 2;
+    }
+    sums[0]
 }

@@ -9,7 +9,7 @@ use std::ops::Range;
 use crate::transport::simd::Level;
 
 /// Columns of a group are padded to whole registers.
-pub(super) const LANES: usize = 16;
+pub(in crate::methods) const LANES: usize = 16;
 
 /// The largest digit, and what a digit is worth in units of the one below it.
 const DIGIT: f32 = 127.0;
@@ -33,16 +33,16 @@ const ROUNDING: f32 = 1e-6;
 
 /// A column of digits.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Digit {
+pub(in crate::methods) struct Digit {
     /// What it is worth.
-    pub(super) unit: f32,
+    pub(in crate::methods) unit: f32,
     /// The unit of the digit above it, which this refines.
     above: Option<f32>,
 }
 
 impl Digit {
     /// Those of values up to `largest` that are known to about `step`.
-    pub(super) fn of_column(largest: f32, step: f32) -> Vec<Self> {
+    pub(in crate::methods) fn of_column(largest: f32, step: f32) -> Vec<Self> {
         let unit = largest / DIGIT;
         // Nothing to tell apart, or nothing that single precision tells apart.
         if !(unit / BASE).is_normal() {
@@ -56,7 +56,7 @@ impl Digit {
     }
 
     /// This digit of a value.
-    pub(super) fn of(self, value: f32) -> i8 {
+    pub(in crate::methods) fn of(self, value: f32) -> i8 {
         let rest = self.above.map_or(value, |unit| value - (value / unit).round() * unit);
         (rest / self.unit).round().clamp(-DIGIT, DIGIT) as i8
     }
@@ -64,7 +64,7 @@ impl Digit {
 
 /// A number for each cell of a group of columns, times a colour.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Term {
+pub(in crate::methods) struct Term {
     cells: Range<usize>,
     numbers: Vec<i16>,
     colour: [f32; 3],
@@ -84,7 +84,7 @@ impl Term {
 
     /// What columns of each channel contribute, group by group: a term where a group has one colour (parallel light of one
     /// colour), one for each channel else.
-    pub(super) fn of_groups(columns: &[Vec<f32>; 3], groups: &[Range<usize>]) -> Vec<Self> {
+    pub(in crate::methods) fn of_groups(columns: &[Vec<f32>; 3], groups: &[Range<usize>]) -> Vec<Self> {
         let of_group = |group: &Range<usize>| -> Vec<Self> {
             let [Some(r), Some(g), Some(b)] = columns.each_ref().map(|column| column.get(group.clone())) else {
                 return Vec::new();
@@ -105,7 +105,7 @@ impl Term {
 
     /// The columns again, as they are after rounding.
     #[cfg(any(feature = "gpu", test))]
-    pub(super) fn columns(terms: &[Self], width: usize) -> [Vec<f32>; 3] {
+    pub(in crate::methods) fn columns(terms: &[Self], width: usize) -> [Vec<f32>; 3] {
         [0, 1, 2].map(|c| {
             let mut column = vec![0.0; width];
             for term in terms {
@@ -133,7 +133,7 @@ fn one_colour([r, g, b]: [&[f32]; 3]) -> Option<(Vec<f32>, [f32; 3])> {
 }
 
 /// Fills `out` with what the terms make of rows of digits: RGB and nothing.
-pub(super) fn products(level: Level, out: &mut [[f32; 4]], rows: &[i8], width: usize, terms: &[Term]) {
+pub(in crate::methods) fn products(level: Level, out: &mut [[f32; 4]], rows: &[i8], width: usize, terms: &[Term]) {
     for (out, rows) in out.chunks_mut(ROWS).zip(rows.chunks((ROWS * width).max(1))) {
         // Beyond the last row it is taken again.
         let row = |i: usize| rows.get(i * width..(i + 1) * width).unwrap_or(&rows[..width.min(rows.len())]);

@@ -1,7 +1,6 @@
 //! From radiosities at reference points to coded coefficients: channels with distances, and directions, are decorrelated (principal components),
 //! coefficients predicted from coarser reference points, and what is left quantised with one step.
 
-use glam::DVec3;
 use rayon::prelude::*;
 use translux_format::FormatError;
 use translux_format::coefficients::encode;
@@ -9,8 +8,6 @@ use translux_format::quantised_lights::{Set, tags};
 
 use crate::compress::prediction::Net;
 use crate::error::{Error, Result};
-use crate::geometry::scattered::OrientedPoint;
-use crate::light::quantised::directions::DirectionSet;
 use crate::math::eigen::symmetric_eigen;
 
 /// Share of the squared error for functions that are left out, and for the rounding of those that are kept.
@@ -43,7 +40,11 @@ pub(in crate::methods) struct Radiosities<'a> {
 }
 
 impl<'a> Radiosities<'a> {
-    pub(super) fn new(values: impl Into<std::borrow::Cow<'a, [f32]>>, shells: usize, directions: usize) -> Self {
+    pub(in crate::methods) fn new(
+        values: impl Into<std::borrow::Cow<'a, [f32]>>,
+        shells: usize,
+        directions: usize,
+    ) -> Self {
         let values = values.into();
         let mut squares = vec![0.0f64; directions];
         for row in values.chunks_exact(directions.max(1)) {
@@ -71,19 +72,6 @@ impl<'a> Radiosities<'a> {
             *out = f64::from(row[plane * self.directions + direction]) / f64::from(self.units[direction]);
         }
     }
-}
-
-/// The net over the directions of a set.
-pub(super) fn light_net(set: &DirectionSet, spacing: f64) -> Net {
-    let point = |d: &DVec3| OrientedPoint { at_mm: *d, normal: DVec3::ZERO };
-    let points: Vec<OrientedPoint> = set.directions().iter().map(point).collect();
-    Net::new(&points, std::slice::from_ref(&(0..points.len())), spacing)
-}
-
-/// Spacing at which every direction of a set is in its net.
-pub(super) fn light_spacing(set: &DirectionSet) -> f64 {
-    let nearest = |d: &DVec3| set.nearest(*d, 2).get(1).map_or(1.0, |n| 2.0 * (0.5 * n.angle).sin());
-    0.5 * set.directions().iter().map(nearest).fold(f64::MAX, f64::min)
 }
 
 /// Codes radiosities, in the order of the rows of `net`, so that their error is `error` times their RMS.

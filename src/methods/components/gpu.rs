@@ -1,12 +1,12 @@
-//! `quantized_lights` in compute shaders: lights become columns on the CPU; products with the stored rows and interpolation
+//! Components in compute shaders: lights become columns on the CPU; products with the stored rows and interpolation
 //! between the reference points are a device's.
 
 use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::evaluate::Components;
-use super::rows::Term;
+use super::digits::Term;
+use super::{Lit, Transport};
 use crate::compress::ledger::Ledger;
 use crate::error::Result;
 use crate::evaluate::device::interpolated::{InterpolatedOnDevice, Sum};
@@ -14,12 +14,18 @@ use crate::evaluate::device::{Device, DeviceEvaluator, read_radiosity};
 use crate::evaluate::{Capabilities, Cost, Evaluator};
 use crate::geometry::bvh::Bvh;
 use crate::light::Light;
-use crate::methods::baked_in::BakedIn;
+use crate::methods::baked_in::{BakedIn, Stored};
 use crate::progress::Progress;
 use crate::transport::scene::{Medium, Scene};
 
-pub(super) struct QuantisedOnDevice {
-    cpu: BakedIn<Components>,
+/// What stores components.
+pub(in crate::methods) trait HasComponents: Stored<Light = Lit> + 'static {
+    fn components(&self) -> &Transport;
+}
+
+/// The transport of an asset on a device.
+pub(in crate::methods) struct ComponentsOnDevice<S: HasComponents> {
+    cpu: BakedIn<S>,
     device: Arc<Device>,
     stored: InterpolatedOnDevice,
     /// Of the radiosity in the buffer.
@@ -27,16 +33,16 @@ pub(super) struct QuantisedOnDevice {
     is_current: bool,
 }
 
-impl QuantisedOnDevice {
-    pub(super) fn new(cpu: BakedIn<Components>, device: &Arc<Device>) -> Result<Self> {
-        let transport = cpu.stored().transport();
+impl<S: HasComponents> ComponentsOnDevice<S> {
+    pub(in crate::methods) fn new(cpu: BakedIn<S>, device: &Arc<Device>) -> Result<Self> {
+        let transport = cpu.stored().components();
         let coefficients: Vec<i16> = transport.coefficients.iter().map(|&digit| i16::from(digit)).collect();
         let stored = InterpolatedOnDevice::new(device, &coefficients, transport.columns, &transport.weights)?;
         Ok(Self { cpu, device: Arc::clone(device), stored, scale: 1.0, is_current: false })
     }
 }
 
-impl DeviceEvaluator for QuantisedOnDevice {
+impl<S: HasComponents> DeviceEvaluator for ComponentsOnDevice<S> {
     fn device(&self) -> &Arc<Device> {
         &self.device
     }
@@ -46,7 +52,7 @@ impl DeviceEvaluator for QuantisedOnDevice {
             let lit = self.cpu.lit();
             for (index, part) in lit.parts.iter().enumerate() {
                 let sum = if index == 0 { Sum::New } else { Sum::Added };
-                let columns = Term::columns(&part.terms, self.cpu.stored().transport().columns);
+                let columns = Term::columns(&part.terms, self.cpu.stored().components().columns);
                 self.stored.add(&columns, &part.factors, sum)?;
             }
             self.stored.interpolate()?;
@@ -73,7 +79,7 @@ impl DeviceEvaluator for QuantisedOnDevice {
     }
 }
 
-impl Evaluator for QuantisedOnDevice {
+impl<S: HasComponents> Evaluator for ComponentsOnDevice<S> {
     fn capabilities(&self) -> Capabilities {
         self.cpu.capabilities()
     }
