@@ -169,7 +169,11 @@ impl<S: Stored + 'static> BakedIn<S> {
         let (lights, bvh, light) = (Vec::new(), OnceLock::new(), stored.light(&[])?);
         Ok(Box::new(Self { scene, bvh, receivers, stored, lights, light, truth: Truth::new(samples) }))
     }
+}
 
+/// What a device takes from here.
+#[cfg(feature = "gpu")]
+impl<S: Stored> BakedIn<S> {
     pub(in crate::methods) fn stored(&self) -> &S {
         &self.stored
     }

@@ -92,9 +92,9 @@ fn threshold(work: &Work, tree: &RowTree, count: usize, importance: Option<&[f32
     for _ in 0..BISECTIONS * 2 {
         let middle = (low * high).sqrt();
         if found(middle as f32)? > wanted {
-            low = middle
+            low = middle;
         } else {
-            high = middle
+            high = middle;
         }
         if high < 1.05 * low {
             break;

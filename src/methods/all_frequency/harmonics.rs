@@ -19,7 +19,7 @@ use crate::methods::baked_in::BakedIn;
 use crate::methods::baked_in::Stored;
 #[cfg(feature = "gpu")]
 use crate::methods::components::gpu::{ComponentsOnDevice, HasComponents};
-use crate::methods::components::{Coded, Lit, Transport};
+use crate::methods::components::{Coded, Lit, Transport, Weighted};
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::Scene;
 
@@ -61,7 +61,8 @@ impl Stored for Harmonics {
             let own = coefficients(light, self.order)?;
             sums.iter_mut().zip(own).for_each(|(sum, c)| *sum += c);
         }
-        self.transport.lit(vec![(vec![sums.iter().map(DVec3::to_array).collect()], Vec::new())])
+        let shells = vec![sums.iter().map(DVec3::to_array).collect()];
+        self.transport.lit(vec![Weighted { shells, factors: Vec::new() }])
     }
 
     fn radiosity(&mut self, lit: &Lit, receivers: &Receivers) -> Vec<DVec3> {

@@ -43,6 +43,14 @@ pub(in crate::methods) struct Lit {
     pub(in crate::methods) scale: f64,
 }
 
+/// Some lights together, before.
+pub(in crate::methods) struct Weighted {
+    /// RGB weights of what the basis was folded to, for each shell.
+    pub(in crate::methods) shells: Vec<Vec<[f64; 3]>>,
+    /// Of every reference point, what of it arrives there; empty for all of it.
+    pub(in crate::methods) factors: Vec<f32>,
+}
+
 /// Some lights together.
 pub(in crate::methods) struct Part {
     /// What every column contributes for each unit of its digits, over the scale.
@@ -191,10 +199,9 @@ impl Transport {
         &self.positions
     }
 
-    /// Lights made ready, in parts: RGB weights of what the basis was folded to, for each shell, and of every reference point what of
-    /// it arrives there (empty for all).
-    pub(in crate::methods) fn lit(&self, parts: Vec<(Vec<Vec<[f64; 3]>>, Vec<f32>)>) -> Result<Lit> {
-        let columns = |(weights, factors): (Vec<Vec<[f64; 3]>>, Vec<f32>)| Ok((self.columns(&weights)?, factors));
+    /// Lights made ready, in parts.
+    pub(in crate::methods) fn lit(&self, parts: Vec<Weighted>) -> Result<Lit> {
+        let columns = |Weighted { shells, factors }| Ok((self.columns(&shells)?, factors));
         let parts = parts.into_iter().map(columns).collect::<Result<Vec<_>>>()?;
         let values = parts.iter().flat_map(|(columns, _)| columns.iter().flatten());
         let largest = values.fold(0.0f64, |a, v| a.max(v.abs()));

@@ -9,7 +9,7 @@ use super::lights::{LightSet, light_net};
 use crate::error::{Error, Result};
 use crate::light::Light;
 use crate::light::quantised::vector::Emission;
-use crate::methods::components::{Coded, Lit, Transport};
+use crate::methods::components::{Coded, Lit, Transport, Weighted};
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::Scene;
 
@@ -37,11 +37,12 @@ pub(super) fn transport(file: &File, scene: &Scene, receivers: &Receivers, set: 
 pub(super) fn light(transport: &Transport, set: &LightSet, lights: &[Light]) -> Result<Lit> {
     let emission = |light: &Light| Emission::new(light, set.lights.shells.centre_mm());
     let rest: Vec<Light> = lights.iter().filter(|light| emission(light).is_none()).cloned().collect();
-    let mut parts = vec![(weights_of_lights(set, &rest)?, Vec::new())];
+    let mut parts = vec![Weighted { shells: weights_of_lights(set, &rest)?, factors: Vec::new() }];
     for light in lights {
         if let Some(emission) = emission(light) {
             let factors = transport.positions().par_iter().map(|at| emission.ratio(*at) as f32).collect();
-            parts.push((weights_of_lights(set, std::slice::from_ref(light))?, factors));
+            let shells = weights_of_lights(set, std::slice::from_ref(light))?;
+            parts.push(Weighted { shells, factors });
         }
     }
     if rest.is_empty() && parts.len() > 1 {

@@ -180,6 +180,20 @@ multiversion! {
     fn codes(out: &mut [[f32; 4]], cells: &[u8], weights: &[Vec<f32>], tables: &[f32]) => codes_body
 }
 
+/// Pairwise, the same on every level.
+#[inline(always)]
+fn total(lanes: &[f32; LANES]) -> f32 {
+    let mut sums = *lanes;
+    let mut half = LANES / 2;
+    while half > 0 {
+        for i in 0..half {
+            sums[i] += sums[i + half];
+        }
+        half /= 2;
+    }
+    sums[0]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -220,18 +234,4 @@ mod tests {
             }
         }
     }
-}
-
-/// Pairwise, the same on every level.
-#[inline(always)]
-fn total(lanes: &[f32; LANES]) -> f32 {
-    let mut sums = *lanes;
-    let mut half = LANES / 2;
-    while half > 0 {
-        for i in 0..half {
-            sums[i] += sums[i + half];
-        }
-        half /= 2;
-    }
-    sums[0]
 }
