@@ -18,15 +18,15 @@ pub const MOST_TERMS: usize = 144;
 /// # Where a few terms are enough
 ///
 /// Only whole bands, K = 1, 4, 9, 16, ..., depend on the scattering angle alone. Others are direction dependent: with K = 8 the
-/// forward value of Henyey and Greenstein's function varies by 21 % of itself (g 0.25), 56 % (0.4), 130 % (0.7) with direction.
+/// forward value of Henyey and Greenstein's function varies by 12 % of itself (g 0.25), 21 % (0.4), 34 % (0.7) with direction.
 /// Series that are too short go negative; the least value over the peak of the true function, in percent, from the tests:
 ///
 /// | g | K = 1 | 4 | 9 | 16 | 25 |
 /// | --- | --- | --- | --- | --- | --- |
 /// | 0.25 | 0 | 0 | 0 | 0 | 0 |
-/// | 0.4 | 0 | -5.1 | 0 | -0.0 | 0 |
-/// | 0.7 | 0 | -5.8 | -4.2 | -4.7 | -3.9 |
-/// | 0.9 | 0 | -0.9 | -1.3 | -1.9 | -2.1 |
+/// | 0.4 | 0 | -5.1 | 0 | 0 | 0 |
+/// | 0.7 | 0 | -5.8 | -2.8 | -5.6 | -1.7 |
+/// | 0.9 | 0 | -0.9 | -0.7 | -1.5 | -1.1 |
 ///
 /// Negative g mirror the positive ones. K = 4 is negative somewhere exactly for |g| > 1/3. From |g| = 0.7 on the series misses most
 /// of the peak; see [`super::DeltaM`], or evaluate single scattering directly.

@@ -63,16 +63,16 @@ fn least(g: f64, terms: usize) -> f64 {
 fn short_series_go_negative_where_the_table_says() {
     let table = [
         (0.25, [1.0, 0.0, 0.0, 0.0, 0.0]),
-        (0.4, [1.0, -0.051, 0.0, -0.0004, 0.0]),
-        (0.7, [1.0, -0.058, -0.042, -0.047, -0.039]),
-        (0.9, [1.0, -0.009, -0.013, -0.019, -0.021]),
+        (0.4, [1.0, -0.051, 0.0, 0.0, 0.0]),
+        (0.7, [1.0, -0.058, -0.028, -0.056, -0.017]),
+        (0.9, [1.0, -0.009, -0.007, -0.0145, -0.011]),
     ];
     for (g, expected) in table {
         for (terms, expected) in [1, 4, 9, 16, 25].into_iter().zip(expected) {
             let (found, mirrored) = (least(g, terms), least(-g, terms));
             println!("g {g} K {terms}: {found:.4}");
             assert!((found - mirrored).abs() < 1e-9);
-            assert!((found.min(0.0) - f64::min(expected, 0.0)).abs() < 0.003);
+            assert!((found.min(0.0) - f64::min(expected, 0.0)).abs() < 0.001);
         }
     }
     assert!(least(0.333, 4) > 0.0 && least(0.334, 4) < 0.0);
@@ -80,7 +80,7 @@ fn short_series_go_negative_where_the_table_says() {
 
 #[test]
 fn terms_that_are_no_square_depend_on_direction() {
-    for (g, least, most) in [(0.25, 0.1, 0.35), (0.4, 0.3, 0.9), (0.7, 0.6, 2.0)] {
+    for (g, least, most) in [(0.25, 0.10, 0.13), (0.4, 0.19, 0.23), (0.7, 0.3, 0.4)] {
         let spread = |terms: usize| {
             let phase = LegendrePhase::henyey_greenstein(g, terms);
             let forward: Vec<f64> = (0..500).map(|i| phase.product(-direction(i), direction(i))).collect();

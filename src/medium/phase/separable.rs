@@ -28,7 +28,7 @@ const STEPS: usize = 6;
 /// The table is weighted with the square roots of the solid angles, without which the energy of the result is wrong by
 /// up to a factor of 2 at g = 0.9. It is symmetric, so its singular vectors are eigenvectors: a subspace iteration that starts
 /// with spherical harmonics finds them in a fraction of a second. Measured (tests): energy from any direction within 1e-3 of 1
-/// for |g| <= 0.7 and 6 % at 0.9, where the table itself is too coarse; K = 4 negative for |g| > 1/3; K = 8 splits a band
+/// for |g| <= 0.4, 2e-3 at 0.7 and 5 % at 0.9, where the table itself is too coarse; K = 4 negative for |g| > 1/3; K = 8 splits a band
 /// and makes the forward value depend on direction. It is there for the paper's figures: [`super::LegendrePhase`] has the same
 /// terms exactly and keeps g free.
 #[derive(Clone, Debug, PartialEq)]
@@ -244,7 +244,7 @@ mod tests {
         }
         let split = figures(0.4, 8);
         println!("g 0.4 K 8: {split:.4?}");
-        assert!(split[3] > 0.3, "K = 8 splits a band: {split:?}");
+        assert!(split[3] > 0.2, "K = 8 splits a band: {split:?}");
     }
 
     #[test]

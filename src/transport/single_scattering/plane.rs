@@ -59,7 +59,10 @@ impl PlaneMedium {
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::PI;
+
     use super::*;
+    use crate::math::quadrature::{gauss_legendre, integrate_with};
 
     fn half_space(eta: f64) -> PlaneMedium {
         let [sigma_s_per_mm, sigma_t_per_mm] = [1.7; 2];
@@ -97,6 +100,39 @@ mod tests {
                 }
             }
             assert!(worst[0] < 1e-12 && worst[1] > 0.1, "{eta} {worst:?}");
+        }
+    }
+
+    /// Albedo of first order with a phase function of the cosine, sigma_a = 0.
+    fn albedo_of(eta: f64, phase: impl Fn(f64) -> f64) -> f64 {
+        let rule = gauss_legendre(48);
+        let medium = half_space(eta);
+        let inner = |eye: f64| {
+            integrate_with(&rule, 0.0, 1.0, |light| {
+                let inside = |mu: f64| Entry::new(Form::Physical, eta, mu).map_or(0.0, |e| e.cos_inside);
+                let (a, b) = (inside(eye), inside(light));
+                let sines = ((1.0 - a * a) * (1.0 - b * b)).max(0.0).sqrt();
+                let mean = integrate_with(&rule, 0.0, PI, |azimuth| phase(-a * b - sines * azimuth.cos())) / PI;
+                TAU * medium.radiance(Form::Physical, eye, light, mean)
+            })
+        };
+        2.0 * integrate_with(&rule, 0.0, 1.0, |mu| mu * inner(mu))
+    }
+
+    #[test]
+    fn what_the_delta_split_leaves_of_the_first_order() {
+        use crate::medium::phase::{DeltaM, HenyeyGreenstein};
+        let exact = |g: f64| albedo_of(1.3, |c| HenyeyGreenstein::new(g).density(c));
+        assert!((exact(0.0) - half_space(1.3).albedo(Form::Physical)).abs() < 1e-5);
+        for (g, first, ratios) in [(0.7, 0.01077, [1.028, 1.563, 1.342]), (0.9, 0.00291, [0.335, 4.020, 3.119])] {
+            let split =
+                |band: usize| albedo_of(1.3, |c| DeltaM::henyey_greenstein(g, band).phase().density(c)) / exact(g);
+            let found = [split(1), split(2), split(3)];
+            println!("g {g}: {:.5} split {found:.3?}", exact(g));
+            assert!((exact(g) - first).abs() < 5e-5, "{g}");
+            for (found, expected) in found.iter().zip(ratios) {
+                assert!((found - expected).abs() < 0.01, "{g} {found}");
+            }
         }
     }
 

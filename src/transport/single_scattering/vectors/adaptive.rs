@@ -1,11 +1,13 @@
 //! Rays at the corners of cells of a cube map, cells that are cut where the corners disagree, texels from what is between.
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
-use super::shade::{Channel, add_channel, add_product};
-use super::{Line, Request, VectorBaker, Work};
-use crate::math::cube_map::{FACES, FRAMES};
-use crate::medium::phase::LightTerms;
+use super::super::interface::refracted;
+use super::super::interior::Crossings;
+use super::shade::{Channel, Medium, add_channel, add_product, refract};
+use super::{Line, Probe, Request, VectorBaker, Work};
+use crate::math::cube_map::{FACES, FRAMES, direction};
+use crate::medium::phase::{LightTerms, MOST_TERMS};
 
 /// Cells along an edge of a face before any is cut: 11 degrees.
 const COARSE: usize = 8;
@@ -13,14 +15,22 @@ const COARSE: usize = 8;
 /// No probe yet.
 const NONE: u32 = u32::MAX;
 
-/// Optical depths that differ by more than this over a cell are averaged as attenuations.
-const UNEVEN: f32 = 0.5;
+/// Corners that contribute less than this share of the brightest of their cell are dark.
+const DARK: f32 = 0.02;
+
+/// Corners that contribute less than this share of the brightest have less to say about the plane of a cell.
+const FAINT: f32 = 0.1;
+
+/// A dark corner whose direction is at most this cosine above the plane of the others is below their horizon.
+const HORIZON: f32 = 0.02;
 
 /// Directions of the corners of texels.
 pub(super) struct Grid {
     side: usize,
     /// `[face][row][column]`, `side + 1` along each edge.
     directions: Vec<DVec3>,
+    /// Of the centres of texels.
+    centres: Vec<Vec3>,
 }
 
 impl Grid {
@@ -31,7 +41,12 @@ impl Grid {
             let (face, y, x) = (i / corners / corners, i / corners % corners, i % corners);
             FRAMES[face % FACES].direction(at(x), at(y)).normalize()
         };
-        Self { side, directions: (0..FACES * corners * corners).map(of).collect() }
+        let centre = |i: usize| direction(side, i / side / side, i % side, i / side % side).as_vec3();
+        Self {
+            side,
+            directions: (0..FACES * corners * corners).map(of).collect(),
+            centres: (0..FACES * side * side).map(centre).collect(),
+        }
     }
 
     fn corner(&self, face: usize, x: usize, y: usize) -> usize {
@@ -48,13 +63,34 @@ struct Cell {
     y: u8,
 }
 
+/// What is known of a corner's light.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Light {
+    /// It arrives.
+    Free,
+    /// It would arrive through the plane of the others, but does not.
+    #[default]
+    Hidden,
+    /// The plane of the others has it below the horizon.
+    BelowHorizon,
+}
+
+/// The corners of a cell: upper left, upper right, lower left, lower right.
+#[derive(Clone, Copy, Debug, Default)]
+struct Patch {
+    probes: [Probe; 4],
+    light: [Light; 4],
+    /// Weight of each in the plane of the cell.
+    says: [f32; 4],
+    /// The largest contribution.
+    most: f32,
+}
+
 /// Memory of one thread.
 #[derive(Default)]
 pub(super) struct Memory {
     /// Probe of each corner, `[depth][corner]`.
     index: Vec<u32>,
-    /// What each probe contributes at most in any channel, before the term.
-    values: Vec<f32>,
     cells: Vec<Cell>,
     cut: Vec<Cell>,
     /// Whether anything arrives, `[depth][face]`.
@@ -82,27 +118,23 @@ impl Adaptive<'_> {
         memory.index.resize(depths * corners, NONE);
         memory.lit.clear();
         memory.lit.resize(depths * FACES, false);
-        memory.values.clear();
         while memory.planes.len() < depths {
             let terms = if self.is_constant() { 0 } else { self.baker.settings.phase.count() };
             memory.planes.push(super::shade::Planes::new(self.baker.texels(), terms));
         }
         work.probes.clear();
-        work.terms.clear();
         let mut size = (grid.side / COARSE).max(1);
         self.first(size, work);
-        let peak = work.adaptive.values.iter().fold(0.0f32, |most, v| most.max(*v));
+        let peak = work.probes.iter().fold(0.0f32, |most, p| most.max(p.value));
         let limit = (self.tolerance * f64::from(peak)) as f32;
         loop {
             work.adaptive.cut.clear();
             work.requests.clear();
             for i in 0..work.adaptive.cells.len() {
                 let cell = work.adaptive.cells[i];
-                let found = self.corners(cell, size, &work.adaptive);
-                let values = found.map(|p| work.adaptive.values.get(p).copied().unwrap_or(0.0));
-                let (least, most) = values.iter().fold((f32::INFINITY, 0.0f32), |(l, m), &v| (l.min(v), m.max(v)));
-                if size == 1 || most - least <= limit {
-                    self.fill(cell, size, found, work);
+                let patch = self.patch(cell, size, work);
+                if size == 1 || self.difference(&patch) <= limit {
+                    self.fill(cell, size, &patch, &mut work.adaptive);
                 } else {
                     self.split(cell, size, work);
                 }
@@ -156,25 +188,60 @@ impl Adaptive<'_> {
     }
 
     fn trace(&self, work: &mut Work) {
-        let first = work.probes.len();
-        self.baker.trace(self.line, &work.requests, &mut work.tracer, &mut work.probes, &mut work.terms);
-        let least = self.line.optics.sigma_t_per_mm.min_element();
-        for (request, probe) in work.requests.iter().zip(&work.probes[first..]) {
-            let weight = self.line.depths.get(request.depth as usize).map_or(0.0, |d| d.weight.max_element());
-            let through = probe.through.iter().fold(0.0f32, |m, t| m.max(*t));
-            let attenuated = (-least * f64::from(probe.path_mm)).exp();
-            work.adaptive.values.push((weight * f64::from(probe.gain * through) * attenuated) as f32);
-        }
+        self.baker.trace(self.line, &work.requests, &mut work.tracer, &mut work.probes);
     }
 
-    /// Probes at the corners: upper left, upper right, lower left, lower right.
-    fn corners(&self, cell: Cell, size: usize, memory: &Memory) -> [usize; 4] {
+    /// What the corners of a cell know.
+    fn patch(&self, cell: Cell, size: usize, work: &Work) -> Patch {
         let grid = &self.baker.grid;
         let (depth, face, x, y) = (cell.depth as usize, cell.face as usize, cell.x as usize, cell.y as usize);
-        [(0, 0), (size, 0), (0, size), (size, size)].map(|(dx, dy)| {
-            let at = depth * grid.directions.len() + grid.corner(face, x + dx, y + dy);
-            memory.index.get(at).map_or(usize::MAX, |&i| i as usize)
-        })
+        let mut patch = Patch::default();
+        let places = [(0, 0), (size, 0), (0, size), (size, size)];
+        let corners = places.map(|(dx, dy)| grid.corner(face, x + dx, y + dy));
+        for (probe, corner) in patch.probes.iter_mut().zip(corners) {
+            let index = work.adaptive.index.get(depth * grid.directions.len() + corner);
+            *probe = index.and_then(|&i| work.probes.get(i as usize)).copied().unwrap_or_default();
+        }
+        patch.most = patch.probes.iter().fold(0.0f32, |m, p| m.max(p.value));
+        if patch.most == 0.0 {
+            return patch;
+        }
+        let mut normal = Vec3::ZERO;
+        for (say, probe) in patch.says.iter_mut().zip(&patch.probes) {
+            *say = (probe.value / (FAINT * patch.most)).min(1.0);
+            normal += *say * probe.normal;
+        }
+        for ((i, probe), corner) in patch.probes.iter().enumerate().zip(corners) {
+            let dark = probe.value < DARK * patch.most;
+            let above = normal.dot(grid.directions[corner].as_vec3()) > HORIZON * normal.length();
+            patch.light[i] = match (dark, above) {
+                (false, _) => Light::Free,
+                (true, true) => Light::Hidden,
+                (true, false) => Light::BelowHorizon,
+            };
+        }
+        patch
+    }
+
+    /// How much of the contribution of a cell is in doubt.
+    fn difference(&self, patch: &Patch) -> f32 {
+        if patch.light.contains(&Light::Hidden) {
+            return patch.most;
+        }
+        let free = || patch.probes.iter().zip(&patch.light).filter(|(_, l)| **l == Light::Free).map(|(p, _)| p);
+        let heights = free().fold((f32::INFINITY, 0.0f32), |(l, m), p| (l.min(p.height_mm), m.max(p.height_mm)));
+        let (low, high) =
+            free().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), p| (l.min(p.normal), h.max(p.normal)));
+        let most = patch.most;
+        let through = free().fold((1.0f32, 0.0f32), |(l, m), p| {
+            let t = p.through.iter().fold(0.0f32, |m, t| m.max(*t));
+            (l.min(t), m.max(t))
+        });
+        if most == 0.0 {
+            return 0.0;
+        }
+        let optical = self.line.least_per_mm as f32 * (heights.1 - heights.0);
+        most * (optical.max((high - low).max_element()).min(1.0)).max(through.1 - through.0)
     }
 
     /// Asks for the middles of edges and of the cell, and leaves its quarters to be looked at.
@@ -190,51 +257,65 @@ impl Adaptive<'_> {
     }
 
     /// Enters what is between the corners of a cell into the planes of its depth.
-    fn fill(&self, cell: Cell, size: usize, found: [usize; 4], work: &mut Work) {
+    fn fill(&self, cell: Cell, size: usize, patch: &Patch, memory: &mut Memory) {
         let side = self.baker.grid.side;
         let (depth, face, x0, y0) = (cell.depth as usize, cell.face as usize, cell.x as usize, cell.y as usize);
-        let Some(planes) = work.adaptive.planes.get_mut(depth) else { return };
-        let probes = found.map(|i| work.probes.get(i).copied().unwrap_or_default());
-        let gains = probes.map(|p| p.through.map(|t| p.gain * t));
-        let most = gains.map(|[r, g, b]| r.max(g).max(b));
-        let lit = most.iter().any(|g| *g > 0.0);
-        if lit && let Some(flag) = work.adaptive.lit.get_mut(depth * FACES + face) {
+        let Some(planes) = memory.planes.get_mut(depth) else { return };
+        if patch.most > 0.0
+            && let Some(flag) = memory.lit.get_mut(depth * FACES + face)
+        {
             *flag = true;
         }
-        let sigma = self.line.optics.sigma_t_per_mm.min_element() as f32;
-        let seen = || probes.iter().zip(&most).filter(|(_, g)| **g > 0.0).map(|(p, _)| p.path_mm);
-        let (near, far) = seen().fold((f32::INFINITY, 0.0f32), |(l, m), p| (l.min(p), m.max(p)));
-        let uneven = sigma * (far - near) > UNEVEN;
-        let attenuations = probes.map(|p| if uneven { (-sigma * (p.path_mm - near)).exp() } else { 1.0 });
-        let equal = self.baker.interior.crossings() == super::Crossings::Occluded;
-        let (count, texels) = (self.baker.settings.phase.count(), self.baker.texels());
+        let channels = if self.baker.interior.crossings() == Crossings::Occluded { 1 } else { 3 };
         let step = 1.0 / size as f32;
         for (iy, ix) in (0..size).flat_map(|iy| (0..size).map(move |ix| (iy, ix))) {
             let (u, v) = ((ix as f32 + 0.5) * step, (iy as f32 + 0.5) * step);
             let shares = [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v];
-            let texel = (face * side + y0 + iy) * side + x0 + ix;
-            // Weighted by what arrives, so that a corner in the dark has no say about the way of the light.
-            let weights: [f32; 4] = std::array::from_fn(|i| shares[i] * most[i] * attenuations[i]);
-            let sum = weights[0] + weights[1] + weights[2] + weights[3];
-            let [mut path, mut factor] = [0.0, 1.0];
-            if sum > 0.0 {
-                path = (0..4).map(|i| weights[i] * probes[i].path_mm).sum::<f32>() / sum;
-                if uneven {
-                    // Makes the clearest channel exact.
-                    factor = (sigma * (path - near)).exp();
+            let inside_face = (y0 + iy) * side + x0 + ix;
+            let texel = face * side * side + inside_face;
+            if patch.most == 0.0 {
+                planes.through.iter_mut().take(channels).for_each(|plane| plane[texel] = 0.0);
+                continue;
+            }
+            // A corner in the dark has no say about the plane; one below the horizon none about shadows either.
+            let (mut normal, mut height, mut says, mut judged) = (Vec3::ZERO, 0.0, 0.0, 0.0);
+            let mut through = [0.0f32; 3];
+            for (i, probe) in patch.probes.iter().enumerate() {
+                let say = shares[i] * patch.says[i];
+                normal += say * probe.normal;
+                height += say * probe.height_mm;
+                says += say;
+                if patch.light[i] != Light::BelowHorizon {
+                    judged += shares[i];
+                }
+                if patch.light[i] == Light::Free {
+                    through.iter_mut().zip(&probe.through).for_each(|(sum, t)| *sum += shares[i] * t);
                 }
             }
-            planes.path_mm[texel] = path;
-            for channel in 0..if equal { 1 } else { 3 } {
-                let arriving: f32 = (0..4).map(|i| shares[i] * gains[i][channel] * attenuations[i]).sum();
-                planes.gain[channel][texel] = arriving * factor;
+            let direction = self.baker.grid.centres[texel];
+            let length = normal.length();
+            let valid = length > 0.0 && judged > 0.0 && says > 0.0;
+            // The mean of the cosines, not the cosine of the mean normal: gains are concave, facets would add up to 1 % too much.
+            planes.cosine[texel] = if valid { normal.dot(direction) / says } else { 0.0 };
+            planes.height_mm[texel] = if says > 0.0 { height / says } else { 0.0 };
+            for (plane, sum) in planes.through.iter_mut().zip(through).take(channels) {
+                plane[texel] = if valid { sum / judged } else { 0.0 };
             }
-            if sum > 0.0 && !self.is_constant() {
-                for k in 0..count {
-                    let value = |i: usize| work.terms.get(found[i] * count + k).copied().unwrap_or(0.0);
-                    planes.terms[k * texels + texel] = (0..4).map(|i| weights[i] * value(i)).sum::<f32>() / sum;
-                }
+            if !self.is_constant() && planes.cosine[texel] > 0.0 {
+                self.terms(planes, texel, direction, normal / length);
             }
+        }
+    }
+
+    /// The light side of the phase function.
+    fn terms(&self, planes: &mut super::shade::Planes, texel: usize, direction: Vec3, normal: Vec3) {
+        let (count, texels) = (self.baker.settings.phase.count(), self.baker.texels());
+        let eta = self.line.optics.eta_inside_over_outside;
+        let Some(inside) = refracted(eta, direction.as_dvec3(), normal.as_dvec3()) else { return };
+        let mut values = [0.0; MOST_TERMS];
+        self.baker.settings.phase.evaluate(inside, &mut values);
+        for (k, value) in values.iter().take(count).enumerate() {
+            planes.terms[k * texels + texel] = *value as f32;
         }
     }
 
@@ -242,17 +323,25 @@ impl Adaptive<'_> {
     fn shade(&self, work: &mut Work, out: &mut [f32]) {
         let side = self.baker.grid.side;
         let (count, texels, face) = (self.baker.settings.phase.count(), self.baker.texels(), side * side);
-        let equal = self.baker.interior.crossings() == super::Crossings::Occluded;
+        let equal = self.baker.interior.crossings() == Crossings::Occluded;
         let mut constant = [0.0];
         self.baker.settings.phase.evaluate(self.line.point.normal, &mut constant);
         let term = if self.is_constant() { constant[0] } else { 1.0 };
         let memory = &mut work.adaptive;
-        for (index, (depth, planes)) in self.line.depths.iter().zip(&memory.planes).enumerate() {
+        let medium = Medium { form: self.baker.settings.form, eta: self.line.optics.eta_inside_over_outside as f32 };
+        for (index, (depth, planes)) in self.line.depths.iter().zip(&mut memory.planes).enumerate() {
             for (f, lit) in memory.lit[index * FACES..(index + 1) * FACES].iter().enumerate() {
+                if *lit {
+                    let range = f * face..(f + 1) * face;
+                    let (cosines, heights) = (&planes.cosine[range.clone()], &planes.height_mm[range.clone()]);
+                    let (gains, paths) = (&mut planes.gain[range.clone()], &mut planes.path_mm[range]);
+                    refract(self.baker.level, medium, cosines, heights, gains, paths);
+                }
                 for channel in (0..3).filter(|&c| *lit && depth.weight[c] > 0.0) {
                     let range = f * face..(f + 1) * face;
                     let source = Channel {
-                        gain: &planes.gain[if equal { 0 } else { channel }][range.clone()],
+                        gain: &planes.gain[range.clone()],
+                        through: &planes.through[if equal { 0 } else { channel }][range.clone()],
                         path_mm: &planes.path_mm[range.clone()],
                         angles: &self.baker.angles,
                         weight: (depth.weight[channel] * term) as f32,
