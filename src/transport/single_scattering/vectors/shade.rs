@@ -1,7 +1,7 @@
 //! From what arrives in each texel to vectors: attenuation of three channels, many texels at a time.
 
 use super::super::interface::Form;
-use crate::transport::simd::{Level, multiversion};
+use crate::transport::simd::multiversion;
 
 /// What is seen at one depth in every texel of a cube map: a plane, and how much light comes through.
 pub(super) struct Planes {
@@ -55,7 +55,7 @@ fn refract_body(medium: Medium, cosines: &[f32], heights: &[f32], gains: &mut [f
     let offset = (eta - 1.0) * (eta + 1.0);
     let physical = medium.form == Form::Physical;
     for (((c, h), gain), path) in cosines.iter().zip(heights).zip(gains.iter_mut()).zip(paths.iter_mut()) {
-        let cosine = c.max(LEAST_COSINE).min(1.0);
+        let cosine = c.clamp(LEAST_COSINE, 1.0);
         let square = cosine * cosine + offset;
         let inside = square.max(LEAST_COSINE * LEAST_COSINE).sqrt() / eta;
         let (perpendicular, parallel) = (cosine + eta * inside, eta * cosine + inside);
@@ -134,6 +134,7 @@ fn add_product_body(picture: &[f32], term: &[f32], out: &mut [f32]) {
 mod tests {
     use super::super::super::interface::Entry;
     use super::*;
+    use crate::transport::simd::Level;
 
     #[test]
     fn the_exponential_is_exact_to_single_precision() {
