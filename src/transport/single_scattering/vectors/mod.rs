@@ -29,6 +29,10 @@
 //! 1.6 % (worst sun) from 64 of them. Three Gauss points cost 1 % more under suns and take a fifth less time.
 //! CPU time for a vertex 1.7 ms (marble) and 2.2 ms (skin1), the paper's way 125 and 140 ms (contended cores).
 //!
+//! Sixteen harmonics (g 0.3, a body 6 mm wide of mean free paths of 1 mm, constant light, from aslant): 2.8 % against traced
+//! light, 1.5 % with six depths and a tolerance of 0.05; light from behind matters more to a forward phase function than the
+//! tolerance knows.
+//!
 //! What remains is where a small light grazes a fold: its shadow crosses the path somewhere between four depths.
 //!
 //! # What was tried
