@@ -14,6 +14,7 @@ pub mod random_walk;
 pub mod receivers;
 pub mod scene;
 pub mod simd;
+pub mod single_scattering;
 pub mod tree;
 pub mod visibility;
 

@@ -1,6 +1,20 @@
-//! The phase function of Henyey and Greenstein (1941): its density and the sampling of it.
+//! The phase function of Henyey and Greenstein (1941): its density and the sampling of it, and forms that separate the
+//! direction of the light from that of the eye.
+//!
+//! Directions are outward on both sides: `w_i'` from a point inside towards the light, `w_o'` towards the eye. The cosine of
+//! the scattering angle is `-w_i'.w_o'`, so that g > 0 is forward.
 
-use std::f64::consts::PI;
+mod delta;
+mod legendre;
+mod separable;
+
+use std::f64::consts::{FRAC_1_PI, PI};
+
+use glam::DVec3;
+
+pub use self::delta::DeltaM;
+pub use self::legendre::{LegendrePhase, MOST_TERMS};
+pub use self::separable::{SIDE, SeparablePhase};
 
 /// Directions of scattering by the mean of their cosine alone; `g > 0` is forward.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,6 +50,39 @@ impl HenyeyGreenstein {
         let root = 1.0 + g * t;
         let numerator = t + g * (0.5 * (t * t + 3.0) + g * (t + 0.5 * g * (t * t - 1.0)));
         (numerator / (root * root)).clamp(-1.0, 1.0)
+    }
+}
+
+/// The light side of a phase function of few terms: `p(w_i', w_o') ~ Sum_k g_k(w_i') h_k(w_o')` (Wang, Tran and Luebke 2005,
+/// equation 9). What is baked holds one vector for each `g_k`.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum LightTerms {
+    /// One term, `g = 1 / (4 pi)`, `h = 1`.
+    #[default]
+    Isotropic,
+    /// The first so many real spherical harmonics, whatever the g of the medium (see [`LegendrePhase`]).
+    Harmonics(usize),
+    /// The maps of a singular value decomposition.
+    Separable(SeparablePhase),
+}
+
+impl LightTerms {
+    /// Number of terms, at least one.
+    pub fn count(&self) -> usize {
+        match self {
+            Self::Isotropic => 1,
+            Self::Harmonics(terms) => (*terms).clamp(1, MOST_TERMS),
+            Self::Separable(phase) => phase.terms(),
+        }
+    }
+
+    /// `g_k` of a unit vector towards the light; fills as much of `out` as there are terms.
+    pub fn evaluate(&self, towards_light: DVec3, out: &mut [f64]) {
+        match self {
+            Self::Isotropic => out.iter_mut().take(1).for_each(|g| *g = 0.25 * FRAC_1_PI),
+            Self::Harmonics(_) => LegendrePhase::light(self.count(), towards_light, out),
+            Self::Separable(phase) => phase.light(towards_light, out),
+        }
     }
 }
 

@@ -1,0 +1,321 @@
+//! What straight rays meet inside and around a body: where they leave it, and what is between that place and the light.
+
+use glam::{DVec3, Vec3};
+
+use super::interface::{Entry, Form, inside_direction};
+use crate::geometry::bvh::{Bvh, Hit, Ray, offset_origin};
+use crate::medium::fresnel::transmittance;
+use crate::medium::material::OpticalProperties;
+use crate::transport::scene::Scene;
+
+/// What becomes of light whose straight way crosses more surfaces than the one it enters by.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Crossings {
+    /// It is lost, as in the paper.
+    #[default]
+    Occluded,
+    /// It passes translucent bodies, and other folds of its own, attenuated along the refracted length inside them and by both
+    /// of their surfaces. Neglected: the bend and shift of the ray behind them, reflections between their surfaces, and light
+    /// that they scatter. Opaque parts occlude. What begins inside the body before the light enters it (an opaque core, another
+    /// medium) occludes in both modes.
+    Attenuated,
+}
+
+/// Which coefficients an evaluation takes from a medium.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Coefficients {
+    /// `sigma_s'`, `sigma_t'`, with an isotropic phase function: similarity theory; exact for g = 0.
+    #[default]
+    Reduced,
+    /// `sigma_s`, `sigma_t`, with the phase function of the medium's g.
+    Unreduced,
+}
+
+/// A medium as single scattering needs it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Optics {
+    /// Scattering, 1/mm.
+    pub sigma_s_per_mm: DVec3,
+    /// Extinction, 1/mm.
+    pub sigma_t_per_mm: DVec3,
+    /// Refractive index inside over outside.
+    pub eta_inside_over_outside: f64,
+}
+
+impl Optics {
+    /// Of a material.
+    pub fn new(properties: &OpticalProperties, coefficients: Coefficients) -> Self {
+        let (sigma_s_per_mm, sigma_t_per_mm) = match coefficients {
+            Coefficients::Reduced => (properties.sigma_s_reduced_per_mm, properties.sigma_t_reduced_per_mm()),
+            Coefficients::Unreduced => (properties.sigma_s_per_mm(), properties.sigma_t_per_mm()),
+        };
+        Self { sigma_s_per_mm, sigma_t_per_mm, eta_inside_over_outside: properties.eta_inside_over_outside }
+    }
+}
+
+/// A place on the surface where light leaves.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ExitPoint {
+    /// Relative to the mesh's origin, mm.
+    pub at_mm: DVec3,
+    /// Unit normal that the eye and the inverse-normal path refer to; zero where there is none, and nothing leaves.
+    pub normal: DVec3,
+    /// Geometric unit normal, along which rays are kept off the surface; may be the same.
+    pub geometric: DVec3,
+    /// Part of the scene; a number beyond the parts, or an opaque part, gives 0.
+    pub part: u32,
+}
+
+/// Where a ray from inside leaves the body.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Leaving {
+    pub(super) distance_mm: f64,
+    pub(super) triangle: u32,
+    /// Outward unit normal there.
+    pub(super) normal: DVec3,
+    pub(super) ray: Ray,
+}
+
+/// Light on its straight way to a point inside.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Incident {
+    /// F_t and the refraction factor.
+    pub(super) gain: f64,
+    /// `s_i'`, mm.
+    pub(super) path_mm: f64,
+    /// From the point to where it enters, along the straight way, mm.
+    pub(super) straight_mm: f64,
+    /// `w_i'`, outward.
+    pub(super) inside: DVec3,
+}
+
+/// Surfaces that one ray crosses at most before it counts as lost: more are a loop of rounding errors.
+const MOST_CROSSINGS: u32 = 64;
+
+/// Slack over the largest coordinate: what [`offset_origin`] moves by.
+const SLACK: f64 = 1.0 / 524_288.0;
+
+/// Mean free paths shorter than this many slacks are not resolved by rays in single precision: the surface counts as flat.
+const RESOLVED: f64 = 16.0;
+
+/// A scene as seen from inside its bodies.
+pub(super) struct Interior<'a> {
+    pub(super) scene: &'a Scene,
+    pub(super) bvh: &'a Bvh,
+    pub(super) form: Form,
+    crossings: Crossings,
+    normals: Vec<DVec3>,
+    optics: Vec<Optics>,
+    slack_mm: f32,
+}
+
+impl<'a> Interior<'a> {
+    pub(super) fn new(
+        scene: &'a Scene,
+        bvh: &'a Bvh,
+        form: Form,
+        crossings: Crossings,
+        coefficients: Coefficients,
+    ) -> Self {
+        let mesh = &scene.mesh;
+        let largest = mesh.bounds_local_mm().iter().map(|p| p.abs().max_element()).fold(0.0, f64::max);
+        Self {
+            scene,
+            bvh,
+            form,
+            crossings,
+            normals: (0..mesh.triangles.len() as u32).map(|t| mesh.normal(t)).collect(),
+            optics: scene.media.iter().map(|m| Optics::new(&m.properties, coefficients)).collect(),
+            slack_mm: (SLACK * largest) as f32,
+        }
+    }
+
+    pub(super) fn crossings(&self) -> Crossings {
+        self.crossings
+    }
+
+    /// The medium of a part.
+    pub(super) fn optics(&self, part: u32) -> Option<&Optics> {
+        let medium = self.scene.parts.parts.get(part as usize)?.medium?;
+        self.optics.get(medium as usize)
+    }
+
+    /// Whether rays are too coarse for this medium.
+    pub(super) fn is_dense(&self, optics: &Optics) -> bool {
+        optics.sigma_t_per_mm.max_element() * f64::from(self.slack_mm) * RESOLVED > 1.0
+    }
+
+    fn normal(&self, hit: &Hit) -> DVec3 {
+        self.normals.get(hit.triangle as usize).copied().unwrap_or(DVec3::ZERO)
+    }
+
+    fn part(&self, triangle: u32) -> u32 {
+        self.scene.parts.triangle_part.get(triangle as usize).copied().unwrap_or(u32::MAX)
+    }
+
+    /// Where rays into the body from a point of its surface start.
+    pub(super) fn start(&self, point: &ExitPoint) -> DVec3 {
+        offset_origin(point.at_mm.as_vec3(), -point.geometric.as_vec3()).as_dvec3()
+    }
+
+    /// A ray from a point inside.
+    pub(super) fn ray(&self, from: DVec3, direction: DVec3) -> Ray {
+        Ray::new(from.as_vec3(), direction.as_vec3())
+    }
+
+    /// Where a ray from inside a part leaves it, given its first hit. Surfaces of the same part inside each other are one body.
+    /// None where another part is met before, and where nothing is (an open surface, a ray that rounding lost).
+    pub(super) fn leaving(&self, ray: &Ray, first: Option<Hit>, part: u32) -> Option<Leaving> {
+        let (mut hit, mut depth, mut ray) = (first?, 1u32, *ray);
+        for _ in 0..MOST_CROSSINGS {
+            if self.part(hit.triangle) != part {
+                return None;
+            }
+            let normal = self.normal(&hit);
+            let along = normal.dot(ray.direction.as_dvec3());
+            if along > 0.0 {
+                depth -= 1;
+                if depth == 0 {
+                    return Some(Leaving { distance_mm: f64::from(hit.t), triangle: hit.triangle, normal, ray });
+                }
+            } else if hit.t > self.slack_mm {
+                // What is this near in front is the surface that the ray starts from.
+                depth += 1;
+            }
+            ray.t_min = hit.t.next_up();
+            hit = self.bvh.closest(&ray)?;
+        }
+        None
+    }
+
+    /// The same, hit and all.
+    pub(super) fn leave(&self, from: DVec3, direction: DVec3, part: u32) -> Option<Leaving> {
+        let ray = self.ray(from, direction);
+        self.leaving(&ray, self.bvh.closest(&ray), part)
+    }
+
+    /// How far the medium goes on from a point of the surface; infinite through an opening.
+    pub(super) fn reach(&self, from: DVec3, direction: DVec3, part: u32) -> f64 {
+        let ray = self.ray(from, direction);
+        match self.bvh.closest(&ray) {
+            None => f64::INFINITY,
+            // Another part inside ends the path; a lost ray has none.
+            first @ Some(hit) => match self.leaving(&ray, first, part) {
+                Some(leaving) => leaving.distance_mm,
+                None if self.part(hit.triangle) != part => f64::from(hit.t),
+                None => 0.0,
+            },
+        }
+    }
+
+    /// What a surface does to light that enters the body where a ray leaves it.
+    pub(super) fn incident(&self, leaving: &Leaving, direction: DVec3, eta: f64) -> Option<Incident> {
+        self.incident_at(leaving.distance_mm, leaving.normal, direction, eta)
+    }
+
+    /// The same from numbers.
+    pub(super) fn incident_at(&self, straight_mm: f64, normal: DVec3, direction: DVec3, eta: f64) -> Option<Incident> {
+        let cosine = normal.dot(direction);
+        let entry = Entry::new(self.form, eta, cosine)?;
+        let inside = inside_direction(eta, direction, normal, cosine, entry.cos_inside);
+        Some(Incident { gain: entry.gain, path_mm: straight_mm * entry.stretch, straight_mm, inside })
+    }
+
+    /// The way on from where a ray left the body, up to `t_max`, and the triangle to leave out.
+    pub(super) fn beyond(&self, leaving: &Leaving, t_max: f64) -> (Ray, u32) {
+        let t = leaving.distance_mm as f32;
+        (Ray { t_min: t + self.slack_mm, t_max: t_max as f32, ..leaving.ray }, leaving.triangle)
+    }
+
+    /// The same from the surface itself, for media that rays do not resolve.
+    pub(super) fn beyond_flat(&self, point: &ExitPoint, direction: DVec3, t_max: f64) -> (Ray, u32) {
+        let origin = offset_origin(point.at_mm.as_vec3(), point.geometric.as_vec3());
+        let ray = Ray { origin, direction: direction.as_vec3(), t_min: self.slack_mm, t_max: t_max as f32 };
+        (ray, crate::geometry::bvh::NO_TRIANGLE)
+    }
+
+    /// How much light comes through along the way on, RGB.
+    pub(super) fn transmitted(&self, ray: &Ray, skip: u32) -> DVec3 {
+        match self.crossings {
+            Crossings::Occluded => DVec3::splat(f64::from(u8::from(!self.bvh.occluded(ray, skip)))),
+            Crossings::Attenuated => self.attenuated(ray, skip),
+        }
+    }
+
+    /// Attenuation by all bodies on a ray that starts outside of them.
+    fn attenuated(&self, ray: &Ray, skip: u32) -> DVec3 {
+        let mut ray = *ray;
+        let mut through = DVec3::ONE;
+        // Part, entry distance and depth of the bodies that the ray is in.
+        let mut open: Vec<(u32, f64, u32)> = Vec::new();
+        for _ in 0..MOST_CROSSINGS {
+            let Some(hit) = self.bvh.closest(&ray) else {
+                // Out through an opening: there is no surface that would tell where the body ends.
+                return if open.is_empty() { through } else { DVec3::ZERO };
+            };
+            ray.t_min = hit.t.next_up();
+            if hit.triangle == skip {
+                continue;
+            }
+            let part = self.part(hit.triangle);
+            let Some(optics) = self.optics(part) else { return DVec3::ZERO };
+            let cosine = self.normal(&hit).dot(ray.direction.as_dvec3());
+            let place = open.iter().position(|body| body.0 == part);
+            let entry = Entry::new(Form::Printed, optics.eta_inside_over_outside, cosine.abs());
+            let Some(entry) = entry.filter(|_| cosine != 0.0) else { return DVec3::ZERO };
+            let surface = transmittance(optics.eta_inside_over_outside, cosine.abs());
+            match (cosine < 0.0, place) {
+                (true, Some(at)) => open[at].2 += 1,
+                (true, None) => {
+                    open.push((part, f64::from(hit.t), 1));
+                    through *= surface;
+                }
+                (false, Some(at)) if open[at].2 > 1 => open[at].2 -= 1,
+                (false, Some(at)) => {
+                    let (_, entered, _) = open.swap_remove(at);
+                    let length = (f64::from(hit.t) - entered) * entry.stretch;
+                    through *= surface * (-length * optics.sigma_t_per_mm).map(f64::exp);
+                }
+                // Out of what was never entered: within rounding of the start.
+                (false, None) => {}
+            }
+        }
+        DVec3::ZERO
+    }
+}
+
+/// One point for each source vertex, with the angle-weighted normal of the triangles of its part around its welded vertex (the
+/// first transferring part that uses it); no normal where there is none.
+pub fn vertex_points(scene: &Scene) -> Vec<ExitPoint> {
+    let mesh = &scene.mesh;
+    let count = mesh.local_mm.len();
+    let transfers = |part: u32| scene.parts.parts.get(part as usize).is_some_and(|p| p.transfers());
+    let mut part_of = vec![u32::MAX; count];
+    let mut normals = vec![DVec3::ZERO; count];
+    let triangles = || (0u32..).zip(scene.parts.triangle_part.iter().copied()).take(mesh.triangles.len());
+    for (triangle, part) in triangles().filter(|&(_, part)| transfers(part)) {
+        for v in mesh.welded(triangle) {
+            if let Some(slot) = part_of.get_mut(v as usize) {
+                *slot = (*slot).min(part);
+            }
+        }
+    }
+    for (triangle, part) in triangles().filter(|&(_, part)| transfers(part)) {
+        let (corners, normal) = (mesh.corners_local_mm(triangle), mesh.normal(triangle));
+        for (k, v) in mesh.welded(triangle).into_iter().enumerate() {
+            let (a, b) = (corners[(k + 1) % 3] - corners[k], corners[(k + 2) % 3] - corners[k]);
+            if part_of.get(v as usize) == Some(&part) {
+                normals[v as usize] += normal * a.cross(b).length().atan2(a.dot(b));
+            }
+        }
+    }
+    let mut used = vec![false; count];
+    mesh.triangles.iter().flatten().for_each(|&v| used[v as usize] = true);
+    let point = |v: usize| {
+        let weld = mesh.weld.get(v).map_or(v, |&w| w as usize);
+        let normal = if used[v] { normals[weld].normalize_or_zero() } else { DVec3::ZERO };
+        let at: Vec3 = mesh.local_mm[v];
+        ExitPoint { at_mm: at.as_dvec3(), normal, geometric: normal, part: part_of[weld] }
+    };
+    (0..count).map(point).collect()
+}

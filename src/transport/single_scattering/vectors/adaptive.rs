@@ -1,0 +1,366 @@
+//! Rays at the corners of cells of a cube map, cells that are cut where the corners disagree, texels from what is between.
+
+use glam::{DVec3, Vec3};
+
+use super::super::interface::refracted;
+use super::super::interior::Crossings;
+use super::shade::{Channel, Medium, add_channel, add_product, refract};
+use super::{Line, Probe, Request, VectorBaker, Work};
+use crate::math::cube_map::{FACES, FRAMES, direction};
+use crate::medium::phase::{LightTerms, MOST_TERMS};
+
+/// Cells along an edge of a face before any is cut: 11 degrees.
+const COARSE: usize = 8;
+
+/// No probe yet.
+const NONE: u32 = u32::MAX;
+
+/// Corners that contribute less than this share of the brightest of their cell are dark.
+const DARK: f32 = 0.02;
+
+/// Corners that contribute less than this share of the brightest have less to say about the plane of a cell.
+const FAINT: f32 = 0.1;
+
+/// A dark corner whose direction is at most this cosine above the plane of the others is below their horizon.
+const HORIZON: f32 = 0.02;
+
+/// Directions of the corners of texels.
+pub(super) struct Grid {
+    side: usize,
+    /// `[face][row][column]`, `side + 1` along each edge.
+    directions: Vec<DVec3>,
+    /// Of the centres of texels.
+    centres: Vec<Vec3>,
+}
+
+impl Grid {
+    pub(super) fn new(side: usize) -> Self {
+        let at = |i: usize| 2.0 * i as f64 / side as f64 - 1.0;
+        let corners = side + 1;
+        let of = |i: usize| {
+            let (face, y, x) = (i / corners / corners, i / corners % corners, i % corners);
+            FRAMES[face % FACES].direction(at(x), at(y)).normalize()
+        };
+        let centre = |i: usize| direction(side, i / side / side, i % side, i / side % side).as_vec3();
+        Self {
+            side,
+            directions: (0..FACES * corners * corners).map(of).collect(),
+            centres: (0..FACES * side * side).map(centre).collect(),
+        }
+    }
+
+    fn corner(&self, face: usize, x: usize, y: usize) -> usize {
+        (face * (self.side + 1) + y) * (self.side + 1) + x
+    }
+}
+
+/// A square of texels at a depth.
+#[derive(Clone, Copy, Debug)]
+struct Cell {
+    depth: u16,
+    face: u8,
+    x: u8,
+    y: u8,
+}
+
+/// What is known of a corner's light.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Light {
+    /// It arrives.
+    Free,
+    /// It would arrive through the plane of the others, but does not.
+    #[default]
+    Hidden,
+    /// The plane of the others has it below the horizon.
+    BelowHorizon,
+}
+
+/// The corners of a cell: upper left, upper right, lower left, lower right.
+#[derive(Clone, Copy, Debug, Default)]
+struct Patch {
+    probes: [Probe; 4],
+    light: [Light; 4],
+    /// Weight of each in the plane of the cell.
+    says: [f32; 4],
+    /// The largest contribution.
+    most: f32,
+}
+
+/// Memory of one thread.
+#[derive(Default)]
+pub(super) struct Memory {
+    /// Probe of each corner, `[depth][corner]`.
+    index: Vec<u32>,
+    cells: Vec<Cell>,
+    cut: Vec<Cell>,
+    /// Whether anything arrives, `[depth][face]`.
+    lit: Vec<bool>,
+    /// `[depth]`.
+    planes: Vec<super::shade::Planes>,
+    picture: Vec<f32>,
+}
+
+/// One point.
+pub(super) struct Adaptive<'a> {
+    pub(super) baker: &'a VectorBaker<'a>,
+    pub(super) line: &'a Line<'a>,
+    pub(super) tolerance: f64,
+}
+
+impl Adaptive<'_> {
+    /// Adds the vector of the point to `out`.
+    pub(super) fn run(&self, work: &mut Work, out: &mut [f32]) {
+        let grid = &self.baker.grid;
+        let depths = self.line.depths.len();
+        let corners = grid.directions.len();
+        let memory = &mut work.adaptive;
+        memory.index.clear();
+        memory.index.resize(depths * corners, NONE);
+        memory.lit.clear();
+        memory.lit.resize(depths * FACES, false);
+        while memory.planes.len() < depths {
+            let terms = if self.is_constant() { 0 } else { self.baker.settings.phase.count() };
+            memory.planes.push(super::shade::Planes::new(self.baker.texels(), terms));
+        }
+        work.probes.clear();
+        let mut size = (grid.side / COARSE).max(1);
+        self.first(size, work);
+        let peak = work.probes.iter().fold(0.0f32, |most, p| most.max(p.value));
+        let limit = (self.tolerance * f64::from(peak)) as f32;
+        loop {
+            work.adaptive.cut.clear();
+            work.requests.clear();
+            for i in 0..work.adaptive.cells.len() {
+                let cell = work.adaptive.cells[i];
+                let patch = self.patch(cell, size, work);
+                if size == 1 || self.difference(&patch) <= limit {
+                    self.fill(cell, size, &patch, &mut work.adaptive);
+                } else {
+                    self.split(cell, size, work);
+                }
+            }
+            if work.adaptive.cut.is_empty() {
+                break;
+            }
+            self.trace(work);
+            std::mem::swap(&mut work.adaptive.cells, &mut work.adaptive.cut);
+            size /= 2;
+        }
+        self.shade(work, out);
+    }
+
+    /// Whether the only term is the same everywhere.
+    fn is_constant(&self) -> bool {
+        self.baker.settings.phase == LightTerms::Isotropic
+    }
+
+    /// All corners and cells of the coarsest size; the depths of one direction together, as their rays are alike.
+    fn first(&self, size: usize, work: &mut Work) {
+        let grid = &self.baker.grid;
+        let depths = self.line.depths.len();
+        let count = grid.side / size;
+        work.requests.clear();
+        work.adaptive.cells.clear();
+        for face in 0..FACES {
+            for (y, x) in (0..=count).flat_map(|y| (0..=count).map(move |x| (y, x))) {
+                for depth in 0..depths {
+                    self.ask(depth, face, x * size, y * size, work);
+                    if x < count && y < count {
+                        let [x, y] = [x * size, y * size].map(|i| i as u8);
+                        work.adaptive.cells.push(Cell { depth: depth as u16, face: face as u8, x, y });
+                    }
+                }
+            }
+        }
+        self.trace(work);
+    }
+
+    /// Makes sure that a corner is looked at.
+    fn ask(&self, depth: usize, face: usize, x: usize, y: usize, work: &mut Work) {
+        let grid = &self.baker.grid;
+        let corner = grid.corner(face, x, y);
+        if let Some(slot) = work.adaptive.index.get_mut(depth * grid.directions.len() + corner)
+            && *slot == NONE
+        {
+            *slot = (work.probes.len() + work.requests.len()) as u32;
+            work.requests.push(Request { depth: depth as u32, direction: grid.directions[corner] });
+        }
+    }
+
+    fn trace(&self, work: &mut Work) {
+        self.baker.trace(self.line, &work.requests, &mut work.tracer, &mut work.probes);
+    }
+
+    /// What the corners of a cell know.
+    fn patch(&self, cell: Cell, size: usize, work: &Work) -> Patch {
+        let grid = &self.baker.grid;
+        let (depth, face, x, y) = (cell.depth as usize, cell.face as usize, cell.x as usize, cell.y as usize);
+        let mut patch = Patch::default();
+        let places = [(0, 0), (size, 0), (0, size), (size, size)];
+        let corners = places.map(|(dx, dy)| grid.corner(face, x + dx, y + dy));
+        for (probe, corner) in patch.probes.iter_mut().zip(corners) {
+            let index = work.adaptive.index.get(depth * grid.directions.len() + corner);
+            *probe = index.and_then(|&i| work.probes.get(i as usize)).copied().unwrap_or_default();
+        }
+        patch.most = patch.probes.iter().fold(0.0f32, |m, p| m.max(p.value));
+        if patch.most == 0.0 {
+            return patch;
+        }
+        let mut normal = Vec3::ZERO;
+        for (say, probe) in patch.says.iter_mut().zip(&patch.probes) {
+            *say = (probe.value / (FAINT * patch.most)).min(1.0);
+            normal += *say * probe.normal;
+        }
+        for ((i, probe), corner) in patch.probes.iter().enumerate().zip(corners) {
+            let dark = probe.value < DARK * patch.most;
+            let above = normal.dot(grid.directions[corner].as_vec3()) > HORIZON * normal.length();
+            patch.light[i] = match (dark, above) {
+                (false, _) => Light::Free,
+                (true, true) => Light::Hidden,
+                (true, false) => Light::BelowHorizon,
+            };
+        }
+        patch
+    }
+
+    /// How much of the contribution of a cell is in doubt.
+    fn difference(&self, patch: &Patch) -> f32 {
+        if patch.light.contains(&Light::Hidden) {
+            return patch.most;
+        }
+        let free = || patch.probes.iter().zip(&patch.light).filter(|(_, l)| **l == Light::Free).map(|(p, _)| p);
+        let heights = free().fold((f32::INFINITY, 0.0f32), |(l, m), p| (l.min(p.height_mm), m.max(p.height_mm)));
+        let (low, high) =
+            free().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), p| (l.min(p.normal), h.max(p.normal)));
+        let most = patch.most;
+        let through = free().fold((1.0f32, 0.0f32), |(l, m), p| {
+            let t = p.through.iter().fold(0.0f32, |m, t| m.max(*t));
+            (l.min(t), m.max(t))
+        });
+        if most == 0.0 {
+            return 0.0;
+        }
+        let optical = self.line.least_per_mm as f32 * (heights.1 - heights.0);
+        most * (optical.max((high - low).max_element()).min(1.0)).max(through.1 - through.0)
+    }
+
+    /// Asks for the middles of edges and of the cell, and leaves its quarters to be looked at.
+    fn split(&self, cell: Cell, size: usize, work: &mut Work) {
+        let half = size / 2;
+        let (depth, face, x, y) = (cell.depth as usize, cell.face as usize, cell.x as usize, cell.y as usize);
+        for (dx, dy) in [(half, 0), (0, half), (half, half), (size, half), (half, size)] {
+            self.ask(depth, face, x + dx, y + dy, work);
+        }
+        for (dx, dy) in [(0, 0), (half, 0), (0, half), (half, half)] {
+            work.adaptive.cut.push(Cell { x: (x + dx) as u8, y: (y + dy) as u8, ..cell });
+        }
+    }
+
+    /// Enters what is between the corners of a cell into the planes of its depth.
+    fn fill(&self, cell: Cell, size: usize, patch: &Patch, memory: &mut Memory) {
+        let side = self.baker.grid.side;
+        let (depth, face, x0, y0) = (cell.depth as usize, cell.face as usize, cell.x as usize, cell.y as usize);
+        let Some(planes) = memory.planes.get_mut(depth) else { return };
+        if patch.most > 0.0
+            && let Some(flag) = memory.lit.get_mut(depth * FACES + face)
+        {
+            *flag = true;
+        }
+        let channels = if self.baker.interior.crossings() == Crossings::Occluded { 1 } else { 3 };
+        let step = 1.0 / size as f32;
+        for (iy, ix) in (0..size).flat_map(|iy| (0..size).map(move |ix| (iy, ix))) {
+            let (u, v) = ((ix as f32 + 0.5) * step, (iy as f32 + 0.5) * step);
+            let shares = [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v];
+            let inside_face = (y0 + iy) * side + x0 + ix;
+            let texel = face * side * side + inside_face;
+            if patch.most == 0.0 {
+                planes.through.iter_mut().take(channels).for_each(|plane| plane[texel] = 0.0);
+                continue;
+            }
+            // A corner in the dark has no say about the plane; one below the horizon none about shadows either.
+            let (mut normal, mut height, mut says, mut judged) = (Vec3::ZERO, 0.0, 0.0, 0.0);
+            let mut through = [0.0f32; 3];
+            for (i, probe) in patch.probes.iter().enumerate() {
+                let say = shares[i] * patch.says[i];
+                normal += say * probe.normal;
+                height += say * probe.height_mm;
+                says += say;
+                if patch.light[i] != Light::BelowHorizon {
+                    judged += shares[i];
+                }
+                if patch.light[i] == Light::Free {
+                    through.iter_mut().zip(&probe.through).for_each(|(sum, t)| *sum += shares[i] * t);
+                }
+            }
+            let direction = self.baker.grid.centres[texel];
+            let length = normal.length();
+            let valid = length > 0.0 && judged > 0.0 && says > 0.0;
+            // The mean of the cosines, not the cosine of the mean normal: gains are concave, facets would add up to 1 % too much.
+            planes.cosine[texel] = if valid { normal.dot(direction) / says } else { 0.0 };
+            planes.height_mm[texel] = if says > 0.0 { height / says } else { 0.0 };
+            for (plane, sum) in planes.through.iter_mut().zip(through).take(channels) {
+                plane[texel] = if valid { sum / judged } else { 0.0 };
+            }
+            if !self.is_constant() && planes.cosine[texel] > 0.0 {
+                self.terms(planes, texel, direction, normal / length);
+            }
+        }
+    }
+
+    /// The light side of the phase function.
+    fn terms(&self, planes: &mut super::shade::Planes, texel: usize, direction: Vec3, normal: Vec3) {
+        let (count, texels) = (self.baker.settings.phase.count(), self.baker.texels());
+        let eta = self.line.optics.eta_inside_over_outside;
+        let Some(inside) = refracted(eta, direction.as_dvec3(), normal.as_dvec3()) else { return };
+        let mut values = [0.0; MOST_TERMS];
+        self.baker.settings.phase.evaluate(inside, &mut values);
+        for (k, value) in values.iter().take(count).enumerate() {
+            planes.terms[k * texels + texel] = *value as f32;
+        }
+    }
+
+    /// From planes to the vector.
+    fn shade(&self, work: &mut Work, out: &mut [f32]) {
+        let side = self.baker.grid.side;
+        let (count, texels, face) = (self.baker.settings.phase.count(), self.baker.texels(), side * side);
+        let equal = self.baker.interior.crossings() == Crossings::Occluded;
+        let mut constant = [0.0];
+        self.baker.settings.phase.evaluate(self.line.point.normal, &mut constant);
+        let term = if self.is_constant() { constant[0] } else { 1.0 };
+        let memory = &mut work.adaptive;
+        let medium = Medium { form: self.baker.settings.form, eta: self.line.optics.eta_inside_over_outside as f32 };
+        for (index, (depth, planes)) in self.line.depths.iter().zip(&mut memory.planes).enumerate() {
+            for (f, lit) in memory.lit[index * FACES..(index + 1) * FACES].iter().enumerate() {
+                if *lit {
+                    let range = f * face..(f + 1) * face;
+                    let (cosines, heights) = (&planes.cosine[range.clone()], &planes.height_mm[range.clone()]);
+                    let (gains, paths) = (&mut planes.gain[range.clone()], &mut planes.path_mm[range]);
+                    refract(self.baker.level, medium, cosines, heights, gains, paths);
+                }
+                for channel in (0..3).filter(|&c| *lit && depth.weight[c] > 0.0) {
+                    let range = f * face..(f + 1) * face;
+                    let source = Channel {
+                        gain: &planes.gain[range.clone()],
+                        through: &planes.through[if equal { 0 } else { channel }][range.clone()],
+                        path_mm: &planes.path_mm[range.clone()],
+                        angles: &self.baker.angles,
+                        weight: (depth.weight[channel] * term) as f32,
+                        sigma_t_per_mm: self.line.optics.sigma_t_per_mm[channel] as f32,
+                    };
+                    if self.is_constant() {
+                        add_channel(self.baker.level, &source, &mut out[channel * texels..][range]);
+                        continue;
+                    }
+                    memory.picture.clear();
+                    memory.picture.resize(face, 0.0);
+                    add_channel(self.baker.level, &source, &mut memory.picture);
+                    for k in 0..count {
+                        let terms = &planes.terms[k * texels..][range.clone()];
+                        let target = &mut out[(k * 3 + channel) * texels..][range.clone()];
+                        add_product(self.baker.level, &memory.picture, terms, target);
+                    }
+                }
+            }
+        }
+    }
+}
