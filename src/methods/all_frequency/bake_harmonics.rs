@@ -15,8 +15,9 @@ use crate::math::statistics::{VertexError, vertex_error};
 use crate::methods::baked_in::{Stored, relative};
 use crate::methods::components::coding::{Radiosities, code};
 use crate::methods::references::{spacing, spacing_of, spatial_error};
-use crate::methods::stage::{GROUP, parts};
+use crate::methods::stage::{GROUP, Stage, parts};
 use crate::progress::{Progress, Silent};
+use crate::transport::gather::NearField;
 use crate::transport::irradiance::Illumination;
 use crate::transport::irradiance_rows::texels::TexelBaker;
 use crate::transport::many_lights::IrradianceRows;
@@ -26,10 +27,12 @@ const SPATIAL: f64 = 0.35;
 const CODED: f64 = 0.4;
 const ORDER: f64 = 0.65;
 
-/// Reference points, the coarsest ones, that orders are compared at.
-const FIRST_POINTS: usize = 1024;
+/// Orders are compared with so many times fewer samples, but not fewer than these, at some receivers.
+const COARSER: usize = 8;
+const LEAST_SAMPLES: usize = 1 << 14;
+const SOME: usize = 384;
 
-/// Steps between orders that are tried; odd bands of a cosine lobe are nearly empty.
+/// The lowest order that is tried.
 const FIRST_ORDER: usize = 3;
 
 /// How much more the bands beyond the first count: a sun has half of the energy.
@@ -70,12 +73,6 @@ impl AtReferences {
     }
 }
 
-/// The first columns of rows.
-fn narrowed(rows: &IrradianceRows, lights: usize) -> IrradianceRows {
-    let values = rows.values.chunks_exact(rows.lights.max(1)).flat_map(|row| &row[..lights.min(row.len())]);
-    IrradianceRows { lights, values: values.copied().collect() }
-}
-
 pub(super) fn harmonics(
     work: &Work,
     suns: &IrradianceRows,
@@ -93,12 +90,11 @@ pub(super) fn harmonics(
     let net = Net::new(&stage.points, &parts(&stage.receivers), spacing_mm);
     let surface = stage.surface();
     let baker = TexelBaker::new(&surface, plan.resolution);
-    let rows = baker.harmonics(plan.order.unwrap_or(MOST_ORDER), progress);
     let order = match plan.order {
         Some(order) => order,
-        None => needed(work, &net.point[..net.point.len().min(FIRST_POINTS)], &rows, &truth)?,
+        None => needed(work, progress)?,
     };
-    let rows = if rows.lights > order * order { narrowed(&rows, order * order) } else { rows };
+    let rows = baker.harmonics(order, progress);
     let values = AtReferences::new(work, &net.point, &rows, progress);
     progress.start("coding", 0);
     let mut units = vec![OTHER_BANDS; order * order];
@@ -111,21 +107,31 @@ pub(super) fn harmonics(
     Ok(file)
 }
 
-/// The lowest order whose error under suns is allowed, at some points.
-fn needed(work: &Work, points: &[u32], rows: &IrradianceRows, truth: &[Vec<DVec3>]) -> Result<usize> {
-    let values = AtReferences::new(work, points, rows, &Silent);
-    let areas: Vec<f64> = points.iter().map(|&i| work.stage.areas[i as usize]).collect();
-    for order in FIRST_ORDER..MOST_ORDER {
-        let mut worst = 0.0f64;
-        for (light, truth) in work.suns.iter().zip(truth) {
-            let expected: Vec<DVec3> = points.iter().map(|&i| truth[i as usize]).collect();
-            worst = worst.max(relative(vertex_error(&values.under(light, order)?, &expected, &areas)).rms);
+/// The lowest order whose error under suns is allowed, at some receivers and on a coarser set of samples.
+fn needed(work: &Work, progress: &dyn Progress) -> Result<usize> {
+    let (scene, count) = (work.stage.scene, work.stage.samples.len().div_ceil(COARSER));
+    let coarse = Stage::new(scene, count.max(LEAST_SAMPLES));
+    coarse.with_transfer(NearField::for_error(work.max_rms), |transfer| {
+        let (some, indices) = coarse.receivers.subset(SOME, 0);
+        let areas: Vec<f64> = indices.iter().map(|&i| coarse.areas[i as usize]).collect();
+        let transfer = transfer.towards(&some, &areas);
+        let truth = transfer.radiosity(&coarse.irradiance(work.suns)?, &Silent);
+        let surface = coarse.surface();
+        let baker = TexelBaker::new(&surface, work.plan.resolution);
+        let rows = transfer.radiosity(&baker.harmonics(MOST_ORDER, progress), &Silent);
+        let values = AtReferences { functions: rows.lights, values: rows.values };
+        for order in FIRST_ORDER..MOST_ORDER {
+            let mut worst = 0.0f64;
+            for (index, light) in work.suns.iter().enumerate() {
+                let error = vertex_error(&values.under(light, order)?, &truth.under(index), &areas);
+                worst = worst.max(relative(error).rms);
+            }
+            if worst <= SUN * ORDER * work.max_rms {
+                return Ok(order);
+            }
         }
-        if worst <= SUN * ORDER * work.max_rms {
-            return Ok(order);
-        }
-    }
-    Ok(MOST_ORDER)
+        Ok(MOST_ORDER)
+    })
 }
 
 /// Enters what each stage loses under lights that no choice saw.
