@@ -88,7 +88,7 @@ pub trait Method: Sync {
     /// Keys that `--set` takes.
     fn keys(&self) -> &'static [Key];
 
-    /// Kinds of light whose error a bake controls; an evaluator refuses others, or serves them as well as it can.
+    /// Kinds of light that it serves; its evaluators refuse others.
     fn kinds(&self) -> &'static [LightKind] {
         &LightKind::ALL
     }

@@ -8,7 +8,7 @@ use glam::DVec3;
 use super::stage::GROUP;
 use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
-use crate::error::{Error, Result};
+use crate::error::{Error, ExitCode, Result};
 #[cfg(feature = "gpu")]
 use crate::evaluate::device::{Device, DeviceEvaluator};
 use crate::evaluate::sampled::{Bound, Far, Plan, SampledEvaluator};
@@ -226,12 +226,18 @@ impl<S: Stored + 'static> Evaluator for BakedIn<S> {
     fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {
         let Self { scene, receivers, stored, lights, truth, .. } = self;
         let stage = stored.stage();
+        // Of the unseen ones those that are served.
+        let served = |light: &&Light| match stored.light(std::slice::from_ref(*light)) {
+            Ok(_) => true,
+            Err(error) => error.code() != ExitCode::Unsupported,
+        };
+        let unseen: Vec<Light> = unseen.iter().filter(served).cloned().collect();
         let values = |lights: &[Light]| {
             let light = stored.light(lights)?;
             Ok(stored.radiosity(&light, receivers))
         };
         let note = "against its samples lit by rays, the worst of these lights and of probe lights";
-        truth.measured(scene, (lights, unseen), values, (stage, note), progress)
+        truth.measured(scene, (lights, &unseen), values, (stage, note), progress)
     }
 
     fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {

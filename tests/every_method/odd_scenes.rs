@@ -20,7 +20,7 @@ fn survives(name: &str, scene: &Scene, samples: &[usize], most: f64) {
         for &samples in samples {
             let what = format!("{name}, {}, {samples} samples", method.name());
             let mut evaluator = baked(method, scene, samples);
-            for light in &lights {
+            for light in &served(method, &lights) {
                 let values = lit(evaluator.as_mut(), vec![light.clone()]);
                 assert_eq!(values.len(), scene.mesh.local_mm.len(), "{what}");
                 assert_not_negative(&format!("{what}, {}", light.kind().name()), &values);

@@ -35,12 +35,18 @@ impl Adapter {
         lights: &[(String, Light)],
         extent: &Extent,
     ) -> Result<Option<DeviceRow>> {
+        use crate::error::ExitCode;
         use crate::evaluate::MaterialEdit;
         use crate::math::statistics::Quantiles;
         use crate::progress::Silent;
         use std::time::Instant;
         let Some(device) = &self.device else { return Ok(None) };
-        let mut evaluator = open()?.on_device(device)?;
+        let mut evaluator = match open()?.on_device(device) {
+            Ok(evaluator) => evaluator,
+            // What the paper stores may have no shaders.
+            Err(error) if error.code() == ExitCode::Unsupported => return Ok(None),
+            Err(error) => return Err(error),
+        };
         let mut times = Vec::new();
         for (_, light) in lights {
             let begun = Instant::now();

@@ -14,6 +14,7 @@ use crate::commands::inspect;
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::{Evaluator, MaterialEdit, Method};
 use crate::io::atomic;
+use crate::light::Light;
 use crate::math::statistics::{Quantiles, VertexError, vertex_error};
 use crate::measure::chart::{LightError, PictureError, Row};
 use crate::measure::flip::{self, Picture};
@@ -91,7 +92,11 @@ pub(super) fn of(subject: &Subject, method: &dyn Method, rung: &str, truth: &Ref
     let open_ms = 1e3 * started.elapsed().as_secs_f64();
     let mut lights = Vec::with_capacity(truth.lights.len());
     let mut shown = None;
+    let served = |(_, light): &&(String, Light)| method.kinds().contains(&light.kind());
     for (index, ((text, light), expected)) in truth.lights.iter().zip(&truth.radiosity).enumerate() {
+        if !method.kinds().contains(&light.kind()) {
+            continue;
+        }
         let mut times = Vec::with_capacity(subject.extent.repeats);
         let mut values = Vec::new();
         let begun = Instant::now();
@@ -114,8 +119,11 @@ pub(super) fn of(subject: &Subject, method: &dyn Method, rung: &str, truth: &Ref
         });
     }
     let edit_ms = edits(evaluator.as_mut(), &subject.extent)?;
-    let device = subject.adapter.row(|| method.open(Arc::clone(&asset)), &truth.lights, &subject.extent)?;
-    let shown = shown.ok_or_else(|| Error::runtime("a chart without lights or views"))?;
+    let (own, unserved): (Vec<_>, Vec<_>) = truth.lights.iter().partition(served);
+    let own: Vec<(String, Light)> = own.into_iter().cloned().collect();
+    let device = subject.adapter.row(|| method.open(Arc::clone(&asset)), &own, &subject.extent)?;
+    let none = || Error::unsupported(format!("no light of the chart is one that {} serves", method.name()));
+    let shown = shown.ok_or_else(none)?;
     let vertices = truth.areas.len();
     let per_vertex = |bytes: u64| bytes as f64 / vertices.max(1) as f64;
     let number = |name: &str| report[name].as_f64().unwrap_or(f64::NAN);
@@ -147,6 +155,7 @@ pub(super) fn of(subject: &Subject, method: &dyn Method, rung: &str, truth: &Ref
         promised_rms: ledger.total_rms(),
         ledger: ledger.entries.iter().map(|e| (e.stage.clone(), e.error.rms)).collect(),
         lights,
+        unserved: unserved.into_iter().map(|(text, _)| text.clone()).collect(),
     };
     Ok((row, shown))
 }

@@ -151,6 +151,9 @@ pub struct Row {
     pub ledger: Vec<(String, f64)>,
     /// Light by light.
     pub lights: Vec<LightError>,
+    /// Lights that the method does not serve, as they would be typed: no figure knows of them.
+    #[serde(default)]
+    pub unserved: Vec<String>,
 }
 
 /// Times on a graphics adapter.

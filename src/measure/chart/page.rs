@@ -21,7 +21,13 @@ type Cell = (String, f64);
 type Column = (&'static str, &'static str, fn(&Row) -> Cell);
 
 const COLUMNS: &[Column] = &[
-    ("RMS", "Error over the vertices, worst channel and light, relative to the reference", |r| percent(r.error.rms)),
+    ("RMS", "Error over the vertices, worst channel and served light, relative to the reference", |r| {
+        percent(r.error.rms)
+    }),
+    ("lights", "Lights that the figures are the worst of, of all", |r| {
+        let (served, all) = (r.lights.len(), r.lights.len() + r.unserved.len());
+        (format!("{served} of {all}"), all as f64 - served as f64)
+    }),
     ("bias", "Mean error, signed", |r| percent(r.error.bias)),
     ("99.9 %", "99.9th percentile of the error", |r| percent(r.error.p999)),
     ("worst", "Worst vertex", |r| percent(r.error.worst)),

@@ -36,6 +36,7 @@ pub const COLUMNS: &[Column] = &[
     ("picture_rms_with_background", |r| number(r.picture.rms_with_background)),
     ("hdr_flip", |r| number(r.picture.flip)),
     ("promised_rms", |r| number(r.promised_rms)),
+    ("unserved_lights", |r| r.unserved.join(" ")),
     ("command", |r| r.command.clone()),
 ];
 

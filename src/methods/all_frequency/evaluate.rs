@@ -4,26 +4,27 @@ use std::sync::Arc;
 
 use translux_format::distant_transport::DistantTransport;
 
+use super::KINDS;
 use super::harmonics::Harmonics;
 use super::plan::Plan;
 use super::rows::Rows;
 use crate::asset::Asset;
 use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
-use crate::light::{Light, LightKind};
+use crate::light::Light;
 use crate::methods::baked_in::BakedIn;
 use crate::methods::stage::GROUP;
 use crate::transport::receivers::Receivers;
 
 /// Refuses lights at a distance.
 pub(super) fn far_away(light: &Light) -> Result<()> {
-    match light.kind() {
-        LightKind::Constant | LightKind::Environment | LightKind::Directional => Ok(()),
-        LightKind::Point | LightKind::Area => Err(Error::unsupported(
-            "this asset of `all_frequency` has light from far away only (environment, constant, directional): bake it with \
-             --method quantized_lights or editable for point and area lights",
-        )),
+    if KINDS.contains(&light.kind()) {
+        return Ok(());
     }
+    Err(Error::unsupported(
+        "this asset of `all_frequency` has light from far away only (environment, constant, directional): bake it with --method \
+         quantized_lights or editable for point and area lights",
+    ))
 }
 
 pub(super) fn open(asset: &Arc<Asset>) -> Result<Box<dyn Evaluator>> {

@@ -23,7 +23,7 @@ use crate::transport::scene::Scene;
 pub struct AllFrequency;
 
 /// Kinds of light that come from far away.
-const KINDS: &[LightKind] = &[LightKind::Constant, LightKind::Environment];
+const KINDS: &[LightKind] = &[LightKind::Constant, LightKind::Directional, LightKind::Environment];
 
 const CUBE: Key = Key {
     name: "cube",
