@@ -267,6 +267,26 @@ fn damage_does_not_hide_damage() {
     assert!(code == 3 && findings(&report).len() == 1);
 }
 
+/// Assets that are evaluated without samples are as good as others.
+#[test]
+fn every_method_writes_what_is_valid() {
+    let folder = Folder::new();
+    folder.obj("a.obj", &shapes::bumpy_head(1.0, 3));
+    for method in translux::methods::ALL.map(|m| m.name()) {
+        let settings: &[&str] = match method {
+            "quantized_lights" => &["", "--set encoding=lloyd8", "--set encoding=bleeding"],
+            "all_frequency" => &["", "--set basis=haar"],
+            _ => &[""],
+        };
+        for set in settings {
+            let options = format!("--method {method} --samples 2000 {set}");
+            folder.run(&format!("bake a.obj --size-mm 20 --material marble -q -o a.tlux {options}")).ok();
+            let text = folder.run("validate a.tlux").ok().text();
+            assert!(text.contains("valid; 0 errors") && !text.contains("UnknownSection"), "{method} {set}: {text}");
+        }
+    }
+}
+
 #[test]
 fn help_lists_the_catalogue() {
     let folder = Folder::new();

@@ -26,6 +26,9 @@ pub mod tags {
         columns: Tag::from_static("aft.col"),
         coefficients: Tag::from_static("aft.cof"),
     };
+
+    /// All of them, in the order of the file.
+    pub const ALL: [Tag; 6] = [NUMBERS, SET.units, SET.basis_steps, SET.basis, SET.columns, SET.coefficients];
 }
 
 /// Order of the harmonics at most.

@@ -8,7 +8,8 @@ use translux_format::far_field::{self, FarField, Shape};
 use translux_format::profile_basis::{self, ProfileBasis};
 use translux_format::rows::{self, IrradianceRows};
 use translux_format::{
-    COMMON_TAGS, FormatError, LedgerEntry, Scan, VERSION_MAJOR, VERSION_MINOR, mesh, metadata, parts, samples,
+    COMMON_TAGS, FormatError, LedgerEntry, Scan, Tag, VERSION_MAJOR, VERSION_MINOR, distant_transport, mesh, metadata,
+    parts, quantised_lights, quantised_values, samples, scattering_lists,
 };
 
 use super::console::percent;
@@ -83,6 +84,15 @@ catalogue! {
 /// Share of a part's area that its samples may miss by.
 const AREA_TOLERANCE: f64 = 1e-5;
 
+/// Sections of methods that are evaluated without samples.
+fn without_samples() -> Vec<Tag> {
+    let lights = quantised_lights::tags::SETS.iter().flat_map(|set| set.all());
+    let single = [quantised_lights::tags::NUMBERS, scattering_lists::tags::NUMBERS];
+    let rows = rows::tags::TRANSPORT.all();
+    let all = [&single[..], &quantised_values::tags::ALL, &distant_transport::tags::ALL, &rows];
+    lights.chain(all.concat()).collect()
+}
+
 /// Versions, and sections that nobody here reads.
 pub(super) fn of_version(scan: &Scan) -> Vec<Finding> {
     let mut out = Vec::new();
@@ -91,8 +101,8 @@ pub(super) fn of_version(scan: &Scan) -> Vec<Finding> {
         out.push(Finding::new(&NEWER_VERSION, None, format!("version {major}.{minor}; {known}")));
     }
     for section in &scan.sections {
-        let of_methods = [&far_field::tags::ALL[..], &profile_basis::tags::ALL, &rows::tags::ALL];
-        if !COMMON_TAGS.iter().chain(of_methods.into_iter().flatten()).any(|tag| *tag == section.tag) {
+        let sampled = [&far_field::tags::ALL[..], &profile_basis::tags::ALL, &rows::tags::ALL].concat();
+        if ![&COMMON_TAGS[..], &sampled, &without_samples()].concat().contains(&section.tag) {
             let (bytes, kind) = (section.stored_bytes, section.kind);
             let message = format!("section {} ({kind}, {bytes} bytes) is unknown", section.tag);
             out.push(Finding::new(&UNKNOWN_SECTION, Some(section.tag), message));
@@ -132,7 +142,11 @@ pub(super) fn of_geometry(scan: &Scan) -> Vec<Finding> {
         out.push(Finding::new(&UNUSED_MEDIA, Some(parts::tags::MEDIA), message));
     }
     if let Some(samples) = &scan.samples {
-        out.extend(of_samples(&mesh, parts, samples, &areas));
+        let tags = without_samples();
+        let is_without = samples.patch_count() == 0 && scan.sections.iter().any(|s| tags.contains(&s.tag));
+        if !is_without {
+            out.extend(of_samples(&mesh, parts, samples, &areas));
+        }
     }
     out
 }
@@ -274,7 +288,7 @@ fn of_method(provenance: &translux_format::Provenance) -> Vec<Finding> {
 pub(super) fn of_method_sections(scan: &Scan) -> Result<Vec<Finding>, Vec<FormatError>> {
     // A section that does not decode has been found already; the others would be blamed for missing it.
     let damaged: Vec<_> = scan.errors.iter().filter_map(FormatError::tag).collect();
-    let intact = |tags: &[translux_format::Tag]| !tags.iter().any(|tag| damaged.contains(tag));
+    let intact = |tags: &[Tag]| !tags.iter().any(|tag| damaged.contains(tag));
     let mut errors = Vec::new();
     let (mut field, mut basis, mut stored_rows) = (None, None, None);
     if let (Some(mesh), Some(samples), true) = (&scan.mesh, &scan.samples, intact(&far_field::tags::ALL)) {
