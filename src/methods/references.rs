@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use super::stage::{Stage, parts};
 use crate::compress::prediction::Net;
+use crate::error::Result;
 use crate::geometry::scattered::{OrientedPoint, Weights};
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::transport::receivers::Receivers;
@@ -95,6 +96,24 @@ pub(in crate::methods) fn spatial_error(
         vertex_error(&interpolate(&weights, &sources, some.len()), &expected, &areas)
     };
     truth.iter().map(of_light).fold(VertexError::default(), VertexError::max)
+}
+
+/// What some receivers, given by the rows of a net, have: `compute` takes them in ascending order, and gives a row of `size` numbers
+/// for each. In the order of the rows.
+pub(in crate::methods) fn in_ascending_order(
+    points: &[u32],
+    size: usize,
+    compute: impl FnOnce(&[u32]) -> Result<Vec<f32>>,
+) -> Result<Vec<f32>> {
+    let mut order: Vec<u32> = (0..points.len() as u32).collect();
+    order.sort_unstable_by_key(|&row| points[row as usize]);
+    let ascending: Vec<u32> = order.iter().map(|&row| points[row as usize]).collect();
+    let computed = compute(&ascending)?;
+    let mut values = vec![0.0; computed.len()];
+    for (row, source) in order.iter().zip(computed.chunks_exact(size.max(1))) {
+        values[*row as usize * size..(*row as usize + 1) * size].copy_from_slice(source);
+    }
+    Ok(values)
 }
 
 /// Weights of every receiver over the reference points, which are some of the receivers, ascending.

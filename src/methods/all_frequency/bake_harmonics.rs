@@ -14,7 +14,7 @@ use crate::light::harmonics::coefficients;
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::methods::baked_in::{Stored, relative};
 use crate::methods::components::coding::{Radiosities, code};
-use crate::methods::references::{spacing, spacing_of, spatial_error};
+use crate::methods::references::{in_ascending_order, spacing, spacing_of, spatial_error};
 use crate::methods::stage::{GROUP, Stage, parts};
 use crate::progress::{Progress, Silent};
 use crate::transport::gather::NearField;
@@ -45,19 +45,13 @@ struct AtReferences {
 }
 
 impl AtReferences {
-    fn new(work: &Work, points: &[u32], rows: &IrradianceRows, progress: &dyn Progress) -> Self {
-        let mut order: Vec<u32> = (0..points.len() as u32).collect();
-        order.sort_unstable_by_key(|&row| points[row as usize]);
-        let chosen: Vec<u32> = order.iter().map(|&row| points[row as usize]).collect();
-        let receivers = work.stage.receivers.only(&chosen, GROUP);
-        let areas = vec![1.0; receivers.len()];
-        let sorted = work.transfer.towards(&receivers, &areas).radiosity(rows, progress);
-        let size = 3 * rows.lights;
-        let mut values = vec![0.0; sorted.values.len()];
-        for (row, source) in order.iter().zip(sorted.values.chunks_exact(size.max(1))) {
-            values[*row as usize * size..(*row as usize + 1) * size].copy_from_slice(source);
-        }
-        Self { functions: rows.lights, values }
+    fn new(work: &Work, points: &[u32], rows: &IrradianceRows, progress: &dyn Progress) -> Result<Self> {
+        let values = in_ascending_order(points, 3 * rows.lights, |ascending| {
+            let receivers = work.stage.receivers.only(ascending, GROUP);
+            let areas = vec![1.0; receivers.len()];
+            Ok(work.transfer.towards(&receivers, &areas).radiosity(rows, progress).values)
+        })?;
+        Ok(Self { functions: rows.lights, values })
     }
 
     /// Radiosity at the points under a light, from the first `order^2` harmonics.
@@ -95,7 +89,7 @@ pub(super) fn harmonics(
         None => needed(work, progress)?,
     };
     let rows = baker.harmonics(order, progress);
-    let values = AtReferences::new(work, &net.point, &rows, progress);
+    let values = AtReferences::new(work, &net.point, &rows, progress)?;
     progress.start("coding", 0);
     let mut units = vec![OTHER_BANDS; order * order];
     units[0] = 1.0;

@@ -27,9 +27,6 @@ use crate::transport::scene::Scene;
 pub(super) struct Harmonics {
     order: usize,
     transport: Transport,
-    /// Radiosity of the reference points and of the receivers, kept for its memory.
-    references: Vec<[f32; 4]>,
-    gathered: Vec<[f32; 4]>,
 }
 
 impl Harmonics {
@@ -39,7 +36,7 @@ impl Harmonics {
         let coded = [Coded { set: &file.set, tags: tags::SET, shells: 0..1, net: &net }];
         let fold = |basis: Vec<f32>, _| basis.iter().map(|v| f64::from(*v)).collect();
         let transport = Transport::new(&coded, (scene, receivers), file.spacing_mm, fold)?;
-        Ok(Self { order, transport, references: Vec::new(), gathered: Vec::new() })
+        Ok(Self { order, transport })
     }
 
     /// Radiosity of the reference points in the order of the receivers.
@@ -66,9 +63,7 @@ impl Stored for Harmonics {
     }
 
     fn radiosity(&mut self, lit: &Lit, receivers: &Receivers) -> Vec<DVec3> {
-        self.transport.products(lit, &mut self.references);
-        self.transport.weights.apply(&self.references, &mut self.gathered);
-        receivers.expand_rgb(&self.gathered, lit.scale)
+        self.transport.radiosity(lit, receivers)
     }
 
     fn stage(&self) -> &'static str {

@@ -83,6 +83,9 @@ pub(in crate::methods) struct Transport {
     pub(in crate::methods) weights: SharedWeights,
     /// Where they are, mm.
     positions: Vec<DVec3>,
+    /// Radiosity of the reference points and of the receivers, kept for its memory.
+    references: Vec<[f32; 4]>,
+    gathered: Vec<[f32; 4]>,
 }
 
 /// What a column of digits is of.
@@ -166,6 +169,8 @@ impl Transport {
             sets,
             weights: SharedWeights::default(),
             positions: Vec::new(),
+            references: Vec::new(),
+            gathered: Vec::new(),
         };
         let mut order: Vec<u32> = (0..net.point.len() as u32).collect();
         order.sort_unstable_by_key(|&row| net.point[row as usize]);
@@ -250,6 +255,15 @@ impl Transport {
                 }
             }
         });
+    }
+
+    /// Radiosity of every source vertex, RGB, none negative.
+    pub(in crate::methods) fn radiosity(&mut self, lit: &Lit, receivers: &Receivers) -> Vec<DVec3> {
+        let mut references = std::mem::take(&mut self.references);
+        self.products(lit, &mut references);
+        self.weights.apply(&references, &mut self.gathered);
+        self.references = references;
+        receivers.expand_rgb(&self.gathered, lit.scale)
     }
 
     /// Bytes in memory.

@@ -17,7 +17,7 @@ use crate::light::Light;
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::methods::baked_in::relative;
 use crate::methods::components::coding::{Radiosities, code};
-use crate::methods::references::{spacing, spacing_of, spatial_error};
+use crate::methods::references::{in_ascending_order, spacing, spacing_of, spatial_error};
 use crate::methods::sampling::{self, Density};
 use crate::methods::stage::{GROUP, Stage, parts};
 use crate::progress::{Progress, Silent};
@@ -148,19 +148,12 @@ fn at_references(
     points: &[u32],
     progress: &dyn Progress,
 ) -> Result<Vec<f32>> {
-    let mut order: Vec<u32> = (0..points.len() as u32).collect();
-    order.sort_unstable_by_key(|&row| points[row as usize]);
-    let chosen: Vec<u32> = order.iter().map(|&row| points[row as usize]).collect();
-    let receivers = stage.receivers.only(&chosen, GROUP);
-    let areas = vec![1.0; receivers.len()];
-    let transfer = transfer.towards(&receivers, &areas);
-    let sorted = radiosity_of_set(stage, &transfer, &set.lights, receivers.len(), progress)?;
-    let size = 3 * set.lights.count();
-    let mut values = vec![0.0; sorted.len()];
-    for (row, source) in order.iter().zip(sorted.chunks_exact(size)) {
-        values[*row as usize * size..(*row as usize + 1) * size].copy_from_slice(source);
-    }
-    Ok(values)
+    in_ascending_order(points, 3 * set.lights.count(), |ascending| {
+        let receivers = stage.receivers.only(ascending, GROUP);
+        let areas = vec![1.0; receivers.len()];
+        let transfer = transfer.towards(&receivers, &areas);
+        radiosity_of_set(stage, &transfer, &set.lights, receivers.len(), progress)
+    })
 }
 
 /// Radiosities of some shells of a set that has more.

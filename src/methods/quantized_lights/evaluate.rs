@@ -32,7 +32,7 @@ pub(super) fn open(asset: &Arc<Asset>) -> Result<Box<dyn Evaluator>> {
     let transport = sections::transport(&file, &scene, &receivers, &set)?;
     // The basis has taken them in.
     set.interpolator.forget_weights();
-    let components = Components { set, transport, references: Vec::new(), gathered: Vec::new() };
+    let components = Components { set, transport };
     BakedIn::boxed(scene, receivers, file.samples as usize, components)
 }
 
@@ -40,9 +40,6 @@ pub(super) fn open(asset: &Arc<Asset>) -> Result<Box<dyn Evaluator>> {
 pub(super) struct Components {
     set: LightSet,
     transport: Transport,
-    /// Radiosity of the reference points and of the receivers, kept for their memory.
-    references: Vec<[f32; 4]>,
-    gathered: Vec<[f32; 4]>,
 }
 
 impl Stored for Components {
@@ -53,9 +50,7 @@ impl Stored for Components {
     }
 
     fn radiosity(&mut self, lit: &Self::Light, receivers: &Receivers) -> Vec<DVec3> {
-        self.transport.products(lit, &mut self.references);
-        self.transport.weights.apply(&self.references, &mut self.gathered);
-        receivers.expand_rgb(&self.gathered, lit.scale)
+        self.transport.radiosity(lit, receivers)
     }
 
     fn stage(&self) -> &'static str {
