@@ -8,7 +8,7 @@ use crate::error::Result;
 use crate::geometry::bvh::Bvh;
 use crate::light::Light;
 use crate::math::statistics::vertex_error;
-use crate::progress::{Progress, Silent};
+use crate::progress::Progress;
 use crate::transport::scene::Scene;
 use crate::transport::single_scattering::radiance::{DepthSampling, Path, Settings, Share, SingleScattering};
 use crate::transport::single_scattering::{Coefficients, Density, ExitPoint, vertex_points};
@@ -35,8 +35,9 @@ pub trait TowardsEye: Sync {
     /// Radiance towards the eye, outside, RGB.
     fn radiance(&self, seen: &SeenPoint) -> DVec3;
 
-    /// Ways from a light to a pixel that are followed for each pixel, for the cost; none where values are looked up.
-    fn paths_per_pixel(&self) -> u64;
+    /// Ways from a light to a pixel that are followed for each pixel of so many eye rays, for the cost; none where values
+    /// are looked up.
+    fn paths_per_pixel(&self, eye_rays: u32) -> u64;
 }
 
 /// Which phase function.
@@ -63,8 +64,8 @@ pub const DIRECTIONS_PER_SAMPLE: u32 = 16;
 /// Vertices that measure the noise.
 const PROBES: usize = 192;
 
-/// Keys of the second answer that tells the noise of the first.
-const OTHER_KEYS: u64 = 1 << 40;
+/// Keys of the two answers that tell the noise of a third.
+const HALVES: [u64; 2] = [1 << 40, 2 << 40];
 
 /// What rays are cast in.
 #[derive(Clone, Copy)]
@@ -126,12 +127,12 @@ impl Traced {
                 self.samples.saturating_mul(DIRECTIONS_PER_SAMPLE)
             }
         };
-        let paths_per_pixel = lit.lights.iter().map(|light| u64::from(of(light))).sum();
-        Ok(Box::new(TracedTowardsEye { single: self.prepared(lit)?, paths_per_pixel }))
+        let paths_of_lights = lit.lights.iter().map(of).collect();
+        Ok(Box::new(TracedTowardsEye { single: self.prepared(lit)?, paths_of_lights }))
     }
 
-    /// Enters the noise into a ledger: the difference between the answer and one from half as many samples and other random
-    /// numbers, on some vertices. It is not below the noise, whether that falls with the number of samples or with its root.
+    /// Enters the noise into a ledger: half the difference of two answers with half of the samples and random numbers of their
+    /// own, on some vertices. Random errors fall with the root of the number of samples or faster, so it is not below the noise.
     ///
     /// # Errors
     /// As [`SingleScattering::new`].
@@ -142,29 +143,27 @@ impl Traced {
         let chosen = || (step / 2..all).step_by(step);
         let areas: Vec<f64> = chosen().map(|p| places.areas_mm2[p]).collect();
         let per_vertex = self.is_per_vertex(lit.scene);
-        let values = |traced: Self, keys: u64| -> Result<Vec<DVec3>> {
-            let points: Vec<(u64, ExitPoint)> = chosen().map(|p| places.points[p]).map(|(k, p)| (k + keys, p)).collect();
-            let single = traced.prepared(lit)?;
-            if per_vertex {
-                return Ok(single.per_numbered_points(&points, &Silent));
-            }
-            // Half way to the horizon, where directions inside are as oblique as outside.
-            let aslant = |n: DVec3| (n + n.any_orthonormal_vector()).normalize_or_zero();
-            let of = |(key, p): &(u64, ExitPoint)| single.radiance(p, aslant(p.normal), Path::Refracted, *key);
-            Ok(points.par_iter().map(of).collect())
-        };
-        let ours = values(self, 0)?;
-        let other = values(Self { samples: (self.samples / 2).max(1), ..self }, OTHER_KEYS)?;
+        let single = Self { samples: (self.samples / 2).max(1), ..self }.prepared(lit)?;
+        // Half way to the horizon, where directions inside are as oblique as outside.
+        let aslant = |n: DVec3| (n + n.any_orthonormal_vector()).normalize_or_zero();
+        let [one, other] = HALVES.map(|keys| -> Vec<DVec3> {
+            let of = |(key, p): (u64, ExitPoint)| match per_vertex {
+                true => single.per_point(&p, key + keys),
+                false => single.radiance(&p, aslant(p.normal), Path::Refracted, key + keys),
+            };
+            chosen().collect::<Vec<_>>().into_par_iter().map(|p| of(places.points[p])).collect()
+        });
+        let mean: Vec<DVec3> = one.iter().zip(&other).map(|(a, b)| 0.5 * (*a + *b)).collect();
         let towards = if per_vertex { "" } else { ", towards an eye" };
-        let note = format!("against half as many samples of other places, relative to single scattering alone{towards}");
-        ledger.add("single scattering", vertex_error(&other, &ours, &areas), note);
+        let note = format!("noise, from two halves of the samples, relative to single scattering alone{towards}");
+        ledger.add("single scattering", vertex_error(&one, &mean, &areas), note);
         Ok(())
     }
 }
 
 struct TracedTowardsEye<'a> {
     single: SingleScattering<'a>,
-    paths_per_pixel: u64,
+    paths_of_lights: Vec<u32>,
 }
 
 impl TowardsEye for TracedTowardsEye<'_> {
@@ -172,8 +171,10 @@ impl TowardsEye for TracedTowardsEye<'_> {
         self.single.share_of_radiance(&seen.exit, seen.to_eye, Path::Refracted, seen.key, seen.share)
     }
 
-    fn paths_per_pixel(&self) -> u64 {
-        self.paths_per_pixel
+    fn paths_per_pixel(&self, eye_rays: u32) -> u64 {
+        // Every eye ray has as many.
+        let of = |paths: &u32| u64::from(*paths).next_multiple_of(u64::from(eye_rays.max(1)));
+        self.paths_of_lights.iter().map(of).sum()
     }
 }
 
