@@ -10,7 +10,7 @@ use std::f64::consts::{FRAC_1_PI, PI, TAU};
 
 use common::Folder;
 use glam::DVec3;
-use in_memory::{medium, vertex_areas};
+use in_memory::vertex_areas;
 use translux::evaluate::Evaluator;
 use translux::geometry::mesh::Scale;
 use translux::geometry::shapes;
@@ -71,12 +71,20 @@ fn a_slab_has_the_closed_form_of_the_half_space() {
     folder.obj("slab.obj", &shapes::cuboid(DVec3::new(300.0, 60.0, 300.0), 4));
     for eta in [1.0, 1.3, 1.5] {
         let medium = format!("--unit mm --sigma-s 1,2,0.5 --sigma-a 0 --eta {eta} --samples 500");
-        folder.run(&format!("reference slab.obj {medium} {ISOTROPIC} --light constant -q --no-measure -o {eta}.ply")).ok();
+        folder
+            .run(&format!(
+                "reference slab.obj {medium} {ISOTROPIC} --light constant:radiance=1 -q --no-measure -o {eta}.ply"
+            ))
+            .ok();
         let name = format!("{eta}.ply");
         let (at, s) = (folder.positions(&name), folder.triples(&name, S));
         let top = at.iter().position(|p| *p == DVec3::new(0.0, 30.0, 0.0)).unwrap();
         let expected = closed_s_over_pi(eta);
-        println!("eta {eta}: s/pi {:.5} closed {expected:.5} albedo {:.5}", s[top] / PI, half_space(eta).albedo(Form::Physical));
+        println!(
+            "eta {eta}: s/pi {:.5} closed {expected:.5} albedo {:.5}",
+            s[top] / PI,
+            half_space(eta).albedo(Form::Physical)
+        );
         assert!((s[top] / PI / expected - 1.0).abs().max_element() < 0.02, "{eta}: {} {expected}", s[top] / PI);
     }
     // At 1.3 the eye that looks straight down sees 6 % less than the mean of all eyes, which is the albedo.
@@ -87,7 +95,8 @@ fn a_slab_has_the_closed_form_of_the_half_space() {
 fn off_by_default_and_beside_the_radiosity() {
     let folder = Folder::new();
     folder.obj("head.obj", &shapes::bumpy_head(10.0, 3));
-    let line = "reference head.obj --unit mm --material skin1 --samples 1000 --light directional:from=0,1,0 -q";
+    let line =
+        "reference head.obj --unit mm --material skin1 --samples 1000 --light directional:from=0,1,0:irradiance=3 -q";
     folder.run(&format!("{line} --no-measure -o plain.ply")).ok();
     folder.run(&format!("{line} --no-measure --set single-scattering=off -o off.ply")).ok();
     let report = folder.run(&format!("{line} {ISOTROPIC} --json -o both.ply")).ok().json();
@@ -118,7 +127,7 @@ fn off_by_default_and_beside_the_radiosity() {
 fn the_same_bytes_on_any_number_of_threads_and_none_of_it_from_the_mesh() {
     let folder = Folder::new();
     folder.obj("head.obj", &shapes::bumpy_head(10.0, 3));
-    folder.run(&format!("bake head.obj --unit mm --material skin1 --method reference --samples 1000 {ISOTROPIC} --set single-samples=32 -o a.tlux -q")).ok();
+    folder.run(&format!("bake head.obj --unit mm --material skin1 --method reference --samples 1000 {ISOTROPIC} --set single-samples=8 -o a.tlux -q")).ok();
     std::fs::remove_file(folder.path("head.obj")).unwrap();
     let lights = "--light constant:radiance=0.2 --light point:at=0,20,20:intensity=900 --light area:at=0,30,0:normal=0,-1,0:size=9,9:radiance=3 --light sky";
     for threads in [1, 2, 3] {
@@ -142,13 +151,13 @@ fn the_same_bytes_on_any_number_of_threads_and_none_of_it_from_the_mesh() {
     folder.run("compare 1.exr 2.exr").ok();
 }
 
-/// A ball that is many mean free paths thick, seen from far away: the mean over its disc of a layer is `Int L 2 mu dmu`.
+/// A ball that is a thousand mean free paths thick, seen from far away: the mean over its disc of a layer is `Int L 2 mu dmu`.
 fn disc(evaluator: &dyn Evaluator, exitance: Exitance, exit_fresnel: ExitFresnel) -> (Frame, DVec3) {
     let view = RenderSettings {
         specular: Specular::Off,
         exit_fresnel,
         samples_per_pixel: 8,
-        ..rendering::settings(rendering::camera([0.0, 0.0, 2e5], 0.06), rendering::size(64, 64))
+        ..rendering::settings(rendering::camera([0.0, 0.0, 2e5], 0.6), rendering::size(64, 64))
     };
     let frame = render(evaluator, exitance, &[], &view, &Silent).unwrap();
     let (mut sum, mut covered) = (DVec3::ZERO, 0.0);
@@ -162,7 +171,7 @@ fn disc(evaluator: &dyn Evaluator, exitance: Exitance, exit_fresnel: ExitFresnel
 #[test]
 fn in_a_furnace_the_picture_of_a_ball_has_the_albedo() {
     for (eta, albedo) in [(1.3, 0.078), (1.5, 0.052)] {
-        let ball = with(shapes::icosphere(100.0, 6), clear(eta, 0.0));
+        let ball = with(shapes::icosphere(1000.0, 6), clear(eta, 0.0));
         let mut evaluator = reference(ball, &[("single-scattering", "isotropic"), ("single-samples", "16")]);
         evaluator.set_lights(vec![Light::constant(DVec3::ONE).unwrap()], &Silent).unwrap();
         let black = vec![DVec3::ZERO; evaluator.scene().mesh.local_mm.len()];
@@ -179,7 +188,7 @@ fn in_a_furnace_the_picture_of_a_ball_has_the_albedo() {
 
 #[test]
 fn values_of_vertices_leave_as_they_were_made() {
-    let scene = with(shapes::icosphere(100.0, 5), clear(1.3, 0.0));
+    let scene = with(shapes::icosphere(1000.0, 5), clear(1.3, 0.0));
     let evaluator = reference(scene, &[]);
     assert!(evaluator.towards_eye().unwrap().is_none());
     let count = evaluator.scene().mesh.local_mm.len();
@@ -194,7 +203,7 @@ fn values_of_vertices_leave_as_they_were_made() {
         let expected = transmittance(1.3, 1.0) / (PI * diffuse_transmittance(1.3));
         assert!((f64::from(middle) / expected - 1.0).abs() < 1e-3, "{middle} {expected}");
     }
-    let settings = rendering::settings(rendering::camera([0.0, 0.0, 400.0], 40.0), rendering::size(8, 8));
+    let settings = rendering::settings(rendering::camera([0.0, 0.0, 4000.0], 40.0), rendering::size(8, 8));
     for bad in [vec![DVec3::ONE; count - 1], vec![DVec3::NAN; count]] {
         let exitance = Exitance { radiosity: &black, single: Single::PerVertex(&bad) };
         let error = render(evaluator.as_ref(), exitance, &[], &settings, &Silent).unwrap_err();
@@ -215,7 +224,10 @@ fn an_eye_sees_the_phase_function_along_its_refracted_direction() {
     assert!(evaluator.single_scattering(&Silent).unwrap().is_none());
     let black = vec![DVec3::ZERO; evaluator.scene().mesh.local_mm.len()];
     for at in [[0.0, 4000.0, 1.0], [3000.0, 3000.0, 0.0], [-3000.0, 1500.0, 0.0], [500.0, 600.0, -4000.0]] {
-        let view = RenderSettings { specular: Specular::Off, ..rendering::settings(rendering::camera(at, 0.5), rendering::size(8, 8)) };
+        let view = RenderSettings {
+            specular: Specular::Off,
+            ..rendering::settings(rendering::camera(at, 0.5), rendering::size(8, 8))
+        };
         let eye = evaluator.towards_eye().unwrap().unwrap();
         let exitance = Exitance { radiosity: &black, single: Single::TowardsEye(eye.as_ref()) };
         let frame = render(evaluator.as_ref(), exitance, &[], &view, &Silent).unwrap();
@@ -237,7 +249,7 @@ fn an_eye_sees_the_phase_function_along_its_refracted_direction() {
 
 #[test]
 fn the_noise_is_not_above_what_is_stated() {
-    let scene = in_memory::scene(shapes::bumpy_head(1.0, 3), Scale::DiagonalMm(20.0), "skin1");
+    let scene = in_memory::scene(shapes::bumpy_head(1.0, 2), Scale::DiagonalMm(20.0), "skin1");
     let lights = [
         Light::constant(DVec3::ONE).unwrap(),
         Light::directional(DVec3::new(0.3, 0.8, 0.5), DVec3::ONE).unwrap(),
@@ -253,7 +265,7 @@ fn the_noise_is_not_above_what_is_stated() {
             let ledger = evaluator.measured_error(&[], &Silent).unwrap();
             (values, ledger.entries.iter().find(|e| e.stage == "single scattering").unwrap().error.rms)
         };
-        let ((coarse, stated), (fine, _)) = (of("8"), of("256"));
+        let ((coarse, stated), (fine, _)) = (of("8"), of("128"));
         let found = vertex_error(&coarse, &fine, &vertex_areas(&scene)).rms;
         println!("{light}: {found:.4} stated {stated:.4}");
         // The stated one is itself a figure from some vertices.
@@ -271,7 +283,6 @@ fn welded_vertices_are_equal_and_those_without_area_are_zero() {
     model.triangles[0][0] = duplicate;
     model.positions.push(DVec3::new(0.0, 1.0, 0.0));
     let scene = with(model, clear(1.3, 0.0));
-    assert_eq!(medium("marble").name, "marble");
     let mut evaluator = reference(scene, &[("single-scattering", "isotropic"), ("single-samples", "4")]);
     evaluator.set_lights(vec![Light::constant(DVec3::ONE).unwrap()], &Silent).unwrap();
     let s = evaluator.single_scattering(&Silent).unwrap().unwrap();

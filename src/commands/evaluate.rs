@@ -158,7 +158,9 @@ fn single_scattering(evaluator: &mut dyn Evaluator, console: &Console) -> Result
             console.note(&format!("single scattering of {} vertices: {took}", values.len()));
         }
         None if evaluator.towards_eye()?.is_some() => {
-            console.note("single scattering depends on the eye here (g is not 0): it is in pictures, and not in this file");
+            console.note(
+                "single scattering depends on the eye here (g is not 0): it is in pictures, and not in this file",
+            );
         }
         None => {}
     }

@@ -20,7 +20,8 @@ use crate::render::camera_text::CameraSpec;
 use crate::render::exit::ExitFresnel;
 use crate::render::film::{ColourType, Exposure, PngBackground, to_exr, to_png};
 use crate::render::frame::{
-    DEFAULT_SAMPLES_PER_PIXEL, Frame, MAX_SAMPLES_PER_PIXEL, RenderSettings, SingleLayer, Specular, memory_bytes, render,
+    DEFAULT_SAMPLES_PER_PIXEL, Frame, MAX_SAMPLES_PER_PIXEL, RenderSettings, SingleLayer, Specular, memory_bytes,
+    render,
 };
 use crate::render::single::{Exitance, Single};
 use crate::render::specular::Roughness;
@@ -302,11 +303,6 @@ fn attributes(result: &RenderReport, scene: &Scene, sources: &[Input]) -> Vec<(S
         ExitFresnel::Normalised => "normalised",
         ExitFresnel::Paper => "paper",
     };
-    let single = match result.single_scattering {
-        SingleLayer::None => "none",
-        SingleLayer::PerVertex => "along the inverse normal of the vertices",
-        SingleLayer::TowardsEye => "along the refracted direction of the eye",
-    };
     let joined = |texts: Vec<String>| texts.join("; ");
     let hashed = |inputs: &[Input]| joined(inputs.iter().map(|i| format!("{} blake3 {}", i.name, i.blake3)).collect());
     let mut all = vec![
@@ -320,10 +316,16 @@ fn attributes(result: &RenderReport, scene: &Scene, sources: &[Input]) -> Vec<(S
         ("samplesPerPixel", result.samples_per_pixel.to_string()),
         ("exitFresnel", exit_fresnel.to_owned()),
         ("roughness", result.roughness.map_or_else(|| "no specular reflection".to_owned(), |r| r.to_string())),
-        ("singleScattering", single.to_owned()),
         ("background", result.background.clone()),
         ("units", "radiance: linear sRGB; depth: mm along the viewing axis, infinite beside the object".to_owned()),
     ];
+    match result.single_scattering {
+        SingleLayer::None => {}
+        SingleLayer::PerVertex => all.push(("singleScattering", "along the inverse normal of the vertices".to_owned())),
+        SingleLayer::TowardsEye => {
+            all.push(("singleScattering", "along the refracted direction of the eye".to_owned()));
+        }
+    }
     for (name, inputs) in [("bakedFrom", sources), ("environments", &result.inputs)] {
         if !inputs.is_empty() {
             all.push((name, hashed(inputs)));

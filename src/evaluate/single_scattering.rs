@@ -155,7 +155,9 @@ impl Traced {
         });
         let mean: Vec<DVec3> = one.iter().zip(&other).map(|(a, b)| 0.5 * (*a + *b)).collect();
         let towards = if per_vertex { "" } else { ", towards an eye" };
-        let note = format!("noise, from two halves of the samples, relative to single scattering alone{towards}");
+        let note = format!(
+            "noise, from two halves of the samples, relative to single scattering alone{towards}; more --set single-samples lower it"
+        );
         ledger.add("single scattering", vertex_error(&one, &mean, &areas), note);
         Ok(())
     }

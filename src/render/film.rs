@@ -191,7 +191,8 @@ pub enum ColourType {
 impl ColourType {
     /// Pixels with a colour that is cut.
     pub fn cut_pixels(self, frame: &Frame) -> usize {
-        let beyond = |p: &&Pixel| [p.beauty, p.diffuse, p.single, p.specular].as_flattened().iter().any(|c| c.abs() > MAX_HALF);
+        let beyond =
+            |p: &&Pixel| [p.beauty, p.diffuse, p.single, p.specular].as_flattened().iter().any(|c| c.abs() > MAX_HALF);
         match self {
             Self::Half => frame.pixels.iter().filter(beyond).count(),
             Self::Float => 0,
@@ -348,6 +349,23 @@ mod tests {
         shiny.specular = [0.125, 0.0, 0.0];
         let bytes = raw(&to_png(&frame(1, vec![shiny]), 1.0, PngBackground::Transparent).unwrap());
         assert_eq!(bytes, [code(0.5), code(0.25), code(0.25), 128]);
+    }
+
+    #[test]
+    fn single_scattering_is_a_layer_and_is_exposed_with_the_diffuse_one() {
+        let scattered = Pixel { single: [1.5, 0.25, 0.0], ..pixel([0.5; 3], 1.0) };
+        let plain = frame(2, vec![scattered; 2]);
+        let with = Frame { single: SingleLayer::PerVertex, ..plain.clone() };
+        let planes = |f: &Frame| decode_planes(&to_exr(f, ColourType::Half, Vec::new()).unwrap()).unwrap();
+        assert_eq!((planes(&plain).len(), planes(&with).len()), (16, 19));
+        let red = planes(&with).into_iter().find(|p| p.name == "single.R").unwrap();
+        assert_eq!(red.samples, [1.5, 1.5]);
+        assert_eq!(Exposure::Auto.factor(&with), 0.5);
+        let bright = Pixel { single: [7e4; 3], ..pixel([0.5; 3], 1.0) };
+        assert_eq!(ColourType::Half.cut_pixels(&frame(1, vec![bright])), 1);
+        // Transparent pictures show it too.
+        let bytes = raw(&to_png(&with, 0.5, PngBackground::Transparent).unwrap());
+        assert_eq!(bytes[..4], [code(1.0), code(0.375), code(0.25), 255]);
     }
 
     #[test]

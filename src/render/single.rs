@@ -55,7 +55,9 @@ impl Exitance<'_> {
         let check = |name: &str, values: &[DVec3]| {
             if values.len() != vertices {
                 let given = values.len();
-                return Err(Error::runtime(format!("{given} values of {name} for the {vertices} vertices of the mesh")));
+                return Err(Error::runtime(format!(
+                    "{given} values of {name} for the {vertices} vertices of the mesh"
+                )));
             }
             match values.iter().position(|b| !b.is_finite()) {
                 Some(vertex) => Err(Error::runtime(format!("the {name} of vertex {vertex} is {}", values[vertex]))),

@@ -30,9 +30,7 @@ pub(super) fn single_scattering(values: &BTreeMap<String, String>) -> Result<Opt
         "off" => Ok(None),
         "isotropic" => Ok(of(Scattering::Isotropic)),
         "phase" => Ok(of(Scattering::OfMedium)),
-        other => {
-            Err(Error::command_line(format!("--set {}={other}: it is off, isotropic or phase", SINGLE.name)))
-        }
+        other => Err(Error::command_line(format!("--set {}={other}: it is off, isotropic or phase", SINGLE.name))),
     }
 }
 

@@ -187,14 +187,7 @@ impl<'a> SingleScattering<'a> {
     }
 
     /// [`Self::radiance`] by some of its samples, whose mean over all shares with different keys is unbiased.
-    pub fn share_of_radiance(
-        &self,
-        point: &ExitPoint,
-        to_eye: DVec3,
-        path: Path,
-        key: u64,
-        share: Share,
-    ) -> DVec3 {
+    pub fn share_of_radiance(&self, point: &ExitPoint, to_eye: DVec3, path: Path, key: u64, share: Share) -> DVec3 {
         let Some(optics) = self.interior.optics(point.part) else { return DVec3::ZERO };
         let eta = optics.eta_inside_over_outside;
         let Some(mut towards_eye) = refracted(eta, to_eye, point.normal) else { return DVec3::ZERO };
