@@ -109,6 +109,7 @@ fn off_by_default_and_beside_the_radiosity() {
     let entries = report["measured"]["entries"].as_array().unwrap();
     let noise = entries.iter().find(|e| e["stage"] == "single scattering").unwrap()["error"]["rms"].as_f64().unwrap();
     assert!(noise > 1e-5 && noise < 0.05, "{noise}");
+    folder.run(&format!("{line} {ISOTROPIC} --set single-samples=1 -o one.ply")).ok();
     // Quantities are compared one by one.
     folder.run("compare both.ply both.ply").ok();
     folder.run(&format!("{line} {ISOTROPIC} --set single-samples=2 --no-measure -o coarse.ply")).ok();
@@ -139,6 +140,10 @@ fn the_same_bytes_on_any_number_of_threads_and_none_of_it_from_the_mesh() {
             assert_eq!(folder.read(&format!("1.{suffix}")), folder.read(&format!("{threads}.{suffix}")), "{suffix}");
         }
     }
+    let report = folder.run(&format!("render a.tlux {lights} -q --json --resolution 8x8 -o x.exr")).ok().json();
+    assert_eq!(report["single_scattering"], "towards-eye");
+    // 8 for the point, 16 times as many for each of the others; 16 eye rays have one each at least.
+    assert_eq!(report["single_scattering_paths"], 16 + 3 * 128);
     let planes = read_exr_channels(&folder.path("1.exr")).unwrap();
     let plane = |name: &str| &planes.iter().find(|p| p.name == name).unwrap().samples;
     assert!(plane("single.G").iter().sum::<f32>() > 0.0);

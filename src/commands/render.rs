@@ -115,6 +115,9 @@ pub(super) struct RenderReport {
     /// None: no specular reflection.
     roughness: Option<Roughness>,
     single_scattering: SingleLayer,
+    /// Ways of light that were followed for each covered pixel.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    single_scattering_paths: Option<u64>,
     exr_type: ColourType,
     /// As asked for, and the factor that it became; PNG only.
     exposure: String,
@@ -215,8 +218,9 @@ pub(super) fn finish(
         settings.white = picture.exposure.white(evaluator, exitance, &settings)?;
     }
     let frame = render(evaluator, exitance, &lights.lights, &settings, console)?;
-    if let Some(eye) = &towards_eye {
-        console.note(&cost_of_single(&frame, eye.paths_per_pixel(settings.samples_per_pixel)));
+    let single_scattering_paths = towards_eye.as_ref().map(|eye| eye.paths_per_pixel(settings.samples_per_pixel));
+    if let Some(paths) = single_scattering_paths {
+        console.note(&cost_of_single(&frame, paths));
     }
     drop(towards_eye);
     let mut result = RenderReport {
@@ -235,6 +239,7 @@ pub(super) fn finish(
             Specular::Rough(roughness) => Some(roughness),
         },
         single_scattering: frame.single,
+        single_scattering_paths,
         exr_type: picture.colours(),
         exposure: picture.exposure.to_string(),
         exposure_factor: picture.exposure.factor(&frame),

@@ -143,7 +143,8 @@ impl Traced {
         let chosen = || (step / 2..all).step_by(step);
         let areas: Vec<f64> = chosen().map(|p| places.areas_mm2[p]).collect();
         let per_vertex = self.is_per_vertex(lit.scene);
-        let single = Self { samples: (self.samples / 2).max(1), ..self }.prepared(lit)?;
+        let half = (self.samples / 2).max(1);
+        let single = Self { samples: half, ..self }.prepared(lit)?;
         // Half way to the horizon, where directions inside are as oblique as outside.
         let aslant = |n: DVec3| (n + n.any_orthonormal_vector()).normalize_or_zero();
         let [one, other] = HALVES.map(|keys| -> Vec<DVec3> {
@@ -158,7 +159,9 @@ impl Traced {
         let note = format!(
             "noise, from two halves of the samples, relative to single scattering alone{towards}; more --set single-samples lower it"
         );
-        ledger.add("single scattering", vertex_error(&one, &mean, &areas), note);
+        // A single sample has no half.
+        let factor = (2.0 * f64::from(half) / f64::from(self.samples.max(1))).sqrt().max(1.0);
+        ledger.add("single scattering", vertex_error(&one, &mean, &areas).scaled(factor), note);
         Ok(())
     }
 }
