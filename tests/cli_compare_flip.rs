@@ -119,6 +119,24 @@ fn the_diffuse_layer_counts_where_both_have_it() {
 }
 
 #[test]
+fn single_scattering_is_added_to_the_diffuse_layer_where_both_have_it() {
+    let folder = Folder::new();
+    let dim = slope(1.0);
+    let bright: Pixels = dim.iter().map(|p| p.map(|c| 2.0 * c)).collect();
+    let black = vec![[0.0; 3]; WIDTH * HEIGHT];
+    write(&folder, "a.exr", vec![rgb("", &bright), rgb("diffuse", &dim), rgb("single", &dim)]);
+    write(&folder, "b.exr", vec![rgb("", &bright), rgb("diffuse", &bright), rgb("single", &black)]);
+    write(&folder, "without.exr", vec![rgb("", &bright), rgb("diffuse", &dim)]);
+    let run = |files: &str| folder.run(&format!("compare {files} --metric rms --fail-above 1 --json")).ok();
+    let value = |files: &str| run(files).json()["value"].as_f64().unwrap();
+    assert_eq!(value("a.exr b.exr"), 0.0);
+    assert_eq!(value("a.exr without.exr"), 0.0);
+    assert!(value("b.exr without.exr") > 0.1);
+    let text = folder.run("compare a.exr without.exr --fail-above 1").ok().stderr;
+    assert!(text.contains("a.exr alone has single scattering"), "{text}");
+}
+
+#[test]
 fn covered_pixels_have_a_mean_of_their_own() {
     let folder = Folder::new();
     let (a, b) = (slope(2.0), slope(1.0));

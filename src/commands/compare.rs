@@ -82,6 +82,9 @@ struct CompareReport {
     threshold: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     vertices: Option<VertexError>,
+    /// Of single scattering alone, where both files have it; `vertices` is the worse of this and the radiosity.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    single_scattering: Option<VertexError>,
     #[serde(skip_serializing_if = "Option::is_none")]
     image: Option<ImageError>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -101,6 +104,7 @@ pub(super) fn run(args: &CompareArgs, console: &Console) -> Result<ExitCode> {
         value: None,
         threshold,
         vertices: None,
+        single_scattering: None,
         image: None,
         flip: None,
         assets: None,
@@ -112,8 +116,8 @@ pub(super) fn run(args: &CompareArgs, console: &Console) -> Result<ExitCode> {
                 "{a} and {b}: --metric flip compares pictures; render both to .exr files and compare those"
             )));
         }
-        ("ply", "ply") => compare_ply(&mut result)?,
-        ("exr", "exr") => compare_exr(&mut result)?,
+        ("ply", "ply") => compare_ply(&mut result, console)?,
+        ("exr", "exr") => compare_exr(&mut result, console)?,
         ("tlux", "tlux") => compare_assets(&mut result, console)?,
         _ => {
             let (a, b) = (args.a.display(), args.b.display());
@@ -138,13 +142,18 @@ fn threshold(text: &str) -> Result<f64> {
 
 fn describe(r: &CompareReport) -> String {
     let figures = match (&r.vertices, &r.image) {
-        (Some(v), _) => format!(
-            "RMS {}, bias {}, 99.9th percentile {}, worst vertex {}",
-            percent(v.rms),
-            percent(v.bias),
-            percent(v.p999),
-            percent(v.worst)
-        ),
+        (Some(v), _) => {
+            let single = r.single_scattering.map_or_else(String::new, |s| {
+                format!(" (the worse of radiosity and single scattering, whose RMS is {})", percent(s.rms))
+            });
+            format!(
+                "RMS {}, bias {}, 99.9th percentile {}, worst vertex {}{single}",
+                percent(v.rms),
+                percent(v.bias),
+                percent(v.p999),
+                percent(v.worst)
+            )
+        }
         (_, Some(i)) => {
             flip_text(r.flip.as_ref())
                 + &format!(
@@ -176,7 +185,7 @@ fn flip_text(flip: Option<&FlipReport>) -> String {
     format!("HDR-FLIP {:.4}{covered} at {exposures}, ", flip.mean)
 }
 
-fn compare_ply(result: &mut CompareReport) -> Result<()> {
+fn compare_ply(result: &mut CompareReport, console: &Console) -> Result<()> {
     let (a, b) = (read_ply(&result.a)?, read_ply(&result.b)?);
     if a.vertex_count != b.vertex_count {
         let counts = format!("{} and {} vertices", a.vertex_count, b.vertex_count);
@@ -184,12 +193,23 @@ fn compare_ply(result: &mut CompareReport) -> Result<()> {
     }
     result.equal = a.columns == b.columns && a.triangles == b.triangles;
     let mut worst = compare_triples(&a, &b, ["b_r", "b_g", "b_b"], &result.a, &result.b)?;
-    if a.column("s_r").is_some() && b.column("s_r").is_some() {
-        worst = worst.max(compare_triples(&a, &b, ["s_r", "s_g", "s_b"], &result.a, &result.b)?);
+    if in_both(a.column("s_r").is_some(), b.column("s_r").is_some(), result, console) {
+        let single = compare_triples(&a, &b, ["s_r", "s_g", "s_b"], &result.a, &result.b)?;
+        worst = worst.max(single);
+        result.single_scattering = Some(single);
     }
     result.value = result.metric.of(&worst);
     result.vertices = Some(worst);
     Ok(())
+}
+
+/// Whether single scattering is compared; says so where one file alone has it.
+fn in_both(a: bool, b: bool, result: &CompareReport, console: &Console) -> bool {
+    if a != b {
+        let with = if a { &result.a } else { &result.b };
+        console.note(&format!("{} alone has single scattering, which is not compared", with.display()));
+    }
+    a && b
 }
 
 fn compare_triples(
@@ -239,7 +259,7 @@ fn compare_assets(result: &mut CompareReport, console: &Console) -> Result<()> {
     Ok(())
 }
 
-fn compare_exr(result: &mut CompareReport) -> Result<()> {
+fn compare_exr(result: &mut CompareReport, console: &Console) -> Result<()> {
     let (a, b) = (read_exr_channels(&result.a)?, read_exr_channels(&result.b)?);
     let layer = if find(&a, "diffuse.R").is_some() && find(&b, "diffuse.R").is_some() { "diffuse." } else { "" };
     // The parts of a file may differ in size.
@@ -248,7 +268,13 @@ fn compare_exr(result: &mut CompareReport) -> Result<()> {
         return Err(Error::new(ExitCode::Difference, "the pictures have different sizes"));
     }
     result.equal = a == b;
-    let (picture, reference) = (rgb(&a, layer, &result.a)?, rgb(&b, layer, &result.b)?);
+    let (mut picture, mut reference) = (rgb(&a, layer, &result.a)?, rgb(&b, layer, &result.b)?);
+    let has_single = |planes| find(planes, "single.R").is_some();
+    // The beauty has it anyway.
+    if !layer.is_empty() && in_both(has_single(&a), has_single(&b), result, console) {
+        add(&mut picture, &rgb(&a, "single.", &result.a)?);
+        add(&mut reference, &rgb(&b, "single.", &result.b)?);
+    }
     let covered: Vec<bool> = match (coverage(&a), coverage(&b)) {
         (Some(a), Some(b)) => a.iter().zip(b).map(|(a, b)| *a > 0.0 || *b > 0.0).collect(),
         _ => vec![true; picture.len()],
@@ -286,6 +312,12 @@ fn flip_report(
         pixels_per_degree: settings.pixels_per_degree,
         exposures: found.exposures,
     })
+}
+
+fn add(picture: &mut [[f32; 3]], layer: &[[f32; 3]]) {
+    for (pixel, more) in picture.iter_mut().flatten().zip(layer.as_flattened()) {
+        *pixel += more;
+    }
 }
 
 fn find<'a>(planes: &'a [ExrPlane], name: &str) -> Option<&'a ExrPlane> {

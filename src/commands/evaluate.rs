@@ -1,12 +1,13 @@
 //! `translux evaluate A.tlux --light L -o B.ply`.
 
 use std::path::PathBuf;
+use std::time::Instant;
 
 use clap::Args;
 use glam::DVec3;
 use serde::Serialize;
 
-use super::console::{Console, Strictness, percent};
+use super::console::{Console, Strictness, duration, percent};
 use super::device::DeviceArg;
 use super::lights::{LightArgs, ResolvedLights};
 use super::opened::{AssetArgs, Opened};
@@ -58,6 +59,11 @@ pub(super) struct EvaluationReport {
     pub(super) vertices_without_area: usize,
     pub(super) mean_radiosity: [f64; 3],
     pub(super) max_radiosity: [f64; 3],
+    /// Beside the radiosity, where the method has it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) mean_single_scattering: Option<[f64; 3]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) max_single_scattering: Option<[f64; 3]>,
     pub(super) cost: Cost,
     pub(super) asked_rms: Option<f64>,
     pub(super) measured: Ledger,
@@ -88,13 +94,17 @@ pub(super) fn finish(
 ) -> Result<EvaluationReport> {
     evaluator.set_lights(lights.lights, console)?;
     let radiosity = evaluator.radiosity(console)?;
-    check_range(&radiosity)?;
+    check_range("radiosity", &radiosity)?;
+    let single = single_scattering(evaluator, console)?;
     let ply = console.stage("write", || {
         let scene = evaluator.scene();
         let media: Vec<&str> = scene.media.iter().map(|m| m.name.as_str()).collect();
         let mut comments = vec![format!("translux {method}"), format!("material {}", media.join(", "))];
         comments.extend(lights.text.iter().map(|t| format!("light {t}")));
-        radiosity_ply(scene, &radiosity, comments)
+        if single.is_some() {
+            comments.push("s is single scattering along the inverse normal, b does without it".to_owned());
+        }
+        radiosity_ply(scene, &radiosity, single.as_deref(), comments)
     });
     console.stage("write", || -> Result<()> {
         let bytes = write_ply(&ply)?;
@@ -118,9 +128,8 @@ pub(super) fn finish(
     if without_area > 0 {
         console.note(&format!("{without_area} vertices have no translucent area around them; their radiosity is 0"));
     }
-    let count = radiosity.len().max(1) as f64;
-    let mean = radiosity.iter().sum::<DVec3>() / count;
-    let max = radiosity.iter().fold(DVec3::ZERO, |a, &b| a.max(b));
+    let (mean, max) = mean_and_max(&radiosity);
+    let (mean_single, max_single) = single.as_deref().map(mean_and_max).unzip();
     Ok(EvaluationReport {
         method: method.to_owned(),
         lights: lights.text,
@@ -128,19 +137,46 @@ pub(super) fn finish(
         outputs: outputs.to_vec(),
         vertices: radiosity.len(),
         vertices_without_area: without_area,
-        mean_radiosity: mean.to_array(),
-        max_radiosity: max.to_array(),
+        mean_radiosity: mean,
+        max_radiosity: max,
+        mean_single_scattering: mean_single,
+        max_single_scattering: max_single,
         cost: evaluator.cost(),
         asked_rms,
         measured,
     })
 }
 
+/// Single scattering of each vertex, where there is any; says what it took.
+fn single_scattering(evaluator: &mut dyn Evaluator, console: &Console) -> Result<Option<Vec<DVec3>>> {
+    let started = Instant::now();
+    let single = evaluator.single_scattering(console)?;
+    match &single {
+        Some(values) => {
+            check_range("single scattering", values)?;
+            let took = duration(started.elapsed().as_secs_f64());
+            console.note(&format!("single scattering of {} vertices: {took}", values.len()));
+        }
+        None if evaluator.towards_eye()?.is_some() => {
+            console.note(
+                "single scattering depends on the eye here (g is not 0): it is in pictures, and not in this file",
+            );
+        }
+        None => {}
+    }
+    Ok(single)
+}
+
+fn mean_and_max(values: &[DVec3]) -> ([f64; 3], [f64; 3]) {
+    let mean = values.iter().sum::<DVec3>() / values.len().max(1) as f64;
+    (mean.to_array(), values.iter().fold(DVec3::ZERO, |a, &b| a.max(b)).to_array())
+}
+
 /// Refuses what a 32-bit file cannot hold; sums beyond its range may have become NaN on the way.
-fn check_range(radiosity: &[DVec3]) -> Result<()> {
-    match radiosity.iter().position(|b| !b.as_vec3().is_finite()) {
+fn check_range(quantity: &str, values: &[DVec3]) -> Result<()> {
+    match values.iter().position(|b| !b.as_vec3().is_finite()) {
         Some(v) => Err(Error::runtime(format!(
-            "the radiosity of vertex {v} is beyond 32-bit floats: a light is too bright, or too near a surface; \
+            "the {quantity} of vertex {v} is beyond 32-bit floats: a light is too bright, or too near a surface; \
              scale the lights down or move them"
         ))),
         None => Ok(()),
@@ -179,14 +215,23 @@ fn without_area(scene: &Scene) -> usize {
     used.iter().filter(|u| !**u).count()
 }
 
-/// The PLY of per-vertex radiosity.
-pub(super) fn radiosity_ply(scene: &Scene, radiosity: &[DVec3], comments: Vec<String>) -> RadiosityPly {
-    let b: Vec<[f32; 3]> = radiosity.iter().map(|v| v.as_vec3().to_array()).collect();
+/// The PLY of per-vertex radiosity, and of single scattering that is beside it.
+pub(super) fn radiosity_ply(
+    scene: &Scene,
+    radiosity: &[DVec3],
+    single: Option<&[DVec3]>,
+    comments: Vec<String>,
+) -> RadiosityPly {
+    let narrow = |values: &[DVec3]| -> Vec<[f32; 3]> { values.iter().map(|v| v.as_vec3().to_array()).collect() };
+    let colors = match single {
+        Some(single) => colours(&radiosity.iter().zip(single).map(|(b, s)| *b + *s).collect::<Vec<_>>()),
+        None => colours(radiosity),
+    };
     RadiosityPly {
-        positions: (0..b.len() as u32).map(|v| scene.mesh.position_mm(v).as_vec3().to_array()).collect(),
-        colors: colours(radiosity),
-        b,
-        s: None,
+        positions: (0..radiosity.len() as u32).map(|v| scene.mesh.position_mm(v).as_vec3().to_array()).collect(),
+        colors,
+        b: narrow(radiosity),
+        s: single.map(narrow),
         triangles: scene.mesh.triangles.clone(),
         comments,
     }

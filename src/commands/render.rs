@@ -20,8 +20,10 @@ use crate::render::camera_text::CameraSpec;
 use crate::render::exit::ExitFresnel;
 use crate::render::film::{ColourType, Exposure, PngBackground, to_exr, to_png};
 use crate::render::frame::{
-    DEFAULT_SAMPLES_PER_PIXEL, Frame, MAX_SAMPLES_PER_PIXEL, RenderSettings, Specular, memory_bytes, render,
+    DEFAULT_SAMPLES_PER_PIXEL, Frame, MAX_SAMPLES_PER_PIXEL, RenderSettings, SingleLayer, Specular, memory_bytes,
+    render,
 };
+use crate::render::single::{Exitance, Single};
 use crate::render::specular::Roughness;
 use crate::transport::scene::{Medium, Scene};
 
@@ -112,6 +114,10 @@ pub(super) struct RenderReport {
     background: String,
     /// None: no specular reflection.
     roughness: Option<Roughness>,
+    single_scattering: SingleLayer,
+    /// Ways of light that were followed for each covered pixel.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    single_scattering_paths: Option<u64>,
     exr_type: ColourType,
     /// As asked for, and the factor that it became; PNG only.
     exposure: String,
@@ -199,10 +205,24 @@ pub(super) fn finish(
     evaluator.set_lights(lights.lights.clone(), console)?;
     let radiosity = evaluator.radiosity(console)?;
     let shown = outputs.iter().any(|path| output::suffix(path) == "png");
+    let is_seen = evaluator.towards_eye()?.is_some();
+    let per_vertex = if is_seen { None } else { evaluator.single_scattering(console)? };
+    let towards_eye = evaluator.towards_eye()?;
+    let single = match (&towards_eye, &per_vertex) {
+        (Some(eye), _) => Single::TowardsEye(eye.as_ref()),
+        (None, Some(values)) => Single::PerVertex(values),
+        (None, None) => Single::None,
+    };
+    let exitance = Exitance { radiosity: &radiosity, single };
     if shown {
-        settings.white = picture.exposure.white(evaluator, &radiosity, &settings)?;
+        settings.white = picture.exposure.white(evaluator, exitance, &settings)?;
     }
-    let frame = render(evaluator, &radiosity, &lights.lights, &settings, console)?;
+    let frame = render(evaluator, exitance, &lights.lights, &settings, console)?;
+    let single_scattering_paths = towards_eye.as_ref().map(|eye| eye.paths_per_pixel(settings.samples_per_pixel));
+    if let Some(paths) = single_scattering_paths {
+        console.note(&cost_of_single(&frame, paths));
+    }
+    drop(towards_eye);
     let mut result = RenderReport {
         method: method.to_owned(),
         materials: evaluator.scene().media.iter().map(|m| m.name.clone()).collect(),
@@ -218,6 +238,8 @@ pub(super) fn finish(
             Specular::Off => None,
             Specular::Rough(roughness) => Some(roughness),
         },
+        single_scattering: frame.single,
+        single_scattering_paths,
         exr_type: picture.colours(),
         exposure: picture.exposure.to_string(),
         exposure_factor: picture.exposure.factor(&frame),
@@ -230,6 +252,15 @@ pub(super) fn finish(
     explain(&result, &frame, console);
     console.stage("write", || write(&frame, &settings, &result, outputs))?;
     Ok((result, frame))
+}
+
+/// What single scattering towards the eye took, as a number that does not depend on the machine.
+fn cost_of_single(frame: &Frame, paths_per_pixel: u64) -> String {
+    let covered = frame.pixels.iter().filter(|p| p.coverage > 0.0).count() as f64;
+    format!(
+        "single scattering: {paths_per_pixel} paths for each of {covered} pixels, {} million in all, one or two rays each",
+        significant(covered * paths_per_pixel as f64 * 1e-6)
+    )
 }
 
 /// What a person should know about a picture that may not look as expected.
@@ -293,6 +324,13 @@ fn attributes(result: &RenderReport, scene: &Scene, sources: &[Input]) -> Vec<(S
         ("background", result.background.clone()),
         ("units", "radiance: linear sRGB; depth: mm along the viewing axis, infinite beside the object".to_owned()),
     ];
+    match result.single_scattering {
+        SingleLayer::None => {}
+        SingleLayer::PerVertex => all.push(("singleScattering", "along the inverse normal of the vertices".to_owned())),
+        SingleLayer::TowardsEye => {
+            all.push(("singleScattering", "along the refracted direction of the eye".to_owned()));
+        }
+    }
     for (name, inputs) in [("bakedFrom", sources), ("environments", &result.inputs)] {
         if !inputs.is_empty() {
             all.push((name, hashed(inputs)));

@@ -6,6 +6,7 @@ pub mod environment;
 pub mod far_field;
 pub mod sampled;
 pub mod sampling_error;
+pub mod single_scattering;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -178,6 +179,25 @@ pub trait Evaluator: Send {
     /// # Errors
     /// Failures of the work.
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>>;
+
+    /// Single scattering of every source vertex along the inverse normal, isotropic, RGB: `s = pi C L1 / F_t(w_o)`, in the
+    /// unit of the radiosity and beside it (never part of it), in its order and with its welds. None where the method or
+    /// the asset has none, or none that an eye would not change.
+    ///
+    /// # Errors
+    /// Failures of the work.
+    fn single_scattering(&mut self, _progress: &dyn Progress) -> Result<Option<Vec<DVec3>>> {
+        Ok(None)
+    }
+
+    /// Single scattering under the lights and media in force as eyes see it, where that is more than
+    /// [`Self::single_scattering`].
+    ///
+    /// # Errors
+    /// Failures of the work.
+    fn towards_eye(&self) -> Result<Option<Box<dyn single_scattering::TowardsEye + '_>>> {
+        Ok(None)
+    }
 
     /// What the evaluator measures of its own error for the lights and media in force, on vertices that no choice saw;
     /// what was tuned for these lights is measured under the `unseen` ones as well.

@@ -8,6 +8,7 @@ use glam::DVec3;
 #[cfg(feature = "gpu")]
 use super::device::{Device, DeviceEvaluator, sampled::SampledOnDevice};
 use super::sampling_error::{Sampled, receiver_areas};
+use super::single_scattering::{LitScene, TowardsEye, Traced};
 use super::{Capabilities, Cost, Evaluator, MaterialEdit};
 use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
@@ -107,6 +108,7 @@ pub struct SampledEvaluator {
     lights: Vec<Light>,
     irradiance: Option<(Vec<DVec3>, Pieces)>,
     limit: Option<f64>,
+    single: Option<Traced>,
 }
 
 impl SampledEvaluator {
@@ -129,7 +131,18 @@ impl SampledEvaluator {
             lights: Vec::new(),
             irradiance: None,
             limit: None,
+            single: None,
         }
+    }
+
+    /// The same with single scattering by rays.
+    #[must_use]
+    pub fn with_single_scattering(self, single: Option<Traced>) -> Self {
+        Self { single, ..self }
+    }
+
+    fn lit_scene(&self) -> LitScene<'_> {
+        LitScene { scene: &self.scene, bvh: &self.bvh, lights: &self.lights }
     }
 
     /// The samples and what is known of them.
@@ -314,6 +327,14 @@ impl Evaluator for SampledEvaluator {
         Ok(self.receivers.expand(&values))
     }
 
+    fn single_scattering(&mut self, progress: &dyn Progress) -> Result<Option<Vec<DVec3>>> {
+        self.single.map_or(Ok(None), |single| single.per_vertex(self.lit_scene(), progress))
+    }
+
+    fn towards_eye(&self) -> Result<Option<Box<dyn TowardsEye + '_>>> {
+        self.single.map(|single| single.towards_eye(self.lit_scene())).transpose()
+    }
+
     fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {
         self.irradiance(progress)?;
         let mut ledger = Ledger::default();
@@ -329,6 +350,9 @@ impl Evaluator for SampledEvaluator {
             areas: &self.areas,
         };
         sampled.enter(&mut ledger, progress)?;
+        if let Some(single) = self.single {
+            single.enter_noise(self.lit_scene(), &mut ledger)?;
+        }
         let Some(mut error) = self.hierarchy_error(irradiance) else { return Ok(ledger) };
         for light in unseen {
             let (irradiance, _) =

@@ -9,10 +9,12 @@ use super::frame::{EMPTY, Pixel, RenderSettings, Specular};
 use super::glossy_lights::{GlossyLights, Place, ShadowRays};
 use super::normals::ShadingNormals;
 use super::pixel_samples::{PixelSamples, Stream};
+use super::single::{Exitance, EyeRay, SingleRadiance, Spot};
 use super::specular::Ggx;
 use crate::geometry::bvh::{Bvh, Hit, Ray};
 use crate::light::Light;
 use crate::transport::scene::Scene;
+use crate::transport::single_scattering::ExitPoint;
 
 /// Side of a tile in pixels.
 pub(super) const TILE: usize = 16;
@@ -43,6 +45,7 @@ impl Counts {
 #[derive(Default)]
 struct Sum {
     diffuse: DVec3,
+    single: DVec3,
     specular: DVec3,
     background: DVec3,
     glare: DVec3,
@@ -68,8 +71,9 @@ impl Sum {
         }
         let most = self.parts.iter().max_by_key(|(part, hits)| (*hits, std::cmp::Reverse(*part)));
         Pixel {
-            beauty: narrow((self.diffuse + self.specular + self.background) * share),
+            beauty: narrow((self.diffuse + self.single + self.specular + self.background) * share),
             diffuse: narrow(self.diffuse * share),
+            single: narrow(self.single * share),
             specular: narrow(self.specular * share),
             glare: narrow(self.glare * share),
             normal: narrow(self.normal.normalize_or_zero()),
@@ -98,6 +102,7 @@ pub(super) struct Renderer<'a> {
     scene: &'a Scene,
     bvh: &'a Bvh,
     radiosity: &'a [DVec3],
+    single: SingleRadiance<'a>,
     settings: &'a RenderSettings,
     backdrop: Backdrop<'a>,
     lights: GlossyLights,
@@ -133,7 +138,7 @@ impl<'a> Renderer<'a> {
     pub(super) fn new(
         scene: &'a Scene,
         bvh: &'a Bvh,
-        radiosity: &'a [DVec3],
+        exitance: Exitance<'a>,
         lights: &'a [Light],
         settings: &'a RenderSettings,
     ) -> Self {
@@ -149,7 +154,8 @@ impl<'a> Renderer<'a> {
         Self {
             scene,
             bvh,
-            radiosity,
+            radiosity: exitance.radiosity,
+            single: SingleRadiance::new(scene, exitance.single),
             settings,
             backdrop: Backdrop::new(settings.background, lights),
             lights: GlossyLights::new(reflecting, scene.mesh.origin_mm, settings.samples_per_pixel),
@@ -209,13 +215,20 @@ impl<'a> Renderer<'a> {
             } else {
                 None
             };
-            let Some(seen) = hit.and_then(|hit| self.shade(&hit, *direction)) else {
+            let ray = |hit: Hit| {
+                let (x, y) = pixels[index / samples];
+                let pixel = (y * self.settings.resolution.width + x) as u64;
+                let ray = EyeRay { pixel, sample: (index % samples) as u32, of: samples as u32 };
+                self.shade(&hit, *direction, ray)
+            };
+            let Some(seen) = hit.and_then(ray) else {
                 let radiance = self.backdrop.radiance(*direction);
                 sum.background += radiance;
                 sum.glare += (radiance - self.settings.white).max(DVec3::ZERO);
                 continue;
             };
             sum.diffuse += seen.radiance;
+            sum.single += seen.single;
             sum.normal += seen.normal;
             sum.depth_mm += seen.depth_mm;
             sum.hits += 1;
@@ -292,7 +305,7 @@ impl<'a> Renderer<'a> {
         desk.of_place.clear();
     }
 
-    fn shade(&self, hit: &Hit, direction: DVec3) -> Option<Seen> {
+    fn shade(&self, hit: &Hit, direction: DVec3, ray: EyeRay) -> Option<Seen> {
         let Scene { mesh, parts, .. } = self.scene;
         let vertices = *mesh.triangles.get(hit.triangle as usize)?;
         let (u, v) = (f64::from(hit.u), f64::from(hit.v));
@@ -308,6 +321,7 @@ impl<'a> Renderer<'a> {
         let boundary = medium.and_then(|m| self.boundaries.get(m as usize));
         let mut seen = Seen {
             radiance: DVec3::ZERO,
+            single: DVec3::ZERO,
             normal,
             depth_mm: (point - self.eye).dot(self.settings.camera.forward()),
             from_behind: cos_geometric <= 0.0,
@@ -319,12 +333,17 @@ impl<'a> Renderer<'a> {
             let cosine = (-normal.dot(direction)).max(least);
             let radiosity = blend(vertices.map(|v| self.radiosity[v as usize]));
             seen.radiance = radiosity * boundary.exit.per_radiosity(cosine);
+            let to_eye = -direction;
+            let normal = facing(normal, to_eye, least).unwrap_or(geometric);
+            let exit = ExitPoint { at_mm: point, normal, geometric, part };
+            let spot = Spot { hit, vertices, weights, exit, to_eye, cosine, medium: medium.map_or(0, |m| m as usize) };
+            seen.single = self.single.at(&spot, ray);
             seen.place = boundary.ggx.map(|ggx| Place {
                 point,
                 triangle: hit.triangle,
                 geometric,
-                normal: facing(normal, -direction, least).unwrap_or(geometric),
-                to_eye: -direction,
+                normal,
+                to_eye,
                 ggx,
                 lobe: DVec2::ZERO,
                 light: DVec2::ZERO,
@@ -348,6 +367,7 @@ fn facing(normal: DVec3, to_eye: DVec3, least: f64) -> Option<DVec3> {
 /// What an eye ray sees of the object.
 struct Seen {
     radiance: DVec3,
+    single: DVec3,
     normal: DVec3,
     depth_mm: f64,
     from_behind: bool,

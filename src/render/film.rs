@@ -4,9 +4,8 @@ use std::str::FromStr;
 
 use super::background::Background;
 use super::camera::Resolution;
-use super::frame::{Frame, Pixel, RenderSettings, Specular, render};
-use glam::DVec3;
-
+use super::frame::{Frame, Pixel, RenderSettings, SingleLayer, Specular, render};
+use super::single::Exitance;
 use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
 use crate::io::exr_write::{ExrChannel, ExrImage, ExrLayer, MAX_HALF, SampleKind};
@@ -67,7 +66,7 @@ pub enum PngBackground {
 impl Exposure {
     /// The factor on radiance, at least the smallest positive number.
     ///
-    /// Automatic: the reciprocal of the percentile of max(R, G, B) of the diffuse radiance over pixels with any coverage,
+    /// Automatic: the reciprocal of the percentile of max(R, G, B) of the diffuse and singly scattered radiance over pixels with any coverage,
     /// divided by the coverage, so that outlines count like the rest; by nearest rank. 1 where nothing shines.
     pub fn factor(self, frame: &Frame) -> f64 {
         match self {
@@ -80,7 +79,12 @@ impl Exposure {
     ///
     /// # Errors
     /// As [`render`].
-    pub fn white(self, evaluator: &dyn Evaluator, radiosity: &[DVec3], settings: &RenderSettings) -> Result<f64> {
+    pub fn white<'a>(
+        self,
+        evaluator: &dyn Evaluator,
+        exitance: impl Into<Exitance<'a>>,
+        settings: &RenderSettings,
+    ) -> Result<f64> {
         const LONGEST_SIDE: usize = 96;
         let Resolution { width, height } = settings.resolution;
         let side = |n: usize| (n * LONGEST_SIDE).div_ceil(width.max(height).max(1)).clamp(1, n.max(1));
@@ -91,13 +95,13 @@ impl Exposure {
             background: Background::None,
             ..*settings
         };
-        Ok(self.factor(&render(evaluator, radiosity, &[], &small, &Silent)?).recip())
+        Ok(self.factor(&render(evaluator, exitance, &[], &small, &Silent)?).recip())
     }
 }
 
 /// The radiance that becomes white; none where nothing shines.
 fn white(pixels: &[Pixel]) -> Option<f64> {
-    let brightest = |p: &Pixel| f64::from(p.diffuse.into_iter().fold(0.0, f32::max)) / f64::from(p.coverage);
+    let brightest = |p: &Pixel| f64::from(scattered(p).into_iter().fold(0.0, f32::max)) / f64::from(p.coverage);
     let mut values: Vec<f64> = pixels.iter().filter(|p| p.coverage > 0.0).map(brightest).collect();
     let rank = (AUTO_EXPOSURE_PERCENTILE * values.len() as f64).ceil() as usize;
     let index = rank.checked_sub(1)?;
@@ -105,7 +109,7 @@ fn white(pixels: &[Pixel]) -> Option<f64> {
     (*value >= f64::MIN_POSITIVE && value.is_finite()).then_some(*value)
 }
 
-/// An 8-bit sRGB PNG of the beauty without its glare (transparent: of the diffuse and specular radiance, not multiplied by
+/// An 8-bit sRGB PNG of the beauty without its glare (transparent: without the background, not multiplied by
 /// alpha), times `factor`.
 ///
 /// # Errors
@@ -159,12 +163,18 @@ pub fn side_by_side(pictures: &[(Frame, f64)]) -> Result<Frame> {
             }));
         }
     }
-    Ok(Frame { resolution: Resolution::new(width, height)?, pixels, back_facing_share: 0.0 })
+    Ok(Frame { resolution: Resolution::new(width, height)?, pixels, back_facing_share: 0.0, single: SingleLayer::None })
 }
 
 /// Radiance of the object without the background, multiplied by the coverage.
 fn object(p: &Pixel) -> [f32; 3] {
-    std::array::from_fn(|c| (p.diffuse[c] + p.specular[c]).min(f32::MAX))
+    let scattered = scattered(p);
+    std::array::from_fn(|c| (scattered[c] + p.specular[c]).min(f32::MAX))
+}
+
+/// Radiance from inside the object, multiplied by the coverage.
+fn scattered(p: &Pixel) -> [f32; 3] {
+    std::array::from_fn(|c| (p.diffuse[c] + p.single[c]).min(f32::MAX))
 }
 
 /// How the colours of an OpenEXR picture are stored.
@@ -181,7 +191,8 @@ pub enum ColourType {
 impl ColourType {
     /// Pixels with a colour that is cut.
     pub fn cut_pixels(self, frame: &Frame) -> usize {
-        let beyond = |p: &&Pixel| [p.beauty, p.diffuse, p.specular].as_flattened().iter().any(|c| c.abs() > MAX_HALF);
+        let beyond =
+            |p: &&Pixel| [p.beauty, p.diffuse, p.single, p.specular].as_flattened().iter().any(|c| c.abs() > MAX_HALF);
         match self {
             Self::Half => frame.pixels.iter().filter(beyond).count(),
             Self::Float => 0,
@@ -192,7 +203,7 @@ impl ColourType {
 /// An OpenEXR picture of linear radiance, never exposed, with `attributes` (name, text) in its header.
 ///
 /// Layers of colour, stored as asked: the beauty as `R`, `G`, `B` with the coverage as `A`; `diffuse.R`, `.G`, `.B`;
-/// `specular.R`, `.G`, `.B`. Layers of data, always 32 bits (see [`Pixel`]): `normal.X`, `.Y`, `.Z`; `depth.Z` in mm along
+/// `single.R`, `.G`, `.B` if there is single scattering; `specular.R`, `.G`, `.B`. Layers of data, always 32 bits (see [`Pixel`]): `normal.X`, `.Y`, `.Z`; `depth.Z` in mm along
 /// the viewing axis; `coverage.A`; `part.ID`, a whole number.
 ///
 /// # Errors
@@ -214,15 +225,17 @@ pub fn to_exr(frame: &Frame, colours: ColourType, attributes: Vec<(String, Strin
     let rgb = ["R", "G", "B"];
     let mut beauty = triple(rgb, colour, |p| p.beauty);
     beauty.push(channel("A", colour, &|p| p.coverage));
-    let layers = vec![
-        layer("", beauty),
-        layer("diffuse", triple(rgb, colour, |p| p.diffuse)),
+    let mut layers = vec![layer("", beauty), layer("diffuse", triple(rgb, colour, |p| p.diffuse))];
+    if frame.single != SingleLayer::None {
+        layers.push(layer("single", triple(rgb, colour, |p| p.single)));
+    }
+    layers.extend([
         layer("specular", triple(rgb, colour, |p| p.specular)),
         layer("normal", triple(["X", "Y", "Z"], SampleKind::Float, |p| p.normal)),
         layer("depth", vec![channel("Z", SampleKind::Float, &|p| p.depth_mm)]),
         layer("coverage", vec![channel("A", SampleKind::Float, &|p| p.coverage)]),
         layer("part", vec![channel("ID", SampleKind::Whole, &|p| p.part as f32)]),
-    ];
+    ]);
     let Resolution { width, height } = frame.resolution;
     ExrImage { width, height, layers, attributes }.encode()
 }
@@ -237,7 +250,7 @@ mod tests {
 
     fn frame(width: usize, pixels: Vec<Pixel>) -> Frame {
         let resolution = Resolution::new(width, pixels.len() / width).unwrap();
-        Frame { resolution, pixels, back_facing_share: 0.0 }
+        Frame { resolution, pixels, back_facing_share: 0.0, single: SingleLayer::None }
     }
 
     fn pixel(radiance: [f32; 3], coverage: f32) -> Pixel {
@@ -336,6 +349,23 @@ mod tests {
         shiny.specular = [0.125, 0.0, 0.0];
         let bytes = raw(&to_png(&frame(1, vec![shiny]), 1.0, PngBackground::Transparent).unwrap());
         assert_eq!(bytes, [code(0.5), code(0.25), code(0.25), 128]);
+    }
+
+    #[test]
+    fn single_scattering_is_a_layer_and_is_exposed_with_the_diffuse_one() {
+        let scattered = Pixel { single: [1.5, 0.25, 0.0], ..pixel([0.5; 3], 1.0) };
+        let plain = frame(2, vec![scattered; 2]);
+        let with = Frame { single: SingleLayer::PerVertex, ..plain.clone() };
+        let planes = |f: &Frame| decode_planes(&to_exr(f, ColourType::Half, Vec::new()).unwrap()).unwrap();
+        assert_eq!((planes(&plain).len(), planes(&with).len()), (16, 19));
+        let red = planes(&with).into_iter().find(|p| p.name == "single.R").unwrap();
+        assert_eq!(red.samples, [1.5, 1.5]);
+        assert_eq!(Exposure::Auto.factor(&with), 0.5);
+        let bright = Pixel { single: [7e4; 3], ..pixel([0.5; 3], 1.0) };
+        assert_eq!(ColourType::Half.cut_pixels(&frame(1, vec![bright])), 1);
+        // Transparent pictures show it too.
+        let bytes = raw(&to_png(&with, 0.5, PngBackground::Transparent).unwrap());
+        assert_eq!(bytes[..4], [code(1.0), code(0.375), code(0.25), 255]);
     }
 
     #[test]

@@ -1,18 +1,17 @@
 //! Rendering: what a picture is made of, and the way from a lit scene to one.
 
-use glam::DVec3;
 use rayon::prelude::*;
 
 use super::background::Background;
 use super::camera::{Camera, Resolution};
 use super::exit::ExitFresnel;
 use super::eye::{Counts, Renderer, TILE};
+use super::single::{Exitance, Single};
 use super::specular::Roughness;
 use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
 use crate::light::Light;
 use crate::progress::Progress;
-use crate::transport::scene::Scene;
 
 /// Eye rays through a pixel where none are asked for.
 pub const DEFAULT_SAMPLES_PER_PIXEL: u32 = 16;
@@ -82,10 +81,12 @@ impl RenderSettings {
 /// One pixel: means over its eye rays. Colours are linear sRGB radiance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pixel {
-    /// Diffuse and specular radiance where the object is, the background elsewhere.
+    /// Diffuse, singly scattered and specular radiance where the object is, the background elsewhere.
     pub beauty: [f32; 3],
     /// Diffuse radiance, 0 beside the object: multiplied by the coverage, as OpenEXR has it.
     pub diffuse: [f32; 3],
+    /// Singly scattered radiance, likewise.
+    pub single: [f32; 3],
     /// Specular radiance, likewise.
     pub specular: [f32; 3],
     /// The mean of what the specular radiance, or the background, of single eye rays has above white. A highlight thinner
@@ -101,6 +102,19 @@ pub struct Pixel {
     pub part: u32,
 }
 
+/// Where single scattering came from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SingleLayer {
+    /// There is none.
+    #[default]
+    None,
+    /// Values of the vertices.
+    PerVertex,
+    /// Each eye ray's own.
+    TowardsEye,
+}
+
 /// A rendered picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Frame {
@@ -111,36 +125,40 @@ pub struct Frame {
     /// Share of the hits that met a triangle from behind, where nothing shines: the eye is inside, or the mesh is open
     /// or wound inwards.
     pub back_facing_share: f64,
+    /// What [`Pixel::single`] is.
+    pub single: SingleLayer,
 }
 
 /// Bytes that rendering and writing a picture of this size takes at most, beside the scene.
 pub fn memory_bytes(resolution: Resolution) -> u64 {
     // The pixels, a plane for each channel while a file is encoded, and its bytes.
-    resolution.pixels() as u64 * (size_of::<Pixel>() as u64 + 4 * 16 + 2 * 4 * 16)
+    resolution.pixels() as u64 * (size_of::<Pixel>() as u64 + 4 * 19 + 2 * 4 * 19)
 }
 
-/// Renders a scene with the radiosity of its source vertices.
+/// Renders a scene with the radiosity of its source vertices, and single scattering where that is given as well.
 ///
 /// Exit radiance is that of [`super::exit::ExitRadiance`] with the shading normal, for the medium of the part that is hit;
 /// specular reflection that of [`super::specular::Ggx`]: shadowed for directional, point and area lights, unshadowed for
-/// environments and constant lights. Opaque parts, which have no optical properties, and back sides are black.
+/// environments and constant lights. Single scattering leaves at the shading normal too. Opaque parts, which have no optical properties, and back sides are black.
 /// The result does not depend on the number of threads.
 ///
 /// # Errors
 /// A radiosity that is not finite or does not fit the mesh, no samples per pixel or too many (exit 4: a caller's
 /// mistake).
-pub fn render(
+pub fn render<'a>(
     evaluator: &dyn Evaluator,
-    radiosity: &[DVec3],
+    exitance: impl Into<Exitance<'a>>,
     lights: &[Light],
     settings: &RenderSettings,
     progress: &dyn Progress,
 ) -> Result<Frame> {
     let (scene, bvh) = (evaluator.scene(), evaluator.bvh());
-    check(scene, radiosity, settings)?;
+    let exitance = exitance.into();
+    exitance.check(scene)?;
+    check(settings)?;
     let resolution = settings.resolution;
     progress.start("render", resolution.height.div_ceil(TILE) as u64);
-    let renderer = Renderer::new(scene, bvh, radiosity, lights, settings);
+    let renderer = Renderer::new(scene, bvh, exitance, lights, settings);
     let mut pixels = vec![EMPTY; resolution.pixels()];
     let back_facing = pixels
         .par_chunks_mut(TILE * resolution.width)
@@ -152,13 +170,19 @@ pub fn render(
         })
         .reduce(Counts::default, Counts::add);
     progress.finish();
-    Ok(Frame { resolution, pixels, back_facing_share: back_facing.share() })
+    let single = match exitance.single {
+        Single::None => SingleLayer::None,
+        Single::PerVertex(_) => SingleLayer::PerVertex,
+        Single::TowardsEye(_) => SingleLayer::TowardsEye,
+    };
+    Ok(Frame { resolution, pixels, back_facing_share: back_facing.share(), single })
 }
 
 /// Nothing.
 pub(super) const EMPTY: Pixel = Pixel {
     beauty: [0.0; 3],
     diffuse: [0.0; 3],
+    single: [0.0; 3],
     specular: [0.0; 3],
     glare: [0.0; 3],
     normal: [0.0; 3],
@@ -167,15 +191,7 @@ pub(super) const EMPTY: Pixel = Pixel {
     part: 0,
 };
 
-fn check(scene: &Scene, radiosity: &[DVec3], settings: &RenderSettings) -> Result<()> {
-    let vertices = scene.mesh.local_mm.len();
-    if radiosity.len() != vertices {
-        let given = radiosity.len();
-        return Err(Error::runtime(format!("{given} values of radiosity for the {vertices} vertices of the mesh")));
-    }
-    if let Some(vertex) = radiosity.iter().position(|b| !b.is_finite()) {
-        return Err(Error::runtime(format!("the radiosity of vertex {vertex} is {}", radiosity[vertex])));
-    }
+fn check(settings: &RenderSettings) -> Result<()> {
     if !(1..=MAX_SAMPLES_PER_PIXEL).contains(&settings.samples_per_pixel) {
         let asked = settings.samples_per_pixel;
         return Err(Error::command_line(format!(

@@ -11,4 +11,5 @@ mod glossy_lights;
 mod glossy_map;
 pub mod normals;
 mod pixel_samples;
+pub mod single;
 pub mod specular;

@@ -76,7 +76,7 @@ impl Folder {
         self.triples(name, ["x", "y", "z"])
     }
 
-    fn triples(&self, name: &str, columns: [&str; 3]) -> Vec<DVec3> {
+    pub fn triples(&self, name: &str, columns: [&str; 3]) -> Vec<DVec3> {
         let table: PlyVertexTable = read_ply(&self.path(name)).unwrap();
         table.triples(columns).unwrap().into_iter().map(DVec3::from_array).collect()
     }

@@ -12,6 +12,7 @@ use super::{Device, DeviceEvaluator, read_radiosity};
 use crate::compress::ledger::Ledger;
 use crate::error::Result;
 use crate::evaluate::sampled::SampledEvaluator;
+use crate::evaluate::single_scattering::TowardsEye;
 use crate::evaluate::{Capabilities, Cost, Evaluator};
 use crate::geometry::bvh::Bvh;
 use crate::light::Light;
@@ -192,6 +193,14 @@ impl Evaluator for SampledOnDevice {
 
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
         read_radiosity(self, progress)
+    }
+
+    fn single_scattering(&mut self, progress: &dyn Progress) -> Result<Option<Vec<DVec3>>> {
+        self.cpu.single_scattering(progress)
+    }
+
+    fn towards_eye(&self) -> Result<Option<Box<dyn TowardsEye + '_>>> {
+        self.cpu.towards_eye()
     }
 
     fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {

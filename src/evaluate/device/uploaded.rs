@@ -7,6 +7,7 @@ use glam::DVec3;
 use super::{Device, DeviceEvaluator};
 use crate::compress::ledger::Ledger;
 use crate::error::Result;
+use crate::evaluate::single_scattering::TowardsEye;
 use crate::evaluate::{Capabilities, Cost, Evaluator};
 use crate::geometry::bvh::Bvh;
 use crate::light::Light;
@@ -92,6 +93,14 @@ impl Evaluator for Uploaded {
 
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
         self.evaluator.radiosity(progress)
+    }
+
+    fn single_scattering(&mut self, progress: &dyn Progress) -> Result<Option<Vec<DVec3>>> {
+        self.evaluator.single_scattering(progress)
+    }
+
+    fn towards_eye(&self) -> Result<Option<Box<dyn TowardsEye + '_>>> {
+        self.evaluator.towards_eye()
     }
 
     fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {

@@ -21,5 +21,6 @@ pub(super) fn memory(scene: &Scene, settings: &BakeSettings) -> u64 {
 pub(super) fn bake(scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {
     // Refuses values of keys now that would fail when the asset is opened.
     evaluate::plan(&settings.values)?;
+    evaluate::single_scattering(&settings.values)?;
     Ok(sampling::bake(scene, count(scene, settings), progress))
 }

@@ -3,12 +3,14 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use super::{AREA_SIDE, DIRECTIONS, POINTS};
+use super::{AREA_SIDE, DIRECTIONS, POINTS, SINGLE, SINGLE_SAMPLES};
 use crate::asset::Asset;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
 use crate::evaluate::sampled::{Far, Plan, SampledEvaluator};
+use crate::evaluate::single_scattering::{Scattering, Traced};
 use crate::methods::sampling::light_sampling;
+use crate::methods::settings::number;
 use crate::transport::gather::NearField;
 
 /// Receivers of a block: wide, because the kernels are faster on long rows and every sample is seen anyway.
@@ -20,9 +22,22 @@ pub(super) fn plan(values: &BTreeMap<String, String>) -> Result<Plan> {
     Ok(Plan { sampling, near: NearField::REFERENCE, far: Far::AllPairs, group: GROUP })
 }
 
+/// The single scattering that the keys describe.
+pub(super) fn single_scattering(values: &BTreeMap<String, String>) -> Result<Option<Traced>> {
+    let samples = number(values, &SINGLE_SAMPLES, 1..=4096)?;
+    let of = |scattering| Some(Traced { scattering, samples });
+    match values.get(SINGLE.name).map_or(SINGLE.default, String::as_str) {
+        "off" => Ok(None),
+        "isotropic" => Ok(of(Scattering::Isotropic)),
+        "phase" => Ok(of(Scattering::OfMedium)),
+        other => Err(Error::command_line(format!("--set {}={other}: it is off, isotropic or phase", SINGLE.name))),
+    }
+}
+
 pub(super) fn open(asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
-    let plan = plan(&asset.provenance.settings)?;
-    Ok(Box::new(SampledEvaluator::new(asset, plan)))
+    let settings = &asset.provenance.settings;
+    let (plan, single) = (plan(settings)?, single_scattering(settings)?);
+    Ok(Box::new(SampledEvaluator::new(asset, plan).with_single_scattering(single)))
 }
 
 #[cfg(test)]
@@ -37,5 +52,6 @@ mod tests {
     fn the_defaults_are_the_named_quality() {
         let plan = plan(&resolve(&Reference, &[]).unwrap()).unwrap();
         assert_eq!((plan.sampling, plan.near), (LightSampling::REFERENCE, NearField::REFERENCE));
+        assert_eq!(single_scattering(&resolve(&Reference, &[]).unwrap()).unwrap(), None);
     }
 }

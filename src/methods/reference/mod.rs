@@ -20,7 +20,22 @@ const POINTS: Key = sampling::points("16");
 const DIRECTIONS: Key = sampling::directions("512");
 const AREA_SIDE: Key = sampling::area_side("16");
 
-const KEYS: &[Key] = &[POINTS, DIRECTIONS, AREA_SIDE];
+/// Whether there is single scattering.
+const SINGLE: Key = Key {
+    name: "single-scattering",
+    default: "off",
+    help: "off; isotropic: with reduced coefficients, for each vertex along the inverse normal and in pictures along the \
+           refracted direction; phase: by the medium's g, in pictures alone unless g = 0",
+};
+
+const SINGLE_SAMPLES: Key = Key {
+    name: "single-samples",
+    default: "128",
+    help: "places inside where light is scattered once, for each vertex or pixel and each directional or point light; other \
+           lights take 16 times as many",
+};
+
+const KEYS: &[Key] = &[POINTS, DIRECTIONS, AREA_SIDE, SINGLE, SINGLE_SAMPLES];
 
 /// What charts compare.
 const LADDER: &[&str] = &["", "--samples 16384", "--samples 65536"];

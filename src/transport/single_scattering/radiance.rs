@@ -68,6 +68,32 @@ impl Settings {
     pub const PAPER: Self = Self { depths: DepthSampling::Deterministic(16), ..Self::REFERENCE };
 }
 
+/// A part of the samples of an answer: the mean over all parts, each with a key of its own, is as good as the whole.
+///
+/// The eye rays of a pixel share the samples of the pixel: strata of distances and directions are dealt out among them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Share {
+    index: u32,
+    of: u32,
+}
+
+impl Share {
+    /// All samples.
+    pub const WHOLE: Self = Self { index: 0, of: 1 };
+
+    /// One of `of` parts, at least one; every number is brought into the range.
+    pub fn new(index: u32, of: u32) -> Self {
+        let of = of.max(1);
+        Self { index: index % of, of }
+    }
+
+    /// The strata of this part, of `count` or so many more that every part has as many.
+    fn strata(self, count: u32) -> (impl ExactSizeIterator<Item = u32>, u32) {
+        let all = count.max(1).next_multiple_of(self.of);
+        ((self.index..all).step_by(self.of as usize), all)
+    }
+}
+
 /// A light with what all points share.
 enum Prepared<'a> {
     Constant(DVec3),
@@ -114,6 +140,7 @@ struct Line<'a> {
     /// `w_o'`.
     towards_eye: DVec3,
     key: u64,
+    share: Share,
     dense: bool,
 }
 
@@ -156,30 +183,49 @@ impl<'a> SingleScattering<'a> {
     /// `L1(x_o, w_o)` towards a unit vector, RGB. `key` numbers the point and turns its random numbers; the samples of a pixel
     /// need different ones. 0 behind the surface and where the part has no medium.
     pub fn radiance(&self, point: &ExitPoint, to_eye: DVec3, path: Path, key: u64) -> DVec3 {
+        self.share_of_radiance(point, to_eye, path, key, Share::WHOLE)
+    }
+
+    /// [`Self::radiance`] by some of its samples, whose mean over all shares with different keys is unbiased.
+    pub fn share_of_radiance(&self, point: &ExitPoint, to_eye: DVec3, path: Path, key: u64, share: Share) -> DVec3 {
         let Some(optics) = self.interior.optics(point.part) else { return DVec3::ZERO };
         let eta = optics.eta_inside_over_outside;
-        let Some(towards_eye) = refracted(eta, to_eye, point.normal) else { return DVec3::ZERO };
+        let Some(mut towards_eye) = refracted(eta, to_eye, point.normal) else { return DVec3::ZERO };
+        if towards_eye.dot(point.geometric) <= 0.0 {
+            // A shading normal so far from the triangle's that the path would not go inside.
+            match refracted(eta, to_eye, point.geometric) {
+                Some(by_triangle) => towards_eye = by_triangle,
+                None => return DVec3::ZERO,
+            }
+        }
         let along = match path {
             Path::Refracted => -towards_eye,
             Path::InverseNormal => -point.normal,
         };
-        transmittance(eta, point.normal.dot(to_eye)) * self.before_exit(point, optics, along, towards_eye, key)
+        let draw = (key, share);
+        transmittance(eta, point.normal.dot(to_eye)) * self.before_exit(point, optics, along, towards_eye, draw)
     }
 
     /// `s = pi C L1 / F_t(w_o)` along the inverse normal, seen from straight above, RGB: the unit of radiosity.
     pub fn per_point(&self, point: &ExitPoint, key: u64) -> DVec3 {
         let Some(optics) = self.interior.optics(point.part) else { return DVec3::ZERO };
         let factor = radiosity_factor(optics.eta_inside_over_outside);
-        factor * self.before_exit(point, optics, -point.normal, point.normal, key)
+        factor * self.before_exit(point, optics, -point.normal, point.normal, (key, Share::WHOLE))
     }
 
     /// [`Self::per_point`] of many points, each numbered by its position.
     pub fn per_points(&self, points: &[ExitPoint], progress: &dyn Progress) -> Vec<DVec3> {
+        let numbered: Vec<(u64, ExitPoint)> = (0..).zip(points.iter().copied()).collect();
+        self.per_numbered_points(&numbered, progress)
+    }
+
+    /// [`Self::per_point`] of many points with their keys.
+    pub fn per_numbered_points(&self, points: &[(u64, ExitPoint)], progress: &dyn Progress) -> Vec<DVec3> {
         progress.start("single scattering", points.len() as u64);
         let mut result = vec![DVec3::ZERO; points.len()];
-        result.par_chunks_mut(CHUNK).zip(points.par_chunks(CHUNK)).enumerate().for_each(|(chunk, (out, points))| {
-            for (i, (out, point)) in out.iter_mut().zip(points).enumerate() {
-                *out = self.per_point(point, (chunk * CHUNK + i) as u64);
+        result.par_chunks_mut(CHUNK).zip(points.par_chunks(CHUNK)).for_each(|(out, points)| {
+            for (out, (key, point)) in out.iter_mut().zip(points) {
+                *out = self.per_point(point, *key);
             }
             progress.advance(points.len() as u64);
         });
@@ -188,7 +234,14 @@ impl<'a> SingleScattering<'a> {
     }
 
     /// `L1 / F_t(w_o)`.
-    fn before_exit(&self, point: &ExitPoint, optics: &Optics, direction: DVec3, towards_eye: DVec3, key: u64) -> DVec3 {
+    fn before_exit(
+        &self,
+        point: &ExitPoint,
+        optics: &Optics,
+        direction: DVec3,
+        towards_eye: DVec3,
+        (key, share): (u64, Share),
+    ) -> DVec3 {
         let finite = point.at_mm.is_finite() && point.normal.is_finite() && direction.is_finite();
         if !finite || point.normal == DVec3::ZERO || direction == DVec3::ZERO {
             return DVec3::ZERO;
@@ -201,7 +254,7 @@ impl<'a> SingleScattering<'a> {
             Coefficients::Unreduced => self.medium_g(point.part),
         };
         let phase = HenyeyGreenstein::new(g);
-        let line = Line { point, optics, start, direction, reach_mm, phase, towards_eye, key, dense };
+        let line = Line { point, optics, start, direction, reach_mm, phase, towards_eye, key, share, dense };
         let sum: DVec3 = (0u64..).zip(&self.lights).map(|(i, light)| self.of_light(i, light, &line)).sum();
         if sum.is_finite() { sum } else { DVec3::ZERO }
     }
@@ -219,8 +272,9 @@ impl<'a> SingleScattering<'a> {
                 depths::deterministic(line.optics, line.reach_mm, Density::Luminance, count)
             }
             DepthSampling::Random(count, density) => {
-                let at = |i: u32| (f64::from(i) + uniform(STAGE_DEPTH, line.key, i.into())) / f64::from(count);
-                depths::sampled(line.optics, line.reach_mm, density, (0..count).map(at))
+                let (strata, all) = line.share.strata(count);
+                let at = |i: u32| (f64::from(i) + uniform(STAGE_DEPTH, line.key, i.into())) / f64::from(all);
+                depths::sampled(line.optics, line.reach_mm, density, strata.map(at))
             }
         }
     }
@@ -259,28 +313,30 @@ impl<'a> SingleScattering<'a> {
             Prepared::Constant(radiance) => *radiance * self.constant(index, line),
             Prepared::Area(light) => self.area(index, light, line),
             Prepared::Environment(strata) => {
-                let depths = self.paired(line, index, strata.len());
-                let of = |(i, (candidates, depth)): (usize, (&Vec<Candidate>, &Depth))| {
+                let mine = || strata.iter().enumerate().skip(line.share.index as usize).step_by(line.share.of as usize);
+                let depths = self.paired(line, index, mine().len());
+                let of = |((i, candidates), depth): ((usize, &Vec<Candidate>), &Depth)| {
                     let chosen = uniform(STAGE_DIRECTION, line.key, index << 32 | i as u64) * candidates.len() as f64;
                     let candidate = candidates.get(chosen as usize).or(candidates.last());
                     candidate
                         .map_or(DVec3::ZERO, |c| c.weight * self.scattered(line, depth, c.direction, f64::INFINITY).0)
                 };
-                // Each stratum has one sample, the distances are shared out among them.
-                strata.len() as f64 * strata.iter().zip(&depths).enumerate().map(of).sum::<DVec3>()
+                // Each stratum has one sample, the distances are dealt out among them; another share has the other strata.
+                let factor = f64::from(line.share.of) * mine().len() as f64;
+                factor * mine().zip(&depths).map(of).sum::<DVec3>()
             }
         }
     }
 
     fn constant(&self, index: u64, line: &Line) -> DVec3 {
-        let count = self.settings.directions;
-        let depths = self.paired(line, index, count as usize);
+        let (strata, count) = line.share.strata(self.settings.directions);
+        let depths = self.paired(line, index, strata.len());
         let (u, v) =
             (uniform(STAGE_DIRECTION, line.key, index << 8), uniform(STAGE_DIRECTION, line.key, index << 8 | 1));
         let normal = line.point.normal;
         let (tangent, bitangent) = normal.any_orthonormal_pair();
         let mut sum = DVec3::ZERO;
-        for (i, depth) in (0..count).zip(&depths) {
+        for (i, depth) in strata.zip(&depths) {
             // The azimuth is stratified by the golden ratio, so that it is independent of the other two.
             let along = (f64::from(i) + u).rem_euclid(f64::from(count)) / f64::from(count);
             let azimuth = TAU * (f64::from(i) * 0.618_033_988_749_894_9 + v).fract();
@@ -302,11 +358,11 @@ impl<'a> SingleScattering<'a> {
         let v = normal.cross(*u);
         let centre = *at_mm - self.interior.scene.mesh.origin_mm;
         let corner = centre - 0.5 * size_mm[0] * *u - 0.5 * size_mm[1] * v;
-        let count = self.settings.directions;
-        let depths = self.paired(line, index, count as usize);
+        let (strata, count) = line.share.strata(self.settings.directions);
+        let depths = self.paired(line, index, strata.len());
         let turn = |d: u64| uniform(STAGE_DIRECTION, line.key, index << 8 | d);
         let mut sum = DVec3::ZERO;
-        for (i, depth) in (0..count).zip(&depths) {
+        for (i, depth) in strata.zip(&depths) {
             let at = line.at(depth);
             if (at - centre).dot(*normal) <= 0.0 {
                 continue;

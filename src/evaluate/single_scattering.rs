@@ -1,0 +1,219 @@
+//! Single scattering at run time: what an evaluator offers whoever looks at it, and the truth by rays.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use crate::compress::ledger::Ledger;
+use crate::error::Result;
+use crate::geometry::bvh::Bvh;
+use crate::light::Light;
+use crate::math::statistics::vertex_error;
+use crate::progress::Progress;
+use crate::transport::scene::Scene;
+use crate::transport::single_scattering::radiance::{DepthSampling, Path, Settings, Share, SingleScattering};
+use crate::transport::single_scattering::{Coefficients, Density, ExitPoint, vertex_points};
+
+/// A place of a surface as an eye ray sees it.
+#[derive(Clone, Copy, Debug)]
+pub struct SeenPoint {
+    /// Where light leaves; its normal faces the eye.
+    pub exit: ExitPoint,
+    /// The triangle.
+    pub triangle: u32,
+    /// Weights of its corners.
+    pub weights: [f64; 3],
+    /// Unit vector towards the eye.
+    pub to_eye: DVec3,
+    /// Number of the eye ray, which turns its random numbers.
+    pub key: u64,
+    /// Which of the samples of a pixel are this ray's.
+    pub share: Share,
+}
+
+/// Single scattering that depends on the eye.
+pub trait TowardsEye: Sync {
+    /// Radiance towards the eye, outside, RGB.
+    fn radiance(&self, seen: &SeenPoint) -> DVec3;
+
+    /// Ways from a light to a pixel that are followed for each pixel of so many eye rays, for the cost; none where values
+    /// are looked up.
+    fn paths_per_pixel(&self, eye_rays: u32) -> u64;
+}
+
+/// Which phase function.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scattering {
+    /// Isotropic, with reduced coefficients.
+    Isotropic,
+    /// That of the medium's g, with its own coefficients.
+    OfMedium,
+}
+
+/// Single scattering by rays, when it is asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Traced {
+    /// Phase function.
+    pub scattering: Scattering,
+    /// Distances inside for each vertex or pixel and each directional or point light.
+    pub samples: u32,
+}
+
+/// Directions of a constant, area or environment light for each distance of a directional one.
+pub const DIRECTIONS_PER_SAMPLE: u32 = 16;
+
+/// Vertices that measure the noise.
+const PROBES: usize = 192;
+
+/// Keys of the two answers that tell the noise of a third.
+const HALVES: [u64; 2] = [1 << 40, 2 << 40];
+
+/// What rays are cast in.
+#[derive(Clone, Copy)]
+pub struct LitScene<'a> {
+    /// The scene, with the media in force.
+    pub scene: &'a Scene,
+    /// Its occluders.
+    pub bvh: &'a Bvh,
+    /// Lights in force.
+    pub lights: &'a [Light],
+}
+
+impl Traced {
+    /// Whether there is a quantity per vertex: what leaves depends on the eye unless the phase function is isotropic.
+    pub fn is_per_vertex(self, scene: &Scene) -> bool {
+        let used = scene.parts.parts.iter().filter_map(|p| scene.media.get(p.medium? as usize));
+        self.scattering == Scattering::Isotropic || used.into_iter().all(|m| m.properties.g == 0.0)
+    }
+
+    fn settings(self) -> Settings {
+        Settings {
+            coefficients: match self.scattering {
+                Scattering::Isotropic => Coefficients::Reduced,
+                Scattering::OfMedium => Coefficients::Unreduced,
+            },
+            depths: DepthSampling::Random(self.samples, Density::Channels),
+            directions: self.samples.saturating_mul(DIRECTIONS_PER_SAMPLE),
+            ..Settings::REFERENCE
+        }
+    }
+
+    fn prepared<'a>(self, lit: LitScene<'a>) -> Result<SingleScattering<'a>> {
+        SingleScattering::new(lit.scene, lit.bvh, lit.lights, self.settings())
+    }
+
+    /// `s = pi C L1 / F_t` along the inverse normal of every source vertex, RGB; equal for welded vertices, 0 where there is no
+    /// transferring area. None where it depends on the eye.
+    ///
+    /// # Errors
+    /// As [`SingleScattering::new`].
+    pub fn per_vertex(self, lit: LitScene, progress: &dyn Progress) -> Result<Option<Vec<DVec3>>> {
+        if !self.is_per_vertex(lit.scene) {
+            return Ok(None);
+        }
+        let places = Places::new(lit.scene);
+        let values = self.prepared(lit)?.per_numbered_points(&places.points, progress);
+        let of = |place: &Option<u32>| place.and_then(|p| values.get(p as usize)).copied().unwrap_or(DVec3::ZERO);
+        Ok(Some(places.of_vertex.iter().map(of).collect()))
+    }
+
+    /// The same towards any eye, along the refracted direction.
+    ///
+    /// # Errors
+    /// As [`SingleScattering::new`].
+    pub fn towards_eye<'a>(self, lit: LitScene<'a>) -> Result<Box<dyn TowardsEye + 'a>> {
+        let of = |light: &Light| match light {
+            Light::Directional { .. } | Light::Point { .. } => self.samples,
+            Light::Constant { .. } | Light::Area { .. } | Light::Environment { .. } => {
+                self.samples.saturating_mul(DIRECTIONS_PER_SAMPLE)
+            }
+        };
+        let paths_of_lights = lit.lights.iter().map(of).collect();
+        Ok(Box::new(TracedTowardsEye { single: self.prepared(lit)?, paths_of_lights }))
+    }
+
+    /// Enters the noise into a ledger: half the difference of two answers with half of the samples and random numbers of their
+    /// own, on some vertices. Random errors fall with the root of the number of samples or faster, so it is not below the noise.
+    ///
+    /// # Errors
+    /// As [`SingleScattering::new`].
+    pub fn enter_noise(self, lit: LitScene, ledger: &mut Ledger) -> Result<()> {
+        let places = Places::new(lit.scene);
+        let all = places.points.len();
+        let step = all.div_ceil(PROBES).max(1);
+        let chosen = || (step / 2..all).step_by(step);
+        let areas: Vec<f64> = chosen().map(|p| places.areas_mm2[p]).collect();
+        let per_vertex = self.is_per_vertex(lit.scene);
+        let half = (self.samples / 2).max(1);
+        let single = Self { samples: half, ..self }.prepared(lit)?;
+        // Half way to the horizon, where directions inside are as oblique as outside.
+        let aslant = |n: DVec3| (n + n.any_orthonormal_vector()).normalize_or_zero();
+        let [one, other] = HALVES.map(|keys| -> Vec<DVec3> {
+            let of = |(key, p): (u64, ExitPoint)| match per_vertex {
+                true => single.per_point(&p, key + keys),
+                false => single.radiance(&p, aslant(p.normal), Path::Refracted, key + keys),
+            };
+            chosen().collect::<Vec<_>>().into_par_iter().map(|p| of(places.points[p])).collect()
+        });
+        let mean: Vec<DVec3> = one.iter().zip(&other).map(|(a, b)| 0.5 * (*a + *b)).collect();
+        let towards = if per_vertex { "" } else { ", towards an eye" };
+        let note = format!(
+            "noise, from two halves of the samples, relative to single scattering alone{towards}; more --set single-samples lower it"
+        );
+        // A single sample has no half.
+        let factor = (2.0 * f64::from(half) / f64::from(self.samples.max(1))).sqrt().max(1.0);
+        ledger.add("single scattering", vertex_error(&one, &mean, &areas).scaled(factor), note);
+        Ok(())
+    }
+}
+
+struct TracedTowardsEye<'a> {
+    single: SingleScattering<'a>,
+    paths_of_lights: Vec<u32>,
+}
+
+impl TowardsEye for TracedTowardsEye<'_> {
+    fn radiance(&self, seen: &SeenPoint) -> DVec3 {
+        self.single.share_of_radiance(&seen.exit, seen.to_eye, Path::Refracted, seen.key, seen.share)
+    }
+
+    fn paths_per_pixel(&self, eye_rays: u32) -> u64 {
+        // Every eye ray has as many.
+        let of = |paths: &u32| u64::from(*paths).next_multiple_of(u64::from(eye_rays.max(1)));
+        self.paths_of_lights.iter().map(of).sum()
+    }
+}
+
+/// One place for each welded vertex that transfers.
+struct Places {
+    /// With the number of a source vertex.
+    points: Vec<(u64, ExitPoint)>,
+    /// A third of the area around each.
+    areas_mm2: Vec<f64>,
+    /// For each source vertex.
+    of_vertex: Vec<Option<u32>>,
+}
+
+impl Places {
+    fn new(scene: &Scene) -> Self {
+        let exits = vertex_points(scene);
+        let areas = scene.vertex_areas_mm2();
+        let mut of_weld: Vec<Option<u32>> = vec![None; exits.len()];
+        let mut result = Self { points: Vec::new(), areas_mm2: Vec::new(), of_vertex: Vec::with_capacity(exits.len()) };
+        for (vertex, exit) in exits.into_iter().enumerate() {
+            if exit.normal == DVec3::ZERO {
+                result.of_vertex.push(None);
+                continue;
+            }
+            let weld = scene.mesh.weld.get(vertex).map_or(vertex, |&w| w as usize);
+            let next = result.points.len() as u32;
+            let place = of_weld.get_mut(weld).map_or(next, |known| *known.get_or_insert(next));
+            if place == next {
+                result.points.push((vertex as u64, exit));
+                result.areas_mm2.push(0.0);
+            }
+            result.areas_mm2[place as usize] += areas.get(vertex).copied().unwrap_or(0.0);
+            result.of_vertex.push(Some(place));
+        }
+        result
+    }
+}

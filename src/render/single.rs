@@ -1,0 +1,140 @@
+//! What leaves a surface, and single scattering towards the eye.
+
+use glam::DVec3;
+
+use super::exit::{ExitFresnel, ExitRadiance};
+use crate::error::{Error, Result};
+use crate::evaluate::single_scattering::{SeenPoint, TowardsEye};
+use crate::geometry::bvh::Hit;
+use crate::math::random;
+use crate::transport::scene::Scene;
+use crate::transport::single_scattering::ExitPoint;
+use crate::transport::single_scattering::radiance::Share;
+
+/// Random numbers of this stage.
+const STAGE: u64 = 0x7369_6e67_6c65;
+
+/// Where a picture's single scattering comes from.
+#[derive(Clone, Copy, Default)]
+pub enum Single<'a> {
+    /// There is none.
+    #[default]
+    None,
+    /// A value `s` for each source vertex: `L = F_t(w_o) s / (pi C)`, whatever the normalisation of the exit Fresnel factor,
+    /// which s was made with.
+    PerVertex(&'a [DVec3]),
+    /// What an evaluator has for each eye ray.
+    TowardsEye(&'a dyn TowardsEye),
+}
+
+/// What leaves a surface.
+#[derive(Clone, Copy)]
+pub struct Exitance<'a> {
+    /// Of every source vertex, RGB.
+    pub radiosity: &'a [DVec3],
+    /// Beside it.
+    pub single: Single<'a>,
+}
+
+impl<'a> From<&'a [DVec3]> for Exitance<'a> {
+    fn from(radiosity: &'a [DVec3]) -> Self {
+        Self { radiosity, single: Single::None }
+    }
+}
+
+impl<'a> From<&'a Vec<DVec3>> for Exitance<'a> {
+    fn from(radiosity: &'a Vec<DVec3>) -> Self {
+        Self::from(radiosity.as_slice())
+    }
+}
+
+impl Exitance<'_> {
+    /// One finite value for each vertex.
+    pub(super) fn check(&self, scene: &Scene) -> Result<()> {
+        let vertices = scene.mesh.local_mm.len();
+        let check = |name: &str, values: &[DVec3]| {
+            if values.len() != vertices {
+                let given = values.len();
+                return Err(Error::runtime(format!(
+                    "{given} values of {name} for the {vertices} vertices of the mesh"
+                )));
+            }
+            match values.iter().position(|b| !b.is_finite()) {
+                Some(vertex) => Err(Error::runtime(format!("the {name} of vertex {vertex} is {}", values[vertex]))),
+                None => Ok(()),
+            }
+        };
+        check("radiosity", self.radiosity)?;
+        match self.single {
+            Single::PerVertex(values) => check("single scattering", values),
+            Single::None | Single::TowardsEye(_) => Ok(()),
+        }
+    }
+}
+
+/// A place that an eye ray sees from in front.
+pub(super) struct Spot<'a> {
+    pub(super) hit: &'a Hit,
+    pub(super) vertices: [u32; 3],
+    pub(super) weights: [f64; 3],
+    pub(super) exit: ExitPoint,
+    pub(super) to_eye: DVec3,
+    /// Cosine of the shading normal to the eye.
+    pub(super) cosine: f64,
+    /// Of the medium.
+    pub(super) medium: usize,
+}
+
+/// An eye ray: its pixel and which of the pixel's rays it is.
+#[derive(Clone, Copy)]
+pub(super) struct EyeRay {
+    pub(super) pixel: u64,
+    pub(super) sample: u32,
+    pub(super) of: u32,
+}
+
+impl EyeRay {
+    /// Strata are dealt out in another order in each pixel, so that the rays at one place of all pixels have all of them.
+    fn share(self) -> Share {
+        let turn = (random::bits(STAGE, self.pixel, 0) >> 32) as u32 % self.of.max(1);
+        Share::new((self.sample + turn) % self.of.max(1), self.of)
+    }
+
+    fn key(self) -> u64 {
+        self.pixel.wrapping_mul(u64::from(self.of)).wrapping_add(self.sample.into())
+    }
+}
+
+/// Single scattering of a scene.
+pub(super) struct SingleRadiance<'a> {
+    single: Single<'a>,
+    /// For each medium.
+    exits: Vec<ExitRadiance>,
+}
+
+impl<'a> SingleRadiance<'a> {
+    pub(super) fn new(scene: &Scene, single: Single<'a>) -> Self {
+        let exit = |eta: f64| ExitRadiance::new(eta, ExitFresnel::Normalised);
+        Self { single, exits: scene.media.iter().map(|m| exit(m.properties.eta_inside_over_outside)).collect() }
+    }
+
+    /// Towards the eye, RGB.
+    pub(super) fn at(&self, spot: &Spot, ray: EyeRay) -> DVec3 {
+        match self.single {
+            Single::None => DVec3::ZERO,
+            Single::PerVertex(values) => {
+                let exit = self.exits.get(spot.medium).map_or(0.0, |e| e.per_radiosity(spot.cosine));
+                let corner = |k: usize| values.get(spot.vertices[k] as usize).copied().unwrap_or(DVec3::ZERO);
+                exit * (0..3).map(|k| corner(k) * spot.weights[k]).sum::<DVec3>()
+            }
+            Single::TowardsEye(eye) => eye.radiance(&SeenPoint {
+                exit: spot.exit,
+                triangle: spot.hit.triangle,
+                weights: spot.weights,
+                to_eye: spot.to_eye,
+                key: ray.key(),
+                share: ray.share(),
+            }),
+        }
+    }
+}
