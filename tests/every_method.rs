@@ -11,7 +11,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use glam::DVec3;
-use in_memory::{lit, medium, scene, scene_of, try_bake, vertex_areas};
+use in_memory::{lit, medium, scene, scene_of, served, try_bake, vertex_areas};
 use translux::asset::{Asset, Provenance};
 use translux::error::ExitCode;
 use translux::evaluate::{BakeSettings, Evaluator, MaterialEdit, Method};
@@ -79,11 +79,6 @@ fn every_light(scene: &Scene) -> Vec<Light> {
     let kinds: BTreeSet<LightKind> = lights.iter().map(Light::kind).collect();
     assert_eq!(kinds, LightKind::ALL.into_iter().collect());
     lights
-}
-
-/// Those that a method serves.
-fn served(method: &dyn Method, lights: &[Light]) -> Vec<Light> {
-    lights.iter().filter(|l| method.kinds().contains(&l.kind())).cloned().collect()
 }
 
 fn asset(method: &dyn Method, scene: &Scene, samples: usize) -> Asset {

@@ -10,7 +10,7 @@ mod oracle;
 use std::sync::Arc;
 
 use glam::DVec3;
-use in_memory::{medium, try_bake};
+use in_memory::{medium, served, try_bake};
 use on_device::{assert_same, device, group, lights};
 use translux::asset::Asset;
 use translux::error::ExitCode;
@@ -40,6 +40,10 @@ fn every_method_gives_the_same_radiosity_under_every_light() {
         let [mut cpu, mut gpu] = pair(&asset, &device);
         assert_eq!(cpu.capabilities(), gpu.capabilities());
         for (index, lights) in lights().into_iter().enumerate() {
+            let lights = served(method, &lights);
+            if lights.is_empty() {
+                continue;
+            }
             let radiosity = |evaluator: &mut dyn Evaluator| {
                 evaluator.set_lights(lights.clone(), &Silent).unwrap();
                 evaluator.radiosity(&Silent).unwrap()

@@ -118,9 +118,9 @@ pub(in crate::methods) fn replace_media(scene: &mut Scene, media: Vec<Medium>) -
 }
 
 /// What an asset stores, as it is evaluated.
-pub(in crate::methods) trait Stored: Send {
+pub(in crate::methods) trait Stored: Send + Sync {
     /// A light, made ready.
-    type Light: Send;
+    type Light: Send + Sync;
 
     /// Several lights together.
     fn light(&self, lights: &[Light]) -> Result<Self::Light>;
@@ -210,7 +210,8 @@ impl<S: Stored + 'static> Evaluator for BakedIn<S> {
     }
 
     fn set_lights(&mut self, lights: Vec<Light>, _: &dyn Progress) -> Result<()> {
-        self.light = self.stored.light(&lights)?;
+        // On a thread of the pool: of the sums inside, which take microseconds, none waits for another thread to wake.
+        self.light = rayon::scope(|_| self.stored.light(&lights))?;
         self.lights = lights;
         Ok(())
     }
@@ -220,7 +221,8 @@ impl<S: Stored + 'static> Evaluator for BakedIn<S> {
     }
 
     fn radiosity(&mut self, _: &dyn Progress) -> Result<Vec<DVec3>> {
-        Ok(self.stored.radiosity(&self.light, &self.receivers))
+        let Self { stored, light, receivers, .. } = self;
+        Ok(rayon::scope(|_| stored.radiosity(light, receivers)))
     }
 
     fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {

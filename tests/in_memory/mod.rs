@@ -83,6 +83,11 @@ pub fn radiosity(evaluator: &mut dyn Evaluator, light: Light) -> Vec<DVec3> {
     values
 }
 
+/// Those that a method serves.
+pub fn served(method: &dyn Method, lights: &[Light]) -> Vec<Light> {
+    lights.iter().filter(|l| method.kinds().contains(&l.kind())).cloned().collect()
+}
+
 /// Radiosity of every vertex under some lights, whatever its sign.
 pub fn lit(evaluator: &mut dyn Evaluator, lights: Vec<Light>) -> Vec<DVec3> {
     evaluator.set_lights(lights, &Silent).unwrap();
