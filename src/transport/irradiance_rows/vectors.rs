@@ -218,11 +218,6 @@ impl<'a> RowTree<'a> {
         self.side
     }
 
-    /// Bytes in memory.
-    pub fn bytes(&self) -> usize {
-        size_of_val(self.nodes.places.as_slice()) + size_of_val(self.nodes.values.as_slice())
-    }
-
     /// Vectors of all receivers, three terms (R, G, B) of each coefficient; a receiver's depends on its own group only.
     ///
     /// # Errors

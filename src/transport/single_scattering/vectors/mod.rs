@@ -24,7 +24,7 @@
 //!
 //! Closed bunny of 69,666 triangles, 30 mm, faces of 32 texels, 20 to 80 vertices spread over it. Relative RMS over vertices
 //! (worst channel) of [`Sharing::DEFAULT`] against [`Sharing::PAPER`], marble and skin1: constant light 0.3 % and 0.3 %; museum and
-//! Uffizi under 0.9 %; Grace cathedral 2 %; a sky with a bare sun 2 to 6 %; suns of one texel 2.7 % and 4.5 % in the mean, 6 % at
+//! Uffizi under 0.9 %; Grace cathedral 2.3 and 2.6 %; a sky with a bare sun 3 to 6 %; suns of one texel 2.7 % and 4.5 % in the mean, 6 % at
 //! most. All coefficients of a vector: 3.5 %. 16 deterministic samples are themselves 0.7 % and 1.1 % (coefficients), 1.5 % and
 //! 1.6 % (worst sun) from 64 of them. Three Gauss points cost 1 % more under suns and take a fifth less time.
 //! CPU time for a vertex 1.7 ms (marble) and 2.2 ms (skin1), the paper's way 125 and 140 ms (contended cores).
