@@ -4,7 +4,7 @@ use glam::DVec3;
 use translux_format::distant_transport::{Harmonics as File, tags};
 
 use super::bake::{SUN, Work, under_suns};
-use super::harmonics::Harmonics;
+use super::harmonics::components;
 use super::plan::MOST_ORDER;
 use crate::compress::ledger::Ledger;
 use crate::compress::prediction::Net;
@@ -139,7 +139,7 @@ fn measure(
     let surface = stage.surface();
     let etas: Vec<f64> = stage.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
     let areas: Vec<f64> = net.point.iter().map(|&i| stage.areas[i as usize]).collect();
-    let stored = Harmonics::new(file, stage.scene, &stage.receivers)?;
+    let stored = components(file, stage.scene, &stage.receivers)?;
     let mut order: Vec<u32> = (0..net.point.len() as u32).collect();
     order.sort_unstable_by_key(|&row| net.point[row as usize]);
     let (mut errors, mut suns) = ([VertexError::default(); 3], VertexError::default());
@@ -150,7 +150,7 @@ fn measure(
         let truth = work.transfer.under(&rays);
         let at_net: Vec<DVec3> = net.point.iter().map(|&i| truth[i as usize]).collect();
         let exact = values.under(light, file.order as usize)?;
-        let sorted = stored.at_references(&stored.light(one)?);
+        let sorted = stored.transport.at_references(&stored.light(one)?);
         let mut coded = vec![DVec3::ZERO; sorted.len()];
         order.iter().zip(sorted).for_each(|(&row, value)| coded[row as usize] = value);
         if index < unseen.environments.len() {

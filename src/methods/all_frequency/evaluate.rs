@@ -5,7 +5,7 @@ use std::sync::Arc;
 use translux_format::distant_transport::DistantTransport;
 
 use super::KINDS;
-use super::harmonics::Harmonics;
+use super::harmonics;
 use super::plan::Plan;
 use super::rows::Rows;
 use crate::asset::Asset;
@@ -36,9 +36,9 @@ pub(super) fn open(asset: &Arc<Asset>) -> Result<Box<dyn Evaluator>> {
         .ok_or_else(|| Error::input("an asset of `all_frequency` without its sections aft.*; bake it again"))?;
     let samples = file.samples as usize;
     match (&file.harmonics, &file.rows) {
-        (Some(harmonics), None) => {
-            let harmonics = Harmonics::new(harmonics, &scene, &receivers)?;
-            BakedIn::boxed(scene, receivers, samples, harmonics)
+        (Some(file), None) => {
+            let components = harmonics::components(file, &scene, &receivers)?;
+            BakedIn::boxed(scene, receivers, samples, components)
         }
         (None, Some(rows)) => BakedIn::boxed(scene, receivers, samples, Rows::new(rows, plan.transform)?),
         _ => Err(Error::input("an asset of `all_frequency` that needs a later version of this program")),

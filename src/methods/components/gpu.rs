@@ -6,7 +6,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::digits::Term;
-use super::{Lit, Transport};
+use super::{Components, LightBasis};
 use crate::compress::ledger::Ledger;
 use crate::error::Result;
 use crate::evaluate::device::interpolated::{InterpolatedOnDevice, Sum};
@@ -14,18 +14,13 @@ use crate::evaluate::device::{Device, DeviceEvaluator, read_radiosity};
 use crate::evaluate::{Capabilities, Cost, Evaluator};
 use crate::geometry::bvh::Bvh;
 use crate::light::Light;
-use crate::methods::baked_in::{BakedIn, Stored};
+use crate::methods::baked_in::BakedIn;
 use crate::progress::Progress;
 use crate::transport::scene::{Medium, Scene};
 
-/// What stores components.
-pub(in crate::methods) trait HasComponents: Stored<Light = Lit> + 'static {
-    fn components(&self) -> &Transport;
-}
-
 /// The transport of an asset on a device.
-pub(in crate::methods) struct ComponentsOnDevice<S: HasComponents> {
-    cpu: BakedIn<S>,
+pub(in crate::methods) struct ComponentsOnDevice<B: LightBasis> {
+    cpu: BakedIn<Components<B>>,
     device: Arc<Device>,
     stored: InterpolatedOnDevice,
     /// Of the radiosity in the buffer.
@@ -33,16 +28,16 @@ pub(in crate::methods) struct ComponentsOnDevice<S: HasComponents> {
     is_current: bool,
 }
 
-impl<S: HasComponents> ComponentsOnDevice<S> {
-    pub(in crate::methods) fn new(cpu: BakedIn<S>, device: &Arc<Device>) -> Result<Self> {
-        let transport = cpu.stored().components();
+impl<B: LightBasis> ComponentsOnDevice<B> {
+    pub(in crate::methods) fn new(cpu: BakedIn<Components<B>>, device: &Arc<Device>) -> Result<Self> {
+        let transport = &cpu.stored().transport;
         let coefficients: Vec<i16> = transport.coefficients.iter().map(|&digit| i16::from(digit)).collect();
         let stored = InterpolatedOnDevice::new(device, &coefficients, transport.columns, &transport.weights)?;
         Ok(Self { cpu, device: Arc::clone(device), stored, scale: 1.0, is_current: false })
     }
 }
 
-impl<S: HasComponents> DeviceEvaluator for ComponentsOnDevice<S> {
+impl<B: LightBasis> DeviceEvaluator for ComponentsOnDevice<B> {
     fn device(&self) -> &Arc<Device> {
         &self.device
     }
@@ -52,7 +47,7 @@ impl<S: HasComponents> DeviceEvaluator for ComponentsOnDevice<S> {
             let lit = self.cpu.lit();
             for (index, part) in lit.parts.iter().enumerate() {
                 let sum = if index == 0 { Sum::New } else { Sum::Added };
-                let columns = Term::columns(&part.terms, self.cpu.stored().components().columns);
+                let columns = Term::columns(&part.terms, self.cpu.stored().transport.columns);
                 self.stored.add(&columns, &part.factors, sum)?;
             }
             self.stored.interpolate()?;
@@ -79,7 +74,7 @@ impl<S: HasComponents> DeviceEvaluator for ComponentsOnDevice<S> {
     }
 }
 
-impl<S: HasComponents> Evaluator for ComponentsOnDevice<S> {
+impl<B: LightBasis> Evaluator for ComponentsOnDevice<B> {
     fn capabilities(&self) -> Capabilities {
         self.cpu.capabilities()
     }

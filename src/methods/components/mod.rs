@@ -4,9 +4,11 @@
 pub(in crate::methods) mod coding;
 mod digits;
 #[cfg(feature = "gpu")]
-pub(in crate::methods) mod gpu;
+mod gpu;
 
 use std::ops::Range;
+#[cfg(feature = "gpu")]
+use std::sync::Arc;
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -17,6 +19,12 @@ use translux_format::{Budget, FormatError};
 use self::digits::{Digit, LANES, Term, products};
 use crate::compress::prediction::Net;
 use crate::error::{Error, Result};
+#[cfg(feature = "gpu")]
+use crate::evaluate::device::{Device, DeviceEvaluator};
+use crate::light::Light;
+#[cfg(feature = "gpu")]
+use crate::methods::baked_in::BakedIn;
+use crate::methods::baked_in::Stored;
 use crate::methods::references::weights;
 use crate::methods::stage::{oriented, parts};
 use crate::transport::balanced_tree::power_of_two_near;
@@ -235,7 +243,7 @@ impl Transport {
     }
 
     /// Fills `values` with the radiosity of every reference point over the scale of the lights, RGB and nothing.
-    pub(in crate::methods) fn products(&self, lit: &Lit, values: &mut Vec<[f32; 4]>) {
+    fn products(&self, lit: &Lit, values: &mut Vec<[f32; 4]>) {
         values.resize(self.coefficients.len() / self.columns.max(1), [0.0; 4]);
         let level = Level::detect();
         let rows = self.coefficients.par_chunks((self.columns * CHUNK).max(1));
@@ -257,6 +265,14 @@ impl Transport {
         });
     }
 
+    /// Radiosity of the reference points in the order of the receivers, none negative.
+    pub(in crate::methods) fn at_references(&self, lit: &Lit) -> Vec<DVec3> {
+        let mut values = Vec::new();
+        self.products(lit, &mut values);
+        let value = |v: &[f32; 4]| DVec3::new(v[0].into(), v[1].into(), v[2].into()).max(DVec3::ZERO) * lit.scale;
+        values.iter().map(value).collect()
+    }
+
     /// Radiosity of every source vertex, RGB, none negative.
     pub(in crate::methods) fn radiosity(&mut self, lit: &Lit, receivers: &Receivers) -> Vec<DVec3> {
         let mut references = std::mem::take(&mut self.references);
@@ -272,6 +288,46 @@ impl Transport {
             + self.sets.iter().map(|set| size_of_val(set.basis.as_slice())).sum::<usize>()
             + size_of_val(self.positions.as_slice())
             + self.weights.bytes()
+    }
+}
+
+/// Functions of the light that components are over.
+pub(in crate::methods) trait LightBasis: Send + Sync + 'static {
+    /// What [`Stored::stage`] says of them.
+    const STAGE: &'static str;
+
+    /// Lights made ready for a transport.
+    fn lit(&self, transport: &Transport, lights: &[Light]) -> Result<Lit>;
+}
+
+/// Components as an asset has them.
+pub(in crate::methods) struct Components<B> {
+    pub(in crate::methods) basis: B,
+    pub(in crate::methods) transport: Transport,
+}
+
+impl<B: LightBasis> Stored for Components<B> {
+    type Light = Lit;
+
+    fn light(&self, lights: &[Light]) -> Result<Lit> {
+        self.basis.lit(&self.transport, lights)
+    }
+
+    fn radiosity(&mut self, lit: &Lit, receivers: &Receivers) -> Vec<DVec3> {
+        self.transport.radiosity(lit, receivers)
+    }
+
+    fn stage(&self) -> &'static str {
+        B::STAGE
+    }
+
+    fn bytes(&self) -> usize {
+        self.transport.bytes()
+    }
+
+    #[cfg(feature = "gpu")]
+    fn on_device(evaluator: BakedIn<Self>, device: &Arc<Device>) -> Result<Box<dyn DeviceEvaluator>> {
+        Ok(Box::new(gpu::ComponentsOnDevice::new(evaluator, device)?))
     }
 }
 

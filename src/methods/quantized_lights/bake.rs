@@ -224,15 +224,11 @@ fn measure(
         let truth = transfer.under(&illumination.all(&Silent));
         let at_net: Vec<DVec3> = net.point.iter().map(|&i| truth[i as usize]).collect();
         let between = interpolated(set, values, one)?.remove(0);
-        let mut stored = Vec::new();
-        let lit = sections::light(&transport, set, one)?;
-        transport.products(&lit, &mut stored);
+        let stored = transport.at_references(&sections::light(&transport, set, one)?);
         let mut order: Vec<u32> = (0..net.point.len() as u32).collect();
         order.sort_unstable_by_key(|&row| net.point[row as usize]);
         let mut coded = vec![DVec3::ZERO; stored.len()];
-        order.iter().zip(&stored).for_each(|(&row, v)| {
-            coded[row as usize] = DVec3::new(v[0].into(), v[1].into(), v[2].into()).max(DVec3::ZERO) * lit.scale;
-        });
+        order.iter().zip(&stored).for_each(|(&row, value)| coded[row as usize] = *value);
         let found = [
             vertex_error(&between, &at_net, &areas),
             spatial_error(stage, net, file.spacing_mm, std::slice::from_ref(&truth)),
