@@ -7,10 +7,7 @@ const HEAD: &str = "\
 
 `scripts/figures quantized-lights` measures everything on this page and writes it (`examples/quantized_lights/`; `--quick` tries
 it in a minute or two, `--only PART` measures one part again). Models have a diagonal of 30 mm. Measured on 2 cores of an AMD EPYC,
-2026-11-21, beside other work (load 3 to 6): times are longer than on a machine at rest, rates lower; all else is the same to the
-digit anywhere, but for the default encoding (its section and Table I), which was measured with finer shares of the error and 16-bit
-coefficients: now it takes 10 to 25 % fewer bytes, and a new light on the closed bunny at rest reaches 216 to 264 Mvertices/s in marble at
-the default 2 % (170 in skin1; README of the method).
+2026-11-22, with next to nothing beside it (load 2 to 3, its own 2 included); all but times and rates is the same to the digit anywhere.
 
 **Image RMS**: linear RGB of the diffuse radiance, 256 x 256 pixels, one ray each, scaled so that the 99.5th percentile of
 max(R, G, B) over the covered pixels of the reference's picture is 1, clamped to [0, 1]; the worst of 100 random views, under each
