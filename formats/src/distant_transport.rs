@@ -6,11 +6,11 @@ use serde::{Deserialize, Serialize};
 use crate::asset::{RawSection, pick};
 use crate::checks::{in_range, invalid};
 use crate::error::{FormatError, Result};
-use crate::quantised_lights::Set;
+use crate::quantised_lights::{self, Set};
 use crate::rows::{self, IrradianceRows};
-use crate::types::{Codec, Kind};
+use crate::types::{Codec, Kind, Tag};
 
-/// Tags of the transport; those of its rows are [`rows::tags::TRANSPORT`].
+/// Tags of the transport; those of its rows are [`rows::tags::TRANSPORT`] and [`rows::tags::SINGLE`].
 pub mod tags {
     use crate::quantised_lights::tags::Set;
     use crate::types::Tag;
@@ -27,12 +27,40 @@ pub mod tags {
         coefficients: Tag::from_static("aft.cof"),
     };
 
+    /// Numbers of light scattered once, a record.
+    pub const SINGLE_NUMBERS: Tag = Tag::from_static("afs.rec");
+
+    /// Its coefficients.
+    pub const SINGLE_SET: Set = Set {
+        units: Tag::from_static("afs.uni"),
+        basis_steps: Tag::from_static("afs.stp"),
+        basis: Tag::from_static("afs.bas"),
+        columns: Tag::from_static("afs.col"),
+        coefficients: Tag::from_static("afs.cof"),
+    };
+
     /// All of them, in the order of the file.
-    pub const ALL: [Tag; 6] = [NUMBERS, SET.units, SET.basis_steps, SET.basis, SET.columns, SET.coefficients];
+    pub const ALL: [Tag; 12] = [
+        NUMBERS,
+        SET.units,
+        SET.basis_steps,
+        SET.basis,
+        SET.columns,
+        SET.coefficients,
+        SINGLE_NUMBERS,
+        SINGLE_SET.units,
+        SINGLE_SET.basis_steps,
+        SINGLE_SET.basis,
+        SINGLE_SET.columns,
+        SINGLE_SET.coefficients,
+    ];
 }
 
 /// Order of the harmonics at most.
 pub const MOST_ORDER: u32 = 24;
+
+/// Terms of the phase function at most.
+pub const MOST_TERMS: u32 = 16;
 
 /// Terms of the rows: the channels R, G, B.
 const CHANNELS: usize = 3;
@@ -45,6 +73,19 @@ pub struct DistantTransport {
     /// The part in harmonics.
     pub harmonics: Option<Harmonics>,
     /// The part in Haar coefficients, a row for each vertex that a transferring part uses.
+    pub rows: Option<IrradianceRows>,
+    /// Light that is scattered once.
+    pub single: Option<Single>,
+}
+
+/// Light that is scattered once, in harmonics or in rows.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Single {
+    /// Terms of the phase function's light side, one for each shell of the set; rows have one.
+    pub terms: u32,
+    /// In harmonics.
+    pub harmonics: Option<Harmonics>,
+    /// In Haar coefficients, a row for each vertex.
     pub rows: Option<IrradianceRows>,
 }
 
@@ -63,10 +104,106 @@ pub struct Harmonics {
 #[derive(Serialize, Deserialize)]
 struct Record {
     samples: u32,
+    numbers: Numbers,
+}
+
+/// The same of light that is scattered once.
+#[derive(Serialize, Deserialize)]
+struct SingleRecord {
+    terms: u32,
+    numbers: Numbers,
+}
+
+/// Of harmonics; order 0 for none.
+#[derive(Default, Serialize, Deserialize)]
+struct Numbers {
     order: u32,
     spacing_mm: f64,
     channels: Vec<f64>,
     step: f32,
+}
+
+impl Numbers {
+    fn new(harmonics: Option<&Harmonics>) -> Self {
+        let of = |h: &Harmonics| Self {
+            order: h.order,
+            spacing_mm: h.spacing_mm,
+            channels: h.set.channels.clone(),
+            step: h.set.step,
+        };
+        harmonics.map(of).unwrap_or_default()
+    }
+
+    /// With the arrays of a set.
+    fn joined(self, tag: Tag, tags: quantised_lights::tags::Set, set: Option<Set>) -> Result<Option<Harmonics>> {
+        let Self { order, spacing_mm, channels, step } = self;
+        match (order, set) {
+            (0, None) => Ok(None),
+            (0, Some(_)) => invalid(tag, "harmonics of order 0"),
+            (_, None) => Err(FormatError::MissingSection { tag: tags.units }),
+            (_, Some(set)) => Ok(Some(Harmonics { order, spacing_mm, set: Set { channels, step, ..set } })),
+        }
+    }
+}
+
+impl Harmonics {
+    fn validate(&self, (tag, tags): (Tag, quantised_lights::tags::Set), shells: usize) -> Result<()> {
+        let Self { order, spacing_mm, set } = self;
+        in_range(tag, "a spacing", &[*spacing_mm], 0.0)?;
+        if !(1..=MOST_ORDER).contains(order) {
+            return invalid(tag, format!("order {order}: from 1 to {MOST_ORDER} is possible"));
+        }
+        set.validate((tag, tags), (order * order) as usize, shells)
+    }
+}
+
+fn validate_rows(rows: &IrradianceRows, tags: &rows::tags::Set) -> Result<()> {
+    if rows.terms != CHANNELS {
+        return invalid(tags.dimensions, format!("{} terms, not {CHANNELS}", rows.terms));
+    }
+    rows.validate_as(tags)
+}
+
+impl Single {
+    fn validate(&self) -> Result<()> {
+        let tag = tags::SINGLE_NUMBERS;
+        if !(1..=MOST_TERMS).contains(&self.terms) {
+            return invalid(tag, format!("{} terms of a phase function: from 1 to {MOST_TERMS} are possible", self.terms));
+        }
+        match (&self.harmonics, &self.rows) {
+            (Some(harmonics), None) => harmonics.validate((tag, tags::SINGLE_SET), self.terms as usize),
+            (None, Some(_)) if self.terms != 1 => invalid(tag, format!("rows of {} terms, not 1", self.terms)),
+            (None, Some(rows)) => validate_rows(rows, &rows::tags::SINGLE),
+            _ => invalid(tag, "either harmonics or rows hold light that is scattered once"),
+        }
+    }
+
+    fn to_sections(&self) -> Result<Vec<RawSection>> {
+        let record = SingleRecord { terms: self.terms, numbers: Numbers::new(self.harmonics.as_ref()) };
+        let mut sections = vec![RawSection::from_record(tags::SINGLE_NUMBERS, Kind::Method, Codec::Zstd, &record)?];
+        if let Some(Harmonics { set, .. }) = &self.harmonics {
+            sections.extend(set.arrays(tags::SINGLE_SET));
+        }
+        if let Some(rows) = &self.rows {
+            sections.extend(rows.to_sections_as(&rows::tags::SINGLE, Kind::Method)?);
+        }
+        Ok(sections)
+    }
+
+    fn from_sections(sections: &[RawSection], vertices: usize) -> Result<Option<Self>> {
+        let numbers = pick(sections, [tags::SINGLE_NUMBERS], Kind::Method)?;
+        let set = Set::from_arrays(sections, tags::SINGLE_SET)?;
+        let rows = IrradianceRows::from_sections_as(sections, (&rows::tags::SINGLE, Kind::Method), vertices)?;
+        let Some([numbers]) = numbers else {
+            return match set.is_none() && rows.is_none() {
+                true => Ok(None),
+                false => Err(FormatError::MissingSection { tag: tags::SINGLE_NUMBERS }),
+            };
+        };
+        let SingleRecord { terms, numbers } = numbers.record()?;
+        let harmonics = numbers.joined(tags::SINGLE_NUMBERS, tags::SINGLE_SET, set)?;
+        Ok(Some(Self { terms, harmonics, rows }))
+    }
 }
 
 impl DistantTransport {
@@ -78,20 +215,13 @@ impl DistantTransport {
         if self.harmonics.is_none() && self.rows.is_none() {
             return invalid(tags::NUMBERS, "neither harmonics nor rows");
         }
-        if let Some(Harmonics { order, spacing_mm, set }) = &self.harmonics {
-            in_range(tags::NUMBERS, "a spacing", &[*spacing_mm], 0.0)?;
-            if !(1..=MOST_ORDER).contains(order) {
-                return invalid(tags::NUMBERS, format!("order {order}: from 1 to {MOST_ORDER} is possible"));
-            }
-            set.validate((tags::NUMBERS, tags::SET), (order * order) as usize, 1)?;
+        if let Some(harmonics) = &self.harmonics {
+            harmonics.validate((tags::NUMBERS, tags::SET), 1)?;
         }
         if let Some(rows) = &self.rows {
-            if rows.terms != CHANNELS {
-                return invalid(rows::tags::TRANSPORT.dimensions, format!("{} terms, not {CHANNELS}", rows.terms));
-            }
-            rows.validate_as(&rows::tags::TRANSPORT)?;
+            validate_rows(rows, &rows::tags::TRANSPORT)?;
         }
-        Ok(())
+        self.single.as_ref().map_or(Ok(()), Single::validate)
     }
 
     /// The sections of valid transport.
@@ -100,15 +230,16 @@ impl DistantTransport {
     /// [`crate::FormatError::Invalid`] as [`DistantTransport::validate`].
     pub fn to_sections(&self) -> Result<Vec<RawSection>> {
         self.validate()?;
-        let numbers = |h: &Harmonics| (h.order, h.spacing_mm, h.set.channels.clone(), h.set.step);
-        let (order, spacing_mm, channels, step) = self.harmonics.as_ref().map(numbers).unwrap_or_default();
-        let record = Record { samples: self.samples, order, spacing_mm, channels, step };
+        let record = Record { samples: self.samples, numbers: Numbers::new(self.harmonics.as_ref()) };
         let mut sections = vec![RawSection::from_record(tags::NUMBERS, Kind::Method, Codec::Zstd, &record)?];
         if let Some(Harmonics { set, .. }) = &self.harmonics {
             sections.extend(set.arrays(tags::SET));
         }
         if let Some(rows) = &self.rows {
             sections.extend(rows.to_sections_as(&rows::tags::TRANSPORT, Kind::Method)?);
+        }
+        if let Some(single) = &self.single {
+            sections.extend(single.to_sections()?);
         }
         Ok(sections)
     }
@@ -122,20 +253,15 @@ impl DistantTransport {
         let numbers = pick(sections, [tags::NUMBERS], Kind::Method)?;
         let set = Set::from_arrays(sections, tags::SET)?;
         let rows = IrradianceRows::from_sections_as(sections, (&rows::tags::TRANSPORT, Kind::Method), vertices)?;
+        let single = Single::from_sections(sections, vertices)?;
         let Some([numbers]) = numbers else {
-            return match set.is_none() && rows.is_none() {
+            return match set.is_none() && rows.is_none() && single.is_none() {
                 true => Ok(None),
                 false => Err(FormatError::MissingSection { tag: tags::NUMBERS }),
             };
         };
-        let Record { samples, order, spacing_mm, channels, step } = numbers.record()?;
-        let harmonics = match (order, set) {
-            (0, None) => None,
-            (0, Some(_)) => return invalid(tags::NUMBERS, "harmonics of order 0"),
-            (_, None) => return Err(FormatError::MissingSection { tag: tags::SET.units }),
-            (_, Some(set)) => Some(Harmonics { order, spacing_mm, set: Set { channels, step, ..set } }),
-        };
-        let result = Self { samples, harmonics, rows };
+        let Record { samples, numbers } = numbers.record()?;
+        let result = Self { samples, harmonics: numbers.joined(tags::NUMBERS, tags::SET, set)?, rows, single };
         result.validate()?;
         Ok(Some(result))
     }

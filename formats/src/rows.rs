@@ -79,6 +79,18 @@ pub mod tags {
         functions: Tag::from_static("aft.fun"),
     };
 
+    /// Rows of vertices: light scattered once, in the same way.
+    pub const SINGLE: Set = Set {
+        dimensions: Tag::from_static("afs.dim"),
+        counts: Tag::from_static("afs.cnt"),
+        indices: Tag::from_static("afs.idx"),
+        values: Tag::from_static("afs.val"),
+        steps: Tag::from_static("afs.vst"),
+        scaling: Tag::from_static("afs.sca"),
+        scaling_steps: Tag::from_static("afs.scs"),
+        functions: Tag::from_static("afs.fun"),
+    };
+
     impl Set {
         /// In the order of the file.
         pub const fn all(self) -> [Tag; 8] {

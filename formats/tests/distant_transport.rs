@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used)]
 
 use translux_format::coefficients::encode;
-use translux_format::distant_transport::{DistantTransport, Harmonics, tags};
+use translux_format::distant_transport::{DistantTransport, Harmonics, Single, tags};
 use translux_format::quantised_lights::Set;
 use translux_format::rows::{self, IrradianceRows};
 use translux_format::{FormatError, RawSection, Tag};
@@ -40,14 +40,32 @@ fn haar() -> IrradianceRows {
     }
 }
 
-fn all() -> [DistantTransport; 3] {
-    let of = |harmonics, rows| DistantTransport { samples: 100, harmonics, rows };
-    [of(Some(harmonics()), None), of(None, Some(haar())), of(Some(harmonics()), Some(haar()))]
+/// Light scattered once by a phase function of two terms, and by an isotropic one.
+fn single() -> [Single; 2] {
+    let mut harmonics = harmonics();
+    harmonics.set.channels = (0..36).map(f64::from).collect();
+    harmonics.set.columns = vec![0, 4, 17, 11];
+    [
+        Single { terms: 2, harmonics: Some(harmonics), rows: None },
+        Single { terms: 1, harmonics: None, rows: Some(haar()) },
+    ]
+}
+
+fn all() -> [DistantTransport; 5] {
+    let of = |harmonics, rows, single| DistantTransport { samples: 100, harmonics, rows, single };
+    let [terms, isotropic] = single().map(Some);
+    [
+        of(Some(harmonics()), None, None),
+        of(None, Some(haar()), None),
+        of(Some(harmonics()), Some(haar()), None),
+        of(Some(harmonics()), None, terms),
+        of(None, Some(haar()), isotropic),
+    ]
 }
 
 #[test]
 fn it_survives() {
-    for (transport, count) in all().into_iter().zip([6, 9, 14]) {
+    for (transport, count) in all().into_iter().zip([6, 9, 14, 12, 18]) {
         let sections = transport.to_sections().unwrap();
         assert_eq!(sections.len(), count);
         assert_eq!(DistantTransport::from_sections(&sections, VERTICES).unwrap().unwrap(), transport);
@@ -93,6 +111,21 @@ fn what_breaks_a_rule_is_neither_written_nor_read() {
     ];
     for (change, expected) in changes {
         let mut transport = all()[2].clone();
+        change(&mut transport);
+        let error = transport.to_sections().unwrap_err();
+        assert!(matches!(&error, FormatError::Invalid { tag, .. } if *tag == expected), "{error}");
+    }
+    let changes: [(Change, usize, Tag); 7] = [
+        (|t| t.single.as_mut().unwrap().terms = 0, 3, tags::SINGLE_NUMBERS),
+        (|t| t.single.as_mut().unwrap().terms = 17, 3, tags::SINGLE_NUMBERS),
+        (|t| t.single.as_mut().unwrap().terms = 3, 3, tags::SINGLE_NUMBERS),
+        (|t| t.single.as_mut().unwrap().harmonics = None, 3, tags::SINGLE_NUMBERS),
+        (|t| t.single.as_mut().unwrap().harmonics.as_mut().unwrap().order = 25, 3, tags::SINGLE_NUMBERS),
+        (|t| t.single.as_mut().unwrap().terms = 2, 4, tags::SINGLE_NUMBERS),
+        (|t| t.single.as_mut().unwrap().rows.as_mut().unwrap().terms = 2, 4, rows::tags::SINGLE.dimensions),
+    ];
+    for (change, which, expected) in changes {
+        let mut transport = all()[which].clone();
         change(&mut transport);
         let error = transport.to_sections().unwrap_err();
         assert!(matches!(&error, FormatError::Invalid { tag, .. } if *tag == expected), "{error}");

@@ -88,8 +88,8 @@ const AREA_TOLERANCE: f64 = 1e-5;
 fn without_samples() -> Vec<Tag> {
     let lights = quantised_lights::tags::SETS.iter().flat_map(|set| set.all());
     let single = [quantised_lights::tags::NUMBERS, scattering_lists::tags::NUMBERS];
-    let rows = rows::tags::TRANSPORT.all();
-    let all = [&single[..], &quantised_values::tags::ALL, &distant_transport::tags::ALL, &rows];
+    let rows = [rows::tags::TRANSPORT, rows::tags::SINGLE].map(rows::tags::Set::all);
+    let all = [&single[..], &quantised_values::tags::ALL, &distant_transport::tags::ALL, rows.as_flattened()];
     lights.chain(all.concat()).collect()
 }
 

@@ -5,6 +5,9 @@ use crate::math::statistics::VertexError;
 /// Stages that only light from an environment goes through.
 pub const ENVIRONMENT_STAGES: [&str; 3] = ["visibility", "cube map", "row truncation"];
 
+/// Stages of what stands beside the radiosity: their errors are relative to it alone, so that sums leave them out.
+pub const BESIDE_RADIOSITY: [&str; 1] = ["single scattering"];
+
 /// What one stage added.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Entry {
@@ -45,11 +48,16 @@ impl Ledger {
 
     /// [`Self::total_rms`] without what only light from an environment meets.
     pub fn total_rms_without_environment(&self) -> f64 {
-        self.entries.iter().filter(|e| !ENVIRONMENT_STAGES.contains(&e.stage.as_str())).map(|e| e.error.rms).sum()
+        self.of_radiosity().filter(|e| !ENVIRONMENT_STAGES.contains(&e.stage.as_str())).map(|e| e.error.rms).sum()
     }
 
-    /// Sum of the stages' RMS: errors of different stages may point the same way, so this is what is promised.
+    /// Sum of the stages' RMS, those of what stands beside the radiosity apart: errors of different stages may point the same way,
+    /// so this is what is promised.
     pub fn total_rms(&self) -> f64 {
-        self.entries.iter().map(|e| e.error.rms).sum()
+        self.of_radiosity().map(|e| e.error.rms).sum()
+    }
+
+    fn of_radiosity(&self) -> impl Iterator<Item = &Entry> {
+        self.entries.iter().filter(|e| !BESIDE_RADIOSITY.contains(&e.stage.as_str()))
     }
 }

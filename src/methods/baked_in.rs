@@ -12,6 +12,7 @@ use crate::error::{Error, ExitCode, Result};
 #[cfg(feature = "gpu")]
 use crate::evaluate::device::{Device, DeviceEvaluator};
 use crate::evaluate::sampled::{Bound, Far, Plan, SampledEvaluator};
+use crate::evaluate::single_scattering::{LitScene, TowardsEye};
 use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit};
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::Samples;
@@ -99,16 +100,32 @@ impl Truth {
     }
 }
 
-/// Names may change, properties may not.
+/// Whether the mean cosine of the phase function may change.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::methods) enum MeanCosine {
+    /// It is baked in, or nothing depends on it.
+    Stays,
+    /// It is read at run time.
+    Free,
+}
+
+/// Names may change, properties may not, the mean cosine apart where it is free.
 ///
 /// # Errors
 /// Command line: another number of media; unsupported: other properties.
-pub(in crate::methods) fn replace_media(scene: &mut Scene, media: Vec<Medium>) -> Result<()> {
+pub(in crate::methods) fn replace_media(scene: &mut Scene, media: Vec<Medium>, g: MeanCosine) -> Result<()> {
     if media.len() != scene.media.len() {
         let (given, there) = (media.len(), scene.media.len());
         return Err(Error::command_line(format!("{given} materials for the {there} media of the asset")));
     }
-    if media.iter().zip(&scene.media).any(|(a, b)| a.properties != b.properties) {
+    let differs = |(a, b): (&Medium, &Medium)| {
+        let mut own = a.properties;
+        if g == MeanCosine::Free {
+            own.g = b.properties.g;
+        }
+        own != b.properties
+    };
+    if media.iter().zip(&scene.media).any(differs) {
         return Err(Error::unsupported(
             "the material is baked into this asset; bake it again, or with --method editable",
         ));
@@ -146,6 +163,25 @@ pub(in crate::methods) trait Stored: Send + Sync {
     }
 }
 
+/// Light that is scattered once, as an asset stores it or not.
+pub(in crate::methods) trait StoredSingle: Send + Sync {
+    /// What [`Evaluator::single_scattering`] gives.
+    fn per_vertex(&self, lit: LitScene, receivers: &Receivers) -> Result<Option<Vec<DVec3>>>;
+
+    /// What [`Evaluator::towards_eye`] gives.
+    fn towards_eye<'a>(&'a self, lit: LitScene<'a>, receivers: &'a Receivers)
+    -> Result<Option<Box<dyn TowardsEye + 'a>>>;
+
+    /// Whether it reads the mean cosine of media at run time.
+    fn mean_cosine(&self) -> MeanCosine;
+
+    /// Enters its error against rays into a ledger.
+    fn enter_error(&self, lit: LitScene, receivers: &Receivers, ledger: &mut Ledger) -> Result<()>;
+
+    /// Bytes in memory.
+    fn bytes(&self) -> usize;
+}
+
 /// The transport of an asset, lit.
 pub(in crate::methods) struct BakedIn<S: Stored> {
     scene: Scene,
@@ -156,6 +192,8 @@ pub(in crate::methods) struct BakedIn<S: Stored> {
     light: S::Light,
     /// For who asks what the transport is worth.
     truth: Truth,
+    /// Beside the radiosity.
+    single: Option<Box<dyn StoredSingle>>,
 }
 
 impl<S: Stored + 'static> BakedIn<S> {
@@ -166,8 +204,26 @@ impl<S: Stored + 'static> BakedIn<S> {
         samples: usize,
         stored: S,
     ) -> Result<Box<dyn Evaluator>> {
+        Self::with_single(scene, receivers, samples, stored, None)
+    }
+
+    /// The same with light that is scattered once.
+    pub(in crate::methods) fn with_single(
+        scene: Scene,
+        receivers: Receivers,
+        samples: usize,
+        stored: S,
+        single: Option<Box<dyn StoredSingle>>,
+    ) -> Result<Box<dyn Evaluator>> {
         let (lights, bvh, light) = (Vec::new(), OnceLock::new(), stored.light(&[])?);
-        Ok(Box::new(Self { scene, bvh, receivers, stored, lights, light, truth: Truth::new(samples) }))
+        Ok(Box::new(Self { scene, bvh, receivers, stored, lights, light, truth: Truth::new(samples), single }))
+    }
+}
+
+impl<S: Stored> BakedIn<S> {
+    fn lit_scene(&self) -> LitScene<'_> {
+        let bvh = self.bvh.get_or_init(|| Bvh::new(&self.scene.mesh));
+        LitScene { scene: &self.scene, bvh, lights: &self.lights }
     }
 }
 
@@ -197,7 +253,9 @@ impl<S: Stored + 'static> Evaluator for BakedIn<S> {
         Cost {
             samples: self.truth.samples(),
             receivers: self.receivers.len(),
-            resident_bytes: self.stored.bytes() + size_of_val(self.receivers.of_vertex.as_slice()),
+            resident_bytes: self.stored.bytes()
+                + self.single.as_ref().map_or(0, |single| single.bytes())
+                + size_of_val(self.receivers.of_vertex.as_slice()),
         }
     }
 
@@ -217,12 +275,23 @@ impl<S: Stored + 'static> Evaluator for BakedIn<S> {
     }
 
     fn set_media(&mut self, media: Vec<Medium>) -> Result<()> {
-        replace_media(&mut self.scene, media)
+        let g = self.single.as_ref().map_or(MeanCosine::Stays, |single| single.mean_cosine());
+        replace_media(&mut self.scene, media, g)
     }
 
     fn radiosity(&mut self, _: &dyn Progress) -> Result<Vec<DVec3>> {
         let Self { stored, light, receivers, .. } = self;
         Ok(rayon::scope(|_| stored.radiosity(light, receivers)))
+    }
+
+    fn single_scattering(&mut self, _: &dyn Progress) -> Result<Option<Vec<DVec3>>> {
+        let Some(single) = &self.single else { return Ok(None) };
+        single.per_vertex(self.lit_scene(), &self.receivers)
+    }
+
+    fn towards_eye(&self) -> Result<Option<Box<dyn TowardsEye + '_>>> {
+        let Some(single) = &self.single else { return Ok(None) };
+        single.towards_eye(self.lit_scene(), &self.receivers)
     }
 
     fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {
@@ -239,7 +308,11 @@ impl<S: Stored + 'static> Evaluator for BakedIn<S> {
             Ok(stored.radiosity(&light, receivers))
         };
         let note = "against its samples lit by rays, the worst of these lights and of probe lights";
-        truth.measured(scene, (lights, &unseen), values, (stage, note), progress)
+        let mut ledger = truth.measured(scene, (lights, &unseen), values, (stage, note), progress)?;
+        if let Some(single) = &self.single {
+            single.enter_error(self.lit_scene(), &self.receivers, &mut ledger)?;
+        }
+        Ok(ledger)
     }
 
     fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {

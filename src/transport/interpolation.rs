@@ -73,10 +73,19 @@ impl SharedWeights {
     /// Fills `out`, one for each target, with what the weights make of RGB values at the sources, negative values clamped to 0;
     /// values that are missing count as 0.
     pub fn apply(&self, values: &[[f32; 4]], out: &mut Vec<[f32; 4]>) {
+        self.apply_above(0.0, values, out);
+    }
+
+    /// The same without a clamp.
+    pub fn apply_signed(&self, values: &[[f32; 4]], out: &mut Vec<[f32; 4]>) {
+        self.apply_above(f32::NEG_INFINITY, values, out);
+    }
+
+    fn apply_above(&self, least: f32, values: &[[f32; 4]], out: &mut Vec<[f32; 4]>) {
         let level = Level::detect();
         out.resize(self.targets, [0.0; 4]);
         out.par_chunks_mut(LANES * RUNS).enumerate().for_each(|(chunk, out)| {
-            sums(level, self, chunk * RUNS, values, out);
+            sums(level, (self, least), chunk * RUNS, values, out);
         });
     }
 }
@@ -110,7 +119,12 @@ fn of_run(weights: &Weights, targets: std::ops::Range<usize>) -> (Vec<u32>, Vec<
 }
 
 #[inline(always)]
-fn sums_body(weights: &SharedWeights, first: usize, values: &[[f32; 4]], out: &mut [[f32; 4]]) {
+fn sums_body(
+    (weights, least): (&SharedWeights, f32),
+    first: usize,
+    values: &[[f32; 4]],
+    out: &mut [[f32; 4]],
+) {
     for (run, out) in out.chunks_mut(LANES).enumerate() {
         let Some(&[from, to]) = weights.offsets.get(first + run..).and_then(|o| o.first_chunk::<2>()) else { return };
         let cells = from as usize..to as usize;
@@ -128,14 +142,14 @@ fn sums_body(weights: &SharedWeights, first: usize, values: &[[f32; 4]], out: &m
             }
         }
         for (i, out) in out.iter_mut().enumerate() {
-            *out = [r[i], g[i], b[i], 0.0].map(|sum| (sum * (1.0 / ONE)).max(0.0));
+            *out = [r[i], g[i], b[i], 0.0].map(|sum| (sum * (1.0 / ONE)).max(least));
         }
     }
 }
 
 multiversion! {
     /// See [`SharedWeights::apply`], from one run on.
-    fn sums(weights: &SharedWeights, first: usize, values: &[[f32; 4]], out: &mut [[f32; 4]]) => sums_body
+    fn sums(weights: (&SharedWeights, f32), first: usize, values: &[[f32; 4]], out: &mut [[f32; 4]]) => sums_body
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! Visibility, irradiance and the transfer of flux through the medium.
 
 pub mod balanced_tree;
+pub mod cube_harmonics;
 pub mod expected_light;
 pub mod far_field;
 pub mod gather;

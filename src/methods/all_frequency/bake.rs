@@ -3,7 +3,7 @@
 use translux_format::distant_transport::DistantTransport;
 
 use super::plan::{Basis, MOST_ORDER, Plan};
-use super::{bake_harmonics, bake_rows};
+use super::{bake_harmonics, bake_rows, bake_single};
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
 use crate::evaluate::{AssetParts, BakeSettings};
@@ -103,6 +103,8 @@ pub(super) fn bake(scene: &Scene, settings: &BakeSettings, plan: &Plan, progress
             Basis::Haar => file.rows = Some(bake_rows::rows(&work, &mut ledger, progress)?),
             Basis::Harmonics => file.harmonics = Some(bake_harmonics::harmonics(&work, &rows, &mut ledger, progress)?),
         }
+        let order = file.harmonics.as_ref().map(|h| h.order as usize);
+        file.single = bake_single::single(&work, order, &mut ledger, progress)?;
         let sections = file.to_sections().map_err(|e| Error::runtime(format!("asset: {e}")))?;
         let samples =
             Samples { facets: Vec::new(), patch_offsets: vec![0], part_offsets: vec![0; scene.parts.parts.len() + 1] };

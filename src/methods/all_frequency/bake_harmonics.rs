@@ -139,7 +139,7 @@ fn measure(
     let surface = stage.surface();
     let etas: Vec<f64> = stage.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
     let areas: Vec<f64> = net.point.iter().map(|&i| stage.areas[i as usize]).collect();
-    let stored = components(file, stage.scene, &stage.receivers)?;
+    let stored = components(file, (tags::SET, 1), stage.scene, &stage.receivers)?;
     let mut order: Vec<u32> = (0..net.point.len() as u32).collect();
     order.sort_unstable_by_key(|&row| net.point[row as usize]);
     let (mut errors, mut suns) = ([VertexError::default(); 3], VertexError::default());

@@ -63,7 +63,7 @@ pub(super) fn rows(work: &Work, ledger: &mut Ledger, progress: &dyn Progress) ->
 }
 
 /// Mean square of every coefficient of light: turns of the built-in sky, and as much energy in a sun anywhere.
-fn expected_light(side: usize, plan: &Plan) -> Result<Vec<f32>> {
+pub(super) fn expected_light(side: usize, plan: &Plan) -> Result<Vec<f32>> {
     let map = std::sync::Arc::new(sky());
     let energy = map.energy().element_sum() / 3.0;
     let mut squares = vec![0.0f64; FACES * side * side];

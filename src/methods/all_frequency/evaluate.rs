@@ -2,12 +2,13 @@
 
 use std::sync::Arc;
 
-use translux_format::distant_transport::DistantTransport;
+use translux_format::distant_transport::{DistantTransport, tags};
 
 use super::KINDS;
 use super::harmonics;
 use super::plan::Plan;
 use super::rows::Rows;
+use super::single;
 use crate::asset::Asset;
 use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
@@ -35,12 +36,16 @@ pub(super) fn open(asset: &Arc<Asset>) -> Result<Box<dyn Evaluator>> {
         .map_err(|e| Error::input(e.to_string()))?
         .ok_or_else(|| Error::input("an asset of `all_frequency` without its sections aft.*; bake it again"))?;
     let samples = file.samples as usize;
+    let single = single::stored(file.single.as_ref(), &plan, &scene, &receivers)?;
     match (&file.harmonics, &file.rows) {
         (Some(file), None) => {
-            let components = harmonics::components(file, &scene, &receivers)?;
-            BakedIn::boxed(scene, receivers, samples, components)
+            let components = harmonics::components(file, (tags::SET, 1), &scene, &receivers)?;
+            BakedIn::with_single(scene, receivers, samples, components, single)
         }
-        (None, Some(rows)) => BakedIn::boxed(scene, receivers, samples, Rows::new(rows, plan.transform)?),
+        (None, Some(rows)) => {
+            let rows = Rows::new(rows, plan.transform)?;
+            BakedIn::with_single(scene, receivers, samples, rows, single)
+        }
         _ => Err(Error::input("an asset of `all_frequency` that needs a later version of this program")),
     }
 }

@@ -2,7 +2,8 @@
 //! harmonics, that a vector over the columns, and radiosity at a reference point is a dot product.
 
 use glam::DVec3;
-use translux_format::distant_transport::{Harmonics as File, tags};
+use translux_format::distant_transport::Harmonics as File;
+use translux_format::quantised_lights::tags;
 
 use super::evaluate::far_away;
 use crate::compress::prediction::Net;
@@ -18,27 +19,38 @@ pub(super) struct Harmonics {
     order: usize,
 }
 
-/// The transport of a file, ready for lights.
-pub(super) fn components(file: &File, scene: &Scene, receivers: &Receivers) -> Result<Components<Harmonics>> {
+/// The transport of a file, ready for lights, of so many shells.
+pub(super) fn components(
+    file: &File,
+    (tags, shells): (tags::Set, usize),
+    scene: &Scene,
+    receivers: &Receivers,
+) -> Result<Components<Harmonics>> {
     let order = file.order as usize;
     let net = Net::unpredicted(order * order);
-    let coded = [Coded { set: &file.set, tags: tags::SET, shells: 0..1, net: &net }];
+    let coded = [Coded { set: &file.set, tags, shells: 0..shells, net: &net }];
     let fold = |basis: Vec<f32>, _| basis.iter().map(|v| f64::from(*v)).collect();
     let transport = Transport::new(&coded, (scene, receivers), file.spacing_mm, fold)?;
     Ok(Components { basis: Harmonics { order }, transport })
 }
 
-impl LightBasis for Harmonics {
-    const STAGE: &'static str = "transport in harmonics";
-
-    fn lit(&self, transport: &Transport, lights: &[Light]) -> Result<Lit> {
+impl Harmonics {
+    /// All lights together.
+    pub(super) fn projected(&self, lights: &[Light]) -> Result<Vec<[f64; 3]>> {
         let mut sums = vec![DVec3::ZERO; self.order * self.order];
         for light in lights {
             far_away(light)?;
             let own = coefficients(light, self.order)?;
             sums.iter_mut().zip(own).for_each(|(sum, c)| *sum += c);
         }
-        let shells = vec![sums.iter().map(DVec3::to_array).collect()];
-        transport.lit(vec![Weighted { shells, factors: Vec::new() }])
+        Ok(sums.iter().map(DVec3::to_array).collect())
+    }
+}
+
+impl LightBasis for Harmonics {
+    const STAGE: &'static str = "transport in harmonics";
+
+    fn lit(&self, transport: &Transport, lights: &[Light]) -> Result<Lit> {
+        transport.lit(vec![Weighted { shells: vec![self.projected(lights)?], factors: Vec::new() }])
     }
 }

@@ -4,10 +4,12 @@
 mod bake;
 mod bake_harmonics;
 mod bake_rows;
+mod bake_single;
 mod evaluate;
 mod harmonics;
 mod plan;
 mod rows;
+mod single;
 
 use std::sync::Arc;
 
@@ -68,7 +70,39 @@ const REFERENCES: Key = Key {
     help: "for sh: number of reference points (about); auto: what --max-rms asks for",
 };
 
-const KEYS: &[Key] = &[CUBE, BASIS, COEFFICIENTS, TRANSFORM, SELECTION, SPACING, REFERENCES];
+const SINGLE: Key = Key {
+    name: "single-scattering",
+    default: "off",
+    help: "off; isotropic: with reduced coefficients, a value for each vertex; phase: by the g of each medium, towards the eye, and \
+           g stays free at run time (its directions; extinction is baked)",
+};
+
+const SINGLE_BASIS: Key = Key {
+    name: "single-basis",
+    default: "auto",
+    help: "of light that is scattered once: sh or haar (isotropic, 128 coefficients for each vertex unless basis=haar has others); \
+           auto: that of the radiosity, sh for phase",
+};
+
+const PHASE_TERMS: Key = Key {
+    name: "phase-terms",
+    default: "auto",
+    help: "for phase: harmonics of the phase function, 1, 4, 9 or 16; rays: nothing is stored, rays are cast at run time, right \
+           for every g; auto: what g and --max-rms ask for",
+};
+
+const KEYS: &[Key] = &[
+    CUBE,
+    BASIS,
+    COEFFICIENTS,
+    TRANSFORM,
+    SELECTION,
+    SPACING,
+    REFERENCES,
+    SINGLE,
+    SINGLE_BASIS,
+    PHASE_TERMS,
+];
 
 /// What charts compare.
 const LADDER: &[&str] = &[

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::{BASIS, COEFFICIENTS, CUBE, REFERENCES, SELECTION, SPACING, TRANSFORM};
+use super::{BASIS, COEFFICIENTS, CUBE, PHASE_TERMS, REFERENCES, SELECTION, SINGLE, SINGLE_BASIS, SPACING, TRANSFORM};
 use crate::error::{Error, Result};
 use crate::light::LightKind;
 use crate::light::cube_light::Transform;
@@ -36,6 +36,28 @@ pub(super) enum Choice {
     Rate,
 }
 
+/// What becomes of light that is scattered once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Single {
+    /// It is left out.
+    Off,
+    /// Isotropic, with reduced coefficients: a value for each vertex.
+    Isotropic,
+    /// By the phase function of each medium, as a sum of terms.
+    Phase(Terms),
+}
+
+/// Terms of a phase function.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Terms {
+    /// As the media ask.
+    Auto,
+    /// So many.
+    Stored(usize),
+    /// None: rays at run time.
+    Rays,
+}
+
 /// Everything together.
 #[derive(Clone, Debug)]
 pub(super) struct Plan {
@@ -49,6 +71,9 @@ pub(super) struct Plan {
     pub(super) order: Option<usize>,
     pub(super) spacing_mm: Option<f64>,
     pub(super) references: Option<usize>,
+    pub(super) single: Single,
+    /// What it is expressed in.
+    pub(super) single_basis: Basis,
 }
 
 fn one_of<T: Copy>(values: &BTreeMap<String, String>, key: &crate::evaluate::Key, all: &[(&str, T)]) -> Result<T> {
@@ -88,17 +113,39 @@ impl Plan {
         };
         let spacing_mm = given(&SPACING).map(|_| number(values, &SPACING, 1e-6..=1e6)).transpose()?;
         let references = given(&REFERENCES).map(|_| number(values, &REFERENCES, 1..=1 << 30)).transpose()?;
-        Ok(Self { resolution, basis, transform, choice, row, order, spacing_mm, references })
+        let terms = [1, 4, 9, 16].map(Terms::Stored);
+        let names = ["auto", "1", "4", "9", "16", "rays"].into_iter();
+        let terms = [&[Terms::Auto], &terms[..], &[Terms::Rays]].concat();
+        let terms = one_of(values, &PHASE_TERMS, &names.zip(terms).collect::<Vec<_>>())?;
+        let single = [("off", Single::Off), ("isotropic", Single::Isotropic), ("phase", Single::Phase(terms))];
+        let single = one_of(values, &SINGLE, &single)?;
+        // Rows hold one term.
+        let auto = if matches!(single, Single::Phase(_)) { Basis::Harmonics } else { basis };
+        let names = [("auto", auto), ("sh", Basis::Harmonics), ("haar", Basis::Haar)];
+        let single_basis = one_of(values, &SINGLE_BASIS, &names)?;
+        Ok(Self { resolution, basis, transform, choice, row, order, spacing_mm, references, single, single_basis })
     }
 
     /// Refuses keys that this basis does not read, and kinds of light that it does not serve.
     pub(super) fn check(&self, values: &BTreeMap<String, String>, kinds: &BTreeSet<LightKind>) -> Result<()> {
-        let unread: &[&crate::evaluate::Key] = match self.basis {
-            Basis::Haar => &[&SPACING, &REFERENCES],
-            Basis::Harmonics => &[&TRANSFORM, &SELECTION],
+        let given = |key: &crate::evaluate::Key| values.get(key.name).is_some_and(|text| text != key.default);
+        if given(&PHASE_TERMS) && !matches!(self.single, Single::Phase(_)) {
+            return Err(Error::command_line("--set phase-terms: for --set single-scattering=phase"));
+        }
+        if given(&SINGLE_BASIS) && self.single == Single::Off {
+            return Err(Error::command_line("--set single-basis: for --set single-scattering=isotropic or phase"));
+        }
+        if self.single_basis == Basis::Haar && matches!(self.single, Single::Phase(_)) {
+            return Err(Error::command_line("--set single-basis=haar: for --set single-scattering=isotropic"));
+        }
+        let uses = |basis: Basis| self.basis == basis || (self.single != Single::Off && self.single_basis == basis);
+        let unread: &[&crate::evaluate::Key] = match (uses(Basis::Haar), uses(Basis::Harmonics)) {
+            (true, true) => &[],
+            (_, false) => &[&SPACING, &REFERENCES],
+            (false, _) => &[&TRANSFORM, &SELECTION],
         };
         for key in unread {
-            if values.get(key.name).is_some_and(|text| text != key.default) {
+            if given(key) {
                 let basis = if self.basis == Basis::Haar { "haar" } else { "sh" };
                 return Err(Error::command_line(format!("--set {}: basis={basis} has no use for it", key.name)));
             }

@@ -11,6 +11,7 @@ use crate::compress::ledger::Ledger;
 use crate::error::Result;
 use crate::evaluate::device::interpolated::{InterpolatedOnDevice, Sum};
 use crate::evaluate::device::{Device, DeviceEvaluator, read_radiosity};
+use crate::evaluate::single_scattering::TowardsEye;
 use crate::evaluate::{Capabilities, Cost, Evaluator};
 use crate::geometry::bvh::Bvh;
 use crate::light::Light;
@@ -103,6 +104,14 @@ impl<B: LightBasis> Evaluator for ComponentsOnDevice<B> {
 
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
         read_radiosity(self, progress)
+    }
+
+    fn single_scattering(&mut self, progress: &dyn Progress) -> Result<Option<Vec<DVec3>>> {
+        self.cpu.single_scattering(progress)
+    }
+
+    fn towards_eye(&self) -> Result<Option<Box<dyn TowardsEye + '_>>> {
+        self.cpu.towards_eye()
     }
 
     fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {

@@ -244,13 +244,17 @@ impl Transport {
 
     /// Fills `values` with the radiosity of every reference point over the scale of the lights, RGB and nothing.
     fn products(&self, lit: &Lit, values: &mut Vec<[f32; 4]>) {
+        self.products_of(&lit.parts, values);
+    }
+
+    fn products_of(&self, parts: &[Part], values: &mut Vec<[f32; 4]>) {
         values.resize(self.coefficients.len() / self.columns.max(1), [0.0; 4]);
         let level = Level::detect();
         let rows = self.coefficients.par_chunks((self.columns * CHUNK).max(1));
         values.par_chunks_mut(CHUNK).zip(rows).enumerate().for_each(|(chunk, (out, rows))| {
             let mut own = [[0.0f32; 4]; CHUNK];
             let own = &mut own[..out.len()];
-            for (index, part) in lit.parts.iter().enumerate() {
+            for (index, part) in parts.iter().enumerate() {
                 products(level, own, rows, self.columns, &part.terms);
                 if let Some(factors) = part.factors.get(chunk * CHUNK..) {
                     own.iter_mut().zip(factors).for_each(|(value, factor)| value.iter_mut().for_each(|v| *v *= factor));
@@ -280,6 +284,18 @@ impl Transport {
         self.weights.apply(&references, &mut self.gathered);
         self.references = references;
         receivers.expand_rgb(&self.gathered, lit.scale)
+    }
+
+    /// What each part of the lights gives at every receiver, over the scale of the lights, RGB and nothing, of either sign.
+    pub(in crate::methods) fn of_parts(&self, lit: &Lit) -> Vec<Vec<[f32; 4]>> {
+        let mut references = Vec::new();
+        let of_part = |part: &Part| {
+            let mut gathered = Vec::new();
+            self.products_of(std::slice::from_ref(part), &mut references);
+            self.weights.apply_signed(&references, &mut gathered);
+            gathered
+        };
+        lit.parts.iter().map(of_part).collect()
     }
 
     /// Bytes in memory.

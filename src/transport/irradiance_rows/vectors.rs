@@ -9,7 +9,8 @@ use super::row::{Keep, Work};
 use super::texels::TexelBaker;
 use crate::error::{Error, Result};
 use crate::light::cube_light::Transform;
-use crate::math::cube_map::FACES;
+use crate::math::cube_map::{FACES, solid_angles_sr};
+use crate::math::haar::Haar;
 use crate::progress::Progress;
 use crate::transport::gather::{Gather, Lists, Lit, Scheme, Source};
 use crate::transport::receivers::Receivers;
@@ -130,6 +131,69 @@ pub fn irradiance_rows(
     Ok(all)
 }
 
+/// No row yet, of three terms, the channels.
+fn of_channels(side: usize) -> IrradianceRows {
+    IrradianceRows {
+        side,
+        terms: 3,
+        offsets: vec![0],
+        functions: vec![Default::default(); 3],
+        ..IrradianceRows::default()
+    }
+}
+
+/// Rows of dense vectors, one after the other.
+pub struct RowWriter {
+    haar: Haar,
+    /// From integrals over texels to what is transformed.
+    weights: Vec<f32>,
+    work: Work,
+    rows: IrradianceRows,
+}
+
+impl RowWriter {
+    /// For faces of so many texels.
+    ///
+    /// # Errors
+    /// A side that has no transform.
+    pub fn new(side: usize, transform: Transform) -> Result<Self> {
+        let (haar, weights) = transform.of_transport(side)?;
+        let angles = solid_angles_sr(side);
+        let weights = weights.iter().zip(angles).map(|(w, angle)| (f64::from(*w) / angle) as f32).collect();
+        Ok(Self { haar, weights, work: Work::new(side, 3), rows: of_channels(side) })
+    }
+
+    /// Takes integrals over texels, `[channel][face][row][column]`, each times a factor.
+    pub fn push(&mut self, integrals: &[f32], factor: f32, selection: Selection) {
+        let face = self.weights.len();
+        for (index, out) in self.work.coefficients.chunks_exact_mut(3 * face).enumerate() {
+            let mut lit = false;
+            for (channel, out) in out.chunks_exact_mut(face).enumerate() {
+                let from = (channel * FACES + index) * face;
+                let Some(own) = integrals.get(from..from + face) else { continue };
+                out.iter_mut().zip(own.iter().zip(&self.weights)).for_each(|(out, (v, w))| *out = factor * v * w);
+                lit |= own.iter().any(|v| *v != 0.0);
+                self.haar.forward(out, &mut self.work.scratch);
+            }
+            self.work.lit[index] = lit;
+        }
+        self.work.append(selection.keep, selection.importance, &mut self.rows);
+    }
+
+    /// All of them.
+    pub fn finish(self) -> IrradianceRows {
+        self.rows
+    }
+}
+
+/// Rows of several writers, one after the other.
+///
+/// # Errors
+/// More than 2^32 - 2 coefficients (exit 5).
+pub fn joined(side: usize, chunks: Vec<IrradianceRows>) -> Result<IrradianceRows> {
+    super::join(of_channels(side), chunks)
+}
+
 /// Sums of rows: of every node, times area.
 pub struct RowTree<'a> {
     gather: &'a Gather<'a>,
@@ -230,18 +294,11 @@ impl<'a> RowTree<'a> {
         progress: &dyn Progress,
     ) -> Result<IrradianceRows> {
         let side = self.side;
-        let empty = || IrradianceRows {
-            side,
-            terms: 3,
-            offsets: vec![0],
-            functions: vec![Default::default(); 3],
-            ..IrradianceRows::default()
-        };
         progress.start("transfer", receivers.len() as u64);
         let mean = self.mean_irradiance();
         let lit = self.gather.light(&mean);
         let chunk = |groups: &[crate::transport::receivers::Group]| {
-            let mut rows = empty();
+            let mut rows = of_channels(side);
             let mut work = Work::new(side, 3);
             self.dense(receivers, groups, (&lit, scheme), |vector| {
                 work.take(vector);
@@ -252,7 +309,7 @@ impl<'a> RowTree<'a> {
         };
         let chunks: Vec<IrradianceRows> = receivers.groups.par_chunks(16).map(chunk).collect();
         progress.finish();
-        super::join(empty(), chunks)
+        super::join(of_channels(side), chunks)
     }
 
     /// Hands over the vectors of the receivers of some groups, one after the other: `[place][channel]`.

@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec3};
 
-use super::interface::{Entry, Form, inside_direction};
+use super::interface::{Entry, Form, inside_direction, refracted};
 use crate::geometry::bvh::{Bvh, Hit, Ray, offset_origin};
 use crate::medium::fresnel::transmittance;
 use crate::medium::material::OpticalProperties;
@@ -282,6 +282,16 @@ impl<'a> Interior<'a> {
         }
         DVec3::ZERO
     }
+}
+
+/// `w_o'`: the direction inside, outward, of light that leaves at a point towards an eye; none where nothing does.
+pub fn inside_towards(eta_inside_over_outside: f64, to_eye: DVec3, point: &ExitPoint) -> Option<DVec3> {
+    let inside = refracted(eta_inside_over_outside, to_eye, point.normal)?;
+    if inside.dot(point.geometric) > 0.0 {
+        return Some(inside);
+    }
+    // A shading normal so far from the triangle's that the path would not go inside.
+    refracted(eta_inside_over_outside, to_eye, point.geometric)
 }
 
 /// One point for each source vertex, with the angle-weighted normal of the triangles of its part around its welded vertex (the

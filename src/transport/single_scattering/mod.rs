@@ -27,7 +27,7 @@ use crate::medium::fresnel::diffuse_transmittance;
 
 pub use self::depths::Density;
 pub use self::interface::Form;
-pub use self::interior::{Coefficients, Crossings, ExitPoint, Optics, vertex_points};
+pub use self::interior::{Coefficients, Crossings, ExitPoint, Optics, inside_towards, vertex_points};
 
 /// `pi C`: what `L1 / F_t(w_o)` is multiplied by to become the quantity per vertex.
 pub fn radiosity_factor(eta_inside_over_outside: f64) -> f64 {

@@ -6,8 +6,8 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::depths::{self, Density, Depth};
-use super::interface::{Form, refracted};
-use super::interior::{Coefficients, Crossings, ExitPoint, Interior, Optics};
+use super::interface::Form;
+use super::interior::{Coefficients, Crossings, ExitPoint, Interior, Optics, inside_towards};
 use super::radiosity_factor;
 use crate::error::{Error, Result};
 use crate::geometry::bvh::Bvh;
@@ -190,14 +190,7 @@ impl<'a> SingleScattering<'a> {
     pub fn share_of_radiance(&self, point: &ExitPoint, to_eye: DVec3, path: Path, key: u64, share: Share) -> DVec3 {
         let Some(optics) = self.interior.optics(point.part) else { return DVec3::ZERO };
         let eta = optics.eta_inside_over_outside;
-        let Some(mut towards_eye) = refracted(eta, to_eye, point.normal) else { return DVec3::ZERO };
-        if towards_eye.dot(point.geometric) <= 0.0 {
-            // A shading normal so far from the triangle's that the path would not go inside.
-            match refracted(eta, to_eye, point.geometric) {
-                Some(by_triangle) => towards_eye = by_triangle,
-                None => return DVec3::ZERO,
-            }
-        }
+        let Some(towards_eye) = inside_towards(eta, to_eye, point) else { return DVec3::ZERO };
         let along = match path {
             Path::Refracted => -towards_eye,
             Path::InverseNormal => -point.normal,

@@ -13,6 +13,7 @@ use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::Samples;
 use crate::light::Light;
 use crate::math::statistics::{VertexError, vertex_error};
+use crate::methods::baked_in::MeanCosine;
 use crate::methods::baked_in::{self, Truth, relative};
 use crate::progress::{Progress, Silent};
 use crate::transport::irradiance::{Illumination, LightSampling};
@@ -144,7 +145,7 @@ impl Evaluator for BleedingEvaluator {
     }
 
     fn set_media(&mut self, media: Vec<Medium>) -> Result<()> {
-        baked_in::replace_media(&mut self.scene, media)
+        baked_in::replace_media(&mut self.scene, media, MeanCosine::Stays)
     }
 
     fn radiosity(&mut self, _: &dyn Progress) -> Result<Vec<DVec3>> {

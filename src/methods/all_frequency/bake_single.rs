@@ -1,0 +1,242 @@
+//! Light that is scattered once: vectors over the texels of a cube map, in harmonics at reference points or in Haar coefficients of
+//! every vertex.
+
+use rayon::prelude::*;
+use translux_format::distant_transport::{Harmonics as File, Single as SingleFile, tags};
+use translux_format::rows::{FACES, IrradianceRows};
+
+use super::bake::{SUN, Work, under_suns};
+use super::bake_rows::expected_light;
+use super::harmonics::components;
+use super::plan::{Basis, Choice, MOST_ORDER, Single, Terms};
+use super::rows::Rows;
+use super::single::{Probe, Values, exits};
+use crate::compress::ledger::Ledger;
+use crate::compress::prediction::Net;
+use crate::error::Result;
+use crate::evaluate::single_scattering::LitScene;
+use crate::medium::phase::LightTerms;
+use crate::methods::components::coding::{Radiosities, code};
+use crate::methods::references::{in_ascending_order, spacing, spacing_of};
+use crate::methods::stage::parts;
+use crate::progress::Progress;
+use crate::transport::cube_harmonics::{CubeHarmonics, Product};
+use crate::transport::irradiance_rows::row::Keep;
+use crate::transport::irradiance_rows::vectors::{RowWriter, Selection, joined};
+use crate::transport::scene::Scene;
+use crate::transport::single_scattering::radiance::{DepthSampling, Settings, SingleScattering};
+use crate::transport::single_scattering::vectors::{VectorBaker, VectorSettings};
+use crate::transport::single_scattering::{Coefficients, ExitPoint, radiosity_factor};
+
+/// Error that single scattering may have of its own for each of that of the radiosity, of which it is a small share.
+const OWN: f64 = 2.0;
+
+/// Shares of its error.
+const SPATIAL: f64 = 0.3;
+const CODED: f64 = 0.25;
+
+/// Suns that the spacing of reference points is chosen by, and distances inside under them.
+const SUNS: usize = 4;
+const PLACES: u32 = 8;
+
+/// Order of the harmonics at most where there are several terms.
+const ORDER_OF_TERMS: usize = 16;
+
+/// Reference points of one task.
+const CHUNK: usize = 16;
+
+/// Relative L2 error of a phase function for each of the asked error; what light from a hemisphere makes of it is less.
+const PHASE: f64 = 20.0;
+
+/// What the media ask for; no medium with another g than 0 makes it isotropic.
+pub(super) fn resolved(single: Single, scene: &Scene, max_rms: f64) -> Single {
+    let Single::Phase(terms) = single else { return single };
+    let media = scene.parts.parts.iter().filter_map(|part| scene.media.get(part.medium? as usize));
+    let g = media.map(|m| m.properties.g.abs()).fold(0.0, f64::max);
+    let fits = |terms: &&usize| missing(g, **terms) <= PHASE * max_rms;
+    match terms {
+        Terms::Auto if g == 0.0 => Single::Isotropic,
+        Terms::Auto => Single::Phase([1, 4, 9, 16].iter().find(fits).map_or(Terms::Rays, |k| Terms::Stored(*k))),
+        Terms::Stored(_) | Terms::Rays => single,
+    }
+}
+
+/// What whole bands of Henyey and Greenstein's function leave out, relative L2 error.
+fn missing(g: f64, terms: usize) -> f64 {
+    let square = g * g;
+    let energy = |l: usize| (2 * l + 1) as f64 * square.powi(l as i32);
+    let kept: f64 = (0..terms.isqrt()).map(energy).sum();
+    let all = (1.0 + square) / (1.0 - square).powi(2).max(f64::MIN_POSITIVE);
+    (1.0 - kept / all).max(0.0).sqrt()
+}
+
+/// What a bake stores; none where there is none or rays are cast at run time.
+pub(super) fn single(
+    work: &Work,
+    order: Option<usize>,
+    ledger: &mut Ledger,
+    progress: &dyn Progress,
+) -> Result<Option<SingleFile>> {
+    let single = resolved(work.plan.single, work.stage.scene, work.max_rms);
+    let terms = match single {
+        Single::Off | Single::Phase(Terms::Rays | Terms::Auto) => return Ok(None),
+        Single::Isotropic => LightTerms::Isotropic,
+        Single::Phase(Terms::Stored(terms)) => LightTerms::Harmonics(terms),
+    };
+    let baked = Baked::new(work, single, terms)?;
+    let (scene, receivers) = (work.stage.scene, &work.stage.receivers);
+    let (file, values) = match work.plan.single_basis {
+        Basis::Haar => {
+            let rows = baked.rows(progress)?;
+            let values = Values::Rows(Rows::new(&rows, work.plan.transform)?);
+            (SingleFile { terms: 1, harmonics: None, rows: Some(rows) }, values)
+        }
+        Basis::Harmonics => {
+            let file = baked.harmonics(order.unwrap_or(MOST_ORDER), progress)?;
+            let terms = baked.terms();
+            let values = Values::Harmonics(components(&file, (tags::SINGLE_SET, terms), scene, receivers)?, terms);
+            (SingleFile { terms: terms as u32, harmonics: Some(file), rows: None }, values)
+        }
+    };
+    let lit = LitScene { scene, bvh: &work.stage.bvh, lights: &[] };
+    let probe = Probe::new(lit, receivers);
+    progress.start("errors of single scattering", 0);
+    let environments = probe.worst(&values, single, &work.unseen.environments)?;
+    let suns = probe.worst(&values, single, &work.unseen.suns)?;
+    progress.finish();
+    let what = match &file.harmonics {
+        Some(h) => format!("{} harmonics, {} terms", h.order * h.order, file.terms),
+        None => "rows of every vertex".to_owned(),
+    };
+    let note = format!(
+        "{what}, relative to single scattering alone, against rays along the inverse normal; {}",
+        under_suns(suns)
+    );
+    ledger.add("single scattering", environments, note);
+    Ok(Some(file))
+}
+
+/// Everything that vectors are made with.
+struct Baked<'a, 'b> {
+    work: &'a Work<'a, 'b>,
+    coefficients: Coefficients,
+    exits: Vec<ExitPoint>,
+    baker: VectorBaker<'a>,
+}
+
+impl<'a, 'b> Baked<'a, 'b> {
+    fn new(work: &'a Work<'a, 'b>, single: Single, phase: LightTerms) -> Result<Self> {
+        let coefficients = match single {
+            Single::Phase(_) => Coefficients::Unreduced,
+            _ => Coefficients::Reduced,
+        };
+        let side = work.plan.resolution.side() / 2;
+        let settings = VectorSettings { side, coefficients, phase, ..VectorSettings::DEFAULT };
+        let stage = work.stage;
+        let baker = VectorBaker::new(stage.scene, &stage.bvh, settings)?;
+        Ok(Self { work, coefficients, exits: exits(stage.scene, &stage.receivers), baker })
+    }
+
+    fn terms(&self) -> usize {
+        self.baker.settings().phase.count()
+    }
+
+    /// `pi C` of the medium of a point.
+    fn factor(&self, point: &ExitPoint) -> f32 {
+        let scene = self.work.stage.scene;
+        let medium = scene.parts.parts.get(point.part as usize).and_then(|part| part.medium);
+        let properties = medium.and_then(|m| scene.media.get(m as usize)).map(|m| m.properties);
+        properties.map_or(0.0, |p| radiosity_factor(p.eta_inside_over_outside) as f32)
+    }
+
+    /// How far apart reference points may be.
+    fn spacing(&self) -> Result<f64> {
+        let Work { stage, plan, suns, max_rms, .. } = self.work;
+        if let Some(spacing_mm) = plan.spacing_mm {
+            return Ok(spacing_mm);
+        }
+        if let Some(count) = plan.references {
+            return Ok(spacing_of(stage, count));
+        }
+        let depths = DepthSampling::Deterministic(PLACES);
+        let settings = Settings { depths, coefficients: self.coefficients, ..Settings::PAPER };
+        let mut truth = Vec::new();
+        for sun in suns.iter().step_by(suns.len().div_ceil(SUNS).max(1)) {
+            let lights = std::slice::from_ref(sun);
+            let rays = SingleScattering::new(stage.scene, &stage.bvh, lights, settings)?;
+            truth.push(rays.per_points(&self.exits, &crate::progress::Silent));
+        }
+        Ok(spacing(stage, &truth, SUN * OWN * SPATIAL * max_rms))
+    }
+
+    /// `[point][channel][term][harmonic]` of some receivers.
+    fn projected(&self, points: &[u32], order: usize, progress: &dyn Progress) -> Vec<f32> {
+        let (terms, texels) = (self.terms(), self.baker.texels());
+        let matrix = CubeHarmonics::of_integrals(self.baker.settings().side, order);
+        let functions = matrix.functions();
+        let size = 3 * terms * functions;
+        let mut values = vec![0.0f32; points.len() * size];
+        progress.start("single scattering", points.len() as u64);
+        values.par_chunks_mut((CHUNK * size).max(1)).zip(points.par_chunks(CHUNK)).for_each(|(out, points)| {
+            let own: Vec<ExitPoint> = points.iter().map(|&i| self.exits[i as usize]).collect();
+            let mut by_term = vec![0.0f32; size];
+            self.baker.range(&own, 0..own.len(), |index, vector| {
+                let mut product = Product::new(&matrix);
+                vector.chunks_exact(texels).for_each(|row| product.push(row, &mut by_term));
+                product.finish(&mut by_term);
+                let factor = self.factor(&own[index]);
+                let out = &mut out[index * size..(index + 1) * size];
+                for (row, values) in by_term.chunks_exact(functions).enumerate() {
+                    let (term, channel) = (row / 3, row % 3);
+                    let out = &mut out[(channel * terms + term) * functions..][..functions];
+                    out.iter_mut().zip(values).for_each(|(out, v)| *out = factor * v);
+                }
+            });
+            progress.advance(points.len() as u64);
+        });
+        progress.finish();
+        values
+    }
+
+    fn harmonics(&self, order: usize, progress: &dyn Progress) -> Result<File> {
+        let (stage, terms) = (self.work.stage, self.terms());
+        let order = if terms > 1 { order.min(ORDER_OF_TERMS) } else { order };
+        let spacing_mm = self.spacing()?;
+        let net = Net::new(&stage.points, &parts(&stage.receivers), spacing_mm);
+        let directions = order * order;
+        let values = in_ascending_order(&net.point, 3 * terms * directions, |ascending| {
+            Ok(self.projected(ascending, order, progress))
+        })?;
+        progress.start("coding", 0);
+        let radiosities = Radiosities { values: (&values[..]).into(), shells: terms, directions, units: vec![1.0; directions] };
+        let error = 2.0 * OWN * CODED * self.work.max_rms;
+        let set = code(&radiosities, &net, &Net::unpredicted(directions), tags::SINGLE_SET, error)?;
+        progress.finish();
+        Ok(File { order: order as u32, spacing_mm, set })
+    }
+
+    /// Of every receiver.
+    fn rows(&self, progress: &dyn Progress) -> Result<IrradianceRows> {
+        let plan = self.work.plan;
+        let importance = match plan.choice {
+            Choice::Magnitude => None,
+            // One threshold for all is a matter of the rows of the radiosity.
+            Choice::Light | Choice::Rate => Some(expected_light(self.baker.settings().side, plan)?),
+        };
+        let keep = Keep::Largest(plan.row.saturating_sub(FACES));
+        let selection = Selection { keep, importance: importance.as_deref() };
+        let (side, transform) = (self.baker.settings().side, plan.transform);
+        progress.start("single scattering", self.exits.len() as u64);
+        let of_chunk = |points: &[ExitPoint]| -> Result<IrradianceRows> {
+            let mut writer = RowWriter::new(side, transform)?;
+            self.baker.range(points, 0..points.len(), |index, vector| {
+                writer.push(vector, self.factor(&points[index]), selection);
+            });
+            progress.advance(points.len() as u64);
+            Ok(writer.finish())
+        };
+        let chunks: Vec<IrradianceRows> = self.exits.par_chunks(CHUNK).map(of_chunk).collect::<Result<_>>()?;
+        progress.finish();
+        joined(side, chunks)
+    }
+}
