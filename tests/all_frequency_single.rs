@@ -24,7 +24,7 @@ use translux::transport::single_scattering::vertex_points;
 
 /// A head of 20 mm, a few mean free paths of skin1 thick in its ears.
 fn head(g: f64) -> Scene {
-    let mut scene = in_memory::scene(shapes::bumpy_head(10.0, 4), Scale::MillimetresPerUnit(1.0), "skin1");
+    let mut scene = in_memory::scene(shapes::bumpy_head(10.0, 3), Scale::MillimetresPerUnit(1.0), "skin1");
     scene.media[0].properties.g = g;
     scene
 }
@@ -99,9 +99,10 @@ fn stored_values_are_those_of_rays() {
         let asset = bake("all_frequency", &scene, set);
         let of_ledger = ledger_rms(&asset);
         let mut evaluator = open("all_frequency", asset);
-        let found = lights.iter().zip(&expected).map(|(lights, expected)| {
-            vertex_error(&per_vertex(evaluator.as_mut(), lights), expected, &areas).rms
-        });
+        let found = lights
+            .iter()
+            .zip(&expected)
+            .map(|(lights, expected)| vertex_error(&per_vertex(evaluator.as_mut(), lights), expected, &areas).rms);
         let found: Vec<f64> = found.collect();
         println!("{set:?}: {found:.4?}, ledger {of_ledger:.4}");
         assert!(found.iter().zip(most).all(|(error, most)| *error < most), "{set:?}: {found:?}");
@@ -127,6 +128,31 @@ fn nothing_beside_the_radiosity_unless_it_is_asked_for() {
     assert!(with.cost().resident_bytes > plain.cost().resident_bytes);
 }
 
+/// What is seen is the sum, whether it is stored as one or beside each other.
+#[test]
+fn folded_into_the_radiosity_it_is_the_same_light() {
+    let scene = head(0.0);
+    let areas = vertex_areas(&scene);
+    let folded = bake("all_frequency", &scene, &["single-scattering=folded"]);
+    let beside = bake("all_frequency", &scene, &["single-scattering=isotropic"]);
+    assert!(folded.sections.len() < beside.sections.len());
+    let [mut folded, mut beside] = [folded, beside].map(|asset| open("all_frequency", asset));
+    assert!(folded.includes_single_scattering() && !beside.includes_single_scattering());
+    assert!(folded.single_scattering(&Silent).unwrap().is_none());
+    for lights in [vec![environment()], vec![sun()]] {
+        let single = per_vertex(beside.as_mut(), &lights);
+        let apart = beside.radiosity(&Silent).unwrap();
+        let sum: Vec<DVec3> = apart.iter().zip(&single).map(|(b, s)| *b + *s).collect();
+        folded.set_lights(lights, &Silent).unwrap();
+        let found = folded.radiosity(&Silent).unwrap();
+        let (error, without) = (vertex_error(&found, &sum, &areas).rms, vertex_error(&found, &apart, &areas).rms);
+        println!("folded against the sum {error:.4}, against the radiosity alone {without:.4}");
+        assert!(error < 0.02 && without > 3.0 * error, "{error} {without}");
+    }
+    let measured = folded.measured_error(&[], &Silent).unwrap();
+    assert!(measured.total_rms() < 0.05, "{measured:?}");
+}
+
 #[test]
 fn more_terms_come_nearer_to_the_phase_function() {
     let scene = head(0.4);
@@ -136,7 +162,10 @@ fn more_terms_come_nearer_to_the_phase_function() {
     let expected = seen(truth.as_mut(), &[environment()]);
     let errors = ["1", "4", "9", "16", "rays"].map(|terms| {
         let set = format!("phase-terms={terms}");
-        let mut evaluator = open("all_frequency", bake("all_frequency", &scene, &["single-scattering=phase", &set]));
+        let mut evaluator = open(
+            "all_frequency",
+            bake("all_frequency", &scene, &["single-scattering=phase", "coefficients=100", &set]),
+        );
         assert!(evaluator.single_scattering(&Silent).unwrap().is_none());
         vertex_error(&seen(evaluator.as_mut(), &[environment()]), &expected, &areas).rms
     });
@@ -148,7 +177,7 @@ fn more_terms_come_nearer_to_the_phase_function() {
 #[test]
 fn the_number_of_terms_follows_g() {
     let stored = |g: f64| {
-        let asset = bake("all_frequency", &head(g), &["single-scattering=phase"]);
+        let asset = bake("all_frequency", &head(g), &["single-scattering=phase", "coefficients=25"]);
         let file = translux_format::distant_transport::DistantTransport::from_sections(
             &asset.sections,
             asset.scene.mesh.local_mm.len(),
@@ -185,11 +214,12 @@ fn keys_that_do_not_fit_are_refused() {
     let scene = in_memory::scene(shapes::icosphere(5.0, 1), Scale::MillimetresPerUnit(1.0), "marble");
     let method = methods::named("all_frequency").unwrap();
     for (set, word) in [
-        (vec!["single-scattering=on"], "off, isotropic, phase"),
+        (vec!["single-scattering=on"], "off, isotropic, folded, phase"),
         (vec!["phase-terms=4"], "single-scattering=phase"),
         (vec!["single-scattering=phase", "phase-terms=8"], "auto, 1, 4, 9, 16, rays"),
         (vec!["single-scattering=phase", "single-basis=haar"], "isotropic"),
         (vec!["single-basis=haar"], "isotropic or phase"),
+        (vec!["single-scattering=folded", "basis=haar"], "basis=sh"),
     ] {
         let error = try_bake(method, scene.clone(), Some(500), &pairs(&set)).unwrap_err();
         assert_eq!(error.code(), ExitCode::CommandLine, "{set:?}");

@@ -168,7 +168,10 @@ impl Single {
     fn validate(&self) -> Result<()> {
         let tag = tags::SINGLE_NUMBERS;
         if !(1..=MOST_TERMS).contains(&self.terms) {
-            return invalid(tag, format!("{} terms of a phase function: from 1 to {MOST_TERMS} are possible", self.terms));
+            return invalid(
+                tag,
+                format!("{} terms of a phase function: from 1 to {MOST_TERMS} are possible", self.terms),
+            );
         }
         match (&self.harmonics, &self.rows) {
             (Some(harmonics), None) => harmonics.validate((tag, tags::SINGLE_SET), self.terms as usize),

@@ -8,6 +8,7 @@ use serde::Serialize;
 
 use super::compare_assets::{self, AssetDifference};
 use super::console::{Console, Format, percent};
+use super::evaluate::SINGLE_INCLUDED;
 use super::{output, report};
 use crate::error::{Error, ExitCode, Result};
 use crate::io::exr::{ExrPlane, read_exr_channels};
@@ -82,7 +83,7 @@ struct CompareReport {
     threshold: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     vertices: Option<VertexError>,
-    /// Of single scattering alone, where both files have it; `vertices` is the worse of this and the radiosity.
+    /// Of single scattering alone, where both files have it; `vertices` is the worse of the radiosity and the sum of both.
     #[serde(skip_serializing_if = "Option::is_none")]
     single_scattering: Option<VertexError>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -144,7 +145,10 @@ fn describe(r: &CompareReport) -> String {
     let figures = match (&r.vertices, &r.image) {
         (Some(v), _) => {
             let single = r.single_scattering.map_or_else(String::new, |s| {
-                format!(" (the worse of radiosity and single scattering, whose RMS is {})", percent(s.rms))
+                format!(
+                    " (the worse of radiosity alone and with single scattering; single scattering alone: RMS {})",
+                    percent(s.rms)
+                )
             });
             format!(
                 "RMS {}, bias {}, 99.9th percentile {}, worst vertex {}{single}",
@@ -185,6 +189,10 @@ fn flip_text(flip: Option<&FlipReport>) -> String {
     format!("HDR-FLIP {:.4}{covered} at {exposures}, ", flip.mean)
 }
 
+/// Columns of radiosity and of single scattering.
+const B: [&str; 3] = ["b_r", "b_g", "b_b"];
+const S: [&str; 3] = ["s_r", "s_g", "s_b"];
+
 fn compare_ply(result: &mut CompareReport, console: &Console) -> Result<()> {
     let (a, b) = (read_ply(&result.a)?, read_ply(&result.b)?);
     if a.vertex_count != b.vertex_count {
@@ -192,12 +200,36 @@ fn compare_ply(result: &mut CompareReport, console: &Console) -> Result<()> {
         return Err(Error::new(ExitCode::Difference, format!("the files have {counts}")));
     }
     result.equal = a.columns == b.columns && a.triangles == b.triangles;
-    let mut worst = compare_triples(&a, &b, ["b_r", "b_g", "b_b"], &result.a, &result.b)?;
-    if in_both(a.column("s_r").is_some(), b.column("s_r").is_some(), result, console) {
-        let single = compare_triples(&a, &b, ["s_r", "s_g", "s_b"], &result.a, &result.b)?;
-        worst = worst.max(single);
-        result.single_scattering = Some(single);
-    }
+    let of = |table: &PlyVertexTable, path: &Path, names: [&str; 3]| -> Result<Vec<DVec3>> {
+        let missing = || Error::input(format!("{}: no properties {}", path.display(), names.join(" ")));
+        Ok(table.triples(names).ok_or_else(missing)?.into_iter().map(DVec3::from_array).collect())
+    };
+    let radiosity = [of(&a, &result.a, B)?, of(&b, &result.b, B)?];
+    let single = [(&a, &result.a), (&b, &result.b)].map(|(table, path)| of(table, path, S).ok());
+    let included = [&a, &b].map(|table| table.comments.iter().any(|c| c == SINGLE_INCLUDED));
+    // Equal weights for a file without faces.
+    let areas = match b.triples(["x", "y", "z"]).filter(|_| !b.triangles.is_empty()) {
+        Some(positions) => vertex_areas(|v| DVec3::from_array(positions[v as usize]), b.vertex_count, &b.triangles),
+        None => vec![1.0; b.vertex_count],
+    };
+    let error = |values: [&Vec<DVec3>; 2]| vertex_error(values[0], values[1], &areas);
+    let sum = |side: usize| match &single[side] {
+        Some(single) => radiosity[side].iter().zip(single).map(|(b, s)| *b + *s).collect(),
+        None => radiosity[side].clone(),
+    };
+    let has = [0, 1].map(|side| included[side] || single[side].is_some());
+    let worst = if in_both(has[0], has[1], result, console) {
+        let with = error([&sum(0), &sum(1)]);
+        match &single {
+            [Some(own), Some(other)] => {
+                result.single_scattering = Some(error([own, other]));
+                with.max(error([&radiosity[0], &radiosity[1]]))
+            }
+            _ => with,
+        }
+    } else {
+        error([&radiosity[0], &radiosity[1]])
+    };
     result.value = result.metric.of(&worst);
     result.vertices = Some(worst);
     Ok(())
@@ -210,25 +242,6 @@ fn in_both(a: bool, b: bool, result: &CompareReport, console: &Console) -> bool 
         console.note(&format!("{} alone has single scattering, which is not compared", with.display()));
     }
     a && b
-}
-
-fn compare_triples(
-    a: &PlyVertexTable,
-    b: &PlyVertexTable,
-    names: [&str; 3],
-    path_a: &Path,
-    path_b: &Path,
-) -> Result<VertexError> {
-    let values = |table: &PlyVertexTable, path: &Path| -> Result<Vec<DVec3>> {
-        let missing = || Error::input(format!("{}: no properties {}", path.display(), names.join(" ")));
-        Ok(table.triples(names).ok_or_else(missing)?.into_iter().map(DVec3::from_array).collect())
-    };
-    // Equal weights for a file without faces.
-    let areas = match b.triples(["x", "y", "z"]).filter(|_| !b.triangles.is_empty()) {
-        Some(positions) => vertex_areas(|v| DVec3::from_array(positions[v as usize]), b.vertex_count, &b.triangles),
-        None => vec![1.0; b.vertex_count],
-    };
-    Ok(vertex_error(&values(a, path_a)?, &values(b, path_b)?, &areas))
 }
 
 /// A third of the area of the triangles around each vertex.

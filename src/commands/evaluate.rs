@@ -82,6 +82,9 @@ pub(super) fn run(args: &EvaluateArgs, console: &Console) -> Result<ExitCode> {
     verdict
 }
 
+/// Comment of files whose radiosity has single scattering in it.
+pub(super) const SINGLE_INCLUDED: &str = "b includes single scattering along the inverse normal";
+
 /// Lights an evaluator, writes its radiosity and measures its error.
 pub(super) fn finish(
     evaluator: &mut dyn Evaluator,
@@ -103,6 +106,9 @@ pub(super) fn finish(
         comments.extend(lights.text.iter().map(|t| format!("light {t}")));
         if single.is_some() {
             comments.push("s is single scattering along the inverse normal, b does without it".to_owned());
+        }
+        if evaluator.includes_single_scattering() {
+            comments.push(SINGLE_INCLUDED.to_owned());
         }
         radiosity_ply(scene, &radiosity, single.as_deref(), comments)
     });

@@ -190,6 +190,12 @@ pub trait Evaluator: Send {
         Ok(None)
     }
 
+    /// Whether the radiosity has isotropic single scattering in it, against [`Self::single_scattering`]: what leaves is the same,
+    /// but nothing tells the two apart.
+    fn includes_single_scattering(&self) -> bool {
+        false
+    }
+
     /// Single scattering under the lights and media in force as eyes see it, where that is more than
     /// [`Self::single_scattering`].
     ///

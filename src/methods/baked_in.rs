@@ -12,13 +12,13 @@ use crate::error::{Error, ExitCode, Result};
 #[cfg(feature = "gpu")]
 use crate::evaluate::device::{Device, DeviceEvaluator};
 use crate::evaluate::sampled::{Bound, Far, Plan, SampledEvaluator};
-use crate::evaluate::single_scattering::{LitScene, TowardsEye};
+use crate::evaluate::single_scattering::{LitScene, Scattering, TowardsEye, Traced};
 use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit};
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::Samples;
 use crate::light::Light;
 use crate::math::statistics::{VertexError, vertex_error};
-use crate::progress::Progress;
+use crate::progress::{Progress, Silent};
 use crate::transport::gather::NearField;
 use crate::transport::irradiance::LightSampling;
 use crate::transport::receivers::Receivers;
@@ -26,6 +26,9 @@ use crate::transport::scene::{Medium, Scene};
 
 /// Error of the hierarchy that the transport is measured against.
 const TRUTH_ERROR: f64 = 0.001;
+
+/// Single scattering that is in the radiosity, by rays.
+const FOLDED: Traced = Traced { scattering: Scattering::Isotropic, samples: 32 };
 
 /// An error, or none where the truth is black and the values are not: nothing can be relative to that.
 pub(in crate::methods) fn relative(error: VertexError) -> VertexError {
@@ -163,14 +166,36 @@ pub(in crate::methods) trait Stored: Send + Sync {
     }
 }
 
+/// What an asset has of light that is scattered once.
+pub(in crate::methods) enum Single {
+    /// Nothing.
+    None,
+    /// It is in the radiosity, isotropic.
+    Folded,
+    /// It stands beside the radiosity.
+    Beside(Box<dyn StoredSingle>),
+}
+
+impl Single {
+    fn beside(&self) -> Option<&dyn StoredSingle> {
+        match self {
+            Self::Beside(single) => Some(single.as_ref()),
+            Self::None | Self::Folded => None,
+        }
+    }
+}
+
 /// Light that is scattered once, as an asset stores it or not.
 pub(in crate::methods) trait StoredSingle: Send + Sync {
     /// What [`Evaluator::single_scattering`] gives.
     fn per_vertex(&self, lit: LitScene, receivers: &Receivers) -> Result<Option<Vec<DVec3>>>;
 
     /// What [`Evaluator::towards_eye`] gives.
-    fn towards_eye<'a>(&'a self, lit: LitScene<'a>, receivers: &'a Receivers)
-    -> Result<Option<Box<dyn TowardsEye + 'a>>>;
+    fn towards_eye<'a>(
+        &'a self,
+        lit: LitScene<'a>,
+        receivers: &'a Receivers,
+    ) -> Result<Option<Box<dyn TowardsEye + 'a>>>;
 
     /// Whether it reads the mean cosine of media at run time.
     fn mean_cosine(&self) -> MeanCosine;
@@ -192,8 +217,7 @@ pub(in crate::methods) struct BakedIn<S: Stored> {
     light: S::Light,
     /// For who asks what the transport is worth.
     truth: Truth,
-    /// Beside the radiosity.
-    single: Option<Box<dyn StoredSingle>>,
+    single: Single,
 }
 
 impl<S: Stored + 'static> BakedIn<S> {
@@ -204,7 +228,7 @@ impl<S: Stored + 'static> BakedIn<S> {
         samples: usize,
         stored: S,
     ) -> Result<Box<dyn Evaluator>> {
-        Self::with_single(scene, receivers, samples, stored, None)
+        Self::with_single(scene, receivers, samples, stored, Single::None)
     }
 
     /// The same with light that is scattered once.
@@ -213,7 +237,7 @@ impl<S: Stored + 'static> BakedIn<S> {
         receivers: Receivers,
         samples: usize,
         stored: S,
-        single: Option<Box<dyn StoredSingle>>,
+        single: Single,
     ) -> Result<Box<dyn Evaluator>> {
         let (lights, bvh, light) = (Vec::new(), OnceLock::new(), stored.light(&[])?);
         Ok(Box::new(Self { scene, bvh, receivers, stored, lights, light, truth: Truth::new(samples), single }))
@@ -254,7 +278,7 @@ impl<S: Stored + 'static> Evaluator for BakedIn<S> {
             samples: self.truth.samples(),
             receivers: self.receivers.len(),
             resident_bytes: self.stored.bytes()
-                + self.single.as_ref().map_or(0, |single| single.bytes())
+                + self.single.beside().map_or(0, |single| single.bytes())
                 + size_of_val(self.receivers.of_vertex.as_slice()),
         }
     }
@@ -275,7 +299,7 @@ impl<S: Stored + 'static> Evaluator for BakedIn<S> {
     }
 
     fn set_media(&mut self, media: Vec<Medium>) -> Result<()> {
-        let g = self.single.as_ref().map_or(MeanCosine::Stays, |single| single.mean_cosine());
+        let g = self.single.beside().map_or(MeanCosine::Stays, |single| single.mean_cosine());
         replace_media(&mut self.scene, media, g)
     }
 
@@ -285,16 +309,22 @@ impl<S: Stored + 'static> Evaluator for BakedIn<S> {
     }
 
     fn single_scattering(&mut self, _: &dyn Progress) -> Result<Option<Vec<DVec3>>> {
-        let Some(single) = &self.single else { return Ok(None) };
+        let Some(single) = self.single.beside() else { return Ok(None) };
         single.per_vertex(self.lit_scene(), &self.receivers)
     }
 
+    fn includes_single_scattering(&self) -> bool {
+        matches!(self.single, Single::Folded)
+    }
+
     fn towards_eye(&self) -> Result<Option<Box<dyn TowardsEye + '_>>> {
-        let Some(single) = &self.single else { return Ok(None) };
+        let Some(single) = self.single.beside() else { return Ok(None) };
         single.towards_eye(self.lit_scene(), &self.receivers)
     }
 
     fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {
+        let folded = self.includes_single_scattering();
+        let bvh = self.bvh.get_or_init(|| Bvh::new(&self.scene.mesh));
         let Self { scene, receivers, stored, lights, truth, .. } = self;
         let stage = stored.stage();
         // Of the unseen ones those that are served.
@@ -305,11 +335,17 @@ impl<S: Stored + 'static> Evaluator for BakedIn<S> {
         let unseen: Vec<Light> = unseen.iter().filter(served).cloned().collect();
         let values = |lights: &[Light]| {
             let light = stored.light(lights)?;
-            Ok(stored.radiosity(&light, receivers))
+            let mut values = stored.radiosity(&light, receivers);
+            if folded {
+                // What the truth has apart.
+                let rays = FOLDED.per_vertex(LitScene { scene, bvh, lights }, &Silent)?.unwrap_or_default();
+                values.iter_mut().zip(rays).for_each(|(value, single)| *value -= single);
+            }
+            Ok(values)
         };
         let note = "against its samples lit by rays, the worst of these lights and of probe lights";
         let mut ledger = truth.measured(scene, (lights, &unseen), values, (stage, note), progress)?;
-        if let Some(single) = &self.single {
+        if let Some(single) = self.single.beside() {
             single.enter_error(self.lit_scene(), &self.receivers, &mut ledger)?;
         }
         Ok(ledger)

@@ -119,12 +119,7 @@ fn of_run(weights: &Weights, targets: std::ops::Range<usize>) -> (Vec<u32>, Vec<
 }
 
 #[inline(always)]
-fn sums_body(
-    (weights, least): (&SharedWeights, f32),
-    first: usize,
-    values: &[[f32; 4]],
-    out: &mut [[f32; 4]],
-) {
+fn sums_body((weights, least): (&SharedWeights, f32), first: usize, values: &[[f32; 4]], out: &mut [[f32; 4]]) {
     for (run, out) in out.chunks_mut(LANES).enumerate() {
         let Some(&[from, to]) = weights.offsets.get(first + run..).and_then(|o| o.first_chunk::<2>()) else { return };
         let cells = from as usize..to as usize;

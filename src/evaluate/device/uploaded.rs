@@ -99,6 +99,10 @@ impl Evaluator for Uploaded {
         self.evaluator.single_scattering(progress)
     }
 
+    fn includes_single_scattering(&self) -> bool {
+        self.evaluator.includes_single_scattering()
+    }
+
     fn towards_eye(&self) -> Result<Option<Box<dyn TowardsEye + '_>>> {
         self.evaluator.towards_eye()
     }

@@ -4,6 +4,7 @@ use glam::DVec3;
 use translux_format::distant_transport::{Harmonics as File, tags};
 
 use super::bake::{SUN, Work, under_suns};
+use super::bake_single::Folded;
 use super::harmonics::components;
 use super::plan::MOST_ORDER;
 use crate::compress::ledger::Ledger;
@@ -32,6 +33,9 @@ const COARSER: usize = 8;
 const LEAST_SAMPLES: usize = 1 << 14;
 const SOME: usize = 384;
 
+/// Vertices that errors are measured at where single scattering is traced for them.
+const MOST_TRACED: usize = 256;
+
 /// The lowest order that is tried.
 const FIRST_ORDER: usize = 3;
 
@@ -45,11 +49,20 @@ struct AtReferences {
 }
 
 impl AtReferences {
-    fn new(work: &Work, points: &[u32], rows: &IrradianceRows, progress: &dyn Progress) -> Result<Self> {
+    fn new(
+        (work, folded): (&Work, Option<&Folded>),
+        points: &[u32],
+        rows: &IrradianceRows,
+        progress: &dyn Progress,
+    ) -> Result<Self> {
         let values = in_ascending_order(points, 3 * rows.lights, |ascending| {
             let receivers = work.stage.receivers.only(ascending, GROUP);
             let areas = vec![1.0; receivers.len()];
-            Ok(work.transfer.towards(&receivers, &areas).radiosity(rows, progress).values)
+            let mut values = work.transfer.towards(&receivers, &areas).radiosity(rows, progress).values;
+            if let Some(folded) = folded {
+                folded.add(ascending, rows.lights.isqrt(), &mut values, progress);
+            }
+            Ok(values)
         })?;
         Ok(Self { functions: rows.lights, values })
     }
@@ -75,7 +88,11 @@ pub(super) fn harmonics(
 ) -> Result<File> {
     let (stage, plan) = (work.stage, work.plan);
     let radiosity = work.transfer.radiosity(suns, &Silent);
-    let truth: Vec<Vec<DVec3>> = (0..suns.lights).map(|light| radiosity.under(light)).collect();
+    let mut truth: Vec<Vec<DVec3>> = (0..suns.lights).map(|light| radiosity.under(light)).collect();
+    let folded = Folded::new(work)?;
+    if let Some(folded) = &folded {
+        folded.add_under_suns(&mut truth)?;
+    }
     let spacing_mm = match (plan.spacing_mm, plan.references) {
         (Some(spacing_mm), _) => spacing_mm,
         (None, Some(count)) => spacing_of(stage, count),
@@ -89,7 +106,7 @@ pub(super) fn harmonics(
         None => needed(work, progress)?,
     };
     let rows = baker.harmonics(order, progress);
-    let values = AtReferences::new(work, &net.point, &rows, progress)?;
+    let values = AtReferences::new((work, folded.as_ref()), &net.point, &rows, progress)?;
     progress.start("coding", 0);
     let mut units = vec![OTHER_BANDS; order * order];
     units[0] = 1.0;
@@ -97,7 +114,7 @@ pub(super) fn harmonics(
     let set = code(&radiosities, &net, &Net::unpredicted(order * order), tags::SET, 2.0 * CODED * work.max_rms)?;
     let file = File { order: order as u32, spacing_mm, set };
     progress.finish();
-    measure(work, (&net, &values, &file), ledger, progress)?;
+    measure((work, folded.as_ref()), (&net, &values, &file), ledger, progress)?;
     Ok(file)
 }
 
@@ -130,7 +147,7 @@ fn needed(work: &Work, progress: &dyn Progress) -> Result<usize> {
 
 /// Enters what each stage loses under lights that no choice saw.
 fn measure(
-    work: &Work,
+    (work, folded): (&Work, Option<&Folded>),
     (net, values, file): (&Net, &AtReferences, &File),
     ledger: &mut Ledger,
     progress: &dyn Progress,
@@ -138,7 +155,12 @@ fn measure(
     let (stage, unseen) = (work.stage, &work.unseen);
     let surface = stage.surface();
     let etas: Vec<f64> = stage.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
-    let areas: Vec<f64> = net.point.iter().map(|&i| stage.areas[i as usize]).collect();
+    // Rays of single scattering take their time.
+    let most = if folded.is_some() { MOST_TRACED } else { usize::MAX };
+    let chosen: Vec<usize> = (0..net.point.len()).step_by(net.point.len().div_ceil(most).max(1)).collect();
+    let points: Vec<u32> = chosen.iter().map(|&row| net.point[row]).collect();
+    let areas: Vec<f64> = points.iter().map(|&i| stage.areas[i as usize]).collect();
+    let some = Some(stage.receivers.subset(MOST_TRACED, 1).1).filter(|_| folded.is_some()).unwrap_or_default();
     let stored = components(file, (tags::SET, 1), stage.scene, &stage.receivers)?;
     let mut order: Vec<u32> = (0..net.point.len() as u32).collect();
     order.sort_unstable_by_key(|&row| net.point[row as usize]);
@@ -148,17 +170,34 @@ fn measure(
         let one = std::slice::from_ref(light);
         let rays = Illumination::new(&surface, one, &etas, stage.sampling)?.all(&Silent);
         let truth = work.transfer.under(&rays);
-        let at_net: Vec<DVec3> = net.point.iter().map(|&i| truth[i as usize]).collect();
-        let exact = values.under(light, file.order as usize)?;
-        let sorted = stored.transport.at_references(&stored.light(one)?);
-        let mut coded = vec![DVec3::ZERO; sorted.len()];
-        order.iter().zip(sorted).for_each(|(&row, value)| coded[row as usize] = value);
+        let with_single = |points: &[u32]| -> Result<Vec<DVec3>> {
+            let mut values = points.iter().map(|&i| truth[i as usize]).collect::<Vec<_>>();
+            folded.map_or(Ok(()), |folded| folded.add_rays(light, points, &mut values))?;
+            Ok(values)
+        };
+        let at_net = with_single(&points)?;
+        let all = values.under(light, file.order as usize)?;
+        let exact: Vec<DVec3> = chosen.iter().map(|&row| all[row]).collect();
+        let lit = stored.light(one)?;
+        let sorted = stored.transport.at_references(&lit);
+        let mut by_row = vec![DVec3::ZERO; sorted.len()];
+        order.iter().zip(sorted).for_each(|(&row, value)| by_row[row as usize] = value);
+        let coded: Vec<DVec3> = chosen.iter().map(|&row| by_row[row]).collect();
         if index < unseen.environments.len() {
-            let found = [
-                vertex_error(&exact, &at_net, &areas),
-                spatial_error(stage, net, file.spacing_mm, std::slice::from_ref(&truth)),
-                vertex_error(&coded, &exact, &areas),
-            ];
+            let spatial = match folded {
+                None => spatial_error(stage, net, file.spacing_mm, std::slice::from_ref(&truth)),
+                Some(_) => {
+                    let parts = stored.transport.of_parts(&lit);
+                    let value = |&i: &u32| {
+                        let [r, g, b, _] =
+                            parts.first().and_then(|part| part.get(i as usize)).copied().unwrap_or_default();
+                        DVec3::new(r.into(), g.into(), b.into()).max(DVec3::ZERO) * lit.scale
+                    };
+                    let areas: Vec<f64> = some.iter().map(|&i| stage.areas[i as usize]).collect();
+                    vertex_error(&some.iter().map(value).collect::<Vec<_>>(), &with_single(&some)?, &areas)
+                }
+            };
+            let found = [vertex_error(&exact, &at_net, &areas), spatial, vertex_error(&coded, &exact, &areas)];
             errors.iter_mut().zip(found).for_each(|(worst, found)| *worst = worst.max(relative(found)));
         } else {
             suns = suns.max(relative(vertex_error(&coded, &at_net, &areas)));
@@ -172,7 +211,8 @@ fn measure(
         errors[0],
         format!("{} of order {order}, under environments that no choice saw, against rays", order * order),
     );
-    ledger.add("reference points", errors[1], format!("interpolation from {} of them, as above", net.point.len()));
+    let what = if folded.is_some() { "all of it on vertices between" } else { "interpolation from" };
+    ledger.add("reference points", errors[1], format!("{what} {} of them, as above", net.point.len()));
     ledger.add("coding", errors[2], format!("basis and quantiser, as above; all of it {}", under_suns(suns)));
     Ok(())
 }

@@ -1,6 +1,7 @@
 //! Light that is scattered once: vectors over the texels of a cube map, in harmonics at reference points or in Haar coefficients of
 //! every vertex.
 
+use glam::DVec3;
 use rayon::prelude::*;
 use translux_format::distant_transport::{Harmonics as File, Single as SingleFile, tags};
 use translux_format::rows::{FACES, IrradianceRows};
@@ -15,21 +16,26 @@ use crate::compress::ledger::Ledger;
 use crate::compress::prediction::Net;
 use crate::error::Result;
 use crate::evaluate::single_scattering::LitScene;
+use crate::light::Light;
+use crate::medium::fresnel::diffuse_transmittance;
 use crate::medium::phase::LightTerms;
 use crate::methods::components::coding::{Radiosities, code};
 use crate::methods::references::{in_ascending_order, spacing, spacing_of};
 use crate::methods::stage::parts;
-use crate::progress::Progress;
+use crate::progress::{Progress, Silent};
 use crate::transport::cube_harmonics::{CubeHarmonics, Product};
+use crate::transport::gather::MediumKernel;
 use crate::transport::irradiance_rows::row::Keep;
 use crate::transport::irradiance_rows::vectors::{RowWriter, Selection, joined};
-use crate::transport::scene::Scene;
+use crate::transport::scene::{Medium, Scene};
+use crate::transport::single_scattering::plane::PlaneMedium;
 use crate::transport::single_scattering::radiance::{DepthSampling, Settings, SingleScattering};
 use crate::transport::single_scattering::vectors::{VectorBaker, VectorSettings};
-use crate::transport::single_scattering::{Coefficients, ExitPoint, radiosity_factor};
+use crate::transport::single_scattering::{Coefficients, ExitPoint, Form, Optics, radiosity_factor};
 
-/// Error that single scattering may have of its own for each of that of the radiosity, of which it is a small share.
-const OWN: f64 = 2.0;
+/// Error that single scattering may have of its own for each of that of the radiosity: as many times as it is darker, but not more
+/// than this.
+const MOST_OWN: f64 = 8.0;
 
 /// Shares of its error.
 const SPATIAL: f64 = 0.3;
@@ -79,7 +85,7 @@ pub(super) fn single(
 ) -> Result<Option<SingleFile>> {
     let single = resolved(work.plan.single, work.stage.scene, work.max_rms);
     let terms = match single {
-        Single::Off | Single::Phase(Terms::Rays | Terms::Auto) => return Ok(None),
+        Single::Off | Single::Folded | Single::Phase(Terms::Rays | Terms::Auto) => return Ok(None),
         Single::Isotropic => LightTerms::Isotropic,
         Single::Phase(Terms::Stored(terms)) => LightTerms::Harmonics(terms),
     };
@@ -116,12 +122,79 @@ pub(super) fn single(
     Ok(Some(file))
 }
 
+/// Isotropic single scattering that becomes a part of the radiosity.
+pub(super) struct Folded<'a, 'b>(Baked<'a, 'b>);
+
+impl<'a, 'b> Folded<'a, 'b> {
+    /// If it is asked for.
+    pub(super) fn new(work: &'a Work<'a, 'b>) -> Result<Option<Self>> {
+        match work.plan.single {
+            Single::Folded => Ok(Some(Self(Baked::new(work, Single::Isotropic, LightTerms::Isotropic)?))),
+            Single::Off | Single::Isotropic | Single::Phase(_) => Ok(None),
+        }
+    }
+
+    /// Adds what each receiver has under some of the suns, given with all of them.
+    pub(super) fn add_under_suns(&self, truth: &mut [Vec<DVec3>]) -> Result<()> {
+        for (index, sun) in under_some(self.0.work.suns) {
+            let single = self.0.under(sun)?;
+            let Some(all) = truth.get_mut(index) else { continue };
+            all.iter_mut().zip(single).for_each(|(sum, s)| *sum += s);
+        }
+        Ok(())
+    }
+
+    /// Adds to `[point][channel][harmonic]`, points in ascending order.
+    pub(super) fn add(&self, points: &[u32], order: usize, values: &mut [f32], progress: &dyn Progress) {
+        let single = self.0.projected(points, order, progress);
+        values.iter_mut().zip(single).for_each(|(sum, s)| *sum += s);
+    }
+
+    /// Adds the truth under a light to values at some receivers.
+    pub(super) fn add_rays(&self, light: &Light, points: &[u32], values: &mut [DVec3]) -> Result<()> {
+        let stage = self.0.work.stage;
+        let rays = SingleScattering::new(stage.scene, &stage.bvh, std::slice::from_ref(light), Settings::REFERENCE)?;
+        values.par_iter_mut().zip(points).for_each(|(value, &point)| {
+            *value += rays.per_point(&self.0.exits[point as usize], point.into());
+        });
+        Ok(())
+    }
+}
+
+/// Some of many suns with their numbers.
+fn under_some(suns: &[Light]) -> impl Iterator<Item = (usize, &Light)> {
+    suns.iter().enumerate().step_by(suns.len().div_ceil(SUNS).max(1))
+}
+
 /// Everything that vectors are made with.
 struct Baked<'a, 'b> {
     work: &'a Work<'a, 'b>,
     coefficients: Coefficients,
     exits: Vec<ExitPoint>,
     baker: VectorBaker<'a>,
+    /// Error for each of that of the radiosity.
+    own: f64,
+}
+
+/// How many times darker single scattering is than all other light, half spaces under constant light, the channel and medium where it
+/// is least.
+fn darker(scene: &Scene, coefficients: Coefficients) -> f64 {
+    let of_medium = |m: &Medium| {
+        let eta = m.properties.eta_inside_over_outside;
+        let (all, optics) =
+            (MediumKernel::new(m).total() * diffuse_transmittance(eta), Optics::new(&m.properties, coefficients));
+        let of_channel = |c: usize| {
+            let plane = PlaneMedium {
+                sigma_s_per_mm: optics.sigma_s_per_mm[c],
+                sigma_t_per_mm: optics.sigma_t_per_mm[c],
+                eta_inside_over_outside: eta,
+                thickness_mm: f64::INFINITY,
+            };
+            all[c] / plane.albedo(Form::Physical).max(f64::MIN_POSITIVE)
+        };
+        (0..3).map(of_channel).fold(f64::INFINITY, f64::min)
+    };
+    scene.media.iter().map(of_medium).fold(f64::INFINITY, f64::min)
 }
 
 impl<'a, 'b> Baked<'a, 'b> {
@@ -134,7 +207,8 @@ impl<'a, 'b> Baked<'a, 'b> {
         let settings = VectorSettings { side, coefficients, phase, ..VectorSettings::DEFAULT };
         let stage = work.stage;
         let baker = VectorBaker::new(stage.scene, &stage.bvh, settings)?;
-        Ok(Self { work, coefficients, exits: exits(stage.scene, &stage.receivers), baker })
+        let own = darker(stage.scene, coefficients).clamp(1.0, MOST_OWN);
+        Ok(Self { work, coefficients, exits: exits(stage.scene, &stage.receivers), baker, own })
     }
 
     fn terms(&self) -> usize {
@@ -158,15 +232,16 @@ impl<'a, 'b> Baked<'a, 'b> {
         if let Some(count) = plan.references {
             return Ok(spacing_of(stage, count));
         }
+        let truth: Vec<Vec<DVec3>> = under_some(suns).map(|(_, sun)| self.under(sun)).collect::<Result<_>>()?;
+        Ok(spacing(stage, &truth, SUN * self.own * SPATIAL * max_rms))
+    }
+
+    /// Of every receiver under a sun, by rays.
+    fn under(&self, sun: &Light) -> Result<Vec<DVec3>> {
         let depths = DepthSampling::Deterministic(PLACES);
         let settings = Settings { depths, coefficients: self.coefficients, ..Settings::PAPER };
-        let mut truth = Vec::new();
-        for sun in suns.iter().step_by(suns.len().div_ceil(SUNS).max(1)) {
-            let lights = std::slice::from_ref(sun);
-            let rays = SingleScattering::new(stage.scene, &stage.bvh, lights, settings)?;
-            truth.push(rays.per_points(&self.exits, &crate::progress::Silent));
-        }
-        Ok(spacing(stage, &truth, SUN * OWN * SPATIAL * max_rms))
+        let (stage, lights) = (self.work.stage, std::slice::from_ref(sun));
+        Ok(SingleScattering::new(stage.scene, &stage.bvh, lights, settings)?.per_points(&self.exits, &Silent))
     }
 
     /// `[point][channel][term][harmonic]` of some receivers.
@@ -208,8 +283,9 @@ impl<'a, 'b> Baked<'a, 'b> {
             Ok(self.projected(ascending, order, progress))
         })?;
         progress.start("coding", 0);
-        let radiosities = Radiosities { values: (&values[..]).into(), shells: terms, directions, units: vec![1.0; directions] };
-        let error = 2.0 * OWN * CODED * self.work.max_rms;
+        let radiosities =
+            Radiosities { values: (&values[..]).into(), shells: terms, directions, units: vec![1.0; directions] };
+        let error = 2.0 * self.own * CODED * self.work.max_rms;
         let set = code(&radiosities, &net, &Net::unpredicted(directions), tags::SINGLE_SET, error)?;
         progress.finish();
         Ok(File { order: order as u32, spacing_mm, set })

@@ -73,7 +73,8 @@ const REFERENCES: Key = Key {
 const SINGLE: Key = Key {
     name: "single-scattering",
     default: "off",
-    help: "off; isotropic: with reduced coefficients, a value for each vertex; phase: by the g of each medium, towards the eye, and \
+    help: "off; isotropic: with reduced coefficients, a value for each vertex; folded: the same as part of the radiosity, which costs \
+           nothing at run time; phase: by the g of each medium, towards the eye, and \
            g stays free at run time (its directions; extinction is baked)",
 };
 
@@ -91,18 +92,8 @@ const PHASE_TERMS: Key = Key {
            for every g; auto: what g and --max-rms ask for",
 };
 
-const KEYS: &[Key] = &[
-    CUBE,
-    BASIS,
-    COEFFICIENTS,
-    TRANSFORM,
-    SELECTION,
-    SPACING,
-    REFERENCES,
-    SINGLE,
-    SINGLE_BASIS,
-    PHASE_TERMS,
-];
+const KEYS: &[Key] =
+    &[CUBE, BASIS, COEFFICIENTS, TRANSFORM, SELECTION, SPACING, REFERENCES, SINGLE, SINGLE_BASIS, PHASE_TERMS];
 
 /// What charts compare.
 const LADDER: &[&str] = &[

@@ -43,6 +43,8 @@ pub(super) enum Single {
     Off,
     /// Isotropic, with reduced coefficients: a value for each vertex.
     Isotropic,
+    /// The same, part of the radiosity.
+    Folded,
     /// By the phase function of each medium, as a sum of terms.
     Phase(Terms),
 }
@@ -117,10 +119,15 @@ impl Plan {
         let names = ["auto", "1", "4", "9", "16", "rays"].into_iter();
         let terms = [&[Terms::Auto], &terms[..], &[Terms::Rays]].concat();
         let terms = one_of(values, &PHASE_TERMS, &names.zip(terms).collect::<Vec<_>>())?;
-        let single = [("off", Single::Off), ("isotropic", Single::Isotropic), ("phase", Single::Phase(terms))];
+        let single = [
+            ("off", Single::Off),
+            ("isotropic", Single::Isotropic),
+            ("folded", Single::Folded),
+            ("phase", Single::Phase(terms)),
+        ];
         let single = one_of(values, &SINGLE, &single)?;
         // Rows hold one term.
-        let auto = if matches!(single, Single::Phase(_)) { Basis::Harmonics } else { basis };
+        let auto = if matches!(single, Single::Phase(_) | Single::Folded) { Basis::Harmonics } else { basis };
         let names = [("auto", auto), ("sh", Basis::Harmonics), ("haar", Basis::Haar)];
         let single_basis = one_of(values, &SINGLE_BASIS, &names)?;
         Ok(Self { resolution, basis, transform, choice, row, order, spacing_mm, references, single, single_basis })
@@ -134,6 +141,9 @@ impl Plan {
         }
         if given(&SINGLE_BASIS) && self.single == Single::Off {
             return Err(Error::command_line("--set single-basis: for --set single-scattering=isotropic or phase"));
+        }
+        if self.single == Single::Folded && (self.basis, self.single_basis) != (Basis::Harmonics, Basis::Harmonics) {
+            return Err(Error::command_line("--set single-scattering=folded: for harmonics, --set basis=sh"));
         }
         if self.single_basis == Basis::Haar && matches!(self.single, Single::Phase(_)) {
             return Err(Error::command_line("--set single-basis=haar: for --set single-scattering=isotropic"));

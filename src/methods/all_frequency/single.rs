@@ -16,7 +16,7 @@ use crate::light::Light;
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::medium::fresnel::transmittance;
 use crate::medium::phase::LegendrePhase;
-use crate::methods::baked_in::{MeanCosine, Stored, StoredSingle, relative};
+use crate::methods::baked_in::{MeanCosine, Single as InAsset, Stored, StoredSingle, relative};
 use crate::methods::components::{Components, Weighted};
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::Scene;
@@ -32,25 +32,21 @@ const SOME: usize = 192;
 /// Terms of a phase function at most.
 const MOST_TERMS: usize = translux_format::distant_transport::MOST_TERMS as usize;
 
-/// What an asset has, if anything.
-pub(super) fn stored(
-    file: Option<&File>,
-    plan: &Plan,
-    scene: &Scene,
-    receivers: &Receivers,
-) -> Result<Option<Box<dyn StoredSingle>>> {
+/// What an asset has.
+pub(super) fn stored(file: Option<&File>, plan: &Plan, scene: &Scene, receivers: &Receivers) -> Result<InAsset> {
     let Some(File { terms, harmonics, rows }) = file else {
         return Ok(match plan.single {
-            Single::Off => None,
+            Single::Off => InAsset::None,
+            Single::Folded => InAsset::Folded,
             Single::Isotropic => {
                 return Err(Error::input("an asset of `all_frequency` without its sections afs.*; bake it again"));
             }
-            Single::Phase(_) => Some(Box::new(ByRays)),
+            Single::Phase(_) => InAsset::Beside(Box::new(ByRays)),
         });
     };
     let phase = match resolved(plan.single, scene, f64::INFINITY) {
         Single::Phase(_) => Phase::OfMedia,
-        Single::Off | Single::Isotropic => Phase::Isotropic,
+        Single::Off | Single::Isotropic | Single::Folded => Phase::Isotropic,
     };
     let values = match (harmonics, rows) {
         (Some(harmonics), None) => {
@@ -60,7 +56,7 @@ pub(super) fn stored(
         (None, Some(rows)) => Values::Rows(Rows::new(rows, plan.transform)?),
         _ => return Err(Error::input("an asset of `all_frequency` that needs a later version of this program")),
     };
-    Ok(Some(Box::new(LookedUp { values, phase })))
+    Ok(InAsset::Beside(Box::new(LookedUp { values, phase })))
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -156,7 +152,11 @@ impl StoredSingle for LookedUp {
 
     fn enter_error(&self, lit: LitScene, receivers: &Receivers, ledger: &mut Ledger) -> Result<()> {
         let error = Probe::new(lit, receivers).error(&self.values, self.phase, lit.lights)?;
-        ledger.add("single scattering", error, "against rays along the inverse normal, relative to single scattering alone");
+        ledger.add(
+            "single scattering",
+            error,
+            "against rays along the inverse normal, relative to single scattering alone",
+        );
         Ok(())
     }
 

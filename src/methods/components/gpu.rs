@@ -110,6 +110,10 @@ impl<B: LightBasis> Evaluator for ComponentsOnDevice<B> {
         self.cpu.single_scattering(progress)
     }
 
+    fn includes_single_scattering(&self) -> bool {
+        self.cpu.includes_single_scattering()
+    }
+
     fn towards_eye(&self) -> Result<Option<Box<dyn TowardsEye + '_>>> {
         self.cpu.towards_eye()
     }
