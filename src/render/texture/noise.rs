@@ -6,7 +6,7 @@ use glam::DVec3;
 /// No value of [`noise`] is farther from 0.
 pub const MAX_NOISE: f64 = 1.04;
 /// Mean of `|noise|` over space, to 0.002.
-pub const MEAN_ABSOLUTE_NOISE: f64 = 0.2204;
+pub const MEAN_ABSOLUTE_NOISE: f64 = 0.22;
 
 /// Bits of a lattice point that differ from key to key.
 #[inline]
