@@ -112,7 +112,7 @@ fn the_albedo_of_a_pixel_is_that_of_the_place_it_shows() {
     let texture = Texture::new(&spec, &fake.scene.mesh).unwrap().unwrap();
     let Texture::Marble(marble) = &texture else { panic!("kind") };
     for at in [DVec3::new(0.0, 0.0, 80.0), DVec3::new(-60.0, 30.0, -20.0)] {
-        let eye = translux::render::camera::Camera::new(offset + at, offset, DVec3::Y, 2.0).unwrap();
+        let eye = translux::render::camera::Camera::new(offset + at, offset, DVec3::Y, 0.15).unwrap();
         let view = RenderSettings { samples_per_pixel: 16, ..settings(eye, size(32, 24)) };
         let frame = rendered(&fake, Some(&texture), &view);
         assert_eq!(frame.albedo, AlbedoLayer::Textured);
@@ -169,7 +169,7 @@ fn pictures_lie_over_the_texture_coordinates_in_render_and_relight() {
     }
     // The shaders show the same.
     for device in ["cpu", "auto"] {
-        let line = format!("relight square.tlux {view} --exposure -2 --headless --frames 1 --device {device}");
+        let line = format!("relight square.tlux {view} --exposure 0 --headless --frames 1 --device {device}");
         folder.run(&format!("{line} --texture two.png --out {device}")).ok();
     }
     let [cpu, auto] = ["cpu", "auto"].map(|d| read_png(&folder.path(&format!("{d}/frame_0000.png"))).unwrap().rgb);
@@ -258,7 +258,7 @@ fn base_colours_of_a_model_lie_on_its_materials_in_render_and_relight() {
         }
         assert!((90..150).all(|x| near(at(x, 40), [0.2, 0.4, 0.6])));
         for device in ["cpu", "auto"] {
-            let line = format!("relight two.tlux {view} --exposure -2 --headless --frames 1 --device {device}");
+            let line = format!("relight two.tlux {view} --exposure 0 --headless --frames 1 --device {device}");
             folder.run(&format!("{line} --texture base-colour:path={file}.gltf --out {file}-{device}")).ok();
         }
         let frame = |device: &str| read_png(&folder.path(&format!("{file}-{device}/frame_0000.png"))).unwrap().rgb;
