@@ -53,7 +53,8 @@ pub(super) struct RelightArgs {
     /// Leave out specular reflection
     #[arg(long, conflicts_with = "roughness")]
     no_specular: bool,
-    /// Albedo that scattered light is multiplied by, not reflected light: none, marble, a PNG over the texture coordinates, or the base colours of a glTF model
+    /// Albedo that scattered light is multiplied by, not reflected light: none, marble, a PNG over the texture coordinates,
+    /// or the base colours of a glTF model
     #[arg(long, value_name = "TEXTURE", default_value_t, long_help = super::render::texture_help())]
     texture: TextureSpec,
     /// What is seen beside the object: env (environments and constant lights), none or R,G,B

@@ -76,7 +76,8 @@ pub(super) struct PictureArgs {
     /// No specular reflection of the lights
     #[arg(long, conflicts_with = "roughness")]
     no_specular: bool,
-    /// Albedo that scattered light is multiplied by, not reflected light: none, marble, a PNG over the texture coordinates, or the base colours of a glTF model
+    /// Albedo that scattered light is multiplied by, not reflected light: none, marble, a PNG over the texture coordinates,
+    /// or the base colours of a glTF model
     #[arg(long, value_name = "TEXTURE", default_value_t, long_help = texture_help())]
     texture: TextureSpec,
     /// How OpenEXR pictures store colours; data (normal, depth, coverage, part) always have 32 bits

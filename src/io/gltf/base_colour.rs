@@ -185,7 +185,7 @@ fn picture(root: &Root, buffers: &Buffers, folder: &Path, index: usize) -> Resul
     };
     if !bytes.starts_with(PNG) {
         return Err(Error::unsupported(
-            "it is no PNG; convert it, for example with `gltf-transform png IN.glb OUT.glb`",
+            "it is no PNG; convert it, for example with `gltf-transform png IN.glb OUT.glb --formats \"*\"`",
         ));
     }
     decode_png(bytes)
