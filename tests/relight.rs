@@ -19,12 +19,14 @@ use translux::methods::{self, settings};
 use translux::progress::Silent;
 use translux::relight::raster::Raster;
 use translux::relight::raster::target::{Finish, LinearPicture, Picture};
-use translux::relight::raster::view::{Look, View, Wires};
+use translux::relight::raster::view::{Look, Textured, View, Wires};
 use translux::render::background::Background;
 use translux::render::camera::{Camera, Resolution};
 use translux::render::film::Exposure;
 use translux::render::frame::Specular;
 use translux::render::frame::{Frame, RenderSettings, render};
+use translux::render::single::Exitance;
+use translux::render::texture::Texture;
 use translux::transport::scene::{Medium, Scene};
 
 fn device() -> Option<Arc<Device>> {
@@ -136,6 +138,50 @@ fn the_drawn_diffuse_picture_is_the_rendered_one() {
     assert!(mean < 0.005, "mean difference {mean} of white");
     // Outlines: four samples against sixteen.
     assert!(coverage / (frame.pixels.len() as f64) < 0.01, "{coverage}");
+}
+
+/// A texture is on the drawn picture as on the rendered one, and can be taken off.
+#[test]
+fn a_drawn_texture_is_the_rendered_one() {
+    let Some(device) = device() else { return };
+    let (camera, resolution) = eye();
+    let mut drawn = Drawn::new(device, &lights());
+    let view = View { specular: Specular::Off, background: Background::None, ..View::new(camera, resolution, 1.0) };
+    let plain = drawn.take(&view);
+    let spec = "marble:scale=9:octaves=3:veins=0.1,0.2,0.4".parse().unwrap();
+    let texture = Texture::new(&spec, &drawn.evaluator.scene().mesh).unwrap();
+    drawn.raster.set_texture(texture.as_ref()).unwrap();
+    let radiosity = drawn.evaluator.radiosity(&Silent).unwrap();
+    let settings = RenderSettings {
+        specular: Specular::Off,
+        background: Background::None,
+        samples_per_pixel: 64,
+        ..RenderSettings::new(camera, resolution)
+    };
+    let exitance = Exitance { texture: texture.as_ref(), ..Exitance::from(&radiosity) };
+    let frame = render(&drawn.evaluator, exitance, &lights(), &settings, &Silent).unwrap();
+    let exposure = Exposure::Auto.factor(&frame);
+    let picture = drawn.take(&View { exposure, ..view });
+    let (mut sum, mut count, mut worst, mut veined) = (0.0f64, 0usize, 0.0f64, 0usize);
+    for (i, (expected, found)) in frame.pixels.iter().zip(&picture.pixels).enumerate() {
+        if is_inside(&frame, i) {
+            for (expected, found) in expected.diffuse.iter().zip(found) {
+                let difference = (f64::from(*expected) * exposure - f64::from(*found)).abs();
+                (sum, count, worst) = (sum + difference, count + 1, worst.max(difference));
+            }
+            veined += usize::from(expected.albedo[0] < 0.4);
+        }
+    }
+    let mean = sum / count as f64;
+    println!("mean {:.4} % of white, worst {:.2} %, {veined} pixels of veins", 100.0 * mean, 100.0 * worst);
+    assert!(mean < 0.005 && veined > 500, "{mean} {veined}");
+    assert_ne!(plain, drawn.take(&view));
+    assert_eq!(plain, drawn.take(&View { texture: Textured::No, ..view }));
+    // Radiosity is what the transport gives.
+    let radiosity = View { look: Look::Radiosity, ..view };
+    assert_eq!(drawn.take(&radiosity), drawn.take(&View { texture: Textured::No, ..radiosity }));
+    drawn.raster.set_texture(None).unwrap();
+    assert_eq!(plain, drawn.take(&view));
 }
 
 #[test]

@@ -181,7 +181,7 @@ fn in_a_furnace_the_picture_of_a_ball_has_the_albedo() {
         evaluator.set_lights(vec![Light::constant(DVec3::ONE).unwrap()], &Silent).unwrap();
         let black = vec![DVec3::ZERO; evaluator.scene().mesh.local_mm.len()];
         let eye = evaluator.towards_eye().unwrap().unwrap();
-        let exitance = Exitance { radiosity: &black, single: Single::TowardsEye(eye.as_ref()) };
+        let exitance = Exitance { radiosity: &black, single: Single::TowardsEye(eye.as_ref()), texture: None };
         let (frame, mean) = disc(evaluator.as_ref(), exitance, ExitFresnel::Paper);
         let exact = half_space(eta).albedo(Form::Physical);
         println!("eta {eta}: {mean:.5}, {exact:.5}");
@@ -199,7 +199,7 @@ fn values_of_vertices_leave_as_they_were_made() {
     let count = evaluator.scene().mesh.local_mm.len();
     let (black, s) = (vec![DVec3::ZERO; count], vec![DVec3::new(1.0, 2.0, 3.0); count]);
     for exit_fresnel in [ExitFresnel::Normalised, ExitFresnel::Paper] {
-        let exitance = Exitance { radiosity: &black, single: Single::PerVertex(&s) };
+        let exitance = Exitance { radiosity: &black, single: Single::PerVertex(&s), texture: None };
         let (frame, mean) = disc(evaluator.as_ref(), exitance, exit_fresnel);
         assert_eq!(frame.single, SingleLayer::PerVertex);
         // All that leaves adds up.
@@ -210,7 +210,7 @@ fn values_of_vertices_leave_as_they_were_made() {
     }
     let settings = rendering::settings(rendering::camera([0.0, 0.0, 4000.0], 40.0), rendering::size(8, 8));
     for bad in [vec![DVec3::ONE; count - 1], vec![DVec3::NAN; count]] {
-        let exitance = Exitance { radiosity: &black, single: Single::PerVertex(&bad) };
+        let exitance = Exitance { radiosity: &black, single: Single::PerVertex(&bad), texture: None };
         let error = render(evaluator.as_ref(), exitance, &[], &settings, &Silent).unwrap_err();
         assert!(error.message().contains("single scattering"), "{}", error.message());
     }
@@ -234,7 +234,7 @@ fn an_eye_sees_the_phase_function_along_its_refracted_direction() {
             ..rendering::settings(rendering::camera(at, 0.5), rendering::size(8, 8))
         };
         let eye = evaluator.towards_eye().unwrap().unwrap();
-        let exitance = Exitance { radiosity: &black, single: Single::TowardsEye(eye.as_ref()) };
+        let exitance = Exitance { radiosity: &black, single: Single::TowardsEye(eye.as_ref()), texture: None };
         let frame = render(evaluator.as_ref(), exitance, &[], &view, &Silent).unwrap();
         let mean = frame.pixels.iter().map(|p| DVec3::from(p.single.map(f64::from))).sum::<DVec3>() / 64.0;
         let to_eye = DVec3::from(at).normalize();

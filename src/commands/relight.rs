@@ -20,6 +20,8 @@ use crate::render::camera_text::CameraSpec;
 use crate::render::film::Exposure;
 use crate::render::frame::Specular;
 use crate::render::specular::Roughness;
+use crate::render::texture::Texture;
+use crate::render::texture::spec::TextureSpec;
 
 /// Size of the pictures of an animation.
 const HEADLESS_RESOLUTION: Resolution = Resolution { width: 1024, height: 1024 };
@@ -46,11 +48,15 @@ pub(super) struct RelightArgs {
     #[arg(long, value_name = "auto|EV", default_value = "auto", allow_hyphen_values = true)]
     exposure: Exposure,
     /// Roughness of the boundary, from 0 (polished) to 1 (matt)
-    #[arg(long, value_name = "R", default_value_t = Roughness::default())]
+    #[arg(long, value_name = "R", default_value_t = Roughness::default(), allow_hyphen_values = true)]
     roughness: Roughness,
     /// Leave out specular reflection
     #[arg(long, conflicts_with = "roughness")]
     no_specular: bool,
+    /// Albedo that scattered light is multiplied by, not reflected light: none, marble, a PNG over the texture coordinates,
+    /// or the base colours of a glTF model
+    #[arg(long, value_name = "TEXTURE", default_value_t, long_help = super::render::texture_help())]
+    texture: TextureSpec,
     /// What is seen beside the object: env (environments and constant lights), none or R,G,B
     #[arg(long, value_name = "env|none|RGB", default_value = "env")]
     background: Background,
@@ -132,6 +138,8 @@ fn animate(args: &RelightArgs, frames: usize, out: &std::path::Path, console: &C
     let needed = crate::render::frame::memory_bytes(resolution);
     console.check_memory(needed, "use a smaller --resolution, or raise --max-memory")?;
     let camera = args.camera.unwrap_or_default().resolve(&evaluator.scene().mesh, resolution)?;
+    let texture = Texture::new(&args.texture, &evaluator.scene().mesh)?;
+    texture.iter().flat_map(Texture::warnings).for_each(|warning| console.warn(warning));
     let again = || Ok(args.asset.open(console)?.evaluator);
     let Placed { place, note } = place(args.device.choice(), evaluator, &again)?;
     note.iter().for_each(|note| console.note(note));
@@ -142,6 +150,7 @@ fn animate(args: &RelightArgs, frames: usize, out: &std::path::Path, console: &C
         resolution,
         exposure: args.exposure,
         specular: args.specular(),
+        texture,
         background: args.background,
         lights,
         method: method.name().to_owned(),
@@ -188,6 +197,9 @@ fn window(args: &RelightArgs, console: &Console, pool: Arc<rayon::ThreadPool>) -
     }
     let (lights, opened) =
         pool.install(|| -> Result<_> { Ok((args.lights.load(console)?, args.asset.open(console)?)) })?;
+    // Told before a window opens.
+    let texture = Texture::new(&args.texture, &opened.evaluator.scene().mesh)?;
+    texture.iter().flat_map(Texture::warnings).for_each(|warning| console.warn(warning));
     let session = Session {
         model: args.asset.asset.clone(),
         evaluator: opened.evaluator,
@@ -198,6 +210,7 @@ fn window(args: &RelightArgs, console: &Console, pool: Arc<rayon::ThreadPool>) -
         resolution: args.resolution.unwrap_or(WINDOW_RESOLUTION),
         exposure: args.exposure,
         specular: args.specular(),
+        texture: args.texture.clone(),
         background: args.background,
         turn: if args.turn { Turn::Turning } else { Turn::Still },
         quit_after_s: args.quit_after,

@@ -10,7 +10,7 @@ use super::lights::{LightArgs, ResolvedLights};
 use super::opened::{AssetArgs, Opened};
 use super::{output, report};
 use crate::asset::Input;
-use crate::error::{ExitCode, Result};
+use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::{Cost, Evaluator};
 use crate::geometry::part_table::PartEntry;
 use crate::io::atomic;
@@ -25,6 +25,8 @@ use crate::render::frame::{
 };
 use crate::render::single::{Exitance, Single};
 use crate::render::specular::Roughness;
+use crate::render::texture::Texture;
+use crate::render::texture::spec::{MarbleSpec, TextureSpec};
 use crate::transport::scene::{Medium, Scene};
 
 /// Share of hits on back sides above which a picture needs an explanation.
@@ -74,12 +76,34 @@ pub(super) struct PictureArgs {
     /// No specular reflection of the lights
     #[arg(long, conflicts_with = "roughness")]
     no_specular: bool,
+    /// Albedo that scattered light is multiplied by, not reflected light: none, marble, a PNG over the texture coordinates,
+    /// or the base colours of a glTF model
+    #[arg(long, value_name = "TEXTURE", default_value_t, long_help = texture_help())]
+    texture: TextureSpec,
     /// How OpenEXR pictures store colours; data (normal, depth, coverage, part) always have 32 bits
     #[arg(long, value_name = "TYPE", default_value = "half")]
     exr_type: ExrTypeArg,
     /// Files that the asset was made from, for the header of OpenEXR pictures.
     #[arg(skip)]
     sources: Vec<Input>,
+}
+
+/// The long help of `--texture`.
+pub(super) fn texture_help() -> String {
+    let MarbleSpec { base, veins, turbulence, octaves, sharpness, .. } = MarbleSpec::default();
+    let rgb = |v: glam::DVec3| format!("{},{},{}", v.x, v.y, v.z);
+    format!(
+        "Albedo that scattered light is multiplied by, not reflected light, and the same in every light:\n  \
+         none\n  \
+         marble, or marble:key=value:...\n  \
+         image:path=FILE.png, or a bare path: over the texture coordinates of the model\n  \
+         base-colour:path=MODEL.glb, or a bare path: base-colour factors and PNG pictures of the model that was baked\n\
+         Keys of marble: scale (mm between veins; default a fifth of the diagonal), base and veins (linear R,G,B or one \
+         number, 0 to 1; default {} and {}), turbulence (how far veins are shifted, in their distances; default \
+         {turbulence}), octaves (of the turbulence; default {octaves}), sharpness (of the veins; default {sharpness}), seed.",
+        rgb(base),
+        rgb(veins)
+    )
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -114,6 +138,8 @@ pub(super) struct RenderReport {
     background: String,
     /// None: no specular reflection.
     roughness: Option<Roughness>,
+    /// As it would be typed; none: no texture.
+    texture: Option<String>,
     single_scattering: SingleLayer,
     /// Ways of light that were followed for each covered pixel.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -155,6 +181,7 @@ impl PictureArgs {
             background: Background::Environment,
             roughness: Roughness::default(),
             no_specular: false,
+            texture: TextureSpec::None,
             exr_type: ExrTypeArg::Half,
             sources: Vec::new(),
         }
@@ -202,6 +229,8 @@ pub(super) fn finish(
     console: &Console,
 ) -> Result<(RenderReport, Frame)> {
     let mut settings = picture.settings(evaluator)?;
+    let texture = Texture::new(&picture.texture, &evaluator.scene().mesh)?;
+    texture.iter().flat_map(Texture::warnings).for_each(|warning| console.warn(warning));
     evaluator.set_lights(lights.lights.clone(), console)?;
     let radiosity = evaluator.radiosity(console)?;
     let shown = outputs.iter().any(|path| output::suffix(path) == "png");
@@ -213,7 +242,7 @@ pub(super) fn finish(
         (None, Some(values)) => Single::PerVertex(values),
         (None, None) => Single::None,
     };
-    let exitance = Exitance { radiosity: &radiosity, single };
+    let exitance = Exitance { radiosity: &radiosity, single, texture: texture.as_ref() };
     if shown {
         settings.white = picture.exposure.white(evaluator, exitance, &settings)?;
     }
@@ -238,6 +267,7 @@ pub(super) fn finish(
             Specular::Off => None,
             Specular::Rough(roughness) => Some(roughness),
         },
+        texture: texture.as_ref().map(ToString::to_string),
         single_scattering: frame.single,
         single_scattering_paths,
         exr_type: picture.colours(),
@@ -248,10 +278,19 @@ pub(super) fn finish(
         cost: evaluator.cost(),
         header: Vec::new(),
     };
-    result.header = attributes(&result, evaluator.scene(), &picture.sources);
+    let image = picture_input(texture.as_ref())?;
+    result.header = attributes(&result, evaluator.scene(), &picture.sources, image.as_ref());
+    result.inputs.extend(image);
     explain(&result, &frame, console);
     console.stage("write", || write(&frame, &settings, &result, outputs))?;
     Ok((result, frame))
+}
+
+/// The file of a texture.
+fn picture_input(texture: Option<&Texture>) -> Result<Option<Input>> {
+    let Some(path) = texture.and_then(Texture::path) else { return Ok(None) };
+    let bytes = std::fs::read(path).map_err(|e| Error::io(path, &e))?;
+    Ok(Some(Input::of(path, &bytes)))
 }
 
 /// What single scattering towards the eye took, as a number that does not depend on the machine.
@@ -303,7 +342,7 @@ fn write_all(paths: &[&PathBuf], encode: impl FnOnce() -> Result<Vec<u8>>) -> Re
 }
 
 /// Text attributes of an OpenEXR picture: all that determines it, no time and no path of the asset.
-fn attributes(result: &RenderReport, scene: &Scene, sources: &[Input]) -> Vec<(String, String)> {
+fn attributes(result: &RenderReport, scene: &Scene, sources: &[Input], image: Option<&Input>) -> Vec<(String, String)> {
     let exit_fresnel = match result.exit_fresnel {
         ExitFresnel::Normalised => "normalised",
         ExitFresnel::Paper => "paper",
@@ -331,7 +370,9 @@ fn attributes(result: &RenderReport, scene: &Scene, sources: &[Input]) -> Vec<(S
             all.push(("singleScattering", "along the refracted direction of the eye".to_owned()));
         }
     }
-    for (name, inputs) in [("bakedFrom", sources), ("environments", &result.inputs)] {
+    all.extend(result.texture.clone().map(|texture| ("texture", texture)));
+    let image = image.map_or(&[] as &[Input], std::slice::from_ref);
+    for (name, inputs) in [("bakedFrom", sources), ("environments", &result.inputs), ("textureFrom", image)] {
         if !inputs.is_empty() {
             all.push((name, hashed(inputs)));
         }

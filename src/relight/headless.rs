@@ -3,6 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use glam::DVec3;
+
 use super::choice::Place;
 use super::files::frame_name;
 use super::lights::{pivot_mm, turned};
@@ -22,6 +24,8 @@ use crate::render::background::Background;
 use crate::render::camera::{Camera, Resolution};
 use crate::render::film::{Exposure, MAX_STOPS, PngBackground, to_png};
 use crate::render::frame::{RenderSettings, Specular, render};
+use crate::render::single::Exitance;
+use crate::render::texture::Texture;
 
 /// Samples in a pixel of a frame.
 pub const SAMPLES_PER_PIXEL: u32 = 4;
@@ -43,6 +47,8 @@ pub struct Animation {
     pub exposure: Exposure,
     /// Reflection.
     pub specular: Specular,
+    /// What scattered light is multiplied by.
+    pub texture: Option<Texture>,
     /// What is seen beside the object.
     pub background: Background,
     /// Lights of the first frame.
@@ -127,6 +133,7 @@ impl Painter {
             Place::Device(evaluator) => {
                 let mut raster = Raster::new(evaluator.as_ref(), &[Finish::PICTURE])?;
                 raster.set_media(&evaluator.scene().media, animation.specular);
+                raster.set_texture(animation.texture.as_ref())?;
                 let picture = Picture::new(raster.device(), animation.resolution)?;
                 let shadows = super::raster::shadows::Shadows::new(evaluator.scene());
                 Ok(Self::Device(Box::new(OnDevice { evaluator, raster, picture, shadows })))
@@ -177,7 +184,8 @@ impl Painter {
         };
         evaluator.set_lights(animation.lights.clone(), progress)?;
         let radiosity = evaluator.radiosity(progress)?;
-        let frame = render(evaluator, &radiosity, &animation.lights, &settings(animation), progress)?;
+        let exitance = exitance(&radiosity, animation);
+        let frame = render(evaluator, exitance, &animation.lights, &settings(animation), progress)?;
         Ok(animation.exposure.factor(&frame))
     }
 
@@ -190,7 +198,8 @@ impl Painter {
                 let light_ms = clock.lap_ms();
                 let radiosity = evaluator.radiosity(&Silent)?;
                 let transport_ms = clock.lap_ms();
-                let frame = render(evaluator.as_ref(), &radiosity, &lights, &settings(animation), &Silent)?;
+                let exitance = exitance(&radiosity, animation);
+                let frame = render(evaluator.as_ref(), exitance, &lights, &settings(animation), &Silent)?;
                 let draw_ms = clock.lap_ms();
                 let background = match animation.background {
                     Background::None => PngBackground::Transparent,
@@ -242,6 +251,10 @@ pub(super) fn png(picture: &LinearPicture, background: Background) -> Result<Vec
     }
     let rgb: Vec<[f32; 3]> = picture.pixels.iter().map(|[r, g, b, _]| [*r, *g, *b]).collect();
     crate::io::png::encode_png(width, height, &rgb, None)
+}
+
+fn exitance<'a>(radiosity: &'a [DVec3], animation: &'a Animation) -> Exitance<'a> {
+    Exitance { texture: animation.texture.as_ref(), ..Exitance::from(radiosity) }
 }
 
 fn settings(animation: &Animation) -> RenderSettings {

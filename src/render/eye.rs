@@ -11,6 +11,7 @@ use super::normals::ShadingNormals;
 use super::pixel_samples::{PixelSamples, Stream};
 use super::single::{Exitance, EyeRay, SingleRadiance, Spot};
 use super::specular::Ggx;
+use super::texture::Texture;
 use crate::geometry::bvh::{Bvh, Hit, Ray};
 use crate::light::Light;
 use crate::transport::scene::Scene;
@@ -47,6 +48,7 @@ struct Sum {
     diffuse: DVec3,
     single: DVec3,
     specular: DVec3,
+    albedo: DVec3,
     background: DVec3,
     glare: DVec3,
     normal: DVec3,
@@ -75,6 +77,7 @@ impl Sum {
             diffuse: narrow(self.diffuse * share),
             single: narrow(self.single * share),
             specular: narrow(self.specular * share),
+            albedo: narrow(self.albedo * share),
             glare: narrow(self.glare * share),
             normal: narrow(self.normal.normalize_or_zero()),
             depth_mm: (self.depth_mm / f64::from(self.hits)) as f32,
@@ -103,6 +106,7 @@ pub(super) struct Renderer<'a> {
     bvh: &'a Bvh,
     radiosity: &'a [DVec3],
     single: SingleRadiance<'a>,
+    texture: Option<&'a Texture>,
     settings: &'a RenderSettings,
     backdrop: Backdrop<'a>,
     lights: GlossyLights,
@@ -156,6 +160,7 @@ impl<'a> Renderer<'a> {
             bvh,
             radiosity: exitance.radiosity,
             single: SingleRadiance::new(scene, exitance.single),
+            texture: exitance.texture,
             settings,
             backdrop: Backdrop::new(settings.background, lights),
             lights: GlossyLights::new(reflecting, scene.mesh.origin_mm, settings.samples_per_pixel),
@@ -229,6 +234,7 @@ impl<'a> Renderer<'a> {
             };
             sum.diffuse += seen.radiance;
             sum.single += seen.single;
+            sum.albedo += seen.albedo;
             sum.normal += seen.normal;
             sum.depth_mm += seen.depth_mm;
             sum.hits += 1;
@@ -322,6 +328,7 @@ impl<'a> Renderer<'a> {
         let mut seen = Seen {
             radiance: DVec3::ZERO,
             single: DVec3::ZERO,
+            albedo: DVec3::ZERO,
             normal,
             depth_mm: (point - self.eye).dot(self.settings.camera.forward()),
             from_behind: cos_geometric <= 0.0,
@@ -338,6 +345,11 @@ impl<'a> Renderer<'a> {
             let exit = ExitPoint { at_mm: point, normal, geometric, part };
             let spot = Spot { hit, vertices, weights, exit, to_eye, cosine, medium: medium.map_or(0, |m| m as usize) };
             seen.single = self.single.at(&spot, ray);
+            if let Some(texture) = self.texture {
+                seen.albedo = texture.albedo(mesh, hit.triangle, weights, point);
+                seen.radiance *= seen.albedo;
+                seen.single *= seen.albedo;
+            }
             seen.place = boundary.ggx.map(|ggx| Place {
                 point,
                 triangle: hit.triangle,
@@ -368,6 +380,7 @@ fn facing(normal: DVec3, to_eye: DVec3, least: f64) -> Option<DVec3> {
 struct Seen {
     radiance: DVec3,
     single: DVec3,
+    albedo: DVec3,
     normal: DVec3,
     depth_mm: f64,
     from_behind: bool,

@@ -4,7 +4,7 @@ use std::str::FromStr;
 
 use super::background::Background;
 use super::camera::Resolution;
-use super::frame::{Frame, Pixel, RenderSettings, SingleLayer, Specular, render};
+use super::frame::{AlbedoLayer, Frame, Pixel, RenderSettings, SingleLayer, Specular, render};
 use super::single::Exitance;
 use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
@@ -163,7 +163,13 @@ pub fn side_by_side(pictures: &[(Frame, f64)]) -> Result<Frame> {
             }));
         }
     }
-    Ok(Frame { resolution: Resolution::new(width, height)?, pixels, back_facing_share: 0.0, single: SingleLayer::None })
+    Ok(Frame {
+        resolution: Resolution::new(width, height)?,
+        pixels,
+        back_facing_share: 0.0,
+        single: SingleLayer::None,
+        albedo: AlbedoLayer::None,
+    })
 }
 
 /// Radiance of the object without the background, multiplied by the coverage.
@@ -203,8 +209,9 @@ impl ColourType {
 /// An OpenEXR picture of linear radiance, never exposed, with `attributes` (name, text) in its header.
 ///
 /// Layers of colour, stored as asked: the beauty as `R`, `G`, `B` with the coverage as `A`; `diffuse.R`, `.G`, `.B`;
-/// `single.R`, `.G`, `.B` if there is single scattering; `specular.R`, `.G`, `.B`. Layers of data, always 32 bits (see [`Pixel`]): `normal.X`, `.Y`, `.Z`; `depth.Z` in mm along
-/// the viewing axis; `coverage.A`; `part.ID`, a whole number.
+/// `single.R`, `.G`, `.B` if there is single scattering; `specular.R`, `.G`, `.B`; `albedo.R`, `.G`, `.B` if there is a
+/// texture, which is in the other layers already. Layers of data, always 32 bits (see [`Pixel`]): `normal.X`, `.Y`, `.Z`;
+/// `depth.Z` in mm along the viewing axis; `coverage.A`; `part.ID`, a whole number.
 ///
 /// # Errors
 /// As [`ExrImage::encode`].
@@ -229,8 +236,11 @@ pub fn to_exr(frame: &Frame, colours: ColourType, attributes: Vec<(String, Strin
     if frame.single != SingleLayer::None {
         layers.push(layer("single", triple(rgb, colour, |p| p.single)));
     }
+    layers.push(layer("specular", triple(rgb, colour, |p| p.specular)));
+    if frame.albedo != AlbedoLayer::None {
+        layers.push(layer("albedo", triple(rgb, colour, |p| p.albedo)));
+    }
     layers.extend([
-        layer("specular", triple(rgb, colour, |p| p.specular)),
         layer("normal", triple(["X", "Y", "Z"], SampleKind::Float, |p| p.normal)),
         layer("depth", vec![channel("Z", SampleKind::Float, &|p| p.depth_mm)]),
         layer("coverage", vec![channel("A", SampleKind::Float, &|p| p.coverage)]),
@@ -250,7 +260,7 @@ mod tests {
 
     fn frame(width: usize, pixels: Vec<Pixel>) -> Frame {
         let resolution = Resolution::new(width, pixels.len() / width).unwrap();
-        Frame { resolution, pixels, back_facing_share: 0.0, single: SingleLayer::None }
+        Frame { resolution, pixels, back_facing_share: 0.0, single: SingleLayer::None, albedo: AlbedoLayer::None }
     }
 
     fn pixel(radiance: [f32; 3], coverage: f32) -> Pixel {
@@ -366,6 +376,17 @@ mod tests {
         // Transparent pictures show it too.
         let bytes = raw(&to_png(&with, 0.5, PngBackground::Transparent).unwrap());
         assert_eq!(bytes[..4], [code(1.0), code(0.375), code(0.25), 255]);
+    }
+
+    #[test]
+    fn a_texture_is_a_layer_of_its_own() {
+        let textured = Pixel { albedo: [0.5, 0.25, 0.125], ..pixel([0.5; 3], 1.0) };
+        let with = Frame { albedo: AlbedoLayer::Textured, ..frame(1, vec![textured]) };
+        let planes = decode_planes(&to_exr(&with, ColourType::Half, Vec::new()).unwrap()).unwrap();
+        assert_eq!(planes.len(), 19);
+        let found =
+            ["albedo.R", "albedo.G", "albedo.B"].map(|name| planes.iter().find(|p| p.name == name).unwrap().samples[0]);
+        assert_eq!(found, textured.albedo);
     }
 
     #[test]

@@ -89,6 +89,8 @@ pub struct Pixel {
     pub single: [f32; 3],
     /// Specular radiance, likewise.
     pub specular: [f32; 3],
+    /// What the texture multiplied the diffuse and the singly scattered radiance by, likewise; 0 without a texture.
+    pub albedo: [f32; 3],
     /// The mean of what the specular radiance, or the background, of single eye rays has above white. A highlight thinner
     /// than a pixel may be so bright that all pixels it touches are white: without the glare, its edges are smooth.
     pub glare: [f32; 3],
@@ -115,6 +117,16 @@ pub enum SingleLayer {
     TowardsEye,
 }
 
+/// Whether a texture was multiplied in.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum AlbedoLayer {
+    /// There is none.
+    #[default]
+    None,
+    /// [`Pixel::albedo`] says what it was.
+    Textured,
+}
+
 /// A rendered picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Frame {
@@ -127,19 +139,25 @@ pub struct Frame {
     pub back_facing_share: f64,
     /// What [`Pixel::single`] is.
     pub single: SingleLayer,
+    /// What [`Pixel::albedo`] is.
+    pub albedo: AlbedoLayer,
 }
+
+/// Most channels of a picture in a file.
+const CHANNELS: u64 = 22;
 
 /// Bytes that rendering and writing a picture of this size takes at most, beside the scene.
 pub fn memory_bytes(resolution: Resolution) -> u64 {
     // The pixels, a plane for each channel while a file is encoded, and its bytes.
-    resolution.pixels() as u64 * (size_of::<Pixel>() as u64 + 4 * 19 + 2 * 4 * 19)
+    resolution.pixels() as u64 * (size_of::<Pixel>() as u64 + 4 * CHANNELS + 2 * 4 * CHANNELS)
 }
 
 /// Renders a scene with the radiosity of its source vertices, and single scattering where that is given as well.
 ///
 /// Exit radiance is that of [`super::exit::ExitRadiance`] with the shading normal, for the medium of the part that is hit;
 /// specular reflection that of [`super::specular::Ggx`]: shadowed for directional, point and area lights, unshadowed for
-/// environments and constant lights. Single scattering leaves at the shading normal too. Opaque parts, which have no optical properties, and back sides are black.
+/// environments and constant lights. Single scattering leaves at the shading normal too. A texture multiplies both kinds of
+/// scattered light, and no reflection. Opaque parts, which have no optical properties, and back sides are black.
 /// The result does not depend on the number of threads.
 ///
 /// # Errors
@@ -175,7 +193,8 @@ pub fn render<'a>(
         Single::PerVertex(_) => SingleLayer::PerVertex,
         Single::TowardsEye(_) => SingleLayer::TowardsEye,
     };
-    Ok(Frame { resolution, pixels, back_facing_share: back_facing.share(), single })
+    let albedo = if exitance.texture.is_some() { AlbedoLayer::Textured } else { AlbedoLayer::None };
+    Ok(Frame { resolution, pixels, back_facing_share: back_facing.share(), single, albedo })
 }
 
 /// Nothing.
@@ -184,6 +203,7 @@ pub(super) const EMPTY: Pixel = Pixel {
     diffuse: [0.0; 3],
     single: [0.0; 3],
     specular: [0.0; 3],
+    albedo: [0.0; 3],
     glare: [0.0; 3],
     normal: [0.0; 3],
     depth_mm: f32::INFINITY,

@@ -13,3 +13,4 @@ pub mod normals;
 mod pixel_samples;
 pub mod single;
 pub mod specular;
+pub mod texture;

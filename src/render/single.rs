@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use super::exit::{ExitFresnel, ExitRadiance};
+use super::texture::Texture;
 use crate::error::{Error, Result};
 use crate::evaluate::single_scattering::{SeenPoint, TowardsEye};
 use crate::geometry::bvh::Hit;
@@ -34,11 +35,13 @@ pub struct Exitance<'a> {
     pub radiosity: &'a [DVec3],
     /// Beside it.
     pub single: Single<'a>,
+    /// What both are multiplied by.
+    pub texture: Option<&'a Texture>,
 }
 
 impl<'a> From<&'a [DVec3]> for Exitance<'a> {
     fn from(radiosity: &'a [DVec3]) -> Self {
-        Self { radiosity, single: Single::None }
+        Self { radiosity, single: Single::None, texture: None }
     }
 }
 

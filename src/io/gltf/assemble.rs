@@ -6,7 +6,7 @@ use glam::{DAffine3, DMat3, DVec3, Vec2, Vec3};
 use gltf::json::Root;
 
 use super::accessor::Accessors;
-use super::document::{mesh_label, node_label};
+use super::document::{material_name, mesh_label, node_label};
 use super::nodes::Placement;
 use super::primitive::{Decoded, Plan};
 use super::{MAX_ELEMENTS, Warnings};
@@ -195,10 +195,7 @@ impl<'a> Builder<'a> {
     fn material(&mut self, index: Option<usize>) -> u32 {
         let name = match index.and_then(|index| Some((index, self.root.materials.get(index)?))) {
             None => "default".to_owned(),
-            Some((index, material)) => match material.name.as_deref() {
-                None | Some("") => format!("material_{index}"),
-                Some(name) => name.to_owned(),
-            },
+            Some((index, material)) => material_name(index, material.name.as_deref()),
         };
         let materials = &mut self.model.materials;
         *self.material_of_name.entry(name).or_insert_with_key(|name| {

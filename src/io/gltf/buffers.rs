@@ -127,7 +127,7 @@ fn percent_decode(text: &str) -> Option<Vec<u8>> {
 }
 
 /// `data` is the URI after `data:`; its media type is of no interest.
-fn decode_data_uri(data: &str) -> Result<Vec<u8>> {
+pub(super) fn decode_data_uri(data: &str) -> Result<Vec<u8>> {
     let (kind, payload) = data.split_once(',').ok_or_else(|| Error::input("its data: uri has no comma"))?;
     if !kind.ends_with(";base64") {
         return Err(Error::input("its data: uri is not base64"));

@@ -99,6 +99,14 @@ fn check<T>(index: Index<T>, count: usize, kind: &str, place: impl Fn() -> Strin
     Err(Error::input(format!("{} names {kind} {index}, which does not exist (the file has {count})", place())))
 }
 
+/// What a material is called.
+pub(super) fn material_name(index: usize, name: Option<&str>) -> String {
+    match name {
+        None | Some("") => format!("material_{index}"),
+        Some(name) => name.to_owned(),
+    }
+}
+
 /// `mesh 3 "body"`, for messages.
 pub(super) fn mesh_label(index: usize, mesh: &Mesh) -> String {
     label("mesh", index, mesh.name.as_deref())

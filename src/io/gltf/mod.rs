@@ -10,6 +10,7 @@
 
 mod accessor;
 mod assemble;
+pub mod base_colour;
 mod buffers;
 mod container;
 mod document;

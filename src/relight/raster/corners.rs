@@ -1,9 +1,11 @@
-//! The mesh as vertex and index buffers: a corner for each source vertex, medium and shading normal.
+//! The mesh as vertex and index buffers: a corner for each source vertex, medium, material, shading
+//! normal and texture coordinate.
 
 use std::collections::HashMap;
 
 use glam::Vec3;
 
+use crate::geometry::mesh::Mesh;
 use crate::render::normals::ShadingNormals;
 use crate::transport::scene::Scene;
 
@@ -19,11 +21,13 @@ pub(super) struct Corner {
     pub(super) receiver: u32,
     pub(super) vertex: u32,
     pub(super) medium: u32,
+    pub(super) material: u32,
+    pub(super) uv: [f32; 2],
 }
 
 impl Corner {
-    pub(super) const ATTRIBUTES: [wgpu::VertexAttribute; 3] =
-        wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32x3, 2 => Uint32x3];
+    pub(super) const ATTRIBUTES: [wgpu::VertexAttribute; 4] =
+        wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32x3, 2 => Uint32x4, 3 => Float32x2];
 }
 
 /// The corners of all triangles, each one once, and three indices for each triangle.
@@ -35,16 +39,21 @@ pub(super) fn corners(scene: &Scene, receiver_of_vertex: &[u32]) -> (Vec<Corner>
     for (triangle, vertices) in mesh.triangles.iter().enumerate() {
         let part = scene.parts.triangle_part.get(triangle).and_then(|p| scene.parts.parts.get(*p as usize));
         let medium = part.and_then(|p| p.medium).filter(|m| (*m as usize) < scene.media.len()).unwrap_or(NONE);
+        let material = mesh.triangle_material.get(triangle).copied().unwrap_or(0);
         for (corner, &vertex) in vertices.iter().enumerate() {
             let weights = std::array::from_fn(|i| f64::from(u8::from(i == corner)));
             let normal = normals.at(triangle as u32, weights).as_vec3().to_array();
-            let index = *known.entry((vertex, medium, normal.map(f32::to_bits))).or_insert_with(|| {
+            let uv = uv_of(mesh, triangle, corner);
+            let key = (vertex, medium, material, normal.map(f32::to_bits), uv.map(f32::to_bits));
+            let index = *known.entry(key).or_insert_with(|| {
                 corners.push(Corner {
                     local_mm: mesh.local_mm.get(vertex as usize).copied().unwrap_or(Vec3::ZERO).to_array(),
                     normal,
                     receiver: receiver_of_vertex.get(vertex as usize).copied().unwrap_or(NONE),
                     vertex,
                     medium,
+                    material,
+                    uv,
                 });
                 corners.len() as u32 - 1
             });
@@ -52,6 +61,15 @@ pub(super) fn corners(scene: &Scene, receiver_of_vertex: &[u32]) -> (Vec<Corner>
         }
     }
     (corners, indices)
+}
+
+/// Texture coordinates of a corner, v up; 0 where there are none.
+fn uv_of(mesh: &Mesh, triangle: usize, corner: usize) -> [f32; 2] {
+    let find = || {
+        let uvs = mesh.uvs.as_ref()?;
+        uvs.values.get(uvs.corners.get(triangle)?[corner] as usize)
+    };
+    find().map_or([0.0; 2], |uv| uv.to_array())
 }
 
 /// Ends of the three edges of each triangle.

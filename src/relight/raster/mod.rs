@@ -4,6 +4,7 @@
 mod corners;
 mod environment;
 mod lit;
+mod pattern;
 mod pipelines;
 pub(crate) mod shadows;
 mod shown;
@@ -16,6 +17,7 @@ use glam::DVec3;
 
 use self::corners::{Corner, corners, wires};
 use self::lit::{ALBEDO_STEPS, Environments, Lamp, albedos, constant, lamps};
+use self::pattern::Pattern;
 use self::pipelines::{DEPTH_FORMAT, Pipelines, layout};
 use self::target::{Canvas, Finish};
 use self::view::{Encoding, Look, View, ViewUniform, Wires, finite, finite3};
@@ -27,6 +29,7 @@ use crate::render::background::Background;
 use crate::render::exit::{ExitFresnel, ExitRadiance};
 use crate::render::frame::Specular;
 use crate::render::specular::Roughness;
+use crate::render::texture::Texture;
 use crate::transport::scene::Medium;
 
 pub use self::shown::Shown;
@@ -50,6 +53,7 @@ pub struct Raster {
     uniform: wgpu::Buffer,
     wrap: wgpu::Sampler,
     environments: Environments,
+    pattern: Pattern,
     lights: Vec<Light>,
     /// What the tables of the media were made for.
     made_for: Option<(Vec<Medium>, Specular)>,
@@ -93,7 +97,8 @@ impl Raster {
         });
         let environments = Environments::none(&device);
         let buffers = [&uniform, shown.radiosity(), shown.visibility(), &errors, &media, &albedo, &lamps];
-        let bindings = pipelines::bindings(&device, &layout, buffers, &environments, &wrap);
+        let pattern = Pattern::new(&device)?;
+        let bindings = pipelines::bindings(&device, &layout, buffers, &environments, &wrap, &pattern);
         device.check()?;
         Ok(Self {
             layout,
@@ -112,6 +117,7 @@ impl Raster {
             uniform,
             wrap,
             environments,
+            pattern,
             lights: Vec::new(),
             made_for: None,
             bindings,
@@ -171,20 +177,27 @@ impl Raster {
         }
         self.lights = lights.to_vec();
         if stale {
-            let layout = &self.layout;
-            let shown = &self.shown;
-            let buffers = [
-                &self.uniform,
-                shown.radiosity(),
-                shown.visibility(),
-                &self.errors,
-                &self.media,
-                &self.albedo,
-                &self.lamps,
-            ];
-            self.bindings = pipelines::bindings(&self.device, layout, buffers, &self.environments, &self.wrap);
+            self.bind();
         }
         Ok(())
+    }
+
+    /// Replaces the texture; the views say whether it is shown.
+    ///
+    /// # Errors
+    /// More materials than the adapter binds (exit 5), a lost device (exit 4).
+    pub fn set_texture(&mut self, texture: Option<&Texture>) -> Result<()> {
+        self.pattern.set(&self.device, texture)?;
+        self.bind();
+        self.device.check()
+    }
+
+    fn bind(&mut self) {
+        let Self { uniform, shown, errors, media, albedo, lamps, .. } = self;
+        let buffers = [&*uniform, shown.radiosity(), shown.visibility(), errors, media, albedo, lamps];
+        let environments = &self.environments;
+        self.bindings =
+            pipelines::bindings(&self.device, &self.layout, buffers, environments, &self.wrap, &self.pattern);
     }
 
     /// Replaces the errors of the error view, one for each source vertex.

@@ -2,6 +2,7 @@
 
 use super::corners::Corner;
 use super::lit::Environments;
+use super::pattern::Pattern;
 use super::target::Finish;
 use crate::evaluate::device::Device;
 
@@ -31,7 +32,9 @@ impl Pipelines {
     pub(super) fn new(device: &Device, layout: &wgpu::BindGroupLayout, finish: Finish) -> Self {
         let module = device.device.create_shader_module(wgpu::ShaderModuleDescriptor {
             label: Some("surface"),
-            source: wgpu::ShaderSource::Wgsl(include_str!("surface.wgsl").into()),
+            source: wgpu::ShaderSource::Wgsl(
+                concat!(include_str!("surface.wgsl"), include_str!("texture.wgsl")).into(),
+            ),
         });
         let pipeline_layout = device.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label: Some("scene"),
@@ -111,7 +114,7 @@ fn pipeline(
     })
 }
 
-/// Bindings 0 to 9 of the shaders.
+/// Bindings 0 to 13 of the shaders.
 pub(super) fn layout(device: &Device) -> wgpu::BindGroupLayout {
     let both = wgpu::ShaderStages::VERTEX_FRAGMENT;
     let (vertex, fragment) = (wgpu::ShaderStages::VERTEX, wgpu::ShaderStages::FRAGMENT);
@@ -122,6 +125,7 @@ pub(super) fn layout(device: &Device) -> wgpu::BindGroupLayout {
         view_dimension: wgpu::TextureViewDimension::D2Array,
         multisampled: false,
     };
+    let sampler = wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering);
     let kinds = [
         (both, buffer(wgpu::BufferBindingType::Uniform)),
         (vertex, storage),
@@ -132,7 +136,11 @@ pub(super) fn layout(device: &Device) -> wgpu::BindGroupLayout {
         (fragment, storage),
         (fragment, texture),
         (fragment, texture),
-        (fragment, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
+        (fragment, sampler),
+        (fragment, buffer(wgpu::BufferBindingType::Uniform)),
+        (fragment, texture),
+        (fragment, sampler),
+        (fragment, storage),
     ];
     let entries: Vec<wgpu::BindGroupLayoutEntry> = (0..)
         .zip(kinds)
@@ -149,11 +157,16 @@ pub(super) fn bindings(
     buffers: [&wgpu::Buffer; 7],
     environments: &Environments,
     wrap: &wgpu::Sampler,
+    pattern: &Pattern,
 ) -> wgpu::BindGroup {
     let mut resources: Vec<wgpu::BindingResource> = buffers.iter().map(|b| b.as_entire_binding()).collect();
     resources.push(wgpu::BindingResource::TextureView(&environments.glossy));
     resources.push(wgpu::BindingResource::TextureView(&environments.backdrop));
     resources.push(wgpu::BindingResource::Sampler(wrap));
+    resources.push(pattern.uniform.as_entire_binding());
+    resources.push(wgpu::BindingResource::TextureView(&pattern.pictures));
+    resources.push(wgpu::BindingResource::Sampler(&pattern.repeat));
+    resources.push(pattern.coats.as_entire_binding());
     let entries: Vec<wgpu::BindGroupEntry> =
         (0..).zip(resources).map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource }).collect();
     device.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some("scene"), layout, entries: &entries })

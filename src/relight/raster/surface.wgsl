@@ -34,7 +34,8 @@ struct View {
     backdrop_alpha: f32,
     error_scale: f32,
     error_known: u32,
-    unused: vec2f,
+    textured: u32,
+    unused: u32,
     colours: array<vec4f, 6>,
     environments: array<Environment, 4>,
 }
@@ -64,8 +65,9 @@ struct Light {
 struct Corner {
     @location(0) local: vec3f,
     @location(1) normal: vec3f,
-    // Receiver, vertex, medium.
-    @location(2) ids: vec3u,
+    // Receiver, vertex, medium, material.
+    @location(2) ids: vec4u,
+    @location(3) uv: vec2f,
 }
 
 struct Surface {
@@ -76,6 +78,8 @@ struct Surface {
     @location(3) visible: vec4f,
     @location(4) error: f32,
     @location(5) @interpolate(flat) medium: u32,
+    @location(6) uv: vec2f,
+    @location(7) @interpolate(flat) material: u32,
 }
 
 @vertex
@@ -85,6 +89,8 @@ fn surface_corner(corner: Corner) -> Surface {
     out.local = corner.local;
     out.normal = corner.normal;
     out.medium = corner.ids.z;
+    out.uv = corner.uv;
+    out.material = corner.ids.w;
     out.radiosity = vec3f(0.0);
     if corner.ids.x != NONE {
         out.radiosity = radiosity[corner.ids.x + 1u].xyz * radiosity[0].x;
@@ -216,7 +222,11 @@ fn false_colour(value: f32) -> vec3f {
 fn surface_colour(in: Surface, @builtin(front_facing) front: bool) -> @location(0) vec4f {
     let to_eye = normalize(view.eye - in.local);
     // The triangle's normal: what is drawn of its front faces the eye.
-    let across = cross(dpdx(in.local), dpdy(in.local));
+    let right_mm = dpdx(in.local);
+    let down_mm = dpdy(in.local);
+    let right_uv = dpdx(in.uv);
+    let down_uv = dpdy(in.uv);
+    let across = cross(right_mm, down_mm);
     let square = dot(across, across);
     var face = to_eye;
     if square > 0.0 {
@@ -243,6 +253,10 @@ fn surface_colour(in: Surface, @builtin(front_facing) front: bool) -> @location(
     }
     let cosine = max(dot(normal, to_eye), LEAST_COSINE_SHARE * cos_face);
     var radiance = view.diffuse * in.radiosity * (transmittance(medium.x, cosine) * medium.y);
+    if view.textured != 0u {
+        let pixel = max(length(right_mm), length(down_mm));
+        radiance *= texture_albedo(in.local, pixel, in.material, in.uv, right_uv, down_uv);
+    }
     if view.specular > 0.0 {
         radiance += view.specular * specular(in, medium, normal, to_eye);
     }

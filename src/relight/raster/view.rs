@@ -47,10 +47,22 @@ pub struct View {
     pub look: Look,
     /// What is seen beside the object.
     pub background: Background,
+    /// Whether the texture is multiplied in, where there is one.
+    pub texture: Textured,
     /// Whether the triangles' edges are drawn.
     pub wires: Wires,
     /// The error that gets the last colour; none while it is not known.
     pub worst_error: Option<f64>,
+}
+
+/// Whether the texture is multiplied in.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Textured {
+    /// The object is as its materials make it.
+    No,
+    /// Its texture is on it.
+    #[default]
+    Yes,
 }
 
 /// Whether the triangles' edges are drawn.
@@ -73,6 +85,7 @@ impl View {
             specular: Specular::default(),
             look: Look::default(),
             background: Background::default(),
+            texture: Textured::default(),
             wires: Wires::default(),
             worst_error: None,
         }
@@ -113,7 +126,8 @@ pub(super) struct ViewUniform {
     backdrop_alpha: f32,
     error_scale: f32,
     error_known: u32,
-    unused: [f32; 2],
+    textured: u32,
+    unused: u32,
     colours: [[f32; 4]; 6],
     pub(super) environments: [EnvironmentUniform; ENVIRONMENTS],
 }
@@ -174,6 +188,7 @@ impl ViewUniform {
             },
             error_scale: view.worst_error.map_or(0.0, |e| finite(1.0 / e.max(1e-12))),
             error_known: u32::from(view.worst_error.is_some()),
+            textured: u32::from(view.texture == Textured::Yes),
             colours: ERROR_COLOURS.map(colour),
             ..Self::default()
         }

@@ -27,9 +27,11 @@ use crate::relight::choice;
 use crate::relight::files::{Dropped, free_picture};
 use crate::relight::raster::Raster;
 use crate::relight::raster::target::{Finish, Picture};
-use crate::relight::raster::view::{View, Wires};
+use crate::relight::raster::view::{Textured, View, Wires};
 use crate::render::camera::{Camera, Resolution};
 use crate::render::frame::RenderSettings;
+use crate::render::texture::Texture;
+use crate::render::texture::spec::TextureSpec;
 
 /// Smallest window that everything is readable in.
 const LEAST_SIZE: LogicalSize<f64> = LogicalSize::new(640.0, 480.0);
@@ -42,9 +44,22 @@ struct Shown {
     worker: Worker,
     jobs: Jobs,
     desk: Desk,
+    texture: Option<Arc<Texture>>,
     transport: String,
     vertices: usize,
     samples: usize,
+}
+
+/// An evaluator that works and what it is drawn with.
+struct Placed {
+    raster: Raster,
+    worker: Worker,
+    transport: String,
+    vertices: usize,
+    samples: usize,
+    texture: Option<Arc<Texture>>,
+    /// Why there is no texture.
+    untextured: Option<Error>,
 }
 
 /// The application.
@@ -72,6 +87,7 @@ struct Settings {
     quit_after_s: Option<f64>,
     camera: crate::render::camera_text::CameraSpec,
     choice: choice::DeviceChoice,
+    texture: TextureSpec,
     open: super::OpenModel,
     pool: Arc<rayon::ThreadPool>,
 }
@@ -82,6 +98,7 @@ impl App {
             quit_after_s: session.quit_after_s,
             camera: session.camera,
             choice: session.choice,
+            texture: session.texture.clone(),
             open: Arc::clone(&session.open),
             pool: Arc::clone(&session.pool),
         };
@@ -143,18 +160,17 @@ impl App {
         desk.set_specular(session.specular);
         desk.background = session.background;
         desk.turning = session.turn == Turn::Turning;
-        let (raster, worker, transport, sizes) = self.place(&screen, session.evaluator, &mut desk)?;
+        let placed = self.place(&screen, session.evaluator, &mut desk)?;
+        if let Some(error) = placed.untextured {
+            return Err(error);
+        }
         let jobs = Jobs::new(Arc::clone(&self.settings.pool), Arc::clone(&self.settings.open), Arc::new(self.wake()));
-        Ok(Shown { screen, raster, worker, jobs, desk, transport, vertices: sizes.0, samples: sizes.1 })
+        let Placed { raster, worker, transport, vertices, samples, texture, .. } = placed;
+        Ok(Shown { screen, raster, worker, jobs, desk, texture, transport, vertices, samples })
     }
 
     /// Puts an evaluator on the screen's device.
-    fn place(
-        &self,
-        screen: &Screen,
-        evaluator: Box<dyn Evaluator>,
-        desk: &mut Desk,
-    ) -> Result<(Raster, Worker, String, (usize, usize))> {
+    fn place(&self, screen: &Screen, evaluator: Box<dyn Evaluator>, desk: &mut Desk) -> Result<Placed> {
         let media = evaluator.scene().media.clone();
         let (model, open) = (desk.model.clone(), Arc::clone(&self.settings.open));
         let again = || {
@@ -166,11 +182,20 @@ impl App {
         };
         let (evaluator, note) = choice::on(&screen.device, self.settings.choice, evaluator, &again)?;
         note.into_iter().for_each(|note| desk.say(note));
-        let sizes = (evaluator.scene().mesh.local_mm.len(), evaluator.cost().samples);
-        let raster = Raster::new(evaluator.as_ref(), &[screen.finish, Finish::PICTURE])?;
+        let mesh = &evaluator.scene().mesh;
+        let (texture, untextured) = match Texture::new(&self.settings.texture, mesh) {
+            Ok(texture) => (texture.map(Arc::new), None),
+            Err(error) => (None, Some(error)),
+        };
+        let albedo = texture.as_ref().map_or_else(Vec::new, |texture| texture.of_vertices(mesh));
+        let (vertices, samples) = (mesh.local_mm.len(), evaluator.cost().samples);
+        let mut raster = Raster::new(evaluator.as_ref(), &[screen.finish, Finish::PICTURE])?;
         let transport = evaluator.transport();
-        let worker = Worker::start(evaluator, raster.shown().clone(), Arc::clone(&self.settings.pool), self.wake())?;
-        Ok((raster, worker, transport, sizes))
+        raster.set_texture(texture.as_deref())?;
+        desk.has_texture = texture.is_some();
+        let (shown, pool) = (raster.shown().clone(), Arc::clone(&self.settings.pool));
+        let worker = Worker::start(evaluator, shown, albedo, pool, self.wake())?;
+        Ok(Placed { raster, worker, transport, vertices, samples, texture, untextured })
     }
 
     /// Takes in what threads have done.
@@ -214,10 +239,14 @@ impl App {
                     self.place(&shown.screen, evaluator, &mut shown.desk)
                 });
                 match placed {
-                    Ok((raster, worker, transport, sizes)) => {
-                        (shown.raster, shown.worker, shown.transport) = (raster, worker, transport);
-                        (shown.vertices, shown.samples) = sizes;
-                        shown.desk.say(format!("{} is in place", path.display()));
+                    Ok(placed) => {
+                        (shown.raster, shown.worker) = (placed.raster, placed.worker);
+                        (shown.texture, shown.transport) = (placed.texture, placed.transport);
+                        (shown.vertices, shown.samples) = (placed.vertices, placed.samples);
+                        match placed.untextured {
+                            Some(error) => shown.desk.complain(error.message()),
+                            None => shown.desk.say(format!("{} is in place", path.display())),
+                        }
                     }
                     Err(error) => shown.desk.complain(error.message()),
                 }
@@ -238,6 +267,7 @@ impl App {
         let input = shown.screen.input.take_egui_input(&shown.screen.window);
         let (mut asked, mut rest) = (Asked::default(), egui::Rect::NOTHING);
         let desk = &mut shown.desk;
+        let textured = desk.texture();
         let context = shown.screen.context.clone();
         let interface = context.run_ui(input, |ui| {
             asked = panel::show(ui, desk, &figures);
@@ -251,6 +281,10 @@ impl App {
         self.viewport =
             Resolution { width: side(rest.right(), whole.width), height: side(rest.bottom(), whole.height) };
         let camera = shown.desk.orbit.camera()?;
+        if shown.desk.texture() != textured {
+            // Nothing is computed anew but the exposure.
+            self.posted = 0;
+        }
         if shown.desk.serial != self.posted {
             let due = self.last_exposure.is_none_or(|last| now - last > EXPOSURE_EVERY) || !shown.desk.turning;
             let expose_for = (shown.desk.auto_exposure && due).then_some(camera);
@@ -261,6 +295,7 @@ impl App {
                 lights: shown.desk.lights(),
                 media: shown.desk.media.clone(),
                 expose_for,
+                textured: shown.desk.texture(),
             });
         }
         let view = view(&shown.desk, camera, self.viewport);
@@ -359,7 +394,8 @@ impl App {
                 settings.specular = shown.desk.specular();
                 let exposure = shown.desk.exposure_factor();
                 settings.white = exposure.recip();
-                let job = Job::Render { state: state(&shown.desk), settings, exposure, stem };
+                let texture = shown.texture.clone().filter(|_| shown.desk.texture() == Textured::Yes);
+                let job = Job::Render { state: state(&shown.desk), settings, texture, exposure, stem };
                 start(shown, "rendering", job);
             }
             Err(error) => shown.desk.complain(error.message()),
@@ -410,6 +446,7 @@ fn view(desk: &Desk, camera: Camera, resolution: Resolution) -> View {
         specular: desk.specular(),
         look: desk.look,
         background: desk.background,
+        texture: desk.texture(),
         wires: if desk.wires { Wires::Shown } else { Wires::Hidden },
         worst_error: desk.error.map(|e| e.scale),
         ..View::new(camera, resolution, desk.exposure_factor())

@@ -10,7 +10,7 @@ use crate::light::environment::EnvironmentMap;
 use crate::medium::material::Preset;
 use crate::relight::lights::{LightEntry, pivot_mm, shining};
 use crate::relight::orbit::Orbit;
-use crate::relight::raster::view::Look;
+use crate::relight::raster::view::{Look, Textured};
 use crate::render::background::Background;
 use crate::render::camera::Camera;
 use crate::render::film::{Exposure, MAX_STOPS};
@@ -60,6 +60,9 @@ pub(super) struct Desk {
     white_wanted: Option<f64>,
     pub(super) reflects: bool,
     pub(super) roughness: f64,
+    /// Whether there is a texture, and whether it is shown.
+    pub(super) has_texture: bool,
+    pub(super) textured: bool,
     pub(super) background: Background,
     pub(super) look: Look,
     pub(super) wires: bool,
@@ -97,6 +100,8 @@ impl Desk {
             white_wanted: None,
             reflects: true,
             roughness: 0.3,
+            has_texture: false,
+            textured: true,
             background: Background::Environment,
             look: Look::Picture,
             wires: false,
@@ -191,6 +196,10 @@ impl Desk {
     pub(super) fn specular(&self) -> Specular {
         let roughness = Roughness::new(self.roughness).unwrap_or_default();
         if self.reflects { Specular::Rough(roughness) } else { Specular::Off }
+    }
+
+    pub(super) fn texture(&self) -> Textured {
+        if self.has_texture && self.textured { Textured::Yes } else { Textured::No }
     }
 
     pub(super) fn set_specular(&mut self, specular: Specular) {

@@ -22,6 +22,8 @@ use crate::relight::raster::target::LinearPicture;
 use crate::render::background::Background;
 use crate::render::film::{ColourType, PngBackground, to_exr, to_png};
 use crate::render::frame::{RenderSettings, render};
+use crate::render::single::Exitance;
+use crate::render::texture::Texture;
 use crate::transport::scene::Medium;
 
 /// Share of the brightest channel's RMS below which a channel's own is not the unit.
@@ -32,7 +34,7 @@ pub(super) enum Job {
     /// The error of the transport in a state.
     Error(State),
     /// A picture by the renderer, as EXR and PNG.
-    Render { state: State, settings: Box<RenderSettings>, exposure: f64, stem: PathBuf },
+    Render { state: State, settings: Box<RenderSettings>, texture: Option<Arc<Texture>>, exposure: f64, stem: PathBuf },
     /// A picture that is there, as PNG.
     Png { picture: LinearPicture, background: Background, path: PathBuf },
     /// Another model.
@@ -127,18 +129,20 @@ impl Jobs {
 fn run(job: Job, open: &OpenModel, progress: &dyn Progress) -> Result<Outcome> {
     match job {
         Job::Error(state) => error_field(&state, open, progress).map(Outcome::Error),
-        Job::Render { state, settings, exposure, stem } => {
+        Job::Render { state, settings, texture, exposure, stem } => {
             let mut evaluator = evaluator_in(&state, open, progress)?;
             let radiosity = evaluator.radiosity(progress)?;
-            let frame = render(evaluator.as_ref(), &radiosity, &state.lights, &settings, progress)?;
+            let exitance = Exitance { texture: texture.as_deref(), ..Exitance::from(&radiosity) };
+            let frame = render(evaluator.as_ref(), exitance, &state.lights, &settings, progress)?;
             let paths = ["exr", "png"].map(|suffix| stem.with_extension(suffix));
             let text = |name: &str, text: String| (name.to_owned(), text);
-            let attributes = vec![
+            let mut attributes = vec![
                 text("software", format!("translux {}", env!("CARGO_PKG_VERSION"))),
                 text("camera", settings.camera.to_string()),
                 text("lights", state.lights.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")),
                 text("material", state.media.iter().map(|m| m.name.clone()).collect::<Vec<_>>().join("; ")),
             ];
+            attributes.extend(texture.map(|texture| text("texture", texture.to_string())));
             let background =
                 if settings.background == Background::None { PngBackground::Transparent } else { PngBackground::Shown };
             atomic::write(&paths[0], &to_exr(&frame, ColourType::default(), attributes)?)?;

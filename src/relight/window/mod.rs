@@ -24,6 +24,7 @@ use crate::render::background::Background;
 use crate::render::camera::Resolution;
 use crate::render::camera_text::CameraSpec;
 use crate::render::film::Exposure;
+use crate::render::texture::spec::TextureSpec;
 
 /// Opens the asset of a path.
 pub type OpenModel = Arc<dyn Fn(&Path) -> Result<Box<dyn Evaluator>> + Send + Sync>;
@@ -48,6 +49,8 @@ pub struct Session {
     pub exposure: Exposure,
     /// Reflection to start with.
     pub specular: crate::render::frame::Specular,
+    /// What scattered light is multiplied by.
+    pub texture: TextureSpec,
     /// What is seen beside the object.
     pub background: Background,
     /// Whether the lights turn.

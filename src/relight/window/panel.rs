@@ -180,6 +180,9 @@ fn picture(ui: &mut Ui, desk: &mut Desk) {
     );
     ui.checkbox(&mut desk.reflects, "reflection");
     ui.add_enabled(desk.reflects, Slider::new(&mut desk.roughness, 0.0..=1.0).fixed_decimals(2).text("roughness"));
+    if desk.has_texture {
+        ui.checkbox(&mut desk.textured, "texture");
+    }
     ui.checkbox(&mut desk.wires, "wireframe");
 }
 

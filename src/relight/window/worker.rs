@@ -5,6 +5,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
+use glam::DVec3;
 use rayon::ThreadPool;
 
 use crate::error::{Error, Result};
@@ -15,6 +16,7 @@ use crate::relight::lights::are_same;
 use crate::relight::newest::Newest;
 use crate::relight::raster::Shown;
 use crate::relight::raster::shadows::Shadows;
+use crate::relight::raster::view::Textured;
 use crate::render::camera::Camera;
 use crate::render::film::AUTO_EXPOSURE_PERCENTILE;
 use crate::transport::scene::Medium;
@@ -28,6 +30,8 @@ pub(super) struct Wanted {
     pub(super) media: Vec<Medium>,
     /// The eye that the automatic exposure is for, where it is wanted.
     pub(super) expose_for: Option<Camera>,
+    /// Whether the texture counts for that.
+    pub(super) textured: Textured,
 }
 
 /// A state that is shown now.
@@ -53,10 +57,12 @@ pub(super) struct Worker {
 }
 
 impl Worker {
-    /// Starts the thread; `wake` is called after every state.
+    /// Starts the thread; `wake` is called after every state. `albedo` is the texture's at each source vertex; empty where
+    /// there is none.
     pub(super) fn start(
         evaluator: Box<dyn DeviceEvaluator>,
         shown: Shown,
+        albedo: Vec<DVec3>,
         pool: Arc<ThreadPool>,
         wake: impl Fn() + Send + 'static,
     ) -> Result<Self> {
@@ -64,7 +70,7 @@ impl Worker {
         let (sender, done) = channel();
         let mailbox = Arc::clone(&wanted);
         let work = move || {
-            let mut bench = pool.install(|| Bench::new(evaluator, shown));
+            let mut bench = pool.install(|| Bench::new(evaluator, shown, albedo));
             while let Some(state) = mailbox.take() {
                 let done = pool.install(|| bench.work(state));
                 if !sent(&sender, done) {
@@ -113,6 +119,7 @@ fn sent(sender: &Sender<Done>, done: Done) -> bool {
 struct Bench {
     evaluator: Box<dyn DeviceEvaluator>,
     shown: Shown,
+    albedo: Vec<DVec3>,
     shadows: Shadows,
     /// Of the vertices, for the lights.
     visibility: Vec<u32>,
@@ -122,10 +129,10 @@ struct Bench {
 }
 
 impl Bench {
-    fn new(evaluator: Box<dyn DeviceEvaluator>, shown: Shown) -> Self {
+    fn new(evaluator: Box<dyn DeviceEvaluator>, shown: Shown, albedo: Vec<DVec3>) -> Self {
         let shadows = Shadows::new(evaluator.scene());
         let media = evaluator.scene().media.clone();
-        Self { evaluator, shown, shadows, visibility: Vec::new(), is_lit: false, lights: Vec::new(), media }
+        Self { evaluator, shown, albedo, shadows, visibility: Vec::new(), is_lit: false, lights: Vec::new(), media }
     }
 
     fn work(&mut self, wanted: Wanted) -> Done {
@@ -158,7 +165,7 @@ impl Bench {
         let result =
             self.evaluator.update(&Silent).and_then(|()| self.shown.publish(self.evaluator.as_ref(), &self.visibility));
         let white = match (&result, wanted.expose_for) {
-            (Ok(()), Some(camera)) => self.white(&camera),
+            (Ok(()), Some(camera)) => self.white(&camera, wanted.textured),
             _ => Ok(None),
         };
         let ended = Instant::now();
@@ -176,19 +183,23 @@ impl Bench {
     }
 
     /// The radiance of the vertices that face the eye, at the percentile that automatic exposure makes white.
-    fn white(&self, camera: &Camera) -> Result<Option<f64>> {
+    fn white(&self, camera: &Camera, textured: Textured) -> Result<Option<f64>> {
         let buffer = self.evaluator.radiosity_buffer();
         let bytes = self.evaluator.device().read(buffer, buffer.size())?;
         let values: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&bytes);
         let eye = (camera.at_mm() - self.evaluator.scene().mesh.origin_mm).as_vec3();
         let scale = self.evaluator.scale() / std::f64::consts::PI;
-        let radiance = |(receiver, (point, normal)): (&u32, &(glam::Vec3, glam::Vec3))| {
+        let albedo = |vertex: usize| match textured {
+            Textured::Yes => self.albedo.get(vertex).copied().unwrap_or(DVec3::ONE),
+            Textured::No => DVec3::ONE,
+        };
+        let radiance = |(vertex, (receiver, (point, normal))): (usize, (&u32, &(glam::Vec3, glam::Vec3)))| {
             let [r, g, b, _] = values.get(*receiver as usize)?;
-            let value = f64::from(r.max(*g).max(*b)) * scale;
+            let value = (DVec3::new((*r).into(), (*g).into(), (*b).into()) * albedo(vertex)).max_element() * scale;
             (normal.dot(eye - *point) > 0.0 && value.is_finite()).then_some(value)
         };
         let receivers = self.evaluator.receiver_of_vertex();
-        let mut seen: Vec<f64> = receivers.iter().zip(self.shadows.starts()).filter_map(radiance).collect();
+        let mut seen: Vec<f64> = receivers.iter().zip(self.shadows.starts()).enumerate().filter_map(radiance).collect();
         let rank = (AUTO_EXPOSURE_PERCENTILE * seen.len() as f64).ceil() as usize;
         let Some(index) = rank.checked_sub(1) else { return Ok(None) };
         let (_, white, _) = seen.select_nth_unstable_by(index, f64::total_cmp);
