@@ -11,7 +11,7 @@ use crate::math::statistics::vertex_error;
 use crate::progress::Progress;
 use crate::transport::scene::Scene;
 use crate::transport::single_scattering::radiance::{DepthSampling, Path, Settings, Share, SingleScattering};
-use crate::transport::single_scattering::{Coefficients, Density, ExitPoint, vertex_points};
+use crate::transport::single_scattering::{Coefficients, Crossings, Density, ExitPoint, Form, vertex_points};
 
 /// A place of a surface as an eye ray sees it.
 #[derive(Clone, Copy, Debug)]
@@ -56,6 +56,10 @@ pub struct Traced {
     pub scattering: Scattering,
     /// Distances inside for each vertex or pixel and each directional or point light.
     pub samples: u32,
+    /// The integrand.
+    pub form: Form,
+    /// Surfaces between the point where light enters and the light.
+    pub crossings: Crossings,
 }
 
 /// Directions of a constant, area or environment light for each distance of a directional one.
@@ -79,6 +83,11 @@ pub struct LitScene<'a> {
 }
 
 impl Traced {
+    /// In the physical form, light that crosses further surfaces lost.
+    pub const fn new(scattering: Scattering, samples: u32) -> Self {
+        Self { scattering, samples, form: Form::Physical, crossings: Crossings::Occluded }
+    }
+
     /// Whether there is a quantity per vertex: what leaves depends on the eye unless the phase function is isotropic.
     pub fn is_per_vertex(self, scene: &Scene) -> bool {
         let used = scene.parts.parts.iter().filter_map(|p| scene.media.get(p.medium? as usize));
@@ -93,6 +102,8 @@ impl Traced {
             },
             depths: DepthSampling::Random(self.samples, Density::Channels),
             directions: self.samples.saturating_mul(DIRECTIONS_PER_SAMPLE),
+            form: self.form,
+            crossings: self.crossings,
             ..Settings::REFERENCE
         }
     }

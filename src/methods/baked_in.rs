@@ -12,7 +12,7 @@ use crate::error::{Error, ExitCode, Result};
 #[cfg(feature = "gpu")]
 use crate::evaluate::device::{Device, DeviceEvaluator};
 use crate::evaluate::sampled::{Bound, Far, Plan, SampledEvaluator};
-use crate::evaluate::single_scattering::{LitScene, Scattering, TowardsEye, Traced};
+use crate::evaluate::single_scattering::{LitScene, TowardsEye, Traced};
 use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit};
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::Samples;
@@ -26,9 +26,6 @@ use crate::transport::scene::{Medium, Scene};
 
 /// Error of the hierarchy that the transport is measured against.
 const TRUTH_ERROR: f64 = 0.001;
-
-/// Single scattering that is in the radiosity, by rays.
-const FOLDED: Traced = Traced { scattering: Scattering::Isotropic, samples: 32 };
 
 /// An error, or none where the truth is black and the values are not: nothing can be relative to that.
 pub(in crate::methods) fn relative(error: VertexError) -> VertexError {
@@ -170,8 +167,8 @@ pub(in crate::methods) trait Stored: Send + Sync {
 pub(in crate::methods) enum Single {
     /// Nothing.
     None,
-    /// It is in the radiosity, isotropic.
-    Folded,
+    /// It is in the radiosity, isotropic; these rays give the same.
+    Folded(Traced),
     /// It stands beside the radiosity.
     Beside(Box<dyn StoredSingle>),
 }
@@ -180,7 +177,7 @@ impl Single {
     fn beside(&self) -> Option<&dyn StoredSingle> {
         match self {
             Self::Beside(single) => Some(single.as_ref()),
-            Self::None | Self::Folded => None,
+            Self::None | Self::Folded(_) => None,
         }
     }
 }
@@ -314,7 +311,7 @@ impl<S: Stored + 'static> Evaluator for BakedIn<S> {
     }
 
     fn includes_single_scattering(&self) -> bool {
-        matches!(self.single, Single::Folded)
+        matches!(self.single, Single::Folded(_))
     }
 
     fn towards_eye(&self) -> Result<Option<Box<dyn TowardsEye + '_>>> {
@@ -323,7 +320,10 @@ impl<S: Stored + 'static> Evaluator for BakedIn<S> {
     }
 
     fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {
-        let folded = self.includes_single_scattering();
+        let folded = match &self.single {
+            Single::Folded(traced) => Some(*traced),
+            Single::None | Single::Beside(_) => None,
+        };
         let bvh = self.bvh.get_or_init(|| Bvh::new(&self.scene.mesh));
         let Self { scene, receivers, stored, lights, truth, .. } = self;
         let stage = stored.stage();
@@ -336,9 +336,9 @@ impl<S: Stored + 'static> Evaluator for BakedIn<S> {
         let values = |lights: &[Light]| {
             let light = stored.light(lights)?;
             let mut values = stored.radiosity(&light, receivers);
-            if folded {
+            if let Some(traced) = folded {
                 // What the truth has apart.
-                let rays = FOLDED.per_vertex(LitScene { scene, bvh, lights }, &Silent)?.unwrap_or_default();
+                let rays = traced.per_vertex(LitScene { scene, bvh, lights }, &Silent)?.unwrap_or_default();
                 values.iter_mut().zip(rays).for_each(|(value, single)| *value -= single);
             }
             Ok(values)

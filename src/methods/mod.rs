@@ -9,6 +9,7 @@ pub mod reference;
 mod references;
 pub mod sampling;
 pub mod settings;
+mod single_keys;
 mod stage;
 pub mod two_pass;
 

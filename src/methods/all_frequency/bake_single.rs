@@ -21,6 +21,7 @@ use crate::medium::fresnel::diffuse_transmittance;
 use crate::medium::phase::LightTerms;
 use crate::methods::components::coding::{Radiosities, code};
 use crate::methods::references::{in_ascending_order, spacing, spacing_of};
+use crate::methods::single_keys::Integrand;
 use crate::methods::stage::parts;
 use crate::progress::{Progress, Silent};
 use crate::transport::cube_harmonics::{CubeHarmonics, Product};
@@ -105,7 +106,7 @@ pub(super) fn single(
         }
     };
     let lit = LitScene { scene, bvh: &work.stage.bvh, lights: &[] };
-    let probe = Probe::new(lit, receivers);
+    let probe = Probe::new(lit, receivers, work.plan.integrand);
     progress.start("errors of single scattering", 0);
     let environments = probe.worst(&values, single, &work.unseen.environments)?;
     let suns = probe.worst(&values, single, &work.unseen.suns)?;
@@ -153,7 +154,9 @@ impl<'a, 'b> Folded<'a, 'b> {
     /// Adds the truth under a light to values at some receivers.
     pub(super) fn add_rays(&self, light: &Light, points: &[u32], values: &mut [DVec3]) -> Result<()> {
         let stage = self.0.work.stage;
-        let rays = SingleScattering::new(stage.scene, &stage.bvh, std::slice::from_ref(light), Settings::REFERENCE)?;
+        let Integrand { form, crossings } = self.0.work.plan.integrand;
+        let settings = Settings { form, crossings, ..Settings::REFERENCE };
+        let rays = SingleScattering::new(stage.scene, &stage.bvh, std::slice::from_ref(light), settings)?;
         values.par_iter_mut().zip(points).for_each(|(value, &point)| {
             *value += rays.per_point(&self.0.exits[point as usize], point.into());
         });
@@ -204,7 +207,8 @@ impl<'a, 'b> Baked<'a, 'b> {
             _ => Coefficients::Reduced,
         };
         let side = work.plan.resolution.side() / 2;
-        let settings = VectorSettings { side, coefficients, phase, ..VectorSettings::DEFAULT };
+        let Integrand { form, crossings } = work.plan.integrand;
+        let settings = VectorSettings { side, coefficients, phase, form, crossings, ..VectorSettings::DEFAULT };
         let stage = work.stage;
         let baker = VectorBaker::new(stage.scene, &stage.bvh, settings)?;
         let own = darker(stage.scene, coefficients).clamp(1.0, MOST_OWN);
@@ -239,7 +243,8 @@ impl<'a, 'b> Baked<'a, 'b> {
     /// Of every receiver under a sun, by rays.
     fn under(&self, sun: &Light) -> Result<Vec<DVec3>> {
         let depths = DepthSampling::Deterministic(PLACES);
-        let settings = Settings { depths, coefficients: self.coefficients, ..Settings::PAPER };
+        let Integrand { form, crossings } = self.work.plan.integrand;
+        let settings = Settings { depths, coefficients: self.coefficients, form, crossings, ..Settings::PAPER };
         let (stage, lights) = (self.work.stage, std::slice::from_ref(sun));
         Ok(SingleScattering::new(stage.scene, &stage.bvh, lights, settings)?.per_points(&self.exits, &Silent))
     }

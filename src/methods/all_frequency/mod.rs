@@ -18,6 +18,7 @@ use crate::asset::Asset;
 use crate::error::Result;
 use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Key, Method};
 use crate::light::LightKind;
+use crate::methods::single_keys;
 use crate::progress::Progress;
 use crate::transport::scene::Scene;
 
@@ -92,8 +93,20 @@ const PHASE_TERMS: Key = Key {
            for every g; auto: what g and --max-rms ask for",
 };
 
-const KEYS: &[Key] =
-    &[CUBE, BASIS, COEFFICIENTS, TRANSFORM, SELECTION, SPACING, REFERENCES, SINGLE, SINGLE_BASIS, PHASE_TERMS];
+const KEYS: &[Key] = &[
+    CUBE,
+    BASIS,
+    COEFFICIENTS,
+    TRANSFORM,
+    SELECTION,
+    SPACING,
+    REFERENCES,
+    SINGLE,
+    SINGLE_BASIS,
+    PHASE_TERMS,
+    single_keys::FORM,
+    single_keys::CROSSINGS,
+];
 
 /// What charts compare.
 const LADDER: &[&str] = &[

@@ -8,6 +8,7 @@ use crate::light::LightKind;
 use crate::light::cube_light::Transform;
 use crate::math::cube_map::FACES;
 use crate::methods::settings::number;
+use crate::methods::single_keys::Integrand;
 use crate::transport::visibility::Resolution;
 
 /// Order of the harmonics at most.
@@ -76,6 +77,8 @@ pub(super) struct Plan {
     pub(super) single: Single,
     /// What it is expressed in.
     pub(super) single_basis: Basis,
+    /// What is integrated for it.
+    pub(super) integrand: Integrand,
 }
 
 fn one_of<T: Copy>(values: &BTreeMap<String, String>, key: &crate::evaluate::Key, all: &[(&str, T)]) -> Result<T> {
@@ -130,7 +133,20 @@ impl Plan {
         let auto = if matches!(single, Single::Phase(_) | Single::Folded) { Basis::Harmonics } else { basis };
         let names = [("auto", auto), ("sh", Basis::Harmonics), ("haar", Basis::Haar)];
         let single_basis = one_of(values, &SINGLE_BASIS, &names)?;
-        Ok(Self { resolution, basis, transform, choice, row, order, spacing_mm, references, single, single_basis })
+        let integrand = Integrand::new(values)?;
+        Ok(Self {
+            resolution,
+            basis,
+            transform,
+            choice,
+            row,
+            order,
+            spacing_mm,
+            references,
+            single,
+            single_basis,
+            integrand,
+        })
     }
 
     /// Refuses keys that this basis does not read, and kinds of light that it does not serve.
@@ -138,6 +154,9 @@ impl Plan {
         let given = |key: &crate::evaluate::Key| values.get(key.name).is_some_and(|text| text != key.default);
         if given(&PHASE_TERMS) && !matches!(self.single, Single::Phase(_)) {
             return Err(Error::command_line("--set phase-terms: for --set single-scattering=phase"));
+        }
+        if self.single == Single::Off {
+            Integrand::check_unused(values)?;
         }
         if given(&SINGLE_BASIS) && self.single == Single::Off {
             return Err(Error::command_line("--set single-basis: for --set single-scattering=isotropic or phase"));

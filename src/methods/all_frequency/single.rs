@@ -18,6 +18,7 @@ use crate::medium::fresnel::transmittance;
 use crate::medium::phase::LegendrePhase;
 use crate::methods::baked_in::{MeanCosine, Single as InAsset, Stored, StoredSingle, relative};
 use crate::methods::components::{Components, Weighted};
+use crate::methods::single_keys::Integrand;
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::Scene;
 use crate::transport::single_scattering::radiance::{Path, Settings, SingleScattering};
@@ -25,6 +26,9 @@ use crate::transport::single_scattering::{Coefficients, ExitPoint, inside_toward
 
 /// Places inside for each pixel, by rays.
 const PLACES: u32 = 128;
+
+/// The same for every vertex.
+const PLACES_OF_VERTICES: u32 = 32;
 
 /// Receivers that errors are measured on.
 const SOME: usize = 192;
@@ -37,11 +41,11 @@ pub(super) fn stored(file: Option<&File>, plan: &Plan, scene: &Scene, receivers:
     let Some(File { terms, harmonics, rows }) = file else {
         return Ok(match plan.single {
             Single::Off => InAsset::None,
-            Single::Folded => InAsset::Folded,
+            Single::Folded => InAsset::Folded(traced(Scattering::Isotropic, PLACES_OF_VERTICES, plan)),
             Single::Isotropic => {
                 return Err(Error::input("an asset of `all_frequency` without its sections afs.*; bake it again"));
             }
-            Single::Phase(_) => InAsset::Beside(Box::new(ByRays)),
+            Single::Phase(_) => InAsset::Beside(Box::new(ByRays(traced(Scattering::OfMedium, PLACES, plan)))),
         });
     };
     let phase = match resolved(plan.single, scene, f64::INFINITY) {
@@ -56,7 +60,12 @@ pub(super) fn stored(file: Option<&File>, plan: &Plan, scene: &Scene, receivers:
         (None, Some(rows)) => Values::Rows(Rows::new(rows, plan.transform)?),
         _ => return Err(Error::input("an asset of `all_frequency` that needs a later version of this program")),
     };
-    Ok(InAsset::Beside(Box::new(LookedUp { values, phase })))
+    Ok(InAsset::Beside(Box::new(LookedUp { values, phase, integrand: plan.integrand })))
+}
+
+fn traced(scattering: Scattering, samples: u32, plan: &Plan) -> Traced {
+    let Integrand { form, crossings } = plan.integrand;
+    Traced { form, crossings, ..Traced::new(scattering, samples) }
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -121,6 +130,7 @@ impl LitTerms {
 struct LookedUp {
     values: Values,
     phase: Phase,
+    integrand: Integrand,
 }
 
 impl StoredSingle for LookedUp {
@@ -151,7 +161,7 @@ impl StoredSingle for LookedUp {
     }
 
     fn enter_error(&self, lit: LitScene, receivers: &Receivers, ledger: &mut Ledger) -> Result<()> {
-        let error = Probe::new(lit, receivers).error(&self.values, self.phase, lit.lights)?;
+        let error = Probe::new(lit, receivers, self.integrand).error(&self.values, self.phase, lit.lights)?;
         ledger.add(
             "single scattering",
             error,
@@ -217,19 +227,15 @@ impl TowardsEye for LitFromOutside<'_> {
 }
 
 /// Nothing is stored.
-struct ByRays;
-
-impl ByRays {
-    const TRACED: Traced = Traced { scattering: Scattering::OfMedium, samples: PLACES };
-}
+struct ByRays(Traced);
 
 impl StoredSingle for ByRays {
     fn per_vertex(&self, lit: LitScene, _: &Receivers) -> Result<Option<Vec<DVec3>>> {
-        Self::TRACED.per_vertex(lit, &crate::progress::Silent)
+        self.0.per_vertex(lit, &crate::progress::Silent)
     }
 
     fn towards_eye<'a>(&'a self, lit: LitScene<'a>, _: &'a Receivers) -> Result<Option<Box<dyn TowardsEye + 'a>>> {
-        Self::TRACED.towards_eye(lit).map(Some)
+        self.0.towards_eye(lit).map(Some)
     }
 
     fn mean_cosine(&self) -> MeanCosine {
@@ -237,7 +243,7 @@ impl StoredSingle for ByRays {
     }
 
     fn enter_error(&self, lit: LitScene, _: &Receivers, ledger: &mut Ledger) -> Result<()> {
-        Self::TRACED.enter_noise(lit, ledger)
+        self.0.enter_noise(lit, ledger)
     }
 
     fn bytes(&self) -> usize {
@@ -264,16 +270,17 @@ pub(super) struct Probe<'a> {
     some: Vec<u32>,
     points: Vec<ExitPoint>,
     areas: Vec<f64>,
+    integrand: Integrand,
 }
 
 impl<'a> Probe<'a> {
-    pub(super) fn new(lit: LitScene<'a>, receivers: &'a Receivers) -> Self {
+    pub(super) fn new(lit: LitScene<'a>, receivers: &'a Receivers, integrand: Integrand) -> Self {
         let exits = exits(lit.scene, receivers);
         let all = receiver_areas(lit.scene, receivers);
         let (_, some) = receivers.subset(SOME, 1);
         let points = some.iter().filter_map(|&i| exits.get(i as usize)).copied().collect();
         let areas = some.iter().filter_map(|&i| all.get(i as usize)).copied().collect();
-        Self { lit, receivers, some, points, areas }
+        Self { lit, receivers, some, points, areas, integrand }
     }
 
     /// Relative to single scattering: isotropic, or towards eyes half way to the horizon.
@@ -283,7 +290,8 @@ impl<'a> Probe<'a> {
             Phase::Isotropic => Coefficients::Reduced,
             Phase::OfMedia => Coefficients::Unreduced,
         };
-        let settings = Settings { coefficients, ..Settings::REFERENCE };
+        let Integrand { form, crossings } = self.integrand;
+        let settings = Settings { coefficients, form, crossings, ..Settings::REFERENCE };
         let rays = SingleScattering::new(self.lit.scene, self.lit.bvh, lights, settings)?;
         let aslant = |n: DVec3| (n + n.any_orthonormal_vector()).normalize_or_zero();
         let points = || self.points.par_iter().zip(&self.some);
