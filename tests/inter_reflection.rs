@@ -66,7 +66,7 @@ fn hollow_sphere(eta: f64) -> f64 {
 fn a_closed_furnace_has_the_geometric_series() {
     let inner = shapes::inside_out(shapes::icosphere(60.0, 4));
     let shell = shapes::compose(&[(inner, DVec3::ZERO), (shapes::icosphere(90.0, 1), DVec3::ZERO)]);
-    for eta in [1.0, 1.5] {
+    for (eta, cases) in [(1.0, [("once", 1), ("16", 16)]), (1.5, [("once", 1), ("2", 2)])] {
         let mut shell = scene(shell.clone(), Scale::MillimetresPerUnit(1.0), "marble");
         assert_eq!(shell.parts.parts.len(), 1);
         shell.media[0].properties.eta_inside_over_outside = eta;
@@ -74,12 +74,12 @@ fn a_closed_furnace_has_the_geometric_series() {
         let lamp = || vec![Light::point(shell.mesh.origin_mm, DVec3::splat(3600.0)).unwrap()];
         let radiosity = |times: &str| {
             let set = [("inter-reflection", times), ("inter-reflection-rays", "16")];
-            lit(open("reference", shell, 6000, &set).as_mut(), lamp())
+            lit(open("reference", shell, 5300, &set).as_mut(), lamp())
         };
         let off = radiosity("off");
         let reflectance = shell.media[0].properties.dipoles(BoundaryFit::Published).map(|d| d.total());
         let back = DVec3::from_array(reflectance) * hollow_sphere(eta);
-        for (times, count) in [("once", 1), ("2", 2), ("16", 16)] {
+        for (times, count) in cases {
             let found = radiosity(times);
             let expected = (0..=count).map(|k| back.powf(f64::from(k))).sum::<DVec3>();
             let inside = |v: &usize| shell.mesh.local_mm[*v].length() < 70.0;
@@ -149,17 +149,16 @@ fn media_may_change_and_nothing_of_the_old_ones_stays() {
 #[test]
 fn what_is_stated_is_not_below_the_error() {
     let body = head();
-    let fine_set = [ONCE, ("inter-reflection-rays", "1024")];
-    let mut fine = open("reference", &body, 3000, &fine_set);
+    let mut fine = open("reference", &body, 2000, &[ONCE, ("inter-reflection-rays", "1024")]);
     for light in some_lights() {
         let exact = lit(fine.as_mut(), vec![light.clone()]);
-        for rays in ["2", "8", "32"] {
-            let mut coarse = open("reference", &body, 3000, &[ONCE, ("inter-reflection-rays", rays)]);
+        for rays in ["4", "16", "64"] {
+            let mut coarse = open("reference", &body, 2000, &[ONCE, ("inter-reflection-rays", rays)]);
             let values = lit(coarse.as_mut(), vec![light.clone()]);
             let found = vertex_error(&values, &exact, &vertex_areas(&body)).rms;
             let stated = stated(coarse.as_mut(), "inter-reflection");
             println!("{light}, {rays} rays: {found:.2e} stated {stated:.2e}");
-            assert!(found < 1.15 * stated && stated < 1e-2, "{light}, {rays}: {found} {stated}");
+            assert!(found < stated && stated < 1e-2, "{light}, {rays}: {found} {stated}");
         }
     }
     // Other samples, which see other parts of creases.
@@ -208,7 +207,7 @@ fn files_are_the_same_on_any_number_of_threads_and_off_is_the_default() {
             ("inter-reflection=twice", "off, once"),
             ("inter-reflection=17", "1 to 16"),
             ("inter-reflection-rays=48", "power of two"),
-            ("inter-reflection-rays=4096", "2 to 1024"),
+            ("inter-reflection-rays=4096", "4 to 1024"),
         ] {
             folder.run(&format!("{line} --set {set} -o x.ply")).fails(1, &[says]);
         }

@@ -6,7 +6,7 @@ use super::settings::number;
 use crate::error::{Error, Result};
 use crate::evaluate::Key;
 use crate::evaluate::inter_reflection::Outside;
-use crate::transport::interreflection::{InterReflection, MOST_RAYS};
+use crate::transport::interreflection::{InterReflection, LEAST_RAYS, MOST_RAYS};
 use crate::transport::scene::Scene;
 
 /// Whether light is followed outside, and how often.
@@ -34,7 +34,7 @@ pub(in crate::methods) const fn rays(default: &'static str) -> Key {
 /// # Errors
 /// Command line: values out of range.
 pub(in crate::methods) fn outside(values: &BTreeMap<String, String>, rays: &Key) -> Result<Option<Outside>> {
-    let count = number(values, rays, 2..=MOST_RAYS)?;
+    let count = number(values, rays, LEAST_RAYS..=MOST_RAYS)?;
     if !count.is_power_of_two() {
         return Err(Error::command_line(format!("--set {}={count}: a power of two is needed", rays.name)));
     }
@@ -82,7 +82,7 @@ mod tests {
         for bad in ["", "0", "17", "twice", "-1", "1.5"] {
             assert!(of(&[("inter-reflection", bad)]).unwrap_err().message().contains("off, once"), "{bad}");
         }
-        for bad in ["", "0", "1", "48", "2048"] {
+        for bad in ["", "0", "2", "48", "2048"] {
             // Checked even where nothing is followed.
             assert!(of(&[("inter-reflection-rays", bad)]).is_err(), "{bad}");
         }

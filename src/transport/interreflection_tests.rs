@@ -63,7 +63,10 @@ fn in_a_closed_cavity_all_light_comes_back() {
         }
         let mean = sum / f64::from(count);
         println!("eta {eta}: {mean:.6} expected {expected:.6} worst {worst:.1e}, {} arrivals", matrix.arrivals());
-        assert!(count > 2000 && (mean / expected - 1.0).abs() < 1e-3 && worst < 0.03, "{mean} {expected} {worst}");
+        // Facets are tilted a little, which counts where F_t is steep: at the critical angle of eta < 1.
+        let (most, most_of_one) = if eta < 1.0 { (1e-2, 0.08) } else { (1e-3, 0.03) };
+        assert!(count > 2000 && (mean / expected - 1.0).abs() < most, "{mean} {expected}");
+        assert!(worst < most_of_one, "{worst}");
         if eta == 1.0 {
             // Every ray arrives, whatever its direction, and they all weigh the same.
             assert!(expected == 1.0 && worst < 1e-12 && matrix.arrivals() == 64 * count as usize, "{worst}");
@@ -127,13 +130,15 @@ fn plates(distance: f64, divisions: u32) -> (SourceModel, f64) {
 
 #[test]
 fn two_plates_have_the_form_factor_of_parallel_squares() {
-    for (distance, known) in [(10.0, 0.1998), (1.0, 0.8270), (40.0, f64::NAN), (0.05, f64::NAN)] {
+    // Far apart a fiftieth of the rays meets anything.
+    let rows = [(10.0, 0.1998, 2e-3), (1.0, 0.8270, 1e-3), (40.0, f64::NAN, 1e-2), (0.05, f64::NAN, 2e-3)];
+    for (distance, known, most) in rows {
         let (model, factor) = plates(distance, 6);
         assert!(known.is_nan() || (factor - known).abs() < 1e-3, "{factor} {known}");
         let fixture = Fixture::new(model.clone(), of_eta(1.0), 4000);
         let found = mean(&fixture, &matrix(&fixture, 64).apply(&field(&fixture, |_| 1.0), Rays::All));
         println!("{distance}: {found:.6} closed {factor:.6}");
-        assert!((found / factor - 1.0).abs() < 2e-3, "{distance}: {found} {factor}");
+        assert!((found / factor - 1.0).abs() < most, "{distance}: {found} {factor}");
         // From behind there is nothing to see.
         let away = Fixture::new(shapes::inside_out(model), of_eta(1.0), 500);
         assert!(matrix(&away, 64).is_empty());
@@ -203,7 +208,7 @@ fn what_one_place_sends_another_the_other_sends_back() {
 
 #[test]
 fn the_error_falls_faster_than_the_root_of_the_number_of_rays() {
-    let fixture = Fixture::new(shapes::bumpy_head(10.0, 4), of_eta(1.3), 4000);
+    let fixture = Fixture::new(shapes::bumpy_head(10.0, 3), of_eta(1.3), 2000);
     let radiosity = field(&fixture, |p| 1.0 + 0.05 * p.z);
     let exact = matrix(&fixture, 1024).apply(&radiosity, Rays::All);
     let rms = |values: &[DVec3], of: usize| {
@@ -238,7 +243,7 @@ fn rows_of_any_width_have_the_sums_of_single_columns_on_every_level() {
     let fixture = Fixture::new(shapes::bumpy_head(10.0, 3), of_eta(1.3), 3000);
     let receivers = Receivers::new(&fixture.scene.mesh, &fixture.scene.parts, 16);
     let matrix = matrix(&fixture, 32).of_receivers(&receivers.of_vertex);
-    assert!(matrix.arrivals() > 1000);
+    assert!(matrix.arrivals() > 200);
     for columns in [1, 3, 16, 49] {
         let value = |row: usize, column: usize| uniform(11, row as u64, column as u64) - 0.3;
         let rows: Vec<f32> = (0..receivers.len() * columns).map(|i| value(i / columns, i % columns) as f32).collect();
@@ -288,7 +293,7 @@ fn odd_scenes_have_answers() {
     // Clusters of triangles, as many as there are for each sample; an index of refraction that lets nothing out.
     let cavity = shapes::inside_out(shapes::icosphere(10.0, 4));
     let few = Fixture::new(cavity.clone(), of_eta(1.0), 7);
-    let values = matrix(&few, 2).apply(&field(&few, |_| 3.0), Rays::All);
+    let values = matrix(&few, 4).apply(&field(&few, |_| 3.0), Rays::All);
     assert!(values.len() == 7 && values.iter().all(|e| (e.x - 3.0).abs() < 1e-12), "{values:?}");
     for eta in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e-300, 1e300] {
         let dark = Fixture::new(cavity.clone(), of_eta(eta), 50);
@@ -298,7 +303,7 @@ fn odd_scenes_have_answers() {
     assert!(InterReflection::default().is_empty());
     assert!(InterReflection::default().apply(&[DVec3::ONE], Rays::All).is_empty());
     let many = matrix(&few, 5000);
-    assert_eq!((many.rays(), matrix(&few, 0).rays(), matrix(&few, 48).rays()), (MOST_RAYS, 2, 64));
+    assert_eq!((many.rays(), matrix(&few, 0).rays(), matrix(&few, 48).rays()), (MOST_RAYS, LEAST_RAYS, 64));
     let most = InterReflection::most_bytes(7, many.rays(), few.scene.mesh.triangles.len());
     assert_eq!(many.bytes() as u64, most, "all rays arrive here");
 }
