@@ -82,7 +82,7 @@ mod tests {
         for bad in ["", "0", "17", "twice", "-1", "1.5"] {
             assert!(of(&[("inter-reflection", bad)]).unwrap_err().message().contains("off, once"), "{bad}");
         }
-        for bad in ["", "0", "2", "48", "2048"] {
+        for bad in ["", "0", "4", "48", "2048"] {
             // Checked even where nothing is followed.
             assert!(of(&[("inter-reflection-rays", bad)]).is_err(), "{bad}");
         }

@@ -293,7 +293,7 @@ fn odd_scenes_have_answers() {
     // Clusters of triangles, as many as there are for each sample; an index of refraction that lets nothing out.
     let cavity = shapes::inside_out(shapes::icosphere(10.0, 4));
     let few = Fixture::new(cavity.clone(), of_eta(1.0), 7);
-    let values = matrix(&few, 4).apply(&field(&few, |_| 3.0), Rays::All);
+    let values = matrix(&few, 8).apply(&field(&few, |_| 3.0), Rays::All);
     assert!(values.len() == 7 && values.iter().all(|e| (e.x - 3.0).abs() < 1e-12), "{values:?}");
     for eta in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e-300, 1e300] {
         let dark = Fixture::new(cavity.clone(), of_eta(eta), 50);
