@@ -158,7 +158,7 @@ fn what_is_stated_is_not_below_the_error() {
             let found = vertex_error(&values, &exact, &vertex_areas(&body)).rms;
             let stated = stated(coarse.as_mut(), "inter-reflection");
             println!("{light}, {rays} rays: {found:.2e} stated {stated:.2e}");
-            assert!(found < stated && stated < 1e-2, "{light}, {rays}: {found} {stated}");
+            assert!(found < stated && stated < 5.0 * found, "{light}, {rays}: {found} {stated}");
         }
     }
     // Other samples, which see other parts of creases.
