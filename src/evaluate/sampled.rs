@@ -7,6 +7,7 @@ use glam::DVec3;
 
 #[cfg(feature = "gpu")]
 use super::device::{Device, DeviceEvaluator, sampled::SampledOnDevice};
+use super::inter_reflection::{Outside, Returned, Transfer};
 use super::sampling_error::{Sampled, receiver_areas};
 use super::single_scattering::{LitScene, TowardsEye, Traced};
 use super::{Capabilities, Cost, Evaluator, MaterialEdit};
@@ -19,6 +20,7 @@ use crate::light::Light;
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::progress::{Progress, Silent};
 use crate::transport::gather::{Criterion, Gather, Lit, NearField, Scheme};
+use crate::transport::interreflection::InterReflection;
 use crate::transport::irradiance::{Illumination, LightSampling, Pieces};
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::{self, Medium, Scene, Surface};
@@ -109,6 +111,11 @@ pub struct SampledEvaluator {
     irradiance: Option<(Vec<DVec3>, Pieces)>,
     limit: Option<f64>,
     single: Option<Traced>,
+    outside: Option<Outside>,
+    /// Of the indices of refraction in force.
+    matrix: Option<InterReflection>,
+    /// Of the lights and media in force.
+    returned: Option<Returned>,
 }
 
 impl SampledEvaluator {
@@ -132,6 +139,9 @@ impl SampledEvaluator {
             irradiance: None,
             limit: None,
             single: None,
+            outside: None,
+            matrix: None,
+            returned: None,
         }
     }
 
@@ -139,6 +149,12 @@ impl SampledEvaluator {
     #[must_use]
     pub fn with_single_scattering(self, single: Option<Traced>) -> Self {
         Self { single, ..self }
+    }
+
+    /// The same with light that comes back from outside the medium.
+    #[must_use]
+    pub fn with_inter_reflection(self, outside: Option<Outside>) -> Self {
+        Self { outside, ..self }
     }
 
     fn lit_scene(&self) -> LitScene<'_> {
@@ -150,15 +166,39 @@ impl SampledEvaluator {
         Surface { scene: &self.scene, bvh: &self.bvh, samples: &self.asset.samples, patches: &self.patches }
     }
 
-    /// Irradiance of every sample under the lights in force, RGB.
+    /// Irradiance of every sample under the lights in force, RGB, with what comes back from outside where that is asked for.
     ///
     /// # Errors
     /// As [`Illumination::new`].
     pub fn irradiance(&mut self, progress: &dyn Progress) -> Result<&[DVec3]> {
+        self.light_up(progress)?;
+        if let (Some(outside), None) = (self.outside, &self.returned) {
+            let scheme = self.tuned_scheme();
+            self.returned = Some(self.return_light(outside, self.plan.near, scheme, progress));
+        }
+        Ok(self.lit().0)
+    }
+
+    /// Irradiance of the lights alone.
+    fn light_up(&mut self, progress: &dyn Progress) -> Result<()> {
         if self.irradiance.is_none() {
             self.irradiance = Some(self.illuminate(&self.surface(), &self.lights, self.plan.sampling, progress)?);
         }
-        Ok(self.lit().0)
+        Ok(())
+    }
+
+    /// Follows the light outside; there must have been [`Self::light_up`].
+    fn return_light(&mut self, outside: Outside, near: NearField, scheme: Scheme, progress: &dyn Progress) -> Returned {
+        let matrix = match self.matrix.take() {
+            Some(matrix) => matrix,
+            None => outside.matrix(&self.surface(), &self.receivers, progress),
+        };
+        let surface = self.surface();
+        let gather = Gather::new(&surface, &self.tree, &self.scene.media, near);
+        let transfer = Transfer { gather: &gather, receivers: &self.receivers, scheme };
+        let returned = outside.returned(&matrix, transfer, self.direct(), progress);
+        self.matrix = Some(matrix);
+        returned
     }
 
     /// Where radiosity is gathered.
@@ -177,7 +217,7 @@ impl SampledEvaluator {
     }
 
     /// How samples are summed under the light and the media in force, after tuning where that is needed. There must have
-    /// been [`Self::irradiance`].
+    /// been [`Self::irradiance`]; what tunes is the light before any of it came back.
     pub fn tuned_scheme(&mut self) -> Scheme {
         if let (Far::Hierarchical { error, bound }, None) = (self.plan.far, self.limit) {
             self.tune(error, bound);
@@ -193,8 +233,15 @@ impl SampledEvaluator {
         work(&gather, &gather.light_with_pieces(irradiance, pieces))
     }
 
-    /// Irradiance of the samples and of the pieces of those that are not lit evenly; empty before there are lights.
+    /// Irradiance of the samples, with what came back from outside, and of the pieces of those that are not lit evenly; empty
+    /// before there are lights.
     pub fn lit(&self) -> (&[DVec3], &Pieces) {
+        let (direct, pieces) = self.direct();
+        (self.returned.as_ref().map_or(direct, |returned| &returned.irradiance), pieces)
+    }
+
+    /// The same of the lights alone.
+    fn direct(&self) -> (&[DVec3], &Pieces) {
         self.irradiance.as_ref().map_or((&[], &NO_PIECES), |(irradiance, pieces)| (irradiance, pieces))
     }
 
@@ -265,6 +312,24 @@ impl SampledEvaluator {
         }
     }
 
+    /// Enters what following the light outside adds to the error, and has earlier stages answer for what they hand on with
+    /// it. Returns by how much later ones have to: errors of the transfer come back with the light, at most in proportion.
+    fn enter_inter_reflection(&self, ledger: &mut Ledger) -> f64 {
+        let (Some(outside), Some(returned), Some(matrix)) = (self.outside, &self.returned, &self.matrix) else {
+            return 1.0;
+        };
+        let surface = self.surface();
+        let gain = returned.gain(self.direct().0, &surface);
+        ledger.entries.iter_mut().for_each(|entry| entry.error = entry.error.scaled(gain));
+        let gather = Gather::new(&surface, &self.tree, &self.scene.media, self.plan.near);
+        let transfer = Transfer { gather: &gather, receivers: &self.receivers, scheme: Scheme::AllPairs };
+        let noise = returned.noise(matrix, transfer, self.direct(), &self.areas);
+        let repeated = if outside.times > 1 { gain } else { 1.0 };
+        let note = "noise, from two halves of the rays; more --set inter-reflection-rays lower it";
+        ledger.add("inter-reflection", noise.scaled(repeated), note);
+        gain
+    }
+
     fn scheme(&self) -> Scheme {
         match (self.plan.far, self.limit) {
             (Far::Hierarchical { bound, .. }, Some(limit)) => {
@@ -287,7 +352,8 @@ impl Evaluator for SampledEvaluator {
             resident_bytes: self.tree.bytes()
                 + size_of_val(self.patches.as_slice())
                 + size_of_val(self.asset.samples.facets.as_slice())
-                + size_of_val(self.asset.samples.patch_offsets.as_slice()),
+                + size_of_val(self.asset.samples.patch_offsets.as_slice())
+                + self.matrix.as_ref().map_or(0, InterReflection::bytes),
         }
     }
 
@@ -301,9 +367,8 @@ impl Evaluator for SampledEvaluator {
 
     fn set_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()> {
         self.lights = lights;
-        self.irradiance = None;
-        self.limit = None;
-        self.irradiance(progress).map(|_| ())
+        (self.irradiance, self.returned, self.limit) = (None, None, None);
+        self.light_up(progress)
     }
 
     fn set_media(&mut self, media: Vec<Medium>) -> Result<()> {
@@ -313,9 +378,9 @@ impl Evaluator for SampledEvaluator {
         }
         let eta = |m: &Medium| m.properties.eta_inside_over_outside;
         if media.iter().zip(&self.scene.media).any(|(a, b)| eta(a) != eta(b)) {
-            self.irradiance = None;
+            (self.irradiance, self.matrix) = (None, None);
         }
-        self.limit = None;
+        (self.returned, self.limit) = (None, None);
         self.scene.media = media;
         Ok(())
     }
@@ -338,18 +403,19 @@ impl Evaluator for SampledEvaluator {
     fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {
         self.irradiance(progress)?;
         let mut ledger = Ledger::default();
-        let irradiance = self.lit().0;
+        let (irradiance, direct) = (self.lit().0, self.direct());
         let sampled = Sampled {
             surface: self.surface(),
             media: &self.scene.media,
             lights: &self.lights,
-            irradiance: self.lit(),
+            irradiance: direct,
             sampling: self.plan.sampling,
             near: self.plan.near,
             receivers: &self.receivers,
             areas: &self.areas,
         };
         sampled.enter(&mut ledger, progress)?;
+        let gain = self.enter_inter_reflection(&mut ledger);
         if let Some(single) = self.single {
             single.enter_noise(self.lit_scene(), &mut ledger)?;
         }
@@ -360,15 +426,18 @@ impl Evaluator for SampledEvaluator {
             error = self.hierarchy_error(&irradiance).map_or(error, |other| error.max(other));
         }
         let note = "against all pairs, on vertices that no tuning saw, the worst of these and of probe lights";
-        ledger.add("hierarchy", error, note);
+        ledger.add("hierarchy", error.scaled(gain), note);
         Ok(ledger)
     }
 
     fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
-        self.irradiance(progress)?;
+        self.light_up(progress)?;
+        let near = NearField::REFERENCE;
+        let returned = self.outside.map(|outside| self.return_light(outside, near, Scheme::AllPairs, progress));
         let surface = self.surface();
-        let gather = Gather::new(&surface, &self.tree, &self.scene.media, NearField::REFERENCE);
-        let (irradiance, pieces) = self.lit();
+        let gather = Gather::new(&surface, &self.tree, &self.scene.media, near);
+        let (direct, pieces) = self.direct();
+        let irradiance = returned.as_ref().map_or(direct, |returned| &returned.irradiance);
         let lit = gather.light_with_pieces(irradiance, pieces);
         Ok(self.receivers.expand(&gather.radiosity(&self.receivers, &lit, Scheme::AllPairs, progress)))
     }

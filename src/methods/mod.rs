@@ -4,6 +4,7 @@ pub mod all_frequency;
 mod baked_in;
 mod components;
 pub mod editable;
+mod inter_reflection;
 pub mod quantized_lights;
 pub mod reference;
 mod references;

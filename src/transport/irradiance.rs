@@ -475,7 +475,7 @@ impl<'a> Illumination<'a> {
 }
 
 /// Orders directions so that neighbours in the order are neighbours on the sphere: the Morton code of the octahedral map.
-fn direction_key(d: DVec3) -> u32 {
+pub(super) fn direction_key(d: DVec3) -> u32 {
     let sum = d.x.abs() + d.y.abs() + d.z.abs();
     let (x, z) = (d.x / sum, d.z / sum);
     let (u, v) = if d.y >= 0.0 { (x, z) } else { ((1.0 - z.abs()).copysign(x), (1.0 - x.abs()).copysign(z)) };
@@ -497,7 +497,7 @@ fn shadow_ray(p: &SurfacePoint, direction: DVec3, distance: f64) -> Ray {
 }
 
 /// The direction at cosine `mu` and azimuth around an axis.
-fn around(axis: DVec3, mu: f64, azimuth: f64) -> DVec3 {
+pub(super) fn around(axis: DVec3, mu: f64, azimuth: f64) -> DVec3 {
     let (t, b) = axis.any_orthonormal_pair();
     let radius = (1.0 - mu * mu).max(0.0).sqrt();
     axis * mu + t * (radius * azimuth.cos()) + b * (radius * azimuth.sin())

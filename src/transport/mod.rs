@@ -6,6 +6,7 @@ pub mod expected_light;
 pub mod far_field;
 pub mod gather;
 pub mod interpolation;
+pub mod interreflection;
 pub mod irradiance;
 pub mod irradiance_rows;
 pub mod kernel;

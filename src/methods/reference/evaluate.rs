@@ -3,12 +3,13 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use super::{AREA_SIDE, DIRECTIONS, POINTS, SINGLE, SINGLE_SAMPLES};
+use super::{AREA_SIDE, DIRECTIONS, POINTS, RAYS, SINGLE, SINGLE_SAMPLES};
 use crate::asset::Asset;
 use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
 use crate::evaluate::sampled::{Far, Plan, SampledEvaluator};
 use crate::evaluate::single_scattering::{Scattering, Traced};
+use crate::methods::inter_reflection::outside;
 use crate::methods::sampling::light_sampling;
 use crate::methods::settings::number;
 use crate::transport::gather::NearField;
@@ -36,8 +37,9 @@ pub(super) fn single_scattering(values: &BTreeMap<String, String>) -> Result<Opt
 
 pub(super) fn open(asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
     let settings = &asset.provenance.settings;
-    let (plan, single) = (plan(settings)?, single_scattering(settings)?);
-    Ok(Box::new(SampledEvaluator::new(asset, plan).with_single_scattering(single)))
+    let (plan, single, outside) = (plan(settings)?, single_scattering(settings)?, outside(settings, &RAYS)?);
+    let evaluator = SampledEvaluator::new(asset, plan).with_single_scattering(single);
+    Ok(Box::new(evaluator.with_inter_reflection(outside)))
 }
 
 #[cfg(test)]
@@ -53,5 +55,6 @@ mod tests {
         let plan = plan(&resolve(&Reference, &[]).unwrap()).unwrap();
         assert_eq!((plan.sampling, plan.near), (LightSampling::REFERENCE, NearField::REFERENCE));
         assert_eq!(single_scattering(&resolve(&Reference, &[]).unwrap()).unwrap(), None);
+        assert_eq!(outside(&resolve(&Reference, &[]).unwrap(), &RAYS).unwrap(), None);
     }
 }

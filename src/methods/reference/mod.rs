@@ -9,6 +9,7 @@ use std::sync::Arc;
 use crate::asset::Asset;
 use crate::error::Result;
 use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Key, Method};
+use crate::methods::inter_reflection::{self, INTER_REFLECTION};
 use crate::methods::sampling;
 use crate::progress::Progress;
 use crate::transport::scene::Scene;
@@ -35,7 +36,9 @@ const SINGLE_SAMPLES: Key = Key {
            lights take 16 times as many",
 };
 
-const KEYS: &[Key] = &[POINTS, DIRECTIONS, AREA_SIDE, SINGLE, SINGLE_SAMPLES];
+const RAYS: Key = inter_reflection::rays("64");
+
+const KEYS: &[Key] = &[POINTS, DIRECTIONS, AREA_SIDE, SINGLE, SINGLE_SAMPLES, INTER_REFLECTION, RAYS];
 
 /// What charts compare.
 const LADDER: &[&str] = &["", "--samples 16384", "--samples 65536"];

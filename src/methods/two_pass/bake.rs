@@ -1,8 +1,9 @@
 //! What `two_pass` precomputes: the surface samples.
 
-use super::evaluate;
+use super::{RAYS, evaluate};
 use crate::error::Result;
 use crate::evaluate::{AssetParts, BakeSettings};
+use crate::methods::inter_reflection;
 use crate::methods::sampling::{self, Density};
 use crate::progress::Progress;
 use crate::transport::scene::Scene;
@@ -18,11 +19,13 @@ fn count(scene: &Scene, settings: &BakeSettings) -> usize {
 }
 
 pub(super) fn memory(scene: &Scene, settings: &BakeSettings) -> u64 {
-    sampling::memory(count(scene, settings), scene)
+    let samples = count(scene, settings);
+    sampling::memory(samples, scene) + inter_reflection::memory(scene, samples, &settings.values, &RAYS)
 }
 
 pub(super) fn bake(scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {
     // Refuses values of keys now that would fail when the asset is opened.
     evaluate::plan(&settings.values, settings.max_rms)?;
+    inter_reflection::outside(&settings.values, &RAYS)?;
     Ok(sampling::bake(scene, count(scene, settings), progress))
 }

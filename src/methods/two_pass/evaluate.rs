@@ -3,11 +3,12 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use super::{AREA_SIDE, BOUND, DIRECTIONS, ERROR, POINTS};
+use super::{AREA_SIDE, BOUND, DIRECTIONS, ERROR, POINTS, RAYS};
 use crate::asset::Asset;
 use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
 use crate::evaluate::sampled::{Bound, Far, Plan, SampledEvaluator};
+use crate::methods::inter_reflection::outside;
 use crate::methods::sampling::light_sampling;
 use crate::methods::settings::share;
 use crate::transport::gather::NearField;
@@ -35,8 +36,8 @@ pub(super) fn plan(values: &BTreeMap<String, String>, max_rms: f64) -> Result<Pl
 pub(super) fn open(asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
     let settings = &asset.provenance.settings;
     let max_rms = settings.get("max-rms").map_or(Ok(0.005), |text| share(text, "max-rms"))?;
-    let plan = plan(settings, max_rms)?;
-    Ok(Box::new(SampledEvaluator::new(asset, plan)))
+    let (plan, outside) = (plan(settings, max_rms)?, outside(settings, &RAYS)?);
+    Ok(Box::new(SampledEvaluator::new(asset, plan).with_inter_reflection(outside)))
 }
 
 #[cfg(test)]

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use crate::asset::Asset;
 use crate::error::Result;
 use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Key, Method};
+use crate::methods::inter_reflection::{self, INTER_REFLECTION};
 use crate::methods::sampling;
 use crate::progress::Progress;
 use crate::transport::scene::Scene;
@@ -33,7 +34,9 @@ const POINTS: Key = sampling::points("4");
 const DIRECTIONS: Key = sampling::directions("256");
 const AREA_SIDE: Key = sampling::area_side("8");
 
-const KEYS: &[Key] = &[ERROR, BOUND, POINTS, DIRECTIONS, AREA_SIDE];
+const RAYS: Key = inter_reflection::rays("32");
+
+const KEYS: &[Key] = &[ERROR, BOUND, POINTS, DIRECTIONS, AREA_SIDE, INTER_REFLECTION, RAYS];
 
 /// What charts compare.
 const LADDER: &[&str] = &[

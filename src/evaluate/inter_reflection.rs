@@ -1,0 +1,107 @@
+//! Inter-reflection outside the medium, when it is asked for: what leaves the surface and falls on it again is transferred
+//! again, `B = T(E + K B')` with the `B'` of one time less.
+
+use glam::DVec3;
+
+use crate::math::statistics::{VertexError, vertex_error};
+use crate::progress::{Progress, Silent};
+use crate::transport::gather::{Gather, Scheme};
+use crate::transport::interreflection::{InterReflection, Rays};
+use crate::transport::irradiance::Pieces;
+use crate::transport::receivers::Receivers;
+use crate::transport::scene::Surface;
+
+/// Receivers that measure the noise.
+const PROBES: usize = 384;
+
+/// Two halves are a single draw, and where a few creases send most of the light there is little to average over: what is
+/// stated is this many times half of their difference. On small heads and a bunny, half of it alone is 0.5 to 2 times the error.
+const MARGIN: f64 = 2.0;
+
+/// How light that leaves the surface is followed from outside.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Outside {
+    /// Times that light falls on the surface again, at least 1.
+    pub times: u32,
+    /// Rays of a sample that look for it, a power of two.
+    pub rays: u32,
+}
+
+/// Irradiance with what comes back from outside.
+#[derive(Clone, Debug)]
+pub(super) struct Returned {
+    /// Irradiance of every sample, RGB: that of the lights and what came back.
+    pub(super) irradiance: Vec<DVec3>,
+    /// Radiosity of every receiver whose light came back last.
+    outgoing: Vec<DVec3>,
+}
+
+/// What light is transferred by, and where to.
+#[derive(Clone, Copy)]
+pub(super) struct Transfer<'a> {
+    pub(super) gather: &'a Gather<'a>,
+    pub(super) receivers: &'a Receivers,
+    pub(super) scheme: Scheme,
+}
+
+impl Outside {
+    /// Casts the rays of every sample.
+    pub(super) fn matrix(self, surface: &Surface, receivers: &Receivers, progress: &dyn Progress) -> InterReflection {
+        let etas: Vec<f64> = surface.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
+        InterReflection::new(surface, &etas, self.rays, progress).of_receivers(&receivers.of_vertex)
+    }
+
+    /// Adds what comes back to the irradiance of the lights.
+    pub(super) fn returned(
+        self,
+        matrix: &InterReflection,
+        transfer: Transfer,
+        (direct, pieces): (&[DVec3], &Pieces),
+        progress: &dyn Progress,
+    ) -> Returned {
+        let mut result = Returned { irradiance: direct.to_vec(), outgoing: Vec::new() };
+        let times = if matrix.is_empty() { 0 } else { self.times };
+        for _ in 0..times {
+            let Transfer { gather, receivers, scheme } = transfer;
+            let lit = gather.light_with_pieces(&result.irradiance, pieces);
+            result.outgoing = gather.radiosity(receivers, &lit, scheme, progress);
+            result.irradiance = sum(direct, &matrix.apply(&result.outgoing, Rays::All));
+        }
+        result
+    }
+}
+
+fn sum(a: &[DVec3], b: &[DVec3]) -> Vec<DVec3> {
+    a.iter().zip(b).map(|(a, b)| *a + *b).collect()
+}
+
+impl Returned {
+    /// Flux into the samples over that of the lights alone, of the channel where it is largest; at least 1.
+    pub(super) fn gain(&self, direct: &[DVec3], surface: &Surface) -> f64 {
+        let flux = |irradiance: &[DVec3]| -> DVec3 {
+            surface.patches.iter().zip(irradiance).map(|(patch, e)| patch.area_mm2 * *e).sum()
+        };
+        let (with, without) = (flux(&self.irradiance), flux(direct));
+        let of = |c: usize| if without[c] > 0.0 { with[c] / without[c] } else { 1.0 };
+        (0..3).map(of).filter(|gain| gain.is_finite()).fold(1.0, f64::max)
+    }
+
+    /// The noise of the rays, with a margin, from half of the difference that two halves of the rays make to the radiosity
+    /// of some receivers, relative to all of it. `areas` are those around the receivers, mm^2.
+    pub(super) fn noise(
+        &self,
+        matrix: &InterReflection,
+        transfer: Transfer,
+        (direct, pieces): (&[DVec3], &Pieces),
+        areas: &[f64],
+    ) -> VertexError {
+        let (subset, indices) = transfer.receivers.subset(PROBES, 2);
+        let radiosity = |irradiance: &[DVec3]| {
+            let lit = transfer.gather.light_with_pieces(irradiance, pieces);
+            transfer.gather.radiosity(&subset, &lit, Scheme::AllPairs, &Silent)
+        };
+        let half = sum(direct, &matrix.apply(&self.outgoing, Rays::FirstHalf));
+        let areas: Vec<f64> = indices.iter().filter_map(|&i| areas.get(i as usize).copied()).collect();
+        vertex_error(&radiosity(&half), &radiosity(&self.irradiance), &areas).scaled(MARGIN)
+    }
+}
