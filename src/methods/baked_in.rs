@@ -11,6 +11,7 @@ use crate::compress::ledger::Ledger;
 use crate::error::{Error, ExitCode, Result};
 #[cfg(feature = "gpu")]
 use crate::evaluate::device::{Device, DeviceEvaluator};
+use crate::evaluate::inter_reflection::Outside;
 use crate::evaluate::sampled::{Bound, Far, Plan, SampledEvaluator};
 use crate::evaluate::single_scattering::{LitScene, TowardsEye, Traced};
 use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit};
@@ -53,12 +54,13 @@ pub(in crate::methods) fn truth(scene: &Scene, samples: usize) -> SampledEvaluat
 /// What an evaluator gives, against [`truth`], which is made when it is first asked for.
 pub(in crate::methods) struct Truth {
     samples: usize,
+    outside: Option<Outside>,
     made: Option<Box<SampledEvaluator>>,
 }
 
 impl Truth {
     pub(in crate::methods) fn new(samples: usize) -> Self {
-        Self { samples, made: None }
+        Self { samples, outside: None, made: None }
     }
 
     /// Number of samples.
@@ -73,7 +75,9 @@ impl Truth {
         lights: &[Light],
         progress: &dyn Progress,
     ) -> Result<&mut SampledEvaluator> {
-        let made = self.made.get_or_insert_with(|| Box::new(truth(scene, self.samples)));
+        let outside = self.outside;
+        let made = || Box::new(truth(scene, self.samples).with_inter_reflection(outside));
+        let made = self.made.get_or_insert_with(made);
         made.set_lights(lights.to_vec(), progress)?;
         Ok(made)
     }
@@ -173,6 +177,13 @@ pub(in crate::methods) enum Single {
     Beside(Box<dyn StoredSingle>),
 }
 
+/// What else there is than radiosity under the lights.
+pub(in crate::methods) struct Beside {
+    pub(in crate::methods) single: Single,
+    /// Light that falls on the surface again, in the radiosity.
+    pub(in crate::methods) outside: Option<Outside>,
+}
+
 impl Single {
     fn beside(&self) -> Option<&dyn StoredSingle> {
         match self {
@@ -225,19 +236,28 @@ impl<S: Stored + 'static> BakedIn<S> {
         samples: usize,
         stored: S,
     ) -> Result<Box<dyn Evaluator>> {
-        Self::with_single(scene, receivers, samples, stored, Single::None)
+        Self::with(scene, receivers, samples, stored, Beside { single: Single::None, outside: None })
     }
 
-    /// The same with light that is scattered once.
-    pub(in crate::methods) fn with_single(
+    /// The same with other light.
+    pub(in crate::methods) fn with(
         scene: Scene,
         receivers: Receivers,
         samples: usize,
         stored: S,
-        single: Single,
+        Beside { single, outside }: Beside,
     ) -> Result<Box<dyn Evaluator>> {
         let (lights, bvh, light) = (Vec::new(), OnceLock::new(), stored.light(&[])?);
-        Ok(Box::new(Self { scene, bvh, receivers, stored, lights, light, truth: Truth::new(samples), single }))
+        Ok(Box::new(Self {
+            scene,
+            bvh,
+            receivers,
+            stored,
+            lights,
+            light,
+            truth: Truth { outside, ..Truth::new(samples) },
+            single,
+        }))
     }
 }
 

@@ -2,6 +2,7 @@
 
 use translux_format::distant_transport::DistantTransport;
 
+use super::RAYS;
 use super::plan::{Basis, MOST_ORDER, Plan};
 use super::{bake_harmonics, bake_rows, bake_single};
 use crate::compress::ledger::Ledger;
@@ -10,6 +11,7 @@ use crate::evaluate::{AssetParts, BakeSettings};
 use crate::geometry::samples::Samples;
 use crate::light::{Light, LightKind};
 use crate::math::statistics::VertexError;
+use crate::methods::inter_reflection;
 use crate::methods::sampling::{self, Density};
 use crate::methods::stage::Stage;
 use crate::progress::Progress;
@@ -50,7 +52,8 @@ pub(super) fn memory(scene: &Scene, settings: &BakeSettings) -> u64 {
             samples * functions * 4 * 3 + (vertices / 2 + 256) * functions * 3 * 4 * 3
         }
     };
-    sampling::memory(samples as usize, scene) + own
+    let outside = inter_reflection::memory(scene, samples as usize, &settings.values, &RAYS);
+    sampling::memory(samples as usize, scene) + own + outside
 }
 
 /// What is precomputed, and what it was computed with.

@@ -4,6 +4,7 @@ use glam::DVec3;
 use translux_format::distant_transport::{Harmonics as File, tags};
 
 use super::bake::{SUN, Work, under_suns};
+use super::bake_returned::{Returned, radiosity};
 use super::bake_single::Folded;
 use super::harmonics::components;
 use super::plan::MOST_ORDER;
@@ -42,6 +43,13 @@ const FIRST_ORDER: usize = 3;
 /// How much more the bands beyond the first count: a sun has half of the energy.
 const OTHER_BANDS: f32 = 2.0;
 
+/// Light that is not radiosity under the lights alone, but becomes part of it.
+#[derive(Clone, Copy)]
+struct Beside<'a> {
+    folded: Option<&'a Folded<'a, 'a>>,
+    returned: Option<&'a Returned>,
+}
+
 /// Radiosities `[point][channel][harmonic]` of the rows of a net.
 struct AtReferences {
     functions: usize,
@@ -50,7 +58,7 @@ struct AtReferences {
 
 impl AtReferences {
     fn new(
-        (work, folded): (&Work, Option<&Folded>),
+        (work, beside): (&Work, Beside),
         points: &[u32],
         rows: &IrradianceRows,
         progress: &dyn Progress,
@@ -59,7 +67,10 @@ impl AtReferences {
             let receivers = work.stage.receivers.only(ascending, GROUP);
             let areas = vec![1.0; receivers.len()];
             let mut values = work.transfer.towards(&receivers, &areas).radiosity(rows, progress).values;
-            if let Some(folded) = folded {
+            if let Some(returned) = beside.returned {
+                returned.add(work, rows, ascending, &mut values, progress);
+            }
+            if let Some(folded) = beside.folded {
                 folded.add(ascending, rows.lights.isqrt(), &mut values, progress);
             }
             Ok(values)
@@ -87,8 +98,8 @@ pub(super) fn harmonics(
     progress: &dyn Progress,
 ) -> Result<File> {
     let (stage, plan) = (work.stage, work.plan);
-    let radiosity = work.transfer.radiosity(suns, &Silent);
-    let mut truth: Vec<Vec<DVec3>> = (0..suns.lights).map(|light| radiosity.under(light)).collect();
+    let under_suns = work.transfer.radiosity(suns, &Silent);
+    let mut truth: Vec<Vec<DVec3>> = (0..suns.lights).map(|light| under_suns.under(light)).collect();
     let folded = Folded::new(work)?;
     if let Some(folded) = &folded {
         folded.add_under_suns(&mut truth)?;
@@ -106,7 +117,9 @@ pub(super) fn harmonics(
         None => needed(work, progress)?,
     };
     let rows = baker.harmonics(order, progress);
-    let values = AtReferences::new((work, folded.as_ref()), &net.point, &rows, progress)?;
+    let returned = Returned::new(work, progress);
+    let beside = Beside { folded: folded.as_ref(), returned: returned.as_ref() };
+    let values = AtReferences::new((work, beside), &net.point, &rows, progress)?;
     progress.start("coding", 0);
     let mut units = vec![OTHER_BANDS; order * order];
     units[0] = 1.0;
@@ -114,7 +127,7 @@ pub(super) fn harmonics(
     let set = code(&radiosities, &net, &Net::unpredicted(order * order), tags::SET, 2.0 * CODED * work.max_rms)?;
     let file = File { order: order as u32, spacing_mm, set };
     progress.finish();
-    measure((work, folded.as_ref()), (&net, &values, &file), ledger, progress)?;
+    measure((work, beside), (&net, &values, &file), ledger, progress)?;
     Ok(file)
 }
 
@@ -147,12 +160,12 @@ fn needed(work: &Work, progress: &dyn Progress) -> Result<usize> {
 
 /// Enters what each stage loses under lights that no choice saw.
 fn measure(
-    (work, folded): (&Work, Option<&Folded>),
+    (work, beside): (&Work, Beside),
     (net, values, file): (&Net, &AtReferences, &File),
     ledger: &mut Ledger,
     progress: &dyn Progress,
 ) -> Result<()> {
-    let (stage, unseen) = (work.stage, &work.unseen);
+    let (stage, unseen, folded) = (work.stage, &work.unseen, beside.folded);
     let surface = stage.surface();
     let etas: Vec<f64> = stage.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
     // Rays of single scattering take their time.
@@ -169,7 +182,7 @@ fn measure(
     for (index, light) in unseen.environments.iter().chain(&unseen.suns).enumerate() {
         let one = std::slice::from_ref(light);
         let rays = Illumination::new(&surface, one, &etas, stage.sampling)?.all(&Silent);
-        let truth = work.transfer.under(&rays);
+        let truth = radiosity(work, beside.returned, &rays);
         let with_single = |points: &[u32]| -> Result<Vec<DVec3>> {
             let mut values = points.iter().map(|&i| truth[i as usize]).collect::<Vec<_>>();
             folded.map_or(Ok(()), |folded| folded.add_rays(light, points, &mut values))?;

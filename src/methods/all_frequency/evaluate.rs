@@ -13,7 +13,7 @@ use crate::asset::Asset;
 use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
 use crate::light::Light;
-use crate::methods::baked_in::BakedIn;
+use crate::methods::baked_in::{BakedIn, Beside};
 use crate::methods::stage::GROUP;
 use crate::transport::receivers::Receivers;
 
@@ -37,14 +37,15 @@ pub(super) fn open(asset: &Arc<Asset>) -> Result<Box<dyn Evaluator>> {
         .ok_or_else(|| Error::input("an asset of `all_frequency` without its sections aft.*; bake it again"))?;
     let samples = file.samples as usize;
     let single = single::stored(file.single.as_ref(), &plan, &scene, &receivers)?;
+    let beside = Beside { single, outside: plan.outside };
     match (&file.harmonics, &file.rows) {
         (Some(file), None) => {
             let components = harmonics::components(file, (tags::SET, 1), &scene, &receivers)?;
-            BakedIn::with_single(scene, receivers, samples, components, single)
+            BakedIn::with(scene, receivers, samples, components, beside)
         }
         (None, Some(rows)) => {
             let rows = Rows::new(rows, plan.transform)?;
-            BakedIn::with_single(scene, receivers, samples, rows, single)
+            BakedIn::with(scene, receivers, samples, rows, beside)
         }
         _ => Err(Error::input("an asset of `all_frequency` that needs a later version of this program")),
     }

@@ -3,6 +3,7 @@
 
 mod bake;
 mod bake_harmonics;
+mod bake_returned;
 mod bake_rows;
 mod bake_single;
 mod evaluate;
@@ -18,6 +19,7 @@ use crate::asset::Asset;
 use crate::error::Result;
 use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Key, Method};
 use crate::light::LightKind;
+use crate::methods::inter_reflection::{self, INTER_REFLECTION};
 use crate::methods::single_keys;
 use crate::progress::Progress;
 use crate::transport::scene::Scene;
@@ -93,6 +95,8 @@ const PHASE_TERMS: Key = Key {
            for every g; auto: what g and --max-rms ask for",
 };
 
+const RAYS: Key = inter_reflection::rays("32");
+
 const KEYS: &[Key] = &[
     CUBE,
     BASIS,
@@ -106,6 +110,8 @@ const KEYS: &[Key] = &[
     PHASE_TERMS,
     single_keys::FORM,
     single_keys::CROSSINGS,
+    INTER_REFLECTION,
+    RAYS,
 ];
 
 /// What charts compare.

@@ -2,11 +2,15 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::{BASIS, COEFFICIENTS, CUBE, PHASE_TERMS, REFERENCES, SELECTION, SINGLE, SINGLE_BASIS, SPACING, TRANSFORM};
+use super::{
+    BASIS, COEFFICIENTS, CUBE, PHASE_TERMS, RAYS, REFERENCES, SELECTION, SINGLE, SINGLE_BASIS, SPACING, TRANSFORM,
+};
 use crate::error::{Error, Result};
+use crate::evaluate::inter_reflection::Outside;
 use crate::light::LightKind;
 use crate::light::cube_light::Transform;
 use crate::math::cube_map::FACES;
+use crate::methods::inter_reflection::outside;
 use crate::methods::settings::number;
 use crate::methods::single_keys::Integrand;
 use crate::transport::visibility::Resolution;
@@ -79,6 +83,8 @@ pub(super) struct Plan {
     pub(super) single_basis: Basis,
     /// What is integrated for it.
     pub(super) integrand: Integrand,
+    /// Light that falls on the surface again.
+    pub(super) outside: Option<Outside>,
 }
 
 fn one_of<T: Copy>(values: &BTreeMap<String, String>, key: &crate::evaluate::Key, all: &[(&str, T)]) -> Result<T> {
@@ -146,6 +152,7 @@ impl Plan {
             single,
             single_basis,
             integrand,
+            outside: outside(values, &RAYS)?,
         })
     }
 
@@ -154,6 +161,9 @@ impl Plan {
         let given = |key: &crate::evaluate::Key| values.get(key.name).is_some_and(|text| text != key.default);
         if given(&PHASE_TERMS) && !matches!(self.single, Single::Phase(_)) {
             return Err(Error::command_line("--set phase-terms: for --set single-scattering=phase"));
+        }
+        if self.outside.is_some() && self.basis == Basis::Haar {
+            return Err(Error::command_line("--set inter-reflection: for harmonics, --set basis=sh"));
         }
         if self.single == Single::Off {
             Integrand::check_unused(values)?;

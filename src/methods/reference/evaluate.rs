@@ -12,6 +12,7 @@ use crate::evaluate::single_scattering::{Scattering, Traced};
 use crate::methods::inter_reflection::outside;
 use crate::methods::sampling::light_sampling;
 use crate::methods::settings::number;
+use crate::methods::single_keys::Integrand;
 use crate::transport::gather::NearField;
 
 /// Receivers of a block: wide, because the kernels are faster on long rows and every sample is seen anyway.
@@ -26,9 +27,10 @@ pub(super) fn plan(values: &BTreeMap<String, String>) -> Result<Plan> {
 /// The single scattering that the keys describe.
 pub(super) fn single_scattering(values: &BTreeMap<String, String>) -> Result<Option<Traced>> {
     let samples = number(values, &SINGLE_SAMPLES, 1..=4096)?;
-    let of = |scattering| Some(Traced { scattering, samples });
+    let Integrand { form, crossings } = Integrand::new(values)?;
+    let of = |scattering| Some(Traced { form, crossings, ..Traced::new(scattering, samples) });
     match values.get(SINGLE.name).map_or(SINGLE.default, String::as_str) {
-        "off" => Ok(None),
+        "off" => Integrand::check_unused(values).map(|()| None),
         "isotropic" => Ok(of(Scattering::Isotropic)),
         "phase" => Ok(of(Scattering::OfMedium)),
         other => Err(Error::command_line(format!("--set {}={other}: it is off, isotropic or phase", SINGLE.name))),

@@ -11,6 +11,7 @@ use crate::error::Result;
 use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Key, Method};
 use crate::methods::inter_reflection::{self, INTER_REFLECTION};
 use crate::methods::sampling;
+use crate::methods::single_keys;
 use crate::progress::Progress;
 use crate::transport::scene::Scene;
 
@@ -38,7 +39,17 @@ const SINGLE_SAMPLES: Key = Key {
 
 const RAYS: Key = inter_reflection::rays("64");
 
-const KEYS: &[Key] = &[POINTS, DIRECTIONS, AREA_SIDE, SINGLE, SINGLE_SAMPLES, INTER_REFLECTION, RAYS];
+const KEYS: &[Key] = &[
+    POINTS,
+    DIRECTIONS,
+    AREA_SIDE,
+    SINGLE,
+    SINGLE_SAMPLES,
+    single_keys::FORM,
+    single_keys::CROSSINGS,
+    INTER_REFLECTION,
+    RAYS,
+];
 
 /// What charts compare.
 const LADDER: &[&str] = &["", "--samples 16384", "--samples 65536"];
