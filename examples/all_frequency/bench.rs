@@ -25,7 +25,10 @@ pub(crate) const SPHERE: f64 = 4.0 * std::f64::consts::PI;
 
 /// Samples and rays of each towards an environment, of two truths that share neither.
 const TRUTHS: [(usize, &str); 2] = [(98_304, "48"), (81_920, "40")];
-const QUICK_TRUTHS: [(usize, &str); 2] = [(32_768, "32"), (26_624, "28")];
+const QUICK_TRUTHS: [(usize, &str); 2] = [(16_384, "32"), (12_288, "28")];
+
+/// Samples of a bake where little is to be done.
+const QUICK_SAMPLES: usize = 16_384;
 
 /// Error that the truths ask of their hierarchy and near field.
 const TRUTH_RMS: f64 = 0.002;
@@ -79,9 +82,14 @@ pub(crate) fn bake(scene: &Scene, recipe: &Recipe, progress: &dyn Progress) -> R
     bake_for(LightKind::Environment, &AllFrequency, scene, recipe, progress)
 }
 
+/// A recipe with the samples that the error asks for, or few where little is to be done.
+pub(crate) fn recipe<'a>(context: &Context, set: &'a [(&'a str, &'a str)]) -> Recipe<'a> {
+    Recipe { samples: context.quick.then_some(QUICK_SAMPLES), max_rms: DEFAULT_RMS, set }
+}
+
 /// Bakes with some keys and opens.
-pub(crate) fn baked(scene: &Scene, max_rms: f64, set: &[(&str, &str)]) -> Result<Box<dyn Evaluator>> {
-    open(bake(scene, &Recipe { samples: None, max_rms, set }, &Silent)?)
+pub(crate) fn baked(context: &Context, scene: &Scene, set: &[(&str, &str)]) -> Result<Box<dyn Evaluator>> {
+    open(bake(scene, &recipe(context, set), &Silent)?)
 }
 
 /// At run time.

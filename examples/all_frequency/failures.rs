@@ -8,7 +8,7 @@ use translux::geometry::parts::PartsRule;
 use translux::light::Light;
 use translux::transport::scene::{Medium, Scene};
 
-use crate::bench::{DEFAULT_RMS, Found, Map, Spread, Truth, baked, half_in, percent, texels, under};
+use crate::bench::{Found, Map, Spread, Truth, baked, half_in, percent, texels, under};
 use crate::common::bench::{Context, parallel, properties, scene_of, table};
 use crate::figure6::{Few, figures};
 use crate::meshes::{Cap, ball_above_plate, half_ball};
@@ -21,9 +21,9 @@ const FEW: usize = 3;
 /// Terms of strongly forward phase functions.
 const FORWARD_TERMS: [usize; 5] = [4, 16, 36, 64, 144];
 
-/// The whole of the paper's form, with every coefficient, so that the texels are what is left.
-const WHOLE_32: &[(&str, &str)] = &[("basis", "haar"), ("coefficients", "1536")];
-const WHOLE_64: &[(&str, &str)] = &[("basis", "haar"), ("coefficients", "1536"), ("cube", "64")];
+/// Many coefficients, so that the texels are what is left.
+const MANY_32: &[(&str, &str)] = &[("basis", "haar"), ("coefficients", "512")];
+const MANY_64: &[(&str, &str)] = &[("basis", "haar"), ("coefficients", "512"), ("cube", "64")];
 const PAPER: &[(&str, &str)] = &[("basis", "haar"), ("selection", "magnitude"), ("transform", "texels")];
 const FINE_HARMONICS: &[(&str, &str)] = &[("cube", "64")];
 
@@ -37,8 +37,8 @@ pub(crate) fn run(context: &Context) -> Result<String> {
 /// What is compared: a name and keys.
 const FORMS: [(&str, &[(&str, &str)]); 4] = [
     ("haar, 128, the paper's", PAPER),
-    ("haar, 6 x 32 x 32, 1536 coefficients", WHOLE_32),
-    ("haar, 6 x 64 x 64, 1536 coefficients", WHOLE_64),
+    ("haar, 6 x 32 x 32, 512 coefficients", MANY_32),
+    ("haar, 6 x 64 x 64, 512 coefficients", MANY_64),
     ("harmonics, the default", &[]),
 ];
 
@@ -46,11 +46,11 @@ fn between_texels(context: &Context) -> Result<String> {
     let scene = context.scene(context.model(), "marble")?;
     let mut truth = Truth::new(context, &scene)?;
     let count = if context.quick { FEW } else { SUNS };
-    // Centres of the coarser map's texels are corners of the finer one's: both kinds have their own.
+    // The same texels of 6 x 32 x 32 for all: their centres are corners of 6 x 64 x 64, and a quarter aside are centres of that.
     let places = [
-        ("centres of 6 x 32 x 32", texels(32, count, 0.0)),
-        ("corners of 6 x 32 x 32", texels(32, count, 0.5)),
-        ("centres of 6 x 64 x 64", texels(64, count, 0.0)),
+        ("at texel centres of 6 x 32 x 32", texels(32, count, 0.0)),
+        ("of 6 x 64 x 64", texels(32, count, 0.25)),
+        ("at texel corners of both", texels(32, count, 0.5)),
     ];
     let mut lit = Vec::new();
     for (name, directions) in &places {
@@ -63,7 +63,7 @@ fn between_texels(context: &Context) -> Result<String> {
     }
     let mut rows = Vec::new();
     for (name, set) in context.some(&FORMS, 2) {
-        let mut evaluator = baked(&scene, DEFAULT_RMS, set)?;
+        let mut evaluator = baked(context, &scene, set)?;
         let mut cells = vec![name.to_owned()];
         for (_, own) in &lit {
             let mut found = Vec::new();
@@ -86,7 +86,7 @@ const GAP_MM: f64 = 0.3;
 const CONTACT_MM: f64 = 5.0;
 
 fn contact(context: &Context) -> Result<String> {
-    let divisions = if context.quick { 32 } else { 64 };
+    let divisions = if context.quick { 24 } else { 64 };
     let medium = Medium { name: "marble".to_owned(), properties: properties("marble")? };
     let source = ball_above_plate(BALL_MM, GAP_MM, divisions);
     let scene = scene_of(source, Scale::MillimetresPerUnit(1.0), PartsRule::Separate, medium)?;
@@ -109,7 +109,7 @@ fn contact(context: &Context) -> Result<String> {
     let mut rows = Vec::new();
     let forms = FORMS.into_iter().chain([("harmonics, 6 x 64 x 64", FINE_HARMONICS)]);
     for (name, set) in forms.take(if context.quick { 2 } else { 5 }) {
-        let mut evaluator = baked(&scene, DEFAULT_RMS, set)?;
+        let mut evaluator = baked(context, &scene, set)?;
         let mut cells = vec![name.to_owned()];
         for ((_, lights), expected) in lights.iter().zip(&expected) {
             let values = under(evaluator.as_mut(), lights)?;
@@ -148,7 +148,7 @@ fn forward(context: &Context) -> String {
 
 /// Half a ball, with and without its cap.
 fn open_mesh(context: &Context) -> Result<String> {
-    let (rings, segments) = if context.quick { (16, 48) } else { (48, 144) };
+    let (rings, segments) = if context.quick { (12, 36) } else { (48, 144) };
     let mut rows = Vec::new();
     for material in ["marble", "skin1"] {
         let scene = |cap: Cap| -> Result<Scene> {
@@ -159,8 +159,7 @@ fn open_mesh(context: &Context) -> Result<String> {
         let (closed, open) = (scene(Cap::There)?, scene(Cap::Missing)?);
         let shell = open.mesh.local_mm.len();
         let mut truth = Truth::new(context, &closed)?;
-        let mut evaluators: [Box<dyn Evaluator>; 2] =
-            [baked(&closed, DEFAULT_RMS, &[])?, baked(&open, DEFAULT_RMS, &[])?];
+        let mut evaluators: [Box<dyn Evaluator>; 2] = [baked(context, &closed, &[])?, baked(context, &open, &[])?];
         let lights = [
             ("constant", Light::Constant { radiance: DVec3::ONE }),
             ("a sun from above", parallel(DVec3::Y)),

@@ -170,18 +170,23 @@ fn functions(context: &Context) -> Result<(String, String)> {
         lines: Vec::new(),
         front: Front::Left,
     };
-    let mut rows = Vec::new();
+    let (mut rows, mut seen) = (Vec::new(), Vec::new());
     for g in context.some(&MEAN_COSINES, 2) {
         for terms in CHARTED {
             if terms != SPLIT {
                 let found = figures(g, &Few::legendre(g, terms));
-                scatter.points.push(Point { series: format!("g = {g}"), x: terms as f64, y: found.rms });
+                // The mirror image of a function errs as much.
+                if !seen.contains(&g.abs()) {
+                    let series = format!("g = {} or its negative", g.abs());
+                    scatter.points.push(Point { series, x: terms as f64, y: found.rms });
+                }
                 rows.push(row(g, terms, "Legendre", found));
             }
             if terms <= MOST_SEPARABLE && (terms == SPLIT || !context.quick) {
                 rows.push(row(g, terms, "SVD", figures(g, &Few::separable(g, terms)?)));
             }
         }
+        seen.push(g.abs());
         context.say(&format!("figure 6: functions of g = {g}"));
     }
     let file = "all_frequency_figure6.svg";

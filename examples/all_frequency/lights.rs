@@ -4,8 +4,8 @@ use translux::error::Result;
 use translux::light::Light;
 use translux::progress::Silent;
 
-use crate::bench::{DEFAULT_RMS, Found, Map, Spread, Truth, bake, half_in, open, percent, sun, under};
-use crate::common::bench::{Context, Recipe, bytes_per_vertex, met, table};
+use crate::bench::{DEFAULT_RMS, Found, Map, Spread, Truth, bake, half_in, open, percent, recipe, sun, under};
+use crate::common::bench::{Context, bytes_per_vertex, met, table};
 use crate::common::runner::summary;
 
 /// Turns of each environment, and suns.
@@ -28,7 +28,7 @@ pub(crate) fn skin1(context: &Context) -> Result<String> {
 
 fn run(context: &Context, material: &str) -> Result<String> {
     let scene = context.scene(context.model(), material)?;
-    let asset = bake(&scene, &Recipe { samples: None, max_rms: DEFAULT_RMS, set: &[] }, &Silent)?;
+    let asset = bake(&scene, &recipe(context, &[]), &Silent)?;
     let bytes = bytes_per_vertex(&asset)?;
     let mut evaluator = open(asset)?;
     let resident = evaluator.cost().resident_bytes as f64 / scene.mesh.local_mm.len() as f64;

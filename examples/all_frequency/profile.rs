@@ -11,7 +11,7 @@ use translux::io::obj::read_obj;
 use translux::progress::Progress;
 use translux::transport::scene::{Medium, Scene};
 
-use crate::bench::{DEFAULT_RMS, Map, bake, open, under};
+use crate::bench::{DEFAULT_RMS, Map, bake, open, recipe, under};
 use crate::common::bench::{
     Context, Recipe, SIZE_MM, bytes_per_vertex, copy_bandwidth, met, noted, properties, scene_of, table,
 };
@@ -94,7 +94,7 @@ fn take(context: &Context, name: &str, scene: &Scene, recipe: &Recipe, map: &Map
     let (first, second) = (stages.seconds("irradiance rows"), stages.seconds("transfer"));
     let vertices = scene.mesh.local_mm.len();
     let bytes = bytes_per_vertex(&asset)?;
-    let order = noted(&asset, "of order").map_or(String::new(), |n| format!("{n}"));
+    let harmonics = noted(&asset, "of order").map_or("-".to_owned(), |n| n.to_string());
     let mut evaluator = open(asset)?;
     let resident = evaluator.cost().resident_bytes;
     let timed = if context.quick { TIMED / 10 } else { TIMED };
@@ -116,7 +116,7 @@ fn take(context: &Context, name: &str, scene: &Scene, recipe: &Recipe, map: &Map
         asset_samples(recipe),
         format!("{seconds:.0}"),
         format!("{first:.0} + {second:.0}"),
-        order,
+        harmonics,
         format!("{bytes:.1}, {:.0}", resident as f64 / vertices as f64),
         format!("{:.2}, {:.2}", 1e3 * best, 1e3 * median),
         format!("{:.0}", 1.0 / median),
@@ -137,22 +137,22 @@ pub(crate) fn run(context: &Context) -> Result<String> {
     if context.quick {
         let scene = context.scene(context.model(), "marble")?;
         for (name, set) in [("bunny_3k, marble", &[][..]), ("bunny_3k, marble, the paper's form", PAPER)] {
-            let recipe = Recipe { samples: None, max_rms: DEFAULT_RMS, set };
+            let recipe = recipe(context, set);
             rows.push(take(context, name, &scene, &recipe, &map, bandwidth)?.cells);
         }
     } else {
         let scene = fine_bunny(context, "marble")?;
-        let recipe = Recipe { samples: Some(PAPER_SAMPLES), max_rms: DEFAULT_RMS, set: &[] };
-        let taken = take(context, "bunny, marble", &scene, &recipe, &map, bandwidth)?;
+        let default = Recipe { samples: Some(PAPER_SAMPLES), max_rms: DEFAULT_RMS, set: &[] };
+        let taken = take(context, "bunny, marble", &scene, &default, &map, bandwidth)?;
         line = in_short(&taken);
         rows.push(taken.cells);
-        let haar = Recipe { set: PAPER, ..recipe };
+        let haar = Recipe { set: PAPER, ..default };
         rows.push(take(context, "bunny, marble, the paper's form", &scene, &haar, &map, bandwidth)?.cells);
         for (model, material) in
             [("bunny_closed", "marble"), ("bunny_closed", "skin1"), ("buddha_50k", "marble"), ("dragon_50k", "marble")]
         {
             let scene = context.scene(model, material)?;
-            let recipe = Recipe { samples: None, max_rms: DEFAULT_RMS, set: &[] };
+            let recipe = recipe(context, &[]);
             rows.push(take(context, &format!("{model}, {material}"), &scene, &recipe, &map, bandwidth)?.cells);
         }
     }
@@ -162,7 +162,7 @@ pub(crate) fn run(context: &Context) -> Result<String> {
         "samples",
         "bake, s",
         "pass 1 + pass 2, s",
-        "order",
+        "harmonics",
         "bytes/vertex, resident",
         "turned environment, ms: best, median",
         "a second",

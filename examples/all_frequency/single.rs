@@ -48,33 +48,35 @@ pub(crate) struct Stand {
 /// A picture of single scattering alone.
 pub(crate) struct Picture {
     pub(crate) rgb: Vec<[f32; 3]>,
-    covered: Vec<bool>,
+    coverage: Vec<f32>,
 }
 
 impl Picture {
     fn of(frame: &Frame) -> Self {
         Self {
             rgb: frame.pixels.iter().map(|p| p.single).collect(),
-            covered: frame.pixels.iter().map(|p| p.coverage > 0.0).collect(),
+            coverage: frame.pixels.iter().map(|p| p.coverage).collect(),
         }
+    }
+
+    fn covered(&self) -> Vec<bool> {
+        self.coverage.iter().map(|c| *c > 0.0).collect()
     }
 
     /// The image error against another.
     pub(crate) fn error(&self, reference: &Self) -> ImageError {
-        image_error(&self.rgb, &reference.rgb, &reference.covered)
+        image_error(&self.rgb, &reference.rgb, &reference.covered())
     }
 
     /// What brings its highlights to white.
     pub(crate) fn exposure(&self) -> f32 {
-        exposure(&self.rgb, &self.covered) as f32
+        exposure(&self.rgb, &self.covered()) as f32
     }
 
     /// Times a factor; the background white.
     pub(crate) fn shown(&self, factor: f32) -> Vec<[f32; 3]> {
-        let pixel = |(rgb, covered): (&[f32; 3], &bool)| {
-            if *covered { rgb.map(|v| (v * factor).clamp(0.0, 1.0)) } else { [1.0; 3] }
-        };
-        self.rgb.iter().zip(&self.covered).map(pixel).collect()
+        let pixel = |(rgb, coverage): (&[f32; 3], &f32)| rgb.map(|v| (v * factor + 1.0 - coverage).clamp(0.0, 1.0));
+        self.rgb.iter().zip(&self.coverage).map(pixel).collect()
     }
 }
 
