@@ -6,7 +6,7 @@ use translux::measure::chart::draw::{Front, Point, Scatter, Unit, scatter_svg};
 use translux::progress::Silent;
 use translux::transport::scene::Scene;
 
-use crate::bench::{Expected, Map, Spread, Truth, bake, half_in, open, percent, recipe, sun, under};
+use crate::bench::{Expected, Map, Spread, Truth, bake, compared, half_in, open, percent, sun, under};
 use crate::common::bench::{Context, Recipe, bytes_per_vertex, table};
 
 /// Suns that errors are measured under.
@@ -125,11 +125,11 @@ pub(crate) fn run(context: &Context) -> Result<String> {
         for count in context.some(counts, 2) {
             let mut set = keys.to_vec();
             set.push(("coefficients", count));
-            enter(series, count, &recipe(context, &set))?;
+            enter(series, count, &compared(context, &set))?;
         }
     }
     for max_rms in context.some(&ASKED, 2) {
-        let recipe = Recipe { max_rms, ..recipe(context, &[]) };
+        let recipe = Recipe { max_rms, ..compared(context, &[]) };
         enter("harmonics, as the error asks", &format!("{} asked", percent(max_rms)), &recipe)?;
     }
     let files = ["all_frequency_bases.svg", "all_frequency_bases_sun.svg"];

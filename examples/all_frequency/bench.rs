@@ -27,6 +27,9 @@ pub(crate) const SPHERE: f64 = 4.0 * std::f64::consts::PI;
 const TRUTHS: [(usize, &str); 2] = [(98_304, "48"), (81_920, "40")];
 const QUICK_TRUTHS: [(usize, &str); 2] = [(16_384, "32"), (12_288, "28")];
 
+/// Samples of bakes that are compared with each other.
+const SAMPLES: usize = 98_304;
+
 /// Samples of a bake where little is to be done.
 const QUICK_SAMPLES: usize = 16_384;
 
@@ -87,9 +90,14 @@ pub(crate) fn recipe<'a>(context: &Context, set: &'a [(&'a str, &'a str)]) -> Re
     Recipe { samples: context.quick.then_some(QUICK_SAMPLES), max_rms: DEFAULT_RMS, set }
 }
 
+/// The same with samples that do not depend on the error, so that only what is compared differs.
+pub(crate) fn compared<'a>(context: &Context, set: &'a [(&'a str, &'a str)]) -> Recipe<'a> {
+    Recipe { samples: Some(if context.quick { QUICK_SAMPLES } else { SAMPLES }), ..recipe(context, set) }
+}
+
 /// Bakes with some keys and opens.
 pub(crate) fn baked(context: &Context, scene: &Scene, set: &[(&str, &str)]) -> Result<Box<dyn Evaluator>> {
-    open(bake(scene, &recipe(context, set), &Silent)?)
+    open(bake(scene, &compared(context, set), &Silent)?)
 }
 
 /// At run time.

@@ -12,7 +12,6 @@ use crate::bench::{Found, Map, Spread, Truth, baked, half_in, percent, texels, u
 use crate::common::bench::{Context, parallel, properties, scene_of, table};
 use crate::figure6::{Few, figures};
 use crate::meshes::{Cap, ball_above_plate, half_ball};
-use crate::thin;
 
 /// Suns of a kind.
 const SUNS: usize = 12;
@@ -27,13 +26,6 @@ const MANY_64: &[(&str, &str)] = &[("basis", "haar"), ("coefficients", "512"), (
 const PAPER: &[(&str, &str)] = &[("basis", "haar"), ("selection", "magnitude"), ("transform", "texels")];
 const FINE_HARMONICS: &[(&str, &str)] = &[("cube", "64")];
 
-/// All of them.
-pub(crate) fn run(context: &Context) -> Result<String> {
-    let text =
-        [between_texels(context)?, contact(context)?, forward(context), thin::run(context)?, open_mesh(context)?];
-    Ok(text.join("\n"))
-}
-
 /// What is compared: a name and keys.
 const FORMS: [(&str, &[(&str, &str)]); 4] = [
     ("haar, 128, the paper's", PAPER),
@@ -42,7 +34,8 @@ const FORMS: [(&str, &[(&str, &str)]); 4] = [
     ("harmonics, the default", &[]),
 ];
 
-fn between_texels(context: &Context) -> Result<String> {
+/// Suns at centres of texels and between them.
+pub(crate) fn between_texels(context: &Context) -> Result<String> {
     let scene = context.scene(context.model(), "marble")?;
     let mut truth = Truth::new(context, &scene)?;
     let count = if context.quick { FEW } else { SUNS };
@@ -77,7 +70,7 @@ fn between_texels(context: &Context) -> Result<String> {
         context.say(&format!("failures: suns, {name}"));
     }
     let head: Vec<&str> = ["a sun alone: mean, worst"].into_iter().chain(places.iter().map(|p| p.0)).collect();
-    Ok(format!("### Suns between texels\n\n@between@\n\n{}", table(&head, &rows)))
+    Ok(format!("@between@\n\n{}", table(&head, &rows)))
 }
 
 /// Radius of the ball, its distance from the plate, and how far from its foot the shadow counts as one of contact, mm.
@@ -85,7 +78,8 @@ const BALL_MM: f64 = 5.0;
 const GAP_MM: f64 = 0.3;
 const CONTACT_MM: f64 = 5.0;
 
-fn contact(context: &Context) -> Result<String> {
+/// A ball just above a plate.
+pub(crate) fn contact(context: &Context) -> Result<String> {
     let divisions = if context.quick { 24 } else { 64 };
     let medium = Medium { name: "marble".to_owned(), properties: properties("marble")? };
     let source = ball_above_plate(BALL_MM, GAP_MM, divisions);
@@ -122,7 +116,7 @@ fn contact(context: &Context) -> Result<String> {
     }
     let head: Vec<&str> = ["all, near the contact"].into_iter().chain(lights.iter().map(|l| l.0)).collect();
     Ok(format!(
-        "### Contact shadows\n\nA ball of radius {BALL_MM} mm, {GAP_MM} mm above a plate, marble; the second number is at the {} vertices of the \
+        "A ball of radius {BALL_MM} mm, {GAP_MM} mm above a plate, marble; the second number is at the {} vertices of the \
          plate within {CONTACT_MM} mm of its foot.\n\n@contact@\n\n{}",
         near.iter().filter(|n| **n).count(),
         table(&head, &rows)
@@ -130,7 +124,7 @@ fn contact(context: &Context) -> Result<String> {
 }
 
 /// Terms that a strongly forward phase function would need.
-fn forward(context: &Context) -> String {
+pub(crate) fn forward(context: &Context) -> Result<String> {
     let mut rows = Vec::new();
     for g in [0.7, 0.9] {
         let mut cells = vec![g.to_string()];
@@ -143,11 +137,11 @@ fn forward(context: &Context) -> String {
     context.say("failures: forward phase functions");
     let terms = FORWARD_TERMS.map(|terms| format!("K = {terms}"));
     let head: Vec<&str> = ["g: RMS, least value"].into_iter().chain(terms.iter().map(String::as_str)).collect();
-    format!("### Strongly forward phase functions\n\n@forward@\n\n{}", table(&head, &rows))
+    Ok(format!("@forward@\n\n{}", table(&head, &rows)))
 }
 
 /// Half a ball, with and without its cap.
-fn open_mesh(context: &Context) -> Result<String> {
+pub(crate) fn open_mesh(context: &Context) -> Result<String> {
     let (rings, segments) = if context.quick { (12, 36) } else { (48, 144) };
     let mut rows = Vec::new();
     for material in ["marble", "skin1"] {
@@ -180,5 +174,5 @@ fn open_mesh(context: &Context) -> Result<String> {
         context.say(&format!("failures: open mesh, {material}"));
     }
     let head = ["material", "light", "closed mesh", "without the disc"];
-    Ok(format!("### Open meshes\n\n@open@\n\n{}", table(&head, &rows)))
+    Ok(format!("@open@\n\n{}", table(&head, &rows)))
 }

@@ -25,7 +25,7 @@ const PIXELS: usize = 200;
 const FEW_PIXELS: usize = 96;
 
 /// Directions towards an environment.
-const DIRECTIONS: u32 = 2048;
+const DIRECTIONS: u32 = 1024;
 const FEW_DIRECTIONS: u32 = 512;
 
 /// Random numbers of the second picture of the truth, whose difference from the first is its noise.

@@ -47,7 +47,7 @@ const PIXELS: usize = 150;
 const FEW_PIXELS: usize = 80;
 
 /// Directions towards an environment.
-const DIRECTIONS: u32 = 1024;
+const DIRECTIONS: u32 = 512;
 const FEW_DIRECTIONS: u32 = 256;
 
 /// More depths and rays than the method's defaults, so that the phase function is what is left.

@@ -34,7 +34,11 @@ const PAGE: Page = Page {
         ("bases", bases::run),
         ("figure5", figure5::run),
         ("figure6", figure6::run),
-        ("failures", failures::run),
+        ("suns", failures::between_texels),
+        ("contact", failures::contact),
+        ("forward", failures::forward),
+        ("thin", thin::run),
+        ("open", failures::open_mesh),
     ],
     words: page::WORDS,
 };

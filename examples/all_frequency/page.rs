@@ -46,6 +46,7 @@ const LIGHTS: &str = "
 
 Default assets. Half of the energy in a sun: constant light and parallel light of the same energy, 32 directions that no choice of
 the bake saw.
+
 ";
 
 const BASES: &str = "
@@ -64,7 +65,7 @@ const FIGURE5: &str = "
 ";
 
 const FOUR_WAYS: &str = "\
-From the left: (a) by rays along the refracted way from the eye, 128 distances a pixel at random under a sun, 2,048 directions with
+From the left: (a) by rays along the refracted way from the eye, 128 distances a pixel at random under a sun, 1,024 directions with
 a distance each under an environment; (b) the same along the inverse normal; (c) the paper's 16 deterministic distances along the
 inverse normal; (d) baked: cube-map vectors of every vertex with shared samples, whose light is the mean over texels. Rows as in the
 table, which has image RMS; *(a) again* has other random numbers: what is noise. The paper: (c) \"qualitatively matches the true answer in (a)\".";
@@ -85,11 +86,6 @@ a sun from the right; rows g = 0.25, -0.25, -0.4, 0.7, 0.9, columns K = 1, 4, 8 
 against the latter; whole bands by their Legendre series, which the SVD reproduces. The last column is what the path along the
 inverse normal costs by itself.";
 
-const FAILURES: &str = "
-## Where it fails
-
-";
-
 const BETWEEN: &str = "\
 A texel's light is spread over the texel and meets transport that is its mean: a sun at its centre is smeared, one between four centres is
 moved by half a texel (1.4 degrees at 6 x 32 x 32) as well, and with it every shadow. Harmonics know no texels; what they lack is order.";
@@ -102,22 +98,65 @@ Figure 6 has the pictures. Each further band takes 2 l + 1 more vectors for a fa
 asset, still do not hold g = 0.9. Such a function is to be evaluated directly, by rays, for the few lights there are.";
 
 const THIN: &str = "\
-Way inside and light's way end where the other part begins: d_m is the distance to the other block, not to the end of the medium, and a second
-boundary is occlusion. Against one block of twice the length, single scattering per point of the outside, 128 distances. Where the mean free
-path is short of the blocks, nothing is lost; beyond, most of what came through the neighbour is. Attenuation in the other block
-gets back the light but not the way inside. `--parts joined` makes such blocks one part for multiple scattering.";
+The way inside and the light's way end where the other part begins: d_m is the distance to the other block, not to the end of the medium,
+and a second boundary is occlusion. Two cubes of 4 mm against one block of 8 mm, single scattering at points of the outside, 128 distances;
+*in the mean*, what is too much or too little of the light. Short mean free paths lose little but at the joint; with long ones a third to
+a half of the light is missing. Attenuation in the other block gets some of the light back, not the way inside. Where blocks touch, the
+surface by which light enters the other one lies within rounding of the one it leaves by and is missed, so that its way there counts as
+free: parts that share a medium and touch belong in one (`--parts auto` joins them).";
 
 const OPEN: &str = "\
 Half a ball of radius 10 mm with the disc that closes it, and without; RMS at the shell's vertices against `two_pass` on the closed one. Light
 enters and leaves on the front of what is there; what would enter through the missing disc is missing, and so is its boundary.";
 
-const BEFORE: [(&str, &str); 6] = [
+const BEFORE: [(&str, &str); 11] = [
     ("table", TABLE),
     ("lights-marble", LIGHTS),
+    (
+        "lights-skin1",
+        "
+",
+    ),
     ("bases", BASES),
     ("figure5", FIGURE5),
     ("figure6", FIGURE6),
-    ("failures", FAILURES),
+    (
+        "suns",
+        "
+## Where it fails
+
+### Suns between texels
+
+",
+    ),
+    (
+        "contact",
+        "
+### Contact shadows
+
+",
+    ),
+    (
+        "forward",
+        "
+### Strongly forward phase functions
+
+",
+    ),
+    (
+        "thin",
+        "
+### Thin media in parts that touch
+
+",
+    ),
+    (
+        "open",
+        "
+### Open meshes
+
+",
+    ),
 ];
 
 const PLACES: [(&str, &str); 9] = [

@@ -130,5 +130,5 @@ pub(crate) fn run(context: &Context) -> Result<String> {
         "it attenuates: RMS, in the mean",
         "it attenuates, 0.01 mm apart",
     ];
-    Ok(format!("### Thin media in parts that touch\n\n@thin@\n\n{}", table(&head, &rows)))
+    Ok(format!("@thin@\n\n{}", table(&head, &rows)))
 }
