@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use glam::DVec3;
+use glam::{DVec3, Vec3Swizzles};
 use translux::asset::Asset;
 use translux::error::{Error, Result};
 use translux::evaluate::Evaluator;
@@ -15,7 +15,7 @@ use translux::methods::{self, all_frequency::AllFrequency};
 use translux::progress::{Progress, Silent};
 use translux::transport::scene::Scene;
 
-use crate::common::bench::{Context, Recipe, bake_for};
+use crate::common::bench::{Context, Recipe, bake_for, parallel};
 
 /// The error that the method is asked for unless another is said: its default.
 pub(crate) const DEFAULT_RMS: f64 = 0.01;
@@ -69,9 +69,10 @@ impl Map {
     }
 }
 
-/// A sun of irradiance 1 from the `index`-th of `count` directions that are spread over the sphere.
+/// A sun of irradiance 1 from the `index`-th of `count` directions that are spread over the sphere, about another axis than the
+/// probes that a bake sees.
 pub(crate) fn sun(index: usize, count: usize) -> Light {
-    Light::Directional { from: fibonacci_direction(index, count), irradiance: DVec3::ONE }
+    parallel(fibonacci_direction(index, count).yzx())
 }
 
 /// Constant light of radiance 1 with a sun that has as much energy.

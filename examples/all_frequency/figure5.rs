@@ -26,7 +26,7 @@ const FEW_PIXELS: usize = 96;
 
 /// Directions towards an environment.
 const DIRECTIONS: u32 = 1024;
-const FEW_DIRECTIONS: u32 = 512;
+const FEW_DIRECTIONS: u32 = 256;
 
 /// Random numbers of the second picture of the truth, whose difference from the first is its noise.
 const OTHER: u64 = 1 << 40;

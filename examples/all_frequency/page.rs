@@ -10,7 +10,8 @@ minute or two, `--only PART` measures one part again). Models have a diagonal of
 
 **RMS** of radiosity: relative, area-weighted over the vertices, worst channel. The truth is `two_pass` with rays at every
 light, twice, with samples and random numbers of their own: errors are means of `(x - a)(x - b)` over the two truths a and b, in which the noise
-of either cancels; where noise is stated, it is half of their difference. *Mean* is the root of the mean square over lights. **Image
+of either cancels (98,304 and 81,920 samples, 48 and 40 rays each towards an environment); where noise is stated, it is half of their
+difference. *Mean* is the root of the mean square over lights. **Image
 RMS**: linear RGB, scaled so that the 99.5th percentile of max(R, G, B) over the covered pixels of the truth is 1, clamped to [0, 1],
 over covered pixels; in 1e-3.
 
