@@ -88,8 +88,9 @@ against the latter; whole bands by their Legendre series, which the SVD reproduc
 inverse normal costs by itself.";
 
 const BETWEEN: &str = "\
-A texel's light is spread over the texel and meets transport that is its mean: a sun at its centre is smeared, one between four centres is
-moved by half a texel (1.4 degrees at 6 x 32 x 32) as well, and with it every shadow. Harmonics know no texels; what they lack is order.";
+The same suns moved within their texels. A texel's light is spread over the texel and meets transport that is its mean: a sun at the centre is
+smeared, one between four centres is moved by half a texel (1.4 degrees at 6 x 32 x 32) as well, and with it every shadow. Scattering blurs
+most of that; what 128 coefficients leave out of a single texel weighs more. Harmonics know no texels; what they lack is order.";
 
 const CONTACT: &str = "\
 Where occluder and receiver nearly touch, visibility turns within less than a texel, and its mean over the texel is all that is known.";
