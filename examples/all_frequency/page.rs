@@ -93,7 +93,8 @@ smeared, one between four centres is moved by half a texel (1.4 degrees at 6 x 3
 most of that; what 128 coefficients leave out of a single texel weighs more. Harmonics know no texels; what they lack is order.";
 
 const CONTACT: &str = "\
-Where occluder and receiver nearly touch, visibility turns within less than a texel, and its mean over the texel is all that is known.";
+Where occluder and receiver nearly touch, visibility turns within less than a texel, and its mean over the texel is all that is known. Yet
+finer texels gain almost nothing: coefficients or order run out first, for the whole as for the contact.";
 
 const FORWARD: &str = "\
 Figure 6 has the pictures. Each further band takes 2 l + 1 more vectors for a factor g: 144 terms, 144 times the data of an isotropic
