@@ -3,15 +3,14 @@
 use std::time::Instant;
 
 use glam::DVec3;
-use rayon::prelude::*;
 use translux::asset::Asset;
 use translux::error::Result;
 use translux::evaluate::Evaluator;
 use translux::methods::quantized_lights::QuantizedLights;
 
 use crate::bench::{
-    Context, Recipe, all_lit, bake, bytes_per_vertex, lit, met, method, noted, open, random_direction, summary, table,
-    thousandths, truth,
+    Context, Recipe, all_lit, bake, bytes_per_vertex, copy_bandwidth, lit, met, method, noted, open, random_direction,
+    summary, table, thousandths, truth,
 };
 use crate::encodings::cells;
 use crate::views::{ImageRms, Spread, Views};
@@ -49,20 +48,6 @@ const WANTED_RATE: f64 = 200.0;
 
 /// Bytes of a vertex's result.
 const RESULT_BYTES: usize = size_of::<DVec3>();
-
-/// Bytes a second of a parallel copy, read and written.
-fn copy_bandwidth() -> f64 {
-    const CHUNK: usize = 1 << 20;
-    let from = vec![1u64; 1 << 25];
-    let mut to = vec![0u64; from.len()];
-    let once = |to: &mut Vec<u64>| {
-        let start = Instant::now();
-        to.par_chunks_mut(CHUNK).zip(from.par_chunks(CHUNK)).for_each(|(to, from)| to.copy_from_slice(from));
-        start.elapsed().as_secs_f64()
-    };
-    let best = (0..7).map(|_| once(&mut to)).fold(f64::INFINITY, f64::min);
-    (2 * size_of_val(from.as_slice())) as f64 / best
-}
 
 /// Best and median seconds of a new parallel light.
 fn relight(evaluator: &mut dyn Evaluator) -> Result<[f64; 2]> {

@@ -6,7 +6,6 @@ use translux::asset::Asset;
 use translux::error::Result;
 use translux::evaluate::Evaluator;
 use translux::io::colour::linear_from_srgb;
-use translux::io::png::encode_png;
 use translux::measure::image_error::{ImageError, image_error};
 use translux::methods::quantized_lights::QuantizedLights;
 use translux::progress::Silent;
@@ -16,10 +15,10 @@ use translux::render::film::Exposure;
 use translux::render::frame::{Frame, RenderSettings, Specular, render};
 
 use crate::bench::{Context, Recipe, bake, bytes_per_vertex, lit, open, table, thousandths, truth};
+use crate::common::sheet;
 
-/// Side of a close-up in pixels, and the gap between two.
+/// Side of a close-up in pixels.
 const SIDE: usize = 300;
-const GAP: usize = 4;
 
 /// From where the light and the eye come, and what is looked at, in diagonals from the middle.
 const LIGHT: DVec3 = DVec3::new(-0.75, 0.6, 0.28);
@@ -89,10 +88,8 @@ pub(crate) fn run(context: &Context) -> Result<String> {
         differences.push(picture.par_iter().zip(&expected).map(difference).collect());
         shown.push(exposed(&picture));
     }
-    let rgb = sheet(&[shown, differences]);
-    let (width, height) = size(columns.len() + 1, 2);
     let file = "quantized_figure11.png";
-    translux::io::atomic::write(&context.pictures.join(file), &encode_png(width, height, &rgb, None)?)?;
+    translux::io::atomic::write(&context.pictures.join(file), &sheet::png(SIDE, &[shown, differences])?)?;
     let head = ["picture", "bytes/vertex", "image RMS, covered", "largest difference, of full scale"];
     let names: Vec<&str> = columns.iter().map(|(name, _)| name.as_str()).collect();
     Ok(format!(
@@ -117,24 +114,4 @@ fn close_up(evaluator: &mut dyn Evaluator) -> Result<Frame> {
         ..RenderSettings::new(camera, Resolution::new(SIDE, SIDE)?)
     };
     render(&*evaluator, &radiosity, &[], &settings, &Silent)
-}
-
-/// Pixels of a sheet.
-fn size(columns: usize, rows: usize) -> (usize, usize) {
-    (columns * (SIDE + GAP) - GAP, rows * (SIDE + GAP) - GAP)
-}
-
-/// Rows of pictures in one, white between them.
-fn sheet(rows: &[Vec<Vec<[f32; 3]>>]) -> Vec<[f32; 3]> {
-    let (width, height) = size(rows.first().map_or(0, Vec::len), rows.len());
-    let mut all = vec![[1.0; 3]; width * height];
-    for (y, row) in rows.iter().enumerate() {
-        for (x, picture) in row.iter().enumerate() {
-            for (line, pixels) in picture.chunks_exact(SIDE).enumerate() {
-                let at = (y * (SIDE + GAP) + line) * width + x * (SIDE + GAP);
-                all[at..at + SIDE].copy_from_slice(pixels);
-            }
-        }
-    }
-    all
 }

@@ -9,6 +9,8 @@
 //! `--quick` takes a minute or two: one small mesh, few lights and views.
 
 mod bench;
+#[path = "../common/mod.rs"]
+mod common;
 mod components;
 mod encodings;
 mod figure11;
@@ -18,71 +20,21 @@ mod page;
 mod sweep;
 mod views;
 
-use std::path::PathBuf;
-use std::time::Instant;
+use self::common::runner::{Page, main as measure};
 
-use translux::error::{Error, Result};
-use translux::io::atomic;
-
-use self::bench::Context;
-
-/// A part of the page: its name and what measures it.
-type Part = (&'static str, fn(&Context) -> Result<String>);
-
-const PARTS: &[Part] = &[
-    ("figure5", figure5::run),
-    ("encodings", encodings::run),
-    ("figure9", figure9::run),
-    ("figure11", figure11::run),
-    ("sweep", sweep::run),
-    ("components", components::run),
-];
-
-/// No part: the page alone, from what was measured before.
-const PAGE: &str = "page";
-
-const USAGE: &str = "usage: quantized_lights DATA DOCS [--quick] [--only PART]... [--fragments FOLDER]";
+const PAGE: Page = Page {
+    name: "quantized_lights",
+    parts: &[
+        ("figure5", figure5::run),
+        ("encodings", encodings::run),
+        ("figure9", figure9::run),
+        ("figure11", figure11::run),
+        ("sweep", sweep::run),
+        ("components", components::run),
+    ],
+    words: page::WORDS,
+};
 
 fn main() {
-    if let Err(error) = run() {
-        eprintln!("quantized_lights: {}", error.message());
-        std::process::exit(1);
-    }
-}
-
-fn run() -> Result<()> {
-    let (mut folders, mut only, mut quick) = (Vec::new(), Vec::new(), false);
-    let mut fragments = PathBuf::from("target/quantized_lights");
-    let mut arguments = std::env::args().skip(1);
-    while let Some(argument) = arguments.next() {
-        let mut value = || arguments.next().ok_or_else(|| Error::command_line(USAGE));
-        match argument.as_str() {
-            "--quick" => quick = true,
-            "--only" => only.push(value()?),
-            "--fragments" => fragments = PathBuf::from(value()?),
-            flag if flag.starts_with('-') => return Err(Error::command_line(format!("{flag}: {USAGE}"))),
-            folder => folders.push(PathBuf::from(folder)),
-        }
-    }
-    let Ok([data, docs]) = <[PathBuf; 2]>::try_from(folders) else { return Err(Error::command_line(USAGE)) };
-    let names: Vec<&str> = PARTS.iter().map(|(part, _)| *part).chain([PAGE]).collect();
-    if let Some(name) = only.iter().find(|name| !names.contains(&name.as_str())) {
-        return Err(Error::command_line(format!("no part `{name}`; there are {}", names.join(", "))));
-    }
-    let pictures = docs.join("pictures");
-    for folder in [&fragments, &pictures] {
-        std::fs::create_dir_all(folder).map_err(|e| Error::io(folder, &e))?;
-    }
-    let context = Context { data, pictures, quick, start: Instant::now() };
-    let mut pieces = Vec::new();
-    for (name, measure) in PARTS {
-        let path = fragments.join(format!("{name}.md"));
-        if only.is_empty() || only.iter().any(|o| o == name) {
-            atomic::write(&path, measure(&context)?.as_bytes())?;
-            context.say(&format!("{name}: done"));
-        }
-        let piece = std::fs::read_to_string(&path).unwrap_or_else(|_| "(Not measured.)\n".to_owned());
-        pieces.push((*name, piece));
-    }
-    atomic::write(&docs.join("quantized_lights.md"), page::assembled(&pieces).as_bytes())
+    measure(&PAGE);
 }

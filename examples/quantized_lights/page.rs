@@ -1,6 +1,6 @@
 //! The page: what the paper says, what was measured, what does not hold.
 
-use crate::bench::SUMMARY;
+use crate::common::runner::Words;
 
 const HEAD: &str = "\
 # Quantised lights: the figures of Hao & Varshney 2004 remade
@@ -134,20 +134,5 @@ const BEFORE: [(&str, &str); 6] = [
     ("components", COMPONENTS),
 ];
 
-/// The page from the text of its parts.
-pub(crate) fn assembled(parts: &[(&str, String)]) -> String {
-    let mut page = HEAD.to_owned();
-    let rows = parts.iter().flat_map(|(_, text)| text.lines()).filter_map(|line| line.strip_prefix(SUMMARY));
-    rows.for_each(|row| page.extend([row, "\n"]));
-    for (name, text) in parts {
-        page.push_str(BEFORE.iter().find(|(part, _)| part == name).map_or("", |(_, before)| before));
-        let mut text: String = text.lines().filter(|line| !line.starts_with(SUMMARY)).flat_map(|l| [l, "\n"]).collect();
-        for (mark, words) in PLACES {
-            text = text.replace(mark, words);
-        }
-        page.push_str(text.trim());
-        page.push('\n');
-    }
-    page.push_str(POINTS);
-    page
-}
+/// Everything that the page says by itself.
+pub(crate) const WORDS: Words = Words { head: HEAD, before: &BEFORE, places: &PLACES, tail: POINTS };
