@@ -8,7 +8,7 @@ use translux::error::Result;
 use translux::geometry::mesh::Scale;
 use translux::geometry::parts::PartsRule;
 use translux::io::obj::read_obj;
-use translux::progress::Progress;
+use translux::progress::{Progress, Silent};
 use translux::transport::scene::{Medium, Scene};
 
 use crate::bench::{DEFAULT_RMS, Map, bake, open, recipe, under};
@@ -79,10 +79,19 @@ fn fine_bunny(context: &Context, material: &str) -> Result<Scene> {
     scene_of(longest_edges_cut(source, PAPER_VERTICES), Scale::DiagonalMm(SIZE_MM), PartsRule::Auto, medium)
 }
 
+/// With single scattering, and with the paper's four terms of a phase function.
+const ISOTROPIC: &[(&str, &str)] = &[("single-scattering", "isotropic")];
+const FOLDED: &[(&str, &str)] = &[("single-scattering", "folded")];
+const FOUR_TERMS: &[(&str, &str)] = &[("single-scattering", "phase"), ("phase-terms", "4")];
+
+/// What is wanted of single scattering on that bunny, s.
+const WANTED_SINGLE_SECONDS: f64 = 60.0;
+
 /// What one asset takes.
 struct Taken {
     cells: Vec<String>,
     passes: f64,
+    single: f64,
     frames: f64,
 }
 
@@ -92,6 +101,7 @@ fn take(context: &Context, name: &str, scene: &Scene, recipe: &Recipe, map: &Map
     let asset = bake(scene, recipe, &stages)?;
     let seconds = start.elapsed().as_secs_f64();
     let (first, second) = (stages.seconds("irradiance rows"), stages.seconds("transfer"));
+    let single = stages.seconds("single scattering");
     let vertices = scene.mesh.local_mm.len();
     let bytes = bytes_per_vertex(&asset)?;
     let harmonics = noted(&asset, "of order").map_or("-".to_owned(), |n| n.to_string());
@@ -103,8 +113,10 @@ fn take(context: &Context, name: &str, scene: &Scene, recipe: &Recipe, map: &Map
         let light = [map.light(360.0 * turn as f64 / timed as f64)];
         let start = Instant::now();
         let values = under(evaluator.as_mut(), &light)?;
+        let beside = evaluator.single_scattering(&Silent)?;
+        let seen = if beside.is_none() { evaluator.towards_eye()? } else { None };
         times.push(start.elapsed().as_secs_f64());
-        drop(values);
+        drop((values, seen));
     }
     times.sort_unstable_by(f64::total_cmp);
     let [best, median] = [0, timed / 2].map(|i| times.get(i).copied().unwrap_or(f64::NAN));
@@ -116,13 +128,14 @@ fn take(context: &Context, name: &str, scene: &Scene, recipe: &Recipe, map: &Map
         asset_samples(recipe),
         format!("{seconds:.0}"),
         format!("{first:.0} + {second:.0}"),
+        if single > 0.0 { format!("{single:.0}") } else { "-".to_owned() },
         harmonics,
         format!("{bytes:.1}, {:.0}", resident as f64 / vertices as f64),
         format!("{:.2}, {:.2}", 1e3 * best, 1e3 * median),
         format!("{:.0}", 1.0 / median),
         format!("{:.1} ({:.0} %)", read / 1e9, 100.0 * read / bandwidth),
     ];
-    Ok(Taken { cells, passes: first + second, frames: 1.0 / median })
+    Ok(Taken { cells, passes: first + second, single, frames: 1.0 / median })
 }
 
 fn asset_samples(recipe: &Recipe) -> String {
@@ -146,6 +159,18 @@ pub(crate) fn run(context: &Context) -> Result<String> {
         let taken = take(context, "bunny, marble", &scene, &default, &map, bandwidth)?;
         line = in_short(&taken);
         rows.push(taken.cells);
+        let isotropic =
+            take(context, "bunny, marble, isotropic", &scene, &Recipe { set: ISOTROPIC, ..default }, &map, bandwidth)?;
+        line += &summary(
+            "isotropic single scattering of that bunny",
+            "42 min",
+            "<= 60 s",
+            &format!("{:.0} s; {}", isotropic.single, met(isotropic.single <= WANTED_SINGLE_SECONDS)),
+        );
+        rows.push(isotropic.cells);
+        for (name, set) in [("bunny, marble, folded", FOLDED), ("bunny, marble, four terms", FOUR_TERMS)] {
+            rows.push(take(context, name, &scene, &Recipe { set, ..default }, &map, bandwidth)?.cells);
+        }
         let haar = Recipe { set: PAPER, ..default };
         rows.push(take(context, "bunny, marble, the paper's form", &scene, &haar, &map, bandwidth)?.cells);
         for (model, material) in
@@ -162,6 +187,7 @@ pub(crate) fn run(context: &Context) -> Result<String> {
         "samples",
         "bake, s",
         "pass 1 + pass 2, s",
+        "single scattering, s",
         "harmonics",
         "bytes/vertex, resident",
         "turned environment, ms: best, median",

@@ -99,7 +99,7 @@ impl Stand {
     /// A picture of what comes from `single`.
     pub(crate) fn picture(&self, single: Single) -> Result<Picture> {
         let radiosity = vec![DVec3::ZERO; self.evaluator.scene().mesh.local_mm.len()];
-        let exitance = Exitance { radiosity: &radiosity, single };
+        let exitance = Exitance { radiosity: &radiosity, single, texture: None };
         Ok(Picture::of(&render(self.evaluator.as_ref(), exitance, &[], &self.settings, &Silent)?))
     }
 
