@@ -104,7 +104,6 @@ impl Traced {
             directions: self.samples.saturating_mul(DIRECTIONS_PER_SAMPLE),
             form: self.form,
             crossings: self.crossings,
-            ..Settings::REFERENCE
         }
     }
 

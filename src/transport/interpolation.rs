@@ -188,7 +188,7 @@ mod tests {
         assert!(constant.iter().all(|v| (v[0] - 2.0).abs() < 2.5e-4), "{constant:?}");
         for level in Level::available() {
             let mut same = vec![[0.0; 4]; 1000];
-            sums(level, &shared, 0, &values, &mut same);
+            sums(level, (&shared, 0.0), 0, &values, &mut same);
             assert_eq!(same, found);
         }
     }

@@ -2,6 +2,8 @@
 
 use super::*;
 use crate::geometry::shapes;
+use crate::light::harmonics::to_harmonics;
+use crate::math::cube_map::{direction, solid_angles_sr};
 use crate::math::sh::evaluate;
 use crate::medium::fresnel;
 use crate::progress::Silent;
