@@ -82,6 +82,32 @@ fn both_bases_give_the_reference_and_more_coefficients_less_error() {
     assert!(auto[1] < many[1], "512 wavelets are no match under a sun");
 }
 
+/// A knot sees itself: what leaves it falls on it again.
+#[test]
+fn light_that_comes_back_is_that_of_the_reference() {
+    let scene = knot();
+    let areas = vertex_areas(&scene);
+    let lights = vec![environment(20.0), sun(DVec3::new(0.5, 0.7, 0.2))];
+    let reference = |set: &[&str]| {
+        let method = methods::named("reference").unwrap();
+        let asset = try_bake(method, scene.clone(), Some(24_000), &pairs(set)).unwrap();
+        lit(method.open(Arc::new(asset)).unwrap().as_mut(), lights.clone())
+    };
+    let without = reference(&[]);
+    for times in ["once", "3"] {
+        let key = format!("inter-reflection={times}");
+        let expected = reference(&[&key]);
+        let mut evaluator = open(bake(&scene, &[&key]));
+        let found = lit(evaluator.as_mut(), lights.clone());
+        let (error, change) =
+            (vertex_error(&found, &expected, &areas).rms, vertex_error(&without, &expected, &areas).rms);
+        println!("{times}: {error:.4}, what comes back {change:.4}");
+        assert!(error < 0.015 && change > 3.0 * error, "{times}: {error} {change}");
+        let measured = evaluator.measured_error(&[], &Silent).unwrap();
+        assert!(measured.total_rms() < 0.05, "{measured:?}");
+    }
+}
+
 /// Harmonics do not know texels; a sun between the centres of two is no worse than one at a centre.
 #[test]
 fn a_sun_moves_smoothly_past_texels() {
@@ -155,6 +181,8 @@ fn keys_and_lights_that_do_not_fit_are_refused() {
         (vec!["basis=haar", "coefficients=5"], "6 to 6144"),
         (vec!["basis=fourier"], "auto, sh, haar"),
         (vec!["cube=48"], "32, 64"),
+        (vec!["inter-reflection=twice"], "off, once"),
+        (vec!["basis=haar", "inter-reflection=once"], "basis=sh"),
     ] {
         let error = try_bake(method, scene.clone(), Some(500), &pairs(&set)).unwrap_err();
         assert_eq!(error.code(), ExitCode::CommandLine, "{set:?}");

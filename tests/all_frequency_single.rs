@@ -113,6 +113,25 @@ fn stored_values_are_those_of_rays() {
     }
 }
 
+/// The printed form is brighter; what further folds let through is more light; both as `reference` has it.
+#[test]
+fn integrands_are_those_of_the_reference() {
+    let scene = head(0.0);
+    let areas = vertex_areas(&scene);
+    let of = |method: &str, integrand: &str| {
+        let asset = bake(method, &scene, &["single-scattering=isotropic", integrand]);
+        per_vertex(open(method, asset).as_mut(), &[environment()])
+    };
+    let plain: DVec3 = of("reference", "single-form=physical").iter().sum();
+    for (integrand, brighter) in [("single-form=printed", 1.5), ("single-crossings=attenuated", 1.0005)] {
+        let (found, expected) = (of("all_frequency", integrand), of("reference", integrand));
+        let error = vertex_error(&found, &expected, &areas).rms;
+        let ratio = expected.iter().sum::<DVec3>().y / plain.y;
+        println!("{integrand}: {error:.4}, {ratio:.4} times as bright");
+        assert!(error < 0.03 && ratio > brighter, "{integrand}: {error} {ratio}");
+    }
+}
+
 #[test]
 fn nothing_beside_the_radiosity_unless_it_is_asked_for() {
     let scene = head(0.0);
@@ -219,6 +238,9 @@ fn keys_that_do_not_fit_are_refused() {
         (vec!["single-scattering=phase", "phase-terms=8"], "auto, 1, 4, 9, 16, rays"),
         (vec!["single-scattering=phase", "single-basis=haar"], "isotropic"),
         (vec!["single-basis=haar"], "isotropic or phase"),
+        (vec!["single-form=printed"], "no single scattering"),
+        (vec!["single-scattering=isotropic", "single-form=real"], "physical or printed"),
+        (vec!["single-scattering=isotropic", "single-crossings=none"], "occluded or attenuated"),
         (vec!["single-scattering=folded", "basis=haar"], "basis=sh"),
     ] {
         let error = try_bake(method, scene.clone(), Some(500), &pairs(&set)).unwrap_err();
