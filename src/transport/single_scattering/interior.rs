@@ -169,23 +169,51 @@ impl<'a> Interior<'a> {
         let (mut hit, mut depth, mut ray) = (first?, 1u32, *ray);
         for _ in 0..MOST_CROSSINGS {
             if self.part(hit.triangle) != part {
-                return None;
+                return self.leaving_at_contact(ray, hit, depth, part);
             }
-            let normal = self.normal(&hit);
-            let along = normal.dot(ray.direction.as_dvec3());
-            if along > 0.0 {
-                depth -= 1;
-                if depth == 0 {
-                    return Some(Leaving { distance_mm: f64::from(hit.t), triangle: hit.triangle, normal, ray });
-                }
-            } else if hit.t > self.slack_mm {
-                // What is this near in front is the surface that the ray starts from.
-                depth += 1;
+            if let Some(leaving) = self.crossed(&hit, &ray, &mut depth) {
+                return Some(leaving);
             }
             ray.t_min = hit.t.next_up();
             hit = self.bvh.closest(&ray)?;
         }
         None
+    }
+
+    /// Counts a surface of the body itself; where it is the last one, the ray leaves.
+    fn crossed(&self, hit: &Hit, ray: &Ray, depth: &mut u32) -> Option<Leaving> {
+        let normal = self.normal(hit);
+        if normal.dot(ray.direction.as_dvec3()) > 0.0 {
+            *depth -= 1;
+            if *depth == 0 {
+                let distance_mm = f64::from(hit.t);
+                return Some(Leaving { distance_mm, triangle: hit.triangle, normal, ray: *ray });
+            }
+        } else if hit.t > self.slack_mm {
+            // What is this near in front is the surface that the ray starts from.
+            *depth += 1;
+        }
+        None
+    }
+
+    /// The same where another part is met: where both touch, the ray leaves within rounding of there.
+    fn leaving_at_contact(&self, ray: Ray, met: Hit, mut depth: u32, part: u32) -> Option<Leaving> {
+        let near = Ray { t_max: (met.t + self.slack_mm).next_up(), ..ray };
+        let mut hits = self.sorted(&near);
+        hits.retain(|hit| self.part(hit.triangle) == part);
+        let found = hits.iter().find_map(|hit| self.crossed(hit, &ray, &mut depth))?;
+        Some(Leaving { ray: Ray { t_max: ray.t_max, ..found.ray }, ..found })
+    }
+
+    /// All surfaces along a ray, the nearest first; of those around an edge or a vertex one for each part and side.
+    fn sorted(&self, ray: &Ray) -> Vec<Hit> {
+        let mut hits = Vec::new();
+        self.bvh.crossings(ray, |hit| hits.push(hit));
+        let side = |hit: &Hit| self.normal(hit).dot(ray.direction.as_dvec3()) > 0.0;
+        let place = |hit: &Hit| (self.part(hit.triangle), side(hit));
+        hits.sort_by(|a, b| a.t.total_cmp(&b.t).then(place(a).cmp(&place(b))).then(a.triangle.cmp(&b.triangle)));
+        hits.dedup_by(|a, b| a.t == b.t && place(a) == place(b));
+        hits
     }
 
     /// The same, hit and all.
@@ -242,28 +270,25 @@ impl<'a> Interior<'a> {
         }
     }
 
-    /// Attenuation by all bodies on a ray that starts outside of them.
+    /// Attenuation by all bodies on a ray that leaves one of them through a triangle.
     fn attenuated(&self, ray: &Ray, skip: u32) -> DVec3 {
-        let mut ray = *ray;
         let mut through = DVec3::ONE;
         // Part, entry distance and depth of the bodies that the ray is in.
         let mut open: Vec<(u32, f64, u32)> = Vec::new();
-        for _ in 0..MOST_CROSSINGS {
-            let Some(hit) = self.bvh.closest(&ray) else {
-                // Out through an opening: there is no surface that would tell where the body ends.
-                return if open.is_empty() { through } else { DVec3::ZERO };
-            };
-            ray.t_min = hit.t.next_up();
-            if hit.triangle == skip {
-                continue;
-            }
+        let direction = ray.direction.as_dvec3();
+        for hit in self.sorted(ray).into_iter().filter(|hit| hit.triangle != skip) {
             let part = self.part(hit.triangle);
             let Some(optics) = self.optics(part) else { return DVec3::ZERO };
-            let cosine = self.normal(&hit).dot(ray.direction.as_dvec3());
+            let eta = optics.eta_inside_over_outside;
+            let cosine = self.normal(&hit).dot(direction);
             let place = open.iter().position(|body| body.0 == part);
-            let entry = Entry::new(Form::Printed, optics.eta_inside_over_outside, cosine.abs());
+            let entry = Entry::new(Form::Printed, eta, cosine.abs());
             let Some(entry) = entry.filter(|_| cosine != 0.0) else { return DVec3::ZERO };
-            let surface = transmittance(optics.eta_inside_over_outside, cosine.abs());
+            let surface = transmittance(eta, cosine.abs());
+            let inside = |entered: f64| {
+                let length = (f64::from(hit.t) - entered) * entry.stretch;
+                (-length * optics.sigma_t_per_mm).map(f64::exp)
+            };
             match (cosine < 0.0, place) {
                 (true, Some(at)) => open[at].2 += 1,
                 (true, None) => {
@@ -273,14 +298,19 @@ impl<'a> Interior<'a> {
                 (false, Some(at)) if open[at].2 > 1 => open[at].2 -= 1,
                 (false, Some(at)) => {
                     let (_, entered, _) = open.swap_remove(at);
-                    let length = (f64::from(hit.t) - entered) * entry.stretch;
-                    through *= surface * (-length * optics.sigma_t_per_mm).map(f64::exp);
+                    through *= surface * inside(entered);
                 }
-                // Out of what was never entered: within rounding of the start.
+                // Out of what was never entered: another body that touches the one the ray came from, where it came from, or
+                // that one itself within rounding.
+                (false, None) if part != self.part(skip) => {
+                    let at_contact = self.normals.get(skip as usize).map_or(cosine, |n| n.dot(direction));
+                    through *= transmittance(eta, at_contact.abs()) * surface * inside(f64::from(ray.t_min));
+                }
                 (false, None) => {}
             }
         }
-        DVec3::ZERO
+        // Out through an opening: there is no surface that would tell where the body ends.
+        if open.is_empty() { through } else { DVec3::ZERO }
     }
 }
 

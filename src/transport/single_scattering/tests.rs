@@ -9,6 +9,7 @@ use super::plane::PlaneMedium;
 use super::radiance::{DepthSampling, Path, Settings, SingleScattering};
 use super::vectors::{Sharing, VectorBaker, VectorSettings};
 use super::*;
+use crate::geometry::part_table::PartTable;
 use crate::geometry::shapes;
 use crate::light::Light;
 use crate::math::cube_map::{FACES, solid_angles_sr};
@@ -332,6 +333,19 @@ fn a_second_crossing_occludes_or_attenuates() {
     let once = crate::medium::fresnel::transmittance(1.3, 1.0);
     let expected = free * once * once * (-1.0f64).exp();
     assert!((of(&fixture, Crossings::Attenuated) / expected - 1.0).abs() < 1e-5);
+    // So does one that touches, as long as it is another part.
+    let touching = shapes::compose(&[(slab.clone(), DVec3::ZERO), (slab.clone(), DVec3::Y)]);
+    let mut touching = Fixture::new(touching, properties, 10);
+    let mesh = &touching.scene.mesh;
+    let upper = |t: usize| {
+        let y: f64 = mesh.corners_local_mm(t as u32).iter().map(|p| p.y / 3.0).sum();
+        u32::from(if y.abs() < 0.1 { mesh.normal(t as u32).y < 0.0 } else { y > 0.0 })
+    };
+    let of_triangle = (0..mesh.triangles.len()).map(upper).collect();
+    let names = ["lower", "upper"].map(|name| (name.to_owned(), Some(0))).to_vec();
+    touching.scene.parts = PartTable::new(mesh, of_triangle, names);
+    assert!((of(&touching, Crossings::Attenuated) / expected - 1.0).abs() < 1e-4);
+    assert_eq!(of(&touching, Crossings::Occluded), 0.0);
     // An opaque body lets nothing through.
     let triangles = slab.triangles.len();
     let two = shapes::compose(&[(slab.clone(), DVec3::ZERO), (slab, DVec3::Y * 3.0)]);
