@@ -10,8 +10,9 @@ use glam::DVec3;
 use in_memory::{try_bake, vertex_areas};
 use translux::asset::Asset;
 use translux::error::ExitCode;
-use translux::evaluate::Evaluator;
 use translux::evaluate::single_scattering::SeenPoint;
+use translux::evaluate::summed::Summed;
+use translux::evaluate::{Evaluator, SingleScattering};
 use translux::geometry::mesh::Scale;
 use translux::geometry::shapes;
 use translux::light::{Light, sky};
@@ -156,7 +157,10 @@ fn folded_into_the_radiosity_it_is_the_same_light() {
     let beside = bake("all_frequency", &scene, &["single-scattering=isotropic"]);
     assert!(folded.sections.len() < beside.sections.len());
     let [mut folded, mut beside] = [folded, beside].map(|asset| open("all_frequency", asset));
-    assert!(folded.includes_single_scattering() && !beside.includes_single_scattering());
+    assert_eq!(
+        [folded.single_scattering_is(), beside.single_scattering_is()],
+        [SingleScattering::Included, SingleScattering::PerVertex]
+    );
     assert!(folded.single_scattering(&Silent).unwrap().is_none());
     for lights in [vec![environment()], vec![sun()]] {
         let single = per_vertex(beside.as_mut(), &lights);
@@ -170,6 +174,15 @@ fn folded_into_the_radiosity_it_is_the_same_light() {
     }
     let measured = folded.measured_error(&[], &Silent).unwrap();
     assert!(measured.total_rms() < 0.05, "{measured:?}");
+    // What a window draws of the other.
+    let single = per_vertex(beside.as_mut(), &[sun()]);
+    let apart = beside.radiosity(&Silent).unwrap();
+    let mut drawn = Summed::of(beside);
+    assert_eq!(drawn.single_scattering_is(), SingleScattering::Included);
+    let sum: Vec<DVec3> = apart.iter().zip(&single).map(|(b, s)| *b + *s).collect();
+    assert_eq!(drawn.radiosity(&Silent).unwrap(), sum);
+    let nothing = Summed::of(open("all_frequency", bake("all_frequency", &scene, &["coefficients=9"])));
+    assert_eq!(nothing.single_scattering_is(), SingleScattering::None);
 }
 
 #[test]

@@ -115,7 +115,7 @@ fn off_by_default_and_beside_the_radiosity() {
     folder.run(&format!("{line} {ISOTROPIC} --set single-samples=2 --no-measure -o coarse.ply")).ok();
     let report = folder.run("compare coarse.ply both.ply --fail-above 100% --json").ok().json();
     let rms = |what: &str| report[what]["rms"].as_f64().unwrap();
-    assert!(rms("single_scattering") > 0.01 && rms("vertices") == rms("single_scattering"));
+    assert!(rms("single_scattering") > 0.01 && rms("vertices") > 1e-4 && rms("vertices") < rms("single_scattering"));
     let one = folder.run("compare plain.ply both.ply --fail-above 0").ok();
     assert!(one.stderr.contains("both.ply alone has single scattering"), "{}", one.stderr);
     for (value, says) in [("sometimes", "off, isotropic or phase"), ("", "off, isotropic or phase")] {

@@ -108,9 +108,8 @@ const THIN: &str = "\
 The way inside and the light's way end where the other part begins: d_m is the distance to the other block, not to the end of the medium,
 and a second boundary is occlusion. Two cubes of 4 mm against one block of 8 mm, single scattering at points of the outside, 128 distances;
 *in the mean*, what is too much or too little of the light. Short mean free paths lose little but at the joint; with long ones a third to
-a half of the light is missing. Attenuation in the other block gets some of the light back, not the way inside. Where blocks touch, the
-surface by which light enters the other one lies within rounding of the one it leaves by and is missed, so that its way there counts as
-free: parts that share a medium and touch belong in one (`--parts auto` joins them).";
+a half of the light is missing. Attenuation in the other block (`--set single-crossings=attenuated`) gets some of the light back, not the way inside:
+parts that share a medium and touch belong in one (`--parts auto` joins them).";
 
 const OPEN: &str = "\
 Half a ball of radius 10 mm with the disc that closes it, and without; RMS at the shell's vertices against `two_pass` on the closed one. Light

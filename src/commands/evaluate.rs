@@ -15,7 +15,7 @@ use super::{output, report};
 use crate::asset::Input;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, ExitCode, Result};
-use crate::evaluate::{Cost, Evaluator};
+use crate::evaluate::{Cost, Evaluator, SingleScattering};
 use crate::io::atomic;
 use crate::io::colour::srgb_from_linear;
 use crate::io::ply::{RadiosityPly, write_ply};
@@ -107,7 +107,7 @@ pub(super) fn finish(
         if single.is_some() {
             comments.push("s is single scattering along the inverse normal, b does without it".to_owned());
         }
-        if evaluator.includes_single_scattering() {
+        if evaluator.single_scattering_is() == SingleScattering::Included {
             comments.push(SINGLE_INCLUDED.to_owned());
         }
         radiosity_ply(scene, &radiosity, single.as_deref(), comments)

@@ -47,9 +47,9 @@ impl AssetArgs {
     }
 }
 
-/// The evaluator of an asset as it was baked.
+/// The evaluator of an asset as it was baked, with isotropic single scattering in its radiosity.
 #[cfg(feature = "gui")]
 pub(super) fn evaluator_of(path: &std::path::Path) -> Result<Box<dyn Evaluator>> {
     let asset = Arc::new(Asset::read(path)?);
-    methods::named(&asset.provenance.method)?.open(asset)
+    Ok(crate::evaluate::summed::Summed::of(methods::named(&asset.provenance.method)?.open(asset)?))
 }

@@ -11,6 +11,8 @@ use super::lights::{LightArgs, ResolvedLights};
 use super::opened::{AssetArgs, Opened};
 use super::report;
 use crate::error::{Error, ExitCode, Result};
+use crate::evaluate::summed::Summed;
+use crate::evaluate::{Evaluator, SingleScattering};
 use crate::relight::choice::{DeviceChoice, Placed, place};
 use crate::relight::headless::{self, Animation, MAX_FRAMES};
 use crate::relight::timings::Timings;
@@ -131,16 +133,25 @@ pub(super) fn run(args: &RelightArgs, console: &Console, pool: Arc<rayon::Thread
     }
 }
 
+/// With all that frames show: isotropic single scattering as a part of the radiosity.
+fn drawn(evaluator: Box<dyn Evaluator>, console: &Console) -> Box<dyn Evaluator> {
+    if evaluator.single_scattering_is() == SingleScattering::TowardsEye {
+        console.note("single scattering depends on the eye here (g is not 0): `translux render` has it, frames do not");
+    }
+    Summed::of(evaluator)
+}
+
 fn animate(args: &RelightArgs, frames: usize, out: &std::path::Path, console: &Console) -> Result<ExitCode> {
     let ResolvedLights { lights, .. } = args.lights.load(console)?;
     let Opened { method, evaluator, .. } = args.asset.open(console)?;
+    let evaluator = drawn(evaluator, console);
     let resolution = args.resolution.unwrap_or(HEADLESS_RESOLUTION);
     let needed = crate::render::frame::memory_bytes(resolution);
     console.check_memory(needed, "use a smaller --resolution, or raise --max-memory")?;
     let camera = args.camera.unwrap_or_default().resolve(&evaluator.scene().mesh, resolution)?;
     let texture = Texture::new(&args.texture, &evaluator.scene().mesh)?;
     texture.iter().flat_map(Texture::warnings).for_each(|warning| console.warn(warning));
-    let again = || Ok(args.asset.open(console)?.evaluator);
+    let again = || Ok(Summed::of(args.asset.open(console)?.evaluator));
     let Placed { place, note } = place(args.device.choice(), evaluator, &again)?;
     note.iter().for_each(|note| console.note(note));
     let animation = Animation {
@@ -202,7 +213,7 @@ fn window(args: &RelightArgs, console: &Console, pool: Arc<rayon::ThreadPool>) -
     texture.iter().flat_map(Texture::warnings).for_each(|warning| console.warn(warning));
     let session = Session {
         model: args.asset.asset.clone(),
-        evaluator: opened.evaluator,
+        evaluator: drawn(opened.evaluator, console),
         open: Arc::new(super::opened::evaluator_of),
         lights: lights.lights,
         choice: args.device.choice(),

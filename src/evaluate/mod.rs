@@ -8,6 +8,7 @@ pub mod inter_reflection;
 pub mod sampled;
 pub mod sampling_error;
 pub mod single_scattering;
+pub mod summed;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -149,6 +150,19 @@ pub struct Cost {
     pub resident_bytes: usize,
 }
 
+/// Where single scattering is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SingleScattering {
+    /// Nowhere.
+    None,
+    /// In the radiosity, isotropic: what leaves is the same as with [`Self::PerVertex`], but nothing tells the two apart.
+    Included,
+    /// Beside it: [`Evaluator::single_scattering`].
+    PerVertex,
+    /// Beside it, for eyes alone: [`Evaluator::towards_eye`].
+    TowardsEye,
+}
+
 /// An asset at run time: lights in, radiosity out. Linear in the lights.
 pub trait Evaluator: Send {
     /// What may change.
@@ -191,10 +205,9 @@ pub trait Evaluator: Send {
         Ok(None)
     }
 
-    /// Whether the radiosity has isotropic single scattering in it, against [`Self::single_scattering`]: what leaves is the same,
-    /// but nothing tells the two apart.
-    fn includes_single_scattering(&self) -> bool {
-        false
+    /// Where single scattering is, without the work of computing it.
+    fn single_scattering_is(&self) -> SingleScattering {
+        SingleScattering::None
     }
 
     /// Single scattering under the lights and media in force as eyes see it, where that is more than

@@ -10,7 +10,7 @@ use super::device::{Device, DeviceEvaluator, sampled::SampledOnDevice};
 use super::inter_reflection::{Outside, Returned, Transfer};
 use super::sampling_error::{Sampled, receiver_areas};
 use super::single_scattering::{LitScene, TowardsEye, Traced};
-use super::{Capabilities, Cost, Evaluator, MaterialEdit};
+use super::{Capabilities, Cost, Evaluator, MaterialEdit, SingleScattering};
 use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
@@ -390,6 +390,10 @@ impl Evaluator for SampledEvaluator {
         let scheme = self.tuned_scheme();
         let values = self.with_gather(|gather, lit| gather.radiosity(&self.receivers, lit, scheme, progress));
         Ok(self.receivers.expand(&values))
+    }
+
+    fn single_scattering_is(&self) -> SingleScattering {
+        self.single.map_or(SingleScattering::None, |single| single.is(&self.scene))
     }
 
     fn single_scattering(&mut self, progress: &dyn Progress) -> Result<Option<Vec<DVec3>>> {

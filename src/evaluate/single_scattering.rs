@@ -94,6 +94,14 @@ impl Traced {
         self.scattering == Scattering::Isotropic || used.into_iter().all(|m| m.properties.g == 0.0)
     }
 
+    /// See [`Evaluator::single_scattering_is`](super::Evaluator::single_scattering_is).
+    pub fn is(self, scene: &Scene) -> super::SingleScattering {
+        match self.is_per_vertex(scene) {
+            true => super::SingleScattering::PerVertex,
+            false => super::SingleScattering::TowardsEye,
+        }
+    }
+
     fn settings(self) -> Settings {
         Settings {
             coefficients: match self.scattering {

@@ -14,7 +14,7 @@ use crate::evaluate::device::{Device, DeviceEvaluator};
 use crate::evaluate::inter_reflection::Outside;
 use crate::evaluate::sampled::{Bound, Far, Plan, SampledEvaluator};
 use crate::evaluate::single_scattering::{LitScene, TowardsEye, Traced};
-use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit};
+use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, SingleScattering};
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::Samples;
 use crate::light::Light;
@@ -195,6 +195,9 @@ impl Single {
 
 /// Light that is scattered once, as an asset stores it or not.
 pub(in crate::methods) trait StoredSingle: Send + Sync {
+    /// What [`Evaluator::single_scattering_is`] gives.
+    fn is(&self, scene: &Scene) -> SingleScattering;
+
     /// What [`Evaluator::single_scattering`] gives.
     fn per_vertex(&self, lit: LitScene, receivers: &Receivers) -> Result<Option<Vec<DVec3>>>;
 
@@ -330,8 +333,12 @@ impl<S: Stored + 'static> Evaluator for BakedIn<S> {
         single.per_vertex(self.lit_scene(), &self.receivers)
     }
 
-    fn includes_single_scattering(&self) -> bool {
-        matches!(self.single, Single::Folded(_))
+    fn single_scattering_is(&self) -> SingleScattering {
+        match &self.single {
+            Single::None => SingleScattering::None,
+            Single::Folded(_) => SingleScattering::Included,
+            Single::Beside(single) => single.is(&self.scene),
+        }
     }
 
     fn towards_eye(&self) -> Result<Option<Box<dyn TowardsEye + '_>>> {

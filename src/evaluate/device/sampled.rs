@@ -13,7 +13,7 @@ use crate::compress::ledger::Ledger;
 use crate::error::Result;
 use crate::evaluate::sampled::SampledEvaluator;
 use crate::evaluate::single_scattering::TowardsEye;
-use crate::evaluate::{Capabilities, Cost, Evaluator};
+use crate::evaluate::{Capabilities, Cost, Evaluator, SingleScattering};
 use crate::geometry::bvh::Bvh;
 use crate::light::Light;
 use crate::progress::Progress;
@@ -197,6 +197,10 @@ impl Evaluator for SampledOnDevice {
 
     fn single_scattering(&mut self, progress: &dyn Progress) -> Result<Option<Vec<DVec3>>> {
         self.cpu.single_scattering(progress)
+    }
+
+    fn single_scattering_is(&self) -> SingleScattering {
+        self.cpu.single_scattering_is()
     }
 
     fn towards_eye(&self) -> Result<Option<Box<dyn TowardsEye + '_>>> {

@@ -8,7 +8,7 @@ use super::{Device, DeviceEvaluator};
 use crate::compress::ledger::Ledger;
 use crate::error::Result;
 use crate::evaluate::single_scattering::TowardsEye;
-use crate::evaluate::{Capabilities, Cost, Evaluator};
+use crate::evaluate::{Capabilities, Cost, Evaluator, SingleScattering};
 use crate::geometry::bvh::Bvh;
 use crate::light::Light;
 use crate::progress::Progress;
@@ -99,8 +99,8 @@ impl Evaluator for Uploaded {
         self.evaluator.single_scattering(progress)
     }
 
-    fn includes_single_scattering(&self) -> bool {
-        self.evaluator.includes_single_scattering()
+    fn single_scattering_is(&self) -> SingleScattering {
+        self.evaluator.single_scattering_is()
     }
 
     fn towards_eye(&self) -> Result<Option<Box<dyn TowardsEye + '_>>> {

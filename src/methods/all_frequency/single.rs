@@ -10,6 +10,7 @@ use super::plan::{Plan, Single};
 use super::rows::Rows;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
+use crate::evaluate::SingleScattering;
 use crate::evaluate::sampling_error::receiver_areas;
 use crate::evaluate::single_scattering::{LitScene, Scattering, SeenPoint, TowardsEye, Traced};
 use crate::light::Light;
@@ -21,7 +22,7 @@ use crate::methods::components::{Components, Weighted};
 use crate::methods::single_keys::Integrand;
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::Scene;
-use crate::transport::single_scattering::radiance::{Path, Settings, SingleScattering};
+use crate::transport::single_scattering::radiance::{self, Path, Settings};
 use crate::transport::single_scattering::{Coefficients, ExitPoint, inside_towards, radiosity_factor, vertex_points};
 
 /// Places inside for each pixel, by rays.
@@ -134,6 +135,13 @@ struct LookedUp {
 }
 
 impl StoredSingle for LookedUp {
+    fn is(&self, _: &Scene) -> SingleScattering {
+        match self.phase {
+            Phase::Isotropic => SingleScattering::PerVertex,
+            Phase::OfMedia => SingleScattering::TowardsEye,
+        }
+    }
+
     fn per_vertex(&self, lit: LitScene, receivers: &Receivers) -> Result<Option<Vec<DVec3>>> {
         if self.phase == Phase::OfMedia {
             return Ok(None);
@@ -230,6 +238,10 @@ impl TowardsEye for LitFromOutside<'_> {
 struct ByRays(Traced);
 
 impl StoredSingle for ByRays {
+    fn is(&self, scene: &Scene) -> SingleScattering {
+        self.0.is(scene)
+    }
+
     fn per_vertex(&self, lit: LitScene, _: &Receivers) -> Result<Option<Vec<DVec3>>> {
         self.0.per_vertex(lit, &crate::progress::Silent)
     }
@@ -292,7 +304,7 @@ impl<'a> Probe<'a> {
         };
         let Integrand { form, crossings } = self.integrand;
         let settings = Settings { coefficients, form, crossings, ..Settings::REFERENCE };
-        let rays = SingleScattering::new(self.lit.scene, self.lit.bvh, lights, settings)?;
+        let rays = radiance::SingleScattering::new(self.lit.scene, self.lit.bvh, lights, settings)?;
         let aslant = |n: DVec3| (n + n.any_orthonormal_vector()).normalize_or_zero();
         let points = || self.points.par_iter().zip(&self.some);
         let (found, expected): (Vec<DVec3>, Vec<DVec3>) = match phase {

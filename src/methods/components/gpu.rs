@@ -12,7 +12,7 @@ use crate::error::Result;
 use crate::evaluate::device::interpolated::{InterpolatedOnDevice, Sum};
 use crate::evaluate::device::{Device, DeviceEvaluator, read_radiosity};
 use crate::evaluate::single_scattering::TowardsEye;
-use crate::evaluate::{Capabilities, Cost, Evaluator};
+use crate::evaluate::{Capabilities, Cost, Evaluator, SingleScattering};
 use crate::geometry::bvh::Bvh;
 use crate::light::Light;
 use crate::methods::baked_in::BakedIn;
@@ -110,8 +110,8 @@ impl<B: LightBasis> Evaluator for ComponentsOnDevice<B> {
         self.cpu.single_scattering(progress)
     }
 
-    fn includes_single_scattering(&self) -> bool {
-        self.cpu.includes_single_scattering()
+    fn single_scattering_is(&self) -> SingleScattering {
+        self.cpu.single_scattering_is()
     }
 
     fn towards_eye(&self) -> Result<Option<Box<dyn TowardsEye + '_>>> {
