@@ -1,9 +1,10 @@
-//! Sections of quantised lights and of quantised values that hold what the fuzzer wants: an error, or content that is valid,
+//! Sections of quantised lights, of quantised values and of distant light in harmonics that hold what the fuzzer wants: an error, or content that is valid,
 //! writes, and reads back equal; and coded coefficients that decode to an error or to what encodes again. The input is a run of
 //! (length u16, bytes) for each section in the order of the tags.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
+use translux_format::distant_transport::{self, DistantTransport};
 use translux_format::quantised_lights::{QuantisedLights, tags};
 use translux_format::quantised_values::{self, QuantisedValues};
 use translux_format::{Budget, Codec, ElementType, Kind, RawSection, Tag, coefficients};
@@ -35,6 +36,11 @@ const U8: (ElementType, usize) = (ElementType::U8, 1);
 /// Types of `quantised_lights::tags::Set` and of `quantised_values::tags::ALL`.
 const OF_A_SET: [(ElementType, usize); 5] = [F32, F32, U8, U16, U8];
 const OF_VALUES: [(ElementType, usize); 8] = [RECORD, F32, F32, U8, F32, U8, U8, U8];
+/// Types of `distant_transport::tags::ALL`: the record and the set of all light, then of light that is scattered once.
+const OF_DISTANT: [(ElementType, usize); 12] = [RECORD, F32, F32, U8, U16, U8, RECORD, F32, F32, U8, U16, U8];
+
+/// Rows of distant light that none has.
+const VERTICES: usize = 4;
 
 fuzz_target!(|input: &[u8]| {
     let mut rest = input;
@@ -49,6 +55,11 @@ fuzz_target!(|input: &[u8]| {
     if let Ok(Some(values)) = QuantisedValues::from_sections(&sections(&mut rest, &values)) {
         let written = values.to_sections().expect("what decodes can be written");
         assert!(QuantisedValues::from_sections(&written).expect("what is written decodes") == Some(values));
+    }
+    let distant: Vec<_> = distant_transport::tags::ALL.into_iter().zip(OF_DISTANT).map(typed).collect();
+    if let Ok(Some(distant)) = DistantTransport::from_sections(&sections(&mut rest, &distant), VERTICES) {
+        let written = distant.to_sections().expect("what decodes can be written");
+        assert!(DistantTransport::from_sections(&written, VERTICES).expect("what is written decodes") == Some(distant));
     }
     let tag = tags::SETS[0].coefficients;
     if let Ok(found) = coefficients::decode(tag, rest, None, Budget::default()) {
