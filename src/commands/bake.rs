@@ -86,12 +86,14 @@ pub(super) fn run(args: &BakeArgs, console: &Console) -> Result<ExitCode> {
         mesh,
         ledger: asset.ledger,
     };
+    let samples = match result.samples {
+        0 => String::new(),
+        count => format!(" {count} samples {} mm apart,", significant(spacing.nominal_mm)),
+    };
     console.note(&format!(
-        "{}: {}, {} samples {} mm apart, {:.1} bytes/vertex without the mesh, {}",
+        "{}: {},{samples} {:.1} bytes/vertex without the mesh, {}",
         result.output.display(),
         megabytes(bytes),
-        result.samples,
-        significant(spacing.nominal_mm),
         result.bytes_per_vertex,
         duration(console.seconds())
     ));

@@ -248,7 +248,7 @@ pub(super) fn finish(
     }
     let frame = render(evaluator, exitance, &lights.lights, &settings, console)?;
     let single_scattering_paths = towards_eye.as_ref().map(|eye| eye.paths_per_pixel(settings.samples_per_pixel));
-    if let Some(paths) = single_scattering_paths {
+    if let Some(paths) = single_scattering_paths.filter(|paths| *paths > 0) {
         console.note(&cost_of_single(&frame, paths));
     }
     drop(towards_eye);

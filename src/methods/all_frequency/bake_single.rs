@@ -55,17 +55,25 @@ const CHUNK: usize = 16;
 /// Relative L2 error of a phase function for each of the asked error; what light from a hemisphere makes of it is less.
 const PHASE: f64 = 20.0;
 
+/// Error of single scattering for each of what the terms leave out of the phase function.
+const OF_CUT: f64 = 0.25;
+
 /// What the media ask for; no medium with another g than 0 makes it isotropic.
 pub(super) fn resolved(single: Single, scene: &Scene, max_rms: f64) -> Single {
     let Single::Phase(terms) = single else { return single };
-    let media = scene.parts.parts.iter().filter_map(|part| scene.media.get(part.medium? as usize));
-    let g = media.map(|m| m.properties.g.abs()).fold(0.0, f64::max);
+    let g = largest_g(scene);
     let fits = |terms: &&usize| missing(g, **terms) <= PHASE * max_rms;
     match terms {
         Terms::Auto if g == 0.0 => Single::Isotropic,
         Terms::Auto => Single::Phase([1, 4, 9, 16].iter().find(fits).map_or(Terms::Rays, |k| Terms::Stored(*k))),
         Terms::Stored(_) | Terms::Rays => single,
     }
+}
+
+/// The largest |g| of the media in use.
+fn largest_g(scene: &Scene) -> f64 {
+    let media = scene.parts.parts.iter().filter_map(|part| scene.media.get(part.medium? as usize));
+    media.map(|m| m.properties.g.abs()).fold(0.0, f64::max)
 }
 
 /// What whole bands of Henyey and Greenstein's function leave out, relative L2 error.
@@ -211,7 +219,11 @@ impl<'a, 'b> Baked<'a, 'b> {
         let settings = VectorSettings { side, coefficients, phase, form, crossings, ..VectorSettings::DEFAULT };
         let stage = work.stage;
         let baker = VectorBaker::new(stage.scene, &stage.bvh, settings)?;
-        let own = darker(stage.scene, coefficients).clamp(1.0, MOST_OWN);
+        let cut = match single {
+            Single::Phase(Terms::Stored(terms)) => OF_CUT * missing(largest_g(stage.scene), terms) / work.max_rms,
+            _ => 0.0,
+        };
+        let own = darker(stage.scene, coefficients).max(cut).clamp(1.0, MOST_OWN);
         Ok(Self { work, coefficients, exits: exits(stage.scene, &stage.receivers), baker, own })
     }
 
