@@ -288,7 +288,7 @@ fn pictures(context: &Context) -> Result<(String, String, String)> {
     };
     let four = [0.25, 0.4, 0.7, 0.9].map(|g| of(g).map_or("?".to_owned(), |e| format!("{:.0}", 1e3 * e)));
     let line = summary(
-        "four terms of a phase function, image RMS of single scattering, 1e-3, for |g| = 0.25, 0.4, 0.7, 0.9",
+        "four terms of a phase function, image RMS of single scattering, 1e-3, for g of +- 0.25, 0.4, 0.7, 0.9",
         "used for all figures",
         "measured",
         &four.join(", "),
