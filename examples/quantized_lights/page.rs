@@ -32,8 +32,8 @@ and added at run time (no gain; not remade here), and the vector integral Q (bel
 encoding takes as many as the asked error needs, in less room than the paper's 200 (last section but one).
 
 **Rates below 200 Mvertices/s.** What an asset holds is read at 77 to 139 % of the rate of a copy: memory is the limit, and small models pay for
-waking threads. Three things were done about it: digits of 8 in place of 16 bits with integer sums (2.5 times as fast), coarser shares of the
-asked error for reference points and coding (1.2 times), columns that hardly lessen the error left out. What is left is fewer lights (200: 310 and 394) or
+waking threads. Three things were done about it, together 2.5 times as fast: digits of 8 in place of 16 bits with integer sums, coarser shares of the
+asked error for reference points and coding, columns that hardly lessen the error left out. What is left is fewer lights (200: 310 and 394) or
 a coarser error (skin1 at 3 %: 283 to 298).
 
 ## Figure 5: image error against the number of lights
