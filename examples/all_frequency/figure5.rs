@@ -5,20 +5,18 @@ use std::time::Instant;
 use glam::DVec3;
 use translux::error::Result;
 use translux::geometry::bvh::Bvh;
-use translux::light::Light;
 use translux::light::cube_light::CubeLight;
-use translux::math::cube_map::direction;
 use translux::medium::material::OpticalProperties;
 use translux::render::single::Single;
 use translux::transport::single_scattering::radiance::{DepthSampling, Path, Settings};
 use translux::transport::single_scattering::vectors::{Sharing, VectorBaker, VectorSettings};
 use translux::transport::single_scattering::{radiosity_factor, vertex_points};
 
-use crate::bench::{Map, percent};
+use crate::bench::percent;
 use crate::common::bench::{Context, met, properties, table};
 use crate::common::runner::summary;
 use crate::common::sheet;
-use crate::single::{Picture, Rays, SIDE, SYNTHETIC, Stand, sums};
+use crate::single::{Picture, Rays, SIDE, SYNTHETIC, Stand, sums, sun_and_sky};
 
 /// Side of a picture.
 const PIXELS: usize = 200;
@@ -51,9 +49,7 @@ fn materials() -> Result<[(&'static str, OpticalProperties); 2]> {
 pub(crate) fn run(context: &Context) -> Result<String> {
     let side = if context.quick { FEW_PIXELS } else { PIXELS };
     let directions = if context.quick { FEW_DIRECTIONS } else { DIRECTIONS };
-    let [face, x, y] = SUN;
-    let sun = Light::Directional { from: direction(SIDE, face, x, y), irradiance: DVec3::splat(3.0) };
-    let lights = [("a sun", sun), ("Uffizi", Map::load(context, "debevec_uffizi_256.hdr")?.light(60.0))];
+    let lights = sun_and_sky(context, SUN)?;
     let cubes: Vec<CubeLight> = lights.iter().map(|(_, light)| CubeLight::new(light, SIDE)).collect::<Result<_>>()?;
     let (mut sheets, mut rows, mut text) = (Vec::new(), Vec::new(), String::new());
     let mut worst_shared = 0.0f64;

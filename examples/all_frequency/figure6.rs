@@ -4,7 +4,6 @@ use glam::DVec3;
 use rayon::prelude::*;
 use translux::error::Result;
 use translux::geometry::bvh::Bvh;
-use translux::light::Light;
 use translux::light::cube_light::CubeLight;
 use translux::math::cube_map::{FACES, direction, solid_angles_sr};
 use translux::measure::chart::draw::{Front, Point, Scatter, Unit, scatter_svg};
@@ -17,11 +16,11 @@ use translux::transport::single_scattering::radiance::{Path, Settings};
 use translux::transport::single_scattering::vectors::{Sharing, VectorBaker, VectorSettings};
 use translux::transport::single_scattering::{Coefficients, ExitPoint, vertex_points};
 
-use crate::bench::{Map, percent};
+use crate::bench::percent;
 use crate::common::bench::{Context, table};
 use crate::common::runner::summary;
 use crate::common::sheet;
-use crate::single::{Picture, Rays, SIDE, SYNTHETIC, Stand, Terms, View, sums};
+use crate::single::{Picture, Rays, SIDE, SYNTHETIC, Stand, Terms, View, sums, sun_and_sky};
 
 /// Mean cosines.
 const MEAN_COSINES: [f64; 5] = [0.25, -0.25, -0.4, 0.7, 0.9];
@@ -231,9 +230,7 @@ fn settings(phase: LightTerms) -> VectorSettings {
 fn pictures(context: &Context) -> Result<(String, String, String)> {
     let side = if context.quick { FEW_PIXELS } else { PIXELS };
     let directions = if context.quick { FEW_DIRECTIONS } else { DIRECTIONS };
-    let [face, x, y] = SUN;
-    let sun = Light::Directional { from: direction(SIDE, face, x, y), irradiance: DVec3::splat(3.0) };
-    let lights = [("a sun", sun), ("Uffizi", Map::load(context, "debevec_uffizi_256.hdr")?.light(60.0))];
+    let lights = sun_and_sky(context, SUN)?;
     let cubes: Vec<CubeLight> = lights.iter().map(|(_, light)| CubeLight::new(light, SIDE)).collect::<Result<_>>()?;
     let first = body(context, 0.0)?;
     let (bvh, stand) = (Bvh::new(&first.mesh), Stand::new(&first, side)?);

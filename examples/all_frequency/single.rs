@@ -11,6 +11,7 @@ use translux::evaluate::single_scattering::{SeenPoint, TowardsEye};
 use translux::geometry::bvh::Bvh;
 use translux::light::Light;
 use translux::light::cube_light::CubeLight;
+use translux::math::cube_map::direction;
 use translux::measure::image_error::{ImageError, exposure, image_error};
 use translux::medium::fresnel::transmittance;
 use translux::medium::phase::{LegendrePhase, MOST_TERMS, SeparablePhase};
@@ -26,7 +27,8 @@ use translux::transport::single_scattering::interface::refracted;
 use translux::transport::single_scattering::radiance::{Path, Settings, SingleScattering};
 use translux::transport::single_scattering::vectors::VectorBaker;
 
-use crate::common::bench::{Recipe, bake_for};
+use crate::bench::Map;
+use crate::common::bench::{Context, Recipe, bake_for};
 
 /// Eye rays of a pixel, which share its samples.
 const EYE_RAYS: u32 = 4;
@@ -36,6 +38,12 @@ const CHUNK: usize = 64;
 
 /// Faces of the cube map of lights that vectors are multiplied with.
 pub(crate) const SIDE: usize = 32;
+
+/// A sun at the centre of a texel (face, column, row), and an environment.
+pub(crate) fn sun_and_sky(context: &Context, [face, x, y]: [usize; 3]) -> Result<[(&'static str, Light); 2]> {
+    let sun = Light::Directional { from: direction(SIDE, face, x, y), irradiance: DVec3::splat(3.0) };
+    Ok([("a sun", sun), ("Uffizi", Map::load(context, "debevec_uffizi_256.hdr")?.light(60.0))])
+}
 
 /// Who looks at a scene, and from where.
 pub(crate) struct Stand {

@@ -218,7 +218,13 @@ fn compare_ply(result: &mut CompareReport, console: &Console) -> Result<()> {
         None => radiosity[side].clone(),
     };
     let has = [0, 1].map(|side| included[side] || single[side].is_some());
-    let worst = if in_both(has[0], has[1], result, console) {
+    for side in (0..2).filter(|&side| included[side] && !has[1 - side]) {
+        let with = [&result.a, &result.b][side].display();
+        console.warn(&format!("the radiosity of {with} has single scattering in it, that of the other file has not"));
+    }
+    let worst = if included == [false; 2] && !in_both(has[0], has[1], result, console) {
+        error([&radiosity[0], &radiosity[1]])
+    } else {
         let with = error([&sum(0), &sum(1)]);
         match &single {
             [Some(own), Some(other)] => {
@@ -227,8 +233,6 @@ fn compare_ply(result: &mut CompareReport, console: &Console) -> Result<()> {
             }
             _ => with,
         }
-    } else {
-        error([&radiosity[0], &radiosity[1]])
     };
     result.value = result.metric.of(&worst);
     result.vertices = Some(worst);

@@ -16,7 +16,7 @@ use crate::light::harmonics::coefficients;
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::methods::baked_in::{Stored, relative};
 use crate::methods::components::coding::{Radiosities, code};
-use crate::methods::references::{in_ascending_order, spacing, spacing_of, spatial_error};
+use crate::methods::references::{in_ascending_order, spacing, spatial_error};
 use crate::methods::stage::{GROUP, Stage, parts};
 use crate::progress::{Progress, Silent};
 use crate::transport::gather::NearField;
@@ -98,16 +98,15 @@ pub(super) fn harmonics(
     progress: &dyn Progress,
 ) -> Result<File> {
     let (stage, plan) = (work.stage, work.plan);
-    let under_suns = work.transfer.radiosity(suns, &Silent);
-    let mut truth: Vec<Vec<DVec3>> = (0..suns.lights).map(|light| under_suns.under(light)).collect();
     let folded = Folded::new(work)?;
-    if let Some(folded) = &folded {
-        folded.add_under_suns(&mut truth)?;
-    }
-    let spacing_mm = match (plan.spacing_mm, plan.references) {
-        (Some(spacing_mm), _) => spacing_mm,
-        (None, Some(count)) => spacing_of(stage, count),
-        (None, None) => spacing(stage, &truth, SUN * SPATIAL * work.max_rms),
+    let spacing_mm = match plan.asked_spacing_mm(stage) {
+        Some(asked) => asked,
+        None => {
+            let under_suns = work.transfer.radiosity(suns, &Silent);
+            let mut truth: Vec<Vec<DVec3>> = (0..suns.lights).map(|light| under_suns.under(light)).collect();
+            folded.as_ref().map_or(Ok(()), |folded| folded.add_under_suns(&mut truth))?;
+            spacing(stage, &truth, SUN * SPATIAL * work.max_rms)
+        }
     };
     let net = Net::new(&stage.points, &parts(&stage.receivers), spacing_mm);
     let surface = stage.surface();

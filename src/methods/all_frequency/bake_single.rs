@@ -20,7 +20,7 @@ use crate::light::Light;
 use crate::medium::fresnel::diffuse_transmittance;
 use crate::medium::phase::LightTerms;
 use crate::methods::components::coding::{Radiosities, code};
-use crate::methods::references::{in_ascending_order, spacing, spacing_of};
+use crate::methods::references::{in_ascending_order, spacing};
 use crate::methods::single_keys::Integrand;
 use crate::methods::stage::parts;
 use crate::progress::{Progress, Silent};
@@ -242,11 +242,8 @@ impl<'a, 'b> Baked<'a, 'b> {
     /// How far apart reference points may be.
     fn spacing(&self) -> Result<f64> {
         let Work { stage, plan, suns, max_rms, .. } = self.work;
-        if let Some(spacing_mm) = plan.spacing_mm {
-            return Ok(spacing_mm);
-        }
-        if let Some(count) = plan.references {
-            return Ok(spacing_of(stage, count));
+        if let Some(asked) = plan.asked_spacing_mm(stage) {
+            return Ok(asked);
         }
         let truth: Vec<Vec<DVec3>> = under_some(suns).map(|(_, sun)| self.under(sun)).collect::<Result<_>>()?;
         Ok(spacing(stage, &truth, SUN * self.own * SPATIAL * max_rms))

@@ -11,8 +11,10 @@ use crate::light::LightKind;
 use crate::light::cube_light::Transform;
 use crate::math::cube_map::FACES;
 use crate::methods::inter_reflection::outside;
+use crate::methods::references::spacing_of;
 use crate::methods::settings::number;
 use crate::methods::single_keys::Integrand;
+use crate::methods::stage::Stage;
 use crate::transport::visibility::Resolution;
 
 /// Order of the harmonics at most.
@@ -76,8 +78,8 @@ pub(super) struct Plan {
     pub(super) row: usize,
     /// Order of the harmonics, or as the error asks.
     pub(super) order: Option<usize>,
-    pub(super) spacing_mm: Option<f64>,
-    pub(super) references: Option<usize>,
+    spacing_mm: Option<f64>,
+    references: Option<usize>,
     pub(super) single: Single,
     /// What it is expressed in.
     pub(super) single_basis: Basis,
@@ -154,6 +156,11 @@ impl Plan {
             integrand,
             outside: outside(values, &RAYS)?,
         })
+    }
+
+    /// Distance between reference points, mm, where it or their number is asked for.
+    pub(super) fn asked_spacing_mm(&self, stage: &Stage) -> Option<f64> {
+        self.spacing_mm.or_else(|| self.references.map(|count| spacing_of(stage, count)))
     }
 
     /// Refuses keys that this basis does not read, and kinds of light that it does not serve.

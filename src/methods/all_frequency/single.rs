@@ -6,7 +6,7 @@ use translux_format::distant_transport::{Single as File, tags};
 
 use super::bake_single::resolved;
 use super::harmonics::{Harmonics, components};
-use super::plan::{Plan, Single};
+use super::plan::{Plan, Single, Terms};
 use super::rows::Rows;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
@@ -43,10 +43,12 @@ pub(super) fn stored(file: Option<&File>, plan: &Plan, scene: &Scene, receivers:
         return Ok(match plan.single {
             Single::Off => InAsset::None,
             Single::Folded => InAsset::Folded(traced(Scattering::Isotropic, PLACES_OF_VERTICES, plan)),
-            Single::Isotropic => {
+            Single::Isotropic | Single::Phase(Terms::Stored(_)) => {
                 return Err(Error::input("an asset of `all_frequency` without its sections afs.*; bake it again"));
             }
-            Single::Phase(_) => InAsset::Beside(Box::new(ByRays(traced(Scattering::OfMedium, PLACES, plan)))),
+            Single::Phase(Terms::Auto | Terms::Rays) => {
+                InAsset::Beside(Box::new(ByRays(traced(Scattering::OfMedium, PLACES, plan))))
+            }
         });
     };
     let phase = match resolved(plan.single, scene, f64::INFINITY) {
