@@ -4,6 +4,7 @@
 pub mod device;
 pub mod environment;
 pub mod far_field;
+pub(crate) mod forward;
 pub mod inter_reflection;
 pub mod sampled;
 pub mod sampling_error;

@@ -2,13 +2,12 @@
 
 use glam::DVec3;
 
-use super::{Capabilities, Cost, Evaluator, SingleScattering};
-use crate::compress::ledger::Ledger;
+use super::forward::forward_scene;
+use super::{Evaluator, SingleScattering};
 use crate::error::Result;
-use crate::geometry::bvh::Bvh;
 use crate::light::Light;
 use crate::progress::Progress;
-use crate::transport::scene::{Medium, Scene};
+use crate::transport::scene::Medium;
 
 /// An evaluator whose radiosity has in it what another has beside it.
 pub struct Summed {
@@ -32,21 +31,7 @@ impl Summed {
 }
 
 impl Evaluator for Summed {
-    fn capabilities(&self) -> Capabilities {
-        self.evaluator.capabilities()
-    }
-
-    fn cost(&self) -> Cost {
-        self.evaluator.cost()
-    }
-
-    fn scene(&self) -> &Scene {
-        self.evaluator.scene()
-    }
-
-    fn bvh(&self) -> &Bvh {
-        self.evaluator.bvh()
-    }
+    forward_scene!(evaluator);
 
     fn set_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()> {
         self.evaluator.set_lights(lights, progress)
@@ -63,10 +48,6 @@ impl Evaluator for Summed {
 
     fn single_scattering_is(&self) -> SingleScattering {
         SingleScattering::Included
-    }
-
-    fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {
-        self.evaluator.measured_error(unseen, progress)
     }
 
     fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {

@@ -9,19 +9,17 @@ use glam::DVec3;
 use super::jobs::{CLUSTER, Effort, Entries, Shard, shards};
 use super::surface::{Geometry, KERNEL, READ, SurfaceBuffers, bind, bind_group_layout, dispatch, pipeline};
 use super::{Device, DeviceEvaluator, read_radiosity};
-use crate::compress::ledger::Ledger;
 use crate::error::Result;
+use crate::evaluate::Evaluator;
+use crate::evaluate::forward::{forward_scene, forward_single_scattering};
 use crate::evaluate::sampled::SampledEvaluator;
-use crate::evaluate::single_scattering::TowardsEye;
-use crate::evaluate::{Capabilities, Cost, Evaluator, SingleScattering};
-use crate::geometry::bvh::Bvh;
 use crate::light::Light;
 use crate::progress::Progress;
 use crate::transport::balanced_tree::power_of_two_near;
 use crate::transport::gather::{Scheme, Source};
 use crate::transport::kernel::EDGE_RULES;
 use crate::transport::near_field::Corners;
-use crate::transport::scene::{Medium, Scene};
+use crate::transport::scene::Medium;
 
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
@@ -164,21 +162,8 @@ impl DeviceEvaluator for SampledOnDevice {
 }
 
 impl Evaluator for SampledOnDevice {
-    fn capabilities(&self) -> Capabilities {
-        self.cpu.capabilities()
-    }
-
-    fn cost(&self) -> Cost {
-        self.cpu.cost()
-    }
-
-    fn scene(&self) -> &Scene {
-        self.cpu.scene()
-    }
-
-    fn bvh(&self) -> &Bvh {
-        self.cpu.bvh()
-    }
+    forward_scene!(cpu);
+    forward_single_scattering!(cpu);
 
     fn set_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()> {
         self.is_current = false;
@@ -193,22 +178,6 @@ impl Evaluator for SampledOnDevice {
 
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
         read_radiosity(self, progress)
-    }
-
-    fn single_scattering(&mut self, progress: &dyn Progress) -> Result<Option<Vec<DVec3>>> {
-        self.cpu.single_scattering(progress)
-    }
-
-    fn single_scattering_is(&self) -> SingleScattering {
-        self.cpu.single_scattering_is()
-    }
-
-    fn towards_eye(&self) -> Result<Option<Box<dyn TowardsEye + '_>>> {
-        self.cpu.towards_eye()
-    }
-
-    fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {
-        self.cpu.measured_error(unseen, progress)
     }
 
     fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {

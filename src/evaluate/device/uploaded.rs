@@ -5,15 +5,13 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::{Device, DeviceEvaluator};
-use crate::compress::ledger::Ledger;
 use crate::error::Result;
-use crate::evaluate::single_scattering::TowardsEye;
-use crate::evaluate::{Capabilities, Cost, Evaluator, SingleScattering};
-use crate::geometry::bvh::Bvh;
+use crate::evaluate::Evaluator;
+use crate::evaluate::forward::{forward_scene, forward_single_scattering};
 use crate::light::Light;
 use crate::progress::Progress;
 use crate::transport::balanced_tree::power_of_two_near;
-use crate::transport::scene::{Medium, Scene};
+use crate::transport::scene::Medium;
 
 /// An evaluator of the CPU with a copy of its radiosity on a device; a receiver for each source vertex.
 pub struct Uploaded {
@@ -67,21 +65,8 @@ impl DeviceEvaluator for Uploaded {
 }
 
 impl Evaluator for Uploaded {
-    fn capabilities(&self) -> Capabilities {
-        self.evaluator.capabilities()
-    }
-
-    fn cost(&self) -> Cost {
-        self.evaluator.cost()
-    }
-
-    fn scene(&self) -> &Scene {
-        self.evaluator.scene()
-    }
-
-    fn bvh(&self) -> &Bvh {
-        self.evaluator.bvh()
-    }
+    forward_scene!(evaluator);
+    forward_single_scattering!(evaluator);
 
     fn set_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()> {
         self.evaluator.set_lights(lights, progress)
@@ -93,22 +78,6 @@ impl Evaluator for Uploaded {
 
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
         self.evaluator.radiosity(progress)
-    }
-
-    fn single_scattering(&mut self, progress: &dyn Progress) -> Result<Option<Vec<DVec3>>> {
-        self.evaluator.single_scattering(progress)
-    }
-
-    fn single_scattering_is(&self) -> SingleScattering {
-        self.evaluator.single_scattering_is()
-    }
-
-    fn towards_eye(&self) -> Result<Option<Box<dyn TowardsEye + '_>>> {
-        self.evaluator.towards_eye()
-    }
-
-    fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {
-        self.evaluator.measured_error(unseen, progress)
     }
 
     fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {

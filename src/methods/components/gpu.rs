@@ -7,17 +7,15 @@ use glam::DVec3;
 
 use super::digits::Term;
 use super::{Components, LightBasis};
-use crate::compress::ledger::Ledger;
 use crate::error::Result;
+use crate::evaluate::Evaluator;
 use crate::evaluate::device::interpolated::{InterpolatedOnDevice, Sum};
 use crate::evaluate::device::{Device, DeviceEvaluator, read_radiosity};
-use crate::evaluate::single_scattering::TowardsEye;
-use crate::evaluate::{Capabilities, Cost, Evaluator, SingleScattering};
-use crate::geometry::bvh::Bvh;
+use crate::evaluate::forward::{forward_scene, forward_single_scattering};
 use crate::light::Light;
 use crate::methods::baked_in::BakedIn;
 use crate::progress::Progress;
-use crate::transport::scene::{Medium, Scene};
+use crate::transport::scene::Medium;
 
 /// The transport of an asset on a device.
 pub(in crate::methods) struct ComponentsOnDevice<B: LightBasis> {
@@ -76,21 +74,8 @@ impl<B: LightBasis> DeviceEvaluator for ComponentsOnDevice<B> {
 }
 
 impl<B: LightBasis> Evaluator for ComponentsOnDevice<B> {
-    fn capabilities(&self) -> Capabilities {
-        self.cpu.capabilities()
-    }
-
-    fn cost(&self) -> Cost {
-        self.cpu.cost()
-    }
-
-    fn scene(&self) -> &Scene {
-        self.cpu.scene()
-    }
-
-    fn bvh(&self) -> &Bvh {
-        self.cpu.bvh()
-    }
+    forward_scene!(cpu);
+    forward_single_scattering!(cpu);
 
     fn set_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()> {
         self.cpu.set_lights(lights, progress)?;
@@ -104,22 +89,6 @@ impl<B: LightBasis> Evaluator for ComponentsOnDevice<B> {
 
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
         read_radiosity(self, progress)
-    }
-
-    fn single_scattering(&mut self, progress: &dyn Progress) -> Result<Option<Vec<DVec3>>> {
-        self.cpu.single_scattering(progress)
-    }
-
-    fn single_scattering_is(&self) -> SingleScattering {
-        self.cpu.single_scattering_is()
-    }
-
-    fn towards_eye(&self) -> Result<Option<Box<dyn TowardsEye + '_>>> {
-        self.cpu.towards_eye()
-    }
-
-    fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {
-        self.cpu.measured_error(unseen, progress)
     }
 
     fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {

@@ -1,0 +1,56 @@
+//! Evaluators that wrap another one.
+
+/// What an evaluator that wraps another one in a field passes on unchanged, whatever it does with light.
+macro_rules! forward_scene {
+    ($inner:ident) => {
+        fn capabilities(&self) -> $crate::evaluate::Capabilities {
+            self.$inner.capabilities()
+        }
+
+        fn cost(&self) -> $crate::evaluate::Cost {
+            self.$inner.cost()
+        }
+
+        fn scene(&self) -> &$crate::transport::scene::Scene {
+            self.$inner.scene()
+        }
+
+        fn bvh(&self) -> &$crate::geometry::bvh::Bvh {
+            self.$inner.bvh()
+        }
+
+        fn measured_error(
+            &mut self,
+            unseen: &[$crate::light::Light],
+            progress: &dyn $crate::progress::Progress,
+        ) -> $crate::error::Result<$crate::compress::ledger::Ledger> {
+            self.$inner.measured_error(unseen, progress)
+        }
+    };
+}
+pub(crate) use forward_scene;
+
+/// The same of single scattering.
+#[cfg(feature = "gpu")]
+macro_rules! forward_single_scattering {
+    ($inner:ident) => {
+        fn single_scattering(
+            &mut self,
+            progress: &dyn $crate::progress::Progress,
+        ) -> $crate::error::Result<Option<Vec<glam::DVec3>>> {
+            self.$inner.single_scattering(progress)
+        }
+
+        fn single_scattering_is(&self) -> $crate::evaluate::SingleScattering {
+            self.$inner.single_scattering_is()
+        }
+
+        fn towards_eye(
+            &self,
+        ) -> $crate::error::Result<Option<Box<dyn $crate::evaluate::single_scattering::TowardsEye + '_>>> {
+            self.$inner.towards_eye()
+        }
+    };
+}
+#[cfg(feature = "gpu")]
+pub(crate) use forward_single_scattering;
