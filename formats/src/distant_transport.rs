@@ -57,7 +57,7 @@ pub mod tags {
 }
 
 /// Order of the harmonics at most.
-pub const MOST_ORDER: u32 = 24;
+pub const MOST_ORDER: u32 = 32;
 
 /// Terms of the phase function at most.
 pub const MOST_TERMS: u32 = 16;

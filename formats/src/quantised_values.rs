@@ -39,7 +39,7 @@ pub mod tags {
 pub const LEVELS: usize = 256;
 
 /// Highest order of the harmonics.
-pub const MOST_ORDER: u8 = 24;
+pub const MOST_ORDER: u8 = 32;
 
 /// Channels.
 const CHANNELS: usize = 3;

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use crate::error::{Error, Result};
 
 /// Largest order that is tested and that a [`Fit`] takes.
-pub const MOST_ORDER: usize = 24;
+pub const MOST_ORDER: usize = 32;
 
 /// Condition number of the normal equations above which a fit is refused: what is left of 16 digits is then less than 6.
 const MOST_CONDITION: f64 = 1e10;

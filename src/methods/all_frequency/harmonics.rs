@@ -10,7 +10,7 @@ use crate::compress::prediction::Net;
 use crate::error::Result;
 use crate::light::Light;
 use crate::light::harmonics::coefficients;
-use crate::methods::components::{Coded, Components, LightBasis, Lit, Transport, Weighted};
+use crate::methods::components::{Coded, Components, LightBasis, LightFunctions, Lit, Transport, Weighted};
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::Scene;
 
@@ -29,8 +29,7 @@ pub(super) fn components(
     let order = file.order as usize;
     let net = Net::unpredicted(order * order);
     let coded = [Coded { set: &file.set, tags, shells: 0..shells, net: &net }];
-    let fold = |basis: Vec<f32>, _| basis.iter().map(|v| f64::from(*v)).collect();
-    let transport = Transport::new(&coded, (scene, receivers), file.spacing_mm, fold)?;
+    let transport = Transport::new(&coded, (scene, receivers), file.spacing_mm, |basis, _| LightFunctions::Stored(basis))?;
     Ok(Components { basis: Harmonics { order }, transport })
 }
 

@@ -18,7 +18,7 @@ use crate::methods::stage::Stage;
 use crate::transport::visibility::Resolution;
 
 /// Order of the harmonics at most.
-pub(super) const MOST_ORDER: usize = 24;
+pub(super) const MOST_ORDER: usize = 32;
 
 /// Coefficients of a row unless they are asked for: the paper's.
 const ROW: usize = 128;

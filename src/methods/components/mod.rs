@@ -106,12 +106,20 @@ struct Column {
     digit: Digit,
 }
 
+/// Rows of functions of the light, `[row][function]`, in the precision that they need.
+pub(in crate::methods) enum LightFunctions {
+    /// As stored.
+    Stored(Vec<f32>),
+    /// Combined: sums of these may be far smaller than they are.
+    Combined(Vec<f64>),
+}
+
 /// What makes columns of lights in some shells.
 struct SetOfShells {
     shells: Range<usize>,
     columns: Vec<Option<Column>>,
-    /// See [`folded`]; the units of the directions are in it.
-    basis: Vec<f64>,
+    /// The units of the directions are in it.
+    basis: LightFunctions,
     functions: usize,
     /// Rows: decorrelated planes, columns: channels and, in each, shells.
     channels: Vec<f64>,
@@ -124,7 +132,7 @@ impl Transport {
         coded: &[Coded],
         (scene, receivers): (&Scene, &Receivers),
         spacing_mm: f64,
-        fold: impl Fn(Vec<f32>, usize) -> Vec<f64>,
+        fold: impl Fn(Vec<f32>, usize) -> LightFunctions,
     ) -> Result<Self> {
         let fail = |e: FormatError| Error::input(e.to_string());
         let points = oriented(scene, receivers);
@@ -301,7 +309,7 @@ impl Transport {
     /// Bytes in memory.
     pub(in crate::methods) fn bytes(&self) -> usize {
         size_of_val(self.coefficients.as_slice())
-            + self.sets.iter().map(|set| size_of_val(set.basis.as_slice())).sum::<usize>()
+            + self.sets.iter().map(|set| set.basis.bytes()).sum::<usize>()
             + size_of_val(self.positions.as_slice())
             + self.weights.bytes()
     }
@@ -378,21 +386,38 @@ impl SetOfShells {
 
     /// Sums of rows of the basis with these weights.
     fn sums_of(&self, weights: &[f64]) -> Vec<f64> {
-        let rows = weights.iter().zip(self.basis.chunks_exact(self.functions.max(1)));
-        let rows: Vec<(f64, &[f64])> = rows.map(|(w, row)| (*w, row)).filter(|(w, _)| *w != 0.0).collect();
-        let level = Level::detect();
-        let of_chunk = |rows: &[(f64, &[f64])]| {
-            let mut sums = vec![0.0; self.functions];
-            add_rows(level, &mut sums, rows);
-            sums
-        };
-        let chunks: Vec<Vec<f64>> = rows.par_chunks(ROWS_OF_A_TASK).map(of_chunk).collect();
-        let mut total = vec![0.0; self.functions];
-        for chunk in &chunks {
-            total.iter_mut().zip(chunk).for_each(|(total, sum)| *total += sum);
+        match &self.basis {
+            LightFunctions::Stored(basis) => sums(weights, basis, self.functions, add_rows_single),
+            LightFunctions::Combined(basis) => sums(weights, basis, self.functions, add_rows_double),
         }
-        total
     }
+}
+
+impl LightFunctions {
+    fn bytes(&self) -> usize {
+        match self {
+            Self::Stored(basis) => size_of_val(basis.as_slice()),
+            Self::Combined(basis) => size_of_val(basis.as_slice()),
+        }
+    }
+}
+
+/// Sums of rows of `width` with these weights.
+fn sums<T: Sync>(weights: &[f64], rows: &[T], width: usize, add: fn(Level, &mut [f64], &[(f64, &[T])])) -> Vec<f64> {
+    let rows = weights.iter().zip(rows.chunks_exact(width.max(1)));
+    let rows: Vec<(f64, &[T])> = rows.map(|(w, row)| (*w, row)).filter(|(w, _)| *w != 0.0).collect();
+    let level = Level::detect();
+    let of_chunk = |rows: &[(f64, &[T])]| {
+        let mut sums = vec![0.0; width];
+        add(level, &mut sums, rows);
+        sums
+    };
+    let chunks: Vec<Vec<f64>> = rows.par_chunks(ROWS_OF_A_TASK).map(of_chunk).collect();
+    let mut total = vec![0.0; width];
+    for chunk in &chunks {
+        total.iter_mut().zip(chunk).for_each(|(total, sum)| *total += sum);
+    }
+    total
 }
 
 /// Digits of every stored column.
@@ -424,22 +449,27 @@ fn by_colour(weights: &[[f64; 3]]) -> Vec<([f64; 3], Vec<f64>)> {
 
 /// Adds rows of the basis times their weights.
 #[inline(always)]
-fn add_rows_body(sums: &mut [f64], rows: &[(f64, &[f64])]) {
+fn add_rows_body<T: Copy + Into<f64>>(sums: &mut [f64], rows: &[(f64, &[T])]) {
     let (together, rest) = rows.as_chunks::<ROWS>();
     for &[(a, first), (b, second), (c, third), (d, fourth)] in together {
         let rows = first.iter().zip(second).zip(third.iter().zip(fourth));
-        for (sum, ((p, q), (r, s))) in sums.iter_mut().zip(rows) {
-            *sum += (a * p + b * q) + (c * r + d * s);
+        for (sum, ((&p, &q), (&r, &s))) in sums.iter_mut().zip(rows) {
+            *sum += (a * p.into() + b * q.into()) + (c * r.into() + d * s.into());
         }
     }
     for (weight, row) in rest {
-        sums.iter_mut().zip(*row).for_each(|(sum, v)| *sum += weight * v);
+        sums.iter_mut().zip(*row).for_each(|(sum, &v)| *sum += weight * v.into());
     }
 }
 
 multiversion! {
     /// See [`add_rows_body`].
-    fn add_rows(sums: &mut [f64], rows: &[(f64, &[f64])]) => add_rows_body
+    fn add_rows_single(sums: &mut [f64], rows: &[(f64, &[f32])]) => add_rows_body
+}
+
+multiversion! {
+    /// See [`add_rows_body`].
+    fn add_rows_double(sums: &mut [f64], rows: &[(f64, &[f64])]) => add_rows_body
 }
 
 /// From rows of the light net to `[direction][function]` times the direction's unit.

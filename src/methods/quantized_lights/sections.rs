@@ -9,7 +9,7 @@ use super::lights::{LightSet, light_net};
 use crate::error::{Error, Result};
 use crate::light::Light;
 use crate::light::quantised::vector::Emission;
-use crate::methods::components::{Coded, Lit, Transport, Weighted};
+use crate::methods::components::{Coded, LightFunctions, Lit, Transport, Weighted};
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::Scene;
 
@@ -64,10 +64,10 @@ fn weights_of_lights(set: &LightSet, lights: &[Light]) -> Result<Vec<Vec<[f64; 3
 
 /// The basis as a function of what the interpolator's weights are linear in, `[function of the direction][function]`; as it is,
 /// `[direction][function]`, where there is nothing of the kind.
-fn folded(basis: Vec<f32>, functions: usize, set: &LightSet) -> Vec<f64> {
+fn folded(basis: Vec<f32>, functions: usize, set: &LightSet) -> LightFunctions {
     let width = set.interpolator.functions();
     if width == 0 {
-        return basis.iter().map(|v| f64::from(*v)).collect();
+        return LightFunctions::Stored(basis);
     }
     let matrix = set.interpolator.matrix();
     let mut result = vec![0.0f64; width * functions];
@@ -76,5 +76,5 @@ fn folded(basis: Vec<f32>, functions: usize, set: &LightSet) -> Vec<f64> {
             out.iter_mut().zip(values).for_each(|(sum, v)| *sum += row[k] * f64::from(*v));
         }
     });
-    result
+    LightFunctions::Combined(result)
 }
