@@ -127,6 +127,18 @@ impl Asset {
         Self::from_bytes(&bytes).map_err(|e| e.at(path.display()))
     }
 
+    /// The same object in another size: its diagonal is `diagonal_mm`, its materials are as they were. For assets that hold no
+    /// transport: samples are places on triangles, whatever their size.
+    ///
+    /// # Errors
+    /// Command line: a size that is not positive and finite, or beyond what a mesh may have.
+    pub fn resized(mut self, diagonal_mm: f64) -> Result<Self> {
+        let factor = self.scene.mesh.resize(diagonal_mm)?;
+        self.scene.parts = self.scene.parts.scaled(factor);
+        self.provenance.mm_per_source_unit *= factor;
+        Ok(self)
+    }
+
     fn to_file(&self) -> format::AssetFile {
         format::AssetFile {
             mesh: mesh_to_file(&self.scene.mesh),

@@ -10,12 +10,14 @@ use serde::Serialize;
 use super::console::{Console, Strictness, duration, percent};
 use super::device::DeviceArg;
 use super::lights::{LightArgs, ResolvedLights};
+use super::on_mesh::OtherMesh;
 use super::opened::{AssetArgs, Opened};
 use super::{output, report};
 use crate::asset::Input;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::{Cost, Evaluator, SingleScattering};
+use crate::geometry::mesh::Mesh;
 use crate::io::atomic;
 use crate::io::colour::srgb_from_linear;
 use crate::io::ply::{RadiosityPly, write_ply};
@@ -31,6 +33,10 @@ pub(super) struct EvaluateArgs {
     /// PLY to write, `-` for standard output; repeatable
     #[arg(short, long, required = true, value_name = "FILE")]
     output: Vec<PathBuf>,
+    /// Another mesh of the same object in the same units, such as a coarser level of detail: radiosity is gathered at its
+    /// vertices. For assets that hold no transport (two_pass, reference)
+    #[arg(long, value_name = "MODEL")]
+    on: Option<PathBuf>,
     /// Where to compute
     #[arg(long, default_value = "cpu")]
     device: DeviceArg,
@@ -73,6 +79,10 @@ pub(super) fn run(args: &EvaluateArgs, console: &Console) -> Result<ExitCode> {
     output::check(&args.output, &["ply"], console)?;
     let lights = args.lights.load(console)?;
     let Opened { provenance, method, evaluator } = args.asset.open(console)?;
+    if let Some(model) = &args.on {
+        let other = OtherMesh { model, device: args.device, measure: args.measure };
+        return other.run(evaluator, &provenance, (lights, &args.output), console);
+    }
     let mut evaluator = args.device.place(evaluator, console)?;
     let asked = provenance.settings.get("max-rms").and_then(|t| t.parse().ok());
     let measure = if args.measure { Measure::Yes } else { Measure::No };
@@ -110,7 +120,7 @@ pub(super) fn finish(
         if evaluator.single_scattering_is() == SingleScattering::Included {
             comments.push(SINGLE_INCLUDED.to_owned());
         }
-        radiosity_ply(scene, &radiosity, single.as_deref(), comments)
+        radiosity_ply(&scene.mesh, &radiosity, single.as_deref(), comments)
     });
     console.stage("write", || -> Result<()> {
         let bytes = write_ply(&ply)?;
@@ -173,13 +183,13 @@ fn single_scattering(evaluator: &mut dyn Evaluator, console: &Console) -> Result
     Ok(single)
 }
 
-fn mean_and_max(values: &[DVec3]) -> ([f64; 3], [f64; 3]) {
+pub(super) fn mean_and_max(values: &[DVec3]) -> ([f64; 3], [f64; 3]) {
     let mean = values.iter().sum::<DVec3>() / values.len().max(1) as f64;
     (mean.to_array(), values.iter().fold(DVec3::ZERO, |a, &b| a.max(b)).to_array())
 }
 
 /// Refuses what a 32-bit file cannot hold; sums beyond its range may have become NaN on the way.
-fn check_range(quantity: &str, values: &[DVec3]) -> Result<()> {
+pub(super) fn check_range(quantity: &str, values: &[DVec3]) -> Result<()> {
     match values.iter().position(|b| !b.as_vec3().is_finite()) {
         Some(v) => Err(Error::runtime(format!(
             "the {quantity} of vertex {v} is beyond 32-bit floats: a light is too bright, or too near a surface; \
@@ -223,7 +233,7 @@ fn without_area(scene: &Scene) -> usize {
 
 /// The PLY of per-vertex radiosity, and of single scattering that is beside it.
 pub(super) fn radiosity_ply(
-    scene: &Scene,
+    mesh: &Mesh,
     radiosity: &[DVec3],
     single: Option<&[DVec3]>,
     comments: Vec<String>,
@@ -234,11 +244,11 @@ pub(super) fn radiosity_ply(
         None => colours(radiosity),
     };
     RadiosityPly {
-        positions: (0..radiosity.len() as u32).map(|v| scene.mesh.position_mm(v).as_vec3().to_array()).collect(),
+        positions: (0..radiosity.len() as u32).map(|v| mesh.position_mm(v).as_vec3().to_array()).collect(),
         colors,
         b: narrow(radiosity),
         s: single.map(narrow),
-        triangles: scene.mesh.triangles.clone(),
+        triangles: mesh.triangles.clone(),
         comments,
     }
 }

@@ -16,6 +16,7 @@ mod materials;
 mod media;
 mod methods;
 mod model;
+mod on_mesh;
 mod opened;
 mod output;
 mod reference;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use clap::Args;
 
-use super::console::Console;
+use super::console::{Console, significant};
 use super::media::{MediumArgs, edited_media};
 use crate::asset::{Asset, Provenance};
 use crate::error::{Error, Result};
@@ -19,6 +19,10 @@ pub(super) struct AssetArgs {
     pub(super) asset: PathBuf,
     #[command(flatten)]
     media: MediumArgs,
+    /// Another size of the object: its diagonal in mm. For assets that hold no transport (two_pass, reference); lights stay where
+    /// they are
+    #[arg(long, value_name = "MM", allow_negative_numbers = true, help_heading = "Size")]
+    size_mm: Option<f64>,
 }
 
 /// An asset with its evaluator.
@@ -31,11 +35,15 @@ pub(super) struct Opened {
 impl AssetArgs {
     /// Reads the asset and puts the materials in force.
     pub(super) fn open(&self, console: &Console) -> Result<Opened> {
-        let asset = Arc::new(console.stage("open", || Asset::read(&self.asset))?);
+        let asset = console.stage("open", || Asset::read(&self.asset))?;
         let method = methods::named(&asset.provenance.method).map_err(|_| {
             let (path, method) = (self.asset.display(), &asset.provenance.method);
             Error::unsupported(format!("{path}: baked by the method `{method}`, which this build does not have"))
         })?;
+        let asset = Arc::new(match self.size_mm {
+            Some(size_mm) => self.resized(asset, method, size_mm)?,
+            None => asset,
+        });
         let needed = methods::sampling::memory(asset.samples.len(), &asset.scene);
         console.check_memory(needed, "raise --max-memory, or bake with fewer --samples")?;
         let mut evaluator = console.stage("prepare", || method.open(Arc::clone(&asset)))?;
@@ -44,6 +52,21 @@ impl AssetArgs {
         }
         // The asset goes, and with it what the evaluator has in another form.
         Ok(Opened { provenance: asset.provenance.clone(), method, evaluator })
+    }
+}
+
+impl AssetArgs {
+    fn resized(&self, asset: Asset, method: &dyn Method, size_mm: f64) -> Result<Asset> {
+        if method.stores_transport() {
+            let (path, baked) = (self.asset.display(), asset.scene.mesh.diagonal_mm());
+            return Err(Error::unsupported(format!(
+                "{path}: --size-mm {size_mm}: the transport of `{}` was computed for {} mm; bake again with that size, or with \
+                 --method two_pass, which stores none",
+                method.name(),
+                significant(baked)
+            )));
+        }
+        asset.resized(size_mm)
     }
 }
 

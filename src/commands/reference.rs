@@ -145,7 +145,7 @@ fn monte_carlo(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
         comments.extend(lights.text.iter().map(|t| format!("light {t}")));
         comments.push(format!("noise {} of the RMS", percent(walked.noise())));
         comments.push("s is what left after one scattering event, b includes it".to_owned());
-        let mut ply = radiosity_ply(&scene, &radiosity, None, comments);
+        let mut ply = radiosity_ply(&scene.mesh, &radiosity, None, comments);
         let single = walked.hats.to_vertices(&walked.single);
         ply.s = Some(single.iter().map(|s| s.as_vec3().to_array()).collect());
         let bytes = write_ply(&ply)?;

@@ -18,9 +18,10 @@ use glam::DVec3;
 
 use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::light::{Light, LightKind};
 use crate::progress::Progress;
+use crate::transport::receivers::Receivers;
 use crate::transport::scene::{Medium, Scene};
 
 /// A key that `--set key=value` takes.
@@ -115,6 +116,11 @@ pub trait Method: Sync {
     /// # Errors
     /// Values of keys that do not fit; failures of the work.
     fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts>;
+
+    /// Whether an asset holds transport, which belongs to the size and the mesh that it was computed for.
+    fn stores_transport(&self) -> bool {
+        true
+    }
 
     /// Makes the asset's evaluator.
     ///
@@ -220,6 +226,17 @@ pub trait Evaluator: Send {
         Ok(None)
     }
 
+    /// Radiosity at any places of the parts under the lights and media in force, in the order of the receivers, RGB. Only what
+    /// gathers from samples when it is evaluated can do so.
+    ///
+    /// # Errors
+    /// `Unsupported` where transport ends at the vertices that it was computed for; failures of the work.
+    fn radiosity_at(&mut self, _receivers: &Receivers, _progress: &dyn Progress) -> Result<Vec<DVec3>> {
+        Err(Error::unsupported(
+            "the transport in this asset ends at its own vertices; an asset of --method two_pass stores none and serves other meshes",
+        ))
+    }
+
     /// What the evaluator measures of its own error for the lights and media in force, on vertices that no choice saw;
     /// what was tuned for these lights is measured under the `unseen` ones as well.
     ///
@@ -240,6 +257,6 @@ pub trait Evaluator: Send {
     /// `Unsupported` where the method has no shaders, or the adapter no room.
     #[cfg(feature = "gpu")]
     fn on_device(self: Box<Self>, _device: &Arc<device::Device>) -> Result<Box<dyn device::DeviceEvaluator>> {
-        Err(crate::error::Error::unsupported("this method has no compute shaders; use --device cpu"))
+        Err(Error::unsupported("this method has no compute shaders; use --device cpu"))
     }
 }

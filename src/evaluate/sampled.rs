@@ -392,6 +392,12 @@ impl Evaluator for SampledEvaluator {
         Ok(self.receivers.expand(&values))
     }
 
+    fn radiosity_at(&mut self, receivers: &Receivers, progress: &dyn Progress) -> Result<Vec<DVec3>> {
+        self.irradiance(progress)?;
+        let scheme = self.tuned_scheme();
+        Ok(self.with_gather(|gather, lit| gather.radiosity(receivers, lit, scheme, progress)))
+    }
+
     fn single_scattering_is(&self) -> SingleScattering {
         self.single.map_or(SingleScattering::None, |single| single.is(&self.scene))
     }

@@ -4,6 +4,7 @@ pub mod bvh;
 pub mod check;
 pub mod cluster;
 pub mod mesh;
+pub mod nearest;
 pub mod part_table;
 pub mod parts;
 pub mod samples;

@@ -49,6 +49,13 @@ impl PartTable {
         Self { triangle_part, parts }
     }
 
+    /// Of the same mesh in another size.
+    #[must_use]
+    pub fn scaled(mut self, factor: f64) -> Self {
+        self.parts.iter_mut().for_each(|part| part.area_mm2 *= factor * factor);
+        self
+    }
+
     /// From the analysis of a mesh.
     pub fn of(mesh: &Mesh, parts: &Parts) -> Self {
         let medium = |role: Role| match role {

@@ -1,5 +1,7 @@
 //! Where radiosity is gathered: one receiver for each welded vertex and part, in groups that lie close together.
 
+use std::collections::BTreeMap;
+
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -93,6 +95,31 @@ impl Receivers {
         for (vertex, slot) in result.of_vertex.iter_mut().enumerate() {
             if used[vertex] {
                 *slot = of_weld[mesh.weld[vertex] as usize];
+            }
+        }
+        result
+    }
+
+    /// Receivers anywhere: places (relative to the mesh's origin, mm) with the part whose flux they gather, or none. Place `i` takes
+    /// the value of receiver `of_vertex[i]`. Groups hold at most `capacity` receivers.
+    pub fn at(places: &[Option<(u32, DVec3)>], capacity: usize) -> Self {
+        let positions: Vec<DVec3> = places.iter().map(|place| place.map_or(DVec3::ZERO, |(_, at)| at)).collect();
+        let mut by_part: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+        for (i, place) in places.iter().enumerate() {
+            if let Some((part, _)) = place {
+                by_part.entry(*part).or_default().push(i as u32);
+            }
+        }
+        let mut result = Self { positions: Vec::new(), groups: Vec::new(), of_vertex: vec![NONE; places.len()] };
+        for (part, mut order) in by_part {
+            let first = result.positions.len() as u32;
+            for run in cluster::groups(&mut order, &positions, capacity) {
+                let run = Run { first: first + run.first, end: first + run.end };
+                result.groups.push(Group { run, part });
+            }
+            for place in order {
+                result.of_vertex[place as usize] = result.positions.len() as u32;
+                result.positions.push(positions[place as usize]);
             }
         }
         result

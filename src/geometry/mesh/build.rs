@@ -10,9 +10,9 @@ use crate::geometry::source::{CornerAttribute, SourceModel};
 use crate::math::random::mix;
 
 /// Smallest bounding-box diagonal in mm; below it, areas of single triangles leave single precision.
-const MIN_DIAGONAL_MM: f64 = 1e-6;
+pub(super) const MIN_DIAGONAL_MM: f64 = 1e-6;
 /// Largest bounding-box diagonal in mm; above it, squared distances come near the end of single precision.
-const MAX_DIAGONAL_MM: f64 = 1e9;
+pub(super) const MAX_DIAGONAL_MM: f64 = 1e9;
 /// Indices of half-edges must fit 32 bits.
 const MAX_TRIANGLES: usize = 1 << 30;
 

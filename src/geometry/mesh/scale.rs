@@ -2,6 +2,8 @@
 
 use glam::DVec3;
 
+use super::Mesh;
+use super::build::{MAX_DIAGONAL_MM, MIN_DIAGONAL_MM};
 use crate::error::{Error, Result};
 use crate::geometry::source::SourceModel;
 
@@ -69,6 +71,32 @@ pub fn resolve_scale(source: &SourceModel, scale: Option<Scale>) -> Result<Place
     }
     Ok(Placement { mm_per_unit })
 }
+
+impl Mesh {
+    /// Scales the mesh about the world's origin so that its diagonal is `diagonal_mm`; returns the factor. What is the same to a
+    /// few bits of single precision stays as it is.
+    ///
+    /// # Errors
+    /// Command line: a size that is not positive and finite, or outside what a mesh may have; a mesh of no extent.
+    pub fn resize(&mut self, diagonal_mm: f64) -> Result<f64> {
+        let size = positive(diagonal_mm, "--size-mm")?;
+        if !(MIN_DIAGONAL_MM..=MAX_DIAGONAL_MM).contains(&size) {
+            return Err(Error::command_line(format!(
+                "--size-mm {size}: {MIN_DIAGONAL_MM:.0e} to {MAX_DIAGONAL_MM:.0e} mm are possible"
+            )));
+        }
+        let factor = size / positive_extent(self.diagonal_mm(), "the bounding-box diagonal")?;
+        if (factor - 1.0).abs() < SAME_SIZE {
+            return Ok(1.0);
+        }
+        self.origin_mm *= factor;
+        self.local_mm.iter_mut().for_each(|p| *p = (p.as_dvec3() * factor).as_vec3());
+        Ok(factor)
+    }
+}
+
+/// Sizes nearer to each other than this are the same: the diagonal comes from rounded vertices.
+const SAME_SIZE: f64 = 1e-6;
 
 /// Bounding box of the vertices that triangles use, in source units.
 ///

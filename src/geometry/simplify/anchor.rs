@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use super::complex::{Complex, NONE};
 use super::groups::PartSets;
 use super::{Collapse, Input};
+use crate::geometry::nearest::closest_weights;
 
 /// Faces away from where the search started before it ends.
 const MOST_STEPS: usize = 8;
@@ -192,35 +193,4 @@ impl Level {
         }
         anchor
     }
-}
-
-/// Barycentric weights of the point of a triangle that is nearest to p, and its squared distance. The weights are not
-/// negative and add up to 1; a triangle without area is taken as its edges.
-pub(super) fn closest_weights(p: DVec3, [a, b, c]: [DVec3; 3]) -> ([f64; 3], f64) {
-    let (ab, ac, ap) = (b - a, c - a, p - a);
-    let cross = ab.cross(ac);
-    let square = cross.length_squared();
-    let distance2 = |[_, v, w]: [f64; 3]| (ap - ab * v - ac * w).length_squared();
-    if square > 0.0 {
-        let v = ap.cross(ac).dot(cross) / square;
-        let w = ab.cross(ap).dot(cross) / square;
-        let u = 1.0 - v - w;
-        if u >= 0.0 && v >= 0.0 && w >= 0.0 {
-            return ([u, v, w], distance2([u, v, w]));
-        }
-    }
-    let along = |from: DVec3, edge: DVec3| {
-        let length2 = edge.length_squared();
-        if length2 > 0.0 { ((p - from).dot(edge) / length2).clamp(0.0, 1.0) } else { 0.0 }
-    };
-    let (s, t, r) = (along(a, ab), along(b, c - b), along(a, ac));
-    let edges = [[1.0 - s, s, 0.0], [0.0, 1.0 - t, t], [1.0 - r, 0.0, r]];
-    let mut best = (edges[0], distance2(edges[0]));
-    for edge in &edges[1..] {
-        let d = distance2(*edge);
-        if d < best.1 {
-            best = (*edge, d);
-        }
-    }
-    best
 }

@@ -5,11 +5,12 @@ use std::collections::BinaryHeap;
 
 use glam::DVec3;
 
-use super::anchor::{FullMesh, Level, closest_weights, vertex_normals};
+use super::anchor::{FullMesh, Level, vertex_normals};
 use super::complex::{Complex, NONE, others};
 use super::groups::{Components, PartSets};
 use super::quadric::Quadric;
 use super::{Collapse, Costs, Hierarchy, Input};
+use crate::geometry::nearest::closest_weights;
 use crate::progress::Progress;
 
 /// Cosine of the largest turn of a triangle's normal in one collapse.

@@ -5,9 +5,9 @@ use std::time::Instant;
 
 use glam::DVec3;
 
-use super::anchor::closest_weights;
 use super::*;
 use crate::geometry::mesh::{Mesh, Scale, resolve_scale};
+use crate::geometry::nearest::closest_weights;
 use crate::geometry::shapes;
 use crate::geometry::source::SourceModel;
 use crate::math::random::{bits, uniform};

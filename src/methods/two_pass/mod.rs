@@ -73,6 +73,10 @@ impl Method for TwoPass {
         bake::bake(scene, settings, progress)
     }
 
+    fn stores_transport(&self) -> bool {
+        false
+    }
+
     fn open(&self, asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
         evaluate::open(asset)
     }

@@ -1,0 +1,259 @@
+//! `translux evaluate A.tlux --on MODEL`: radiosity of an asset's object at the vertices of another mesh of it.
+
+use std::path::{Path, PathBuf};
+
+use glam::DVec3;
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::console::{Console, percent, significant};
+use super::device::DeviceArg;
+use super::evaluate::{check_range, mean_and_max, radiosity_ply};
+use super::lights::ResolvedLights;
+use super::model::read_model;
+use super::{output, report};
+use crate::asset::{Input, Provenance};
+use crate::error::{Error, ExitCode, Result};
+use crate::evaluate::{Cost, Evaluator, SingleScattering};
+use crate::geometry::mesh::{Mesh, Scale, resolve_scale};
+use crate::geometry::nearest::{NearestPoint, SurfacePoint};
+use crate::io::{self, atomic};
+use crate::math::statistics::{VertexError, vertex_error};
+use crate::transport::receivers::{NONE, Receivers};
+use crate::transport::scene::Scene;
+
+/// Receivers that share a traversal of the samples.
+const GROUP: usize = 16;
+
+/// A triangle of the asset that looks away from a vertex counts as further by this share of the diagonal.
+const THIN: f64 = 0.05;
+
+/// Vertices further from the asset's surface than this share of its diagonal belong to another object, or another unit.
+const ELSEWHERE: f64 = 0.1;
+
+/// What `--on` asks for.
+pub(super) struct OtherMesh<'a> {
+    pub(super) model: &'a Path,
+    pub(super) device: DeviceArg,
+    pub(super) measure: bool,
+}
+
+/// Figures of an evaluation on another mesh.
+#[derive(Serialize)]
+struct OnMeshReport {
+    method: String,
+    lights: Vec<String>,
+    inputs: Vec<Input>,
+    #[serde(serialize_with = "report::paths")]
+    outputs: Vec<PathBuf>,
+    vertices: usize,
+    /// Vertices on no translucent part of the asset, whose radiosity is 0.
+    vertices_without_area: usize,
+    mean_radiosity: [f64; 3],
+    max_radiosity: [f64; 3],
+    /// How far the vertices are from the asset's surface, by area.
+    mean_distance_mm: f64,
+    max_distance_mm: f64,
+    /// Radiosity at the vertices themselves against that of the nearest points, which is what is written.
+    at_vertices: VertexError,
+    /// Radiosity interpolated at the centres of the triangles against that of the nearest points.
+    between_vertices: VertexError,
+    cost: Cost,
+}
+
+/// A mesh with the places of its vertices, and of the centres of its triangles, on the asset's surface.
+struct Placed {
+    mesh: Mesh,
+    /// A third of the area around each vertex, mm^2.
+    areas: Vec<f64>,
+    vertices: Vec<Option<SurfacePoint>>,
+    centres: Vec<Option<SurfacePoint>>,
+}
+
+impl OtherMesh<'_> {
+    /// Lights the asset, writes the radiosity of the other mesh and says what differs between the two.
+    pub(super) fn run(
+        &self,
+        mut evaluator: Box<dyn Evaluator>,
+        provenance: &Provenance,
+        (lights, outputs): (ResolvedLights, &[PathBuf]),
+        console: &Console,
+    ) -> Result<ExitCode> {
+        if self.device != DeviceArg::Cpu {
+            return Err(Error::unsupported("--on: other meshes are evaluated on the CPU; use --device cpu"));
+        }
+        if self.measure {
+            return Err(Error::command_line("--measure: with --on, errors of the other mesh are always measured"));
+        }
+        if evaluator.single_scattering_is() != SingleScattering::None {
+            return Err(Error::unsupported("--on: single scattering belongs to the asset's own mesh"));
+        }
+        let mut inputs = lights.inputs;
+        inputs.extend(self.inputs()?);
+        let placed = self.place(evaluator.scene(), provenance, console)?;
+        evaluator.set_lights(lights.lights, console)?;
+        let result = placed.evaluate(evaluator.as_mut(), console).map_err(|e| e.at(self.model.display()))?;
+        let scene = evaluator.scene();
+        let media: Vec<&str> = scene.media.iter().map(|m| m.name.as_str()).collect();
+        let mut comments = vec![format!("translux {}", provenance.method), format!("material {}", media.join(", "))];
+        comments.extend(lights.text.iter().map(|t| format!("light {t}")));
+        console.stage("write", || -> Result<()> {
+            let ply = radiosity_ply(&placed.mesh, &result.radiosity, None, comments);
+            let bytes = io::ply::write_ply(&ply)?;
+            outputs.iter().try_for_each(|path| atomic::write(path, &bytes))
+        })?;
+        let (mean, max) = mean_and_max(&result.radiosity);
+        let [mean_distance_mm, max_distance_mm] = placed.distances();
+        console.note(&format!(
+            "{}: {} vertices, {} mm from the surface of the asset in the mean, {} mm at most",
+            self.model.display(),
+            result.radiosity.len(),
+            significant(mean_distance_mm),
+            significant(max_distance_mm),
+        ));
+        let worst = |e: VertexError| format!("{} RMS, {} worst", percent(e.rms), percent(e.worst));
+        console.note(&format!("added between its vertices: {}", worst(result.between)));
+        console
+            .note(&format!("added by gathering at the vertices themselves, which was not done: {}", worst(result.at)));
+        let vertices_without_area = placed.vertices.iter().filter(|place| place.is_none()).count();
+        if vertices_without_area > 0 {
+            console.note(&format!("{vertices_without_area} vertices are on no translucent part; their radiosity is 0"));
+        }
+        let report = OnMeshReport {
+            method: provenance.method.clone(),
+            lights: lights.text,
+            inputs,
+            outputs: outputs.to_vec(),
+            vertices: result.radiosity.len(),
+            vertices_without_area,
+            mean_radiosity: mean,
+            max_radiosity: max,
+            mean_distance_mm,
+            max_distance_mm,
+            at_vertices: result.at,
+            between_vertices: result.between,
+            cost: evaluator.cost(),
+        };
+        report::print(console, "evaluate-on", &report)?;
+        Ok(ExitCode::Ok)
+    }
+
+    fn inputs(&self) -> Result<Vec<Input>> {
+        let mut files = vec![self.model.to_owned()];
+        if matches!(output::suffix(self.model).as_str(), "gltf" | "glb") {
+            files.extend(io::gltf::external_files(self.model)?);
+        }
+        let hash = |path: &PathBuf| Ok(Input::of(path, &std::fs::read(path).map_err(|e| Error::io(path, &e))?));
+        files.iter().map(hash).collect()
+    }
+
+    /// Reads the mesh in the units of the asset's source and finds its vertices on the asset's surface.
+    fn place(&self, scene: &Scene, provenance: &Provenance, console: &Console) -> Result<Placed> {
+        let mut source = console.stage("import", || read_model(self.model))?;
+        std::mem::take(&mut source.warnings).iter().for_each(|warning| console.warn(warning));
+        let placed = || {
+            let scale = Scale::MillimetresPerUnit(provenance.mm_per_source_unit);
+            let placement = resolve_scale(&source, Some(scale))?;
+            let (mesh, repairs) = Mesh::from_source(source, &placement)?;
+            repairs.lines().iter().for_each(|line| console.note(line));
+            console.stage("place", || Placed::new(mesh, scene, provenance.mm_per_source_unit))
+        };
+        placed().map_err(|e| e.at(self.model.display()))
+    }
+}
+
+/// What an evaluation gives.
+struct OnMesh {
+    radiosity: Vec<DVec3>,
+    at: VertexError,
+    between: VertexError,
+}
+
+impl Placed {
+    fn new(mesh: Mesh, scene: &Scene, mm_per_unit: f64) -> Result<Self> {
+        let nearest = NearestPoint::new(&scene.mesh, 0..scene.mesh.triangles.len() as u32);
+        let diagonal = scene.mesh.diagonal_mm();
+        let offset = mesh.origin_mm - scene.mesh.origin_mm;
+        let mut normals = vec![DVec3::ZERO; mesh.local_mm.len()];
+        let mut areas = vec![0.0; mesh.local_mm.len()];
+        for t in 0..mesh.triangles.len() as u32 {
+            let cross = mesh.cross_mm2(t);
+            for v in mesh.triangles[t as usize] {
+                // Seams have the normals of both sides.
+                normals[mesh.weld[v as usize] as usize] += cross;
+                areas[v as usize] += cross.length() / 6.0;
+            }
+        }
+        // What is nearest to an opaque part takes nothing from a translucent one behind it.
+        let place = |at: DVec3, normal: DVec3| {
+            let found = nearest.find(at, normal, THIN * diagonal)?;
+            let part = *scene.parts.triangle_part.get(found.triangle as usize)?;
+            scene.parts.parts.get(part as usize).is_some_and(|p| p.transfers()).then_some(found)
+        };
+        let vertex = |v: usize| {
+            let normal = normals[mesh.weld[v] as usize];
+            (areas[v] > 0.0).then(|| place(mesh.local_mm[v].as_dvec3() + offset, normal)).flatten()
+        };
+        let vertices: Vec<_> = (0..mesh.local_mm.len()).into_par_iter().map(vertex).collect();
+        let centre = |t: u32| {
+            let at = mesh.corners_local_mm(t).iter().sum::<DVec3>() / 3.0;
+            place(at + offset, mesh.cross_mm2(t))
+        };
+        let centres = (0..mesh.triangles.len() as u32).into_par_iter().map(centre).collect();
+        let placed = Self { mesh, areas, vertices, centres };
+        let [_, farthest] = placed.distances();
+        if farthest > ELSEWHERE * diagonal {
+            return Err(Error::input(format!(
+                "its vertices are up to {} mm from the surface of the asset, which is {} mm across: is it the same object, in the \
+                 units of the asset's model (one of them is {} mm)?",
+                significant(farthest),
+                significant(diagonal),
+                significant(mm_per_unit),
+            )));
+        }
+        Ok(placed)
+    }
+
+    /// Distances of the vertices from the asset's surface, mm: the mean by area, and the largest.
+    fn distances(&self) -> [f64; 2] {
+        let placed =
+            || self.vertices.iter().zip(&self.areas).filter_map(|(p, area)| Some((p.as_ref()?.distance_mm, area)));
+        let area: f64 = placed().map(|(_, area)| area).sum();
+        let mean = placed().map(|(distance, area)| distance * area).sum::<f64>() / area.max(f64::MIN_POSITIVE);
+        [mean, placed().map(|(distance, _)| distance).fold(0.0, f64::max)]
+    }
+
+    fn evaluate(&self, evaluator: &mut dyn Evaluator, console: &Console) -> Result<OnMesh> {
+        let scene = evaluator.scene();
+        let part = |p: &SurfacePoint| scene.parts.triangle_part.get(p.triangle as usize).copied();
+        let on_surface = |p: &Option<SurfacePoint>| p.as_ref().and_then(|p| Some((part(p)?, p.at_mm)));
+        let offset = self.mesh.origin_mm - scene.mesh.origin_mm;
+        let itself = |(p, v): (&Option<SurfacePoint>, &glam::Vec3)| {
+            p.as_ref().and_then(|p| Some((part(p)?, v.as_dvec3() + offset)))
+        };
+        let places: [Vec<Option<(u32, DVec3)>>; 3] = [
+            self.vertices.iter().map(on_surface).collect(),
+            self.centres.iter().map(on_surface).collect(),
+            self.vertices.iter().zip(&self.mesh.local_mm).map(itself).collect(),
+        ];
+        let mut found = Vec::new();
+        for places in &places {
+            let receivers = Receivers::at(places, GROUP);
+            let values = evaluator.radiosity_at(&receivers, console)?;
+            let value = |&r: &u32| if r == NONE { None } else { values.get(r as usize).copied() };
+            found.push(receivers.of_vertex.iter().map(|r| value(r).unwrap_or_default()).collect::<Vec<DVec3>>());
+        }
+        let [radiosity, centres, itself]: [Vec<DVec3>; 3] =
+            found.try_into().map_err(|_| Error::runtime("radiosity of another mesh is missing"))?;
+        check_range("radiosity", &radiosity)?;
+        let mean = |t: &[u32; 3]| t.iter().map(|&v| radiosity[v as usize]).sum::<DVec3>() / 3.0;
+        let between: Vec<DVec3> = self.mesh.triangles.iter().map(mean).collect();
+        let of_triangle = |t: u32| if self.centres[t as usize].is_some() { self.mesh.area_mm2(t) } else { 0.0 };
+        let areas: Vec<f64> = (0..self.mesh.triangles.len() as u32).map(of_triangle).collect();
+        Ok(OnMesh {
+            at: vertex_error(&itself, &radiosity, &self.areas),
+            between: vertex_error(&between, &centres, &areas),
+            radiosity,
+        })
+    }
+}
