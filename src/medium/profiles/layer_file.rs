@@ -100,7 +100,10 @@ pub(super) fn parse(text: &str, place: &str) -> Result<Vec<LayerSpec>> {
         let (start, keys) = (layer.span().start, layer.get_ref());
         match &keys.thickness_mm {
             None if i < last => {
-                return Err(at(start, Error::input("thickness_mm is missing; only the last layer may be a half space")));
+                return Err(at(
+                    start,
+                    Error::input("thickness_mm is missing; only the last layer may be a half space"),
+                ));
             }
             Some(thickness) if !THICKNESSES_MM.contains(thickness.get_ref()) => {
                 let message = format!(

@@ -211,7 +211,10 @@ impl Stack {
         for (i, layer) in layers.iter().enumerate() {
             match layer.thickness_mm {
                 None if i + 1 < layers.len() => {
-                    return Err(Error::input(format!("layer {} has no thickness; only the last may go without", i + 1)));
+                    return Err(Error::input(format!(
+                        "layer {} has no thickness; only the last may go without",
+                        i + 1
+                    )));
                 }
                 Some(thickness) if !THICKNESSES_MM.contains(&thickness) => {
                     return Err(Error::input(format!(
@@ -225,7 +228,8 @@ impl Stack {
             }
         }
         // No light stops in a layer without extinction: what is around it meets.
-        let present: Vec<&Layer> = layers.iter().filter(|l| l.sigma_s_reduced_per_mm + l.sigma_a_per_mm > 0.0).collect();
+        let present: Vec<&Layer> =
+            layers.iter().filter(|l| l.sigma_s_reduced_per_mm + l.sigma_a_per_mm > 0.0).collect();
         let eta = |i: Option<usize>| i.and_then(|i| present.get(i)).map_or(1.0, |l| l.eta_inside_over_outside);
         let slabs: Vec<Slab> = present
             .iter()
@@ -272,7 +276,8 @@ impl Stack {
         let least = self.slabs.iter().map(|slab| slab.sigma_tr).fold(f64::INFINITY, f64::min);
         let finite: f64 = self.slabs.iter().map(Slab::whole).filter(|whole| whole.is_finite()).sum();
         // The branch point of a half space; a slab on its own has poles only.
-        let most = self.slabs.iter().filter(|s| s.thickness.is_infinite()).map(|s| s.sigma_tr).fold(f64::INFINITY, f64::min);
+        let most =
+            self.slabs.iter().filter(|s| s.thickness.is_infinite()).map(|s| s.sigma_tr).fold(f64::INFINITY, f64::min);
         let mut safe = least;
         if finite > 0.0 {
             // From there on a mode of the stack is a pole: the sign changes.

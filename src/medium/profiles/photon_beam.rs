@@ -5,13 +5,15 @@
 //! a source (equation 12 there). Single scattering is not part of it. The beam makes R grow as -ln r towards
 //! r = 0; below 1e-3 mean free paths it is taken for constant.
 //!
+//! kappa takes away light for good: without absorption the total is 0.93 to 0.95 and not 1.
+//!
 //! Photon beam and not quantised diffusion (d'Eon and Irving 2011), because it needs no fit of Gaussians and keeps
 //! the oblique beam open.
 
 use glam::DVec3;
 
-use super::boundary::{Boundary, Coefficients, Grosjean};
 use super::better_dipole::SourcePair;
+use super::boundary::{Boundary, Coefficients, Grosjean};
 use super::tabulated::{Grid, Tabulated};
 use crate::error::Result;
 use crate::math::quadrature::{gauss_legendre_cached, integrate_with};
@@ -86,8 +88,7 @@ impl PhotonBeam {
             return Ok(Self { table: Tabulated::new(GRID, unit_mm, &[])? });
         }
         let beam = Beam::new(&medium, eta_inside_over_outside);
-        let diffusion_length =
-            1.0 / Grosjean::new(&Coefficients { extinction_per_mm: 1.0, ..medium }).sigma_tr_per_mm;
+        let diffusion_length = 1.0 / Grosjean::new(&Coefficients { extinction_per_mm: 1.0, ..medium }).sigma_tr_per_mm;
         let count = GRID.count(REACH.0.min((REACH.1 * diffusion_length).max(2.0 * PLAIN_DISTANCE)));
         let mut samples = vec![(0.0, 0.0); count];
         let mut outer = 0.0;

@@ -153,9 +153,8 @@ impl Tabulated {
 /// Second derivatives in units of the step from values and slopes, to the fourth order inside and the third at the ends.
 fn curvatures(value: &[f64], slope: &[f64]) -> Vec<f64> {
     let n = value.len();
-    let one_sided = |f: [f64; 3], d: [f64; 3]| {
-        0.5 * (-23.0 * f[0] + 16.0 * f[1] + 7.0 * f[2]) - (6.0 * d[0] + 8.0 * d[1] + d[2])
-    };
+    let one_sided =
+        |f: [f64; 3], d: [f64; 3]| 0.5 * (-23.0 * f[0] + 16.0 * f[1] + 7.0 * f[2]) - (6.0 * d[0] + 8.0 * d[1] + d[2]);
     (0..n)
         .map(|k| {
             if k == 0 {
