@@ -87,8 +87,7 @@ impl Layers {
         for k in 1..count {
             let sample = transform.at(grid.knot(k));
             samples.push(sample);
-            // NaN ends here as well.
-            if !(sample.1 > 1e-18 * reflected) {
+            if sample.1.is_nan() || sample.1 <= 1e-18 * reflected {
                 break;
             }
         }
@@ -162,12 +161,12 @@ impl Slab {
     }
 
     /// Transforms of reflectance and transmittance for light from above at a squared frequency.
-    fn from_above(&self, s2: Complex) -> [Complex; 2] {
+    fn lit_from_above(&self, s2: Complex) -> [Complex; 2] {
         self.of(s2, self.beyond)
     }
 
     /// The same for light from below.
-    fn from_below(&self, s2: Complex) -> [Complex; 2] {
+    fn lit_from_below(&self, s2: Complex) -> [Complex; 2] {
         self.of(s2, [self.beyond[1], self.beyond[0]])
     }
 
@@ -252,12 +251,12 @@ impl Stack {
     fn transform(&self, s2: Complex) -> [Complex; 2] {
         let mut below = [Complex::ZERO, Complex::ONE];
         for slab in self.slabs.iter().rev() {
-            let [down_back, down_through] = slab.from_above(s2);
+            let [down_back, down_through] = slab.lit_from_above(s2);
             if below[0] == Complex::ZERO {
                 below = [down_back, down_through * below[1]];
                 continue;
             }
-            let [up_back, up_through] = slab.from_below(s2);
+            let [up_back, up_through] = slab.lit_from_below(s2);
             let bounced = Complex::ONE / (Complex::ONE - up_back * below[0]);
             below = [down_back + down_through * below[0] * up_through * bounced, down_through * below[1] * bounced];
         }

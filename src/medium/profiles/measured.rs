@@ -127,7 +127,7 @@ impl Measured {
         pieces.push(Piece { from_mm: last.0, start, shape, beyond: 0.0 });
         let profile = Self { pieces: accumulated(pieces) };
         let total = profile.total();
-        if !(total <= LARGEST_TOTAL) {
+        if total.is_nan() || total > LARGEST_TOTAL {
             return Err(Error::input(format!(
                 "the profile returns {total:.4} of the light that enters (2 pi Int R r dr); it must be at most 1, R in 1/mm^2"
             )));

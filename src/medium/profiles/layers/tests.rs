@@ -153,7 +153,8 @@ fn absent_and_black_layers_are_what_they_should() {
     let tinted = Layers::new(&[layer(Some(0.5), 0.0, 1.0, 1.3), base], FIT).unwrap();
     // Through a filter twice, and the boundary that was with air is now with the same index.
     let matched = 0.5 * alone.total() / alone.total()
-        * Stack::new(&[layer(Some(1.0), 0.0, 1.0, 1.3), base], FIT).unwrap().slabs[1].from_above(Complex::ZERO)[0].re
+        * Stack::new(&[layer(Some(1.0), 0.0, 1.0, 1.3), base], FIT).unwrap().slabs[1].lit_from_above(Complex::ZERO)[0]
+            .re
         * 2.0;
     assert!((tinted.total() / (matched * (-1.0_f64).exp()) - 1.0).abs() < 1e-9);
     let black = Layers::new(&[layer(Some(1.0), 0.0, 3.0, 1.4)], FIT).unwrap();
