@@ -126,11 +126,43 @@ fn panel_order(half_width: f64) -> usize {
 /// which keeps the result accurate relative to itself however far the triangle is.
 const FAR_RATIO: f64 = 0.25;
 
+/// A radial kernel that knows its integral over the wedge between a receiver and an edge; triangles follow from it.
+pub(super) trait Radial {
+    /// How fast the kernel changes with distance, relative to itself, at the distance `r_mm`, in 1/mm; an infinite rate is
+    /// always right.
+    fn rate_per_mm(&self, r_mm: f64) -> f64;
+
+    /// The kernel at a squared distance, in 1/mm^2.
+    fn at_square(&self, r2_mm2: f64) -> f64;
+
+    /// `Int (tail(H) - tail(sqrt(H^2 + rho^2))) d theta` of an edge; its place as in [`Pole::edge`].
+    fn edge(&self, height_mm: f64, offset_mm: f64, from_mm: f64, to_mm: f64) -> f64;
+}
+
+impl Radial for Pole {
+    fn rate_per_mm(&self, r_mm: f64) -> f64 {
+        1.0 / r_mm.hypot(self.z_mm) + self.sigma_per_mm
+    }
+
+    fn at_square(&self, r2_mm2: f64) -> f64 {
+        self.kernel((r2_mm2 + self.z_mm * self.z_mm).sqrt())
+    }
+
+    fn edge(&self, height_mm: f64, offset_mm: f64, from_mm: f64, to_mm: f64) -> f64 {
+        Self::edge(self, height_mm, offset_mm, from_mm, to_mm)
+    }
+}
+
 /// `Int_triangle R_d(|x - y|) dA(y)` for a profile that is a sum of `poles`, the receiver anywhere in space.
 ///
 /// Accurate to 1e-10 of the total reflectance of the poles; far triangles to 1e-8 of their own value. Independent of the
 /// triangle's orientation. A triangle without area, or with coordinates that are not finite, gives 0.
 pub fn triangle(poles: &[Pole], receiver_mm: DVec3, corners_mm: [DVec3; 3]) -> f64 {
+    radial_triangle(poles, receiver_mm, corners_mm)
+}
+
+/// [`triangle`] for a sum of any radial kernels.
+pub(super) fn radial_triangle(kernels: &[impl Radial], receiver_mm: DVec3, corners_mm: [DVec3; 3]) -> f64 {
     let corners = corners_mm.map(|corner| corner - receiver_mm);
     let cross = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
     let doubled_area = cross.length();
@@ -140,15 +172,15 @@ pub fn triangle(poles: &[Pole], receiver_mm: DVec3, corners_mm: [DVec3; 3]) -> f
     }
     let centre = (corners[0] + corners[1] + corners[2]) / 3.0;
     let radius = corners.map(|corner| corner.distance(centre)).into_iter().fold(0.0, f64::max);
-    let value: f64 = poles
+    let nearest = (centre.length() - radius).max(0.0);
+    let value: f64 = kernels
         .iter()
-        .map(|pole| {
-            let nearest = (centre.length() - radius).max(0.0).hypot(pole.z_mm);
-            let ratio = radius * (1.0 / nearest + pole.sigma_per_mm);
+        .map(|kernel| {
+            let ratio = radius * kernel.rate_per_mm(nearest);
             if ratio < FAR_RATIO {
-                far_triangle(pole, corners, doubled_area, ratio)
+                far_triangle(kernel, corners, doubled_area, ratio)
             } else {
-                near_triangle(pole, corners, normal)
+                near_triangle(kernel, corners, normal)
             }
         })
         .sum();
@@ -157,20 +189,20 @@ pub fn triangle(poles: &[Pole], receiver_mm: DVec3, corners_mm: [DVec3; 3]) -> f
 }
 
 /// The sum over the edges of the wedges that they span with the receiver's foot point.
-fn near_triangle(pole: &Pole, corners: [DVec3; 3], normal: DVec3) -> f64 {
+fn near_triangle(kernel: &impl Radial, corners: [DVec3; 3], normal: DVec3) -> f64 {
     let height = corners[0].dot(normal).abs();
     let mut sum = 0.0;
     for i in 0..3 {
         let (from, to) = (corners[i], corners[(i + 1) % 3]);
         let along = (to - from).normalize_or_zero();
         let offset = normal.dot(from.cross(along));
-        sum += pole.edge(height, offset, from.dot(along), to.dot(along));
+        sum += kernel.edge(height, offset, from.dot(along), to.dot(along));
     }
     sum
 }
 
 /// Gauss-Legendre over the triangle as a collapsed square; `ratio` says how much the kernel changes over it.
-fn far_triangle(pole: &Pole, corners: [DVec3; 3], doubled_area: f64, ratio: f64) -> f64 {
+fn far_triangle(kernel: &impl Radial, corners: [DVec3; 3], doubled_area: f64, ratio: f64) -> f64 {
     let rule = gauss_legendre_cached(if ratio < 0.02 {
         3
     } else if ratio < 0.08 {
@@ -186,7 +218,7 @@ fn far_triangle(pole: &Pole, corners: [DVec3; 3], doubled_area: f64, ratio: f64)
             .iter()
             .map(|inner| {
                 let point = left.lerp(right, 0.5 * (1.0 + inner.position));
-                inner.weight * pole.kernel((point.length_squared() + pole.z_mm * pole.z_mm).sqrt())
+                inner.weight * kernel.at_square(point.length_squared())
             })
             .sum();
         sum += outer.weight * across * row;

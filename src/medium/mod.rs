@@ -9,3 +9,4 @@ mod material_file;
 pub mod phase;
 pub mod profile;
 pub mod profile_basis;
+pub mod profiles;

@@ -1,0 +1,75 @@
+//! Small tables of one key column and three channels, every error with its line.
+
+use std::io::Read;
+use std::path::Path;
+
+use crate::error::{Error, Result};
+
+/// Longest file; a path given by mistake must not fill the memory.
+const LARGEST_FILE_BYTES: u64 = 4 << 20;
+
+/// The text of a file that is short; `kind` says in errors what it should have been.
+pub(super) fn read_text(path: &Path, kind: &str) -> Result<String> {
+    let file = std::fs::File::open(path).map_err(|error| Error::io(path, &error))?;
+    let mut bytes = Vec::new();
+    file.take(LARGEST_FILE_BYTES + 1).read_to_end(&mut bytes).map_err(|error| Error::io(path, &error))?;
+    if bytes.len() as u64 > LARGEST_FILE_BYTES {
+        return Err(Error::input(format!("longer than 4 MiB, so this is no {kind}")).at(path.display()));
+    }
+    String::from_utf8(bytes)
+        .map_err(|_| Error::input(format!("not UTF-8 text, so this is no {kind}")).at(path.display()))
+}
+
+/// A line of the table.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Row {
+    /// Line in the file, from 1.
+    pub line: usize,
+    /// First column, finite.
+    pub key: f64,
+    /// The other columns, finite.
+    pub rgb: [f64; 3],
+}
+
+/// Rows of the file, whose header must be `key,r,g,b`. Blank lines and what follows a `#` are skipped.
+pub(super) fn read(path: &Path, key: &str) -> Result<Vec<Row>> {
+    let text = read_text(path, "table of a profile")?;
+    parse(&text, &path.display().to_string(), key)
+}
+
+/// As [`read`] for a text that `place` names.
+pub(super) fn parse(text: &str, place: &str, key: &str) -> Result<Vec<Row>> {
+    let header = [key, "r", "g", "b"];
+    let mut rows = Vec::new();
+    let mut seen_header = false;
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+    for (index, line) in text.lines().enumerate() {
+        let number = index + 1;
+        let fail = |what: String| Error::input(what).at(format!("{place}:{number}"));
+        let content = line.split('#').next().unwrap_or("").trim();
+        if content.is_empty() {
+            continue;
+        }
+        let fields: Vec<&str> = content.split(',').map(str::trim).collect();
+        if !seen_header {
+            if !(fields.len() == 4 && fields.iter().zip(header).all(|(got, want)| got.eq_ignore_ascii_case(want))) {
+                return Err(fail(format!("the first line must be the header `{}`", header.join(","))));
+            }
+            seen_header = true;
+            continue;
+        }
+        let &[first, r, g, b] = fields.as_slice() else {
+            return Err(fail(format!("{} columns; there must be 4: {}", fields.len(), header.join(","))));
+        };
+        let value = |name: &str, text: &str| match text.parse::<f64>() {
+            Ok(value) if value.is_finite() => Ok(value),
+            _ => Err(fail(format!("`{text}` in column {name} is not a finite number"))),
+        };
+        let rgb = [value("r", r)?, value("g", g)?, value("b", b)?];
+        rows.push(Row { line: number, key: value(key, first)?, rgb });
+    }
+    if !seen_header {
+        return Err(Error::input(format!("empty; it must start with the header `{}`", header.join(","))).at(place));
+    }
+    Ok(rows)
+}

@@ -1,0 +1,148 @@
+//! Layer files: TOML text to a stack of layers, every error with its line and column.
+
+use std::path::Path;
+
+use glam::DVec3;
+use toml::Spanned;
+
+use super::csv::read_text;
+use super::layers::{Layer, MOST_LAYERS, THICKNESSES_MM};
+use crate::error::{Error, Result};
+use crate::medium::material::{OpticalProperties, Overrides, preset};
+
+/// A layer of all channels; no material is the medium that the profile is asked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LayerSpec {
+    /// Thickness in mm; none for a half space.
+    pub thickness_mm: Option<f64>,
+    /// What it is made of.
+    pub properties: Option<OpticalProperties>,
+}
+
+impl LayerSpec {
+    /// The layer of one channel (0 to 2).
+    pub(super) fn channel(&self, medium: &OpticalProperties, channel: usize) -> Layer {
+        let properties = self.properties.as_ref().unwrap_or(medium);
+        let of = |v: DVec3| v.to_array().get(channel).copied().unwrap_or(0.0);
+        Layer {
+            thickness_mm: self.thickness_mm,
+            sigma_s_reduced_per_mm: of(properties.sigma_s_reduced_per_mm),
+            sigma_a_per_mm: of(properties.sigma_a_per_mm),
+            eta_inside_over_outside: properties.eta_inside_over_outside,
+        }
+    }
+}
+
+/// The keys as written.
+#[derive(serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    #[serde(default)]
+    layer: Vec<Spanned<Keys>>,
+}
+
+#[derive(serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Keys {
+    thickness_mm: Option<Spanned<f64>>,
+    preset: Option<Spanned<String>>,
+    sigma_s_reduced_per_mm: Option<Channels>,
+    sigma_s_per_mm: Option<Channels>,
+    sigma_a_per_mm: Option<Channels>,
+    g: Option<f64>,
+    eta: Option<f64>,
+}
+
+/// One number for all channels, or three.
+#[derive(Clone, Copy, serde::Deserialize)]
+#[serde(untagged, expecting = "a number or [red, green, blue] is needed")]
+enum Channels {
+    One(f64),
+    Three([f64; 3]),
+}
+
+impl From<Channels> for DVec3 {
+    fn from(channels: Channels) -> Self {
+        match channels {
+            Channels::One(value) => Self::splat(value),
+            Channels::Three(values) => Self::from_array(values),
+        }
+    }
+}
+
+/// Reads a stack: a table `[[layer]]` for each layer from the top, with the keys of a material file (`preset`,
+/// `sigma_s_reduced_per_mm` or `sigma_s_per_mm`, `sigma_a_per_mm`, `g`, `eta`) and `thickness_mm`, which only the last may leave
+/// out. A layer that names no material is the medium that the profile is asked for.
+///
+/// # Errors
+/// I/O when it cannot be read; invalid input, with path, line and column, for what it says.
+pub fn read(path: &Path) -> Result<Vec<LayerSpec>> {
+    parse(&read_text(path, "layer file")?, &path.display().to_string())
+}
+
+/// As [`read`] for a text that `place` names.
+pub(super) fn parse(text: &str, place: &str) -> Result<Vec<LayerSpec>> {
+    let at = |start: usize, error: Error| {
+        let before = text.get(..start).unwrap_or(text);
+        let column = before.rsplit('\n').next().map_or(0, |line| line.chars().count()) + 1;
+        error.at(format!("{place}:{}:{column}", before.matches('\n').count() + 1))
+    };
+    let file: File = toml::from_str(text).map_err(|error| {
+        let message = error.message().split('\n').map(str::trim).collect::<Vec<_>>().join(", ");
+        at(error.span().map_or(0, |span| span.start), Error::input(message))
+    })?;
+    if file.layer.is_empty() || file.layer.len() > MOST_LAYERS {
+        let count = file.layer.len();
+        return Err(Error::input(format!("{count} tables [[layer]]; there must be 1 to {MOST_LAYERS}")).at(place));
+    }
+    let last = file.layer.len() - 1;
+    let layers = file.layer.iter().enumerate().map(|(i, layer)| {
+        let (start, keys) = (layer.span().start, layer.get_ref());
+        match &keys.thickness_mm {
+            None if i < last => {
+                return Err(at(
+                    start,
+                    Error::input("thickness_mm is missing; only the last layer may be a half space"),
+                ));
+            }
+            Some(thickness) if !THICKNESSES_MM.contains(thickness.get_ref()) => {
+                let message = format!(
+                    "thickness_mm is {}; it must be between {:e} and {:e}",
+                    thickness.get_ref(),
+                    THICKNESSES_MM.start(),
+                    THICKNESSES_MM.end()
+                );
+                return Err(at(thickness.span().start, Error::input(message)));
+            }
+            _ => {}
+        }
+        let properties = material(keys).map_err(|error| at(start, error))?;
+        Ok(LayerSpec { thickness_mm: keys.thickness_mm.as_ref().map(|t| *t.get_ref()), properties })
+    });
+    layers.collect()
+}
+
+/// The material of a layer, if it names one.
+fn material(keys: &Keys) -> Result<Option<OpticalProperties>> {
+    let base = match &keys.preset {
+        None => None,
+        Some(name) => match preset(name.get_ref()) {
+            Some(preset) => Some(preset.properties()),
+            None => {
+                let name = name.get_ref();
+                return Err(Error::input(format!("no material is called '{name}'; `translux materials` lists them")));
+            }
+        },
+    };
+    let overrides = Overrides {
+        sigma_s_reduced_per_mm: keys.sigma_s_reduced_per_mm.map(DVec3::from),
+        sigma_s_per_mm: keys.sigma_s_per_mm.map(DVec3::from),
+        sigma_a_per_mm: keys.sigma_a_per_mm.map(DVec3::from),
+        g: keys.g,
+        eta_inside_over_outside: keys.eta,
+    };
+    if base.is_none() && overrides.is_empty() {
+        return Ok(None);
+    }
+    overrides.apply(base.as_ref()).map(Some)
+}
