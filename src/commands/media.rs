@@ -6,9 +6,11 @@ use clap::Args;
 use glam::DVec3;
 
 use crate::error::{Error, Result};
+use crate::evaluate::Evaluator;
 use crate::geometry::mesh::material_indices;
 use crate::geometry::part_table::PartEntry;
 use crate::medium::material::{Material, OpticalProperties, Overrides};
+use crate::medium::profiles::model::ProfileModel;
 use crate::transport::scene::{Medium, Scene};
 
 /// Optical properties.
@@ -30,6 +32,36 @@ pub(super) struct MediumArgs {
     /// Index of refraction, inside over outside
     #[arg(long, allow_negative_numbers = true)]
     eta: Option<f64>,
+}
+
+/// How light spreads below the surface.
+#[derive(Clone, Debug, Default, Args)]
+#[command(next_help_heading = "Material")]
+pub(super) struct ProfileArg {
+    /// Diffuse reflectance profile, where samples are gathered at run time (two_pass, reference): dipole, better-dipole, photon-beam,
+    /// burley[:fit=searchlight|diffuse|dmfp], slab:thickness=MM, layers:path=FILE.toml, gaussians:skin, gaussians:path=FILE.csv,
+    /// measured[:interpolation=log|linear]:path=FILE.csv
+    #[arg(long, value_name = "PROFILE")]
+    profile: Option<String>,
+}
+
+impl ProfileArg {
+    /// Whether there is one.
+    pub(super) fn is_given(&self) -> bool {
+        self.profile.is_some()
+    }
+
+    /// Puts the profile in force and its name beside those of the media.
+    pub(super) fn put(&self, evaluator: &mut dyn Evaluator) -> Result<()> {
+        let Some(text) = &self.profile else { return Ok(()) };
+        let model = ProfileModel::parse(text)?;
+        if model == ProfileModel::Dipole {
+            return Ok(());
+        }
+        evaluator.set_profile(model.load()?)?;
+        let named = |m: &Medium| Medium { name: format!("{} ({model})", m.name), properties: m.properties };
+        evaluator.set_media(evaluator.scene().media.iter().map(named).collect())
+    }
 }
 
 /// Media of a model and who has which.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use clap::Args;
 
 use super::console::{Console, significant};
-use super::media::{MediumArgs, edited_media};
+use super::media::{MediumArgs, ProfileArg, edited_media};
 use crate::asset::{Asset, Provenance};
 use crate::error::{Error, Result};
 use crate::evaluate::{Evaluator, Method};
@@ -19,6 +19,8 @@ pub(super) struct AssetArgs {
     pub(super) asset: PathBuf,
     #[command(flatten)]
     media: MediumArgs,
+    #[command(flatten)]
+    profile: ProfileArg,
     /// Another size of the object: its diagonal in mm. For assets that hold no transport (two_pass, reference); lights stay where
     /// they are
     #[arg(long, value_name = "MM", allow_negative_numbers = true, help_heading = "Size")]
@@ -50,6 +52,7 @@ impl AssetArgs {
         if let Some(media) = edited_media(&self.media, evaluator.scene())? {
             evaluator.set_media(media)?;
         }
+        self.profile.put(evaluator.as_mut())?;
         // The asset goes, and with it what the evaluator has in another form.
         Ok(Opened { provenance: asset.provenance.clone(), method, evaluator })
     }

@@ -13,6 +13,7 @@ use super::baking::{self, BakeOptions};
 use super::console::{Console, percent, significant};
 use super::evaluate::{Measure, finish, judge, judge_error, radiosity_ply};
 use super::lights::{LightArgs, ResolvedLights};
+use super::media::ProfileArg;
 use super::model::{Loaded, ModelArgs};
 use super::{output, report};
 use crate::asset::Input;
@@ -37,6 +38,8 @@ const WORTH_A_WARNING: f64 = 1e-6;
 pub(super) struct ReferenceArgs {
     #[command(flatten)]
     model: ModelArgs,
+    #[command(flatten)]
+    profile: ProfileArg,
     #[command(flatten)]
     lights: LightArgs,
     /// PLY to write, `-` for standard output; repeatable
@@ -71,7 +74,7 @@ struct WalkArgs {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Physics {
-    /// The dipole, over all pairs of samples and vertices
+    /// The dipole, or another --profile, over all pairs of samples and vertices
     Dipole,
     /// A random walk through the volume: closed parts only, no light from one part to another
     MonteCarlo,
@@ -80,6 +83,9 @@ enum Physics {
 pub(super) fn run(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
     match args.walk.physics {
         Physics::Dipole => dipole(args, console),
+        Physics::MonteCarlo if args.profile.is_given() => {
+            Err(Error::command_line("--profile: a random walk has no profile; leave it out, or use --model dipole"))
+        }
         Physics::MonteCarlo => monte_carlo(args, console),
     }
 }
@@ -97,6 +103,7 @@ fn dipole(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
     let loaded = args.model.load(console)?;
     let asset = Arc::new(baking::bake(method, loaded, &settings, console)?);
     let mut evaluator = console.stage("prepare", || method.open(asset))?;
+    args.profile.put(evaluator.as_mut())?;
     let measure = if args.no_measure { Measure::No } else { Measure::Yes };
     let asked = Some(settings.max_rms);
     let result = finish(evaluator.as_mut(), method.name(), lights, &args.output, measure, asked, console)?;

@@ -20,6 +20,7 @@ use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
 use crate::light::{Light, LightKind};
+use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::Progress;
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::{Medium, Scene};
@@ -195,6 +196,16 @@ pub trait Evaluator: Send {
     /// # Errors
     /// `Unsupported` where the material is baked in or out of the asset's range.
     fn set_media(&mut self, media: Vec<Medium>) -> Result<()>;
+
+    /// Puts another radial profile in the dipole's place, for the media in force and those to come.
+    ///
+    /// # Errors
+    /// `Unsupported` where the transport is that of a dipole; what the profile says of the media.
+    fn set_profile(&mut self, _profile: LoadedProfile) -> Result<()> {
+        Err(Error::unsupported(
+            "the transport in this asset is that of dipoles; an asset of --method two_pass stores none and takes any profile",
+        ))
+    }
 
     /// Radiosity of every source vertex, RGB; zero for vertices without transferring area.
     ///

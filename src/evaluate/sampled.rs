@@ -18,8 +18,9 @@ use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::Patch;
 use crate::light::Light;
 use crate::math::statistics::{VertexError, vertex_error};
+use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::{Progress, Silent};
-use crate::transport::gather::{Criterion, Gather, Lit, NearField, Scheme};
+use crate::transport::gather::{Criterion, Gather, Lit, MediumKernel, NearField, Scheme};
 use crate::transport::interreflection::InterReflection;
 use crate::transport::irradiance::{Illumination, LightSampling, Pieces};
 use crate::transport::receivers::Receivers;
@@ -116,6 +117,8 @@ pub struct SampledEvaluator {
     matrix: Option<InterReflection>,
     /// Of the lights and media in force.
     returned: Option<Returned>,
+    /// In place of the dipole, with its kernels for the media in force.
+    profile: Option<(LoadedProfile, Vec<MediumKernel>)>,
 }
 
 impl SampledEvaluator {
@@ -142,6 +145,7 @@ impl SampledEvaluator {
             outside: None,
             matrix: None,
             returned: None,
+            profile: None,
         }
     }
 
@@ -155,6 +159,20 @@ impl SampledEvaluator {
     #[must_use]
     pub fn with_inter_reflection(self, outside: Option<Outside>) -> Self {
         Self { outside, ..self }
+    }
+
+    /// For the media and profiles in force.
+    fn gather<'a>(&'a self, surface: &'a Surface<'a>, near: NearField) -> Gather<'a> {
+        match &self.profile {
+            Some((_, kernels)) => Gather::with_kernels(surface, &self.tree, kernels.clone(), near),
+            None => Gather::new(surface, &self.tree, &self.scene.media, near),
+        }
+    }
+
+    /// Kernels of some media with a profile.
+    fn kernels(&self, profile: &LoadedProfile, media: &[Medium]) -> Result<Vec<MediumKernel>> {
+        let reach = self.scene.mesh.diagonal_mm();
+        media.iter().map(|medium| MediumKernel::with_profile(medium, profile, reach)).collect()
     }
 
     fn lit_scene(&self) -> LitScene<'_> {
@@ -194,7 +212,7 @@ impl SampledEvaluator {
             None => outside.matrix(&self.surface(), &self.receivers, progress),
         };
         let surface = self.surface();
-        let gather = Gather::new(&surface, &self.tree, &self.scene.media, near);
+        let gather = self.gather(&surface, near);
         let transfer = Transfer { gather: &gather, receivers: &self.receivers, scheme };
         let returned = outside.returned(&matrix, transfer, self.direct(), progress);
         self.matrix = Some(matrix);
@@ -228,7 +246,7 @@ impl SampledEvaluator {
     /// Calls `work` with a gather for the media in force and the light on the samples.
     pub fn with_gather<T>(&self, work: impl FnOnce(&Gather, &Lit) -> T) -> T {
         let surface = self.surface();
-        let gather = Gather::new(&surface, &self.tree, &self.scene.media, self.plan.near);
+        let gather = self.gather(&surface, self.plan.near);
         let (irradiance, pieces) = self.lit();
         work(&gather, &gather.light_with_pieces(irradiance, pieces))
     }
@@ -266,7 +284,7 @@ impl SampledEvaluator {
         work: impl FnOnce(&dyn Fn(f64) -> VertexError) -> T,
     ) -> T {
         let surface = self.surface();
-        let gather = Gather::new(&surface, &self.tree, &self.scene.media, self.plan.near);
+        let gather = self.gather(&surface, self.plan.near);
         let lit = gather.light(irradiance);
         let (subset, indices) = self.receivers.subset(count, phase);
         let truth = gather.radiosity(&subset, &lit, Scheme::AllPairs, &Silent);
@@ -321,7 +339,7 @@ impl SampledEvaluator {
         let surface = self.surface();
         let gain = returned.gain(self.direct().0, &surface);
         ledger.entries.iter_mut().for_each(|entry| entry.error = entry.error.scaled(gain));
-        let gather = Gather::new(&surface, &self.tree, &self.scene.media, self.plan.near);
+        let gather = self.gather(&surface, self.plan.near);
         let transfer = Transfer { gather: &gather, receivers: &self.receivers, scheme: Scheme::AllPairs };
         let noise = returned.noise(matrix, transfer, self.direct(), &self.areas);
         let repeated = if outside.times > 1 { gain } else { 1.0 };
@@ -380,8 +398,19 @@ impl Evaluator for SampledEvaluator {
         if media.iter().zip(&self.scene.media).any(|(a, b)| eta(a) != eta(b)) {
             (self.irradiance, self.matrix) = (None, None);
         }
+        if let Some((profile, _)) = &self.profile {
+            let kernels = self.kernels(profile, &media)?;
+            self.profile = Some((profile.clone(), kernels));
+        }
         (self.returned, self.limit) = (None, None);
         self.scene.media = media;
+        Ok(())
+    }
+
+    fn set_profile(&mut self, profile: LoadedProfile) -> Result<()> {
+        let kernels = self.kernels(&profile, &self.scene.media)?;
+        self.profile = Some((profile, kernels));
+        (self.returned, self.limit) = (None, None);
         Ok(())
     }
 
@@ -417,6 +446,7 @@ impl Evaluator for SampledEvaluator {
         let sampled = Sampled {
             surface: self.surface(),
             media: &self.scene.media,
+            kernels: self.profile.as_ref().map(|(_, kernels)| kernels.as_slice()),
             lights: &self.lights,
             irradiance: direct,
             sampling: self.plan.sampling,
@@ -445,7 +475,7 @@ impl Evaluator for SampledEvaluator {
         let near = NearField::REFERENCE;
         let returned = self.outside.map(|outside| self.return_light(outside, near, Scheme::AllPairs, progress));
         let surface = self.surface();
-        let gather = Gather::new(&surface, &self.tree, &self.scene.media, near);
+        let gather = self.gather(&surface, near);
         let (direct, pieces) = self.direct();
         let irradiance = returned.as_ref().map_or(direct, |returned| &returned.irradiance);
         let lit = gather.light_with_pieces(irradiance, pieces);
@@ -454,6 +484,9 @@ impl Evaluator for SampledEvaluator {
 
     #[cfg(feature = "gpu")]
     fn on_device(self: Box<Self>, device: &Arc<Device>) -> Result<Box<dyn DeviceEvaluator>> {
+        if self.profile.is_some() {
+            return Err(Error::unsupported("the shaders know the dipole alone; use --device cpu with --profile"));
+        }
         Ok(Box::new(SampledOnDevice::new(*self, device)?))
     }
 }

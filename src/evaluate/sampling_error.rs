@@ -8,7 +8,7 @@ use crate::geometry::samples::Samples;
 use crate::light::Light;
 use crate::math::statistics::vertex_error;
 use crate::progress::{Progress, Silent};
-use crate::transport::gather::{Gather, NearField, Scheme};
+use crate::transport::gather::{Gather, MediumKernel, NearField, Scheme};
 use crate::transport::irradiance::{Illumination, LightSampling, Pieces};
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::{self, Medium, Scene, Surface};
@@ -23,6 +23,8 @@ pub struct Sampled<'a> {
     pub surface: Surface<'a>,
     /// Media in force.
     pub media: &'a [Medium],
+    /// Kernels of the media, where they are not those of the dipole.
+    pub kernels: Option<&'a [MediumKernel]>,
     /// Lights in force.
     pub lights: &'a [Light],
     /// Irradiance of each sample, RGB, and of the pieces of those that are not lit evenly.
@@ -57,7 +59,10 @@ impl Sampled<'_> {
         let sum = |surface: &Surface, (irradiance, pieces): (&[DVec3], &Pieces)| {
             // All pairs need no tree.
             let tree = SampleTree::default();
-            let gather = Gather::new(surface, &tree, self.media, self.near);
+            let gather = match self.kernels {
+                Some(kernels) => Gather::with_kernels(surface, &tree, kernels.to_vec(), self.near),
+                None => Gather::new(surface, &tree, self.media, self.near),
+            };
             gather.radiosity(&subset, &gather.light_with_pieces(irradiance, pieces), Scheme::AllPairs, &Silent)
         };
         let theirs = sum(&surface, (&irradiance.0, &irradiance.1));

@@ -4,19 +4,23 @@
 //! is smooth on the scale of sqrt(d^2 + z_r^2): as flat triangles in closed form, at three points, or at its centroid.
 //! The patch under the receiver is never skipped.
 
+use std::sync::Arc;
+
 use glam::DVec3;
 use rayon::prelude::*;
 
 use super::balanced_tree::power_of_two_near;
 use super::irradiance::Pieces;
+use super::kernel::radial_table::{self, RadialTable};
 use super::kernel::{self, Block, FlatSource, KernelRgb, PointSource};
 use super::receivers::{Group, Receivers, Sphere};
 use super::scene::{Medium, Surface};
 use super::simd::Level;
 use super::tree::{Cluster, SampleTree, Visit};
-use crate::medium::dipole::Dipole;
+use crate::error::Result;
 use crate::medium::fresnel::BoundaryFit;
 use crate::medium::profile::Profile;
+use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::Progress;
 
 /// When a patch counts as near, in units of its radius.
@@ -70,25 +74,56 @@ pub enum Criterion {
 }
 
 /// The diffuse profiles and the single-precision kernel of one medium.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct MediumKernel {
-    profiles: [Dipole; 3],
-    kernel: KernelRgb,
-    /// Depth of the shallowest real source, mm.
+    profiles: [Arc<dyn Profile>; 3],
+    kernel: Kernel,
+    /// The decay of each channel far away, 1/mm.
+    sigma_per_mm: [f64; 3],
+    /// On the scale of this length the profiles are smooth, mm: the depth of the shallowest real source.
     smooth_mm: f64,
+}
+
+/// How a medium's profiles are evaluated.
+#[derive(Clone)]
+enum Kernel {
+    /// Dipoles, by their poles.
+    Poles(KernelRgb),
+    /// Any profile.
+    Table(Arc<RadialTable>),
 }
 
 impl MediumKernel {
     /// Of a medium.
     pub fn new(medium: &Medium) -> Self {
-        let profiles = medium.properties.dipoles(BoundaryFit::Published);
-        let smooth_mm = profiles.iter().flat_map(|p| p.poles()).map(|p| p.z_mm).fold(f64::MAX, f64::min);
-        Self { kernel: KernelRgb::new(profiles.map(|p| p.poles())), profiles, smooth_mm }
+        let dipoles = medium.properties.dipoles(BoundaryFit::Published);
+        let smooth_mm = dipoles.iter().flat_map(|p| p.poles()).map(|p| p.z_mm).fold(f64::MAX, f64::min);
+        Self {
+            kernel: Kernel::Poles(KernelRgb::new(dipoles.map(|p| p.poles()))),
+            sigma_per_mm: dipoles.map(|p| p.poles()[0].sigma_per_mm),
+            profiles: dipoles.map(|p| Arc::new(p) as Arc<dyn Profile>),
+            smooth_mm,
+        }
+    }
+
+    /// Of a medium with other profiles, over an object in which no two points are further apart than `reach_mm`.
+    ///
+    /// # Errors
+    /// As [`LoadedProfile::channels`].
+    pub fn with_profile(medium: &Medium, profile: &LoadedProfile, reach_mm: f64) -> Result<Self> {
+        let profiles: [Arc<dyn Profile>; 3] = profile.channels(&medium.properties)?.map(Arc::from);
+        let table = RadialTable::new(&profiles, reach_mm);
+        Ok(Self {
+            sigma_per_mm: profiles.each_ref().map(|p| decay_per_mm(p.as_ref(), reach_mm)),
+            smooth_mm: table.smooth_mm,
+            kernel: Kernel::Table(Arc::new(table)),
+            profiles,
+        })
     }
 
     /// Total diffuse reflectance, RGB.
     pub fn total(&self) -> DVec3 {
-        DVec3::from_array(self.profiles.map(|p| p.total()))
+        DVec3::from_array(self.profiles.each_ref().map(|p| p.total()))
     }
 }
 
@@ -131,7 +166,17 @@ pub(in crate::transport) struct Lists {
 impl<'a> Gather<'a> {
     /// With the media given (a change of material is another `Gather`).
     pub fn new(surface: &'a Surface<'a>, tree: &'a SampleTree, media: &[Medium], near: NearField) -> Self {
-        Self { surface, tree, media: media.iter().map(MediumKernel::new).collect(), near, level: Level::detect() }
+        Self::with_kernels(surface, tree, media.iter().map(MediumKernel::new).collect(), near)
+    }
+
+    /// With kernels of the media that are there already.
+    pub fn with_kernels(
+        surface: &'a Surface<'a>,
+        tree: &'a SampleTree,
+        media: Vec<MediumKernel>,
+        near: NearField,
+    ) -> Self {
+        Self { surface, tree, media, near, level: Level::detect() }
     }
 
     /// Uses narrower instructions than this processor offers: the results are the same to the bit.
@@ -275,11 +320,17 @@ impl<'a> Gather<'a> {
     /// Runs the kernels over the lists if they hold more than `limit` sources.
     fn drain(&self, medium: &MediumKernel, lists: &mut Lists, limit: usize) {
         if lists.points.len() > limit {
-            kernel::add_points(self.level, &mut lists.block, &medium.kernel, &lists.points);
+            match &medium.kernel {
+                Kernel::Poles(poles) => kernel::add_points(self.level, &mut lists.block, poles, &lists.points),
+                Kernel::Table(table) => radial_table::add_points(self.level, &mut lists.block, table, &lists.points),
+            }
             lists.points.clear();
         }
         if lists.flats.len() > limit {
-            kernel::add_triangles(self.level, &mut lists.block, &medium.kernel, &lists.flats);
+            match &medium.kernel {
+                Kernel::Poles(poles) => kernel::add_triangles(self.level, &mut lists.block, poles, &lists.flats),
+                Kernel::Table(table) => radial_table::add_triangles(self.level, &mut lists.block, table, &lists.flats),
+            }
             lists.flats.clear();
         }
     }
@@ -383,13 +434,22 @@ impl<'a> Gather<'a> {
     }
 }
 
+/// The decay of a profile where a hundredth of it is left, or as much as lies within reach: of exp(-sigma r) / r^2.
+fn decay_per_mm(profile: &dyn Profile, reach_mm: f64) -> f64 {
+    let far = profile.range_mm(0.01).min(reach_mm);
+    let near = 0.5 * far;
+    let ratio = 0.25 * profile.reflectance(near) / profile.reflectance(far);
+    let decay = ratio.ln() / (far - near);
+    if decay.is_finite() { decay.max(0.0) } else { 0.0 }
+}
+
 /// Bound of [`Criterion::KernelBound`], worst channel.
 fn bound(medium: &MediumKernel, cluster: &Cluster, distance: f64, mean_irradiance: DVec3) -> f64 {
     let mut worst: f64 = 0.0;
     for (channel, profile) in medium.profiles.iter().enumerate() {
         let scale = profile.total() * mean_irradiance[channel];
         if scale > 0.0 {
-            let sigma = profile.poles()[0].sigma_per_mm;
+            let sigma = medium.sigma_per_mm[channel];
             let slope = cluster.radius_mm * (sigma + 3.0 / distance);
             let error = cluster.flux[channel] * profile.reflectance(distance) * slope * slope / 6.0;
             worst = worst.max(error / scale);

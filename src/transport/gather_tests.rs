@@ -4,6 +4,7 @@ use super::*;
 use crate::geometry::mesh::Mesh;
 use crate::geometry::shapes;
 use crate::geometry::source::SourceModel;
+use crate::medium::dipole::Dipole;
 use crate::medium::material::OpticalProperties;
 use crate::progress::Silent;
 use crate::transport::test_scene::{Fixture, named};

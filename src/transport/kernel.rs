@@ -4,6 +4,7 @@
 //! that single precision loses little. Sums run in f32 over at most `FLUSH` sources and are then added to f64.
 
 pub mod near;
+pub mod radial_table;
 
 use glam::DVec3;
 

@@ -402,8 +402,11 @@ impl LightFunctions {
     }
 }
 
+/// Adds rows with their weights to sums.
+type AddRows<T> = fn(Level, &mut [f64], &[(f64, &[T])]);
+
 /// Sums of rows of `width` with these weights.
-fn sums<T: Sync>(weights: &[f64], rows: &[T], width: usize, add: fn(Level, &mut [f64], &[(f64, &[T])])) -> Vec<f64> {
+fn sums<T: Sync>(weights: &[f64], rows: &[T], width: usize, add: AddRows<T>) -> Vec<f64> {
     let rows = weights.iter().zip(rows.chunks_exact(width.max(1)));
     let rows: Vec<(f64, &[T])> = rows.map(|(w, row)| (*w, row)).filter(|(w, _)| *w != 0.0).collect();
     let level = Level::detect();

@@ -320,6 +320,7 @@ impl Evaluator for EditableEvaluator {
         let sampled = Sampled {
             surface: self.surface(),
             media: &self.scene.media,
+            kernels: None,
             lights: &self.lights,
             irradiance: rays.as_ref().map_or((&lit.irradiance, &lit.pieces), |(e, pieces)| (e, pieces)),
             sampling: self.plan.sampling,

@@ -77,6 +77,7 @@ pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
         let sampled = Sampled {
             surface: stage.surface(scene),
             media: &scene.media,
+            kernels: None,
             lights: std::slice::from_ref(light),
             irradiance: (&irradiance, &pieces),
             sampling: plan.sampling,
