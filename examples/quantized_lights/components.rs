@@ -21,7 +21,7 @@ const LADDERS: [(&str, &str, &[f64]); 6] = [
     ("bunny_closed", "skin1", &[0.03, 0.02, 0.015]),
     ("horse", "marble", &[0.02, 0.015]),
     ("horse", "skin1", &[0.02]),
-    ("dragon_50k", "marble", &[0.03, 0.025, 0.02]),
+    ("dragon_50k", "marble", &[0.03, 0.025, 0.023, 0.02]),
     ("dragon_50k", "skin1", &[0.03, 0.02]),
 ];
 

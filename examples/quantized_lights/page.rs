@@ -107,6 +107,13 @@ Directional light; everything between the model and the picture counts: sampling
 reference points, quantiser. Bytes are all of the method's sections on disk, RGB. `reference` is brute force, under the first of the
 lights; the other columns are under all 8 against `two_pass` with 262,144 samples.
 
+The dragon in marble is the dearest, since its folds shade each other: at 2 % its radiosity takes 491 functions of the light
+and 568 columns at 8,597 reference points, that of the bunny at 1.8 % 332 and 367 at 7,791. Coding is most of its error: 2.5 to 4.0
+alone under the 8 lights (reference points 1.5 to 1.9, between lights 0.9 to 3.2, samples 0.9 to 2.0, all together 2.8 to
+4.8, in 1e-3 with background). Sizes that are coded by what column and row lead to expect take 5 % of its bytes away, and 2.3 % asked is
+enough. Other shares of the coding error (functions left out, their rounding, columns left out, a wider zero) save 1 % at the same
+error at most; predictions shrunk by column and level would save 2 %, and are not done.
+
 ";
 
 const POINTS: &str = "

