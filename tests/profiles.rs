@@ -46,11 +46,14 @@ fn radiosity_is_the_integral_of_the_profile() {
         };
         (0..mesh.local_mm.len() as u32).step_by(13).map(at).collect()
     };
-    let line = "reference ball.obj --unit mm --material skin1 --samples 2000 --light constant:radiance=1 --no-measure -q";
+    let line =
+        "reference ball.obj --unit mm --material skin1 --samples 2000 --light constant:radiance=1 --no-measure -q";
     folder.run(&format!("{line} -o dipole.ply")).ok();
     let dipole = (folder.radiosity("dipole.ply"), integrals("dipole"));
     let some = |values: &[DVec3]| values.iter().step_by(13).copied().collect::<Vec<DVec3>>();
-    for profile in ["better-dipole", "photon-beam", "burley", "burley:fit=diffuse", "slab:thickness=1.5", "gaussians:skin"] {
+    for profile in
+        ["better-dipole", "photon-beam", "burley", "burley:fit=diffuse", "slab:thickness=1.5", "gaussians:skin"]
+    {
         for method in ["reference", "two_pass"] {
             folder.run(&format!("{line} --method {method} --profile {profile} -o other.ply")).ok();
             let scaled: Vec<DVec3> = some(&dipole.0).iter().zip(&dipole.1).map(|(b, i)| *b / *i).collect();
@@ -80,12 +83,17 @@ fn a_profile_is_put_on_an_asset_that_stores_none() {
     // A slab that is thick against everything is a half space; of another medium it is that medium's.
     folder.run(&format!("evaluate ball.tlux --profile slab:thickness=10000 {sun} -o thick.ply")).ok();
     assert!(relative_difference(&folder.radiosity("thick.ply"), &folder.radiosity("dipole.ply")) < 0.01);
-    folder.run(&format!("evaluate ball.tlux --material marble --profile slab:thickness=10000 {sun} -o marble.ply")).ok();
+    folder
+        .run(&format!("evaluate ball.tlux --material marble --profile slab:thickness=10000 {sun} -o marble.ply"))
+        .ok();
     folder.run(&format!("evaluate ball.tlux --material marble {sun} -o dipole.ply")).ok();
     assert!(relative_difference(&folder.radiosity("marble.ply"), &folder.radiosity("dipole.ply")) < 0.01);
-    let measured = folder.run(&format!("evaluate ball.tlux --profile burley {sun} --measure --json -o burley.ply")).ok();
+    let measured =
+        folder.run(&format!("evaluate ball.tlux --profile burley {sun} --measure --json -o burley.ply")).ok();
     assert!(measured.json()["measured"]["entries"].as_array().is_some_and(|entries| !entries.is_empty()));
-    folder.run(&format!("render ball.tlux --profile burley {sun} --resolution 16x16 --samples-per-pixel 1 -o p.exr")).ok();
+    folder
+        .run(&format!("render ball.tlux --profile burley {sun} --resolution 16x16 --samples-per-pixel 1 -o p.exr"))
+        .ok();
 }
 
 #[test]

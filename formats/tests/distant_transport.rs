@@ -102,7 +102,7 @@ fn what_breaks_a_rule_is_neither_written_nor_read() {
     let changes: [(Change, Tag); 8] = [
         (|t| (t.harmonics, t.rows) = (None, None), tags::NUMBERS),
         (|t| t.harmonics.as_mut().unwrap().order = 0, tags::NUMBERS),
-        (|t| t.harmonics.as_mut().unwrap().order = 25, tags::NUMBERS),
+        (|t| t.harmonics.as_mut().unwrap().order = 33, tags::NUMBERS),
         (|t| t.harmonics.as_mut().unwrap().spacing_mm = f64::NAN, tags::NUMBERS),
         (|t| t.harmonics.as_mut().unwrap().order = 3, tags::SET.units),
         (|t| t.harmonics.as_mut().unwrap().set.step = 0.0, tags::NUMBERS),
@@ -120,7 +120,7 @@ fn what_breaks_a_rule_is_neither_written_nor_read() {
         (|t| t.single.as_mut().unwrap().terms = 17, 3, tags::SINGLE_NUMBERS),
         (|t| t.single.as_mut().unwrap().terms = 3, 3, tags::SINGLE_NUMBERS),
         (|t| t.single.as_mut().unwrap().harmonics = None, 3, tags::SINGLE_NUMBERS),
-        (|t| t.single.as_mut().unwrap().harmonics.as_mut().unwrap().order = 25, 3, tags::SINGLE_NUMBERS),
+        (|t| t.single.as_mut().unwrap().harmonics.as_mut().unwrap().order = 33, 3, tags::SINGLE_NUMBERS),
         (|t| t.single.as_mut().unwrap().terms = 2, 4, tags::SINGLE_NUMBERS),
         (|t| t.single.as_mut().unwrap().rows.as_mut().unwrap().terms = 2, 4, rows::tags::SINGLE.dimensions),
     ];
