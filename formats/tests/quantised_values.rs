@@ -74,7 +74,7 @@ fn what_breaks_a_rule_is_not_written() {
         (tags::NUMBERS, |q| q.shells[1] = f64::NAN),
         (tags::NUMBERS, |q| q.planes = 0),
         (tags::NUMBERS, |q| q.planes = 9),
-        (tags::NUMBERS, |q| q.order = 25),
+        (tags::NUMBERS, |q| q.order = 33),
         (tags::NUMBERS, |q| q.order = 2 - q.order),
     ];
     let own: Vec<(Encoding, Tag, Change)> = vec![
