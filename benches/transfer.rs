@@ -3,12 +3,15 @@
 //! `cargo bench --bench transfer`. Best of many short runs, so other load matters little.
 
 use std::hint::black_box;
+use std::sync::Arc;
 use std::time::Instant;
 
 use glam::DVec3;
 use translux::math::random::uniform;
 use translux::medium::fresnel::BoundaryFit;
 use translux::medium::material::preset;
+use translux::medium::profile::Profile;
+use translux::transport::kernel::radial_table::{self, RadialTable};
 use translux::transport::kernel::{Block, FlatSource, KernelRgb, PointSource, add_points, add_triangles};
 use translux::transport::simd::Level;
 
@@ -24,15 +27,34 @@ fn main() {
     for level in Level::available() {
         for receivers in [16, 64] {
             let block = block_of(receivers, free_path);
-            let pairs = points(level, &kernel, &block, receivers, free_path);
+            let pairs = points(&block, receivers, free_path, |b, sources| {
+                add_points(level, b, &kernel, sources);
+            });
             println!("{level:?}, blocks of {receivers}: {:.2} G pairs/s a channel", pairs * 1e-9);
             widest = f64::max(widest, pairs);
             for size in [0.5, 2.0, 5.0, 20.0, 200.0] {
-                let nanoseconds = triangles(level, &kernel, &block, receivers, size * free_path);
+                let nanoseconds = triangles(&block, receivers, size * free_path, |b, sources| {
+                    add_triangles(level, b, &kernel, sources);
+                });
                 println!(
                     "{level:?}, blocks of {receivers}: triangle of {size} mean free paths {nanoseconds:.1} ns RGB"
                 );
             }
+        }
+    }
+    // The same dipoles as any profile is evaluated.
+    let table = RadialTable::new(&dipoles.map(|d| Arc::new(d) as Arc<dyn Profile>), 100.0 * free_path);
+    for level in Level::available() {
+        let block = block_of(16, free_path);
+        let pairs = points(&block, 16, free_path, |b, sources| {
+            radial_table::add_points(level, b, &table, sources);
+        });
+        println!("{level:?}, tables: {:.2} G pairs/s a channel, {} KiB", pairs * 1e-9, table.bytes() / 1024);
+        for size in [0.5, 2.0, 20.0] {
+            let nanoseconds = triangles(&block, 16, size * free_path, |b, sources| {
+                radial_table::add_triangles(level, b, &table, sources);
+            });
+            println!("{level:?}, tables: triangle of {size} mean free paths {nanoseconds:.1} ns RGB");
         }
     }
     let verdict = if widest >= TARGET { "met" } else { "MISSED" };
@@ -61,16 +83,16 @@ fn fastest(mut run: impl FnMut()) -> f64 {
     (0..40).map(|_| once(&mut run)).fold(f64::INFINITY, f64::min)
 }
 
-fn points(level: Level, kernel: &KernelRgb, block: &Block, receivers: usize, free_path: f64) -> f64 {
+fn points(block: &Block, receivers: usize, free_path: f64, mut add: impl FnMut(&mut Block, &[PointSource])) -> f64 {
     let coordinate = |i, k| (10.0 * free_path * uniform(2, i, k)) as f32;
     let sources: Vec<PointSource> =
         (0..4096).map(|i| PointSource { at: [0, 1, 2].map(|k| coordinate(i, k)), flux: [1.0, 2.0, 3.0] }).collect();
     let mut block = block.clone();
-    let seconds = fastest(|| add_points(level, black_box(&mut block), kernel, black_box(&sources)));
+    let seconds = fastest(|| add(black_box(&mut block), black_box(&sources)));
     3.0 * (sources.len() * receivers) as f64 / seconds
 }
 
-fn triangles(level: Level, kernel: &KernelRgb, block: &Block, receivers: usize, size: f64) -> f64 {
+fn triangles(block: &Block, receivers: usize, size: f64, mut add: impl FnMut(&mut Block, &[FlatSource])) -> f64 {
     let sources: Vec<FlatSource> = (0..128)
         .filter_map(|i| {
             let at = DVec3::new(uniform(3, i, 0), uniform(3, i, 1), 0.1 * uniform(3, i, 2)) * size;
@@ -78,6 +100,6 @@ fn triangles(level: Level, kernel: &KernelRgb, block: &Block, receivers: usize, 
         })
         .collect();
     let mut block = block.clone();
-    let seconds = fastest(|| add_triangles(level, black_box(&mut block), kernel, black_box(&sources)));
+    let seconds = fastest(|| add(black_box(&mut block), black_box(&sources)));
     seconds * 1e9 / (sources.len() * receivers) as f64
 }

@@ -78,6 +78,20 @@ impl FlatSource {
     }
 }
 
+impl FlatSource {
+    /// Squared heights of receivers over the plane, mm^2.
+    #[inline(always)]
+    fn height2(&self, [x, y, z]: [&Row; 3]) -> Row {
+        let n = self.normal;
+        let mut height2 = [0.0; LANES];
+        for i in 0..LANES {
+            let h = self.height + (n[0] * x[i] + n[1] * y[i] + n[2] * z[i]);
+            height2[i] = h * h;
+        }
+        height2
+    }
+}
+
 /// One term `weight (1 + sigma d) exp(-sigma d) / d^3` of R_d, d^2 = r^2 + z^2, in single precision.
 #[derive(Clone, Copy, Debug, Default)]
 struct Term {
@@ -301,12 +315,8 @@ fn rise_over(x: f32, scale: f32, divisor: f32) -> f32 {
 /// (-1, 1), where the integrand is bounded and analytic.
 #[inline(always)]
 fn triangle_into(partial: &mut [Row; 3], [x, y, z]: &[Row; 3], kernel: &KernelRgb, source: &FlatSource) {
-    let (n, edges) = (source.normal, &source.edges);
-    let mut height2 = [0.0; LANES];
-    for i in 0..LANES {
-        let h = source.height + (n[0] * x[i] + n[1] * y[i] + n[2] * z[i]);
-        height2[i] = h * h;
-    }
+    let edges = &source.edges;
+    let height2 = source.height2([x, y, z]);
     let (mut pedals, mut starts) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
     for (k, e) in edges.iter().enumerate() {
         let (o, u) = (e.outward, e.along);
