@@ -73,7 +73,11 @@ const FOUR_WAYS: &str = "\
 From the left: (a) by rays along the refracted way from the eye, 128 distances a pixel at random under a sun, 1,024 directions with
 a distance each under an environment; (b) the same along the inverse normal; (c) the paper's 16 deterministic distances along the
 inverse normal; (d) baked: cube-map vectors of every vertex with shared samples, whose light is the mean over texels. Rows as in the
-table, which has image RMS; *(a) again* has other random numbers: what is noise. The paper: (c) \"qualitatively matches the true answer in (a)\".";
+table, which has image RMS; *(a) again* has other random numbers: what is noise. The paper: (c) \"qualitatively matches the true answer in (a)\".
+
+Below the pictures, what sharing costs. Under a sun as large as a texel 1 % is not reached: along the path each of six Gauss points meets
+another facet, fold or shadow, and the paper's 16 samples are themselves more than 1 % from 64. More depths, a finer tolerance, texels
+cut in four and shadow boundaries found between depths were tried: 1.3 to 1.7 % at 7 to 12 times the cost.";
 
 const FIGURE6: &str = "
 ## Figure 6: phase functions of few terms
