@@ -175,7 +175,7 @@ fn keys_and_lights_that_do_not_fit_are_refused() {
     let method = methods::named("all_frequency").unwrap();
     for (set, word) in [
         (vec!["coefficients=50"], "49 or 64"),
-        (vec!["coefficients=625"], "576"),
+        (vec!["coefficients=1089"], "1024"),
         (vec!["transform=texels"], "no use"),
         (vec!["basis=haar", "spacing=1"], "no use"),
         (vec!["basis=haar", "coefficients=5"], "6 to 6144"),

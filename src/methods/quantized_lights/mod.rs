@@ -76,7 +76,7 @@ const INTEGRAL: Key = Key {
 const ORDER: Key = Key {
     name: "order",
     default: "auto",
-    help: "order n of spherical harmonics, 1 to 24, n^2 coefficients; auto: for sh what --max-rms asks for (7 in the paper), for \
+    help: "order n of spherical harmonics, 1 to 32, n^2 coefficients; auto: for sh what --max-rms asks for (7 in the paper), for \
            reference-points 3",
 };
 
