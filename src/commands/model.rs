@@ -91,14 +91,7 @@ impl ModelArgs {
     /// Reads the model and resolves its size, parts and media; says what a user must know on standard error.
     pub(super) fn load(&self, console: &Console) -> Result<Loaded> {
         let source = console.stage("import", || read_model(&self.model))?;
-        let mut files = vec![self.model.clone()];
-        if matches!(super::output::suffix(&self.model).as_str(), "gltf" | "glb") {
-            files.extend(io::gltf::external_files(&self.model)?);
-        }
-        files.extend(self.media.files());
-        let hash =
-            |path: &PathBuf| std::fs::read(path).map(|bytes| Input::of(path, &bytes)).map_err(|e| Error::io(path, &e));
-        let inputs = files.iter().map(hash).collect::<Result<_>>()?;
+        let inputs = hashed(files_of(&self.model)?.into_iter().chain(self.media.files()))?;
         self.prepare(source, inputs, console).map_err(|e| e.at(self.model.display()))
     }
 
@@ -261,6 +254,24 @@ impl PartsChoice {
             Self::Joined => PartsRule::Joined,
         }
     }
+}
+
+/// A model's file and those that it refers to.
+pub(super) fn files_of(model: &Path) -> Result<Vec<PathBuf>> {
+    let mut files = vec![model.to_owned()];
+    if matches!(super::output::suffix(model).as_str(), "gltf" | "glb") {
+        files.extend(io::gltf::external_files(model)?);
+    }
+    Ok(files)
+}
+
+/// Files as reports and assets name them.
+pub(super) fn hashed(files: impl IntoIterator<Item = PathBuf>) -> Result<Vec<Input>> {
+    let hash = |path: PathBuf| match std::fs::read(&path) {
+        Ok(bytes) => Ok(Input::of(&path, &bytes)),
+        Err(e) => Err(Error::io(&path, &e)),
+    };
+    files.into_iter().map(hash).collect()
 }
 
 /// Reads a model by the suffix of its name.

@@ -10,8 +10,8 @@ use super::console::{Console, percent, significant};
 use super::device::DeviceArg;
 use super::evaluate::{check_range, mean_and_max, radiosity_ply};
 use super::lights::ResolvedLights;
-use super::model::read_model;
-use super::{output, report};
+use super::model::{files_of, hashed, read_model};
+use super::report;
 use crate::asset::{Input, Provenance};
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::{Cost, Evaluator, SingleScattering};
@@ -89,7 +89,7 @@ impl OtherMesh<'_> {
             return Err(Error::unsupported("--on: single scattering belongs to the asset's own mesh"));
         }
         let mut inputs = lights.inputs;
-        inputs.extend(self.inputs()?);
+        inputs.extend(hashed(files_of(self.model)?)?);
         let placed = self.place(evaluator.scene(), provenance, console)?;
         evaluator.set_lights(lights.lights, console)?;
         let result = placed.evaluate(evaluator.as_mut(), console).map_err(|e| e.at(self.model.display()))?;
@@ -136,15 +136,6 @@ impl OtherMesh<'_> {
         };
         report::print(console, "evaluate-on", &report)?;
         Ok(ExitCode::Ok)
-    }
-
-    fn inputs(&self) -> Result<Vec<Input>> {
-        let mut files = vec![self.model.to_owned()];
-        if matches!(output::suffix(self.model).as_str(), "gltf" | "glb") {
-            files.extend(io::gltf::external_files(self.model)?);
-        }
-        let hash = |path: &PathBuf| Ok(Input::of(path, &std::fs::read(path).map_err(|e| Error::io(path, &e))?));
-        files.iter().map(hash).collect()
     }
 
     /// Reads the mesh in the units of the asset's source and finds its vertices on the asset's surface.

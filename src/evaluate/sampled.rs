@@ -398,7 +398,9 @@ impl Evaluator for SampledEvaluator {
         if media.iter().zip(&self.scene.media).any(|(a, b)| eta(a) != eta(b)) {
             (self.irradiance, self.matrix) = (None, None);
         }
-        if let Some((profile, _)) = &self.profile {
+        // Names may change without work.
+        let same = media.iter().zip(&self.scene.media).all(|(a, b)| a.properties == b.properties);
+        if let (Some((profile, _)), false) = (&self.profile, same) {
             let kernels = self.kernels(profile, &media)?;
             self.profile = Some((profile.clone(), kernels));
         }
