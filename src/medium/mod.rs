@@ -4,6 +4,7 @@ pub mod dipole;
 pub mod entrance_basis;
 pub mod far_profile;
 pub mod fresnel;
+pub mod inversion;
 pub mod material;
 mod material_file;
 pub mod phase;
