@@ -51,10 +51,14 @@ impl ProfileArg {
         self.profile.is_some()
     }
 
+    /// The profile that is asked for; the dipole without one.
+    pub(super) fn model(&self) -> Result<ProfileModel> {
+        self.profile.as_deref().map_or(Ok(ProfileModel::Dipole), ProfileModel::parse)
+    }
+
     /// Puts the profile in force and its name beside those of the media.
     pub(super) fn put(&self, evaluator: &mut dyn Evaluator) -> Result<()> {
-        let Some(text) = &self.profile else { return Ok(()) };
-        let model = ProfileModel::parse(text)?;
+        let model = self.model()?;
         if model == ProfileModel::Dipole {
             return Ok(());
         }

@@ -73,9 +73,38 @@ impl AssetArgs {
     }
 }
 
-/// The evaluator of an asset as it was baked, with isotropic single scattering in its radiosity.
 #[cfg(feature = "gui")]
-pub(super) fn evaluator_of(path: &std::path::Path) -> Result<Box<dyn Evaluator>> {
-    let asset = Arc::new(Asset::read(path)?);
-    Ok(crate::evaluate::summed::Summed::of(methods::named(&asset.provenance.method)?.open(asset)?))
+impl AssetArgs {
+    /// The profile that is asked for.
+    pub(super) fn profile(&self) -> Result<crate::medium::profiles::model::ProfileModel> {
+        self.profile.model()
+    }
+
+    /// An asset as it was baked, this one in its other size where one is asked for, with a profile in the dipole's place where
+    /// there is one and isotropic single scattering in its radiosity.
+    pub(super) fn again(
+        &self,
+        path: &std::path::Path,
+        profile: Option<&crate::medium::profiles::model::LoadedProfile>,
+    ) -> Result<crate::relight::window::OpenedModel> {
+        let asset = Asset::read(path)?;
+        let method = methods::named(&asset.provenance.method)?;
+        let asset = match self.size_mm {
+            Some(size_mm) if path == self.asset => self.resized(asset, method, size_mm)?,
+            _ => asset,
+        };
+        let mut evaluator = method.open(Arc::new(asset))?;
+        if let Some(profile) = profile {
+            evaluator.set_profile(profile.clone())?;
+        }
+        let evaluator = crate::evaluate::summed::Summed::of(evaluator);
+        Ok(crate::relight::window::OpenedModel { evaluator, profiles: profiles_of(method) })
+    }
+}
+
+/// What its assets take: transport that is stored is that of the profile that it was computed for.
+#[cfg(feature = "gui")]
+pub(super) fn profiles_of(method: &dyn Method) -> crate::relight::window::Profiles {
+    use crate::relight::window::Profiles;
+    if method.stores_transport() { Profiles::Dipole } else { Profiles::Any }
 }

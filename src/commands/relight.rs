@@ -211,10 +211,13 @@ fn window(args: &RelightArgs, console: &Console, pool: Arc<rayon::ThreadPool>) -
     // Told before a window opens.
     let texture = Texture::new(&args.texture, &opened.evaluator.scene().mesh)?;
     texture.iter().flat_map(Texture::warnings).for_each(|warning| console.warn(warning));
+    let again = args.asset.clone();
     let session = Session {
         model: args.asset.asset.clone(),
         evaluator: drawn(opened.evaluator, console),
-        open: Arc::new(super::opened::evaluator_of),
+        profile: args.asset.profile()?,
+        profiles: super::opened::profiles_of(opened.method),
+        open: Arc::new(move |path, profile| again.again(path, profile)),
         lights: lights.lights,
         choice: args.device.choice(),
         camera: args.camera.unwrap_or_default(),

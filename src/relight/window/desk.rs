@@ -4,10 +4,10 @@ use std::path::PathBuf;
 
 use glam::DVec3;
 
+use super::editing::{Editing, ProfileInForce};
 use crate::evaluate::MaterialEdit;
 use crate::light::Light;
 use crate::light::environment::EnvironmentMap;
-use crate::medium::material::Preset;
 use crate::relight::lights::{LightEntry, pivot_mm, shining};
 use crate::relight::orbit::Orbit;
 use crate::relight::raster::view::{Look, Textured};
@@ -54,6 +54,8 @@ pub(super) struct Desk {
     pub(super) accepted: Vec<Medium>,
     pub(super) material: MaterialEdit,
     pub(super) refused: Option<String>,
+    pub(super) editing: Editing,
+    pub(super) profile: ProfileInForce,
     pub(super) auto_exposure: bool,
     pub(super) stops: f64,
     white: Option<f64>,
@@ -79,10 +81,12 @@ impl Desk {
         model: PathBuf,
         scene: &Scene,
         material: MaterialEdit,
+        profile: ProfileInForce,
         lights: Vec<Light>,
         camera: &Camera,
     ) -> Self {
         let pivot_mm = pivot_mm(&scene.mesh);
+        let media = profile.plain(&scene.media);
         Self {
             model,
             entries: lights.into_iter().map(|l| LightEntry::new(l, pivot_mm)).collect(),
@@ -90,10 +94,12 @@ impl Desk {
             pivot_mm,
             turn_degrees: 0.0,
             turning: false,
-            media: scene.media.clone(),
-            accepted: scene.media.clone(),
+            accepted: media.clone(),
+            media,
             material,
             refused: None,
+            editing: Editing::default(),
+            profile,
             auto_exposure: true,
             stops: 0.0,
             white: None,
@@ -114,7 +120,14 @@ impl Desk {
     }
 
     /// Another model in place of this one; lights and settings stay.
-    pub(super) fn replace_model(&mut self, model: PathBuf, scene: &Scene, material: MaterialEdit, camera: &Camera) {
+    pub(super) fn replace_model(
+        &mut self,
+        model: PathBuf,
+        scene: &Scene,
+        material: MaterialEdit,
+        profile: ProfileInForce,
+        camera: &Camera,
+    ) {
         let pivot = pivot_mm(&scene.mesh);
         self.entries = self
             .entries
@@ -131,6 +144,8 @@ impl Desk {
         self.accepted = scene.media.clone();
         self.material = material;
         self.refused = None;
+        self.editing = Editing::default();
+        self.profile = profile;
         self.error = None;
         self.orbit = Orbit::of(camera);
         self.white = None;
@@ -224,28 +239,6 @@ impl Desk {
         }
     }
 
-    /// The media in force; drafts that were refused are forgotten.
-    pub(super) fn settle_media(&mut self, accepted: Vec<Medium>, refused: Option<String>) {
-        match refused {
-            Some(reason) => {
-                self.refused = Some(reason);
-                self.media.clone_from(&accepted);
-            }
-            None if self.media == accepted => self.refused = None,
-            None => {}
-        }
-        self.accepted = accepted;
-    }
-
-    /// A preset in place of a medium.
-    pub(super) fn choose_preset(&mut self, medium: usize, preset: &Preset) {
-        if let Some(medium) = self.media.get_mut(medium) {
-            *medium = Medium { name: preset.name.to_owned(), properties: preset.properties() };
-            self.refused = None;
-            self.serial += 1;
-        }
-    }
-
     pub(super) fn say(&mut self, text: impl Into<String>) {
         self.message = Some(Message { text: text.into(), bad: false });
     }
@@ -257,7 +250,7 @@ impl Desk {
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
-mod tests {
+pub(super) mod tests {
     use std::sync::Arc;
 
     use super::*;
@@ -268,14 +261,15 @@ mod tests {
     use crate::medium::material::preset;
     use crate::render::camera::Resolution;
 
-    fn desk() -> Desk {
+    pub(in crate::relight::window) fn desk() -> Desk {
         let (mesh, _) = Mesh::from_source(shapes::icosphere(10.0, 2), &Placement { mm_per_unit: 1.0 }).unwrap();
         let camera = Camera::framing(&mesh, Resolution::new(4, 4).unwrap()).unwrap();
         let parts = PartTable::new(&mesh, vec![0; mesh.triangles.len()], vec![("ball".into(), Some(0))]);
         let media = vec![Medium { name: "marble".into(), properties: preset("marble").unwrap().properties() }];
         let scene = Scene { mesh, parts, media };
         let lights = vec![Light::directional(DVec3::Z, DVec3::ONE).unwrap(), Light::constant(DVec3::ONE).unwrap()];
-        Desk::new("ball.tlux".into(), &scene, MaterialEdit::Any, lights, &camera)
+        let profile = ProfileInForce::dipole(None);
+        Desk::new("ball.tlux".into(), &scene, MaterialEdit::Any, profile, lights, &camera)
     }
 
     #[test]
@@ -299,23 +293,6 @@ mod tests {
         assert!((desk.exposure_factor() - 1.0).abs() < 1e-3 && !desk.is_adapting());
         desk.set_exposure(Exposure::Stops(2.0));
         assert_eq!(desk.exposure_factor(), 4.0);
-    }
-
-    #[test]
-    fn a_refused_material_goes_back_and_says_why() {
-        let mut desk = desk();
-        let old = desk.media.clone();
-        desk.choose_preset(0, preset("skin1").unwrap());
-        desk.settle_media(old.clone(), Some("no".into()));
-        assert_eq!((&desk.media, desk.refused.as_deref()), (&old, Some("no")));
-        desk.choose_preset(0, preset("skin1").unwrap());
-        let new = desk.media.clone();
-        desk.settle_media(new.clone(), None);
-        assert_eq!((&desk.accepted, &desk.refused), (&new, &None));
-        // An answer to an older state does not move the sliders.
-        desk.choose_preset(0, preset("cream").unwrap());
-        desk.settle_media(old, None);
-        assert_eq!(desk.media[0].name, "cream");
     }
 
     #[test]

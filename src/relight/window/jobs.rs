@@ -8,14 +8,17 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use glam::DVec3;
 use rayon::ThreadPool;
 
-use super::OpenModel;
+use super::placing::Placing;
+use super::{OpenedModel, Profiles};
 use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
+use crate::evaluate::device::DeviceEvaluator;
 use crate::io::atomic;
 use crate::io::environment::load_environment;
 use crate::light::Light;
 use crate::light::environment::EnvironmentMap;
 use crate::math::statistics::vertex_error;
+use crate::medium::profiles::model::{LoadedProfile, ProfileModel};
 use crate::progress::Progress;
 use crate::relight::headless::png;
 use crate::relight::raster::target::LinearPicture;
@@ -39,6 +42,8 @@ pub(super) enum Job {
     Png { picture: LinearPicture, background: Background, path: PathBuf },
     /// Another model.
     Model(PathBuf),
+    /// Another profile for the same one.
+    Profile { model: PathBuf, media: Vec<Medium>, profile: ProfileModel },
     /// An environment.
     Environment(PathBuf),
 }
@@ -48,6 +53,10 @@ pub(super) struct State {
     pub(super) model: PathBuf,
     pub(super) lights: Vec<Light>,
     pub(super) media: Vec<Medium>,
+    /// Names of the media for reports.
+    pub(super) names: Vec<String>,
+    /// In the dipole's place.
+    pub(super) profile: Option<Arc<LoadedProfile>>,
     pub(super) serial: u64,
 }
 
@@ -55,8 +64,26 @@ pub(super) struct State {
 pub(super) enum Outcome {
     Error(ErrorField),
     Saved(Vec<PathBuf>),
-    Model { path: PathBuf, evaluator: Box<dyn Evaluator> },
-    Environment { map: Arc<EnvironmentMap>, warnings: Vec<String> },
+    Model {
+        path: PathBuf,
+        evaluator: Box<dyn DeviceEvaluator>,
+        profiles: Profiles,
+        note: Option<String>,
+    },
+    /// Why there is no such profile, or the evaluator that has it.
+    Profile(Result<Profiled>),
+    Environment {
+        map: Arc<EnvironmentMap>,
+        warnings: Vec<String>,
+    },
+}
+
+/// An evaluator with another profile.
+pub(super) struct Profiled {
+    pub(super) model: ProfileModel,
+    pub(super) loaded: Arc<LoadedProfile>,
+    pub(super) evaluator: Box<dyn DeviceEvaluator>,
+    pub(super) note: Option<String>,
 }
 
 /// Errors of all vertices.
@@ -78,14 +105,14 @@ pub(super) struct Jobs {
     ended: Receiver<Result<Outcome>>,
     sender: Sender<Result<Outcome>>,
     pool: Arc<ThreadPool>,
-    open: OpenModel,
+    placing: Placing,
     wake: Arc<dyn Fn() + Send + Sync>,
 }
 
 impl Jobs {
-    pub(super) fn new(pool: Arc<ThreadPool>, open: OpenModel, wake: Arc<dyn Fn() + Send + Sync>) -> Self {
+    pub(super) fn new(pool: Arc<ThreadPool>, placing: Placing, wake: Arc<dyn Fn() + Send + Sync>) -> Self {
         let (sender, ended) = channel();
-        Self { running: None, ended, sender, pool, open, wake }
+        Self { running: None, ended, sender, pool, placing, wake }
     }
 
     /// Name and progress of the job that runs.
@@ -102,11 +129,11 @@ impl Jobs {
             return Err(Error::runtime(format!("wait for: {running}")));
         }
         let meter = Arc::new(Meter::default());
-        let (sender, pool, open, wake) =
-            (self.sender.clone(), Arc::clone(&self.pool), Arc::clone(&self.open), Arc::clone(&self.wake));
+        let (sender, pool, placing, wake) =
+            (self.sender.clone(), Arc::clone(&self.pool), self.placing.clone(), Arc::clone(&self.wake));
         let progress = Arc::clone(&meter);
         let work = move || {
-            let result = pool.install(|| run(job, &open, progress.as_ref()));
+            let result = pool.install(|| run(job, &placing, progress.as_ref()));
             let _ = sender.send(result);
             wake();
         };
@@ -126,11 +153,11 @@ impl Jobs {
     }
 }
 
-fn run(job: Job, open: &OpenModel, progress: &dyn Progress) -> Result<Outcome> {
+fn run(job: Job, placing: &Placing, progress: &dyn Progress) -> Result<Outcome> {
     match job {
-        Job::Error(state) => error_field(&state, open, progress).map(Outcome::Error),
+        Job::Error(state) => error_field(&state, placing, progress).map(Outcome::Error),
         Job::Render { state, settings, texture, exposure, stem } => {
-            let mut evaluator = evaluator_in(&state, open, progress)?;
+            let mut evaluator = evaluator_in(&state, placing, progress)?;
             let radiosity = evaluator.radiosity(progress)?;
             let exitance = Exitance { texture: texture.as_deref(), ..Exitance::from(&radiosity) };
             let frame = render(evaluator.as_ref(), exitance, &state.lights, &settings, progress)?;
@@ -140,7 +167,7 @@ fn run(job: Job, open: &OpenModel, progress: &dyn Progress) -> Result<Outcome> {
                 text("software", format!("translux {}", env!("CARGO_PKG_VERSION"))),
                 text("camera", settings.camera.to_string()),
                 text("lights", state.lights.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")),
-                text("material", state.media.iter().map(|m| m.name.clone()).collect::<Vec<_>>().join("; ")),
+                text("material", state.names.join("; ")),
             ];
             attributes.extend(texture.map(|texture| text("texture", texture.to_string())));
             let background =
@@ -153,7 +180,12 @@ fn run(job: Job, open: &OpenModel, progress: &dyn Progress) -> Result<Outcome> {
             atomic::write(&path, &png(&picture, background)?)?;
             Ok(Outcome::Saved(vec![path]))
         }
-        Job::Model(path) => Ok(Outcome::Model { evaluator: open(&path)?, path }),
+        Job::Model(path) => {
+            let OpenedModel { evaluator, profiles } = (placing.open)(&path, None)?;
+            let (evaluator, note) = placing.place(&path, None, evaluator)?;
+            Ok(Outcome::Model { path, evaluator, profiles, note })
+        }
+        Job::Profile { model, media, profile } => Ok(Outcome::Profile(profiled(&model, &media, profile, placing))),
         Job::Environment(path) => {
             let loaded = load_environment(&path)?;
             Ok(Outcome::Environment { map: Arc::new(loaded.value), warnings: loaded.warnings })
@@ -161,17 +193,24 @@ fn run(job: Job, open: &OpenModel, progress: &dyn Progress) -> Result<Outcome> {
     }
 }
 
-fn evaluator_in(state: &State, open: &OpenModel, progress: &dyn Progress) -> Result<Box<dyn Evaluator>> {
-    let mut evaluator = open(&state.model)?;
-    if evaluator.scene().media != state.media {
-        evaluator.set_media(state.media.clone())?;
-    }
+/// The model anew with a profile, and the media as they were.
+fn profiled(path: &Path, media: &[Medium], model: ProfileModel, placing: &Placing) -> Result<Profiled> {
+    let loaded = Arc::new(model.load()?);
+    // The closed form of the dipole is what every evaluator has.
+    let profile = (model != ProfileModel::Dipole).then_some(loaded.as_ref());
+    let evaluator = placing.evaluator(path, profile, media)?;
+    let (evaluator, note) = placing.place(path, profile, evaluator)?;
+    Ok(Profiled { model, loaded, evaluator, note })
+}
+
+fn evaluator_in(state: &State, placing: &Placing, progress: &dyn Progress) -> Result<Box<dyn Evaluator>> {
+    let mut evaluator = placing.evaluator(&state.model, state.profile.as_deref(), &state.media)?;
     evaluator.set_lights(state.lights.clone(), progress)?;
     Ok(evaluator)
 }
 
-fn error_field(state: &State, open: &OpenModel, progress: &dyn Progress) -> Result<ErrorField> {
-    let mut evaluator = evaluator_in(state, open, progress)?;
+fn error_field(state: &State, placing: &Placing, progress: &dyn Progress) -> Result<ErrorField> {
+    let mut evaluator = evaluator_in(state, placing, progress)?;
     let radiosity = evaluator.radiosity(progress)?;
     let truth = evaluator.all_pairs(progress)?;
     let areas = evaluator.scene().vertex_areas_mm2();

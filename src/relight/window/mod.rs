@@ -1,9 +1,12 @@
 //! The window: turn lights and environments, edit materials, look at errors, save pictures, drop files.
 
 mod app;
+mod colours;
 mod desk;
+mod editing;
 mod jobs;
 mod panel;
+mod placing;
 mod screen;
 mod worker;
 
@@ -20,21 +23,43 @@ use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
 use crate::light::Light;
 use crate::math::statistics::Quantiles;
+use crate::medium::profiles::model::{LoadedProfile, ProfileModel};
 use crate::render::background::Background;
 use crate::render::camera::Resolution;
 use crate::render::camera_text::CameraSpec;
 use crate::render::film::Exposure;
 use crate::render::texture::spec::TextureSpec;
 
-/// Opens the asset of a path.
-pub type OpenModel = Arc<dyn Fn(&Path) -> Result<Box<dyn Evaluator>> + Send + Sync>;
+/// Opens the asset of a path as it was baked, with another radial profile in the dipole's place where one is given.
+pub type OpenModel = Arc<dyn Fn(&Path, Option<&LoadedProfile>) -> Result<OpenedModel> + Send + Sync>;
+
+/// An asset that was opened.
+pub struct OpenedModel {
+    /// Its evaluator.
+    pub evaluator: Box<dyn Evaluator>,
+    /// What it takes.
+    pub profiles: Profiles,
+}
+
+/// Which radial profiles an asset takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Profiles {
+    /// The one that its transport was computed for.
+    Dipole,
+    /// Any, since it stores no transport.
+    Any,
+}
 
 /// What to show, and how to start.
 pub struct Session {
     /// Path of the asset.
     pub model: PathBuf,
-    /// Its evaluator, with the media in force.
+    /// Its evaluator, with the media and the profile in force.
     pub evaluator: Box<dyn Evaluator>,
+    /// The profile in force.
+    pub profile: ProfileModel,
+    /// Those that the asset takes.
+    pub profiles: Profiles,
     /// Opens assets: the same one again, and dropped ones.
     pub open: OpenModel,
     /// Lights to start with.

@@ -1,11 +1,12 @@
 //! The panel beside the picture, and what is written over it.
 
-use egui::{Align2, Color32, ComboBox, RichText, ScrollArea, Slider, Ui};
+mod material;
+
+use egui::{Align2, Color32, RichText, ScrollArea, Slider, Ui};
 
 use super::desk::Desk;
-use crate::evaluate::MaterialEdit;
 use crate::light::Light;
-use crate::medium::material::{ETA_RANGE, PRESETS};
+use crate::medium::profiles::model::ProfileModel;
 use crate::relight::lights::{LightEntry, MAX_STOPS};
 use crate::relight::raster::view::{ERROR_COLOURS, Look};
 
@@ -14,11 +15,13 @@ const WIDTH: f32 = 250.0;
 const BAD: Color32 = Color32::from_rgb(240, 120, 100);
 
 /// What a person asked for in this frame.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Asked {
     pub(super) save_png: bool,
     pub(super) save_render: bool,
     pub(super) measure_error: bool,
+    /// In place of the one in force.
+    pub(super) profile: Option<ProfileModel>,
 }
 
 /// Figures that the window shows.
@@ -44,14 +47,14 @@ pub(super) fn show(ui: &mut Ui, desk: &mut Desk, figures: &Figures) -> Asked {
             let before = desk.serial;
             lights(ui, desk);
             ui.separator();
-            materials(ui, desk);
+            let free = figures.job.is_none();
+            material::show(ui, desk, free, &mut asked);
             ui.separator();
             picture(ui, desk);
             ui.separator();
             views(ui, desk, figures, &mut asked);
             ui.separator();
             ui.horizontal_wrapped(|ui| {
-                let free = figures.job.is_none();
                 asked.save_png |= ui.add_enabled(free, egui::Button::new("Save PNG")).clicked();
                 asked.save_render |= ui.add_enabled(free, egui::Button::new("Render EXR + PNG")).clicked();
             });
@@ -107,61 +110,6 @@ fn light(ui: &mut Ui, entry: &mut LightEntry) -> bool {
         slider(ui, Slider::new(elevation, -90.0..=90.0).suffix("°").fixed_decimals(0).text("height"));
     }
     slider(ui, Slider::new(&mut entry.stops, -MAX_STOPS..=MAX_STOPS).fixed_decimals(1).text("stops"));
-    changed
-}
-
-fn materials(ui: &mut Ui, desk: &mut Desk) {
-    ui.strong("Material");
-    let editable = desk.material == MaterialEdit::Any;
-    if !editable {
-        ui.weak("baked in: this asset's method fixes the material; bake with --method editable to change it");
-    }
-    let mut chosen = None;
-    let mut changed = false;
-    ui.add_enabled_ui(editable, |ui| {
-        for (index, medium) in desk.media.iter_mut().enumerate() {
-            ui.push_id(index, |ui| {
-                ComboBox::from_id_salt("preset").selected_text(&medium.name).width(140.0).show_ui(ui, |ui| {
-                    for preset in &PRESETS {
-                        if ui.selectable_label(medium.name == preset.name, preset.name).clicked() {
-                            chosen = Some((index, preset));
-                        }
-                    }
-                });
-                ui.collapsing("optical properties", |ui| {
-                    let properties = &mut medium.properties;
-                    let mut edited =
-                        channels(ui, "scattering σs' per mm", &mut properties.sigma_s_reduced_per_mm, 1e-2, 100.0);
-                    edited |= channels(ui, "absorption σa per mm", &mut properties.sigma_a_per_mm, 1e-4, 100.0);
-                    let range = ETA_RANGE.start().max(1.0)..=ETA_RANGE.end().min(2.0);
-                    let eta = Slider::new(&mut properties.eta_inside_over_outside, range).fixed_decimals(2);
-                    edited |= ui.add(eta.text("η")).changed();
-                    if edited {
-                        "custom".clone_into(&mut medium.name);
-                        changed = true;
-                    }
-                });
-            });
-        }
-    });
-    if let Some((index, preset)) = chosen {
-        desk.choose_preset(index, preset);
-    }
-    desk.serial += u64::from(changed);
-    if let Some(reason) = &desk.refused {
-        ui.colored_label(BAD, format!("not possible: {reason}"));
-    }
-}
-
-fn channels(ui: &mut Ui, title: &str, value: &mut glam::DVec3, least: f64, most: f64) -> bool {
-    ui.label(title);
-    let mut changed = false;
-    for (name, channel) in ["R", "G", "B"].into_iter().zip(value.as_mut()) {
-        // The range takes in what the asset has, so that looking at it changes nothing.
-        let range = channel.min(least)..=channel.max(most);
-        let slider = Slider::new(channel, range).logarithmic(true).smallest_positive(1e-4).max_decimals(4);
-        changed |= ui.add(slider.text(name)).changed();
-    }
     changed
 }
 

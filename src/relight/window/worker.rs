@@ -98,6 +98,15 @@ impl Worker {
     pub(super) fn done(&self) -> Option<Done> {
         self.done.try_recv().ok()
     }
+
+    /// Ends the thread after what it does now, without waiting for it.
+    pub(super) fn retire(&self) {
+        self.wanted.close();
+    }
+
+    pub(super) fn has_ended(&self) -> bool {
+        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
+    }
 }
 
 /// Ends the thread after what it does now.

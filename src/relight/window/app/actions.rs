@@ -1,0 +1,99 @@
+//! What somebody asks for beside turning and sliding.
+
+use super::{App, Shown, view};
+use crate::relight::files::{Dropped, free_picture};
+use crate::relight::raster::target::Picture;
+use crate::relight::raster::view::Textured;
+use crate::relight::window::desk::Desk;
+use crate::relight::window::jobs::{Job, State, folder};
+use crate::relight::window::panel::Asked;
+use crate::render::frame::RenderSettings;
+
+impl App {
+    /// Does what was asked for.
+    pub(super) fn act(&mut self, asked: Asked) {
+        if asked.save_png {
+            self.save_png();
+        }
+        if asked.save_render {
+            self.save_render();
+        }
+        if let (Some(profile), Some(shown)) = (asked.profile, &mut self.shown) {
+            shown.desk.profile.refused = None;
+            let (model, media) = (shown.desk.model.clone(), shown.desk.accepted.clone());
+            start(shown, "changing the profile", Job::Profile { model, media, profile });
+        }
+        if asked.measure_error
+            && let Some(shown) = &mut self.shown
+        {
+            shown.desk.turning = false;
+            shown.desk.error = None;
+            let job = Job::Error(state(&shown.desk));
+            start(shown, "measuring the error", job);
+        }
+    }
+
+    pub(super) fn save_png(&mut self) {
+        let Some(shown) = &mut self.shown else { return };
+        let Some(stem) = free_picture(folder(), &["png"]) else {
+            return shown.desk.complain("every name from picture-001.png on is taken");
+        };
+        let picture = shown.desk.orbit.camera().and_then(|camera| {
+            let picture = Picture::new(&shown.screen.device, self.viewport)?;
+            picture.take(&shown.raster, &view(&shown.desk, camera, self.viewport))
+        });
+        match picture {
+            Ok(picture) => {
+                let job = Job::Png { picture, background: shown.desk.background, path: stem.with_extension("png") };
+                start(shown, "saving", job);
+            }
+            Err(error) => shown.desk.complain(error.message()),
+        }
+    }
+
+    fn save_render(&mut self) {
+        let Some(shown) = &mut self.shown else { return };
+        let Some(stem) = free_picture(folder(), &["png", "exr"]) else {
+            return shown.desk.complain("every name from picture-001.png on is taken");
+        };
+        match shown.desk.orbit.camera() {
+            Ok(camera) => {
+                let mut settings = Box::new(RenderSettings::new(camera, self.viewport));
+                settings.background = shown.desk.background;
+                settings.specular = shown.desk.specular();
+                let exposure = shown.desk.exposure_factor();
+                settings.white = exposure.recip();
+                let texture = shown.texture.clone().filter(|_| shown.desk.texture() == Textured::Yes);
+                let job = Job::Render { state: state(&shown.desk), settings, texture, exposure, stem };
+                start(shown, "rendering", job);
+            }
+            Err(error) => shown.desk.complain(error.message()),
+        }
+    }
+
+    pub(super) fn dropped(&mut self, path: &std::path::Path) {
+        let Some(shown) = &mut self.shown else { return };
+        match Dropped::new(path) {
+            Dropped::Asset(path) => start(shown, "opening the model", Job::Model(path)),
+            Dropped::Environment(path) => start(shown, "reading the environment", Job::Environment(path)),
+            Dropped::Other(message) => shown.desk.complain(message),
+        }
+    }
+}
+
+fn start(shown: &mut Shown, name: &'static str, job: Job) {
+    if let Err(error) = shown.jobs.start(name, job) {
+        shown.desk.complain(error.message());
+    }
+}
+
+fn state(desk: &Desk) -> State {
+    State {
+        model: desk.model.clone(),
+        lights: desk.lights(),
+        names: desk.profile.names(&desk.accepted),
+        media: desk.accepted.clone(),
+        profile: desk.profile.in_place(),
+        serial: desk.serial,
+    }
+}

@@ -1,0 +1,129 @@
+//! The thread that turns colours into coefficients: totals of some profiles are tables, which nobody should wait for.
+
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, channel};
+use std::thread::JoinHandle;
+
+use crate::error::{Error, Result};
+use crate::medium::inversion::{Inversion, Target, invert};
+use crate::medium::material::OpticalProperties;
+use crate::medium::profiles::model::LoadedProfile;
+use crate::relight::newest::Newest;
+
+/// What is to be found out.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Task {
+    /// The colour of a medium.
+    ColourOf(OpticalProperties),
+    /// The medium of a colour.
+    MediumOf(Target),
+}
+
+/// A question about a profile.
+#[derive(Clone, Debug)]
+pub(super) struct Question {
+    /// Counts questions.
+    pub(super) ticket: u64,
+    pub(super) profile: Arc<LoadedProfile>,
+    pub(super) task: Task,
+}
+
+impl Question {
+    /// By the profile, at once.
+    pub(super) fn answered(&self) -> Result<Inversion> {
+        match &self.task {
+            Task::ColourOf(properties) => Inversion::of_medium(&self.profile, properties),
+            Task::MediumOf(target) => invert(&self.profile, target),
+        }
+    }
+}
+
+/// What was found.
+pub(super) struct Answer {
+    pub(super) ticket: u64,
+    pub(super) result: Result<Inversion>,
+}
+
+/// The thread and its mailboxes; it takes the newest question.
+pub(super) struct Colours {
+    asked: Arc<Newest<Question>>,
+    answers: Receiver<Answer>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Colours {
+    /// Starts the thread; `wake` is called after every answer.
+    pub(super) fn start(wake: impl Fn() + Send + 'static) -> Result<Self> {
+        let asked: Arc<Newest<Question>> = Arc::default();
+        let (sender, answers) = channel();
+        let mailbox = Arc::clone(&asked);
+        let work = move || {
+            while let Some(question) = mailbox.take() {
+                let answer = Answer { ticket: question.ticket, result: question.answered() };
+                if sender.send(answer).is_err() {
+                    break;
+                }
+                wake();
+            }
+        };
+        let thread = std::thread::Builder::new()
+            .name("colours".to_owned())
+            .spawn(work)
+            .map_err(|e| Error::runtime(format!("the thread for colours could not be started: {e}")))?;
+        Ok(Self { asked, answers, thread: Some(thread) })
+    }
+
+    pub(super) fn ask(&self, question: Question) {
+        self.asked.post(question);
+    }
+
+    pub(super) fn answer(&self) -> Option<Answer> {
+        self.answers.try_recv().ok()
+    }
+}
+
+/// Ends the thread after the question that it has.
+impl Drop for Colours {
+    fn drop(&mut self) {
+        self.asked.close();
+        if let Some(thread) = self.thread.take() {
+            // A thread that panicked has said so.
+            let _ = thread.join();
+        }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+    use crate::medium::inversion::Radius;
+    use crate::medium::material::preset;
+    use crate::medium::profiles::model::ProfileModel;
+
+    #[test]
+    fn the_newest_question_is_answered() {
+        let (wake, woken) = channel();
+        let colours = Colours::start(move || wake.send(()).unwrap_or_default()).unwrap();
+        let profile = Arc::new(LoadedProfile::OfMedium(ProfileModel::Dipole));
+        let medium = preset("marble").unwrap().properties();
+        for ticket in 1..=50 {
+            let reflectance = DVec3::splat(0.01 * ticket as f64);
+            let task = match ticket {
+                50 => Task::ColourOf(medium),
+                _ => Task::MediumOf(Target::of_medium(&medium, Radius::MeanFreePath, reflectance)),
+            };
+            colours.ask(Question { ticket, profile: Arc::clone(&profile), task });
+        }
+        let mut last = None;
+        while last.as_ref().is_none_or(|answer: &Answer| answer.ticket < 50) {
+            woken.recv().unwrap();
+            last = colours.answer().or(last);
+        }
+        let inversion = last.unwrap().result.unwrap();
+        assert_eq!(inversion.properties, medium);
+        assert!((inversion.achieved - DVec3::new(0.83, 0.79, 0.75)).abs().max_element() < 0.02);
+    }
+}
