@@ -194,7 +194,7 @@ fn hierarchy_keeps_the_asked_error() {
         let light = directional(Half::Figures, 7);
         let areas = vec![1.0; asset.scene.mesh.local_mm.len()];
         let run = |far: Far| {
-            let plan = Plan { sampling: LightSampling::FAST, near: NearField::FAST, far, group: 16 };
+            let plan = Plan { sampling: LightSampling::FAST, near: NearField::FAST, far, group: 16, nets: None };
             let mut evaluator = SampledEvaluator::new(asset.clone(), plan);
             let values = radiosity(&mut evaluator, light.clone());
             (values, evaluator.measured_error(&[], &Silent).unwrap())

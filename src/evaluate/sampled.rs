@@ -23,6 +23,7 @@ use crate::progress::{Progress, Silent};
 use crate::transport::gather::{Criterion, Gather, Lit, MediumKernel, NearField, Scheme};
 use crate::transport::interreflection::InterReflection;
 use crate::transport::irradiance::{Illumination, LightSampling, Pieces};
+use crate::transport::multilevel::{Quality, SurfaceNets, SurfaceTables};
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::{self, Medium, Scene, Surface};
 use crate::transport::tree::SampleTree;
@@ -38,6 +39,8 @@ pub struct Plan {
     pub far: Far,
     /// Receivers that share a traversal.
     pub group: usize,
+    /// Radiosity of the vertices by multilevel summation; through the far field above otherwise.
+    pub nets: Option<Quality>,
 }
 
 /// The far field.
@@ -119,6 +122,9 @@ pub struct SampledEvaluator {
     returned: Option<Returned>,
     /// In place of the dipole, with its kernels for the media in force.
     profile: Option<(LoadedProfile, Vec<MediumKernel>)>,
+    nets: Option<SurfaceNets>,
+    /// Of the media and profiles in force.
+    tables: Option<SurfaceTables>,
 }
 
 impl SampledEvaluator {
@@ -146,6 +152,8 @@ impl SampledEvaluator {
             matrix: None,
             returned: None,
             profile: None,
+            nets: None,
+            tables: None,
         }
     }
 
@@ -320,6 +328,50 @@ impl SampledEvaluator {
         self.limit = Some(limit.unwrap_or(0.0));
     }
 
+    /// Radiosity of every receiver by multilevel summation; there must have been [`Self::irradiance`].
+    fn by_nets(&mut self, quality: Quality, progress: &dyn Progress) -> Vec<DVec3> {
+        if self.nets.is_none() {
+            progress.start("nets", 0);
+            self.nets = Some(SurfaceNets::new(&self.surface(), &self.receivers, quality));
+            progress.finish();
+        }
+        if let (Some(nets), None) = (&self.nets, &self.tables) {
+            self.tables = Some(match &self.profile {
+                Some((_, kernels)) => nets.tables(kernels),
+                None => nets.tables(&self.scene.media.iter().map(MediumKernel::new).collect::<Vec<_>>()),
+            });
+        }
+        self.nets_radiosity(self.lit())
+    }
+
+    /// The same of any light, with nets and tables that are there.
+    fn nets_radiosity(&self, lit: (&[DVec3], &Pieces)) -> Vec<DVec3> {
+        match (&self.nets, &self.tables) {
+            (Some(nets), Some(tables)) => nets.radiosity(&self.surface(), tables, lit, self.receivers.len()),
+            _ => vec![DVec3::ZERO; self.receivers.len()],
+        }
+    }
+
+    /// The error of multilevel summation, near field included, against all pairs.
+    fn nets_error(&self, lit: (&[DVec3], &Pieces)) -> VertexError {
+        let surface = self.surface();
+        let gather = self.gather(&surface, NearField::REFERENCE);
+        let (subset, indices) = self.receivers.subset(PROBES, 1);
+        let truth = gather.radiosity(&subset, &gather.light_with_pieces(lit.0, lit.1), Scheme::AllPairs, &Silent);
+        let all = self.nets_radiosity(lit);
+        let values: Vec<DVec3> = indices.iter().map(|&i| all[i as usize]).collect();
+        let areas: Vec<f64> = indices.iter().map(|&i| self.areas[i as usize]).collect();
+        vertex_error(&values, &truth, &areas)
+    }
+
+    /// The error of the transfer in force, with what stands for it in a ledger; `None` where it is all pairs.
+    fn transfer_error(&self, lit: (&[DVec3], &Pieces)) -> Option<(&'static str, VertexError)> {
+        match self.plan.nets {
+            Some(_) => Some(("multilevel", self.nets_error(lit))),
+            None => self.hierarchy_error(lit.0).map(|error| ("hierarchy", error)),
+        }
+    }
+
     /// The error of the hierarchy in force on receivers that no tuning saw.
     fn hierarchy_error(&self, irradiance: &[DVec3]) -> Option<VertexError> {
         match (self.plan.far, self.limit) {
@@ -371,7 +423,8 @@ impl Evaluator for SampledEvaluator {
                 + size_of_val(self.patches.as_slice())
                 + size_of_val(self.asset.samples.facets.as_slice())
                 + size_of_val(self.asset.samples.patch_offsets.as_slice())
-                + self.matrix.as_ref().map_or(0, InterReflection::bytes),
+                + self.matrix.as_ref().map_or(0, InterReflection::bytes)
+                + self.nets.as_ref().map_or(0, SurfaceNets::bytes),
         }
     }
 
@@ -399,10 +452,12 @@ impl Evaluator for SampledEvaluator {
             (self.irradiance, self.matrix) = (None, None);
         }
         // Names may change without work.
-        let same = media.iter().zip(&self.scene.media).all(|(a, b)| a.properties == b.properties);
-        if let (Some((profile, _)), false) = (&self.profile, same) {
-            let kernels = self.kernels(profile, &media)?;
-            self.profile = Some((profile.clone(), kernels));
+        if media.iter().zip(&self.scene.media).any(|(a, b)| a.properties != b.properties) {
+            if let Some((profile, _)) = &self.profile {
+                let kernels = self.kernels(profile, &media)?;
+                self.profile = Some((profile.clone(), kernels));
+            }
+            self.tables = None;
         }
         (self.returned, self.limit) = (None, None);
         self.scene.media = media;
@@ -412,14 +467,19 @@ impl Evaluator for SampledEvaluator {
     fn set_profile(&mut self, profile: LoadedProfile) -> Result<()> {
         let kernels = self.kernels(&profile, &self.scene.media)?;
         self.profile = Some((profile, kernels));
-        (self.returned, self.limit) = (None, None);
+        (self.returned, self.limit, self.tables) = (None, None, None);
         Ok(())
     }
 
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
         self.irradiance(progress)?;
-        let scheme = self.tuned_scheme();
-        let values = self.with_gather(|gather, lit| gather.radiosity(&self.receivers, lit, scheme, progress));
+        let values = match self.plan.nets {
+            Some(quality) => self.by_nets(quality, progress),
+            None => {
+                let scheme = self.tuned_scheme();
+                self.with_gather(|gather, lit| gather.radiosity(&self.receivers, lit, scheme, progress))
+            }
+        };
         Ok(self.receivers.expand(&values))
     }
 
@@ -444,7 +504,7 @@ impl Evaluator for SampledEvaluator {
     fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {
         self.irradiance(progress)?;
         let mut ledger = Ledger::default();
-        let (irradiance, direct) = (self.lit().0, self.direct());
+        let direct = self.direct();
         let sampled = Sampled {
             surface: self.surface(),
             media: &self.scene.media,
@@ -461,14 +521,17 @@ impl Evaluator for SampledEvaluator {
         if let Some(single) = self.single {
             single.enter_noise(self.lit_scene(), &mut ledger)?;
         }
-        let Some(mut error) = self.hierarchy_error(irradiance) else { return Ok(ledger) };
+        if let Some(quality) = self.plan.nets {
+            self.by_nets(quality, progress);
+        }
+        let Some((stage, mut error)) = self.transfer_error(self.lit()) else { return Ok(ledger) };
         for light in unseen {
-            let (irradiance, _) =
+            let (irradiance, pieces) =
                 self.illuminate(&self.surface(), std::slice::from_ref(light), self.plan.sampling, progress)?;
-            error = self.hierarchy_error(&irradiance).map_or(error, |other| error.max(other));
+            error = self.transfer_error((&irradiance, &pieces)).map_or(error, |(_, other)| error.max(other));
         }
         let note = "against all pairs, on vertices that no tuning saw, the worst of these and of probe lights";
-        ledger.add("hierarchy", error.scaled(gain), note);
+        ledger.add(stage, error.scaled(gain), note);
         Ok(ledger)
     }
 

@@ -11,3 +11,4 @@ pub mod phase;
 pub mod profile;
 pub mod profile_basis;
 pub mod profiles;
+pub mod softened;

@@ -47,6 +47,7 @@ pub(in crate::methods) fn truth(scene: &Scene, samples: usize) -> SampledEvaluat
         near: NearField::FAST,
         far: Far::Hierarchical { error: TRUTH_ERROR, bound: Bound::SolidAngle },
         group: GROUP,
+        nets: None,
     };
     SampledEvaluator::new(Arc::new(asset), plan)
 }

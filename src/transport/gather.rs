@@ -121,6 +121,16 @@ impl MediumKernel {
         })
     }
 
+    /// The profiles of the three channels.
+    pub fn profiles(&self) -> &[Arc<dyn Profile>; 3] {
+        &self.profiles
+    }
+
+    /// On the scale of this length the profiles are smooth, mm.
+    pub fn smooth_mm(&self) -> f64 {
+        self.smooth_mm
+    }
+
     /// Total diffuse reflectance, RGB.
     pub fn total(&self) -> DVec3 {
         DVec3::from_array(self.profiles.each_ref().map(|p| p.total()))

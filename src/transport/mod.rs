@@ -11,6 +11,7 @@ pub mod irradiance;
 pub mod irradiance_rows;
 pub mod kernel;
 pub mod many_lights;
+pub mod multilevel;
 pub mod near_field;
 pub mod random_walk;
 pub mod receivers;

@@ -21,7 +21,7 @@ const GROUP: usize = 64;
 /// The plan that the keys describe.
 pub(super) fn plan(values: &BTreeMap<String, String>) -> Result<Plan> {
     let sampling = light_sampling(values, [&POINTS, &DIRECTIONS, &AREA_SIDE])?;
-    Ok(Plan { sampling, near: NearField::REFERENCE, far: Far::AllPairs, group: GROUP })
+    Ok(Plan { sampling, near: NearField::REFERENCE, far: Far::AllPairs, group: GROUP, nets: None })
 }
 
 /// The single scattering that the keys describe.

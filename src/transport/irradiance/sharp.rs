@@ -63,6 +63,8 @@ impl Sharp {
 
     /// Adds the rays of one patch; each point stands for a share of it.
     pub(super) fn collect(&mut self, patch: usize, eta: f64, points: &[SurfacePoint], share: impl Fn(usize) -> f64) {
+        // Points of a triangle have one normal, and under a directional light one transmittance.
+        let mut known = (f64::NAN, 0.0);
         for (point, p) in points.iter().enumerate() {
             let (to_light, distance, falloff) = match self.source {
                 Source::Direction(from) => (from, f64::INFINITY, 1.0),
@@ -76,7 +78,10 @@ impl Sharp {
             if cosine <= 0.0 {
                 continue;
             }
-            let arriving = fresnel::transmittance(eta, cosine) * cosine;
+            if cosine != known.0 {
+                known = (cosine, fresnel::transmittance(eta, cosine) * cosine);
+            }
+            let arriving = known.1;
             if arriving > 0.0 {
                 self.rays.push(shadow_ray(p, to_light, distance));
                 self.skip.push(p.triangle);
@@ -145,6 +150,11 @@ impl Pieces {
             result.corners.extend(corners);
         }
         result
+    }
+
+    /// Whether a sample is not lit evenly.
+    pub fn is_uneven(&self, sample: usize) -> bool {
+        self.first.get(sample).is_some_and(|&first| first != u32::MAX)
     }
 
     /// Pieces of each sample that is not lit evenly.

@@ -5,8 +5,11 @@
 
 use std::sync::Arc;
 
+use rayon::prelude::*;
+
 use super::{Block, FLUSH, FlatSource, GAUSS_8, GAUSS_12, GAUSS_24, LANES, PointSource, Receivers, Row, edge_rule};
 use crate::medium::profile::Profile;
+use crate::medium::softened::Softened;
 use crate::transport::simd::{Level, multiversion};
 
 /// Bits of a mantissa within a segment.
@@ -63,6 +66,48 @@ impl RadialTable {
     /// Of three profiles up to a distance in mm; beyond it they are zero.
     pub fn new(profiles: &[Arc<dyn Profile>; 3], reach_mm: f64) -> Self {
         let reach = if reach_mm.is_finite() && reach_mm > 0.0 { reach_mm.min(1e15) } else { 1.0 };
+        Self::of(profiles, reach, |c, r| profiles[c].reflectance(r), |c, r| profiles[c].tail(r))
+    }
+
+    /// Of what three profiles have more than their softened forms, which is nothing beyond the radius, mm, that these were softened
+    /// inside.
+    pub fn compact(profiles: &[Arc<dyn Profile>; 3], softened: &[Softened; 3], radius_mm: f64) -> Self {
+        let value = |c: usize, r: f64| softened[c].inside(r * r).map_or(0.0, |soft| profiles[c].reflectance(r) - soft);
+        let outside: [f64; 3] = std::array::from_fn(|c| profiles[c].tail(radius_mm));
+        let tail = |c: usize, r: f64| {
+            if r < radius_mm { profiles[c].tail(r) - outside[c] - softened[c].tail_inside(r * r) } else { 0.0 }
+        };
+        Self::of(profiles, radius_mm, value, tail)
+    }
+
+    /// The mean of the same over a disc, in the plane of the receiver, whose points are `mean_square` mm^2 from its centre in
+    /// the mean of squares.
+    pub fn compact_disc(
+        profiles: &[Arc<dyn Profile>; 3],
+        softened: &[Softened; 3],
+        radius_mm: f64,
+        mean_square: f64,
+    ) -> Self {
+        // Two rings of eight points integrate polynomials of degree 5 over a disc.
+        let rings = [0.5 - 0.5 / 3f64.sqrt(), 0.5 + 0.5 / 3f64.sqrt()].map(|share| (2.0 * mean_square * share).sqrt());
+        let cosines = [1.0, 3.0, 5.0, 7.0].map(|k| (k * std::f64::consts::PI / 8.0).cos());
+        let value = |c: usize, r: f64| {
+            let at = |ring: f64, cosine: f64| {
+                let s = (r * r + ring * ring + 2.0 * r * ring * cosine).max(0.0);
+                softened[c].inside(s).map_or(0.0, |soft| profiles[c].reflectance(s.sqrt()) - soft)
+            };
+            rings.iter().flat_map(|&ring| cosines.map(|cosine| finite(at(ring, cosine)))).sum::<f64>() / 8.0
+        };
+        Self::of(profiles, radius_mm, value, |_, _| 0.0)
+    }
+
+    /// Values and tails of each channel by distance (mm), as far as they matter; the scales are those of the profiles.
+    fn of(
+        profiles: &[Arc<dyn Profile>; 3],
+        reach: f64,
+        value: impl Fn(usize, f64) -> f64 + Sync,
+        tail: impl Fn(usize, f64) -> f64,
+    ) -> Self {
         let containing = |share: f64| {
             let radii = profiles.iter().map(|p| p.radius_containing_mm(share)).filter(|r| *r > 0.0);
             radii.fold(reach, f64::min).max(LEAST_SCALE * reach)
@@ -76,9 +121,8 @@ impl RadialTable {
         let square = |k: u32| f64::from(f32::from_bits(k << SHIFT)) - f64::from(scale2);
         let nodes: Vec<f64> = (first..=last + 1).map(square).collect();
         let mut table = Self { scale2, first, reflectance: Vec::new(), tail: Vec::new(), smooth_mm: containing(0.05) };
-        let tails = profiles.each_ref().map(|p| nodes.iter().map(|&x| finite(p.tail(x.sqrt()))).collect::<Vec<f64>>());
-        let mut values =
-            profiles.each_ref().map(|p| nodes.iter().map(|&x| p.reflectance(x.sqrt())).collect::<Vec<f64>>());
+        let tails = [0, 1, 2].map(|c| nodes.iter().map(|&x| finite(tail(c, x.sqrt()))).collect::<Vec<f64>>());
+        let mut values = [0, 1, 2].map(|c| nodes.par_iter().map(|&x| value(c, x.sqrt())).collect::<Vec<f64>>());
         for (values, tails) in values.iter_mut().zip(&tails) {
             // What the first segment reflects is right even where R_d has no value at 0.
             if let ([zero, one, ..], [tail, next, ..]) = (&mut values[..], &tails[..]) {
@@ -89,6 +133,24 @@ impl RadialTable {
         table.reflectance = segments(&nodes, &values);
         table.tail = segments(&nodes, &tails);
         table
+    }
+
+    /// The value at a squared distance (mm^2), 1/mm^2, RGB and nothing.
+    #[inline(always)]
+    pub(in crate::transport) fn reflectance_at_square(&self, r2: f32) -> Rgb {
+        let x = r2 + self.scale2;
+        let bits = x.to_bits() >> SHIFT;
+        let index = (bits - self.first.min(bits)) as usize;
+        let Some(segment) = self.reflectance.get(index.min(self.reflectance.len().wrapping_sub(1))) else {
+            return [0.0; 4];
+        };
+        let beyond = x - f32::from_bits(bits << SHIFT);
+        let mut value = segment.value;
+        // Not `map`: closures are not compiled for the instructions of their caller.
+        for c in 0..4 {
+            value[c] += segment.slope[c] * beyond;
+        }
+        value
     }
 
     #[inline(always)]

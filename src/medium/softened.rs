@@ -1,0 +1,119 @@
+//! Any profile without its peak: a polynomial in the squared distance inside a radius, the profile itself beyond.
+//!
+//! With `s = r^2` the polynomial is that of Taylor of degree 2 around `s = a^2`, as multilevel summation softens 1/r (Hardy, Stone
+//! and Schulten 2009, equation 8): what is left of the profile varies on the scale of a, and what was taken away is compact.
+//! [`super::far_profile::FarProfile`] is the same of a dipole in closed form.
+
+use super::profile::Profile;
+
+/// Step of the derivatives over a^2.
+const STEP: f64 = 0.02;
+
+/// Derivatives at most, over the value at a: those of measured profiles are noisy.
+const HIGHEST: [f64; 2] = [100.0, 1e4];
+
+/// What stands for a profile inside a radius.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Softened {
+    radius2_mm2: f64,
+    /// Of `u = r^2 / a^2 - 1`, 1/mm^2.
+    polynomial: [f64; 3],
+}
+
+impl Softened {
+    /// Of a profile inside `radius_mm`, which is positive and finite.
+    pub fn new(profile: &dyn Profile, radius_mm: f64) -> Self {
+        let radius2_mm2 = radius_mm * radius_mm;
+        let at = |u: f64| profile.reflectance((radius2_mm2 * (1.0 + u)).sqrt());
+        let [a, b, c, d, e] = [-2.0 * STEP, -STEP, 0.0, STEP, 2.0 * STEP].map(at);
+        let first = (8.0 * (d - b) - (e - a)) / (12.0 * STEP);
+        let second = (16.0 * (b + d) - (a + e) - 30.0 * c) / (12.0 * STEP * STEP);
+        // Profiles decrease, and more slowly the farther they are.
+        let first = if first.is_finite() { first.clamp(-HIGHEST[0] * c, 0.0) } else { 0.0 };
+        let second = if second.is_finite() { second.clamp(0.0, HIGHEST[1] * c) } else { 0.0 };
+        Self { radius2_mm2, polynomial: [if c.is_finite() { c } else { 0.0 }, first, 0.5 * second] }
+    }
+
+    /// The polynomial at a squared distance in mm^2, in 1/mm^2; `None` beyond the radius.
+    pub fn inside(&self, r2_mm2: f64) -> Option<f64> {
+        let u = r2_mm2 / self.radius2_mm2 - 1.0;
+        let [value, first, second] = self.polynomial;
+        (u < 0.0).then_some(value + u * (first + u * second))
+    }
+
+    /// The softened profile at a squared distance in mm^2, in 1/mm^2.
+    pub fn reflectance_at_square(&self, profile: &dyn Profile, r2_mm2: f64) -> f64 {
+        self.inside(r2_mm2).unwrap_or_else(|| profile.reflectance(r2_mm2.sqrt()))
+    }
+
+    /// `Int_r^a f(s) s ds` of the polynomial f from a squared distance in mm^2 to the radius, without unit.
+    pub fn tail_inside(&self, r2_mm2: f64) -> f64 {
+        let u = (r2_mm2 / self.radius2_mm2 - 1.0).min(0.0);
+        let [value, first, second] = self.polynomial;
+        -0.5 * self.radius2_mm2 * u * (value + u * (first / 2.0 + u * (second / 3.0)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::quadrature::integrate;
+    use crate::medium::far_profile::FarProfile;
+    use crate::medium::fresnel::BoundaryFit;
+    use crate::medium::material::PRESETS;
+
+    #[test]
+    fn dipoles_are_softened_as_in_closed_form() {
+        for preset in &PRESETS {
+            for dipole in preset.properties().dipoles(BoundaryFit::Published) {
+                for radius in [0.1, 1.0, 10.0] {
+                    let (soft, exact) = (Softened::new(&dipole, radius), FarProfile::new(&dipole, radius));
+                    for share in [0.0, 0.3, 0.7, 0.99, 1.0, 1.5, 4.0] {
+                        let r2 = share * radius * radius;
+                        let (found, expected) =
+                            (soft.reflectance_at_square(&dipole, r2), exact.reflectance_at_square(r2));
+                        let whole = dipole.reflectance(r2.sqrt());
+                        assert!(
+                            (found - expected).abs() <= 3e-3 * exact.reflectance(0.0),
+                            "{} {radius} {share}",
+                            preset.name
+                        );
+                        assert!(found > 0.0 && found <= 1.003 * whole, "{} {radius} {share}", preset.name);
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_tail_is_the_integral_of_the_polynomial() {
+        for preset in &PRESETS {
+            let [dipole, ..] = preset.properties().dipoles(BoundaryFit::Published);
+            let soft = Softened::new(&dipole, 2.0);
+            for r in [0.0, 0.5, 1.9, 2.0, 3.0] {
+                let value = |s: f64| soft.inside(s * s).unwrap_or(0.0) * s;
+                let expected = if r < 2.0 { integrate(value, r, 2.0, 1e-14) } else { 0.0 };
+                assert!((soft.tail_inside(r * r) - expected).abs() < 1e-9, "{}: {r}", preset.name);
+            }
+        }
+    }
+
+    #[test]
+    fn a_profile_without_values_or_derivatives_stays_finite() {
+        struct Odd;
+        impl Profile for Odd {
+            fn reflectance(&self, r_mm: f64) -> f64 {
+                if r_mm < 1.0 { f64::INFINITY } else { f64::NAN }
+            }
+            fn tail(&self, _: f64) -> f64 {
+                0.0
+            }
+            fn triangle(&self, _: glam::DVec3, _: [glam::DVec3; 3]) -> f64 {
+                0.0
+            }
+        }
+        for radius in [1e-3, 1.0, 1e3] {
+            assert_eq!(Softened::new(&Odd, radius).inside(0.0), Some(0.0));
+        }
+    }
+}

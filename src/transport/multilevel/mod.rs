@@ -1,0 +1,266 @@
+//! Multilevel summation of a radial kernel over a surface (Brandt and Lubrecht 1990; Hardy, Stone and Schulten 2009), on nested
+//! nets of surface points in place of grids.
+//!
+//! A kernel softened inside a radius is smooth enough to be interpolated, at the source as at the receiver, from points a
+//! fraction of that radius apart. So a kernel is a compact part, summed sample by sample, and a sum of differences of softened
+//! kernels of twice the radius each, summed from point to point of nets of twice the spacing each, until few points are
+//! left. Weights and lists follow from the geometry alone: any kernel, so any medium, can be summed at once.
+
+mod kernel;
+mod near;
+mod surface;
+mod weights;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use self::kernel::{PointBlock, SmoothTable};
+pub use self::surface::{NearRule, Quality, SurfaceNets, SurfaceTables};
+use self::weights::Adjoint;
+use super::interpolation::SharedWeights;
+use super::simd::Level;
+use crate::geometry::cluster::{self, Run};
+use crate::geometry::scattered::{OrientedPoint, Weights, choose};
+use crate::medium::profile::Profile;
+
+/// How finely a kernel is resolved.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Resolution {
+    /// Spacing of the finest net, mm.
+    pub spacing_mm: f64,
+    /// Radius inside which a level is softened, in spacings of its net.
+    pub softening: f64,
+    /// Points that a value is interpolated from.
+    pub sources: usize,
+}
+
+impl Resolution {
+    /// Radius inside which the kernel is summed sample by sample, mm.
+    pub(super) fn near_mm(self) -> f64 {
+        self.softening * self.spacing_mm
+    }
+}
+
+/// A coarsest net has no more points than this, or as few as there are.
+const FEW: usize = 600;
+
+/// Points of a group.
+const GROUP: usize = 16;
+
+/// A surface's nets, finest first.
+pub(super) struct Multilevel {
+    resolution: Resolution,
+    levels: Vec<Net>,
+    from_samples: Adjoint,
+    to_receivers: SharedWeights,
+}
+
+/// Points of one spacing.
+struct Net {
+    /// Group after group.
+    points: Vec<OrientedPoint>,
+    at: Vec<[f32; 3]>,
+    groups: Vec<Run>,
+    /// Points within reach of some point of group `g` are `around[offsets[g]..offsets[g + 1]]`.
+    offsets: Vec<usize>,
+    around: Vec<u32>,
+    /// From this net to the next coarser, and back.
+    up: Adjoint,
+    down: SharedWeights,
+}
+
+/// Tables of one medium for every level.
+pub(super) struct Tables {
+    levels: Vec<SmoothTable>,
+}
+
+impl Multilevel {
+    /// Nets among the samples, given by centroid and normal, for receivers on the same surface.
+    pub(super) fn new(samples: &[OrientedPoint], receivers: &[OrientedPoint], resolution: Resolution) -> Self {
+        let nested = choose(samples, resolution.spacing_mm);
+        // Coarsest first; every net holds those before it.
+        let mut chosen: Vec<u32> = Vec::new();
+        let mut nets: Vec<Vec<OrientedPoint>> = Vec::new();
+        for level in &nested {
+            chosen.extend(level);
+            if chosen.len() > FEW || nets.is_empty() {
+                nets.push(chosen.iter().map(|&i| samples[i as usize]).collect());
+            } else {
+                nets[0] = chosen.iter().map(|&i| samples[i as usize]).collect();
+            }
+        }
+        nets.reverse();
+        let count = nets.len();
+        let mut levels: Vec<Net> = nets
+            .into_iter()
+            .enumerate()
+            .map(|(level, points)| {
+                let reach = 2.0 * resolution.near_mm() * 2f64.powi(level as i32);
+                Net::new(points, if level + 1 < count { reach } else { f64::INFINITY })
+            })
+            .collect();
+        for level in 1..levels.len() {
+            let spacing = resolution.spacing_mm * 2f64.powi(level as i32);
+            let weights = Weights::new(&levels[level].points, &levels[level - 1].points, spacing, resolution.sources);
+            levels[level - 1].up = Adjoint::new(&weights, levels[level].points.len());
+            levels[level - 1].down = SharedWeights::new(&weights);
+        }
+        let finest: &[OrientedPoint] = levels.first().map_or(&[], |net| &net.points);
+        let spacing = resolution.spacing_mm;
+        let (from, to) = rayon::join(
+            || Weights::new(finest, samples, spacing, resolution.sources),
+            || Weights::new(finest, receivers, spacing, resolution.sources),
+        );
+        let from_samples = Adjoint::new(&from, finest.len());
+        Self { resolution, to_receivers: SharedWeights::new(&to), from_samples, levels }
+    }
+
+    /// Number of nets, of points and of pairs.
+    pub(super) fn sizes(&self) -> Vec<(usize, usize)> {
+        let pairs = |net: &Net| {
+            let of_group = |(g, run): (usize, &Run)| run.range().len() * (net.offsets[g + 1] - net.offsets[g]);
+            net.groups.iter().enumerate().map(of_group).sum()
+        };
+        self.levels.iter().map(|net| (net.points.len(), pairs(net))).collect()
+    }
+
+    /// Bytes in memory.
+    pub(super) fn bytes(&self) -> usize {
+        let net = |net: &Net| {
+            size_of_val(net.points.as_slice())
+                + size_of_val(net.at.as_slice())
+                + size_of_val(net.groups.as_slice())
+                + size_of_val(net.offsets.as_slice())
+                + size_of_val(net.around.as_slice())
+                + net.up.bytes()
+                + net.down.bytes()
+        };
+        self.levels.iter().map(net).sum::<usize>() + self.from_samples.bytes() + self.to_receivers.bytes()
+    }
+
+    /// Radius of the compact part, mm.
+    pub(super) fn near_mm(&self) -> f64 {
+        self.resolution.near_mm()
+    }
+
+    /// Tables of three profiles.
+    pub(super) fn tables(&self, profiles: &[&dyn Profile; 3], extent_mm: f64) -> Tables {
+        let count = self.levels.len();
+        let level = |level: usize| {
+            let radius = self.near_mm() * 2f64.powi(level as i32);
+            SmoothTable::new(profiles, radius, (level + 1 < count).then_some(2.0 * radius), extent_mm)
+        };
+        Tables { levels: (0..count).into_par_iter().map(level).collect() }
+    }
+
+    /// The softened kernel summed over all samples at every receiver, from the flux of every sample, RGB.
+    pub(super) fn sum(&self, tables: &Tables, flux: &[[f32; 4]], out: &mut Vec<[f32; 4]>) {
+        let mut charges: Vec<Vec<[f32; 4]>> = Vec::with_capacity(self.levels.len());
+        for level in 0..self.levels.len() {
+            let next = match level {
+                0 => self.from_samples.apply(flux),
+                _ => self.levels[level - 1].up.apply(&charges[level - 1]),
+            };
+            charges.push(next);
+        }
+        let mut potential: Vec<[f32; 4]> = Vec::new();
+        for (level, net) in self.levels.iter().enumerate().rev() {
+            let mut own = Vec::new();
+            if level + 1 < self.levels.len() {
+                net.down.apply_signed(&potential, &mut own);
+            } else {
+                own.resize(net.points.len(), [0.0; 4]);
+            }
+            if let Some(table) = tables.levels.get(level).filter(|table| !table.is_nothing()) {
+                net.add(table, &charges[level], &mut own);
+            }
+            potential = own;
+        }
+        self.to_receivers.apply_signed(&potential, out);
+    }
+}
+
+impl Net {
+    fn new(points: Vec<OrientedPoint>, reach_mm: f64) -> Self {
+        let positions: Vec<DVec3> = points.iter().map(|p| p.at_mm).collect();
+        let mut order: Vec<u32> = (0..points.len() as u32).collect();
+        let groups = cluster::groups(&mut order, &positions, GROUP);
+        let points: Vec<OrientedPoint> = order.iter().map(|&i| points[i as usize]).collect();
+        let positions: Vec<DVec3> = points.iter().map(|p| p.at_mm).collect();
+        let lists = around(&positions, &positions, &groups, reach_mm);
+        let mut offsets = vec![0];
+        offsets.extend(lists.iter().scan(0, |end, list| {
+            *end += list.len();
+            Some(*end)
+        }));
+        let at = positions.iter().map(|p| p.as_vec3().to_array()).collect();
+        Self {
+            points,
+            at,
+            groups,
+            offsets,
+            around: lists.concat(),
+            up: Adjoint::default(),
+            down: SharedWeights::default(),
+        }
+    }
+
+    fn add(&self, table: &SmoothTable, charges: &[[f32; 4]], out: &mut [[f32; 4]]) {
+        let level = Level::detect();
+        let mut rest = out;
+        let mut jobs = Vec::with_capacity(self.groups.len());
+        for (g, run) in self.groups.iter().enumerate() {
+            let (mine, others) = rest.split_at_mut(run.range().len());
+            rest = others;
+            jobs.push((g, *run, mine));
+        }
+        jobs.into_par_iter().with_min_len(8).for_each(|(g, run, out)| {
+            let mut block = PointBlock::new(&self.at[run.range()]);
+            let sources = &self.around[self.offsets[g]..self.offsets[g + 1]];
+            kernel::add_smooth(level, &mut block, table, sources, (&self.at, charges));
+            block.add_to(out);
+        });
+    }
+}
+
+/// Which of `sources` are within reach of some point of each group of `points`, ascending.
+pub(in crate::transport) fn around(
+    sources: &[DVec3],
+    points: &[DVec3],
+    groups: &[Run],
+    reach_mm: f64,
+) -> Vec<Vec<u32>> {
+    // Runs of the sources in the order given, which keeps neighbours together.
+    const RUN: usize = 16;
+    let runs: Vec<(DVec3, DVec3)> = sources
+        .chunks(RUN)
+        .map(|run| run.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), p| (a.min(*p), b.max(*p))))
+        .collect();
+    let bounds = |boxes: &[(DVec3, DVec3)]| {
+        boxes.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), (c, d)| (a.min(*c), b.max(*d)))
+    };
+    let upper: Vec<(DVec3, DVec3)> = runs.chunks(RUN).map(bounds).collect();
+    let apart = |(low, high): &(DVec3, DVec3), (from, to): &(DVec3, DVec3)| {
+        (*low - *to).max(*from - *high).max(DVec3::ZERO).length_squared()
+    };
+    let reach2 = reach_mm * reach_mm;
+    let of_group = |run: &Run| {
+        let members = &points[run.range()];
+        let own = bounds(&members.iter().map(|p| (*p, *p)).collect::<Vec<_>>());
+        let mut found = Vec::new();
+        for (u, _) in upper.iter().enumerate().filter(|(_, upper)| apart(upper, &own) < reach2) {
+            let first = u * RUN;
+            for (r, _) in runs[first..].iter().take(RUN).enumerate().filter(|(_, run)| apart(run, &own) < reach2) {
+                let first = (first + r) * RUN;
+                let end = (first + RUN).min(sources.len());
+                let near = |i: &usize| members.iter().any(|p| p.distance_squared(sources[*i]) < reach2);
+                found.extend((first..end).filter(near).map(|i| i as u32));
+            }
+        }
+        found
+    };
+    groups.par_iter().map(of_group).collect()
+}
+
+#[cfg(test)]
+mod tests;

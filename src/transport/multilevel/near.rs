@@ -1,0 +1,414 @@
+//! The compact part of a kernel: R_d less its softened form, sample by sample around each receiver.
+//!
+//! A sample a few radii away is taken for a disc of the mean size, of which any kernel's mean is a table; what differs is the
+//! shape, of fourth order. Points in place of discs err at second order: the sum over a plane would still be right, but not
+//! where a nearer sample is integrated in another way. Those are: six points of each facet, or of its quarters and so on,
+//! until a piece is small against its distance or against the depth of the real source, on whose scale R_d is smooth.
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::around;
+use crate::geometry::cluster::Run;
+use crate::geometry::mesh::Mesh;
+use crate::geometry::samples::{Patch, Samples};
+use crate::transport::irradiance::Pieces;
+use crate::transport::kernel::radial_table::{self, RadialTable};
+use crate::transport::kernel::{Block, PointSource};
+use crate::transport::receivers::Sphere;
+use crate::transport::simd::{Level, multiversion};
+
+/// RGB and nothing.
+type Rgb = [f32; 4];
+
+/// Six points that integrate polynomials of degree 4 over a triangle (Dunavant 1985): how far three of them are from the centroid
+/// on the way to the corners, and the weight of each.
+const DEGREE_4: [(f32, f32); 2] = [
+    (1.5 * 0.108_103_018_168_070 - 0.5, 0.223_381_589_678_011),
+    (1.5 * 0.816_847_572_980_459 - 0.5, 0.109_951_743_655_322),
+];
+
+/// What a shadow boundary leaves of a sample is a point above this distance over its radius.
+const PIECE_IS_POINT: f32 = 3.0;
+
+/// A facet is split so many times at most.
+const MOST_SPLITS: u32 = 16;
+
+/// Samples around groups of receivers.
+pub(super) struct NearSamples {
+    /// Those of group `g` are `samples[offsets[g]..offsets[g + 1]]`.
+    offsets: Vec<usize>,
+    samples: Vec<u32>,
+    groups: Vec<Run>,
+    receivers: Vec<DVec3>,
+}
+
+/// A facet about its centroid.
+#[derive(Clone, Copy, Debug, Default)]
+struct Facet {
+    /// Centroid relative to that of the sample, mm.
+    middle: [f32; 3],
+    area: f32,
+    /// Corners relative to the centroid, mm: x, y, z of the three.
+    corners: [[f32; 3]; 3],
+    /// Their squared distances, mm^2.
+    corner2: [f32; 3],
+}
+
+impl Facet {
+    fn new(corners: [DVec3; 3], centre: DVec3) -> Self {
+        let middle = corners.iter().sum::<DVec3>() / 3.0;
+        let from_middle = corners.map(|c| (c - middle).as_vec3());
+        Self {
+            middle: (middle - centre).as_vec3().to_array(),
+            area: (0.5 * (corners[1] - corners[0]).cross(corners[2] - corners[0]).length()) as f32,
+            corners: [0, 1, 2].map(|axis| from_middle.map(|c| c[axis])),
+            corner2: from_middle.map(Vec3::length_squared),
+        }
+    }
+}
+
+/// What the samples are made of, ready to be integrated.
+pub(super) struct Facets {
+    facets: Vec<Facet>,
+    /// Sample `i` holds `facets[offsets[i]..offsets[i + 1]]`.
+    offsets: Vec<u32>,
+    /// Centroid of each sample relative to the mesh's origin, and radius, mm.
+    places: Vec<([f32; 3], f32)>,
+}
+
+impl Facets {
+    pub(super) fn new(mesh: &Mesh, samples: &Samples, patches: &[Patch]) -> Self {
+        let of_patch = |(index, patch): (usize, &Patch)| {
+            let facet = |f: &crate::geometry::samples::Facet| Facet::new(f.corners_local_mm(mesh), patch.centre_mm);
+            samples.patch(index).iter().map(facet).collect::<Vec<_>>()
+        };
+        Self {
+            facets: patches.par_iter().enumerate().flat_map_iter(of_patch).collect(),
+            offsets: samples.patch_offsets.clone(),
+            places: patches.iter().map(|p| (p.centre_mm.as_vec3().to_array(), p.radius_mm as f32)).collect(),
+        }
+    }
+
+    fn of(&self, sample: usize) -> &[Facet] {
+        let Some(&[first, end]) = self.offsets.get(sample..sample + 2).and_then(|o| o.first_chunk::<2>()) else {
+            return &[];
+        };
+        self.facets.get(first as usize..end as usize).unwrap_or(&[])
+    }
+
+    /// Mean of the squared distance from a sample's centroid over some samples, mm^2, weighted by area.
+    pub(super) fn mean_square(&self, samples: std::ops::Range<usize>) -> f64 {
+        let (mut moment, mut area) = (0.0, 0.0);
+        for facet in samples.flat_map(|sample| self.of(sample)) {
+            let middle2: f32 = facet.middle.iter().map(|x| x * x).sum();
+            let own: f32 = facet.corner2.iter().sum::<f32>() / 12.0;
+            moment += f64::from(facet.area) * f64::from(own + middle2);
+            area += f64::from(facet.area);
+        }
+        if area > 0.0 { moment / area } else { 0.0 }
+    }
+
+    pub(super) fn bytes(&self) -> usize {
+        size_of_val(self.facets.as_slice()) + size_of_val(self.offsets.as_slice()) + size_of_val(self.places.as_slice())
+    }
+}
+
+/// Light on the samples, brought near 1.
+#[derive(Clone, Copy)]
+pub(super) struct Shine<'a> {
+    /// E times area of every sample.
+    pub(super) flux: &'a [Rgb],
+    pub(super) irradiance: &'a [DVec3],
+    pub(super) pieces: &'a Pieces,
+    pub(super) scale: f64,
+}
+
+/// Distances over the radius of a sample below which it is more than a disc.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NearRule {
+    /// Points of its facets below this.
+    pub facets_below: f64,
+    /// Pieces, where it is not lit evenly, below this.
+    pub pieces_below: f64,
+}
+
+/// The compact part of three profiles.
+pub(super) struct Compact {
+    /// At a point.
+    pub(super) point: RadialTable,
+    /// Mean over the disc that stands for a sample.
+    pub(super) disc: RadialTable,
+    /// Depth of the shallowest real source, mm.
+    pub(super) smooth_mm: f64,
+    pub(super) rule: NearRule,
+    /// Six points are enough for a piece of a facet above this distance over its radius.
+    pub(super) split_below: f32,
+}
+
+/// Lit samples that some receiver of a group may be too near to for a disc, positions relative to its centre, mm.
+#[derive(Default)]
+struct Close {
+    at: [Vec<f32>; 3],
+    flux: Vec<Rgb>,
+    /// Squared distances below which a sample is more than a disc, and below which its facets count, mm^2.
+    special2: Vec<f32>,
+    facets2: Vec<f32>,
+    sample: Vec<u32>,
+}
+
+/// What one thread works with.
+#[derive(Default)]
+struct Scratch {
+    discs: Vec<PointSource>,
+    block: Block,
+    close: Close,
+    r2: Vec<f32>,
+}
+
+impl NearSamples {
+    /// Lists of the samples within reach of receivers, which are in groups.
+    pub(super) fn new(samples: &[DVec3], receivers: &[DVec3], groups: &[Run], reach_mm: f64) -> Self {
+        let lists = around(samples, receivers, groups, reach_mm);
+        let mut offsets = vec![0];
+        offsets.extend(lists.iter().scan(0, |end, list| {
+            *end += list.len();
+            Some(*end)
+        }));
+        Self { offsets, samples: lists.concat(), groups: groups.to_vec(), receivers: receivers.to_vec() }
+    }
+
+    pub(super) fn bytes(&self) -> usize {
+        size_of_val(self.offsets.as_slice())
+            + size_of_val(self.samples.as_slice())
+            + size_of_val(self.groups.as_slice())
+            + size_of_val(self.receivers.as_slice())
+    }
+
+    /// Adds the compact part to the radiosity of every receiver, RGB. `first` is the part's first sample.
+    pub(super) fn add(&self, compact: &Compact, facets: &Facets, light: Shine, first: usize, out: &mut [Rgb]) {
+        let level = Level::detect().min(Level::Avx2);
+        let mut rest = out;
+        let mut jobs = Vec::with_capacity(self.groups.len());
+        for (g, run) in self.groups.iter().enumerate() {
+            let (mine, others) = rest.split_at_mut(run.range().len().min(rest.len()));
+            rest = others;
+            jobs.push((g, *run, mine));
+        }
+        jobs.into_par_iter().with_min_len(4).for_each_init(Scratch::default, |scratch, (g, run, out)| {
+            let members = &self.receivers[run.range()];
+            let place = Sphere::around(members);
+            scratch.close.clear();
+            scratch.discs.clear();
+            for &sample in &self.samples[self.offsets[g]..self.offsets[g + 1]] {
+                scratch.push(first + sample as usize, &place, compact, facets, light);
+            }
+            scratch.block.reset(place.centre_mm, members);
+            radial_table::add_points(level, &mut scratch.block, &compact.disc, &scratch.discs);
+            for (i, (receiver, out)) in members.iter().zip(out).enumerate() {
+                let [r, g, b] = scratch.block.sum(i).as_vec3().to_array();
+                for (out, value) in out.iter_mut().zip([r, g, b]) {
+                    *out += value;
+                }
+                let at = (*receiver - place.centre_mm).as_vec3().to_array();
+                receive(level, scratch, at, (compact, facets, light), out);
+            }
+        });
+    }
+}
+
+impl Close {
+    fn clear(&mut self) {
+        self.at.iter_mut().for_each(Vec::clear);
+        self.flux.clear();
+        self.special2.clear();
+        self.facets2.clear();
+        self.sample.clear();
+    }
+}
+
+impl Scratch {
+    #[inline]
+    fn push(&mut self, sample: usize, place: &Sphere, compact: &Compact, facets: &Facets, light: Shine) {
+        let Some(flux) = light.flux.get(sample) else { return };
+        let uneven = light.pieces.is_uneven(sample);
+        if flux[0] == 0.0 && flux[1] == 0.0 && flux[2] == 0.0 && !uneven {
+            return;
+        }
+        let Some(&([x, y, z], radius)) = facets.places.get(sample) else { return };
+        let centre = place.centre_mm.as_vec3();
+        let at = [x - centre.x, y - centre.y, z - centre.z];
+        self.discs.push(PointSource { at, flux: [flux[0], flux[1], flux[2]] });
+        let smooth2 = (compact.smooth_mm * compact.smooth_mm) as f32;
+        let below2 = |radii: f64| {
+            let reach = radii as f32 * radius;
+            reach * reach - smooth2
+        };
+        let facets2 = below2(compact.rule.facets_below);
+        let special2 = if uneven { below2(compact.rule.pieces_below).max(facets2) } else { facets2 };
+        let reach = special2.max(0.0).sqrt() + place.radius_mm as f32;
+        if special2 <= 0.0 || at[0] * at[0] + at[1] * at[1] + at[2] * at[2] >= reach * reach {
+            return;
+        }
+        let close = &mut self.close;
+        for (list, x) in close.at.iter_mut().zip(at) {
+            list.push(x);
+        }
+        close.flux.push(*flux);
+        close.facets2.push(facets2);
+        close.special2.push(special2);
+        close.sample.push(sample as u32);
+    }
+}
+
+#[inline(always)]
+fn add(sum: &mut Rgb, factor: &Rgb, value: &Rgb) {
+    for c in 0..4 {
+        sum[c] += factor[c] * value[c];
+    }
+}
+
+#[inline(always)]
+fn receive_body(
+    scratch: &mut Scratch,
+    at: [f32; 3],
+    (compact, facets, light): (&Compact, &Facets, Shine),
+    out: &mut Rgb,
+) {
+    let Scratch { close, r2, .. } = scratch;
+    distances(close, at, r2);
+    let smooth2 = (compact.smooth_mm * compact.smooth_mm) as f32;
+    let split2 = compact.split_below * compact.split_below;
+    let mut sum = [0.0f32; 4];
+    for (i, (&r2, &special2)) in r2.iter().zip(&close.special2).enumerate() {
+        if r2 >= special2 {
+            continue;
+        }
+        let offset = [close.at[0][i] - at[0], close.at[1][i] - at[1], close.at[2][i] - at[2]];
+        let sample = close.sample[i] as usize;
+        if let Some(pieces) = light.pieces.of(sample) {
+            for (deviation, corners) in pieces {
+                let e = (deviation * light.scale).as_vec3();
+                let offset = Vec3::from(offset);
+                let corners =
+                    [offset + Vec3::from(corners[0]), offset + Vec3::from(corners[1]), offset + Vec3::from(corners[2])];
+                let mut integral = [0.0f32; 4];
+                piece(&mut integral, corners, (smooth2, split2), &compact.point);
+                add(&mut sum, &[e.x, e.y, e.z, 0.0], &integral);
+            }
+        }
+        if r2 >= close.facets2[i] {
+            continue;
+        }
+        let mut mean = [0.0f32; 4];
+        for facet in facets.of(sample) {
+            let middle = [offset[0] + facet.middle[0], offset[1] + facet.middle[1], offset[2] + facet.middle[2]];
+            let r2 = middle[0] * middle[0] + middle[1] * middle[1] + middle[2] * middle[2];
+            let radius2 = facet.corner2[0].max(facet.corner2[1]).max(facet.corner2[2]);
+            if r2 + smooth2 < split2 * radius2 {
+                let [x, y, z] = &facet.corners;
+                let mut corners = [Vec3::ZERO; 3];
+                for k in 0..3 {
+                    corners[k] = Vec3::new(middle[0] + x[k], middle[1] + y[k], middle[2] + z[k]);
+                }
+                split(&mut mean, corners, (smooth2, split2), MOST_SPLITS, &compact.point);
+            } else {
+                six_points(&mut mean, middle, facet, &compact.point);
+            }
+        }
+        let e = (light.irradiance[sample] * light.scale).as_vec3();
+        add(&mut sum, &[e.x, e.y, e.z, 0.0], &mean);
+        // It is among the discs as well.
+        let flux = &close.flux[i];
+        add(&mut sum, &[-flux[0], -flux[1], -flux[2], 0.0], &compact.disc.reflectance_at_square(r2));
+    }
+    for c in 0..4 {
+        out[c] += sum[c];
+    }
+}
+
+multiversion! {
+    /// Adds what close samples bring one receiver more than discs do.
+    fn receive(
+        scratch: &mut Scratch,
+        at: [f32; 3],
+        what: (&Compact, &Facets, Shine<'_>),
+        out: &mut Rgb,
+    ) => receive_body
+}
+
+/// Adds the integral over a facet whose centroid is at `middle` as seen from the receiver.
+#[inline(always)]
+fn six_points(sum: &mut Rgb, middle: [f32; 3], facet: &Facet, table: &RadialTable) {
+    let r2 = middle[0] * middle[0] + middle[1] * middle[1] + middle[2] * middle[2];
+    for (towards, weight) in DEGREE_4 {
+        let mut values = [0.0f32; 4];
+        for k in 0..3 {
+            let dot =
+                middle[0] * facet.corners[0][k] + middle[1] * facet.corners[1][k] + middle[2] * facet.corners[2][k];
+            let at2 = r2 + towards * (2.0 * dot + towards * facet.corner2[k]);
+            let value = table.reflectance_at_square(at2.max(0.0));
+            for c in 0..4 {
+                values[c] += value[c];
+            }
+        }
+        for c in 0..4 {
+            sum[c] += facet.area * weight * values[c];
+        }
+    }
+}
+
+/// Adds the integral over a piece of a sample: at its centroid, or in the same way as over a facet.
+#[inline(always)]
+fn piece(sum: &mut Rgb, [a, b, c]: [Vec3; 3], (smooth2, split2): (f32, f32), table: &RadialTable) {
+    let middle = (a + b + c) / 3.0;
+    let radius2 = middle.distance_squared(a).max(middle.distance_squared(b)).max(middle.distance_squared(c));
+    let r2 = middle.length_squared();
+    if r2 + smooth2 < PIECE_IS_POINT * PIECE_IS_POINT * radius2 {
+        split(sum, [a, b, c], (smooth2, split2), MOST_SPLITS, table);
+        return;
+    }
+    let area = 0.5 * (b - a).cross(c - a).length();
+    let value = table.reflectance_at_square(r2);
+    for i in 0..4 {
+        sum[i] += area * value[i];
+    }
+}
+
+/// Adds the integral over a triangle in pieces that are small enough.
+fn split(sum: &mut Rgb, [a, b, c]: [Vec3; 3], (smooth2, split2): (f32, f32), splits: u32, table: &RadialTable) {
+    let middle = (a + b + c) / 3.0;
+    let corners = [a - middle, b - middle, c - middle];
+    let corner2 = [corners[0].length_squared(), corners[1].length_squared(), corners[2].length_squared()];
+    let radius2 = corner2[0].max(corner2[1]).max(corner2[2]);
+    if splits > 0 && middle.length_squared() + smooth2 < split2 * radius2 {
+        let (ab, bc, ca) = (0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a));
+        for quarter in [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]] {
+            split(sum, quarter, (smooth2, split2), splits - 1, table);
+        }
+        return;
+    }
+    let facet = Facet {
+        middle: [0.0; 3],
+        area: 0.5 * (b - a).cross(c - a).length(),
+        corners: [
+            [corners[0].x, corners[1].x, corners[2].x],
+            [corners[0].y, corners[1].y, corners[2].y],
+            [corners[0].z, corners[1].z, corners[2].z],
+        ],
+        corner2,
+    };
+    six_points(sum, middle.to_array(), &facet, table);
+}
+
+/// Squared distances of all close samples to a receiver, mm^2.
+#[inline(always)]
+fn distances(close: &Close, [x, y, z]: [f32; 3], r2: &mut Vec<f32>) {
+    let count = close.sample.len();
+    let (xs, ys, zs) = (&close.at[0][..count], &close.at[1][..count], &close.at[2][..count]);
+    r2.resize(count, 0.0);
+    for (i, r2) in r2.iter_mut().enumerate() {
+        let (dx, dy, dz) = (xs[i] - x, ys[i] - y, zs[i] - z);
+        *r2 = dx * dx + dy * dy + dz * dz;
+    }
+}

@@ -1,0 +1,169 @@
+#![allow(clippy::unwrap_used)]
+
+use super::*;
+use crate::geometry::shapes;
+use crate::light::Light;
+use crate::math::random::uniform;
+use crate::medium::material::OpticalProperties;
+use crate::medium::profiles::model::ProfileModel;
+use crate::progress::Silent;
+use crate::transport::gather::{Gather, MediumKernel, NearField, Scheme};
+use crate::transport::irradiance::{Illumination, LightSampling, Pieces};
+use crate::transport::receivers::Receivers;
+use crate::transport::test_scene::{Fixture, named};
+
+/// Values of every receiver by nets and by all pairs.
+fn both(
+    fixture: &Fixture,
+    kernels: &[MediumKernel],
+    lit: (&[DVec3], &Pieces),
+    quality: Quality,
+) -> (Vec<DVec3>, Vec<DVec3>) {
+    let surface = fixture.surface();
+    let receivers = Receivers::new(&fixture.scene.mesh, &fixture.scene.parts, 16);
+    let nets = SurfaceNets::new(&surface, &receivers, quality);
+    let found = nets.radiosity(&surface, &nets.tables(kernels), lit, receivers.len());
+    let gather = Gather::with_kernels(&surface, &fixture.tree, kernels.to_vec(), NearField::REFERENCE);
+    let truth = gather.radiosity(&receivers, &gather.light_with_pieces(lit.0, lit.1), Scheme::AllPairs, &Silent);
+    (found, truth)
+}
+
+/// RMS of the difference over that of the truth, worst channel.
+fn error((found, truth): &(Vec<DVec3>, Vec<DVec3>)) -> f64 {
+    let square = |v: DVec3| v * v;
+    let difference: DVec3 = found.iter().zip(truth).map(|(a, b)| square(*a - *b)).sum();
+    let whole: DVec3 = truth.iter().map(|v| square(*v)).sum();
+    let relative = difference / whole;
+    relative.max_element().sqrt()
+}
+
+fn kernels(fixture: &Fixture) -> Vec<MediumKernel> {
+    fixture.scene.media.iter().map(MediumKernel::new).collect()
+}
+
+fn lit(fixture: &Fixture, from: DVec3) -> (Vec<DVec3>, Pieces) {
+    let light = [Light::Directional { from: from.normalize(), irradiance: DVec3::new(3.0, 2.0, 1.0) }];
+    let surface = fixture.surface();
+    Illumination::new(&surface, &light, &[1.3], LightSampling::FAST).unwrap().all_with_pieces(&Silent)
+}
+
+fn head(properties: OpticalProperties, samples: usize) -> Fixture {
+    Fixture::new(shapes::bumpy_head(20.0, 4), properties, samples)
+}
+
+#[test]
+fn the_asked_error_is_kept_in_any_medium() {
+    for material in ["marble", "skin1", "cream", "ketchup", "spectralon"] {
+        // Of 40 mm, with samples 0.4 to 0.9 mm apart.
+        let fixture = head(named(material), 12_000);
+        let (irradiance, pieces) = lit(&fixture, DVec3::new(1.0, 0.5, 0.3));
+        for asked in [0.02, 0.005, 0.001] {
+            let pair = both(&fixture, &kernels(&fixture), (&irradiance, &pieces), Quality::for_error(asked));
+            let found = error(&pair);
+            assert!(found <= asked, "{material}: {found:.1e} where {asked} was asked");
+        }
+    }
+}
+
+#[test]
+fn media_from_far_below_to_far_above_the_spacing_come_out_right() {
+    let medium = |scale: f64, absorption: f64| OpticalProperties {
+        sigma_s_reduced_per_mm: DVec3::new(1.0, 2.0, 4.0) * scale,
+        sigma_a_per_mm: DVec3::splat(absorption * scale),
+        g: 0.0,
+        eta_inside_over_outside: 1.3,
+    };
+    for (scale, absorption) in [(1e3, 1e-3), (100.0, 0.01), (10.0, 0.0), (0.1, 0.1), (0.01, 0.0), (1e-4, 1e-3)] {
+        let fixture = head(medium(scale, absorption), 6000);
+        let (irradiance, pieces) = lit(&fixture, DVec3::new(-0.4, 0.2, 1.0));
+        let pair = both(&fixture, &kernels(&fixture), (&irradiance, &pieces), Quality::for_error(0.005));
+        let found = error(&pair);
+        assert!(found <= 0.005, "{scale} {absorption}: {found:.1e}");
+    }
+}
+
+#[test]
+fn noise_on_the_samples_is_summed_too() {
+    let fixture = head(named("skin1"), 12_000);
+    let noise: Vec<DVec3> = (0..fixture.patches.len() as u64)
+        .map(|i| DVec3::new(uniform(1, i, 0), uniform(1, i, 1), uniform(1, i, 2)))
+        .collect();
+    let pair = both(&fixture, &kernels(&fixture), (&noise, &Pieces::NONE), Quality::for_error(0.005));
+    assert!(error(&pair) <= 0.005, "{:.1e}", error(&pair));
+}
+
+#[test]
+fn any_profile_may_take_the_place_of_the_dipole() {
+    let fixture = head(named("marble"), 12_000);
+    let (irradiance, pieces) = lit(&fixture, DVec3::new(1.0, 0.5, 0.3));
+    for model in ["better-dipole", "burley", "photon-beam", "slab:thickness=3"] {
+        let profile = ProfileModel::parse(model).unwrap().load().unwrap();
+        let reach = fixture.scene.mesh.diagonal_mm();
+        let kernels: Vec<MediumKernel> =
+            fixture.scene.media.iter().map(|m| MediumKernel::with_profile(m, &profile, reach).unwrap()).collect();
+        let pair = both(&fixture, &kernels, (&irradiance, &pieces), Quality::for_error(0.005));
+        // The tables of both sides err by up to 5e-4.
+        assert!(error(&pair) <= 0.0055, "{model}: {:.1e}", error(&pair));
+    }
+}
+
+#[test]
+fn the_same_bits_with_any_number_of_threads() {
+    let fixture = head(named("skin1"), 6000);
+    let (irradiance, pieces) = lit(&fixture, DVec3::new(1.0, 0.5, 0.3));
+    let surface = fixture.surface();
+    let run = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let receivers = Receivers::new(&fixture.scene.mesh, &fixture.scene.parts, 16);
+            let nets = SurfaceNets::new(&surface, &receivers, Quality::for_error(0.01));
+            nets.radiosity(&surface, &nets.tables(&kernels(&fixture)), (&irradiance, &pieces), receivers.len())
+        })
+    };
+    assert_eq!(run(1), run(3));
+}
+
+#[test]
+fn few_samples_and_few_receivers_need_no_nets() {
+    for (cells, samples) in [(1, 1), (1, 2), (2, 40), (30, 3)] {
+        let fixture = Fixture::new(shapes::plane(10.0, 10.0, cells), named("marble"), samples);
+        let irradiance = vec![DVec3::ONE; fixture.patches.len()];
+        let pair = both(&fixture, &kernels(&fixture), (&irradiance, &Pieces::NONE), Quality::for_error(0.005));
+        assert!(error(&pair) <= 0.01, "{cells} {samples}: {:.1e}", error(&pair));
+    }
+}
+
+#[test]
+fn darkness_stays_dark() {
+    let fixture = head(named("marble"), 2000);
+    let dark = vec![DVec3::ZERO; fixture.patches.len()];
+    let (found, _) = both(&fixture, &kernels(&fixture), (&dark, &Pieces::NONE), Quality::for_error(0.01));
+    assert!(found.iter().all(|v| *v == DVec3::ZERO));
+}
+
+#[test]
+fn an_opaque_part_takes_and_gives_nothing() {
+    let whole = shapes::bumpy_head(20.0, 4);
+    let triangles = crate::transport::test_scene::mesh_of(shapes::bumpy_head(20.0, 4)).triangles.len();
+    let fixture = Fixture::with_opaque(whole, triangles / 2, named("skin1"), 4000);
+    let irradiance = vec![DVec3::ONE; fixture.patches.len()];
+    let pair = both(&fixture, &kernels(&fixture), (&irradiance, &Pieces::NONE), Quality::for_error(0.005));
+    assert!(error(&pair) <= 0.005, "{:.1e}", error(&pair));
+}
+
+#[test]
+fn what_is_around_a_group_is_what_all_pairs_say() {
+    let points: Vec<DVec3> =
+        (0..700).map(|i| DVec3::new(uniform(5, i, 0), uniform(5, i, 1), 0.2 * uniform(5, i, 2))).collect();
+    let mut order: Vec<u32> = (0..points.len() as u32).collect();
+    let groups = cluster::groups(&mut order, &points, GROUP);
+    let points: Vec<DVec3> = order.iter().map(|&i| points[i as usize]).collect();
+    for reach in [0.0, 0.01, 0.1, 0.5, 10.0, f64::INFINITY] {
+        let found = around(&points, &points, &groups, reach);
+        for (list, run) in found.iter().zip(&groups) {
+            let near = |i: &u32| points[run.range()].iter().any(|p| p.distance(points[*i as usize]) < reach);
+            let expected: Vec<u32> = (0..points.len() as u32).filter(near).collect();
+            assert_eq!(list, &expected, "{reach}");
+        }
+    }
+}
