@@ -118,3 +118,25 @@ fn what_cannot_be_done_is_refused() {
     folder.run(&format!("evaluate stored.tlux --on head.obj {sun}")).fails(5, &["head.obj", "two_pass"]);
     assert!(!folder.names().contains(&"x.ply".to_owned()));
 }
+
+/// Nets follow the size, the medium, the profile and the light; other meshes are gathered through the tree.
+#[test]
+fn multilevel_summation_edits_what_the_tree_edits() {
+    let folder = head();
+    let bake = "bake head.obj --size-mm 20 --material marble --method two_pass --samples 16384 -q";
+    folder.run(&format!("{bake} -o tree.tlux")).ok();
+    folder.run(&format!("{bake} --set transfer=multilevel -o nets.tlux")).ok();
+    let edits = ["", "--size-mm 45", "--material skin1", "--profile better-dipole", "--on head.obj"];
+    for edit in edits {
+        for asset in ["tree", "nets"] {
+            folder.run(&format!("evaluate {asset}.tlux {edit} {SUN} -o {asset}.ply")).ok();
+        }
+        folder.run("compare nets.ply tree.ply --fail-above 0.8%").ok();
+    }
+    // The whole error is within what was asked, and the stage has its own entry.
+    let measured = folder.run(&format!("evaluate nets.tlux {SUN} --measure --json -o m.ply")).ok().json();
+    let entries = measured["measured"]["entries"].as_array().cloned().unwrap_or_default();
+    let stage = entries.iter().find(|entry| entry["stage"] == "multilevel");
+    let rms = stage.and_then(|entry| entry["error"]["rms"].as_f64());
+    assert!(rms.is_some_and(|rms| rms > 0.0 && rms <= 0.005), "{rms:?} {entries:?}");
+}

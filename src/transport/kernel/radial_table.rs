@@ -147,8 +147,8 @@ impl RadialTable {
         let beyond = x - f32::from_bits(bits << SHIFT);
         let mut value = segment.value;
         // Not `map`: closures are not compiled for the instructions of their caller.
-        for c in 0..4 {
-            value[c] += segment.slope[c] * beyond;
+        for (value, slope) in value.iter_mut().zip(&segment.slope) {
+            *value += slope * beyond;
         }
         value
     }
