@@ -31,14 +31,14 @@ static RULES: [super::EdgeRule; 3] = [(2.0, &GAUSS_8), (20.0, &GAUSS_12), (f32::
 const WIDEST: Level = Level::Avx2;
 
 /// RGB and nothing.
-type Rgb = [f32; 4];
+pub(in crate::transport) type Rgb = [f32; 4];
 
 /// A segment: the value at its start, and its slope.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C, align(32))]
-struct Segment {
-    value: Rgb,
-    slope: Rgb,
+pub(in crate::transport) struct Segment {
+    pub(in crate::transport) value: Rgb,
+    pub(in crate::transport) slope: Rgb,
 }
 
 /// Profiles of three channels.

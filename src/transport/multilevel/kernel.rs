@@ -3,6 +3,7 @@
 use crate::medium::profile::Profile;
 use crate::medium::softened::Softened;
 use crate::transport::kernel::LANES;
+use crate::transport::kernel::radial_table::{Rgb, Segment};
 use crate::transport::simd::{Level, multiversion};
 
 /// Segments of a table.
@@ -13,17 +14,6 @@ const FLUSH: usize = 32;
 
 /// A part of a profile that is smaller than this share of its total over the whole reach is nothing.
 const NOTHING: f64 = 1e-7;
-
-/// RGB and nothing.
-type Rgb = [f32; 4];
-
-/// The value at the start of a segment, and its slope.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[repr(C, align(32))]
-struct Segment {
-    value: Rgb,
-    slope: Rgb,
-}
 
 /// A profile softened inside one radius less the same softened inside another.
 #[derive(Clone, Debug)]
