@@ -64,6 +64,16 @@ the transform is orthonormal on the texels, as the paper's, or under their solid
 
 ";
 
+const CODING: &str = "
+## What each step of the coding saves
+
+WORDS
+
+";
+
+const CODED: &str = "\
+WORDS";
+
 const FIGURE5: &str = "
 ## Figure 5: single scattering by four ways
 
@@ -119,7 +129,7 @@ const OPEN: &str = "\
 Half a ball of radius 10 mm with the disc that closes it, and without; RMS at the shell's vertices against `two_pass` on the closed one. Light
 enters and leaves on the front of what is there; what would enter through the missing disc is missing, and so is its boundary.";
 
-const BEFORE: [(&str, &str); 11] = [
+const BEFORE: [(&str, &str); 12] = [
     ("table", TABLE),
     ("lights-marble", LIGHTS),
     (
@@ -128,6 +138,7 @@ const BEFORE: [(&str, &str); 11] = [
 ",
     ),
     ("bases", BASES),
+    ("coding", CODING),
     ("figure5", FIGURE5),
     ("figure6", FIGURE6),
     (
@@ -169,8 +180,9 @@ const BEFORE: [(&str, &str); 11] = [
     ),
 ];
 
-const PLACES: [(&str, &str); 9] = [
+const PLACES: [(&str, &str); 10] = [
     ("@paper-table@", PAPER_TABLE),
+    ("@coding@", CODED),
     ("@figure5@", FOUR_WAYS),
     ("@phase-functions@", PHASE_FUNCTIONS),
     ("@phase-pictures@", PHASE_PICTURES),
