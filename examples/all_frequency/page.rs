@@ -67,12 +67,19 @@ the transform is orthonormal on the texels, as the paper's, or under their solid
 const CODING: &str = "
 ## What each step of the coding saves
 
-WORDS
+The paper keeps every vertex's row by itself. Here each step is taken alone, on one set of rows, marble, with the harmonics of the default:
+digits of one step, every column as wide as its widest digit (*fixed width*); the asset's entropy coder; decorrelated channels and principal
+components of the light in place of harmonics; rows *predicted* from coarser points; *reference points* alone, the rest interpolated.
+*Clusters and differences*: cells of a kd-tree, rows moved where another cell fits better; its mean (predicted from other means), its principal
+directions, weights and what is left, all entropy-coded, steps and sizes as take the fewest bytes. *Clustered PCA* (Sloan et al. 2003) leaves the
+differences out.
 
 ";
 
 const CODED: &str = "\
-WORDS";
+Each cell: bytes/vertex, the RMS that coding adds (against the same rows uncoded at every vertex), and the RMS in all (against the truth), means
+over the maps. The last columns: what a light is multiplied with at 1 % asked; bytes at the error that the default adds, between the points
+on logarithmic axes, and over the default's.";
 
 const FIGURE5: &str = "
 ## Figure 5: single scattering by four ways
