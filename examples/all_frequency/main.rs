@@ -11,6 +11,7 @@
 
 mod bases;
 mod bench;
+mod coding;
 #[path = "../common/mod.rs"]
 mod common;
 mod failures;
@@ -32,6 +33,7 @@ const PAGE: Page = Page {
         ("lights-marble", lights::marble),
         ("lights-skin1", lights::skin1),
         ("bases", bases::run),
+        ("coding", coding::run),
         ("figure5", figure5::run),
         ("figure6", figure6::run),
         ("suns", failures::between_texels),

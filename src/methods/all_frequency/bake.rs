@@ -16,7 +16,7 @@ use crate::methods::sampling::{self, Density};
 use crate::methods::stage::Stage;
 use crate::progress::Progress;
 use crate::transport::gather::NearField;
-use crate::transport::many_lights::ManyLights;
+use crate::transport::many_lights::{IrradianceRows, ManyLights};
 use crate::transport::scene::Scene;
 
 /// Shadow boundaries stay well inside the kernel.
@@ -82,6 +82,27 @@ impl Unseen {
 }
 
 pub(super) fn bake(scene: &Scene, settings: &BakeSettings, plan: &Plan, progress: &dyn Progress) -> Result<AssetParts> {
+    with_work((scene, settings, plan), progress, |work, rows, mut ledger| {
+        let mut file = DistantTransport { samples: work.stage.samples.len() as u32, ..Default::default() };
+        match plan.basis {
+            Basis::Haar => file.rows = Some(bake_rows::rows(work, &mut ledger, progress)?),
+            Basis::Harmonics => file.harmonics = Some(bake_harmonics::harmonics(work, rows, &mut ledger, progress)?),
+        }
+        let order = file.harmonics.as_ref().map(|h| h.order as usize);
+        file.single = bake_single::single(work, order, &mut ledger, progress)?;
+        let sections = file.to_sections().map_err(|e| Error::runtime(format!("asset: {e}")))?;
+        let samples =
+            Samples { facets: Vec::new(), patch_offsets: vec![0], part_offsets: vec![0; scene.parts.parts.len() + 1] };
+        Ok(AssetParts { samples, ledger, sections })
+    })
+}
+
+/// Calls `make` with everything ready, the samples under the suns that choices look at, and a ledger that has the hierarchy.
+pub(super) fn with_work<T>(
+    (scene, settings, plan): (&Scene, &BakeSettings, &Plan),
+    progress: &dyn Progress,
+    make: impl FnOnce(&Work, &IrradianceRows, Ledger) -> Result<T>,
+) -> Result<T> {
     progress.start("samples", 0);
     let stage = Stage::new(scene, count(scene, settings));
     progress.finish();
@@ -101,17 +122,7 @@ pub(super) fn bake(scene: &Scene, settings: &BakeSettings, plan: &Plan, progress
             suns: &suns,
             unseen: Unseen::new(&settings.probes.unseen),
         };
-        let mut file = DistantTransport { samples: stage.samples.len() as u32, ..Default::default() };
-        match plan.basis {
-            Basis::Haar => file.rows = Some(bake_rows::rows(&work, &mut ledger, progress)?),
-            Basis::Harmonics => file.harmonics = Some(bake_harmonics::harmonics(&work, &rows, &mut ledger, progress)?),
-        }
-        let order = file.harmonics.as_ref().map(|h| h.order as usize);
-        file.single = bake_single::single(&work, order, &mut ledger, progress)?;
-        let sections = file.to_sections().map_err(|e| Error::runtime(format!("asset: {e}")))?;
-        let samples =
-            Samples { facets: Vec::new(), patch_offsets: vec![0], part_offsets: vec![0; scene.parts.parts.len() + 1] };
-        Ok(AssetParts { samples, ledger, sections })
+        make(&work, &rows, ledger)
     })
 }
 

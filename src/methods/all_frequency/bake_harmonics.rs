@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 use translux_format::distant_transport::{Harmonics as File, tags};
+use translux_format::quantised_lights::Set;
 
 use super::bake::{SUN, Work, under_suns};
 use super::bake_returned::{Returned, radiosity};
@@ -109,25 +110,53 @@ pub(super) fn harmonics(
         }
     };
     let net = Net::new(&stage.points, &parts(&stage.receivers), spacing_mm);
-    let surface = stage.surface();
-    let baker = TexelBaker::new(&surface, plan.resolution);
-    let order = match plan.order {
-        Some(order) => order,
-        None => needed(work, progress)?,
-    };
-    let rows = baker.harmonics(order, progress);
     let returned = Returned::new(work, progress);
     let beside = Beside { folded: folded.as_ref(), returned: returned.as_ref() };
-    let values = AtReferences::new((work, beside), &net.point, &rows, progress)?;
+    let (order, values) = at_points((work, beside), &net.point, progress)?;
     progress.start("coding", 0);
-    let mut units = vec![OTHER_BANDS; order * order];
-    units[0] = 1.0;
-    let radiosities = Radiosities { values: (&values.values[..]).into(), shells: 1, directions: order * order, units };
-    let set = code(&radiosities, &net, &Net::unpredicted(order * order), tags::SET, 2.0 * CODED * work.max_rms)?;
+    let set = coded(&values.values, order, &net, coding_error(work.max_rms))?;
     let file = File { order: order as u32, spacing_mm, set };
     progress.finish();
     measure((work, beside), (&net, &values, &file), ledger, progress)?;
     Ok(file)
+}
+
+/// Radiosities of every receiver, and the order of the harmonics that they are under.
+pub(super) fn everywhere(work: &Work, progress: &dyn Progress) -> Result<(usize, Vec<f32>)> {
+    let folded = Folded::new(work)?;
+    let returned = Returned::new(work, progress);
+    let beside = Beside { folded: folded.as_ref(), returned: returned.as_ref() };
+    let points: Vec<u32> = (0..work.stage.points.len() as u32).collect();
+    let (order, values) = at_points((work, beside), &points, progress)?;
+    Ok((order, values.values))
+}
+
+/// Radiosities of some points, and the order of the harmonics that they are under.
+fn at_points(
+    (work, beside): (&Work, Beside),
+    points: &[u32],
+    progress: &dyn Progress,
+) -> Result<(usize, AtReferences)> {
+    let order = match work.plan.order {
+        Some(order) => order,
+        None => needed(work, progress)?,
+    };
+    let surface = work.stage.surface();
+    let rows = TexelBaker::new(&surface, work.plan.resolution).harmonics(order, progress);
+    Ok((order, AtReferences::new((work, beside), points, &rows, progress)?))
+}
+
+/// The error that coding may have.
+pub(super) fn coding_error(max_rms: f64) -> f64 {
+    2.0 * CODED * max_rms
+}
+
+/// Codes radiosities in the order of the rows of `net`, so that their error is `error` times their RMS.
+pub(super) fn coded(values: &[f32], order: usize, net: &Net, error: f64) -> Result<Set> {
+    let mut units = vec![OTHER_BANDS; order * order];
+    units[0] = 1.0;
+    let radiosities = Radiosities { values: values.into(), shells: 1, directions: order * order, units };
+    code(&radiosities, net, &Net::unpredicted(order * order), tags::SET, error)
 }
 
 /// The lowest order whose error under suns is allowed, at some receivers and on a coarser set of samples.

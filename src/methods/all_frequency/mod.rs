@@ -11,6 +11,7 @@ mod harmonics;
 mod plan;
 mod rows;
 mod single;
+pub mod uncoded;
 
 use std::sync::Arc;
 
