@@ -226,7 +226,7 @@ fn keys_have_their_effect() {
     };
     run("", "base.ply");
     let samples = ["points=2", "directions=32", "area-side=3"];
-    for set in ["bound=kernel", "error=0.1%", "transfer=multilevel"].iter().chain(&samples) {
+    for set in ["bound=kernel", "error=0.1%"].iter().chain(&samples) {
         run(&format!("--set {set}"), "b.ply");
         folder.run("compare b.ply base.ply").fails(7, &[]);
         folder.run("compare b.ply base.ply --fail-above 10%").ok();
@@ -234,7 +234,6 @@ fn keys_have_their_effect() {
     let bake = "bake head.obj --unit mm --material skin1 --samples 6000 --method two_pass -o b.tlux";
     for (set, fragments) in [
         ("bound=tight", &["bound=tight", "solid-angle", "kernel"][..]),
-        ("transfer=fft", &["transfer=fft", "tree", "multilevel"]),
         ("error=0", &["error", "1% or 0.01"]),
         ("error=nan", &["error"]),
         ("points=0", &["points=0", "1 to 64"]),

@@ -51,6 +51,7 @@ mod far_sums;
 mod far_values;
 pub mod mesh;
 pub mod metadata;
+pub mod multilevel;
 pub mod parts;
 pub mod profile_basis;
 pub mod quantised_lights;

@@ -9,7 +9,7 @@ use translux_format::profile_basis::{self, ProfileBasis};
 use translux_format::rows::{self, IrradianceRows};
 use translux_format::{
     COMMON_TAGS, FormatError, LedgerEntry, Scan, Tag, VERSION_MAJOR, VERSION_MINOR, distant_transport, mesh, metadata,
-    parts, quantised_lights, quantised_values, samples, scattering_lists,
+    multilevel, parts, quantised_lights, quantised_values, samples, scattering_lists,
 };
 
 use super::console::percent;
@@ -101,7 +101,9 @@ pub(super) fn of_version(scan: &Scan) -> Vec<Finding> {
         out.push(Finding::new(&NEWER_VERSION, None, format!("version {major}.{minor}; {known}")));
     }
     for section in &scan.sections {
-        let sampled = [&far_field::tags::ALL[..], &profile_basis::tags::ALL, &rows::tags::ALL].concat();
+        let sampled =
+            [&far_field::tags::ALL[..], &profile_basis::tags::ALL, &rows::tags::ALL, &[multilevel::tags::NUMBERS]]
+                .concat();
         if ![&COMMON_TAGS[..], &sampled, &without_samples()].concat().contains(&section.tag) {
             let (bytes, kind) = (section.stored_bytes, section.kind);
             let message = format!("section {} ({kind}, {bytes} bytes) is unknown", section.tag);

@@ -60,11 +60,11 @@ impl AssetArgs {
 
 impl AssetArgs {
     fn resized(&self, asset: Asset, method: &dyn Method, size_mm: f64) -> Result<Asset> {
-        if method.stores_transport() {
+        if method.stores_transport(&asset.provenance.settings) {
             let (path, baked) = (self.asset.display(), asset.scene.mesh.diagonal_mm());
             return Err(Error::unsupported(format!(
                 "{path}: --size-mm {size_mm}: the transport of `{}` was computed for {} mm; bake again with that size, or with \
-                 --method two_pass, which stores none",
+                 --method two_pass or --set transport=none of editable, which store none",
                 method.name(),
                 significant(baked)
             )));
@@ -93,18 +93,22 @@ impl AssetArgs {
             Some(size_mm) if path == self.asset => self.resized(asset, method, size_mm)?,
             _ => asset,
         };
+        let profiles = profiles_of(method, &asset.provenance.settings);
         let mut evaluator = method.open(Arc::new(asset))?;
         if let Some(profile) = profile {
             evaluator.set_profile(profile.clone())?;
         }
         let evaluator = crate::evaluate::summed::Summed::of(evaluator);
-        Ok(crate::relight::window::OpenedModel { evaluator, profiles: profiles_of(method) })
+        Ok(crate::relight::window::OpenedModel { evaluator, profiles })
     }
 }
 
 /// What its assets take: transport that is stored is that of the profile that it was computed for.
 #[cfg(feature = "gui")]
-pub(super) fn profiles_of(method: &dyn Method) -> crate::relight::window::Profiles {
+pub(super) fn profiles_of(
+    method: &dyn Method,
+    settings: &std::collections::BTreeMap<String, String>,
+) -> crate::relight::window::Profiles {
     use crate::relight::window::Profiles;
-    if method.stores_transport() { Profiles::Dipole } else { Profiles::Any }
+    if method.stores_transport(settings) { Profiles::Dipole } else { Profiles::Any }
 }

@@ -7,7 +7,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use crate::geometry::scattered::{OrientedPoint, Weights, choose};
+use crate::geometry::scattered::{Kriging, OrientedPoint, Weights, choose};
 
 /// Sources that a point is predicted from.
 const SOURCES: usize = 12;
@@ -50,6 +50,7 @@ impl Net {
             let spacing = spacing_mm * 2f64.powi((depth - 1 - level) as i32);
             let start = net.point.len();
             let mut weights = Weights { each: SOURCES, ..Weights::default() };
+            let fit = Kriging { sources: SOURCES, ..Kriging::RADIOSITY };
             let mut added = Vec::with_capacity(parts.len());
             for (part, levels) in chosen.iter().enumerate() {
                 // Levels of all parts end together, at the finest.
@@ -57,7 +58,7 @@ impl Net {
                 let of = |i: &u32| points[*i as usize];
                 let sources: Vec<OrientedPoint> = rows[part].iter().map(|&r| of(&net.point[r as usize])).collect();
                 let targets: Vec<OrientedPoint> = members.iter().map(of).collect();
-                let own = Weights::new(&sources, &targets, spacing, SOURCES);
+                let own = Weights::new(&sources, &targets, spacing, fit);
                 if own.each == 0 {
                     weights.sources.extend(std::iter::repeat_n(NONE, members.len() * SOURCES));
                     weights.values.extend(std::iter::repeat_n(0.0, members.len() * SOURCES));

@@ -3,6 +3,7 @@
 use glam::DVec3;
 use translux_format::rows::IrradianceRows;
 
+use super::sampling_error::Sampled;
 use crate::asset::Asset;
 use crate::compress::rows::Rows;
 use crate::error::Result;
@@ -10,8 +11,12 @@ use crate::geometry::part_table::PartTable;
 use crate::geometry::samples::Samples;
 use crate::light::cube_light::CubeLight;
 use crate::light::{Light, LightKind};
+use crate::math::statistics::{VertexError, vertex_error};
 use crate::medium::entrance_basis::MOST_TERMS;
+use crate::progress::Silent;
+use crate::transport::gather::{Gather, Scheme};
 use crate::transport::scene::Medium;
+use crate::transport::tree::SampleTree;
 
 /// Rows that serve as a light's irradiance.
 pub struct StoredRows {
@@ -45,6 +50,11 @@ impl StoredRows {
     /// Whether the rows serve every medium: they hold a range of refractive indices.
     pub fn serve(&self, media: &[Medium]) -> bool {
         media.iter().all(|m| self.rows.entrance().project(m.properties.eta_inside_over_outside).is_ok())
+    }
+
+    /// Whether they stand for the rays of a light in some media.
+    pub fn have(&self, light: &Light, media: &[Medium]) -> bool {
+        comes_from_far_away(light) && self.serve(media)
     }
 
     /// The plain arrays.
@@ -84,4 +94,20 @@ impl StoredRows {
         }
         Ok(())
     }
+}
+
+/// Receivers that the error of rows is measured on.
+const PROBES: usize = 192;
+
+/// Error of stored rows against rays, each the irradiance of the samples of `sampled`, in the radiosity that they give.
+pub fn error_of_rows(sampled: &Sampled, (stored, rays): (&[DVec3], &[DVec3])) -> VertexError {
+    let (subset, indices) = sampled.receivers.subset(PROBES, 1);
+    let tree = SampleTree::default();
+    let gather = match sampled.kernels {
+        Some(kernels) => Gather::with_kernels(&sampled.surface, &tree, kernels.to_vec(), sampled.near),
+        None => Gather::new(&sampled.surface, &tree, sampled.media, sampled.near),
+    };
+    let sum = |e: &[DVec3]| gather.radiosity(&subset, &gather.light(e), Scheme::AllPairs, &Silent);
+    let areas: Vec<f64> = indices.iter().map(|&i| sampled.areas[i as usize]).collect();
+    vertex_error(&sum(stored), &sum(rays), &areas)
 }

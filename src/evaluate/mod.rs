@@ -118,8 +118,8 @@ pub trait Method: Sync {
     /// Values of keys that do not fit; failures of the work.
     fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts>;
 
-    /// Whether an asset holds transport, which belongs to the size and the mesh that it was computed for.
-    fn stores_transport(&self) -> bool {
+    /// Whether an asset baked with these settings holds transport, which belongs to the size and the mesh that it was computed for.
+    fn stores_transport(&self, _settings: &BTreeMap<String, String>) -> bool {
         true
     }
 

@@ -29,11 +29,29 @@ const NORMAL: f64 = 0.5;
 /// How much more normals count that are more than a right angle apart.
 const OPPOSITE: f64 = 8.0;
 
-/// Offset of the multiquadric over the distance of the farthest source.
-const OFFSET: f64 = 1.0;
+/// How values are interpolated from sources.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Kriging {
+    /// Sources of a target, at most [`MOST`].
+    pub sources: usize,
+    /// Offset of the multiquadric over the distance of the farthest source: the larger, the smoother the values are taken to be.
+    pub offset: f64,
+    /// Added to the diagonal: what values have of their own, and what gives points in one place a solution.
+    pub ridge: f64,
+    /// Sum of the weights' magnitudes above which more is added to the diagonal.
+    pub largest: f64,
+}
 
-/// Added to the diagonal, so that points in one place have a solution.
-const RIDGE: f64 = 1e-4;
+impl Kriging {
+    /// For values that may have edges.
+    pub const RADIOSITY: Self = Self { sources: 10, offset: 1.0, ridge: 1e-4, largest: f64::INFINITY };
+    /// For values that are as smooth in space as a softened kernel: they are followed off the surface that the sources are on, which is
+    /// rougher than their spacing on a scan.
+    pub const SMOOTH: Self = Self { sources: 32, offset: 2.5, ridge: 1e-7, largest: 8.0 };
+}
+
+/// Most that is added to the diagonal for the sake of small weights.
+const MOST_RIDGE: f64 = 1e-4;
 
 /// Seed of the order in which points are tried.
 const STAGE: u64 = 0x7265_6670;
@@ -123,8 +141,13 @@ fn remoteness2(a: &OrientedPoint, b: &OrientedPoint, normal_mm: f64) -> f64 {
 /// spacing, then at half of it and so on down to `spacing_mm`. Returns the points of each level, which those of coarser
 /// levels are not among.
 pub fn choose(points: &[OrientedPoint], spacing_mm: f64) -> Vec<Vec<u32>> {
+    choose_from(points, 0, spacing_mm)
+}
+
+/// The same, the first points before all others.
+pub fn choose_from(points: &[OrientedPoint], first: usize, spacing_mm: f64) -> Vec<Vec<u32>> {
     let mut order: Vec<u32> = (0..points.len() as u32).collect();
-    order.sort_unstable_by_key(|&i| (bits(STAGE, u64::from(i), 0), i));
+    order.sort_unstable_by_key(|&i| (i as usize >= first, bits(STAGE, u64::from(i), 0), i));
     let (low, high) = points
         .iter()
         .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(p.at_mm), high.max(p.at_mm)));
@@ -176,20 +199,22 @@ pub struct Weights {
 }
 
 impl Weights {
-    /// From the `each` nearest of `sources`, which are about `spacing_mm` apart, for every one of `targets`. Without sources
-    /// there are no weights.
-    pub fn new(sources: &[OrientedPoint], targets: &[OrientedPoint], spacing_mm: f64, each: usize) -> Self {
+    /// From the nearest of `sources`, which are about `spacing_mm` apart, for every one of `targets`. Without sources there are
+    /// no weights.
+    pub fn new(sources: &[OrientedPoint], targets: &[OrientedPoint], spacing_mm: f64, fit: Kriging) -> Self {
+        let each = fit.sources.min(MOST);
         if sources.is_empty() || each == 0 {
             return Self::default();
         }
         let cell = if spacing_mm.is_normal() && spacing_mm > 0.0 { spacing_mm } else { 1.0 };
-        let mut grid = Grid::new(cell);
+        // So that the nearest are among the first cells that are looked at.
+        let mut grid = Grid::new(cell * (each as f64 / 9.0).sqrt().max(1.0));
         sources.iter().enumerate().for_each(|(i, p)| grid.insert(i as u32, p.at_mm));
         let (count, normal_mm) = (each.min(sources.len()), NORMAL * cell);
         let of_target = |target: &OrientedPoint| {
             let near = nearest(&grid, sources, target, count, normal_mm);
             let mut indices: Vec<u32> = near.iter().map(|&(_, index)| index).collect();
-            let mut values = kriging(target, sources, &indices, normal_mm);
+            let mut values = kriging(target, sources, &indices, (normal_mm, fit));
             let first = indices.first().copied().unwrap_or(0);
             indices.resize(each, first);
             values.resize(each, 0.0);
@@ -239,11 +264,16 @@ fn nearest(
 }
 
 /// Most sources of a target.
-const MOST: usize = 24;
+pub const MOST: usize = 32;
 
-/// Weights w with sum 1 that minimise the variance of the interpolation under the covariance -sqrt(OFFSET^2 + r^2), r over the
+/// Weights w with sum 1 that minimise the variance of the interpolation under the covariance -sqrt(offset^2 + r^2), r over the
 /// distance of the farthest source.
-fn kriging(target: &OrientedPoint, sources: &[OrientedPoint], near: &[u32], normal_mm: f64) -> Vec<f32> {
+fn kriging(
+    target: &OrientedPoint,
+    sources: &[OrientedPoint],
+    near: &[u32],
+    (normal_mm, fit): (f64, Kriging),
+) -> Vec<f32> {
     let source = |i: usize| &sources[near[i] as usize];
     let count = near.len().min(MOST);
     let distances: Vec<f64> = (0..count).map(|i| distance2(target, source(i), normal_mm)).collect();
@@ -253,22 +283,28 @@ fn kriging(target: &OrientedPoint, sources: &[OrientedPoint], near: &[u32], norm
         // On a source.
         return nearest();
     }
-    let covariance = |d2: f64| -(OFFSET * OFFSET + d2 / farthest).sqrt();
+    let covariance = |d2: f64| -(fit.offset * fit.offset + d2 / farthest).sqrt();
     let size = count + 1;
-    let mut matrix = [[0.0; MOST + 2]; MOST + 1];
+    let mut known = [[0.0; MOST + 2]; MOST + 1];
     for i in 0..count {
-        for (j, cell) in matrix[i].iter_mut().enumerate().take(count) {
+        for (j, cell) in known[i].iter_mut().enumerate().take(count) {
             *cell = covariance(distance2(source(i), source(j), normal_mm));
         }
-        matrix[i][i] = covariance(0.0) + RIDGE;
-        matrix[i][count] = 1.0;
-        matrix[count][i] = 1.0;
-        matrix[i][size] = covariance(distances[i]);
+        known[i][count] = 1.0;
+        known[count][i] = 1.0;
+        known[i][size] = covariance(distances[i]);
     }
-    matrix[count][size] = 1.0;
-    match solve(&mut matrix, size) {
-        Some(values) => values[..count].iter().map(|w| *w as f32).collect(),
-        None => nearest(),
+    known[count][size] = 1.0;
+    let mut ridge = fit.ridge;
+    loop {
+        let mut matrix = known;
+        (0..count).for_each(|i| matrix[i][i] = covariance(0.0) + ridge);
+        let found = solve(&mut matrix, size);
+        let small = found.is_some_and(|w| w[..count].iter().map(|w| w.abs()).sum::<f64>() <= fit.largest);
+        if small || ridge >= MOST_RIDGE {
+            return found.map_or_else(nearest, |values| values[..count].iter().map(|w| *w as f32).collect());
+        }
+        ridge *= 10.0;
     }
 }
 

@@ -45,7 +45,7 @@ fn weights_reproduce_constants_sources_and_smooth_values() {
     for spacing in [2.0, 1.0] {
         let chosen: Vec<u32> = choose(&points, spacing).concat();
         let sources: Vec<OrientedPoint> = chosen.iter().map(|&i| points[i as usize]).collect();
-        let weights = Weights::new(&sources, &points, spacing, 10);
+        let weights = Weights::new(&sources, &points, spacing, Kriging::RADIOSITY);
         let mut sum = 0.0;
         for (target, point) in points.iter().enumerate() {
             let total: f32 = weights.of(target).map(|(_, w)| w).sum();
@@ -68,7 +68,7 @@ fn the_other_side_of_a_sheet_is_far() {
     };
     let sources: Vec<OrientedPoint> = side(0.0, DVec3::NEG_Z).chain(side(0.1, DVec3::Z)).collect();
     let target = OrientedPoint { at_mm: DVec3::new(9.5, 9.5, 0.1), normal: DVec3::Z };
-    let weights = Weights::new(&sources, &[target], 1.0, 10);
+    let weights = Weights::new(&sources, &[target], 1.0, Kriging::RADIOSITY);
     let other: f32 = weights.of(0).filter(|(s, _)| *s < 400).map(|(_, w)| w.abs()).sum();
     assert!(other < 0.05, "{other}");
 }
@@ -81,16 +81,52 @@ fn odd_inputs_have_answers() {
     assert_eq!(choose(&same, 1.0).concat().len(), 1);
     for spacing in [0.0, f64::NAN, f64::INFINITY, 1e-300] {
         assert!(!choose(&same, spacing).concat().is_empty());
-        let weights = Weights::new(&same, &same, spacing, 10);
+        let weights = Weights::new(&same, &same, spacing, Kriging::RADIOSITY);
         assert!(weights.values.iter().all(|w| w.is_finite()));
     }
-    assert_eq!(Weights::new(&[], &same, 1.0, 10), Weights::default());
+    assert_eq!(Weights::new(&[], &same, 1.0, Kriging::RADIOSITY), Weights::default());
     let two = [point, OrientedPoint { at_mm: DVec3::ZERO, ..point }];
     let middle = OrientedPoint { at_mm: DVec3::splat(0.5), ..point };
-    let weights: Vec<(u32, f32)> = Weights::new(&two, &[middle], 1.0, 10).of(0).collect();
+    let weights: Vec<(u32, f32)> = Weights::new(&two, &[middle], 1.0, Kriging::RADIOSITY).of(0).collect();
     assert_eq!(weights.len(), 10);
     assert!((weights[0].1 - 0.5).abs() < 1e-6 && (weights[1].1 - 0.5).abs() < 1e-6 && weights[2].1 == 0.0);
     // Sources far away from where they are looked for.
     let far = OrientedPoint { at_mm: DVec3::splat(1e6), ..point };
-    assert_eq!(Weights::new(&two, &[far], 1.0, 1).of(0).map(|(_, w)| w).sum::<f32>(), 1.0);
+    assert_eq!(
+        Weights::new(&two, &[far], 1.0, Kriging { sources: 1, ..Kriging::RADIOSITY })
+            .of(0)
+            .map(|(_, w)| w)
+            .sum::<f32>(),
+        1.0
+    );
+}
+
+#[test]
+fn smooth_values_are_followed_off_a_rough_surface() {
+    // Bumps of a tenth of the spacing; values that vary over four spacings, in space.
+    let mut points = sphere(6000);
+    for (i, p) in points.iter_mut().enumerate() {
+        let bump = crate::math::random::uniform(3, i as u64, 0) - 0.5;
+        *p = OrientedPoint { at_mm: p.at_mm + 0.1 * bump * p.normal, normal: DVec3::ZERO };
+    }
+    let spacing = 1.0;
+    let sources: Vec<OrientedPoint> = choose(&points, spacing).concat().iter().map(|&i| points[i as usize]).collect();
+    let value = |p: &OrientedPoint| (-p.at_mm.distance_squared(DVec3::new(0.0, 0.0, 10.0)) / 16.0).exp();
+    let error = |fit: Kriging| {
+        let weights = Weights::new(&sources, &points, spacing, fit);
+        let square = |(target, point): (usize, &OrientedPoint)| {
+            let found: f64 = weights.of(target).map(|(s, w)| f64::from(w) * value(&sources[s as usize])).sum();
+            (found - value(point)).powi(2)
+        };
+        points.iter().enumerate().map(square).sum::<f64>().sqrt()
+    };
+    let (smooth, other) = (error(Kriging::SMOOTH), error(Kriging { sources: 32, ..Kriging::RADIOSITY }));
+    assert!(smooth < 0.7 * other && smooth < 0.2 * error(Kriging::RADIOSITY), "{smooth:.1e} {other:.1e}");
+    for fit in [Kriging::SMOOTH, Kriging { largest: 1.5, ..Kriging::SMOOTH }] {
+        let weights = Weights::new(&sources, &points, spacing, fit);
+        for target in 0..points.len() {
+            let (sum, size) = weights.of(target).fold((0.0, 0.0), |(sum, size), (_, w)| (sum + w, size + w.abs()));
+            assert!((sum - 1.0).abs() < 1e-4 && size < 8.01, "{sum} {size}");
+        }
+    }
 }

@@ -6,12 +6,12 @@ use rayon::prelude::*;
 use super::stage::{Stage, parts};
 use crate::compress::prediction::Net;
 use crate::error::Result;
-use crate::geometry::scattered::{OrientedPoint, Weights};
+use crate::geometry::scattered::{Kriging, OrientedPoint, Weights};
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::transport::receivers::Receivers;
 
 /// Reference points that a vertex is interpolated from.
-const SOURCES: usize = 10;
+const SOURCES: usize = Kriging::RADIOSITY.sources;
 
 /// Spacings that are tried, from this many mean free paths on, until the error is this share of what is allowed.
 const TRIALS: usize = 12;
@@ -140,7 +140,7 @@ pub(in crate::methods) fn weights_of_some(
         let first = chosen.partition_point(|&i| (i as usize) < part.start);
         let end = chosen.partition_point(|&i| (i as usize) < part.end);
         let sources: Vec<OrientedPoint> = chosen[first..end].iter().map(|&i| points[i as usize]).collect();
-        let own = Weights::new(&sources, &targets, spacing_mm, SOURCES);
+        let own = Weights::new(&sources, &targets, spacing_mm, Kriging::RADIOSITY);
         let missing = targets.len() * SOURCES - own.sources.len();
         result.sources.extend(own.sources.iter().map(|&s| first as u32 + s));
         result.sources.extend(std::iter::repeat_n(0, missing));

@@ -14,6 +14,10 @@ use translux_format::coefficients::encode;
 /// Clusters that a row may belong to: that of its place in the kd-tree, and those whose centres are nearest.
 const CANDIDATES: usize = 16;
 
+/// Energy along a direction over that along the first below which single precision leaves nothing but noise: such directions are
+/// not at right angles to the others.
+const NOISE: f64 = 1e-6;
+
 /// Rounds of fitting and choosing again.
 const ROUNDS: usize = 6;
 
@@ -27,6 +31,9 @@ const ROUNDED: f64 = 0.25;
 /// Steps of means and directions over that of weights and differences; how near a squared error must be.
 const OF_SUBSPACES: [f32; 2] = [1.0, 0.25];
 const NEAR: f64 = 0.02;
+
+/// Steps from zero to the largest number, at most: differences from what is predicted still fit 16 bits.
+const MOST_STEPS: f64 = 12_000.0;
 
 /// Steps that are tried for the latter, and the finest over that of the weights.
 const TRIALS: usize = 7;
@@ -108,9 +115,13 @@ impl Subspace {
             }
         }
         let eigen = symmetric_eigen(&products, rows.len())?;
+        let least = NOISE * eigen.values.first().copied().unwrap_or(0.0);
         let direction = |k: usize| {
             let mut sum = vec![0.0f32; columns];
-            let Some(vector) = eigen.vectors.get(k) else { return sum };
+            let (Some(vector), Some(&value)) = (eigen.vectors.get(k), eigen.values.get(k)) else { return sum };
+            if value <= least {
+                return sum;
+            }
             for (row, weight) in centred.iter().zip(vector) {
                 sum.iter_mut().zip(row).for_each(|(sum, v)| *sum += *weight as f32 * v);
             }
@@ -297,7 +308,9 @@ pub(crate) fn alone(rows: &Rows, shape: Shape) -> Result<Clustered> {
     let weights = (rows.places.len() * shape.directions.max(1)) as f64;
     let step = (12.0 * ROUNDED_WEIGHTS * left / weights).sqrt().max(f64::from(f32::MIN_POSITIVE)) as f32;
     // The coarsest that keeps the error, between the finest and the step of the weights.
-    let (mut fine, mut coarse) = (FINEST, 4.0);
+    let all = clusters.subspaces.iter().flat_map(|s| s.directions.iter().chain([&s.mean])).flatten();
+    let largest = f64::from(all.fold(0.0f32, |largest, v| largest.max(v.abs())));
+    let (mut fine, mut coarse) = (FINEST.max(largest / (MOST_STEPS * f64::from(step))), 4.0);
     let mut best = clusters.coded(rows, shape, (step, step * fine as f32), false)?;
     for _ in 0..TRIALS {
         let middle = f64::sqrt(fine * coarse);

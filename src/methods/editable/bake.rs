@@ -7,8 +7,8 @@ use translux_format::far_field::{FarField, Group};
 use super::choice::{self, Choice, Tuning};
 use super::environment;
 use super::ledger::{self, Baked};
-use super::plan::Plan;
-use super::sections;
+use super::plan::{Plan, Transport};
+use super::{sections, unstored};
 use crate::compress::blocks;
 use crate::error::{Error, Result};
 use crate::evaluate::{AssetParts, BakeSettings};
@@ -49,6 +49,9 @@ pub(super) fn memory(scene: &Scene, settings: &BakeSettings) -> u64 {
         settings.values.get(super::COEFFICIENTS.name).and_then(|text| text.parse().ok()).unwrap_or(128u64);
     let stored = settings.for_lights.contains(&LightKind::Environment);
     let rows = if stored { count as u64 * coefficients * BYTES_PER_ROW_COEFFICIENT } else { 0 };
+    if settings.values.get(super::TRANSPORT.name).is_some_and(|text| text == "none") {
+        return sampling::memory(count, scene) + unstored::memory(count, scene) + rows;
+    }
     let far = scene.mesh.local_mm.len() as f64 * BYTES_PER_RECEIVER * (0.01 / settings.max_rms).clamp(0.3, 30.0);
     sampling::memory(count, scene) + far as u64 + rows
 }
@@ -108,6 +111,9 @@ pub(super) fn bake(scene: &Scene, settings: &BakeSettings, progress: &dyn Progre
     progress.start("samples", 0);
     let stage = Stage::new(scene, count(scene, settings), &plan);
     progress.finish();
+    if plan.transport == Transport::None {
+        return unstored::bake((scene, stage), (settings, &plan), progress);
+    }
 
     progress.start("basis", 0);
     let basis = basis(&stage, scene, &plan);

@@ -9,14 +9,14 @@ use translux_format::far_field::FarField;
 
 #[cfg(feature = "gpu")]
 use super::gpu::EditableOnDevice;
-use super::plan::Plan;
-use super::sections;
+use super::plan::{Plan, Transport};
+use super::{sections, unstored};
 use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
 #[cfg(feature = "gpu")]
 use crate::evaluate::device::{Device, DeviceEvaluator};
-use crate::evaluate::environment::{StoredRows, comes_from_far_away};
+use crate::evaluate::environment::{StoredRows, error_of_rows};
 use crate::evaluate::far_field::FarSums;
 use crate::evaluate::sampling_error::{Sampled, receiver_areas};
 use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit};
@@ -81,6 +81,9 @@ pub(super) fn open(asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
     let settings = &asset.provenance.settings;
     let max_rms = settings.get("max-rms").map_or(Ok(0.01), |text| share(text, "max-rms"))?;
     let plan = Plan::new(settings, max_rms)?;
+    if plan.transport == Transport::None {
+        return unstored::open(asset, &plan, max_rms);
+    }
     let scene = asset.scene.clone();
     let stored = || rayon::join(|| sections::read(&asset), || StoredRows::of(&asset));
     let geometry = || {
@@ -162,7 +165,7 @@ impl EditableEvaluator {
 
     /// Whether a light goes through the stored rows.
     pub(super) fn is_stored(&self, light: &Light) -> bool {
-        comes_from_far_away(light) && self.rows.as_ref().is_some_and(|rows| rows.serve(&self.scene.media))
+        self.rows.as_ref().is_some_and(|rows| rows.have(light, &self.scene.media))
     }
 
     pub(super) fn sampled(&self, lights: &[Light], progress: &dyn Progress) -> Result<(Vec<DVec3>, Pieces)> {
@@ -204,16 +207,6 @@ impl EditableEvaluator {
     pub(super) fn near(&self) -> Near<'_> {
         let geometry = (&self.around, &self.corners);
         Near::new(self.surface(), geometry, &self.scene.media, self.plan.near, self.basis.split_mm())
-    }
-
-    /// Error of stored rows against rays, on the same samples.
-    fn rows_error(&self, stored: &[DVec3], rays: &[DVec3]) -> VertexError {
-        let (subset, indices) = self.receivers.subset(PROBES, 1);
-        let (surface, tree) = (self.surface(), SampleTree::default());
-        let gather = Gather::new(&surface, &tree, &self.scene.media, self.plan.near);
-        let sum = |e: &[DVec3]| gather.radiosity(&subset, &gather.light(e), Scheme::AllPairs, &Silent);
-        let areas: Vec<f64> = indices.iter().map(|&i| self.areas[i as usize]).collect();
-        vertex_error(&sum(stored), &sum(rays), &areas)
     }
 
     /// Error of everything but the sampling, against all pairs of the same samples.
@@ -329,8 +322,8 @@ impl Evaluator for EditableEvaluator {
             areas: &self.areas,
         };
         sampled.enter(&mut ledger, progress)?;
-        if let Some(rays) = rays {
-            let error = self.rows_error(&lit.irradiance, &rays.0);
+        if let Some(rays) = &rays {
+            let error = error_of_rows(&sampled, (&lit.irradiance, &rays.0));
             ledger.add("environment", error, "stored rows (cube map, truncation, quantiser) against rays");
         }
         let mut error = self.transport_error(&lit);

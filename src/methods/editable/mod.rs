@@ -10,7 +10,9 @@ mod ledger;
 mod plan;
 mod sections;
 mod subset;
+mod unstored;
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use crate::asset::Asset;
@@ -22,6 +24,12 @@ use crate::transport::scene::Scene;
 
 /// The method.
 pub struct Editable;
+
+const TRANSPORT: Key = Key {
+    name: "transport",
+    default: "stored",
+    help: "stored (of a basis of R_d), or none: samples alone, summed at run time with any profile, at any size",
+};
 
 const BASIS: Key = Key {
     name: "basis",
@@ -60,11 +68,20 @@ const POINTS: Key = sampling::points("4");
 const DIRECTIONS: Key = sampling::directions("256");
 const AREA_SIDE: Key = sampling::area_side("8");
 
-const KEYS: &[Key] = &[BASIS, TERMS, SPLIT, TRUNCATION, CUBE, COEFFICIENTS, POINTS, DIRECTIONS, AREA_SIDE];
+const KEYS: &[Key] = &[TRANSPORT, BASIS, TERMS, SPLIT, TRUNCATION, CUBE, COEFFICIENTS, POINTS, DIRECTIONS, AREA_SIDE];
 
 /// What charts compare.
-const LADDER: &[&str] =
-    &["", "--max-rms 4%", "--max-rms 2%", "--samples 32768", "--max-rms 0.5%", "--max-rms 0.5% --samples 262144"];
+const LADDER: &[&str] = &[
+    "",
+    "--max-rms 4%",
+    "--max-rms 2%",
+    "--samples 32768",
+    "--max-rms 0.5%",
+    "--max-rms 0.5% --samples 262144",
+    "--set transport=none",
+    "--max-rms 0.2% --set transport=none",
+    "--samples 32768 --set transport=none --set points=1",
+];
 
 impl Method for Editable {
     fn name(&self) -> &'static str {
@@ -93,6 +110,10 @@ impl Method for Editable {
 
     fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {
         bake::bake(scene, settings, progress)
+    }
+
+    fn stores_transport(&self, settings: &BTreeMap<String, String>) -> bool {
+        settings.get(TRANSPORT.name).map_or(TRANSPORT.default, String::as_str) != "none"
     }
 
     fn open(&self, asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::{AREA_SIDE, BASIS, COEFFICIENTS, CUBE, DIRECTIONS, POINTS, SPLIT, TERMS, TRUNCATION};
+use super::{AREA_SIDE, BASIS, COEFFICIENTS, CUBE, DIRECTIONS, POINTS, SPLIT, TERMS, TRANSPORT, TRUNCATION, unstored};
 use crate::error::{Error, Result};
 use crate::evaluate::Key;
 use crate::medium::profile_basis::Weighting;
@@ -17,9 +17,17 @@ const TRUNCATION_SHARE: f64 = 0.6;
 const QUANTISER_SHARE: f64 = 0.1;
 const BASIS_SHARE: f64 = 0.15;
 
+/// Whether transport is stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Transport {
+    Stored,
+    None,
+}
+
 /// What a bake and an evaluation follow.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Plan {
+    pub(super) transport: Transport,
     pub(super) weighting: Weighting,
     /// `None`: as few as `basis_error` allows.
     pub(super) terms: Option<usize>,
@@ -40,6 +48,14 @@ pub(super) struct Plan {
 impl Plan {
     pub(super) fn new(values: &BTreeMap<String, String>, max_rms: f64) -> Result<Self> {
         let text = |key: &Key| values.get(key.name).map_or(key.default, String::as_str).trim().to_owned();
+        let transport = match text(&TRANSPORT).as_str() {
+            "stored" => Transport::Stored,
+            "none" => Transport::None,
+            other => return Err(Error::command_line(format!("--set transport={other}: it is stored or none"))),
+        };
+        if transport == Transport::None {
+            unstored::check(values)?;
+        }
         let weighting = match text(&BASIS).as_str() {
             "transported" => Weighting::Transported,
             "plain" => Weighting::Plain,
@@ -58,6 +74,7 @@ impl Plan {
             return Err(Error::command_line(format!("--set cube={cube}: it is 32 or 64")));
         }
         Ok(Self {
+            transport,
             weighting,
             terms,
             basis_error: BASIS_SHARE * max_rms,
@@ -105,10 +122,17 @@ mod tests {
             ("cube", "48"),
             ("coefficients", "4"),
             ("points", "3"),
+            ("transport", "some"),
         ] {
             let error = plan(&[(key, value)]).unwrap_err();
             assert!(error.message().contains(key), "{}", error.message());
         }
+        for key in ["terms", "split", "basis", "truncation"] {
+            let value = if key == "basis" { "plain" } else { "5" };
+            let error = plan(&[("transport", "none"), (key, value)]).unwrap_err();
+            assert!(error.message().contains("transport=stored"), "{}", error.message());
+        }
+        assert_eq!(plan(&[("transport", "none")]).unwrap().transport, Transport::None);
         assert_eq!(plan(&[("terms", "7"), ("truncation", "0.2%")]).unwrap().terms, Some(7));
     }
 }

@@ -4,6 +4,7 @@
 mod bake;
 mod evaluate;
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use crate::asset::Asset;
@@ -79,7 +80,7 @@ impl Method for Reference {
         bake::bake(scene, settings, progress)
     }
 
-    fn stores_transport(&self) -> bool {
+    fn stores_transport(&self, _settings: &BTreeMap<String, String>) -> bool {
         false
     }
 

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use super::{AREA_SIDE, BOUND, DIRECTIONS, ERROR, POINTS, RAYS, TRANSFER};
+use super::{AREA_SIDE, BOUND, DIRECTIONS, ERROR, POINTS, RAYS};
 use crate::asset::Asset;
 use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
@@ -12,7 +12,6 @@ use crate::methods::inter_reflection::outside;
 use crate::methods::sampling::light_sampling;
 use crate::methods::settings::share;
 use crate::transport::gather::NearField;
-use crate::transport::multilevel::Quality;
 
 /// Receivers that share a traversal of the tree.
 const GROUP: usize = 16;
@@ -30,14 +29,9 @@ pub(super) fn plan(values: &BTreeMap<String, String>, max_rms: f64) -> Result<Pl
             return Err(Error::command_line(format!("--set bound={other}: it is solid-angle or kernel")));
         }
     };
-    let nets = match values.get(TRANSFER.name).map_or(TRANSFER.default, String::as_str) {
-        "tree" => None,
-        "multilevel" => Some(Quality::for_error(max_rms)),
-        other => return Err(Error::command_line(format!("--set transfer={other}: it is tree or multilevel"))),
-    };
     let sampling = light_sampling(values, [&POINTS, &DIRECTIONS, &AREA_SIDE])?;
     let far = Far::Hierarchical { error, bound };
-    Ok(Plan { sampling, near: NearField::for_error(max_rms), far, group: GROUP, nets })
+    Ok(Plan { sampling, near: NearField::for_error(max_rms), far, group: GROUP, nets: None })
 }
 
 pub(super) fn open(asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {

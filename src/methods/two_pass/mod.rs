@@ -3,6 +3,7 @@
 mod bake;
 mod evaluate;
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use crate::asset::Asset;
@@ -30,20 +31,13 @@ const BOUND: Key = Key {
     help: "which clusters stand for their samples: solid-angle or kernel (a bound on the kernel's error)",
 };
 
-/// How samples reach vertices.
-const TRANSFER: Key = Key {
-    name: "transfer",
-    default: "tree",
-    help: "tree (no preparation) or multilevel (seconds when the asset is opened, then any light and medium in real time)",
-};
-
 const POINTS: Key = sampling::points("4");
 const DIRECTIONS: Key = sampling::directions("256");
 const AREA_SIDE: Key = sampling::area_side("8");
 
 const RAYS: Key = inter_reflection::rays("32");
 
-const KEYS: &[Key] = &[TRANSFER, ERROR, BOUND, POINTS, DIRECTIONS, AREA_SIDE, INTER_REFLECTION, RAYS];
+const KEYS: &[Key] = &[ERROR, BOUND, POINTS, DIRECTIONS, AREA_SIDE, INTER_REFLECTION, RAYS];
 
 /// What charts compare.
 const LADDER: &[&str] = &[
@@ -53,8 +47,6 @@ const LADDER: &[&str] = &[
     "--max-rms 1%",
     "--max-rms 0.1%",
     "--set bound=kernel",
-    "--set transfer=multilevel --set points=1",
-    "--max-rms 0.1% --set transfer=multilevel",
 ];
 
 impl Method for TwoPass {
@@ -82,7 +74,7 @@ impl Method for TwoPass {
         bake::bake(scene, settings, progress)
     }
 
-    fn stores_transport(&self) -> bool {
+    fn stores_transport(&self, _settings: &BTreeMap<String, String>) -> bool {
         false
     }
 

@@ -9,6 +9,7 @@
 mod kernel;
 mod near;
 mod surface;
+mod tuning;
 mod weights;
 
 use glam::DVec3;
@@ -20,7 +21,7 @@ use self::weights::Adjoint;
 use super::interpolation::SharedWeights;
 use super::simd::Level;
 use crate::geometry::cluster::{self, Run};
-use crate::geometry::scattered::{OrientedPoint, Weights, choose};
+use crate::geometry::scattered::{Kriging, OrientedPoint, Weights, choose_from};
 use crate::medium::profile::Profile;
 
 /// How finely a kernel is resolved.
@@ -30,8 +31,6 @@ pub(super) struct Resolution {
     pub spacing_mm: f64,
     /// Radius inside which a level is softened, in spacings of its net.
     pub softening: f64,
-    /// Points that a value is interpolated from.
-    pub sources: usize,
 }
 
 impl Resolution {
@@ -75,44 +74,49 @@ pub(super) struct Tables {
 }
 
 impl Multilevel {
-    /// Nets among the samples, given by centroid and normal, for receivers on the same surface.
+    /// Nets among the samples, given by centroid and normal, and the receivers, which are on the same surface.
     pub(super) fn new(samples: &[OrientedPoint], receivers: &[OrientedPoint], resolution: Resolution) -> Self {
-        let nested = choose(samples, resolution.spacing_mm);
+        // Corners first: between them lie the samples, but not they between those.
+        let points: Vec<OrientedPoint> = receivers.iter().chain(samples).copied().collect();
+        let nested = choose_from(&points, receivers.len(), resolution.spacing_mm);
         // Coarsest first; every net holds those before it.
         let mut chosen: Vec<u32> = Vec::new();
         let mut nets: Vec<Vec<OrientedPoint>> = Vec::new();
         for level in &nested {
             chosen.extend(level);
             if chosen.len() > FEW || nets.is_empty() {
-                nets.push(chosen.iter().map(|&i| samples[i as usize]).collect());
+                nets.push(chosen.iter().map(|&i| points[i as usize]).collect());
             } else {
-                nets[0] = chosen.iter().map(|&i| samples[i as usize]).collect();
+                nets[0] = chosen.iter().map(|&i| points[i as usize]).collect();
             }
         }
         nets.reverse();
-        let count = nets.len();
-        let mut levels: Vec<Net> = nets
-            .into_iter()
-            .enumerate()
-            .map(|(level, points)| {
-                let reach = 2.0 * resolution.near_mm() * 2f64.powi(level as i32);
-                Net::new(points, if level + 1 < count { reach } else { f64::INFINITY })
-            })
-            .collect();
+        let mut levels: Vec<Net> = nets.into_iter().map(Net::new).collect();
         for level in 1..levels.len() {
             let spacing = resolution.spacing_mm * 2f64.powi(level as i32);
-            let weights = Weights::new(&levels[level].points, &levels[level - 1].points, spacing, resolution.sources);
+            let weights = Weights::new(&levels[level].points, &levels[level - 1].points, spacing, Kriging::SMOOTH);
             levels[level - 1].up = Adjoint::new(&weights, levels[level].points.len());
             levels[level - 1].down = SharedWeights::new(&weights);
         }
         let finest: &[OrientedPoint] = levels.first().map_or(&[], |net| &net.points);
         let spacing = resolution.spacing_mm;
         let (from, to) = rayon::join(
-            || Weights::new(finest, samples, spacing, resolution.sources),
-            || Weights::new(finest, receivers, spacing, resolution.sources),
+            || Weights::new(finest, samples, spacing, Kriging::SMOOTH),
+            || Weights::new(finest, receivers, spacing, Kriging::SMOOTH),
         );
         let from_samples = Adjoint::new(&from, finest.len());
-        Self { resolution, to_receivers: SharedWeights::new(&to), from_samples, levels }
+        let mut result = Self { resolution, to_receivers: SharedWeights::new(&to), from_samples, levels };
+        result.soften(resolution.softening);
+        result
+    }
+
+    /// Softens kernels inside so many spacings.
+    pub(super) fn soften(&mut self, softening: f64) {
+        self.resolution.softening = softening;
+        let (near, last) = (self.near_mm(), self.levels.len().saturating_sub(1));
+        for (level, net) in self.levels.iter_mut().enumerate() {
+            net.reach(if level < last { 2.0 * near * 2f64.powi(level as i32) } else { f64::INFINITY });
+        }
     }
 
     /// Number of nets, of points and of pairs.
@@ -136,6 +140,11 @@ impl Multilevel {
                 + net.down.bytes()
         };
         self.levels.iter().map(net).sum::<usize>() + self.from_samples.bytes() + self.to_receivers.bytes()
+    }
+
+    /// Spacing of the finest net, mm.
+    pub(super) fn spacing_mm(&self) -> f64 {
+        self.resolution.spacing_mm
     }
 
     /// Radius of the compact part, mm.
@@ -181,28 +190,22 @@ impl Multilevel {
 }
 
 impl Net {
-    fn new(points: Vec<OrientedPoint>, reach_mm: f64) -> Self {
+    fn new(points: Vec<OrientedPoint>) -> Self {
         let positions: Vec<DVec3> = points.iter().map(|p| p.at_mm).collect();
         let mut order: Vec<u32> = (0..points.len() as u32).collect();
         let groups = cluster::groups(&mut order, &positions, GROUP);
         let points: Vec<OrientedPoint> = order.iter().map(|&i| points[i as usize]).collect();
-        let positions: Vec<DVec3> = points.iter().map(|p| p.at_mm).collect();
-        let lists = around(&positions, &positions, &groups, reach_mm);
-        let mut offsets = vec![0];
-        offsets.extend(lists.iter().scan(0, |end, list| {
-            *end += list.len();
-            Some(*end)
-        }));
-        let at = positions.iter().map(|p| p.as_vec3().to_array()).collect();
-        Self {
-            points,
-            at,
-            groups,
-            offsets,
-            around: lists.concat(),
-            up: Adjoint::default(),
-            down: SharedWeights::default(),
-        }
+        let at = points.iter().map(|p| p.at_mm.as_vec3().to_array()).collect();
+        let (offsets, around, up) = (vec![0; groups.len() + 1], Vec::new(), Adjoint::default());
+        Self { points, at, groups, offsets, around, up, down: SharedWeights::default() }
+    }
+
+    /// Lists the points within a distance.
+    fn reach(&mut self, reach_mm: f64) {
+        let positions: Vec<DVec3> = self.points.iter().map(|p| p.at_mm).collect();
+        let lists = around(&positions, &positions, &self.groups, reach_mm);
+        self.offsets = ends(&lists);
+        self.around = lists.concat();
     }
 
     fn add(&self, table: &SmoothTable, charges: &[[f32; 4]], out: &mut [[f32; 4]]) {
@@ -221,6 +224,15 @@ impl Net {
             block.add_to(out);
         });
     }
+}
+
+/// Where each list starts and the last ends, one after another.
+fn ends(lists: &[Vec<u32>]) -> Vec<usize> {
+    let ends = lists.iter().scan(0, |end, list| {
+        *end += list.len();
+        Some(*end)
+    });
+    std::iter::once(0).chain(ends).collect()
 }
 
 /// Which of `sources` are within reach of some point of each group of `points`, ascending.

@@ -2,13 +2,13 @@
 //!
 //! A sample a few radii away is taken for a disc of the mean size, of which any kernel's mean is a table; what differs is the
 //! shape, of fourth order. Points in place of discs err at second order: the sum over a plane would still be right, but not
-//! where a nearer sample is integrated in another way. Those are: six points of each facet, or of its quarters and so on,
-//! until a piece is small against its distance or against the depth of the real source, on whose scale R_d is smooth.
+//! where a nearer sample is integrated in another way. Those are: three or six points of each facet, or six of its quarters and so
+//! on, until a piece is small against its distance or against the depth of the real source, on whose scale R_d is smooth.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::around;
+use super::{around, ends};
 use crate::geometry::cluster::Run;
 use crate::geometry::mesh::Mesh;
 use crate::geometry::samples::{Patch, Samples};
@@ -27,6 +27,12 @@ const DEGREE_4: [(f32, f32); 2] = [
     (1.5 * 0.108_103_018_168_070 - 0.5, 0.223_381_589_678_011),
     (1.5 * 0.816_847_572_980_459 - 0.5, 0.109_951_743_655_322),
 ];
+
+/// Three points that integrate polynomials of degree 2: halfway to the corners from the centroid.
+const DEGREE_2: [(f32, f32); 1] = [(0.5, 1.0 / 3.0)];
+
+/// They are enough from this many times farther on than six points are: nothing is lost at 2, and much at 1.
+const THREE_BEYOND: f32 = 2.0;
 
 /// What a shadow boundary leaves of a sample is a point above this distance over its radius.
 const PIECE_IS_POINT: f32 = 3.0;
@@ -170,12 +176,7 @@ impl NearSamples {
     /// Lists of the samples within reach of receivers, which are in groups.
     pub(super) fn new(samples: &[DVec3], receivers: &[DVec3], groups: &[Run], reach_mm: f64) -> Self {
         let lists = around(samples, receivers, groups, reach_mm);
-        let mut offsets = vec![0];
-        offsets.extend(lists.iter().scan(0, |end, list| {
-            *end += list.len();
-            Some(*end)
-        }));
-        Self { offsets, samples: lists.concat(), groups: groups.to_vec(), receivers: receivers.to_vec() }
+        Self { offsets: ends(&lists), samples: lists.concat(), groups: groups.to_vec(), receivers: receivers.to_vec() }
     }
 
     pub(super) fn bytes(&self) -> usize {
@@ -279,6 +280,7 @@ fn receive_body(
     distances(close, at, r2);
     let smooth2 = (compact.smooth_mm * compact.smooth_mm) as f32;
     let split2 = compact.split_below * compact.split_below;
+    let three2 = THREE_BEYOND * THREE_BEYOND * split2;
     let mut sum = [0.0f32; 4];
     for (i, (&r2, &special2)) in r2.iter().zip(&close.special2).enumerate() {
         if r2 >= special2 {
@@ -312,8 +314,10 @@ fn receive_body(
                     corners[k] = Vec3::new(middle[0] + x[k], middle[1] + y[k], middle[2] + z[k]);
                 }
                 split(&mut mean, corners, (smooth2, split2), MOST_SPLITS, &compact.point);
+            } else if r2 + smooth2 < three2 * radius2 {
+                points(&mut mean, middle, facet, &DEGREE_4, &compact.point);
             } else {
-                six_points(&mut mean, middle, facet, &compact.point);
+                points(&mut mean, middle, facet, &DEGREE_2, &compact.point);
             }
         }
         let e = (light.irradiance[sample] * light.scale).as_vec3();
@@ -337,11 +341,11 @@ multiversion! {
     ) => receive_body
 }
 
-/// Adds the integral over a facet whose centroid is at `middle` as seen from the receiver.
+/// Adds the integral, by a rule, over a facet whose centroid is at `middle` as seen from the receiver.
 #[inline(always)]
-fn six_points(sum: &mut Rgb, middle: [f32; 3], facet: &Facet, table: &RadialTable) {
+fn points(sum: &mut Rgb, middle: [f32; 3], facet: &Facet, rule: &[(f32, f32)], table: &RadialTable) {
     let r2 = middle[0] * middle[0] + middle[1] * middle[1] + middle[2] * middle[2];
-    for (towards, weight) in DEGREE_4 {
+    for &(towards, weight) in rule {
         let mut values = [0.0f32; 4];
         for k in 0..3 {
             let dot =
@@ -398,7 +402,7 @@ fn split(sum: &mut Rgb, [a, b, c]: [Vec3; 3], (smooth2, split2): (f32, f32), spl
         ],
         corner2,
     };
-    six_points(sum, middle.to_array(), &facet, table);
+    points(sum, middle.to_array(), &facet, &DEGREE_4, table);
 }
 
 /// Squared distances of all close samples to a receiver, mm^2.

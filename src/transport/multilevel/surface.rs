@@ -19,6 +19,9 @@ use crate::transport::kernel::radial_table::RadialTable;
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::Surface;
 
+/// Softening at most.
+pub(super) const MOST_SOFTENING: f64 = 16.0;
+
 /// How closely the sums follow all pairs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quality {
@@ -28,24 +31,22 @@ pub struct Quality {
     pub spacing: f64,
     /// Radius of the compact part in spacings of the finest net.
     pub softening: f64,
-    /// Points that a value is interpolated from.
-    pub sources: usize,
     /// How near samples are integrated.
     pub near: NearRule,
 }
 
 impl Quality {
-    /// For an asked error under any light. That of a softened kernel's interpolation falls with the power 1.7 of the softening;
-    /// under the worst of the probe lights it was at most 6.4e-3 at 3 (bunnies of 60 and 100 mm and a bumpy head of 20 mm,
-    /// 16,384 to 131,072 samples, marble and skin).
+    /// For an asked error where the surface has not been measured ([`Quality::tuned`]). That of a softened kernel's interpolation
+    /// falls with the fourth power of the softening; under the worst of the probe lights it was 2.4e-3 (bunny, 100 mm, marble)
+    /// to 8e-3 (noise on a coarsely sampled head) at 2.75.
     pub fn for_error(relative_rms: f64) -> Self {
-        let softening = (3.0 * (6.4e-3 / (0.8 * relative_rms)).powf(1.0 / 1.7)).clamp(2.0, 16.0);
+        let softening = (2.75 * (8e-3 / (0.8 * relative_rms)).powf(0.25)).clamp(2.4, MOST_SOFTENING);
         let reach = 0.005 / relative_rms;
         let near = NearRule {
             facets_below: (2.2 * reach.powf(0.6)).clamp(1.5, 12.0),
             pieces_below: (5.0 * reach.sqrt()).clamp(2.0, 24.0),
         };
-        Self { error: relative_rms, spacing: 2.0, softening, sources: 24, near }
+        Self { error: relative_rms, spacing: 2.0, softening, near }
     }
 }
 
@@ -59,11 +60,17 @@ pub struct SurfaceNets {
 /// One part that light enters.
 struct Part {
     medium: usize,
+    groups: Vec<Run>,
     samples: std::ops::Range<usize>,
     receivers: std::ops::Range<usize>,
     nets: Multilevel,
     near: NearSamples,
     extent_mm: f64,
+}
+
+/// Radius of the compact part in spacings: few samples are summed one by one.
+fn softening(quality: Quality, samples: usize, extent_mm: f64, spacing_mm: f64) -> f64 {
+    if samples <= FEW { quality.softening.max(2.0 * extent_mm / spacing_mm) } else { quality.softening }
 }
 
 /// What follows from the media: tables of every part.
@@ -101,10 +108,7 @@ impl SurfaceNets {
         let (low, high) = points().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), p| (a.min(*p), b.max(*p)));
         let extent_mm = (high - low).length();
         let spacing_mm = quality.spacing * spacing;
-        // Few samples are summed one by one.
-        let softening = if samples.len() <= FEW { 2.0 * extent_mm / spacing_mm } else { quality.softening };
-        let resolution =
-            Resolution { spacing_mm, softening: softening.max(quality.softening), sources: quality.sources };
+        let resolution = Resolution { spacing_mm, softening: softening(quality, samples.len(), extent_mm, spacing_mm) };
         // Softened kernels vary in space: which way the surface faces does not matter to them.
         let point = |at_mm: &DVec3| OrientedPoint { at_mm: *at_mm, normal: DVec3::ZERO };
         let sources: Vec<OrientedPoint> = centres[samples.clone()].iter().map(point).collect();
@@ -113,15 +117,25 @@ impl SurfaceNets {
             .iter()
             .map(|g| Run { first: g.run.first - range.start as u32, end: g.run.end - range.start as u32 })
             .collect();
+        let positions = &receivers.positions[range.clone()];
         let (nets, near) = rayon::join(
             || Multilevel::new(&sources, &targets, resolution),
-            || {
-                let positions = &receivers.positions[range.clone()];
-                NearSamples::new(&centres[samples.clone()], positions, &runs, resolution.near_mm())
-            },
+            || NearSamples::new(&centres[samples.clone()], positions, &runs, resolution.near_mm()),
         );
-        let extent_mm = extent_mm.max(2.0 * resolution.near_mm());
-        Part { medium, samples, receivers: range, nets, near, extent_mm }
+        Part { medium, groups: runs, samples, receivers: range, nets, near, extent_mm }
+    }
+
+    /// The same nets, as far as they go, with another quality: the spacing stays.
+    pub(super) fn set_quality(&mut self, surface: &Surface, receivers: &Receivers, quality: Quality) {
+        let softens = quality.softening != self.quality.softening;
+        self.quality = Quality { spacing: self.quality.spacing, ..quality };
+        for part in self.parts.iter_mut().filter(|_| softens) {
+            let spacing_mm = part.nets.spacing_mm();
+            part.nets.soften(softening(quality, part.samples.len(), part.extent_mm, spacing_mm));
+            let centres: Vec<DVec3> = surface.patches[part.samples.clone()].iter().map(|p| p.centre_mm).collect();
+            let positions = &receivers.positions[part.receivers.clone()];
+            part.near = NearSamples::new(&centres, positions, &part.groups, part.nets.near_mm());
+        }
     }
 
     /// Tables of the media in force.
@@ -133,7 +147,7 @@ impl SurfaceNets {
             let softened = profiles.each_ref().map(|p| Softened::new(p.as_ref(), radius));
             let square = self.facets.mean_square(part.samples.clone());
             let (tables, (point, disc)) = rayon::join(
-                || part.nets.tables(&profiles.each_ref().map(AsRef::as_ref), part.extent_mm),
+                || part.nets.tables(&profiles.each_ref().map(AsRef::as_ref), part.extent_mm.max(2.0 * radius)),
                 || {
                     rayon::join(
                         || RadialTable::compact(profiles, &softened, radius),

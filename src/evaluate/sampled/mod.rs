@@ -1,12 +1,16 @@
 //! The evaluator of methods that store surface samples and no transport: light reaches the samples by ray casting and
 //! is gathered at the receivers, over all pairs or through the tree. Everything about lights and media may change.
 
+mod nets;
+
 use std::sync::Arc;
 
 use glam::DVec3;
 
+use self::nets::Nets;
 #[cfg(feature = "gpu")]
 use super::device::{Device, DeviceEvaluator, sampled::SampledOnDevice};
+use super::environment::{StoredRows, error_of_rows};
 use super::inter_reflection::{Outside, Returned, Transfer};
 use super::sampling_error::{Sampled, receiver_areas};
 use super::single_scattering::{LitScene, TowardsEye, Traced};
@@ -23,7 +27,7 @@ use crate::progress::{Progress, Silent};
 use crate::transport::gather::{Criterion, Gather, Lit, MediumKernel, NearField, Scheme};
 use crate::transport::interreflection::InterReflection;
 use crate::transport::irradiance::{Illumination, LightSampling, Pieces};
-use crate::transport::multilevel::{Quality, SurfaceNets, SurfaceTables};
+use crate::transport::multilevel::Quality;
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::{self, Medium, Scene, Surface};
 use crate::transport::tree::SampleTree;
@@ -122,9 +126,9 @@ pub struct SampledEvaluator {
     returned: Option<Returned>,
     /// In place of the dipole, with its kernels for the media in force.
     profile: Option<(LoadedProfile, Vec<MediumKernel>)>,
-    nets: Option<SurfaceNets>,
-    /// Of the media and profiles in force.
-    tables: Option<SurfaceTables>,
+    nets: Option<Nets>,
+    /// Irradiance under light from far away, in place of rays.
+    rows: Option<StoredRows>,
 }
 
 impl SampledEvaluator {
@@ -152,9 +156,15 @@ impl SampledEvaluator {
             matrix: None,
             returned: None,
             profile: None,
-            nets: None,
-            tables: None,
+            nets: plan.nets.map(Nets::new),
+            rows: None,
         }
+    }
+
+    /// The same with stored rows for light from far away.
+    #[must_use]
+    pub fn with_rows(self, rows: Option<StoredRows>) -> Self {
+        Self { rows, ..self }
     }
 
     /// The same with single scattering by rays.
@@ -208,7 +218,7 @@ impl SampledEvaluator {
     /// Irradiance of the lights alone.
     fn light_up(&mut self, progress: &dyn Progress) -> Result<()> {
         if self.irradiance.is_none() {
-            self.irradiance = Some(self.illuminate(&self.surface(), &self.lights, self.plan.sampling, progress)?);
+            self.irradiance = Some(self.illuminate(&self.lights, progress)?);
         }
         Ok(())
     }
@@ -271,15 +281,25 @@ impl SampledEvaluator {
         self.irradiance.as_ref().map_or((&[], &NO_PIECES), |(irradiance, pieces)| (irradiance, pieces))
     }
 
-    fn illuminate(
-        &self,
-        surface: &Surface,
-        lights: &[Light],
-        sampling: LightSampling,
-        progress: &dyn Progress,
-    ) -> Result<(Vec<DVec3>, Pieces)> {
+    /// Through the stored rows where there are any for a light, else by rays.
+    fn illuminate(&self, lights: &[Light], progress: &dyn Progress) -> Result<(Vec<DVec3>, Pieces)> {
+        let (far, near): (Vec<Light>, Vec<Light>) = lights.iter().cloned().partition(|light| self.is_stored(light));
+        let (Some(rows), false) = (&self.rows, far.is_empty()) else { return self.by_rays(lights, progress) };
+        let (mut irradiance, pieces) = match near.as_slice() {
+            [] => (vec![DVec3::ZERO; self.asset.samples.len()], Pieces::default()),
+            near => self.by_rays(near, progress)?,
+        };
+        rows.add(&far, (&self.scene.parts, &self.scene.media), &self.asset.samples, &mut irradiance)?;
+        Ok((irradiance, pieces))
+    }
+
+    fn is_stored(&self, light: &Light) -> bool {
+        self.rows.as_ref().is_some_and(|rows| rows.have(light, &self.scene.media))
+    }
+
+    fn by_rays(&self, lights: &[Light], progress: &dyn Progress) -> Result<(Vec<DVec3>, Pieces)> {
         let etas: Vec<f64> = self.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
-        Ok(Illumination::new(surface, lights, &etas, sampling)?.all_with_pieces(progress))
+        Ok(Illumination::new(&self.surface(), lights, &etas, self.plan.sampling)?.all_with_pieces(progress))
     }
 
     /// Calls `work` with a function from a limit of the criterion to the error of the hierarchy against all pairs, on a
@@ -329,36 +349,26 @@ impl SampledEvaluator {
     }
 
     /// Radiosity of every receiver by multilevel summation; there must have been [`Self::irradiance`].
-    fn by_nets(&mut self, quality: Quality, progress: &dyn Progress) -> Vec<DVec3> {
-        if self.nets.is_none() {
-            progress.start("nets", 0);
-            self.nets = Some(SurfaceNets::new(&self.surface(), &self.receivers, quality));
-            progress.finish();
+    fn by_nets(&mut self, mut nets: Nets, progress: &dyn Progress) -> Vec<DVec3> {
+        if !nets.is_prepared() {
+            let kernels = match &self.profile {
+                Some((_, kernels)) => kernels.clone(),
+                None => self.scene.media.iter().map(MediumKernel::new).collect(),
+            };
+            nets.prepare(&self.surface(), &self.receivers, &kernels, progress);
         }
-        if let (Some(nets), None) = (&self.nets, &self.tables) {
-            self.tables = Some(match &self.profile {
-                Some((_, kernels)) => nets.tables(kernels),
-                None => nets.tables(&self.scene.media.iter().map(MediumKernel::new).collect::<Vec<_>>()),
-            });
-        }
-        self.nets_radiosity(self.lit())
-    }
-
-    /// The same of any light, with nets and tables that are there.
-    fn nets_radiosity(&self, lit: (&[DVec3], &Pieces)) -> Vec<DVec3> {
-        match (&self.nets, &self.tables) {
-            (Some(nets), Some(tables)) => nets.radiosity(&self.surface(), tables, lit, self.receivers.len()),
-            _ => vec![DVec3::ZERO; self.receivers.len()],
-        }
+        let values = nets.radiosity(&self.surface(), &self.receivers, self.lit());
+        self.nets = Some(nets);
+        values
     }
 
     /// The error of multilevel summation, near field included, against all pairs.
-    fn nets_error(&self, lit: (&[DVec3], &Pieces)) -> VertexError {
+    fn nets_error(&self, nets: &Nets, lit: (&[DVec3], &Pieces)) -> VertexError {
         let surface = self.surface();
         let gather = self.gather(&surface, NearField::REFERENCE);
         let (subset, indices) = self.receivers.subset(PROBES, 1);
         let truth = gather.radiosity(&subset, &gather.light_with_pieces(lit.0, lit.1), Scheme::AllPairs, &Silent);
-        let all = self.nets_radiosity(lit);
+        let all = nets.radiosity(&surface, &self.receivers, lit);
         let values: Vec<DVec3> = indices.iter().map(|&i| all[i as usize]).collect();
         let areas: Vec<f64> = indices.iter().map(|&i| self.areas[i as usize]).collect();
         vertex_error(&values, &truth, &areas)
@@ -366,8 +376,8 @@ impl SampledEvaluator {
 
     /// The error of the transfer in force, with what stands for it in a ledger; `None` where it is all pairs.
     fn transfer_error(&self, lit: (&[DVec3], &Pieces)) -> Option<(&'static str, VertexError)> {
-        match self.plan.nets {
-            Some(_) => Some(("multilevel", self.nets_error(lit))),
+        match &self.nets {
+            Some(nets) => Some(("multilevel", self.nets_error(nets, lit))),
             None => self.hierarchy_error(lit.0).map(|error| ("hierarchy", error)),
         }
     }
@@ -424,7 +434,8 @@ impl Evaluator for SampledEvaluator {
                 + size_of_val(self.asset.samples.facets.as_slice())
                 + size_of_val(self.asset.samples.patch_offsets.as_slice())
                 + self.matrix.as_ref().map_or(0, InterReflection::bytes)
-                + self.nets.as_ref().map_or(0, SurfaceNets::bytes),
+                + self.nets.as_ref().map_or(0, Nets::bytes)
+                + self.rows.as_ref().map_or(0, StoredRows::bytes),
         }
     }
 
@@ -457,7 +468,7 @@ impl Evaluator for SampledEvaluator {
                 let kernels = self.kernels(profile, &media)?;
                 self.profile = Some((profile.clone(), kernels));
             }
-            self.tables = None;
+            self.nets.iter_mut().for_each(Nets::forget_media);
         }
         (self.returned, self.limit) = (None, None);
         self.scene.media = media;
@@ -467,14 +478,15 @@ impl Evaluator for SampledEvaluator {
     fn set_profile(&mut self, profile: LoadedProfile) -> Result<()> {
         let kernels = self.kernels(&profile, &self.scene.media)?;
         self.profile = Some((profile, kernels));
-        (self.returned, self.limit, self.tables) = (None, None, None);
+        (self.returned, self.limit) = (None, None);
+        self.nets.iter_mut().for_each(Nets::forget_media);
         Ok(())
     }
 
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
         self.irradiance(progress)?;
-        let values = match self.plan.nets {
-            Some(quality) => self.by_nets(quality, progress),
+        let values = match self.nets.take() {
+            Some(nets) => self.by_nets(nets, progress),
             None => {
                 let scheme = self.tuned_scheme();
                 self.with_gather(|gather, lit| gather.radiosity(&self.receivers, lit, scheme, progress))
@@ -504,7 +516,12 @@ impl Evaluator for SampledEvaluator {
     fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {
         self.irradiance(progress)?;
         let mut ledger = Ledger::default();
-        let direct = self.direct();
+        // Sampling is that of rays; what rows lose against them has an entry of its own.
+        let rays = match self.lights.iter().any(|light| self.is_stored(light)) {
+            true => Some(self.by_rays(&self.lights, progress)?),
+            false => None,
+        };
+        let direct = rays.as_ref().map_or(self.direct(), |(irradiance, pieces)| (irradiance, pieces));
         let sampled = Sampled {
             surface: self.surface(),
             media: &self.scene.media,
@@ -517,17 +534,20 @@ impl Evaluator for SampledEvaluator {
             areas: &self.areas,
         };
         sampled.enter(&mut ledger, progress)?;
+        if let Some((rays, _)) = &rays {
+            let error = error_of_rows(&sampled, (self.direct().0, rays));
+            ledger.add("environment", error, "stored rows (cube map, truncation, quantiser) against rays");
+        }
         let gain = self.enter_inter_reflection(&mut ledger);
         if let Some(single) = self.single {
             single.enter_noise(self.lit_scene(), &mut ledger)?;
         }
-        if let Some(quality) = self.plan.nets {
-            self.by_nets(quality, progress);
+        if let Some(nets) = self.nets.take() {
+            self.by_nets(nets, progress);
         }
         let Some((stage, mut error)) = self.transfer_error(self.lit()) else { return Ok(ledger) };
         for light in unseen {
-            let (irradiance, pieces) =
-                self.illuminate(&self.surface(), std::slice::from_ref(light), self.plan.sampling, progress)?;
+            let (irradiance, pieces) = self.illuminate(std::slice::from_ref(light), progress)?;
             error = self.transfer_error((&irradiance, &pieces)).map_or(error, |(_, other)| error.max(other));
         }
         let note = "against all pairs, on vertices that no tuning saw, the worst of these and of probe lights";

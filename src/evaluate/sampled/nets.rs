@@ -1,0 +1,65 @@
+//! Radiosity by multilevel summation: nets once for the samples, tables for each set of media.
+
+use glam::DVec3;
+
+use crate::progress::Progress;
+use crate::transport::gather::MediumKernel;
+use crate::transport::irradiance::Pieces;
+use crate::transport::multilevel::{Quality, SurfaceNets, SurfaceTables};
+use crate::transport::receivers::Receivers;
+use crate::transport::scene::Surface;
+
+/// Nets and tables, made when they are first needed.
+pub(super) struct Nets {
+    quality: Quality,
+    nets: Option<SurfaceNets>,
+    /// Of the media and profiles in force.
+    tables: Option<SurfaceTables>,
+}
+
+impl Nets {
+    pub(super) fn new(quality: Quality) -> Self {
+        Self { quality, nets: None, tables: None }
+    }
+
+    /// Other media or profiles are in force.
+    pub(super) fn forget_media(&mut self) {
+        self.tables = None;
+    }
+
+    /// Whether [`Self::prepare`] has nothing left to do.
+    pub(super) fn is_prepared(&self) -> bool {
+        self.nets.is_some() && self.tables.is_some()
+    }
+
+    /// Makes what is missing.
+    pub(super) fn prepare(
+        &mut self,
+        surface: &Surface,
+        receivers: &Receivers,
+        kernels: &[MediumKernel],
+        progress: &dyn Progress,
+    ) {
+        let quality = self.quality;
+        let nets = self.nets.get_or_insert_with(|| {
+            progress.start("nets", 0);
+            let nets = SurfaceNets::new(surface, receivers, quality);
+            progress.finish();
+            nets
+        });
+        self.tables.get_or_insert_with(|| nets.tables(kernels));
+    }
+
+    /// Radiosity of every receiver; nothing before [`Self::prepare`].
+    pub(super) fn radiosity(&self, surface: &Surface, receivers: &Receivers, lit: (&[DVec3], &Pieces)) -> Vec<DVec3> {
+        match (&self.nets, &self.tables) {
+            (Some(nets), Some(tables)) => nets.radiosity(surface, tables, lit, receivers.len()),
+            _ => vec![DVec3::ZERO; receivers.len()],
+        }
+    }
+
+    /// Bytes in memory.
+    pub(super) fn bytes(&self) -> usize {
+        self.nets.as_ref().map_or(0, SurfaceNets::bytes)
+    }
+}

@@ -1,0 +1,93 @@
+//! The quality that keeps an asked error on a surface: what interpolation and discs err by depends on how rough the surface is and
+//! on how its samples are shaped, so it is measured, against all pairs.
+
+use glam::DVec3;
+
+use super::surface::MOST_SOFTENING;
+use super::{NearRule, Quality, SurfaceNets};
+use crate::math::statistics::vertex_error;
+use crate::progress::Silent;
+use crate::transport::gather::{Gather, MediumKernel, NearField, Scheme};
+use crate::transport::irradiance::Pieces;
+use crate::transport::receivers::Receivers;
+use crate::transport::scene::Surface;
+use crate::transport::tree::SampleTree;
+
+/// Receivers that errors are measured on.
+const PROBES: usize = 192;
+
+/// Share of the asked error that is aimed at: other receivers and lights may fare worse.
+const TARGET: f64 = 0.8;
+
+/// What is tried first over [`Quality::for_error`], which rough surfaces need.
+const SMOOTHEST: f64 = 0.72;
+
+/// How much finer each trial is: the softening, and the distances of the near rule.
+const SOFTER: f64 = 1.15;
+const NEARER: f64 = 1.35;
+
+/// Trials at most, each in both ways.
+const TRIALS: usize = 10;
+
+/// Distance over radius at most below which samples are integrated by points.
+const MOST_NEAR: f64 = 24.0;
+
+impl Quality {
+    /// The coarsest of a few that keeps a relative error, RMS over receivers of some areas, under each of some lights: the
+    /// irradiance of every sample and the pieces of uneven ones. As fine as tried where none keeps it.
+    pub fn tuned(
+        (surface, kernels): (&Surface, &[MediumKernel]),
+        (receivers, areas): (&Receivers, &[f64]),
+        lights: &[(Vec<DVec3>, Pieces)],
+        error: f64,
+    ) -> Self {
+        let (subset, indices) = receivers.subset(PROBES, 0);
+        let tree = SampleTree::default();
+        let gather = Gather::with_kernels(surface, &tree, kernels.to_vec(), NearField::REFERENCE);
+        let truth = |(irradiance, pieces): &(Vec<DVec3>, Pieces)| {
+            gather.radiosity(&subset, &gather.light_with_pieces(irradiance, pieces), Scheme::AllPairs, &Silent)
+        };
+        let truths: Vec<Vec<DVec3>> = lights.iter().map(truth).collect();
+        let areas: Vec<f64> = indices.iter().map(|&i| areas[i as usize]).collect();
+        let guess = Self::for_error(error);
+        let mut quality = Self { softening: SMOOTHEST * guess.softening, ..guess };
+        let mut nets = SurfaceNets::new(surface, receivers, quality);
+        let mut measured = |quality: Self| {
+            nets.set_quality(surface, receivers, quality);
+            let tables = nets.tables(kernels);
+            let of_light = |((irradiance, pieces), truth): (&(Vec<DVec3>, Pieces), &Vec<DVec3>)| {
+                let all = nets.radiosity(surface, &tables, (irradiance, pieces), receivers.len());
+                let values: Vec<DVec3> = indices.iter().map(|&i| all[i as usize]).collect();
+                vertex_error(&values, truth, &areas).rms
+            };
+            lights.iter().zip(&truths).map(of_light).fold(0.0, f64::max)
+        };
+        let mut found = measured(quality);
+        for _ in 0..TRIALS {
+            if found <= TARGET * error {
+                break;
+            }
+            let [softer, nearer] = [quality.softer(), quality.nearer()];
+            let both = [measured(softer), measured(nearer)];
+            // The softening costs more, so it has to bring more.
+            (quality, found) = if both[0] < 0.95 * both[1] { (softer, both[0]) } else { (nearer, both[1]) };
+            if quality.softening >= MOST_SOFTENING && quality.near.facets_below >= MOST_NEAR {
+                break;
+            }
+        }
+        quality
+    }
+
+    fn softer(self) -> Self {
+        Self { softening: (SOFTER * self.softening).min(MOST_SOFTENING), ..self }
+    }
+
+    fn nearer(self) -> Self {
+        let NearRule { facets_below, pieces_below } = self.near;
+        let near = NearRule {
+            facets_below: (NEARER * facets_below).min(MOST_NEAR),
+            pieces_below: (NEARER * pieces_below).min(MOST_NEAR),
+        };
+        Self { near, ..self }
+    }
+}
