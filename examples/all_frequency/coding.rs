@@ -38,7 +38,7 @@ const CLOSER_SPACING: f64 = 0.7;
 
 /// Clusters alone: curves over their members, one for each number of directions.
 const ALONE_MEMBERS: [usize; 3] = [256, 64, 16];
-const ALONE_DIRECTIONS: [usize; 3] = [1, 4, 8];
+const ALONE_DIRECTIONS: [usize; 2] = [1, 4];
 
 /// Squared error that a bake allows its rows.
 fn budget(values: &[f32], error: f64) -> f64 {

@@ -79,7 +79,8 @@ differences out.
 const CODED: &str = "\
 Each cell: bytes/vertex, the RMS that coding adds (against the same rows uncoded at every vertex), and the RMS in all (against the truth), means
 over the maps. The last columns: what a light is multiplied with at 1 % asked; bytes at the error that the default adds, between the points
-on logarithmic axes, and over the default's.";
+on logarithmic axes, and over the default's. Reference points 0.7 as far apart with twice the step take fewer bytes than the default for the
+same error, and more numbers for each light.";
 
 const FIGURE5: &str = "
 ## Figure 5: single scattering by four ways

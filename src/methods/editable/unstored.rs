@@ -20,14 +20,18 @@ use crate::evaluate::sampled::{Bound, Far, Plan as SampledPlan, SampledEvaluator
 use crate::evaluate::sampling_error::receiver_areas;
 use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Key};
 use crate::light::{Light, LightKind};
+use crate::medium::material::{OpticalProperties, preset};
 use crate::progress::Progress;
 use crate::transport::gather::MediumKernel;
 use crate::transport::irradiance::Pieces;
 use crate::transport::multilevel::{NearRule, Quality};
-use crate::transport::scene::Scene;
+use crate::transport::scene::{Medium, Scene};
 
 /// Lights that the resolution of kernels is chosen by.
 const LIGHTS: usize = 3;
+
+/// Published materials that it is chosen by beside the scene's own: what nets and near samples err by is largest in these.
+const MATERIALS: [&str; 3] = ["ketchup", "chicken1", "spectralon"];
 
 /// Share of the asked error that the transfer may take. What is left is for sampling and for rows.
 const TRANSFER_SHARE: f64 = 0.8;
@@ -56,6 +60,17 @@ pub(super) fn check(values: &BTreeMap<String, String>) -> Result<()> {
     Ok(())
 }
 
+/// Kernels of the scene's media, and of others in their place.
+fn media(scene: &Scene) -> Vec<Vec<MediumKernel>> {
+    let of = |properties: OpticalProperties| {
+        let other = |medium: &Medium| MediumKernel::new(&Medium { properties, ..medium.clone() });
+        scene.media.iter().map(other).collect()
+    };
+    let own = scene.media.iter().map(MediumKernel::new).collect();
+    let others = MATERIALS.iter().filter_map(|name| preset(name)).map(|preset| of(preset.properties()));
+    std::iter::once(own).chain(others).collect()
+}
+
 fn sampled_plan(plan: &Plan, max_rms: f64, quality: Quality) -> SampledPlan {
     let far = Far::Hierarchical { error: HIERARCHY_SHARE * max_rms, bound: Bound::SolidAngle };
     SampledPlan { sampling: plan.sampling, near: plan.near, far, group: GROUP, nets: Some(quality) }
@@ -74,11 +89,11 @@ pub(super) fn bake(
         .step_by(probes.tuning.len().div_ceil(LIGHTS).max(1))
         .map(|light| stage.irradiance(scene, light, plan.sampling))
         .collect::<Result<_>>()?;
-    let kernels: Vec<MediumKernel> = scene.media.iter().map(MediumKernel::new).collect();
+    let media = media(scene);
     let areas = receiver_areas(scene, &stage.receivers);
     let surface = stage.surface(scene);
     let error = TRANSFER_SHARE * settings.max_rms;
-    let quality = Quality::tuned((&surface, &kernels), (&stage.receivers, &areas), &tuning, error);
+    let quality = Quality::tuned((&surface, &media), (&stage.receivers, &areas), &tuning, error);
     progress.finish();
 
     let fail = |e: FormatError| Error::runtime(format!("asset: {e}"));

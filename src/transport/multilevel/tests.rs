@@ -42,7 +42,7 @@ fn tuned(fixture: &Fixture, asked: f64) -> Quality {
     let receivers = Receivers::new(&fixture.scene.mesh, &fixture.scene.parts, 16);
     let areas = vec![1.0; receivers.len()];
     let lights = [DVec3::new(0.2, 1.0, 0.1), DVec3::new(-1.0, -0.3, 0.5), DVec3::NEG_Z].map(|from| lit(fixture, from));
-    Quality::tuned((&fixture.surface(), &kernels(fixture)), (&receivers, &areas), &lights, asked)
+    Quality::tuned((&fixture.surface(), &[kernels(fixture)]), (&receivers, &areas), &lights, asked)
 }
 
 fn kernels(fixture: &Fixture) -> Vec<MediumKernel> {

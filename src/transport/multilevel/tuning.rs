@@ -33,34 +33,41 @@ const TRIALS: usize = 10;
 const MOST_NEAR: f64 = 24.0;
 
 impl Quality {
-    /// The coarsest of a few that keeps a relative error, RMS over receivers of some areas, under each of some lights: the
-    /// irradiance of every sample and the pieces of uneven ones. As fine as tried where none keeps it.
+    /// The coarsest of a few that keeps a relative error, RMS over receivers of some areas, in each of some sets of media and
+    /// under each of some lights: the irradiance of every sample and the pieces of uneven ones. As fine as tried where none
+    /// keeps it.
     pub fn tuned(
-        (surface, kernels): (&Surface, &[MediumKernel]),
+        (surface, media): (&Surface, &[Vec<MediumKernel>]),
         (receivers, areas): (&Receivers, &[f64]),
         lights: &[(Vec<DVec3>, Pieces)],
         error: f64,
     ) -> Self {
         let (subset, indices) = receivers.subset(PROBES, 0);
         let tree = SampleTree::default();
-        let gather = Gather::with_kernels(surface, &tree, kernels.to_vec(), NearField::REFERENCE);
-        let truth = |(irradiance, pieces): &(Vec<DVec3>, Pieces)| {
-            gather.radiosity(&subset, &gather.light_with_pieces(irradiance, pieces), Scheme::AllPairs, &Silent)
+        let truths_in = |kernels: &Vec<MediumKernel>| -> Vec<Vec<DVec3>> {
+            let gather = Gather::with_kernels(surface, &tree, kernels.clone(), NearField::REFERENCE);
+            let truth = |(irradiance, pieces): &(Vec<DVec3>, Pieces)| {
+                gather.radiosity(&subset, &gather.light_with_pieces(irradiance, pieces), Scheme::AllPairs, &Silent)
+            };
+            lights.iter().map(truth).collect()
         };
-        let truths: Vec<Vec<DVec3>> = lights.iter().map(truth).collect();
+        let truths: Vec<Vec<Vec<DVec3>>> = media.iter().map(truths_in).collect();
         let areas: Vec<f64> = indices.iter().map(|&i| areas[i as usize]).collect();
         let guess = Self::for_error(error);
         let mut quality = Self { softening: SMOOTHEST * guess.softening, ..guess };
         let mut nets = SurfaceNets::new(surface, receivers, quality);
         let mut measured = |quality: Self| {
             nets.set_quality(surface, receivers, quality);
-            let tables = nets.tables(kernels);
-            let of_light = |((irradiance, pieces), truth): (&(Vec<DVec3>, Pieces), &Vec<DVec3>)| {
-                let all = nets.radiosity(surface, &tables, (irradiance, pieces), receivers.len());
-                let values: Vec<DVec3> = indices.iter().map(|&i| all[i as usize]).collect();
-                vertex_error(&values, truth, &areas).rms
+            let in_media = |(kernels, truths): (&Vec<MediumKernel>, &Vec<Vec<DVec3>>)| {
+                let tables = nets.tables(kernels);
+                let of_light = |((irradiance, pieces), truth): (&(Vec<DVec3>, Pieces), &Vec<DVec3>)| {
+                    let all = nets.radiosity(surface, &tables, (irradiance, pieces), receivers.len());
+                    let values: Vec<DVec3> = indices.iter().map(|&i| all[i as usize]).collect();
+                    vertex_error(&values, truth, &areas).rms
+                };
+                lights.iter().zip(truths).map(of_light).fold(0.0, f64::max)
             };
-            lights.iter().zip(&truths).map(of_light).fold(0.0, f64::max)
+            media.iter().zip(&truths).map(in_media).fold(0.0, f64::max)
         };
         let mut found = measured(quality);
         for _ in 0..TRIALS {
