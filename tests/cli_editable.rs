@@ -73,7 +73,8 @@ fn keys_change_the_bake_or_are_refused() {
         folder.run("compare a.tlux default.tlux --fail-above 8%").ok();
     }
     for (set, fragments) in [
-        ("terms=0", &["terms", "1", "16"][..]),
+        ("transport=half", &["transport=half", "stored", "none"][..]),
+        ("terms=0", &["terms", "1", "16"]),
         ("terms=17", &["terms", "16"]),
         ("terms=few", &["terms=few"]),
         ("basis=best", &["basis=best", "transported", "plain"]),
@@ -210,4 +211,38 @@ fn the_asset_alone_is_sufficient() {
         assert!(folder.read("here.ply") == elsewhere.read("there.ply"), "{light}{material}");
     }
     assert_eq!(elsewhere.names(), ["moved.tlux", "there.ply"]);
+}
+
+/// Samples and no transport: far fewer bytes, the same answers in any material and under any light, its own entries and checks.
+#[test]
+fn nothing_stored_gives_what_stored_transport_gives() {
+    let folder = head();
+    let none = format!("{BAKE} --material marble --set transport=none");
+    folder.run(&format!("{BAKE} --material marble -o stored.tlux")).ok();
+    let report = folder.run(&format!("{none} --json -o none.tlux")).ok().json();
+    assert!(stages(&report["ledger"], "entries").is_superset(&["sampling".into(), "multilevel".into()].into()));
+    assert!(stages(&report, "stages").contains("resolution"));
+    let inspected = |name: &str| folder.run(&format!("inspect {name} --json")).ok().json();
+    let bytes = |report: &Value, start: &str| -> u64 {
+        let sections = report["sizes"]["sections"].as_array().unwrap().iter();
+        let own = sections.filter(|s| s["tag"].as_str().unwrap().starts_with(start));
+        own.map(|s| s["stored_bytes"].as_u64().unwrap()).sum()
+    };
+    let (stored, own) = (inspected("stored.tlux"), inspected("none.tlux"));
+    assert_eq!((bytes(&own, "far."), bytes(&own, "bas.")), (0, 0));
+    assert!(bytes(&own, "mls.") < 100 && bytes(&stored, "far.") > 100_000, "{own}");
+    assert!(folder.run("validate none.tlux").ok().text().contains(" 0 errors"));
+    for material in ["marble", "skin1", "ketchup", "spectralon"] {
+        for light in [SUN, LAMP, "--light sky"] {
+            for name in ["stored", "none"] {
+                folder.run(&format!("evaluate {name}.tlux --material {material} {light} -o {name}.ply")).ok();
+            }
+            folder.run("compare none.ply stored.ply --fail-above 1.5%").ok();
+        }
+    }
+    folder.run(&format!("{none} -o again.tlux")).ok();
+    assert!(folder.read("again.tlux") == folder.read("none.tlux"));
+    for set in ["terms=5", "basis=plain", "split=9", "truncation=3%"] {
+        folder.run(&format!("{none} --set {set} -o refused.tlux")).fails(1, &[set, "transport=stored"]);
+    }
 }
