@@ -49,7 +49,7 @@ pub(super) fn memory(scene: &Scene, settings: &BakeSettings) -> u64 {
         settings.values.get(super::COEFFICIENTS.name).and_then(|text| text.parse().ok()).unwrap_or(128u64);
     let stored = settings.for_lights.contains(&LightKind::Environment);
     let rows = if stored { count as u64 * coefficients * BYTES_PER_ROW_COEFFICIENT } else { 0 };
-    if settings.values.get(super::TRANSPORT.name).is_some_and(|text| text == "none") {
+    if matches!(Transport::of(&settings.values), Ok(Transport::None)) {
         return sampling::memory(count, scene) + unstored::memory(count, scene) + rows;
     }
     let far = scene.mesh.local_mm.len() as f64 * BYTES_PER_RECEIVER * (0.01 / settings.max_rms).clamp(0.3, 30.0);

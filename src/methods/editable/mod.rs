@@ -113,7 +113,7 @@ impl Method for Editable {
     }
 
     fn stores_transport(&self, settings: &BTreeMap<String, String>) -> bool {
-        settings.get(TRANSPORT.name).map_or(TRANSPORT.default, String::as_str) != "none"
+        !matches!(plan::Transport::of(settings), Ok(plan::Transport::None))
     }
 
     fn open(&self, asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {

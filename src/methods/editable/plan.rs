@@ -24,6 +24,17 @@ pub(super) enum Transport {
     None,
 }
 
+impl Transport {
+    /// What the keys say.
+    pub(super) fn of(values: &BTreeMap<String, String>) -> Result<Self> {
+        match values.get(TRANSPORT.name).map_or(TRANSPORT.default, |text| text.trim()) {
+            "stored" => Ok(Self::Stored),
+            "none" => Ok(Self::None),
+            other => Err(Error::command_line(format!("--set transport={other}: it is stored or none"))),
+        }
+    }
+}
+
 /// What a bake and an evaluation follow.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Plan {
@@ -48,11 +59,7 @@ pub(super) struct Plan {
 impl Plan {
     pub(super) fn new(values: &BTreeMap<String, String>, max_rms: f64) -> Result<Self> {
         let text = |key: &Key| values.get(key.name).map_or(key.default, String::as_str).trim().to_owned();
-        let transport = match text(&TRANSPORT).as_str() {
-            "stored" => Transport::Stored,
-            "none" => Transport::None,
-            other => return Err(Error::command_line(format!("--set transport={other}: it is stored or none"))),
-        };
+        let transport = Transport::of(values)?;
         if transport == Transport::None {
             unstored::check(values)?;
         }
