@@ -14,7 +14,7 @@ use crate::light::{Light, LightKind};
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::medium::entrance_basis::MOST_TERMS;
 use crate::progress::Silent;
-use crate::transport::gather::{Gather, Scheme};
+use crate::transport::gather::Scheme;
 use crate::transport::scene::Medium;
 use crate::transport::tree::SampleTree;
 
@@ -103,10 +103,7 @@ const PROBES: usize = 192;
 pub fn error_of_rows(sampled: &Sampled, (stored, rays): (&[DVec3], &[DVec3])) -> VertexError {
     let (subset, indices) = sampled.receivers.subset(PROBES, 1);
     let tree = SampleTree::default();
-    let gather = match sampled.kernels {
-        Some(kernels) => Gather::with_kernels(&sampled.surface, &tree, kernels.to_vec(), sampled.near),
-        None => Gather::new(&sampled.surface, &tree, sampled.media, sampled.near),
-    };
+    let gather = sampled.gather(&sampled.surface, &tree);
     let sum = |e: &[DVec3]| gather.radiosity(&subset, &gather.light(e), Scheme::AllPairs, &Silent);
     let areas: Vec<f64> = indices.iter().map(|&i| sampled.areas[i as usize]).collect();
     vertex_error(&sum(stored), &sum(rays), &areas)

@@ -40,6 +40,14 @@ pub struct Sampled<'a> {
 }
 
 impl Sampled<'_> {
+    /// For the media or the kernels in force, on these samples or others.
+    pub fn gather<'a>(&self, surface: &'a Surface<'a>, tree: &'a SampleTree) -> Gather<'a> {
+        match self.kernels {
+            Some(kernels) => Gather::with_kernels(surface, tree, kernels.to_vec(), self.near),
+            None => Gather::new(surface, tree, self.media, self.near),
+        }
+    }
+
     /// Enters the error of sampling into the ledger. An error that falls in proportion to the number of samples is taken
     /// for granted.
     ///
@@ -59,10 +67,7 @@ impl Sampled<'_> {
         let sum = |surface: &Surface, (irradiance, pieces): (&[DVec3], &Pieces)| {
             // All pairs need no tree.
             let tree = SampleTree::default();
-            let gather = match self.kernels {
-                Some(kernels) => Gather::with_kernels(surface, &tree, kernels.to_vec(), self.near),
-                None => Gather::new(surface, &tree, self.media, self.near),
-            };
+            let gather = self.gather(surface, &tree);
             gather.radiosity(&subset, &gather.light_with_pieces(irradiance, pieces), Scheme::AllPairs, &Silent)
         };
         let theirs = sum(&surface, (&irradiance.0, &irradiance.1));
