@@ -19,6 +19,10 @@ use translux::light::{Light, sky};
 use translux::math::statistics::vertex_error;
 use translux::methods;
 use translux::progress::Silent;
+use translux::render::background::Background;
+use translux::render::camera::{Camera, Resolution};
+use translux::render::frame::{RenderSettings, Specular, render};
+use translux::render::single::{Exitance, Single};
 use translux::transport::scene::Scene;
 use translux::transport::single_scattering::radiance::Share;
 use translux::transport::single_scattering::vertex_points;
@@ -183,6 +187,59 @@ fn folded_into_the_radiosity_it_is_the_same_light() {
     assert_eq!(drawn.radiosity(&Silent).unwrap(), sum);
     let nothing = Summed::of(open("all_frequency", bake("all_frequency", &scene, &["coefficients=9"])));
     assert_eq!(nothing.single_scattering_is(), SingleScattering::None);
+}
+
+#[test]
+fn for_a_fixed_eye_it_is_a_part_of_the_radiosity() {
+    let scene = head(0.4);
+    let asset = Arc::new(bake("all_frequency", &scene, &["single-scattering=phase", "coefficients=25"]));
+    let open = || methods::named("all_frequency").unwrap().open(Arc::clone(&asset)).unwrap();
+    let (mut beside, mut summed) = (open(), Summed::of(open()));
+    let camera = Camera::new(DVec3::new(20.0, 15.0, 40.0), DVec3::ZERO, DVec3::Y, 30.0).unwrap();
+    let mut settings = RenderSettings::new(camera, Resolution { width: 64, height: 64 });
+    settings.specular = Specular::Off;
+    settings.background = Background::None;
+    settings.samples_per_pixel = 16;
+    let lights = [environment(), sun()];
+    let pixels = |evaluator: &dyn Evaluator, exitance: Exitance| -> Vec<DVec3> {
+        let frame = render(evaluator, exitance, &lights, &settings, &Silent).unwrap();
+        frame.pixels.iter().map(|p| glam::Vec3::from(p.beauty).as_dvec3()).collect()
+    };
+    for evaluator in [&mut beside, &mut summed] {
+        evaluator.set_lights(lights.to_vec(), &Silent).unwrap();
+    }
+    let plain = beside.radiosity(&Silent).unwrap();
+    assert_eq!(plain, summed.radiosity(&Silent).unwrap(), "without an eye nothing is added");
+    assert_eq!([beside.set_eye(camera.at_mm()), summed.set_eye(camera.at_mm())], [false, true]);
+    let difference = |a: &[DVec3], b: &[DVec3]| -> f64 {
+        let sum = |values: &mut dyn Iterator<Item = DVec3>| values.map(|v| v.length_squared()).sum::<f64>();
+        (sum(&mut a.iter().zip(b).map(|(a, b)| *a - *b)) / sum(&mut b.iter().copied())).sqrt()
+    };
+    let mut shown = Vec::new();
+    for g in [0.4, -0.2] {
+        let media = || {
+            let mut media = scene.media.clone();
+            media[0].properties.g = g;
+            media
+        };
+        beside.set_media(media()).unwrap();
+        summed.set_media(media()).unwrap();
+        let radiosity = beside.radiosity(&Silent).unwrap();
+        let eye = beside.towards_eye().unwrap().unwrap();
+        let with = Exitance { single: Single::TowardsEye(eye.as_ref()), ..Exitance::from(&radiosity) };
+        let truth = pixels(beside.as_ref(), with);
+        let without = pixels(beside.as_ref(), Exitance::from(&radiosity));
+        let found = summed.radiosity(&Silent).unwrap();
+        let found = pixels(summed.as_ref(), Exitance::from(&found));
+        let [error, share] = [difference(&found, &truth), difference(&without, &truth)];
+        assert!(error < 0.1 * share && share > 0.01, "{g}: {error} of {share}");
+        shown.push(found);
+    }
+    assert!(difference(&shown[0], &shown[1]) > 0.002);
+    // Rays are not followed for every place of the eye.
+    let asset = Arc::new(bake("all_frequency", &head(0.4), &["single-scattering=phase", "phase-terms=rays"]));
+    let summed = Summed::of(methods::named("all_frequency").unwrap().open(asset).unwrap());
+    assert_eq!(summed.single_scattering_is(), SingleScattering::TracedTowardsEye);
 }
 
 #[test]

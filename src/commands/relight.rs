@@ -133,12 +133,16 @@ pub(super) fn run(args: &RelightArgs, console: &Console, pool: Arc<rayon::Thread
     }
 }
 
-/// With all that frames show: isotropic single scattering as a part of the radiosity.
+/// With all that frames show: single scattering as a part of the radiosity.
 fn drawn(evaluator: Box<dyn Evaluator>, console: &Console) -> Box<dyn Evaluator> {
-    if evaluator.single_scattering_is() == SingleScattering::TowardsEye {
-        console.note("single scattering depends on the eye here (g is not 0): `translux render` has it, frames do not");
+    let evaluator = Summed::of(evaluator);
+    if evaluator.single_scattering_is() == SingleScattering::TracedTowardsEye {
+        console.note(
+            "single scattering is traced towards the eye here (phase-terms=rays, or g from 0.55 on): `translux render` has it, frames \
+             do not",
+        );
     }
-    Summed::of(evaluator)
+    evaluator
 }
 
 fn animate(args: &RelightArgs, frames: usize, out: &std::path::Path, console: &Console) -> Result<ExitCode> {

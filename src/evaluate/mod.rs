@@ -167,8 +167,10 @@ pub enum SingleScattering {
     Included,
     /// Beside it: [`Evaluator::single_scattering`].
     PerVertex,
-    /// Beside it, for eyes alone: [`Evaluator::towards_eye`].
+    /// Beside it, for eyes alone, looked up: [`Evaluator::towards_eye`].
     TowardsEye,
+    /// The same by rays.
+    TracedTowardsEye,
 }
 
 /// An asset at run time: lights in, radiosity out. Linear in the lights.
@@ -235,6 +237,12 @@ pub trait Evaluator: Send {
     /// Failures of the work.
     fn towards_eye(&self) -> Result<Option<Box<dyn single_scattering::TowardsEye + '_>>> {
         Ok(None)
+    }
+
+    /// Puts the eye somewhere, mm, for what leaves the surface towards it alone; whether that is anything, so that
+    /// [`Self::radiosity`] has changed.
+    fn set_eye(&mut self, _at_mm: DVec3) -> bool {
+        false
     }
 
     /// Radiosity at any places of the parts under the lights and media in force, in the order of the receivers, RGB. Only what

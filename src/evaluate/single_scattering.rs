@@ -98,7 +98,7 @@ impl Traced {
     pub fn is(self, scene: &Scene) -> super::SingleScattering {
         match self.is_per_vertex(scene) {
             true => super::SingleScattering::PerVertex,
-            false => super::SingleScattering::TowardsEye,
+            false => super::SingleScattering::TracedTowardsEye,
         }
     }
 

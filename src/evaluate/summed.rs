@@ -1,48 +1,126 @@
-//! Radiosity and isotropic single scattering as one, for who draws what leaves the surface.
+//! Radiosity and single scattering as one, for who draws what leaves the surface.
 
 use glam::DVec3;
+use rayon::prelude::*;
 
 use super::forward::forward_scene;
+use super::single_scattering::{SeenPoint, TowardsEye};
 use super::{Evaluator, SingleScattering};
 use crate::error::Result;
 use crate::light::Light;
+use crate::medium::fresnel::transmittance;
 use crate::progress::Progress;
-use crate::transport::scene::Medium;
+use crate::transport::scene::{Medium, Scene};
+use crate::transport::single_scattering::radiance::Share;
+use crate::transport::single_scattering::{ExitPoint, radiosity_factor, vertex_points};
 
-/// An evaluator whose radiosity has in it what another has beside it.
+/// Least cosine of the normal to the eye: what a triangle shows that is seen past its corner's horizon is taken from here.
+const HORIZON: f64 = 0.05;
+
+/// An evaluator whose radiosity has in it what another has beside it: isotropic single scattering; looked up for the phase function,
+/// what leaves towards the eye.
 pub struct Summed {
     evaluator: Box<dyn Evaluator>,
+    /// Where there is one and it counts, mm.
+    eye_mm: Option<DVec3>,
+    /// Where light leaves, of every source vertex.
+    exits: Vec<ExitPoint>,
+    /// Under the lights and media in force, without what is for the eye.
+    radiosity: Option<Vec<DVec3>>,
 }
 
 impl Summed {
-    /// Of an evaluator; itself where it has nothing to add.
+    /// Of an evaluator; itself where it has nothing to add. What rays would have to be followed for at every new place of the eye is
+    /// left out.
     pub fn of(evaluator: Box<dyn Evaluator>) -> Box<dyn Evaluator> {
         match evaluator.single_scattering_is() {
-            SingleScattering::PerVertex => Box::new(Self { evaluator }),
-            SingleScattering::None | SingleScattering::Included | SingleScattering::TowardsEye => evaluator,
+            SingleScattering::PerVertex | SingleScattering::TowardsEye => {
+                let exits = vertex_points(evaluator.scene());
+                Box::new(Self { evaluator, eye_mm: None, exits, radiosity: None })
+            }
+            SingleScattering::None | SingleScattering::Included | SingleScattering::TracedTowardsEye => evaluator,
         }
     }
 
     fn with_single(&mut self, mut radiosity: Vec<DVec3>, progress: &dyn Progress) -> Result<Vec<DVec3>> {
-        let single = self.evaluator.single_scattering(progress)?.unwrap_or_default();
-        radiosity.iter_mut().zip(single).for_each(|(sum, s)| *sum += s);
+        if let Some(single) = self.evaluator.single_scattering(progress)? {
+            radiosity.iter_mut().zip(single).for_each(|(sum, s)| *sum += s);
+        } else if let (Some(eye_mm), Some(seen)) = (self.eye_mm, self.evaluator.towards_eye()?) {
+            let scene = self.evaluator.scene();
+            let corners = corners(scene);
+            let exits = self.exits.par_iter().zip(&corners);
+            radiosity.par_iter_mut().zip(exits).for_each(|(sum, (exit, corner))| {
+                *sum += corner.map_or(DVec3::ZERO, |corner| towards(seen.as_ref(), scene, exit, corner, eye_mm));
+            });
+        }
         Ok(radiosity)
     }
+}
+
+/// A triangle of every source vertex, and which of its corners it is.
+fn corners(scene: &Scene) -> Vec<Option<(u32, usize)>> {
+    let mut result = vec![None; scene.mesh.local_mm.len()];
+    for (index, triangle) in scene.mesh.triangles.iter().enumerate() {
+        for (corner, &vertex) in triangle.iter().enumerate() {
+            if let Some(slot) = result.get_mut(vertex as usize) {
+                *slot = Some((index as u32, corner));
+            }
+        }
+    }
+    result
+}
+
+/// What a vertex sends towards an eye, as the radiosity that would look the same: `pi C L / F_t(w_o)`.
+fn towards(
+    seen: &dyn TowardsEye,
+    scene: &Scene,
+    exit: &ExitPoint,
+    (triangle, corner): (u32, usize),
+    eye_mm: DVec3,
+) -> DVec3 {
+    let medium = scene.parts.parts.get(exit.part as usize).and_then(|part| part.medium);
+    let Some(medium) = medium.and_then(|m| scene.media.get(m as usize)) else { return DVec3::ZERO };
+    let eta = medium.properties.eta_inside_over_outside;
+    let to_eye = (eye_mm - scene.mesh.origin_mm - exit.at_mm).normalize_or_zero();
+    let missing = (HORIZON - exit.normal.dot(to_eye)).max(0.0);
+    let to_eye = (to_eye + missing * exit.normal).normalize_or_zero();
+    let leaves = transmittance(eta, exit.normal.dot(to_eye));
+    if leaves <= 0.0 {
+        return DVec3::ZERO;
+    }
+    let mut weights = [0.0; 3];
+    weights[corner] = 1.0;
+    let point = SeenPoint { exit: *exit, triangle, weights, to_eye, key: 0, share: Share::new(0, 1) };
+    seen.radiance(&point) * (radiosity_factor(eta) / leaves)
 }
 
 impl Evaluator for Summed {
     forward_scene!(evaluator);
 
     fn set_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()> {
+        self.radiosity = None;
         self.evaluator.set_lights(lights, progress)
     }
 
     fn set_media(&mut self, media: Vec<Medium>) -> Result<()> {
+        self.radiosity = None;
         self.evaluator.set_media(media)
     }
 
+    fn set_eye(&mut self, at_mm: DVec3) -> bool {
+        let follows = self.evaluator.single_scattering_is() == SingleScattering::TowardsEye;
+        self.eye_mm = Some(at_mm).filter(|_| follows);
+        follows
+    }
+
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
-        let radiosity = self.evaluator.radiosity(progress)?;
+        let radiosity = match self.radiosity.take() {
+            Some(known) => known,
+            None => self.evaluator.radiosity(progress)?,
+        };
+        if self.eye_mm.is_some() {
+            self.radiosity = Some(radiosity.clone());
+        }
         self.with_single(radiosity, progress)
     }
 

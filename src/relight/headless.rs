@@ -183,6 +183,7 @@ impl Painter {
             Self::Device(on) => on.evaluator.as_mut(),
         };
         evaluator.set_lights(animation.lights.clone(), progress)?;
+        evaluator.set_eye(animation.camera.at_mm());
         let radiosity = evaluator.radiosity(progress)?;
         let exitance = exitance(&radiosity, animation);
         let frame = render(evaluator, exitance, &animation.lights, &settings(animation), progress)?;
@@ -195,6 +196,7 @@ impl Painter {
             Self::Cpu(evaluator) => {
                 let mut clock = Clock::start();
                 evaluator.set_lights(lights.clone(), &Silent)?;
+                evaluator.set_eye(animation.camera.at_mm());
                 let light_ms = clock.lap_ms();
                 let radiosity = evaluator.radiosity(&Silent)?;
                 let transport_ms = clock.lap_ms();
@@ -218,6 +220,7 @@ impl OnDevice {
     fn frame(&mut self, animation: &Animation, lights: Vec<Light>, exposure: f64) -> Result<(FrameTime, Vec<u8>)> {
         let mut clock = Clock::start();
         self.evaluator.set_lights(lights.clone(), &Silent)?;
+        self.evaluator.set_eye(animation.camera.at_mm());
         let visibility = match animation.specular.roughness() {
             Some(_) => self.shadows.visibility(self.evaluator.bvh(), &lights),
             None => Vec::new(),

@@ -76,6 +76,10 @@ impl Evaluator for Uploaded {
         self.evaluator.set_media(media)
     }
 
+    fn set_eye(&mut self, at_mm: DVec3) -> bool {
+        self.evaluator.set_eye(at_mm)
+    }
+
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
         self.evaluator.radiosity(progress)
     }

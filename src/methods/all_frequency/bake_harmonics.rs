@@ -26,8 +26,8 @@ use crate::transport::irradiance_rows::texels::TexelBaker;
 use crate::transport::many_lights::IrradianceRows;
 
 /// Shares of the asked error.
-const SPATIAL: f64 = 0.42;
-const CODED: f64 = 0.19;
+const SPATIAL: f64 = 0.44;
+const CODED: f64 = 0.15;
 const ORDER: f64 = 0.65;
 
 /// Orders are compared with so many times fewer samples, but not fewer than these, at some receivers.

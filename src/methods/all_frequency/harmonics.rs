@@ -29,8 +29,9 @@ pub(super) fn components(
     let order = file.order as usize;
     let net = Net::unpredicted(order * order);
     let coded = [Coded { set: &file.set, tags, shells: 0..shells, net: &net }];
-    let transport =
-        Transport::new(&coded, (scene, receivers), file.spacing_mm, |basis, _| LightFunctions::Stored(basis))?;
+    let transport = Transport::new(&coded, (scene, receivers), file.spacing_mm, |basis, functions| {
+        LightFunctions::stored(&basis, functions)
+    })?;
     Ok(Components { basis: Harmonics { order }, transport })
 }
 

@@ -67,7 +67,7 @@ fn weights_of_lights(set: &LightSet, lights: &[Light]) -> Result<Vec<Vec<[f64; 3
 fn folded(basis: Vec<f32>, functions: usize, set: &LightSet) -> LightFunctions {
     let width = set.interpolator.functions();
     if width == 0 {
-        return LightFunctions::Stored(basis);
+        return LightFunctions::stored(&basis, functions);
     }
     let matrix = set.interpolator.matrix();
     let mut result = vec![0.0f64; width * functions];

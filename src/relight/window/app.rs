@@ -9,6 +9,7 @@ mod staging;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use glam::DVec3;
 use winit::dpi::{LogicalSize, PhysicalSize};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoopProxy};
 use winit::keyboard::ModifiersState;
@@ -53,6 +54,7 @@ struct Shown {
     transport: String,
     vertices: usize,
     samples: usize,
+    follows_eye: bool,
 }
 
 /// The application.
@@ -69,6 +71,7 @@ pub(super) struct App {
     drag: Option<Drag>,
     modifiers: ModifiersState,
     posted: u64,
+    posted_eye_mm: DVec3,
     last_frame: Option<Instant>,
     last_exposure: Option<Instant>,
     /// Pixels beside the panel.
@@ -106,6 +109,7 @@ impl App {
             drag: None,
             modifiers: ModifiersState::empty(),
             posted: 0,
+            posted_eye_mm: DVec3::ZERO,
             last_frame: None,
             last_exposure: None,
         }
@@ -165,7 +169,20 @@ impl App {
         let colours = Colours::start(self.wake())?;
         let jobs = Jobs::new(Arc::clone(&self.settings.pool), placing, Arc::new(self.wake()));
         let retired = Vec::new();
-        Ok(Shown { screen, raster, worker, retired, colours, jobs, desk, texture, transport, vertices, samples })
+        Ok(Shown {
+            screen,
+            raster,
+            worker,
+            retired,
+            colours,
+            jobs,
+            desk,
+            texture,
+            transport,
+            vertices,
+            samples,
+            follows_eye: false,
+        })
     }
 
     /// Takes in what threads have done.
@@ -218,15 +235,18 @@ impl App {
             // Nothing is computed anew but the exposure.
             self.posted = 0;
         }
-        if shown.desk.serial != self.posted {
+        let eye_mm = camera.at_mm();
+        if shown.desk.serial != self.posted || shown.follows_eye && self.posted_eye_mm != eye_mm {
             let due = self.last_exposure.is_none_or(|last| now - last > EXPOSURE_EVERY) || !shown.desk.turning;
             let expose_for = (shown.desk.auto_exposure && due).then_some(camera);
             self.last_exposure = if expose_for.is_some() { Some(now) } else { self.last_exposure };
             self.posted = shown.desk.serial;
+            self.posted_eye_mm = eye_mm;
             shown.worker.post(Wanted {
                 serial: shown.desk.serial,
                 lights: shown.desk.lights(),
                 media: shown.desk.media.clone(),
+                eye_mm,
                 expose_for,
                 textured: shown.desk.texture(),
             });
@@ -282,6 +302,7 @@ impl App {
 
 fn take_in(shown: &mut Shown, log: &mut Log, done: Done) {
     log.update(done.light_ms, done.transport_ms);
+    shown.follows_eye = done.follows_eye;
     if let Err(error) = shown.raster.set_lights(&done.lights) {
         shown.desk.complain(error.message());
     }

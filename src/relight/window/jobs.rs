@@ -158,6 +158,7 @@ fn run(job: Job, placing: &Placing, progress: &dyn Progress) -> Result<Outcome> 
         Job::Error(state) => error_field(&state, placing, progress).map(Outcome::Error),
         Job::Render { state, settings, texture, exposure, stem } => {
             let mut evaluator = evaluator_in(&state, placing, progress)?;
+            evaluator.set_eye(settings.camera.at_mm());
             let radiosity = evaluator.radiosity(progress)?;
             let exitance = Exitance { texture: texture.as_deref(), ..Exitance::from(&radiosity) };
             let frame = render(evaluator.as_ref(), exitance, &state.lights, &settings, progress)?;

@@ -28,6 +28,8 @@ pub(super) struct Wanted {
     pub(super) serial: u64,
     pub(super) lights: Vec<Light>,
     pub(super) media: Vec<Medium>,
+    /// Where the eye is, mm.
+    pub(super) eye_mm: DVec3,
     /// The eye that the automatic exposure is for, where it is wanted.
     pub(super) expose_for: Option<Camera>,
     /// Whether the texture counts for that.
@@ -43,6 +45,8 @@ pub(super) struct Done {
     pub(super) refused: Option<Error>,
     /// Why nothing changed.
     pub(super) failed: Option<Error>,
+    /// Whether what is shown changes where the eye moves.
+    pub(super) follows_eye: bool,
     /// Radiance that becomes white.
     pub(super) white: Option<f64>,
     pub(super) light_ms: f64,
@@ -170,6 +174,7 @@ impl Bench {
             self.visibility = self.shadows.visibility(self.evaluator.bvh(), &self.lights);
             self.is_lit = true;
         }
+        let follows_eye = self.evaluator.set_eye(wanted.eye_mm);
         let lit = Instant::now();
         let result =
             self.evaluator.update(&Silent).and_then(|()| self.shown.publish(self.evaluator.as_ref(), &self.visibility));
@@ -185,6 +190,7 @@ impl Bench {
             media: self.media.clone(),
             refused,
             failed,
+            follows_eye,
             white: white.ok().flatten(),
             light_ms: (lit - start).as_secs_f64() * 1e3,
             transport_ms: (ended - lit).as_secs_f64() * 1e3,
