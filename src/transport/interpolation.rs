@@ -63,6 +63,14 @@ impl SharedWeights {
         &self.values
     }
 
+    /// Sources and weights of one target.
+    pub fn of(&self, target: usize) -> impl Iterator<Item = (u32, f32)> + '_ {
+        let run = self.offsets.get(target / LANES..).and_then(|o| o.first_chunk::<2>());
+        let cells = run.map_or(0..0, |&[from, to]| from as usize..to as usize);
+        let rows = self.sources.get(cells.clone()).unwrap_or(&[]).iter().zip(self.values.get(cells).unwrap_or(&[]));
+        rows.map(move |(&source, row)| (source, f32::from(row[target % LANES]) / ONE)).filter(|(_, w)| *w != 0.0)
+    }
+
     /// Bytes in memory.
     pub fn bytes(&self) -> usize {
         size_of_val(self.offsets.as_slice())

@@ -6,10 +6,12 @@ use bytemuck::{Pod, Zeroable};
 use translux_format::far_field::{FarField, LANES};
 
 use super::Device;
+use super::interpolated::{Stage, expansion};
 use super::jobs::MOST_TURNS_OF_SOFTWARE;
 use super::surface::{READ, UNIFORM, WRITE, bind, bind_group_layout, dispatch, pipeline, uniform};
 use super::tree::TreeOnDevice;
 use crate::error::{Error, Result};
+use crate::transport::interpolation::SharedWeights;
 
 /// Basis functions at most.
 const TERMS: usize = 16;
@@ -52,14 +54,21 @@ pub struct FarOnDevice {
     pipeline: wgpu::ComputePipeline,
     bind_group: wgpu::BindGroup,
     shards: Vec<(wgpu::BindGroup, u32)>,
+    /// From the points that it is stored at to the receivers, and what is there.
+    expansion: Option<(Stage, wgpu::Buffer)>,
 }
 
 impl FarOnDevice {
-    /// Uploads a far field; the light comes from a tree.
+    /// Uploads a far field; the light comes from a tree. With weights, every receiver takes its values from the points that it is
+    /// stored at.
     ///
     /// # Errors
     /// Buffers beyond the adapter's bindings that cannot be cut (exit 5).
-    pub fn new(device: &Arc<Device>, far: &FarField, tree: &TreeOnDevice) -> Result<Self> {
+    pub fn new(
+        device: &Arc<Device>,
+        (far, weights): (&FarField, Option<&SharedWeights>),
+        tree: &TreeOnDevice,
+    ) -> Result<Self> {
         let terms = far.terms.min(TERMS);
         let mut steps = GpuSteps { values: [0.0; TERMS], terms: terms as u32, padding: [0; 3] };
         steps.values.iter_mut().zip(&far.steps).for_each(|(value, step)| *value = *step);
@@ -72,19 +81,23 @@ impl FarOnDevice {
         let bound = [&steps, tree.details(), tree.means(), &row_sums, &values];
         let bind_group = bind(&device.device, &first, bound.into_iter());
         let shards = shards(device, far, &second)?;
+        let expansion = weights.map(|weights| expansion(device, weights, (&values, terms))).transpose()?;
         device.check()?;
-        Ok(Self { device: Arc::clone(device), values, pipeline, bind_group, shards })
+        Ok(Self { device: Arc::clone(device), values, pipeline, bind_group, shards, expansion })
     }
 
     /// Far radiosity of every receiver and function under the light of the tree, over its scale: `[receiver][k]`, RGB.
     pub fn run(&self) {
         let shards = self.shards.iter().map(|(group, count)| (group, *count));
         dispatch(&self.device, &self.pipeline, &self.bind_group, shards);
+        if let Some((stage, _)) = &self.expansion {
+            stage.run(&self.device);
+        }
     }
 
     /// What [`Self::run`] writes.
     pub fn values(&self) -> &wgpu::Buffer {
-        &self.values
+        self.expansion.as_ref().map_or(&self.values, |(_, expanded)| expanded)
     }
 }
 

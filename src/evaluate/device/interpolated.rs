@@ -14,6 +14,7 @@ use crate::transport::interpolation::{LANES, SharedWeights};
 /// Rows of one workgroup, and runs of one.
 const ROWS: usize = 16;
 const RUNS: usize = 8;
+const RUNS_OF_EXPANSION: usize = 4;
 
 /// Integers that the invocations of a row take together in one turn.
 const TURN: usize = 32;
@@ -33,18 +34,19 @@ struct RunsOfShard {
     first_run: u32,
     runs: u32,
     receivers: u32,
-    padding: u32,
+    /// Of the far field.
+    terms: u32,
 }
 
 /// A stage of the evaluation: what it reads and writes, and its work cut to what the adapter binds, with workgroups.
-struct Stage {
+pub(super) struct Stage {
     pipeline: wgpu::ComputePipeline,
     bind_group: wgpu::BindGroup,
     shards: Vec<(wgpu::BindGroup, u32)>,
 }
 
 impl Stage {
-    fn run(&self, device: &Device) {
+    pub(super) fn run(&self, device: &Device) {
         let shards = self.shards.iter().map(|(group, count)| (group, *count));
         dispatch(device, &self.pipeline, &self.bind_group, shards);
     }
@@ -110,7 +112,7 @@ impl InterpolatedOnDevice {
         let interpolation = Stage {
             pipeline: pipeline(calls, include_str!("interpolated.wgsl"), "interpolate", [&first, &second]),
             bind_group: bind(calls, &first, [&references, &radiosity].into_iter()),
-            shards: shards_of_runs(device, weights, &second)?,
+            shards: shards_of_runs(device, weights, &second, (RUNS, 0))?,
         };
         device.check()?;
         Ok(Self { device: Arc::clone(device), columns, width, factors, rows, radiosity, products, interpolation })
@@ -156,6 +158,33 @@ impl InterpolatedOnDevice {
     }
 }
 
+/// The values `[point][function]` of a far field, RGB, brought to the receivers by weights: the stage that does it, and what it fills.
+///
+/// # Errors
+/// More than the adapter binds, or sums (exit 5).
+pub(super) fn expansion(
+    device: &Device,
+    weights: &SharedWeights,
+    (stored, terms): (&wgpu::Buffer, usize),
+) -> Result<(Stage, wgpu::Buffer)> {
+    let most = weights.offsets().windows(2).map(|w| w[1] as usize - w[0] as usize).max().unwrap_or(0);
+    if most > MOST_TURNS_OF_SOFTWARE {
+        return Err(Error::unsupported(format!(
+            "sums of {most} where shaders sum {MOST_TURNS_OF_SOFTWARE}; use --device cpu"
+        )));
+    }
+    let expanded = device.zeros("far radiosity of the receivers", 12 * (weights.targets() * terms) as u64)?;
+    let calls = &device.device;
+    let first = bind_group_layout(calls, "far radiosity", &[READ, WRITE]);
+    let second = bind_group_layout(calls, "weights", &[UNIFORM, READ, READ, READ]);
+    let stage = Stage {
+        pipeline: pipeline(calls, include_str!("expanded.wgsl"), "expand", [&first, &second]),
+        bind_group: bind(calls, &first, [stored, &expanded].into_iter()),
+        shards: shards_of_runs(device, weights, &second, (RUNS_OF_EXPANSION, terms))?,
+    };
+    Ok((stage, expanded))
+}
+
 /// Rows as many at once as the adapter binds.
 fn shards_of_rows(
     device: &Device,
@@ -181,6 +210,7 @@ fn shards_of_runs(
     device: &Device,
     weights: &SharedWeights,
     layout: &wgpu::BindGroupLayout,
+    (of_workgroup, terms): (usize, usize),
 ) -> Result<Vec<(wgpu::BindGroup, u32)>> {
     // The rows of weights are the largest; every run has some, but for those without sources.
     let binding = device.largest_binding() as usize;
@@ -193,7 +223,7 @@ fn shards_of_runs(
             first_run: runs.start as u32,
             runs: runs.len() as u32,
             receivers: weights.targets() as u32,
-            padding: 0,
+            terms: terms as u32,
         };
         let offsets: Vec<u32> = offsets.iter().map(|offset| offset - from).collect();
         let bound = [
@@ -202,7 +232,7 @@ fn shards_of_runs(
             device.storage("sources of the runs", weights.sources().get(cells.clone()).unwrap_or(&[]))?,
             device.storage("weights", weights.values().get(cells).unwrap_or(&[]))?,
         ];
-        Ok((bind(&device.device, layout, bound.iter()), runs.len().div_ceil(RUNS) as u32))
+        Ok((bind(&device.device, layout, bound.iter()), runs.len().div_ceil(of_workgroup) as u32))
     };
     cut(weights.offsets(), most_cells, most_runs).into_iter().map(of_range).collect()
 }

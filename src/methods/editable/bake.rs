@@ -8,6 +8,7 @@ use super::choice::{self, Choice, Tuning};
 use super::environment;
 use super::ledger::{self, Baked};
 use super::plan::{Plan, Transport};
+use super::points::FarPoints;
 use super::{sections, unstored};
 use crate::compress::blocks;
 use crate::error::{Error, Result};
@@ -56,6 +57,12 @@ pub(super) fn memory(scene: &Scene, settings: &BakeSettings) -> u64 {
     sampling::memory(count, scene) + far as u64 + rows
 }
 
+/// Side of a square of the samples' mean area.
+pub(super) fn spacing_mm(patches: &[Patch]) -> f64 {
+    let area: f64 = patches.iter().map(|p| p.area_mm2).sum();
+    (area / patches.len().max(1) as f64).sqrt()
+}
+
 /// Geometry that every stage reads.
 pub(super) struct Stage {
     pub(super) bvh: Bvh,
@@ -64,6 +71,7 @@ pub(super) struct Stage {
     pub(super) tree: BalancedTree,
     pub(super) corners: Corners,
     pub(super) receivers: Receivers,
+    pub(super) points: FarPoints,
     pub(super) split_mm: f64,
 }
 
@@ -75,9 +83,12 @@ impl Stage {
         let tree = BalancedTree::new(&samples, &patches);
         let corners = Corners::new(&scene.mesh, &samples, &patches);
         let receivers = Receivers::new(&scene.mesh, &scene.parts, LANES);
-        let area: f64 = patches.iter().map(|p| p.area_mm2).sum();
-        let split_mm = plan.split * (area / patches.len().max(1) as f64).sqrt();
-        Self { bvh, samples, patches, tree, corners, receivers, split_mm: split_mm.max(f64::MIN_POSITIVE) }
+        let spacing_mm = spacing_mm(&patches);
+        // Nothing stored, no points.
+        let far_spacing = if plan.transport == Transport::None { 0.0 } else { plan.far_spacing };
+        let points = FarPoints::choose(&receivers, far_spacing * spacing_mm);
+        let split_mm = (plan.split * spacing_mm).max(f64::MIN_POSITIVE);
+        Self { bvh, samples, patches, tree, corners, receivers, points, split_mm }
     }
 
     pub(super) fn surface<'a>(&'a self, scene: &'a Scene) -> Surface<'a> {
@@ -135,7 +146,7 @@ pub(super) fn bake(scene: &Scene, settings: &BakeSettings, progress: &dyn Progre
     progress.finish();
     let precision = Precision { opening: plan.opening, threshold: choice.threshold, keep: choice.threshold };
     let transport = FarTransport { precision, ..transport };
-    let far = far_field(&transport, &stage.receivers, &choice, progress);
+    let far = far_field(&transport, &stage.points.receivers, &choice, progress);
 
     let mut sections = sections::write(&basis, &far, &scene.mesh, &stage.samples)?;
     let mut ledger = ledger::measure(&Baked {

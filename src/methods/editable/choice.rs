@@ -70,7 +70,7 @@ impl Choice {
         let floor = FLOOR * plan.truncation;
         let precision = Precision { opening: plan.opening, threshold: floor, keep: 0.0 };
         let trial = FarTransport { precision, ..*transport };
-        let subset = Subset::new(scene, &stage.receivers, GROUPS, 0);
+        let subset = Subset::new(scene, &stage.points.receivers, GROUPS, 0);
         let groups = &subset.receivers.groups;
         let rows: Vec<_> = groups
             .par_iter()

@@ -7,9 +7,11 @@ use glam::DVec3;
 use rayon::prelude::*;
 use translux_format::far_field::FarField;
 
+use super::bake::spacing_mm;
 #[cfg(feature = "gpu")]
 use super::gpu::EditableOnDevice;
 use super::plan::{Plan, Transport};
+use super::points::FarPoints;
 use super::{sections, unstored};
 use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
@@ -21,7 +23,6 @@ use crate::evaluate::far_field::FarSums;
 use crate::evaluate::sampling_error::{Sampled, receiver_areas};
 use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit};
 use crate::geometry::bvh::Bvh;
-use crate::geometry::cluster::Run;
 use crate::geometry::samples::{Patch, Samples};
 use crate::light::Light;
 use crate::math::statistics::{VertexError, vertex_error};
@@ -30,10 +31,11 @@ use crate::medium::profile_basis::ProfileBasis;
 use crate::methods::settings::share;
 use crate::progress::{Progress, Silent};
 use crate::transport::balanced_tree::{BalancedTree, LightDetails};
+use crate::transport::far_field::LANES;
 use crate::transport::gather::{Gather, NearField, Scheme};
 use crate::transport::irradiance::{Illumination, Pieces};
 use crate::transport::near_field::{Around, Corners, Near};
-use crate::transport::receivers::{Group, Receivers};
+use crate::transport::receivers::Receivers;
 use crate::transport::scene::{self, Medium, Scene, Surface};
 use crate::transport::simd::Level;
 use crate::transport::tree::SampleTree;
@@ -60,6 +62,8 @@ pub(super) struct EditableEvaluator {
     pub(super) around: Around,
     pub(super) corners: Corners,
     pub(super) receivers: Receivers,
+    /// Of the far field.
+    pub(super) points: FarPoints,
     areas: Vec<f64>,
     pub(super) basis: ProfileBasis,
     pub(super) far: FarField,
@@ -95,7 +99,8 @@ pub(super) fn open(asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
     };
     let ((far, rows), (bvh, patches, tree, corners)) = rayon::join(stored, geometry);
     let ((basis, far), rows) = (far?, rows?);
-    let receivers = receivers(&scene, &far);
+    let receivers = Receivers::new(&scene.mesh, &scene.parts, LANES);
+    let points = FarPoints::of(&far, &receivers, plan.far_spacing * spacing_mm(&patches))?;
     let around = {
         let surface = Surface { scene: &scene, bvh: &bvh, samples: &asset.samples, patches: &patches };
         Around::new(&surface, &tree, &receivers, plan.near, basis.split_mm())
@@ -111,6 +116,7 @@ pub(super) fn open(asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
         around,
         corners,
         receivers,
+        points,
         areas,
         basis,
         far,
@@ -121,27 +127,6 @@ pub(super) fn open(asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
     };
     evaluator.set_media(media)?;
     Ok(Box::new(evaluator))
-}
-
-/// The receivers of the stored groups.
-fn receivers(scene: &Scene, far: &FarField) -> Receivers {
-    let end = far.groups.last().map_or(0, |g| g.receivers_end as usize);
-    let mut result = Receivers {
-        positions: vec![DVec3::ZERO; end],
-        groups: Vec::with_capacity(far.groups.len()),
-        of_vertex: far.receiver_of_vertex.clone(),
-    };
-    for (position, &receiver) in scene.mesh.local_mm.iter().zip(&far.receiver_of_vertex) {
-        if let Some(slot) = result.positions.get_mut(receiver as usize) {
-            *slot = position.as_dvec3();
-        }
-    }
-    let mut first = 0;
-    for group in &far.groups {
-        result.groups.push(Group { run: Run { first, end: group.receivers_end }, part: group.part });
-        first = group.receivers_end;
-    }
-    result
 }
 
 impl EditableEvaluator {
@@ -184,11 +169,12 @@ impl EditableEvaluator {
 
     fn combine(&self, lit: &Lit, progress: &dyn Progress) -> Vec<DVec3> {
         progress.start("materials", 0);
-        let mut values = vec![DVec3::ZERO; self.receivers.len()];
-        // Receivers of one medium lie together, because those of one part do.
+        let points = &self.points.receivers;
+        let mut values = vec![DVec3::ZERO; points.len()];
+        // Points of one medium lie together, because those of one part do.
         let mut rest = values.as_mut_slice();
         let mut jobs = Vec::new();
-        for group in self.receivers.groups.chunk_by(|a, b| a.part == b.part) {
+        for group in points.groups.chunk_by(|a, b| a.part == b.part) {
             let first = group[0].run.first as usize;
             let end = group[group.len() - 1].run.end as usize;
             let (mine, others) = rest.split_at_mut(end - first);
@@ -198,6 +184,7 @@ impl EditableEvaluator {
             jobs.extend(run.map(|(i, out)| (first + i * RUN, &self.coefficients[medium as usize], out)));
         }
         jobs.into_par_iter().for_each(|(first, coefficients, out)| lit.far.combine(first, coefficients, out));
+        let mut values = self.points.expand(values);
         progress.finish();
         self.near().add(&self.receivers, (&lit.irradiance, &lit.pieces), &mut values, progress);
         values
@@ -234,6 +221,7 @@ impl Evaluator for EditableEvaluator {
             samples: self.samples.len(),
             receivers: self.receivers.len(),
             resident_bytes: self.around.bytes()
+                + self.points.bytes()
                 + self.corners.bytes()
                 + size_of_val(self.patches.as_slice())
                 + size_of_val(self.samples.facets.as_slice())

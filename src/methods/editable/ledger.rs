@@ -54,10 +54,22 @@ struct Measured {
     materials: Vec<Projected>,
 }
 
-/// The four errors.
+/// The errors of the stages.
 type Errors = [VertexError; 4];
 
 const NAMES: [&str; 4] = ["hierarchy", "basis", "truncation", "quantiser"];
+
+/// Receivers between the points of the far field on which interpolation is measured.
+const BETWEEN: usize = 64;
+
+/// Receivers, and the points that they are interpolated from.
+struct Between {
+    targets: Subset,
+    sources: Subset,
+    /// Weights of each target over the sources.
+    weights: Vec<Vec<(usize, f64)>>,
+    materials: Vec<Projected>,
+}
 
 pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
     let Baked { scene, stage, plan, unseen, progress, .. } = *baked;
@@ -67,10 +79,14 @@ pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
     let areas = receiver_areas(scene, &stage.receivers);
     progress.start("ledger", 2 * unseen.len() as u64);
     let measured = baked.rows();
-    let mut worst: Option<Errors> = None;
+    let between = baked.between();
+    let (mut worst, mut interpolation): (Option<Errors>, _) = (None, VertexError::default());
     for &light in &unseen {
         let (irradiance, pieces) = stage.irradiance(scene, light, plan.sampling)?;
         let errors = baked.under(&measured, &irradiance);
+        if let Some(between) = &between {
+            interpolation = interpolation.max(baked.interpolation(between, &irradiance));
+        }
         worst = Some(worst.map_or(errors, |w| std::array::from_fn(|i| w[i].max(errors[i]))));
         progress.advance(1);
         let mut one = Ledger::default();
@@ -99,12 +115,20 @@ pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
     for (name, error) in NAMES.iter().zip(worst.into_iter().flatten()) {
         ledger.add(name, error, note.clone());
     }
+    if let Some(between) = between {
+        let (points, targets) = (stage.points.receivers.len(), between.targets.indices.len());
+        ledger.add(
+            "interpolation",
+            interpolation,
+            format!("the far field from {points} points, as above on {targets} receivers"),
+        );
+    }
     Ok(ledger)
 }
 
 impl Baked<'_> {
     fn rows(&self) -> Measured {
-        let subset = Subset::new(self.scene, &self.stage.receivers, GROUPS, 1);
+        let subset = Subset::new(self.scene, &self.stage.points.receivers, GROUPS, 1);
         let rows = |transport: &FarTransport| -> Vec<Rows> {
             let groups = subset.receivers.groups.par_iter();
             let positions = &subset.receivers.positions;
@@ -115,6 +139,43 @@ impl Baked<'_> {
         let kept = rows(self.transport);
         let materials = subset.materials(self.scene, self.basis);
         Measured { subset, everything, kept, materials }
+    }
+
+    /// Some receivers that are no points of the far field, where there are such.
+    fn between(&self) -> Option<Between> {
+        let Self { scene, stage, .. } = *self;
+        let shared = stage.points.weights.as_ref()?;
+        let (receivers, indices) = stage.receivers.subset(BETWEEN, 1);
+        let areas = receiver_areas(scene, &stage.receivers);
+        let areas = indices.iter().map(|&i| areas[i as usize]).collect();
+        let mut chosen: Vec<u32> =
+            indices.iter().flat_map(|&i| shared.of(i as usize).map(|(source, _)| source)).collect();
+        chosen.sort_unstable();
+        chosen.dedup();
+        let place = |source: u32| chosen.partition_point(|&c| c < source);
+        let weights = |&i: &u32| shared.of(i as usize).map(|(source, w)| (place(source), f64::from(w))).collect();
+        let weights = indices.iter().map(weights).collect();
+        let of_sources = stage.points.receivers.only(&chosen, crate::transport::far_field::LANES);
+        let sources = Subset { receivers: of_sources, areas: vec![0.0; chosen.len()], indices: chosen };
+        let targets = Subset { receivers, indices, areas };
+        let materials = targets.materials(scene, self.basis);
+        Some(Between { targets, sources, weights, materials })
+    }
+
+    /// What interpolation loses under one light where nothing else is lost, the worst of all materials.
+    fn interpolation(&self, between: &Between, irradiance: &[DVec3]) -> VertexError {
+        let Between { targets, sources, weights, materials } = between;
+        let (exact, known) = (self.all_pairs(targets, irradiance), self.all_pairs(sources, irradiance));
+        let terms = self.basis.terms();
+        let of_target = |weights: &Vec<(usize, f64)>| {
+            (0..terms).map(|k| weights.iter().map(|&(source, w)| w * known[source][k]).sum()).collect::<Vec<f64>>()
+        };
+        let found: Vec<Vec<f64>> = weights.iter().map(of_target).collect();
+        let near = targets.near(self.scene, self.stage, self.plan, materials, irradiance);
+        let of_material = |(material, near): (&Projected, Vec<DVec3>)| {
+            vertex_error(&material.add(&found, near.clone()), &material.add(&exact, near), &targets.areas)
+        };
+        materials.iter().zip(near).map(of_material).fold(VertexError::default(), VertexError::max)
     }
 
     /// Errors under one light, the worst of all materials.

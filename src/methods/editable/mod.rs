@@ -8,6 +8,7 @@ mod evaluate;
 mod gpu;
 mod ledger;
 mod plan;
+mod points;
 mod sections;
 mod subset;
 mod unstored;
@@ -49,6 +50,13 @@ const SPLIT: Key = Key {
     help: "radius of the near field, which is not stored, in sample spacings, 4 to 64",
 };
 
+const FAR_SPACING: Key = Key {
+    name: "far-spacing",
+    default: "auto",
+    help: "distance of the points that the far field is stored at, in sample spacings, 0.5 to 8; 0: every vertex; auto: 4 at an \
+           error of 1 %",
+};
+
 const TRUNCATION: Key = Key {
     name: "truncation",
     default: "auto",
@@ -68,7 +76,8 @@ const POINTS: Key = sampling::points("4");
 const DIRECTIONS: Key = sampling::directions("256");
 const AREA_SIDE: Key = sampling::area_side("8");
 
-const KEYS: &[Key] = &[TRANSPORT, BASIS, TERMS, SPLIT, TRUNCATION, CUBE, COEFFICIENTS, POINTS, DIRECTIONS, AREA_SIDE];
+const KEYS: &[Key] =
+    &[TRANSPORT, BASIS, TERMS, SPLIT, FAR_SPACING, TRUNCATION, CUBE, COEFFICIENTS, POINTS, DIRECTIONS, AREA_SIDE];
 
 /// What charts compare.
 const LADDER: &[&str] = &[

@@ -2,7 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use super::{AREA_SIDE, BASIS, COEFFICIENTS, CUBE, DIRECTIONS, POINTS, SPLIT, TERMS, TRANSPORT, TRUNCATION, unstored};
+use super::{
+    AREA_SIDE, BASIS, COEFFICIENTS, CUBE, DIRECTIONS, FAR_SPACING, POINTS, SPLIT, TERMS, TRANSPORT, TRUNCATION,
+    unstored,
+};
 use crate::error::{Error, Result};
 use crate::evaluate::Key;
 use crate::medium::profile_basis::Weighting;
@@ -16,6 +19,9 @@ use crate::transport::irradiance::LightSampling;
 const TRUNCATION_SHARE: f64 = 0.6;
 const QUANTISER_SHARE: f64 = 0.1;
 const BASIS_SHARE: f64 = 0.15;
+
+/// Distance of the points of the far field at an error of 1 %, in sample spacings: interpolation takes a third of it.
+const FAR_SPACING_AT_1: f64 = 4.0;
 
 /// Whether transport is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,6 +52,8 @@ pub(super) struct Plan {
     pub(super) basis_error: f64,
     /// Near-field radius over the spacing of the samples.
     pub(super) split: f64,
+    /// Distance of the points of the far field over the spacing of the samples; 0: every receiver is one.
+    pub(super) far_spacing: f64,
     pub(super) truncation: f64,
     pub(super) quantiser: f64,
     /// Cells of the hierarchy open above this radius over distance.
@@ -76,6 +84,14 @@ impl Plan {
             "auto" => TRUNCATION_SHARE * max_rms,
             text => share(text, "--set truncation")?,
         };
+        let far_spacing = match text(&FAR_SPACING).as_str() {
+            // The error of interpolation goes with a power between 1.5 and 2.
+            "auto" => (FAR_SPACING_AT_1 * (max_rms / 0.01).sqrt()).clamp(0.5, 6.0),
+            _ => number(values, &FAR_SPACING, 0.0..=8.0)?,
+        };
+        if far_spacing > 0.0 && far_spacing < 0.5 {
+            return Err(Error::command_line(format!("--set far-spacing={far_spacing}: it is 0, or from 0.5 to 8")));
+        }
         let cube = number(values, &CUBE, 32..=64)?;
         if cube != 32 && cube != 64 {
             return Err(Error::command_line(format!("--set cube={cube}: it is 32 or 64")));
@@ -86,6 +102,7 @@ impl Plan {
             terms,
             basis_error: BASIS_SHARE * max_rms,
             split: number(values, &SPLIT, 4.0..=64.0)?,
+            far_spacing,
             truncation,
             quantiser: QUANTISER_SHARE * max_rms,
             opening: (0.1 * (max_rms / 0.01).sqrt()).clamp(0.03, 0.2),
@@ -126,6 +143,8 @@ mod tests {
             ("split", "1"),
             ("split", "nan"),
             ("truncation", "0"),
+            ("far-spacing", "0.1"),
+            ("far-spacing", "9"),
             ("cube", "48"),
             ("coefficients", "4"),
             ("points", "3"),
@@ -134,7 +153,7 @@ mod tests {
             let error = plan(&[(key, value)]).unwrap_err();
             assert!(error.message().contains(key), "{}", error.message());
         }
-        for key in ["terms", "split", "basis", "truncation"] {
+        for key in ["terms", "split", "far-spacing", "basis", "truncation"] {
             let value = if key == "basis" { "plain" } else { "5" };
             let error = plan(&[("transport", "none"), (key, value)]).unwrap_err();
             assert!(error.message().contains("transport=stored"), "{}", error.message());
