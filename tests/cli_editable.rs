@@ -125,7 +125,7 @@ fn reports_tell_stages_memory_and_errors() {
         assert!(stages(&bake, "stages").contains(stage), "{stage}");
     }
     let names = stages(&bake["ledger"], "entries");
-    for stage in ["sampling", "hierarchy", "basis", "truncation", "quantiser"] {
+    for stage in ["sampling", "hierarchy", "basis", "truncation", "quantiser", "interpolation"] {
         assert!(names.contains(stage), "{stage}: {names:?}");
     }
     for entry in bake["ledger"]["entries"].as_array().unwrap() {

@@ -49,8 +49,10 @@ fn describe(bytes: &[u8]) -> Result<String, FormatError> {
     }
     if let Some(far) = FarField::from_sections(&asset.extra, &Shape::new(mesh.positions_mm.len(), samples))? {
         text += &format!(
-            "far field: {} basis functions, {} groups of {LANES} receivers, {} coefficients\n",
+            "far field: {} basis functions, {} of {} vertices in {} groups of {LANES}, {} coefficients\n",
             far.terms,
+            far.receivers(),
+            mesh.positions_mm.len(),
             far.groups.len(),
             far.nodes.len()
         );
@@ -59,9 +61,10 @@ fn describe(bytes: &[u8]) -> Result<String, FormatError> {
     Ok(text)
 }
 
-/// The first coefficients of the group that vertex 0 is in, as SPEC.md describes them: what to multiply the light's details by.
+/// The first coefficients of the group that the first vertex with a receiver is in, as SPEC.md describes them: what to multiply the light's details by.
 fn first_vertex(far: &FarField) -> String {
-    let Some(&receiver) = far.receiver_of_vertex.first().filter(|&&r| r != NO_RECEIVER) else { return String::new() };
+    let Some(vertex) = far.receiver_of_vertex.iter().position(|&r| r != NO_RECEIVER) else { return String::new() };
+    let receiver = far.receiver_of_vertex[vertex];
     let index = far.groups.partition_point(|group| group.receivers_end <= receiver);
     let before = &far.groups[..index];
     let first_receiver = before.last().map_or(0, |group| group.receivers_end);
@@ -71,7 +74,7 @@ fn first_vertex(far: &FarField) -> String {
     // Values of 8 and of 16 bits lie in lists of their own, in the order of the coefficients and their functions.
     let mut wide = ones(&far.wide_masks[..first]);
     let mut narrow = ones(&far.masks[..first]) - wide;
-    let mut text = format!("vertex 0 is receiver {receiver}; of its {} coefficients:\n", end - first);
+    let mut text = format!("vertex {vertex} is receiver {receiver}; of its {} coefficients:\n", end - first);
     for c in (first..end).take(5) {
         for k in (0..far.terms).filter(|k| far.masks[c] >> k & 1 == 1) {
             let row = if far.wide_masks[c] >> k & 1 == 1 {

@@ -92,7 +92,7 @@ pub struct Group {
 pub struct FarField {
     /// Number of basis functions K.
     pub terms: usize,
-    /// For each source vertex its receiver, or [`NO_RECEIVER`].
+    /// For each source vertex its receiver, or [`NO_RECEIVER`]: its far radiosity is interpolated from the receivers around it.
     pub receiver_of_vertex: Vec<u32>,
     /// The groups.
     pub groups: Vec<Group>,

@@ -6,6 +6,7 @@ use translux_format::far_field::{FarField, Group};
 
 use super::choice::{self, Choice, Tuning};
 use super::environment;
+use super::interpolation::choose_points;
 use super::ledger::{self, Baked};
 use super::plan::{Plan, Transport};
 use super::points::FarPoints;
@@ -71,6 +72,7 @@ pub(super) struct Stage {
     pub(super) tree: BalancedTree,
     pub(super) corners: Corners,
     pub(super) receivers: Receivers,
+    /// Of the far field; every receiver until they are chosen.
     pub(super) points: FarPoints,
     pub(super) split_mm: f64,
 }
@@ -83,11 +85,8 @@ impl Stage {
         let tree = BalancedTree::new(&samples, &patches);
         let corners = Corners::new(&scene.mesh, &samples, &patches);
         let receivers = Receivers::new(&scene.mesh, &scene.parts, LANES);
-        let spacing_mm = spacing_mm(&patches);
-        // Nothing stored, no points.
-        let far_spacing = if plan.transport == Transport::None { 0.0 } else { plan.far_spacing };
-        let points = FarPoints::choose(&receivers, far_spacing * spacing_mm);
-        let split_mm = (plan.split * spacing_mm).max(f64::MIN_POSITIVE);
+        let points = FarPoints::choose(&receivers, 0.0);
+        let split_mm = (plan.split * spacing_mm(&patches)).max(f64::MIN_POSITIVE);
         Self { bvh, samples, patches, tree, corners, receivers, points, split_mm }
     }
 
@@ -120,7 +119,7 @@ impl Stage {
 pub(super) fn bake(scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {
     let plan = Plan::new(&settings.values, settings.max_rms)?;
     progress.start("samples", 0);
-    let stage = Stage::new(scene, count(scene, settings), &plan);
+    let mut stage = Stage::new(scene, count(scene, settings), &plan);
     progress.finish();
     if plan.transport == Transport::None {
         return unstored::bake((scene, stage), (settings, &plan), progress);
@@ -132,6 +131,9 @@ pub(super) fn bake(scene: &Scene, settings: &BakeSettings, progress: &dyn Progre
     progress.finish();
 
     let (expected, tuning) = expected_light(scene, &stage, &settings.probes.tuning, plan.sampling, progress)?;
+    progress.start("points", 0);
+    stage.points = choose_points(scene, &stage, &plan, (&basis, &table), &tuning);
+    progress.finish();
     let transport = FarTransport {
         tree: &stage.tree,
         patches: &stage.patches,

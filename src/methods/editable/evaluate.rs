@@ -7,7 +7,6 @@ use glam::DVec3;
 use rayon::prelude::*;
 use translux_format::far_field::FarField;
 
-use super::bake::spacing_mm;
 #[cfg(feature = "gpu")]
 use super::gpu::EditableOnDevice;
 use super::plan::{Plan, Transport};
@@ -100,7 +99,7 @@ pub(super) fn open(asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
     let ((far, rows), (bvh, patches, tree, corners)) = rayon::join(stored, geometry);
     let ((basis, far), rows) = (far?, rows?);
     let receivers = Receivers::new(&scene.mesh, &scene.parts, LANES);
-    let points = FarPoints::of(&far, &receivers, plan.far_spacing * spacing_mm(&patches))?;
+    let points = FarPoints::of(&far, &receivers)?;
     let around = {
         let surface = Surface { scene: &scene, bvh: &bvh, samples: &asset.samples, patches: &patches };
         Around::new(&surface, &tree, &receivers, plan.near, basis.split_mm())

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use translux_format::far_field::FarField;
 
 use super::bake::Stage;
+use super::interpolation::{Between, all_pairs};
 use super::plan::Plan;
 use super::subset::{Projected, Subset};
 use crate::compress::ledger::Ledger;
@@ -18,13 +19,16 @@ use crate::math::statistics::{VertexError, vertex_error};
 use crate::medium::profile_basis::ProfileBasis;
 use crate::progress::Progress;
 use crate::transport::balanced_tree::LightDetails;
-use crate::transport::far_field::{FarTransport, Precision, Rows, TERMS};
+use crate::transport::far_field::{FarTransport, Precision, Rows};
 use crate::transport::near_field::far_all_pairs;
 use crate::transport::scene::Scene;
 use crate::transport::simd::Level;
 
 /// Groups of receivers that errors are measured on.
 const GROUPS: usize = 12;
+
+/// Receivers between the points of the far field on which interpolation is measured.
+const BETWEEN: usize = 64;
 
 /// What a bake made and how.
 pub(super) struct Baked<'a> {
@@ -59,18 +63,6 @@ type Errors = [VertexError; 4];
 
 const NAMES: [&str; 4] = ["hierarchy", "basis", "truncation", "quantiser"];
 
-/// Receivers between the points of the far field on which interpolation is measured.
-const BETWEEN: usize = 64;
-
-/// Receivers, and the points that they are interpolated from.
-struct Between {
-    targets: Subset,
-    sources: Subset,
-    /// Weights of each target over the sources.
-    weights: Vec<Vec<(usize, f64)>>,
-    materials: Vec<Projected>,
-}
-
 pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
     let Baked { scene, stage, plan, unseen, progress, .. } = *baked;
     // Environments have entries of their own; to the transport they are smooth.
@@ -79,13 +71,14 @@ pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
     let areas = receiver_areas(scene, &stage.receivers);
     progress.start("ledger", 2 * unseen.len() as u64);
     let measured = baked.rows();
-    let between = baked.between();
+    let between = Between::new(scene, stage, baked.basis, &stage.points, (BETWEEN, 1));
     let (mut worst, mut interpolation): (Option<Errors>, _) = (None, VertexError::default());
     for &light in &unseen {
         let (irradiance, pieces) = stage.irradiance(scene, light, plan.sampling)?;
         let errors = baked.under(&measured, &irradiance);
         if let Some(between) = &between {
-            interpolation = interpolation.max(baked.interpolation(between, &irradiance));
+            interpolation =
+                interpolation.max(between.error(scene, stage, (plan, baked.transport.table), &[&irradiance]));
         }
         worst = Some(worst.map_or(errors, |w| std::array::from_fn(|i| w[i].max(errors[i]))));
         progress.advance(1);
@@ -116,7 +109,7 @@ pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
         ledger.add(name, error, note.clone());
     }
     if let Some(between) = between {
-        let (points, targets) = (stage.points.receivers.len(), between.targets.indices.len());
+        let (points, targets) = (stage.points.receivers.len(), between.targets());
         ledger.add(
             "interpolation",
             interpolation,
@@ -139,43 +132,6 @@ impl Baked<'_> {
         let kept = rows(self.transport);
         let materials = subset.materials(self.scene, self.basis);
         Measured { subset, everything, kept, materials }
-    }
-
-    /// Some receivers that are no points of the far field, where there are such.
-    fn between(&self) -> Option<Between> {
-        let Self { scene, stage, .. } = *self;
-        let shared = stage.points.weights.as_ref()?;
-        let (receivers, indices) = stage.receivers.subset(BETWEEN, 1);
-        let areas = receiver_areas(scene, &stage.receivers);
-        let areas = indices.iter().map(|&i| areas[i as usize]).collect();
-        let mut chosen: Vec<u32> =
-            indices.iter().flat_map(|&i| shared.of(i as usize).map(|(source, _)| source)).collect();
-        chosen.sort_unstable();
-        chosen.dedup();
-        let place = |source: u32| chosen.partition_point(|&c| c < source);
-        let weights = |&i: &u32| shared.of(i as usize).map(|(source, w)| (place(source), f64::from(w))).collect();
-        let weights = indices.iter().map(weights).collect();
-        let of_sources = stage.points.receivers.only(&chosen, crate::transport::far_field::LANES);
-        let sources = Subset { receivers: of_sources, areas: vec![0.0; chosen.len()], indices: chosen };
-        let targets = Subset { receivers, indices, areas };
-        let materials = targets.materials(scene, self.basis);
-        Some(Between { targets, sources, weights, materials })
-    }
-
-    /// What interpolation loses under one light where nothing else is lost, the worst of all materials.
-    fn interpolation(&self, between: &Between, irradiance: &[DVec3]) -> VertexError {
-        let Between { targets, sources, weights, materials } = between;
-        let (exact, known) = (self.all_pairs(targets, irradiance), self.all_pairs(sources, irradiance));
-        let terms = self.basis.terms();
-        let of_target = |weights: &Vec<(usize, f64)>| {
-            (0..terms).map(|k| weights.iter().map(|&(source, w)| w * known[source][k]).sum()).collect::<Vec<f64>>()
-        };
-        let found: Vec<Vec<f64>> = weights.iter().map(of_target).collect();
-        let near = targets.near(self.scene, self.stage, self.plan, materials, irradiance);
-        let of_material = |(material, near): (&Projected, Vec<DVec3>)| {
-            vertex_error(&material.add(&found, near.clone()), &material.add(&exact, near), &targets.areas)
-        };
-        materials.iter().zip(near).map(of_material).fold(VertexError::default(), VertexError::max)
     }
 
     /// Errors under one light, the worst of all materials.
@@ -215,34 +171,10 @@ impl Baked<'_> {
         let terms = self.basis.terms();
         let quantised = |&index: &u32| (0..terms).map(|k| stored.value(index as usize, k).x).collect();
         Stages {
-            exact: self.all_pairs(subset, irradiance),
+            exact: all_pairs(self.stage, self.transport.table, &subset.receivers, &[irradiance]).concat(),
             integrated: subset.rebuilt(everything, terms, &details),
             truncated: subset.rebuilt(kept, terms, &details),
             quantised: subset.indices.iter().map(quantised).collect(),
         }
-    }
-
-    /// Far radiosity of each function from every sample.
-    fn all_pairs(&self, subset: &Subset, irradiance: &[DVec3]) -> Vec<Vec<f64>> {
-        let of_receiver = |(receiver, part): (DVec3, u32)| {
-            let mut sums = vec![0.0; self.basis.terms()];
-            let mut values = [0.0; TERMS];
-            for index in self.stage.samples.part(part as usize) {
-                let patch = &self.stage.patches[index];
-                let flux = irradiance[index].x * patch.area_mm2;
-                self.transport.table.evaluate(patch.centre_mm.distance_squared(receiver) as f32, &mut values);
-                for (sum, value) in sums.iter_mut().zip(values) {
-                    *sum += flux * f64::from(value);
-                }
-            }
-            sums
-        };
-        let receivers: Vec<(DVec3, u32)> = subset
-            .receivers
-            .groups
-            .iter()
-            .flat_map(|g| subset.receivers.positions[g.run.range()].iter().map(|&p| (p, g.part)))
-            .collect();
-        receivers.into_par_iter().map(of_receiver).collect()
     }
 }

@@ -6,6 +6,7 @@ mod environment;
 mod evaluate;
 #[cfg(feature = "gpu")]
 mod gpu;
+mod interpolation;
 mod ledger;
 mod plan;
 mod points;
@@ -53,8 +54,8 @@ const SPLIT: Key = Key {
 const FAR_SPACING: Key = Key {
     name: "far-spacing",
     default: "auto",
-    help: "distance of the points that the far field is stored at, in sample spacings, 0.5 to 8; 0: every vertex; auto: 4 at an \
-           error of 1 %",
+    help: "distance of the points that the far field is stored at, in sample spacings, 0.5 to 8; 0: every vertex; auto: as \
+           far as 60 % of --max-rms lets them",
 };
 
 const TRUNCATION: Key = Key {

@@ -20,7 +20,9 @@ const TRUNCATION_SHARE: f64 = 0.6;
 const QUANTISER_SHARE: f64 = 0.1;
 const BASIS_SHARE: f64 = 0.15;
 
-/// Distance of the points of the far field at an error of 1 %, in sample spacings: interpolation takes a third of it.
+const INTERPOLATION_SHARE: f64 = 0.6;
+
+/// Distance of the points of the far field at an error of 1 %, in sample spacings, at most.
 const FAR_SPACING_AT_1: f64 = 4.0;
 
 /// Whether transport is stored.
@@ -52,8 +54,12 @@ pub(super) struct Plan {
     pub(super) basis_error: f64,
     /// Near-field radius over the spacing of the samples.
     pub(super) split: f64,
-    /// Distance of the points of the far field over the spacing of the samples; 0: every receiver is one.
-    pub(super) far_spacing: f64,
+    /// Distance of the points of the far field over the spacing of the samples; 0: every receiver is one. `None`: as
+    /// `interpolation` allows, at most `widest_far_spacing`.
+    pub(super) far_spacing: Option<f64>,
+    pub(super) widest_far_spacing: f64,
+    /// Error asked of interpolating the far field.
+    pub(super) interpolation: f64,
     pub(super) truncation: f64,
     pub(super) quantiser: f64,
     /// Cells of the hierarchy open above this radius over distance.
@@ -85,12 +91,11 @@ impl Plan {
             text => share(text, "--set truncation")?,
         };
         let far_spacing = match text(&FAR_SPACING).as_str() {
-            // The error of interpolation goes with a power between 1.5 and 2.
-            "auto" => (FAR_SPACING_AT_1 * (max_rms / 0.01).sqrt()).clamp(0.5, 6.0),
-            _ => number(values, &FAR_SPACING, 0.0..=8.0)?,
+            "auto" => None,
+            _ => Some(number(values, &FAR_SPACING, 0.0..=8.0)?),
         };
-        if far_spacing > 0.0 && far_spacing < 0.5 {
-            return Err(Error::command_line(format!("--set far-spacing={far_spacing}: it is 0, or from 0.5 to 8")));
+        if let Some(asked) = far_spacing.filter(|asked| *asked > 0.0 && *asked < 0.5) {
+            return Err(Error::command_line(format!("--set far-spacing={asked}: it is 0, or from 0.5 to 8")));
         }
         let cube = number(values, &CUBE, 32..=64)?;
         if cube != 32 && cube != 64 {
@@ -103,6 +108,9 @@ impl Plan {
             basis_error: BASIS_SHARE * max_rms,
             split: number(values, &SPLIT, 4.0..=64.0)?,
             far_spacing,
+            // The error goes with a power between 1.5 and 2.
+            widest_far_spacing: (FAR_SPACING_AT_1 * (max_rms / 0.01).sqrt()).clamp(0.5, 6.0),
+            interpolation: INTERPOLATION_SHARE * max_rms,
             truncation,
             quantiser: QUANTISER_SHARE * max_rms,
             opening: (0.1 * (max_rms / 0.01).sqrt()).clamp(0.03, 0.2),
@@ -130,7 +138,7 @@ mod tests {
     fn defaults_share_out_the_error() {
         let plan = plan(&[]).unwrap();
         assert_eq!((plan.terms, plan.weighting, plan.cube), (None, Weighting::Transported, 32));
-        assert!(plan.truncation + plan.quantiser + plan.basis_error < 0.01);
+        assert!(plan.truncation.hypot(plan.interpolation) + plan.quantiser + plan.basis_error < 0.01);
         assert_eq!(plan.sampling, LightSampling::FAST);
     }
 

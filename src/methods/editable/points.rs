@@ -41,7 +41,7 @@ impl FarPoints {
         let mut index = vec![NONE; all.len()];
         chosen.iter().enumerate().for_each(|(i, &receiver)| index[receiver as usize] = i as u32);
         receivers.of_vertex = all.of_vertex.iter().map(|&r| index.get(r as usize).copied().unwrap_or(NONE)).collect();
-        let weights = weights(all, &places, &chosen, spacing_mm);
+        let weights = weights(all, &places, &chosen);
         Self { receivers, weights }
     }
 
@@ -49,7 +49,7 @@ impl FarPoints {
     ///
     /// # Errors
     /// Points that are not some of the receivers in their order (exit 3).
-    pub(super) fn of(far: &FarField, all: &Receivers, spacing_mm: f64) -> Result<Self> {
+    pub(super) fn of(far: &FarField, all: &Receivers) -> Result<Self> {
         let apart = || Error::input("the far field and the mesh do not belong together; bake the asset again");
         let mut chosen = vec![NONE; far.receivers()];
         for (&point, &receiver) in far.receiver_of_vertex.iter().zip(&all.of_vertex) {
@@ -76,7 +76,7 @@ impl FarPoints {
         if !receivers.groups.iter().all(fits) {
             return Err(apart());
         }
-        let weights = weights(all, &places, &chosen, spacing_mm);
+        let weights = weights(all, &places, &chosen);
         Ok(Self { receivers, weights })
     }
 
@@ -102,7 +102,14 @@ fn places(all: &Receivers) -> Vec<OrientedPoint> {
     all.positions.iter().map(|&at_mm| OrientedPoint { at_mm, normal: DVec3::ZERO }).collect()
 }
 
-fn weights(all: &Receivers, places: &[OrientedPoint], chosen: &[u32], spacing_mm: f64) -> Option<SharedWeights> {
+/// About how far apart points are: only how fast neighbours are found depends on it.
+fn apart_mm(points: &[OrientedPoint]) -> f64 {
+    let grow = |(low, high): (DVec3, DVec3), p: &OrientedPoint| (low.min(p.at_mm), high.max(p.at_mm));
+    let (low, high) = points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), grow);
+    low.distance(high) / (points.len().max(1) as f64).sqrt()
+}
+
+fn weights(all: &Receivers, places: &[OrientedPoint], chosen: &[u32]) -> Option<SharedWeights> {
     if chosen.len() == all.len() {
         return None;
     }
@@ -111,7 +118,7 @@ fn weights(all: &Receivers, places: &[OrientedPoint], chosen: &[u32], spacing_mm
         let first = chosen.partition_point(|&i| (i as usize) < part.start);
         let end = chosen.partition_point(|&i| (i as usize) < part.end);
         let sources: Vec<OrientedPoint> = chosen[first..end].iter().map(|&i| places[i as usize]).collect();
-        let own = Weights::new(&sources, &places[part.clone()], spacing_mm, FIT);
+        let own = Weights::new(&sources, &places[part.clone()], apart_mm(&sources), FIT);
         let missing = part.len() * FIT.sources - own.sources.len();
         result.sources.extend(own.sources.iter().map(|&s| first as u32 + s).chain(std::iter::repeat_n(0, missing)));
         result.values.extend(own.values.into_iter().chain(std::iter::repeat_n(0.0, missing)));
