@@ -125,7 +125,7 @@ fn reports_tell_stages_memory_and_errors() {
         assert!(stages(&bake, "stages").contains(stage), "{stage}");
     }
     let names = stages(&bake["ledger"], "entries");
-    for stage in ["sampling", "hierarchy", "basis", "truncation", "quantiser", "interpolation"] {
+    for stage in ["sampling", "hierarchy", "basis", "truncation", "quantiser"] {
         assert!(names.contains(stage), "{stage}: {names:?}");
     }
     for entry in bake["ledger"]["entries"].as_array().unwrap() {
@@ -150,6 +150,35 @@ fn reports_tell_stages_memory_and_errors() {
     assert!(stages(&evaluation["measured"], "entries").is_superset(&["sampling".into(), "transport".into()].into()));
     assert_eq!(evaluation["asked_rms"], 0.01);
     assert_eq!(evaluation["cost"]["samples"], 6000);
+}
+
+#[test]
+fn the_far_field_is_interpolated_from_fewer_points() {
+    let folder = Folder::new();
+    folder.obj("head.obj", &shapes::bumpy_head(8.0, 4));
+    let bake = |spacing: &str, to: &str| {
+        let line =
+            format!("{BAKE} --material marble --for-lights directional --set far-spacing={spacing} --json -o {to}");
+        folder.run(&line).ok().json()
+    };
+    let (every, some) = (bake("0", "every.tlux"), bake("2.5", "some.tlux"));
+    let bytes = |report: &Value| report["bytes_without_mesh"].as_f64().unwrap();
+    assert!(bytes(&some) < 0.75 * bytes(&every), "{} {}", bytes(&some), bytes(&every));
+    let interpolation = |report: &Value| {
+        let entries = report["ledger"]["entries"].as_array().unwrap();
+        entries.iter().find(|e| e["stage"] == "interpolation").map(|e| e["error"]["rms"].as_f64().unwrap())
+    };
+    assert_eq!(interpolation(&every), None, "every vertex is a point");
+    let stated = interpolation(&some).unwrap();
+    assert!(stated > 1e-5 && stated < 0.02, "{stated}");
+    for material in ["marble", "ketchup"] {
+        for asset in ["every", "some"] {
+            folder.run(&format!("evaluate {asset}.tlux {SUN} --material {material} -o {asset}.ply")).ok();
+        }
+        let rms = relative_difference(&folder.radiosity("some.ply"), &folder.radiosity("every.ply"));
+        assert!(rms > 0.0 && rms < 0.02, "{material}: {rms}");
+    }
+    folder.run(&format!("{BAKE} --material marble --set far-spacing=0.2 -o x.tlux")).fails(1, &["far-spacing"]);
 }
 
 #[test]

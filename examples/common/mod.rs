@@ -1,4 +1,6 @@
 //! What the examples that measure the figures of a page share.
+//! No page needs all of it.
+#![allow(dead_code)]
 
 pub(crate) mod bench;
 pub(crate) mod runner;

@@ -1,0 +1,105 @@
+//! Tables 1 and 2: bakes, sizes, and the rates of new lights and new materials, with what the paper never states: the error.
+
+use translux::error::Result;
+use translux::math::statistics::vertex_error;
+
+use crate::bench::{bake, bytes_per_vertex, open, percent, sun, times_ms, truth, under};
+use crate::common::bench::{Context, Recipe, met, table};
+use crate::common::runner::summary;
+
+/// Models, samples, and what the paper has of them: minutes of both passes, MB, frames a second of a new light and of an edit.
+const MODELS: [(&str, usize, &str); 4] = [
+    ("beethoven", 65_536, "16K vertices, 64K samples: 18 min; 44 MB; 68, 120"),
+    ("gargoyle", 131_072, "64K vertices, 128K samples: 113 min; 125 MB; 20, 50"),
+    ("bunny_closed", 131_072, "-"),
+    ("horse", 131_072, "-"),
+];
+const QUICK: [(&str, usize, &str); 1] = [("bunny_3k", 16_384, "-")];
+
+/// Materials of the errors: one that is clear, one that is dense, one that absorbs.
+const MATERIALS: [&str; 4] = ["marble", "skin1", "ketchup", "chicken1"];
+
+/// Stored transport, and none; the error that is asked for and keys.
+const FORMS: [(&str, f64, &[(&str, &str)]); 2] =
+    [("stored", 0.01, &[("points", "1")]), ("nothing stored", 0.005, &[("transport", "none"), ("points", "1")])];
+
+const WANTED_BYTES: [f64; 2] = [300.0, 40.0];
+const WANTED_RMS: f64 = 0.01;
+const WANTED_FPS: (f64, f64) = (60.0, 300.0);
+
+pub(crate) fn run(context: &Context) -> Result<String> {
+    let models: &[_] = if context.quick { &QUICK } else { &MODELS };
+    let (mut rows, mut text) = (Vec::new(), String::new());
+    for &(model, samples, paper) in models {
+        let scene = context.scene(model, "marble")?;
+        let areas = scene.vertex_areas_mm2();
+        let mut truth = truth(context, &scene)?;
+        let lights = [sun()];
+        let expected = MATERIALS.map(|material| under(truth.as_mut(), material, &lights));
+        for (form, (name, max_rms, set)) in FORMS.iter().enumerate() {
+            let recipe = Recipe { samples: Some(samples), max_rms: *max_rms, set };
+            let (asset, seconds) = bake(&scene, &recipe)?;
+            let bytes = bytes_per_vertex(&asset)?;
+            let mut evaluator = open(asset)?;
+            let mut worst = (0.0f64, "");
+            for (material, expected) in MATERIALS.iter().zip(&expected) {
+                let Ok(expected) = expected else { continue };
+                let found = under(evaluator.as_mut(), material, &lights)?;
+                let error = vertex_error(&found, expected, &areas).rms;
+                worst = if error > worst.0 { (error, material) } else { worst };
+            }
+            let (light_ms, edit_ms) = times_ms(evaluator.as_mut(), ["marble", "skin1"])?;
+            let vertices = scene.mesh.local_mm.len();
+            context.say(&format!("tables: {model}, {name}: {seconds:.0} s, {bytes:.0} bytes, {}", percent(worst.0)));
+            rows.push(vec![
+                model.to_owned(),
+                (*name).to_owned(),
+                vertices.to_string(),
+                samples.to_string(),
+                format!("{seconds:.0} s"),
+                format!("{bytes:.0}"),
+                format!("{:.1} MB", bytes * vertices as f64 / 1e6),
+                format!("{} ({})", percent(worst.0), worst.1),
+                format!("{:.0}", 1e3 / light_ms),
+                format!("{:.0}", 1e3 / edit_ms),
+                paper.to_owned(),
+            ]);
+            if model == "bunny_closed" {
+                let ok = bytes <= WANTED_BYTES[form] && worst.0 <= WANTED_RMS;
+                text += &summary(
+                    &format!(
+                        "bytes/vertex, {name}, {model}; RMS against the truth, worst of {} materials",
+                        MATERIALS.len()
+                    ),
+                    "1,953; 3 to 14 %",
+                    &format!("<= {:.0}; <= 1 %", WANTED_BYTES[form]),
+                    &format!("{bytes:.0}; {}; {}", percent(worst.0), met(ok)),
+                );
+            }
+            if model == "bunny_closed" && form == 0 {
+                let (light, edit) = (1e3 / light_ms, 1e3 / edit_ms);
+                let ok = light >= WANTED_FPS.0 && edit >= WANTED_FPS.1;
+                text += &summary(
+                    "a new light, shadows included; a new material (stored, one shadow ray for each sample's quarter)",
+                    "20 to 68; 50 to 220 fps",
+                    ">= 60; >= 300 fps",
+                    &format!("{light:.0}; {edit:.0}; {}", met(ok)),
+                );
+            }
+        }
+    }
+    let head = [
+        "model",
+        "transport",
+        "vertices",
+        "samples",
+        "bake",
+        "bytes/vertex",
+        "in all",
+        "RMS, worst material",
+        "lights/s",
+        "edits/s",
+        "the paper",
+    ];
+    Ok(text + &table(&head, &rows))
+}
