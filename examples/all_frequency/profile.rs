@@ -15,8 +15,8 @@ use crate::bench::{DEFAULT_RMS, Map, bake, open, recipe, under};
 use crate::common::bench::{
     Context, Recipe, SIZE_MM, bytes_per_vertex, copy_bandwidth, met, noted, properties, scene_of, table,
 };
+use crate::common::finer::longest_edges_cut;
 use crate::common::runner::summary;
-use crate::meshes::longest_edges_cut;
 
 /// Turns that are timed, and the environment.
 const TIMED: usize = 200;

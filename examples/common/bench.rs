@@ -20,6 +20,8 @@ use translux::methods;
 use translux::progress::Progress;
 use translux::transport::scene::{Medium, Scene};
 
+use super::finer::longest_edges_cut;
+
 /// The diagonal of every model, mm.
 pub(crate) const SIZE_MM: f64 = 30.0;
 
@@ -41,6 +43,13 @@ impl Context {
     /// A model of one medium.
     pub(crate) fn scene(&self, model: &str, material: &str) -> Result<Scene> {
         let source = read_obj(&self.data.join(format!("meshes/{model}.obj")))?;
+        let medium = Medium { name: material.to_owned(), properties: properties(material)? };
+        scene_of(source, Scale::DiagonalMm(SIZE_MM), PartsRule::Auto, medium)
+    }
+
+    /// The same with its longest edges cut until it has so many vertices.
+    pub(crate) fn finer_scene(&self, model: &str, vertices: usize, material: &str) -> Result<Scene> {
+        let source = longest_edges_cut(read_obj(&self.data.join(format!("meshes/{model}.obj")))?, vertices);
         let medium = Medium { name: material.to_owned(), properties: properties(material)? };
         scene_of(source, Scale::DiagonalMm(SIZE_MM), PartsRule::Auto, medium)
     }

@@ -3,5 +3,6 @@
 #![allow(dead_code)]
 
 pub(crate) mod bench;
+pub(crate) mod finer;
 pub(crate) mod runner;
 pub(crate) mod sheet;

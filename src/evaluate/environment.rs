@@ -13,9 +13,10 @@ use crate::light::cube_light::CubeLight;
 use crate::light::{Light, LightKind};
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::medium::entrance_basis::MOST_TERMS;
-use crate::progress::Silent;
+use crate::progress::{Progress, Silent};
 use crate::transport::gather::Scheme;
-use crate::transport::scene::Medium;
+use crate::transport::irradiance::Pieces;
+use crate::transport::scene::{Medium, Scene};
 use crate::transport::tree::SampleTree;
 
 /// Rows that serve as a light's irradiance.
@@ -45,6 +46,31 @@ impl StoredRows {
     /// Bytes in memory.
     pub fn bytes(&self) -> usize {
         self.rows.data().bytes()
+    }
+
+    /// Irradiance of every sample, and of the pieces of those that are not lit evenly: through the rows, where there are any, for the
+    /// lights that they have; for the others by rays.
+    ///
+    /// # Errors
+    /// Lights that do not fit a cube map; those of the rays.
+    pub fn illuminate(
+        rows: Option<&Self>,
+        (scene, samples): (&Scene, &Samples),
+        lights: &[Light],
+        progress: &dyn Progress,
+        by_rays: impl FnOnce(&[Light]) -> Result<(Vec<DVec3>, Pieces)>,
+    ) -> Result<(Vec<DVec3>, Pieces)> {
+        let of_rows = |light: &Light| rows.is_some_and(|rows| rows.have(light, &scene.media));
+        let (far, near): (Vec<Light>, Vec<Light>) = lights.iter().cloned().partition(of_rows);
+        let (Some(rows), false) = (rows, far.is_empty()) else { return by_rays(lights) };
+        let (mut irradiance, pieces) = match near.as_slice() {
+            [] => (vec![DVec3::ZERO; samples.len()], Pieces::default()),
+            near => by_rays(near)?,
+        };
+        progress.start("rows", 0);
+        rows.add(&far, (&scene.parts, &scene.media), samples, &mut irradiance)?;
+        progress.finish();
+        Ok((irradiance, pieces))
     }
 
     /// Whether the rows serve every medium: they hold a range of refractive indices.

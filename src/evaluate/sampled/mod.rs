@@ -268,14 +268,8 @@ impl SampledEvaluator {
 
     /// Through the stored rows where there are any for a light, else by rays.
     fn illuminate(&self, lights: &[Light], progress: &dyn Progress) -> Result<(Vec<DVec3>, Pieces)> {
-        let (far, near): (Vec<Light>, Vec<Light>) = lights.iter().cloned().partition(|light| self.is_stored(light));
-        let (Some(rows), false) = (&self.rows, far.is_empty()) else { return self.by_rays(lights, progress) };
-        let (mut irradiance, pieces) = match near.as_slice() {
-            [] => (vec![DVec3::ZERO; self.asset.samples.len()], Pieces::default()),
-            near => self.by_rays(near, progress)?,
-        };
-        rows.add(&far, (&self.scene.parts, &self.scene.media), &self.asset.samples, &mut irradiance)?;
-        Ok((irradiance, pieces))
+        let asset = (&self.scene, &self.asset.samples);
+        StoredRows::illuminate(self.rows.as_ref(), asset, lights, progress, |lights| self.by_rays(lights, progress))
     }
 
     fn is_stored(&self, light: &Light) -> bool {

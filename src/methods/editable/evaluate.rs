@@ -135,16 +135,8 @@ impl EditableEvaluator {
 
     /// Through the stored rows where there are any for a light, else by rays.
     fn irradiance(&self, lights: &[Light], progress: &dyn Progress) -> Result<(Vec<DVec3>, Pieces)> {
-        let (near, far): (Vec<Light>, Vec<Light>) = lights.iter().cloned().partition(|l| !self.is_stored(l));
-        let (Some(rows), false) = (&self.rows, far.is_empty()) else { return self.sampled(lights, progress) };
-        let (mut irradiance, pieces) = match near.as_slice() {
-            [] => (vec![DVec3::ZERO; self.samples.len()], Pieces::default()),
-            near => self.sampled(near, progress)?,
-        };
-        progress.start("rows", 0);
-        rows.add(&far, (&self.scene.parts, &self.scene.media), &self.samples, &mut irradiance)?;
-        progress.finish();
-        Ok((irradiance, pieces))
+        let asset = (&self.scene, &self.samples);
+        StoredRows::illuminate(self.rows.as_ref(), asset, lights, progress, |lights| self.sampled(lights, progress))
     }
 
     /// Whether a light goes through the stored rows.
