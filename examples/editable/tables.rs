@@ -19,8 +19,11 @@ const QUICK: [(&str, usize, usize, &str); 1] = [("bunny_3k", 0, 16_384, "-")];
 /// Materials of the errors: one that is clear, one that is dense, one that absorbs.
 const MATERIALS: [&str; 4] = ["marble", "skin1", "ketchup", "chicken1"];
 
-/// Stored transport, and none; the error that is asked for and keys.
-const FORMS: [(&str, f64, &[(&str, &str)]); 2] =
+/// A name, the error that is asked for, keys.
+type Form = (&'static str, f64, &'static [(&'static str, &'static str)]);
+
+/// Stored transport, and none.
+const FORMS: [Form; 2] =
     [("stored", 0.01, &[("points", "1")]), ("nothing stored", 0.005, &[("transport", "none"), ("points", "1")])];
 
 const WANTED_BYTES: [f64; 2] = [300.0, 40.0];

@@ -15,6 +15,9 @@ use crate::transport::far_field::{LANES, TERMS};
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::Scene;
 
+/// Far radiosity `[receiver][k]` under one light.
+pub(super) type FarRadiosity = Vec<Vec<f64>>;
+
 /// Receivers that a choice is made on.
 const RECEIVERS: usize = 96;
 
@@ -72,7 +75,7 @@ impl Between {
     ) -> VertexError {
         let exact = all_pairs(stage, table, &self.targets.receivers, irradiances);
         let known = all_pairs(stage, table, &self.sources, irradiances);
-        let of_light = |((irradiance, exact), known): ((&&[DVec3], &Vec<Vec<f64>>), &Vec<Vec<f64>>)| {
+        let of_light = |((irradiance, exact), known): ((&&[DVec3], &FarRadiosity), &FarRadiosity)| {
             let terms = table.terms();
             let of_target = |weights: &Vec<(usize, f64)>| {
                 (0..terms).map(|k| weights.iter().map(|&(source, w)| w * known[source][k]).sum()).collect::<Vec<f64>>()
@@ -114,13 +117,13 @@ pub(super) fn choose_points(
     FarPoints::choose(&stage.receivers, 0.0)
 }
 
-/// Far radiosity `[light][receiver][k]` of each basis function from every sample at some receivers, under the first channel of lights.
+/// Far radiosity of each basis function from every sample at some receivers, under the first channel of each light.
 pub(super) fn all_pairs(
     stage: &Stage,
     table: &Table,
     receivers: &Receivers,
     irradiances: &[&[DVec3]],
-) -> Vec<Vec<Vec<f64>>> {
+) -> Vec<FarRadiosity> {
     let terms = table.terms();
     let of_receiver = |(receiver, part): (DVec3, u32)| {
         let mut sums = vec![vec![0.0; terms]; irradiances.len()];
