@@ -25,6 +25,10 @@ Beethoven and the gargoyle have their longest edges cut until they have the pape
 (`--set transport=none`) for 0.5 %; both with `--set points=1`. Edits turn skin1 into skin2 and back; a new refractive index costs what a new light does. The paper states no errors against a
 truth, but that 95 to 98 % of the energy is kept, which is an error of 14 to 22 %.
 
+**Nothing stored** beats the stored form in bytes (10 to 40 times fewer), bake and a new light on every model, and for a new material on
+two of the four. Neither reaches 60 lights and 300 edits a second on two cores: shadows take 17 ms, the near field, which depends on the material and is
+integrated for every vertex, 30 to 50 ms.
+
 ";
 
 const FIGURE3: &str = "
