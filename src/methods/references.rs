@@ -81,7 +81,7 @@ pub(in crate::methods) fn spatial_error(
 ) -> VertexError {
     let mut chosen = net.point.clone();
     chosen.sort_unstable();
-    let weights = weights_of_some(&chosen, &stage.points, &stage.receivers, spacing_mm, STRIDE);
+    let weights = weights_of_some(&chosen, &stage.points, &stage.receivers, (spacing_mm, STRIDE), Kriging::RADIOSITY);
     let some: Vec<usize> = parts(&stage.receivers).into_iter().flat_map(|part| part.step_by(STRIDE)).collect();
     let areas: Vec<f64> = some.iter().map(|&i| stage.areas[i]).collect();
     let of_light = |values: &Vec<DVec3>| {
@@ -123,7 +123,7 @@ pub(in crate::methods) fn weights(
     receivers: &Receivers,
     spacing_mm: f64,
 ) -> Weights {
-    weights_of_some(chosen, points, receivers, spacing_mm, 1)
+    weights_of_some(chosen, points, receivers, (spacing_mm, 1), Kriging::RADIOSITY)
 }
 
 /// The same of every `stride`-th receiver of each part.
@@ -131,17 +131,17 @@ pub(in crate::methods) fn weights_of_some(
     chosen: &[u32],
     points: &[OrientedPoint],
     receivers: &Receivers,
-    spacing_mm: f64,
-    stride: usize,
+    (spacing_mm, stride): (f64, usize),
+    fit: Kriging,
 ) -> Weights {
-    let mut result = Weights { each: SOURCES, ..Weights::default() };
+    let mut result = Weights { each: fit.sources, ..Weights::default() };
     for part in parts(receivers) {
         let targets: Vec<OrientedPoint> = points[part.clone()].iter().step_by(stride).copied().collect();
         let first = chosen.partition_point(|&i| (i as usize) < part.start);
         let end = chosen.partition_point(|&i| (i as usize) < part.end);
         let sources: Vec<OrientedPoint> = chosen[first..end].iter().map(|&i| points[i as usize]).collect();
-        let own = Weights::new(&sources, &targets, spacing_mm, Kriging::RADIOSITY);
-        let missing = targets.len() * SOURCES - own.sources.len();
+        let own = Weights::new(&sources, &targets, spacing_mm, fit);
+        let missing = targets.len() * fit.sources - own.sources.len();
         result.sources.extend(own.sources.iter().map(|&s| first as u32 + s));
         result.sources.extend(std::iter::repeat_n(0, missing));
         result.values.extend(own.values);

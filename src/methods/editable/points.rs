@@ -6,7 +6,8 @@ use translux_format::far_field::FarField;
 
 use crate::error::{Error, Result};
 use crate::geometry::cluster::Run;
-use crate::geometry::scattered::{Kriging, OrientedPoint, Weights, choose};
+use crate::geometry::scattered::{Kriging, OrientedPoint, choose};
+use crate::methods::references::weights_of_some;
 use crate::methods::stage::parts;
 use crate::transport::far_field::LANES;
 use crate::transport::interpolation::SharedWeights;
@@ -102,26 +103,17 @@ fn places(all: &Receivers) -> Vec<OrientedPoint> {
     all.positions.iter().map(|&at_mm| OrientedPoint { at_mm, normal: DVec3::ZERO }).collect()
 }
 
-/// About how far apart points are: only how fast neighbours are found depends on it.
-fn apart_mm(points: &[OrientedPoint]) -> f64 {
+/// About how far apart so many points among others are: only how fast neighbours are found depends on it.
+fn apart_mm(points: &[OrientedPoint], count: usize) -> f64 {
     let grow = |(low, high): (DVec3, DVec3), p: &OrientedPoint| (low.min(p.at_mm), high.max(p.at_mm));
     let (low, high) = points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), grow);
-    low.distance(high) / (points.len().max(1) as f64).sqrt()
+    low.distance(high) / (count.max(1) as f64).sqrt()
 }
 
 fn weights(all: &Receivers, places: &[OrientedPoint], chosen: &[u32]) -> Option<SharedWeights> {
     if chosen.len() == all.len() {
         return None;
     }
-    let mut result = Weights { each: FIT.sources, ..Weights::default() };
-    for part in parts(all) {
-        let first = chosen.partition_point(|&i| (i as usize) < part.start);
-        let end = chosen.partition_point(|&i| (i as usize) < part.end);
-        let sources: Vec<OrientedPoint> = chosen[first..end].iter().map(|&i| places[i as usize]).collect();
-        let own = Weights::new(&sources, &places[part.clone()], apart_mm(&sources), FIT);
-        let missing = part.len() * FIT.sources - own.sources.len();
-        result.sources.extend(own.sources.iter().map(|&s| first as u32 + s).chain(std::iter::repeat_n(0, missing)));
-        result.values.extend(own.values.into_iter().chain(std::iter::repeat_n(0.0, missing)));
-    }
-    Some(SharedWeights::new(&result))
+    let weights = weights_of_some(chosen, places, all, (apart_mm(places, chosen.len()), 1), FIT);
+    Some(SharedWeights::new(&weights))
 }
