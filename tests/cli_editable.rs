@@ -9,7 +9,7 @@ use common::{Folder, relative_difference};
 use serde_json::Value;
 use translux::geometry::shapes;
 
-const BAKE: &str = "bake head.obj --unit mm --samples 6000 --method editable";
+const BAKE: &str = "bake head.obj --unit mm --samples 6000 --method editable --set transport=stored";
 const SUN: &str = "--light directional:from=1,2,3:irradiance=2";
 const LAMP: &str = "--light point:at=-20,30,15:intensity=900";
 
@@ -60,7 +60,7 @@ fn the_material_is_chosen_when_the_asset_is_evaluated() {
 #[test]
 fn keys_change_the_bake_or_are_refused() {
     let folder = head();
-    let bake = "bake head.obj --unit mm --material marble --method editable --samples 1500";
+    let bake = "bake head.obj --unit mm --material marble --method editable --set transport=stored --samples 1500";
     folder.run(&format!("{bake} -o default.tlux")).ok();
     let split = |name: &str| folder.run(&format!("inspect {name} --json")).ok().json()["sizes"]["file"].clone();
     for set in ["terms=5", "basis=plain", "split=9", "truncation=3%"] {
@@ -246,7 +246,7 @@ fn the_asset_alone_is_sufficient() {
 #[test]
 fn nothing_stored_gives_what_stored_transport_gives() {
     let folder = head();
-    let none = format!("{BAKE} --material marble --set transport=none");
+    let none = format!("{} --material marble", BAKE.replace("transport=stored", "transport=none"));
     folder.run(&format!("{BAKE} --material marble -o stored.tlux")).ok();
     let report = folder.run(&format!("{none} --json -o none.tlux")).ok().json();
     assert!(stages(&report["ledger"], "entries").is_superset(&["sampling".into(), "multilevel".into()].into()));

@@ -11,7 +11,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use glam::DVec3;
-use in_memory::{lit, medium, scene, scene_of, served, try_bake, vertex_areas};
+use in_memory::{every, lit, medium, scene, scene_of, served, try_bake, vertex_areas};
 use translux::asset::{Asset, Provenance};
 use translux::error::ExitCode;
 use translux::evaluate::{BakeSettings, Evaluator, MaterialEdit, Method};
@@ -161,7 +161,7 @@ fn the_measured_error_sees_shadow_boundaries() {
     let scene = head(3, "spectralon");
     let light = &every_light(&scene)[1];
     let truth = Truth::new(&scene).under(light);
-    for method in ALL {
+    for method in every() {
         let mut evaluator = baked(method, &scene, SAMPLES);
         let values = lit(evaluator.as_mut(), vec![light.clone()]);
         let found = vertex_error(&values, &truth.0, &vertex_areas(&scene)).rms;
@@ -175,7 +175,7 @@ fn compare_with_reference(scene: &Scene, mut open: impl FnMut(&dyn Method) -> Bo
     let lights = every_light(scene);
     let mut truth = Truth::new(scene);
     let truths: Vec<_> = lights.iter().map(|light| truth.under(light)).collect();
-    for method in ALL {
+    for method in every() {
         let mut evaluator = open(method);
         for (light, truth) in lights.iter().zip(&truths) {
             if !method.kinds().contains(&light.kind()) {
@@ -219,7 +219,7 @@ fn opaque_parts_have_no_radiosity() {
     let scene = group(2);
     let areas = vertex_areas(&scene);
     assert!(areas.contains(&0.0) && areas.iter().any(|a| *a > 0.0));
-    for method in ALL {
+    for method in every() {
         let mut evaluator = baked(method, &scene, 800);
         for light in served(method, &every_light(&scene)) {
             let values = lit(evaluator.as_mut(), vec![light]);
@@ -234,7 +234,7 @@ fn radiosity_is_linear_in_the_lights() {
     let scene = head(3, "skin1");
     let areas = vertex_areas(&scene);
     let all = every_light(&scene);
-    for method in ALL {
+    for method in every() {
         let lights = served(method, &all);
         let mut evaluator = baked(method, &scene, 2000);
         let evaluator = evaluator.as_mut();
@@ -268,7 +268,7 @@ fn radiosity_is_linear_in_the_lights() {
 fn evaluators_have_no_memory() {
     let scene = group(2);
     let all = every_light(&scene);
-    for method in ALL {
+    for method in every() {
         let lights = served(method, &all);
         let mut evaluator = baked(method, &scene, 1500);
         let evaluator = evaluator.as_mut();
@@ -298,7 +298,7 @@ fn every_published_material_is_within_its_promise() {
     let scene = head(3, "marble");
     let light = &every_light(&scene)[1];
     let mut truth = Truth::new(&scene);
-    for method in ALL {
+    for method in every() {
         let mut evaluator = baked(method, &scene, SAMPLES);
         if evaluator.capabilities().material == MaterialEdit::None {
             assert_eq!(evaluator.set_media(vec![medium("skin1")]).unwrap_err().code(), ExitCode::Unsupported);
@@ -320,7 +320,7 @@ fn every_published_material_is_within_its_promise() {
 fn an_edit_gives_what_a_bake_gives() {
     let scene = head(3, "marble");
     let lights = vec![every_light(&scene)[2].clone()];
-    for method in ALL {
+    for method in every() {
         let mut edited = baked(method, &scene, 3000);
         if edited.capabilities().material == MaterialEdit::None {
             continue;
@@ -341,7 +341,7 @@ fn an_edit_gives_what_a_bake_gives() {
 #[test]
 fn a_wrong_number_of_media_is_refused() {
     let scene = group(2);
-    for method in ALL {
+    for method in every() {
         let mut evaluator = baked(method, &scene, 1000);
         let before = lit(evaluator.as_mut(), vec![probes::constant()]);
         for count in [0, 1, 3] {
@@ -358,7 +358,7 @@ fn figures_make_sense() {
     let scene = group(2);
     let names: BTreeSet<&str> = ALL.iter().map(|m| m.name()).collect();
     assert_eq!(names.len(), ALL.len());
-    for method in ALL {
+    for method in every() {
         let name = method.name();
         assert!((1e-4..0.1).contains(&method.default_max_rms()) && !method.summary().is_empty(), "{name}");
         let asset = asset(method, &scene, 3000);
@@ -384,7 +384,7 @@ fn figures_make_sense() {
 fn threads_do_not_change_a_bit() {
     let scene = group(2);
     let all = every_light(&scene);
-    for method in ALL {
+    for method in every() {
         let lights = served(method, &all);
         let run = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -409,7 +409,7 @@ fn threads_do_not_change_a_bit() {
 #[test]
 fn bytes_survive_a_round_trip() {
     let scene = group(2);
-    for method in ALL {
+    for method in every() {
         let bytes = asset(method, &scene, 1500).to_bytes().unwrap();
         assert!(Asset::from_bytes(&bytes).unwrap().to_bytes().unwrap() == bytes, "{}", method.name());
     }
@@ -422,7 +422,7 @@ fn keys_mean_what_they_say() {
         let error = try_bake(method, scene.clone(), Some(500), set).unwrap_err();
         (error.code(), error.message().to_owned())
     };
-    for method in ALL {
+    for method in every() {
         let name = method.name();
         let bytes =
             |set: &[(String, String)]| try_bake(method, scene.clone(), Some(500), set).unwrap().to_bytes().unwrap();
@@ -448,7 +448,7 @@ fn keys_mean_what_they_say() {
 #[test]
 fn other_lights_than_baked_for_are_as_good_or_refused() {
     let scene = head(3, "marble");
-    for method in ALL {
+    for method in every() {
         let values = methods::settings::resolve(method, &[]).unwrap();
         let mut settings = BakeSettings { samples: Some(3000), ..BakeSettings::new(method, values) };
         settings.for_lights = [LightKind::Directional].into();

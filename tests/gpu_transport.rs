@@ -10,13 +10,14 @@ mod oracle;
 use std::sync::Arc;
 
 use glam::DVec3;
-use in_memory::{medium, served, try_bake};
+use in_memory::{every, medium, served, try_bake};
 use on_device::{assert_same, device, group, lights};
 use translux::asset::Asset;
 use translux::error::ExitCode;
 use translux::evaluate::device::Device;
 use translux::evaluate::{Evaluator, MaterialEdit, Method};
 use translux::light::Light;
+use translux::medium::profiles::model::ProfileModel;
 use translux::methods::{self, ALL};
 use translux::progress::Silent;
 
@@ -35,7 +36,7 @@ fn pair(asset: &Arc<Asset>, device: &Arc<Device>) -> [Box<dyn Evaluator>; 2] {
 #[test]
 fn every_method_gives_the_same_radiosity_under_every_light() {
     let Some(device) = device(u64::MAX) else { return };
-    for method in ALL {
+    for method in every() {
         let asset = bake(method);
         let [mut cpu, mut gpu] = pair(&asset, &device);
         assert_eq!(cpu.capabilities(), gpu.capabilities());
@@ -80,10 +81,38 @@ fn every_method_gives_the_same_radiosity_under_every_light() {
     }
 }
 
+/// Nets take any radial profile, on a device as on the CPU; stored transport and trees there take dipoles alone.
+#[test]
+fn profiles_have_the_same_sums_where_nets_have_them() {
+    let Some(device) = device(u64::MAX) else { return };
+    let profiles = ["better-dipole", "normalized-diffusion", "gaussians"].map(|text| {
+        let model: ProfileModel = text.parse().unwrap();
+        model.load().unwrap()
+    });
+    for (method, set) in [("editable", "transport=none"), ("two_pass", "transfer=multilevel")] {
+        let (key, value) = set.split_once('=').unwrap();
+        let method = methods::named(method).unwrap();
+        let asset = Arc::new(try_bake(method, group(), Some(2000), &[(key.into(), value.into())]).unwrap());
+        let [mut cpu, mut gpu] = pair(&asset, &device);
+        for profile in &profiles {
+            let radiosity = |evaluator: &mut dyn Evaluator| {
+                evaluator.set_profile(profile.clone()).unwrap();
+                evaluator.set_lights(lights().remove(1), &Silent).unwrap();
+                evaluator.radiosity(&Silent).unwrap()
+            };
+            assert_same(method.name(), &radiosity(gpu.as_mut()), &radiosity(cpu.as_mut()));
+        }
+    }
+    let tree = Arc::new(try_bake(methods::named("two_pass").unwrap(), group(), Some(500), &[]).unwrap());
+    let [mut cpu, _] = pair(&tree, &device);
+    cpu.set_profile(profiles[0].clone()).unwrap();
+    assert_eq!(cpu.on_device(&device).err().unwrap().code(), ExitCode::Unsupported);
+}
+
 #[test]
 fn small_bindings_give_the_same_radiosity_or_a_clear_refusal() {
-    let (Some(whole), Some(small)) = (device(u64::MAX), device(240 << 10)) else { return };
-    for method in ALL {
+    let (Some(whole), Some(small)) = (device(u64::MAX), device(300 << 10)) else { return };
+    for method in every() {
         let asset = bake(method);
         let radiosity = |device: &Arc<Device>| {
             let [_, mut gpu] = pair(&asset, device);
@@ -103,7 +132,7 @@ fn small_bindings_give_the_same_radiosity_or_a_clear_refusal() {
 #[test]
 fn lights_of_any_size_keep_their_precision() {
     let Some(device) = device(u64::MAX) else { return };
-    for method in ALL {
+    for method in every() {
         let asset = bake(method);
         let [_, mut gpu] = pair(&asset, &device);
         let mut lit = |scale: f64| {

@@ -101,8 +101,10 @@ fn what_has_no_place_for_a_profile_says_so() {
     let (folder, _) = ball();
     let sun = "--light constant:radiance=1 -q -o x.ply";
     folder.run("bake ball.obj --unit mm --material skin1 --method two_pass --samples 500 -o free.tlux -q").ok();
-    folder.run("bake ball.obj --unit mm --material skin1 --method editable --samples 500 -o stored.tlux -q").ok();
-    folder.run(&format!("evaluate stored.tlux --profile burley {sun}")).fails(5, &["dipoles", "two_pass"]);
+    folder.run("bake ball.obj --unit mm --material skin1 --set transport=stored --samples 500 -o stored.tlux -q").ok();
+    folder
+        .run(&format!("evaluate stored.tlux --profile burley {sun}"))
+        .fails(5, &["dipoles", "--method editable stores none"]);
     folder.run(&format!("evaluate free.tlux --profile lambert {sun}")).fails(1, &["lambert", "better-dipole"]);
     folder.run(&format!("evaluate free.tlux --profile measured:path=no.csv {sun}")).fails(2, &["no.csv"]);
     folder.write("bad.csv", "r_mm,r,g,b\n0,1,1,1\n0,1,1,1\n");

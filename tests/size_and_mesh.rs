@@ -113,9 +113,13 @@ fn what_cannot_be_done_is_refused() {
         assert!(outcome.code == code || outcome.code == 1, "{size}: {}", outcome.stderr);
         assert!(outcome.stderr.contains("size-mm"), "{}", outcome.stderr);
     }
-    folder.run("bake head.obj --size-mm 20 --material marble --method editable --samples 4096 -o stored.tlux -q").ok();
-    folder.run(&format!("evaluate stored.tlux --size-mm 30 {sun}")).fails(5, &["stored.tlux", "20.0 mm", "two_pass"]);
-    folder.run(&format!("evaluate stored.tlux --on head.obj {sun}")).fails(5, &["head.obj", "two_pass"]);
+    folder
+        .run("bake head.obj --size-mm 20 --material marble --set transport=stored --samples 4096 -o stored.tlux -q")
+        .ok();
+    folder
+        .run(&format!("evaluate stored.tlux --size-mm 30 {sun}"))
+        .fails(5, &["stored.tlux", "20.0 mm", "--method editable"]);
+    folder.run(&format!("evaluate stored.tlux --on head.obj {sun}")).fails(5, &["head.obj", "--method editable"]);
     assert!(!folder.names().contains(&"x.ply".to_owned()));
 }
 

@@ -13,7 +13,7 @@ use super::{output, report};
 use crate::asset::{Asset, Provenance};
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, ExitCode, Result};
-use crate::evaluate::{Capabilities, Cost};
+use crate::evaluate::{Capabilities, Cost, MaterialEdit, ProfileEdit};
 use crate::methods;
 
 #[derive(Clone, Debug, Args)]
@@ -211,7 +211,7 @@ fn print(r: &InspectReport) -> Result<()> {
         say(format!("bytes/vertex for environments: {disk:.1} on disk, {resident:.1} resident"))?;
     }
     if let Some(edits) = r.edits {
-        say(format!("material edits without a new bake: {:?}", edits.material).to_lowercase())?;
+        say(format!("without a new bake: {}", edits_of(edits)))?;
     }
     say(kinds(r))?;
     let mut rows = vec![["section", "kind", "type", "codec", "rows", "stored", "decoded"].map(str::to_owned)];
@@ -251,4 +251,18 @@ fn print(r: &InspectReport) -> Result<()> {
     let settings: Vec<String> = r.provenance.settings.iter().map(|(k, v)| format!("{k}={v}")).collect();
     say(format!("settings {}", settings.join(" ")))?;
     r.provenance.notes.iter().try_for_each(|note| say(format!("note {note}")))
+}
+
+/// What may change at run time, for people.
+fn edits_of(edits: Capabilities) -> String {
+    let material = match edits.material {
+        MaterialEdit::None => "the material is baked in",
+        MaterialEdit::Any => "any material",
+    };
+    let profile = match edits.profile {
+        ProfileEdit::None => "profile, size and mesh are baked in",
+        ProfileEdit::OnCpu => "any profile (on the CPU), any size, other meshes of the same object",
+        ProfileEdit::Any => "any profile, any size, other meshes of the same object",
+    };
+    format!("{material}; {profile}")
 }

@@ -64,7 +64,7 @@ impl AssetArgs {
             let (path, baked) = (self.asset.display(), asset.scene.mesh.diagonal_mm());
             return Err(Error::unsupported(format!(
                 "{path}: --size-mm {size_mm}: the transport of `{}` was computed for {} mm; bake again with that size, or with \
-                 --method two_pass or --set transport=none of editable, which store none",
+                 --method editable, which stores none",
                 method.name(),
                 significant(baked)
             )));
@@ -86,29 +86,17 @@ impl AssetArgs {
         &self,
         path: &std::path::Path,
         profile: Option<&crate::medium::profiles::model::LoadedProfile>,
-    ) -> Result<crate::relight::window::OpenedModel> {
+    ) -> Result<Box<dyn Evaluator>> {
         let asset = Asset::read(path)?;
         let method = methods::named(&asset.provenance.method)?;
         let asset = match self.size_mm {
             Some(size_mm) if path == self.asset => self.resized(asset, method, size_mm)?,
             _ => asset,
         };
-        let profiles = profiles_of(method, &asset.provenance.settings);
         let mut evaluator = method.open(Arc::new(asset))?;
         if let Some(profile) = profile {
             evaluator.set_profile(profile.clone())?;
         }
-        let evaluator = crate::evaluate::summed::Summed::of(evaluator);
-        Ok(crate::relight::window::OpenedModel { evaluator, profiles })
+        Ok(crate::evaluate::summed::Summed::of(evaluator))
     }
-}
-
-/// What its assets take: transport that is stored is that of the profile that it was computed for.
-#[cfg(feature = "gui")]
-pub(super) fn profiles_of(
-    method: &dyn Method,
-    settings: &std::collections::BTreeMap<String, String>,
-) -> crate::relight::window::Profiles {
-    use crate::relight::window::Profiles;
-    if method.stores_transport(settings) { Profiles::Dipole } else { Profiles::Any }
 }

@@ -220,7 +220,6 @@ fn window(args: &RelightArgs, console: &Console, pool: Arc<rayon::ThreadPool>) -
         model: args.asset.asset.clone(),
         evaluator: drawn(opened.evaluator, console),
         profile: args.asset.profile()?,
-        profiles: super::opened::profiles_of(opened.method, &opened.provenance.settings),
         open: Arc::new(move |path, profile| again.again(path, profile)),
         lights: lights.lights,
         choice: args.device.choice(),

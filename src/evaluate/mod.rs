@@ -135,6 +135,8 @@ pub trait Method: Sync {
 pub struct Capabilities {
     /// What may change about the material without a new bake.
     pub material: MaterialEdit,
+    /// Whether another radial profile may take the dipole's place.
+    pub profile: ProfileEdit,
 }
 
 /// What may change about the material.
@@ -144,6 +146,18 @@ pub enum MaterialEdit {
     /// Nothing: the material is baked in.
     None,
     /// Every optical property.
+    Any,
+}
+
+/// Which radial profiles an evaluator takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ProfileEdit {
+    /// The one that its transport was computed for.
+    None,
+    /// Any, on the CPU: the shaders know the dipole alone.
+    OnCpu,
+    /// Any, on devices as well.
     Any,
 }
 
@@ -205,7 +219,7 @@ pub trait Evaluator: Send {
     /// `Unsupported` where the transport is that of a dipole; what the profile says of the media.
     fn set_profile(&mut self, _profile: LoadedProfile) -> Result<()> {
         Err(Error::unsupported(
-            "the transport in this asset is that of dipoles; an asset of --method two_pass stores none and takes any profile",
+            "the transport in this asset is that of dipoles; an asset of --method editable stores none and takes any profile",
         ))
     }
 
@@ -252,7 +266,7 @@ pub trait Evaluator: Send {
     /// `Unsupported` where transport ends at the vertices that it was computed for; failures of the work.
     fn radiosity_at(&mut self, _receivers: &Receivers, _progress: &dyn Progress) -> Result<Vec<DVec3>> {
         Err(Error::unsupported(
-            "the transport in this asset ends at its own vertices; an asset of --method two_pass stores none and serves other meshes",
+            "the transport in this asset ends at its own vertices; an asset of --method editable stores none and serves other meshes",
         ))
     }
 

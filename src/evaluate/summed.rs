@@ -9,6 +9,7 @@ use super::{Evaluator, SingleScattering};
 use crate::error::Result;
 use crate::light::Light;
 use crate::medium::fresnel::transmittance;
+use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::Progress;
 use crate::transport::scene::{Medium, Scene};
 use crate::transport::single_scattering::radiance::Share;
@@ -105,6 +106,11 @@ impl Evaluator for Summed {
     fn set_media(&mut self, media: Vec<Medium>) -> Result<()> {
         self.radiosity = None;
         self.evaluator.set_media(media)
+    }
+
+    fn set_profile(&mut self, profile: LoadedProfile) -> Result<()> {
+        self.radiosity = None;
+        self.evaluator.set_profile(profile)
     }
 
     fn set_eye(&mut self, at_mm: DVec3) -> bool {

@@ -16,7 +16,7 @@ fn triangle(size_mm: f64) -> SourceModel {
 /// under constant light returns at most what arrives, `most` times pi.
 fn survives(name: &str, scene: &Scene, samples: &[usize], most: f64) {
     let lights = every_light(scene);
-    for method in ALL {
+    for method in every() {
         for &samples in samples {
             let what = format!("{name}, {}, {samples} samples", method.name());
             let mut evaluator = baked(method, scene, samples);

@@ -1,12 +1,13 @@
 //! A method through the library, without files: bake, open, evaluate; and its distance from a separate truth.
 #![allow(clippy::unwrap_used, missing_docs, dead_code, unreachable_pub)]
 
-use std::sync::Arc;
+use std::collections::BTreeMap;
+use std::sync::{Arc, OnceLock};
 
 use glam::DVec3;
 use translux::asset::{Asset, Provenance};
 use translux::error::Result;
-use translux::evaluate::{BakeSettings, Evaluator, Method};
+use translux::evaluate::{AssetParts, BakeSettings, Evaluator, Key, Method};
 use translux::geometry::mesh::{Mesh, Scale, resolve_scale};
 use translux::geometry::part_table::PartTable;
 use translux::geometry::parts::{MaterialRoles, Parts, PartsRule};
@@ -14,7 +15,7 @@ use translux::geometry::source::SourceModel;
 use translux::light::Light;
 use translux::medium::material::preset;
 use translux::methods;
-use translux::progress::Silent;
+use translux::progress::{Progress, Silent};
 use translux::transport::scene::{Medium, Scene};
 
 use crate::oracle::vector::V3;
@@ -48,6 +49,59 @@ fn with_roles(
     let parts = Parts::new(&mut mesh, &roles, PartsRule::Auto, &mut report);
     let parts = PartTable::of(&mesh, &parts);
     Scene { mesh, parts, media: presets.iter().map(|name| medium(name)).collect() }
+}
+
+/// `editable` whose default is stored transport.
+struct StoredEditable;
+
+impl StoredEditable {
+    fn plain() -> &'static dyn Method {
+        methods::named("editable").unwrap()
+    }
+}
+
+impl Method for StoredEditable {
+    fn name(&self) -> &'static str {
+        Self::plain().name()
+    }
+
+    fn summary(&self) -> &'static str {
+        Self::plain().summary()
+    }
+
+    fn keys(&self) -> &'static [Key] {
+        static KEYS: OnceLock<Vec<Key>> = OnceLock::new();
+        KEYS.get_or_init(|| {
+            let mut keys = Self::plain().keys().to_vec();
+            keys.iter_mut().find(|key| key.name == "transport").unwrap().default = "stored";
+            keys
+        })
+    }
+
+    fn default_max_rms(&self) -> f64 {
+        Self::plain().default_max_rms()
+    }
+
+    fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {
+        Self::plain().bake_memory(scene, settings)
+    }
+
+    fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {
+        Self::plain().bake(scene, settings, progress)
+    }
+
+    fn stores_transport(&self, settings: &BTreeMap<String, String>) -> bool {
+        Self::plain().stores_transport(settings)
+    }
+
+    fn open(&self, asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
+        Self::plain().open(asset)
+    }
+}
+
+/// Every method, and those of its forms that are methods of their own as far as results go.
+pub fn every() -> Vec<&'static dyn Method> {
+    methods::ALL.into_iter().chain([&StoredEditable as &dyn Method]).collect()
 }
 
 /// A published material.

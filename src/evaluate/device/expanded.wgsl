@@ -7,6 +7,7 @@ struct Shard {
     // Of all runs.
     receivers: u32,
     terms: u32,
+    padding0: vec4<u32>,
 }
 
 // [point][function] and [receiver][function], RGB.

@@ -36,13 +36,16 @@ struct RunsOfShard {
     receivers: u32,
     /// Of the far field.
     terms: u32,
+    first_receiver: u32,
+    is_signed: u32,
+    padding: [u32; 2],
 }
 
 /// A stage of the evaluation: what it reads and writes, and its work cut to what the adapter binds, with workgroups.
 pub(super) struct Stage {
-    pipeline: wgpu::ComputePipeline,
-    bind_group: wgpu::BindGroup,
-    shards: Vec<(wgpu::BindGroup, u32)>,
+    pub(super) pipeline: wgpu::ComputePipeline,
+    pub(super) bind_group: wgpu::BindGroup,
+    pub(super) shards: Vec<(wgpu::BindGroup, u32)>,
 }
 
 impl Stage {
@@ -82,13 +85,7 @@ impl InterpolatedOnDevice {
     /// Rows, points or receivers beyond the adapter's bindings (exit 5); an odd number of columns or coefficients that do not
     /// fill their rows (exit 4: a caller's mistake).
     pub fn new(device: &Arc<Device>, coefficients: &[i16], width: usize, weights: &SharedWeights) -> Result<Self> {
-        let most = weights.offsets().windows(2).map(|w| w[1] as usize - w[0] as usize).max().unwrap_or(0);
-        let turns = most.max(width.div_ceil(TURN));
-        if turns > MOST_TURNS_OF_SOFTWARE {
-            return Err(Error::unsupported(format!(
-                "sums of {turns} where shaders sum {MOST_TURNS_OF_SOFTWARE}; use --device cpu"
-            )));
-        }
+        check_turns(width.div_ceil(TURN))?;
         if !width.is_multiple_of(2) || !coefficients.len().is_multiple_of(width.max(1)) {
             let count = coefficients.len();
             return Err(Error::runtime(format!("{count} coefficients in rows of {width} on the device")));
@@ -107,13 +104,7 @@ impl InterpolatedOnDevice {
             bind_group: bind(calls, &first, [&columns, &references, &factors].into_iter()),
             shards: shards_of_rows(device, coefficients, width, &second)?,
         };
-        let first = bind_group_layout(calls, "values", &[READ, WRITE]);
-        let second = bind_group_layout(calls, "weights", &[UNIFORM, READ, READ, READ]);
-        let interpolation = Stage {
-            pipeline: pipeline(calls, include_str!("interpolated.wgsl"), "interpolate", [&first, &second]),
-            bind_group: bind(calls, &first, [&references, &radiosity].into_iter()),
-            shards: shards_of_runs(device, weights, &second, (RUNS, 0))?,
-        };
+        let interpolation = Interpolation::new(device).stage(device, weights, [&references, &radiosity], None)?;
         device.check()?;
         Ok(Self { device: Arc::clone(device), columns, width, factors, rows, radiosity, products, interpolation })
     }
@@ -158,6 +149,60 @@ impl InterpolatedOnDevice {
     }
 }
 
+/// Sums over sources that runs of neighbouring targets share, RGB and 0 each.
+pub(super) struct Interpolation {
+    values: wgpu::BindGroupLayout,
+    weights: wgpu::BindGroupLayout,
+    pipeline: wgpu::ComputePipeline,
+}
+
+impl Interpolation {
+    pub(super) fn new(device: &Device) -> Self {
+        let calls = &device.device;
+        let values = bind_group_layout(calls, "values", &[READ, WRITE]);
+        let weights = bind_group_layout(calls, "weights", &[UNIFORM, READ, READ, READ]);
+        let pipeline = pipeline(calls, include_str!("interpolated.wgsl"), "interpolate", [&values, &weights]);
+        Self { values, weights, pipeline }
+    }
+
+    /// From values at sources to targets, which begin at `signed_from` and keep their signs; at 0, clamped to 0, without.
+    ///
+    /// # Errors
+    /// More than the adapter binds, or sums (exit 5).
+    pub(super) fn stage(
+        &self,
+        device: &Device,
+        weights: &SharedWeights,
+        from_and_to: [&wgpu::Buffer; 2],
+        signed_from: Option<u32>,
+    ) -> Result<Stage> {
+        check_turns(longest(weights))?;
+        let shard = RunsOfShard {
+            first_receiver: signed_from.unwrap_or(0),
+            is_signed: u32::from(signed_from.is_some()),
+            ..RunsOfShard::zeroed()
+        };
+        Ok(Stage {
+            pipeline: self.pipeline.clone(),
+            bind_group: bind(&device.device, &self.values, from_and_to.into_iter()),
+            shards: shards_of_runs(device, weights, &self.weights, (RUNS, shard))?,
+        })
+    }
+}
+
+/// Sources of a run at most.
+fn longest(weights: &SharedWeights) -> usize {
+    weights.offsets().windows(2).map(|w| w[1] as usize - w[0] as usize).max().unwrap_or(0)
+}
+
+/// Sums of so many terms in one invocation are right on every adapter, or refused.
+pub(super) fn check_turns(turns: usize) -> Result<()> {
+    if turns <= MOST_TURNS_OF_SOFTWARE {
+        return Ok(());
+    }
+    Err(Error::unsupported(format!("sums of {turns} where shaders sum {MOST_TURNS_OF_SOFTWARE}; use --device cpu")))
+}
+
 /// The values `[point][function]` of a far field, RGB, brought to the receivers by weights: the stage that does it, and what it fills.
 ///
 /// # Errors
@@ -167,20 +212,16 @@ pub(super) fn expansion(
     weights: &SharedWeights,
     (stored, terms): (&wgpu::Buffer, usize),
 ) -> Result<(Stage, wgpu::Buffer)> {
-    let most = weights.offsets().windows(2).map(|w| w[1] as usize - w[0] as usize).max().unwrap_or(0);
-    if most > MOST_TURNS_OF_SOFTWARE {
-        return Err(Error::unsupported(format!(
-            "sums of {most} where shaders sum {MOST_TURNS_OF_SOFTWARE}; use --device cpu"
-        )));
-    }
+    check_turns(longest(weights))?;
     let expanded = device.zeros("far radiosity of the receivers", 12 * (weights.targets() * terms) as u64)?;
     let calls = &device.device;
     let first = bind_group_layout(calls, "far radiosity", &[READ, WRITE]);
     let second = bind_group_layout(calls, "weights", &[UNIFORM, READ, READ, READ]);
+    let shard = RunsOfShard { terms: terms as u32, ..RunsOfShard::zeroed() };
     let stage = Stage {
         pipeline: pipeline(calls, include_str!("expanded.wgsl"), "expand", [&first, &second]),
         bind_group: bind(calls, &first, [stored, &expanded].into_iter()),
-        shards: shards_of_runs(device, weights, &second, (RUNS_OF_EXPANSION, terms))?,
+        shards: shards_of_runs(device, weights, &second, (RUNS_OF_EXPANSION, shard))?,
     };
     Ok((stage, expanded))
 }
@@ -210,7 +251,7 @@ fn shards_of_runs(
     device: &Device,
     weights: &SharedWeights,
     layout: &wgpu::BindGroupLayout,
-    (of_workgroup, terms): (usize, usize),
+    (of_workgroup, shard): (usize, RunsOfShard),
 ) -> Result<Vec<(wgpu::BindGroup, u32)>> {
     // The rows of weights are the largest; every run has some, but for those without sources.
     let binding = device.largest_binding() as usize;
@@ -223,7 +264,7 @@ fn shards_of_runs(
             first_run: runs.start as u32,
             runs: runs.len() as u32,
             receivers: weights.targets() as u32,
-            terms: terms as u32,
+            ..shard
         };
         let offsets: Vec<u32> = offsets.iter().map(|offset| offset - from).collect();
         let bound = [
@@ -238,7 +279,7 @@ fn shards_of_runs(
 }
 
 /// Cuts runs into ranges of at most so many cells and runs; at least one run each.
-fn cut(offsets: &[u32], most_cells: usize, most_runs: usize) -> Vec<Range<usize>> {
+pub(super) fn cut(offsets: &[u32], most_cells: usize, most_runs: usize) -> Vec<Range<usize>> {
     let runs = offsets.len().saturating_sub(1);
     let (mut result, mut first) = (Vec::new(), 0);
     for run in 1..=runs {

@@ -5,7 +5,13 @@ struct Shard {
     runs: u32,
     // Of all runs.
     receivers: u32,
-    padding: u32,
+    terms: u32,
+    // Where the receivers begin in what is written.
+    first_receiver: u32,
+    // 1: negative sums are written as they are, not as 0.
+    is_signed: u32,
+    padding0: u32,
+    padding1: u32,
 }
 
 @group(0) @binding(0) var<storage, read> references: array<vec4<f32>>;
@@ -25,7 +31,8 @@ const UNIT: f32 = 1.0 / 16384.0;
 
 fn store(receiver: u32, sum: vec3<f32>) {
     if receiver < shard.receivers {
-        radiosity[receiver] = vec4(max(sum * UNIT, vec3(0.0)), 0.0);
+        let value = sum * UNIT;
+        radiosity[shard.first_receiver + receiver] = vec4(select(max(value, vec3(0.0)), value, shard.is_signed == 1u), 0.0);
     }
 }
 

@@ -42,7 +42,7 @@ struct Job {
     medium: u32,
     direct: u32,
     round: u32,
-    padding: u32,
+    is_last: u32,
 }
 
 /// What the receivers of a group gather from.
@@ -110,6 +110,19 @@ impl Effort {
             samples: surface.patches.iter().enumerate().map(of_sample).collect(),
             exact_below: near.exact_below,
             three_points_below: near.three_points_below,
+        }
+    }
+
+    /// Of samples that take so many turns, `[closer than the first distance, than the second]`, in radii of a sample.
+    pub fn with_turns(patches: &[Patch], [close, less_close]: [f64; 2], turns: impl Fn(usize) -> [usize; 2]) -> Self {
+        let of_sample = |(index, patch): (usize, &Patch)| {
+            let [exact, three_points] = turns(index);
+            OfSample { patch: *patch, exact, three_points }
+        };
+        Self {
+            samples: patches.iter().enumerate().map(of_sample).collect(),
+            exact_below: close,
+            three_points_below: less_close,
         }
     }
 
@@ -219,7 +232,7 @@ pub fn shards(
                 medium,
                 direct: u32::from(!listed),
                 round: round as u32,
-                padding: 0,
+                is_last: u32::from(round + 1 == cuts.len()),
             }));
         }
         // What adds to a receiver comes after what it adds to.

@@ -49,7 +49,8 @@ struct Job {
     direct: u32,
     // Above 0: adds to what an earlier round wrote.
     round: u32,
-    padding1: u32,
+    // 1: no round of these receivers comes after this.
+    is_last: u32,
 }
 
 struct Settings {

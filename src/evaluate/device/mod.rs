@@ -4,6 +4,7 @@ pub mod far_field;
 pub mod interpolated;
 pub mod jobs;
 pub mod near_field;
+pub mod nets;
 pub mod rows;
 pub mod sampled;
 pub mod surface;

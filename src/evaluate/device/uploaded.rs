@@ -9,6 +9,7 @@ use crate::error::Result;
 use crate::evaluate::Evaluator;
 use crate::evaluate::forward::{forward_scene, forward_single_scattering};
 use crate::light::Light;
+use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::Progress;
 use crate::transport::balanced_tree::power_of_two_near;
 use crate::transport::scene::Medium;
@@ -74,6 +75,10 @@ impl Evaluator for Uploaded {
 
     fn set_media(&mut self, media: Vec<Medium>) -> Result<()> {
         self.evaluator.set_media(media)
+    }
+
+    fn set_profile(&mut self, profile: LoadedProfile) -> Result<()> {
+        self.evaluator.set_profile(profile)
     }
 
     fn set_eye(&mut self, at_mm: DVec3) -> bool {

@@ -2,7 +2,6 @@
 
 use glam::DVec3;
 
-use super::nets::Nets;
 use super::{Bound, Far, SampledEvaluator};
 use crate::compress::ledger::Ledger;
 use crate::evaluate::inter_reflection::Transfer;
@@ -10,6 +9,7 @@ use crate::math::statistics::{VertexError, vertex_error};
 use crate::progress::Silent;
 use crate::transport::gather::{NearField, Scheme};
 use crate::transport::irradiance::Pieces;
+use crate::transport::multilevel::{SurfaceNets, SurfaceTables};
 
 /// Receivers that tune the hierarchy.
 const TUNING_PROBES: usize = 96;
@@ -74,12 +74,12 @@ impl SampledEvaluator {
     }
 
     /// The error of multilevel summation, near field included, against all pairs.
-    pub(super) fn nets_error(&self, nets: &Nets, lit: (&[DVec3], &Pieces)) -> VertexError {
+    fn nets_error(&self, (nets, tables): (&SurfaceNets, &SurfaceTables), lit: (&[DVec3], &Pieces)) -> VertexError {
         let surface = self.surface();
         let gather = self.gather(&surface, NearField::REFERENCE);
         let (subset, indices) = self.receivers.subset(PROBES, 1);
         let truth = gather.radiosity(&subset, &gather.light_with_pieces(lit.0, lit.1), Scheme::AllPairs, &Silent);
-        let all = nets.radiosity(&surface, &self.receivers, lit);
+        let all = nets.radiosity(&surface, tables, lit, self.receivers.len());
         let values: Vec<DVec3> = indices.iter().map(|&i| all[i as usize]).collect();
         let areas: Vec<f64> = indices.iter().map(|&i| self.areas[i as usize]).collect();
         vertex_error(&values, &truth, &areas)
@@ -87,7 +87,7 @@ impl SampledEvaluator {
 
     /// The error of the transfer in force, with what stands for it in a ledger; `None` where it is all pairs.
     pub(super) fn transfer_error(&self, lit: (&[DVec3], &Pieces)) -> Option<(&'static str, VertexError)> {
-        match &self.nets {
+        match self.nets() {
             Some(nets) => Some(("multilevel", self.nets_error(nets, lit))),
             None => self.hierarchy_error(lit.0).map(|error| ("hierarchy", error)),
         }

@@ -10,12 +10,12 @@ use glam::DVec3;
 
 use self::nets::Nets;
 #[cfg(feature = "gpu")]
-use super::device::{Device, DeviceEvaluator, sampled::SampledOnDevice};
+use super::device::{Device, DeviceEvaluator, nets::NetsOnDevice, sampled::SampledOnDevice};
 use super::environment::{StoredRows, error_of_rows};
 use super::inter_reflection::{Outside, Returned, Transfer};
 use super::sampling_error::{Sampled, receiver_areas};
 use super::single_scattering::{LitScene, TowardsEye, Traced};
-use super::{Capabilities, Cost, Evaluator, MaterialEdit, SingleScattering};
+use super::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit, SingleScattering};
 use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
@@ -27,7 +27,7 @@ use crate::progress::Progress;
 use crate::transport::gather::{Criterion, Gather, Lit, MediumKernel, NearField, Scheme};
 use crate::transport::interreflection::InterReflection;
 use crate::transport::irradiance::{Illumination, LightSampling, Pieces};
-use crate::transport::multilevel::Quality;
+use crate::transport::multilevel::{Quality, SurfaceNets, SurfaceTables};
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::{self, Medium, Scene, Surface};
 use crate::transport::tree::SampleTree;
@@ -281,8 +281,9 @@ impl SampledEvaluator {
         Ok(Illumination::new(&self.surface(), lights, &etas, self.plan.sampling)?.all_with_pieces(progress))
     }
 
-    /// Radiosity of every receiver by multilevel summation; there must have been [`Self::irradiance`].
-    fn by_nets(&mut self, mut nets: Nets, progress: &dyn Progress) -> Vec<DVec3> {
+    /// Makes what [`Self::nets`] gives, where radiosity is summed over nets.
+    pub fn prepare_nets(&mut self, progress: &dyn Progress) {
+        let Some(mut nets) = self.nets.take() else { return };
         if !nets.is_prepared() {
             let kernels = match &self.profile {
                 Some((_, kernels)) => kernels.clone(),
@@ -290,9 +291,12 @@ impl SampledEvaluator {
             };
             nets.prepare(&self.surface(), &self.receivers, &kernels, progress);
         }
-        let values = nets.radiosity(&self.surface(), &self.receivers, self.lit());
         self.nets = Some(nets);
-        values
+    }
+
+    /// Nets, and tables of the media and profiles in force: there must have been [`Self::prepare_nets`].
+    pub fn nets(&self) -> Option<(&SurfaceNets, &SurfaceTables)> {
+        self.nets.as_ref()?.prepared()
     }
 
     fn scheme(&self) -> Scheme {
@@ -307,7 +311,8 @@ impl SampledEvaluator {
 
 impl Evaluator for SampledEvaluator {
     fn capabilities(&self) -> Capabilities {
-        Capabilities { material: MaterialEdit::Any }
+        let profile = if self.nets.is_some() { ProfileEdit::Any } else { ProfileEdit::OnCpu };
+        Capabilities { material: MaterialEdit::Any, profile }
     }
 
     fn cost(&self) -> Cost {
@@ -370,8 +375,9 @@ impl Evaluator for SampledEvaluator {
 
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
         self.irradiance(progress)?;
-        let values = match self.nets.take() {
-            Some(nets) => self.by_nets(nets, progress),
+        self.prepare_nets(progress);
+        let values = match self.nets() {
+            Some((nets, tables)) => nets.radiosity(&self.surface(), tables, self.lit(), self.receivers.len()),
             None => {
                 let scheme = self.tuned_scheme();
                 self.with_gather(|gather, lit| gather.radiosity(&self.receivers, lit, scheme, progress))
@@ -427,9 +433,7 @@ impl Evaluator for SampledEvaluator {
         if let Some(single) = self.single {
             single.enter_noise(self.lit_scene(), &mut ledger)?;
         }
-        if let Some(nets) = self.nets.take() {
-            self.by_nets(nets, progress);
-        }
+        self.prepare_nets(progress);
         let Some((stage, mut error)) = self.transfer_error(self.lit()) else { return Ok(ledger) };
         for light in unseen {
             let (irradiance, pieces) = self.illuminate(std::slice::from_ref(light), progress)?;
@@ -454,8 +458,13 @@ impl Evaluator for SampledEvaluator {
 
     #[cfg(feature = "gpu")]
     fn on_device(self: Box<Self>, device: &Arc<Device>) -> Result<Box<dyn DeviceEvaluator>> {
+        if self.nets.is_some() {
+            return Ok(Box::new(NetsOnDevice::new(*self, device)?));
+        }
         if self.profile.is_some() {
-            return Err(Error::unsupported("the shaders know the dipole alone; use --device cpu with --profile"));
+            return Err(Error::unsupported(
+                "the shaders that sum all pairs and trees know the dipole alone; use --device cpu with --profile",
+            ));
         }
         Ok(Box::new(SampledOnDevice::new(*self, device)?))
     }

@@ -1,10 +1,7 @@
 //! Radiosity by multilevel summation: nets once for the samples, tables for each set of media.
 
-use glam::DVec3;
-
 use crate::progress::Progress;
 use crate::transport::gather::MediumKernel;
-use crate::transport::irradiance::Pieces;
 use crate::transport::multilevel::{Quality, SurfaceNets, SurfaceTables};
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::Surface;
@@ -29,7 +26,7 @@ impl Nets {
 
     /// Whether [`Self::prepare`] has nothing left to do.
     pub(super) fn is_prepared(&self) -> bool {
-        self.nets.is_some() && self.tables.is_some()
+        self.prepared().is_some()
     }
 
     /// Makes what is missing.
@@ -50,12 +47,9 @@ impl Nets {
         self.tables.get_or_insert_with(|| nets.tables(kernels));
     }
 
-    /// Radiosity of every receiver; nothing before [`Self::prepare`].
-    pub(super) fn radiosity(&self, surface: &Surface, receivers: &Receivers, lit: (&[DVec3], &Pieces)) -> Vec<DVec3> {
-        match (&self.nets, &self.tables) {
-            (Some(nets), Some(tables)) => nets.radiosity(surface, tables, lit, receivers.len()),
-            _ => vec![DVec3::ZERO; receivers.len()],
-        }
+    /// What there is after [`Self::prepare`].
+    pub(super) fn prepared(&self) -> Option<(&SurfaceNets, &SurfaceTables)> {
+        self.nets.as_ref().zip(self.tables.as_ref())
     }
 
     /// Bytes in memory.

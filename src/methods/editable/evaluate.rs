@@ -20,7 +20,7 @@ use crate::evaluate::device::{Device, DeviceEvaluator};
 use crate::evaluate::environment::{StoredRows, error_of_rows};
 use crate::evaluate::far_field::FarSums;
 use crate::evaluate::sampling_error::{Sampled, receiver_areas};
-use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit};
+use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit};
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::{Patch, Samples};
 use crate::light::Light;
@@ -203,7 +203,7 @@ impl EditableEvaluator {
 
 impl Evaluator for EditableEvaluator {
     fn capabilities(&self) -> Capabilities {
-        Capabilities { material: MaterialEdit::Any }
+        Capabilities { material: MaterialEdit::Any, profile: ProfileEdit::None }
     }
 
     fn cost(&self) -> Cost {

@@ -1,4 +1,5 @@
-//! `editable`: transport of a basis of R_d, so that the material is chosen when the asset is evaluated (Wang et al. 2008).
+//! `editable`: the material is chosen when the asset is evaluated (Wang et al. 2008): sums over samples at run time, or stored
+//! transport of a basis of R_d.
 
 mod bake;
 mod choice;
@@ -29,8 +30,8 @@ pub struct Editable;
 
 const TRANSPORT: Key = Key {
     name: "transport",
-    default: "stored",
-    help: "stored (of a basis of R_d), or none: samples alone, summed at run time with any profile, at any size",
+    default: "none",
+    help: "none: samples alone, summed at run time with any profile, at any size; or stored, of a basis of R_d",
 };
 
 const BASIS: Key = Key {
@@ -83,14 +84,14 @@ const KEYS: &[Key] =
 /// What charts compare.
 const LADDER: &[&str] = &[
     "",
-    "--max-rms 4%",
-    "--max-rms 2%",
-    "--samples 32768",
-    "--max-rms 0.5%",
-    "--max-rms 0.5% --samples 262144",
-    "--set transport=none",
-    "--max-rms 0.2% --set transport=none",
-    "--samples 32768 --set transport=none --set points=1",
+    "--max-rms 0.2%",
+    "--samples 32768 --set points=1",
+    "--set transport=stored",
+    "--max-rms 4% --set transport=stored",
+    "--max-rms 2% --set transport=stored",
+    "--samples 32768 --set transport=stored",
+    "--max-rms 0.5% --set transport=stored",
+    "--max-rms 0.5% --samples 262144 --set transport=stored",
 ];
 
 impl Method for Editable {
@@ -99,7 +100,7 @@ impl Method for Editable {
     }
 
     fn summary(&self) -> &'static str {
-        "transport of a basis of R_d, wavelet-compressed; the material is chosen later (Wang et al. 2008)"
+        "the material is chosen later: samples summed at run time, or transport of a basis of R_d (Wang et al. 2008)"
     }
 
     fn keys(&self) -> &'static [Key] {

@@ -149,8 +149,8 @@ impl App {
             .map_err(|e| Error::unsupported(format!("no window can be opened: {e}; use --headless")))?;
         let screen = Screen::new(event_loop, Arc::new(window))?;
         let camera = session.camera.resolve(&session.evaluator.scene().mesh, screen.resolution())?;
-        let material = session.evaluator.capabilities().material;
-        let locked = locked(session.profiles, material, session.choice);
+        let capabilities = session.evaluator.capabilities();
+        let (material, locked) = (capabilities.material, locked(capabilities, session.choice));
         let profile = ProfileInForce::new(session.profile.clone(), Arc::new(session.profile.load()?), locked);
         let in_place = profile.in_place();
         let scene = session.evaluator.scene();

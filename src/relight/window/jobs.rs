@@ -9,7 +9,6 @@ use glam::DVec3;
 use rayon::ThreadPool;
 
 use super::placing::Placing;
-use super::{OpenedModel, Profiles};
 use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
 use crate::evaluate::device::DeviceEvaluator;
@@ -67,7 +66,6 @@ pub(super) enum Outcome {
     Model {
         path: PathBuf,
         evaluator: Box<dyn DeviceEvaluator>,
-        profiles: Profiles,
         note: Option<String>,
     },
     /// Why there is no such profile, or the evaluator that has it.
@@ -182,9 +180,9 @@ fn run(job: Job, placing: &Placing, progress: &dyn Progress) -> Result<Outcome> 
             Ok(Outcome::Saved(vec![path]))
         }
         Job::Model(path) => {
-            let OpenedModel { evaluator, profiles } = (placing.open)(&path, None)?;
+            let evaluator = (placing.open)(&path, None)?;
             let (evaluator, note) = placing.place(&path, None, evaluator)?;
-            Ok(Outcome::Model { path, evaluator, profiles, note })
+            Ok(Outcome::Model { path, evaluator, note })
         }
         Job::Profile { model, media, profile } => Ok(Outcome::Profile(profiled(&model, &media, profile, placing))),
         Job::Environment(path) => {

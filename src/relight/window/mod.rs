@@ -31,24 +31,7 @@ use crate::render::film::Exposure;
 use crate::render::texture::spec::TextureSpec;
 
 /// Opens the asset of a path as it was baked, with another radial profile in the dipole's place where one is given.
-pub type OpenModel = Arc<dyn Fn(&Path, Option<&LoadedProfile>) -> Result<OpenedModel> + Send + Sync>;
-
-/// An asset that was opened.
-pub struct OpenedModel {
-    /// Its evaluator.
-    pub evaluator: Box<dyn Evaluator>,
-    /// What it takes.
-    pub profiles: Profiles,
-}
-
-/// Which radial profiles an asset takes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Profiles {
-    /// The one that its transport was computed for.
-    Dipole,
-    /// Any, since it stores no transport.
-    Any,
-}
+pub type OpenModel = Arc<dyn Fn(&Path, Option<&LoadedProfile>) -> Result<Box<dyn Evaluator>> + Send + Sync>;
 
 /// What to show, and how to start.
 pub struct Session {
@@ -58,8 +41,6 @@ pub struct Session {
     pub evaluator: Box<dyn Evaluator>,
     /// The profile in force.
     pub profile: ProfileModel,
-    /// Those that the asset takes.
-    pub profiles: Profiles,
     /// Opens assets: the same one again, and dropped ones.
     pub open: OpenModel,
     /// Lights to start with.

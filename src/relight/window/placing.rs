@@ -3,10 +3,10 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use super::{OpenModel, Profiles};
+use super::OpenModel;
 use crate::error::Result;
 use crate::evaluate::device::{Device, DeviceEvaluator};
-use crate::evaluate::{Evaluator, MaterialEdit};
+use crate::evaluate::{Capabilities, Evaluator, MaterialEdit, ProfileEdit};
 use crate::medium::profiles::model::LoadedProfile;
 use crate::relight::choice::{self, DeviceChoice};
 use crate::transport::scene::Medium;
@@ -30,7 +30,7 @@ impl Placing {
         profile: Option<&LoadedProfile>,
         media: &[Medium],
     ) -> Result<Box<dyn Evaluator>> {
-        let mut evaluator = (self.open)(model, profile)?.evaluator;
+        let mut evaluator = (self.open)(model, profile)?;
         if evaluator.scene().media != media {
             evaluator.set_media(media.to_vec())?;
         }
@@ -54,18 +54,18 @@ impl Placing {
 }
 
 /// Why a window has no other profile than the one in force.
-pub(super) fn locked(profiles: Profiles, material: MaterialEdit, choice: DeviceChoice) -> Option<&'static str> {
-    match (profiles, material, choice) {
-        (_, MaterialEdit::None, _) => {
-            Some("baked in with the material; bake with --method two_pass for other profiles")
+pub(super) fn locked(capabilities: Capabilities, choice: DeviceChoice) -> Option<&'static str> {
+    match (capabilities.profile, capabilities.material, choice) {
+        (ProfileEdit::None, MaterialEdit::None, _) => {
+            Some("baked in with the material; bake with --method editable for other profiles")
         }
-        (Profiles::Dipole, ..) => Some(
-            "the transport in this asset is that of dipoles; bake with --method two_pass, which stores none, for other profiles",
+        (ProfileEdit::None, ..) => Some(
+            "the transport in this asset is that of dipoles; bake without --set transport=stored for other profiles",
         ),
-        (Profiles::Any, _, DeviceChoice::Gpu) => {
-            Some("the shaders know the dipole alone; leave out --device gpu for other profiles")
-        }
-        (Profiles::Any, ..) => None,
+        (ProfileEdit::OnCpu, _, DeviceChoice::Gpu) => Some(
+            "the shaders of this method know the dipole alone; leave out --device gpu, or bake with --method editable",
+        ),
+        (ProfileEdit::OnCpu | ProfileEdit::Any, ..) => None,
     }
 }
 
@@ -74,13 +74,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn profiles_are_for_samples_that_the_cpu_gathers() {
-        let of = |profiles, choice| locked(profiles, MaterialEdit::Any, choice);
-        assert_eq!(of(Profiles::Any, DeviceChoice::Auto), None);
-        assert_eq!(of(Profiles::Any, DeviceChoice::Cpu), None);
-        assert!(of(Profiles::Any, DeviceChoice::Gpu).is_some_and(|reason| reason.contains("--device gpu")));
-        assert!(of(Profiles::Dipole, DeviceChoice::Cpu).is_some_and(|reason| reason.contains("two_pass")));
-        let baked = locked(Profiles::Dipole, MaterialEdit::None, DeviceChoice::Auto);
+    fn profiles_are_for_samples_without_transport() {
+        let of = |profile, choice| locked(Capabilities { material: MaterialEdit::Any, profile }, choice);
+        for choice in [DeviceChoice::Auto, DeviceChoice::Cpu, DeviceChoice::Gpu] {
+            assert_eq!(of(ProfileEdit::Any, choice), None);
+            assert_eq!(of(ProfileEdit::OnCpu, choice).is_some(), choice == DeviceChoice::Gpu);
+            assert!(of(ProfileEdit::None, choice).is_some_and(|reason| reason.contains("transport=stored")));
+        }
+        let baked = Capabilities { material: MaterialEdit::None, profile: ProfileEdit::None };
+        let baked = locked(baked, DeviceChoice::Auto);
         assert!(baked.is_some_and(|reason| reason.contains("baked in")));
     }
 }

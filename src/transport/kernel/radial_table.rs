@@ -31,7 +31,7 @@ static RULES: [super::EdgeRule; 3] = [(2.0, &GAUSS_8), (20.0, &GAUSS_12), (f32::
 const WIDEST: Level = Level::Avx2;
 
 /// RGB and nothing.
-pub(in crate::transport) type Rgb = [f32; 4];
+pub(crate) type Rgb = [f32; 4];
 
 /// A segment: the value at its start, and its slope.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -163,6 +163,13 @@ impl RadialTable {
             *beyond = x - f32::from_bits(bits << SHIFT);
         }
         at
+    }
+
+    /// What a shader looks R_d up in: the square that is added to r^2, mm^2; its upper bits, which are those of the first segment; the
+    /// segments, the value at the start of each and its slope per mm^2.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn segments(&self) -> (f32, u32, Vec<[Rgb; 2]>) {
+        (self.scale2, self.first, self.reflectance.iter().map(|s| [s.value, s.slope]).collect())
     }
 
     /// Bytes in memory.

@@ -17,9 +17,9 @@ const NOTHING: f64 = 1e-7;
 
 /// A profile softened inside one radius less the same softened inside another.
 #[derive(Clone, Debug)]
-pub(super) struct SmoothTable {
+pub(crate) struct SmoothTable {
     /// Segments per mm^2.
-    per_mm2: f32,
+    pub(crate) per_mm2: f32,
     /// The last one is zero.
     segments: Vec<Segment>,
     nothing: bool,
@@ -62,8 +62,14 @@ impl SmoothTable {
         Self { per_mm2: step.recip() as f32, segments, nothing }
     }
 
+    /// Its segments: the value at the start of each, and what it gains up to its end.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn segments(&self) -> Vec<[[f32; 4]; 2]> {
+        self.segments.iter().map(|s| [s.value, s.slope]).collect()
+    }
+
     /// Whether it is negligible everywhere.
-    pub(super) fn is_nothing(&self) -> bool {
+    pub(crate) fn is_nothing(&self) -> bool {
         self.nothing
     }
 }

@@ -17,7 +17,9 @@ use rayon::prelude::*;
 
 use self::kernel::{PointBlock, SmoothTable};
 pub use self::surface::{NearRule, Quality, SurfaceNets, SurfaceTables};
-use self::weights::Adjoint;
+pub(crate) use self::weights::Adjoint;
+#[cfg(feature = "gpu")]
+pub(crate) use self::{near::Compact, surface::Part as NetsOfPart};
 use super::interpolation::SharedWeights;
 use super::simd::Level;
 use crate::geometry::cluster::{self, Run};
@@ -47,30 +49,30 @@ const FEW: usize = 600;
 const GROUP: usize = 16;
 
 /// A surface's nets, finest first.
-pub(super) struct Multilevel {
+pub(crate) struct Multilevel {
     resolution: Resolution,
-    levels: Vec<Net>,
-    from_samples: Adjoint,
-    to_receivers: SharedWeights,
+    pub(crate) levels: Vec<Net>,
+    pub(crate) from_samples: Adjoint,
+    pub(crate) to_receivers: SharedWeights,
 }
 
 /// Points of one spacing.
-struct Net {
+pub(crate) struct Net {
     /// Group after group.
     points: Vec<OrientedPoint>,
-    at: Vec<[f32; 3]>,
-    groups: Vec<Run>,
+    pub(crate) at: Vec<[f32; 3]>,
+    pub(crate) groups: Vec<Run>,
     /// Points within reach of some point of group `g` are `around[offsets[g]..offsets[g + 1]]`.
-    offsets: Vec<usize>,
-    around: Vec<u32>,
+    pub(crate) offsets: Vec<usize>,
+    pub(crate) around: Vec<u32>,
     /// From this net to the next coarser, and back.
-    up: Adjoint,
-    down: SharedWeights,
+    pub(crate) up: Adjoint,
+    pub(crate) down: SharedWeights,
 }
 
 /// Tables of one medium for every level.
-pub(super) struct Tables {
-    levels: Vec<SmoothTable>,
+pub(crate) struct Tables {
+    pub(crate) levels: Vec<SmoothTable>,
 }
 
 impl Multilevel {

@@ -41,10 +41,11 @@ const PIECE_IS_POINT: f32 = 3.0;
 const MOST_SPLITS: u32 = 16;
 
 /// Samples around groups of receivers.
-pub(super) struct NearSamples {
+pub(crate) struct NearSamples {
     /// Those of group `g` are `samples[offsets[g]..offsets[g + 1]]`.
-    offsets: Vec<usize>,
-    samples: Vec<u32>,
+    pub(crate) offsets: Vec<usize>,
+    /// From the first sample of the part on.
+    pub(crate) samples: Vec<u32>,
     groups: Vec<Run>,
     receivers: Vec<DVec3>,
 }
@@ -140,16 +141,16 @@ pub struct NearRule {
 }
 
 /// The compact part of three profiles.
-pub(super) struct Compact {
+pub(crate) struct Compact {
     /// At a point.
-    pub(super) point: RadialTable,
+    pub(crate) point: RadialTable,
     /// Mean over the disc that stands for a sample.
-    pub(super) disc: RadialTable,
+    pub(crate) disc: RadialTable,
     /// Depth of the shallowest real source, mm.
-    pub(super) smooth_mm: f64,
-    pub(super) rule: NearRule,
+    pub(crate) smooth_mm: f64,
+    pub(crate) rule: NearRule,
     /// Six points are enough for a piece of a facet above this distance over its radius.
-    pub(super) split_below: f32,
+    pub(crate) split_below: f32,
 }
 
 /// Lit samples that some receiver of a group may be too near to for a disc, positions relative to its centre, mm.

@@ -52,19 +52,19 @@ impl Quality {
 
 /// The nets of a surface for its receivers.
 pub struct SurfaceNets {
-    parts: Vec<Part>,
+    pub(crate) parts: Vec<Part>,
     facets: Facets,
     quality: Quality,
 }
 
 /// One part that light enters.
-struct Part {
+pub(crate) struct Part {
     medium: usize,
     groups: Vec<Run>,
-    samples: std::ops::Range<usize>,
-    receivers: std::ops::Range<usize>,
-    nets: Multilevel,
-    near: NearSamples,
+    pub(crate) samples: std::ops::Range<usize>,
+    pub(crate) receivers: std::ops::Range<usize>,
+    pub(crate) nets: Multilevel,
+    pub(crate) near: NearSamples,
     extent_mm: f64,
 }
 
@@ -75,7 +75,7 @@ fn softening(quality: Quality, samples: usize, extent_mm: f64, spacing_mm: f64) 
 
 /// What follows from the media: tables of every part.
 pub struct SurfaceTables {
-    parts: Vec<(Tables, Compact)>,
+    pub(crate) parts: Vec<(Tables, Compact)>,
 }
 
 impl SurfaceNets {

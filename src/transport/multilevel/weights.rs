@@ -9,10 +9,11 @@ const TASK: usize = 256;
 
 /// The transpose of interpolation weights.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Adjoint {
+pub(crate) struct Adjoint {
     /// Of coarse point `i` the cells `offsets[i]..offsets[i + 1]`.
-    offsets: Vec<usize>,
-    cells: Vec<(u32, f32)>,
+    pub(crate) offsets: Vec<usize>,
+    /// A fine point and its weight each.
+    pub(crate) cells: Vec<(u32, f32)>,
 }
 
 impl Adjoint {

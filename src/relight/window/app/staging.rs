@@ -7,7 +7,6 @@ use crate::error::Result;
 use crate::evaluate::device::DeviceEvaluator;
 use crate::relight::raster::Raster;
 use crate::relight::raster::target::Finish;
-use crate::relight::window::Profiles;
 use crate::relight::window::desk::KnownError;
 use crate::relight::window::editing::ProfileInForce;
 use crate::relight::window::jobs::{Outcome, Profiled};
@@ -77,8 +76,8 @@ impl App {
                     None => shown.desk.say("the environment is in place"),
                 }
             }
-            Outcome::Model { path, evaluator, profiles, note } => {
-                if let Err(error) = self.replace_model(&mut shown, &path, evaluator, profiles, note) {
+            Outcome::Model { path, evaluator, note } => {
+                if let Err(error) = self.replace_model(&mut shown, &path, evaluator, note) {
                     shown.desk.complain(error.message());
                 }
             }
@@ -98,18 +97,18 @@ impl App {
         shown: &mut Shown,
         path: &std::path::Path,
         evaluator: Box<dyn DeviceEvaluator>,
-        profiles: Profiles,
         note: Option<String>,
     ) -> Result<()> {
         let scene = evaluator.scene().clone();
-        let material = evaluator.capabilities().material;
+        let capabilities = evaluator.capabilities();
+        let material = capabilities.material;
         let camera = self.settings.camera.resolve(&scene.mesh, self.viewport)?;
         let (texture, untextured) = match Texture::new(&self.settings.texture, &scene.mesh) {
             Ok(texture) => (texture.map(Arc::new), None),
             Err(error) => (None, Some(error)),
         };
         shown.put(self.stage(&shown.screen, evaluator, texture.as_deref())?);
-        let profile = ProfileInForce::dipole(locked(profiles, material, self.settings.choice));
+        let profile = ProfileInForce::dipole(locked(capabilities, self.settings.choice));
         shown.desk.replace_model(path.to_owned(), &scene, material, profile, &camera);
         shown.desk.has_texture = texture.is_some();
         shown.texture = texture;

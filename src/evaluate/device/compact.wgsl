@@ -1,0 +1,199 @@
+// The compact part of a kernel, sample by sample, as in transport/multilevel/near.rs, added to what nets of points bring.
+
+// Where a part's tables of R_d less its softened form are: at a point, and averaged over a disc.
+struct Compact {
+    point_scale2: f32,
+    point_bits: u32,
+    point_first: u32,
+    point_last: u32,
+    disc_scale2: f32,
+    disc_bits: u32,
+    disc_first: u32,
+    disc_last: u32,
+    smooth2: f32,
+    split2: f32,
+    // In radii of a sample.
+    facets_below: f32,
+    pieces_below: f32,
+}
+
+// E times area of every sample, RGB and 0.
+@group(1) @binding(2) var<storage, read> flux: array<vec4<f32>>;
+@group(1) @binding(3) var<storage, read> compact: array<Compact>;
+// A value at the start of each segment, and its slope per mm^2.
+@group(1) @binding(4) var<storage, read> segments: array<vec4<f32>>;
+
+// Mantissa bits within a segment.
+const SHIFT: u32 = 17u;
+const MOST_SPLITS: u32 = 16u;
+const PIECE_IS_POINT2: f32 = 9.0;
+const THREE_BEYOND2: f32 = 4.0;
+
+// Dunavant's six points of degree 4: how far three of them are from the centroid on the way to the corners, and their weight.
+const INNER: vec2<f32> = vec2(1.5 * 0.108103018168070 - 0.5, 0.223381589678011);
+const OUTER: vec2<f32> = vec2(1.5 * 0.816847572980459 - 0.5, 0.109951743655322);
+const MIDDLE: vec2<f32> = vec2(0.5, 1.0 / 3.0);
+
+fn looked_up(scale2: f32, start: u32, first: u32, last: u32, r2: f32) -> vec3<f32> {
+    let x = max(r2, 0.0) + scale2;
+    let bits = bitcast<u32>(x) >> SHIFT;
+    let at = 2u * (first + min(bits - min(start, bits), last));
+    return segments[at].xyz + segments[at + 1u].xyz * (x - bitcast<f32>(bits << SHIFT));
+}
+
+fn at_point(table: u32, r2: f32) -> vec3<f32> {
+    return looked_up(compact[table].point_scale2, compact[table].point_bits, compact[table].point_first, compact[table].point_last, r2);
+}
+
+fn at_disc(table: u32, r2: f32) -> vec3<f32> {
+    return looked_up(compact[table].disc_scale2, compact[table].disc_bits, compact[table].disc_first, compact[table].disc_last, r2);
+}
+
+fn area_of(p: array<vec3<f32>, 3>) -> f32 {
+    return 0.5 * length(cross(p[1] - p[0], p[2] - p[0]));
+}
+
+// Three points of a triangle.
+fn three_of(table: u32, p: array<vec3<f32>, 3>, middle: vec3<f32>, rule: vec2<f32>) -> vec3<f32> {
+    var corner = p;
+    var sum = vec3(0.0);
+    for (var k = 0u; k < 3u; k += 1u) {
+        let at = middle + rule.x * (corner[k] - middle);
+        sum += at_point(table, dot(at, at));
+    }
+    return rule.y * sum;
+}
+
+fn largest2(p: array<vec3<f32>, 3>, middle: vec3<f32>) -> f32 {
+    let a = p[0] - middle;
+    let b = p[1] - middle;
+    let c = p[2] - middle;
+    return max(dot(a, a), max(dot(b, b), dot(c, c)));
+}
+
+// A quarter of a triangle: at a corner, or in the middle.
+fn quarter(p: array<vec3<f32>, 3>, which: u32) -> array<vec3<f32>, 3> {
+    let ab = 0.5 * (p[0] + p[1]);
+    let bc = 0.5 * (p[1] + p[2]);
+    let ca = 0.5 * (p[2] + p[0]);
+    switch which {
+        case 0u: { return array<vec3<f32>, 3>(p[0], ab, ca); }
+        case 1u: { return array<vec3<f32>, 3>(ab, p[1], bc); }
+        case 2u: { return array<vec3<f32>, 3>(ca, bc, p[2]); }
+        default: { return array<vec3<f32>, 3>(ab, bc, ca); }
+    }
+}
+
+// A triangle in quarters that are small enough, depth first; two bits of the path for each level above the current one.
+fn split(table: u32, whole: array<vec3<f32>, 3>) -> vec3<f32> {
+    var sum = vec3(0.0);
+    var path = 0u;
+    var depth = 0u;
+    loop {
+        var p = whole;
+        for (var level = 0u; level < depth; level += 1u) {
+            p = quarter(p, extractBits(path, 2u * level, 2u));
+        }
+        let middle = (p[0] + p[1] + p[2]) / 3.0;
+        if depth < MOST_SPLITS
+            && dot(middle, middle) + compact[table].smooth2 < compact[table].split2 * largest2(p, middle) {
+            path = insertBits(path, 0u, 2u * depth, 2u);
+            depth += 1u;
+            continue;
+        }
+        sum += area_of(p) * (three_of(table, p, middle, INNER) + three_of(table, p, middle, OUTER));
+        // The last quarters of their triangles are done with.
+        while depth > 0u && extractBits(path, 2u * (depth - 1u), 2u) == 3u {
+            depth -= 1u;
+        }
+        if depth == 0u {
+            break;
+        }
+        path += 1u << (2u * (depth - 1u));
+    }
+    return sum;
+}
+
+fn of_facet(table: u32, p: array<vec3<f32>, 3>) -> vec3<f32> {
+    let middle = (p[0] + p[1] + p[2]) / 3.0;
+    let from2 = dot(middle, middle) + compact[table].smooth2;
+    let near2 = compact[table].split2 * largest2(p, middle);
+    if from2 < near2 {
+        return split(table, p);
+    }
+    if from2 < THREE_BEYOND2 * near2 {
+        return area_of(p) * (three_of(table, p, middle, INNER) + three_of(table, p, middle, OUTER));
+    }
+    return area_of(p) * three_of(table, p, middle, MIDDLE);
+}
+
+fn of_piece(table: u32, p: array<vec3<f32>, 3>) -> vec3<f32> {
+    let middle = (p[0] + p[1] + p[2]) / 3.0;
+    let r2 = dot(middle, middle);
+    if r2 + compact[table].smooth2 < PIECE_IS_POINT2 * largest2(p, middle) {
+        return split(table, p);
+    }
+    return area_of(p) * at_point(table, r2);
+}
+
+fn of_sample(table: u32, index: u32, at: vec3<f32>) -> vec3<f32> {
+    let offset = patches[index].centre - at;
+    let r2 = dot(offset, offset);
+    let radius2 = patches[index].radius * patches[index].radius;
+    let smooth2 = compact[table].smooth2;
+    let facets2 = compact[table].facets_below * compact[table].facets_below * radius2 - smooth2;
+    var sum = vec3(0.0);
+    let first = first_piece[index];
+    if first != EVEN && r2 < max(compact[table].pieces_below * compact[table].pieces_below * radius2 - smooth2, facets2) {
+        for (var piece = first; piece < first + settings.pieces; piece += 1u) {
+            let a = pieces[3u * piece];
+            let b = pieces[3u * piece + 1u];
+            let c = pieces[3u * piece + 2u];
+            let p = array<vec3<f32>, 3>(offset + a.xyz, offset + b.xyz, offset + c.xyz);
+            sum += vec3(a.w, b.w, c.w) * of_piece(table, p);
+        }
+    }
+    if r2 >= facets2 {
+        return sum + flux[index].xyz * at_disc(table, r2);
+    }
+    var mean = vec3(0.0);
+    for (var facet = patches[index].first_facet; facet < patches[index].end_facet; facet += 1u) {
+        let k = 9u * facet;
+        let p = array<vec3<f32>, 3>(
+            offset + vec3(corners[k], corners[k + 1u], corners[k + 2u]),
+            offset + vec3(corners[k + 3u], corners[k + 4u], corners[k + 5u]),
+            offset + vec3(corners[k + 6u], corners[k + 7u], corners[k + 8u]),
+        );
+        mean += of_facet(table, p);
+    }
+    return sum + irradiance[index].xyz * mean;
+}
+
+@compute @workgroup_size(64)
+fn near(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
+    let job = group.x;
+    let lane = thread % LANES;
+    let receiver = jobs[job].first_receiver + lane;
+    let end_receiver = jobs[job].end_receiver;
+    let at = receivers[min(receiver, end_receiver - 1u)].xyz;
+    let table = jobs[job].medium;
+    let end = jobs[job].end_entry;
+    var total = vec3(0.0);
+    var partial = vec3(0.0);
+    var count = 0u;
+    for (var i = jobs[job].first_entry + thread / LANES; i < end; i += SLICES) {
+        partial += of_sample(table, list[i], at);
+        count += 1u;
+        if (count & FLUSH) == 0u {
+            total += partial;
+            partial = vec3(0.0);
+        }
+    }
+    slices[thread] = total + partial;
+    workgroupBarrier();
+    if thread < LANES && receiver < end_receiver {
+        let sum = radiosity[receiver].xyz + sum_of(lane);
+        // What interpolation takes away where there is next to nothing is not less than nothing.
+        radiosity[receiver] = vec4(select(sum, max(sum, vec3(0.0)), jobs[job].is_last == 1u), 0.0);
+    }
+}
