@@ -8,12 +8,12 @@ use std::time::Instant;
 
 use glam::DVec3;
 use translux::math::random::uniform;
+use translux::math::simd::Level;
 use translux::medium::fresnel::BoundaryFit;
 use translux::medium::material::preset;
 use translux::medium::profile::Profile;
 use translux::transport::kernel::radial_table::{self, RadialTable};
 use translux::transport::kernel::{Block, FlatSource, KernelRgb, PointSource, add_points, add_triangles};
-use translux::transport::simd::Level;
 
 /// Pairs of a second, a core and a channel that the project asks for.
 const TARGET: f64 = 1e9;

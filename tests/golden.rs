@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use glam::DVec3;
-use in_memory::{lit, open, scene, scene_of};
+use in_memory::{lit, open, scene, scene_of, try_bake};
 use translux::evaluate::Evaluator;
 use translux::geometry::mesh::Scale;
 use translux::geometry::shapes;
@@ -19,6 +19,7 @@ use translux::geometry::source::SourceModel;
 use translux::io::exr::{ExrPlane, decode_planes};
 use translux::io::exr_write::{ExrChannel, ExrImage, ExrLayer, SampleKind};
 use translux::light::{Light, sky};
+use translux::methods;
 use translux::progress::Silent;
 use translux::render::camera::{Camera, Resolution};
 use translux::render::frame::{Frame, Pixel, RenderSettings, render};
@@ -139,7 +140,9 @@ fn pictures_are_the_stored_ones() {
     check("head_sky", evaluator, Light::environment(Arc::new(sky::sky()), 0.0, DVec3::ONE).unwrap());
     let back = Light::directional(DVec3::new(-0.6, 0.5, -1.0), DVec3::new(3.0, 2.9, 2.7)).unwrap();
     check("head_back", evaluator, back);
-    let mut evaluator = open("editable", still_life(), Some(SAMPLES));
+    let editable = methods::named("editable").unwrap();
+    let stored = try_bake(editable, still_life(), Some(SAMPLES), &[("transport".into(), "stored".into())]).unwrap();
+    let mut evaluator = editable.open(Arc::new(stored)).unwrap();
     let evaluator = evaluator.as_mut();
     check("still_life_point", evaluator, Light::point(DVec3::new(-15.0, 25.0, 20.0), DVec3::splat(2000.0)).unwrap());
     let (at, size) = (DVec3::new(20.0, 25.0, 5.0), [12.0, 8.0]);

@@ -23,8 +23,10 @@ const MATERIALS: [&str; 4] = ["marble", "skin1", "ketchup", "chicken1"];
 type Form = (&'static str, f64, &'static [(&'static str, &'static str)]);
 
 /// Stored transport, and none.
-const FORMS: [Form; 2] =
-    [("stored", 0.01, &[("points", "1")]), ("nothing stored", 0.005, &[("transport", "none"), ("points", "1")])];
+const FORMS: [Form; 2] = [
+    ("stored", 0.01, &[("transport", "stored"), ("points", "1")]),
+    ("nothing stored", 0.005, &[("transport", "none"), ("points", "1")]),
+];
 
 const WANTED_BYTES: [f64; 2] = [300.0, 40.0];
 const WANTED_RMS: f64 = 0.01;

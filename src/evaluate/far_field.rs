@@ -5,8 +5,8 @@ use glam::DVec3;
 use rayon::prelude::*;
 use translux_format::far_field::{FarField, LANES, over_lanes};
 
+use crate::math::simd::{Level, multiversion};
 use crate::transport::balanced_tree::LightDetails;
-use crate::transport::simd::{Level, multiversion};
 
 /// Basis functions at most.
 const TERMS: usize = 16;

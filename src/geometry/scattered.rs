@@ -13,6 +13,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::math::random::bits;
+use crate::math::simd::{Level, multiversion};
 
 /// A point on a surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -85,7 +86,7 @@ impl Hasher for CellHasher {
 }
 
 /// Coordinates of a cell.
-#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 struct Cell(i64, i64, i64);
 
 /// Points in cubes of a given size.
@@ -108,6 +109,15 @@ impl Grid {
         self.cells.entry(self.cell(at)).or_default().push(index);
     }
 
+    /// Whether there is such a point in the cell of `at` or in one beside it.
+    fn any_beside(&self, at: DVec3, is_such: impl Fn(u32) -> bool) -> bool {
+        let Cell(x, y, z) = self.cell(at);
+        OUTWARD.iter().any(|[dx, dy, dz]| {
+            let cell = Cell(x.saturating_add(*dx), y.saturating_add(*dy), z.saturating_add(*dz));
+            self.cells.get(&cell).into_iter().flatten().any(|&index| is_such(index))
+        })
+    }
+
     /// Calls `take` with every point of the cube of cells within `ring` of that of `at`.
     fn around(&self, at: DVec3, ring: i64, mut take: impl FnMut(u32)) {
         let Cell(x, y, z) = self.cell(at);
@@ -126,6 +136,25 @@ impl Grid {
         }
     }
 }
+
+/// Cells of a cube of three on either side, the middle one first: whoever looks for any point near another finds it there.
+const OUTWARD: [[i64; 3]; 27] = {
+    let mut cells = [[0; 3]; 27];
+    let (mut next, mut apart) = (0, 0);
+    while apart <= 3 {
+        let mut k = 0;
+        while k < 27 {
+            let cell = [k / 9 - 1, k / 3 % 3 - 1, k % 3 - 1];
+            if cell[0] * cell[0] + cell[1] * cell[1] + cell[2] * cell[2] == apart {
+                cells[next] = cell;
+                next += 1;
+            }
+            k += 1;
+        }
+        apart += 1;
+    }
+    cells
+};
 
 fn distance2(a: &OrientedPoint, b: &OrientedPoint, normal_mm: f64) -> f64 {
     a.at_mm.distance_squared(b.at_mm) + normal_mm * normal_mm * a.normal.distance_squared(b.normal)
@@ -168,13 +197,8 @@ pub fn choose_from(points: &[OrientedPoint], first: usize, spacing_mm: f64) -> V
         let mut members = Vec::new();
         for &index in &order {
             let point = &points[index as usize];
-            let mut free = !taken[index as usize];
-            if free {
-                grid.around(point.at_mm, 1, |other| {
-                    free &= distance2(point, &points[other as usize], normal_mm) >= spacing * spacing;
-                });
-            }
-            if free {
+            let is_near = |other: u32| distance2(point, &points[other as usize], normal_mm) < spacing * spacing;
+            if !taken[index as usize] && !grid.any_beside(point.at_mm, is_near) {
                 taken[index as usize] = true;
                 grid.insert(index, point.at_mm);
                 members.push(index);
@@ -208,24 +232,43 @@ impl Weights {
         }
         let cell = if spacing_mm.is_normal() && spacing_mm > 0.0 { spacing_mm } else { 1.0 };
         // So that the nearest are among the first cells that are looked at.
-        let mut grid = Grid::new(cell * (each as f64 / 9.0).sqrt().max(1.0));
+        let mut grid = Grid::new(cell * (each as f64 / 7.0).sqrt().max(1.0));
         sources.iter().enumerate().for_each(|(i, p)| grid.insert(i as u32, p.at_mm));
         let (count, normal_mm) = (each.min(sources.len()), NORMAL * cell);
-        let of_target = |target: &OrientedPoint| {
-            let near = nearest(&grid, sources, target, count, normal_mm);
-            let mut indices: Vec<u32> = near.iter().map(|&(_, index)| index).collect();
-            let mut values = kriging(target, sources, &indices, (normal_mm, fit));
-            let first = indices.first().copied().unwrap_or(0);
-            indices.resize(each, first);
-            values.resize(each, 0.0);
+        let level = Level::detect();
+        // Targets of one cell look at the same sources.
+        let mut order: Vec<(Cell, u32)> =
+            targets.iter().zip(0u32..).map(|(target, index)| (grid.cell(target.at_mm), index)).collect();
+        order.par_sort_unstable();
+        let of_cell = |members: &[(Cell, u32)]| {
+            let mut around = Vec::new();
+            if let Some((_, first)) = members.first() {
+                grid.around(targets[*first as usize].at_mm, FIRST_RING, |index| around.push(index));
+            }
+            let (mut indices, mut values) = (Vec::new(), Vec::new());
+            for (_, target) in members {
+                let target = &targets[*target as usize];
+                let first = indices.len();
+                nearest(&grid, (sources, &around), target, (count, normal_mm), &mut indices);
+                let own = &indices[first..];
+                values.extend(kriging(level, target, (sources, own), (normal_mm, fit)));
+                let nearest = own.first().copied().unwrap_or(0);
+                indices.resize(first + each, nearest);
+                values.resize(first + each, 0.0);
+            }
             (indices, values)
         };
-        let all: Vec<(Vec<u32>, Vec<f32>)> = targets.par_iter().map(of_target).collect();
-        Self {
-            each,
-            sources: all.iter().flat_map(|(indices, _)| indices.iter().copied()).collect(),
-            values: all.iter().flat_map(|(_, values)| values.iter().copied()).collect(),
+        let cells: Vec<&[(Cell, u32)]> = order.chunk_by(|a, b| a.0 == b.0).collect();
+        let found: Vec<_> = cells.par_iter().map(|members| of_cell(members)).collect();
+        let mut result = Self { each, sources: vec![0; each * targets.len()], values: vec![0.0; each * targets.len()] };
+        for (members, (indices, values)) in cells.iter().zip(&found) {
+            for (k, (_, target)) in members.iter().enumerate() {
+                let (from, to) = (k * each..(k + 1) * each, *target as usize * each..(*target as usize + 1) * each);
+                result.sources[to.clone()].copy_from_slice(&indices[from.clone()]);
+                result.values[to].copy_from_slice(&values[from]);
+            }
         }
+        result
     }
 
     /// Sources and weights of one target.
@@ -236,47 +279,77 @@ impl Weights {
     }
 }
 
-/// The `count` nearest sources with their squared distances, nearest first.
+/// Appends the `count` nearest sources, nearest first. `around` are those of the first cube of cells around the target.
 fn nearest(
     grid: &Grid,
-    sources: &[OrientedPoint],
+    (sources, around): (&[OrientedPoint], &[u32]),
     target: &OrientedPoint,
-    count: usize,
-    normal_mm: f64,
-) -> Vec<(f64, u32)> {
-    let mut found: Vec<(f64, u32)> = Vec::new();
+    (count, normal_mm): (usize, f64),
+    indices: &mut Vec<u32>,
+) {
+    let distance = |index: u32| (remoteness2(target, &sources[index as usize], normal_mm), index);
+    let mut found: Vec<(f64, u32)> = around.iter().map(|&index| distance(index)).collect();
     let mut ring = FIRST_RING;
     loop {
-        found.clear();
-        grid.around(target.at_mm, ring, |index| {
-            found.push((remoteness2(target, &sources[index as usize], normal_mm), index));
-        });
-        found.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let order = |a: &(f64, u32), b: &(f64, u32)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
+        if count > 0 && found.len() > count {
+            found.select_nth_unstable_by(count - 1, order);
+        }
+        let kept = found.len().min(count);
+        found[..kept].sort_unstable_by(order);
         // What lies outside the cube is farther than its rings are wide.
         let safe = ring as f64 * grid.cell_mm;
         let complete = ring > MOST_RINGS || found.len() == sources.len();
-        if complete || found.get(count - 1).is_some_and(|(d2, _)| *d2 <= safe * safe) {
-            found.truncate(count);
-            return found;
+        if complete || found[..kept].get(count.wrapping_sub(1)).is_some_and(|(d2, _)| *d2 <= safe * safe) {
+            indices.extend(found[..kept].iter().map(|(_, index)| *index));
+            return;
         }
-        ring *= 2;
+        ring += ring / 2;
+        found.clear();
+        grid.around(target.at_mm, ring, |index| found.push(distance(index)));
     }
 }
 
 /// Most sources of a target.
 pub const MOST: usize = 32;
 
+/// Columns of a system, a multiple of the lanes of an instruction, and those of one step of an elimination.
+const COLUMNS: usize = 40;
+const STEP: usize = 8;
+
+/// Equations, the right side after the last unknown.
+type System = [[f64; COLUMNS]; MOST + 1];
+
+/// Positions and normals of sources, x, y and z of all of them.
+struct Places {
+    at: [[f64; MOST]; 3],
+    normal: [[f64; MOST]; 3],
+}
+
+impl Places {
+    fn of(sources: &[OrientedPoint], near: &[u32]) -> Self {
+        let mut places = Self { at: [[0.0; MOST]; 3], normal: [[0.0; MOST]; 3] };
+        for (i, source) in near.iter().take(MOST).map(|&i| &sources[i as usize]).enumerate() {
+            for axis in 0..3 {
+                places.at[axis][i] = source.at_mm[axis];
+                places.normal[axis][i] = source.normal[axis];
+            }
+        }
+        places
+    }
+}
+
 /// Weights w with sum 1 that minimise the variance of the interpolation under the covariance -sqrt(offset^2 + r^2), r over the
 /// distance of the farthest source.
 fn kriging(
+    level: Level,
     target: &OrientedPoint,
-    sources: &[OrientedPoint],
-    near: &[u32],
+    (sources, near): (&[OrientedPoint], &[u32]),
     (normal_mm, fit): (f64, Kriging),
 ) -> Vec<f32> {
-    let source = |i: usize| &sources[near[i] as usize];
     let count = near.len().min(MOST);
-    let distances: Vec<f64> = (0..count).map(|i| distance2(target, source(i), normal_mm)).collect();
+    let distances: Vec<f64> =
+        near[..count].iter().map(|&i| distance2(target, &sources[i as usize], normal_mm)).collect();
     let farthest = distances.iter().copied().fold(0.0, f64::max);
     let nearest = || near.iter().enumerate().map(|(i, _)| f32::from(u8::from(i == 0))).collect();
     if count < 2 || farthest <= 0.0 || distances[0] <= 1e-14 * farthest {
@@ -285,11 +358,9 @@ fn kriging(
     }
     let covariance = |d2: f64| -(fit.offset * fit.offset + d2 / farthest).sqrt();
     let size = count + 1;
-    let mut known = [[0.0; MOST + 2]; MOST + 1];
+    let mut known = [[0.0; COLUMNS]; MOST + 1];
+    covariances(level, &Places::of(sources, near), (count, normal_mm, farthest, fit.offset), &mut known);
     for i in 0..count {
-        for (j, cell) in known[i].iter_mut().enumerate().take(count) {
-            *cell = covariance(distance2(source(i), source(j), normal_mm));
-        }
         known[i][count] = 1.0;
         known[count][i] = 1.0;
         known[i][size] = covariance(distances[i]);
@@ -299,7 +370,8 @@ fn kriging(
     loop {
         let mut matrix = known;
         (0..count).for_each(|i| matrix[i][i] = covariance(0.0) + ridge);
-        let found = solve(&mut matrix, size);
+        let mut found = None;
+        solve(level, &mut matrix, size, &mut found);
         let small = found.is_some_and(|w| w[..count].iter().map(|w| w.abs()).sum::<f64>() <= fit.largest);
         if small || ridge >= MOST_RIDGE {
             return found.map_or_else(nearest, |values| values[..count].iter().map(|w| *w as f32).collect());
@@ -308,28 +380,70 @@ fn kriging(
     }
 }
 
-/// Gaussian elimination with row pivots; the last column is the right side.
-fn solve(matrix: &mut [[f64; MOST + 2]; MOST + 1], size: usize) -> Option<[f64; MOST + 1]> {
+#[inline(always)]
+fn covariances_body(places: &Places, (count, normal_mm, farthest, offset): (usize, f64, f64, f64), known: &mut System) {
+    let ([x, y, z], [u, v, w]) = (&places.at, &places.normal);
+    let (normal2, offset2) = (normal_mm * normal_mm, offset * offset);
+    for i in 0..count {
+        let row = &mut known[i];
+        for j in 0..MOST {
+            let (dx, dy, dz) = (x[i] - x[j], y[i] - y[j], z[i] - z[j]);
+            let (du, dv, dw) = (u[i] - u[j], v[i] - v[j], w[i] - w[j]);
+            let d2 = (dx * dx + dy * dy + dz * dz) + normal2 * (du * du + dv * dv + dw * dw);
+            row[j] = -(offset2 + d2 / farthest).sqrt();
+        }
+    }
+}
+
+multiversion! {
+    /// Fills the rows of a system with the covariances of its sources.
+    fn covariances(places: &Places, numbers: (usize, f64, f64, f64), known: &mut System) => covariances_body
+}
+
+/// Gaussian elimination with row pivots. Whole steps of columns: what is left of a pivot is not read again.
+#[inline(always)]
+fn solve_body(matrix: &mut System, size: usize, found: &mut Option<[f64; MOST + 1]>) {
     for column in 0..size {
-        let pivot = (column..size).max_by(|&a, &b| matrix[a][column].abs().total_cmp(&matrix[b][column].abs()))?;
-        if matrix[pivot][column].abs() < 1e-12 {
-            return None;
+        let mut pivot = column;
+        for row in column..size {
+            if matrix[row][column].abs() >= matrix[pivot][column].abs() {
+                pivot = row;
+            }
+        }
+        let largest = matrix[pivot][column].abs();
+        if largest.is_nan() || largest < 1e-12 {
+            return;
         }
         matrix.swap(column, pivot);
-        let (above, below) = matrix.split_at_mut(column + 1);
-        let pivot = &above[column];
-        for row in below.iter_mut().take(size - column - 1) {
+        let pivot = matrix[column];
+        for row in matrix.iter_mut().take(size).skip(column + 1) {
             let factor = row[column] / pivot[column];
-            let cells = row.iter_mut().zip(pivot).take(size + 1).skip(column);
-            cells.for_each(|(cell, known)| *cell -= factor * known);
+            for step in column / STEP..=size / STEP {
+                let first = step * STEP;
+                let mut cells = [0.0; STEP];
+                for k in 0..STEP {
+                    cells[k] = row[first + k] - factor * pivot[first + k];
+                }
+                row[first..first + STEP].copy_from_slice(&cells);
+            }
         }
     }
     let mut values = [0.0; MOST + 1];
     for row in (0..size).rev() {
-        let known: f64 = (row + 1..size).map(|k| matrix[row][k] * values[k]).sum();
+        let mut known = 0.0;
+        for k in row + 1..size {
+            known += matrix[row][k] * values[k];
+        }
         values[row] = (matrix[row][size] - known) / matrix[row][row];
     }
-    values.iter().all(|v| v.is_finite()).then_some(values)
+    if values.iter().all(|v| v.is_finite()) {
+        *found = Some(values);
+    }
+}
+
+multiversion! {
+    /// Solves a system of `size` equations; leaves what is found alone where there is no solution.
+    fn solve(matrix: &mut System, size: usize, found: &mut Option<[f64; MOST + 1]>) => solve_body
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@ pub mod haar;
 pub mod quadrature;
 pub mod random;
 pub mod sh;
+pub mod simd;
 pub mod sphere;
 pub mod spherical_rectangle;
 pub mod statistics;

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use crate::light::harmonics::to_harmonics;
 use crate::math::cube_map::{FACES, direction, solid_angles_sr, texel_of};
 use crate::math::sh::real_sh;
-use crate::transport::simd::{Level, multiversion};
+use crate::math::simd::{Level, multiversion};
 
 /// Rows that are multiplied together.
 const BATCH: usize = 4;

@@ -3,8 +3,8 @@
 
 use rayon::prelude::*;
 
-use super::simd::{Level, multiversion};
 use crate::geometry::scattered::Weights;
+use crate::math::simd::{Level, multiversion};
 
 /// Targets of a run.
 pub const LANES: usize = 16;

@@ -17,10 +17,10 @@ use rayon::prelude::*;
 
 use super::irradiance::{around, direction_key};
 use super::scene::{Scene, Surface};
-use super::simd::{Level, multiversion};
 use crate::geometry::bvh::{Hit, Ray, offset_origin};
 use crate::geometry::samples::{Facet, area};
 use crate::math::random::{bits, radical_inverse_2};
+use crate::math::simd::{Level, multiversion};
 use crate::medium::fresnel::{CosineTransmittance, transmittance};
 use crate::progress::Progress;
 

@@ -8,8 +8,8 @@ pub mod radial_table;
 
 use glam::DVec3;
 
-use super::simd::multiversion;
 use crate::math::quadrature::gauss_legendre_const;
+use crate::math::simd::multiversion;
 use crate::medium::dipole::Pole;
 
 /// Sources summed in f32 before the sum is added to its f64 total.

@@ -2,11 +2,11 @@
 
 use super::*;
 use crate::math::random::uniform;
+use crate::math::simd::Level;
 use crate::medium::dipole::Dipole;
 use crate::medium::fresnel::BoundaryFit;
 use crate::medium::material::PRESETS;
 use crate::medium::profile::Profile;
-use crate::transport::simd::Level;
 
 fn kernel_of(dipoles: &[Dipole; 3]) -> KernelRgb {
     KernelRgb::new(dipoles.map(|d| d.poles()))

@@ -10,8 +10,8 @@ use rayon::prelude::*;
 
 use super::gather::{Criterion, Gather, Scheme, Source};
 use super::receivers::{Group, Receivers};
-use super::simd::{Level, multiversion};
 use super::tree::SampleTree;
+use crate::math::simd::{Level, multiversion};
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::progress::Progress;
 

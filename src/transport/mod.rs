@@ -16,7 +16,6 @@ pub mod near_field;
 pub mod random_walk;
 pub mod receivers;
 pub mod scene;
-pub mod simd;
 pub mod single_scattering;
 pub mod tree;
 pub mod visibility;

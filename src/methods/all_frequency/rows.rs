@@ -8,10 +8,10 @@ use super::evaluate::far_away;
 use crate::error::{Error, Result};
 use crate::light::Light;
 use crate::light::cube_light::{CubeLight, Transform};
+use crate::math::simd::{Level, multiversion};
 use crate::methods::baked_in::Stored;
 use crate::transport::balanced_tree::power_of_two_near;
 use crate::transport::receivers::Receivers;
-use crate::transport::simd::{Level, multiversion};
 
 /// Receivers of one task.
 const CHUNK: usize = 256;

@@ -6,7 +6,7 @@
 
 use std::ops::Range;
 
-use crate::transport::simd::Level;
+use crate::math::simd::Level;
 
 /// Columns of a group are padded to whole registers.
 pub(in crate::methods) const LANES: usize = 16;

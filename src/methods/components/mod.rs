@@ -22,6 +22,7 @@ use crate::error::{Error, Result};
 #[cfg(feature = "gpu")]
 use crate::evaluate::device::{Device, DeviceEvaluator};
 use crate::light::Light;
+use crate::math::simd::{Level, multiversion};
 #[cfg(feature = "gpu")]
 use crate::methods::baked_in::BakedIn;
 use crate::methods::baked_in::Stored;
@@ -31,7 +32,6 @@ use crate::transport::balanced_tree::power_of_two_near;
 use crate::transport::interpolation::SharedWeights;
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::Scene;
-use crate::transport::simd::{Level, multiversion};
 
 /// Reference points of one task.
 const CHUNK: usize = 256;

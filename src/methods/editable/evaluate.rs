@@ -24,6 +24,7 @@ use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit};
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::{Patch, Samples};
 use crate::light::Light;
+use crate::math::simd::Level;
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::medium::fresnel::BoundaryFit;
 use crate::medium::profile_basis::ProfileBasis;
@@ -36,7 +37,6 @@ use crate::transport::irradiance::{Illumination, Pieces};
 use crate::transport::near_field::{Around, Corners, Near};
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::{self, Medium, Scene, Surface};
-use crate::transport::simd::Level;
 use crate::transport::tree::SampleTree;
 
 /// A material whose error by the basis alone is above this (T1, any light) is refused.

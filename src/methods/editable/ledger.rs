@@ -15,6 +15,7 @@ use crate::evaluate::environment::comes_from_far_away;
 use crate::evaluate::far_field::FarSums;
 use crate::evaluate::sampling_error::{Sampled, receiver_areas};
 use crate::light::Light;
+use crate::math::simd::Level;
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::medium::profile_basis::ProfileBasis;
 use crate::progress::Progress;
@@ -22,7 +23,6 @@ use crate::transport::balanced_tree::LightDetails;
 use crate::transport::far_field::{FarTransport, Precision, Rows};
 use crate::transport::near_field::far_all_pairs;
 use crate::transport::scene::Scene;
-use crate::transport::simd::Level;
 
 /// Groups of receivers that errors are measured on.
 const GROUPS: usize = 12;

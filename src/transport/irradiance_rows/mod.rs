@@ -29,10 +29,10 @@ use crate::compress::rows::Rows;
 use crate::error::{Error, Result};
 use crate::math::cube_map::{FACES, FRAMES, solid_angles_sr};
 use crate::math::haar::Haar;
+use crate::math::simd::{Level, multiversion};
 use crate::medium::entrance_basis::{DEGREE, EntranceBasis, MOST_TERMS};
 use crate::progress::Progress;
 use crate::transport::scene::Surface;
-use crate::transport::simd::{Level, multiversion};
 use crate::transport::visibility::{GROUP, Observer, Occluders, Resolution, Visible, visit};
 
 /// What the rows keep.

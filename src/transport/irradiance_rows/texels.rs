@@ -6,12 +6,12 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use crate::math::cube_map::{FACES, FRAMES, centre};
+use crate::math::simd::{Level, multiversion};
 use crate::medium::entrance_basis::{DEGREE, polynomial};
 use crate::progress::Progress;
 use crate::transport::cube_harmonics::{CubeHarmonics, Product};
 use crate::transport::many_lights::IrradianceRows;
 use crate::transport::scene::Surface;
-use crate::transport::simd::{Level, multiversion};
 use crate::transport::visibility::{GROUP, Observer, Occluders, Resolution, Visible, visit};
 
 /// Where the sub-texels of a face are.

@@ -11,10 +11,10 @@ use crate::error::{Error, Result};
 use crate::light::cube_light::Transform;
 use crate::math::cube_map::{FACES, solid_angles_sr};
 use crate::math::haar::Haar;
+use crate::math::simd::{Level, multiversion};
 use crate::progress::Progress;
 use crate::transport::gather::{Gather, Lists, Lit, Scheme, Source};
 use crate::transport::receivers::Receivers;
-use crate::transport::simd::{Level, multiversion};
 use crate::transport::tree::SampleTree;
 use crate::transport::visibility::GROUP;
 

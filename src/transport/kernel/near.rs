@@ -7,7 +7,7 @@ use super::{
     EdgeRule, FLUSH, GAUSS_4, GAUSS_6, GAUSS_8, GAUSS_12, GAUSS_24, KernelRgb, LANES, Row, edge_into, edge_rule,
     reflectance, rule, tail,
 };
-use crate::transport::simd::multiversion;
+use crate::math::simd::multiversion;
 
 /// The even polynomial that a far profile is inside its split radius, RGB: c0 + c1 u + c2 u^2, u = r^2 - split^2.
 #[derive(Clone, Copy, Debug, Default)]

@@ -8,9 +8,9 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::{Block, FLUSH, FlatSource, GAUSS_8, GAUSS_12, GAUSS_24, LANES, PointSource, Receivers, Row, edge_rule};
+use crate::math::simd::{Level, multiversion};
 use crate::medium::profile::Profile;
 use crate::medium::softened::Softened;
-use crate::transport::simd::{Level, multiversion};
 
 /// Bits of a mantissa within a segment.
 const SHIFT: u32 = 23 - 6;

@@ -4,9 +4,9 @@ use glam::DVec3;
 
 use super::*;
 use crate::math::random::uniform;
+use crate::math::simd::Level;
 use crate::medium::material::PRESETS;
 use crate::medium::profiles::model::ProfileModel;
-use crate::transport::simd::Level;
 
 fn profiles(model: &str, material: usize) -> [Arc<dyn Profile>; 3] {
     let channels = ProfileModel::parse(model).unwrap().channels(&PRESETS[material].properties()).unwrap();

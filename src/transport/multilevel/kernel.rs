@@ -1,10 +1,10 @@
 //! The inner loop between the points of a net: a smooth, compact kernel by a table even in the squared distance.
 
+use crate::math::simd::{Level, multiversion};
 use crate::medium::profile::Profile;
 use crate::medium::softened::Softened;
 use crate::transport::kernel::LANES;
 use crate::transport::kernel::radial_table::{Rgb, Segment};
-use crate::transport::simd::{Level, multiversion};
 
 /// Segments of a table.
 const SEGMENTS: usize = 512;

@@ -21,9 +21,9 @@ pub(crate) use self::weights::Adjoint;
 #[cfg(feature = "gpu")]
 pub(crate) use self::{near::Compact, surface::Part as NetsOfPart};
 use super::interpolation::SharedWeights;
-use super::simd::Level;
 use crate::geometry::cluster::{self, Run};
 use crate::geometry::scattered::{Kriging, OrientedPoint, Weights, choose_from};
+use crate::math::simd::Level;
 use crate::medium::profile::Profile;
 
 /// How finely a kernel is resolved.

@@ -12,11 +12,11 @@ use super::{around, ends};
 use crate::geometry::cluster::Run;
 use crate::geometry::mesh::Mesh;
 use crate::geometry::samples::{Patch, Samples};
+use crate::math::simd::{Level, multiversion};
 use crate::transport::irradiance::Pieces;
 use crate::transport::kernel::radial_table::{self, RadialTable};
 use crate::transport::kernel::{Block, PointSource};
 use crate::transport::receivers::Sphere;
-use crate::transport::simd::{Level, multiversion};
 
 /// RGB and nothing.
 type Rgb = [f32; 4];

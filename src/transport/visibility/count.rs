@@ -11,7 +11,7 @@
 
 use glam::{DVec3, Vec3};
 
-use crate::transport::simd::{Level, multiversion};
+use crate::math::simd::{Level, multiversion};
 
 /// The four quarters around an axis, and which faces they are.
 pub(super) struct Ring {

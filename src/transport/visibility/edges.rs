@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 
 use crate::geometry::mesh::{EdgeTable, Mesh};
-use crate::transport::simd::{Level, multiversion};
+use crate::math::simd::{Level, multiversion};
 
 /// Edges side by side.
 const LANES: usize = 16;

@@ -29,7 +29,7 @@ use crate::geometry::bvh::{Bvh, Ray, offset_origin};
 use crate::geometry::mesh::Mesh;
 use crate::geometry::samples::{Facet, area};
 use crate::math::cube_map::FACES;
-use crate::transport::simd::Level;
+use crate::math::simd::Level;
 
 pub use self::edges::Occluders;
 

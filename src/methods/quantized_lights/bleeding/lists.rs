@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use crate::geometry::bvh::NO_TRIANGLE;
 use crate::geometry::cluster;
+use crate::math::simd::Level;
 use crate::medium::dipole::Dipole;
 use crate::medium::fresnel::BoundaryFit;
 use crate::medium::profile::Profile;
@@ -14,7 +15,6 @@ use crate::transport::irradiance::SurfacePoint;
 use crate::transport::kernel::{Block, KernelRgb, PointSource, add_points};
 use crate::transport::receivers::{Group, NONE, Sphere};
 use crate::transport::scene::Scene;
-use crate::transport::simd::Level;
 
 /// Vertices whose candidates are found together.
 const CAPACITY: usize = 16;

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 use translux_format::quantised_values::LEVELS;
 
 use super::CHANNELS;
-use crate::transport::simd::{Level, multiversion};
+use crate::math::simd::{Level, multiversion};
 
 /// Sums side by side.
 const LANES: usize = 16;

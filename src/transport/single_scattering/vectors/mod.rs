@@ -65,9 +65,9 @@ use super::interior::{Coefficients, Crossings, ExitPoint, Interior, Optics};
 use crate::error::{Error, Result};
 use crate::geometry::bvh::{Bvh, Hit, Ray};
 use crate::math::cube_map::{FACES, solid_angles_sr};
+use crate::math::simd::Level;
 use crate::medium::phase::LightTerms;
 use crate::transport::scene::Scene;
-use crate::transport::simd::Level;
 
 /// How rays are shared.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,7 +1,7 @@
 //! From what arrives in each texel to vectors: attenuation of three channels, many texels at a time.
 
 use super::super::interface::Form;
-use crate::transport::simd::multiversion;
+use crate::math::simd::multiversion;
 
 /// What is seen at one depth in every texel of a cube map: a plane, and how much light comes through.
 pub(super) struct Planes {
@@ -134,7 +134,7 @@ fn add_product_body(picture: &[f32], term: &[f32], out: &mut [f32]) {
 mod tests {
     use super::super::super::interface::Entry;
     use super::*;
-    use crate::transport::simd::Level;
+    use crate::math::simd::Level;
 
     #[test]
     fn the_exponential_is_exact_to_single_precision() {

@@ -45,7 +45,7 @@ impl Level {
 macro_rules! multiversion {
     ($(#[$meta:meta])* $vis:vis fn $name:ident ( $($arg:ident : $ty:ty),* $(,)? ) => $body:path) => {
         $(#[$meta])*
-        $vis fn $name(level: $crate::transport::simd::Level, $($arg: $ty),*) {
+        $vis fn $name(level: $crate::math::simd::Level, $($arg: $ty),*) {
             #[cfg(target_arch = "x86_64")]
             {
                 #[target_feature(enable = "avx2")]
@@ -57,11 +57,11 @@ macro_rules! multiversion {
                     $body($($arg),*)
                 }
                 match level {
-                    $crate::transport::simd::Level::Baseline => $body($($arg),*),
+                    $crate::math::simd::Level::Baseline => $body($($arg),*),
                     // SAFETY: `Level::available` found these features on this processor.
-                    $crate::transport::simd::Level::Avx2 => unsafe { avx2($($arg),*) },
+                    $crate::math::simd::Level::Avx2 => unsafe { avx2($($arg),*) },
                     // SAFETY: as above.
-                    $crate::transport::simd::Level::Avx512 => unsafe { avx512($($arg),*) },
+                    $crate::math::simd::Level::Avx512 => unsafe { avx512($($arg),*) },
                 }
             }
             #[cfg(not(target_arch = "x86_64"))]
