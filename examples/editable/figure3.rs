@@ -34,7 +34,7 @@ pub(crate) fn run(context: &Context) -> Result<String> {
     for basis in BASES {
         for terms in context.some(&TERMS, 3) {
             let count = terms.to_string();
-            let set = [("basis", basis), ("terms", count.as_str())];
+            let set = [("transport", "stored"), ("basis", basis), ("terms", count.as_str())];
             let (asset, _) = bake(&scene, &Recipe { samples: Some(samples), max_rms: MAX_RMS, set: &set })?;
             // The material of the bake itself may be among those that are refused.
             let mut evaluator = open(asset);

@@ -30,7 +30,7 @@ pub(crate) fn run(context: &Context) -> Result<String> {
     let (mut pictures, mut rows, mut points) = (Vec::new(), Vec::new(), Vec::new());
     for spacing in context.some(&SPACINGS, 3) {
         for asked in context.some(&ASKED, 2) {
-            let set = [("far-spacing", spacing), ("points", "1")];
+            let set = [("transport", "stored"), ("far-spacing", spacing), ("points", "1")];
             let (asset, seconds) = bake(&scene, &Recipe { samples: Some(samples), max_rms: asked, set: &set })?;
             let bytes = bytes_per_vertex(&asset)?;
             let mut evaluator = open(asset)?;

@@ -15,13 +15,20 @@ mod figure3;
 mod figure4;
 mod figure5;
 mod page;
+mod profiles;
 mod tables;
 
 use self::common::runner::{Page, main as measure};
 
 const PAGE: Page = Page {
     name: "editable",
-    parts: &[("tables", tables::run), ("figure3", figure3::run), ("figure4", figure4::run), ("figure5", figure5::run)],
+    parts: &[
+        ("tables", tables::run),
+        ("figure3", figure3::run),
+        ("figure4", figure4::run),
+        ("figure5", figure5::run),
+        ("profiles", profiles::run),
+    ],
     words: page::WORDS,
 };
 
