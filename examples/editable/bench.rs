@@ -13,7 +13,7 @@ use translux::math::statistics::vertex_error;
 use translux::methods;
 use translux::progress::Silent;
 use translux::render::background::Background;
-use translux::render::camera::{Camera, Resolution};
+use translux::render::camera::{Camera, DEFAULT_FOV_DEGREES, Resolution};
 use translux::render::film::Exposure;
 use translux::render::frame::{Frame, RenderSettings, Specular, render};
 use translux::transport::scene::{Medium, Scene};
@@ -100,10 +100,28 @@ fn median(mut values: Vec<f64>) -> f64 {
     values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
-/// The diffuse picture of some radiosity from the default eye.
-pub(crate) fn picture(evaluator: &dyn Evaluator, radiosity: &[DVec3], side: usize) -> Result<Frame> {
+/// Where a picture is seen from, and what is up in it.
+#[derive(Clone, Copy)]
+pub(crate) struct View {
+    pub(crate) from: DVec3,
+    pub(crate) up: DVec3,
+}
+
+/// The diffuse picture of some radiosity, from the default eye where none is given.
+pub(crate) fn picture(
+    evaluator: &dyn Evaluator,
+    radiosity: &[DVec3],
+    (side, view): (usize, Option<View>),
+) -> Result<Frame> {
     let resolution = Resolution::new(side, side)?;
-    let camera = Camera::framing(&evaluator.scene().mesh, resolution)?;
+    let mesh = &evaluator.scene().mesh;
+    let camera = match view {
+        None => Camera::framing(mesh, resolution)?,
+        Some(View { from, up }) => {
+            let look = Camera::framing(mesh, resolution)?.look_mm();
+            Camera::framing_from(mesh, resolution, from.normalize(), look, up, DEFAULT_FOV_DEGREES)?
+        }
+    };
     let mut settings = RenderSettings::new(camera, resolution);
     settings.samples_per_pixel = EYE_RAYS;
     settings.specular = Specular::Off;

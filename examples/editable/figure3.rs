@@ -1,8 +1,9 @@
 //! Figure 3: pictures with more and more basis functions.
 
+use glam::DVec3;
 use translux::error::Result;
 
-use crate::bench::{bake, exposure, open, percent, picture, rms, shown, sun, truth, under};
+use crate::bench::{View, bake, exposure, open, percent, picture, rms, shown, sun, truth, under};
 use crate::common::bench::{Context, Recipe, table};
 use crate::common::sheet;
 
@@ -17,6 +18,9 @@ const MATERIALS: [&str; 2] = ["marble", "potato"];
 const BASES: [&str; 2] = ["transported", "plain"];
 
 const SIDE: usize = 200;
+
+/// The z axis of the horse is up.
+const VIEW: Option<View> = Some(View { from: DVec3::new(0.72, 0.38, 0.22), up: DVec3::Z });
 
 /// Nothing but the basis is to be seen.
 const MAX_RMS: f64 = 0.01;
@@ -47,8 +51,8 @@ pub(crate) fn run(context: &Context) -> Result<String> {
                     Ok((found, evaluator)) => {
                         row.push(percent(rms(&scene, &found, expected)));
                         if basis == BASES[0] {
-                            let factor = exposure(&picture(evaluator.as_ref(), expected, SIDE)?);
-                            sheet.push(shown(&picture(evaluator.as_ref(), &found, SIDE)?, factor));
+                            let factor = exposure(&picture(evaluator.as_ref(), expected, (SIDE, VIEW))?);
+                            sheet.push(shown(&picture(evaluator.as_ref(), &found, (SIDE, VIEW))?, factor));
                         }
                     }
                     Err(error) => {
@@ -65,7 +69,7 @@ pub(crate) fn run(context: &Context) -> Result<String> {
         }
     }
     for (expected, sheet) in expected.iter().zip(&mut sheets) {
-        let frame = picture(truth.as_ref(), expected, SIDE)?;
+        let frame = picture(truth.as_ref(), expected, (SIDE, VIEW))?;
         sheet.push(shown(&frame, exposure(&frame)));
     }
     translux::io::atomic::write(&context.pictures.join("editable_figure3.png"), &sheet::png(SIDE, &sheets)?)?;

@@ -25,7 +25,7 @@ pub(crate) fn run(context: &Context) -> Result<String> {
     let mut truth = truth(context, &scene)?;
     let lights = [sun()];
     let expected = under(truth.as_mut(), MATERIAL, &lights)?;
-    let reference = picture(truth.as_ref(), &expected, SIDE)?;
+    let reference = picture(truth.as_ref(), &expected, (SIDE, None))?;
     let factor = exposure(&reference);
     let (mut pictures, mut rows, mut points) = (Vec::new(), Vec::new(), Vec::new());
     for spacing in context.some(&SPACINGS, 3) {
@@ -55,7 +55,7 @@ pub(crate) fn run(context: &Context) -> Result<String> {
             ]);
             points.push(Point { series, x: bytes, y: error });
             if asked == PICTURED {
-                pictures.push(shown(&picture(evaluator.as_ref(), &found, SIDE)?, factor));
+                pictures.push(shown(&picture(evaluator.as_ref(), &found, (SIDE, None))?, factor));
             }
         }
     }

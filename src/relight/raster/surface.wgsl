@@ -111,6 +111,17 @@ fn wire_corner(corner: Corner) -> @builtin(position) vec4f {
     return clip;
 }
 
+// The normal turned towards the eye until its cosine is at least this, as in render/eye.rs.
+fn facing(normal: vec3f, to_eye: vec3f, least: f32) -> vec3f {
+    let cosine = dot(normal, to_eye);
+    let across = normal - to_eye * cosine;
+    let square = dot(across, across);
+    if cosine >= least || square <= 0.0 {
+        return normal;
+    }
+    return to_eye * least + across * (sqrt(max(1.0 - least * least, 0.0)) * inverseSqrt(square));
+}
+
 // Fraction of unpolarised light from outside that enters.
 fn transmittance(eta: f32, cosine: f32) -> f32 {
     if cosine <= 0.0 {
@@ -251,8 +262,8 @@ fn surface_colour(in: Surface, @builtin(front_facing) front: bool) -> @location(
     if dot(in.normal, in.normal) > 0.0 {
         normal = normalize(in.normal);
     }
-    let cosine = max(dot(normal, to_eye), LEAST_COSINE_SHARE * cos_face);
-    var radiance = view.diffuse * in.radiosity * (transmittance(medium.x, cosine) * medium.y);
+    normal = facing(normal, to_eye, LEAST_COSINE_SHARE * cos_face);
+    var radiance = view.diffuse * in.radiosity * (transmittance(medium.x, dot(normal, to_eye)) * medium.y);
     if view.textured != 0u {
         let pixel = max(length(right_mm), length(down_mm));
         radiance *= texture_albedo(in.local, pixel, in.material, in.uv, right_uv, down_uv);
