@@ -139,7 +139,7 @@ impl Splits {
         let depth = if levels.is_finite() { levels.clamp(0.0, MOST_SPLITS.into()) as u32 } else { MOST_SPLITS };
         // Of each size those around the receiver, at most.
         let around = 4.0 * std::f64::consts::PI * ((self.below + 1.0) * radius).powi(2) / area.max(f64::MIN_POSITIVE);
-        let triangles: f64 = (0..=depth).map(|level| around.min(4f64.powi(level as i32))).sum();
+        let triangles: f64 = (0..=depth).map(|level| around.clamp(1.0, 4f64.powi(level as i32))).sum();
         let of_one = (2 * depth + 8) as f64;
         (triangles * of_one).min(1e12) as usize
     }

@@ -160,7 +160,8 @@ mod tests {
             ("points", "3"),
             ("transport", "some"),
         ] {
-            let error = plan(&[(key, value)]).unwrap_err();
+            let transport = if key == "transport" { value } else { "stored" };
+            let error = plan(&[("transport", transport), (key, value)]).unwrap_err();
             assert!(error.message().contains(key), "{}", error.message());
         }
         for key in ["terms", "split", "far-spacing", "basis", "truncation"] {
@@ -169,6 +170,6 @@ mod tests {
             assert!(error.message().contains("transport=stored"), "{}", error.message());
         }
         assert_eq!(plan(&[("transport", "none")]).unwrap().transport, Transport::None);
-        assert_eq!(plan(&[("terms", "7"), ("truncation", "0.2%")]).unwrap().terms, Some(7));
+        assert_eq!(plan(&[("transport", "stored"), ("terms", "7"), ("truncation", "0.2%")]).unwrap().terms, Some(7));
     }
 }
