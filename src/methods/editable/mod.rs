@@ -84,9 +84,9 @@ const KEYS: &[Key] =
 /// What charts compare.
 const LADDER: &[&str] = &[
     "",
-    "--max-rms 0.2%",
-    "--samples 32768 --set points=1",
     "--set transport=stored",
+    "--samples 32768 --set points=1",
+    "--max-rms 0.2%",
     "--max-rms 4% --set transport=stored",
     "--max-rms 2% --set transport=stored",
     "--samples 32768 --set transport=stored",
