@@ -54,7 +54,9 @@ const PROFILES: &str = "
 
 The truth here is a random walk through the volume (`reference --model monte-carlo`; g = 0, eta 1.3, 60 free paths across, noise
 taken out), which knows the shape and every order of scattering. Of each profile the RMS of what it differs by, and the mean of the
-difference: positive where it is too bright. Any of them is put in force by `--profile` on the same asset.
+difference: positive where it is too bright. Any of them is put in force by `--profile` on the same asset. The total of the dipole is near
+that of all orders; the others state multiple scattering alone, are 5 to 10 % off it on a ball at any albedo where the dipole is up to 350 % off,
+and want single scattering beside them. What is left on the bunny is its shape: none of them knows that it is not a half space.
 
 ";
 

@@ -45,7 +45,7 @@ fn medium(albedos: [f64; 3]) -> Medium {
 }
 
 /// Orders of scattering that are compared.
-const ORDERS: [&str; 2] = ["all orders", "without single scattering"];
+const ORDERS: [&str; 2] = ["all orders", "all orders but single scattering"];
 
 /// A photon leaves once, so that variances of orders add; its weight falls from order to order, so that the later ones have less of
 /// the variance than of the sum.
