@@ -22,7 +22,7 @@ use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::{Progress, Silent};
 use crate::transport::balanced_tree::power_of_two_near;
 use crate::transport::kernel::EDGE_RULES;
-use crate::transport::multilevel::{Adjoint, Net, NetsOfPart, SurfaceNets, SurfaceTables};
+use crate::transport::multilevel::{Adjoint, MOST_SPLITS, Net, NetsOfPart, PIECE_IS_POINT, SurfaceNets, SurfaceTables};
 use crate::transport::near_field::Corners;
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::{Medium, Surface};
@@ -33,10 +33,6 @@ const INVOCATIONS: usize = 16;
 
 /// Invocations that share a point.
 const SLICES: usize = 4;
-
-/// Triangles are split so many times at most, and a piece that is farther away than so many radii is a point: as on the CPU.
-const MOST_SPLITS: u32 = 16;
-const PIECE_IS_POINT: f64 = 3.0;
 
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
@@ -121,7 +117,7 @@ struct Splits {
 
 impl Splits {
     fn of(tables: &SurfaceTables) -> Self {
-        let mut splits = Self { below: PIECE_IS_POINT, smooth_mm: f64::INFINITY };
+        let mut splits = Self { below: PIECE_IS_POINT.into(), smooth_mm: f64::INFINITY };
         for (_, compact) in &tables.parts {
             splits.below = splits.below.max(compact.split_below.into());
             splits.smooth_mm = splits.smooth_mm.min(compact.smooth_mm);

@@ -19,7 +19,10 @@ use self::kernel::{PointBlock, SmoothTable};
 pub use self::surface::{NearRule, Quality, SurfaceNets, SurfaceTables};
 pub(crate) use self::weights::Adjoint;
 #[cfg(feature = "gpu")]
-pub(crate) use self::{near::Compact, surface::Part as NetsOfPart};
+pub(crate) use self::{
+    near::{Compact, MOST_SPLITS, PIECE_IS_POINT},
+    surface::Part as NetsOfPart,
+};
 use super::interpolation::SharedWeights;
 use crate::geometry::cluster::{self, Run};
 use crate::geometry::scattered::{Kriging, OrientedPoint, Weights, choose_from};

@@ -35,10 +35,10 @@ const DEGREE_2: [(f32, f32); 1] = [(0.5, 1.0 / 3.0)];
 const THREE_BEYOND: f32 = 2.0;
 
 /// What a shadow boundary leaves of a sample is a point above this distance over its radius.
-const PIECE_IS_POINT: f32 = 3.0;
+pub(crate) const PIECE_IS_POINT: f32 = 3.0;
 
 /// A facet is split so many times at most.
-const MOST_SPLITS: u32 = 16;
+pub(crate) const MOST_SPLITS: u32 = 16;
 
 /// Samples around groups of receivers.
 pub(crate) struct NearSamples {
