@@ -8,8 +8,8 @@ use crate::math::cube_map::{FACES, direction, solid_angles_sr, texel_of};
 use crate::math::sh::real_sh;
 use crate::math::simd::{Level, multiversion};
 
-/// Rows that are multiplied together.
-const BATCH: usize = 4;
+/// Rows that are multiplied together: as many as keep their sums in the 16 registers of AVX2.
+const BATCH: usize = 6;
 
 /// Functions of a block of the product.
 const COLUMNS: usize = 16;
@@ -21,7 +21,7 @@ pub struct CubeHarmonics {
     functions: usize,
     /// For each parity: functions of it.
     members: [Vec<usize>; PARITIES],
-    /// For each parity: `[texel of the octant][padded member]`.
+    /// For each parity: `[block of members][texel of the octant][member of the block]`, padded with zeros.
     matrices: [Vec<f32>; PARITIES],
     /// For each octant: the texels of the cube map, in the order of those of the first octant.
     mirrored: [Vec<u16>; PARITIES],
@@ -84,8 +84,11 @@ impl CubeHarmonics {
         let matrix = |members: &Vec<usize>| {
             let width = padded(members);
             let mut values = vec![0.0f32; first.len() * width];
-            for (out, row) in values.chunks_exact_mut(width.max(1)).zip(&rows) {
-                out.iter_mut().zip(members).for_each(|(out, k)| *out = row[*k] as f32);
+            let blocks = members.chunks(COLUMNS).zip(values.chunks_exact_mut((first.len() * COLUMNS).max(1)));
+            for (members, block) in blocks {
+                for (out, row) in block.chunks_exact_mut(COLUMNS).zip(&rows) {
+                    out.iter_mut().zip(members).for_each(|(out, k)| *out = row[*k] as f32);
+                }
             }
             values
         };
@@ -176,21 +179,22 @@ multiversion! {
 #[inline(always)]
 fn multiply_body(values: &[[f32; BATCH]], matrix: &[f32], sums: &mut [f32]) {
     let width = sums.len() / BATCH;
-    for column in (0..width).step_by(COLUMNS) {
+    let (blocks, _) = matrix.as_chunks::<COLUMNS>();
+    for (block, rows) in blocks.chunks_exact(values.len().max(1)).enumerate() {
         // One variable each, so that they stay in registers.
-        let [mut s0, mut s1, mut s2, mut s3] = [[0.0f32; COLUMNS]; BATCH];
-        for (cell, row) in values.iter().zip(matrix.chunks_exact(width)) {
-            let Some(row) = row.get(column..).and_then(|row| row.first_chunk::<COLUMNS>()) else { return };
-            let [a, b, c, d] = *cell;
+        let [mut s0, mut s1, mut s2, mut s3, mut s4, mut s5] = [[0.0f32; COLUMNS]; BATCH];
+        for (&[a, b, c, d, e, f], row) in values.iter().zip(rows) {
             for i in 0..COLUMNS {
                 s0[i] += a * row[i];
                 s1[i] += b * row[i];
                 s2[i] += c * row[i];
                 s3[i] += d * row[i];
+                s4[i] += e * row[i];
+                s5[i] += f * row[i];
             }
         }
-        for (row, partial) in [s0, s1, s2, s3].iter().enumerate() {
-            let Some(sums) = sums.get_mut(row * width + column..) else { return };
+        for (row, partial) in [s0, s1, s2, s3, s4, s5].iter().enumerate() {
+            let Some(sums) = sums.get_mut(row * width + block * COLUMNS..) else { return };
             sums.iter_mut().zip(partial).for_each(|(sum, value)| *sum = *value);
         }
     }
@@ -203,7 +207,7 @@ mod tests {
 
     #[test]
     fn products_are_sums_over_texels_whatever_the_weights() {
-        let (side, order, rows) = (8, 5, 6);
+        let (side, order, rows) = (8, 5, 8);
         let (texels, angles) = (FACES * side * side, solid_angles_sr(side));
         let value = |row: usize, texel: usize| uniform(9, row as u64, texel as u64) as f32;
         let at = |t: usize| direction(side, t / side / side, t % side, t / side % side);

@@ -60,11 +60,11 @@ const TARGET: f64 = 0.7;
 /// Sources whose weights are multiplied at once.
 const SOURCES: usize = 64;
 
-/// Rows of a block: three channels of a group of receivers.
-const ROWS: usize = 4;
+/// Rows of a block: channels of receivers, as many as keep their sums in the 16 registers of AVX2.
+const ROWS: usize = 6;
 
 /// Lights of a block.
-const COLUMNS: usize = 32;
+const COLUMNS: usize = 16;
 
 /// A scene's transfer for lights that are not known yet.
 pub struct ManyLights<'a> {
@@ -244,8 +244,8 @@ struct Product<'a> {
     weights: Vec<f32>,
     /// Light of each source.
     light: Vec<&'a [f32]>,
-    /// The last block of it where lights do not fill one, and zeros: `[source][column]`.
-    last: Vec<[f32; COLUMNS]>,
+    /// One block of it, padded with zeros: `[source][column]`.
+    panel: Vec<[f32; COLUMNS]>,
     /// `[row][column]`.
     sums: Vec<f32>,
 }
@@ -258,7 +258,6 @@ impl<'a> Product<'a> {
         self.sums.resize(self.rows * self.columns, 0.0);
         self.weights.resize(SOURCES * self.rows, 0.0);
         self.light.clear();
-        self.last.clear();
     }
 
     /// `weights` is per receiver, RGB.
@@ -267,18 +266,11 @@ impl<'a> Product<'a> {
         let slots = self.weights[at..at + self.rows].iter_mut();
         slots.zip(weights.as_flattened().iter().chain(std::iter::repeat(&0.0))).for_each(|(slot, &w)| *slot = w);
         self.light.push(light);
-        let (_, rest) = light.as_chunks::<COLUMNS>();
-        if !rest.is_empty() {
-            let mut last = [0.0; COLUMNS];
-            last[..rest.len()].copy_from_slice(rest);
-            self.last.push(last);
-        }
     }
 
     fn multiply(&mut self, level: Level) {
         multiply(level, self);
         self.light.clear();
-        self.last.clear();
     }
 
     /// From `[receiver, channel][padded light]` to the layout of [`RadiosityRows`].
@@ -297,24 +289,33 @@ multiversion! {
 
 #[inline(always)]
 fn multiply_body(product: &mut Product<'_>) {
-    let Product { rows, columns, weights, light, last, sums, .. } = product;
+    let Product { rows, columns, weights, light, panel, sums, .. } = product;
     let (rows, columns) = (*rows, *columns);
-    for row in (0..rows).step_by(ROWS) {
-        for column in (0..columns).step_by(COLUMNS) {
+    for column in (0..columns).step_by(COLUMNS) {
+        // Rows of the light lie a multiple of a page apart: read where they are, they would push each other out of the cache.
+        panel.clear();
+        panel.extend(light.iter().map(|light| {
+            let here = light.get(column..).unwrap_or(&[]);
+            here.first_chunk().copied().unwrap_or_else(|| {
+                let mut last = [0.0; COLUMNS];
+                last.iter_mut().zip(here).for_each(|(last, light)| *last = *light);
+                last
+            })
+        }));
+        for row in (0..rows).step_by(ROWS) {
             // One variable each, so that they stay in registers.
-            let [mut s0, mut s1, mut s2, mut s3] = [[0.0f32; COLUMNS]; ROWS];
-            for (source, light) in light.iter().enumerate() {
-                let whole = light.get(column..).and_then(|l| l.first_chunk::<COLUMNS>());
-                let light = whole.or_else(|| last.get(source));
-                let weights = weights.get(source * rows + row..).and_then(|w| w.first_chunk::<ROWS>());
-                let (Some(light), Some(&[w0, w1, w2, w3])) = (light, weights) else { return };
+            let [mut s0, mut s1, mut s2, mut s3, mut s4, mut s5] = [[0.0f32; COLUMNS]; ROWS];
+            for (light, weights) in panel.iter().zip(weights.chunks_exact(rows)) {
+                let Some(&[w0, w1, w2, w3, w4, w5]) = weights.get(row..).and_then(|w| w.first_chunk()) else { return };
                 add(&mut s0, w0, light);
                 add(&mut s1, w1, light);
                 add(&mut s2, w2, light);
                 add(&mut s3, w3, light);
+                add(&mut s4, w4, light);
+                add(&mut s5, w5, light);
             }
-            for (r, partial) in [s0, s1, s2, s3].iter().enumerate() {
-                let sums = sums.get_mut((row + r) * columns + column..).and_then(|s| s.first_chunk_mut::<COLUMNS>());
+            for (r, partial) in [s0, s1, s2, s3, s4, s5].iter().enumerate() {
+                let sums = sums.get_mut((row + r) * columns + column..).and_then(|s| s.first_chunk_mut());
                 let Some(sums) = sums else { return };
                 add(sums, 1.0, partial);
             }
