@@ -178,7 +178,7 @@ impl<'a> ManyLights<'a> {
             rest = others;
             jobs.push((*group, mine));
         }
-        let of_group = |work: &mut Work<'r>, (group, out): (Group, &mut [f32])| {
+        let of_group = |work: &mut Work, (group, out): (Group, &mut [f32])| {
             let members = group.run.range().len();
             work.begin(members, lights);
             let row = |source: Source| match source {
@@ -187,7 +187,7 @@ impl<'a> ManyLights<'a> {
             };
             self.gather.weights(receivers, group, &lit, scheme, &mut work.lists, &mut |source, weights| {
                 work.block.push(weights, row(source));
-                if work.block.light.len() == SOURCES {
+                if work.block.sources == SOURCES {
                     work.block.multiply(self.level);
                 }
             });
@@ -223,12 +223,12 @@ impl Shared {
 
 /// What a thread works with.
 #[derive(Default)]
-struct Work<'a> {
+struct Work {
     lists: super::gather::Lists,
-    block: Product<'a>,
+    block: Product,
 }
 
-impl Work<'_> {
+impl Work {
     fn begin(&mut self, members: usize, lights: usize) {
         self.block.begin(3 * members, lights);
     }
@@ -236,41 +236,53 @@ impl Work<'_> {
 
 /// The sum over sources of weights (rows) times light (columns), both padded to whole blocks.
 #[derive(Default)]
-struct Product<'a> {
+struct Product {
     rows: usize,
     columns: usize,
     lights: usize,
     /// `[source][row]`.
     weights: Vec<f32>,
-    /// Light of each source.
-    light: Vec<&'a [f32]>,
-    /// One block of it, padded with zeros: `[source][column]`.
-    panel: Vec<[f32; COLUMNS]>,
+    /// Sources at hand.
+    sources: usize,
+    /// Their light, `[block][source][column of the block]`: rows of it lie a multiple of a page apart, and read where they are
+    /// they would push each other out of the cache.
+    light: Vec<[f32; COLUMNS]>,
     /// `[row][column]`.
     sums: Vec<f32>,
 }
 
-impl<'a> Product<'a> {
+impl Product {
     fn begin(&mut self, rows: usize, lights: usize) {
         (self.rows, self.lights) = (rows.next_multiple_of(ROWS), lights);
         self.columns = lights.next_multiple_of(COLUMNS);
         self.sums.clear();
         self.sums.resize(self.rows * self.columns, 0.0);
         self.weights.resize(SOURCES * self.rows, 0.0);
-        self.light.clear();
+        self.light.resize(SOURCES * self.columns / COLUMNS, [0.0; COLUMNS]);
+        self.sources = 0;
     }
 
     /// `weights` is per receiver, RGB.
-    fn push(&mut self, weights: &[[f32; 3]], light: &'a [f32]) {
-        let at = self.light.len() * self.rows;
+    fn push(&mut self, weights: &[[f32; 3]], light: &[f32]) {
+        let at = self.sources * self.rows;
         let slots = self.weights[at..at + self.rows].iter_mut();
         slots.zip(weights.as_flattened().iter().chain(std::iter::repeat(&0.0))).for_each(|(slot, &w)| *slot = w);
-        self.light.push(light);
+        for (block, light) in light.chunks(COLUMNS).enumerate() {
+            let packed = &mut self.light[block * SOURCES + self.sources];
+            match light.first_chunk() {
+                Some(light) => *packed = *light,
+                None => {
+                    *packed = [0.0; COLUMNS];
+                    packed.iter_mut().zip(light).for_each(|(packed, light)| *packed = *light);
+                }
+            }
+        }
+        self.sources += 1;
     }
 
     fn multiply(&mut self, level: Level) {
         multiply(level, self);
-        self.light.clear();
+        self.sources = 0;
     }
 
     /// From `[receiver, channel][padded light]` to the layout of [`RadiosityRows`].
@@ -284,28 +296,19 @@ impl<'a> Product<'a> {
 
 multiversion! {
     /// Adds the products of the sources at hand to the sums.
-    fn multiply(product: &mut Product<'_>) => multiply_body
+    fn multiply(product: &mut Product) => multiply_body
 }
 
 #[inline(always)]
-fn multiply_body(product: &mut Product<'_>) {
-    let Product { rows, columns, weights, light, panel, sums, .. } = product;
+fn multiply_body(product: &mut Product) {
+    let Product { rows, columns, sources, weights, light, sums, .. } = product;
     let (rows, columns) = (*rows, *columns);
-    for column in (0..columns).step_by(COLUMNS) {
-        // Rows of the light lie a multiple of a page apart: read where they are, they would push each other out of the cache.
-        panel.clear();
-        panel.extend(light.iter().map(|light| {
-            let here = light.get(column..).unwrap_or(&[]);
-            here.first_chunk().copied().unwrap_or_else(|| {
-                let mut last = [0.0; COLUMNS];
-                last.iter_mut().zip(here).for_each(|(last, light)| *last = *light);
-                last
-            })
-        }));
+    for (block, light) in light.chunks_exact(SOURCES).enumerate() {
+        let (light, column) = (&light[..*sources], block * COLUMNS);
         for row in (0..rows).step_by(ROWS) {
             // One variable each, so that they stay in registers.
             let [mut s0, mut s1, mut s2, mut s3, mut s4, mut s5] = [[0.0f32; COLUMNS]; ROWS];
-            for (light, weights) in panel.iter().zip(weights.chunks_exact(rows)) {
+            for (light, weights) in light.iter().zip(weights.chunks_exact(rows)) {
                 let Some(&[w0, w1, w2, w3, w4, w5]) = weights.get(row..).and_then(|w| w.first_chunk()) else { return };
                 add(&mut s0, w0, light);
                 add(&mut s1, w1, light);
