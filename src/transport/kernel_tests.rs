@@ -4,6 +4,7 @@ use super::*;
 use crate::math::random::uniform;
 use crate::math::simd::Level;
 use crate::medium::dipole::Dipole;
+use crate::medium::far_profile::FarProfile;
 use crate::medium::fresnel::BoundaryFit;
 use crate::medium::material::PRESETS;
 use crate::medium::profile::Profile;
@@ -164,10 +165,10 @@ fn near_rules_follow_the_closed_form() {
             for (s, shape) in shapes().iter().enumerate() {
                 let corners = shape.map(|p| p * (size * z));
                 for x in receivers_of(corners, z, (m * 5 + s) as u64) {
-                    let (mut flats, mut sums) = (near::Flats::default(), [0.0; 3]);
-                    flats.push(corners.map(|c| (c - x).as_vec3().to_array()), [1.0; 3]);
+                    let (mut flats, mut sums) = (near::Flats::default(), [[0.0; 3]]);
+                    flats.push(0, corners.map(|c| (c - x).as_vec3().to_array()), [1.0; 3]);
                     near::add_flats(Level::detect(), &kernel, &flats, &mut sums);
-                    for (value, dipole) in sums.iter().zip(dipoles) {
+                    for (value, dipole) in sums[0].iter().zip(dipoles) {
                         let error = (value - dipole.triangle(x, corners)).abs() / dipole.total().max(1e-300);
                         worst = worst.max(error);
                     }
@@ -238,4 +239,54 @@ fn triangles_without_area_are_no_sources() {
     assert!(FlatSource::new([p, p, p], [1.0; 3], DVec3::ZERO).is_none());
     assert!(FlatSource::new([p, 2.0 * p, 3.0 * p], [1.0; 3], DVec3::ZERO).is_none());
     assert!(FlatSource::new([p, DVec3::NAN, 3.0 * p], [1.0; 3], DVec3::ZERO).is_none());
+}
+
+/// Points by tables against R_d, and triangles of several receivers side by side against each alone.
+#[test]
+fn near_points_follow_the_profile_and_lanes_do_not_mix() {
+    for dipoles in &media() {
+        let z = dipoles[1].z_real_mm;
+        let reach = 300.0 * z;
+        let whole = dipoles.each_ref().map(|d| FarProfile::new(d, 0.0));
+        let table = near::SquareTable::new(z, reach * reach, |c, r2| whole[c].reflectance_at_square(r2));
+        for (count, seed) in [(1, 0), (17, 1), (700, 2)] {
+            let r2: Vec<f32> = (0..count).map(|i| (reach * uniform(3, seed, i).powi(4)).powi(2) as f32).collect();
+            let flux: Vec<[f32; 4]> = (0..count).map(|i| [1.0, 0.5 + i as f32, 2.0, 0.0]).collect();
+            let mut expected = [0.0f64; 3];
+            for (r2, flux) in r2.iter().zip(&flux) {
+                for c in 0..3 {
+                    expected[c] += f64::from(flux[c]) * whole[c].reflectance_at_square(f64::from(*r2));
+                }
+            }
+            let (mut points, mut found, mut chosen) = (near::Points::default(), [0.0; 3], [0.0; 3]);
+            r2.iter().zip(&flux).for_each(|(r2, &[r, g, b, _])| points.push(*r2, [r, g, b]));
+            near::add_points(Level::detect(), &table, &points, &mut found);
+            let indices: Vec<u32> = (0..count as u32).rev().collect();
+            near::add_chosen(Level::detect(), &table, &indices, (&r2, &flux), &mut chosen);
+            for c in 0..3 {
+                for found in [found[c], chosen[c]] {
+                    assert!((found - expected[c]).abs() <= 1e-5 * expected[c].abs(), "{found:e} {:e}", expected[c]);
+                }
+            }
+            for level in Level::available() {
+                let mut again = [0.0; 3];
+                near::add_points(level, &table, &points, &mut again);
+                assert_eq!(again, found);
+            }
+        }
+    }
+    let kernel = kernel_of(&media()[0]);
+    let triangle = |i: usize| shapes()[i % shapes().len()].map(|c| (c + i as f64 * 0.1).as_vec3().to_array());
+    let mut together = [[0.0; 3]; 5];
+    let mut flats = near::Flats::default();
+    (0..40).for_each(|i| flats.push(i as u32 % 5, triangle(i), [1.0, 2.0, 3.0]));
+    near::add_flats(Level::detect(), &kernel, &flats, &mut together);
+    for (receiver, together) in together.iter().enumerate() {
+        let (mut flats, mut alone) = (near::Flats::default(), [[0.0; 3]]);
+        (0..40).filter(|i| i % 5 == receiver).for_each(|i| flats.push(0, triangle(i), [1.0, 2.0, 3.0]));
+        near::add_flats(Level::detect(), &kernel, &flats, &mut alone);
+        for c in 0..3 {
+            assert!((together[c] - alone[0][c]).abs() <= 2e-5 * alone[0][c], "{together:?} {alone:?}");
+        }
+    }
 }

@@ -12,7 +12,8 @@ use super::balanced_tree::{BalancedTree, Node, power_of_two_near};
 use super::gather::NearField;
 use super::irradiance::Pieces;
 use super::kernel::KernelRgb;
-use super::kernel::near::{self, Flats, Points, SplitRgb};
+use super::kernel::near::{self, Flats, Points, SquareTable};
+use super::kernel::radial_table::Rgb;
 use super::receivers::{Group, Receivers, Sphere};
 use super::scene::{Medium, Surface};
 use crate::geometry::mesh::Mesh;
@@ -25,22 +26,35 @@ use crate::progress::Progress;
 
 /// Kernels of one medium.
 struct NearKernel {
+    /// Of triangles.
     kernel: KernelRgb,
-    split: SplitRgb,
+    /// R_d of points of samples that are no points, and R_d less its far part.
+    whole: SquareTable,
+    near: SquareTable,
+    /// The far part inside the split radius: `c0 + c1 u + c2 u^2`, `u = r^2 - split^2`, of each channel.
+    polynomials: [[f32; 3]; 3],
     /// Depth of the shallowest real source, mm.
     smooth_mm: f64,
 }
 
 impl NearKernel {
-    fn new(medium: &Medium, split_mm: f64) -> Self {
-        Self::of(&medium.properties.dipoles(BoundaryFit::Published), split_mm)
-    }
-
-    fn of(profiles: &[Dipole; 3], split_mm: f64) -> Self {
-        let smooth_mm = profiles.iter().flat_map(|p| p.poles()).map(|p| p.z_mm).fold(f64::MAX, f64::min);
-        let polynomials = profiles.each_ref().map(|p| FarProfile::new(p, split_mm).polynomial().map(|c| c as f32));
-        let split = SplitRgb { split2: (split_mm * split_mm) as f32, polynomials };
-        Self { kernel: KernelRgb::new(profiles.map(|p| p.poles())), split, smooth_mm }
+    /// Points of samples are at most `reach_mm` from a receiver.
+    fn new(medium: &Medium, split_mm: f64, reach_mm: f64) -> Self {
+        let profiles = medium.properties.dipoles(BoundaryFit::Published);
+        let poles = profiles.map(|p| p.poles());
+        let smooth_mm = poles.iter().flatten().map(|p| p.z_mm).fold(f64::MAX, f64::min);
+        let [whole, far] = [0.0, split_mm].map(|split_mm| profiles.map(|p| FarProfile::new(&p, split_mm)));
+        let split2 = split_mm * split_mm;
+        let near = |c: usize, r2: f64| {
+            if r2 < split2 { whole[c].reflectance_at_square(r2) - far[c].reflectance_at_square(r2) } else { 0.0 }
+        };
+        Self {
+            kernel: KernelRgb::new(poles),
+            whole: SquareTable::new(smooth_mm, reach_mm * reach_mm, |c, r2| whole[c].reflectance_at_square(r2)),
+            near: SquareTable::new(smooth_mm, split2, near),
+            polynomials: far.map(|f| f.polynomial().map(|c| c as f32)),
+            smooth_mm,
+        }
     }
 }
 
@@ -134,7 +148,7 @@ pub struct Near<'a> {
 #[derive(Default)]
 struct Candidates {
     at: [Vec<f32>; 3],
-    flux: Vec<[f32; 3]>,
+    flux: Vec<Rgb>,
     /// Squared distances below which a sample is integrated at three points of each facet, and exactly, mm^2.
     three2: Vec<f32>,
     exact2: Vec<f32>,
@@ -159,10 +173,10 @@ struct Lists {
     r2: Vec<f32>,
     near_indices: Vec<u32>,
     special_indices: Vec<u32>,
-    near: Points,
-    less_far: Points,
     whole: Points,
+    /// Of all receivers of the group.
     flats: Flats,
+    sums: Vec<[f64; 3]>,
 }
 
 impl<'a> Near<'a> {
@@ -174,7 +188,10 @@ impl<'a> Near<'a> {
         rule: NearField,
         split_mm: f64,
     ) -> Self {
-        let media = media.iter().map(|m| NearKernel::new(m, split_mm)).collect();
+        // What is no point is nearer than this many radii, and its points are within it.
+        let largest = surface.patches.iter().map(|p| p.radius_mm).fold(0.0, f64::max);
+        let reach = split_mm.max((rule.three_points_below + 1.0) * largest);
+        let media = media.iter().map(|m| NearKernel::new(m, split_mm, reach)).collect();
         Self { surface, around, corners, media, rule, split_mm, level: Level::detect() }
     }
 
@@ -220,9 +237,16 @@ impl<'a> Near<'a> {
         for &sample in self.around.of(index) {
             self.candidate(sample, medium, &place, light, &mut lists.candidates);
         }
-        for (receiver, out) in members.iter().zip(out) {
-            let sum = self.receiver((*receiver - place.centre_mm).as_vec3().to_array(), medium, light, lists);
-            *out += DVec3::from_array(sum) / light.scale;
+        lists.flats.clear();
+        lists.sums.clear();
+        lists.sums.resize(members.len(), [0.0; 3]);
+        for (member, receiver) in members.iter().enumerate() {
+            let at = (*receiver - place.centre_mm).as_vec3().to_array();
+            self.receiver((member, at), medium, light, lists);
+        }
+        near::add_flats(self.level, &medium.kernel, &lists.flats, &mut lists.sums);
+        for (sum, out) in lists.sums.iter().zip(out) {
+            *out += DVec3::from_array(*sum) / light.scale;
         }
     }
 
@@ -245,23 +269,33 @@ impl<'a> Near<'a> {
         }
         let at = (patch.centre_mm - place.centre_mm).as_vec3().to_array();
         candidates.at.iter_mut().zip(at).for_each(|(list, x)| list.push(x));
-        candidates.flux.push((e * (light.scale * patch.area_mm2)).as_vec3().to_array());
+        candidates.flux.push((e * (light.scale * patch.area_mm2)).as_vec3().extend(0.0).to_array());
         candidates.three2.push(three2 as f32);
         candidates.exact2.push(self.below2(patch, medium, self.rule.exact_below) as f32);
         candidates.patch.push(index);
     }
 
-    fn receiver(&self, at: [f32; 3], medium: &NearKernel, light: &Shine, lists: &mut Lists) -> [f64; 3] {
-        let Lists { candidates, r2, near_indices, special_indices, near, less_far, whole, flats, .. } = lists;
-        let (nears, specials) =
-            sort_by_distance(candidates, at, medium.split.split2, r2, (near_indices, special_indices));
+    fn receiver(&self, (member, at): (usize, [f32; 3]), medium: &NearKernel, light: &Shine, lists: &mut Lists) {
+        let Lists { candidates, r2, near_indices, special_indices, whole, flats, sums } = lists;
+        let Some(sums) = sums.get_mut(member) else { return };
+        let split2 = (self.split_mm * self.split_mm) as f32;
+        let (nears, specials) = sort_by_distance(candidates, at, split2, r2, (near_indices, special_indices));
         let (near_indices, special_indices) = (&near_indices[..nears], &special_indices[..specials]);
-        near.select(near_indices, r2, &candidates.flux);
-        less_far.select(special_indices, r2, &candidates.flux);
         whole.clear();
-        flats.clear();
+        let mut far = [0.0f32; 3];
         for &candidate in special_indices {
             let i = candidate as usize;
+            // What the far field takes for it.
+            let [red, green, blue, _] = candidates.flux[i];
+            let flux = [red, green, blue];
+            let u = r2[i] - split2;
+            if u < 0.0 {
+                for ((far, flux), [c0, c1, c2]) in far.iter_mut().zip(flux).zip(medium.polynomials) {
+                    *far += flux * (c0 + u * (c1 + u * c2));
+                }
+            } else {
+                whole.push(r2[i], flux.map(|f| -f));
+            }
             let offset: [f32; 3] = std::array::from_fn(|axis| candidates.at[axis][i] - at[axis]);
             let patch = candidates.patch[i] as usize;
             let offsets = &self.surface.samples.patch_offsets;
@@ -270,26 +304,22 @@ impl<'a> Near<'a> {
                 let exact = r2[i] < candidates.exact2[i];
                 for (deviation, corners) in pieces {
                     let seen = corners.map(|corner| std::array::from_fn(|axis| corner[axis] + offset[axis]));
-                    piece(seen, (deviation * light.scale).as_vec3().to_array(), exact, (whole, flats));
+                    piece(seen, (deviation * light.scale).as_vec3().to_array(), exact, (whole, flats, member as u32));
                 }
             }
             let e = (light.irradiance[patch] * light.scale).as_vec3().to_array();
             for corners in &self.corners.0[facets] {
                 let seen = corners.map(|corner| std::array::from_fn(|axis| corner[axis] + offset[axis]));
                 if r2[i] < candidates.exact2[i] {
-                    flats.push(seen, e);
+                    flats.push(member as u32, seen, e);
                 } else {
                     three_points(seen, e, whole);
                 }
             }
         }
-        let mut sums = [0.0; 3];
-        let NearKernel { kernel, split, .. } = medium;
-        near::add_near(self.level, kernel, split, near, &mut sums);
-        near::add_whole(self.level, kernel, split, whole, &mut sums);
-        near::add_flats(self.level, kernel, flats, &mut sums);
-        near::subtract_far(self.level, kernel, split, less_far, &mut sums);
-        sums
+        near::add_chosen(self.level, &medium.near, near_indices, (r2, &candidates.flux), sums);
+        near::add_points(self.level, &medium.whole, whole, sums);
+        sums.iter_mut().zip(far).for_each(|(sum, far)| *sum -= f64::from(far));
     }
 }
 
@@ -333,9 +363,9 @@ fn sort_by_distance(
 }
 
 /// A piece of a sample: exact, or a point, because it is small where its sample is three.
-fn piece(seen: [[f32; 3]; 3], e: [f32; 3], exact: bool, (whole, flats): (&mut Points, &mut Flats)) {
+fn piece(seen: [[f32; 3]; 3], e: [f32; 3], exact: bool, (whole, flats, receiver): (&mut Points, &mut Flats, u32)) {
     if exact {
-        flats.push(seen, e);
+        flats.push(receiver, seen, e);
         return;
     }
     let [a, b, c] = seen.map(glam::Vec3::from_array);
@@ -361,7 +391,10 @@ pub fn far_all_pairs(
     receivers: &Receivers,
     irradiance: &[DVec3],
 ) -> Vec<DVec3> {
-    let kernel = NearKernel::of(dipoles, split_mm);
+    let far = dipoles.each_ref().map(|dipole| FarProfile::new(dipole, split_mm));
+    let reach = 1.001 * surface.scene.mesh.diagonal_mm();
+    let smooth = split_mm.max(dipoles.iter().map(|d| d.z_real_mm).fold(f64::MAX, f64::min));
+    let table = SquareTable::new(smooth, reach * reach, |c, r2| far[c].reflectance_at_square(r2));
     let brightest = irradiance.iter().map(|e| e.max_element()).fold(0.0, f64::max);
     let scale = power_of_two_near(brightest).recip();
     let of_group = |group: &Group| {
@@ -375,8 +408,8 @@ pub fn far_all_pairs(
                 points.push(r2, (irradiance[index] * (patch.area_mm2 * scale)).as_vec3().to_array());
             }
             let mut sums = [0.0; 3];
-            near::subtract_far(Level::detect(), &kernel.kernel, &kernel.split, &points, &mut sums);
-            DVec3::from_array(sums) / -scale
+            near::add_points(Level::detect(), &table, &points, &mut sums);
+            DVec3::from_array(sums) / scale
         };
         receivers.positions[group.run.range()].iter().map(|&p| of_receiver(p)).collect::<Vec<_>>()
     };

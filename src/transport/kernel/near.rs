@@ -1,81 +1,190 @@
 //! The kernels of the near field: many sources against one receiver, side by side.
 //!
-//! Around a group of receivers most sources are near to a few of them only, so each receiver has its own list. Sums run in
-//! f32 over at most `FLUSH` rows and are then added to f64, lane after lane.
+//! Points take R_d, or R_d less its far part, from a table: around a group of receivers each has a list of its own, and sums run
+//! in f32 over at most `FLUSH` points. Triangles are integrated in closed form, those of a whole group of receivers side by
+//! side, because a receiver alone has too few of them to fill the lanes.
 
+use super::radial_table::Rgb;
 use super::{
-    EdgeRule, FLUSH, GAUSS_4, GAUSS_6, GAUSS_8, GAUSS_12, GAUSS_24, KernelRgb, LANES, Row, edge_into, edge_rule,
-    reflectance, rule, tail,
+    EdgeRule, FLUSH, GAUSS_4, GAUSS_6, GAUSS_8, GAUSS_12, GAUSS_24, KernelRgb, LANES, Row, edge_into, edge_rule, rule,
+    tail,
 };
-use crate::math::simd::multiversion;
+use crate::math::simd::{Level, multiversion};
 
-/// The even polynomial that a far profile is inside its split radius, RGB: c0 + c1 u + c2 u^2, u = r^2 - split^2.
+/// Bits of a mantissa within a segment: 64 segments to each doubling.
+const SHIFT: u32 = 23 - 6;
+
+/// The smallest scale over the reach at least.
+const LEAST_SCALE: f64 = 1e-6;
+
+/// Sums side by side, so that none waits for the one before.
+const CHAINS: usize = 4;
+
+/// A quadratic polynomial of the squared distance beyond the start of a segment.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct SplitRgb {
-    /// Split radius squared, mm^2.
-    pub split2: f32,
-    /// c0, c1, c2 of each channel.
-    pub polynomials: [[f32; 3]; 3],
+#[repr(C, align(16))]
+struct Segment {
+    value: Rgb,
+    slope: Rgb,
+    curvature: Rgb,
 }
 
-/// Point sources as one receiver sees them.
+/// A smooth function of the squared distance, RGB, by quadratic polynomials on segments even in the logarithm of r^2 + s^2, s the
+/// scale on which it is smooth: 3e-6 of itself off where it goes as the fourth power of that sum. Nothing beyond its end.
+#[derive(Clone, Debug)]
+pub struct SquareTable {
+    /// s^2, mm^2, and its upper bits.
+    scale2: f32,
+    first: u32,
+    /// The last one is zero.
+    segments: Vec<Segment>,
+}
+
+impl SquareTable {
+    /// Of values by channel and squared distance (mm^2), up to `end_mm2`.
+    pub fn new(scale_mm: f64, end_mm2: f64, value: impl Fn(usize, f64) -> f64) -> Self {
+        let end = end_mm2.clamp(1e-30, 1e30);
+        let scale2 = (scale_mm * scale_mm).clamp(LEAST_SCALE * LEAST_SCALE * end, end) as f32;
+        // A whole segment, so that the first node is at r = 0.
+        let first = scale2.to_bits() >> SHIFT;
+        let scale2 = f32::from_bits(first << SHIFT);
+        let last = (end as f32 + scale2).to_bits() >> SHIFT;
+        let square = |k: u32| f64::from(f32::from_bits(k << SHIFT)) - f64::from(scale2);
+        let finite = |v: f64| if v.is_finite() { v.clamp(-1e30, 1e30) } else { 0.0 };
+        let segment = |k: u32| {
+            let (from, to) = (square(k), square(k + 1));
+            let step = to - from;
+            let mut segment = Segment::default();
+            for c in 0..3 {
+                let [a, m, b] = [from, 0.5 * (from + to), to].map(|r2| finite(value(c, r2)));
+                segment.value[c] = a as f32;
+                segment.slope[c] = ((4.0 * m - 3.0 * a - b) / step) as f32;
+                segment.curvature[c] = (2.0 * (a + b - 2.0 * m) / step / step) as f32;
+            }
+            segment
+        };
+        let mut segments: Vec<Segment> = (first..=last).map(segment).collect();
+        segments.push(Segment::default());
+        Self { scale2, first, segments }
+    }
+}
+
+/// Points as one receiver sees them.
 #[derive(Clone, Debug, Default)]
 pub struct Points {
-    /// Squared distances, mm^2, and fluxes, RGB, in rows of [`LANES`].
-    rows: Vec<PointRow>,
-    len: usize,
+    /// Squared distances, mm^2.
+    r2: Vec<f32>,
+    /// RGB and nothing.
+    flux: Vec<Rgb>,
 }
-
-#[derive(Clone, Copy, Debug)]
-struct PointRow {
-    r2: Row,
-    flux: [Row; 3],
-}
-
-/// A row that nothing comes from.
-const NOTHING: PointRow = PointRow { r2: [1.0; LANES], flux: [[0.0; LANES]; 3] };
 
 impl Points {
     /// Forgets all.
     pub fn clear(&mut self) {
-        self.rows.clear();
-        self.len = 0;
+        self.r2.clear();
+        self.flux.clear();
     }
 
     /// Adds a source at a squared distance (mm^2).
-    pub fn push(&mut self, r2: f32, flux: [f32; 3]) {
-        let lane = self.len % LANES;
-        if lane == 0 {
-            self.rows.push(NOTHING);
-        }
-        self.len += 1;
-        if let Some(row) = self.rows.last_mut() {
-            row.r2[lane] = r2;
-            for (channel, flux) in row.flux.iter_mut().zip(flux) {
-                channel[lane] = flux;
-            }
-        }
+    #[inline(always)]
+    pub fn push(&mut self, r2: f32, [red, green, blue]: [f32; 3]) {
+        self.r2.push(r2);
+        self.flux.push([red, green, blue, 0.0]);
     }
+}
 
-    /// Replaces all by those of `indices`: squared distances (mm^2) and fluxes of every source that there is.
-    pub fn select(&mut self, indices: &[u32], r2: &[f32], flux: &[[f32; 3]]) {
-        self.rows.clear();
-        self.len = indices.len();
-        for chunk in indices.chunks(LANES) {
-            let mut row = NOTHING;
-            for (lane, &index) in chunk.iter().enumerate() {
-                let [red, green, blue] = flux[index as usize];
-                row.r2[lane] = r2[index as usize];
-                row.flux[0][lane] = red;
-                row.flux[1][lane] = green;
-                row.flux[2][lane] = blue;
-            }
-            self.rows.push(row);
+/// Adds one row of points to the sums.
+#[inline(always)]
+fn row_into(table: &SquareTable, r2: &Row, flux: &[Rgb; LANES], partial: &mut [Rgb; CHAINS]) {
+    let (mut index, mut beyond) = ([0u32; LANES], [0.0f32; LANES]);
+    for i in 0..LANES {
+        let x = r2[i] + table.scale2;
+        let bits = x.to_bits() >> SHIFT;
+        index[i] = bits - table.first.min(bits);
+        beyond[i] = x - f32::from_bits(bits << SHIFT);
+    }
+    let last = table.segments.len().wrapping_sub(1);
+    for i in 0..LANES {
+        let Some(segment) = table.segments.get((index[i] as usize).min(last)) else { return };
+        let partial = &mut partial[i % CHAINS];
+        for c in 0..4 {
+            let value = segment.value[c] + beyond[i] * (segment.slope[c] + beyond[i] * segment.curvature[c]);
+            partial[c] += flux[i][c] * value;
         }
     }
 }
 
-/// Triangles as one receiver sees them.
+#[inline(always)]
+fn collect(sums: &mut [f64; 3], partial: &[Rgb; CHAINS]) {
+    for (c, sum) in sums.iter_mut().enumerate() {
+        for partial in partial {
+            *sum += f64::from(partial[c]);
+        }
+    }
+}
+
+/// Points of one row, and rows of one sum in single precision.
+const FLUSHED: usize = FLUSH * CHAINS;
+
+#[inline(always)]
+fn points_body(table: &SquareTable, points: &Points, sums: &mut [f64; 3]) {
+    for (r2, flux) in points.r2.chunks(FLUSHED).zip(points.flux.chunks(FLUSHED)) {
+        let mut partial = [[0.0f32; 4]; CHAINS];
+        for (r2, flux) in r2.chunks(LANES).zip(flux.chunks(LANES)) {
+            if let (Some(r2), Some(flux)) = (r2.first_chunk(), flux.first_chunk()) {
+                row_into(table, r2, flux, &mut partial);
+                continue;
+            }
+            let (mut last_r2, mut last_flux) = ([0.0f32; LANES], [[0.0f32; 4]; LANES]);
+            last_r2[..r2.len()].copy_from_slice(r2);
+            last_flux[..flux.len()].copy_from_slice(flux);
+            row_into(table, &last_r2, &last_flux, &mut partial);
+        }
+        collect(sums, &partial);
+    }
+}
+
+#[inline(always)]
+fn chosen_body(table: &SquareTable, indices: &[u32], (r2, flux): (&[f32], &[Rgb]), sums: &mut [f64; 3]) {
+    for indices in indices.chunks(FLUSHED) {
+        let mut partial = [[0.0f32; 4]; CHAINS];
+        for indices in indices.chunks(LANES) {
+            let (mut row_r2, mut row_flux) = ([0.0f32; LANES], [[0.0f32; 4]; LANES]);
+            for (lane, &index) in indices.iter().enumerate() {
+                let (Some(r2), Some(flux)) = (r2.get(index as usize), flux.get(index as usize)) else { return };
+                row_r2[lane] = *r2;
+                row_flux[lane] = *flux;
+            }
+            row_into(table, &row_r2, &row_flux, &mut partial);
+        }
+        collect(sums, &partial);
+    }
+}
+
+multiversion! {
+    /// See [`add_points`].
+    fn points_of(table: &SquareTable, points: &Points, sums: &mut [f64; 3]) => points_body
+}
+
+multiversion! {
+    /// See [`add_chosen`].
+    fn chosen(table: &SquareTable, indices: &[u32], sources: (&[f32], &[Rgb]), sums: &mut [f64; 3]) => chosen_body
+}
+
+/// Beyond these instructions nothing is gained: compilers gather from the table where single loads are faster.
+const WIDEST: Level = Level::Avx2;
+
+/// Adds `flux f(r^2)` of every source, f by a table.
+pub fn add_points(level: Level, table: &SquareTable, points: &Points, sums: &mut [f64; 3]) {
+    points_of(level.min(WIDEST), table, points, sums);
+}
+
+/// Adds the same of some of many sources, whose squared distances (mm^2) and fluxes are given.
+pub fn add_chosen(level: Level, table: &SquareTable, indices: &[u32], sources: (&[f32], &[Rgb]), sums: &mut [f64; 3]) {
+    chosen(level.min(WIDEST), table, indices, sources, sums);
+}
+
+/// Triangles as receivers see them.
 #[derive(Clone, Debug, Default)]
 pub struct Flats {
     rows: Vec<FlatRow>,
@@ -87,6 +196,8 @@ struct FlatRow {
     /// By corner and axis, relative to the receiver, mm.
     corners: [[Row; 3]; 3],
     irradiance: [Row; 3],
+    /// Whose they are.
+    receivers: [u32; LANES],
 }
 
 impl Flats {
@@ -96,15 +207,17 @@ impl Flats {
         self.len = 0;
     }
 
-    /// Adds a triangle with corners relative to the receiver (mm) and its irradiance, RGB.
+    /// Adds a triangle with corners relative to a receiver (mm) and its irradiance, RGB.
     #[inline(always)]
-    pub fn push(&mut self, corners: [[f32; 3]; 3], irradiance: [f32; 3]) {
+    pub fn push(&mut self, receiver: u32, corners: [[f32; 3]; 3], irradiance: [f32; 3]) {
         let lane = self.len % LANES;
         if lane == 0 {
-            self.rows.push(FlatRow { corners: [[[0.0; LANES]; 3]; 3], irradiance: [[0.0; LANES]; 3] });
+            let (corners, irradiance) = ([[[0.0; LANES]; 3]; 3], [[0.0; LANES]; 3]);
+            self.rows.push(FlatRow { corners, irradiance, receivers: [receiver; LANES] });
         }
         self.len += 1;
         if let Some(row) = self.rows.last_mut() {
+            row.receivers[lane] = receiver;
             for (row, corner) in row.corners.iter_mut().zip(corners) {
                 for (row, value) in row.iter_mut().zip(corner) {
                     row[lane] = value;
@@ -115,94 +228,6 @@ impl Flats {
             }
         }
     }
-}
-
-/// Which part of R_d a sum takes.
-#[derive(Clone, Copy, PartialEq)]
-enum Side {
-    /// All of it.
-    Whole,
-    /// R_d less its far part: nothing beyond the split radius.
-    Near,
-    /// The far part, subtracted.
-    LessFar,
-}
-
-#[inline(always)]
-fn points_body(kernel: &KernelRgb, split: &SplitRgb, points: &Points, sums: &mut [f64; 3], side: Side) {
-    for chunk in points.rows.chunks(FLUSH) {
-        let mut partial = [[0.0f32; LANES]; 3];
-        for row in chunk {
-            for (channel, partial) in partial.iter_mut().enumerate() {
-                let [real, image] = kernel.terms[channel];
-                let [c0, c1, c2] = split.polynomials[channel];
-                let flux = &row.flux[channel];
-                for i in 0..LANES {
-                    let whole = reflectance(real, row.r2[i]) + reflectance(image, row.r2[i]);
-                    let u = row.r2[i] - split.split2;
-                    let smooth = c0 + u * (c1 + u * c2);
-                    let value = match side {
-                        Side::Whole => whole,
-                        Side::Near => {
-                            if u < 0.0 {
-                                whole - smooth
-                            } else {
-                                0.0
-                            }
-                        }
-                        Side::LessFar => {
-                            if u < 0.0 {
-                                -smooth
-                            } else {
-                                -whole
-                            }
-                        }
-                    };
-                    partial[i] += flux[i] * value;
-                }
-            }
-        }
-        collect(sums, &partial);
-    }
-}
-
-#[inline(always)]
-fn collect(sums: &mut [f64; 3], partial: &[Row; 3]) {
-    for (sum, partial) in sums.iter_mut().zip(partial) {
-        for value in partial {
-            *sum += f64::from(*value);
-        }
-    }
-}
-
-#[inline(always)]
-fn whole_body(kernel: &KernelRgb, split: &SplitRgb, points: &Points, sums: &mut [f64; 3]) {
-    points_body(kernel, split, points, sums, Side::Whole);
-}
-
-#[inline(always)]
-fn near_body(kernel: &KernelRgb, split: &SplitRgb, points: &Points, sums: &mut [f64; 3]) {
-    points_body(kernel, split, points, sums, Side::Near);
-}
-
-#[inline(always)]
-fn less_far_body(kernel: &KernelRgb, split: &SplitRgb, points: &Points, sums: &mut [f64; 3]) {
-    points_body(kernel, split, points, sums, Side::LessFar);
-}
-
-multiversion! {
-    /// Adds `flux R_d` of every source.
-    pub fn add_whole(kernel: &KernelRgb, split: &SplitRgb, points: &Points, sums: &mut [f64; 3]) => whole_body
-}
-
-multiversion! {
-    /// Adds `flux (R_d - f)` of every source, f the far part of R_d.
-    pub fn add_near(kernel: &KernelRgb, split: &SplitRgb, points: &Points, sums: &mut [f64; 3]) => near_body
-}
-
-multiversion! {
-    /// Subtracts `flux f` of every source, f the far part of R_d.
-    pub fn subtract_far(kernel: &KernelRgb, split: &SplitRgb, points: &Points, sums: &mut [f64; 3]) => less_far_body
 }
 
 static GAUSS_3: [(f32, f32); 3] = rule();
@@ -220,13 +245,16 @@ pub static NEAR_EDGE_RULES: [EdgeRule; 6] = [
 
 /// As `triangle_into` of the parent module, with the geometry of the triangles worked out here.
 #[inline(always)]
-fn flats_body(kernel: &KernelRgb, flats: &Flats, sums: &mut [f64; 3]) {
-    for chunk in flats.rows.chunks(FLUSH) {
-        let mut partial = [[0.0f32; LANES]; 3];
-        for row in chunk {
-            flat_row(kernel, row, &mut partial);
+fn flats_body(kernel: &KernelRgb, flats: &Flats, sums: &mut [[f64; 3]]) {
+    for row in &flats.rows {
+        let mut values = [[0.0f32; LANES]; 3];
+        flat_row(kernel, row, &mut values);
+        for (lane, &receiver) in row.receivers.iter().enumerate() {
+            let Some(sums) = sums.get_mut(receiver as usize) else { return };
+            for (sum, values) in sums.iter_mut().zip(&values) {
+                *sum += f64::from(values[lane]);
+            }
         }
-        collect(sums, &partial);
     }
 }
 
@@ -282,6 +310,6 @@ fn flat_row(kernel: &KernelRgb, row: &FlatRow, partial: &mut [Row; 3]) {
 }
 
 multiversion! {
-    /// Adds `irradiance Int R_d dA` of every flat triangle.
-    pub fn add_flats(kernel: &KernelRgb, flats: &Flats, sums: &mut [f64; 3]) => flats_body
+    /// Adds `irradiance Int R_d dA` of every flat triangle to the sum of its receiver.
+    pub fn add_flats(kernel: &KernelRgb, flats: &Flats, sums: &mut [[f64; 3]]) => flats_body
 }
