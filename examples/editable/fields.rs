@@ -41,6 +41,9 @@ const GAPS_MM: [f64; 5] = [1.0, 3.0, 10.0, 30.0, 100.0];
 const SIZE: f64 = 6.0;
 const GAP: f64 = 10.0;
 
+/// A light so near that most samples it reaches have maps of their own.
+const NEAR: (f64, f64) = (18.0, 1.0);
+
 /// Points of the field, and those of the errors.
 const POINTS: [u16; 4] = [8, 16, 32, 64];
 const DEFAULT: u16 = 32;
@@ -108,7 +111,8 @@ struct Rms {
 
 impl Rms {
     fn text(self) -> String {
-        format!("{}, {}", percent(self.irradiance), percent(self.radiosity))
+        let text = |share: f64| if share < 5e-6 { "0".to_owned() } else { percent(share) };
+        format!("{}, {}", text(self.irradiance), text(self.radiosity))
     }
 }
 
@@ -406,13 +410,22 @@ fn times(context: &Context, scene: &Scene, error: f64) -> Result<String> {
             text += &summary(
                 &format!(
                     "irradiance of {samples} samples as an area light moves: source radiance field against shadow rays; RMS of the \
-                     radiosity"
+                     radiosity of {SAMPLES}"
                 ),
                 "no figure",
                 "what it costs",
                 &format!("{} against {}; {}", ms(times[0]), ms(rays[0]), percent(error)),
             );
         }
+    }
+    let near = self::light(scene, &bench.bvh, NEAR.0, NEAR.1)?;
+    let lost = bench.step(&bench.field(&near, DEFAULT)?, &bench.own_maps(&near)?, &bench.own_maps(&near)?);
+    for (name, light, lost) in
+        [("shadow rays", near.clone(), "-".to_owned()), ("field=32", near.clone().through_field(DEFAULT)?, lost.text())]
+    {
+        let times = times_ms(&bench, &light)?.map(ms);
+        let name = format!("{name}, {} mm wide, {} mm away", NEAR.0, NEAR.1);
+        rows.push([name, "-".to_owned()].into_iter().chain(times).chain([lost]).collect());
     }
     let head = [
         "the light's way to the samples",

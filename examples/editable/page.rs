@@ -68,6 +68,10 @@ the paper has it), and the irradiance of a sample is the product of its row, whi
 around it in the field hold. Errors are RMS, of the irradiance of the samples and, after the comma, of the radiosity: of each step
 against the next more exact one, and of everything against shadow rays (256 strata, 16 points of a sample).
 
+Interpolation costs less than the rows nearly everywhere. Rows smear what is smaller than a texel: a light of 2 mm 100 mm away is a sun to
+them, and finer rows mend that (last column). That a row is seen from one point of its sample costs most in irradiance, and little in
+radiosity, because scattering averages it.
+
 ";
 
 const PLACES: &[(&str, &str)] = &[
@@ -95,7 +99,8 @@ Rows know which directions are open, not how far: what stands behind the light s
 wall of 40 x 40 mm behind it:";
 
 const FIELDS_TIMES: &str = "\
-Times on two cores, medians. A turned light is another field, because maps are in world axes as rows are. Moving, growing and dimming it are free.";
+Times on two cores, medians, a light of 6 mm 10 mm away. A turned light is another field, because maps are in world axes as rows are; moving,
+growing and dimming it are free. Within 1.4 half diagonals of the light a sample has a map of its own, which takes longer (last row).";
 
 pub(crate) const WORDS: Words = Words {
     head: HEAD,
