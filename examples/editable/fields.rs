@@ -264,13 +264,11 @@ fn by_distance(context: &Context, scene: &Scene, samples: usize) -> Result<(Stri
             context.say(&format!("fields: {}", row.join(" | ")));
             rows.push(row);
             if size == SIZE {
-                let point = |(name, step): (&&str, &Rms)| Point {
-                    series: (*name).to_owned(),
-                    x: gap,
-                    // A logarithmic axis has no 0.
-                    y: step.radiosity.max(1e-6),
-                };
-                points.extend(STEPS.iter().zip(&steps).map(point));
+                // A logarithmic axis has no 0.
+                let there = |(_, step): &(&&str, &Rms)| step.radiosity >= 1e-5;
+                let point =
+                    |(name, step): (&&str, &Rms)| Point { series: (*name).to_owned(), x: gap, y: step.radiosity };
+                points.extend(STEPS.iter().zip(&steps).filter(there).map(point));
                 if gap == GAP {
                     shown = steps[4].radiosity;
                 }
