@@ -292,7 +292,7 @@ fn lights_add_up_and_stay_proportional() {
         assert!((specular(p) - sum).length() <= 1e-5 * sum.length(), "{p:?} {sum}");
     }
     let (area, bright) = match &lights[3] {
-        Light::Area { at_mm, normal, u, size_mm, radiance } => {
+        Light::Area { at_mm, normal, u, size_mm, radiance, .. } => {
             (&lights[3], Light::area(*at_mm, *normal, *size_mm, *radiance * 8.0, Some(*u)).unwrap())
         }
         _ => unreachable!(),

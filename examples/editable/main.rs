@@ -11,6 +11,7 @@
 mod bench;
 #[path = "../common/mod.rs"]
 mod common;
+mod fields;
 mod figure3;
 mod figure4;
 mod figure5;
@@ -28,6 +29,7 @@ const PAGE: Page = Page {
         ("figure4", figure4::run),
         ("figure5", figure5::run),
         ("profiles", profiles::run),
+        ("fields", fields::run),
     ],
     words: page::WORDS,
 };

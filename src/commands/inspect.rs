@@ -13,7 +13,7 @@ use super::{output, report};
 use crate::asset::{Asset, Provenance};
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, ExitCode, Result};
-use crate::evaluate::{Capabilities, Cost, MaterialEdit, ProfileEdit};
+use crate::evaluate::{Capabilities, Cost, MaterialEdit, ProfileEdit, SourceFields};
 use crate::methods;
 
 #[derive(Clone, Debug, Args)]
@@ -264,5 +264,9 @@ fn edits_of(edits: Capabilities) -> String {
         ProfileEdit::OnCpu => "any profile (on the CPU), any size, other meshes of the same object",
         ProfileEdit::Any => "any profile, any size, other meshes of the same object",
     };
-    format!("{material}; {profile}")
+    let fields = match edits.source_fields {
+        SourceFields::None => "no source radiance fields (field=) of area lights",
+        SourceFields::Any => "area lights through source radiance fields where they ask for it (field=)",
+    };
+    format!("{material}; {profile}; {fields}")
 }

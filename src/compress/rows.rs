@@ -108,6 +108,39 @@ impl Rows {
         Ok(result)
     }
 
+    /// Writes all coefficients of a patch for coefficients of [`Rows::entrance`] into `out`, which has room for six faces and is 0
+    /// there: what a product with any cube map needs. [`Rows::erase`] makes it 0 again.
+    pub fn write(&self, patch: usize, entrance: &[f64; MOST_TERMS], out: &mut [f32]) {
+        let (rows, terms) = (&self.data, self.data.terms);
+        let (Some(&from), Some(&end)) = (rows.offsets.get(patch), rows.offsets.get(patch + 1)) else { return };
+        let (from, end) = (from as usize, end as usize);
+        let c = entrance.map(|c| c as f32);
+        let (values, count) = (&rows.values[from * terms..end * terms], end - from);
+        for (k, index) in rows.indices[from..end].iter().enumerate() {
+            let sum: f32 = c[..terms].iter().enumerate().map(|(j, c)| c * f32::from(values[j * count + k])).sum();
+            if let Some(out) = out.get_mut(usize::from(*index)) {
+                *out = sum * rows.steps[patch];
+            }
+        }
+        let scaling = &rows.scaling[patch * terms * FACES..(patch + 1) * terms * FACES];
+        for (face, out) in out.chunks_exact_mut(rows.side * rows.side).enumerate().take(FACES) {
+            let sum: f32 = (0..terms).map(|j| c[j] * f32::from(scaling[j * FACES + face])).sum();
+            out[0] = sum * rows.scaling_steps[patch];
+        }
+    }
+
+    /// Makes what [`Rows::write`] wrote 0 again.
+    pub fn erase(&self, patch: usize, out: &mut [f32]) {
+        let rows = &self.data;
+        let (Some(&from), Some(&end)) = (rows.offsets.get(patch), rows.offsets.get(patch + 1)) else { return };
+        for index in &rows.indices[from as usize..end as usize] {
+            if let Some(out) = out.get_mut(usize::from(*index)) {
+                *out = 0.0;
+            }
+        }
+        out.chunks_exact_mut(rows.side * rows.side).for_each(|face| face[0] = 0.0);
+    }
+
     fn check(&self, light: &CubeLight) -> Result<()> {
         if light.side() == self.data.side {
             return Ok(());

@@ -1,16 +1,18 @@
-//! Environments and constant light through stored irradiance rows.
+//! Environments, constant light, and area lights with source radiance fields, through stored irradiance rows.
 
 use glam::DVec3;
 use translux_format::rows::IrradianceRows;
 
+use super::SourceFields;
 use super::sampling_error::Sampled;
+use super::source_fields::{Fields, Lookup};
 use crate::asset::Asset;
 use crate::compress::rows::Rows;
 use crate::error::Result;
 use crate::geometry::part_table::PartTable;
 use crate::geometry::samples::Samples;
 use crate::light::cube_light::CubeLight;
-use crate::light::{Light, LightKind};
+use crate::light::{Light, LightKind, refuse_fields};
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::medium::entrance_basis::MOST_TERMS;
 use crate::progress::{Progress, Silent};
@@ -22,6 +24,7 @@ use crate::transport::tree::SampleTree;
 /// Rows that serve as a light's irradiance.
 pub struct StoredRows {
     rows: Rows,
+    fields: Fields,
 }
 
 /// Whether rows hold what this light does.
@@ -32,7 +35,7 @@ pub fn comes_from_far_away(light: &Light) -> bool {
 impl StoredRows {
     /// Of rows.
     pub fn new(rows: Rows) -> Self {
-        Self { rows }
+        Self { rows, fields: Fields::default() }
     }
 
     /// Those of an asset, if it has any.
@@ -43,16 +46,16 @@ impl StoredRows {
         Ok(Rows::from_sections(&asset.sections, asset.samples.len())?.map(Self::new))
     }
 
-    /// Bytes in memory.
+    /// Bytes in memory, with those of the source radiance fields that were made.
     pub fn bytes(&self) -> usize {
-        self.rows.data().bytes()
+        self.rows.data().bytes() + self.fields.bytes()
     }
 
     /// Irradiance of every sample, and of the pieces of those that are not lit evenly: through the rows, where there are any, for the
     /// lights that they have; for the others by rays.
     ///
     /// # Errors
-    /// Lights that do not fit a cube map; those of the rays.
+    /// Lights that do not fit a cube map; those of the rays; a light with a source radiance field where no rows serve it.
     pub fn illuminate(
         rows: Option<&Self>,
         (scene, samples): (&Scene, &Samples),
@@ -60,6 +63,9 @@ impl StoredRows {
         progress: &dyn Progress,
         by_rays: impl FnOnce(&[Light]) -> Result<(Vec<DVec3>, Pieces)>,
     ) -> Result<(Vec<DVec3>, Pieces)> {
+        if rows.is_none_or(|rows| !rows.serve(&scene.media)) {
+            refuse_fields(lights)?;
+        }
         let of_rows = |light: &Light| rows.is_some_and(|rows| rows.have(light, &scene.media));
         let (far, near): (Vec<Light>, Vec<Light>) = lights.iter().cloned().partition(of_rows);
         let (Some(rows), false) = (rows, far.is_empty()) else { return by_rays(lights) };
@@ -68,7 +74,7 @@ impl StoredRows {
             near => by_rays(near)?,
         };
         progress.start("rows", 0);
-        rows.add(&far, (&scene.parts, &scene.media), samples, &mut irradiance)?;
+        rows.add(&far, scene, samples, &mut irradiance)?;
         progress.finish();
         Ok((irradiance, pieces))
     }
@@ -80,7 +86,7 @@ impl StoredRows {
 
     /// Whether they stand for the rays of a light in some media.
     pub fn have(&self, light: &Light, media: &[Medium]) -> bool {
-        comes_from_far_away(light) && self.serve(media)
+        (comes_from_far_away(light) || light.has_field()) && self.serve(media)
     }
 
     /// The plain arrays.
@@ -99,27 +105,57 @@ impl StoredRows {
         Ok((0..parts.parts.len()).map(|part| of_part(part).unwrap_or_default()).collect())
     }
 
-    /// Adds the irradiance of every sample under lights that come from far away, RGB.
+    /// Whether area lights may have source radiance fields in these media; `rows` are those of the asset.
+    pub fn source_fields(rows: Option<&Self>, media: &[Medium]) -> SourceFields {
+        if rows.is_some_and(|rows| rows.serve(media)) { SourceFields::Any } else { SourceFields::None }
+    }
+
+    /// Adds the irradiance of every sample under lights that come from far away or have a source radiance field, RGB.
     ///
     /// # Errors
     /// Another kind of light, or a medium that the rows do not serve.
-    pub fn add(
-        &self,
-        lights: &[Light],
-        (parts, media): (&PartTable, &[Medium]),
-        samples: &Samples,
-        irradiance: &mut [DVec3],
-    ) -> Result<()> {
-        let of_part = self.entrance_of_parts(parts, media)?;
+    pub fn add(&self, lights: &[Light], scene: &Scene, samples: &Samples, irradiance: &mut [DVec3]) -> Result<()> {
+        let of_part = self.entrance_of_parts(&scene.parts, &scene.media)?;
         let of_patch =
             |patch: usize| of_part[samples.part_offsets.partition_point(|&first| first as usize <= patch) - 1];
         for light in lights {
+            if light.has_field() {
+                self.fields.add(light, (&self.rows, of_patch), (scene, samples), Lookup::Field, irradiance)?;
+                continue;
+            }
             let light = CubeLight::new(light, self.rows.data().side)?;
             let added = self.rows.irradiance(&light, of_patch)?;
             irradiance.iter_mut().zip(added).for_each(|(sum, e)| *sum += e);
         }
         Ok(())
     }
+
+    /// Irradiance of every sample under a light with a source radiance field, RGB, but by a cube map of each sample's own: what
+    /// the interpolation of the field is measured against.
+    ///
+    /// # Errors
+    /// As [`StoredRows::add`].
+    pub fn without_interpolation(&self, light: &Light, scene: &Scene, samples: &Samples) -> Result<Vec<DVec3>> {
+        let of_part = self.entrance_of_parts(&scene.parts, &scene.media)?;
+        let of_patch =
+            |patch: usize| of_part[samples.part_offsets.partition_point(|&first| first as usize <= patch) - 1];
+        let mut irradiance = vec![DVec3::ZERO; samples.len()];
+        self.fields.add(light, (&self.rows, of_patch), (scene, samples), Lookup::OwnMap, &mut irradiance)?;
+        Ok(irradiance)
+    }
+
+    /// Bytes of the source radiance field of a light, which is made where there is none yet.
+    ///
+    /// # Errors
+    /// A light without one.
+    pub fn field_bytes(&self, light: &Light) -> Result<usize> {
+        Ok(self.fields.of(light, self.rows.data().side)?.0.bytes())
+    }
+}
+
+/// Lights as rays see them: what rows are measured against.
+pub fn by_rays(lights: &[Light]) -> Vec<Light> {
+    lights.iter().map(Light::by_rays).collect()
 }
 
 /// Receivers that the error of rows is measured on.

@@ -9,6 +9,7 @@ pub mod inter_reflection;
 pub mod sampled;
 pub mod sampling_error;
 pub mod single_scattering;
+pub mod source_fields;
 pub mod summed;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -137,6 +138,8 @@ pub struct Capabilities {
     pub material: MaterialEdit,
     /// Whether another radial profile may take the dipole's place.
     pub profile: ProfileEdit,
+    /// Whether area lights may go through source radiance fields ([`crate::light::source_field`]).
+    pub source_fields: SourceFields,
 }
 
 /// What may change about the material.
@@ -146,6 +149,16 @@ pub enum MaterialEdit {
     /// Nothing: the material is baked in.
     None,
     /// Every optical property.
+    Any,
+}
+
+/// Whether area lights may go through source radiance fields.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SourceFields {
+    /// No: there are no irradiance rows at the samples.
+    None,
+    /// Yes, in the media in force: their refractive indices are those that the rows serve.
     Any,
 }
 

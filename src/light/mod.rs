@@ -5,13 +5,15 @@ pub mod environment;
 pub mod harmonics;
 pub mod parse;
 pub mod quantised;
+pub mod rectangle_map;
 pub mod sky;
+pub mod source_field;
 pub mod strata;
 mod validate;
 
 use glam::DVec3;
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use environment::EnvironmentMap;
 use std::sync::Arc;
 
@@ -51,6 +53,9 @@ pub enum Light {
         size_mm: [f64; 2],
         /// Radiance of the emitting side, RGB.
         radiance: DVec3,
+        /// Points along an edge of its source radiance field, through which stored irradiance rows bring its light to the
+        /// samples ([`source_field`]); none: shadow rays.
+        field: Option<u16>,
     },
     /// A distant environment.
     Environment {
@@ -157,7 +162,35 @@ impl Light {
             u: validate::first_edge(normal, first_edge)?,
             size_mm: validate::size(size_mm)?,
             radiance: validate::amount("radiance", radiance)?,
+            field: None,
         })
+    }
+
+    /// An area light through a source radiance field of `points` points along an edge (see [`source_field::POINTS`]).
+    ///
+    /// # Errors
+    /// Another kind of light, or a number of points that is out of range (exit 3).
+    pub fn through_field(mut self, points: u16) -> Result<Self> {
+        match &mut self {
+            Self::Area { field, .. } => *field = Some(validate::field_points(points)?),
+            other => return Err(Error::input(format!("{} lights have no source radiance field", other.kind().name()))),
+        }
+        Ok(self)
+    }
+
+    /// Whether it is to go through a source radiance field.
+    pub fn has_field(&self) -> bool {
+        matches!(self, Self::Area { field: Some(_), .. })
+    }
+
+    /// The same light by shadow rays.
+    #[must_use]
+    pub fn by_rays(&self) -> Self {
+        let mut light = self.clone();
+        if let Self::Area { field, .. } = &mut light {
+            *field = None;
+        }
+        light
     }
 
     /// An environment, turned by `rotate_degrees` and multiplied by `scale`.
@@ -170,5 +203,19 @@ impl Light {
             rotate_degrees: validate::angle("rotate", rotate_degrees)?,
             scale: validate::amount("scale", scale)?,
         })
+    }
+}
+
+/// For what casts rays: a light that asks for a source radiance field is not silently sampled in another way.
+///
+/// # Errors
+/// A light with a source radiance field (exit 5).
+pub fn refuse_fields(lights: &[Light]) -> Result<()> {
+    match lights.iter().find(|light| light.has_field()) {
+        Some(light) => Err(Error::unsupported(format!(
+            "light `{light}`: a source radiance field (field=) needs stored irradiance rows, which assets of --method editable have \
+             where --for-lights includes environment; without field= the light is sampled by shadow rays"
+        ))),
+        None => Ok(()),
     }
 }

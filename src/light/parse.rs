@@ -58,7 +58,7 @@ const KINDS: [Kind; 6] = [
     Kind {
         name: "area",
         required: &["at", "normal", "size", "radiance"],
-        optional: &["u"],
+        optional: &["u", "field"],
         example: "area:at=0,40,0:normal=0,-1,0:size=20,20:radiance=5",
     },
     Kind {
@@ -243,6 +243,12 @@ impl<'a> Values<'a> {
         }
     }
 
+    fn whole(&self, key: &str) -> Result<Option<u16>> {
+        let Some(text) = self.get(key) else { return Ok(None) };
+        let fail = |_| self.kind.fail(format!("{key} takes a whole number, not `{text}`"));
+        text.parse().map(Some).map_err(fail)
+    }
+
     fn missing(&self, key: &str) -> Error {
         self.kind.fail(format!("`{key}` is missing"))
     }
@@ -256,7 +262,11 @@ impl<'a> Values<'a> {
             "point" => Light::point(vector("at")?, colour("intensity")?),
             "area" => {
                 let size = self.pair("size")?.ok_or_else(|| self.missing("size"))?;
-                Light::area(vector("at")?, vector("normal")?, size, colour("radiance")?, self.vector("u")?)
+                let light = Light::area(vector("at")?, vector("normal")?, size, colour("radiance")?, self.vector("u")?);
+                match self.whole("field")? {
+                    Some(points) => light.and_then(|light| light.through_field(points)),
+                    None => light,
+                }
             }
             "sky" => return self.environment(MapSource::Sky),
             _ => {
@@ -324,14 +334,17 @@ impl fmt::Display for Light {
             Self::Point { at_mm, intensity } => {
                 write!(f, "point:at={}:intensity={}", vector_text(*at_mm), colour_text(*intensity))
             }
-            Self::Area { at_mm, normal, u, size_mm: [a, b], radiance } => write!(
-                f,
-                "area:at={}:normal={}:size={a},{b}:radiance={}:u={}",
-                vector_text(*at_mm),
-                vector_text(*normal),
-                colour_text(*radiance),
-                vector_text(*u)
-            ),
+            Self::Area { at_mm, normal, u, size_mm: [a, b], radiance, field } => {
+                write!(
+                    f,
+                    "area:at={}:normal={}:size={a},{b}:radiance={}:u={}",
+                    vector_text(*at_mm),
+                    vector_text(*normal),
+                    colour_text(*radiance),
+                    vector_text(*u)
+                )?;
+                field.map_or(Ok(()), |points| write!(f, ":field={points}"))
+            }
             Self::Environment { map, rotate_degrees, scale } => {
                 write!(f, "env:path=<{}x{} pixels>", map.width(), map.height())?;
                 write_placement(f, *rotate_degrees, *scale)

@@ -29,6 +29,9 @@ fn every_kind_is_read() {
     };
     assert_eq!((normal, size_mm), (DVec3::NEG_Y, [20.0, 10.0]));
     assert_eq!(u, DVec3::X, "Z x -Y");
+    let field = parse("area:at=0,40,0:normal=0,-2,0:size=20,10:field=32:radiance=5").unwrap();
+    assert!(matches!(&field, LightSpec::Analytic(Light::Area { field: Some(32), .. })));
+    assert!(field.to_string().ends_with(":field=32"), "{field}");
     assert_eq!(parse("env:path=sky.hdr:rotate=90:scale=2").unwrap(), env("sky.hdr", 90.0, 2.0));
     assert_eq!(
         parse("sky:rotate=-30").unwrap(),
@@ -99,6 +102,11 @@ fn errors_say_what_is_wrong_and_what_to_type() {
         ("area:at=0,0,0:normal=0,1,0:size=1:radiance=1", "two lengths"),
         ("area:at=0,0,0:normal=0,1,0:size=1,1:radiance=1:u=0,-3,0", "parallel"),
         ("area:at=0,0,0:normal=0,1,0:size=1,1:radiance=1:u=0,0,0", "zero vector"),
+        ("area:at=0,0,0:normal=0,1,0:size=1,1:radiance=1:field=3", "4 to 64"),
+        ("area:at=0,0,0:normal=0,1,0:size=1,1:radiance=1:field=65", "4 to 64"),
+        ("area:at=0,0,0:normal=0,1,0:size=1,1:radiance=1:field=8.5", "whole number"),
+        ("area:at=0,0,0:normal=0,1,0:size=1,1:radiance=1:field=", "whole number"),
+        ("point:at=0,0,0:intensity=1:field=8", "`field` is not one of its keys"),
         ("env:sky.hdr", "not one of its keys"),
         ("env:path=", "path is empty"),
         ("env:path=a.hdr:rotate=north", "not a number"),
@@ -131,6 +139,7 @@ fn the_canonical_text_reads_back_bit_for_bit() {
             format!("point:at={}:intensity={},0", triple(i, 0), positive(i, 4)),
             format!("area:at={}:normal={}:size={}:radiance=1", triple(i, 0), triple(i, 3), positive(i, 6)),
             format!("area:at=0,0,0:normal={}:u={}:size=1,2:radiance=1", triple(i, 3), triple(i, 8)),
+            format!("area:at=0,0,0:normal={}:size=1,2:radiance=1:field={}", triple(i, 3), 4 + i % 61),
             format!("env:path=a:b {i}.hdr:rotate={}:scale={},0.5", number(i, 9), positive(i, 7)),
             format!("sky:scale={}", number(i, 9).abs()),
         ];

@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 
+use super::source_field::POINTS;
 use crate::error::{Error, Result};
 
 /// Squared lengths this close to 1 are left alone, so that normalising twice gives the same bits as once.
@@ -66,6 +67,15 @@ pub(super) fn size(size_mm: [f64; 2]) -> Result<[f64; 2]> {
             size_mm[0], size_mm[1]
         )))
     }
+}
+
+/// Points along an edge of a source radiance field.
+pub(super) fn field_points(points: u16) -> Result<u16> {
+    if POINTS.contains(&points) {
+        return Ok(points);
+    }
+    let (least, most) = (POINTS.start(), POINTS.end());
+    Err(Error::input(format!("field must be a whole number of points, {least} to {most}, and it is {points}")))
 }
 
 /// The unit first edge of a rectangle with the unit normal `normal`.

@@ -14,7 +14,7 @@ use crate::evaluate::device::{Device, DeviceEvaluator};
 use crate::evaluate::inter_reflection::Outside;
 use crate::evaluate::sampled::{Bound, Far, Plan, SampledEvaluator};
 use crate::evaluate::single_scattering::{LitScene, TowardsEye, Traced};
-use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit, SingleScattering};
+use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit, SingleScattering, SourceFields};
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::Samples;
 use crate::light::Light;
@@ -291,7 +291,7 @@ impl<S: Stored> BakedIn<S> {
 
 impl<S: Stored + 'static> Evaluator for BakedIn<S> {
     fn capabilities(&self) -> Capabilities {
-        Capabilities { material: MaterialEdit::None, profile: ProfileEdit::None }
+        Capabilities { material: MaterialEdit::None, profile: ProfileEdit::None, source_fields: SourceFields::None }
     }
 
     fn cost(&self) -> Cost {

@@ -148,7 +148,7 @@ impl GlossyLights {
                 Light::Point { at_mm, intensity } => {
                     all.sharp.push(Sharp::Point { at: *at_mm - origin_mm, intensity: *intensity });
                 }
-                Light::Area { at_mm, normal, u, size_mm, radiance } => {
+                Light::Area { at_mm, normal, u, size_mm, radiance, .. } => {
                     let edges = [*u, normal.cross(*u)];
                     let corner = *at_mm - origin_mm - 0.5 * (edges[0] * size_mm[0] + edges[1] * size_mm[1]);
                     let (normal, radiance) = (*normal, *radiance);

@@ -13,9 +13,9 @@ use super::scene::Surface;
 use crate::error::Result;
 use crate::geometry::bvh::{Bvh, Ray, offset_origin};
 use crate::geometry::samples::{Facet, area};
-use crate::light::Light;
 use crate::light::environment::Rotation;
 use crate::light::strata::{Candidate, Strata, StrataSettings};
+use crate::light::{Light, refuse_fields};
 use crate::math::random::{bits, radical_inverse_2, uniform};
 use crate::math::spherical_rectangle::SphericalRectangle;
 use crate::medium::fresnel::{self, CosineTransmittance};
@@ -165,8 +165,9 @@ impl<'a> Illumination<'a> {
     /// Prepares lights; `etas` is the relative index of refraction of each medium of the scene.
     ///
     /// # Errors
-    /// A sampling that environments do not take.
+    /// A sampling that environments do not take; a light that asks for a source radiance field (exit 5).
     pub fn new(surface: &'a Surface<'a>, lights: &'a [Light], etas: &[f64], sampling: LightSampling) -> Result<Self> {
+        refuse_fields(lights)?;
         let origin = surface.scene.mesh.origin_mm;
         let prepare = |light: &'a Light| -> Result<Prepared<'a>> {
             Ok(match light {
@@ -357,7 +358,7 @@ impl<'a> Illumination<'a> {
     }
 
     fn area(&self, light: &Light, eta: f64, patch: usize, points: &[SurfacePoint]) -> DVec3 {
-        let Light::Area { at_mm, normal, u, size_mm, radiance } = light else { return DVec3::ZERO };
+        let Light::Area { at_mm, normal, u, size_mm, radiance, .. } = light else { return DVec3::ZERO };
         let v = normal.cross(*u);
         let centre = *at_mm - self.surface.scene.mesh.origin_mm;
         let corner = centre - 0.5 * size_mm[0] * *u - 0.5 * size_mm[1] * v;

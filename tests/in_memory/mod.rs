@@ -177,7 +177,7 @@ pub fn oracle_light(light: &Light) -> OracleLight {
         Light::Point { at_mm, intensity } => {
             OracleLight::Point { at: at_mm.to_array(), intensity: intensity.to_array() }
         }
-        Light::Area { at_mm, normal, u, size_mm, radiance } => OracleLight::Area {
+        Light::Area { at_mm, normal, u, size_mm, radiance, .. } => OracleLight::Area {
             at: at_mm.to_array(),
             normal: normal.to_array(),
             first_edge: Some(u.to_array()),

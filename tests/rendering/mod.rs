@@ -5,7 +5,7 @@ use glam::DVec3;
 
 use translux::compress::ledger::Ledger;
 use translux::error::Result;
-use translux::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit};
+use translux::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit, SourceFields};
 use translux::geometry::bvh::Bvh;
 use translux::geometry::mesh::{Mesh, Placement};
 use translux::geometry::part_table::PartTable;
@@ -59,7 +59,7 @@ impl Fake {
 
 impl Evaluator for Fake {
     fn capabilities(&self) -> Capabilities {
-        Capabilities { material: MaterialEdit::None, profile: ProfileEdit::None }
+        Capabilities { material: MaterialEdit::None, profile: ProfileEdit::None, source_fields: SourceFields::None }
     }
     fn cost(&self) -> Cost {
         Cost::default()

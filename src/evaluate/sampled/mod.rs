@@ -11,7 +11,7 @@ use glam::DVec3;
 use self::nets::Nets;
 #[cfg(feature = "gpu")]
 use super::device::{Device, DeviceEvaluator, nets::NetsOnDevice, sampled::SampledOnDevice};
-use super::environment::{StoredRows, error_of_rows};
+use super::environment::{StoredRows, by_rays, error_of_rows};
 use super::inter_reflection::{Outside, Returned, Transfer};
 use super::sampling_error::{Sampled, receiver_areas};
 use super::single_scattering::{LitScene, TowardsEye, Traced};
@@ -312,7 +312,8 @@ impl SampledEvaluator {
 impl Evaluator for SampledEvaluator {
     fn capabilities(&self) -> Capabilities {
         let profile = if self.nets.is_some() { ProfileEdit::Any } else { ProfileEdit::OnCpu };
-        Capabilities { material: MaterialEdit::Any, profile }
+        let source_fields = StoredRows::source_fields(self.rows.as_ref(), &self.scene.media);
+        Capabilities { material: MaterialEdit::Any, profile, source_fields }
     }
 
     fn cost(&self) -> Cost {
@@ -408,8 +409,9 @@ impl Evaluator for SampledEvaluator {
         self.irradiance(progress)?;
         let mut ledger = Ledger::default();
         // Sampling is that of rays; what rows lose against them has an entry of its own.
+        let lights = by_rays(&self.lights);
         let rays = match self.lights.iter().any(|light| self.is_stored(light)) {
-            true => Some(self.by_rays(&self.lights, progress)?),
+            true => Some(self.by_rays(&lights, progress)?),
             false => None,
         };
         let direct = rays.as_ref().map_or(self.direct(), |(irradiance, pieces)| (irradiance, pieces));
@@ -417,7 +419,7 @@ impl Evaluator for SampledEvaluator {
             surface: self.surface(),
             media: &self.scene.media,
             kernels: self.profile.as_ref().map(|(_, kernels)| kernels.as_slice()),
-            lights: &self.lights,
+            lights: &lights,
             irradiance: direct,
             sampling: self.plan.sampling,
             near: self.plan.near,
@@ -427,7 +429,11 @@ impl Evaluator for SampledEvaluator {
         sampled.enter(&mut ledger, progress)?;
         if let Some((rays, _)) = &rays {
             let error = error_of_rows(&sampled, (self.direct().0, rays));
-            ledger.add("environment", error, "stored rows (cube map, truncation, quantiser) against rays");
+            ledger.add(
+                "environment",
+                error,
+                "stored rows (cube map, truncation, quantiser; fields of area lights) against rays",
+            );
         }
         let gain = self.enter_inter_reflection(&mut ledger);
         if let Some(single) = self.single {

@@ -91,7 +91,7 @@ pub(super) fn measure(
         let native = Illumination::new(&surface, std::slice::from_ref(*light), &etas, sampling)?.all(&Silent);
         let full = full_resolution(&everything, &surface, light, side)?;
         let mut kept = vec![DVec3::ZERO; samples.len()];
-        stored.add(std::slice::from_ref(*light), (&scene.parts, &scene.media), &samples, &mut kept)?;
+        stored.add(std::slice::from_ref(*light), scene, &samples, &mut kept)?;
         let [native, full, kept] = [native, full, kept].map(|e| radiosity(&e));
         worst[0] = worst[0].max(vertex_error(&full, &native, &areas));
         worst[1] = worst[1].max(vertex_error(&kept, &full, &areas));

@@ -17,7 +17,7 @@ use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
 #[cfg(feature = "gpu")]
 use crate::evaluate::device::{Device, DeviceEvaluator};
-use crate::evaluate::environment::{StoredRows, error_of_rows};
+use crate::evaluate::environment::{StoredRows, by_rays, error_of_rows};
 use crate::evaluate::far_field::FarSums;
 use crate::evaluate::sampling_error::{Sampled, receiver_areas};
 use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit};
@@ -203,7 +203,8 @@ impl EditableEvaluator {
 
 impl Evaluator for EditableEvaluator {
     fn capabilities(&self) -> Capabilities {
-        Capabilities { material: MaterialEdit::Any, profile: ProfileEdit::None }
+        let source_fields = StoredRows::source_fields(self.rows.as_ref(), &self.scene.media);
+        Capabilities { material: MaterialEdit::Any, profile: ProfileEdit::None, source_fields }
     }
 
     fn cost(&self) -> Cost {
@@ -285,15 +286,16 @@ impl Evaluator for EditableEvaluator {
         let lit = self.light(&self.lights, progress)?;
         let mut ledger = Ledger::default();
         // Sampling is that of rays; what rows lose against them has an entry of its own.
+        let lights = by_rays(&self.lights);
         let rays = match self.lights.iter().any(|l| self.is_stored(l)) {
-            true => Some(self.sampled(&self.lights, progress)?),
+            true => Some(self.sampled(&lights, progress)?),
             false => None,
         };
         let sampled = Sampled {
             surface: self.surface(),
             media: &self.scene.media,
             kernels: None,
-            lights: &self.lights,
+            lights: &lights,
             irradiance: rays.as_ref().map_or((&lit.irradiance, &lit.pieces), |(e, pieces)| (e, pieces)),
             sampling: self.plan.sampling,
             near: self.plan.near,
@@ -303,7 +305,11 @@ impl Evaluator for EditableEvaluator {
         sampled.enter(&mut ledger, progress)?;
         if let Some(rays) = &rays {
             let error = error_of_rows(&sampled, (&lit.irradiance, &rays.0));
-            ledger.add("environment", error, "stored rows (cube map, truncation, quantiser) against rays");
+            ledger.add(
+                "environment",
+                error,
+                "stored rows (cube map, truncation, quantiser; fields of area lights) against rays",
+            );
         }
         let mut error = self.transport_error(&lit);
         for light in unseen {

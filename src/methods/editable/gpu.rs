@@ -79,10 +79,15 @@ impl EditableOnDevice {
         }
         let cpu = &self.cpu;
         let (near, stored): (Vec<Light>, Vec<Light>) = self.lights.iter().cloned().partition(|l| !cpu.is_stored(l));
-        let (irradiance, pieces) = match near.as_slice() {
+        let (fields, stored): (Vec<Light>, Vec<Light>) = stored.into_iter().partition(Light::has_field);
+        let (mut irradiance, pieces) = match near.as_slice() {
             [] => (vec![DVec3::ZERO; cpu.samples.len()], Pieces::default()),
             near => cpu.sampled(near, progress)?,
         };
+        // Products with the maps of a field are sums of the processor.
+        if let Some(rows) = &cpu.rows {
+            rows.add(&fields, &cpu.scene, &cpu.samples, &mut irradiance)?;
+        }
         let maps: Vec<CubeLight> = match &self.rows {
             Some(rows) => stored.iter().map(|l| CubeLight::new(l, rows.side())).collect::<Result<_>>()?,
             None => Vec::new(),

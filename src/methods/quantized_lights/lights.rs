@@ -13,7 +13,7 @@ use crate::light::quantised::directions::DirectionSet;
 use crate::light::quantised::distances::{Blend, DistanceSet, QuantisedLights};
 use crate::light::quantised::interpolation::{Interpolator, Scheme};
 use crate::light::quantised::vector::{light_vector, pieces};
-use crate::light::{Light, LightKind};
+use crate::light::{Light, LightKind, refuse_fields};
 use crate::math::cube_map::{direction, texel_of};
 use crate::math::sphere::unit;
 use crate::methods::settings::number;
@@ -165,6 +165,7 @@ impl LightSet {
     }
 
     fn check(&self, light: &Light) -> Result<()> {
+        refuse_fields(std::slice::from_ref(light))?;
         match (light, self.lights.shells.inverse().len()) {
             (Light::Point { .. } | Light::Area { .. }, 1) => Err(Error::unsupported(
                 "this asset has parallel light only: bake it --for-lights point (or area) for others",

@@ -44,7 +44,7 @@ pub(super) fn lamps(lights: &[Light], origin_mm: DVec3) -> Vec<Lamp> {
                 power: with(finite3(*intensity), shadow),
                 normal: [0.0; 4],
             }),
-            Light::Area { at_mm, normal, u, size_mm, radiance } => {
+            Light::Area { at_mm, normal, u, size_mm, radiance, .. } => {
                 let (first, second) = (*u * size_mm[0], normal.cross(*u) * size_mm[1]);
                 let share = size_mm[0] * size_mm[1] / (POINTS_PER_EDGE * POINTS_PER_EDGE) as f64;
                 let middle = |i: usize| (i as f64 + 0.5) / POINTS_PER_EDGE as f64 - 0.5;

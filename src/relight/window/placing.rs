@@ -72,16 +72,23 @@ pub(super) fn locked(capabilities: Capabilities, choice: DeviceChoice) -> Option
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::evaluate::SourceFields;
 
     #[test]
     fn profiles_are_for_samples_without_transport() {
-        let of = |profile, choice| locked(Capabilities { material: MaterialEdit::Any, profile }, choice);
+        let of = |profile, choice| {
+            locked(Capabilities { material: MaterialEdit::Any, profile, source_fields: SourceFields::None }, choice)
+        };
         for choice in [DeviceChoice::Auto, DeviceChoice::Cpu, DeviceChoice::Gpu] {
             assert_eq!(of(ProfileEdit::Any, choice), None);
             assert_eq!(of(ProfileEdit::OnCpu, choice).is_some(), choice == DeviceChoice::Gpu);
             assert!(of(ProfileEdit::None, choice).is_some_and(|reason| reason.contains("transport=stored")));
         }
-        let baked = Capabilities { material: MaterialEdit::None, profile: ProfileEdit::None };
+        let baked = Capabilities {
+            material: MaterialEdit::None,
+            profile: ProfileEdit::None,
+            source_fields: SourceFields::None,
+        };
         let baked = locked(baked, DeviceChoice::Auto);
         assert!(baked.is_some_and(|reason| reason.contains("baked in")));
     }

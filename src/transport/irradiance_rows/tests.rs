@@ -127,6 +127,30 @@ fn ranges_threads_and_instructions_do_not_change_the_rows() {
     assert!(rows.irradiance(&other, |_| c).is_err());
 }
 
+#[test]
+fn written_rows_are_those_that_are_multiplied() {
+    let fixture = knot(200);
+    let rows = RowBaker::new(&fixture.surface(), settings(3, 64)).unwrap().all(&Silent).unwrap();
+    let c = rows.entrance().project(ETA).unwrap().coefficients;
+    let light = CubeLight::new(&Light::environment(Arc::new(sky()), 40.0, DVec3::ONE).unwrap(), 32).unwrap();
+    let expected = rows.irradiance(&light, |_| c).unwrap();
+    let mut row = vec![0.0f32; FACES * 1024];
+    for (patch, e) in expected.iter().enumerate() {
+        rows.write(patch, &c, &mut row);
+        let product = |channel: usize| -> f64 {
+            let pairs = row.iter().zip(light.coefficients());
+            pairs.map(|(a, b)| f64::from(*a) * f64::from(b[channel])).sum::<f64>() * light.scale()
+        };
+        let found = DVec3::from([0, 1, 2].map(product));
+        assert!((found - *e).length() < 1e-5 * e.length().max(1e-3), "{patch}: {found} {e}");
+        rows.erase(patch, &mut row);
+        assert!(row.iter().all(|value| *value == 0.0));
+    }
+    // Beyond the last patch there is nothing.
+    rows.write(expected.len(), &c, &mut row);
+    assert!(row.iter().all(|value| *value == 0.0));
+}
+
 /// A reader needs nothing but the sections.
 #[test]
 fn sections_hold_the_functions_of_the_angle() {

@@ -9,9 +9,9 @@ use super::walk::{Start, Stream};
 use crate::error::Result;
 use crate::geometry::bvh::{Bvh, Ray, offset_origin};
 use crate::geometry::mesh::Mesh;
-use crate::light::Light;
 use crate::light::environment::Rotation;
 use crate::light::strata::{Strata, StrataSettings};
+use crate::light::{Light, refuse_fields};
 use crate::math::spherical_rectangle::SphericalRectangle;
 use crate::medium::fresnel::{self, CosineTransmittance};
 use crate::transport::scene::Scene;
@@ -147,7 +147,10 @@ impl<'a> Source<'a> {
             Light::Point { at_mm, intensity } => {
                 Self::Point { at: *at_mm - scene.mesh.origin_mm, intensity: *intensity }
             }
-            Light::Area { .. } => Self::Area { light },
+            Light::Area { .. } => {
+                refuse_fields(std::slice::from_ref(light))?;
+                Self::Area { light }
+            }
             Light::Environment { map, rotate_degrees, scale } => {
                 let strata = Strata::new(map, ENVIRONMENT)?;
                 let energy_so_far = |sum: &mut f64, energy: DVec3| {
@@ -191,7 +194,7 @@ impl<'a> Source<'a> {
                 plain(way.normalize_or_zero(), square.sqrt(), *intensity / square)
             }
             Self::Area { light } => {
-                let Light::Area { at_mm, normal: front, u, size_mm, radiance } = light else { return None };
+                let Light::Area { at_mm, normal: front, u, size_mm, radiance, .. } = light else { return None };
                 let (v, centre) = (front.cross(*u), *at_mm - scene.mesh.origin_mm);
                 if (at - centre).dot(*front) <= 0.0 {
                     return None;

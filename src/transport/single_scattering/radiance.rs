@@ -347,7 +347,7 @@ impl<'a> SingleScattering<'a> {
     }
 
     fn area(&self, index: u64, light: &Light, line: &Line) -> DVec3 {
-        let Light::Area { at_mm, normal, u, size_mm, radiance } = light else { return DVec3::ZERO };
+        let Light::Area { at_mm, normal, u, size_mm, radiance, .. } = light else { return DVec3::ZERO };
         let v = normal.cross(*u);
         let centre = *at_mm - self.interior.scene.mesh.origin_mm;
         let corner = centre - 0.5 * size_mm[0] * *u - 0.5 * size_mm[1] * v;

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::lists::{Cell, Lists, Neighbourhoods};
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
-use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit};
+use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit, SourceFields};
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::Samples;
 use crate::light::Light;
@@ -114,7 +114,7 @@ fn gathered(lists: &Lists, vertices: &Neighbourhoods, irradiance: &[DVec3]) -> V
 
 impl Evaluator for BleedingEvaluator {
     fn capabilities(&self) -> Capabilities {
-        Capabilities { material: MaterialEdit::None, profile: ProfileEdit::None }
+        Capabilities { material: MaterialEdit::None, profile: ProfileEdit::None, source_fields: SourceFields::None }
     }
 
     fn cost(&self) -> Cost {
