@@ -141,7 +141,7 @@ fn add_far_field(asset: &mut AssetFile, terms: usize, basis_terms: usize) {
         ..Default::default()
     };
     let functions = vec![1.0; basis_terms];
-    let basis = ProfileBasis { split_mm: 1.0, nodes_mm: vec![1.0], weights_mm4: vec![1.0], functions };
+    let basis = ProfileBasis { split_mm: 1.0, nodes_mm: vec![1.0], weights_mm4: vec![1.0], functions, totals: None };
     asset.extra.extend(field.to_sections(&Shape::new(vertices, &asset.samples)).unwrap());
     asset.extra.extend(basis.to_sections().unwrap());
 }

@@ -9,7 +9,7 @@ use translux::medium::dipole::Dipole;
 use translux::medium::fresnel::BoundaryFit;
 use translux::medium::material::{OpticalProperties, PRESETS};
 use translux::medium::profile::Profile;
-use translux::medium::profile_basis::{BasisSettings, ProfileBasis, Weighting};
+use translux::medium::profile_basis::{BasisSettings, Family, ProfileBasis};
 
 use crate::bench::percent;
 use crate::common::bench::{Context, met, table};
@@ -130,12 +130,12 @@ pub(crate) fn run(context: &Context) -> Result<String> {
     let settings = BasisSettings {
         split_mm: SPLIT_MM,
         reach_mm: OBJECT_MM,
-        weighting: Weighting::Transported,
+        family: Family::Transported,
         terms: Some(TERMS),
         error: 0.0,
     };
     let (ours, plain) =
-        (ProfileBasis::new(&settings), ProfileBasis::new(&BasisSettings { weighting: Weighting::Plain, ..settings }));
+        (ProfileBasis::new(&settings), ProfileBasis::new(&BasisSettings { family: Family::Plain, ..settings }));
     let t1 =
         |basis: &ProfileBasis| media.par_iter().map(|&(s, a)| basis.project(&dipole(s, a)).error).collect::<Vec<f64>>();
     let (t1_ours, t1_plain) = (t1(&ours), t1(&plain));

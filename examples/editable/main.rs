@@ -18,6 +18,7 @@ mod figure5;
 mod page;
 mod profiles;
 mod tables;
+mod transfer;
 
 use self::common::runner::{Page, main as measure};
 
@@ -28,6 +29,7 @@ const PAGE: Page = Page {
         ("figure3", figure3::run),
         ("figure4", figure4::run),
         ("figure5", figure5::run),
+        ("transfer", transfer::run),
         ("profiles", profiles::run),
         ("fields", fields::run),
     ],

@@ -4,10 +4,10 @@
 use crate::asset::{RawSection, pick};
 use crate::checks::{addressable, indices_below, invalid, same_length};
 use crate::error::Result;
-use crate::far_values::{by_coefficient, by_function, count, from_planes, planes};
+use crate::far_values::{self, by_coefficient, by_function, from_planes, planes};
 use crate::samples::Samples;
-use crate::types::{Codec, Kind};
-use crate::{far_sums, varints};
+use crate::types::{Budget, Codec, Kind};
+use crate::{far_coded, far_sums, varints};
 
 /// Tags of the far field.
 pub mod tags {
@@ -32,7 +32,13 @@ pub mod tags {
     /// 16-bit values, u8 x 16: a plane of low and one of high bytes.
     pub const WIDE: Tag = Tag::from_static("far.big");
 
-    /// All of them, in the order of the file.
+    /// Nodes, kept functions and values, entropy-coded, u8: in place of the five sections that hold them as they are.
+    pub const CODED: Tag = Tag::from_static("far.cod");
+
+    /// The five.
+    pub const REPLACED: [Tag; 5] = [NODES, MASKS, WIDE_MASKS, NARROW, WIDE];
+
+    /// All sections of the plain layout, in the order of the file.
     pub const ALL: [Tag; 9] = [RECEIVERS, GROUPS, NODES, MASKS, WIDE_MASKS, STEPS, ROW_SUMS, NARROW, WIDE];
 }
 
@@ -129,7 +135,7 @@ impl<'a> Shape<'a> {
     }
 
     /// First sample and end of a part that has samples.
-    fn samples(&self, part: u32) -> Option<(u32, u32)> {
+    pub(crate) fn samples(&self, part: u32) -> Option<(u32, u32)> {
         let first = self.part_offsets.get(part as usize)?;
         let end = self.part_offsets.get(part as usize + 1)?;
         (first < end).then_some((*first, *end))
@@ -163,8 +169,8 @@ impl FarField {
         same_length(tags::MASKS, "coefficients", self.masks.len(), coefficients)?;
         same_length(tags::WIDE_MASKS, "coefficients", self.wide_masks.len(), coefficients)?;
         check_masks(&self.masks, &self.wide_masks, self.terms)?;
-        same_length(tags::NARROW, "8-bit rows", self.narrow.len(), count(self.narrow_masks()))?;
-        same_length(tags::WIDE, "16-bit rows", self.wide.len(), count(self.wide_masks.iter().copied()))
+        same_length(tags::NARROW, "8-bit rows", self.narrow.len(), far_values::count(self.narrow_masks()))?;
+        same_length(tags::WIDE, "16-bit rows", self.wide.len(), far_values::count(self.wide_masks.iter().copied()))
     }
 
     /// The nodes of a group lie strictly inside its part's samples, in order.
@@ -195,20 +201,44 @@ impl FarField {
     pub fn to_sections(&self, shape: &Shape<'_>) -> Result<Vec<RawSection>> {
         self.validate(shape)?;
         let (kind, zstd) = (Kind::Method, Codec::Zstd);
-        let groups: Vec<[u32; 3]> = self.groups.iter().map(|g| [g.part, g.receivers_end, g.coefficients_end]).collect();
+        let [receivers, groups, steps, row_sums] = self.without_coefficients();
         let narrow = by_function(&self.narrow, self.narrow_masks());
         let wide = planes(&by_function(&self.wide, self.wide_masks.iter().copied()));
         Ok(vec![
-            RawSection::from_rows(tags::RECEIVERS, kind, zstd, &self.receiver_of_vertex),
-            RawSection::from_rows(tags::GROUPS, kind, zstd, &groups),
+            receivers,
+            groups,
             RawSection::from_rows(tags::NODES, kind, zstd, &self.node_bytes(shape)),
             RawSection::from_rows(tags::MASKS, kind, zstd, &self.masks),
             RawSection::from_rows(tags::WIDE_MASKS, kind, zstd, &self.wide_masks),
-            RawSection::from_rows(tags::STEPS, kind, zstd, &self.steps),
-            RawSection::from_rows(tags::ROW_SUMS, kind, zstd, &far_sums::encode(&self.row_sums, self.terms)),
+            steps,
+            row_sums,
             RawSection::from_rows(tags::NARROW, kind, zstd, &narrow),
             RawSection::from_rows(tags::WIDE, kind, zstd, &wide),
         ])
+    }
+
+    /// The sections of a valid far field with its coefficients entropy-coded: about three quarters of the bytes.
+    ///
+    /// # Errors
+    /// [`crate::FormatError::Invalid`] as [`FarField::validate`], and where 16-bit values fit 8 bits.
+    pub fn to_coded_sections(&self, shape: &Shape<'_>) -> Result<Vec<RawSection>> {
+        self.validate(shape)?;
+        let coded = far_coded::encode(self, shape)?;
+        let mut sections = self.without_coefficients().to_vec();
+        sections.push(RawSection::from_rows(tags::CODED, Kind::Method, Codec::Raw, &coded));
+        Ok(sections)
+    }
+
+    /// What both layouts have.
+    fn without_coefficients(&self) -> [RawSection; 4] {
+        let (kind, zstd) = (Kind::Method, Codec::Zstd);
+        let groups: Vec<[u32; 3]> = self.groups.iter().map(|g| [g.part, g.receivers_end, g.coefficients_end]).collect();
+        [
+            RawSection::from_rows(tags::RECEIVERS, kind, zstd, &self.receiver_of_vertex),
+            RawSection::from_rows(tags::GROUPS, kind, zstd, &groups),
+            RawSection::from_rows(tags::STEPS, kind, zstd, &self.steps),
+            RawSection::from_rows(tags::ROW_SUMS, kind, zstd, &far_sums::encode(&self.row_sums, self.terms)),
+        ]
     }
 
     /// Steps between the nodes of each group, less 1.
@@ -225,51 +255,89 @@ impl FarField {
         bytes
     }
 
-    /// Reads the far field among the sections of an asset; `None` where there is none. Other sections are left alone.
-    /// Takes less than five times the bytes of its sections.
+    /// Reads the far field among the sections of an asset, in either layout; `None` where there is none. Other sections are left
+    /// alone. Takes less than five times the bytes of its sections, or of what they decode to, at most 2 GiB.
     ///
     /// # Errors
     /// [`crate::FormatError::MissingSection`] where only some are there, and whatever is wrong with their type or content.
     pub fn from_sections(sections: &[RawSection], shape: &Shape<'_>) -> Result<Option<Self>> {
+        Self::from_sections_within(sections, shape, Budget::default())
+    }
+
+    /// The same with a limit for what coded sections decode to.
+    ///
+    /// # Errors
+    /// As [`FarField::from_sections`], and [`crate::FormatError::OverBudget`].
+    pub fn from_sections_within(sections: &[RawSection], shape: &Shape<'_>, budget: Budget) -> Result<Option<Self>> {
+        let field = if sections.iter().any(|section| section.tag == tags::CODED) {
+            Self::from_coded(sections, shape, budget)?
+        } else {
+            Self::from_plain(sections, shape)?
+        };
+        if let Some(field) = &field {
+            field.validate(shape)?;
+        }
+        Ok(field)
+    }
+
+    fn from_coded(sections: &[RawSection], shape: &Shape<'_>, budget: Budget) -> Result<Option<Self>> {
+        if let Some(both) = sections.iter().find(|section| tags::REPLACED.contains(&section.tag)) {
+            return invalid(
+                tags::CODED,
+                format!("the coefficients are there twice: section {} holds them too", both.tag),
+            );
+        }
+        let wanted = [tags::RECEIVERS, tags::GROUPS, tags::STEPS, tags::ROW_SUMS, tags::CODED];
+        let Some([receivers, groups, steps, row_sums, coded]) = pick(sections, wanted, Kind::Method)? else {
+            return Ok(None);
+        };
+        let mut field = Self::read_without_coefficients([receivers, groups, steps, row_sums], shape)?;
+        far_coded::decode(coded.view()?, &mut field, shape, budget)?;
+        Ok(Some(field))
+    }
+
+    /// Everything but nodes, masks and values.
+    fn read_without_coefficients(
+        [receivers, groups, steps, row_sums]: [&RawSection; 4],
+        shape: &Shape<'_>,
+    ) -> Result<Self> {
+        let group = |[part, receivers_end, coefficients_end]: [u32; 3]| Group { part, receivers_end, coefficients_end };
+        let groups: Vec<Group> = groups.rows()?.into_iter().map(group).collect();
+        check_groups(&groups, shape)?;
+        let receivers_end = groups.last().map_or(0, |g| g.receivers_end as usize);
+        let steps: Vec<f32> = steps.rows()?;
+        check_steps(&steps)?;
+        let terms = steps.len();
+        if terms > MOST_TERMS {
+            return invalid(tags::STEPS, format!("{terms} basis functions, more than {MOST_TERMS}"));
+        }
+        let sums: &[u8] = row_sums.view()?;
+        same_length(tags::ROW_SUMS, "bytes of row sums", sums.len(), product(&[receivers_end, terms, 4]))?;
+        let row_sums = far_sums::decode(sums, terms);
+        Ok(Self { terms, receiver_of_vertex: receivers.rows()?, groups, steps, row_sums, ..Self::default() })
+    }
+
+    fn from_plain(sections: &[RawSection], shape: &Shape<'_>) -> Result<Option<Self>> {
         let found = pick(sections, tags::ALL, Kind::Method)?;
         let Some([receivers, groups, nodes, masks, wide_masks, steps, row_sums, narrow_rows, wide_rows]) = found else {
             return Ok(None);
         };
-        let group = |[part, receivers_end, coefficients_end]: [u32; 3]| Group { part, receivers_end, coefficients_end };
-        let groups: Vec<Group> = groups.rows()?.into_iter().map(group).collect();
-        check_groups(&groups, shape)?;
-        let end = groups.last().map_or((0, 0), |g| (g.receivers_end as usize, g.coefficients_end as usize));
-        let steps: Vec<f32> = steps.rows()?;
-        check_steps(&steps)?;
-        let terms = steps.len();
+        let mut field = Self::read_without_coefficients([receivers, groups, steps, row_sums], shape)?;
+        let count = field.groups.last().map_or(0, |g| g.coefficients_end as usize);
         let nodes: &[u8] = nodes.view()?;
-        let sums: &[u8] = row_sums.view()?;
-        same_length(tags::ROW_SUMS, "bytes of row sums", sums.len(), product(&[end.0, terms, 4]))?;
-        let masks: Vec<u16> = masks.rows()?;
-        same_length(tags::MASKS, "coefficients", masks.len(), end.1)?;
-        let wide_masks: Vec<u16> = wide_masks.rows()?;
-        same_length(tags::WIDE_MASKS, "coefficients", wide_masks.len(), end.1)?;
-        check_masks(&masks, &wide_masks, terms)?;
+        field.masks = masks.rows()?;
+        same_length(tags::MASKS, "coefficients", field.masks.len(), count)?;
+        field.wide_masks = wide_masks.rows()?;
+        same_length(tags::WIDE_MASKS, "coefficients", field.wide_masks.len(), count)?;
+        check_masks(&field.masks, &field.wide_masks, field.terms)?;
         let narrow_stored: &[[i8; LANES]] = narrow_rows.view()?;
         let wide_bytes: &[[u8; LANES]] = wide_rows.view()?;
-        let mut field = Self {
-            terms,
-            receiver_of_vertex: receivers.rows()?,
-            nodes: read_nodes(nodes, &groups, shape)?,
-            groups,
-            masks,
-            wide_masks,
-            steps,
-            narrow: Vec::new(),
-            wide: Vec::new(),
-            row_sums: far_sums::decode(sums, terms),
-        };
-        let rows = (count(field.narrow_masks()), count(field.wide_masks.iter().copied()));
+        field.nodes = read_nodes(nodes, &field.groups, shape)?;
+        let rows = (far_values::count(field.narrow_masks()), far_values::count(field.wide_masks.iter().copied()));
         same_length(tags::NARROW, "8-bit rows", narrow_stored.len(), rows.0)?;
         same_length(tags::WIDE, "planes of 16-bit rows", wide_bytes.len(), 2 * rows.1)?;
         field.narrow = by_coefficient(narrow_stored, field.narrow_masks());
         field.wide = by_coefficient(&from_planes(wide_bytes), field.wide_masks.iter().copied());
-        field.validate(shape)?;
         Ok(Some(field))
     }
 }
@@ -289,7 +357,7 @@ fn check_masks(masks: &[u16], wide_masks: &[u16], terms: usize) -> Result<()> {
 }
 
 /// Receivers and coefficients of each group; of groups whose ends ascend.
-fn group_sizes(groups: &[Group]) -> impl Iterator<Item = (usize, usize)> {
+pub(crate) fn group_sizes(groups: &[Group]) -> impl Iterator<Item = (usize, usize)> {
     groups.iter().scan((0, 0), |(receivers, coefficients), group| {
         let ends = (group.receivers_end as usize, group.coefficients_end as usize);
         let sizes = (ends.0 - *receivers, ends.1 - *coefficients);

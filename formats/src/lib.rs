@@ -46,6 +46,7 @@ mod compression;
 mod container;
 pub mod distant_transport;
 mod error;
+mod far_coded;
 pub mod far_field;
 mod far_sums;
 mod far_values;

@@ -22,10 +22,14 @@ pub mod tags {
 
     /// All of them, in the order of the file.
     pub const ALL: [Tag; 4] = [SPLIT, NODES, WEIGHTS, FUNCTIONS];
+
+    /// Totals of the functions, f64; only where coefficients must not be negative.
+    pub const TOTALS: Tag = Tag::from_static("bas.tot");
 }
 
 /// Functions b_k(r) on shared nodes. The coefficients of a far profile f are `s_k = Sum_g weight_g f(r_g) b_k(r_g)`, and
-/// `f(r) ~ Sum_k s_k b_k(r)`.
+/// `f(r) ~ Sum_k s_k b_k(r)`. Where there are totals s minimises `Sum_g weight_g (Sum_k s_k b_k(r_g) - f(r_g))^2` instead, none of
+/// it negative and `Sum_k s_k total_k` the total of f up to the last node.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ProfileBasis {
     /// Split radius in mm: inside it a far profile is the even polynomial that continues R_d.
@@ -36,6 +40,8 @@ pub struct ProfileBasis {
     pub weights_mm4: Vec<f64>,
     /// b_k(r_g), function after function, 1/mm^2.
     pub functions: Vec<f32>,
+    /// Total of each function up to the last node, positive, without unit.
+    pub totals: Option<Vec<f64>>,
 }
 
 /// What is no array.
@@ -73,8 +79,13 @@ impl ProfileBasis {
                 format!("{values} values are not whole functions on {} nodes", nodes.len()),
             );
         }
-        match self.functions.iter().position(|x| !x.is_finite()) {
-            Some(i) => invalid(tags::FUNCTIONS, format!("value {i} is not finite")),
+        if let Some(i) = self.functions.iter().position(|x| !x.is_finite()) {
+            return invalid(tags::FUNCTIONS, format!("value {i} is not finite"));
+        }
+        let Some(totals) = &self.totals else { return Ok(()) };
+        same_length(tags::TOTALS, "functions", totals.len(), self.terms())?;
+        match totals.iter().position(|total| !(*total > 0.0 && total.is_finite())) {
+            Some(k) => invalid(tags::TOTALS, format!("total {k} is {}: it must be positive", totals[k])),
             None => Ok(()),
         }
     }
@@ -86,12 +97,16 @@ impl ProfileBasis {
     pub fn to_sections(&self) -> Result<Vec<RawSection>> {
         self.validate()?;
         let (kind, zstd) = (Kind::Method, Codec::Zstd);
-        Ok(vec![
+        let mut sections = vec![
             RawSection::from_record(tags::SPLIT, kind, zstd, &Record { split_mm: self.split_mm })?,
             RawSection::from_rows(tags::NODES, kind, zstd, &self.nodes_mm),
             RawSection::from_rows(tags::WEIGHTS, kind, zstd, &self.weights_mm4),
             RawSection::from_rows(tags::FUNCTIONS, kind, zstd, &self.functions),
-        ])
+        ];
+        if let Some(totals) = &self.totals {
+            sections.push(RawSection::from_rows(tags::TOTALS, kind, zstd, totals));
+        }
+        Ok(sections)
     }
 
     /// Reads the basis among the sections of an asset; `None` where there is none. Other sections are left alone.
@@ -107,6 +122,10 @@ impl ProfileBasis {
             nodes_mm: nodes.rows()?,
             weights_mm4: weights.rows()?,
             functions: functions.rows()?,
+            totals: match pick(sections, [tags::TOTALS], Kind::Method)? {
+                Some([totals]) => Some(totals.rows()?),
+                None => None,
+            },
         };
         basis.validate()?;
         Ok(Some(basis))

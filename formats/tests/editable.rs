@@ -220,3 +220,81 @@ fn twenty_thousand_mutations_of_the_sections() {
     }
     assert!(refused > 5000 && accepted > 500, "{refused} refused, {accepted} accepted");
 }
+
+#[test]
+fn a_coded_far_field_is_the_plain_one() {
+    for terms in [1, 2, 10, 16] {
+        let field = far_field(terms);
+        let sections = field.to_coded_sections(&far_shape()).unwrap();
+        let tags: Vec<&str> = sections.iter().map(|s| s.tag.as_str()).collect();
+        assert_eq!(tags, ["far.rcv", "far.grp", "far.stp", "far.sum", "far.cod"]);
+        assert_eq!(read(&sections).unwrap().unwrap(), field);
+        for section in &sections {
+            let tag = section.tag;
+            let rest: Vec<RawSection> = sections.iter().filter(|s| s.tag != tag).cloned().collect();
+            let error = read(&rest).unwrap_err();
+            // Without the coded section it is a plain one, of which others are missing.
+            let missing = if tag == far_field::tags::CODED { far_field::tags::NODES } else { tag };
+            assert_eq!(error, FormatError::MissingSection { tag: missing });
+        }
+        let needed = 16 * (field.narrow.len() + field.wide.len()) as u64;
+        let small = FarField::from_sections_within(&sections, &far_shape(), Budget::bytes(needed)).unwrap_err();
+        assert_eq!(small.code(), 14, "{small}");
+    }
+    let nothing =
+        FarField { terms: 1, receiver_of_vertex: vec![NO_RECEIVER; 90], steps: vec![1.0], ..Default::default() };
+    assert_eq!(read(&nothing.to_coded_sections(&far_shape()).unwrap()).unwrap().unwrap(), nothing);
+    let mut twice = far_field(2).to_coded_sections(&far_shape()).unwrap();
+    twice.extend(far_field(2).to_sections(&far_shape()).unwrap().into_iter().filter(|s| s.tag.as_str() == "far.msk"));
+    assert_eq!(read(&twice).unwrap_err().tag().unwrap().as_str(), "far.cod");
+    let mut wasteful = far_field(1);
+    wasteful.wide[0] = [5; LANES];
+    assert_eq!(wasteful.to_coded_sections(&far_shape()).unwrap_err().tag().unwrap().as_str(), "far.big");
+}
+
+#[test]
+fn damaged_coded_far_fields_are_refused() {
+    let good = far_field(3).to_coded_sections(&far_shape()).unwrap();
+    let index = good.iter().position(|s| s.tag == far_field::tags::CODED).unwrap();
+    let check = |change: &dyn Fn(&mut Vec<u8>)| {
+        let mut sections = good.clone();
+        change(&mut sections[index].bytes);
+        if sections[index].bytes == good[index].bytes {
+            return;
+        }
+        let error = FarField::from_sections_within(&sections, &far_shape(), Budget::bytes(1 << 20)).unwrap_err();
+        assert!([14, 21].contains(&error.code()), "{error}");
+    };
+    let length = good[index].bytes.len();
+    for at in 0..length {
+        check(&|bytes| bytes.truncate(at));
+        for bit in 0..8 {
+            check(&|bytes| bytes[at] ^= 1 << bit);
+        }
+    }
+    check(&|bytes| bytes.push(0));
+    let mut random = Random(11);
+    for _ in 0..2000 {
+        let mut sections = good.clone();
+        for _ in 0..=random.below(2) {
+            let bytes = &mut sections[random.below(good.len())].bytes;
+            common::mutate(&mut random, bytes);
+        }
+        if let Ok(field) = FarField::from_sections_within(&sections, &far_shape(), Budget::bytes(1 << 20)) {
+            let field = field.unwrap();
+            assert_eq!(read(&field.to_coded_sections(&far_shape()).unwrap()).unwrap().unwrap(), field);
+        }
+    }
+}
+
+#[test]
+fn totals_of_a_basis_survive_and_are_checked() {
+    let basis = ProfileBasis { totals: Some(vec![1.0, 0.5, 1e-3]), ..profile_basis(3) };
+    let sections = basis.to_sections().unwrap();
+    assert_eq!(sections.last().unwrap().tag, profile_basis::tags::TOTALS);
+    assert_eq!(ProfileBasis::from_sections(&sections).unwrap().unwrap(), basis);
+    for totals in [vec![], vec![1.0; 2], vec![1.0; 4], vec![1.0, 0.0, 1.0], vec![1.0, f64::NAN, 1.0], vec![-1.0; 3]] {
+        let error = ProfileBasis { totals: Some(totals), ..profile_basis(3) }.to_sections().unwrap_err();
+        assert_eq!((error.code(), error.tag().unwrap().as_str()), (21, "bas.tot"));
+    }
+}

@@ -405,6 +405,7 @@ fn example() -> AssetFile {
         nodes_mm: vec![0.5, 2.0],
         weights_mm4: vec![3.0, 5.0],
         functions: vec![0.5, 0.25, 1.0, -0.5],
+        totals: None,
     };
     let mut extra = field.to_sections(&Shape::new(5, &samples)).unwrap();
     extra.extend(basis.to_sections().unwrap());

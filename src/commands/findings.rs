@@ -101,9 +101,8 @@ pub(super) fn of_version(scan: &Scan) -> Vec<Finding> {
         out.push(Finding::new(&NEWER_VERSION, None, format!("version {major}.{minor}; {known}")));
     }
     for section in &scan.sections {
-        let sampled =
-            [&far_field::tags::ALL[..], &profile_basis::tags::ALL, &rows::tags::ALL, &[multilevel::tags::NUMBERS]]
-                .concat();
+        let others = [far_field::tags::CODED, profile_basis::tags::TOTALS, multilevel::tags::NUMBERS];
+        let sampled = [&far_field::tags::ALL[..], &profile_basis::tags::ALL, &rows::tags::ALL, &others].concat();
         if ![&COMMON_TAGS[..], &sampled, &without_samples()].concat().contains(&section.tag) {
             let (bytes, kind) = (section.stored_bytes, section.kind);
             let message = format!("section {} ({kind}, {bytes} bytes) is unknown", section.tag);
@@ -291,15 +290,17 @@ pub(super) fn of_method_sections(scan: &Scan) -> Result<Vec<Finding>, Vec<Format
     // A section that does not decode has been found already; the others would be blamed for missing it.
     let damaged: Vec<_> = scan.errors.iter().filter_map(FormatError::tag).collect();
     let intact = |tags: &[Tag]| !tags.iter().any(|tag| damaged.contains(tag));
+    let far_tags = [&far_field::tags::ALL[..], &[far_field::tags::CODED]].concat();
+    let basis_tags = [&profile_basis::tags::ALL[..], &[profile_basis::tags::TOTALS]].concat();
     let mut errors = Vec::new();
     let (mut field, mut basis, mut stored_rows) = (None, None, None);
-    if let (Some(mesh), Some(samples), true) = (&scan.mesh, &scan.samples, intact(&far_field::tags::ALL)) {
+    if let (Some(mesh), Some(samples), true) = (&scan.mesh, &scan.samples, intact(&far_tags)) {
         match FarField::from_sections(&scan.extra, &Shape::new(mesh.positions_mm.len(), samples)) {
             Ok(found) => field = found,
             Err(error) => errors.push(error),
         }
     }
-    if intact(&profile_basis::tags::ALL) {
+    if intact(&basis_tags) {
         match ProfileBasis::from_sections(&scan.extra) {
             Ok(found) => basis = found,
             Err(error) => errors.push(error),

@@ -21,7 +21,7 @@ const LARGEST_SQUARE_MM2: f64 = 1e120;
 
 /// `exp(-x)` for x >= 0 to 3e-16 of itself, 0 beyond 700; by additions and multiplications only, so that
 /// every processor and every system library gives the same bits.
-fn decay(x: f64) -> f64 {
+pub(super) fn decay(x: f64) -> f64 {
     // Upper 32 bits of ln 2, whose products with the exponents are exact, and the rest.
     const LN_2_HIGH: f64 = 0.693_147_180_369_123_816_490;
     const LN_2_LOW: f64 = 1.908_214_929_270_587_700_02e-10;
@@ -112,11 +112,22 @@ impl FarProfile {
         let rho2 = self.split_mm * self.split_mm;
         let [value, first, second] = self.polynomial;
         let inside = PI * rho2 * (value - rho2 * (first / 2.0 - rho2 * (second / 3.0)));
-        let outside = |pole: &Pole| {
-            let d = (rho2 + pole.z_mm * pole.z_mm).sqrt();
+        inside + self.beyond(rho2)
+    }
+
+    /// The same over `[0, reach_mm]`; a reach inside the split radius counts as that.
+    pub fn total_within(&self, reach_mm: f64) -> f64 {
+        let reach_mm = if reach_mm > self.split_mm { reach_mm.min(LARGEST_SPLIT_MM) } else { self.split_mm };
+        (self.total() - self.beyond(reach_mm * reach_mm)).max(0.0)
+    }
+
+    /// `Int 2 pi r R_d dr` from a squared radius on.
+    fn beyond(&self, square_mm2: f64) -> f64 {
+        let of_pole = |pole: &Pole| {
+            let d = (square_mm2 + pole.z_mm * pole.z_mm).sqrt();
             TAU * pole.weight * decay(pole.sigma_per_mm * d) / d
         };
-        inside + outside(&self.poles[0]) + outside(&self.poles[1])
+        of_pole(&self.poles[0]) + of_pole(&self.poles[1])
     }
 
     /// `Int 2 pi r R_d dr` over the plane: the total diffuse reflectance of the profile that was split.
@@ -239,6 +250,10 @@ mod tests {
                 let inside = integrate(|r| TAU * r * far.reflectance(r), 0.0, split, 1e-12 * whole);
                 let sum = inside + TAU * dipole.tail(split);
                 assert!((far.total() - sum).abs() <= 1e-10 * whole, "{dipole:?} {split} {} {sum}", far.total());
+                assert!((far.total_within(split) - inside).abs() <= 1e-10 * whole, "{dipole:?} {split}");
+                let ring = integrate(|r| TAU * r * far.reflectance(r), split, 3.0 * split, 1e-12 * whole);
+                assert!((far.total_within(3.0 * split) - inside - ring).abs() <= 1e-10 * whole, "{dipole:?} {split}");
+                assert!(far.total_within(f64::NAN) <= far.total() && far.total_within(f64::INFINITY) <= far.total());
             }
         }
     }

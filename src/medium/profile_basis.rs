@@ -8,7 +8,7 @@
 //!
 //! Terms that T1 <= 1e-2, 3e-3, 1e-3 needs for every judge ([`ProfileBasis::worst_error`]), and T1 at 12 terms:
 //!
-//! | split, reach in mm | terms | T1 | T1 with r^1.5 instead of r^2 | T1 of [`Weighting::Plain`] |
+//! | split, reach in mm | terms | T1 | T1 with r^1.5 instead of r^2 | T1 of [`Family::Plain`] |
 //! | --- | --- | --- | --- | --- |
 //! | 0.8, 30 | 8, 10, 11 | 2.0e-4 | 2.3e-4 | 2.7e-3 |
 //! | 0.5, 30 | 9, 11, 12 | 6.9e-4 | 7.7e-4 | 6.7e-3 |
@@ -18,8 +18,11 @@
 //! | 0.1, 65 | 13, 15, 17 | 1.3e-2 | 2.9e-2 | 0.87 |
 //!
 //! r^1.75, r^2.25, and columns weighted again by the errors that they had, changed no number of terms by more than one.
+//!
+//! [`Family::Ladder`] trades a few more terms for functions and coefficients that are never negative (`ladder.rs`).
 
 use self::grid::{Grid, Interpolation};
+use self::ladder::NonNegative;
 use super::dipole::Dipole;
 use super::far_profile::FarProfile;
 use crate::error::{Error, Result};
@@ -28,6 +31,7 @@ use crate::math::svd::left_singular;
 pub use self::table::{ROW_LANES, Table};
 
 mod grid;
+mod ladder;
 mod materials;
 mod table;
 
@@ -47,13 +51,16 @@ const REACH_BOUNDS: (f64, f64) = (2.0, 1e6);
 const LARGEST_WEIGHT: f64 = 1e60;
 const LARGEST_VALUE: f32 = 1e30;
 
-/// What a basis is least in error for.
+/// What the functions of a basis are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum Weighting {
-    /// The transported light, relative to what each material returns.
+pub enum Family {
+    /// Principal components, least in error for the transported light relative to what each material returns.
     #[default]
     Transported,
-    /// The published choice, for comparison: 650 even samples of r on [0, 65] mm and an even grid of coefficients
+    /// Far parts of Gaussians whose standard deviations are a geometric sequence: neither they nor the coefficients of a
+    /// material are negative, and the total of the profile is kept.
+    Ladder,
+    /// Principal components of the published choice, for comparison: 650 even samples of r on [0, 65] mm and an even grid of coefficients
     /// on [1e-6, 5]^2 per mm, neither weighted nor normalised.
     Plain,
 }
@@ -65,8 +72,8 @@ pub struct BasisSettings {
     pub split_mm: f64,
     /// Largest distance in mm between two points of the object.
     pub reach_mm: f64,
-    /// What the basis is least in error for.
-    pub weighting: Weighting,
+    /// What the functions are.
+    pub family: Family,
     /// Number of terms; without it the smallest number that reaches `error`, [`MOST_CHOSEN_TERMS`] at most.
     pub terms: Option<usize>,
     /// Largest [`Projection::error`] that any judge of [`ProfileBasis::worst_error`] may have.
@@ -76,20 +83,23 @@ pub struct BasisSettings {
 /// A material on a basis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Projection {
-    /// Coefficient s_k of each function, without unit.
+    /// Coefficient s_k of each function, without unit; not negative on a ladder.
     pub coefficients: Vec<f64>,
     /// `Int 2 pi r |f~ - f| dr` over [0, reach] relative to the total diffuse reflectance of the whole profile: for any
     /// irradiance between 0 and E the radiosity of a plane is in error by at most this times what E everywhere gives.
     pub error: f64,
 }
 
-/// Functions b_k with `f(r) ~ Sum_k s_k b_k(r)`, `s_k = Sum_g weight_g f(r_g) b_k(r_g)` for every far profile f.
+/// Functions b_k with `f(r) ~ Sum_k s_k b_k(r)` for every far profile f, where `s_k = Sum_g weight_g f(r_g) b_k(r_g)`. On a ladder
+/// s minimises `Sum_g weight_g (Sum_k s_k b_k(r_g) - f(r_g))^2` over `s >= 0` with `Sum_k s_k total_k = Int_0^reach 2 pi r f dr`.
 #[derive(Clone, Debug)]
 pub struct ProfileBasis {
     split_mm: f64,
     nodes_mm: Vec<f64>,
     weights: Vec<f64>,
     functions: Vec<f32>,
+    /// How a ladder finds coefficients.
+    non_negative: Option<NonNegative>,
     interpolation: Interpolation,
     /// Where errors are integrated, and the functions there, function after function.
     measure: Grid,
@@ -104,9 +114,15 @@ impl ProfileBasis {
     pub fn new(settings: &BasisSettings) -> Self {
         let split_mm = within(settings.split_mm, SPLIT_BOUNDS_MM);
         let reach_mm = split_mm * within(settings.reach_mm / split_mm, REACH_BOUNDS);
+        if settings.family == Family::Ladder {
+            return match settings.terms {
+                Some(terms) => Self::ladder(split_mm, reach_mm, terms.clamp(1, MOST_TERMS)),
+                None => Self::shortest_ladder(split_mm, reach_mm, settings.error),
+            };
+        }
         let most = settings.terms.map_or(MOST_CHOSEN_TERMS, |terms| terms.clamp(1, MOST_TERMS));
-        let (nodes_mm, weights) = nodes_and_weights(split_mm, reach_mm, settings.weighting);
-        let vectors = left_singular(columns(split_mm, &nodes_mm, &weights, settings.weighting), most).vectors;
+        let (nodes_mm, weights) = nodes_and_weights(split_mm, reach_mm, settings.family);
+        let vectors = left_singular(columns(split_mm, &nodes_mm, &weights, settings.family), most).vectors;
         let scaled = |vector: Vec<f64>| -> Vec<f32> {
             vector.iter().zip(&weights).map(|(x, weight)| (x / weight.sqrt()) as f32).collect()
         };
@@ -118,13 +134,47 @@ impl ProfileBasis {
         }
     }
 
+    fn ladder(split_mm: f64, reach_mm: f64, terms: usize) -> Self {
+        let (nodes_mm, weights) = nodes_and_weights(split_mm, reach_mm, Family::Ladder);
+        let functions = ladder::functions(split_mm, reach_mm, terms, &Grid::new(split_mm, reach_mm));
+        let mut basis = Self::assemble(split_mm, reach_mm, nodes_mm, weights, functions);
+        let totals = basis.integrals();
+        basis.non_negative = Some(NonNegative::new(&basis.functions, &basis.weights, totals));
+        basis
+    }
+
+    /// The first ladder of which every judge is within `error`.
+    fn shortest_ladder(split_mm: f64, reach_mm: f64, error: f64) -> Self {
+        let mut basis = Self::ladder(split_mm, reach_mm, 1);
+        for terms in 2..=MOST_CHOSEN_TERMS {
+            if basis.worst_error() <= error {
+                break;
+            }
+            basis = Self::ladder(split_mm, reach_mm, terms);
+        }
+        basis
+    }
+
+    /// `Int 2 pi r b_k dr` over [0, reach] of each function.
+    fn integrals(&self) -> Vec<f64> {
+        let areas = &self.measure.areas_mm2;
+        let total = |function: &[f64]| function.iter().zip(areas).map(|(value, area)| value * area).sum();
+        self.measured.chunks_exact(areas.len()).map(total).collect()
+    }
+
     /// A basis that was stored: see the accessors of the same names. Errors are taken up to the last node, which is the reach
-    /// that it was made for unless the weighting was plain.
+    /// that it was made for unless the family was plain. Of a ladder there are totals.
     ///
     /// # Errors
     /// Invalid input when the numbers do not make a basis: lengths that do not fit, nodes that do not ascend from 0, numbers
-    /// that are not finite, a weight that is not positive, radii outside the range that [`Self::new`] serves.
-    pub fn from_parts(split_mm: f64, nodes_mm: Vec<f64>, weights: Vec<f64>, functions: Vec<f32>) -> Result<Self> {
+    /// that are not finite, a weight or total that is not positive, radii outside the range that [`Self::new`] serves.
+    pub fn from_parts(
+        split_mm: f64,
+        nodes_mm: Vec<f64>,
+        weights: Vec<f64>,
+        functions: Vec<f32>,
+        totals: Option<Vec<f64>>,
+    ) -> Result<Self> {
         let wrong = |what: &str| Err(Error::input(format!("profile basis: {what}; bake the asset again")));
         let count = nodes_mm.len();
         let reach_mm = nodes_mm.last().copied().unwrap_or(0.0);
@@ -150,9 +200,16 @@ impl ProfileBasis {
         if !functions.iter().all(|value| value.abs() < LARGEST_VALUE) {
             return wrong("a function is not finite");
         }
-        let basis = Self::assemble(split_mm, reach_mm, nodes_mm, weights, functions);
+        let mut basis = Self::assemble(split_mm, reach_mm, nodes_mm, weights, functions);
         if !basis.measured.iter().all(|value| value.abs() < f64::from(LARGEST_VALUE)) {
             return wrong("the nodes are too close to each other");
+        }
+        if let Some(totals) = totals {
+            let positive = |total: &f64| *total > 0.0 && *total < LARGEST_WEIGHT;
+            if totals.len() != terms || !totals.iter().all(positive) {
+                return wrong("there is not one positive total for each function");
+            }
+            basis.non_negative = Some(NonNegative::new(&basis.functions, &basis.weights, totals));
         }
         Ok(basis)
     }
@@ -169,14 +226,15 @@ impl ProfileBasis {
                 measured[k * places + place] = value;
             }
         }
-        Self { split_mm, nodes_mm, weights, functions, interpolation, measure, measured }
+        Self { split_mm, nodes_mm, weights, functions, non_negative: None, interpolation, measure, measured }
     }
 
     /// The first terms, as many as every judge needs to be within `error`.
     fn shortened(mut self, error: f64) -> Self {
         let mut worst = vec![0.0_f64; self.terms()];
         for judge in materials::judges() {
-            for (worst, error) in worst.iter_mut().zip(self.errors(&FarProfile::new(&judge, self.split_mm))) {
+            let far = FarProfile::new(&judge, self.split_mm);
+            for (worst, error) in worst.iter_mut().zip(self.errors(&far, &self.coefficients(&far))) {
                 *worst = worst.max(error);
             }
         }
@@ -211,6 +269,11 @@ impl ProfileBasis {
         &self.functions
     }
 
+    /// `Int 2 pi r b_k dr` over the reach of each function, without unit, where coefficients must not be negative.
+    pub fn totals(&self) -> Option<&[f64]> {
+        self.non_negative.as_ref().map(NonNegative::totals)
+    }
+
     /// Number of functions K.
     pub fn terms(&self) -> usize {
         self.functions.len() / self.nodes_mm.len()
@@ -219,11 +282,15 @@ impl ProfileBasis {
     /// The far part of a dipole on this basis.
     pub fn project(&self, dipole: &Dipole) -> Projection {
         let far = FarProfile::new(dipole, self.split_mm);
-        let error = self.errors(&far).last().copied().unwrap_or(0.0);
-        Projection { coefficients: self.coefficients(&far), error }
+        let coefficients = self.coefficients(&far);
+        let error = self.errors(&far, &coefficients).last().copied().unwrap_or(0.0);
+        Projection { coefficients, error }
     }
 
     fn coefficients(&self, far: &FarProfile) -> Vec<f64> {
+        if let Some(non_negative) = &self.non_negative {
+            return non_negative.coefficients(far, &self.nodes_mm, &self.weights, self.reach_mm());
+        }
         let weighted: Vec<f64> = self
             .nodes_mm
             .iter()
@@ -234,14 +301,14 @@ impl ProfileBasis {
         self.functions.chunks_exact(self.nodes_mm.len()).map(dot).collect()
     }
 
-    /// [`Projection::error`] with 1, 2, ... of the terms.
-    fn errors(&self, far: &FarProfile) -> Vec<f64> {
+    /// [`Projection::error`] with 1, 2, ... of the terms and these coefficients.
+    fn errors(&self, far: &FarProfile, coefficients: &[f64]) -> Vec<f64> {
         let total = far.profile_total();
         let relative = if total > 0.0 { 1.0 / total } else { 0.0 };
         let grid = &self.measure;
         let mut rest: Vec<f64> = grid.squares_mm2.iter().map(|&square| far.reflectance_at_square(square)).collect();
         let functions = self.measured.chunks_exact(grid.squares_mm2.len());
-        let residual = |(coefficient, function): (f64, &[f64])| {
+        let residual = |(coefficient, function): (&f64, &[f64])| {
             let mut sum = 0.0;
             for ((rest, b), area) in rest.iter_mut().zip(function).zip(&grid.areas_mm2) {
                 *rest -= coefficient * b;
@@ -249,7 +316,7 @@ impl ProfileBasis {
             }
             sum * relative
         };
-        self.coefficients(far).into_iter().zip(functions).map(residual).collect()
+        coefficients.iter().zip(functions).map(residual).collect()
     }
 
     /// The largest [`Projection::error`] of the judges: every channel of the measured materials, and 200 random media with
@@ -286,9 +353,9 @@ fn within(value: f64, (lowest, highest): (f64, f64)) -> f64 {
 }
 
 /// Nodes in mm and their weights in mm^4.
-fn nodes_and_weights(split_mm: f64, reach_mm: f64, weighting: Weighting) -> (Vec<f64>, Vec<f64>) {
-    match weighting {
-        Weighting::Transported => {
+fn nodes_and_weights(split_mm: f64, reach_mm: f64, family: Family) -> (Vec<f64>, Vec<f64>) {
+    match family {
+        Family::Transported | Family::Ladder => {
             let grid = Grid::new(split_mm, reach_mm);
             let last = grid.squares_mm2.len() - 1;
             let node = |(i, square): (usize, &f64)| if i == last { reach_mm } else { square.sqrt() };
@@ -296,7 +363,7 @@ fn nodes_and_weights(split_mm: f64, reach_mm: f64, weighting: Weighting) -> (Vec
             let nodes = grid.squares_mm2.iter().enumerate().map(node).collect();
             (nodes, grid.squares_mm2.iter().zip(&grid.areas_mm2).map(weight).collect())
         }
-        Weighting::Plain => {
+        Family::Plain => {
             let nodes = grid::plain_nodes(reach_mm);
             let weights = vec![1.0; nodes.len()];
             (nodes, weights)
@@ -305,16 +372,16 @@ fn nodes_and_weights(split_mm: f64, reach_mm: f64, weighting: Weighting) -> (Vec
 }
 
 /// The training set as columns in which the plain dot product is the weighted one.
-fn columns(split_mm: f64, nodes_mm: &[f64], weights: &[f64], weighting: Weighting) -> Vec<Vec<f64>> {
-    let dipoles = match weighting {
-        Weighting::Transported => materials::training(),
-        Weighting::Plain => materials::plain_training(),
+fn columns(split_mm: f64, nodes_mm: &[f64], weights: &[f64], family: Family) -> Vec<Vec<f64>> {
+    let dipoles = match family {
+        Family::Transported | Family::Ladder => materials::training(),
+        Family::Plain => materials::plain_training(),
     };
     let column = |dipole: &Dipole| {
         let far = FarProfile::new(dipole, split_mm);
-        let scale = match weighting {
-            Weighting::Transported => 1.0 / far.profile_total(),
-            Weighting::Plain => 1.0,
+        let scale = match family {
+            Family::Transported | Family::Ladder => 1.0 / far.profile_total(),
+            Family::Plain => 1.0,
         };
         let entry = |(node, weight): (&f64, &f64)| scale * weight.sqrt() * far.reflectance_at_square(node * node);
         nodes_mm.iter().zip(weights).map(entry).collect()
@@ -322,5 +389,7 @@ fn columns(split_mm: f64, nodes_mm: &[f64], weights: &[f64], weighting: Weightin
     dipoles.iter().map(column).collect()
 }
 
+#[cfg(test)]
+mod ladder_tests;
 #[cfg(test)]
 mod tests;

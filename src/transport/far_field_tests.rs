@@ -4,7 +4,7 @@ use super::*;
 use crate::geometry::samples::Samples;
 use crate::geometry::shapes;
 use crate::math::random::uniform;
-use crate::medium::profile_basis::{BasisSettings, ProfileBasis, Weighting};
+use crate::medium::profile_basis::{BasisSettings, Family, ProfileBasis};
 use crate::transport::balanced_tree::{LightDetails, in_tree_order};
 use crate::transport::test_scene::{Fixture, named};
 
@@ -28,7 +28,7 @@ impl Sphere {
         let settings = BasisSettings {
             split_mm: SPLIT_MM,
             reach_mm: 22.0,
-            weighting: Weighting::Transported,
+            family: Family::Transported,
             terms: Some(6),
             error: 0.0,
         };

@@ -162,6 +162,7 @@ pub fn profile_basis(terms: usize) -> ProfileBasis {
         nodes_mm: vec![0.0, 0.125, 0.5, 2.0, 9.5],
         weights_mm4: vec![0.01, 0.02, 1.0, 8.0, 30.0],
         functions: (0..5 * terms).map(|i| 1.0 / (1 + i) as f32 - 0.25).collect(),
+        totals: None,
     }
 }
 

@@ -17,12 +17,12 @@ const RANGES: [((f64, f64), [usize; 3]); 6] = [
     ((0.1, 65.0), [13, 15, 17]),
 ];
 
-fn settings((split_mm, reach_mm): (f64, f64), weighting: Weighting, terms: usize) -> BasisSettings {
-    BasisSettings { split_mm, reach_mm, weighting, terms: Some(terms), error: 0.0 }
+fn settings((split_mm, reach_mm): (f64, f64), family: Family, terms: usize) -> BasisSettings {
+    BasisSettings { split_mm, reach_mm, family, terms: Some(terms), error: 0.0 }
 }
 
 fn basis(range: (f64, f64), terms: usize) -> ProfileBasis {
-    ProfileBasis::new(&settings(range, Weighting::Transported, terms))
+    ProfileBasis::new(&settings(range, Family::Transported, terms))
 }
 
 fn presets() -> Vec<Dipole> {
@@ -102,8 +102,8 @@ fn an_asked_error_gives_the_expected_number_of_terms() {
         let mut previous = 0;
         for (error, terms) in [1e-2, 3e-3, 1e-3].into_iter().zip(terms) {
             let (split_mm, reach_mm) = range;
-            let weighting = Weighting::Transported;
-            let asked = BasisSettings { split_mm, reach_mm, weighting, terms: None, error };
+            let family = Family::Transported;
+            let asked = BasisSettings { split_mm, reach_mm, family, terms: None, error };
             let basis = ProfileBasis::new(&asked);
             println!("{range:?} {error}: {} terms, worst {:.2e}", basis.terms(), basis.worst_error());
             assert!(basis.worst_error() <= error, "{range:?} {error} {}", basis.worst_error());
@@ -118,8 +118,7 @@ fn an_asked_error_gives_the_expected_number_of_terms() {
 #[test]
 fn errors_that_cannot_be_reached_stop_at_the_most_terms() {
     for error in [0.0, -1.0, f64::NAN] {
-        let asked =
-            BasisSettings { split_mm: 0.5, reach_mm: 30.0, weighting: Weighting::Transported, terms: None, error };
+        let asked = BasisSettings { split_mm: 0.5, reach_mm: 30.0, family: Family::Transported, terms: None, error };
         assert_eq!(ProfileBasis::new(&asked).terms(), MOST_CHOSEN_TERMS);
     }
     assert_eq!(basis((0.5, 30.0), 0).terms(), 1);
@@ -180,7 +179,7 @@ fn the_published_weighting_is_worse_and_fails_beyond_its_range_of_coefficients()
     let within = |s: f64| s <= 5.0;
     for (range, factors) in [((0.5, 30.0), (2.0, 5.0)), ((0.1, 65.0), (2.0, 100.0))] {
         let ours = basis(range, 12);
-        let plain = ProfileBasis::new(&settings(range, Weighting::Plain, 12));
+        let plain = ProfileBasis::new(&settings(range, Family::Plain, 12));
         assert_eq!(plain.nodes_mm().len(), 650);
         assert!((plain.reach_mm() - 65.0).abs() < 1e-9);
         let worst = |basis: &ProfileBasis, side: bool| {
@@ -196,7 +195,7 @@ fn the_published_weighting_is_worse_and_fails_beyond_its_range_of_coefficients()
         assert!(plain.worst_error() > 5.0 * ours.worst_error());
     }
     // More terms do not help where the samples of r are too few.
-    assert!(ProfileBasis::new(&settings((0.1, 65.0), Weighting::Plain, 24)).worst_error() > 0.3);
+    assert!(ProfileBasis::new(&settings((0.1, 65.0), Family::Plain, 24)).worst_error() > 0.3);
 }
 
 #[test]
@@ -204,7 +203,7 @@ fn twelve_terms_serve_every_measured_channel_of_50_mm_sampled_at_half_a_millimet
     // Split at one spacing, where bakes split at six: what is nearer is integrated with the profile itself.
     let worst = |basis: &ProfileBasis| presets().iter().map(|dipole| basis.project(dipole).error).fold(0.0, f64::max);
     let ours = worst(&basis((0.5, 50.0), 12));
-    let plain = worst(&ProfileBasis::new(&settings((0.5, 50.0), Weighting::Plain, 12)));
+    let plain = worst(&ProfileBasis::new(&settings((0.5, 50.0), Family::Plain, 12)));
     println!("T1 of 36 channels, 12 terms: {ours:.1e}, as published {plain:.1e}");
     assert!(ours <= 2e-3 && plain > 5.0 * ours, "{ours:e} {plain:e}");
 }
@@ -275,7 +274,7 @@ fn parts_make_the_same_basis_again_and_wrong_parts_are_refused() {
     let basis = basis((0.5, 30.0), 8);
     let parts = || (0.5, basis.nodes_mm().to_vec(), basis.weights_mm4().to_vec(), basis.functions().to_vec());
     let (split, nodes, weights, functions) = parts();
-    let again = ProfileBasis::from_parts(split, nodes, weights, functions).unwrap();
+    let again = ProfileBasis::from_parts(split, nodes, weights, functions, None).unwrap();
     assert_eq!(again.table(), basis.table());
     for dipole in presets() {
         assert_eq!(again.project(&dipole), basis.project(&dipole));
@@ -303,7 +302,7 @@ fn parts_make_the_same_basis_again_and_wrong_parts_are_refused() {
         let mut wrong = parts();
         damage(&mut wrong);
         let (split, nodes, weights, functions) = wrong;
-        assert!(ProfileBasis::from_parts(split, nodes, weights, functions).is_err(), "damage {i}");
+        assert!(ProfileBasis::from_parts(split, nodes, weights, functions, None).is_err(), "damage {i}");
     }
 }
 
@@ -312,7 +311,7 @@ fn few_stored_nodes_are_interpolated_as_well_as_they_can_be() {
     for count in [2_usize, 3, 4, 7] {
         let nodes: Vec<f64> = (0..count).map(|i| 4.0 * i as f64 / (count - 1) as f64).collect();
         let functions: Vec<f32> = nodes.iter().map(|node| 3.0 - (node * node) as f32).collect();
-        let basis = ProfileBasis::from_parts(1.0, nodes, vec![1.0; count], functions).unwrap();
+        let basis = ProfileBasis::from_parts(1.0, nodes, vec![1.0; count], functions, None).unwrap();
         let mut value = [0.0];
         basis.table().evaluate(6.25, &mut value);
         assert!((value[0] + 3.25).abs() < 1e-5, "{count} {value:?}");

@@ -175,7 +175,7 @@ fn basis(stage: &Stage, scene: &Scene, plan: &Plan) -> ProfileBasis {
     let settings = BasisSettings {
         split_mm: stage.split_mm,
         reach_mm: stage.reach_mm(scene),
-        weighting: plan.weighting,
+        family: plan.family,
         terms: plan.terms,
         error: plan.basis_error,
     };

@@ -37,7 +37,8 @@ const TRANSPORT: Key = Key {
 const BASIS: Key = Key {
     name: "basis",
     default: "transported",
-    help: "principal components weighted for transported light over this object's range, or plain: those of the paper",
+    help: "principal components weighted for transported light over this object's range; ladder: Gaussians that are combined \
+           without negative coefficients; or plain: the components of the paper",
 };
 
 const TERMS: Key = Key {

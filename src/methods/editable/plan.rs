@@ -8,7 +8,7 @@ use super::{
 };
 use crate::error::{Error, Result};
 use crate::evaluate::Key;
-use crate::medium::profile_basis::Weighting;
+use crate::medium::profile_basis::Family;
 use crate::methods::sampling::light_sampling;
 use crate::methods::settings::{number, share};
 use crate::transport::far_field;
@@ -47,7 +47,7 @@ impl Transport {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Plan {
     pub(super) transport: Transport,
-    pub(super) weighting: Weighting,
+    pub(super) family: Family,
     /// `None`: as few as `basis_error` allows.
     pub(super) terms: Option<usize>,
     /// Error asked of the basis for any light (T1), over the total reflectance.
@@ -77,10 +77,13 @@ impl Plan {
         if transport == Transport::None {
             unstored::check(values)?;
         }
-        let weighting = match text(&BASIS).as_str() {
-            "transported" => Weighting::Transported,
-            "plain" => Weighting::Plain,
-            other => return Err(Error::command_line(format!("--set basis={other}: it is transported or plain"))),
+        let family = match text(&BASIS).as_str() {
+            "transported" => Family::Transported,
+            "ladder" => Family::Ladder,
+            "plain" => Family::Plain,
+            other => {
+                return Err(Error::command_line(format!("--set basis={other}: it is transported, ladder or plain")));
+            }
         };
         let terms = match text(&TERMS).as_str() {
             "auto" => None,
@@ -103,7 +106,7 @@ impl Plan {
         }
         Ok(Self {
             transport,
-            weighting,
+            family,
             terms,
             basis_error: BASIS_SHARE * max_rms,
             split: number(values, &SPLIT, 4.0..=64.0)?,
@@ -137,7 +140,7 @@ mod tests {
     #[test]
     fn defaults_share_out_the_error() {
         let plan = plan(&[]).unwrap();
-        assert_eq!((plan.terms, plan.weighting, plan.cube), (None, Weighting::Transported, 32));
+        assert_eq!((plan.terms, plan.family, plan.cube), (None, Family::Transported, 32));
         // Four errors of different origin: their squares add.
         let all = plan.truncation.hypot(plan.interpolation).hypot(plan.quantiser).hypot(plan.basis_error);
         assert!(all < 0.9 * 0.01, "{all}");

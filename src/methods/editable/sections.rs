@@ -17,11 +17,12 @@ pub(super) fn write(basis: &ProfileBasis, far: &FarField, mesh: &Mesh, samples: 
         nodes_mm: basis.nodes_mm().to_vec(),
         weights_mm4: basis.weights_mm4().to_vec(),
         functions: basis.functions().to_vec(),
+        totals: basis.totals().map(<[f64]>::to_vec),
     }
     .to_sections()
     .map_err(fail)?;
     let shape = Shape { vertices: mesh.local_mm.len(), part_offsets: &samples.part_offsets };
-    sections.extend(far.to_sections(&shape).map_err(fail)?);
+    sections.extend(far.to_coded_sections(&shape).map_err(fail)?);
     Ok(sections)
 }
 
@@ -35,8 +36,8 @@ pub(super) fn read(asset: &Asset) -> Result<(ProfileBasis, FarField)> {
     let far = FarField::from_sections(&asset.sections, &shape)
         .map_err(fail)?
         .ok_or_else(|| missing("far field (sections far.*)"))?;
-    let file::ProfileBasis { split_mm, nodes_mm, weights_mm4, functions } = basis;
-    let basis = ProfileBasis::from_parts(split_mm, nodes_mm, weights_mm4, functions)?;
+    let file::ProfileBasis { split_mm, nodes_mm, weights_mm4, functions, totals } = basis;
+    let basis = ProfileBasis::from_parts(split_mm, nodes_mm, weights_mm4, functions, totals)?;
     if basis.terms() != far.terms {
         let (a, b) = (basis.terms(), far.terms);
         return Err(Error::input(format!("the basis has {a} functions and the far field {b}; bake the asset again")));
