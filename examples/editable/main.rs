@@ -11,11 +11,13 @@
 mod bench;
 #[path = "../common/mod.rs"]
 mod common;
+mod environment;
 mod figure3;
 mod figure4;
 mod figure5;
 mod page;
 mod profiles;
+mod spatial;
 mod tables;
 
 use self::common::runner::{Page, main as measure};
@@ -27,6 +29,8 @@ const PAGE: Page = Page {
         ("figure3", figure3::run),
         ("figure4", figure4::run),
         ("figure5", figure5::run),
+        ("spatial", spatial::run),
+        ("environment", environment::run),
         ("profiles", profiles::run),
     ],
     words: page::WORDS,

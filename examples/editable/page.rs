@@ -49,6 +49,28 @@ split radius, is stored at points that are some sample spacings apart, of any me
 
 ";
 
+const SPATIAL: &str = "
+## Transforms of the columns
+
+A column is what one Haar coefficient of the samples adds to each vertex, for one basis function. It is stored as it is, transformed
+over the vertices, or stored at fewer points and interpolated: CDF 9/7 (`math/cdf97.rs`) over a geometry image as in the paper, for shapes that have
+one; lifting on nested points (`geometry/surface_wavelet.rs`: prediction by kriging, an update that keeps the integral) and points with kriging on any mesh.
+What is above one threshold is kept and rounded to steps of it. Errors are relative RMS over the vertices, of the worst of three lights.
+Bytes are 4 for each coefficient, as the paper counts, and in brackets the entropy of the rounded numbers, by levels of the tree over the samples. 16,384
+samples; the geometry images have 64 x 64 vertices, two sample spacings apart.
+
+";
+
+const ENVIRONMENT: &str = "
+## Environments
+
+Rows of Haar coefficients give the irradiance of every sample under a cube map of 6 x 32 x 32 texels. The paper transforms these over the surface
+too. *Of their own*: each sample keeps its largest coefficients. *In blocks*: the rows of 64 neighbours are Haar transformed over their tree
+(`compress/row_blocks.rs`), under one threshold whose squared error is that of the number of coefficients named. Errors are relative RMS against all
+coefficients: of the irradiance of all samples, and of the radiosity that follows at 192 vertices in two materials, the worst map.
+
+";
+
 const PROFILES: &str = "
 ## Profiles against a random walk
 
@@ -85,6 +107,8 @@ pub(crate) const WORDS: Words = Words {
         ("figure3", FIGURE3),
         ("figure4", FIGURE4),
         ("figure5", FIGURE5),
+        ("spatial", SPATIAL),
+        ("environment", ENVIRONMENT),
         ("profiles", PROFILES),
     ],
     places: PLACES,

@@ -5,8 +5,9 @@ use std::ops::Range;
 use glam::DVec3;
 use rayon::prelude::*;
 use translux_format::RawSection;
-use translux_format::rows::{FACES, IrradianceRows};
+use translux_format::rows::{self, FACES, IrradianceRows};
 
+use super::row_blocks;
 use crate::error::{Error, Result};
 use crate::light::cube_light::CubeLight;
 use crate::medium::entrance_basis::{EntranceBasis, MOST_TERMS};
@@ -17,34 +18,47 @@ pub struct Rows {
     /// Valid: `fill` relies on it.
     data: IrradianceRows,
     entrance: EntranceBasis,
+    /// Of patches that share rows, one after the other; empty where they do not.
+    blocks: Vec<[u32; 2]>,
 }
 
 /// Coefficients whose values are dequantised together.
 const RUN: usize = 64;
 
 impl Rows {
-    /// Takes rows that were just made.
+    /// Takes rows that were just made, of the patches `part_offsets[i]..part_offsets[i + 1]` of each part.
     ///
     /// # Errors
     /// Rows that are not valid (exit 3).
-    pub fn new(data: IrradianceRows) -> Result<Self> {
+    pub fn new(data: IrradianceRows, part_offsets: &[u32]) -> Result<Self> {
         data.validate().map_err(|error| Error::input(error.to_string()))?;
-        Self::of_valid(data)
+        Self::of_valid(data, part_offsets)
     }
 
-    /// The rows of an asset with this many patches, `None` if it has none. They are checked while they are decoded, and
+    /// The rows of an asset with these patches of each part, `None` if it has none. They are checked while they are decoded, and
     /// not again.
     ///
     /// # Errors
     /// Sections that are missing or not valid (exit 3).
-    pub fn from_sections(sections: &[RawSection], patches: usize) -> Result<Option<Self>> {
+    pub fn from_sections(sections: &[RawSection], part_offsets: &[u32]) -> Result<Option<Self>> {
+        let patches = part_offsets.last().map_or(0, |end| *end as usize);
         let data = IrradianceRows::from_sections(sections, patches).map_err(|error| Error::input(error.to_string()))?;
-        data.map(Self::of_valid).transpose()
+        data.map(|data| Self::of_valid(data, part_offsets)).transpose()
     }
 
-    fn of_valid(data: IrradianceRows) -> Result<Self> {
+    fn of_valid(data: IrradianceRows, part_offsets: &[u32]) -> Result<Self> {
         let entrance = EntranceBasis::from_polynomials(&data.functions)?;
-        Ok(Self { data, entrance })
+        let blocks = rows::blocks(part_offsets, data.block);
+        let covered = blocks.iter().try_fold(0, |end, block| (block[0] == end).then_some(block[1]));
+        if data.block > 0 && covered.map(|end| end as usize) != Some(data.patches()) {
+            return Err(Error::input(format!("the blocks of the rows do not fit {} patches", data.patches())));
+        }
+        Ok(Self { data, entrance, blocks })
+    }
+
+    /// Patches that share rows, first and one past the last, one block after the other; empty where they do not.
+    pub fn blocks(&self) -> &[[u32; 2]] {
+        &self.blocks
     }
 
     /// The functions of the angle that the rows are made of; they give the coefficients of a refractive index.
@@ -88,6 +102,14 @@ impl Rows {
         result.par_chunks_mut(CHUNK).enumerate().for_each(|(i, out)| {
             self.fill(i * CHUNK, light, &coefficients_of_patch, out);
         });
+        let mut rest = result.as_mut_slice();
+        let mut of_blocks = Vec::with_capacity(self.blocks.len());
+        for [first, end] in &self.blocks {
+            let (block, behind) = rest.split_at_mut((end - first) as usize);
+            of_blocks.push(block);
+            rest = behind;
+        }
+        of_blocks.into_par_iter().with_min_len(CHUNK / 16).for_each(row_blocks::inverse);
         Ok(result)
     }
 
@@ -103,9 +125,21 @@ impl Rows {
     ) -> Result<Vec<DVec3>> {
         self.check(light)?;
         let end = patches.end.min(self.len());
-        let mut result = vec![DVec3::ZERO; end.saturating_sub(patches.start)];
-        self.fill(patches.start, light, &coefficients_of_patch, &mut result);
-        Ok(result)
+        if patches.start >= end {
+            return Ok(Vec::new());
+        }
+        // Whole blocks.
+        let some = self.blocks.partition_point(|block| block[1] as usize <= patches.start)
+            ..self.blocks.partition_point(|block| (block[0] as usize) < end);
+        let blocks = self.blocks.get(some).unwrap_or(&[]);
+        let from = blocks.first().map_or(patches.start, |block| block[0] as usize);
+        let to = blocks.last().map_or(end, |block| block[1] as usize);
+        let mut result = vec![DVec3::ZERO; to - from];
+        self.fill(from, light, &coefficients_of_patch, &mut result);
+        for block in blocks {
+            row_blocks::inverse(&mut result[block[0] as usize - from..block[1] as usize - from]);
+        }
+        Ok(result[patches.start - from..end - from].to_vec())
     }
 
     fn check(&self, light: &CubeLight) -> Result<()> {
@@ -119,7 +153,7 @@ impl Rows {
         )))
     }
 
-    /// Patches from `first` on, as many as there are in `out` and in the rows.
+    /// Rows from `first` on times the light, as many as there are in `out` and in the rows.
     fn fill(
         &self,
         first: usize,
