@@ -336,7 +336,7 @@ impl Columns {
             spatial.inverse(&mut column);
             column
         };
-        let entropy: f64 = all.counts.iter().map(|counts| entropy(counts)).sum();
+        let entropy: f64 = all.counts.iter().map(entropy).sum();
         let vertices = self.vertices as f64;
         let values = (0..LIGHTS).map(of_light).collect();
         let found =

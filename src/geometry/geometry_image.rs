@@ -20,10 +20,10 @@ pub fn direction(side: usize, x: usize, y: usize) -> DVec3 {
     DVec3::new(fold(u, v), fold(v, u), z).normalize()
 }
 
-/// A grid of `side * side` vertices, row by row, made into a closed surface: texels at the edge of the square meet those on the
+/// A grid of `side * side` vertices (3 x 3 at least), row by row, made into a closed surface: texels at the edge of the square meet those on the
 /// other half of that edge, where it is folded. `point` gives the vertex of a direction.
 pub fn octahedral(side: usize, point: impl Fn(DVec3) -> DVec3) -> SourceModel {
-    let side = side.max(2);
+    let side = side.max(3);
     let positions = (0..side * side).map(|i| point(direction(side, i % side, i / side))).collect();
     let at = |x: usize, y: usize| (y * side + x) as u32;
     let mut triangles = Vec::new();
@@ -91,7 +91,7 @@ mod tests {
     /// Every edge has two triangles that run along it in opposite directions, and one piece has Euler's 2.
     #[test]
     fn the_surface_is_closed_and_faces_outwards() {
-        for side in [2, 3, 4, 9, 16] {
+        for side in [3, 4, 9, 16] {
             let source = octahedral(side, |direction| 10.0 * direction);
             let mut edges: HashMap<(u32, u32), u32> = HashMap::new();
             for [a, b, c] in &source.triangles {
@@ -102,10 +102,6 @@ mod tests {
             assert!(edges.iter().all(|((a, b), n)| *n == 1 && edges.get(&(*b, *a)) == Some(&1)), "{side}");
             let euler = source.positions.len() as i64 - edges.len() as i64 / 2 + source.triangles.len() as i64;
             assert_eq!(euler, 2, "{side}");
-            if side == 2 {
-                // Four directions in one plane.
-                continue;
-            }
             let at = |i: u32| source.positions[i as usize];
             let volume: f64 = source.triangles.iter().map(|[a, b, c]| at(*a).cross(at(*b)).dot(at(*c)) / 6.0).sum();
             let ball = 4000.0 / 3.0 * std::f64::consts::PI;
