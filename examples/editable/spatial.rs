@@ -23,8 +23,8 @@ use crate::bench::percent;
 use crate::common::bench::{Context, SIZE_MM, properties, scene_of, table};
 
 /// Samples, and vertices along an edge of a geometry image.
-const SAMPLES: usize = 16_384;
-const SIDE: usize = 64;
+const SAMPLES: usize = 8192;
+const SIDE: usize = 48;
 const QUICK: (usize, usize) = (4096, 24);
 
 const MATERIAL: &str = "marble";

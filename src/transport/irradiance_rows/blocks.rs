@@ -9,6 +9,11 @@
 //!
 //! Gargoyle, 131,072 samples, faces of 32 texels, two terms, at the squared error of 128 coefficients for each sample: blocks of 8 take 27
 //! coefficients a sample, of 32 14, of 64 11, of 256 9. Longer ones save little and need more memory while they are made.
+//!
+//! The same shape with 65,536 vertices, against all coefficients, the worst of six maps: 128 coefficients of their own take 236 bytes a vertex in a file
+//! (1,048 in memory); radiosity in marble and skin errs by 1.2 %, under a bare sun by 5.7 %. In blocks 55 bytes (229), 0.60 % and 1.5 %, though irradiance
+//! errs by 3.9 % in place of 2.9 %: what is dropped has no mean over a block, and scattering takes means. For 256 130 bytes, 0.26 % and 0.41 %.
+//! A new map takes 12 ms in place of 28, on two cores.
 
 use rayon::prelude::*;
 use translux_format::rows::{self, IrradianceRows};
