@@ -18,20 +18,20 @@ use translux::medium::profile::Profile;
 use translux::medium::profile_basis::{BasisSettings, ProfileBasis, Weighting};
 use translux::transport::scene::{Medium, Scene};
 
-use self::columns::{Basis, Columns, Found, Spatial, Transport};
+use self::columns::{Basis, Columns, Found, Lifted, Spatial, Transport};
 use crate::bench::percent;
 use crate::common::bench::{Context, SIZE_MM, properties, scene_of, table};
 
 /// Samples, and vertices along an edge of a geometry image.
-const SAMPLES: usize = 8192;
+const SAMPLES: usize = 4608;
 const SIDE: usize = 48;
-const QUICK: (usize, usize) = (4096, 24);
+const QUICK: (usize, usize) = (1152, 24);
 
 const MATERIAL: &str = "marble";
 
 /// Near-field radius and distances of points, in sample spacings.
 const SPLIT: f64 = 6.0;
-const SPACINGS: [f64; 3] = [3.0, 4.0, 6.0];
+const POINTS: [(f64, Lifted); 4] = [(3.0, Lifted::No), (4.0, Lifted::No), (3.0, Lifted::Yes), (4.0, Lifted::Yes)];
 
 /// Error that columns are compared at.
 const EQUAL: f64 = 0.01;
@@ -116,7 +116,7 @@ fn measure(context: &Context, name: &str) -> Result<Measured> {
         spatial.push(Spatial::cdf97(&transport, side));
     }
     spatial.push(Spatial::lifting(&transport));
-    spatial.extend(SPACINGS.map(|spacing| Spatial::points(&transport, spacing * sample_mm, spacing)));
+    spatial.extend(POINTS.map(|(spacings, lifted)| Spatial::points(&transport, spacings, lifted)));
 
     let split_mm = SPLIT * sample_mm;
     let basis = ProfileBasis::new(&BasisSettings {

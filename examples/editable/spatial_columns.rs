@@ -127,6 +127,13 @@ impl Transport {
     }
 }
 
+/// Whether values at points are transformed.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Lifted {
+    No,
+    Yes,
+}
+
 /// A transform of columns.
 pub(crate) struct Spatial {
     name: String,
@@ -139,7 +146,8 @@ enum Kind {
     None,
     Cdf97(Pictures),
     Lifting(SurfaceWavelet),
-    Points(Weights, Vec<u32>),
+    /// Weights over some of the vertices, these, and their wavelet.
+    Points(Weights, Vec<u32>, Option<SurfaceWavelet>),
 }
 
 impl Spatial {
@@ -159,15 +167,28 @@ impl Spatial {
         Self { name: "lifting".to_owned(), norms: wavelet.norms().to_vec(), kind: Kind::Lifting(wavelet) }
     }
 
-    pub(crate) fn points(transport: &Transport, spacing_mm: f64, spacings: f64) -> Self {
+    /// Fewer vertices, so many sample spacings apart, transformed by lifting where that is asked.
+    pub(crate) fn points(transport: &Transport, spacings: f64, lifted: Lifted) -> Self {
+        let spacing_mm = spacings * transport.sample_mm();
         let mut chosen = choose(&transport.points, spacing_mm).concat();
         chosen.sort_unstable();
         let sources: Vec<OrientedPoint> = chosen.iter().map(|&i| transport.points[i as usize]).collect();
         let weights = Weights::new(&sources, &transport.points, spacing_mm, Kriging::SMOOTH);
         let mut norms = vec![0.0; transport.vertices()];
-        let norm = (transport.area() / chosen.len().max(1) as f64).sqrt();
-        chosen.iter().for_each(|&i| norms[i as usize] = norm);
-        Self { name: format!("points {spacings} sample spacings apart"), norms, kind: Kind::Points(weights, chosen) }
+        let area = transport.area() / chosen.len().max(1) as f64;
+        let areas = vec![area; chosen.len()];
+        let (wavelet, form) = match lifted {
+            Lifted::No => (None, ""),
+            Lifted::Yes => {
+                let spacing_mm = 2.0 * spacing_mm;
+                (Some(SurfaceWavelet::new(&sources, &areas, spacing_mm, Kriging::RADIOSITY)), ", lifted")
+            }
+        };
+        for (k, &i) in chosen.iter().enumerate() {
+            norms[i as usize] = wavelet.as_ref().map_or(area.sqrt(), |wavelet| wavelet.norms()[k]);
+        }
+        let name = format!("points {spacings} sample spacings apart{form}");
+        Self { name, norms, kind: Kind::Points(weights, chosen, wavelet) }
     }
 
     pub(crate) fn name(&self) -> &str {
@@ -178,7 +199,12 @@ impl Spatial {
         match &self.kind {
             Kind::Cdf97(pictures) => pictures.forward(column),
             Kind::Lifting(wavelet) => wavelet.forward(column),
-            Kind::None | Kind::Points(..) => {}
+            Kind::Points(_, chosen, Some(wavelet)) => {
+                let mut values: Vec<f64> = chosen.iter().map(|&i| column[i as usize]).collect();
+                wavelet.forward(&mut values);
+                chosen.iter().zip(values).for_each(|(&i, v)| column[i as usize] = v);
+            }
+            Kind::None | Kind::Points(_, _, None) => {}
         }
     }
 
@@ -186,8 +212,10 @@ impl Spatial {
         match &self.kind {
             Kind::Cdf97(pictures) => pictures.inverse(column),
             Kind::Lifting(wavelet) => wavelet.inverse(column),
-            Kind::Points(weights, chosen) => {
-                let value = |(source, w): (u32, f32)| f64::from(w) * column[chosen[source as usize] as usize];
+            Kind::Points(weights, chosen, wavelet) => {
+                let mut values: Vec<f64> = chosen.iter().map(|&i| column[i as usize]).collect();
+                wavelet.iter().for_each(|wavelet| wavelet.inverse(&mut values));
+                let value = |(source, w): (u32, f32)| f64::from(w) * values[source as usize];
                 *column = (0..column.len()).map(|v| weights.of(v).map(value).sum()).collect();
             }
             Kind::None => {}
