@@ -114,12 +114,19 @@ fn rows(scene: Option<Scene>, bvh: &Bvh, samples: &Samples, shared: &Path) {
     for ((name, light), truth) in lights.iter().zip(&truth) {
         println!("{name}: rays themselves {:.2} %", 100.0 * error(&sampled(&surface, light, eta, 512), truth));
     }
-    for (terms, coefficients) in [(2, 6144), (1, 128), (2, 128), (3, 128), (2, 64), (2, 256)] {
+    let own = [(2, 6144), (1, 128), (2, 128), (3, 128), (2, 64), (2, 256)].map(|(terms, count)| (terms, count, false));
+    let in_blocks = [64, 128, 256, 512].map(|count| (2, count, true));
+    for (terms, coefficients, in_blocks) in own.into_iter().chain(in_blocks) {
         let settings = RowSettings { terms, coefficients, ..RowSettings::DEFAULT };
         let (start, cpu) = (Instant::now(), cpu_seconds());
-        let Ok(rows) = RowBaker::new(&surface, settings).and_then(|baker| baker.all(&Silent)) else { return };
+        let Ok(rows) = RowBaker::new(&surface, settings)
+            .and_then(|baker| if in_blocks { baker.in_blocks(&Silent) } else { baker.all(&Silent) })
+        else {
+            return;
+        };
         let (wall, cpu) = (start.elapsed().as_secs_f64(), cpu_seconds() - cpu);
-        println!("{terms} terms, {coefficients} coefficients: {wall:.2} s elapsed, {cpu:.2} s of CPU time");
+        let form = if in_blocks { " in blocks" } else { "" };
+        println!("{terms} terms, {coefficients} coefficients{form}: {wall:.2} s elapsed, {cpu:.2} s of CPU time");
         let Ok(projection) = EntranceBasis::new(terms).project(eta) else { return };
         for ((name, light), truth) in lights.iter().zip(&truth) {
             let start = Instant::now();

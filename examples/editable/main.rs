@@ -11,12 +11,14 @@
 mod bench;
 #[path = "../common/mod.rs"]
 mod common;
+mod environment;
 mod fields;
 mod figure3;
 mod figure4;
 mod figure5;
 mod page;
 mod profiles;
+mod spatial;
 mod tables;
 mod transfer;
 
@@ -29,7 +31,9 @@ const PAGE: Page = Page {
         ("figure3", figure3::run),
         ("figure4", figure4::run),
         ("figure5", figure5::run),
+        ("spatial", spatial::run),
         ("transfer", transfer::run),
+        ("environment", environment::run),
         ("profiles", profiles::run),
         ("fields", fields::run),
     ],

@@ -58,6 +58,28 @@ surface. *T1*: the transported error of the basis, worst of the 36 channels of t
 
 ";
 
+const SPATIAL: &str = "
+## Transforms of the columns
+
+A column is what one Haar coefficient of the samples adds to each vertex, for one basis function. It is stored as it is, transformed
+over the vertices, or stored at fewer points and interpolated: CDF 9/7 (`math/cdf97.rs`) over a geometry image as in the paper, for shapes that have
+one; lifting on nested points (`geometry/surface_wavelet.rs`: prediction by kriging, an update that keeps the integral) and points with kriging on any mesh.
+What is above one threshold is kept and rounded to steps of it. Errors are relative RMS over the vertices, of the worst of three lights.
+Bytes are 4 for each coefficient, as the paper counts, and in brackets the entropy of the rounded numbers, by levels of the tree over the samples. 4,608
+samples; the geometry images have 48 x 48 vertices, 1.4 sample spacings apart as those of the gargoyle above are.
+
+";
+
+const ENVIRONMENT: &str = "
+## Environments
+
+Rows of Haar coefficients give the irradiance of every sample under a cube map of 6 x 32 x 32 texels. The paper transforms these over the surface
+too. *Of their own*: each sample keeps its largest coefficients. *In blocks*: the rows of 64 neighbours are Haar transformed over their tree
+(`compress/row_blocks.rs`), under one threshold whose squared error is that of the number of coefficients named. Errors are relative RMS against all
+coefficients: of the irradiance of all samples, and of the radiosity that follows at 192 vertices in two materials, the worst map.
+
+";
+
 const PROFILES: &str = "
 ## Profiles against a random walk
 
@@ -118,7 +140,9 @@ pub(crate) const WORDS: Words = Words {
         ("figure3", FIGURE3),
         ("figure4", FIGURE4),
         ("figure5", FIGURE5),
+        ("spatial", SPATIAL),
         ("transfer", TRANSFER),
+        ("environment", ENVIRONMENT),
         ("profiles", PROFILES),
         ("fields", FIELDS),
     ],

@@ -30,8 +30,10 @@ pub mod tags {
     pub const SCALING_STEPS: Tag = Tag::from_static("rows.scs");
     /// Functions of the angle, f64 x 9.
     pub const FUNCTIONS: Tag = Tag::from_static("rows.fun");
+    /// In place of [`DIMENSIONS`] where rows are in blocks: the same and the patches of a block at most, u32 x 3, one row.
+    pub const BLOCKS: Tag = Tag::from_static("rows.blk");
 
-    /// All of them, in the order of the file.
+    /// Those of rows of patches, in the order of the file.
     pub const ALL: [Tag; 8] = IRRADIANCE.all();
 
     /// Tags of rows of one use.
@@ -39,6 +41,8 @@ pub mod tags {
     pub struct Set {
         /// As [`DIMENSIONS`].
         pub dimensions: Tag,
+        /// As [`BLOCKS`]; `None` where rows are never in blocks.
+        pub blocks: Option<Tag>,
         /// As [`COUNTS`].
         pub counts: Tag,
         /// As [`INDICES`].
@@ -58,6 +62,7 @@ pub mod tags {
     /// Rows of patches: irradiance.
     pub const IRRADIANCE: Set = Set {
         dimensions: DIMENSIONS,
+        blocks: Some(BLOCKS),
         counts: COUNTS,
         indices: INDICES,
         values: VALUES,
@@ -70,6 +75,7 @@ pub mod tags {
     /// Rows of vertices: radiosity, whose terms are the channels R, G, B.
     pub const TRANSPORT: Set = Set {
         dimensions: Tag::from_static("aft.dim"),
+        blocks: None,
         counts: Tag::from_static("aft.cnt"),
         indices: Tag::from_static("aft.idx"),
         values: Tag::from_static("aft.val"),
@@ -82,6 +88,7 @@ pub mod tags {
     /// Rows of vertices: light scattered once, in the same way.
     pub const SINGLE: Set = Set {
         dimensions: Tag::from_static("afs.dim"),
+        blocks: None,
         counts: Tag::from_static("afs.cnt"),
         indices: Tag::from_static("afs.idx"),
         values: Tag::from_static("afs.val"),
@@ -92,7 +99,7 @@ pub mod tags {
     };
 
     impl Set {
-        /// In the order of the file.
+        /// Those of rows that are not in blocks, in the order of the file.
         pub const fn all(self) -> [Tag; 8] {
             [
                 self.dimensions,
@@ -116,14 +123,41 @@ pub const MOST_SIDE: usize = 64;
 pub const MOST_TERMS: usize = 4;
 /// Degree of the functions of the angle.
 pub const DEGREE: usize = 9;
+/// Patches of a block at most.
+pub const MOST_BLOCK: usize = 1024;
+
+/// Blocks of neighbouring patches, first and one past the last: the patches of each part, halved (the left half is the larger one)
+/// until no piece has more than `most`. None where `most` is 0.
+pub fn blocks(part_offsets: &[u32], most: usize) -> Vec<[u32; 2]> {
+    fn halve(first: u32, end: u32, most: u32, blocks: &mut Vec<[u32; 2]>) {
+        if end - first <= most {
+            blocks.push([first, end]);
+            return;
+        }
+        let middle = first + (end - first).div_ceil(2);
+        halve(first, middle, most, blocks);
+        halve(middle, end, most, blocks);
+    }
+    let mut result = Vec::new();
+    let most = most.min(u32::MAX as usize) as u32;
+    for pair in part_offsets.windows(2).filter(|pair| pair[0] < pair[1] && most > 0) {
+        halve(pair[0], pair[1], most, &mut result);
+    }
+    result
+}
 
 /// The rows of all patches. A coefficient of term `j` is `value * step` of its patch.
+///
+/// In [`blocks`] the first row of a block is the mean of its patches. A row at the first patch of the right half of a block, or of
+/// a half of a half and so on, is the mean of the left half less that of the right one.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct IrradianceRows {
     /// Texels along an edge of a face: a power of two, 2 to [`MOST_SIDE`].
     pub side: usize,
     /// Functions of the angle, 1 to [`MOST_TERMS`].
     pub terms: usize,
+    /// Patches of a block at most, 2 to [`MOST_BLOCK`]; 0: every row is its patch's own.
+    pub block: usize,
     /// Patch `i` has the coefficients `offsets[i]..offsets[i + 1]`; `len = patches + 1`.
     pub offsets: Vec<u32>,
     /// Place of each coefficient, `face * side^2 + row * side + column`: strictly ascending inside a patch, never the
@@ -183,7 +217,8 @@ impl IrradianceRows {
 
     /// Everything but the indices.
     fn validate_shape(&self, tags: &tags::Set) -> Result<()> {
-        dimensions(tags, self.side, self.terms)?;
+        check_dimensions(tags.dimensions, self.side, self.terms)?;
+        check_block(tags, self.block)?;
         let (patches, count) = (self.patches(), self.indices.len());
         offsets(tags.counts, &self.offsets, count, Ranges::MayBeEmpty)?;
         if self.offsets.windows(2).any(|pair| pair[1] - pair[0] > u32::from(u16::MAX)) {
@@ -232,9 +267,13 @@ impl IrradianceRows {
             .flat_map(|column| self.scaling.iter().skip(column).step_by(columns).map(|value| *value as u16))
             .collect();
         let codec = Codec::Zstd;
-        let size = [self.side as u32, self.terms as u32];
+        let size = [self.side, self.terms, self.block].map(|number| number as u32);
+        let dimensions = match tags.blocks {
+            Some(tag) if self.block > 0 => RawSection::from_rows(tag, kind, codec, &[size]),
+            _ => RawSection::from_rows(tags.dimensions, kind, codec, &[[size[0], size[1]]]),
+        };
         Ok(vec![
-            RawSection::from_rows(tags.dimensions, kind, codec, &[size]),
+            dimensions,
             RawSection::from_rows(tags.counts, kind, codec, &counts),
             RawSection::from_rows(tags.indices, kind, codec, &planes(&differences)),
             RawSection::from_rows(tags.values, kind, codec, &values),
@@ -262,14 +301,17 @@ impl IrradianceRows {
         (tags, kind): (&tags::Set, Kind),
         patches: usize,
     ) -> Result<Option<Self>> {
-        let Some(found) = pick(sections, tags.all(), kind)? else { return Ok(None) };
+        let mut all = tags.all();
+        let is_there = |tag: Tag| sections.iter().any(|section| section.tag == tag);
+        if let Some(blocks) = tags.blocks.filter(|tag| is_there(*tag)) {
+            if is_there(all[0]) {
+                return invalid(blocks, format!("there is {} as well", all[0]));
+            }
+            all[0] = blocks;
+        }
+        let Some(found) = pick(sections, all, kind)? else { return Ok(None) };
         let [size, counts, indices, values, steps, scaling, scaling_steps, functions] = found;
-        let size = size.rows::<[u32; 2]>()?;
-        let [[side, terms]] = size[..] else {
-            return invalid(tags.dimensions, format!("{} rows, not 1", size.len()));
-        };
-        let (side, terms) = (side as usize, terms as usize);
-        dimensions(tags, side, terms)?;
+        let [side, terms, block] = dimensions(tags, size)?;
         let counts: Vec<u16> = counts.rows()?;
         same_length(tags.counts, "patches", counts.len(), patches)?;
         let total = counts.iter().map(|c| u64::from(*c)).sum::<u64>();
@@ -295,6 +337,7 @@ impl IrradianceRows {
         Ok(Some(Self {
             side,
             terms,
+            block,
             indices: places(tags, &offsets, indices.split_at(count), side * side)?,
             values: interleaved(&offsets, values, terms),
             steps: steps?,
@@ -306,14 +349,44 @@ impl IrradianceRows {
     }
 }
 
-fn dimensions(tags: &tags::Set, side: usize, terms: usize) -> Result<()> {
+/// Side, terms and patches of a block, 0 without blocks.
+fn dimensions(tags: &tags::Set, section: &RawSection) -> Result<[usize; 3]> {
+    let one = |rows: usize| invalid(section.tag, format!("{rows} rows, not 1"));
+    let size = if section.tag == tags.dimensions {
+        match section.rows::<[u32; 2]>()?[..] {
+            [[side, terms]] => [side, terms, 0],
+            ref rows => return one(rows.len()),
+        }
+    } else {
+        match section.rows::<[u32; 3]>()?[..] {
+            [[_, _, 0]] => return invalid(section.tag, "blocks of 0 patches"),
+            [size] => size,
+            ref rows => return one(rows.len()),
+        }
+    };
+    let [side, terms, block] = size.map(|number| number as usize);
+    check_dimensions(section.tag, side, terms)?;
+    check_block(tags, block)?;
+    Ok([side, terms, block])
+}
+
+fn check_dimensions(tag: Tag, side: usize, terms: usize) -> Result<()> {
     if !(side.is_power_of_two() && (2..=MOST_SIDE).contains(&side)) {
-        return invalid(tags.dimensions, format!("{side} texels along an edge: 2, 4, 8, ... {MOST_SIDE} are allowed"));
+        return invalid(tag, format!("{side} texels along an edge: 2, 4, 8, ... {MOST_SIDE} are allowed"));
     }
     if !(1..=MOST_TERMS).contains(&terms) {
-        return invalid(tags.dimensions, format!("{terms} terms: 1 to {MOST_TERMS} are allowed"));
+        return invalid(tag, format!("{terms} terms: 1 to {MOST_TERMS} are allowed"));
     }
     Ok(())
+}
+
+fn check_block(tags: &tags::Set, block: usize) -> Result<()> {
+    match tags.blocks {
+        _ if block == 0 => Ok(()),
+        Some(_) if (2..=MOST_BLOCK).contains(&block) => Ok(()),
+        Some(tag) => invalid(tag, format!("blocks of {block} patches: 2 to {MOST_BLOCK} are allowed")),
+        None => invalid(tags.dimensions, "these rows are never in blocks"),
+    }
 }
 
 fn check_steps(tag: Tag, steps: &[f32], patches: usize) -> Result<()> {

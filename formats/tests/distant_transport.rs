@@ -30,6 +30,7 @@ fn haar() -> IrradianceRows {
     IrradianceRows {
         side: 2,
         terms: 3,
+        block: 0,
         offsets: vec![0, 2, 3],
         indices: vec![1, 6, 23],
         values: vec![1, 2, 3, 4, 5, 6, -7, -8, -9],

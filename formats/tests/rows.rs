@@ -131,6 +131,43 @@ fn contents_out_of_range_are_refused() {
     }
 }
 
+#[test]
+fn rows_in_blocks_have_a_tag_of_their_own() {
+    let rows = IrradianceRows { block: 2, ..small_rows() };
+    let sections = rows.to_sections().unwrap();
+    assert_eq!((sections[0].tag, sections.len()), (tags::BLOCKS, 8));
+    assert_eq!(sections[0].bytes, [32, 0, 0, 0, 2, 0, 0, 0, 2, 0, 0, 0]);
+    assert_eq!(IrradianceRows::from_sections(&sections, 3).unwrap().unwrap(), rows);
+    for block in [0u32, 1, 1025, u32::MAX] {
+        let mut sections = sections.clone();
+        sections[0].bytes[8..].copy_from_slice(&block.to_le_bytes());
+        assert!(matches!(refused(&sections), FormatError::Invalid { tag: tags::BLOCKS, .. }));
+    }
+    // A reader that takes one for the other would be wrong, and so are both.
+    let mut both = sections.clone();
+    both.extend(small_rows().to_sections().unwrap().into_iter().take(1));
+    assert!(matches!(refused(&both), FormatError::Invalid { tag: tags::BLOCKS, .. }));
+    let mut narrow = sections.clone();
+    narrow[0].components = 2;
+    assert!(matches!(refused(&narrow), FormatError::WrongType { tag: tags::BLOCKS, .. }));
+    for (block, ok) in [(1, false), (2, true), (1024, true), (1025, false)] {
+        assert_eq!(IrradianceRows { block, ..small_rows() }.validate().is_ok(), ok, "{block}");
+    }
+    // Rows of vertices are never in blocks.
+    assert!(rows.to_sections_as(&tags::TRANSPORT, Kind::Method).is_err());
+}
+
+#[test]
+fn blocks_are_halves_of_parts() {
+    use translux_format::rows::blocks;
+    assert_eq!(blocks(&[0, 5, 5, 6, 14], 4), [[0, 3], [3, 5], [5, 6], [6, 10], [10, 14]]);
+    assert_eq!(blocks(&[0, 9], 2), [[0, 2], [2, 3], [3, 5], [5, 7], [7, 9]]);
+    assert!(blocks(&[0, 9], 0).is_empty() && blocks(&[], 4).is_empty() && blocks(&[7], 4).is_empty());
+    // Offsets that fall are nobody's part.
+    assert!(blocks(&[9, 3], 4).is_empty());
+    assert_eq!(blocks(&[0, 131_072], 64).len(), 2048);
+}
+
 /// Patches of about `details` details, two terms.
 fn many(patches: usize, details: usize) -> IrradianceRows {
     let mut random = Random(3);

@@ -101,7 +101,8 @@ pub(super) fn of_version(scan: &Scan) -> Vec<Finding> {
         out.push(Finding::new(&NEWER_VERSION, None, format!("version {major}.{minor}; {known}")));
     }
     for section in &scan.sections {
-        let others = [far_field::tags::CODED, profile_basis::tags::TOTALS, multilevel::tags::NUMBERS];
+        let others =
+            [far_field::tags::CODED, profile_basis::tags::TOTALS, rows::tags::BLOCKS, multilevel::tags::NUMBERS];
         let sampled = [&far_field::tags::ALL[..], &profile_basis::tags::ALL, &rows::tags::ALL, &others].concat();
         if ![&COMMON_TAGS[..], &sampled, &without_samples()].concat().contains(&section.tag) {
             let (bytes, kind) = (section.stored_bytes, section.kind);
@@ -306,7 +307,8 @@ pub(super) fn of_method_sections(scan: &Scan) -> Result<Vec<Finding>, Vec<Format
             Err(error) => errors.push(error),
         }
     }
-    if let (Some(samples), true) = (&scan.samples, intact(&rows::tags::ALL)) {
+    let rows_are_intact = intact(&rows::tags::ALL) && intact(&[rows::tags::BLOCKS]);
+    if let (Some(samples), true) = (&scan.samples, rows_are_intact) {
         match IrradianceRows::from_sections(&scan.extra, samples.patch_count()) {
             Ok(found) => stored_rows = found,
             Err(error) => errors.push(error),

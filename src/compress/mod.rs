@@ -5,4 +5,5 @@ pub mod ledger;
 pub mod prediction;
 pub mod quantiser;
 pub mod reference_points;
+pub mod row_blocks;
 pub mod rows;

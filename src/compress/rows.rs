@@ -5,8 +5,9 @@ use std::ops::Range;
 use glam::DVec3;
 use rayon::prelude::*;
 use translux_format::RawSection;
-use translux_format::rows::{FACES, IrradianceRows};
+use translux_format::rows::{self, FACES, IrradianceRows};
 
+use super::row_blocks;
 use crate::error::{Error, Result};
 use crate::light::cube_light::CubeLight;
 use crate::medium::entrance_basis::{EntranceBasis, MOST_TERMS};
@@ -17,34 +18,102 @@ pub struct Rows {
     /// Valid: `fill` relies on it.
     data: IrradianceRows,
     entrance: EntranceBasis,
+    /// Patches that share rows, or that are decoded together, first and one past the last, one run after the other.
+    runs: Vec<[u32; 2]>,
 }
+
+/// All coefficients of the rows of a run of patches, as many as any of them has: what products with cube maps of their own need.
+#[derive(Clone, Debug, Default)]
+pub struct WholeRows {
+    /// Of each coefficient of the cube map: its place among `indices`, counted from 1.
+    places: Vec<u16>,
+    indices: Vec<u16>,
+    /// `[patch][index]`.
+    values: Vec<f32>,
+}
+
+impl WholeRows {
+    /// Writes those of a patch, counted from the first of the run, into `out`, which has room for six faces and is 0 but for what
+    /// other patches of the run wrote there.
+    pub fn write(&self, patch: usize, out: &mut [f32]) {
+        let count = self.indices.len();
+        let values = self.values.get(patch * count..).unwrap_or(&[]);
+        for (index, value) in self.indices.iter().zip(values) {
+            if let Some(out) = out.get_mut(usize::from(*index)) {
+                *out = *value;
+            }
+        }
+    }
+
+    /// Makes what [`WholeRows::write`] wrote 0 again.
+    pub fn erase(&self, out: &mut [f32]) {
+        for index in &self.indices {
+            if let Some(out) = out.get_mut(usize::from(*index)) {
+                *out = 0.0;
+            }
+        }
+    }
+
+    /// Forgets all; afterwards the run has coefficients at `indices`.
+    fn begin(&mut self, coefficients: usize, indices: impl Iterator<Item = u16>) {
+        for index in self.indices.drain(..) {
+            self.places[usize::from(index)] = 0;
+        }
+        self.places.resize(coefficients, 0);
+        for index in indices {
+            if let Some(place @ 0) = self.places.get_mut(usize::from(index)) {
+                self.indices.push(index);
+                *place = self.indices.len() as u16;
+            }
+        }
+    }
+}
+
+/// Patches that are decoded together where they share no rows, at most.
+const TOGETHER: usize = 64;
 
 /// Coefficients whose values are dequantised together.
 const RUN: usize = 64;
 
 impl Rows {
-    /// Takes rows that were just made.
+    /// Takes rows that were just made, of the patches `part_offsets[i]..part_offsets[i + 1]` of each part.
     ///
     /// # Errors
     /// Rows that are not valid (exit 3).
-    pub fn new(data: IrradianceRows) -> Result<Self> {
+    pub fn new(data: IrradianceRows, part_offsets: &[u32]) -> Result<Self> {
         data.validate().map_err(|error| Error::input(error.to_string()))?;
-        Self::of_valid(data)
+        Self::of_valid(data, part_offsets)
     }
 
-    /// The rows of an asset with this many patches, `None` if it has none. They are checked while they are decoded, and
+    /// The rows of an asset with these patches of each part, `None` if it has none. They are checked while they are decoded, and
     /// not again.
     ///
     /// # Errors
     /// Sections that are missing or not valid (exit 3).
-    pub fn from_sections(sections: &[RawSection], patches: usize) -> Result<Option<Self>> {
+    pub fn from_sections(sections: &[RawSection], part_offsets: &[u32]) -> Result<Option<Self>> {
+        let patches = part_offsets.last().map_or(0, |end| *end as usize);
         let data = IrradianceRows::from_sections(sections, patches).map_err(|error| Error::input(error.to_string()))?;
-        data.map(Self::of_valid).transpose()
+        data.map(|data| Self::of_valid(data, part_offsets)).transpose()
     }
 
-    fn of_valid(data: IrradianceRows) -> Result<Self> {
+    fn of_valid(data: IrradianceRows, part_offsets: &[u32]) -> Result<Self> {
         let entrance = EntranceBasis::from_polynomials(&data.functions)?;
-        Ok(Self { data, entrance })
+        let runs = rows::blocks(part_offsets, if data.block > 0 { data.block } else { TOGETHER });
+        let covered = runs.iter().try_fold(0, |end, block| (block[0] == end).then_some(block[1]));
+        if covered.map(|end| end as usize) != Some(data.patches()) {
+            return Err(Error::input(format!("the parts of the rows do not fit {} patches", data.patches())));
+        }
+        Ok(Self { data, entrance, runs })
+    }
+
+    /// Patches that share rows, first and one past the last, one block after the other; empty where they do not.
+    pub fn blocks(&self) -> &[[u32; 2]] {
+        if self.data.block > 0 { &self.runs } else { &[] }
+    }
+
+    /// Patches of one part that [`Rows::decode`] decodes together, first and one past the last, one run after the other.
+    pub fn runs(&self) -> &[[u32; 2]] {
+        &self.runs
     }
 
     /// The functions of the angle that the rows are made of; they give the coefficients of a refractive index.
@@ -88,6 +157,14 @@ impl Rows {
         result.par_chunks_mut(CHUNK).enumerate().for_each(|(i, out)| {
             self.fill(i * CHUNK, light, &coefficients_of_patch, out);
         });
+        let mut rest = result.as_mut_slice();
+        let mut of_blocks = Vec::with_capacity(self.blocks().len());
+        for [first, end] in self.blocks() {
+            let (block, behind) = rest.split_at_mut((end - first) as usize);
+            of_blocks.push(block);
+            rest = behind;
+        }
+        of_blocks.into_par_iter().with_min_len(CHUNK / 16).for_each(row_blocks::inverse);
         Ok(result)
     }
 
@@ -103,42 +180,54 @@ impl Rows {
     ) -> Result<Vec<DVec3>> {
         self.check(light)?;
         let end = patches.end.min(self.len());
-        let mut result = vec![DVec3::ZERO; end.saturating_sub(patches.start)];
-        self.fill(patches.start, light, &coefficients_of_patch, &mut result);
-        Ok(result)
+        if patches.start >= end {
+            return Ok(Vec::new());
+        }
+        // Whole blocks.
+        let blocks = self.blocks();
+        let some = blocks.partition_point(|block| block[1] as usize <= patches.start)
+            ..blocks.partition_point(|block| (block[0] as usize) < end);
+        let blocks = blocks.get(some).unwrap_or(&[]);
+        let from = blocks.first().map_or(patches.start, |block| block[0] as usize);
+        let to = blocks.last().map_or(end, |block| block[1] as usize);
+        let mut result = vec![DVec3::ZERO; to - from];
+        self.fill(from, light, &coefficients_of_patch, &mut result);
+        for block in blocks {
+            row_blocks::inverse(&mut result[block[0] as usize - from..block[1] as usize - from]);
+        }
+        Ok(result[patches.start - from..end - from].to_vec())
     }
 
-    /// Writes all coefficients of a patch for coefficients of [`Rows::entrance`] into `out`, which has room for six faces and is 0
-    /// there: what a product with any cube map needs. [`Rows::erase`] makes it 0 again.
-    pub fn write(&self, patch: usize, entrance: &[f64; MOST_TERMS], out: &mut [f32]) {
+    /// All coefficients of one of the [`Rows::runs`], for the coefficients of [`Rows::entrance`] of its part.
+    pub fn decode(&self, [first, end]: [u32; 2], entrance: &[f64; MOST_TERMS], whole: &mut WholeRows) {
         let (rows, terms) = (&self.data, self.data.terms);
-        let (Some(&from), Some(&end)) = (rows.offsets.get(patch), rows.offsets.get(patch + 1)) else { return };
-        let (from, end) = (from as usize, end as usize);
+        let face = rows.side * rows.side;
+        let patches = first as usize..(end as usize).min(self.len());
         let c = entrance.map(|c| c as f32);
-        let (values, count) = (&rows.values[from * terms..end * terms], end - from);
-        for (k, index) in rows.indices[from..end].iter().enumerate() {
-            let sum: f32 = c[..terms].iter().enumerate().map(|(j, c)| c * f32::from(values[j * count + k])).sum();
-            if let Some(out) = out.get_mut(usize::from(*index)) {
-                *out = sum * rows.steps[patch];
+        let detail = |patch: usize| rows.offsets[patch] as usize..rows.offsets[patch + 1] as usize;
+        let scaling = (0..FACES).map(|f| (f * face) as u16);
+        let details = patches.clone().flat_map(|patch| rows.indices[detail(patch)].iter().copied());
+        whole.begin(FACES * face, scaling.chain(details));
+        let count = whole.indices.len();
+        whole.values.clear();
+        whole.values.resize(patches.len() * count, 0.0);
+        for (patch, out) in patches.clone().zip(whole.values.chunks_exact_mut(count)) {
+            let range = detail(patch);
+            let (kept, values) = (range.len(), &rows.values[range.start * terms..range.end * terms]);
+            for (k, index) in rows.indices[range].iter().enumerate() {
+                let sum: f32 = c[..terms].iter().enumerate().map(|(j, c)| c * f32::from(values[j * kept + k])).sum();
+                out[usize::from(whole.places[usize::from(*index)]) - 1] = sum * rows.steps[patch];
+            }
+            // Faces come first.
+            let scaling = &rows.scaling[patch * terms * FACES..(patch + 1) * terms * FACES];
+            for (face, out) in out.iter_mut().enumerate().take(FACES) {
+                let sum: f32 = (0..terms).map(|j| c[j] * f32::from(scaling[j * FACES + face])).sum();
+                *out = sum * rows.scaling_steps[patch];
             }
         }
-        let scaling = &rows.scaling[patch * terms * FACES..(patch + 1) * terms * FACES];
-        for (face, out) in out.chunks_exact_mut(rows.side * rows.side).enumerate().take(FACES) {
-            let sum: f32 = (0..terms).map(|j| c[j] * f32::from(scaling[j * FACES + face])).sum();
-            out[0] = sum * rows.scaling_steps[patch];
+        if rows.block > 0 {
+            row_blocks::inverse_rows(&mut whole.values, count);
         }
-    }
-
-    /// Makes what [`Rows::write`] wrote 0 again.
-    pub fn erase(&self, patch: usize, out: &mut [f32]) {
-        let rows = &self.data;
-        let (Some(&from), Some(&end)) = (rows.offsets.get(patch), rows.offsets.get(patch + 1)) else { return };
-        for index in &rows.indices[from as usize..end as usize] {
-            if let Some(out) = out.get_mut(usize::from(*index)) {
-                *out = 0.0;
-            }
-        }
-        out.chunks_exact_mut(rows.side * rows.side).for_each(|face| face[0] = 0.0);
     }
 
     fn check(&self, light: &CubeLight) -> Result<()> {
@@ -152,7 +241,7 @@ impl Rows {
         )))
     }
 
-    /// Patches from `first` on, as many as there are in `out` and in the rows.
+    /// Rows from `first` on times the light, as many as there are in `out` and in the rows.
     fn fill(
         &self,
         first: usize,

@@ -43,7 +43,7 @@ impl StoredRows {
     /// # Errors
     /// Sections that do not fit.
     pub fn of(asset: &Asset) -> Result<Option<Self>> {
-        Ok(Rows::from_sections(&asset.sections, asset.samples.len())?.map(Self::new))
+        Ok(Rows::from_sections(&asset.sections, &asset.samples.part_offsets)?.map(Self::new))
     }
 
     /// Bytes in memory, with those of the source radiance fields that were made.
@@ -92,6 +92,11 @@ impl StoredRows {
     /// The plain arrays.
     pub fn data(&self) -> &IrradianceRows {
         self.rows.data()
+    }
+
+    /// Samples that share rows, first and one past the last; empty where they do not.
+    pub fn blocks(&self) -> &[[u32; 2]] {
+        self.rows.blocks()
     }
 
     /// Coefficients of the functions of the angle for the medium of each part; zeros where it has none.

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use glam::DVec3;
 use rayon::prelude::*;
 
-use crate::compress::rows::Rows;
+use crate::compress::rows::{Rows, WholeRows};
 use crate::error::{Error, Result};
 use crate::geometry::samples::Samples;
 use crate::light::Light;
@@ -22,9 +22,6 @@ const MOST_FIELDS: usize = 8;
 
 /// Irradiance at most: its sums over a surface stay finite.
 const MOST: f64 = 1e280;
-
-/// Samples of one task.
-const CHUNK: usize = 256;
 
 /// How a sample gets what the light sends to it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -85,25 +82,35 @@ impl Fields {
         let Light::Area { at_mm, radiance, .. } = light else { return Ok(()) };
         let (rectangle, _) = UnitRectangle::of(light)?;
         let (corners, centre_mm) = (rectangle.corners(), *at_mm - scene.mesh.origin_mm);
-        let memory = || (vec![0.0f32; 6 * side * side], field.memory());
-        irradiance.par_chunks_mut(CHUNK).enumerate().for_each_init(memory, |(row, memory), (chunk, out)| {
-            for (patch, e) in (chunk * CHUNK..).zip(out) {
-                let entrance = entrance_of_patch(patch);
-                let observer = Observer::of(&scene.mesh, samples.patch(patch));
+        let memory = || (WholeRows::default(), vec![0.0f32; 6 * side * side], field.memory());
+        let mut jobs = Vec::with_capacity(rows.runs().len());
+        let mut rest = irradiance;
+        for run in rows.runs() {
+            let (mine, others) = rest.split_at_mut(((run[1] - run[0]) as usize).min(rest.len()));
+            jobs.push((*run, mine));
+            rest = others;
+        }
+        jobs.into_par_iter().for_each_init(memory, |(whole, row, memory), (run, out)| {
+            let entrance = entrance_of_patch(run[0] as usize);
+            if entrance == [0.0; MOST_TERMS] {
+                return;
+            }
+            rows.decode(run, &entrance, whole);
+            for (index, e) in out.iter_mut().enumerate() {
+                let observer = Observer::of(&scene.mesh, samples.patch(run[0] as usize + index));
                 let at = (observer.eye.as_dvec3() - centre_mm) / half_diagonal_mm;
                 // A truncated row is not quite 0 below its horizon.
-                let above = corners.iter().any(|corner| (*corner - at).dot(observer.normal) > 0.0);
-                if !above || entrance == [0.0; MOST_TERMS] {
+                if !corners.iter().any(|corner| (*corner - at).dot(observer.normal) > 0.0) {
                     continue;
                 }
-                rows.write(patch, &entrance, row);
+                whole.write(index, row);
                 let arriving = match lookup {
                     Lookup::Field => field.product(at, row, memory),
                     Lookup::OwnMap => field.exact(at, row, memory),
                 };
-                rows.erase(patch, row);
                 *e = (*e + *radiance * arriving).clamp(DVec3::splat(-MOST), DVec3::splat(MOST));
             }
+            whole.erase(row);
         });
         Ok(())
     }

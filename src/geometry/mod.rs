@@ -3,6 +3,7 @@
 pub mod bvh;
 pub mod check;
 pub mod cluster;
+pub mod geometry_image;
 pub mod mesh;
 pub mod nearest;
 pub mod part_table;
@@ -12,3 +13,4 @@ pub mod scattered;
 pub mod shapes;
 pub mod simplify;
 pub mod source;
+pub mod surface_wavelet;

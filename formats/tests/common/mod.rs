@@ -193,6 +193,7 @@ pub fn small_rows() -> IrradianceRows {
     IrradianceRows {
         side: 32,
         terms: 2,
+        block: 0,
         offsets: vec![0, 3, 3, 5],
         indices: vec![1, 700, 6143, 2, 1025],
         values: vec![127, -5, 3, 0, 2, -127, 9, 1, -1, 0],

@@ -1,4 +1,5 @@
-//! Stored irradiance rows on a device: environments reach the samples without a ray.
+//! Stored irradiance rows on a device: environments reach the samples without a ray. First the rows are multiplied with the light, then
+//! the products of samples that share rows are transformed back.
 
 use std::sync::Arc;
 
@@ -8,6 +9,7 @@ use translux_format::rows::{FACES, IrradianceRows};
 use super::Device;
 use super::surface::{READ, SurfaceBuffers, UNIFORM, WRITE, bind, bind_group_layout, dispatch, pipeline, uniform};
 use crate::error::{Error, Result};
+use crate::evaluate::environment::StoredRows;
 use crate::geometry::samples::Samples;
 use crate::light::cube_light::CubeLight;
 use crate::medium::entrance_basis::MOST_TERMS;
@@ -15,13 +17,16 @@ use crate::medium::entrance_basis::MOST_TERMS;
 /// Rows of one workgroup.
 const ROWS: usize = 4;
 
+/// Samples of one workgroup.
+const SAMPLES: usize = 64;
+
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct GpuSettings {
     terms: u32,
     face: u32,
     rows: u32,
-    factor: f32,
+    padding: u32,
 }
 
 #[repr(C)]
@@ -33,6 +38,14 @@ struct GpuRow {
     end: u32,
     step: f32,
     scaling_step: f32,
+    padding: [u32; 2],
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct GpuExpansion {
+    samples: u32,
+    factor: f32,
     padding: [u32; 2],
 }
 
@@ -53,6 +66,45 @@ pub struct RowsOnDevice {
     pipeline: wgpu::ComputePipeline,
     bind_group: wgpu::BindGroup,
     shards: Vec<Shard>,
+    expansion: Expansion,
+}
+
+/// From products to samples.
+struct Expansion {
+    samples: u32,
+    settings: wgpu::Buffer,
+    pipeline: wgpu::ComputePipeline,
+    bind_group: wgpu::BindGroup,
+    blocks: wgpu::BindGroup,
+}
+
+impl Expansion {
+    fn new(buffers: &SurfaceBuffers, products: &wgpu::Buffer, (rows, samples): (&StoredRows, usize)) -> Result<Self> {
+        let device = buffers.device();
+        // A sample without others is a block.
+        let mut of_sample: Vec<[u32; 2]> = (0..samples as u32).map(|i| [i, 1]).collect();
+        for &[first, end] in rows.blocks() {
+            if let Some(block) = of_sample.get_mut(first as usize..end as usize) {
+                block.fill([first, end - first]);
+            }
+        }
+        let blocks = device.storage("blocks of the rows", &of_sample)?;
+        let settings = uniform(&device.device, "settings of the blocks", &[0; size_of::<GpuExpansion>()]);
+        let first = bind_group_layout(&device.device, "products", &[UNIFORM, READ, WRITE]);
+        let second = bind_group_layout(&device.device, "blocks of the rows", &[READ]);
+        let pipeline = pipeline(&device.device, include_str!("row_blocks.wgsl"), "add_blocks", [&first, &second]);
+        let bind_group = bind(&device.device, &first, [&settings, products, buffers.irradiance()].into_iter());
+        let blocks = bind(&device.device, &second, [&blocks].into_iter());
+        Ok(Self { samples: samples as u32, settings, pipeline, bind_group, blocks })
+    }
+
+    /// Adds the products times a factor to the irradiance.
+    fn run(&self, device: &Device, factor: f32) {
+        let settings = GpuExpansion { samples: self.samples, factor, padding: [0; 2] };
+        device.queue.write_buffer(&self.settings, 0, bytemuck::bytes_of(&settings));
+        let count = (self.samples as usize).div_ceil(SAMPLES) as u32;
+        dispatch(device, &self.pipeline, &self.bind_group, [(&self.blocks, count)].into_iter());
+    }
 }
 
 impl RowsOnDevice {
@@ -60,7 +112,8 @@ impl RowsOnDevice {
     ///
     /// # Errors
     /// A cube map beyond the adapter's bindings (exit 5).
-    pub fn new(buffers: &SurfaceBuffers, rows: &IrradianceRows, samples: &Samples) -> Result<Self> {
+    pub fn new(buffers: &SurfaceBuffers, stored: &StoredRows, samples: &Samples) -> Result<Self> {
+        let rows = stored.data();
         let device = Arc::clone(buffers.device());
         let parts = samples.part_offsets.len().saturating_sub(1);
         let settings = uniform(&device.device, "settings of the rows", &[0; size_of::<GpuSettings>()]);
@@ -68,13 +121,15 @@ impl RowsOnDevice {
         let coefficients = device.zeros("entrance", 16 * parts as u64)?;
         let first = bind_group_layout(&device.device, "cube map", &[UNIFORM, READ, READ, WRITE]);
         let second = bind_group_layout(&device.device, "rows", &[READ; 4]);
-        let pipeline = pipeline(&device.device, include_str!("rows.wgsl"), "add_rows", [&first, &second]);
-        let bound = [&settings, &radiance, &coefficients, buffers.irradiance()];
+        let pipeline = pipeline(&device.device, include_str!("rows.wgsl"), "multiply_rows", [&first, &second]);
+        let products = device.zeros("products of the rows", 16 * samples.len() as u64)?;
+        let expansion = Expansion::new(buffers, &products, (stored, samples.len()))?;
+        let bound = [&settings, &radiance, &coefficients, &products];
         let bind_group = bind(&device.device, &first, bound.into_iter());
         let shards = shards(&device, rows, samples, &second)?;
         device.check()?;
         let (side, terms) = (rows.side, rows.terms);
-        Ok(Self { device, side, terms, settings, radiance, coefficients, pipeline, bind_group, shards })
+        Ok(Self { device, side, terms, settings, radiance, coefficients, pipeline, bind_group, shards, expansion })
     }
 
     /// Texels along an edge of the cube map.
@@ -99,12 +154,13 @@ impl RowsOnDevice {
                 terms: self.terms as u32,
                 face: (self.side * self.side) as u32,
                 rows: shard.rows,
-                factor: (light.scale() / scale) as f32,
+                padding: 0,
             };
             queue.write_buffer(&self.settings, 0, bytemuck::bytes_of(&settings));
             let count = (shard.rows as usize).div_ceil(ROWS) as u32;
             dispatch(&self.device, &self.pipeline, &self.bind_group, [(&shard.bind_group, count)].into_iter());
         }
+        self.expansion.run(&self.device, (light.scale() / scale) as f32);
         Ok(())
     }
 }

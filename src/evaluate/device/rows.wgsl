@@ -1,12 +1,11 @@
-// Stored irradiance rows times a cube map, added to the irradiance of the samples, as in compress/rows.rs.
+// Stored irradiance rows times a cube map, as in compress/rows.rs.
 
 struct Settings {
     terms: u32,
     // Texels of a face.
     face: u32,
     rows: u32,
-    // Scale of the cube map over that of the irradiance.
-    factor: f32,
+    padding: u32,
 }
 
 struct Row {
@@ -25,7 +24,7 @@ struct Row {
 @group(0) @binding(1) var<storage, read> radiance: array<vec4<f32>>;
 // Of each part: the coefficients of the functions of the angle.
 @group(0) @binding(2) var<storage, read> coefficients: array<vec4<f32>>;
-@group(0) @binding(3) var<storage, read_write> irradiance: array<vec4<f32>>;
+@group(0) @binding(3) var<storage, read_write> products: array<vec4<f32>>;
 
 @group(1) @binding(0) var<storage, read> rows: array<Row>;
 // 16 bits each.
@@ -45,7 +44,7 @@ fn value_at(i: u32) -> f32 {
 }
 
 @compute @workgroup_size(64)
-fn add_rows(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
+fn multiply_rows(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
     let lane = thread % LANES;
     let index = 4u * (group.x + 65535u * group.y) + thread / LANES;
     var total = vec3(0.0);
@@ -77,7 +76,6 @@ fn add_rows(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_i
         for (var i = 0u; i < LANES; i += 1u) {
             sum += sums[thread + i];
         }
-        let place = rows[index].patch_index;
-        irradiance[place] += vec4(sum * settings.factor, 0.0);
+        products[rows[index].patch_index] = vec4(sum, 0.0);
     }
 }

@@ -16,7 +16,7 @@ use super::source::SourceModel;
 pub use demo::demo_model;
 
 /// A model of one material.
-fn model(positions: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> SourceModel {
+pub(super) fn model(positions: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> SourceModel {
     SourceModel {
         triangle_material: vec![0; triangles.len()],
         positions,

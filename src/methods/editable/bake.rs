@@ -38,7 +38,8 @@ const DENSITY_RMS: f64 = 0.01;
 /// proportion to its inverse.
 const BYTES_PER_RECEIVER: f64 = 24_000.0;
 
-/// Bytes of a sample's irradiance row for each coefficient, with a copy while it is written.
+/// Bytes of a sample's irradiance row for each coefficient, with a copy while it is written. Blocks keep a fifth of the coefficients
+/// or less where samples see much the same, but no surface has to be like that.
 const BYTES_PER_ROW_COEFFICIENT: u64 = 10;
 
 fn count(scene: &Scene, settings: &BakeSettings) -> usize {

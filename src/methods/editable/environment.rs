@@ -19,6 +19,7 @@ use crate::math::cube_map::{self, FACES};
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::medium::entrance_basis::EntranceBasis;
 use crate::progress::{Progress, Silent};
+use crate::transport::balanced_tree::in_tree_order;
 use crate::transport::gather::{Gather, Scheme};
 use crate::transport::irradiance::{Illumination, LightSampling};
 use crate::transport::irradiance_rows::{RowBaker, RowSettings};
@@ -47,9 +48,9 @@ fn settings(plan: &Plan, coefficients: usize) -> RowSettings {
     RowSettings { resolution, terms: TERMS, coefficients }
 }
 
-/// Rows of every sample.
+/// Rows of every sample, in blocks: samples lie in the order of their tree.
 pub(super) fn rows(surface: &Surface, plan: &Plan, progress: &dyn Progress) -> Result<Rows> {
-    RowBaker::new(surface, settings(plan, plan.coefficients))?.all(progress)
+    RowBaker::new(surface, settings(plan, plan.coefficients))?.in_blocks(progress)
 }
 
 /// Enters what visibility, cube map and the truncation of rows cost under environments, on a coarser set of samples that
@@ -69,7 +70,8 @@ pub(super) fn measure(
         return Ok(());
     }
     progress.start("environment errors", 2 + lights.len() as u64);
-    let samples = Samples::new(&scene.mesh, &scene.parts, stage.samples.len().div_ceil(COARSER));
+    let unordered = Samples::new(&scene.mesh, &scene.parts, stage.samples.len().div_ceil(COARSER));
+    let samples = in_tree_order(&unordered, &scene::patches(scene, &unordered));
     let patches = scene::patches(scene, &samples);
     let surface = Surface { scene, bvh: &stage.bvh, samples: &samples, patches: &patches };
     let visibility = visibility_error(&surface, plan);
@@ -121,7 +123,7 @@ fn full_resolution(baker: &RowBaker, surface: &Surface, light: &Light, side: usi
         projection.map_or_else(Default::default, |p| p.coefficients)
     };
     let chunk = |range: Range<usize>| {
-        let rows = Rows::new(baker.range(range.clone()))?;
+        let rows = Rows::new(baker.range(range.clone()), &[0, range.len() as u32])?;
         rows.irradiance_range(0..range.len(), &light, |i| project(range.start + i))
     };
     let count = samples.len();

@@ -57,7 +57,7 @@ impl EditableOnDevice {
             terms: cpu.far.terms,
         };
         let buffers = SurfaceBuffers::new(device, &geometry)?;
-        let rows = cpu.rows.as_ref().map(|rows| RowsOnDevice::new(&buffers, rows.data(), &cpu.samples)).transpose()?;
+        let rows = cpu.rows.as_ref().map(|rows| RowsOnDevice::new(&buffers, rows, &cpu.samples)).transpose()?;
         let tree = TreeOnDevice::new(&buffers, &cpu.samples, &cpu.patches)?;
         let far = FarOnDevice::new(device, (&cpu.far, cpu.points.weights.as_ref()), &tree)?;
         let pieces = cpu.plan.sampling.pieces_of_uneven() as usize;

@@ -72,7 +72,7 @@ const CUBE: Key =
 const COEFFICIENTS: Key = Key {
     name: "coefficients",
     default: "128",
-    help: "Haar coefficients kept of the irradiance row of a sample, 8 to 1024",
+    help: "irradiance rows of samples have the squared error of so many Haar coefficients for each sample, 8 to 1024",
 };
 
 const POINTS: Key = sampling::points("4");

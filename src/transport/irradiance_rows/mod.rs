@@ -14,6 +14,7 @@
 //! three terms and 128 as two. A map with a bare sun: all 10.6 % (5.3 %), 128 16 % (9 %): texels are wider than suns. So
 //! neither a third term nor more bits would show. A row of 128 takes 131 bytes in a file.
 
+mod blocks;
 pub mod row;
 pub mod texels;
 pub mod vectors;
@@ -132,7 +133,7 @@ impl<'a> RowBaker<'a> {
             })
             .collect();
         progress.finish();
-        Rows::new(join(self.empty(), chunks)?)
+        Rows::new(join(self.empty(), chunks)?, &self.surface.samples.part_offsets)
     }
 
     fn empty(&self) -> IrradianceRows {
