@@ -131,7 +131,8 @@ wall of 40 x 40 mm behind it:";
 
 const FIELDS_TIMES: &str = "\
 Times on two cores, medians, a light of 6 mm 10 mm away. A turned light is another field, because maps are in world axes as rows are; moving,
-growing and dimming it are free. Within 1.4 half diagonals of the light a sample has a map of its own, which takes longer (last row).";
+growing and dimming it are free. Within 1.4 half diagonals of the light a sample has a map of its own. Where those are many, and the light fills much of them,
+that takes twice the time of shadow rays (last rows): leave `field=` out there.";
 
 pub(crate) const WORDS: Words = Words {
     head: HEAD,

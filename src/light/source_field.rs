@@ -7,8 +7,8 @@
 //!
 //! - The points lie over the half space in front (behind, a one-sided rectangle is dark): a square grid on the octahedral map of the
 //!   hemisphere, on spheres whose radii grow by the square root of 2. The innermost has that many half diagonals; nearer places get
-//!   their own map instead of an interpolated one, which is exact and slower. Beyond the outermost, where the rectangle is smaller
-//!   than a texel, the map is that of the outermost.
+//!   their own map instead of an interpolated one, which is exact, and where the rectangle fills much of it takes as long as a hundred
+//!   shadow rays. Beyond the outermost, where the rectangle is smaller than a texel, the map is that of the outermost.
 //! - A map is held over its solid angle, and what is interpolated is multiplied by the exact solid angle of the place: interpolation
 //!   errs in directions alone. That halves the error of the irradiance or better (`16 x 16` points on a hemisphere: 0.7 to 1.0 % in
 //!   place of 1.5 to 2.1 %; 32 x 32: 0.2 to 0.5 %; unoccluded, normals up to grazing).
