@@ -56,6 +56,10 @@ Stored forms of Beethoven with 16,384 vertices and 65,536 samples, the worst of 
 Gaussians whose widths are a geometric sequence, combined without negative coefficients (`--set basis=ladder`). The spot is a point light 1 mm from the
 surface. *T1*: the transported error of the basis, worst of the 36 channels of the measured materials and of 200 others.
 
+Entropy-coded the ladder is the smallest at the same error, though it has two more functions: its functions are alike at every node, so that
+each says much about the next. It keeps totals exactly. It does not do away with negative radiosity: what is left of it comes from dropped coefficients and from
+interpolation, not from the basis. In memory, where coefficients lie as they are, it is 6 % larger.
+
 ";
 
 const SPATIAL: &str = "

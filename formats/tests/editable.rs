@@ -252,27 +252,37 @@ fn a_coded_far_field_is_the_plain_one() {
     assert_eq!(wasteful.to_coded_sections(&far_shape()).unwrap_err().tag().unwrap().as_str(), "far.big");
 }
 
+/// Whatever the bytes, the answer is an error or a far field that is coded as the same bytes.
 #[test]
 fn damaged_coded_far_fields_are_refused() {
     let good = far_field(3).to_coded_sections(&far_shape()).unwrap();
     let index = good.iter().position(|s| s.tag == far_field::tags::CODED).unwrap();
-    let check = |change: &dyn Fn(&mut Vec<u8>)| {
+    let read = |sections: &[RawSection]| FarField::from_sections_within(sections, &far_shape(), Budget::bytes(1 << 20));
+    let accepted = |change: &dyn Fn(&mut Vec<u8>)| {
         let mut sections = good.clone();
         change(&mut sections[index].bytes);
-        if sections[index].bytes == good[index].bytes {
-            return;
+        match read(&sections) {
+            Ok(field) => {
+                let again = field.unwrap().to_coded_sections(&far_shape()).unwrap();
+                assert!(again[index].bytes == sections[index].bytes);
+                true
+            }
+            Err(error) => {
+                assert!([14, 21].contains(&error.code()), "{error}");
+                false
+            }
         }
-        let error = FarField::from_sections_within(&sections, &far_shape(), Budget::bytes(1 << 20)).unwrap_err();
-        assert!([14, 21].contains(&error.code()), "{error}");
     };
     let length = good[index].bytes.len();
+    assert!(accepted(&|_| ()) && !accepted(&|bytes| bytes.push(0)));
+    let mut others = 0;
     for at in 0..length {
-        check(&|bytes| bytes.truncate(at));
-        for bit in 0..8 {
-            check(&|bytes| bytes[at] ^= 1 << bit);
-        }
+        assert!(!accepted(&|bytes| bytes.truncate(at)), "cut at {at}");
+        others += (0..8).filter(|bit| accepted(&|bytes| bytes[at] ^= 1 << bit)).count();
     }
-    check(&|bytes| bytes.push(0));
+    // At the start of a stream, where the interval may still be a power of two, a bit can be a plain one of a value and of nothing
+    // else. The checksums of the file know better.
+    assert!(others <= 16, "{others} bits of {length} bytes");
     let mut random = Random(11);
     for _ in 0..2000 {
         let mut sections = good.clone();
@@ -280,9 +290,9 @@ fn damaged_coded_far_fields_are_refused() {
             let bytes = &mut sections[random.below(good.len())].bytes;
             common::mutate(&mut random, bytes);
         }
-        if let Ok(field) = FarField::from_sections_within(&sections, &far_shape(), Budget::bytes(1 << 20)) {
+        if let Ok(field) = read(&sections) {
             let field = field.unwrap();
-            assert_eq!(read(&field.to_coded_sections(&far_shape()).unwrap()).unwrap().unwrap(), field);
+            assert!(read(&field.to_coded_sections(&far_shape()).unwrap()).unwrap().unwrap() == field);
         }
     }
 }
