@@ -82,6 +82,9 @@ too. *Of their own*: each sample keeps its largest coefficients. *In blocks*: th
 (`compress/row_blocks.rs`), under one threshold whose squared error is that of the number of coefficients named. Errors are relative RMS against all
 coefficients: of the irradiance of all samples, and of the radiosity that follows at 192 vertices in two materials, the worst map.
 
+At equal numbers blocks err more in irradiance and less in radiosity: what is dropped has no mean over a block, and scattering takes means. So blocks are what
+`editable` stores.
+
 ";
 
 const PROFILES: &str = "
