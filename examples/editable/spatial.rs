@@ -174,7 +174,7 @@ fn measure(context: &Context, name: &str) -> Result<Measured> {
                     let error = transport.error(&found.values, &whole);
                     result.energies.push(vec![
                         label.clone(),
-                        percent(energy),
+                        format!("{} %", 100.0 * energy),
                         format!("{:.0}", found.kept),
                         format!("{:.0}", 4.0 * found.kept),
                         percent(error),
