@@ -72,6 +72,13 @@ What is above one threshold is kept and rounded to steps of it. Errors are relat
 Bytes are 4 for each coefficient, as the paper counts, and in brackets the entropy of the rounded numbers, by levels of the tree over the samples. 4,608
 samples; the geometry images have 48 x 48 vertices, 1.4 sample spacings apart as those of the gargoyle above are.
 
+**In short.** For all functions of the far part, at 1 % of the far radiosity, CDF 9/7 takes 0.3 to 0.4 of the bytes of every vertex, and lifting as
+many where the shape is smooth; where it is not, lifting stays behind. Points with kriging take fewest (a tenth to a fifth), down to an error that more
+coefficients do not lower; it is one of the far part, a share of the whole, and `editable` chooses the distance by it. Lifting the points as well saves for kernels of
+four vertex spacings and more alone. So points stay the stored form's default on any mesh. Kernels of one vertex spacing and less lose by any
+transform, marble's whole dipole breaks even: their columns are best left as they are. The paper's 95 % of the energy is an error of 4 to 10 %, 98 % one
+of 3 to 7 %, with negative radiosity; 1 % takes 99.9 %.
+
 ";
 
 const ENVIRONMENT: &str = "

@@ -15,7 +15,7 @@ use translux::geometry::source::SourceModel;
 use translux::measure::chart::draw::{Front, Point, Scatter, Unit, scatter_svg};
 use translux::medium::fresnel::BoundaryFit;
 use translux::medium::profile::Profile;
-use translux::medium::profile_basis::{BasisSettings, ProfileBasis, Weighting};
+use translux::medium::profile_basis::{BasisSettings, Family, ProfileBasis};
 use translux::transport::scene::{Medium, Scene};
 
 use self::columns::{Basis, Columns, Found, Lifted, Spatial, Transport};
@@ -122,7 +122,7 @@ fn measure(context: &Context, name: &str) -> Result<Measured> {
     let basis = ProfileBasis::new(&BasisSettings {
         split_mm,
         reach_mm: scene.mesh.diagonal_mm(),
-        weighting: Weighting::Transported,
+        family: Family::Transported,
         terms: None,
         error: 0.15 * EQUAL,
     });
@@ -174,7 +174,7 @@ fn measure(context: &Context, name: &str) -> Result<Measured> {
                     let error = transport.error(&found.values, &whole);
                     result.energies.push(vec![
                         label.clone(),
-                        percent(energy),
+                        format!("{} %", 100.0 * energy),
                         format!("{:.0}", found.kept),
                         format!("{:.0}", 4.0 * found.kept),
                         percent(error),

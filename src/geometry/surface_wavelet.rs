@@ -77,7 +77,9 @@ impl SurfaceWavelet {
             let each = level.each;
             for (i, &point) in level.points.iter().enumerate() {
                 let own = integrals[point as usize];
-                self.norms[point as usize] = own.max(0.0).sqrt();
+                // Weights below zero may leave no integral, but a function is no smaller than its point.
+                let area = areas.get(point as usize).copied().unwrap_or(0.0);
+                self.norms[point as usize] = own.max(area).max(0.0).sqrt();
                 for k in i * each..(i + 1) * each {
                     integrals[level.sources[k] as usize] += level.predict[k] * own;
                 }
