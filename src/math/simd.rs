@@ -41,6 +41,15 @@ impl Level {
     }
 }
 
+/// Adds `factor` times some values to as many sums. One call for each row of a product keeps the sums in registers, where
+/// compilers spill those of a loop over all rows.
+#[inline(always)]
+pub(crate) fn add_scaled<const N: usize>(sums: &mut [f32; N], factor: f32, values: &[f32; N]) {
+    for i in 0..N {
+        sums[i] += factor * values[i];
+    }
+}
+
 /// Compiles `$body` (an `#[inline(always)]` function) for every level and defines `$name` that calls one of them.
 macro_rules! multiversion {
     ($(#[$meta:meta])* $vis:vis fn $name:ident ( $($arg:ident : $ty:ty),* $(,)? ) => $body:path) => {

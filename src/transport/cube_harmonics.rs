@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use crate::light::harmonics::to_harmonics;
 use crate::math::cube_map::{FACES, direction, solid_angles_sr, texel_of};
 use crate::math::sh::real_sh;
-use crate::math::simd::{Level, multiversion};
+use crate::math::simd::{Level, add_scaled, multiversion};
 
 /// Rows that are multiplied together: as many as keep their sums in the 16 registers of AVX2.
 const BATCH: usize = 6;
@@ -184,14 +184,12 @@ fn multiply_body(values: &[[f32; BATCH]], matrix: &[f32], sums: &mut [f32]) {
         // One variable each, so that they stay in registers.
         let [mut s0, mut s1, mut s2, mut s3, mut s4, mut s5] = [[0.0f32; COLUMNS]; BATCH];
         for (&[a, b, c, d, e, f], row) in values.iter().zip(rows) {
-            for i in 0..COLUMNS {
-                s0[i] += a * row[i];
-                s1[i] += b * row[i];
-                s2[i] += c * row[i];
-                s3[i] += d * row[i];
-                s4[i] += e * row[i];
-                s5[i] += f * row[i];
-            }
+            add_scaled(&mut s0, a, row);
+            add_scaled(&mut s1, b, row);
+            add_scaled(&mut s2, c, row);
+            add_scaled(&mut s3, d, row);
+            add_scaled(&mut s4, e, row);
+            add_scaled(&mut s5, f, row);
         }
         for (row, partial) in [s0, s1, s2, s3, s4, s5].iter().enumerate() {
             let Some(sums) = sums.get_mut(row * width + block * COLUMNS..) else { return };

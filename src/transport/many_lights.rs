@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use super::gather::{Criterion, Gather, Scheme, Source};
 use super::receivers::{Group, Receivers};
 use super::tree::SampleTree;
-use crate::math::simd::{Level, multiversion};
+use crate::math::simd::{Level, add_scaled, multiversion};
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::progress::Progress;
 
@@ -310,26 +310,19 @@ fn multiply_body(product: &mut Product) {
             let [mut s0, mut s1, mut s2, mut s3, mut s4, mut s5] = [[0.0f32; COLUMNS]; ROWS];
             for (light, weights) in light.iter().zip(weights.chunks_exact(rows)) {
                 let Some(&[w0, w1, w2, w3, w4, w5]) = weights.get(row..).and_then(|w| w.first_chunk()) else { return };
-                add(&mut s0, w0, light);
-                add(&mut s1, w1, light);
-                add(&mut s2, w2, light);
-                add(&mut s3, w3, light);
-                add(&mut s4, w4, light);
-                add(&mut s5, w5, light);
+                add_scaled(&mut s0, w0, light);
+                add_scaled(&mut s1, w1, light);
+                add_scaled(&mut s2, w2, light);
+                add_scaled(&mut s3, w3, light);
+                add_scaled(&mut s4, w4, light);
+                add_scaled(&mut s5, w5, light);
             }
             for (r, partial) in [s0, s1, s2, s3, s4, s5].iter().enumerate() {
                 let sums = sums.get_mut((row + r) * columns + column..).and_then(|s| s.first_chunk_mut());
                 let Some(sums) = sums else { return };
-                add(sums, 1.0, partial);
+                add_scaled(sums, 1.0, partial);
             }
         }
-    }
-}
-
-#[inline(always)]
-fn add(sums: &mut [f32; COLUMNS], weight: f32, light: &[f32; COLUMNS]) {
-    for i in 0..COLUMNS {
-        sums[i] += weight * light[i];
     }
 }
 
