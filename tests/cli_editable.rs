@@ -212,7 +212,7 @@ fn assets_are_inspected_validated_and_compared() {
         assert!(found.clone().all(|s| s["kind"] == "method" && s["stored_bytes"].as_u64().unwrap() > 0));
     }
     let text = folder.run("inspect a.tlux").ok().text();
-    assert!(text.contains("far.val") && text.contains("bas.fun"), "{text}");
+    assert!(text.contains("far.cod") && text.contains("bas.fun"), "{text}");
     let outcome = folder.run("validate a.tlux").ok();
     assert!(outcome.text().contains(" 0 errors"), "{}", outcome.text());
 
