@@ -276,7 +276,8 @@ fn damaged_coded_far_fields_are_refused() {
     let length = good[index].bytes.len();
     assert!(accepted(&|_| ()) && !accepted(&|bytes| bytes.push(0)));
     let mut others = 0;
-    for at in 0..length {
+    // All of the head, and some hundred places of the streams: each try decodes everything.
+    for at in (0..64.min(length)).chain((64..length).step_by(length.div_ceil(300))) {
         assert!(!accepted(&|bytes| bytes.truncate(at)), "cut at {at}");
         others += (0..8).filter(|bit| accepted(&|bytes| bytes[at] ^= 1 << bit)).count();
     }
