@@ -22,7 +22,8 @@ const TABLES: &str = "
 ## Tables 1 and 2: bakes, bytes, rates
 
 Beethoven and the gargoyle have their longest edges cut until they have the paper's 16K and 64K vertices. The environment's rows are left out (`--for-lights directional`), as in the paper's sizes. *Stored* asks for 1 %, *nothing stored*
-(the default) for 0.5 %; both with `--set points=1`. Edits turn skin1 into skin2 and back; a new refractive index costs what a new light does. The paper states no errors against a
+(the default) for 0.5 %; both with `--set points=1`. Bytes of the stored bunny_closed and horse, all rates, and the table of figure 5 are from before coefficients were entropy-coded and
+near points looked up in tables. Edits turn skin1 into skin2 and back; a new refractive index costs what a new light does. The paper states no errors against a
 truth, but that 95 to 98 % of the energy is kept, which is an error of 14 to 22 %.
 
 **Nothing stored** beats the stored form in bytes (10 to 40 times fewer), bake and a new light on every model, and for a new material on
@@ -69,7 +70,8 @@ over the vertices, or stored at fewer points and interpolated: CDF 9/7 (`math/cd
 one; lifting on nested points (`geometry/surface_wavelet.rs`: prediction by kriging, an update that keeps the integral) and points with kriging on any mesh.
 What is above one threshold is kept and rounded to steps of it. Errors are relative RMS over the vertices, of the worst of three lights.
 Bytes are 4 for each coefficient, as the paper counts, and in brackets the entropy of the rounded numbers, by levels of the tree over the samples. 4,608
-samples; the geometry images have 48 x 48 vertices, 1.4 sample spacings apart as those of the gargoyle above are.
+samples; the geometry images have 48 x 48 vertices, 1.4 sample spacings apart as those of the gargoyle above are. The figures of lifting are from before a
+coefficient that moves few vertices counted; that it does not get below 1 to 2 % on beethoven and the bunny may come from that.
 
 **In short.** For all functions of the far part, at 1 % of the far radiosity, CDF 9/7 takes 0.3 to 0.4 of the bytes of every vertex, and lifting as
 many where the shape is smooth; where it is not, lifting stays behind. Points with kriging take fewest (a tenth to a fifth), down to an error that more
@@ -109,7 +111,7 @@ const FIELDS: &str = "
 
 An area light with `field=32` casts no rays. What it sends is precomputed in cube maps at points of spheres around it (Zhou et al. 2005, as
 the paper has it), and the irradiance of a sample is the product of its row, which is there for environments, with what the eight maps
-around it in the field hold. Errors are RMS, of the irradiance of the samples and, after the comma, of the radiosity: of each step
+around it in the field hold. Measured with rows of each sample's own; rows in blocks are decoded first. Errors are RMS, of the irradiance of the samples and, after the comma, of the radiosity: of each step
 against the next more exact one, and of everything against shadow rays (256 strata, 16 points of a sample).
 
 Interpolation costs less than the rows nearly everywhere. Rows smear what is smaller than a texel: a light of 2 mm 100 mm away is a sun to
@@ -156,7 +158,8 @@ inside the split radius, so that 300 edits a second are four cycles for a pair i
 
 - one ray for a sample, and four only where a corner of its triangle sees both lit and dark samples: 46 ms became 17.
 - R_d of near points by tables of quadratic polynomials, and the triangles of 16 neighbouring vertices side by side: an edit of the closed bunny (stored, 1 %
-  asked, `cargo bench --bench editable`) takes 19 to 32 ms, in cream, whose free path is short against the samples, 52; @before@.
+  asked, `cargo bench --bench editable`) takes 19 to 32 ms, in cream, whose free path is short against
+  the samples, 52. Between skin1 and skin2 it took 29 ms before.
 - kriging of the nets from 32 points, and a softening that the bake measures: 289 ms became 134 at 0.1 % asked. Fewer points or a coarser softening miss what was asked.
 - the light around each vertex as moments on rings, so that an edit is a product: 0.13 to 0.34 ms for 2,562 vertices, which would be 200 to 500 edits a second, 0.06 to
   0.34 % off. But each new light gathers the rings, 8 to 11 ms for those vertices in place of 3, what a sample gives to which ring takes 98 s to find, and a
