@@ -18,7 +18,7 @@
 use rayon::prelude::*;
 use translux_format::rows::{self, IrradianceRows};
 
-use super::row::Work;
+use super::row::{Work, push};
 use super::{RowBaker, join};
 use crate::compress::row_blocks;
 use crate::compress::rows::Rows;
@@ -134,34 +134,13 @@ impl BlockWork {
     }
 
     fn append_row(&mut self, row: usize, weight: f32, threshold: f32, out: &mut IrradianceRows) {
-        let (face, terms) = (self.face, self.terms);
         let mut kept = std::mem::take(&mut self.kept);
         kept.clear();
         kept.extend(self.details(row).filter(|(_, e)| e * weight > threshold).map(|(place, _)| place as u16));
-        let values = &self.rows[row * self.stride()..(row + 1) * self.stride()];
-        let value = |place: usize, term: usize| values[(place / face * terms + term) * face + place % face];
-        let largest = |values: &mut dyn Iterator<Item = f32>| values.fold(0.0f32, |m, v| m.max(v.abs()));
         // As fine as the threshold lets it, as coarse as the levels make it.
-        let step = |step: f32, largest: f32, levels: f32| {
-            let step = step.max(largest / levels);
-            if step >= f32::MIN_POSITIVE { step } else { 0.0 }
-        };
-        let quantised = |v: f32, step: f32| if step > 0.0 { (v / step).round_ties_even() } else { 0.0 };
         let fine = (threshold / weight).sqrt();
-        let all = |term: usize| kept.iter().map(move |&place| value(usize::from(place), term));
-        let detail = step(fine, largest(&mut (0..terms).flat_map(all)), f32::from(i8::MAX));
-        let visible = |place: usize| (0..terms).any(|term| quantised(value(place, term), detail) != 0.0);
-        kept.retain(|&place| visible(usize::from(place)));
-        for term in 0..terms {
-            out.values.extend(kept.iter().map(|&place| quantised(value(usize::from(place), term), detail) as i8));
-        }
-        out.indices.extend_from_slice(&kept);
-        out.offsets.push(out.indices.len() as u32);
-        out.steps.push(detail);
-        let first = |k: usize| value(k % FACES * face, k / FACES);
-        let scaling = step(SCALING_SHARE * fine, largest(&mut (0..terms * FACES).map(first)), f32::from(i16::MAX));
-        out.scaling.extend((0..terms * FACES).map(|k| quantised(first(k), scaling) as i16));
-        out.scaling_steps.push(scaling);
+        let values = &self.rows[row * self.stride()..(row + 1) * self.stride()];
+        push(values, &kept, [fine, SCALING_SHARE * fine], out);
         self.kept = kept;
     }
 

@@ -65,28 +65,7 @@ impl Work {
             Keep::Largest(count) => self.choose(count),
             Keep::Above(energy) => self.choose_above(energy),
         }
-        let (face, terms) = (self.face, self.terms);
-        let value = |index: usize, term: usize| self.coefficients[(index / face * terms + term) * face + index % face];
-        let largest = |values: &mut dyn Iterator<Item = f32>| values.fold(0.0f32, |m, v| m.max(v.abs()));
-        let step = |largest: f32, levels: f32| {
-            let step = largest / levels;
-            if step >= f32::MIN_POSITIVE { step } else { 0.0 }
-        };
-        let quantised = |v: f32, step: f32| if step > 0.0 { (v / step).round_ties_even() } else { 0.0 };
-        let all = |term: usize| self.kept.iter().map(move |&i| value(usize::from(i), term));
-        let detail = step(largest(&mut (0..terms).flat_map(all)), f32::from(i8::MAX));
-        let visible = |i: usize| (0..terms).any(|term| quantised(value(i, term), detail) != 0.0);
-        let kept: Vec<u16> = self.kept.iter().copied().filter(|&i| visible(usize::from(i))).collect();
-        for term in 0..terms {
-            rows.values.extend(kept.iter().map(|&i| quantised(value(usize::from(i), term), detail) as i8));
-        }
-        rows.indices.extend_from_slice(&kept);
-        rows.offsets.push(rows.indices.len() as u32);
-        rows.steps.push(detail);
-        let first = |k: usize| value(k % FACES * face, k / FACES);
-        let scaling = step(largest(&mut (0..terms * FACES).map(first)), f32::from(i16::MAX));
-        rows.scaling.extend((0..terms * FACES).map(|k| quantised(first(k), scaling) as i16));
-        rows.scaling_steps.push(scaling);
+        push(&self.coefficients, &self.kept, [0.0; 2], rows);
     }
 
     /// Squares of all details, summed over the terms.
@@ -144,4 +123,31 @@ impl Work {
         self.kept.extend(self.ties.iter().take(count.saturating_sub(above)).map(|(_, i)| *i));
         self.kept.sort_unstable();
     }
+}
+
+/// Appends a row of coefficients `[face][term][place]` with some of its details, quantised as finely as 8 bits (scaling coefficients
+/// 16) let it, in steps of at least `least` (details, scaling coefficients).
+pub(super) fn push(coefficients: &[f32], details: &[u16], least: [f32; 2], rows: &mut IrradianceRows) {
+    let (face, terms) = (rows.side * rows.side, rows.terms);
+    let value = |place: usize, term: usize| coefficients[(place / face * terms + term) * face + place % face];
+    let largest = |values: &mut dyn Iterator<Item = f32>| values.fold(0.0f32, |m, v| m.max(v.abs()));
+    let step = |least: f32, largest: f32, levels: f32| {
+        let step = least.max(largest / levels);
+        if step >= f32::MIN_POSITIVE { step } else { 0.0 }
+    };
+    let quantised = |v: f32, step: f32| if step > 0.0 { (v / step).round_ties_even() } else { 0.0 };
+    let all = |term: usize| details.iter().map(move |&place| value(usize::from(place), term));
+    let detail = step(least[0], largest(&mut (0..terms).flat_map(all)), f32::from(i8::MAX));
+    let visible = |place: usize| (0..terms).any(|term| quantised(value(place, term), detail) != 0.0);
+    let kept: Vec<u16> = details.iter().copied().filter(|&place| visible(usize::from(place))).collect();
+    for term in 0..terms {
+        rows.values.extend(kept.iter().map(|&place| quantised(value(usize::from(place), term), detail) as i8));
+    }
+    rows.indices.extend_from_slice(&kept);
+    rows.offsets.push(rows.indices.len() as u32);
+    rows.steps.push(detail);
+    let first = |k: usize| value(k % FACES * face, k / FACES);
+    let scaling = step(least[1], largest(&mut (0..terms * FACES).map(first)), f32::from(i16::MAX));
+    rows.scaling.extend((0..terms * FACES).map(|k| quantised(first(k), scaling) as i16));
+    rows.scaling_steps.push(scaling);
 }
