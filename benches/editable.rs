@@ -52,6 +52,9 @@ fn measure(path: &Path) -> translux::error::Result<()> {
     let (time, evaluator) = timed(|| method.open(Arc::clone(&asset)));
     let mut evaluator = evaluator?;
     report("open the evaluator", vec![time]);
+    let (time, ()) = timed(|| evaluator.prepare_for_edits(&Silent));
+    report("prepare for edits", vec![time]);
+    println!("resident {:.1} MB", evaluator.cost().resident_bytes as f64 / 1e6);
     let radius = asset.scene.mesh.diagonal_mm();
     let around = |i: usize| {
         let angle = 0.7 * i as f64;

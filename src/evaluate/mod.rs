@@ -236,6 +236,10 @@ pub trait Evaluator: Send {
         ))
     }
 
+    /// Spends memory and time now, so that edits of the media under one light are fast from here on. What is summed may be coarser than
+    /// without, by far less than the error that was asked for.
+    fn prepare_for_edits(&mut self, _progress: &dyn Progress) {}
+
     /// Radiosity of every source vertex, RGB; zero for vertices without transferring area.
     ///
     /// # Errors

@@ -1,5 +1,6 @@
 //! Meshes, parts, mesh checks, generated shapes, ray casting, surface samples and their tree.
 
+pub mod ball;
 pub mod bvh;
 pub mod check;
 pub mod cluster;

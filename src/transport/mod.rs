@@ -13,6 +13,7 @@ pub mod kernel;
 pub mod many_lights;
 pub mod multilevel;
 pub mod near_field;
+pub mod near_rings;
 pub mod random_walk;
 pub mod receivers;
 pub mod scene;

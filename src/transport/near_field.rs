@@ -74,6 +74,12 @@ impl Corners {
         Self(patches.par_iter().enumerate().flat_map_iter(of_patch).collect())
     }
 
+    /// Of one sample.
+    pub fn of(&self, samples: &Samples, sample: u32) -> &[[[f32; 3]; 3]] {
+        let offsets = &samples.patch_offsets[sample as usize..sample as usize + 2];
+        &self.0[offsets[0] as usize..offsets[1] as usize]
+    }
+
     /// Facet after facet.
     pub fn values(&self) -> &[[[f32; 3]; 3]] {
         &self.0
@@ -298,8 +304,6 @@ impl<'a> Near<'a> {
             }
             let offset: [f32; 3] = std::array::from_fn(|axis| candidates.at[axis][i] - at[axis]);
             let patch = candidates.patch[i] as usize;
-            let offsets = &self.surface.samples.patch_offsets;
-            let facets = offsets[patch] as usize..offsets[patch + 1] as usize;
             if let Some(pieces) = light.pieces.of(patch) {
                 let exact = r2[i] < candidates.exact2[i];
                 for (deviation, corners) in pieces {
@@ -308,7 +312,7 @@ impl<'a> Near<'a> {
                 }
             }
             let e = (light.irradiance[patch] * light.scale).as_vec3().to_array();
-            for corners in &self.corners.0[facets] {
+            for corners in self.corners.of(self.surface.samples, candidates.patch[i]) {
                 let seen = corners.map(|corner| std::array::from_fn(|axis| corner[axis] + offset[axis]));
                 if r2[i] < candidates.exact2[i] {
                     flats.push(member as u32, seen, e);

@@ -35,7 +35,8 @@ use crate::transport::far_field::LANES;
 use crate::transport::gather::{Gather, NearField, Scheme};
 use crate::transport::irradiance::{Illumination, Pieces};
 use crate::transport::near_field::{Around, Corners, Near};
-use crate::transport::receivers::Receivers;
+use crate::transport::near_rings::{NearRings, RingCoefficients, RingMoments};
+use crate::transport::receivers::{Group, Receivers};
 use crate::transport::scene::{self, Medium, Scene, Surface};
 use crate::transport::tree::SampleTree;
 
@@ -69,6 +70,9 @@ pub(super) struct EditableEvaluator {
     pub(super) rows: Option<StoredRows>,
     /// Of each medium.
     pub(super) coefficients: Vec<Coefficients>,
+    /// In place of the near field itself, where many edits are expected, and their coefficients for each medium.
+    rings: Option<NearRings>,
+    ring_coefficients: Vec<RingCoefficients>,
     pub(super) lights: Vec<Light>,
     lit: Option<Lit>,
 }
@@ -78,6 +82,7 @@ struct Lit {
     irradiance: Vec<DVec3>,
     pieces: Pieces,
     far: FarSums,
+    moments: Option<RingMoments>,
 }
 
 pub(super) fn open(asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
@@ -121,6 +126,8 @@ pub(super) fn open(asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
         far,
         rows,
         coefficients: Vec::new(),
+        rings: None,
+        ring_coefficients: Vec::new(),
         lights: Vec::new(),
         lit: None,
     };
@@ -154,8 +161,22 @@ impl EditableEvaluator {
         progress.start("far field", self.far.groups.len() as u64);
         let details = LightDetails::new(&self.samples, &self.patches, &irradiance);
         let far = FarSums::new(Level::detect(), &self.far, &details);
+        let mut lit = Lit { irradiance, pieces, far, moments: None };
+        self.gather_rings(&mut lit);
         progress.finish();
-        Ok(Lit { irradiance, pieces, far })
+        Ok(lit)
+    }
+
+    /// Gathers light on the rings, where there are any.
+    fn gather_rings(&self, lit: &mut Lit) {
+        let light = (lit.irradiance.as_slice(), &lit.pieces);
+        let gather = |rings: &NearRings| rings.moments(&self.surface(), &self.around, &self.receivers, light);
+        lit.moments = self.rings.as_ref().map(gather);
+    }
+
+    fn prepare_ring_coefficients(&mut self) {
+        let of_rings = |rings: &NearRings| self.scene.media.iter().map(|m| rings.coefficients(m)).collect();
+        self.ring_coefficients = self.rings.as_ref().map_or_else(Vec::new, of_rings);
     }
 
     fn combine(&self, lit: &Lit, progress: &dyn Progress) -> Vec<DVec3> {
@@ -177,7 +198,16 @@ impl EditableEvaluator {
         jobs.into_par_iter().for_each(|(first, coefficients, out)| lit.far.combine(first, coefficients, out));
         let mut values = self.points.expand(values);
         progress.finish();
-        self.near().add(&self.receivers, (&lit.irradiance, &lit.pieces), &mut values, progress);
+        match (&self.rings, &lit.moments) {
+            (Some(rings), Some(moments)) => {
+                let of_group = |group: &Group| {
+                    let medium = self.scene.parts.parts[group.part as usize].medium?;
+                    self.ring_coefficients.get(medium as usize)
+                };
+                rings.add(moments, &self.receivers, of_group, &mut values);
+            }
+            _ => self.near().add(&self.receivers, (&lit.irradiance, &lit.pieces), &mut values, progress),
+        }
         values
     }
 
@@ -225,7 +255,11 @@ impl Evaluator for EditableEvaluator {
                 + size_of_val(far.masks.as_slice())
                 + size_of_val(far.row_sums.as_slice())
                 + self.rows.as_ref().map_or(0, StoredRows::bytes)
-                + self.lit.as_ref().map_or(0, |lit| lit.far.bytes()),
+                + self.rings.as_ref().map_or(0, NearRings::bytes)
+                + self
+                    .lit
+                    .as_ref()
+                    .map_or(0, |lit| lit.far.bytes() + lit.moments.as_ref().map_or(0, RingMoments::bytes)),
         }
     }
 
@@ -269,7 +303,21 @@ impl Evaluator for EditableEvaluator {
         }
         self.coefficients = coefficients;
         self.scene.media = media;
+        self.prepare_ring_coefficients();
         Ok(())
+    }
+
+    fn prepare_for_edits(&mut self, progress: &dyn Progress) {
+        if self.rings.is_some() {
+            return;
+        }
+        let (geometry, rule) = ((&self.around, &self.corners), (self.plan.near, self.basis.split_mm()));
+        self.rings = Some(NearRings::new(&self.surface(), geometry, &self.receivers, rule, progress));
+        self.prepare_ring_coefficients();
+        if let Some(mut lit) = self.lit.take() {
+            self.gather_rings(&mut lit);
+            self.lit = Some(lit);
+        }
     }
 
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {

@@ -8,6 +8,7 @@ use crate::error::Result;
 use crate::evaluate::device::{Device, DeviceEvaluator};
 use crate::evaluate::{Capabilities, Evaluator, MaterialEdit, ProfileEdit};
 use crate::medium::profiles::model::LoadedProfile;
+use crate::progress::Silent;
 use crate::relight::choice::{self, DeviceChoice};
 use crate::transport::scene::Medium;
 
@@ -49,7 +50,9 @@ impl Placing {
     ) -> Result<(Box<dyn DeviceEvaluator>, Option<String>)> {
         let media = evaluator.scene().media.clone();
         let again = || self.evaluator(model, profile, &media);
-        choice::on(&self.device, self.choice, evaluator, &again)
+        let (mut evaluator, note) = choice::on(&self.device, self.choice, evaluator, &again)?;
+        evaluator.prepare_for_edits(&Silent);
+        Ok((evaluator, note))
     }
 }
 

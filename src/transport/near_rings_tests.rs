@@ -1,0 +1,103 @@
+#![allow(clippy::unwrap_used)]
+
+use super::*;
+use crate::geometry::shapes;
+use crate::light::Light;
+use crate::medium::profile::Profile;
+use crate::progress::Silent;
+use crate::transport::balanced_tree::{BalancedTree, in_tree_order};
+use crate::transport::irradiance::{Illumination, LightSampling};
+use crate::transport::near_field::Near;
+use crate::transport::scene::patches;
+use crate::transport::test_scene::{Fixture, named};
+
+/// RMS difference of the near field by rings and by itself, over the RMS of the whole radiosity, under a light whose shadow
+/// boundaries cross samples.
+fn difference(name: &str, samples: usize, spacings: f64) -> f64 {
+    let mut fixture = Fixture::new(shapes::icosphere(10.0, 4), named(name), samples);
+    fixture.samples = in_tree_order(&fixture.samples, &fixture.patches);
+    fixture.patches = patches(&fixture.scene, &fixture.samples);
+    let tree = BalancedTree::new(&fixture.samples, &fixture.patches);
+    let surface = fixture.surface();
+    let media = &fixture.scene.media;
+    let receivers = Receivers::new(&fixture.scene.mesh, &fixture.scene.parts, LANES);
+    let area: f64 = fixture.patches.iter().map(|p| p.area_mm2).sum();
+    let split_mm = spacings * (area / fixture.patches.len() as f64).sqrt();
+    let corners = Corners::new(&fixture.scene.mesh, &fixture.samples, &fixture.patches);
+    let rule = NearField::FAST;
+    let around = Around::new(&surface, &tree, &receivers, rule, split_mm);
+    let light = [Light::point(DVec3::new(3.0, 12.0, 4.0), DVec3::new(300.0, 200.0, 100.0)).unwrap()];
+    let eta = media[0].properties.eta_inside_over_outside;
+    let illumination = Illumination::new(&surface, &light, &[eta], LightSampling::FAST).unwrap();
+    let (irradiance, pieces) = illumination.all_with_pieces(&Silent);
+    let zero = vec![DVec3::ZERO; receivers.len()];
+    let (mut exact, mut by_rings) = (zero.clone(), zero);
+    Near::new(surface, (&around, &corners), media, NearField::REFERENCE, split_mm).add(
+        &receivers,
+        (&irradiance, &pieces),
+        &mut exact,
+        &Silent,
+    );
+    let surface = fixture.surface();
+    let rings = NearRings::new(&surface, (&around, &corners), &receivers, (rule, split_mm), &Silent);
+    let moments = rings.moments(&surface, &around, &receivers, (&irradiance, &pieces));
+    let coefficients = rings.coefficients(&media[0]);
+    rings.add(&moments, &receivers, |_| Some(&coefficients), &mut by_rings);
+    let totals = DVec3::from_array(media[0].properties.dipoles(BoundaryFit::Published).map(|d| d.total()));
+    let square = |v: DVec3| (v / totals).length_squared();
+    let off: f64 = exact.iter().zip(&by_rings).map(|(a, b)| square(*a - *b)).sum();
+    // The radiosity would be the irradiance times the total, more or less.
+    let whole: f64 = irradiance.iter().map(|e| e.length_squared()).sum::<f64>() / irradiance.len() as f64;
+    (off / exact.len() as f64 / whole).sqrt()
+}
+
+#[test]
+fn rings_give_the_near_field_of_thin_and_dense_media() {
+    for name in ["marble", "skin1", "ketchup", "cream", "spectralon"] {
+        let error = difference(name, 20_000, 6.0);
+        println!("{name}: {error:.1e}");
+        assert!(error < 1e-3, "{name}: {error:.1e}");
+    }
+}
+
+#[test]
+fn hats_of_a_triangle_hold_its_area_and_moment() {
+    let rings = Rings::new(3.0);
+    let [a, b, c] = [DVec3::ZERO, DVec3::new(0.6, 0.1, 0.0), DVec3::new(0.2, 0.7, 0.1)];
+    let areas = rings.areas([a, b, c]).map(f64::from);
+    let area = 0.5 * (b - a).cross(c - a).length();
+    let moment = area / 3.0 * [a + b, b + c, c + a].map(|s| 0.25 * s.length_squared()).iter().sum::<f64>();
+    let (sum, first) = areas.iter().zip(&rings.0).fold((0.0, 0.0), |(s, m), (a, r2)| (s + a, m + a * r2));
+    assert!((sum / area - 1.0).abs() < 1e-6 && (first / moment - 1.0).abs() < 1e-6, "{sum} {area} {first} {moment}");
+}
+
+#[test]
+fn even_light_on_a_plane_costs_nothing() {
+    // What the near part and its hats return of even light: the same, by Galerkin, but for the hat at the end.
+    for name in ["marble", "cream", "spectralon", "chicken1"] {
+        let properties = named(name);
+        for (channel, dipole) in properties.dipoles(BoundaryFit::Published).iter().enumerate() {
+            let rings = Rings::new(2.0);
+            let coefficients = rings.coefficients(dipole);
+            let hats: f64 = (0..RINGS)
+                .map(|k| {
+                    let before = if k > 0 { rings.0[k] - rings.0[k - 1] } else { 0.0 };
+                    let half = 0.5 * std::f64::consts::PI * (rings.0[k + 1] - rings.0[k] + before);
+                    half * f64::from(coefficients[k])
+                })
+                .sum();
+            let far = FarProfile::new(dipole, 2.0);
+            let exact = FarProfile::new(dipole, 0.0).total() - far.total();
+            assert!((hats - exact).abs() < 1e-4 * dipole.total(), "{name} {channel}: {hats} {exact}");
+        }
+    }
+}
+
+#[test]
+fn threads_do_not_change_the_moments() {
+    let run = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| difference("marble", 5_000, 5.0)).to_bits()
+    };
+    assert_eq!(run(1), run(3));
+}
