@@ -31,8 +31,15 @@ const RINGS: usize = 20;
 /// The k-th radius grows as this power of k: dense media are peaked at the receiver.
 const DENSER: i32 = 3;
 
-/// Besides the hats, light on `u = r^2 - split^2` and its square: of the pieces of uneven samples, of which the far field sees the mean.
-const COLUMNS: usize = RINGS + 2;
+/// Besides the hats: that at the split radius, where nothing is left of near parts, and light on `u = r^2 - split^2` and its square,
+/// of the pieces of uneven samples, of which the far field sees the mean.
+const COLUMNS: usize = WINDOWS * WIDTH;
+const SLOPE: usize = RINGS + 1;
+const CURVATURE: usize = RINGS + 2;
+
+/// Columns side by side.
+const WIDTH: usize = 8;
+const WINDOWS: usize = (RINGS + 3).div_ceil(WIDTH);
 
 /// Receivers side by side.
 const LANES: usize = 16;
@@ -40,11 +47,14 @@ const LANES: usize = 16;
 /// Points of a quadrature over an e-fold of the squared distance.
 const ORDER: usize = 8;
 
-/// Pieces of uneven samples are points from so many of their radii on.
-const POINT_FROM: f32 = 3.0;
+/// Triangles nearer than so many of their radii meet the rings in closed form.
+const EXACT_BELOW: f64 = 1.5;
 
 /// RGB and nothing.
 type Rgb = [f32; 4];
+
+/// Light on the columns of one receiver, RGB.
+type Columns = [[f32; COLUMNS]; 3];
 
 /// Squared radii at which hats peak, mm^2; the last one, where near parts end, has none.
 #[derive(Clone, Debug, PartialEq)]
@@ -55,35 +65,40 @@ impl Rings {
         Self(std::array::from_fn(|k| (split_mm * (k as f64 / RINGS as f64).powi(DENSER)).powi(2)))
     }
 
-    /// The hat that peaks at or below a squared distance, and the share of the one after it; none from the split radius on.
+    /// Where among the hats a squared distance is: between two of them, by how much of a point falls on the second.
     fn place(&self, r2: f64) -> Option<(usize, f64)> {
         let next = self.0.partition_point(|s| *s <= r2);
         let (from, to) = (*self.0.get(next.checked_sub(1)?)?, *self.0.get(next)?);
         Some((next - 1, (r2 - from) / (to - from)))
     }
 
-    /// Adds a point to the columns of a receiver.
-    fn point(&self, r2: f64, flux: Vec3, out: &mut [Rgb; COLUMNS]) {
-        let Some((first, t)) = self.place(r2) else { return };
-        add(out, first, (1.0 - t) as f32, flux);
-        if first + 1 < RINGS {
-            add(out, first + 1, t as f32, flux);
+    /// Adds an area at a point.
+    fn point(&self, r2: f64, area: f64, out: &mut Areas) {
+        if let Some((first, t)) = self.place(r2) {
+            out[first] += (area * (1.0 - t)) as f32;
+            out[first + 1] += (area * t) as f32;
         }
     }
 
-    /// Area of a triangle (relative to the receiver, mm) on every hat, mm^2; its part beyond the split radius is on none.
-    fn areas(&self, corners: [DVec3; 3]) -> [f32; RINGS] {
-        let mut areas = [0.0; RINGS + 1];
+    /// Adds a triangle (relative to the receiver, mm) by its area; what is beyond the split radius is on no hat.
+    fn triangle(&self, corners: [DVec3; 3], out: &mut Areas) {
         let mut before = [0.0; 2];
         for (k, now) in triangle_in_balls(corners, &self.0[1..]).enumerate() {
             let (area, moment) = (now[0] - before[0], now[1] - before[1]);
             let (from, to) = (self.0[k], self.0[k + 1]);
             let beyond = ((moment - from * area) / (to - from)).clamp(0.0, area.max(0.0));
-            areas[k] += area - beyond;
-            areas[k + 1] += beyond;
+            out[k] += (area - beyond).max(0.0) as f32;
+            out[k + 1] += beyond as f32;
             before = now;
         }
-        std::array::from_fn(|k| areas[k].max(0.0) as f32)
+    }
+
+    /// The same as three points, see the near field's rule.
+    fn three_points(&self, [a, b, c]: [DVec3; 3], out: &mut Areas) {
+        let (centre, third) = ((a + b + c) / 3.0, (b - a).cross(c - a).length() / 6.0);
+        for corner in [a, b, c] {
+            self.point((0.5 * (centre + corner)).length_squared(), third, out);
+        }
     }
 
     /// Coefficients of the columns of one channel.
@@ -132,42 +147,47 @@ impl Rings {
             result[k] = next as f32;
         }
         let [_, slope, curvature] = far.polynomial();
-        result[RINGS] = slope as f32;
-        result[RINGS + 1] = curvature as f32;
+        result[SLOPE] = slope as f32;
+        result[CURVATURE] = curvature as f32;
         result
     }
 }
 
-#[inline(always)]
-fn add(out: &mut [Rgb; COLUMNS], column: usize, share: f32, flux: Vec3) {
-    let Some(out) = out.get_mut(column) else { return };
-    out[0] += share * flux.x;
-    out[1] += share * flux.y;
-    out[2] += share * flux.z;
+/// Areas on the hats and, the last one, at the split radius, mm^2.
+type Areas = [f32; RINGS + 1];
+
+/// A sample that is a point: where it is among the hats.
+#[derive(Clone, Copy, Debug)]
+struct Point {
+    /// In the list of the group.
+    sample: u32,
+    /// Number of the hat before it and share of the one after it.
+    place: f32,
 }
 
-/// Areas of a sample on some hats, one after another.
+/// A sample that is none: its areas on some hats side by side, mm^2.
 #[derive(Clone, Copy, Debug)]
-struct Entry {
+struct Row {
+    /// In the list of the group.
     sample: u32,
-    first: u8,
-    count: u8,
+    /// The upper halves of single-precision numbers.
+    areas: [u16; WIDTH],
 }
 
 /// What the receivers of one group see.
 #[derive(Clone, Debug, Default)]
 struct Seen {
-    /// Entries up to and with each receiver.
-    ends: Vec<u32>,
-    entries: Vec<Entry>,
-    /// Of all entries, mm^2.
-    areas: Vec<f32>,
+    /// Points and rows up to and with each receiver, window after window of the columns.
+    ends: Vec<[[u32; 2]; WINDOWS]>,
+    points: Vec<Point>,
+    rows: Vec<Row>,
 }
 
 /// Areas of the samples around every receiver on the hats.
 #[derive(Clone, Debug)]
 pub struct NearRings {
     rings: Rings,
+    rule: NearField,
     groups: Vec<Seen>,
 }
 
@@ -201,41 +221,43 @@ impl NearRings {
         let rings = Rings::new(split_mm);
         progress.start("rings", receivers.len() as u64);
         let of_group = |(index, group): (usize, &Group)| {
-            let mut seen = Seen::default();
+            let (mut seen, mut windows) = (Seen::default(), Default::default());
             for receiver in &receivers.positions[group.run.range()] {
-                for &sample in around.of(index) {
-                    let (patch, facets) = (&surface.patches[sample as usize], corners.of(surface.samples, sample));
+                for (place, &sample) in around.of(index).iter().enumerate() {
+                    let patch = &surface.patches[sample as usize];
                     let offset = patch.centre_mm - *receiver;
-                    let r2 = offset.length_squared();
-                    let reach = rule.three_points_below * patch.radius_mm;
-                    let mut areas = [0.0; RINGS];
-                    if r2 < reach * reach {
-                        for facet in facets {
-                            let own = rings.areas(facet.map(|c| offset + Vec3::from(c).as_dvec3()));
-                            areas.iter_mut().zip(own).for_each(|(sum, own)| *sum += own);
+                    let near = offset.length() / patch.radius_mm;
+                    if near >= rule.three_points_below {
+                        if let Some((first, t)) = rings.place(offset.length_squared()) {
+                            push_point(place as u32, first, t as f32, &mut windows);
                         }
-                    } else if let Some((k, t)) = rings.place(r2) {
-                        areas[k] = (patch.area_mm2 * (1.0 - t)) as f32;
-                        if let Some(next) = areas.get_mut(k + 1) {
-                            *next = (patch.area_mm2 * t) as f32;
+                        continue;
+                    }
+                    let mut areas = [0.0; RINGS + 1];
+                    for facet in corners.of(surface.samples, sample) {
+                        let seen = facet.map(|c| offset + Vec3::from(c).as_dvec3());
+                        if near < EXACT_BELOW {
+                            rings.triangle(seen, &mut areas);
+                        } else {
+                            rings.three_points(seen, &mut areas);
                         }
                     }
-                    seen.push(sample, &areas);
+                    push_rows(place as u32, &areas, &mut windows);
                 }
-                seen.ends.push(seen.entries.len() as u32);
+                seen.take(&mut windows);
             }
             progress.advance(group.run.range().len() as u64);
             seen
         };
         let groups = receivers.groups.par_iter().enumerate().map(of_group).collect();
         progress.finish();
-        Self { rings, groups }
+        Self { rings, rule, groups }
     }
 
     /// Bytes in memory.
     pub fn bytes(&self) -> usize {
         let of_group = |g: &Seen| {
-            size_of_val(g.ends.as_slice()) + size_of_val(g.entries.as_slice()) + size_of_val(g.areas.as_slice())
+            size_of_val(g.ends.as_slice()) + size_of_val(g.points.as_slice()) + size_of_val(g.rows.as_slice())
         };
         self.groups.iter().map(of_group).sum()
     }
@@ -257,55 +279,61 @@ impl NearRings {
     ) -> RingMoments {
         let brightest = irradiance.iter().map(|e| e.max_element()).fold(0.0, f64::max);
         let scale = power_of_two_near(brightest).recip();
-        let light: Vec<Rgb> = irradiance.par_iter().map(|e| (*e * scale).as_vec3().extend(0.0).to_array()).collect();
-        let of_group = |(index, (group, seen)): (usize, (&Group, &Seen))| {
+        let level = Level::detect();
+        let of_group = |lists: &mut Lists, (index, (group, seen)): (usize, (&Group, &Seen))| {
             let mut block = [[[0.0; LANES]; 3]; COLUMNS];
-            let uneven: Vec<u32> =
-                around.of(index).iter().copied().filter(|&sample| pieces.is_uneven(sample as usize)).collect();
-            let (mut entry, mut area) = (0, 0);
-            for (lane, (receiver, &end)) in receivers.positions[group.run.range()].iter().zip(&seen.ends).enumerate() {
-                let entries = &seen.entries[entry..end as usize];
-                let mut columns = [[0.0; 4]; COLUMNS];
-                area += gather(entries, &seen.areas[area..], &light, &mut columns);
-                entry = end as usize;
-                for &sample in &uneven {
-                    let offset = (surface.patches[sample as usize].centre_mm - *receiver).as_vec3();
-                    self.uneven(offset, (pieces, sample, scale), &mut columns);
+            if !lists.fill(surface, around.of(index), (irradiance, pieces), scale) {
+                return block;
+            }
+            let mut before = [0; 2];
+            for (lane, (receiver, ends)) in receivers.positions[group.run.range()].iter().zip(&seen.ends).enumerate() {
+                let mut columns = [[0.0; COLUMNS]; 3];
+                for (window, end) in ends.iter().enumerate() {
+                    let points = &seen.points[before[0] as usize..end[0] as usize];
+                    let rows = &seen.rows[before[1] as usize..end[1] as usize];
+                    gather(level, window, (points, rows), (&lists.flux, &lists.light), &mut columns);
+                    before = *end;
                 }
-                for (block, column) in block.iter_mut().zip(&columns) {
-                    for (block, value) in block.iter_mut().zip(column) {
-                        block[lane % LANES] = *value;
+                for &sample in &lists.uneven {
+                    let patch = &surface.patches[sample as usize];
+                    let offset = (patch.centre_mm - *receiver).as_vec3();
+                    if f64::from(offset.length()) < self.rule.three_points_below * patch.radius_mm {
+                        self.uneven(offset, (pieces, sample, scale), &mut columns);
                     }
+                }
+                for (c, column) in columns.iter().enumerate() {
+                    block.iter_mut().zip(column).for_each(|(block, value)| block[c][lane % LANES] = *value);
                 }
             }
             block
         };
-        let blocks = receivers.groups.par_iter().zip(&self.groups).enumerate().map(of_group).collect();
+        let blocks =
+            receivers.groups.par_iter().zip(&self.groups).enumerate().map_init(Lists::default, of_group).collect();
         RingMoments { blocks, scale }
     }
 
     /// Adds what the pieces of a sample receive more or less than the whole.
-    fn uneven(&self, offset: Vec3, (pieces, sample, scale): (&Pieces, u32, f64), columns: &mut [Rgb; COLUMNS]) {
+    fn uneven(&self, offset: Vec3, (pieces, sample, scale): (&Pieces, u32, f64), columns: &mut Columns) {
         let split2 = self.rings.0[RINGS];
-        let Some(pieces) = pieces.of(sample as usize) else { return };
-        if f64::from(offset.length_squared()) >= split2 {
-            return;
-        }
-        for (deviation, corners) in pieces {
-            let e = (deviation * scale).as_vec3();
+        for (deviation, corners) in pieces.of(sample as usize).into_iter().flatten() {
+            let e = (deviation * scale).as_vec3().to_array();
             let [a, b, c] = corners.map(|corner| offset + Vec3::from(corner));
             let (centre, area) = ((a + b + c) / 3.0, 0.5 * (b - a).cross(c - a).length());
             let r2 = centre.length_squared();
             let size2 = [a, b, c].map(|corner| corner.distance_squared(centre)).into_iter().fold(0.0, f32::max);
-            if r2 < POINT_FROM * POINT_FROM * size2 {
-                let areas = self.rings.areas([a, b, c].map(|corner| corner.as_dvec3()));
-                areas.iter().enumerate().for_each(|(column, area)| add(columns, column, *area, e));
+            let mut areas = [0.0; RINGS + 1];
+            let near2 = EXACT_BELOW * EXACT_BELOW * f64::from(size2);
+            if f64::from(r2) < near2 {
+                self.rings.triangle([a, b, c].map(|corner| corner.as_dvec3()), &mut areas);
             } else {
-                self.rings.point(f64::from(r2), e * area, columns);
+                self.rings.point(f64::from(r2), f64::from(area), &mut areas);
             }
             let u = (f64::from(r2) - split2) as f32;
-            add(columns, RINGS, u, e * area);
-            add(columns, RINGS + 1, u * u, e * area);
+            for (columns, e) in columns.iter_mut().zip(e) {
+                columns.iter_mut().zip(&areas).for_each(|(column, area)| *column += area * e);
+                columns[SLOPE] += area * u * e;
+                columns[CURVATURE] += area * u * u * e;
+            }
         }
     }
 
@@ -336,32 +364,107 @@ impl NearRings {
     }
 }
 
+/// Points and rows of one receiver, window by window.
+type Windows = [(Vec<Point>, Vec<Row>); WINDOWS];
+
 impl Seen {
-    fn push(&mut self, sample: u32, areas: &[f32; RINGS]) {
-        let Some(first) = areas.iter().position(|a| *a > 0.0) else { return };
-        let last = areas.iter().rposition(|a| *a > 0.0).unwrap_or(first);
-        self.entries.push(Entry { sample, first: first as u8, count: (last + 1 - first) as u8 });
-        self.areas.extend_from_slice(&areas[first..=last]);
+    /// Takes what the next receiver sees.
+    fn take(&mut self, windows: &mut Windows) {
+        self.ends.push(windows.each_mut().map(|(points, rows)| {
+            self.points.append(points);
+            self.rows.append(rows);
+            [self.points.len() as u32, self.rows.len() as u32]
+        }));
     }
 }
 
-/// Adds light on the samples of some entries to the columns of their receiver; returns how many areas these had.
-fn gather(entries: &[Entry], areas: &[f32], light: &[Rgb], columns: &mut [Rgb; COLUMNS]) -> usize {
-    let mut passed = 0;
-    for entry in entries {
-        let (first, count) = (usize::from(entry.first), usize::from(entry.count));
-        let (Some(own), Some(e)) = (areas.get(passed..passed + count), light.get(entry.sample as usize)) else { break };
-        passed += count;
-        let Some(columns) = columns.get_mut(first..first + count) else { break };
-        if *e != [0.0; 4] {
-            for (column, area) in columns.iter_mut().zip(own) {
-                for c in 0..4 {
-                    column[c] += area * e[c];
-                }
+fn push_point(sample: u32, first: usize, t: f32, windows: &mut Windows) {
+    let point = Point { sample, place: first as f32 + t };
+    windows[first / WIDTH].0.push(point);
+    if first % WIDTH == WIDTH - 1 {
+        windows[first / WIDTH + 1].0.push(point);
+    }
+}
+
+fn push_rows(sample: u32, areas: &Areas, windows: &mut Windows) {
+    for ((_, rows), areas) in windows.iter_mut().zip(areas.chunks(WIDTH)) {
+        if areas.iter().any(|area| *area > 0.0) {
+            let mut row = Row { sample, areas: [0; WIDTH] };
+            row.areas.iter_mut().zip(areas).for_each(|(half, area)| *half = upper_half(*area));
+            rows.push(row);
+        }
+    }
+}
+
+/// The upper half of a positive number, rounded to even.
+fn upper_half(value: f32) -> u16 {
+    let bits = value.to_bits();
+    ((bits + 0x7fff + (bits >> 16 & 1)) >> 16) as u16
+}
+
+/// Light on the samples around a group.
+#[derive(Default)]
+struct Lists {
+    light: Vec<Rgb>,
+    /// Times the areas, mm^2.
+    flux: Vec<Rgb>,
+    uneven: Vec<u32>,
+}
+
+impl Lists {
+    /// Whether there is any.
+    fn fill(&mut self, surface: &Surface, samples: &[u32], (light, pieces): (&[DVec3], &Pieces), scale: f64) -> bool {
+        self.light.clear();
+        self.flux.clear();
+        self.uneven.clear();
+        let mut any = false;
+        for &sample in samples {
+            let e = light[sample as usize] * scale;
+            any |= e != DVec3::ZERO;
+            self.light.push(e.as_vec3().extend(0.0).to_array());
+            self.flux.push((e * surface.patches[sample as usize].area_mm2).as_vec3().extend(0.0).to_array());
+        }
+        self.uneven.extend(samples.iter().filter(|&&sample| pieces.is_uneven(sample as usize)));
+        any || !self.uneven.is_empty()
+    }
+}
+
+#[inline(always)]
+fn gather_body(window: usize, (points, rows): (&[Point], &[Row]), (flux, light): (&[Rgb], &[Rgb]), out: &mut Columns) {
+    let mut sums = [[0.0f32; WIDTH]; 3];
+    let mut hats = [0.0f32; WIDTH];
+    for (i, hat) in hats.iter_mut().enumerate() {
+        *hat = (window * WIDTH + i) as f32;
+    }
+    for point in points {
+        let Some(e) = flux.get(point.sample as usize) else { return };
+        let mut shares = [0.0f32; WIDTH];
+        for i in 0..WIDTH {
+            shares[i] = (1.0 - (point.place - hats[i]).abs()).max(0.0);
+        }
+        for c in 0..3 {
+            for i in 0..WIDTH {
+                sums[c][i] += shares[i] * e[c];
             }
         }
     }
-    passed
+    for row in rows {
+        let Some(e) = light.get(row.sample as usize) else { return };
+        let areas = row.areas.map(|half| f32::from_bits(u32::from(half) << 16));
+        for c in 0..3 {
+            for i in 0..WIDTH {
+                sums[c][i] += areas[i] * e[c];
+            }
+        }
+    }
+    for (out, sums) in out.iter_mut().zip(&sums) {
+        out.iter_mut().skip(window * WIDTH).zip(sums).for_each(|(out, sum)| *out += sum);
+    }
+}
+
+multiversion! {
+    /// Adds light on points and rows to one window of the columns.
+    fn gather(window: usize, seen: (&[Point], &[Row]), light: (&[Rgb], &[Rgb]), out: &mut Columns) => gather_body
 }
 
 #[inline(always)]
