@@ -60,6 +60,9 @@ const TARGET: f64 = 0.7;
 /// Sources whose weights are multiplied at once.
 const SOURCES: usize = 64;
 
+/// From one block of columns to the next: one more, because what lies a page apart pushes each other out of the cache.
+const STRIDE: usize = SOURCES + 1;
+
 /// Rows of a block: channels of receivers, as many as keep their sums in the 16 registers of AVX2.
 const ROWS: usize = 6;
 
@@ -258,7 +261,7 @@ impl Product {
         self.sums.clear();
         self.sums.resize(self.rows * self.columns, 0.0);
         self.weights.resize(SOURCES * self.rows, 0.0);
-        self.light.resize(SOURCES * self.columns / COLUMNS, [0.0; COLUMNS]);
+        self.light.resize(STRIDE * self.columns / COLUMNS, [0.0; COLUMNS]);
         self.sources = 0;
     }
 
@@ -268,7 +271,7 @@ impl Product {
         let slots = self.weights[at..at + self.rows].iter_mut();
         slots.zip(weights.as_flattened().iter().chain(std::iter::repeat(&0.0))).for_each(|(slot, &w)| *slot = w);
         for (block, light) in light.chunks(COLUMNS).enumerate() {
-            let packed = &mut self.light[block * SOURCES + self.sources];
+            let packed = &mut self.light[block * STRIDE + self.sources];
             match light.first_chunk() {
                 Some(light) => *packed = *light,
                 None => {
@@ -303,7 +306,7 @@ multiversion! {
 fn multiply_body(product: &mut Product) {
     let Product { rows, columns, sources, weights, light, sums, .. } = product;
     let (rows, columns) = (*rows, *columns);
-    for (block, light) in light.chunks_exact(SOURCES).enumerate() {
+    for (block, light) in light.chunks_exact(STRIDE).enumerate() {
         let (light, column) = (&light[..*sources], block * COLUMNS);
         for row in (0..rows).step_by(ROWS) {
             // One variable each, so that they stay in registers.

@@ -17,6 +17,7 @@ use super::near_field::{Around, Corners};
 use super::receivers::{Group, Receivers};
 use super::scene::{Medium, Surface};
 use crate::geometry::ball::triangle_in_balls;
+use crate::geometry::samples::Patch;
 use crate::math::quadrature::gauss_legendre_cached;
 use crate::math::simd::{Level, multiversion};
 use crate::medium::dipole::Dipole;
@@ -49,9 +50,6 @@ const ORDER: usize = 8;
 
 /// Triangles nearer than so many of their radii meet the rings in closed form.
 const EXACT_BELOW: f64 = 1.5;
-
-/// RGB and nothing.
-type Rgb = [f32; 4];
 
 /// Light on the columns of one receiver, RGB.
 type Columns = [[f32; COLUMNS]; 3];
@@ -159,7 +157,6 @@ type Areas = [f32; RINGS + 1];
 /// A sample that is a point: where it is among the hats.
 #[derive(Clone, Copy, Debug)]
 struct Point {
-    /// In the list of the group.
     sample: u32,
     /// Number of the hat before it and share of the one after it.
     place: f32,
@@ -168,7 +165,6 @@ struct Point {
 /// A sample that is none: its areas on some hats side by side, mm^2.
 #[derive(Clone, Copy, Debug)]
 struct Row {
-    /// In the list of the group.
     sample: u32,
     /// The upper halves of single-precision numbers.
     areas: [u16; WIDTH],
@@ -223,13 +219,13 @@ impl NearRings {
         let of_group = |(index, group): (usize, &Group)| {
             let (mut seen, mut windows) = (Seen::default(), Default::default());
             for receiver in &receivers.positions[group.run.range()] {
-                for (place, &sample) in around.of(index).iter().enumerate() {
+                for &sample in around.of(index) {
                     let patch = &surface.patches[sample as usize];
                     let offset = patch.centre_mm - *receiver;
                     let near = offset.length() / patch.radius_mm;
                     if near >= rule.three_points_below {
                         if let Some((first, t)) = rings.place(offset.length_squared()) {
-                            push_point(place as u32, first, t as f32, &mut windows);
+                            push_point(sample, first, t as f32, &mut windows);
                         }
                         continue;
                     }
@@ -242,7 +238,7 @@ impl NearRings {
                             rings.three_points(seen, &mut areas);
                         }
                     }
-                    push_rows(place as u32, &areas, &mut windows);
+                    push_rows(sample, &areas, &mut windows);
                 }
                 seen.take(&mut windows);
             }
@@ -279,10 +275,16 @@ impl NearRings {
     ) -> RingMoments {
         let brightest = irradiance.iter().map(|e| e.max_element()).fold(0.0, f64::max);
         let scale = power_of_two_near(brightest).recip();
+        let of_sample = |(e, patch): (&DVec3, &Patch)| (*e * scale).as_vec3().extend(patch.area_mm2 as f32).to_array();
+        let light: Vec<[f32; 4]> = irradiance.par_iter().zip(surface.patches).map(of_sample).collect();
+        let is_uneven: Vec<bool> = (0..irradiance.len()).map(|sample| pieces.is_uneven(sample)).collect();
         let level = Level::detect();
-        let of_group = |lists: &mut Lists, (index, (group, seen)): (usize, (&Group, &Seen))| {
+        let of_group = |uneven: &mut Vec<u32>, (index, (group, seen)): (usize, (&Group, &Seen))| {
             let mut block = [[[0.0; LANES]; 3]; COLUMNS];
-            if !lists.fill(surface, around.of(index), (irradiance, pieces), scale) {
+            let samples = around.of(index);
+            uneven.clear();
+            uneven.extend(samples.iter().filter(|&&sample| is_uneven[sample as usize]));
+            if uneven.is_empty() && samples.iter().all(|&sample| light[sample as usize][..3] == [0.0; 3]) {
                 return block;
             }
             let mut before = [0; 2];
@@ -291,10 +293,10 @@ impl NearRings {
                 for (window, end) in ends.iter().enumerate() {
                     let points = &seen.points[before[0] as usize..end[0] as usize];
                     let rows = &seen.rows[before[1] as usize..end[1] as usize];
-                    gather(level, window, (points, rows), (&lists.flux, &lists.light), &mut columns);
+                    gather(level, window, (points, rows), &light, &mut columns);
                     before = *end;
                 }
-                for &sample in &lists.uneven {
+                for &sample in uneven.iter() {
                     let patch = &surface.patches[sample as usize];
                     let offset = (patch.centre_mm - *receiver).as_vec3();
                     if f64::from(offset.length()) < self.rule.three_points_below * patch.radius_mm {
@@ -307,8 +309,7 @@ impl NearRings {
             }
             block
         };
-        let blocks =
-            receivers.groups.par_iter().zip(&self.groups).enumerate().map_init(Lists::default, of_group).collect();
+        let blocks = receivers.groups.par_iter().zip(&self.groups).enumerate().map_init(Vec::new, of_group).collect();
         RingMoments { blocks, scale }
     }
 
@@ -402,49 +403,23 @@ fn upper_half(value: f32) -> u16 {
     ((bits + 0x7fff + (bits >> 16 & 1)) >> 16) as u16
 }
 
-/// Light on the samples around a group.
-#[derive(Default)]
-struct Lists {
-    light: Vec<Rgb>,
-    /// Times the areas, mm^2.
-    flux: Vec<Rgb>,
-    uneven: Vec<u32>,
-}
-
-impl Lists {
-    /// Whether there is any.
-    fn fill(&mut self, surface: &Surface, samples: &[u32], (light, pieces): (&[DVec3], &Pieces), scale: f64) -> bool {
-        self.light.clear();
-        self.flux.clear();
-        self.uneven.clear();
-        let mut any = false;
-        for &sample in samples {
-            let e = light[sample as usize] * scale;
-            any |= e != DVec3::ZERO;
-            self.light.push(e.as_vec3().extend(0.0).to_array());
-            self.flux.push((e * surface.patches[sample as usize].area_mm2).as_vec3().extend(0.0).to_array());
-        }
-        self.uneven.extend(samples.iter().filter(|&&sample| pieces.is_uneven(sample as usize)));
-        any || !self.uneven.is_empty()
-    }
-}
-
 #[inline(always)]
-fn gather_body(window: usize, (points, rows): (&[Point], &[Row]), (flux, light): (&[Rgb], &[Rgb]), out: &mut Columns) {
+fn gather_body(window: usize, (points, rows): (&[Point], &[Row]), light: &[[f32; 4]], out: &mut Columns) {
     let mut sums = [[0.0f32; WIDTH]; 3];
     let mut hats = [0.0f32; WIDTH];
     for (i, hat) in hats.iter_mut().enumerate() {
         *hat = (window * WIDTH + i) as f32;
     }
     for point in points {
-        let Some(e) = flux.get(point.sample as usize) else { return };
+        let Some([red, green, blue, area]) = light.get(point.sample as usize) else { return };
+        let flux = [red * area, green * area, blue * area];
         let mut shares = [0.0f32; WIDTH];
         for i in 0..WIDTH {
             shares[i] = (1.0 - (point.place - hats[i]).abs()).max(0.0);
         }
         for c in 0..3 {
             for i in 0..WIDTH {
-                sums[c][i] += shares[i] * e[c];
+                sums[c][i] += shares[i] * flux[c];
             }
         }
     }
@@ -463,8 +438,8 @@ fn gather_body(window: usize, (points, rows): (&[Point], &[Row]), (flux, light):
 }
 
 multiversion! {
-    /// Adds light on points and rows to one window of the columns.
-    fn gather(window: usize, seen: (&[Point], &[Row]), light: (&[Rgb], &[Rgb]), out: &mut Columns) => gather_body
+    /// Adds light on points and rows to one window of the columns; that of a sample comes with its area.
+    fn gather(window: usize, seen: (&[Point], &[Row]), light: &[[f32; 4]], out: &mut Columns) => gather_body
 }
 
 #[inline(always)]

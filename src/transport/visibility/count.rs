@@ -44,6 +44,7 @@ pub(super) const RINGS: [Ring; 2] = [
 
 /// Counts of the quarters of one ring for one point.
 pub(super) struct Counts {
+    /// A power of two.
     side: usize,
     /// `[quarter][row from the pole][column]`: changes, after [`Counts::sum`] the counts.
     cells: Vec<i16>,
@@ -55,8 +56,11 @@ pub(super) struct Counts {
 
 /// A ring as one point sees it.
 pub(super) struct View {
-    /// Quarters 0 and 1, and the axis away from the pole above the horizon.
+    /// Quarters 0 and 1, and the axis away from the pole above the horizon: coordinate axes.
     axes: [DVec3; 3],
+    /// Whether the last one is vertical, and its sign.
+    upright: bool,
+    sign: f64,
     /// Whether the rows run against the axis of the ring.
     pub(super) flipped: bool,
     pub(super) active: [bool; 4],
@@ -76,7 +80,23 @@ impl View {
             let [z, x, r] = in_quarter(quarter, normal);
             z + x.abs() + r.abs() > 0.0
         };
-        Self { axes, flipped, active: [0, 1, 2, 3].map(|q| ring.quarters[q].is_some() && reach(q)), normal }
+        let upright = axes[2].y != 0.0;
+        let sign = axes[2].element_sum();
+        Self {
+            axes,
+            upright,
+            sign,
+            flipped,
+            active: [0, 1, 2, 3].map(|q| ring.quarters[q].is_some() && reach(q)),
+            normal,
+        }
+    }
+
+    /// Components along the axes, which are Z, X and Y or Y, X and Z.
+    #[inline(always)]
+    fn components(&self, v: Vec3) -> [f64; 3] {
+        let (p, r) = if self.upright { (v.z, v.y) } else { (v.y, v.z) };
+        [f64::from(p), f64::from(v.x), self.sign * f64::from(r)]
     }
 
     /// First and end column of a row above the horizon, `n.w > 0`.
@@ -146,17 +166,12 @@ impl Counts {
     fn start(&self, place: f64) -> usize {
         // The integer part of a positive number is its floor everywhere.
         let side = self.side as f64;
-        self.side - (side + 0.5 - place).clamp(0.0, side + 0.5) as usize
+        self.side - (side + 0.5 - place).clamp(0.0, side + 0.5) as u16 as usize
     }
 
     /// Enters an edge across which the count changes by `change` (see `Occluders::change`); ends relative to the eye.
     pub(super) fn add(&mut self, view: &View, ends: [Vec3; 2], change: i32) {
-        let [p, q, r] = view.axes;
-        // Axes are coordinate axes: these products and sums are exact.
-        let [a, b] = ends.map(|e| {
-            let e = e.as_dvec3();
-            [p.dot(e), q.dot(e), r.dot(e)]
-        });
+        let [a, b] = [view.components(ends[0]), view.components(ends[1])];
         let quarter = quarter_of(a[0], a[1]);
         // Quarters are convex: the edge stays inside.
         if !view.active[quarter] && quarter == quarter_of(b[0], b[1]) {
@@ -165,23 +180,25 @@ impl Counts {
         let whole = 4 * self.side;
         let turn = a[0] * b[1] - a[1] * b[0];
         let (ka, kb) = (self.azimuth(a[0], a[1]), self.azimuth(b[0], b[1]));
-        let (first, count) =
-            if turn >= 0.0 { (ka, (kb + whole - ka) % whole) } else { (kb, (ka + whole - kb) % whole) };
+        let (first, end) = if turn >= 0.0 { (ka, kb) } else { (kb, ka) };
+        // Both are 0 to `whole`, which are the same line.
+        let count = (if end >= first { end - first } else { end + whole - first }) & (whole - 1);
         if count == 0 {
             return;
         }
         // (p, q, r) is left-handed, and right-handed where it is flipped.
         let handed = if view.flipped { -1 } else { 1 };
         let step = (handed * if turn >= 0.0 { change } else { -change }) as i16;
-        let mut at = first % whole;
+        let mut at = first & (whole - 1);
+        let shift = self.side.trailing_zeros();
         let mut left = count;
         while left > 0 {
-            let (quarter, column) = (at / self.side, at % self.side);
+            let (quarter, column) = (at >> shift, at & (self.side - 1));
             let run = left.min(self.side - column);
             if view.active[quarter] {
                 self.cross(quarter, column..column + run, in_quarter(quarter, a), in_quarter(quarter, b), step);
             }
-            at = (at + run) % whole;
+            at = (at + run) & (whole - 1);
             left -= run;
         }
     }
@@ -198,7 +215,7 @@ impl Counts {
         let side = self.side as f64;
         for column in columns {
             let place = at_zero + slope * column as f64;
-            let row = self.side - (side + 0.5 - place).clamp(0.0, side + 0.5) as usize;
+            let row = self.side - (side + 0.5 - place).clamp(0.0, side + 0.5) as u16 as usize;
             if let Some(cell) = cells.get_mut(row * self.side + column) {
                 *cell = cell.wrapping_add(step);
             }

@@ -59,11 +59,16 @@ impl Candidates {
     }
 }
 
+/// Unit normal and distance from the mesh's origin, mm.
+type Plane = (DVec3, f64);
+
 /// An undirected edge: its ends, and a range of [`Occluders::sides`].
 #[derive(Clone, Copy)]
 pub(super) struct Edge {
     pub(super) ends: [Vec3; 2],
     sides: [u32; 2],
+    /// Where there are two sides, their planes and directions, so that they lie beside the ends in memory.
+    two: Option<[(Plane, i32); 2]>,
 }
 
 /// A triangle at an edge.
@@ -78,8 +83,7 @@ struct Side {
 pub struct Occluders {
     edges: Vec<Edge>,
     sides: Vec<Side>,
-    /// Unit normal and distance from the mesh's origin.
-    planes: Vec<(DVec3, f64)>,
+    planes: Vec<Plane>,
     all: Candidates,
     /// Largest coordinate.
     extent_mm: f32,
@@ -93,7 +97,7 @@ impl Occluders {
             let normal = mesh.normal(t);
             (normal, normal.dot(mesh.corners_local_mm(t)[0]))
         };
-        let planes: Vec<(DVec3, f64)> = (0..mesh.triangles.len() as u32).map(plane).collect();
+        let planes: Vec<Plane> = (0..mesh.triangles.len() as u32).map(plane).collect();
         let extent_mm = mesh.bounds_local_mm().iter().map(|c| c.abs().max_element()).fold(0.0, f64::max) as f32;
         let mut result = Self {
             edges: Vec::new(),
@@ -106,8 +110,12 @@ impl Occluders {
         for edge in EdgeTable::new(mesh).edges() {
             let first = result.sides.len() as u32;
             result.sides.extend(edge.triangles().map(|(triangle, direction)| Side { triangle, direction }));
+            let two = match result.sides[first as usize..] {
+                [a, b] => Some([a, b].map(|side| (result.planes[side.triangle as usize], side.direction))),
+                _ => None,
+            };
             let sides = [first, result.sides.len() as u32];
-            result.edges.push(Edge { ends: edge.vertices.map(|v| mesh.local_mm[v as usize]), sides });
+            result.edges.push(Edge { ends: edge.vertices.map(|v| mesh.local_mm[v as usize]), sides, two });
         }
         for index in 0..result.edges.len() {
             let block = result.block_of(index);
@@ -153,11 +161,12 @@ impl Occluders {
     /// The facing of a triangle is decided by one formula for all its edges, so that even where rounding decides it the
     /// boundary of what is covered stays closed.
     pub(super) fn change(&self, edge: &Edge, eye: DVec3) -> i32 {
-        let facing = |side: &Side| {
-            let (normal, distance) = self.planes[side.triangle as usize];
-            if normal.dot(eye) > distance { side.direction } else { -side.direction }
-        };
-        self.sides_of(edge).iter().map(facing).sum()
+        let facing =
+            |(normal, distance): Plane, direction: i32| if normal.dot(eye) > distance { direction } else { -direction };
+        if let Some(two) = edge.two {
+            return two.iter().map(|&(plane, direction)| facing(plane, direction)).sum();
+        }
+        self.sides_of(edge).iter().map(|side| facing(self.planes[side.triangle as usize], side.direction)).sum()
     }
 
     /// Keeps the edges that may bound what any of the points sees above its horizon.

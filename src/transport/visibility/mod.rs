@@ -24,7 +24,7 @@ mod edges;
 use glam::{DVec3, Vec3};
 
 use self::count::{Counts, RINGS, Ring, View};
-use self::edges::{Candidates, Edge, Group};
+use self::edges::{Candidates, Group};
 use crate::geometry::bvh::{Bvh, Ray, offset_origin};
 use crate::geometry::mesh::Mesh;
 use crate::geometry::samples::{Facet, area};
@@ -149,6 +149,7 @@ pub fn visit(
         lists: Vec::new(),
         marks: Vec::new(),
         edges: Vec::new(),
+        changes: Vec::new(),
         counts: Counts::new(resolution.side()),
         visible: Visible::new(resolution),
     };
@@ -165,6 +166,8 @@ struct Walk<'a> {
     lists: Vec<Candidates>,
     marks: Vec<u16>,
     edges: Vec<u32>,
+    /// Ends of the edges that bound something, relative to the eye, and what changes across them.
+    changes: Vec<([Vec3; 2], i32)>,
     counts: Counts,
     visible: Visible,
 }
@@ -203,24 +206,24 @@ impl Walk<'_> {
         self.visible.above.fill(0);
         self.visible.seen.fill(0);
         let Some(group) = group_of(std::slice::from_ref(observer)) else { return };
-        let mut edges = std::mem::take(&mut self.edges);
-        self.occluders.list(from, &group, &mut edges, &mut self.marks);
+        self.occluders.list(from, &group, &mut self.edges, &mut self.marks);
         let eye = observer.eye.as_dvec3();
-        let changes: Vec<(&Edge, i32)> = edges
-            .iter()
-            .map(|&index| self.occluders.edge(index))
-            .map(|edge| (edge, self.occluders.change(edge, eye)))
-            .filter(|(_, change)| *change != 0)
-            .collect();
+        self.changes.clear();
+        for &index in &self.edges {
+            let edge = self.occluders.edge(index);
+            let change = self.occluders.change(edge, eye);
+            if change != 0 {
+                self.changes.push((edge.ends.map(|end| end - observer.eye), change));
+            }
+        }
         for ring in &RINGS {
             let view = View::new(ring, observer.normal);
-            for (edge, change) in &changes {
-                self.counts.add(&view, edge.ends.map(|end| end - observer.eye), *change);
+            for (ends, change) in &self.changes {
+                self.counts.add(&view, *ends, *change);
             }
             let least = self.counts.sum(self.level, &view);
             self.bits(ring, &view, least, observer);
         }
-        self.edges = edges;
     }
 
     /// Sets the bits of a ring: where the count is least, if a ray there meets nothing.
