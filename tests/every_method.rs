@@ -2,6 +2,8 @@
 //! sufficient, the same bytes on any number of threads, keys that mean what they say, and an answer for any scene.
 #![allow(clippy::unwrap_used, missing_docs)]
 
+#[path = "every_method/edits.rs"]
+mod edits;
 mod in_memory;
 #[path = "every_method/odd_scenes.rs"]
 mod odd_scenes;

@@ -2,6 +2,7 @@
 
 use translux::error::Result;
 use translux::measure::chart::draw::{Front, Point, Scatter, Unit, scatter_svg};
+use translux::progress::Silent;
 
 use crate::bench::{bake, bytes_per_vertex, exposure, open, percent, picture, rms, shown, sun, times_ms, truth, under};
 use crate::common::bench::{Context, Recipe, table};
@@ -34,6 +35,7 @@ pub(crate) fn run(context: &Context) -> Result<String> {
             let (asset, seconds) = bake(&scene, &Recipe { samples: Some(samples), max_rms: asked, set: &set })?;
             let bytes = bytes_per_vertex(&asset)?;
             let mut evaluator = open(asset)?;
+            evaluator.prepare_for_edits(&Silent);
             let found = under(evaluator.as_mut(), MATERIAL, &lights)?;
             let error = rms(&scene, &found, &expected);
             let (light_ms, edit_ms) = times_ms(evaluator.as_mut())?;

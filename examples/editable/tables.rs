@@ -2,6 +2,7 @@
 
 use translux::error::Result;
 use translux::math::statistics::vertex_error;
+use translux::progress::Silent;
 
 use crate::bench::{bake, bytes_per_vertex, open, percent, sun, times_ms, truth, under};
 use crate::common::bench::{Context, Recipe, met, table};
@@ -46,6 +47,7 @@ pub(crate) fn run(context: &Context) -> Result<String> {
             let (asset, seconds) = bake(&scene, &recipe)?;
             let bytes = bytes_per_vertex(&asset)?;
             let mut evaluator = open(asset)?;
+            evaluator.prepare_for_edits(&Silent);
             let mut worst = (0.0f64, "");
             for (material, expected) in MATERIALS.iter().zip(&expected) {
                 let Ok(expected) = expected else { continue };

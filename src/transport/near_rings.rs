@@ -84,7 +84,8 @@ impl Rings {
         for (k, now) in triangle_in_balls(corners, &self.0[1..]).enumerate() {
             let (area, moment) = (now[0] - before[0], now[1] - before[1]);
             let (from, to) = (self.0[k], self.0[k + 1]);
-            let beyond = ((moment - from * area) / (to - from)).clamp(0.0, area.max(0.0));
+            // f64::min turns what is no number into the bound.
+            let beyond = ((moment - from * area) / (to - from)).max(0.0).min(area.max(0.0));
             out[k] += (area - beyond).max(0.0) as f32;
             out[k + 1] += beyond as f32;
             before = now;

@@ -31,9 +31,14 @@ fn survives(name: &str, scene: &Scene, samples: &[usize], most: f64) {
             let translucent = scene.parts.parts.iter().any(|p| p.transfers());
             assert_eq!(largest > 0.0, translucent, "{what}");
             assert!(largest <= most * std::f64::consts::PI, "{what}: {largest} under constant light");
-            lit(evaluator.as_mut(), under);
+            let plain = lit(evaluator.as_mut(), under.clone());
             let measured = evaluator.measured_error(&probes::unseen(&scene.mesh), &Silent).unwrap();
             assert!(measured.total_rms().is_finite(), "{what}: {measured:?}");
+            evaluator.prepare_for_edits(&Silent);
+            let prepared = lit(evaluator.as_mut(), under);
+            let largest = plain.iter().fold(0.0f64, |a, v| a.max(v.max_element()));
+            let near = |(a, b): (&DVec3, &DVec3)| (*a - *b).abs().max_element() <= 0.03 * largest;
+            assert!(prepared.iter().zip(&plain).all(near), "{what}: prepared for edits");
         }
     }
 }

@@ -41,7 +41,7 @@ use self::build::{Block, Node, Tree};
 use self::ray::Query;
 use super::mesh::Mesh;
 
-pub use self::ray::{Ray, offset_origin};
+pub use self::ray::{Ray, offset_along, offset_origin};
 
 /// No triangle: the value of `skip` that skips nothing.
 pub const NO_TRIANGLE: u32 = u32::MAX;

@@ -33,7 +33,11 @@ const ROUNDING: f32 = 1.0 / 16_777_216.0;
 /// The step is 2^-19 of the largest coordinate (16 units in its last place or more), and rounding never takes any of
 /// it back. A normal of zero length moves nothing.
 pub fn offset_origin(point: Vec3, geometric_normal: Vec3) -> Vec3 {
-    let unit = geometric_normal.as_dvec3().normalize_or_zero();
+    offset_along(point, geometric_normal.as_dvec3().normalize_or_zero())
+}
+
+/// The same with a unit normal.
+pub fn offset_along(point: Vec3, unit: DVec3) -> Vec3 {
     let distance = f64::from(32.0 * ROUNDING) * point.as_dvec3().abs().max_element();
     let moved = point.as_dvec3() + unit * distance;
     round_along(moved, unit)

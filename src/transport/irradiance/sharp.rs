@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 
-use super::{LEAST_DISTANCE2_MM2, Prepared, SurfacePoint, shadow_ray};
-use crate::geometry::bvh::{Bvh, Ray};
+use super::{LEAST_DISTANCE2_MM2, Prepared, SurfacePoint};
+use crate::geometry::bvh::{Bvh, Ray, offset_along};
 use crate::geometry::samples::bisect;
 use crate::medium::fresnel;
 
@@ -64,7 +64,7 @@ impl Sharp {
     /// Adds the rays of one patch; each point stands for a share of it.
     pub(super) fn collect(&mut self, patch: usize, eta: f64, points: &[SurfacePoint], share: impl Fn(usize) -> f64) {
         // Points of a triangle have one normal, and under a directional light one transmittance.
-        let mut known = (f64::NAN, 0.0);
+        let (mut known, mut unit) = ((f64::NAN, 0.0), (DVec3::NAN, DVec3::ZERO));
         for (point, p) in points.iter().enumerate() {
             let (to_light, distance, falloff) = match self.source {
                 Source::Direction(from) => (from, f64::INFINITY, 1.0),
@@ -83,7 +83,12 @@ impl Sharp {
             }
             let arriving = known.1;
             if arriving > 0.0 {
-                self.rays.push(shadow_ray(p, to_light, distance));
+                if p.normal != unit.0 {
+                    unit = (p.normal, p.normal.as_vec3().as_dvec3().normalize_or_zero());
+                }
+                let origin = offset_along(p.at.as_vec3(), unit.1);
+                let (direction, t_max) = (to_light.as_vec3(), distance as f32);
+                self.rays.push(Ray { origin, direction, t_min: 0.0, t_max });
                 self.skip.push(p.triangle);
                 let gain = arriving * falloff * share(point);
                 self.arrivals.push(Arrival { patch: patch as u32, point: point as u32, gain, occluded: false });
