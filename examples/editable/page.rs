@@ -22,12 +22,14 @@ const TABLES: &str = "
 ## Tables 1 and 2: bakes, bytes, rates
 
 Beethoven and the gargoyle have their longest edges cut until they have the paper's 16K and 64K vertices. The environment's rows are left out (`--for-lights directional`), as in the paper's sizes. *Stored* asks for 1 %, *nothing stored*
-(the default) for 0.5 %; both with `--set points=1`. Bytes of the stored bunny_closed and horse, all rates, and the table of figure 5 are from before coefficients were entropy-coded and
-near points looked up in tables. Edits turn skin1 into skin2 and back; a new refractive index costs what a new light does. The paper states no errors against a
+(the default) for 0.5 %; both with `--set points=1`. Edits turn skin1 into skin2 and back; a new refractive index costs what a new light does. They are
+prepared, as in the window: the stored form keeps light around the vertices ring by ring, which takes 0.5 s and 90 MB on the closed bunny (`cargo bench --bench
+editable`), and its errors are those of edits so prepared. The paper states no errors against a
 truth, but that 95 to 98 % of the energy is kept, which is an error of 14 to 22 %.
 
-**Nothing stored** beats the stored form in bytes (10 to 40 times fewer), bake and a new light on every model, and for a new material on
-two of the four. Neither reaches 60 lights and 300 edits a second on two cores; the last section says why.
+**Nothing stored** beats the stored form in bytes (8 to 27 times fewer) and bakes in a third to a half of the time. The stored form is faster for a new light on three of
+the four, and 10 to 30 times as fast for a new material: more than 300 edits a second on every model. Neither reaches 60 lights a second on
+two cores; the last section says why.
 
 ";
 
@@ -70,14 +72,15 @@ over the vertices, or stored at fewer points and interpolated: CDF 9/7 (`math/cd
 one; lifting on nested points (`geometry/surface_wavelet.rs`: prediction by kriging, an update that keeps the integral) and points with kriging on any mesh.
 What is above one threshold is kept and rounded to steps of it. Errors are relative RMS over the vertices, of the worst of three lights.
 Bytes are 4 for each coefficient, as the paper counts, and in brackets the entropy of the rounded numbers, by levels of the tree over the samples. 4,608
-samples; the geometry images have 48 x 48 vertices, 1.4 sample spacings apart as those of the gargoyle above are. The figures of lifting are from before a
-coefficient that moves few vertices counted; that it does not get below 1 to 2 % on beethoven and the bunny may come from that.
+samples; the geometry images have 48 x 48 vertices, 1.4 sample spacings apart as those of the gargoyle above are.
 
-**In short.** For all functions of the far part, at 1 % of the far radiosity, CDF 9/7 takes 0.3 to 0.4 of the bytes of every vertex, and lifting as
-many where the shape is smooth; where it is not, lifting stays behind. Points with kriging take fewest (a tenth to a fifth), down to an error that more
-coefficients do not lower; it is one of the far part, a share of the whole, and `editable` chooses the distance by it. Lifting the points as well saves for kernels of
-four vertex spacings and more alone. So points stay the stored form's default on any mesh. Kernels of one vertex spacing and less lose by any
-transform, marble's whole dipole breaks even: their columns are best left as they are. The paper's 95 % of the energy is an error of 4 to 10 %, 98 % one
+**In short.** For all functions of the far part, at 1 % of the far radiosity, CDF 9/7 takes 0.2 to 0.35 of the bytes of every vertex, and lifting 0.2 to 0.25,
+on any mesh. Points with kriging take about what lifting takes (by entropy 87 bytes at 1.8 % on beethoven and 80 there; 86 at 1.8 % on the bunny and 78 at 1.4 %), down
+to an error that more coefficients do not lower; it is one of the far part, a share of the whole, and `editable` chooses the distance by it. Points stay the
+stored form's default on any mesh because they save more than bytes: their columns are baked, kept in memory and multiplied with the light at a fraction of the
+vertices (figure 5, 1 % asked, 4 spacings apart: 8 s in place of 32, a new light 46 ms in place of 110), where lifting has those of every vertex to transform, and its sums to transform back for each
+light. Lifting the points as well saves for kernels of eight vertex spacings and more alone. Kernels of one vertex spacing and less lose by any
+transform, and marble's whole dipole gains a fifth at most: their columns are best left as they are. The paper's 95 % of the energy is an error of 4 to 10 %, 98 % one
 of 3 to 7 %, with negative radiosity; 1 % takes 99.9 %.
 
 ";
@@ -152,18 +155,20 @@ that takes twice the time of shadow rays (last rows): leave `field=` out there."
 const LIMITS: &str = "
 ## What limits the rates
 
-Two cores with AVX2 (AMD EPYC, family 25, model 1, 2.45 GHz). The rays of 131,072 samples towards one light take 17 ms, as long as a whole light may take at
-60 a second. An edit of the stored form integrates the near field of every vertex anew: on the closed bunny 3.9 million pairs of a vertex and a sample
-inside the split radius, so that 300 edits a second are four cycles for a pair in three channels. Tried:
+Two cores with AVX2 (AMD EPYC, family 25, model 1, 2.45 GHz). On the closed bunny a new light of the stored form takes about 30 ms, asked were 17 (`cargo bench
+--bench editable`; shares by `perf record`): 13 for a ray from each of the 65,000 samples that face it, of which walking the tree is a
+quarter and waiting for the triangles of the samples another; 9 for the light on the rings, 4 million samples near some vertex; 4 for the far field; the rest is what an edit does. Tried:
 
-- one ray for a sample, and four only where a corner of its triangle sees both lit and dark samples: 46 ms became 17.
-- R_d of near points by tables of quadratic polynomials, and the triangles of 16 neighbouring vertices side by side: an edit of the closed bunny (stored, 1 %
-  asked, `cargo bench --bench editable`) takes 19 to 32 ms, in cream, whose free path is short against
-  the samples, 52. Between skin1 and skin2 it took 29 ms before.
-- kriging of the nets from 32 points, and a softening that the bake measures: 289 ms became 134 at 0.1 % asked. Fewer points or a coarser softening miss what was asked.
-- the light around each vertex as moments on rings, so that an edit is a product: 0.13 to 0.34 ms for 2,562 vertices, which would be 200 to 500 edits a second, 0.06 to
-  0.34 % off. But each new light gathers the rings, 8 to 11 ms for those vertices in place of 3, what a sample gives to which ring takes 98 s to find, and a
-  medium twenty times as dense as the samples is 0.6 % off under uneven light. It is not part of the program.
+- one ray for a sample (`--set points=1`) in place of four, or 36 where these see light and dark: 106 ms became 37.
+- R_d of near points by tables of quadratic polynomials, and the triangles of 16 neighbouring vertices side by side: an edit of the closed bunny took 19 to 32 ms, in cream, whose
+  free path is short against the samples, 52, and is what `evaluate` still does.
+- the light around each vertex on 20 hat functions of r^2: an edit is a product, 1.0 to 1.5 ms in any medium, 3e-4 to 5e-4 of the light off. Rings between which light was
+  constant, near triangles split down to the innermost one, took 98 s to prepare for 2,562 vertices; triangles that meet them in closed form 0.5 s for 34,835.
+  Near triangles as points from three radii on, in place of 4.2, are 1.9e-3 off.
+- light gathered on the hats sample by sample, each with as many as it meets: 24 ms of a new light. Eight hats side by side, with nothing to decide: 9.
+- kriging of the nets (nothing stored) from 32 points, and a softening that the bake measures: 289 ms became 134 at 0.1 % asked. Fewer points or a coarser softening miss what was asked.
+- rings for the nets, whose near field is all around a sample's own spacing: 0.06 to 0.34 % off, but light took three times as long to gather as to sum (8 to 11 ms in place of 3 for 2,562
+  vertices). It is not part of the program.
 ";
 
 pub(crate) const WORDS: Words = Words {

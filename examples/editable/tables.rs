@@ -85,13 +85,17 @@ pub(crate) fn run(context: &Context) -> Result<String> {
             }
             if model == "gargoyle" && form == 0 {
                 let (light, edit) = (1e3 / light_ms, 1e3 / edit_ms);
-                let ok = light >= WANTED_FPS.0 && edit >= WANTED_FPS.1;
-                text += &summary(
-                    "a new light, shadows included; a new material (stored, gargoyle)",
-                    "20 to 68; 50 to 220 fps",
-                    ">= 60; >= 300 fps",
-                    &format!("{light:.0}; {edit:.0}; {}", met(ok)),
-                );
+                for (what, paper, wanted, found) in [
+                    ("a new light, shadows included", "20 to 68", WANTED_FPS.0, light),
+                    ("a new material", "50 to 220", WANTED_FPS.1, edit),
+                ] {
+                    text += &summary(
+                        &format!("{what}, a second (stored, gargoyle)"),
+                        paper,
+                        &format!(">= {wanted:.0}"),
+                        &format!("{found:.0}; {}", met(found >= wanted)),
+                    );
+                }
             }
         }
     }
