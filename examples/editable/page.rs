@@ -6,7 +6,7 @@ const HEAD: &str = "\
 # editable: the figures of Wang et al. 2008 remade
 
 `scripts/figures editable-page` measures everything on this page and writes it (`examples/editable/`; `--quick` tries it in a few
-minutes, `--only PART` measures one part again). Models have a diagonal of 30 mm. Measured on 2 cores of an AMD EPYC, 2026-11-22; all but
+minutes, `--only PART` measures one part again). Models have a diagonal of 30 mm. Measured on 2 cores of an AMD EPYC, 2026-11-23; all but
 times is the same to the digit anywhere.
 
 **RMS**: relative to the truth's RMS over the area, worst channel, under one directional light; the truth is `reference` with
@@ -166,7 +166,7 @@ quarter and waiting for the triangles of the samples another; 9 for the light on
   constant, near triangles split down to the innermost one, took 98 s to prepare for 2,562 vertices; triangles that meet them in closed form 0.5 s for 34,835.
   Near triangles as points from three radii on, in place of 4.2, are 1.9e-3 off.
 - light gathered on the hats sample by sample, each with as many as it meets: 24 ms of a new light. Eight hats side by side, with nothing to decide: 9.
-- kriging of the nets (nothing stored) from 32 points, and a softening that the bake measures: 289 ms became 134 at 0.1 % asked. Fewer points or a coarser softening miss what was asked.
+- nothing stored, light and material new at once: 71 ms at 0.5 % asked and 159 at 0.1 % (closed bunny), asked were 33 and 100. Kriging of the nets from 32 points, and a softening that the bake measures: 289 ms became 134 at 0.1 % asked. Fewer points or a coarser softening miss what was asked.
 - rings for the nets, whose near field is all around a sample's own spacing: 0.06 to 0.34 % off, but light took three times as long to gather as to sum (8 to 11 ms in place of 3 for 2,562
   vertices). It is not part of the program.
 ";
