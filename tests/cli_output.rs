@@ -201,11 +201,16 @@ mod interrupts {
         let whole_run = once.elapsed();
         let (old, new) = (b"precious".to_vec(), folder.read("b.ply"));
         let mut codes = [0, 0];
-        for step in 0..24 {
+        for step in 0..30u32 {
+            // A machine that has become slower gets more time, until a run has come to its end.
+            let slower = 1 << step.saturating_sub(23);
+            if slower > 1 && codes[0] > 0 {
+                break;
+            }
             folder.write("c.ply", &old);
             let _ = std::fs::remove_file(folder.path("d.ply"));
             let child = start(&folder, &line);
-            std::thread::sleep(whole_run * step / 20);
+            std::thread::sleep(whole_run * slower * step / 20);
             signal(&child, "-TERM");
             let output = end(child);
             let (c, names) = (folder.read("c.ply"), folder.names());

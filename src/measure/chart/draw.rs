@@ -8,6 +8,7 @@ use plotters::coord::{CoordTranslate, Shift};
 use plotters::prelude::*;
 use plotters::style::{FontStyle, register_font};
 
+use super::axis::LogAxis;
 use super::front::pareto;
 use crate::error::{Error, Result};
 use crate::io::colour::linear_from_srgb;
@@ -254,7 +255,7 @@ impl Drawing for Scatter {
             .margin(14)
             .x_label_area_size(52)
             .y_label_area_size(84)
-            .build_cartesian_2d((x.0..x.1).log_scale(), (y.0..y.1).log_scale())
+            .build_cartesian_2d(LogAxis::new(x), LogAxis::new(y))
             .map_err(|e| failed(&e))?;
         chart
             .configure_mesh()

@@ -1,5 +1,6 @@
 //! Speed against accuracy against size: what is measured of a method at one setting, and what is made of many such rows.
 
+pub(in crate::measure) mod axis;
 pub mod draw;
 pub mod front;
 pub mod page;

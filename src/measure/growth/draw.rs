@@ -3,6 +3,7 @@
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
+use super::super::chart::axis::LogAxis;
 use super::super::chart::draw::{COLOURS, Drawing, FONT, failed, legend, marks, png, span, svg};
 use super::{Axis, Growing, Growth, Quantity, places};
 use crate::error::Result;
@@ -106,24 +107,12 @@ fn named(growing: &Growing) -> String {
     format!("{name}: {law}{}", if growing.finding { " (faster than size)" } else { "" })
 }
 
-/// From the power of ten below where there would be fewer than two powers of ten, which ticks start from.
-fn ticked((low, high): (f64, f64)) -> (f64, f64) {
-    let first = low.log10().ceil();
-    if high.log10().floor() > first { (low, high) } else { (10f64.powf(low.log10().floor()), high) }
-}
-
-/// A tick's number where it starts with 1, 2 or 5: others would run into each other.
-fn label(value: f64, text: &dyn Fn(f64) -> String) -> String {
-    let leading = value / 10f64.powf((value * 1.000_001).log10().floor());
-    if [1.0, 2.0, 5.0].iter().any(|digit| (leading - digit).abs() < 1e-3) { text(value) } else { String::new() }
-}
-
 impl Drawing for Curves {
     fn draw<B: DrawingBackend>(&self, root: &DrawingArea<B, Shift>) -> Result<()> {
         root.fill(&WHITE).map_err(|e| failed(&e))?;
         let all = || self.series.iter().flat_map(|(_, points)| points.iter().copied());
-        let x = ticked(span(all().map(|p| p.0)));
-        let y = ticked(span(all().map(|p| p.1)));
+        let x = span(all().map(|p| p.0));
+        let y = span(all().map(|p| p.1));
         // Room for the legend above the curves, which mostly rise to the right.
         let y = (y.0, y.1 * (y.1 / y.0).powf(0.12 * self.series.len() as f64).max(1.5));
         let mut chart = ChartBuilder::on(root)
@@ -131,14 +120,14 @@ impl Drawing for Curves {
             .margin(14)
             .x_label_area_size(52)
             .y_label_area_size(84)
-            .build_cartesian_2d((x.0..x.1).log_scale(), (y.0..y.1).log_scale())
+            .build_cartesian_2d(LogAxis::new(x), LogAxis::new(y))
             .map_err(|e| failed(&e))?;
         chart
             .configure_mesh()
             .x_desc(self.axis.title())
             .y_desc(self.quantity.title())
-            .x_label_formatter(&|v| label(*v, &|v| size_text(self.axis, v)))
-            .y_label_formatter(&|v| label(*v, &|v| cost_text(self.quantity, v)))
+            .x_label_formatter(&|v| size_text(self.axis, *v))
+            .y_label_formatter(&|v| cost_text(self.quantity, *v))
             .label_style((FONT, 15))
             .axis_desc_style((FONT, 17))
             .light_line_style(RGBColor(240, 240, 240))
