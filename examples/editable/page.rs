@@ -114,7 +114,7 @@ const FIELDS: &str = "
 
 An area light with `field=32` casts no rays. What it sends is precomputed in cube maps at points of spheres around it (Zhou et al. 2005, as
 the paper has it), and the irradiance of a sample is the product of its row, which is there for environments, with what the eight maps
-around it in the field hold. Measured with rows of each sample's own; rows in blocks are decoded first. Errors are RMS, of the irradiance of the samples and, after the comma, of the radiosity: of each step
+around it in the field hold. Rows in blocks are decoded first, which is in the times. Errors are RMS, of the irradiance of the samples and, after the comma, of the radiosity: of each step
 against the next more exact one, and of everything against shadow rays (256 strata, 16 points of a sample).
 
 Interpolation costs less than the rows nearly everywhere. Rows smear what is smaller than a texel: a light of 2 mm 100 mm away is a sun to
