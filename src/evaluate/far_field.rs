@@ -5,8 +5,9 @@ use glam::DVec3;
 use rayon::prelude::*;
 use translux_format::far_field::{FarField, LANES, over_lanes};
 
-use crate::math::simd::{Level, multiversion};
+use crate::math::simd::{Level, add_scaled, multiversion};
 use crate::transport::balanced_tree::LightDetails;
+use crate::transport::light_range::CommonColour;
 
 /// Basis functions at most.
 const TERMS: usize = 16;
@@ -20,54 +21,92 @@ pub struct FarSums {
     scale: f64,
 }
 
-/// One row of sums for each function and channel.
-type Sums = [[[f32; LANES]; 3]; TERMS];
+/// A value of the far field: the node that it belongs to, and its row among those of its width.
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    node: u32,
+    row: u32,
+}
+
+/// Where the values of each group and function are. One function after the other is summed without a decision for each value, which
+/// costs more than its arithmetic.
+#[derive(Clone, Debug, Default)]
+pub struct ByFunction {
+    /// `[group][k]`: ends of the 8-bit and of the 16-bit values.
+    ends: Vec<[u32; 2]>,
+    places: Vec<Place>,
+}
+
+impl ByFunction {
+    /// Of a far field.
+    pub fn new(far: &FarField) -> Self {
+        let terms = far.terms.min(TERMS);
+        let mut result = Self {
+            ends: Vec::with_capacity(far.groups.len() * terms),
+            places: Vec::with_capacity(far.narrow.len() + far.wide.len()),
+        };
+        let (mut first, mut rows) = (0, [0; 2]);
+        let mut of_group: [[Vec<Place>; 2]; TERMS] = Default::default();
+        for group in &far.groups {
+            for coefficient in first..group.coefficients_end as usize {
+                let (mask, wide_mask) = (far.masks[coefficient], far.wide_masks[coefficient]);
+                for (k, of_function) in of_group.iter_mut().enumerate().filter(|(k, _)| mask >> k & 1 == 1) {
+                    let wide = usize::from(wide_mask >> k & 1);
+                    of_function[wide].push(Place { node: far.nodes[coefficient], row: rows[wide] });
+                    rows[wide] += 1;
+                }
+            }
+            first = group.coefficients_end as usize;
+            for of_function in &mut of_group[..terms] {
+                result.ends.push(of_function.each_mut().map(|places| {
+                    result.places.append(places);
+                    result.places.len() as u32
+                }));
+            }
+        }
+        result
+    }
+
+    /// The 8-bit and the 16-bit values of a function in a group, both given as one number.
+    fn of(&self, index: usize) -> [&[Place]; 2] {
+        let first = index.checked_sub(1).map_or(0, |before| self.ends[before][1]) as usize;
+        let [narrow, wide] = self.ends[index].map(|end| end as usize);
+        [&self.places[first..narrow], &self.places[narrow..wide]]
+    }
+
+    /// Bytes in memory.
+    pub fn bytes(&self) -> usize {
+        size_of_val(self.ends.as_slice()) + size_of_val(self.places.as_slice())
+    }
+}
 
 impl FarSums {
     /// Of one light.
-    pub fn new(level: Level, far: &FarField, light: &LightDetails) -> Self {
+    pub fn new(level: Level, (far, order): (&FarField, &ByFunction), light: &LightDetails) -> Self {
         let terms = far.terms.min(TERMS);
         let mut values = vec![[0.0; 3]; far.row_sums.len()];
         let mut jobs = Vec::with_capacity(far.groups.len());
-        let (mut rest, mut receiver, mut coefficient) = (values.as_mut_slice(), 0, 0);
-        let (mut narrow, mut wide) = (far.narrow.as_slice(), far.wide.as_slice());
-        for group in &far.groups {
-            let count = group.receivers_end as usize - receiver;
-            let (mine, others) = rest.split_at_mut(count * terms);
+        let (mut rest, mut receiver) = (values.as_mut_slice(), 0);
+        for (index, group) in far.groups.iter().enumerate() {
+            let (mine, others) = rest.split_at_mut((group.receivers_end as usize - receiver) * terms);
             rest = others;
-            let coefficients = coefficient..group.coefficients_end as usize;
-            let bits =
-                |masks: &[u16]| masks[coefficients.clone()].iter().map(|m| m.count_ones() as usize).sum::<usize>();
-            let wide_count = bits(&far.wide_masks);
-            let (my_narrow, others) = narrow.split_at(bits(&far.masks) - wide_count);
-            narrow = others;
-            let (my_wide, others) = wide.split_at(wide_count);
-            wide = others;
-            let block = Block {
-                nodes: &far.nodes[coefficients.clone()],
-                masks: &far.masks[coefficients.clone()],
-                wide_masks: &far.wide_masks[coefficients],
-                narrow: my_narrow,
-                wide: my_wide,
-            };
-            jobs.push((block, light.means[group.part as usize], receiver, mine));
+            let mean = light.means[group.part as usize];
+            jobs.push(Job { index, mean, row_sums: &far.row_sums[receiver * terms..], out: mine });
             receiver = group.receivers_end as usize;
-            coefficient = group.coefficients_end as usize;
         }
-        jobs.into_par_iter().for_each(|(block, mean, receiver, out)| {
-            let mut sums = [[[0.0; LANES]; 3]; TERMS];
-            add_block(level, &block, &light.details, &mut sums);
-            // The transform over the lanes is linear: once for the sums instead of once for each coefficient.
-            for row in sums[..terms].iter_mut().flatten() {
-                *row = over_lanes(*row);
+        let details = light.details.as_slice();
+        match light.colour {
+            Some(CommonColour { channel, rgb }) => {
+                let rgb = rgb.as_vec3().to_array();
+                let add = |places: [&[Place]; 2], sums: &mut _| add_one(level, far, places, (details, [channel]), sums);
+                jobs.into_par_iter().for_each(|job| job.run(far, order, [channel], add, |[e]| rgb.map(|c| c * e)));
             }
-            for (lane, out) in out.chunks_exact_mut(terms.max(1)).enumerate() {
-                let whole = &far.row_sums[(receiver + lane) * terms..];
-                for (k, out) in out.iter_mut().enumerate() {
-                    *out = std::array::from_fn(|c| sums[k][c][lane] * far.steps[k] + whole[k] * mean[c]);
-                }
+            None => {
+                let channels = [0, 1, 2];
+                let add = |places: [&[Place]; 2], sums: &mut _| add_all(level, far, places, (details, channels), sums);
+                jobs.into_par_iter().for_each(|job| job.run(far, order, channels, add, |e| e));
             }
-        });
+        }
         Self { values, terms, scale: light.scale }
     }
 
@@ -96,50 +135,82 @@ impl FarSums {
     }
 }
 
-/// Coefficients of one group.
-struct Block<'a> {
-    nodes: &'a [u32],
-    masks: &'a [u16],
-    wide_masks: &'a [u16],
-    narrow: &'a [[i8; LANES]],
-    wide: &'a [[i16; LANES]],
+/// What is summed for one group.
+struct Job<'a> {
+    index: usize,
+    mean: [f32; 3],
+    row_sums: &'a [f32],
+    /// `[receiver][k]`.
+    out: &'a mut [[f32; 3]],
 }
 
-#[inline(always)]
-fn block_body(block: &Block, details: &[[f32; 3]], sums: &mut Sums) {
-    let (mut narrow, mut wide) = (block.narrow.iter(), block.wide.iter());
-    for ((&node, &mask), &wide_mask) in block.nodes.iter().zip(block.masks).zip(block.wide_masks) {
-        let light = details[node as usize];
-        let mut mask = mask;
-        while mask != 0 {
-            let k = mask.trailing_zeros() as usize % TERMS;
-            mask &= mask - 1;
-            // Plain loops over arrays: what the compiler turns into whole registers.
-            let mut sizes = [0.0f32; LANES];
-            if wide_mask >> k & 1 == 1 {
-                let Some(row) = wide.next() else { return };
-                for i in 0..LANES {
-                    sizes[i] = f32::from(row[i]);
-                }
-            } else {
-                let Some(row) = narrow.next() else { return };
-                for i in 0..LANES {
-                    sizes[i] = f32::from(row[i]);
-                }
-            }
-            for c in 0..3 {
-                let (sums, light) = (&mut sums[k][c], light[c]);
-                for i in 0..LANES {
-                    sums[i] += sizes[i] * light;
-                }
+impl Job<'_> {
+    /// Some channels, from which `rgb` makes all.
+    fn run<const C: usize>(
+        self,
+        far: &FarField,
+        order: &ByFunction,
+        channels: [usize; C],
+        add: impl Fn([&[Place]; 2], &mut [[f32; LANES]; C]),
+        rgb: impl Fn([f32; C]) -> [f32; 3],
+    ) {
+        let terms = far.terms.min(TERMS);
+        let mean = channels.map(|c| self.mean[c]);
+        for k in 0..terms {
+            let mut sums = [[0.0; LANES]; C];
+            add(order.of(self.index * terms + k), &mut sums);
+            // The transform over the lanes is linear: once for the sums instead of once for each coefficient.
+            let sums = sums.map(over_lanes);
+            let receivers = self.out.chunks_exact_mut(terms).zip(self.row_sums.chunks_exact(terms));
+            for (lane, (out, whole)) in receivers.enumerate().take(LANES) {
+                out[k] = rgb(std::array::from_fn(|c| sums[c][lane] * far.steps[k] + whole[k] * mean[c]));
             }
         }
     }
 }
 
+#[inline(always)]
+fn add_body<const C: usize>(
+    far: &FarField,
+    [narrow, wide]: [&[Place]; 2],
+    (details, channels): (&[[f32; 3]], [usize; C]),
+    sums: &mut [[f32; LANES]; C],
+) {
+    for place in narrow {
+        let (Some(row), Some(light)) = (far.narrow.get(place.row as usize), details.get(place.node as usize)) else {
+            return;
+        };
+        // Plain loops over arrays: what the compiler turns into whole registers.
+        let mut sizes = [0.0f32; LANES];
+        for i in 0..LANES {
+            sizes[i] = f32::from(row[i]);
+        }
+        for c in 0..C {
+            add_scaled(&mut sums[c], light[channels[c]], &sizes);
+        }
+    }
+    for place in wide {
+        let (Some(row), Some(light)) = (far.wide.get(place.row as usize), details.get(place.node as usize)) else {
+            return;
+        };
+        let mut sizes = [0.0f32; LANES];
+        for i in 0..LANES {
+            sizes[i] = f32::from(row[i]);
+        }
+        for c in 0..C {
+            add_scaled(&mut sums[c], light[channels[c]], &sizes);
+        }
+    }
+}
+
 multiversion! {
-    /// Adds value times detail of every coefficient.
-    fn add_block(block: &Block, details: &[[f32; 3]], sums: &mut Sums) => block_body
+    /// Adds value times detail of some values, all channels.
+    fn add_all(far: &FarField, places: [&[Place]; 2], light: (&[[f32; 3]], [usize; 3]), sums: &mut [[f32; LANES]; 3]) => add_body
+}
+
+multiversion! {
+    /// One channel.
+    fn add_one(far: &FarField, places: [&[Place]; 2], light: (&[[f32; 3]], [usize; 1]), sums: &mut [[f32; LANES]; 1]) => add_body
 }
 
 #[cfg(test)]
@@ -181,13 +252,14 @@ mod tests {
             details: (0..NODES as u64).map(detail).collect(),
             means: vec![[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]],
             scale: 8.0,
+            colour: None,
         }
     }
 
     #[test]
     fn sums_are_those_of_the_specification() {
         let (far, light) = (field(), light());
-        let sums = FarSums::new(Level::detect(), &far, &light);
+        let sums = FarSums::new(Level::detect(), (&far, &ByFunction::new(&far)), &light);
         let (mut receiver, mut coefficient, mut used) = (0, 0, [0, 0]);
         for group in &far.groups {
             let first = used;
@@ -221,9 +293,10 @@ mod tests {
     #[test]
     fn every_instruction_set_gives_the_same_bits_and_materials_combine_linearly() {
         let (far, light) = (field(), light());
-        let sums = FarSums::new(Level::Baseline, &far, &light);
+        let order = ByFunction::new(&far);
+        let sums = FarSums::new(Level::Baseline, (&far, &order), &light);
         for level in Level::available() {
-            assert_eq!(FarSums::new(level, &far, &light).values, sums.values, "{level:?}");
+            assert_eq!(FarSums::new(level, (&far, &order), &light).values, sums.values, "{level:?}");
         }
         let coefficients = [vec![1.0, 0.0, 0.0], vec![0.0, 2.0, 0.0], vec![0.5, 0.0, -1.0]];
         let mut out = vec![DVec3::ONE; 4];

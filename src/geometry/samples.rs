@@ -364,9 +364,11 @@ pub struct Patch {
     pub area_mm2: f64,
     /// Largest distance of a corner from the centroid, mm.
     pub radius_mm: f64,
+    /// Unit normal of a patch that is one facet; zero for others.
+    pub normal: DVec3,
 }
 
-/// Centroid, area and radius of every patch.
+/// Centroid, area, radius and normal of every patch.
 pub fn patches(mesh: &Mesh, samples: &Samples) -> Vec<Patch> {
     use rayon::prelude::*;
     (0..samples.len()).into_par_iter().map(|i| measure(mesh, samples.patch(i))).collect()
@@ -386,7 +388,11 @@ fn measure(mesh: &Mesh, facets: &[Facet]) -> Patch {
     let centre = moment / total;
     let radius2 =
         facets.iter().flat_map(|f| f.corners_local_mm(mesh)).map(|c| c.distance_squared(centre)).fold(0.0, f64::max);
-    Patch { centre_mm: centre, area_mm2: total, radius_mm: radius2.sqrt() }
+    let normal = match facets {
+        [facet] => mesh.cross_mm2(facet.triangle).normalize_or_zero(),
+        _ => DVec3::ZERO,
+    };
+    Patch { centre_mm: centre, area_mm2: total, radius_mm: radius2.sqrt(), normal }
 }
 
 /// Statistics of the spacing between samples.

@@ -50,6 +50,19 @@ pub(crate) fn add_scaled<const N: usize>(sums: &mut [f32; N], factor: f32, value
     }
 }
 
+/// Asks for a value that will be read soon, where caches do not foresee it; an index beyond the end does nothing.
+#[inline(always)]
+pub(crate) fn prefetch<T>(values: &[T], index: usize) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        // SAFETY: a hint reads nothing and faults at no address.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(values.as_ptr().wrapping_add(index).cast()) }
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = (values, index);
+}
+
 /// Compiles `$body` (an `#[inline(always)]` function) for every level and defines `$name` that calls one of them.
 macro_rules! multiversion {
     ($(#[$meta:meta])* $vis:vis fn $name:ident ( $($arg:ident : $ty:ty),* $(,)? ) => $body:path) => {

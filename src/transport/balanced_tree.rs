@@ -6,6 +6,7 @@
 
 use glam::DVec3;
 
+use super::light_range::{CommonColour, LightRange};
 use crate::geometry::cluster;
 use crate::geometry::samples::{Patch, Samples};
 
@@ -93,7 +94,7 @@ pub struct Cell {
 
 impl From<&Patch> for Cell {
     fn from(patch: &Patch) -> Self {
-        let Patch { centre_mm, radius_mm, area_mm2 } = *patch;
+        let Patch { centre_mm, radius_mm, area_mm2, .. } = *patch;
         Self { centre_mm, radius_mm, area_mm2, largest_mm: radius_mm }
     }
 }
@@ -172,27 +173,39 @@ pub struct LightDetails {
     pub means: Vec<[f32; 3]>,
     /// A power of two that brings the brightest irradiance near 1, into the range of single precision.
     pub scale: f64,
+    /// Of all irradiance, if it has one.
+    pub colour: Option<CommonColour>,
 }
 
 impl LightDetails {
     /// Transforms one irradiance for each sample, RGB.
     pub fn new(samples: &Samples, patches: &[Patch], irradiance: &[DVec3]) -> Self {
-        let brightest = irradiance.iter().map(|e| e.max_element()).fold(0.0, f64::max);
+        Self::of_range(samples, patches, irradiance, LightRange::new(irradiance, &[]))
+    }
+
+    /// The same for irradiance that was looked over.
+    pub fn of_range(samples: &Samples, patches: &[Patch], irradiance: &[DVec3], range: LightRange) -> Self {
+        let LightRange { brightest, colour } = range;
         let scale = power_of_two_near(brightest);
         let mut details = vec![[0.0; 3]; patches.len()];
         let parts = samples.part_offsets.len().saturating_sub(1);
         let means = (0..parts).map(|part| {
             let range = samples.part(part);
-            let mean = transform(
-                &patches[range.clone()],
-                &irradiance[range.clone()],
-                &mut details[range.clone()],
-                scale.recip(),
-            );
-            (mean.0 / mean.1.max(f64::MIN_POSITIVE)).as_vec3().to_array()
+            let (patches, irradiance) = (&patches[range.clone()], &irradiance[range.clone()]);
+            let details = &mut details[range];
+            match colour {
+                Some(CommonColour { channel, rgb }) => {
+                    let of_sample = |e: DVec3| [e[channel] * scale.recip()];
+                    transform((patches, irradiance), of_sample, |[e]| (rgb * e).as_vec3().to_array(), details)
+                }
+                None => {
+                    let of_sample = |e: DVec3| (e * scale.recip()).to_array();
+                    transform((patches, irradiance), of_sample, |e| DVec3::from_array(e).as_vec3().to_array(), details)
+                }
+            }
         });
         let means = means.collect();
-        Self { details, means, scale }
+        Self { details, means, scale, colour }
     }
 }
 
@@ -202,29 +215,70 @@ pub fn power_of_two_near(value: f64) -> f64 {
     if usable { value.log2().floor().clamp(-1000.0, 1000.0).exp2() } else { 1.0 }
 }
 
-/// Scaled flux and area of a range; writes its details.
-fn transform(patches: &[Patch], irradiance: &[DVec3], details: &mut [[f32; 3]], inverse_scale: f64) -> (DVec3, f64) {
-    match patches {
-        [] => return (DVec3::ZERO, 0.0),
-        [patch] => return (irradiance[0] * (patch.area_mm2 * inverse_scale), patch.area_mm2),
-        _ => {}
+/// Flux of some channels and area.
+type Flux<const C: usize> = ([f64; C], f64);
+
+/// Mean of a range under scaled irradiance; writes its details.
+fn transform<const C: usize>(
+    (patches, irradiance): (&[Patch], &[DVec3]),
+    of_sample: impl Fn(DVec3) -> [f64; C] + Copy + Sync,
+    rgb: impl Fn([f64; C]) -> [f32; 3] + Copy + Sync,
+    details: &mut [[f32; 3]],
+) -> [f32; 3] {
+    let transform = Transform { of_sample, rgb };
+    let (flux, area) = transform.range(patches, irradiance, details);
+    rgb(flux.map(|flux| flux / area.max(f64::MIN_POSITIVE)))
+}
+
+#[derive(Clone, Copy)]
+struct Transform<S, R> {
+    of_sample: S,
+    rgb: R,
+}
+
+impl<const C: usize, S: Fn(DVec3) -> [f64; C] + Copy + Sync, R: Fn([f64; C]) -> [f32; 3] + Copy + Sync>
+    Transform<S, R>
+{
+    fn range(self, patches: &[Patch], irradiance: &[DVec3], details: &mut [[f32; 3]]) -> Flux<C> {
+        // The smallest ranges without a call for each sample, which takes longer than its arithmetic.
+        match (patches, irradiance, &mut *details) {
+            ([a], [e_a], _) => return self.leaf(a, e_a),
+            ([a, b], [e_a, e_b], [_, detail]) => return self.node(self.leaf(a, e_a), self.leaf(b, e_b), detail),
+            ([a, b, c], [e_a, e_b, e_c], [_, first, detail]) => {
+                let left = self.node(self.leaf(a, e_a), self.leaf(b, e_b), first);
+                return self.node(left, self.leaf(c, e_c), detail);
+            }
+            ([a, b, c, d], [e_a, e_b, e_c, e_d], [_, first, detail, second]) => {
+                let left = self.node(self.leaf(a, e_a), self.leaf(b, e_b), first);
+                let right = self.node(self.leaf(c, e_c), self.leaf(d, e_d), second);
+                return self.node(left, right, detail);
+            }
+            ([], ..) => return ([0.0; C], 0.0),
+            _ => {}
+        }
+        let half = middle(0, patches.len());
+        let (left, right) = patches.split_at(half);
+        let (left_e, right_e) = irradiance.split_at(half);
+        let (left_d, right_d) = details.split_at_mut(half);
+        let (a, b) = if patches.len() > TASK {
+            rayon::join(|| self.range(left, left_e, left_d), || self.range(right, right_e, right_d))
+        } else {
+            (self.range(left, left_e, left_d), self.range(right, right_e, right_d))
+        };
+        self.node(a, b, &mut right_d[0])
     }
-    let half = middle(0, patches.len());
-    let (left, right) = patches.split_at(half);
-    let (left_e, right_e) = irradiance.split_at(half);
-    let (left_d, right_d) = details.split_at_mut(half);
-    let ((a, area_a), (b, area_b)) = if patches.len() > TASK {
-        rayon::join(
-            || transform(left, left_e, left_d, inverse_scale),
-            || transform(right, right_e, right_d, inverse_scale),
-        )
-    } else {
-        (transform(left, left_e, left_d, inverse_scale), transform(right, right_e, right_d, inverse_scale))
-    };
-    let mean = |flux: DVec3, area: f64| if area > 0.0 { flux / area } else { DVec3::ZERO };
-    right_d[0] =
-        if area_a > 0.0 && area_b > 0.0 { (mean(a, area_a) - mean(b, area_b)).as_vec3().to_array() } else { [0.0; 3] };
-    (a + b, area_a + area_b)
+
+    #[inline(always)]
+    fn leaf(self, patch: &Patch, irradiance: &DVec3) -> Flux<C> {
+        ((self.of_sample)(*irradiance).map(|e| e * patch.area_mm2), patch.area_mm2)
+    }
+
+    #[inline(always)]
+    fn node(self, (a, area_a): Flux<C>, (b, area_b): Flux<C>, detail: &mut [f32; 3]) -> Flux<C> {
+        let difference = std::array::from_fn(|c| a[c] / area_a - b[c] / area_b);
+        *detail = if area_a > 0.0 && area_b > 0.0 { (self.rgb)(difference) } else { [0.0; 3] };
+        (std::array::from_fn(|c| a[c] + b[c]), area_a + area_b)
+    }
 }
 
 #[cfg(test)]

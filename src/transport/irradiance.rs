@@ -12,7 +12,7 @@ use self::sharp::{Sharp, pieces};
 use super::scene::Surface;
 use crate::error::Result;
 use crate::geometry::bvh::{Bvh, Ray, offset_origin};
-use crate::geometry::samples::{Facet, area};
+use crate::geometry::samples::{Facet, Patch, area};
 use crate::light::environment::Rotation;
 use crate::light::strata::{Candidate, Strata, StrataSettings};
 use crate::light::{Light, refuse_fields};
@@ -424,7 +424,7 @@ impl<'a> Illumination<'a> {
         }
         let mesh = &self.surface.scene.mesh;
         let [a, b, c] = facet.corners_local_mm(mesh);
-        let normal = mesh.cross_mm2(facet.triangle).normalize_or_zero();
+        let normal = self.surface.patches[patch].normal;
         let centre = (a + b + c) / 3.0;
         let at = |p: DVec3| SurfacePoint { at: centre.lerp(p, PROBE_REACH), normal, triangle: facet.triangle };
         Some([at(a), at(b), at(c), at(centre)])
@@ -432,17 +432,20 @@ impl<'a> Illumination<'a> {
 
     /// Whether one of the lights is in front of a patch; true where that is not obvious.
     fn is_faced(&self, patch: usize, lights: &[Sharp]) -> bool {
-        let [facet] = self.surface.samples.patch(patch) else { return true };
-        let mesh = &self.surface.scene.mesh;
-        let (normal, [corner, ..]) = (mesh.cross_mm2(facet.triangle), mesh.corners_local_mm(facet.triangle));
-        lights.iter().any(|light| light.faces(corner, normal))
+        let Patch { centre_mm, normal, .. } = self.surface.patches[patch];
+        normal == DVec3::ZERO || lights.iter().any(|light| light.faces(centre_mm, normal))
     }
 
     /// Centroids of the pieces of a patch that is one facet.
     fn pieces_as_points(&self, patch: usize, count: u32, out: &mut Vec<SurfacePoint>) {
         let mesh = &self.surface.scene.mesh;
         let [facet] = self.surface.samples.patch(patch) else { return };
-        let normal = mesh.cross_mm2(facet.triangle).normalize_or_zero();
+        let Patch { centre_mm, normal, .. } = self.surface.patches[patch];
+        if count == 1 {
+            // Not through the mesh, whose triangles lie in another order than patches.
+            out.push(SurfacePoint { at: centre_mm, normal, triangle: facet.triangle });
+            return;
+        }
         pieces(facet.corners_local_mm(mesh), count, &mut |corners| {
             let at = corners.iter().sum::<DVec3>() / 3.0;
             out.push(SurfacePoint { at, normal, triangle: facet.triangle });

@@ -10,6 +10,7 @@ pub mod interreflection;
 pub mod irradiance;
 pub mod irradiance_rows;
 pub mod kernel;
+pub mod light_range;
 pub mod many_lights;
 pub mod multilevel;
 pub mod near_field;

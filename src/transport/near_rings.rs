@@ -13,13 +13,13 @@ use rayon::prelude::*;
 use super::balanced_tree::power_of_two_near;
 use super::gather::NearField;
 use super::irradiance::Pieces;
+use super::light_range::{CommonColour, LightRange};
 use super::near_field::{Around, Corners};
 use super::receivers::{Group, Receivers};
 use super::scene::{Medium, Surface};
 use crate::geometry::ball::triangle_in_balls;
-use crate::geometry::samples::Patch;
 use crate::math::quadrature::gauss_legendre_cached;
-use crate::math::simd::{Level, multiversion};
+use crate::math::simd::{Level, multiversion, prefetch};
 use crate::medium::dipole::Dipole;
 use crate::medium::far_profile::FarProfile;
 use crate::medium::fresnel::BoundaryFit;
@@ -38,12 +38,15 @@ const COLUMNS: usize = WINDOWS * WIDTH;
 const SLOPE: usize = RINGS + 1;
 const CURVATURE: usize = RINGS + 2;
 
-/// Columns side by side.
+/// Columns side by side: a window.
 const WIDTH: usize = 8;
 const WINDOWS: usize = (RINGS + 3).div_ceil(WIDTH);
 
 /// Receivers side by side.
 const LANES: usize = 16;
+
+/// Rows that are asked for before they are read: some 2 KB.
+const AHEAD: usize = 100;
 
 /// Points of a quadrature over an e-fold of the squared distance.
 const ORDER: usize = 8;
@@ -51,8 +54,8 @@ const ORDER: usize = 8;
 /// Triangles nearer than so many of their radii meet the rings in closed form.
 const EXACT_BELOW: f64 = 1.5;
 
-/// Light on the columns of one receiver, RGB.
-type Columns = [[f32; COLUMNS]; 3];
+/// Light on the columns of one receiver, of each channel.
+type Columns<const C: usize> = [[f32; COLUMNS]; C];
 
 /// Squared radii at which hats peak, mm^2; the last one, where near parts end, has none.
 #[derive(Clone, Debug, PartialEq)]
@@ -186,12 +189,16 @@ pub struct NearRings {
     rings: Rings,
     rule: NearField,
     groups: Vec<Seen>,
+    /// Of the samples, mm^2.
+    areas: Vec<f32>,
 }
 
-/// Light of one irradiance on the columns of every receiver, `[group][column][channel][receiver]`.
+/// Light of one irradiance on the columns of every receiver.
 #[derive(Clone, Debug, Default)]
 pub struct RingMoments {
-    blocks: Vec<[[[f32; LANES]; 3]; COLUMNS]>,
+    /// `[group][column][channel][receiver]`; one channel if the light has a colour.
+    blocks: Vec<[f32; LANES]>,
+    colour: Option<CommonColour>,
     scale: f64,
 }
 
@@ -248,7 +255,8 @@ impl NearRings {
         };
         let groups = receivers.groups.par_iter().enumerate().map(of_group).collect();
         progress.finish();
-        Self { rings, rule, groups }
+        let areas = surface.patches.iter().map(|patch| patch.area_mm2 as f32).collect();
+        Self { rings, rule, groups, areas }
     }
 
     /// Bytes in memory.
@@ -256,7 +264,7 @@ impl NearRings {
         let of_group = |g: &Seen| {
             size_of_val(g.ends.as_slice()) + size_of_val(g.points.as_slice()) + size_of_val(g.rows.as_slice())
         };
-        self.groups.iter().map(of_group).sum()
+        self.groups.iter().map(of_group).sum::<usize>() + size_of_val(self.areas.as_slice())
     }
 
     /// Of a medium.
@@ -266,77 +274,22 @@ impl NearRings {
     }
 
     /// Light of one irradiance for each sample, RGB, around the receivers that these were made for. `pieces` are those of the same
-    /// light, or the default.
+    /// light, or the default; the range is that of both.
     pub fn moments(
         &self,
         surface: &Surface,
         around: &Around,
         receivers: &Receivers,
         (irradiance, pieces): (&[DVec3], &Pieces),
+        LightRange { brightest, colour }: LightRange,
     ) -> RingMoments {
-        let brightest = irradiance.iter().map(|e| e.max_element()).fold(0.0, f64::max);
         let scale = power_of_two_near(brightest).recip();
-        let of_sample = |(e, patch): (&DVec3, &Patch)| (*e * scale).as_vec3().extend(patch.area_mm2 as f32).to_array();
-        let light: Vec<[f32; 4]> = irradiance.par_iter().zip(surface.patches).map(of_sample).collect();
-        let is_uneven: Vec<bool> = (0..irradiance.len()).map(|sample| pieces.is_uneven(sample)).collect();
-        let level = Level::detect();
-        let of_group = |uneven: &mut Vec<u32>, (index, (group, seen)): (usize, (&Group, &Seen))| {
-            let mut block = [[[0.0; LANES]; 3]; COLUMNS];
-            let samples = around.of(index);
-            uneven.clear();
-            uneven.extend(samples.iter().filter(|&&sample| is_uneven[sample as usize]));
-            if uneven.is_empty() && samples.iter().all(|&sample| light[sample as usize][..3] == [0.0; 3]) {
-                return block;
-            }
-            let mut before = [0; 2];
-            for (lane, (receiver, ends)) in receivers.positions[group.run.range()].iter().zip(&seen.ends).enumerate() {
-                let mut columns = [[0.0; COLUMNS]; 3];
-                for (window, end) in ends.iter().enumerate() {
-                    let points = &seen.points[before[0] as usize..end[0] as usize];
-                    let rows = &seen.rows[before[1] as usize..end[1] as usize];
-                    gather(level, window, (points, rows), &light, &mut columns);
-                    before = *end;
-                }
-                for &sample in uneven.iter() {
-                    let patch = &surface.patches[sample as usize];
-                    let offset = (patch.centre_mm - *receiver).as_vec3();
-                    if f64::from(offset.length()) < self.rule.three_points_below * patch.radius_mm {
-                        self.uneven(offset, (pieces, sample, scale), &mut columns);
-                    }
-                }
-                for (c, column) in columns.iter().enumerate() {
-                    block.iter_mut().zip(column).for_each(|(block, value)| block[c][lane % LANES] = *value);
-                }
-            }
-            block
+        let gathering = Gathering { rings: self, surface, around, receivers, irradiance, pieces, scale };
+        let blocks = match colour {
+            Some(CommonColour { channel, .. }) => gathering.run([channel], gather_one as Gather<1, 2>),
+            None => gathering.run([0, 1, 2], gather as Gather<3, 6>),
         };
-        let blocks = receivers.groups.par_iter().zip(&self.groups).enumerate().map_init(Vec::new, of_group).collect();
-        RingMoments { blocks, scale }
-    }
-
-    /// Adds what the pieces of a sample receive more or less than the whole.
-    fn uneven(&self, offset: Vec3, (pieces, sample, scale): (&Pieces, u32, f64), columns: &mut Columns) {
-        let split2 = self.rings.0[RINGS];
-        for (deviation, corners) in pieces.of(sample as usize).into_iter().flatten() {
-            let e = (deviation * scale).as_vec3().to_array();
-            let [a, b, c] = corners.map(|corner| offset + Vec3::from(corner));
-            let (centre, area) = ((a + b + c) / 3.0, 0.5 * (b - a).cross(c - a).length());
-            let r2 = centre.length_squared();
-            let size2 = [a, b, c].map(|corner| corner.distance_squared(centre)).into_iter().fold(0.0, f32::max);
-            let mut areas = [0.0; RINGS + 1];
-            let near2 = EXACT_BELOW * EXACT_BELOW * f64::from(size2);
-            if f64::from(r2) < near2 {
-                self.rings.triangle([a, b, c].map(|corner| corner.as_dvec3()), &mut areas);
-            } else {
-                self.rings.point(f64::from(r2), f64::from(area), &mut areas);
-            }
-            let u = (f64::from(r2) - split2) as f32;
-            for (columns, e) in columns.iter_mut().zip(e) {
-                columns.iter_mut().zip(&areas).for_each(|(column, area)| *column += area * e);
-                columns[SLOPE] += area * u * e;
-                columns[CURVATURE] += area * u * u * e;
-            }
-        }
+        RingMoments { blocks, colour, scale }
     }
 
     /// Adds the near field of media, given for each group of the receivers, to the radiosity of every receiver.
@@ -347,14 +300,16 @@ impl NearRings {
         of_group: impl Fn(&Group) -> Option<&'a RingCoefficients> + Sync,
         radiosity: &mut [DVec3],
     ) {
+        let channels = if moments.colour.is_some() { 1 } else { 3 };
+        let rgb = moments.colour.map_or(DVec3::ONE, |colour| colour.rgb);
         let mut jobs = Vec::with_capacity(receivers.groups.len());
         let mut rest = radiosity;
-        for (group, block) in receivers.groups.iter().zip(&moments.blocks) {
+        for (group, block) in receivers.groups.iter().zip(moments.blocks.chunks_exact(COLUMNS * channels)) {
             let (mine, others) = rest.split_at_mut(group.run.range().len().min(rest.len()));
             rest = others;
             jobs.push((group, block, mine));
         }
-        let (level, scale) = (Level::detect(), moments.scale.recip());
+        let (level, scale) = (Level::detect(), moments.scale.recip() * rgb);
         jobs.into_par_iter().with_min_len(64).for_each(|(group, block, out)| {
             let Some(coefficients) = of_group(group) else { return };
             let mut sums = [[0.0; LANES]; 3];
@@ -363,6 +318,98 @@ impl NearRings {
                 *out += DVec3::from_array(sums.map(|row| f64::from(row[lane % LANES]))) * scale;
             }
         });
+    }
+}
+
+/// Writes light on the columns of one group, `[column][channel][receiver]`. Light of a sample: some channels of its irradiance, and
+/// the same times its area.
+type Gather<const C: usize, const L: usize> = fn(Level, &Seen, &[[f32; L]], &mut [[f32; LANES]]);
+
+/// Light on its way to the rings.
+struct Gathering<'a> {
+    rings: &'a NearRings,
+    surface: &'a Surface<'a>,
+    around: &'a Around,
+    receivers: &'a Receivers,
+    irradiance: &'a [DVec3],
+    pieces: &'a Pieces,
+    scale: f64,
+}
+
+impl Gathering<'_> {
+    /// Some channels on the columns, `[group][column][channel][receiver]`.
+    fn run<const C: usize, const L: usize>(&self, channels: [usize; C], gather: Gather<C, L>) -> Vec<[f32; LANES]> {
+        let of_sample = |(e, area): (&DVec3, &f32)| {
+            let mut light = [0.0; L];
+            for (i, c) in channels.into_iter().enumerate() {
+                light[i] = (e[c] * self.scale) as f32;
+                light[C + i] = light[i] * area;
+            }
+            light
+        };
+        let light: Vec<[f32; L]> = self.irradiance.par_iter().zip(&self.rings.areas).map(of_sample).collect();
+        let mut blocks = vec![[0.0; LANES]; self.receivers.groups.len() * COLUMNS * C];
+        let level = Level::detect();
+        let groups = self.receivers.groups.par_iter().zip(&self.rings.groups);
+        let of_group =
+            |uneven: &mut Vec<u32>,
+             (index, (block, (group, seen))): (usize, (&mut [[f32; LANES]], (&Group, &Seen)))| {
+                let samples = self.around.of(index);
+                uneven.clear();
+                if !self.pieces.deviations().is_empty() {
+                    uneven.extend(samples.iter().filter(|&&sample| self.pieces.is_uneven(sample as usize)));
+                }
+                if uneven.is_empty() && samples.iter().all(|&sample| light[sample as usize] == [0.0; L]) {
+                    return;
+                }
+                gather(level, seen, &light, block);
+                if uneven.is_empty() {
+                    return;
+                }
+                for (lane, receiver) in self.receivers.positions[group.run.range()].iter().enumerate() {
+                    let mut columns = [[0.0; COLUMNS]; C];
+                    for &sample in uneven.iter() {
+                        let patch = &self.surface.patches[sample as usize];
+                        let offset = (patch.centre_mm - *receiver).as_vec3();
+                        if f64::from(offset.length()) < self.rings.rule.three_points_below * patch.radius_mm {
+                            self.uneven(offset, (sample, channels), &mut columns);
+                        }
+                    }
+                    for (column, block) in block.chunks_exact_mut(C).enumerate() {
+                        for c in 0..C {
+                            block[c][lane % LANES] += columns[c][column];
+                        }
+                    }
+                }
+            };
+        blocks.par_chunks_mut(COLUMNS * C).zip(groups).enumerate().for_each_init(Vec::new, of_group);
+        blocks
+    }
+
+    /// Adds what the pieces of a sample receive more or less than the whole.
+    fn uneven<const C: usize>(&self, offset: Vec3, (sample, channels): (u32, [usize; C]), columns: &mut Columns<C>) {
+        let rings = &self.rings.rings;
+        let split2 = rings.0[RINGS];
+        for (deviation, corners) in self.pieces.of(sample as usize).into_iter().flatten() {
+            let e = channels.map(|c| (deviation[c] * self.scale) as f32);
+            let [a, b, c] = corners.map(|corner| offset + Vec3::from(corner));
+            let (centre, area) = ((a + b + c) / 3.0, 0.5 * (b - a).cross(c - a).length());
+            let r2 = centre.length_squared();
+            let size2 = [a, b, c].map(|corner| corner.distance_squared(centre)).into_iter().fold(0.0, f32::max);
+            let mut areas = [0.0; RINGS + 1];
+            let near2 = EXACT_BELOW * EXACT_BELOW * f64::from(size2);
+            if f64::from(r2) < near2 {
+                rings.triangle([a, b, c].map(|corner| corner.as_dvec3()), &mut areas);
+            } else {
+                rings.point(f64::from(r2), f64::from(area), &mut areas);
+            }
+            let u = (f64::from(r2) - split2) as f32;
+            for (columns, e) in columns.iter_mut().zip(e) {
+                columns.iter_mut().zip(&areas).for_each(|(column, area)| *column += area * e);
+                columns[SLOPE] += area * u * e;
+                columns[CURVATURE] += area * u * u * e;
+            }
+        }
     }
 }
 
@@ -404,52 +451,74 @@ fn upper_half(value: f32) -> u16 {
     ((bits + 0x7fff + (bits >> 16 & 1)) >> 16) as u16
 }
 
+/// Numbers of the hats of each window.
+const HATS: [[f32; WIDTH]; WINDOWS] = {
+    let mut hats = [[0.0; WIDTH]; WINDOWS];
+    let mut column = 0;
+    while column < COLUMNS {
+        hats[column / WIDTH][column % WIDTH] = column as f32;
+        column += 1;
+    }
+    hats
+};
+
 #[inline(always)]
-fn gather_body(window: usize, (points, rows): (&[Point], &[Row]), light: &[[f32; 4]], out: &mut Columns) {
-    let mut sums = [[0.0f32; WIDTH]; 3];
-    let mut hats = [0.0f32; WIDTH];
-    for (i, hat) in hats.iter_mut().enumerate() {
-        *hat = (window * WIDTH + i) as f32;
-    }
-    for point in points {
-        let Some([red, green, blue, area]) = light.get(point.sample as usize) else { return };
-        let flux = [red * area, green * area, blue * area];
-        let mut shares = [0.0f32; WIDTH];
-        for i in 0..WIDTH {
-            shares[i] = (1.0 - (point.place - hats[i]).abs()).max(0.0);
-        }
-        for c in 0..3 {
+fn gather_body<const C: usize, const L: usize>(seen: &Seen, light: &[[f32; L]], block: &mut [[f32; LANES]]) {
+    let mut before = [0; 2];
+    for (lane, ends) in seen.ends.iter().enumerate() {
+        for ((end, hats), out) in ends.iter().zip(&HATS).zip(block.chunks_exact_mut(WIDTH * C)) {
+            let mut sums = [[0.0f32; WIDTH]; C];
+            for point in &seen.points[before[0] as usize..end[0] as usize] {
+                let Some(light) = light.get(point.sample as usize) else { return };
+                let mut shares = [0.0f32; WIDTH];
+                for i in 0..WIDTH {
+                    shares[i] = (1.0 - (point.place - hats[i]).abs()).max(0.0);
+                }
+                for c in 0..C {
+                    for i in 0..WIDTH {
+                        sums[c][i] += shares[i] * light[C + c];
+                    }
+                }
+            }
+            for (i, row) in (before[1] as usize..).zip(&seen.rows[before[1] as usize..end[1] as usize]) {
+                prefetch(&seen.rows, i + AHEAD);
+                let Some(light) = light.get(row.sample as usize) else { return };
+                let mut areas = [0.0f32; WIDTH];
+                for i in 0..WIDTH {
+                    areas[i] = f32::from_bits(u32::from(row.areas[i]) << 16);
+                }
+                for c in 0..C {
+                    for i in 0..WIDTH {
+                        sums[c][i] += areas[i] * light[c];
+                    }
+                }
+            }
+            before = *end;
             for i in 0..WIDTH {
-                sums[c][i] += shares[i] * flux[c];
+                for c in 0..C {
+                    out[i * C + c][lane % LANES] = sums[c][i];
+                }
             }
         }
-    }
-    for row in rows {
-        let Some(e) = light.get(row.sample as usize) else { return };
-        let areas = row.areas.map(|half| f32::from_bits(u32::from(half) << 16));
-        for c in 0..3 {
-            for i in 0..WIDTH {
-                sums[c][i] += areas[i] * e[c];
-            }
-        }
-    }
-    for (out, sums) in out.iter_mut().zip(&sums) {
-        out.iter_mut().skip(window * WIDTH).zip(sums).for_each(|(out, sum)| *out += sum);
     }
 }
 
 multiversion! {
-    /// Adds light on points and rows to one window of the columns; that of a sample comes with its area.
-    fn gather(window: usize, seen: (&[Point], &[Row]), light: &[[f32; 4]], out: &mut Columns) => gather_body
+    /// Of all channels.
+    fn gather(seen: &Seen, light: &[[f32; 6]], block: &mut [[f32; LANES]]) => gather_body::<3, 6>
+}
+
+multiversion! {
+    /// Of one channel.
+    fn gather_one(seen: &Seen, light: &[[f32; 2]], block: &mut [[f32; LANES]]) => gather_body::<1, 2>
 }
 
 #[inline(always)]
-fn product_body(
-    block: &[[[f32; LANES]; 3]; COLUMNS],
-    coefficients: &[[f32; 3]; COLUMNS],
-    sums: &mut [[f32; LANES]; 3],
-) {
-    for (block, coefficients) in block.iter().zip(coefficients) {
+fn product_body(block: &[[f32; LANES]], coefficients: &[[f32; 3]; COLUMNS], sums: &mut [[f32; LANES]; 3]) {
+    let channels = block.len() / COLUMNS;
+    for (block, coefficients) in block.chunks_exact(channels.max(1)).zip(coefficients) {
+        let block: [&[f32; LANES]; 3] =
+            if let [red, green, blue] = block { [red, green, blue] } else { [&block[0]; 3] };
         for c in 0..3 {
             for i in 0..LANES {
                 sums[c][i] += block[c][i] * coefficients[c];
@@ -459,8 +528,8 @@ fn product_body(
 }
 
 multiversion! {
-    /// Adds columns times their coefficients.
-    fn product(block: &[[[f32; LANES]; 3]; COLUMNS], coefficients: &[[f32; 3]; COLUMNS], sums: &mut [[f32; LANES]; 3]) => product_body
+    /// Adds columns, of one channel or three, times their coefficients.
+    fn product(block: &[[f32; LANES]], coefficients: &[[f32; 3]; COLUMNS], sums: &mut [[f32; LANES]; 3]) => product_body
 }
 
 #[cfg(test)]

@@ -45,7 +45,8 @@ fn difference(name: &str, samples: usize, spacings: f64) -> f64 {
         rings.bytes() / receivers.len(),
         (0..irradiance.len()).filter(|i| pieces.is_uneven(*i)).count()
     );
-    let moments = rings.moments(&surface, &around, &receivers, (&irradiance, &pieces));
+    let range = LightRange::new(&irradiance, pieces.deviations());
+    let moments = rings.moments(&surface, &around, &receivers, (&irradiance, &pieces), range);
     let coefficients = rings.coefficients(&media[0]);
     rings.add(&moments, &receivers, |_| Some(&coefficients), &mut by_rings);
     let totals = DVec3::from_array(media[0].properties.dipoles(BoundaryFit::Published).map(|d| d.total()));

@@ -18,7 +18,7 @@ use crate::error::{Error, Result};
 #[cfg(feature = "gpu")]
 use crate::evaluate::device::{Device, DeviceEvaluator};
 use crate::evaluate::environment::{StoredRows, by_rays, error_of_rows};
-use crate::evaluate::far_field::FarSums;
+use crate::evaluate::far_field::{ByFunction, FarSums};
 use crate::evaluate::sampling_error::{Sampled, receiver_areas};
 use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit};
 use crate::geometry::bvh::Bvh;
@@ -34,6 +34,7 @@ use crate::transport::balanced_tree::{BalancedTree, LightDetails};
 use crate::transport::far_field::LANES;
 use crate::transport::gather::{Gather, NearField, Scheme};
 use crate::transport::irradiance::{Illumination, Pieces};
+use crate::transport::light_range::LightRange;
 use crate::transport::near_field::{Around, Corners, Near};
 use crate::transport::near_rings::{NearRings, RingCoefficients, RingMoments};
 use crate::transport::receivers::{Group, Receivers};
@@ -67,6 +68,7 @@ pub(super) struct EditableEvaluator {
     areas: Vec<f64>,
     pub(super) basis: ProfileBasis,
     pub(super) far: FarField,
+    order: ByFunction,
     pub(super) rows: Option<StoredRows>,
     /// Of each medium.
     pub(super) coefficients: Vec<Coefficients>,
@@ -81,6 +83,7 @@ pub(super) struct EditableEvaluator {
 struct Lit {
     irradiance: Vec<DVec3>,
     pieces: Pieces,
+    range: LightRange,
     far: FarSums,
     moments: Option<RingMoments>,
 }
@@ -123,6 +126,7 @@ pub(super) fn open(asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
         points,
         areas,
         basis,
+        order: ByFunction::new(&far),
         far,
         rows,
         coefficients: Vec::new(),
@@ -159,9 +163,10 @@ impl EditableEvaluator {
     fn light(&self, lights: &[Light], progress: &dyn Progress) -> Result<Lit> {
         let (irradiance, pieces) = self.irradiance(lights, progress)?;
         progress.start("far field", self.far.groups.len() as u64);
-        let details = LightDetails::new(&self.samples, &self.patches, &irradiance);
-        let far = FarSums::new(Level::detect(), &self.far, &details);
-        let mut lit = Lit { irradiance, pieces, far, moments: None };
+        let range = LightRange::new(&irradiance, pieces.deviations());
+        let details = LightDetails::of_range(&self.samples, &self.patches, &irradiance, range);
+        let far = FarSums::new(Level::detect(), (&self.far, &self.order), &details);
+        let mut lit = Lit { irradiance, pieces, range, far, moments: None };
         self.gather_rings(&mut lit);
         progress.finish();
         Ok(lit)
@@ -170,7 +175,8 @@ impl EditableEvaluator {
     /// Gathers light on the rings, where there are any.
     fn gather_rings(&self, lit: &mut Lit) {
         let light = (lit.irradiance.as_slice(), &lit.pieces);
-        let gather = |rings: &NearRings| rings.moments(&self.surface(), &self.around, &self.receivers, light);
+        let gather =
+            |rings: &NearRings| rings.moments(&self.surface(), &self.around, &self.receivers, light, lit.range);
         lit.moments = self.rings.as_ref().map(gather);
     }
 
@@ -254,6 +260,7 @@ impl Evaluator for EditableEvaluator {
                 + size_of_val(far.nodes.as_slice())
                 + size_of_val(far.masks.as_slice())
                 + size_of_val(far.row_sums.as_slice())
+                + self.order.bytes()
                 + self.rows.as_ref().map_or(0, StoredRows::bytes)
                 + self.rings.as_ref().map_or(0, NearRings::bytes)
                 + self

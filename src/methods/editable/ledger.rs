@@ -12,7 +12,7 @@ use super::subset::{Projected, Subset};
 use crate::compress::ledger::Ledger;
 use crate::error::Result;
 use crate::evaluate::environment::comes_from_far_away;
-use crate::evaluate::far_field::FarSums;
+use crate::evaluate::far_field::{ByFunction, FarSums};
 use crate::evaluate::sampling_error::{Sampled, receiver_areas};
 use crate::light::Light;
 use crate::math::simd::Level;
@@ -167,7 +167,7 @@ impl Baked<'_> {
     fn stages(&self, measured: &Measured, irradiance: &[DVec3]) -> Stages {
         let Measured { subset, everything, kept, .. } = measured;
         let details = LightDetails::new(&self.stage.samples, &self.stage.patches, irradiance);
-        let stored = FarSums::new(Level::detect(), self.far, &details);
+        let stored = FarSums::new(Level::detect(), (self.far, &ByFunction::new(self.far)), &details);
         let terms = self.basis.terms();
         let quantised = |&index: &u32| (0..terms).map(|k| stored.value(index as usize, k).x).collect();
         Stages {

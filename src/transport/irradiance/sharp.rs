@@ -162,6 +162,11 @@ impl Pieces {
         self.first.get(sample).is_some_and(|&first| first != u32::MAX)
     }
 
+    /// How far the irradiance of each piece is from its sample's, RGB, of all samples that are not lit evenly.
+    pub fn deviations(&self) -> &[DVec3] {
+        &self.deviations
+    }
+
     /// Pieces of each sample that is not lit evenly.
     pub fn count(&self) -> usize {
         self.count
