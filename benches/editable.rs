@@ -80,18 +80,25 @@ fn measure(path: &Path) -> translux::error::Result<()> {
             }
             report(&format!("{}: new {kind} light", preset.name), times);
         }
-        let mut times = Vec::new();
-        for i in 0..RUNS {
-            let mut media = media.clone();
-            media.iter_mut().for_each(|m| m.properties.sigma_a_per_mm *= 1.0 + 0.01 * i as f64);
-            let (time, result) = timed(|| {
-                evaluator.set_media(media)?;
-                evaluator.radiosity(&Silent)
-            });
-            result?;
-            times.push(time);
+        for with_light in [false, true] {
+            let mut times = Vec::new();
+            for i in 0..RUNS {
+                let mut media = media.clone();
+                media.iter_mut().for_each(|m| m.properties.sigma_a_per_mm *= 1.0 + 0.01 * i as f64);
+                let light = Light::directional(around(i), DVec3::ONE)?;
+                let (time, result) = timed(|| {
+                    evaluator.set_media(media)?;
+                    if with_light {
+                        evaluator.set_lights(vec![light], &Silent)?;
+                    }
+                    evaluator.radiosity(&Silent)
+                });
+                result?;
+                times.push(time);
+            }
+            let what = if with_light { "material and directional light" } else { "material, near field included" };
+            report(&format!("{}: new {what}", preset.name), times);
         }
-        report(&format!("{}: new material, near field included", preset.name), times);
     }
     Ok(())
 }

@@ -173,33 +173,40 @@ impl Job<'_> {
 fn add_body<const C: usize>(
     far: &FarField,
     [narrow, wide]: [&[Place]; 2],
-    (details, channels): (&[[f32; 3]], [usize; C]),
+    light: (&[[f32; 3]], [usize; C]),
     sums: &mut [[f32; LANES]; C],
 ) {
-    for place in narrow {
-        let (Some(row), Some(light)) = (far.narrow.get(place.row as usize), details.get(place.node as usize)) else {
-            return;
-        };
-        // Plain loops over arrays: what the compiler turns into whole registers.
-        let mut sizes = [0.0f32; LANES];
-        for i in 0..LANES {
-            sizes[i] = f32::from(row[i]);
-        }
-        for c in 0..C {
-            add_scaled(&mut sums[c], light[channels[c]], &sizes);
-        }
+    // Two sums, taken in turns: an addition need not wait for the one before it.
+    let mut others = [[0.0; LANES]; C];
+    let (pairs, last) = narrow.as_chunks();
+    for [even, odd] in pairs {
+        add_value(&far.narrow, even, light, sums);
+        add_value(&far.narrow, odd, light, &mut others);
     }
-    for place in wide {
-        let (Some(row), Some(light)) = (far.wide.get(place.row as usize), details.get(place.node as usize)) else {
-            return;
-        };
-        let mut sizes = [0.0f32; LANES];
-        for i in 0..LANES {
-            sizes[i] = f32::from(row[i]);
-        }
-        for c in 0..C {
-            add_scaled(&mut sums[c], light[channels[c]], &sizes);
-        }
+    last.iter().for_each(|place| add_value(&far.narrow, place, light, sums));
+    wide.iter().for_each(|place| add_value(&far.wide, place, light, &mut others));
+    for c in 0..C {
+        add_scaled(&mut sums[c], 1.0, &others[c]);
+    }
+}
+
+#[inline(always)]
+fn add_value<const C: usize, T: Copy>(
+    rows: &[[T; LANES]],
+    place: &Place,
+    (details, channels): (&[[f32; 3]], [usize; C]),
+    sums: &mut [[f32; LANES]; C],
+) where
+    f32: From<T>,
+{
+    let (Some(row), Some(light)) = (rows.get(place.row as usize), details.get(place.node as usize)) else { return };
+    // Plain loops over arrays: what the compiler turns into whole registers.
+    let mut sizes = [0.0f32; LANES];
+    for i in 0..LANES {
+        sizes[i] = f32::from(row[i]);
+    }
+    for c in 0..C {
+        add_scaled(&mut sums[c], light[channels[c]], &sizes);
     }
 }
 

@@ -4,6 +4,7 @@
 //! in [0, 1] on the side that the name says.
 
 use crate::math::quadrature::{gauss_legendre_cached, integrate, integrate_with};
+use crate::math::simd::multiversion;
 
 /// How the diffuse reflection at the boundary, and with it the dipole's `A`, is computed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -59,6 +60,29 @@ pub fn transmittance(eta_inside_over_outside: f64, cos_outside: f64) -> f64 {
     let value = 0.5 * (product / (perpendicular * perpendicular) + product / (parallel * parallel));
     // Both directions grazing at once (eta within rounding of 1) leaves 0 / 0.
     if value.is_finite() { value.min(1.0) } else { 0.0 }
+}
+
+#[inline(always)]
+fn entering_body(eta_inside_over_outside: f64, cosines: &mut [f64]) {
+    // As `transmittance`, with selections in the place of branches: many at once.
+    let eta = eta_inside_over_outside;
+    for cosine in cosines {
+        let cos_outside = cosine.min(1.0);
+        let scaled_square = cos_outside * cos_outside + (eta - 1.0) * (eta + 1.0);
+        let cos_inside = (scaled_square.max(0.0).sqrt() / eta).min(1.0);
+        let product = 4.0 * eta * cos_outside * cos_inside;
+        let perpendicular = cos_outside + eta * cos_inside;
+        let parallel = eta * cos_outside + cos_inside;
+        let value = 0.5 * (product / (perpendicular * perpendicular) + product / (parallel * parallel));
+        // No number is not below infinity.
+        let enters = (*cosine > 0.0) & (scaled_square > 0.0) & (value < f64::INFINITY);
+        *cosine = if enters { value.min(1.0) * *cosine } else { 0.0 };
+    }
+}
+
+multiversion! {
+    /// Turns cosines of directions outside into cosine times [`transmittance`], for a positive refractive index.
+    pub(crate) fn entering(eta_inside_over_outside: f64, cosines: &mut [f64]) => entering_body
 }
 
 /// Fraction of unpolarised light inside the medium at `cos_inside` that the surface sends back into it; 1 where
@@ -242,6 +266,7 @@ impl CosineTransmittance {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use crate::math::simd::Level;
 
     const ETAS: [f64; 12] = [0.4, 0.5, 1.0 / 1.33, 0.9, 0.999, 1.0, 1.0 + 1e-9, 1.01, 1.3, 1.5, 2.4, 3.0];
 
@@ -278,6 +303,21 @@ mod tests {
             let brewster = 1.0 / (1.0 + eta * eta).sqrt();
             let perpendicular = ((1.0 - eta * eta) / (1.0 + eta * eta)).powi(2);
             assert!((transmittance(eta, brewster) - (1.0 - 0.5 * perpendicular)).abs() < 1e-12, "{eta}");
+        }
+    }
+
+    #[test]
+    fn many_cosines_enter_as_single_ones_do() {
+        for eta in ETAS {
+            let all: Vec<f64> = cosines().chain([-1.0, -1e-300, 0.0, 1e-300, 1.0 + 1e-15, f64::NAN]).collect();
+            for level in Level::available() {
+                let mut entering = all.clone();
+                super::entering(level, eta, &mut entering);
+                for (cosine, entering) in all.iter().zip(&entering) {
+                    let expected = if *cosine > 0.0 { transmittance(eta, *cosine) * cosine } else { 0.0 };
+                    assert!((entering - expected).abs() <= 1e-15 * expected, "{eta} {cosine}: {entering} {expected}");
+                }
+            }
         }
     }
 

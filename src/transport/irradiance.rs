@@ -1,6 +1,7 @@
 //! Irradiance of the samples under a set of lights: E = Int L V F_t(eta, n.w) max(0, n.w) dw, shadows by ray casting.
 
 mod points;
+mod probes;
 mod sharp;
 
 use std::f64::consts::{PI, TAU};
@@ -12,7 +13,6 @@ use self::sharp::{Sharp, pieces};
 use super::scene::Surface;
 use crate::error::Result;
 use crate::geometry::bvh::{Bvh, Ray, offset_origin};
-use crate::geometry::samples::{Facet, Patch, area};
 use crate::light::environment::Rotation;
 use crate::light::strata::{Candidate, Strata, StrataSettings};
 use crate::light::{Light, refuse_fields};
@@ -235,39 +235,21 @@ impl<'a> Illumination<'a> {
 
     /// Irradiance of the patches from `first` on; returns those that are not lit evenly.
     pub fn range(&self, first: usize, out: &mut [DVec3]) -> Vec<Uneven> {
-        let mut part = self.surface.samples.part_offsets.partition_point(|&p| p as usize <= first).saturating_sub(1);
-        let (mut points, mut bundle) = (Vec::new(), Bundle::default());
-        let mut sharp: Vec<Sharp> = self.lights.iter().filter_map(Sharp::new).collect();
-        let soft = sharp.len() < self.lights.len();
-        for (i, e) in out.iter_mut().enumerate() {
-            let patch = first + i;
-            while patch >= self.surface.samples.part(part).end {
-                part += 1;
-            }
-            let medium = self.surface.scene.parts.parts[part].medium.unwrap_or(0) as usize;
-            points.clear();
-            if !soft && !self.is_faced(patch, &sharp) {
-                *e = DVec3::ZERO;
-                continue;
-            }
-            let probe = if sharp.is_empty() { None } else { self.corners_and_centroid(patch) };
-            if soft || probe.is_none() {
-                self.points_of(patch, &mut points);
-            }
-            for light in &mut sharp {
-                match &probe {
-                    Some(probe) => light.collect(i, self.entrance[medium].0, probe, |k| PROBE_WEIGHTS[k]),
-                    None => light.collect(i, self.entrance[medium].0, &points, |_| 1.0 / points.len() as f64),
-                }
-            }
-            let soft = self.lights.iter().filter(|light| !light.is_sharp());
-            *e = soft.map(|light| self.irradiance(light, medium, patch, &points, &mut bundle)).sum();
+        let rays = out.len() * self.sampling.points_per_patch as usize;
+        let mut sharp: Vec<Sharp> = self.lights.iter().filter_map(|light| Sharp::new(light, rays)).collect();
+        let mut points = Vec::new();
+        let mut done = 0;
+        while done < out.len() {
+            let part = self.surface.samples.part_offsets.partition_point(|&p| p as usize <= first + done) - 1;
+            let end = out.len().min(self.surface.samples.part(part).end - first);
+            self.some_of_part(part, first + done, &mut out[done..end], (done, &mut sharp));
+            done = end;
         }
         for light in &mut sharp {
             light.trace(self.surface.bvh);
         }
         // Where a shadow boundary crosses a patch, more rays tell where; for each light on its own, so that lights add up.
-        let mut fine: Vec<Sharp> = self.lights.iter().filter_map(Sharp::new).collect();
+        let mut fine: Vec<Sharp> = self.lights.iter().filter_map(|light| Sharp::new(light, 0)).collect();
         let crossed: Vec<Vec<bool>> = sharp.iter().map(|light| light.crossed(out.len())).collect();
         let single = |i: usize| self.surface.samples.patch(first + i).len() == 1;
         let crossed = |light: usize, i: usize| crossed[light][i] && single(i);
@@ -308,6 +290,43 @@ impl<'a> Illumination<'a> {
             *e = e.min(DVec3::splat(MOST));
         }
         uneven
+    }
+
+    /// Soft light on patches of one part, and the rays towards sharp lights; `before` patches of the range come before them.
+    fn some_of_part(&self, part: usize, first: usize, out: &mut [DVec3], (before, sharp): (usize, &mut Vec<Sharp>)) {
+        let medium = self.surface.scene.parts.parts[part].medium.unwrap_or(0) as usize;
+        let eta = self.entrance[medium].0;
+        let soft = sharp.len() < self.lights.len();
+        let offsets = &self.surface.samples.patch_offsets[first..=first + out.len()];
+        let facets = offsets[0] as usize..offsets[out.len()] as usize;
+        if !soft && self.sampling.points_per_patch == 1 && facets.len() == out.len() {
+            let patches = &self.surface.patches[first..first + out.len()];
+            let facets = &self.surface.samples.facets[facets];
+            sharp.iter_mut().for_each(|light| light.collect_centres(before, eta, patches, facets));
+            out.fill(DVec3::ZERO);
+            return;
+        }
+        let (mut points, mut bundle) = (Vec::new(), Bundle::default());
+        for (i, e) in out.iter_mut().enumerate() {
+            let patch = first + i;
+            points.clear();
+            if !soft && !self.is_faced(patch, sharp) {
+                *e = DVec3::ZERO;
+                continue;
+            }
+            let probe = if sharp.is_empty() { None } else { self.corners_and_centroid(patch) };
+            if soft || probe.is_none() {
+                self.points_of(patch, &mut points);
+            }
+            for light in sharp.iter_mut() {
+                match &probe {
+                    Some(probe) => light.collect(before + i, eta, probe, |k| PROBE_WEIGHTS[k]),
+                    None => light.collect(before + i, eta, &points, |_| 1.0 / points.len() as f64),
+                }
+            }
+            let soft = self.lights.iter().filter(|light| !light.is_sharp());
+            *e = soft.map(|light| self.irradiance(light, medium, patch, &points, &mut bundle)).sum();
+        }
     }
 
     fn irradiance(
@@ -413,68 +432,6 @@ impl<'a> Illumination<'a> {
             }
         }
         bundle.trace(self.surface.bvh)
-    }
-
-    /// Near the corners and at the centroid of a patch that is one facet, where that is as many points as asked for: no
-    /// straight shadow boundary leaves much of a patch unnoticed between them.
-    fn corners_and_centroid(&self, patch: usize) -> Option<[SurfacePoint; 4]> {
-        let [facet] = self.surface.samples.patch(patch) else { return None };
-        if self.sampling.points_per_patch.next_power_of_two() as usize != PROBE_WEIGHTS.len() {
-            return None;
-        }
-        let mesh = &self.surface.scene.mesh;
-        let [a, b, c] = facet.corners_local_mm(mesh);
-        let normal = self.surface.patches[patch].normal;
-        let centre = (a + b + c) / 3.0;
-        let at = |p: DVec3| SurfacePoint { at: centre.lerp(p, PROBE_REACH), normal, triangle: facet.triangle };
-        Some([at(a), at(b), at(c), at(centre)])
-    }
-
-    /// Whether one of the lights is in front of a patch; true where that is not obvious.
-    fn is_faced(&self, patch: usize, lights: &[Sharp]) -> bool {
-        let Patch { centre_mm, normal, .. } = self.surface.patches[patch];
-        normal == DVec3::ZERO || lights.iter().any(|light| light.faces(centre_mm, normal))
-    }
-
-    /// Centroids of the pieces of a patch that is one facet.
-    fn pieces_as_points(&self, patch: usize, count: u32, out: &mut Vec<SurfacePoint>) {
-        let mesh = &self.surface.scene.mesh;
-        let [facet] = self.surface.samples.patch(patch) else { return };
-        let Patch { centre_mm, normal, .. } = self.surface.patches[patch];
-        if count == 1 {
-            // Not through the mesh, whose triangles lie in another order than patches.
-            out.push(SurfacePoint { at: centre_mm, normal, triangle: facet.triangle });
-            return;
-        }
-        pieces(facet.corners_local_mm(mesh), count, &mut |corners| {
-            let at = corners.iter().sum::<DVec3>() / 3.0;
-            out.push(SurfacePoint { at, normal, triangle: facet.triangle });
-        });
-    }
-
-    /// Points that stand for equal areas of a patch.
-    fn points_of(&self, patch: usize, out: &mut Vec<SurfacePoint>) {
-        let mesh = &self.surface.scene.mesh;
-        let facets = self.surface.samples.patch(patch);
-        let count = self.sampling.points_per_patch.next_power_of_two();
-        if facets.len() == 1 {
-            self.pieces_as_points(patch, count, out);
-            return;
-        }
-        let areas: Vec<f64> = facets.iter().map(|f| area(f.corners_local_mm(mesh))).collect();
-        let total: f64 = areas.iter().sum();
-        let (mut index, mut passed) = (0, 0.0);
-        for k in 0..count.max(facets.len().min(16) as u32) {
-            let wanted = total * (f64::from(k) + 0.5) / f64::from(count.max(facets.len().min(16) as u32));
-            while index + 1 < facets.len() && passed + areas[index] < wanted {
-                passed += areas[index];
-                index += 1;
-            }
-            let Facet { triangle, .. } = facets[index];
-            let corners = facets[index].corners_local_mm(mesh);
-            let normal = mesh.cross_mm2(triangle).normalize_or_zero();
-            out.push(SurfacePoint { at: corners.iter().sum::<DVec3>() / 3.0, normal, triangle });
-        }
     }
 }
 

@@ -7,9 +7,12 @@
 //!
 //! Measured against [`super::near_field`]: see the tests, and `docs/editable.md`.
 
+mod hats;
+
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
+use self::hats::{Areas, Rings};
 use super::balanced_tree::power_of_two_near;
 use super::gather::NearField;
 use super::irradiance::Pieces;
@@ -17,20 +20,13 @@ use super::light_range::{CommonColour, LightRange};
 use super::near_field::{Around, Corners};
 use super::receivers::{Group, Receivers};
 use super::scene::{Medium, Surface};
-use crate::geometry::ball::triangle_in_balls;
-use crate::math::quadrature::gauss_legendre_cached;
 use crate::math::simd::{Level, multiversion, prefetch};
-use crate::medium::dipole::Dipole;
-use crate::medium::far_profile::FarProfile;
 use crate::medium::fresnel::BoundaryFit;
 use crate::progress::Progress;
 
-/// Hat functions. With them and [`DENSER`] a shadow boundary anywhere costs at most 1e-3 of the light of a lit plane, waves of light
+/// Hat functions. With them and [`hats::DENSER`] a shadow boundary anywhere costs at most 1e-3 of the light of a lit plane, waves of light
 /// 2e-4, for free paths of 0.03 to 4 spacings of the samples and a split radius of 6.
 const RINGS: usize = 20;
-
-/// The k-th radius grows as this power of k: dense media are peaked at the receiver.
-const DENSER: i32 = 3;
 
 /// Besides the hats: that at the split radius, where nothing is left of near parts, and light on `u = r^2 - split^2` and its square,
 /// of the pieces of uneven samples, of which the far field sees the mean.
@@ -48,115 +44,11 @@ const LANES: usize = 16;
 /// Rows that are asked for before they are read: some 2 KB.
 const AHEAD: usize = 100;
 
-/// Points of a quadrature over an e-fold of the squared distance.
-const ORDER: usize = 8;
-
 /// Triangles nearer than so many of their radii meet the rings in closed form.
 const EXACT_BELOW: f64 = 1.5;
 
 /// Light on the columns of one receiver, of each channel.
 type Columns<const C: usize> = [[f32; COLUMNS]; C];
-
-/// Squared radii at which hats peak, mm^2; the last one, where near parts end, has none.
-#[derive(Clone, Debug, PartialEq)]
-struct Rings([f64; RINGS + 1]);
-
-impl Rings {
-    fn new(split_mm: f64) -> Self {
-        Self(std::array::from_fn(|k| (split_mm * (k as f64 / RINGS as f64).powi(DENSER)).powi(2)))
-    }
-
-    /// Where among the hats a squared distance is: between two of them, by how much of a point falls on the second.
-    fn place(&self, r2: f64) -> Option<(usize, f64)> {
-        let next = self.0.partition_point(|s| *s <= r2);
-        let (from, to) = (*self.0.get(next.checked_sub(1)?)?, *self.0.get(next)?);
-        Some((next - 1, (r2 - from) / (to - from)))
-    }
-
-    /// Adds an area at a point.
-    fn point(&self, r2: f64, area: f64, out: &mut Areas) {
-        if let Some((first, t)) = self.place(r2) {
-            out[first] += (area * (1.0 - t)) as f32;
-            out[first + 1] += (area * t) as f32;
-        }
-    }
-
-    /// Adds a triangle (relative to the receiver, mm) by its area; what is beyond the split radius is on no hat.
-    fn triangle(&self, corners: [DVec3; 3], out: &mut Areas) {
-        let mut before = [0.0; 2];
-        for (k, now) in triangle_in_balls(corners, &self.0[1..]).enumerate() {
-            let (area, moment) = (now[0] - before[0], now[1] - before[1]);
-            let (from, to) = (self.0[k], self.0[k + 1]);
-            // f64::min turns what is no number into the bound.
-            let beyond = ((moment - from * area) / (to - from)).max(0.0).min(area.max(0.0));
-            out[k] += (area - beyond).max(0.0) as f32;
-            out[k + 1] += beyond as f32;
-            before = now;
-        }
-    }
-
-    /// The same as three points, see the near field's rule.
-    fn three_points(&self, [a, b, c]: [DVec3; 3], out: &mut Areas) {
-        let (centre, third) = ((a + b + c) / 3.0, (b - a).cross(c - a).length() / 6.0);
-        for corner in [a, b, c] {
-            self.point((0.5 * (centre + corner)).length_squared(), third, out);
-        }
-    }
-
-    /// Coefficients of the columns of one channel.
-    fn coefficients(&self, dipole: &Dipole) -> [f32; COLUMNS] {
-        let [whole, far] = [0.0, self.0[RINGS].sqrt()].map(|split_mm| FarProfile::new(dipole, split_mm));
-        let near = |r2: f64| {
-            let value = whole.reflectance_at_square(r2) - far.reflectance_at_square(r2);
-            if value.is_finite() { value } else { 0.0 }
-        };
-        let (mut diagonal, mut beside, mut right) = ([0.0; RINGS + 1], [0.0; RINGS + 1], [0.0; RINGS + 1]);
-        let smooth = dipole.poles().iter().map(|pole| pole.z_mm).fold(f64::MAX, f64::min);
-        let scale2 = (smooth * smooth).max(1e-9 * self.0[1]);
-        let rule = gauss_legendre_cached(ORDER);
-        for k in 0..RINGS {
-            let (from, to) = (self.0[k], self.0[k + 1]);
-            let width = to - from;
-            diagonal[k] += width / 3.0;
-            diagonal[k + 1] += width / 3.0;
-            beside[k] += width / 6.0;
-            // Even in the logarithm of r^2 + s^2, s the scale on which the profile is smooth.
-            let (low, high) = ((from + scale2).ln(), (to + scale2).ln());
-            let pieces = (high - low).ceil().max(1.0);
-            let half = 0.5 * (high - low) / pieces;
-            for piece in 0..pieces as usize {
-                let middle = low + (2.0 * piece as f64 + 1.0) * half;
-                for node in rule {
-                    let x = (middle + half * node.position).exp();
-                    let r2 = (x - scale2).clamp(from, to);
-                    let (weighted, t) = (node.weight * half * x * near(r2), (r2 - from) / width);
-                    right[k] += weighted * (1.0 - t);
-                    right[k + 1] += weighted * t;
-                }
-            }
-        }
-        // Thomas' algorithm: diagonally dominant. Nothing is left at the split radius.
-        for k in 1..RINGS {
-            let factor = beside[k - 1] / diagonal[k - 1];
-            diagonal[k] -= factor * beside[k - 1];
-            right[k] -= factor * right[k - 1];
-        }
-        let mut next = 0.0;
-        let mut result = [0.0; COLUMNS];
-        for k in (0..RINGS).rev() {
-            let above = if k + 1 < RINGS { beside[k] * next } else { 0.0 };
-            next = (right[k] - above) / diagonal[k];
-            result[k] = next as f32;
-        }
-        let [_, slope, curvature] = far.polynomial();
-        result[SLOPE] = slope as f32;
-        result[CURVATURE] = curvature as f32;
-        result
-    }
-}
-
-/// Areas on the hats and, the last one, at the split radius, mm^2.
-type Areas = [f32; RINGS + 1];
 
 /// A sample that is a point: where it is among the hats.
 #[derive(Clone, Copy, Debug)]
@@ -350,6 +242,11 @@ impl Gathering<'_> {
         let light: Vec<[f32; L]> = self.irradiance.par_iter().zip(&self.rings.areas).map(of_sample).collect();
         let mut blocks = vec![[0.0; LANES]; self.receivers.groups.len() * COLUMNS * C];
         let level = Level::detect();
+        // Some samples without a decision for each.
+        let is_dark = |samples: &[u32]| {
+            let bits = |sample: &u32| light[*sample as usize][..C].iter().fold(0, |any, e| any | e.to_bits());
+            samples.iter().fold(0, |any, sample| any | bits(sample)) << 1 == 0
+        };
         let groups = self.receivers.groups.par_iter().zip(&self.rings.groups);
         let of_group =
             |uneven: &mut Vec<u32>,
@@ -359,7 +256,7 @@ impl Gathering<'_> {
                 if !self.pieces.deviations().is_empty() {
                     uneven.extend(samples.iter().filter(|&&sample| self.pieces.is_uneven(sample as usize)));
                 }
-                if uneven.is_empty() && samples.iter().all(|&sample| light[sample as usize] == [0.0; L]) {
+                if uneven.is_empty() && samples.chunks(32).all(is_dark) {
                     return;
                 }
                 gather(level, seen, &light, block);

@@ -3,6 +3,7 @@
 use super::*;
 use crate::geometry::shapes;
 use crate::light::Light;
+use crate::medium::far_profile::FarProfile;
 use crate::medium::profile::Profile;
 use crate::progress::Silent;
 use crate::transport::balanced_tree::{BalancedTree, in_tree_order};

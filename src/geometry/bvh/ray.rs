@@ -50,7 +50,7 @@ fn round_along(point: DVec3, direction: DVec3) -> Vec3 {
     const BACK: f64 = 1.001 * ROUNDING as f64;
     let away = |x: f64, d: f64| {
         let sign = f64::from(u8::from(d > 0.0)) - f64::from(u8::from(d < 0.0));
-        (x + sign * (BACK * x.abs()).max(f64::from(f32::from_bits(1)))) as f32
+        (x + sign * BACK * x.abs()) as f32
     };
     Vec3::new(away(point.x, direction.x), away(point.y, direction.y), away(point.z, direction.z))
 }

@@ -27,7 +27,7 @@ impl Illumination<'_> {
     /// The same of the points from the index `first` on, which turns their sets of directions.
     fn some_points(&self, first: usize, points: &[(SurfacePoint, u32)], out: &mut [DVec3]) {
         let mut bundle = Bundle::default();
-        let mut sharp: Vec<Sharp> = self.lights.iter().filter_map(Sharp::new).collect();
+        let mut sharp: Vec<Sharp> = self.lights.iter().filter_map(|light| Sharp::new(light, points.len())).collect();
         for (i, ((point, medium), e)) in points.iter().zip(out.iter_mut()).enumerate() {
             let Some((eta, _)) = self.entrance.get(*medium as usize) else { continue };
             let point = std::slice::from_ref(point);

@@ -4,7 +4,8 @@ use glam::DVec3;
 
 use super::{LEAST_DISTANCE2_MM2, Prepared, SurfacePoint};
 use crate::geometry::bvh::{Bvh, Ray, offset_along};
-use crate::geometry::samples::bisect;
+use crate::geometry::samples::{Facet, Patch, bisect};
+use crate::math::simd::Level;
 use crate::medium::fresnel;
 
 /// A light whose rays run side by side, from all patches of a range.
@@ -14,6 +15,8 @@ pub(super) struct Sharp {
     rays: Vec<Ray>,
     skip: Vec<u32>,
     arrivals: Vec<Arrival>,
+    /// F_t cos of some patches.
+    entering: Vec<f64>,
 }
 
 /// What one ray brings if it meets nothing.
@@ -43,13 +46,15 @@ enum Source {
 }
 
 impl Sharp {
-    pub(super) fn new(light: &Prepared) -> Option<Self> {
+    /// With room for some rays.
+    pub(super) fn new(light: &Prepared, rays: usize) -> Option<Self> {
         let (source, colour) = match light {
             Prepared::Directional { from, irradiance } => (Source::Direction(*from), *irradiance),
             Prepared::Point { at, intensity } => (Source::Point(*at), *intensity),
             _ => return None,
         };
-        Some(Self { source, colour, rays: Vec::new(), skip: Vec::new(), arrivals: Vec::new() })
+        let (skip, arrivals) = (Vec::with_capacity(rays), Vec::with_capacity(rays));
+        Some(Self { source, colour, rays: Vec::with_capacity(rays), skip, arrivals, entering: Vec::new() })
     }
 
     /// Whether the light is in front of the plane of a triangle, given by a point and a normal of any length.
@@ -61,19 +66,24 @@ impl Sharp {
         }
     }
 
+    /// Direction to the light and distance of a point, and by how much less the light is there.
+    fn towards(&self, at: DVec3) -> (DVec3, f64, f64) {
+        match self.source {
+            Source::Direction(from) => (from, f64::INFINITY, 1.0),
+            Source::Point(light) => {
+                let distance = light.distance(at);
+                let direction = (light - at).normalize_or_zero();
+                (direction, distance, (distance * distance).max(LEAST_DISTANCE2_MM2).recip())
+            }
+        }
+    }
+
     /// Adds the rays of one patch; each point stands for a share of it.
     pub(super) fn collect(&mut self, patch: usize, eta: f64, points: &[SurfacePoint], share: impl Fn(usize) -> f64) {
         // Points of a triangle have one normal, and under a directional light one transmittance.
         let (mut known, mut unit) = ((f64::NAN, 0.0), (DVec3::NAN, DVec3::ZERO));
         for (point, p) in points.iter().enumerate() {
-            let (to_light, distance, falloff) = match self.source {
-                Source::Direction(from) => (from, f64::INFINITY, 1.0),
-                Source::Point(at) => {
-                    let distance = at.distance(p.at);
-                    let direction = (at - p.at).normalize_or_zero();
-                    (direction, distance, (distance * distance).max(LEAST_DISTANCE2_MM2).recip())
-                }
-            };
+            let (to_light, distance, falloff) = self.towards(p.at);
             let cosine = p.normal.dot(to_light);
             if cosine <= 0.0 {
                 continue;
@@ -86,14 +96,38 @@ impl Sharp {
                 if p.normal != unit.0 {
                     unit = (p.normal, p.normal.as_vec3().as_dvec3().normalize_or_zero());
                 }
-                let origin = offset_along(p.at.as_vec3(), unit.1);
-                let (direction, t_max) = (to_light.as_vec3(), distance as f32);
-                self.rays.push(Ray { origin, direction, t_min: 0.0, t_max });
-                self.skip.push(p.triangle);
                 let gain = arriving * falloff * share(point);
-                self.arrivals.push(Arrival { patch: patch as u32, point: point as u32, gain, occluded: false });
+                self.push((patch, point), (p.at, unit.1, p.triangle), (to_light, distance), gain);
             }
         }
+    }
+
+    /// Adds a ray from the centre of each of some patches, each of one facet; the first is number `first` of the range.
+    pub(super) fn collect_centres(&mut self, first: usize, eta: f64, patches: &[Patch], facets: &[Facet]) {
+        let mut entering = std::mem::take(&mut self.entering);
+        entering.clear();
+        entering.extend(patches.iter().map(|patch| patch.normal.dot(self.towards(patch.centre_mm).0)));
+        fresnel::entering(Level::detect(), eta, &mut entering);
+        for (i, (patch, facet)) in patches.iter().zip(facets).enumerate().filter(|(i, _)| entering[*i] > 0.0) {
+            let (to_light, distance, falloff) = self.towards(patch.centre_mm);
+            let from = (patch.centre_mm, patch.normal, facet.triangle);
+            self.push((first + i, 0), from, (to_light, distance), entering[i] * falloff);
+        }
+        self.entering = entering;
+    }
+
+    /// Adds one ray, from a point with a unit normal.
+    fn push(
+        &mut self,
+        (patch, point): (usize, usize),
+        (at, unit, triangle): (DVec3, DVec3, u32),
+        (to_light, distance): (DVec3, f64),
+        gain: f64,
+    ) {
+        let (origin, direction) = (offset_along(at.as_vec3(), unit), to_light.as_vec3());
+        self.rays.push(Ray { origin, direction, t_min: 0.0, t_max: distance as f32 });
+        self.skip.push(triangle);
+        self.arrivals.push(Arrival { patch: patch as u32, point: point as u32, gain, occluded: false });
     }
 
     pub(super) fn trace(&mut self, bvh: &Bvh) {
