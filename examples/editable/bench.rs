@@ -95,6 +95,22 @@ pub(crate) fn times_ms(evaluator: &mut dyn Evaluator) -> Result<(f64, f64)> {
     Ok((median(lights), median(edits)))
 }
 
+/// Median milliseconds of a new light and a material that was not in force before.
+pub(crate) fn both_ms(evaluator: &mut dyn Evaluator, material: &str) -> Result<f64> {
+    let (before, after) = (media(evaluator.scene(), EDITED[0])?, media(evaluator.scene(), material)?);
+    let mut times = Vec::new();
+    for turn in 0..REPEATS {
+        evaluator.set_media(before.clone())?;
+        let light = parallel(DVec3::new(0.4, 0.7, 0.6 + 0.05 * turn as f64));
+        let start = Instant::now();
+        evaluator.set_media(after.clone())?;
+        evaluator.set_lights(vec![light], &Silent)?;
+        evaluator.radiosity(&Silent)?;
+        times.push(start.elapsed().as_secs_f64() * 1e3);
+    }
+    Ok(median(times))
+}
+
 fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(0.0)

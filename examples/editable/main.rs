@@ -20,6 +20,7 @@ mod page;
 mod profiles;
 mod spatial;
 mod tables;
+mod together;
 mod transfer;
 
 use self::common::runner::{Page, main as measure};
@@ -28,6 +29,7 @@ const PAGE: Page = Page {
     name: "editable",
     parts: &[
         ("tables", tables::run),
+        ("together", together::run),
         ("figure3", figure3::run),
         ("figure4", figure4::run),
         ("figure5", figure5::run),

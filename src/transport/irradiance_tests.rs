@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::*;
+use crate::geometry::samples::area;
 use crate::geometry::shapes;
 use crate::geometry::source::SourceModel;
 use crate::light::environment::EnvironmentMap;
