@@ -49,7 +49,7 @@ pub(crate) fn run(context: &Context) -> Result<String> {
         ]);
         text += &summary(
             &format!(
-                "light and material new at once, a second, median of {} materials (the slowest); error of samples and transport, the worst                  of {} (nothing stored, {model}, {vertices} vertices, {samples} samples)",
+                "light and material new at once, a second, median of {} materials (the slowest); error of samples and transport, the worst of {} (nothing stored, {model}, {vertices} vertices, {samples} samples)",
                 PRESETS.len(),
                 MATERIALS.len()
             ),
