@@ -64,15 +64,16 @@ fn measure(path: &Path) -> translux::error::Result<()> {
         let media =
             vec![Medium { name: preset.name.to_owned(), properties: preset.properties() }; asset.scene.media.len()];
         evaluator.set_media(media.clone())?;
-        for kind in ["directional", "point"] {
+        for kind in ["directional", "point", "red and a blue directional"] {
             let mut times = Vec::new();
             for i in 0..RUNS {
-                let light = match kind {
-                    "directional" => Light::directional(around(i), DVec3::ONE)?,
-                    _ => Light::point(asset.scene.mesh.origin_mm + radius * around(i), DVec3::ONE)?,
+                let lights = match kind {
+                    "directional" => vec![Light::directional(around(i), DVec3::ONE)?],
+                    "point" => vec![Light::point(asset.scene.mesh.origin_mm + radius * around(i), DVec3::ONE)?],
+                    _ => vec![Light::directional(around(i), DVec3::X)?, Light::directional(around(i + 3), DVec3::Z)?],
                 };
                 let (time, result) = timed(|| {
-                    evaluator.set_lights(vec![light], &Silent)?;
+                    evaluator.set_lights(lights, &Silent)?;
                     evaluator.radiosity(&Silent)
                 });
                 result?;

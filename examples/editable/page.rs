@@ -6,8 +6,8 @@ const HEAD: &str = "\
 # editable: the figures of Wang et al. 2008 remade
 
 `scripts/figures editable-page` measures everything on this page and writes it (`examples/editable/`; `--quick` tries it in a few
-minutes, `--only PART` measures one part again). Models have a diagonal of 30 mm. Measured on 2 cores of an AMD EPYC, 2026-11-23; all but
-times is the same to the digit anywhere.
+minutes, `--only PART` measures one part again). Models have a diagonal of 30 mm. Measured on 2 cores of an AMD EPYC (Zen 5), 2026-11-23, but for the
+times of figures 3 and 4, the transfer side and environments, which a processor half as fast took; all but times is the same to the digit anywhere.
 
 **RMS**: relative to the truth's RMS over the area, worst channel, under one directional light; the truth is `reference` with
 262,144 samples of its own, so that sampling is part of every error.
@@ -23,11 +23,11 @@ const TABLES: &str = "
 
 Beethoven and the gargoyle have their longest edges cut until they have the paper's 16K and 64K vertices. The environment's rows are left out (`--for-lights directional`), as in the paper's sizes. *Stored* asks for 1 %, *nothing stored*
 (the default) for 0.5 %; both with `--set points=1`. Edits turn skin1 into skin2 and back; a new refractive index costs what a new light does. They are
-prepared, as in the window: the stored form keeps light around the vertices ring by ring, which takes 0.5 s and 90 MB on the closed bunny (`cargo bench --bench
+prepared, as in the window: the stored form keeps light around the vertices ring by ring, which takes 0.3 s and 90 MB on the closed bunny (`cargo bench --bench
 editable`), and its errors are those of edits so prepared. The paper states no errors against a
 truth, but that 95 to 98 % of the energy is kept, which is an error of 14 to 22 %.
 
-**Nothing stored** beats the stored form in bytes (8 to 27 times fewer) and bakes in a third to a half of the time. The stored form is one and a half to two times as fast for a
+**Nothing stored** beats the stored form in bytes (8 to 27 times fewer) and bakes in a third to two thirds of the time. The stored form is one and a half to two times as fast for a
 new light, and 18 to 28 times as fast for a new material.
 
 ";
@@ -85,7 +85,7 @@ samples; the geometry images have 48 x 48 vertices, 1.4 sample spacings apart as
 on any mesh. Points with kriging take about what lifting takes (by entropy 87 bytes at 1.8 % on beethoven and 80 there; 86 at 1.8 % on the bunny and 78 at 1.4 %), down
 to an error that more coefficients do not lower; it is one of the far part, a share of the whole, and `editable` chooses the distance by it. Points stay the
 stored form's default on any mesh because they save more than bytes: their columns are baked, kept in memory and multiplied with the light at a fraction of the
-vertices (figure 5, 1 % asked, 4 spacings apart: 8 s in place of 32, a new light 46 ms in place of 110), where lifting has those of every vertex to transform, and its sums to transform back for each
+vertices (figure 5, 1 % asked, 4 spacings apart: 5 s in place of 15, a new light 14 ms in place of 34), where lifting has those of every vertex to transform, and its sums to transform back for each
 light. Lifting the points as well saves for kernels of eight vertex spacings and more alone. Kernels of one vertex spacing and less lose by any
 transform, and marble's whole dipole gains a fifth at most: their columns are best left as they are. The paper's 95 % of the energy is an error of 4 to 10 %, 98 % one
 of 3 to 7 %, with negative radiosity; 1 % takes 99.9 %.
@@ -162,18 +162,25 @@ that takes twice the time of shadow rays (last rows): leave `field=` out there."
 const LIMITS: &str = "
 ## What limits the rates
 
-Two cores with AVX2 (AMD EPYC, family 25, model 1, 2.45 GHz). On the closed bunny a new light of the stored form takes about 30 ms, asked were 17 (`cargo bench
---bench editable`; shares by `perf record`): 13 for a ray from each of the 65,000 samples that face it, of which walking the tree is a
-quarter and waiting for the triangles of the samples another; 9 for the light on the rings, 4 million samples near some vertex; 4 for the far field; the rest is what an edit does. Tried:
+Two cores with AVX-512 (AMD EPYC, Zen 5: family 26, model 2). A processor with AVX2 (family 25, model 1, 2.45 GHz), before the steps that name the gargoyle below, had 19 new lights and 359 edits a
+second of the stored gargoyle, and 14 (71 ms) and 6 (159 ms) changes of everything with nothing stored. A new light of the stored gargoyle takes 15 ms here (`cargo bench --bench editable`):
+a third for a ray from each of the samples that face it, a third for the light on the rings, 8 million samples near some vertex, a sixth for the far field; the rest is what an
+edit does and the transform of the light. It is of one colour, as is that of one light: a red and a blue sun together, of three channels and with twice the rays, take 22 ms. Tried:
 
-- one ray for a sample (`--set points=1`) in place of four, or 36 where these see light and dark: 106 ms became 37.
+- one ray for a sample (`--set points=1`) in place of four, or 36 where these see light and dark: 106 ms became 37 (closed bunny, AVX2).
 - R_d of near points by tables of quadratic polynomials, and the triangles of 16 neighbouring vertices side by side: an edit of the closed bunny took 19 to 32 ms, in cream, whose
-  free path is short against the samples, 52, and is what `evaluate` still does.
-- the light around each vertex on 20 hat functions of r^2: an edit is a product, 1.0 to 1.5 ms in any medium, 3e-4 to 5e-4 of the light off. Rings between which light was
+  free path is short against the samples, 52 (AVX2), and is what `evaluate` still does.
+- the light around each vertex on 20 hat functions of r^2: an edit is a product, 1.0 to 1.5 ms in any medium (AVX2), 3e-4 to 5e-4 of the light off. Rings between which light was
   constant, near triangles split down to the innermost one, took 98 s to prepare for 2,562 vertices; triangles that meet them in closed form 0.5 s for 34,835.
   Near triangles as points from three radii on, in place of 4.2, are 1.9e-3 off.
-- light gathered on the hats sample by sample, each with as many as it meets: 24 ms of a new light. Eight hats side by side, with nothing to decide: 9.
-- nothing stored, light and material new at once: 71 ms at 0.5 % asked and 159 at 0.1 % (closed bunny), asked were 33 and 100. Kriging of the nets from 32 points, and a softening that the bake measures: 289 ms became 134 at 0.1 % asked. Fewer points or a coarser softening miss what was asked.
+- light gathered on the hats sample by sample, each with as many as it meets: 24 ms of a new light. Eight hats side by side, with nothing to decide: 9 (AVX2). Windows of hats that overlap, so that
+  most samples are in one, keep less and are slower (gargoyle: 4.8 ms became 5.8).
+- gargoyle: normals and centroids beside the samples in place of triangles of the mesh, and one channel for light of one colour: 27 ms became 21.
+- gargoyle: values of the far field one function after the other, rows of rings asked for before they are read, four samples to a call in the transform of the light: 21 became 17. Two sums taken in turns help
+  the far field, and not the rings; both at once are no faster than one after the other.
+- gargoyle: what enters at many samples side by side: 16 became 14.
+- nothing stored, light and material new at once: kriging of the nets from 32 points, and a softening that the bake measures: 289 ms became 134 at 0.1 % asked (AVX2). Fewer points or a coarser
+  softening miss what was asked.
 - rings for the nets, whose near field is all around a sample's own spacing: 0.06 to 0.34 % off, but light took three times as long to gather as to sum (8 to 11 ms in place of 3 for 2,562
   vertices). It is not part of the program.
 ";

@@ -75,8 +75,9 @@ fn entering_body(eta_inside_over_outside: f64, cosines: &mut [f64]) {
         let parallel = eta * cos_outside + cos_inside;
         let value = 0.5 * (product / (perpendicular * perpendicular) + product / (parallel * parallel));
         // No number is not below infinity.
-        let enters = (*cosine > 0.0) & (scaled_square > 0.0) & (value < f64::INFINITY);
-        *cosine = if enters { value.min(1.0) * *cosine } else { 0.0 };
+        let enters = (*cosine > 0.0) & ((scaled_square > 0.0) & (value < f64::INFINITY) | (eta == 1.0));
+        let value = if eta == 1.0 { 1.0 } else { value.min(1.0) };
+        *cosine = if enters { value * *cosine } else { 0.0 };
     }
 }
 

@@ -1,6 +1,6 @@
 //! The near field of many media under one light: light around every receiver, ring by ring, so that a change of medium is a product.
 //!
-//! Inside the split radius the near part of a profile ([`FarProfile`]) is a sum of hat functions of the squared distance. How much
+//! Inside the split radius the near part of a profile ([`FarProfile`](crate::medium::far_profile::FarProfile)) is a sum of hat functions of the squared distance. How much
 //! light falls on each hat depends on geometry and light alone. Coefficients are those of Galerkin: what the near part and its hats
 //! sum is the same for every light that is itself a sum of hats, even light above all. Near triangles meet the rings in closed form,
 //! distant ones are points at their centroids.
@@ -217,6 +217,9 @@ impl NearRings {
 /// the same times its area.
 type Gather<const C: usize, const L: usize> = fn(Level, &Seen, &[[f32; L]], &mut [[f32; LANES]]);
 
+/// The columns of one group, itself, and what it sees.
+type Columned<'a> = (&'a mut [[f32; LANES]], (&'a Group, &'a Seen));
+
 /// Light on its way to the rings.
 struct Gathering<'a> {
     rings: &'a NearRings,
@@ -248,37 +251,35 @@ impl Gathering<'_> {
             samples.iter().fold(0, |any, sample| any | bits(sample)) << 1 == 0
         };
         let groups = self.receivers.groups.par_iter().zip(&self.rings.groups);
-        let of_group =
-            |uneven: &mut Vec<u32>,
-             (index, (block, (group, seen))): (usize, (&mut [[f32; LANES]], (&Group, &Seen)))| {
-                let samples = self.around.of(index);
-                uneven.clear();
-                if !self.pieces.deviations().is_empty() {
-                    uneven.extend(samples.iter().filter(|&&sample| self.pieces.is_uneven(sample as usize)));
-                }
-                if uneven.is_empty() && samples.chunks(32).all(is_dark) {
-                    return;
-                }
-                gather(level, seen, &light, block);
-                if uneven.is_empty() {
-                    return;
-                }
-                for (lane, receiver) in self.receivers.positions[group.run.range()].iter().enumerate() {
-                    let mut columns = [[0.0; COLUMNS]; C];
-                    for &sample in uneven.iter() {
-                        let patch = &self.surface.patches[sample as usize];
-                        let offset = (patch.centre_mm - *receiver).as_vec3();
-                        if f64::from(offset.length()) < self.rings.rule.three_points_below * patch.radius_mm {
-                            self.uneven(offset, (sample, channels), &mut columns);
-                        }
-                    }
-                    for (column, block) in block.chunks_exact_mut(C).enumerate() {
-                        for c in 0..C {
-                            block[c][lane % LANES] += columns[c][column];
-                        }
+        let of_group = |uneven: &mut Vec<u32>, (index, (block, (group, seen))): (usize, Columned)| {
+            let samples = self.around.of(index);
+            uneven.clear();
+            if !self.pieces.deviations().is_empty() {
+                uneven.extend(samples.iter().filter(|&&sample| self.pieces.is_uneven(sample as usize)));
+            }
+            if uneven.is_empty() && samples.chunks(32).all(is_dark) {
+                return;
+            }
+            gather(level, seen, &light, block);
+            if uneven.is_empty() {
+                return;
+            }
+            for (lane, receiver) in self.receivers.positions[group.run.range()].iter().enumerate() {
+                let mut columns = [[0.0; COLUMNS]; C];
+                for &sample in uneven.iter() {
+                    let patch = &self.surface.patches[sample as usize];
+                    let offset = (patch.centre_mm - *receiver).as_vec3();
+                    if f64::from(offset.length()) < self.rings.rule.three_points_below * patch.radius_mm {
+                        self.uneven(offset, (sample, channels), &mut columns);
                     }
                 }
-            };
+                for (column, block) in block.chunks_exact_mut(C).enumerate() {
+                    for c in 0..C {
+                        block[c][lane % LANES] += columns[c][column];
+                    }
+                }
+            }
+        };
         blocks.par_chunks_mut(COLUMNS * C).zip(groups).enumerate().for_each_init(Vec::new, of_group);
         blocks
     }
@@ -380,10 +381,7 @@ fn gather_body<const C: usize, const L: usize>(seen: &Seen, light: &[[f32; L]], 
             for (i, row) in (before[1] as usize..).zip(&seen.rows[before[1] as usize..end[1] as usize]) {
                 prefetch(&seen.rows, i + AHEAD);
                 let Some(light) = light.get(row.sample as usize) else { return };
-                let mut areas = [0.0f32; WIDTH];
-                for i in 0..WIDTH {
-                    areas[i] = f32::from_bits(u32::from(row.areas[i]) << 16);
-                }
+                let areas = row.areas.map(|half| f32::from_bits(u32::from(half) << 16));
                 for c in 0..C {
                     for i in 0..WIDTH {
                         sums[c][i] += areas[i] * light[c];
