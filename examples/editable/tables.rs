@@ -18,7 +18,7 @@ const MODELS: [(&str, usize, usize, &str); 4] = [
 const QUICK: [(&str, usize, usize, &str); 1] = [("bunny_3k", 0, 16_384, "-")];
 
 /// Materials of the errors: one that is clear, one that is dense, one that absorbs.
-const MATERIALS: [&str; 4] = ["marble", "skin1", "ketchup", "chicken1"];
+pub(crate) const MATERIALS: [&str; 4] = ["marble", "skin1", "ketchup", "chicken1"];
 
 /// A name, the error that is asked for, keys.
 type Form = (&'static str, f64, &'static [(&'static str, &'static str)]);

@@ -7,12 +7,10 @@ use translux::progress::Silent;
 use crate::bench::{bake, both_ms, bytes_per_vertex, media, open, percent, sun};
 use crate::common::bench::{Context, Recipe, met, table};
 use crate::common::runner::summary;
+use crate::tables::MATERIALS;
 
 /// What is asked for, points of a sample that see the light, and how many times a second light and material should change.
 const ASKED: [(f64, &str, f64); 2] = [(0.005, "1", 30.0), (0.001, "2", 10.0)];
-
-/// Materials of the errors, see the tables.
-const MATERIALS: [&str; 4] = ["marble", "skin1", "ketchup", "chicken1"];
 
 pub(crate) fn run(context: &Context) -> Result<String> {
     let (model, samples) = if context.quick { ("bunny_3k", 16_384) } else { ("bunny_closed", 131_072) };

@@ -298,6 +298,20 @@ mod tests {
     }
 
     #[test]
+    fn light_of_one_colour_by_one_channel_is_that_by_three() {
+        let (far, mut light) = (field(), light());
+        let order = ByFunction::new(&far);
+        let rgb = [0.5, 1.0, 0.25];
+        light.details.iter_mut().chain(&mut light.means).for_each(|e| *e = rgb.map(|c| c * e[1]));
+        let three = FarSums::new(Level::detect(), (&far, &order), &light);
+        light.colour = Some(CommonColour { channel: 1, rgb: rgb.map(f64::from).into() });
+        let one = FarSums::new(Level::detect(), (&far, &order), &light);
+        for (one, three) in one.values.as_flattened().iter().zip(three.values.as_flattened()) {
+            assert!((one - three).abs() <= 1e-6 * three.abs(), "{one} {three}");
+        }
+    }
+
+    #[test]
     fn every_instruction_set_gives_the_same_bits_and_materials_combine_linearly() {
         let (far, light) = (field(), light());
         let order = ByFunction::new(&far);

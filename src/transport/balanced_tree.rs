@@ -200,7 +200,7 @@ impl LightDetails {
                 }
                 None => {
                     let of_sample = |e: DVec3| (e * scale.recip()).to_array();
-                    transform((patches, irradiance), of_sample, |e| DVec3::from_array(e).as_vec3().to_array(), details)
+                    transform((patches, irradiance), of_sample, |e| e.map(|e| e as f32), details)
                 }
             }
         });

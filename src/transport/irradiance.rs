@@ -293,7 +293,7 @@ impl<'a> Illumination<'a> {
     }
 
     /// Soft light on patches of one part, and the rays towards sharp lights; `before` patches of the range come before them.
-    fn some_of_part(&self, part: usize, first: usize, out: &mut [DVec3], (before, sharp): (usize, &mut Vec<Sharp>)) {
+    fn some_of_part(&self, part: usize, first: usize, out: &mut [DVec3], (before, sharp): (usize, &mut [Sharp])) {
         let medium = self.surface.scene.parts.parts[part].medium.unwrap_or(0) as usize;
         let eta = self.entrance[medium].0;
         let soft = sharp.len() < self.lights.len();
