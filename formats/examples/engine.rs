@@ -65,9 +65,9 @@ fn describe(bytes: &[u8]) -> Result<String, FormatError> {
 fn first_vertex(far: &FarField) -> String {
     let Some(vertex) = far.receiver_of_vertex.iter().position(|&r| r != NO_RECEIVER) else { return String::new() };
     let receiver = far.receiver_of_vertex[vertex];
-    let index = far.groups.partition_point(|group| group.receivers_end <= receiver);
+    let index = far.groups.partition_point(|group| group.rows_end <= receiver);
     let before = &far.groups[..index];
-    let first_receiver = before.last().map_or(0, |group| group.receivers_end);
+    let first_receiver = before.last().map_or(0, |group| group.rows_end);
     let first = before.last().map_or(0, |group| group.coefficients_end as usize);
     let end = far.groups[index].coefficients_end as usize;
     let ones = |masks: &[u16]| masks.iter().map(|m| m.count_ones() as usize).sum::<usize>();

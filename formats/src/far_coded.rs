@@ -150,6 +150,8 @@ struct Walk<'a, C> {
     terms: usize,
     /// What is to be coded, in the order of the far field; empty where it is read.
     given: &'a Coefficients,
+    /// Functions of the group.
+    functions: u16,
     /// What has been coded, in the order of the walk.
     done: Coefficients,
     /// Limits of the coefficients of the group, and of all rows.
@@ -242,6 +244,10 @@ impl<C: Coder> Walk<'_, C> {
         let state = |mask: Option<u16>, k: usize| mask.map_or(0, |mask| 1 + usize::from(mask >> k & 1));
         let (mut mask, mut last) = (0, false);
         for (k, models) in self.models.kept.iter_mut().enumerate().take(self.terms) {
+            if self.functions >> k & 1 == 0 {
+                last = false;
+                continue;
+            }
             let models = &mut models[state(before, k)][state(parent, k)][state(sibling, k)];
             last = self.coder.bit(&mut models[usize::from(last)], given >> k & 1 == 1);
             mask |= u16::from(last) << k;
@@ -253,7 +259,7 @@ impl<C: Coder> Walk<'_, C> {
 /// A walk that has seen nothing, over the nodes of this many samples.
 fn walk<C: Coder>(coder: C, given: &Coefficients, terms: usize, samples: usize) -> Walk<'_, C> {
     let (models, done, last) = (Models::new(), Coefficients::default(), vec![(NONE, NONE); samples]);
-    Walk { coder, models, terms, given, done, most: (usize::MAX, usize::MAX), last, group: 0 }
+    Walk { coder, models, terms, given, functions: u16::MAX, done, most: (usize::MAX, usize::MAX), last, group: 0 }
 }
 
 /// The root of a part's tree.
@@ -321,6 +327,7 @@ fn encode_run(
     let mut walk = walk(Encoder::new(), given, terms, samples(shape));
     for group in groups {
         let (part, end) = (shape.samples(group.part).unwrap_or_default(), group.coefficients_end as usize);
+        walk.functions = group.functions;
         // Groups without coefficients are known from their ends.
         if first < end && walk.visit(root(part), first..end).is_none() {
             return invalid(tags::CODED, "the coefficients do not fit the tree");
@@ -448,7 +455,7 @@ fn decode_run(job: &Job<'_>, terms: usize, shape: &Shape<'_>) -> Result<Coeffici
     for group in groups {
         let part = shape.samples(group.part).unwrap_or_default();
         let end = group.coefficients_end as usize - first;
-        walk.most = (end, rows);
+        (walk.most, walk.functions) = ((end, rows), group.functions);
         let visited = walk.done.nodes.len() == end || walk.visit(root(part), 0..0).is_some();
         if !visited || walk.done.nodes.len() != end {
             return invalid(tag, "the coefficients of a group are damaged");

@@ -7,7 +7,7 @@ use crate::error::Result;
 use crate::far_values::{self, by_coefficient, by_function, from_planes, planes};
 use crate::samples::Samples;
 use crate::types::{Budget, Codec, Kind};
-use crate::{far_coded, far_sums, varints};
+use crate::{far_coded, far_functions, far_sums, varints};
 
 /// Tags of the far field.
 pub mod tags {
@@ -32,13 +32,19 @@ pub mod tags {
     /// 16-bit values, u8 x 16: a plane of low and one of high bytes.
     pub const WIDE: Tag = Tag::from_static("far.big");
 
+    /// Functions that each group has, u16; only where some group has not all.
+    pub const FUNCTIONS: Tag = Tag::from_static("far.fun");
+    /// Receiver of each row beyond those that receivers have of their own, u32; only where there are any.
+    pub const ROWS: Tag = Tag::from_static("far.row");
     /// Nodes, kept functions and values, entropy-coded, u8: in place of the five sections that hold them as they are.
     pub const CODED: Tag = Tag::from_static("far.cod");
 
+    /// All that are not always there.
+    pub const OPTIONAL: [Tag; 3] = [FUNCTIONS, ROWS, CODED];
     /// The five.
     pub const REPLACED: [Tag; 5] = [NODES, MASKS, WIDE_MASKS, NARROW, WIDE];
 
-    /// All sections of the plain layout, in the order of the file.
+    /// All sections that the plain layout must have, in the order of the file.
     pub const ALL: [Tag; 9] = [RECEIVERS, GROUPS, NODES, MASKS, WIDE_MASKS, STEPS, ROW_SUMS, NARROW, WIDE];
 }
 
@@ -82,15 +88,22 @@ pub const LANES: usize = 16;
 /// Receiver of a vertex that has none.
 pub const NO_RECEIVER: u32 = u32::MAX;
 
-/// A run of receivers of one part with one list of coefficients.
+/// A run of rows, of neighbouring receivers of one part, with one list of coefficients.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Group {
     /// Part whose samples it gathers from.
     pub part: u32,
-    /// Its receivers end here (and begin where those of the group before end); at most [`LANES`] of them.
-    pub receivers_end: u32,
+    /// Its rows end here (and begin where those of the group before end); at most [`LANES`] of them.
+    pub rows_end: u32,
     /// Its coefficients end here (and begin where those of the group before end).
     pub coefficients_end: u32,
+    /// Basis functions of its rows: bit k; not 0.
+    pub functions: u16,
+}
+
+/// The mask of so many basis functions.
+pub const fn all_functions(terms: usize) -> u16 {
+    if terms >= MOST_TERMS { u16::MAX } else { (1 << terms) - 1 }
 }
 
 /// The far field; a value stands for `value * steps[k]`.
@@ -100,8 +113,11 @@ pub struct FarField {
     pub terms: usize,
     /// For each source vertex its receiver, or [`NO_RECEIVER`]: its far radiosity is interpolated from the receivers around it.
     pub receiver_of_vertex: Vec<u32>,
-    /// The groups.
+    /// The groups. Row i is one of receiver i, as far as there are receivers.
     pub groups: Vec<Group>,
+    /// Receivers of the rows behind these: they have other functions than the rows of their receivers before them. A receiver without a
+    /// row of a function takes what is interpolated from the receivers of the part that have one.
+    pub others: Vec<u32>,
     /// Tree node of each coefficient, strictly ascending inside a group. A node is named by the first sample of its right child.
     pub nodes: Vec<u32>,
     /// Which basis functions are kept of each coefficient: bit k; not 0.
@@ -115,7 +131,7 @@ pub struct FarField {
     pub narrow: Vec<[i8; LANES]>,
     /// Quantised values that need 16 bits, likewise.
     pub wide: Vec<[i16; LANES]>,
-    /// Sum of each receiver's row, mm^2 times the unit of the basis: `[receiver][k]`.
+    /// Sum of each row, mm^2 times the unit of the basis: `[row][k]`; 0 for functions that its group has not.
     pub row_sums: Vec<f32>,
 }
 
@@ -143,9 +159,20 @@ impl<'a> Shape<'a> {
 }
 
 impl FarField {
-    /// Number of receivers.
+    /// Number of rows.
+    pub fn rows(&self) -> usize {
+        self.groups.last().map_or(0, |group| group.rows_end as usize)
+    }
+
+    /// Number of receivers: that of a field with valid rows.
     pub fn receivers(&self) -> usize {
-        self.groups.last().map_or(0, |group| group.receivers_end as usize)
+        self.rows().saturating_sub(self.others.len())
+    }
+
+    /// The receiver of a row.
+    pub fn receiver_of(&self, row: usize) -> usize {
+        let other = row.checked_sub(self.receivers()).and_then(|i| self.others.get(i));
+        other.map_or(row, |&receiver| receiver as usize)
     }
 
     /// Checks every length, index, order and range, as [`FarField::from_sections`] guarantees them.
@@ -155,20 +182,22 @@ impl FarField {
     pub fn validate(&self, shape: &Shape<'_>) -> Result<()> {
         addressable(tags::NODES, self.nodes.len())?;
         check_groups(&self.groups, shape)?;
+        far_functions::check_rows(self)?;
         check_receivers(&self.receiver_of_vertex, self.receivers(), shape)?;
         check_steps(&self.steps)?;
         same_length(tags::STEPS, "basis functions", self.steps.len(), self.terms)?;
         let coefficients = self.groups.last().map_or(0, |group| group.coefficients_end as usize);
         same_length(tags::NODES, "coefficients", self.nodes.len(), coefficients)?;
         self.check_nodes(shape)?;
-        let expected = product(&[self.receivers(), self.terms]);
-        same_length(tags::ROW_SUMS, "receivers times functions", self.row_sums.len(), expected)?;
+        let expected = product(&[self.rows(), self.terms]);
+        same_length(tags::ROW_SUMS, "rows times functions", self.row_sums.len(), expected)?;
         if let Some(i) = self.row_sums.iter().position(|sum| !sum.is_finite()) {
             return invalid(tags::ROW_SUMS, format!("row sum {i} is not finite"));
         }
         same_length(tags::MASKS, "coefficients", self.masks.len(), coefficients)?;
         same_length(tags::WIDE_MASKS, "coefficients", self.wide_masks.len(), coefficients)?;
         check_masks(&self.masks, &self.wide_masks, self.terms)?;
+        far_functions::check(self)?;
         same_length(tags::NARROW, "8-bit rows", self.narrow.len(), far_values::count(self.narrow_masks()))?;
         same_length(tags::WIDE, "16-bit rows", self.wide.len(), far_values::count(self.wide_masks.iter().copied()))
     }
@@ -204,7 +233,7 @@ impl FarField {
         let [receivers, groups, steps, row_sums] = self.without_coefficients();
         let narrow = by_function(&self.narrow, self.narrow_masks());
         let wide = planes(&by_function(&self.wide, self.wide_masks.iter().copied()));
-        Ok(vec![
+        let mut sections = vec![
             receivers,
             groups,
             RawSection::from_rows(tags::NODES, kind, zstd, &self.node_bytes(shape)),
@@ -214,7 +243,9 @@ impl FarField {
             row_sums,
             RawSection::from_rows(tags::NARROW, kind, zstd, &narrow),
             RawSection::from_rows(tags::WIDE, kind, zstd, &wide),
-        ])
+        ];
+        sections.extend(far_functions::sections(self));
+        Ok(sections)
     }
 
     /// The sections of a valid far field with its coefficients entropy-coded: about three quarters of the bytes.
@@ -225,6 +256,7 @@ impl FarField {
         self.validate(shape)?;
         let coded = far_coded::encode(self, shape)?;
         let mut sections = self.without_coefficients().to_vec();
+        sections.extend(far_functions::sections(self));
         sections.push(RawSection::from_rows(tags::CODED, Kind::Method, Codec::Raw, &coded));
         Ok(sections)
     }
@@ -232,7 +264,7 @@ impl FarField {
     /// What both layouts have.
     fn without_coefficients(&self) -> [RawSection; 4] {
         let (kind, zstd) = (Kind::Method, Codec::Zstd);
-        let groups: Vec<[u32; 3]> = self.groups.iter().map(|g| [g.part, g.receivers_end, g.coefficients_end]).collect();
+        let groups: Vec<[u32; 3]> = self.groups.iter().map(|g| [g.part, g.rows_end, g.coefficients_end]).collect();
         [
             RawSection::from_rows(tags::RECEIVERS, kind, zstd, &self.receiver_of_vertex),
             RawSection::from_rows(tags::GROUPS, kind, zstd, &groups),
@@ -292,6 +324,7 @@ impl FarField {
             return Ok(None);
         };
         let mut field = Self::read_without_coefficients([receivers, groups, steps, row_sums], shape)?;
+        far_functions::read(sections, &mut field)?;
         far_coded::decode(coded.view()?, &mut field, shape, budget)?;
         Ok(Some(field))
     }
@@ -301,10 +334,15 @@ impl FarField {
         [receivers, groups, steps, row_sums]: [&RawSection; 4],
         shape: &Shape<'_>,
     ) -> Result<Self> {
-        let group = |[part, receivers_end, coefficients_end]: [u32; 3]| Group { part, receivers_end, coefficients_end };
+        let group = |[part, rows_end, coefficients_end]: [u32; 3]| Group {
+            part,
+            rows_end,
+            coefficients_end,
+            functions: u16::MAX,
+        };
         let groups: Vec<Group> = groups.rows()?.into_iter().map(group).collect();
         check_groups(&groups, shape)?;
-        let receivers_end = groups.last().map_or(0, |g| g.receivers_end as usize);
+        let rows = groups.last().map_or(0, |g| g.rows_end as usize);
         let steps: Vec<f32> = steps.rows()?;
         check_steps(&steps)?;
         let terms = steps.len();
@@ -312,7 +350,7 @@ impl FarField {
             return invalid(tags::STEPS, format!("{terms} basis functions, more than {MOST_TERMS}"));
         }
         let sums: &[u8] = row_sums.view()?;
-        same_length(tags::ROW_SUMS, "bytes of row sums", sums.len(), product(&[receivers_end, terms, 4]))?;
+        same_length(tags::ROW_SUMS, "bytes of row sums", sums.len(), product(&[rows, terms, 4]))?;
         let row_sums = far_sums::decode(sums, terms);
         Ok(Self { terms, receiver_of_vertex: receivers.rows()?, groups, steps, row_sums, ..Self::default() })
     }
@@ -323,6 +361,7 @@ impl FarField {
             return Ok(None);
         };
         let mut field = Self::read_without_coefficients([receivers, groups, steps, row_sums], shape)?;
+        far_functions::read(sections, &mut field)?;
         let count = field.groups.last().map_or(0, |g| g.coefficients_end as usize);
         let nodes: &[u8] = nodes.view()?;
         field.masks = masks.rows()?;
@@ -356,12 +395,12 @@ fn check_masks(masks: &[u16], wide_masks: &[u16], terms: usize) -> Result<()> {
     }
 }
 
-/// Receivers and coefficients of each group; of groups whose ends ascend.
+/// Rows and coefficients of each group; of groups whose ends ascend.
 pub(crate) fn group_sizes(groups: &[Group]) -> impl Iterator<Item = (usize, usize)> {
-    groups.iter().scan((0, 0), |(receivers, coefficients), group| {
-        let ends = (group.receivers_end as usize, group.coefficients_end as usize);
-        let sizes = (ends.0 - *receivers, ends.1 - *coefficients);
-        (*receivers, *coefficients) = ends;
+    groups.iter().scan((0, 0), |(rows, coefficients), group| {
+        let ends = (group.rows_end as usize, group.coefficients_end as usize);
+        let sizes = (ends.0 - *rows, ends.1 - *coefficients);
+        (*rows, *coefficients) = ends;
         Some(sizes)
     })
 }
@@ -373,14 +412,14 @@ fn check_groups(groups: &[Group], shape: &Shape<'_>) -> Result<()> {
         if shape.samples(group.part).is_none() {
             return wrong(format!("there is no part {} with samples", group.part));
         }
-        let receivers = i64::from(group.receivers_end) - last.0;
-        if !(1..=LANES as i64).contains(&receivers) {
-            return wrong(format!("{receivers} receivers, not 1 to {LANES}"));
+        let rows = i64::from(group.rows_end) - last.0;
+        if !(1..=LANES as i64).contains(&rows) {
+            return wrong(format!("{rows} rows, not 1 to {LANES}"));
         }
         if i64::from(group.coefficients_end) < last.1 {
             return wrong("its coefficients end before they begin".into());
         }
-        last = (group.receivers_end.into(), group.coefficients_end.into());
+        last = (group.rows_end.into(), group.coefficients_end.into());
     }
     addressable(tags::GROUPS, last.0.max(last.1) as usize)
 }

@@ -48,6 +48,7 @@ pub mod distant_transport;
 mod error;
 mod far_coded;
 pub mod far_field;
+mod far_functions;
 mod far_sums;
 mod far_values;
 pub mod mesh;

@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{Random, far_field, far_shape, full_asset_0_1, profile_basis, small_far_field};
+use common::{Random, far_field, far_shape, full_asset_0_1, profile_basis, small_far_field, uneven_far_field};
 use translux_format::far_field::{self, FarField, LANES, NO_RECEIVER, Shape};
 use translux_format::profile_basis::{self, ProfileBasis};
 use translux_format::{AssetFile, Budget, FormatError, Kind, RawSection, Tag};
@@ -20,6 +20,19 @@ fn a_far_field_survives() {
         assert_eq!(sections.iter().map(|s| s.tag).collect::<Vec<_>>(), far_field::tags::ALL);
         assert_eq!(read(&sections).unwrap().unwrap(), field);
         assert_eq!(field.to_sections(&far_shape()).unwrap(), sections);
+    }
+    for terms in [2, 10, 16] {
+        let field = uneven_far_field(terms);
+        let sections = field.to_sections(&far_shape()).unwrap();
+        let tags = [far_field::tags::FUNCTIONS, far_field::tags::ROWS];
+        assert_eq!(sections[9..].iter().map(|s| s.tag).collect::<Vec<_>>(), tags);
+        assert_eq!(read(&sections).unwrap().unwrap(), field);
+        let coded = field.to_coded_sections(&far_shape()).unwrap();
+        assert_eq!(read(&coded).unwrap().unwrap(), field);
+        for tag in tags {
+            let without: Vec<_> = coded.iter().filter(|s| s.tag != tag).cloned().collect();
+            assert!(read(&without).is_err(), "{tag}");
+        }
     }
     let nothing =
         FarField { terms: 1, receiver_of_vertex: vec![NO_RECEIVER; 90], steps: vec![1.0], ..Default::default() };
@@ -65,7 +78,7 @@ type Break<T> = (&'static str, &'static str, fn(&mut T));
 
 #[test]
 fn a_broken_far_field_is_not_written() {
-    let rules: [Break<FarField>; 34] = [
+    let rules: [Break<FarField>; 44] = [
         ("no vertex", "far.rcv", |f| f.receiver_of_vertex.clear()),
         ("one vertex more", "far.rcv", |f| f.receiver_of_vertex.push(0)),
         ("receiver beyond", "far.rcv", |f| f.receiver_of_vertex[0] = 61),
@@ -75,9 +88,9 @@ fn a_broken_far_field_is_not_written() {
         ("part without samples", "far.grp", |f| f.groups[2].part = 1),
         ("part beyond", "far.grp", |f| f.groups[0].part = 3),
         ("part far beyond", "far.grp", |f| f.groups[0].part = u32::MAX),
-        ("no receivers", "far.grp", |f| f.groups[1].receivers_end = 16),
-        ("descending receivers", "far.grp", |f| f.groups[1].receivers_end = 3),
-        ("17 receivers", "far.grp", |f| f.groups[0].receivers_end = 17),
+        ("no receivers", "far.grp", |f| f.groups[1].rows_end = 16),
+        ("descending receivers", "far.grp", |f| f.groups[1].rows_end = 3),
+        ("17 receivers", "far.grp", |f| f.groups[0].rows_end = 17),
         ("descending coefficients", "far.grp", |f| f.groups[1].coefficients_end = 39),
         ("a group less", "far.rcv", |f| _ = f.groups.pop()),
         ("a node less", "far.nod", |f| _ = f.nodes.pop()),
@@ -109,6 +122,45 @@ fn a_broken_far_field_is_not_written() {
         }),
         ("a row more", "far.val", |f| f.narrow.push([0; LANES])),
         ("a wide row more", "far.big", |f| f.wide.push([0; LANES])),
+        ("a group without functions", "far.fun", |f| f.groups[0].functions = 0),
+        ("a group's function beyond", "far.fun", |f| f.groups[1].functions = 4),
+        ("no group of a part with a function", "far.fun", |f| {
+            *f = uneven_far_field(2);
+            f.groups[2].functions = 1;
+            f.row_sums[42..74].chunks_exact_mut(2).for_each(|sums| sums[1] = 0.0);
+            f.groups.pop();
+            f.others.truncate(3);
+            f.nodes.pop();
+            f.masks.pop();
+            f.wide_masks.pop();
+            f.narrow.pop();
+            f.row_sums.truncate(2 * 64);
+        }),
+        ("a row of no receiver", "far.row", |f| {
+            *f = uneven_far_field(2);
+            f.others[0] = 61;
+        }),
+        ("rows that end in a group", "far.row", |f| {
+            *f = uneven_far_field(2);
+            f.others.pop();
+        }),
+        ("a row of another part", "far.row", |f| {
+            *f = uneven_far_field(2);
+            f.others[0] = 55;
+        }),
+        ("a row of a function that its receiver has", "far.row", |f| {
+            *f = uneven_far_field(2);
+            f.others[0] = 16;
+        }),
+        ("two rows of one function", "far.row", |f| {
+            *f = uneven_far_field(2);
+            f.others[1] = 2;
+        }),
+        ("a coefficient of a function that a group has not", "far.msk", |f| f.groups[0].functions = 2),
+        ("a sum of a function that a group has not", "far.sum", |f| {
+            *f = uneven_far_field(2);
+            f.row_sums[1] = 1e-9;
+        }),
     ];
     for (what, tag, break_rule) in rules {
         let mut field = far_field(2);

@@ -391,7 +391,8 @@ fn example() -> AssetFile {
     let field = FarField {
         terms: 2,
         receiver_of_vertex: vec![0, NO_RECEIVER, NO_RECEIVER, NO_RECEIVER, 1],
-        groups: vec![Group { part: 0, receivers_end: 2, coefficients_end: 2 }],
+        others: Vec::new(),
+        groups: vec![Group { part: 0, rows_end: 2, coefficients_end: 2, functions: 3 }],
         nodes: vec![1, 2],
         masks: vec![3, 1],
         wide_masks: vec![0, 1],

@@ -101,9 +101,9 @@ pub(super) fn of_version(scan: &Scan) -> Vec<Finding> {
         out.push(Finding::new(&NEWER_VERSION, None, format!("version {major}.{minor}; {known}")));
     }
     for section in &scan.sections {
-        let others =
-            [far_field::tags::CODED, profile_basis::tags::TOTALS, rows::tags::BLOCKS, multilevel::tags::NUMBERS];
-        let sampled = [&far_field::tags::ALL[..], &profile_basis::tags::ALL, &rows::tags::ALL, &others].concat();
+        let others = [profile_basis::tags::TOTALS, rows::tags::BLOCKS, multilevel::tags::NUMBERS];
+        let far = [&far_field::tags::ALL[..], &far_field::tags::OPTIONAL].concat();
+        let sampled = [&far[..], &profile_basis::tags::ALL, &rows::tags::ALL, &others].concat();
         if ![&COMMON_TAGS[..], &sampled, &without_samples()].concat().contains(&section.tag) {
             let (bytes, kind) = (section.stored_bytes, section.kind);
             let message = format!("section {} ({kind}, {bytes} bytes) is unknown", section.tag);
@@ -291,7 +291,7 @@ pub(super) fn of_method_sections(scan: &Scan) -> Result<Vec<Finding>, Vec<Format
     // A section that does not decode has been found already; the others would be blamed for missing it.
     let damaged: Vec<_> = scan.errors.iter().filter_map(FormatError::tag).collect();
     let intact = |tags: &[Tag]| !tags.iter().any(|tag| damaged.contains(tag));
-    let far_tags = [&far_field::tags::ALL[..], &[far_field::tags::CODED]].concat();
+    let far_tags = [&far_field::tags::ALL[..], &far_field::tags::OPTIONAL].concat();
     let basis_tags = [&profile_basis::tags::ALL[..], &[profile_basis::tags::TOTALS]].concat();
     let mut errors = Vec::new();
     let (mut field, mut basis, mut stored_rows) = (None, None, None);

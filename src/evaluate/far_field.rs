@@ -7,6 +7,7 @@ use translux_format::far_field::{FarField, LANES, over_lanes};
 
 use crate::math::simd::{Level, add_scaled, multiversion};
 use crate::transport::balanced_tree::LightDetails;
+use crate::transport::interpolation::SharedWeights;
 use crate::transport::light_range::CommonColour;
 
 /// Basis functions at most.
@@ -15,10 +16,28 @@ const TERMS: usize = 16;
 /// Far radiosity of every receiver and basis function, over the scale of the light.
 #[derive(Clone, Debug, Default)]
 pub struct FarSums {
-    /// `[receiver][k]`, RGB.
+    /// `[row][k]`, RGB; row i is that of receiver i, as far as there are receivers.
     values: Vec<[f32; 3]>,
     terms: usize,
     scale: f64,
+}
+
+/// Receivers whose own rows have not some of the functions, and what these take of the rows that have them.
+#[derive(Clone, Debug, Default)]
+pub struct Fill {
+    /// The functions: bit k.
+    pub functions: u16,
+    /// Those without.
+    pub receivers: Vec<u32>,
+    /// Weights of each of them over rows that have the functions.
+    pub weights: SharedWeights,
+}
+
+impl Fill {
+    /// Bytes in memory.
+    pub fn bytes(&self) -> usize {
+        size_of_val(self.receivers.as_slice()) + self.weights.bytes()
+    }
 }
 
 /// A value of the far field: the node that it belongs to, and its row among those of its width.
@@ -81,18 +100,18 @@ impl ByFunction {
 }
 
 impl FarSums {
-    /// Of one light.
-    pub fn new(level: Level, (far, order): (&FarField, &ByFunction), light: &LightDetails) -> Self {
+    /// Of one light. Without fills there are the values of each row, 0 of the functions that its group has not.
+    pub fn new(level: Level, (far, order, fills): (&FarField, &ByFunction, &[Fill]), light: &LightDetails) -> Self {
         let terms = far.terms.min(TERMS);
         let mut values = vec![[0.0; 3]; far.row_sums.len()];
         let mut jobs = Vec::with_capacity(far.groups.len());
-        let (mut rest, mut receiver) = (values.as_mut_slice(), 0);
+        let (mut rest, mut row) = (values.as_mut_slice(), 0);
         for (index, group) in far.groups.iter().enumerate() {
-            let (mine, others) = rest.split_at_mut((group.receivers_end as usize - receiver) * terms);
+            let (mine, others) = rest.split_at_mut((group.rows_end as usize - row) * terms);
             rest = others;
             let mean = light.means[group.part as usize];
-            jobs.push(Job { index, mean, row_sums: &far.row_sums[receiver * terms..], out: mine });
-            receiver = group.receivers_end as usize;
+            jobs.push(Job { index, mean, row_sums: &far.row_sums[row * terms..], out: mine });
+            row = group.rows_end as usize;
         }
         let details = light.details.as_slice();
         match light.colour {
@@ -107,7 +126,24 @@ impl FarSums {
                 jobs.into_par_iter().for_each(|job| job.run(far, order, channels, add, |e| e));
             }
         }
-        Self { values, terms, scale: light.scale }
+        let mut result = Self { values, terms, scale: light.scale };
+        fills.iter().for_each(|fill| result.fill(fill));
+        result
+    }
+
+    fn fill(&mut self, fill: &Fill) {
+        let terms = self.terms.max(1);
+        let (mut stored, mut found) = (Vec::new(), Vec::new());
+        for k in (0..self.terms).filter(|k| fill.functions >> k & 1 == 1) {
+            stored.clear();
+            stored.extend(self.values.chunks_exact(terms).map(|row| [row[k][0], row[k][1], row[k][2], 0.0]));
+            fill.weights.apply_signed(&stored, &mut found);
+            for (&receiver, &[r, g, b, _]) in fill.receivers.iter().zip(&found) {
+                if let Some(value) = self.values.get_mut(receiver as usize * terms + k) {
+                    *value = [r, g, b];
+                }
+            }
+        }
     }
 
     /// Adds the far radiosity of receivers from `first` on for the coefficients of a material, `[channel][k]`.
@@ -223,6 +259,7 @@ multiversion! {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::scattered::Weights;
     use crate::math::random::uniform;
     use translux_format::far_field::Group;
 
@@ -232,7 +269,7 @@ mod tests {
     fn field() -> FarField {
         let mut far = FarField { terms: 3, steps: vec![0.5, 0.25, 2.0], ..FarField::default() };
         for (part, receivers, coefficients) in [(0u32, 16u32, 1..30), (1, 5, 31..37)] {
-            let receivers_end = far.groups.last().map_or(0, |g| g.receivers_end) + receivers;
+            let rows_end = far.groups.last().map_or(0, |g| g.rows_end) + receivers;
             for node in coefficients {
                 let mask = 1 + (uniform(1, node, 0) * 7.0) as u16;
                 far.nodes.push(node as u32);
@@ -247,7 +284,7 @@ mod tests {
                     }
                 }
             }
-            far.groups.push(Group { part, receivers_end, coefficients_end: far.nodes.len() as u32 });
+            far.groups.push(Group { part, rows_end, coefficients_end: far.nodes.len() as u32, functions: 7 });
         }
         far.row_sums = (0..21 * 3).map(|i| i as f32).collect();
         far
@@ -266,11 +303,11 @@ mod tests {
     #[test]
     fn sums_are_those_of_the_specification() {
         let (far, light) = (field(), light());
-        let sums = FarSums::new(Level::detect(), (&far, &ByFunction::new(&far)), &light);
+        let sums = FarSums::new(Level::detect(), (&far, &ByFunction::new(&far), &[]), &light);
         let (mut receiver, mut coefficient, mut used) = (0, 0, [0, 0]);
         for group in &far.groups {
             let first = used;
-            for r in receiver..group.receivers_end as usize {
+            for r in receiver..group.rows_end as usize {
                 let mut expected = [DVec3::ZERO; 3];
                 used = first;
                 for c in coefficient..group.coefficients_end as usize {
@@ -291,7 +328,7 @@ mod tests {
                     assert!(difference.length() < 3e-4 * (1.0 + expected.length()), "{r} {k}: {difference}");
                 }
             }
-            receiver = group.receivers_end as usize;
+            receiver = group.rows_end as usize;
             coefficient = group.coefficients_end as usize;
         }
         assert_eq!(used, [far.narrow.len(), far.wide.len()]);
@@ -303,11 +340,36 @@ mod tests {
         let order = ByFunction::new(&far);
         let rgb = [0.5, 1.0, 0.25];
         light.details.iter_mut().chain(&mut light.means).for_each(|e| *e = rgb.map(|c| c * e[1]));
-        let three = FarSums::new(Level::detect(), (&far, &order), &light);
+        let three = FarSums::new(Level::detect(), (&far, &order, &[]), &light);
         light.colour = Some(CommonColour { channel: 1, rgb: rgb.map(f64::from).into() });
-        let one = FarSums::new(Level::detect(), (&far, &order), &light);
+        let one = FarSums::new(Level::detect(), (&far, &order, &[]), &light);
         for (one, three) in one.values.as_flattened().iter().zip(three.values.as_flattened()) {
             assert!((one - three).abs() <= 1e-6 * three.abs(), "{one} {three}");
+        }
+    }
+
+    #[test]
+    fn receivers_take_functions_that_they_have_not_from_those_that_have() {
+        let (far, light) = (field(), light());
+        let order = ByFunction::new(&far);
+        let weights =
+            Weights { each: 2, sources: vec![0, 3, 2, 2, 5, 4], values: vec![0.25, 0.75, 1.5, -0.5, 1.0, 0.0] };
+        let fill = Fill { functions: 0b101, receivers: vec![16, 17, 20], weights: SharedWeights::new(&weights) };
+        let plain = FarSums::new(Level::detect(), (&far, &order, &[]), &light);
+        let filled = FarSums::new(Level::detect(), (&far, &order, &[fill]), &light);
+        for receiver in 0..21 {
+            for k in 0..3 {
+                let own = plain.value(receiver, k);
+                let expected = match (receiver, k) {
+                    (_, 1) => own,
+                    (16, _) => 0.25 * plain.value(0, k) + 0.75 * plain.value(3, k),
+                    (17, _) => plain.value(2, k),
+                    (20, _) => plain.value(5, k),
+                    _ => own,
+                };
+                let difference = filled.value(receiver, k).distance(expected);
+                assert!(difference <= 1e-5 * expected.length(), "{receiver} {k}: {difference}");
+            }
         }
     }
 
@@ -315,9 +377,9 @@ mod tests {
     fn every_instruction_set_gives_the_same_bits_and_materials_combine_linearly() {
         let (far, light) = (field(), light());
         let order = ByFunction::new(&far);
-        let sums = FarSums::new(Level::Baseline, (&far, &order), &light);
+        let sums = FarSums::new(Level::Baseline, (&far, &order, &[]), &light);
         for level in Level::available() {
-            assert_eq!(FarSums::new(level, (&far, &order), &light).values, sums.values, "{level:?}");
+            assert_eq!(FarSums::new(level, (&far, &order, &[]), &light).values, sums.values, "{level:?}");
         }
         let coefficients = [vec![1.0, 0.0, 0.0], vec![0.0, 2.0, 0.0], vec![0.5, 0.0, -1.0]];
         let mut out = vec![DVec3::ONE; 4];

@@ -1,5 +1,7 @@
 //! Reference points: how far apart they may be, and how vertices are interpolated from them.
 
+use std::ops::Range;
+
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -127,22 +129,39 @@ pub(in crate::methods) fn weights(
 }
 
 /// The same of every `stride`-th receiver of each part.
-pub(in crate::methods) fn weights_of_some(
+fn weights_of_some(
     chosen: &[u32],
     points: &[OrientedPoint],
     receivers: &Receivers,
     (spacing_mm, stride): (f64, usize),
     fit: Kriging,
 ) -> Weights {
+    let parts = parts(receivers);
+    let every = |part: &Range<usize>| part.clone().step_by(stride).map(|i| i as u32);
+    let targets: Vec<u32> = parts.iter().flat_map(every).collect();
+    weights_among(points, &parts, (chosen, &targets), spacing_mm, fit)
+}
+
+/// Weights of some points over others of the same part, which are about so far apart, mm. Both lie part after part, in any order inside
+/// one; sources are numbered as they are given. A part without sources has weights of 0.
+pub(in crate::methods) fn weights_among(
+    points: &[OrientedPoint],
+    parts: &[Range<usize>],
+    (sources, targets): (&[u32], &[u32]),
+    spacing_mm: f64,
+    fit: Kriging,
+) -> Weights {
     let mut result = Weights { each: fit.sources, ..Weights::default() };
-    for part in parts(receivers) {
-        let targets: Vec<OrientedPoint> = points[part.clone()].iter().step_by(stride).copied().collect();
-        let first = chosen.partition_point(|&i| (i as usize) < part.start);
-        let end = chosen.partition_point(|&i| (i as usize) < part.end);
-        let sources: Vec<OrientedPoint> = chosen[first..end].iter().map(|&i| points[i as usize]).collect();
-        let own = Weights::new(&sources, &targets, spacing_mm, fit);
+    let places = |indices: &[u32]| indices.iter().map(|&i| points[i as usize]).collect::<Vec<OrientedPoint>>();
+    for part in parts {
+        let of_part = |indices: &[u32]| {
+            let [first, end] = [part.start, part.end].map(|bound| indices.partition_point(|&i| (i as usize) < bound));
+            first..end
+        };
+        let (mine, targets) = (of_part(sources), places(&targets[of_part(targets)]));
+        let own = Weights::new(&places(&sources[mine.clone()]), &targets, spacing_mm, fit);
         let missing = targets.len() * fit.sources - own.sources.len();
-        result.sources.extend(own.sources.iter().map(|&s| first as u32 + s));
+        result.sources.extend(own.sources.iter().map(|&s| mine.start as u32 + s));
         result.sources.extend(std::iter::repeat_n(0, missing));
         result.values.extend(own.values);
         result.values.extend(std::iter::repeat_n(0.0, missing));

@@ -57,8 +57,8 @@ pub struct FarTransport<'a> {
     pub spread: &'a [f64],
     /// Expected detail of the light at each node over its mean, by name.
     pub expected: &'a [f32],
-    /// Radius inside which the functions are polynomials, mm.
-    pub split_mm: f64,
+    /// Lengths over which the functions change, where they change most, mm.
+    pub smooth_mm: &'a [f64],
     /// How finely.
     pub precision: Precision,
 }
@@ -83,13 +83,17 @@ struct Walk<'a> {
     keep2: f64,
     sphere: Sphere,
     spread: [f32; TERMS],
+    /// Least of the lengths over which the functions change.
+    smooth_mm: f64,
     found: Vec<Found>,
 }
 
 impl FarTransport<'_> {
-    /// Rows of up to [`LANES`] receivers over the samples of a part.
-    pub fn rows(&self, receivers: &[DVec3], part: usize) -> Rows {
+    /// Rows of some functions (bit k) for up to [`LANES`] receivers over the samples of a part; the sums of others are 0.
+    pub fn rows(&self, receivers: &[DVec3], part: usize, functions: u16) -> Rows {
+        let is_wanted = |k: usize| functions >> k & 1 == 1;
         let terms = self.spread.len().min(TERMS);
+        let wanted = || (0..terms).filter(|&k| is_wanted(k));
         let count = receivers.len().min(LANES);
         let Some(root) = self.tree.root(part).filter(|_| count > 0) else {
             return Rows { sums: vec![0.0; count * terms], ..Rows::default() };
@@ -104,7 +108,9 @@ impl FarTransport<'_> {
             threshold2: self.precision.threshold * self.precision.threshold,
             keep2: self.precision.keep * self.precision.keep,
             sphere,
-            spread: std::array::from_fn(|k| self.spread.get(k).map_or(0.0, |&s| s as f32)),
+            // What nothing is made of has no significance.
+            spread: std::array::from_fn(|k| self.spread.get(k).filter(|_| is_wanted(k)).map_or(0.0, |&s| s as f32)),
+            smooth_mm: wanted().map(|k| self.smooth_mm[k]).fold(f64::INFINITY, f64::min),
             found: Vec::new(),
         };
         let sums = walk.visit(root);
@@ -117,7 +123,8 @@ impl FarTransport<'_> {
                 rows.values.push(std::array::from_fn(|lane| if lane < count { details[lane][k] } else { 0.0 }));
             }
         }
-        rows.sums = sums[..count].iter().flat_map(|s| &s[..terms]).copied().collect();
+        let of_function = |(k, &sum): (usize, &f32)| if is_wanted(k) { sum } else { 0.0 };
+        rows.sums = sums[..count].iter().flat_map(|s| s[..terms].iter().enumerate().map(of_function)).collect();
         rows
     }
 }
@@ -131,8 +138,8 @@ impl Walk<'_> {
         }
         let cell = shared.tree.cell(node, shared.patches);
         let distance = (cell.centre_mm.distance(self.sphere.centre_mm) - self.sphere.radius_mm).max(0.0);
-        // The functions change over lengths of about the distance, and of the split radius inside it.
-        let length = distance.max(0.5 * shared.split_mm);
+        // The functions change over lengths of about the distance, and no less than this.
+        let length = distance.max(self.smooth_mm);
         let children = node.children();
         let cells = children.map(|child| shared.tree.cell(child, shared.patches));
         if cell.radius_mm <= shared.precision.opening * length {

@@ -51,10 +51,10 @@ impl Sphere {
             table: &table,
             spread: &self.spread,
             expected: &self.expected,
-            split_mm: SPLIT_MM,
+            smooth_mm: &[0.5 * SPLIT_MM; 6],
             precision,
         };
-        transport.rows(receivers, 0)
+        transport.rows(receivers, 0, u16::MAX)
     }
 
     /// Typical far radiosity of one receiver and function from its rows.

@@ -43,6 +43,11 @@ impl SharedWeights {
         result
     }
 
+    /// Gives the sources other numbers: source `i` becomes `names[i]`, or stays where there is none.
+    pub fn rename_sources(&mut self, names: &[u32]) {
+        self.sources.iter_mut().for_each(|source| *source = names.get(*source as usize).copied().unwrap_or(*source));
+    }
+
     /// Number of targets.
     pub fn targets(&self) -> usize {
         self.targets

@@ -1,7 +1,7 @@
 //! A handmade asset that uses every feature, and a second writer made from the numbers in SPEC.md alone.
 #![allow(dead_code, unreachable_pub, clippy::unwrap_used)]
 
-use translux_format::far_field::{FarField, Group, LANES, NO_RECEIVER, Shape};
+use translux_format::far_field::{FarField, Group, LANES, NO_RECEIVER, Shape, all_functions};
 use translux_format::profile_basis::ProfileBasis;
 use translux_format::rows::IrradianceRows;
 use translux_format::{
@@ -111,11 +111,35 @@ pub fn far_shape() -> Shape<'static> {
 
 /// Full and part-filled groups, one without coefficients, every size of value, vertices that share a receiver or have none.
 pub fn far_field(terms: usize) -> FarField {
+    far_field_with(terms, [all_functions(terms); 6])
+}
+
+/// The same with groups that lack functions, and a group of each part with rows of some that receivers of it lack.
+pub fn uneven_far_field(terms: usize) -> FarField {
+    let (all, narrow) = (all_functions(terms), all_functions(terms.div_ceil(2)));
+    let wide = all & !narrow;
+    let mut field = far_field_with(terms, [narrow, all, all, narrow, narrow, narrow]);
+    for (part, receivers, node) in [(0, &[2u32, 40, 13][..], 150), (2, &[37, 60], 400)] {
+        field.others.extend(receivers);
+        field.nodes.push(node);
+        field.masks.push(wide);
+        field.wide_masks.push(0);
+        field.narrow.extend((0..wide.count_ones()).map(|k| [k as i8 + 1; LANES]));
+        let sums = (0..terms).map(|k| if wide >> k & 1 == 1 { 1.5 + k as f32 } else { 0.0 });
+        receivers.iter().for_each(|_| field.row_sums.extend(sums.clone()));
+        let rows_end = field.rows() as u32 + receivers.len() as u32;
+        let coefficients_end = field.nodes.len() as u32;
+        field.groups.push(Group { part, rows_end, coefficients_end, functions: wide });
+    }
+    field
+}
+
+fn far_field_with(terms: usize, functions: [u16; 6]) -> FarField {
     let mut random = Random(terms as u64);
     let sizes = [(0, 16, 40), (0, 5, 1), (2, 16, 0), (2, 1, 90), (0, 16, 299), (2, 7, 3)];
     let mut field = FarField { terms, ..Default::default() };
     let (mut receivers, mut lanes_of) = (0, Vec::new());
-    for (part, lanes, count) in sizes {
+    for ((part, lanes, count), functions) in sizes.into_iter().zip(functions) {
         receivers += lanes;
         let (first, end) = (FAR_PARTS[part as usize], FAR_PARTS[part as usize + 1]);
         let mut nodes: Vec<u32> = (first + 1..end).collect();
@@ -123,9 +147,9 @@ pub fn far_field(terms: usize) -> FarField {
             nodes.swap_remove(random.below(nodes.len()));
         }
         nodes.sort_unstable();
-        lanes_of.extend(nodes.iter().map(|_| lanes as usize));
+        lanes_of.extend(nodes.iter().map(|_| (lanes as usize, functions)));
         field.nodes.extend(nodes);
-        field.groups.push(Group { part, receivers_end: receivers, coefficients_end: field.nodes.len() as u32 });
+        field.groups.push(Group { part, rows_end: receivers, coefficients_end: field.nodes.len() as u32, functions });
     }
     field.receiver_of_vertex =
         (0..90).map(|i| if i % 9 == 8 { NO_RECEIVER } else { (i * 7 + i / 3) % receivers }).collect();
@@ -134,8 +158,13 @@ pub fn far_field(terms: usize) -> FarField {
     }
     field.steps = (0..terms).map(|k| 0.01 * 0.5f32.powi(k as i32)).collect();
     field.row_sums = (0..receivers as usize * terms).map(|i| (i as f32 * 0.1).sin()).collect();
-    for lanes in lanes_of {
-        let mask = 1 + random.below((1 << terms) - 1) as u16;
+    for (receiver, sums) in field.row_sums.chunks_exact_mut(terms).enumerate() {
+        let group = field.groups.iter().find(|group| receiver < group.rows_end as usize).unwrap();
+        (0..terms).filter(|k| group.functions >> k & 1 == 0).for_each(|k| sums[k] = 0.0);
+    }
+    for (lanes, functions) in lanes_of {
+        let any = 1 + random.below((1 << terms) - 1) as u16;
+        let mask = if any & functions != 0 { any & functions } else { functions & functions.wrapping_neg() };
         field.masks.push(mask);
         let mut wide = 0;
         for k in (0..terms).filter(|k| mask >> k & 1 == 1) {
@@ -175,8 +204,8 @@ pub fn small_far_field() -> FarField {
         terms: 2,
         receiver_of_vertex: vec![0, 1, 2, 1, 3, NO_RECEIVER],
         groups: vec![
-            Group { part: 0, receivers_end: 3, coefficients_end: 1 },
-            Group { part: 1, receivers_end: 4, coefficients_end: 1 },
+            Group { part: 0, rows_end: 3, coefficients_end: 1, functions: 3 },
+            Group { part: 1, rows_end: 4, coefficients_end: 1, functions: 3 },
         ],
         nodes: vec![1],
         masks: vec![3],
@@ -185,6 +214,7 @@ pub fn small_far_field() -> FarField {
         narrow: vec![narrow],
         wide: vec![wide],
         row_sums: vec![1.0, -0.5, 1.25, 0.0, 1.5, 0.25, 3.0, -0.0],
+        others: Vec::new(),
     }
 }
 

@@ -6,11 +6,12 @@ use bytemuck::{Pod, Zeroable};
 use translux_format::far_field::{FarField, LANES};
 
 use super::Device;
-use super::interpolated::{Stage, expansion};
+use super::interpolated::{Stage, expansion, filling};
 use super::jobs::MOST_TURNS_OF_SOFTWARE;
 use super::surface::{READ, UNIFORM, WRITE, bind, bind_group_layout, dispatch, pipeline, uniform};
 use super::tree::TreeOnDevice;
 use crate::error::{Error, Result};
+use crate::evaluate::far_field::Fill;
 use crate::transport::interpolation::SharedWeights;
 
 /// Basis functions at most.
@@ -54,6 +55,8 @@ pub struct FarOnDevice {
     pipeline: wgpu::ComputePipeline,
     bind_group: wgpu::BindGroup,
     shards: Vec<(wgpu::BindGroup, u32)>,
+    /// What receivers take of functions that their groups have not.
+    fills: Vec<Stage>,
     /// From the points that it is stored at to the receivers, and what is there.
     expansion: Option<(Stage, wgpu::Buffer)>,
 }
@@ -66,7 +69,7 @@ impl FarOnDevice {
     /// Buffers beyond the adapter's bindings that cannot be cut (exit 5).
     pub fn new(
         device: &Arc<Device>,
-        (far, weights): (&FarField, Option<&SharedWeights>),
+        (far, fills, weights): (&FarField, &[Fill], Option<&SharedWeights>),
         tree: &TreeOnDevice,
     ) -> Result<Self> {
         let terms = far.terms.min(TERMS);
@@ -81,15 +84,17 @@ impl FarOnDevice {
         let bound = [&steps, tree.details(), tree.means(), &row_sums, &values];
         let bind_group = bind(&device.device, &first, bound.into_iter());
         let shards = shards(device, far, &second)?;
+        let fills = fills.iter().map(|fill| filling(device, fill, (&values, terms))).collect::<Result<_>>()?;
         let expansion = weights.map(|weights| expansion(device, weights, (&values, terms))).transpose()?;
         device.check()?;
-        Ok(Self { device: Arc::clone(device), values, pipeline, bind_group, shards, expansion })
+        Ok(Self { device: Arc::clone(device), values, pipeline, bind_group, shards, fills, expansion })
     }
 
     /// Far radiosity of every receiver and function under the light of the tree, over its scale: `[receiver][k]`, RGB.
     pub fn run(&self) {
         let shards = self.shards.iter().map(|(group, count)| (group, *count));
         dispatch(&self.device, &self.pipeline, &self.bind_group, shards);
+        self.fills.iter().for_each(|stage| stage.run(&self.device));
         if let Some((stage, _)) = &self.expansion {
             stage.run(&self.device);
         }
@@ -138,13 +143,13 @@ fn shards(device: &Device, far: &FarField, layout: &wgpu::BindGroupLayout) -> Re
         pending.groups.push(GpuGroup {
             part: group.part,
             first_receiver: receiver,
-            end_receiver: group.receivers_end,
+            end_receiver: group.rows_end,
             first: first_coefficient,
             end: pending.coefficients.len() as u32,
             padding: [0; 3],
         });
         (narrow, wide) = (narrow + narrows, wide + wides);
-        (receiver, first) = (group.receivers_end, group.coefficients_end as usize);
+        (receiver, first) = (group.rows_end, group.coefficients_end as usize);
     }
     result.extend(upload(device, layout, &pending)?);
     Ok(result)

@@ -9,6 +9,7 @@ use super::Device;
 use super::jobs::MOST_TURNS_OF_SOFTWARE;
 use super::surface::{READ, UNIFORM, WRITE, bind, bind_group_layout, dispatch, pipeline, uniform};
 use crate::error::{Error, Result};
+use crate::evaluate::far_field::Fill;
 use crate::transport::interpolation::{LANES, SharedWeights};
 
 /// Rows of one workgroup, and runs of one.
@@ -38,7 +39,9 @@ struct RunsOfShard {
     terms: u32,
     first_receiver: u32,
     is_signed: u32,
-    padding: [u32; 2],
+    /// Of the far field: bit k.
+    functions: u32,
+    padding: u32,
 }
 
 /// A stage of the evaluation: what it reads and writes, and its work cut to what the adapter binds, with workgroups.
@@ -224,6 +227,24 @@ pub(super) fn expansion(
         shards: shards_of_runs(device, weights, &second, (RUNS_OF_EXPANSION, shard))?,
     };
     Ok((stage, expanded))
+}
+
+/// Functions of a far field that some of its receivers take from others: the stage that fills them in.
+///
+/// # Errors
+/// More than the adapter binds, or sums (exit 5).
+pub(super) fn filling(device: &Device, fill: &Fill, (values, terms): (&wgpu::Buffer, usize)) -> Result<Stage> {
+    check_turns(longest(&fill.weights))?;
+    let calls = &device.device;
+    let receivers = device.storage("receivers without functions", &fill.receivers)?;
+    let first = bind_group_layout(calls, "far radiosity and receivers", &[WRITE, READ]);
+    let second = bind_group_layout(calls, "weights", &[UNIFORM, READ, READ, READ]);
+    let shard = RunsOfShard { terms: terms as u32, functions: fill.functions.into(), ..RunsOfShard::zeroed() };
+    Ok(Stage {
+        pipeline: pipeline(calls, include_str!("filled.wgsl"), "fill", [&first, &second]),
+        bind_group: bind(calls, &first, [values, &receivers].into_iter()),
+        shards: shards_of_runs(device, &fill.weights, &second, (RUNS_OF_EXPANSION, shard))?,
+    })
 }
 
 /// Rows as many at once as the adapter binds.

@@ -9,7 +9,7 @@ use super::environment;
 use super::interpolation::choose_points;
 use super::ledger::{self, Baked};
 use super::plan::{Plan, Transport};
-use super::points::FarPoints;
+use super::points::{FarPoints, RowPlaces};
 use super::{sections, unstored};
 use crate::compress::blocks;
 use crate::error::{Error, Result};
@@ -86,7 +86,7 @@ impl Stage {
         let tree = BalancedTree::new(&samples, &patches);
         let corners = Corners::new(&scene.mesh, &samples, &patches);
         let receivers = Receivers::new(&scene.mesh, &scene.parts, LANES);
-        let points = FarPoints::choose(&receivers, 0.0);
+        let points = FarPoints::choose(&receivers, 0.0, &[]);
         let split_mm = (plan.split * spacing_mm(&patches)).max(f64::MIN_POSITIVE);
         Self { bvh, samples, patches, tree, corners, receivers, points, split_mm }
     }
@@ -135,13 +135,16 @@ pub(super) fn bake(scene: &Scene, settings: &BakeSettings, progress: &dyn Progre
     progress.start("points", 0);
     stage.points = choose_points(scene, &stage, &plan, (&basis, &table), &tuning);
     progress.finish();
+    // Inside the split radius the functions change as at its edge; what is as well known from points twice as far apart changes half as fast.
+    let smooth = |level: &u8| 0.5 * stage.split_mm * f64::from(1u32 << level);
+    let smooth_mm: Vec<f64> = stage.points.levels.iter().map(smooth).collect();
     let transport = FarTransport {
         tree: &stage.tree,
         patches: &stage.patches,
         table: &table,
         spread: &spread,
         expected: &expected,
-        split_mm: stage.split_mm,
+        smooth_mm: &smooth_mm,
         precision: Precision { opening: plan.opening, threshold: 0.0, keep: 0.0 },
     };
     progress.start("threshold", 0);
@@ -149,7 +152,7 @@ pub(super) fn bake(scene: &Scene, settings: &BakeSettings, progress: &dyn Progre
     progress.finish();
     let precision = Precision { opening: plan.opening, threshold: choice.threshold, keep: choice.threshold };
     let transport = FarTransport { precision, ..transport };
-    let far = far_field(&transport, &stage.points.receivers, &choice, progress);
+    let far = far_field(&transport, &stage.points, &choice, progress);
 
     let mut sections = sections::write(&basis, &far, &scene.mesh, &stage.samples)?;
     let mut ledger = ledger::measure(&Baked {
@@ -213,27 +216,27 @@ fn expected_light(
 }
 
 /// Rows of the groups `first..end`: independent of how the groups are cut into ranges.
-fn rows(transport: &FarTransport, receivers: &Receivers, range: std::ops::Range<usize>) -> Vec<Rows> {
-    let of_group = |group: &crate::transport::receivers::Group| {
-        transport.rows(&receivers.positions[group.run.range()], group.part as usize)
+fn rows(transport: &FarTransport, stored: &RowPlaces, range: std::ops::Range<usize>) -> Vec<Rows> {
+    let of_group = |(group, functions): (&crate::transport::receivers::Group, &u16)| {
+        transport.rows(&stored.places.positions[group.run.range()], group.part as usize, *functions)
     };
-    receivers.groups[range].par_iter().map(of_group).collect()
+    stored.places.groups[range.clone()].par_iter().zip(&stored.functions[range]).map(of_group).collect()
 }
 
-fn far_field(transport: &FarTransport, receivers: &Receivers, choice: &Choice, progress: &dyn Progress) -> FarField {
+fn far_field(transport: &FarTransport, points: &FarPoints, choice: &Choice, progress: &dyn Progress) -> FarField {
     const CHUNK: usize = 64;
-    let groups = receivers.groups.len();
+    let groups = points.rows.places.groups.len();
     progress.start("transport", groups as u64);
     let mut all = Vec::with_capacity(groups);
     for first in (0..groups).step_by(CHUNK) {
         let range = first..groups.min(first + CHUNK);
         progress.advance(range.len() as u64);
-        all.extend(rows(transport, receivers, range));
+        all.extend(rows(transport, &points.rows, range));
     }
     progress.finish();
     let terms = transport.spread.len();
     let mut largest = vec![0.0f64; terms];
-    for (rows, group) in all.iter_mut().zip(&receivers.groups) {
+    for (rows, group) in all.iter_mut().zip(&points.rows.places.groups) {
         for row in &mut rows.values {
             *row = blocks::transformed(row, group.run.range().len());
         }
@@ -242,12 +245,17 @@ fn far_field(transport: &FarTransport, receivers: &Receivers, choice: &Choice, p
         largest[k] = row.iter().fold(largest[k], |a, v| a.max(f64::from(v.abs())));
     });
     let steps: Vec<f32> = choice.steps.iter().zip(&largest).map(|(&s, &l)| blocks::fitting_step(s, l)).collect();
-    let mut far = FarField { terms, receiver_of_vertex: receivers.of_vertex.clone(), ..FarField::default() };
-    for (rows, group) in all.iter().zip(&receivers.groups) {
+    let mut far = FarField {
+        terms,
+        receiver_of_vertex: points.receivers.of_vertex.clone(),
+        others: points.rows.others.clone(),
+        ..FarField::default()
+    };
+    for ((rows, group), &functions) in all.iter().zip(&points.rows.places.groups).zip(&points.rows.functions) {
         quantise(rows, &steps, &mut far);
         far.row_sums.extend_from_slice(&rows.sums);
         let coefficients_end = far.nodes.len() as u32;
-        far.groups.push(Group { part: group.part, receivers_end: group.run.end, coefficients_end });
+        far.groups.push(Group { part: group.part, rows_end: group.run.end, coefficients_end, functions });
     }
     far.steps = steps;
     far

@@ -5,14 +5,16 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::bake::Stage;
+use super::interpolation::{FarRadiosity, all_pairs};
 use super::plan::Plan;
-use super::subset::Subset;
+use super::subset::{OfFunctions, Projected, Subset};
 use crate::compress::blocks;
 use crate::light::Light;
 use crate::math::statistics::vertex_error;
 use crate::medium::profile_basis::ProfileBasis;
 use crate::transport::balanced_tree::LightDetails;
-use crate::transport::far_field::{FarTransport, Precision};
+use crate::transport::far_field::{FarTransport, Precision, Rows};
+use crate::transport::receivers::Group;
 use crate::transport::scene::Scene;
 
 /// Groups of receivers that choices are made by.
@@ -43,7 +45,8 @@ struct Entry {
     significance2: f64,
     node: u32,
     k: u32,
-    /// Where its values are: group and row.
+    /// Where its values are: class, group and row.
+    class: u32,
     group: u32,
     row: u32,
 }
@@ -70,41 +73,17 @@ impl Choice {
         let floor = FLOOR * plan.truncation;
         let precision = Precision { opening: plan.opening, threshold: floor, keep: 0.0 };
         let trial = FarTransport { precision, ..*transport };
-        let subset = Subset::new(scene, &stage.points.receivers, GROUPS, 0);
-        let groups = &subset.receivers.groups;
-        let rows: Vec<_> = groups
-            .par_iter()
-            .map(|group| trial.rows(&subset.receivers.positions[group.run.range()], group.part as usize))
-            .collect();
-        let terms = basis.terms();
-        let mut entries = Vec::new();
-        for (group, rows) in rows.iter().enumerate() {
-            let mut row = 0;
-            for (&node, &mask) in rows.nodes.iter().zip(&rows.masks) {
-                let light = f64::from(transport.expected[node as usize]);
-                for k in (0..terms).filter(|k| mask >> k & 1 == 1) {
-                    let gain = transport.spread[k] * light;
-                    let squares = rows.values[row].iter().map(|v| (f64::from(*v) * gain).powi(2));
-                    let (group, k) = (group as u32, k as u32);
-                    entries.push(Entry { significance2: squares.sum(), node, k, group, row: row as u32 });
-                    row += 1;
-                }
-            }
-        }
+        let subsets = Subset::of_functions(scene, &stage.points, (GROUPS, 0));
+        let materials = Subset::materials(scene, basis);
+        let classes: Vec<Class> =
+            subsets.into_iter().map(|of| Class::new((scene, stage, plan), of, &trial, (&materials, lights))).collect();
+        let mut entries: Vec<Entry> =
+            classes.iter().zip(0..).flat_map(|(class, index)| class.entries(transport, index)).collect();
         // Ties in the order of the groups: the same on any number of threads.
         entries.par_sort_by(|a, b| a.significance2.total_cmp(&b.significance2));
 
-        let materials = subset.materials(scene, basis);
-        let truths: Vec<Vec<Vec<DVec3>>> = lights
-            .iter()
-            .map(|light| {
-                let far = subset.rebuilt(&rows, terms, &light.details);
-                let near = subset.near(scene, stage, plan, &materials, &light.irradiance);
-                materials.iter().zip(near).map(|(m, near)| m.add(&far, near)).collect()
-            })
-            .collect();
-
-        let mut lost = vec![vec![vec![0.0f64; terms]; subset.receivers.positions.len()]; lights.len()];
+        let nothing = |class: &Class| vec![vec![0.0f64; basis.terms()]; class.of.subset.receivers.len()];
+        let mut lost: Vec<Vec<FarRadiosity>> = lights.iter().map(|_| classes.iter().map(nothing).collect()).collect();
         let mut threshold = floor;
         let mut rest = entries.as_slice();
         loop {
@@ -114,23 +93,29 @@ impl Choice {
             rest = later;
             lost.par_iter_mut().zip(lights).for_each(|(lost, light)| {
                 for entry in now {
-                    let run = groups[entry.group as usize].run;
+                    let class = &classes[entry.class as usize];
+                    let run = class.of.subset.receivers.groups[entry.group as usize].run;
                     let detail = f64::from(light.details.details[entry.node as usize][0]) * light.details.scale;
-                    let values = &rows[entry.group as usize].values[entry.row as usize];
-                    for (lost, value) in lost[run.range()].iter_mut().zip(values) {
+                    let values = &class.rows[entry.group as usize].values[entry.row as usize];
+                    for (lost, value) in lost[entry.class as usize][run.range()].iter_mut().zip(values) {
                         lost[entry.k as usize] += f64::from(*value) * detail;
                     }
                 }
             });
-            let worst = lost.par_iter().zip(&truths).map(|(lost, truths)| {
-                let of_material = |(material, truth): (&super::subset::Projected, &Vec<DVec3>)| {
-                    let values = material.add(lost, truth.clone());
-                    vertex_error(&values, truth, &subset.areas).rms
+            let of_light = |(index, lost): (usize, &Vec<FarRadiosity>)| {
+                let of_material = |material: usize| {
+                    // A vertex sums what all rows lose, of one function or another: errors that know nothing of each other.
+                    let of_class = |(class, lost): (&Class, &FarRadiosity)| {
+                        let truth = &class.truths[index][material];
+                        let values = materials[material].add(lost, truth.clone());
+                        vertex_error(&values, truth, &class.of.subset.areas).rms.powi(2)
+                    };
+                    classes.iter().zip(lost).map(of_class).sum::<f64>()
                 };
-                materials.iter().zip(truths).map(of_material).fold(0.0, f64::max)
-            });
-            let worst = worst.collect::<Vec<f64>>().into_iter().fold(0.0, f64::max);
-            if worst > TARGET * plan.truncation || rest.is_empty() {
+                (0..materials.len()).map(of_material).fold(0.0, f64::max).sqrt()
+            };
+            let worst: Vec<f64> = lost.par_iter().enumerate().map(of_light).collect();
+            if worst.into_iter().fold(0.0, f64::max) > TARGET * plan.truncation || rest.is_empty() {
                 break;
             }
             threshold = next;
@@ -140,11 +125,72 @@ impl Choice {
         let kept = entries.iter().filter(|e| e.significance2 > threshold * threshold);
         let gains = kept.map(|e| {
             let light = f64::from(transport.expected[e.node as usize]);
-            groups[e.group as usize].run.range().len() as f64 * light * light
+            let receivers = &classes[e.class as usize].of.subset.receivers;
+            let share = receivers.groups[e.group as usize].run.range().len() as f64 / receivers.len().max(1) as f64;
+            share * light * light
         });
-        let gain2 = gains.sum::<f64>() / subset.receivers.positions.len().max(1) as f64;
-        let step = blocks::step(gain2, plan.quantiser);
+        let step = blocks::step(gains.sum::<f64>(), plan.quantiser);
         let steps = transport.spread.iter().map(|s| step / s.max(f64::MIN_POSITIVE)).collect();
         Self { threshold, steps }
+    }
+}
+
+/// Rows with the same functions, on which choices are made.
+struct Class {
+    of: OfFunctions,
+    /// Of each group.
+    rows: Vec<Rows>,
+    /// Radiosity `[light][material][receiver]`.
+    truths: Vec<Vec<Vec<DVec3>>>,
+}
+
+impl Class {
+    fn new(
+        (scene, stage, plan): (&Scene, &Stage, &Plan),
+        of: OfFunctions,
+        trial: &FarTransport,
+        (materials, lights): (&[Projected], &[Tuning]),
+    ) -> Self {
+        let subset = &of.subset;
+        let (positions, terms) = (&subset.receivers.positions, trial.spread.len());
+        let of_group = |group: &Group| trial.rows(&positions[group.run.range()], group.part as usize, of.functions);
+        let rows: Vec<Rows> = subset.receivers.groups.par_iter().map(of_group).collect();
+        let others: Vec<usize> = (0..terms).filter(|k| of.functions >> k & 1 == 0).collect();
+        let exact = match others.as_slice() {
+            [] => Vec::new(),
+            _ => {
+                let irradiances: Vec<&[DVec3]> = lights.iter().map(|light| light.irradiance.as_slice()).collect();
+                all_pairs(stage, trial.table, &subset.receivers, &irradiances)
+            }
+        };
+        let under = |(index, light): (usize, &Tuning)| -> Vec<Vec<DVec3>> {
+            let mut far = subset.rebuilt(&rows, terms, &light.details);
+            for (far, exact) in far.iter_mut().zip(exact.get(index).into_iter().flatten()) {
+                others.iter().for_each(|&k| far[k] = exact[k]);
+            }
+            let near = subset.near(scene, stage, plan, materials, &light.irradiance);
+            materials.iter().zip(near).map(|(m, near)| m.add(&far, near)).collect()
+        };
+        let truths = lights.iter().enumerate().map(under).collect();
+        Self { of, rows, truths }
+    }
+
+    /// Every coefficient.
+    fn entries(&self, transport: &FarTransport, class: u32) -> Vec<Entry> {
+        let mut entries = Vec::new();
+        for (group, rows) in self.rows.iter().enumerate() {
+            let mut row = 0;
+            for (&node, &mask) in rows.nodes.iter().zip(&rows.masks) {
+                let light = f64::from(transport.expected[node as usize]);
+                for k in (0..transport.spread.len()).filter(|k| mask >> k & 1 == 1) {
+                    let gain = transport.spread[k] * light;
+                    let squares = rows.values[row].iter().map(|v| (f64::from(*v) * gain).powi(2));
+                    let (group, k) = (group as u32, k as u32);
+                    entries.push(Entry { significance2: squares.sum(), node, k, class, group, row: row as u32 });
+                    row += 1;
+                }
+            }
+        }
+        entries
     }
 }

@@ -165,7 +165,7 @@ impl EditableEvaluator {
         progress.start("far field", self.far.groups.len() as u64);
         let range = LightRange::new(&irradiance, pieces.deviations());
         let details = LightDetails::of_range(&self.samples, &self.patches, &irradiance, range);
-        let far = FarSums::new(Level::detect(), (&self.far, &self.order), &details);
+        let far = FarSums::new(Level::detect(), (&self.far, &self.order, &self.points.fills), &details);
         let mut lit = Lit { irradiance, pieces, range, far, moments: None };
         self.gather_rings(&mut lit);
         progress.finish();

@@ -59,7 +59,7 @@ impl EditableOnDevice {
         let buffers = SurfaceBuffers::new(device, &geometry)?;
         let rows = cpu.rows.as_ref().map(|rows| RowsOnDevice::new(&buffers, rows, &cpu.samples)).transpose()?;
         let tree = TreeOnDevice::new(&buffers, &cpu.samples, &cpu.patches)?;
-        let far = FarOnDevice::new(device, (&cpu.far, cpu.points.weights.as_ref()), &tree)?;
+        let far = FarOnDevice::new(device, (&cpu.far, &cpu.points.fills, cpu.points.weights.as_ref()), &tree)?;
         let pieces = cpu.plan.sampling.pieces_of_uneven() as usize;
         let effort = Effort::new(&cpu.surface(), cpu.plan.near, &NEAR_EDGE_RULES, pieces);
         let parts = &cpu.scene.parts.parts;

@@ -1,14 +1,20 @@
 //! What interpolation of the far field loses, and how far apart its points may be.
 
+use std::collections::BTreeSet;
+
 use glam::DVec3;
 use rayon::prelude::*;
 
 use super::bake::{Stage, spacing_mm};
 use super::choice::Tuning;
+use super::levels::levels;
 use super::plan::Plan;
 use super::points::FarPoints;
 use super::subset::{Projected, Subset};
+use crate::evaluate::far_field::Fill;
 use crate::evaluate::sampling_error::receiver_areas;
+use crate::geometry::samples::Patch;
+use crate::math::simd::{Level, multiversion};
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::medium::profile_basis::{ProfileBasis, Table};
 use crate::transport::far_field::{LANES, TERMS};
@@ -25,12 +31,25 @@ const RECEIVERS: usize = 96;
 const TRIALS: usize = 5;
 const CLOSER: (f64, f64) = (0.5, 0.85);
 
+/// Points that something is interpolated from, and their weights.
+pub(super) type Row = Vec<(u32, f64)>;
+
+/// Functions (bit k) that a point takes from others.
+struct Taken {
+    functions: u16,
+    point: u32,
+    row: Row,
+}
+
 /// Receivers, and the points that they are interpolated from.
 pub(super) struct Between {
     targets: Subset,
+    /// All points that anything is interpolated from, ascending, and where they are.
+    points: Vec<u32>,
     sources: Receivers,
-    /// Weights of each target over the sources.
-    weights: Vec<Vec<(usize, f64)>>,
+    /// Of each target.
+    weights: Vec<Row>,
+    taken: Vec<Taken>,
     materials: Vec<Projected>,
 }
 
@@ -47,17 +66,23 @@ impl Between {
         let (receivers, indices) = stage.receivers.subset(count, phase);
         let areas = receiver_areas(scene, &stage.receivers);
         let areas = indices.iter().map(|&i| areas[i as usize]).collect();
-        let of = |&i: &u32| shared.of(i as usize);
-        let mut chosen: Vec<u32> = indices.iter().flat_map(of).map(|(source, _)| source).collect();
-        chosen.sort_unstable();
-        chosen.dedup();
-        let place = |source: u32| chosen.partition_point(|&c| c < source);
-        let row = |i: &u32| of(i).map(|(source, w)| (place(source), f64::from(w))).collect();
-        let weights = indices.iter().map(row).collect();
-        let sources = points.receivers.only(&chosen, LANES);
+        let of = |&i: &u32| shared.of(i as usize).map(|(point, w)| (point, f64::from(w))).collect();
+        let weights: Vec<Row> = indices.iter().map(of).collect();
+        let of_rows = |rows: &mut dyn Iterator<Item = &Row>| -> BTreeSet<u32> {
+            rows.flatten().map(|(point, _)| *point).collect()
+        };
+        let between = of_rows(&mut weights.iter());
+        let take = |fill: &Fill| -> Vec<Taken> {
+            let functions = fill.functions;
+            let take = |&point: &u32| points.row_of(fill, point).map(|row| Taken { functions, point, row });
+            between.iter().filter_map(take).collect()
+        };
+        let taken: Vec<Taken> = points.fills.iter().flat_map(take).collect();
+        let all: Vec<u32> = of_rows(&mut weights.iter().chain(taken.iter().map(|t| &t.row))).into_iter().collect();
+        let sources = points.receivers.only(&all, LANES);
         let targets = Subset { receivers, indices, areas };
-        let materials = targets.materials(scene, basis);
-        Some(Self { targets, sources, weights, materials })
+        let materials = Subset::materials(scene, basis);
+        Some(Self { targets, points: all, sources, weights, taken, materials })
     }
 
     /// Number of receivers.
@@ -75,12 +100,18 @@ impl Between {
     ) -> VertexError {
         let exact = all_pairs(stage, table, &self.targets.receivers, irradiances);
         let known = all_pairs(stage, table, &self.sources, irradiances);
+        let place = |point: u32| self.points.partition_point(|p| *p < point);
         let of_light = |((irradiance, exact), known): ((&&[DVec3], &FarRadiosity), &FarRadiosity)| {
-            let terms = table.terms();
-            let of_target = |weights: &Vec<(usize, f64)>| {
-                (0..terms).map(|k| weights.iter().map(|&(source, w)| w * known[source][k]).sum()).collect::<Vec<f64>>()
+            let sum = |row: &Row, values: &FarRadiosity, k: usize| -> f64 {
+                row.iter().map(|&(point, w)| w * values[place(point)][k]).sum()
             };
-            let found: Vec<Vec<f64>> = self.weights.iter().map(of_target).collect();
+            let mut given = known.clone();
+            for Taken { functions, point, row } in &self.taken {
+                let functions = (0..table.terms()).filter(|k| functions >> k & 1 == 1);
+                functions.for_each(|k| given[place(*point)][k] = sum(row, known, k));
+            }
+            let of_target = |row: &Row| (0..table.terms()).map(|k| sum(row, &given, k)).collect();
+            let found: FarRadiosity = self.weights.iter().map(of_target).collect();
             let near = self.targets.near(scene, stage, plan, &self.materials, irradiance);
             let of_material = |(material, near): (&Projected, Vec<DVec3>)| {
                 vertex_error(&material.add(&found, near.clone()), &material.add(exact, near), &self.targets.areas)
@@ -91,7 +122,8 @@ impl Between {
     }
 }
 
-/// Points as far apart as the plan says or, where it does not, as the error that it allows lets them be under some lights.
+/// Points as far apart as the plan says or, where it does not, as the error that it allows lets them be under some lights; those of
+/// each function at the widest level of spacing.
 pub(super) fn choose_points(
     scene: &Scene,
     stage: &Stage,
@@ -100,21 +132,32 @@ pub(super) fn choose_points(
     lights: &[Tuning],
 ) -> FarPoints {
     let sample_mm = spacing_mm(&stage.patches);
-    if let Some(asked) = plan.far_spacing {
-        return FarPoints::choose(&stage.receivers, asked * sample_mm);
-    }
+    let spacing = plan.far_spacing.unwrap_or_else(|| widest(scene, stage, plan, (basis, table), lights));
+    let levels = levels(scene, stage, plan, (basis, table), lights, spacing * sample_mm);
+    FarPoints::choose(&stage.receivers, spacing * sample_mm, &levels)
+}
+
+/// The widest spacing that keeps the error, in sample spacings.
+fn widest(
+    scene: &Scene,
+    stage: &Stage,
+    plan: &Plan,
+    (basis, table): (&ProfileBasis, &Table),
+    lights: &[Tuning],
+) -> f64 {
+    let sample_mm = spacing_mm(&stage.patches);
     let irradiances: Vec<&[DVec3]> = lights.iter().map(|light| light.irradiance.as_slice()).collect();
     let mut spacing = plan.widest_far_spacing;
     for _ in 0..TRIALS {
-        let points = FarPoints::choose(&stage.receivers, spacing * sample_mm);
-        let Some(between) = Between::new(scene, stage, basis, &points, (RECEIVERS, 2)) else { return points };
+        let points = FarPoints::choose(&stage.receivers, spacing * sample_mm, &[]);
+        let Some(between) = Between::new(scene, stage, basis, &points, (RECEIVERS, 2)) else { return spacing };
         let error = between.error(scene, stage, (plan, table), &irradiances).rms;
         if error <= plan.interpolation {
-            return points;
+            return spacing;
         }
         spacing *= (0.9 * plan.interpolation / error).sqrt().clamp(CLOSER.0, CLOSER.1);
     }
-    FarPoints::choose(&stage.receivers, 0.0)
+    0.0
 }
 
 /// Far radiosity of each basis function from every sample at some receivers, under the first channel of each light.
@@ -124,22 +167,41 @@ pub(super) fn all_pairs(
     receivers: &Receivers,
     irradiances: &[&[DVec3]],
 ) -> Vec<FarRadiosity> {
-    let terms = table.terms();
+    let (terms, lights) = (table.terms(), irradiances.len());
+    let level = Level::detect();
+    let of_sample = |(index, patch): (usize, &Patch)| {
+        let area = patch.area_mm2;
+        irradiances.iter().map(move |irradiance| irradiance[index].x * area)
+    };
+    let fluxes: Vec<f64> = stage.patches.iter().enumerate().flat_map(of_sample).collect();
     let of_receiver = |(receiver, part): (DVec3, u32)| {
-        let mut sums = vec![vec![0.0; terms]; irradiances.len()];
-        let mut values = [0.0; TERMS];
-        for index in stage.samples.part(part as usize) {
-            let patch = &stage.patches[index];
-            table.evaluate(patch.centre_mm.distance_squared(receiver) as f32, &mut values);
-            for (sums, irradiance) in sums.iter_mut().zip(irradiances) {
-                let flux = irradiance[index].x * patch.area_mm2;
-                sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += flux * f64::from(value));
-            }
-        }
+        let mut sums = vec![[0.0; TERMS]; lights];
+        let samples = stage.samples.part(part as usize);
+        let flux = &fluxes[samples.start * lights..samples.end * lights];
+        pairs(level, table, receiver, (&stage.patches[samples], flux), &mut sums);
         sums
     };
     let places: Vec<(DVec3, u32)> =
         receivers.groups.iter().flat_map(|g| receivers.positions[g.run.range()].iter().map(|&p| (p, g.part))).collect();
-    let rows: Vec<Vec<Vec<f64>>> = places.into_par_iter().map(of_receiver).collect();
-    (0..irradiances.len()).map(|light| rows.iter().map(|row| row[light].clone()).collect()).collect()
+    let rows: Vec<Vec<[f64; TERMS]>> = places.into_par_iter().map(of_receiver).collect();
+    (0..lights).map(|light| rows.iter().map(|row| row[light][..terms].to_vec()).collect()).collect()
+}
+
+#[inline(always)]
+fn pairs_body(table: &Table, receiver: DVec3, (patches, flux): (&[Patch], &[f64]), sums: &mut [[f64; TERMS]]) {
+    for (patch, flux) in patches.iter().zip(flux.chunks_exact(sums.len().max(1))) {
+        let mut single = [0.0; TERMS];
+        table.evaluate(patch.centre_mm.distance_squared(receiver) as f32, &mut single);
+        let values = single.map(f64::from);
+        for (sum, flux) in sums.iter_mut().zip(flux) {
+            for k in 0..TERMS {
+                sum[k] += flux * values[k];
+            }
+        }
+    }
+}
+
+multiversion! {
+    /// Adds the far radiosity of every function at a receiver under some lights, `[light][k]`; fluxes are `[patch][light]`.
+    fn pairs(table: &Table, receiver: DVec3, samples: (&[Patch], &[f64]), sums: &mut [[f64; TERMS]]) => pairs_body
 }

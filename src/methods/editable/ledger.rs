@@ -8,7 +8,7 @@ use translux_format::far_field::FarField;
 use super::bake::Stage;
 use super::interpolation::{Between, all_pairs};
 use super::plan::Plan;
-use super::subset::{Projected, Subset};
+use super::subset::{OfFunctions, Projected, Subset};
 use crate::compress::ledger::Ledger;
 use crate::error::Result;
 use crate::evaluate::environment::comes_from_far_away;
@@ -22,6 +22,7 @@ use crate::progress::Progress;
 use crate::transport::balanced_tree::LightDetails;
 use crate::transport::far_field::{FarTransport, Precision, Rows};
 use crate::transport::near_field::far_all_pairs;
+use crate::transport::receivers::Group;
 use crate::transport::scene::Scene;
 
 /// Groups of receivers that errors are measured on.
@@ -50,12 +51,11 @@ struct Stages {
     quantised: Vec<Vec<f64>>,
 }
 
-/// Rows of the receivers that errors are measured on, with and without what is dropped.
+/// Rows with the same functions that errors are measured on, with and without what is dropped.
 struct Measured {
-    subset: Subset,
+    of: OfFunctions,
     everything: Vec<Rows>,
     kept: Vec<Rows>,
-    materials: Vec<Projected>,
 }
 
 /// The errors of the stages.
@@ -70,16 +70,13 @@ pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
     let mut ledger = Ledger::default();
     let areas = receiver_areas(scene, &stage.receivers);
     progress.start("ledger", 2 * unseen.len() as u64);
+    let materials = Subset::materials(scene, baked.basis);
     let measured = baked.rows();
     let between = Between::new(scene, stage, baked.basis, &stage.points, (BETWEEN, 1));
-    let (mut worst, mut interpolation): (Option<Errors>, _) = (None, VertexError::default());
+    let (mut worst, mut irradiances): (Option<Errors>, Vec<Vec<DVec3>>) = (None, Vec::new());
     for &light in &unseen {
         let (irradiance, pieces) = stage.irradiance(scene, light, plan.sampling)?;
-        let errors = baked.under(&measured, &irradiance);
-        if let Some(between) = &between {
-            interpolation =
-                interpolation.max(between.error(scene, stage, (plan, baked.transport.table), &[&irradiance]));
-        }
+        let errors = baked.under(&measured, &materials, &irradiance);
         worst = Some(worst.map_or(errors, |w| std::array::from_fn(|i| w[i].max(errors[i]))));
         progress.advance(1);
         let mut one = Ledger::default();
@@ -96,85 +93,127 @@ pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
         };
         sampled.enter(&mut one, &crate::progress::Silent)?;
         ledger.worst_of(one);
+        irradiances.push(irradiance);
         progress.advance(1);
     }
     progress.finish();
     let note = format!(
         "the worst of {} materials under {} probe lights, on {} receivers; no choice saw these lights and receivers",
-        measured.materials.len(),
+        materials.len(),
         unseen.len(),
-        measured.subset.indices.len()
+        measured.iter().map(|m| m.of.subset.indices.len()).sum::<usize>()
     );
     for (name, error) in NAMES.iter().zip(worst.into_iter().flatten()) {
         ledger.add(name, error, note.clone());
     }
     if let Some(between) = between {
-        let (points, targets) = (stage.points.receivers.len(), between.targets());
-        ledger.add(
-            "interpolation",
-            interpolation,
-            format!("the far field from {points} points, as above on {targets} receivers"),
-        );
+        let irradiances: Vec<&[DVec3]> = irradiances.iter().map(Vec::as_slice).collect();
+        let interpolation = between.error(scene, stage, (plan, baked.transport.table), &irradiances);
+        let note =
+            format!("the far field from {}, as above on {} receivers", stage.points.describe(), between.targets());
+        ledger.add("interpolation", interpolation, note);
     }
     Ok(ledger)
 }
 
 impl Baked<'_> {
-    fn rows(&self) -> Measured {
-        let subset = Subset::new(self.scene, &self.stage.points.receivers, GROUPS, 1);
-        let rows = |transport: &FarTransport| -> Vec<Rows> {
-            let groups = subset.receivers.groups.par_iter();
-            let positions = &subset.receivers.positions;
-            groups.map(|group| transport.rows(&positions[group.run.range()], group.part as usize)).collect()
+    fn rows(&self) -> Vec<Measured> {
+        let of_class = |of: OfFunctions| {
+            let receivers = &of.subset.receivers;
+            let rows = |transport: &FarTransport| -> Vec<Rows> {
+                let of_group = |group: &Group| {
+                    transport.rows(&receivers.positions[group.run.range()], group.part as usize, of.functions)
+                };
+                receivers.groups.par_iter().map(of_group).collect()
+            };
+            let precision = Precision { keep: 0.0, ..self.transport.precision };
+            let everything = rows(&FarTransport { precision, ..*self.transport });
+            let kept = rows(self.transport);
+            Measured { of, everything, kept }
         };
-        let precision = Precision { keep: 0.0, ..self.transport.precision };
-        let everything = rows(&FarTransport { precision, ..*self.transport });
-        let kept = rows(self.transport);
-        let materials = subset.materials(self.scene, self.basis);
-        Measured { subset, everything, kept, materials }
+        Subset::of_functions(self.scene, &self.stage.points, (GROUPS, 1)).into_iter().map(of_class).collect()
     }
 
-    /// Errors under one light, the worst of all materials.
-    fn under(&self, measured: &Measured, irradiance: &[DVec3]) -> Errors {
+    /// Errors under one light, the worst of all materials. What a vertex sums of rows with unlike functions errs on its own.
+    fn under(&self, measured: &[Measured], materials: &[Projected], irradiance: &[DVec3]) -> Errors {
+        let details = LightDetails::new(&self.stage.samples, &self.stage.patches, irradiance);
+        let stored = FarSums::new(Level::detect(), (self.far, &ByFunction::new(self.far), &[]), &details);
+        let mut of_materials = vec![Errors::default(); materials.len()];
+        for (class, measured) in measured.iter().enumerate() {
+            let found = self.of_class((class, measured), materials, irradiance, (&details, &stored));
+            for (all, found) in of_materials.iter_mut().zip(found) {
+                *all = std::array::from_fn(|i| beside(all[i], found[i]));
+            }
+        }
+        of_materials.into_iter().reduce(|a, b| std::array::from_fn(|i| a[i].max(b[i]))).unwrap_or_default()
+    }
+
+    /// Errors of the functions of some rows in each material.
+    fn of_class(
+        &self,
+        (class, measured): (usize, &Measured),
+        materials: &[Projected],
+        irradiance: &[DVec3],
+        light: (&LightDetails, &FarSums),
+    ) -> Vec<Errors> {
         let Self { scene, stage, plan, .. } = *self;
-        let Measured { subset, materials, .. } = measured;
-        let stages = self.stages(measured, irradiance);
+        let subset = &measured.of.subset;
+        let stages = self.stages(measured, irradiance, light);
         let near = subset.near(scene, stage, plan, materials, irradiance);
         let surface = stage.surface(scene);
-        let mut worst: Option<Errors> = None;
-        for (material, near) in materials.iter().zip(near) {
-            let far = far_all_pairs(&surface, &material.dipoles, stage.split_mm, &subset.receivers, irradiance);
+        let of_material = |(material, near): (&Projected, Vec<DVec3>)| {
+            let combined = |values: &[Vec<f64>]| material.add(values, vec![DVec3::ZERO; near.len()]);
+            let exact = combined(&stages.exact);
+            // The basis is that of all functions: one set of receivers says what it loses.
+            let far = match class {
+                0 => far_all_pairs(&surface, &material.dipoles, stage.split_mm, &subset.receivers, irradiance),
+                _ => exact.clone(),
+            };
             let truth: Vec<DVec3> = near.iter().zip(&far).map(|(n, f)| *n + *f).collect();
             // Each stage as if all before it had been exact.
             let against = |before: &[DVec3], after: &[DVec3]| {
                 let values: Vec<DVec3> = (0..truth.len()).map(|i| truth[i] + (after[i] - before[i])).collect();
                 vertex_error(&values, &truth, &subset.areas)
             };
-            let combined = |values: &[Vec<f64>]| material.add(values, vec![DVec3::ZERO; truth.len()]);
-            let (exact, integrated) = (combined(&stages.exact), combined(&stages.integrated));
+            let integrated = combined(&stages.integrated);
             let (truncated, quantised) = (combined(&stages.truncated), combined(&stages.quantised));
-            let errors = [
+            [
                 against(&exact, &integrated),
                 against(&far, &exact),
                 against(&integrated, &truncated),
                 against(&truncated, &quantised),
-            ];
-            worst = Some(worst.map_or(errors, |w| std::array::from_fn(|i| w[i].max(errors[i]))));
-        }
-        worst.unwrap_or_default()
+            ]
+        };
+        materials.iter().zip(near).map(of_material).collect()
     }
 
-    fn stages(&self, measured: &Measured, irradiance: &[DVec3]) -> Stages {
-        let Measured { subset, everything, kept, .. } = measured;
-        let details = LightDetails::new(&self.stage.samples, &self.stage.patches, irradiance);
-        let stored = FarSums::new(Level::detect(), (self.far, &ByFunction::new(self.far)), &details);
+    fn stages(&self, measured: &Measured, irradiance: &[DVec3], light: (&LightDetails, &FarSums)) -> Stages {
+        let Measured { of: OfFunctions { subset, functions }, everything, kept } = measured;
+        let (details, stored) = light;
         let terms = self.basis.terms();
-        let quantised = |&index: &u32| (0..terms).map(|k| stored.value(index as usize, k).x).collect();
+        let exact = all_pairs(self.stage, self.transport.table, &subset.receivers, &[irradiance]).concat();
+        let of_rows = |mut values: Vec<Vec<f64>>| {
+            for (values, exact) in values.iter_mut().zip(&exact) {
+                (0..terms).filter(|k| functions >> k & 1 == 0).for_each(|k| values[k] = exact[k]);
+            }
+            values
+        };
+        let quantised = |&row: &u32| (0..terms).map(|k| stored.value(row as usize, k).x).collect();
         Stages {
-            exact: all_pairs(self.stage, self.transport.table, &subset.receivers, &[irradiance]).concat(),
-            integrated: subset.rebuilt(everything, terms, &details),
-            truncated: subset.rebuilt(kept, terms, &details),
-            quantised: subset.indices.iter().map(quantised).collect(),
+            integrated: of_rows(subset.rebuilt(everything, terms, details)),
+            truncated: of_rows(subset.rebuilt(kept, terms, details)),
+            quantised: of_rows(subset.indices.iter().map(quantised).collect()),
+            exact,
         }
+    }
+}
+
+/// Two errors that know nothing of each other.
+fn beside(a: VertexError, b: VertexError) -> VertexError {
+    VertexError {
+        rms: a.rms.hypot(b.rms),
+        bias: a.bias + b.bias,
+        p999: a.p999.hypot(b.p999),
+        worst: a.worst.hypot(b.worst),
     }
 }

@@ -9,6 +9,7 @@ mod evaluate;
 mod gpu;
 mod interpolation;
 mod ledger;
+mod levels;
 mod plan;
 mod points;
 mod sections;
@@ -36,9 +37,9 @@ const TRANSPORT: Key = Key {
 
 const BASIS: Key = Key {
     name: "basis",
-    default: "transported",
-    help: "principal components weighted for transported light over this object's range; ladder: Gaussians that are combined \
-           without negative coefficients; or plain: the components of the paper",
+    default: "ladder",
+    help: "ladder: Gaussians that are combined without negative coefficients; transported: principal components weighted for \
+           transported light over this object's range; or plain: the components of the paper",
 };
 
 const TERMS: Key = Key {
@@ -60,6 +61,13 @@ const FAR_SPACING: Key = Key {
            far as 60 % of --max-rms lets them",
 };
 
+const FAR_LEVELS: Key = Key {
+    name: "far-levels",
+    default: "4",
+    help: "spacings of these points, 1 to 4, each twice as far as the one before: every basis function has the widest that 20 % of \
+           --max-rms lets it",
+};
+
 const TRUNCATION: Key = Key {
     name: "truncation",
     default: "auto",
@@ -79,8 +87,20 @@ const POINTS: Key = sampling::points("4");
 const DIRECTIONS: Key = sampling::directions("256");
 const AREA_SIDE: Key = sampling::area_side("8");
 
-const KEYS: &[Key] =
-    &[TRANSPORT, BASIS, TERMS, SPLIT, FAR_SPACING, TRUNCATION, CUBE, COEFFICIENTS, POINTS, DIRECTIONS, AREA_SIDE];
+const KEYS: &[Key] = &[
+    TRANSPORT,
+    BASIS,
+    TERMS,
+    SPLIT,
+    FAR_SPACING,
+    FAR_LEVELS,
+    TRUNCATION,
+    CUBE,
+    COEFFICIENTS,
+    POINTS,
+    DIRECTIONS,
+    AREA_SIDE,
+];
 
 /// What charts compare.
 const LADDER: &[&str] = &[

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use super::{
-    AREA_SIDE, BASIS, COEFFICIENTS, CUBE, DIRECTIONS, FAR_SPACING, POINTS, SPLIT, TERMS, TRANSPORT, TRUNCATION,
-    unstored,
+    AREA_SIDE, BASIS, COEFFICIENTS, CUBE, DIRECTIONS, FAR_LEVELS, FAR_SPACING, POINTS, SPLIT, TERMS, TRANSPORT,
+    TRUNCATION, levels::MOST_LEVELS, unstored,
 };
 use crate::error::{Error, Result};
 use crate::evaluate::Key;
@@ -21,6 +21,7 @@ const QUANTISER_SHARE: f64 = 0.1;
 const BASIS_SHARE: f64 = 0.15;
 
 const INTERPOLATION_SHARE: f64 = 0.6;
+const LEVELS_SHARE: f64 = 0.2;
 
 /// Distance of the points of the far field at an error of 1 %, in sample spacings, at most.
 const FAR_SPACING_AT_1: f64 = 4.0;
@@ -60,6 +61,9 @@ pub(super) struct Plan {
     pub(super) widest_far_spacing: f64,
     /// Error asked of interpolating the far field.
     pub(super) interpolation: f64,
+    /// Levels of spacing of these points, and the error asked of them.
+    pub(super) levels: usize,
+    pub(super) levels_error: f64,
     pub(super) truncation: f64,
     pub(super) quantiser: f64,
     /// Cells of the hierarchy open above this radius over distance.
@@ -114,6 +118,8 @@ impl Plan {
             // The error goes with a power between 1.5 and 2.
             widest_far_spacing: (FAR_SPACING_AT_1 * (max_rms / 0.01).sqrt()).clamp(0.5, 6.0),
             interpolation: INTERPOLATION_SHARE * max_rms,
+            levels: number(values, &FAR_LEVELS, 1..=MOST_LEVELS)?,
+            levels_error: LEVELS_SHARE * max_rms,
             truncation,
             quantiser: QUANTISER_SHARE * max_rms,
             opening: (0.1 * (max_rms / 0.01).sqrt()).clamp(0.03, 0.2),
@@ -140,9 +146,10 @@ mod tests {
     #[test]
     fn defaults_share_out_the_error() {
         let plan = plan(&[]).unwrap();
-        assert_eq!((plan.terms, plan.family, plan.cube), (None, Family::Transported, 32));
-        // Four errors of different origin: their squares add.
-        let all = plan.truncation.hypot(plan.interpolation).hypot(plan.quantiser).hypot(plan.basis_error);
+        assert_eq!((plan.terms, plan.family, plan.cube), (None, Family::Ladder, 32));
+        // Five errors of different origin: their squares add.
+        let interpolated = plan.interpolation.hypot(plan.levels_error);
+        let all = plan.truncation.hypot(interpolated).hypot(plan.quantiser).hypot(plan.basis_error);
         assert!(all < 0.9 * 0.01, "{all}");
         assert_eq!(plan.sampling, LightSampling::FAST);
     }
@@ -158,6 +165,8 @@ mod tests {
             ("truncation", "0"),
             ("far-spacing", "0.1"),
             ("far-spacing", "9"),
+            ("far-levels", "0"),
+            ("far-levels", "5"),
             ("cube", "48"),
             ("coefficients", "4"),
             ("points", "3"),

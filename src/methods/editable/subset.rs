@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use super::bake::Stage;
 use super::plan::Plan;
+use super::points::FarPoints;
 use crate::evaluate::sampling_error::receiver_areas;
 use crate::geometry::cluster::Run;
 use crate::medium::dipole::Dipole;
@@ -27,6 +28,13 @@ pub(super) struct Subset {
     pub(super) areas: Vec<f64>,
 }
 
+/// A few groups of the rows that have the same functions of the far field.
+pub(super) struct OfFunctions {
+    pub(super) subset: Subset,
+    /// Bit k.
+    pub(super) functions: u16,
+}
+
 /// A material and its coefficients.
 pub(super) struct Projected {
     pub(super) medium: Medium,
@@ -36,25 +44,36 @@ pub(super) struct Projected {
 }
 
 impl Subset {
-    /// About `count` groups; phases 0 and 1 give others where there are enough.
-    pub(super) fn new(scene: &Scene, all: &Receivers, count: usize, phase: usize) -> Self {
-        let step = (all.groups.len() / count).max(1);
+    /// About `count` groups of rows, with the areas of all; phases 0 and 1 give others where there are enough.
+    fn new(places: &Receivers, groups: &[Group], areas: &[f64], (count, phase): (usize, usize)) -> Self {
+        let step = (groups.len() / count).max(1);
         let mut receivers = Receivers::default();
         let mut indices = Vec::new();
-        for group in all.groups.iter().skip(phase * step / 2).step_by(step) {
+        for group in groups.iter().skip(phase * step / 2).step_by(step) {
             let first = receivers.positions.len() as u32;
-            receivers.positions.extend_from_slice(&all.positions[group.run.range()]);
+            receivers.positions.extend_from_slice(&places.positions[group.run.range()]);
             indices.extend(group.run.first..group.run.end);
             let run = Run { first, end: receivers.positions.len() as u32 };
             receivers.groups.push(Group { run, part: group.part });
         }
-        let areas = receiver_areas(scene, all);
         let areas = indices.iter().map(|&i| areas[i as usize]).collect();
         Self { receivers, indices, areas }
     }
 
+    /// About `count` groups of the first set of functions, and half as many of the others.
+    pub(super) fn of_functions(scene: &Scene, points: &FarPoints, (count, phase): (usize, usize)) -> Vec<OfFunctions> {
+        let of_points = receiver_areas(scene, &points.receivers);
+        let rows = &points.rows;
+        let areas: Vec<f64> = (0..rows.places.len() as u32).map(|row| of_points[rows.point(row) as usize]).collect();
+        let subset = |(class, (functions, groups)): (usize, (u16, Vec<Group>))| {
+            let count = if class == 0 { count } else { count.div_ceil(2) };
+            OfFunctions { subset: Self::new(&rows.places, &groups, &areas, (count, phase)), functions }
+        };
+        rows.classes().into_iter().enumerate().map(subset).collect()
+    }
+
     /// Every published material and those of the scene.
-    pub(super) fn materials(&self, scene: &Scene, basis: &ProfileBasis) -> Vec<Projected> {
+    pub(super) fn materials(scene: &Scene, basis: &ProfileBasis) -> Vec<Projected> {
         let presets = PRESETS.iter().map(|m| Medium { name: m.name.to_owned(), properties: m.properties() });
         let project = |medium: Medium| {
             let dipoles = medium.properties.dipoles(BoundaryFit::Published);

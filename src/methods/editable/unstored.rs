@@ -11,7 +11,7 @@ use translux_format::multilevel::MultilevelSummation;
 use super::bake::Stage;
 use super::environment;
 use super::plan::Plan;
-use super::{BASIS, FAR_SPACING, SPLIT, TERMS, TRUNCATION};
+use super::{BASIS, FAR_LEVELS, FAR_SPACING, SPLIT, TERMS, TRUNCATION};
 use crate::asset::{Asset, Provenance};
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
@@ -52,7 +52,7 @@ pub(super) fn memory(samples: usize, scene: &Scene) -> u64 {
 
 /// Refuses values of keys that only stored transport has.
 pub(super) fn check(values: &BTreeMap<String, String>) -> Result<()> {
-    for Key { name, default, .. } in [BASIS, TERMS, SPLIT, FAR_SPACING, TRUNCATION] {
+    for Key { name, default, .. } in [BASIS, TERMS, SPLIT, FAR_SPACING, FAR_LEVELS, TRUNCATION] {
         if let Some(value) = values.get(name).filter(|value| value.as_str() != default) {
             return Err(Error::command_line(format!("--set {name}={value}: only with --set transport=stored")));
         }
