@@ -62,12 +62,15 @@ const TRANSFER: &str = "
 ## The transfer side: basis and packing
 
 Stored forms of Beethoven with 16,384 vertices and 65,536 samples, the worst of ketchup and chicken1. *Ladder*: the far parts of
-Gaussians whose widths are a geometric sequence, combined without negative coefficients (`--set basis=ladder`). The spot is a point light 1 mm from the
-surface. *T1*: the transported error of the basis, worst of the 36 channels of the measured materials and of 200 others.
+Gaussians whose widths are a geometric sequence, combined without negative coefficients. Each function is stored at points of its own spacing
+(`--set far-levels`): the narrowest at all of them, others at points twice, four or eight times as far apart, as the error allows; *one spacing*
+has every function at all points. The spot is a point light 1 mm from the surface. *T1*: the transported error of the basis, worst of the 36
+channels of the measured materials and of 200 others.
 
-Entropy-coded the ladder is the smallest at the same error, though it has two more functions: its functions are alike at every node, so that
-each says much about the next. It keeps totals exactly. It does not do away with negative radiosity: what is left of it comes from dropped coefficients and from
-interpolation, not from the basis. In memory, where coefficients lie as they are, it is 6 % larger.
+The ladder is the smallest at the same error and the default: most of its functions are wide and need few points, and at one spacing its functions are
+alike at every node, so that each says much about the next. Principal components oscillate down to the shortest lengths, so that few of them can do
+with fewer points. The ladder keeps totals exactly. It does not do away with negative radiosity: what is left of it comes from dropped coefficients and
+from interpolation, not from the basis.
 
 ";
 

@@ -18,7 +18,17 @@ use crate::common::bench::{Context, Recipe, table};
 const MODEL: (&str, usize, usize) = ("beethoven", 16_384, 65_536);
 const QUICK: (&str, usize, usize) = ("bunny_3k", 0, 16_384);
 
-const BASES: [&str; 3] = ["transported", "ladder", "plain"];
+/// Bases, and how many spacings their functions may have.
+const BASES: [(&str, &str, &str); 5] = [
+    ("ladder", "ladder", "4"),
+    ("ladder, one spacing", "ladder", "1"),
+    ("transported", "transported", "4"),
+    ("transported, one spacing", "transported", "1"),
+    ("plain, one spacing", "plain", "1"),
+];
+
+/// Those whose packings are shown.
+const SHOWN: [&str; 2] = ["ladder", "transported"];
 
 /// Errors asked of everything; packings are shown for the second.
 const ASKED: [f64; 3] = [0.02, 0.01, 0.005];
@@ -147,10 +157,11 @@ fn as_the_paper(asset: &Asset) -> Result<(f64, Asset)> {
     let mut changed = asset.clone();
     changed.sections.retain(|section| section.tag.as_str().split('.').next() != Some("far"));
     let sections = far.to_coded_sections(&shape(asset)).map_err(fail)?;
-    let kept = [tags::RECEIVERS, tags::GROUPS, tags::STEPS];
+    let kept = [tags::RECEIVERS, tags::GROUPS, tags::STEPS, tags::FUNCTIONS, tags::ROWS];
     let mut others = changed.clone();
     others.sections.extend(sections.iter().filter(|s| kept.contains(&s.tag)).cloned());
-    let coefficients = PAPER_BYTES * (numbers + far.row_sums.len());
+    let sums = far.row_sums.iter().filter(|sum| **sum != 0.0).count();
+    let coefficients = PAPER_BYTES * (numbers + sums);
     let bytes = bytes_per_vertex(&others)? + coefficients as f64 / asset.scene.mesh.local_mm.len() as f64;
     changed.sections.extend(sections);
     Ok((bytes, changed))
@@ -164,9 +175,9 @@ pub(crate) fn run(context: &Context) -> Result<String> {
     drop(evaluator);
     context.say("transfer: the truth");
     let (mut bases, mut packings, mut points) = (Vec::new(), Vec::new(), Vec::new());
-    for name in BASES {
+    for (name, basis_name, levels) in BASES {
         for asked in context.some(&ASKED, 2) {
-            let set = [("transport", "stored"), ("basis", name), ("points", "1")];
+            let set = [("transport", "stored"), ("basis", basis_name), ("far-levels", levels), ("points", "1")];
             let (asset, seconds) = bake(&scene, &Recipe { samples: Some(samples), max_rms: asked, set: &set })?;
             let bytes = bytes_per_vertex(&asset)?;
             let functions = basis(&asset)?;
@@ -182,7 +193,7 @@ pub(crate) fn run(context: &Context) -> Result<String> {
             bases.push(row);
             let Ok(found) = found else { continue };
             points.push(Point { series: format!("{name}, entropy-coded"), x: bytes, y: found.sun });
-            if asked == PACKED {
+            if asked == PACKED && SHOWN.contains(&name) {
                 let (paper, rounded) = as_the_paper(&asset)?;
                 let rounded = measured(&scene, rounded, &expected)?;
                 let [fixed, zstd] = [Codec::Raw, Codec::Zstd].map(|codec| bytes_per_vertex(&plain(&asset, codec)?));

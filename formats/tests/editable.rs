@@ -245,13 +245,15 @@ fn the_shape_is_checked() {
 /// Whatever the bytes of the sections, the answer is an error or a far field that writes and reads back equal.
 #[test]
 fn twenty_thousand_mutations_of_the_sections() {
-    let good = [far_field(3).to_sections(&far_shape()).unwrap(), profile_basis(3).to_sections().unwrap()].concat();
+    let goods = [far_field(3), uneven_far_field(3)]
+        .map(|far| [far.to_sections(&far_shape()).unwrap(), profile_basis(3).to_sections().unwrap()].concat());
     let mut random = Random(7);
     let (mut refused, mut accepted) = (0, 0);
-    for _ in 0..20_000 {
-        let mut sections = good.clone();
+    for i in 0..20_000 {
+        let mut sections = goods[i % 2].clone();
         for _ in 0..=random.below(2) {
-            let bytes = &mut sections[random.below(good.len())].bytes;
+            let count = sections.len();
+            let bytes = &mut sections[random.below(count)].bytes;
             common::mutate(&mut random, bytes);
         }
         match read(&sections) {

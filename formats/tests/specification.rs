@@ -182,6 +182,10 @@ fn f64s(bytes: &[u8]) -> Vec<f64> {
 struct ByHand {
     receiver_of_vertex: Vec<u32>,
     groups: Vec<[u32; 3]>,
+    /// Bits of each group.
+    functions_of: Vec<u16>,
+    /// Receivers of the rows behind those of all receivers.
+    others: Vec<u32>,
     nodes: Vec<u32>,
     steps: Vec<f32>,
     /// `[receiver][k]`
@@ -239,7 +243,11 @@ fn values_by_hand(sections: &[Section], functions: usize) -> Vec<Vec<Vec<f64>>> 
 fn editable_by_hand(sections: &[Section], part_offsets: &[u32]) -> ByHand {
     let groups: Vec<[u32; 3]> =
         u32s(find(sections, "far.grp", 5, 3)).chunks_exact(3).map(|g| [g[0], g[1], g[2]]).collect();
-    let [_, receivers, coefficients] = groups.last().unwrap().map(|end| end as usize);
+    let [_, rows, coefficients] = groups.last().unwrap().map(|end| end as usize);
+    let has = |tag: &str| sections.iter().any(|section| section.tag == tag);
+    let u16s = |bytes: &[u8]| bytes.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect::<Vec<u16>>();
+    let functions_of = if has("far.fun") { u16s(find(sections, "far.fun", 3, 1)) } else { vec![!0; groups.len()] };
+    let others = if has("far.row") { u32s(find(sections, "far.row", 5, 1)) } else { Vec::new() };
     let steps: Vec<f32> = u32s(find(sections, "far.stp", 10, 1)).into_iter().map(f32::from_bits).collect();
     let mut varints = find(sections, "far.nod", 1, 1).iter();
     let mut nodes = Vec::new();
@@ -261,11 +269,11 @@ fn editable_by_hand(sections: &[Section], part_offsets: &[u32]) -> ByHand {
     }
     assert!(varints.next().is_none());
     let planes = find(sections, "far.sum", 1, 1);
-    let mut row_sums = vec![Vec::new(); receivers];
+    let mut row_sums = vec![Vec::new(); rows];
     for k in 0..steps.len() {
         let mut x = 0u32;
         for (i, sums) in row_sums.iter_mut().enumerate() {
-            let z = (0..4).fold(0, |z, j| z | u32::from(planes[(k * 4 + j) * receivers + i]) << (8 * j));
+            let z = (0..4).fold(0, |z, j| z | u32::from(planes[(k * 4 + j) * rows + i]) << (8 * j));
             x = x.wrapping_add((z >> 1) ^ (z & 1).wrapping_neg());
             sums.push(f32::from_bits(x));
         }
@@ -278,6 +286,8 @@ fn editable_by_hand(sections: &[Section], part_offsets: &[u32]) -> ByHand {
         receiver_of_vertex: u32s(find(sections, "far.rcv", 5, 1)),
         values: values_by_hand(sections, steps.len()),
         groups,
+        functions_of,
+        others,
         nodes,
         steps,
         row_sums,
@@ -318,26 +328,38 @@ impl ByHand {
         self.functions.iter().map(of).collect()
     }
 
+    /// Of receivers that have every function of their own or take it from the only row that has it.
     fn far(&self, s: &[f64], part_offsets: &[u32], areas: &[f64], irradiance: &[f64]) -> Vec<f64> {
         let mut detail = vec![f64::NAN; areas.len()];
-        let mut out = Vec::new();
+        let mut values: Vec<Vec<Option<f64>>> = Vec::new();
         let mut first = 0;
-        for [part, receivers_end, coefficients_end] in self.groups.iter().map(|g| g.map(|x| x as usize)) {
+        for (group, mask) in self.groups.iter().zip(&self.functions_of) {
+            let [part, rows_end, coefficients_end] = group.map(|x| x as usize);
             let (a, b) = (part_offsets[part] as usize, part_offsets[part + 1] as usize);
             details(a, b, areas, irradiance, &mut detail);
             let mean = mean(&areas[a..b], &irradiance[a..b]);
-            let start = out.len();
-            for receiver in start..receivers_end {
+            let start = values.len();
+            for row in start..rows_end {
                 let of = |k: usize| {
-                    let term = |c: usize| self.values[c][k][receiver - start] * detail[self.nodes[c] as usize];
+                    let term = |c: usize| self.values[c][k][row - start] * detail[self.nodes[c] as usize];
                     let sum: f64 = (first..coefficients_end).map(term).sum();
-                    s[k] * (f64::from(self.row_sums[receiver][k]) * mean + f64::from(self.steps[k]) * sum)
+                    let value = f64::from(self.row_sums[row][k]) * mean + f64::from(self.steps[k]) * sum;
+                    (mask >> k & 1 == 1).then_some(value)
                 };
-                out.push((0..s.len()).map(of).sum());
+                values.push((0..s.len()).map(of).collect());
             }
             first = coefficients_end;
         }
-        out
+        let receivers = values.len() - self.others.len();
+        for (row, &receiver) in (receivers..).zip(&self.others) {
+            for (k, value) in values[row].clone().into_iter().enumerate().filter(|(_, value)| value.is_some()) {
+                assert!(values[receiver as usize][k].is_none());
+                values[receiver as usize][k] = value;
+            }
+        }
+        values.truncate(receivers);
+        let only = |k: usize| values.iter().find_map(|of| of[k]).unwrap();
+        values.iter().map(|of| (0..s.len()).map(|k| s[k] * of[k].unwrap_or_else(|| only(k))).sum()).collect()
     }
 }
 
@@ -434,7 +456,34 @@ fn the_example_of_the_page_is_right() {
     let far = by_hand.far(&s, &[0, 3], &areas, &irradiance);
     assert!((s[0] - 1.38671875).abs() < 1e-14 && (s[1] - 1.7734375).abs() < 1e-14, "{s:?}");
     assert!((far[0] + 504.2421875).abs() < 1e-9 && (far[1] + 509.65087890625).abs() < 1e-9, "{far:?}");
-    let numbers = ["1.38671875 ", "1.7734375\n", "-504.2421875\n", "-509.65087890625\n", "-365.125\n", "296, 296"];
+
+    // The same with function 1 at the first receiver alone.
+    let mut asset = example();
+    let shape = Shape::new(5, &asset.samples);
+    let mut field = FarField::from_sections(&asset.extra, &shape).unwrap().unwrap();
+    field.groups[0].functions = 1;
+    field.groups.push(Group { part: 0, rows_end: 3, coefficients_end: 3, functions: 2 });
+    field.others = vec![0];
+    (field.nodes, field.masks, field.wide_masks) = (vec![1, 2, 1], vec![1, 1, 2], vec![0, 1, 0]);
+    field.row_sums = vec![2.0, 0.0, 2.5, 0.0, 0.0, 1.0];
+    asset.extra.retain(|section| !section.tag.as_str().starts_with("far."));
+    asset.extra.extend(field.to_sections(&shape).unwrap());
+    let sections = read_by_hand(&asset.to_bytes().unwrap());
+    let by_hand = editable_by_hand(&sections, &[0, 3]);
+    assert_eq!((by_hand.groups.concat(), by_hand.others.as_slice()), (vec![0, 2, 2, 0, 3, 3], &[0][..]));
+    assert_eq!(by_hand.functions_of, [1, 2]);
+    let far = by_hand.far(&s, &[0, 3], &areas, &irradiance);
+    assert!((far[0] + 504.2421875).abs() < 1e-9 && (far[1] + 502.33544921875).abs() < 1e-9, "{far:?}");
+
+    let numbers = [
+        "-502.33544921875",
+        "1.38671875 ",
+        "1.7734375\n",
+        "-504.2421875\n",
+        "-509.65087890625\n",
+        "-365.125\n",
+        "296, 296",
+    ];
     numbers.iter().for_each(|number| assert!(PAGE.contains(number), "{number} is not on the page"));
 }
 

@@ -186,20 +186,18 @@ impl FarPoints {
         Some(fill.weights.of(place).map(|(row, w)| (self.rows.point(row), f64::from(w))).collect())
     }
 
-    /// How many points there are, and of some functions.
+    /// How many points there are, and how many some functions have.
     pub(super) fn describe(&self) -> String {
+        let points = self.receivers.len();
         let of_class = |(functions, groups): &(u16, Vec<Group>)| {
             let rows: usize = groups.iter().map(|group| group.run.range().len()).sum();
-            format!("{} of the functions at {rows}", functions.count_ones())
+            let place = if rows == points { "all".to_owned() } else { rows.to_string() };
+            format!("{} at {place}", functions.count_ones())
         };
-        let classes = self.rows.classes();
+        let classes: Vec<String> = self.rows.classes().iter().map(of_class).collect();
         match classes.len() {
-            0 | 1 => format!("{} points", self.receivers.len()),
-            _ => format!(
-                "{} points ({})",
-                self.receivers.len(),
-                classes.iter().map(of_class).collect::<Vec<String>>().join(", ")
-            ),
+            0 | 1 => format!("{points} points"),
+            _ => format!("{points} points, of the functions {}", classes.join(", ")),
         }
     }
 
