@@ -6,8 +6,9 @@ const HEAD: &str = "\
 # editable: the figures of Wang et al. 2008 remade
 
 `scripts/figures editable-page` measures everything on this page and writes it (`examples/editable/`; `--quick` tries it in a few
-minutes, `--only PART` measures one part again). Models have a diagonal of 30 mm. Measured on 2 cores of an AMD EPYC (Zen 5), 2026-11-23, but for the
-times of figures 3 and 4, the transfer side and environments, which a processor half as fast took; all but times is the same to the digit anywhere.
+minutes, `--only PART` measures one part again). Models have a diagonal of 30 mm. Measured on 2 cores of an AMD EPYC, 2026-11-23: the tables, figure 5 and the
+transfer side on Zen 4 (family 25, model 17), light and material at once and fields on Zen 5 (family 26, model 2), a third faster, figures 3 and 4 and
+environments on Zen 3 (family 25, model 1), half as fast as that. All but times is the same to the digit anywhere.
 
 **RMS**: relative to the truth's RMS over the area, worst channel, under one directional light; the truth is `reference` with
 262,144 samples of its own, so that sampling is part of every error.
@@ -27,8 +28,9 @@ prepared, as in the window: the stored form keeps light around the vertices ring
 editable`), and its errors are those of edits so prepared. The paper states no errors against a
 truth, but that 95 to 98 % of the energy is kept, which is an error of 14 to 22 %.
 
-**Nothing stored** beats the stored form in bytes (8 to 27 times fewer) and bakes in a third to two thirds of the time. The stored form is one and a half to two times as fast for a
-new light, and 18 to 28 times as fast for a new material.
+**Nothing stored** beats the stored form in bytes (6 to 17 times fewer) and bakes in a fifth to a thirteenth of the time. The stored form is 1.2 to 1.9 times as fast for a
+new light, and 14 to 20 times as fast for a new material. On Zen 5, before its functions had spacings of their own, it had 66 new lights and 1,046 new materials a second
+(gargoyle, 171 bytes/vertex).
 
 ";
 
@@ -88,7 +90,7 @@ samples; the geometry images have 48 x 48 vertices, 1.4 sample spacings apart as
 on any mesh. Points with kriging take about what lifting takes (by entropy 87 bytes at 1.8 % on beethoven and 80 there; 86 at 1.8 % on the bunny and 78 at 1.4 %), down
 to an error that more coefficients do not lower; it is one of the far part, a share of the whole, and `editable` chooses the distance by it. Points stay the
 stored form's default on any mesh because they save more than bytes: their columns are baked, kept in memory and multiplied with the light at a fraction of the
-vertices (figure 5, 1 % asked, 4 spacings apart: 5 s in place of 15, a new light 14 ms in place of 34), where lifting has those of every vertex to transform, and its sums to transform back for each
+vertices (figure 5, 1 % asked, 4 spacings apart: an eighth of the bytes, a new light 18 ms in place of 50), where lifting has those of every vertex to transform, and its sums to transform back for each
 light. Lifting the points as well saves for kernels of eight vertex spacings and more alone. Kernels of one vertex spacing and less lose by any
 transform, and marble's whole dipole gains a fifth at most: their columns are best left as they are. The paper's 95 % of the energy is an error of 4 to 10 %, 98 % one
 of 3 to 7 %, with negative radiosity; 1 % takes 99.9 %.
@@ -165,7 +167,7 @@ that takes twice the time of shadow rays (last rows): leave `field=` out there."
 const LIMITS: &str = "
 ## What limits the rates
 
-Two cores with AVX-512 (AMD EPYC, Zen 5: family 26, model 2). A processor with AVX2 (family 25, model 1, 2.45 GHz), before the steps that name the gargoyle below, had 19 new lights and 359 edits a
+Two cores with AVX-512 (AMD EPYC, Zen 5: family 26, model 2), and before functions had spacings of their own. A processor with AVX2 (family 25, model 1, 2.45 GHz), before the steps that name the gargoyle below, had 19 new lights and 359 edits a
 second of the stored gargoyle, and 14 (71 ms) and 6 (159 ms) changes of everything with nothing stored. A new light of the stored gargoyle takes 15 ms here (`cargo bench --bench editable`):
 a third for a ray from each of the samples that face it, a third for the light on the rings, 8 million samples near some vertex, a sixth for the far field; the rest is what an
 edit does and the transform of the light. It is of one colour, as is that of one light: a red and a blue sun together, of three channels and with twice the rays, take 22 ms. Tried:
