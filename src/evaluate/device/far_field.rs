@@ -55,7 +55,7 @@ pub struct FarOnDevice {
     pipeline: wgpu::ComputePipeline,
     bind_group: wgpu::BindGroup,
     shards: Vec<(wgpu::BindGroup, u32)>,
-    /// What receivers take of functions that their groups have not.
+    /// What receivers take of functions that their own rows have not.
     fills: Vec<Stage>,
     /// From the points that it is stored at to the receivers, and what is there.
     expansion: Option<(Stage, wgpu::Buffer)>,

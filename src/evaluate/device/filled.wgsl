@@ -1,4 +1,4 @@
-// Far radiosity of some basis functions at the receivers that have none of their own, as weighted sums over those that have, which
+// Far radiosity of some basis functions at the receivers that have none of their own, as weighted sums over the rows that have them, which
 // runs of neighbouring receivers share: evaluate/far_field.rs.
 
 struct Shard {
@@ -14,7 +14,8 @@ struct Shard {
     padding2: u32,
 }
 
-// [receiver][function], RGB. What is read is not written: a receiver has a function or not.
+// [row][function], RGB; the first rows are those of the receivers. What is read is not written: a row has a function or not, and
+// one buffer cannot be bound twice, to read and to write, as in expanded.wgsl.
 @group(0) @binding(0) var<storage, read_write> values: array<f32>;
 // Those that are filled in.
 @group(0) @binding(1) var<storage, read> receivers: array<u32>;
