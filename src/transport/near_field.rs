@@ -387,29 +387,30 @@ fn three_points(corners: [[f32; 3]; 3], irradiance: [f32; 3], points: &mut Point
     }
 }
 
-/// The far part of R_d of three channels summed over every sample, RGB: slow, for checks.
+/// The far part of R_d of three channels summed over every patch of a receiver's part, RGB: slow, for checks. Parts begin at offsets into
+/// the patches; nothing is farther apart than `diagonal_mm`.
 pub fn far_all_pairs(
-    surface: &Surface,
+    (patches, part_offsets): (&[Patch], &[u32]),
     dipoles: &[Dipole; 3],
-    split_mm: f64,
+    (split_mm, diagonal_mm): (f64, f64),
     receivers: &Receivers,
     irradiance: &[DVec3],
 ) -> Vec<DVec3> {
     let far = dipoles.each_ref().map(|dipole| FarProfile::new(dipole, split_mm));
-    let reach = 1.001 * surface.scene.mesh.diagonal_mm();
+    let reach = 1.001 * diagonal_mm;
     let smooth = split_mm.max(dipoles.iter().map(|d| d.z_real_mm).fold(f64::MAX, f64::min));
     let table = SquareTable::new(smooth, reach * reach, |c, r2| far[c].reflectance_at_square(r2));
     let brightest = irradiance.iter().map(|e| e.max_element()).fold(0.0, f64::max);
     let scale = power_of_two_near(brightest).recip();
     let of_group = |group: &Group| {
-        let samples = surface.samples.part(group.part as usize);
+        let part = group.part as usize;
+        let of_part = part_offsets[part] as usize..part_offsets[part + 1] as usize;
         let mut points = Points::default();
         let mut of_receiver = |receiver: DVec3| {
             points.clear();
-            for index in samples.clone() {
-                let patch = &surface.patches[index];
+            for (patch, irradiance) in patches[of_part.clone()].iter().zip(&irradiance[of_part.clone()]) {
                 let r2 = patch.centre_mm.distance_squared(receiver) as f32;
-                points.push(r2, (irradiance[index] * (patch.area_mm2 * scale)).as_vec3().to_array());
+                points.push(r2, (*irradiance * (patch.area_mm2 * scale)).as_vec3().to_array());
             }
             let mut sums = [0.0; 3];
             near::add_points(Level::detect(), &table, &points, &mut sums);

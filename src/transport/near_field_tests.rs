@@ -33,7 +33,13 @@ fn differences(fixture: Fixture, split_mm: f64, rule: NearField, irradiance: &dy
     let irradiance: Vec<DVec3> = (0..fixture.patches.len() as u64).map(irradiance).collect();
     let corners = Corners::new(&fixture.scene.mesh, &fixture.samples, &fixture.patches);
     let dipoles = media[0].properties.dipoles(BoundaryFit::Published);
-    let mut sums = far_all_pairs(&surface, &dipoles, split_mm, &receivers, &irradiance);
+    let mut sums = far_all_pairs(
+        (&fixture.patches, &fixture.samples.part_offsets),
+        &dipoles,
+        (split_mm, fixture.scene.mesh.diagonal_mm()),
+        &receivers,
+        &irradiance,
+    );
     let around = Around::new(&surface, &tree, &receivers, rule, split_mm);
     let near = Near::new(surface, (&around, &corners), media, rule, split_mm);
     near.add(&receivers, (&irradiance, &Pieces::default()), &mut sums, &Silent);

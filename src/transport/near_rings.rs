@@ -41,8 +41,11 @@ const WINDOWS: usize = (RINGS + 3).div_ceil(WIDTH);
 /// Receivers side by side.
 const LANES: usize = 16;
 
-/// Rows that are asked for before they are read: some 2 KB.
-const AHEAD: usize = 100;
+/// Bytes of rows that are asked for before they are read.
+const AHEAD: usize = 2048;
+
+/// A share of 1.
+const WHOLE: f32 = u8::MAX as f32;
 
 /// Triangles nearer than so many of their radii meet the rings in closed form.
 const EXACT_BELOW: f64 = 1.5;
@@ -58,7 +61,8 @@ struct Point {
     place: f32,
 }
 
-/// A sample that is none: its areas on some hats side by side, mm^2.
+/// A sample that is none, in the first window: its areas on the hats, mm^2. Peaked profiles make much of the first ones, however little
+/// of a sample is on them.
 #[derive(Clone, Copy, Debug)]
 struct Row {
     sample: u32,
@@ -66,13 +70,21 @@ struct Row {
     areas: [u16; WIDTH],
 }
 
+/// The same in the other windows, as shares of the sample's area: of [`WHOLE`].
+#[derive(Clone, Copy, Debug)]
+struct Shares {
+    sample: u32,
+    shares: [u8; WIDTH],
+}
+
 /// What the receivers of one group see.
 #[derive(Clone, Debug, Default)]
 struct Seen {
-    /// Points and rows up to and with each receiver, window after window of the columns.
+    /// Points up to and with each receiver, window after window of the columns; and rows in the first window, shares in the others.
     ends: Vec<[[u32; 2]; WINDOWS]>,
     points: Vec<Point>,
     rows: Vec<Row>,
+    shares: Vec<Shares>,
 }
 
 /// Areas of the samples around every receiver on the hats.
@@ -117,7 +129,7 @@ impl NearRings {
         let rings = Rings::new(split_mm);
         progress.start("rings", receivers.len() as u64);
         let of_group = |(index, group): (usize, &Group)| {
-            let (mut seen, mut windows) = (Seen::default(), Default::default());
+            let (mut seen, mut windows) = (Seen::default(), Windows::default());
             for receiver in &receivers.positions[group.run.range()] {
                 for &sample in around.of(index) {
                     let patch = &surface.patches[sample as usize];
@@ -125,7 +137,7 @@ impl NearRings {
                     let near = offset.length() / patch.radius_mm;
                     if near >= rule.three_points_below {
                         if let Some((first, t)) = rings.place(offset.length_squared()) {
-                            push_point(sample, first, t as f32, &mut windows);
+                            windows.push_point(sample, first, t as f32);
                         }
                         continue;
                     }
@@ -138,7 +150,7 @@ impl NearRings {
                             rings.three_points(seen, &mut areas);
                         }
                     }
-                    push_rows(sample, &areas, &mut windows);
+                    windows.push_areas(sample, &areas, patch.area_mm2);
                 }
                 seen.take(&mut windows);
             }
@@ -154,7 +166,10 @@ impl NearRings {
     /// Bytes in memory.
     pub fn bytes(&self) -> usize {
         let of_group = |g: &Seen| {
-            size_of_val(g.ends.as_slice()) + size_of_val(g.points.as_slice()) + size_of_val(g.rows.as_slice())
+            size_of_val(g.ends.as_slice())
+                + size_of_val(g.points.as_slice())
+                + size_of_val(g.rows.as_slice())
+                + size_of_val(g.shares.as_slice())
         };
         self.groups.iter().map(of_group).sum::<usize>() + size_of_val(self.areas.as_slice())
     }
@@ -311,34 +326,62 @@ impl Gathering<'_> {
     }
 }
 
-/// Points and rows of one receiver, window by window.
-type Windows = [(Vec<Point>, Vec<Row>); WINDOWS];
+/// What one receiver sees, window by window.
+#[derive(Default)]
+struct Windows {
+    points: [Vec<Point>; WINDOWS],
+    rows: Vec<Row>,
+    shares: [Vec<Shares>; WINDOWS - 1],
+}
 
 impl Seen {
     /// Takes what the next receiver sees.
-    fn take(&mut self, windows: &mut Windows) {
-        self.ends.push(windows.each_mut().map(|(points, rows)| {
+    fn take(&mut self, Windows { points, rows, shares }: &mut Windows) {
+        let mut ends = [[0; 2]; WINDOWS];
+        for (end, points) in ends.iter_mut().zip(points) {
             self.points.append(points);
-            self.rows.append(rows);
-            [self.points.len() as u32, self.rows.len() as u32]
-        }));
+            end[0] = self.points.len() as u32;
+        }
+        self.rows.append(rows);
+        ends[0][1] = self.rows.len() as u32;
+        for (end, shares) in ends[1..].iter_mut().zip(shares) {
+            self.shares.append(shares);
+            end[1] = self.shares.len() as u32;
+        }
+        self.ends.push(ends);
     }
 }
 
-fn push_point(sample: u32, first: usize, t: f32, windows: &mut Windows) {
-    let point = Point { sample, place: first as f32 + t };
-    windows[first / WIDTH].0.push(point);
-    if first % WIDTH == WIDTH - 1 {
-        windows[first / WIDTH + 1].0.push(point);
+impl Windows {
+    fn push_point(&mut self, sample: u32, first: usize, t: f32) {
+        let point = Point { sample, place: first as f32 + t };
+        self.points[first / WIDTH].push(point);
+        if first % WIDTH == WIDTH - 1 {
+            self.points[first / WIDTH + 1].push(point);
+        }
     }
-}
 
-fn push_rows(sample: u32, areas: &Areas, windows: &mut Windows) {
-    for ((_, rows), areas) in windows.iter_mut().zip(areas.chunks(WIDTH)) {
-        if areas.iter().any(|area| *area > 0.0) {
+    fn push_areas(&mut self, sample: u32, areas: &Areas, area_mm2: f64) {
+        let (first, others) = areas.split_at(WIDTH);
+        if first.iter().any(|area| *area > 0.0) {
             let mut row = Row { sample, areas: [0; WIDTH] };
-            row.areas.iter_mut().zip(areas).for_each(|(half, area)| *half = upper_half(*area));
-            rows.push(row);
+            row.areas.iter_mut().zip(first).for_each(|(half, area)| *half = upper_half(*area));
+            self.rows.push(row);
+        }
+        // What is rounded off one hat is given to the next: a sample keeps its area.
+        let scale = f64::from(WHOLE) / area_mm2;
+        let sum = |areas: &[f32]| areas.iter().map(|area| f64::from(*area)).sum::<f64>();
+        let (mut exact, mut given) = (sum(first) * scale, (sum(first) * scale).round());
+        for (rows, areas) in self.shares.iter_mut().zip(others.chunks(WIDTH)) {
+            let mut row = Shares { sample, shares: [0; WIDTH] };
+            for (share, area) in row.shares.iter_mut().zip(areas) {
+                exact += f64::from(*area) * scale;
+                *share = (exact.round() - given) as u8;
+                given = exact.round();
+            }
+            if row.shares != [0; WIDTH] {
+                rows.push(row);
+            }
         }
     }
 }
@@ -362,33 +405,57 @@ const HATS: [[f32; WIDTH]; WINDOWS] = {
 
 #[inline(always)]
 fn gather_body<const C: usize, const L: usize>(seen: &Seen, light: &[[f32; L]], block: &mut [[f32; LANES]]) {
-    let mut before = [0; 2];
+    const ROWS_AHEAD: usize = AHEAD / size_of::<Row>();
+    const SHARES_AHEAD: usize = AHEAD / size_of::<Shares>();
+    let (mut points, mut rows, mut shares) = (0, 0, 0);
     for (lane, ends) in seen.ends.iter().enumerate() {
-        for ((end, hats), out) in ends.iter().zip(&HATS).zip(block.chunks_exact_mut(WIDTH * C)) {
+        for (window, (end, out)) in ends.iter().zip(block.chunks_exact_mut(WIDTH * C)).enumerate() {
             let mut sums = [[0.0f32; WIDTH]; C];
-            for point in &seen.points[before[0] as usize..end[0] as usize] {
+            let end = end.map(|end| end as usize);
+            for point in &seen.points[points..end[0]] {
                 let Some(light) = light.get(point.sample as usize) else { return };
-                let mut shares = [0.0f32; WIDTH];
+                let mut on_hats = [0.0f32; WIDTH];
                 for i in 0..WIDTH {
-                    shares[i] = (1.0 - (point.place - hats[i]).abs()).max(0.0);
+                    on_hats[i] = (1.0 - (point.place - HATS[window][i]).abs()).max(0.0);
                 }
                 for c in 0..C {
                     for i in 0..WIDTH {
-                        sums[c][i] += shares[i] * light[C + c];
+                        sums[c][i] += on_hats[i] * light[C + c];
                     }
                 }
             }
-            for (i, row) in (before[1] as usize..).zip(&seen.rows[before[1] as usize..end[1] as usize]) {
-                prefetch(&seen.rows, i + AHEAD);
-                let Some(light) = light.get(row.sample as usize) else { return };
-                let areas = row.areas.map(|half| f32::from_bits(u32::from(half) << 16));
+            points = end[0];
+            if window == 0 {
+                for (i, row) in (rows..).zip(&seen.rows[rows..end[1]]) {
+                    prefetch(&seen.rows, i + ROWS_AHEAD);
+                    let Some(light) = light.get(row.sample as usize) else { return };
+                    let areas = row.areas.map(|half| f32::from_bits(u32::from(half) << 16));
+                    for c in 0..C {
+                        for i in 0..WIDTH {
+                            sums[c][i] += areas[i] * light[c];
+                        }
+                    }
+                }
+                rows = end[1];
+            } else {
+                let mut of_shares = [[0.0f32; WIDTH]; C];
+                for (i, row) in (shares..).zip(&seen.shares[shares..end[1]]) {
+                    prefetch(&seen.shares, i + SHARES_AHEAD);
+                    let Some(light) = light.get(row.sample as usize) else { return };
+                    let on_hats = row.shares.map(f32::from);
+                    for c in 0..C {
+                        for i in 0..WIDTH {
+                            of_shares[c][i] += on_hats[i] * light[C + c];
+                        }
+                    }
+                }
                 for c in 0..C {
                     for i in 0..WIDTH {
-                        sums[c][i] += areas[i] * light[c];
+                        sums[c][i] += of_shares[c][i] * (1.0 / WHOLE);
                     }
                 }
+                shares = end[1];
             }
-            before = *end;
             for i in 0..WIDTH {
                 for c in 0..C {
                     out[i * C + c][lane % LANES] = sums[c][i];

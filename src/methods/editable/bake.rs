@@ -10,6 +10,7 @@ use super::interpolation::choose_points;
 use super::ledger::{self, Baked};
 use super::plan::{Plan, Transport};
 use super::points::{FarPoints, RowPlaces};
+use super::sources::{Merged, Sources};
 use super::{sections, unstored};
 use crate::compress::blocks;
 use crate::error::{Error, Result};
@@ -76,6 +77,7 @@ pub(super) struct Stage {
     /// Of the far field; every receiver until they are chosen.
     pub(super) points: FarPoints,
     pub(super) split_mm: f64,
+    pub(super) merged: Merged,
 }
 
 impl Stage {
@@ -88,11 +90,17 @@ impl Stage {
         let receivers = Receivers::new(&scene.mesh, &scene.parts, LANES);
         let points = FarPoints::choose(&receivers, 0.0, &[]);
         let split_mm = (plan.split * spacing_mm(&patches)).max(f64::MIN_POSITIVE);
-        Self { bvh, samples, patches, tree, corners, receivers, points, split_mm }
+        let merged = Merged::new(&samples, &patches);
+        Self { bvh, samples, patches, tree, corners, receivers, points, split_mm, merged }
     }
 
     pub(super) fn surface<'a>(&'a self, scene: &'a Scene) -> Surface<'a> {
         Surface { scene, bvh: &self.bvh, samples: &self.samples, patches: &self.patches }
+    }
+
+    /// Every sample.
+    pub(super) fn sources(&self) -> Sources<'_> {
+        (&self.patches, &self.samples.part_offsets)
     }
 
     /// Irradiance of every sample under one light, and of the pieces of those that are not lit evenly.

@@ -5,15 +5,15 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::bake::Stage;
-use super::interpolation::{FarRadiosity, all_pairs};
 use super::plan::Plan;
+use super::sources::FarRadiosity;
 use super::subset::{OfFunctions, Projected, Subset};
 use crate::compress::blocks;
 use crate::light::Light;
 use crate::math::statistics::vertex_error;
 use crate::medium::profile_basis::ProfileBasis;
 use crate::transport::balanced_tree::LightDetails;
-use crate::transport::far_field::{FarTransport, Precision, Rows};
+use crate::transport::far_field::{FarTransport, LANES, Precision, Rows};
 use crate::transport::receivers::Group;
 use crate::transport::scene::Scene;
 
@@ -24,10 +24,10 @@ const GROUPS: usize = 16;
 const LIGHTS: usize = 8;
 
 /// Significance below which nobody looks, over the asked error.
-const FLOOR: f64 = 0.01;
+const FLOOR: f64 = 0.003;
 
 /// Steps of the search.
-const STEP: f64 = 1.2;
+const STEP: f64 = 1.04;
 
 /// Share of the asked error that is aimed at: these lights are many and the worst of them counts.
 const TARGET: f64 = 1.0;
@@ -77,13 +77,33 @@ impl Choice {
         let materials = Subset::materials(scene, basis);
         let classes: Vec<Class> =
             subsets.into_iter().map(|of| Class::new((scene, stage, plan), of, &trial, (&materials, lights))).collect();
-        let mut entries: Vec<Entry> =
-            classes.iter().zip(0..).flat_map(|(class, index)| class.entries(transport, index)).collect();
+        let drop = |lost: &mut [FarRadiosity], light: &Tuning, entry: &Entry| {
+            let class = &classes[entry.class as usize];
+            let run = class.of.subset.receivers.groups[entry.group as usize].run;
+            let detail = f64::from(light.details.details[entry.node as usize][0]) * light.details.scale;
+            let values = &class.rows[entry.group as usize].values[entry.row as usize];
+            for (lost, value) in lost[entry.class as usize][run.range()].iter_mut().zip(values) {
+                lost[entry.k as usize] += f64::from(*value) * detail;
+            }
+        };
+        let floor2 = floor * floor;
+        // Most are so small that they are dropped where they lie; the others from the smallest on.
+        let below_the_floor = |light: &Tuning| -> Vec<FarRadiosity> {
+            let nothing = |class: &Class| vec![vec![0.0; basis.terms()]; class.of.subset.receivers.len()];
+            let mut lost: Vec<FarRadiosity> = classes.iter().map(nothing).collect();
+            let small = |e: &Entry| e.significance2 < floor2;
+            classes.iter().zip(0..).for_each(|(class, index)| {
+                class.entries(transport, index).filter(small).for_each(|e| drop(&mut lost, light, &e));
+            });
+            lost
+        };
+        let mut lost: Vec<Vec<FarRadiosity>> = lights.par_iter().map(below_the_floor).collect();
+        let large = |(class, index): (&Class, u32)| -> Vec<Entry> {
+            class.entries(transport, index).filter(|e| e.significance2 >= floor2).collect()
+        };
+        let mut entries: Vec<Entry> = classes.iter().zip(0..).flat_map(large).collect();
         // Ties in the order of the groups: the same on any number of threads.
         entries.par_sort_by(|a, b| a.significance2.total_cmp(&b.significance2));
-
-        let nothing = |class: &Class| vec![vec![0.0f64; basis.terms()]; class.of.subset.receivers.len()];
-        let mut lost: Vec<Vec<FarRadiosity>> = lights.iter().map(|_| classes.iter().map(nothing).collect()).collect();
         let mut threshold = floor;
         let mut rest = entries.as_slice();
         loop {
@@ -91,17 +111,7 @@ impl Choice {
             let dropped = rest.partition_point(|e| e.significance2 < next * next);
             let (now, later) = rest.split_at(dropped);
             rest = later;
-            lost.par_iter_mut().zip(lights).for_each(|(lost, light)| {
-                for entry in now {
-                    let class = &classes[entry.class as usize];
-                    let run = class.of.subset.receivers.groups[entry.group as usize].run;
-                    let detail = f64::from(light.details.details[entry.node as usize][0]) * light.details.scale;
-                    let values = &class.rows[entry.group as usize].values[entry.row as usize];
-                    for (lost, value) in lost[entry.class as usize][run.range()].iter_mut().zip(values) {
-                        lost[entry.k as usize] += f64::from(*value) * detail;
-                    }
-                }
-            });
+            lost.par_iter_mut().zip(lights).for_each(|(lost, light)| now.iter().for_each(|e| drop(lost, light, e)));
             let of_light = |(index, lost): (usize, &Vec<FarRadiosity>)| {
                 let of_material = |material: usize| {
                     // A vertex sums what all rows lose, of one function or another: errors that know nothing of each other.
@@ -160,37 +170,34 @@ impl Class {
             [] => Vec::new(),
             _ => {
                 let irradiances: Vec<&[DVec3]> = lights.iter().map(|light| light.irradiance.as_slice()).collect();
-                all_pairs(stage, trial.table, &subset.receivers, &irradiances)
+                stage.merged.far_radiosity(trial.table, &subset.receivers, &irradiances)
             }
         };
+        let near = subset.near(scene, stage, plan, materials);
         let under = |(index, light): (usize, &Tuning)| -> Vec<Vec<DVec3>> {
             let mut far = subset.rebuilt(&rows, terms, &light.details);
             for (far, exact) in far.iter_mut().zip(exact.get(index).into_iter().flatten()) {
                 others.iter().for_each(|&k| far[k] = exact[k]);
             }
-            let near = subset.near(scene, stage, plan, materials, &light.irradiance);
-            materials.iter().zip(near).map(|(m, near)| m.add(&far, near)).collect()
+            materials.iter().zip(near.under(&light.irradiance)).map(|(m, near)| m.add(&far, near)).collect()
         };
         let truths = lights.iter().enumerate().map(under).collect();
         Self { of, rows, truths }
     }
 
     /// Every coefficient.
-    fn entries(&self, transport: &FarTransport, class: u32) -> Vec<Entry> {
-        let mut entries = Vec::new();
-        for (group, rows) in self.rows.iter().enumerate() {
-            let mut row = 0;
-            for (&node, &mask) in rows.nodes.iter().zip(&rows.masks) {
-                let light = f64::from(transport.expected[node as usize]);
-                for k in (0..transport.spread.len()).filter(|k| mask >> k & 1 == 1) {
-                    let gain = transport.spread[k] * light;
-                    let squares = rows.values[row].iter().map(|v| (f64::from(*v) * gain).powi(2));
-                    let (group, k) = (group as u32, k as u32);
-                    entries.push(Entry { significance2: squares.sum(), node, k, class, group, row: row as u32 });
-                    row += 1;
-                }
-            }
-        }
-        entries
+    fn entries<'a>(&'a self, transport: &'a FarTransport, class: u32) -> impl Iterator<Item = Entry> + 'a {
+        let terms = transport.spread.len();
+        self.rows.iter().zip(0..).flat_map(move |(rows, group)| {
+            let of_row = move |(&node, &mask): (&u32, &u16)| {
+                (0..terms).filter(move |k| mask >> k & 1 == 1).map(move |k| (node, k))
+            };
+            let entry = move |((row, values), (node, k)): ((u32, &[f32; LANES]), (u32, usize))| {
+                let gain = transport.spread[k] * f64::from(transport.expected[node as usize]);
+                let squares = values.iter().map(|v| (f64::from(*v) * gain).powi(2));
+                Entry { significance2: squares.sum(), node, k: k as u32, class, group, row }
+            };
+            (0..).zip(&rows.values).zip(rows.nodes.iter().zip(&rows.masks).flat_map(of_row)).map(entry)
+        })
     }
 }

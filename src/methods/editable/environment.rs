@@ -35,7 +35,7 @@ const TERMS: usize = 2;
 const COARSER: usize = 8;
 
 /// Rays of a sample that stand for the native resolution of an environment.
-const NATIVE_DIRECTIONS: u32 = 2048;
+const NATIVE_DIRECTIONS: u32 = 1024;
 
 /// Samples whose visibility is checked with one ray for each sub-texel.
 const CHECKED: usize = 32;
@@ -88,10 +88,10 @@ pub(super) fn measure(
     let gather = Gather::new(&surface, &tree, &scene.media, plan.near);
     let radiosity = |e: &[DVec3]| gather.radiosity(&subset, &gather.light(e), Scheme::AllPairs, &Silent);
     let mut worst = [VertexError::default(); 2];
-    for light in &lights {
+    let full = full_resolution(&everything, &surface, &lights, side)?;
+    for (light, full) in lights.iter().zip(full) {
         let sampling = LightSampling { directions: NATIVE_DIRECTIONS, ..plan.sampling };
         let native = Illumination::new(&surface, std::slice::from_ref(*light), &etas, sampling)?.all(&Silent);
-        let full = full_resolution(&everything, &surface, light, side)?;
         let mut kept = vec![DVec3::ZERO; samples.len()];
         stored.add(std::slice::from_ref(*light), scene, &samples, &mut kept)?;
         let [native, full, kept] = [native, full, kept].map(|e| radiosity(&e));
@@ -111,9 +111,9 @@ pub(super) fn measure(
     Ok(())
 }
 
-/// Irradiance from rows of which nothing is dropped, chunk by chunk.
-fn full_resolution(baker: &RowBaker, surface: &Surface, light: &Light, side: usize) -> Result<Vec<DVec3>> {
-    let light = CubeLight::new(light, side)?;
+/// Irradiance under each light from rows of which nothing is dropped, chunk by chunk.
+fn full_resolution(baker: &RowBaker, surface: &Surface, lights: &[&Light], side: usize) -> Result<Vec<Vec<DVec3>>> {
+    let lights: Vec<CubeLight> = lights.iter().map(|light| CubeLight::new(light, side)).collect::<Result<_>>()?;
     let entrance = EntranceBasis::new(TERMS);
     let (samples, scene) = (surface.samples, surface.scene);
     let project = |patch: usize| {
@@ -122,15 +122,16 @@ fn full_resolution(baker: &RowBaker, surface: &Surface, light: &Light, side: usi
         let projection = medium.and_then(|m| entrance.project(m.properties.eta_inside_over_outside).ok());
         projection.map_or_else(Default::default, |p| p.coefficients)
     };
-    let chunk = |range: Range<usize>| {
+    let chunk = |range: Range<usize>| -> Result<Vec<Vec<DVec3>>> {
         let rows = Rows::new(baker.range(range.clone()), &[0, range.len() as u32])?;
-        rows.irradiance_range(0..range.len(), &light, |i| project(range.start + i))
+        let of_light = |light| rows.irradiance_range(0..range.len(), light, |i| project(range.start + i));
+        lights.iter().map(of_light).collect()
     };
     let count = samples.len();
     let ranges: Vec<Range<usize>> =
         (0..count).step_by(visibility::GROUP).map(|a| a..count.min(a + visibility::GROUP)).collect();
-    let parts: Vec<Vec<DVec3>> = ranges.into_par_iter().map(chunk).collect::<Result<_>>()?;
-    Ok(parts.concat())
+    let parts: Vec<Vec<Vec<DVec3>>> = ranges.into_par_iter().map(chunk).collect::<Result<_>>()?;
+    Ok((0..lights.len()).map(|light| parts.iter().flat_map(|part| part[light].iter().copied()).collect()).collect())
 }
 
 /// Error of the irradiance under a constant light by visibility decisions that differ from one ray each, over some samples; how

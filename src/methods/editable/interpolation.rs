@@ -3,26 +3,21 @@
 use std::collections::BTreeSet;
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::bake::{Stage, spacing_mm};
 use super::choice::Tuning;
 use super::levels::levels;
 use super::plan::Plan;
 use super::points::FarPoints;
+use super::sources::FarRadiosity;
 use super::subset::{Projected, Subset};
 use crate::evaluate::far_field::Fill;
 use crate::evaluate::sampling_error::receiver_areas;
-use crate::geometry::samples::Patch;
-use crate::math::simd::{Level, multiversion};
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::medium::profile_basis::{ProfileBasis, Table};
-use crate::transport::far_field::{LANES, TERMS};
+use crate::transport::far_field::LANES;
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::Scene;
-
-/// Far radiosity `[receiver][k]` under one light.
-pub(super) type FarRadiosity = Vec<Vec<f64>>;
 
 /// Receivers that a choice is made on.
 const RECEIVERS: usize = 96;
@@ -98,9 +93,10 @@ impl Between {
         (plan, table): (&Plan, &Table),
         irradiances: &[&[DVec3]],
     ) -> VertexError {
-        let exact = all_pairs(stage, table, &self.targets.receivers, irradiances);
-        let known = all_pairs(stage, table, &self.sources, irradiances);
+        let exact = stage.merged.far_radiosity(table, &self.targets.receivers, irradiances);
+        let known = stage.merged.far_radiosity(table, &self.sources, irradiances);
         let place = |point: u32| self.points.partition_point(|p| *p < point);
+        let near = self.targets.near(scene, stage, plan, &self.materials);
         let of_light = |((irradiance, exact), known): ((&&[DVec3], &FarRadiosity), &FarRadiosity)| {
             let sum = |row: &Row, values: &FarRadiosity, k: usize| -> f64 {
                 row.iter().map(|&(point, w)| w * values[place(point)][k]).sum()
@@ -112,7 +108,7 @@ impl Between {
             }
             let of_target = |row: &Row| (0..table.terms()).map(|k| sum(row, &given, k)).collect();
             let found: FarRadiosity = self.weights.iter().map(of_target).collect();
-            let near = self.targets.near(scene, stage, plan, &self.materials, irradiance);
+            let near = near.under(irradiance);
             let of_material = |(material, near): (&Projected, Vec<DVec3>)| {
                 vertex_error(&material.add(&found, near.clone()), &material.add(exact, near), &self.targets.areas)
             };
@@ -158,50 +154,4 @@ fn widest(
         spacing *= (0.9 * plan.interpolation / error).sqrt().clamp(CLOSER.0, CLOSER.1);
     }
     0.0
-}
-
-/// Far radiosity of each basis function from every sample at some receivers, under the first channel of each light.
-pub(super) fn all_pairs(
-    stage: &Stage,
-    table: &Table,
-    receivers: &Receivers,
-    irradiances: &[&[DVec3]],
-) -> Vec<FarRadiosity> {
-    let (terms, lights) = (table.terms(), irradiances.len());
-    let level = Level::detect();
-    let of_sample = |(index, patch): (usize, &Patch)| {
-        let area = patch.area_mm2;
-        irradiances.iter().map(move |irradiance| irradiance[index].x * area)
-    };
-    let fluxes: Vec<f64> = stage.patches.iter().enumerate().flat_map(of_sample).collect();
-    let of_receiver = |(receiver, part): (DVec3, u32)| {
-        let mut sums = vec![[0.0; TERMS]; lights];
-        let samples = stage.samples.part(part as usize);
-        let flux = &fluxes[samples.start * lights..samples.end * lights];
-        pairs(level, table, receiver, (&stage.patches[samples], flux), &mut sums);
-        sums
-    };
-    let places: Vec<(DVec3, u32)> =
-        receivers.groups.iter().flat_map(|g| receivers.positions[g.run.range()].iter().map(|&p| (p, g.part))).collect();
-    let rows: Vec<Vec<[f64; TERMS]>> = places.into_par_iter().map(of_receiver).collect();
-    (0..lights).map(|light| rows.iter().map(|row| row[light][..terms].to_vec()).collect()).collect()
-}
-
-#[inline(always)]
-fn pairs_body(table: &Table, receiver: DVec3, (patches, flux): (&[Patch], &[f64]), sums: &mut [[f64; TERMS]]) {
-    for (patch, flux) in patches.iter().zip(flux.chunks_exact(sums.len().max(1))) {
-        let mut single = [0.0; TERMS];
-        table.evaluate(patch.centre_mm.distance_squared(receiver) as f32, &mut single);
-        let values = single.map(f64::from);
-        for (sum, flux) in sums.iter_mut().zip(flux) {
-            for k in 0..TERMS {
-                sum[k] += flux * values[k];
-            }
-        }
-    }
-}
-
-multiversion! {
-    /// Adds the far radiosity of every function at a receiver under some lights, `[light][k]`; fluxes are `[patch][light]`.
-    fn pairs(table: &Table, receiver: DVec3, samples: (&[Patch], &[f64]), sums: &mut [[f64; TERMS]]) => pairs_body
 }

@@ -6,9 +6,10 @@ use rayon::prelude::*;
 use translux_format::far_field::FarField;
 
 use super::bake::Stage;
-use super::interpolation::{Between, all_pairs};
+use super::interpolation::Between;
 use super::plan::Plan;
-use super::subset::{OfFunctions, Projected, Subset};
+use super::sources::{FarRadiosity, all_pairs};
+use super::subset::{NearOfMaterials, OfFunctions, Projected, Subset};
 use crate::compress::ledger::Ledger;
 use crate::error::Result;
 use crate::evaluate::environment::comes_from_far_away;
@@ -45,22 +46,26 @@ pub(super) struct Baked<'a> {
 
 /// Far radiosity of each basis function at each receiver under the first channel of a light, after each stage.
 struct Stages {
-    exact: Vec<Vec<f64>>,
-    integrated: Vec<Vec<f64>>,
-    truncated: Vec<Vec<f64>>,
-    quantised: Vec<Vec<f64>>,
+    exact: FarRadiosity,
+    integrated: FarRadiosity,
+    truncated: FarRadiosity,
+    quantised: FarRadiosity,
 }
 
 /// Rows with the same functions that errors are measured on, with and without what is dropped.
-struct Measured {
-    of: OfFunctions,
+struct Measured<'a> {
+    of: &'a OfFunctions,
+    near: NearOfMaterials<'a>,
     everything: Vec<Rows>,
     kept: Vec<Rows>,
+    /// Under each light, from every sample.
+    exact: Vec<FarRadiosity>,
 }
 
 /// The errors of the stages.
 type Errors = [VertexError; 4];
 
+const BASIS: usize = 1;
 const NAMES: [&str; 4] = ["hierarchy", "basis", "truncation", "quantiser"];
 
 pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
@@ -71,14 +76,9 @@ pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
     let areas = receiver_areas(scene, &stage.receivers);
     progress.start("ledger", 2 * unseen.len() as u64);
     let materials = Subset::materials(scene, baked.basis);
-    let measured = baked.rows();
-    let between = Between::new(scene, stage, baked.basis, &stage.points, (BETWEEN, 1));
-    let (mut worst, mut irradiances): (Option<Errors>, Vec<Vec<DVec3>>) = (None, Vec::new());
+    let mut irradiances: Vec<Vec<DVec3>> = Vec::with_capacity(unseen.len());
     for &light in &unseen {
         let (irradiance, pieces) = stage.irradiance(scene, light, plan.sampling)?;
-        let errors = baked.under(&measured, &materials, &irradiance);
-        worst = Some(worst.map_or(errors, |w| std::array::from_fn(|i| w[i].max(errors[i]))));
-        progress.advance(1);
         let mut one = Ledger::default();
         let sampled = Sampled {
             surface: stage.surface(scene),
@@ -96,6 +96,16 @@ pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
         irradiances.push(irradiance);
         progress.advance(1);
     }
+    let irradiances: Vec<&[DVec3]> = irradiances.iter().map(Vec::as_slice).collect();
+    let of_functions = Subset::of_functions(scene, &stage.points, (GROUPS, 1));
+    let measured: Vec<Measured> =
+        of_functions.iter().map(|of| Measured::new(baked, of, &materials, &irradiances)).collect();
+    let mut worst: Option<Errors> = None;
+    for (index, irradiance) in irradiances.iter().enumerate() {
+        let errors = baked.under(&measured, &materials, (index, irradiance));
+        worst = Some(worst.map_or(errors, |w| std::array::from_fn(|i| w[i].max(errors[i]))));
+        progress.advance(1);
+    }
     progress.finish();
     let note = format!(
         "the worst of {} materials under {} probe lights, on {} receivers; no choice saw these lights and receivers",
@@ -106,8 +116,7 @@ pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
     for (name, error) in NAMES.iter().zip(worst.into_iter().flatten()) {
         ledger.add(name, error, note.clone());
     }
-    if let Some(between) = between {
-        let irradiances: Vec<&[DVec3]> = irradiances.iter().map(Vec::as_slice).collect();
+    if let Some(between) = Between::new(scene, stage, baked.basis, &stage.points, (BETWEEN, 1)) {
         let interpolation = between.error(scene, stage, (plan, baked.transport.table), &irradiances);
         let note =
             format!("the far field from {}, as above on {} receivers", stage.points.describe(), between.targets());
@@ -116,83 +125,72 @@ pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
     Ok(ledger)
 }
 
-impl Baked<'_> {
-    fn rows(&self) -> Vec<Measured> {
-        let of_class = |of: OfFunctions| {
-            let receivers = &of.subset.receivers;
-            let rows = |transport: &FarTransport| -> Vec<Rows> {
-                let of_group = |group: &Group| {
-                    transport.rows(&receivers.positions[group.run.range()], group.part as usize, of.functions)
-                };
-                receivers.groups.par_iter().map(of_group).collect()
+impl<'a> Measured<'a> {
+    fn new(baked: &'a Baked, of: &'a OfFunctions, materials: &[Projected], irradiances: &[&[DVec3]]) -> Self {
+        let Baked { scene, stage, plan, transport, .. } = *baked;
+        let receivers = &of.subset.receivers;
+        let rows = |transport: &FarTransport| -> Vec<Rows> {
+            let of_group = |group: &Group| {
+                transport.rows(&receivers.positions[group.run.range()], group.part as usize, of.functions)
             };
-            let precision = Precision { keep: 0.0, ..self.transport.precision };
-            let everything = rows(&FarTransport { precision, ..*self.transport });
-            let kept = rows(self.transport);
-            Measured { of, everything, kept }
+            receivers.groups.par_iter().map(of_group).collect()
         };
-        Subset::of_functions(self.scene, &self.stage.points, (GROUPS, 1)).into_iter().map(of_class).collect()
+        let precision = Precision { keep: 0.0, ..transport.precision };
+        Self {
+            of,
+            near: of.subset.near(scene, stage, plan, materials),
+            everything: rows(&FarTransport { precision, ..*transport }),
+            kept: rows(transport),
+            exact: all_pairs(stage.sources(), transport.table, receivers, irradiances),
+        }
     }
+}
 
+impl Baked<'_> {
     /// Errors under one light, the worst of all materials. What a vertex sums of rows with unlike functions errs on its own.
-    fn under(&self, measured: &[Measured], materials: &[Projected], irradiance: &[DVec3]) -> Errors {
+    fn under(&self, measured: &[Measured], materials: &[Projected], (light, irradiance): (usize, &[DVec3])) -> Errors {
         let details = LightDetails::new(&self.stage.samples, &self.stage.patches, irradiance);
         let stored = FarSums::new(Level::detect(), (self.far, &ByFunction::new(self.far), &[]), &details);
         let mut of_materials = vec![Errors::default(); materials.len()];
         for (class, measured) in measured.iter().enumerate() {
-            let found = self.of_class((class, measured), materials, irradiance, (&details, &stored));
-            for (all, found) in of_materials.iter_mut().zip(found) {
+            let near = measured.near.under(irradiance);
+            if class == 0 {
+                // The basis is that of all functions: one set of receivers says what it loses.
+                let lost = self.lost_by_basis(&measured.of.subset, (materials, &near), irradiance);
+                of_materials.iter_mut().zip(lost).for_each(|(errors, lost)| errors[BASIS] = lost);
+            }
+            let stages = self.stages(measured, light, (&details, &stored));
+            for ((all, material), near) in of_materials.iter_mut().zip(materials).zip(near) {
+                let found = stages.errors(material, near, &measured.of.subset.areas);
                 *all = std::array::from_fn(|i| beside(all[i], found[i]));
             }
         }
         of_materials.into_iter().reduce(|a, b| std::array::from_fn(|i| a[i].max(b[i]))).unwrap_or_default()
     }
 
-    /// Errors of the functions of some rows in each material.
-    fn of_class(
+    /// What the basis loses at some receivers in each material.
+    fn lost_by_basis(
         &self,
-        (class, measured): (usize, &Measured),
-        materials: &[Projected],
+        subset: &Subset,
+        (materials, near): (&[Projected], &[Vec<DVec3>]),
         irradiance: &[DVec3],
-        light: (&LightDetails, &FarSums),
-    ) -> Vec<Errors> {
-        let Self { scene, stage, plan, .. } = *self;
-        let subset = &measured.of.subset;
-        let stages = self.stages(measured, irradiance, light);
-        let near = subset.near(scene, stage, plan, materials, irradiance);
-        let surface = stage.surface(scene);
-        let of_material = |(material, near): (&Projected, Vec<DVec3>)| {
-            let combined = |values: &[Vec<f64>]| material.add(values, vec![DVec3::ZERO; near.len()]);
-            let exact = combined(&stages.exact);
-            // The basis is that of all functions: one set of receivers says what it loses.
-            let far = match class {
-                0 => far_all_pairs(&surface, &material.dipoles, stage.split_mm, &subset.receivers, irradiance),
-                _ => exact.clone(),
-            };
+    ) -> Vec<VertexError> {
+        let Self { scene, stage, .. } = *self;
+        let (merged, light) = (stage.merged.sources(), stage.merged.light(irradiance));
+        let by_basis = all_pairs(merged, self.transport.table, &subset.receivers, &[&light]).concat();
+        let lengths = (stage.split_mm, scene.mesh.diagonal_mm());
+        let of_material = |(material, near): (&Projected, &Vec<DVec3>)| {
+            let far = far_all_pairs(merged, &material.dipoles, lengths, &subset.receivers, &light);
             let truth: Vec<DVec3> = near.iter().zip(&far).map(|(n, f)| *n + *f).collect();
-            // Each stage as if all before it had been exact.
-            let against = |before: &[DVec3], after: &[DVec3]| {
-                let values: Vec<DVec3> = (0..truth.len()).map(|i| truth[i] + (after[i] - before[i])).collect();
-                vertex_error(&values, &truth, &subset.areas)
-            };
-            let integrated = combined(&stages.integrated);
-            let (truncated, quantised) = (combined(&stages.truncated), combined(&stages.quantised));
-            [
-                against(&exact, &integrated),
-                against(&far, &exact),
-                against(&integrated, &truncated),
-                against(&truncated, &quantised),
-            ]
+            vertex_error(&material.add(&by_basis, near.clone()), &truth, &subset.areas)
         };
         materials.iter().zip(near).map(of_material).collect()
     }
 
-    fn stages(&self, measured: &Measured, irradiance: &[DVec3], light: (&LightDetails, &FarSums)) -> Stages {
-        let Measured { of: OfFunctions { subset, functions }, everything, kept } = measured;
-        let (details, stored) = light;
-        let terms = self.basis.terms();
-        let exact = all_pairs(self.stage, self.transport.table, &subset.receivers, &[irradiance]).concat();
-        let of_rows = |mut values: Vec<Vec<f64>>| {
+    fn stages(&self, measured: &Measured, light: usize, (details, stored): (&LightDetails, &FarSums)) -> Stages {
+        let Measured { of: OfFunctions { subset, functions }, everything, kept, exact, .. } = measured;
+        let (terms, exact) = (self.basis.terms(), exact[light].clone());
+        let of_rows = |mut values: FarRadiosity| {
             for (values, exact) in values.iter_mut().zip(&exact) {
                 (0..terms).filter(|k| functions >> k & 1 == 0).for_each(|k| values[k] = exact[k]);
             }
@@ -205,6 +203,26 @@ impl Baked<'_> {
             quantised: of_rows(subset.indices.iter().map(quantised).collect()),
             exact,
         }
+    }
+}
+
+impl Stages {
+    /// Errors in one material, each stage as if all before it had been exact; the basis is none of them.
+    fn errors(&self, material: &Projected, near: Vec<DVec3>, areas: &[f64]) -> Errors {
+        let combined = |values: &FarRadiosity| material.add(values, vec![DVec3::ZERO; near.len()]);
+        let truth = material.add(&self.exact, near.clone());
+        let against = |before: &[DVec3], after: &[DVec3]| {
+            let values: Vec<DVec3> = (0..truth.len()).map(|i| truth[i] + (after[i] - before[i])).collect();
+            vertex_error(&values, &truth, areas)
+        };
+        let [exact, integrated, truncated, quantised] =
+            [&self.exact, &self.integrated, &self.truncated, &self.quantised].map(combined);
+        [
+            against(&exact, &integrated),
+            VertexError::default(),
+            against(&integrated, &truncated),
+            against(&truncated, &quantised),
+        ]
     }
 }
 

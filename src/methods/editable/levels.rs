@@ -6,9 +6,10 @@ use rayon::prelude::*;
 
 use super::bake::Stage;
 use super::choice::Tuning;
-use super::interpolation::{FarRadiosity, Row, all_pairs};
+use super::interpolation::Row;
 use super::plan::Plan;
 use super::points::FarPoints;
+use super::sources::FarRadiosity;
 use super::subset::{Projected, Subset};
 use crate::math::statistics::vertex_error;
 use crate::medium::profile_basis::{ProfileBasis, Table};
@@ -107,9 +108,10 @@ impl Trial {
         };
         let materials = Subset::materials(scene, basis);
         let irradiances: Vec<&[DVec3]> = lights.iter().map(|light| light.irradiance.as_slice()).collect();
-        let exact = all_pairs(stage, table, &targets.receivers, &irradiances);
-        let known = all_pairs(stage, table, &nested.receivers.only(&sources, LANES), &irradiances);
+        let exact = stage.merged.far_radiosity(table, &targets.receivers, &irradiances);
+        let known = stage.merged.far_radiosity(table, &nested.receivers.only(&sources, LANES), &irradiances);
         let terms = basis.terms();
+        let near = targets.near(scene, stage, plan, &materials);
         let under = |((irradiance, exact), known): ((&&[DVec3], &FarRadiosity), &FarRadiosity)| {
             let change = |(row, exact): (&Row, &Vec<f64>)| -> Vec<f64> {
                 let from = |(source, w): &(u32, f64)| (&known[sources.partition_point(|s| s < source)], *w);
@@ -117,7 +119,7 @@ impl Trial {
                 (0..terms).map(|k| found(k) - exact[k]).collect()
             };
             let changes = rows.iter().map(|rows| rows.iter().zip(exact).map(change).collect()).collect();
-            let near = targets.near(scene, stage, plan, &materials, irradiance);
+            let near = near.under(irradiance);
             let truths = materials.iter().zip(near).map(|(material, near)| material.add(exact, near)).collect();
             UnderLight { truths, changes }
         };

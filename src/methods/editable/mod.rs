@@ -13,6 +13,7 @@ mod levels;
 mod plan;
 mod points;
 mod sections;
+mod sources;
 mod subset;
 mod unstored;
 

@@ -16,9 +16,11 @@ use crate::progress::Silent;
 use crate::transport::balanced_tree::LightDetails;
 use crate::transport::far_field::Rows;
 use crate::transport::irradiance::Pieces;
-use crate::transport::near_field::{Around, Corners, Near};
+use crate::transport::light_range::LightRange;
+use crate::transport::near_field::Around;
+use crate::transport::near_rings::{NearRings, RingCoefficients};
 use crate::transport::receivers::{Group, Receivers};
-use crate::transport::scene::{Medium, Scene};
+use crate::transport::scene::{Medium, Scene, Surface};
 
 /// A few groups of receivers, spread over all of them.
 pub(super) struct Subset {
@@ -41,6 +43,16 @@ pub(super) struct Projected {
     pub(super) dipoles: [Dipole; 3],
     /// `[channel][k]`.
     coefficients: [Vec<f64>; 3],
+}
+
+/// The near field of some receivers in many materials. It comes from rings, off by a thousandth of it or less: it is what errors are
+/// relative to, and has no part in them.
+pub(super) struct NearOfMaterials<'a> {
+    surface: Surface<'a>,
+    receivers: &'a Receivers,
+    around: Around,
+    rings: NearRings,
+    coefficients: Vec<RingCoefficients>,
 }
 
 impl Subset {
@@ -83,26 +95,20 @@ impl Subset {
         presets.chain(scene.media.iter().cloned()).map(project).collect()
     }
 
-    /// Near field of each material, RGB for each receiver.
-    pub(super) fn near(
-        &self,
-        scene: &Scene,
-        stage: &Stage,
+    /// The near field of the receivers in each material.
+    pub(super) fn near<'a>(
+        &'a self,
+        scene: &'a Scene,
+        stage: &'a Stage,
         plan: &Plan,
         materials: &[Projected],
-        irradiance: &[DVec3],
-    ) -> Vec<Vec<DVec3>> {
-        let surface = stage.surface(scene);
-        let corners: &Corners = &stage.corners;
-        let around = Around::new(&surface, &stage.tree, &self.receivers, plan.near, stage.split_mm);
-        let of_material = |material: &Projected| {
-            let media = vec![material.medium.clone(); scene.media.len()];
-            let near = Near::new(surface, (&around, corners), &media, plan.near, stage.split_mm);
-            let mut values = vec![DVec3::ZERO; self.receivers.len()];
-            near.add(&self.receivers, (irradiance, &Pieces::default()), &mut values, &Silent);
-            values
-        };
-        materials.par_iter().map(of_material).collect()
+    ) -> NearOfMaterials<'a> {
+        let (surface, receivers) = (stage.surface(scene), &self.receivers);
+        let around = Around::new(&surface, &stage.tree, receivers, plan.near, stage.split_mm);
+        let rule = (plan.near, stage.split_mm);
+        let rings = NearRings::new(&surface, (&around, &stage.corners), receivers, rule, &Silent);
+        let coefficients = materials.iter().map(|material| rings.coefficients(&material.medium)).collect();
+        NearOfMaterials { surface, receivers, around, rings, coefficients }
     }
 
     /// Far radiosity of each receiver and function under the first channel of a light, from rows of every group.
@@ -125,6 +131,21 @@ impl Subset {
             sums
         };
         self.receivers.groups.par_iter().zip(rows).flat_map_iter(of_group).collect()
+    }
+}
+
+impl NearOfMaterials<'_> {
+    /// Radiosity `[material][receiver]` under one light, RGB.
+    pub(super) fn under(&self, irradiance: &[DVec3]) -> Vec<Vec<DVec3>> {
+        let pieces = Pieces::default();
+        let range = LightRange::new(irradiance, pieces.deviations());
+        let moments = self.rings.moments(&self.surface, &self.around, self.receivers, (irradiance, &pieces), range);
+        let of_material = |coefficients: &RingCoefficients| {
+            let mut values = vec![DVec3::ZERO; self.receivers.len()];
+            self.rings.add(&moments, self.receivers, |_| Some(coefficients), &mut values);
+            values
+        };
+        self.coefficients.iter().map(of_material).collect()
     }
 }
 

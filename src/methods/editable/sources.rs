@@ -1,0 +1,161 @@
+//! Far fields summed over every sample, or over a few neighbours as one, against which choices are made and errors measured.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use crate::geometry::samples::{Patch, Samples};
+use crate::math::simd::{Level, multiversion};
+use crate::medium::profile_basis::Table;
+use crate::transport::far_field::TERMS;
+use crate::transport::receivers::Receivers;
+
+/// Neighbours that are one source.
+const NEIGHBOURS: usize = 4;
+
+/// Far radiosity `[receiver][k]` under one light.
+pub(super) type FarRadiosity = Vec<Vec<f64>>;
+
+/// Patches that shine, and where each part begins among them.
+pub(super) type Sources<'a> = (&'a [Patch], &'a [u32]);
+
+/// Sources in place of all samples: a few neighbours in the order of the tree are one. Light like any other, of which a sum over all
+/// pairs takes as many times less; how a far field changes between receivers or with the basis is asked of it, not what light is.
+pub(super) struct Merged {
+    patches: Vec<Patch>,
+    part_offsets: Vec<u32>,
+    /// Area of each sample, mm^2.
+    areas: Vec<f64>,
+    /// Samples of each source: up to and with.
+    ends: Vec<u32>,
+}
+
+impl Merged {
+    pub(super) fn new(samples: &Samples, patches: &[Patch]) -> Self {
+        let mut merged = Self {
+            patches: Vec::new(),
+            part_offsets: vec![0],
+            areas: patches.iter().map(|p| p.area_mm2).collect(),
+            ends: Vec::new(),
+        };
+        for part in 0..samples.part_offsets.len().saturating_sub(1) {
+            let range = samples.part(part);
+            let mut end = range.start;
+            for run in patches[range].chunks(NEIGHBOURS) {
+                let area_mm2: f64 = run.iter().map(|p| p.area_mm2).sum();
+                let moment: DVec3 = run.iter().map(|p| p.centre_mm * p.area_mm2).sum();
+                let centre_mm = if area_mm2 > 0.0 { moment / area_mm2 } else { run[0].centre_mm };
+                merged.patches.push(Patch { centre_mm, area_mm2, ..Patch::default() });
+                end += run.len();
+                merged.ends.push(end as u32);
+            }
+            merged.part_offsets.push(merged.patches.len() as u32);
+        }
+        merged
+    }
+
+    pub(super) fn sources(&self) -> Sources<'_> {
+        (&self.patches, &self.part_offsets)
+    }
+
+    /// Mean irradiance of the sources.
+    pub(super) fn light(&self, irradiance: &[DVec3]) -> Vec<DVec3> {
+        let mut first = 0;
+        let mean = |(&end, patch): (&u32, &Patch)| {
+            let samples = first..end as usize;
+            first = samples.end;
+            let flux: DVec3 = samples.map(|i| irradiance[i] * self.areas[i]).sum();
+            if patch.area_mm2 > 0.0 { flux / patch.area_mm2 } else { DVec3::ZERO }
+        };
+        self.ends.iter().zip(&self.patches).map(mean).collect()
+    }
+
+    /// Far radiosity of each basis function at some receivers, under the first channel of each light (irradiance of the samples).
+    pub(super) fn far_radiosity(
+        &self,
+        table: &Table,
+        receivers: &Receivers,
+        irradiances: &[&[DVec3]],
+    ) -> Vec<FarRadiosity> {
+        let lights: Vec<Vec<DVec3>> = irradiances.par_iter().map(|irradiance| self.light(irradiance)).collect();
+        let lights: Vec<&[DVec3]> = lights.iter().map(Vec::as_slice).collect();
+        all_pairs(self.sources(), table, receivers, &lights)
+    }
+}
+
+/// Far radiosity of each basis function from every source at some receivers, under the first channel of each light.
+pub(super) fn all_pairs(
+    (patches, part_offsets): Sources,
+    table: &Table,
+    receivers: &Receivers,
+    irradiances: &[&[DVec3]],
+) -> Vec<FarRadiosity> {
+    let (terms, lights) = (table.terms(), irradiances.len());
+    let level = Level::detect();
+    let of_source = |(index, patch): (usize, &Patch)| {
+        let area = patch.area_mm2;
+        irradiances.iter().map(move |irradiance| irradiance[index].x * area)
+    };
+    let fluxes: Vec<f64> = patches.iter().enumerate().flat_map(of_source).collect();
+    let of_receiver = |(receiver, part): (DVec3, u32)| {
+        let mut sums = vec![[0.0; TERMS]; lights];
+        let part = part as usize;
+        let sources = part_offsets[part] as usize..part_offsets[part + 1] as usize;
+        let flux = &fluxes[sources.start * lights..sources.end * lights];
+        pairs(level, table, receiver, (&patches[sources], flux), &mut sums);
+        sums
+    };
+    let places: Vec<(DVec3, u32)> =
+        receivers.groups.iter().flat_map(|g| receivers.positions[g.run.range()].iter().map(|&p| (p, g.part))).collect();
+    let rows: Vec<Vec<[f64; TERMS]>> = places.into_par_iter().map(of_receiver).collect();
+    (0..lights).map(|light| rows.iter().map(|row| row[light][..terms].to_vec()).collect()).collect()
+}
+
+#[inline(always)]
+fn pairs_body(table: &Table, receiver: DVec3, (patches, flux): (&[Patch], &[f64]), sums: &mut [[f64; TERMS]]) {
+    for (patch, flux) in patches.iter().zip(flux.chunks_exact(sums.len().max(1))) {
+        let mut single = [0.0; TERMS];
+        table.evaluate(patch.centre_mm.distance_squared(receiver) as f32, &mut single);
+        let values = single.map(f64::from);
+        for (sum, flux) in sums.iter_mut().zip(flux) {
+            for k in 0..TERMS {
+                sum[k] += flux * values[k];
+            }
+        }
+    }
+}
+
+multiversion! {
+    /// Adds the far radiosity of every function at a receiver under some lights, `[light][k]`; fluxes are `[patch][light]`.
+    fn pairs(table: &Table, receiver: DVec3, sources: (&[Patch], &[f64]), sums: &mut [[f64; TERMS]]) => pairs_body
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::geometry::shapes;
+    use crate::transport::balanced_tree::in_tree_order;
+    use crate::transport::scene::patches;
+    use crate::transport::test_scene::{Fixture, named};
+
+    #[test]
+    fn merged_sources_keep_area_light_and_its_place() {
+        let fixture = Fixture::new(shapes::torus(8.0, 3.0, 48, 24), named("marble"), 4099);
+        let samples = in_tree_order(&fixture.samples, &fixture.patches);
+        let patches = patches(&fixture.scene, &samples);
+        let merged = Merged::new(&samples, &patches);
+        let (sources, part_offsets) = merged.sources();
+        assert_eq!(sources.len(), patches.len().div_ceil(NEIGHBOURS));
+        assert_eq!(part_offsets, [0, sources.len() as u32]);
+        let irradiance: Vec<DVec3> = patches.iter().map(|p| DVec3::new(1.0 + p.centre_mm.x, 2.0, 0.0)).collect();
+        let light = merged.light(&irradiance);
+        let flux = |patches: &[Patch], e: &[DVec3]| patches.iter().zip(e).map(|(p, e)| *e * p.area_mm2).sum::<DVec3>();
+        let (all, few) = (flux(&patches, &irradiance), flux(sources, &light));
+        assert!((all - few).length() < 1e-9 * all.length(), "{all} {few}");
+        // Neighbours: no source is farther from its samples than some spacings.
+        let spacing = (patches.iter().map(|p| p.area_mm2).sum::<f64>() / patches.len() as f64).sqrt();
+        for (source, run) in sources.iter().zip(patches.chunks(NEIGHBOURS)) {
+            assert!(run.iter().all(|p| p.centre_mm.distance(source.centre_mm) < 4.0 * spacing));
+        }
+    }
+}
