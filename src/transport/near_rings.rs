@@ -53,19 +53,25 @@ const EXACT_BELOW: f64 = 1.5;
 /// Light on the columns of one receiver, of each channel.
 type Columns<const C: usize> = [[f32; COLUMNS]; C];
 
-/// A sample that is a point: where it is among the hats.
+/// Places between two hats.
+const PLACES: f32 = 3072.0;
+
+/// Samples that are numbered together.
+const NUMBERED: usize = 1 << u16::BITS;
+
+/// A sample that is a point: where it is among the hats. Samples have numbers in the list of a group.
 #[derive(Clone, Copy, Debug)]
 struct Point {
-    sample: u32,
-    /// Number of the hat before it and share of the one after it.
-    place: f32,
+    sample: u16,
+    /// Number of the hat before it and share of the one after it, times [`PLACES`].
+    place: u16,
 }
 
 /// A sample that is none, in the first window: its areas on the hats, mm^2. Peaked profiles make much of the first ones, however little
 /// of a sample is on them.
 #[derive(Clone, Copy, Debug)]
 struct Row {
-    sample: u32,
+    sample: u16,
     /// The upper halves of single-precision numbers.
     areas: [u16; WIDTH],
 }
@@ -73,11 +79,11 @@ struct Row {
 /// The same in the other windows, as shares of the sample's area: of [`WHOLE`].
 #[derive(Clone, Copy, Debug)]
 struct Shares {
-    sample: u32,
+    sample: u16,
     shares: [u8; WIDTH],
 }
 
-/// What the receivers of one group see.
+/// What the receivers of one group see of some samples around it.
 #[derive(Clone, Debug, Default)]
 struct Seen {
     /// Points up to and with each receiver, window after window of the columns; and rows in the first window, shares in the others.
@@ -92,7 +98,8 @@ struct Seen {
 pub struct NearRings {
     rings: Rings,
     rule: NearField,
-    groups: Vec<Seen>,
+    /// Of each group, and of each [`NUMBERED`] samples around it.
+    groups: Vec<Vec<Seen>>,
     /// Of the samples, mm^2.
     areas: Vec<f32>,
 }
@@ -128,32 +135,40 @@ impl NearRings {
     ) -> Self {
         let rings = Rings::new(split_mm);
         progress.start("rings", receivers.len() as u64);
-        let of_group = |(index, group): (usize, &Group)| {
-            let (mut seen, mut windows) = (Seen::default(), Windows::default());
-            for receiver in &receivers.positions[group.run.range()] {
-                for &sample in around.of(index) {
-                    let patch = &surface.patches[sample as usize];
-                    let offset = patch.centre_mm - *receiver;
-                    let near = offset.length() / patch.radius_mm;
-                    if near >= rule.three_points_below {
-                        if let Some((first, t)) = rings.place(offset.length_squared()) {
-                            windows.push_point(sample, first, t as f32);
-                        }
-                        continue;
+        let see = |receiver: DVec3, samples: &[u32], windows: &mut Windows| {
+            for (&sample, number) in samples.iter().zip(0..) {
+                let patch = &surface.patches[sample as usize];
+                let offset = patch.centre_mm - receiver;
+                let near = offset.length() / patch.radius_mm;
+                if near >= rule.three_points_below {
+                    if let Some((first, t)) = rings.place(offset.length_squared()) {
+                        windows.push_point(number, first, t);
                     }
-                    let mut areas = [0.0; RINGS + 1];
-                    for facet in corners.of(surface.samples, sample) {
-                        let seen = facet.map(|c| offset + Vec3::from(c).as_dvec3());
-                        if near < EXACT_BELOW {
-                            rings.triangle(seen, &mut areas);
-                        } else {
-                            rings.three_points(seen, &mut areas);
-                        }
-                    }
-                    windows.push_areas(sample, &areas, patch.area_mm2);
+                    continue;
                 }
-                seen.take(&mut windows);
+                let mut areas = [0.0; RINGS + 1];
+                for facet in corners.of(surface.samples, sample) {
+                    let seen = facet.map(|c| offset + Vec3::from(c).as_dvec3());
+                    if near < EXACT_BELOW {
+                        rings.triangle(seen, &mut areas);
+                    } else {
+                        rings.three_points(seen, &mut areas);
+                    }
+                }
+                windows.push_areas(number, &areas, patch.area_mm2);
             }
+        };
+        let of_group = |(index, group): (usize, &Group)| {
+            let mut windows = Windows::default();
+            let of_samples = |samples: &[u32]| {
+                let mut seen = Seen::default();
+                for receiver in &receivers.positions[group.run.range()] {
+                    see(*receiver, samples, &mut windows);
+                    seen.take(&mut windows);
+                }
+                seen
+            };
+            let seen: Vec<Seen> = around.of(index).chunks(NUMBERED).map(of_samples).collect();
             progress.advance(group.run.range().len() as u64);
             seen
         };
@@ -171,7 +186,7 @@ impl NearRings {
                 + size_of_val(g.rows.as_slice())
                 + size_of_val(g.shares.as_slice())
         };
-        self.groups.iter().map(of_group).sum::<usize>() + size_of_val(self.areas.as_slice())
+        self.groups.iter().flatten().map(of_group).sum::<usize>() + size_of_val(self.areas.as_slice())
     }
 
     /// Of a medium.
@@ -228,12 +243,12 @@ impl NearRings {
     }
 }
 
-/// Writes light on the columns of one group, `[column][channel][receiver]`. Light of a sample: some channels of its irradiance, and
-/// the same times its area.
+/// Adds light to the columns of one group, `[column][channel][receiver]`. Light of each numbered sample: some channels of its
+/// irradiance, and the same times its area.
 type Gather<const C: usize, const L: usize> = fn(Level, &Seen, &[[f32; L]], &mut [[f32; LANES]]);
 
 /// The columns of one group, itself, and what it sees.
-type Columned<'a> = (&'a mut [[f32; LANES]], (&'a Group, &'a Seen));
+type Columned<'a> = (&'a mut [[f32; LANES]], (&'a Group, &'a Vec<Seen>));
 
 /// Light on its way to the rings.
 struct Gathering<'a> {
@@ -260,22 +275,23 @@ impl Gathering<'_> {
         let light: Vec<[f32; L]> = self.irradiance.par_iter().zip(&self.rings.areas).map(of_sample).collect();
         let mut blocks = vec![[0.0; LANES]; self.receivers.groups.len() * COLUMNS * C];
         let level = Level::detect();
-        // Some samples without a decision for each.
-        let is_dark = |samples: &[u32]| {
-            let bits = |sample: &u32| light[*sample as usize][..C].iter().fold(0, |any, e| any | e.to_bits());
-            samples.iter().fold(0, |any, sample| any | bits(sample)) << 1 == 0
-        };
         let groups = self.receivers.groups.par_iter().zip(&self.rings.groups);
-        let of_group = |uneven: &mut Vec<u32>, (index, (block, (group, seen))): (usize, Columned)| {
+        let of_group = |(uneven, around): &mut (Vec<u32>, Vec<[f32; L]>), (index, columned): (usize, Columned)| {
+            let (block, (group, seen)) = columned;
             let samples = self.around.of(index);
             uneven.clear();
             if !self.pieces.deviations().is_empty() {
                 uneven.extend(samples.iter().filter(|&&sample| self.pieces.is_uneven(sample as usize)));
             }
-            if uneven.is_empty() && samples.chunks(32).all(is_dark) {
-                return;
+            for (samples, seen) in samples.chunks(NUMBERED).zip(seen) {
+                around.clear();
+                around.extend(samples.iter().map(|&sample| light[sample as usize]));
+                // Without a decision for each.
+                let bits = |any: u32, light: &[f32; L]| light[..C].iter().fold(any, |any, e| any | e.to_bits());
+                if around.iter().fold(0, bits) << 1 != 0 {
+                    gather(level, seen, around, block);
+                }
             }
-            gather(level, seen, &light, block);
             if uneven.is_empty() {
                 return;
             }
@@ -295,7 +311,7 @@ impl Gathering<'_> {
                 }
             }
         };
-        blocks.par_chunks_mut(COLUMNS * C).zip(groups).enumerate().for_each_init(Vec::new, of_group);
+        blocks.par_chunks_mut(COLUMNS * C).zip(groups).enumerate().for_each_init(Default::default, of_group);
         blocks
     }
 
@@ -353,15 +369,15 @@ impl Seen {
 }
 
 impl Windows {
-    fn push_point(&mut self, sample: u32, first: usize, t: f32) {
-        let point = Point { sample, place: first as f32 + t };
+    fn push_point(&mut self, sample: u16, first: usize, t: f64) {
+        let point = Point { sample, place: ((first as f64 + t) * f64::from(PLACES)).round() as u16 };
         self.points[first / WIDTH].push(point);
         if first % WIDTH == WIDTH - 1 {
             self.points[first / WIDTH + 1].push(point);
         }
     }
 
-    fn push_areas(&mut self, sample: u32, areas: &Areas, area_mm2: f64) {
+    fn push_areas(&mut self, sample: u16, areas: &Areas, area_mm2: f64) {
         let (first, others) = areas.split_at(WIDTH);
         if first.iter().any(|area| *area > 0.0) {
             let mut row = Row { sample, areas: [0; WIDTH] };
@@ -414,9 +430,10 @@ fn gather_body<const C: usize, const L: usize>(seen: &Seen, light: &[[f32; L]], 
             let end = end.map(|end| end as usize);
             for point in &seen.points[points..end[0]] {
                 let Some(light) = light.get(point.sample as usize) else { return };
+                let place = f32::from(point.place) * (1.0 / PLACES);
                 let mut on_hats = [0.0f32; WIDTH];
                 for i in 0..WIDTH {
-                    on_hats[i] = (1.0 - (point.place - HATS[window][i]).abs()).max(0.0);
+                    on_hats[i] = (1.0 - (place - HATS[window][i]).abs()).max(0.0);
                 }
                 for c in 0..C {
                     for i in 0..WIDTH {
@@ -458,7 +475,7 @@ fn gather_body<const C: usize, const L: usize>(seen: &Seen, light: &[[f32; L]], 
             }
             for i in 0..WIDTH {
                 for c in 0..C {
-                    out[i * C + c][lane % LANES] = sums[c][i];
+                    out[i * C + c][lane % LANES] += sums[c][i];
                 }
             }
         }

@@ -130,32 +130,40 @@ multiversion! {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::geometry::shapes;
-    use crate::transport::balanced_tree::in_tree_order;
-    use crate::transport::scene::patches;
-    use crate::transport::test_scene::{Fixture, named};
+
+    /// Three parts, of 6, 0 and 9 samples, and one of them without area.
+    fn samples() -> (Samples, Vec<Patch>) {
+        let samples =
+            Samples { facets: Vec::new(), patch_offsets: (0..=15).collect(), part_offsets: vec![0, 6, 6, 15] };
+        let place = |i: u32| DVec3::new(f64::from(i), f64::from(i * i % 7), f64::from(i * 5 % 3));
+        let patch = |i: u32| Patch {
+            centre_mm: place(i),
+            area_mm2: if i == 14 { 0.0 } else { 0.5 + f64::from(i % 4) },
+            ..Patch::default()
+        };
+        (samples, (0..15).map(patch).collect())
+    }
 
     #[test]
-    fn merged_sources_keep_area_light_and_its_place() {
-        let fixture = Fixture::new(shapes::torus(8.0, 3.0, 48, 24), named("marble"), 4099);
-        let samples = in_tree_order(&fixture.samples, &fixture.patches);
-        let patches = patches(&fixture.scene, &samples);
+    fn merged_sources_keep_the_light_of_each_part_and_where_it_is() {
+        let (samples, patches) = samples();
         let merged = Merged::new(&samples, &patches);
         let (sources, part_offsets) = merged.sources();
-        assert_eq!(sources.len(), patches.len().div_ceil(NEIGHBOURS));
-        assert_eq!(part_offsets, [0, sources.len() as u32]);
-        let irradiance: Vec<DVec3> = patches.iter().map(|p| DVec3::new(1.0 + p.centre_mm.x, 2.0, 0.0)).collect();
+        assert_eq!(part_offsets, [0, 2, 2, 5]);
+        let irradiance: Vec<DVec3> = (0..15).map(|i| DVec3::new(f64::from(i * 3 % 8), 2.0, 1.0)).collect();
         let light = merged.light(&irradiance);
+        // Flux of each channel, and where the area of a run is.
         let flux = |patches: &[Patch], e: &[DVec3]| patches.iter().zip(e).map(|(p, e)| *e * p.area_mm2).sum::<DVec3>();
-        let (all, few) = (flux(&patches, &irradiance), flux(sources, &light));
-        assert!((all - few).length() < 1e-9 * all.length(), "{all} {few}");
-        // Neighbours: no source is farther from its samples than some spacings.
-        let spacing = (patches.iter().map(|p| p.area_mm2).sum::<f64>() / patches.len() as f64).sqrt();
-        for (source, run) in sources.iter().zip(patches.chunks(NEIGHBOURS)) {
-            assert!(run.iter().all(|p| p.centre_mm.distance(source.centre_mm) < 4.0 * spacing));
+        let moment = |patches: &[Patch]| patches.iter().map(|p| p.centre_mm * p.area_mm2).sum::<DVec3>();
+        let runs = [0..4, 4..6, 6..10, 10..14, 14..15];
+        for (i, run) in runs.into_iter().enumerate() {
+            let (one, many) = (&sources[i..=i], &patches[run.clone()]);
+            assert!((flux(one, &light[i..=i]) - flux(many, &irradiance[run])).length() < 1e-12);
+            assert!((moment(one) - moment(many)).length() < 1e-12);
         }
+        assert_eq!(sources[4].centre_mm, patches[14].centre_mm);
+        assert_eq!(light[4], DVec3::ZERO);
     }
 }
