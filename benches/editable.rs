@@ -1,6 +1,7 @@
 //! Times of `editable` in one process: after a change of light, after a change of material.
 //!
-//! `cargo bench --bench editable -- ASSET.tlux`; medians of several runs, wall-clock, all threads.
+//! `cargo bench --bench editable -- ASSET.tlux [MATERIAL...]`; medians of several runs, wall-clock, all threads; every published
+//! material where none is named.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -17,11 +18,12 @@ use translux::transport::scene::Medium;
 const RUNS: usize = 9;
 
 fn main() {
-    let Some(path) = std::env::args().skip(1).find(|a| !a.starts_with('-')) else {
+    let mut names = std::env::args().skip(1).filter(|a| !a.starts_with('-'));
+    let Some(path) = names.next() else {
         println!("SKIPPED: name an asset");
         return;
     };
-    if let Err(error) = measure(Path::new(&path)) {
+    if let Err(error) = measure(Path::new(&path), &names.collect::<Vec<_>>()) {
         println!("{}", error.message());
         std::process::exit(1);
     }
@@ -39,7 +41,7 @@ fn timed<T>(work: impl FnOnce() -> T) -> (f64, T) {
     (1e3 * start.elapsed().as_secs_f64(), value)
 }
 
-fn measure(path: &Path) -> translux::error::Result<()> {
+fn measure(path: &Path, materials: &[String]) -> translux::error::Result<()> {
     let mut loads = Vec::new();
     for _ in 0..3 {
         let (time, asset) = timed(|| Asset::read(path));
@@ -60,7 +62,8 @@ fn measure(path: &Path) -> translux::error::Result<()> {
         let angle = 0.7 * i as f64;
         DVec3::new(angle.sin(), 0.4, angle.cos()).normalize()
     };
-    for preset in &PRESETS {
+    let wanted = |name: &str| materials.is_empty() || materials.iter().any(|m| m == name);
+    for preset in PRESETS.iter().filter(|preset| wanted(preset.name)) {
         let media =
             vec![Medium { name: preset.name.to_owned(), properties: preset.properties() }; asset.scene.media.len()];
         evaluator.set_media(media.clone())?;

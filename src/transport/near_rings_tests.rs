@@ -110,6 +110,38 @@ fn even_light_on_a_plane_costs_nothing() {
 }
 
 #[test]
+fn more_samples_around_a_group_than_are_numbered_together() {
+    // Receivers all over the torus in one group have all samples around them; alone each has few. The sums are the same.
+    let mut fixture = Fixture::new(shapes::torus(8.0, 3.0, 24, 12), named("marble"), NUMBERED + 5_000);
+    fixture.samples = in_tree_order(&fixture.samples, &fixture.patches);
+    fixture.patches = patches(&fixture.scene, &fixture.samples);
+    let tree = BalancedTree::new(&fixture.samples, &fixture.patches);
+    let surface = fixture.surface();
+    let all = Receivers::new(&fixture.scene.mesh, &fixture.scene.parts, LANES);
+    let corners = Corners::new(&fixture.scene.mesh, &fixture.samples, &fixture.patches);
+    let (rule, split_mm) = (NearField::FAST, 0.3);
+    let irradiance: Vec<DVec3> =
+        fixture.patches.iter().map(|p| DVec3::new(1.0, 1.5 + p.centre_mm.x.sin(), 0.5)).collect();
+    let spread: Vec<u32> = (0..LANES as u32).map(|i| i * all.len() as u32 / LANES as u32).collect();
+    let near_of = |capacity: usize| {
+        let receivers = all.only(&spread, capacity);
+        let around = Around::new(&surface, &tree, &receivers, rule, split_mm);
+        let rings = NearRings::new(&surface, (&around, &corners), &receivers, (rule, split_mm), &Silent);
+        let range = LightRange::new(&irradiance, &[]);
+        let moments = rings.moments(&surface, &around, &receivers, (&irradiance, &Pieces::default()), range);
+        let mut values = vec![DVec3::ZERO; receivers.len()];
+        let coefficients = rings.coefficients(&fixture.scene.media[0]);
+        rings.add(&moments, &receivers, |_| Some(&coefficients), &mut values);
+        (values, around.of(0).len())
+    };
+    let ((together, many), (alone, few)) = (near_of(LANES), near_of(1));
+    assert!(many > NUMBERED && few < NUMBERED, "{many} {few}");
+    for (a, b) in together.iter().zip(&alone) {
+        assert!(a.max_element() > 0.0 && (*a - *b).abs().max_element() < 1e-5 * a.max_element(), "{a} {b}");
+    }
+}
+
+#[test]
 fn threads_do_not_change_the_moments() {
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
