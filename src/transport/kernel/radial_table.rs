@@ -56,6 +56,13 @@ pub struct RadialTable {
     pub(in crate::transport) smooth_mm: f64,
 }
 
+/// A place in a table: a segment, and the square beyond its start, mm^2.
+#[derive(Clone, Copy, Debug, Default)]
+pub(in crate::transport) struct Place {
+    index: u32,
+    beyond: f32,
+}
+
 /// Places in a table.
 struct At {
     index: [u32; LANES],
@@ -138,13 +145,36 @@ impl RadialTable {
     /// The value at a squared distance (mm^2), 1/mm^2, RGB and nothing.
     #[inline(always)]
     pub(in crate::transport) fn reflectance_at_square(&self, r2: f32) -> Rgb {
+        self.reflectance_at(self.place(r2))
+    }
+
+    /// Where a squared distance (mm^2) is in the table.
+    #[inline(always)]
+    pub(in crate::transport) fn place(&self, r2: f32) -> Place {
         let x = r2 + self.scale2;
         let bits = x.to_bits() >> SHIFT;
-        let index = (bits - self.first.min(bits)) as usize;
-        let Some(segment) = self.reflectance.get(index.min(self.reflectance.len().wrapping_sub(1))) else {
-            return [0.0; 4];
-        };
-        let beyond = x - f32::from_bits(bits << SHIFT);
+        let index = (bits - self.first.min(bits)).min((self.reflectance.len() as u32).wrapping_sub(1));
+        Place { index, beyond: x - f32::from_bits(bits << SHIFT) }
+    }
+
+    /// The same of four.
+    #[inline(always)]
+    pub(in crate::transport) fn places(&self, r2: &[f32; 4]) -> [Place; 4] {
+        let last = (self.reflectance.len() as u32).wrapping_sub(1);
+        let (mut index, mut beyond) = ([0; 4], [0.0; 4]);
+        for i in 0..4 {
+            let x = r2[i] + self.scale2;
+            let bits = x.to_bits() >> SHIFT;
+            index[i] = (bits - self.first.min(bits)).min(last);
+            beyond[i] = x - f32::from_bits(bits << SHIFT);
+        }
+        std::array::from_fn(|i| Place { index: index[i], beyond: beyond[i] })
+    }
+
+    /// The value at a place, 1/mm^2, RGB and nothing.
+    #[inline(always)]
+    pub(in crate::transport) fn reflectance_at(&self, Place { index, beyond }: Place) -> Rgb {
+        let Some(segment) = self.reflectance.get(index as usize) else { return [0.0; 4] };
         let mut value = segment.value;
         // Not `map`: closures are not compiled for the instructions of their caller.
         for (value, slope) in value.iter_mut().zip(&segment.slope) {

@@ -6,6 +6,7 @@
 //! kernels of twice the radius each, summed from point to point of nets of twice the spacing each, until few points are
 //! left. Weights and lists follow from the geometry alone: any kernel, so any medium, can be summed at once.
 
+mod close;
 mod kernel;
 mod near;
 mod surface;
@@ -20,7 +21,8 @@ pub use self::surface::{NearRule, Quality, SurfaceNets, SurfaceTables};
 pub(crate) use self::weights::Adjoint;
 #[cfg(feature = "gpu")]
 pub(crate) use self::{
-    near::{Compact, MOST_SPLITS, PIECE_IS_POINT},
+    close::PIECE_IS_POINT,
+    near::{Compact, MOST_SPLITS},
     surface::Part as NetsOfPart,
 };
 use super::interpolation::SharedWeights;

@@ -8,6 +8,7 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
+use super::close::Close;
 use super::{around, ends};
 use crate::geometry::cluster::Run;
 use crate::geometry::mesh::Mesh;
@@ -19,7 +20,7 @@ use crate::transport::kernel::{Block, PointSource};
 use crate::transport::receivers::Sphere;
 
 /// RGB and nothing.
-type Rgb = [f32; 4];
+pub(super) type Rgb = [f32; 4];
 
 /// Six points that integrate polynomials of degree 4 over a triangle (Dunavant 1985): how far three of them are from the centroid
 /// on the way to the corners, and the weight of each.
@@ -27,15 +28,6 @@ const DEGREE_4: [(f32, f32); 2] = [
     (1.5 * 0.108_103_018_168_070 - 0.5, 0.223_381_589_678_011),
     (1.5 * 0.816_847_572_980_459 - 0.5, 0.109_951_743_655_322),
 ];
-
-/// Three points that integrate polynomials of degree 2: halfway to the corners from the centroid.
-const DEGREE_2: [(f32, f32); 1] = [(0.5, 1.0 / 3.0)];
-
-/// They are enough from this many times farther on than six points are: nothing is lost at 2, and much at 1.
-const THREE_BEYOND: f32 = 2.0;
-
-/// What a shadow boundary leaves of a sample is a point above this distance over its radius.
-pub(crate) const PIECE_IS_POINT: f32 = 3.0;
 
 /// A facet is split so many times at most.
 pub(crate) const MOST_SPLITS: u32 = 16;
@@ -52,12 +44,12 @@ pub(crate) struct NearSamples {
 
 /// A facet about its centroid.
 #[derive(Clone, Copy, Debug, Default)]
-struct Facet {
+pub(super) struct Facet {
     /// Centroid relative to that of the sample, mm.
-    middle: [f32; 3],
-    area: f32,
+    pub(super) middle: [f32; 3],
+    pub(super) area: f32,
     /// Corners relative to the centroid, mm: x, y, z of the three.
-    corners: [[f32; 3]; 3],
+    pub(super) corners: [[f32; 3]; 3],
     /// Their squared distances, mm^2.
     corner2: [f32; 3],
 }
@@ -73,13 +65,19 @@ impl Facet {
             corner2: from_middle.map(Vec3::length_squared),
         }
     }
+
+    /// Squared distance of the farthest corner from the centroid, mm^2.
+    #[inline(always)]
+    pub(super) fn radius2(&self) -> f32 {
+        self.corner2[0].max(self.corner2[1]).max(self.corner2[2])
+    }
 }
 
 /// What the samples are made of, ready to be integrated.
 pub(super) struct Facets {
     facets: Vec<Facet>,
     /// Sample `i` holds `facets[offsets[i]..offsets[i + 1]]`.
-    offsets: Vec<u32>,
+    pub(super) offsets: Vec<u32>,
     /// Centroid of each sample relative to the mesh's origin, and radius, mm.
     places: Vec<([f32; 3], f32)>,
 }
@@ -97,7 +95,7 @@ impl Facets {
         }
     }
 
-    fn of(&self, sample: usize) -> &[Facet] {
+    pub(super) fn of(&self, sample: usize) -> &[Facet] {
         let Some(&[first, end]) = self.offsets.get(sample..sample + 2).and_then(|o| o.first_chunk::<2>()) else {
             return &[];
         };
@@ -153,15 +151,13 @@ pub(crate) struct Compact {
     pub(crate) split_below: f32,
 }
 
-/// Lit samples that some receiver of a group may be too near to for a disc, positions relative to its centre, mm.
+/// What one receiver sees of the close samples.
 #[derive(Default)]
-struct Close {
-    at: [Vec<f32>; 3],
-    flux: Vec<Rgb>,
-    /// Squared distances below which a sample is more than a disc, and below which its facets count, mm^2.
-    special2: Vec<f32>,
-    facets2: Vec<f32>,
-    sample: Vec<u32>,
+struct Seen {
+    /// Squared distances, mm^2.
+    r2: Vec<f32>,
+    /// Samples whose facets count.
+    special: Vec<u32>,
 }
 
 /// What one thread works with.
@@ -170,7 +166,7 @@ struct Scratch {
     discs: Vec<PointSource>,
     block: Block,
     close: Close,
-    r2: Vec<f32>,
+    seen: Seen,
 }
 
 impl NearSamples {
@@ -219,16 +215,6 @@ impl NearSamples {
     }
 }
 
-impl Close {
-    fn clear(&mut self) {
-        self.at.iter_mut().for_each(Vec::clear);
-        self.flux.clear();
-        self.special2.clear();
-        self.facets2.clear();
-        self.sample.clear();
-    }
-}
-
 impl Scratch {
     #[inline]
     fn push(&mut self, sample: usize, place: &Sphere, compact: &Compact, facets: &Facets, light: Shine) {
@@ -241,25 +227,8 @@ impl Scratch {
         let centre = place.centre_mm.as_vec3();
         let at = [x - centre.x, y - centre.y, z - centre.z];
         self.discs.push(PointSource { at, flux: [flux[0], flux[1], flux[2]] });
-        let smooth2 = (compact.smooth_mm * compact.smooth_mm) as f32;
-        let below2 = |radii: f64| {
-            let reach = radii as f32 * radius;
-            reach * reach - smooth2
-        };
-        let facets2 = below2(compact.rule.facets_below);
-        let special2 = if uneven { below2(compact.rule.pieces_below).max(facets2) } else { facets2 };
-        let reach = special2.max(0.0).sqrt() + place.radius_mm as f32;
-        if special2 <= 0.0 || at[0] * at[0] + at[1] * at[1] + at[2] * at[2] >= reach * reach {
-            return;
-        }
-        let close = &mut self.close;
-        for (list, x) in close.at.iter_mut().zip(at) {
-            list.push(x);
-        }
-        close.flux.push(*flux);
-        close.facets2.push(facets2);
-        close.special2.push(special2);
-        close.sample.push(sample as u32);
+        let receivers = place.radius_mm as f32;
+        self.close.push(sample, (at, radius, receivers), compact, facets, light);
     }
 }
 
@@ -277,55 +246,90 @@ fn receive_body(
     (compact, facets, light): (&Compact, &Facets, Shine),
     out: &mut Rgb,
 ) {
-    let Scratch { close, r2, .. } = scratch;
-    distances(close, at, r2);
+    let Scratch { close, seen, .. } = scratch;
+    look(close, at, seen);
     let smooth2 = (compact.smooth_mm * compact.smooth_mm) as f32;
     let split2 = compact.split_below * compact.split_below;
-    let three2 = THREE_BEYOND * THREE_BEYOND * split2;
     let mut sum = [0.0f32; 4];
-    for (i, (&r2, &special2)) in r2.iter().zip(&close.special2).enumerate() {
-        if r2 >= special2 {
+    for (n, &(i, pieces2)) in close.uneven.iter().enumerate() {
+        let i = i as usize;
+        if seen.r2[i] >= pieces2 {
             continue;
         }
-        let offset = [close.at[0][i] - at[0], close.at[1][i] - at[1], close.at[2][i] - at[2]];
-        let sample = close.sample[i] as usize;
-        if let Some(pieces) = light.pieces.of(sample) {
-            for (deviation, corners) in pieces {
+        let offset = Vec3::new(close.at[0][i] - at[0], close.at[1][i] - at[1], close.at[2][i] - at[2]);
+        let first = close.pieces_of(n);
+        for (k, four) in close.pieces[first..first + close.fours].iter().enumerate() {
+            let [xs, ys, zs] = &four.centroids;
+            let mut r2 = [0.0f32; 4];
+            for j in 0..4 {
+                let (dx, dy, dz) = (xs[j] - at[0], ys[j] - at[1], zs[j] - at[2]);
+                r2[j] = dx * dx + dy * dy + dz * dz;
+            }
+            let places = compact.point.places(&r2);
+            for j in 0..4 {
+                if r2[j] >= four.more2[j] {
+                    add(&mut sum, &four.flux[j], &compact.point.reflectance_at(places[j]));
+                    continue;
+                }
+                let piece = light.pieces.of(close.sample[i] as usize).and_then(|mut pieces| pieces.nth(4 * k + j));
+                let Some((deviation, corners)) = piece else { continue };
                 let e = (deviation * light.scale).as_vec3();
-                let offset = Vec3::from(offset);
                 let corners =
                     [offset + Vec3::from(corners[0]), offset + Vec3::from(corners[1]), offset + Vec3::from(corners[2])];
                 let mut integral = [0.0f32; 4];
-                piece(&mut integral, corners, (smooth2, split2), &compact.point);
+                split(&mut integral, corners, (smooth2, split2), MOST_SPLITS, &compact.point);
                 add(&mut sum, &[e.x, e.y, e.z, 0.0], &integral);
             }
         }
-        if r2 >= close.facets2[i] {
-            continue;
-        }
-        let mut mean = [0.0f32; 4];
-        for facet in facets.of(sample) {
-            let middle = [offset[0] + facet.middle[0], offset[1] + facet.middle[1], offset[2] + facet.middle[2]];
-            let r2 = middle[0] * middle[0] + middle[1] * middle[1] + middle[2] * middle[2];
-            let radius2 = facet.corner2[0].max(facet.corner2[1]).max(facet.corner2[2]);
-            if r2 + smooth2 < split2 * radius2 {
-                let [x, y, z] = &facet.corners;
-                let mut corners = [Vec3::ZERO; 3];
-                for k in 0..3 {
-                    corners[k] = Vec3::new(middle[0] + x[k], middle[1] + y[k], middle[2] + z[k]);
-                }
-                split(&mut mean, corners, (smooth2, split2), MOST_SPLITS, &compact.point);
-            } else if r2 + smooth2 < three2 * radius2 {
-                points(&mut mean, middle, facet, &DEGREE_4, &compact.point);
-            } else {
-                points(&mut mean, middle, facet, &DEGREE_2, &compact.point);
+    }
+    for &i in &seen.special {
+        let i = i as usize;
+        let begin = if i > 0 { close.ends[i - 1] as usize } else { 0 };
+        for near in &close.facets[begin..close.ends[i] as usize] {
+            let [xs, ys, zs] = &near.points;
+            let mut r2 = [0.0f32; 4];
+            for k in 0..4 {
+                let (dx, dy, dz) = (xs[k] - at[0], ys[k] - at[1], zs[k] - at[2]);
+                r2[k] = dx * dx + dy * dy + dz * dz;
             }
+            if r2[3] >= near.more2 {
+                let places = compact.point.places(&r2);
+                let mut values = [0.0f32; 4];
+                for place in &places[..3] {
+                    let value = compact.point.reflectance_at(*place);
+                    for k in 0..4 {
+                        values[k] += value[k];
+                    }
+                }
+                add(&mut sum, &near.flux, &values);
+                continue;
+            }
+            let sample = close.sample[i] as usize;
+            let Some(facet) = facets.facets.get(near.facet as usize) else { continue };
+            let mut middle = [0.0f32; 3];
+            for axis in 0..3 {
+                middle[axis] = near.points[axis][3] - at[axis];
+            }
+            let mut corners = [[0.0f32; 4]; 3];
+            for axis in 0..3 {
+                for k in 0..3 {
+                    corners[axis][k] = middle[axis] + facet.corners[axis][k];
+                }
+            }
+            let mut integral = [0.0f32; 4];
+            if r2[3] + smooth2 < split2 * facet.radius2() {
+                let [x, y, z] = &corners;
+                let corners = [Vec3::new(x[0], y[0], z[0]), Vec3::new(x[1], y[1], z[1]), Vec3::new(x[2], y[2], z[2])];
+                split(&mut integral, corners, (smooth2, split2), MOST_SPLITS, &compact.point);
+            } else {
+                points(&mut integral, (middle, facet.area), &corners, &compact.point);
+            }
+            let e = (light.irradiance[sample] * light.scale).as_vec3();
+            add(&mut sum, &[e.x, e.y, e.z, 0.0], &integral);
         }
-        let e = (light.irradiance[sample] * light.scale).as_vec3();
-        add(&mut sum, &[e.x, e.y, e.z, 0.0], &mean);
         // It is among the discs as well.
         let flux = &close.flux[i];
-        add(&mut sum, &[-flux[0], -flux[1], -flux[2], 0.0], &compact.disc.reflectance_at_square(r2));
+        add(&mut sum, &[-flux[0], -flux[1], -flux[2], 0.0], &compact.disc.reflectance_at_square(seen.r2[i]));
     }
     for c in 0..4 {
         out[c] += sum[c];
@@ -342,50 +346,36 @@ multiversion! {
     ) => receive_body
 }
 
-/// Adds the integral, by a rule, over a facet whose centroid is at `middle` as seen from the receiver.
+/// Adds the integral, by [`DEGREE_4`], over a triangle with a centroid and an area as the receiver sees it; corners by axis.
 #[inline(always)]
-fn points(sum: &mut Rgb, middle: [f32; 3], facet: &Facet, rule: &[(f32, f32)], table: &RadialTable) {
-    let r2 = middle[0] * middle[0] + middle[1] * middle[1] + middle[2] * middle[2];
-    for &(towards, weight) in rule {
+fn points(sum: &mut Rgb, (middle, area): ([f32; 3], f32), corners: &[Rgb; 3], table: &RadialTable) {
+    for (towards, weight) in DEGREE_4 {
+        let mut r2 = [0.0f32; 4];
+        for axis in 0..3 {
+            let rest = (1.0 - towards) * middle[axis];
+            for k in 0..4 {
+                let at = rest + towards * corners[axis][k];
+                r2[k] += at * at;
+            }
+        }
+        let places = table.places(&r2);
         let mut values = [0.0f32; 4];
-        for k in 0..3 {
-            let dot =
-                middle[0] * facet.corners[0][k] + middle[1] * facet.corners[1][k] + middle[2] * facet.corners[2][k];
-            let at2 = r2 + towards * (2.0 * dot + towards * facet.corner2[k]);
-            let value = table.reflectance_at_square(at2.max(0.0));
+        for place in &places[..3] {
+            let value = table.reflectance_at(*place);
             for c in 0..4 {
                 values[c] += value[c];
             }
         }
         for c in 0..4 {
-            sum[c] += facet.area * weight * values[c];
+            sum[c] += area * weight * values[c];
         }
     }
 }
 
-/// Adds the integral over a piece of a sample: at its centroid, or in the same way as over a facet.
-#[inline(always)]
-fn piece(sum: &mut Rgb, [a, b, c]: [Vec3; 3], (smooth2, split2): (f32, f32), table: &RadialTable) {
-    let middle = (a + b + c) / 3.0;
-    let radius2 = middle.distance_squared(a).max(middle.distance_squared(b)).max(middle.distance_squared(c));
-    let r2 = middle.length_squared();
-    if r2 + smooth2 < PIECE_IS_POINT * PIECE_IS_POINT * radius2 {
-        split(sum, [a, b, c], (smooth2, split2), MOST_SPLITS, table);
-        return;
-    }
-    let area = 0.5 * (b - a).cross(c - a).length();
-    let value = table.reflectance_at_square(r2);
-    for i in 0..4 {
-        sum[i] += area * value[i];
-    }
-}
-
-/// Adds the integral over a triangle in pieces that are small enough.
+/// Adds the integral over a triangle in pieces that are small enough, each by [`DEGREE_4`].
 fn split(sum: &mut Rgb, [a, b, c]: [Vec3; 3], (smooth2, split2): (f32, f32), splits: u32, table: &RadialTable) {
     let middle = (a + b + c) / 3.0;
-    let corners = [a - middle, b - middle, c - middle];
-    let corner2 = [corners[0].length_squared(), corners[1].length_squared(), corners[2].length_squared()];
-    let radius2 = corner2[0].max(corner2[1]).max(corner2[2]);
+    let radius2 = middle.distance_squared(a).max(middle.distance_squared(b)).max(middle.distance_squared(c));
     if splits > 0 && middle.length_squared() + smooth2 < split2 * radius2 {
         let (ab, bc, ca) = (0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a));
         for quarter in [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]] {
@@ -393,22 +383,14 @@ fn split(sum: &mut Rgb, [a, b, c]: [Vec3; 3], (smooth2, split2): (f32, f32), spl
         }
         return;
     }
-    let facet = Facet {
-        middle: [0.0; 3],
-        area: 0.5 * (b - a).cross(c - a).length(),
-        corners: [
-            [corners[0].x, corners[1].x, corners[2].x],
-            [corners[0].y, corners[1].y, corners[2].y],
-            [corners[0].z, corners[1].z, corners[2].z],
-        ],
-        corner2,
-    };
-    points(sum, middle.to_array(), &facet, &DEGREE_4, table);
+    let area = 0.5 * (b - a).cross(c - a).length();
+    let corners = [[a.x, b.x, c.x, 0.0], [a.y, b.y, c.y, 0.0], [a.z, b.z, c.z, 0.0]];
+    points(sum, (middle.to_array(), area), &corners, table);
 }
 
-/// Squared distances of all close samples to a receiver, mm^2.
+/// How far all close samples are from a receiver, and of which the facets count.
 #[inline(always)]
-fn distances(close: &Close, [x, y, z]: [f32; 3], r2: &mut Vec<f32>) {
+fn look(close: &Close, [x, y, z]: [f32; 3], Seen { r2, special }: &mut Seen) {
     let count = close.sample.len();
     let (xs, ys, zs) = (&close.at[0][..count], &close.at[1][..count], &close.at[2][..count]);
     r2.resize(count, 0.0);
@@ -416,4 +398,12 @@ fn distances(close: &Close, [x, y, z]: [f32; 3], r2: &mut Vec<f32>) {
         let (dx, dy, dz) = (xs[i] - x, ys[i] - y, zs[i] - z);
         *r2 = dx * dx + dy * dy + dz * dz;
     }
+    // Without a decision for each.
+    special.resize(count, 0);
+    let mut found = 0;
+    for (i, (r2, facets2)) in r2.iter().zip(&close.facets2).enumerate() {
+        special[found] = i as u32;
+        found += usize::from(r2 < facets2);
+    }
+    special.truncate(found);
 }

@@ -1,0 +1,167 @@
+//! Samples near a group of receivers, ready for each of them.
+
+use glam::Vec3;
+
+use super::near::{Compact, Facets, Rgb, Shine};
+
+/// Three points that integrate polynomials of degree 2: halfway to the corners from the centroid.
+const DEGREE_2: (f32, f32) = (0.5, 1.0 / 3.0);
+
+/// They are enough from this many times farther on than six points are: nothing is lost at 2, and much at 1.
+const THREE_BEYOND: f32 = 2.0;
+
+/// What a shadow boundary leaves of a sample is a point above this distance over its radius.
+pub(crate) const PIECE_IS_POINT: f32 = 3.0;
+
+/// Lit samples that some receiver of a group may be too near to for a disc, positions relative to its centre, mm.
+#[derive(Default)]
+pub(super) struct Close {
+    pub(super) at: [Vec<f32>; 3],
+    pub(super) flux: Vec<Rgb>,
+    pub(super) sample: Vec<u32>,
+    /// Squared distances below which the facets of a sample count, mm^2.
+    pub(super) facets2: Vec<f32>,
+    /// Facets up to and with those of each sample; none of one that is too far from all receivers.
+    pub(super) ends: Vec<u32>,
+    pub(super) facets: Vec<CloseFacet>,
+    /// Samples that are not lit evenly, and squared distances below which their pieces count, mm^2.
+    pub(super) uneven: Vec<(u32, f32)>,
+    /// Pieces of each uneven sample, one after another, and how many fours of them each has.
+    pub(super) pieces: Vec<ClosePieces>,
+    pub(super) fours: usize,
+}
+
+/// A facet of a close sample.
+#[derive(Clone, Copy)]
+pub(super) struct CloseFacet {
+    /// Where [`DEGREE_2`] has its points, and its centroid, by axis.
+    pub(super) points: [Rgb; 3],
+    /// Of each point.
+    pub(super) flux: Rgb,
+    /// Squared distance below which it needs more points, mm^2.
+    pub(super) more2: f32,
+    /// Number among all facets.
+    pub(super) facet: u32,
+}
+
+/// Four pieces of a close sample.
+#[derive(Clone, Copy)]
+pub(super) struct ClosePieces {
+    /// By axis.
+    pub(super) centroids: [[f32; 4]; 3],
+    /// What each receives more than the whole, RGB and nothing.
+    pub(super) flux: [Rgb; 4],
+    /// Squared distances below which they are no points, mm^2.
+    pub(super) more2: [f32; 4],
+}
+
+impl Close {
+    pub(super) fn clear(&mut self) {
+        self.at.iter_mut().for_each(Vec::clear);
+        self.flux.clear();
+        self.sample.clear();
+        self.facets2.clear();
+        self.ends.clear();
+        self.facets.clear();
+        self.uneven.clear();
+        self.pieces.clear();
+    }
+
+    /// Where the pieces of an uneven sample begin.
+    #[inline(always)]
+    pub(super) fn pieces_of(&self, uneven: usize) -> usize {
+        uneven * self.fours
+    }
+
+    /// Adds a sample at a place relative to the centre of the receivers, of a radius, unless it is a disc to all receivers, which are
+    /// within a radius of their centre, mm.
+    #[inline]
+    pub(super) fn push(
+        &mut self,
+        sample: usize,
+        (at, radius, receivers): ([f32; 3], f32, f32),
+        compact: &Compact,
+        facets: &Facets,
+        light: Shine,
+    ) {
+        let smooth2 = (compact.smooth_mm * compact.smooth_mm) as f32;
+        let below2 = |radii: f64| {
+            let reach = radii as f32 * radius;
+            reach * reach - smooth2
+        };
+        let distance2 = at[0] * at[0] + at[1] * at[1] + at[2] * at[2];
+        let most = compact.rule.facets_below.max(compact.rule.pieces_below) as f32 * radius + receivers;
+        if distance2 >= most * most {
+            return;
+        }
+        let within = |special2: f32| {
+            let reach = special2.max(0.0).sqrt() + receivers;
+            special2 > 0.0 && distance2 < reach * reach
+        };
+        let facets2 = below2(compact.rule.facets_below);
+        let pieces2 = below2(compact.rule.pieces_below).max(facets2);
+        let (by_facets, by_pieces) = (within(facets2), light.pieces.is_uneven(sample) && within(pieces2));
+        if !by_facets && !by_pieces {
+            return;
+        }
+        if by_pieces {
+            self.uneven.push((self.sample.len() as u32, pieces2));
+            self.push_pieces(sample, at, smooth2, light);
+        }
+        for (list, x) in self.at.iter_mut().zip(at) {
+            list.push(x);
+        }
+        self.flux.push(light.flux[sample]);
+        self.facets2.push(facets2);
+        self.sample.push(sample as u32);
+        if by_facets {
+            let more2 = (THREE_BEYOND * compact.split_below).powi(2);
+            self.push_facets(sample, at, (more2, smooth2), facets, light);
+        }
+        self.ends.push(self.facets.len() as u32);
+    }
+
+    fn push_facets(
+        &mut self,
+        sample: usize,
+        at: [f32; 3],
+        (more2, smooth2): (f32, f32),
+        facets: &Facets,
+        light: Shine,
+    ) {
+        let e = (light.irradiance[sample] * light.scale).as_vec3();
+        let (towards, weight) = DEGREE_2;
+        for (facet, number) in facets.of(sample).iter().zip(facets.offsets[sample]..) {
+            let [red, green, blue] = (e * (weight * facet.area)).to_array();
+            let mut points = [[0.0; 4]; 3];
+            for (axis, points) in points.iter_mut().enumerate() {
+                let middle = at[axis] + facet.middle[axis];
+                *points = [middle; 4];
+                points.iter_mut().zip(facet.corners[axis]).for_each(|(point, corner)| *point += towards * corner);
+            }
+            let more2 = more2 * facet.radius2() - smooth2;
+            self.facets.push(CloseFacet { points, flux: [red, green, blue, 0.0], more2, facet: number });
+        }
+    }
+
+    fn push_pieces(&mut self, sample: usize, at: [f32; 3], smooth2: f32, light: Shine) {
+        self.fours = light.pieces.count().div_ceil(4);
+        let before = self.pieces.len();
+        let none = ClosePieces { centroids: [[0.0; 4]; 3], flux: [[0.0; 4]; 4], more2: [f32::NEG_INFINITY; 4] };
+        self.pieces.resize(before + self.fours, none);
+        let own = &mut self.pieces[before..];
+        for (k, (deviation, corners)) in light.pieces.of(sample).into_iter().flatten().enumerate() {
+            let (four, lane) = (&mut own[k / 4], k % 4);
+            let [a, b, c] = corners.map(Vec3::from);
+            let middle = (a + b + c) / 3.0;
+            let radius2 = middle.distance_squared(a).max(middle.distance_squared(b)).max(middle.distance_squared(c));
+            let area = 0.5 * (b - a).cross(c - a).length();
+            let [red, green, blue] = ((deviation * light.scale).as_vec3() * area).to_array();
+            for (axis, centroids) in four.centroids.iter_mut().enumerate() {
+                centroids[lane] = at[axis] + middle[axis];
+            }
+            four.flux[lane] = [red, green, blue, 0.0];
+            four.more2[lane] = PIECE_IS_POINT * PIECE_IS_POINT * radius2 - smooth2;
+        }
+    }
+}
