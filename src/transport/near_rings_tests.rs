@@ -112,7 +112,7 @@ fn even_light_on_a_plane_costs_nothing() {
 #[test]
 fn more_samples_around_a_group_than_are_numbered_together() {
     // Receivers all over the torus in one group have all samples around them; alone each has few. The sums are the same.
-    let mut fixture = Fixture::new(shapes::torus(8.0, 3.0, 24, 12), named("marble"), NUMBERED + 5_000);
+    let mut fixture = Fixture::new(shapes::torus(8.0, 3.0, 24, 12), named("marble"), NUMBERED + 20_000);
     fixture.samples = in_tree_order(&fixture.samples, &fixture.patches);
     fixture.patches = patches(&fixture.scene, &fixture.samples);
     let tree = BalancedTree::new(&fixture.samples, &fixture.patches);

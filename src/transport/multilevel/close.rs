@@ -75,7 +75,7 @@ impl Close {
 
     /// Adds a sample at a place relative to the centre of the receivers, of a radius, unless it is a disc to all receivers, which are
     /// within a radius of their centre, mm.
-    #[inline]
+    #[inline(always)]
     pub(super) fn push(
         &mut self,
         sample: usize,
@@ -89,9 +89,9 @@ impl Close {
             let reach = radii as f32 * radius;
             reach * reach - smooth2
         };
+        let most = compact.rule.facets_below.max(compact.rule.pieces_below) as f32 * radius;
         let distance2 = at[0] * at[0] + at[1] * at[1] + at[2] * at[2];
-        let most = compact.rule.facets_below.max(compact.rule.pieces_below) as f32 * radius + receivers;
-        if distance2 >= most * most {
+        if most * most <= smooth2 || distance2 >= (most + receivers) * (most + receivers) {
             return;
         }
         let within = |special2: f32| {
