@@ -6,9 +6,9 @@ const HEAD: &str = "\
 # editable: the figures of Wang et al. 2008 remade
 
 `scripts/figures editable-page` measures everything on this page and writes it (`examples/editable/`; `--quick` tries it in a few
-minutes, `--only PART` measures one part again). Models have a diagonal of 30 mm. Measured on 2 cores of an AMD EPYC, 2026-11-23: the tables, figure 5 and the
-transfer side on Zen 4 (family 25, model 17), light and material at once and fields on Zen 5 (family 26, model 2), a third faster, figures 3 and 4 and
-environments on Zen 3 (family 25, model 1), half as fast as that. All but times is the same to the digit anywhere.
+minutes, `--only PART` measures one part again). Models have a diagonal of 30 mm. Measured on 2 cores of an AMD EPYC, 2026-11-23, on
+Zen 5 (family 26, model 2), but for figures 3 and 4 and environments, which are of Zen 3 (family 25, model 1), half as fast as that. Others use the machine as well: the same program
+took up to a third longer from one minute to the next. All but times is the same to the digit anywhere.
 
 **RMS**: relative to the truth's RMS over the area, worst channel, under one directional light; the truth is `reference` with
 262,144 samples of its own, so that sampling is part of every error.
@@ -24,13 +24,13 @@ const TABLES: &str = "
 
 Beethoven and the gargoyle have their longest edges cut until they have the paper's 16K and 64K vertices. The environment's rows are left out (`--for-lights directional`), as in the paper's sizes. *Stored* asks for 1 %, *nothing stored*
 (the default) for 0.5 %; both with `--set points=1`. Edits turn skin1 into skin2 and back; a new refractive index costs what a new light does. They are
-prepared, as in the window: the stored form keeps light around the vertices ring by ring, which takes 0.3 s and 90 MB on the closed bunny (`cargo bench --bench
+prepared, as in the window: the stored form keeps light around the vertices ring by ring, which takes 0.4 s and 48 MB on the closed bunny (`cargo bench --bench
 editable`), and its errors are those of edits so prepared. The paper states no errors against a
 truth, but that 95 to 98 % of the energy is kept, which is an error of 14 to 22 %.
 
-**Nothing stored** beats the stored form in bytes (6 to 17 times fewer) and bakes in a fifth to a thirteenth of the time. The stored form is 1.2 to 1.9 times as fast for a
-new light, and 14 to 20 times as fast for a new material. On Zen 5, before its functions had spacings of their own, it had 66 new lights and 1,046 new materials a second
-(gargoyle, 171 bytes/vertex).
+**Nothing stored** beats the stored form in bytes (6 to 16 times fewer) and bakes in a third to a fifth of the time. The stored form is 1.5 to 2 times as fast for a
+new light, and 19 to 25 times as fast for a new material. 50 minutes before, the same program on the same machine had 55 new lights and 983 new materials a second
+(gargoyle, stored); the program of the day before had 50 and 653 on Zen 4.
 
 ";
 
@@ -38,7 +38,8 @@ const TOGETHER: &str = "
 ### Light and material at once, nothing stored
 
 What a visible change of everything costs with the default form. The error is what `evaluate --measure` states: samples and transport, under one directional light.
-Dense media (spectralon) read more of what is near.
+Dense media (spectralon) read more of what is near. In seven runs within the hour the median material had
+32 to 44 a second at 0.5 %, and 13 to 17 at 0.1 %, spectralon 17 to 27, and 7 to 11; this is the fastest of them.
 
 ";
 
@@ -167,7 +168,7 @@ that takes twice the time of shadow rays (last rows): leave `field=` out there."
 const LIMITS: &str = "
 ## What limits the rates
 
-Two cores with AVX-512 (AMD EPYC, Zen 5: family 26, model 2), and before functions had spacings of their own. A processor with AVX2 (family 25, model 1, 2.45 GHz), before the steps that name the gargoyle below, had 19 new lights and 359 edits a
+Two cores with AVX-512 (AMD EPYC, Zen 5: family 26, model 2). A processor with AVX2 (family 25, model 1, 2.45 GHz), before the steps that name the gargoyle below, had 19 new lights and 359 edits a
 second of the stored gargoyle, and 14 (71 ms) and 6 (159 ms) changes of everything with nothing stored. A new light of the stored gargoyle takes 15 ms here (`cargo bench --bench editable`):
 a third for a ray from each of the samples that face it, a third for the light on the rings, 8 million samples near some vertex, a sixth for the far field; the rest is what an
 edit does and the transform of the light. It is of one colour, as is that of one light: a red and a blue sun together, of three channels and with twice the rays, take 22 ms. Tried:
@@ -184,10 +185,15 @@ edit does and the transform of the light. It is of one colour, as is that of one
 - gargoyle: values of the far field one function after the other, rows of rings asked for before they are read, four samples to a call in the transform of the light: 21 became 17. Two sums taken in turns help
   the far field, and not the rings; both at once are no faster than one after the other.
 - gargoyle: what enters at many samples side by side: 16 became 14.
-- the stored gargoyle's bake with rows for environments and four rays a sample (`bake --method editable --set transport=stored --size-mm 30 --material marble --samples 131072`): 67 s
-  on Zen 4, where 60 were asked, and 0.78 GB. 17 of these measure the errors of environments, 13 are the rows, 9 the ledger, 8 each the choice of points and of the threshold, 7 the
-  transport. With principal components at one spacing it was 34 s on Zen 5. The error's norm taken from the first few groups of points, in place of near fields around all that are
-  measured, makes a bake a third shorter, but these groups are too few to stand for the surface.
+- the stored gargoyle's bake with rows for environments and four rays a sample (`bake --method editable --set transport=stored --size-mm 30 --material marble --samples 131072`): 45 s
+  became 33, and 0.8 GB 0.6; 67 s on Zen 4 (family 25, model 17) before that, where it was not repeated. Of the 33, 10 are the rows, 6 the errors of environments, 5 the transport, 4 the ledger, 3 the
+  choice of points and 2 that of the threshold. What helped: sums over all pairs for choices and for the basis's error from four neighbours merged into one source (24 s became 16
+  without rows; the errors found differ by a twentieth at most), every light at once, the near field that errors are relative to from rings, coefficients that nobody misses dropped
+  without being sorted. The norm of errors from the first few groups of points alone made bytes depend on which those were.
+- what is near in 8 bits of a sample's area, but for the innermost hats, and samples by their number in the list of a group: the gargoyle takes 154 MB in memory in place of 232; a new light
+  takes as long as before here.
+- nothing stored, dense media: facets and pieces of the samples near a group of vertices made ready once for the whole group, and looked up four points at a time: 101 ms became 88
+  at 0.1 % asked (closed bunny, spectralon); at 0.5 % nothing is gained. Ready side by side for vectors of eight, they were slower: each vertex needs few of them.
 - nothing stored, light and material new at once: kriging of the nets from 32 points, and a softening that the bake measures: 289 ms became 134 at 0.1 % asked (AVX2). Fewer points or a coarser
   softening miss what was asked.
 - rings for the nets, whose near field is all around a sample's own spacing: 0.06 to 0.34 % off, but light took three times as long to gather as to sum (8 to 11 ms in place of 3 for 2,562

@@ -77,7 +77,7 @@ impl Choice {
         let materials = Subset::materials(scene, basis);
         let classes: Vec<Class> =
             subsets.into_iter().map(|of| Class::new((scene, stage, plan), of, &trial, (&materials, lights))).collect();
-        let drop = |lost: &mut [FarRadiosity], light: &Tuning, entry: &Entry| {
+        let lose = |lost: &mut [FarRadiosity], light: &Tuning, entry: &Entry| {
             let class = &classes[entry.class as usize];
             let run = class.of.subset.receivers.groups[entry.group as usize].run;
             let detail = f64::from(light.details.details[entry.node as usize][0]) * light.details.scale;
@@ -93,7 +93,7 @@ impl Choice {
             let mut lost: Vec<FarRadiosity> = classes.iter().map(nothing).collect();
             let small = |e: &Entry| e.significance2 < floor2;
             classes.iter().zip(0..).for_each(|(class, index)| {
-                class.entries(transport, index).filter(small).for_each(|e| drop(&mut lost, light, &e));
+                class.entries(transport, index).filter(small).for_each(|e| lose(&mut lost, light, &e));
             });
             lost
         };
@@ -111,7 +111,7 @@ impl Choice {
             let dropped = rest.partition_point(|e| e.significance2 < next * next);
             let (now, later) = rest.split_at(dropped);
             rest = later;
-            lost.par_iter_mut().zip(lights).for_each(|(lost, light)| now.iter().for_each(|e| drop(lost, light, e)));
+            lost.par_iter_mut().zip(lights).for_each(|(lost, light)| now.iter().for_each(|e| lose(lost, light, e)));
             let of_light = |(index, lost): (usize, &Vec<FarRadiosity>)| {
                 let of_material = |material: usize| {
                     // A vertex sums what all rows lose, of one function or another: errors that know nothing of each other.

@@ -311,9 +311,9 @@ fn receive_body(
                 middle[axis] = near.points[axis][3] - at[axis];
             }
             let mut corners = [[0.0f32; 4]; 3];
-            for axis in 0..3 {
-                for k in 0..3 {
-                    corners[axis][k] = middle[axis] + facet.corners[axis][k];
+            for ((corners, own), middle) in corners.iter_mut().zip(&facet.corners).zip(middle) {
+                for (corner, own) in corners.iter_mut().zip(own) {
+                    *corner = middle + own;
                 }
             }
             let mut integral = [0.0f32; 4];
@@ -351,11 +351,11 @@ multiversion! {
 fn points(sum: &mut Rgb, (middle, area): ([f32; 3], f32), corners: &[Rgb; 3], table: &RadialTable) {
     for (towards, weight) in DEGREE_4 {
         let mut r2 = [0.0f32; 4];
-        for axis in 0..3 {
-            let rest = (1.0 - towards) * middle[axis];
-            for k in 0..4 {
-                let at = rest + towards * corners[axis][k];
-                r2[k] += at * at;
+        for (middle, corners) in middle.iter().zip(corners) {
+            let rest = (1.0 - towards) * middle;
+            for (r2, corner) in r2.iter_mut().zip(corners) {
+                let at = rest + towards * corner;
+                *r2 += at * at;
             }
         }
         let places = table.places(&r2);
