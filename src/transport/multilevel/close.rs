@@ -112,7 +112,8 @@ impl Close {
             list.push(x);
         }
         self.flux.push(light.flux[sample]);
-        self.facets2.push(facets2);
+        // Without facets it stays a disc.
+        self.facets2.push(if by_facets { facets2 } else { 0.0 });
         self.sample.push(sample as u32);
         if by_facets {
             let more2 = (THREE_BEYOND * compact.split_below).powi(2);
