@@ -136,7 +136,7 @@ impl NearRings {
         let rings = Rings::new(split_mm);
         progress.start("rings", receivers.len() as u64);
         let see = |receiver: DVec3, samples: &[u32], windows: &mut Windows| {
-            for (&sample, number) in samples.iter().zip(0..) {
+            for (&sample, number) in samples.iter().zip(0..=u16::MAX) {
                 let patch = &surface.patches[sample as usize];
                 let offset = patch.centre_mm - receiver;
                 let near = offset.length() / patch.radius_mm;
