@@ -31,6 +31,8 @@ truth, but that 95 to 98 % of the energy is kept, which is an error of 14 to 22 
 **Nothing stored** beats the stored form in bytes (6 to 16 times fewer) and bakes in a third to a fifth of the time. The stored form is 1.5 to 2 times as fast for a
 new light, and 19 to 25 times as fast for a new material. 50 minutes before, the same program on the same machine had 55 new lights and 983 new materials a second
 (gargoyle, stored); the program of the day before had 50 and 653 on Zen 4.
+At 0.1 % asked the gargoyle with nothing stored has 17 bytes/vertex, 0.052 % by transfer and 0.008 % by sampling, as its bake states them under the probe lights (asked 40 at 0.1 %: met;
+`bake --method editable --size-mm 30 --material marble --samples 196608 --max-rms 0.1% --for-lights directional`, 9 s).
 
 ";
 
