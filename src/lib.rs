@@ -68,6 +68,8 @@ pub mod asset;
 
 pub mod evaluate;
 
+pub mod forms;
+
 pub mod methods;
 
 pub mod render;

@@ -15,6 +15,10 @@ pub mod tags {
     pub const PROVENANCE: Tag = Tag::from_static("meta.src");
     /// Error ledger, a record.
     pub const LEDGER: Tag = Tag::from_static("meta.err");
+    /// Name of the form of the transport, a record.
+    pub const FORM: Tag = Tag::from_static("form.nam");
+    /// Settings of that form, a record.
+    pub const SETTINGS: Tag = Tag::from_static("form.set");
 }
 
 /// A file that the asset was made from.

@@ -16,7 +16,7 @@ use crate::io::ply::{PlyVertexTable, read_ply};
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::measure::flip::{self, Exposures, Picture};
 use crate::measure::image_error::{ImageError, image_error};
-use crate::methods::settings::share;
+use crate::evaluate::keys::share;
 
 #[derive(Clone, Debug, Args)]
 pub(super) struct CompareArgs {

@@ -20,7 +20,7 @@ use crate::geometry::mesh::Mesh;
 use crate::geometry::samples::{Facet, area};
 use crate::medium::entrance_basis::EntranceBasis;
 use crate::methods;
-use crate::methods::settings::share;
+use crate::evaluate::keys::share;
 
 /// Whether an asset with such a finding can be used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

@@ -23,7 +23,7 @@ use crate::geometry::parts::Closure;
 use crate::io::atomic;
 use crate::io::ply::write_ply;
 use crate::methods;
-use crate::methods::settings::share;
+use crate::evaluate::keys::share;
 use crate::transport::random_walk::exitance::{self, Effort, Exitance, MOST_PHOTONS};
 use crate::transport::random_walk::tally::{Budget, NONE};
 use crate::transport::scene::Scene;

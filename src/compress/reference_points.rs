@@ -122,7 +122,7 @@ pub fn residuals(values: &[f32], dimension: usize, references: &[f32], predictio
 }
 
 /// Which weights a fit may use.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Bounds {
     /// None negative: predictions stay between the references.
     Convex,
@@ -248,7 +248,7 @@ pub fn fit(value: &[f32], corners: [&[f32]; 3], start: [f64; 3], bounds: Bounds)
 }
 
 /// How vertices find their references and weights.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Choice {
     /// The nearest triangle, barycentric weights: the paper.
     Barycentric,

@@ -3,13 +3,14 @@
 
 use glam::DVec3;
 
+use crate::error::{Error, Result};
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::progress::{Progress, Silent};
 use crate::transport::gather::{Gather, Scheme};
-use crate::transport::interreflection::{InterReflection, Rays};
+use crate::transport::interreflection::{InterReflection, LEAST_RAYS, MOST_RAYS, Rays};
 use crate::transport::irradiance::Pieces;
 use crate::transport::receivers::Receivers;
-use crate::transport::scene::Surface;
+use crate::transport::scene::{Scene, Surface};
 
 /// Receivers that measure the noise.
 const PROBES: usize = 384;
@@ -19,7 +20,7 @@ const PROBES: usize = 384;
 const MARGIN: f64 = 2.0;
 
 /// How light that leaves the surface is followed from outside.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Outside {
     /// Times that light falls on the surface again, at least 1.
     pub times: u32,
@@ -27,32 +28,53 @@ pub struct Outside {
     pub rays: u32,
 }
 
+/// Bytes that it takes at run time at most.
+pub fn memory(outside: Option<Outside>, samples: usize, scene: &Scene) -> u64 {
+    outside.map_or(0, |o| InterReflection::most_bytes(samples, o.rays, scene.mesh.triangles.len()))
+}
+
 /// Irradiance with what comes back from outside.
 #[derive(Clone, Debug)]
-pub(super) struct Returned {
+pub(crate) struct Returned {
     /// Irradiance of every sample, RGB: that of the lights and what came back.
-    pub(super) irradiance: Vec<DVec3>,
+    pub(crate) irradiance: Vec<DVec3>,
     /// Radiosity of every receiver whose light came back last.
     outgoing: Vec<DVec3>,
 }
 
 /// What light is transferred by, and where to.
 #[derive(Clone, Copy)]
-pub(super) struct Transfer<'a> {
-    pub(super) gather: &'a Gather<'a>,
-    pub(super) receivers: &'a Receivers,
-    pub(super) scheme: Scheme,
+pub(crate) struct Transfer<'a> {
+    pub(crate) gather: &'a Gather<'a>,
+    pub(crate) receivers: &'a Receivers,
+    pub(crate) scheme: Scheme,
 }
 
+/// Times at most; of what is sent out a hundredth comes back 16 times only where almost nothing is absorbed or escapes.
+pub const MOST_TIMES: u32 = 16;
+
 impl Outside {
+    /// Refuses settings out of range.
+    ///
+    /// # Errors
+    /// Invalid input.
+    pub fn validate(&self) -> Result<()> {
+        let Self { times, rays } = *self;
+        let fits = (LEAST_RAYS..=MOST_RAYS).contains(&rays) && rays.is_power_of_two();
+        if !(fits && (1..=MOST_TIMES).contains(&times)) {
+            return Err(Error::input(format!("{rays} rays that follow light outside {times} times")));
+        }
+        Ok(())
+    }
+
     /// Casts the rays of every sample.
-    pub(super) fn matrix(self, surface: &Surface, receivers: &Receivers, progress: &dyn Progress) -> InterReflection {
+    pub(crate) fn matrix(self, surface: &Surface, receivers: &Receivers, progress: &dyn Progress) -> InterReflection {
         let etas: Vec<f64> = surface.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
         InterReflection::new(surface, &etas, self.rays, progress).of_receivers(&receivers.of_vertex)
     }
 
     /// Adds what comes back to the irradiance of the lights.
-    pub(super) fn returned(
+    pub(crate) fn returned(
         self,
         matrix: &InterReflection,
         transfer: Transfer,
@@ -77,7 +99,7 @@ fn sum(a: &[DVec3], b: &[DVec3]) -> Vec<DVec3> {
 
 impl Returned {
     /// Flux into the samples over that of the lights alone, of the channel where it is largest; at least 1.
-    pub(super) fn gain(&self, direct: &[DVec3], surface: &Surface) -> f64 {
+    pub(crate) fn gain(&self, direct: &[DVec3], surface: &Surface) -> f64 {
         let flux = |irradiance: &[DVec3]| -> DVec3 {
             surface.patches.iter().zip(irradiance).map(|(patch, e)| patch.area_mm2 * *e).sum()
         };
@@ -88,7 +110,7 @@ impl Returned {
 
     /// The noise of the rays, with a margin, from half of the difference that two halves of the rays make to the radiosity
     /// of some receivers, relative to all of it. `areas` are those around the receivers, mm^2.
-    pub(super) fn noise(
+    pub(crate) fn noise(
         &self,
         matrix: &InterReflection,
         transfer: Transfer,

@@ -4,7 +4,8 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::compress::ledger::Ledger;
-use crate::error::Result;
+use super::capabilities::SingleScattering as Place;
+use crate::error::{Error, Result};
 use crate::geometry::bvh::Bvh;
 use crate::light::Light;
 use crate::math::statistics::vertex_error;
@@ -41,7 +42,7 @@ pub trait TowardsEye: Sync {
 }
 
 /// Which phase function.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Scattering {
     /// Isotropic, with reduced coefficients.
     Isotropic,
@@ -50,7 +51,7 @@ pub enum Scattering {
 }
 
 /// Single scattering by rays, when it is asked for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Traced {
     /// Phase function.
     pub scattering: Scattering,
@@ -64,6 +65,9 @@ pub struct Traced {
 
 /// Directions of a constant, area or environment light for each distance of a directional one.
 pub const DIRECTIONS_PER_SAMPLE: u32 = 16;
+
+/// Distances inside at most.
+pub const MOST_SAMPLES: u32 = 4096;
 
 /// Vertices that measure the noise.
 const PROBES: usize = 192;
@@ -83,6 +87,17 @@ pub struct LitScene<'a> {
 }
 
 impl Traced {
+    /// Refuses settings out of range.
+    ///
+    /// # Errors
+    /// Invalid input.
+    pub fn validate(&self) -> Result<()> {
+        match self.samples {
+            1..=MOST_SAMPLES => Ok(()),
+            other => Err(Error::input(format!("{other} samples of single scattering, not 1 to {MOST_SAMPLES}"))),
+        }
+    }
+
     /// In the physical form, light that crosses further surfaces lost.
     pub const fn new(scattering: Scattering, samples: u32) -> Self {
         Self { scattering, samples, form: Form::Physical, crossings: Crossings::Occluded }
@@ -94,11 +109,11 @@ impl Traced {
         self.scattering == Scattering::Isotropic || used.into_iter().all(|m| m.properties.g == 0.0)
     }
 
-    /// See [`Evaluator::single_scattering_is`](super::Evaluator::single_scattering_is).
-    pub fn is(self, scene: &Scene) -> super::SingleScattering {
+    /// See [`Evaluator::single_scattering_is`](super::evaluator::Evaluator::single_scattering_is).
+    pub fn is(self, scene: &Scene) -> Place {
         match self.is_per_vertex(scene) {
-            true => super::SingleScattering::PerVertex,
-            false => super::SingleScattering::TracedTowardsEye,
+            true => Place::PerVertex,
+            false => Place::TracedTowardsEye,
         }
     }
 

@@ -18,7 +18,7 @@ const PIECES_PER_TEXEL: usize = 16;
 const BANDS: usize = 16;
 
 /// How light and transport over a cube map become Haar coefficients; dot products are the same in both.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Transform {
     /// Orthonormal on the sphere: both times the square root of the texels' solid angles, which weigh the transform.
     SolidAngle,

@@ -172,7 +172,7 @@ impl Fit {
 }
 
 /// Factors by band that trade sharpness against ringing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 pub enum Window {
     /// All factors are 1.
     None,

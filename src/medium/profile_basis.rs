@@ -52,7 +52,7 @@ const LARGEST_WEIGHT: f64 = 1e60;
 const LARGEST_VALUE: f32 = 1e30;
 
 /// What the functions of a basis are.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 pub enum Family {
     /// Principal components, least in error for the transported light relative to what each material returns.
     #[default]

@@ -1,27 +1,17 @@
-//! The precomputation methods. A method is one folder and one line in [`ALL`].
+//! Methods: one file each, a name for a choice of a form and its settings. A method is one file and one line in [`built_in`].
 
 pub mod all_frequency;
-mod baked_in;
-mod components;
 pub mod editable;
-mod inter_reflection;
+mod keys;
 pub mod quantized_lights;
 pub mod reference;
-mod references;
-pub mod sampling;
-pub mod settings;
-mod single_keys;
-mod stage;
 pub mod two_pass;
 
-use crate::asset::{Asset, Provenance};
-use crate::error::{Error, Result};
-use crate::evaluate::{BakeSettings, Method};
-use crate::progress::Progress;
-use crate::transport::scene::Scene;
+use crate::evaluate::{Method, Registry};
+use crate::forms;
 
-/// Every method.
-pub const ALL: [&dyn Method; 5] = [
+/// Every method of this crate, in the order of listings.
+const ALL: [&dyn Method; 5] = [
     &reference::Reference,
     &two_pass::TwoPass,
     &editable::Editable,
@@ -29,34 +19,8 @@ pub const ALL: [&dyn Method; 5] = [
     &all_frequency::AllFrequency,
 ];
 
-/// The method of a name.
-///
-/// # Errors
-/// Command line: no such method; the message lists them.
-pub fn named(name: &str) -> Result<&'static dyn Method> {
-    ALL.into_iter().find(|m| m.name() == name).ok_or_else(|| {
-        let names: Vec<&str> = ALL.iter().map(|m| m.name()).collect();
-        Error::command_line(format!("no method `{name}`; there are {}", names.join(", ")))
-    })
-}
-
-/// Bakes a scene into an asset; the method and the resolved settings enter the provenance.
-///
-/// # Errors
-/// Those of the method.
-pub fn bake(
-    method: &dyn Method,
-    scene: Scene,
-    settings: &BakeSettings,
-    mut provenance: Provenance,
-    progress: &dyn Progress,
-) -> Result<Asset> {
-    let parts = method.bake(&scene, settings, progress)?;
-    provenance.method = method.name().to_owned();
-    provenance.settings = settings.values.clone();
-    provenance.settings.insert("max-rms".to_owned(), settings.max_rms.to_string());
-    let kinds: Vec<&str> = settings.for_lights.iter().map(|k| k.name()).collect();
-    provenance.settings.insert("for-lights".to_owned(), kinds.join(","));
-    provenance.settings.insert("samples".to_owned(), parts.samples.len().to_string());
-    Ok(Asset { scene, samples: parts.samples, provenance, ledger: parts.ledger, sections: parts.sections })
+/// The methods and the forms of this crate.
+pub fn built_in() -> Registry {
+    let with_forms = forms::ALL.into_iter().fold(Registry::default(), Registry::with_form);
+    ALL.into_iter().fold(with_forms, Registry::with_method)
 }

@@ -6,7 +6,8 @@ use std::sync::Arc;
 use crate::error::Result;
 use crate::evaluate::Evaluator;
 #[cfg(feature = "gpu")]
-use crate::evaluate::device::{Device, DeviceEvaluator, Uploaded};
+use crate::evaluate::DeviceEvaluator;
+use crate::evaluate::device::{Device, Uploaded};
 
 /// What a person asks for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -117,7 +117,7 @@ enum Painter {
 
 #[cfg(feature = "gpu")]
 struct OnDevice {
-    evaluator: Box<dyn crate::evaluate::device::DeviceEvaluator>,
+    evaluator: Box<dyn crate::evaluate::DeviceEvaluator>,
     raster: Raster,
     picture: Picture,
     shadows: super::raster::shadows::Shadows,

@@ -16,7 +16,7 @@ use super::kernel::{self, Block, FlatSource, KernelRgb, PointSource};
 use super::receivers::{Group, Receivers, Sphere};
 use super::scene::{Medium, Surface};
 use super::tree::{Cluster, SampleTree, Visit};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::math::simd::Level;
 use crate::medium::fresnel::BoundaryFit;
 use crate::medium::profile::Profile;
@@ -24,7 +24,7 @@ use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::Progress;
 
 /// When a patch counts as near, in units of its radius.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct NearField {
     /// Closed form below this distance over radius.
     pub exact_below: f64,
@@ -33,6 +33,18 @@ pub struct NearField {
 }
 
 impl NearField {
+    /// Refuses settings out of range.
+    ///
+    /// # Errors
+    /// Invalid input.
+    pub fn validate(&self) -> Result<()> {
+        let Self { exact_below, three_points_below } = *self;
+        if !(exact_below >= 0.0 && three_points_below >= exact_below && three_points_below <= 1e3) {
+            return Err(Error::input(format!("a near field of {exact_below} and {three_points_below} radii")));
+        }
+        Ok(())
+    }
+
     /// Errors of 1e-5 of the total reflectance, worst receiver of a plane: for the truth.
     pub const REFERENCE: Self = Self { exact_below: 6.0, three_points_below: 24.0 };
     /// Errors of 8e-4 of the total reflectance (worst receiver of a plane) at 0.3 mean free paths between samples, less

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use self::sharp::{Sharp, pieces};
 use super::scene::Surface;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::geometry::bvh::{Bvh, Ray, offset_origin};
 use crate::light::environment::Rotation;
 use crate::light::strata::{Candidate, Strata, StrataSettings};
@@ -24,7 +24,7 @@ use crate::progress::Progress;
 pub use self::sharp::{Pieces, Uneven};
 
 /// How finely lights and shadows are sampled.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct LightSampling {
     /// Points of a patch that see a directional or a point light, a power of two.
     pub points_per_patch: u32,
@@ -35,6 +35,21 @@ pub struct LightSampling {
 }
 
 impl LightSampling {
+    /// Refuses settings out of range.
+    ///
+    /// # Errors
+    /// Invalid input.
+    pub fn validate(&self) -> Result<()> {
+        let Self { points_per_patch, directions, area_side } = *self;
+        let fits = points_per_patch.is_power_of_two() && points_per_patch <= 64;
+        if !(fits && (1..=65536).contains(&directions) && (1..=256).contains(&area_side)) {
+            return Err(Error::input(format!(
+                "{points_per_patch} points of a patch, {directions} directions and {area_side} cells of an area light's edge"
+            )));
+        }
+        Ok(())
+    }
+
     /// For the truth.
     pub const REFERENCE: Self = Self { points_per_patch: 16, directions: 512, area_side: 16 };
     /// Shadow boundaries to a quarter of a patch, soft light to about 1 % of each patch, which scattering averages.

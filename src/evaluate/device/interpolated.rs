@@ -9,7 +9,6 @@ use super::Device;
 use super::jobs::MOST_TURNS_OF_SOFTWARE;
 use super::surface::{READ, UNIFORM, WRITE, bind, bind_group_layout, dispatch, pipeline, uniform};
 use crate::error::{Error, Result};
-use crate::evaluate::far_field::Fill;
 use crate::transport::interpolation::{LANES, SharedWeights};
 
 /// Rows of one workgroup, and runs of one.
@@ -45,14 +44,14 @@ struct RunsOfShard {
 }
 
 /// A stage of the evaluation: what it reads and writes, and its work cut to what the adapter binds, with workgroups.
-pub(super) struct Stage {
-    pub(super) pipeline: wgpu::ComputePipeline,
-    pub(super) bind_group: wgpu::BindGroup,
-    pub(super) shards: Vec<(wgpu::BindGroup, u32)>,
+pub(crate) struct Stage {
+    pub(crate) pipeline: wgpu::ComputePipeline,
+    pub(crate) bind_group: wgpu::BindGroup,
+    pub(crate) shards: Vec<(wgpu::BindGroup, u32)>,
 }
 
 impl Stage {
-    pub(super) fn run(&self, device: &Device) {
+    pub(crate) fn run(&self, device: &Device) {
         let shards = self.shards.iter().map(|(group, count)| (group, *count));
         dispatch(device, &self.pipeline, &self.bind_group, shards);
     }
@@ -153,14 +152,14 @@ impl InterpolatedOnDevice {
 }
 
 /// Sums over sources that runs of neighbouring targets share, RGB and 0 each.
-pub(super) struct Interpolation {
+pub(crate) struct Interpolation {
     values: wgpu::BindGroupLayout,
     weights: wgpu::BindGroupLayout,
     pipeline: wgpu::ComputePipeline,
 }
 
 impl Interpolation {
-    pub(super) fn new(device: &Device) -> Self {
+    pub(crate) fn new(device: &Device) -> Self {
         let calls = &device.device;
         let values = bind_group_layout(calls, "values", &[READ, WRITE]);
         let weights = bind_group_layout(calls, "weights", &[UNIFORM, READ, READ, READ]);
@@ -172,7 +171,7 @@ impl Interpolation {
     ///
     /// # Errors
     /// More than the adapter binds, or sums (exit 5).
-    pub(super) fn stage(
+    pub(crate) fn stage(
         &self,
         device: &Device,
         weights: &SharedWeights,
@@ -199,7 +198,7 @@ fn longest(weights: &SharedWeights) -> usize {
 }
 
 /// Sums of so many terms in one invocation are right on every adapter, or refused.
-pub(super) fn check_turns(turns: usize) -> Result<()> {
+pub(crate) fn check_turns(turns: usize) -> Result<()> {
     if turns <= MOST_TURNS_OF_SOFTWARE {
         return Ok(());
     }
@@ -210,7 +209,7 @@ pub(super) fn check_turns(turns: usize) -> Result<()> {
 ///
 /// # Errors
 /// More than the adapter binds, or sums (exit 5).
-pub(super) fn expansion(
+pub(crate) fn expansion(
     device: &Device,
     weights: &SharedWeights,
     (stored, terms): (&wgpu::Buffer, usize),
@@ -233,17 +232,21 @@ pub(super) fn expansion(
 ///
 /// # Errors
 /// More than the adapter binds, or sums (exit 5).
-pub(super) fn filling(device: &Device, fill: &Fill, (values, terms): (&wgpu::Buffer, usize)) -> Result<Stage> {
-    check_turns(longest(&fill.weights))?;
+pub fn filling(
+    device: &Device,
+    (functions, receivers, weights): (u16, &[u32], &SharedWeights),
+    (values, terms): (&wgpu::Buffer, usize),
+) -> Result<Stage> {
+    check_turns(longest(weights))?;
     let calls = &device.device;
-    let receivers = device.storage("receivers without functions", &fill.receivers)?;
+    let receivers = device.storage("receivers without functions", receivers)?;
     let first = bind_group_layout(calls, "far radiosity and receivers", &[WRITE, READ]);
     let second = bind_group_layout(calls, "weights", &[UNIFORM, READ, READ, READ]);
-    let shard = RunsOfShard { terms: terms as u32, functions: fill.functions.into(), ..RunsOfShard::zeroed() };
+    let shard = RunsOfShard { terms: terms as u32, functions: functions.into(), ..RunsOfShard::zeroed() };
     Ok(Stage {
         pipeline: pipeline(calls, include_str!("filled.wgsl"), "fill", [&first, &second]),
         bind_group: bind(calls, &first, [values, &receivers].into_iter()),
-        shards: shards_of_runs(device, &fill.weights, &second, (RUNS_OF_EXPANSION, shard))?,
+        shards: shards_of_runs(device, weights, &second, (RUNS_OF_EXPANSION, shard))?,
     })
 }
 
@@ -300,7 +303,7 @@ fn shards_of_runs(
 }
 
 /// Cuts runs into ranges of at most so many cells and runs; at least one run each.
-pub(super) fn cut(offsets: &[u32], most_cells: usize, most_runs: usize) -> Vec<Range<usize>> {
+pub(crate) fn cut(offsets: &[u32], most_cells: usize, most_runs: usize) -> Vec<Range<usize>> {
     let runs = offsets.len().saturating_sub(1);
     let (mut result, mut first) = (Vec::new(), 0);
     for run in 1..=runs {

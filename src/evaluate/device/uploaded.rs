@@ -4,9 +4,10 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::{Device, DeviceEvaluator};
+use super::adapter::Device;
+use super::read_back::read_radiosity;
 use crate::error::Result;
-use crate::evaluate::Evaluator;
+use crate::evaluate::evaluator::{DeviceEvaluator, Evaluator};
 use crate::evaluate::forward::{forward_scene, forward_single_scattering};
 use crate::light::Light;
 use crate::medium::profiles::model::LoadedProfile;

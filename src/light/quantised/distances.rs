@@ -27,7 +27,7 @@ pub const NEAREST: f64 = 0.99;
 /// | linear, 1.25 radii | 1.0e-1 | 4.0e-2 | 1.7e-2 | 9.4e-3 | 6.9e-3 | 3.2e-3 |
 /// | polynomial, 1.25 radii | 1.0e-1 | 2.8e-2 | 8.7e-3 | 4.9e-3 | 1.8e-3 | 6.4e-4 |
 /// | polynomial, 1.11 radii | 2.0e-1 | 7.1e-2 | 3.0e-2 | 1.3e-2 | 4.1e-3 | 2.6e-3 |
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 pub enum Blend {
     /// Linear in the inverse distance between the two nearest shells: the paper's, trilinear with the direction's.
     Linear,

@@ -32,7 +32,7 @@ use crate::math::sphere::unit;
 /// | barycentric | 2.8e-2 | 1.6e-2 | 8.0e-3 | 4.0e-3 | 2.0e-3 | 0 |
 /// | rbf | 1.4e-2 | 5.0e-3 | 1.1e-3 | 1.3e-4 | 5.9e-6 | -0.009 |
 /// | least-squares | 2.3e-2 | 1.0e-2 | 3.3e-3 | 4.6e-4 | 5.3e-5 | -0.028 |
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 pub enum Scheme {
     /// The paper's: the four nearest directions with weights 1/angle^2. Exact at the directions, never negative; discontinuous
     /// wherever the fourth nearest changes.

@@ -22,7 +22,7 @@ use self::pipelines::{DEPTH_FORMAT, Pipelines, layout};
 use self::target::{Canvas, Finish};
 use self::view::{Encoding, Look, View, ViewUniform, Wires, finite, finite3};
 use crate::error::Result;
-use crate::evaluate::device::{Device, DeviceEvaluator};
+use crate::evaluate::{DeviceEvaluator, device::Device};
 use crate::light::Light;
 use crate::medium::fresnel::transmittance;
 use crate::render::background::Background;

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use wgpu::util::DeviceExt;
 
 use crate::error::Result;
-use crate::evaluate::device::{Device, DeviceEvaluator};
+use crate::evaluate::{DeviceEvaluator, device::Device};
 
 /// Bytes in front of the radiosity: the scale of its values.
 const HEADER: u64 = 16;

@@ -11,7 +11,7 @@ use rayon::ThreadPool;
 use super::placing::Placing;
 use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
-use crate::evaluate::device::DeviceEvaluator;
+use crate::evaluate::DeviceEvaluator;
 use crate::io::atomic;
 use crate::io::environment::load_environment;
 use crate::light::Light;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::OpenModel;
 use crate::error::Result;
-use crate::evaluate::device::{Device, DeviceEvaluator};
+use crate::evaluate::{DeviceEvaluator, device::Device};
 use crate::evaluate::{Capabilities, Evaluator, MaterialEdit, ProfileEdit};
 use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::Silent;

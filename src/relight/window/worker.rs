@@ -9,7 +9,7 @@ use glam::DVec3;
 use rayon::ThreadPool;
 
 use crate::error::{Error, Result};
-use crate::evaluate::device::DeviceEvaluator;
+use crate::evaluate::DeviceEvaluator;
 use crate::light::Light;
 use crate::progress::Silent;
 use crate::relight::lights::are_same;

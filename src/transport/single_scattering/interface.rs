@@ -5,7 +5,7 @@ use glam::DVec3;
 use crate::medium::fresnel::{refracted_cosine, transmittance};
 
 /// Which form of the integrand, equation (4) of Wang, Tran and Luebke 2005.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 pub enum Form {
     /// With the change of solid angle and of radiance at the surface, `|w_i.n_i| / (eta^2 |w_i'.n_i|)`: reciprocal, and no
     /// energy is gained.

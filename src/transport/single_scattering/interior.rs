@@ -9,7 +9,7 @@ use crate::medium::material::OpticalProperties;
 use crate::transport::scene::Scene;
 
 /// What becomes of light whose straight way crosses more surfaces than the one it enters by.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 pub enum Crossings {
     /// It is lost, as in the paper.
     #[default]

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::{App, Shown};
 use crate::error::Result;
-use crate::evaluate::device::DeviceEvaluator;
+use crate::evaluate::DeviceEvaluator;
 use crate::relight::raster::Raster;
 use crate::relight::raster::target::Finish;
 use crate::relight::window::desk::KnownError;

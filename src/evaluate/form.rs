@@ -1,0 +1,196 @@
+//! Forms: the ways in which transport is kept and evaluated. The typed settings of a form are its record in the asset; they know how to
+//! bake it and how to open it.
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use translux_format::metadata::tags;
+use translux_format::{Codec, FormatError, Kind, RawSection};
+
+use super::evaluator::Evaluator;
+use crate::asset::Asset;
+use crate::compress::ledger::Ledger;
+use crate::error::{Error, Result};
+use crate::geometry::samples::Samples;
+use crate::light::{Light, LightKind};
+use crate::progress::Progress;
+use crate::transport::scene::Scene;
+
+/// What every bake is asked for, whatever its form.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BakeSettings {
+    /// Surface samples, or as many as the form needs.
+    pub samples: Option<usize>,
+    /// Relative error that is asked for.
+    pub max_rms: f64,
+    /// Kinds of light that the asset is made for.
+    pub for_lights: BTreeSet<LightKind>,
+    /// Lights that choices and figures take.
+    pub probes: Probes,
+}
+
+impl BakeSettings {
+    /// Every kind of light, as many samples as are needed, no probe lights.
+    pub fn new(max_rms: f64) -> Self {
+        Self { samples: None, max_rms, for_lights: LightKind::ALL.into_iter().collect(), probes: Probes::default() }
+    }
+
+    /// Whether the asset is made for a kind of light.
+    pub fn is_for(&self, kind: LightKind) -> bool {
+        self.for_lights.contains(&kind)
+    }
+}
+
+/// Lights for the choices of a bake and for the figures of its ledger, which no choice sees.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Probes {
+    /// Lights that choices look at.
+    pub tuning: Vec<Light>,
+    /// Lights that errors are measured under.
+    pub unseen: Vec<Light>,
+}
+
+/// What a form makes of a scene.
+pub struct AssetParts {
+    /// The surface samples; none where nothing is evaluated from samples.
+    pub samples: Samples,
+    /// What each lossy stage added.
+    pub ledger: Ledger,
+    /// Sections of the form's own.
+    pub sections: Vec<RawSection>,
+}
+
+impl AssetParts {
+    /// Parts without samples, of a form whose evaluator reads none.
+    pub fn without_samples(scene: &Scene, ledger: Ledger, sections: Vec<RawSection>) -> Self {
+        let part_offsets = vec![0; scene.parts.parts.len() + 1];
+        Self { samples: Samples { facets: Vec::new(), patch_offsets: vec![0], part_offsets }, ledger, sections }
+    }
+}
+
+/// A form with its settings.
+pub trait Form: Serialize + DeserializeOwned + Send + Sync + 'static {
+    /// Name in the asset.
+    const NAME: &'static str;
+
+    /// Refuses settings out of range: those of a file may be anything.
+    ///
+    /// # Errors
+    /// Invalid input: which setting, and what it may be.
+    fn validate(&self) -> Result<()>;
+
+    /// Kinds of light that its evaluators serve; they refuse others.
+    fn kinds(&self) -> &'static [LightKind] {
+        &LightKind::ALL
+    }
+
+    /// Whether its assets hold transport, which belongs to the size and the mesh that it was computed for.
+    fn holds_transport(&self) -> bool {
+        true
+    }
+
+    /// Memory that a bake of this scene takes, in bytes, estimated before the work.
+    fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64;
+
+    /// Precomputes.
+    ///
+    /// # Errors
+    /// Scenes or lights that do not fit; failures of the work.
+    fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts>;
+
+    /// Makes the evaluator of an asset with these settings.
+    ///
+    /// # Errors
+    /// Sections that are missing or do not fit.
+    fn open(&self, asset: Arc<Asset>) -> Result<Box<dyn Evaluator>>;
+}
+
+/// A [`Form`] of any type.
+pub trait AnyForm: Send + Sync {
+    /// See [`Form::NAME`].
+    fn name(&self) -> &'static str;
+
+    /// The sections that name the form and hold its settings.
+    ///
+    /// # Errors
+    /// Settings that no record holds.
+    fn record(&self) -> Result<[RawSection; 2]>;
+
+    /// See [`Form::kinds`].
+    fn kinds(&self) -> &'static [LightKind];
+
+    /// See [`Form::holds_transport`].
+    fn holds_transport(&self) -> bool;
+
+    /// See [`Form::bake_memory`].
+    fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64;
+
+    /// See [`Form::bake`].
+    ///
+    /// # Errors
+    /// Those of the form.
+    fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts>;
+
+    /// See [`Form::open`].
+    ///
+    /// # Errors
+    /// Those of the form.
+    fn open(&self, asset: Arc<Asset>) -> Result<Box<dyn Evaluator>>;
+}
+
+impl<F: Form> AnyForm for F {
+    fn name(&self) -> &'static str {
+        F::NAME
+    }
+
+    fn record(&self) -> Result<[RawSection; 2]> {
+        let fail = |e: FormatError| Error::runtime(format!("asset: {e}"));
+        let name = RawSection::from_record(tags::FORM, Kind::Metadata, Codec::Zstd, &F::NAME).map_err(fail)?;
+        let settings = RawSection::from_record(tags::SETTINGS, Kind::Metadata, Codec::Zstd, self).map_err(fail)?;
+        Ok([name, settings])
+    }
+
+    fn kinds(&self) -> &'static [LightKind] {
+        Form::kinds(self)
+    }
+
+    fn holds_transport(&self) -> bool {
+        Form::holds_transport(self)
+    }
+
+    fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {
+        Form::bake_memory(self, scene, settings)
+    }
+
+    fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {
+        Form::bake(self, scene, settings, progress)
+    }
+
+    fn open(&self, asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
+        Form::open(self, asset)
+    }
+}
+
+/// A form that assets may have.
+#[derive(Clone, Copy)]
+pub struct FormEntry {
+    /// Its name in the asset.
+    pub name: &'static str,
+    /// Reads and validates its settings.
+    pub read: fn(&RawSection) -> Result<Box<dyn AnyForm>>,
+}
+
+impl FormEntry {
+    /// The entry of a form.
+    pub const fn of<F: Form>() -> Self {
+        Self { name: F::NAME, read: read::<F> }
+    }
+}
+
+fn read<F: Form>(section: &RawSection) -> Result<Box<dyn AnyForm>> {
+    let form: F = section.record().map_err(|e| Error::input(e.to_string()))?;
+    form.validate().map_err(|e| Error::input(format!("section {}: {}", section.tag, e.message())))?;
+    Ok(Box::new(form))
+}

@@ -1,0 +1,177 @@
+//! Methods: names, of papers or our own, for choices of forms and their settings; and the registry of both.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use translux_format::metadata::tags;
+
+use super::evaluator::Evaluator;
+use super::form::{AnyForm, BakeSettings, FormEntry};
+use super::keys::{AnyKey, Keys};
+use crate::asset::{Asset, Provenance};
+use crate::error::{Error, Result};
+use crate::light::LightKind;
+use crate::progress::Progress;
+use crate::transport::scene::Scene;
+
+/// A name for a choice of a form and its settings.
+pub trait Method: Sync {
+    /// Name on the command line and in the asset.
+    fn name(&self) -> &'static str;
+
+    /// One line for people: what it is, and its paper.
+    fn summary(&self) -> &'static str;
+
+    /// When to choose it, in one or two sentences.
+    fn choose_when(&self) -> &'static str;
+
+    /// Keys that `--set` takes.
+    fn keys(&self) -> &'static [&'static dyn AnyKey];
+
+    /// Error that a bake aims at unless another one is asked for.
+    fn default_max_rms(&self) -> f64 {
+        0.005
+    }
+
+    /// Settings that charts compare, as options of `bake`, the defaults (no options) first: from fast or small to exact.
+    fn ladder(&self) -> &'static [&'static str] {
+        &[""]
+    }
+
+    /// The form that the keys ask for.
+    ///
+    /// # Errors
+    /// Command line: values that do not go together; unsupported: kinds of light that it does not serve.
+    fn form(&self, keys: &Keys, settings: &BakeSettings) -> Result<Box<dyn AnyForm>>;
+}
+
+impl dyn Method {
+    /// What runs for keys as typed.
+    ///
+    /// # Errors
+    /// Keys that are unknown, have no meaning beside the others or a value out of range; those of [`Method::form`].
+    pub fn recipe(&self, given: &[(String, String)], settings: BakeSettings) -> Result<Recipe> {
+        let keys = Keys::new(self.name(), self.keys(), given)?;
+        let form = self.form(&keys, &settings)?;
+        Ok(Recipe { method: self.name(), form, texts: keys.into_texts()?, settings })
+    }
+
+    /// What runs when nothing is asked for.
+    ///
+    /// # Errors
+    /// As [`Self::recipe`]: none for a method whose defaults fit.
+    pub fn default_recipe(&self) -> Result<Recipe> {
+        self.recipe(&[], BakeSettings::new(self.default_max_rms()))
+    }
+
+    /// Kinds of light that its evaluators serve by default.
+    pub fn kinds(&self) -> &'static [LightKind] {
+        self.default_recipe().map_or(&[], |recipe| recipe.form.kinds())
+    }
+}
+
+/// What a bake runs, resolved.
+pub struct Recipe {
+    /// Name of the method.
+    pub method: &'static str,
+    /// The form with its settings.
+    pub form: Box<dyn AnyForm>,
+    /// Every key as text, for people.
+    pub texts: BTreeMap<String, String>,
+    /// What is asked for beside the keys.
+    pub settings: BakeSettings,
+}
+
+impl Recipe {
+    /// Memory that a bake of this scene takes, in bytes, estimated before the work.
+    pub fn bake_memory(&self, scene: &Scene) -> u64 {
+        self.form.bake_memory(scene, &self.settings)
+    }
+
+    /// Bakes a scene into an asset, which records the form, its settings and where it comes from.
+    ///
+    /// # Errors
+    /// Those of the form.
+    pub fn bake(&self, scene: Scene, mut provenance: Provenance, progress: &dyn Progress) -> Result<Asset> {
+        let parts = self.form.bake(&scene, &self.settings, progress)?;
+        provenance.method = self.method.to_owned();
+        provenance.settings = self.texts.clone();
+        let kinds: Vec<&str> = self.settings.for_lights.iter().map(|kind| kind.name()).collect();
+        provenance.settings.extend([
+            ("max-rms".to_owned(), self.settings.max_rms.to_string()),
+            ("for-lights".to_owned(), kinds.join(",")),
+            ("samples".to_owned(), parts.samples.len().to_string()),
+        ]);
+        let sections = self.form.record()?.into_iter().chain(parts.sections).collect();
+        Ok(Asset { scene, samples: parts.samples, provenance, ledger: parts.ledger, sections })
+    }
+}
+
+/// The methods that can be chosen and the forms that can be opened.
+#[derive(Clone, Default)]
+pub struct Registry {
+    methods: Vec<&'static dyn Method>,
+    forms: Vec<FormEntry>,
+}
+
+impl Registry {
+    /// The same with another method.
+    #[must_use]
+    pub fn with_method(mut self, method: &'static dyn Method) -> Self {
+        self.methods.push(method);
+        self
+    }
+
+    /// The same with another form.
+    #[must_use]
+    pub fn with_form(mut self, form: FormEntry) -> Self {
+        self.forms.push(form);
+        self
+    }
+
+    /// Every method, in the order of listings.
+    pub fn methods(&self) -> &[&'static dyn Method] {
+        &self.methods
+    }
+
+    /// Every form.
+    pub fn forms(&self) -> &[FormEntry] {
+        &self.forms
+    }
+
+    /// The method of a name.
+    ///
+    /// # Errors
+    /// Command line: no such method; the message lists them.
+    pub fn method(&self, name: &str) -> Result<&'static dyn Method> {
+        self.methods.iter().copied().find(|method| method.name() == name).ok_or_else(|| {
+            let names: Vec<&str> = self.methods.iter().map(|method| method.name()).collect();
+            Error::command_line(format!("no method `{name}`; there are {}", names.join(", ")))
+        })
+    }
+
+    /// The form of an asset, with the settings that it was baked with.
+    ///
+    /// # Errors
+    /// Invalid input: no record of them, or one out of range; unsupported: a form that is not here.
+    pub fn form(&self, asset: &Asset) -> Result<Box<dyn AnyForm>> {
+        let section = |tag| {
+            asset.sections.iter().find(|section| section.tag == tag).ok_or_else(|| {
+                Error::input(format!("an asset without section {tag}, which says how to read it; bake it again"))
+            })
+        };
+        let name: String = section(tags::FORM)?.record().map_err(|e| Error::input(e.to_string()))?;
+        let form = self.forms.iter().find(|form| form.name == name).ok_or_else(|| {
+            Error::unsupported(format!("transport in the form `{name}`, which this build does not have"))
+        })?;
+        (form.read)(section(tags::SETTINGS)?)
+    }
+
+    /// The evaluator of an asset.
+    ///
+    /// # Errors
+    /// As [`Self::form`]; sections that are missing or do not fit.
+    pub fn open(&self, asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
+        self.form(&asset)?.open(asset)
+    }
+}

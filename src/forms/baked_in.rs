@@ -1,0 +1,390 @@
+//! What evaluators share whose material is baked in: lights become what is multiplied with stored transport; the samples that
+//! their error is measured against; media that stay.
+
+use std::sync::{Arc, OnceLock};
+
+use glam::DVec3;
+
+use super::gathered::{Bound, Far, GatheredEvaluator, Gathering};
+use super::sampled_scene::GROUP;
+use crate::asset::Asset;
+use crate::compress::ledger::Ledger;
+use crate::error::{Error, ExitCode, Result};
+#[cfg(feature = "gpu")]
+use crate::evaluate::{DeviceEvaluator, device::Device};
+use crate::evaluate::inter_reflection::Outside;
+use crate::evaluate::single_scattering::{LitScene, TowardsEye, Traced};
+use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit, SingleScattering, SourceFields};
+use crate::geometry::bvh::Bvh;
+use crate::geometry::samples::Samples;
+use crate::light::Light;
+use crate::math::statistics::{VertexError, vertex_error};
+use crate::progress::{Progress, Silent};
+use crate::transport::gather::NearField;
+use crate::transport::irradiance::LightSampling;
+use crate::transport::receivers::Receivers;
+use crate::transport::scene::{Medium, Scene};
+
+/// Error of the hierarchy that the transport is measured against.
+const TRUTH_ERROR: f64 = 0.001;
+
+/// An error, or none where the truth is black and the values are not: nothing can be relative to that.
+pub(crate) fn relative(error: VertexError) -> VertexError {
+    if error.rms.is_finite() { error } else { VertexError::default() }
+}
+
+/// Samples lit by rays and summed through the hierarchy.
+pub(crate) fn truth(scene: &Scene, samples: usize) -> GatheredEvaluator {
+    let asset = Asset {
+        samples: Samples::new(&scene.mesh, &scene.parts, samples),
+        scene: scene.clone(),
+        provenance: Default::default(),
+        ledger: Ledger::default(),
+        sections: Vec::new(),
+    };
+    let gathering = Gathering {
+        sampling: LightSampling::FAST,
+        near: NearField::FAST,
+        far: Far::Hierarchical { error: TRUTH_ERROR, bound: Bound::SolidAngle },
+        group: GROUP,
+        nets: None,
+    };
+    GatheredEvaluator::new(Arc::new(asset), gathering)
+}
+
+/// What an evaluator gives, against [`truth`], which is made when it is first asked for.
+pub(crate) struct Truth {
+    samples: usize,
+    outside: Option<Outside>,
+    made: Option<Box<GatheredEvaluator>>,
+}
+
+impl Truth {
+    pub(crate) fn new(samples: usize) -> Self {
+        Self { samples, outside: None, made: None }
+    }
+
+    /// Number of samples.
+    pub(crate) fn samples(&self) -> usize {
+        self.samples
+    }
+
+    /// Under some lights.
+    pub(crate) fn lit(
+        &mut self,
+        scene: &Scene,
+        lights: &[Light],
+        progress: &dyn Progress,
+    ) -> Result<&mut GatheredEvaluator> {
+        let outside = self.outside;
+        let made = || Box::new(truth(scene, self.samples).with_inter_reflection(outside));
+        let made = self.made.get_or_insert_with(made);
+        made.set_lights(lights.to_vec(), progress)?;
+        Ok(made)
+    }
+
+    /// The truth's own error, and a stage: that of `values` under the worst of the lights in force, all together, and of others,
+    /// each alone.
+    pub(crate) fn measured(
+        &mut self,
+        scene: &Scene,
+        (lights, unseen): (&[Light], &[Light]),
+        mut values: impl FnMut(&[Light]) -> Result<Vec<DVec3>>,
+        (stage, note): (&str, &str),
+        progress: &dyn Progress,
+    ) -> Result<Ledger> {
+        let areas = scene.vertex_areas_mm2();
+        let mut error = VertexError::default();
+        for lights in unseen.iter().map(std::slice::from_ref).chain([lights]) {
+            let expected = self.lit(scene, lights, progress)?.radiosity(progress)?;
+            error = error.max(relative(vertex_error(&values(lights)?, &expected, &areas)));
+        }
+        let mut ledger = self.lit(scene, lights, progress)?.measured_error(&[], progress)?;
+        ledger.add(stage, error, note);
+        Ok(ledger)
+    }
+}
+
+/// Whether the mean cosine of the phase function may change.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum MeanCosine {
+    /// It is baked in, or nothing depends on it.
+    Stays,
+    /// It is read at run time.
+    Free,
+}
+
+/// Names may change, properties may not, the mean cosine apart where it is free.
+///
+/// # Errors
+/// Command line: another number of media; unsupported: other properties.
+pub(crate) fn replace_media(scene: &mut Scene, media: Vec<Medium>, g: MeanCosine) -> Result<()> {
+    if media.len() != scene.media.len() {
+        let (given, there) = (media.len(), scene.media.len());
+        return Err(Error::command_line(format!("{given} materials for the {there} media of the asset")));
+    }
+    let differs = |(a, b): (&Medium, &Medium)| {
+        let mut own = a.properties;
+        if g == MeanCosine::Free {
+            own.g = b.properties.g;
+        }
+        own != b.properties
+    };
+    if media.iter().zip(&scene.media).any(differs) {
+        return Err(Error::unsupported(
+            "the material is baked into this asset; bake it again, or with --method editable",
+        ));
+    }
+    scene.media = media;
+    Ok(())
+}
+
+/// What an asset stores, as it is evaluated.
+pub(crate) trait Stored: Send + Sync {
+    /// A light, made ready.
+    type Light: Send + Sync;
+
+    /// Several lights together.
+    fn light(&self, lights: &[Light]) -> Result<Self::Light>;
+
+    /// Radiosity of every source vertex, RGB, none negative.
+    fn radiosity(&mut self, light: &Self::Light, receivers: &Receivers) -> Vec<DVec3>;
+
+    /// What [`Evaluator::measured_error`] calls the error of these values.
+    fn stage(&self) -> &'static str;
+
+    /// Bytes in memory.
+    fn bytes(&self) -> usize;
+
+    /// The same on a device.
+    #[cfg(feature = "gpu")]
+    fn on_device(_: BakedIn<Self>, _: &Arc<Device>) -> Result<Box<dyn DeviceEvaluator>>
+    where
+        Self: Sized,
+    {
+        Err(Error::unsupported(
+            "what this asset stores is evaluated on the CPU only: --device cpu, or bake it with the defaults of its method",
+        ))
+    }
+}
+
+/// What an asset has of light that is scattered once.
+pub(crate) enum Single {
+    /// Nothing.
+    None,
+    /// It is in the radiosity, isotropic; these rays give the same.
+    Folded(Traced),
+    /// It stands beside the radiosity.
+    Beside(Box<dyn StoredSingle>),
+}
+
+/// What else there is than radiosity under the lights.
+pub(crate) struct Beside {
+    pub(crate) single: Single,
+    /// Light that falls on the surface again, in the radiosity.
+    pub(crate) outside: Option<Outside>,
+}
+
+impl Single {
+    fn beside(&self) -> Option<&dyn StoredSingle> {
+        match self {
+            Self::Beside(single) => Some(single.as_ref()),
+            Self::None | Self::Folded(_) => None,
+        }
+    }
+}
+
+/// Light that is scattered once, as an asset stores it or not.
+pub(crate) trait StoredSingle: Send + Sync {
+    /// What [`Evaluator::single_scattering_is`] gives.
+    fn is(&self, scene: &Scene) -> SingleScattering;
+
+    /// What [`Evaluator::single_scattering`] gives.
+    fn per_vertex(&self, lit: LitScene, receivers: &Receivers) -> Result<Option<Vec<DVec3>>>;
+
+    /// What [`Evaluator::towards_eye`] gives.
+    fn towards_eye<'a>(
+        &'a self,
+        lit: LitScene<'a>,
+        receivers: &'a Receivers,
+    ) -> Result<Option<Box<dyn TowardsEye + 'a>>>;
+
+    /// Whether it reads the mean cosine of media at run time.
+    fn mean_cosine(&self) -> MeanCosine;
+
+    /// Enters its error against rays into a ledger.
+    fn enter_error(&self, lit: LitScene, receivers: &Receivers, ledger: &mut Ledger) -> Result<()>;
+
+    /// Bytes in memory.
+    fn bytes(&self) -> usize;
+}
+
+/// The transport of an asset, lit.
+pub(crate) struct BakedIn<S: Stored> {
+    scene: Scene,
+    bvh: OnceLock<Bvh>,
+    receivers: Receivers,
+    stored: S,
+    lights: Vec<Light>,
+    light: S::Light,
+    /// For who asks what the transport is worth.
+    truth: Truth,
+    single: Single,
+}
+
+impl<S: Stored + 'static> BakedIn<S> {
+    /// What was stored for these receivers, without light.
+    pub(crate) fn boxed(
+        scene: Scene,
+        receivers: Receivers,
+        samples: usize,
+        stored: S,
+    ) -> Result<Box<dyn Evaluator>> {
+        Self::with(scene, receivers, samples, stored, Beside { single: Single::None, outside: None })
+    }
+
+    /// The same with other light.
+    pub(crate) fn with(
+        scene: Scene,
+        receivers: Receivers,
+        samples: usize,
+        stored: S,
+        Beside { single, outside }: Beside,
+    ) -> Result<Box<dyn Evaluator>> {
+        let (lights, bvh, light) = (Vec::new(), OnceLock::new(), stored.light(&[])?);
+        Ok(Box::new(Self {
+            scene,
+            bvh,
+            receivers,
+            stored,
+            lights,
+            light,
+            truth: Truth { outside, ..Truth::new(samples) },
+            single,
+        }))
+    }
+}
+
+impl<S: Stored> BakedIn<S> {
+    fn lit_scene(&self) -> LitScene<'_> {
+        let bvh = self.bvh.get_or_init(|| Bvh::new(&self.scene.mesh));
+        LitScene { scene: &self.scene, bvh, lights: &self.lights }
+    }
+}
+
+/// What a device takes from here.
+#[cfg(feature = "gpu")]
+impl<S: Stored> BakedIn<S> {
+    pub(crate) fn stored(&self) -> &S {
+        &self.stored
+    }
+
+    pub(crate) fn receivers(&self) -> &Receivers {
+        &self.receivers
+    }
+
+    /// The lights in force.
+    pub(crate) fn lit(&self) -> &S::Light {
+        &self.light
+    }
+}
+
+impl<S: Stored + 'static> Evaluator for BakedIn<S> {
+    fn capabilities(&self) -> Capabilities {
+        Capabilities { material: MaterialEdit::None, profile: ProfileEdit::None, source_fields: SourceFields::None }
+    }
+
+    fn cost(&self) -> Cost {
+        Cost {
+            samples: self.truth.samples(),
+            receivers: self.receivers.len(),
+            resident_bytes: self.stored.bytes()
+                + self.single.beside().map_or(0, |single| single.bytes())
+                + size_of_val(self.receivers.of_vertex.as_slice()),
+        }
+    }
+
+    fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    fn bvh(&self) -> &Bvh {
+        self.bvh.get_or_init(|| Bvh::new(&self.scene.mesh))
+    }
+
+    fn set_lights(&mut self, lights: Vec<Light>, _: &dyn Progress) -> Result<()> {
+        // On a thread of the pool: of the sums inside, which take microseconds, none waits for another thread to wake.
+        self.light = rayon::scope(|_| self.stored.light(&lights))?;
+        self.lights = lights;
+        Ok(())
+    }
+
+    fn set_media(&mut self, media: Vec<Medium>) -> Result<()> {
+        let g = self.single.beside().map_or(MeanCosine::Stays, |single| single.mean_cosine());
+        replace_media(&mut self.scene, media, g)
+    }
+
+    fn radiosity(&mut self, _: &dyn Progress) -> Result<Vec<DVec3>> {
+        let Self { stored, light, receivers, .. } = self;
+        Ok(rayon::scope(|_| stored.radiosity(light, receivers)))
+    }
+
+    fn single_scattering(&mut self, _: &dyn Progress) -> Result<Option<Vec<DVec3>>> {
+        let Some(single) = self.single.beside() else { return Ok(None) };
+        single.per_vertex(self.lit_scene(), &self.receivers)
+    }
+
+    fn single_scattering_is(&self) -> SingleScattering {
+        match &self.single {
+            Single::None => SingleScattering::None,
+            Single::Folded(_) => SingleScattering::Included,
+            Single::Beside(single) => single.is(&self.scene),
+        }
+    }
+
+    fn towards_eye(&self) -> Result<Option<Box<dyn TowardsEye + '_>>> {
+        let Some(single) = self.single.beside() else { return Ok(None) };
+        single.towards_eye(self.lit_scene(), &self.receivers)
+    }
+
+    fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {
+        let folded = match &self.single {
+            Single::Folded(traced) => Some(*traced),
+            Single::None | Single::Beside(_) => None,
+        };
+        let bvh = self.bvh.get_or_init(|| Bvh::new(&self.scene.mesh));
+        let Self { scene, receivers, stored, lights, truth, .. } = self;
+        let stage = stored.stage();
+        // Of the unseen ones those that are served.
+        let served = |light: &&Light| match stored.light(std::slice::from_ref(*light)) {
+            Ok(_) => true,
+            Err(error) => error.code() != ExitCode::Unsupported,
+        };
+        let unseen: Vec<Light> = unseen.iter().filter(served).cloned().collect();
+        let values = |lights: &[Light]| {
+            let light = stored.light(lights)?;
+            let mut values = stored.radiosity(&light, receivers);
+            if let Some(traced) = folded {
+                // What the truth has apart.
+                let rays = traced.per_vertex(LitScene { scene, bvh, lights }, &Silent)?.unwrap_or_default();
+                values.iter_mut().zip(rays).for_each(|(value, single)| *value -= single);
+            }
+            Ok(values)
+        };
+        let note = "against its samples lit by rays, the worst of these lights and of probe lights";
+        let mut ledger = truth.measured(scene, (lights, &unseen), values, (stage, note), progress)?;
+        if let Some(single) = self.single.beside() {
+            single.enter_error(self.lit_scene(), &self.receivers, &mut ledger)?;
+        }
+        Ok(ledger)
+    }
+
+    fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
+        self.truth.lit(&self.scene, &self.lights, progress)?.all_pairs(progress)
+    }
+
+    #[cfg(feature = "gpu")]
+    fn on_device(self: Box<Self>, device: &Arc<Device>) -> Result<Box<dyn DeviceEvaluator>> {
+        S::on_device(*self, device)
+    }
+}

@@ -1,0 +1,7 @@
+//! What the forms of light from far away share: `harmonics` at reference points, `rows` of every vertex, and single scattering.
+
+mod settings;
+mod work;
+
+pub use settings::{Basis, Choice, Distant, Integrand, KINDS, MOST_ORDER, Single, Terms};
+pub(crate) use work::{SUN, Unseen, Work, far_away, under_suns, with_work};

@@ -1,0 +1,100 @@
+//! What bakes of transport of light from far away have in common: samples, a tuned hierarchy, the lights of choices and of errors.
+
+use super::settings::{Distant, KINDS};
+use crate::compress::ledger::Ledger;
+use crate::error::{Error, Result};
+use crate::evaluate::BakeSettings;
+use crate::forms::sampled_scene::SampledScene;
+use crate::light::{Light, LightKind};
+use crate::math::statistics::VertexError;
+use crate::progress::Progress;
+use crate::transport::gather::NearField;
+use crate::transport::many_lights::{IrradianceRows, ManyLights};
+use crate::transport::scene::Scene;
+
+/// Share of the asked error for the hierarchy.
+const HIERARCHY: f64 = 0.1;
+
+/// Suns that choices look at.
+const TUNING: usize = 20;
+
+/// With half of the energy in a sun, twice the asked error is allowed: a sun alone may be off by four times as much. Suns that no
+/// choice saw fare up to 1.6 times worse than those that choices look at.
+pub(crate) const SUN: f64 = 2.5;
+
+/// What is precomputed, and what it was computed with.
+pub(crate) struct Work<'a, 'b> {
+    pub(crate) sampled: &'a SampledScene<'a>,
+    pub(crate) transfer: &'a ManyLights<'b>,
+    pub(crate) plan: &'a Distant,
+    pub(crate) max_rms: f64,
+    /// Suns that choices look at.
+    pub(crate) suns: &'a [Light],
+    /// Lights that no choice saw.
+    pub(crate) unseen: Unseen,
+}
+
+/// Lights that errors are measured under.
+pub(crate) struct Unseen {
+    pub(crate) environments: Vec<Light>,
+    pub(crate) suns: Vec<Light>,
+}
+
+impl Unseen {
+    fn new(lights: &[Light]) -> Self {
+        let of = |kinds: &[LightKind]| lights.iter().filter(|l| kinds.contains(&l.kind())).cloned().collect();
+        Self { environments: of(&[LightKind::Environment, LightKind::Constant]), suns: of(&[LightKind::Directional]) }
+    }
+}
+
+/// Calls `make` with everything ready, the samples under the suns that choices look at, and a ledger that has the hierarchy.
+pub(crate) fn with_work<T>(
+    (scene, settings, plan): (&Scene, &BakeSettings, &Distant),
+    progress: &dyn Progress,
+    make: impl FnOnce(&Work, &IrradianceRows, Ledger) -> Result<T>,
+) -> Result<T> {
+    progress.start("samples", 0);
+    let sampled = SampledScene::new(scene, plan.density.count(scene, settings.samples));
+    progress.finish();
+    sampled.with_transfer(NearField::for_error(settings.max_rms), |mut transfer| {
+        let suns = directional(&settings.probes.tuning, TUNING);
+        progress.start("tuning", suns.len() as u64);
+        let rows = sampled.irradiance(&suns)?;
+        let hierarchy = transfer.tune(HIERARCHY * settings.max_rms, &rows);
+        progress.finish();
+        let mut ledger = Ledger::default();
+        ledger.add("hierarchy", hierarchy, "against all pairs, on vertices that no tuning saw");
+        let work = Work {
+            sampled: &sampled,
+            transfer: &transfer,
+            plan,
+            max_rms: settings.max_rms,
+            suns: &suns,
+            unseen: Unseen::new(&settings.probes.unseen),
+        };
+        make(&work, &rows, ledger)
+    })
+}
+
+/// Some directional lights spread over all.
+fn directional(lights: &[Light], count: usize) -> Vec<Light> {
+    let all: Vec<&Light> = lights.iter().filter(|l| l.kind() == LightKind::Directional).collect();
+    all.iter().step_by(all.len().div_ceil(count).max(1)).map(|l| (*l).clone()).collect()
+}
+
+/// What is known of the error under suns, in words.
+pub(crate) fn under_suns(error: VertexError) -> String {
+    let percent = 100.0 * error.rms;
+    format!("{:.2} % with half of the energy in a sun, {percent:.2} % under a sun alone", 0.5 * percent)
+}
+
+/// Refuses lights at a distance.
+pub(crate) fn far_away(light: &Light) -> Result<()> {
+    if KINDS.contains(&light.kind()) {
+        return Ok(());
+    }
+    Err(Error::unsupported(
+        "this asset has light from far away only (environment, constant, directional): bake it with --method \
+         quantized_lights or editable for point and area lights",
+    ))
+}

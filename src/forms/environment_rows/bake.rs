@@ -1,0 +1,166 @@
+//! Irradiance rows of an asset, and what they lose under environments that no choice saw.
+
+use std::ops::Range;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::settings::{EnvironmentRows, TERMS};
+use super::stored::{StoredRows, comes_from_far_away};
+use crate::compress::ledger::Ledger;
+use crate::compress::rows::Rows;
+use crate::error::Result;
+use crate::evaluate::sampling_error::receiver_areas;
+use crate::geometry::samples::Samples;
+use crate::light::Light;
+use crate::light::cube_light::CubeLight;
+use crate::math::cube_map::{self, FACES};
+use crate::math::statistics::{VertexError, vertex_error};
+use crate::medium::entrance_basis::EntranceBasis;
+use crate::progress::{Progress, Silent};
+use crate::transport::balanced_tree::in_tree_order;
+use crate::transport::gather::{Gather, NearField, Scheme};
+use crate::transport::irradiance::{Illumination, LightSampling};
+use crate::transport::irradiance_rows::RowBaker;
+use crate::transport::receivers::Receivers;
+use crate::transport::scene::{self, Surface};
+use crate::transport::tree::SampleTree;
+use crate::transport::visibility::{self, Observer, Occluders};
+
+/// Samples of the coarser set that errors are measured on, for each of which an asset has this many.
+const COARSER: usize = 8;
+
+/// Rays of a sample that stand for the native resolution of an environment.
+const NATIVE_DIRECTIONS: u32 = 1024;
+
+/// Samples whose visibility is checked with one ray for each sub-texel.
+const CHECKED: usize = 32;
+
+/// Receivers that errors are measured on.
+const PROBES: usize = 192;
+
+/// Rows of every sample, in blocks: samples lie in the order of their tree.
+///
+/// # Errors
+/// Media whose refractive index the rows do not serve.
+pub fn rows(surface: &Surface, settings: EnvironmentRows, progress: &dyn Progress) -> Result<Rows> {
+    RowBaker::new(surface, settings.of_rows(settings.coefficients as usize))?.in_blocks(progress)
+}
+
+/// Enters what visibility, cube map and the truncation of rows cost under environments, on a coarser set of samples that
+/// nothing else uses.
+///
+/// # Errors
+/// Lights that do not fit a cube map.
+pub fn measure(
+    full: &Surface,
+    receivers: &Receivers,
+    (settings, sampling, near): (EnvironmentRows, LightSampling, NearField),
+    unseen: &[Light],
+    ledger: &mut Ledger,
+    progress: &dyn Progress,
+) -> Result<()> {
+    let scene = full.scene;
+    let lights: Vec<&Light> = unseen.iter().filter(|l| comes_from_far_away(l)).collect();
+    let entrance = EntranceBasis::new(TERMS);
+    let etas: Vec<f64> = scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
+    if lights.is_empty() || etas.iter().any(|&eta| entrance.project(eta).is_err()) {
+        return Ok(());
+    }
+    progress.start("environment errors", 2 + lights.len() as u64);
+    let unordered = Samples::new(&scene.mesh, &scene.parts, full.samples.len().div_ceil(COARSER));
+    let samples = in_tree_order(&unordered, &scene::patches(scene, &unordered));
+    let patches = scene::patches(scene, &samples);
+    let surface = Surface { scene, bvh: full.bvh, samples: &samples, patches: &patches };
+    let visibility = visibility_error(&surface, settings);
+    progress.advance(1);
+    let stored = StoredRows::new(rows(&surface, settings, &Silent)?);
+    let side = settings.side as usize;
+    let everything = RowBaker::new(&surface, settings.of_rows(6 * side * side))?;
+    progress.advance(1);
+
+    let (subset, indices) = receivers.subset(PROBES, 1);
+    let areas = receiver_areas(scene, receivers);
+    let areas: Vec<f64> = indices.iter().map(|&i| areas[i as usize]).collect();
+    let tree = SampleTree::default();
+    let gather = Gather::new(&surface, &tree, &scene.media, near);
+    let radiosity = |e: &[DVec3]| gather.radiosity(&subset, &gather.light(e), Scheme::AllPairs, &Silent);
+    let mut worst = [VertexError::default(); 2];
+    let unabridged = full_resolution(&everything, &surface, &lights, side)?;
+    for (light, full) in lights.iter().zip(unabridged) {
+        let sampling = LightSampling { directions: NATIVE_DIRECTIONS, ..sampling };
+        let native = Illumination::new(&surface, std::slice::from_ref(*light), &etas, sampling)?.all(&Silent);
+        let mut kept = vec![DVec3::ZERO; samples.len()];
+        stored.add(std::slice::from_ref(*light), scene, &samples, &mut kept)?;
+        let [native, full, kept] = [native, full, kept].map(|e| radiosity(&e));
+        worst[0] = worst[0].max(vertex_error(&full, &native, &areas));
+        worst[1] = worst[1].max(vertex_error(&kept, &full, &areas));
+        progress.advance(1);
+    }
+    progress.finish();
+    let note = format!("the worst of {} environments, on {} samples of their own", lights.len(), samples.len());
+    ledger.add(
+        "visibility",
+        visibility.0,
+        format!("{} of {} sub-texels decided otherwise", visibility.1, visibility.2),
+    );
+    ledger.add("cube map", worst[0], format!("against {NATIVE_DIRECTIONS} rays into the native map; {note}"));
+    ledger.add("row truncation", worst[1], format!("quantiser included; {note}"));
+    Ok(())
+}
+
+/// Irradiance under each light from rows of which nothing is dropped, chunk by chunk.
+fn full_resolution(baker: &RowBaker, surface: &Surface, lights: &[&Light], side: usize) -> Result<Vec<Vec<DVec3>>> {
+    let lights: Vec<CubeLight> = lights.iter().map(|light| CubeLight::new(light, side)).collect::<Result<_>>()?;
+    let entrance = EntranceBasis::new(TERMS);
+    let (samples, scene) = (surface.samples, surface.scene);
+    let project = |patch: usize| {
+        let part = samples.part_offsets.partition_point(|&first| first as usize <= patch) - 1;
+        let medium = scene.parts.parts[part].medium.and_then(|m| scene.media.get(m as usize));
+        let projection = medium.and_then(|m| entrance.project(m.properties.eta_inside_over_outside).ok());
+        projection.map_or_else(Default::default, |p| p.coefficients)
+    };
+    let chunk = |range: Range<usize>| -> Result<Vec<Vec<DVec3>>> {
+        let rows = Rows::new(baker.range(range.clone()), &[0, range.len() as u32])?;
+        let of_light = |light| rows.irradiance_range(0..range.len(), light, |i| project(range.start + i));
+        lights.iter().map(of_light).collect()
+    };
+    let count = samples.len();
+    let ranges: Vec<Range<usize>> =
+        (0..count).step_by(visibility::GROUP).map(|a| a..count.min(a + visibility::GROUP)).collect();
+    let parts: Vec<Vec<Vec<DVec3>>> = ranges.into_par_iter().map(chunk).collect::<Result<_>>()?;
+    Ok((0..lights.len()).map(|light| parts.iter().flat_map(|part| part[light].iter().copied()).collect()).collect())
+}
+
+/// Error of the irradiance under a constant light by visibility decisions that differ from one ray each, over some samples; how
+/// many differ, and of how many.
+fn visibility_error(surface: &Surface, settings: EnvironmentRows) -> (VertexError, u64, u64) {
+    let resolution = settings.of_rows(6).resolution;
+    let step = surface.samples.len().div_ceil(CHECKED).max(1);
+    let mesh = &surface.scene.mesh;
+    let observers: Vec<Observer> =
+        (0..surface.samples.len()).step_by(step).map(|i| Observer::of(mesh, surface.samples.patch(i))).collect();
+    let occluders = Occluders::new(mesh);
+    let (mut wrong, mut all, mut error2, mut mean2) = (0, 0, 0.0, 0.0);
+    visibility::visit(&occluders, surface.bvh, &observers, resolution, |i, visible| {
+        let (mut signed, mut seen) = (0i64, 0i64);
+        let side = resolution.side();
+        for index in 0..FACES * side * side {
+            let (face, y, x) = (index / (side * side), index / side % side, index % side);
+            if !visible.bit(&visible.above, face, x, y) {
+                continue;
+            }
+            let ray = observers[i].ray(cube_map::direction(side, face, x, y));
+            let by_ray = !surface.bvh.occluded(&ray, observers[i].triangle);
+            let decided = visible.bit(&visible.seen, face, x, y);
+            wrong += u64::from(by_ray != decided);
+            signed += i64::from(decided) - i64::from(by_ray);
+            seen += i64::from(by_ray);
+            all += 1;
+        }
+        error2 += (signed * signed) as f64;
+        mean2 += (seen * seen) as f64;
+    });
+    let rms = if mean2 > 0.0 { (error2 / mean2).sqrt() } else { 0.0 };
+    (VertexError { rms, bias: 0.0, p999: rms, worst: rms }, wrong, all)
+}

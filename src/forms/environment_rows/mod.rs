@@ -1,0 +1,13 @@
+//! Rows of irradiance over the directions of a cube map, one for each sample, for light from far away: a companion of forms whose
+//! evaluators light samples.
+
+mod bake;
+#[cfg(feature = "gpu")]
+pub mod gpu;
+mod settings;
+mod source_fields;
+mod stored;
+
+pub use bake::{measure, rows};
+pub use settings::EnvironmentRows;
+pub use stored::{StoredRows, by_rays, comes_from_far_away, error_of_rows};

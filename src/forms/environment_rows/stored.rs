@@ -1,0 +1,177 @@
+//! Environments, constant light, and area lights with source radiance fields, through stored irradiance rows.
+
+use glam::DVec3;
+use translux_format::rows::IrradianceRows;
+
+use super::source_fields::{Fields, Lookup};
+use crate::asset::Asset;
+use crate::compress::rows::Rows;
+use crate::error::Result;
+use crate::evaluate::SourceFields;
+use crate::evaluate::sampling_error::Sampled;
+use crate::geometry::part_table::PartTable;
+use crate::geometry::samples::Samples;
+use crate::light::cube_light::CubeLight;
+use crate::light::{Light, LightKind, refuse_fields};
+use crate::math::statistics::{VertexError, vertex_error};
+use crate::medium::entrance_basis::MOST_TERMS;
+use crate::progress::{Progress, Silent};
+use crate::transport::gather::Scheme;
+use crate::transport::irradiance::Pieces;
+use crate::transport::scene::{Medium, Scene};
+use crate::transport::tree::SampleTree;
+
+/// Rows that serve as a light's irradiance.
+pub struct StoredRows {
+    rows: Rows,
+    fields: Fields,
+}
+
+/// Whether rows hold what this light does.
+pub fn comes_from_far_away(light: &Light) -> bool {
+    matches!(light.kind(), LightKind::Environment | LightKind::Constant)
+}
+
+impl StoredRows {
+    /// Of rows.
+    pub fn new(rows: Rows) -> Self {
+        Self { rows, fields: Fields::default() }
+    }
+
+    /// Those of an asset, if it has any.
+    ///
+    /// # Errors
+    /// Sections that do not fit.
+    pub fn of(asset: &Asset) -> Result<Option<Self>> {
+        Ok(Rows::from_sections(&asset.sections, &asset.samples.part_offsets)?.map(Self::new))
+    }
+
+    /// Bytes in memory, with those of the source radiance fields that were made.
+    pub fn bytes(&self) -> usize {
+        self.rows.data().bytes() + self.fields.bytes()
+    }
+
+    /// Irradiance of every sample, and of the pieces of those that are not lit evenly: through the rows, where there are any, for the
+    /// lights that they have; for the others by rays.
+    ///
+    /// # Errors
+    /// Lights that do not fit a cube map; those of the rays; a light with a source radiance field where no rows serve it.
+    pub fn illuminate(
+        rows: Option<&Self>,
+        (scene, samples): (&Scene, &Samples),
+        lights: &[Light],
+        progress: &dyn Progress,
+        by_rays: impl FnOnce(&[Light]) -> Result<(Vec<DVec3>, Pieces)>,
+    ) -> Result<(Vec<DVec3>, Pieces)> {
+        if rows.is_none_or(|rows| !rows.serve(&scene.media)) {
+            refuse_fields(lights)?;
+        }
+        let of_rows = |light: &Light| rows.is_some_and(|rows| rows.have(light, &scene.media));
+        let (far, near): (Vec<Light>, Vec<Light>) = lights.iter().cloned().partition(of_rows);
+        let (Some(rows), false) = (rows, far.is_empty()) else { return by_rays(lights) };
+        let (mut irradiance, pieces) = match near.as_slice() {
+            [] => (vec![DVec3::ZERO; samples.len()], Pieces::default()),
+            near => by_rays(near)?,
+        };
+        progress.start("rows", 0);
+        rows.add(&far, scene, samples, &mut irradiance)?;
+        progress.finish();
+        Ok((irradiance, pieces))
+    }
+
+    /// Whether the rows serve every medium: they hold a range of refractive indices.
+    pub fn serve(&self, media: &[Medium]) -> bool {
+        media.iter().all(|m| self.rows.entrance().project(m.properties.eta_inside_over_outside).is_ok())
+    }
+
+    /// Whether they stand for the rays of a light in some media.
+    pub fn have(&self, light: &Light, media: &[Medium]) -> bool {
+        (comes_from_far_away(light) || light.has_field()) && self.serve(media)
+    }
+
+    /// The plain arrays.
+    pub fn data(&self) -> &IrradianceRows {
+        self.rows.data()
+    }
+
+    /// Samples that share rows, first and one past the last; empty where they do not.
+    pub fn blocks(&self) -> &[[u32; 2]] {
+        self.rows.blocks()
+    }
+
+    /// Coefficients of the functions of the angle for the medium of each part; zeros where it has none.
+    ///
+    /// # Errors
+    /// A medium that the rows do not serve.
+    pub fn entrance_of_parts(&self, parts: &PartTable, media: &[Medium]) -> Result<Vec<[f64; MOST_TERMS]>> {
+        let project = |m: &Medium| Ok(self.rows.entrance().project(m.properties.eta_inside_over_outside)?.coefficients);
+        let of_medium: Vec<[f64; MOST_TERMS]> = media.iter().map(project).collect::<Result<_>>()?;
+        let of_part = |part: usize| parts.parts[part].medium.and_then(|m| of_medium.get(m as usize)).copied();
+        Ok((0..parts.parts.len()).map(|part| of_part(part).unwrap_or_default()).collect())
+    }
+
+    /// Whether area lights may have source radiance fields in these media; `rows` are those of the asset.
+    pub fn source_fields(rows: Option<&Self>, media: &[Medium]) -> SourceFields {
+        if rows.is_some_and(|rows| rows.serve(media)) { SourceFields::Any } else { SourceFields::None }
+    }
+
+    /// Adds the irradiance of every sample under lights that come from far away or have a source radiance field, RGB.
+    ///
+    /// # Errors
+    /// Another kind of light, or a medium that the rows do not serve.
+    pub fn add(&self, lights: &[Light], scene: &Scene, samples: &Samples, irradiance: &mut [DVec3]) -> Result<()> {
+        let of_part = self.entrance_of_parts(&scene.parts, &scene.media)?;
+        let of_patch =
+            |patch: usize| of_part[samples.part_offsets.partition_point(|&first| first as usize <= patch) - 1];
+        for light in lights {
+            if light.has_field() {
+                self.fields.add(light, (&self.rows, of_patch), (scene, samples), Lookup::Field, irradiance)?;
+                continue;
+            }
+            let light = CubeLight::new(light, self.rows.data().side)?;
+            let added = self.rows.irradiance(&light, of_patch)?;
+            irradiance.iter_mut().zip(added).for_each(|(sum, e)| *sum += e);
+        }
+        Ok(())
+    }
+
+    /// Irradiance of every sample under a light with a source radiance field, RGB, but by a cube map of each sample's own: what
+    /// the interpolation of the field is measured against.
+    ///
+    /// # Errors
+    /// As [`StoredRows::add`].
+    pub fn without_interpolation(&self, light: &Light, scene: &Scene, samples: &Samples) -> Result<Vec<DVec3>> {
+        let of_part = self.entrance_of_parts(&scene.parts, &scene.media)?;
+        let of_patch =
+            |patch: usize| of_part[samples.part_offsets.partition_point(|&first| first as usize <= patch) - 1];
+        let mut irradiance = vec![DVec3::ZERO; samples.len()];
+        self.fields.add(light, (&self.rows, of_patch), (scene, samples), Lookup::OwnMap, &mut irradiance)?;
+        Ok(irradiance)
+    }
+
+    /// Bytes of the source radiance field of a light, which is made where there is none yet.
+    ///
+    /// # Errors
+    /// A light without one.
+    pub fn field_bytes(&self, light: &Light) -> Result<usize> {
+        Ok(self.fields.of(light, self.rows.data().side)?.0.bytes())
+    }
+}
+
+/// Lights as rays see them: what rows are measured against.
+pub fn by_rays(lights: &[Light]) -> Vec<Light> {
+    lights.iter().map(Light::by_rays).collect()
+}
+
+/// Receivers that the error of rows is measured on.
+const PROBES: usize = 192;
+
+/// Error of stored rows against rays, each the irradiance of the samples of `sampled`, in the radiosity that they give.
+pub fn error_of_rows(sampled: &Sampled, (stored, rays): (&[DVec3], &[DVec3])) -> VertexError {
+    let (subset, indices) = sampled.receivers.subset(PROBES, 1);
+    let tree = SampleTree::default();
+    let gather = sampled.gather(&sampled.surface, &tree);
+    let sum = |e: &[DVec3]| gather.radiosity(&subset, &gather.light(e), Scheme::AllPairs, &Silent);
+    let areas: Vec<f64> = indices.iter().map(|&i| sampled.areas[i as usize]).collect();
+    vertex_error(&sum(stored), &sum(rays), &areas)
+}

@@ -1,0 +1,224 @@
+//! What `factored` precomputes: samples in tree order, a basis of far profiles, and the transport of each basis function.
+
+use glam::DVec3;
+use rayon::prelude::*;
+use translux_format::far_field::{FarField, Group};
+
+use super::choice::{self, Choice, Tuning};
+use super::interpolation::choose_points;
+use super::ledger::{self, Baked};
+use super::ordered_samples::OrderedSamples;
+use super::points::{FarPoints, RowPlaces};
+use super::sections;
+use super::settings::Factored;
+use crate::compress::blocks;
+use crate::error::{Error, Result};
+use crate::evaluate::{AssetParts, BakeSettings};
+use crate::forms::{density, environment_rows};
+use crate::light::{Light, LightKind};
+use crate::medium::profile_basis::{BasisSettings, ProfileBasis};
+use crate::progress::Progress;
+use crate::transport::balanced_tree::LightDetails;
+use crate::transport::expected_light::expected_details;
+use crate::transport::far_field::{FarTransport, Precision, Rows, TERMS};
+use crate::transport::irradiance::LightSampling;
+use crate::transport::scene::Scene;
+
+/// Bytes that a receiver's coefficients take while they are made, before quantisation, at an error of 1 %; about in
+/// proportion to its inverse.
+const BYTES_PER_RECEIVER: f64 = 24_000.0;
+
+pub(super) fn memory(form: &Factored, scene: &Scene, settings: &BakeSettings) -> u64 {
+    let count = form.density.count(scene, settings.samples);
+    let rows = form.environment.filter(|_| settings.is_for(LightKind::Environment)).map_or(0, |e| e.memory(count));
+    let far = scene.mesh.local_mm.len() as f64 * BYTES_PER_RECEIVER * (0.01 / settings.max_rms).clamp(0.3, 30.0);
+    density::memory(count, scene) + far as u64 + rows
+}
+
+pub(super) fn bake(
+    form: &Factored,
+    scene: &Scene,
+    settings: &BakeSettings,
+    progress: &dyn Progress,
+) -> Result<AssetParts> {
+    progress.start("samples", 0);
+    let mut ordered = OrderedSamples::new(scene, form.density.count(scene, settings.samples), form);
+    progress.finish();
+
+    progress.start("basis", 0);
+    let basis = basis(&ordered, scene, form);
+    let (table, spread) = (basis.table(), basis.spread());
+    progress.finish();
+
+    let (expected, tuning) = expected_light(scene, &ordered, &settings.probes.tuning, form.sampling, progress)?;
+    progress.start("points", 0);
+    ordered.points = choose_points(scene, &ordered, form, (&basis, &table), &tuning);
+    progress.finish();
+    // Inside the split radius the functions change as at its edge; what is as well known from points twice as far apart changes half as fast.
+    let smooth = |level: &u8| 0.5 * ordered.split_mm * f64::from(1u32 << level);
+    let smooth_mm: Vec<f64> = ordered.points.levels.iter().map(smooth).collect();
+    let transport = FarTransport {
+        tree: &ordered.tree,
+        patches: &ordered.patches,
+        table: &table,
+        spread: &spread,
+        expected: &expected,
+        smooth_mm: &smooth_mm,
+        precision: Precision { opening: form.opening, threshold: 0.0, keep: 0.0 },
+    };
+    progress.start("threshold", 0);
+    let choice = Choice::new(scene, &ordered, form, (&basis, &transport), &tuning);
+    progress.finish();
+    let precision = Precision { opening: form.opening, threshold: choice.threshold, keep: choice.threshold };
+    let transport = FarTransport { precision, ..transport };
+    let far = far_field(&transport, &ordered.points, &choice, progress);
+
+    let mut sections = sections::write(&basis, &far, &scene.mesh, &ordered.samples)?;
+    let mut ledger = ledger::measure(&Baked {
+        scene,
+        ordered: &ordered,
+        form,
+        basis: &basis,
+        transport: &transport,
+        far: &far,
+        unseen: &settings.probes.unseen,
+        progress,
+    })?;
+    if let Some(rows) = form.environment.filter(|_| settings.is_for(LightKind::Environment)) {
+        let (surface, how) = (ordered.surface(scene), (rows, form.sampling, form.near));
+        let rows = environment_rows::rows(&surface, rows, progress)?;
+        environment_rows::measure(&surface, &ordered.receivers, how, &settings.probes.unseen, &mut ledger, progress)?;
+        let fail = |e: translux_format::FormatError| Error::runtime(format!("asset: {e}"));
+        sections.extend(rows.into_data().to_sections().map_err(fail)?);
+    }
+    Ok(AssetParts { samples: ordered.samples, ledger, sections })
+}
+
+/// As few functions as the asked error allows, as many as a row of the far field holds.
+fn basis(ordered: &OrderedSamples, scene: &Scene, form: &Factored) -> ProfileBasis {
+    let settings = BasisSettings {
+        split_mm: ordered.split_mm,
+        reach_mm: ordered.reach_mm(scene),
+        family: form.family,
+        terms: form.terms,
+        error: form.basis_error,
+    };
+    let basis = ProfileBasis::new(&settings);
+    if basis.terms() <= TERMS {
+        return basis;
+    }
+    ProfileBasis::new(&BasisSettings { terms: Some(TERMS), ..settings })
+}
+
+/// What typical lights do at each node, and some of these lights for choices.
+fn expected_light(
+    scene: &Scene,
+    ordered: &OrderedSamples,
+    lights: &[Light],
+    sampling: LightSampling,
+    progress: &dyn Progress,
+) -> Result<(Vec<f32>, Vec<Tuning>)> {
+    progress.start("typical light", lights.len() as u64);
+    let chosen: Vec<usize> = choice::tuning_lights(lights).collect();
+    let (mut details, mut tuning) = (Vec::with_capacity(lights.len()), Vec::with_capacity(chosen.len()));
+    for (index, light) in lights.iter().enumerate() {
+        let (irradiance, _) = ordered.irradiance(scene, light, sampling)?;
+        let found = LightDetails::new(&ordered.samples, &ordered.patches, &irradiance);
+        if chosen.contains(&index) {
+            tuning.push(Tuning { irradiance, details: found.clone() });
+        }
+        details.push(found);
+        progress.advance(1);
+    }
+    progress.finish();
+    let parts = scene.parts.parts.len();
+    Ok((expected_details(&ordered.tree, parts, ordered.samples.len(), &details), tuning))
+}
+
+/// Rows of the groups `first..end`: independent of how the groups are cut into ranges.
+fn rows(transport: &FarTransport, stored: &RowPlaces, range: std::ops::Range<usize>) -> Vec<Rows> {
+    let of_group = |(group, functions): (&crate::transport::receivers::Group, &u16)| {
+        transport.rows(&stored.places.positions[group.run.range()], group.part as usize, *functions)
+    };
+    stored.places.groups[range.clone()].par_iter().zip(&stored.functions[range]).map(of_group).collect()
+}
+
+fn far_field(transport: &FarTransport, points: &FarPoints, choice: &Choice, progress: &dyn Progress) -> FarField {
+    const CHUNK: usize = 64;
+    let groups = points.rows.places.groups.len();
+    progress.start("transport", groups as u64);
+    let mut all = Vec::with_capacity(groups);
+    for first in (0..groups).step_by(CHUNK) {
+        let range = first..groups.min(first + CHUNK);
+        progress.advance(range.len() as u64);
+        all.extend(rows(transport, &points.rows, range));
+    }
+    progress.finish();
+    let terms = transport.spread.len();
+    let mut largest = vec![0.0f64; terms];
+    for (rows, group) in all.iter_mut().zip(&points.rows.places.groups) {
+        for row in &mut rows.values {
+            *row = blocks::transformed(row, group.run.range().len());
+        }
+    }
+    for_each_value(&all, |k, row| {
+        largest[k] = row.iter().fold(largest[k], |a, v| a.max(f64::from(v.abs())));
+    });
+    let steps: Vec<f32> = choice.steps.iter().zip(&largest).map(|(&s, &l)| blocks::fitting_step(s, l)).collect();
+    let mut far = FarField {
+        terms,
+        receiver_of_vertex: points.receivers.of_vertex.clone(),
+        others: points.rows.others.clone(),
+        ..FarField::default()
+    };
+    for ((rows, group), &functions) in all.iter().zip(&points.rows.places.groups).zip(&points.rows.functions) {
+        quantise(rows, &steps, &mut far);
+        far.row_sums.extend_from_slice(&rows.sums);
+        let coefficients_end = far.nodes.len() as u32;
+        far.groups.push(Group { part: group.part, rows_end: group.run.end, coefficients_end, functions });
+    }
+    far.steps = steps;
+    far
+}
+
+/// Adds the rows of a group. What is rounded to nothing is not kept.
+fn quantise(rows: &Rows, steps: &[f32], far: &mut FarField) {
+    let mut values = rows.values.iter();
+    for (&node, &mask) in rows.nodes.iter().zip(&rows.masks) {
+        let (mut kept, mut wide) = (0, 0);
+        for k in (0..u16::BITS as usize).filter(|k| mask >> k & 1 == 1) {
+            let Some(row) = values.next() else { break };
+            let row = blocks::quantise(row, steps[k]);
+            if row.iter().all(|&q| q == 0) {
+                continue;
+            }
+            kept |= 1 << k;
+            match row.map(|q| q as i8) {
+                narrow if narrow.map(i16::from) == row => far.narrow.push(narrow),
+                _ => {
+                    wide |= 1 << k;
+                    far.wide.push(row);
+                }
+            }
+        }
+        if kept != 0 {
+            far.nodes.push(node);
+            far.masks.push(kept);
+            far.wide_masks.push(wide);
+        }
+    }
+}
+
+/// Visits the values of every kept coefficient with its basis function, in the order of the file.
+fn for_each_value(all: &[Rows], mut visit: impl FnMut(usize, &[f32; LANES])) {
+    for rows in all {
+        let mut values = rows.values.iter();
+        for &mask in &rows.masks {
+            for k in (0..u16::BITS as usize).filter(|k| mask >> k & 1 == 1) {
+                if let Some(row) = values.next() {
+                    visit(k, row);
+                }
+            }
+        }
+    }
+}

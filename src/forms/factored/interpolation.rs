@@ -1,0 +1,157 @@
+//! What interpolation of the far field loses, and how far apart its points may be.
+
+use std::collections::BTreeSet;
+
+use glam::DVec3;
+
+use super::ordered_samples::{OrderedSamples, spacing_mm};
+use super::choice::Tuning;
+use super::levels::levels;
+use super::settings::Factored;
+use super::points::FarPoints;
+use super::sources::FarRadiosity;
+use super::subset::{Projected, Subset};
+use super::far_sums::Fill;
+use crate::evaluate::sampling_error::receiver_areas;
+use crate::math::statistics::{VertexError, vertex_error};
+use crate::medium::profile_basis::{ProfileBasis, Table};
+use crate::transport::far_field::LANES;
+use crate::transport::receivers::Receivers;
+use crate::transport::scene::Scene;
+
+/// Receivers that a choice is made on.
+const RECEIVERS: usize = 96;
+
+/// Spacings that are tried, and how much closer the next one is.
+const TRIALS: usize = 5;
+const CLOSER: (f64, f64) = (0.5, 0.85);
+
+/// Points that something is interpolated from, and their weights.
+pub(super) type Row = Vec<(u32, f64)>;
+
+/// Functions (bit k) that a point takes from others.
+struct Taken {
+    functions: u16,
+    point: u32,
+    row: Row,
+}
+
+/// Receivers, and the points that they are interpolated from.
+pub(super) struct Between {
+    targets: Subset,
+    /// All points that anything is interpolated from, ascending, and where they are.
+    points: Vec<u32>,
+    sources: Receivers,
+    /// Of each target.
+    weights: Vec<Row>,
+    taken: Vec<Taken>,
+    materials: Vec<Projected>,
+}
+
+impl Between {
+    /// About so many receivers of a phase, between some points; none where every receiver is a point.
+    pub(super) fn new(
+        scene: &Scene,
+        ordered: &OrderedSamples,
+        basis: &ProfileBasis,
+        points: &FarPoints,
+        (count, phase): (usize, usize),
+    ) -> Option<Self> {
+        let shared = points.weights.as_ref()?;
+        let (receivers, indices) = ordered.receivers.subset(count, phase);
+        let areas = receiver_areas(scene, &ordered.receivers);
+        let areas = indices.iter().map(|&i| areas[i as usize]).collect();
+        let of = |&i: &u32| shared.of(i as usize).map(|(point, w)| (point, f64::from(w))).collect();
+        let weights: Vec<Row> = indices.iter().map(of).collect();
+        let of_rows = |rows: &mut dyn Iterator<Item = &Row>| -> BTreeSet<u32> {
+            rows.flatten().map(|(point, _)| *point).collect()
+        };
+        let between = of_rows(&mut weights.iter());
+        let take = |fill: &Fill| -> Vec<Taken> {
+            let functions = fill.functions;
+            let take = |&point: &u32| points.row_of(fill, point).map(|row| Taken { functions, point, row });
+            between.iter().filter_map(take).collect()
+        };
+        let taken: Vec<Taken> = points.fills.iter().flat_map(take).collect();
+        let all: Vec<u32> = of_rows(&mut weights.iter().chain(taken.iter().map(|t| &t.row))).into_iter().collect();
+        let sources = points.receivers.only(&all, LANES);
+        let targets = Subset { receivers, indices, areas };
+        let materials = Subset::materials(scene, basis);
+        Some(Self { targets, points: all, sources, weights, taken, materials })
+    }
+
+    /// Number of receivers.
+    pub(super) fn targets(&self) -> usize {
+        self.targets.indices.len()
+    }
+
+    /// What interpolation loses where nothing else is lost, the worst of some lights and all materials.
+    pub(super) fn error(
+        &self,
+        scene: &Scene,
+        ordered: &OrderedSamples,
+        (form, table): (&Factored, &Table),
+        irradiances: &[&[DVec3]],
+    ) -> VertexError {
+        let exact = ordered.merged.far_radiosity(table, &self.targets.receivers, irradiances);
+        let known = ordered.merged.far_radiosity(table, &self.sources, irradiances);
+        let place = |point: u32| self.points.partition_point(|p| *p < point);
+        let near = self.targets.near(scene, ordered, form, &self.materials);
+        let of_light = |((irradiance, exact), known): ((&&[DVec3], &FarRadiosity), &FarRadiosity)| {
+            let sum = |row: &Row, values: &FarRadiosity, k: usize| -> f64 {
+                row.iter().map(|&(point, w)| w * values[place(point)][k]).sum()
+            };
+            let mut given = known.clone();
+            for Taken { functions, point, row } in &self.taken {
+                let functions = (0..table.terms()).filter(|k| functions >> k & 1 == 1);
+                functions.for_each(|k| given[place(*point)][k] = sum(row, known, k));
+            }
+            let of_target = |row: &Row| (0..table.terms()).map(|k| sum(row, &given, k)).collect();
+            let found: FarRadiosity = self.weights.iter().map(of_target).collect();
+            let near = near.under(irradiance);
+            let of_material = |(material, near): (&Projected, Vec<DVec3>)| {
+                vertex_error(&material.add(&found, near.clone()), &material.add(exact, near), &self.targets.areas)
+            };
+            self.materials.iter().zip(near).map(of_material).fold(VertexError::default(), VertexError::max)
+        };
+        irradiances.iter().zip(&exact).zip(&known).map(of_light).fold(VertexError::default(), VertexError::max)
+    }
+}
+
+/// Points as far apart as the form says or, where it does not, as the error that it allows lets them be under some lights; those of
+/// each function at the widest level of spacing.
+pub(super) fn choose_points(
+    scene: &Scene,
+    ordered: &OrderedSamples,
+    form: &Factored,
+    (basis, table): (&ProfileBasis, &Table),
+    lights: &[Tuning],
+) -> FarPoints {
+    let sample_mm = spacing_mm(&ordered.patches);
+    let spacing = form.far_spacing.unwrap_or_else(|| widest(scene, ordered, form, (basis, table), lights));
+    let levels = levels(scene, ordered, form, (basis, table), lights, spacing * sample_mm);
+    FarPoints::choose(&ordered.receivers, spacing * sample_mm, &levels)
+}
+
+/// The widest spacing that keeps the error, in sample spacings.
+fn widest(
+    scene: &Scene,
+    ordered: &OrderedSamples,
+    form: &Factored,
+    (basis, table): (&ProfileBasis, &Table),
+    lights: &[Tuning],
+) -> f64 {
+    let sample_mm = spacing_mm(&ordered.patches);
+    let irradiances: Vec<&[DVec3]> = lights.iter().map(|light| light.irradiance.as_slice()).collect();
+    let mut spacing = form.widest_far_spacing;
+    for _ in 0..TRIALS {
+        let points = FarPoints::choose(&ordered.receivers, spacing * sample_mm, &[]);
+        let Some(between) = Between::new(scene, ordered, basis, &points, (RECEIVERS, 2)) else { return spacing };
+        let error = between.error(scene, ordered, (form, table), &irradiances).rms;
+        if error <= form.interpolation {
+            return spacing;
+        }
+        spacing *= (0.9 * form.interpolation / error).sqrt().clamp(CLOSER.0, CLOSER.1);
+    }
+    0.0
+}

@@ -1,0 +1,237 @@
+//! What the stages of a bake lose: hierarchy, basis, truncation and quantiser of the far field, each against the ordered
+//! before it, on receivers and lights that no choice saw, the worst of all published materials and the scene's own.
+
+use glam::DVec3;
+use rayon::prelude::*;
+use translux_format::far_field::FarField;
+
+use super::ordered_samples::OrderedSamples;
+use super::interpolation::Between;
+use super::settings::Factored;
+use super::sources::{FarRadiosity, all_pairs};
+use super::subset::{NearOfMaterials, OfFunctions, Projected, Subset};
+use crate::compress::ledger::Ledger;
+use crate::error::Result;
+use crate::forms::environment_rows::comes_from_far_away;
+use super::far_sums::{ByFunction, FarSums};
+use crate::evaluate::sampling_error::{Sampled, receiver_areas};
+use crate::light::Light;
+use crate::math::simd::Level;
+use crate::math::statistics::{VertexError, vertex_error};
+use crate::medium::profile_basis::ProfileBasis;
+use crate::progress::Progress;
+use crate::transport::balanced_tree::LightDetails;
+use crate::transport::far_field::{FarTransport, Precision, Rows};
+use crate::transport::near_field::far_all_pairs;
+use crate::transport::receivers::Group;
+use crate::transport::scene::Scene;
+
+/// Groups of receivers that errors are measured on.
+const GROUPS: usize = 12;
+
+/// Receivers between the points of the far field on which interpolation is measured.
+const BETWEEN: usize = 64;
+
+/// What a bake made and how.
+pub(super) struct Baked<'a> {
+    pub(super) scene: &'a Scene,
+    pub(super) ordered: &'a OrderedSamples,
+    pub(super) form: &'a Factored,
+    pub(super) basis: &'a ProfileBasis,
+    pub(super) transport: &'a FarTransport<'a>,
+    pub(super) far: &'a FarField,
+    pub(super) unseen: &'a [Light],
+    pub(super) progress: &'a dyn Progress,
+}
+
+/// Far radiosity of each basis function at each receiver under the first channel of a light, after each ordered.
+struct Stages {
+    exact: FarRadiosity,
+    integrated: FarRadiosity,
+    truncated: FarRadiosity,
+    quantised: FarRadiosity,
+}
+
+/// Rows with the same functions that errors are measured on, with and without what is dropped.
+struct Measured<'a> {
+    of: &'a OfFunctions,
+    near: NearOfMaterials<'a>,
+    everything: Vec<Rows>,
+    kept: Vec<Rows>,
+    /// Under each light, from every sample.
+    exact: Vec<FarRadiosity>,
+}
+
+/// The errors of the stages.
+type Errors = [VertexError; 4];
+
+const BASIS: usize = 1;
+const NAMES: [&str; 4] = ["hierarchy", "basis", "truncation", "quantiser"];
+
+pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
+    let Baked { scene, ordered, form, unseen, progress, .. } = *baked;
+    // Environments have entries of their own; to the transport they are smooth.
+    let unseen: Vec<&Light> = unseen.iter().filter(|l| !comes_from_far_away(l)).collect();
+    let mut ledger = Ledger::default();
+    let areas = receiver_areas(scene, &ordered.receivers);
+    progress.start("ledger", 2 * unseen.len() as u64);
+    let materials = Subset::materials(scene, baked.basis);
+    let mut irradiances: Vec<Vec<DVec3>> = Vec::with_capacity(unseen.len());
+    for &light in &unseen {
+        let (irradiance, pieces) = ordered.irradiance(scene, light, form.sampling)?;
+        let mut one = Ledger::default();
+        let sampled = Sampled {
+            surface: ordered.surface(scene),
+            media: &scene.media,
+            kernels: None,
+            lights: std::slice::from_ref(light),
+            irradiance: (&irradiance, &pieces),
+            sampling: form.sampling,
+            near: form.near,
+            receivers: &ordered.receivers,
+            areas: &areas,
+        };
+        sampled.enter(&mut one, &crate::progress::Silent)?;
+        ledger.worst_of(one);
+        irradiances.push(irradiance);
+        progress.advance(1);
+    }
+    let irradiances: Vec<&[DVec3]> = irradiances.iter().map(Vec::as_slice).collect();
+    let of_functions = Subset::of_functions(scene, &ordered.points, (GROUPS, 1));
+    let measured: Vec<Measured> =
+        of_functions.iter().map(|of| Measured::new(baked, of, &materials, &irradiances)).collect();
+    let mut worst: Option<Errors> = None;
+    for (index, irradiance) in irradiances.iter().enumerate() {
+        let errors = baked.under(&measured, &materials, (index, irradiance));
+        worst = Some(worst.map_or(errors, |w| std::array::from_fn(|i| w[i].max(errors[i]))));
+        progress.advance(1);
+    }
+    progress.finish();
+    let note = format!(
+        "the worst of {} materials under {} probe lights, on {} receivers; no choice saw these lights and receivers",
+        materials.len(),
+        unseen.len(),
+        measured.iter().map(|m| m.of.subset.indices.len()).sum::<usize>()
+    );
+    for (name, error) in NAMES.iter().zip(worst.into_iter().flatten()) {
+        ledger.add(name, error, note.clone());
+    }
+    if let Some(between) = Between::new(scene, ordered, baked.basis, &ordered.points, (BETWEEN, 1)) {
+        let interpolation = between.error(scene, ordered, (form, baked.transport.table), &irradiances);
+        let note =
+            format!("the far field from {}, as above on {} receivers", ordered.points.describe(), between.targets());
+        ledger.add("interpolation", interpolation, note);
+    }
+    Ok(ledger)
+}
+
+impl<'a> Measured<'a> {
+    fn new(baked: &'a Baked, of: &'a OfFunctions, materials: &[Projected], irradiances: &[&[DVec3]]) -> Self {
+        let Baked { scene, ordered, form, transport, .. } = *baked;
+        let receivers = &of.subset.receivers;
+        let rows = |transport: &FarTransport| -> Vec<Rows> {
+            let of_group = |group: &Group| {
+                transport.rows(&receivers.positions[group.run.range()], group.part as usize, of.functions)
+            };
+            receivers.groups.par_iter().map(of_group).collect()
+        };
+        let precision = Precision { keep: 0.0, ..transport.precision };
+        Self {
+            of,
+            near: of.subset.near(scene, ordered, form, materials),
+            everything: rows(&FarTransport { precision, ..*transport }),
+            kept: rows(transport),
+            exact: all_pairs(ordered.sources(), transport.table, receivers, irradiances),
+        }
+    }
+}
+
+impl Baked<'_> {
+    /// Errors under one light, the worst of all materials. What a vertex sums of rows with unlike functions errs on its own.
+    fn under(&self, measured: &[Measured], materials: &[Projected], (light, irradiance): (usize, &[DVec3])) -> Errors {
+        let details = LightDetails::new(&self.ordered.samples, &self.ordered.patches, irradiance);
+        let stored = FarSums::new(Level::detect(), (self.far, &ByFunction::new(self.far), &[]), &details);
+        let mut of_materials = vec![Errors::default(); materials.len()];
+        for (class, measured) in measured.iter().enumerate() {
+            let near = measured.near.under(irradiance);
+            if class == 0 {
+                // The basis is that of all functions: one set of receivers says what it loses.
+                let lost = self.lost_by_basis(&measured.of.subset, (materials, &near), irradiance);
+                of_materials.iter_mut().zip(lost).for_each(|(errors, lost)| errors[BASIS] = lost);
+            }
+            let stages = self.stages(measured, light, (&details, &stored));
+            for ((all, material), near) in of_materials.iter_mut().zip(materials).zip(near) {
+                let found = stages.errors(material, near, &measured.of.subset.areas);
+                *all = std::array::from_fn(|i| beside(all[i], found[i]));
+            }
+        }
+        of_materials.into_iter().reduce(|a, b| std::array::from_fn(|i| a[i].max(b[i]))).unwrap_or_default()
+    }
+
+    /// What the basis loses at some receivers in each material.
+    fn lost_by_basis(
+        &self,
+        subset: &Subset,
+        (materials, near): (&[Projected], &[Vec<DVec3>]),
+        irradiance: &[DVec3],
+    ) -> Vec<VertexError> {
+        let Self { scene, ordered, .. } = *self;
+        let (merged, light) = (ordered.merged.sources(), ordered.merged.light(irradiance));
+        let by_basis = all_pairs(merged, self.transport.table, &subset.receivers, &[&light]).concat();
+        let lengths = (ordered.split_mm, scene.mesh.diagonal_mm());
+        let of_material = |(material, near): (&Projected, &Vec<DVec3>)| {
+            let far = far_all_pairs(merged, &material.dipoles, lengths, &subset.receivers, &light);
+            let truth: Vec<DVec3> = near.iter().zip(&far).map(|(n, f)| *n + *f).collect();
+            vertex_error(&material.add(&by_basis, near.clone()), &truth, &subset.areas)
+        };
+        materials.iter().zip(near).map(of_material).collect()
+    }
+
+    fn stages(&self, measured: &Measured, light: usize, (details, stored): (&LightDetails, &FarSums)) -> Stages {
+        let Measured { of: OfFunctions { subset, functions }, everything, kept, exact, .. } = measured;
+        let (terms, exact) = (self.basis.terms(), exact[light].clone());
+        let of_rows = |mut values: FarRadiosity| {
+            for (values, exact) in values.iter_mut().zip(&exact) {
+                (0..terms).filter(|k| functions >> k & 1 == 0).for_each(|k| values[k] = exact[k]);
+            }
+            values
+        };
+        let quantised = |&row: &u32| (0..terms).map(|k| stored.value(row as usize, k).x).collect();
+        Stages {
+            integrated: of_rows(subset.rebuilt(everything, terms, details)),
+            truncated: of_rows(subset.rebuilt(kept, terms, details)),
+            quantised: of_rows(subset.indices.iter().map(quantised).collect()),
+            exact,
+        }
+    }
+}
+
+impl Stages {
+    /// Errors in one material, each ordered as if all before it had been exact; the basis is none of them.
+    fn errors(&self, material: &Projected, near: Vec<DVec3>, areas: &[f64]) -> Errors {
+        let combined = |values: &FarRadiosity| material.add(values, vec![DVec3::ZERO; near.len()]);
+        let truth = material.add(&self.exact, near.clone());
+        let against = |before: &[DVec3], after: &[DVec3]| {
+            let values: Vec<DVec3> = (0..truth.len()).map(|i| truth[i] + (after[i] - before[i])).collect();
+            vertex_error(&values, &truth, areas)
+        };
+        let [exact, integrated, truncated, quantised] =
+            [&self.exact, &self.integrated, &self.truncated, &self.quantised].map(combined);
+        [
+            against(&exact, &integrated),
+            VertexError::default(),
+            against(&integrated, &truncated),
+            against(&truncated, &quantised),
+        ]
+    }
+}
+
+/// Two errors that know nothing of each other.
+fn beside(a: VertexError, b: VertexError) -> VertexError {
+    VertexError {
+        rms: a.rms.hypot(b.rms),
+        bias: a.bias + b.bias,
+        p999: a.p999.hypot(b.p999),
+        worst: a.worst.hypot(b.worst),
+    }
+}

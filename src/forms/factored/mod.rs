@@ -1,0 +1,23 @@
+//! `factored`: transport of each function of a basis of R_d, so that the material is chosen when the asset is evaluated (Wang et al.
+//! 2008).
+
+mod bake;
+mod choice;
+mod evaluate;
+#[cfg(feature = "gpu")]
+mod far_field_gpu;
+mod far_sums;
+#[cfg(feature = "gpu")]
+mod gpu;
+mod interpolation;
+mod ledger;
+mod levels;
+mod ordered_samples;
+mod points;
+mod sections;
+mod settings;
+mod sources;
+mod subset;
+
+pub use levels::MOST_LEVELS;
+pub use settings::Factored;

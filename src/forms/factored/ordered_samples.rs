@@ -1,0 +1,83 @@
+//! Geometry that every ordered of a bake reads.
+
+use glam::DVec3;
+
+use super::points::FarPoints;
+use super::settings::Factored;
+use super::sources::{Merged, Sources};
+use crate::error::Result;
+use crate::geometry::bvh::Bvh;
+use crate::geometry::samples::{Patch, Samples};
+use crate::light::Light;
+use crate::progress::Silent;
+use crate::transport::balanced_tree::{BalancedTree, in_tree_order};
+use crate::transport::far_field::LANES;
+use crate::transport::irradiance::{Illumination, LightSampling, Pieces};
+use crate::transport::near_field::Corners;
+use crate::transport::receivers::Receivers;
+use crate::transport::scene::{self, Scene, Surface};
+
+/// Side of a square of the samples' mean area.
+pub(super) fn spacing_mm(patches: &[Patch]) -> f64 {
+    let area: f64 = patches.iter().map(|p| p.area_mm2).sum();
+    (area / patches.len().max(1) as f64).sqrt()
+}
+
+/// Samples in the order of their tree, with what follows from them.
+pub(super) struct OrderedSamples {
+    pub(super) bvh: Bvh,
+    pub(super) samples: Samples,
+    pub(super) patches: Vec<Patch>,
+    pub(super) tree: BalancedTree,
+    pub(super) corners: Corners,
+    pub(super) receivers: Receivers,
+    /// Of the far field; every receiver until they are chosen.
+    pub(super) points: FarPoints,
+    pub(super) split_mm: f64,
+    pub(super) merged: Merged,
+}
+
+impl OrderedSamples {
+    pub(super) fn new(scene: &Scene, count: usize, form: &Factored) -> Self {
+        let unordered = Samples::new(&scene.mesh, &scene.parts, count);
+        let samples = in_tree_order(&unordered, &scene::patches(scene, &unordered));
+        let (bvh, patches) = rayon::join(|| Bvh::new(&scene.mesh), || scene::patches(scene, &samples));
+        let tree = BalancedTree::new(&samples, &patches);
+        let corners = Corners::new(&scene.mesh, &samples, &patches);
+        let receivers = Receivers::new(&scene.mesh, &scene.parts, LANES);
+        let points = FarPoints::choose(&receivers, 0.0, &[]);
+        let split_mm = (form.split * spacing_mm(&patches)).max(f64::MIN_POSITIVE);
+        let merged = Merged::new(&samples, &patches);
+        Self { bvh, samples, patches, tree, corners, receivers, points, split_mm, merged }
+    }
+
+    pub(super) fn surface<'a>(&'a self, scene: &'a Scene) -> Surface<'a> {
+        Surface { scene, bvh: &self.bvh, samples: &self.samples, patches: &self.patches }
+    }
+
+    /// Every sample.
+    pub(super) fn sources(&self) -> Sources<'_> {
+        (&self.patches, &self.samples.part_offsets)
+    }
+
+    /// Irradiance of every sample under one light, and of the pieces of those that are not lit evenly.
+    pub(super) fn irradiance(
+        &self,
+        scene: &Scene,
+        light: &Light,
+        sampling: LightSampling,
+    ) -> Result<(Vec<DVec3>, Pieces)> {
+        let etas: Vec<f64> = scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
+        let surface = self.surface(scene);
+        let lights = std::slice::from_ref(light);
+        Ok(Illumination::new(&surface, lights, &etas, sampling)?.all_with_pieces(&Silent))
+    }
+
+    /// Largest distance between two points of one part, mm, or a little more.
+    pub(super) fn reach_mm(&self, scene: &Scene) -> f64 {
+        let extent =
+            |part: usize| self.tree.root(part).map_or(0.0, |root| 2.0 * self.tree.cell(root, &self.patches).radius_mm);
+        let reach = (0..scene.parts.parts.len()).map(extent).fold(0.0, f64::max);
+        reach.clamp(self.split_mm * 2.0, scene.mesh.diagonal_mm().max(self.split_mm * 2.0))
+    }
+}

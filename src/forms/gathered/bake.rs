@@ -1,0 +1,165 @@
+//! What `gathered` precomputes: samples; how finely kernels have to be resolved where sums go over nets; rows for environments.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+use translux_format::FormatError;
+use translux_format::multilevel::MultilevelSummation;
+
+use super::lit_samples::GatheredEvaluator;
+use super::settings::Gathered;
+use crate::asset::{Asset, Provenance};
+use crate::compress::ledger::Ledger;
+use crate::error::{Error, Result};
+use crate::evaluate::sampling_error::receiver_areas;
+use crate::evaluate::inter_reflection;
+use crate::evaluate::{AssetParts, BakeSettings, Evaluator};
+use crate::forms::density;
+use crate::forms::environment_rows::{self, StoredRows};
+use crate::geometry::bvh::Bvh;
+use crate::geometry::samples::Samples;
+use crate::light::{Light, LightKind};
+use crate::medium::material::{OpticalProperties, preset};
+use crate::progress::{Progress, Silent};
+use crate::transport::balanced_tree::in_tree_order;
+use crate::transport::far_field::LANES;
+use crate::transport::gather::MediumKernel;
+use crate::transport::irradiance::{Illumination, Pieces};
+use crate::transport::multilevel::{NearRule, Quality};
+use crate::transport::receivers::Receivers;
+use crate::transport::scene::{self, Medium, Scene, Surface};
+
+/// Lights that the resolution of kernels is chosen by.
+const LIGHTS: usize = 3;
+
+/// Published materials that it is chosen by beside the scene's own: what nets and near samples err by is largest in these.
+const MATERIALS: [&str; 3] = ["ketchup", "chicken1", "spectralon"];
+
+/// Bytes of a sample or a receiver while nets are made.
+const BYTES_OF_A_POINT: u64 = 1200;
+
+pub(super) fn memory(form: &Gathered, scene: &Scene, settings: &BakeSettings) -> u64 {
+    let samples = form.density.count(scene, settings.samples);
+    let nets = form.nets.map_or(0, |_| (samples + scene.mesh.local_mm.len()) as u64 * BYTES_OF_A_POINT);
+    let rows = form.environment.filter(|_| settings.is_for(LightKind::Environment)).map_or(0, |e| e.memory(samples));
+    density::memory(samples, scene) + nets + rows + inter_reflection::memory(form.outside, samples, scene)
+}
+
+/// Kernels of the scene's media, and of others in their place.
+fn media(scene: &Scene) -> Vec<Vec<MediumKernel>> {
+    let of = |properties: OpticalProperties| {
+        let other = |medium: &Medium| MediumKernel::new(&Medium { properties, ..medium.clone() });
+        scene.media.iter().map(other).collect()
+    };
+    let own = scene.media.iter().map(MediumKernel::new).collect();
+    let others = MATERIALS.iter().filter_map(|name| preset(name)).map(|preset| of(preset.properties()));
+    std::iter::once(own).chain(others).collect()
+}
+
+pub(super) fn bake(
+    form: &Gathered,
+    scene: &Scene,
+    settings: &BakeSettings,
+    progress: &dyn Progress,
+) -> Result<AssetParts> {
+    progress.start("samples", 0);
+    let samples = Samples::new(&scene.mesh, &scene.parts, form.density.count(scene, settings.samples));
+    let environment = form.environment.filter(|_| settings.is_for(LightKind::Environment));
+    if form.nets.is_none() && environment.is_none() {
+        progress.finish();
+        return Ok(AssetParts { samples, ledger: Ledger::default(), sections: Vec::new() });
+    }
+    // Neighbours lie together, which rows in blocks rest on.
+    let samples = in_tree_order(&samples, &scene::patches(scene, &samples));
+    let (bvh, patches) = rayon::join(|| Bvh::new(&scene.mesh), || scene::patches(scene, &samples));
+    let surface = Surface { scene, bvh: &bvh, samples: &samples, patches: &patches };
+    let receivers = Receivers::new(&scene.mesh, &scene.parts, LANES);
+    progress.finish();
+
+    let (mut ledger, mut sections) = (Ledger::default(), Vec::new());
+    let fail = |e: FormatError| Error::runtime(format!("asset: {e}"));
+    if let Some(error) = form.nets {
+        let quality = resolution(form, &surface, &receivers, (error, &settings.probes.tuning), progress)?;
+        sections = numbers(quality).to_sections().map_err(fail)?;
+        ledger = measured(form, &surface, quality, &settings.probes.unseen, progress)?;
+    }
+    if let Some(rows) = environment {
+        let how = (rows, form.sampling, form.near);
+        let made = environment_rows::rows(&surface, rows, progress)?;
+        environment_rows::measure(&surface, &receivers, how, &settings.probes.unseen, &mut ledger, progress)?;
+        sections.extend(made.into_data().to_sections().map_err(fail)?);
+    }
+    Ok(AssetParts { samples, ledger, sections })
+}
+
+/// The nets that keep an asked error in the media of the scene and in the hardest published ones.
+fn resolution(
+    form: &Gathered,
+    surface: &Surface,
+    receivers: &Receivers,
+    (error, lights): (f64, &[Light]),
+    progress: &dyn Progress,
+) -> Result<Quality> {
+    progress.start("resolution", 0);
+    let scene = surface.scene;
+    let etas: Vec<f64> = scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
+    let lit = |light: &Light| {
+        let light = Illumination::new(surface, std::slice::from_ref(light), &etas, form.sampling)?;
+        Ok(light.all_with_pieces(&Silent))
+    };
+    let chosen = lights.iter().step_by(lights.len().div_ceil(LIGHTS).max(1));
+    let tuning: Vec<(Vec<DVec3>, Pieces)> = chosen.map(lit).collect::<Result<_>>()?;
+    let areas = receiver_areas(scene, receivers);
+    let quality = Quality::tuned((surface, &media(scene)), (receivers, &areas), &tuning, error);
+    progress.finish();
+    Ok(quality)
+}
+
+/// What nets of a quality lose under light that no rows stand for.
+fn measured(
+    form: &Gathered,
+    surface: &Surface,
+    quality: Quality,
+    unseen: &[Light],
+    progress: &dyn Progress,
+) -> Result<Ledger> {
+    let sharp = |light: &&Light| !matches!(light.kind(), LightKind::Environment | LightKind::Constant);
+    let mut unseen: Vec<Light> = unseen.iter().filter(sharp).cloned().collect();
+    if unseen.is_empty() {
+        return Ok(Ledger::default());
+    }
+    let asset = Asset {
+        scene: surface.scene.clone(),
+        samples: surface.samples.clone(),
+        provenance: Provenance::default(),
+        ledger: Ledger::default(),
+        sections: Vec::new(),
+    };
+    let mut evaluator = GatheredEvaluator::new(Arc::new(asset), form.gathering(Some(quality)));
+    evaluator.set_lights(vec![unseen.remove(0)], progress)?;
+    evaluator.measured_error(&unseen, progress)
+}
+
+fn numbers(quality: Quality) -> MultilevelSummation {
+    let Quality { error, spacing, softening, near: NearRule { facets_below, pieces_below } } = quality;
+    MultilevelSummation { error, spacing, softening, facets_below, pieces_below }
+}
+
+pub(super) fn open(form: &Gathered, asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
+    let quality = match form.nets {
+        None => None,
+        Some(_) => {
+            let missing = || Error::input("an asset without its resolution (section mls.num); bake it again");
+            let numbers = MultilevelSummation::from_sections(&asset.sections).map_err(|e| Error::input(e.to_string()))?;
+            let MultilevelSummation { error, spacing, softening, facets_below, pieces_below } =
+                numbers.ok_or_else(missing)?;
+            Some(Quality { error, spacing, softening, near: NearRule { facets_below, pieces_below } })
+        }
+    };
+    let rows = match form.environment {
+        None => None,
+        Some(_) => StoredRows::of(&asset)?,
+    };
+    let evaluator = GatheredEvaluator::new(asset, form.gathering(quality)).with_rows(rows);
+    Ok(Box::new(evaluator.with_single_scattering(form.single).with_inter_reflection(form.outside)))
+}

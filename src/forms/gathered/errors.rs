@@ -1,0 +1,124 @@
+//! What samples, nets and the hierarchy err by against all pairs, and the tuning that follows from it.
+
+use glam::DVec3;
+
+use super::lit_samples::GatheredEvaluator;
+use super::settings::{Bound, Far};
+use crate::compress::ledger::Ledger;
+use crate::evaluate::inter_reflection::Transfer;
+use crate::math::statistics::{VertexError, vertex_error};
+use crate::progress::Silent;
+use crate::transport::gather::{NearField, Scheme};
+use crate::transport::irradiance::Pieces;
+use crate::transport::multilevel::{SurfaceNets, SurfaceTables};
+
+/// Receivers that tune the hierarchy.
+const TUNING_PROBES: usize = 96;
+
+/// Receivers that measure an error, none of which tuned anything.
+const PROBES: usize = 192;
+
+/// Limits that tuning tries at most; without success the hierarchy is left out.
+const TRIALS: usize = 12;
+
+/// Share of the asked error that tuning aims at, because other receivers may fare worse.
+const TARGET: f64 = 0.7;
+
+/// Share of the target from which on a larger limit would not pay.
+const CLOSE: f64 = 0.6;
+
+impl GatheredEvaluator {
+    /// Calls `work` with a function from a limit of the criterion to the error of the hierarchy against all pairs, on a
+    /// subset of `count` receivers.
+    pub(super) fn against_all_pairs<T>(
+        &self,
+        irradiance: &[DVec3],
+        bound: Bound,
+        (count, phase): (usize, usize),
+        work: impl FnOnce(&dyn Fn(f64) -> VertexError) -> T,
+    ) -> T {
+        let surface = self.surface();
+        let gather = self.gather(&surface, self.gathering.near);
+        let lit = gather.light(irradiance);
+        let (subset, indices) = self.receivers.subset(count, phase);
+        let truth = gather.radiosity(&subset, &lit, Scheme::AllPairs, &Silent);
+        let areas: Vec<f64> = indices.iter().map(|&i| self.areas[i as usize]).collect();
+        work(&|limit| {
+            let scheme = Scheme::Hierarchical { criterion: bound.criterion(limit) };
+            vertex_error(&gather.radiosity(&subset, &lit, scheme, &Silent), &truth, &areas)
+        })
+    }
+
+    /// Finds the largest limit of the criterion that keeps the asked error on some receivers.
+    pub(super) fn tune(&mut self, error: f64, bound: Bound) {
+        let irradiance = self.lit().0;
+        let limit = self.against_all_pairs(irradiance, bound, (TUNING_PROBES, 0), |error_of| {
+            let mut limit = bound.first_limit(error);
+            let mut kept = None;
+            for _ in 0..TRIALS {
+                let found = error_of(limit).rms;
+                if found <= TARGET * error {
+                    kept = Some(limit);
+                    if found >= CLOSE * TARGET * error {
+                        break;
+                    }
+                } else if kept.is_some() {
+                    break;
+                }
+                // The error grows a little faster than the limit.
+                let factor = (TARGET * error / found.max(f64::MIN_POSITIVE)).powf(0.8);
+                limit *= if kept.is_some() { (0.9 * factor).clamp(1.1, 4.0) } else { (0.9 * factor).clamp(0.05, 0.7) };
+            }
+            kept
+        });
+        self.limit = Some(limit.unwrap_or(0.0));
+    }
+
+    /// The error of multilevel summation, near field included, against all pairs.
+    fn nets_error(&self, (nets, tables): (&SurfaceNets, &SurfaceTables), lit: (&[DVec3], &Pieces)) -> VertexError {
+        let surface = self.surface();
+        let gather = self.gather(&surface, NearField::REFERENCE);
+        let (subset, indices) = self.receivers.subset(PROBES, 1);
+        let truth = gather.radiosity(&subset, &gather.light_with_pieces(lit.0, lit.1), Scheme::AllPairs, &Silent);
+        let all = nets.radiosity(&surface, tables, lit, self.receivers.len());
+        let values: Vec<DVec3> = indices.iter().map(|&i| all[i as usize]).collect();
+        let areas: Vec<f64> = indices.iter().map(|&i| self.areas[i as usize]).collect();
+        vertex_error(&values, &truth, &areas)
+    }
+
+    /// The error of the transfer in force, with what stands for it in a ledger; `None` where it is all pairs.
+    pub(super) fn transfer_error(&self, lit: (&[DVec3], &Pieces)) -> Option<(&'static str, VertexError)> {
+        match self.nets() {
+            Some(nets) => Some(("multilevel", self.nets_error(nets, lit))),
+            None => self.hierarchy_error(lit.0).map(|error| ("hierarchy", error)),
+        }
+    }
+
+    /// The error of the hierarchy in force on receivers that no tuning saw.
+    pub(super) fn hierarchy_error(&self, irradiance: &[DVec3]) -> Option<VertexError> {
+        match (self.gathering.far, self.limit) {
+            (Far::Hierarchical { bound, .. }, Some(limit)) => {
+                Some(self.against_all_pairs(irradiance, bound, (PROBES, 1), |error_of| error_of(limit)))
+            }
+            _ => None,
+        }
+    }
+
+    /// Enters what following the light outside adds to the error, and has earlier stages answer for what they hand on with
+    /// it. Returns by how much later ones have to: errors of the transfer come back with the light, at most in proportion.
+    pub(super) fn enter_inter_reflection(&self, ledger: &mut Ledger) -> f64 {
+        let (Some(outside), Some(returned), Some(matrix)) = (self.outside, &self.returned, &self.matrix) else {
+            return 1.0;
+        };
+        let surface = self.surface();
+        let gain = returned.gain(self.direct().0, &surface);
+        ledger.entries.iter_mut().for_each(|entry| entry.error = entry.error.scaled(gain));
+        let gather = self.gather(&surface, self.gathering.near);
+        let transfer = Transfer { gather: &gather, receivers: &self.receivers, scheme: Scheme::AllPairs };
+        let noise = returned.noise(matrix, transfer, self.direct(), &self.areas);
+        let repeated = if outside.times > 1 { gain } else { 1.0 };
+        let note = "noise, from two halves of the rays; more --set inter-reflection-rays lower it";
+        ledger.add("inter-reflection", noise.scaled(repeated), note);
+        gain
+    }
+}

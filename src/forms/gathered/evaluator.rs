@@ -1,0 +1,196 @@
+//! Samples, lights and media as an [`Evaluator`].
+
+#[cfg(feature = "gpu")]
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use super::lit_samples::GatheredEvaluator;
+#[cfg(feature = "gpu")]
+use super::{hierarchy_gpu::HierarchyOnDevice, nets_gpu::NetsOnDevice};
+use crate::compress::ledger::Ledger;
+use crate::error::{Error, Result};
+#[cfg(feature = "gpu")]
+use crate::evaluate::device::Device;
+#[cfg(feature = "gpu")]
+use crate::evaluate::DeviceEvaluator;
+use crate::evaluate::sampling_error::Sampled;
+use crate::evaluate::single_scattering::TowardsEye;
+use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit, SingleScattering};
+use crate::forms::environment_rows::{StoredRows, by_rays, error_of_rows};
+use crate::geometry::bvh::Bvh;
+use crate::light::Light;
+use crate::medium::profiles::model::LoadedProfile;
+use crate::progress::Progress;
+use crate::transport::gather::{NearField, Scheme};
+use crate::transport::interreflection::InterReflection;
+use crate::transport::receivers::Receivers;
+use crate::transport::scene::{Medium, Scene};
+use super::nets::Nets;
+
+impl Evaluator for GatheredEvaluator {
+    fn capabilities(&self) -> Capabilities {
+        let profile = if self.nets.is_some() { ProfileEdit::Any } else { ProfileEdit::OnCpu };
+        let source_fields = StoredRows::source_fields(self.rows.as_ref(), &self.scene.media);
+        Capabilities { material: MaterialEdit::Any, profile, source_fields }
+    }
+
+    fn cost(&self) -> Cost {
+        Cost {
+            samples: self.asset.samples.len(),
+            receivers: self.receivers.len(),
+            resident_bytes: self.tree.bytes()
+                + size_of_val(self.patches.as_slice())
+                + size_of_val(self.asset.samples.facets.as_slice())
+                + size_of_val(self.asset.samples.patch_offsets.as_slice())
+                + self.matrix.as_ref().map_or(0, InterReflection::bytes)
+                + self.nets.as_ref().map_or(0, Nets::bytes)
+                + self.rows.as_ref().map_or(0, StoredRows::bytes),
+        }
+    }
+
+    fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    fn bvh(&self) -> &Bvh {
+        &self.bvh
+    }
+
+    fn set_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()> {
+        self.lights = lights;
+        (self.irradiance, self.returned, self.limit) = (None, None, None);
+        self.light_up(progress)
+    }
+
+    fn set_media(&mut self, media: Vec<Medium>) -> Result<()> {
+        if media.len() != self.scene.media.len() {
+            let (given, there) = (media.len(), self.scene.media.len());
+            return Err(Error::command_line(format!("{given} materials for the {there} media of the asset")));
+        }
+        let eta = |m: &Medium| m.properties.eta_inside_over_outside;
+        if media.iter().zip(&self.scene.media).any(|(a, b)| eta(a) != eta(b)) {
+            (self.irradiance, self.matrix) = (None, None);
+        }
+        // Names may change without work.
+        if media.iter().zip(&self.scene.media).any(|(a, b)| a.properties != b.properties) {
+            if let Some((profile, _)) = &self.profile {
+                let kernels = self.kernels(profile, &media)?;
+                self.profile = Some((profile.clone(), kernels));
+            }
+            self.nets.iter_mut().for_each(Nets::forget_media);
+        }
+        (self.returned, self.limit) = (None, None);
+        self.scene.media = media;
+        Ok(())
+    }
+
+    fn set_profile(&mut self, profile: LoadedProfile) -> Result<()> {
+        let kernels = self.kernels(&profile, &self.scene.media)?;
+        self.profile = Some((profile, kernels));
+        (self.returned, self.limit) = (None, None);
+        self.nets.iter_mut().for_each(Nets::forget_media);
+        Ok(())
+    }
+
+    fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
+        self.irradiance(progress)?;
+        self.prepare_nets(progress);
+        let values = match self.nets() {
+            Some((nets, tables)) => nets.radiosity(&self.surface(), tables, self.lit(), self.receivers.len()),
+            None => {
+                let scheme = self.tuned_scheme();
+                self.with_gather(|gather, lit| gather.radiosity(&self.receivers, lit, scheme, progress))
+            }
+        };
+        Ok(self.receivers.expand(&values))
+    }
+
+    fn radiosity_at(&mut self, receivers: &Receivers, progress: &dyn Progress) -> Result<Vec<DVec3>> {
+        self.irradiance(progress)?;
+        let scheme = self.tuned_scheme();
+        Ok(self.with_gather(|gather, lit| gather.radiosity(receivers, lit, scheme, progress)))
+    }
+
+    fn single_scattering_is(&self) -> SingleScattering {
+        self.single.map_or(SingleScattering::None, |single| single.is(&self.scene))
+    }
+
+    fn single_scattering(&mut self, progress: &dyn Progress) -> Result<Option<Vec<DVec3>>> {
+        self.single.map_or(Ok(None), |single| single.per_vertex(self.lit_scene(), progress))
+    }
+
+    fn towards_eye(&self) -> Result<Option<Box<dyn TowardsEye + '_>>> {
+        self.single.map(|single| single.towards_eye(self.lit_scene())).transpose()
+    }
+
+    fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {
+        self.irradiance(progress)?;
+        let mut ledger = Ledger::default();
+        // Sampling is that of rays; what rows lose against them has an entry of its own.
+        let lights = by_rays(&self.lights);
+        let rays = match self.lights.iter().any(|light| self.is_stored(light)) {
+            true => Some(self.by_rays(&lights, progress)?),
+            false => None,
+        };
+        let direct = rays.as_ref().map_or(self.direct(), |(irradiance, pieces)| (irradiance, pieces));
+        let sampled = Sampled {
+            surface: self.surface(),
+            media: &self.scene.media,
+            kernels: self.profile.as_ref().map(|(_, kernels)| kernels.as_slice()),
+            lights: &lights,
+            irradiance: direct,
+            sampling: self.gathering.sampling,
+            near: self.gathering.near,
+            receivers: &self.receivers,
+            areas: &self.areas,
+        };
+        sampled.enter(&mut ledger, progress)?;
+        if let Some((rays, _)) = &rays {
+            let error = error_of_rows(&sampled, (self.direct().0, rays));
+            ledger.add(
+                "environment",
+                error,
+                "stored rows (cube map, truncation, quantiser; fields of area lights) against rays",
+            );
+        }
+        let gain = self.enter_inter_reflection(&mut ledger);
+        if let Some(single) = self.single {
+            single.enter_noise(self.lit_scene(), &mut ledger)?;
+        }
+        self.prepare_nets(progress);
+        let Some((stage, mut error)) = self.transfer_error(self.lit()) else { return Ok(ledger) };
+        for light in unseen {
+            let (irradiance, pieces) = self.illuminate(std::slice::from_ref(light), progress)?;
+            error = self.transfer_error((&irradiance, &pieces)).map_or(error, |(_, other)| error.max(other));
+        }
+        let note = "against all pairs, on vertices that no tuning saw, the worst of these and of probe lights";
+        ledger.add(stage, error.scaled(gain), note);
+        Ok(ledger)
+    }
+
+    fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
+        self.light_up(progress)?;
+        let near = NearField::REFERENCE;
+        let returned = self.outside.map(|outside| self.return_light(outside, near, Scheme::AllPairs, progress));
+        let surface = self.surface();
+        let gather = self.gather(&surface, near);
+        let (direct, pieces) = self.direct();
+        let irradiance = returned.as_ref().map_or(direct, |returned| &returned.irradiance);
+        let lit = gather.light_with_pieces(irradiance, pieces);
+        Ok(self.receivers.expand(&gather.radiosity(&self.receivers, &lit, Scheme::AllPairs, progress)))
+    }
+
+    #[cfg(feature = "gpu")]
+    fn on_device(self: Box<Self>, device: &Arc<Device>) -> Result<Box<dyn DeviceEvaluator>> {
+        if self.nets.is_some() {
+            return Ok(Box::new(NetsOnDevice::new(*self, device)?));
+        }
+        if self.profile.is_some() {
+            return Err(Error::unsupported(
+                "the shaders that sum all pairs and trees know the dipole alone; use --device cpu with --profile",
+            ));
+        }
+        Ok(Box::new(HierarchyOnDevice::new(*self, device)?))
+    }
+}

@@ -1,0 +1,186 @@
+//! The sums of [`GatheredEvaluator`] in compute shaders. Light reaches the samples, and the hierarchy is tuned and walked,
+//! on the CPU; every pair is summed on the device.
+
+use std::sync::Arc;
+
+use bytemuck::{Pod, Zeroable};
+use glam::DVec3;
+
+use crate::evaluate::device::jobs::{CLUSTER, Effort, Entries, Shard, shards};
+use crate::evaluate::device::surface::{Geometry, KERNEL, READ, SurfaceBuffers, bind, bind_group_layout, dispatch, pipeline};
+use super::lit_samples::GatheredEvaluator;
+use crate::evaluate::device::{Device, read_radiosity};
+use crate::error::Result;
+use crate::evaluate::{DeviceEvaluator, Evaluator};
+use crate::evaluate::forward::{forward_scene, forward_single_scattering};
+use crate::light::Light;
+use crate::progress::Progress;
+use crate::transport::balanced_tree::power_of_two_near;
+use crate::transport::gather::{Scheme, Source};
+use crate::transport::kernel::EDGE_RULES;
+use crate::transport::near_field::Corners;
+use crate::transport::scene::Medium;
+
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct GpuCluster {
+    centre: [f32; 4],
+    flux: [f32; 4],
+}
+
+/// A [`GatheredEvaluator`] whose radiosity a device gathers.
+pub struct HierarchyOnDevice {
+    cpu: GatheredEvaluator,
+    device: Arc<Device>,
+    buffers: SurfaceBuffers,
+    layout: wgpu::BindGroupLayout,
+    pipeline: wgpu::ComputePipeline,
+    effort: Effort,
+    /// Of all pairs, which depend on nothing but the samples.
+    all_pairs: Option<Vec<Shard>>,
+    is_current: bool,
+}
+
+impl HierarchyOnDevice {
+    /// Uploads the samples.
+    ///
+    /// # Errors
+    /// An adapter with too few or too small bindings (exit 5).
+    pub fn new(cpu: GatheredEvaluator, device: &Arc<Device>) -> Result<Self> {
+        let surface = cpu.surface();
+        let corners = Corners::new(&surface.scene.mesh, surface.samples, surface.patches);
+        let geometry = Geometry {
+            samples: surface.samples,
+            patches: surface.patches,
+            corners: &corners,
+            receivers: cpu.receivers(),
+            near: cpu.near(),
+            rules: &EDGE_RULES,
+            terms: 0,
+        };
+        let pieces = cpu.sampling().pieces_of_uneven() as usize;
+        let effort = Effort::new(&surface, cpu.near(), &EDGE_RULES, pieces);
+        let mut buffers = SurfaceBuffers::new(device, &geometry)?;
+        buffers.set_media(&surface.scene.media, f64::INFINITY)?;
+        let layout = bind_group_layout(&device.device, "gather", &[READ; 3]);
+        let text = format!("{KERNEL}{}", include_str!("gather.wgsl"));
+        let pipeline = pipeline(&device.device, &text, "gather", [buffers.layout(), &layout]);
+        device.check()?;
+        let device = Arc::clone(device);
+        Ok(Self { cpu, device, buffers, layout, pipeline, effort, all_pairs: None, is_current: false })
+    }
+
+    /// What every group of receivers gathers from, and the clusters of the light.
+    fn interactions(&self, scheme: Scheme) -> Result<(Vec<Shard>, Vec<GpuCluster>)> {
+        self.cpu.with_gather(|gather, lit| {
+            let entry = |source: &Source| match source {
+                Source::Cluster(index) => index | CLUSTER,
+                Source::Patch(index) => *index,
+            };
+            let sources = gather.sources(self.cpu.receivers(), lit, scheme);
+            let lists = sources.iter().map(|list| Entries::List(list.iter().map(entry).collect())).collect();
+            let (clusters, scale) = gather.clusters(lit);
+            let clusters = clusters.iter().map(|c| GpuCluster {
+                centre: c.centre_mm.as_vec3().extend(0.0).to_array(),
+                flux: (c.flux * scale).as_vec3().extend(0.0).to_array(),
+            });
+            Ok((self.shards(lists)?, clusters.collect()))
+        })
+    }
+
+    fn shards(&self, entries: Vec<Entries>) -> Result<Vec<Shard>> {
+        let parts = &self.cpu.scene().parts.parts;
+        let medium = |part: u32| parts[part as usize].medium;
+        shards(&self.device, self.cpu.receivers(), medium, &entries, &self.effort)
+    }
+
+    fn run(&self, shards: &[Shard], clusters: &[GpuCluster]) -> Result<()> {
+        let clusters = self.device.storage("clusters", clusters)?;
+        let device = &self.device.device;
+        let groups: Vec<_> = shards
+            .iter()
+            .map(|shard| (bind(device, &self.layout, [&shard.jobs, &shard.list, &clusters].into_iter()), shard.count))
+            .collect();
+        let shards = groups.iter().map(|(group, count)| (group, *count));
+        dispatch(&self.device, &self.pipeline, self.buffers.bind_group(), shards);
+        self.device.check()
+    }
+}
+
+impl DeviceEvaluator for HierarchyOnDevice {
+    fn device(&self) -> &Arc<Device> {
+        &self.device
+    }
+
+    fn update(&mut self, progress: &dyn Progress) -> Result<()> {
+        if self.is_current {
+            return Ok(());
+        }
+        self.cpu.irradiance(progress)?;
+        let (irradiance, pieces) = self.cpu.lit();
+        let brightest = irradiance.iter().map(|e| e.max_element()).fold(0.0, f64::max);
+        self.buffers.set_light(irradiance, pieces, power_of_two_near(brightest))?;
+        match self.cpu.tuned_scheme() {
+            Scheme::AllPairs => {
+                let shards = match self.all_pairs.take() {
+                    Some(shards) => shards,
+                    None => {
+                        let samples = self.cpu.surface().samples;
+                        let range =
+                            |part: u32| samples.part_offsets[part as usize]..samples.part_offsets[part as usize + 1];
+                        let groups = &self.cpu.receivers().groups;
+                        self.shards(groups.iter().map(|g| Entries::Samples(range(g.part))).collect())?
+                    }
+                };
+                self.run(&shards, &[])?;
+                self.all_pairs = Some(shards);
+            }
+            scheme @ Scheme::Hierarchical { .. } => {
+                let (shards, clusters) = self.interactions(scheme)?;
+                self.run(&shards, &clusters)?;
+            }
+        }
+        self.is_current = true;
+        Ok(())
+    }
+
+    fn radiosity_buffer(&self) -> &wgpu::Buffer {
+        self.buffers.radiosity()
+    }
+
+    fn scale(&self) -> f64 {
+        self.buffers.scale()
+    }
+
+    fn receiver_of_vertex(&self) -> &[u32] {
+        &self.cpu.receivers().of_vertex
+    }
+
+    fn transport(&self) -> String {
+        self.device.describe()
+    }
+}
+
+impl Evaluator for HierarchyOnDevice {
+    forward_scene!(cpu);
+    forward_single_scattering!(cpu);
+
+    fn set_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()> {
+        self.is_current = false;
+        self.cpu.set_lights(lights, progress)
+    }
+
+    fn set_media(&mut self, media: Vec<Medium>) -> Result<()> {
+        self.cpu.set_media(media)?;
+        self.is_current = false;
+        self.buffers.set_media(&self.cpu.scene().media, f64::INFINITY)
+    }
+
+    fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
+        read_radiosity(self, progress)
+    }
+
+    fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
+        self.cpu.all_pairs(progress)
+    }
+}

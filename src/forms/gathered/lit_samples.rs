@@ -1,0 +1,251 @@
+//! The evaluator of methods that store surface samples and no transport: light reaches the samples by ray casting and
+//! is gathered at the receivers, over all pairs or through the tree. Everything about lights and media may change.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use super::nets::Nets;
+use super::settings::{Far, Gathering};
+use crate::forms::environment_rows::{StoredRows, by_rays, error_of_rows};
+use crate::evaluate::inter_reflection::{Outside, Returned, Transfer};
+use crate::evaluate::sampling_error::{Sampled, receiver_areas};
+use crate::evaluate::single_scattering::{LitScene, TowardsEye, Traced};
+use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit, SingleScattering};
+use crate::asset::Asset;
+use crate::compress::ledger::Ledger;
+use crate::error::{Error, Result};
+use crate::geometry::bvh::Bvh;
+use crate::geometry::samples::Patch;
+use crate::light::Light;
+use crate::medium::profiles::model::LoadedProfile;
+use crate::progress::Progress;
+use crate::transport::gather::{Criterion, Gather, Lit, MediumKernel, NearField, Scheme};
+use crate::transport::interreflection::InterReflection;
+use crate::transport::irradiance::{Illumination, LightSampling, Pieces};
+use crate::transport::multilevel::{Quality, SurfaceNets, SurfaceTables};
+use crate::transport::receivers::Receivers;
+use crate::transport::scene::{self, Medium, Scene, Surface};
+use crate::transport::tree::SampleTree;
+
+/// What there is before there are lights.
+static NO_PIECES: Pieces = Pieces::NONE;
+
+/// Samples, lights and media, with what follows from them.
+pub struct GatheredEvaluator {
+    pub(super) asset: Arc<Asset>,
+    pub(super) scene: Scene,
+    pub(super) gathering: Gathering,
+    pub(super) bvh: Bvh,
+    pub(super) patches: Vec<Patch>,
+    pub(super) tree: SampleTree,
+    pub(super) receivers: Receivers,
+    pub(super) areas: Vec<f64>,
+    pub(super) lights: Vec<Light>,
+    pub(super) irradiance: Option<(Vec<DVec3>, Pieces)>,
+    pub(super) limit: Option<f64>,
+    pub(super) single: Option<Traced>,
+    pub(super) outside: Option<Outside>,
+    /// Of the indices of refraction in force.
+    pub(super) matrix: Option<InterReflection>,
+    /// Of the lights and media in force.
+    pub(super) returned: Option<Returned>,
+    /// In place of the dipole, with its kernels for the media in force.
+    pub(super) profile: Option<(LoadedProfile, Vec<MediumKernel>)>,
+    pub(super) nets: Option<Nets>,
+    /// Irradiance under light from far away, in place of rays.
+    pub(super) rows: Option<StoredRows>,
+}
+
+impl GatheredEvaluator {
+    /// Builds the tree and the occluders of an asset.
+    pub fn new(asset: Arc<Asset>, gathering: Gathering) -> Self {
+        let scene = asset.scene.clone();
+        let (bvh, patches) = rayon::join(|| Bvh::new(&scene.mesh), || scene::patches(&scene, &asset.samples));
+        let tree = SampleTree::new(&asset.samples, &patches);
+        let receivers = Receivers::new(&scene.mesh, &scene.parts, gathering.group);
+        let areas = receiver_areas(&scene, &receivers);
+        Self {
+            asset,
+            scene,
+            gathering,
+            bvh,
+            patches,
+            tree,
+            receivers,
+            areas,
+            lights: Vec::new(),
+            irradiance: None,
+            limit: None,
+            single: None,
+            outside: None,
+            matrix: None,
+            returned: None,
+            profile: None,
+            nets: gathering.nets.map(Nets::new),
+            rows: None,
+        }
+    }
+
+    /// The same with stored rows for light from far away.
+    #[must_use]
+    pub fn with_rows(self, rows: Option<StoredRows>) -> Self {
+        Self { rows, ..self }
+    }
+
+    /// The same with single scattering by rays.
+    #[must_use]
+    pub fn with_single_scattering(self, single: Option<Traced>) -> Self {
+        Self { single, ..self }
+    }
+
+    /// The same with light that comes back from outside the medium.
+    #[must_use]
+    pub fn with_inter_reflection(self, outside: Option<Outside>) -> Self {
+        Self { outside, ..self }
+    }
+
+    /// For the media and profiles in force.
+    pub(super) fn gather<'a>(&'a self, surface: &'a Surface<'a>, near: NearField) -> Gather<'a> {
+        match &self.profile {
+            Some((_, kernels)) => Gather::with_kernels(surface, &self.tree, kernels.clone(), near),
+            None => Gather::new(surface, &self.tree, &self.scene.media, near),
+        }
+    }
+
+    /// Kernels of some media with a profile.
+    pub(super) fn kernels(&self, profile: &LoadedProfile, media: &[Medium]) -> Result<Vec<MediumKernel>> {
+        let reach = self.scene.mesh.diagonal_mm();
+        media.iter().map(|medium| MediumKernel::with_profile(medium, profile, reach)).collect()
+    }
+
+    pub(super) fn lit_scene(&self) -> LitScene<'_> {
+        LitScene { scene: &self.scene, bvh: &self.bvh, lights: &self.lights }
+    }
+
+    /// The samples and what is known of them.
+    pub fn surface(&self) -> Surface<'_> {
+        Surface { scene: &self.scene, bvh: &self.bvh, samples: &self.asset.samples, patches: &self.patches }
+    }
+
+    /// Irradiance of every sample under the lights in force, RGB, with what comes back from outside where that is asked for.
+    ///
+    /// # Errors
+    /// As [`Illumination::new`].
+    pub fn irradiance(&mut self, progress: &dyn Progress) -> Result<&[DVec3]> {
+        self.light_up(progress)?;
+        if let (Some(outside), None) = (self.outside, &self.returned) {
+            let scheme = self.tuned_scheme();
+            self.returned = Some(self.return_light(outside, self.gathering.near, scheme, progress));
+        }
+        Ok(self.lit().0)
+    }
+
+    /// Irradiance of the lights alone.
+    pub(super) fn light_up(&mut self, progress: &dyn Progress) -> Result<()> {
+        if self.irradiance.is_none() {
+            self.irradiance = Some(self.illuminate(&self.lights, progress)?);
+        }
+        Ok(())
+    }
+
+    /// Follows the light outside; there must have been [`Self::light_up`].
+    pub(super) fn return_light(&mut self, outside: Outside, near: NearField, scheme: Scheme, progress: &dyn Progress) -> Returned {
+        let matrix = match self.matrix.take() {
+            Some(matrix) => matrix,
+            None => outside.matrix(&self.surface(), &self.receivers, progress),
+        };
+        let surface = self.surface();
+        let gather = self.gather(&surface, near);
+        let transfer = Transfer { gather: &gather, receivers: &self.receivers, scheme };
+        let returned = outside.returned(&matrix, transfer, self.direct(), progress);
+        self.matrix = Some(matrix);
+        returned
+    }
+
+    /// Where radiosity is gathered.
+    pub fn receivers(&self) -> &Receivers {
+        &self.receivers
+    }
+
+    /// How near samples are integrated.
+    pub fn near(&self) -> NearField {
+        self.gathering.near
+    }
+
+    /// How light reaches the samples.
+    pub fn sampling(&self) -> LightSampling {
+        self.gathering.sampling
+    }
+
+    /// How samples are summed under the light and the media in force, after tuning where that is needed. There must have
+    /// been [`Self::irradiance`]; what tunes is the light before any of it came back.
+    pub fn tuned_scheme(&mut self) -> Scheme {
+        if let (Far::Hierarchical { error, bound }, None) = (self.gathering.far, self.limit) {
+            self.tune(error, bound);
+        }
+        self.scheme()
+    }
+
+    /// Calls `work` with a gather for the media in force and the light on the samples.
+    pub fn with_gather<T>(&self, work: impl FnOnce(&Gather, &Lit) -> T) -> T {
+        let surface = self.surface();
+        let gather = self.gather(&surface, self.gathering.near);
+        let (irradiance, pieces) = self.lit();
+        work(&gather, &gather.light_with_pieces(irradiance, pieces))
+    }
+
+    /// Irradiance of the samples, with what came back from outside, and of the pieces of those that are not lit evenly; empty
+    /// before there are lights.
+    pub fn lit(&self) -> (&[DVec3], &Pieces) {
+        let (direct, pieces) = self.direct();
+        (self.returned.as_ref().map_or(direct, |returned| &returned.irradiance), pieces)
+    }
+
+    /// The same of the lights alone.
+    pub(super) fn direct(&self) -> (&[DVec3], &Pieces) {
+        self.irradiance.as_ref().map_or((&[], &NO_PIECES), |(irradiance, pieces)| (irradiance, pieces))
+    }
+
+    /// Through the stored rows where there are any for a light, else by rays.
+    pub(super) fn illuminate(&self, lights: &[Light], progress: &dyn Progress) -> Result<(Vec<DVec3>, Pieces)> {
+        let asset = (&self.scene, &self.asset.samples);
+        StoredRows::illuminate(self.rows.as_ref(), asset, lights, progress, |lights| self.by_rays(lights, progress))
+    }
+
+    pub(super) fn is_stored(&self, light: &Light) -> bool {
+        self.rows.as_ref().is_some_and(|rows| rows.have(light, &self.scene.media))
+    }
+
+    pub(super) fn by_rays(&self, lights: &[Light], progress: &dyn Progress) -> Result<(Vec<DVec3>, Pieces)> {
+        let etas: Vec<f64> = self.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
+        Ok(Illumination::new(&self.surface(), lights, &etas, self.gathering.sampling)?.all_with_pieces(progress))
+    }
+
+    /// Makes what [`Self::nets`] gives, where radiosity is summed over nets.
+    pub fn prepare_nets(&mut self, progress: &dyn Progress) {
+        let Some(mut nets) = self.nets.take() else { return };
+        if !nets.is_prepared() {
+            let kernels = match &self.profile {
+                Some((_, kernels)) => kernels.clone(),
+                None => self.scene.media.iter().map(MediumKernel::new).collect(),
+            };
+            nets.prepare(&self.surface(), &self.receivers, &kernels, progress);
+        }
+        self.nets = Some(nets);
+    }
+
+    /// Nets, and tables of the media and profiles in force: there must have been [`Self::prepare_nets`].
+    pub fn nets(&self) -> Option<(&SurfaceNets, &SurfaceTables)> {
+        self.nets.as_ref()?.prepared()
+    }
+
+    pub(super) fn scheme(&self) -> Scheme {
+        match (self.gathering.far, self.limit) {
+            (Far::Hierarchical { bound, .. }, Some(limit)) => {
+                Scheme::Hierarchical { criterion: bound.criterion(limit) }
+            }
+            _ => Scheme::AllPairs,
+        }
+    }
+}

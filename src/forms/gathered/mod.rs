@@ -1,0 +1,16 @@
+//! `gathered`: nothing is stored but surface samples. Light reaches the samples by ray casting, or through stored rows where it comes
+//! from far away, and is summed at the receivers for each light: over all pairs, through a hierarchy, or over nets.
+
+mod bake;
+mod errors;
+mod evaluator;
+#[cfg(feature = "gpu")]
+mod hierarchy_gpu;
+mod lit_samples;
+mod nets;
+#[cfg(feature = "gpu")]
+mod nets_gpu;
+mod settings;
+
+pub use lit_samples::GatheredEvaluator;
+pub use settings::{Bound, Far, Gathered, Gathering};

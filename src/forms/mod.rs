@@ -1,0 +1,27 @@
+//! Forms: one folder, or file, for each way in which transport is kept and evaluated, with its settings, its bake, its sections, its
+//! evaluator and its shaders.
+
+mod baked_in;
+pub mod density;
+pub mod distant;
+pub mod environment_rows;
+pub mod factored;
+pub mod gathered;
+pub mod hao;
+pub mod projected;
+pub mod rows;
+mod sampled_scene;
+pub mod single_scattering;
+
+use crate::evaluate::FormEntry;
+
+/// Every form of this crate.
+pub const ALL: [FormEntry; 7] = [
+    FormEntry::of::<gathered::Gathered>(),
+    FormEntry::of::<factored::Factored>(),
+    FormEntry::of::<projected::lights::QuantisedLights>(),
+    FormEntry::of::<projected::harmonics::Harmonics>(),
+    FormEntry::of::<rows::DirectionalRows>(),
+    FormEntry::of::<hao::VertexValues>(),
+    FormEntry::of::<hao::bleeding::NeighbourLists>(),
+];

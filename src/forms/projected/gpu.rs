@@ -1,0 +1,98 @@
+//! Components in compute shaders: lights become columns on the CPU; products with the stored rows and interpolation
+//! between the reference points are a device's.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use super::digits::Term;
+use super::components::{Components, LightBasis};
+use crate::error::Result;
+use crate::evaluate::Evaluator;
+use crate::evaluate::device::interpolated::{InterpolatedOnDevice, Sum};
+use crate::evaluate::DeviceEvaluator;
+use crate::evaluate::device::{Device, read_radiosity};
+use crate::evaluate::forward::{forward_scene, forward_single_scattering};
+use crate::light::Light;
+use crate::forms::baked_in::BakedIn;
+use crate::progress::Progress;
+use crate::transport::scene::Medium;
+
+/// The transport of an asset on a device.
+pub(crate) struct ComponentsOnDevice<B: LightBasis> {
+    cpu: BakedIn<Components<B>>,
+    device: Arc<Device>,
+    stored: InterpolatedOnDevice,
+    /// Of the radiosity in the buffer.
+    scale: f64,
+    is_current: bool,
+}
+
+impl<B: LightBasis> ComponentsOnDevice<B> {
+    pub(crate) fn new(cpu: BakedIn<Components<B>>, device: &Arc<Device>) -> Result<Self> {
+        let transport = &cpu.stored().transport;
+        let coefficients: Vec<i16> = transport.coefficients.iter().map(|&digit| i16::from(digit)).collect();
+        let stored = InterpolatedOnDevice::new(device, &coefficients, transport.columns, &transport.weights)?;
+        Ok(Self { cpu, device: Arc::clone(device), stored, scale: 1.0, is_current: false })
+    }
+}
+
+impl<B: LightBasis> DeviceEvaluator for ComponentsOnDevice<B> {
+    fn device(&self) -> &Arc<Device> {
+        &self.device
+    }
+
+    fn update(&mut self, _: &dyn Progress) -> Result<()> {
+        if !self.is_current {
+            let lit = self.cpu.lit();
+            for (index, part) in lit.parts.iter().enumerate() {
+                let sum = if index == 0 { Sum::New } else { Sum::Added };
+                let columns = Term::columns(&part.terms, self.cpu.stored().transport.columns);
+                self.stored.add(&columns, &part.factors, sum)?;
+            }
+            self.stored.interpolate()?;
+            self.scale = lit.scale;
+            self.is_current = true;
+        }
+        Ok(())
+    }
+
+    fn radiosity_buffer(&self) -> &wgpu::Buffer {
+        self.stored.radiosity()
+    }
+
+    fn scale(&self) -> f64 {
+        self.scale
+    }
+
+    fn receiver_of_vertex(&self) -> &[u32] {
+        &self.cpu.receivers().of_vertex
+    }
+
+    fn transport(&self) -> String {
+        self.device.describe()
+    }
+}
+
+impl<B: LightBasis> Evaluator for ComponentsOnDevice<B> {
+    forward_scene!(cpu);
+    forward_single_scattering!(cpu);
+
+    fn set_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()> {
+        self.cpu.set_lights(lights, progress)?;
+        self.is_current = false;
+        Ok(())
+    }
+
+    fn set_media(&mut self, media: Vec<Medium>) -> Result<()> {
+        self.cpu.set_media(media)
+    }
+
+    fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
+        read_radiosity(self, progress)
+    }
+
+    fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
+        self.cpu.all_pairs(progress)
+    }
+}

@@ -1,0 +1,58 @@
+//! Transport as coefficients at reference points over a basis of spherical harmonics: a light becomes its projection on the
+//! harmonics, that a vector over the columns, and radiosity at a reference point is a dot product.
+
+use glam::DVec3;
+use translux_format::distant_transport::Harmonics as File;
+use translux_format::quantised_lights::tags;
+
+
+use crate::compress::prediction::Net;
+use crate::error::Result;
+use crate::light::Light;
+use crate::light::harmonics::coefficients;
+use crate::forms::distant::far_away;
+use crate::forms::projected::components::{Coded, Components, LightBasis, LightFunctions, Lit, Transport, Weighted};
+use crate::transport::receivers::Receivers;
+use crate::transport::scene::Scene;
+
+/// HarmonicBasis up to an order.
+pub(crate) struct HarmonicBasis {
+    order: usize,
+}
+
+/// The transport of a file, ready for lights, of so many shells.
+pub(crate) fn components(
+    file: &File,
+    (tags, shells): (tags::Set, usize),
+    scene: &Scene,
+    receivers: &Receivers,
+) -> Result<Components<HarmonicBasis>> {
+    let order = file.order as usize;
+    let net = Net::unpredicted(order * order);
+    let coded = [Coded { set: &file.set, tags, shells: 0..shells, net: &net }];
+    let transport = Transport::new(&coded, (scene, receivers), file.spacing_mm, |basis, functions| {
+        LightFunctions::stored(&basis, functions)
+    })?;
+    Ok(Components { basis: HarmonicBasis { order }, transport })
+}
+
+impl HarmonicBasis {
+    /// All lights together.
+    pub(crate) fn projected(&self, lights: &[Light]) -> Result<Vec<[f64; 3]>> {
+        let mut sums = vec![DVec3::ZERO; self.order * self.order];
+        for light in lights {
+            far_away(light)?;
+            let own = coefficients(light, self.order)?;
+            sums.iter_mut().zip(own).for_each(|(sum, c)| *sum += c);
+        }
+        Ok(sums.iter().map(DVec3::to_array).collect())
+    }
+}
+
+impl LightBasis for HarmonicBasis {
+    const STAGE: &'static str = "transport in harmonics";
+
+    fn lit(&self, transport: &Transport, lights: &[Light]) -> Result<Lit> {
+        transport.lit(vec![Weighted { shells: vec![self.projected(lights)?], factors: Vec::new() }])
+    }
+}

@@ -1,0 +1,10 @@
+//! `harmonics`: transport of light from far away under spherical harmonics, at reference points (after Wang, Tran & Luebke 2005).
+
+mod bake;
+mod evaluate;
+mod returned;
+mod settings;
+pub mod uncoded;
+
+pub(crate) use evaluate::{HarmonicBasis, components};
+pub use settings::Harmonics;

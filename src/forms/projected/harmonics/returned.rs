@@ -1,0 +1,88 @@
+//! Light that leaves the surface and falls on it again from outside the medium: what comes back is smooth, so that few harmonics of
+//! the light hold it.
+
+use glam::DVec3;
+
+use crate::forms::distant::Work;
+use crate::evaluate::inter_reflection::Outside;
+use crate::forms::sampled_scene::GROUP;
+use crate::progress::Progress;
+use crate::transport::interreflection::{InterReflection, Rays};
+use crate::transport::many_lights::{IrradianceRows, RadiosityRows};
+
+/// Order of the harmonics at most.
+const ORDER: usize = 6;
+
+/// It, as a matrix over the samples.
+pub(super) struct Returned {
+    matrix: InterReflection,
+    times: u32,
+}
+
+impl Returned {
+    /// If it is asked for.
+    pub(super) fn new(work: &Work, progress: &dyn Progress) -> Option<Self> {
+        let Outside { times, rays } = work.plan.outside?;
+        let sampled = work.sampled;
+        let etas: Vec<f64> = sampled.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
+        let matrix = InterReflection::new(&sampled.surface(), &etas, rays, progress);
+        Some(Self { matrix: matrix.of_receivers(&sampled.receivers.of_vertex), times })
+    }
+
+    /// Adds what comes back to the radiosities `[point][channel][harmonic]` of some receivers, in ascending order, which rows of
+    /// irradiance gave.
+    pub(super) fn add(
+        &self,
+        work: &Work,
+        rows: &IrradianceRows,
+        points: &[u32],
+        values: &mut [f32],
+        progress: &dyn Progress,
+    ) {
+        let functions = (ORDER * ORDER).min(rows.lights);
+        let low = rows.values.chunks_exact(rows.lights.max(1)).flat_map(|row| &row[..functions]).copied().collect();
+        let mut last = work.transfer.radiosity(&IrradianceRows { lights: functions, values: low }, progress);
+        let receivers = work.sampled.receivers.only(points, GROUP);
+        let areas = vec![1.0; receivers.len()];
+        let some = work.transfer.towards(&receivers, &areas);
+        for time in 1..=self.times {
+            let irradiance = self.matrix.apply_rows(&last.values, 3 * functions);
+            let mut next = RadiosityRows { lights: functions, values: vec![0.0; last.values.len()] };
+            for channel in 0..3 {
+                let of_sample = irradiance.chunks_exact((3 * functions).max(1));
+                let own = of_sample.flat_map(|row| &row[channel * functions..(channel + 1) * functions]);
+                let own = IrradianceRows { lights: functions, values: own.copied().collect() };
+                let found = some.radiosity(&own, progress);
+                for (row, out) in values.chunks_exact_mut((3 * rows.lights).max(1)).enumerate() {
+                    let found = &found.of(row)[channel * functions..(channel + 1) * functions];
+                    out[channel * rows.lights..].iter_mut().zip(found).for_each(|(sum, v)| *sum += v);
+                }
+                if time < self.times {
+                    let found = work.transfer.radiosity(&own, progress);
+                    let size = (3 * functions).max(1);
+                    for (out, found) in next.values.chunks_exact_mut(size).zip(found.values.chunks_exact(size)) {
+                        let own = channel * functions..(channel + 1) * functions;
+                        out[own.clone()].copy_from_slice(&found[own]);
+                    }
+                }
+            }
+            last = next;
+        }
+    }
+
+    /// Radiosity of every receiver under an irradiance of the samples, with what comes back.
+    pub(super) fn under(&self, work: &Work, irradiance: &[DVec3]) -> Vec<DVec3> {
+        let mut last = work.transfer.under(irradiance);
+        let mut all = last.clone();
+        for _ in 0..self.times {
+            last = work.transfer.under(&self.matrix.apply(&last, Rays::All));
+            all.iter_mut().zip(&last).for_each(|(sum, b)| *sum += *b);
+        }
+        all
+    }
+}
+
+/// As [`Returned::under`], or without it.
+pub(super) fn radiosity(work: &Work, returned: Option<&Returned>, irradiance: &[DVec3]) -> Vec<DVec3> {
+    returned.map_or_else(|| work.transfer.under(irradiance), |returned| returned.under(work, irradiance))
+}

@@ -1,0 +1,169 @@
+//! Transport before it is coded: radiosity of every vertex under each spherical harmonic of the light. What each step of the coding
+//! saves, and what it costs in error, is measured on it; a bake codes the same numbers at reference points.
+
+use glam::DVec3;
+use translux_format::quantised_lights::Set;
+
+use super::bake::{coded, coding_error, everywhere};
+use super::settings::Harmonics;
+use crate::forms::distant::with_work;
+use crate::compress::prediction::Net;
+use crate::error::Result;
+use crate::evaluate::BakeSettings;
+use crate::geometry::scattered::OrientedPoint;
+use crate::forms::projected::references::weights;
+use crate::forms::sampled_scene::{GROUP, oriented, parts};
+use crate::progress::Progress;
+use crate::transport::interpolation::SharedWeights;
+use crate::transport::receivers::Receivers;
+use crate::transport::scene::Scene;
+
+/// Radiosity of every point of a scene under the harmonics of an order.
+pub struct Uncoded {
+    /// The vertices that radiosity is transferred to, those in one place together, neighbours near each other.
+    pub points: Vec<OrientedPoint>,
+    /// Order n: n^2 harmonics.
+    pub order: usize,
+    /// `[point][channel][harmonic]`.
+    pub values: Vec<f32>,
+    receivers: Receivers,
+}
+
+impl Uncoded {
+    /// What a bake with these settings computes, at every vertex.
+    ///
+    /// # Errors
+    /// Those of a bake.
+    pub fn new(
+        scene: &Scene,
+        form: &Harmonics,
+        settings: &BakeSettings,
+        progress: &dyn Progress,
+    ) -> Result<Self> {
+        let (order, values) = with_work((scene, settings, &form.0), progress, |work, _, _| everywhere(work, progress))?;
+        let receivers = Receivers::new(&scene.mesh, &scene.parts, GROUP);
+        Ok(Self { points: oriented(scene, &receivers), order, values, receivers })
+    }
+
+    /// Reference points at a spacing, coarse to fine, as a bake takes them; all points where it is small.
+    pub fn net(&self, spacing_mm: f64) -> Net {
+        Net::new(&self.points, &parts(&self.receivers), spacing_mm)
+    }
+
+    /// Numbers of one point.
+    pub fn row(&self, point: u32) -> &[f32] {
+        let size = 3 * self.order * self.order;
+        self.values.get(point as usize * size..(point as usize + 1) * size).unwrap_or(&[])
+    }
+
+    /// The RMS error over that of the rows, in units of channels and harmonics, that a bake allows its coding which is asked for an
+    /// error of `max_rms`.
+    pub fn coding_error(max_rms: f64) -> f64 {
+        coding_error(max_rms)
+    }
+
+    /// The points of a net, coded as a bake codes them that is asked for an error of `max_rms`.
+    ///
+    /// # Errors
+    /// Numbers that have no principal components, or more than a format holds.
+    pub fn coded(&self, net: &Net, max_rms: f64) -> Result<Set> {
+        let values: Vec<f32> = net.point.iter().flat_map(|&point| self.row(point)).copied().collect();
+        coded(&values, self.order, net, coding_error(max_rms))
+    }
+
+    /// Radiosity of every source vertex from that of the points of a net (RGB and nothing, in the order of its rows), none negative:
+    /// interpolated as an evaluator does it, unless the net has all points.
+    pub fn at_vertices(&self, net: &Net, spacing_mm: f64, values: &[[f32; 4]]) -> Vec<DVec3> {
+        let mut rows: Vec<usize> = (0..net.point.len()).collect();
+        rows.sort_unstable_by_key(|&row| net.point[row]);
+        let chosen: Vec<u32> = rows.iter().map(|&row| net.point[row]).collect();
+        let sorted: Vec<[f32; 4]> = rows.iter().map(|&row| values.get(row).copied().unwrap_or_default()).collect();
+        if sorted.len() == self.points.len() {
+            let clamped: Vec<[f32; 4]> = sorted.iter().map(|value| value.map(|v| v.max(0.0))).collect();
+            return self.receivers.expand_rgb(&clamped, 1.0);
+        }
+        let mut gathered = Vec::new();
+        SharedWeights::new(&weights(&chosen, &self.points, &self.receivers, spacing_mm)).apply(&sorted, &mut gathered);
+        self.receivers.expand_rgb(&gathered, 1.0)
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::evaluate::Probes;
+    use crate::geometry::mesh::{Mesh, Placement};
+    use crate::geometry::part_table::PartTable;
+    use crate::geometry::shapes::icosphere;
+    use crate::light::Light;
+    use crate::light::harmonics::coefficients;
+    use crate::medium::material::preset;
+    use crate::methods::all_frequency::AllFrequency;
+    use crate::methods::{bake, settings::resolve};
+    use crate::progress::Silent;
+    use crate::transport::scene::Medium;
+
+    const MAX_RMS: f64 = 0.02;
+
+    fn scene() -> Scene {
+        let mesh = Mesh::from_source(icosphere(5.0, 3), &Placement { mm_per_unit: 1.0 }).unwrap().0;
+        let parts = PartTable::new(&mesh, vec![0; mesh.triangles.len()], vec![("body".into(), Some(0))]);
+        let properties = preset("marble").unwrap().properties();
+        Scene { mesh, parts, media: vec![Medium { name: "marble".into(), properties }] }
+    }
+
+    fn settings(set: &[(&str, &str)]) -> BakeSettings {
+        let given: Vec<(String, String)> = set.iter().map(|(k, v)| ((*k).to_owned(), (*v).to_owned())).collect();
+        let sun = |from| Light::Directional { from, irradiance: DVec3::ONE };
+        let tuning = [DVec3::X, DVec3::Y, DVec3::NEG_Z].map(sun).into();
+        BakeSettings {
+            samples: Some(4096),
+            max_rms: MAX_RMS,
+            probes: Probes { tuning, unseen: Vec::new() },
+            ..BakeSettings::new(&AllFrequency, resolve(&AllFrequency, &given).unwrap())
+        }
+    }
+
+    #[test]
+    fn it_is_what_a_bake_codes() {
+        let (scene, settings) = (scene(), settings(&[("coefficients", "16"), ("spacing", "1.5")]));
+        let uncoded = Uncoded::new(&scene, &settings, &Silent).unwrap();
+        assert_eq!((uncoded.order, uncoded.points.len()), (4, scene.mesh.local_mm.len()));
+        let asset = bake(&AllFrequency, scene.clone(), &settings, Default::default(), &Silent).unwrap();
+        let mut evaluator = crate::methods::named("all_frequency").unwrap().open(Arc::new(asset)).unwrap();
+        let net = uncoded.net(1.5);
+        assert!(net.point.len() < uncoded.points.len() / 2, "{}", net.point.len());
+        for light in [Light::Constant { radiance: DVec3::ONE }, settings.probes.tuning[0].clone()] {
+            evaluator.set_lights(vec![light.clone()], &Silent).unwrap();
+            let baked = evaluator.radiosity(&Silent).unwrap();
+            let vector = coefficients(&light, uncoded.order).unwrap();
+            let of_point = |&point: &u32| {
+                let channel = |c: usize| -> f64 {
+                    uncoded.row(point)[16 * c..].iter().zip(&vector).map(|(v, w)| f64::from(*v) * w[c]).sum()
+                };
+                [channel(0) as f32, channel(1) as f32, channel(2) as f32, 0.0]
+            };
+            let every = Net::unpredicted(uncoded.points.len());
+            for (net, spacing_mm) in [(&net, 1.5), (&every, 1.0)] {
+                let values: Vec<[f32; 4]> = net.point.iter().map(of_point).collect();
+                let found = uncoded.at_vertices(net, spacing_mm, &values);
+                let largest = found.iter().map(|v| v.max_element()).fold(0.0, f64::max);
+                for (a, b) in found.iter().zip(&baked) {
+                    assert!((*a - *b).abs().max_element() < 2.0 * MAX_RMS * largest, "{a} {b}");
+                }
+            }
+        }
+        let coded = uncoded.coded(&net, MAX_RMS).unwrap();
+        let finer = uncoded.coded(&net, 0.25 * MAX_RMS).unwrap();
+        assert!(finer.coefficients.len() > coded.coefficients.len());
+    }
+
+    #[test]
+    fn rows_of_wavelets_are_refused() {
+        let refused = Uncoded::new(&scene(), &settings(&[("basis", "haar")]), &Silent);
+        assert!(refused.err().unwrap().message().contains("basis=sh"));
+    }
+}

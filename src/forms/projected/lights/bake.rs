@@ -1,0 +1,241 @@
+//! What `quantized_lights` precomputes: radiosity at reference points under every light of the set, coded.
+
+use std::borrow::Cow;
+
+use glam::DVec3;
+use translux_format::quantised_lights::{QuantisedLights as File, tags};
+
+use super::lights::{LightSet, light_net, light_spacing};
+use super::sections;
+use super::seen::radiosity_of_set;
+use super::settings::{LightSetSettings, QuantisedLights};
+use crate::compress::ledger::Ledger;
+use crate::compress::prediction::Net;
+use crate::error::Result;
+use crate::evaluate::{AssetParts, BakeSettings};
+use crate::light::Light;
+use crate::math::statistics::{VertexError, vertex_error};
+use crate::forms::baked_in::relative;
+use crate::forms::projected::coding::{Radiosities, code};
+use crate::forms::projected::references::{in_ascending_order, spacing, spacing_of, spatial_error};
+use crate::forms::density;
+use crate::forms::sampled_scene::{GROUP, SampledScene, parts};
+use crate::progress::{Progress, Silent};
+use crate::transport::gather::NearField;
+use crate::transport::many_lights::ManyLights;
+use crate::transport::scene::Scene;
+
+/// Shares of the asked error: what is left of its square goes to the interpolation between lights.
+const SPATIAL: f64 = 0.42;
+const CODED: f64 = 0.45;
+const HIERARCHY: f64 = 0.1;
+const BETWEEN_LIGHTS: f64 = 0.65;
+
+/// Directions of the first set, from whose error the number is chosen, and at most.
+const FIRST_SET: usize = 200;
+const LARGEST_SET: usize = 1600;
+
+/// Reference points, the coarsest ones, that it is measured at.
+const FIRST_POINTS: usize = 1024;
+
+/// The interpolation's error falls with this power of the number of directions (measured on closed bunny and horse).
+const ORDER: f64 = 0.7;
+
+/// Lights that choices look at.
+pub(crate) const TUNING: usize = 20;
+
+pub(super) fn memory(form: &QuantisedLights, scene: &Scene, settings: &BakeSettings) -> u64 {
+    let directions = form.lights.directions.unwrap_or(LARGEST_SET) as u64;
+    let shells = form.lights.shells as u64 + 1;
+    let (samples, lights) = (form.density.count(scene, settings.samples) as u64, directions * shells);
+    // Radiosities of each reference point, twice; about a quarter of the vertices at most.
+    let references = scene.mesh.local_mm.len() as u64 / 4 + 256;
+    // Visibility, irradiance and flux of a run of lights; the products of lights and of their functions.
+    density::memory(samples as usize, scene)
+        + references * 3 * 4 * 2 * lights
+        + samples * (lights / 8 + 128 * 4 * 3)
+        + 8 * 4 * directions * directions
+}
+
+pub(super) fn bake(
+    form: &QuantisedLights,
+    scene: &Scene,
+    settings: &BakeSettings,
+    progress: &dyn Progress,
+) -> Result<AssetParts> {
+    progress.start("samples", 0);
+    let sampled = SampledScene::new(scene, form.density.count(scene, settings.samples));
+    progress.finish();
+    sampled.with_transfer(NearField::for_error(settings.max_rms), |mut transfer| {
+        let tuning = chosen(&settings.probes.tuning, TUNING);
+        progress.start("tuning", tuning.len() as u64);
+        let rows = sampled.irradiance(&tuning)?;
+        let hierarchy = transfer.tune(HIERARCHY * settings.max_rms, &rows);
+        let truth = transfer.radiosity(&rows, &Silent);
+        let truth: Vec<Vec<DVec3>> = (0..tuning.len()).map(|light| truth.under(light)).collect();
+        let spacing_mm = match (form.spacing.mm, form.spacing.references) {
+            (Some(spacing_mm), _) => spacing_mm,
+            (None, Some(count)) => spacing_of(&sampled, count),
+            (None, None) => spacing(&sampled, &truth, SPATIAL * settings.max_rms),
+        };
+        progress.finish();
+        let net = Net::new(&sampled.points, &parts(&sampled.receivers), spacing_mm);
+        let directions = match form.lights.directions {
+            Some(directions) => directions,
+            None => {
+                // Parallel light tells how many directions are needed, at some reference points.
+                let few = &net.point[..net.point.len().min(FIRST_POINTS)];
+                let first = LightSet::planned(scene, FIRST_SET, &LightSetSettings { shells: 0, ..form.lights })?;
+                let values = at_references(&sampled, &transfer, &first, few, progress)?;
+                let found = between_lights(&sampled, &first, few, &values, &tuning, &truth)?;
+                let factor = (found / (BETWEEN_LIGHTS * settings.max_rms)).powf(1.0 / ORDER);
+                ((FIRST_SET as f64 * factor).ceil() as usize).clamp(FIRST_SET / 4, LARGEST_SET)
+            }
+        };
+        let set = LightSet::planned(scene, directions, &form.lights)?;
+        let values = at_references(&sampled, &transfer, &set, &net.point, progress)?;
+        progress.start("coding", 0);
+        let shells = set.lights.shells.inverse().len();
+        let direction_spacing = light_spacing(&set.lights.directions);
+        let directions_net = light_net(&set.lights.directions, direction_spacing);
+        let count = set.lights.directions.count();
+        let mut file = File {
+            directions: count as u32,
+            shells: set.lights.shells.inverse().to_vec(),
+            spacing_mm,
+            direction_spacing,
+            samples: sampled.samples.len() as u32,
+            sets: Vec::new(),
+        };
+        // Parallel light is alone, so that who has no other does not pay for it.
+        for (tags, shells) in tags::SETS.into_iter().zip([0..1, 1..shells]) {
+            if !shells.is_empty() {
+                let own = of_shells(&values, set.lights.shells.inverse().len(), count, shells.clone());
+                let radiosities = Radiosities::new(own, shells.len(), count);
+                file.sets.push(code(&radiosities, &net, &directions_net, tags, CODED * settings.max_rms)?);
+            }
+        }
+        let sections = sections::write(&file)?;
+        progress.finish();
+        let mut ledger = Ledger::default();
+        ledger.add("hierarchy", hierarchy, "against all pairs, on vertices that no tuning saw");
+        measure(&sampled, &transfer, (&set, &net, &values, &file), &settings.probes.unseen, &mut ledger, progress)?;
+        Ok(AssetParts::without_samples(scene, ledger, sections))
+    })
+}
+
+/// Some lights spread over all.
+pub(crate) fn chosen(lights: &[Light], count: usize) -> Vec<Light> {
+    let white = |l: &&Light| matches!(l, Light::Directional { .. } | Light::Point { .. });
+    let all: Vec<&Light> = lights.iter().filter(white).collect();
+    all.iter().step_by(all.len().div_ceil(count).max(1)).map(|l| (*l).clone()).collect()
+}
+
+/// Radiosities `[point][channel][light]` of some receivers.
+fn at_references(
+    sampled: &SampledScene,
+    transfer: &ManyLights,
+    set: &LightSet,
+    points: &[u32],
+    progress: &dyn Progress,
+) -> Result<Vec<f32>> {
+    in_ascending_order(points, 3 * set.lights.count(), |ascending| {
+        let receivers = sampled.receivers.only(ascending, GROUP);
+        let areas = vec![1.0; receivers.len()];
+        let transfer = transfer.towards(&receivers, &areas);
+        radiosity_of_set(sampled, &transfer, &set.lights, receivers.len(), progress)
+    })
+}
+
+/// Radiosities of some shells of a set that has more.
+fn of_shells(values: &[f32], shells: usize, directions: usize, some: std::ops::Range<usize>) -> Cow<'_, [f32]> {
+    if some.len() == shells {
+        return Cow::Borrowed(values);
+    }
+    let planes = values.chunks_exact((shells * directions).max(1));
+    Cow::Owned(planes.flat_map(|plane| &plane[some.start * directions..some.end * directions]).copied().collect())
+}
+
+/// What interpolation between the lights of a set makes of each of some lights, at the rows of the net.
+fn interpolated(set: &LightSet, values: &[f32], lights: &[Light]) -> Result<Vec<Vec<DVec3>>> {
+    let count = set.lights.count();
+    let of_light = |light: &Light| -> Result<Vec<DVec3>> {
+        let vector = set.vector(std::slice::from_ref(light))?;
+        let of_row = |row: &[f32]| {
+            let sum = |c: usize| row[c * count..].iter().zip(&vector).map(|(v, w)| f64::from(*v) * w[c]).sum::<f64>();
+            DVec3::new(sum(0), sum(1), sum(2)).max(DVec3::ZERO)
+        };
+        Ok(values.chunks_exact(3 * count).map(of_row).collect())
+    };
+    lights.iter().map(of_light).collect()
+}
+
+/// Error of the interpolation between lights under the worst of those that are parallel.
+fn between_lights(
+    sampled: &SampledScene,
+    set: &LightSet,
+    points: &[u32],
+    values: &[f32],
+    lights: &[Light],
+    truth: &[Vec<DVec3>],
+) -> Result<f64> {
+    let areas: Vec<f64> = points.iter().map(|&i| sampled.areas[i as usize]).collect();
+    let mut worst = 0.0f64;
+    for (light, truth) in lights.iter().zip(truth) {
+        if matches!(light, Light::Directional { .. }) {
+            let expected: Vec<DVec3> = points.iter().map(|&i| truth[i as usize]).collect();
+            let found = interpolated(set, values, std::slice::from_ref(light))?;
+            worst = worst.max(relative(vertex_error(&found[0], &expected, &areas)).rms);
+        }
+    }
+    Ok(worst)
+}
+
+/// Enters what each sampled loses under lights that no choice saw.
+fn measure(
+    sampled: &SampledScene,
+    transfer: &ManyLights,
+    (set, net, values, file): (&LightSet, &Net, &[f32], &File),
+    unseen: &[Light],
+    ledger: &mut Ledger,
+    progress: &dyn Progress,
+) -> Result<()> {
+    let parallel = set.lights.shells.inverse().len() == 1;
+    let served = |l: &&Light| !(parallel && matches!(l, Light::Point { .. } | Light::Area { .. }));
+    let unseen: Vec<Light> = unseen.iter().filter(served).cloned().collect();
+    progress.start("errors", unseen.len() as u64);
+    let transport = sections::transport(file, sampled.scene, &sampled.receivers, set)?;
+    let surface = sampled.surface();
+    let etas: Vec<f64> = sampled.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
+    let areas: Vec<f64> = net.point.iter().map(|&i| sampled.areas[i as usize]).collect();
+    let mut errors = [VertexError::default(); 3];
+    for light in &unseen {
+        let one = std::slice::from_ref(light);
+        let illumination = crate::transport::irradiance::Illumination::new(&surface, one, &etas, sampled.sampling)?;
+        let truth = transfer.under(&illumination.all(&Silent));
+        let at_net: Vec<DVec3> = net.point.iter().map(|&i| truth[i as usize]).collect();
+        let between = interpolated(set, values, one)?.remove(0);
+        let stored = transport.at_references(&sections::light(&transport, set, one)?);
+        let mut order: Vec<u32> = (0..net.point.len() as u32).collect();
+        order.sort_unstable_by_key(|&row| net.point[row as usize]);
+        let mut coded = vec![DVec3::ZERO; stored.len()];
+        order.iter().zip(&stored).for_each(|(&row, value)| coded[row as usize] = *value);
+        let found = [
+            vertex_error(&between, &at_net, &areas),
+            spatial_error(sampled, net, file.spacing_mm, std::slice::from_ref(&truth)),
+            vertex_error(&coded, &between, &areas),
+        ];
+        errors.iter_mut().zip(found).for_each(|(worst, found)| *worst = worst.max(relative(found)));
+        progress.advance(1);
+    }
+    progress.finish();
+    let count = set.lights.directions.count();
+    ledger.add(
+        "lights",
+        errors[0],
+        format!("interpolation between {count} directions, under lights that no choice saw"),
+    );
+    ledger.add("reference points", errors[1], format!("interpolation from {} of them, as above", net.point.len()));
+    ledger.add("coding", errors[2], "basis of the lights and quantiser, as above");
+    Ok(())
+}

@@ -1,0 +1,37 @@
+//! How `quantized_lights` evaluates: lights become weights over what is stored, and radiosity is linear in these. Components:
+//! weights over the set become a vector over the columns, radiosity at a reference point is a dot product with it, and at a vertex
+//! a weighted sum over reference points.
+
+use super::lights::LightSet;
+use super::sections::{self, read};
+use super::settings::QuantisedLights;
+use crate::asset::Asset;
+use crate::error::Result;
+use crate::evaluate::Evaluator;
+use crate::light::Light;
+use crate::forms::baked_in::BakedIn;
+use crate::forms::projected::components::{Components, LightBasis, Lit, Transport};
+use crate::forms::sampled_scene::GROUP;
+use crate::transport::receivers::Receivers;
+
+/// An asset of components.
+pub(super) fn open(form: &QuantisedLights, asset: &Asset) -> Result<Box<dyn Evaluator>> {
+    let file = read(&asset.sections)?;
+    let scene = asset.scene.clone();
+    let receivers = Receivers::new(&scene.mesh, &scene.parts, GROUP);
+    let between = (form.lights.scheme, form.lights.blend);
+    let mut set = LightSet::new(&scene, file.directions as usize, file.shells.clone(), between)?;
+    let transport = sections::transport(&file, &scene, &receivers, &set)?;
+    // The basis has taken them in.
+    set.interpolator.forget_weights();
+    let components = Components { basis: set, transport };
+    BakedIn::boxed(scene, receivers, file.samples as usize, components)
+}
+
+impl LightBasis for LightSet {
+    const STAGE: &'static str = "quantised lights";
+
+    fn lit(&self, transport: &Transport, lights: &[Light]) -> Result<Lit> {
+        sections::light(transport, self, lights)
+    }
+}

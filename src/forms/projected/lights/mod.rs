@@ -1,0 +1,14 @@
+//! `quantised_lights`: radiosity under a quantised set of lights at reference points; any light is interpolated from the set (Hao &
+//! Varshney 2004).
+
+mod bake;
+mod evaluate;
+mod lights;
+mod sections;
+mod seen;
+mod settings;
+
+pub(crate) use bake::{TUNING, chosen};
+pub(crate) use lights::LightSet;
+pub(crate) use seen::{Seen, irradiance_of_seen, neighbours, radiosity_of_set};
+pub use settings::{LightSetSettings, MOST_DIRECTIONS, MOST_SHELLS, QuantisedLights};

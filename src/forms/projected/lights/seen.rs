@@ -1,0 +1,173 @@
+//! Which lights of a set the samples see, and radiosity under all of them.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::lights::SIDE;
+use crate::error::Result;
+use crate::geometry::cluster;
+use crate::light::Light;
+use crate::light::quantised::directions::DirectionSet;
+use crate::light::quantised::distances::QuantisedLights;
+use crate::math::cube_map::texel_of;
+use crate::medium::fresnel;
+use crate::forms::sampled_scene::SampledScene;
+use crate::progress::{Progress, Silent};
+use crate::transport::many_lights::{IrradianceRows, ManyLights};
+use crate::transport::visibility::{self, Observer, Occluders, Resolution, visit};
+
+/// Samples that look around together.
+const GROUP_OF_OBSERVERS: usize = 2 * visibility::GROUP;
+
+/// Lights that share their clusters.
+const NEIGHBOURS: usize = 128;
+
+/// Which lights of a set each sample sees: one bit each, `[sample][word]`.
+pub(crate) struct Seen {
+    observers: Vec<Observer>,
+    /// Where the lights are; what is nearer than something that casts shadows is not known here.
+    places: Vec<Place>,
+    words: usize,
+    bits: Vec<u64>,
+}
+
+/// A light of irradiance 1 at the centre of the scene.
+#[derive(Clone, Copy)]
+enum Place {
+    /// From the centre of a texel of a cube map, and the texel.
+    Direction(DVec3, usize),
+    /// Position relative to the mesh's origin, and its distance from the centre, mm; everything else is nearer to the centre.
+    Point(DVec3, f64),
+    /// Rays decide.
+    Near,
+}
+
+impl Seen {
+    /// Of parallel lights from the centres of texels of a cube map, and of points around the scene: what lies in their direction
+    /// is in front of them, and the texel decides whether there is something.
+    pub(crate) fn new(sampled: &SampledScene, lights: &QuantisedLights, progress: &dyn Progress) -> Self {
+        let mesh = &sampled.scene.mesh;
+        let centre = lights.shells.centre_mm() - mesh.origin_mm;
+        let farthest = mesh.local_mm.iter().map(|v| v.as_dvec3().distance(centre)).fold(0.0, f64::max);
+        let place = |index: usize| match lights.entry(index) {
+            Some(Light::Directional { from, .. }) => Place::Direction(from, texel_of(SIDE, from)),
+            Some(Light::Point { at_mm, .. }) => {
+                let at = at_mm - mesh.origin_mm;
+                let distance_mm = at.distance(centre);
+                if distance_mm > farthest { Place::Point(at, distance_mm) } else { Place::Near }
+            }
+            _ => Place::Near,
+        };
+        let places: Vec<Place> = (0..lights.count()).map(place).collect();
+        let (words, samples) = (places.len().div_ceil(64), sampled.samples.len());
+        let observers: Vec<Observer> =
+            (0..samples).into_par_iter().map(|i| Observer::of(mesh, sampled.samples.patch(i))).collect();
+        let occluders = Occluders::new(mesh);
+        let mut bits = vec![0u64; samples * words];
+        progress.start("visibility", samples as u64);
+        let chunks = observers.par_chunks(GROUP_OF_OBSERVERS);
+        bits.par_chunks_mut(GROUP_OF_OBSERVERS * words.max(1)).zip(chunks).for_each(|(bits, observers)| {
+            visit(&occluders, &sampled.bvh, observers, Resolution::Sub64, |i, visible| {
+                let Some(observer) = observers.get(i) else { return };
+                for (light, place) in places.iter().enumerate() {
+                    let (direction, texel) = match place {
+                        Place::Direction(direction, texel) => (*direction, Some(*texel)),
+                        Place::Point(at, _) => (*at - observer.eye.as_dvec3(), None),
+                        Place::Near => continue,
+                    };
+                    if observer.normal.dot(direction) > 0.0 {
+                        let texel = texel.unwrap_or_else(|| texel_of(SIDE, direction));
+                        let (face, x, y) = (texel / (SIDE * SIDE), texel % SIDE, texel / SIDE % SIDE);
+                        bits[i * words + light / 64] |=
+                            u64::from(visible.bit(&visible.seen, face, x, y)) << (light % 64);
+                    }
+                }
+            });
+            progress.advance(observers.len() as u64);
+        });
+        progress.finish();
+        Self { observers, places, words, bits }
+    }
+
+    /// Whether it knows all of some lights.
+    fn knows(&self, lights: &[u32]) -> bool {
+        lights.iter().all(|&l| !matches!(self.places.get(l as usize), Some(Place::Near) | None))
+    }
+
+    /// Irradiance that enters at a sample from one of the lights it knows.
+    fn irradiance(&self, sample: usize, light: u32, eta: f64) -> f64 {
+        if self.bits[sample * self.words + light as usize / 64] >> (light % 64) & 1 == 0 {
+            return 0.0;
+        }
+        let observer = &self.observers[sample];
+        let (direction, falloff) = match self.places[light as usize] {
+            Place::Direction(direction, _) => (direction, 1.0),
+            Place::Point(at, distance_mm) => {
+                let to_light = at - observer.eye.as_dvec3();
+                let squared = to_light.length_squared();
+                (to_light / squared.sqrt(), distance_mm * distance_mm / squared)
+            }
+            Place::Near => return 0.0,
+        };
+        let cosine = observer.normal.dot(direction).max(0.0);
+        falloff * fresnel::transmittance(eta, cosine) * cosine
+    }
+}
+
+/// Irradiance of every sample under lights of a set, by their indices, from what is known of visibility.
+pub(crate) fn irradiance_of_seen(sampled: &SampledScene, seen: &Seen, lights: &[u32]) -> IrradianceRows {
+    let count = lights.len();
+    let mut values = vec![0.0f32; sampled.samples.len() * count];
+    let eta_of_part = |part: usize| {
+        let medium = sampled.scene.parts.parts[part].medium.and_then(|m| sampled.scene.media.get(m as usize));
+        medium.map_or(1.0, |m| m.properties.eta_inside_over_outside)
+    };
+    values.par_chunks_mut(count.max(1)).enumerate().for_each(|(sample, row)| {
+        let part = sampled.samples.part_offsets.partition_point(|&p| p as usize <= sample).saturating_sub(1);
+        let eta = eta_of_part(part);
+        row.iter_mut().zip(lights).for_each(|(value, &light)| *value = seen.irradiance(sample, light, eta) as f32);
+    });
+    IrradianceRows { lights: count, values }
+}
+
+/// The lights of a set in runs of neighbours, indices of entries; all shells of some directions, since the tree is walked once
+/// for all of a run.
+pub(crate) fn neighbours(set: &DirectionSet, shells: usize) -> Vec<Vec<u32>> {
+    let count = set.count();
+    let mut order: Vec<u32> = (0..count as u32).collect();
+    let runs = cluster::groups(&mut order, set.directions(), (NEIGHBOURS / shells.max(1)).max(1));
+    let of_run = |run: &cluster::Run| {
+        let directions = &order[run.range()];
+        (0..shells).flat_map(|shell| directions.iter().map(move |i| (shell * count) as u32 + i)).collect()
+    };
+    runs.iter().map(of_run).collect()
+}
+
+/// Radiosity at receivers under lights of a set: `[receiver][channel][light]`.
+pub(crate) fn radiosity_of_set(
+    sampled: &SampledScene,
+    transfer: &ManyLights,
+    lights: &QuantisedLights,
+    receivers: usize,
+    progress: &dyn Progress,
+) -> Result<Vec<f32>> {
+    let count = lights.count();
+    let mut values = vec![0.0f32; receivers * 3 * count];
+    let seen = Seen::new(sampled, lights, progress);
+    progress.start("lights", count as u64);
+    for run in neighbours(&lights.directions, lights.shells.inverse().len()) {
+        let irradiance = if seen.knows(&run) {
+            irradiance_of_seen(sampled, &seen, &run)
+        } else {
+            let entries: Vec<Light> = run.iter().filter_map(|&i| lights.entry(i as usize)).collect();
+            sampled.irradiance(&entries)?
+        };
+        let rows = transfer.radiosity(&irradiance, &Silent);
+        for (out, row) in values.chunks_exact_mut(count).zip(rows.values.chunks_exact(run.len().max(1))) {
+            run.iter().zip(row).for_each(|(&light, value)| out[light as usize] = *value);
+        }
+        progress.advance(run.len() as u64);
+    }
+    progress.finish();
+    Ok(values)
+}

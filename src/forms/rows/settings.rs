@@ -1,0 +1,70 @@
+//! The settings of `rows`.
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+use translux_format::distant_transport::{DistantTransport};
+
+use super::bake::{of_sample, rows};
+use super::evaluate::Rows;
+use crate::asset::Asset;
+use crate::error::{Error, Result};
+use crate::evaluate::inter_reflection;
+use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Form};
+use crate::forms::baked_in::{BakedIn, Beside};
+use crate::forms::density;
+use crate::forms::distant::{Distant, KINDS, with_work};
+use crate::forms::sampled_scene::GROUP;
+use crate::forms::single_scattering;
+use crate::light::LightKind;
+use crate::progress::Progress;
+use crate::transport::receivers::Receivers;
+use crate::transport::scene::Scene;
+
+/// Transport of light from far away, as Haar coefficients of every vertex.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DirectionalRows(pub Distant);
+
+impl Form for DirectionalRows {
+    const NAME: &'static str = "rows";
+
+    fn validate(&self) -> Result<()> {
+        self.0.validate()
+    }
+
+    fn kinds(&self) -> &'static [LightKind] {
+        KINDS
+    }
+
+    fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {
+        let (samples, vertices) = (self.0.density.count(scene, settings.samples), scene.mesh.local_mm.len() as u64);
+        // Rows of samples, of nodes (half as many) with their copy, and of vertices.
+        let own = samples as u64 * 2 * of_sample(&self.0) as u64 * 6 + vertices * self.0.row as u64 * 5;
+        density::memory(samples, scene) + own + inter_reflection::memory(self.0.outside, samples, scene)
+    }
+
+    fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {
+        with_work((scene, settings, &self.0), progress, |work, _, mut ledger| {
+            let mut file = DistantTransport { samples: work.sampled.samples.len() as u32, ..Default::default() };
+            file.rows = Some(rows(work, &mut ledger, progress)?);
+            file.single = single_scattering::stored(work, None, &mut ledger, progress)?;
+            let sections = file.to_sections().map_err(|e| Error::runtime(format!("asset: {e}")))?;
+            Ok(AssetParts::without_samples(scene, ledger, sections))
+        })
+    }
+
+    fn open(&self, asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
+        let scene = asset.scene.clone();
+        let receivers = Receivers::new(&scene.mesh, &scene.parts, GROUP);
+        let file = DistantTransport::from_sections(&asset.sections, receivers.len())
+            .map_err(|e| Error::input(e.to_string()))?
+            .ok_or_else(|| Error::input("an asset without its transport (sections aft.*); bake it again"))?;
+        let Some(own) = &file.rows else {
+            return Err(Error::input("an asset without the rows that its settings speak of; bake it again"));
+        };
+        let single = single_scattering::opened(file.single.as_ref(), &self.0, &scene, &receivers)?;
+        let rows = Rows::new(own, self.0.transform)?;
+        let beside = Beside { single, outside: self.0.outside };
+        BakedIn::with(scene, receivers, file.samples as usize, rows, beside)
+    }
+}

@@ -1,0 +1,334 @@
+//! Light that is scattered once, at run time: looked up in harmonics or rows of the light, or by rays.
+
+use glam::DVec3;
+use rayon::prelude::*;
+use translux_format::distant_transport::{Single as File, tags};
+
+use super::phase::resolved;
+use crate::forms::distant::{Distant, Single, Terms};
+use crate::forms::projected::harmonics::{HarmonicBasis, components};
+use crate::forms::rows::Rows;
+use crate::compress::ledger::Ledger;
+use crate::error::{Error, Result};
+use crate::evaluate::SingleScattering;
+use crate::evaluate::sampling_error::receiver_areas;
+use crate::evaluate::single_scattering::{LitScene, Scattering, SeenPoint, TowardsEye, Traced};
+use crate::light::Light;
+use crate::math::statistics::{VertexError, vertex_error};
+use crate::medium::fresnel::transmittance;
+use crate::medium::phase::LegendrePhase;
+use crate::forms::baked_in::{MeanCosine, Single as InAsset, Stored, StoredSingle, relative};
+use crate::forms::projected::components::{Components, Weighted};
+use crate::forms::distant::Integrand;
+use crate::transport::receivers::Receivers;
+use crate::transport::scene::Scene;
+use crate::transport::single_scattering::radiance::{self, Path, Settings};
+use crate::transport::single_scattering::{Coefficients, ExitPoint, inside_towards, radiosity_factor, vertex_points};
+
+/// Places inside for each pixel, by rays.
+const PLACES: u32 = 128;
+
+/// The same for every vertex.
+const PLACES_OF_VERTICES: u32 = 32;
+
+/// Receivers that errors are measured on.
+const SOME: usize = 192;
+
+/// Terms of a phase function at most.
+const MOST_TERMS: usize = translux_format::distant_transport::MOST_TERMS as usize;
+
+/// What an asset has.
+pub(crate) fn opened(file: Option<&File>, plan: &Distant, scene: &Scene, receivers: &Receivers) -> Result<InAsset> {
+    let Some(File { terms, harmonics, rows }) = file else {
+        return Ok(match plan.single {
+            Single::Off => InAsset::None,
+            Single::Folded => InAsset::Folded(traced(Scattering::Isotropic, PLACES_OF_VERTICES, plan)),
+            Single::Isotropic | Single::Phase(Terms::Stored(_)) => {
+                return Err(Error::input("an asset without its sections afs.*; bake it again"));
+            }
+            Single::Phase(Terms::Auto | Terms::Rays) => {
+                InAsset::Beside(Box::new(ByRays(traced(Scattering::OfMedium, PLACES, plan))))
+            }
+        });
+    };
+    let phase = match resolved(plan.single, scene, f64::INFINITY) {
+        Single::Phase(_) => Phase::OfMedia,
+        Single::Off | Single::Isotropic | Single::Folded => Phase::Isotropic,
+    };
+    let values = match (harmonics, rows) {
+        (Some(harmonics), None) => {
+            let shells = *terms as usize;
+            Values::Harmonics(components(harmonics, (tags::SINGLE_SET, shells), scene, receivers)?, shells)
+        }
+        (None, Some(rows)) => Values::Rows(Rows::new(rows, plan.transform)?),
+        _ => return Err(Error::input("an asset that needs a later version of this program")),
+    };
+    Ok(InAsset::Beside(Box::new(LookedUp { values, phase, integrand: plan.integrand })))
+}
+
+fn traced(scattering: Scattering, samples: u32, plan: &Distant) -> Traced {
+    let Integrand { form, crossings } = plan.integrand;
+    Traced { form, crossings, ..Traced::new(scattering, samples) }
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Phase {
+    Isotropic,
+    OfMedia,
+}
+
+/// Stored transport.
+pub(super) enum Values {
+    /// Of so many terms.
+    Harmonics(Components<HarmonicBasis>, usize),
+    Rows(Rows),
+}
+
+/// What single scattering gives under some lights.
+pub(super) struct LitTerms {
+    /// `[term][receiver]`, RGB over the scale.
+    terms: Vec<Vec<[f32; 4]>>,
+    scale: f64,
+}
+
+impl Values {
+    pub(super) fn lit(&self, lights: &[Light]) -> Result<LitTerms> {
+        match self {
+            Self::Harmonics(Components { basis, transport }, terms) => {
+                let weights = basis.projected(lights)?;
+                let of_term = |term: usize| {
+                    let shell = |k: usize| if k == term { weights.clone() } else { Vec::new() };
+                    Weighted { shells: (0..*terms).map(shell).collect(), factors: Vec::new() }
+                };
+                let lit = transport.lit((0..*terms).map(of_term).collect())?;
+                Ok(LitTerms { terms: transport.of_parts(&lit), scale: lit.scale })
+            }
+            Self::Rows(rows) => {
+                let cube = rows.light(lights)?;
+                let mut sums = Vec::new();
+                rows.sums(&cube, &mut sums);
+                Ok(LitTerms { terms: vec![sums], scale: cube.scale })
+            }
+        }
+    }
+
+    fn bytes(&self) -> usize {
+        match self {
+            Self::Harmonics(components, _) => components.transport.bytes(),
+            Self::Rows(rows) => rows.bytes(),
+        }
+    }
+}
+
+impl LitTerms {
+    fn value(&self, term: usize, receiver: u32) -> DVec3 {
+        match self.terms.get(term).and_then(|values| values.get(receiver as usize)) {
+            Some(&[r, g, b, _]) => DVec3::new(r.into(), g.into(), b.into()) * self.scale,
+            None => DVec3::ZERO,
+        }
+    }
+}
+
+/// Looked up.
+struct LookedUp {
+    values: Values,
+    phase: Phase,
+    integrand: Integrand,
+}
+
+impl StoredSingle for LookedUp {
+    fn is(&self, _: &Scene) -> SingleScattering {
+        match self.phase {
+            Phase::Isotropic => SingleScattering::PerVertex,
+            Phase::OfMedia => SingleScattering::TowardsEye,
+        }
+    }
+
+    fn per_vertex(&self, lit: LitScene, receivers: &Receivers) -> Result<Option<Vec<DVec3>>> {
+        if self.phase == Phase::OfMedia {
+            return Ok(None);
+        }
+        let terms = rayon::scope(|_| self.values.lit(lit.lights))?;
+        Ok(Some(receivers.of_vertex.par_iter().map(|&r| terms.value(0, r).max(DVec3::ZERO)).collect()))
+    }
+
+    fn towards_eye<'a>(
+        &'a self,
+        lit: LitScene<'a>,
+        receivers: &'a Receivers,
+    ) -> Result<Option<Box<dyn TowardsEye + 'a>>> {
+        if self.phase == Phase::Isotropic {
+            return Ok(None);
+        }
+        Ok(Some(Box::new(LitFromOutside::new(self.values.lit(lit.lights)?, lit.scene, receivers))))
+    }
+
+    fn mean_cosine(&self) -> MeanCosine {
+        match self.phase {
+            Phase::Isotropic => MeanCosine::Stays,
+            Phase::OfMedia => MeanCosine::Free,
+        }
+    }
+
+    fn enter_error(&self, lit: LitScene, receivers: &Receivers, ledger: &mut Ledger) -> Result<()> {
+        let error = Probe::new(lit, receivers, self.integrand).error(&self.values, self.phase, lit.lights)?;
+        ledger.add(
+            "single scattering",
+            error,
+            "against rays along the inverse normal, relative to single scattering alone",
+        );
+        Ok(())
+    }
+
+    fn bytes(&self) -> usize {
+        self.values.bytes()
+    }
+}
+
+/// Terms under lights, for eyes.
+struct LitFromOutside<'a> {
+    terms: LitTerms,
+    scene: &'a Scene,
+    receivers: &'a Receivers,
+    /// For each medium: its phase function and `1 / (pi C)`.
+    phases: Vec<(LegendrePhase, f64)>,
+}
+
+impl<'a> LitFromOutside<'a> {
+    fn new(terms: LitTerms, scene: &'a Scene, receivers: &'a Receivers) -> Self {
+        let count = terms.terms.len().min(MOST_TERMS);
+        let of_medium = |m: &crate::transport::scene::Medium| {
+            let phase = LegendrePhase::henyey_greenstein(m.properties.g, count);
+            (phase, 1.0 / radiosity_factor(m.properties.eta_inside_over_outside))
+        };
+        Self { phases: scene.media.iter().map(of_medium).collect(), terms, scene, receivers }
+    }
+
+    /// `L1` towards an eye, where some receivers with their weights meet.
+    fn towards(&self, exit: &ExitPoint, to_eye: DVec3, corners: &[(u32, f64)]) -> DVec3 {
+        let medium = self.scene.parts.parts.get(exit.part as usize).and_then(|part| part.medium);
+        let Some(medium) = medium.map(|m| m as usize) else { return DVec3::ZERO };
+        let (Some(of), Some((phase, factor))) = (self.scene.media.get(medium), self.phases.get(medium)) else {
+            return DVec3::ZERO;
+        };
+        let eta = of.properties.eta_inside_over_outside;
+        let Some(inside) = inside_towards(eta, to_eye, exit) else { return DVec3::ZERO };
+        let mut view = [0.0; MOST_TERMS];
+        phase.view(inside, &mut view);
+        let sum: DVec3 = (0..self.terms.terms.len().min(MOST_TERMS))
+            .map(|k| view[k] * corners.iter().map(|&(receiver, w)| w * self.terms.value(k, receiver)).sum::<DVec3>())
+            .sum();
+        // A series of few terms is negative in places.
+        transmittance(eta, exit.normal.dot(to_eye)) * factor * sum.max(DVec3::ZERO)
+    }
+}
+
+impl TowardsEye for LitFromOutside<'_> {
+    fn radiance(&self, seen: &SeenPoint) -> DVec3 {
+        let Some(triangle) = self.scene.mesh.triangles.get(seen.triangle as usize) else { return DVec3::ZERO };
+        let receiver = |v: u32| self.receivers.of_vertex.get(v as usize).copied().unwrap_or(u32::MAX);
+        let corners = [0, 1, 2].map(|k| (receiver(triangle[k]), seen.weights[k]));
+        self.towards(&seen.exit, seen.to_eye, &corners)
+    }
+
+    fn paths_per_pixel(&self, _: u32) -> u64 {
+        0
+    }
+}
+
+/// Nothing is stored.
+struct ByRays(Traced);
+
+impl StoredSingle for ByRays {
+    fn is(&self, scene: &Scene) -> SingleScattering {
+        self.0.is(scene)
+    }
+
+    fn per_vertex(&self, lit: LitScene, _: &Receivers) -> Result<Option<Vec<DVec3>>> {
+        self.0.per_vertex(lit, &crate::progress::Silent)
+    }
+
+    fn towards_eye<'a>(&'a self, lit: LitScene<'a>, _: &'a Receivers) -> Result<Option<Box<dyn TowardsEye + 'a>>> {
+        self.0.towards_eye(lit).map(Some)
+    }
+
+    fn mean_cosine(&self) -> MeanCosine {
+        MeanCosine::Free
+    }
+
+    fn enter_error(&self, lit: LitScene, _: &Receivers, ledger: &mut Ledger) -> Result<()> {
+        self.0.enter_noise(lit, ledger)
+    }
+
+    fn bytes(&self) -> usize {
+        0
+    }
+}
+
+/// For each receiver, where light leaves: as [`vertex_points`] has it for its first vertex.
+pub(super) fn exits(scene: &Scene, receivers: &Receivers) -> Vec<ExitPoint> {
+    let nowhere = ExitPoint { part: u32::MAX, ..ExitPoint::default() };
+    let mut result = vec![nowhere; receivers.len()];
+    for (exit, &receiver) in vertex_points(scene).into_iter().zip(&receivers.of_vertex).rev() {
+        if let Some(slot) = result.get_mut(receiver as usize) {
+            *slot = exit;
+        }
+    }
+    result
+}
+
+/// Some receivers, for errors.
+pub(super) struct Probe<'a> {
+    lit: LitScene<'a>,
+    receivers: &'a Receivers,
+    some: Vec<u32>,
+    points: Vec<ExitPoint>,
+    areas: Vec<f64>,
+    integrand: Integrand,
+}
+
+impl<'a> Probe<'a> {
+    pub(super) fn new(lit: LitScene<'a>, receivers: &'a Receivers, integrand: Integrand) -> Self {
+        let exits = exits(lit.scene, receivers);
+        let all = receiver_areas(lit.scene, receivers);
+        let (_, some) = receivers.subset(SOME, 1);
+        let points = some.iter().filter_map(|&i| exits.get(i as usize)).copied().collect();
+        let areas = some.iter().filter_map(|&i| all.get(i as usize)).copied().collect();
+        Self { lit, receivers, some, points, areas, integrand }
+    }
+
+    /// Relative to single scattering: isotropic, or towards eyes half way to the horizon.
+    fn error(&self, values: &Values, phase: Phase, lights: &[Light]) -> Result<VertexError> {
+        let terms = values.lit(lights)?;
+        let coefficients = match phase {
+            Phase::Isotropic => Coefficients::Reduced,
+            Phase::OfMedia => Coefficients::Unreduced,
+        };
+        let Integrand { form, crossings } = self.integrand;
+        let settings = Settings { coefficients, form, crossings, ..Settings::REFERENCE };
+        let rays = radiance::SingleScattering::new(self.lit.scene, self.lit.bvh, lights, settings)?;
+        let aslant = |n: DVec3| (n + n.any_orthonormal_vector()).normalize_or_zero();
+        let points = || self.points.par_iter().zip(&self.some);
+        let (found, expected): (Vec<DVec3>, Vec<DVec3>) = match phase {
+            Phase::Isotropic => {
+                points().map(|(p, &r)| (terms.value(0, r).max(DVec3::ZERO), rays.per_point(p, r.into()))).unzip()
+            }
+            Phase::OfMedia => {
+                let seen = LitFromOutside::new(terms, self.lit.scene, self.receivers);
+                let of = |(p, &r): (&ExitPoint, &u32)| {
+                    let eye = aslant(p.normal);
+                    (seen.towards(p, eye, &[(r, 1.0)]), rays.radiance(p, eye, Path::InverseNormal, r.into()))
+                };
+                points().map(of).unzip()
+            }
+        };
+        Ok(relative(vertex_error(&found, &expected, &self.areas)))
+    }
+
+    /// The worst under some lights, each alone, of what a bake stores.
+    pub(super) fn worst(&self, values: &Values, single: Single, lights: &[Light]) -> Result<VertexError> {
+        let phase = if single == Single::Isotropic { Phase::Isotropic } else { Phase::OfMedia };
+        let of = |light: &Light| self.error(values, phase, std::slice::from_ref(light));
+        lights.iter().try_fold(VertexError::default(), |worst, light| Ok(worst.max(of(light)?)))
+    }
+}
