@@ -12,6 +12,7 @@ use crate::geometry::mesh::Mesh;
 use crate::geometry::part_table::{PartEntry, PartTable};
 use crate::geometry::samples::{Facet, Samples};
 use crate::geometry::source::CornerAttribute;
+use crate::import::{Origin, file::Input};
 use crate::io::atomic;
 use crate::math::statistics::VertexError;
 use crate::medium::material::OpticalProperties;
@@ -19,25 +20,6 @@ use crate::transport::scene::{Medium, Scene};
 
 /// Revision of the algorithms: raised whenever the same input gives other bytes.
 pub const ALGORITHM_REVISION: u32 = 1;
-
-/// A file that the asset was made from.
-#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
-pub struct Input {
-    /// File name without its folder.
-    pub name: String,
-    /// Its BLAKE3 hash, hexadecimal.
-    pub blake3: String,
-    /// Its length.
-    pub bytes: u64,
-}
-
-impl Input {
-    /// Hashes the bytes of a file.
-    pub fn of(path: &Path, bytes: &[u8]) -> Self {
-        let name = path.file_name().map_or_else(|| "-".to_owned(), |n| n.to_string_lossy().into_owned());
-        Self { name, blake3: blake3::hash(bytes).to_hex().to_string(), bytes: bytes.len() as u64 }
-    }
-}
 
 /// Where an asset comes from; nothing in it depends on when or where it was made.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -66,6 +48,14 @@ impl Default for Provenance {
             mm_per_source_unit: 1.0,
             notes: Vec::new(),
         }
+    }
+}
+
+impl From<Origin> for Provenance {
+    /// The origin of a scene that no method has baked yet.
+    fn from(origin: Origin) -> Self {
+        let Origin { inputs, source_unit, mm_per_source_unit, notes } = origin;
+        Self { inputs, source_unit, mm_per_source_unit, notes, ..Self::default() }
     }
 }
 

@@ -10,8 +10,8 @@
 //! # Layers
 //!
 //! Modules import downwards only, in this order:
-//! `error` < `progress` < `math` < `medium` < `geometry` < `light` < `io` < `compress` < `transport` < `asset`
-//! < `evaluate` < `methods` < `render` < `relight` < `measure` < `commands`. `tests/layers.rs` checks it.
+//! `error` < `progress` < `math` < `medium` < `geometry` < `light` < `io` < `compress` < `transport` < `import`
+//! < `asset` < `evaluate` < `methods` < `render` < `relight` < `measure` < `commands`. `tests/layers.rs` checks it.
 
 #![warn(clippy::exit, clippy::panic, clippy::print_stderr, clippy::print_stdout)]
 
@@ -63,6 +63,8 @@ pub mod io;
 pub mod compress;
 
 pub mod transport;
+
+pub mod import;
 
 pub mod asset;
 

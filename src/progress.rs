@@ -10,6 +10,14 @@ pub trait Progress: Sync {
     fn finish(&self);
 }
 
+/// Runs `work` as a stage without units.
+pub fn stage<T>(progress: &dyn Progress, name: &'static str, work: impl FnOnce() -> T) -> T {
+    progress.start(name, 0);
+    let result = work();
+    progress.finish();
+    result
+}
+
 /// Progress that nobody looks at.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Silent;

@@ -5,10 +5,10 @@ use std::collections::BTreeSet;
 use clap::Args;
 
 use super::console::Console;
-use super::model::Loaded;
 use crate::asset::Asset;
 use crate::error::{Error, Result};
 use crate::evaluate::{BakeSettings, Method};
+use crate::import::Imported;
 use crate::light::LightKind;
 use crate::measure::probes::for_bake;
 use crate::methods;
@@ -74,9 +74,14 @@ fn light_kinds(text: &str) -> Result<BTreeSet<LightKind>> {
     text.split(',').map(|name| kind(name.trim())).collect()
 }
 
-/// Bakes a loaded model; the memory is checked before.
-pub(super) fn bake(method: &dyn Method, loaded: Loaded, settings: &BakeSettings, console: &Console) -> Result<Asset> {
-    let Loaded { scene, provenance, .. } = loaded;
+/// Bakes an imported model; the memory is checked before.
+pub(super) fn bake(
+    method: &dyn Method,
+    imported: Imported,
+    settings: &BakeSettings,
+    console: &Console,
+) -> Result<Asset> {
+    let Imported { scene, origin, .. } = imported;
     let needed = method.bake_memory(&scene, settings);
     let advice = match largest_fit(method, &scene, settings, console.max_memory) {
         Some(fitting) => format!("--samples {fitting} would fit, or raise --max-memory"),
@@ -84,7 +89,7 @@ pub(super) fn bake(method: &dyn Method, loaded: Loaded, settings: &BakeSettings,
     };
     console.check_memory(needed, &advice)?;
     let settings = BakeSettings { probes: for_bake(&scene.mesh), ..settings.clone() };
-    methods::bake(method, scene, &settings, provenance, console)
+    methods::bake(method, scene, &settings, origin.into(), console)
 }
 
 /// The largest number of samples that the memory limit allows, as a power of two.

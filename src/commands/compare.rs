@@ -11,6 +11,7 @@ use super::console::{Console, Format, percent};
 use super::evaluate::SINGLE_INCLUDED;
 use super::{output, report};
 use crate::error::{Error, ExitCode, Result};
+use crate::import::file::suffix;
 use crate::io::exr::{ExrPlane, read_exr_channels};
 use crate::io::ply::{PlyVertexTable, read_ply};
 use crate::math::statistics::{VertexError, vertex_error};
@@ -96,7 +97,7 @@ struct CompareReport {
 
 pub(super) fn run(args: &CompareArgs, console: &Console) -> Result<ExitCode> {
     let threshold = args.fail_above.as_deref().map(threshold).transpose()?;
-    let suffixes = (output::suffix(&args.a), output::suffix(&args.b));
+    let suffixes = (suffix(&args.a), suffix(&args.b));
     let mut result = CompareReport {
         a: args.a.clone(),
         b: args.b.clone(),

@@ -8,7 +8,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::Global;
 use crate::error::{Error, Result};
-use crate::progress::Progress;
+use crate::progress::{Progress, stage};
 
 /// Time that a stage took.
 #[derive(Clone, Debug, serde::Serialize)]
@@ -104,10 +104,7 @@ impl Console {
 
     /// Runs `work` as a named stage without units.
     pub(super) fn stage<T>(&self, name: &'static str, work: impl FnOnce() -> T) -> T {
-        self.start(name, 0);
-        let result = work();
-        self.finish();
-        result
+        stage(self, name, work)
     }
 
     /// Times of the stages so far; a stage that ran several times has one entry with the sum.

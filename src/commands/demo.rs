@@ -11,7 +11,7 @@ use super::baking;
 use super::console::{Console, Format, Verbosity, duration, megabytes, percent};
 use super::lights::LightArgs;
 use super::media::MediumReport;
-use super::model::{self, Prepare};
+use super::model;
 use super::render::{self, PictureArgs, RenderReport};
 use super::{inspect, output, report};
 use crate::asset::Asset;
@@ -19,8 +19,9 @@ use crate::compress::ledger::Ledger;
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::{BakeSettings, Evaluator};
 use crate::geometry::mesh::Scale;
-use crate::geometry::parts::{MaterialRoles, PartsRule};
 use crate::geometry::shapes;
+use crate::import::materials::MaterialChoice;
+use crate::import::{ImportOptions, Source};
 use crate::io::atomic;
 use crate::measure::probes::unseen;
 use crate::medium::material::Material;
@@ -29,7 +30,7 @@ use crate::methods::settings::resolve;
 use crate::render::camera::Resolution;
 use crate::render::film::{PngBackground, side_by_side, to_png};
 use crate::render::frame::Frame;
-use crate::transport::scene::{Medium, Scene};
+use crate::transport::scene::Scene;
 
 #[derive(Clone, Debug, Args)]
 pub(super) struct DemoArgs {
@@ -128,30 +129,20 @@ fn bake(console: &Console) -> Result<Vec<u8>> {
     let method = methods::named(METHOD)?;
     let defaults = BakeSettings::new(method, resolve(method, &[])?);
     let settings = BakeSettings { samples: Some(SAMPLES), ..defaults };
-    let source = console.stage("model", shapes::demo_model);
-    let loaded = model::prepare(
-        Prepare {
-            scale: Some(Scale::DiagonalMm(SIZE_MM)),
-            unit: "built-in model",
-            roles: MaterialRoles::single(source.materials.len()),
-            media: vec![medium(MATERIALS[0])?],
-            rule: PartsRule::Auto,
-            inputs: Vec::new(),
-        },
-        source,
-        console,
-    )?;
-    baking::bake(method, loaded, &settings, console)?.to_bytes()
-}
-
-fn medium(name: &str) -> Result<Medium> {
-    let Material { name, properties } = Material::from_argument(name)?;
-    Ok(Medium { name, properties })
+    let model = console.stage("model", shapes::demo_model);
+    let options = ImportOptions {
+        scale: Some(Scale::DiagonalMm(SIZE_MM)),
+        materials: MaterialChoice::plain(MATERIALS[0]),
+        ..ImportOptions::default()
+    };
+    let mut imported = model::import(Source { model, inputs: Vec::new() }, &options, console)?;
+    imported.origin.source_unit = "built-in model".to_owned();
+    baking::bake(method, imported, &settings, console)?.to_bytes()
 }
 
 /// Pictures of one material, and how right they are.
 fn show(evaluator: &mut dyn Evaluator, name: &str, folder: &Path, console: &Console) -> Result<(Shown, Frame)> {
-    evaluator.set_media(vec![medium(name)?])?;
+    evaluator.set_media(vec![Material::from_argument(name)?.into()])?;
     let lights = LightArgs { light: LIGHTS.map(str::to_owned).into() }.load(console)?;
     let files = ["png", "exr"].map(|suffix| folder.join(format!("{name}.{suffix}")));
     let picture = PictureArgs::at(CAMERA.parse()?, Resolution::new(SIDES[0], SIDES[1])?);

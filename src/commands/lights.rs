@@ -3,8 +3,8 @@
 use clap::Args;
 
 use super::console::Console;
-use crate::asset::Input;
-use crate::error::{Error, Result};
+use crate::error::Result;
+use crate::import::file::Input;
 use crate::io::environment::load_light;
 use crate::light::Light;
 use crate::light::parse::{LightSpec, MapSource, examples, parse};
@@ -47,8 +47,7 @@ impl LightArgs {
             loaded.warnings.iter().for_each(|w| console.warn(w));
             resolved.lights.push(loaded.value);
             if let LightSpec::Environment { source: MapSource::File(path), .. } = spec {
-                let bytes = std::fs::read(path).map_err(|e| Error::io(path, &e))?;
-                resolved.inputs.push(Input::of(path, &bytes));
+                resolved.inputs.push(Input::read(path)?);
             }
             resolved.text.push(spec.to_string());
         }

@@ -1,21 +1,16 @@
-//! A model with its size, parts and media: the arguments that every command with a MODEL takes, and what they resolve to.
+//! A model with its size, parts and media: the arguments that every command with a MODEL takes, and the import that they ask for.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use glam::DVec3;
 
-use super::console::{Console, Verbosity, significant};
+use super::console::{Console, significant};
 use super::media::MediumArgs;
-use crate::asset::{Input, Provenance};
-use crate::error::{Error, Result};
-use crate::geometry::check::{self, MeanFreePath, MeshCheck};
-use crate::geometry::mesh::{Mesh, Scale, UpAxis, resolve_scale, skip_materials};
-use crate::geometry::part_table::PartTable;
-use crate::geometry::parts::{Analysis, MaterialRoles, PartsRule};
-use crate::geometry::source::SourceModel;
-use crate::io;
-use crate::transport::scene::{Medium, Scene};
+use crate::error::Result;
+use crate::geometry::mesh::{Scale, UpAxis};
+use crate::geometry::parts::PartsRule;
+use crate::import::{ImportOptions, Imported, Source};
 
 /// A model and what it is made of.
 #[derive(Clone, Debug, Args)]
@@ -80,114 +75,27 @@ enum PartsChoice {
     Joined,
 }
 
-/// A model ready to bake.
-pub(super) struct Loaded {
-    pub(super) scene: Scene,
-    pub(super) provenance: Provenance,
-    pub(super) check: MeshCheck,
-}
-
 impl ModelArgs {
     /// Reads the model and resolves its size, parts and media; says what a user must know on standard error.
-    pub(super) fn load(&self, console: &Console) -> Result<Loaded> {
-        let source = console.stage("import", || read_model(&self.model))?;
-        let inputs = hashed(files_of(&self.model)?.into_iter().chain(self.media.files()))?;
-        self.prepare(source, inputs, console).map_err(|e| e.at(self.model.display()))
+    pub(super) fn load(&self, console: &Console) -> Result<Imported> {
+        let options = self.placement.options(&self.media);
+        let source = Source::read(&self.model, &options.materials, console)?;
+        import(source, &options, console).map_err(|e| e.at(self.model.display()))
     }
-
-    /// The same from a model in memory.
-    fn prepare(&self, mut source: SourceModel, inputs: Vec<Input>, console: &Console) -> Result<Loaded> {
-        for warning in std::mem::take(&mut source.warnings) {
-            console.warn(&warning);
-        }
-        skip_materials(&mut source, &self.placement.skip)?;
-        let scale = self.placement.scale();
-        let unit = match scale {
-            Some(Scale::MillimetresPerUnit(mm)) => format!("--unit, {mm} mm"),
-            Some(Scale::DiagonalMm(mm)) => format!("--size-mm {mm}"),
-            Some(Scale::HeightMm(mm, axis)) => format!("--height-mm {mm} along {axis:?}"),
-            None => "the file's".to_owned(),
-        };
-        let opaque = &self.placement.opaque;
-        let rest = self.media.resolve(&source.materials, &translucent(&source, opaque))?;
-        let roles = MaterialRoles::resolve(&source.materials, &rest.by_name, rest.rest, opaque)?;
-        let rule = self.placement.parts.rule();
-        prepare(Prepare { scale, unit: &unit, roles, media: rest.media, rule, inputs }, source, console)
-    }
-}
-
-/// What turns a source into a scene.
-pub(super) struct Prepare<'a> {
-    pub(super) scale: Option<Scale>,
-    /// How the unit was fixed, for the provenance.
-    pub(super) unit: &'a str,
-    pub(super) roles: MaterialRoles,
-    pub(super) media: Vec<Medium>,
-    pub(super) rule: PartsRule,
-    pub(super) inputs: Vec<Input>,
-}
-
-/// Names of the materials that triangles have, the opaque ones left out.
-fn translucent<'a>(source: &'a SourceModel, opaque: &[String]) -> Vec<&'a str> {
-    let mut used = vec![false; source.materials.len()];
-    for &material in &source.triangle_material {
-        if let Some(used) = used.get_mut(material as usize) {
-            *used = true;
-        }
-    }
-    let names = source.materials.iter().zip(used).filter(|(name, used)| *used && !opaque.contains(name));
-    names.map(|(name, _)| name.as_str()).collect()
 }
 
 /// From a source to a scene, with everything that a user must be told.
-pub(super) fn prepare(how: Prepare, source: SourceModel, console: &Console) -> Result<Loaded> {
-    let Prepare { scale, unit, roles, media, rule, inputs } = how;
-    let placement = resolve_scale(&source, scale)?;
-    let (scene, check, notes) = console.stage("mesh", || -> Result<_> {
-        let (mut mesh, mut repairs) = Mesh::from_source(source, &placement)?;
-        let analysis = Analysis::new(&mut mesh, &roles, rule, &mut repairs);
-        let free_paths: Vec<MeanFreePath> = media.iter().map(free_path).collect();
-        let check = check::check(&mesh, &analysis, &repairs, Some(&free_paths));
-        let mut notes = repairs.lines();
-        notes.push(analysis.parts.description());
-        let parts = PartTable::of(&mesh, &analysis.parts);
-        Ok((Scene { mesh, parts, media }, check, notes))
-    })?;
-    if let Some(choice) = notes.last().filter(|_| check.components > 1) {
+pub(super) fn import(mut source: Source, options: &ImportOptions, console: &Console) -> Result<Imported> {
+    // Before the import, which may fail for what they tell.
+    std::mem::take(&mut source.model.warnings).iter().for_each(|warning| console.warn(warning));
+    let imported = source.import(options, console)?;
+    if let Some(choice) = imported.origin.notes.last().filter(|_| imported.check.components > 1) {
         console.note(choice);
     }
-    for warning in check.warnings() {
-        console.warn(&warning);
-    }
-    if !scene.parts.parts.iter().any(|p| p.transfers()) {
-        return Err(Error::input("every part is opaque: nothing scatters light"));
-    }
-    print_sizes(&scene, console);
-    let provenance = Provenance {
-        method: String::new(),
-        settings: Default::default(),
-        inputs,
-        source_unit: unit.to_owned(),
-        mm_per_source_unit: placement.mm_per_unit,
-        notes,
-    };
-    Ok(Loaded { scene, provenance, check })
-}
-
-/// Mean free paths over the channels of a medium.
-fn free_path(medium: &Medium) -> MeanFreePath {
-    let paths = medium.properties.mean_free_path_mm();
-    MeanFreePath { shortest_mm: paths.min_element(), longest_mm: paths.max_element() }
-}
-
-/// The line nobody can miss: the size against the lengths of the medium.
-fn print_sizes(scene: &Scene, console: &Console) {
-    if console.verbosity == Verbosity::Quiet {
-        return;
-    }
-    let diagonal = scene.mesh.diagonal_mm();
+    imported.check.warnings().iter().for_each(|warning| console.warn(warning));
+    let diagonal = imported.scene.mesh.diagonal_mm();
     let triple = |v: DVec3| v.to_array().map(significant).join(" ");
-    for medium in &scene.media {
+    for medium in &imported.scene.media {
         let (free, diffusion) = (medium.properties.mean_free_path_mm(), medium.properties.diffusion_length_mm());
         console.note(&format!(
             "SIZE {} mm across | {}: mean free path {} mm ({} %), diffusion length {} mm ({} %), RGB",
@@ -199,6 +107,7 @@ fn print_sizes(scene: &Scene, console: &Console) {
             triple(100.0 * diffusion / diagonal),
         ));
     }
+    Ok(imported)
 }
 
 impl PlacementArgs {
@@ -228,57 +137,29 @@ impl PlacementArgs {
         words
     }
 
-    fn scale(&self) -> Option<Scale> {
+    /// As resolved.
+    fn options(&self, media: &MediumArgs) -> ImportOptions {
+        let unit = self.unit.map(|unit| match unit {
+            Unit::Mm => 1.0,
+            Unit::Cm => 10.0,
+            Unit::M => 1000.0,
+        });
         let axis = match self.up {
             Up::Y => UpAxis::Y,
             Up::Z => UpAxis::Z,
         };
-        match (self.unit, self.size_mm, self.height_mm) {
-            (Some(unit), ..) => Some(Scale::MillimetresPerUnit(match unit {
-                Unit::Mm => 1.0,
-                Unit::Cm => 10.0,
-                Unit::M => 1000.0,
-            })),
-            (_, Some(size), _) => Some(Scale::DiagonalMm(size)),
-            (.., Some(height)) => Some(Scale::HeightMm(height, axis)),
-            _ => None,
+        let size = self.size_mm.map(Scale::DiagonalMm);
+        let height = self.height_mm.map(|height| Scale::HeightMm(height, axis));
+        ImportOptions {
+            scale: unit.map(Scale::MillimetresPerUnit).or(size).or(height),
+            materials: media.choice(),
+            parts: match self.parts {
+                PartsChoice::Auto => PartsRule::Auto,
+                PartsChoice::Separate => PartsRule::Separate,
+                PartsChoice::Joined => PartsRule::Joined,
+            },
+            opaque: self.opaque.clone(),
+            skip: self.skip.clone(),
         }
-    }
-}
-
-impl PartsChoice {
-    fn rule(self) -> PartsRule {
-        match self {
-            Self::Auto => PartsRule::Auto,
-            Self::Separate => PartsRule::Separate,
-            Self::Joined => PartsRule::Joined,
-        }
-    }
-}
-
-/// A model's file and those that it refers to.
-pub(super) fn files_of(model: &Path) -> Result<Vec<PathBuf>> {
-    let mut files = vec![model.to_owned()];
-    if matches!(super::output::suffix(model).as_str(), "gltf" | "glb") {
-        files.extend(io::gltf::external_files(model)?);
-    }
-    Ok(files)
-}
-
-/// Files as reports and assets name them.
-pub(super) fn hashed(files: impl IntoIterator<Item = PathBuf>) -> Result<Vec<Input>> {
-    let hash = |path: PathBuf| match std::fs::read(&path) {
-        Ok(bytes) => Ok(Input::of(&path, &bytes)),
-        Err(e) => Err(Error::io(&path, &e)),
-    };
-    files.into_iter().map(hash).collect()
-}
-
-/// Reads a model by the suffix of its name.
-pub(super) fn read_model(path: &Path) -> Result<SourceModel> {
-    match super::output::suffix(path).as_str() {
-        "obj" => io::obj::read_obj(path),
-        "gltf" | "glb" => io::gltf::read_gltf(path),
-        _ => Err(Error::unsupported(format!("{}: models are .obj, .gltf or .glb files", path.display()))),
     }
 }

@@ -10,13 +10,14 @@ use super::console::{Console, percent, significant};
 use super::device::DeviceArg;
 use super::evaluate::{check_range, mean_and_max, radiosity_ply};
 use super::lights::ResolvedLights;
-use super::model::{files_of, hashed, read_model};
 use super::report;
-use crate::asset::{Input, Provenance};
+use crate::asset::Provenance;
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::{Cost, Evaluator, SingleScattering};
-use crate::geometry::mesh::{Mesh, Scale, resolve_scale};
+use crate::geometry::mesh::Mesh;
 use crate::geometry::nearest::{NearestPoint, SurfacePoint};
+use crate::import::file::{Input, files_of};
+use crate::import::load_mesh;
 use crate::io::{self, atomic};
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::transport::receivers::{NONE, Receivers};
@@ -89,7 +90,9 @@ impl OtherMesh<'_> {
             return Err(Error::unsupported("--on: single scattering belongs to the asset's own mesh"));
         }
         let mut inputs = lights.inputs;
-        inputs.extend(hashed(files_of(self.model)?)?);
+        for file in files_of(self.model)? {
+            inputs.push(Input::read(&file)?);
+        }
         let placed = self.place(evaluator.scene(), provenance, console)?;
         evaluator.set_lights(lights.lights, console)?;
         let result = placed.evaluate(evaluator.as_mut(), console).map_err(|e| e.at(self.model.display()))?;
@@ -140,16 +143,12 @@ impl OtherMesh<'_> {
 
     /// Reads the mesh in the units of the asset's source and finds its vertices on the asset's surface.
     fn place(&self, scene: &Scene, provenance: &Provenance, console: &Console) -> Result<Placed> {
-        let mut source = console.stage("import", || read_model(self.model))?;
-        std::mem::take(&mut source.warnings).iter().for_each(|warning| console.warn(warning));
-        let placed = || {
-            let scale = Scale::MillimetresPerUnit(provenance.mm_per_source_unit);
-            let placement = resolve_scale(&source, Some(scale))?;
-            let (mesh, repairs) = Mesh::from_source(source, &placement)?;
-            repairs.lines().iter().for_each(|line| console.note(line));
-            console.stage("place", || Placed::new(mesh, scene, provenance.mm_per_source_unit))
-        };
-        placed().map_err(|e| e.at(self.model.display()))
+        let mm_per_unit = provenance.mm_per_source_unit;
+        let (mesh, [warnings, repairs]) = load_mesh(self.model, mm_per_unit, console)?;
+        warnings.iter().for_each(|warning| console.warn(warning));
+        repairs.iter().for_each(|line| console.note(line));
+        let placed = console.stage("place", || Placed::new(mesh, scene, mm_per_unit));
+        placed.map_err(|e| e.at(self.model.display()))
     }
 }
 

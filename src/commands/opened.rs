@@ -6,7 +6,7 @@ use std::sync::Arc;
 use clap::Args;
 
 use super::console::{Console, significant};
-use super::media::{MediumArgs, ProfileArg, edited_media};
+use super::media::{MediumArgs, ProfileArg};
 use crate::asset::{Asset, Provenance};
 use crate::error::{Error, Result};
 use crate::evaluate::{Evaluator, Method};
@@ -49,7 +49,7 @@ impl AssetArgs {
         let needed = methods::sampling::memory(asset.samples.len(), &asset.scene);
         console.check_memory(needed, "raise --max-memory, or bake with fewer --samples")?;
         let mut evaluator = console.stage("prepare", || method.open(Arc::clone(&asset)))?;
-        if let Some(media) = edited_media(&self.media, evaluator.scene())? {
+        if let Some(media) = self.media.choice().of_scene(evaluator.scene())? {
             evaluator.set_media(media)?;
         }
         self.profile.put(evaluator.as_mut())?;

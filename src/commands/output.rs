@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::console::{Console, Format};
 use crate::error::{Error, ExitCode, Result};
+use crate::import::file::suffix;
 
 /// Prints one line on standard output. A reader that closed the pipe has seen enough.
 pub(super) fn print_line(text: &str) -> Result<()> {
@@ -47,11 +48,6 @@ pub(super) fn check(outputs: &[PathBuf], suffixes: &[&str], console: &Console) -
         }
     }
     Ok(())
-}
-
-/// The suffix of a path in lower case, without the dot.
-pub(super) fn suffix(path: &Path) -> String {
-    path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default()
 }
 
 /// Rows as text with aligned columns.

@@ -9,10 +9,10 @@ use super::console::{Console, percent, significant};
 use super::lights::{LightArgs, ResolvedLights};
 use super::opened::{AssetArgs, Opened};
 use super::{output, report};
-use crate::asset::Input;
-use crate::error::{Error, ExitCode, Result};
+use crate::error::{ExitCode, Result};
 use crate::evaluate::{Cost, Evaluator};
 use crate::geometry::part_table::PartEntry;
+use crate::import::file::{Input, suffix};
 use crate::io::atomic;
 use crate::render::background::Background;
 use crate::render::camera::Resolution;
@@ -233,7 +233,7 @@ pub(super) fn finish(
     texture.iter().flat_map(Texture::warnings).for_each(|warning| console.warn(warning));
     evaluator.set_lights(lights.lights.clone(), console)?;
     let radiosity = evaluator.radiosity(console)?;
-    let shown = outputs.iter().any(|path| output::suffix(path) == "png");
+    let shown = outputs.iter().any(|path| suffix(path) == "png");
     let is_seen = evaluator.towards_eye()?.is_some();
     let per_vertex = if is_seen { None } else { evaluator.single_scattering(console)? };
     let towards_eye = evaluator.towards_eye()?;
@@ -288,9 +288,7 @@ pub(super) fn finish(
 
 /// The file of a texture.
 fn picture_input(texture: Option<&Texture>) -> Result<Option<Input>> {
-    let Some(path) = texture.and_then(Texture::path) else { return Ok(None) };
-    let bytes = std::fs::read(path).map_err(|e| Error::io(path, &e))?;
-    Ok(Some(Input::of(path, &bytes)))
+    texture.and_then(Texture::path).map(Input::read).transpose()
 }
 
 /// What single scattering towards the eye took, as a number that does not depend on the machine.
@@ -315,7 +313,7 @@ fn explain(result: &RenderReport, frame: &Frame, console: &Console) {
         ));
     }
     let cut = result.exr_type.cut_pixels(frame);
-    if cut > 0 && result.outputs.iter().any(|path| output::suffix(path) != "png") {
+    if cut > 0 && result.outputs.iter().any(|path| suffix(path) != "png") {
         let pixels = if cut == 1 { "1 pixel has".to_owned() } else { format!("{cut} pixels have") };
         console.warn(&format!("{pixels} colours above 65504, which 16 bits cut there; --exr-type float keeps them"));
     }
@@ -323,7 +321,7 @@ fn explain(result: &RenderReport, frame: &Frame, console: &Console) {
 
 /// Writes the picture in the format of each name; each format is encoded once.
 fn write(frame: &Frame, settings: &RenderSettings, result: &RenderReport, outputs: &[PathBuf]) -> Result<()> {
-    let is_png = |path: &&PathBuf| output::suffix(path) == "png";
+    let is_png = |path: &&PathBuf| suffix(path) == "png";
     let (png, exr): (Vec<&PathBuf>, Vec<&PathBuf>) = outputs.iter().partition(is_png);
     let background = match settings.background {
         Background::None => PngBackground::Transparent,

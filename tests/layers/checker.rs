@@ -7,7 +7,7 @@ use proc_macro2::{Delimiter, LineColumn, TokenStream, TokenTree};
 use syn::visit::{self, Visit};
 
 /// Bottom to top. A layer imports itself and what stands before it.
-const LAYERS: [&str; 16] = [
+const LAYERS: [&str; 17] = [
     "error",
     "progress",
     "math",
@@ -17,6 +17,7 @@ const LAYERS: [&str; 16] = [
     "io",
     "compress",
     "transport",
+    "import",
     "asset",
     "evaluate",
     "methods",

@@ -180,7 +180,10 @@ fn limit_seconds(args: &ChartArgs, extent: &Extent) -> Result<f64> {
 }
 
 /// The light that is timed: as typed, ready, and what its files hold.
-fn light(args: &ChartArgs, console: &Console) -> Result<(String, crate::light::Light, Vec<crate::asset::Input>)> {
+fn light(
+    args: &ChartArgs,
+    console: &Console,
+) -> Result<(String, crate::light::Light, Vec<crate::import::file::Input>)> {
     let asked = match args.lights.light.as_slice() {
         [] => LightArgs { light: vec![LIGHT.to_owned()] },
         _ => args.lights.clone(),

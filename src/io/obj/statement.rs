@@ -121,7 +121,7 @@ pub(super) fn words(rest: &[u8]) -> impl Iterator<Item = &[u8]> {
     rest.split(|&b| is_space(b)).filter(|word| !word.is_empty()).take_while(|word| word[0] != b'#')
 }
 
-/// A number as tobj reads it, or not-a-number for the ways in which programs spell values that are not finite.
+/// A number, or not-a-number for the ways in which programs spell values that are not finite.
 pub(super) fn number(word: &[u8]) -> Option<f64> {
     if let Some(value) = std::str::from_utf8(word).ok().and_then(|text| text.parse().ok()) {
         return Some(value);

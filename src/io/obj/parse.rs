@@ -1,17 +1,15 @@
-//! Checks every statement of an OBJ file and writes the geometry again in the dialect that `tobj` reads safely.
+//! One walk over the statements of an OBJ file: every one is checked, and errors name its line.
 //!
-//! What `tobj` 4.0.5 gets wrong, and what this does about it: errors have no line (ours do); corners without a texture
-//! coordinate or normal repeat the one before (we know which they are); colours on some vertices only, comments after
-//! numbers, continued lines and names that are not UTF-8 fail (not passed on); a fourth coordinate divides the others
-//! (it is the weight of rational curves, meaningless for polygons: not passed on); a face of one or two corners
-//! becomes a point or a line (refused); files without faces, NaN and infinity are accepted (refused); an unknown
-//! material is forgotten (names are kept here).
+//! Our own reader and not the crate `tobj`, because of how `tobj` 4.0.5 reads: errors have no line; corners without a texture
+//! coordinate or normal repeat the one before; colours on some vertices only, comments after numbers, continued lines and names
+//! that are not UTF-8 fail; a fourth coordinate divides the others (it is the weight of rational curves, meaningless for
+//! polygons); a face of one or two corners becomes a point or a line; files without faces, NaN and infinity are accepted; an
+//! unknown material is forgotten; vertices are numbered in the order of first use. Tests compare both where both can read.
 
 use std::collections::HashMap;
 
-use glam::DVec3;
+use glam::{DVec2, DVec3, Vec2, Vec3};
 
-use super::dialect::{append_counting_face, append_faces, append_words};
 use super::statement::{Index, Statements, index, number, shown, split_keyword, text_of, words};
 use crate::error::{Error, Result};
 use crate::io::polygon::MAX_POLYGON_CORNERS;
@@ -37,22 +35,17 @@ pub(super) struct Face {
     line: usize,
 }
 
-/// A file without a known fault.
-pub(super) struct Checked {
-    /// The geometry for `tobj`: `v`, `vt` and `vn` lines with three, two and three numbers, then faces.
-    pub(super) text: Vec<u8>,
-    /// Corners of the first face of `text`, which is not of the file: it counts through all values.
-    pub(super) counting_corners: usize,
-    /// What `tobj` must find, to the bit.
+/// The content of a file without a known fault.
+pub(super) struct Parsed {
     pub(super) positions: Vec<DVec3>,
+    /// Texture coordinates; those that are not finite are NaN or infinite still.
+    pub(super) uvs: Vec<Vec2>,
+    /// Unit normals; zero where the file has no direction.
+    pub(super) normals: Vec<Vec3>,
     pub(super) corners: Vec<Corner>,
     pub(super) faces: Vec<Face>,
     pub(super) materials: Vec<String>,
     pub(super) material_libraries: Vec<String>,
-    pub(super) uv_count: usize,
-    pub(super) normal_count: usize,
-    pub(super) uses_uvs: bool,
-    pub(super) uses_normals: bool,
     pub(super) warnings: Vec<String>,
 }
 
@@ -79,17 +72,14 @@ impl Tally {
 }
 
 #[derive(Default)]
-struct Preflight<'a> {
+struct Parser<'a> {
     name: &'a str,
     line: usize,
-    vertex_text: Vec<u8>,
-    uv_text: Vec<u8>,
-    normal_text: Vec<u8>,
     positions: Vec<DVec3>,
     /// Vertices that are not finite, in order: index and line.
     not_finite: Vec<(u32, usize)>,
-    uv_count: usize,
-    normal_count: usize,
+    uvs: Vec<Vec2>,
+    normals: Vec<Vec3>,
     corners: Vec<Corner>,
     faces: Vec<Face>,
     materials: Vec<String>,
@@ -107,18 +97,18 @@ struct Preflight<'a> {
     more_unknown: Tally,
 }
 
-/// Checks the bytes of a file; `name` stands in front of every error.
-pub(super) fn check(bytes: &[u8], name: &str) -> Result<Checked> {
+/// Parses the bytes of a file; `name` stands in front of every error.
+pub(super) fn parse(bytes: &[u8], name: &str) -> Result<Parsed> {
     let text = text_of(bytes, name)?;
-    let mut preflight = Preflight { name, ..Preflight::default() };
+    let mut parser = Parser { name, ..Parser::default() };
     for (line, statement) in Statements::new(text) {
-        preflight.line = line;
-        preflight.statement(&statement)?;
+        parser.line = line;
+        parser.statement(&statement)?;
     }
-    preflight.finish()
+    parser.finish()
 }
 
-impl Preflight<'_> {
+impl Parser<'_> {
     fn wrong(&self, message: &str) -> Error {
         self.wrong_at(self.line, message)
     }
@@ -219,11 +209,9 @@ impl Preflight<'_> {
         let position = DVec3::new(values[0], values[1], values[2]);
         if position.is_finite() {
             self.positions.push(position);
-            append_words(&mut self.vertex_text, b"v", rest, 3);
         } else {
             self.not_finite.push((self.positions.len() as u32, self.line));
             self.positions.push(DVec3::ZERO);
-            self.vertex_text.extend_from_slice(b"v 0 0 0\n");
         }
         Ok(())
     }
@@ -233,18 +221,9 @@ impl Preflight<'_> {
         if !(1..=3).contains(&count) {
             return Err(self.wrong(&format!("texture coordinate with {count} numbers; one to three are needed")));
         }
-        self.check_count(self.uv_count, "texture coordinates")?;
-        self.uv_count += 1;
-        if values[..2].iter().any(|value| !value.is_finite()) {
-            self.uv_text.extend_from_slice(b"vt nan nan\n");
-        } else {
-            append_words(&mut self.uv_text, b"vt", rest, 2);
-            if count == 1 {
-                // The format takes a missing v as 0; tobj does not.
-                self.uv_text.pop();
-                self.uv_text.extend_from_slice(b" 0\n");
-            }
-        }
+        self.check_count(self.uvs.len(), "texture coordinates")?;
+        // A missing v is 0, as the format has it.
+        self.uvs.push(DVec2::new(values[0], values[1]).as_vec2());
         Ok(())
     }
 
@@ -253,13 +232,11 @@ impl Preflight<'_> {
         if count != 3 {
             return Err(self.wrong(&format!("normal with {count} numbers; three are needed")));
         }
-        self.check_count(self.normal_count, "normals")?;
-        self.normal_count += 1;
-        if values[..3].iter().all(|value| value.is_finite()) {
-            append_words(&mut self.normal_text, b"vn", rest, 3);
-        } else {
-            self.normal_text.extend_from_slice(b"vn nan nan nan\n");
-        }
+        self.check_count(self.normals.len(), "normals")?;
+        let value = DVec3::new(values[0], values[1], values[2]);
+        // The largest component first: squares of the largest and smallest doubles leave the range.
+        let unit = (value / value.abs().max_element()).normalize_or_zero();
+        self.normals.push(if value.is_finite() { unit.as_vec3() } else { Vec3::ZERO });
         Ok(())
     }
 
@@ -316,8 +293,8 @@ impl Preflight<'_> {
         }
         Ok(Corner {
             vertex: self.resolve(vertex, self.positions.len(), "vertex")?,
-            uv: self.resolve(uv, self.uv_count, "texture coordinate")?,
-            normal: self.resolve(normal, self.normal_count, "normal")?,
+            uv: self.resolve(uv, self.uvs.len(), "texture coordinate")?,
+            normal: self.resolve(normal, self.normals.len(), "normal")?,
         })
     }
 
@@ -342,42 +319,21 @@ impl Preflight<'_> {
         }
     }
 
-    fn finish(mut self) -> Result<Checked> {
+    fn finish(self) -> Result<Parsed> {
         if self.faces.is_empty() {
             return Err(self.without_faces());
         }
         self.check_ranges()?;
         self.check_finite()?;
-        let uses_uvs = self.corners.iter().any(|corner| corner.uv != NONE);
-        let uses_normals = self.corners.iter().any(|corner| corner.normal != NONE);
-        let uv_count = if uses_uvs { self.uv_count } else { 0 };
-        let normal_count = if uses_normals { self.normal_count } else { 0 };
-        let counting_corners = self.positions.len().max(uv_count).max(normal_count).max(3);
-        let warnings = self.warnings();
-
-        let mut text = std::mem::take(&mut self.vertex_text);
-        if uses_uvs {
-            text.append(&mut self.uv_text);
-        }
-        if uses_normals {
-            text.append(&mut self.normal_text);
-        }
-        let counts = [self.positions.len(), uv_count, normal_count];
-        append_counting_face(&mut text, counting_corners, counts);
-        append_faces(&mut text, &self.corners, self.faces.iter().map(|face| face.end));
-        Ok(Checked {
-            text,
-            counting_corners,
+        Ok(Parsed {
+            warnings: self.warnings(),
             positions: self.positions,
+            uvs: self.uvs,
+            normals: self.normals,
             corners: self.corners,
             faces: self.faces,
             materials: self.materials,
             material_libraries: self.material_libraries,
-            uv_count,
-            normal_count,
-            uses_uvs,
-            uses_normals,
-            warnings,
         })
     }
 
@@ -404,8 +360,8 @@ impl Preflight<'_> {
         let outside = corners.find_map(|(at, corner)| {
             [
                 (corner.vertex, self.positions.len(), "vertex"),
-                (corner.uv, self.uv_count, "texture coordinate"),
-                (corner.normal, self.normal_count, "normal"),
+                (corner.uv, self.uvs.len(), "texture coordinate"),
+                (corner.normal, self.normals.len(), "normal"),
             ]
             .into_iter()
             .find(|&(index, count, what)| index as usize >= count && (index != NONE || what == "vertex"))

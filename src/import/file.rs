@@ -1,0 +1,64 @@
+//! The files of a model: which there are, what is in them, and their hashes.
+
+use std::path::{Path, PathBuf};
+
+use crate::error::{Error, Result};
+use crate::geometry::source::SourceModel;
+use crate::io;
+
+/// A file that a scene, a light or a picture was made from.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct Input {
+    /// File name without its folder.
+    pub name: String,
+    /// Its BLAKE3 hash, hexadecimal.
+    pub blake3: String,
+    /// Its length.
+    pub bytes: u64,
+}
+
+impl Input {
+    /// Hashes the bytes of a file.
+    pub fn of(path: &Path, bytes: &[u8]) -> Self {
+        let name = path.file_name().map_or_else(|| "-".to_owned(), |n| n.to_string_lossy().into_owned());
+        Self { name, blake3: blake3::hash(bytes).to_hex().to_string(), bytes: bytes.len() as u64 }
+    }
+
+    /// Reads a file and hashes it.
+    ///
+    /// # Errors
+    /// I/O; the message starts with the path.
+    pub fn read(path: &Path) -> Result<Self> {
+        let bytes = std::fs::read(path).map_err(|e| Error::io(path, &e))?;
+        Ok(Self::of(path, &bytes))
+    }
+}
+
+/// The suffix of a path in lower case, without the dot.
+pub fn suffix(path: &Path) -> String {
+    path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default()
+}
+
+/// The file of a model and those that it refers to; material libraries of OBJ files are not read.
+///
+/// # Errors
+/// A glTF file that cannot be read.
+pub fn files_of(model: &Path) -> Result<Vec<PathBuf>> {
+    let mut files = vec![model.to_owned()];
+    if matches!(suffix(model).as_str(), "gltf" | "glb") {
+        files.extend(io::gltf::external_files(model)?);
+    }
+    Ok(files)
+}
+
+/// Reads a model by the suffix of its name.
+///
+/// # Errors
+/// I/O, an invalid file, or a suffix other than .obj, .gltf and .glb (unsupported).
+pub fn read_model(path: &Path) -> Result<SourceModel> {
+    match suffix(path).as_str() {
+        "obj" => io::obj::read_obj(path),
+        "gltf" | "glb" => io::gltf::read_gltf(path),
+        _ => Err(Error::unsupported(format!("{}: models are .obj, .gltf or .glb files", path.display()))),
+    }
+}

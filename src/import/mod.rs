@@ -1,0 +1,181 @@
+//! Files become a scene: a source file with its unit, its parts and the media of its materials, and a record of what it was
+//! made from.
+//!
+//! ```no_run
+//! use std::path::Path;
+//! use translux::geometry::mesh::Scale;
+//! use translux::import::{self, ImportOptions, materials::MaterialChoice};
+//! use translux::progress::Silent;
+//!
+//! # fn main() -> translux::error::Result<()> {
+//! let options = ImportOptions {
+//!     scale: Some(Scale::DiagonalMm(30.0)),
+//!     materials: MaterialChoice::plain("marble"),
+//!     ..ImportOptions::default()
+//! };
+//! let imported = import::load(Path::new("bunny.obj"), &options, &Silent)?;
+//! println!("{} parts", imported.scene.parts.parts.len());
+//! # Ok(())
+//! # }
+//! ```
+
+pub mod file;
+pub mod materials;
+
+use std::path::Path;
+
+use self::file::{Input, files_of, read_model};
+use self::materials::MaterialChoice;
+use crate::error::{Error, Result};
+use crate::geometry::check::{self, MeanFreePath, MeshCheck};
+use crate::geometry::mesh::{Mesh, Scale, resolve_scale, skip_materials};
+use crate::geometry::part_table::PartTable;
+use crate::geometry::parts::{Analysis, MaterialRoles, PartsRule};
+use crate::geometry::source::SourceModel;
+use crate::progress::{Progress, stage};
+use crate::transport::scene::{Medium, Scene};
+
+/// Unit, media, parts and roles that turn a source into a scene.
+#[derive(Clone, Debug)]
+pub struct ImportOptions {
+    /// Unit or size; that of the file without one, which an OBJ file does not have.
+    pub scale: Option<Scale>,
+    /// Media of the source's materials.
+    pub materials: MaterialChoice,
+    /// Which components share their light inside.
+    pub parts: PartsRule,
+    /// Materials of the source that only cast shadows.
+    pub opaque: Vec<String>,
+    /// Materials of the source that are left out.
+    pub skip: Vec<String>,
+}
+
+impl Default for ImportOptions {
+    fn default() -> Self {
+        let (materials, parts) = (MaterialChoice::default(), PartsRule::Auto);
+        Self { scale: None, materials, parts, opaque: Vec::new(), skip: Vec::new() }
+    }
+}
+
+/// A source in memory, and the files that it was read from.
+#[derive(Clone, Debug, Default)]
+pub struct Source {
+    /// Polygons in the unit of the source, cut to triangles.
+    pub model: SourceModel,
+    /// The model's file, those that it refers to and those of materials; none for a model that was made in memory.
+    pub inputs: Vec<Input>,
+}
+
+/// The record of what a scene was made from; nothing in it depends on when or where that was.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Origin {
+    /// Files it was made from.
+    pub inputs: Vec<Input>,
+    /// How the source's unit was fixed.
+    pub source_unit: String,
+    /// Millimetres in one source unit.
+    pub mm_per_source_unit: f64,
+    /// Repairs and choices that are part of the truth; the last one says how components became parts.
+    pub notes: Vec<String>,
+}
+
+/// A scene, its origin and the checks of its mesh.
+#[derive(Clone, Debug)]
+pub struct Imported {
+    /// Mesh, parts and media.
+    pub scene: Scene,
+    /// Files, unit and repairs.
+    pub origin: Origin,
+    /// The mesh against the lengths of its media.
+    pub check: MeshCheck,
+    /// Oddities of the files, one line each; those of the mesh are [`MeshCheck::warnings`].
+    pub warnings: Vec<String>,
+}
+
+/// Reads a model and makes a scene of it.
+///
+/// # Errors
+/// Those of [`Source::read`] and [`Source::import`]; the message starts with the path.
+pub fn load(path: &Path, options: &ImportOptions, progress: &dyn Progress) -> Result<Imported> {
+    Source::read(path, &options.materials, progress)?.import(options, progress).map_err(|e| e.at(path.display()))
+}
+
+/// Reads another mesh in a known unit, such as a coarser level of detail of a scene's object; with it the warnings of the file
+/// and the repairs, one line each.
+///
+/// # Errors
+/// As [`read_model`], and a mesh without area.
+pub fn load_mesh(path: &Path, mm_per_unit: f64, progress: &dyn Progress) -> Result<(Mesh, [Vec<String>; 2])> {
+    let mut model = stage(progress, "import", || read_model(path))?;
+    let warnings = std::mem::take(&mut model.warnings);
+    let mesh = resolve_scale(&model, Some(Scale::MillimetresPerUnit(mm_per_unit)))
+        .and_then(|placement| Mesh::from_source(model, &placement));
+    let (mesh, repairs) = mesh.map_err(|e| e.at(path.display()))?;
+    Ok((mesh, [warnings, repairs.lines()]))
+}
+
+impl Source {
+    /// Reads a model by the suffix of its name (.obj, .gltf, .glb), and hashes every file that the scene depends on.
+    ///
+    /// # Errors
+    /// I/O, an invalid or unsupported file; the message starts with its path.
+    pub fn read(path: &Path, materials: &MaterialChoice, progress: &dyn Progress) -> Result<Self> {
+        let model = stage(progress, "import", || read_model(path))?;
+        let files = files_of(path)?.into_iter().chain(materials.files());
+        let inputs = files.map(|file| Input::read(&file)).collect::<Result<_>>()?;
+        Ok(Self { model, inputs })
+    }
+
+    /// Resolves unit, parts and media, repairs the mesh and checks it.
+    ///
+    /// # Errors
+    /// No unit or no material, names that the model does not have, a mesh without area, opaque parts only.
+    pub fn import(self, options: &ImportOptions, progress: &dyn Progress) -> Result<Imported> {
+        let Self { mut model, inputs } = self;
+        let warnings = std::mem::take(&mut model.warnings);
+        skip_materials(&mut model, &options.skip)?;
+        let media = options.materials.of_model(&model.materials, &translucent(&model, &options.opaque))?;
+        let roles = MaterialRoles::resolve(&model.materials, &media.by_name, media.rest, &options.opaque)?;
+        let media = media.media;
+        let placement = resolve_scale(&model, options.scale)?;
+        let (scene, check, notes) = stage(progress, "mesh", || -> Result<_> {
+            let (mut mesh, mut repairs) = Mesh::from_source(model, &placement)?;
+            let analysis = Analysis::new(&mut mesh, &roles, options.parts, &mut repairs);
+            let free_paths: Vec<MeanFreePath> = media.iter().map(free_path).collect();
+            let check = check::check(&mesh, &analysis, &repairs, Some(&free_paths));
+            let mut notes = repairs.lines();
+            notes.push(analysis.parts.description());
+            let parts = PartTable::of(&mesh, &analysis.parts);
+            Ok((Scene { mesh, parts, media }, check, notes))
+        })?;
+        if !scene.parts.parts.iter().any(|p| p.transfers()) {
+            return Err(Error::input("every part is opaque: nothing scatters light"));
+        }
+        let source_unit = match options.scale {
+            Some(Scale::MillimetresPerUnit(mm)) => format!("--unit, {mm} mm"),
+            Some(Scale::DiagonalMm(mm)) => format!("--size-mm {mm}"),
+            Some(Scale::HeightMm(mm, axis)) => format!("--height-mm {mm} along {axis:?}"),
+            None => "the file's".to_owned(),
+        };
+        let origin = Origin { inputs, source_unit, mm_per_source_unit: placement.mm_per_unit, notes };
+        Ok(Imported { scene, origin, check, warnings })
+    }
+}
+
+/// Names of the materials that triangles have, the opaque ones left out.
+fn translucent<'a>(source: &'a SourceModel, opaque: &[String]) -> Vec<&'a str> {
+    let mut used = vec![false; source.materials.len()];
+    for &material in &source.triangle_material {
+        if let Some(used) = used.get_mut(material as usize) {
+            *used = true;
+        }
+    }
+    let names = source.materials.iter().zip(used).filter(|(name, used)| *used && !opaque.contains(name));
+    names.map(|(name, _)| name.as_str()).collect()
+}
+
+/// Mean free paths over the channels of a medium.
+fn free_path(medium: &Medium) -> MeanFreePath {
+    let paths = medium.properties.mean_free_path_mm();
+    MeanFreePath { shortest_mm: paths.min_element(), longest_mm: paths.max_element() }
+}
