@@ -14,7 +14,6 @@ use crate::compress::ledger::Ledger;
 use crate::error::{ExitCode, Result};
 use crate::geometry::check::MeshCheck;
 use crate::geometry::samples::{self, Spacing};
-use crate::methods;
 
 #[derive(Clone, Debug, Args)]
 pub(super) struct BakeArgs {
@@ -54,12 +53,13 @@ struct BakeReport {
 }
 
 pub(super) fn run(args: &BakeArgs, console: &Console) -> Result<ExitCode> {
-    let method = methods::named(&args.method)?;
-    let settings = args.options.resolve(method)?;
+    let method = console.registry.method(&args.method)?;
+    let recipe = args.options.resolve(method)?;
+    let asked = recipe.settings.max_rms;
     output::check(std::slice::from_ref(&args.output), &["tlux"], console)?;
     let loaded = args.model.load(console)?;
     let (media, mesh) = (loaded.scene.media.iter().map(MediumReport::of).collect(), loaded.check.clone());
-    let asset = baking::bake(method, loaded, &settings, console)?;
+    let asset = baking::bake(recipe, loaded, console)?;
     let (bytes, without_mesh) = console.stage("write", || -> Result<_> {
         let bytes = asset.to_bytes()?;
         let sizes = super::inspect::sizes(&bytes)?;
@@ -101,7 +101,7 @@ pub(super) fn run(args: &BakeArgs, console: &Console) -> Result<ExitCode> {
         console.note(&format!("  {}: {} RMS ({})", entry.stage, percent(entry.error.rms), entry.note));
     }
     let measured = result.ledger.total_rms_without_environment();
-    let verdict = super::evaluate::judge_error(measured, Some(settings.max_rms), console);
+    let verdict = super::evaluate::judge_error(measured, Some(asked), console);
     report::print(console, "bake", &result)?;
     verdict
 }

@@ -7,12 +7,11 @@ use clap::Args;
 use super::console::Console;
 use crate::asset::Asset;
 use crate::error::{Error, Result};
-use crate::evaluate::{BakeSettings, Method};
+use crate::evaluate::keys::share;
+use crate::evaluate::{BakeSettings, Method, Recipe};
 use crate::import::Imported;
 use crate::light::LightKind;
 use crate::measure::probes::for_bake;
-use crate::methods;
-use crate::methods::settings::{resolve, share};
 use crate::transport::scene::Scene;
 
 /// What is baked and how.
@@ -35,8 +34,8 @@ pub(super) struct BakeOptions {
 }
 
 impl BakeOptions {
-    /// All settings of a method.
-    pub(super) fn resolve(&self, method: &dyn Method) -> Result<BakeSettings> {
+    /// What a bake with this method runs.
+    pub(super) fn resolve(&self, method: &'static dyn Method) -> Result<Recipe> {
         let pairs: Vec<(String, String)> = self
             .set
             .iter()
@@ -50,13 +49,13 @@ impl BakeOptions {
         {
             return Err(Error::command_line(format!("--samples {samples}: a number from 1 to 268435456 is needed")));
         }
-        let mut settings = BakeSettings::new(method, resolve(method, &pairs)?);
+        let mut settings = BakeSettings::new(method.default_max_rms());
         settings.samples = self.samples;
         settings.for_lights = light_kinds(&self.for_lights)?;
         if let Some(text) = &self.max_rms {
             settings.max_rms = share(text, "--max-rms")?;
         }
-        Ok(settings)
+        method.recipe(&pairs, settings)
     }
 }
 
@@ -74,29 +73,24 @@ fn light_kinds(text: &str) -> Result<BTreeSet<LightKind>> {
     text.split(',').map(|name| kind(name.trim())).collect()
 }
 
-/// Bakes an imported model; the memory is checked before.
-pub(super) fn bake(
-    method: &dyn Method,
-    imported: Imported,
-    settings: &BakeSettings,
-    console: &Console,
-) -> Result<Asset> {
+/// Bakes what was imported; the memory is checked before.
+pub(super) fn bake(mut recipe: Recipe, imported: Imported, console: &Console) -> Result<Asset> {
     let Imported { scene, origin, .. } = imported;
-    let needed = method.bake_memory(&scene, settings);
-    let advice = match largest_fit(method, &scene, settings, console.max_memory) {
+    let needed = recipe.bake_memory(&scene);
+    let advice = match largest_fit(&recipe, &scene, console.max_memory) {
         Some(fitting) => format!("--samples {fitting} would fit, or raise --max-memory"),
         None => "no number of samples would fit, raise --max-memory".to_owned(),
     };
     console.check_memory(needed, &advice)?;
-    let settings = BakeSettings { probes: for_bake(&scene.mesh), ..settings.clone() };
-    methods::bake(method, scene, &settings, origin.into(), console)
+    recipe.settings.probes = for_bake(&scene.mesh);
+    recipe.bake(scene, origin.into(), console)
 }
 
 /// The largest number of samples that the memory limit allows, as a power of two.
-fn largest_fit(method: &dyn Method, scene: &Scene, settings: &BakeSettings, limit: u64) -> Option<usize> {
-    let mut trial = settings.clone();
+fn largest_fit(recipe: &Recipe, scene: &Scene, limit: u64) -> Option<usize> {
+    let mut trial = recipe.settings.clone();
     (0..28).rev().map(|power| 1usize << power).find(|&samples| {
         trial.samples = Some(samples);
-        method.bake_memory(scene, &trial) <= limit
+        recipe.form.bake_memory(scene, &trial) <= limit
     })
 }

@@ -11,13 +11,13 @@ use super::console::{Console, Format, percent};
 use super::evaluate::SINGLE_INCLUDED;
 use super::{output, report};
 use crate::error::{Error, ExitCode, Result};
+use crate::evaluate::keys::share;
 use crate::import::file::suffix;
 use crate::io::exr::{ExrPlane, read_exr_channels};
 use crate::io::ply::{PlyVertexTable, read_ply};
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::measure::flip::{self, Exposures, Picture};
 use crate::measure::image_error::{ImageError, image_error};
-use crate::evaluate::keys::share;
 
 #[derive(Clone, Debug, Args)]
 pub(super) struct CompareArgs {

@@ -12,11 +12,11 @@ use super::console::{Console, percent};
 use super::output;
 use crate::asset::Asset;
 use crate::error::{Error, ExitCode, Result};
+use crate::forms::density;
 use crate::geometry::mesh::Mesh;
 use crate::light::Light;
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::measure::probes;
-use crate::methods;
 
 /// What two assets have in common and what not.
 #[derive(Clone, Debug, Serialize)]
@@ -217,14 +217,9 @@ fn probe_lights(mesh: &Mesh) -> Vec<(&'static str, Light)> {
 
 /// Radiosity of the vertices under each light.
 fn under(asset: &Arc<Asset>, path: &Path, lights: &[(&str, Light)], console: &Console) -> Result<Vec<Vec<DVec3>>> {
-    let name = &asset.provenance.method;
-    let method = methods::named(name).map_err(|_| {
-        let path = path.display();
-        Error::unsupported(format!("{path}: baked by the method `{name}`, which this build does not have"))
-    })?;
-    let needed = methods::sampling::memory(asset.samples.len(), &asset.scene);
+    let needed = density::memory(asset.samples.len(), &asset.scene);
     console.check_memory(needed, "raise --max-memory, or bake with fewer --samples")?;
-    let mut evaluator = method.open(Arc::clone(asset)).map_err(|e| e.at(path.display()))?;
+    let mut evaluator = console.registry.open(Arc::clone(asset)).map_err(|e| e.at(path.display()))?;
     let values = lights.iter().map(|(_, light)| {
         evaluator.set_lights(vec![light.clone()], console)?;
         evaluator.radiosity(console)

@@ -8,6 +8,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::Global;
 use crate::error::{Error, Result};
+use crate::evaluate::Registry;
 use crate::progress::{Progress, stage};
 
 /// Time that a stage took.
@@ -48,6 +49,8 @@ pub(super) enum Strictness {
 
 /// Standard error and the clock of one command.
 pub(super) struct Console {
+    /// Methods and forms that there are.
+    pub(super) registry: Registry,
     pub(super) verbosity: Verbosity,
     pub(super) format: Format,
     pub(super) strictness: Strictness,
@@ -65,12 +68,13 @@ struct State {
 }
 
 impl Console {
-    pub(super) fn new(global: &Global) -> Result<Self> {
+    pub(super) fn new(global: &Global, registry: Registry) -> Result<Self> {
         let max_memory = match &global.max_memory {
             Some(text) => parse_size(text)?,
             None => available_memory() / 4 * 3,
         };
         Ok(Self {
+            registry,
             verbosity: if global.quiet { Verbosity::Quiet } else { Verbosity::Normal },
             format: if global.json { Format::Json } else { Format::Text },
             strictness: if global.strict { Strictness::Fail } else { Strictness::Warn },

@@ -17,7 +17,7 @@ use super::{inspect, output, report};
 use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, ExitCode, Result};
-use crate::evaluate::{BakeSettings, Evaluator};
+use crate::evaluate::Evaluator;
 use crate::geometry::mesh::Scale;
 use crate::geometry::shapes;
 use crate::import::materials::MaterialChoice;
@@ -25,8 +25,6 @@ use crate::import::{ImportOptions, Source};
 use crate::io::atomic;
 use crate::measure::probes::unseen;
 use crate::medium::material::Material;
-use crate::methods;
-use crate::methods::settings::resolve;
 use crate::render::camera::Resolution;
 use crate::render::film::{PngBackground, side_by_side, to_png};
 use crate::render::frame::Frame;
@@ -94,7 +92,7 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> Result<ExitCode> {
     atomic::write(&path, &bytes)?;
     // What the pictures show comes from the file, as for every user of it.
     let asset = Arc::new(Asset::read(&path)?);
-    let mut evaluator = methods::named(METHOD)?.open(Arc::clone(&asset))?;
+    let mut evaluator = console.registry.open(Arc::clone(&asset))?;
     let (mut materials, mut frames) = (Vec::new(), Vec::new());
     for name in MATERIALS {
         let (shown, frame) = show(evaluator.as_mut(), name, &args.output, console)?;
@@ -126,9 +124,8 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> Result<ExitCode> {
 
 /// The bytes of the asset.
 fn bake(console: &Console) -> Result<Vec<u8>> {
-    let method = methods::named(METHOD)?;
-    let defaults = BakeSettings::new(method, resolve(method, &[])?);
-    let settings = BakeSettings { samples: Some(SAMPLES), ..defaults };
+    let mut recipe = console.registry.method(METHOD)?.default_recipe()?;
+    recipe.settings.samples = Some(SAMPLES);
     let model = console.stage("model", shapes::demo_model);
     let options = ImportOptions {
         scale: Some(Scale::DiagonalMm(SIZE_MM)),
@@ -137,7 +134,7 @@ fn bake(console: &Console) -> Result<Vec<u8>> {
     };
     let mut imported = model::import(Source { model, inputs: Vec::new() }, &options, console)?;
     imported.origin.source_unit = "built-in model".to_owned();
-    baking::bake(method, imported, &settings, console)?.to_bytes()
+    baking::bake(recipe, imported, console)?.to_bytes()
 }
 
 /// Pictures of one material, and how right they are.

@@ -78,7 +78,7 @@ pub(super) struct EvaluationReport {
 pub(super) fn run(args: &EvaluateArgs, console: &Console) -> Result<ExitCode> {
     output::check(&args.output, &["ply"], console)?;
     let lights = args.lights.load(console)?;
-    let Opened { provenance, method, evaluator } = args.asset.open(console)?;
+    let Opened { provenance, evaluator } = args.asset.open(console)?;
     if let Some(model) = &args.on {
         let other = OtherMesh { model, device: args.device, measure: args.measure };
         return other.run(evaluator, &provenance, (lights, &args.output), console);
@@ -86,7 +86,7 @@ pub(super) fn run(args: &EvaluateArgs, console: &Console) -> Result<ExitCode> {
     let mut evaluator = args.device.place(evaluator, console)?;
     let asked = provenance.settings.get("max-rms").and_then(|t| t.parse().ok());
     let measure = if args.measure { Measure::Yes } else { Measure::No };
-    let result = finish(evaluator.as_mut(), method.name(), lights, &args.output, measure, asked, console)?;
+    let result = finish(evaluator.as_mut(), &provenance.method, lights, &args.output, measure, asked, console)?;
     let verdict = judge(&result, console);
     report::print(console, "evaluate", &result)?;
     verdict

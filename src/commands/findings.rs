@@ -16,11 +16,11 @@ use super::console::percent;
 use super::validate::Finding;
 use crate::asset::ALGORITHM_REVISION;
 use crate::compress::ledger::ENVIRONMENT_STAGES;
+use crate::evaluate::Registry;
+use crate::evaluate::keys::share;
 use crate::geometry::mesh::Mesh;
 use crate::geometry::samples::{Facet, area};
 use crate::medium::entrance_basis::EntranceBasis;
-use crate::methods;
-use crate::evaluate::keys::share;
 
 /// Whether an asset with such a finding can be used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -212,7 +212,7 @@ fn geometry_of(file: &translux_format::Mesh) -> Mesh {
 }
 
 /// Method, settings and what the ledger promises.
-pub(super) fn of_provenance(scan: &Scan) -> Vec<Finding> {
+pub(super) fn of_provenance(scan: &Scan, registry: &Registry) -> Vec<Finding> {
     let mut out = Vec::new();
     let ledger = Some(metadata::tags::LEDGER);
     if scan.ledger.as_ref().is_some_and(Vec::is_empty) {
@@ -255,19 +255,19 @@ pub(super) fn of_provenance(scan: &Scan) -> Vec<Finding> {
         let message = format!("the setting samples is `{text}` and there are {}", samples.patch_count());
         out.push(Finding::new(&SAMPLE_COUNT, tag, message));
     }
-    out.extend(of_method(provenance));
+    out.extend(of_method(provenance, registry));
     out
 }
 
-fn of_method(provenance: &translux_format::Provenance) -> Vec<Finding> {
+fn of_method(provenance: &translux_format::Provenance, registry: &Registry) -> Vec<Finding> {
     let tag = Some(metadata::tags::PROVENANCE);
-    let Ok(method) = methods::named(&provenance.method) else {
-        let known: Vec<&str> = methods::ALL.iter().map(|m| m.name()).collect();
+    let Ok(method) = registry.method(&provenance.method) else {
+        let known: Vec<&str> = registry.methods().iter().map(|m| m.name()).collect();
         let message = format!("method `{}`; this build has {}", provenance.method, known.join(", "));
         return vec![Finding::new(&UNKNOWN_METHOD, tag, message)];
     };
     let of_every_method = ["for-lights", "max-rms", "samples"];
-    let wanted: BTreeSet<&str> = method.keys().iter().map(|key| key.name).chain(of_every_method).collect();
+    let wanted: BTreeSet<&str> = method.keys().iter().map(|key| key.name()).chain(of_every_method).collect();
     let there: BTreeSet<&str> = provenance.settings.iter().map(|(key, _)| key.as_str()).collect();
     let list = |keys: BTreeSet<&str>| keys.into_iter().map(|key| format!("`{key}`")).collect::<Vec<_>>().join(", ");
     let mut out = Vec::new();

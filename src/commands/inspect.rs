@@ -14,7 +14,6 @@ use crate::asset::{Asset, Provenance};
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::{Capabilities, Cost, MaterialEdit, ProfileEdit, SourceFields};
-use crate::methods;
 
 #[derive(Clone, Debug, Args)]
 pub(super) struct InspectArgs {
@@ -135,7 +134,7 @@ pub(super) fn run(args: &InspectArgs, console: &Console) -> Result<ExitCode> {
     let place = |e: Error| e.at(args.asset.display());
     let asset = Arc::new(Asset::from_bytes(&bytes).map_err(place)?);
     let sizes = sizes(&bytes).map_err(place)?;
-    let evaluator = methods::named(&asset.provenance.method).ok().map(|m| m.open(Arc::clone(&asset))).transpose()?;
+    let evaluator = console.registry.form(&asset).ok().map(|form| form.open(Arc::clone(&asset))).transpose()?;
     let vertices = asset.scene.mesh.local_mm.len();
     let per_vertex = |bytes: u64| bytes as f64 / vertices.max(1) as f64;
     let cost = evaluator.as_ref().map(|e| e.cost());

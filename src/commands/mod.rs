@@ -31,6 +31,7 @@ use std::io::Write;
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use crate::error::{Error, ExitCode, Result};
+use crate::evaluate::Registry;
 use console::Console;
 
 /// Precompute, inspect, relight and render light transport in translucent meshes.
@@ -96,6 +97,11 @@ enum Command {
 ///
 /// Errors go to standard error, one line each.
 pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+    run_with(crate::methods::built_in(), arguments)
+}
+
+/// The same with other methods and forms.
+pub fn run_with(registry: Registry, arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     let parsed = command().try_get_matches_from(arguments).and_then(|m| Cli::from_arg_matches(&m));
     let cli = match parsed {
         Ok(cli) => cli,
@@ -105,7 +111,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
             return if error.use_stderr() { ExitCode::CommandLine } else { ExitCode::Ok };
         }
     };
-    match dispatch(cli) {
+    match dispatch(cli, registry) {
         Ok(code) => code,
         Err(error) => {
             // The exit code tells it too where standard error cannot be written.
@@ -122,8 +128,8 @@ fn command() -> clap::Command {
     Cli::command().after_help(format!("Exit codes:\n{}", codes.join("\n")))
 }
 
-fn dispatch(cli: Cli) -> Result<ExitCode> {
-    let console = Console::new(&cli.global)?;
+fn dispatch(cli: Cli, registry: Registry) -> Result<ExitCode> {
+    let console = Console::new(&cli.global, registry)?;
     let threads = cli.global.threads.unwrap_or(0);
     if cli.global.threads == Some(0) || threads > 4096 {
         return Err(Error::command_line("--threads: a number from 1 to 4096 is needed"));

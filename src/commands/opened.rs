@@ -9,8 +9,8 @@ use super::console::{Console, significant};
 use super::media::{MediumArgs, ProfileArg};
 use crate::asset::{Asset, Provenance};
 use crate::error::{Error, Result};
-use crate::evaluate::{Evaluator, Method};
-use crate::methods;
+use crate::evaluate::{AnyForm, Evaluator, Registry};
+use crate::forms::density;
 
 /// An asset and its materials.
 #[derive(Clone, Debug, Args)]
@@ -30,7 +30,6 @@ pub(super) struct AssetArgs {
 /// An asset with its evaluator.
 pub(super) struct Opened {
     pub(super) provenance: Provenance,
-    pub(super) method: &'static dyn Method,
     pub(super) evaluator: Box<dyn Evaluator>,
 }
 
@@ -38,34 +37,31 @@ impl AssetArgs {
     /// Reads the asset and puts the materials in force.
     pub(super) fn open(&self, console: &Console) -> Result<Opened> {
         let asset = console.stage("open", || Asset::read(&self.asset))?;
-        let method = methods::named(&asset.provenance.method).map_err(|_| {
-            let (path, method) = (self.asset.display(), &asset.provenance.method);
-            Error::unsupported(format!("{path}: baked by the method `{method}`, which this build does not have"))
-        })?;
+        let form = console.registry.form(&asset).map_err(|e| e.at(self.asset.display()))?;
         let asset = Arc::new(match self.size_mm {
-            Some(size_mm) => self.resized(asset, method, size_mm)?,
+            Some(size_mm) => self.resized(asset, form.as_ref(), size_mm)?,
             None => asset,
         });
-        let needed = methods::sampling::memory(asset.samples.len(), &asset.scene);
+        let needed = density::memory(asset.samples.len(), &asset.scene);
         console.check_memory(needed, "raise --max-memory, or bake with fewer --samples")?;
-        let mut evaluator = console.stage("prepare", || method.open(Arc::clone(&asset)))?;
+        let mut evaluator = console.stage("prepare", || form.open(Arc::clone(&asset)))?;
         if let Some(media) = self.media.choice().of_scene(evaluator.scene())? {
             evaluator.set_media(media)?;
         }
         self.profile.put(evaluator.as_mut())?;
         // The asset goes, and with it what the evaluator has in another form.
-        Ok(Opened { provenance: asset.provenance.clone(), method, evaluator })
+        Ok(Opened { provenance: asset.provenance.clone(), evaluator })
     }
 }
 
 impl AssetArgs {
-    fn resized(&self, asset: Asset, method: &dyn Method, size_mm: f64) -> Result<Asset> {
-        if method.stores_transport(&asset.provenance.settings) {
+    fn resized(&self, asset: Asset, form: &dyn AnyForm, size_mm: f64) -> Result<Asset> {
+        if form.holds_transport() {
             let (path, baked) = (self.asset.display(), asset.scene.mesh.diagonal_mm());
             return Err(Error::unsupported(format!(
                 "{path}: --size-mm {size_mm}: the transport of `{}` was computed for {} mm; bake again with that size, or with \
                  --method editable, which stores none",
-                method.name(),
+                asset.provenance.method,
                 significant(baked)
             )));
         }
@@ -84,16 +80,17 @@ impl AssetArgs {
     /// there is one and isotropic single scattering in its radiosity.
     pub(super) fn again(
         &self,
+        registry: &Registry,
         path: &std::path::Path,
         profile: Option<&crate::medium::profiles::model::LoadedProfile>,
     ) -> Result<Box<dyn Evaluator>> {
         let asset = Asset::read(path)?;
-        let method = methods::named(&asset.provenance.method)?;
+        let form = registry.form(&asset)?;
         let asset = match self.size_mm {
-            Some(size_mm) if path == self.asset => self.resized(asset, method, size_mm)?,
+            Some(size_mm) if path == self.asset => self.resized(asset, form.as_ref(), size_mm)?,
             _ => asset,
         };
-        let mut evaluator = method.open(Arc::new(asset))?;
+        let mut evaluator = form.open(Arc::new(asset))?;
         if let Some(profile) = profile {
             evaluator.set_profile(profile.clone())?;
         }

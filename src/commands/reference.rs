@@ -17,14 +17,13 @@ use super::media::ProfileArg;
 use super::model::ModelArgs;
 use super::{output, report};
 use crate::error::{Error, ExitCode, Result};
+use crate::evaluate::keys::share;
 use crate::geometry::check::MeshCheck;
 use crate::geometry::parts::Closure;
 use crate::import::Imported;
 use crate::import::file::Input;
 use crate::io::atomic;
 use crate::io::ply::write_ply;
-use crate::methods;
-use crate::evaluate::keys::share;
 use crate::transport::random_walk::exitance::{self, Effort, Exitance, MOST_PHOTONS};
 use crate::transport::random_walk::tally::{Budget, NONE};
 use crate::transport::scene::Scene;
@@ -97,16 +96,16 @@ fn dipole(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
             "--photons and --seed are for --model monte-carlo; the dipole takes --samples",
         ));
     }
-    let method = methods::named(&args.method)?;
-    let settings = args.options.resolve(method)?;
+    let method = console.registry.method(&args.method)?;
+    let recipe = args.options.resolve(method)?;
+    let asked = Some(recipe.settings.max_rms);
     output::check(&args.output, &["ply"], console)?;
     let lights = args.lights.load(console)?;
     let loaded = args.model.load(console)?;
-    let asset = Arc::new(baking::bake(method, loaded, &settings, console)?);
-    let mut evaluator = console.stage("prepare", || method.open(asset))?;
+    let asset = Arc::new(baking::bake(recipe, loaded, console)?);
+    let mut evaluator = console.stage("prepare", || console.registry.open(asset))?;
     args.profile.put(evaluator.as_mut())?;
     let measure = if args.no_measure { Measure::No } else { Measure::Yes };
-    let asked = Some(settings.max_rms);
     let result = finish(evaluator.as_mut(), method.name(), lights, &args.output, measure, asked, console)?;
     let verdict = judge(&result, console);
     report::print(console, "reference", &result)?;

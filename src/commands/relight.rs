@@ -147,7 +147,7 @@ fn drawn(evaluator: Box<dyn Evaluator>, console: &Console) -> Box<dyn Evaluator>
 
 fn animate(args: &RelightArgs, frames: usize, out: &std::path::Path, console: &Console) -> Result<ExitCode> {
     let ResolvedLights { lights, .. } = args.lights.load(console)?;
-    let Opened { method, evaluator, .. } = args.asset.open(console)?;
+    let Opened { provenance, evaluator } = args.asset.open(console)?;
     let evaluator = drawn(evaluator, console);
     let resolution = args.resolution.unwrap_or(HEADLESS_RESOLUTION);
     let needed = crate::render::frame::memory_bytes(resolution);
@@ -168,7 +168,7 @@ fn animate(args: &RelightArgs, frames: usize, out: &std::path::Path, console: &C
         texture,
         background: args.background,
         lights,
-        method: method.name().to_owned(),
+        method: provenance.method,
     };
     let timings = headless::run(place, &animation, console)?;
     let drawn = timings.adapter.as_ref().map_or("CPU", |a| a.name.as_str());
@@ -215,12 +215,12 @@ fn window(args: &RelightArgs, console: &Console, pool: Arc<rayon::ThreadPool>) -
     // Told before a window opens.
     let texture = Texture::new(&args.texture, &opened.evaluator.scene().mesh)?;
     texture.iter().flat_map(Texture::warnings).for_each(|warning| console.warn(warning));
-    let again = args.asset.clone();
+    let (again, registry) = (args.asset.clone(), console.registry.clone());
     let session = Session {
         model: args.asset.asset.clone(),
         evaluator: drawn(opened.evaluator, console),
         profile: args.asset.profile()?,
-        open: Arc::new(move |path, profile| again.again(path, profile)),
+        open: Arc::new(move |path, profile| again.again(&registry, path, profile)),
         lights: lights.lights,
         choice: args.device.choice(),
         camera: args.camera.unwrap_or_default(),
@@ -238,7 +238,7 @@ fn window(args: &RelightArgs, console: &Console, pool: Arc<rayon::ThreadPool>) -
         "{:.1} frames and {:.1} light updates a second | transport on {}, drawn by {}",
         shown.frames_per_second, shown.light_updates_per_second, shown.transport, shown.adapter.name
     ));
-    let run = WindowRun { method: opened.method.name(), lights: &lights.text, window: &shown };
+    let run = WindowRun { method: &opened.provenance.method, lights: &lights.text, window: &shown };
     pool.install(|| report::print(console, "relight", &run))?;
     Ok(ExitCode::Ok)
 }

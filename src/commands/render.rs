@@ -162,9 +162,9 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> Result<ExitCode> {
     output::check(&args.output, &["exr", "png"], console)?;
     args.picture.check_memory(console)?;
     let lights = args.lights.load(console)?;
-    let Opened { provenance, method, mut evaluator } = args.asset.open(console)?;
+    let Opened { provenance, mut evaluator } = args.asset.open(console)?;
     let picture = PictureArgs { sources: provenance.inputs, ..args.picture.clone() };
-    let (result, _) = finish(evaluator.as_mut(), method.name(), lights, &picture, &args.output, console)?;
+    let (result, _) = finish(evaluator.as_mut(), &provenance.method, lights, &picture, &args.output, console)?;
     report::print(console, "render", &result)?;
     Ok(ExitCode::Ok)
 }

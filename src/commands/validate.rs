@@ -12,7 +12,7 @@ use super::findings::{self, CATALOGUE, Severity};
 use super::{output, report};
 use crate::asset::Asset;
 use crate::error::{Error, ExitCode, Result};
-use crate::methods;
+use crate::evaluate::Registry;
 
 #[derive(Clone, Debug, Args)]
 #[command(after_long_help = catalogue())]
@@ -81,7 +81,7 @@ struct ValidateReport {
 pub(super) fn run(args: &ValidateArgs, console: &Console) -> Result<ExitCode> {
     let bytes = std::fs::read(&args.asset).map_err(|e| Error::io(&args.asset, &e))?;
     let scan = console.stage("read", || translux_format::scan(&bytes, Budget::default()));
-    let findings = console.stage("check", || find(&scan, &bytes));
+    let findings = console.stage("check", || find(&scan, &bytes, &console.registry));
     let count = |severity| findings.iter().filter(|finding| finding.severity == severity).count();
     let result = ValidateReport {
         asset: args.asset.clone(),
@@ -113,24 +113,24 @@ fn print(r: &ValidateReport) -> Result<()> {
 }
 
 /// Everything that is wrong, the bytes first.
-fn find(scan: &Scan, bytes: &[u8]) -> Vec<Finding> {
+fn find(scan: &Scan, bytes: &[u8], registry: &Registry) -> Vec<Finding> {
     let mut out: Vec<Finding> = scan.errors.iter().map(Finding::of_format).collect();
     out.extend(findings::of_version(scan));
     out.extend(findings::of_geometry(scan));
-    out.extend(findings::of_provenance(scan));
+    out.extend(findings::of_provenance(scan, registry));
     match findings::of_method_sections(scan) {
         Ok(found) => out.extend(found),
         Err(errors) => out.extend(errors.iter().map(Finding::of_format)),
     }
     if !out.iter().any(|finding| finding.severity == Severity::Error) {
-        out.extend(opened(scan, bytes));
+        out.extend(opened(scan, bytes, registry));
     }
     out
 }
 
 /// Opens what nothing is wrong with so far, as every other command does.
-fn opened(scan: &Scan, bytes: &[u8]) -> Option<Finding> {
-    let method = methods::named(&scan.provenance.as_ref()?.method).ok()?;
-    let refused = Asset::from_bytes(bytes).and_then(|asset| method.open(Arc::new(asset))).err()?;
+fn opened(scan: &Scan, bytes: &[u8], registry: &Registry) -> Option<Finding> {
+    let method = registry.method(&scan.provenance.as_ref()?.method).ok()?;
+    let refused = Asset::from_bytes(bytes).and_then(|asset| registry.open(Arc::new(asset))).err()?;
     Some(Finding::new(&findings::REFUSED, None, format!("method {}: {refused}", method.name())))
 }

@@ -245,7 +245,9 @@ impl Keys {
             let Some(key) = keys.iter().find(|key| key.name() == name) else {
                 let names: Vec<&str> = keys.iter().map(|key| key.name()).collect();
                 let names = if names.is_empty() { "none".to_owned() } else { names.join(", ") };
-                return Err(Error::command_line(format!("--set {name}: `{method}` has no such key; its keys: {names}")));
+                return Err(Error::command_line(format!(
+                    "--set {name}: `{method}` has no such key; its keys: {names}"
+                )));
             };
             key.check(text)?;
             values.insert(key.name(), text.trim().to_owned());
@@ -260,7 +262,10 @@ impl Keys {
     /// Run time: a key that the method does not list.
     pub fn get<D: Domain>(&self, key: &Key<D>) -> Result<D::Value> {
         let Some(text) = self.values.get(key.name) else {
-            return Err(Error::runtime(format!("`{}` reads the key `{}`, which it does not list", self.method, key.name)));
+            return Err(Error::runtime(format!(
+                "`{}` reads the key `{}`, which it does not list",
+                self.method, key.name
+            )));
         };
         self.read.borrow_mut().insert(key.name);
         key.parse(text)
@@ -277,7 +282,8 @@ impl Keys {
     /// Command line: a key that has no meaning beside the others.
     pub fn into_texts(self) -> Result<BTreeMap<String, String>> {
         let read = self.read.into_inner();
-        let unread = self.values.iter().find(|(name, text)| !read.contains(*name) && self.defaults[*name] != text.as_str());
+        let unread =
+            self.values.iter().find(|(name, text)| !read.contains(*name) && self.defaults[*name] != text.as_str());
         if let Some((name, text)) = unread {
             let others = self.choices.intersection(&read).filter(|other| *other != name);
             let others: Vec<String> = others.map(|other| format!("{other}={}", self.values[other])).collect();
@@ -296,7 +302,9 @@ impl Keys {
 /// # Errors
 /// Command line: not a share in (0, 1].
 pub fn share(text: &str, flag: &str) -> Result<f64> {
-    Share.parse(text.trim()).ok_or_else(|| Error::command_line(format!("{flag} {text}: {} is needed", Share.describe())))
+    Share
+        .parse(text.trim())
+        .ok_or_else(|| Error::command_line(format!("{flag} {text}: {} is needed", Share.describe())))
 }
 
 #[cfg(test)]
@@ -320,10 +328,20 @@ mod tests {
         let all = keys(&[("size", " 2.5 "), ("rays", "16")]).unwrap();
         assert_eq!((all.get(&KIND).unwrap(), all.get(&SIZE).unwrap(), all.get(&RAYS).unwrap()), (0, Some(2.5), 16));
         let texts = all.into_texts().unwrap();
-        assert_eq!(texts.iter().map(|(k, v)| format!("{k}={v}")).collect::<Vec<_>>(), ["kind=plain", "rays=16", "size=2.5"]);
+        assert_eq!(
+            texts.iter().map(|(k, v)| format!("{k}={v}")).collect::<Vec<_>>(),
+            ["kind=plain", "rays=16", "size=2.5"]
+        );
         assert_eq!(keys(&[]).unwrap().get(&SIZE).unwrap(), None);
-        let refused =
-            [("kind", "odd"), ("kind", ""), ("size", "9"), ("size", "nan"), ("rays", "3"), ("rays", "128"), ("rays", "-1")];
+        let refused = [
+            ("kind", "odd"),
+            ("kind", ""),
+            ("size", "9"),
+            ("size", "nan"),
+            ("rays", "3"),
+            ("rays", "128"),
+            ("rays", "-1"),
+        ];
         for (name, value) in refused {
             let error = keys(&[(name, value)]).err().unwrap();
             assert_eq!(error.code(), ExitCode::CommandLine);

@@ -3,9 +3,10 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::capabilities::SingleScattering;
+use super::evaluator::Evaluator;
 use super::forward::forward_scene;
 use super::single_scattering::{SeenPoint, TowardsEye};
-use super::{Evaluator, SingleScattering};
 use crate::error::Result;
 use crate::light::Light;
 use crate::medium::fresnel::transmittance;
@@ -142,8 +143,8 @@ impl Evaluator for Summed {
     #[cfg(feature = "gpu")]
     fn on_device(
         self: Box<Self>,
-        _: &std::sync::Arc<super::device::Device>,
-    ) -> Result<Box<dyn super::device::DeviceEvaluator>> {
+        _: &std::sync::Arc<super::device::adapter::Device>,
+    ) -> Result<Box<dyn super::evaluator::DeviceEvaluator>> {
         Err(crate::error::Error::unsupported(
             "single scattering beside the radiosity is added to it on the CPU: --device cpu, or bake it as a part of the radiosity \
              (--set single-scattering=folded)",

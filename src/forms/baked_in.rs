@@ -10,11 +10,11 @@ use super::sampled_scene::GROUP;
 use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, ExitCode, Result};
-#[cfg(feature = "gpu")]
-use crate::evaluate::{DeviceEvaluator, device::Device};
 use crate::evaluate::inter_reflection::Outside;
 use crate::evaluate::single_scattering::{LitScene, TowardsEye, Traced};
 use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit, SingleScattering, SourceFields};
+#[cfg(feature = "gpu")]
+use crate::evaluate::{DeviceEvaluator, device::Device};
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::Samples;
 use crate::light::Light;
@@ -234,12 +234,7 @@ pub(crate) struct BakedIn<S: Stored> {
 
 impl<S: Stored + 'static> BakedIn<S> {
     /// What was stored for these receivers, without light.
-    pub(crate) fn boxed(
-        scene: Scene,
-        receivers: Receivers,
-        samples: usize,
-        stored: S,
-    ) -> Result<Box<dyn Evaluator>> {
+    pub(crate) fn boxed(scene: Scene, receivers: Receivers, samples: usize, stored: S) -> Result<Box<dyn Evaluator>> {
         Self::with(scene, receivers, samples, stored, Beside { single: Single::None, outside: None })
     }
 

@@ -232,7 +232,8 @@ fn single(keys: &Keys, basis: Basis) -> Result<(Single, Basis, Integrand)> {
     let asked = keys.get(&SINGLE_BASIS)?;
     let integrand = keys::integrand(keys)?;
     // Rows hold one term.
-    let refused = |name: &str| Err(Error::command_line(format!("--set single-scattering={name}: for harmonics, --set basis=sh")));
+    let refused =
+        |name: &str| Err(Error::command_line(format!("--set single-scattering={name}: for harmonics, --set basis=sh")));
     match scattered {
         Scattered::Folded if basis == Basis::Haar || asked == Some(Basis::Haar) => refused("folded"),
         Scattered::Phase if asked == Some(Basis::Haar) => {

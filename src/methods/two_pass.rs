@@ -73,7 +73,10 @@ impl Method for TwoPass {
             density: DENSITY.finer((DENSITY_RMS / max_rms).sqrt()),
             sampling: keys::light_sampling(keys, (&POINTS, &DIRECTIONS, &AREA_SIDE))?,
             near: NearField::for_error(max_rms),
-            far: Far::Hierarchical { error: keys.get(&ERROR)?.unwrap_or(HIERARCHY * max_rms), bound: keys.get(&BOUND)? },
+            far: Far::Hierarchical {
+                error: keys.get(&ERROR)?.unwrap_or(HIERARCHY * max_rms),
+                bound: keys.get(&BOUND)?,
+            },
             group: GROUP,
             nets: None,
             environment: None,

@@ -4,9 +4,9 @@
 use std::sync::Arc;
 
 use crate::error::Result;
-use crate::evaluate::Evaluator;
 #[cfg(feature = "gpu")]
 use crate::evaluate::DeviceEvaluator;
+use crate::evaluate::Evaluator;
 use crate::evaluate::device::{Device, Uploaded};
 
 /// What a person asks for.

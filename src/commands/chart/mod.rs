@@ -20,7 +20,6 @@ use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::Method;
 use crate::light::Light;
 use crate::measure::chart::{Chart, Machine, Row, SCHEMA};
-use crate::methods::{self, ALL};
 
 #[derive(Clone, Debug, Args)]
 pub(super) struct ChartArgs {
@@ -101,8 +100,8 @@ struct ChartReport<'a> {
 pub(super) fn run(args: &ChartArgs, console: &Console) -> Result<ExitCode> {
     let extent = if args.quick { QUICK } else { WHOLE };
     let methods: Vec<&'static dyn Method> = match args.methods.as_slice() {
-        [] => ALL.to_vec(),
-        names => names.iter().map(|name| methods::named(name)).collect::<Result<_>>()?,
+        [] => console.registry.methods().to_vec(),
+        names => names.iter().map(|name| console.registry.method(name)).collect::<Result<_>>()?,
     };
     if args.growth {
         return growth::run(args, &methods, console);

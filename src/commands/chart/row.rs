@@ -81,20 +81,26 @@ pub(super) fn bake(subject: &Subject, method: &str, rung: &str) -> Result<Baked>
 }
 
 /// Measures one row.
-pub(super) fn of(subject: &Subject, method: &dyn Method, rung: &str, truth: &Reference) -> Result<(Row, Shown)> {
+pub(super) fn of(
+    subject: &Subject,
+    method: &'static dyn Method,
+    rung: &str,
+    truth: &Reference,
+) -> Result<(Row, Shown)> {
     let Baked { path, command, report } = bake(subject, method.name(), rung)?;
     let bytes = std::fs::read(&path).map_err(|e| Error::io(&path, &e))?;
     let sizes = inspect::sizes(&bytes)?;
     let started = Instant::now();
     let asset = Arc::new(Asset::read(&path)?);
     let ledger = asset.ledger.clone();
-    let mut evaluator = method.open(Arc::clone(&asset))?;
+    let mut evaluator = subject.console.registry.open(Arc::clone(&asset))?;
     let open_ms = 1e3 * started.elapsed().as_secs_f64();
+    let kinds = subject.console.registry.form(&asset)?.kinds();
     let mut lights = Vec::with_capacity(truth.lights.len());
     let mut shown = None;
-    let served = |(_, light): &&(String, Light)| method.kinds().contains(&light.kind());
+    let served = |(_, light): &&(String, Light)| kinds.contains(&light.kind());
     for (index, ((text, light), expected)) in truth.lights.iter().zip(&truth.radiosity).enumerate() {
-        if !method.kinds().contains(&light.kind()) {
+        if !kinds.contains(&light.kind()) {
             continue;
         }
         let mut times = Vec::with_capacity(subject.extent.repeats);
@@ -121,7 +127,7 @@ pub(super) fn of(subject: &Subject, method: &dyn Method, rung: &str, truth: &Ref
     let edit_ms = edits(evaluator.as_mut(), &subject.extent)?;
     let (own, unserved): (Vec<_>, Vec<_>) = truth.lights.iter().partition(served);
     let own: Vec<(String, Light)> = own.into_iter().cloned().collect();
-    let device = subject.adapter.row(|| method.open(Arc::clone(&asset)), &own, &subject.extent)?;
+    let device = subject.adapter.row(|| subject.console.registry.open(Arc::clone(&asset)), &own, &subject.extent)?;
     let none = || Error::unsupported(format!("no light of the chart is one that {} serves", method.name()));
     let shown = shown.ok_or_else(none)?;
     let vertices = truth.areas.len();

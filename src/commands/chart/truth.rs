@@ -13,7 +13,6 @@ use crate::light::Light;
 use crate::light::sky::sky;
 use crate::measure::chart::Truth;
 use crate::measure::probes;
-use crate::methods;
 use crate::progress::Silent;
 use crate::render::background::Background;
 use crate::render::camera::{Camera, Resolution};
@@ -41,7 +40,7 @@ pub(super) fn of(subject: &Subject, samples: usize) -> Result<Reference> {
     let console = subject.console;
     let Baked { path, command, .. } = bake(subject, "reference", &format!("--samples {samples}"))?;
     let asset = Arc::new(Asset::read(&path)?);
-    let mut evaluator = methods::named("reference")?.open(Arc::clone(&asset))?;
+    let mut evaluator = console.registry.open(Arc::clone(&asset))?;
     let lights = match subject.lights {
         [] => defaults(evaluator.as_ref()),
         lights => lights.to_vec(),

@@ -232,7 +232,7 @@ pub(crate) fn expansion(
 ///
 /// # Errors
 /// More than the adapter binds, or sums (exit 5).
-pub fn filling(
+pub(crate) fn filling(
     device: &Device,
     (functions, receivers, weights): (u16, &[u32], &SharedWeights),
     (values, terms): (&wgpu::Buffer, usize),

@@ -5,7 +5,6 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::adapter::Device;
-use super::read_back::read_radiosity;
 use crate::error::Result;
 use crate::evaluate::evaluator::{DeviceEvaluator, Evaluator};
 use crate::evaluate::forward::{forward_scene, forward_single_scattering};

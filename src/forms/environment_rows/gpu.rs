@@ -6,10 +6,12 @@ use std::sync::Arc;
 use bytemuck::{Pod, Zeroable};
 use translux_format::rows::{FACES, IrradianceRows};
 
-use crate::evaluate::device::Device;
-use crate::evaluate::device::surface::{READ, SurfaceBuffers, UNIFORM, WRITE, bind, bind_group_layout, dispatch, pipeline, uniform};
-use crate::error::{Error, Result};
 use super::stored::StoredRows;
+use crate::error::{Error, Result};
+use crate::evaluate::device::Device;
+use crate::evaluate::device::surface::{
+    READ, SurfaceBuffers, UNIFORM, WRITE, bind, bind_group_layout, dispatch, pipeline, uniform,
+};
 use crate::geometry::samples::Samples;
 use crate::light::cube_light::CubeLight;
 use crate::medium::entrance_basis::MOST_TERMS;

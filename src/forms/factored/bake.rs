@@ -1,6 +1,5 @@
 //! What `factored` precomputes: samples in tree order, a basis of far profiles, and the transport of each basis function.
 
-use glam::DVec3;
 use rayon::prelude::*;
 use translux_format::far_field::{FarField, Group};
 
@@ -20,7 +19,7 @@ use crate::medium::profile_basis::{BasisSettings, ProfileBasis};
 use crate::progress::Progress;
 use crate::transport::balanced_tree::LightDetails;
 use crate::transport::expected_light::expected_details;
-use crate::transport::far_field::{FarTransport, Precision, Rows, TERMS};
+use crate::transport::far_field::{FarTransport, LANES, Precision, Rows, TERMS};
 use crate::transport::irradiance::LightSampling;
 use crate::transport::scene::Scene;
 

@@ -75,8 +75,10 @@ impl Choice {
         let trial = FarTransport { precision, ..*transport };
         let subsets = Subset::of_functions(scene, &ordered.points, (GROUPS, 0));
         let materials = Subset::materials(scene, basis);
-        let classes: Vec<Class> =
-            subsets.into_iter().map(|of| Class::new((scene, ordered, form), of, &trial, (&materials, lights))).collect();
+        let classes: Vec<Class> = subsets
+            .into_iter()
+            .map(|of| Class::new((scene, ordered, form), of, &trial, (&materials, lights)))
+            .collect();
         let lose = |lost: &mut [FarRadiosity], light: &Tuning, entry: &Entry| {
             let class = &classes[entry.class as usize];
             let run = class.of.subset.receivers.groups[entry.group as usize].run;

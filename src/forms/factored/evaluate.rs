@@ -7,20 +7,20 @@ use glam::DVec3;
 use rayon::prelude::*;
 use translux_format::far_field::FarField;
 
+use super::far_sums::{ByFunction, FarSums};
 #[cfg(feature = "gpu")]
 use super::gpu::FactoredOnDevice;
-use super::far_sums::{ByFunction, FarSums};
 use super::points::FarPoints;
 use super::sections;
 use super::settings::Factored;
 use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
+use crate::evaluate::sampling_error::{Sampled, receiver_areas};
+use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit};
 #[cfg(feature = "gpu")]
 use crate::evaluate::{DeviceEvaluator, device::Device};
 use crate::forms::environment_rows::{StoredRows, by_rays, error_of_rows};
-use crate::evaluate::sampling_error::{Sampled, receiver_areas};
-use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit};
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::{Patch, Samples};
 use crate::light::Light;

@@ -5,13 +5,13 @@ use std::sync::Arc;
 use bytemuck::{Pod, Zeroable};
 use translux_format::far_field::{FarField, LANES};
 
+use super::far_sums::Fill;
+use crate::error::{Error, Result};
 use crate::evaluate::device::Device;
 use crate::evaluate::device::interpolated::{Stage, expansion, filling};
 use crate::evaluate::device::jobs::MOST_TURNS_OF_SOFTWARE;
 use crate::evaluate::device::surface::{READ, UNIFORM, WRITE, bind, bind_group_layout, dispatch, pipeline, uniform};
 use crate::evaluate::device::tree::TreeOnDevice;
-use crate::error::{Error, Result};
-use super::far_sums::Fill;
 use crate::transport::interpolation::SharedWeights;
 
 /// Basis functions at most.
@@ -49,7 +49,7 @@ struct Pending {
 }
 
 /// The far field on a device.
-pub struct FarOnDevice {
+pub(super) struct FarOnDevice {
     device: Arc<Device>,
     values: wgpu::Buffer,
     pipeline: wgpu::ComputePipeline,
@@ -67,7 +67,7 @@ impl FarOnDevice {
     ///
     /// # Errors
     /// Buffers beyond the adapter's bindings that cannot be cut (exit 5).
-    pub fn new(
+    pub(super) fn new(
         device: &Arc<Device>,
         (far, fills, weights): (&FarField, &[Fill], Option<&SharedWeights>),
         tree: &TreeOnDevice,
@@ -84,14 +84,17 @@ impl FarOnDevice {
         let bound = [&steps, tree.details(), tree.means(), &row_sums, &values];
         let bind_group = bind(&device.device, &first, bound.into_iter());
         let shards = shards(device, far, &second)?;
-        let fills = fills.iter().map(|fill| filling(device, (fill.functions, &fill.receivers, &fill.weights), (&values, terms))).collect::<Result<_>>()?;
+        let fills = fills
+            .iter()
+            .map(|fill| filling(device, (fill.functions, &fill.receivers, &fill.weights), (&values, terms)))
+            .collect::<Result<_>>()?;
         let expansion = weights.map(|weights| expansion(device, weights, (&values, terms))).transpose()?;
         device.check()?;
         Ok(Self { device: Arc::clone(device), values, pipeline, bind_group, shards, fills, expansion })
     }
 
     /// Far radiosity of every receiver and function under the light of the tree, over its scale: `[receiver][k]`, RGB.
-    pub fn run(&self) {
+    pub(super) fn run(&self) {
         let shards = self.shards.iter().map(|(group, count)| (group, *count));
         dispatch(&self.device, &self.pipeline, &self.bind_group, shards);
         self.fills.iter().for_each(|stage| stage.run(&self.device));
@@ -101,7 +104,7 @@ impl FarOnDevice {
     }
 
     /// What [`Self::run`] writes.
-    pub fn values(&self) -> &wgpu::Buffer {
+    pub(super) fn values(&self) -> &wgpu::Buffer {
         self.expansion.as_ref().map_or(&self.values, |(_, expanded)| expanded)
     }
 }

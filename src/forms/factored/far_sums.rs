@@ -15,7 +15,7 @@ const TERMS: usize = 16;
 
 /// Far radiosity of every receiver and basis function, over the scale of the light.
 #[derive(Clone, Debug, Default)]
-pub struct FarSums {
+pub(super) struct FarSums {
     /// `[row][k]`, RGB; row i is that of receiver i, as far as there are receivers.
     values: Vec<[f32; 3]>,
     terms: usize,
@@ -24,7 +24,7 @@ pub struct FarSums {
 
 /// Receivers whose own rows have not some of the functions, and what these take of the rows that have them.
 #[derive(Clone, Debug, Default)]
-pub struct Fill {
+pub(super) struct Fill {
     /// The functions: bit k.
     pub functions: u16,
     /// Those without.
@@ -35,7 +35,7 @@ pub struct Fill {
 
 impl Fill {
     /// Bytes in memory.
-    pub fn bytes(&self) -> usize {
+    pub(super) fn bytes(&self) -> usize {
         size_of_val(self.receivers.as_slice()) + self.weights.bytes()
     }
 }
@@ -50,7 +50,7 @@ struct Place {
 /// Where the values of each group and function are. One function after the other is summed without a decision for each value, which
 /// costs more than its arithmetic.
 #[derive(Clone, Debug, Default)]
-pub struct ByFunction {
+pub(super) struct ByFunction {
     /// `[group][k]`: ends of the 8-bit and of the 16-bit values.
     ends: Vec<[u32; 2]>,
     places: Vec<Place>,
@@ -58,7 +58,7 @@ pub struct ByFunction {
 
 impl ByFunction {
     /// Of a far field.
-    pub fn new(far: &FarField) -> Self {
+    pub(super) fn new(far: &FarField) -> Self {
         let terms = far.terms.min(TERMS);
         let mut result = Self {
             ends: Vec::with_capacity(far.groups.len() * terms),
@@ -94,14 +94,18 @@ impl ByFunction {
     }
 
     /// Bytes in memory.
-    pub fn bytes(&self) -> usize {
+    pub(super) fn bytes(&self) -> usize {
         size_of_val(self.ends.as_slice()) + size_of_val(self.places.as_slice())
     }
 }
 
 impl FarSums {
     /// Of one light. Without fills there are the values of each row, 0 of the functions that its group has not.
-    pub fn new(level: Level, (far, order, fills): (&FarField, &ByFunction, &[Fill]), light: &LightDetails) -> Self {
+    pub(super) fn new(
+        level: Level,
+        (far, order, fills): (&FarField, &ByFunction, &[Fill]),
+        light: &LightDetails,
+    ) -> Self {
         let terms = far.terms.min(TERMS);
         let mut values = vec![[0.0; 3]; far.row_sums.len()];
         let mut jobs = Vec::with_capacity(far.groups.len());
@@ -162,7 +166,7 @@ impl FarSums {
     }
 
     /// Adds the far radiosity of receivers from `first` on for the coefficients of a material, `[channel][k]`.
-    pub fn combine(&self, first: usize, coefficients: &[Vec<f64>; 3], out: &mut [DVec3]) {
+    pub(super) fn combine(&self, first: usize, coefficients: &[Vec<f64>; 3], out: &mut [DVec3]) {
         let rows = self.values[first * self.terms..].chunks_exact(self.terms.max(1));
         for (out, row) in out.iter_mut().zip(rows) {
             let mut sum = DVec3::ZERO;
@@ -176,12 +180,12 @@ impl FarSums {
     }
 
     /// Far radiosity of one receiver and basis function, RGB.
-    pub fn value(&self, receiver: usize, k: usize) -> DVec3 {
+    pub(super) fn value(&self, receiver: usize, k: usize) -> DVec3 {
         glam::Vec3::from_array(self.values[receiver * self.terms + k]).as_dvec3() * self.scale
     }
 
     /// Bytes in memory.
-    pub fn bytes(&self) -> usize {
+    pub(super) fn bytes(&self) -> usize {
         size_of_val(self.values.as_slice())
     }
 }

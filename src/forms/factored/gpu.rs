@@ -6,16 +6,16 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::evaluate::FactoredEvaluator;
+use super::far_field_gpu::FarOnDevice;
 use crate::compress::ledger::Ledger;
 use crate::error::Result;
-use super::far_field_gpu::FarOnDevice;
 use crate::evaluate::device::jobs::Effort;
 use crate::evaluate::device::near_field::NearOnDevice;
-use crate::forms::environment_rows::gpu::RowsOnDevice;
 use crate::evaluate::device::surface::{Geometry, SurfaceBuffers};
 use crate::evaluate::device::tree::TreeOnDevice;
 use crate::evaluate::device::{Device, read_radiosity};
 use crate::evaluate::{Capabilities, Cost, DeviceEvaluator, Evaluator};
+use crate::forms::environment_rows::gpu::RowsOnDevice;
 use crate::geometry::bvh::Bvh;
 use crate::light::Light;
 use crate::light::cube_light::CubeLight;

@@ -4,14 +4,14 @@ use std::collections::BTreeSet;
 
 use glam::DVec3;
 
-use super::ordered_samples::{OrderedSamples, spacing_mm};
 use super::choice::Tuning;
+use super::far_sums::Fill;
 use super::levels::levels;
-use super::settings::Factored;
+use super::ordered_samples::{OrderedSamples, spacing_mm};
 use super::points::FarPoints;
+use super::settings::Factored;
 use super::sources::FarRadiosity;
 use super::subset::{Projected, Subset};
-use super::far_sums::Fill;
 use crate::evaluate::sampling_error::receiver_areas;
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::medium::profile_basis::{ProfileBasis, Table};

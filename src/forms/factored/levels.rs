@@ -4,11 +4,11 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::ordered_samples::OrderedSamples;
 use super::choice::Tuning;
 use super::interpolation::Row;
-use super::settings::Factored;
+use super::ordered_samples::OrderedSamples;
 use super::points::FarPoints;
+use super::settings::Factored;
 use super::sources::FarRadiosity;
 use super::subset::{Projected, Subset};
 use crate::math::statistics::vertex_error;

@@ -7,13 +7,13 @@ use std::collections::BTreeMap;
 use glam::DVec3;
 use translux_format::far_field::FarField;
 
+use super::far_sums::Fill;
 use super::interpolation::Row;
 use crate::error::{Error, Result};
-use super::far_sums::Fill;
-use crate::geometry::cluster::Run;
-use crate::geometry::scattered::{Kriging, OrientedPoint, choose};
 use crate::forms::projected::references::weights_among;
 use crate::forms::sampled_scene::parts;
+use crate::geometry::cluster::Run;
+use crate::geometry::scattered::{Kriging, OrientedPoint, choose};
 use crate::transport::far_field::LANES;
 use crate::transport::interpolation::SharedWeights;
 use crate::transport::receivers::{Group, NONE, Receivers};

@@ -4,8 +4,8 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::ordered_samples::OrderedSamples;
-use super::settings::Factored;
 use super::points::FarPoints;
+use super::settings::Factored;
 use crate::evaluate::sampling_error::receiver_areas;
 use crate::geometry::cluster::Run;
 use crate::medium::dipole::Dipole;

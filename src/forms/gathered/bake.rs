@@ -11,8 +11,8 @@ use super::settings::Gathered;
 use crate::asset::{Asset, Provenance};
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
-use crate::evaluate::sampling_error::receiver_areas;
 use crate::evaluate::inter_reflection;
+use crate::evaluate::sampling_error::receiver_areas;
 use crate::evaluate::{AssetParts, BakeSettings, Evaluator};
 use crate::forms::density;
 use crate::forms::environment_rows::{self, StoredRows};
@@ -150,7 +150,8 @@ pub(super) fn open(form: &Gathered, asset: Arc<Asset>) -> Result<Box<dyn Evaluat
         None => None,
         Some(_) => {
             let missing = || Error::input("an asset without its resolution (section mls.num); bake it again");
-            let numbers = MultilevelSummation::from_sections(&asset.sections).map_err(|e| Error::input(e.to_string()))?;
+            let numbers =
+                MultilevelSummation::from_sections(&asset.sections).map_err(|e| Error::input(e.to_string()))?;
             let MultilevelSummation { error, spacing, softening, facets_below, pieces_below } =
                 numbers.ok_or_else(missing)?;
             Some(Quality { error, spacing, softening, near: NearRule { facets_below, pieces_below } })

@@ -6,14 +6,15 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::lit_samples::GatheredEvaluator;
+use super::nets::Nets;
 #[cfg(feature = "gpu")]
 use super::{hierarchy_gpu::HierarchyOnDevice, nets_gpu::NetsOnDevice};
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
 #[cfg(feature = "gpu")]
-use crate::evaluate::device::Device;
-#[cfg(feature = "gpu")]
 use crate::evaluate::DeviceEvaluator;
+#[cfg(feature = "gpu")]
+use crate::evaluate::device::Device;
 use crate::evaluate::sampling_error::Sampled;
 use crate::evaluate::single_scattering::TowardsEye;
 use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit, SingleScattering};
@@ -26,7 +27,6 @@ use crate::transport::gather::{NearField, Scheme};
 use crate::transport::interreflection::InterReflection;
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::{Medium, Scene};
-use super::nets::Nets;
 
 impl Evaluator for GatheredEvaluator {
     fn capabilities(&self) -> Capabilities {

@@ -6,13 +6,15 @@ use std::sync::Arc;
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
-use crate::evaluate::device::jobs::{CLUSTER, Effort, Entries, Shard, shards};
-use crate::evaluate::device::surface::{Geometry, KERNEL, READ, SurfaceBuffers, bind, bind_group_layout, dispatch, pipeline};
 use super::lit_samples::GatheredEvaluator;
-use crate::evaluate::device::{Device, read_radiosity};
 use crate::error::Result;
-use crate::evaluate::{DeviceEvaluator, Evaluator};
+use crate::evaluate::device::jobs::{CLUSTER, Effort, Entries, Shard, shards};
+use crate::evaluate::device::surface::{
+    Geometry, KERNEL, READ, SurfaceBuffers, bind, bind_group_layout, dispatch, pipeline,
+};
+use crate::evaluate::device::{Device, read_radiosity};
 use crate::evaluate::forward::{forward_scene, forward_single_scattering};
+use crate::evaluate::{DeviceEvaluator, Evaluator};
 use crate::light::Light;
 use crate::progress::Progress;
 use crate::transport::balanced_tree::power_of_two_near;
@@ -29,7 +31,7 @@ struct GpuCluster {
 }
 
 /// A [`GatheredEvaluator`] whose radiosity a device gathers.
-pub struct HierarchyOnDevice {
+pub(super) struct HierarchyOnDevice {
     cpu: GatheredEvaluator,
     device: Arc<Device>,
     buffers: SurfaceBuffers,
@@ -46,7 +48,7 @@ impl HierarchyOnDevice {
     ///
     /// # Errors
     /// An adapter with too few or too small bindings (exit 5).
-    pub fn new(cpu: GatheredEvaluator, device: &Arc<Device>) -> Result<Self> {
+    pub(super) fn new(cpu: GatheredEvaluator, device: &Arc<Device>) -> Result<Self> {
         let surface = cpu.surface();
         let corners = Corners::new(&surface.scene.mesh, surface.samples, surface.patches);
         let geometry = Geometry {

@@ -7,23 +7,21 @@ use glam::DVec3;
 
 use super::nets::Nets;
 use super::settings::{Far, Gathering};
-use crate::forms::environment_rows::{StoredRows, by_rays, error_of_rows};
-use crate::evaluate::inter_reflection::{Outside, Returned, Transfer};
-use crate::evaluate::sampling_error::{Sampled, receiver_areas};
-use crate::evaluate::single_scattering::{LitScene, TowardsEye, Traced};
-use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit, SingleScattering};
 use crate::asset::Asset;
-use crate::compress::ledger::Ledger;
-use crate::error::{Error, Result};
+use crate::error::Result;
+use crate::evaluate::inter_reflection::{Outside, Returned, Transfer};
+use crate::evaluate::sampling_error::receiver_areas;
+use crate::evaluate::single_scattering::{LitScene, Traced};
+use crate::forms::environment_rows::StoredRows;
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::Patch;
 use crate::light::Light;
 use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::Progress;
-use crate::transport::gather::{Criterion, Gather, Lit, MediumKernel, NearField, Scheme};
+use crate::transport::gather::{Gather, Lit, MediumKernel, NearField, Scheme};
 use crate::transport::interreflection::InterReflection;
 use crate::transport::irradiance::{Illumination, LightSampling, Pieces};
-use crate::transport::multilevel::{Quality, SurfaceNets, SurfaceTables};
+use crate::transport::multilevel::{SurfaceNets, SurfaceTables};
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::{self, Medium, Scene, Surface};
 use crate::transport::tree::SampleTree;
@@ -150,7 +148,13 @@ impl GatheredEvaluator {
     }
 
     /// Follows the light outside; there must have been [`Self::light_up`].
-    pub(super) fn return_light(&mut self, outside: Outside, near: NearField, scheme: Scheme, progress: &dyn Progress) -> Returned {
+    pub(super) fn return_light(
+        &mut self,
+        outside: Outside,
+        near: NearField,
+        scheme: Scheme,
+        progress: &dyn Progress,
+    ) -> Returned {
         let matrix = match self.matrix.take() {
             Some(matrix) => matrix,
             None => outside.matrix(&self.surface(), &self.receivers, progress),

@@ -6,16 +6,16 @@ use std::sync::Arc;
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3};
 
+use super::lit_samples::GatheredEvaluator;
+use crate::error::{Error, Result};
 use crate::evaluate::device::interpolated::{Interpolation, Stage, check_turns, cut};
 use crate::evaluate::device::jobs::{Effort, Entries, Shard, shards};
 use crate::evaluate::device::surface::{
     Geometry, KERNEL, READ, SurfaceBuffers, UNIFORM, WRITE, bind, bind_group_layout, dispatch, pipeline, uniform,
 };
-use super::lit_samples::GatheredEvaluator;
 use crate::evaluate::device::{Device, read_radiosity};
-use crate::error::{Error, Result};
-use crate::evaluate::{DeviceEvaluator, Evaluator};
 use crate::evaluate::forward::{forward_scene, forward_single_scattering};
+use crate::evaluate::{DeviceEvaluator, Evaluator};
 use crate::geometry::samples::Facet;
 use crate::light::Light;
 use crate::medium::profiles::model::LoadedProfile;
@@ -72,7 +72,7 @@ struct GpuRadialTable {
 }
 
 /// A [`GatheredEvaluator`] that sums over nets, on a device.
-pub struct NetsOnDevice {
+pub(super) struct NetsOnDevice {
     cpu: GatheredEvaluator,
     device: Arc<Device>,
     buffers: SurfaceBuffers,
@@ -168,7 +168,7 @@ impl NetsOnDevice {
     /// # Errors
     /// An adapter with too few or too small bindings (exit 5); an evaluator that does not sum over nets (exit 4: a caller's
     /// mistake).
-    pub fn new(mut cpu: GatheredEvaluator, device: &Arc<Device>) -> Result<Self> {
+    pub(super) fn new(mut cpu: GatheredEvaluator, device: &Arc<Device>) -> Result<Self> {
         cpu.prepare_nets(&Silent);
         let surface = cpu.surface();
         let (nets, tables) = nets_of(&cpu)?;

@@ -93,7 +93,9 @@ impl Form for VertexValues {
         self.density.validate()?;
         self.lights.validate()?;
         match self.order {
-            Some(order) if !(1..=MOST_ORDER).contains(&order) => Err(Error::input(format!("harmonics of order {order}"))),
+            Some(order) if !(1..=MOST_ORDER).contains(&order) => {
+                Err(Error::input(format!("harmonics of order {order}")))
+            }
             _ => Ok(()),
         }
     }

@@ -40,11 +40,7 @@ pub(crate) struct Radiosities<'a> {
 }
 
 impl<'a> Radiosities<'a> {
-    pub(crate) fn new(
-        values: impl Into<std::borrow::Cow<'a, [f32]>>,
-        shells: usize,
-        directions: usize,
-    ) -> Self {
+    pub(crate) fn new(values: impl Into<std::borrow::Cow<'a, [f32]>>, shells: usize, directions: usize) -> Self {
         let values = values.into();
         let mut squares = vec![0.0f64; directions];
         for row in values.chunks_exact(directions.max(1)) {
@@ -75,13 +71,7 @@ impl<'a> Radiosities<'a> {
 }
 
 /// Codes radiosities, in the order of the rows of `net`, so that their error is `error` times their RMS.
-pub(crate) fn code(
-    radiosities: &Radiosities,
-    net: &Net,
-    light_net: &Net,
-    tags: tags::Set,
-    error: f64,
-) -> Result<Set> {
+pub(crate) fn code(radiosities: &Radiosities, net: &Net, light_net: &Net, tags: tags::Set, error: f64) -> Result<Set> {
     let (points, planes, lights) = (radiosities.points(), radiosities.planes(), radiosities.directions);
     let (mixture, units) = decorrelated_planes(radiosities)?;
     let mut rows = vec![0.0f32; radiosities.values.len()];

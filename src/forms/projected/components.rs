@@ -16,13 +16,13 @@ use crate::compress::prediction::Net;
 use crate::error::{Error, Result};
 #[cfg(feature = "gpu")]
 use crate::evaluate::{DeviceEvaluator, device::Device};
-use crate::light::Light;
-use crate::math::simd::{Level, multiversion};
 #[cfg(feature = "gpu")]
 use crate::forms::baked_in::BakedIn;
 use crate::forms::baked_in::Stored;
 use crate::forms::projected::references::weights;
 use crate::forms::sampled_scene::{oriented, parts};
+use crate::light::Light;
+use crate::math::simd::{Level, multiversion};
 use crate::transport::balanced_tree::power_of_two_near;
 use crate::transport::interpolation::SharedWeights;
 use crate::transport::receivers::Receivers;

@@ -5,16 +5,16 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::digits::Term;
 use super::components::{Components, LightBasis};
+use super::digits::Term;
 use crate::error::Result;
+use crate::evaluate::DeviceEvaluator;
 use crate::evaluate::Evaluator;
 use crate::evaluate::device::interpolated::{InterpolatedOnDevice, Sum};
-use crate::evaluate::DeviceEvaluator;
 use crate::evaluate::device::{Device, read_radiosity};
 use crate::evaluate::forward::{forward_scene, forward_single_scattering};
-use crate::light::Light;
 use crate::forms::baked_in::BakedIn;
+use crate::light::Light;
 use crate::progress::Progress;
 use crate::transport::scene::Medium;
 

@@ -97,15 +97,11 @@ pub(crate) fn spacing_of(sampled: &SampledScene, count: usize) -> f64 {
 }
 
 /// The error of interpolation from reference points, under the worst of some lights, on some vertices.
-pub(crate) fn spatial_error(
-    sampled: &SampledScene,
-    net: &Net,
-    spacing_mm: f64,
-    truth: &[Vec<DVec3>],
-) -> VertexError {
+pub(crate) fn spatial_error(sampled: &SampledScene, net: &Net, spacing_mm: f64, truth: &[Vec<DVec3>]) -> VertexError {
     let mut chosen = net.point.clone();
     chosen.sort_unstable();
-    let weights = weights_of_some(&chosen, &sampled.points, &sampled.receivers, (spacing_mm, STRIDE), Kriging::RADIOSITY);
+    let weights =
+        weights_of_some(&chosen, &sampled.points, &sampled.receivers, (spacing_mm, STRIDE), Kriging::RADIOSITY);
     let some: Vec<usize> = parts(&sampled.receivers).into_iter().flat_map(|part| part.step_by(STRIDE)).collect();
     let areas: Vec<f64> = some.iter().map(|&i| sampled.areas[i]).collect();
     let of_light = |values: &Vec<DVec3>| {
@@ -141,12 +137,7 @@ pub(crate) fn in_ascending_order(
 }
 
 /// Weights of every receiver over the reference points, which are some of the receivers, ascending.
-pub(crate) fn weights(
-    chosen: &[u32],
-    points: &[OrientedPoint],
-    receivers: &Receivers,
-    spacing_mm: f64,
-) -> Weights {
+pub(crate) fn weights(chosen: &[u32], points: &[OrientedPoint], receivers: &Receivers, spacing_mm: f64) -> Weights {
     weights_of_some(chosen, points, receivers, (spacing_mm, 1), Kriging::RADIOSITY)
 }
 

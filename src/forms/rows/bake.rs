@@ -4,14 +4,14 @@ use glam::DVec3;
 use translux_format::rows::{FACES, IrradianceRows};
 
 use super::evaluate::Rows;
-use crate::forms::distant::{Choice, Distant, Work, under_suns};
 use crate::compress::ledger::Ledger;
 use crate::error::Result;
+use crate::forms::baked_in::{Stored, relative};
+use crate::forms::distant::{Choice, Distant, Work, under_suns};
 use crate::light::Light;
 use crate::light::cube_light::CubeLight;
 use crate::light::sky::sky;
 use crate::math::statistics::{VertexError, vertex_error};
-use crate::forms::baked_in::{Stored, relative};
 use crate::progress::{Progress, Silent};
 use crate::transport::irradiance::Illumination;
 use crate::transport::irradiance_rows::row::Keep;

@@ -4,12 +4,12 @@ use glam::DVec3;
 use rayon::prelude::*;
 use translux_format::rows::{FACES, IrradianceRows};
 
-use crate::forms::distant::far_away;
 use crate::error::{Error, Result};
+use crate::forms::baked_in::Stored;
+use crate::forms::distant::far_away;
 use crate::light::Light;
 use crate::light::cube_light::{CubeLight, Transform};
 use crate::math::simd::{Level, multiversion};
-use crate::forms::baked_in::Stored;
 use crate::transport::balanced_tree::power_of_two_near;
 use crate::transport::receivers::Receivers;
 

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
-use translux_format::distant_transport::{DistantTransport};
+use translux_format::distant_transport::DistantTransport;
 
 use super::bake::{of_sample, rows};
 use super::evaluate::Rows;

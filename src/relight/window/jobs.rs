@@ -10,8 +10,8 @@ use rayon::ThreadPool;
 
 use super::placing::Placing;
 use crate::error::{Error, Result};
-use crate::evaluate::Evaluator;
 use crate::evaluate::DeviceEvaluator;
+use crate::evaluate::Evaluator;
 use crate::io::atomic;
 use crate::io::environment::load_environment;
 use crate::light::Light;

@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use super::OpenModel;
 use crate::error::Result;
-use crate::evaluate::{DeviceEvaluator, device::Device};
 use crate::evaluate::{Capabilities, Evaluator, MaterialEdit, ProfileEdit};
+use crate::evaluate::{DeviceEvaluator, device::Device};
 use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::Silent;
 use crate::relight::choice::{self, DeviceChoice};

@@ -13,7 +13,7 @@ use crate::asset::Asset;
 use crate::commands::console::{Console, duration};
 use crate::commands::inspect;
 use crate::error::{Error, Result};
-use crate::evaluate::{BakeSettings, Method};
+use crate::evaluate::Method;
 use crate::geometry::source::SourceModel;
 use crate::io::atomic;
 use crate::light::Light;
@@ -22,7 +22,6 @@ use crate::measure::growth::explain::pairs;
 use crate::measure::growth::fit::predict;
 use crate::measure::growth::{Axis, Costs, Limits, Missing, Point, Quantity, Skipped, surface};
 use crate::medium::material::Material;
-use crate::methods::settings::resolve;
 use crate::progress::Silent;
 use crate::transport::scene::Scene;
 
@@ -73,7 +72,7 @@ impl Measurer<'_> {
         place: &Place,
         shape: &Shape,
         scene: &Scene,
-        method: &dyn Method,
+        method: &'static dyn Method,
         before: &[Point],
     ) -> Result<Point> {
         let words = self.words(place, shape, method);
@@ -123,7 +122,7 @@ impl Measurer<'_> {
     }
 
     /// The bake as it would be typed, but for its output.
-    fn words(&self, place: &Place, shape: &Shape, method: &dyn Method) -> Vec<String> {
+    fn words(&self, place: &Place, shape: &Shape, method: &'static dyn Method) -> Vec<String> {
         let model = shape.path.display().to_string();
         let size = place.size_mm.to_string();
         let mut words: Vec<String> =
@@ -139,14 +138,14 @@ impl Measurer<'_> {
         point: &Point,
         place: &Place,
         scene: &Scene,
-        method: &dyn Method,
+        method: &'static dyn Method,
         (words, key): (&[String], &str),
         before: &[Point],
     ) -> Result<Kept> {
         let without = |reason: String| Kept { costs: None, skipped: Some(Skipped { what: Missing::Bake, reason }) };
-        let mut settings = BakeSettings::new(method, resolve(method, &[])?);
-        settings.samples = place.samples;
-        if let Some(reason) = self.limits.too_large(method.bake_memory(scene, &settings), WORDS) {
+        let mut recipe = method.default_recipe()?;
+        recipe.settings.samples = place.samples;
+        if let Some(reason) = self.limits.too_large(recipe.bake_memory(scene), WORDS) {
             return Ok(without(reason));
         }
         let history = self.bake_history(point, before);
@@ -163,7 +162,7 @@ impl Measurer<'_> {
             memory_bytes: self.limits.memory_bytes,
         };
         match child::bake(&bake)? {
-            Outcome::Done(asset, report) => self.costs(point, &asset, &report, method, before),
+            Outcome::Done(asset, report) => self.costs(point, &asset, &report, before),
             Outcome::Ended(after) => {
                 let allowed = duration(self.limits.seconds);
                 Ok(without(format!("{ENDED} after {}, {allowed} allowed", duration(after))))
@@ -200,10 +199,10 @@ impl Measurer<'_> {
     }
 
     /// Opens an asset and times a new light.
-    fn costs(&self, point: &Point, path: &Path, report: &Value, method: &dyn Method, before: &[Point]) -> Result<Kept> {
+    fn costs(&self, point: &Point, path: &Path, report: &Value, before: &[Point]) -> Result<Kept> {
         let sizes = inspect::sizes(&std::fs::read(path).map_err(|e| Error::io(path, &e))?)?;
         let started = Instant::now();
-        let mut evaluator = method.open(Arc::new(Asset::read(path)?))?;
+        let mut evaluator = self.console.registry.open(Arc::new(Asset::read(path)?))?;
         let open_ms = 1e3 * started.elapsed().as_secs_f64();
         let cost = evaluator.cost();
         let predicted = self.predicted_relight(point, cost.samples, before);

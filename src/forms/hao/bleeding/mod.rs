@@ -17,9 +17,9 @@ use self::lists::{Entry, Neighbourhoods};
 use crate::asset::Asset;
 use crate::error::{Error, Result};
 use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Form};
+use crate::forms::density::{self, Density};
 use crate::medium::fresnel::BoundaryFit;
 use crate::medium::profile::Profile;
-use crate::forms::density::{self, Density};
 use crate::progress::Progress;
 use crate::transport::scene::{Medium, Scene};
 
@@ -101,19 +101,15 @@ fn affordable(neighbourhoods: &Neighbourhoods, ranges_mm: &[f64]) -> Result<()> 
     )))
 }
 
-fn bake(
-    form: &NeighbourLists,
-    scene: &Scene,
-    settings: &BakeSettings,
-    progress: &dyn Progress,
-) -> Result<AssetParts> {
+fn bake(form: &NeighbourLists, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {
     let ranges_mm = ranges_mm(scene, form.range_share);
     let neighbourhoods = Neighbourhoods::new(scene);
     if neighbourhoods.len() == 0 {
         return Err(Error::input("no surface that light enters: every part is opaque"));
     }
     affordable(&neighbourhoods, &ranges_mm)?;
-    let samples = u32::try_from(form.density.count(scene, settings.samples).max(1)).map_err(|_| Error::command_line("too many samples"))?;
+    let samples = u32::try_from(form.density.count(scene, settings.samples).max(1))
+        .map_err(|_| Error::command_line("too many samples"))?;
     let sections = ScatteringLists { ranges_mm: ranges_mm.clone(), samples }
         .to_sections()
         .map_err(|e| Error::runtime(format!("asset: {e}")))?;

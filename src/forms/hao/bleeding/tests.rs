@@ -4,6 +4,7 @@ use glam::DVec3;
 
 use super::lists::{Cell, Lists, Neighbourhoods};
 use super::*;
+use crate::forms::baked_in;
 use crate::geometry::mesh::{Mesh, Scale, resolve_scale};
 use crate::geometry::part_table::PartTable;
 use crate::geometry::shapes;
@@ -11,7 +12,6 @@ use crate::geometry::source::SourceModel;
 use crate::light::Light;
 use crate::math::statistics::vertex_error;
 use crate::medium::material::preset;
-use crate::forms::baked_in;
 use crate::progress::Silent;
 
 fn medium(name: &str) -> Medium {

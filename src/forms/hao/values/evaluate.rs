@@ -7,7 +7,6 @@ use translux_format::quantised_values::{Encoding as Layout, QuantisedValues as F
 use translux_format::{Budget, RawSection};
 
 use super::super::settings::{Encoding, VertexValues};
-use crate::forms::projected::lights::LightSet;
 use super::matrix::{Cells, Matrix};
 use super::prediction::Earlier;
 use super::references::References;
@@ -15,11 +14,12 @@ use super::{CHANNELS, Topology, codes, harmonics};
 use crate::asset::Asset;
 use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
+use crate::forms::baked_in::{BakedIn, Stored};
+use crate::forms::projected::lights::LightSet;
+use crate::forms::sampled_scene::GROUP;
 use crate::light::Light;
 use crate::light::quantised::interpolation::Scheme;
 use crate::light::quantised::mean::spherical_mean;
-use crate::forms::baked_in::{BakedIn, Stored};
-use crate::forms::sampled_scene::GROUP;
 use crate::transport::receivers::Receivers;
 
 /// Components of a vector.

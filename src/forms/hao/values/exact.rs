@@ -4,11 +4,11 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::super::settings::Integral;
-use crate::forms::projected::lights::LightSet;
-use crate::forms::projected::lights::{Seen, irradiance_of_seen, neighbours, radiosity_of_set};
 use super::CHANNELS;
 use super::matrix::{Cells, Matrix};
 use crate::error::Result;
+use crate::forms::projected::lights::LightSet;
+use crate::forms::projected::lights::{Seen, irradiance_of_seen, neighbours, radiosity_of_set};
 use crate::forms::sampled_scene::SampledScene;
 use crate::progress::{Progress, Silent};
 use crate::transport::irradiance::LightSampling;
@@ -88,7 +88,11 @@ fn columns(sampled: &SampledScene, rows: &IrradianceRows, run: &[u32], direction
 }
 
 /// How light reaches samples where a bake looks at it.
-pub(super) fn irradiance(sampled: &SampledScene, light: &crate::light::Light, sampling: LightSampling) -> Result<Vec<DVec3>> {
+pub(super) fn irradiance(
+    sampled: &SampledScene,
+    light: &crate::light::Light,
+    sampling: LightSampling,
+) -> Result<Vec<DVec3>> {
     let etas: Vec<f64> = sampled.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
     let one = std::slice::from_ref(light);
     Ok(crate::transport::irradiance::Illumination::new(&sampled.surface(), one, &etas, sampling)?.all(&Silent))

@@ -5,13 +5,12 @@ use glam::DVec3;
 use translux_format::distant_transport::Harmonics as File;
 use translux_format::quantised_lights::tags;
 
-
 use crate::compress::prediction::Net;
 use crate::error::Result;
-use crate::light::Light;
-use crate::light::harmonics::coefficients;
 use crate::forms::distant::far_away;
 use crate::forms::projected::components::{Coded, Components, LightBasis, LightFunctions, Lit, Transport, Weighted};
+use crate::light::Light;
+use crate::light::harmonics::coefficients;
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::Scene;
 

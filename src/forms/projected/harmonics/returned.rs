@@ -3,8 +3,8 @@
 
 use glam::DVec3;
 
-use crate::forms::distant::Work;
 use crate::evaluate::inter_reflection::Outside;
+use crate::forms::distant::Work;
 use crate::forms::sampled_scene::GROUP;
 use crate::progress::Progress;
 use crate::transport::interreflection::{InterReflection, Rays};

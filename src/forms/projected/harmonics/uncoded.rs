@@ -6,13 +6,13 @@ use translux_format::quantised_lights::Set;
 
 use super::bake::{coded, coding_error, everywhere};
 use super::settings::Harmonics;
-use crate::forms::distant::with_work;
 use crate::compress::prediction::Net;
 use crate::error::Result;
 use crate::evaluate::BakeSettings;
-use crate::geometry::scattered::OrientedPoint;
+use crate::forms::distant::with_work;
 use crate::forms::projected::references::weights;
 use crate::forms::sampled_scene::{GROUP, oriented, parts};
+use crate::geometry::scattered::OrientedPoint;
 use crate::progress::Progress;
 use crate::transport::interpolation::SharedWeights;
 use crate::transport::receivers::Receivers;
@@ -34,12 +34,7 @@ impl Uncoded {
     ///
     /// # Errors
     /// Those of a bake.
-    pub fn new(
-        scene: &Scene,
-        form: &Harmonics,
-        settings: &BakeSettings,
-        progress: &dyn Progress,
-    ) -> Result<Self> {
+    pub fn new(scene: &Scene, form: &Harmonics, settings: &BakeSettings, progress: &dyn Progress) -> Result<Self> {
         let (order, values) = with_work((scene, settings, &form.0), progress, |work, _, _| everywhere(work, progress))?;
         let receivers = Receivers::new(&scene.mesh, &scene.parts, GROUP);
         Ok(Self { points: oriented(scene, &receivers), order, values, receivers })

@@ -8,10 +8,10 @@ use super::settings::QuantisedLights;
 use crate::asset::Asset;
 use crate::error::Result;
 use crate::evaluate::Evaluator;
-use crate::light::Light;
 use crate::forms::baked_in::BakedIn;
 use crate::forms::projected::components::{Components, LightBasis, Lit, Transport};
 use crate::forms::sampled_scene::GROUP;
+use crate::light::Light;
 use crate::transport::receivers::Receivers;
 
 /// An asset of components.

@@ -45,7 +45,9 @@ impl LightSet {
         let (centre_mm, radius_mm) = sphere(scene);
         let inverse = match settings.shells {
             0 => vec![0.0],
-            count => DistanceSet::spread(centre_mm, radius_mm, count + 1, settings.nearest, settings.blend)?.inverse().to_vec(),
+            count => DistanceSet::spread(centre_mm, radius_mm, count + 1, settings.nearest, settings.blend)?
+                .inverse()
+                .to_vec(),
         };
         Self::new(scene, directions, inverse, (settings.scheme, settings.blend))
     }

@@ -7,9 +7,9 @@ use translux_format::quantised_lights::{QuantisedLights as File, tags};
 
 use super::lights::{LightSet, light_net};
 use crate::error::{Error, Result};
+use crate::forms::projected::components::{Coded, LightFunctions, Lit, Transport, Weighted};
 use crate::light::Light;
 use crate::light::quantised::vector::Emission;
-use crate::forms::projected::components::{Coded, LightFunctions, Lit, Transport, Weighted};
 use crate::transport::receivers::Receivers;
 use crate::transport::scene::Scene;
 

@@ -5,13 +5,13 @@ use rayon::prelude::*;
 
 use super::lights::SIDE;
 use crate::error::Result;
+use crate::forms::sampled_scene::SampledScene;
 use crate::geometry::cluster;
 use crate::light::Light;
 use crate::light::quantised::directions::DirectionSet;
 use crate::light::quantised::distances::QuantisedLights;
 use crate::math::cube_map::texel_of;
 use crate::medium::fresnel;
-use crate::forms::sampled_scene::SampledScene;
 use crate::progress::{Progress, Silent};
 use crate::transport::many_lights::{IrradianceRows, ManyLights};
 use crate::transport::visibility::{self, Observer, Occluders, Resolution, visit};
