@@ -6,7 +6,7 @@ use glam::DVec3;
 use crate::error::Result;
 use crate::evaluate::Evaluator;
 use crate::import::materials::MaterialChoice;
-use crate::medium::material::{OpticalProperties, Overrides};
+use crate::medium::material::Overrides;
 use crate::medium::profiles::model::ProfileModel;
 use crate::transport::scene::Medium;
 
@@ -89,28 +89,5 @@ fn rgb(text: &str) -> std::result::Result<DVec3, String> {
         [v] => Ok(DVec3::splat(v)),
         [r, g, b] => Ok(DVec3::new(r, g, b)),
         _ => Err("one number or three separated by commas are needed".to_owned()),
-    }
-}
-
-/// Optical properties as a report shows them.
-#[derive(serde::Serialize)]
-pub(super) struct MediumReport {
-    name: String,
-    #[serde(flatten)]
-    properties: OpticalProperties,
-    mean_free_path_mm: [f64; 3],
-    /// Null where nothing absorbs.
-    diffusion_length_mm: [Option<f64>; 3],
-}
-
-impl MediumReport {
-    pub(super) fn of(medium: &Medium) -> Self {
-        let finite = |v: f64| v.is_finite().then_some(v);
-        Self {
-            name: medium.name.clone(),
-            properties: medium.properties,
-            mean_free_path_mm: medium.properties.mean_free_path_mm().to_array(),
-            diffusion_length_mm: medium.properties.diffusion_length_mm().to_array().map(finite),
-        }
     }
 }

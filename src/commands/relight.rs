@@ -8,8 +8,7 @@ use serde::Serialize;
 
 use super::console::Console;
 use super::lights::{LightArgs, ResolvedLights};
-use super::opened::{AssetArgs, Opened};
-use super::report;
+use super::opening::{AssetArgs, Opened};
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::summed::Summed;
 use crate::evaluate::{Evaluator, SingleScattering};
@@ -102,18 +101,18 @@ impl DeviceArg {
 /// Figures of an animation.
 #[derive(Serialize)]
 struct AnimationReport<'a> {
-    #[serde(serialize_with = "report::path")]
+    #[serde(serialize_with = "crate::report::path")]
     folder: &'a std::path::Path,
     timings: &'a Timings,
 }
 
-/// Runs on the main thread, which a window needs; work goes to `pool`.
 impl RelightArgs {
     fn specular(&self) -> Specular {
         if self.no_specular { Specular::Off } else { Specular::Rough(self.roughness) }
     }
 }
 
+/// Runs on the main thread, which a window needs; work goes to `pool`.
 pub(super) fn run(args: &RelightArgs, console: &Console, pool: Arc<rayon::ThreadPool>) -> Result<ExitCode> {
     match (args.headless, args.frames, &args.out) {
         (true, Some(frames), Some(out)) => {
@@ -182,7 +181,7 @@ fn animate(args: &RelightArgs, frames: usize, out: &std::path::Path, console: &C
         summary.transport_ms.median,
         summary.draw_ms.median
     ));
-    report::print(console, "relight", &AnimationReport { folder: out, timings: &timings })?;
+    console.report("relight", &AnimationReport { folder: out, timings: &timings })?;
     Ok(ExitCode::Ok)
 }
 
@@ -239,6 +238,6 @@ fn window(args: &RelightArgs, console: &Console, pool: Arc<rayon::ThreadPool>) -
         shown.frames_per_second, shown.light_updates_per_second, shown.transport, shown.adapter.name
     ));
     let run = WindowRun { method: &opened.provenance.method, lights: &lights.text, window: &shown };
-    pool.install(|| report::print(console, "relight", &run))?;
+    pool.install(|| console.report("relight", &run))?;
     Ok(ExitCode::Ok)
 }

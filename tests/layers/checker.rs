@@ -7,7 +7,7 @@ use proc_macro2::{Delimiter, LineColumn, TokenStream, TokenTree};
 use syn::visit::{self, Visit};
 
 /// Bottom to top. A layer imports itself and what stands before it.
-const LAYERS: [&str; 17] = [
+const LAYERS: [&str; 18] = [
     "error",
     "progress",
     "math",
@@ -24,6 +24,7 @@ const LAYERS: [&str; 17] = [
     "render",
     "relight",
     "measure",
+    "report",
     "commands",
 ];
 
