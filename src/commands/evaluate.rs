@@ -9,6 +9,7 @@ use glam::DVec3;
 use super::console::Console;
 use super::device::DeviceArg;
 use super::lights::{LightArgs, ResolvedLights};
+use super::media::without_transport;
 use super::on_mesh::OtherMesh;
 use super::opening::AssetArgs;
 use super::output;
@@ -30,9 +31,8 @@ pub(super) struct EvaluateArgs {
     /// PLY to write, `-` for standard output; repeatable
     #[arg(short, long, required = true, value_name = "FILE")]
     output: Vec<PathBuf>,
-    /// Another mesh of the same object in the same units, such as a coarser level of detail: radiosity is gathered at its
-    /// vertices. For assets that hold no transport (two_pass, reference)
-    #[arg(long, value_name = "MODEL")]
+    #[arg(long, value_name = "MODEL", help = format!("Another mesh of the same object in the same units, such as a coarser \
+        level of detail: radiosity is gathered at its vertices. {}", without_transport()))]
     on: Option<PathBuf>,
     /// Where to compute
     #[arg(long, default_value = "cpu")]

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use clap::Args;
 
 use super::console::Console;
-use super::media::{MediumArgs, ProfileArg};
+use super::media::{MediumArgs, ProfileArg, without_transport};
 use crate::asset::{Asset, Provenance};
 use crate::error::{Error, Result};
 use crate::evaluate::{Evaluator, Registry};
@@ -22,9 +22,8 @@ pub(super) struct AssetArgs {
     media: MediumArgs,
     #[command(flatten)]
     profile: ProfileArg,
-    /// Another size of the object: its diagonal in mm. For assets that hold no transport (two_pass, reference); lights stay where
-    /// they are
-    #[arg(long, value_name = "MM", allow_negative_numbers = true, help_heading = "Size")]
+    #[arg(long, value_name = "MM", allow_negative_numbers = true, help_heading = "Size", help = format!(
+        "Another size of the object: its diagonal in mm; lights stay where they are. {}", without_transport()))]
     size_mm: Option<f64>,
 }
 

@@ -17,41 +17,29 @@ const SPACING_PROBES: usize = 2048;
 
 /// The figures of a bake.
 #[derive(Clone, Debug, Serialize)]
-pub struct BakeReport {
-    /// Method that baked.
-    pub method: String,
-    /// The asset.
+pub(crate) struct BakeReport {
+    pub(crate) method: String,
     #[serde(serialize_with = "super::path")]
-    pub output: PathBuf,
-    /// Vertices of the source.
-    pub vertices: usize,
-    /// Triangles that have area.
-    pub triangles: usize,
-    /// Surface samples.
-    pub samples: usize,
-    /// Of the samples.
-    pub spacing: Spacing,
+    pub(crate) output: PathBuf,
+    pub(crate) vertices: usize,
+    pub(crate) triangles: usize,
+    pub(crate) samples: usize,
+    pub(crate) spacing: Spacing,
     /// Nominal spacing over the shortest mean free path of any medium; none without a mean free path.
-    pub spacing_over_mean_free_path: Option<f64>,
-    /// Of the file.
-    pub bytes: u64,
+    pub(crate) spacing_over_mean_free_path: Option<f64>,
+    pub(crate) bytes: u64,
     /// Of all sections but the mesh's and the environment's.
-    pub bytes_without_mesh: u64,
-    /// The same for each vertex.
-    pub bytes_per_vertex: f64,
-    /// Of the bounding box.
-    pub diagonal_mm: f64,
-    /// Optical properties.
-    pub media: Vec<MediumReport>,
-    /// Checks of the model.
-    pub mesh: MeshCheck,
-    /// Errors of the stages.
-    pub ledger: Ledger,
+    pub(crate) bytes_without_mesh: u64,
+    pub(crate) bytes_per_vertex: f64,
+    pub(crate) diagonal_mm: f64,
+    pub(crate) media: Vec<MediumReport>,
+    pub(crate) mesh: MeshCheck,
+    pub(crate) ledger: Ledger,
 }
 
 impl BakeReport {
     /// Measures an asset that was written to `output`.
-    pub fn new(output: PathBuf, asset: Asset, sizes: &Sizes, mesh: MeshCheck) -> Self {
+    pub(crate) fn new(output: PathBuf, asset: Asset, sizes: &Sizes, mesh: MeshCheck) -> Self {
         let scene = &asset.scene;
         let vertices = scene.mesh.local_mm.len();
         let spacing = spacing(&patches(&scene.mesh, &asset.samples), SPACING_PROBES);
@@ -76,7 +64,7 @@ impl BakeReport {
     }
 
     /// Size, samples and errors in lines, after this many seconds.
-    pub fn summary(&self, seconds: f64) -> String {
+    pub(crate) fn summary(&self, seconds: f64) -> String {
         let samples = match self.samples {
             0 => String::new(),
             count => format!(" {count} samples {} mm apart,", significant(self.spacing.nominal_mm)),

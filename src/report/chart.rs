@@ -14,11 +14,11 @@ use crate::render::film::Exposure;
 use crate::render::frame::Frame;
 
 /// The pictures that the page shows of a row: its first view, and that of the reference.
-pub struct Shown {
+pub(crate) struct Shown {
     /// By the method.
-    pub frame: Frame,
+    pub(crate) frame: Frame,
     /// By the reference.
-    pub truth: Frame,
+    pub(crate) truth: Frame,
 }
 
 /// A cost that the error is drawn against.
@@ -58,10 +58,7 @@ const COSTS: &[Cost] = &[
 const AMPLIFICATION: f32 = 10.0;
 
 /// Writes tables, charts and the page, of which `shown` has one entry for each row; returns the page's path.
-///
-/// # Errors
-/// I/O, and figures that cannot be drawn.
-pub fn write(chart: &Chart, shown: &[Shown], folder: &Path) -> Result<PathBuf> {
+pub(crate) fn write(chart: &Chart, shown: &[Shown], folder: &Path) -> Result<PathBuf> {
     let put = |name: &str, bytes: &[u8]| atomic::write(&folder.join(name), bytes);
     let json = serde_json::to_string_pretty(chart).map_err(|e| Error::runtime(format!("chart.json: {e}")))?;
     put("chart.json", format!("{json}\n").as_bytes())?;

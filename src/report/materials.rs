@@ -12,20 +12,18 @@ use crate::transport::scene::Medium;
 /// A medium and its lengths, RGB.
 #[derive(Clone, Debug, Serialize)]
 pub struct MediumReport {
-    /// Name of the material it came from.
-    pub name: String,
-    /// Coefficients, phase function and index of refraction.
+    pub(crate) name: String,
     #[serde(flatten)]
-    pub properties: OpticalProperties,
+    pub(crate) properties: OpticalProperties,
     /// 1 / sigma_t'.
-    pub mean_free_path_mm: [f64; 3],
+    pub(crate) mean_free_path_mm: [f64; 3],
     /// 1 / sigma_tr; none where nothing absorbs.
-    pub diffusion_length_mm: [Option<f64>; 3],
+    pub(crate) diffusion_length_mm: [Option<f64>; 3],
 }
 
 impl MediumReport {
     /// Computes the lengths.
-    pub fn of(medium: &Medium) -> Self {
+    pub(crate) fn of(medium: &Medium) -> Self {
         Self {
             name: medium.name.clone(),
             properties: medium.properties,
@@ -37,7 +35,7 @@ impl MediumReport {
 
 /// The measured materials.
 #[derive(Clone, Debug, Serialize)]
-pub struct MaterialsReport {
+pub(crate) struct MaterialsReport {
     materials: Vec<MaterialRow>,
 }
 
@@ -50,7 +48,7 @@ struct MaterialRow {
 
 impl MaterialsReport {
     /// Every preset.
-    pub fn of_presets() -> Self {
+    pub(crate) fn of_presets() -> Self {
         let row = |preset: &crate::medium::material::Preset| MaterialRow {
             medium: MediumReport::of(&preset.material().into()),
             total_reflectance: preset.properties().summary(BoundaryFit::Published).map(|c| c.total_reflectance),

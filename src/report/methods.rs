@@ -10,7 +10,7 @@ use crate::evaluate::keys::{AnyKey, Audience};
 
 /// How many keys a text shows; JSON has all.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Shown {
+pub(crate) enum Shown {
     /// None.
     NoKeys,
     /// Those that everybody needs.
@@ -21,7 +21,7 @@ pub enum Shown {
 
 /// Methods with their keys.
 #[derive(Clone, Debug, Serialize)]
-pub struct MethodsReport {
+pub(crate) struct MethodsReport {
     methods: Vec<MethodRow>,
     #[serde(skip)]
     shown: Shown,
@@ -64,7 +64,7 @@ impl KeyRow {
 
 impl MethodsReport {
     /// Of these methods, in their order.
-    pub fn of(methods: &[&dyn Method], shown: Shown) -> Self {
+    pub(crate) fn of(methods: &[&dyn Method], shown: Shown) -> Self {
         let row = |method: &&dyn Method| MethodRow {
             name: method.name(),
             summary: method.summary(),

@@ -1,18 +1,18 @@
 //! Results of the library as reports: typed figures that serialise to JSON and display as text.
 
-pub mod bake;
-pub mod chart;
+pub(crate) mod bake;
+pub(crate) mod chart;
 pub mod comparison;
-pub mod evaluation;
+pub(crate) mod evaluation;
 pub mod findings;
-pub mod growth;
+pub(crate) mod growth;
 pub mod inspection;
 pub mod materials;
-pub mod methods;
-pub mod picture;
-pub mod radiosity_ply;
+pub(crate) mod methods;
+pub(crate) mod picture;
+pub(crate) mod radiosity_ply;
 pub mod sizes;
-pub mod text;
+pub(crate) mod text;
 pub mod validation;
 
 use std::path::{Path, PathBuf};

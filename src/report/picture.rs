@@ -16,57 +16,45 @@ use crate::transport::scene::{Medium, Scene};
 
 /// Figures of a picture.
 #[derive(Clone, Debug, Serialize)]
-pub struct RenderReport {
-    /// Method that baked the asset.
-    pub method: String,
-    /// Names of the media.
-    pub materials: Vec<String>,
-    /// Lights as they would be typed.
-    pub lights: Vec<String>,
-    /// Files of environments and of the texture.
-    pub inputs: Vec<Input>,
-    /// Files that were written.
-    pub outputs: Vec<PathBuf>,
+pub(crate) struct RenderReport {
+    pub(crate) method: String,
+    pub(crate) materials: Vec<String>,
+    pub(crate) lights: Vec<String>,
+    pub(crate) inputs: Vec<Input>,
+    pub(crate) outputs: Vec<PathBuf>,
     /// As it would be typed.
-    pub camera: String,
-    /// Pixels.
-    pub resolution: Resolution,
-    /// Eye rays.
-    pub samples_per_pixel: u32,
-    /// Normalisation of the exit Fresnel factor.
-    pub exit_fresnel: ExitFresnel,
-    /// As it would be typed.
-    pub background: String,
+    pub(crate) camera: String,
+    pub(crate) resolution: Resolution,
+    pub(crate) samples_per_pixel: u32,
+    pub(crate) exit_fresnel: ExitFresnel,
+    pub(crate) background: String,
     /// None: no specular reflection.
-    pub roughness: Option<Roughness>,
+    pub(crate) roughness: Option<Roughness>,
     /// As it would be typed; none: no texture.
-    pub texture: Option<String>,
-    /// Where single scattering comes from.
-    pub single_scattering: SingleLayer,
+    pub(crate) texture: Option<String>,
+    pub(crate) single_scattering: SingleLayer,
     /// Ways of light that were followed for each covered pixel.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub single_scattering_paths: Option<u64>,
-    /// How OpenEXR pictures store colours.
-    pub exr_type: ColourType,
+    pub(crate) single_scattering_paths: Option<u64>,
+    pub(crate) exr_type: ColourType,
     /// As asked for, and the factor that it became; PNG only.
-    pub exposure: String,
+    pub(crate) exposure: String,
     /// PNG colours are radiance times this, before the transfer curve.
-    pub exposure_factor: f64,
+    pub(crate) exposure_factor: f64,
     /// Share of the picture that the object covers.
-    pub coverage: f64,
+    pub(crate) coverage: f64,
     /// Share of the hits on back sides, which are black.
-    pub back_facing_share: f64,
-    /// Of the evaluator.
-    pub cost: Cost,
+    pub(crate) back_facing_share: f64,
+    pub(crate) cost: Cost,
     /// Text attributes of OpenEXR pictures.
     #[serde(skip)]
-    pub header: Vec<(String, String)>,
+    pub(crate) header: Vec<(String, String)>,
 }
 
 impl RenderReport {
     /// Text attributes of an OpenEXR picture: all that determines it, no time and no path of the asset. `sources` are the files
     /// that the asset was made from, `image` is that of the texture.
-    pub fn attributes(&self, scene: &Scene, sources: &[Input], image: Option<&Input>) -> Vec<(String, String)> {
+    pub(crate) fn attributes(&self, scene: &Scene, sources: &[Input], image: Option<&Input>) -> Vec<(String, String)> {
         let exit_fresnel = match self.exit_fresnel {
             ExitFresnel::Normalised => "normalised",
             ExitFresnel::Paper => "paper",
@@ -91,7 +79,7 @@ impl RenderReport {
         match self.single_scattering {
             SingleLayer::None => {}
             SingleLayer::PerVertex => {
-                all.push(("singleScattering", "along the inverse normal of the vertices".to_owned()))
+                all.push(("singleScattering", "along the inverse normal of the vertices".to_owned()));
             }
             SingleLayer::TowardsEye => {
                 all.push(("singleScattering", "along the refracted direction of the eye".to_owned()));

@@ -10,10 +10,10 @@ use crate::io::ply::{RadiosityPly, write_ply};
 use crate::transport::scene::Scene;
 
 /// Comment of files whose radiosity has single scattering in it.
-pub const SINGLE_INCLUDED: &str = "b includes single scattering along the inverse normal";
+pub(crate) const SINGLE_INCLUDED: &str = "b includes single scattering along the inverse normal";
 
 /// Comments of a file: its origin (a method, say), the materials and the lights.
-pub fn comments(origin: &str, scene: &Scene, lights: &[String]) -> Vec<String> {
+pub(crate) fn comments(origin: &str, scene: &Scene, lights: &[String]) -> Vec<String> {
     let media: Vec<&str> = scene.media.iter().map(|m| m.name.as_str()).collect();
     let mut comments = vec![format!("translux {origin}"), format!("material {}", media.join(", "))];
     comments.extend(lights.iter().map(|light| format!("light {light}")));
@@ -21,7 +21,7 @@ pub fn comments(origin: &str, scene: &Scene, lights: &[String]) -> Vec<String> {
 }
 
 /// The scattering that `s_*` hold, and whether colours show it beside `b_*`.
-pub enum Single<'a> {
+pub(crate) enum Single<'a> {
     /// No `s_*`.
     None,
     /// Light that `b_*` do without.
@@ -31,10 +31,12 @@ pub enum Single<'a> {
 }
 
 /// The bytes of a file; `radiosity` is one RGB for each vertex of the mesh.
-///
-/// # Errors
-/// Values that 32 bits cannot hold, or more vertices than the format has.
-pub fn radiosity_ply(mesh: &Mesh, radiosity: &[DVec3], single: Single, comments: Vec<String>) -> Result<Vec<u8>> {
+pub(crate) fn radiosity_ply(
+    mesh: &Mesh,
+    radiosity: &[DVec3],
+    single: Single,
+    comments: Vec<String>,
+) -> Result<Vec<u8>> {
     check_range("radiosity", radiosity)?;
     let narrow = |values: &[DVec3]| -> Vec<[f32; 3]> { values.iter().map(|v| v.as_vec3().to_array()).collect() };
     let (colors, s) = match single {
@@ -56,10 +58,7 @@ pub fn radiosity_ply(mesh: &Mesh, radiosity: &[DVec3], single: Single, comments:
 }
 
 /// Refuses what a 32-bit file cannot hold; sums beyond its range may have become NaN on the way.
-///
-/// # Errors
-/// Run time: the first vertex that is beyond.
-pub fn check_range(quantity: &str, values: &[DVec3]) -> Result<()> {
+pub(crate) fn check_range(quantity: &str, values: &[DVec3]) -> Result<()> {
     match values.iter().position(|b| !b.as_vec3().is_finite()) {
         Some(v) => Err(Error::runtime(format!(
             "the {quantity} of vertex {v} is beyond 32-bit floats: a light is too bright, or too near a surface; \

@@ -19,43 +19,31 @@ pub struct Sizes {
     /// Decoded bytes of the same.
     pub decoded_environment: u64,
     /// By what the sections are for, every kind.
-    pub kinds: Vec<KindSize>,
+    pub(super) kinds: Vec<KindSize>,
     /// Section by section, as they lie in the file.
-    pub sections: Vec<SectionSize>,
+    pub(super) sections: Vec<SectionSize>,
 }
 
 /// All sections of one kind.
 #[derive(Clone, Debug, Serialize)]
-pub struct KindSize {
-    /// Its name.
-    pub kind: &'static str,
-    /// Number of sections.
-    pub sections: usize,
-    /// Bytes in the file.
-    pub stored_bytes: u64,
-    /// Bytes of the decoded arrays.
-    pub decoded_bytes: u64,
+pub(super) struct KindSize {
+    pub(super) kind: &'static str,
+    pub(super) sections: usize,
+    pub(super) stored_bytes: u64,
+    pub(super) decoded_bytes: u64,
 }
 
 /// One section.
 #[derive(Clone, Debug, Serialize)]
-pub struct SectionSize {
-    /// Its tag.
-    pub tag: String,
-    /// The purpose of its bytes.
-    pub kind: String,
-    /// Element type of its array.
-    pub element: String,
-    /// Elements in a row.
-    pub components: u16,
-    /// How it is stored.
-    pub codec: String,
-    /// Rows of its array.
-    pub rows: u64,
-    /// Bytes in the file.
-    pub stored_bytes: u64,
-    /// Bytes of the decoded array.
-    pub decoded_bytes: u64,
+pub(super) struct SectionSize {
+    pub(super) tag: String,
+    pub(super) kind: String,
+    pub(super) element: String,
+    pub(super) components: u16,
+    pub(super) codec: String,
+    pub(super) rows: u64,
+    pub(super) stored_bytes: u64,
+    pub(super) decoded_bytes: u64,
 }
 
 /// Sizes of the sections of a file.

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 /// A duration as people say it.
-pub fn duration(seconds: f64) -> String {
+pub(crate) fn duration(seconds: f64) -> String {
     if seconds < 1.0 {
         format!("{:.0} ms", seconds * 1e3)
     } else if seconds < 120.0 {
@@ -15,7 +15,7 @@ pub fn duration(seconds: f64) -> String {
 }
 
 /// A size as people say it.
-pub fn megabytes(bytes: u64) -> String {
+pub(crate) fn megabytes(bytes: u64) -> String {
     if bytes < 1 << 20 {
         format!("{:.1} KiB", bytes as f64 / 1024.0)
     } else if bytes < 1 << 30 {
@@ -26,12 +26,12 @@ pub fn megabytes(bytes: u64) -> String {
 }
 
 /// A share as people say it.
-pub fn percent(share: f64) -> String {
+pub(crate) fn percent(share: f64) -> String {
     format!("{} %", significant(100.0 * share))
 }
 
 /// A number with three significant digits.
-pub fn significant(value: f64) -> String {
+pub(crate) fn significant(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return format!("{value}");
     }
@@ -43,7 +43,7 @@ pub fn significant(value: f64) -> String {
 }
 
 /// Rows as text with aligned columns.
-pub fn table<const N: usize>(rows: &[[String; N]]) -> String {
+pub(crate) fn table<const N: usize>(rows: &[[String; N]]) -> String {
     let mut widths = [0; N];
     for row in rows {
         for (width, cell) in widths.iter_mut().zip(row) {

@@ -169,8 +169,10 @@ impl Comparison {
             _ => !self.equal,
         }
     }
+}
 
-    fn text(&self) -> String {
+impl fmt::Display for Comparison {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let figures = match (&self.vertices, &self.image) {
             (Some(v), _) => {
                 let single = self.single_scattering.map_or_else(String::new, |s| {
@@ -202,16 +204,10 @@ impl Comparison {
         };
         let verdict = if self.equal { "equal" } else { "different" };
         match (&self.assets, figures.as_str()) {
-            (Some(assets), "") => format!("{verdict}: {}", assets.describe()),
-            (Some(assets), _) => format!("{verdict}: {figures}, worst light each\n{}", assets.describe()),
-            _ => format!("{verdict}: {figures}"),
+            (Some(assets), "") => write!(f, "{verdict}: {}", assets.describe()),
+            (Some(assets), _) => write!(f, "{verdict}: {figures}, worst light each\n{}", assets.describe()),
+            _ => write!(f, "{verdict}: {figures}"),
         }
-    }
-}
-
-impl fmt::Display for Comparison {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.text())
     }
 }
 
