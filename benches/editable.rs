@@ -50,7 +50,7 @@ fn measure(path: &Path, materials: &[String]) -> translux::error::Result<()> {
     }
     report("read and verify the file", loads);
     let asset = Arc::new(Asset::read(path)?);
-    let method = methods::named(&asset.provenance.method)?;
+    let method = methods::built_in().method(&asset.provenance.method)?;
     let (time, evaluator) = timed(|| method.open(Arc::clone(&asset)));
     let mut evaluator = evaluator?;
     report("open the evaluator", vec![time]);

@@ -60,7 +60,7 @@ fn copy_bandwidth() -> f64 {
 
 fn measure(path: &Path) -> translux::error::Result<()> {
     let asset = Arc::new(Asset::read(path)?);
-    let method = methods::named(&asset.provenance.method)?;
+    let method = methods::built_in().method(&asset.provenance.method)?;
     let vertices = asset.scene.mesh.local_mm.len();
     let (open, evaluator) = timed(|| method.open(Arc::clone(&asset)));
     let mut evaluator = evaluator?;

@@ -10,7 +10,7 @@ mod oracle;
 use std::sync::Arc;
 
 use glam::DVec3;
-use in_memory::{lit, scene, try_bake, vertex_areas};
+use in_memory::{lit, registry, scene, try_bake, vertex_areas};
 use translux::asset::Asset;
 use translux::error::ExitCode;
 use translux::evaluate::Evaluator;
@@ -18,7 +18,6 @@ use translux::geometry::mesh::Scale;
 use translux::geometry::shapes;
 use translux::light::{Light, sky};
 use translux::math::statistics::vertex_error;
-use translux::methods;
 use translux::progress::Silent;
 use translux::transport::scene::Scene;
 
@@ -33,11 +32,11 @@ fn pairs(set: &[&str]) -> Vec<(String, String)> {
 }
 
 fn bake(scene: &Scene, set: &[&str]) -> Asset {
-    try_bake(methods::named("all_frequency").unwrap(), scene.clone(), Some(SAMPLES), &pairs(set)).unwrap()
+    try_bake(in_memory::method("all_frequency"), scene.clone(), Some(SAMPLES), &pairs(set)).unwrap()
 }
 
 fn open(asset: Asset) -> Box<dyn Evaluator> {
-    methods::named("all_frequency").unwrap().open(Arc::new(asset)).unwrap()
+    registry().open(Arc::new(asset)).unwrap()
 }
 
 fn environment(degrees: f64) -> Light {
@@ -89,9 +88,9 @@ fn light_that_comes_back_is_that_of_the_reference() {
     let areas = vertex_areas(&scene);
     let lights = vec![environment(20.0), sun(DVec3::new(0.5, 0.7, 0.2))];
     let reference = |set: &[&str]| {
-        let method = methods::named("reference").unwrap();
+        let method = in_memory::method("reference");
         let asset = try_bake(method, scene.clone(), Some(24_000), &pairs(set)).unwrap();
-        lit(method.open(Arc::new(asset)).unwrap().as_mut(), lights.clone())
+        lit(registry().open(Arc::new(asset)).unwrap().as_mut(), lights.clone())
     };
     let without = reference(&[]);
     for times in ["once", "3"] {
@@ -172,7 +171,7 @@ fn transport_takes_few_bytes() {
 #[test]
 fn keys_and_lights_that_do_not_fit_are_refused() {
     let scene = scene(shapes::icosphere(5.0, 2), Scale::MillimetresPerUnit(1.0), "marble");
-    let method = methods::named("all_frequency").unwrap();
+    let method = in_memory::method("all_frequency");
     for (set, word) in [
         (vec!["coefficients=50"], "49 or 64"),
         (vec!["coefficients=1089"], "1024"),

@@ -7,7 +7,7 @@ mod oracle;
 use std::sync::Arc;
 
 use glam::DVec3;
-use in_memory::{try_bake, vertex_areas};
+use in_memory::{registry, try_bake, vertex_areas};
 use translux::asset::Asset;
 use translux::error::ExitCode;
 use translux::evaluate::single_scattering::SeenPoint;
@@ -17,7 +17,6 @@ use translux::geometry::mesh::Scale;
 use translux::geometry::shapes;
 use translux::light::{Light, sky};
 use translux::math::statistics::vertex_error;
-use translux::methods;
 use translux::progress::Silent;
 use translux::render::background::Background;
 use translux::render::camera::{Camera, Resolution};
@@ -39,11 +38,11 @@ fn pairs(set: &[&str]) -> Vec<(String, String)> {
 }
 
 fn bake(method: &str, scene: &Scene, set: &[&str]) -> Asset {
-    try_bake(methods::named(method).unwrap(), scene.clone(), Some(4000), &pairs(set)).unwrap()
+    try_bake(in_memory::method(method), scene.clone(), Some(4000), &pairs(set)).unwrap()
 }
 
-fn open(method: &str, asset: Asset) -> Box<dyn Evaluator> {
-    methods::named(method).unwrap().open(Arc::new(asset)).unwrap()
+fn open(asset: Asset) -> Box<dyn Evaluator> {
+    registry().open(Arc::new(asset)).unwrap()
 }
 
 fn environment() -> Light {
@@ -92,7 +91,7 @@ fn ledger_rms(asset: &Asset) -> f64 {
 fn stored_values_are_those_of_rays() {
     let scene = head(0.0);
     let areas = vertex_areas(&scene);
-    let mut truth = open("reference", bake("reference", &scene, &["single-scattering=isotropic"]));
+    let mut truth = open(bake("reference", &scene, &["single-scattering=isotropic"]));
     let lights = [vec![environment()], vec![sun()], vec![environment(), sun()]];
     let expected: Vec<Vec<DVec3>> = lights.iter().map(|l| per_vertex(truth.as_mut(), l)).collect();
     for (set, most) in [
@@ -103,7 +102,7 @@ fn stored_values_are_those_of_rays() {
     ] {
         let asset = bake("all_frequency", &scene, set);
         let of_ledger = ledger_rms(&asset);
-        let mut evaluator = open("all_frequency", asset);
+        let mut evaluator = open(asset);
         let found = lights
             .iter()
             .zip(&expected)
@@ -125,7 +124,7 @@ fn integrands_are_those_of_the_reference() {
     let areas = vertex_areas(&scene);
     let of = |method: &str, integrand: &str| {
         let asset = bake(method, &scene, &["single-scattering=isotropic", integrand]);
-        per_vertex(open(method, asset).as_mut(), &[environment()])
+        per_vertex(open(asset).as_mut(), &[environment()])
     };
     let plain: DVec3 = of("reference", "single-form=physical").iter().sum();
     for (integrand, brighter) in [("single-form=printed", 1.5), ("single-crossings=attenuated", 1.0005)] {
@@ -143,7 +142,7 @@ fn nothing_beside_the_radiosity_unless_it_is_asked_for() {
     let plain = bake("all_frequency", &scene, &[]);
     let with = bake("all_frequency", &scene, &["single-scattering=isotropic"]);
     assert!(with.sections.len() > plain.sections.len());
-    let [mut plain, mut with] = [plain, with].map(|asset| open("all_frequency", asset));
+    let [mut plain, mut with] = [plain, with].map(|asset| open(asset));
     for evaluator in [&mut plain, &mut with] {
         evaluator.set_lights(vec![environment()], &Silent).unwrap();
     }
@@ -160,7 +159,7 @@ fn folded_into_the_radiosity_it_is_the_same_light() {
     let folded = bake("all_frequency", &scene, &["single-scattering=folded"]);
     let beside = bake("all_frequency", &scene, &["single-scattering=isotropic"]);
     assert!(folded.sections.len() < beside.sections.len());
-    let [mut folded, mut beside] = [folded, beside].map(|asset| open("all_frequency", asset));
+    let [mut folded, mut beside] = [folded, beside].map(|asset| open(asset));
     assert_eq!(
         [folded.single_scattering_is(), beside.single_scattering_is()],
         [SingleScattering::Included, SingleScattering::PerVertex]
@@ -185,7 +184,7 @@ fn folded_into_the_radiosity_it_is_the_same_light() {
     assert_eq!(drawn.single_scattering_is(), SingleScattering::Included);
     let sum: Vec<DVec3> = apart.iter().zip(&single).map(|(b, s)| *b + *s).collect();
     assert_eq!(drawn.radiosity(&Silent).unwrap(), sum);
-    let nothing = Summed::of(open("all_frequency", bake("all_frequency", &scene, &["coefficients=9"])));
+    let nothing = Summed::of(open(bake("all_frequency", &scene, &["coefficients=9"])));
     assert_eq!(nothing.single_scattering_is(), SingleScattering::None);
 }
 
@@ -193,7 +192,7 @@ fn folded_into_the_radiosity_it_is_the_same_light() {
 fn for_a_fixed_eye_it_is_a_part_of_the_radiosity() {
     let scene = head(0.4);
     let asset = Arc::new(bake("all_frequency", &scene, &["single-scattering=phase", "coefficients=25"]));
-    let open = || methods::named("all_frequency").unwrap().open(Arc::clone(&asset)).unwrap();
+    let open = || registry().open(Arc::clone(&asset)).unwrap();
     let (mut beside, mut summed) = (open(), Summed::of(open()));
     let camera = Camera::new(DVec3::new(20.0, 15.0, 40.0), DVec3::ZERO, DVec3::Y, 30.0).unwrap();
     let mut settings = RenderSettings::new(camera, Resolution { width: 64, height: 64 });
@@ -238,7 +237,7 @@ fn for_a_fixed_eye_it_is_a_part_of_the_radiosity() {
     assert!(difference(&shown[0], &shown[1]) > 0.002);
     // Rays are not followed for every place of the eye.
     let asset = Arc::new(bake("all_frequency", &head(0.4), &["single-scattering=phase", "phase-terms=rays"]));
-    let summed = Summed::of(methods::named("all_frequency").unwrap().open(asset).unwrap());
+    let summed = Summed::of(registry().open(asset).unwrap());
     assert_eq!(summed.single_scattering_is(), SingleScattering::TracedTowardsEye);
 }
 
@@ -246,15 +245,12 @@ fn for_a_fixed_eye_it_is_a_part_of_the_radiosity() {
 fn more_terms_come_nearer_to_the_phase_function() {
     let scene = head(0.4);
     let areas = vertex_areas(&scene);
-    let mut truth = open("reference", bake("reference", &scene, &["single-scattering=phase"]));
+    let mut truth = open(bake("reference", &scene, &["single-scattering=phase"]));
     // Along the refracted way, which the inverse normal stands for.
     let expected = seen(truth.as_mut(), &[environment()]);
     let errors = ["1", "4", "9", "16", "rays"].map(|terms| {
         let set = format!("phase-terms={terms}");
-        let mut evaluator = open(
-            "all_frequency",
-            bake("all_frequency", &scene, &["single-scattering=phase", "coefficients=100", &set]),
-        );
+        let mut evaluator = open(bake("all_frequency", &scene, &["single-scattering=phase", "coefficients=100", &set]));
         assert!(evaluator.single_scattering(&Silent).unwrap().is_none());
         vertex_error(&seen(evaluator.as_mut(), &[environment()]), &expected, &areas).rms
     });
@@ -280,7 +276,7 @@ fn the_number_of_terms_follows_g() {
 #[test]
 fn g_is_free_at_run_time() {
     let scene = head(0.25);
-    let mut evaluator = open("all_frequency", bake("all_frequency", &scene, &["single-scattering=phase"]));
+    let mut evaluator = open(bake("all_frequency", &scene, &["single-scattering=phase"]));
     let before = seen(evaluator.as_mut(), &[sun()]);
     let radiosity = evaluator.radiosity(&Silent).unwrap();
     let mut media = evaluator.scene().media.clone();
@@ -292,7 +288,7 @@ fn g_is_free_at_run_time() {
     assert_eq!(evaluator.radiosity(&Silent).unwrap(), radiosity);
     media[0].properties.eta_inside_over_outside = 1.4;
     assert_eq!(evaluator.set_media(media).unwrap_err().code(), ExitCode::Unsupported);
-    let mut isotropic = open("all_frequency", bake("all_frequency", &head(0.25), &["single-scattering=isotropic"]));
+    let mut isotropic = open(bake("all_frequency", &head(0.25), &["single-scattering=isotropic"]));
     let mut media = isotropic.scene().media.clone();
     media[0].properties.g = 0.0;
     assert_eq!(isotropic.set_media(media).unwrap_err().code(), ExitCode::Unsupported);
@@ -301,7 +297,7 @@ fn g_is_free_at_run_time() {
 #[test]
 fn keys_that_do_not_fit_are_refused() {
     let scene = in_memory::scene(shapes::icosphere(5.0, 1), Scale::MillimetresPerUnit(1.0), "marble");
-    let method = methods::named("all_frequency").unwrap();
+    let method = in_memory::method("all_frequency");
     for (set, word) in [
         (vec!["single-scattering=on"], "off, isotropic, folded, phase"),
         (vec!["phase-terms=4"], "single-scattering=phase"),

@@ -272,7 +272,7 @@ fn damage_does_not_hide_damage() {
 fn every_method_writes_what_is_valid() {
     let folder = Folder::new();
     folder.obj("a.obj", &shapes::bumpy_head(1.0, 3));
-    for method in translux::methods::ALL.map(|m| m.name()) {
+    for method in translux::methods::built_in().methods().iter().map(|m| m.name()) {
         let settings: &[&str] = match method {
             "quantized_lights" => &["", "--set encoding=lloyd8", "--set encoding=bleeding"],
             "all_frequency" => &["", "--set basis=haar"],

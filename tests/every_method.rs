@@ -13,7 +13,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, OnceLock};
 
 use glam::DVec3;
-use in_memory::{every, lit, medium, scene, scene_of, served, try_bake, vertex_areas};
+use in_memory::{every, lit, medium, recipe, registry, scene, scene_of, served, try_bake, vertex_areas};
 use translux::asset::{Asset, Provenance};
 use translux::error::ExitCode;
 use translux::evaluate::{BakeSettings, Evaluator, MaterialEdit, Method};
@@ -24,7 +24,6 @@ use translux::light::{Light, LightKind, sky};
 use translux::math::statistics::{VertexError, vertex_error};
 use translux::measure::probes;
 use translux::medium::material::PRESETS;
-use translux::methods::{self, ALL};
 use translux::progress::Silent;
 use translux::transport::scene::{Medium, Scene};
 
@@ -110,24 +109,24 @@ impl Shared {
     fn asset(self, method: &dyn Method) -> Arc<Asset> {
         type Key = (Shared, &'static str, Vec<&'static str>);
         static BAKED: Mutex<BTreeMap<Key, Arc<OnceLock<Arc<Asset>>>>> = Mutex::new(BTreeMap::new());
-        let key = (self, method.name(), method.keys().iter().map(|k| k.default).collect());
+        let key = (self, method.name(), method.keys().iter().map(|k| k.default()).collect());
         let slot = Arc::clone(BAKED.lock().unwrap().entry(key).or_default());
         Arc::clone(slot.get_or_init(|| Arc::new(asset(method, &self.scene(), Self::SAMPLES))))
     }
 
     fn baked(self, method: &dyn Method) -> Box<dyn Evaluator> {
-        reopened(method, &self.asset(method))
+        reopened(&self.asset(method))
     }
 }
 
 /// The evaluator of an asset that went through its bytes.
-fn reopened(method: &dyn Method, asset: &Asset) -> Box<dyn Evaluator> {
+fn reopened(asset: &Asset) -> Box<dyn Evaluator> {
     let asset = Asset::from_bytes(&asset.to_bytes().unwrap()).unwrap();
-    method.open(Arc::new(asset)).unwrap()
+    registry().open(Arc::new(asset)).unwrap()
 }
 
 fn baked(method: &dyn Method, scene: &Scene, samples: usize) -> Box<dyn Evaluator> {
-    reopened(method, &asset(method, scene, samples))
+    reopened(&asset(method, scene, samples))
 }
 
 /// The sum of what the evaluator measures of its own error, for what is in force.
@@ -156,7 +155,7 @@ struct Truth(Box<dyn Evaluator>);
 
 impl Truth {
     fn new(scene: &Scene) -> Self {
-        Self(baked(methods::named("reference").unwrap(), scene, TRUTH_SAMPLES))
+        Self(baked(in_memory::method("reference"), scene, TRUTH_SAMPLES))
     }
 
     fn under(&mut self, light: &Light) -> (Vec<DVec3>, f64) {
@@ -243,7 +242,7 @@ fn parts_media_and_shadows_go_through_a_file() {
         assert_eq!(std::fs::metadata(&moved).unwrap().len(), bytes);
         let asset = Asset::read(&moved).unwrap();
         assert_eq!((asset.scene.clone(), asset.provenance.method.as_str()), (scene.clone(), method.name()));
-        let evaluator = method.open(Arc::new(asset)).unwrap();
+        let evaluator = registry().open(Arc::new(asset)).unwrap();
         to.close().unwrap();
         evaluator
     });
@@ -394,26 +393,26 @@ fn a_wrong_number_of_media_is_refused() {
 #[test]
 fn figures_make_sense() {
     let scene = Shared::Group.scene();
-    let names: BTreeSet<&str> = ALL.iter().map(|m| m.name()).collect();
-    assert_eq!(names.len(), ALL.len());
+    let all = registry().methods();
+    let names: BTreeSet<&str> = all.iter().map(|m| m.name()).collect();
+    assert_eq!(names.len(), all.len());
     for method in every() {
         let name = method.name();
         assert!((1e-4..0.1).contains(&method.default_max_rms()) && !method.summary().is_empty(), "{name}");
         let asset = Shared::Group.asset(method);
-        let cost = reopened(method, &asset).cost();
+        let cost = reopened(&asset).cost();
         assert!((2900..=3100).contains(&cost.samples), "{name}: {} samples", cost.samples);
         // What is not evaluated from samples does not store them.
         assert!([0, cost.samples].contains(&asset.samples.len()), "{name}: {} stored", asset.samples.len());
         // The slab's vertices are no receivers.
         let translucent = vertex_areas(&scene).iter().filter(|a| **a > 0.0).count();
         assert_eq!(cost.receivers, translucent, "{name}");
-        let values = methods::settings::resolve(method, &[]).unwrap();
-        let settings = BakeSettings { samples: Some(3000), ..BakeSettings::new(method, values) };
-        let announced = method.bake_memory(&scene, &settings);
+        let mut recipe = recipe(method, &scene, Some(3000), &[]).unwrap();
+        let announced = recipe.bake_memory(&scene);
         let least = 32 * cost.samples;
         assert!((least..announced as usize).contains(&cost.resident_bytes), "{name}: {cost:?}, {announced} bytes");
-        let more = BakeSettings { samples: Some(300_000), ..settings };
-        assert!(method.bake_memory(&scene, &more) > announced, "{name}");
+        recipe.settings.samples = Some(300_000);
+        assert!(recipe.bake_memory(&scene) > announced, "{name}");
     }
 }
 
@@ -428,7 +427,7 @@ fn threads_do_not_change_a_bit() {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {
                 let asset = asset(method, &scene, 1500);
-                let mut evaluator = reopened(method, &asset);
+                let mut evaluator = reopened(&asset);
                 let values: Vec<_> = lights.iter().map(|l| lit(evaluator.as_mut(), vec![l.clone()])).collect();
                 (asset.to_bytes().unwrap(), values, promise(evaluator.as_mut()).to_bits())
             })
@@ -462,20 +461,21 @@ fn keys_mean_what_they_say() {
         let bytes =
             |set: &[(String, String)]| try_bake(method, scene.clone(), Some(500), set).unwrap().to_bytes().unwrap();
         let defaults = bytes(&[]);
-        let pairs: Vec<(String, String)> = method.keys().iter().map(|k| (k.name.into(), k.default.into())).collect();
+        let pairs: Vec<(String, String)> =
+            method.keys().iter().map(|k| (k.name().into(), k.default().into())).collect();
         assert!(bytes(&pairs) == defaults, "{name}: all defaults typed");
         for key in method.keys() {
-            assert!(!key.help.is_empty() && key.name.chars().all(|c| c.is_ascii_lowercase() || c == '-'), "{name}");
+            assert!(!key.help().is_empty() && key.name().chars().all(|c| c.is_ascii_lowercase() || c == '-'), "{name}");
             for value in ["", "?", "-1", "1e99", "nan"] {
-                let (code, message) = code(method, &[(key.name.to_owned(), value.to_owned())]);
-                assert_eq!(code, ExitCode::CommandLine, "{name}: {}={value}", key.name);
-                assert!(message.contains(key.name), "{name}: {}={value}: {message}", key.name);
+                let (code, message) = code(method, &[(key.name().to_owned(), value.to_owned())]);
+                assert_eq!(code, ExitCode::CommandLine, "{name}: {}={value}", key.name());
+                assert!(message.contains(key.name()), "{name}: {}={value}: {message}", key.name());
             }
         }
         let (code, message) = code(method, &[("no-such-key".into(), "1".into())]);
         assert_eq!(code, ExitCode::CommandLine);
         assert!(message.contains("no-such-key") && message.contains(name), "{message}");
-        assert!(method.keys().iter().all(|k| message.contains(k.name)), "{message}");
+        assert!(method.keys().iter().all(|k| message.contains(k.name())), "{message}");
     }
 }
 
@@ -484,12 +484,16 @@ fn keys_mean_what_they_say() {
 fn other_lights_than_baked_for_are_as_good_or_refused() {
     let scene = Shared::Head.scene();
     for method in every() {
-        let values = methods::settings::resolve(method, &[]).unwrap();
-        let mut settings = BakeSettings { samples: Some(Shared::SAMPLES), ..BakeSettings::new(method, values) };
-        settings.for_lights = [LightKind::Directional].into();
-        settings.probes = probes::for_bake(&scene.mesh);
-        let one = methods::bake(method, scene.clone(), &settings, Provenance::default(), &Silent).unwrap();
-        let (mut one, mut all) = (reopened(method, &one), Shared::Head.baked(method));
+        let probes = probes::for_bake(&scene.mesh);
+        let for_lights = [LightKind::Directional].into();
+        let settings = BakeSettings {
+            samples: Some(Shared::SAMPLES),
+            for_lights,
+            probes,
+            ..BakeSettings::new(method.default_max_rms())
+        };
+        let one = method.recipe(&[], settings).unwrap().bake(scene.clone(), Provenance::default(), &Silent).unwrap();
+        let (mut one, mut all) = (reopened(&one), Shared::Head.baked(method));
         for light in served(method, &every_light(&scene)) {
             let what = format!("{}, {}", method.name(), light.kind().name());
             if let Err(error) = one.set_lights(vec![light.clone()], &Silent) {

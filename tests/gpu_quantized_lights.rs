@@ -10,13 +10,13 @@ mod oracle;
 use std::sync::Arc;
 
 use glam::DVec3;
-use in_memory::{lit, medium, try_bake};
+use in_memory::{lit, medium, registry, try_bake};
 use on_device::{assert_same, device, group, lights};
 use translux::asset::Asset;
 use translux::error::ExitCode;
+use translux::evaluate::Evaluator;
 use translux::evaluate::device::interpolated::{InterpolatedOnDevice, Sum};
-use translux::evaluate::device::{Device, DeviceEvaluator};
-use translux::evaluate::{Evaluator, Method};
+use translux::evaluate::{DeviceEvaluator, device::Device};
 use translux::geometry::scattered::Weights;
 use translux::light::Light;
 use translux::math::random::uniform;
@@ -30,7 +30,7 @@ fn bake(interpolation: &str) -> Arc<Asset> {
 }
 
 fn on_cpu(asset: &Arc<Asset>) -> Box<dyn Evaluator> {
-    QuantizedLights.open(Arc::clone(asset)).unwrap()
+    registry().open(Arc::clone(asset)).unwrap()
 }
 
 fn on(asset: &Arc<Asset>, device: &Arc<Device>) -> Box<dyn DeviceEvaluator> {

@@ -10,7 +10,7 @@ mod oracle;
 use std::sync::Arc;
 
 use glam::DVec3;
-use in_memory::{every, medium, served, try_bake};
+use in_memory::{every, medium, registry, served, try_bake};
 use on_device::{assert_same, device, group, lights};
 use translux::asset::Asset;
 use translux::error::ExitCode;
@@ -18,18 +18,17 @@ use translux::evaluate::device::Device;
 use translux::evaluate::{Evaluator, MaterialEdit, Method};
 use translux::light::Light;
 use translux::medium::profiles::model::ProfileModel;
-use translux::methods::{self, ALL};
 use translux::progress::Silent;
 
 /// The group under a method; sets of lights are small, since it is not their error that is measured here.
 fn bake(method: &dyn Method) -> Arc<Asset> {
-    let few = method.keys().iter().any(|key| key.name == "lights").then(|| ("lights".to_owned(), "60".to_owned()));
+    let few = method.keys().iter().any(|key| key.name() == "lights").then(|| ("lights".to_owned(), "60".to_owned()));
     Arc::new(try_bake(method, group(), Some(2000), few.as_slice()).unwrap())
 }
 
 /// Both evaluators of one asset.
 fn pair(asset: &Arc<Asset>, device: &Arc<Device>) -> [Box<dyn Evaluator>; 2] {
-    let open = || methods::named(&asset.provenance.method).unwrap().open(Arc::clone(asset)).unwrap();
+    let open = || registry().open(Arc::clone(asset)).unwrap();
     [open(), open().on_device(device).unwrap()]
 }
 
@@ -89,7 +88,7 @@ fn profiles_have_the_same_sums_where_nets_have_them() {
         let model: ProfileModel = text.parse().unwrap();
         model.load().unwrap()
     });
-    let asset = Arc::new(try_bake(methods::named("editable").unwrap(), group(), Some(2000), &[]).unwrap());
+    let asset = Arc::new(try_bake(in_memory::method("editable"), group(), Some(2000), &[]).unwrap());
     let [mut cpu, mut gpu] = pair(&asset, &device);
     for profile in &profiles {
         let radiosity = |evaluator: &mut dyn Evaluator| {
@@ -99,7 +98,7 @@ fn profiles_have_the_same_sums_where_nets_have_them() {
         };
         assert_same("a profile", &radiosity(gpu.as_mut()), &radiosity(cpu.as_mut()));
     }
-    let tree = Arc::new(try_bake(methods::named("two_pass").unwrap(), group(), Some(500), &[]).unwrap());
+    let tree = Arc::new(try_bake(in_memory::method("two_pass"), group(), Some(500), &[]).unwrap());
     let [mut cpu, _] = pair(&tree, &device);
     cpu.set_profile(profiles[0].clone()).unwrap();
     assert_eq!(cpu.on_device(&device).err().unwrap().code(), ExitCode::Unsupported);
@@ -118,8 +117,8 @@ fn small_bindings_give_the_same_radiosity_or_a_clear_refusal() {
         assert_same(method.name(), &radiosity(&small), &radiosity(&whole));
     }
     let Some(tiny) = device(32 << 10) else { return };
-    let asset = bake(ALL[0]);
-    let evaluator = methods::named(&asset.provenance.method).unwrap().open(asset).unwrap();
+    let asset = bake(in_memory::method("reference"));
+    let evaluator = registry().open(asset).unwrap();
     let error = evaluator.on_device(&tiny).err().unwrap();
     assert_eq!(error.code(), ExitCode::Unsupported);
     assert!(error.message().contains("KiB") && error.message().contains("--device cpu"), "{error}");

@@ -19,7 +19,6 @@ use translux::math::quadrature::integrate;
 use translux::math::statistics::vertex_error;
 use translux::medium::fresnel::{BoundaryFit, diffuse_transmittance, transmittance};
 use translux::medium::profile::Profile;
-use translux::methods;
 use translux::progress::Silent;
 use translux::transport::scene::{Medium, Scene};
 
@@ -30,8 +29,8 @@ const ONCE: (&str, &str) = ("inter-reflection", "once");
 
 fn open(method: &str, scene: &Scene, samples: usize, set: &[(&str, &str)]) -> Box<dyn Evaluator> {
     let set: Vec<(String, String)> = set.iter().map(|(k, v)| ((*k).to_owned(), (*v).to_owned())).collect();
-    let method = methods::named(method).unwrap();
-    method.open(in_memory::try_bake(method, scene.clone(), Some(samples), &set).unwrap().into()).unwrap()
+    let method = in_memory::method(method);
+    in_memory::registry().open(in_memory::try_bake(method, scene.clone(), Some(samples), &set).unwrap().into()).unwrap()
 }
 
 fn head() -> Scene {

@@ -11,7 +11,7 @@ use glam::DVec3;
 use in_memory::{bake, error, open, oracle_light, oracle_mesh, radiosity, scene};
 use oracle::{Oracle, OracleSettings, truth_files};
 use translux::evaluate::Evaluator;
-use translux::evaluate::sampled::{Bound, Far, Plan, SampledEvaluator};
+use translux::forms::gathered::{Bound, Far, GatheredEvaluator, Gathering};
 use translux::geometry::mesh::Scale;
 use translux::geometry::shapes;
 use translux::geometry::source::SourceModel;
@@ -194,8 +194,9 @@ fn hierarchy_keeps_the_asked_error() {
         let light = directional(Half::Figures, 7);
         let areas = vec![1.0; asset.scene.mesh.local_mm.len()];
         let run = |far: Far| {
-            let plan = Plan { sampling: LightSampling::FAST, near: NearField::FAST, far, group: 16, nets: None };
-            let mut evaluator = SampledEvaluator::new(asset.clone(), plan);
+            let gathering =
+                Gathering { sampling: LightSampling::FAST, near: NearField::FAST, far, group: 16, nets: None };
+            let mut evaluator = GatheredEvaluator::new(asset.clone(), gathering);
             let values = radiosity(&mut evaluator, light.clone());
             (values, evaluator.measured_error(&[], &Silent).unwrap())
         };

@@ -10,10 +10,10 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use glam::DVec3;
-use in_memory::{lit, open, scene, scene_of, try_bake, vertex_areas};
+use in_memory::{lit, open, registry, scene, scene_of, try_bake, vertex_areas};
 use translux::asset::Asset;
 use translux::error::{ExitCode, Result};
-use translux::evaluate::{Evaluator, MaterialEdit, Method};
+use translux::evaluate::{Evaluator, MaterialEdit};
 use translux::geometry::mesh::Scale;
 use translux::geometry::shapes;
 use translux::geometry::source::SourceModel;
@@ -32,7 +32,7 @@ fn bake(scene: &Scene, samples: usize, set: &[(&str, &str)]) -> Result<Asset> {
 
 fn reopened(asset: &Asset) -> Box<dyn Evaluator> {
     let asset = Asset::from_bytes(&asset.to_bytes().unwrap()).unwrap();
-    QuantizedLights.open(Arc::new(asset)).unwrap()
+    registry().open(Arc::new(asset)).unwrap()
 }
 
 fn lights(scene: &Scene) -> Vec<Light> {
@@ -254,7 +254,7 @@ fn lists_beyond_reason_are_refused_before_the_work() {
         translux_format::scattering_lists::ScatteringLists::from_sections(&asset.sections).unwrap().unwrap();
     lists.ranges_mm = vec![1e6];
     asset.sections = lists.to_sections().unwrap();
-    let error = QuantizedLights.open(Arc::new(asset)).err().unwrap();
+    let error = registry().open(Arc::new(asset)).err().unwrap();
     assert_eq!(error.code(), ExitCode::Unsupported, "{}", error.message());
 }
 
@@ -264,12 +264,12 @@ fn damaged_sections_are_refused_or_harmless() {
     let asset = bake(&scene, 500, &[]).unwrap();
     let mut without = asset.clone();
     without.sections.clear();
-    assert_eq!(QuantizedLights.open(Arc::new(without)).err().unwrap().code(), ExitCode::InvalidInput);
+    assert_eq!(registry().open(Arc::new(without)).err().unwrap().code(), ExitCode::InvalidInput);
     for at in 0..asset.sections[0].bytes.len() {
         for bit in [0x01, 0x55, 0x80] {
             let mut changed = asset.clone();
             changed.sections[0].bytes[at] ^= bit;
-            if let Ok(mut evaluator) = QuantizedLights.open(Arc::new(changed)) {
+            if let Ok(mut evaluator) = registry().open(Arc::new(changed)) {
                 let values = lit(evaluator.as_mut(), vec![Light::constant(DVec3::ONE).unwrap()]);
                 assert!(values.iter().all(|v| v.is_finite()));
             }

@@ -5,20 +5,18 @@
 mod in_memory;
 mod oracle;
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use glam::DVec3;
-use in_memory::{lit, open, scene, vertex_areas};
+use in_memory::{lit, method, open, pairs, registry, scene, vertex_areas};
 use translux::asset::{Asset, Provenance};
 use translux::error::ExitCode;
-use translux::evaluate::{BakeSettings, Evaluator, Method};
+use translux::evaluate::{BakeSettings, Evaluator};
 use translux::geometry::mesh::Scale;
 use translux::geometry::shapes;
 use translux::light::{Light, LightKind, sky};
 use translux::math::statistics::vertex_error;
 use translux::measure::probes::{self, Half};
-use translux::methods::{self, quantized_lights::QuantizedLights};
 use translux::progress::Silent;
 use translux::transport::scene::Scene;
 
@@ -29,20 +27,19 @@ fn head() -> Scene {
 }
 
 fn bake(scene: &Scene, kinds: &[LightKind], set: &[(&str, &str)]) -> Asset {
-    let given: Vec<(String, String)> = set.iter().map(|(k, v)| ((*k).to_owned(), (*v).to_owned())).collect();
-    let values: BTreeMap<String, String> = methods::settings::resolve(&QuantizedLights, &given).unwrap();
     let settings = BakeSettings {
         samples: Some(SAMPLES),
         for_lights: kinds.iter().copied().collect(),
         probes: probes::for_bake(&scene.mesh),
-        ..BakeSettings::new(&QuantizedLights, values)
+        ..BakeSettings::new(0.02)
     };
-    methods::bake(&QuantizedLights, scene.clone(), &settings, Provenance::default(), &Silent).unwrap()
+    let recipe = method("quantized_lights").recipe(&pairs(set), settings).unwrap();
+    recipe.bake(scene.clone(), Provenance::default(), &Silent).unwrap()
 }
 
 fn reopened(asset: &Asset) -> Box<dyn Evaluator> {
     let asset = Asset::from_bytes(&asset.to_bytes().unwrap()).unwrap();
-    QuantizedLights.open(Arc::new(asset)).unwrap()
+    registry().open(Arc::new(asset)).unwrap()
 }
 
 fn sky_light() -> Light {
@@ -161,12 +158,12 @@ fn nothing_pops_when_the_light_turns_but_for_the_nearest_four() {
 #[test]
 fn keys_are_judged_and_materials_stay() {
     let scene = scene(shapes::bumpy_head(1.0, 2), Scale::DiagonalMm(20.0), "marble");
-    for key in QuantizedLights.keys() {
+    for key in method("quantized_lights").keys() {
         for value in ["", "?", "-1", "1e99", "nan"] {
-            let given = [(key.name.to_owned(), value.to_owned())];
-            let error = in_memory::try_bake(&QuantizedLights, scene.clone(), Some(500), &given).unwrap_err();
-            assert_eq!(error.code(), ExitCode::CommandLine, "{}={value}", key.name);
-            assert!(error.message().contains(key.name), "{}", error.message());
+            let given = [(key.name().to_owned(), value.to_owned())];
+            let error = in_memory::try_bake(method("quantized_lights"), scene.clone(), Some(500), &given).unwrap_err();
+            assert_eq!(error.code(), ExitCode::CommandLine, "{}={value}", key.name());
+            assert!(error.message().contains(key.name()), "{}", error.message());
         }
     }
     let mut evaluator = reopened(&bake(&scene, &PARALLEL, &[("lights", "50")]));
@@ -183,12 +180,12 @@ fn damaged_sections_are_refused_or_harmless() {
     for index in 0..asset.sections.len() {
         let mut without = asset.clone();
         let tag = without.sections.remove(index).tag;
-        assert_eq!(QuantizedLights.open(Arc::new(without)).err().unwrap().code(), ExitCode::InvalidInput, "{tag}");
+        assert_eq!(registry().open(Arc::new(without)).err().unwrap().code(), ExitCode::InvalidInput, "{tag}");
         let length = asset.sections[index].bytes.len();
         for at in (0..length).step_by((length / 40).max(1)) {
             let mut changed = asset.clone();
             changed.sections[index].bytes[at] ^= 0x55;
-            if let Ok(mut evaluator) = QuantizedLights.open(Arc::new(changed))
+            if let Ok(mut evaluator) = registry().open(Arc::new(changed))
                 && evaluator.set_lights(vec![sky_light()], &Silent).is_ok()
             {
                 let _ = evaluator.radiosity(&Silent);

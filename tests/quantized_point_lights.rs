@@ -9,10 +9,10 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use glam::DVec3;
-use in_memory::{lit, open, scene, vertex_areas};
+use in_memory::{lit, method, open, pairs, registry, scene, vertex_areas};
 use translux::asset::{Asset, Provenance};
 use translux::error::ExitCode;
-use translux::evaluate::{BakeSettings, Evaluator, Method};
+use translux::evaluate::{BakeSettings, Evaluator};
 use translux::geometry::mesh::Scale;
 use translux::geometry::shapes;
 use translux::light::quantised::directions::DirectionSet;
@@ -21,7 +21,6 @@ use translux::light::{Light, LightKind};
 use translux::math::cube_map::{direction, texel_of};
 use translux::math::statistics::vertex_error;
 use translux::measure::probes;
-use translux::methods::{self, quantized_lights::QuantizedLights};
 use translux::progress::Silent;
 use translux::transport::receivers::Sphere;
 use translux::transport::scene::Scene;
@@ -37,19 +36,21 @@ fn head() -> Scene {
 }
 
 fn evaluator(scene: &Scene, set: &[(&str, &str)]) -> Box<dyn Evaluator> {
-    let mut given = vec![("lights".to_owned(), DIRECTIONS.to_owned())];
-    given.extend(set.iter().map(|(k, v)| ((*k).to_owned(), (*v).to_owned())));
-    let values: BTreeMap<String, String> = methods::settings::resolve(&QuantizedLights, &given).unwrap();
+    let mut given = pairs(&[("lights", DIRECTIONS)]);
+    given.extend(pairs(set));
     let settings = BakeSettings {
         samples: Some(SAMPLES),
         // What is coded and interpolated between vertices must not hide the distances.
-        max_rms: 0.01,
         for_lights: [LightKind::Point].into(),
         probes: probes::for_bake(&scene.mesh),
-        ..BakeSettings::new(&QuantizedLights, values)
+        ..BakeSettings::new(0.01)
     };
-    let asset = methods::bake(&QuantizedLights, scene.clone(), &settings, Provenance::default(), &Silent).unwrap();
-    QuantizedLights.open(Arc::new(Asset::from_bytes(&asset.to_bytes().unwrap()).unwrap())).unwrap()
+    let asset = method("quantized_lights")
+        .recipe(&given, settings)
+        .unwrap()
+        .bake(scene.clone(), Provenance::default(), &Silent)
+        .unwrap();
+    registry().open(Arc::new(Asset::from_bytes(&asset.to_bytes().unwrap()).unwrap())).unwrap()
 }
 
 /// Centre and radius of the scene, as the set takes them.

@@ -9,10 +9,10 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use glam::DVec3;
-use in_memory::{lit, open, scene, scene_of, vertex_areas};
+use in_memory::{lit, method, open, pairs, registry, scene, scene_of, vertex_areas};
 use translux::asset::{Asset, Provenance};
 use translux::error::{ExitCode, Result};
-use translux::evaluate::{BakeSettings, Evaluator, Method};
+use translux::evaluate::{BakeSettings, Evaluator};
 use translux::geometry::mesh::Scale;
 use translux::geometry::shapes;
 use translux::geometry::source::SourceModel;
@@ -21,7 +21,6 @@ use translux::light::{Light, LightKind, sky};
 use translux::math::cube_map::{direction, texel_of};
 use translux::math::statistics::{VertexError, vertex_error};
 use translux::measure::probes::{self, Half};
-use translux::methods::{self, quantized_lights::QuantizedLights};
 use translux::progress::Silent;
 use translux::transport::scene::Scene;
 
@@ -45,23 +44,21 @@ impl<'a> Bake<'a> {
     }
 
     fn run(&self, set: &[(&str, &str)]) -> Result<Asset> {
-        let given: Vec<(String, String)> = set.iter().map(|(k, v)| ((*k).to_owned(), (*v).to_owned())).collect();
-        let values: BTreeMap<String, String> = methods::settings::resolve(&QuantizedLights, &given)?;
         let settings = BakeSettings {
             samples: self.samples,
-            max_rms: self.max_rms,
             for_lights: self.kinds.iter().copied().collect(),
             probes: probes::for_bake(&self.scene.mesh),
-            ..BakeSettings::new(&QuantizedLights, values)
+            ..BakeSettings::new(self.max_rms)
         };
-        assert!(QuantizedLights.bake_memory(self.scene, &settings) > 0);
-        methods::bake(&QuantizedLights, self.scene.clone(), &settings, Provenance::default(), &Silent)
+        let recipe = method("quantized_lights").recipe(&pairs(set), settings)?;
+        assert!(recipe.bake_memory(self.scene) > 0);
+        recipe.bake(self.scene.clone(), Provenance::default(), &Silent)
     }
 }
 
 fn reopened(asset: &Asset) -> Box<dyn Evaluator> {
     let asset = Asset::from_bytes(&asset.to_bytes().unwrap()).unwrap();
-    QuantizedLights.open(Arc::new(asset)).unwrap()
+    registry().open(Arc::new(asset)).unwrap()
 }
 
 fn head(subdivisions: u32) -> Scene {
@@ -359,12 +356,12 @@ fn damaged_sections_are_refused_or_harmless() {
         for index in 0..asset.sections.len() {
             let mut without = asset.clone();
             let tag = without.sections.remove(index).tag;
-            assert_eq!(QuantizedLights.open(Arc::new(without)).err().unwrap().code(), ExitCode::InvalidInput, "{tag}");
+            assert_eq!(registry().open(Arc::new(without)).err().unwrap().code(), ExitCode::InvalidInput, "{tag}");
             let length = asset.sections[index].bytes.len();
             for at in (0..length).step_by((length / 12).max(1)) {
                 let mut changed = asset.clone();
                 changed.sections[index].bytes[at] ^= 0x55;
-                if let Ok(mut evaluator) = QuantizedLights.open(Arc::new(changed))
+                if let Ok(mut evaluator) = registry().open(Arc::new(changed))
                     && evaluator.set_lights(vec![sky_light()], &Silent).is_ok()
                 {
                     assert!(evaluator.radiosity(&Silent).unwrap().iter().all(|v| !v.is_nan()));
@@ -375,6 +372,6 @@ fn damaged_sections_are_refused_or_harmless() {
         let mut other = asset.clone();
         let name = if set[0].1 == "sh" { "raw" } else { "sh" };
         other.provenance.settings = BTreeMap::from([("encoding".to_owned(), name.to_owned())]);
-        assert_eq!(QuantizedLights.open(Arc::new(other)).err().unwrap().code(), ExitCode::InvalidInput);
+        assert_eq!(registry().open(Arc::new(other)).err().unwrap().code(), ExitCode::InvalidInput);
     }
 }

@@ -6,16 +6,15 @@ use std::sync::Arc;
 
 use glam::DVec3;
 use translux::asset::Provenance;
-use translux::evaluate::device::{Device, DeviceEvaluator, Uploaded};
-use translux::evaluate::{BakeSettings, Evaluator, Method};
+use translux::evaluate::device::{Device, Uploaded};
+use translux::evaluate::{DeviceEvaluator, Evaluator};
 use translux::geometry::mesh::{Mesh, Placement};
 use translux::geometry::part_table::PartTable;
 use translux::geometry::shapes;
 use translux::light::Light;
 use translux::light::environment::EnvironmentMap;
 use translux::medium::material::preset;
-use translux::methods::two_pass::TwoPass;
-use translux::methods::{self, settings};
+use translux::methods;
 use translux::progress::Silent;
 use translux::relight::raster::Raster;
 use translux::relight::raster::target::{Finish, LinearPicture, Picture};
@@ -57,10 +56,10 @@ fn scene() -> Scene {
 }
 
 fn evaluator() -> Box<dyn Evaluator> {
-    let mut settings = BakeSettings::new(&TwoPass, settings::resolve(&TwoPass, &[]).unwrap());
-    settings.samples = Some(2000);
-    let asset = methods::bake(&TwoPass, scene(), &settings, Provenance::default(), &Silent).unwrap();
-    TwoPass.open(Arc::new(asset)).unwrap()
+    let mut recipe = methods::built_in().method("two_pass").unwrap().default_recipe().unwrap();
+    recipe.settings.samples = Some(2000);
+    let asset = recipe.bake(scene(), Provenance::default(), &Silent).unwrap();
+    methods::built_in().open(Arc::new(asset)).unwrap()
 }
 
 fn lights() -> Vec<Light> {

@@ -22,7 +22,6 @@ use translux::math::statistics::vertex_error;
 use translux::medium::fresnel::{diffuse_transmittance, transmittance};
 use translux::medium::material::OpticalProperties;
 use translux::medium::phase::HenyeyGreenstein;
-use translux::methods;
 use translux::progress::Silent;
 use translux::render::exit::ExitFresnel;
 use translux::render::frame::{Frame, RenderSettings, SingleLayer, Specular, render};
@@ -61,8 +60,8 @@ fn with(model: SourceModel, properties: OpticalProperties) -> Scene {
 
 fn reference(scene: Scene, set: &[(&str, &str)]) -> Box<dyn Evaluator> {
     let set: Vec<(String, String)> = set.iter().map(|(k, v)| ((*k).to_owned(), (*v).to_owned())).collect();
-    let method = methods::named("reference").unwrap();
-    method.open(in_memory::try_bake(method, scene, Some(500), &set).unwrap().into()).unwrap()
+    let method = in_memory::method("reference");
+    in_memory::registry().open(in_memory::try_bake(method, scene, Some(500), &set).unwrap().into()).unwrap()
 }
 
 #[test]

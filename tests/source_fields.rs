@@ -15,7 +15,7 @@ use glam::DVec3;
 use translux::asset::Asset;
 use translux::error::ExitCode;
 use translux::evaluate::SourceFields;
-use translux::evaluate::environment::StoredRows;
+use translux::forms::environment_rows::StoredRows;
 use translux::geometry::bvh::Bvh;
 use translux::geometry::mesh::Scale;
 use translux::geometry::samples::Samples;
@@ -192,9 +192,10 @@ fn both_forms_take_them_and_whatever_casts_rays_refuses() {
         if !method.kinds().contains(&field.kind()) {
             continue;
         }
-        let few = method.keys().iter().any(|key| key.name == "lights").then(|| ("lights".to_owned(), "60".to_owned()));
+        let few =
+            method.keys().iter().any(|key| key.name() == "lights").then(|| ("lights".to_owned(), "60".to_owned()));
         let asset: Arc<Asset> = Arc::new(in_memory::try_bake(method, scene(), Some(2000), few.as_slice()).unwrap());
-        let mut evaluator = method.open(asset).unwrap();
+        let mut evaluator = in_memory::registry().open(asset).unwrap();
         let set = evaluator.set_lights(vec![field.clone()], &Silent);
         if evaluator.capabilities().source_fields == SourceFields::None {
             assert_ne!(method.name(), "editable");
@@ -236,7 +237,7 @@ fn devices_give_the_same() {
     let lights: Vec<Light> = sky.chain([light.unwrap().through_field(16).unwrap()]).collect();
     for method in in_memory::every().into_iter().filter(|m| m.name() == "editable") {
         let asset = Arc::new(in_memory::try_bake(method, on_device::group(), Some(2000), &[]).unwrap());
-        let open = || method.open(Arc::clone(&asset)).unwrap();
+        let open = || in_memory::registry().open(Arc::clone(&asset)).unwrap();
         let (mut cpu, mut gpu) = (open(), open().on_device(&device).unwrap());
         let cpu = in_memory::lit(cpu.as_mut(), lights.clone());
         gpu.set_lights(lights.clone(), &Silent).unwrap();

@@ -17,7 +17,7 @@ use translux::geometry::source::SourceModel;
 use translux::light::environment::EnvironmentMap;
 use translux::light::{Light, LightKind, sky};
 use translux::medium::fresnel::transmittance;
-use translux::methods::ALL;
+use translux::methods;
 use translux::progress::Silent;
 use translux::render::camera::Camera;
 use translux::render::film::Exposure;
@@ -427,7 +427,7 @@ fn group() -> SourceModel {
 #[test]
 fn every_method_renders_under_every_light() {
     let scene = in_memory::scene_of(group(), Scale::MillimetresPerUnit(1.0), &[("wax", "skin1")]);
-    for method in ALL {
+    for &method in methods::built_in().methods() {
         let mut evaluator = in_memory::open(method.name(), scene.clone(), Some(1500));
         let evaluator: &mut dyn Evaluator = evaluator.as_mut();
         let view = RenderSettings::new(Camera::framing(&scene.mesh, size(40, 40)).unwrap(), size(40, 40));

@@ -103,7 +103,7 @@ pub(crate) fn baked(context: &Context, scene: &Scene, set: &[(&str, &str)]) -> R
 
 /// At run time.
 pub(crate) fn open(asset: Asset) -> Result<Box<dyn Evaluator>> {
-    methods::named("all_frequency")?.open(Arc::new(asset))
+    methods::built_in().open(Arc::new(asset))
 }
 
 /// Radiosity of every vertex.
@@ -136,7 +136,7 @@ impl Truth {
     pub(crate) fn new(context: &Context, scene: &Scene) -> Result<Self> {
         let truths = if context.quick { QUICK_TRUTHS } else { TRUTHS };
         let [a, b] = truths.map(|(samples, directions)| -> Result<Box<dyn Evaluator>> {
-            let method = methods::named("two_pass")?;
+            let method = methods::built_in().method("two_pass")?;
             let set = [("directions", directions)];
             let recipe = Recipe { samples: Some(samples), max_rms: TRUTH_RMS, set: &set };
             method.open(Arc::new(bake_for(LightKind::Environment, method, scene, &recipe, &Silent)?))

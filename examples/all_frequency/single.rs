@@ -91,7 +91,7 @@ impl Picture {
 impl Stand {
     pub(crate) fn new(scene: &Scene, side: usize) -> Result<Self> {
         // Nobody asks for its radiosity: a few samples do.
-        let method = methods::named("two_pass")?;
+        let method = methods::built_in().method("two_pass")?;
         let recipe = Recipe { samples: Some(64), max_rms: 0.1, set: &[] };
         let asset = bake_for(translux::light::LightKind::Directional, method, scene, &recipe, &Silent)?;
         let resolution = Resolution::new(side, side)?;

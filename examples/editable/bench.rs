@@ -41,13 +41,13 @@ pub(crate) fn sun() -> Light {
 /// An asset of `editable` for lights that cast rays, and the seconds that it took.
 pub(crate) fn bake(scene: &Scene, recipe: &Recipe) -> Result<(Asset, f64)> {
     let start = Instant::now();
-    let asset = bake_for(LightKind::Directional, methods::named("editable")?, scene, recipe, &Silent)?;
+    let asset = bake_for(LightKind::Directional, methods::built_in().method("editable")?, scene, recipe, &Silent)?;
     Ok((asset, start.elapsed().as_secs_f64()))
 }
 
 /// At run time.
 pub(crate) fn open(asset: Asset) -> Result<Box<dyn Evaluator>> {
-    methods::named("editable")?.open(Arc::new(asset))
+    methods::built_in().open(Arc::new(asset))
 }
 
 /// The media of a scene with a preset in the place of each.
@@ -66,7 +66,7 @@ pub(crate) fn under(evaluator: &mut dyn Evaluator, material: &str, lights: &[Lig
 /// `reference`, whose samples are more and of their own.
 pub(crate) fn truth(context: &Context, scene: &Scene) -> Result<Box<dyn Evaluator>> {
     let samples = if context.quick { QUICK_TRUTH_SAMPLES } else { TRUTH_SAMPLES };
-    let method = methods::named("reference")?;
+    let method = methods::built_in().method("reference")?;
     let recipe = Recipe { samples: Some(samples), max_rms: method.default_max_rms(), set: &[] };
     method.open(Arc::new(bake_for(LightKind::Directional, method, scene, &recipe, &Silent)?))
 }

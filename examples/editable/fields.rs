@@ -124,7 +124,7 @@ struct Lit {
 
 impl Bench {
     fn new(scene: &Scene, samples: usize, set: &[(&str, &str)]) -> Result<Self> {
-        let method = methods::named("editable")?;
+        let method = methods::built_in().method("editable")?;
         let recipe = Recipe { samples: Some(samples), max_rms: method.default_max_rms(), set };
         let asset = Arc::new(bake_for(LightKind::Environment, method, scene, &recipe, &Silent)?);
         let rows = StoredRows::of(&asset)?.ok_or_else(|| Error::runtime("the asset has no rows"))?;

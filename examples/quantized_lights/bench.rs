@@ -100,7 +100,7 @@ pub(crate) fn same_samples(scene: &Scene) -> Result<Box<dyn Evaluator>> {
 
 /// A method by its name, baked and opened.
 pub(crate) fn method(name: &str, scene: &Scene, recipe: &Recipe) -> Result<Box<dyn Evaluator>> {
-    let method = methods::named(name)?;
+    let method = methods::built_in().method(name)?;
     method.open(Arc::new(bake(method, scene, recipe)?))
 }
 

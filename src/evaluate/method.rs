@@ -45,7 +45,7 @@ pub trait Method: Sync {
     fn form(&self, keys: &Keys, settings: &BakeSettings) -> Result<Box<dyn AnyForm>>;
 }
 
-impl dyn Method {
+impl<'a> dyn Method + 'a {
     /// What runs for keys as typed.
     ///
     /// # Errors

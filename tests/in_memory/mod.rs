@@ -1,13 +1,13 @@
 //! A method through the library, without files: bake, open, evaluate; and its distance from a separate truth.
 #![allow(clippy::unwrap_used, missing_docs, dead_code, unreachable_pub)]
 
-use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
 
 use glam::DVec3;
 use translux::asset::{Asset, Provenance};
 use translux::error::Result;
-use translux::evaluate::{AssetParts, BakeSettings, Evaluator, Key, Method};
+use translux::evaluate::keys::{AnyKey, Audience, Keys};
+use translux::evaluate::{AnyForm, BakeSettings, Evaluator, Method, Recipe, Registry};
 use translux::geometry::mesh::{Mesh, Scale, resolve_scale};
 use translux::geometry::part_table::PartTable;
 use translux::geometry::parts::{MaterialRoles, Parts, PartsRule};
@@ -15,7 +15,7 @@ use translux::geometry::source::SourceModel;
 use translux::light::Light;
 use translux::medium::material::preset;
 use translux::methods;
-use translux::progress::{Progress, Silent};
+use translux::progress::Silent;
 use translux::transport::scene::{Medium, Scene};
 
 use crate::oracle::vector::V3;
@@ -54,54 +54,81 @@ fn with_roles(
 /// `editable` whose default is stored transport.
 struct StoredEditable;
 
-impl StoredEditable {
-    fn plain() -> &'static dyn Method {
-        methods::named("editable").unwrap()
+/// A key with another default.
+struct Stored(&'static dyn AnyKey);
+
+impl AnyKey for Stored {
+    fn name(&self) -> &'static str {
+        self.0.name()
+    }
+
+    fn default(&self) -> &'static str {
+        if self.0.name() == "transport" { "stored" } else { self.0.default() }
+    }
+
+    fn help(&self) -> &'static str {
+        self.0.help()
+    }
+
+    fn audience(&self) -> Audience {
+        self.0.audience()
+    }
+
+    fn values(&self) -> String {
+        self.0.values()
+    }
+
+    fn words(&self) -> Vec<&'static str> {
+        self.0.words()
+    }
+
+    fn check(&self, text: &str) -> Result<()> {
+        self.0.check(text)
     }
 }
 
 impl Method for StoredEditable {
     fn name(&self) -> &'static str {
-        Self::plain().name()
+        "editable"
     }
 
     fn summary(&self) -> &'static str {
-        Self::plain().summary()
+        method("editable").summary()
     }
 
-    fn keys(&self) -> &'static [Key] {
-        static KEYS: OnceLock<Vec<Key>> = OnceLock::new();
-        KEYS.get_or_init(|| {
-            let mut keys = Self::plain().keys().to_vec();
-            keys.iter_mut().find(|key| key.name == "transport").unwrap().default = "stored";
-            keys
-        })
+    fn choose_when(&self) -> &'static str {
+        method("editable").choose_when()
+    }
+
+    fn keys(&self) -> &'static [&'static dyn AnyKey] {
+        static KEYS: OnceLock<Vec<&'static dyn AnyKey>> = OnceLock::new();
+        let stored = |key: &&'static dyn AnyKey| &*Box::leak(Box::new(Stored(*key))) as &'static dyn AnyKey;
+        KEYS.get_or_init(|| method("editable").keys().iter().map(stored).collect())
     }
 
     fn default_max_rms(&self) -> f64 {
-        Self::plain().default_max_rms()
+        method("editable").default_max_rms()
     }
 
-    fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {
-        Self::plain().bake_memory(scene, settings)
+    fn form(&self, keys: &Keys, settings: &BakeSettings) -> Result<Box<dyn AnyForm>> {
+        method("editable").form(keys, settings)
     }
+}
 
-    fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {
-        Self::plain().bake(scene, settings, progress)
-    }
+/// The methods and forms of the crate, and the examples' own.
+pub fn registry() -> &'static Registry {
+    static REGISTRY: OnceLock<Registry> = OnceLock::new();
+    REGISTRY.get_or_init(methods::built_in)
+}
 
-    fn stores_transport(&self, settings: &BTreeMap<String, String>) -> bool {
-        Self::plain().stores_transport(settings)
-    }
-
-    fn open(&self, asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
-        Self::plain().open(asset)
-    }
+/// The method of a name.
+pub fn method(name: &str) -> &'static dyn Method {
+    registry().method(name).unwrap()
 }
 
 /// Every method, and those of its forms that are methods of their own as far as results go.
 pub fn every() -> Vec<&'static dyn Method> {
-    methods::ALL.into_iter().chain([&StoredEditable as &dyn Method]).collect()
+    registry().methods().iter().copied().chain([&StoredEditable as &dyn Method]).collect()
 }
 
 /// A published material.
@@ -110,21 +137,34 @@ pub fn medium(name: &str) -> Medium {
 }
 
 /// Bakes with the method's defaults; `samples` replaces its choice.
-pub fn bake(method: &str, scene: Scene, samples: Option<usize>) -> Arc<Asset> {
-    Arc::new(try_bake(methods::named(method).unwrap(), scene, samples, &[]).unwrap())
+pub fn bake(name: &str, scene: Scene, samples: Option<usize>) -> Arc<Asset> {
+    Arc::new(try_bake(method(name), scene, samples, &[]).unwrap())
+}
+
+/// What a bake of a scene runs with some keys set, for every kind of light.
+pub fn recipe(method: &dyn Method, scene: &Scene, samples: Option<usize>, set: &[(String, String)]) -> Result<Recipe> {
+    let probes = translux::measure::probes::for_bake(&scene.mesh);
+    method.recipe(set, BakeSettings { samples, probes, ..BakeSettings::new(method.default_max_rms()) })
 }
 
 /// Bakes with some keys set, for every kind of light.
 pub fn try_bake(method: &dyn Method, scene: Scene, samples: Option<usize>, set: &[(String, String)]) -> Result<Asset> {
-    let probes = translux::measure::probes::for_bake(&scene.mesh);
-    let values = methods::settings::resolve(method, set)?;
-    let settings = BakeSettings { samples, probes, ..BakeSettings::new(method, values) };
-    methods::bake(method, scene, &settings, Provenance::default(), &Silent)
+    recipe(method, &scene, samples, set)?.bake(scene, Provenance::default(), &Silent)
+}
+
+/// Keys and values as they are typed.
+pub fn pairs(set: &[(&str, &str)]) -> Vec<(String, String)> {
+    set.iter().map(|(k, v)| ((*k).to_owned(), (*v).to_owned())).collect()
+}
+
+/// The evaluator of an asset.
+pub fn opened(asset: Arc<Asset>) -> Box<dyn Evaluator> {
+    registry().open(asset).unwrap()
 }
 
 /// The method's evaluator of a scene.
-pub fn open(method: &str, scene: Scene, samples: Option<usize>) -> Box<dyn Evaluator> {
-    methods::named(method).unwrap().open(bake(method, scene, samples)).unwrap()
+pub fn open(name: &str, scene: Scene, samples: Option<usize>) -> Box<dyn Evaluator> {
+    opened(bake(name, scene, samples))
 }
 
 /// Radiosity of every vertex under one light.

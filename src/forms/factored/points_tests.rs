@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used)]
-use super::far_sums::{ByFunction, FarSums};
 use super::*;
 use crate::error::ExitCode;
+use crate::forms::factored::far_sums::{ByFunction, FarSums};
 use crate::math::simd::Level;
 use crate::transport::balanced_tree::LightDetails;
 use translux_format::far_field as file;

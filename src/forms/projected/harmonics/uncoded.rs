@@ -89,15 +89,18 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::evaluate::Probes;
+    use crate::asset::Asset;
+    use crate::evaluate::{Form, Probes};
+    use crate::forms::density::Density;
+    use crate::forms::distant::{Basis, Choice, Distant, Integrand, Single};
+    use crate::forms::projected::references::Spacing;
     use crate::geometry::mesh::{Mesh, Placement};
     use crate::geometry::part_table::PartTable;
     use crate::geometry::shapes::icosphere;
     use crate::light::Light;
+    use crate::light::cube_light::Transform;
     use crate::light::harmonics::coefficients;
     use crate::medium::material::preset;
-    use crate::methods::all_frequency::AllFrequency;
-    use crate::methods::{bake, settings::resolve};
     use crate::progress::Silent;
     use crate::transport::scene::Medium;
 
@@ -110,28 +113,44 @@ mod tests {
         Scene { mesh, parts, media: vec![Medium { name: "marble".into(), properties }] }
     }
 
-    fn settings(set: &[(&str, &str)]) -> BakeSettings {
-        let given: Vec<(String, String)> = set.iter().map(|(k, v)| ((*k).to_owned(), (*v).to_owned())).collect();
-        let sun = |from| Light::Directional { from, irradiance: DVec3::ONE };
-        let tuning = [DVec3::X, DVec3::Y, DVec3::NEG_Z].map(sun).into();
-        BakeSettings {
-            samples: Some(4096),
-            max_rms: MAX_RMS,
-            probes: Probes { tuning, unseen: Vec::new() },
-            ..BakeSettings::new(&AllFrequency, resolve(&AllFrequency, &given).unwrap())
-        }
+    /// Sixteen harmonics at points 1.5 mm apart.
+    fn form() -> Harmonics {
+        Harmonics(Distant {
+            density: Density { spacing: 1.0, least: 4096, most: 4096 },
+            side: 32,
+            transform: Transform::SolidAngle,
+            choice: Choice::Light,
+            row: 128,
+            order: Some(4),
+            spacing: Spacing { mm: Some(1.5), references: None },
+            single: Single::Off,
+            single_basis: Basis::Harmonics,
+            integrand: Integrand::default(),
+            outside: None,
+        })
     }
 
     #[test]
     fn it_is_what_a_bake_codes() {
-        let (scene, settings) = (scene(), settings(&[("coefficients", "16"), ("spacing", "1.5")]));
-        let uncoded = Uncoded::new(&scene, &settings, &Silent).unwrap();
+        let (scene, form) = (scene(), form());
+        let sun = |from| Light::Directional { from, irradiance: DVec3::ONE };
+        let tuning: Vec<Light> = [DVec3::X, DVec3::Y, DVec3::NEG_Z].map(sun).into();
+        let probes = Probes { tuning: tuning.clone(), unseen: Vec::new() };
+        let settings = BakeSettings { probes, ..BakeSettings::new(MAX_RMS) };
+        let uncoded = Uncoded::new(&scene, &form, &settings, &Silent).unwrap();
         assert_eq!((uncoded.order, uncoded.points.len()), (4, scene.mesh.local_mm.len()));
-        let asset = bake(&AllFrequency, scene.clone(), &settings, Default::default(), &Silent).unwrap();
-        let mut evaluator = crate::methods::named("all_frequency").unwrap().open(Arc::new(asset)).unwrap();
+        let parts = Form::bake(&form, &scene, &settings, &Silent).unwrap();
+        let asset = Asset {
+            scene: scene.clone(),
+            samples: parts.samples,
+            provenance: Default::default(),
+            ledger: parts.ledger,
+            sections: parts.sections,
+        };
+        let mut evaluator = Form::open(&form, Arc::new(asset)).unwrap();
         let net = uncoded.net(1.5);
         assert!(net.point.len() < uncoded.points.len() / 2, "{}", net.point.len());
-        for light in [Light::Constant { radiance: DVec3::ONE }, settings.probes.tuning[0].clone()] {
+        for light in [Light::Constant { radiance: DVec3::ONE }, tuning[0].clone()] {
             evaluator.set_lights(vec![light.clone()], &Silent).unwrap();
             let baked = evaluator.radiosity(&Silent).unwrap();
             let vector = coefficients(&light, uncoded.order).unwrap();
@@ -154,11 +173,5 @@ mod tests {
         let coded = uncoded.coded(&net, MAX_RMS).unwrap();
         let finer = uncoded.coded(&net, 0.25 * MAX_RMS).unwrap();
         assert!(finer.coefficients.len() > coded.coefficients.len());
-    }
-
-    #[test]
-    fn rows_of_wavelets_are_refused() {
-        let refused = Uncoded::new(&scene(), &settings(&[("basis", "haar")]), &Silent);
-        assert!(refused.err().unwrap().message().contains("basis=sh"));
     }
 }
