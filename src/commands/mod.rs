@@ -21,6 +21,7 @@ mod reference;
 mod relight;
 mod render;
 mod validate;
+mod view;
 
 use std::ffi::OsString;
 use std::io::Write;

@@ -8,6 +8,7 @@ use super::console::Console;
 use super::lights::{LightArgs, ResolvedLights};
 use super::opening::{AssetArgs, Opened};
 use super::output;
+use super::view::ViewArgs;
 use crate::error::{ExitCode, Result};
 use crate::evaluate::Evaluator;
 use crate::import::file::{Input, suffix};
@@ -15,14 +16,12 @@ use crate::render::background::Background;
 use crate::render::camera::Resolution;
 use crate::render::camera_text::CameraSpec;
 use crate::render::exit::ExitFresnel;
-use crate::render::film::{ColourType, Exposure, PngBackground, to_exr, to_png};
+use crate::render::film::{ColourType, PngBackground, to_exr, to_png};
 use crate::render::frame::{
     DEFAULT_SAMPLES_PER_PIXEL, Frame, MAX_SAMPLES_PER_PIXEL, RenderSettings, Specular, memory_bytes, render,
 };
 use crate::render::single::{Exitance, Single};
-use crate::render::specular::Roughness;
 use crate::render::texture::Texture;
-use crate::render::texture::spec::{MarbleSpec, TextureSpec};
 use crate::report::picture::RenderReport;
 use crate::report::text::{percent, significant};
 
@@ -47,10 +46,8 @@ pub(super) struct RenderArgs {
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Picture")]
 pub(super) struct PictureArgs {
-    /// Eye, target, up and vertical degrees, in mm, as at=0,8,75:look=0,0,0:up=0,1,0:fov=28; every key may be left out
-    /// (default: the whole object from the front, slightly above)
-    #[arg(long, value_name = "CAMERA")]
-    camera: Option<CameraSpec>,
+    #[command(flatten)]
+    view: ViewArgs,
     /// Pixels
     #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "1024x1024")]
     resolution: Resolution,
@@ -58,49 +55,15 @@ pub(super) struct PictureArgs {
     #[arg(long, value_name = "N", default_value_t = DEFAULT_SAMPLES_PER_PIXEL,
         value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_SAMPLES_PER_PIXEL)))]
     samples_per_pixel: u32,
-    /// Brightness of PNG pictures: auto (the 99.5th percentile of the object becomes white) or stops
-    #[arg(long, value_name = "auto|EV", default_value = "auto", allow_hyphen_values = true)]
-    exposure: Exposure,
     /// Normalisation of the exit Fresnel factor
     #[arg(long, default_value = "normalised")]
     exit_fresnel: ExitFresnelArg,
-    /// What is seen beside the object: env (environments and constant lights), none (transparent in PNG) or R,G,B
-    #[arg(long, value_name = "env|none|RGB", default_value = "env")]
-    background: Background,
-    /// Roughness of the surface for specular reflection, from 0 (polished) to 1 (matt)
-    #[arg(long, value_name = "R", default_value_t = Roughness::default(), allow_hyphen_values = true)]
-    roughness: Roughness,
-    /// No specular reflection of the lights
-    #[arg(long, conflicts_with = "roughness")]
-    no_specular: bool,
-    /// Albedo that scattered light is multiplied by, not reflected light: none, marble, a PNG over the texture coordinates,
-    /// or the base colours of a glTF model
-    #[arg(long, value_name = "TEXTURE", default_value_t, long_help = texture_help())]
-    texture: TextureSpec,
     /// How OpenEXR pictures store colours; data (normal, depth, coverage, part) always have 32 bits
     #[arg(long, value_name = "TYPE", default_value = "half")]
     exr_type: ExrTypeArg,
     /// Files that the asset was made from, for the header of OpenEXR pictures.
     #[arg(skip)]
     sources: Vec<Input>,
-}
-
-/// The long help of `--texture`.
-pub(super) fn texture_help() -> String {
-    let MarbleSpec { base, veins, turbulence, octaves, sharpness, .. } = MarbleSpec::default();
-    let rgb = |v: glam::DVec3| format!("{},{},{}", v.x, v.y, v.z);
-    format!(
-        "Albedo that scattered light is multiplied by, not reflected light, and the same in every light:\n  \
-         none\n  \
-         marble, or marble:key=value:...\n  \
-         image:path=FILE.png, or a bare path: over the texture coordinates of the model\n  \
-         base-colour:path=MODEL.glb, or a bare path: base-colour factors and PNG pictures of the model that was baked\n\
-         Keys of marble: scale (mm between veins; default a fifth of the diagonal), base and veins (linear R,G,B or one \
-         number, 0 to 1; default {} and {}), turbulence (how far veins are shifted, in their distances; default \
-         {turbulence}), octaves (of the turbulence; default {octaves}), sharpness (of the veins; default {sharpness}), seed.",
-        rgb(base),
-        rgb(veins)
-    )
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -134,15 +97,10 @@ impl PictureArgs {
     /// The defaults for a camera and a resolution.
     pub(super) fn at(camera: CameraSpec, resolution: Resolution) -> Self {
         Self {
-            camera: Some(camera),
+            view: ViewArgs::from(camera),
             resolution,
             samples_per_pixel: DEFAULT_SAMPLES_PER_PIXEL,
-            exposure: Exposure::Auto,
             exit_fresnel: ExitFresnelArg::Normalised,
-            background: Background::Environment,
-            roughness: Roughness::default(),
-            no_specular: false,
-            texture: TextureSpec::None,
             exr_type: ExrTypeArg::Half,
             sources: Vec::new(),
         }
@@ -164,7 +122,7 @@ impl PictureArgs {
     }
 
     fn settings(&self, evaluator: &dyn Evaluator) -> Result<RenderSettings> {
-        let spec = self.camera.unwrap_or_default();
+        let spec = self.view.camera.unwrap_or_default();
         Ok(RenderSettings {
             camera: spec.resolve(&evaluator.scene().mesh, self.resolution)?,
             resolution: self.resolution,
@@ -173,8 +131,8 @@ impl PictureArgs {
                 ExitFresnelArg::Normalised => ExitFresnel::Normalised,
                 ExitFresnelArg::Paper => ExitFresnel::Paper,
             },
-            background: self.background,
-            specular: if self.no_specular { Specular::Off } else { Specular::Rough(self.roughness) },
+            background: self.view.background,
+            specular: self.view.specular(),
             white: f64::INFINITY,
         })
     }
@@ -190,8 +148,7 @@ pub(super) fn finish(
     console: &Console,
 ) -> Result<(RenderReport, Frame)> {
     let mut settings = picture.settings(evaluator)?;
-    let texture = Texture::new(&picture.texture, &evaluator.scene().mesh)?;
-    texture.iter().flat_map(Texture::warnings).for_each(|warning| console.warn(warning));
+    let texture = picture.view.load_texture(&evaluator.scene().mesh, console)?;
     evaluator.set_lights(lights.lights.clone(), console)?;
     let radiosity = evaluator.radiosity(console)?;
     let shown = outputs.iter().any(|path| suffix(path) == "png");
@@ -205,7 +162,7 @@ pub(super) fn finish(
     };
     let exitance = Exitance { radiosity: &radiosity, single, texture: texture.as_ref() };
     if shown {
-        settings.white = picture.exposure.white(evaluator, exitance, &settings)?;
+        settings.white = picture.view.exposure.white(evaluator, exitance, &settings)?;
     }
     let frame = render(evaluator, exitance, &lights.lights, &settings, console)?;
     let single_scattering_paths = towards_eye.as_ref().map(|eye| eye.paths_per_pixel(settings.samples_per_pixel));
@@ -232,8 +189,8 @@ pub(super) fn finish(
         single_scattering: frame.single,
         single_scattering_paths,
         exr_type: picture.colours(),
-        exposure: picture.exposure.to_string(),
-        exposure_factor: picture.exposure.factor(&frame),
+        exposure: picture.view.exposure.to_string(),
+        exposure_factor: picture.view.exposure.factor(&frame),
         coverage: frame.pixels.iter().map(|p| f64::from(p.coverage)).sum::<f64>() / frame.pixels.len() as f64,
         back_facing_share: frame.back_facing_share,
         cost: evaluator.cost(),
