@@ -139,9 +139,10 @@ pub fn of_version(scan: &Scan) -> Vec<Finding> {
         out.push(Finding::new(&NEWER_VERSION, None, format!("version {major}.{minor}; {known}")));
     }
     for section in &scan.sections {
+        let of_form = [metadata::tags::FORM, metadata::tags::SETTINGS];
         let others = [profile_basis::tags::TOTALS, rows::tags::BLOCKS, multilevel::tags::NUMBERS];
         let far = [&far_field::tags::ALL[..], &far_field::tags::OPTIONAL].concat();
-        let sampled = [&far[..], &profile_basis::tags::ALL, &rows::tags::ALL, &others].concat();
+        let sampled = [&far[..], &profile_basis::tags::ALL, &rows::tags::ALL, &others, &of_form].concat();
         if ![&COMMON_TAGS[..], &sampled, &without_samples()].concat().contains(&section.tag) {
             let (bytes, kind) = (section.stored_bytes, section.kind);
             let message = format!("section {} ({kind}, {bytes} bytes) is unknown", section.tag);
@@ -317,6 +318,13 @@ fn of_method(provenance: &translux_format::Provenance, registry: &Registry) -> V
     if !unknown.is_empty() {
         let message = format!("{} does not know the settings {}", method.name(), list(unknown));
         out.push(Finding::new(&SETTINGS, tag, message));
+    }
+    for key in method.keys() {
+        let text = provenance.settings.iter().find(|(name, _)| name == key.name()).map(|(_, text)| text);
+        if let Some(text) = text.filter(|text| key.check(text).is_err()) {
+            let message = format!("`{}` is `{text}`; {} is needed", key.name(), key.values());
+            out.push(Finding::new(&SETTINGS, tag, message));
+        }
     }
     out
 }

@@ -1,4 +1,22 @@
 //! Results of the library as reports: typed figures that serialise to JSON and display as text.
+//!
+//! ```no_run
+//! use std::path::Path;
+//! use std::sync::Arc;
+//! use translux::progress::Silent;
+//! use translux::report::{comparison, inspection, validation};
+//!
+//! # fn main() -> translux::error::Result<()> {
+//! let registry = translux::methods::built_in();
+//! let (asset, other) = (Path::new("head.tlux"), Path::new("before.tlux"));
+//! println!("{}", inspection::inspect(asset, &registry)?);
+//! assert_eq!(validation::validate(asset, &registry, &Silent)?.errors, 0);
+//! let open = |asset: &Arc<_>, _: &Path| registry.open(Arc::clone(asset));
+//! let metric = comparison::Metric::Rms;
+//! assert!(!comparison::compare([asset, other], metric, Some(0.01), &open, &Silent)?.differs());
+//! # Ok(())
+//! # }
+//! ```
 
 pub(crate) mod bake;
 pub(crate) mod chart;

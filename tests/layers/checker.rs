@@ -7,7 +7,7 @@ use proc_macro2::{Delimiter, LineColumn, TokenStream, TokenTree};
 use syn::visit::{self, Visit};
 
 /// Bottom to top. A layer imports itself and what stands before it.
-const LAYERS: [&str; 18] = [
+const LAYERS: [&str; 19] = [
     "error",
     "progress",
     "math",
@@ -20,6 +20,7 @@ const LAYERS: [&str; 18] = [
     "import",
     "asset",
     "evaluate",
+    "forms",
     "methods",
     "render",
     "relight",
