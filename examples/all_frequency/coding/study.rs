@@ -7,7 +7,7 @@ use translux::compress::ledger::Ledger;
 use translux::compress::prediction::Net;
 use translux::error::{Error, Result};
 use translux::evaluate::{BakeSettings, Probes};
-use translux::forms::projected::harmonics::Harmonics as Form;
+use translux::forms::projected::harmonics::Harmonics as HarmonicsForm;
 use translux::forms::projected::harmonics::uncoded::Uncoded;
 use translux::geometry::samples::Samples;
 use translux::light::harmonics::coefficients;
@@ -163,7 +163,7 @@ impl<'a> Study<'a> {
             .method("all_frequency")?
             .recipe(&[("coefficients".to_owned(), HARMONICS.to_owned())], settings)?;
         let form: &dyn std::any::Any = recipe.form.as_ref();
-        let form = form.downcast_ref::<Form>().ok_or_else(|| Error::runtime("the default is harmonics"))?;
+        let form = form.downcast_ref::<HarmonicsForm>().ok_or_else(|| Error::runtime("the default is harmonics"))?;
         let uncoded = Uncoded::new(scene, form, &recipe.settings, &Silent)?;
         context.say(&format!("coding: {} points, order {}", uncoded.points.len(), uncoded.order));
         let (every, predicted) = (Net::unpredicted(uncoded.points.len()), uncoded.net(EVERY_VERTEX));
