@@ -375,6 +375,17 @@ fn shared(name: &str) -> Option<Fixture> {
 }
 
 #[test]
+fn ears_holes_and_thin_plates_keep_their_shape() {
+    let fixture = Fixture::new(shapes::still_life(1.5));
+    let target = fixture.used() / 10;
+    let level = fixture.simplified(target);
+    let quality = fixture.quality(&level);
+    println!("{target} of {}: {quality:?}", fixture.used());
+    assert_eq!(level.references.len(), target);
+    assert!(quality.worst < 0.02 && quality.against == 0, "{quality:?}");
+}
+
+#[test]
 fn real_meshes_keep_their_shape() {
     // Name, largest deviation relative to the diagonal at 5 % of the vertices, share of faces that may look away.
     let cases = [
