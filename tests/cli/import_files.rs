@@ -91,7 +91,8 @@ const CORNERS: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n";
 #[test]
 fn made_faults_are_named_with_their_place() {
     let folder = Folder::new();
-    let utf16: Vec<u8> = [0xfe, 0xff].into_iter().chain("v 0 0 0\n".encode_utf16().flat_map(u16::to_be_bytes)).collect();
+    let utf16: Vec<u8> =
+        [0xfe, 0xff].into_iter().chain("v 0 0 0\n".encode_utf16().flat_map(u16::to_be_bytes)).collect();
     let table: [(&str, Vec<u8>, i32, &[&str]); 9] = [
         ("range.obj", format!("{CORNERS}f 1 2 7\n").into(), 3, &[".obj:5:", "vertex 7", "4"]),
         ("zero.obj", format!("{CORNERS}f 0 1 2\n").into(), 3, &[".obj:5:", "vertex 0"]),

@@ -1,11 +1,11 @@
 //! Single scattering of `all_frequency`: stored values against rays, terms of the phase function, g at run time, keys.
 #![allow(clippy::unwrap_used, missing_docs)]
 
-use crate::in_memory;
+use crate::{baked, in_memory};
 use std::sync::Arc;
 
-use glam::DVec3;
 use crate::in_memory::{registry, try_bake, vertex_areas};
+use glam::DVec3;
 use translux::asset::Asset;
 use translux::error::ExitCode;
 use translux::evaluate::single_scattering::SeenPoint;
@@ -26,7 +26,7 @@ use translux::transport::single_scattering::vertex_points;
 
 /// A head of 20 mm, a few mean free paths of skin1 thick in its ears.
 fn head(g: f64) -> Scene {
-    let mut scene = in_memory::scene(shapes::bumpy_head(10.0, 3), Scale::MillimetresPerUnit(1.0), "skin1");
+    let mut scene = in_memory::scene(shapes::bumpy_head(10.0, 2), Scale::MillimetresPerUnit(1.0), "skin1");
     scene.media[0].properties.g = g;
     scene
 }
@@ -35,12 +35,12 @@ fn pairs(set: &[&str]) -> Vec<(String, String)> {
     set.iter().map(|pair| pair.split_once('=').unwrap()).map(|(k, v)| (k.to_owned(), v.to_owned())).collect()
 }
 
-fn bake(method: &str, scene: &Scene, set: &[&str]) -> Asset {
-    try_bake(in_memory::method(method), scene.clone(), Some(4000), &pairs(set)).unwrap()
+fn bake(method: &str, scene: &Scene, set: &[&str]) -> Arc<Asset> {
+    baked::asset(method, scene, 2000, set)
 }
 
-fn open(asset: Asset) -> Box<dyn Evaluator> {
-    registry().open(Arc::new(asset)).unwrap()
+fn open(asset: Arc<Asset>) -> Box<dyn Evaluator> {
+    registry().open(asset).unwrap()
 }
 
 fn environment() -> Light {
@@ -189,7 +189,7 @@ fn folded_into_the_radiosity_it_is_the_same_light() {
 #[test]
 fn for_a_fixed_eye_it_is_a_part_of_the_radiosity() {
     let scene = head(0.4);
-    let asset = Arc::new(bake("all_frequency", &scene, &["single-scattering=phase", "coefficients=25"]));
+    let asset = bake("all_frequency", &scene, &["single-scattering=phase", "coefficients=25"]);
     let open = || registry().open(Arc::clone(&asset)).unwrap();
     let (mut beside, mut summed) = (open(), Summed::of(open()));
     let camera = Camera::new(DVec3::new(20.0, 15.0, 40.0), DVec3::ZERO, DVec3::Y, 30.0).unwrap();
@@ -234,7 +234,7 @@ fn for_a_fixed_eye_it_is_a_part_of_the_radiosity() {
     }
     assert!(difference(&shown[0], &shown[1]) > 0.002);
     // Rays are not followed for every place of the eye.
-    let asset = Arc::new(bake("all_frequency", &head(0.4), &["single-scattering=phase", "phase-terms=rays"]));
+    let asset = bake("all_frequency", &head(0.4), &["single-scattering=phase", "phase-terms=rays"]);
     let summed = Summed::of(registry().open(asset).unwrap());
     assert_eq!(summed.single_scattering_is(), SingleScattering::TracedTowardsEye);
 }

@@ -8,8 +8,8 @@ use crate::in_memory;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use glam::DVec3;
 use crate::in_memory::{lit, open, scene, scene_of, try_bake};
+use glam::DVec3;
 use translux::evaluate::Evaluator;
 use translux::geometry::mesh::Scale;
 use translux::geometry::shapes;

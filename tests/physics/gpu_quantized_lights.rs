@@ -5,9 +5,9 @@
 
 use std::sync::Arc;
 
-use glam::DVec3;
 use crate::in_memory::{lit, medium, registry, try_bake};
 use crate::on_device::{assert_same, device, group, lights};
+use glam::DVec3;
 use translux::asset::Asset;
 use translux::error::ExitCode;
 use translux::evaluate::Evaluator;

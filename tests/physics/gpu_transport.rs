@@ -6,9 +6,9 @@
 use crate::in_memory;
 use std::sync::Arc;
 
-use glam::DVec3;
 use crate::in_memory::{every, medium, registry, served, try_bake};
 use crate::on_device::{assert_same, device, group, lights};
+use glam::DVec3;
 use translux::asset::Asset;
 use translux::error::ExitCode;
 use translux::evaluate::device::Device;

@@ -1,13 +1,13 @@
 //! Inter-reflection outside the medium as its users get it: a furnace against the closed form, concave models, files.
 #![allow(clippy::unwrap_used, missing_docs)]
 
-#[cfg(feature = "gpu")]
-use crate::on_device;
-use crate::in_memory;
 use crate::common;
 use crate::common::Folder;
-use glam::DVec3;
+use crate::in_memory;
 use crate::in_memory::{lit, long, medium, scene, vertex_areas};
+#[cfg(feature = "gpu")]
+use crate::on_device;
+use glam::DVec3;
 use translux::evaluate::Evaluator;
 use translux::geometry::mesh::Scale;
 use translux::geometry::shapes;

@@ -6,16 +6,17 @@
 mod common;
 #[path = "../in_memory/mod.rs"]
 mod in_memory;
-#[path = "../oracle/mod.rs"]
-mod oracle;
 #[cfg(feature = "gpu")]
 #[path = "../on_device/mod.rs"]
 mod on_device;
+#[path = "../oracle/mod.rs"]
+mod oracle;
 #[path = "../rendering/mod.rs"]
 mod rendering;
 
 mod all_frequency;
 mod all_frequency_single;
+mod baked;
 mod flip;
 mod golden;
 mod gpu_quantized_lights;

@@ -5,9 +5,9 @@ use crate::in_memory;
 use std::sync::Arc;
 use std::time::Instant;
 
-use glam::DVec3;
 use crate::in_memory::{bake, error, open, oracle_light, oracle_mesh, radiosity, scene};
 use crate::oracle::{Oracle, OracleSettings, truth_files};
+use glam::DVec3;
 use translux::evaluate::Evaluator;
 use translux::forms::gathered::{Bound, Far, GatheredEvaluator, Gathering};
 use translux::geometry::mesh::Scale;
@@ -102,7 +102,8 @@ fn elephant_of_skin_and_marble() {
     for (material, index) in [("marble", 5), ("skin1", 0)] {
         let scene = scene(shapes::elephant(1.6), Scale::DiagonalMm(20.0), material);
         let point = probes::points(&scene.mesh, Half::Figures)[0].clone();
-        let light = if material == "marble" { ("directional", directional(Half::Figures, index)) } else { ("point", point) };
+        let light =
+            if material == "marble" { ("directional", directional(Half::Figures, index)) } else { ("point", point) };
         compare("elephant", &scene, &[light], None);
     }
 }

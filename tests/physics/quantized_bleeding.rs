@@ -7,8 +7,8 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
-use glam::DVec3;
 use crate::in_memory::{lit, open, registry, scene, scene_of, try_bake, vertex_areas};
+use glam::DVec3;
 use translux::asset::Asset;
 use translux::error::{ExitCode, Result};
 use translux::evaluate::{Evaluator, MaterialEdit};
@@ -137,7 +137,7 @@ fn shared(path: &str) -> Option<PathBuf> {
         .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared"), PathBuf::from);
     let file = root.join("data").join(path);
     if !file.exists() {
-        println!("SKIPPED: {} is not there", file.display());
+        println!("WITHOUT ../shared: {} is not there", file.display());
         return None;
     }
     Some(file)

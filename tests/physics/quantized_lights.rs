@@ -5,8 +5,8 @@
 use crate::in_memory;
 use std::sync::Arc;
 
-use glam::DVec3;
 use crate::in_memory::{lit, method, open, pairs, registry, scene, vertex_areas};
+use glam::DVec3;
 use translux::asset::{Asset, Provenance};
 use translux::error::ExitCode;
 use translux::evaluate::{BakeSettings, Evaluator};

@@ -5,8 +5,8 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use glam::DVec3;
 use crate::in_memory::{lit, method, open, pairs, registry, scene, scene_of, vertex_areas};
+use glam::DVec3;
 use translux::asset::{Asset, Provenance};
 use translux::error::{ExitCode, Result};
 use translux::evaluate::{BakeSettings, Evaluator};

@@ -98,9 +98,11 @@ fn the_dipole_on_a_marble_bunny_is_off_by_its_own_error() {
     let shared = std::env::var_os("TRANSLUX_SHARED")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared"), PathBuf::from);
     let file = shared.join("data/meshes/bunny_closed.obj");
-    if !is_long() || !file.exists() {
-        println!("SKIPPED: TRANSLUX_LONG is not 1, or there is no {}", file.display());
-        return;
+    if !is_long() {
+        return println!("SKIPPED: set TRANSLUX_LONG=1");
+    }
+    if !file.exists() {
+        return println!("WITHOUT ../shared: {} is not there", file.display());
     }
     let folder = Folder::new();
     std::fs::copy(&file, folder.path("bunny.obj")).unwrap();

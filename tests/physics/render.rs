@@ -6,8 +6,8 @@ use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use glam::{DVec2, DVec3};
 use crate::rendering::{Fake, camera, settings, size};
+use glam::{DVec2, DVec3};
 
 use translux::error::ExitCode;
 use translux::geometry::shapes::{self, compose, cuboid, icosphere, inside_out, plane};
@@ -438,7 +438,7 @@ fn shared(path: &str) -> Option<PathBuf> {
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared"), PathBuf::from);
     let file = root.join("data").join(path);
     if !file.exists() {
-        println!("SKIPPED: {} is not there", file.display());
+        println!("WITHOUT ../shared: {} is not there", file.display());
         return None;
     }
     Some(file)

@@ -1,13 +1,13 @@
 //! Single scattering as its users get it: values of vertices in PLY files, a layer in pictures, both against closed forms.
 #![allow(clippy::unwrap_used, missing_docs)]
 
-use crate::rendering;
 use crate::in_memory;
+use crate::rendering;
 use std::f64::consts::{FRAC_1_PI, PI, TAU};
 
 use crate::common::Folder;
-use glam::DVec3;
 use crate::in_memory::vertex_areas;
+use glam::DVec3;
 use translux::evaluate::Evaluator;
 use translux::geometry::mesh::Scale;
 use translux::geometry::shapes;

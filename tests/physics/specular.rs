@@ -5,8 +5,8 @@ use crate::in_memory;
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-use glam::{DVec2, DVec3};
 use crate::rendering::{Fake, camera, settings, size};
+use glam::{DVec2, DVec3};
 use translux::evaluate::Evaluator;
 use translux::geometry::mesh::Scale;
 use translux::geometry::shapes::{bumpy_head, compose, cuboid, icosphere};

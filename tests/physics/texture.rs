@@ -5,8 +5,8 @@
 use std::fmt::Write;
 
 use crate::common::Folder;
-use glam::{DVec2, DVec3};
 use crate::rendering::{Fake, camera, settings, size};
+use glam::{DVec2, DVec3};
 use translux::geometry::shapes;
 use translux::io::exr::read_exr_channels;
 use translux::io::png::{encode_png, read_png};

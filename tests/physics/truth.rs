@@ -4,10 +4,10 @@
 
 use std::time::Instant;
 
-use glam::DVec3;
 use crate::in_memory::{error, long, open, radiosity, scene};
 use crate::oracle::truth_files::{self, shared};
 use crate::oracle::vector::V3;
+use glam::DVec3;
 use translux::geometry::mesh::Scale;
 use translux::io::environment::load_environment;
 use translux::io::obj::read_obj;

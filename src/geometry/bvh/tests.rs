@@ -95,7 +95,7 @@ fn obj(name: &str) -> Option<Corners> {
     let root = std::env::var_os("TRANSLUX_SHARED")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared"), PathBuf::from);
     let Ok(text) = std::fs::read_to_string(root.join("data/meshes").join(name)) else {
-        println!("SKIPPED: {name} is not there");
+        println!("WITHOUT ../shared: {name} is not there");
         return None;
     };
     let rows = |tag: &'static str| {

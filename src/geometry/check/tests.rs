@@ -25,7 +25,7 @@ fn shared(file: &str) -> Option<PathBuf> {
         .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared"), PathBuf::from);
     let path = root.join("data").join(file);
     if !path.exists() {
-        eprintln!("SKIPPED: {} is not there", path.display());
+        eprintln!("WITHOUT ../shared: {} is not there", path.display());
         return None;
     }
     Some(path)

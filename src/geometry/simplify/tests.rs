@@ -352,7 +352,7 @@ fn shared(name: &str) -> Option<Fixture> {
         .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared"), PathBuf::from);
     let path = root.join("data/meshes").join(name);
     let Ok(text) = std::fs::read_to_string(&path) else {
-        eprintln!("SKIPPED: {} is not there", path.display());
+        eprintln!("WITHOUT ../shared: {} is not there", path.display());
         return None;
     };
     let mut model = SourceModel { materials: vec!["default".into()], ..SourceModel::default() };

@@ -14,7 +14,7 @@ fn shared(folder: &str) -> Option<PathBuf> {
     if path.is_dir() {
         return Some(path);
     }
-    println!("SKIPPED: no test data at {}", path.display());
+    println!("WITHOUT ../shared: no test data at {}", path.display());
     None
 }
 

@@ -157,7 +157,7 @@ fn the_scanned_bunny_is_seen_as_one_ray_each_sees_it() {
     let shared = std::env::var_os("TRANSLUX_SHARED")
         .map_or_else(|| std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared"), std::path::PathBuf::from);
     let Ok(text) = std::fs::read_to_string(shared.join("data/meshes/bunny_closed.obj")) else {
-        println!("SKIPPED: bunny_closed is not there");
+        println!("WITHOUT ../shared: bunny_closed is not there");
         return;
     };
     let rows = |tag: &'static str| text.lines().filter_map(move |l| l.strip_prefix(tag)).map(str::split_whitespace);
