@@ -11,7 +11,7 @@
 //!
 //! Modules import downwards only, in this order:
 //! `error` < `progress` < `math` < `medium` < `geometry` < `light` < `io` < `compress` < `transport` < `import`
-//! < `asset` < `evaluate` < `methods` < `render` < `relight` < `measure` < `commands`. `tests/layers.rs` checks it.
+//! < `asset` < `evaluate` < `methods` < `render` < `relight` < `measure` < `report` < `commands`. `tests/layers.rs` checks it.
 
 #![warn(clippy::exit, clippy::panic, clippy::print_stderr, clippy::print_stdout)]
 
@@ -79,5 +79,7 @@ pub mod render;
 pub mod relight;
 
 pub mod measure;
+
+pub mod report;
 
 pub mod commands;

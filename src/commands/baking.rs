@@ -8,7 +8,7 @@ use super::console::Console;
 use crate::asset::Asset;
 use crate::error::{Error, Result};
 use crate::evaluate::keys::share;
-use crate::evaluate::{BakeSettings, Method, Recipe};
+use crate::evaluate::{BakeSettings, Recipe};
 use crate::import::Imported;
 use crate::light::LightKind;
 use crate::measure::probes::for_bake;
@@ -34,8 +34,8 @@ pub(super) struct BakeOptions {
 }
 
 impl BakeOptions {
-    /// What a bake with this method runs.
-    pub(super) fn resolve(&self, method: &'static dyn Method) -> Result<Recipe> {
+    /// As resolved: a method with all of its settings.
+    pub(super) fn resolve(&self, method: &str, console: &Console) -> Result<Recipe> {
         let pairs: Vec<(String, String)> = self
             .set
             .iter()
@@ -49,6 +49,7 @@ impl BakeOptions {
         {
             return Err(Error::command_line(format!("--samples {samples}: a number from 1 to 268435456 is needed")));
         }
+        let method = console.registry.method(method)?;
         let mut settings = BakeSettings::new(method.default_max_rms());
         settings.samples = self.samples;
         settings.for_lights = light_kinds(&self.for_lights)?;
@@ -76,12 +77,11 @@ fn light_kinds(text: &str) -> Result<BTreeSet<LightKind>> {
 /// Bakes what was imported; the memory is checked before.
 pub(super) fn bake(mut recipe: Recipe, imported: Imported, console: &Console) -> Result<Asset> {
     let Imported { scene, origin, .. } = imported;
-    let needed = recipe.bake_memory(&scene);
     let advice = match largest_fit(&recipe, &scene, console.max_memory) {
         Some(fitting) => format!("--samples {fitting} would fit, or raise --max-memory"),
         None => "no number of samples would fit, raise --max-memory".to_owned(),
     };
-    console.check_memory(needed, &advice)?;
+    console.check_memory(recipe.bake_memory(&scene), &advice)?;
     recipe.settings.probes = for_bake(&scene.mesh);
     recipe.bake(scene, origin.into(), console)
 }

@@ -1,23 +1,39 @@
 //! What a command says while it works: progress with remaining time, notes, warnings, stage timings, peak memory.
 
+use std::fmt::Display;
 use std::io::{IsTerminal, Write};
 use std::sync::Mutex;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
+use clap::Args;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use serde::Serialize;
 
-use super::Global;
-use crate::error::{Error, Result};
+use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::Registry;
 use crate::progress::{Progress, stage};
+use crate::report::text::{megabytes, percent};
+use crate::report::{Run, StageTime, json};
 
-/// Time that a stage took.
-#[derive(Clone, Debug, serde::Serialize)]
-pub(super) struct StageTime {
-    /// Name of the stage.
-    pub(super) stage: String,
-    /// Wall-clock seconds.
-    pub(super) seconds: f64,
+/// Options of every command.
+#[derive(Clone, Debug, Args)]
+#[command(next_help_heading = "Common options")]
+pub(super) struct Global {
+    /// Print nothing but errors and what was asked for
+    #[arg(short, long, global = true)]
+    quiet: bool,
+    /// Print one JSON report on standard output
+    #[arg(long, global = true)]
+    json: bool,
+    /// Turn warnings about quality, size or time into exit code 6
+    #[arg(long, global = true)]
+    strict: bool,
+    /// Worker threads (default: the processors that this process may use)
+    #[arg(long, global = true, env = "TRANSLUX_THREADS", value_name = "N")]
+    pub(super) threads: Option<usize>,
+    /// Memory that may be used, such as 4GiB or 800MB (default: 75 % of what there is)
+    #[arg(long, global = true, value_name = "SIZE")]
+    max_memory: Option<String>,
 }
 
 /// How chatty the command is.
@@ -49,13 +65,13 @@ pub(super) enum Strictness {
 
 /// Standard error and the clock of one command.
 pub(super) struct Console {
-    /// Methods and forms that there are.
-    pub(super) registry: Registry,
     pub(super) verbosity: Verbosity,
     pub(super) format: Format,
     pub(super) strictness: Strictness,
     /// Bytes that may be used.
     pub(super) max_memory: u64,
+    /// Methods and forms that there are.
+    pub(super) registry: Registry,
     state: Mutex<State>,
     started: Instant,
 }
@@ -74,11 +90,11 @@ impl Console {
             None => available_memory() / 4 * 3,
         };
         Ok(Self {
-            registry,
             verbosity: if global.quiet { Verbosity::Quiet } else { Verbosity::Normal },
             format: if global.json { Format::Json } else { Format::Text },
             strictness: if global.strict { Strictness::Fail } else { Strictness::Warn },
             max_memory,
+            registry,
             state: Mutex::new(State { bar: None, stage: None, times: Vec::new(), warnings: Vec::new() }),
             started: Instant::now(),
         })
@@ -111,8 +127,38 @@ impl Console {
         stage(self, name, work)
     }
 
-    /// Times of the stages so far; a stage that ran several times has one entry with the sum.
-    pub(super) fn times(&self) -> Vec<StageTime> {
+    /// Prints a report for people, or as JSON with `--json`.
+    pub(super) fn show<T: Serialize + Display>(&self, command: &str, report: &T) -> Result<()> {
+        if self.format == Format::Text {
+            print_line(&report.to_string())?;
+        }
+        self.report(command, report)
+    }
+
+    /// Prints a report as JSON where `--json` asks for it.
+    pub(super) fn report<T: Serialize>(&self, command: &str, report: &T) -> Result<()> {
+        if self.format != Format::Json {
+            return Ok(());
+        }
+        let run = Run {
+            seconds: self.seconds(),
+            stages: self.times(),
+            peak_memory_bytes: peak_memory(),
+            threads: rayon::current_num_threads(),
+            warnings: self.state().warnings.clone(),
+        };
+        print_line(&json(command, report, &run)?)
+    }
+
+    /// Prints one line of results, where results are text and wanted.
+    pub(super) fn say(&self, line: &str) -> Result<()> {
+        match (self.format, self.verbosity) {
+            (Format::Text, Verbosity::Normal) => print_line(line),
+            _ => Ok(()),
+        }
+    }
+
+    fn times(&self) -> Vec<StageTime> {
         let mut sums: Vec<StageTime> = Vec::new();
         for time in &self.state().times {
             match sums.iter_mut().find(|t| t.stage == time.stage) {
@@ -123,14 +169,21 @@ impl Console {
         sums
     }
 
-    /// Warnings so far.
-    pub(super) fn warnings(&self) -> Vec<String> {
-        self.state().warnings.clone()
-    }
-
     /// Seconds since the command started.
     pub(super) fn seconds(&self) -> f64 {
         self.started.elapsed().as_secs_f64()
+    }
+
+    /// Warns where the measured relative error is above the asked one, or fails where `--strict` asks for it.
+    pub(super) fn judge(&self, measured: f64, asked: Option<f64>) -> Result<ExitCode> {
+        if let Some(asked) = asked.filter(|asked| measured > *asked) {
+            let line = format!("measured error {} is above the asked {}", percent(measured), percent(asked));
+            if self.strictness == Strictness::Fail {
+                return Err(Error::new(ExitCode::QualityNotMet, line));
+            }
+            self.warn(&line);
+        }
+        Ok(ExitCode::Ok)
     }
 
     /// Refuses work that the memory limit does not allow; `advice` names the setting that would fit.
@@ -175,44 +228,15 @@ impl Progress for Console {
     }
 }
 
-/// A duration as people say it.
-pub(super) fn duration(seconds: f64) -> String {
-    if seconds < 1.0 {
-        format!("{:.0} ms", seconds * 1e3)
-    } else if seconds < 120.0 {
-        format!("{seconds:.1} s")
-    } else {
-        let whole = Duration::from_secs_f64(seconds).as_secs();
-        format!("{} min {} s", whole / 60, whole % 60)
+/// Prints one line on standard output. A reader that closed the pipe has seen enough.
+fn print_line(text: &str) -> Result<()> {
+    let mut out = std::io::stdout().lock();
+    match writeln!(out, "{text}").and_then(|()| out.flush()) {
+        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(Error::new(ExitCode::Io, format!("standard output: {e}")))
+        }
+        _ => Ok(()),
     }
-}
-
-/// A size as people say it.
-pub(super) fn megabytes(bytes: u64) -> String {
-    if bytes < 1 << 20 {
-        format!("{:.1} KiB", bytes as f64 / 1024.0)
-    } else if bytes < 1 << 30 {
-        format!("{:.1} MiB", bytes as f64 / f64::from(1 << 20))
-    } else {
-        format!("{:.1} GiB", bytes as f64 / f64::from(1 << 30))
-    }
-}
-
-/// A share as people say it.
-pub(super) fn percent(share: f64) -> String {
-    format!("{} %", significant(100.0 * share))
-}
-
-/// A number with three significant digits.
-pub(super) fn significant(value: f64) -> String {
-    if value == 0.0 || !value.is_finite() {
-        return format!("{value}");
-    }
-    if value.abs() < 1e-4 {
-        return format!("{value:.1e}");
-    }
-    let digits = (2 - value.abs().log10().floor() as i32).clamp(0, 12) as usize;
-    format!("{value:.digits$}")
 }
 
 fn parse_size(text: &str) -> Result<u64> {
@@ -249,7 +273,7 @@ fn available_memory() -> u64 {
 }
 
 /// Largest resident size of this process so far, in bytes; 0 where the system does not tell.
-pub(super) fn peak_memory() -> u64 {
+fn peak_memory() -> u64 {
     std::fs::read_to_string("/proc/self/status")
         .ok()
         .and_then(|status| {
@@ -272,14 +296,5 @@ mod tests {
         for bad in ["", "GiB", "-1GB", "4 parsecs", "nan"] {
             assert!(parse_size(bad).is_err(), "{bad}");
         }
-    }
-
-    #[test]
-    fn numbers_are_short() {
-        assert_eq!(percent(0.001234), "0.123 %");
-        assert_eq!(significant(1234.5), "1234");
-        assert_eq!(percent(1.2e-9), "1.2e-7 %");
-        assert_eq!(duration(0.25), "250 ms");
-        assert_eq!(megabytes(3 << 20), "3.0 MiB");
     }
 }

@@ -2,20 +2,16 @@
 //! next.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use clap::Args;
 use serde::Serialize;
 
-use super::baking;
-use super::console::{Console, Format, Verbosity, duration, megabytes, percent};
+use super::console::Console;
 use super::lights::LightArgs;
-use super::media::MediumReport;
-use super::model;
-use super::render::{self, PictureArgs, RenderReport};
-use super::{inspect, output, report};
+use super::render::{self, PictureArgs};
+use super::{baking, model, opening};
 use crate::asset::Asset;
-use crate::compress::ledger::Ledger;
+use crate::compress::ledger::{Entry, Ledger};
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::Evaluator;
 use crate::geometry::mesh::Scale;
@@ -28,6 +24,10 @@ use crate::medium::material::Material;
 use crate::render::camera::Resolution;
 use crate::render::film::{PngBackground, side_by_side, to_png};
 use crate::render::frame::Frame;
+use crate::report::materials::MediumReport;
+use crate::report::picture::RenderReport;
+use crate::report::sizes::sizes;
+use crate::report::text::{duration, megabytes, percent};
 use crate::transport::scene::Scene;
 
 #[derive(Clone, Debug, Args)]
@@ -67,9 +67,9 @@ struct Shown {
 
 #[derive(Serialize)]
 struct DemoReport {
-    #[serde(serialize_with = "report::path")]
+    #[serde(serialize_with = "crate::report::path")]
     asset: PathBuf,
-    #[serde(serialize_with = "report::path")]
+    #[serde(serialize_with = "crate::report::path")]
     picture: PathBuf,
     bytes: u64,
     bytes_per_vertex: f64,
@@ -88,11 +88,13 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> Result<ExitCode> {
     let start = console.seconds();
     let (path, bytes) = (file("demo.tlux"), bake(console)?);
     let bake_seconds = console.seconds() - start;
-    let sizes = inspect::sizes(&bytes)?;
+    let sizes = sizes(&bytes)?;
     atomic::write(&path, &bytes)?;
     // What the pictures show comes from the file, as for every user of it.
-    let asset = Arc::new(Asset::read(&path)?);
-    let mut evaluator = console.registry.open(Arc::clone(&asset))?;
+    let asset = Asset::read(&path)?;
+    let (vertices, samples) = (asset.scene.mesh.local_mm.len(), asset.samples.len());
+    let ledger = asset.ledger.clone();
+    let mut evaluator = opening::baked(asset, console)?;
     let (mut materials, mut frames) = (Vec::new(), Vec::new());
     for name in MATERIALS {
         let (shown, frame) = show(evaluator.as_mut(), name, &args.output, console)?;
@@ -101,7 +103,6 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> Result<ExitCode> {
     }
     let picture = file("demo.png");
     atomic::write(&picture, &to_png(&side_by_side(&frames)?, 1.0, PngBackground::Shown)?)?;
-    let vertices = asset.scene.mesh.local_mm.len();
     let per_vertex = |bytes: u64| bytes as f64 / vertices.max(1) as f64;
     let result = DemoReport {
         asset: path,
@@ -110,15 +111,13 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> Result<ExitCode> {
         bytes_per_vertex: per_vertex(sizes.stored_without_mesh),
         environment_bytes_per_vertex: per_vertex(sizes.stored_environment),
         vertices,
-        samples: asset.samples.len(),
+        samples,
         bake_seconds,
-        ledger: asset.ledger.clone(),
+        ledger,
         materials,
     };
-    if console.format == Format::Text && console.verbosity == Verbosity::Normal {
-        output::print_line(&summary(&result, args, console))?;
-    }
-    report::print(console, "demo", &result)?;
+    console.say(&summary(&result, args, console))?;
+    console.report("demo", &result)?;
     Ok(ExitCode::Ok)
 }
 
@@ -171,7 +170,7 @@ fn summary(r: &DemoReport, args: &DemoArgs, console: &Console) -> String {
         ),
     ];
     for (name, Shown { measured, .. }) in MATERIALS.iter().zip(&r.materials) {
-        let stage = |e: &crate::compress::ledger::Entry| format!("{} {}", e.stage, percent(e.error.rms));
+        let stage = |e: &Entry| format!("{} {}", e.stage, percent(e.error.rms));
         let stages: Vec<String> = measured.entries.iter().map(stage).collect();
         lines.push(format!(
             "  {name}: error in these lights {} RMS ({})",

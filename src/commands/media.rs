@@ -4,9 +4,9 @@ use clap::Args;
 use glam::DVec3;
 
 use crate::error::Result;
-use crate::evaluate::Evaluator;
+use crate::evaluate::{Evaluator, Method};
 use crate::import::materials::MaterialChoice;
-use crate::medium::material::{OpticalProperties, Overrides};
+use crate::medium::material::Overrides;
 use crate::medium::profiles::model::ProfileModel;
 use crate::transport::scene::Medium;
 
@@ -35,11 +35,19 @@ pub(super) struct MediumArgs {
 #[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = "Material")]
 pub(super) struct ProfileArg {
-    /// Diffuse reflectance profile, where samples are gathered at run time (two_pass, reference): dipole, better-dipole, photon-beam,
-    /// burley[:fit=searchlight|diffuse|dmfp], slab:thickness=MM, layers:path=FILE.toml, gaussians:skin, gaussians:path=FILE.csv,
-    /// measured[:interpolation=log|linear]:path=FILE.csv
-    #[arg(long, value_name = "PROFILE")]
+    #[arg(long, value_name = "PROFILE", help = format!("Diffuse reflectance profile: dipole, better-dipole, photon-beam, \
+        burley[:fit=searchlight|diffuse|dmfp], slab:thickness=MM, layers:path=FILE.toml, gaussians:skin, \
+        gaussians:path=FILE.csv, measured[:interpolation=log|linear]:path=FILE.csv. {}", without_transport()))]
     profile: Option<String>,
+}
+
+/// Which assets an option is for that asks for another profile, size or mesh than that of the bake.
+pub(super) fn without_transport() -> String {
+    let registry = crate::methods::built_in();
+    let gathers =
+        |method: &&&'static dyn Method| method.default_recipe().is_ok_and(|recipe| !recipe.form.holds_transport());
+    let names: Vec<&str> = registry.methods().iter().filter(gathers).map(|method| method.name()).collect();
+    format!("For assets that hold no transport: by default those of {} (`translux inspect` says it)", names.join(", "))
 }
 
 impl ProfileArg {
@@ -89,28 +97,5 @@ fn rgb(text: &str) -> std::result::Result<DVec3, String> {
         [v] => Ok(DVec3::splat(v)),
         [r, g, b] => Ok(DVec3::new(r, g, b)),
         _ => Err("one number or three separated by commas are needed".to_owned()),
-    }
-}
-
-/// Optical properties as a report shows them.
-#[derive(serde::Serialize)]
-pub(super) struct MediumReport {
-    name: String,
-    #[serde(flatten)]
-    properties: OpticalProperties,
-    mean_free_path_mm: [f64; 3],
-    /// Null where nothing absorbs.
-    diffusion_length_mm: [Option<f64>; 3],
-}
-
-impl MediumReport {
-    pub(super) fn of(medium: &Medium) -> Self {
-        let finite = |v: f64| v.is_finite().then_some(v);
-        Self {
-            name: medium.name.clone(),
-            properties: medium.properties,
-            mean_free_path_mm: medium.properties.mean_free_path_mm().to_array(),
-            diffusion_length_mm: medium.properties.diffusion_length_mm().to_array().map(finite),
-        }
     }
 }

@@ -4,12 +4,10 @@ mod bake;
 mod baking;
 mod chart;
 mod compare;
-mod compare_assets;
 mod console;
 mod demo;
 mod device;
 mod evaluate;
-mod findings;
 mod inspect;
 mod lights;
 mod materials;
@@ -17,22 +15,22 @@ mod media;
 mod methods;
 mod model;
 mod on_mesh;
-mod opened;
+mod opening;
 mod output;
 mod reference;
 mod relight;
 mod render;
-mod report;
 mod validate;
+mod view;
 
 use std::ffi::OsString;
 use std::io::Write;
 
-use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::Registry;
-use console::Console;
+use console::{Console, Global};
 
 /// Precompute, inspect, relight and render light transport in translucent meshes.
 #[derive(Debug, Parser)]
@@ -42,27 +40,6 @@ struct Cli {
     command: Command,
     #[command(flatten)]
     global: Global,
-}
-
-/// Options of every command.
-#[derive(Clone, Debug, Args)]
-#[command(next_help_heading = "Common options")]
-struct Global {
-    /// Print nothing but errors and what was asked for
-    #[arg(short, long, global = true)]
-    quiet: bool,
-    /// Print one JSON report on standard output
-    #[arg(long, global = true)]
-    json: bool,
-    /// Turn warnings about quality, size or time into exit code 6
-    #[arg(long, global = true)]
-    strict: bool,
-    /// Worker threads (default: the processors that this process may use)
-    #[arg(long, global = true, env = "TRANSLUX_THREADS", value_name = "N")]
-    threads: Option<usize>,
-    /// Memory that may be used, such as 4GiB or 800MB (default: 75 % of what there is)
-    #[arg(long, global = true, value_name = "SIZE")]
-    max_memory: Option<String>,
 }
 
 #[derive(Debug, Subcommand)]

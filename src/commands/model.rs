@@ -5,12 +5,13 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use glam::DVec3;
 
-use super::console::{Console, significant};
+use super::console::Console;
 use super::media::MediumArgs;
 use crate::error::Result;
 use crate::geometry::mesh::{Scale, UpAxis};
 use crate::geometry::parts::PartsRule;
 use crate::import::{ImportOptions, Imported, Source};
+use crate::report::text::significant;
 
 /// A model and what it is made of.
 #[derive(Clone, Debug, Args)]

@@ -4,22 +4,22 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 use rayon::prelude::*;
-use serde::Serialize;
 
-use super::console::{Console, percent, significant};
+use super::console::Console;
 use super::device::DeviceArg;
-use super::evaluate::{check_range, mean_and_max, radiosity_ply};
 use super::lights::ResolvedLights;
-use super::report;
+use super::output;
 use crate::asset::Provenance;
 use crate::error::{Error, ExitCode, Result};
-use crate::evaluate::{Cost, Evaluator, SingleScattering};
+use crate::evaluate::{Evaluator, SingleScattering};
 use crate::geometry::mesh::Mesh;
 use crate::geometry::nearest::{NearestPoint, SurfacePoint};
 use crate::import::file::{Input, files_of};
 use crate::import::load_mesh;
-use crate::io::{self, atomic};
 use crate::math::statistics::{VertexError, vertex_error};
+use crate::report::evaluation::{OnMeshReport, RadiosityReport};
+use crate::report::radiosity_ply::{Single, check_range, comments, radiosity_ply};
+use crate::report::text::{percent, significant};
 use crate::transport::receivers::{NONE, Receivers};
 use crate::transport::scene::Scene;
 
@@ -37,29 +37,6 @@ pub(super) struct OtherMesh<'a> {
     pub(super) model: &'a Path,
     pub(super) device: DeviceArg,
     pub(super) measure: bool,
-}
-
-/// Figures of an evaluation on another mesh.
-#[derive(Serialize)]
-struct OnMeshReport {
-    method: String,
-    lights: Vec<String>,
-    inputs: Vec<Input>,
-    #[serde(serialize_with = "report::paths")]
-    outputs: Vec<PathBuf>,
-    vertices: usize,
-    /// Vertices on no translucent part of the asset, whose radiosity is 0.
-    vertices_without_area: usize,
-    mean_radiosity: [f64; 3],
-    max_radiosity: [f64; 3],
-    /// How far the vertices are from the asset's surface, by area.
-    mean_distance_mm: f64,
-    max_distance_mm: f64,
-    /// Radiosity at the vertices themselves against that of the nearest points, which is what is written.
-    at_vertices: VertexError,
-    /// Radiosity interpolated at the centres of the triangles against that of the nearest points.
-    between_vertices: VertexError,
-    cost: Cost,
 }
 
 /// A mesh with the places of its vertices, and of the centres of its triangles, on the asset's surface.
@@ -96,16 +73,10 @@ impl OtherMesh<'_> {
         let placed = self.place(evaluator.scene(), provenance, console)?;
         evaluator.set_lights(lights.lights, console)?;
         let result = placed.evaluate(evaluator.as_mut(), console).map_err(|e| e.at(self.model.display()))?;
-        let scene = evaluator.scene();
-        let media: Vec<&str> = scene.media.iter().map(|m| m.name.as_str()).collect();
-        let mut comments = vec![format!("translux {}", provenance.method), format!("material {}", media.join(", "))];
-        comments.extend(lights.text.iter().map(|t| format!("light {t}")));
-        console.stage("write", || -> Result<()> {
-            let ply = radiosity_ply(&placed.mesh, &result.radiosity, None, comments);
-            let bytes = io::ply::write_ply(&ply)?;
-            outputs.iter().try_for_each(|path| atomic::write(path, &bytes))
+        output::write(outputs, console, || {
+            let comments = comments(&provenance.method, evaluator.scene(), &lights.text);
+            radiosity_ply(&placed.mesh, &result.radiosity, Single::None, comments)
         })?;
-        let (mean, max) = mean_and_max(&result.radiosity);
         let [mean_distance_mm, max_distance_mm] = placed.distances();
         console.note(&format!(
             "{}: {} vertices, {} mm from the surface of the asset in the mean, {} mm at most",
@@ -124,20 +95,14 @@ impl OtherMesh<'_> {
         }
         let report = OnMeshReport {
             method: provenance.method.clone(),
-            lights: lights.text,
-            inputs,
-            outputs: outputs.to_vec(),
-            vertices: result.radiosity.len(),
-            vertices_without_area,
-            mean_radiosity: mean,
-            max_radiosity: max,
+            radiosity: RadiosityReport::new((lights.text, inputs), outputs, &result.radiosity, vertices_without_area),
             mean_distance_mm,
             max_distance_mm,
             at_vertices: result.at,
             between_vertices: result.between,
             cost: evaluator.cost(),
         };
-        report::print(console, "evaluate-on", &report)?;
+        console.report("evaluate-on", &report)?;
         Ok(ExitCode::Ok)
     }
 

@@ -1,22 +1,11 @@
 //! Where results go: files by suffix, standard output.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use super::console::{Console, Format};
 use crate::error::{Error, ExitCode, Result};
 use crate::import::file::suffix;
-
-/// Prints one line on standard output. A reader that closed the pipe has seen enough.
-pub(super) fn print_line(text: &str) -> Result<()> {
-    let mut out = std::io::stdout().lock();
-    match writeln!(out, "{text}").and_then(|()| out.flush()) {
-        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
-            Err(Error::new(ExitCode::Io, format!("standard output: {e}")))
-        }
-        _ => Ok(()),
-    }
-}
+use crate::io::atomic;
 
 /// Refuses outputs that cannot be told apart or written: before the work, not after it.
 pub(super) fn check(outputs: &[PathBuf], suffixes: &[&str], console: &Console) -> Result<()> {
@@ -50,17 +39,17 @@ pub(super) fn check(outputs: &[PathBuf], suffixes: &[&str], console: &Console) -
     Ok(())
 }
 
-/// Rows as text with aligned columns.
-pub(super) fn table<const N: usize>(rows: &[[String; N]]) -> String {
-    let mut widths = [0; N];
-    for row in rows {
-        for (width, cell) in widths.iter_mut().zip(row) {
-            *width = (*width).max(cell.chars().count());
-        }
+/// Writes the same bytes to every output; none are made where there is no output.
+pub(super) fn write<P: AsRef<Path>>(
+    outputs: &[P],
+    console: &Console,
+    bytes: impl FnOnce() -> Result<Vec<u8>>,
+) -> Result<()> {
+    if outputs.is_empty() {
+        return Ok(());
     }
-    let line = |row: &[String; N]| {
-        let cells: Vec<String> = row.iter().zip(widths).map(|(cell, width)| format!("{cell:<width$}")).collect();
-        cells.join("  ").trim_end().to_owned()
-    };
-    rows.iter().map(line).collect::<Vec<_>>().join("\n")
+    console.stage("write", || {
+        let bytes = bytes()?;
+        outputs.iter().try_for_each(|path| atomic::write(path.as_ref(), &bytes))
+    })
 }

@@ -2,28 +2,25 @@
 //! dipole as the methods have it, or by a random walk through the volume.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::time::Instant;
 
 use clap::{Args, ValueEnum};
-use glam::DVec3;
-use serde::Serialize;
 
 use super::baking::{self, BakeOptions};
-use super::console::{Console, percent, significant};
-use super::evaluate::{Measure, finish, judge, judge_error, radiosity_ply};
-use super::lights::{LightArgs, ResolvedLights};
+use super::console::Console;
+use super::evaluate::{Measure, finish};
+use super::lights::LightArgs;
 use super::media::ProfileArg;
 use super::model::ModelArgs;
-use super::{output, report};
+use super::{opening, output};
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::keys::share;
 use crate::geometry::check::MeshCheck;
 use crate::geometry::parts::Closure;
 use crate::import::Imported;
-use crate::import::file::Input;
-use crate::io::atomic;
-use crate::io::ply::write_ply;
+use crate::report::evaluation::{RadiosityReport, WalkReport};
+use crate::report::radiosity_ply::{Single, comments, radiosity_ply};
+use crate::report::text::{percent, significant};
 use crate::transport::random_walk::exitance::{self, Effort, Exitance, MOST_PHOTONS};
 use crate::transport::random_walk::tally::{Budget, NONE};
 use crate::transport::scene::Scene;
@@ -96,43 +93,19 @@ fn dipole(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
             "--photons and --seed are for --model monte-carlo; the dipole takes --samples",
         ));
     }
-    let method = console.registry.method(&args.method)?;
-    let recipe = args.options.resolve(method)?;
+    let recipe = args.options.resolve(&args.method, console)?;
     let asked = Some(recipe.settings.max_rms);
     output::check(&args.output, &["ply"], console)?;
     let lights = args.lights.load(console)?;
-    let loaded = args.model.load(console)?;
-    let asset = Arc::new(baking::bake(recipe, loaded, console)?);
-    let mut evaluator = console.stage("prepare", || console.registry.open(asset))?;
+    let asset = baking::bake(recipe, args.model.load(console)?, console)?;
+    let method = asset.provenance.method.clone();
+    let mut evaluator = opening::baked(asset, console)?;
     args.profile.put(evaluator.as_mut())?;
     let measure = if args.no_measure { Measure::No } else { Measure::Yes };
-    let result = finish(evaluator.as_mut(), method.name(), lights, &args.output, measure, asked, console)?;
-    let verdict = judge(&result, console);
-    report::print(console, "reference", &result)?;
+    let result = finish(evaluator.as_mut(), &method, lights, &args.output, measure, asked, console)?;
+    let verdict = console.judge(result.measured.total_rms(), result.asked_rms);
+    console.report("reference", &result)?;
     verdict
-}
-
-/// Figures of a random walk.
-#[derive(Serialize)]
-struct WalkReport {
-    model: &'static str,
-    lights: Vec<String>,
-    inputs: Vec<Input>,
-    #[serde(serialize_with = "report::paths")]
-    outputs: Vec<PathBuf>,
-    vertices: usize,
-    /// Vertices without transferring area, whose exitance is 0.
-    vertices_without_area: usize,
-    mean_radiosity: [f64; 3],
-    max_radiosity: [f64; 3],
-    seed: u64,
-    /// Photons of each channel.
-    photons: [u64; 3],
-    /// Where the flux of each channel went.
-    budget: [Budget; 3],
-    /// The result's own error: RMS of the standard errors of the vertices over the RMS of the exitance, by channel.
-    noise: [f64; 3],
-    asked_noise: Option<f64>,
 }
 
 fn monte_carlo(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
@@ -146,26 +119,30 @@ fn monte_carlo(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
     let walked = exitance::exitance(&scene, &lights.lights, effort, args.walk.seed, console)?;
     let rate = walked.budget.iter().map(|b| b.collisions).sum::<u64>() as f64 / started.elapsed().as_secs_f64();
     let radiosity = walked.hats.to_vertices(&walked.total);
-    console.stage("write", || -> Result<()> {
-        let media: Vec<&str> = scene.media.iter().map(|m| m.name.as_str()).collect();
-        let mut comments = vec!["translux random walk".to_owned(), format!("material {}", media.join(", "))];
-        comments.extend(lights.text.iter().map(|t| format!("light {t}")));
+    output::write(&args.output, console, || {
+        let mut comments = comments("random walk", &scene, &lights.text);
         comments.push(format!("noise {} of the RMS", percent(walked.noise())));
         comments.push("s is what left after one scattering event, b includes it".to_owned());
-        let mut ply = radiosity_ply(&scene.mesh, &radiosity, None, comments);
         let single = walked.hats.to_vertices(&walked.single);
-        ply.s = Some(single.iter().map(|s| s.as_vec3().to_array()).collect());
-        let bytes = write_ply(&ply)?;
-        args.output.iter().try_for_each(|path| atomic::write(path, &bytes))
+        radiosity_ply(&scene.mesh, &radiosity, Single::Within(&single), comments)
     })?;
     tell(&walked, rate, console);
     let asked_noise = match effort {
         Effort::Noise(asked) => Some(asked),
         Effort::Photons(_) => None,
     };
-    let verdict = judge_error(walked.noise(), asked_noise, console);
-    let result = walk_report(&walked, &radiosity, lights, asked_noise, args);
-    report::print(console, "reference", &result)?;
+    let verdict = console.judge(walked.noise(), asked_noise);
+    let without_area = walked.hats.of_vertex.iter().filter(|&&s| s == NONE).count();
+    let result = WalkReport {
+        model: "monte-carlo",
+        radiosity: RadiosityReport::new((lights.text, lights.inputs), &args.output, &radiosity, without_area),
+        seed: args.walk.seed,
+        photons: walked.photons,
+        budget: walked.budget,
+        noise: walked.relative_noise().to_array(),
+        asked_noise,
+    };
+    console.report("reference", &result)?;
     verdict
 }
 
@@ -240,30 +217,5 @@ fn tell(walked: &Exitance, rate: f64, console: &Console) {
     if trapped > 0.0 {
         console
             .note(&format!("{} of the light never leaves a clear medium: total reflection keeps it", percent(trapped)));
-    }
-}
-
-fn walk_report(
-    walked: &Exitance,
-    radiosity: &[DVec3],
-    lights: ResolvedLights,
-    asked_noise: Option<f64>,
-    args: &ReferenceArgs,
-) -> WalkReport {
-    let count = radiosity.len().max(1) as f64;
-    WalkReport {
-        model: "monte-carlo",
-        lights: lights.text,
-        inputs: lights.inputs,
-        outputs: args.output.clone(),
-        vertices: radiosity.len(),
-        vertices_without_area: walked.hats.of_vertex.iter().filter(|&&s| s == NONE).count(),
-        mean_radiosity: (radiosity.iter().sum::<DVec3>() / count).to_array(),
-        max_radiosity: radiosity.iter().fold(DVec3::ZERO, |a, &b| a.max(b)).to_array(),
-        seed: args.walk.seed,
-        photons: walked.photons,
-        budget: walked.budget,
-        noise: walked.relative_noise().to_array(),
-        asked_noise,
     }
 }

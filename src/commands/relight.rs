@@ -8,22 +8,15 @@ use serde::Serialize;
 
 use super::console::Console;
 use super::lights::{LightArgs, ResolvedLights};
-use super::opened::{AssetArgs, Opened};
-use super::report;
+use super::opening::{AssetArgs, Opened};
+use super::view::ViewArgs;
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::summed::Summed;
 use crate::evaluate::{Evaluator, SingleScattering};
 use crate::relight::choice::{DeviceChoice, Placed, place};
 use crate::relight::headless::{self, Animation, MAX_FRAMES};
 use crate::relight::timings::Timings;
-use crate::render::background::Background;
 use crate::render::camera::Resolution;
-use crate::render::camera_text::CameraSpec;
-use crate::render::film::Exposure;
-use crate::render::frame::Specular;
-use crate::render::specular::Roughness;
-use crate::render::texture::Texture;
-use crate::render::texture::spec::TextureSpec;
 
 /// Size of the pictures of an animation.
 const HEADLESS_RESOLUTION: Resolution = Resolution { width: 1024, height: 1024 };
@@ -40,28 +33,11 @@ pub(super) struct RelightArgs {
     /// Where to compute and draw
     #[arg(long, value_enum, default_value = "auto")]
     device: DeviceArg,
-    /// Eye, target, up and vertical degrees, in mm, as at=0,8,75:look=0,0,0:up=0,1,0:fov=28; every key may be left out
-    #[arg(long, value_name = "CAMERA")]
-    camera: Option<CameraSpec>,
+    #[command(flatten)]
+    view: ViewArgs,
     /// Pixels (default: 1024x1024, the window 1024x700)
     #[arg(long, value_name = "WIDTHxHEIGHT")]
     resolution: Option<Resolution>,
-    /// Brightness: auto (the 99.5th percentile of the object becomes white, in the first frame) or stops
-    #[arg(long, value_name = "auto|EV", default_value = "auto", allow_hyphen_values = true)]
-    exposure: Exposure,
-    /// Roughness of the boundary, from 0 (polished) to 1 (matt)
-    #[arg(long, value_name = "R", default_value_t = Roughness::default(), allow_hyphen_values = true)]
-    roughness: Roughness,
-    /// Leave out specular reflection
-    #[arg(long, conflicts_with = "roughness")]
-    no_specular: bool,
-    /// Albedo that scattered light is multiplied by, not reflected light: none, marble, a PNG over the texture coordinates,
-    /// or the base colours of a glTF model
-    #[arg(long, value_name = "TEXTURE", default_value_t, long_help = super::render::texture_help())]
-    texture: TextureSpec,
-    /// What is seen beside the object: env (environments and constant lights), none or R,G,B
-    #[arg(long, value_name = "env|none|RGB", default_value = "env")]
-    background: Background,
     /// No window: pictures of one turn of the lights about the object, and their timings
     #[arg(long, help_heading = "Without a window")]
     headless: bool,
@@ -102,18 +78,12 @@ impl DeviceArg {
 /// Figures of an animation.
 #[derive(Serialize)]
 struct AnimationReport<'a> {
-    #[serde(serialize_with = "report::path")]
+    #[serde(serialize_with = "crate::report::path")]
     folder: &'a std::path::Path,
     timings: &'a Timings,
 }
 
 /// Runs on the main thread, which a window needs; work goes to `pool`.
-impl RelightArgs {
-    fn specular(&self) -> Specular {
-        if self.no_specular { Specular::Off } else { Specular::Rough(self.roughness) }
-    }
-}
-
 pub(super) fn run(args: &RelightArgs, console: &Console, pool: Arc<rayon::ThreadPool>) -> Result<ExitCode> {
     match (args.headless, args.frames, &args.out) {
         (true, Some(frames), Some(out)) => {
@@ -152,9 +122,8 @@ fn animate(args: &RelightArgs, frames: usize, out: &std::path::Path, console: &C
     let resolution = args.resolution.unwrap_or(HEADLESS_RESOLUTION);
     let needed = crate::render::frame::memory_bytes(resolution);
     console.check_memory(needed, "use a smaller --resolution, or raise --max-memory")?;
-    let camera = args.camera.unwrap_or_default().resolve(&evaluator.scene().mesh, resolution)?;
-    let texture = Texture::new(&args.texture, &evaluator.scene().mesh)?;
-    texture.iter().flat_map(Texture::warnings).for_each(|warning| console.warn(warning));
+    let camera = args.view.camera.unwrap_or_default().resolve(&evaluator.scene().mesh, resolution)?;
+    let texture = args.view.load_texture(&evaluator.scene().mesh, console)?;
     let again = || Ok(Summed::of(args.asset.open(console)?.evaluator));
     let Placed { place, note } = place(args.device.choice(), evaluator, &again)?;
     note.iter().for_each(|note| console.note(note));
@@ -163,10 +132,10 @@ fn animate(args: &RelightArgs, frames: usize, out: &std::path::Path, console: &C
         folder: out.to_owned(),
         camera,
         resolution,
-        exposure: args.exposure,
-        specular: args.specular(),
+        exposure: args.view.exposure,
+        specular: args.view.specular(),
         texture,
-        background: args.background,
+        background: args.view.background,
         lights,
         method: provenance.method,
     };
@@ -182,7 +151,7 @@ fn animate(args: &RelightArgs, frames: usize, out: &std::path::Path, console: &C
         summary.transport_ms.median,
         summary.draw_ms.median
     ));
-    report::print(console, "relight", &AnimationReport { folder: out, timings: &timings })?;
+    console.report("relight", &AnimationReport { folder: out, timings: &timings })?;
     Ok(ExitCode::Ok)
 }
 
@@ -213,8 +182,7 @@ fn window(args: &RelightArgs, console: &Console, pool: Arc<rayon::ThreadPool>) -
     let (lights, opened) =
         pool.install(|| -> Result<_> { Ok((args.lights.load(console)?, args.asset.open(console)?)) })?;
     // Told before a window opens.
-    let texture = Texture::new(&args.texture, &opened.evaluator.scene().mesh)?;
-    texture.iter().flat_map(Texture::warnings).for_each(|warning| console.warn(warning));
+    args.view.load_texture(&opened.evaluator.scene().mesh, console)?;
     let (again, registry) = (args.asset.clone(), console.registry.clone());
     let session = Session {
         model: args.asset.asset.clone(),
@@ -223,12 +191,12 @@ fn window(args: &RelightArgs, console: &Console, pool: Arc<rayon::ThreadPool>) -
         open: Arc::new(move |path, profile| again.again(&registry, path, profile)),
         lights: lights.lights,
         choice: args.device.choice(),
-        camera: args.camera.unwrap_or_default(),
+        camera: args.view.camera.unwrap_or_default(),
         resolution: args.resolution.unwrap_or(WINDOW_RESOLUTION),
-        exposure: args.exposure,
-        specular: args.specular(),
-        texture: args.texture.clone(),
-        background: args.background,
+        exposure: args.view.exposure,
+        specular: args.view.specular(),
+        texture: args.view.texture.clone(),
+        background: args.view.background,
         turn: if args.turn { Turn::Turning } else { Turn::Still },
         quit_after_s: args.quit_after,
         pool: Arc::clone(&pool),
@@ -239,6 +207,6 @@ fn window(args: &RelightArgs, console: &Console, pool: Arc<rayon::ThreadPool>) -
         shown.frames_per_second, shown.light_updates_per_second, shown.transport, shown.adapter.name
     ));
     let run = WindowRun { method: &opened.provenance.method, lights: &lights.text, window: &shown };
-    pool.install(|| report::print(console, "relight", &run))?;
+    pool.install(|| console.report("relight", &run))?;
     Ok(ExitCode::Ok)
 }

@@ -1,33 +1,29 @@
 //! `translux render A.tlux --light L -o I.exr -o I.png`.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use serde::Serialize;
 
-use super::console::{Console, percent, significant};
+use super::console::Console;
 use super::lights::{LightArgs, ResolvedLights};
-use super::opened::{AssetArgs, Opened};
-use super::{output, report};
+use super::opening::{AssetArgs, Opened};
+use super::output;
+use super::view::ViewArgs;
 use crate::error::{ExitCode, Result};
-use crate::evaluate::{Cost, Evaluator};
-use crate::geometry::part_table::PartEntry;
+use crate::evaluate::Evaluator;
 use crate::import::file::{Input, suffix};
-use crate::io::atomic;
 use crate::render::background::Background;
 use crate::render::camera::Resolution;
 use crate::render::camera_text::CameraSpec;
 use crate::render::exit::ExitFresnel;
-use crate::render::film::{ColourType, Exposure, PngBackground, to_exr, to_png};
+use crate::render::film::{ColourType, PngBackground, to_exr, to_png};
 use crate::render::frame::{
-    DEFAULT_SAMPLES_PER_PIXEL, Frame, MAX_SAMPLES_PER_PIXEL, RenderSettings, SingleLayer, Specular, memory_bytes,
-    render,
+    DEFAULT_SAMPLES_PER_PIXEL, Frame, MAX_SAMPLES_PER_PIXEL, RenderSettings, Specular, memory_bytes, render,
 };
 use crate::render::single::{Exitance, Single};
-use crate::render::specular::Roughness;
 use crate::render::texture::Texture;
-use crate::render::texture::spec::{MarbleSpec, TextureSpec};
-use crate::transport::scene::{Medium, Scene};
+use crate::report::picture::RenderReport;
+use crate::report::text::{percent, significant};
 
 /// Share of hits on back sides above which a picture needs an explanation.
 const BACK_FACING_WARNING: f64 = 0.01;
@@ -50,10 +46,8 @@ pub(super) struct RenderArgs {
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Picture")]
 pub(super) struct PictureArgs {
-    /// Eye, target, up and vertical degrees, in mm, as at=0,8,75:look=0,0,0:up=0,1,0:fov=28; every key may be left out
-    /// (default: the whole object from the front, slightly above)
-    #[arg(long, value_name = "CAMERA")]
-    camera: Option<CameraSpec>,
+    #[command(flatten)]
+    view: ViewArgs,
     /// Pixels
     #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "1024x1024")]
     resolution: Resolution,
@@ -61,49 +55,15 @@ pub(super) struct PictureArgs {
     #[arg(long, value_name = "N", default_value_t = DEFAULT_SAMPLES_PER_PIXEL,
         value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_SAMPLES_PER_PIXEL)))]
     samples_per_pixel: u32,
-    /// Brightness of PNG pictures: auto (the 99.5th percentile of the object becomes white) or stops
-    #[arg(long, value_name = "auto|EV", default_value = "auto", allow_hyphen_values = true)]
-    exposure: Exposure,
     /// Normalisation of the exit Fresnel factor
     #[arg(long, default_value = "normalised")]
     exit_fresnel: ExitFresnelArg,
-    /// What is seen beside the object: env (environments and constant lights), none (transparent in PNG) or R,G,B
-    #[arg(long, value_name = "env|none|RGB", default_value = "env")]
-    background: Background,
-    /// Roughness of the surface for specular reflection, from 0 (polished) to 1 (matt)
-    #[arg(long, value_name = "R", default_value_t = Roughness::default(), allow_hyphen_values = true)]
-    roughness: Roughness,
-    /// No specular reflection of the lights
-    #[arg(long, conflicts_with = "roughness")]
-    no_specular: bool,
-    /// Albedo that scattered light is multiplied by, not reflected light: none, marble, a PNG over the texture coordinates,
-    /// or the base colours of a glTF model
-    #[arg(long, value_name = "TEXTURE", default_value_t, long_help = texture_help())]
-    texture: TextureSpec,
     /// How OpenEXR pictures store colours; data (normal, depth, coverage, part) always have 32 bits
     #[arg(long, value_name = "TYPE", default_value = "half")]
     exr_type: ExrTypeArg,
     /// Files that the asset was made from, for the header of OpenEXR pictures.
     #[arg(skip)]
     sources: Vec<Input>,
-}
-
-/// The long help of `--texture`.
-pub(super) fn texture_help() -> String {
-    let MarbleSpec { base, veins, turbulence, octaves, sharpness, .. } = MarbleSpec::default();
-    let rgb = |v: glam::DVec3| format!("{},{},{}", v.x, v.y, v.z);
-    format!(
-        "Albedo that scattered light is multiplied by, not reflected light, and the same in every light:\n  \
-         none\n  \
-         marble, or marble:key=value:...\n  \
-         image:path=FILE.png, or a bare path: over the texture coordinates of the model\n  \
-         base-colour:path=MODEL.glb, or a bare path: base-colour factors and PNG pictures of the model that was baked\n\
-         Keys of marble: scale (mm between veins; default a fifth of the diagonal), base and veins (linear R,G,B or one \
-         number, 0 to 1; default {} and {}), turbulence (how far veins are shifted, in their distances; default \
-         {turbulence}), octaves (of the turbulence; default {octaves}), sharpness (of the veins; default {sharpness}), seed.",
-        rgb(base),
-        rgb(veins)
-    )
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -122,50 +82,14 @@ enum ExitFresnelArg {
     Paper,
 }
 
-/// Figures of a picture.
-#[derive(Serialize)]
-pub(super) struct RenderReport {
-    method: String,
-    materials: Vec<String>,
-    lights: Vec<String>,
-    inputs: Vec<Input>,
-    outputs: Vec<PathBuf>,
-    /// As it would be typed.
-    camera: String,
-    resolution: Resolution,
-    samples_per_pixel: u32,
-    exit_fresnel: ExitFresnel,
-    background: String,
-    /// None: no specular reflection.
-    roughness: Option<Roughness>,
-    /// As it would be typed; none: no texture.
-    texture: Option<String>,
-    single_scattering: SingleLayer,
-    /// Ways of light that were followed for each covered pixel.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    single_scattering_paths: Option<u64>,
-    exr_type: ColourType,
-    /// As asked for, and the factor that it became; PNG only.
-    exposure: String,
-    pub(super) exposure_factor: f64,
-    /// Share of the picture that the object covers.
-    coverage: f64,
-    /// Share of the hits on back sides, which are black.
-    back_facing_share: f64,
-    cost: Cost,
-    /// Text attributes of OpenEXR pictures.
-    #[serde(skip)]
-    header: Vec<(String, String)>,
-}
-
 pub(super) fn run(args: &RenderArgs, console: &Console) -> Result<ExitCode> {
     output::check(&args.output, &["exr", "png"], console)?;
     args.picture.check_memory(console)?;
     let lights = args.lights.load(console)?;
     let Opened { provenance, mut evaluator } = args.asset.open(console)?;
-    let picture = PictureArgs { sources: provenance.inputs, ..args.picture.clone() };
+    let picture = PictureArgs { sources: provenance.inputs.clone(), ..args.picture.clone() };
     let (result, _) = finish(evaluator.as_mut(), &provenance.method, lights, &picture, &args.output, console)?;
-    report::print(console, "render", &result)?;
+    console.report("render", &result)?;
     Ok(ExitCode::Ok)
 }
 
@@ -173,15 +97,10 @@ impl PictureArgs {
     /// The defaults for a camera and a resolution.
     pub(super) fn at(camera: CameraSpec, resolution: Resolution) -> Self {
         Self {
-            camera: Some(camera),
+            view: ViewArgs::from(camera),
             resolution,
             samples_per_pixel: DEFAULT_SAMPLES_PER_PIXEL,
-            exposure: Exposure::Auto,
             exit_fresnel: ExitFresnelArg::Normalised,
-            background: Background::Environment,
-            roughness: Roughness::default(),
-            no_specular: false,
-            texture: TextureSpec::None,
             exr_type: ExrTypeArg::Half,
             sources: Vec::new(),
         }
@@ -203,7 +122,7 @@ impl PictureArgs {
     }
 
     fn settings(&self, evaluator: &dyn Evaluator) -> Result<RenderSettings> {
-        let spec = self.camera.unwrap_or_default();
+        let spec = self.view.camera.unwrap_or_default();
         Ok(RenderSettings {
             camera: spec.resolve(&evaluator.scene().mesh, self.resolution)?,
             resolution: self.resolution,
@@ -212,8 +131,8 @@ impl PictureArgs {
                 ExitFresnelArg::Normalised => ExitFresnel::Normalised,
                 ExitFresnelArg::Paper => ExitFresnel::Paper,
             },
-            background: self.background,
-            specular: if self.no_specular { Specular::Off } else { Specular::Rough(self.roughness) },
+            background: self.view.background,
+            specular: self.view.specular(),
             white: f64::INFINITY,
         })
     }
@@ -229,8 +148,7 @@ pub(super) fn finish(
     console: &Console,
 ) -> Result<(RenderReport, Frame)> {
     let mut settings = picture.settings(evaluator)?;
-    let texture = Texture::new(&picture.texture, &evaluator.scene().mesh)?;
-    texture.iter().flat_map(Texture::warnings).for_each(|warning| console.warn(warning));
+    let texture = picture.view.load_texture(&evaluator.scene().mesh, console)?;
     evaluator.set_lights(lights.lights.clone(), console)?;
     let radiosity = evaluator.radiosity(console)?;
     let shown = outputs.iter().any(|path| suffix(path) == "png");
@@ -244,7 +162,7 @@ pub(super) fn finish(
     };
     let exitance = Exitance { radiosity: &radiosity, single, texture: texture.as_ref() };
     if shown {
-        settings.white = picture.exposure.white(evaluator, exitance, &settings)?;
+        settings.white = picture.view.exposure.white(evaluator, exitance, &settings)?;
     }
     let frame = render(evaluator, exitance, &lights.lights, &settings, console)?;
     let single_scattering_paths = towards_eye.as_ref().map(|eye| eye.paths_per_pixel(settings.samples_per_pixel));
@@ -271,18 +189,18 @@ pub(super) fn finish(
         single_scattering: frame.single,
         single_scattering_paths,
         exr_type: picture.colours(),
-        exposure: picture.exposure.to_string(),
-        exposure_factor: picture.exposure.factor(&frame),
+        exposure: picture.view.exposure.to_string(),
+        exposure_factor: picture.view.exposure.factor(&frame),
         coverage: frame.pixels.iter().map(|p| f64::from(p.coverage)).sum::<f64>() / frame.pixels.len() as f64,
         back_facing_share: frame.back_facing_share,
         cost: evaluator.cost(),
         header: Vec::new(),
     };
     let image = picture_input(texture.as_ref())?;
-    result.header = attributes(&result, evaluator.scene(), &picture.sources, image.as_ref());
+    result.header = result.attributes(evaluator.scene(), &picture.sources, image.as_ref());
     result.inputs.extend(image);
     explain(&result, &frame, console);
-    console.stage("write", || write(&frame, &settings, &result, outputs))?;
+    write(&frame, &settings, &result, outputs, console)?;
     Ok((result, frame))
 }
 
@@ -320,79 +238,18 @@ fn explain(result: &RenderReport, frame: &Frame, console: &Console) {
 }
 
 /// Writes the picture in the format of each name; each format is encoded once.
-fn write(frame: &Frame, settings: &RenderSettings, result: &RenderReport, outputs: &[PathBuf]) -> Result<()> {
-    let is_png = |path: &&PathBuf| suffix(path) == "png";
-    let (png, exr): (Vec<&PathBuf>, Vec<&PathBuf>) = outputs.iter().partition(is_png);
+fn write(
+    frame: &Frame,
+    settings: &RenderSettings,
+    result: &RenderReport,
+    outputs: &[PathBuf],
+    console: &Console,
+) -> Result<()> {
+    let (png, exr): (Vec<&PathBuf>, Vec<&PathBuf>) = outputs.iter().partition(|path| suffix(path) == "png");
     let background = match settings.background {
         Background::None => PngBackground::Transparent,
         Background::Environment | Background::Colour(_) => PngBackground::Shown,
     };
-    write_all(&exr, || to_exr(frame, result.exr_type, result.header.clone()))?;
-    write_all(&png, || to_png(frame, result.exposure_factor, background))
-}
-
-fn write_all(paths: &[&PathBuf], encode: impl FnOnce() -> Result<Vec<u8>>) -> Result<()> {
-    if paths.is_empty() {
-        return Ok(());
-    }
-    let bytes = encode()?;
-    paths.iter().try_for_each(|path: &&PathBuf| atomic::write(Path::new(path), &bytes))
-}
-
-/// Text attributes of an OpenEXR picture: all that determines it, no time and no path of the asset.
-fn attributes(result: &RenderReport, scene: &Scene, sources: &[Input], image: Option<&Input>) -> Vec<(String, String)> {
-    let exit_fresnel = match result.exit_fresnel {
-        ExitFresnel::Normalised => "normalised",
-        ExitFresnel::Paper => "paper",
-    };
-    let joined = |texts: Vec<String>| texts.join("; ");
-    let hashed = |inputs: &[Input]| joined(inputs.iter().map(|i| format!("{} blake3 {}", i.name, i.blake3)).collect());
-    let mut all = vec![
-        ("software", format!("translux {}", env!("CARGO_PKG_VERSION"))),
-        ("method", result.method.clone()),
-        ("material", result.materials.join("; ")),
-        ("opticalProperties", joined(scene.media.iter().map(optical_properties).collect())),
-        ("parts", joined(scene.parts.parts.iter().enumerate().map(|(i, p)| part(i, p, &scene.media)).collect())),
-        ("lights", result.lights.join("; ")),
-        ("camera", result.camera.clone()),
-        ("samplesPerPixel", result.samples_per_pixel.to_string()),
-        ("exitFresnel", exit_fresnel.to_owned()),
-        ("roughness", result.roughness.map_or_else(|| "no specular reflection".to_owned(), |r| r.to_string())),
-        ("background", result.background.clone()),
-        ("units", "radiance: linear sRGB; depth: mm along the viewing axis, infinite beside the object".to_owned()),
-    ];
-    match result.single_scattering {
-        SingleLayer::None => {}
-        SingleLayer::PerVertex => all.push(("singleScattering", "along the inverse normal of the vertices".to_owned())),
-        SingleLayer::TowardsEye => {
-            all.push(("singleScattering", "along the refracted direction of the eye".to_owned()));
-        }
-    }
-    all.extend(result.texture.clone().map(|texture| ("texture", texture)));
-    let image = image.map_or(&[] as &[Input], std::slice::from_ref);
-    for (name, inputs) in [("bakedFrom", sources), ("environments", &result.inputs), ("textureFrom", image)] {
-        if !inputs.is_empty() {
-            all.push((name, hashed(inputs)));
-        }
-    }
-    all.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
-}
-
-fn optical_properties(medium: &Medium) -> String {
-    let rgb = |v: glam::DVec3| format!("{},{},{}", v.x, v.y, v.z);
-    let p = &medium.properties;
-    format!(
-        "{}: sigma_s'={}/mm sigma_a={}/mm eta={} g={}",
-        medium.name,
-        rgb(p.sigma_s_reduced_per_mm),
-        rgb(p.sigma_a_per_mm),
-        p.eta_inside_over_outside,
-        p.g
-    )
-}
-
-/// A part as `part.ID` numbers it.
-fn part(index: usize, part: &PartEntry, media: &[Medium]) -> String {
-    let medium = part.medium.and_then(|m| media.get(m as usize)).map_or("opaque", |m| m.name.as_str());
-    format!("{} {} ({medium})", index + 1, part.name)
+    output::write(&exr, console, || to_exr(frame, result.exr_type, result.header.clone()))?;
+    output::write(&png, console, || to_png(frame, result.exposure_factor, background))
 }

@@ -203,11 +203,23 @@ fn sections_and_versions_that_are_unknown() {
     assert_eq!((code, findings(&report)), (0, vec![(132, "warning".into(), None)]));
 }
 
-/// Settings that the method does not take are only found when it opens the asset.
+/// Settings out of range and forms that are not there are only found when the asset is opened.
 #[test]
 fn a_method_that_refuses_the_asset() {
+    let record = |tag: &str, content: &str| {
+        let content = content.to_owned();
+        let tag = Tag::new(tag).unwrap();
+        move |a: &mut AssetFile| {
+            let section = a.extra.iter_mut().find(|section| section.tag == tag).unwrap();
+            *section = RawSection::from_record(tag, Kind::Metadata, Codec::Zstd, &content).unwrap();
+        }
+    };
+    for change in [record("form.nam", "telepathy"), record("form.set", "higgledy-piggledy")] {
+        assert_eq!(changed(change), (3, vec![(101, "error".into(), None)]));
+    }
+    // The text is for people: nothing is evaluated by it.
     let (code, found) = changed(|a| set(a, "bound", "higgledy-piggledy"));
-    assert_eq!((code, found), (3, vec![(101, "error".into(), None)]));
+    assert_eq!((code, found), (0, vec![(120, "warning".into(), Some("meta.src".into()))]));
 }
 
 #[test]

@@ -7,7 +7,7 @@ use proc_macro2::{Delimiter, LineColumn, TokenStream, TokenTree};
 use syn::visit::{self, Visit};
 
 /// Bottom to top. A layer imports itself and what stands before it.
-const LAYERS: [&str; 17] = [
+const LAYERS: [&str; 19] = [
     "error",
     "progress",
     "math",
@@ -20,10 +20,12 @@ const LAYERS: [&str; 17] = [
     "import",
     "asset",
     "evaluate",
+    "forms",
     "methods",
     "render",
     "relight",
     "measure",
+    "report",
     "commands",
 ];
 

@@ -1,6 +1,7 @@
 //! Times of the shaders, where there is an adapter to be timed.
 
-use super::{DeviceArg, Extent};
+use super::arguments::DeviceArg;
+use super::timing::Repetitions;
 use crate::error::Result;
 use crate::evaluate::Evaluator;
 use crate::light::Light;
@@ -33,13 +34,11 @@ impl Adapter {
         &self,
         open: impl Fn() -> Result<Box<dyn Evaluator>>,
         lights: &[(String, Light)],
-        extent: &Extent,
+        repetitions: Repetitions,
     ) -> Result<Option<DeviceRow>> {
         use crate::error::ExitCode;
-        use crate::evaluate::MaterialEdit;
         use crate::math::statistics::Quantiles;
         use crate::progress::Silent;
-        use std::time::Instant;
         let Some(device) = &self.device else { return Ok(None) };
         let mut evaluator = match open()?.on_device(device) {
             Ok(evaluator) => evaluator,
@@ -49,35 +48,17 @@ impl Adapter {
         };
         let mut times = Vec::new();
         for (_, light) in lights {
-            let begun = Instant::now();
-            for repeat in 0..extent.repeats {
-                if repeat > 0 && begun.elapsed().as_secs_f64() > extent.patience {
-                    break;
-                }
-                let started = Instant::now();
+            times.extend(repetitions.times(|| {
                 evaluator.set_lights(vec![light.clone()], &Silent)?;
                 evaluator.update(&Silent)?;
-                device.wait()?;
-                times.push(1e3 * started.elapsed().as_secs_f64());
-            }
+                device.wait()
+            })?);
         }
-        let mut edits = Vec::new();
-        if evaluator.capabilities().material != MaterialEdit::None {
-            let before = evaluator.scene().media.clone();
-            let other: Vec<_> = before.iter().map(super::row::edited).collect();
-            for media in [&other, &before].into_iter().cycle().take(2 * extent.repeats.div_ceil(2)) {
-                let started = Instant::now();
-                evaluator.set_media(media.clone())?;
-                evaluator.update(&Silent)?;
-                device.wait()?;
-                edits.push(1e3 * started.elapsed().as_secs_f64());
-            }
-        }
-        Ok(Some(DeviceRow {
-            adapter: device.describe(),
-            relight_ms: Quantiles::of(times),
-            edit_ms: (!edits.is_empty()).then(|| Quantiles::of(edits)),
-        }))
+        let edit_ms = repetitions.edits(evaluator.as_mut(), |evaluator| {
+            evaluator.update(&Silent)?;
+            device.wait()
+        })?;
+        Ok(Some(DeviceRow { adapter: device.describe(), relight_ms: Quantiles::of(times), edit_ms }))
     }
 }
 
@@ -101,7 +82,7 @@ impl Adapter {
         &self,
         _open: impl Fn() -> Result<Box<dyn Evaluator>>,
         _lights: &[(String, Light)],
-        _extent: &Extent,
+        _repetitions: Repetitions,
     ) -> Result<Option<DeviceRow>> {
         Ok(None)
     }

@@ -1,27 +1,31 @@
 //! `translux chart --scale -o DIR`: how bake time, memory, bytes and relight time grow with vertices, samples and size.
 
-mod child;
-mod output;
 mod point;
 
 use std::path::PathBuf;
 
 use serde::Serialize;
 
-use self::point::{Measurer, Shape};
-use super::{ChartArgs, machine};
-use crate::commands::console::{Console, Format, Verbosity, duration, megabytes};
+use self::point::{Measurer, Place, Shape};
+use super::arguments::ChartArgs;
+use super::subject::machine;
+use super::timing::Repetitions;
+use crate::commands::console::Console;
 use crate::commands::lights::LightArgs;
-use crate::commands::{output::print_line, report};
+use crate::commands::model::PlacementArgs;
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::Method;
+use crate::import::file::Input;
 use crate::io::atomic;
+use crate::light::Light;
 use crate::measure::growth::draw::{cost_text, size_text};
 use crate::measure::growth::page::finding_text;
 use crate::measure::growth::surface::{DESCRIPTION, glb, surface};
 use crate::measure::growth::{Axis, Growth, Limits, Point, Quantity, SCHEMA};
 use crate::medium::material::Material;
 use crate::progress::Progress;
+use crate::report;
+use crate::report::text::duration;
 
 /// What is measured.
 struct Extent {
@@ -35,10 +39,8 @@ struct Extent {
     fixed_vertices: usize,
     /// Surface samples where they are not varied; as many as the method chooses without.
     fixed_samples: Option<usize>,
-    /// Repetitions of a new light, at most.
-    repeats: usize,
-    /// No repetition begins after this long, s.
-    patience: f64,
+    /// Of a new light.
+    repetitions: Repetitions,
     /// Of a bake, s.
     limit_seconds: f64,
 }
@@ -49,8 +51,7 @@ const WHOLE: Extent = Extent {
     ratios: &[1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0],
     fixed_vertices: 30_000,
     fixed_samples: None,
-    repeats: 7,
-    patience: 3.0,
+    repetitions: Repetitions { most: 7, patience: 3.0 },
     limit_seconds: 120.0,
 };
 
@@ -60,8 +61,7 @@ const QUICK: Extent = Extent {
     ratios: &[1.0, 30.0, 1000.0],
     fixed_vertices: 10_000,
     fixed_samples: Some(1 << 14),
-    repeats: 3,
-    patience: 0.5,
+    repetitions: Repetitions { most: 3, patience: 0.5 },
     limit_seconds: 20.0,
 };
 
@@ -71,16 +71,6 @@ const SIZE_MM: f64 = 30.0;
 /// The light that is timed unless another one is asked for.
 const LIGHT: &str = "directional:from=0.3,0.8,0.5:irradiance=3";
 
-/// One size on one axis.
-struct Place {
-    axis: Axis,
-    /// As asked for.
-    size: f64,
-    vertices: usize,
-    samples: Option<usize>,
-    size_mm: f64,
-}
-
 #[derive(Serialize)]
 struct GrowthReport<'a> {
     growth: &'a Growth,
@@ -89,7 +79,7 @@ struct GrowthReport<'a> {
 pub(super) fn run(args: &ChartArgs, methods: &[&'static dyn Method], console: &Console) -> Result<ExitCode> {
     let extent = if args.quick { &QUICK } else { &WHOLE };
     let limits = Limits { seconds: limit_seconds(args, extent)?, memory_bytes: console.max_memory };
-    if args.placement.words() != crate::commands::model::PlacementArgs::default().words() {
+    if args.placement.words() != PlacementArgs::default().words() {
         return Err(Error::command_line("--scale bakes a surface of its own: options that place a model do not apply"));
     }
     let [material_text] = args.material.as_slice() else {
@@ -130,8 +120,7 @@ pub(super) fn run(args: &ChartArgs, methods: &[&'static dyn Method], console: &C
         context: format!("{:?} {} {:?} {:?}", growth.machine.processor, growth.machine.threads, material, light_inputs),
         light_text: &growth.light,
         limits,
-        repeats: extent.repeats,
-        patience: extent.patience,
+        repetitions: extent.repetitions,
         work: &work,
         console,
     };
@@ -158,14 +147,12 @@ pub(super) fn run(args: &ChartArgs, methods: &[&'static dyn Method], console: &C
     points.sort_by_key(|p| (p.axis, order(p)));
     growth.points = points;
     growth.fit();
-    let page = console.stage("write", || output::write(&growth, &args.output))?;
+    let page = console.stage("write", || report::growth::write(&growth, &args.output))?;
     for finding in growth.findings() {
         console.note(&format!("faster than size: {}", finding_text(finding)));
     }
-    if console.format == Format::Text && console.verbosity == Verbosity::Normal {
-        print_line(&format!("{} (after {})", page.display(), duration(console.seconds())))?;
-    }
-    report::print(console, "chart", &GrowthReport { growth: &growth })?;
+    console.say(&format!("{} (after {})", page.display(), duration(console.seconds())))?;
+    console.report("chart", &GrowthReport { growth: &growth })?;
     Ok(ExitCode::Ok)
 }
 
@@ -180,10 +167,7 @@ fn limit_seconds(args: &ChartArgs, extent: &Extent) -> Result<f64> {
 }
 
 /// The light that is timed: as typed, ready, and what its files hold.
-fn light(
-    args: &ChartArgs,
-    console: &Console,
-) -> Result<(String, crate::light::Light, Vec<crate::import::file::Input>)> {
+fn light(args: &ChartArgs, console: &Console) -> Result<(String, Light, Vec<Input>)> {
     let asked = match args.lights.light.as_slice() {
         [] => LightArgs { light: vec![LIGHT.to_owned()] },
         _ => args.lights.clone(),
@@ -252,7 +236,3 @@ fn say(point: &Point, console: &Console) {
     let skipped = point.skipped.as_ref().map_or_else(String::new, |s| format!("; no {}: {}", s.what.name(), s.reason));
     console.note(&format!("{method}, {} {}{measured}{skipped}", size_text(*axis, *size), axis.unit()));
 }
-
-/// How limits say what they allow.
-const WORDS: crate::measure::growth::limits::Words =
-    crate::measure::growth::limits::Words { duration, bytes: megabytes };

@@ -1,96 +1,38 @@
 //! `translux chart MODEL... -o DIR`: every method at a ladder of settings, against one reference; with `--scale` how cost grows.
 
 mod adapter;
+mod arguments;
+mod child;
 mod growth;
 mod model;
-mod output;
 mod row;
+mod subject;
+mod timing;
 mod truth;
 
-use std::path::{Path, PathBuf};
-
-use clap::Args;
-
 use self::adapter::Adapter;
-use super::console::{Console, Format, Verbosity, duration, percent};
-use super::lights::LightArgs;
-use super::model::PlacementArgs;
-use super::{output::print_line, report};
+pub(super) use self::arguments::ChartArgs;
+use self::subject::{Subject, machine};
+use self::timing::Repetitions;
+use super::console::Console;
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::Method;
 use crate::light::Light;
-use crate::measure::chart::{Chart, Machine, Row, SCHEMA};
-
-#[derive(Clone, Debug, Args)]
-pub(super) struct ChartArgs {
-    /// OBJ, glTF or GLB files
-    #[arg(required_unless_present = "growth", conflicts_with = "growth", value_name = "MODEL")]
-    models: Vec<PathBuf>,
-    /// Folder for the page, the charts, the tables and what is needed to go on after an interruption
-    #[arg(short, long, value_name = "DIR")]
-    output: PathBuf,
-    /// A measured material or a TOML file; repeatable
-    #[arg(long, value_name = "MATERIAL", default_value = "marble")]
-    material: Vec<String>,
-    #[command(flatten)]
-    lights: LightArgs,
-    /// Methods, separated by commas (default: all)
-    #[arg(long, value_delimiter = ',', value_name = "NAMES")]
-    methods: Vec<String>,
-    /// Two settings of each method, and fewer repetitions; with --scale fewer and smaller sizes
-    #[arg(long)]
-    quick: bool,
-    /// How cost grows with vertices, samples and size, on a surface of its own in place of models
-    #[arg(long = "scale")]
-    growth: bool,
-    /// With --scale: do not start a bake or a new light that is predicted to take longer than this (default: 120, with
-    /// --quick 20); end a bake after twice as long
-    #[arg(long, value_name = "S", allow_negative_numbers = true)]
-    limit_seconds: Option<f64>,
-    /// Surface samples of the reference
-    #[arg(long, value_name = "N", default_value_t = 1 << 19, conflicts_with = "growth")]
-    reference_samples: usize,
-    /// Where shaders are timed beside the processor: on a graphics adapter if there is one (auto; a software adapter is none),
-    /// on whatever adapter there is (gpu), nowhere (cpu)
-    #[arg(long, value_enum, default_value = "auto", conflicts_with = "growth")]
-    device: DeviceArg,
-    #[command(flatten)]
-    placement: PlacementArgs,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum DeviceArg {
-    Auto,
-    Cpu,
-    Gpu,
-}
+use crate::measure::chart::{Chart, Row, SCHEMA};
+use crate::report;
+use crate::report::text::{duration, percent};
 
 /// How much is measured.
 #[derive(Clone, Copy, Debug)]
 struct Extent {
     /// Settings of each method.
     rungs: usize,
-    /// Repetitions of what is timed, at most.
-    repeats: usize,
-    /// No repetition begins after this long, s.
-    patience: f64,
+    /// Of what is timed.
+    repetitions: Repetitions,
 }
 
-const QUICK: Extent = Extent { rungs: 2, repeats: 5, patience: 0.5 };
-const WHOLE: Extent = Extent { rungs: usize::MAX, repeats: 9, patience: 20.0 };
-
-/// A model in one material, with what every method is measured by.
-struct Subject<'a> {
-    model: &'a Path,
-    material: &'a str,
-    /// Options of `bake` that place the model.
-    placement: &'a [String],
-    lights: &'a [(String, Light)],
-    extent: Extent,
-    folder: &'a Path,
-    adapter: &'a Adapter,
-    console: &'a Console,
-}
+const QUICK: Extent = Extent { rungs: 2, repetitions: Repetitions { most: 5, patience: 0.5 } };
+const WHOLE: Extent = Extent { rungs: usize::MAX, repetitions: Repetitions { most: 9, patience: 20.0 } };
 
 #[derive(serde::Serialize)]
 struct ChartReport<'a> {
@@ -136,7 +78,7 @@ pub(super) fn run(args: &ChartArgs, console: &Console) -> Result<ExitCode> {
                 material,
                 placement: &placement,
                 lights: &lights,
-                extent,
+                repetitions: extent.repetitions,
                 folder: &work,
                 adapter: &adapter,
                 console,
@@ -153,11 +95,9 @@ pub(super) fn run(args: &ChartArgs, console: &Console) -> Result<ExitCode> {
             chart.truths.push(truth.entry);
         }
     }
-    let files = console.stage("write", || output::write(&chart, &pictures, &args.output))?;
-    if console.format == Format::Text && console.verbosity == Verbosity::Normal {
-        print_line(&format!("{} (after {})", files.page.display(), duration(console.seconds())))?;
-    }
-    report::print(console, "chart", &ChartReport { chart: &chart })?;
+    let page = console.stage("write", || report::chart::write(&chart, &pictures, &args.output))?;
+    console.say(&format!("{} (after {})", page.display(), duration(console.seconds())))?;
+    console.report("chart", &ChartReport { chart: &chart })?;
     Ok(ExitCode::Ok)
 }
 
@@ -174,16 +114,4 @@ fn say(row: &Row, console: &Console) {
         row.relight_ms.median,
         duration(row.bake_seconds)
     ));
-}
-
-/// Processor, threads and load.
-fn machine() -> Machine {
-    let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let name = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
-    let load = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
-    Machine {
-        processor: name.map_or_else(|| std::env::consts::ARCH.to_owned(), |(_, name)| name.trim().to_owned()),
-        threads: rayon::current_num_threads(),
-        load: load.split_whitespace().next().and_then(|l| l.parse().ok()),
-    }
 }

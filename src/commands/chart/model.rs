@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::Subject;
+use super::subject::Subject;
 use crate::error::{Error, Result};
 use crate::io::atomic;
 use crate::light::Light;

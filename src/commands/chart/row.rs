@@ -1,84 +1,25 @@
 //! One method at one setting: baked by a process of its own, opened, timed and compared.
 
-use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
 use glam::DVec3;
 use serde_json::Value;
 
+use super::subject::{Baked, Subject};
 use super::truth::Reference;
-use super::{Extent, Subject};
 use crate::asset::Asset;
-use crate::commands::inspect;
-use crate::error::{Error, ExitCode, Result};
-use crate::evaluate::{Evaluator, MaterialEdit, Method};
-use crate::io::atomic;
+use crate::error::{Error, Result};
+use crate::evaluate::{Evaluator, Method};
 use crate::light::Light;
 use crate::math::statistics::{Quantiles, VertexError, vertex_error};
 use crate::measure::chart::{LightError, PictureError, Row};
 use crate::measure::flip::{self, Picture};
 use crate::measure::image_error::image_error;
-use crate::medium::material::preset;
 use crate::progress::Silent;
 use crate::render::frame::{Frame, render};
-use crate::transport::scene::Medium;
-
-/// An asset, and what its bake said.
-pub(super) struct Baked {
-    pub(super) path: PathBuf,
-    /// As it would be typed.
-    pub(super) command: String,
-    report: Value,
-}
-
-/// What the page shows of a row: its picture of the first view, with the error of each pixel.
-pub(super) struct Shown {
-    pub(super) frame: Frame,
-    pub(super) truth: Frame,
-}
-
-/// The last part of a path.
-pub(super) fn name(model: &Path) -> String {
-    model.file_name().map_or_else(|| model.display().to_string(), |n| n.to_string_lossy().into_owned())
-}
-
-/// Bakes in another process, whose memory and time are its own; an asset and a report that are there already are taken.
-pub(super) fn bake(subject: &Subject, method: &str, rung: &str) -> Result<Baked> {
-    let model = subject.model.display().to_string();
-    let mut words: Vec<String> =
-        ["bake", &model, "--method", method, "--material", subject.material].map(str::to_owned).into();
-    words.extend_from_slice(subject.placement);
-    words.extend(rung.split_whitespace().map(str::to_owned));
-    let command = format!("translux {}", words.join(" "));
-    let bytes = std::fs::read(subject.model).map_err(|e| Error::io(subject.model, &e))?;
-    let mut hasher = blake3::Hasher::new();
-    hasher.update(env!("CARGO_PKG_VERSION").as_bytes()).update(command.as_bytes()).update(&bytes);
-    let key = hasher.finalize().to_hex()[..16].to_owned();
-    let file = |suffix: &str| subject.folder.join(format!("{key}.{suffix}"));
-    let (path, report_path) = (file("tlux"), file("json"));
-    let cached = std::fs::read(&report_path).ok().and_then(|text| serde_json::from_slice(&text).ok());
-    if let Some(report) = cached.filter(|_| path.is_file()) {
-        return Ok(Baked { path, command, report });
-    }
-    let program = std::env::current_exe().map_err(|e| Error::runtime(format!("where this program is: {e}")))?;
-    let threads = rayon::current_num_threads().to_string();
-    let output = std::process::Command::new(program)
-        .args(&words)
-        .args(["--json", "-q", "--threads", &threads, "-o"])
-        .arg(&path)
-        .output()
-        .map_err(|e| Error::runtime(format!("{command}: {e}")))?;
-    let failed = |what: &str| Error::runtime(format!("{command}: {what}"));
-    if !output.status.success() {
-        let said = String::from_utf8_lossy(&output.stderr).trim().trim_start_matches("translux: ").to_owned();
-        let code = ExitCode::ALL.iter().find(|(code, _)| output.status.code() == Some(*code as i32));
-        return Err(Error::new(code.map_or(ExitCode::Runtime, |(code, _)| *code), format!("{command}: {said}")));
-    }
-    let report: Value = serde_json::from_slice(&output.stdout).map_err(|e| failed(&e.to_string()))?;
-    atomic::write(&report_path, &output.stdout)?;
-    Ok(Baked { path, command, report })
-}
+use crate::report::chart::Shown;
+use crate::report::sizes::sizes;
 
 /// Measures one row.
 pub(super) fn of(
@@ -87,9 +28,9 @@ pub(super) fn of(
     rung: &str,
     truth: &Reference,
 ) -> Result<(Row, Shown)> {
-    let Baked { path, command, report } = bake(subject, method.name(), rung)?;
+    let Baked { path, command, report } = subject.bake(method.name(), rung)?;
     let bytes = std::fs::read(&path).map_err(|e| Error::io(&path, &e))?;
-    let sizes = inspect::sizes(&bytes)?;
+    let sizes = sizes(&bytes)?;
     let started = Instant::now();
     let asset = Arc::new(Asset::read(&path)?);
     let ledger = asset.ledger.clone();
@@ -103,17 +44,12 @@ pub(super) fn of(
         if !kinds.contains(&light.kind()) {
             continue;
         }
-        let mut times = Vec::with_capacity(subject.extent.repeats);
         let mut values = Vec::new();
-        let begun = Instant::now();
-        while times.is_empty()
-            || times.len() < subject.extent.repeats && begun.elapsed().as_secs_f64() < subject.extent.patience
-        {
-            let started = Instant::now();
+        let times = subject.repetitions.times(|| {
             evaluator.set_lights(vec![light.clone()], &Silent)?;
             values = evaluator.radiosity(&Silent)?;
-            times.push(1e3 * started.elapsed().as_secs_f64());
-        }
+            Ok(())
+        })?;
         let (picture, of_light) = pictures(evaluator.as_ref(), &values, index, truth)?;
         shown = shown.or(of_light);
         lights.push(LightError {
@@ -124,10 +60,11 @@ pub(super) fn of(
             relight_ms: Quantiles::of(times),
         });
     }
-    let edit_ms = edits(evaluator.as_mut(), &subject.extent)?;
+    let edit_ms = subject.repetitions.edits(evaluator.as_mut(), |evaluator| evaluator.radiosity(&Silent).map(drop))?;
     let (own, unserved): (Vec<_>, Vec<_>) = truth.lights.iter().partition(served);
     let own: Vec<(String, Light)> = own.into_iter().cloned().collect();
-    let device = subject.adapter.row(|| subject.console.registry.open(Arc::clone(&asset)), &own, &subject.extent)?;
+    let device =
+        subject.adapter.row(|| subject.console.registry.open(Arc::clone(&asset)), &own, subject.repetitions)?;
     let none = || Error::unsupported(format!("no light of the chart is one that {} serves", method.name()));
     let shown = shown.ok_or_else(none)?;
     let vertices = truth.areas.len();
@@ -137,7 +74,7 @@ pub(super) fn of(
     let stage = |s: &Value| Some((s["stage"].as_str()?.to_owned(), s["seconds"].as_f64()?));
     let cost = evaluator.cost();
     let row = Row {
-        model: name(subject.model),
+        model: subject.name(),
         material: subject.material.to_owned(),
         method: method.name().to_owned(),
         setting: rung.to_owned(),
@@ -181,38 +118,6 @@ fn negative_share(values: &[DVec3], areas: &[f64]) -> f64 {
         negative.map(|(_, area)| area).sum::<f64>() / total.max(f64::MIN_POSITIVE)
     };
     (0..3).map(of_channel).fold(0.0, f64::max)
-}
-
-/// Times of a change between two materials of one index of refraction; the media are as before in the end.
-fn edits(evaluator: &mut dyn Evaluator, extent: &Extent) -> Result<Option<Quantiles>> {
-    if evaluator.capabilities().material == MaterialEdit::None {
-        return Ok(None);
-    }
-    let before = evaluator.scene().media.clone();
-    let other: Vec<Medium> = before.iter().map(edited).collect();
-    let mut times = Vec::with_capacity(extent.repeats + 1);
-    let begun = Instant::now();
-    for (index, media) in [&other, &before].into_iter().cycle().take(2 * extent.repeats.div_ceil(2)).enumerate() {
-        // The second of a pair puts the media back.
-        if index >= 2 && index % 2 == 0 && begun.elapsed().as_secs_f64() > extent.patience {
-            break;
-        }
-        let started = Instant::now();
-        evaluator.set_media(media.clone())?;
-        evaluator.radiosity(&Silent)?;
-        times.push(1e3 * started.elapsed().as_secs_f64());
-    }
-    Ok(Some(Quantiles::of(times)))
-}
-
-/// Another material of the same index of refraction.
-pub(super) fn edited(medium: &Medium) -> Medium {
-    let mut other = medium.clone();
-    if let Some(skin) = preset("skin1") {
-        other.properties = skin.properties();
-        other.properties.eta_inside_over_outside = medium.properties.eta_inside_over_outside;
-    }
-    other
 }
 
 /// Errors of the pictures under the `index`-th light, and that of the first view.

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::row::{Baked, bake};
-use super::{Subject, model};
+use super::model;
+use super::subject::{Baked, Subject};
 use crate::asset::Asset;
 use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
@@ -38,7 +38,7 @@ pub(super) struct Reference {
 /// Bakes the reference, lights it and measures its own error.
 pub(super) fn of(subject: &Subject, samples: usize) -> Result<Reference> {
     let console = subject.console;
-    let Baked { path, command, .. } = bake(subject, "reference", &format!("--samples {samples}"))?;
+    let Baked { path, command, .. } = subject.bake("reference", &format!("--samples {samples}"))?;
     let asset = Arc::new(Asset::read(&path)?);
     let mut evaluator = console.registry.open(Arc::clone(&asset))?;
     let lights = match subject.lights {
@@ -66,7 +66,7 @@ pub(super) fn of(subject: &Subject, samples: usize) -> Result<Reference> {
     };
     Ok(Reference {
         entry: Truth {
-            model: super::row::name(subject.model),
+            model: subject.name(),
             material: subject.material.to_owned(),
             samples: asset.samples.len(),
             own_rms,

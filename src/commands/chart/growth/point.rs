@@ -7,11 +7,10 @@ use std::time::Instant;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::child::{self, Bake, Outcome};
-use super::{Place, WORDS};
 use crate::asset::Asset;
-use crate::commands::console::{Console, duration};
-use crate::commands::inspect;
+use crate::commands::chart::child::{self, Bake, Outcome};
+use crate::commands::chart::timing::Repetitions;
+use crate::commands::console::Console;
 use crate::error::{Error, Result};
 use crate::evaluate::Method;
 use crate::geometry::source::SourceModel;
@@ -20,10 +19,23 @@ use crate::light::Light;
 use crate::math::statistics::Quantiles;
 use crate::measure::growth::explain::pairs;
 use crate::measure::growth::fit::predict;
+use crate::measure::growth::limits::Words;
 use crate::measure::growth::{Axis, Costs, Limits, Missing, Point, Quantity, Skipped, surface};
 use crate::medium::material::Material;
 use crate::progress::Silent;
+use crate::report::sizes::sizes;
+use crate::report::text::{duration, megabytes};
 use crate::transport::scene::Scene;
+
+/// One size on one axis.
+pub(super) struct Place {
+    pub(super) axis: Axis,
+    /// As asked for.
+    pub(super) size: f64,
+    pub(super) vertices: usize,
+    pub(super) samples: Option<usize>,
+    pub(super) size_mm: f64,
+}
 
 /// The surface in some number of vertices.
 pub(super) struct Shape {
@@ -47,8 +59,7 @@ pub(super) struct Measurer<'a> {
     /// What times depend on beside the command and the light.
     pub(super) context: String,
     pub(super) limits: Limits,
-    pub(super) repeats: usize,
-    pub(super) patience: f64,
+    pub(super) repetitions: Repetitions,
     pub(super) work: &'a Path,
     pub(super) console: &'a Console,
 }
@@ -154,13 +165,7 @@ impl Measurer<'_> {
         if let Some(reason) = self.limits.too_long(predicted, WORDS) {
             return Ok(without(reason));
         }
-        let bake = Bake {
-            words,
-            key,
-            work: self.work,
-            kill_seconds: self.limits.kill_seconds(),
-            memory_bytes: self.limits.memory_bytes,
-        };
+        let bake = Bake { words, key, work: self.work, limits: Some(self.limits) };
         match child::bake(&bake)? {
             Outcome::Done(asset, report) => self.costs(point, &asset, &report, before),
             Outcome::Ended(after) => {
@@ -200,26 +205,22 @@ impl Measurer<'_> {
 
     /// Opens an asset and times a new light.
     fn costs(&self, point: &Point, path: &Path, report: &Value, before: &[Point]) -> Result<Kept> {
-        let sizes = inspect::sizes(&std::fs::read(path).map_err(|e| Error::io(path, &e))?)?;
+        let sizes = sizes(&std::fs::read(path).map_err(|e| Error::io(path, &e))?)?;
         let started = Instant::now();
         let mut evaluator = self.console.registry.open(Arc::new(Asset::read(path)?))?;
         let open_ms = 1e3 * started.elapsed().as_secs_f64();
         let cost = evaluator.cost();
         let predicted = self.predicted_relight(point, cost.samples, before);
         let skipped = self.limits.too_long(predicted, WORDS).map(|reason| Skipped { what: Missing::Relight, reason });
-        let mut times = Vec::with_capacity(self.repeats);
-        if skipped.is_none() {
-            let begun = Instant::now();
-            while times.is_empty() || times.len() < self.repeats && begun.elapsed().as_secs_f64() < self.patience {
-                let started = Instant::now();
-                evaluator.set_lights(vec![self.light.clone()], &Silent)?;
-                let radiosity = evaluator.radiosity(&Silent)?;
-                times.push(1e3 * started.elapsed().as_secs_f64());
-                if !radiosity.iter().all(|b| b.is_finite()) {
-                    return Err(Error::runtime(format!("{}: its radiosity is not finite", point.command)));
-                }
+        let relight = || {
+            evaluator.set_lights(vec![self.light.clone()], &Silent)?;
+            let radiosity = evaluator.radiosity(&Silent)?;
+            match radiosity.iter().all(|b| b.is_finite()) {
+                true => Ok(()),
+                false => Err(Error::runtime(format!("{}: its radiosity is not finite", point.command))),
             }
-        }
+        };
+        let times = if skipped.is_none() { self.repetitions.times(relight)? } else { Vec::new() };
         let missing = |name: &str| Error::runtime(format!("{}: its report has no `{name}`", point.command));
         let stages = report["stages"].as_array().map_or(&[] as &[Value], Vec::as_slice);
         let stage = |s: &Value| Some((s["stage"].as_str()?.to_owned(), s["seconds"].as_f64()?));
@@ -251,3 +252,6 @@ impl Kept {
         }
     }
 }
+
+/// How limits say what they allow.
+const WORDS: Words = Words { duration, bytes: megabytes };

@@ -9,6 +9,7 @@ use serde_json::Value;
 
 use crate::error::{Error, ExitCode, Result};
 use crate::io::atomic;
+use crate::measure::growth::Limits;
 
 /// How often a running bake is looked at.
 const POLL: Duration = Duration::from_millis(10);
@@ -30,8 +31,8 @@ pub(super) struct Bake<'a> {
     /// Names the files of this bake.
     pub(super) key: &'a str,
     pub(super) work: &'a Path,
-    pub(super) kill_seconds: f64,
-    pub(super) memory_bytes: u64,
+    /// None: as long and as large as it becomes.
+    pub(super) limits: Option<Limits>,
 }
 
 /// Bakes, or takes an asset and a report that are there already.
@@ -80,7 +81,8 @@ fn run(bake: &Bake, folder: &Path) -> Result<Outcome> {
     let mut child = Command::new(program)
         .args(bake.words)
         .args(["--json", "-q", "--threads", &rayon::current_num_threads().to_string()])
-        .args(["--max-memory", &bake.memory_bytes.to_string(), "-o"])
+        .args(bake.limits.map(|l| format!("--max-memory={}", l.memory_bytes)))
+        .arg("-o")
         .arg(&made)
         .stdin(Stdio::null())
         .stdout(create(&paths[0])?)
@@ -91,7 +93,7 @@ fn run(bake: &Bake, folder: &Path) -> Result<Outcome> {
     let status = loop {
         match child.try_wait() {
             Ok(Some(status)) => break status,
-            Ok(None) if started.elapsed().as_secs_f64() > bake.kill_seconds => {
+            Ok(None) if bake.limits.is_some_and(|l| started.elapsed().as_secs_f64() > l.kill_seconds()) => {
                 // It may have ended by itself just now.
                 let _ = child.kill();
                 let _ = child.wait();

@@ -1,8 +1,7 @@
-//! The files of a chart.
+//! The files of a chart: tables, drawings and the page.
 
 use std::path::{Path, PathBuf};
 
-use super::row::Shown;
 use crate::error::{Error, Result};
 use crate::io::atomic;
 use crate::io::png::encode_png;
@@ -12,10 +11,14 @@ use crate::measure::chart::page::{Triple, page};
 use crate::measure::chart::table::csv;
 use crate::measure::chart::{Chart, Row, Truth};
 use crate::render::film::Exposure;
+use crate::render::frame::Frame;
 
-/// What was written.
-pub(super) struct Files {
-    pub(super) page: PathBuf,
+/// The pictures that the page shows of a row: its first view, and that of the reference.
+pub(crate) struct Shown {
+    /// By the method.
+    pub(crate) frame: Frame,
+    /// By the reference.
+    pub(crate) truth: Frame,
 }
 
 /// A cost that the error is drawn against.
@@ -54,8 +57,8 @@ const COSTS: &[Cost] = &[
 /// The difference is shown this many times as bright.
 const AMPLIFICATION: f32 = 10.0;
 
-/// Writes tables, charts and the page.
-pub(super) fn write(chart: &Chart, shown: &[Shown], folder: &Path) -> Result<Files> {
+/// Writes tables, charts and the page, of which `shown` has one entry for each row; returns the page's path.
+pub(crate) fn write(chart: &Chart, shown: &[Shown], folder: &Path) -> Result<PathBuf> {
     let put = |name: &str, bytes: &[u8]| atomic::write(&folder.join(name), bytes);
     let json = serde_json::to_string_pretty(chart).map_err(|e| Error::runtime(format!("chart.json: {e}")))?;
     put("chart.json", format!("{json}\n").as_bytes())?;
@@ -85,7 +88,7 @@ pub(super) fn write(chart: &Chart, shown: &[Shown], folder: &Path) -> Result<Fil
     let triple = |&index: &usize| triple(&chart.rows[index], &shown[index]);
     let pictures: Vec<Triple> = members.iter().map(triple).collect::<Result<_>>()?;
     put("index.html", page(chart, &charts, &pictures).as_bytes())?;
-    Ok(Files { page: folder.join("index.html") })
+    Ok(folder.join("index.html"))
 }
 
 fn is_of(row: &Row, truth: &Truth) -> bool {

@@ -1,16 +1,17 @@
 //! An asset opened for evaluation, with the materials that the command line asks for.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
 
-use super::console::{Console, significant};
-use super::media::{MediumArgs, ProfileArg};
+use super::console::Console;
+use super::media::{MediumArgs, ProfileArg, without_transport};
 use crate::asset::{Asset, Provenance};
 use crate::error::{Error, Result};
-use crate::evaluate::{AnyForm, Evaluator, Registry};
+use crate::evaluate::{Evaluator, Registry};
 use crate::forms::density;
+use crate::report::text::significant;
 
 /// An asset and its materials.
 #[derive(Clone, Debug, Args)]
@@ -21,9 +22,8 @@ pub(super) struct AssetArgs {
     media: MediumArgs,
     #[command(flatten)]
     profile: ProfileArg,
-    /// Another size of the object: its diagonal in mm. For assets that hold no transport (two_pass, reference); lights stay where
-    /// they are
-    #[arg(long, value_name = "MM", allow_negative_numbers = true, help_heading = "Size")]
+    #[arg(long, value_name = "MM", allow_negative_numbers = true, help_heading = "Size", help = format!(
+        "Another size of the object: its diagonal in mm; lights stay where they are. {}", without_transport()))]
     size_mm: Option<f64>,
 }
 
@@ -33,18 +33,33 @@ pub(super) struct Opened {
     pub(super) evaluator: Box<dyn Evaluator>,
 }
 
+impl Opened {
+    /// Relative error that the bake was asked for.
+    pub(super) fn asked_rms(&self) -> Option<f64> {
+        self.provenance.settings.get("max-rms").and_then(|text| text.parse().ok())
+    }
+}
+
+/// The evaluator of an asset that was baked in memory.
+pub(super) fn baked(asset: Asset, console: &Console) -> Result<Box<dyn Evaluator>> {
+    console.stage("prepare", || console.registry.open(Arc::new(asset)))
+}
+
+/// Makes the evaluators of assets, their memory checked before.
+pub(super) fn within_memory(console: &Console) -> impl Fn(&Arc<Asset>, &Path) -> Result<Box<dyn Evaluator>> {
+    |asset, path| {
+        let form = console.registry.form(asset).map_err(|e| e.at(path.display()))?;
+        let needed = density::memory(asset.samples.len(), &asset.scene);
+        console.check_memory(needed, "raise --max-memory, or bake with fewer --samples")?;
+        console.stage("prepare", || form.open(Arc::clone(asset))).map_err(|e| e.at(path.display()))
+    }
+}
+
 impl AssetArgs {
     /// Reads the asset and puts the materials in force.
     pub(super) fn open(&self, console: &Console) -> Result<Opened> {
-        let asset = console.stage("open", || Asset::read(&self.asset))?;
-        let form = console.registry.form(&asset).map_err(|e| e.at(self.asset.display()))?;
-        let asset = Arc::new(match self.size_mm {
-            Some(size_mm) => self.resized(asset, form.as_ref(), size_mm)?,
-            None => asset,
-        });
-        let needed = density::memory(asset.samples.len(), &asset.scene);
-        console.check_memory(needed, "raise --max-memory, or bake with fewer --samples")?;
-        let mut evaluator = console.stage("prepare", || form.open(Arc::clone(&asset)))?;
+        let asset = Arc::new(console.stage("open", || self.read(&console.registry, &self.asset))?);
+        let mut evaluator = within_memory(console)(&asset, &self.asset)?;
         if let Some(media) = self.media.choice().of_scene(evaluator.scene())? {
             evaluator.set_media(media)?;
         }
@@ -52,12 +67,13 @@ impl AssetArgs {
         // The asset goes, and with it what the evaluator has in another form.
         Ok(Opened { provenance: asset.provenance.clone(), evaluator })
     }
-}
 
-impl AssetArgs {
-    fn resized(&self, asset: Asset, form: &dyn AnyForm, size_mm: f64) -> Result<Asset> {
-        if form.holds_transport() {
-            let (path, baked) = (self.asset.display(), asset.scene.mesh.diagonal_mm());
+    /// Reads an asset; the one of these arguments comes in its other size where one is asked for.
+    fn read(&self, registry: &Registry, path: &Path) -> Result<Asset> {
+        let asset = Asset::read(path)?;
+        let Some(size_mm) = self.size_mm.filter(|_| path == self.asset) else { return Ok(asset) };
+        if registry.form(&asset).map_err(|e| e.at(path.display()))?.holds_transport() {
+            let (path, baked) = (path.display(), asset.scene.mesh.diagonal_mm());
             return Err(Error::unsupported(format!(
                 "{path}: --size-mm {size_mm}: the transport of `{}` was computed for {} mm; bake again with that size, or with \
                  --method editable, which stores none",
@@ -81,16 +97,10 @@ impl AssetArgs {
     pub(super) fn again(
         &self,
         registry: &Registry,
-        path: &std::path::Path,
+        path: &Path,
         profile: Option<&crate::medium::profiles::model::LoadedProfile>,
     ) -> Result<Box<dyn Evaluator>> {
-        let asset = Asset::read(path)?;
-        let form = registry.form(&asset)?;
-        let asset = match self.size_mm {
-            Some(size_mm) if path == self.asset => self.resized(asset, form.as_ref(), size_mm)?,
-            _ => asset,
-        };
-        let mut evaluator = form.open(Arc::new(asset))?;
+        let mut evaluator = registry.open(Arc::new(self.read(registry, path)?))?;
         if let Some(profile) = profile {
             evaluator.set_profile(profile.clone())?;
         }

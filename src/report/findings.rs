@@ -1,6 +1,7 @@
-//! What a reader accepts and should not have been written: the catalogue, and the search in what a scan found.
+//! Findings about an asset that a reader accepts and that should not have been written: the catalogue, and the search in a scan.
 
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
 use serde::Serialize;
@@ -12,9 +13,8 @@ use translux_format::{
     multilevel, parts, quantised_lights, quantised_values, samples, scattering_lists,
 };
 
-use super::console::percent;
-use super::validate::Finding;
-use crate::asset::ALGORITHM_REVISION;
+use super::text::percent;
+use crate::asset::{ALGORITHM_REVISION, Asset};
 use crate::compress::ledger::ENVIRONMENT_STAGES;
 use crate::evaluate::Registry;
 use crate::evaluate::keys::share;
@@ -25,7 +25,7 @@ use crate::medium::entrance_basis::EntranceBasis;
 /// Whether an asset with such a finding can be used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub(super) enum Severity {
+pub enum Severity {
     /// It cannot, or gives wrong results.
     Error,
     /// It can, and something is odd.
@@ -33,7 +33,8 @@ pub(super) enum Severity {
 }
 
 impl Severity {
-    pub(super) fn name(self) -> &'static str {
+    /// As reports print it.
+    pub fn name(self) -> &'static str {
         match self {
             Self::Error => "error",
             Self::Warning => "warning",
@@ -42,19 +43,56 @@ impl Severity {
 }
 
 /// An entry of the catalogue. Numbers are never reused.
-pub(super) struct FindingKind {
-    pub(super) number: u16,
-    pub(super) severity: Severity,
-    pub(super) name: &'static str,
-    pub(super) meaning: &'static str,
+pub struct FindingKind {
+    /// From 100 on; smaller ones are the format's.
+    pub number: u16,
+    /// Whether the asset can be used.
+    pub severity: Severity,
+    /// One word in capitals.
+    pub name: &'static str,
+    /// One line without values.
+    pub meaning: &'static str,
+}
+
+/// A fault of an asset, or an oddity.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Finding {
+    /// Never changes its meaning: those of the format up to 99, those of [`CATALOGUE`] from 100 on.
+    pub number: u16,
+    /// One word in capitals.
+    pub name: &'static str,
+    /// Whether the asset can be used.
+    pub severity: Severity,
+    /// Section that it is about.
+    pub section: Option<String>,
+    /// The fault with its values.
+    pub message: String,
+}
+
+impl Finding {
+    /// A finding about the bytes.
+    pub fn of_format(error: &FormatError) -> Self {
+        Self {
+            number: error.code(),
+            name: error.name(),
+            severity: Severity::Error,
+            section: error.tag().map(|tag| tag.to_string()),
+            message: error.to_string(),
+        }
+    }
+
+    fn new(kind: &FindingKind, section: Option<Tag>, message: String) -> Self {
+        let (number, name, severity) = (kind.number, kind.name, kind.severity);
+        Self { number, name, severity, section: section.map(|tag| tag.to_string()), message }
+    }
 }
 
 macro_rules! catalogue {
     ($($constant:ident = $number:literal $severity:ident $name:literal $meaning:literal;)*) => {
-        $(pub(super) const $constant: FindingKind =
+        $(const $constant: FindingKind =
             FindingKind { number: $number, severity: Severity::$severity, name: $name, meaning: $meaning };)*
         /// Every finding about what a reader accepts.
-        pub(super) const CATALOGUE: &[FindingKind] = &[$($constant),*];
+        pub const CATALOGUE: &[FindingKind] = &[$($constant),*];
     };
 }
 
@@ -94,16 +132,17 @@ fn without_samples() -> Vec<Tag> {
 }
 
 /// Versions, and sections that nobody here reads.
-pub(super) fn of_version(scan: &Scan) -> Vec<Finding> {
+pub fn of_version(scan: &Scan) -> Vec<Finding> {
     let mut out = Vec::new();
     if let Some((major, minor)) = scan.version.filter(|(_, minor)| *minor > VERSION_MINOR) {
         let known = format!("this build knows {VERSION_MAJOR}.{VERSION_MINOR}");
         out.push(Finding::new(&NEWER_VERSION, None, format!("version {major}.{minor}; {known}")));
     }
     for section in &scan.sections {
+        let of_form = [metadata::tags::FORM, metadata::tags::SETTINGS];
         let others = [profile_basis::tags::TOTALS, rows::tags::BLOCKS, multilevel::tags::NUMBERS];
         let far = [&far_field::tags::ALL[..], &far_field::tags::OPTIONAL].concat();
-        let sampled = [&far[..], &profile_basis::tags::ALL, &rows::tags::ALL, &others].concat();
+        let sampled = [&far[..], &profile_basis::tags::ALL, &rows::tags::ALL, &others, &of_form].concat();
         if ![&COMMON_TAGS[..], &sampled, &without_samples()].concat().contains(&section.tag) {
             let (bytes, kind) = (section.stored_bytes, section.kind);
             let message = format!("section {} ({kind}, {bytes} bytes) is unknown", section.tag);
@@ -114,7 +153,7 @@ pub(super) fn of_version(scan: &Scan) -> Vec<Finding> {
 }
 
 /// Mesh, parts and samples.
-pub(super) fn of_geometry(scan: &Scan) -> Vec<Finding> {
+pub fn of_geometry(scan: &Scan) -> Vec<Finding> {
     let mut out = Vec::new();
     let Some(file) = &scan.mesh else { return out };
     let used: BTreeSet<u32> = file.triangles.iter().flatten().copied().collect();
@@ -212,7 +251,7 @@ fn geometry_of(file: &translux_format::Mesh) -> Mesh {
 }
 
 /// Method, settings and what the ledger promises.
-pub(super) fn of_provenance(scan: &Scan, registry: &Registry) -> Vec<Finding> {
+pub fn of_provenance(scan: &Scan, registry: &Registry) -> Vec<Finding> {
     let mut out = Vec::new();
     let ledger = Some(metadata::tags::LEDGER);
     if scan.ledger.as_ref().is_some_and(Vec::is_empty) {
@@ -280,6 +319,13 @@ fn of_method(provenance: &translux_format::Provenance, registry: &Registry) -> V
         let message = format!("{} does not know the settings {}", method.name(), list(unknown));
         out.push(Finding::new(&SETTINGS, tag, message));
     }
+    for key in method.keys() {
+        let text = provenance.settings.iter().find(|(name, _)| name == key.name()).map(|(_, text)| text);
+        if let Some(text) = text.filter(|text| key.check(text).is_err()) {
+            let message = format!("`{}` is `{text}`; {} is needed", key.name(), key.values());
+            out.push(Finding::new(&SETTINGS, tag, message));
+        }
+    }
     out
 }
 
@@ -287,7 +333,7 @@ fn of_method(provenance: &translux_format::Provenance, registry: &Registry) -> V
 ///
 /// # Errors
 /// What their sections are refused for.
-pub(super) fn of_method_sections(scan: &Scan) -> Result<Vec<Finding>, Vec<FormatError>> {
+pub fn of_method_sections(scan: &Scan) -> Result<Vec<Finding>, Vec<FormatError>> {
     // A section that does not decode has been found already; the others would be blamed for missing it.
     let damaged: Vec<_> = scan.errors.iter().filter_map(FormatError::tag).collect();
     let intact = |tags: &[Tag]| !tags.iter().any(|tag| damaged.contains(tag));
@@ -328,6 +374,13 @@ pub(super) fn of_method_sections(scan: &Scan) -> Result<Vec<Finding>, Vec<Format
         out.push(Finding::new(&ANGLES, Some(rows::tags::FUNCTIONS), refused.message().to_owned()));
     }
     Ok(out)
+}
+
+/// Opens what nothing is wrong with so far, as every command does.
+pub fn of_opening(scan: &Scan, bytes: &[u8], registry: &Registry) -> Option<Finding> {
+    let method = registry.method(&scan.provenance.as_ref()?.method).ok()?;
+    let refused = Asset::from_bytes(bytes).and_then(|asset| registry.open(Arc::new(asset))).err()?;
+    Some(Finding::new(&REFUSED, None, format!("method {}: {refused}", method.name())))
 }
 
 #[cfg(test)]

@@ -8,19 +8,23 @@ use glam::DVec3;
 use serde::Serialize;
 use translux_format::{Budget, FormatError, Provenance, Reader, SectionInfo, Tag, metadata};
 
-use super::console::{Console, percent};
-use super::output;
+use super::vertices::vertex_areas;
 use crate::asset::Asset;
 use crate::error::{Error, ExitCode, Result};
-use crate::forms::density;
+use crate::evaluate::Evaluator;
 use crate::geometry::mesh::Mesh;
 use crate::light::Light;
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::measure::probes;
+use crate::progress::Progress;
+use crate::report::text::{percent, table};
 
-/// What two assets have in common and what not.
+/// Makes the evaluator of an asset; the path is for its errors.
+pub type Open<'a> = dyn Fn(&Arc<Asset>, &Path) -> Result<Box<dyn Evaluator>> + 'a;
+
+/// Differences of two assets by section, setting and origin.
 #[derive(Clone, Debug, Serialize)]
-pub(super) struct AssetDifference {
+pub struct AssetDifference {
     sections: Vec<SectionPair>,
     settings: Vec<Difference>,
     provenance: Vec<Difference>,
@@ -154,7 +158,7 @@ impl AssetDifference {
             let bytes = |b: Option<u64>| b.map_or_else(|| "-".to_owned(), |b| b.to_string());
             let mut rows = vec![["section", "bytes of A", "bytes of B"].map(str::to_owned)];
             rows.extend(differing.iter().map(|s| [s.tag.clone(), bytes(s.decoded_bytes_a), bytes(s.decoded_bytes_b)]));
-            lines.push(output::table(&rows));
+            lines.push(table(&rows));
         }
         for (what, list) in [("setting", &self.settings), ("provenance", &self.provenance)] {
             let text = |value: &Option<String>| value.clone().unwrap_or_else(|| "-".to_owned());
@@ -176,10 +180,11 @@ impl AssetDifference {
 pub(super) fn radiosity(
     [a, b]: [&[u8]; 2],
     [path_a, path_b]: [&Path; 2],
-    console: &Console,
+    open: &Open,
+    progress: &dyn Progress,
 ) -> Result<(VertexError, Vec<ProbeError>)> {
-    let open = |bytes: &[u8], path: &Path| Asset::from_bytes(bytes).map(Arc::new).map_err(|e| e.at(path.display()));
-    let (a, b) = (open(a, path_a)?, open(b, path_b)?);
+    let read = |bytes: &[u8], path: &Path| Asset::from_bytes(bytes).map(Arc::new).map_err(|e| e.at(path.display()));
+    let (a, b) = (read(a, path_a)?, read(b, path_b)?);
     let (mesh, other) = (&b.scene.mesh, &a.scene.mesh);
     let same =
         |x: &Mesh, y: &Mesh| x.origin_mm == y.origin_mm && x.local_mm == y.local_mm && x.triangles == y.triangles;
@@ -194,10 +199,10 @@ pub(super) fn radiosity(
         )));
     }
     let lights = probe_lights(mesh);
-    let areas =
-        super::compare::vertex_areas(|v| mesh.local_mm[v as usize].as_dvec3(), mesh.local_mm.len(), &mesh.triangles);
-    let values_a = under(&a, path_a, &lights, console)?;
-    let values_b = under(&b, path_b, &lights, console)?;
+    let areas = vertex_areas(|v| mesh.local_mm[v as usize].as_dvec3(), mesh.local_mm.len(), &mesh.triangles);
+    // One after the other: the first evaluator is gone before the second is opened.
+    let values_a = under(open(&a, path_a)?, &lights, progress)?;
+    let values_b = under(open(&b, path_b)?, &lights, progress)?;
     let errors = lights
         .iter()
         .zip(values_a.iter().zip(&values_b))
@@ -216,13 +221,14 @@ fn probe_lights(mesh: &Mesh) -> Vec<(&'static str, Light)> {
 }
 
 /// Radiosity of the vertices under each light.
-fn under(asset: &Arc<Asset>, path: &Path, lights: &[(&str, Light)], console: &Console) -> Result<Vec<Vec<DVec3>>> {
-    let needed = density::memory(asset.samples.len(), &asset.scene);
-    console.check_memory(needed, "raise --max-memory, or bake with fewer --samples")?;
-    let mut evaluator = console.registry.open(Arc::clone(asset)).map_err(|e| e.at(path.display()))?;
+fn under(
+    mut evaluator: Box<dyn Evaluator>,
+    lights: &[(&str, Light)],
+    progress: &dyn Progress,
+) -> Result<Vec<Vec<DVec3>>> {
     let values = lights.iter().map(|(_, light)| {
-        evaluator.set_lights(vec![light.clone()], console)?;
-        evaluator.radiosity(console)
+        evaluator.set_lights(vec![light.clone()], progress)?;
+        evaluator.radiosity(progress)
     });
     values.collect()
 }

@@ -10,7 +10,7 @@ use crate::measure::growth::table::csv;
 use crate::measure::growth::{Axis, Growth, Quantity};
 
 /// Writes tables, charts and the page; returns the page's path.
-pub(super) fn write(growth: &Growth, folder: &Path) -> Result<PathBuf> {
+pub(crate) fn write(growth: &Growth, folder: &Path) -> Result<PathBuf> {
     let put = |name: &str, bytes: &[u8]| atomic::write(&folder.join(name), bytes);
     let json = serde_json::to_string_pretty(growth).map_err(|e| Error::runtime(format!("growth.json: {e}")))?;
     put("growth.json", format!("{json}\n").as_bytes())?;

@@ -1,0 +1,69 @@
+//! How often something is timed, and the edit of materials that is.
+
+use std::time::Instant;
+
+use crate::error::Result;
+use crate::evaluate::{Evaluator, MaterialEdit};
+use crate::math::statistics::Quantiles;
+use crate::medium::material::preset;
+use crate::transport::scene::Medium;
+
+/// Repetitions of something that is timed.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Repetitions {
+    /// At most.
+    pub(super) most: usize,
+    /// None begins after this long, s.
+    pub(super) patience: f64,
+}
+
+impl Repetitions {
+    /// Times of repeated work, ms; at least one.
+    pub(super) fn times(self, mut work: impl FnMut() -> Result<()>) -> Result<Vec<f64>> {
+        let mut times = Vec::with_capacity(self.most);
+        let begun = Instant::now();
+        while times.is_empty() || times.len() < self.most && begun.elapsed().as_secs_f64() < self.patience {
+            let started = Instant::now();
+            work()?;
+            times.push(1e3 * started.elapsed().as_secs_f64());
+        }
+        Ok(times)
+    }
+
+    /// Times of a change between two materials of one index of refraction, none where the material is baked in; the media are as
+    /// before in the end.
+    pub(super) fn edits<E: Evaluator + ?Sized>(
+        self,
+        evaluator: &mut E,
+        update: impl Fn(&mut E) -> Result<()>,
+    ) -> Result<Option<Quantiles>> {
+        if evaluator.capabilities().material == MaterialEdit::None {
+            return Ok(None);
+        }
+        let before = evaluator.scene().media.clone();
+        let other: Vec<Medium> = before.iter().map(edited).collect();
+        let mut times = Vec::with_capacity(self.most + 1);
+        let begun = Instant::now();
+        for (index, media) in [&other, &before].into_iter().cycle().take(2 * self.most.div_ceil(2)).enumerate() {
+            // The second of a pair puts the media back.
+            if index >= 2 && index % 2 == 0 && begun.elapsed().as_secs_f64() > self.patience {
+                break;
+            }
+            let started = Instant::now();
+            evaluator.set_media(media.clone())?;
+            update(evaluator)?;
+            times.push(1e3 * started.elapsed().as_secs_f64());
+        }
+        Ok(Some(Quantiles::of(times)))
+    }
+}
+
+/// Another material of the same index of refraction.
+fn edited(medium: &Medium) -> Medium {
+    let mut other = medium.clone();
+    if let Some(skin) = preset("skin1") {
+        other.properties = skin.properties();
+        other.properties.eta_inside_over_outside = medium.properties.eta_inside_over_outside;
+    }
+    other
+}

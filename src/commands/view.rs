@@ -1,0 +1,82 @@
+//! Options of every command that shows the object: camera, exposure, surface, texture, background.
+
+use clap::Args;
+
+use super::console::Console;
+use crate::error::Result;
+use crate::geometry::mesh::Mesh;
+use crate::render::background::Background;
+use crate::render::camera_text::CameraSpec;
+use crate::render::film::Exposure;
+use crate::render::frame::Specular;
+use crate::render::specular::Roughness;
+use crate::render::texture::Texture;
+use crate::render::texture::spec::{MarbleSpec, TextureSpec};
+
+/// How the object is seen.
+#[derive(Clone, Debug, Args)]
+#[command(next_help_heading = "Picture")]
+pub(super) struct ViewArgs {
+    /// Eye, target, up and vertical degrees, in mm, as at=0,8,75:look=0,0,0:up=0,1,0:fov=28; every key may be left out
+    /// (default: the whole object from the front, slightly above)
+    #[arg(long, value_name = "CAMERA")]
+    pub(super) camera: Option<CameraSpec>,
+    /// Brightness of 8-bit colours: auto (the 99.5th percentile of the object becomes white, in the first frame) or stops
+    #[arg(long, value_name = "auto|EV", default_value = "auto", allow_hyphen_values = true)]
+    pub(super) exposure: Exposure,
+    /// What is seen beside the object: env (environments and constant lights), none (transparent in PNG) or R,G,B
+    #[arg(long, value_name = "env|none|RGB", default_value = "env")]
+    pub(super) background: Background,
+    /// Roughness of the surface for specular reflection, from 0 (polished) to 1 (matt)
+    #[arg(long, value_name = "R", default_value_t = Roughness::default(), allow_hyphen_values = true)]
+    roughness: Roughness,
+    /// No specular reflection of the lights
+    #[arg(long, conflicts_with = "roughness")]
+    no_specular: bool,
+    /// Albedo that scattered light is multiplied by, not reflected light: none, marble, a PNG over the texture coordinates,
+    /// or the base colours of a glTF model
+    #[arg(long, value_name = "TEXTURE", default_value_t, long_help = texture_help())]
+    pub(super) texture: TextureSpec,
+}
+
+fn texture_help() -> String {
+    let MarbleSpec { base, veins, turbulence, octaves, sharpness, .. } = MarbleSpec::default();
+    let rgb = |v: glam::DVec3| format!("{},{},{}", v.x, v.y, v.z);
+    format!(
+        "Albedo that scattered light is multiplied by, not reflected light, and the same in every light:\n  \
+         none\n  \
+         marble, or marble:key=value:...\n  \
+         image:path=FILE.png, or a bare path: over the texture coordinates of the model\n  \
+         base-colour:path=MODEL.glb, or a bare path: base-colour factors and PNG pictures of the model that was baked\n\
+         Keys of marble: scale (mm between veins; default a fifth of the diagonal), base and veins (linear R,G,B or one \
+         number, 0 to 1; default {} and {}), turbulence (how far veins are shifted, in their distances; default \
+         {turbulence}), octaves (of the turbulence; default {octaves}), sharpness (of the veins; default {sharpness}), seed.",
+        rgb(base),
+        rgb(veins)
+    )
+}
+
+impl ViewArgs {
+    /// The defaults for a camera.
+    pub(super) fn from(camera: CameraSpec) -> Self {
+        Self {
+            camera: Some(camera),
+            exposure: Exposure::Auto,
+            background: Background::Environment,
+            roughness: Roughness::default(),
+            no_specular: false,
+            texture: TextureSpec::None,
+        }
+    }
+
+    pub(super) fn specular(&self) -> Specular {
+        if self.no_specular { Specular::Off } else { Specular::Rough(self.roughness) }
+    }
+
+    /// Reads the texture for a mesh; says what is odd about it.
+    pub(super) fn load_texture(&self, mesh: &Mesh, console: &Console) -> Result<Option<Texture>> {
+        let texture = Texture::new(&self.texture, mesh)?;
+        texture.iter().flat_map(Texture::warnings).for_each(|warning| console.warn(warning));
+        Ok(texture)
+    }
+}

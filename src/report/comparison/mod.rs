@@ -1,0 +1,222 @@
+//! Pairs of PLY files, OpenEXR pictures or assets: whether they are equal, and how far the first is from the second.
+
+pub mod assets;
+pub mod pictures;
+mod vertices;
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+
+use self::assets::{AssetDifference, Open};
+use self::pictures::FlipReport;
+use super::text::percent;
+use crate::error::{Error, Result};
+use crate::import::file::suffix;
+use crate::math::statistics::VertexError;
+use crate::measure::flip::Exposures;
+use crate::measure::image_error::ImageError;
+use crate::progress::Progress;
+
+/// The figure that judges a comparison.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Metric {
+    /// Area-weighted RMS over vertices, worst channel; RMS over covered pixels for pictures.
+    #[default]
+    Rms,
+    /// 99.9th percentile.
+    P999,
+    /// Worst vertex or pixel.
+    Worst,
+    /// Mean HDR-FLIP of pictures, 0 to 1.
+    Flip,
+}
+
+impl Metric {
+    /// None for a figure that vertices do not have.
+    fn of(self, error: &VertexError) -> Option<f64> {
+        match self {
+            Self::Rms => Some(error.rms),
+            Self::P999 => Some(error.p999),
+            Self::Worst => Some(error.worst),
+            Self::Flip => None,
+        }
+    }
+}
+
+/// The first of two files against the second.
+#[derive(Clone, Debug, Serialize)]
+pub struct Comparison {
+    /// The file that is judged.
+    #[serde(serialize_with = "super::path")]
+    pub a: PathBuf,
+    /// The reference.
+    #[serde(serialize_with = "super::path")]
+    pub b: PathBuf,
+    /// Whether the contents are the same.
+    pub equal: bool,
+    /// The figure that is judged.
+    pub metric: Metric,
+    /// The metric; none for assets without a threshold, whose bytes are compared.
+    pub value: Option<f64>,
+    /// The largest allowed value.
+    pub threshold: Option<f64>,
+    /// Of vertices, of PLY files or of assets under the probe lights.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub vertices: Option<VertexError>,
+    /// Of single scattering alone, where both files have it; `vertices` is the worse of the radiosity and the sum of both.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub single_scattering: Option<VertexError>,
+    /// Of pictures.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub image: Option<ImageError>,
+    /// Of pictures, where it is the metric.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub flip: Option<FlipReport>,
+    /// Of assets.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub assets: Option<AssetDifference>,
+    /// What was left out of the comparison, one line each.
+    #[serde(skip)]
+    pub notes: Vec<String>,
+    /// Doubts about the comparison, one line each.
+    #[serde(skip)]
+    pub warnings: Vec<String>,
+}
+
+/// Compares two files of one kind by their suffix.
+///
+/// Without a threshold anything but equality is a difference, and assets are compared by their bytes alone; with one, assets
+/// are evaluated under the probe lights, by the evaluators that `open` makes.
+///
+/// # Errors
+/// I/O, invalid files, files of unlike kinds or meshes, HDR-FLIP of what is no picture.
+pub fn compare(
+    [a, b]: [&Path; 2],
+    metric: Metric,
+    threshold: Option<f64>,
+    open: &Open,
+    progress: &dyn Progress,
+) -> Result<Comparison> {
+    let mut result = Comparison {
+        a: a.to_owned(),
+        b: b.to_owned(),
+        equal: false,
+        metric,
+        value: None,
+        threshold,
+        vertices: None,
+        single_scattering: None,
+        image: None,
+        flip: None,
+        assets: None,
+        notes: Vec::new(),
+        warnings: Vec::new(),
+    };
+    match (suffix(a).as_str(), suffix(b).as_str()) {
+        ("ply", "ply") | ("tlux", "tlux") if metric == Metric::Flip => {
+            let (a, b) = (a.display(), b.display());
+            return Err(Error::command_line(format!(
+                "{a} and {b}: --metric flip compares pictures; render both to .exr files and compare those"
+            )));
+        }
+        ("ply", "ply") => {
+            let found = vertices::compare([a, b])?;
+            (result.equal, result.single_scattering) = (found.equal, found.single);
+            (result.notes, result.warnings) = (found.notes, found.warnings);
+            result.vertices = Some(found.worst);
+        }
+        ("exr", "exr") => {
+            let found = pictures::compare([a, b], metric == Metric::Flip)?;
+            (result.equal, result.notes) = (found.equal, found.notes);
+            result.value = match metric {
+                Metric::Rms => Some(found.error.rms),
+                Metric::P999 => Some(found.error.p999),
+                Metric::Worst => Some(found.error.worst),
+                Metric::Flip => found.flip.as_ref().map(|flip| flip.mean),
+            };
+            (result.image, result.flip) = (Some(found.error), found.flip);
+        }
+        ("tlux", "tlux") => {
+            let read = |path: &Path| std::fs::read(path).map_err(|e| Error::io(path, &e));
+            let bytes = [read(a)?, read(b)?];
+            let bytes = bytes.each_ref().map(Vec::as_slice);
+            result.equal = bytes[0] == bytes[1];
+            let mut found = assets::bytes(bytes[0], bytes[1], a, b)?;
+            if threshold.is_some() {
+                let (worst, probes) = assets::radiosity(bytes, [a, b], open, progress)?;
+                result.vertices = Some(worst);
+                found.probes = probes;
+            }
+            result.assets = Some(found);
+        }
+        _ => {
+            let (a, b) = (a.display(), b.display());
+            return Err(Error::command_line(format!("{a} and {b}: two .ply, two .exr or two .tlux files are needed")));
+        }
+    }
+    result.value = result.value.or(result.vertices.and_then(|error| metric.of(&error)));
+    Ok(result)
+}
+
+impl Comparison {
+    /// Whether the metric is above the threshold; without one, whether the contents are unlike.
+    pub fn differs(&self) -> bool {
+        match (self.threshold, self.value) {
+            (Some(limit), Some(value)) => value > limit,
+            _ => !self.equal,
+        }
+    }
+}
+
+impl fmt::Display for Comparison {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let figures = match (&self.vertices, &self.image) {
+            (Some(v), _) => {
+                let single = self.single_scattering.map_or_else(String::new, |s| {
+                    format!(
+                        " (the worse of radiosity alone and with single scattering; single scattering alone: RMS {})",
+                        percent(s.rms)
+                    )
+                });
+                format!(
+                    "RMS {}, bias {}, 99.9th percentile {}, worst vertex {}{single}",
+                    percent(v.rms),
+                    percent(v.bias),
+                    percent(v.p999),
+                    percent(v.worst)
+                )
+            }
+            (_, Some(i)) => {
+                flip_text(self.flip.as_ref())
+                    + &format!(
+                        "RMS {} over {} covered pixels ({} with background), 99.9th percentile {}, worst pixel {}",
+                        percent(i.rms),
+                        i.covered,
+                        percent(i.rms_with_background),
+                        percent(i.p999),
+                        percent(i.worst)
+                    )
+            }
+            _ => String::new(),
+        };
+        let verdict = if self.equal { "equal" } else { "different" };
+        match (&self.assets, figures.as_str()) {
+            (Some(assets), "") => write!(f, "{verdict}: {}", assets.describe()),
+            (Some(assets), _) => write!(f, "{verdict}: {figures}, worst light each\n{}", assets.describe()),
+            _ => write!(f, "{verdict}: {figures}"),
+        }
+    }
+}
+
+fn flip_text(flip: Option<&FlipReport>) -> String {
+    let Some(flip) = flip else { return String::new() };
+    let covered = flip.mean_covered.map_or_else(String::new, |mean| format!(" ({mean:.4} over covered pixels)"));
+    let exposures = match flip.exposures {
+        Exposures { count: 1, .. } => "1 exposure".to_owned(),
+        Exposures { start, stop, count, .. } => format!("{count} exposures from {start:+.1} to {stop:+.1} stops"),
+    };
+    format!("HDR-FLIP {:.4}{covered} at {exposures}, ", flip.mean)
+}

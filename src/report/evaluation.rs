@@ -1,0 +1,96 @@
+//! Radiosity under lights: of an asset, of another mesh of its object, and by a random walk.
+
+use std::path::PathBuf;
+
+use glam::DVec3;
+use serde::Serialize;
+
+use crate::compress::ledger::Ledger;
+use crate::evaluate::Cost;
+use crate::import::file::Input;
+use crate::math::statistics::VertexError;
+use crate::transport::random_walk::tally::Budget;
+
+/// Radiosity that was written.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct RadiosityReport {
+    pub(crate) lights: Vec<String>,
+    pub(crate) inputs: Vec<Input>,
+    #[serde(serialize_with = "super::paths")]
+    pub(crate) outputs: Vec<PathBuf>,
+    pub(crate) vertices: usize,
+    /// Vertices on no translucent surface, whose radiosity is 0.
+    pub(crate) vertices_without_area: usize,
+    pub(crate) mean_radiosity: [f64; 3],
+    pub(crate) max_radiosity: [f64; 3],
+}
+
+impl RadiosityReport {
+    /// Computes mean and maximum of the radiosity of the vertices.
+    pub(crate) fn new(
+        (lights, inputs): (Vec<String>, Vec<Input>),
+        outputs: &[PathBuf],
+        radiosity: &[DVec3],
+        vertices_without_area: usize,
+    ) -> Self {
+        let (mean_radiosity, max_radiosity) = mean_and_max(radiosity);
+        let (outputs, vertices) = (outputs.to_vec(), radiosity.len());
+        Self { lights, inputs, outputs, vertices, vertices_without_area, mean_radiosity, max_radiosity }
+    }
+}
+
+/// Mean and maximum of the channels.
+pub(crate) fn mean_and_max(values: &[DVec3]) -> ([f64; 3], [f64; 3]) {
+    let mean = values.iter().sum::<DVec3>() / values.len().max(1) as f64;
+    (mean.to_array(), values.iter().fold(DVec3::ZERO, |a, &b| a.max(b)).to_array())
+}
+
+/// Figures of an asset under lights.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct EvaluationReport {
+    pub(crate) method: String,
+    #[serde(flatten)]
+    pub(crate) radiosity: RadiosityReport,
+    /// Beside the radiosity, where the method has it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) mean_single_scattering: Option<[f64; 3]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) max_single_scattering: Option<[f64; 3]>,
+    pub(crate) cost: Cost,
+    /// Relative error that the bake was asked for.
+    pub(crate) asked_rms: Option<f64>,
+    /// Errors under these lights and others; empty where they were not asked for.
+    pub(crate) measured: Ledger,
+}
+
+/// Figures of an asset's object on another mesh.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct OnMeshReport {
+    pub(crate) method: String,
+    #[serde(flatten)]
+    pub(crate) radiosity: RadiosityReport,
+    /// Distance of the vertices from the asset's surface, mean by area.
+    pub(crate) mean_distance_mm: f64,
+    pub(crate) max_distance_mm: f64,
+    /// Radiosity at the vertices themselves against that of the nearest points, which is what is written.
+    pub(crate) at_vertices: VertexError,
+    /// Radiosity interpolated at the centres of the triangles against that of the nearest points.
+    pub(crate) between_vertices: VertexError,
+    pub(crate) cost: Cost,
+}
+
+/// Figures of a random walk.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct WalkReport {
+    pub(crate) model: &'static str,
+    #[serde(flatten)]
+    pub(crate) radiosity: RadiosityReport,
+    pub(crate) seed: u64,
+    /// Photons of each channel.
+    pub(crate) photons: [u64; 3],
+    /// Where the flux of each channel went.
+    pub(crate) budget: [Budget; 3],
+    /// The result's own error: RMS of the standard errors of the vertices over the RMS of the exitance, by channel.
+    pub(crate) noise: [f64; 3],
+    pub(crate) asked_noise: Option<f64>,
+}

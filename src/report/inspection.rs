@@ -1,0 +1,203 @@
+//! The content of an asset: sections, bytes, bytes per vertex, ledger, provenance, allowed edits.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use serde::Serialize;
+
+use super::materials::MediumReport;
+use super::sizes::{Sizes, sizes};
+use super::text::{megabytes, percent, table};
+use crate::asset::{Asset, Provenance};
+use crate::compress::ledger::Ledger;
+use crate::error::{Error, Result};
+use crate::evaluate::{Capabilities, Cost, MaterialEdit, ProfileEdit, Registry, SourceFields};
+use crate::geometry::part_table::PartEntry;
+
+/// The content of an asset.
+#[derive(Clone, Debug, Serialize)]
+pub struct Inspection {
+    /// Its file.
+    #[serde(serialize_with = "super::path")]
+    pub asset: PathBuf,
+    /// Method that baked it.
+    pub method: String,
+    /// Vertices of the source.
+    pub vertices: usize,
+    /// Triangles that have area.
+    pub triangles: usize,
+    parts: Vec<PartRow>,
+    /// Optical properties that it was baked with.
+    pub media: Vec<MediumReport>,
+    /// Of the bounding box.
+    pub diagonal_mm: f64,
+    /// Bytes by section.
+    pub sizes: Sizes,
+    /// Of all sections but the mesh's and the environment's.
+    pub bytes_per_vertex_on_disk: f64,
+    /// What the evaluator holds; none without its form.
+    pub bytes_per_vertex_resident: Option<f64>,
+    /// Of the sections for environments.
+    pub environment_bytes_per_vertex_on_disk: f64,
+    /// The same, decoded.
+    pub environment_bytes_per_vertex_resident: f64,
+    /// Of the evaluator; none without its form.
+    pub cost: Option<Cost>,
+    /// What may change without a new bake; none without its form.
+    pub edits: Option<Capabilities>,
+    /// Errors that the bake wrote down.
+    pub ledger: Ledger,
+    /// Settings, files and unit.
+    pub provenance: Provenance,
+}
+
+#[derive(Clone, Debug, Serialize)]
+struct PartRow {
+    name: String,
+    medium: Option<String>,
+    triangles: usize,
+    area_mm2: f64,
+    samples: usize,
+}
+
+/// Inspects a file; an asset of a form that the registry does not have has no evaluator.
+///
+/// # Errors
+/// I/O, bytes that are no asset, and those of its form.
+pub fn inspect(path: &Path, registry: &Registry) -> Result<Inspection> {
+    let bytes = std::fs::read(path).map_err(|e| Error::io(path, &e))?;
+    let place = |e: Error| e.at(path.display());
+    let asset = Arc::new(Asset::from_bytes(&bytes).map_err(place)?);
+    let sizes = sizes(&bytes).map_err(place)?;
+    let evaluator = registry.form(&asset).ok().map(|form| form.open(Arc::clone(&asset))).transpose()?;
+    let vertices = asset.scene.mesh.local_mm.len();
+    let per_vertex = |bytes: u64| bytes as f64 / vertices.max(1) as f64;
+    let cost = evaluator.as_ref().map(|e| e.cost());
+    Ok(Inspection {
+        asset: path.to_owned(),
+        method: asset.provenance.method.clone(),
+        vertices,
+        triangles: asset.scene.mesh.triangles.len(),
+        parts: parts(&asset),
+        media: asset.scene.media.iter().map(MediumReport::of).collect(),
+        diagonal_mm: asset.scene.mesh.diagonal_mm(),
+        bytes_per_vertex_on_disk: per_vertex(sizes.stored_without_mesh),
+        environment_bytes_per_vertex_on_disk: per_vertex(sizes.stored_environment),
+        environment_bytes_per_vertex_resident: per_vertex(sizes.decoded_environment),
+        bytes_per_vertex_resident: cost.map(|c| per_vertex(c.resident_bytes as u64)),
+        sizes,
+        cost,
+        edits: evaluator.map(|e| e.capabilities()),
+        ledger: asset.ledger.clone(),
+        provenance: asset.provenance.clone(),
+    })
+}
+
+fn parts(asset: &Asset) -> Vec<PartRow> {
+    let row = |(index, part): (usize, &PartEntry)| PartRow {
+        name: part.name.clone(),
+        medium: part.medium.map(|m| asset.scene.media[m as usize].name.clone()),
+        triangles: part.triangle_count,
+        area_mm2: part.area_mm2,
+        samples: asset.samples.part(index).len(),
+    };
+    asset.scene.parts.parts.iter().enumerate().map(row).collect()
+}
+
+/// Bytes by kind; the method's decoded bytes are those of its sections, what an evaluator holds is said above.
+fn kinds(r: &Inspection) -> String {
+    let per_vertex = |bytes: u64| format!("{:.1}", bytes as f64 / r.vertices.max(1) as f64);
+    let mut rows = vec![["kind", "sections", "stored", "decoded", "bytes/vertex stored", "decoded"].map(str::to_owned)];
+    rows.extend(r.sizes.kinds.iter().map(|k| {
+        [
+            k.kind.to_owned(),
+            k.sections.to_string(),
+            megabytes(k.stored_bytes),
+            megabytes(k.decoded_bytes),
+            per_vertex(k.stored_bytes),
+            per_vertex(k.decoded_bytes),
+        ]
+    }));
+    table(&rows)
+}
+
+impl fmt::Display for Inspection {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{}: {}, method {}, {} vertices, {} triangles, {:.1} mm across",
+            self.asset.display(),
+            megabytes(self.sizes.file),
+            self.method,
+            self.vertices,
+            self.triangles,
+            self.diagonal_mm
+        )?;
+        let resident = self.bytes_per_vertex_resident.map_or_else(|| "?".to_owned(), |b| format!("{b:.1}"));
+        let on_disk = self.bytes_per_vertex_on_disk;
+        writeln!(f, "bytes/vertex without mesh and environment: {on_disk:.1} on disk, {resident} resident")?;
+        if self.sizes.stored_environment > 0 {
+            let disk = self.environment_bytes_per_vertex_on_disk;
+            let resident = self.environment_bytes_per_vertex_resident;
+            writeln!(f, "bytes/vertex for environments: {disk:.1} on disk, {resident:.1} resident")?;
+        }
+        if let Some(edits) = self.edits {
+            writeln!(f, "without a new bake: {}", edits_of(edits))?;
+        }
+        writeln!(f, "{}", kinds(self))?;
+        let mut rows = vec![["section", "kind", "type", "codec", "rows", "stored", "decoded"].map(str::to_owned)];
+        rows.extend(self.sizes.sections.iter().map(|s| {
+            [
+                s.tag.clone(),
+                s.kind.clone(),
+                format!("{} x{}", s.element, s.components),
+                s.codec.clone(),
+                s.rows.to_string(),
+                megabytes(s.stored_bytes),
+                megabytes(s.decoded_bytes),
+            ]
+        }));
+        writeln!(f, "{}", table(&rows))?;
+        let mut rows = vec![["part", "medium", "triangles", "area mm^2", "samples"].map(str::to_owned)];
+        rows.extend(self.parts.iter().map(|p| {
+            [
+                p.name.clone(),
+                p.medium.clone().unwrap_or_else(|| "opaque".to_owned()),
+                p.triangles.to_string(),
+                format!("{:.1}", p.area_mm2),
+                p.samples.to_string(),
+            ]
+        }));
+        writeln!(f, "{}", table(&rows))?;
+        for entry in &self.ledger.entries {
+            writeln!(f, "error of {}: {} RMS ({})", entry.stage, percent(entry.error.rms), entry.note)?;
+        }
+        let from = &self.provenance;
+        for input in &from.inputs {
+            writeln!(f, "from {} ({} bytes, BLAKE3 {})", input.name, input.bytes, input.blake3)?;
+        }
+        writeln!(f, "scale {} mm in a unit of the source ({})", from.mm_per_source_unit, from.source_unit)?;
+        let settings: Vec<String> = from.settings.iter().map(|(k, v)| format!("{k}={v}")).collect();
+        write!(f, "settings {}", settings.join(" "))?;
+        from.notes.iter().try_for_each(|note| write!(f, "\nnote {note}"))
+    }
+}
+
+/// What may change at run time, for people.
+fn edits_of(edits: Capabilities) -> String {
+    let material = match edits.material {
+        MaterialEdit::None => "the material is baked in",
+        MaterialEdit::Any => "any material",
+    };
+    let profile = match edits.profile {
+        ProfileEdit::None => "profile, size and mesh are baked in",
+        ProfileEdit::OnCpu => "any profile (on the CPU), any size, other meshes of the same object",
+        ProfileEdit::Any => "any profile, any size, other meshes of the same object",
+    };
+    let fields = match edits.source_fields {
+        SourceFields::None => "no source radiance fields (field=) of area lights",
+        SourceFields::Any => "area lights through source radiance fields where they ask for it (field=)",
+    };
+    format!("{material}; {profile}; {fields}")
+}

@@ -1,0 +1,81 @@
+//! Media and measured materials with the lengths that follow from them.
+
+use std::fmt;
+
+use serde::Serialize;
+
+use super::text::{significant, table};
+use crate::medium::fresnel::BoundaryFit;
+use crate::medium::material::{OpticalProperties, PRESETS};
+use crate::transport::scene::Medium;
+
+/// A medium and its lengths, RGB.
+#[derive(Clone, Debug, Serialize)]
+pub struct MediumReport {
+    pub(crate) name: String,
+    #[serde(flatten)]
+    pub(crate) properties: OpticalProperties,
+    /// 1 / sigma_t'.
+    pub(crate) mean_free_path_mm: [f64; 3],
+    /// 1 / sigma_tr; none where nothing absorbs.
+    pub(crate) diffusion_length_mm: [Option<f64>; 3],
+}
+
+impl MediumReport {
+    /// Computes the lengths.
+    pub(crate) fn of(medium: &Medium) -> Self {
+        Self {
+            name: medium.name.clone(),
+            properties: medium.properties,
+            mean_free_path_mm: medium.properties.mean_free_path_mm().to_array(),
+            diffusion_length_mm: medium.properties.diffusion_length_mm().to_array().map(|v| v.is_finite().then_some(v)),
+        }
+    }
+}
+
+/// The measured materials.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct MaterialsReport {
+    materials: Vec<MaterialRow>,
+}
+
+#[derive(Clone, Debug, Serialize)]
+struct MaterialRow {
+    #[serde(flatten)]
+    medium: MediumReport,
+    total_reflectance: [f64; 3],
+}
+
+impl MaterialsReport {
+    /// Every preset.
+    pub(crate) fn of_presets() -> Self {
+        let row = |preset: &crate::medium::material::Preset| MaterialRow {
+            medium: MediumReport::of(&preset.material().into()),
+            total_reflectance: preset.properties().summary(BoundaryFit::Published).map(|c| c.total_reflectance),
+        };
+        Self { materials: PRESETS.iter().map(row).collect() }
+    }
+}
+
+impl fmt::Display for MaterialsReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let header = ["material", "sigma_s' 1/mm", "sigma_a 1/mm", "eta", "mean free path mm", "diffusion mm", "R_d"];
+        let row = |MaterialRow { medium, total_reflectance }: &MaterialRow| {
+            let OpticalProperties { sigma_s_reduced_per_mm, sigma_a_per_mm, eta_inside_over_outside, .. } =
+                medium.properties;
+            let length = |v: Option<f64>| v.map_or_else(|| "inf".to_owned(), significant);
+            [
+                medium.name.clone(),
+                sigma_s_reduced_per_mm.to_array().map(|v| v.to_string()).join(" "),
+                sigma_a_per_mm.to_array().map(|v| v.to_string()).join(" "),
+                eta_inside_over_outside.to_string(),
+                medium.mean_free_path_mm.map(significant).join(" "),
+                medium.diffusion_length_mm.map(length).join(" "),
+                total_reflectance.map(|v| format!("{v:.3}")).join(" "),
+            ]
+        };
+        let rows: Vec<[String; 7]> =
+            [header.map(str::to_owned)].into_iter().chain(self.materials.iter().map(row)).collect();
+        f.write_str(&table(&rows))
+    }
+}

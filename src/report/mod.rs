@@ -1,0 +1,100 @@
+//! Results of the library as reports: typed figures that serialise to JSON and display as text.
+//!
+//! ```no_run
+//! use std::path::Path;
+//! use std::sync::Arc;
+//! use translux::progress::Silent;
+//! use translux::report::{comparison, inspection, validation};
+//!
+//! # fn main() -> translux::error::Result<()> {
+//! let registry = translux::methods::built_in();
+//! let (asset, other) = (Path::new("head.tlux"), Path::new("before.tlux"));
+//! println!("{}", inspection::inspect(asset, &registry)?);
+//! assert_eq!(validation::validate(asset, &registry, &Silent)?.errors, 0);
+//! let open = |asset: &Arc<_>, _: &Path| registry.open(Arc::clone(asset));
+//! let metric = comparison::Metric::Rms;
+//! assert!(!comparison::compare([asset, other], metric, Some(0.01), &open, &Silent)?.differs());
+//! # Ok(())
+//! # }
+//! ```
+
+pub(crate) mod bake;
+pub(crate) mod chart;
+pub mod comparison;
+pub(crate) mod evaluation;
+pub mod findings;
+pub(crate) mod growth;
+pub mod inspection;
+pub mod materials;
+pub(crate) mod methods;
+pub(crate) mod picture;
+pub(crate) mod radiosity_ply;
+pub mod sizes;
+pub(crate) mod text;
+pub mod validation;
+
+use std::path::{Path, PathBuf};
+
+use serde::{Serialize, Serializer};
+
+use crate::error::{Error, Result};
+
+/// Time that a stage took.
+#[derive(Clone, Debug, Serialize)]
+pub struct StageTime {
+    /// Name of the stage.
+    pub stage: String,
+    /// Wall-clock seconds.
+    pub seconds: f64,
+}
+
+/// The run that a report is of.
+#[derive(Clone, Debug, Serialize)]
+pub struct Run {
+    /// Wall-clock seconds in all.
+    pub seconds: f64,
+    /// Stages in the order of their first start; one that ran several times has one entry with the sum.
+    pub stages: Vec<StageTime>,
+    /// Largest resident size of the process, bytes; 0 where the system does not tell.
+    pub peak_memory_bytes: u64,
+    /// Worker threads.
+    pub threads: usize,
+    /// Warnings of the program, one line each.
+    pub warnings: Vec<String>,
+}
+
+/// A report with its schema and its run.
+#[derive(Debug, Serialize)]
+struct Envelope<'a, T: Serialize> {
+    schema: String,
+    version: &'static str,
+    #[serde(flatten)]
+    body: &'a T,
+    #[serde(flatten)]
+    run: &'a Run,
+}
+
+/// The report of a command as JSON, with the schema `translux.COMMAND.v0`.
+///
+/// # Errors
+/// Run time: a body that JSON cannot hold.
+pub fn json<T: Serialize>(command: &str, body: &T, run: &Run) -> Result<String> {
+    let envelope = Envelope { schema: format!("translux.{command}.v0"), version: env!("CARGO_PKG_VERSION"), body, run };
+    serde_json::to_string_pretty(&envelope).map_err(|e| Error::runtime(format!("report: {e}")))
+}
+
+/// Serialises a path as text; bytes that are not UTF-8 are replaced, because a report is not worth failing for.
+///
+/// # Errors
+/// Those of the serialiser.
+pub fn path<S: Serializer>(path: &Path, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+    serializer.collect_str(&path.display())
+}
+
+/// As [`path`], for several.
+///
+/// # Errors
+/// Those of the serialiser.
+pub fn paths<S: Serializer>(paths: &[PathBuf], serializer: S) -> std::result::Result<S::Ok, S::Error> {
+    serializer.collect_seq(paths.iter().map(|p| p.to_string_lossy()))
+}

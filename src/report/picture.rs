@@ -1,0 +1,116 @@
+//! The figures of a picture, and the attributes of its OpenEXR file.
+
+use std::path::PathBuf;
+
+use serde::Serialize;
+
+use crate::evaluate::Cost;
+use crate::geometry::part_table::PartEntry;
+use crate::import::file::Input;
+use crate::render::camera::Resolution;
+use crate::render::exit::ExitFresnel;
+use crate::render::film::ColourType;
+use crate::render::frame::SingleLayer;
+use crate::render::specular::Roughness;
+use crate::transport::scene::{Medium, Scene};
+
+/// Figures of a picture.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct RenderReport {
+    pub(crate) method: String,
+    pub(crate) materials: Vec<String>,
+    pub(crate) lights: Vec<String>,
+    pub(crate) inputs: Vec<Input>,
+    pub(crate) outputs: Vec<PathBuf>,
+    /// As it would be typed.
+    pub(crate) camera: String,
+    pub(crate) resolution: Resolution,
+    pub(crate) samples_per_pixel: u32,
+    pub(crate) exit_fresnel: ExitFresnel,
+    pub(crate) background: String,
+    /// None: no specular reflection.
+    pub(crate) roughness: Option<Roughness>,
+    /// As it would be typed; none: no texture.
+    pub(crate) texture: Option<String>,
+    pub(crate) single_scattering: SingleLayer,
+    /// Ways of light that were followed for each covered pixel.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) single_scattering_paths: Option<u64>,
+    pub(crate) exr_type: ColourType,
+    /// As asked for, and the factor that it became; PNG only.
+    pub(crate) exposure: String,
+    /// PNG colours are radiance times this, before the transfer curve.
+    pub(crate) exposure_factor: f64,
+    /// Share of the picture that the object covers.
+    pub(crate) coverage: f64,
+    /// Share of the hits on back sides, which are black.
+    pub(crate) back_facing_share: f64,
+    pub(crate) cost: Cost,
+    /// Text attributes of OpenEXR pictures.
+    #[serde(skip)]
+    pub(crate) header: Vec<(String, String)>,
+}
+
+impl RenderReport {
+    /// Text attributes of an OpenEXR picture: all that determines it, no time and no path of the asset. `sources` are the files
+    /// that the asset was made from, `image` is that of the texture.
+    pub(crate) fn attributes(&self, scene: &Scene, sources: &[Input], image: Option<&Input>) -> Vec<(String, String)> {
+        let exit_fresnel = match self.exit_fresnel {
+            ExitFresnel::Normalised => "normalised",
+            ExitFresnel::Paper => "paper",
+        };
+        let joined = |texts: Vec<String>| texts.join("; ");
+        let hashed =
+            |inputs: &[Input]| joined(inputs.iter().map(|i| format!("{} blake3 {}", i.name, i.blake3)).collect());
+        let mut all = vec![
+            ("software", format!("translux {}", env!("CARGO_PKG_VERSION"))),
+            ("method", self.method.clone()),
+            ("material", self.materials.join("; ")),
+            ("opticalProperties", joined(scene.media.iter().map(optical_properties).collect())),
+            ("parts", joined(scene.parts.parts.iter().enumerate().map(|(i, p)| part(i, p, &scene.media)).collect())),
+            ("lights", self.lights.join("; ")),
+            ("camera", self.camera.clone()),
+            ("samplesPerPixel", self.samples_per_pixel.to_string()),
+            ("exitFresnel", exit_fresnel.to_owned()),
+            ("roughness", self.roughness.map_or_else(|| "no specular reflection".to_owned(), |r| r.to_string())),
+            ("background", self.background.clone()),
+            ("units", "radiance: linear sRGB; depth: mm along the viewing axis, infinite beside the object".to_owned()),
+        ];
+        match self.single_scattering {
+            SingleLayer::None => {}
+            SingleLayer::PerVertex => {
+                all.push(("singleScattering", "along the inverse normal of the vertices".to_owned()));
+            }
+            SingleLayer::TowardsEye => {
+                all.push(("singleScattering", "along the refracted direction of the eye".to_owned()));
+            }
+        }
+        all.extend(self.texture.clone().map(|texture| ("texture", texture)));
+        let image = image.map_or(&[] as &[Input], std::slice::from_ref);
+        for (name, inputs) in [("bakedFrom", sources), ("environments", &self.inputs), ("textureFrom", image)] {
+            if !inputs.is_empty() {
+                all.push((name, hashed(inputs)));
+            }
+        }
+        all.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
+    }
+}
+
+fn optical_properties(medium: &Medium) -> String {
+    let rgb = |v: glam::DVec3| format!("{},{},{}", v.x, v.y, v.z);
+    let p = &medium.properties;
+    format!(
+        "{}: sigma_s'={}/mm sigma_a={}/mm eta={} g={}",
+        medium.name,
+        rgb(p.sigma_s_reduced_per_mm),
+        rgb(p.sigma_a_per_mm),
+        p.eta_inside_over_outside,
+        p.g
+    )
+}
+
+/// A part as `part.ID` numbers it.
+fn part(index: usize, part: &PartEntry, media: &[Medium]) -> String {
+    let medium = part.medium.and_then(|m| media.get(m as usize)).map_or("opaque", |m| m.name.as_str());
+    format!("{} {} ({medium})", index + 1, part.name)
+}

@@ -1,0 +1,90 @@
+//! Bytes of an asset by section and purpose.
+
+use serde::Serialize;
+use translux_format::{Budget, Kind, Reader};
+
+use crate::error::{Error, Result};
+
+/// Bytes of an asset by what they are for.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Sizes {
+    /// The whole file.
+    pub file: u64,
+    /// Stored bytes of all sections but the mesh's and the environment's.
+    pub stored_without_mesh: u64,
+    /// Decoded bytes of the same.
+    pub decoded_without_mesh: u64,
+    /// Stored bytes of what is there for environments.
+    pub stored_environment: u64,
+    /// Decoded bytes of the same.
+    pub decoded_environment: u64,
+    /// By what the sections are for, every kind.
+    pub(super) kinds: Vec<KindSize>,
+    /// Section by section, as they lie in the file.
+    pub(super) sections: Vec<SectionSize>,
+}
+
+/// All sections of one kind.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct KindSize {
+    pub(super) kind: &'static str,
+    pub(super) sections: usize,
+    pub(super) stored_bytes: u64,
+    pub(super) decoded_bytes: u64,
+}
+
+/// One section.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct SectionSize {
+    pub(super) tag: String,
+    pub(super) kind: String,
+    pub(super) element: String,
+    pub(super) components: u16,
+    pub(super) codec: String,
+    pub(super) rows: u64,
+    pub(super) stored_bytes: u64,
+    pub(super) decoded_bytes: u64,
+}
+
+/// Sizes of the sections of a file.
+///
+/// # Errors
+/// Invalid input: bytes that are no asset.
+pub fn sizes(bytes: &[u8]) -> Result<Sizes> {
+    let reader = Reader::parse(bytes, Budget::default()).map_err(|e| Error::input(e.to_string()))?;
+    let mut result = Sizes { file: bytes.len() as u64, ..Sizes::default() };
+    let rows = Kind::ALL.iter().map(|kind| {
+        let mut row = KindSize { kind: kind.name(), sections: 0, stored_bytes: 0, decoded_bytes: 0 };
+        for section in reader.sections().iter().filter(|section| section.kind == *kind) {
+            row.sections += 1;
+            row.stored_bytes += section.stored_bytes;
+            row.decoded_bytes += section.decoded_bytes;
+        }
+        row
+    });
+    result.kinds = rows.collect();
+    for section in reader.sections() {
+        match section.kind {
+            Kind::Mesh => {}
+            Kind::Environment => {
+                result.stored_environment += section.stored_bytes;
+                result.decoded_environment += section.decoded_bytes;
+            }
+            Kind::Samples | Kind::Method | Kind::Metadata => {
+                result.stored_without_mesh += section.stored_bytes;
+                result.decoded_without_mesh += section.decoded_bytes;
+            }
+        }
+        result.sections.push(SectionSize {
+            tag: section.tag.to_string(),
+            kind: section.kind.name().to_owned(),
+            element: section.element.name().to_owned(),
+            components: section.components,
+            codec: section.codec.name().to_owned(),
+            rows: section.rows(),
+            stored_bytes: section.stored_bytes,
+            decoded_bytes: section.decoded_bytes,
+        });
+    }
+    Ok(result)
+}
