@@ -22,6 +22,7 @@ mod golden;
 mod gpu_quantized_lights;
 mod gpu_transport;
 mod inter_reflection;
+mod ledger;
 mod oracle_agreement;
 mod oracle_selfcheck;
 mod profiles;
