@@ -276,6 +276,7 @@ fn entry_to_file(entry: &Entry) -> format::LedgerEntry {
         relative_bias: entry.error.bias,
         p999: entry.error.p999,
         worst: entry.error.worst,
+        dark: entry.error.dark,
         note: entry.note.clone(),
     }
 }
@@ -283,7 +284,13 @@ fn entry_to_file(entry: &Entry) -> format::LedgerEntry {
 fn entry_from_file(entry: format::LedgerEntry) -> Entry {
     Entry {
         stage: entry.stage,
-        error: VertexError { rms: entry.relative_rms, bias: entry.relative_bias, p999: entry.p999, worst: entry.worst },
+        error: VertexError {
+            rms: entry.relative_rms,
+            bias: entry.relative_bias,
+            p999: entry.p999,
+            worst: entry.worst,
+            dark: entry.dark,
+        },
         note: entry.note,
     }
 }

@@ -8,6 +8,8 @@ mod in_memory;
 #[path = "every_method/odd_scenes.rs"]
 mod odd_scenes;
 mod oracle;
+#[path = "every_method/toys.rs"]
+mod toys;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, OnceLock};

@@ -112,6 +112,8 @@ pub struct LedgerEntry {
     pub p999: f64,
     /// Worst vertex, at least 0.
     pub worst: f64,
+    /// RMS over the vertices below a tenth of the mean, relative to the mean there, at least 0.
+    pub dark: f64,
     /// How it was measured or bounded.
     pub note: String,
 }
@@ -125,7 +127,7 @@ impl LedgerEntry {
         let tag = tags::LEDGER;
         text(tag, "the name of a stage", &self.stage)?;
         text(tag, "a note", &self.note)?;
-        in_range(tag, "an error", &[self.relative_rms, self.p999, self.worst], 0.0)?;
+        in_range(tag, "an error", &[self.relative_rms, self.p999, self.worst, self.dark], 0.0)?;
         in_range(tag, "a bias", &[self.relative_bias], f64::NEG_INFINITY)
     }
 }

@@ -156,8 +156,8 @@ fn records_read_field_by_field() {
     assert_eq!((source.u64(), source.text()), (1, provenance.notes[0].as_str()));
     let (mut ledger, entry) = (record("meta.err"), &asset.ledger[0]);
     assert_eq!((ledger.u64(), ledger.text()), (1, "truncation"));
-    let numbers = [ledger.f64(), ledger.f64(), ledger.f64(), ledger.f64()];
-    assert_eq!(numbers, [entry.relative_rms, entry.relative_bias, entry.p999, entry.worst]);
+    let numbers: [f64; 5] = std::array::from_fn(|_| ledger.f64());
+    assert_eq!(numbers, [entry.relative_rms, entry.relative_bias, entry.p999, entry.worst, entry.dark]);
     assert_eq!(ledger.text(), entry.note);
     for fields in [names, parts, media, source, ledger] {
         assert!(fields.0.is_empty());

@@ -34,7 +34,7 @@ pub(crate) fn relative(error: VertexError) -> VertexError {
 }
 
 /// Samples lit by rays and summed through the hierarchy.
-pub(crate) fn truth(scene: &Scene, samples: usize) -> GatheredEvaluator {
+pub fn truth(scene: &Scene, samples: usize) -> GatheredEvaluator {
     let asset = Asset {
         samples: Samples::new(&scene.mesh, &scene.parts, samples),
         scene: scene.clone(),
@@ -140,7 +140,7 @@ pub(crate) fn replace_media(scene: &mut Scene, media: Vec<Medium>, g: MeanCosine
 }
 
 /// What an asset stores, as it is evaluated.
-pub(crate) trait Stored: Send + Sync {
+pub trait Stored: Send + Sync {
     /// A light, made ready.
     type Light: Send + Sync;
 
@@ -220,7 +220,7 @@ pub(crate) trait StoredSingle: Send + Sync {
 }
 
 /// The transport of an asset, lit.
-pub(crate) struct BakedIn<S: Stored> {
+pub struct BakedIn<S: Stored> {
     scene: Scene,
     bvh: OnceLock<Bvh>,
     receivers: Receivers,
@@ -234,7 +234,10 @@ pub(crate) struct BakedIn<S: Stored> {
 
 impl<S: Stored + 'static> BakedIn<S> {
     /// What was stored for these receivers, without light.
-    pub(crate) fn boxed(scene: Scene, receivers: Receivers, samples: usize, stored: S) -> Result<Box<dyn Evaluator>> {
+    ///
+    /// # Errors
+    /// Those of [`Stored::light`] without lights.
+    pub fn boxed(scene: Scene, receivers: Receivers, samples: usize, stored: S) -> Result<Box<dyn Evaluator>> {
         Self::with(scene, receivers, samples, stored, Beside { single: Single::None, outside: None })
     }
 

@@ -1,7 +1,7 @@
 //! Forms: one folder, or file, for each way in which transport is kept and evaluated, with its settings, its bake, its sections, its
 //! evaluator and its shaders.
 
-mod baked_in;
+pub mod baked_in;
 pub mod density;
 pub mod distant;
 pub mod environment_rows;

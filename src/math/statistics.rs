@@ -13,14 +13,23 @@ pub struct VertexError {
     pub p999: f64,
     /// Largest absolute difference.
     pub worst: f64,
+    /// Area-weighted root mean square of the difference where the reference is dark (the mean of its channels below a tenth of that of
+    /// all), relative to the reference's mean there.
+    pub dark: f64,
 }
 
 impl VertexError {
     /// Every figure times a factor.
     #[must_use]
     pub fn scaled(self, factor: f64) -> Self {
-        let Self { rms, bias, p999, worst } = self;
-        Self { rms: rms * factor, bias: bias * factor, p999: p999 * factor, worst: worst * factor }
+        let Self { rms, bias, p999, worst, dark } = self;
+        Self {
+            rms: rms * factor,
+            bias: bias * factor,
+            p999: p999 * factor,
+            worst: worst * factor,
+            dark: dark * factor,
+        }
     }
 
     /// The larger of each figure.
@@ -31,6 +40,7 @@ impl VertexError {
             bias: if self.bias.abs() >= other.bias.abs() { self.bias } else { other.bias },
             p999: self.p999.max(other.p999),
             worst: self.worst.max(other.worst),
+            dark: self.dark.max(other.dark),
         }
     }
 }
@@ -62,6 +72,9 @@ impl Quantiles {
 /// Share of the brightest channel's RMS below which a channel's own RMS is not used as the unit.
 const CHANNEL_FLOOR: f64 = 1e-3;
 
+/// Share of the mean of all below which a place is dark.
+const DARK: f64 = 0.1;
+
 /// Error of `values` against `reference`; `weights` are areas (any unit), all slices of one length.
 /// Zero everywhere for an empty or black reference that the values equal; infinite where a black one differs.
 pub fn vertex_error(values: &[DVec3], reference: &[DVec3], weights: &[f64]) -> VertexError {
@@ -72,7 +85,7 @@ pub fn vertex_error(values: &[DVec3], reference: &[DVec3], weights: &[f64]) -> V
     let mean = |f: &dyn Fn(usize) -> f64| weights.iter().enumerate().map(|(i, w)| w * f(i)).sum::<f64>() / total;
     let rms = [0, 1, 2].map(|c| mean(&|i| reference[i][c] * reference[i][c]).sqrt());
     let brightest = rms.iter().copied().fold(0.0, f64::max);
-    let mut result = VertexError::default();
+    let mut result = VertexError { dark: dark_error(values, reference, weights), ..VertexError::default() };
     for channel in 0..3 {
         let unit = rms[channel].max(CHANNEL_FLOOR * brightest);
         let difference = |i: usize| values[i][channel] - reference[i][channel];
@@ -93,9 +106,27 @@ pub fn vertex_error(values: &[DVec3], reference: &[DVec3], weights: &[f64]) -> V
             bias: relative(mean(&difference)),
             p999: relative(absolute[rank]),
             worst: relative(absolute[absolute.len() - 1]),
+            dark: 0.0,
         });
     }
     result
+}
+
+/// See [`VertexError::dark`]; a channel counts from a thousandth of the mean of all, so that what is black is no unit.
+fn dark_error(values: &[DVec3], reference: &[DVec3], weights: &[f64]) -> f64 {
+    let all = || values.iter().zip(reference).zip(weights);
+    let (area, sum) = all().fold((0.0, DVec3::ZERO), |(area, sum), ((_, b), w)| (area + w, sum + *w * *b));
+    let brightness = |b: DVec3| b.element_sum() / 3.0;
+    let mean = sum / area;
+    let dark = || all().filter(|((_, b), _)| brightness(**b) < DARK * brightness(mean));
+    let (area, sum, squares) = dark().fold((0.0, DVec3::ZERO, DVec3::ZERO), |(area, sum, squares), ((v, b), w)| {
+        (area + w, sum + *w * *b, squares + *w * (*v - *b).powf(2.0))
+    });
+    if area <= 0.0 {
+        return 0.0;
+    }
+    let unit = (sum / area).max(DVec3::splat(CHANNEL_FLOOR * mean.max_element()));
+    ((squares / area).powf(0.5) / unit).max_element()
 }
 
 #[cfg(test)]
@@ -124,6 +155,17 @@ mod tests {
         let reference = [DVec3::new(1.0, 1e-9, 0.0)];
         let e = vertex_error(&[DVec3::new(1.0, 2e-9, 0.0)], &reference, &[1.0]);
         assert!((e.rms - 1e-6).abs() < 1e-12, "{e:?}");
+    }
+
+    #[test]
+    fn the_dark_part_is_judged_by_its_own_mean() {
+        let reference = [DVec3::ONE, DVec3::ONE, DVec3::splat(0.05), DVec3::splat(0.03)];
+        let values = [DVec3::ONE, DVec3::ONE, DVec3::splat(0.07), DVec3::splat(0.05)];
+        let e = vertex_error(&values, &reference, &[1.0; 4]);
+        assert!((e.dark - 0.02 / 0.04).abs() < 1e-12 && e.rms < 0.03, "{e:?}");
+        assert_eq!(vertex_error(&[DVec3::splat(1.1); 2], &[DVec3::ONE; 2], &[1.0; 2]).dark, 0.0);
+        let black = vertex_error(&[DVec3::ONE, DVec3::splat(1e-3)], &[DVec3::ONE, DVec3::ZERO], &[1.0; 2]);
+        assert!((black.dark - 2.0).abs() < 1e-12, "{black:?}");
     }
 
     #[test]

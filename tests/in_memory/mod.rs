@@ -18,6 +18,11 @@ use translux::methods;
 use translux::progress::Silent;
 use translux::transport::scene::{Medium, Scene};
 
+#[path = "../../examples/toy_form/form.rs"]
+mod toy_form;
+#[path = "../../examples/toy_method/method.rs"]
+mod toy_method;
+
 use crate::oracle::vector::V3;
 use crate::oracle::{OracleLight, OracleMesh};
 
@@ -118,7 +123,10 @@ impl Method for StoredEditable {
 /// The methods and forms of the crate, and the examples' own.
 pub fn registry() -> &'static Registry {
     static REGISTRY: OnceLock<Registry> = OnceLock::new();
-    REGISTRY.get_or_init(methods::built_in)
+    REGISTRY.get_or_init(|| {
+        let with_form = methods::built_in().with_form(toy_form::ENTRY);
+        with_form.with_method(&toy_method::ToyMethod).with_method(&toy_form::ToyForm)
+    })
 }
 
 /// The method of a name.

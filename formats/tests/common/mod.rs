@@ -76,6 +76,7 @@ pub fn full_asset() -> AssetFile {
             relative_bias: -0.0004,
             p999: 0.02,
             worst: 0.05,
+            dark: 0.4,
             note: "measured on the probe lights".into(),
         }],
         extra: extra_sections(),

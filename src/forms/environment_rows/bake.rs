@@ -162,5 +162,5 @@ fn visibility_error(surface: &Surface, settings: EnvironmentRows) -> (VertexErro
         mean2 += (seen * seen) as f64;
     });
     let rms = if mean2 > 0.0 { (error2 / mean2).sqrt() } else { 0.0 };
-    (VertexError { rms, bias: 0.0, p999: rms, worst: rms }, wrong, all)
+    (VertexError { rms, bias: 0.0, p999: rms, worst: rms, dark: 0.0 }, wrong, all)
 }

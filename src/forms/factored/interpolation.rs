@@ -118,7 +118,7 @@ impl Between {
     }
 }
 
-/// Points as far apart as the form says or, where it does not, as the error that it allows lets them be under some lights; those of
+/// Points as far apart as the settings say or, where it does not, as the error that it allows lets them be under some lights; those of
 /// each function at the widest level of spacing.
 pub(super) fn choose_points(
     scene: &Scene,

@@ -44,7 +44,7 @@ pub(super) struct Baked<'a> {
     pub(super) progress: &'a dyn Progress,
 }
 
-/// Far radiosity of each basis function at each receiver under the first channel of a light, after each ordered.
+/// Far radiosity of each basis function at each receiver under the first channel of a light, after each stage.
 struct Stages {
     exact: FarRadiosity,
     integrated: FarRadiosity,
@@ -207,7 +207,7 @@ impl Baked<'_> {
 }
 
 impl Stages {
-    /// Errors in one material, each ordered as if all before it had been exact; the basis is none of them.
+    /// Errors in one material, each stage as if all before it had been exact; the basis is none of them.
     fn errors(&self, material: &Projected, near: Vec<DVec3>, areas: &[f64]) -> Errors {
         let combined = |values: &FarRadiosity| material.add(values, vec![DVec3::ZERO; near.len()]);
         let truth = material.add(&self.exact, near.clone());
@@ -233,5 +233,6 @@ fn beside(a: VertexError, b: VertexError) -> VertexError {
         bias: a.bias + b.bias,
         p999: a.p999.hypot(b.p999),
         worst: a.worst.hypot(b.worst),
+        dark: a.dark.hypot(b.dark),
     }
 }

@@ -1,4 +1,4 @@
-//! Geometry that every ordered of a bake reads.
+//! Geometry that every stage of a bake reads.
 
 use glam::DVec3;
 

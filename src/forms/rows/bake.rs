@@ -112,7 +112,7 @@ fn through(work: &Work, rows: &SparseRows, light: &Light, receivers: &Receivers)
     Ok(work.transfer.towards(receivers, &areas).under(&irradiance))
 }
 
-/// Enters what each sampled loses under lights that no choice saw, on some receivers.
+/// Enters what each stage loses under lights that no choice saw, on some receivers.
 fn measure(
     work: &Work,
     rows: &SparseRows,

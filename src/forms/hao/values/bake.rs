@@ -325,7 +325,7 @@ impl Work<'_> {
         Ok(undershoot(all))
     }
 
-    /// Enters what each sampled loses under lights that no choice saw.
+    /// Enters what each stage loses under lights that no choice saw.
     fn measure(
         &self,
         file: &File,
@@ -358,13 +358,13 @@ impl Work<'_> {
             let note = format!("interpolation between {count} directions, under lights that no choice saw");
             ledger.add("lights", errors[0], note);
         }
-        let sampled = match encoding {
+        let stage = match encoding {
             Encoding::Raw => return Ok(()),
             Encoding::Uniform8 | Encoding::Lloyd8 => "quantiser",
             Encoding::Harmonics => "harmonics",
             Encoding::ReferencePoints => "reference points",
         };
-        ledger.add(sampled, errors[1], format!("{note}; under lights that no choice saw"));
+        ledger.add(stage, errors[1], format!("{note}; under lights that no choice saw"));
         Ok(())
     }
 }

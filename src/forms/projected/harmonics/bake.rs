@@ -185,7 +185,7 @@ fn needed(work: &Work, progress: &dyn Progress) -> Result<usize> {
     })
 }
 
-/// Enters what each sampled loses under lights that no choice saw.
+/// Enters what each stage loses under lights that no choice saw.
 fn measure(
     (work, beside): (&Work, Beside),
     (net, values, file): (&Net, &AtReferences, &File),

@@ -191,7 +191,7 @@ fn between_lights(
     Ok(worst)
 }
 
-/// Enters what each sampled loses under lights that no choice saw.
+/// Enters what each stage loses under lights that no choice saw.
 fn measure(
     sampled: &SampledScene,
     transfer: &ManyLights,

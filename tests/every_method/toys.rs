@@ -1,0 +1,54 @@
+//! The examples that add a method and a form, as programs: they bake, validate, evaluate, render and chart as the crate's own do.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use translux::geometry::shapes;
+
+/// The program of an example: beside the tests' own, and built where it is not there.
+fn program(name: &str) -> PathBuf {
+    let tests = std::env::current_exe().unwrap();
+    let profile = tests.parent().and_then(Path::parent).unwrap();
+    let program = profile.join("examples").join(format!("{name}{}", std::env::consts::EXE_SUFFIX));
+    if !program.is_file() {
+        let release = profile.ends_with("release").then_some("--release");
+        let mut build = Command::new(env!("CARGO"));
+        build.current_dir(env!("CARGO_MANIFEST_DIR")).args(["build", "--locked", "--example", name]).args(release);
+        assert!(build.env("CARGO_TARGET_DIR", profile.parent().unwrap()).status().unwrap().success(), "{name}");
+    }
+    program
+}
+
+/// Runs a line in a folder.
+fn run(program: &Path, folder: &Path, line: &str) -> Output {
+    let output = Command::new(program).current_dir(folder).args(line.split_whitespace()).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{} {line}: {said}", program.display());
+    output
+}
+
+#[test]
+fn a_method_and_a_form_from_outside_are_whole_programs() {
+    let model = shapes::bumpy_head(1.0, 2);
+    let mut obj = String::new();
+    model.positions.iter().for_each(|p| obj += &format!("v {} {} {}\n", p.x, p.y, p.z));
+    model.triangles.iter().for_each(|t| obj += &format!("f {} {} {}\n", t[0] + 1, t[1] + 1, t[2] + 1));
+    for (name, light) in [("toy_method", "directional:from=1,2,3"), ("toy_form", "constant:radiance=1")] {
+        let (program, folder) = (program(name), tempfile::tempdir().unwrap());
+        let folder = folder.path();
+        std::fs::write(folder.join("head.obj"), &obj).unwrap();
+        let run = |line: &str| run(&program, folder, line);
+        let text = |output: Output| String::from_utf8(output.stdout).unwrap();
+        run(&format!("bake head.obj -o a.tlux --method {name} --samples 3000 --size-mm 20 --material marble -q"));
+        assert!(text(run("validate a.tlux")).contains("valid; 0 errors, 0 warnings"), "{name}");
+        assert!(text(run("inspect a.tlux")).contains(name));
+        assert!(text(run(&format!("methods {name}"))).contains("You want to see"));
+        run(&format!("evaluate a.tlux --light {light} -o a.ply -q"));
+        run(&format!("reference head.obj --samples 12000 --size-mm 20 --material marble --light {light} -o b.ply -q"));
+        run("compare a.ply b.ply --fail-above 2%");
+        run(&format!("render a.tlux --light {light} -o a.png --resolution 64x64 -q"));
+        let chart = "chart head.obj -o chart --quick --reference-samples 8000 --size-mm 20 --device cpu -q";
+        run(&format!("{chart} --methods {name} --light {light}"));
+        assert!(std::fs::read_to_string(folder.join("chart/chart.json")).unwrap().contains(name));
+    }
+}
