@@ -7,45 +7,40 @@
 //! Irradiance is what enters the medium (entrance Fresnel included); radiosity is the exitance
 //! `B(x_o) = Int_A R_d(|x_i - x_o|) E(x_i) dA` outside the medium, per vertex and RGB.
 //!
+//! # Example
+//!
+//! A model is baked, its asset written and opened again, and its radiosity read:
+//!
+//! ```
+//! use translux::{ImportOptions, MaterialChoice, Scale, bake, evaluate, light, load, measure, open, write};
+//!
+//! # fn main() -> translux::error::Result<()> {
+//! # let folder = tempfile::tempdir().unwrap();
+//! # let (model, path) = (folder.path().join("tetrahedron.obj"), folder.path().join("tetrahedron.tlux"));
+//! # std::fs::write(&model, "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n").unwrap();
+//! let options = ImportOptions {
+//!     scale: Some(Scale::DiagonalMm(20.0)),
+//!     materials: MaterialChoice::plain("marble"),
+//!     ..ImportOptions::default()
+//! };
+//! let asset = bake(load(&model, &options)?, "two_pass", &[("points", "1")])?;
+//! write(&asset, &path)?;
+//! let mut evaluator = open(&path)?;
+//! let radiosity = evaluate(evaluator.as_mut(), vec![light("directional:from=1,1,1:irradiance=3")?])?;
+//! println!("{:?} at the first vertex, off by {:.1e}", radiosity[0], measure(evaluator.as_mut())?.total_rms());
+//! # assert_eq!(radiosity.len(), 4);
+//! # Ok(())
+//! # }
+//! ```
+//!
 //! # Layers
 //!
 //! Modules import downwards only, in this order:
 //! `error` < `progress` < `math` < `medium` < `geometry` < `light` < `io` < `compress` < `transport` < `import`
-//! < `asset` < `evaluate` < `methods` < `render` < `relight` < `measure` < `report` < `commands`. `tests/layers.rs` checks it.
+//! < `asset` < `evaluate` < `forms` < `methods` < `render` < `relight` < `measure` < `report` < `commands`. `tests/layers.rs` checks
+//! it. This file alone re-exports across them.
 
 #![warn(clippy::exit, clippy::panic, clippy::print_stderr, clippy::print_stdout)]
-
-//! # Example
-//!
-//! Radiosity of a marble sphere of 20 mm under one light:
-//!
-//! ```
-//! use std::sync::Arc;
-//! use glam::DVec3;
-//! use translux::asset::Provenance;
-//! use translux::evaluate::{BakeSettings, Method};
-//! use translux::geometry::{mesh::{Mesh, Placement}, part_table::PartTable, shapes};
-//! use translux::light::Light;
-//! use translux::medium::material::preset;
-//! use translux::methods::{self, settings, two_pass::TwoPass};
-//! use translux::progress::Silent;
-//! use translux::transport::scene::{Medium, Scene};
-//!
-//! # fn main() -> translux::error::Result<()> {
-//! let (mesh, _) = Mesh::from_source(shapes::icosphere(10.0, 3), &Placement { mm_per_unit: 1.0 })?;
-//! let parts = PartTable::new(&mesh, vec![0; mesh.triangles.len()], vec![("ball".into(), Some(0))]);
-//! let marble = preset("marble").ok_or_else(|| translux::error::Error::input("no marble"))?;
-//! let media = vec![Medium { name: "marble".into(), properties: marble.properties() }];
-//! let settings = BakeSettings::new(&TwoPass, settings::resolve(&TwoPass, &[])?);
-//! let scene = Scene { mesh, parts, media };
-//! let asset = methods::bake(&TwoPass, scene, &settings, Provenance::default(), &Silent)?;
-//! let mut evaluator = TwoPass.open(Arc::new(asset))?;
-//! evaluator.set_lights(vec![Light::directional(DVec3::Y, DVec3::splat(3.0))?], &Silent)?;
-//! let radiosity = evaluator.radiosity(&Silent)?; // one RGB for each vertex
-//! assert!(radiosity.iter().all(|b| b.min_element() > 0.0));
-//! # Ok(())
-//! # }
-//! ```
 
 pub mod error;
 pub mod progress;
@@ -83,3 +78,91 @@ pub mod measure;
 pub mod report;
 
 pub mod commands;
+
+use std::path::Path;
+use std::sync::Arc;
+
+use glam::DVec3;
+
+pub use asset::Asset;
+pub use compress::ledger::Ledger;
+pub use evaluate::Evaluator;
+pub use geometry::mesh::Scale;
+pub use import::materials::MaterialChoice;
+pub use import::{ImportOptions, Imported};
+pub use light::Light;
+pub use medium::material::Material;
+
+use error::Result;
+use progress::Silent;
+
+/// Reads a model (OBJ, glTF) and makes a scene of it.
+///
+/// # Errors
+/// Files that cannot be read, no unit or material, names that the model does not have.
+pub fn load(model: &Path, options: &ImportOptions) -> Result<Imported> {
+    import::load(model, options, &Silent)
+}
+
+/// Bakes a scene with a method and some of its keys, for every kind of light.
+///
+/// # Errors
+/// Methods, keys and values that there are not; failures of the work.
+pub fn bake(imported: Imported, method: &str, set: &[(&str, &str)]) -> Result<Asset> {
+    let registry = methods::built_in();
+    let method = registry.method(method)?;
+    let given: Vec<(String, String)> = set.iter().map(|(key, value)| ((*key).into(), (*value).into())).collect();
+    let probes = measure::probes::for_bake(&imported.scene.mesh);
+    let settings = evaluate::BakeSettings { probes, ..evaluate::BakeSettings::new(method.default_max_rms()) };
+    method.recipe(&given, settings)?.bake(imported.scene, imported.origin.into(), &Silent)
+}
+
+/// Writes an asset atomically; returns its bytes.
+///
+/// # Errors
+/// I/O.
+pub fn write(asset: &Asset, path: &Path) -> Result<u64> {
+    asset.write(path)
+}
+
+/// Opens an asset for evaluation.
+///
+/// # Errors
+/// I/O, anything that is not a valid asset, a form that this build does not have.
+pub fn open(path: &Path) -> Result<Box<dyn Evaluator>> {
+    methods::built_in().open(Arc::new(Asset::read(path)?)).map_err(|e| e.at(path.display()))
+}
+
+/// A light from its text, such as `directional:from=0,1,0:irradiance=3`.
+///
+/// # Errors
+/// Command line: what is wrong with the text; environments that cannot be read.
+pub fn light(text: &str) -> Result<Light> {
+    Ok(io::environment::load_light(&light::parse::parse(text)?)?.value)
+}
+
+/// A material by the name of a preset or the path of a file.
+///
+/// # Errors
+/// Command line: no such preset; a file that cannot be read.
+pub fn material(name: &str) -> Result<Material> {
+    Material::from_argument(name)
+}
+
+/// Radiosity of every source vertex under some lights, RGB, in the unit of their irradiance.
+///
+/// # Errors
+/// Lights that the asset does not carry; failures of the work.
+pub fn evaluate(evaluator: &mut dyn Evaluator, lights: Vec<Light>) -> Result<Vec<DVec3>> {
+    evaluator.set_lights(lights, &Silent)?;
+    evaluator.radiosity(&Silent)
+}
+
+/// What the evaluator is off by under the lights in force, by stage.
+///
+/// # Errors
+/// Failures of the work.
+pub fn measure(evaluator: &mut dyn Evaluator) -> Result<Ledger> {
+    let unseen = measure::probes::unseen(&evaluator.scene().mesh);
+    evaluator.measured_error(&unseen, &Silent)
+}
