@@ -10,8 +10,9 @@
 //! # Layers
 //!
 //! Modules import downwards only, in this order:
-//! `error` < `progress` < `math` < `medium` < `geometry` < `light` < `io` < `compress` < `transport` < `import`
-//! < `asset` < `evaluate` < `methods` < `render` < `relight` < `measure` < `report` < `commands`. `tests/layers.rs` checks it.
+//! `error` < `progress` < `math` < `medium` < `geometry` < `light` < `io` < `compress` < `transport` < `scene`
+//! < `import` < `asset` < `evaluate` < `methods` < `render` < `relight` < `measure` < `report`
+//! < `commands`. `tests/layers.rs` checks it.
 
 #![warn(clippy::exit, clippy::panic, clippy::print_stderr, clippy::print_stdout)]
 
@@ -26,10 +27,10 @@
 //! use translux::evaluate::{BakeSettings, Method};
 //! use translux::geometry::{mesh::{Mesh, Placement}, part_table::PartTable, shapes};
 //! use translux::light::Light;
-//! use translux::medium::material::preset;
+//! use translux::medium::material::{Medium, preset};
 //! use translux::methods::{self, settings, two_pass::TwoPass};
 //! use translux::progress::Silent;
-//! use translux::transport::scene::{Medium, Scene};
+//! use translux::scene::Scene;
 //!
 //! # fn main() -> translux::error::Result<()> {
 //! let (mesh, _) = Mesh::from_source(shapes::icosphere(10.0, 3), &Placement { mm_per_unit: 1.0 })?;
@@ -63,6 +64,8 @@ pub mod io;
 pub mod compress;
 
 pub mod transport;
+
+pub mod scene;
 
 pub mod import;
 
