@@ -10,10 +10,9 @@ use std::time::Instant;
 use glam::DVec3;
 use translux::asset::Asset;
 use translux::light::Light;
-use translux::medium::material::PRESETS;
+use translux::medium::material::{Medium, PRESETS};
 use translux::methods;
 use translux::progress::Silent;
-use translux::transport::scene::Medium;
 
 const RUNS: usize = 9;
 

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use translux::geometry::bvh::{Bvh, Ray};
 use translux::geometry::mesh::{Mesh, Placement};
 use translux::geometry::part_table::PartTable;
-use translux::geometry::samples::Samples;
+use translux::geometry::samples::{Samples, patches};
 use translux::geometry::shapes;
 use translux::geometry::source::SourceModel;
 use translux::io::environment::load_environment;
@@ -21,11 +21,12 @@ use translux::light::cube_light::CubeLight;
 use translux::light::sky::sky;
 use translux::math::cube_map::{FACES, direction};
 use translux::medium::entrance_basis::EntranceBasis;
-use translux::medium::material::preset;
+use translux::medium::material::{Medium, preset};
 use translux::progress::Silent;
+use translux::scene::Scene;
 use translux::transport::irradiance::{Illumination, LightSampling};
 use translux::transport::irradiance_rows::{RowBaker, RowSettings};
-use translux::transport::scene::{Medium, Scene, Surface, patches};
+use translux::transport::surface::Surface;
 use translux::transport::visibility::{GROUP, Observer, Occluders, Resolution, visit};
 use translux_format::rows::IrradianceRows;
 use translux_format::{AssetFile, Budget, Reader, Samples as FormatSamples};
@@ -97,8 +98,8 @@ fn scene_of(mesh: Mesh, parts: PartTable) -> Option<Scene> {
 /// resolution, which have an error of their own (two sets of rays are compared).
 fn rows(scene: Option<Scene>, bvh: &Bvh, samples: &Samples, shared: &Path) {
     let Some(scene) = scene else { return };
-    let patches = patches(&scene, samples);
-    let surface = Surface { scene: &scene, bvh, samples, patches: &patches };
+    let patches = patches(&scene.mesh, samples);
+    let surface = Surface { domain: scene.domain(), bvh, samples, patches: &patches };
     let mut lights = vec![("built-in sky".to_string(), sky())];
     for name in ["debevec_grace_1k.exr", "noon_grass_1k.hdr", "potsdamer_platz_1k.hdr", "debevec_uffizi_256.hdr"] {
         if let Ok(map) = load_environment(&shared.join("data/env").join(name)) {

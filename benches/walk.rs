@@ -14,13 +14,13 @@ use translux::geometry::shapes;
 use translux::geometry::source::SourceModel;
 use translux::io::obj::read_obj;
 use translux::light::Light;
-use translux::medium::material::{OpticalProperties, preset};
+use translux::medium::material::{Medium, OpticalProperties, preset};
 use translux::progress::Silent;
+use translux::scene::Scene;
 use translux::transport::random_walk::boundary::{HalfSpace, Sphere};
 use translux::transport::random_walk::exitance::{Effort, budget, exitance};
 use translux::transport::random_walk::tally::Budget;
 use translux::transport::random_walk::walk::{Start, WalkMedium};
-use translux::transport::scene::{Medium, Scene};
 
 /// Diagonal of the meshes in mm.
 const SIZE_MM: f64 = 30.0;
@@ -65,11 +65,13 @@ fn mesh(name: &str, source: SourceModel, properties: OpticalProperties) {
     let parts = PartTable::new(&mesh, vec![0; mesh.triangles.len()], vec![("body".into(), Some(0))]);
     let scene = Scene { mesh, parts, media: vec![Medium { name: name.into(), properties }] };
     let Ok(light) = Light::constant(DVec3::ONE) else { return };
-    report(name, || match exitance(&scene, std::slice::from_ref(&light), Effort::Photons(200_000), 1, &Silent) {
-        Ok(walked) => walked.budget.iter().fold(Budget::default(), |sum, b| sum.plus(b)),
-        Err(error) => {
-            println!("FAILED: {error}");
-            Budget::default()
+    report(name, || {
+        match exitance(scene.domain(), std::slice::from_ref(&light), Effort::Photons(200_000), 1, &Silent) {
+            Ok(walked) => walked.budget.iter().fold(Budget::default(), |sum, b| sum.plus(b)),
+            Err(error) => {
+                println!("FAILED: {error}");
+                Budget::default()
+            }
         }
     });
 }

@@ -15,8 +15,8 @@ use crate::geometry::source::CornerAttribute;
 use crate::import::{Origin, file::Input};
 use crate::io::atomic;
 use crate::math::statistics::VertexError;
-use crate::medium::material::OpticalProperties;
-use crate::transport::scene::{Medium, Scene};
+use crate::medium::material::{Medium, OpticalProperties};
+use crate::scene::Scene;
 
 /// Revision of the algorithms: raised whenever the same input gives other bytes.
 pub const ALGORITHM_REVISION: u32 = 1;

@@ -36,9 +36,9 @@
 //! # Layers
 //!
 //! Modules import downwards only, in this order:
-//! `error` < `progress` < `math` < `medium` < `geometry` < `light` < `io` < `compress` < `transport` < `import`
-//! < `asset` < `evaluate` < `forms` < `methods` < `render` < `relight` < `measure` < `report` < `commands`. `tests/layers.rs` checks
-//! it. This file alone re-exports across them.
+//! `error` < `progress` < `math` < `medium` < `geometry` < `light` < `io` < `compress` < `transport` < `scene`
+//! < `import` < `asset` < `evaluate` < `forms` < `methods` < `render` < `relight` < `measure` < `report`
+//! < `commands`. `tests/layers.rs` checks it. This file alone re-exports across them.
 
 #![warn(clippy::exit, clippy::panic, clippy::print_stderr, clippy::print_stdout)]
 
@@ -58,6 +58,8 @@ pub mod io;
 pub mod compress;
 
 pub mod transport;
+
+pub mod scene;
 
 pub mod import;
 

@@ -25,9 +25,9 @@ use translux::geometry::source::SourceModel;
 use translux::light::{Light, LightKind, sky};
 use translux::math::statistics::{VertexError, vertex_error};
 use translux::measure::probes;
-use translux::medium::material::PRESETS;
+use translux::medium::material::{Medium, PRESETS};
 use translux::progress::Silent;
-use translux::transport::scene::{Medium, Scene};
+use translux::scene::Scene;
 
 /// Samples of the methods and of the truth: few, so that the tests are short. The promises say what that costs.
 const SAMPLES: usize = 8000;

@@ -4,7 +4,7 @@ use translux::error::Result;
 use translux::light::Light;
 use translux::measure::chart::draw::{Front, Point, Scatter, Unit, scatter_svg};
 use translux::progress::Silent;
-use translux::transport::scene::Scene;
+use translux::scene::Scene;
 
 use crate::bench::{Expected, Map, Spread, Truth, bake, compared, half_in, open, percent, sun, under};
 use crate::common::bench::{Context, Recipe, bytes_per_vertex, table};

@@ -13,7 +13,7 @@ use translux::math::cube_map::FACES;
 use translux::measure::probes::fibonacci_direction;
 use translux::methods;
 use translux::progress::{Progress, Silent};
-use translux::transport::scene::Scene;
+use translux::scene::Scene;
 
 use crate::common::bench::{Context, Recipe, bake_for, parallel};
 

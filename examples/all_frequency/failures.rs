@@ -6,7 +6,8 @@ use translux::evaluate::Evaluator;
 use translux::geometry::mesh::Scale;
 use translux::geometry::parts::PartsRule;
 use translux::light::Light;
-use translux::transport::scene::{Medium, Scene};
+use translux::medium::material::Medium;
+use translux::scene::Scene;
 
 use crate::bench::{Found, Map, Spread, Truth, baked, half_in, percent, texels, under};
 use crate::common::bench::{Context, parallel, properties, scene_of, table};

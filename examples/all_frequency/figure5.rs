@@ -61,16 +61,16 @@ pub(crate) fn run(context: &Context) -> Result<String> {
         scene.media.iter_mut().for_each(|m| m.properties = properties);
         let bvh = Bvh::new(&scene.mesh);
         let stand = Stand::new(&scene, side)?;
-        let points = vertex_points(&scene);
+        let points = vertex_points(scene.domain());
         let start = Instant::now();
-        let baker = VectorBaker::new(&scene, &bvh, VectorSettings::DEFAULT)?;
+        let baker = VectorBaker::new(scene.domain(), &bvh, VectorSettings::DEFAULT)?;
         let baked = sums(&baker, &points, &cubes);
         let seconds = start.elapsed().as_secs_f64();
         let paper = VectorSettings { sharing: Sharing::PAPER, ..VectorSettings::DEFAULT };
         let some: Vec<_> = points.iter().copied().step_by(STEP).collect();
-        let unshared = sums(&VectorBaker::new(&scene, &bvh, paper)?, &some, &cubes);
+        let unshared = sums(&VectorBaker::new(scene.domain(), &bvh, paper)?, &some, &cubes);
         let many = VectorSettings { sharing: Sharing::None { depths: MANY }, ..VectorSettings::DEFAULT };
-        let many = sums(&VectorBaker::new(&scene, &bvh, many)?, &some, &cubes);
+        let many = sums(&VectorBaker::new(scene.domain(), &bvh, many)?, &some, &cubes);
         let some_baked: Vec<Vec<DVec3>> = baked.iter().map(|b| b.iter().copied().step_by(STEP).collect()).collect();
         let between =
             |a: &[Vec<DVec3>], b: &[Vec<DVec3>]| -> Vec<f64> { a.iter().zip(b).map(|(a, b)| relative(a, b)).collect() };

@@ -11,7 +11,7 @@ use translux::measure::probes::fibonacci_direction;
 use translux::medium::material::OpticalProperties;
 use translux::medium::phase::{HenyeyGreenstein, LegendrePhase, LightTerms, MOST_TERMS, SeparablePhase};
 use translux::render::single::Single;
-use translux::transport::scene::Scene;
+use translux::scene::Scene;
 use translux::transport::single_scattering::radiance::{Path, Settings};
 use translux::transport::single_scattering::vectors::{Sharing, VectorBaker, VectorSettings};
 use translux::transport::single_scattering::{Coefficients, ExitPoint, vertex_points};
@@ -235,19 +235,23 @@ fn pictures(context: &Context) -> Result<(String, String, String)> {
     let first = body(context, 0.0)?;
     let (bvh, stand) = (Bvh::new(&first.mesh), Stand::new(&first, side)?);
     let seen = stand.seen()?;
-    let mut points = vertex_points(&first);
+    let mut points = vertex_points(first.domain());
     points.iter_mut().zip(&seen).filter(|(_, seen)| !**seen).for_each(|(p, _)| *p = ExitPoint::default());
     // Light sides of harmonics are the same for every g.
     let most = TERMS.into_iter().max().unwrap_or(1).min(MOST_TERMS);
-    let harmonics = sums(&VectorBaker::new(&first, &bvh, settings(LightTerms::Harmonics(most)))?, &points, &cubes);
+    let harmonics =
+        sums(&VectorBaker::new(first.domain(), &bvh, settings(LightTerms::Harmonics(most)))?, &points, &cubes);
     context.say("figure 6: vectors");
     let (mut sheets, mut rows, mut errors) = (Vec::new(), Vec::new(), Vec::new());
     for g in context.some(&MEAN_COSINES, 2) {
         let scene = body(context, g)?;
         let separable = Few::separable(g, SPLIT)?;
         let Few::Separable(phase) = &separable else { continue };
-        let split =
-            sums(&VectorBaker::new(&scene, &bvh, settings(LightTerms::Separable(phase.clone())))?, &points, &cubes);
+        let split = sums(
+            &VectorBaker::new(scene.domain(), &bvh, settings(LightTerms::Separable(phase.clone())))?,
+            &points,
+            &cubes,
+        );
         for (index, (name, light)) in lights.iter().enumerate() {
             let rays = Settings { coefficients: Coefficients::Unreduced, directions, ..Settings::REFERENCE };
             let by = |path, key| stand.traced((&scene, &bvh), light, Rays { settings: rays, path, key });

@@ -8,8 +8,9 @@ use translux::error::Result;
 use translux::geometry::mesh::Scale;
 use translux::geometry::parts::PartsRule;
 use translux::io::obj::read_obj;
+use translux::medium::material::Medium;
 use translux::progress::{Progress, Silent};
-use translux::transport::scene::{Medium, Scene};
+use translux::scene::Scene;
 
 use crate::bench::{DEFAULT_RMS, Map, bake, open, recipe, under};
 use crate::common::bench::{

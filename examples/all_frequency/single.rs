@@ -21,7 +21,7 @@ use translux::render::background::Background;
 use translux::render::camera::{Camera, Resolution};
 use translux::render::frame::{Frame, RenderSettings, Specular, render};
 use translux::render::single::{Exitance, Single};
-use translux::transport::scene::Scene;
+use translux::scene::Scene;
 use translux::transport::single_scattering::ExitPoint;
 use translux::transport::single_scattering::interface::refracted;
 use translux::transport::single_scattering::radiance::{Path, Settings, SingleScattering};
@@ -114,7 +114,7 @@ impl Stand {
     /// By rays, along a path, with the random numbers of a key.
     pub(crate) fn traced(&self, (scene, bvh): (&Scene, &Bvh), light: &Light, by: Rays) -> Result<Picture> {
         let lights = std::slice::from_ref(light);
-        let single = SingleScattering::new(scene, bvh, lights, by.settings)?;
+        let single = SingleScattering::new(scene.domain(), bvh, lights, by.settings)?;
         self.picture(Single::TowardsEye(&Traced { single, path: by.path, key: by.key }))
     }
 

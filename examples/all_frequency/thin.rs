@@ -8,9 +8,9 @@ use translux::geometry::part_table::PartTable;
 use translux::geometry::parts::PartsRule;
 use translux::geometry::shapes::{compose, cuboid};
 use translux::light::Light;
-use translux::medium::material::OpticalProperties;
+use translux::medium::material::{Medium, OpticalProperties};
 use translux::progress::Silent;
-use translux::transport::scene::{Medium, Scene};
+use translux::scene::Scene;
 use translux::transport::single_scattering::radiance::{Settings, SingleScattering};
 use translux::transport::single_scattering::{Crossings, ExitPoint};
 
@@ -96,7 +96,7 @@ pub(crate) fn run(context: &Context) -> Result<String> {
             let single = |scene: &Scene, crossings: Crossings, points: &[ExitPoint]| -> Result<Vec<DVec3>> {
                 let bvh = Bvh::new(&scene.mesh);
                 let settings = Settings { crossings, ..Settings::REFERENCE };
-                Ok(SingleScattering::new(scene, &bvh, lights, settings)?.per_points(points, &Silent))
+                Ok(SingleScattering::new(scene.domain(), &bvh, lights, settings)?.per_points(points, &Silent))
             };
             let separate = points();
             let whole: Vec<ExitPoint> = separate.iter().map(|p| ExitPoint { part: 0, ..*p }).collect();

@@ -15,9 +15,9 @@ use translux::geometry::source::SourceModel;
 use translux::io::obj::read_obj;
 use translux::light::{Light, LightKind};
 use translux::measure::probes::{self, Half};
-use translux::medium::material::{OpticalProperties, preset};
+use translux::medium::material::{Medium, OpticalProperties, preset};
 use translux::progress::Progress;
-use translux::transport::scene::{Medium, Scene};
+use translux::scene::Scene;
 
 use super::finer::longest_edges_cut;
 

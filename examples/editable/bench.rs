@@ -10,13 +10,14 @@ use translux::evaluate::Evaluator;
 use translux::geometry::samples::Samples;
 use translux::light::{Light, LightKind};
 use translux::math::statistics::vertex_error;
+use translux::medium::material::Medium;
 use translux::methods;
 use translux::progress::Silent;
 use translux::render::background::Background;
 use translux::render::camera::{Camera, DEFAULT_FOV_DEGREES, Resolution};
 use translux::render::film::Exposure;
 use translux::render::frame::{Frame, RenderSettings, Specular, render};
-use translux::transport::scene::{Medium, Scene};
+use translux::scene::Scene;
 
 use crate::common::bench::{Context, Recipe, bake_for, parallel, properties};
 

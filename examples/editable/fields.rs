@@ -11,7 +11,7 @@ use translux::forms::environment_rows::StoredRows;
 use translux::geometry::bvh::{Bvh, Ray};
 use translux::geometry::mesh::Scale;
 use translux::geometry::parts::PartsRule;
-use translux::geometry::samples::Patch;
+use translux::geometry::samples::{Patch, patches};
 use translux::geometry::shapes::{compose, cuboid};
 use translux::io::obj::read_obj;
 use translux::light::{Light, LightKind};
@@ -20,12 +20,14 @@ use translux::math::spherical_rectangle::SphericalRectangle;
 use translux::math::statistics::vertex_error;
 use translux::measure::chart::draw::{Front, Point, Scatter, Unit, scatter_svg};
 use translux::medium::fresnel::transmittance;
+use translux::medium::material::Medium;
 use translux::methods;
 use translux::progress::Silent;
+use translux::scene::Scene;
 use translux::transport::gather::{Gather, NearField, Scheme};
 use translux::transport::irradiance::{Illumination, LightSampling};
 use translux::transport::receivers::Receivers;
-use translux::transport::scene::{Medium, Scene, Surface, patches};
+use translux::transport::surface::Surface;
 use translux::transport::tree::SampleTree;
 use translux::transport::visibility::Observer;
 
@@ -130,20 +132,27 @@ impl Bench {
         let rows = StoredRows::of(&asset)?.ok_or_else(|| Error::runtime("the asset has no rows"))?;
         let receivers = Receivers::new(&scene.mesh, &scene.parts, 16);
         let (receivers, indices) = receivers.subset(RECEIVERS, 1);
-        let all =
-            translux::evaluate::sampling_error::receiver_areas(scene, &Receivers::new(&scene.mesh, &scene.parts, 16));
+        let all = translux::evaluate::sampling_error::receiver_areas(
+            &scene.mesh,
+            &Receivers::new(&scene.mesh, &scene.parts, 16),
+        );
         let areas = indices.iter().filter_map(|&i| all.get(i as usize).copied()).collect();
-        let (bvh, patches) = (Bvh::new(&scene.mesh), patches(scene, &asset.samples));
+        let (bvh, patches) = (Bvh::new(&scene.mesh), patches(&scene.mesh, &asset.samples));
         Ok(Self { asset, bvh, patches, rows, receivers, areas })
     }
 
     fn surface(&self) -> Surface<'_> {
-        Surface { scene: &self.asset.scene, bvh: &self.bvh, samples: &self.asset.samples, patches: &self.patches }
+        Surface {
+            domain: self.asset.scene.domain(),
+            bvh: &self.bvh,
+            samples: &self.asset.samples,
+            patches: &self.patches,
+        }
     }
 
     fn lit(&self, irradiance: Vec<DVec3>) -> Lit {
         let (surface, tree) = (self.surface(), SampleTree::default());
-        let gather = Gather::new(&surface, &tree, &surface.scene.media, NearField::for_error(0.005));
+        let gather = Gather::new(&surface, &tree, surface.domain.media, NearField::for_error(0.005));
         let radiosity = gather.radiosity(&self.receivers, &gather.light(&irradiance), Scheme::AllPairs, &Silent);
         Lit { irradiance, radiosity }
     }
@@ -165,7 +174,7 @@ impl Bench {
     /// By as many shadow rays as there are strata, from several points of each sample.
     fn truth(&self, light: &Light) -> Result<Lit> {
         let (surface, lights) = (self.surface(), [light.clone()]);
-        let etas: Vec<f64> = surface.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
+        let etas: Vec<f64> = surface.domain.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
         let sampling = LightSampling { area_side: TRUTH_SIDE, ..LightSampling::REFERENCE };
         Ok(self.lit(Illumination::new(&surface, &lights, &etas, sampling)?.all(&Silent)))
     }
@@ -173,7 +182,7 @@ impl Bench {
     /// By rays from the points that the rows belong to, which end at the light or nowhere.
     fn by_rays_of_rows(&self, light: &Light, reach: Reach) -> Lit {
         let surface = self.surface();
-        let (mesh, eta) = (&surface.scene.mesh, surface.scene.media[0].properties.eta_inside_over_outside);
+        let (mesh, eta) = (surface.domain.mesh, surface.domain.media[0].properties.eta_inside_over_outside);
         let of = |patch: usize| {
             let Light::Area { at_mm, normal, u, size_mm, radiance, .. } = light else { return DVec3::ZERO };
             let observer = Observer::of(mesh, surface.samples.patch(patch));
@@ -209,13 +218,13 @@ impl Bench {
     fn field(&self, light: &Light, points: u16) -> Result<Lit> {
         let (surface, mut irradiance) = (self.surface(), vec![DVec3::ZERO; self.patches.len()]);
         let light = light.clone().through_field(points)?;
-        self.rows.add(&[light], surface.scene, surface.samples, &mut irradiance)?;
+        self.rows.add(&[light], surface.domain, surface.samples, &mut irradiance)?;
         Ok(self.lit(irradiance))
     }
 
     fn own_maps(&self, light: &Light) -> Result<Lit> {
         let (surface, light) = (self.surface(), light.clone().through_field(DEFAULT)?);
-        Ok(self.lit(self.rows.without_interpolation(&light, surface.scene, surface.samples)?))
+        Ok(self.lit(self.rows.without_interpolation(&light, surface.domain, surface.samples)?))
     }
 }
 
@@ -372,7 +381,7 @@ fn times(context: &Context, scene: &Scene, error: f64) -> Result<String> {
         let (surface, light) = (bench.surface(), light.clone().through_field(DEFAULT)?);
         let time = |_| -> Result<f64> {
             let start = Instant::now();
-            bench.rows.without_interpolation(&light, surface.scene, surface.samples)?;
+            bench.rows.without_interpolation(&light, surface.domain, surface.samples)?;
             Ok(start.elapsed().as_secs_f64() * 1e3)
         };
         median_ms((0..3).map(time).collect::<Result<_>>()?)

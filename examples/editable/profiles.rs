@@ -7,12 +7,12 @@ use translux::geometry::mesh::Scale;
 use translux::geometry::parts::PartsRule;
 use translux::geometry::shapes::icosphere;
 use translux::measure::chart::draw::{Front, Point, Scatter, Unit, scatter_svg};
-use translux::medium::material::OpticalProperties;
+use translux::medium::material::{Medium, OpticalProperties};
 use translux::medium::profiles::model::ProfileModel;
 use translux::progress::Silent;
+use translux::scene::Scene;
 use translux::transport::random_walk::exitance::{Effort, Exitance, exitance};
 use translux::transport::random_walk::model_error::{ModelError, compare};
-use translux::transport::scene::{Medium, Scene};
 
 use crate::bench::{bake, open, percent, sun};
 use crate::common::bench::{Context, Recipe, SIZE_MM, scene_of, table};
@@ -62,7 +62,7 @@ fn without_single(walk: &Exitance) -> Exitance {
 /// Errors of every profile, in their order, against all orders and without the first.
 fn errors(scene: &Scene, noise: f64) -> Result<Vec<[ModelError; 2]>> {
     let lights = [sun()];
-    let walk = exitance(scene, &lights, Effort::Noise(noise), SEED, &Silent)?;
+    let walk = exitance(scene.domain(), &lights, Effort::Noise(noise), SEED, &Silent)?;
     let multiple = without_single(&walk);
     let (asset, _) = bake(scene, &Recipe { samples: Some(SAMPLES), max_rms: 0.005, set: &[] })?;
     let mut evaluator = open(asset)?;

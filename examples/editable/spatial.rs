@@ -14,9 +14,10 @@ use translux::geometry::shapes::bumpy_head;
 use translux::geometry::source::SourceModel;
 use translux::measure::chart::draw::{Front, Point, Scatter, Unit, scatter_svg};
 use translux::medium::fresnel::BoundaryFit;
+use translux::medium::material::Medium;
 use translux::medium::profile::Profile;
 use translux::medium::profile_basis::{BasisSettings, Family, ProfileBasis};
-use translux::transport::scene::{Medium, Scene};
+use translux::scene::Scene;
 
 use self::columns::{Basis, Columns, Found, Lifted, Spatial, Transport};
 use crate::bench::percent;

@@ -4,15 +4,16 @@ use glam::DVec3;
 use rayon::prelude::*;
 use translux::error::Result;
 use translux::geometry::bvh::Bvh;
-use translux::geometry::samples::{Patch, Samples};
+use translux::geometry::samples::{Patch, Samples, patches};
 use translux::geometry::scattered::{Kriging, OrientedPoint, Weights, choose};
 use translux::geometry::surface_wavelet::SurfaceWavelet;
 use translux::light::Light;
 use translux::math::cdf97::Pictures;
 use translux::progress::Silent;
+use translux::scene::Scene;
 use translux::transport::balanced_tree::{BalancedTree, LightDetails, in_tree_order};
 use translux::transport::irradiance::{Illumination, LightSampling};
-use translux::transport::scene::{Scene, Surface, patches};
+use translux::transport::surface::Surface;
 
 use crate::common::bench::parallel;
 
@@ -50,10 +51,10 @@ pub(crate) struct Transport {
 impl Transport {
     pub(crate) fn new(scene: &Scene, count: usize) -> Result<Self> {
         let unordered = Samples::new(&scene.mesh, &scene.parts, count);
-        let samples = in_tree_order(&unordered, &patches(scene, &unordered));
-        let patches = patches(scene, &samples);
+        let samples = in_tree_order(&unordered, &patches(&scene.mesh, &unordered));
+        let patches = patches(&scene.mesh, &samples);
         let bvh = Bvh::new(&scene.mesh);
-        let surface = Surface { scene, bvh: &bvh, samples: &samples, patches: &patches };
+        let surface = Surface { domain: scene.domain(), bvh: &bvh, samples: &samples, patches: &patches };
         let reach = scene.mesh.diagonal_mm();
         let lamp =
             Light::Point { at_mm: scene.mesh.origin_mm + DVec3::new(0.2, 0.3, 0.6) * reach, intensity: DVec3::ONE };

@@ -7,7 +7,7 @@ use translux::evaluate::Evaluator;
 use translux::light::Light;
 use translux::measure::chart::draw::{Front, Point, Scatter, Unit, scatter_svg};
 use translux::medium::profile_basis::ProfileBasis;
-use translux::transport::scene::Scene;
+use translux::scene::Scene;
 use translux_format::far_field::{FarField, LANES, Shape, tags};
 use translux_format::{Codec, profile_basis as file};
 

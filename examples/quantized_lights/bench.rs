@@ -13,7 +13,7 @@ use translux::math::random::uniform;
 use translux::math::sphere::unit;
 use translux::methods;
 use translux::progress::Silent;
-use translux::transport::scene::Scene;
+use translux::scene::Scene;
 
 use crate::common::bench::bake_for;
 pub(crate) use crate::common::bench::{

@@ -6,7 +6,7 @@ use glam::DVec3;
 use translux::asset::Asset;
 use translux::error::Result;
 use translux::light::quantised::interpolation::Scheme;
-use translux::transport::scene::Scene;
+use translux::scene::Scene;
 
 use crate::bench::{
     Context, LIGHTS, all_lit, bytes_per_vertex, directions_of, encoded, met, noted, open, same_samples, summary, table,

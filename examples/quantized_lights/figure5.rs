@@ -9,15 +9,16 @@ use rayon::prelude::*;
 use translux::error::Result;
 use translux::evaluate::sampling_error::receiver_areas;
 use translux::geometry::bvh::Bvh;
-use translux::geometry::samples::Samples;
+use translux::geometry::samples::{self, Samples};
 use translux::light::quantised::interpolation::{Interpolator, Scheme};
 use translux::measure::chart::draw::{Front, Point, Scatter, Unit, scatter_svg};
 use translux::progress::Silent;
+use translux::scene::Scene;
 use translux::transport::gather::{Gather, NearField};
 use translux::transport::irradiance::{Illumination, LightSampling};
 use translux::transport::many_lights::{IrradianceRows, ManyLights};
 use translux::transport::receivers::Receivers;
-use translux::transport::scene::{self, Scene, Surface};
+use translux::transport::surface::Surface;
 use translux::transport::tree::SampleTree;
 
 use crate::bench::{self, Context, LIGHTS, directions_of, met, parallel, summary, table, thousandths};
@@ -68,11 +69,11 @@ fn irradiance(surface: &Surface, etas: &[f64], from: DVec3) -> Result<Vec<f32>> 
 /// Errors of every interpolation from each number of lights.
 pub(crate) fn measure(scene: &Scene, counts: &[usize], lights: &[DVec3], views: &Views) -> Result<Vec<Found>> {
     let samples = Samples::new(&scene.mesh, &scene.parts, SAMPLES);
-    let (bvh, patches) = (Bvh::new(&scene.mesh), scene::patches(scene, &samples));
+    let (bvh, patches) = (Bvh::new(&scene.mesh), samples::patches(&scene.mesh, &samples));
     let tree = SampleTree::new(&samples, &patches);
     let receivers = Receivers::new(&scene.mesh, &scene.parts, GROUP);
-    let areas = receiver_areas(scene, &receivers);
-    let surface = Surface { scene, bvh: &bvh, samples: &samples, patches: &patches };
+    let areas = receiver_areas(&scene.mesh, &receivers);
+    let surface = Surface { domain: scene.domain(), bvh: &bvh, samples: &samples, patches: &patches };
     let gather = Gather::new(&surface, &tree, &scene.media, NearField::for_error(NEAR_RMS));
     let etas: Vec<f64> = scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
     let mut transfer = ManyLights::new(&gather, &tree, &receivers, &areas);

@@ -8,7 +8,7 @@ use translux::measure::image_error::{exposure, image_error};
 use translux::render::camera::{Camera, DEFAULT_FOV_DEGREES, Resolution};
 use translux::render::exit::{ExitFresnel, ExitRadiance};
 use translux::render::normals::ShadingNormals;
-use translux::transport::scene::Scene;
+use translux::scene::Scene;
 
 use crate::bench::random_direction;
 

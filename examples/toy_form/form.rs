@@ -14,8 +14,8 @@ use translux::forms::density::{self, Density};
 use translux::light::{Light, LightKind};
 use translux::math::statistics::vertex_error;
 use translux::progress::Progress;
+use translux::scene::Scene;
 use translux::transport::receivers::Receivers;
-use translux::transport::scene::Scene;
 use translux_format::{Codec, Kind, RawSection, Tag};
 
 /// What a registry takes.

@@ -12,7 +12,7 @@ use crate::evaluate::{BakeSettings, Recipe};
 use crate::import::Imported;
 use crate::light::LightKind;
 use crate::measure::probes::for_bake;
-use crate::transport::scene::Scene;
+use crate::scene::Scene;
 
 /// Options of a bake beside its method.
 #[derive(Clone, Debug, Args)]

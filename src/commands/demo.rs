@@ -28,7 +28,7 @@ use crate::report::materials::MediumReport;
 use crate::report::picture::RenderReport;
 use crate::report::sizes::sizes;
 use crate::report::text::{duration, megabytes, percent};
-use crate::transport::scene::Scene;
+use crate::scene::Scene;
 
 #[derive(Clone, Debug, Args)]
 pub(super) struct DemoArgs {

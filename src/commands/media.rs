@@ -6,9 +6,8 @@ use glam::DVec3;
 use crate::error::Result;
 use crate::evaluate::{Evaluator, Method};
 use crate::import::materials::MaterialChoice;
-use crate::medium::material::Overrides;
+use crate::medium::material::{Medium, Overrides};
 use crate::medium::profiles::model::ProfileModel;
-use crate::transport::scene::Medium;
 
 /// Optical properties.
 #[derive(Clone, Debug, Default, Args)]

@@ -20,8 +20,8 @@ use crate::math::statistics::{VertexError, vertex_error};
 use crate::report::evaluation::{OnMeshReport, RadiosityReport};
 use crate::report::radiosity_ply::{Single, check_range, comments, radiosity_ply};
 use crate::report::text::{percent, significant};
+use crate::scene::Scene;
 use crate::transport::receivers::{NONE, Receivers};
-use crate::transport::scene::Scene;
 
 /// Receivers that share a traversal of the samples.
 const GROUP: usize = 16;

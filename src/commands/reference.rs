@@ -21,9 +21,9 @@ use crate::import::Imported;
 use crate::report::evaluation::{RadiosityReport, WalkReport};
 use crate::report::radiosity_ply::{Single, comments, radiosity_ply};
 use crate::report::text::{percent, significant};
+use crate::scene::Scene;
 use crate::transport::random_walk::exitance::{self, Effort, Exitance, MOST_PHOTONS};
 use crate::transport::random_walk::tally::{Budget, NONE};
-use crate::transport::scene::Scene;
 
 /// Noise that a random walk aims at where nothing else is asked for.
 const DEFAULT_NOISE: f64 = 0.05;
@@ -114,9 +114,9 @@ fn monte_carlo(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
     let lights = args.lights.load(console)?;
     let Imported { scene, check, .. } = args.model.load(console)?;
     check_closed(&scene, &check).map_err(|e| e.at(args.model.model.display()))?;
-    console.check_memory(exitance::memory(&scene), "raise --max-memory")?;
+    console.check_memory(exitance::memory(scene.domain()), "raise --max-memory")?;
     let started = Instant::now();
-    let walked = exitance::exitance(&scene, &lights.lights, effort, args.walk.seed, console)?;
+    let walked = exitance::exitance(scene.domain(), &lights.lights, effort, args.walk.seed, console)?;
     let rate = walked.budget.iter().map(|b| b.collisions).sum::<u64>() as f64 / started.elapsed().as_secs_f64();
     let radiosity = walked.hats.to_vertices(&walked.total);
     output::write(&args.output, console, || {

@@ -12,10 +12,11 @@ use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
 use crate::geometry::bvh::Bvh;
 use crate::light::Light;
+use crate::medium::material::Medium;
 use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::Progress;
+use crate::scene::Scene;
 use crate::transport::receivers::Receivers;
-use crate::transport::scene::{Medium, Scene};
 
 /// An asset at run time: lights in, radiosity out. Linear in the lights.
 pub trait Evaluator: Send {

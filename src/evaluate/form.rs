@@ -17,7 +17,7 @@ use crate::error::{Error, Result};
 use crate::geometry::samples::Samples;
 use crate::light::{Light, LightKind};
 use crate::progress::Progress;
-use crate::transport::scene::Scene;
+use crate::scene::Scene;
 
 /// What every bake is asked for, whatever its form.
 #[derive(Clone, Debug, PartialEq)]

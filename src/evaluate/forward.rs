@@ -11,7 +11,7 @@ macro_rules! forward_scene {
             self.$inner.cost()
         }
 
-        fn scene(&self) -> &$crate::transport::scene::Scene {
+        fn scene(&self) -> &$crate::scene::Scene {
             self.$inner.scene()
         }
 

@@ -6,11 +6,12 @@ use glam::DVec3;
 use crate::error::{Error, Result};
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::progress::{Progress, Silent};
+use crate::scene::Scene;
 use crate::transport::gather::{Gather, Scheme};
 use crate::transport::interreflection::{InterReflection, LEAST_RAYS, MOST_RAYS, Rays};
 use crate::transport::irradiance::Pieces;
 use crate::transport::receivers::Receivers;
-use crate::transport::scene::{Scene, Surface};
+use crate::transport::surface::Surface;
 
 /// Receivers that measure the noise.
 const PROBES: usize = 384;
@@ -69,7 +70,7 @@ impl Outside {
 
     /// Casts the rays of every sample.
     pub(crate) fn matrix(self, surface: &Surface, receivers: &Receivers, progress: &dyn Progress) -> InterReflection {
-        let etas: Vec<f64> = surface.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
+        let etas: Vec<f64> = surface.domain.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
         InterReflection::new(surface, &etas, self.rays, progress).of_receivers(&receivers.of_vertex)
     }
 

@@ -12,7 +12,7 @@ use crate::asset::{Asset, Provenance};
 use crate::error::{Error, Result};
 use crate::light::LightKind;
 use crate::progress::Progress;
-use crate::transport::scene::Scene;
+use crate::scene::Scene;
 
 /// A name for a choice of a form and its settings.
 pub trait Method: Sync {

@@ -4,14 +4,17 @@ use glam::DVec3;
 
 use crate::compress::ledger::Ledger;
 use crate::error::Result;
-use crate::geometry::samples::Samples;
+use crate::geometry::mesh::Mesh;
+use crate::geometry::part_table::PartTable;
+use crate::geometry::samples::{self, Samples};
 use crate::light::Light;
 use crate::math::statistics::vertex_error;
+use crate::medium::material::Medium;
 use crate::progress::{Progress, Silent};
 use crate::transport::gather::{Gather, MediumKernel, NearField, Scheme};
 use crate::transport::irradiance::{Illumination, LightSampling, Pieces};
 use crate::transport::receivers::Receivers;
-use crate::transport::scene::{self, Medium, Scene, Surface};
+use crate::transport::surface::Surface;
 use crate::transport::tree::SampleTree;
 
 /// Receivers that measure the error; the third of them that no tuning sees (see [`Receivers::subset`]).
@@ -54,10 +57,10 @@ impl Sampled<'_> {
     /// # Errors
     /// As [`Illumination::new`].
     pub fn enter(&self, ledger: &mut Ledger, progress: &dyn Progress) -> Result<()> {
-        let (samples, scene) = (self.surface.samples, self.surface.scene);
-        let other = Samples::new(&scene.mesh, &scene.parts, comparison_count(samples.len(), scene));
-        let patches = scene::patches(scene, &other);
-        let surface = Surface { scene, bvh: self.surface.bvh, samples: &other, patches: &patches };
+        let (samples, domain) = (self.surface.samples, self.surface.domain);
+        let other = Samples::new(domain.mesh, domain.parts, comparison_count(samples.len(), domain.parts));
+        let patches = samples::patches(domain.mesh, &other);
+        let surface = Surface { domain, bvh: self.surface.bvh, samples: &other, patches: &patches };
         // Other shadow rays too: patches that both sets share would agree on the errors of theirs.
         let points_per_patch = 4 * self.sampling.points_per_patch;
         let sampling = LightSampling { points_per_patch, ..self.sampling };
@@ -84,8 +87,8 @@ impl Sampled<'_> {
 
 /// Samples of the set that tells the error of `count`: half as many, but one for each triangle where `count` has them,
 /// since clusters of triangles err in another way; twice as many where there cannot be fewer.
-fn comparison_count(count: usize, scene: &Scene) -> usize {
-    let transferring = scene.parts.parts.iter().filter(|p| p.transfers());
+fn comparison_count(count: usize, parts: &PartTable) -> usize {
+    let transferring = parts.parts.iter().filter(|p| p.transfers());
     let (parts, triangles) = transferring.fold((0, 0), |(n, t), p| (n + 1, t + p.triangle_count));
     if count < 2 * parts {
         2 * count
@@ -97,10 +100,10 @@ fn comparison_count(count: usize, scene: &Scene) -> usize {
 }
 
 /// A third of the area of the triangles around each receiver, mm^2.
-pub fn receiver_areas(scene: &Scene, receivers: &Receivers) -> Vec<f64> {
+pub fn receiver_areas(mesh: &Mesh, receivers: &Receivers) -> Vec<f64> {
     let mut areas = vec![0.0; receivers.len()];
-    for (index, triangle) in scene.mesh.triangles.iter().enumerate() {
-        let third = scene.mesh.cross_mm2(index as u32).length() / 6.0;
+    for (index, triangle) in mesh.triangles.iter().enumerate() {
+        let third = mesh.cross_mm2(index as u32).length() / 6.0;
         for &v in triangle {
             if let Some(area) = areas.get_mut(receivers.of_vertex[v as usize] as usize) {
                 *area += third;

@@ -10,7 +10,7 @@ use crate::geometry::bvh::Bvh;
 use crate::light::Light;
 use crate::math::statistics::vertex_error;
 use crate::progress::Progress;
-use crate::transport::scene::Scene;
+use crate::scene::Scene;
 use crate::transport::single_scattering::radiance::{DepthSampling, Path, Settings, Share, SingleScattering};
 use crate::transport::single_scattering::{Coefficients, Crossings, Density, ExitPoint, Form, vertex_points};
 
@@ -131,7 +131,7 @@ impl Traced {
     }
 
     fn prepared<'a>(self, lit: LitScene<'a>) -> Result<SingleScattering<'a>> {
-        SingleScattering::new(lit.scene, lit.bvh, lit.lights, self.settings())
+        SingleScattering::new(lit.scene.domain(), lit.bvh, lit.lights, self.settings())
     }
 
     /// `s = pi C L1 / F_t` along the inverse normal of every source vertex, RGB; equal for welded vertices, 0 where there is no
@@ -228,7 +228,7 @@ struct Places {
 
 impl Places {
     fn new(scene: &Scene) -> Self {
-        let exits = vertex_points(scene);
+        let exits = vertex_points(scene.domain());
         let areas = scene.vertex_areas_mm2();
         let mut of_weld: Vec<Option<u32>> = vec![None; exits.len()];
         let mut result = Self { points: Vec::new(), areas_mm2: Vec::new(), of_vertex: Vec::with_capacity(exits.len()) };

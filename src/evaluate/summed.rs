@@ -10,9 +10,10 @@ use super::single_scattering::{SeenPoint, TowardsEye};
 use crate::error::Result;
 use crate::light::Light;
 use crate::medium::fresnel::transmittance;
+use crate::medium::material::Medium;
 use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::Progress;
-use crate::transport::scene::{Medium, Scene};
+use crate::scene::Scene;
 use crate::transport::single_scattering::radiance::Share;
 use crate::transport::single_scattering::{ExitPoint, radiosity_factor, vertex_points};
 
@@ -37,7 +38,7 @@ impl Summed {
     pub fn of(evaluator: Box<dyn Evaluator>) -> Box<dyn Evaluator> {
         match evaluator.single_scattering_is() {
             SingleScattering::PerVertex | SingleScattering::TowardsEye => {
-                let exits = vertex_points(evaluator.scene());
+                let exits = vertex_points(evaluator.scene().domain());
                 Box::new(Self { evaluator, eye_mm: None, exits, radiosity: None })
             }
             SingleScattering::None | SingleScattering::Included | SingleScattering::TracedTowardsEye => evaluator,

@@ -19,11 +19,12 @@ use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::Samples;
 use crate::light::Light;
 use crate::math::statistics::{VertexError, vertex_error};
+use crate::medium::material::Medium;
 use crate::progress::{Progress, Silent};
+use crate::scene::Scene;
 use crate::transport::gather::NearField;
 use crate::transport::irradiance::LightSampling;
 use crate::transport::receivers::Receivers;
-use crate::transport::scene::{Medium, Scene};
 
 /// Error of the hierarchy that the transport is measured against.
 const TRUTH_ERROR: f64 = 0.001;

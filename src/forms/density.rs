@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::geometry::samples::{Facet, Patch};
-use crate::transport::scene::Scene;
+use crate::scene::Scene;
 
 /// How densely a surface is sampled.
 ///

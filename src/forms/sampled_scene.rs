@@ -7,15 +7,16 @@ use glam::DVec3;
 use crate::error::Result;
 use crate::evaluate::sampling_error::receiver_areas;
 use crate::geometry::bvh::Bvh;
-use crate::geometry::samples::{Patch, Samples};
+use crate::geometry::samples::{self, Patch, Samples};
 use crate::geometry::scattered::OrientedPoint;
 use crate::light::Light;
 use crate::progress::Silent;
+use crate::scene::Scene;
 use crate::transport::gather::Gather;
 use crate::transport::irradiance::{Illumination, LightSampling};
 use crate::transport::many_lights::{IrradianceRows, ManyLights};
 use crate::transport::receivers::Receivers;
-use crate::transport::scene::{self, Scene, Surface};
+use crate::transport::surface::Surface;
 use crate::transport::tree::SampleTree;
 
 /// Receivers that share a traversal of the tree.
@@ -64,16 +65,16 @@ pub(crate) struct SampledScene<'a> {
 impl<'a> SampledScene<'a> {
     pub(crate) fn new(scene: &'a Scene, count: usize) -> Self {
         let samples = Samples::new(&scene.mesh, &scene.parts, count);
-        let (bvh, patches) = rayon::join(|| Bvh::new(&scene.mesh), || scene::patches(scene, &samples));
+        let (bvh, patches) = rayon::join(|| Bvh::new(&scene.mesh), || samples::patches(&scene.mesh, &samples));
         let tree = SampleTree::new(&samples, &patches);
         let receivers = Receivers::new(&scene.mesh, &scene.parts, GROUP);
-        let areas = receiver_areas(scene, &receivers);
+        let areas = receiver_areas(&scene.mesh, &receivers);
         let points = oriented(scene, &receivers);
         Self { scene, bvh, samples, patches, tree, receivers, areas, points, sampling: SAMPLING }
     }
 
     pub(crate) fn surface(&self) -> Surface<'_> {
-        Surface { scene: self.scene, bvh: &self.bvh, samples: &self.samples, patches: &self.patches }
+        Surface { domain: self.scene.domain(), bvh: &self.bvh, samples: &self.samples, patches: &self.patches }
     }
 
     /// Irradiance of every sample under each light, RGB lights as their first channel.

@@ -6,8 +6,8 @@ use super::file::suffix;
 use crate::error::{Error, Result};
 use crate::geometry::mesh::material_indices;
 use crate::geometry::part_table::PartEntry;
-use crate::medium::material::{Material, Overrides};
-use crate::transport::scene::{Medium, Scene};
+use crate::medium::material::{Material, Medium, Overrides};
+use crate::scene::Scene;
 
 /// Optical properties as a user names them.
 #[derive(Clone, Debug, Default)]

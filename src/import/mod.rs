@@ -32,8 +32,9 @@ use crate::geometry::mesh::{Mesh, Scale, resolve_scale, skip_materials};
 use crate::geometry::part_table::PartTable;
 use crate::geometry::parts::{Analysis, MaterialRoles, PartsRule};
 use crate::geometry::source::SourceModel;
+use crate::medium::material::Medium;
 use crate::progress::{Progress, stage};
-use crate::transport::scene::{Medium, Scene};
+use crate::scene::Scene;
 
 /// Unit, media, parts and roles that turn a source into a scene.
 #[derive(Clone, Debug)]

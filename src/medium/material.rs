@@ -33,6 +33,15 @@ pub struct OpticalProperties {
     pub eta_inside_over_outside: f64,
 }
 
+/// A named medium.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Medium {
+    /// Name of the material that it came from.
+    pub name: String,
+    /// Its optical properties.
+    pub properties: OpticalProperties,
+}
+
 /// The lengths and the total of one channel that tell whether a method's resolution suits a medium.
 /// Infinite lengths become `null` in JSON.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]

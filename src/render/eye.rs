@@ -14,7 +14,7 @@ use super::specular::Ggx;
 use super::texture::Texture;
 use crate::geometry::bvh::{Bvh, Hit, Ray};
 use crate::light::Light;
-use crate::transport::scene::Scene;
+use crate::scene::Scene;
 use crate::transport::single_scattering::ExitPoint;
 
 /// Side of a tile in pixels.

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use crate::transport::scene::Scene;
+use crate::scene::Scene;
 
 /// Triangles whose normals differ by more than 60 degrees meet in an edge that is meant to be seen.
 const CREASE_COSINE: f64 = 0.5;

@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 use crate::evaluate::single_scattering::{SeenPoint, TowardsEye};
 use crate::geometry::bvh::Hit;
 use crate::math::random;
-use crate::transport::scene::Scene;
+use crate::scene::Scene;
 use crate::transport::single_scattering::ExitPoint;
 use crate::transport::single_scattering::radiance::Share;
 

@@ -6,8 +6,7 @@ use serde::Serialize;
 
 use super::text::{significant, table};
 use crate::medium::fresnel::BoundaryFit;
-use crate::medium::material::{OpticalProperties, PRESETS};
-use crate::transport::scene::Medium;
+use crate::medium::material::{Medium, OpticalProperties, PRESETS};
 
 /// A medium and its lengths, RGB.
 #[derive(Clone, Debug, Serialize)]

@@ -7,12 +7,13 @@ use serde::Serialize;
 use crate::evaluate::Cost;
 use crate::geometry::part_table::PartEntry;
 use crate::import::file::Input;
+use crate::medium::material::Medium;
 use crate::render::camera::Resolution;
 use crate::render::exit::ExitFresnel;
 use crate::render::film::ColourType;
 use crate::render::frame::SingleLayer;
 use crate::render::specular::Roughness;
-use crate::transport::scene::{Medium, Scene};
+use crate::scene::Scene;
 
 /// Figures of a picture.
 #[derive(Clone, Debug, Serialize)]

@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 use crate::geometry::mesh::Mesh;
 use crate::io::colour::srgb_from_linear;
 use crate::io::ply::{RadiosityPly, write_ply};
-use crate::transport::scene::Scene;
+use crate::scene::Scene;
 
 /// Comment of files whose radiosity has single scattering in it.
 pub(crate) const SINGLE_INCLUDED: &str = "b includes single scattering along the inverse normal";

@@ -24,7 +24,7 @@ impl Sphere {
     fn new(count: usize) -> Self {
         let fixture = Fixture::new(shapes::icosphere(10.0, 3), named("marble"), count);
         let samples = in_tree_order(&fixture.samples, &fixture.patches);
-        let patches = crate::transport::scene::patches(&fixture.scene, &samples);
+        let patches = crate::geometry::samples::patches(&fixture.scene.mesh, &samples);
         let settings = BasisSettings {
             split_mm: SPLIT_MM,
             reach_mm: 22.0,

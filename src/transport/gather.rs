@@ -14,11 +14,12 @@ use super::irradiance::Pieces;
 use super::kernel::radial_table::{self, RadialTable};
 use super::kernel::{self, Block, FlatSource, KernelRgb, PointSource};
 use super::receivers::{Group, Receivers, Sphere};
-use super::scene::{Medium, Surface};
+use super::surface::Surface;
 use super::tree::{Cluster, SampleTree, Visit};
 use crate::error::{Error, Result};
 use crate::math::simd::Level;
 use crate::medium::fresnel::BoundaryFit;
+use crate::medium::material::Medium;
 use crate::medium::profile::Profile;
 use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::Progress;
@@ -366,7 +367,7 @@ impl<'a> Gather<'a> {
         sphere: &Sphere,
         take: &mut impl FnMut(Source),
     ) {
-        let scale = self.surface.scene.parts.parts[part].area_mm2.max(f64::MIN_POSITIVE);
+        let scale = self.surface.domain.parts.parts[part].area_mm2.max(f64::MIN_POSITIVE);
         let mean_flux = self.part_flux(part, lit) / scale;
         self.tree.walk(part, &lit.clusters, |visit| match visit {
             Visit::Node(index, cluster) => {
@@ -391,7 +392,7 @@ impl<'a> Gather<'a> {
     }
 
     fn medium(&self, part: usize) -> Option<&MediumKernel> {
-        self.media.get(self.surface.scene.parts.parts[part].medium? as usize)
+        self.media.get(self.surface.domain.parts.parts[part].medium? as usize)
     }
 
     fn part_flux(&self, part: usize, lit: &Lit) -> DVec3 {
@@ -428,7 +429,7 @@ impl<'a> Gather<'a> {
             return;
         }
         let exact = below(self.near.exact_below);
-        let mesh = &self.surface.scene.mesh;
+        let mesh = self.surface.domain.mesh;
         if let Some(pieces) = pieces.and_then(|p| p.of(index)) {
             for (deviation, corners) in pieces {
                 let e = deviation * scale;

@@ -251,7 +251,7 @@ fn parts_exchange_no_light() {
     let names = vec![("left".to_owned(), Some(0)), ("right".to_owned(), Some(0))];
     fixture.scene.parts = crate::geometry::part_table::PartTable::new(&fixture.scene.mesh, part, names);
     fixture.samples = crate::geometry::samples::Samples::new(&fixture.scene.mesh, &fixture.scene.parts, 800);
-    fixture.patches = crate::transport::scene::patches(&fixture.scene, &fixture.samples);
+    fixture.patches = crate::geometry::samples::patches(&fixture.scene.mesh, &fixture.samples);
     fixture.tree = SampleTree::new(&fixture.samples, &fixture.patches);
     let e: Vec<DVec3> =
         (0..800).map(|i| if fixture.samples.part(0).contains(&i) { DVec3::ONE } else { DVec3::ZERO }).collect();

@@ -16,13 +16,14 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::irradiance::{around, direction_key};
-use super::scene::{Scene, Surface};
+use super::surface::Surface;
 use crate::geometry::bvh::{Hit, Ray, offset_origin};
 use crate::geometry::samples::{Facet, area};
 use crate::math::random::{bits, radical_inverse_2};
 use crate::math::simd::{Level, multiversion};
 use crate::medium::fresnel::{CosineTransmittance, transmittance};
 use crate::progress::Progress;
+use crate::transport::domain::Domain;
 
 /// Fewest and most rays of a sample, powers of two.
 pub const LEAST_RAYS: u32 = 8;
@@ -117,7 +118,7 @@ impl InterReflection {
             ends.extend(block.ends.iter().map(|end| end + arrivals.len()));
             arrivals.extend(block.arrivals);
         }
-        Self { rays, ends, arrivals, rows: surface.scene.mesh.triangles.clone() }
+        Self { rays, ends, arrivals, rows: surface.domain.mesh.triangles.clone() }
     }
 
     /// The same for values of receivers in place of source vertices: `receiver_of_vertex` as
@@ -323,15 +324,15 @@ impl Caster<'_> {
     }
 
     fn optics_of_part(&self, part: usize) -> Option<&Optics> {
-        let medium = self.surface.scene.parts.parts.get(part)?.medium?;
+        let medium = self.surface.domain.parts.parts.get(part)?.medium?;
         self.optics.get(medium as usize).filter(|optics| optics.diffuse > 0.0)
     }
 
     /// Adds the rays of one sample: all of them, or none from a surface without a normal.
     fn collect(&self, sample: usize, optics: &Optics, bundle: &mut Bundle) {
-        let scene = self.surface.scene;
+        let domain = self.surface.domain;
         let turns = TURNS.map(|turn| ((sample + 1) as f64 * turn).fract());
-        let places = Places::new(scene, self.surface.samples.patch(sample));
+        let places = Places::new(domain, self.surface.samples.patch(sample));
         for (k, [u, v]) in self.directions.iter().enumerate() {
             let Some(place) = places.at((k as f64 * FACET_STEP + turns[0]).fract()) else { return };
             let at = place.point(bits(STAGE_POINTS, sample as u64, k as u64));
@@ -361,10 +362,10 @@ impl Caster<'_> {
 
     /// What comes along a ray; none from an opaque part and from the inner side of a surface.
     fn arrival(&self, hit: &Hit, direction: DVec3, receiver: &Optics) -> Option<Arrival> {
-        let scene = self.surface.scene;
-        let part = *scene.parts.triangle_part.get(hit.triangle as usize)?;
+        let domain = self.surface.domain;
+        let part = *domain.parts.triangle_part.get(hit.triangle as usize)?;
         let emitter = self.optics_of_part(part as usize)?;
-        let cosine = -scene.mesh.normal(hit.triangle).dot(direction);
+        let cosine = -domain.mesh.normal(hit.triangle).dot(direction);
         let share = transmittance(emitter.eta, cosine) * receiver.diffuse / emitter.diffuse;
         let share = (share as f32).min(f32::MAX);
         let whole = f32::from(WHOLE);
@@ -388,10 +389,10 @@ struct Place {
 }
 
 impl Places {
-    fn new(scene: &Scene, facets: &[Facet]) -> Self {
+    fn new(domain: Domain, facets: &[Facet]) -> Self {
         let place = |facet: &Facet| Place {
-            corners_mm: facet.corners_local_mm(&scene.mesh),
-            normal: scene.mesh.normal(facet.triangle),
+            corners_mm: facet.corners_local_mm(domain.mesh),
+            normal: domain.mesh.normal(facet.triangle),
         };
         let facets: Vec<Place> = facets.iter().map(place).collect();
         let mut sum = 0.0;

@@ -29,7 +29,7 @@ fn field(fixture: &Fixture, of: impl Fn(DVec3) -> f64) -> Vec<DVec3> {
 
 /// `Int B dA` of values that are linear on triangles.
 fn power(fixture: &Fixture, radiosity: &[DVec3]) -> DVec3 {
-    fixture.scene.vertex_areas_mm2().iter().zip(radiosity).map(|(area, b)| *area * *b).sum()
+    fixture.scene.domain().vertex_areas_mm2().iter().zip(radiosity).map(|(area, b)| *area * *b).sum()
 }
 
 fn mean(fixture: &Fixture, irradiance: &[DVec3]) -> f64 {

@@ -10,7 +10,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use self::sharp::{Sharp, pieces};
-use super::scene::Surface;
+use super::surface::Surface;
 use crate::error::{Error, Result};
 use crate::geometry::bvh::{Bvh, Ray, offset_origin};
 use crate::light::environment::Rotation;
@@ -183,7 +183,7 @@ impl<'a> Illumination<'a> {
     /// A sampling that environments do not take; a light that asks for a source radiance field (exit 5).
     pub fn new(surface: &'a Surface<'a>, lights: &'a [Light], etas: &[f64], sampling: LightSampling) -> Result<Self> {
         refuse_fields(lights)?;
-        let origin = surface.scene.mesh.origin_mm;
+        let origin = surface.domain.mesh.origin_mm;
         let prepare = |light: &'a Light| -> Result<Prepared<'a>> {
             Ok(match light {
                 Light::Constant { radiance } => Prepared::Constant { radiance: *radiance },
@@ -273,7 +273,7 @@ impl<'a> Illumination<'a> {
             points.clear();
             self.pieces_as_points(first + i, self.sampling.pieces_of_uneven(), &mut points);
             let part = self.surface.samples.part_offsets.partition_point(|&p| p as usize <= first + i) - 1;
-            let medium = self.surface.scene.parts.parts[part].medium.unwrap_or(0) as usize;
+            let medium = self.surface.domain.parts.parts[part].medium.unwrap_or(0) as usize;
             let share = 1.0 / points.len() as f64;
             for (_, light) in fine.iter_mut().enumerate().filter(|(light, _)| crossed(*light, i)) {
                 light.collect(i, self.entrance[medium].0, &points, |_| share);
@@ -291,7 +291,7 @@ impl<'a> Illumination<'a> {
             deviations.iter_mut().for_each(|e| *e = (*e - mean).clamp(DVec3::splat(-MOST), DVec3::splat(MOST)));
             let centre = self.surface.patches[index].centre_mm;
             if let [facet] = self.surface.samples.patch(index) {
-                let whole = facet.corners_local_mm(&self.surface.scene.mesh);
+                let whole = facet.corners_local_mm(self.surface.domain.mesh);
                 pieces(whole, self.sampling.pieces_of_uneven(), &mut |piece| {
                     corners.push(piece.map(|c| (c - centre).as_vec3().to_array()));
                 });
@@ -309,7 +309,7 @@ impl<'a> Illumination<'a> {
 
     /// Soft light on patches of one part, and the rays towards sharp lights; `before` patches of the range come before them.
     fn some_of_part(&self, part: usize, first: usize, out: &mut [DVec3], (before, sharp): (usize, &mut [Sharp])) {
-        let medium = self.surface.scene.parts.parts[part].medium.unwrap_or(0) as usize;
+        let medium = self.surface.domain.parts.parts[part].medium.unwrap_or(0) as usize;
         let eta = self.entrance[medium].0;
         let soft = sharp.len() < self.lights.len();
         let offsets = &self.surface.samples.patch_offsets[first..=first + out.len()];
@@ -394,7 +394,7 @@ impl<'a> Illumination<'a> {
     fn area(&self, light: &Light, eta: f64, patch: usize, points: &[SurfacePoint]) -> DVec3 {
         let Light::Area { at_mm, normal, u, size_mm, radiance, .. } = light else { return DVec3::ZERO };
         let v = normal.cross(*u);
-        let centre = *at_mm - self.surface.scene.mesh.origin_mm;
+        let centre = *at_mm - self.surface.domain.mesh.origin_mm;
         let corner = centre - 0.5 * size_mm[0] * *u - 0.5 * size_mm[1] * v;
         let side = self.sampling.area_side;
         let mut total = 0.0;

@@ -2,6 +2,7 @@
 
 pub mod balanced_tree;
 pub mod cube_harmonics;
+pub mod domain;
 pub mod expected_light;
 pub mod far_field;
 pub mod gather;
@@ -17,8 +18,8 @@ pub mod near_field;
 pub mod near_rings;
 pub mod random_walk;
 pub mod receivers;
-pub mod scene;
 pub mod single_scattering;
+pub mod surface;
 pub mod tree;
 pub mod visibility;
 

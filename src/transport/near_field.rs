@@ -15,13 +15,14 @@ use super::kernel::KernelRgb;
 use super::kernel::near::{self, Flats, Points, SquareTable};
 use super::kernel::radial_table::Rgb;
 use super::receivers::{Group, Receivers, Sphere};
-use super::scene::{Medium, Surface};
+use super::surface::Surface;
 use crate::geometry::mesh::Mesh;
 use crate::geometry::samples::{self, Patch, Samples};
 use crate::math::simd::Level;
 use crate::medium::dipole::Dipole;
 use crate::medium::far_profile::FarProfile;
 use crate::medium::fresnel::BoundaryFit;
+use crate::medium::material::Medium;
 use crate::progress::Progress;
 
 /// Kernels of one medium.
@@ -257,7 +258,7 @@ impl<'a> Near<'a> {
     }
 
     fn medium(&self, part: usize) -> Option<&NearKernel> {
-        self.media.get(self.surface.scene.parts.parts[part].medium? as usize)
+        self.media.get(self.surface.domain.parts.parts[part].medium? as usize)
     }
 
     /// Squared distance below which a sample is not a point, mm^2; may be negative.

@@ -1,20 +1,20 @@
 #![allow(clippy::unwrap_used)]
 
 use super::*;
+use crate::geometry::samples::patches;
 use crate::geometry::shapes;
 use crate::math::random::uniform;
 use crate::medium::profile::Profile;
 use crate::progress::Silent;
 use crate::transport::balanced_tree::in_tree_order;
 use crate::transport::gather::{Gather, Scheme};
-use crate::transport::scene::patches;
 use crate::transport::test_scene::{Fixture, named};
 use crate::transport::tree::SampleTree;
 
 /// The fixture with its samples in tree order.
 fn ordered(mut fixture: Fixture) -> (Fixture, BalancedTree) {
     fixture.samples = in_tree_order(&fixture.samples, &fixture.patches);
-    fixture.patches = patches(&fixture.scene, &fixture.samples);
+    fixture.patches = patches(&fixture.scene.mesh, &fixture.samples);
     let tree = BalancedTree::new(&fixture.samples, &fixture.patches);
     (fixture, tree)
 }

@@ -19,9 +19,10 @@ use super::irradiance::Pieces;
 use super::light_range::{CommonColour, LightRange};
 use super::near_field::{Around, Corners};
 use super::receivers::{Group, Receivers};
-use super::scene::{Medium, Surface};
+use super::surface::Surface;
 use crate::math::simd::{Level, multiversion, prefetch};
 use crate::medium::fresnel::BoundaryFit;
+use crate::medium::material::Medium;
 use crate::progress::Progress;
 
 /// Hat functions. With them and [`hats::DENSER`] a shadow boundary anywhere costs at most 1e-3 of the light of a lit plane, waves of light

@@ -1,6 +1,7 @@
 #![allow(clippy::unwrap_used)]
 
 use super::*;
+use crate::geometry::samples::patches;
 use crate::geometry::shapes;
 use crate::light::Light;
 use crate::medium::far_profile::FarProfile;
@@ -9,7 +10,6 @@ use crate::progress::Silent;
 use crate::transport::balanced_tree::{BalancedTree, in_tree_order};
 use crate::transport::irradiance::{Illumination, LightSampling};
 use crate::transport::near_field::Near;
-use crate::transport::scene::patches;
 use crate::transport::test_scene::{Fixture, named};
 
 /// RMS difference of the near field by rings and by itself, over the RMS of the whole radiosity, under a light whose shadow
@@ -17,7 +17,7 @@ use crate::transport::test_scene::{Fixture, named};
 fn difference(name: &str, samples: usize, spacings: f64, colours: usize) -> f64 {
     let mut fixture = Fixture::new(shapes::torus(8.0, 3.0, 96, 48), named(name), samples);
     fixture.samples = in_tree_order(&fixture.samples, &fixture.patches);
-    fixture.patches = patches(&fixture.scene, &fixture.samples);
+    fixture.patches = patches(&fixture.scene.mesh, &fixture.samples);
     let tree = BalancedTree::new(&fixture.samples, &fixture.patches);
     let surface = fixture.surface();
     let media = &fixture.scene.media;
@@ -114,7 +114,7 @@ fn more_samples_around_a_group_than_are_numbered_together() {
     // Receivers all over the torus in one group have all samples around them; alone each has few. The sums are the same.
     let mut fixture = Fixture::new(shapes::torus(8.0, 3.0, 24, 12), named("marble"), NUMBERED + 20_000);
     fixture.samples = in_tree_order(&fixture.samples, &fixture.patches);
-    fixture.patches = patches(&fixture.scene, &fixture.samples);
+    fixture.patches = patches(&fixture.scene.mesh, &fixture.samples);
     let tree = BalancedTree::new(&fixture.samples, &fixture.patches);
     let surface = fixture.surface();
     let all = Receivers::new(&fixture.scene.mesh, &fixture.scene.parts, LANES);

@@ -3,18 +3,32 @@
 
 use glam::DVec3;
 
-use super::scene::{Medium, Scene, Surface, patches};
+use super::domain::Domain;
+use super::surface::Surface;
 use super::tree::SampleTree;
 use crate::geometry::bvh::Bvh;
 use crate::geometry::mesh::{Mesh, Placement};
 use crate::geometry::part_table::PartTable;
-use crate::geometry::samples::{Patch, Samples};
+use crate::geometry::samples::{Patch, Samples, patches};
 use crate::geometry::source::SourceModel;
-use crate::medium::material::{OpticalProperties, preset};
+use crate::medium::material::{Medium, OpticalProperties, preset};
+
+/// A domain that owns what it is made of.
+pub(super) struct TestScene {
+    pub(super) mesh: Mesh,
+    pub(super) parts: PartTable,
+    pub(super) media: Vec<Medium>,
+}
+
+impl TestScene {
+    pub(super) fn domain(&self) -> Domain<'_> {
+        Domain { mesh: &self.mesh, parts: &self.parts, media: &self.media }
+    }
+}
 
 /// A scene with everything that a [`Surface`] borrows.
 pub(super) struct Fixture {
-    pub(super) scene: Scene,
+    pub(super) scene: TestScene,
     pub(super) bvh: Bvh,
     pub(super) samples: Samples,
     pub(super) patches: Vec<Patch>,
@@ -47,16 +61,16 @@ impl Fixture {
         let mesh = mesh_of(source);
         let triangle_part = (0..mesh.triangles.len()).map(|t| u32::from(t >= first_opaque)).collect();
         let parts = PartTable::new(&mesh, triangle_part, vec![("body".into(), Some(0)), ("opaque".into(), None)]);
-        let scene = Scene { mesh, parts, media: vec![Medium { name: "test".into(), properties }] };
+        let scene = TestScene { mesh, parts, media: vec![Medium { name: "test".into(), properties }] };
         let bvh = Bvh::new(&scene.mesh);
         let samples = Samples::new(&scene.mesh, &scene.parts, samples);
-        let patches = patches(&scene, &samples);
+        let patches = patches(&scene.mesh, &samples);
         let tree = SampleTree::new(&samples, &patches);
         Self { scene, bvh, samples, patches, tree }
     }
 
     pub(super) fn surface(&self) -> Surface<'_> {
-        Surface { scene: &self.scene, bvh: &self.bvh, samples: &self.samples, patches: &self.patches }
+        Surface { domain: self.scene.domain(), bvh: &self.bvh, samples: &self.samples, patches: &self.patches }
     }
 
     /// Flux into the samples, RGB.

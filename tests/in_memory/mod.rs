@@ -13,10 +13,10 @@ use translux::geometry::part_table::PartTable;
 use translux::geometry::parts::{MaterialRoles, Parts, PartsRule};
 use translux::geometry::source::SourceModel;
 use translux::light::Light;
-use translux::medium::material::preset;
+use translux::medium::material::{Medium, preset};
 use translux::methods;
 use translux::progress::Silent;
-use translux::transport::scene::{Medium, Scene};
+use translux::scene::Scene;
 
 #[path = "../../examples/toy_form/form.rs"]
 mod toy_form;

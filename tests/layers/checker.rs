@@ -7,7 +7,7 @@ use proc_macro2::{Delimiter, LineColumn, TokenStream, TokenTree};
 use syn::visit::{self, Visit};
 
 /// Bottom to top. A layer imports itself and what stands before it.
-const LAYERS: [&str; 19] = [
+const LAYERS: [&str; 20] = [
     "error",
     "progress",
     "math",
@@ -17,6 +17,7 @@ const LAYERS: [&str; 19] = [
     "io",
     "compress",
     "transport",
+    "scene",
     "import",
     "asset",
     "evaluate",

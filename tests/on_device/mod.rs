@@ -10,7 +10,7 @@ use translux::geometry::mesh::Scale;
 use translux::geometry::shapes;
 use translux::geometry::source::SourceModel;
 use translux::light::{Light, sky};
-use translux::transport::scene::Scene;
+use translux::scene::Scene;
 
 use crate::in_memory::scene_of;
 

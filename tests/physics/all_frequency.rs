@@ -17,7 +17,7 @@ use translux::geometry::shapes;
 use translux::light::{Light, sky};
 use translux::math::statistics::vertex_error;
 use translux::progress::Silent;
-use translux::transport::scene::Scene;
+use translux::scene::Scene;
 
 const SAMPLES: usize = 6000;
 const TRUTH_SAMPLES: usize = 16_000;

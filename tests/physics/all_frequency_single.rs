@@ -20,7 +20,7 @@ use translux::render::background::Background;
 use translux::render::camera::{Camera, Resolution};
 use translux::render::frame::{RenderSettings, Specular, render};
 use translux::render::single::{Exitance, Single};
-use translux::transport::scene::Scene;
+use translux::scene::Scene;
 use translux::transport::single_scattering::radiance::Share;
 use translux::transport::single_scattering::vertex_points;
 
@@ -63,7 +63,7 @@ fn seen(evaluator: &mut dyn Evaluator, lights: &[Light]) -> Vec<DVec3> {
     let evaluator = &*evaluator;
     let scene = evaluator.scene();
     let eye = evaluator.towards_eye().unwrap().unwrap();
-    let points = vertex_points(scene);
+    let points = vertex_points(scene.domain());
     let mut values = vec![DVec3::ZERO; points.len()];
     for (index, triangle) in scene.mesh.triangles.iter().enumerate() {
         for (corner, &v) in triangle.iter().enumerate() {

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, OnceLock};
 use glam::DVec3;
 use translux::asset::Asset;
 use translux::light::Light;
-use translux::transport::scene::Scene;
+use translux::scene::Scene;
 
 use crate::in_memory::{lit, method, opened, try_bake};
 

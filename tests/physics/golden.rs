@@ -20,7 +20,7 @@ use translux::light::{Light, sky};
 use translux::progress::Silent;
 use translux::render::camera::{Camera, Resolution};
 use translux::render::frame::{Frame, Pixel, RenderSettings, render};
-use translux::transport::scene::Scene;
+use translux::scene::Scene;
 
 /// RMS difference over the stored picture's RMS that is put up with, for each layer of colour. Other machines' mathematical
 /// libraries differ in last digits, which tips single eye rays over an outline and single samples of a compressed

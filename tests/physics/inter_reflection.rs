@@ -16,9 +16,10 @@ use translux::light::{Light, sky};
 use translux::math::quadrature::integrate;
 use translux::math::statistics::vertex_error;
 use translux::medium::fresnel::{BoundaryFit, diffuse_transmittance, transmittance};
+use translux::medium::material::Medium;
 use translux::medium::profile::Profile;
 use translux::progress::Silent;
-use translux::transport::scene::{Medium, Scene};
+use translux::scene::Scene;
 
 /// Sums in single precision may be so much lower in another order.
 const ROUNDING: f64 = 1.0 - 1e-6;

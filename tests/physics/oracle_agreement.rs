@@ -19,9 +19,9 @@ use translux::light::Light;
 use translux::math::statistics::vertex_error;
 use translux::measure::probes::{self, Half};
 use translux::progress::Silent;
+use translux::scene::Scene;
 use translux::transport::gather::NearField;
 use translux::transport::irradiance::LightSampling;
-use translux::transport::scene::Scene;
 
 /// Compares `reference` and `two_pass` with the oracle at about 200 vertices under each light.
 fn compare(name: &str, scene: &Scene, lights: &[(&str, Light)], samples: Option<usize>) {

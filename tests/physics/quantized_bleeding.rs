@@ -20,7 +20,7 @@ use translux::math::statistics::vertex_error;
 use translux::measure::probes::{self, Half};
 use translux::methods::quantized_lights::QuantizedLights;
 use translux::progress::Silent;
-use translux::transport::scene::Scene;
+use translux::scene::Scene;
 
 fn bake(scene: &Scene, samples: usize, set: &[(&str, &str)]) -> Result<Asset> {
     let mut given: Vec<(String, String)> = set.iter().map(|(k, v)| ((*k).to_owned(), (*v).to_owned())).collect();

@@ -16,7 +16,7 @@ use translux::light::{Light, LightKind, sky};
 use translux::math::statistics::vertex_error;
 use translux::measure::probes::{self, Half};
 use translux::progress::Silent;
-use translux::transport::scene::Scene;
+use translux::scene::Scene;
 
 const SAMPLES: usize = 12_000;
 

@@ -20,8 +20,8 @@ use translux::math::cube_map::{direction, texel_of};
 use translux::math::statistics::vertex_error;
 use translux::measure::probes;
 use translux::progress::Silent;
+use translux::scene::Scene;
 use translux::transport::receivers::Sphere;
-use translux::transport::scene::Scene;
 
 const SAMPLES: usize = 3_000;
 const DIRECTIONS: &str = "100";

@@ -19,7 +19,7 @@ use translux::math::cube_map::{direction, texel_of};
 use translux::math::statistics::{VertexError, vertex_error};
 use translux::measure::probes::{self, Half};
 use translux::progress::Silent;
-use translux::transport::scene::Scene;
+use translux::scene::Scene;
 
 const SAMPLES: usize = 5_000;
 

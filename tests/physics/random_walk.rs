@@ -12,11 +12,11 @@ use translux::geometry::shapes;
 use translux::io::obj::read_obj;
 use translux::io::ply::read_ply;
 use translux::light::Light;
-use translux::medium::material::preset;
+use translux::medium::material::{Medium, preset};
 use translux::progress::Silent;
+use translux::scene::Scene;
 use translux::transport::random_walk::exitance::{Effort, exitance};
 use translux::transport::random_walk::model_error::compare;
-use translux::transport::scene::{Medium, Scene};
 
 const WALK: &str = "--unit mm --model monte-carlo";
 
@@ -122,7 +122,7 @@ fn the_dipole_on_a_marble_bunny_is_off_by_its_own_error() {
         let parts = PartTable::new(&mesh, vec![0; mesh.triangles.len()], vec![("bunny".into(), Some(0))]);
         let medium = Medium { name: "marble".into(), properties: preset("marble").unwrap().properties() };
         let scene = Scene { mesh, parts, media: vec![medium] };
-        let walked = exitance(&scene, &[light], Effort::Photons(400_000), 1, &Silent).unwrap();
+        let walked = exitance(scene.domain(), &[light], Effort::Photons(400_000), 1, &Silent).unwrap();
         let error = compare(&walked, &dipole).unwrap();
         println!("{text}: {error:?}, lost {:e}", walked.lost_share());
         assert!((0.04..0.2).contains(&error.worst()[0]), "{error:?}");

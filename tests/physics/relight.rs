@@ -13,7 +13,7 @@ use translux::geometry::part_table::PartTable;
 use translux::geometry::shapes;
 use translux::light::Light;
 use translux::light::environment::EnvironmentMap;
-use translux::medium::material::preset;
+use translux::medium::material::{Medium, preset};
 use translux::methods;
 use translux::progress::Silent;
 use translux::relight::raster::Raster;
@@ -26,7 +26,7 @@ use translux::render::frame::Specular;
 use translux::render::frame::{Frame, RenderSettings, render};
 use translux::render::single::Exitance;
 use translux::render::texture::Texture;
-use translux::transport::scene::{Medium, Scene};
+use translux::scene::Scene;
 
 fn device() -> Option<Arc<Device>> {
     match Device::open() {

@@ -17,13 +17,13 @@ use translux::light::Light;
 use translux::math::quadrature::integrate;
 use translux::math::statistics::vertex_error;
 use translux::medium::fresnel::{diffuse_transmittance, transmittance};
-use translux::medium::material::OpticalProperties;
+use translux::medium::material::{Medium, OpticalProperties};
 use translux::medium::phase::HenyeyGreenstein;
 use translux::progress::Silent;
 use translux::render::exit::ExitFresnel;
 use translux::render::frame::{Frame, RenderSettings, SingleLayer, Specular, render};
 use translux::render::single::{Exitance, Single};
-use translux::transport::scene::{Medium, Scene};
+use translux::scene::Scene;
 use translux::transport::single_scattering::interface::{Form, refracted};
 use translux::transport::single_scattering::plane::PlaneMedium;
 

@@ -15,15 +15,16 @@ use translux::evaluate::SourceFields;
 use translux::forms::environment_rows::StoredRows;
 use translux::geometry::bvh::Bvh;
 use translux::geometry::mesh::Scale;
-use translux::geometry::samples::Samples;
+use translux::geometry::samples::{Samples, patches};
 use translux::geometry::shapes;
 use translux::geometry::source::SourceModel;
 use translux::light::Light;
 use translux::light::environment::EnvironmentMap;
 use translux::progress::Silent;
+use translux::scene::Scene;
 use translux::transport::irradiance::{Illumination, LightSampling};
 use translux::transport::irradiance_rows::{RowBaker, RowSettings};
-use translux::transport::scene::{Scene, Surface, patches};
+use translux::transport::surface::Surface;
 use translux::transport::visibility::{Observer, Resolution};
 
 /// A scene with samples and their rows.
@@ -40,8 +41,8 @@ impl Sampled {
         scene.media.iter_mut().for_each(|m| m.properties.eta_inside_over_outside = eta);
         let (bvh, samples) = (Bvh::new(&scene.mesh), Samples::new(&scene.mesh, &scene.parts, samples));
         let rows = {
-            let patches = patches(&scene, &samples);
-            let surface = Surface { scene: &scene, bvh: &bvh, samples: &samples, patches: &patches };
+            let patches = patches(&scene.mesh, &samples);
+            let surface = Surface { domain: scene.domain(), bvh: &bvh, samples: &samples, patches: &patches };
             StoredRows::new(RowBaker::new(&surface, settings).unwrap().all(&Silent).unwrap())
         };
         Self { scene, bvh, samples, rows }
@@ -49,13 +50,14 @@ impl Sampled {
 
     fn through_rows(&self, light: &Light) -> Vec<DVec3> {
         let mut irradiance = vec![DVec3::ZERO; self.samples.len()];
-        self.rows.add(std::slice::from_ref(light), &self.scene, &self.samples, &mut irradiance).unwrap();
+        self.rows.add(std::slice::from_ref(light), self.scene.domain(), &self.samples, &mut irradiance).unwrap();
         irradiance
     }
 
     fn by_rays(&self, light: &Light) -> Vec<DVec3> {
-        let patches = patches(&self.scene, &self.samples);
-        let surface = Surface { scene: &self.scene, bvh: &self.bvh, samples: &self.samples, patches: &patches };
+        let patches = patches(&self.scene.mesh, &self.samples);
+        let surface =
+            Surface { domain: self.scene.domain(), bvh: &self.bvh, samples: &self.samples, patches: &patches };
         let etas: Vec<f64> = self.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
         let lights = [light.clone()];
         Illumination::new(&surface, &lights, &etas, LightSampling::REFERENCE).unwrap().all(&Silent)
@@ -122,8 +124,11 @@ fn shadows_are_those_of_rays_but_for_the_rows() {
     for coefficients in [128, 1024] {
         let body = Sampled::new(knot(), 16_000, RowSettings { coefficients, ..RowSettings::DEFAULT }, 1.3);
         let field = body.through_rows(&light.clone().through_field(32).unwrap());
-        let own =
-            body.rows.without_interpolation(&light.clone().through_field(32).unwrap(), &body.scene, &body.samples);
+        let own = body.rows.without_interpolation(
+            &light.clone().through_field(32).unwrap(),
+            body.scene.domain(),
+            &body.samples,
+        );
         let rays = body.by_rays(&light);
         errors.push([rms(&field, &rays), rms(&field, &own.unwrap())]);
     }

@@ -11,12 +11,12 @@ use translux::geometry::mesh::{Mesh, Placement};
 use translux::geometry::part_table::PartTable;
 use translux::geometry::source::SourceModel;
 use translux::light::Light;
-use translux::medium::material::preset;
+use translux::medium::material::{Medium, preset};
 use translux::progress::{Progress, Silent};
 use translux::render::background::Background;
 use translux::render::camera::{Camera, Resolution};
 use translux::render::frame::{Frame, RenderSettings, render};
-use translux::transport::scene::{Medium, Scene};
+use translux::scene::Scene;
 
 /// An evaluator that carries a scene and computes nothing: the tests say what the radiosity is.
 pub struct Fake {

@@ -16,7 +16,7 @@ use translux::math::statistics::vertex_error;
 use translux::measure::probes::{self, Half};
 use translux::methods;
 use translux::progress::Silent;
-use translux::transport::scene::Scene;
+use translux::scene::Scene;
 use translux_format::coefficients::decode;
 use translux_format::distant_transport::{DistantTransport, Harmonics, tags};
 use translux_format::quantised_lights::Set;

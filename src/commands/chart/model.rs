@@ -7,9 +7,9 @@ use crate::error::{Error, Result};
 use crate::io::atomic;
 use crate::light::Light;
 use crate::measure::chart::ModelLine;
+use crate::scene::Scene;
 use crate::transport::random_walk::exitance::{self, Effort, exitance};
 use crate::transport::random_walk::model_error::compare;
-use crate::transport::scene::Scene;
 
 /// Standard error that noise may give the mean square of the difference, relative to the mean square exitance: a model that
 /// is 10 % off is then known to a quarter of a percent.
@@ -31,7 +31,7 @@ pub(super) fn errors(
     radiosity: &[Vec<DVec3>],
 ) -> Result<Vec<ModelLine>> {
     let console = subject.console;
-    console.check_memory(exitance::memory(scene), "raise --max-memory")?;
+    console.check_memory(exitance::memory(scene.domain()), "raise --max-memory")?;
     let noise = noise(scene.mesh.local_mm.len());
     let line = |((text, light), values): (&(String, Light), &Vec<DVec3>)| {
         let model = subject.model.display().to_string();
@@ -49,7 +49,7 @@ pub(super) fn errors(
         if let Some(line) = std::fs::read(&path).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok()) {
             return Ok(line);
         }
-        let walked = exitance(scene, std::slice::from_ref(light), Effort::Noise(noise), 0, console)?;
+        let walked = exitance(scene.domain(), std::slice::from_ref(light), Effort::Noise(noise), 0, console)?;
         let line = ModelLine {
             light: text.clone(),
             error: compare(&walked, values)?,

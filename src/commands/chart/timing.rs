@@ -5,8 +5,7 @@ use std::time::Instant;
 use crate::error::Result;
 use crate::evaluate::{Evaluator, MaterialEdit};
 use crate::math::statistics::Quantiles;
-use crate::medium::material::preset;
-use crate::transport::scene::Medium;
+use crate::medium::material::{Medium, preset};
 
 /// Repetitions of something that is timed.
 #[derive(Clone, Copy, Debug)]

@@ -11,7 +11,7 @@ use crate::geometry::samples::Patch;
 use crate::transport::gather::NearField;
 use crate::transport::kernel::EdgeRule;
 use crate::transport::receivers::{Receivers, Sphere};
-use crate::transport::scene::Surface;
+use crate::transport::surface::Surface;
 
 /// Receivers of one workgroup.
 const RECEIVERS: usize = 16;

@@ -11,12 +11,12 @@ use crate::error::{Error, Result};
 use crate::geometry::samples::{Patch, Samples};
 use crate::medium::far_profile::FarProfile;
 use crate::medium::fresnel::BoundaryFit;
+use crate::medium::material::Medium;
 use crate::transport::gather::NearField;
 use crate::transport::irradiance::Pieces;
 use crate::transport::kernel::EdgeRule;
 use crate::transport::near_field::Corners;
 use crate::transport::receivers::Receivers;
-use crate::transport::scene::Medium;
 
 /// The text of the shaders that use these buffers begins with this.
 pub const KERNEL: &str = include_str!("kernel.wgsl");

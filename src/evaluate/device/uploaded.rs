@@ -9,10 +9,10 @@ use crate::error::Result;
 use crate::evaluate::evaluator::{DeviceEvaluator, Evaluator};
 use crate::evaluate::forward::{forward_scene, forward_single_scattering};
 use crate::light::Light;
+use crate::medium::material::Medium;
 use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::Progress;
 use crate::transport::balanced_tree::power_of_two_near;
-use crate::transport::scene::Medium;
 
 /// An evaluator of the CPU with a copy of its radiosity on a device; a receiver for each source vertex.
 pub struct Uploaded {

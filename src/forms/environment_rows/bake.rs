@@ -11,7 +11,7 @@ use crate::compress::ledger::Ledger;
 use crate::compress::rows::Rows;
 use crate::error::Result;
 use crate::evaluate::sampling_error::receiver_areas;
-use crate::geometry::samples::Samples;
+use crate::geometry::samples::{self, Samples};
 use crate::light::Light;
 use crate::light::cube_light::CubeLight;
 use crate::math::cube_map::{self, FACES};
@@ -23,7 +23,7 @@ use crate::transport::gather::{Gather, NearField, Scheme};
 use crate::transport::irradiance::{Illumination, LightSampling};
 use crate::transport::irradiance_rows::RowBaker;
 use crate::transport::receivers::Receivers;
-use crate::transport::scene::{self, Surface};
+use crate::transport::surface::Surface;
 use crate::transport::tree::SampleTree;
 use crate::transport::visibility::{self, Observer, Occluders};
 
@@ -60,18 +60,18 @@ pub fn measure(
     ledger: &mut Ledger,
     progress: &dyn Progress,
 ) -> Result<()> {
-    let scene = full.scene;
+    let domain = full.domain;
     let lights: Vec<&Light> = unseen.iter().filter(|l| comes_from_far_away(l)).collect();
     let entrance = EntranceBasis::new(TERMS);
-    let etas: Vec<f64> = scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
+    let etas: Vec<f64> = domain.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
     if lights.is_empty() || etas.iter().any(|&eta| entrance.project(eta).is_err()) {
         return Ok(());
     }
     progress.start("environment errors", 2 + lights.len() as u64);
-    let unordered = Samples::new(&scene.mesh, &scene.parts, full.samples.len().div_ceil(COARSER));
-    let samples = in_tree_order(&unordered, &scene::patches(scene, &unordered));
-    let patches = scene::patches(scene, &samples);
-    let surface = Surface { scene, bvh: full.bvh, samples: &samples, patches: &patches };
+    let unordered = Samples::new(domain.mesh, domain.parts, full.samples.len().div_ceil(COARSER));
+    let samples = in_tree_order(&unordered, &samples::patches(domain.mesh, &unordered));
+    let patches = samples::patches(domain.mesh, &samples);
+    let surface = Surface { domain, bvh: full.bvh, samples: &samples, patches: &patches };
     let visibility = visibility_error(&surface, settings);
     progress.advance(1);
     let stored = StoredRows::new(rows(&surface, settings, &Silent)?);
@@ -80,10 +80,10 @@ pub fn measure(
     progress.advance(1);
 
     let (subset, indices) = receivers.subset(PROBES, 1);
-    let areas = receiver_areas(scene, receivers);
+    let areas = receiver_areas(domain.mesh, receivers);
     let areas: Vec<f64> = indices.iter().map(|&i| areas[i as usize]).collect();
     let tree = SampleTree::default();
-    let gather = Gather::new(&surface, &tree, &scene.media, near);
+    let gather = Gather::new(&surface, &tree, domain.media, near);
     let radiosity = |e: &[DVec3]| gather.radiosity(&subset, &gather.light(e), Scheme::AllPairs, &Silent);
     let mut worst = [VertexError::default(); 2];
     let unabridged = full_resolution(&everything, &surface, &lights, side)?;
@@ -91,7 +91,7 @@ pub fn measure(
         let sampling = LightSampling { directions: NATIVE_DIRECTIONS, ..sampling };
         let native = Illumination::new(&surface, std::slice::from_ref(*light), &etas, sampling)?.all(&Silent);
         let mut kept = vec![DVec3::ZERO; samples.len()];
-        stored.add(std::slice::from_ref(*light), scene, &samples, &mut kept)?;
+        stored.add(std::slice::from_ref(*light), domain, &samples, &mut kept)?;
         let [native, full, kept] = [native, full, kept].map(|e| radiosity(&e));
         worst[0] = worst[0].max(vertex_error(&full, &native, &areas));
         worst[1] = worst[1].max(vertex_error(&kept, &full, &areas));
@@ -113,10 +113,10 @@ pub fn measure(
 fn full_resolution(baker: &RowBaker, surface: &Surface, lights: &[&Light], side: usize) -> Result<Vec<Vec<DVec3>>> {
     let lights: Vec<CubeLight> = lights.iter().map(|light| CubeLight::new(light, side)).collect::<Result<_>>()?;
     let entrance = EntranceBasis::new(TERMS);
-    let (samples, scene) = (surface.samples, surface.scene);
+    let (samples, domain) = (surface.samples, surface.domain);
     let project = |patch: usize| {
         let part = samples.part_offsets.partition_point(|&first| first as usize <= patch) - 1;
-        let medium = scene.parts.parts[part].medium.and_then(|m| scene.media.get(m as usize));
+        let medium = domain.parts.parts[part].medium.and_then(|m| domain.media.get(m as usize));
         let projection = medium.and_then(|m| entrance.project(m.properties.eta_inside_over_outside).ok());
         projection.map_or_else(Default::default, |p| p.coefficients)
     };
@@ -137,7 +137,7 @@ fn full_resolution(baker: &RowBaker, surface: &Surface, lights: &[&Light], side:
 fn visibility_error(surface: &Surface, settings: EnvironmentRows) -> (VertexError, u64, u64) {
     let resolution = settings.of_rows(6).resolution;
     let step = surface.samples.len().div_ceil(CHECKED).max(1);
-    let mesh = &surface.scene.mesh;
+    let mesh = surface.domain.mesh;
     let observers: Vec<Observer> =
         (0..surface.samples.len()).step_by(step).map(|i| Observer::of(mesh, surface.samples.patch(i))).collect();
     let occluders = Occluders::new(mesh);

@@ -14,7 +14,7 @@ use crate::light::Light;
 use crate::light::rectangle_map::UnitRectangle;
 use crate::light::source_field::SourceField;
 use crate::medium::entrance_basis::MOST_TERMS;
-use crate::transport::scene::Scene;
+use crate::transport::domain::Domain;
 use crate::transport::visibility::Observer;
 
 /// Fields that are kept: a new one takes the place of the oldest.
@@ -73,7 +73,7 @@ impl Fields {
         &self,
         light: &Light,
         (rows, entrance_of_patch): (&Rows, impl Fn(usize) -> [f64; MOST_TERMS] + Sync),
-        (scene, samples): (&Scene, &Samples),
+        (domain, samples): (Domain, &Samples),
         lookup: Lookup,
         irradiance: &mut [DVec3],
     ) -> Result<()> {
@@ -81,7 +81,7 @@ impl Fields {
         let (field, half_diagonal_mm) = self.of(light, side)?;
         let Light::Area { at_mm, radiance, .. } = light else { return Ok(()) };
         let (rectangle, _) = UnitRectangle::of(light)?;
-        let (corners, centre_mm) = (rectangle.corners(), *at_mm - scene.mesh.origin_mm);
+        let (corners, centre_mm) = (rectangle.corners(), *at_mm - domain.mesh.origin_mm);
         let memory = || (WholeRows::default(), vec![0.0f32; 6 * side * side], field.memory());
         let mut jobs = Vec::with_capacity(rows.runs().len());
         let mut rest = irradiance;
@@ -97,7 +97,7 @@ impl Fields {
             }
             rows.decode(run, &entrance, whole);
             for (index, e) in out.iter_mut().enumerate() {
-                let observer = Observer::of(&scene.mesh, samples.patch(run[0] as usize + index));
+                let observer = Observer::of(domain.mesh, samples.patch(run[0] as usize + index));
                 let at = (observer.eye.as_dvec3() - centre_mm) / half_diagonal_mm;
                 // A truncated row is not quite 0 below its horizon.
                 if !corners.iter().any(|corner| (*corner - at).dot(observer.normal) > 0.0) {

@@ -15,10 +15,12 @@ use crate::light::cube_light::CubeLight;
 use crate::light::{Light, LightKind, refuse_fields};
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::medium::entrance_basis::MOST_TERMS;
+use crate::medium::material::Medium;
 use crate::progress::{Progress, Silent};
+use crate::scene::Scene;
+use crate::transport::domain::Domain;
 use crate::transport::gather::Scheme;
 use crate::transport::irradiance::Pieces;
-use crate::transport::scene::{Medium, Scene};
 use crate::transport::tree::SampleTree;
 
 /// Rows that serve as a light's irradiance.
@@ -74,7 +76,7 @@ impl StoredRows {
             near => by_rays(near)?,
         };
         progress.start("rows", 0);
-        rows.add(&far, scene, samples, &mut irradiance)?;
+        rows.add(&far, scene.domain(), samples, &mut irradiance)?;
         progress.finish();
         Ok((irradiance, pieces))
     }
@@ -119,13 +121,13 @@ impl StoredRows {
     ///
     /// # Errors
     /// Another kind of light, or a medium that the rows do not serve.
-    pub fn add(&self, lights: &[Light], scene: &Scene, samples: &Samples, irradiance: &mut [DVec3]) -> Result<()> {
-        let of_part = self.entrance_of_parts(&scene.parts, &scene.media)?;
+    pub fn add(&self, lights: &[Light], domain: Domain, samples: &Samples, irradiance: &mut [DVec3]) -> Result<()> {
+        let of_part = self.entrance_of_parts(domain.parts, domain.media)?;
         let of_patch =
             |patch: usize| of_part[samples.part_offsets.partition_point(|&first| first as usize <= patch) - 1];
         for light in lights {
             if light.has_field() {
-                self.fields.add(light, (&self.rows, of_patch), (scene, samples), Lookup::Field, irradiance)?;
+                self.fields.add(light, (&self.rows, of_patch), (domain, samples), Lookup::Field, irradiance)?;
                 continue;
             }
             let light = CubeLight::new(light, self.rows.data().side)?;
@@ -140,12 +142,12 @@ impl StoredRows {
     ///
     /// # Errors
     /// As [`StoredRows::add`].
-    pub fn without_interpolation(&self, light: &Light, scene: &Scene, samples: &Samples) -> Result<Vec<DVec3>> {
-        let of_part = self.entrance_of_parts(&scene.parts, &scene.media)?;
+    pub fn without_interpolation(&self, light: &Light, domain: Domain, samples: &Samples) -> Result<Vec<DVec3>> {
+        let of_part = self.entrance_of_parts(domain.parts, domain.media)?;
         let of_patch =
             |patch: usize| of_part[samples.part_offsets.partition_point(|&first| first as usize <= patch) - 1];
         let mut irradiance = vec![DVec3::ZERO; samples.len()];
-        self.fields.add(light, (&self.rows, of_patch), (scene, samples), Lookup::OwnMap, &mut irradiance)?;
+        self.fields.add(light, (&self.rows, of_patch), (domain, samples), Lookup::OwnMap, &mut irradiance)?;
         Ok(irradiance)
     }
 

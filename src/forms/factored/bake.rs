@@ -17,11 +17,11 @@ use crate::forms::{density, environment_rows};
 use crate::light::{Light, LightKind};
 use crate::medium::profile_basis::{BasisSettings, ProfileBasis};
 use crate::progress::Progress;
+use crate::scene::Scene;
 use crate::transport::balanced_tree::LightDetails;
 use crate::transport::expected_light::expected_details;
 use crate::transport::far_field::{FarTransport, LANES, Precision, Rows, TERMS};
 use crate::transport::irradiance::LightSampling;
-use crate::transport::scene::Scene;
 
 /// Bytes that a receiver's coefficients take while they are made, before quantisation, at an error of 1 %; about in
 /// proportion to its inverse.

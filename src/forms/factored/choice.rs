@@ -12,10 +12,10 @@ use crate::compress::blocks;
 use crate::light::Light;
 use crate::math::statistics::vertex_error;
 use crate::medium::profile_basis::ProfileBasis;
+use crate::scene::Scene;
 use crate::transport::balanced_tree::LightDetails;
 use crate::transport::far_field::{FarTransport, LANES, Precision, Rows};
 use crate::transport::receivers::Group;
-use crate::transport::scene::Scene;
 
 /// Groups of receivers that choices are made by.
 const GROUPS: usize = 16;

@@ -22,13 +22,15 @@ use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit};
 use crate::evaluate::{DeviceEvaluator, device::Device};
 use crate::forms::environment_rows::{StoredRows, by_rays, error_of_rows};
 use crate::geometry::bvh::Bvh;
-use crate::geometry::samples::{Patch, Samples};
+use crate::geometry::samples::{self, Patch, Samples};
 use crate::light::Light;
 use crate::math::simd::Level;
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::medium::fresnel::BoundaryFit;
+use crate::medium::material::Medium;
 use crate::medium::profile_basis::ProfileBasis;
 use crate::progress::{Progress, Silent};
+use crate::scene::Scene;
 use crate::transport::balanced_tree::{BalancedTree, LightDetails};
 use crate::transport::far_field::LANES;
 use crate::transport::gather::{Gather, NearField, Scheme};
@@ -37,7 +39,7 @@ use crate::transport::light_range::LightRange;
 use crate::transport::near_field::{Around, Corners, Near};
 use crate::transport::near_rings::{NearRings, RingCoefficients, RingMoments};
 use crate::transport::receivers::{Group, Receivers};
-use crate::transport::scene::{self, Medium, Scene, Surface};
+use crate::transport::surface::Surface;
 use crate::transport::tree::SampleTree;
 
 /// A material whose error by the basis alone is above this (T1, any light) is refused.
@@ -92,7 +94,7 @@ pub(super) fn open(form: Factored, asset: &Asset) -> Result<Box<dyn Evaluator>> 
     let stored = || rayon::join(|| sections::read(asset), || StoredRows::of(asset));
     let geometry = || {
         let bvh = Bvh::new(&scene.mesh);
-        let patches = scene::patches(&scene, &asset.samples);
+        let patches = samples::patches(&scene.mesh, &asset.samples);
         let tree = BalancedTree::new(&asset.samples, &patches);
         let corners = Corners::new(&scene.mesh, &asset.samples, &patches);
         (bvh, patches, tree, corners)
@@ -102,10 +104,10 @@ pub(super) fn open(form: Factored, asset: &Asset) -> Result<Box<dyn Evaluator>> 
     let receivers = Receivers::new(&scene.mesh, &scene.parts, LANES);
     let points = FarPoints::of(&far, &receivers)?;
     let around = {
-        let surface = Surface { scene: &scene, bvh: &bvh, samples: &asset.samples, patches: &patches };
+        let surface = Surface { domain: scene.domain(), bvh: &bvh, samples: &asset.samples, patches: &patches };
         Around::new(&surface, &tree, &receivers, form.near, basis.split_mm())
     };
-    let areas = receiver_areas(&scene, &receivers);
+    let areas = receiver_areas(&scene.mesh, &receivers);
     let media = scene.media.clone();
     let mut evaluator = FactoredEvaluator {
         samples: asset.samples.clone(),
@@ -134,7 +136,7 @@ pub(super) fn open(form: Factored, asset: &Asset) -> Result<Box<dyn Evaluator>> 
 
 impl FactoredEvaluator {
     pub(super) fn surface(&self) -> Surface<'_> {
-        Surface { scene: &self.scene, bvh: &self.bvh, samples: &self.samples, patches: &self.patches }
+        Surface { domain: self.scene.domain(), bvh: &self.bvh, samples: &self.samples, patches: &self.patches }
     }
 
     /// Through the stored rows where there are any for a light, else by rays.

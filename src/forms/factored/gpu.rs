@@ -19,11 +19,12 @@ use crate::forms::environment_rows::gpu::RowsOnDevice;
 use crate::geometry::bvh::Bvh;
 use crate::light::Light;
 use crate::light::cube_light::CubeLight;
+use crate::medium::material::Medium;
 use crate::progress::Progress;
+use crate::scene::Scene;
 use crate::transport::balanced_tree::power_of_two_near;
 use crate::transport::irradiance::Pieces;
 use crate::transport::kernel::near::NEAR_EDGE_RULES;
-use crate::transport::scene::{Medium, Scene};
 
 /// What has to run before the radiosity is that of the lights and media in force.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -86,7 +87,7 @@ impl FactoredOnDevice {
         };
         // Products with the maps of a field are sums of the processor.
         if let Some(rows) = &cpu.rows {
-            rows.add(&fields, &cpu.scene, &cpu.samples, &mut irradiance)?;
+            rows.add(&fields, cpu.scene.domain(), &cpu.samples, &mut irradiance)?;
         }
         let maps: Vec<CubeLight> = match &self.rows {
             Some(rows) => stored.iter().map(|l| CubeLight::new(l, rows.side())).collect::<Result<_>>()?,

@@ -15,9 +15,9 @@ use super::subset::{Projected, Subset};
 use crate::evaluate::sampling_error::receiver_areas;
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::medium::profile_basis::{ProfileBasis, Table};
+use crate::scene::Scene;
 use crate::transport::far_field::LANES;
 use crate::transport::receivers::Receivers;
-use crate::transport::scene::Scene;
 
 /// Receivers that a choice is made on.
 const RECEIVERS: usize = 96;
@@ -59,7 +59,7 @@ impl Between {
     ) -> Option<Self> {
         let shared = points.weights.as_ref()?;
         let (receivers, indices) = ordered.receivers.subset(count, phase);
-        let areas = receiver_areas(scene, &ordered.receivers);
+        let areas = receiver_areas(&scene.mesh, &ordered.receivers);
         let areas = indices.iter().map(|&i| areas[i as usize]).collect();
         let of = |&i: &u32| shared.of(i as usize).map(|(point, w)| (point, f64::from(w))).collect();
         let weights: Vec<Row> = indices.iter().map(of).collect();

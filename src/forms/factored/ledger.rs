@@ -20,11 +20,11 @@ use crate::math::simd::Level;
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::medium::profile_basis::ProfileBasis;
 use crate::progress::Progress;
+use crate::scene::Scene;
 use crate::transport::balanced_tree::LightDetails;
 use crate::transport::far_field::{FarTransport, Precision, Rows};
 use crate::transport::near_field::far_all_pairs;
 use crate::transport::receivers::Group;
-use crate::transport::scene::Scene;
 
 /// Groups of receivers that errors are measured on.
 const GROUPS: usize = 12;
@@ -73,7 +73,7 @@ pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
     // Environments have entries of their own; to the transport they are smooth.
     let unseen: Vec<&Light> = unseen.iter().filter(|l| !comes_from_far_away(l)).collect();
     let mut ledger = Ledger::default();
-    let areas = receiver_areas(scene, &ordered.receivers);
+    let areas = receiver_areas(&scene.mesh, &ordered.receivers);
     progress.start("ledger", 2 * unseen.len() as u64);
     let materials = Subset::materials(scene, baked.basis);
     let mut irradiances: Vec<Vec<DVec3>> = Vec::with_capacity(unseen.len());

@@ -13,9 +13,9 @@ use super::sources::FarRadiosity;
 use super::subset::{Projected, Subset};
 use crate::math::statistics::vertex_error;
 use crate::medium::profile_basis::{ProfileBasis, Table};
+use crate::scene::Scene;
 use crate::transport::far_field::LANES;
 use crate::transport::receivers::Group;
-use crate::transport::scene::Scene;
 
 /// Levels of spacing at most.
 pub const MOST_LEVELS: usize = 4;

@@ -7,15 +7,16 @@ use super::settings::Factored;
 use super::sources::{Merged, Sources};
 use crate::error::Result;
 use crate::geometry::bvh::Bvh;
-use crate::geometry::samples::{Patch, Samples};
+use crate::geometry::samples::{self, Patch, Samples};
 use crate::light::Light;
 use crate::progress::Silent;
+use crate::scene::Scene;
 use crate::transport::balanced_tree::{BalancedTree, in_tree_order};
 use crate::transport::far_field::LANES;
 use crate::transport::irradiance::{Illumination, LightSampling, Pieces};
 use crate::transport::near_field::Corners;
 use crate::transport::receivers::Receivers;
-use crate::transport::scene::{self, Scene, Surface};
+use crate::transport::surface::Surface;
 
 /// Side of a square of the samples' mean area.
 pub(super) fn spacing_mm(patches: &[Patch]) -> f64 {
@@ -40,8 +41,8 @@ pub(super) struct OrderedSamples {
 impl OrderedSamples {
     pub(super) fn new(scene: &Scene, count: usize, form: &Factored) -> Self {
         let unordered = Samples::new(&scene.mesh, &scene.parts, count);
-        let samples = in_tree_order(&unordered, &scene::patches(scene, &unordered));
-        let (bvh, patches) = rayon::join(|| Bvh::new(&scene.mesh), || scene::patches(scene, &samples));
+        let samples = in_tree_order(&unordered, &samples::patches(&scene.mesh, &unordered));
+        let (bvh, patches) = rayon::join(|| Bvh::new(&scene.mesh), || samples::patches(&scene.mesh, &samples));
         let tree = BalancedTree::new(&samples, &patches);
         let corners = Corners::new(&scene.mesh, &samples, &patches);
         let receivers = Receivers::new(&scene.mesh, &scene.parts, LANES);
@@ -52,7 +53,7 @@ impl OrderedSamples {
     }
 
     pub(super) fn surface<'a>(&'a self, scene: &'a Scene) -> Surface<'a> {
-        Surface { scene, bvh: &self.bvh, samples: &self.samples, patches: &self.patches }
+        Surface { domain: scene.domain(), bvh: &self.bvh, samples: &self.samples, patches: &self.patches }
     }
 
     /// Every sample.

@@ -10,9 +10,10 @@ use crate::evaluate::sampling_error::receiver_areas;
 use crate::geometry::cluster::Run;
 use crate::medium::dipole::Dipole;
 use crate::medium::fresnel::BoundaryFit;
-use crate::medium::material::PRESETS;
+use crate::medium::material::{Medium, PRESETS};
 use crate::medium::profile_basis::ProfileBasis;
 use crate::progress::Silent;
+use crate::scene::Scene;
 use crate::transport::balanced_tree::LightDetails;
 use crate::transport::far_field::Rows;
 use crate::transport::irradiance::Pieces;
@@ -20,7 +21,7 @@ use crate::transport::light_range::LightRange;
 use crate::transport::near_field::Around;
 use crate::transport::near_rings::{NearRings, RingCoefficients};
 use crate::transport::receivers::{Group, Receivers};
-use crate::transport::scene::{Medium, Scene, Surface};
+use crate::transport::surface::Surface;
 
 /// A few groups of receivers, spread over all of them.
 pub(super) struct Subset {
@@ -74,7 +75,7 @@ impl Subset {
 
     /// About `count` groups of the first set of functions, and half as many of the others.
     pub(super) fn of_functions(scene: &Scene, points: &FarPoints, (count, phase): (usize, usize)) -> Vec<OfFunctions> {
-        let of_points = receiver_areas(scene, &points.receivers);
+        let of_points = receiver_areas(&scene.mesh, &points.receivers);
         let rows = &points.rows;
         let areas: Vec<f64> = (0..rows.places.len() as u32).map(|row| of_points[rows.point(row) as usize]).collect();
         let subset = |(class, (functions, groups)): (usize, (u16, Vec<Group>))| {

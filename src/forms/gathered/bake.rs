@@ -17,17 +17,18 @@ use crate::evaluate::{AssetParts, BakeSettings, Evaluator};
 use crate::forms::density;
 use crate::forms::environment_rows::{self, StoredRows};
 use crate::geometry::bvh::Bvh;
-use crate::geometry::samples::Samples;
+use crate::geometry::samples::{self, Samples};
 use crate::light::{Light, LightKind};
-use crate::medium::material::{OpticalProperties, preset};
+use crate::medium::material::{Medium, OpticalProperties, preset};
 use crate::progress::{Progress, Silent};
+use crate::scene::Scene;
 use crate::transport::balanced_tree::in_tree_order;
 use crate::transport::far_field::LANES;
 use crate::transport::gather::MediumKernel;
 use crate::transport::irradiance::{Illumination, Pieces};
 use crate::transport::multilevel::{NearRule, Quality};
 use crate::transport::receivers::Receivers;
-use crate::transport::scene::{self, Medium, Scene, Surface};
+use crate::transport::surface::Surface;
 
 /// Lights that the resolution of kernels is chosen by.
 const LIGHTS: usize = 3;
@@ -46,12 +47,12 @@ pub(super) fn memory(form: &Gathered, scene: &Scene, settings: &BakeSettings) ->
 }
 
 /// Kernels of the scene's media, and of others in their place.
-fn media(scene: &Scene) -> Vec<Vec<MediumKernel>> {
+fn media(media: &[Medium]) -> Vec<Vec<MediumKernel>> {
     let of = |properties: OpticalProperties| {
         let other = |medium: &Medium| MediumKernel::new(&Medium { properties, ..medium.clone() });
-        scene.media.iter().map(other).collect()
+        media.iter().map(other).collect()
     };
-    let own = scene.media.iter().map(MediumKernel::new).collect();
+    let own = media.iter().map(MediumKernel::new).collect();
     let others = MATERIALS.iter().filter_map(|name| preset(name)).map(|preset| of(preset.properties()));
     std::iter::once(own).chain(others).collect()
 }
@@ -70,9 +71,9 @@ pub(super) fn bake(
         return Ok(AssetParts { samples, ledger: Ledger::default(), sections: Vec::new() });
     }
     // Neighbours lie together, which rows in blocks rest on.
-    let samples = in_tree_order(&samples, &scene::patches(scene, &samples));
-    let (bvh, patches) = rayon::join(|| Bvh::new(&scene.mesh), || scene::patches(scene, &samples));
-    let surface = Surface { scene, bvh: &bvh, samples: &samples, patches: &patches };
+    let samples = in_tree_order(&samples, &samples::patches(&scene.mesh, &samples));
+    let (bvh, patches) = rayon::join(|| Bvh::new(&scene.mesh), || samples::patches(&scene.mesh, &samples));
+    let surface = Surface { domain: scene.domain(), bvh: &bvh, samples: &samples, patches: &patches };
     let receivers = Receivers::new(&scene.mesh, &scene.parts, LANES);
     progress.finish();
 
@@ -81,7 +82,7 @@ pub(super) fn bake(
     if let Some(error) = form.nets {
         let quality = resolution(form, &surface, &receivers, (error, &settings.probes.tuning), progress)?;
         sections = numbers(quality).to_sections().map_err(fail)?;
-        ledger = measured(form, &surface, quality, &settings.probes.unseen, progress)?;
+        ledger = measured(form, (scene, &samples), quality, &settings.probes.unseen, progress)?;
     }
     if let Some(rows) = environment {
         let how = (rows, form.sampling, form.near);
@@ -101,16 +102,16 @@ fn resolution(
     progress: &dyn Progress,
 ) -> Result<Quality> {
     progress.start("resolution", 0);
-    let scene = surface.scene;
-    let etas: Vec<f64> = scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
+    let domain = surface.domain;
+    let etas: Vec<f64> = domain.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
     let lit = |light: &Light| {
         let light = Illumination::new(surface, std::slice::from_ref(light), &etas, form.sampling)?;
         Ok(light.all_with_pieces(&Silent))
     };
     let chosen = lights.iter().step_by(lights.len().div_ceil(LIGHTS).max(1));
     let tuning: Vec<(Vec<DVec3>, Pieces)> = chosen.map(lit).collect::<Result<_>>()?;
-    let areas = receiver_areas(scene, receivers);
-    let quality = Quality::tuned((surface, &media(scene)), (receivers, &areas), &tuning, error);
+    let areas = receiver_areas(domain.mesh, receivers);
+    let quality = Quality::tuned((surface, &media(domain.media)), (receivers, &areas), &tuning, error);
     progress.finish();
     Ok(quality)
 }
@@ -118,7 +119,7 @@ fn resolution(
 /// What nets of a quality lose under light that no rows stand for.
 fn measured(
     form: &Gathered,
-    surface: &Surface,
+    (scene, samples): (&Scene, &Samples),
     quality: Quality,
     unseen: &[Light],
     progress: &dyn Progress,
@@ -129,8 +130,8 @@ fn measured(
         return Ok(Ledger::default());
     }
     let asset = Asset {
-        scene: surface.scene.clone(),
-        samples: surface.samples.clone(),
+        scene: scene.clone(),
+        samples: samples.clone(),
         provenance: Provenance::default(),
         ledger: Ledger::default(),
         sections: Vec::new(),

@@ -21,12 +21,13 @@ use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit, 
 use crate::forms::environment_rows::{StoredRows, by_rays, error_of_rows};
 use crate::geometry::bvh::Bvh;
 use crate::light::Light;
+use crate::medium::material::Medium;
 use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::Progress;
+use crate::scene::Scene;
 use crate::transport::gather::{NearField, Scheme};
 use crate::transport::interreflection::InterReflection;
 use crate::transport::receivers::Receivers;
-use crate::transport::scene::{Medium, Scene};
 
 impl Evaluator for GatheredEvaluator {
     fn capabilities(&self) -> Capabilities {

@@ -16,12 +16,12 @@ use crate::evaluate::device::{Device, read_radiosity};
 use crate::evaluate::forward::{forward_scene, forward_single_scattering};
 use crate::evaluate::{DeviceEvaluator, Evaluator};
 use crate::light::Light;
+use crate::medium::material::Medium;
 use crate::progress::Progress;
 use crate::transport::balanced_tree::power_of_two_near;
 use crate::transport::gather::{Scheme, Source};
 use crate::transport::kernel::EDGE_RULES;
 use crate::transport::near_field::Corners;
-use crate::transport::scene::Medium;
 
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
@@ -50,7 +50,7 @@ impl HierarchyOnDevice {
     /// An adapter with too few or too small bindings (exit 5).
     pub(super) fn new(cpu: GatheredEvaluator, device: &Arc<Device>) -> Result<Self> {
         let surface = cpu.surface();
-        let corners = Corners::new(&surface.scene.mesh, surface.samples, surface.patches);
+        let corners = Corners::new(surface.domain.mesh, surface.samples, surface.patches);
         let geometry = Geometry {
             samples: surface.samples,
             patches: surface.patches,
@@ -63,7 +63,7 @@ impl HierarchyOnDevice {
         let pieces = cpu.sampling().pieces_of_uneven() as usize;
         let effort = Effort::new(&surface, cpu.near(), &EDGE_RULES, pieces);
         let mut buffers = SurfaceBuffers::new(device, &geometry)?;
-        buffers.set_media(&surface.scene.media, f64::INFINITY)?;
+        buffers.set_media(surface.domain.media, f64::INFINITY)?;
         let layout = bind_group_layout(&device.device, "gather", &[READ; 3]);
         let text = format!("{KERNEL}{}", include_str!("gather.wgsl"));
         let pipeline = pipeline(&device.device, &text, "gather", [buffers.layout(), &layout]);

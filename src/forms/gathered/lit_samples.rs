@@ -14,16 +14,18 @@ use crate::evaluate::sampling_error::receiver_areas;
 use crate::evaluate::single_scattering::{LitScene, Traced};
 use crate::forms::environment_rows::StoredRows;
 use crate::geometry::bvh::Bvh;
-use crate::geometry::samples::Patch;
+use crate::geometry::samples::{self, Patch};
 use crate::light::Light;
+use crate::medium::material::Medium;
 use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::Progress;
+use crate::scene::Scene;
 use crate::transport::gather::{Gather, Lit, MediumKernel, NearField, Scheme};
 use crate::transport::interreflection::InterReflection;
 use crate::transport::irradiance::{Illumination, LightSampling, Pieces};
 use crate::transport::multilevel::{SurfaceNets, SurfaceTables};
 use crate::transport::receivers::Receivers;
-use crate::transport::scene::{self, Medium, Scene, Surface};
+use crate::transport::surface::Surface;
 use crate::transport::tree::SampleTree;
 
 /// What there is before there are lights.
@@ -59,10 +61,10 @@ impl GatheredEvaluator {
     /// Builds the tree and the occluders of an asset.
     pub fn new(asset: Arc<Asset>, gathering: Gathering) -> Self {
         let scene = asset.scene.clone();
-        let (bvh, patches) = rayon::join(|| Bvh::new(&scene.mesh), || scene::patches(&scene, &asset.samples));
+        let (bvh, patches) = rayon::join(|| Bvh::new(&scene.mesh), || samples::patches(&scene.mesh, &asset.samples));
         let tree = SampleTree::new(&asset.samples, &patches);
         let receivers = Receivers::new(&scene.mesh, &scene.parts, gathering.group);
-        let areas = receiver_areas(&scene, &receivers);
+        let areas = receiver_areas(&scene.mesh, &receivers);
         Self {
             asset,
             scene,
@@ -123,7 +125,7 @@ impl GatheredEvaluator {
 
     /// The samples and what is known of them.
     pub fn surface(&self) -> Surface<'_> {
-        Surface { scene: &self.scene, bvh: &self.bvh, samples: &self.asset.samples, patches: &self.patches }
+        Surface { domain: self.scene.domain(), bvh: &self.bvh, samples: &self.asset.samples, patches: &self.patches }
     }
 
     /// Irradiance of every sample under the lights in force, RGB, with what comes back from outside where that is asked for.

@@ -4,7 +4,7 @@ use crate::progress::Progress;
 use crate::transport::gather::MediumKernel;
 use crate::transport::multilevel::{Quality, SurfaceNets, SurfaceTables};
 use crate::transport::receivers::Receivers;
-use crate::transport::scene::Surface;
+use crate::transport::surface::Surface;
 
 /// Nets and tables, made when they are first needed.
 pub(super) struct Nets {

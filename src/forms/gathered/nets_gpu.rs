@@ -18,6 +18,7 @@ use crate::evaluate::forward::{forward_scene, forward_single_scattering};
 use crate::evaluate::{DeviceEvaluator, Evaluator};
 use crate::geometry::samples::Facet;
 use crate::light::Light;
+use crate::medium::material::Medium;
 use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::{Progress, Silent};
 use crate::transport::balanced_tree::power_of_two_near;
@@ -25,7 +26,7 @@ use crate::transport::kernel::EDGE_RULES;
 use crate::transport::multilevel::{Adjoint, MOST_SPLITS, Net, NetsOfPart, PIECE_IS_POINT, SurfaceNets, SurfaceTables};
 use crate::transport::near_field::Corners;
 use crate::transport::receivers::Receivers;
-use crate::transport::scene::{Medium, Surface};
+use crate::transport::surface::Surface;
 
 /// Rows of one workgroup, and how many invocations share one.
 const ROWS: usize = 4;
@@ -141,7 +142,7 @@ impl Splits {
     }
 
     fn effort(self, surface: &Surface, (rule_below, pieces): (f64, usize)) -> Effort {
-        let mesh = &surface.scene.mesh;
+        let mesh = surface.domain.mesh;
         let of_facet = |facet: &Facet| {
             let [a, b, c] = facet.corners_local_mm(mesh);
             let middle = (a + b + c) / 3.0;
@@ -172,7 +173,7 @@ impl NetsOnDevice {
         cpu.prepare_nets(&Silent);
         let surface = cpu.surface();
         let (nets, tables) = nets_of(&cpu)?;
-        let corners = Corners::new(&surface.scene.mesh, surface.samples, surface.patches);
+        let corners = Corners::new(surface.domain.mesh, surface.samples, surface.patches);
         let geometry = Geometry {
             samples: surface.samples,
             patches: surface.patches,
@@ -184,7 +185,7 @@ impl NetsOnDevice {
         };
         let mut buffers = SurfaceBuffers::new(device, &geometry)?;
         // The shaders that know the dipole are part of the same text.
-        buffers.set_media(&surface.scene.media, f64::INFINITY)?;
+        buffers.set_media(surface.domain.media, f64::INFINITY)?;
         let flux = device.zeros("flux", 16 * surface.patches.len() as u64)?;
         let shaders = Shaders::new(device);
         let part = |part, tables| shaders.part(device, (part, tables), [&flux, buffers.radiosity()]);

@@ -13,7 +13,7 @@ use crate::forms::density::Density;
 use crate::forms::projected::lights::LightSetSettings;
 use crate::math::sh::{MOST_ORDER, Window};
 use crate::progress::Progress;
-use crate::transport::scene::Scene;
+use crate::scene::Scene;
 
 /// How values of the vertices are kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

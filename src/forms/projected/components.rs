@@ -23,10 +23,10 @@ use crate::forms::projected::references::weights;
 use crate::forms::sampled_scene::{oriented, parts};
 use crate::light::Light;
 use crate::math::simd::{Level, multiversion};
+use crate::scene::Scene;
 use crate::transport::balanced_tree::power_of_two_near;
 use crate::transport::interpolation::SharedWeights;
 use crate::transport::receivers::Receivers;
-use crate::transport::scene::Scene;
 
 /// Reference points of one task.
 const CHUNK: usize = 256;

@@ -15,8 +15,8 @@ use crate::evaluate::device::{Device, read_radiosity};
 use crate::evaluate::forward::{forward_scene, forward_single_scattering};
 use crate::forms::baked_in::BakedIn;
 use crate::light::Light;
+use crate::medium::material::Medium;
 use crate::progress::Progress;
-use crate::transport::scene::Medium;
 
 /// The transport of an asset on a device.
 pub(crate) struct ComponentsOnDevice<B: LightBasis> {

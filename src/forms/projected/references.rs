@@ -50,7 +50,7 @@ impl Spacing {
 
 /// The widest spacing whose interpolation keeps an error under all of some lights, or little less.
 pub(crate) fn spacing(sampled: &SampledScene, truth: &[Vec<DVec3>], error: f64) -> f64 {
-    let free_path = |m: &crate::transport::scene::Medium| m.properties.mean_free_path_mm().max_element();
+    let free_path = |m: &crate::medium::material::Medium| m.properties.mean_free_path_mm().max_element();
     let widest = sampled.scene.media.iter().map(free_path).filter(|m| m.is_finite()).fold(0.0, f64::max);
     let diagonal = sampled.scene.mesh.diagonal_mm();
     let mut spacing = (WIDEST * widest).clamp(1e-3 * diagonal, 0.25 * diagonal);

@@ -18,8 +18,8 @@ use crate::forms::sampled_scene::GROUP;
 use crate::forms::single_scattering;
 use crate::light::LightKind;
 use crate::progress::Progress;
+use crate::scene::Scene;
 use crate::transport::receivers::Receivers;
-use crate::transport::scene::Scene;
 
 /// Transport of light from far away, as Haar coefficients of every vertex.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -21,13 +21,14 @@ use crate::forms::rows::{Rows, expected_light};
 use crate::forms::sampled_scene::parts;
 use crate::light::Light;
 use crate::medium::fresnel::diffuse_transmittance;
+use crate::medium::material::Medium;
 use crate::medium::phase::LightTerms;
 use crate::progress::{Progress, Silent};
+use crate::scene::Scene;
 use crate::transport::cube_harmonics::{CubeHarmonics, Product};
 use crate::transport::gather::MediumKernel;
 use crate::transport::irradiance_rows::row::Keep;
 use crate::transport::irradiance_rows::vectors::{RowWriter, Selection, joined};
-use crate::transport::scene::{Medium, Scene};
 use crate::transport::single_scattering::plane::PlaneMedium;
 use crate::transport::single_scattering::radiance::{DepthSampling, Settings, SingleScattering};
 use crate::transport::single_scattering::vectors::{VectorBaker, VectorSettings};
@@ -133,7 +134,7 @@ impl<'a, 'b> Folded<'a, 'b> {
         let sampled = self.0.work.sampled;
         let Integrand { form, crossings } = self.0.work.plan.integrand;
         let settings = Settings { form, crossings, ..Settings::REFERENCE };
-        let rays = SingleScattering::new(sampled.scene, &sampled.bvh, std::slice::from_ref(light), settings)?;
+        let rays = SingleScattering::new(sampled.scene.domain(), &sampled.bvh, std::slice::from_ref(light), settings)?;
         values.par_iter_mut().zip(points).for_each(|(value, &point)| {
             *value += rays.per_point(&self.0.exits[point as usize], point.into());
         });
@@ -187,7 +188,7 @@ impl<'a, 'b> Baked<'a, 'b> {
         let Integrand { form, crossings } = work.plan.integrand;
         let settings = VectorSettings { side, coefficients, phase, form, crossings, ..VectorSettings::DEFAULT };
         let sampled = work.sampled;
-        let baker = VectorBaker::new(sampled.scene, &sampled.bvh, settings)?;
+        let baker = VectorBaker::new(sampled.scene.domain(), &sampled.bvh, settings)?;
         let cut = match single {
             Single::Phase(Terms::Stored(terms)) => OF_CUT * missing(largest_g(sampled.scene), terms) / work.max_rms,
             _ => 0.0,
@@ -224,7 +225,8 @@ impl<'a, 'b> Baked<'a, 'b> {
         let Integrand { form, crossings } = self.work.plan.integrand;
         let settings = Settings { depths, coefficients: self.coefficients, form, crossings, ..Settings::PAPER };
         let (sampled, lights) = (self.work.sampled, std::slice::from_ref(sun));
-        Ok(SingleScattering::new(sampled.scene, &sampled.bvh, lights, settings)?.per_points(&self.exits, &Silent))
+        Ok(SingleScattering::new(sampled.scene.domain(), &sampled.bvh, lights, settings)?
+            .per_points(&self.exits, &Silent))
     }
 
     /// `[point][channel][term][harmonic]` of some receivers.

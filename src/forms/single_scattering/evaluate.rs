@@ -20,8 +20,8 @@ use crate::light::Light;
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::medium::fresnel::transmittance;
 use crate::medium::phase::LegendrePhase;
+use crate::scene::Scene;
 use crate::transport::receivers::Receivers;
-use crate::transport::scene::Scene;
 use crate::transport::single_scattering::radiance::{self, Path, Settings};
 use crate::transport::single_scattering::{Coefficients, ExitPoint, inside_towards, radiosity_factor, vertex_points};
 
@@ -197,7 +197,7 @@ struct LitFromOutside<'a> {
 impl<'a> LitFromOutside<'a> {
     fn new(terms: LitTerms, scene: &'a Scene, receivers: &'a Receivers) -> Self {
         let count = terms.terms.len().min(MOST_TERMS);
-        let of_medium = |m: &crate::transport::scene::Medium| {
+        let of_medium = |m: &crate::medium::material::Medium| {
             let phase = LegendrePhase::henyey_greenstein(m.properties.g, count);
             (phase, 1.0 / radiosity_factor(m.properties.eta_inside_over_outside))
         };
@@ -269,7 +269,7 @@ impl StoredSingle for ByRays {
 pub(super) fn exits(scene: &Scene, receivers: &Receivers) -> Vec<ExitPoint> {
     let nowhere = ExitPoint { part: u32::MAX, ..ExitPoint::default() };
     let mut result = vec![nowhere; receivers.len()];
-    for (exit, &receiver) in vertex_points(scene).into_iter().zip(&receivers.of_vertex).rev() {
+    for (exit, &receiver) in vertex_points(scene.domain()).into_iter().zip(&receivers.of_vertex).rev() {
         if let Some(slot) = result.get_mut(receiver as usize) {
             *slot = exit;
         }
@@ -290,7 +290,7 @@ pub(super) struct Probe<'a> {
 impl<'a> Probe<'a> {
     pub(super) fn new(lit: LitScene<'a>, receivers: &'a Receivers, integrand: Integrand) -> Self {
         let exits = exits(lit.scene, receivers);
-        let all = receiver_areas(lit.scene, receivers);
+        let all = receiver_areas(&lit.scene.mesh, receivers);
         let (_, some) = receivers.subset(SOME, 1);
         let points = some.iter().filter_map(|&i| exits.get(i as usize)).copied().collect();
         let areas = some.iter().filter_map(|&i| all.get(i as usize)).copied().collect();
@@ -306,7 +306,7 @@ impl<'a> Probe<'a> {
         };
         let Integrand { form, crossings } = self.integrand;
         let settings = Settings { coefficients, form, crossings, ..Settings::REFERENCE };
-        let rays = radiance::SingleScattering::new(self.lit.scene, self.lit.bvh, lights, settings)?;
+        let rays = radiance::SingleScattering::new(self.lit.scene.domain(), self.lit.bvh, lights, settings)?;
         let aslant = |n: DVec3| (n + n.any_orthonormal_vector()).normalize_or_zero();
         let points = || self.points.par_iter().zip(&self.some);
         let (found, expected): (Vec<DVec3>, Vec<DVec3>) = match phase {

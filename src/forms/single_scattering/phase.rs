@@ -1,7 +1,7 @@
 //! How many terms of their phase functions media ask for.
 
 use crate::forms::distant::{Single, Terms};
-use crate::transport::scene::Scene;
+use crate::scene::Scene;
 
 /// Relative L2 error of a phase function for each of the asked error; what light from a hemisphere makes of it is less.
 const PHASE: f64 = 20.0;

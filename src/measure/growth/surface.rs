@@ -6,8 +6,8 @@ use crate::geometry::part_table::PartTable;
 use crate::geometry::parts::{Analysis, MaterialRoles, PartsRule};
 use crate::geometry::shapes::torus_knot;
 use crate::geometry::source::SourceModel;
-use crate::medium::material::Material;
-use crate::transport::scene::{Medium, Scene};
+use crate::medium::material::{Material, Medium};
+use crate::scene::Scene;
 
 /// In words.
 pub const DESCRIPTION: &str =

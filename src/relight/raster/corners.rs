@@ -7,7 +7,7 @@ use glam::Vec3;
 
 use crate::geometry::mesh::Mesh;
 use crate::render::normals::ShadingNormals;
-use crate::transport::scene::Scene;
+use crate::scene::Scene;
 
 /// An index that stands for nothing.
 pub(super) const NONE: u32 = u32::MAX;

@@ -25,12 +25,12 @@ use crate::error::Result;
 use crate::evaluate::{DeviceEvaluator, device::Device};
 use crate::light::Light;
 use crate::medium::fresnel::transmittance;
+use crate::medium::material::Medium;
 use crate::render::background::Background;
 use crate::render::exit::{ExitFresnel, ExitRadiance};
 use crate::render::frame::Specular;
 use crate::render::specular::Roughness;
 use crate::render::texture::Texture;
-use crate::transport::scene::Medium;
 
 pub use self::shown::Shown;
 

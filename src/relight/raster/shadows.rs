@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use crate::geometry::bvh::{Bvh, NO_TRIANGLE, Ray, offset_origin};
 use crate::light::Light;
-use crate::transport::scene::Scene;
+use crate::scene::Scene;
 
 /// Lights that have shadows: the first ones.
 pub(crate) const SHADOWED: usize = 4;

@@ -8,6 +8,7 @@ use super::editing::{Editing, ProfileInForce};
 use crate::evaluate::MaterialEdit;
 use crate::light::Light;
 use crate::light::environment::EnvironmentMap;
+use crate::medium::material::Medium;
 use crate::relight::lights::{LightEntry, pivot_mm, shining};
 use crate::relight::orbit::Orbit;
 use crate::relight::raster::view::{Look, Textured};
@@ -16,7 +17,7 @@ use crate::render::camera::Camera;
 use crate::render::film::{Exposure, MAX_STOPS};
 use crate::render::frame::Specular;
 use crate::render::specular::Roughness;
-use crate::transport::scene::{Medium, Scene};
+use crate::scene::Scene;
 
 /// Degrees that the lights turn in a second.
 const TURN_DEGREES_PER_SECOND: f64 = 30.0;

@@ -5,9 +5,8 @@ use std::sync::Arc;
 use super::colours::{Answer, Question, Task};
 use super::desk::Desk;
 use crate::medium::inversion::{Inversion, Radius, Target};
-use crate::medium::material::Preset;
+use crate::medium::material::{Medium, Preset};
 use crate::medium::profiles::model::{LoadedProfile, ProfileModel};
-use crate::transport::scene::Medium;
 
 /// Name of a medium that somebody made here.
 const CUSTOM: &str = "custom";

@@ -17,6 +17,7 @@ use crate::io::environment::load_environment;
 use crate::light::Light;
 use crate::light::environment::EnvironmentMap;
 use crate::math::statistics::vertex_error;
+use crate::medium::material::Medium;
 use crate::medium::profiles::model::{LoadedProfile, ProfileModel};
 use crate::progress::Progress;
 use crate::relight::headless::png;
@@ -26,7 +27,6 @@ use crate::render::film::{ColourType, PngBackground, to_exr, to_png};
 use crate::render::frame::{RenderSettings, render};
 use crate::render::single::Exitance;
 use crate::render::texture::Texture;
-use crate::transport::scene::Medium;
 
 /// Share of the brightest channel's RMS below which a channel's own is not the unit.
 const CHANNEL_FLOOR: f64 = 1e-3;

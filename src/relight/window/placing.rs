@@ -7,10 +7,10 @@ use super::OpenModel;
 use crate::error::Result;
 use crate::evaluate::{Capabilities, Evaluator, MaterialEdit, ProfileEdit};
 use crate::evaluate::{DeviceEvaluator, device::Device};
+use crate::medium::material::Medium;
 use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::Silent;
 use crate::relight::choice::{self, DeviceChoice};
-use crate::transport::scene::Medium;
 
 /// The device of the window and what is asked of it.
 #[derive(Clone)]

@@ -11,6 +11,7 @@ use rayon::ThreadPool;
 use crate::error::{Error, Result};
 use crate::evaluate::DeviceEvaluator;
 use crate::light::Light;
+use crate::medium::material::Medium;
 use crate::progress::Silent;
 use crate::relight::lights::are_same;
 use crate::relight::newest::Newest;
@@ -19,7 +20,6 @@ use crate::relight::raster::shadows::Shadows;
 use crate::relight::raster::view::Textured;
 use crate::render::camera::Camera;
 use crate::render::film::AUTO_EXPOSURE_PERCENTILE;
-use crate::transport::scene::Medium;
 
 /// A state that somebody wants to see.
 #[derive(Clone)]

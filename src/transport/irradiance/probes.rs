@@ -14,7 +14,7 @@ impl Illumination<'_> {
         if self.sampling.points_per_patch.next_power_of_two() as usize != PROBE_WEIGHTS.len() {
             return None;
         }
-        let mesh = &self.surface.scene.mesh;
+        let mesh = self.surface.domain.mesh;
         let [a, b, c] = facet.corners_local_mm(mesh);
         let normal = self.surface.patches[patch].normal;
         let centre = (a + b + c) / 3.0;
@@ -30,7 +30,7 @@ impl Illumination<'_> {
 
     /// Centroids of the pieces of a patch that is one facet.
     pub(super) fn pieces_as_points(&self, patch: usize, count: u32, out: &mut Vec<SurfacePoint>) {
-        let mesh = &self.surface.scene.mesh;
+        let mesh = self.surface.domain.mesh;
         let [facet] = self.surface.samples.patch(patch) else { return };
         let Patch { centre_mm, normal, .. } = self.surface.patches[patch];
         if count == 1 {
@@ -46,7 +46,7 @@ impl Illumination<'_> {
 
     /// Points that stand for equal areas of a patch.
     pub(super) fn points_of(&self, patch: usize, out: &mut Vec<SurfacePoint>) {
-        let mesh = &self.surface.scene.mesh;
+        let mesh = self.surface.domain.mesh;
         let facets = self.surface.samples.patch(patch);
         let count = self.sampling.points_per_patch.next_power_of_two();
         if facets.len() == 1 {

@@ -215,7 +215,7 @@ impl RowBaker<'_> {
     fn visit_blocks(&self, blocks: &[[u32; 2]], mut each: impl FnMut(&mut BlockWork)) {
         let ([first, _], [_, end]) =
             (blocks.first().copied().unwrap_or_default(), blocks.last().copied().unwrap_or_default());
-        let (mesh, samples) = (&self.surface.scene.mesh, self.surface.samples);
+        let (mesh, samples) = (self.surface.domain.mesh, self.surface.samples);
         let observers: Vec<Observer> = (first..end).map(|i| Observer::of(mesh, samples.patch(i as usize))).collect();
         let mut work = BlockWork::new(self.tables.grid.side, self.settings.terms);
         let mut ends = blocks.iter().map(|block| (block[1] - first) as usize).peekable();

@@ -33,7 +33,7 @@ use crate::math::haar::Haar;
 use crate::math::simd::{Level, multiversion};
 use crate::medium::entrance_basis::{DEGREE, EntranceBasis, MOST_TERMS};
 use crate::progress::Progress;
-use crate::transport::scene::Surface;
+use crate::transport::surface::Surface;
 use crate::transport::visibility::{GROUP, Observer, Occluders, Resolution, Visible, visit};
 
 /// What the rows keep.
@@ -112,7 +112,7 @@ impl<'a> RowBaker<'a> {
             return Err(Error::input(format!("{} terms for F_t: 1 to {MOST_TERMS} are possible", settings.terms)));
         }
         let tables = Tables::new(settings, &EntranceBasis::new(settings.terms))?;
-        let occluders = Occluders::new(&surface.scene.mesh);
+        let occluders = Occluders::new(surface.domain.mesh);
         Ok(Self { surface, settings, occluders, tables, level: Level::detect() })
     }
 
@@ -148,7 +148,7 @@ impl<'a> RowBaker<'a> {
 
     /// Rows of some patches, on one thread; they do not depend on how ranges are cut.
     pub fn range(&self, patches: Range<usize>) -> IrradianceRows {
-        let (mesh, samples) = (&self.surface.scene.mesh, self.surface.samples);
+        let (mesh, samples) = (self.surface.domain.mesh, self.surface.samples);
         let observers: Vec<Observer> = patches.map(|i| Observer::of(mesh, samples.patch(i))).collect();
         let mut rows = self.empty();
         let mut work = Work::new(self.tables.grid.side, self.settings.terms);

@@ -11,7 +11,7 @@ use crate::medium::entrance_basis::{DEGREE, polynomial};
 use crate::progress::Progress;
 use crate::transport::cube_harmonics::{CubeHarmonics, Product};
 use crate::transport::many_lights::IrradianceRows;
-use crate::transport::scene::Surface;
+use crate::transport::surface::Surface;
 use crate::transport::visibility::{GROUP, Observer, Occluders, Resolution, Visible, visit};
 
 /// Where the sub-texels of a face are.
@@ -112,17 +112,17 @@ pub struct TexelRow {
 impl<'a> TexelBaker<'a> {
     /// Prepares the occluders and tables.
     pub fn new(surface: &'a Surface<'a>, resolution: Resolution) -> Self {
-        let scene = surface.scene;
+        let domain = surface.domain;
         let of_medium: Vec<[f32; DEGREE]> =
-            scene.media.iter().map(|m| polynomial(m.properties.eta_inside_over_outside).map(|c| c as f32)).collect();
-        let of_part = scene
+            domain.media.iter().map(|m| polynomial(m.properties.eta_inside_over_outside).map(|c| c as f32)).collect();
+        let of_part = domain
             .parts
             .parts
             .iter()
             .map(|part| part.medium.and_then(|m| of_medium.get(m as usize)).copied().unwrap_or_default());
         let of_part = of_part.collect();
         let grid = Grid::new(resolution.side() / 2);
-        let occluders = Occluders::new(&scene.mesh);
+        let occluders = Occluders::new(domain.mesh);
         Self { surface, resolution, occluders, grid, of_part, level: Level::detect() }
     }
 
@@ -133,7 +133,7 @@ impl<'a> TexelBaker<'a> {
 
     /// Hands over the rows of some samples in their order, on one thread; a row does not depend on how ranges are cut.
     pub fn visit(&self, samples: Range<usize>, mut each: impl FnMut(usize, &TexelRow)) {
-        let (mesh, all) = (&self.surface.scene.mesh, self.surface.samples);
+        let (mesh, all) = (self.surface.domain.mesh, self.surface.samples);
         let first = samples.start;
         let observers: Vec<Observer> = samples.map(|i| Observer::of(mesh, all.patch(i))).collect();
         let face = self.grid.side * self.grid.side;

@@ -17,7 +17,7 @@ use crate::transport::gather::MediumKernel;
 use crate::transport::irradiance::Pieces;
 use crate::transport::kernel::radial_table::RadialTable;
 use crate::transport::receivers::Receivers;
-use crate::transport::scene::Surface;
+use crate::transport::surface::Surface;
 
 /// Softening at most.
 pub(super) const MOST_SOFTENING: f64 = 16.0;
@@ -85,13 +85,13 @@ impl SurfaceNets {
         let of_part = |groups: &[crate::transport::receivers::Group]| {
             let (first, last) = (groups.first()?, groups.last()?);
             let index = first.part as usize;
-            let medium = surface.scene.parts.parts.get(index)?.medium? as usize;
+            let medium = surface.domain.parts.parts.get(index)?.medium? as usize;
             let samples = surface.samples.part(index);
             let range = first.run.first as usize..last.run.end as usize;
             Some(Self::part(surface, (&centres, samples), (receivers, range, groups), medium, quality))
         };
         let parts = receivers.groups.chunk_by(|a, b| a.part == b.part).filter_map(of_part).collect();
-        let facets = Facets::new(&surface.scene.mesh, surface.samples, surface.patches);
+        let facets = Facets::new(surface.domain.mesh, surface.samples, surface.patches);
         Self { parts, facets, quality }
     }
 

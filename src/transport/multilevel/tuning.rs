@@ -10,7 +10,7 @@ use crate::progress::Silent;
 use crate::transport::gather::{Gather, MediumKernel, NearField, Scheme};
 use crate::transport::irradiance::Pieces;
 use crate::transport::receivers::Receivers;
-use crate::transport::scene::Surface;
+use crate::transport::surface::Surface;
 use crate::transport::tree::SampleTree;
 
 /// Receivers that errors are measured on.

@@ -14,7 +14,7 @@ use crate::light::strata::{Strata, StrataSettings};
 use crate::light::{Light, refuse_fields};
 use crate::math::spherical_rectangle::SphericalRectangle;
 use crate::medium::fresnel::{self, CosineTransmittance};
-use crate::transport::scene::Scene;
+use crate::transport::domain::Domain;
 
 /// How finely an environment is cut: 2^18 directions, each with the energy around it.
 const ENVIRONMENT: StrataSettings = StrataSettings { strata: 4096, candidates: 64 };
@@ -59,7 +59,7 @@ struct Arrival {
 
 /// The lit surface of a scene.
 pub struct Entries<'a> {
-    scene: &'a Scene,
+    domain: Domain<'a>,
     bvh: &'a Bvh,
     sources: Vec<Source<'a>>,
     entrance: Vec<CosineTransmittance>,
@@ -74,21 +74,21 @@ impl<'a> Entries<'a> {
     ///
     /// # Errors
     /// Those of cutting an environment.
-    pub fn new(scene: &'a Scene, bvh: &'a Bvh, lights: &'a [Light]) -> Result<Self> {
-        let part_of = |t: u32| scene.parts.triangle_part.get(t as usize).copied().unwrap_or(u32::MAX);
-        let transfers = |t: &u32| scene.parts.parts.get(part_of(*t) as usize).is_some_and(|p| p.transfers());
-        let bounds = scene.mesh.bounds_local_mm();
-        let mut triangles: Vec<u32> = (0..scene.mesh.triangles.len() as u32).filter(transfers).collect();
-        triangles.sort_by_cached_key(|&t| (part_of(t), along_curve(&scene.mesh, bounds, t)));
+    pub fn new(domain: Domain<'a>, bvh: &'a Bvh, lights: &'a [Light]) -> Result<Self> {
+        let part_of = |t: u32| domain.parts.triangle_part.get(t as usize).copied().unwrap_or(u32::MAX);
+        let transfers = |t: &u32| domain.parts.parts.get(part_of(*t) as usize).is_some_and(|p| p.transfers());
+        let bounds = domain.mesh.bounds_local_mm();
+        let mut triangles: Vec<u32> = (0..domain.mesh.triangles.len() as u32).filter(transfers).collect();
+        triangles.sort_by_cached_key(|&t| (part_of(t), along_curve(domain.mesh, bounds, t)));
         let area_so_far = |sum: &mut f64, &t: &u32| {
-            *sum += scene.mesh.area_mm2(t);
+            *sum += domain.mesh.area_mm2(t);
             Some(*sum)
         };
         let cumulative_mm2 = triangles.iter().scan(0.0, area_so_far).collect();
-        let sources = lights.iter().map(|l| Source::new(l, scene)).collect::<Result<_>>()?;
-        let eta = |m: &crate::transport::scene::Medium| m.properties.eta_inside_over_outside;
-        let entrance = scene.media.iter().map(|m| CosineTransmittance::new(eta(m))).collect();
-        Ok(Self { scene, bvh, sources, entrance, triangles, cumulative_mm2 })
+        let sources = lights.iter().map(|l| Source::new(l, domain)).collect::<Result<_>>()?;
+        let eta = |m: &crate::medium::material::Medium| m.properties.eta_inside_over_outside;
+        let entrance = domain.media.iter().map(|m| CosineTransmittance::new(eta(m))).collect();
+        Ok(Self { domain, bvh, sources, entrance, triangles, cumulative_mm2 })
     }
 
     /// Area that light can enter through, mm^2.
@@ -101,15 +101,15 @@ impl<'a> Entries<'a> {
         let wanted = along * self.area_mm2();
         let index = self.cumulative_mm2.partition_point(|&a| a <= wanted).min(self.triangles.len().checked_sub(1)?);
         let triangle = self.triangles[index];
-        let normal = self.scene.mesh.normal(triangle);
-        let [a, b, c] = self.scene.mesh.corners_local_mm(triangle);
+        let normal = self.domain.mesh.normal(triangle);
+        let [a, b, c] = self.domain.mesh.corners_local_mm(triangle);
         let (r, s) = (stream.uniform().sqrt(), stream.uniform());
         let at = a * (1.0 - r) + b * (r * (1.0 - s)) + c * (r * s);
-        let part = *self.scene.parts.triangle_part.get(triangle as usize)?;
-        let medium = self.scene.parts.parts.get(part as usize)?.medium? as usize;
+        let part = *self.domain.parts.triangle_part.get(triangle as usize)?;
+        let medium = self.domain.parts.parts.get(part as usize)?.medium? as usize;
         let entrance = self.entrance.get(medium)?;
         let choice = (stream.uniform() * self.sources.len() as f64) as usize;
-        let arrival = self.sources.get(choice)?.arrival(at, normal, self.scene, entrance, stream)?;
+        let arrival = self.sources.get(choice)?.arrival(at, normal, self.domain, entrance, stream)?;
         let (eta, cosine) = (entrance.eta_inside_over_outside(), arrival.towards.dot(normal));
         let cos_inside = fresnel::refracted_cosine(eta, cosine)?;
         let entering = if arrival.includes_entrance { 1.0 } else { fresnel::transmittance(eta, cosine) * cosine };
@@ -140,12 +140,12 @@ fn along_curve(mesh: &Mesh, [low, high]: [DVec3; 2], triangle: u32) -> u64 {
 }
 
 impl<'a> Source<'a> {
-    fn new(light: &'a Light, scene: &Scene) -> Result<Self> {
+    fn new(light: &'a Light, domain: Domain) -> Result<Self> {
         Ok(match light {
             Light::Constant { radiance } => Self::Constant { radiance: *radiance },
             Light::Directional { from, irradiance } => Self::Directional { from: *from, irradiance: *irradiance },
             Light::Point { at_mm, intensity } => {
-                Self::Point { at: *at_mm - scene.mesh.origin_mm, intensity: *intensity }
+                Self::Point { at: *at_mm - domain.mesh.origin_mm, intensity: *intensity }
             }
             Light::Area { .. } => {
                 refuse_fields(std::slice::from_ref(light))?;
@@ -173,7 +173,7 @@ impl<'a> Source<'a> {
         &self,
         at: DVec3,
         normal: DVec3,
-        scene: &Scene,
+        domain: Domain,
         entrance: &CosineTransmittance,
         stream: &mut Stream,
     ) -> Option<Arrival> {
@@ -195,7 +195,7 @@ impl<'a> Source<'a> {
             }
             Self::Area { light } => {
                 let Light::Area { at_mm, normal: front, u, size_mm, radiance, .. } = light else { return None };
-                let (v, centre) = (front.cross(*u), *at_mm - scene.mesh.origin_mm);
+                let (v, centre) = (front.cross(*u), *at_mm - domain.mesh.origin_mm);
                 if (at - centre).dot(*front) <= 0.0 {
                     return None;
                 }

@@ -7,19 +7,20 @@ use rayon::prelude::*;
 
 use super::*;
 use crate::geometry::part_table::PartTable;
-use crate::geometry::samples::Samples;
+use crate::geometry::samples::{Samples, patches};
 use crate::geometry::shapes;
 use crate::light::environment::EnvironmentMap;
 use crate::light::sky::sky;
 use crate::math::random::uniform;
-use crate::medium::material::OpticalProperties;
+use crate::medium::material::{Medium, OpticalProperties};
 use crate::progress::Silent;
 use crate::transport::irradiance::{Illumination, LightSampling};
-use crate::transport::scene::{Medium, Surface, patches};
+use crate::transport::surface::Surface;
+use crate::transport::test_scene::TestScene;
 use crate::transport::test_scene::{mesh_of, named};
 
 /// A head, a knot beside it that shadows itself and it, of different indices, and an opaque board, far from the origin.
-fn scene() -> Scene {
+fn scene() -> TestScene {
     let (head, knot) = (shapes::bumpy_head(5.0, 3), shapes::torus_knot(2, 3, 3.0, 1.5, 0.8, 48, 8));
     let board = shapes::cuboid(DVec3::new(4.0, 0.5, 4.0), 1);
     let counts = [&head, &knot].map(|m| mesh_of((*m).clone()).triangles.len());
@@ -37,13 +38,13 @@ fn scene() -> Scene {
         let properties = OpticalProperties { eta_inside_over_outside: eta, ..named(name) };
         Medium { name: name.into(), properties }
     };
-    Scene { mesh, parts, media: vec![medium("marble", 1.5), medium("skin1", 1.3)] }
+    TestScene { mesh, parts, media: vec![medium("marble", 1.5), medium("skin1", 1.3)] }
 }
 
 /// Octants of normals of the two parts that transfer.
 const REGIONS: usize = 16;
 
-fn region(scene: &Scene, triangle: u32) -> usize {
+fn region(scene: &TestScene, triangle: u32) -> usize {
     let part = scene.parts.triangle_part[triangle as usize] as usize;
     let normal = scene.mesh.normal(triangle);
     8 * part + (0..3).fold(0, |octant, axis| octant | usize::from(normal[axis] > 0.0) << axis)
@@ -78,10 +79,10 @@ fn lights() -> Vec<(&'static str, Vec<Light>, u64)> {
 }
 
 /// Flux into each region by the walk, RGB, and the standard errors of it.
-fn entering(scene: &Scene, lights: &[Light], candidates: u64) -> [Vec<DVec3>; 2] {
+fn entering(scene: &TestScene, lights: &[Light], candidates: u64) -> [Vec<DVec3>; 2] {
     const BATCHES: u64 = 64;
     let bvh = Bvh::new(&scene.mesh);
-    let entries = Entries::new(scene, &bvh, lights).unwrap();
+    let entries = Entries::new(scene.domain(), &bvh, lights).unwrap();
     let each = candidates / BATCHES;
     let batch = |batch: u64| {
         let mut flux = vec![DVec3::ZERO; REGIONS];
@@ -105,11 +106,11 @@ fn entering(scene: &Scene, lights: &[Light], candidates: u64) -> [Vec<DVec3>; 2]
 }
 
 /// The same by the patches of the other methods.
-fn arriving(scene: &Scene, lights: &[Light], sampling: LightSampling) -> Vec<DVec3> {
+fn arriving(scene: &TestScene, lights: &[Light], sampling: LightSampling) -> Vec<DVec3> {
     let bvh = Bvh::new(&scene.mesh);
     let samples = Samples::new(&scene.mesh, &scene.parts, scene.mesh.triangles.len());
-    let patches = patches(scene, &samples);
-    let surface = Surface { scene, bvh: &bvh, samples: &samples, patches: &patches };
+    let patches = patches(&scene.mesh, &samples);
+    let surface = Surface { domain: scene.domain(), bvh: &bvh, samples: &samples, patches: &patches };
     let etas: Vec<f64> = scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
     let irradiance = Illumination::new(&surface, lights, &etas, sampling).unwrap().all(&Silent);
     let mut flux = vec![DVec3::ZERO; REGIONS];

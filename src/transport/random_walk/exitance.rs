@@ -12,7 +12,7 @@ use crate::error::{Error, ExitCode, Result};
 use crate::geometry::bvh::Bvh;
 use crate::light::Light;
 use crate::progress::Progress;
-use crate::transport::scene::Scene;
+use crate::transport::domain::Domain;
 
 /// Batches that the standard errors come from: their own relative error is 1 / sqrt(2 * 31), an eighth.
 pub const BATCHES: u64 = 32;
@@ -122,8 +122,8 @@ impl Exitance {
 }
 
 /// Bytes that a walk takes about, beside the scene.
-pub fn memory(scene: &Scene) -> u64 {
-    let (vertices, triangles) = (scene.mesh.local_mm.len() as u64, scene.mesh.triangles.len() as u64);
+pub fn memory(domain: Domain) -> u64 {
+    let (vertices, triangles) = (domain.mesh.local_mm.len() as u64, domain.mesh.triangles.len() as u64);
     400 * vertices + 500 * triangles + (20 << 20)
 }
 
@@ -133,16 +133,16 @@ pub fn memory(scene: &Scene) -> u64 {
 /// Environments that cannot be cut; more than [`MOST_LOST`] of the flux lost (the surface of a part is not closed); a noise
 /// that no number of photons within reason brings (exit 6).
 pub fn exitance(
-    scene: &Scene,
+    domain: Domain,
     lights: &[Light],
     effort: Effort,
     seed: u64,
     progress: &dyn Progress,
 ) -> Result<Exitance> {
-    let bvh = Bvh::new(&scene.mesh);
-    let entries = Entries::new(scene, &bvh, lights)?;
-    let bodies = Bodies::new(scene);
-    let hats = Hats::new(&scene.mesh, &scene.parts);
+    let bvh = Bvh::new(domain.mesh);
+    let entries = Entries::new(domain, &bvh, lights)?;
+    let bodies = Bodies::new(domain);
+    let hats = Hats::new(domain.mesh, domain.parts);
     let run = Run { entries: &entries, bodies: &bodies, hats: &hats };
     let photons = match effort {
         Effort::Photons(photons) => [photons.clamp(1, MOST_PHOTONS); 3],
@@ -188,18 +188,18 @@ struct Bodies {
 }
 
 impl Bodies {
-    fn new(scene: &Scene) -> Self {
-        let mut members = vec![Vec::new(); scene.parts.parts.len()];
-        for (triangle, &part) in scene.parts.triangle_part.iter().enumerate() {
+    fn new(domain: Domain) -> Self {
+        let mut members = vec![Vec::new(); domain.parts.parts.len()];
+        for (triangle, &part) in domain.parts.triangle_part.iter().enumerate() {
             if let Some(list) = members.get_mut(part as usize) {
                 list.push(triangle as u32);
             }
         }
         let body = |(part, triangles): (usize, Vec<u32>)| {
-            let medium = scene.media.get(scene.parts.parts[part].medium? as usize)?;
+            let medium = domain.media.get(domain.parts.parts[part].medium? as usize)?;
             let media = [0, 1, 2].map(|channel| WalkMedium::new(&medium.properties, channel));
             let free_path = media.iter().map(|m| m.free_path_mm).fold(f64::INFINITY, f64::min);
-            Some((MeshBoundary::new(&scene.mesh, triangles, free_path), media))
+            Some((MeshBoundary::new(domain.mesh, triangles, free_path), media))
         };
         Self { of_part: members.into_iter().enumerate().map(body).collect() }
     }

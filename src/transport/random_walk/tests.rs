@@ -17,7 +17,7 @@ use crate::medium::fresnel::{CosineTransmittance, refracted_cosine};
 use crate::medium::material::OpticalProperties;
 use crate::progress::Silent;
 use crate::transport::random_walk::entry::Entries;
-use crate::transport::scene::Scene;
+use crate::transport::test_scene::TestScene;
 use crate::transport::test_scene::{Fixture, named};
 
 fn medium(scattering: f64, absorption: f64, g: f64, eta: f64) -> OpticalProperties {
@@ -29,7 +29,7 @@ fn medium(scattering: f64, absorption: f64, g: f64, eta: f64) -> OpticalProperti
     }
 }
 
-fn scene_of(source: crate::geometry::source::SourceModel, properties: OpticalProperties) -> Scene {
+fn scene_of(source: crate::geometry::source::SourceModel, properties: OpticalProperties) -> TestScene {
     Fixture::new(source, properties, 1).scene
 }
 
@@ -107,7 +107,7 @@ fn what_enters_a_medium_without_absorption_leaves() {
     // The same through a mesh, which loses next to nothing.
     let scene = scene_of(shapes::bumpy_head(4.0, 3), medium(2.0, 0.0, 0.3, 1.4));
     let light = [Light::constant(DVec3::ONE).unwrap()];
-    let got = exitance(&scene, &light, Effort::Photons(100_000), 1, &Silent).unwrap();
+    let got = exitance(scene.domain(), &light, Effort::Photons(100_000), 1, &Silent).unwrap();
     for b in got.budget {
         let left = b.left_unscattered + b.left_once + b.left_more;
         assert!((b.share(left) - 1.0).abs() < 1e-5 && b.share(b.lost) < 1e-5, "{b:?}");
@@ -212,7 +212,7 @@ fn candidates_bring_the_irradiance_of_each_light() {
     ];
     for (light, expected) in cases {
         let lights = [light];
-        let entries = Entries::new(&scene, &bvh, &lights).unwrap();
+        let entries = Entries::new(scene.domain(), &bvh, &lights).unwrap();
         let n = 200_000;
         let flux = (0..n).fold(DVec3::ZERO, |sum, i| {
             let mut stream = Stream::new(1, i);
@@ -229,7 +229,7 @@ fn small_walk(photons: u64, seed: u64) -> Exitance {
         Light::directional(DVec3::new(0.3, 0.5, 1.0), DVec3::new(3.0, 2.0, 1.0)).unwrap(),
         Light::point(DVec3::new(0.0, 9.0, 0.0), DVec3::splat(50.0)).unwrap(),
     ];
-    exitance(&scene, &lights, Effort::Photons(photons), seed, &Silent).unwrap()
+    exitance(scene.domain(), &lights, Effort::Photons(photons), seed, &Silent).unwrap()
 }
 
 #[test]
@@ -272,7 +272,7 @@ fn standard_errors_are_those_of_the_spread_over_seeds() {
 fn noise_falls_to_what_was_asked_for() {
     let scene = scene_of(shapes::icosphere(3.0, 2), medium(1.0, 0.3, 0.0, 1.3));
     let light = [Light::constant(DVec3::ONE).unwrap()];
-    let got = exitance(&scene, &light, Effort::Noise(0.03), 1, &Silent).unwrap();
+    let got = exitance(scene.domain(), &light, Effort::Noise(0.03), 1, &Silent).unwrap();
     assert!(got.noise() < 0.033 && got.noise() > 0.02, "{}", got.noise());
 }
 
@@ -280,7 +280,8 @@ fn noise_falls_to_what_was_asked_for() {
 fn comparison_takes_the_noise_out_and_leaves_the_difference() {
     let scene = scene_of(shapes::icosphere(3.0, 3), medium(1.0, 0.3, 0.0, 1.3));
     let light = [Light::constant(DVec3::ONE).unwrap()];
-    let [noisy, fine] = [60_000, 600_000].map(|n| exitance(&scene, &light, Effort::Photons(n), n, &Silent).unwrap());
+    let [noisy, fine] =
+        [60_000, 600_000].map(|n| exitance(scene.domain(), &light, Effort::Photons(n), n, &Silent).unwrap());
     // On a sphere in constant light the truth is a constant.
     let constant = fine.total.iter().zip(&fine.hats.mass_mm2).map(|(b, m)| *b * *m).sum::<DVec3>()
         / fine.hats.mass_mm2.iter().sum::<f64>();
@@ -327,7 +328,7 @@ fn odd_media_and_open_surfaces_end_well() {
             properties = medium(s * 1e-3, a, g, eta);
         }
         let scene = scene_of(shapes::cuboid(DVec3::splat(1e-2), 1), properties);
-        let got = exitance(&scene, &light, Effort::Photons(2000), 1, &Silent).unwrap();
+        let got = exitance(scene.domain(), &light, Effort::Photons(2000), 1, &Silent).unwrap();
         assert!(got.total.iter().chain(&got.standard_error).all(|b| b.is_finite() && b.min_element() >= 0.0));
         for b in got.budget {
             let out = b.left_unscattered + b.left_once + b.left_more + b.trapped + b.lost;
@@ -335,9 +336,9 @@ fn odd_media_and_open_surfaces_end_well() {
         }
     }
     let open = scene_of(shapes::plane(5.0, 5.0, 4), named("marble"));
-    let failed = exitance(&open, &light, Effort::Photons(2000), 1, &Silent).unwrap_err();
+    let failed = exitance(open.domain(), &light, Effort::Photons(2000), 1, &Silent).unwrap_err();
     assert!(failed.message().contains("not closed"), "{failed}");
     let dark = scene_of(shapes::icosphere(1.0, 1), named("marble"));
-    let got = exitance(&dark, &[], Effort::Noise(0.01), 1, &Silent).unwrap();
+    let got = exitance(dark.domain(), &[], Effort::Noise(0.01), 1, &Silent).unwrap();
     assert!(got.total.iter().all(|b| *b == DVec3::ZERO) && got.noise() == 0.0);
 }

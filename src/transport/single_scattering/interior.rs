@@ -6,7 +6,7 @@ use super::interface::{Entry, Form, inside_direction, refracted};
 use crate::geometry::bvh::{Bvh, Hit, Ray, offset_origin};
 use crate::medium::fresnel::transmittance;
 use crate::medium::material::OpticalProperties;
-use crate::transport::scene::Scene;
+use crate::transport::domain::Domain;
 
 /// What becomes of light whose straight way crosses more surfaces than the one it enters by.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
@@ -100,7 +100,7 @@ const RESOLVED: f64 = 16.0;
 
 /// A scene as seen from inside its bodies.
 pub(super) struct Interior<'a> {
-    pub(super) scene: &'a Scene,
+    pub(super) domain: Domain<'a>,
     pub(super) bvh: &'a Bvh,
     pub(super) form: Form,
     crossings: Crossings,
@@ -111,21 +111,21 @@ pub(super) struct Interior<'a> {
 
 impl<'a> Interior<'a> {
     pub(super) fn new(
-        scene: &'a Scene,
+        domain: Domain<'a>,
         bvh: &'a Bvh,
         form: Form,
         crossings: Crossings,
         coefficients: Coefficients,
     ) -> Self {
-        let mesh = &scene.mesh;
+        let mesh = domain.mesh;
         let largest = mesh.bounds_local_mm().iter().map(|p| p.abs().max_element()).fold(0.0, f64::max);
         Self {
-            scene,
+            domain,
             bvh,
             form,
             crossings,
             normals: (0..mesh.triangles.len() as u32).map(|t| mesh.normal(t)).collect(),
-            optics: scene.media.iter().map(|m| Optics::new(&m.properties, coefficients)).collect(),
+            optics: domain.media.iter().map(|m| Optics::new(&m.properties, coefficients)).collect(),
             slack_mm: (SLACK * largest) as f32,
         }
     }
@@ -136,7 +136,7 @@ impl<'a> Interior<'a> {
 
     /// The medium of a part.
     pub(super) fn optics(&self, part: u32) -> Option<&Optics> {
-        let medium = self.scene.parts.parts.get(part as usize)?.medium?;
+        let medium = self.domain.parts.parts.get(part as usize)?.medium?;
         self.optics.get(medium as usize)
     }
 
@@ -150,7 +150,7 @@ impl<'a> Interior<'a> {
     }
 
     fn part(&self, triangle: u32) -> u32 {
-        self.scene.parts.triangle_part.get(triangle as usize).copied().unwrap_or(u32::MAX)
+        self.domain.parts.triangle_part.get(triangle as usize).copied().unwrap_or(u32::MAX)
     }
 
     /// Where rays into the body from a point of its surface start.
@@ -326,13 +326,13 @@ pub fn inside_towards(eta_inside_over_outside: f64, to_eye: DVec3, point: &ExitP
 
 /// One point for each source vertex, with the angle-weighted normal of the triangles of its part around its welded vertex (the
 /// first transferring part that uses it); no normal where there is none.
-pub fn vertex_points(scene: &Scene) -> Vec<ExitPoint> {
-    let mesh = &scene.mesh;
+pub fn vertex_points(domain: Domain) -> Vec<ExitPoint> {
+    let mesh = domain.mesh;
     let count = mesh.local_mm.len();
-    let transfers = |part: u32| scene.parts.parts.get(part as usize).is_some_and(|p| p.transfers());
+    let transfers = |part: u32| domain.parts.parts.get(part as usize).is_some_and(|p| p.transfers());
     let mut part_of = vec![u32::MAX; count];
     let mut normals = vec![DVec3::ZERO; count];
-    let triangles = || (0u32..).zip(scene.parts.triangle_part.iter().copied()).take(mesh.triangles.len());
+    let triangles = || (0u32..).zip(domain.parts.triangle_part.iter().copied()).take(mesh.triangles.len());
     for (triangle, part) in triangles().filter(|&(_, part)| transfers(part)) {
         for v in mesh.welded(triangle) {
             if let Some(slot) = part_of.get_mut(v as usize) {

@@ -19,7 +19,7 @@ use crate::math::spherical_rectangle::SphericalRectangle;
 use crate::medium::fresnel::transmittance;
 use crate::medium::phase::HenyeyGreenstein;
 use crate::progress::Progress;
-use crate::transport::scene::Scene;
+use crate::transport::domain::Domain;
 
 /// How distances along the path are chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -149,12 +149,12 @@ impl<'a> SingleScattering<'a> {
     ///
     /// # Errors
     /// No sample or no direction at all; an environment that cannot be cut (exit 3).
-    pub fn new(scene: &'a Scene, bvh: &'a Bvh, lights: &'a [Light], settings: Settings) -> Result<Self> {
+    pub fn new(domain: Domain<'a>, bvh: &'a Bvh, lights: &'a [Light], settings: Settings) -> Result<Self> {
         let (DepthSampling::Random(samples, _) | DepthSampling::Deterministic(samples)) = settings.depths;
         if samples == 0 || settings.directions == 0 {
             return Err(Error::input("single scattering needs at least one sample along the path and one direction"));
         }
-        let origin = scene.mesh.origin_mm;
+        let origin = domain.mesh.origin_mm;
         let prepare = |light: &'a Light| -> Result<Prepared<'a>> {
             Ok(match light {
                 Light::Constant { radiance } => Prepared::Constant(*radiance),
@@ -176,7 +176,7 @@ impl<'a> SingleScattering<'a> {
                 }
             })
         };
-        let interior = Interior::new(scene, bvh, settings.form, settings.crossings, settings.coefficients);
+        let interior = Interior::new(domain, bvh, settings.form, settings.crossings, settings.coefficients);
         Ok(Self { interior, lights: lights.iter().map(prepare).collect::<Result<_>>()?, settings })
     }
 
@@ -253,9 +253,9 @@ impl<'a> SingleScattering<'a> {
     }
 
     fn medium_g(&self, part: u32) -> f64 {
-        let scene = self.interior.scene;
-        let medium = scene.parts.parts.get(part as usize).and_then(|p| p.medium);
-        medium.and_then(|m| scene.media.get(m as usize)).map_or(0.0, |m| m.properties.g)
+        let domain = self.interior.domain;
+        let medium = domain.parts.parts.get(part as usize).and_then(|p| p.medium);
+        medium.and_then(|m| domain.media.get(m as usize)).map_or(0.0, |m| m.properties.g)
     }
 
     /// Distances for directional and point lights.
@@ -349,7 +349,7 @@ impl<'a> SingleScattering<'a> {
     fn area(&self, index: u64, light: &Light, line: &Line) -> DVec3 {
         let Light::Area { at_mm, normal, u, size_mm, radiance, .. } = light else { return DVec3::ZERO };
         let v = normal.cross(*u);
-        let centre = *at_mm - self.interior.scene.mesh.origin_mm;
+        let centre = *at_mm - self.interior.domain.mesh.origin_mm;
         let corner = centre - 0.5 * size_mm[0] * *u - 0.5 * size_mm[1] * v;
         let (strata, count) = line.share.strata(self.settings.directions);
         let depths = self.paired(line, index, strata.len());

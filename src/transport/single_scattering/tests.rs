@@ -61,7 +61,7 @@ fn albedo_of_a_patch_is_that_of_the_half_space() {
             let (fixture, point) = patch(medium([1.0, 2.0, 0.5], [0.0; 3], eta));
             let lights = [Light::constant(DVec3::ONE).unwrap()];
             let settings = Settings { form, directions: 1 << 10, ..Settings::REFERENCE };
-            let single = SingleScattering::new(&fixture.scene, &fixture.bvh, &lights, settings).unwrap();
+            let single = SingleScattering::new(fixture.scene.domain(), &fixture.bvh, &lights, settings).unwrap();
             // Radiosity: Int L1 mu dw over the eye's hemisphere, by the midpoint rule in mu^2.
             let (count, mut sum) = (100, DVec3::ZERO);
             for i in 0..count {
@@ -87,7 +87,7 @@ fn hanrahan_and_krueger_on_a_plane() {
         for (eye, light) in [(0.0, 0.0), (0.0, 60.0), (45.0, 10.0), (45.0, 80.0), (80.0, 30.0), (89.0, 89.0)] {
             let (to_eye, from) = (at_angle(eye, 0.4), at_angle(light, 2.0));
             let lights = [Light::directional(from, DVec3::ONE).unwrap()];
-            let single = SingleScattering::new(&fixture.scene, &fixture.bvh, &lights, settings).unwrap();
+            let single = SingleScattering::new(fixture.scene.domain(), &fixture.bvh, &lights, settings).unwrap();
             let found = single.radiance(&point, to_eye, Path::Refracted, 5);
             let inside = |w| interface::refracted(1.3, w, DVec3::Y).unwrap();
             let phase = HenyeyGreenstein::new(0.4).density(-inside(to_eye).dot(inside(from)));
@@ -107,7 +107,7 @@ fn eye_and_light_can_be_exchanged_in_the_physical_form_only() {
     let of = |form, eye: DVec3, from: DVec3| {
         let lights = [Light::directional(from, DVec3::splat(1.0 / from.y)).unwrap()];
         let settings = Settings { form, ..Settings::REFERENCE };
-        let single = SingleScattering::new(&fixture.scene, &fixture.bvh, &lights, settings).unwrap();
+        let single = SingleScattering::new(fixture.scene.domain(), &fixture.bvh, &lights, settings).unwrap();
         single.radiance(&point, eye, Path::Refracted, 1).y
     };
     let differ = |form| (of(form, a, b) / of(form, b, a) - 1.0).abs();
@@ -122,7 +122,7 @@ fn vectors_of_a_patch_are_the_closed_form_texel_by_texel() {
         let (fixture, point) = patch(properties);
         for sharing in [Sharing::DEFAULT, Sharing::PAPER] {
             let settings = VectorSettings { side: 16, sharing, ..VectorSettings::DEFAULT };
-            let baker = VectorBaker::new(&fixture.scene, &fixture.bvh, settings).unwrap();
+            let baker = VectorBaker::new(fixture.scene.domain(), &fixture.bvh, settings).unwrap();
             let vector = flat_vector(&baker, point);
             let angles = solid_angles_sr(16);
             for c in 0..3 {
@@ -182,11 +182,11 @@ fn a_ball_agrees_with_quadrature() {
     let radius = 2.0;
     let fixture = Fixture::new(shapes::icosphere(radius, 5), properties, 10);
     let lights = [Light::constant(DVec3::ONE).unwrap()];
-    let points = vertex_points(&fixture.scene);
+    let points = vertex_points(fixture.scene.domain());
     let points: Vec<ExitPoint> = points.iter().copied().step_by(points.len() / 24).collect();
-    let single = SingleScattering::new(&fixture.scene, &fixture.bvh, &lights, Settings::REFERENCE).unwrap();
+    let single = SingleScattering::new(fixture.scene.domain(), &fixture.bvh, &lights, Settings::REFERENCE).unwrap();
     let traced = single.per_points(&points, &Silent).into_iter().sum::<DVec3>() / points.len() as f64;
-    let baker = VectorBaker::new(&fixture.scene, &fixture.bvh, VectorSettings::DEFAULT).unwrap();
+    let baker = VectorBaker::new(fixture.scene.domain(), &fixture.bvh, VectorSettings::DEFAULT).unwrap();
     let mut baked = DVec3::ZERO;
     baker.range(&points, 0..points.len(), |_, v| {
         let of = |c: usize| v[c * baker.texels()..(c + 1) * baker.texels()].iter().map(|x| f64::from(*x)).sum::<f64>();
@@ -205,10 +205,10 @@ fn terms_of_a_phase_function_add_up_to_it() {
     let g = 0.3;
     let properties = OpticalProperties { g, ..medium([0.6, 1.2, 0.3], [0.05, 0.0, 0.4], 1.3) };
     let fixture = Fixture::new(shapes::bumpy_head(3.0, 4), properties, 10);
-    let points = vertex_points(&fixture.scene);
+    let points = vertex_points(fixture.scene.domain());
     let lights = [Light::constant(DVec3::new(1.0, 2.0, 3.0)).unwrap()];
     let settings = Settings { coefficients: Coefficients::Unreduced, directions: 1 << 13, ..Settings::REFERENCE };
-    let single = SingleScattering::new(&fixture.scene, &fixture.bvh, &lights, settings).unwrap();
+    let single = SingleScattering::new(fixture.scene.domain(), &fixture.bvh, &lights, settings).unwrap();
     let phase = crate::medium::phase::LegendrePhase::henyey_greenstein(g, 16);
     let sharings = [(Sharing::DEFAULT, 0.035), (Sharing::Adaptive { depths: 6, tolerance: 0.05 }, 0.02)];
     for (sharing, limit) in sharings {
@@ -219,7 +219,7 @@ fn terms_of_a_phase_function_add_up_to_it() {
             sharing,
             ..VectorSettings::DEFAULT
         };
-        let baker = VectorBaker::new(&fixture.scene, &fixture.bvh, settings).unwrap();
+        let baker = VectorBaker::new(fixture.scene.domain(), &fixture.bvh, settings).unwrap();
         let (mut error, mut square) = (0.0, 0.0);
         for (i, point) in points.iter().enumerate().step_by(points.len() / 12) {
             let to_eye = (point.normal + 0.8 * point.normal.any_orthonormal_vector()).normalize();
@@ -269,14 +269,15 @@ fn thin_and_open_and_strange_scenes_give_finite_numbers() {
     for shape in &shapes {
         for properties in &media {
             let fixture = Fixture::new(shape.clone(), *properties, 10);
-            let mut points: Vec<ExitPoint> = vertex_points(&fixture.scene).into_iter().step_by(17).collect();
+            let mut points: Vec<ExitPoint> = vertex_points(fixture.scene.domain()).into_iter().step_by(17).collect();
             points.push(ExitPoint::default());
             points.push(ExitPoint { part: 9, normal: DVec3::Y, ..ExitPoint::default() });
             points.push(ExitPoint { at_mm: DVec3::NAN, normal: DVec3::Y, ..ExitPoint::default() });
             for crossings in [Crossings::Occluded, Crossings::Attenuated] {
                 for coefficients in [Coefficients::Reduced, Coefficients::Unreduced] {
                     let settings = Settings { crossings, coefficients, directions: 16, ..Settings::PAPER };
-                    let single = SingleScattering::new(&fixture.scene, &fixture.bvh, &lights, settings).unwrap();
+                    let single =
+                        SingleScattering::new(fixture.scene.domain(), &fixture.bvh, &lights, settings).unwrap();
                     for (i, point) in points.iter().enumerate() {
                         let value = single.per_point(point, i as u64);
                         assert!(value.is_finite() && value.min_element() >= 0.0, "{value}");
@@ -287,7 +288,7 @@ fn thin_and_open_and_strange_scenes_give_finite_numbers() {
                     let phase = LightTerms::Harmonics(4);
                     let settings =
                         VectorSettings { side: 8, crossings, coefficients, phase, ..VectorSettings::DEFAULT };
-                    let baker = VectorBaker::new(&fixture.scene, &fixture.bvh, settings).unwrap();
+                    let baker = VectorBaker::new(fixture.scene.domain(), &fixture.bvh, settings).unwrap();
                     baker.range(&points, 0..points.len() + 2, |i, v| {
                         assert!(v.iter().all(|x| x.is_finite()), "{i}");
                     });
@@ -300,8 +301,8 @@ fn thin_and_open_and_strange_scenes_give_finite_numbers() {
 #[test]
 fn ranges_and_neighbours_change_nothing() {
     let fixture = Fixture::new(shapes::bumpy_head(10.0, 3), named("skin1"), 10);
-    let points = vertex_points(&fixture.scene);
-    let baker = VectorBaker::new(&fixture.scene, &fixture.bvh, VectorSettings::DEFAULT).unwrap();
+    let points = vertex_points(fixture.scene.domain());
+    let baker = VectorBaker::new(fixture.scene.domain(), &fixture.bvh, VectorSettings::DEFAULT).unwrap();
     let mut whole = Vec::new();
     baker.range(&points, 0..12, |i, v| whole.push((i, v.to_vec())));
     let mut cut = Vec::new();
@@ -324,7 +325,7 @@ fn a_second_crossing_occludes_or_attenuates() {
     };
     let of = |fixture: &Fixture, crossings| {
         let settings = Settings { crossings, depths: DepthSampling::Deterministic(16), ..Settings::REFERENCE };
-        let single = SingleScattering::new(&fixture.scene, &fixture.bvh, &lights, settings).unwrap();
+        let single = SingleScattering::new(fixture.scene.domain(), &fixture.bvh, &lights, settings).unwrap();
         single.per_point(&top(fixture), 0).x
     };
     let free = of(&alone, Crossings::Attenuated);
@@ -356,11 +357,11 @@ fn a_second_crossing_occludes_or_attenuates() {
 #[test]
 fn a_far_point_light_is_a_directional_one_and_an_area_light_many_of_them() {
     let fixture = Fixture::new(shapes::icosphere(2.0, 4), named("skin1"), 10);
-    let point = vertex_points(&fixture.scene)[100];
+    let point = vertex_points(fixture.scene.domain())[100];
     let from = (point.normal + 0.3 * point.normal.any_orthonormal_vector()).normalize();
     let of = |light: Light| {
         let lights = [light];
-        let single = SingleScattering::new(&fixture.scene, &fixture.bvh, &lights, Settings::REFERENCE).unwrap();
+        let single = SingleScattering::new(fixture.scene.domain(), &fixture.bvh, &lights, Settings::REFERENCE).unwrap();
         single.per_point(&point, 0)
     };
     let distance = 1e4;

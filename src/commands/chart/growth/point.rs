@@ -25,7 +25,7 @@ use crate::medium::material::Material;
 use crate::progress::Silent;
 use crate::report::sizes::sizes;
 use crate::report::text::{duration, megabytes};
-use crate::transport::scene::Scene;
+use crate::scene::Scene;
 
 /// One size on one axis.
 pub(super) struct Place {

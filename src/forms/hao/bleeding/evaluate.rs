@@ -14,10 +14,12 @@ use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::Samples;
 use crate::light::Light;
 use crate::math::statistics::{VertexError, vertex_error};
+use crate::medium::material::Medium;
 use crate::progress::{Progress, Silent};
+use crate::scene::Scene;
 use crate::transport::irradiance::{Illumination, LightSampling};
 use crate::transport::receivers::NONE;
-use crate::transport::scene::{Medium, Scene, Surface};
+use crate::transport::surface::Surface;
 
 /// Vertices that errors are measured at, of all that each light reaches.
 const PROBES: usize = 256;
@@ -32,7 +34,7 @@ pub(super) fn first_pass(
 ) -> Result<Vec<DVec3>> {
     let none =
         Samples { facets: Vec::new(), patch_offsets: vec![0], part_offsets: vec![0; scene.parts.parts.len() + 1] };
-    let surface = Surface { scene, bvh, samples: &none, patches: &[] };
+    let surface = Surface { domain: scene.domain(), bvh, samples: &none, patches: &[] };
     let etas: Vec<f64> = scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
     Ok(Illumination::new(&surface, lights, &etas, LightSampling::FAST)?.at_points(&vertices.points, progress))
 }

@@ -11,10 +11,10 @@ use crate::math::simd::Level;
 use crate::medium::dipole::Dipole;
 use crate::medium::fresnel::BoundaryFit;
 use crate::medium::profile::Profile;
+use crate::scene::Scene;
 use crate::transport::irradiance::SurfacePoint;
 use crate::transport::kernel::{Block, KernelRgb, PointSource, add_points};
 use crate::transport::receivers::{Group, NONE, Sphere};
-use crate::transport::scene::Scene;
 
 /// Vertices whose candidates are found together.
 const CAPACITY: usize = 16;

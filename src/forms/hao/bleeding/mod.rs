@@ -19,9 +19,10 @@ use crate::error::{Error, Result};
 use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Form};
 use crate::forms::density::{self, Density};
 use crate::medium::fresnel::BoundaryFit;
+use crate::medium::material::Medium;
 use crate::medium::profile::Profile;
 use crate::progress::Progress;
-use crate::transport::scene::{Medium, Scene};
+use crate::scene::Scene;
 
 /// Bytes that the lists of an asset take at most.
 const MOST_BYTES: u64 = 4 << 30;

@@ -27,9 +27,9 @@ use crate::light::quantised::interpolation::default_order;
 use crate::math::sh::undershoot;
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::progress::Progress;
+use crate::scene::Scene;
 use crate::transport::gather::NearField;
 use crate::transport::many_lights::ManyLights;
-use crate::transport::scene::Scene;
 
 /// Directions unless they are asked for: the paper's.
 const DIRECTIONS: usize = 200;

@@ -13,8 +13,8 @@ mod references;
 use glam::Vec3;
 
 use crate::geometry::simplify::Input;
+use crate::scene::Scene;
 use crate::transport::receivers::Receivers;
-use crate::transport::scene::Scene;
 
 /// Red, green, blue.
 const CHANNELS: usize = 3;

@@ -11,8 +11,8 @@ use crate::forms::distant::far_away;
 use crate::forms::projected::components::{Coded, Components, LightBasis, LightFunctions, Lit, Transport, Weighted};
 use crate::light::Light;
 use crate::light::harmonics::coefficients;
+use crate::scene::Scene;
 use crate::transport::receivers::Receivers;
-use crate::transport::scene::Scene;
 
 /// HarmonicBasis up to an order.
 pub(crate) struct HarmonicBasis {

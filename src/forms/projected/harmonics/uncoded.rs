@@ -14,9 +14,9 @@ use crate::forms::projected::references::weights;
 use crate::forms::sampled_scene::{GROUP, oriented, parts};
 use crate::geometry::scattered::OrientedPoint;
 use crate::progress::Progress;
+use crate::scene::Scene;
 use crate::transport::interpolation::SharedWeights;
 use crate::transport::receivers::Receivers;
-use crate::transport::scene::Scene;
 
 /// Radiosity of every point of a scene under the harmonics of an order.
 pub struct Uncoded {
@@ -100,9 +100,9 @@ mod tests {
     use crate::light::Light;
     use crate::light::cube_light::Transform;
     use crate::light::harmonics::coefficients;
+    use crate::medium::material::Medium;
     use crate::medium::material::preset;
     use crate::progress::Silent;
-    use crate::transport::scene::Medium;
 
     const MAX_RMS: f64 = 0.02;
 

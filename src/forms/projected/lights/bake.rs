@@ -21,9 +21,9 @@ use crate::forms::sampled_scene::{GROUP, SampledScene, parts};
 use crate::light::Light;
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::progress::{Progress, Silent};
+use crate::scene::Scene;
 use crate::transport::gather::NearField;
 use crate::transport::many_lights::ManyLights;
-use crate::transport::scene::Scene;
 
 /// Shares of the asked error: what is left of its square goes to the interpolation between lights.
 const SPATIAL: f64 = 0.42;

@@ -13,8 +13,8 @@ use crate::light::quantised::vector::{light_vector, pieces};
 use crate::light::{Light, refuse_fields};
 use crate::math::cube_map::{direction, texel_of};
 use crate::math::sphere::unit;
+use crate::scene::Scene;
 use crate::transport::receivers::Sphere;
-use crate::transport::scene::Scene;
 
 /// A set with its interpolation.
 pub(crate) struct LightSet {

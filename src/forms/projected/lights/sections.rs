@@ -10,8 +10,8 @@ use crate::error::{Error, Result};
 use crate::forms::projected::components::{Coded, LightFunctions, Lit, Transport, Weighted};
 use crate::light::Light;
 use crate::light::quantised::vector::Emission;
+use crate::scene::Scene;
 use crate::transport::receivers::Receivers;
-use crate::transport::scene::Scene;
 
 pub(super) fn write(file: &File) -> Result<Vec<RawSection>> {
     file.to_sections().map_err(|e| Error::runtime(format!("asset: {e}")))

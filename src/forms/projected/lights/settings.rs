@@ -13,7 +13,7 @@ use crate::forms::projected::references::Spacing;
 use crate::light::quantised::distances::Blend;
 use crate::light::quantised::interpolation::Scheme;
 use crate::progress::Progress;
-use crate::transport::scene::Scene;
+use crate::scene::Scene;
 
 /// Directions at most.
 pub const MOST_DIRECTIONS: usize = 2048;

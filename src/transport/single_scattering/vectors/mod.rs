@@ -67,7 +67,7 @@ use crate::geometry::bvh::{Bvh, Hit, Ray};
 use crate::math::cube_map::{FACES, solid_angles_sr};
 use crate::math::simd::Level;
 use crate::medium::phase::LightTerms;
-use crate::transport::scene::Scene;
+use crate::transport::domain::Domain;
 
 /// How rays are shared.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -184,7 +184,7 @@ impl<'a> VectorBaker<'a> {
     ///
     /// # Errors
     /// Another side than 8 to 128, no sample along the normal, a tolerance that is not positive (exit 3).
-    pub fn new(scene: &'a Scene, bvh: &'a Bvh, settings: VectorSettings) -> Result<Self> {
+    pub fn new(domain: Domain<'a>, bvh: &'a Bvh, settings: VectorSettings) -> Result<Self> {
         let side = settings.side;
         if !side.is_power_of_two() || !(8..=128).contains(&side) {
             return Err(Error::input(format!("cube map faces of {side} texels: 8, 16, 32, 64 and 128 are possible")));
@@ -198,7 +198,7 @@ impl<'a> VectorBaker<'a> {
                 "single scattering vectors need at least one sample along the normal and a positive tolerance",
             ));
         }
-        let interior = Interior::new(scene, bvh, settings.form, settings.crossings, settings.coefficients);
+        let interior = Interior::new(domain, bvh, settings.form, settings.crossings, settings.coefficients);
         let angles = solid_angles_sr(side).into_iter().map(|a| a as f32).collect();
         Ok(Self { interior, grid: adaptive::Grid::new(side), settings, angles, level: Level::detect() })
     }

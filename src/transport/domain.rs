@@ -1,0 +1,31 @@
+//! The domain of transport: the bodies and the media inside them.
+
+use crate::geometry::mesh::Mesh;
+use crate::geometry::part_table::PartTable;
+use crate::medium::material::Medium;
+
+/// A borrowed mesh in mm with its parts and their media: all that light meets, however it is sampled.
+#[derive(Clone, Copy, Debug)]
+pub struct Domain<'a> {
+    /// Geometry.
+    pub mesh: &'a Mesh,
+    /// Which triangles form one body.
+    pub parts: &'a PartTable,
+    /// Media that parts refer to.
+    pub media: &'a [Medium],
+}
+
+impl Domain<'_> {
+    /// A third of the transferring area around each source vertex, mm^2.
+    pub fn vertex_areas_mm2(&self) -> Vec<f64> {
+        let mut areas = vec![0.0; self.mesh.local_mm.len()];
+        for (triangle, vertices) in self.mesh.triangles.iter().enumerate() {
+            let part = self.parts.triangle_part.get(triangle).and_then(|p| self.parts.parts.get(*p as usize));
+            if part.is_some_and(|p| p.transfers()) {
+                let third = self.mesh.area_mm2(triangle as u32) / 3.0;
+                vertices.iter().for_each(|v| areas[*v as usize] += third);
+            }
+        }
+        areas
+    }
+}
