@@ -23,13 +23,7 @@ impl VertexError {
     #[must_use]
     pub fn scaled(self, factor: f64) -> Self {
         let Self { rms, bias, p999, worst, dark } = self;
-        Self {
-            rms: rms * factor,
-            bias: bias * factor,
-            p999: p999 * factor,
-            worst: worst * factor,
-            dark: dark * factor,
-        }
+        Self { rms: rms * factor, bias: bias * factor, p999: p999 * factor, worst: worst * factor, dark: dark * factor }
     }
 
     /// The larger of each figure.
