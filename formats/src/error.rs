@@ -55,7 +55,7 @@ pub enum FormatError {
         place: &'static str,
     },
     /// 7: more sections than the format allows.
-    #[error("{count} sections; the format allows {}", crate::MAX_SECTIONS)]
+    #[error("{count} sections; the format allows {}", crate::types::MAX_SECTIONS)]
     TooManySections {
         /// Sections stated or added.
         count: u64,

@@ -5,10 +5,10 @@ use rayon::prelude::*;
 
 use super::background::Backdrop;
 use super::exit::ExitRadiance;
-use super::frame::{EMPTY, Pixel, RenderSettings, Specular};
 use super::glossy_lights::{GlossyLights, Place, ShadowRays};
 use super::normals::ShadingNormals;
 use super::pixel_samples::{PixelSamples, Stream};
+use super::settings::{EMPTY, Pixel, RenderSettings, Specular};
 use super::single::{Exitance, EyeRay, SingleRadiance, Spot};
 use super::specular::Ggx;
 use super::texture::Texture;
