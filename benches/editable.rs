@@ -50,8 +50,7 @@ fn measure(path: &Path, materials: &[String]) -> translux::error::Result<()> {
     }
     report("read and verify the file", loads);
     let asset = Arc::new(Asset::read(path)?);
-    let method = methods::built_in().method(&asset.provenance.method)?;
-    let (time, evaluator) = timed(|| method.open(Arc::clone(&asset)));
+    let (time, evaluator) = timed(|| methods::built_in().open(Arc::clone(&asset)));
     let mut evaluator = evaluator?;
     report("open the evaluator", vec![time]);
     let (time, ()) = timed(|| evaluator.prepare_for_edits(&Silent));

@@ -60,9 +60,8 @@ fn copy_bandwidth() -> f64 {
 
 fn measure(path: &Path) -> translux::error::Result<()> {
     let asset = Arc::new(Asset::read(path)?);
-    let method = methods::built_in().method(&asset.provenance.method)?;
     let vertices = asset.scene.mesh.local_mm.len();
-    let (open, evaluator) = timed(|| method.open(Arc::clone(&asset)));
+    let (open, evaluator) = timed(|| methods::built_in().open(Arc::clone(&asset)));
     let mut evaluator = evaluator?;
     report("open the evaluator", vec![open]);
     let (mut light_times, mut times) = (Vec::new(), Vec::new());

@@ -11,7 +11,7 @@ use translux::light::environment::EnvironmentMap;
 use translux::light::{Light, LightKind};
 use translux::math::cube_map::FACES;
 use translux::measure::probes::fibonacci_direction;
-use translux::methods::{self, all_frequency::AllFrequency};
+use translux::methods;
 use translux::progress::{Progress, Silent};
 use translux::transport::scene::Scene;
 
@@ -83,7 +83,7 @@ pub(crate) fn half_in(sun: &Light) -> Vec<Light> {
 
 /// Bakes for environments.
 pub(crate) fn bake(scene: &Scene, recipe: &Recipe, progress: &dyn Progress) -> Result<Asset> {
-    bake_for(LightKind::Environment, &AllFrequency, scene, recipe, progress)
+    bake_for(LightKind::Environment, methods::built_in().method("all_frequency")?, scene, recipe, progress)
 }
 
 /// A recipe with the samples that the error asks for, or few where little is to be done.
@@ -139,7 +139,7 @@ impl Truth {
             let method = methods::built_in().method("two_pass")?;
             let set = [("directions", directions)];
             let recipe = Recipe { samples: Some(samples), max_rms: TRUTH_RMS, set: &set };
-            method.open(Arc::new(bake_for(LightKind::Environment, method, scene, &recipe, &Silent)?))
+            methods::built_in().open(Arc::new(bake_for(LightKind::Environment, method, scene, &recipe, &Silent)?))
         });
         Ok(Self { both: [a?, b?], areas: scene.vertex_areas_mm2() })
     }

@@ -9,7 +9,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 use translux::compress::prediction::Net;
 use translux::error::{Error, Result};
-use translux::methods::all_frequency::uncoded::Uncoded;
+use translux::forms::projected::harmonics::uncoded::Uncoded;
 use translux::progress::Silent;
 use translux_format::distant_transport::DistantTransport;
 

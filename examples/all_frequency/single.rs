@@ -101,7 +101,7 @@ impl Stand {
             specular: Specular::Off,
             ..RenderSettings::new(Camera::framing(&scene.mesh, resolution)?, resolution)
         };
-        Ok(Self { evaluator: method.open(Arc::new(asset))?, settings, side })
+        Ok(Self { evaluator: methods::built_in().open(Arc::new(asset))?, settings, side })
     }
 
     /// A picture of what comes from `single`.

@@ -16,7 +16,6 @@ use translux::io::obj::read_obj;
 use translux::light::{Light, LightKind};
 use translux::measure::probes::{self, Half};
 use translux::medium::material::{OpticalProperties, preset};
-use translux::methods;
 use translux::progress::Progress;
 use translux::transport::scene::{Medium, Scene};
 
@@ -108,12 +107,11 @@ pub(crate) fn bake_for(
     probes.unseen.clear();
     let settings = BakeSettings {
         samples: recipe.samples,
-        max_rms: recipe.max_rms,
         for_lights: [kind].into(),
         probes,
-        ..BakeSettings::new(method, methods::settings::resolve(method, &given)?)
+        ..BakeSettings::new(recipe.max_rms)
     };
-    methods::bake(method, scene.clone(), &settings, Provenance::default(), progress)
+    method.recipe(&given, settings)?.bake(scene.clone(), Provenance::default(), progress)
 }
 
 /// Bytes of the method's sections in a file, for each vertex.

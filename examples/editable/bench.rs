@@ -68,7 +68,7 @@ pub(crate) fn truth(context: &Context, scene: &Scene) -> Result<Box<dyn Evaluato
     let samples = if context.quick { QUICK_TRUTH_SAMPLES } else { TRUTH_SAMPLES };
     let method = methods::built_in().method("reference")?;
     let recipe = Recipe { samples: Some(samples), max_rms: method.default_max_rms(), set: &[] };
-    method.open(Arc::new(bake_for(LightKind::Directional, method, scene, &recipe, &Silent)?))
+    methods::built_in().open(Arc::new(bake_for(LightKind::Directional, method, scene, &recipe, &Silent)?))
 }
 
 /// Relative RMS, worst channel.

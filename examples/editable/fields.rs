@@ -7,7 +7,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 use translux::asset::Asset;
 use translux::error::{Error, Result};
-use translux::evaluate::environment::StoredRows;
+use translux::forms::environment_rows::StoredRows;
 use translux::geometry::bvh::{Bvh, Ray};
 use translux::geometry::mesh::Scale;
 use translux::geometry::parts::PartsRule;

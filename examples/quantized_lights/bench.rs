@@ -11,7 +11,7 @@ use translux::light::quantised::directions::DirectionSet;
 use translux::math::cube_map::{direction, texel_of};
 use translux::math::random::uniform;
 use translux::math::sphere::unit;
-use translux::methods::{self, quantized_lights::QuantizedLights};
+use translux::methods;
 use translux::progress::Silent;
 use translux::transport::scene::Scene;
 
@@ -76,7 +76,11 @@ pub(crate) fn encoded(scene: &Scene, set: &[(&str, &str)]) -> Result<Asset> {
     let lights = LIGHTS.to_string();
     let mut all = vec![("lights", lights.as_str())];
     all.extend(set);
-    bake(&QuantizedLights, scene, &Recipe { samples: Some(SAMPLES), max_rms: 0.02, set: &all })
+    bake(
+        methods::built_in().method("quantized_lights")?,
+        scene,
+        &Recipe { samples: Some(SAMPLES), max_rms: 0.02, set: &all },
+    )
 }
 
 /// What the asset gives, optionally with another interpolation between the lights.
@@ -85,7 +89,7 @@ pub(crate) fn open(asset: &Asset, interpolation: Option<&str>) -> Result<Box<dyn
     if let Some(name) = interpolation {
         asset.provenance.settings.insert("interpolation".to_owned(), name.to_owned());
     }
-    QuantizedLights.open(Arc::new(asset))
+    methods::built_in().open(Arc::new(asset))
 }
 
 /// `two_pass` with rays for every light and samples enough to be the truth.
@@ -101,7 +105,7 @@ pub(crate) fn same_samples(scene: &Scene) -> Result<Box<dyn Evaluator>> {
 /// A method by its name, baked and opened.
 pub(crate) fn method(name: &str, scene: &Scene, recipe: &Recipe) -> Result<Box<dyn Evaluator>> {
     let method = methods::built_in().method(name)?;
-    method.open(Arc::new(bake(method, scene, recipe)?))
+    methods::built_in().open(Arc::new(bake(method, scene, recipe)?))
 }
 
 /// Radiosity of every vertex under parallel light.

@@ -6,7 +6,7 @@ use glam::DVec3;
 use translux::asset::Asset;
 use translux::error::Result;
 use translux::evaluate::Evaluator;
-use translux::methods::quantized_lights::QuantizedLights;
+use translux::methods;
 
 use crate::bench::{
     Context, Recipe, all_lit, bake, bytes_per_vertex, copy_bandwidth, lit, met, method, noted, open, random_direction,
@@ -149,7 +149,7 @@ pub(crate) fn run(context: &Context) -> Result<String> {
         context.say(&format!("components: {model}, {material}, reference ({} to two_pass)", thousandths(own)));
         for &max_rms in *asked {
             let start = Instant::now();
-            let asset = bake(&QuantizedLights, &scene, &Recipe { max_rms, ..none })?;
+            let asset = bake(methods::built_in().method("quantized_lights")?, &scene, &Recipe { max_rms, ..none })?;
             let seconds = start.elapsed().as_secs_f64();
             let found = all_lit(open(&asset, None)?.as_mut(), &lights)?;
             let errors: Vec<ImageRms> = found.iter().zip(&expected).map(|(b, r)| views.worst(b, r)).collect();
@@ -182,7 +182,11 @@ pub(crate) fn run(context: &Context) -> Result<String> {
     }
     for (model, set) in if context.quick { &[][..] } else { OTHERS } {
         let scene = context.scene(model, "marble")?;
-        let asset = bake(&QuantizedLights, &scene, &Recipe { samples: None, max_rms: DEFAULT_RMS, set })?;
+        let asset = bake(
+            methods::built_in().method("quantized_lights")?,
+            &scene,
+            &Recipe { samples: None, max_rms: DEFAULT_RMS, set },
+        )?;
         let name = set.iter().fold("marble".to_owned(), |name, (key, value)| format!("{name}, {key}={value}"));
         let (cells, rate) = row(model, &name, &asset, bandwidth)?;
         times.push(cells);

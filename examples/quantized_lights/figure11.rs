@@ -7,7 +7,7 @@ use translux::error::Result;
 use translux::evaluate::Evaluator;
 use translux::io::colour::linear_from_srgb;
 use translux::measure::image_error::{ImageError, image_error};
-use translux::methods::quantized_lights::QuantizedLights;
+use translux::methods;
 use translux::progress::Silent;
 use translux::render::background::Background;
 use translux::render::camera::{Camera, Resolution};
@@ -55,7 +55,11 @@ pub(crate) fn run(context: &Context) -> Result<String> {
     };
     let paper_bake = |set: &[(&str, &str)]| {
         let all: Vec<(&str, &str)> = set.iter().copied().chain([("lights", "200")]).collect();
-        bake(&QuantizedLights, &scene, &Recipe { samples: Some(SAMPLES), max_rms: COMPONENTS_RMS, set: &all })
+        bake(
+            methods::built_in().method("quantized_lights")?,
+            &scene,
+            &Recipe { samples: Some(SAMPLES), max_rms: COMPONENTS_RMS, set: &all },
+        )
     };
     let columns: Vec<(String, Asset)> = vec![
         ("200 lights, raw".to_owned(), paper_bake(&[("encoding", "raw")])?),
@@ -64,7 +68,11 @@ pub(crate) fn run(context: &Context) -> Result<String> {
         (format!("{some} reference points, n = 3"), paper_bake(&paper(&some))?),
         (
             "components, 2 % asked".to_owned(),
-            bake(&QuantizedLights, &scene, &Recipe { samples: None, max_rms: COMPONENTS_RMS, set: &[] })?,
+            bake(
+                methods::built_in().method("quantized_lights")?,
+                &scene,
+                &Recipe { samples: None, max_rms: COMPONENTS_RMS, set: &[] },
+            )?,
         ),
     ];
     context.say("figure 11: baked");

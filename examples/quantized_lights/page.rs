@@ -119,7 +119,7 @@ error at most; predictions shrunk by column and level would save 2 %, and are no
 const POINTS: &str = "
 ## Point lights
 
-Section 3.3 quantises the distance as well. From `tests/quantized_point_lights.rs` (run with `TRANSLUX_LONG=1 -- --nocapture`): a
+Section 3.3 quantises the distance as well. From `tests/physics/quantized_point_lights.rs` (run with `TRANSLUX_LONG=1 -- --nocapture`): a
 head of 20 mm in marble, 100 directions, 1 % asked, relative vertex RMS against `two_pass`; the light in a direction of the set, far
 between them. Not remade by the command above.
 

@@ -4,7 +4,7 @@ use glam::DVec3;
 use translux::error::Result;
 use translux::evaluate::Evaluator;
 use translux::light::quantised::interpolation::Scheme;
-use translux::methods::quantized_lights::QuantizedLights;
+use translux::methods;
 
 use crate::bench::{Context, Recipe, TRUTH, bake, encoded, lit, met, method, open, summary, table};
 
@@ -64,7 +64,11 @@ pub(crate) fn run(context: &Context) -> Result<String> {
         let beyond = entered(format!("200 lights, {}", scheme.name()), open(&raw, Some(scheme.name()))?)?;
         nearest = if scheme == Scheme::Nearest4 { beyond } else { nearest };
     }
-    let components = bake(&QuantizedLights, &scene, &Recipe { samples: None, max_rms: 0.02, set: &[] })?;
+    let components = bake(
+        methods::built_in().method("quantized_lights")?,
+        &scene,
+        &Recipe { samples: None, max_rms: 0.02, set: &[] },
+    )?;
     let beyond = entered("the default, 2 % asked".to_owned(), open(&components, None)?)?;
     let line = summary(
         "light sweep, jump in 0.1 degrees beyond the truth's own, of full scale",

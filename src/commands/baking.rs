@@ -14,7 +14,7 @@ use crate::light::LightKind;
 use crate::measure::probes::for_bake;
 use crate::transport::scene::Scene;
 
-/// What is baked and how.
+/// Options of a bake beside its method.
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Method")]
 pub(super) struct BakeOptions {

@@ -45,7 +45,7 @@ pub(super) enum Verbosity {
     Normal,
 }
 
-/// Where results go.
+/// The form of results on standard output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Format {
     /// Text for people.
@@ -54,7 +54,7 @@ pub(super) enum Format {
     Json,
 }
 
-/// What a missed quality does.
+/// The consequence of a missed quality.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Strictness {
     /// A warning.

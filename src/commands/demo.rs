@@ -60,7 +60,7 @@ const SAMPLES: usize = 3 << 14;
 #[derive(Serialize)]
 struct Shown {
     medium: MediumReport,
-    /// What the evaluator measures under the lights of the pictures and under others.
+    /// Errors that the evaluator measures under the lights of the pictures and under others.
     measured: Ledger,
     picture: RenderReport,
 }
@@ -77,7 +77,7 @@ struct DemoReport {
     vertices: usize,
     samples: usize,
     bake_seconds: f64,
-    /// Of the bake: for all materials and lights that the asset is made for.
+    /// Errors of the bake, for all materials and lights that the asset is made for.
     ledger: Ledger,
     materials: Vec<Shown>,
 }

@@ -6,7 +6,7 @@ use super::console::Console;
 use crate::error::Result;
 use crate::evaluate::Evaluator;
 
-/// What `--device` takes.
+/// The processor or an adapter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum DeviceArg {
     /// Processor

@@ -20,7 +20,6 @@ use crate::measure::probes::unseen;
 use crate::report::evaluation::{EvaluationReport, RadiosityReport, mean_and_max};
 use crate::report::radiosity_ply::{SINGLE_INCLUDED, Single, comments, radiosity_ply};
 use crate::report::text::{duration, percent};
-use crate::transport::scene::Scene;
 
 #[derive(Clone, Debug, Args)]
 pub(super) struct EvaluateArgs {
@@ -103,8 +102,8 @@ pub(super) fn finish(
             entry.note
         ));
     }
-    let scene = evaluator.scene();
-    let without_area = without_area(scene);
+    let areas = evaluator.scene().vertex_areas_mm2();
+    let without_area = areas.iter().filter(|area| **area == 0.0).count();
     if without_area > 0 {
         console.note(&format!("{without_area} vertices have no translucent area around them; their radiosity is 0"));
     }
@@ -137,16 +136,4 @@ fn single_scattering(evaluator: &mut dyn Evaluator, console: &Console) -> Result
         None => {}
     }
     Ok(single)
-}
-
-fn without_area(scene: &Scene) -> usize {
-    let mut used = vec![false; scene.mesh.local_mm.len()];
-    for (triangle, &part) in scene.mesh.triangles.iter().zip(&scene.parts.triangle_part) {
-        if scene.parts.parts[part as usize].transfers() {
-            for &v in triangle {
-                used[v as usize] = true;
-            }
-        }
-    }
-    used.iter().filter(|u| !**u).count()
 }

@@ -41,13 +41,16 @@ pub(super) struct ProfileArg {
     profile: Option<String>,
 }
 
-/// Which assets an option is for that asks for another profile, size or mesh than that of the bake.
+/// Help of options that ask for another profile, size or mesh than that of the bake: where they apply.
 pub(super) fn without_transport() -> String {
     let registry = crate::methods::built_in();
     let gathers =
         |method: &&&'static dyn Method| method.default_recipe().is_ok_and(|recipe| !recipe.form.holds_transport());
     let names: Vec<&str> = registry.methods().iter().filter(gathers).map(|method| method.name()).collect();
-    format!("For assets that hold no transport: by default those of {} (`translux inspect` says it)", names.join(", "))
+    format!(
+        "Where no transport is stored, as by default with {} (`translux inspect` says it of an asset)",
+        names.join(", ")
+    )
 }
 
 impl ProfileArg {

@@ -32,7 +32,7 @@ const THIN: f64 = 0.05;
 /// Vertices further from the asset's surface than this share of its diagonal belong to another object, or another unit.
 const ELSEWHERE: f64 = 0.1;
 
-/// What `--on` asks for.
+/// The other mesh of `--on`.
 pub(super) struct OtherMesh<'a> {
     pub(super) model: &'a Path,
     pub(super) device: DeviceArg,
@@ -117,7 +117,7 @@ impl OtherMesh<'_> {
     }
 }
 
-/// What an evaluation gives.
+/// Radiosity of the other mesh, and what two ways of taking it from the asset differ by.
 struct OnMesh {
     radiosity: Vec<DVec3>,
     at: VertexError,

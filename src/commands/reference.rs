@@ -192,7 +192,7 @@ impl ReferenceArgs {
     }
 }
 
-/// What a person must know about a walk.
+/// Notes and warnings about a walk.
 fn tell(walked: &Exitance, rate: f64, console: &Console) {
     let noise = walked.relative_noise().to_array().map(percent);
     let collisions: u64 = walked.budget.iter().map(|b| b.collisions).sum();

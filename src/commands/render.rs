@@ -209,7 +209,7 @@ fn picture_input(texture: Option<&Texture>) -> Result<Option<Input>> {
     texture.and_then(Texture::path).map(Input::read).transpose()
 }
 
-/// What single scattering towards the eye took, as a number that does not depend on the machine.
+/// The work of single scattering towards the eye, as a number that does not depend on the machine.
 fn cost_of_single(frame: &Frame, paths_per_pixel: u64) -> String {
     let covered = frame.pixels.iter().filter(|p| p.coverage > 0.0).count() as f64;
     format!(
@@ -218,7 +218,7 @@ fn cost_of_single(frame: &Frame, paths_per_pixel: u64) -> String {
     )
 }
 
-/// What a person should know about a picture that may not look as expected.
+/// Notes and warnings about a picture that may not look as expected.
 fn explain(result: &RenderReport, frame: &Frame, console: &Console) {
     console.note(&format!("CAMERA {} | exposure {}", result.camera, significant(result.exposure_factor)));
     if result.coverage == 0.0 {

@@ -1,6 +1,7 @@
 //! Forms: the ways in which transport is kept and evaluated. The typed settings of a form are its record in the asset; they know how to
 //! bake it and how to open it.
 
+use std::any::Any;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
@@ -107,8 +108,8 @@ pub trait Form: Serialize + DeserializeOwned + Send + Sync + 'static {
     fn open(&self, asset: Arc<Asset>) -> Result<Box<dyn Evaluator>>;
 }
 
-/// A [`Form`] of any type.
-pub trait AnyForm: Send + Sync {
+/// A [`Form`] of any type; as `dyn Any` it is that type.
+pub trait AnyForm: Any + Send + Sync {
     /// See [`Form::NAME`].
     fn name(&self) -> &'static str;
 

@@ -95,7 +95,7 @@ pub struct Imported {
 /// Reads a model and makes a scene of it.
 ///
 /// # Errors
-/// Those of [`Source::read`] and [`Source::import`]; the message starts with the path.
+/// Errors of [`Source::read`] and [`Source::import`]; the message starts with the path.
 pub fn load(path: &Path, options: &ImportOptions, progress: &dyn Progress) -> Result<Imported> {
     Source::read(path, &options.materials, progress)?.import(options, progress).map_err(|e| e.at(path.display()))
 }

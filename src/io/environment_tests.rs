@@ -13,7 +13,7 @@ fn shared_env() -> Option<PathBuf> {
     if folder.is_dir() {
         Some(folder)
     } else {
-        println!("SKIPPED: no test pictures in {}", folder.display());
+        println!("WITHOUT ../shared: no test pictures in {}", folder.display());
         None
     }
 }

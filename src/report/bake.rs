@@ -28,7 +28,7 @@ pub(crate) struct BakeReport {
     /// Nominal spacing over the shortest mean free path of any medium; none without a mean free path.
     pub(crate) spacing_over_mean_free_path: Option<f64>,
     pub(crate) bytes: u64,
-    /// Of all sections but the mesh's and the environment's.
+    /// Stored bytes of all sections but the mesh's and the environment's.
     pub(crate) bytes_without_mesh: u64,
     pub(crate) bytes_per_vertex: f64,
     pub(crate) diagonal_mm: f64,

@@ -88,7 +88,7 @@ pub(crate) struct WalkReport {
     pub(crate) seed: u64,
     /// Photons of each channel.
     pub(crate) photons: [u64; 3],
-    /// Where the flux of each channel went.
+    /// Flux of each channel by where it ended.
     pub(crate) budget: [Budget; 3],
     /// The result's own error: RMS of the standard errors of the vertices over the RMS of the exitance, by channel.
     pub(crate) noise: [f64; 3],

@@ -332,7 +332,7 @@ fn of_method(provenance: &translux_format::Provenance, registry: &Registry) -> V
 /// Far field, basis and irradiance rows where they are there.
 ///
 /// # Errors
-/// What their sections are refused for.
+/// The faults that sections are refused for.
 pub fn of_method_sections(scan: &Scan) -> Result<Vec<Finding>, Vec<FormatError>> {
     // A section that does not decode has been found already; the others would be blamed for missing it.
     let damaged: Vec<_> = scan.errors.iter().filter_map(FormatError::tag).collect();

@@ -30,21 +30,21 @@ pub struct Inspection {
     parts: Vec<PartRow>,
     /// Optical properties that it was baked with.
     pub media: Vec<MediumReport>,
-    /// Of the bounding box.
+    /// Diagonal of the bounding box.
     pub diagonal_mm: f64,
     /// Bytes by section.
     pub sizes: Sizes,
-    /// Of all sections but the mesh's and the environment's.
+    /// Stored bytes of all sections but the mesh's and the environment's.
     pub bytes_per_vertex_on_disk: f64,
-    /// What the evaluator holds; none without its form.
+    /// Bytes that the evaluator holds; none without its form.
     pub bytes_per_vertex_resident: Option<f64>,
-    /// Of the sections for environments.
+    /// Stored bytes of the sections for environments.
     pub environment_bytes_per_vertex_on_disk: f64,
-    /// The same, decoded.
+    /// Decoded bytes of the sections for environments.
     pub environment_bytes_per_vertex_resident: f64,
-    /// Of the evaluator; none without its form.
+    /// Size of the evaluator; none without its form.
     pub cost: Option<Cost>,
-    /// What may change without a new bake; none without its form.
+    /// Edits that need no new bake; none without its form.
     pub edits: Option<Capabilities>,
     /// Errors that the bake wrote down.
     pub ledger: Ledger,
@@ -184,7 +184,7 @@ impl fmt::Display for Inspection {
     }
 }
 
-/// What may change at run time, for people.
+/// The edits that need no new bake, for people.
 fn edits_of(edits: Capabilities) -> String {
     let material = match edits.material {
         MaterialEdit::None => "the material is baked in",

@@ -13,9 +13,9 @@ use crate::evaluate::keys::{AnyKey, Audience};
 pub(crate) enum Shown {
     /// None.
     NoKeys,
-    /// Those that everybody needs.
+    /// The keys that everybody needs.
     Everyday,
-    /// Those for experts too.
+    /// The keys for experts too.
     All,
 }
 
@@ -63,7 +63,7 @@ impl KeyRow {
 }
 
 impl MethodsReport {
-    /// Of these methods, in their order.
+    /// Lists methods in their order.
     pub(crate) fn of(methods: &[&dyn Method], shown: Shown) -> Self {
         let row = |method: &&dyn Method| MethodRow {
             name: method.name(),

@@ -86,7 +86,7 @@ pub fn json<T: Serialize>(command: &str, body: &T, run: &Run) -> Result<String> 
 /// Serialises a path as text; bytes that are not UTF-8 are replaced, because a report is not worth failing for.
 ///
 /// # Errors
-/// Those of the serialiser.
+/// Errors of the serialiser.
 pub fn path<S: Serializer>(path: &Path, serializer: S) -> std::result::Result<S::Ok, S::Error> {
     serializer.collect_str(&path.display())
 }
@@ -94,7 +94,7 @@ pub fn path<S: Serializer>(path: &Path, serializer: S) -> std::result::Result<S:
 /// As [`path`], for several.
 ///
 /// # Errors
-/// Those of the serialiser.
+/// Errors of the serialiser.
 pub fn paths<S: Serializer>(paths: &[PathBuf], serializer: S) -> std::result::Result<S::Ok, S::Error> {
     serializer.collect_seq(paths.iter().map(|p| p.to_string_lossy()))
 }

@@ -120,9 +120,9 @@ fn rms(values: &[DVec3], exact: &[DVec3]) -> f64 {
 #[test]
 fn the_hierarchy_converges_to_all_pairs() {
     for name in ["marble", "skin1", "spectralon"] {
-        let (fixture, e) = head(named(name), 20_000);
+        let (fixture, e) = head(named(name), 10_000);
         let receivers = receivers(&fixture, 16);
-        let (subset, _) = receivers.subset(600, 0);
+        let (subset, _) = receivers.subset(300, 0);
         let of = |scheme| radiosity(&fixture, &e, &subset, NearField::FAST, scheme);
         let exact = of(Scheme::AllPairs);
         let sweep = |limits: [f64; 5], criterion: fn(f64) -> Criterion| {

@@ -152,7 +152,7 @@ pub fn shared_data() -> Option<PathBuf> {
     if data.is_dir() {
         return Some(data);
     }
-    eprintln!("SKIPPED: there is no test data at {}", data.display());
+    eprintln!("WITHOUT ../shared: there is no test data at {}", data.display());
     None
 }
 

@@ -30,7 +30,7 @@ pub fn shared(relative: &str) -> Option<PathBuf> {
     if path.exists() {
         return Some(path);
     }
-    eprintln!("SKIPPED: {} is not there", path.display());
+    eprintln!("WITHOUT ../shared: {} is not there", path.display());
     None
 }
 

@@ -7,14 +7,14 @@ use translux::compress::ledger::Ledger;
 use translux::compress::prediction::Net;
 use translux::error::{Error, Result};
 use translux::evaluate::{BakeSettings, Probes};
+use translux::forms::projected::harmonics::Harmonics as HarmonicsForm;
+use translux::forms::projected::harmonics::uncoded::Uncoded;
 use translux::geometry::samples::Samples;
 use translux::light::harmonics::coefficients;
 use translux::light::{Light, LightKind};
 use translux::math::statistics::vertex_error;
 use translux::measure::probes::{self, Half};
-use translux::methods::all_frequency::AllFrequency;
-use translux::methods::all_frequency::uncoded::Uncoded;
-use translux::methods::settings::resolve;
+use translux::methods;
 use translux::progress::Silent;
 use translux::transport::scene::Scene;
 use translux_format::coefficients::decode;
@@ -155,15 +155,16 @@ impl<'a> Study<'a> {
     pub(super) fn new(context: &Context, scene: &'a Scene) -> Result<Self> {
         let settings = BakeSettings {
             samples: compared(context, &[]).samples,
-            max_rms: DEFAULT_RMS,
             for_lights: [LightKind::Environment].into(),
             probes: Probes { tuning: probes::directional(Half::Tuning), ..probes::for_bake(&scene.mesh) },
-            ..BakeSettings::new(
-                &AllFrequency,
-                resolve(&AllFrequency, &[("coefficients".to_owned(), HARMONICS.to_owned())])?,
-            )
+            ..BakeSettings::new(DEFAULT_RMS)
         };
-        let uncoded = Uncoded::new(scene, &settings, &Silent)?;
+        let recipe = methods::built_in()
+            .method("all_frequency")?
+            .recipe(&[("coefficients".to_owned(), HARMONICS.to_owned())], settings)?;
+        let form: &dyn std::any::Any = recipe.form.as_ref();
+        let form = form.downcast_ref::<HarmonicsForm>().ok_or_else(|| Error::runtime("the default is harmonics"))?;
+        let uncoded = Uncoded::new(scene, form, &recipe.settings, &Silent)?;
         context.say(&format!("coding: {} points, order {}", uncoded.points.len(), uncoded.order));
         let (every, predicted) = (Net::unpredicted(uncoded.points.len()), uncoded.net(EVERY_VERTEX));
         let truth = Truth::new(context, scene)?;

@@ -7,7 +7,7 @@ use crate::evaluate::Evaluator;
 use crate::light::Light;
 use crate::measure::chart::DeviceRow;
 
-/// What is timed beside the processor.
+/// The graphics adapter that is timed beside the processor, if any.
 pub(super) struct Adapter {
     #[cfg(feature = "gpu")]
     device: Option<std::sync::Arc<crate::evaluate::device::Device>>,

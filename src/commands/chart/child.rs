@@ -24,7 +24,7 @@ pub(super) enum Outcome {
     Failed(String),
 }
 
-/// What is run.
+/// A bake as a command line.
 pub(super) struct Bake<'a> {
     /// Arguments of the program.
     pub(super) words: &'a [String],

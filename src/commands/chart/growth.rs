@@ -27,7 +27,7 @@ use crate::progress::Progress;
 use crate::report;
 use crate::report::text::duration;
 
-/// What is measured.
+/// The sizes that are measured, and how thoroughly.
 struct Extent {
     /// Vertices of the surface, ascending.
     vertices: &'static [usize],
@@ -39,9 +39,9 @@ struct Extent {
     fixed_vertices: usize,
     /// Surface samples where they are not varied; as many as the method chooses without.
     fixed_samples: Option<usize>,
-    /// Of a new light.
+    /// Repetitions of a new light.
     repetitions: Repetitions,
-    /// Of a bake, s.
+    /// Longest bake that is started, s.
     limit_seconds: f64,
 }
 

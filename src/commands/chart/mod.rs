@@ -27,7 +27,7 @@ use crate::report::text::{duration, percent};
 struct Extent {
     /// Settings of each method.
     rungs: usize,
-    /// Of what is timed.
+    /// Repetitions of new lights and edits.
     repetitions: Repetitions,
 }
 

@@ -22,7 +22,7 @@ use crate::render::frame::{Frame, RenderSettings, Specular, render};
 const PICTURE: Resolution = Resolution { width: 320, height: 320 };
 const SAMPLES_PER_PIXEL: u32 = 4;
 
-/// What everything of a model and material is compared with.
+/// Radiosity and pictures that every row of a model and material is compared with.
 pub(super) struct Reference {
     pub(super) entry: Truth,
     /// Lights as they would be typed.

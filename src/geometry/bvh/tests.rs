@@ -85,11 +85,17 @@ fn moved(corners: &Corners, scale: f32, offset: Vec3) -> Corners {
     corners.iter().map(|t| t.map(|p| p * scale + offset)).collect()
 }
 
+/// Thin ears and narrow folds.
+fn elephant() -> Corners {
+    let model = crate::geometry::shapes::elephant(1.2);
+    model.triangles.iter().map(|t| t.map(|v| model.positions[v as usize].as_vec3())).collect()
+}
+
 fn obj(name: &str) -> Option<Corners> {
     let root = std::env::var_os("TRANSLUX_SHARED")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared"), PathBuf::from);
     let Ok(text) = std::fs::read_to_string(root.join("data/meshes").join(name)) else {
-        println!("SKIPPED: {name} is not there");
+        println!("WITHOUT ../shared: {name} is not there");
         return None;
     };
     let rows = |tag: &'static str| {
@@ -370,7 +376,7 @@ fn middles(corners: &Corners, wanted: usize) -> Vec<Vec3> {
 }
 
 fn containment(rays: u64) {
-    let mut meshes = vec![("icosphere", icosphere(4)), ("torus", torus(96, 48))];
+    let mut meshes = vec![("icosphere", icosphere(4)), ("torus", torus(96, 48)), ("elephant", elephant())];
     for name in ["bunny_closed.obj", "horse.obj"] {
         meshes.extend(obj(name).map(|corners| (name, corners)));
     }

@@ -12,7 +12,12 @@ const SPACING_MM: f64 = 0.76;
 ///
 /// Its thick body lets little light through, its ears (about 2 mm thick), trunk and tail much.
 pub fn demo_model() -> SourceModel {
-    let grid = Grid { min: DVec3::new(-32.0, -2.0, -30.0), max: DVec3::new(32.0, 50.0, 38.0), spacing: SPACING_MM };
+    elephant(SPACING_MM)
+}
+
+/// The demonstration model of triangles about `spacing_mm` long; its ears are closed up to 1.6 mm.
+pub fn elephant(spacing_mm: f64) -> SourceModel {
+    let grid = Grid { min: DVec3::new(-32.0, -2.0, -30.0), max: DVec3::new(32.0, 50.0, 38.0), spacing: spacing_mm };
     let elephant = Elephant::new();
     SourceModel {
         metres_per_unit: Some(1e-3),

@@ -13,7 +13,7 @@ use glam::{DVec2, DVec3};
 
 use super::source::SourceModel;
 
-pub use demo::demo_model;
+pub use demo::{demo_model, elephant};
 
 /// A model of one material.
 pub(super) fn model(positions: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> SourceModel {
@@ -320,6 +320,18 @@ pub fn compose(models: &[(SourceModel, DVec3)]) -> SourceModel {
         whole.triangle_material.extend(part.triangle_material.iter().map(|&m| material[m as usize]));
     }
     whole
+}
+
+/// A group with everything that scanned models have: the thin ears and the trunk of an [`elephant`], the hole of a ring, a thin
+/// plate that its neighbours shadow. Three closed parts of the materials `elephant`, `ring` and `plate`, 92 mm, in millimetres;
+/// `spacing_mm` is the length of the elephant's edges.
+pub fn still_life(spacing_mm: f64) -> SourceModel {
+    let named = |model: SourceModel, name: &str| SourceModel { materials: vec![name.to_string()], ..model };
+    let ring = named(torus(9.0, 3.0, 36, 12), "ring");
+    let plate = named(cuboid(DVec3::new(64.0, 1.5, 24.0), 8), "plate");
+    let places = [DVec3::ZERO, DVec3::new(38.0, 14.0, 12.0), DVec3::new(18.0, -6.0, 8.0)];
+    let whole = compose(&[(elephant(spacing_mm), places[0]), (ring, places[1]), (plate, places[2])]);
+    SourceModel { metres_per_unit: Some(1e-3), ..whole }
 }
 
 /// The same surface with its normals the other way.

@@ -352,7 +352,7 @@ fn shared(name: &str) -> Option<Fixture> {
         .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared"), PathBuf::from);
     let path = root.join("data/meshes").join(name);
     let Ok(text) = std::fs::read_to_string(&path) else {
-        eprintln!("SKIPPED: {} is not there", path.display());
+        eprintln!("WITHOUT ../shared: {} is not there", path.display());
         return None;
     };
     let mut model = SourceModel { materials: vec!["default".into()], ..SourceModel::default() };
@@ -372,6 +372,17 @@ fn shared(name: &str) -> Option<Fixture> {
     }
     model.triangle_material = vec![0; model.triangles.len()];
     Some(Fixture::new(model))
+}
+
+#[test]
+fn ears_holes_and_thin_plates_keep_their_shape() {
+    let fixture = Fixture::new(shapes::still_life(1.5));
+    let target = fixture.used() / 10;
+    let level = fixture.simplified(target);
+    let quality = fixture.quality(&level);
+    println!("{target} of {}: {quality:?}", fixture.used());
+    assert_eq!(level.references.len(), target);
+    assert!(quality.worst < 0.02 && quality.against == 0, "{quality:?}");
 }
 
 #[test]

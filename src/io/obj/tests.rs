@@ -14,7 +14,7 @@ fn shared(folder: &str) -> Option<PathBuf> {
     if path.is_dir() {
         return Some(path);
     }
-    println!("SKIPPED: no test data at {}", path.display());
+    println!("WITHOUT ../shared: no test data at {}", path.display());
     None
 }
 
@@ -377,6 +377,25 @@ fn bad_files_that_load_are_what_they_should_be() {
     let jacked = read_obj(&folder.join("missing_mtl.obj")).unwrap();
     assert_eq!(jacked.materials, ["material0"]);
     assert!(jacked.warnings.iter().any(|w| w.contains("`nonexistent.mtl` is missing")), "{:?}", jacked.warnings);
+}
+
+#[test]
+fn a_written_model_loads_in_its_order_to_the_bit() {
+    let source = crate::geometry::shapes::still_life(1.5);
+    let mut text: String = source.positions.iter().map(|p| format!("v {} {} {}\n", p.x, p.y, p.z)).collect();
+    let mut current = None;
+    for (t, &material) in source.triangles.iter().zip(&source.triangle_material) {
+        if current.replace(material) != Some(material) {
+            text += &format!("usemtl {}\n", source.materials[material as usize]);
+        }
+        text += &format!("f {} {} {}\n", t[0] + 1, t[1] + 1, t[2] + 1);
+    }
+    let model = parse(&text).unwrap();
+    check_guarantees(&model);
+    assert!(model.positions == source.positions && model.positions == naive_vertices(&text));
+    assert_eq!((&model.triangles, &model.triangle_material), (&source.triangles, &source.triangle_material));
+    assert_eq!(model.materials, source.materials);
+    assert!(check_against_second_reader(text.as_bytes(), "still life"));
 }
 
 #[test]

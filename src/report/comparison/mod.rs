@@ -63,22 +63,22 @@ pub struct Comparison {
     pub value: Option<f64>,
     /// The largest allowed value.
     pub threshold: Option<f64>,
-    /// Of vertices, of PLY files or of assets under the probe lights.
+    /// Error of the vertices of PLY files, or of assets under the probe lights.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub vertices: Option<VertexError>,
-    /// Of single scattering alone, where both files have it; `vertices` is the worse of the radiosity and the sum of both.
+    /// Error of single scattering alone, where both files have it; `vertices` is the worse of the radiosity and the sum of both.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub single_scattering: Option<VertexError>,
-    /// Of pictures.
+    /// Error of pictures.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub image: Option<ImageError>,
-    /// Of pictures, where it is the metric.
+    /// HDR-FLIP of pictures, where it is the metric.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub flip: Option<FlipReport>,
-    /// Of assets.
+    /// Differences of assets.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub assets: Option<AssetDifference>,
-    /// What was left out of the comparison, one line each.
+    /// Contents that were left out of the comparison, one line each.
     #[serde(skip)]
     pub notes: Vec<String>,
     /// Doubts about the comparison, one line each.

@@ -280,7 +280,7 @@ fn noise_falls_to_what_was_asked_for() {
 fn comparison_takes_the_noise_out_and_leaves_the_difference() {
     let scene = scene_of(shapes::icosphere(3.0, 3), medium(1.0, 0.3, 0.0, 1.3));
     let light = [Light::constant(DVec3::ONE).unwrap()];
-    let [noisy, fine] = [60_000, 2_000_000].map(|n| exitance(&scene, &light, Effort::Photons(n), n, &Silent).unwrap());
+    let [noisy, fine] = [60_000, 600_000].map(|n| exitance(&scene, &light, Effort::Photons(n), n, &Silent).unwrap());
     // On a sphere in constant light the truth is a constant.
     let constant = fine.total.iter().zip(&fine.hats.mass_mm2).map(|(b, m)| *b * *m).sum::<DVec3>()
         / fine.hats.mass_mm2.iter().sum::<f64>();

@@ -99,6 +99,7 @@ fn open_box() -> SourceModel {
 fn closed_shapes_are_seen_as_one_ray_each_sees_them() {
     assert!(check("head", shapes::bumpy_head(10.0, 4), 60) > 0.01);
     assert!(check("knot", shapes::torus_knot(2, 3, 10.0, 4.0, 1.5, 200, 16), 60) > 0.1);
+    assert!(check("still life", shapes::still_life(1.5), 200) > 0.1);
     assert_eq!(check("box", shapes::cuboid(DVec3::new(3.0, 4.0, 5.0), 2), 20), 0.0);
     assert_eq!(check("sphere", shapes::icosphere(5.0, 3), 20), 0.0);
 }
@@ -156,7 +157,7 @@ fn the_scanned_bunny_is_seen_as_one_ray_each_sees_it() {
     let shared = std::env::var_os("TRANSLUX_SHARED")
         .map_or_else(|| std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared"), std::path::PathBuf::from);
     let Ok(text) = std::fs::read_to_string(shared.join("data/meshes/bunny_closed.obj")) else {
-        println!("SKIPPED: bunny_closed is not there");
+        println!("WITHOUT ../shared: bunny_closed is not there");
         return;
     };
     let rows = |tag: &'static str| text.lines().filter_map(move |l| l.strip_prefix(tag)).map(str::split_whitespace);

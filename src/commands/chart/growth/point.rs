@@ -43,12 +43,12 @@ pub(super) struct Shape {
     pub(super) asked: usize,
     pub(super) vertices: usize,
     pub(super) path: PathBuf,
-    /// Of the file.
+    /// BLAKE3 of the file.
     pub(super) hash: String,
     pub(super) model: SourceModel,
 }
 
-/// What every point is measured with.
+/// Material, light and limits of every point.
 pub(super) struct Measurer<'a> {
     pub(super) material: &'a Material,
     pub(super) material_text: &'a str,
@@ -56,7 +56,7 @@ pub(super) struct Measurer<'a> {
     pub(super) free_path_mm: f64,
     pub(super) light: &'a Light,
     pub(super) light_text: &'a str,
-    /// What times depend on beside the command and the light.
+    /// Machine and inputs that times depend on beside the command and the light.
     pub(super) context: String,
     pub(super) limits: Limits,
     pub(super) repetitions: Repetitions,
@@ -64,7 +64,7 @@ pub(super) struct Measurer<'a> {
     pub(super) console: &'a Console,
 }
 
-/// What is kept of a point.
+/// The figures of a point that are kept for another run.
 #[derive(Serialize, Deserialize)]
 struct Kept {
     costs: Option<Costs>,
@@ -190,7 +190,7 @@ impl Measurer<'_> {
         .collect()
     }
 
-    /// What a new light takes by the smaller sizes, s: from the pairs for a method that sums over all of them.
+    /// The time of a new light as the smaller sizes predict it, s: from the pairs for a method that sums over all of them.
     fn predicted_relight(&self, point: &Point, samples: usize, before: &[Point]) -> Option<f64> {
         let same = before.iter().filter(|p| p.axis == point.axis && p.method == point.method);
         let by_pairs = pairs(&point.method, point.vertices, samples);

@@ -141,7 +141,7 @@ fn data() -> Option<PathBuf> {
     if data.is_dir() {
         return Some(data);
     }
-    println!("SKIPPED: no shared test data at {}", data.display());
+    println!("WITHOUT ../shared: no shared test data at {}", data.display());
     None
 }
 

@@ -1,0 +1,20 @@
+//! The program as it is typed. One binary, so that it is linked once; a module for each matter.
+#![allow(clippy::unwrap_used, missing_docs)]
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod asset;
+mod chart;
+mod compare_assets;
+mod compare_flip;
+mod editable;
+mod errors;
+mod growth;
+mod import_files;
+mod light;
+mod output;
+mod pictures;
+mod relight;
+mod size_and_mesh;
+mod validate;

@@ -1,0 +1,230 @@
+//! What the program prints where, and what it leaves behind when it is interrupted.
+#![allow(clippy::unwrap_used, missing_docs)]
+
+use crate::common::{Folder, Outcome};
+use translux::geometry::shapes;
+
+const MODEL: &str = "ball.obj --unit mm --material skin1 --samples 500";
+const LIGHT: &str = "--light directional:from=1,2,3:irradiance=2";
+
+/// A ball, its asset and its radiosity.
+fn ball() -> Folder {
+    let folder = Folder::new();
+    folder.obj("ball.obj", &shapes::icosphere(8.0, 2));
+    folder.run(&format!("bake {MODEL} --method two_pass -o a.tlux")).ok();
+    folder.run(&format!("evaluate a.tlux {LIGHT} -o b.ply")).ok();
+    folder
+}
+
+/// One line for each command, all of them successful.
+fn every_command() -> Vec<String> {
+    vec![
+        format!("bake {MODEL} --method two_pass -o c.tlux"),
+        format!("evaluate a.tlux {LIGHT} -o c.ply"),
+        format!("evaluate a.tlux {LIGHT} --measure -o c.ply"),
+        format!("reference {MODEL} {LIGHT} -o c.ply"),
+        "inspect a.tlux".to_owned(),
+        "compare b.ply b.ply".to_owned(),
+        "materials".to_owned(),
+        "methods".to_owned(),
+        "methods two_pass".to_owned(),
+    ]
+}
+
+#[test]
+fn reports_are_json_with_a_schema() {
+    let folder = ball();
+    for line in every_command() {
+        let outcome = folder.run(&format!("{line} --json")).ok();
+        let report = outcome.json();
+        let command = line.split(' ').next().unwrap();
+        assert_eq!(report["schema"], format!("translux.{command}.v0"), "{line}");
+        assert_eq!(report["version"], env!("CARGO_PKG_VERSION"));
+        assert!(report["seconds"].as_f64().unwrap() > 0.0, "{line}");
+        assert!(report["peak_memory_bytes"].as_u64().unwrap() > 1 << 20, "{line}: {}", report["peak_memory_bytes"]);
+        assert!(report["threads"].as_u64().unwrap() >= 1, "{line}");
+        assert!(report["warnings"].is_array(), "{line}");
+        let stages = report["stages"].as_array().unwrap();
+        assert!(stages.iter().all(|s| s["stage"].is_string() && s["seconds"].as_f64().unwrap() >= 0.0), "{line}");
+        if ["bake", "evaluate", "reference"].contains(&command) {
+            assert!(stages.iter().any(|s| s["stage"] == "write"), "{line}: {stages:?}");
+            let sum: f64 = stages.iter().map(|s| s["seconds"].as_f64().unwrap()).sum();
+            assert!(sum <= report["seconds"].as_f64().unwrap(), "{line}: the stages take {sum} s");
+        }
+    }
+}
+
+#[test]
+fn quiet_is_silent() {
+    let folder = ball();
+    for line in every_command() {
+        let outcome = folder.run(&format!("{line} -q")).ok();
+        assert_eq!(outcome.stderr, "", "{line}");
+        let asked_for = ["inspect", "materials", "methods"].contains(&line.split(' ').next().unwrap());
+        assert_eq!(!outcome.stdout.is_empty(), asked_for, "{line}: {}", outcome.text());
+    }
+    folder.run("evaluate none.tlux -o c.ply -q").fails(2, &["translux: none.tlux"]);
+}
+
+/// The size line, once, wherever a model is read; standard output stays free.
+#[test]
+fn the_size_is_said() {
+    let folder = ball();
+    for line in [format!("bake {MODEL} --method two_pass -o c.tlux"), format!("reference {MODEL} {LIGHT} -o c.ply")] {
+        for flags in ["", " --json"] {
+            let outcome = folder.run(&format!("{line}{flags}")).ok();
+            let sizes: Vec<&str> = outcome.stderr.lines().filter(|l| l.starts_with("SIZE ")).collect();
+            let [size] = sizes[..] else { panic!("{}", outcome.stderr) };
+            for fragment in ["mm across", "skin1: mean free path 1.30 0.952 0.671 mm", "diffusion length 3.67", "%"] {
+                assert!(size.contains(fragment), "{size}");
+            }
+            assert_eq!(outcome.stdout.is_empty(), flags.is_empty());
+        }
+    }
+}
+
+#[test]
+fn standard_output_takes_the_ply_and_nothing_else() {
+    let folder = ball();
+    for (line, file) in [
+        (format!("evaluate a.tlux {LIGHT} -o -"), "b.ply"),
+        (format!("reference {MODEL} {LIGHT} --method two_pass -o -"), "b.ply"),
+    ] {
+        assert!(folder.run(&line).ok().stdout == folder.read(file), "{line}");
+    }
+    let both: Outcome = folder.run(&format!("evaluate a.tlux {LIGHT} -o - -o c.ply -o d.ply")).ok();
+    assert!(both.stdout == folder.read("b.ply") && folder.read("c.ply") == both.stdout);
+    assert!(folder.read("d.ply") == both.stdout);
+    assert!(folder.run(&format!("bake {MODEL} --method two_pass -o -")).ok().stdout == folder.read("a.tlux"));
+    // A closed pipe is an end, not a crash.
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_translux"))
+        .current_dir(folder.path(""))
+        .args(["inspect", "a.tlux"])
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
+/// A target that exists is replaced whole, with its permissions.
+#[test]
+#[cfg(unix)]
+fn an_existing_file_is_replaced_and_keeps_its_mode() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = ball();
+    folder.write("c.ply", vec![7; 1 << 20]);
+    std::fs::set_permissions(folder.path("c.ply"), std::fs::Permissions::from_mode(0o640)).unwrap();
+    folder.run(&format!("evaluate a.tlux {LIGHT} -o c.ply")).ok();
+    assert!(folder.read("c.ply") == folder.read("b.ply"));
+    assert_eq!(std::fs::metadata(folder.path("c.ply")).unwrap().permissions().mode() & 0o777, 0o640);
+    assert_eq!(folder.names(), ["a.tlux", "b.ply", "ball.obj", "c.ply"]);
+}
+
+/// Names need not be UTF-8, nor free of spaces; a report shows them as well as it can.
+#[test]
+#[cfg(target_os = "linux")]
+fn names_may_hold_any_bytes() {
+    use std::os::unix::ffi::OsStringExt;
+    let folder = ball();
+    let name = |suffix: &str| std::ffi::OsString::from_vec([b"b \xff:=,".as_slice(), suffix.as_bytes()].concat());
+    std::fs::copy(folder.path("ball.obj"), folder.path("").join(name(".obj"))).unwrap();
+    let run = |command: &str, input: &str, rest: &str, output: Option<&str>| {
+        let mut words = vec![command.into(), name(input)];
+        words.extend(rest.split_whitespace().map(std::ffi::OsString::from));
+        words.extend(output.into_iter().flat_map(|suffix| ["-o".into(), name(suffix)]));
+        folder.run_words(words).ok().json()
+    };
+    run("bake", ".obj", "--unit mm --material skin1 --samples 500 --method two_pass --json", Some(".tlux"));
+    run("evaluate", ".tlux", &format!("{LIGHT} --json"), Some(".ply"));
+    run("inspect", ".tlux", "--json", None);
+    let report = run("compare", ".ply", "b.ply --json", None);
+    assert_eq!(report["equal"], true);
+    assert_eq!(report["a"], "b \u{fffd}:=,.ply");
+}
+
+#[cfg(unix)]
+mod interrupts {
+    use super::*;
+    use std::process::{Child, Command, Output, Stdio};
+    use std::time::{Duration, Instant};
+
+    fn start(folder: &Folder, line: &str) -> Child {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_translux"));
+        command.current_dir(folder.path("")).args(line.split_whitespace());
+        command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+    }
+
+    fn signal(child: &Child, name: &str) {
+        // It may have ended already; then there is nothing to signal.
+        let _ = Command::new("kill").args([name, &child.id().to_string()]).stderr(Stdio::null()).status().unwrap();
+    }
+
+    fn end(child: Child) -> Output {
+        let started = Instant::now();
+        let output = child.wait_with_output().unwrap();
+        assert!(started.elapsed() < Duration::from_secs(5), "the signal was not heard");
+        output
+    }
+
+    /// Minutes of work, interrupted: nothing new, nothing lost.
+    #[test]
+    fn long_work_leaves_nothing_behind() {
+        let folder = Folder::new();
+        folder.obj("head.obj", &shapes::bumpy_head(30.0, 6)).write("old.ply", "precious");
+        for (name, target) in [("-TERM", "out.ply"), ("-INT", "out.ply"), ("-TERM", "old.ply")] {
+            let line = "reference head.obj --unit mm --material skin1 --samples 1000000 --threads 2 -o";
+            let child = start(&folder, &format!("{line} {target}"));
+            std::thread::sleep(Duration::from_millis(700));
+            signal(&child, name);
+            let output = end(child);
+            let stderr = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(130), "{name}: {stderr}");
+            assert!(stderr.contains("interrupted"), "{name}: {stderr}");
+            assert_eq!(folder.names(), ["head.obj", "old.ply"], "{name}");
+            assert_eq!(folder.read("old.ply"), b"precious");
+        }
+    }
+
+    /// Short work, interrupted at any moment: the old file or the new one, whole, and no temporary file.
+    #[test]
+    fn a_file_is_the_old_one_or_the_new_one() {
+        let folder = ball();
+        folder.write("c.ply", "precious");
+        let line = format!("evaluate a.tlux {LIGHT} -o c.ply -o d.ply");
+        let once = Instant::now();
+        folder.run(&line).ok();
+        let whole_run = once.elapsed();
+        let (old, new) = (b"precious".to_vec(), folder.read("b.ply"));
+        let mut codes = [0, 0];
+        for step in 0..30u32 {
+            // A machine that has become slower gets more time, until a run has come to its end.
+            let slower = 1 << step.saturating_sub(23);
+            if slower > 1 && codes[0] > 0 {
+                break;
+            }
+            folder.write("c.ply", &old);
+            let _ = std::fs::remove_file(folder.path("d.ply"));
+            let child = start(&folder, &line);
+            std::thread::sleep(whole_run * slower * step / 20);
+            signal(&child, "-TERM");
+            let output = end(child);
+            let (c, names) = (folder.read("c.ply"), folder.names());
+            let stderr = String::from_utf8_lossy(&output.stderr);
+            // Before the program listens, the signal ends it as it ends any other.
+            match output.status.code() {
+                Some(0) => codes[0] += 1,
+                Some(130) | None => codes[1] += 1,
+                other => panic!("step {step}: exit code {other:?}: {stderr}"),
+            }
+            assert!(c == old || c == new, "step {step}: {} bytes", c.len());
+            assert!(names.iter().all(|n| !n.contains("translux") && !n.ends_with(".part")), "step {step}: {names:?}");
+            if output.status.success() || names.iter().any(|n| n == "d.ply") {
+                assert!(c == new && folder.read("d.ply") == new, "step {step}");
+            }
+        }
+        assert!(codes[0] > 0 && codes[1] > 0, "the moments were not spread: {codes:?}");
+    }
+}

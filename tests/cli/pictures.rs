@@ -1,0 +1,206 @@
+//! `render` and `demo` as their users run them.
+#![allow(clippy::unwrap_used, missing_docs)]
+
+use std::sync::OnceLock;
+
+use crate::common::{Folder, called};
+use glam::DVec3;
+use translux::geometry::shapes;
+use translux::io::exr::read_exr_channels;
+use translux::io::png::read_png;
+
+/// A folder with `ball.tlux`, which is baked once for all tests.
+fn baked() -> Folder {
+    static ASSET: OnceLock<Vec<u8>> = OnceLock::new();
+    let folder = Folder::new();
+    let bytes = ASSET.get_or_init(|| {
+        folder.obj("ball.obj", &called(shapes::bumpy_head(10.0, 4), "stone"));
+        folder.run("bake ball.obj --unit mm --material marble --method two_pass -o ball.tlux -q").ok();
+        folder.read("ball.tlux")
+    });
+    folder.write("ball.tlux", bytes);
+    folder
+}
+
+#[test]
+fn pictures_come_from_the_asset_alone_and_have_every_layer() {
+    let folder = baked();
+    let line = "render ball.tlux --light sky --resolution 64x48 -q";
+    folder.run(&format!("{line} -o a.exr -o a.png")).ok();
+    let alone = Folder::new();
+    alone.write("ball.tlux", folder.read("ball.tlux"));
+    alone.run(&format!("{line} -o a.exr -o a.png")).ok();
+    assert_eq!(folder.read("a.exr"), alone.read("a.exr"));
+    assert_eq!(folder.read("a.png"), alone.read("a.png"));
+    let planes = read_exr_channels(&folder.path("a.exr")).unwrap();
+    assert!(planes.iter().all(|p| (p.width, p.height) == (64, 48)));
+    for name in
+        ["R", "G", "B", "A", "diffuse.R", "specular.B", "normal.X", "normal.Z", "depth.Z", "coverage.A", "part.ID"]
+    {
+        assert!(planes.iter().any(|p| p.name == name), "no channel {name}");
+    }
+    let png = read_png(&folder.path("a.png")).unwrap();
+    assert_eq!((png.width, png.height), (64, 48));
+}
+
+#[test]
+fn the_same_bytes_on_any_number_of_threads() {
+    let folder = baked();
+    for threads in [1, 2, 8] {
+        let outputs = format!("-o {threads}.exr -o {threads}.png");
+        folder.run(&format!("render ball.tlux --threads {threads} --resolution 50x50 -q {outputs}")).ok();
+    }
+    for threads in [2, 8] {
+        assert_eq!(folder.read("1.exr"), folder.read(&format!("{threads}.exr")));
+        assert_eq!(folder.read("1.png"), folder.read(&format!("{threads}.png")));
+    }
+}
+
+#[test]
+fn a_material_edit_changes_the_picture_and_compare_says_by_how_much() {
+    let folder = baked();
+    let line = "render ball.tlux --light constant:radiance=1 --background none --resolution 40x40 -q";
+    folder.run(&format!("{line} -o marble.exr")).ok();
+    folder.run(&format!("{line} -o again.exr")).ok();
+    folder.run(&format!("{line} --material skin1 -o skin.exr")).ok();
+    folder.run("compare marble.exr again.exr").ok();
+    folder.run("compare skin.exr marble.exr").fails(7, &[]);
+    let report = folder.run("compare skin.exr marble.exr --fail-above 100% --json").ok().json();
+    let rms = report["image"]["rms"].as_f64().unwrap();
+    // Skin reflects 0.13 to 0.44, marble 0.75 to 0.83.
+    assert!((0.2..0.9).contains(&rms), "{rms}");
+}
+
+fn plane(folder: &Folder, file: &str, name: &str) -> Vec<f32> {
+    read_exr_channels(&folder.path(file)).unwrap().into_iter().find(|p| p.name == name).unwrap().samples
+}
+
+#[test]
+fn specular_reflection_is_a_layer_that_can_be_made_rougher_or_left_out() {
+    let folder = baked();
+    let line = "render ball.tlux --light directional:from=0.2,0.5,1:irradiance=3 --resolution 40x40 -q";
+    for (options, file) in [("", "a.exr"), ("--roughness 0.3", "b.exr"), ("--roughness 1", "rough.exr")] {
+        folder.run(&format!("{line} {options} -o {file}")).ok();
+    }
+    let report = folder.run(&format!("{line} --no-specular -o off.exr --json")).ok().json();
+    assert!(report["roughness"].is_null() && report["exr_type"] == "half", "{report}");
+    assert_eq!(folder.read("a.exr"), folder.read("b.exr"), "0.3 is the default");
+    let brightest = |file: &str| plane(&folder, file, "specular.G").into_iter().fold(0.0, f32::max);
+    assert!(brightest("a.exr") > 4.0 * brightest("rough.exr") && brightest("rough.exr") > 0.0);
+    assert_eq!(brightest("off.exr"), 0.0);
+    assert_eq!(plane(&folder, "a.exr", "diffuse.R"), plane(&folder, "off.exr", "diffuse.R"));
+    // Figures of errors are those of the diffuse layer.
+    folder.run("compare a.exr rough.exr --fail-above 0").ok();
+    for (bad, fragment) in [("--roughness 1.5", "from 0 (polished) to 1 (matt)"), ("--roughness -1", "matt")] {
+        folder.run(&format!("{line} {bad} -o c.exr")).fails(1, &[fragment]);
+    }
+    folder.run(&format!("{line} --roughness 0.5 --no-specular -o c.exr")).fails(1, &["--no-specular"]);
+}
+
+#[test]
+fn colours_have_16_bits_or_32_and_what_is_cut_is_said() {
+    let folder = baked();
+    let line = "render ball.tlux --light constant:radiance=1e6 --resolution 24x24";
+    let half = folder.run(&format!("{line} -o half.exr")).ok();
+    assert!(half.stderr.contains("576 pixels have colours above 65504"), "{}", half.stderr);
+    let float = folder.run(&format!("{line} --exr-type float -o float.exr")).ok();
+    let png = folder.run(&format!("{line} -o a.png")).ok();
+    assert!(!float.stderr.contains("65504") && !png.stderr.contains("65504"), "{}{}", float.stderr, png.stderr);
+    assert_eq!((plane(&folder, "half.exr", "R")[0], plane(&folder, "float.exr", "R")[0]), (65_504.0, 1e6));
+    assert_eq!(plane(&folder, "half.exr", "depth.Z"), plane(&folder, "float.exr", "depth.Z"));
+    folder.run(&format!("{line} --exr-type double -o c.exr")).fails(1, &["half", "float"]);
+}
+
+#[test]
+fn the_header_says_what_made_the_picture() {
+    let folder = Folder::new();
+    let parts = [
+        (called(shapes::icosphere(5.0, 2), "wax"), DVec3::ZERO),
+        (called(shapes::icosphere(3.0, 1), "wick"), DVec3::X * 20.0),
+    ];
+    folder.obj("two.obj", &shapes::compose(&parts));
+    folder.run("bake two.obj --unit mm --material wax=skin1 --opaque wick --method two_pass -o two.tlux -q").ok();
+    folder.run("render two.tlux --light constant:radiance=2 --resolution 48x24 -q -o two.exr").ok();
+    let bytes = folder.read("two.exr");
+    let head = String::from_utf8_lossy(&bytes[..4096.min(bytes.len())]).into_owned();
+    for text in [
+        concat!("translux ", env!("CARGO_PKG_VERSION")),
+        "two_pass",
+        "skin1: sigma_s'=0.74,0.88,1.01/mm sigma_a=0.032,0.17,0.48/mm eta=1.3 g=0",
+        "1 wax (skin1); 2 wick (opaque)",
+        "constant:radiance=2",
+        "fov=28",
+        "roughness",
+        "two.obj blake3 ",
+    ] {
+        assert!(head.contains(text), "no `{text}` in {head:?}");
+    }
+    assert!(!head.contains(folder.path("").to_str().unwrap()), "{head:?}");
+    let ids = plane(&folder, "two.exr", "part.ID");
+    let coverage = plane(&folder, "two.exr", "coverage.A");
+    for part in [0.0, 1.0, 2.0] {
+        assert!(ids.contains(&part));
+    }
+    assert!(ids.iter().zip(&coverage).all(|(id, coverage)| (*id > 0.0) == (*coverage > 0.0)));
+}
+
+#[test]
+fn light_from_one_side_lights_that_side_of_the_picture() {
+    let folder = baked();
+    let line = "render ball.tlux --light directional:from=1,0,0.2:irradiance=3 --background none --resolution 40x40 -q";
+    folder.run(&format!("{line} -o side.exr")).ok();
+    let planes = read_exr_channels(&folder.path("side.exr")).unwrap();
+    let red = planes.iter().find(|p| p.name == "diffuse.R").unwrap();
+    let half = |from: usize| -> f32 {
+        (0..40).flat_map(|y| (from..from + 20).map(move |x| (x, y))).map(|(x, y)| red.samples[y * 40 + x]).sum()
+    };
+    assert!(half(20) > 2.0 * half(0), "right {} left {}", half(20), half(0));
+}
+
+#[test]
+fn wrong_pictures_are_refused_before_the_work() {
+    let folder = baked();
+    for (arguments, code, fragment) in [
+        ("-o a.jpg", 1, ".exr"),
+        ("--resolution 0x10 -o a.png", 1, "resolution"),
+        ("--camera at=0,0,0:look=0,0,0 -o a.png", 1, "at"),
+        ("--camera elsewhere=1 -o a.png", 1, "elsewhere"),
+        ("--exposure bright -o a.png", 1, "bright"),
+        ("--max-memory 1MB --resolution 8000x8000 -o a.png", 4, "--resolution"),
+        ("-o nowhere/a.png", 2, "nowhere"),
+    ] {
+        folder.run(&format!("render ball.tlux {arguments}")).fails(code, &[fragment]);
+    }
+}
+
+#[test]
+fn the_demo_writes_what_it_says_and_its_advice_works() {
+    let folder = Folder::new();
+    let text = folder.run("demo -o show").ok().text();
+    let mut names: Vec<String> = std::fs::read_dir(folder.path("show"))
+        .unwrap()
+        .map(|e| e.unwrap().file_name().into_string().unwrap())
+        .collect();
+    names.sort();
+    let pictures =
+        ["apple.exr", "apple.png", "demo.png", "demo.tlux", "marble.exr", "marble.png", "skin1.exr", "skin1.png"];
+    assert_eq!(names, pictures);
+    let advised: Vec<&str> =
+        text.lines().map(str::trim).filter(|l| l.starts_with("translux ") && l.contains("demo.tlux")).collect();
+    assert!(advised.len() >= 3, "{text}");
+    // The window of `relight` has tests of its own.
+    for line in advised.into_iter().filter(|line| !line.contains(" relight ")) {
+        folder.run(line.trim_start_matches("translux ")).ok();
+    }
+    // A lamp stands behind the model: its thin ear on that side is brighter than its thick head, in every material.
+    let png = read_png(&folder.path("show/demo.png")).unwrap();
+    let at = |x: f64, y: f64| {
+        let (x, y) = ((x * png.width as f64) as usize, (y * png.height as f64) as usize);
+        DVec3::from_array(png.rgb[y * png.width + x].map(f64::from)).element_sum()
+    };
+    for picture in 0..3 {
+        let at = |x: f64, y: f64| at((f64::from(picture) + x) / 3.0, y);
+        let (ear, head) = (at(0.79, 0.44), at(0.55, 0.44));
+        assert!(ear > 2.0 * head, "picture {picture}: ear {ear}, head {head}");
+    }
+}

@@ -1,0 +1,141 @@
+//! Compute shaders against the CPU, both reading the same quantised asset: every method, every kind of light, materials
+//! edited, bindings as small as adapters have them.
+#![cfg(feature = "gpu")]
+#![allow(clippy::unwrap_used, missing_docs)]
+
+use crate::in_memory;
+use std::sync::Arc;
+
+use crate::in_memory::{every, medium, registry, served, try_bake};
+use crate::on_device::{assert_same, device, group, lights};
+use glam::DVec3;
+use translux::asset::Asset;
+use translux::error::ExitCode;
+use translux::evaluate::device::Device;
+use translux::evaluate::{Evaluator, MaterialEdit, Method};
+use translux::light::Light;
+use translux::medium::profiles::model::ProfileModel;
+use translux::progress::Silent;
+
+/// The group under a method; sets of lights are small, since it is not their error that is measured here.
+fn bake(method: &dyn Method) -> Arc<Asset> {
+    let few = method.keys().iter().any(|key| key.name() == "lights").then(|| ("lights".to_owned(), "60".to_owned()));
+    Arc::new(try_bake(method, group(), Some(2000), few.as_slice()).unwrap())
+}
+
+/// Both evaluators of one asset.
+fn pair(asset: &Arc<Asset>, device: &Arc<Device>) -> [Box<dyn Evaluator>; 2] {
+    let open = || registry().open(Arc::clone(asset)).unwrap();
+    [open(), open().on_device(device).unwrap()]
+}
+
+#[test]
+fn every_method_gives_the_same_radiosity_under_every_light() {
+    let Some(device) = device(u64::MAX) else { return };
+    for method in every() {
+        let asset = bake(method);
+        let [mut cpu, mut gpu] = pair(&asset, &device);
+        assert_eq!(cpu.capabilities(), gpu.capabilities());
+        for (index, lights) in lights().into_iter().enumerate() {
+            let lights = served(method, &lights);
+            if lights.is_empty() {
+                continue;
+            }
+            let radiosity = |evaluator: &mut dyn Evaluator| {
+                evaluator.set_lights(lights.clone(), &Silent).unwrap();
+                evaluator.radiosity(&Silent).unwrap()
+            };
+            let (gpu, cpu) = (radiosity(gpu.as_mut()), radiosity(cpu.as_mut()));
+            assert!(cpu.iter().any(|b| b.min_element() > 0.0));
+            assert_same(&format!("{}, lights {index}", method.name()), &gpu, &cpu);
+        }
+        // A material of the same index of refraction, and one of another, under the light in force.
+        for media in [["skin1", "wholemilk"], ["spectralon", "marble"]] {
+            let media: Vec<_> = media.map(medium).into();
+            let mut edited = media.clone();
+            edited[1].properties.eta_inside_over_outside = 1.2;
+            for media in [media, edited] {
+                if cpu.capabilities().material == MaterialEdit::None {
+                    let refused = |evaluator: &mut dyn Evaluator| evaluator.set_media(media.clone()).unwrap_err();
+                    let (gpu, cpu) = (refused(gpu.as_mut()), refused(cpu.as_mut()));
+                    assert_eq!((gpu.code(), gpu.message()), (ExitCode::Unsupported, cpu.message()));
+                    continue;
+                }
+                let radiosity = |evaluator: &mut dyn Evaluator| {
+                    evaluator.set_media(media.clone()).unwrap();
+                    evaluator.radiosity(&Silent).unwrap()
+                };
+                let (gpu, cpu) = (radiosity(gpu.as_mut()), radiosity(cpu.as_mut()));
+                assert_same(&format!("{}, edited", method.name()), &gpu, &cpu);
+            }
+        }
+        let (mut a, mut b) = (gpu.all_pairs(&Silent).unwrap(), cpu.all_pairs(&Silent).unwrap());
+        assert_same(&format!("{}, all pairs", method.name()), &a, &b);
+        gpu.set_lights(Vec::new(), &Silent).unwrap();
+        (a, b) = (gpu.radiosity(&Silent).unwrap(), vec![DVec3::ZERO; b.len()]);
+        assert_eq!(a, b, "{}: the dark", method.name());
+    }
+}
+
+/// Nets take any radial profile, on a device as on the CPU; stored transport and trees there take dipoles alone.
+#[test]
+fn profiles_have_the_same_sums_where_nets_have_them() {
+    let Some(device) = device(u64::MAX) else { return };
+    let profiles = ["better-dipole", "photon-beam", "gaussians:skin"].map(|text| {
+        let model: ProfileModel = text.parse().unwrap();
+        model.load().unwrap()
+    });
+    let asset = Arc::new(try_bake(in_memory::method("editable"), group(), Some(2000), &[]).unwrap());
+    let [mut cpu, mut gpu] = pair(&asset, &device);
+    for profile in &profiles {
+        let radiosity = |evaluator: &mut dyn Evaluator| {
+            evaluator.set_profile(profile.clone()).unwrap();
+            evaluator.set_lights(lights().remove(1), &Silent).unwrap();
+            evaluator.radiosity(&Silent).unwrap()
+        };
+        assert_same("a profile", &radiosity(gpu.as_mut()), &radiosity(cpu.as_mut()));
+    }
+    let tree = Arc::new(try_bake(in_memory::method("two_pass"), group(), Some(500), &[]).unwrap());
+    let [mut cpu, _] = pair(&tree, &device);
+    cpu.set_profile(profiles[0].clone()).unwrap();
+    assert_eq!(cpu.on_device(&device).err().unwrap().code(), ExitCode::Unsupported);
+}
+
+#[test]
+fn small_bindings_give_the_same_radiosity_or_a_clear_refusal() {
+    let (Some(whole), Some(small)) = (device(u64::MAX), device(300 << 10)) else { return };
+    for method in every() {
+        let asset = bake(method);
+        let radiosity = |device: &Arc<Device>| {
+            let [_, mut gpu] = pair(&asset, device);
+            gpu.set_lights(lights().remove(3), &Silent).unwrap();
+            gpu.radiosity(&Silent).unwrap()
+        };
+        assert_same(method.name(), &radiosity(&small), &radiosity(&whole));
+    }
+    let Some(tiny) = device(32 << 10) else { return };
+    let asset = bake(in_memory::method("reference"));
+    let evaluator = registry().open(asset).unwrap();
+    let error = evaluator.on_device(&tiny).err().unwrap();
+    assert_eq!(error.code(), ExitCode::Unsupported);
+    assert!(error.message().contains("KiB") && error.message().contains("--device cpu"), "{error}");
+}
+
+#[test]
+fn lights_of_any_size_keep_their_precision() {
+    let Some(device) = device(u64::MAX) else { return };
+    for method in every() {
+        let asset = bake(method);
+        let [_, mut gpu] = pair(&asset, &device);
+        let mut lit = |scale: f64| {
+            let light = Light::directional(DVec3::ONE, DVec3::splat(scale)).unwrap();
+            gpu.set_lights(vec![light], &Silent).unwrap();
+            gpu.radiosity(&Silent).unwrap()
+        };
+        let one = lit(1.0);
+        for scale in [1e-30, 1e30] {
+            let scaled: Vec<DVec3> = lit(scale).into_iter().map(|b| b / scale).collect();
+            assert_same(&format!("{}, {scale:e}", method.name()), &scaled, &one);
+        }
+    }
+}

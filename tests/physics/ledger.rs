@@ -1,0 +1,46 @@
+//! The error ledger to the digit: what is measured is what is written, summed and read again.
+#![allow(clippy::unwrap_used, missing_docs)]
+
+use glam::DVec3;
+use translux::asset::Asset;
+use translux::compress::ledger::Ledger;
+use translux::geometry::mesh::Scale;
+use translux::geometry::shapes;
+use translux::math::statistics::{VertexError, vertex_error};
+
+use crate::baked;
+use crate::in_memory::scene;
+
+/// Three vertices of unlike areas, one channel brighter by a tenth: figures by hand.
+fn by_hand() -> VertexError {
+    let reference = [DVec3::new(1.0, 2.0, 0.5), DVec3::new(2.0, 1.0, 0.5), DVec3::new(3.0, 4.0, 0.5)];
+    let values = reference.map(|b| b * DVec3::new(1.0, 1.1, 1.0));
+    let error = vertex_error(&values, &reference, &[1.0, 2.0, 1.0]);
+    // Green alone is off: mean squares of 22 / 4, of its difference a hundredth of that; mean difference 0.1 * 8 / 4.
+    let unit = (22.0_f64 / 4.0).sqrt();
+    for (found, expected) in [(error.rms, 0.1), (error.bias, 0.2 / unit), (error.worst, 0.4 / unit)] {
+        assert!((found - expected).abs() < 1e-12, "{error:?}: {found} where {expected} is right");
+    }
+    error
+}
+
+#[test]
+fn a_ledger_says_what_it_was_told_before_and_after_its_file() {
+    let told = by_hand();
+    let mut ledger = Ledger::default();
+    for stage in ["hierarchy", "coding", "visibility", "single scattering"] {
+        ledger.add(stage, told, "by hand");
+    }
+    assert!(ledger.entries.iter().all(|e| e.error == told && e.note == "by hand"), "{ledger:?}");
+    // Single scattering stands beside the radiosity; visibility is only for environments.
+    assert!((ledger.total_rms() - 0.3).abs() < 1e-12, "{}", ledger.total_rms());
+    assert!((ledger.total_rms_without_environment() - 0.2).abs() < 1e-12);
+    let mut twice = ledger.clone();
+    twice.worst_of(ledger.clone());
+    assert_eq!(twice, ledger);
+
+    let ball = scene(shapes::icosphere(5.0, 1), Scale::MillimetresPerUnit(1.0), "marble");
+    let mut asset = (*baked::asset("two_pass", &ball, 500, &[])).clone();
+    asset.ledger = ledger.clone();
+    assert_eq!(Asset::from_bytes(&asset.to_bytes().unwrap()).unwrap().ledger, ledger);
+}
