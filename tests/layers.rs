@@ -1,4 +1,4 @@
-//! The layers of the crate: every path in `src/` points downwards.
+//! The layers of the crate: every path in `src/` points downwards, and no files import each other in a circle.
 //!
 //! The checker reads source text, so that the planted violations below go through the same code as the real tree.
 //! What it sees: `use` in all its forms, paths in expressions, types, patterns and attributes, paths in the tokens of
@@ -8,23 +8,47 @@
 
 #[path = "layers/checker.rs"]
 mod checker;
+#[path = "layers/circles.rs"]
+mod circles;
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use checker::{Rule, check};
+use circles::{Crate, Source, circles};
 
 /// What the asset's crate must do without, beside everything of ours: an engine links it alone.
 const HEAVY: [&str; 3] = ["glam", "wgpu", "rayon"];
 
+/// A crate's source files, with what is wrong about its layers.
+struct Tree {
+    problems: Vec<String>,
+    sources: Vec<(Vec<String>, Source)>,
+}
+
+impl Tree {
+    /// The circles of imports between the files.
+    fn circles(&self) -> Vec<(Vec<String>, String)> {
+        circles(&Crate::new(&self.sources).dependencies())
+    }
+}
+
 /// Checks the tree below `root` from its `lib.rs` and `main.rs`; every source file must be reached.
-fn check_tree(root: &Path) -> Vec<String> {
+fn check_tree(root: &Path) -> Tree {
     let mut problems = Vec::new();
     let mut reached = BTreeSet::new();
-    let mut open = vec![(PathBuf::from("lib.rs"), Vec::new()), (PathBuf::from("main.rs"), Vec::new())];
+    let mut read = Vec::new();
+    let mut open = vec![(PathBuf::from("lib.rs"), Vec::new())];
+    if root.join("main.rs").is_file() {
+        open.push((PathBuf::from("main.rs"), Vec::new()));
+    }
     while let Some((file, module)) = open.pop() {
         let source = std::fs::read_to_string(root.join(&file)).unwrap();
         let name = file.to_str().unwrap().replace('\\', "/");
+        // The program's entry point names the library by its crate: nothing depends on it.
+        if name != "main.rs" {
+            read.push((module.clone(), Source::read(&name, &module, &source)));
+        }
         let module: Vec<&str> = module.iter().map(String::as_str).collect();
         let report = check(&name, &module, &source);
         problems.extend(report.violations.iter().map(ToString::to_string));
@@ -42,7 +66,7 @@ fn check_tree(root: &Path) -> Vec<String> {
             problems.push(format!("src/{}:1: no module declares this file", below.display()));
         }
     }
-    problems
+    Tree { problems, sources: read }
 }
 
 fn sources(folder: &Path) -> Vec<PathBuf> {
@@ -91,8 +115,79 @@ fn repository() -> &'static Path {
 
 #[test]
 fn imports_of_the_tree_point_downwards() {
-    let problems = check_tree(&repository().join("src"));
+    let problems = check_tree(&repository().join("src")).problems;
     assert!(problems.is_empty(), "{} problems:\n{}", problems.len(), problems.join("\n"));
+}
+
+/// Circles that are known and wait to be cut, each with all of its files, sorted.
+const EXPECTED_CIRCLES: [&[&str]; 12] = [
+    &[
+        "forms/factored/bake.rs",
+        "forms/factored/choice.rs",
+        "forms/factored/evaluate.rs",
+        "forms/factored/gpu.rs",
+        "forms/factored/interpolation.rs",
+        "forms/factored/ledger.rs",
+        "forms/factored/levels.rs",
+        "forms/factored/ordered_samples.rs",
+        "forms/factored/points.rs",
+        "forms/factored/settings.rs",
+        "forms/factored/subset.rs",
+    ],
+    &["forms/gathered/bake.rs", "forms/gathered/lit_samples.rs", "forms/gathered/settings.rs"],
+    &[
+        "forms/hao/settings.rs",
+        "forms/hao/values/bake.rs",
+        "forms/hao/values/evaluate.rs",
+        "forms/hao/values/exact.rs",
+        "forms/hao/values/references.rs",
+    ],
+    &["forms/projected/components.rs", "forms/projected/gpu.rs"],
+    &[
+        "forms/projected/lights/bake.rs",
+        "forms/projected/lights/evaluate.rs",
+        "forms/projected/lights/lights.rs",
+        "forms/projected/lights/sections.rs",
+        "forms/projected/lights/seen.rs",
+        "forms/projected/lights/settings.rs",
+    ],
+    &["relight/raster/mod.rs", "relight/raster/pipelines.rs", "relight/raster/target.rs"],
+    &[
+        "relight/window/app.rs",
+        "relight/window/app/input.rs",
+        "relight/window/app/log.rs",
+        "relight/window/app/staging.rs",
+        "relight/window/jobs.rs",
+        "relight/window/mod.rs",
+        "relight/window/placing.rs",
+    ],
+    &["relight/window/desk.rs", "relight/window/editing.rs"],
+    &["transport/irradiance.rs", "transport/irradiance/sharp.rs"],
+    &["transport/multilevel/close.rs", "transport/multilevel/near.rs"],
+    &["transport/near_rings.rs", "transport/near_rings/hats.rs"],
+    &[
+        "transport/single_scattering/vectors/adaptive.rs",
+        "transport/single_scattering/vectors/every.rs",
+        "transport/single_scattering/vectors/mod.rs",
+    ],
+];
+
+#[test]
+fn no_files_import_each_other_in_a_circle() {
+    let found = check_tree(&repository().join("src")).circles();
+    let expected = |files: &[String]| EXPECTED_CIRCLES.iter().any(|e| e.iter().eq(files.iter()));
+    let new: Vec<&str> = found.iter().filter(|(files, _)| !expected(files)).map(|(_, text)| text.as_str()).collect();
+    assert!(new.is_empty(), "{} circles of imports in src/:{}", new.len(), new.join("\n"));
+    let gone: Vec<_> = EXPECTED_CIRCLES.iter().filter(|e| !found.iter().any(|(f, _)| e.iter().eq(f.iter()))).collect();
+    assert!(gone.is_empty(), "circles that are cut: take them from the list: {gone:#?}");
+}
+
+#[test]
+fn no_files_of_the_format_import_each_other_in_a_circle() {
+    // The layers are the baker's; its rules about them do not apply here.
+    let found = check_tree(&repository().join("formats/src")).circles();
+    let texts: Vec<&str> = found.iter().map(|(_, text)| text.as_str()).collect();
+    assert!(texts.is_empty(), "{} circles of imports in formats/src/:{}", texts.len(), texts.join("\n"));
 }
 
 #[test]
@@ -226,7 +321,9 @@ fn planted_re_exports_roots_and_unplaced_modules_are_found() {
     assert_eq!(planted("lib.rs", "pub mod math;\npub mod math;\n"), [(2, Order)]);
     assert_eq!(planted("lib.rs", "pub mod error;\nmod math;\n"), [(2, Order)]);
     assert_eq!(planted("lib.rs", "pub mod error;\npub fn f() {}\n"), [(2, Order)]);
-    assert_eq!(planted("lib.rs", "pub mod error;\npub use error::Error;\n"), [(2, ReExport), (2, Order)]);
+    assert_eq!(planted("lib.rs", "pub mod error;\nuse error::Error;\n"), [(2, Order)]);
+    assert_eq!(planted("lib.rs", "pub mod error;\npub use error::Error;\n"), []);
+    assert_eq!(planted("light/mod.rs", "use crate::Light;\n"), [(1, Unplaced)]);
 }
 
 #[test]
@@ -280,12 +377,142 @@ fn a_file_without_a_module_is_found() {
     write("math/a.rs", "mod inner { mod deep; }\n");
     write("math/a/inner/deep.rs", "use super::super::super::super::math;\n");
     write("math/beside.rs", "use super::super::math;\n");
-    assert_eq!(check_tree(folder.path()), Vec::<String>::new());
+    assert_eq!(check_tree(folder.path()).problems, Vec::<String>::new());
     write("math/lost.rs", "");
     write("math/beside.rs", "use super::super::io;\nmod none;\n");
-    let problems = check_tree(folder.path());
+    let problems = check_tree(folder.path()).problems;
     assert_eq!(problems.len(), 3, "{problems:?}");
     assert!(problems[0].starts_with("src/math/beside.rs:1: from `math` to `io`"), "{problems:?}");
     assert!(problems[1].starts_with("src/math/beside.rs:2: no file for"), "{problems:?}");
     assert!(problems[2].starts_with("src/math/lost.rs:1: no module"), "{problems:?}");
+}
+
+/// The circles of a planted crate: `(file, source)`, the file's module from its name.
+fn planted_circles(files: &[(&str, &str)]) -> Vec<Vec<String>> {
+    let sources: Vec<(Vec<String>, Source)> = files
+        .iter()
+        .map(|(file, text)| {
+            let stem = file.strip_suffix(".rs").unwrap();
+            let module: Vec<String> = match stem.strip_suffix("/mod").unwrap_or(stem) {
+                "lib" => Vec::new(),
+                folder => folder.split('/').map(String::from).collect(),
+            };
+            let source = Source::read(file, &module, text);
+            (module, source)
+        })
+        .collect();
+    circles(&Crate::new(&sources).dependencies()).into_iter().map(|(files, _)| files).collect()
+}
+
+#[test]
+fn planted_circles_are_found() {
+    let both = vec![vec!["light/a.rs".to_string(), "light/b.rs".to_string()]];
+    let two = |a: &str, b: &str| {
+        planted_circles(&[("light/mod.rs", "pub mod a; mod b;"), ("light/a.rs", a), ("light/b.rs", b)])
+    };
+    let (def_a, def_b) = ("pub struct A;\n", "pub struct B; pub fn b() {}\n");
+    let a_to_b = [
+        "use super::b::B;",
+        "use crate::light::b::{self, B};",
+        "use super::{b::*};",
+        "use super::b; fn f() { b::b(); }",
+        "use super::b as other; fn f(x: other::B) {}",
+        "fn f() { super::b::b(); }",
+        "fn f() { use crate::light::b::b; }",
+        "fn f() -> crate::light::b::B { todo!() }",
+        "fn f() { println!(\"{}\", super::b::b()); }",
+        "mod inner { use super::super::b::B; }",
+        "macro_rules! m { () => { $crate::light::b::b() }; }",
+        "struct S { #[serde(with = \"crate::light::b\")] x: u8 } use super::b::b as _;",
+        "struct S { #[serde(default = \"super::b::b\")] x: u8 }",
+    ];
+    for text in a_to_b {
+        let a = format!("{def_a}{text}");
+        assert_eq!(two(&a, &format!("use super::a::A;\n{def_b}")), both, "{text}");
+        assert!(two(&a, def_b).is_empty(), "{text}");
+    }
+    // Three files, and files of sub-folders.
+    let three = planted_circles(&[
+        ("lib.rs", "pub mod light;"),
+        ("light/mod.rs", "mod a; mod b; mod deep;"),
+        ("light/a.rs", "use super::b::B; pub struct A;"),
+        ("light/b.rs", "use super::deep::c::C; pub struct B;"),
+        ("light/deep/mod.rs", "pub mod c;"),
+        ("light/deep/c.rs", "use super::super::a::A; pub struct C;"),
+    ]);
+    assert_eq!(three, [["light/a.rs", "light/b.rs", "light/deep/c.rs"]]);
+}
+
+#[test]
+fn planted_circles_through_a_mod_rs_are_found() {
+    let folder = |parent: &str, a: &str, b: &str| {
+        planted_circles(&[("lib.rs", "pub mod light;"), ("light/mod.rs", parent), ("light/a.rs", a), ("light/b.rs", b)])
+    };
+    let a = "use super::Shared; pub struct A; pub fn a() {}";
+    let through = [["light/a.rs", "light/mod.rs"]];
+    assert_eq!(folder("mod a; mod b; use a::A; pub struct Shared(A);", a, ""), through);
+    assert_eq!(folder("mod a; mod b; pub use self::a::A; pub struct Shared(A);", a, ""), through);
+    assert_eq!(folder("mod a; mod b; pub use a::*; pub struct Shared(A);", a, ""), through);
+    assert_eq!(folder("mod a; mod b; pub struct Shared; fn f() { a::a(); }", a, ""), through);
+    assert_eq!(folder("mod a; mod b; pub struct Shared; fn f() { vec![self::a::a()]; }", a, ""), through);
+    // A re-export stands for the file that defines the name.
+    let parent = "mod a; mod b; pub use a::A; pub use b::{B, C as Other}; pub struct Shared;";
+    assert!(folder(parent, a, "pub struct B; pub struct C;").is_empty());
+    assert!(folder(parent, "pub struct A;", "use super::A; pub struct B; pub struct C;").is_empty());
+    let children = [["light/a.rs", "light/b.rs"]];
+    assert_eq!(folder(parent, "use super::B; pub struct A;", "use super::A; pub struct B;"), children);
+    assert_eq!(
+        folder(parent, "use super::Other; pub struct A;", "use super::A; pub struct B; pub struct C;"),
+        children
+    );
+    assert_eq!(
+        folder("mod a; mod b; pub use b::*;", "pub struct A; use super::B;", "use super::a::A; pub struct B;"),
+        children
+    );
+}
+
+#[test]
+fn tests_are_no_part_of_a_circle() {
+    let light = |a: &str, rest: &[(&str, &str)]| {
+        let mut files = vec![
+            ("light/mod.rs", "mod a; mod b;"),
+            ("light/a.rs", a),
+            ("light/b.rs", "use super::a::A; pub struct B;"),
+        ];
+        files.extend(rest);
+        planted_circles(&files)
+    };
+    assert!(light("pub struct A; #[cfg(test)] mod tests { use super::super::b::B; }", &[]).is_empty());
+    assert!(light("pub struct A; #[cfg(test)] use super::b::B;", &[]).is_empty());
+    assert!(
+        light("pub struct A; #[cfg(all(test, feature = \"gpu\"))] pub(crate) fn f(_: super::b::B) {}", &[]).is_empty()
+    );
+    let beside = [("light/a/tests.rs", "use super::super::b::B; use super::A;")];
+    assert!(light("pub struct A; #[cfg(test)]\n#[path = \"a_tests.rs\"]\nmod tests;", &beside).is_empty());
+    assert_eq!(light("pub struct A; #[cfg(test)] use x::y; use super::b::B;", &[]).len(), 1);
+    assert_eq!(light("pub struct A; #[cfg(not(test))] use super::b::B;", &[]).len(), 1);
+    assert_eq!(light("pub struct A; #[cfg(test)] mod tests { } fn f() { super::b::f(); }", &[]).len(), 1);
+}
+
+#[test]
+fn a_planted_circle_in_a_folder_of_files_is_found() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::create_dir_all(folder.path().join("math")).unwrap();
+    let files = [
+        ("lib.rs", "pub mod math;\n"),
+        ("math/mod.rs", "pub mod a;\n#[path = \"beside.rs\"]\npub mod b;\n"),
+        ("math/a.rs", "pub fn a() {\n    super::b::b();\n}\n"),
+        ("math/beside.rs", "pub fn b() {\n    crate::math::a::a();\n}\n"),
+    ];
+    for (name, text) in files {
+        std::fs::write(folder.path().join(name), text).unwrap();
+    }
+    let tree = check_tree(folder.path());
+    assert!(tree.problems.is_empty());
+    let found = tree.circles();
+    assert_eq!(found.len(), 1);
+    assert_eq!(found[0].0, ["math/a.rs", "math/beside.rs"]);
+    let causes =
+        "\n  math/a.rs:2: `super::b::b` is in math/beside.rs\n  math/beside.rs:2: `crate::math::a::a` is in math/a.rs";
+    assert_eq!(found[0].1, causes);
 }

@@ -5,13 +5,6 @@ use crate::types::{Codec, ElementType, Kind, Tag};
 
 /// First bytes of every file. The last four tell a file that went through a text-mode transfer.
 pub const MAGIC: [u8; 8] = *b"\x89TLUX\r\n\x1a";
-/// Changes when a reader of the version before could misread the file.
-pub const VERSION_MAJOR: u16 = 0;
-/// Changes when sections are added that a reader of the version before can leave alone.
-pub const VERSION_MINOR: u16 = 1;
-/// Most sections in one file.
-pub const MAX_SECTIONS: usize = 1024;
-
 pub(crate) const HEADER_BYTES: usize = 32;
 pub(crate) const ENTRY_BYTES: usize = 48;
 pub(crate) const ALIGNMENT: u64 = 64;

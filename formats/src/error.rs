@@ -23,7 +23,7 @@ pub enum FormatError {
         length: u64,
     },
     /// 3: written by an incompatible version.
-    #[error("format version {major}.{minor} is not supported (this reader knows {}.x)", crate::VERSION_MAJOR)]
+    #[error("format version {major}.{minor} is not supported (this reader knows {}.x)", crate::types::VERSION_MAJOR)]
     UnsupportedVersion {
         /// Major version in the header.
         major: u16,
@@ -55,7 +55,7 @@ pub enum FormatError {
         place: &'static str,
     },
     /// 7: more sections than the format allows.
-    #[error("{count} sections; the format allows {}", crate::MAX_SECTIONS)]
+    #[error("{count} sections; the format allows {}", crate::types::MAX_SECTIONS)]
     TooManySections {
         /// Sections stated or added.
         count: u64,

@@ -7,7 +7,7 @@
 
 use crate::checks::invalid;
 use crate::error::{FormatError, Result};
-use crate::far_field::{FarField, Group, LANES, MOST_TERMS, Shape, tags};
+use crate::far_data::{FarField, Group, LANES, MOST_TERMS, Shape, tags};
 use crate::far_values::bits;
 use crate::range_coder::{Bit, Coder, Decoder, Encoder, Known, Lengths, MAGNITUDE_BITS, Mantissas, magnitude};
 use crate::types::Budget;

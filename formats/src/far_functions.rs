@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use crate::asset::{RawSection, pick};
 use crate::checks::{indices_below, invalid, same_length};
 use crate::error::Result;
-use crate::far_field::{FarField, all_functions, group_sizes, tags};
+use crate::far_data::{FarField, all_functions, group_sizes, tags};
 use crate::types::{Codec, Kind};
 
 /// The sections; none where every group has every function.

@@ -1,6 +1,6 @@
 //! The order of the far field's values in the file: function after function, because values of one function are alike.
 
-use crate::far_field::LANES;
+use crate::far_data::LANES;
 
 /// Set bits, lowest first.
 pub(crate) fn bits(mut mask: u16) -> impl Iterator<Item = usize> {

@@ -47,6 +47,7 @@ mod container;
 pub mod distant_transport;
 mod error;
 mod far_coded;
+mod far_data;
 pub mod far_field;
 mod far_functions;
 mod far_sums;
@@ -72,7 +73,7 @@ pub use asset::{AssetFile, COMMON_TAGS, RawSection};
 pub use checks::MAX_STRING_BYTES;
 pub use codec::MAX_RECORD_BYTES;
 pub use compression::ZSTD_LEVEL;
-pub use container::{MAGIC, MAX_SECTIONS, SectionInfo, VERSION_MAJOR, VERSION_MINOR};
+pub use container::{MAGIC, SectionInfo};
 pub use error::{FormatError, Result};
 pub use mesh::{CornerAttribute, Mesh};
 pub use metadata::{InputRecord, LedgerEntry, Provenance};
@@ -80,5 +81,7 @@ pub use parts::{MediumRecord, NO_MEDIUM, NO_PART, PartRecord, Parts};
 pub use reader::Reader;
 pub use samples::{Samples, WHOLE_TRIANGLE};
 pub use scan::{Scan, scan};
-pub use types::{Budget, Codec, Element, ElementType, F16Bits, Kind, Scalar, Tag};
+pub use types::{
+    Budget, Codec, Element, ElementType, F16Bits, Kind, MAX_SECTIONS, Scalar, Tag, VERSION_MAJOR, VERSION_MINOR,
+};
 pub use writer::Writer;

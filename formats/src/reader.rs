@@ -5,12 +5,9 @@ use std::collections::BTreeSet;
 
 use serde::de::DeserializeOwned;
 
-use crate::container::{
-    CHECKSUM_AT, ENTRY_BYTES, HEADER_BYTES, MAGIC, MAX_SECTIONS, SectionInfo, VERSION_MAJOR, align, field,
-    head_checksum,
-};
+use crate::container::{CHECKSUM_AT, ENTRY_BYTES, HEADER_BYTES, MAGIC, SectionInfo, align, field, head_checksum};
 use crate::error::{FormatError, Result};
-use crate::types::{Budget, Codec, Element, ElementType, Kind, Scalar, Tag};
+use crate::types::{Budget, Codec, Element, ElementType, Kind, MAX_SECTIONS, Scalar, Tag, VERSION_MAJOR};
 use crate::{codec, compression};
 
 /// A file whose header and directory are valid. Sections are checked and decoded when they are asked for, so that

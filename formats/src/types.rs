@@ -2,6 +2,14 @@
 
 use std::fmt;
 
+/// Changes when a reader of the version before could misread the file.
+pub const VERSION_MAJOR: u16 = 0;
+/// Changes when sections are added that a reader of the version before can leave alone.
+pub const VERSION_MINOR: u16 = 1;
+
+/// Most sections in one file.
+pub const MAX_SECTIONS: usize = 1024;
+
 /// Name of a section: 1 to 8 characters of `A-Z a-z 0-9 _ . -`, padded with zero bytes.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Tag([u8; 8]);

@@ -5,12 +5,9 @@ use std::io::{self, Write};
 
 use serde::Serialize;
 
-use crate::container::{
-    ALIGNMENT, CHECKSUM_AT, ENTRY_BYTES, HEADER_BYTES, MAGIC, MAX_SECTIONS, SectionInfo, VERSION_MAJOR, VERSION_MINOR,
-    align, head_checksum,
-};
+use crate::container::{ALIGNMENT, CHECKSUM_AT, ENTRY_BYTES, HEADER_BYTES, MAGIC, SectionInfo, align, head_checksum};
 use crate::error::{FormatError, Result};
-use crate::types::{Codec, Element, ElementType, Kind, Tag};
+use crate::types::{Codec, Element, ElementType, Kind, MAX_SECTIONS, Tag, VERSION_MAJOR, VERSION_MINOR};
 use crate::{codec, compression};
 
 /// Collects sections and writes the file. Sections lie in the file in the order in which they were added.

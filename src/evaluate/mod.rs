@@ -4,6 +4,7 @@ pub mod capabilities;
 #[cfg(feature = "gpu")]
 pub mod device;
 pub mod evaluator;
+pub mod exitance;
 pub mod form;
 pub(crate) mod forward;
 pub mod inter_reflection;

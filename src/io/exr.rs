@@ -14,7 +14,7 @@ use exr::prelude::{
 use glam::{DMat3, DVec2};
 
 use super::colour::Chromaticities;
-use super::environment::{LinearImage, MAX_DECODED_BYTES, check_size, convert, read_capped};
+use super::picture::{LinearImage, MAX_DECODED_BYTES, check_size, convert, read_capped};
 use crate::error::{Error, Result};
 
 /// The first bytes of every OpenEXR file.

@@ -6,7 +6,7 @@
 use glam::{DMat3, DVec2, DVec3};
 
 use super::colour::Chromaticities;
-use super::environment::{LinearImage, check_size, convert};
+use super::picture::{LinearImage, check_size, convert};
 use crate::error::{Error, Result};
 
 /// Header bytes beyond this are not a header.

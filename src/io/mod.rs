@@ -8,6 +8,7 @@ pub mod exr_write;
 pub mod gltf;
 pub mod hdr;
 pub mod obj;
+mod picture;
 pub mod ply;
 pub mod png;
 pub mod polygon;

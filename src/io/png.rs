@@ -7,7 +7,7 @@ use image::codecs::png::{CompressionType, FilterType, PngDecoder, PngEncoder};
 use image::{DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, Limits};
 
 use super::colour::{linear_from_srgb, srgb_from_linear};
-use super::environment::{MAX_DECODED_BYTES, check_size, read_capped};
+use super::picture::{MAX_DECODED_BYTES, check_size, read_capped};
 use crate::error::{Error, Result};
 
 /// A PNG picture as linear sRGB.

@@ -14,16 +14,13 @@
 //!   place of 1.5 to 2.1 %; 32 x 32: 0.2 to 0.5 %; unoccluded, normals up to grazing).
 //! - The maps are in world axes, as rows are. A turned rectangle is another field.
 
-use std::ops::RangeInclusive;
-
 use glam::DVec3;
 use rayon::prelude::*;
 
+pub use super::validate::POINTS;
+
 use super::rectangle_map::{RectangleMaps, Seen, UnitRectangle};
 use crate::error::{Error, Result};
-
-/// Steps along an edge of the square grid of points on the hemisphere; it has one point more.
-pub const POINTS: RangeInclusive<u16> = 4..=64;
 
 /// Share of the sum of the squares of a map's coefficients that is dropped, the smallest first.
 const DROPPED: f64 = 1e-4;

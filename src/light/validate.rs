@@ -1,9 +1,13 @@
 //! What the numbers of a light must satisfy; shared by the constructors and the text form.
 
+use std::ops::RangeInclusive;
+
 use glam::DVec3;
 
-use super::source_field::POINTS;
 use crate::error::{Error, Result};
+
+/// Steps along an edge of the square grid of points on the hemisphere; it has one point more.
+pub const POINTS: RangeInclusive<u16> = 4..=64;
 
 /// Squared lengths this close to 1 are left alone, so that normalising twice gives the same bits as once.
 const UNIT_TOLERANCE: f64 = 4.0 * f64::EPSILON;

@@ -1,13 +1,10 @@
 //! Optical properties with their units, the measured materials, and the ways to name or write down a material.
 
-use std::path::Path;
-
 use glam::DVec3;
 use serde::Serialize;
 
 use super::dipole::Dipole;
 use super::fresnel::{BoundaryFit, PUBLISHED_FIT_RANGE, boundary_a};
-use super::material_file;
 use super::profile::Profile;
 use crate::error::{Error, Result};
 
@@ -274,58 +271,6 @@ impl Overrides {
 
 fn missing(what: &str, symbol: &str) -> Error {
     Error::input(format!("the {what} coefficient {symbol} is missing; give it in 1/mm, or start from a preset"))
-}
-
-impl Material {
-    /// The material that `--material` names: a preset, or a path that ends in `.toml` (see [`Material::from_file`]).
-    ///
-    /// # Errors
-    /// Command line when there is no such preset (with the names that come near); else those of [`Material::from_file`].
-    pub fn from_argument(argument: &str) -> Result<Self> {
-        let path = Path::new(argument);
-        if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml")) {
-            return Self::from_file(path);
-        }
-        preset(argument).map(Preset::material).ok_or_else(|| Error::command_line(unknown_preset(argument)))
-    }
-
-    /// Reads a material file (TOML); keys in [`Material::from_toml`]. The name defaults to the file's.
-    ///
-    /// # Errors
-    /// I/O when it cannot be read; invalid input, with path, line and column, for what it says.
-    pub fn from_file(path: &Path) -> Result<Self> {
-        let text = material_file::read(path)?;
-        let stem = path.file_stem().map_or_else(|| "custom".into(), |stem| stem.to_string_lossy().into_owned());
-        material_file::parse(&text, &path.display().to_string(), &stem)
-    }
-
-    /// A material from the text of a material file; `place` stands before the line in errors.
-    ///
-    /// Keys: `name`; `preset` (start from it); `sigma_s_reduced_per_mm` or `sigma_s_per_mm` (unreduced, with `g`);
-    /// `sigma_a_per_mm`; `g` (0); `eta` (1.3). Coefficients are one number or three (RGB), in 1/mm.
-    ///
-    /// # Errors
-    /// Invalid input, with line and column, for unknown keys and for values that are missing, contradictory or not valid.
-    pub fn from_toml(text: &str, place: &str) -> Result<Self> {
-        material_file::parse(text, place, "custom")
-    }
-
-    /// The material of `--material`, if given, changed by `--sigma-s` (unreduced), `--sigma-a`, `--g` and `--eta`.
-    /// Its name gets a `*` when anything of a base was changed.
-    ///
-    /// # Errors
-    /// Command line when the result is incomplete or not valid.
-    pub fn from_flags(base: Option<Self>, overrides: &Overrides) -> Result<Self> {
-        let properties = overrides
-            .apply(base.as_ref().map(|material| &material.properties))
-            .map_err(|error| Error::command_line(error.message()))?;
-        let name = match base {
-            None => "custom".to_owned(),
-            Some(material) if material.properties == properties => material.name,
-            Some(material) => format!("{}*", material.name),
-        };
-        Ok(Self { name, properties })
-    }
 }
 
 /// What to say about a name that no preset has: the near ones, else all.

@@ -12,6 +12,58 @@ use toml::Spanned;
 use super::material::{Material, OpticalProperties, Overrides, Preset, preset, unknown_preset};
 use crate::error::{Error, Result};
 
+impl Material {
+    /// The material that `--material` names: a preset, or a path that ends in `.toml` (see [`Material::from_file`]).
+    ///
+    /// # Errors
+    /// Command line when there is no such preset (with the names that come near); else those of [`Material::from_file`].
+    pub fn from_argument(argument: &str) -> Result<Self> {
+        let path = Path::new(argument);
+        if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml")) {
+            return Self::from_file(path);
+        }
+        preset(argument).map(Preset::material).ok_or_else(|| Error::command_line(unknown_preset(argument)))
+    }
+
+    /// Reads a material file (TOML); keys in [`Material::from_toml`]. The name defaults to the file's.
+    ///
+    /// # Errors
+    /// I/O when it cannot be read; invalid input, with path, line and column, for what it says.
+    pub fn from_file(path: &Path) -> Result<Self> {
+        let text = read(path)?;
+        let stem = path.file_stem().map_or_else(|| "custom".into(), |stem| stem.to_string_lossy().into_owned());
+        parse(&text, &path.display().to_string(), &stem)
+    }
+
+    /// A material from the text of a material file; `place` stands before the line in errors.
+    ///
+    /// Keys: `name`; `preset` (start from it); `sigma_s_reduced_per_mm` or `sigma_s_per_mm` (unreduced, with `g`);
+    /// `sigma_a_per_mm`; `g` (0); `eta` (1.3). Coefficients are one number or three (RGB), in 1/mm.
+    ///
+    /// # Errors
+    /// Invalid input, with line and column, for unknown keys and for values that are missing, contradictory or not valid.
+    pub fn from_toml(text: &str, place: &str) -> Result<Self> {
+        parse(text, place, "custom")
+    }
+
+    /// The material of `--material`, if given, changed by `--sigma-s` (unreduced), `--sigma-a`, `--g` and `--eta`.
+    /// Its name gets a `*` when anything of a base was changed.
+    ///
+    /// # Errors
+    /// Command line when the result is incomplete or not valid.
+    pub fn from_flags(base: Option<Self>, overrides: &Overrides) -> Result<Self> {
+        let properties = overrides
+            .apply(base.as_ref().map(|material| &material.properties))
+            .map_err(|error| Error::command_line(error.message()))?;
+        let name = match base {
+            None => "custom".to_owned(),
+            Some(material) if material.properties == properties => material.name,
+            Some(material) => format!("{}*", material.name),
+        };
+        Ok(Self { name, properties })
+    }
+}
+
 /// Longest material file; a path given by mistake must not fill the memory.
 const LARGEST_FILE_BYTES: u64 = 1 << 20;
 

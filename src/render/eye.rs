@@ -5,13 +5,14 @@ use rayon::prelude::*;
 
 use super::background::Backdrop;
 use super::exit::ExitRadiance;
-use super::frame::{EMPTY, Pixel, RenderSettings, Specular};
 use super::glossy_lights::{GlossyLights, Place, ShadowRays};
 use super::normals::ShadingNormals;
 use super::pixel_samples::{PixelSamples, Stream};
+use super::settings::{EMPTY, Pixel, RenderSettings, Specular};
 use super::single::{Exitance, EyeRay, SingleRadiance, Spot};
 use super::specular::Ggx;
 use super::texture::Texture;
+use crate::evaluate::exitance::{Exitance as _, Interpolated};
 use crate::geometry::bvh::{Bvh, Hit, Ray};
 use crate::light::Light;
 use crate::scene::Scene;
@@ -104,7 +105,7 @@ struct Boundary {
 pub(super) struct Renderer<'a> {
     scene: &'a Scene,
     bvh: &'a Bvh,
-    radiosity: &'a [DVec3],
+    exitance: Interpolated<'a>,
     single: SingleRadiance<'a>,
     texture: Option<&'a Texture>,
     settings: &'a RenderSettings,
@@ -158,7 +159,7 @@ impl<'a> Renderer<'a> {
         Self {
             scene,
             bvh,
-            radiosity: exitance.radiosity,
+            exitance: Interpolated::new(&scene.mesh.triangles, exitance.radiosity),
             single: SingleRadiance::new(scene, exitance.single),
             texture: exitance.texture,
             settings,
@@ -338,7 +339,7 @@ impl<'a> Renderer<'a> {
         if let Some(boundary) = boundary.filter(|_| cos_geometric > 0.0) {
             let least = LEAST_COSINE_SHARE * cos_geometric;
             let cosine = (-normal.dot(direction)).max(least);
-            let radiosity = blend(vertices.map(|v| self.radiosity[v as usize]));
+            let radiosity = self.exitance.at(hit.triangle, weights);
             seen.radiance = radiosity * boundary.exit.per_radiosity(cosine);
             let to_eye = -direction;
             let normal = facing(normal, to_eye, least).unwrap_or(geometric);

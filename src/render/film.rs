@@ -256,7 +256,7 @@ mod tests {
     use super::*;
     use crate::io::exr::decode_planes;
     use crate::io::png::decode_png;
-    use crate::render::frame::EMPTY;
+    use crate::render::settings::EMPTY;
 
     fn frame(width: usize, pixels: Vec<Pixel>) -> Frame {
         let resolution = Resolution::new(width, pixels.len() / width).unwrap();

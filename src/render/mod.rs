@@ -11,6 +11,7 @@ mod glossy_lights;
 mod glossy_map;
 pub mod normals;
 mod pixel_samples;
+mod settings;
 pub mod single;
 pub mod specular;
 pub mod texture;

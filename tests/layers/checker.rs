@@ -53,7 +53,7 @@ pub(crate) enum Rule {
     Concrete,
     /// Something that hides paths from this test.
     Hidden,
-    /// `lib.rs` holds anything but the layers in their order.
+    /// `lib.rs` holds anything but the layers in their order and re-exports.
     Order,
 }
 
@@ -77,7 +77,7 @@ impl fmt::Display for Violation {
             Rule::RunTime => "the run time imports neither `io` nor a `bake`: the asset is all it has",
             Rule::Concrete => "pictures are made through `dyn Evaluator`, whatever the method",
             Rule::Hidden => "this test cannot read through it",
-            Rule::Order => "src/lib.rs holds one `pub mod` for each layer, bottom to top, and nothing else",
+            Rule::Order => "src/lib.rs holds one `pub mod` for each layer, bottom to top, `pub use`, and nothing else",
         };
         write!(f, "src/{file}:{line}: from `{from}` to `{to}`: {why}")
     }
@@ -216,7 +216,7 @@ impl Checker<'_> {
             None if self.file == "main.rs" && !ENTRY.contains(&to.as_str()) => self.found(at, Rule::Upward, &shown),
             _ => {}
         }
-        if reach == Reach::Public && !own {
+        if reach == Reach::Public && !own && self.file != "lib.rs" {
             self.found(at, Rule::ReExport, &shown);
         }
         if matches!(from.as_deref(), Some("render" | "relight")) && to == "methods" {
@@ -379,6 +379,8 @@ impl Checker<'_> {
                         Some(_) => above = place,
                     }
                 }
+                // The facade: the only place that re-exports what a layer owns.
+                syn::Item::Use(u) if matches!(u.vis, syn::Visibility::Public(_)) => {}
                 _ => self.found(at, Rule::Order, "another item"),
             }
         }

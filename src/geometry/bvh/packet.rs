@@ -4,8 +4,8 @@
 //! each ray look at the box, then at the triangles, on its own. Boxes decide nothing but effort (see the parent module),
 //! so the answers are those of single rays.
 
-use super::Hit;
 use super::build::{Children, LEAF, Node, Tree, WIDTH};
+use super::hit::Hit;
 use super::lanes::{Lanes, Path, Portable, Slot};
 use super::ray::{Query, Ray};
 use super::traverse::{self, Except, Nearest, SMALL_STACK};

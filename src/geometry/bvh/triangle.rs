@@ -1,7 +1,7 @@
 //! The one definition of a hit (Woop, Benthin, Wald 2013), exact on sheared vertices.
 
-use super::Hit;
 use super::build::{Block, WIDTH};
+use super::hit::Hit;
 use super::lanes::Lanes;
 use super::ray::Query;
 

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::{MeanFreePath, PartCheck, THICKNESS_SAMPLES, THIN_MEAN_FREE_PATHS};
+use super::part::{MeanFreePath, PartCheck, THICKNESS_SAMPLES, THIN_MEAN_FREE_PATHS};
 use crate::geometry::mesh::{Mesh, simple_chains};
 use crate::geometry::parts::{Analysis, ComponentTree, Parts, Role, is_slit};
 use crate::math::random::uniform;
@@ -135,7 +135,7 @@ pub(super) fn parts(mesh: &Mesh, parts: &Parts, paths: &[MeanFreePath]) -> Vec<P
             }
         }
     }
-    let one = |(part, (mut ways, long)): (&super::Part, (Vec<f32>, f64))| {
+    let one = |(part, (mut ways, long)): (&crate::geometry::parts::Part, (Vec<f32>, f64))| {
         let mean_thickness_mm = part.volume_mm3.filter(|_| part.area_mm2 > 0.0).map(|v| 2.0 * v.abs() / part.area_mm2);
         let enough = ways.len() >= FEW_SAMPLES;
         let at = |ways: &mut [f32], p| Some(f64::from(percentile(ways, p))).filter(|t| enough && t.is_finite());

@@ -1,48 +1,17 @@
 //! The mesh check: what a mesh is, what is wrong with it, and whether it is fine enough for its material.
 
 mod measure;
+mod part;
 
 use serde::Serialize;
 
 use super::mesh::{Mesh, RepairReport};
-use super::parts::{Analysis, Closure, Part, Role};
+use super::parts::{Analysis, Closure, Role};
 
-/// A part is thin where a straight way inwards leaves it within this many mean free paths: diffusion, which assumes
-/// many scattering events between two surfaces, is inaccurate there.
-pub const THIN_MEAN_FREE_PATHS: f64 = 3.0;
-
-/// Inward rays that measure thickness, spread over the translucent area of the whole mesh.
-pub const THICKNESS_SAMPLES: usize = 2048;
+pub use self::part::{MeanFreePath, PartCheck, THICKNESS_SAMPLES, THIN_MEAN_FREE_PATHS};
 
 /// Share of a part's area above which thin regions and long edges are worth a warning.
 const WARNING_SHARE: f64 = 0.05;
-
-/// Mean free paths 1/sigma_t' of one medium over its colour channels.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MeanFreePath {
-    /// Of the densest channel, in mm: what triangles must resolve.
-    pub shortest_mm: f64,
-    /// Of the clearest channel, in mm: what thickness must exceed.
-    pub longest_mm: f64,
-}
-
-/// Measurements of one part.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct PartCheck {
-    /// The part itself.
-    #[serde(flatten)]
-    pub part: Part,
-    /// Thickness of a sheet of the same area and volume, 2 V / A, in mm; none for open parts.
-    pub mean_thickness_mm: Option<f64>,
-    /// 5th and 50th percentile over the area of the way straight inwards to the next back face of the part, in mm;
-    /// none where so many of the rays find no way out, and for parts with fewer than 16 of the samples.
-    pub thickness_mm: [Option<f64>; 2],
-    /// Share of the area where that way is below [`THIN_MEAN_FREE_PATHS`]; none without a mean free path. Parts with
-    /// fewer than 16 samples are judged by their mean thickness.
-    pub thin_area_share: Option<f64>,
-    /// Share of the area in triangles with an edge longer than the shortest mean free path; none without one.
-    pub long_edge_area_share: Option<f64>,
-}
 
 /// What the mesh check found.
 #[derive(Clone, Debug, PartialEq, Serialize)]

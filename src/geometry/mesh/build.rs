@@ -3,16 +3,12 @@
 use glam::{DVec3, Vec3};
 use serde::Serialize;
 
-use super::scale::used_bounds;
+use super::scale::{MAX_DIAGONAL_MM, MIN_DIAGONAL_MM, used_bounds};
 use super::{Mesh, POSITION_RESOLUTION, Placement};
 use crate::error::{Error, Result};
 use crate::geometry::source::{CornerAttribute, SourceModel};
 use crate::math::random::mix;
 
-/// Smallest bounding-box diagonal in mm; below it, areas of single triangles leave single precision.
-pub(super) const MIN_DIAGONAL_MM: f64 = 1e-6;
-/// Largest bounding-box diagonal in mm; above it, squared distances come near the end of single precision.
-pub(super) const MAX_DIAGONAL_MM: f64 = 1e9;
 /// Indices of half-edges must fit 32 bits.
 const MAX_TRIANGLES: usize = 1 << 30;
 

@@ -3,9 +3,14 @@
 use glam::DVec3;
 
 use super::Mesh;
-use super::build::{MAX_DIAGONAL_MM, MIN_DIAGONAL_MM};
 use crate::error::{Error, Result};
 use crate::geometry::source::SourceModel;
+
+/// Smallest bounding-box diagonal in mm; below it, areas of single triangles leave single precision.
+pub(super) const MIN_DIAGONAL_MM: f64 = 1e-6;
+
+/// Largest bounding-box diagonal in mm; above it, squared distances come near the end of single precision.
+pub(super) const MAX_DIAGONAL_MM: f64 = 1e9;
 
 /// The axis of the source that points up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -2,9 +2,9 @@
 
 use glam::DVec3;
 
+use super::roles::{MaterialRoles, Role};
 use super::touch::{Corners, Crossing, crossing};
 use super::tree::{Aabb, BoxTree};
-use super::{MaterialRoles, Role};
 use crate::geometry::mesh::{Chain, EdgeTable, Mesh, POSITION_RESOLUTION, RepairReport, simple_chains};
 
 /// Whether a surface bounds a volume.

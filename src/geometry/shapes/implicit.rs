@@ -3,8 +3,18 @@
 use glam::{DVec3, IVec3};
 use rayon::prelude::*;
 
-use super::model;
 use crate::geometry::source::SourceModel;
+
+/// A model of one material.
+pub(in crate::geometry) fn model(positions: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> SourceModel {
+    SourceModel {
+        triangle_material: vec![0; triangles.len()],
+        positions,
+        triangles,
+        materials: vec!["default".to_string()],
+        ..SourceModel::default()
+    }
+}
 
 /// Grid that an implicit function is sampled on.
 pub(super) struct Grid {

@@ -14,17 +14,7 @@ use glam::{DVec2, DVec3};
 use super::source::SourceModel;
 
 pub use demo::{demo_model, elephant};
-
-/// A model of one material.
-pub(super) fn model(positions: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> SourceModel {
-    SourceModel {
-        triangle_material: vec![0; triangles.len()],
-        positions,
-        triangles,
-        materials: vec!["default".to_string()],
-        ..SourceModel::default()
-    }
-}
+pub(super) use implicit::model;
 
 /// Cosine and sine of a share of a full turn, by Taylor series within an eighth of a turn (error below 1e-15).
 pub fn cos_sin_of_turn(turns: f64) -> DVec2 {

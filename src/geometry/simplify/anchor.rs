@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::complex::{Complex, NONE};
 use super::groups::PartSets;
-use super::{Collapse, Input};
+use super::input::{Collapse, Input};
 use crate::geometry::nearest::closest_weights;
 
 /// Faces away from where the search started before it ends.

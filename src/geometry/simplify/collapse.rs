@@ -8,10 +8,35 @@ use glam::DVec3;
 use super::anchor::{FullMesh, Level, vertex_normals};
 use super::complex::{Complex, NONE, others};
 use super::groups::{Components, PartSets};
+use super::input::{Collapse, Costs, Input};
 use super::quadric::Quadric;
-use super::{Collapse, Costs, Hierarchy, Input};
 use crate::geometry::nearest::closest_weights;
 use crate::progress::Progress;
+
+/// A sequence of collapses, cut into nested levels.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Hierarchy {
+    /// The collapses in order, all levels together.
+    pub collapses: Vec<Collapse>,
+    /// From fine to coarse: the references of each level are among those of the one before, and are predicted from it.
+    pub levels: Vec<Level>,
+}
+
+impl Hierarchy {
+    /// Simplifies to each of `levels` vertices in turn, which should fall.
+    ///
+    /// A level keeps more vertices than asked where the mesh has more components (at least one vertex of each stays),
+    /// and none where it has no triangle. Vertices without a triangle are never references and have no place.
+    pub fn new(input: &Input, costs: &Costs, levels: &[usize], progress: &dyn Progress) -> Self {
+        run(input, costs, &[], levels, progress)
+    }
+
+    /// Simplifies to the given references alone, by geometry: what a reader who knows the mesh and the references can
+    /// do again. A component that holds no reference keeps one vertex, which becomes a reference too.
+    pub fn keeping(input: &Input, references: &[u32], progress: &dyn Progress) -> Self {
+        run(input, &Costs::default(), references, &[0], progress)
+    }
+}
 
 /// Cosine of the largest turn of a triangle's normal in one collapse.
 const LEAST_COSINE: f64 = 0.2;

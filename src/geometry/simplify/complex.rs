@@ -3,7 +3,7 @@
 //! A triangle that loses a corner lives on as an edge where nothing else joins its two corners, so a component stays
 //! in one piece down to its last vertex.
 
-use super::Input;
+use super::input::Input;
 
 /// No vertex, no corner.
 pub(super) const NONE: u32 = u32::MAX;

@@ -2,8 +2,8 @@
 
 use std::collections::HashMap;
 
-use super::Input;
 use super::complex::{Complex, NONE};
+use super::input::Input;
 
 /// Sets of parts, one for each vertex; vertices of the same set share it.
 pub(super) struct PartSets {

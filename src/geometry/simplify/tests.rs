@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 use super::*;
 use crate::geometry::mesh::{Mesh, Scale, resolve_scale};

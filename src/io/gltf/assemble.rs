@@ -9,9 +9,12 @@ use super::accessor::Accessors;
 use super::document::{material_name, mesh_label, node_label};
 use super::nodes::Placement;
 use super::primitive::{Decoded, Plan};
-use super::{MAX_ELEMENTS, Warnings};
+use super::warnings::Warnings;
 use crate::error::{Error, Result};
 use crate::geometry::source::{CornerAttribute, SourceModel};
+
+/// Most vertices, and most triangles, of a model with every instance counted.
+pub const MAX_ELEMENTS: usize = 1 << 26;
 
 /// A determinant this small against the product of the axes' lengths means that they lie in a plane.
 const SINGULAR: f64 = 1e-12;

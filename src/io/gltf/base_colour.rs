@@ -9,9 +9,10 @@ use gltf::json::{Material, Root};
 
 use super::buffers::{Buffers, confined_path, decode_data_uri};
 use super::document::material_name;
-use super::{Warnings, container, document};
+use super::warnings::Warnings;
+use super::{container, document};
 use crate::error::{Error, Result};
-use crate::io::environment::read_capped;
+use crate::io::picture::read_capped;
 use crate::io::png::{PngImage, decode_png};
 
 const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";

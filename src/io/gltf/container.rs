@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::Warnings;
+use super::warnings::Warnings;
 use crate::error::{Error, Result};
 
 const MAGIC: &[u8; 4] = b"glTF";

@@ -2,7 +2,7 @@
 
 use gltf::json::Root;
 
-use super::Warnings;
+use super::warnings::Warnings;
 use crate::error::{Error, Result};
 
 /// Integer vertex attributes.

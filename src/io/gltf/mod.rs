@@ -19,17 +19,16 @@ mod nodes;
 mod primitive;
 #[cfg(test)]
 mod tests;
+mod warnings;
 
 use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
 use crate::geometry::source::SourceModel;
 
-/// Most vertices, and most triangles, of a model with every instance counted.
-pub const MAX_ELEMENTS: usize = 1 << 26;
-
-/// Most placements of meshes by nodes and their instances together.
-pub const MAX_INSTANCES: usize = 1 << 20;
+pub use self::assemble::MAX_ELEMENTS;
+pub use self::nodes::MAX_INSTANCES;
+use self::warnings::Warnings;
 
 /// Reads a glTF 2.0 file (`.gltf` or `.glb`) in metres.
 ///
@@ -78,53 +77,4 @@ fn read_bytes(bytes: &[u8], path: &Path) -> Result<SourceModel> {
     let data = accessor::Accessors::new(&root, buffers::Buffers::new(&root, container.binary, folder));
     let placements = nodes::placements(&root, &data, &mut warnings)?;
     assemble::assemble(&root, &data, &placements, warnings)
-}
-
-/// What the user should know, each kind told once: its first place, how many more, and how many things it concerns.
-#[derive(Default)]
-struct Warnings {
-    kinds: Vec<Warning>,
-}
-
-struct Warning {
-    message: String,
-    place: Option<String>,
-    places: usize,
-    items: usize,
-}
-
-impl Warnings {
-    fn add(&mut self, message: impl Into<String>) {
-        self.kinds.push(Warning { message: message.into(), place: None, places: 0, items: 0 });
-    }
-
-    fn add_at(&mut self, place: &str, message: &str) {
-        self.add_items(place, 0, message);
-    }
-
-    /// `message` reads on from a number, which is the sum of `items` over all places.
-    fn add_items(&mut self, place: &str, items: usize, message: &str) {
-        if let Some(known) = self.kinds.iter_mut().find(|known| known.place.is_some() && known.message == message) {
-            known.places += 1;
-            known.items += items;
-        } else {
-            self.kinds.push(Warning { message: message.to_owned(), place: Some(place.to_owned()), places: 1, items });
-        }
-    }
-
-    fn into_lines(self) -> Vec<String> {
-        self.kinds.into_iter().map(Warning::into_line).collect()
-    }
-}
-
-impl Warning {
-    fn into_line(self) -> String {
-        let Self { message, place, places, items } = self;
-        let message = if items > 0 { format!("{items} {message}") } else { message };
-        match (place, places) {
-            (None, _) => message,
-            (Some(place), 1) => format!("{place}: {message}"),
-            (Some(place), _) => format!("{place} and {} more: {message}", places - 1),
-        }
-    }
 }

@@ -7,8 +7,11 @@ use gltf::json::{Index, Root};
 use super::accessor::{Accessors, Role};
 use super::document::node_label;
 use super::extensions::INSTANCING;
-use super::{MAX_INSTANCES, Warnings};
+use super::warnings::Warnings;
 use crate::error::{Error, Result};
+
+/// Most placements of meshes by nodes and their instances together.
+pub const MAX_INSTANCES: usize = 1 << 20;
 
 /// Largest distance of a rotation's length from 1 that rounding explains.
 const UNIT_TOLERANCE: f64 = 1e-3;

@@ -4,9 +4,9 @@ use glam::{Vec2, Vec3};
 use gltf::json::mesh::{Mode, Primitive, Semantic};
 use gltf::json::validation::Checked;
 
-use super::Warnings;
 use super::accessor::{Accessors, Elements, Role};
 use super::extensions::{self, DRACO};
+use super::warnings::Warnings;
 use crate::error::{Error, Result};
 
 /// Largest distance of a normal's length from 1 that rounding to 8 bits explains.

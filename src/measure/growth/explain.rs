@@ -1,6 +1,6 @@
 //! Why a cost grows faster than size, where the reason is known.
 
-use super::{Axis, Quantity};
+use super::axis::{Axis, Quantity};
 
 /// The reason of a finding, if there is a known one; `fixed_samples` are those of every bake, where they do not follow the
 /// surface.

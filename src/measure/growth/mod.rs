@@ -1,6 +1,7 @@
 //! How cost grows: bake time, memory, bytes and relight time against vertices, samples and the size of the object over the
 //! mean free path, with fitted exponents.
 
+mod axis;
 pub mod draw;
 pub mod explain;
 pub mod fit;
@@ -11,6 +12,7 @@ pub mod table;
 
 use serde::{Deserialize, Serialize};
 
+pub use self::axis::{Axis, Quantity};
 use self::fit::{PowerLaw, end_slope, power_law};
 use super::chart::Machine;
 use crate::math::statistics::Quantiles;
@@ -23,68 +25,6 @@ pub const FASTER_THAN_SIZE: f64 = 1.1;
 
 /// As [`FASTER_THAN_SIZE`] for the two largest points alone, which are noisier than a fit.
 pub const FASTER_AT_THE_END: f64 = 1.25;
-
-/// What is varied; everything else is fixed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Axis {
-    /// Vertices of the surface.
-    Vertices,
-    /// Surface samples.
-    Samples,
-    /// Diagonal of the bounding box over the shortest mean free path.
-    Ratio,
-}
-
-impl Axis {
-    /// In the order of the page.
-    pub const ALL: [Self; 3] = [Self::Vertices, Self::Samples, Self::Ratio];
-
-    /// In files and tables.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Vertices => "vertices",
-            Self::Samples => "samples",
-            Self::Ratio => "ratio",
-        }
-    }
-
-    /// Beside the axis of a chart.
-    pub fn title(self) -> &'static str {
-        match self {
-            Self::Vertices => "vertices",
-            Self::Samples => "surface samples",
-            Self::Ratio => "size of the object in mean free paths",
-        }
-    }
-
-    /// What a size counts, after the number.
-    pub fn unit(self) -> &'static str {
-        match self {
-            Self::Vertices => "vertices",
-            Self::Samples => "samples",
-            Self::Ratio => "mean free paths across",
-        }
-    }
-}
-
-/// A measured cost.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Quantity {
-    /// The whole bake, s.
-    BakeSeconds,
-    /// Most memory of the bake, bytes.
-    PeakMemoryBytes,
-    /// Sections on disk but the mesh's and the environment's.
-    Bytes,
-    /// The environment's sections on disk.
-    EnvironmentBytes,
-    /// The opened method's data in memory.
-    ResidentBytes,
-    /// From a new light to new radiosity, ms.
-    RelightMs,
-}
 
 impl Quantity {
     /// In the order of the page.

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::HenyeyGreenstein;
+use super::henyey_greenstein::HenyeyGreenstein;
 use crate::error::{Error, Result};
 use crate::math::cube_map::{FACES, FRAMES, centre, direction, position_of, solid_angles_sr, texel_of};
 use crate::math::eigen::symmetric_eigen;

@@ -1,29 +1,19 @@
 //! The panel beside the picture, and what is written over it.
 
+mod asked;
 mod material;
 
 use egui::{Align2, Color32, RichText, ScrollArea, Slider, Ui};
 
+pub(super) use self::asked::Asked;
+use self::asked::BAD;
 use super::desk::Desk;
 use crate::light::Light;
-use crate::medium::profiles::model::ProfileModel;
 use crate::relight::lights::{LightEntry, MAX_STOPS};
 use crate::relight::raster::view::{ERROR_COLOURS, Look};
 
 /// Width in points that suits a window of 640 points as well.
 const WIDTH: f32 = 250.0;
-const BAD: Color32 = Color32::from_rgb(240, 120, 100);
-
-/// What a person asked for in this frame.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Asked {
-    pub(super) save_png: bool,
-    pub(super) save_render: bool,
-    pub(super) measure_error: bool,
-    /// In place of the one in force.
-    pub(super) profile: Option<ProfileModel>,
-}
-
 /// Figures that the window shows.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Figures {

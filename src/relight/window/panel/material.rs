@@ -3,7 +3,7 @@
 use egui::{Color32, ComboBox, DragValue, Slider, SliderClamping, Ui};
 use glam::DVec3;
 
-use super::{Asked, BAD};
+use super::asked::{Asked, BAD};
 use crate::evaluate::MaterialEdit;
 use crate::medium::inversion::{Radius, Target, follows_medium};
 use crate::medium::material::{ETA_RANGE, OpticalProperties, PRESETS};

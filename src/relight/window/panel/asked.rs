@@ -1,0 +1,17 @@
+//! Requests of the panel to the window.
+
+use egui::Color32;
+
+use crate::medium::profiles::model::ProfileModel;
+
+pub(super) const BAD: Color32 = Color32::from_rgb(240, 120, 100);
+
+/// What a person asked for in this frame.
+#[derive(Clone, Debug, Default)]
+pub(in crate::relight::window) struct Asked {
+    pub(in crate::relight::window) save_png: bool,
+    pub(in crate::relight::window) save_render: bool,
+    pub(in crate::relight::window) measure_error: bool,
+    /// In place of the one in force.
+    pub(in crate::relight::window) profile: Option<ProfileModel>,
+}

@@ -1,0 +1,112 @@
+//! Settings of a picture, and the values of its pixels.
+
+use super::background::Background;
+use super::camera::{Camera, Resolution};
+use super::exit::ExitFresnel;
+use super::specular::Roughness;
+
+/// Eye rays through a pixel where none are asked for.
+pub const DEFAULT_SAMPLES_PER_PIXEL: u32 = 16;
+
+/// Most eye rays through a pixel.
+pub const MAX_SAMPLES_PER_PIXEL: u32 = 1 << 14;
+
+/// Specular reflection of the lights by translucent parts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Specular {
+    /// None.
+    Off,
+    /// A rough dielectric boundary with the index of refraction of the medium (see [`super::specular`]).
+    Rough(Roughness),
+}
+
+impl Specular {
+    /// Of the boundary, if it reflects.
+    pub fn roughness(self) -> Option<Roughness> {
+        match self {
+            Self::Off => None,
+            Self::Rough(roughness) => Some(roughness),
+        }
+    }
+}
+
+impl Default for Specular {
+    fn default() -> Self {
+        Self::Rough(Roughness::default())
+    }
+}
+
+/// What to render beside the scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RenderSettings {
+    /// The eye.
+    pub camera: Camera,
+    /// Size of the picture.
+    pub resolution: Resolution,
+    /// Eye rays through a pixel: stratified over the pixel's square, all with the same weight (a box filter).
+    pub samples_per_pixel: u32,
+    /// How the exit Fresnel factor is normalised.
+    pub exit_fresnel: ExitFresnel,
+    /// What is seen beside the object.
+    pub background: Background,
+    /// What the boundary reflects.
+    pub specular: Specular,
+    /// The radiance that will be white where the picture is shown: what single eye rays have above it goes into
+    /// [`Pixel::glare`]. Infinite where that is not known.
+    pub white: f64,
+}
+
+impl RenderSettings {
+    /// The defaults for a camera and a size.
+    pub fn new(camera: Camera, resolution: Resolution) -> Self {
+        Self {
+            camera,
+            resolution,
+            samples_per_pixel: DEFAULT_SAMPLES_PER_PIXEL,
+            exit_fresnel: ExitFresnel::default(),
+            background: Background::default(),
+            specular: Specular::default(),
+            white: f64::INFINITY,
+        }
+    }
+}
+
+/// One pixel: means over its eye rays. Colours are linear sRGB radiance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pixel {
+    /// Diffuse, singly scattered and specular radiance where the object is, the background elsewhere.
+    pub beauty: [f32; 3],
+    /// Diffuse radiance, 0 beside the object: multiplied by the coverage, as OpenEXR has it.
+    pub diffuse: [f32; 3],
+    /// Singly scattered radiance, likewise.
+    pub single: [f32; 3],
+    /// Specular radiance, likewise.
+    pub specular: [f32; 3],
+    /// What the texture multiplied the diffuse and the singly scattered radiance by, likewise; 0 without a texture.
+    pub albedo: [f32; 3],
+    /// The mean of what the specular radiance, or the background, of single eye rays has above white. A highlight thinner
+    /// than a pixel may be so bright that all pixels it touches are white: without the glare, its edges are smooth.
+    pub glare: [f32; 3],
+    /// Unit mean of the shading normals in world axes; 0 where nothing is hit.
+    pub normal: [f32; 3],
+    /// Mean distance of what is hit along the viewing axis, in mm; infinite where nothing is hit.
+    pub depth_mm: f32,
+    /// Share of the eye rays that hit the object.
+    pub coverage: f32,
+    /// The part that most eye rays hit, of equal ones the first, counted from 1; 0 where nothing is hit.
+    pub part: u32,
+}
+
+/// Nothing.
+pub(super) const EMPTY: Pixel = Pixel {
+    beauty: [0.0; 3],
+    diffuse: [0.0; 3],
+    single: [0.0; 3],
+    specular: [0.0; 3],
+    albedo: [0.0; 3],
+    glare: [0.0; 3],
+    normal: [0.0; 3],
+    depth_mm: f32::INFINITY,
+    coverage: 0.0,
+    part: 0,
+};
