@@ -7,7 +7,7 @@ use glam::DVec3;
 use super::*;
 use crate::geometry::mesh::{Placement, Scale, resolve_scale};
 use crate::geometry::parts::{MaterialRoles, PartsRule};
-use crate::geometry::shapes::{bumpy_head, compose, cuboid, icosphere, inside_out, plane, still_life};
+use crate::geometry::shapes::{bumpy_head, compose, cuboid, icosphere, inside_out, plane};
 use crate::geometry::source::SourceModel;
 
 fn checked(source: SourceModel, placement: Placement, paths: Option<&[MeanFreePath]>) -> MeshCheck {
@@ -164,23 +164,6 @@ fn topology_of_planted_faults_is_counted() {
     let edge = compose(&[(cuboid(DVec3::ONE, 1), DVec3::ZERO), (cuboid(DVec3::ONE, 1), DVec3::new(1.0, 1.0, 0.0))]);
     let c = checked(edge, UNIT, None);
     assert_eq!((c.non_manifold_edges, c.non_manifold_vertices, c.volume_mm3), (1, 0, Some(2.0)));
-}
-
-#[test]
-fn a_group_with_ears_a_hole_and_a_thin_plate_is_what_it_was_made_to_be() {
-    let source = still_life(1.5);
-    let c = checked(source.clone(), UNIT, Some(&[MeanFreePath { shortest_mm: 1.0, longest_mm: 1.0 }]));
-    assert_eq!((c.components, c.parts.len()), (3, 3));
-    assert_eq!((c.boundary_edges, c.non_manifold_edges, c.non_manifold_vertices, c.inconsistent_edges), (0, 0, 0, 0));
-    // Euler's characteristic: two of the three without a hole, one with one.
-    let edges = 3 * source.triangles.len() / 2;
-    assert_eq!(source.positions.len() + source.triangles.len() - edges, 2 + 2);
-    // The plate is 1.5 mm thick, and the ears are thin too.
-    let thin: Vec<f64> = c.parts.iter().map(|p| p.thickness_mm[0].unwrap()).collect();
-    assert!(thin[0] < 3.5 && (thin[2] - 1.5).abs() < 1e-3, "{thin:?}");
-    let mm3 = 2.0 * std::f64::consts::PI.powi(2) * 9.0 * 9.0 + 64.0 * 1.5 * 24.0;
-    let elephant = checked(crate::geometry::shapes::elephant(1.5), UNIT, None).volume_mm3.unwrap();
-    assert!((c.volume_mm3.unwrap() / (mm3 + elephant) - 1.0).abs() < 0.01, "{:?} {mm3} {elephant}", c.volume_mm3);
 }
 
 #[test]
