@@ -42,8 +42,8 @@ const TOGETHER: &str = "
 ### Light and material at once, nothing stored
 
 What a visible change of everything costs with the default form. The error is what `evaluate --measure` states: samples and transport, under one directional light.
-Dense media (spectralon) read more of what is near. In seven runs within the hour the median material had
-32 to 44 a second at 0.5 %, and 13 to 17 at 0.1 %, spectralon 17 to 27, and 7 to 11; this is the fastest of them.
+Dense media (spectralon) read more of what is near. The table has medians of three runs on 2026-11-24 with nothing beside them (`scripts/figures editable-page --only together`), in
+which the median material had 46 to 48 a second at 0.5 % and 18 to 19 at 0.1 %. Seven runs of the day before, beside other work, had 32 to 44 and 13 to 17, spectralon 17 to 27 and 7 to 11.
 
 ";
 
@@ -54,6 +54,9 @@ const FIGURE3: &str = "
 
 const FIGURE4: &str = "
 ## Figure 4: the basis
+
+The bases here are made for the same task with 12 functions each. The least T1 is that of principal components (`basis=transported`). The default, a ladder of Gaussians, is not below the 0.2 % that are wanted at
+12 functions; it is the default because it takes fewer bytes at the same error of radiosity (*The transfer side*), and a bake takes as many functions as its asked error needs.
 
 ";
 
@@ -152,7 +155,7 @@ const PLACES: &[(&str, &str)] = &[
         "@figure4@",
         "Maps over sigma_a (to the right) and sigma_s' (upwards), both 1e-6 to 5 per mm; blue is an error of 1e-8, white 1e-4, red 1. From \
          the left: the paper's basis of whole profiles with 12 terms, L2, and L-infinity, both relative to each profile; \
-         T1 of the far parts for an object of 50 mm with the paper's weights; the same with this program's.",
+         T1 of the far parts for an object of 50 mm with the paper's weights; the same with `basis=transported`.",
     ),
     (
         "@figure5@",
