@@ -208,5 +208,31 @@ const PLACES: [(&str, &str); 10] = [
     ("@open@", OPEN),
 ];
 
+const HOW: &str = "
+## How it works
+
+**Serves** light from far away: environments, constant light and suns. Point and area lights are refused.
+
+**Stored** by default (`basis=sh`): radiosity at reference points under the spherical harmonics of the light, up to order 32, coded as `quantized_lights` is (`forms/projected`): channels
+decorrelated, harmonics replaced by the principal components of the transport, coefficients predicted from coarser reference points, one step, entropy-coded. With `basis=haar` a sparse row of Haar
+coefficients for each vertex, the paper's form.
+
+**The two passes.** Pass 1: what each texel of a cube map adds to the irradiance of each surface sample, the mean over 2 x 2 sub-texels, visibility from silhouettes. For harmonics these are projected, one
+octant for each parity; for Haar transformed and cut. Pass 2: for harmonics a product of matrices through the hierarchy, at the reference points alone; for Haar the paper's tree, whose nodes hold sums of
+rows with a bounded number of coefficients.
+
+**Single scattering** (`single-scattering`): for each texel what its light adds at a point, along the inverse normal and in the physical form, with rays that depths and directions share. *isotropic* is `s`
+beside the radiosity, at reference points of its own or in Haar rows (`single-basis=haar`); *folded* is added to the radiosity before it is coded; *phase* keeps K vectors, summed at run time with the view's
+harmonics, so that g stays free (its directions, not the extinction that was baked). Where 16 terms are not enough (|g| from about 0.55 on) nothing is stored, and pictures trace it.
+
+**Inter-reflection** (`inter-reflection=once`): the transport of the first 36 harmonics is sent out, gathered by 32 rays of each sample and transferred again.
+
+**At run time** a light is projected on the harmonics once; a turn of an environment turns pairs of coefficients. What follows is a dot product for each reference point and a weighted sum for each vertex.
+The material is baked in.
+
+**What `--max-rms` means.** The error under environments; with half of the energy in a sun twice that, and under a sun alone four times. So a sun alone is off by 3 to 4 % at the defaults:
+`quantized_lights` is made for such light. Refractive indices below 1 reflect totally from an angle on, which the polynomial of F_t holds to 15 %.
+";
+
 /// Everything that the page says by itself.
-pub(crate) const WORDS: Words = Words { head: HEAD, before: &BEFORE, places: &PLACES, tail: "" };
+pub(crate) const WORDS: Words = Words { head: HEAD, before: &BEFORE, places: &PLACES, tail: HOW };

@@ -6,9 +6,9 @@ const HEAD: &str = "\
 # editable: the figures of Wang et al. 2008 remade
 
 `scripts/figures editable-page` measures everything on this page and writes it (`examples/editable/`; `--quick` tries it in a few
-minutes, `--only PART` measures one part again). Models have a diagonal of 30 mm. Measured on 2 cores of an AMD EPYC, 2026-11-23, on
-Zen 5 (family 26, model 2), but for figures 3 and 4 and environments, which are of Zen 3 (family 25, model 1), half as fast as that. Others use the machine as well: the same program
-took up to a third longer from one minute to the next. All but times is the same to the digit anywhere.
+minutes, `--only PART` measures one part again). Models have a diagonal of 30 mm. Measured on 2 cores of an AMD EPYC (Zen 5: family 26, model 2),
+2026-11-23; figures 3 and 4 and the environments on Zen 3 (family 25, model 1), half as fast. The machine was shared: the same program
+took up to a third longer from one minute to the next. All but times is the same to the digit anywhere. How the method works stands at the end.
 
 **RMS**: relative to the truth's RMS over the area, worst channel, under one directional light; the truth is `reference` with
 262,144 samples of its own, so that sampling is part of every error.
@@ -29,10 +29,12 @@ editable`), and its errors are those of edits so prepared. The paper states no e
 truth, but that 95 to 98 % of the energy is kept, which is an error of 14 to 22 %.
 
 **Nothing stored** beats the stored form in bytes (6 to 16 times fewer) and bakes in a third to a fifth of the time. The stored form is 1.5 to 2 times as fast for a
-new light, and 19 to 25 times as fast for a new material. 50 minutes before, the same program on the same machine had 55 new lights and 983 new materials a second
-(gargoyle, stored); the program of the day before had 50 and 653 on Zen 4.
-At 0.1 % asked the gargoyle with nothing stored has 17 bytes/vertex, 0.052 % by transfer and 0.008 % by sampling, as its bake states them under the probe lights (asked 40 at 0.1 %: met;
-`bake --method editable --size-mm 30 --material marble --samples 196608 --max-rms 0.1% --for-lights directional`, 9 s).
+new light, and 19 to 25 times as fast for a new material. Each rate is the median of one run; another run within the hour had 55 new lights and 983 new materials a second
+for the stored gargoyle, fewer than the 60 lights that are wanted.
+
+What is wanted of nothing stored is <= 40 bytes/vertex at <= 0.1 %. The table asks for 0.5 %: 11 bytes, 0.33 % off. At 0.1 % asked the gargoyle takes 17 bytes/vertex; its bake
+states 0.052 % for the transfer and 0.008 % for sampling, under the probe lights and in marble (`bake --method editable --size-mm 30 --material marble --samples 196608
+--max-rms 0.1% --for-lights directional`, 9 s). That is the bake's own figure, and not one against the truth in four materials as the table's.
 
 ";
 
@@ -40,8 +42,8 @@ const TOGETHER: &str = "
 ### Light and material at once, nothing stored
 
 What a visible change of everything costs with the default form. The error is what `evaluate --measure` states: samples and transport, under one directional light.
-Dense media (spectralon) read more of what is near. In seven runs within the hour the median material had
-32 to 44 a second at 0.5 %, and 13 to 17 at 0.1 %, spectralon 17 to 27, and 7 to 11; this is the fastest of them.
+Dense media (spectralon) read more of what is near. The table has medians of three runs on 2026-11-24 with nothing beside them (`scripts/figures editable-page --only together`), in
+which the median material had 46 to 48 a second at 0.5 % and 18 to 19 at 0.1 %. Seven runs of the day before, beside other work, had 32 to 44 and 13 to 17, spectralon 17 to 27 and 7 to 11.
 
 ";
 
@@ -52,6 +54,9 @@ const FIGURE3: &str = "
 
 const FIGURE4: &str = "
 ## Figure 4: the basis
+
+The bases here are made for the same task with 12 functions each. The least T1 is that of principal components (`basis=transported`). The default, a ladder of Gaussians, is not below the 0.2 % that are wanted at
+12 functions; it is the default because it takes fewer bytes at the same error of radiosity (*The transfer side*), and a bake takes as many functions as its asked error needs.
 
 ";
 
@@ -119,8 +124,8 @@ const PROFILES: &str = "
 The truth here is a random walk through the volume (`reference --model monte-carlo`; g = 0, eta 1.3, 60 free paths across, noise
 taken out), which knows the shape and every order of scattering. Of each profile the RMS of what it differs by, and the mean of the
 difference: positive where it is too bright. Any of them is put in force by `--profile` on the same asset. The total of the dipole is near
-that of all orders; the others state multiple scattering alone, are 5 to 10 % off it on a ball at any albedo where the dipole is up to 350 % off,
-and want single scattering beside them. What is left on the bunny is its shape: none of them knows that it is not a half space.
+that of all orders. The others state multiple scattering alone and want single scattering beside them: on a ball the better dipole and Burley's profiles are 4 to 10 % off it at any
+albedo, photon beams 4 to 5 % from an albedo of 0.8 on but 12 % at 0.6 and 24 % at 0.3; the dipole is 5 to 351 % off. What is left on the bunny is its shape: none of them knows that it is not a half space.
 
 ";
 
@@ -150,7 +155,7 @@ const PLACES: &[(&str, &str)] = &[
         "@figure4@",
         "Maps over sigma_a (to the right) and sigma_s' (upwards), both 1e-6 to 5 per mm; blue is an error of 1e-8, white 1e-4, red 1. From \
          the left: the paper's basis of whole profiles with 12 terms, L2, and L-infinity, both relative to each profile; \
-         T1 of the far parts for an object of 50 mm with the paper's weights; the same with this program's.",
+         T1 of the far parts for an object of 50 mm with the paper's weights; the same with `basis=transported`.",
     ),
     (
         "@figure5@",
@@ -200,6 +205,36 @@ edit does and the transform of the light. It is of one colour, as is that of one
   softening miss what was asked.
 - rings for the nets, whose near field is all around a sample's own spacing: 0.06 to 0.34 % off, but light took three times as long to gather as to sum (8 to 11 ms in place of 3 for 2,562
   vertices). It is not part of the program.
+
+## How it works
+
+**Nothing stored** (the default) keeps the samples alone. At run time a kernel is softened inside a radius of a few sample spacings. The softened part is summed over nested nets of
+surface points, whose weights (kriging from 32 of them) hold for every kernel; the rest is summed sample by sample (`transport/multilevel`). The bake measures against all pairs how wide
+the radius has to be. Profile, size and receivers stay free; a new material costs the sums again.
+
+**Stored** (`--set transport=stored`), as in the paper:
+
+- *Split.* R_d is split at six sample spacings (`split`). Beyond, and continued to the centre as an even polynomial, it is the smooth far part, which goes through the basis. The rest is
+  integrated at run time over the samples around each receiver with the actual profile. A sample that a shadow boundary crosses is cut in 16 pieces.
+- *Basis.* Far parts of Gaussians whose widths are a geometric sequence; a material's coefficients come from non-negative least squares and keep its total. As many functions as the asked
+  error needs, at most 16. `basis=transported` has principal components, `basis=plain` those of the paper.
+- *Points.* The far part is stored at some of the vertices, about four sample spacings apart (`far-spacing`), wider functions at fewer of them (`far-levels`); the others take what kriging
+  makes of the 32 points around them.
+- *Transport.* The samples lie in the order of a balanced tree. For groups of 16 points each function's row is integrated hierarchically and expanded in Haar functions of the tree, whose details
+  vanish under constant light. One threshold for all coefficients is the largest that keeps the asked error for every published material; what is kept is rounded to 8 or 16 bits and entropy-coded.
+- *Edits.* A window asks for edits to be prepared: the near part becomes a sum of 20 hat functions of r^2, so that an edit is a product, 3e-4 to 5e-4 of the light off. `evaluate`, `render` and
+  ledgers integrate the near field itself.
+
+**Environments**, unless `--for-lights` leaves them out: irradiance of every sample over a cube map (`cube`), visibility from silhouette edges, in Haar coefficients of 8 bits, with F_t in two
+functions of the angle so that eta stays free in 1 to 2. Directional and point lights always cast rays; area lights do, or take a source radiance field with `field=32`.
+
+**Where it fails**
+
+- A sun is smaller than a texel of the cube map. Bake with `--set cube=64 --set coefficients=512`, or leave environments out of `--for-lights` so that rays sample them, or use a directional light.
+- An area light with a field has something behind it (above), or is smaller than a texel.
+- A material is so far outside 0.02 to 25 per mm (sigma_s') and 0 to 2 per mm (sigma_a) that its projection could be more than 10 % off: the stored form refuses it.
+- The object is larger than a thousand free paths: shadows are drawn at the samples' spacing.
+- Radiosity may be slightly negative where hardly any light arrives; it is not clamped, so that lights add up.
 ";
 
 pub(crate) const WORDS: Words = Words {

@@ -103,17 +103,24 @@ fn in_short(reached: &[Reached], rates: &[f64]) -> String {
             names.push(name);
         }
     }
-    let (mut all, mut parts) = (true, Vec::new());
+    let (mut under_first, mut under_all, mut parts) = (true, true, Vec::new());
     for name in names {
-        let own = reached.iter().filter(|r| r.0 == name && r.2 <= WANTED_RMS);
-        let least = own.min_by(|a, b| a.1.total_cmp(&b.1));
-        all &= least.is_some_and(|r| r.1 <= WANTED_BYTES);
+        let own = || reached.iter().filter(|r| r.0 == name);
+        let least = own().filter(|r| r.2 <= WANTED_RMS).min_by(|a, b| a.1.total_cmp(&b.1));
+        under_first &= least.is_some_and(|r| r.1 <= WANTED_BYTES);
+        under_all &= own().any(|r| r.3.worst.with_background <= WANTED_RMS && r.1 <= WANTED_BYTES);
         parts.push(least.map_or_else(
             || format!("{name} not reached by what was asked"),
             |r| format!("{name} {:.1} ({})", r.1, thousandths(r.3.worst.with_background)),
         ));
     }
-    let measured = format!("{}; {}", parts.join(", "), met(all && !reached.is_empty()));
+    let some = !reached.is_empty();
+    let measured = format!(
+        "{}; under one light {}, under the worst of 8 {}",
+        parts.join(", "),
+        met(under_first && some),
+        met(under_all && some)
+    );
     let bytes = summary(
         "bytes/vertex, RGB, at image RMS <= 4e-3 end to end against `reference`, one light, with background (in brackets the worst of 8 lights there, 1e-3)",
         "46 (18 to 27 grey), before the interpolation's error",

@@ -65,7 +65,7 @@ pub const MOST_TERMS: u32 = 16;
 /// Terms of the rows: the channels R, G, B.
 const CHANNELS: usize = 3;
 
-/// See `SPEC.md`, "Distant light".
+/// See `spec/projected.md`, "Harmonics", `spec/rows.md` and `spec/single_scattering.md`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DistantTransport {
     /// Samples that the transport was computed from.

@@ -15,7 +15,7 @@ pub mod tags {
     pub const NUMBERS: Tag = Tag::from_static("mls.num");
 }
 
-/// What a bake has measured to be enough. See `SPEC.md`, "Multilevel summation".
+/// What a bake has measured to be enough. See `spec/samples.md`, "Multilevel summation".
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct MultilevelSummation {
     /// Asked relative error, RMS.

@@ -78,7 +78,7 @@ pub struct Set {
     pub coefficients: Vec<u8>,
 }
 
-/// What no reader needs geometry for. See `SPEC.md`, "Quantised lights".
+/// What no reader needs geometry for. See `spec/projected.md`, "Quantised lights".
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct QuantisedLights {
     /// Directions of the spherical Fibonacci lattice.

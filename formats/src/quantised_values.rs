@@ -74,7 +74,7 @@ impl Encoding {
     }
 }
 
-/// See `SPEC.md`, "Quantised values". Arrays that the encoding does not need are empty.
+/// See `spec/papers.md`, "Quantised values". Arrays that the encoding does not need are empty.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct QuantisedValues {
     /// What is stored.

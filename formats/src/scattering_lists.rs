@@ -15,7 +15,7 @@ pub mod tags {
     pub const NUMBERS: Tag = Tag::from_static("qlt.ngh");
 }
 
-/// What the lists of a mesh follow from. See `SPEC.md`, "Scattering neighbourhoods".
+/// What the lists of a mesh follow from. See `spec/papers.md`, "Scattering neighbourhoods".
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ScatteringLists {
     /// For each medium, how far light that enters at a vertex counts, mm.

@@ -272,7 +272,7 @@ fn signed_integers_survive() {
     assert!(decoder.finish());
 }
 
-/// A decoder made from the words of SPEC.md alone.
+/// A decoder made from the words of spec/coding.md alone.
 struct ByTheBook<'a> {
     bytes: &'a [u8],
     used: usize,
@@ -398,7 +398,7 @@ fn the_specification_is_enough_to_read() {
 /// Frozen: a change of these bytes is another format.
 #[test]
 fn the_example_of_the_specification_holds() {
-    let page = include_str!("../SPEC.md");
+    let page = include_str!("../spec/coding.md");
     let example = page.lines().find(|line| line.starts_with("Example: the rows `5 -1 0 0`")).unwrap();
     let bytes = encode(TAG, 3, 4, &[5, -1, 0, 0, 0, 0, 0, 0, -300, 2, 0, 1], Some(&[NO_ROW, NO_ROW, 0])).unwrap();
     let hex: Vec<String> = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
