@@ -1,5 +1,6 @@
 //! The traits of what an asset is at run time: lights in, radiosity out, on the CPU or on a device.
 
+#[cfg(feature = "gpu")]
 use std::sync::Arc;
 
 use glam::DVec3;

@@ -145,7 +145,11 @@ pub trait Stored: Send + Sync {
     /// A light, made ready.
     type Light: Send + Sync;
 
-    /// Several lights together.
+    /// Several lights together, as what is multiplied with what is stored.
+    ///
+    /// # Errors
+    ///
+    /// Lights of a kind that the asset does not hold, or whose files cannot be used.
     fn light(&self, lights: &[Light]) -> Result<Self::Light>;
 
     /// Radiosity of every source vertex, RGB, none negative.
@@ -158,6 +162,10 @@ pub trait Stored: Send + Sync {
     fn bytes(&self) -> usize;
 
     /// The same on a device.
+    ///
+    /// # Errors
+    ///
+    /// `Unsupported` where there are no shaders for it, and what the device itself reports.
     #[cfg(feature = "gpu")]
     fn on_device(_: BakedIn<Self>, _: &Arc<Device>) -> Result<Box<dyn DeviceEvaluator>>
     where

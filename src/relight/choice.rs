@@ -4,10 +4,12 @@
 use std::sync::Arc;
 
 use crate::error::Result;
-#[cfg(feature = "gpu")]
-use crate::evaluate::DeviceEvaluator;
 use crate::evaluate::Evaluator;
-use crate::evaluate::device::{Device, Uploaded};
+#[cfg(feature = "gpu")]
+use crate::evaluate::{
+    DeviceEvaluator,
+    device::{Device, Uploaded},
+};
 
 /// What a person asks for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -127,7 +127,7 @@ impl Source {
                     }
                     // A name after a single dot is a field or a method; `::name` goes on from a type (`<T>::name`).
                     let dot = i > 0 && punct(trees.get(i - 1), '.') && !(i > 1 && punct(trees.get(i - 2), '.'));
-                    let relative = !dot && !(i > 1 && double_colon(&trees, i - 2));
+                    let relative = !(dot || i > 1 && double_colon(&trees, i - 2));
                     while double_colon(&trees, i + 1)
                         && let Some(TokenTree::Ident(next)) = trees.get(i + 3)
                     {

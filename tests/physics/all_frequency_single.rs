@@ -142,7 +142,7 @@ fn nothing_beside_the_radiosity_unless_it_is_asked_for() {
     let plain = bake("all_frequency", &scene, &[]);
     let with = bake("all_frequency", &scene, &["single-scattering=isotropic"]);
     assert!(with.sections.len() > plain.sections.len());
-    let [mut plain, mut with] = [plain, with].map(|asset| open(asset));
+    let [mut plain, mut with] = [plain, with].map(open);
     for evaluator in [&mut plain, &mut with] {
         evaluator.set_lights(vec![environment()], &Silent).unwrap();
     }
@@ -159,7 +159,7 @@ fn folded_into_the_radiosity_it_is_the_same_light() {
     let folded = bake("all_frequency", &scene, &["single-scattering=folded"]);
     let beside = bake("all_frequency", &scene, &["single-scattering=isotropic"]);
     assert!(folded.sections.len() < beside.sections.len());
-    let [mut folded, mut beside] = [folded, beside].map(|asset| open(asset));
+    let [mut folded, mut beside] = [folded, beside].map(open);
     assert_eq!(
         [folded.single_scattering_is(), beside.single_scattering_is()],
         [SingleScattering::Included, SingleScattering::PerVertex]

@@ -1,6 +1,7 @@
 //! How `editable` evaluates: shadow rays at the samples (or stored rows for an environment), the stored far field once for
 //! every basis function, and the near field from the geometry. A change of material combines anew.
 
+#[cfg(feature = "gpu")]
 use std::sync::Arc;
 
 use glam::DVec3;

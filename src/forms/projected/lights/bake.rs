@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use glam::DVec3;
 use translux_format::quantised_lights::{QuantisedLights as File, tags};
 
-use super::lights::{LightSet, light_net, light_spacing};
+use super::light_set::{LightSet, light_net, light_spacing};
 use super::sections;
 use super::seen::radiosity_of_set;
 use super::settings::{LightSetSettings, QuantisedLights};

@@ -2,7 +2,7 @@
 //! weights over the set become a vector over the columns, radiosity at a reference point is a dot product with it, and at a vertex
 //! a weighted sum over reference points.
 
-use super::lights::LightSet;
+use super::light_set::LightSet;
 use super::sections::{self, read};
 use super::settings::QuantisedLights;
 use crate::asset::Asset;

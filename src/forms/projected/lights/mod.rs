@@ -3,12 +3,12 @@
 
 mod bake;
 mod evaluate;
-mod lights;
+mod light_set;
 mod sections;
 mod seen;
 mod settings;
 
 pub(crate) use bake::{TUNING, chosen};
-pub(crate) use lights::LightSet;
+pub(crate) use light_set::LightSet;
 pub(crate) use seen::{Seen, irradiance_of_seen, neighbours, radiosity_of_set};
 pub use settings::{LightSetSettings, MOST_DIRECTIONS, MOST_SHELLS, QuantisedLights};

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use translux_format::RawSection;
 use translux_format::quantised_lights::{QuantisedLights as File, tags};
 
-use super::lights::{LightSet, light_net};
+use super::light_set::{LightSet, light_net};
 use crate::error::{Error, Result};
 use crate::forms::projected::components::{Coded, LightFunctions, Lit, Transport, Weighted};
 use crate::light::Light;

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::lights::SIDE;
+use super::light_set::SIDE;
 use crate::error::Result;
 use crate::forms::sampled_scene::SampledScene;
 use crate::geometry::cluster;
