@@ -197,7 +197,7 @@ fn the_measured_error_sees_shadow_boundaries() {
     let scene = head(3, "spectralon");
     let light = &every_light(&scene)[1];
     let truth = Truth::new(&scene).under(light);
-    for method in every() {
+    for method in every().into_iter().filter(|method| method.kinds().contains(&light.kind())) {
         let mut evaluator = baked(method, &scene, SAMPLES);
         let values = lit(evaluator.as_mut(), vec![light.clone()]);
         let found = vertex_error(&values, &truth.0, &vertex_areas(&scene)).rms;
@@ -285,8 +285,12 @@ fn radiosity_is_linear_in_the_lights() {
         assert!(error < method.default_max_rms(), "{}: {error:.2e} between the sum and all", method.name());
 
         let [dim, bright] = [1.0, 1000.0].map(|factor| {
-            let light = Light::directional(DVec3::new(-1.0, 1.0, 0.5), DVec3::new(1.0, 2.0, 3.0) * factor).unwrap();
-            lit(evaluator, vec![light]).iter().map(|v| *v / factor).collect::<Vec<DVec3>>()
+            let colour = DVec3::new(1.0, 2.0, 3.0) * factor;
+            let light = match method.kinds().contains(&LightKind::Directional) {
+                true => Light::directional(DVec3::new(-1.0, 1.0, 0.5), colour),
+                false => Light::constant(colour),
+            };
+            lit(evaluator, vec![light.unwrap()]).iter().map(|v| *v / factor).collect::<Vec<DVec3>>()
         });
         let error = vertex_error(&bright, &dim, &areas);
         // Light is rounded to single precision (6e-8), and nets sum what cancels: 1.6e-7 RMS and 1.1e-6 at worst were seen.
@@ -313,7 +317,7 @@ fn evaluators_have_no_memory() {
         let name = method.name();
         assert!(evaluator.radiosity(&Silent).unwrap() == first, "{name}: asked again");
         assert!(lit(evaluator, lights.clone()) == first, "{name}: set again");
-        lit(evaluator, vec![lights[1].clone()]);
+        lit(evaluator, vec![lights.last().unwrap().clone(), probes::constant()]);
         assert!(lit(evaluator, lights.clone()) == first, "{name}: other lights in between");
         promise(evaluator);
         assert!(evaluator.radiosity(&Silent).unwrap() == first, "{name}: measured in between");
@@ -411,7 +415,7 @@ fn figures_make_sense() {
         assert_eq!(cost.receivers, translucent, "{name}");
         let mut recipe = recipe(method, &scene, Some(3000), &[]).unwrap();
         let announced = recipe.bake_memory(&scene);
-        let least = 32 * cost.samples;
+        let least = 32 * if asset.samples.is_empty() { cost.receivers } else { cost.samples };
         assert!((least..announced as usize).contains(&cost.resident_bytes), "{name}: {cost:?}, {announced} bytes");
         recipe.settings.samples = Some(300_000);
         assert!(recipe.bake_memory(&scene) > announced, "{name}");

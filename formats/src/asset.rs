@@ -19,7 +19,7 @@ use crate::types::{Budget, Codec, Element, ElementType, Kind, Scalar, Tag};
 use crate::writer::Writer;
 
 /// Every tag of the sections that this crate reads and writes itself.
-pub const COMMON_TAGS: [Tag; 18] = [
+pub const COMMON_TAGS: [Tag; 19] = [
     mesh::tags::ORIGIN,
     mesh::tags::POSITIONS,
     mesh::tags::TRIANGLES,
@@ -38,6 +38,7 @@ pub const COMMON_TAGS: [Tag; 18] = [
     samples::tags::PART_OFFSETS,
     metadata::tags::PROVENANCE,
     metadata::tags::LEDGER,
+    metadata::tags::DARK,
 ];
 
 /// Decoded bytes from which on two threads read sections.
@@ -254,14 +255,9 @@ impl AssetFile {
 
     fn writer(&self) -> Result<Writer<'_>> {
         self.provenance.validate()?;
-        self.ledger.iter().try_for_each(LedgerEntry::validate)?;
         let mut writer = Writer::new();
-        writer.add_record(metadata::tags::PROVENANCE, Kind::Metadata, Codec::Zstd, &self.provenance)?.add_record(
-            metadata::tags::LEDGER,
-            Kind::Metadata,
-            Codec::Zstd,
-            &self.ledger,
-        )?;
+        writer.add_record(metadata::tags::PROVENANCE, Kind::Metadata, Codec::Zstd, &self.provenance)?;
+        metadata::add_ledger(&self.ledger, &mut writer)?;
         self.mesh.encode(&mut writer)?;
         self.parts.encode(&mut writer)?;
         self.samples.encode(&mut writer)?;

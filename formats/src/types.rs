@@ -5,7 +5,7 @@ use std::fmt;
 /// Changes when a reader of the version before could misread the file.
 pub const VERSION_MAJOR: u16 = 0;
 /// Changes when sections are added that a reader of the version before can leave alone.
-pub const VERSION_MINOR: u16 = 1;
+pub const VERSION_MINOR: u16 = 2;
 
 /// Most sections in one file.
 pub const MAX_SECTIONS: usize = 1024;

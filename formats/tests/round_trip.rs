@@ -6,13 +6,14 @@ mod common;
 use std::borrow::Cow;
 use std::path::Path;
 
-use common::{build, full_asset, full_asset_0_1, seal, sections_of};
+use common::{build, full_asset, full_asset_0_0, full_asset_0_1, full_asset_0_2, seal, sections_of};
 use translux_format::{
     AssetFile, Budget, Codec, ElementType, F16Bits, FormatError, Kind, RawSection, Reader, Tag, Writer,
 };
 
 const GOLDEN_0_0: &[u8] = include_bytes!("data/v0_0_full.tlux");
-const GOLDEN: &[u8] = include_bytes!("data/v0_1_full.tlux");
+const GOLDEN_0_1: &[u8] = include_bytes!("data/v0_1_full.tlux");
+const GOLDEN: &[u8] = include_bytes!("data/v0_2_full.tlux");
 
 #[test]
 fn every_feature_survives() {
@@ -27,30 +28,33 @@ fn every_feature_survives() {
     assert_eq!(streamed, bytes);
 }
 
+/// Files of earlier versions read, and what they hold is written as it was but for the version.
 #[test]
-fn the_frozen_file_of_version_0_0_still_reads_and_only_the_version_is_written_differently() {
-    assert_eq!(AssetFile::from_bytes(GOLDEN_0_0, Budget::default()).unwrap(), full_asset());
-    let mut bytes = full_asset().to_bytes().unwrap();
-    assert_eq!(bytes[10..12], [1, 0]);
-    bytes[10] = 0;
-    seal(&mut bytes);
-    assert_eq!(bytes, GOLDEN_0_0, "the writer's bytes changed");
+fn the_frozen_files_of_earlier_versions_still_read_and_only_the_version_is_written_differently() {
+    for (golden, asset, minor) in [(GOLDEN_0_0, full_asset_0_0(), 0), (GOLDEN_0_1, full_asset_0_1(), 1)] {
+        assert_eq!(AssetFile::from_bytes(golden, Budget::default()).unwrap(), asset);
+        let mut bytes = asset.to_bytes().unwrap();
+        assert_eq!(bytes[10..12], [2, 0]);
+        bytes[10] = minor;
+        seal(&mut bytes);
+        assert_eq!(bytes, golden, "the writer's bytes changed");
+    }
 }
 
 #[test]
-fn the_frozen_file_of_version_0_1_still_reads_and_is_still_written() {
-    assert_eq!(AssetFile::from_bytes(GOLDEN, Budget::default()).unwrap(), full_asset_0_1());
-    assert_eq!(full_asset_0_1().to_bytes().unwrap(), GOLDEN, "the writer's bytes changed");
+fn the_frozen_file_of_version_0_2_still_reads_and_is_still_written() {
+    assert_eq!(AssetFile::from_bytes(GOLDEN, Budget::default()).unwrap(), full_asset_0_2());
+    assert_eq!(full_asset_0_2().to_bytes().unwrap(), GOLDEN, "the writer's bytes changed");
 }
 
 /// Run once for a new version of the format; it refuses to replace a frozen file.
 #[test]
 #[ignore = "writes the frozen file of a new version"]
 fn freeze() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/v0_1_full.tlux");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/v0_2_full.tlux");
     let frozen = std::fs::metadata(&path).is_ok_and(|file| file.len() > 0);
     assert!(!frozen, "{} is frozen", path.display());
-    std::fs::write(path, full_asset_0_1().to_bytes().unwrap()).unwrap();
+    std::fs::write(path, full_asset_0_2().to_bytes().unwrap()).unwrap();
 }
 
 #[test]
@@ -142,7 +146,7 @@ fn the_listing_tells_the_mesh_from_the_rest() {
     assert_eq!(of_kind(Kind::Samples), ["samp.fac", "samp.off", "samp.prt", "x.i32"]);
     let positions = reader.section(translux_format::mesh::tags::POSITIONS).unwrap();
     assert_eq!((positions.rows(), positions.decoded_bytes, positions.components), (6, 72, 3));
-    assert_eq!(reader.version(), (0, 1));
+    assert_eq!(reader.version(), (0, 2));
     let total: u64 = reader.sections().iter().map(|section| section.stored_bytes).sum();
     assert!(total < bytes.len() as u64);
 }

@@ -10,7 +10,7 @@ use translux_format::rows::IrradianceRows;
 use translux_format::{AssetFile, Mesh, PartRecord, Parts, Samples};
 
 const GOLDEN_0_0: &[u8] = include_bytes!("data/v0_0_full.tlux");
-const GOLDEN: &[u8] = include_bytes!("data/v0_1_full.tlux");
+const GOLDEN: &[u8] = include_bytes!("data/v0_2_full.tlux");
 /// The parts whose examples are checked word by word.
 const FACTORED: &str = include_str!("../spec/factored.md");
 const ENVIRONMENT_ROWS: &str = include_str!("../spec/environment_rows.md");
@@ -25,7 +25,7 @@ struct Section {
 
 fn read_by_hand(file: &[u8]) -> Vec<Section> {
     assert_eq!(file[..8], [0x89, 0x54, 0x4c, 0x55, 0x58, 0x0d, 0x0a, 0x1a]);
-    assert!(u16_at(file, 8) == 0 && u16_at(file, 10) <= 1);
+    assert!(u16_at(file, 8) == 0 && u16_at(file, 10) <= 2);
     let count = u32_at(file, 12) as usize;
     assert_eq!(u64_at(file, 16) as usize, file.len());
     let mut head = file[..32 + 48 * count].to_vec();
@@ -157,8 +157,12 @@ fn records_read_field_by_field() {
     assert_eq!((source.u64(), source.text()), (1, provenance.notes[0].as_str()));
     let (mut ledger, entry) = (record("meta.err"), &asset.ledger[0]);
     assert_eq!((ledger.u64(), ledger.text()), (1, "truncation"));
-    let numbers: [f64; 5] = std::array::from_fn(|_| ledger.f64());
-    assert_eq!(numbers, [entry.relative_rms, entry.relative_bias, entry.p999, entry.worst, entry.dark]);
+    let numbers: [f64; 4] = std::array::from_fn(|_| ledger.f64());
+    assert_eq!(numbers, [entry.relative_rms, entry.relative_bias, entry.p999, entry.worst]);
+    let sections_0_2 = read_by_hand(GOLDEN);
+    let dark = sections_0_2.iter().find(|section| section.tag == "meta.drk").unwrap();
+    assert_eq!((dark.element, dark.components, dark.kind), (11, 1, 3));
+    assert_eq!((dark.bytes.len(), f64_at(&dark.bytes, 0)), (8, entry.dark));
     assert_eq!(ledger.text(), entry.note);
     for fields in [names, parts, media, source, ledger] {
         assert!(fields.0.is_empty());

@@ -229,7 +229,7 @@ impl Progress for Console {
 }
 
 /// Prints one line on standard output. A reader that closed the pipe has seen enough.
-fn print_line(text: &str) -> Result<()> {
+pub(super) fn print_line(text: &str) -> Result<()> {
     let mut out = std::io::stdout().lock();
     match writeln!(out, "{text}").and_then(|()| out.flush()) {
         Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {

@@ -4,6 +4,7 @@ mod bake;
 mod baking;
 mod chart;
 mod compare;
+mod completions;
 mod console;
 mod demo;
 mod device;
@@ -68,6 +69,8 @@ enum Command {
     Methods(methods::MethodsArgs),
     /// Bake a built-in model under a built-in sky, render it and say what to type next
     Demo(demo::DemoArgs),
+    /// Completions for a shell: methods, their keys and the words that these take among them
+    Completions(completions::CompletionsArgs),
 }
 
 /// Runs the program on its arguments (the first is the program's name) and returns its exit code.
@@ -131,6 +134,7 @@ fn dispatch(cli: Cli, registry: Registry) -> Result<ExitCode> {
         Command::Materials(args) => materials::run(&args, &console),
         Command::Methods(args) => methods::run(&args, &console),
         Command::Demo(args) => demo::run(&args, &console),
+        Command::Completions(args) => completions::run(&args, command(), &console),
         // Has run above: a window must be on the main thread.
         Command::Relight(_) => Ok(ExitCode::Ok),
     })
@@ -152,8 +156,29 @@ fn watch_for_interrupts() -> Result<()> {
 
 #[cfg(test)]
 mod tests {
+    use clap_complete::Shell;
+
+    use super::command;
+
     #[test]
     fn the_command_line_is_consistent() {
-        super::command().debug_assert();
+        command().debug_assert();
+    }
+
+    #[test]
+    fn every_shell_knows_commands_methods_and_keys() {
+        let registry = crate::methods::built_in();
+        for shell in [Shell::Bash, Shell::Zsh, Shell::Fish, Shell::Elvish, Shell::PowerShell] {
+            let mut script = Vec::new();
+            let mut command = super::completions::with_words(command(), &registry);
+            clap_complete::generate(shell, &mut command, "translux", &mut script);
+            let script = String::from_utf8_lossy(&script);
+            // The scripts of PowerShell and elvish know no values of options.
+            let words: &[&str] = match shell {
+                Shell::Bash | Shell::Zsh | Shell::Fish => &["bake", "two_pass", "transport=stored", "--max-memory"],
+                _ => &["bake", "--max-memory"],
+            };
+            words.iter().for_each(|word| assert!(script.contains(word), "{shell}: {word}"));
+        }
     }
 }

@@ -228,8 +228,6 @@ pub struct Keys {
     method: &'static str,
     values: BTreeMap<&'static str, String>,
     defaults: BTreeMap<&'static str, &'static str>,
-    /// Keys with words among their values: they decide which others mean something.
-    choices: BTreeSet<&'static str>,
     read: RefCell<BTreeSet<&'static str>>,
 }
 
@@ -252,8 +250,7 @@ impl Keys {
             key.check(text)?;
             values.insert(key.name(), text.trim().to_owned());
         }
-        let choices = keys.iter().filter(|key| !key.words().is_empty()).map(|key| key.name()).collect();
-        Ok(Self { method, values, defaults, choices, read: RefCell::default() })
+        Ok(Self { method, values, defaults, read: RefCell::default() })
     }
 
     /// The value of a key, which counts as read from here on.
@@ -276,24 +273,21 @@ impl Keys {
         self.values.get(key.name).map_or(key.default, String::as_str)
     }
 
-    /// Every key with its value as text, where all that differ from their defaults were read.
-    ///
-    /// # Errors
-    /// Command line: a key that has no meaning beside the others.
-    pub fn into_texts(self) -> Result<BTreeMap<String, String>> {
-        let read = self.read.into_inner();
-        let unread =
-            self.values.iter().find(|(name, text)| !read.contains(*name) && self.defaults[*name] != text.as_str());
-        if let Some((name, text)) = unread {
-            let others = self.choices.intersection(&read).filter(|other| *other != name);
-            let others: Vec<String> = others.map(|other| format!("{other}={}", self.values[other])).collect();
-            return Err(Error::command_line(format!(
-                "--set {name}={text}: `{}` does not read this key with {}; leave it out",
-                self.method,
-                others.join(", ")
-            )));
-        }
-        Ok(self.values.into_iter().map(|(name, text)| (name.to_owned(), text)).collect())
+    /// A key that differs from its default although nothing read it, with its value.
+    pub fn unread(&self) -> Option<(&'static str, &str)> {
+        let read = self.read.borrow();
+        let unread = |(name, text): &(&&'static str, &String)| !read.contains(*name) && self.defaults[*name] != text.as_str();
+        self.values.iter().find(unread).map(|(name, text)| (*name, text.as_str()))
+    }
+
+    /// Whether a key was read.
+    pub fn was_read(&self, name: &str) -> bool {
+        self.read.borrow().contains(name)
+    }
+
+    /// Every key with its value as text.
+    pub fn into_texts(self) -> BTreeMap<String, String> {
+        self.values.into_iter().map(|(name, text)| (name.to_owned(), text)).collect()
     }
 }
 
@@ -327,7 +321,8 @@ mod tests {
     fn values_are_typed_and_checked() {
         let all = keys(&[("size", " 2.5 "), ("rays", "16")]).unwrap();
         assert_eq!((all.get(&KIND).unwrap(), all.get(&SIZE).unwrap(), all.get(&RAYS).unwrap()), (0, Some(2.5), 16));
-        let texts = all.into_texts().unwrap();
+        assert_eq!(all.unread(), Some(("rays", "16")));
+        let texts = all.into_texts();
         assert_eq!(
             texts.iter().map(|(k, v)| format!("{k}={v}")).collect::<Vec<_>>(),
             ["kind=plain", "rays=16", "size=2.5"]
@@ -352,12 +347,12 @@ mod tests {
     }
 
     #[test]
-    fn what_nothing_reads_is_refused() {
+    fn what_nothing_reads_is_found() {
         let all = keys(&[("kind", "fancy"), ("size", "2"), ("rays", "4")]).unwrap();
         all.get(&KIND).unwrap();
+        assert!(all.was_read("kind") && !all.was_read("size"));
         // A default that was typed is no mistake.
-        let error = all.into_texts().unwrap_err();
-        assert_eq!(error.message(), "--set size=2: `toy` does not read this key with kind=fancy; leave it out");
+        assert_eq!(all.unread(), Some(("size", "2")));
     }
 
     #[test]

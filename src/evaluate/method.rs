@@ -53,7 +53,26 @@ impl<'a> dyn Method + 'a {
     pub fn recipe(&self, given: &[(String, String)], settings: BakeSettings) -> Result<Recipe> {
         let keys = Keys::new(self.name(), self.keys(), given)?;
         let form = self.form(&keys, &settings)?;
-        Ok(Recipe { method: self.name(), form, texts: keys.into_texts()?, settings })
+        if let Some((name, text)) = keys.unread() {
+            let needed = match self.gives_meaning(name, given, &settings) {
+                choices if choices.is_empty() => "it means nothing beside the other keys; leave it out".to_owned(),
+                choices => format!("it means something with {} only; set that too, or leave this out", choices.join(" or ")),
+            };
+            return Err(Error::command_line(format!("--set {name}={text}: {needed}")));
+        }
+        Ok(Recipe { method: self.name(), form, texts: keys.into_texts(), settings })
+    }
+
+    /// The single choices, `key=word`, that would have the method read a key.
+    fn gives_meaning(&self, name: &str, given: &[(String, String)], settings: &BakeSettings) -> Vec<String> {
+        let choices = self.keys().iter().flat_map(|key| key.words().into_iter().map(|word| (key.name(), word)));
+        let reads = |(key, word): &(&'static str, &'static str)| {
+            let others = given.iter().filter(|(other, _)| other != key).cloned();
+            let tried: Vec<_> = others.chain([((*key).to_owned(), (*word).to_owned())]).collect();
+            let Ok(keys) = Keys::new(self.name(), self.keys(), &tried) else { return false };
+            self.form(&keys, settings).is_ok() && keys.was_read(name)
+        };
+        choices.filter(|(key, _)| *key != name).filter(reads).map(|(key, word)| format!("{key}={word}")).collect()
     }
 
     /// What runs when nothing is asked for.

@@ -254,9 +254,6 @@ fn geometry_of(file: &translux_format::Mesh) -> Mesh {
 pub fn of_provenance(scan: &Scan, registry: &Registry) -> Vec<Finding> {
     let mut out = Vec::new();
     let ledger = Some(metadata::tags::LEDGER);
-    if scan.ledger.as_ref().is_some_and(Vec::is_empty) {
-        out.push(Finding::new(&NO_LEDGER, ledger, "the ledger is empty".to_owned()));
-    }
     let Some(provenance) = &scan.provenance else { return out };
     let tag = Some(metadata::tags::PROVENANCE);
     let revision = provenance.algorithm_revision;
@@ -379,8 +376,16 @@ pub fn of_method_sections(scan: &Scan) -> Result<Vec<Finding>, Vec<FormatError>>
 /// Opens what nothing is wrong with so far, as every command does.
 pub fn of_opening(scan: &Scan, bytes: &[u8], registry: &Registry) -> Option<Finding> {
     let method = registry.method(&scan.provenance.as_ref()?.method).ok()?;
-    let refused = Asset::from_bytes(bytes).and_then(|asset| registry.open(Arc::new(asset))).err()?;
-    Some(Finding::new(&REFUSED, None, format!("method {}: {refused}", method.name())))
+    let opened = Asset::from_bytes(bytes).and_then(|asset| {
+        // What stores no transport has lost nothing before it is evaluated.
+        let untold = asset.ledger.entries.is_empty() && registry.form(&asset)?.holds_transport();
+        registry.open(Arc::new(asset)).map(|_| untold)
+    });
+    match opened {
+        Err(refused) => Some(Finding::new(&REFUSED, None, format!("method {}: {refused}", method.name()))),
+        Ok(true) => Some(Finding::new(&NO_LEDGER, Some(metadata::tags::LEDGER), "the ledger is empty".to_owned())),
+        Ok(false) => None,
+    }
 }
 
 #[cfg(test)]

@@ -25,7 +25,7 @@ fn survives(name: &str, scene: &Scene, samples: &[usize], most: f64) {
                 assert_eq!(values.len(), scene.mesh.local_mm.len(), "{what}");
                 assert_not_negative(&format!("{what}, {}", light.kind().name()), &values);
             }
-            let under = vec![probes::constant(), lights[1].clone()];
+            let under: Vec<Light> = std::iter::once(probes::constant()).chain(served(method, &lights[1..2])).collect();
             let largest =
                 lit(evaluator.as_mut(), vec![probes::constant()]).iter().fold(0.0f64, |a, v| a.max(v.max_element()));
             let translucent = scene.parts.parts.iter().any(|p| p.transfers());

@@ -53,7 +53,7 @@ pub(crate) enum Rule {
     Concrete,
     /// Something that hides paths from this test.
     Hidden,
-    /// `lib.rs` holds anything but the layers in their order and re-exports.
+    /// `lib.rs` holds anything but the layers in their order, re-exports and the functions of the facade.
     Order,
 }
 
@@ -77,7 +77,7 @@ impl fmt::Display for Violation {
             Rule::RunTime => "the run time imports neither `io` nor a `bake`: the asset is all it has",
             Rule::Concrete => "pictures are made through `dyn Evaluator`, whatever the method",
             Rule::Hidden => "this test cannot read through it",
-            Rule::Order => "src/lib.rs holds one `pub mod` for each layer, bottom to top, `pub use`, and nothing else",
+            Rule::Order => "src/lib.rs holds one `pub mod` for each layer, bottom to top, then `use` and public functions, and nothing else",
         };
         write!(f, "src/{file}:{line}: from `{from}` to `{to}`: {why}")
     }
@@ -379,8 +379,9 @@ impl Checker<'_> {
                         Some(_) => above = place,
                     }
                 }
-                // The facade: the only place that re-exports what a layer owns.
-                syn::Item::Use(u) if matches!(u.vis, syn::Visibility::Public(_)) => {}
+                // The facade: the only place that re-exports what a layer owns, and functions of a few lines over several layers.
+                syn::Item::Use(_) if above.is_some() => {}
+                syn::Item::Fn(f) if above.is_some() && matches!(f.vis, syn::Visibility::Public(_)) => {}
                 _ => self.found(at, Rule::Order, "another item"),
             }
         }

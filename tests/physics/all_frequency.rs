@@ -169,8 +169,8 @@ fn keys_and_lights_that_do_not_fit_are_refused() {
     for (set, word) in [
         (vec!["coefficients=50"], "49 or 64"),
         (vec!["coefficients=1089"], "1024"),
-        (vec!["transform=texels"], "no use"),
-        (vec!["basis=haar", "spacing=1"], "no use"),
+        (vec!["transform=texels"], "basis=haar"),
+        (vec!["basis=haar", "spacing=1"], "basis=sh"),
         (vec!["basis=haar", "coefficients=5"], "6 to 6144"),
         (vec!["basis=fourier"], "auto, sh, haar"),
         (vec!["cube=48"], "32, 64"),

@@ -303,10 +303,10 @@ fn keys_that_do_not_fit_are_refused() {
         (vec!["phase-terms=4"], "single-scattering=phase"),
         (vec!["single-scattering=phase", "phase-terms=8"], "auto, 1, 4, 9, 16, rays"),
         (vec!["single-scattering=phase", "single-basis=haar"], "isotropic"),
-        (vec!["single-basis=haar"], "isotropic or phase"),
-        (vec!["single-form=printed"], "no single scattering"),
-        (vec!["single-scattering=isotropic", "single-form=real"], "physical or printed"),
-        (vec!["single-scattering=isotropic", "single-crossings=none"], "occluded or attenuated"),
+        (vec!["single-basis=haar"], "single-scattering=isotropic"),
+        (vec!["single-form=printed"], "single-scattering=isotropic"),
+        (vec!["single-scattering=isotropic", "single-form=real"], "physical, printed"),
+        (vec!["single-scattering=isotropic", "single-crossings=none"], "occluded, attenuated"),
         (vec!["single-scattering=folded", "basis=haar"], "basis=sh"),
     ] {
         let error = try_bake(method, scene.clone(), Some(500), &pairs(&set)).unwrap_err();

@@ -23,6 +23,18 @@ fn bake(method: &dyn Method) -> Arc<Asset> {
     Arc::new(try_bake(method, group(), Some(2000), few.as_slice()).unwrap())
 }
 
+/// Every method but the example's, whose form has no shaders.
+fn with_shaders() -> Vec<&'static dyn Method> {
+    every().into_iter().filter(|method| method.name() != "toy_form").collect()
+}
+
+#[test]
+fn a_form_without_shaders_says_so() {
+    let Some(device) = device(u64::MAX) else { return };
+    let evaluator = registry().open(bake(in_memory::method("toy_form"))).unwrap();
+    assert_eq!(evaluator.on_device(&device).err().unwrap().code(), ExitCode::Unsupported);
+}
+
 /// Both evaluators of one asset.
 fn pair(asset: &Arc<Asset>, device: &Arc<Device>) -> [Box<dyn Evaluator>; 2] {
     let open = || registry().open(Arc::clone(asset)).unwrap();
@@ -32,7 +44,7 @@ fn pair(asset: &Arc<Asset>, device: &Arc<Device>) -> [Box<dyn Evaluator>; 2] {
 #[test]
 fn every_method_gives_the_same_radiosity_under_every_light() {
     let Some(device) = device(u64::MAX) else { return };
-    for method in every() {
+    for method in with_shaders() {
         let asset = bake(method);
         let [mut cpu, mut gpu] = pair(&asset, &device);
         assert_eq!(cpu.capabilities(), gpu.capabilities());
@@ -104,7 +116,7 @@ fn profiles_have_the_same_sums_where_nets_have_them() {
 #[test]
 fn small_bindings_give_the_same_radiosity_or_a_clear_refusal() {
     let (Some(whole), Some(small)) = (device(u64::MAX), device(300 << 10)) else { return };
-    for method in every() {
+    for method in with_shaders() {
         let asset = bake(method);
         let radiosity = |device: &Arc<Device>| {
             let [_, mut gpu] = pair(&asset, device);
@@ -124,7 +136,7 @@ fn small_bindings_give_the_same_radiosity_or_a_clear_refusal() {
 #[test]
 fn lights_of_any_size_keep_their_precision() {
     let Some(device) = device(u64::MAX) else { return };
-    for method in every() {
+    for method in with_shaders() {
         let asset = bake(method);
         let [_, mut gpu] = pair(&asset, &device);
         let mut lit = |scale: f64| {

@@ -72,7 +72,9 @@ fn a_closed_furnace_has_the_geometric_series() {
         let lamp = || vec![Light::point(shell.mesh.origin_mm, DVec3::splat(3600.0)).unwrap()];
         let radiosity = |times: &str| {
             let set = [("inter-reflection", times), ("inter-reflection-rays", "16")];
-            lit(open("reference", shell, 5300, &set).as_mut(), lamp())
+            // Without light that comes back nothing reads how many rays follow it.
+            let set = if times == "off" { &set[..1] } else { &set[..] };
+            lit(open("reference", shell, 5300, set).as_mut(), lamp())
         };
         let off = radiosity("off");
         let reflectance = shell.media[0].properties.dipoles(BoundaryFit::Published).map(|d| d.total());

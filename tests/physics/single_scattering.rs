@@ -114,7 +114,7 @@ fn off_by_default_and_beside_the_radiosity() {
     assert!(rms("single_scattering") > 0.01 && rms("vertices") > 1e-4 && rms("vertices") < rms("single_scattering"));
     let one = folder.run("compare plain.ply both.ply --fail-above 0").ok();
     assert!(one.stderr.contains("both.ply alone has single scattering"), "{}", one.stderr);
-    for (value, says) in [("sometimes", "off, isotropic or phase"), ("", "off, isotropic or phase")] {
+    for (value, says) in [("sometimes", "off, isotropic, phase"), ("", "off, isotropic, phase")] {
         folder.run(&format!("{line} --set single-scattering={value} -o x.ply")).fails(1, &[says]);
     }
     folder.run(&format!("{line} --set single-samples=0 -o x.ply")).fails(1, &["single-samples"]);

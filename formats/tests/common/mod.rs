@@ -238,9 +238,29 @@ pub fn small_rows() -> IrradianceRows {
     }
 }
 
-/// [`full_asset`] with what version 0.1 added: a far field, a basis, irradiance rows.
-pub fn full_asset_0_1() -> AssetFile {
+/// [`full_asset`] as files of 0.0 and 0.1 hold it: without dark errors.
+pub fn full_asset_0_0() -> AssetFile {
     let mut asset = full_asset();
+    asset.ledger.iter_mut().for_each(|entry| entry.dark = 0.0);
+    asset
+}
+
+/// [`full_asset_0_0`] with what version 0.1 added: a far field, a basis, irradiance rows.
+pub fn full_asset_0_1() -> AssetFile {
+    with_0_1(full_asset_0_0())
+}
+
+/// The same with what version 0.2 added: dark errors, and records of the form.
+pub fn full_asset_0_2() -> AssetFile {
+    use translux_format::metadata::tags;
+    let mut asset = with_0_1(full_asset());
+    let record = |tag, value: &(&str, u32)| RawSection::from_record(tag, Kind::Metadata, Codec::Zstd, value).unwrap();
+    asset.extra.push(record(tags::FORM, &("factored", 0)));
+    asset.extra.push(record(tags::SETTINGS, &("settings", 7)));
+    asset
+}
+
+fn with_0_1(mut asset: AssetFile) -> AssetFile {
     asset.provenance.method = "editable".into();
     let shape = Shape::new(asset.mesh.positions_mm.len(), &asset.samples);
     asset.extra.extend(small_far_field().to_sections(&shape).unwrap());
