@@ -6,11 +6,11 @@
 //! mean. The integral of the function that a point stands for follows from the areas of the points and the weights of the predictions;
 //! of the updates that keep it, that with the least squares is taken (Schroeder and Sweldens 1995).
 
-use super::scattered::{Kriging, OrientedPoint, Weights, choose};
+use translux::geometry::scattered::{Kriging, OrientedPoint, Weights, choose};
 
 /// Levels of nested points.
 #[derive(Clone, Debug, Default)]
-pub struct SurfaceWavelet {
+pub(crate) struct SurfaceWavelet {
     count: usize,
     /// From the coarsest to the finest.
     levels: Vec<Level>,
@@ -42,7 +42,7 @@ impl Level {
 impl SurfaceWavelet {
     /// Of points with an area each; the finest but one level has points about `spacing_mm` apart, each coarser one twice as far.
     /// Points beyond the areas count nothing.
-    pub fn new(points: &[OrientedPoint], areas: &[f64], spacing_mm: f64, fit: Kriging) -> Self {
+    pub(crate) fn new(points: &[OrientedPoint], areas: &[f64], spacing_mm: f64, fit: Kriging) -> Self {
         let mut members = choose(points, spacing_mm);
         let mut taken = vec![false; points.len()];
         members.concat().iter().for_each(|&i| taken[i as usize] = true);
@@ -99,24 +99,14 @@ impl SurfaceWavelet {
         }
     }
 
-    /// Number of points.
-    pub fn len(&self) -> usize {
-        self.count
-    }
-
-    /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
-        self.count == 0
-    }
-
     /// Of each coefficient, about the root of the integral over the surface of the square of what it stands for: what makes
     /// coefficients comparable, mm.
-    pub fn norms(&self) -> &[f64] {
+    pub(crate) fn norms(&self) -> &[f64] {
         &self.norms
     }
 
     /// Coefficients in place of the values, a point's at its own place; other lengths are left alone.
-    pub fn forward(&self, values: &mut [f64]) {
+    pub(crate) fn forward(&self, values: &mut [f64]) {
         if values.len() != self.count {
             return;
         }
@@ -133,7 +123,7 @@ impl SurfaceWavelet {
     }
 
     /// Undoes [`Self::forward`].
-    pub fn inverse(&self, values: &mut [f64]) {
+    pub(crate) fn inverse(&self, values: &mut [f64]) {
         if values.len() != self.count {
             return;
         }
@@ -155,7 +145,7 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::math::random::uniform;
+    use translux::math::random::uniform;
 
     /// Points of a ball of radius 10 mm, with areas that differ.
     fn ball(count: usize) -> (Vec<OrientedPoint>, Vec<f64>) {
@@ -186,7 +176,7 @@ mod tests {
             wavelet.forward(&mut values);
             wavelet.inverse(&mut values);
             assert!(values.iter().zip(&before).all(|(a, b)| (a - b).abs() < 1e-10), "{count}");
-            assert_eq!((wavelet.len(), wavelet.is_empty()), (points.len(), count == 0));
+            assert_eq!(wavelet.count, points.len());
         }
         let mut short = [1.0, 2.0];
         wavelet(9).0.forward(&mut short);

@@ -6,13 +6,12 @@
 
 use glam::DVec3;
 
-use super::bvh::{Bvh, Ray};
-use super::mesh::Mesh;
-use super::shapes;
-use super::source::SourceModel;
+use translux::geometry::bvh::{Bvh, Ray};
+use translux::geometry::mesh::Mesh;
+use translux::geometry::source::SourceModel;
 
 /// The direction in the middle of a texel of the octahedral map: +z in the middle of the square, -z at its corners.
-pub fn direction(side: usize, x: usize, y: usize) -> DVec3 {
+fn direction(side: usize, x: usize, y: usize) -> DVec3 {
     let at = |i: usize| (2 * i + 1) as f64 / side as f64 - 1.0;
     let (u, v) = (at(x), at(y));
     let z = 1.0 - u.abs() - v.abs();
@@ -22,7 +21,7 @@ pub fn direction(side: usize, x: usize, y: usize) -> DVec3 {
 
 /// A grid of `side * side` vertices (3 x 3 at least), row by row, made into a closed surface: texels at the edge of the square meet those on the
 /// other half of that edge, where it is folded. `point` gives the vertex of a direction.
-pub fn octahedral(side: usize, point: impl Fn(DVec3) -> DVec3) -> SourceModel {
+fn octahedral(side: usize, point: impl Fn(DVec3) -> DVec3) -> SourceModel {
     let side = side.max(3);
     let positions = (0..side * side).map(|i| point(direction(side, i % side, i / side))).collect();
     let at = |x: usize, y: usize| (y * side + x) as u32;
@@ -46,11 +45,11 @@ pub fn octahedral(side: usize, point: impl Fn(DVec3) -> DVec3) -> SourceModel {
     }
     // The corners are one point of the map.
     quad([at(0, 0), at(0, last), at(last, last), at(last, 0)]);
-    shapes::model(positions, triangles)
+    SourceModel::new(positions, triangles)
 }
 
 /// The geometry image of a mesh around the middle of its bounding box; the middle where a direction meets nothing.
-pub fn of_mesh(mesh: &Mesh, bvh: &Bvh, side: usize) -> SourceModel {
+pub(crate) fn of_mesh(mesh: &Mesh, bvh: &Bvh, side: usize) -> SourceModel {
     let [low, high] = mesh.bounds_local_mm();
     let (middle, far) = (0.5 * (low + high), (high - low).length().max(f64::MIN_POSITIVE));
     octahedral(side, |direction| {
@@ -67,7 +66,8 @@ mod tests {
     use std::collections::HashMap;
 
     use super::*;
-    use crate::geometry::mesh::Placement;
+    use translux::geometry::mesh::Placement;
+    use translux::geometry::shapes;
 
     /// Where a vertex is on the grid, for checks.
     fn vertex(side: usize, direction: DVec3) -> usize {

@@ -23,7 +23,7 @@ fn lift(line: &mut [f64], first: usize, factor: f64) {
 
 /// One level of a line, in place: means first (one more of them where the length is odd), then details. `scratch` has as many numbers.
 /// A line of one number, and one with another `scratch`, are left as they are.
-pub fn forward(line: &mut [f64], scratch: &mut [f64]) {
+fn forward(line: &mut [f64], scratch: &mut [f64]) {
     let count = line.len();
     if count < 2 || scratch.len() != count {
         return;
@@ -40,7 +40,7 @@ pub fn forward(line: &mut [f64], scratch: &mut [f64]) {
 }
 
 /// Undoes [`forward`].
-pub fn inverse(line: &mut [f64], scratch: &mut [f64]) {
+fn inverse(line: &mut [f64], scratch: &mut [f64]) {
     let count = line.len();
     if count < 2 || scratch.len() != count {
         return;
@@ -57,7 +57,7 @@ pub fn inverse(line: &mut [f64], scratch: &mut [f64]) {
 
 /// Pictures of one size, row by row, transformed by levels: lines, columns, then the upper left quarter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Pictures {
+pub(crate) struct Pictures {
     width: usize,
     height: usize,
     levels: u32,
@@ -65,18 +65,13 @@ pub struct Pictures {
 
 impl Pictures {
     /// Of a width and height; at most so many levels.
-    pub fn new(width: usize, height: usize, levels: u32) -> Self {
+    pub(crate) fn new(width: usize, height: usize, levels: u32) -> Self {
         Self { width, height, levels }
     }
 
     /// Numbers of a picture.
-    pub fn len(&self) -> usize {
+    fn len(&self) -> usize {
         self.width * self.height
-    }
-
-    /// Whether pictures have no numbers.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
     }
 
     /// Width and height that each level begins with.
@@ -91,7 +86,7 @@ impl Pictures {
     }
 
     /// Transforms a picture in place; one of another size is left as it is.
-    pub fn forward(&self, picture: &mut [f64]) {
+    pub(crate) fn forward(&self, picture: &mut [f64]) {
         if picture.len() == self.len() {
             for size in self.sizes() {
                 self.rows(picture, size, forward);
@@ -101,7 +96,7 @@ impl Pictures {
     }
 
     /// Undoes [`Self::forward`].
-    pub fn inverse(&self, picture: &mut [f64]) {
+    pub(crate) fn inverse(&self, picture: &mut [f64]) {
         if picture.len() == self.len() {
             for size in self.sizes().into_iter().rev() {
                 self.columns(picture, size, inverse);
@@ -130,7 +125,7 @@ impl Pictures {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::random::uniform;
+    use translux::math::random::uniform;
 
     fn noise(count: usize) -> Vec<f64> {
         (0..count).map(|i| uniform(11, i as u64, 0) - 0.5).collect()
@@ -175,7 +170,7 @@ mod tests {
                 assert!(picture.iter().zip(&before).all(|(a, b)| (a - b).abs() < 1e-13), "{width} {height} {levels}");
             }
         }
-        assert!(Pictures::new(0, 4, 1).is_empty());
+        assert_eq!(Pictures::new(0, 4, 1).len(), 0);
     }
 
     /// Four vanishing moments of the analysis: no polynomial of the third degree has details away from the ends.
