@@ -11,5 +11,4 @@ pub mod parts;
 pub mod samples;
 pub mod scattered;
 pub mod shapes;
-pub mod simplify;
 pub mod source;
