@@ -26,7 +26,7 @@ pub const GROUP: usize = 16;
 const SAMPLING: LightSampling = LightSampling { points_per_patch: 1, ..LightSampling::FAST };
 
 /// The vertices as points of the surface.
-pub(crate) fn oriented(scene: &Scene, receivers: &Receivers) -> Vec<OrientedPoint> {
+pub fn oriented(scene: &Scene, receivers: &Receivers) -> Vec<OrientedPoint> {
     let mut normals = vec![DVec3::ZERO; receivers.len()];
     for (index, triangle) in scene.mesh.triangles.iter().enumerate() {
         let cross = scene.mesh.cross_mm2(index as u32);
@@ -41,7 +41,7 @@ pub(crate) fn oriented(scene: &Scene, receivers: &Receivers) -> Vec<OrientedPoin
 }
 
 /// Receivers of each part.
-pub(crate) fn parts(receivers: &Receivers) -> Vec<Range<usize>> {
+pub fn parts(receivers: &Receivers) -> Vec<Range<usize>> {
     let run = |groups: &[crate::transport::receivers::Group]| {
         let end = groups.last().map_or(0, |g| g.run.end as usize);
         groups.first().map_or(0, |g| g.run.first as usize)..end

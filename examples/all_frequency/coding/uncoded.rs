@@ -4,28 +4,26 @@
 use glam::DVec3;
 use translux_format::quantised_lights::Set;
 
-use super::bake::{coded, coding_error, everywhere};
-use super::settings::Harmonics;
-use crate::compress::prediction::Net;
-use crate::error::Result;
-use crate::evaluate::BakeSettings;
-use crate::forms::distant::with_work;
-use crate::forms::projected::references::weights;
-use crate::forms::sampled_scene::{GROUP, oriented, parts};
-use crate::geometry::scattered::OrientedPoint;
-use crate::progress::Progress;
-use crate::scene::Scene;
-use crate::transport::interpolation::SharedWeights;
-use crate::transport::receivers::Receivers;
+use translux::compress::prediction::Net;
+use translux::error::Result;
+use translux::evaluate::BakeSettings;
+use translux::forms::projected::harmonics::{Harmonics, coded, coding_error, everywhere};
+use translux::forms::projected::references::weights;
+use translux::forms::sampled_scene::{GROUP, oriented, parts};
+use translux::geometry::scattered::OrientedPoint;
+use translux::progress::Progress;
+use translux::scene::Scene;
+use translux::transport::interpolation::SharedWeights;
+use translux::transport::receivers::Receivers;
 
 /// Radiosity of every point of a scene under the harmonics of an order.
-pub struct Uncoded {
+pub(crate) struct Uncoded {
     /// The vertices that radiosity is transferred to, those in one place together, neighbours near each other.
-    pub points: Vec<OrientedPoint>,
+    pub(crate) points: Vec<OrientedPoint>,
     /// Order n: n^2 harmonics.
-    pub order: usize,
+    pub(crate) order: usize,
     /// `[point][channel][harmonic]`.
-    pub values: Vec<f32>,
+    pub(crate) values: Vec<f32>,
     receivers: Receivers,
 }
 
@@ -34,41 +32,40 @@ impl Uncoded {
     ///
     /// # Errors
     /// Those of a bake.
-    pub fn new(scene: &Scene, form: &Harmonics, settings: &BakeSettings, progress: &dyn Progress) -> Result<Self> {
-        let (order, values) = with_work((scene, settings, &form.0), progress, |work, _, _| everywhere(work, progress))?;
+    pub(crate) fn new(
+        scene: &Scene,
+        form: &Harmonics,
+        settings: &BakeSettings,
+        progress: &dyn Progress,
+    ) -> Result<Self> {
+        let (order, values) = everywhere(scene, &form.0, settings, progress)?;
         let receivers = Receivers::new(&scene.mesh, &scene.parts, GROUP);
         Ok(Self { points: oriented(scene, &receivers), order, values, receivers })
     }
 
     /// Reference points at a spacing, coarse to fine, as a bake takes them; all points where it is small.
-    pub fn net(&self, spacing_mm: f64) -> Net {
+    pub(crate) fn net(&self, spacing_mm: f64) -> Net {
         Net::new(&self.points, &parts(&self.receivers), spacing_mm)
     }
 
     /// Numbers of one point.
-    pub fn row(&self, point: u32) -> &[f32] {
+    pub(crate) fn row(&self, point: u32) -> &[f32] {
         let size = 3 * self.order * self.order;
         self.values.get(point as usize * size..(point as usize + 1) * size).unwrap_or(&[])
-    }
-
-    /// The RMS error over that of the rows, in units of channels and harmonics, that a bake allows its coding which is asked for an
-    /// error of `max_rms`.
-    pub fn coding_error(max_rms: f64) -> f64 {
-        coding_error(max_rms)
     }
 
     /// The points of a net, coded as a bake codes them that is asked for an error of `max_rms`.
     ///
     /// # Errors
     /// Numbers that have no principal components, or more than a format holds.
-    pub fn coded(&self, net: &Net, max_rms: f64) -> Result<Set> {
+    pub(crate) fn coded(&self, net: &Net, max_rms: f64) -> Result<Set> {
         let values: Vec<f32> = net.point.iter().flat_map(|&point| self.row(point)).copied().collect();
         coded(&values, self.order, net, coding_error(max_rms))
     }
 
     /// Radiosity of every source vertex from that of the points of a net (RGB and nothing, in the order of its rows), none negative:
     /// interpolated as an evaluator does it, unless the net has all points.
-    pub fn at_vertices(&self, net: &Net, spacing_mm: f64, values: &[[f32; 4]]) -> Vec<DVec3> {
+    pub(crate) fn at_vertices(&self, net: &Net, spacing_mm: f64, values: &[[f32; 4]]) -> Vec<DVec3> {
         let mut rows: Vec<usize> = (0..net.point.len()).collect();
         rows.sort_unstable_by_key(|&row| net.point[row]);
         let chosen: Vec<u32> = rows.iter().map(|&row| net.point[row]).collect();
@@ -89,20 +86,20 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::asset::Asset;
-    use crate::evaluate::{Form, Probes};
-    use crate::forms::density::Density;
-    use crate::forms::distant::{Basis, Choice, Distant, Integrand, Single};
-    use crate::forms::projected::references::Spacing;
-    use crate::geometry::mesh::{Mesh, Placement};
-    use crate::geometry::part_table::PartTable;
-    use crate::geometry::shapes::icosphere;
-    use crate::light::Light;
-    use crate::light::cube_light::Transform;
-    use crate::light::harmonics::coefficients;
-    use crate::medium::material::Medium;
-    use crate::medium::material::preset;
-    use crate::progress::Silent;
+    use translux::asset::Asset;
+    use translux::evaluate::{Form, Probes};
+    use translux::forms::density::Density;
+    use translux::forms::distant::{Basis, Choice, Distant, Integrand, Single};
+    use translux::forms::projected::references::Spacing;
+    use translux::geometry::mesh::{Mesh, Placement};
+    use translux::geometry::part_table::PartTable;
+    use translux::geometry::shapes::icosphere;
+    use translux::light::Light;
+    use translux::light::cube_light::Transform;
+    use translux::light::harmonics::coefficients;
+    use translux::medium::material::Medium;
+    use translux::medium::material::preset;
+    use translux::progress::Silent;
 
     const MAX_RMS: f64 = 0.02;
 
