@@ -120,7 +120,7 @@ fn imports_of_the_tree_point_downwards() {
 }
 
 /// Circles that are known and wait to be cut, each with all of its files, sorted.
-const EXPECTED_CIRCLES: [&[&str]; 12] = [
+const EXPECTED_CIRCLES: [&[&str]; 11] = [
     &[
         "forms/factored/bake.rs",
         "forms/factored/choice.rs",
@@ -135,13 +135,6 @@ const EXPECTED_CIRCLES: [&[&str]; 12] = [
         "forms/factored/subset.rs",
     ],
     &["forms/gathered/bake.rs", "forms/gathered/lit_samples.rs", "forms/gathered/settings.rs"],
-    &[
-        "forms/hao/settings.rs",
-        "forms/hao/values/bake.rs",
-        "forms/hao/values/evaluate.rs",
-        "forms/hao/values/exact.rs",
-        "forms/hao/values/references.rs",
-    ],
     &["forms/projected/components.rs", "forms/projected/gpu.rs"],
     &[
         "forms/projected/lights/bake.rs",

@@ -4,12 +4,13 @@
 mod clusters;
 mod curves;
 mod study;
+mod uncoded;
 
 use glam::DVec3;
 use rayon::prelude::*;
 use translux::compress::prediction::Net;
 use translux::error::{Error, Result};
-use translux::forms::projected::harmonics::uncoded::Uncoded;
+use translux::forms::projected::harmonics::coding_error;
 use translux::progress::Silent;
 use translux_format::distant_transport::DistantTransport;
 
@@ -102,7 +103,7 @@ fn every_vertex(
     {
         let (values, form) = study.plain(&coded.set);
         let columns = 3 * coded.set.units.len();
-        let (digits, known) = digits(net, &values, columns, budget(&values, Uncoded::coding_error(max_rms)));
+        let (digits, known) = digits(net, &values, columns, budget(&values, coding_error(max_rms)));
         let numbers = Numbers { values: &known, form: &form, ..numbers };
         let entropy = packed(net.point.len(), columns, &digits, None)?;
         // Units and steps.

@@ -57,11 +57,5 @@ pub(crate) fn half_ball(radius: f64, rings: u32, segments: u32, cap: Cap) -> Sou
     }
     let last = (rings - 1) * segments;
     triangles.extend((0..segments).map(|s| [last + s, last + (s + 1) % segments, pole]));
-    SourceModel {
-        triangle_material: vec![0; triangles.len()],
-        positions,
-        triangles,
-        materials: vec!["default".to_owned()],
-        ..SourceModel::default()
-    }
+    SourceModel::new(positions, triangles)
 }

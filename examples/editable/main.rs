@@ -9,6 +9,7 @@
 //! takes a few minutes: one small mesh, few materials.
 
 mod bench;
+mod cdf97;
 #[path = "../common/mod.rs"]
 mod common;
 mod environment;
@@ -16,9 +17,11 @@ mod fields;
 mod figure3;
 mod figure4;
 mod figure5;
+mod geometry_image;
 mod page;
 mod profiles;
 mod spatial;
+mod surface_wavelet;
 mod tables;
 mod together;
 mod transfer;

@@ -88,8 +88,8 @@ const SPATIAL: &str = "
 ## Transforms of the columns
 
 A column is what one Haar coefficient of the samples adds to each vertex, for one basis function. It is stored as it is, transformed
-over the vertices, or stored at fewer points and interpolated: CDF 9/7 (`math/cdf97.rs`) over a geometry image as in the paper, for shapes that have
-one; lifting on nested points (`geometry/surface_wavelet.rs`: prediction by kriging, an update that keeps the integral) and points with kriging on any mesh.
+over the vertices, or stored at fewer points and interpolated: CDF 9/7 (`examples/editable/cdf97.rs`) over a geometry image as in the paper, for shapes that have
+one; lifting on nested points (`examples/editable/surface_wavelet.rs`: prediction by kriging, an update that keeps the integral) and points with kriging on any mesh.
 What is above one threshold is kept and rounded to steps of it. Errors are relative RMS over the vertices, of the worst of three lights.
 Bytes are 4 for each coefficient, as the paper counts, and in brackets the entropy of the rounded numbers, by levels of the tree over the samples. 4,608
 samples; the geometry images have 48 x 48 vertices, 1.4 sample spacings apart as those of the gargoyle above are.

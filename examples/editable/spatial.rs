@@ -7,7 +7,6 @@ mod columns;
 use glam::DVec3;
 use translux::error::Result;
 use translux::geometry::bvh::Bvh;
-use translux::geometry::geometry_image;
 use translux::geometry::mesh::Scale;
 use translux::geometry::parts::PartsRule;
 use translux::geometry::shapes::bumpy_head;
@@ -22,6 +21,7 @@ use translux::scene::Scene;
 use self::columns::{Basis, Columns, Found, Lifted, Spatial, Transport};
 use crate::bench::percent;
 use crate::common::bench::{Context, SIZE_MM, properties, scene_of, table};
+use crate::geometry_image;
 
 /// Samples, and vertices along an edge of a geometry image.
 const SAMPLES: usize = 4608;

@@ -6,16 +6,16 @@ use translux::error::Result;
 use translux::geometry::bvh::Bvh;
 use translux::geometry::samples::{Patch, Samples, patches};
 use translux::geometry::scattered::{Kriging, OrientedPoint, Weights, choose};
-use translux::geometry::surface_wavelet::SurfaceWavelet;
 use translux::light::Light;
-use translux::math::cdf97::Pictures;
 use translux::progress::Silent;
 use translux::scene::Scene;
 use translux::transport::balanced_tree::{BalancedTree, LightDetails, in_tree_order};
 use translux::transport::irradiance::{Illumination, LightSampling};
 use translux::transport::surface::Surface;
 
+use crate::cdf97::Pictures;
 use crate::common::bench::parallel;
+use crate::surface_wavelet::SurfaceWavelet;
 
 /// A kernel, of the square of the distance in mm^2.
 pub(crate) type Basis = Box<dyn Fn(f64) -> f64 + Sync>;

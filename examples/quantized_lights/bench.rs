@@ -4,22 +4,24 @@ use std::sync::Arc;
 
 use glam::DVec3;
 use translux::asset::Asset;
-use translux::error::Result;
-use translux::evaluate::{Evaluator, Method};
+use translux::error::{Error, Result};
+use translux::evaluate::{AnyForm, Evaluator, Method};
 use translux::light::LightKind;
 use translux::light::quantised::directions::DirectionSet;
+use translux::light::quantised::interpolation::Scheme;
 use translux::math::cube_map::{direction, texel_of};
 use translux::math::random::uniform;
 use translux::math::sphere::unit;
-use translux::methods;
 use translux::progress::Silent;
 use translux::scene::Scene;
+use translux_format::metadata::tags;
 
 use crate::common::bench::bake_for;
 pub(crate) use crate::common::bench::{
     Context, Recipe, SIZE_MM, bytes_per_vertex, copy_bandwidth, met, noted, parallel, table,
 };
 pub(crate) use crate::common::runner::summary;
+use crate::hao::{METHOD, VertexValues, registry};
 
 /// The paper's number of lights.
 pub(crate) const LIGHTS: usize = 200;
@@ -71,25 +73,30 @@ pub(crate) fn bake(method: &dyn Method, scene: &Scene, recipe: &Recipe) -> Resul
     bake_for(LightKind::Directional, method, scene, recipe, &Silent)
 }
 
-/// An encoding with the samples that all comparisons share.
+/// An encoding of the paper's, or without one `quantized_lights`, with the samples that all comparisons share.
 pub(crate) fn encoded(scene: &Scene, set: &[(&str, &str)]) -> Result<Asset> {
     let lights = LIGHTS.to_string();
     let mut all = vec![("lights", lights.as_str())];
     all.extend(set);
-    bake(
-        methods::built_in().method("quantized_lights")?,
-        scene,
-        &Recipe { samples: Some(SAMPLES), max_rms: 0.02, set: &all },
-    )
+    bake(registry().method(method_of(set))?, scene, &Recipe { samples: Some(SAMPLES), max_rms: 0.02, set: &all })
 }
 
-/// What the asset gives, optionally with another interpolation between the lights.
-pub(crate) fn open(asset: &Asset, interpolation: Option<&str>) -> Result<Box<dyn Evaluator>> {
+/// The method whose keys these are.
+pub(crate) fn method_of(set: &[(&str, &str)]) -> &'static str {
+    if set.iter().any(|(key, _)| *key == "encoding") { METHOD } else { "quantized_lights" }
+}
+
+/// What the asset gives; one of the paper's encodings also with another interpolation between the lights.
+pub(crate) fn open(asset: &Asset, interpolation: Option<Scheme>) -> Result<Box<dyn Evaluator>> {
     let mut asset = asset.clone();
-    if let Some(name) = interpolation {
-        asset.provenance.settings.insert("interpolation".to_owned(), name.to_owned());
+    if let Some(scheme) = interpolation {
+        let settings = asset.sections.iter_mut().find(|section| section.tag == tags::SETTINGS);
+        let settings = settings.ok_or_else(|| Error::input("an asset without settings"))?;
+        let mut form: VertexValues = settings.record().map_err(|e| Error::input(e.to_string()))?;
+        form.lights.scheme = scheme;
+        [_, *settings] = AnyForm::record(&form)?;
     }
-    methods::built_in().open(Arc::new(asset))
+    registry().open(Arc::new(asset))
 }
 
 /// `two_pass` with rays for every light and samples enough to be the truth.
@@ -104,8 +111,8 @@ pub(crate) fn same_samples(scene: &Scene) -> Result<Box<dyn Evaluator>> {
 
 /// A method by its name, baked and opened.
 pub(crate) fn method(name: &str, scene: &Scene, recipe: &Recipe) -> Result<Box<dyn Evaluator>> {
-    let method = methods::built_in().method(name)?;
-    methods::built_in().open(Arc::new(bake(method, scene, recipe)?))
+    let registry = registry();
+    registry.open(Arc::new(bake(registry.method(name)?, scene, recipe)?))
 }
 
 /// Radiosity of every vertex under parallel light.

@@ -16,6 +16,7 @@ use translux::render::frame::{Frame, RenderSettings, Specular, render};
 
 use crate::bench::{Context, Recipe, bake, bytes_per_vertex, lit, open, table, thousandths, truth};
 use crate::common::sheet;
+use crate::hao::{METHOD, registry};
 
 /// Side of a close-up in pixels.
 const SIDE: usize = 300;
@@ -55,11 +56,7 @@ pub(crate) fn run(context: &Context) -> Result<String> {
     };
     let paper_bake = |set: &[(&str, &str)]| {
         let all: Vec<(&str, &str)> = set.iter().copied().chain([("lights", "200")]).collect();
-        bake(
-            methods::built_in().method("quantized_lights")?,
-            &scene,
-            &Recipe { samples: Some(SAMPLES), max_rms: COMPONENTS_RMS, set: &all },
-        )
+        bake(registry().method(METHOD)?, &scene, &Recipe { samples: Some(SAMPLES), max_rms: COMPONENTS_RMS, set: &all })
     };
     let columns: Vec<(String, Asset)> = vec![
         ("200 lights, raw".to_owned(), paper_bake(&[("encoding", "raw")])?),

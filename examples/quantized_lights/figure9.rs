@@ -20,7 +20,7 @@ const CURVES: [(&str, &[(&str, &str)]); 4] = [
         &[("encoding", "reference-points"), ("order", "6"), ("choice", "geometry"), ("weights", "barycentric")],
     ),
     ("illumination, best triangle, n = 3", &[("encoding", "reference-points"), ("order", "3")]),
-    ("components", &[("encoding", "components")]),
+    ("components", &[]),
 ];
 
 /// The figure.

@@ -16,6 +16,8 @@ mod encodings;
 mod figure11;
 mod figure5;
 mod figure9;
+#[path = "../papers/hao/mod.rs"]
+mod hao;
 mod page;
 mod sweep;
 mod views;

@@ -150,9 +150,10 @@ weighted sum of ten reference points (local kriging). No rays, no tree: the mate
 **In the bake** the transfer is computed once for 128 neighbouring lights and applied as a product of matrices (`transport/many_lights.rs`), at the reference points only. Visibility of all lights
 comes from the silhouettes that a sample sees (`transport/visibility`). How many directions the error needs is measured with 200 at the coarsest thousand reference points.
 
-**The paper's encodings**, for comparison: `encoding=raw`, `uniform8`, `lloyd8` (section 4; with `integral=vector` its Q, section 3.1), `sh` (4.1), `reference-points` (4.2).
+**The paper's encodings**, for comparison, are a program of their own, with all commands: `cargo run --release --example papers -- bake MODEL --method hao_varshney --set encoding=...`.
+`encoding` is `raw`, `uniform8`, `lloyd8` (section 4; with `integral=vector` its Q, section 3.1), `sh` (4.1), `reference-points` (4.2).
 
-**`encoding=bleeding`** is the paper's two passes at run time (section 2.3): irradiance at every vertex, then a sum over the vertices within a range. The asset stores one range a medium, beyond which
+**`encoding=bleeding`** (the same program) is the paper's two passes at run time (section 2.3): irradiance at every vertex, then a sum over the vertices within a range. The asset stores one range a medium, beyond which
 a share of the total returns (`range-share`). The vertex itself counts as a disc of a third of its triangles' area, which the paper's pseudo code leaves out: 27 % of the radiosity of a head of 642
 vertices. The lists are the price: all but 1 % of what returns takes 2.9 mean free paths in ketchup, 32 to 43 in marble, 273 in spectralon, so that a list of 10 % of the vertices leaves out a fifth of the
 light of marble at 30 mm, and one that does not is the whole mesh. Vertices as samples lose light where normals change from vertex to vertex, and fail on graded meshes.

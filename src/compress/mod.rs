@@ -3,7 +3,5 @@
 pub mod blocks;
 pub mod ledger;
 pub mod prediction;
-pub mod quantiser;
-pub mod reference_points;
 pub mod row_blocks;
 pub mod rows;

@@ -30,7 +30,7 @@ use crate::transport::receivers::Receivers;
 const TRUTH_ERROR: f64 = 0.001;
 
 /// An error, or none where the truth is black and the values are not: nothing can be relative to that.
-pub(crate) fn relative(error: VertexError) -> VertexError {
+pub fn relative(error: VertexError) -> VertexError {
     if error.rms.is_finite() { error } else { VertexError::default() }
 }
 
@@ -54,14 +54,15 @@ pub fn truth(scene: &Scene, samples: usize) -> GatheredEvaluator {
 }
 
 /// What an evaluator gives, against [`truth`], which is made when it is first asked for.
-pub(crate) struct Truth {
+pub struct Truth {
     samples: usize,
     outside: Option<Outside>,
     made: Option<Box<GatheredEvaluator>>,
 }
 
 impl Truth {
-    pub(crate) fn new(samples: usize) -> Self {
+    /// From so many samples.
+    pub fn new(samples: usize) -> Self {
         Self { samples, outside: None, made: None }
     }
 
@@ -71,12 +72,10 @@ impl Truth {
     }
 
     /// Under some lights.
-    pub(crate) fn lit(
-        &mut self,
-        scene: &Scene,
-        lights: &[Light],
-        progress: &dyn Progress,
-    ) -> Result<&mut GatheredEvaluator> {
+    ///
+    /// # Errors
+    /// Lights that cannot be served.
+    pub fn lit(&mut self, scene: &Scene, lights: &[Light], progress: &dyn Progress) -> Result<&mut GatheredEvaluator> {
         let outside = self.outside;
         let made = || Box::new(truth(scene, self.samples).with_inter_reflection(outside));
         let made = self.made.get_or_insert_with(made);
@@ -86,7 +85,10 @@ impl Truth {
 
     /// The truth's own error, and a stage: that of `values` under the worst of the lights in force, all together, and of others,
     /// each alone.
-    pub(crate) fn measured(
+    ///
+    /// # Errors
+    /// Those of `values`; lights that cannot be served.
+    pub fn measured(
         &mut self,
         scene: &Scene,
         (lights, unseen): (&[Light], &[Light]),
@@ -108,7 +110,7 @@ impl Truth {
 
 /// Whether the mean cosine of the phase function may change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum MeanCosine {
+pub enum MeanCosine {
     /// It is baked in, or nothing depends on it.
     Stays,
     /// It is read at run time.
@@ -119,7 +121,7 @@ pub(crate) enum MeanCosine {
 ///
 /// # Errors
 /// Command line: another number of media; unsupported: other properties.
-pub(crate) fn replace_media(scene: &mut Scene, media: Vec<Medium>, g: MeanCosine) -> Result<()> {
+pub fn replace_media(scene: &mut Scene, media: Vec<Medium>, g: MeanCosine) -> Result<()> {
     if media.len() != scene.media.len() {
         let (given, there) = (media.len(), scene.media.len());
         return Err(Error::command_line(format!("{given} materials for the {there} media of the asset")));

@@ -7,21 +7,18 @@ pub mod distant;
 pub mod environment_rows;
 pub mod factored;
 pub mod gathered;
-pub mod hao;
 pub mod projected;
 pub mod rows;
-mod sampled_scene;
+pub mod sampled_scene;
 pub mod single_scattering;
 
 use crate::evaluate::FormEntry;
 
 /// Every form of this crate.
-pub const ALL: [FormEntry; 7] = [
+pub const ALL: [FormEntry; 5] = [
     FormEntry::of::<gathered::Gathered>(),
     FormEntry::of::<factored::Factored>(),
     FormEntry::of::<projected::lights::QuantisedLights>(),
     FormEntry::of::<projected::harmonics::Harmonics>(),
     FormEntry::of::<rows::DirectionalRows>(),
-    FormEntry::of::<hao::VertexValues>(),
-    FormEntry::of::<hao::bleeding::NeighbourLists>(),
 ];

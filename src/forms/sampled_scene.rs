@@ -20,13 +20,13 @@ use crate::transport::surface::Surface;
 use crate::transport::tree::SampleTree;
 
 /// Receivers that share a traversal of the tree.
-pub(crate) const GROUP: usize = 16;
+pub const GROUP: usize = 16;
 
 /// Rays of the lights near the scene; scattering and the number of samples smooth what one ray each decides.
 const SAMPLING: LightSampling = LightSampling { points_per_patch: 1, ..LightSampling::FAST };
 
 /// The vertices as points of the surface.
-pub(crate) fn oriented(scene: &Scene, receivers: &Receivers) -> Vec<OrientedPoint> {
+pub fn oriented(scene: &Scene, receivers: &Receivers) -> Vec<OrientedPoint> {
     let mut normals = vec![DVec3::ZERO; receivers.len()];
     for (index, triangle) in scene.mesh.triangles.iter().enumerate() {
         let cross = scene.mesh.cross_mm2(index as u32);
@@ -41,7 +41,7 @@ pub(crate) fn oriented(scene: &Scene, receivers: &Receivers) -> Vec<OrientedPoin
 }
 
 /// Receivers of each part.
-pub(crate) fn parts(receivers: &Receivers) -> Vec<Range<usize>> {
+pub fn parts(receivers: &Receivers) -> Vec<Range<usize>> {
     let run = |groups: &[crate::transport::receivers::Group]| {
         let end = groups.last().map_or(0, |g| g.run.end as usize);
         groups.first().map_or(0, |g| g.run.first as usize)..end
@@ -50,20 +50,30 @@ pub(crate) fn parts(receivers: &Receivers) -> Vec<Range<usize>> {
 }
 
 /// A scene, its samples in a tree, and its receivers.
-pub(crate) struct SampledScene<'a> {
-    pub(crate) scene: &'a Scene,
-    pub(crate) bvh: Bvh,
-    pub(crate) samples: Samples,
-    pub(crate) patches: Vec<Patch>,
-    pub(crate) tree: SampleTree,
-    pub(crate) receivers: Receivers,
-    pub(crate) areas: Vec<f64>,
-    pub(crate) points: Vec<OrientedPoint>,
-    pub(crate) sampling: LightSampling,
+pub struct SampledScene<'a> {
+    /// The scene.
+    pub scene: &'a Scene,
+    /// Tree of its triangles.
+    pub bvh: Bvh,
+    /// Samples of its surface.
+    pub samples: Samples,
+    /// The same as patches.
+    pub patches: Vec<Patch>,
+    /// The samples in a tree.
+    pub tree: SampleTree,
+    /// Vertices that receive.
+    pub receivers: Receivers,
+    /// A third of the triangles around each receiver, mm^2.
+    pub areas: Vec<f64>,
+    /// The receivers as points of the surface.
+    pub points: Vec<OrientedPoint>,
+    /// Rays towards a light.
+    pub sampling: LightSampling,
 }
 
 impl<'a> SampledScene<'a> {
-    pub(crate) fn new(scene: &'a Scene, count: usize) -> Self {
+    /// A scene with about so many samples.
+    pub fn new(scene: &'a Scene, count: usize) -> Self {
         let samples = Samples::new(&scene.mesh, &scene.parts, count);
         let (bvh, patches) = rayon::join(|| Bvh::new(&scene.mesh), || samples::patches(&scene.mesh, &samples));
         let tree = SampleTree::new(&samples, &patches);
@@ -73,12 +83,16 @@ impl<'a> SampledScene<'a> {
         Self { scene, bvh, samples, patches, tree, receivers, areas, points, sampling: SAMPLING }
     }
 
-    pub(crate) fn surface(&self) -> Surface<'_> {
+    /// The surface that light falls on.
+    pub fn surface(&self) -> Surface<'_> {
         Surface { domain: self.scene.domain(), bvh: &self.bvh, samples: &self.samples, patches: &self.patches }
     }
 
     /// Irradiance of every sample under each light, RGB lights as their first channel.
-    pub(crate) fn irradiance(&self, lights: &[Light]) -> Result<IrradianceRows> {
+    ///
+    /// # Errors
+    /// Lights that cannot be served.
+    pub fn irradiance(&self, lights: &[Light]) -> Result<IrradianceRows> {
         let surface = self.surface();
         let etas: Vec<f64> = self.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
         let mut values = vec![0.0; self.samples.len() * lights.len()];
@@ -93,7 +107,10 @@ impl<'a> SampledScene<'a> {
     }
 
     /// Calls `work` with the transfer, which keeps an error under some lights.
-    pub(crate) fn with_transfer<T>(
+    ///
+    /// # Errors
+    /// Those of the work.
+    pub fn with_transfer<T>(
         &self,
         near: crate::transport::gather::NearField,
         work: impl FnOnce(ManyLights) -> Result<T>,

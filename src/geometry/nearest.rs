@@ -115,7 +115,7 @@ impl<'a> NearestPoint<'a> {
 
 /// Barycentric weights of the point of a triangle that is nearest to p, and its squared distance. The weights are not
 /// negative and add up to 1; a triangle without area is taken as its edges.
-pub(crate) fn closest_weights(p: DVec3, [a, b, c]: [DVec3; 3]) -> ([f64; 3], f64) {
+pub fn closest_weights(p: DVec3, [a, b, c]: [DVec3; 3]) -> ([f64; 3], f64) {
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let cross = ab.cross(ac);
     let square = cross.length_squared();

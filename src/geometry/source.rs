@@ -34,3 +34,16 @@ pub struct SourceModel {
     /// What was repaired or left out, one line each, for the user.
     pub warnings: Vec<String>,
 }
+
+impl SourceModel {
+    /// A model of one material named `default`, without shading normals, texture coordinates or a unit.
+    pub fn new(positions: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> Self {
+        Self {
+            triangle_material: vec![0; triangles.len()],
+            positions,
+            triangles,
+            materials: vec!["default".to_owned()],
+            ..Self::default()
+        }
+    }
+}

@@ -1,6 +1,5 @@
 //! Quadrature, counter-based random numbers, directions and statistics.
 
-pub mod cdf97;
 pub mod cube_map;
 pub mod eigen;
 pub mod haar;

@@ -64,6 +64,7 @@ pub(crate) fn prefetch<T>(values: &[T], index: usize) {
 }
 
 /// Compiles `$body` (an `#[inline(always)]` function) for every level and defines `$name` that calls one of them.
+#[macro_export]
 macro_rules! multiversion {
     ($(#[$meta:meta])* $vis:vis fn $name:ident ( $($arg:ident : $ty:ty),* $(,)? ) => $body:path) => {
         $(#[$meta])*
@@ -95,4 +96,4 @@ macro_rules! multiversion {
     };
 }
 
-pub(crate) use multiversion;
+pub use multiversion;

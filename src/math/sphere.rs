@@ -4,6 +4,8 @@
 //! 1e-12 of a face's plane does not see it, so points on one circle give some triangulation of their polygon instead of
 //! a failure. What cannot be triangulated over the whole sphere (all points in a half space, two that coincide) is an error.
 
+use std::f64::consts::TAU;
+
 use glam::DVec3;
 
 use super::cube_map::{FACES, direction as texel_direction, texel_of};
@@ -152,6 +154,13 @@ impl SphericalDelaunay {
         };
         (0..self.triangles.len()).fold(at, |best, t| if lowest_side(t) > lowest_side(best) { t } else { best })
     }
+}
+
+/// A direction of the uniform distribution over the sphere, random by key.
+pub fn random_direction(stage: u64, index: u64) -> DVec3 {
+    let (z, azimuth) = (1.0 - 2.0 * random::uniform(stage, index, 0), TAU * random::uniform(stage, index, 1));
+    let r = (1.0 - z * z).sqrt();
+    DVec3::new(r * azimuth.cos(), r * azimuth.sin(), z)
 }
 
 /// A unit vector along `direction`; +Z for the zero vector and what is not finite.
@@ -392,16 +401,10 @@ fn broken() -> Error {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use std::f64::consts::{PI, TAU};
+    use std::f64::consts::PI;
 
     use super::*;
     use crate::math::random::uniform;
-
-    fn random_direction(stage: u64, index: u64) -> DVec3 {
-        let (z, azimuth) = (1.0 - 2.0 * uniform(stage, index, 0), TAU * uniform(stage, index, 1));
-        let r = (1.0 - z * z).sqrt();
-        DVec3::new(r * azimuth.cos(), r * azimuth.sin(), z)
-    }
 
     fn random_points(stage: u64, count: usize) -> Vec<DVec3> {
         (0..count).map(|i| random_direction(stage, i as u64)).collect()

@@ -198,20 +198,10 @@ fn any_brightness_that_a_light_can_have_stays_in_range() {
     }
 }
 
-fn single(positions: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> SourceModel {
-    SourceModel {
-        triangle_material: vec![0; triangles.len()],
-        positions,
-        triangles,
-        materials: vec!["default".into()],
-        ..SourceModel::default()
-    }
-}
-
 #[test]
 fn models_of_one_triangle_of_twin_sheets_and_of_a_micron_are_exact() {
     let corner = [DVec3::ZERO, DVec3::X, DVec3::new(0.2, 0.9, 0.3)];
-    let sheets = |scale: f64, triangles: Vec<[u32; 3]>| single(corner.map(|p| p * scale).to_vec(), triangles);
+    let sheets = |scale: f64, triangles: Vec<[u32; 3]>| SourceModel::new(corner.map(|p| p * scale).to_vec(), triangles);
     let cases = [
         ("triangle", sheets(5.0, vec![[0, 1, 2]])),
         ("twin sheets", sheets(5.0, vec![[0, 1, 2], [0, 2, 1]])),

@@ -28,13 +28,7 @@ fn floor(samples: usize) -> Fixture {
 
 fn rectangle(x: [f64; 2], z: [f64; 2], y: f64) -> SourceModel {
     let positions = [(x[0], z[0]), (x[0], z[1]), (x[1], z[1]), (x[1], z[0])].map(|(x, z)| DVec3::new(x, y, z)).to_vec();
-    SourceModel {
-        positions,
-        triangles: vec![[0, 1, 2], [0, 2, 3]],
-        triangle_material: vec![0; 2],
-        materials: vec!["default".into()],
-        ..SourceModel::default()
-    }
+    SourceModel::new(positions, vec![[0, 1, 2], [0, 2, 3]])
 }
 
 fn arriving(cosine: f64) -> f64 {

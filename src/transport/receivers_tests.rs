@@ -6,13 +6,7 @@ use crate::geometry::source::SourceModel;
 use crate::transport::test_scene::mesh_of;
 
 fn model(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> SourceModel {
-    SourceModel {
-        positions: positions.iter().map(|&p| DVec3::from(p)).collect(),
-        triangles: triangles.to_vec(),
-        triangle_material: vec![0; triangles.len()],
-        materials: vec!["default".into()],
-        ..SourceModel::default()
-    }
+    SourceModel::new(positions.iter().map(|&p| DVec3::from(p)).collect(), triangles.to_vec())
 }
 
 /// Two triangles with a seam between them, an unused vertex, a third triangle that touches the first in one vertex.

@@ -284,7 +284,6 @@ fn every_method_writes_what_is_valid() {
     folder.obj("a.obj", &shapes::bumpy_head(1.0, 3));
     for method in translux::methods::built_in().methods().iter().map(|m| m.name()) {
         let settings: &[&str] = match method {
-            "quantized_lights" => &["", "--set encoding=lloyd8", "--set encoding=bleeding"],
             "all_frequency" => &["", "--set basis=haar"],
             _ => &[""],
         };

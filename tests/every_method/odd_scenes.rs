@@ -3,13 +3,7 @@
 use super::*;
 
 fn triangle(size_mm: f64) -> SourceModel {
-    SourceModel {
-        positions: [DVec3::ZERO, DVec3::X, DVec3::new(0.2, 0.9, 0.3)].map(|p| p * size_mm).to_vec(),
-        triangles: vec![[0, 1, 2]],
-        triangle_material: vec![0],
-        materials: vec!["default".into()],
-        ..SourceModel::default()
-    }
+    SourceModel::new([DVec3::ZERO, DVec3::X, DVec3::new(0.2, 0.9, 0.3)].map(|p| p * size_mm).to_vec(), vec![[0, 1, 2]])
 }
 
 /// Bakes and evaluates a scene with every method under every light, alone and all at once. A flat or convex surface

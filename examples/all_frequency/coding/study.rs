@@ -8,7 +8,6 @@ use translux::compress::prediction::Net;
 use translux::error::{Error, Result};
 use translux::evaluate::{BakeSettings, Probes};
 use translux::forms::projected::harmonics::Harmonics as HarmonicsForm;
-use translux::forms::projected::harmonics::uncoded::Uncoded;
 use translux::geometry::samples::Samples;
 use translux::light::harmonics::coefficients;
 use translux::light::{Light, LightKind};
@@ -23,6 +22,7 @@ use translux_format::quantised_lights::Set;
 use translux_format::{Budget, FormatError};
 
 use super::curves::Measured;
+use super::uncoded::Uncoded;
 use crate::bench::{DEFAULT_RMS, Expected, Map, Truth, compared, half_in, sun};
 use crate::common::bench::{Context, bytes_per_vertex};
 

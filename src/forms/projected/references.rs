@@ -137,7 +137,7 @@ pub(crate) fn in_ascending_order(
 }
 
 /// Weights of every receiver over the reference points, which are some of the receivers, ascending.
-pub(crate) fn weights(chosen: &[u32], points: &[OrientedPoint], receivers: &Receivers, spacing_mm: f64) -> Weights {
+pub fn weights(chosen: &[u32], points: &[OrientedPoint], receivers: &Receivers, spacing_mm: f64) -> Weights {
     weights_of_some(chosen, points, receivers, (spacing_mm, 1), Kriging::RADIOSITY)
 }
 

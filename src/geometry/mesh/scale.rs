@@ -204,13 +204,8 @@ mod tests {
     use crate::error::ExitCode;
 
     fn box_of(extents: DVec3) -> SourceModel {
-        SourceModel {
-            positions: vec![DVec3::ZERO, DVec3::new(extents.x, extents.y, 0.0), extents, DVec3::NAN],
-            triangles: vec![[0, 1, 2]],
-            triangle_material: vec![0],
-            materials: vec!["default".into()],
-            ..SourceModel::default()
-        }
+        let corners = vec![DVec3::ZERO, DVec3::new(extents.x, extents.y, 0.0), extents, DVec3::NAN];
+        SourceModel::new(corners, vec![[0, 1, 2]])
     }
 
     #[test]

@@ -11,15 +11,11 @@ const UNIT: Placement = Placement { mm_per_unit: 1.0 };
 
 fn triangles(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> SourceModel {
     SourceModel {
-        positions: positions.iter().copied().map(DVec3::from).collect(),
-        triangles: triangles.to_vec(),
-        triangle_material: vec![0; triangles.len()],
-        materials: vec!["default".into()],
         uvs: Some(CornerAttribute {
             values: (0..triangles.len()).map(|t| Vec2::splat(t as f32)).collect(),
             corners: (0..triangles.len() as u32).map(|t| [t; 3]).collect(),
         }),
-        ..SourceModel::default()
+        ..SourceModel::new(positions.iter().copied().map(DVec3::from).collect(), triangles.to_vec())
     }
 }
 

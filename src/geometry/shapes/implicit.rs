@@ -5,17 +5,6 @@ use rayon::prelude::*;
 
 use crate::geometry::source::SourceModel;
 
-/// A model of one material.
-pub(in crate::geometry) fn model(positions: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> SourceModel {
-    SourceModel {
-        triangle_material: vec![0; triangles.len()],
-        positions,
-        triangles,
-        materials: vec!["default".to_string()],
-        ..SourceModel::default()
-    }
-}
-
 /// Grid that an implicit function is sampled on.
 pub(super) struct Grid {
     /// Corner with the smallest coordinates.
@@ -53,7 +42,7 @@ pub(super) fn mesh(f: &(dyn Fn(DVec3) -> f64 + Sync), grid: &Grid) -> SourceMode
         }
     });
     let triangles = quads.iter().flat_map(|&quad| cut(quad, &positions)).collect();
-    model(positions, triangles)
+    SourceModel::new(positions, triangles)
 }
 
 /// Cells along the edge of a block that is sampled or skipped as one.

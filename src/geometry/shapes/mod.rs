@@ -14,7 +14,6 @@ use glam::{DVec2, DVec3};
 use super::source::SourceModel;
 
 pub use demo::{demo_model, elephant};
-pub(super) use implicit::model;
 
 /// Cosine and sine of a share of a full turn, by Taylor series within an eighth of a turn (error below 1e-15).
 pub fn cos_sin_of_turn(turns: f64) -> DVec2 {
@@ -106,7 +105,7 @@ pub fn icosphere(radius: f64, subdivisions: u32) -> SourceModel {
         triangles = finer;
     }
     positions.iter_mut().for_each(|p| *p *= radius);
-    model(positions, triangles)
+    SourceModel::new(positions, triangles)
 }
 
 /// A surface of revolution about +Y from the outline (radius, height), bottom pole to top pole; both poles are given
@@ -132,7 +131,7 @@ fn revolve(outline: &[DVec2], segments: u32) -> SourceModel {
         }
         triangles.push([at(rings - 1, s), at(rings - 1, s + 1), top]);
     }
-    model(positions, triangles)
+    SourceModel::new(positions, triangles)
 }
 
 /// A sphere of meridians and parallels, poles on the Y axis; at least 3 segments and 2 rings of faces.
@@ -187,7 +186,7 @@ pub fn cuboid(size: DVec3, divisions: u32) -> SourceModel {
             }
         }
     }
-    model(positions, triangles)
+    SourceModel::new(positions, triangles)
 }
 
 /// An open rectangle in the plane y = 0, facing +Y, centred at the origin, of `divisions` squared rectangles.
@@ -202,7 +201,7 @@ pub fn plane(size_x: f64, size_z: f64, divisions: u32) -> SourceModel {
         .flat_map(|j| (0..n).map(move |i| [at(i, j), at(i, j + 1), at(i + 1, j + 1), at(i + 1, j)]))
         .flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]])
         .collect();
-    model(positions, triangles)
+    SourceModel::new(positions, triangles)
 }
 
 /// A closed tube: `frame(u)` gives centre and the two unit axes of the circular cross section at a share of the way.
@@ -220,7 +219,7 @@ fn tube(radius: f64, along: u32, around: u32, frame: impl Fn(f64) -> [DVec3; 3])
         .flat_map(|i| (0..around).map(move |j| [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)]))
         .flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]])
         .collect();
-    model(positions, triangles)
+    SourceModel::new(positions, triangles)
 }
 
 /// A torus about the Y axis: `along` segments around the axis, `around` around the tube.

@@ -118,7 +118,7 @@ fn lattice(count: usize, offset: f64) -> Vec<DVec3> {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::light::quantised::test_functions::random_direction;
+    use crate::math::sphere::random_direction;
 
     #[test]
     fn the_covering_radii_are_those_of_the_documentation() {

@@ -211,8 +211,9 @@ impl QuantisedLights {
 mod tests {
     use super::*;
     use crate::error::ExitCode;
-    use crate::light::quantised::test_functions::{Lit, random_direction};
+    use crate::light::quantised::test_functions::Lit;
     use crate::math::random::uniform;
+    use crate::math::sphere::random_direction;
 
     const CENTRE: DVec3 = DVec3::new(1.0, -2.0, 3.0);
 

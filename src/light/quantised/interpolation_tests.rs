@@ -2,9 +2,10 @@ use glam::DVec3;
 
 use super::directions::DirectionSet;
 use super::interpolation::{Interpolator, MOST_ORDER, MOST_RBF, Scheme, default_order, rbf_matrix};
-use super::test_functions::{Lit, random_direction};
+use super::test_functions::Lit;
 use crate::error::ExitCode;
 use crate::math::sh::real_sh;
+use crate::math::sphere::random_direction;
 
 fn interpolator(count: usize, scheme: Scheme) -> Interpolator {
     Interpolator::new(&DirectionSet::fibonacci(count).unwrap(), scheme).unwrap()

@@ -12,7 +12,6 @@ pub mod interpolation;
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod interpolation_tests;
-pub mod mean;
 #[cfg(test)]
 mod test_functions;
 pub mod vector;

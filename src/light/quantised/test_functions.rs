@@ -5,12 +5,7 @@ use std::f64::consts::{PI, SQRT_2, TAU};
 use glam::DVec3;
 
 use crate::math::random::uniform;
-
-pub(super) fn random_direction(stage: u64, index: u64) -> DVec3 {
-    let (z, azimuth) = (1.0 - 2.0 * uniform(stage, index, 0), TAU * uniform(stage, index, 1));
-    let r = (1.0 - z * z).sqrt();
-    DVec3::new(r * azimuth.cos(), r * azimuth.sin(), z)
-}
+use crate::math::sphere::random_direction;
 
 /// Normal distribution function; the error function by the series of Abramowitz & Stegun 7.1.5 and the fraction of 7.1.14.
 fn normal_cdf(x: f64) -> f64 {

@@ -6,13 +6,14 @@ use glam::DVec3;
 use super::directions::DirectionSet;
 use super::distances::{Blend, DistanceSet, QuantisedLights};
 use super::interpolation::{Interpolator, Scheme};
-use super::test_functions::{Lit, random_direction};
+use super::test_functions::Lit;
 use super::vector::light_vector;
 use crate::error::ExitCode;
 use crate::light::Light;
 use crate::light::environment::{EnvironmentMap, Rotation};
 use crate::light::sky::sky;
 use crate::math::random::uniform;
+use crate::math::sphere::random_direction;
 
 const CENTRE: DVec3 = DVec3::new(1.0, -2.0, 3.0);
 const RADIUS: f64 = 10.0;

@@ -170,14 +170,7 @@ fn the_scanned_bunny_is_seen_as_one_ray_each_sees_it() {
         rows("f ").map(|w| w.map(index).collect::<Vec<_>>()).map(|f| [f[0], f[1], f[2]]).collect();
     let (low, high) = positions.iter().fold((positions[0], positions[0]), |(l, h), p| (l.min(*p), h.max(*p)));
     positions.iter_mut().for_each(|p| *p *= 30.0 / (high - low).length());
-    let source = SourceModel {
-        positions,
-        triangle_material: vec![0; triangles.len()],
-        triangles,
-        materials: vec!["default".into()],
-        ..SourceModel::default()
-    };
-    let fixture = Fixture::new(source, named("marble"), 131_072);
+    let fixture = Fixture::new(SourceModel::new(positions, triangles), named("marble"), 131_072);
     let chosen = shadowed_and_others(&fixture, 1000);
     let outcome = compare(&fixture, &chosen[..1000.min(chosen.len())], Resolution::Sub64);
     let hidden = outcome.hidden as f64 / outcome.all as f64;

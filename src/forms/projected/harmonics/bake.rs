@@ -9,8 +9,9 @@ use super::returned::{Returned, radiosity};
 use crate::compress::ledger::Ledger;
 use crate::compress::prediction::Net;
 use crate::error::Result;
+use crate::evaluate::BakeSettings;
 use crate::forms::baked_in::{Stored, relative};
-use crate::forms::distant::{MOST_ORDER, SUN, Work, under_suns};
+use crate::forms::distant::{Distant, MOST_ORDER, SUN, Work, under_suns, with_work};
 use crate::forms::projected::coding::{Radiosities, code};
 use crate::forms::projected::references::{in_ascending_order, spacing, spatial_error};
 use crate::forms::sampled_scene::{GROUP, SampledScene, parts};
@@ -19,6 +20,7 @@ use crate::light::Light;
 use crate::light::harmonics::coefficients;
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::progress::{Progress, Silent};
+use crate::scene::Scene;
 use crate::transport::gather::NearField;
 use crate::transport::irradiance::Illumination;
 use crate::transport::irradiance_rows::texels::TexelBaker;
@@ -120,14 +122,25 @@ pub(super) fn harmonics(
     Ok(file)
 }
 
-/// Radiosities of every receiver, and the order of the harmonics that they are under.
-pub(super) fn everywhere(work: &Work, progress: &dyn Progress) -> Result<(usize, Vec<f32>)> {
-    let folded = Folded::new(work)?;
-    let returned = Returned::new(work, progress);
-    let beside = Beside { folded: folded.as_ref(), returned: returned.as_ref() };
-    let points: Vec<u32> = (0..work.sampled.points.len() as u32).collect();
-    let (order, values) = at_points((work, beside), &points, progress)?;
-    Ok((order, values.values))
+/// What a bake with these settings codes, at every receiver of a scene: the order n of the harmonics and radiosities
+/// `[receiver][channel][harmonic]`.
+///
+/// # Errors
+/// Those of a bake.
+pub fn everywhere(
+    scene: &Scene,
+    distant: &Distant,
+    settings: &BakeSettings,
+    progress: &dyn Progress,
+) -> Result<(usize, Vec<f32>)> {
+    with_work((scene, settings, distant), progress, |work, _, _| {
+        let folded = Folded::new(work)?;
+        let returned = Returned::new(work, progress);
+        let beside = Beside { folded: folded.as_ref(), returned: returned.as_ref() };
+        let points: Vec<u32> = (0..work.sampled.points.len() as u32).collect();
+        let (order, values) = at_points((work, beside), &points, progress)?;
+        Ok((order, values.values))
+    })
 }
 
 /// Radiosities of some points, and the order of the harmonics that they are under.
@@ -145,13 +158,17 @@ fn at_points(
     Ok((order, AtReferences::new((work, beside), points, &rows, progress)?))
 }
 
-/// The error that coding may have.
-pub(super) fn coding_error(max_rms: f64) -> f64 {
+/// The RMS error over that of the rows, in units of channels and harmonics, that a bake allows its coding which is asked for an
+/// error of `max_rms`.
+pub fn coding_error(max_rms: f64) -> f64 {
     2.0 * CODED * max_rms
 }
 
 /// Codes radiosities in the order of the rows of `net`, so that their error is `error` times their RMS.
-pub(super) fn coded(values: &[f32], order: usize, net: &Net, error: f64) -> Result<Set> {
+///
+/// # Errors
+/// Numbers that have no principal components, or more than a format holds.
+pub fn coded(values: &[f32], order: usize, net: &Net, error: f64) -> Result<Set> {
     let mut units = vec![OTHER_BANDS; order * order];
     units[0] = 1.0;
     let radiosities = Radiosities { values: values.into(), shells: 1, directions: order * order, units };

@@ -4,7 +4,7 @@ mod bake;
 mod evaluate;
 mod returned;
 mod settings;
-pub mod uncoded;
 
+pub use bake::{coded, coding_error, everywhere};
 pub(crate) use evaluate::{HarmonicBasis, components};
 pub use settings::Harmonics;

@@ -42,7 +42,7 @@ const FIRST_POINTS: usize = 1024;
 const ORDER: f64 = 0.7;
 
 /// Lights that choices look at.
-pub(crate) const TUNING: usize = 20;
+pub const TUNING: usize = 20;
 
 pub(super) fn memory(form: &QuantisedLights, scene: &Scene, settings: &BakeSettings) -> u64 {
     let directions = form.lights.directions.unwrap_or(LARGEST_SET) as u64;
@@ -124,8 +124,8 @@ pub(super) fn bake(
     })
 }
 
-/// Some lights spread over all.
-pub(crate) fn chosen(lights: &[Light], count: usize) -> Vec<Light> {
+/// Some of the directional and point lights, spread over all.
+pub fn chosen(lights: &[Light], count: usize) -> Vec<Light> {
     let white = |l: &&Light| matches!(l, Light::Directional { .. } | Light::Point { .. });
     let all: Vec<&Light> = lights.iter().filter(white).collect();
     all.iter().step_by(all.len().div_ceil(count).max(1)).map(|l| (*l).clone()).collect()

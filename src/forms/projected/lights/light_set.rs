@@ -17,19 +17,19 @@ use crate::scene::Scene;
 use crate::transport::receivers::Sphere;
 
 /// A set with its interpolation.
-pub(crate) struct LightSet {
-    pub(crate) lights: QuantisedLights,
-    pub(crate) interpolator: Interpolator,
+pub struct LightSet {
+    /// The lights: directions on shells.
+    pub lights: QuantisedLights,
+    /// Weights of the directions for any other.
+    pub interpolator: Interpolator,
 }
 
 impl LightSet {
     /// Shells around the scene; `inverse` are its radius over their distances, from 0.
-    pub(crate) fn new(
-        scene: &Scene,
-        directions: usize,
-        inverse: Vec<f64>,
-        (scheme, blend): (Scheme, Blend),
-    ) -> Result<Self> {
+    ///
+    /// # Errors
+    /// Numbers out of range.
+    pub fn new(scene: &Scene, directions: usize, inverse: Vec<f64>, (scheme, blend): (Scheme, Blend)) -> Result<Self> {
         let (centre_mm, radius_mm) = sphere(scene);
         let directions = DirectionSet::new(lattice(directions)?)?;
         let shells = match inverse.len() {
@@ -41,7 +41,10 @@ impl LightSet {
     }
 
     /// The same with as many shells as the settings have.
-    pub(crate) fn planned(scene: &Scene, directions: usize, settings: &LightSetSettings) -> Result<Self> {
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn planned(scene: &Scene, directions: usize, settings: &LightSetSettings) -> Result<Self> {
         let (centre_mm, radius_mm) = sphere(scene);
         let inverse = match settings.shells {
             0 => vec![0.0],
@@ -53,7 +56,10 @@ impl LightSet {
     }
 
     /// Weights of the lights of the set, RGB, for several lights together.
-    pub(crate) fn vector(&self, lights: &[Light]) -> Result<Vec<DVec3>> {
+    ///
+    /// # Errors
+    /// Unsupported: lights near the scene where the set has none, source fields.
+    pub fn vector(&self, lights: &[Light]) -> Result<Vec<DVec3>> {
         let mut sum = vec![DVec3::ZERO; self.lights.count()];
         for light in lights {
             self.check(light)?;
@@ -69,7 +75,10 @@ impl LightSet {
     }
 
     /// Several lights as parallel light and point lights on the shells: pairs of unit direction and irradiance, by shell.
-    pub(crate) fn pieces(&self, lights: &[Light]) -> Result<Vec<Vec<(DVec3, DVec3)>>> {
+    ///
+    /// # Errors
+    /// As [`Self::vector`]; lights too bright for double precision.
+    pub fn pieces(&self, lights: &[Light]) -> Result<Vec<Vec<(DVec3, DVec3)>>> {
         let mut all = vec![Vec::new(); self.lights.shells.inverse().len()];
         for light in lights {
             self.check(light)?;

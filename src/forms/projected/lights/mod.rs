@@ -8,7 +8,7 @@ mod sections;
 mod seen;
 mod settings;
 
-pub(crate) use bake::{TUNING, chosen};
-pub(crate) use light_set::LightSet;
-pub(crate) use seen::{Seen, irradiance_of_seen, neighbours, radiosity_of_set};
+pub use bake::{TUNING, chosen};
+pub use light_set::LightSet;
+pub use seen::{Seen, irradiance_of_seen, neighbours, radiosity_of_set};
 pub use settings::{LightSetSettings, MOST_DIRECTIONS, MOST_SHELLS, QuantisedLights};

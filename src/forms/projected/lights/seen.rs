@@ -23,7 +23,7 @@ const GROUP_OF_OBSERVERS: usize = 2 * visibility::GROUP;
 const NEIGHBOURS: usize = 128;
 
 /// Which lights of a set each sample sees: one bit each, `[sample][word]`.
-pub(crate) struct Seen {
+pub struct Seen {
     observers: Vec<Observer>,
     /// Where the lights are; what is nearer than something that casts shadows is not known here.
     places: Vec<Place>,
@@ -45,7 +45,7 @@ enum Place {
 impl Seen {
     /// Of parallel lights from the centres of texels of a cube map, and of points around the scene: what lies in their direction
     /// is in front of them, and the texel decides whether there is something.
-    pub(crate) fn new(sampled: &SampledScene, lights: &QuantisedLights, progress: &dyn Progress) -> Self {
+    pub fn new(sampled: &SampledScene, lights: &QuantisedLights, progress: &dyn Progress) -> Self {
         let mesh = &sampled.scene.mesh;
         let centre = lights.shells.centre_mm() - mesh.origin_mm;
         let farthest = mesh.local_mm.iter().map(|v| v.as_dvec3().distance(centre)).fold(0.0, f64::max);
@@ -115,7 +115,7 @@ impl Seen {
 }
 
 /// Irradiance of every sample under lights of a set, by their indices, from what is known of visibility.
-pub(crate) fn irradiance_of_seen(sampled: &SampledScene, seen: &Seen, lights: &[u32]) -> IrradianceRows {
+pub fn irradiance_of_seen(sampled: &SampledScene, seen: &Seen, lights: &[u32]) -> IrradianceRows {
     let count = lights.len();
     let mut values = vec![0.0f32; sampled.samples.len() * count];
     let eta_of_part = |part: usize| {
@@ -132,7 +132,7 @@ pub(crate) fn irradiance_of_seen(sampled: &SampledScene, seen: &Seen, lights: &[
 
 /// The lights of a set in runs of neighbours, indices of entries; all shells of some directions, since the tree is walked once
 /// for all of a run.
-pub(crate) fn neighbours(set: &DirectionSet, shells: usize) -> Vec<Vec<u32>> {
+pub fn neighbours(set: &DirectionSet, shells: usize) -> Vec<Vec<u32>> {
     let count = set.count();
     let mut order: Vec<u32> = (0..count as u32).collect();
     let runs = cluster::groups(&mut order, set.directions(), (NEIGHBOURS / shells.max(1)).max(1));
@@ -144,7 +144,10 @@ pub(crate) fn neighbours(set: &DirectionSet, shells: usize) -> Vec<Vec<u32>> {
 }
 
 /// Radiosity at receivers under lights of a set: `[receiver][channel][light]`.
-pub(crate) fn radiosity_of_set(
+///
+/// # Errors
+/// Lights that cannot be served.
+pub fn radiosity_of_set(
     sampled: &SampledScene,
     transfer: &ManyLights,
     lights: &QuantisedLights,
