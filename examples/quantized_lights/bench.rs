@@ -1,13 +1,17 @@
 //! What the parts share: models, bakes in memory, lights, numbers as text.
 
+use std::any::Any;
 use std::sync::Arc;
 
 use glam::DVec3;
 use translux::asset::Asset;
-use translux::error::Result;
-use translux::evaluate::{Evaluator, Method};
+use translux::error::{Error, Result};
+use translux::evaluate::{Evaluator, Form, Method};
+use translux::forms::hao::VertexValues;
+use translux::forms::projected::lights::LightSetSettings;
 use translux::light::LightKind;
 use translux::light::quantised::directions::DirectionSet;
+use translux::light::quantised::interpolation::Scheme;
 use translux::math::cube_map::{direction, texel_of};
 use translux::math::random::uniform;
 use translux::math::sphere::unit;
@@ -83,13 +87,15 @@ pub(crate) fn encoded(scene: &Scene, set: &[(&str, &str)]) -> Result<Asset> {
     )
 }
 
-/// What the asset gives, optionally with another interpolation between the lights.
-pub(crate) fn open(asset: &Asset, interpolation: Option<&str>) -> Result<Box<dyn Evaluator>> {
-    let mut asset = asset.clone();
-    if let Some(name) = interpolation {
-        asset.provenance.settings.insert("interpolation".to_owned(), name.to_owned());
-    }
-    methods::built_in().open(Arc::new(asset))
+/// What the asset gives; values of the paper's encodings optionally with another interpolation between the lights.
+pub(crate) fn open(asset: &Asset, interpolation: Option<Scheme>) -> Result<Box<dyn Evaluator>> {
+    let registry = methods::built_in();
+    let asset = Arc::new(asset.clone());
+    let Some(scheme) = interpolation else { return registry.open(asset) };
+    let form: Box<dyn Any> = registry.form(&asset)?;
+    let form = form.downcast::<VertexValues>().map_err(|_| Error::runtime("only the paper's encodings"))?;
+    let lights = LightSetSettings { scheme, ..form.lights };
+    VertexValues { lights, ..*form }.open(asset)
 }
 
 /// `two_pass` with rays for every light and samples enough to be the truth.

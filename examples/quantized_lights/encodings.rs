@@ -37,14 +37,14 @@ impl Stand {
     }
 
     /// Errors of an asset's pictures against some, one for each light.
-    pub(crate) fn error(&self, asset: &Asset, interpolation: Option<&str>, reference: &[Pictures]) -> Result<Spread> {
+    pub(crate) fn error(&self, asset: &Asset, interpolation: Option<Scheme>, reference: &[Pictures]) -> Result<Spread> {
         let all = all_lit(open(asset, interpolation)?.as_mut(), &self.lights)?;
         let errors: Vec<ImageRms> = all.iter().zip(reference).map(|(b, r)| self.views.worst(b, r)).collect();
         Ok(Spread::of(&errors))
     }
 
     /// Pictures of an asset under the lights.
-    pub(crate) fn pictures(&self, asset: &Asset, interpolation: Option<&str>) -> Result<Vec<Pictures>> {
+    pub(crate) fn pictures(&self, asset: &Asset, interpolation: Option<Scheme>) -> Result<Vec<Pictures>> {
         let all = all_lit(open(asset, interpolation)?.as_mut(), &self.lights)?;
         Ok(all.iter().map(|b| self.views.reference(b)).collect())
     }
@@ -91,7 +91,7 @@ fn worth(context: &Context, stand: &Stand, raw: &Asset) -> Result<String> {
     let mut rows = Vec::new();
     let linear = figure5::measure(&stand.scene, &[LIGHTS], &stand.lights, &stand.views)?;
     for scheme in Scheme::ALL {
-        let [asset, ..] = cells(stand.error(raw, Some(scheme.name()), &stand.truth)?);
+        let [asset, ..] = cells(stand.error(raw, Some(scheme), &stand.truth)?);
         let through =
             linear.iter().find(|f| f.scheme == scheme).map_or([const { String::new() }; 3], |f| cells(f.error));
         rows.push(vec![scheme.name().to_owned(), asset, through[0].clone()]);
@@ -183,12 +183,12 @@ fn vectors(context: &Context) -> Result<String> {
     let vector = encoded(&stand.scene, &[("encoding", "raw"), ("integral", "vector")])?;
     context.say(&format!("encodings: vectors in {:.0} s", start.elapsed().as_secs_f64()));
     let mut rows = Vec::new();
-    for scheme in ["nearest4", "rbf"] {
+    for scheme in [Scheme::Nearest4, Scheme::Rbf] {
         let plain = stand.pictures(&scalar, Some(scheme))?;
         let [apart, covered, one] = cells(stand.error(&vector, Some(scheme), &plain)?);
         let [q, ..] = cells(stand.error(&scalar, Some(scheme), &stand.truth)?);
         let [v, ..] = cells(stand.error(&vector, Some(scheme), &stand.truth)?);
-        rows.push(vec![scheme.to_owned(), apart, covered, one, q, v]);
+        rows.push(vec![scheme.name().to_owned(), apart, covered, one, q, v]);
     }
     context.say("encodings: vectors");
     let line = rows.first().zip(rows.last()).map_or(String::new(), |(nearest, smooth)| {

@@ -61,7 +61,7 @@ pub(crate) fn run(context: &Context) -> Result<String> {
     };
     let mut nearest = 0.0;
     for scheme in Scheme::ALL {
-        let beyond = entered(format!("200 lights, {}", scheme.name()), open(&raw, Some(scheme.name()))?)?;
+        let beyond = entered(format!("200 lights, {}", scheme.name()), open(&raw, Some(scheme))?)?;
         nearest = if scheme == Scheme::Nearest4 { beyond } else { nearest };
     }
     let components = bake(
