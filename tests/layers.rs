@@ -325,15 +325,18 @@ fn planted_reading_at_run_time_is_found() {
     assert_eq!(planted("evaluate/sampled.rs", "use crate::io::ply;\n"), [(1, RunTime)]);
     assert_eq!(planted("evaluate/mod.rs", "fn f() {\n    crate::io::ply::read();\n}\n"), [(2, RunTime)]);
     let both = [(1, Upward), (1, RunTime)];
-    assert_eq!(planted("evaluate/mod.rs", "use crate::methods::two_pass::bake::Baked;\n"), both);
-    assert_eq!(planted("methods/two_pass/evaluate.rs", "use super::bake::Baked;\n"), [(1, RunTime)]);
-    assert_eq!(planted("methods/two_pass/gpu.rs", "use super::{\n    Basis,\n    bake};\n"), [(3, RunTime)]);
-    assert_eq!(planted("methods/two_pass/gpu/kernel.rs", "use crate::io;\n"), [(1, RunTime)]);
-    assert_eq!(planted("methods/two_pass/evaluate.rs", "use super::*;\n"), [(1, RunTime)]);
+    assert_eq!(planted("evaluate/mod.rs", "use crate::forms::factored::bake::Baked;\n"), both);
+    assert_eq!(planted("forms/factored/evaluate.rs", "use super::bake::Baked;\n"), [(1, RunTime)]);
+    assert_eq!(planted("forms/factored/gpu.rs", "use super::{\n    Basis,\n    bake};\n"), [(3, RunTime)]);
+    assert_eq!(planted("forms/factored/gpu/kernel.rs", "use crate::io;\n"), [(1, RunTime)]);
+    assert_eq!(planted("forms/factored/evaluate.rs", "use super::*;\n"), [(1, RunTime)]);
     assert_eq!(
-        planted("methods/two_pass/evaluate.rs", "fn f() { m!(crate::methods::reference::bake::x) }\n"),
+        planted("forms/factored/evaluate.rs", "fn f() { m!(crate::forms::gathered::bake::x) }\n"),
         [(1, RunTime)]
     );
+    assert_eq!(planted("forms/gathered/nets_gpu.rs", "use super::bake::Baked;\n"), [(1, RunTime)]);
+    assert_eq!(planted("forms/projected/lights/evaluate.rs", "use super::bake::Baked;\n"), [(1, RunTime)]);
+    assert_eq!(planted("forms/factored/settings.rs", "use super::bake::Baked;\n"), []);
 }
 
 #[test]

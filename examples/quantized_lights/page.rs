@@ -7,7 +7,8 @@ const HEAD: &str = "\
 
 `scripts/figures quantized-lights` measures everything on this page and writes it (`examples/quantized_lights/`; `--quick` tries
 it in a minute or two, `--only PART` measures one part again). Models have a diagonal of 30 mm. Measured on 2 cores of an AMD EPYC,
-2026-11-22, with next to nothing beside it (load 2 to 3, its own 2 included); all but times and rates is the same to the digit anywhere. How the method works
+2026-11-22, with next to nothing beside it (load 2 to 3, its own 2 included), by the program of that day; bakes were timed once. All but times and rates is the same
+to the digit anywhere. How the method works
 stands at the end.
 
 **Image RMS**: linear RGB of the diffuse radiance, 256 x 256 pixels, one ray each, scaled so that the 99.5th percentile of
@@ -32,10 +33,10 @@ do. Three things were tried: smoother kernels (a dozen are compared in
 and added at run time (no gain; not remade here), and the vector integral Q (below). More lights are what helps: the default
 encoding takes as many as the asked error needs, in less room than the paper's 200 (last section but one).
 
-**Rates below 200 Mvertices/s.** What an asset holds is read at 77 to 139 % of the rate of a copy: memory is the limit, and small models pay for
-waking threads. Three things were done about it, together 2.5 times as fast: digits of 8 in place of 16 bits with integer sums, coarser shares of the
-asked error for reference points and coding, columns that hardly lessen the error left out. What is left is fewer lights (200: 310 and 394) or
-a coarser error (skin1 at 3 %: 283 to 298).
+**Rates below 200 Mvertices/s.** Rates are medians of 200 lights. At best what an asset holds is read at 77 to 139 % of the rate of a copy: memory is the
+limit, and small models pay for waking threads. Three things were done about it, together 2.5 times as fast: digits of 8 in place of 16 bits with integer
+sums, coarser shares of the asked error for reference points and coding, columns that hardly lessen the error left out. What is left is fewer lights (200: 298
+and 375) or a coarser error (skin1 at 3 %: 283 to 298 at best).
 
 **20 bytes at 4e-3** hold under the first of the 8 lights, against `reference`. Under the worst of the 8 the same assets have 3.7 to 11, and only the dragon in skin1 stays below 4.
 

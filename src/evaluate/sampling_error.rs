@@ -76,13 +76,18 @@ impl Sampled<'_> {
         let theirs = sum(&surface, (&irradiance.0, &irradiance.1));
         let ours = sum(&self.surface, self.irradiance);
         let areas: Vec<f64> = indices.iter().map(|&i| self.areas[i as usize]).collect();
-        let (n, m) = (samples.len() as f64, other.len() as f64);
-        // e(N) = k / N: the difference is |k / m - k / n|.
-        let factor = if m == n { 1.0 } else { m / (n - m).abs() };
+        let factor = extrapolation(samples.len(), other.len());
         let note = format!("extrapolated from {} samples, on vertices of their own", other.len());
         ledger.add("sampling", vertex_error(&theirs, &ours, &areas).scaled(factor), note);
         Ok(())
     }
+}
+
+/// The error of so many samples over its difference from that of another set, where an error is in proportion to 1 over the number of
+/// samples: e(N) = k / N, so that the difference is |k / M - k / N|. Of sets of one size it is the
+/// difference itself.
+fn extrapolation(samples: usize, others: usize) -> f64 {
+    if samples == others { 1.0 } else { others as f64 / samples.abs_diff(others) as f64 }
 }
 
 /// Samples of the set that tells the error of `count`: half as many, but one for each triangle where `count` has them,
@@ -111,4 +116,20 @@ pub fn receiver_areas(mesh: &Mesh, receivers: &Receivers) -> Vec<f64> {
         }
     }
     areas
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_in_proportion_to_one_over_the_samples_are_found_from_any_other_set() {
+        for (samples, others) in [(1000usize, 500usize), (1000, 2000), (1000, 640), (3, 7), (131_072, 65_536)] {
+            let error = |count: usize| 0.37 / count as f64;
+            let difference = (error(others) - error(samples)).abs();
+            let found = extrapolation(samples, others) * difference;
+            assert!((found - error(samples)).abs() < 1e-12 * found, "{samples} and {others}: {found}");
+        }
+        assert_eq!(extrapolation(10, 10), 1.0);
+    }
 }

@@ -136,13 +136,16 @@ pub(crate) fn check(file: &str, module: &[&str], source: &str) -> Report {
     checker.report
 }
 
-/// Whether a file is part of what an engine runs: `evaluate/`, and `evaluate` and `gpu` of each method.
+/// Whether a file is part of what an engine runs: `evaluate/`, and the evaluators and the GPU parts of each form.
 fn run_time(file: &str) -> bool {
     let parts: Vec<&str> = file.split('/').collect();
-    let stem = |name: &&str| matches!(name.strip_suffix(".rs").unwrap_or(name), "evaluate" | "gpu");
+    let runs = |name: &&str| {
+        let stem = name.strip_suffix(".rs").unwrap_or(name);
+        matches!(stem, "evaluate" | "evaluator" | "gpu") || stem.ends_with("_gpu")
+    };
     match parts.as_slice() {
         ["evaluate", ..] | ["evaluate.rs"] => true,
-        ["methods", _, name, ..] => stem(name),
+        ["forms", _, within @ ..] => within.iter().any(runs),
         _ => false,
     }
 }
@@ -222,8 +225,8 @@ impl Checker<'_> {
         if matches!(from.as_deref(), Some("render" | "relight")) && to == "methods" {
             self.found(at, Rule::Concrete, &shown);
         }
-        // A glob on the folder of a method takes in the private imports of its mod.rs.
-        let laundered = glob == Glob::Yes && target.len() < 3 && to == "methods";
+        // A glob on the folder of a form takes in the private imports of its mod.rs.
+        let laundered = glob == Glob::Yes && target.len() < 3 && to == "forms";
         if self.run_time && (to == "io" || target.iter().any(|s| s == "bake") || laundered) {
             self.found(at, Rule::RunTime, &shown);
         }

@@ -1,5 +1,5 @@
 // Far radiosity of some basis functions at the receivers that have none of their own, as weighted sums over the rows that have them, which
-// runs of neighbouring receivers share: evaluate/far_field.rs.
+// runs of neighbouring receivers share: forms/factored/far_sums.rs.
 
 struct Shard {
     first_run: u32,

@@ -1,4 +1,4 @@
-// Dot products of rows of 16-bit integers with a few columns, one for each channel, as in methods/quantized_lights/sections.rs.
+// Dot products of rows of 16-bit integers with a few columns, one for each channel, as in forms/projected/components.rs.
 
 struct Shard {
     // Two integers each.

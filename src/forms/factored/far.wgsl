@@ -1,4 +1,4 @@
-// The stored far field under one light, for every basis function, as in evaluate/far_field.rs.
+// The stored far field under one light, for every basis function, as in forms/factored/far_sums.rs.
 
 struct Group {
     part: u32,
