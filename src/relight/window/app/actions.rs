@@ -2,7 +2,7 @@
 
 use super::{App, Shown, view};
 use crate::relight::files::{Dropped, free_picture};
-use crate::relight::raster::target::Picture;
+use crate::relight::raster::picture::Picture;
 use crate::relight::raster::view::Textured;
 use crate::relight::window::desk::Desk;
 use crate::relight::window::jobs::{Job, State, folder};

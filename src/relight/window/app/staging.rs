@@ -6,7 +6,7 @@ use super::{App, Shown};
 use crate::error::Result;
 use crate::evaluate::DeviceEvaluator;
 use crate::relight::raster::Raster;
-use crate::relight::raster::target::Finish;
+use crate::relight::raster::canvas::Finish;
 use crate::relight::window::desk::KnownError;
 use crate::relight::window::editing::ProfileInForce;
 use crate::relight::window::jobs::{Outcome, Profiled};
