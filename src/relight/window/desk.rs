@@ -1,4 +1,6 @@
-//! What a person can change, and what the window says about it: plain state, no device.
+//! The state of the window that a person changes, and what is said about it: plain data, no device.
+
+mod media;
 
 use std::path::PathBuf;
 
