@@ -120,7 +120,7 @@ fn imports_of_the_tree_point_downwards() {
 }
 
 /// Circles that are known and wait to be cut, each with all of its files, sorted.
-const EXPECTED_CIRCLES: [&[&str]; 9] = [
+const EXPECTED_CIRCLES: [&[&str]; 8] = [
     &[
         "forms/factored/bake.rs",
         "forms/factored/choice.rs",
@@ -151,7 +151,6 @@ const EXPECTED_CIRCLES: [&[&str]; 9] = [
         "forms/projected/lights/seen.rs",
         "forms/projected/lights/settings.rs",
     ],
-    &["transport/irradiance.rs", "transport/irradiance/sharp.rs"],
     &["transport/multilevel/close.rs", "transport/multilevel/near.rs"],
     &["transport/near_rings.rs", "transport/near_rings/hats.rs"],
     &[
