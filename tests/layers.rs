@@ -120,7 +120,7 @@ fn imports_of_the_tree_point_downwards() {
 }
 
 /// Circles that are known and wait to be cut, each with all of its files, sorted.
-const EXPECTED_CIRCLES: [&[&str]; 11] = [
+const EXPECTED_CIRCLES: [&[&str]; 6] = [
     &[
         "forms/factored/bake.rs",
         "forms/factored/choice.rs",
@@ -139,30 +139,13 @@ const EXPECTED_CIRCLES: [&[&str]; 11] = [
     &[
         "forms/projected/lights/bake.rs",
         "forms/projected/lights/evaluate.rs",
-        "forms/projected/lights/lights.rs",
+        "forms/projected/lights/light_set.rs",
         "forms/projected/lights/sections.rs",
         "forms/projected/lights/seen.rs",
         "forms/projected/lights/settings.rs",
     ],
-    &["relight/raster/mod.rs", "relight/raster/pipelines.rs", "relight/raster/target.rs"],
-    &[
-        "relight/window/app.rs",
-        "relight/window/app/input.rs",
-        "relight/window/app/log.rs",
-        "relight/window/app/staging.rs",
-        "relight/window/jobs.rs",
-        "relight/window/mod.rs",
-        "relight/window/placing.rs",
-    ],
-    &["relight/window/desk.rs", "relight/window/editing.rs"],
-    &["transport/irradiance.rs", "transport/irradiance/sharp.rs"],
     &["transport/multilevel/close.rs", "transport/multilevel/near.rs"],
     &["transport/near_rings.rs", "transport/near_rings/hats.rs"],
-    &[
-        "transport/single_scattering/vectors/adaptive.rs",
-        "transport/single_scattering/vectors/every.rs",
-        "transport/single_scattering/vectors/mod.rs",
-    ],
 ];
 
 #[test]

@@ -11,7 +11,8 @@ use super::lights::{pivot_mm, turned};
 #[cfg(feature = "gpu")]
 use super::raster::{
     Raster,
-    target::{Finish, LinearPicture, Picture},
+    canvas::Finish,
+    picture::{LinearPicture, Picture},
     view::View,
 };
 use super::timings::{Adapter, FrameTime, SCHEMA, Summary, Timings};

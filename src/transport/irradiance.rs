@@ -1,27 +1,32 @@
 //! Irradiance of the samples under a set of lights: E = Int L V F_t(eta, n.w) max(0, n.w) dw, shadows by ray casting.
 
+mod directions;
 mod points;
+mod prepared;
 mod probes;
 mod sharp;
+mod surface_point;
 
 use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
 use rayon::prelude::*;
 
+use self::prepared::{CANDIDATES, PointsUsed, Prepared, StratumRays};
 use self::sharp::{Sharp, pieces};
 use super::surface::Surface;
 use crate::error::{Error, Result};
-use crate::geometry::bvh::{Bvh, Ray, offset_origin};
-use crate::light::environment::Rotation;
-use crate::light::strata::{Candidate, Strata, StrataSettings};
+use crate::geometry::bvh::{Bvh, Ray};
+use crate::light::strata::Candidate;
 use crate::light::{Light, refuse_fields};
 use crate::math::random::{bits, radical_inverse_2, uniform};
 use crate::math::spherical_rectangle::SphericalRectangle;
 use crate::medium::fresnel::{self, CosineTransmittance};
 use crate::progress::Progress;
 
+pub(super) use self::directions::{around, direction_key};
 pub use self::sharp::{Pieces, Uneven};
+pub use self::surface_point::SurfacePoint;
 
 /// How finely lights and shadows are sampled.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -66,20 +71,11 @@ const STAGE_CONSTANT: u64 = 1;
 const STAGE_AREA: u64 = 2;
 const STAGE_ENVIRONMENT: u64 = 3;
 
-/// A point light comes no nearer to a sample than the square root of this, so that E stays finite.
-const LEAST_DISTANCE2_MM2: f64 = 1e-30;
-
 /// Irradiance at most: its sums over a surface stay finite.
 const MOST: f64 = 1e280;
 
-/// Candidate directions in each stratum of an environment.
-const CANDIDATES: usize = 64;
-
 /// Only visibility varies between the directions of a constant light, so that it takes this many times fewer.
 const CONSTANT_SAVES: u32 = 4;
-
-/// Strata with more than this share of an environment's energy are seen from every point of a patch.
-const BRIGHT_SHARE: f64 = 0.02;
 
 /// A patch that a shadow boundary of a sharp light crosses is looked at from this many times as many points, a power of two.
 const UNEVEN_REFINEMENT: u32 = 8;
@@ -94,29 +90,6 @@ const PROBE_WEIGHTS: [f64; 4] = {
     [corner, corner, corner, 1.0 - 3.0 * corner]
 };
 
-/// A light with what all patches share precomputed.
-enum Prepared<'a> {
-    Constant { radiance: DVec3 },
-    Directional { from: DVec3, irradiance: DVec3 },
-    Point { at: DVec3, intensity: DVec3 },
-    Area(&'a Light),
-    Environment { strata: Vec<StratumRays> },
-}
-
-/// Directions of one stratum of an environment.
-struct StratumRays {
-    candidates: Vec<Candidate>,
-    /// Whether every point of a patch looks there: a sun's shadow is as sharp as a directional light's.
-    points: PointsUsed,
-}
-
-/// Which points of a patch look at a stratum.
-#[derive(Clone, Copy, PartialEq)]
-enum PointsUsed {
-    One,
-    All,
-}
-
 /// Shadow rays of one patch, in an order that keeps neighbouring directions together, and what each brings unoccluded.
 #[derive(Default)]
 struct Bundle {
@@ -128,7 +101,7 @@ struct Bundle {
 
 impl Bundle {
     fn push(&mut self, p: &SurfacePoint, direction: DVec3, gain: DVec3) {
-        self.rays.push(shadow_ray(p, direction, f64::INFINITY));
+        self.rays.push(p.shadow_ray(direction, f64::INFINITY));
         self.skip.push(p.triangle);
         self.gains.push(gain);
     }
@@ -147,26 +120,8 @@ impl Bundle {
     }
 }
 
-impl Prepared<'_> {
-    /// Whether all points of a patch see one direction or one point.
-    fn is_sharp(&self) -> bool {
-        matches!(self, Self::Directional { .. } | Self::Point { .. })
-    }
-}
-
 /// Rays that go from one point of a patch before the next point's: as many as one bundle of the ray caster takes.
 const RUN: usize = 16;
-
-/// A point of the surface.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct SurfacePoint {
-    /// Relative to the mesh's origin, mm.
-    pub at: DVec3,
-    /// Unit normal; zero where there is none, and nothing arrives.
-    pub normal: DVec3,
-    /// The triangle that casts no shadow on it, or [`crate::geometry::bvh::NO_TRIANGLE`].
-    pub triangle: u32,
-}
 
 /// Lights prepared for a surface.
 pub struct Illumination<'a> {
@@ -183,38 +138,8 @@ impl<'a> Illumination<'a> {
     /// A sampling that environments do not take; a light that asks for a source radiance field (exit 5).
     pub fn new(surface: &'a Surface<'a>, lights: &'a [Light], etas: &[f64], sampling: LightSampling) -> Result<Self> {
         refuse_fields(lights)?;
-        let origin = surface.domain.mesh.origin_mm;
-        let prepare = |light: &'a Light| -> Result<Prepared<'a>> {
-            Ok(match light {
-                Light::Constant { radiance } => Prepared::Constant { radiance: *radiance },
-                Light::Directional { from, irradiance } => {
-                    Prepared::Directional { from: *from, irradiance: *irradiance }
-                }
-                Light::Point { at_mm, intensity } => Prepared::Point { at: *at_mm - origin, intensity: *intensity },
-                Light::Area { .. } => Prepared::Area(light),
-                Light::Environment { map, rotate_degrees, scale } => {
-                    let settings = StrataSettings { strata: sampling.directions as usize, candidates: CANDIDATES };
-                    let strata = Strata::new(map, settings)?;
-                    let rotation = Rotation::from_degrees(*rotate_degrees);
-                    let turned = |c: &Candidate| Candidate {
-                        direction: rotation.to_world(c.direction),
-                        weight: c.weight * *scale,
-                    };
-                    let total = strata.energy().element_sum();
-                    let rays = strata.strata().iter().enumerate().map(|(i, stratum)| {
-                        let share = stratum.energy.element_sum() / total;
-                        StratumRays {
-                            candidates: strata.candidates(i).iter().map(turned).collect(),
-                            points: if share > BRIGHT_SHARE { PointsUsed::All } else { PointsUsed::One },
-                        }
-                    });
-                    let mut rays: Vec<(u32, StratumRays)> =
-                        rays.map(|r| (direction_key(r.candidates[0].direction), r)).collect();
-                    rays.sort_by_key(|(key, _)| *key);
-                    Prepared::Environment { strata: rays.into_iter().map(|(_, r)| r).collect() }
-                }
-            })
-        };
+        let origin_mm = surface.domain.mesh.origin_mm;
+        let prepare = |light: &'a Light| Prepared::new(light, origin_mm, sampling.directions);
         Ok(Self {
             surface,
             lights: lights.iter().map(prepare).collect::<Result<_>>()?,
@@ -355,7 +280,7 @@ impl<'a> Illumination<'a> {
         let eta = self.entrance[medium].0;
         match light {
             Prepared::Constant { radiance } => *radiance * self.constant(medium, patch, points, bundle),
-            // These come in bundles of many patches.
+            // Sharp lights come in bundles of many patches.
             Prepared::Directional { .. } | Prepared::Point { .. } => DVec3::ZERO,
             Prepared::Area(light) => self.area(light, eta, patch, points),
             Prepared::Environment { strata } => self.environment(strata, eta, patch, points, bundle),
@@ -373,7 +298,7 @@ impl<'a> Illumination<'a> {
     }
 
     fn visible(&self, p: &SurfacePoint, direction: DVec3, distance: f64) -> bool {
-        !self.surface.bvh.occluded(&shadow_ray(p, direction, distance), p.triangle)
+        !self.surface.bvh.occluded(&p.shadow_ray(direction, distance), p.triangle)
     }
 
     /// Int V F_t cos: directions with density F_t cos, so that only visibility varies.
@@ -448,35 +373,6 @@ impl<'a> Illumination<'a> {
         }
         bundle.trace(self.surface.bvh)
     }
-}
-
-/// Orders directions so that neighbours in the order are neighbours on the sphere: the Morton code of the octahedral map.
-pub(super) fn direction_key(d: DVec3) -> u32 {
-    let sum = d.x.abs() + d.y.abs() + d.z.abs();
-    let (x, z) = (d.x / sum, d.z / sum);
-    let (u, v) = if d.y >= 0.0 { (x, z) } else { ((1.0 - z.abs()).copysign(x), (1.0 - x.abs()).copysign(z)) };
-    let spread = |t: f64| {
-        let cell = ((0.5 * t + 0.5).clamp(0.0, 1.0) * 1023.0) as u32;
-        (0..10).fold(0, |code, bit| code | (cell >> bit & 1) << (2 * bit))
-    };
-    spread(u) | spread(v) << 1
-}
-
-/// The ray from a point of a patch towards a light.
-fn shadow_ray(p: &SurfacePoint, direction: DVec3, distance: f64) -> Ray {
-    Ray {
-        origin: offset_origin(p.at.as_vec3(), p.normal.as_vec3()),
-        direction: direction.as_vec3(),
-        t_min: 0.0,
-        t_max: distance as f32,
-    }
-}
-
-/// The direction at cosine `mu` and azimuth around an axis.
-pub(super) fn around(axis: DVec3, mu: f64, azimuth: f64) -> DVec3 {
-    let (t, b) = axis.any_orthonormal_pair();
-    let radius = (1.0 - mu * mu).max(0.0).sqrt();
-    axis * mu + t * (radius * azimuth.cos()) + b * (radius * azimuth.sin())
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use super::*;
 use crate::geometry::samples::area;
 use crate::geometry::shapes;
 use crate::geometry::source::SourceModel;
-use crate::light::environment::EnvironmentMap;
+use crate::light::environment::{EnvironmentMap, Rotation};
 use crate::progress::Silent;
 use crate::transport::test_scene::{Fixture, named};
 

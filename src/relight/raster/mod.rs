@@ -1,25 +1,26 @@
 //! Draws a scene from the radiosity in a device's memory, without reading it back: exit radiance as the renderer has it,
 //! reflections of the lights, and what is seen beside the object.
 
+pub mod canvas;
 mod corners;
 mod environment;
 mod lit;
 mod pattern;
+pub mod picture;
 mod pipelines;
 pub(crate) mod shadows;
 mod shown;
-pub mod target;
 pub mod view;
 
 use std::sync::Arc;
 
 use glam::DVec3;
 
+use self::canvas::{Canvas, Finish};
 use self::corners::{Corner, corners, wires};
 use self::lit::{ALBEDO_STEPS, Environments, Lamp, albedos, constant, lamps};
 use self::pattern::Pattern;
-use self::pipelines::{DEPTH_FORMAT, Pipelines, layout};
-use self::target::{Canvas, Finish};
+use self::pipelines::{Pipelines, layout};
 use self::view::{Encoding, Look, View, ViewUniform, Wires, finite, finite3};
 use crate::error::Result;
 use crate::evaluate::{DeviceEvaluator, device::Device};

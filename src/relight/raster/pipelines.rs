@@ -1,15 +1,12 @@
 //! Bindings and pipelines of the shaders.
 
+use super::canvas::{DEPTH_FORMAT, Finish};
 use super::corners::Corner;
 use super::lit::Environments;
 use super::pattern::Pattern;
-use super::target::Finish;
 use crate::evaluate::device::Device;
 
-/// Format of the depth; reversed, so that infinity is 0.
-pub(super) const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
-
-/// The pipelines of one format.
+/// The pipelines that draw with one finish.
 pub(super) struct Pipelines {
     pub(super) finish: Finish,
     pub(super) surface: wgpu::RenderPipeline,
@@ -17,8 +14,8 @@ pub(super) struct Pipelines {
     pub(super) beside: wgpu::RenderPipeline,
 }
 
-/// What one pipeline differs in from the others.
-struct Stage<'a> {
+/// The functions of the shader, the primitives and the depth test of one pipeline.
+struct PipelineVariant<'a> {
     label: &'a str,
     vertex: &'a str,
     fragment: &'a str,
@@ -41,8 +38,8 @@ impl Pipelines {
             bind_group_layouts: &[Some(layout)],
             immediate_size: 0,
         });
-        let make = |stage: Stage| pipeline(device, &module, &pipeline_layout, finish, &stage);
-        let surface = make(Stage {
+        let make = |variant: PipelineVariant| pipeline(device, &module, &pipeline_layout, finish, &variant);
+        let surface = make(PipelineVariant {
             label: "surface",
             vertex: "surface_corner",
             fragment: "surface_colour",
@@ -51,7 +48,7 @@ impl Pipelines {
             depth_writes: true,
             depth: wgpu::CompareFunction::Greater,
         });
-        let wire = make(Stage {
+        let wire = make(PipelineVariant {
             label: "wires",
             vertex: "wire_corner",
             fragment: "wire_colour",
@@ -60,7 +57,7 @@ impl Pipelines {
             depth_writes: false,
             depth: wgpu::CompareFunction::GreaterEqual,
         });
-        let beside = make(Stage {
+        let beside = make(PipelineVariant {
             label: "beside",
             vertex: "beside_corner",
             fragment: "beside_colour",
@@ -78,7 +75,7 @@ fn pipeline(
     module: &wgpu::ShaderModule,
     layout: &wgpu::PipelineLayout,
     finish: Finish,
-    stage: &Stage,
+    variant: &PipelineVariant,
 ) -> wgpu::RenderPipeline {
     let corners = [Some(wgpu::VertexBufferLayout {
         array_stride: size_of::<Corner>() as u64,
@@ -86,26 +83,26 @@ fn pipeline(
         attributes: &Corner::ATTRIBUTES,
     })];
     device.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some(stage.label),
+        label: Some(variant.label),
         layout: Some(layout),
         vertex: wgpu::VertexState {
             module,
-            entry_point: Some(stage.vertex),
+            entry_point: Some(variant.vertex),
             compilation_options: wgpu::PipelineCompilationOptions::default(),
-            buffers: if stage.corners { &corners } else { &[] },
+            buffers: if variant.corners { &corners } else { &[] },
         },
-        primitive: wgpu::PrimitiveState { topology: stage.topology, ..Default::default() },
+        primitive: wgpu::PrimitiveState { topology: variant.topology, ..Default::default() },
         depth_stencil: Some(wgpu::DepthStencilState {
             format: DEPTH_FORMAT,
-            depth_write_enabled: Some(stage.depth_writes),
-            depth_compare: Some(stage.depth),
+            depth_write_enabled: Some(variant.depth_writes),
+            depth_compare: Some(variant.depth),
             stencil: wgpu::StencilState::default(),
             bias: wgpu::DepthBiasState::default(),
         }),
         multisample: wgpu::MultisampleState { count: finish.samples, ..Default::default() },
         fragment: Some(wgpu::FragmentState {
             module,
-            entry_point: Some(stage.fragment),
+            entry_point: Some(variant.fragment),
             compilation_options: wgpu::PipelineCompilationOptions::default(),
             targets: &[Some(finish.format.into())],
         }),

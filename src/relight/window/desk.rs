@@ -1,4 +1,6 @@
-//! What a person can change, and what the window says about it: plain state, no device.
+//! The state of the window that a person changes, and what is said about it: plain data, no device.
+
+mod media;
 
 use std::path::PathBuf;
 
@@ -11,9 +13,9 @@ use crate::light::environment::EnvironmentMap;
 use crate::medium::material::Medium;
 use crate::relight::lights::{LightEntry, pivot_mm, shining};
 use crate::relight::orbit::Orbit;
-use crate::relight::raster::view::{Look, Textured};
+use crate::relight::raster::view::{Look, Textured, View, Wires};
 use crate::render::background::Background;
-use crate::render::camera::Camera;
+use crate::render::camera::{Camera, Resolution};
 use crate::render::film::{Exposure, MAX_STOPS};
 use crate::render::frame::Specular;
 use crate::render::specular::Roughness;
@@ -223,6 +225,19 @@ impl Desk {
         self.roughness = specular.roughness().map_or(self.roughness, Roughness::value);
     }
 
+    /// The view of a frame that an eye sees.
+    pub(super) fn view(&self, camera: Camera, resolution: Resolution) -> View {
+        View {
+            specular: self.specular(),
+            look: self.look,
+            background: self.background,
+            texture: self.texture(),
+            wires: if self.wires { Wires::Shown } else { Wires::Hidden },
+            worst_error: self.error.map(|e| e.scale),
+            ..View::new(camera, resolution, self.exposure_factor())
+        }
+    }
+
     /// Turns the selected light by hand.
     pub(super) fn turn_selected(&mut self, azimuth_degrees: f64, elevation_degrees: f64) {
         if let Some(entry) = self.entries.get_mut(self.selected) {
@@ -260,7 +275,6 @@ pub(super) mod tests {
     use crate::geometry::shapes;
     use crate::light::sky::sky;
     use crate::medium::material::preset;
-    use crate::render::camera::Resolution;
 
     pub(in crate::relight::window) fn desk() -> Desk {
         let (mesh, _) = Mesh::from_source(shapes::icosphere(10.0, 2), &Placement { mm_per_unit: 1.0 }).unwrap();

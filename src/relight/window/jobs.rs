@@ -21,7 +21,7 @@ use crate::medium::material::Medium;
 use crate::medium::profiles::model::{LoadedProfile, ProfileModel};
 use crate::progress::Progress;
 use crate::relight::headless::png;
-use crate::relight::raster::target::LinearPicture;
+use crate::relight::raster::picture::LinearPicture;
 use crate::render::background::Background;
 use crate::render::film::{ColourType, PngBackground, to_exr, to_png};
 use crate::render::frame::{RenderSettings, render};

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use super::OpenModel;
+use super::session::OpenModel;
 use crate::error::Result;
 use crate::evaluate::{Capabilities, Evaluator, MaterialEdit, ProfileEdit};
 use crate::evaluate::{DeviceEvaluator, device::Device};

@@ -8,7 +8,7 @@ use winit::window::Window;
 use crate::error::{Error, Result};
 use crate::evaluate::device::Device;
 use crate::relight::raster::Raster;
-use crate::relight::raster::target::{Canvas, Finish};
+use crate::relight::raster::canvas::{Canvas, Finish};
 use crate::relight::raster::view::{Encoding, View};
 use crate::render::camera::Resolution;
 

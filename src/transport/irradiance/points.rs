@@ -1,4 +1,4 @@
-//! Irradiance at single points, for who takes vertices as samples.
+//! Irradiance at single points, for methods that take vertices as samples.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -24,7 +24,7 @@ impl Illumination<'_> {
         result
     }
 
-    /// The same of the points from the index `first` on, which turns their sets of directions.
+    /// Irradiance of the points from the index `first` on, which turns their sets of directions.
     fn some_points(&self, first: usize, points: &[(SurfacePoint, u32)], out: &mut [DVec3]) {
         let mut bundle = Bundle::default();
         let mut sharp: Vec<Sharp> = self.lights.iter().filter_map(|light| Sharp::new(light, points.len())).collect();

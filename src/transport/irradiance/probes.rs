@@ -1,4 +1,4 @@
-//! Where a patch looks at the lights from.
+//! The points of a patch that look at the lights.
 
 use glam::DVec3;
 
@@ -7,7 +7,7 @@ use super::{Illumination, PROBE_REACH, PROBE_WEIGHTS, SurfacePoint};
 use crate::geometry::samples::{Facet, Patch, area};
 
 impl Illumination<'_> {
-    /// Near the corners and at the centroid of a patch that is one facet, where that is as many points as asked for: no
+    /// Points near the corners and at the centroid of a patch that is one facet, where four points are asked for: no
     /// straight shadow boundary leaves much of a patch unnoticed between them.
     pub(super) fn corners_and_centroid(&self, patch: usize) -> Option<[SurfacePoint; 4]> {
         let [facet] = self.surface.samples.patch(patch) else { return None };

@@ -2,11 +2,15 @@
 
 use glam::DVec3;
 
-use super::{LEAST_DISTANCE2_MM2, Prepared, SurfacePoint};
+use super::prepared::Prepared;
+use super::surface_point::SurfacePoint;
 use crate::geometry::bvh::{Bvh, Ray, offset_along};
 use crate::geometry::samples::{Facet, Patch, bisect};
 use crate::math::simd::Level;
 use crate::medium::fresnel;
+
+/// A point light comes no nearer to a sample than the square root of this, so that E stays finite.
+const LEAST_DISTANCE2_MM2: f64 = 1e-30;
 
 /// A light whose rays run side by side, from all patches of a range.
 pub(super) struct Sharp {
@@ -19,7 +23,7 @@ pub(super) struct Sharp {
     entering: Vec<f64>,
 }
 
-/// What one ray brings if it meets nothing.
+/// The irradiance that one ray brings if it meets nothing.
 struct Arrival {
     /// Patch, counted from the first of the range, and point of it.
     patch: u32,
@@ -35,18 +39,18 @@ pub struct Uneven {
     pub(super) patch: u32,
     /// Irradiance of each of its pieces less its own, RGB.
     pub(super) deviations: Vec<DVec3>,
-    /// Corners of each relative to the centroid of the patch, mm.
+    /// Corners of each piece relative to the centroid of the patch, mm.
     pub(super) corners: Vec<[[f32; 3]; 3]>,
 }
 
-/// Where sharp light comes from.
+/// The direction or the point that sharp light comes from.
 enum Source {
     Direction(DVec3),
     Point(DVec3),
 }
 
 impl Sharp {
-    /// With room for some rays.
+    /// A directional or a point light, with room for so many rays; none for the other lights.
     pub(super) fn new(light: &Prepared, rays: usize) -> Option<Self> {
         let (source, colour) = match light {
             Prepared::Directional { from, irradiance } => (Source::Direction(*from), *irradiance),
@@ -136,7 +140,7 @@ impl Sharp {
         self.arrivals.iter_mut().zip(occluded).for_each(|(arrival, occluded)| arrival.occluded = occluded);
     }
 
-    /// Patches of which some points are lit and others in shadow.
+    /// For each patch whether some of its points are lit and others in shadow.
     pub(super) fn crossed(&self, patches: usize) -> Vec<bool> {
         let mut crossed = vec![false; patches];
         for of_patch in self.arrivals.chunk_by(|a, b| a.patch == b.patch) {
@@ -177,10 +181,10 @@ pub struct Pieces {
 }
 
 impl Pieces {
-    /// Every sample lit evenly.
+    /// No pieces: every sample is lit evenly.
     pub const NONE: Self = Self { first: Vec::new(), deviations: Vec::new(), corners: Vec::new(), count: 0 };
 
-    /// Of the uneven ones among `patches` patches, each in `count` pieces.
+    /// The pieces of the uneven ones among `patches` patches, `count` of each.
     pub(super) fn new(patches: usize, count: usize, uneven: impl Iterator<Item = Uneven>) -> Self {
         let mut result = Self { first: vec![u32::MAX; patches], count, ..Self::NONE };
         for Uneven { patch, deviations, corners } in uneven {

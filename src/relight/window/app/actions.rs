@@ -1,8 +1,9 @@
-//! What somebody asks for beside turning and sliding.
+//! Actions of the panel and the keys: saving pictures, measuring errors, other profiles and dropped files.
 
-use super::{App, Shown, view};
+use super::App;
+use super::shown::Shown;
 use crate::relight::files::{Dropped, free_picture};
-use crate::relight::raster::target::Picture;
+use crate::relight::raster::picture::Picture;
 use crate::relight::raster::view::Textured;
 use crate::relight::window::desk::Desk;
 use crate::relight::window::jobs::{Job, State, folder};
@@ -40,7 +41,7 @@ impl App {
         };
         let picture = shown.desk.orbit.camera().and_then(|camera| {
             let picture = Picture::new(&shown.screen.device, self.viewport)?;
-            picture.take(&shown.raster, &view(&shown.desk, camera, self.viewport))
+            picture.take(&shown.raster, &shown.desk.view(camera, self.viewport))
         });
         match picture {
             Ok(picture) => {

@@ -1,4 +1,4 @@
-//! What the window system says.
+//! The events of the window system.
 
 use winit::application::ApplicationHandler;
 use winit::event::{MouseScrollDelta, StartCause, WindowEvent};

@@ -3,19 +3,13 @@
 use winit::event::{ElementState, KeyEvent, MouseButton};
 use winit::keyboard::{Key, NamedKey};
 
-use super::App;
+use super::{App, Drag};
 use crate::relight::raster::view::Look;
 
 /// Degrees that a drag over the height of the picture turns a light.
 const LIGHT_DEGREES_PER_HEIGHT: f64 = 180.0;
 /// Degrees that an arrow key turns a light.
 const LIGHT_DEGREES_PER_KEY: f64 = 5.0;
-/// What a drag does.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Drag {
-    Camera,
-    Light,
-}
 
 impl App {
     pub(super) fn key(&mut self, event: &KeyEvent) {

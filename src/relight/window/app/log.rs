@@ -3,10 +3,10 @@
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-use super::Shown;
+use super::shown::Shown;
 use crate::math::statistics::Quantiles;
 use crate::relight::timings::Adapter;
-use crate::relight::window::WindowReport;
+use crate::relight::window::report::WindowReport;
 
 /// Over how many frames and states the shown rates are.
 const RATE_OVER: Duration = Duration::from_secs(1);

@@ -1,49 +1,83 @@
-//! Puts evaluators on the screen: the first one, those of other models, and those with other profiles.
+//! Opens the window and puts evaluators on its screen: the first one, those of other models, and those with other profiles.
 
 use std::sync::Arc;
 
-use super::{App, Shown};
-use crate::error::Result;
+use winit::dpi::{LogicalSize, PhysicalSize};
+use winit::event_loop::ActiveEventLoop;
+use winit::window::Window;
+
+use super::App;
+use super::shown::{Shown, Staged};
+use crate::error::{Error, Result};
 use crate::evaluate::DeviceEvaluator;
 use crate::relight::raster::Raster;
-use crate::relight::raster::target::Finish;
-use crate::relight::window::desk::KnownError;
+use crate::relight::raster::canvas::Finish;
+use crate::relight::window::colours::Colours;
+use crate::relight::window::desk::{Desk, KnownError};
 use crate::relight::window::editing::ProfileInForce;
-use crate::relight::window::jobs::{Outcome, Profiled};
-use crate::relight::window::placing::locked;
+use crate::relight::window::jobs::{Jobs, Outcome, Profiled};
+use crate::relight::window::placing::{Placing, locked};
 use crate::relight::window::screen::Screen;
+use crate::relight::window::session::{Session, Turn};
 use crate::relight::window::worker::Worker;
+use crate::render::camera::Resolution;
 use crate::render::texture::Texture;
 
-/// An evaluator that works and what it is drawn with.
-pub(super) struct Staged {
-    pub(super) raster: Raster,
-    pub(super) worker: Worker,
-    pub(super) transport: String,
-    pub(super) vertices: usize,
-    pub(super) samples: usize,
-}
-
-impl Shown {
-    fn put(&mut self, staged: Staged) {
-        let Staged { raster, worker, transport, vertices, samples } = staged;
-        self.raster = raster;
-        // To wait for what it does now would hold up the picture.
-        let before = std::mem::replace(&mut self.worker, worker);
-        before.retire();
-        self.retired.push(before);
-        (self.transport, self.vertices, self.samples) = (transport, vertices, samples);
-    }
-}
+/// Smallest window that everything is readable in.
+const LEAST_SIZE: LogicalSize<f64> = LogicalSize::new(640.0, 480.0);
 
 impl App {
-    /// Has an evaluator work and draws what it does.
-    pub(super) fn stage(
-        &self,
-        screen: &Screen,
-        evaluator: Box<dyn DeviceEvaluator>,
-        texture: Option<&Texture>,
-    ) -> Result<Staged> {
+    /// Opens the window of a session.
+    pub(super) fn open(&mut self, event_loop: &ActiveEventLoop, session: Session) -> Result<Shown> {
+        let Resolution { width, height } = session.resolution;
+        let name = session.model.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+        let attributes = Window::default_attributes()
+            .with_title(format!("translux - {name}"))
+            .with_inner_size(PhysicalSize::new(width as u32, height as u32))
+            .with_min_inner_size(LEAST_SIZE);
+        let window = event_loop
+            .create_window(attributes)
+            .map_err(|e| Error::unsupported(format!("no window can be opened: {e}; use --headless")))?;
+        let screen = Screen::new(event_loop, Arc::new(window))?;
+        let camera = session.camera.resolve(&session.evaluator.scene().mesh, screen.resolution())?;
+        let capabilities = session.evaluator.capabilities();
+        let (material, locked) = (capabilities.material, locked(capabilities, session.choice));
+        let profile = ProfileInForce::new(session.profile.clone(), Arc::new(session.profile.load()?), locked);
+        let in_place = profile.in_place();
+        let scene = session.evaluator.scene();
+        let mut desk = Desk::new(session.model.clone(), scene, material, profile, session.lights, &camera);
+        desk.set_exposure(session.exposure);
+        desk.set_specular(session.specular);
+        desk.background = session.background;
+        desk.turning = session.turn == Turn::Turning;
+        let placing = Placing { device: Arc::clone(&screen.device), choice: session.choice, open: session.open };
+        let (evaluator, note) = placing.place(&session.model, in_place.as_deref(), session.evaluator)?;
+        note.into_iter().for_each(|note| desk.say(note));
+        let texture = Texture::new(&self.settings.texture, &evaluator.scene().mesh)?.map(Arc::new);
+        let Staged { raster, worker, transport, vertices, samples } =
+            self.stage(&screen, evaluator, texture.as_deref())?;
+        desk.has_texture = texture.is_some();
+        let colours = Colours::start(self.wake())?;
+        let jobs = Jobs::new(Arc::clone(&self.settings.pool), placing, Arc::new(self.wake()));
+        let retired = Vec::new();
+        Ok(Shown {
+            screen,
+            raster,
+            worker,
+            retired,
+            colours,
+            jobs,
+            desk,
+            texture,
+            transport,
+            vertices,
+            samples,
+            follows_eye: false,
+        })
+    }
+
+    /// Has an evaluator work and a raster draw its radiosity.
+    fn stage(&self, screen: &Screen, evaluator: Box<dyn DeviceEvaluator>, texture: Option<&Texture>) -> Result<Staged> {
         let mesh = &evaluator.scene().mesh;
         let albedo = texture.map_or_else(Vec::new, |texture| texture.of_vertices(mesh));
         let (vertices, samples) = (mesh.local_mm.len(), evaluator.cost().samples);
@@ -55,7 +89,7 @@ impl App {
         Ok(Staged { raster, worker, transport, vertices, samples })
     }
 
-    /// Takes in what a job has done.
+    /// Takes in the outcome of a job.
     pub(super) fn finish(&mut self, outcome: Outcome) {
         let Some(mut shown) = self.shown.take() else { return };
         match outcome {
@@ -91,7 +125,7 @@ impl App {
         self.shown = Some(shown);
     }
 
-    /// What there was stays where there is an error.
+    /// Puts another model in place of the one that is shown, which stays where there is an error.
     fn replace_model(
         &self,
         shown: &mut Shown,

@@ -4,8 +4,9 @@ use glam::{DVec3, Vec3};
 
 use super::super::interface::refracted;
 use super::super::interior::Crossings;
-use super::shade::{Channel, Medium, add_channel, add_product, refract};
-use super::{Line, Probe, Request, VectorBaker, Work};
+use super::probes::{Line, Probe, ProbeMemory, Prober, Request};
+use super::shade::{Channel, Medium, Planes, add_channel, add_product, refract};
+
 use crate::math::cube_map::{FACES, FRAMES, direction};
 use crate::medium::phase::{LightTerms, MOST_TERMS};
 
@@ -29,7 +30,7 @@ pub(super) struct Grid {
     side: usize,
     /// `[face][row][column]`, `side + 1` along each edge.
     directions: Vec<DVec3>,
-    /// Of the centres of texels.
+    /// Directions of the centres of texels.
     centres: Vec<Vec3>,
 }
 
@@ -63,7 +64,7 @@ struct Cell {
     y: u8,
 }
 
-/// What is known of a corner's light.
+/// Whether the light of a corner arrives.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Light {
     /// It arrives.
@@ -89,6 +90,7 @@ struct Patch {
 /// Memory of one thread.
 #[derive(Default)]
 pub(super) struct Memory {
+    probing: ProbeMemory,
     /// Probe of each corner, `[depth][corner]`.
     index: Vec<u32>,
     cells: Vec<Cell>,
@@ -96,111 +98,111 @@ pub(super) struct Memory {
     /// Whether anything arrives, `[depth][face]`.
     lit: Vec<bool>,
     /// `[depth]`.
-    planes: Vec<super::shade::Planes>,
+    planes: Vec<Planes>,
     picture: Vec<f32>,
 }
 
-/// One point.
+/// The vector of one point, from shared rays.
 pub(super) struct Adaptive<'a> {
-    pub(super) baker: &'a VectorBaker<'a>,
+    pub(super) prober: &'a Prober<'a>,
+    pub(super) grid: &'a Grid,
     pub(super) line: &'a Line<'a>,
     pub(super) tolerance: f64,
 }
 
 impl Adaptive<'_> {
     /// Adds the vector of the point to `out`.
-    pub(super) fn run(&self, work: &mut Work, out: &mut [f32]) {
-        let grid = &self.baker.grid;
+    pub(super) fn run(&self, memory: &mut Memory, out: &mut [f32]) {
+        let grid = self.grid;
         let depths = self.line.depths.len();
         let corners = grid.directions.len();
-        let memory = &mut work.adaptive;
         memory.index.clear();
         memory.index.resize(depths * corners, NONE);
         memory.lit.clear();
         memory.lit.resize(depths * FACES, false);
         while memory.planes.len() < depths {
-            let terms = if self.is_constant() { 0 } else { self.baker.settings.phase.count() };
-            memory.planes.push(super::shade::Planes::new(self.baker.texels(), terms));
+            let terms = if self.is_constant() { 0 } else { self.prober.settings.phase.count() };
+            memory.planes.push(Planes::new(self.prober.texels(), terms));
         }
-        work.probes.clear();
+        memory.probing.probes.clear();
         let mut size = (grid.side / COARSE).max(1);
-        self.first(size, work);
-        let peak = work.probes.iter().fold(0.0f32, |most, p| most.max(p.value));
+        self.first(size, memory);
+        let peak = memory.probing.probes.iter().fold(0.0f32, |most, p| most.max(p.value));
         let limit = (self.tolerance * f64::from(peak)) as f32;
         loop {
-            work.adaptive.cut.clear();
-            work.requests.clear();
-            for i in 0..work.adaptive.cells.len() {
-                let cell = work.adaptive.cells[i];
-                let patch = self.patch(cell, size, work);
+            memory.cut.clear();
+            memory.probing.requests.clear();
+            for i in 0..memory.cells.len() {
+                let cell = memory.cells[i];
+                let patch = self.patch(cell, size, memory);
                 if size == 1 || self.difference(&patch) <= limit {
-                    self.fill(cell, size, &patch, &mut work.adaptive);
+                    self.fill(cell, size, &patch, memory);
                 } else {
-                    self.split(cell, size, work);
+                    self.split(cell, size, memory);
                 }
             }
-            if work.adaptive.cut.is_empty() {
+            if memory.cut.is_empty() {
                 break;
             }
-            self.trace(work);
-            std::mem::swap(&mut work.adaptive.cells, &mut work.adaptive.cut);
+            self.trace(memory);
+            std::mem::swap(&mut memory.cells, &mut memory.cut);
             size /= 2;
         }
-        self.shade(work, out);
+        self.shade(memory, out);
     }
 
     /// Whether the only term is the same everywhere.
     fn is_constant(&self) -> bool {
-        self.baker.settings.phase == LightTerms::Isotropic
+        self.prober.settings.phase == LightTerms::Isotropic
     }
 
     /// All corners and cells of the coarsest size; the depths of one direction together, as their rays are alike.
-    fn first(&self, size: usize, work: &mut Work) {
-        let grid = &self.baker.grid;
+    fn first(&self, size: usize, memory: &mut Memory) {
+        let grid = self.grid;
         let depths = self.line.depths.len();
         let count = grid.side / size;
-        work.requests.clear();
-        work.adaptive.cells.clear();
+        memory.probing.requests.clear();
+        memory.cells.clear();
         for face in 0..FACES {
             for (y, x) in (0..=count).flat_map(|y| (0..=count).map(move |x| (y, x))) {
                 for depth in 0..depths {
-                    self.ask(depth, face, x * size, y * size, work);
+                    self.ask(depth, face, x * size, y * size, memory);
                     if x < count && y < count {
                         let [x, y] = [x * size, y * size].map(|i| i as u8);
-                        work.adaptive.cells.push(Cell { depth: depth as u16, face: face as u8, x, y });
+                        memory.cells.push(Cell { depth: depth as u16, face: face as u8, x, y });
                     }
                 }
             }
         }
-        self.trace(work);
+        self.trace(memory);
     }
 
     /// Makes sure that a corner is looked at.
-    fn ask(&self, depth: usize, face: usize, x: usize, y: usize, work: &mut Work) {
-        let grid = &self.baker.grid;
+    fn ask(&self, depth: usize, face: usize, x: usize, y: usize, memory: &mut Memory) {
+        let grid = self.grid;
         let corner = grid.corner(face, x, y);
-        if let Some(slot) = work.adaptive.index.get_mut(depth * grid.directions.len() + corner)
+        if let Some(slot) = memory.index.get_mut(depth * grid.directions.len() + corner)
             && *slot == NONE
         {
-            *slot = (work.probes.len() + work.requests.len()) as u32;
-            work.requests.push(Request { depth: depth as u32, direction: grid.directions[corner] });
+            *slot = (memory.probing.probes.len() + memory.probing.requests.len()) as u32;
+            memory.probing.requests.push(Request { depth: depth as u32, direction: grid.directions[corner] });
         }
     }
 
-    fn trace(&self, work: &mut Work) {
-        self.baker.trace(self.line, &work.requests, &mut work.tracer, &mut work.probes);
+    fn trace(&self, memory: &mut Memory) {
+        self.prober.trace(self.line, &mut memory.probing);
     }
 
-    /// What the corners of a cell know.
-    fn patch(&self, cell: Cell, size: usize, work: &Work) -> Patch {
-        let grid = &self.baker.grid;
+    /// The probes of the corners of a cell, and the plane that they agree on.
+    fn patch(&self, cell: Cell, size: usize, memory: &Memory) -> Patch {
+        let grid = self.grid;
         let (depth, face, x, y) = (cell.depth as usize, cell.face as usize, cell.x as usize, cell.y as usize);
         let mut patch = Patch::default();
         let places = [(0, 0), (size, 0), (0, size), (size, size)];
         let corners = places.map(|(dx, dy)| grid.corner(face, x + dx, y + dy));
         for (probe, corner) in patch.probes.iter_mut().zip(corners) {
-            let index = work.adaptive.index.get(depth * grid.directions.len() + corner);
-            *probe = index.and_then(|&i| work.probes.get(i as usize)).copied().unwrap_or_default();
+            let index = memory.index.get(depth * grid.directions.len() + corner);
+            *probe = index.and_then(|&i| memory.probing.probes.get(i as usize)).copied().unwrap_or_default();
         }
         patch.most = patch.probes.iter().fold(0.0f32, |m, p| m.max(p.value));
         if patch.most == 0.0 {
@@ -245,20 +247,20 @@ impl Adaptive<'_> {
     }
 
     /// Asks for the middles of edges and of the cell, and leaves its quarters to be looked at.
-    fn split(&self, cell: Cell, size: usize, work: &mut Work) {
+    fn split(&self, cell: Cell, size: usize, memory: &mut Memory) {
         let half = size / 2;
         let (depth, face, x, y) = (cell.depth as usize, cell.face as usize, cell.x as usize, cell.y as usize);
         for (dx, dy) in [(half, 0), (0, half), (half, half), (size, half), (half, size)] {
-            self.ask(depth, face, x + dx, y + dy, work);
+            self.ask(depth, face, x + dx, y + dy, memory);
         }
         for (dx, dy) in [(0, 0), (half, 0), (0, half), (half, half)] {
-            work.adaptive.cut.push(Cell { x: (x + dx) as u8, y: (y + dy) as u8, ..cell });
+            memory.cut.push(Cell { x: (x + dx) as u8, y: (y + dy) as u8, ..cell });
         }
     }
 
-    /// Enters what is between the corners of a cell into the planes of its depth.
+    /// Interpolates the corners of a cell into the planes of its depth.
     fn fill(&self, cell: Cell, size: usize, patch: &Patch, memory: &mut Memory) {
-        let side = self.baker.grid.side;
+        let side = self.grid.side;
         let (depth, face, x0, y0) = (cell.depth as usize, cell.face as usize, cell.x as usize, cell.y as usize);
         let Some(planes) = memory.planes.get_mut(depth) else { return };
         if patch.most > 0.0
@@ -266,7 +268,7 @@ impl Adaptive<'_> {
         {
             *flag = true;
         }
-        let channels = if self.baker.interior.crossings() == Crossings::Occluded { 1 } else { 3 };
+        let channels = if self.prober.interior.crossings() == Crossings::Occluded { 1 } else { 3 };
         let step = 1.0 / size as f32;
         for (iy, ix) in (0..size).flat_map(|iy| (0..size).map(move |ix| (iy, ix))) {
             let (u, v) = ((ix as f32 + 0.5) * step, (iy as f32 + 0.5) * step);
@@ -292,7 +294,7 @@ impl Adaptive<'_> {
                     through.iter_mut().zip(&probe.through).for_each(|(sum, t)| *sum += shares[i] * t);
                 }
             }
-            let direction = self.baker.grid.centres[texel];
+            let direction = self.grid.centres[texel];
             let length = normal.length();
             let valid = length > 0.0 && judged > 0.0 && says > 0.0;
             // The mean of the cosines, not the cosine of the mean normal: gains are concave, facets would add up to 1 % too much.
@@ -308,34 +310,33 @@ impl Adaptive<'_> {
     }
 
     /// The light side of the phase function.
-    fn terms(&self, planes: &mut super::shade::Planes, texel: usize, direction: Vec3, normal: Vec3) {
-        let (count, texels) = (self.baker.settings.phase.count(), self.baker.texels());
+    fn terms(&self, planes: &mut Planes, texel: usize, direction: Vec3, normal: Vec3) {
+        let (count, texels) = (self.prober.settings.phase.count(), self.prober.texels());
         let eta = self.line.optics.eta_inside_over_outside;
         let Some(inside) = refracted(eta, direction.as_dvec3(), normal.as_dvec3()) else { return };
         let mut values = [0.0; MOST_TERMS];
-        self.baker.settings.phase.evaluate(inside, &mut values);
+        self.prober.settings.phase.evaluate(inside, &mut values);
         for (k, value) in values.iter().take(count).enumerate() {
             planes.terms[k * texels + texel] = *value as f32;
         }
     }
 
-    /// From planes to the vector.
-    fn shade(&self, work: &mut Work, out: &mut [f32]) {
-        let side = self.baker.grid.side;
-        let (count, texels, face) = (self.baker.settings.phase.count(), self.baker.texels(), side * side);
-        let equal = self.baker.interior.crossings() == Crossings::Occluded;
+    /// Adds the light of the planes to the vector.
+    fn shade(&self, memory: &mut Memory, out: &mut [f32]) {
+        let side = self.grid.side;
+        let (count, texels, face) = (self.prober.settings.phase.count(), self.prober.texels(), side * side);
+        let equal = self.prober.interior.crossings() == Crossings::Occluded;
         let mut constant = [0.0];
-        self.baker.settings.phase.evaluate(self.line.point.normal, &mut constant);
+        self.prober.settings.phase.evaluate(self.line.point.normal, &mut constant);
         let term = if self.is_constant() { constant[0] } else { 1.0 };
-        let memory = &mut work.adaptive;
-        let medium = Medium { form: self.baker.settings.form, eta: self.line.optics.eta_inside_over_outside as f32 };
+        let medium = Medium { form: self.prober.settings.form, eta: self.line.optics.eta_inside_over_outside as f32 };
         for (index, (depth, planes)) in self.line.depths.iter().zip(&mut memory.planes).enumerate() {
             for (f, lit) in memory.lit[index * FACES..(index + 1) * FACES].iter().enumerate() {
                 if *lit {
                     let range = f * face..(f + 1) * face;
                     let (cosines, heights) = (&planes.cosine[range.clone()], &planes.height_mm[range.clone()]);
                     let (gains, paths) = (&mut planes.gain[range.clone()], &mut planes.path_mm[range]);
-                    refract(self.baker.level, medium, cosines, heights, gains, paths);
+                    refract(self.prober.level, medium, cosines, heights, gains, paths);
                 }
                 for channel in (0..3).filter(|&c| *lit && depth.weight[c] > 0.0) {
                     let range = f * face..(f + 1) * face;
@@ -343,21 +344,21 @@ impl Adaptive<'_> {
                         gain: &planes.gain[range.clone()],
                         through: &planes.through[if equal { 0 } else { channel }][range.clone()],
                         path_mm: &planes.path_mm[range.clone()],
-                        angles: &self.baker.angles,
+                        angles: &self.prober.angles,
                         weight: (depth.weight[channel] * term) as f32,
                         sigma_t_per_mm: self.line.optics.sigma_t_per_mm[channel] as f32,
                     };
                     if self.is_constant() {
-                        add_channel(self.baker.level, &source, &mut out[channel * texels..][range]);
+                        add_channel(self.prober.level, &source, &mut out[channel * texels..][range]);
                         continue;
                     }
                     memory.picture.clear();
                     memory.picture.resize(face, 0.0);
-                    add_channel(self.baker.level, &source, &mut memory.picture);
+                    add_channel(self.prober.level, &source, &mut memory.picture);
                     for k in 0..count {
                         let terms = &planes.terms[k * texels..][range.clone()];
                         let target = &mut out[(k * 3 + channel) * texels..][range.clone()];
-                        add_product(self.baker.level, &memory.picture, terms, target);
+                        add_product(self.prober.level, &memory.picture, terms, target);
                     }
                 }
             }

@@ -51,132 +51,33 @@
 
 mod adaptive;
 mod every;
+mod probes;
+mod settings;
 mod shade;
 
 use std::ops::Range;
 
-use glam::{DVec3, Vec3};
-
-use self::adaptive::Adaptive;
+use self::adaptive::{Adaptive, Grid};
 use self::every::every_direction;
-use super::depths::{self, Density, Depth};
-use super::interface::{Entry, Form};
-use super::interior::{Coefficients, Crossings, ExitPoint, Interior, Optics};
-use crate::error::{Error, Result};
-use crate::geometry::bvh::{Bvh, Hit, Ray};
-use crate::math::cube_map::{FACES, solid_angles_sr};
-use crate::math::simd::Level;
-use crate::medium::phase::LightTerms;
+use self::probes::{ProbeMemory, Prober};
+use super::interior::ExitPoint;
+use crate::error::Result;
+use crate::geometry::bvh::Bvh;
 use crate::transport::domain::Domain;
 
-/// How rays are shared.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Sharing {
-    /// Not at all: the paper's deterministic samples, so many, each with a ray through every one of 2 x 2 sub-texels.
-    None {
-        /// Distances along the normal.
-        depths: u32,
-    },
-    /// See the module.
-    Adaptive {
-        /// Gauss points along the normal, for each group of channels of similar extinction.
-        depths: usize,
-        /// Cells whose corners differ by more than this share of the largest contribution are cut.
-        tolerance: f64,
-    },
-}
-
-impl Sharing {
-    /// The paper's.
-    pub const PAPER: Self = Self::None { depths: 16 };
-    /// See the figures of the module.
-    pub const DEFAULT: Self = Self::Adaptive { depths: 6, tolerance: 0.3 };
-}
-
-/// What vectors are made of.
-#[derive(Clone, Debug, PartialEq)]
-pub struct VectorSettings {
-    /// Texels along an edge of a face: 8, 16, 32, 64 or 128.
-    pub side: usize,
-    /// The integrand.
-    pub form: Form,
-    /// Surfaces between the point where light enters and the light.
-    pub crossings: Crossings,
-    /// Coefficients of the medium: reduced for an isotropic phase function.
-    pub coefficients: Coefficients,
-    /// Light side of the phase function.
-    pub phase: LightTerms,
-    /// Rays.
-    pub sharing: Sharing,
-}
-
-impl VectorSettings {
-    /// Faces of 32 texels, isotropic.
-    pub const DEFAULT: Self = Self {
-        side: 32,
-        form: Form::Physical,
-        crossings: Crossings::Occluded,
-        coefficients: Coefficients::Reduced,
-        phase: LightTerms::Isotropic,
-        sharing: Sharing::DEFAULT,
-    };
-}
+pub use self::settings::{Sharing, VectorSettings};
 
 /// Everything that the vectors of all points share.
 pub struct VectorBaker<'a> {
-    interior: Interior<'a>,
-    settings: VectorSettings,
-    /// Solid angles of a face's texels, sr.
-    angles: Vec<f32>,
-    level: Level,
-    grid: adaptive::Grid,
+    prober: Prober<'a>,
+    grid: Grid,
 }
 
-/// What one ray meets: where it leaves the body, and what is between there and the light.
-#[derive(Clone, Copy, Debug, Default)]
-struct Probe {
-    /// Outward unit normal where the light enters.
-    normal: Vec3,
-    /// Distance from the point inside to the plane of that place, mm.
-    height_mm: f32,
-    /// What other bodies let through; 0 where nothing arrives.
-    through: [f32; 3],
-    /// What the direction contributes at most in any channel, before the phase function and the solid angle.
-    value: f32,
-}
-
-/// A direction to be looked at from a depth.
-#[derive(Clone, Copy, Debug)]
-struct Request {
-    depth: u32,
-    direction: DVec3,
-}
-
-/// A point with its path.
-struct Line<'a> {
-    point: &'a ExitPoint,
-    optics: &'a Optics,
-    start: DVec3,
-    dense: bool,
-    depths: Vec<Depth>,
-    /// Extinction of the clearest channel.
-    least_per_mm: f64,
-    /// The largest weight of a depth.
-    worth: f64,
-}
-
-/// Largest factor between a contribution that is worth a shadow ray and the largest one.
-const NEGLIGIBLE: f64 = 2e-4;
-
-/// Memory of one thread.
+/// Memory of one thread; a baker uses one of the two.
 #[derive(Default)]
-struct Tracer {
-    rays: Vec<Ray>,
-    hits: Vec<Option<Hit>>,
-    shadow_rays: Vec<Ray>,
-    skips: Vec<u32>,
-    of_shadow: Vec<u32>,
-    occluded: Vec<bool>,
+struct Work {
+    unshared: ProbeMemory,
+    shared: adaptive::Memory,
 }
 
 impl<'a> VectorBaker<'a> {
@@ -185,27 +86,14 @@ impl<'a> VectorBaker<'a> {
     /// # Errors
     /// Another side than 8 to 128, no sample along the normal, a tolerance that is not positive (exit 3).
     pub fn new(domain: Domain<'a>, bvh: &'a Bvh, settings: VectorSettings) -> Result<Self> {
-        let side = settings.side;
-        if !side.is_power_of_two() || !(8..=128).contains(&side) {
-            return Err(Error::input(format!("cube map faces of {side} texels: 8, 16, 32, 64 and 128 are possible")));
-        }
-        let sensible = match settings.sharing {
-            Sharing::None { depths } => depths > 0,
-            Sharing::Adaptive { depths, tolerance } => depths > 0 && tolerance > 0.0,
-        };
-        if !sensible {
-            return Err(Error::input(
-                "single scattering vectors need at least one sample along the normal and a positive tolerance",
-            ));
-        }
-        let interior = Interior::new(domain, bvh, settings.form, settings.crossings, settings.coefficients);
-        let angles = solid_angles_sr(side).into_iter().map(|a| a as f32).collect();
-        Ok(Self { interior, grid: adaptive::Grid::new(side), settings, angles, level: Level::detect() })
+        settings.validate()?;
+        let grid = Grid::new(settings.side);
+        Ok(Self { prober: Prober::new(domain, bvh, settings), grid })
     }
 
     /// Numbers of one vector: `[term][channel][face][row][column]`.
     pub fn len(&self) -> usize {
-        self.settings.phase.count() * 3 * self.texels()
+        self.prober.settings.phase.count() * 3 * self.texels()
     }
 
     /// Never: a cube map has texels.
@@ -215,19 +103,19 @@ impl<'a> VectorBaker<'a> {
 
     /// Texels of a cube map.
     pub fn texels(&self) -> usize {
-        FACES * self.settings.side * self.settings.side
+        self.prober.texels()
     }
 
-    /// What the vectors are made of.
+    /// The settings of the vectors.
     pub fn settings(&self) -> &VectorSettings {
-        &self.settings
+        &self.prober.settings
     }
 
     /// Vectors of some of the points, on one thread; `each` gets the number of a point and its vector, in ascending order. They do
     /// not depend on how ranges are cut. A point without a normal or a medium has a vector of zeros; so has one past the end.
     pub fn range(&self, points: &[ExitPoint], range: Range<usize>, mut each: impl FnMut(usize, &[f32])) {
         let mut out = vec![0.0f32; self.len()];
-        let mut work = Work::new();
+        let mut work = Work::default();
         for index in range {
             out.fill(0.0);
             if let Some(point) = points.get(index) {
@@ -238,122 +126,12 @@ impl<'a> VectorBaker<'a> {
     }
 
     fn vector(&self, point: &ExitPoint, work: &mut Work, out: &mut [f32]) {
-        let Some(line) = self.line(point) else { return };
-        match self.settings.sharing {
-            Sharing::None { .. } => every_direction(self, &line, work, out),
-            Sharing::Adaptive { tolerance, .. } => Adaptive { baker: self, line: &line, tolerance }.run(work, out),
-        }
-    }
-
-    fn line<'b>(&'b self, point: &'b ExitPoint) -> Option<Line<'b>> {
-        if !point.at_mm.is_finite() || !point.normal.is_finite() || point.normal == DVec3::ZERO {
-            return None;
-        }
-        let optics = self.interior.optics(point.part)?;
-        let start = self.interior.start(point);
-        let dense = self.interior.is_dense(optics);
-        let reach = if dense { f64::INFINITY } else { self.interior.reach(start, -point.normal, point.part) };
-        let depths = match self.settings.sharing {
-            Sharing::None { depths } => depths::deterministic(optics, reach, Density::Luminance, depths),
-            Sharing::Adaptive { depths, .. } => depths::gauss(optics, reach, depths),
-        };
-        let least_per_mm = optics.sigma_t_per_mm.min_element();
-        let weights = depths.iter().map(|d| d.weight.max_element() * (-least_per_mm * d.s_mm).exp());
-        let worth = weights.fold(0.0, f64::max);
-        (worth > 0.0).then_some(Line { point, optics, start, dense, depths, least_per_mm, worth })
-    }
-
-    /// Looks in some directions, one probe each.
-    fn trace(&self, line: &Line, requests: &[Request], tracer: &mut Tracer, probes: &mut Vec<Probe>) {
-        let first = probes.len();
-        probes.resize(first + requests.len(), Probe::default());
-        tracer.rays.clear();
-        if !line.dense {
-            tracer.rays.extend(requests.iter().map(|r| self.interior.ray(line.at(r.depth), r.direction)));
-        }
-        tracer.hits.clear();
-        tracer.hits.resize(tracer.rays.len(), None);
-        self.interior.bvh.closest_many(&tracer.rays, &mut tracer.hits);
-        tracer.shadow_rays.clear();
-        tracer.skips.clear();
-        tracer.of_shadow.clear();
-        for (i, request) in requests.iter().enumerate() {
-            let Some(depth) = line.depths.get(request.depth as usize) else { continue };
-            let (normal, height_mm, beyond) = if line.dense {
-                let beyond = self.interior.beyond_flat(line.point, request.direction, f64::INFINITY);
-                (line.point.normal, depth.s_mm, beyond)
-            } else {
-                let leaving = self.interior.leaving(&tracer.rays[i], tracer.hits[i], line.point.part);
-                let Some(leaving) = leaving else { continue };
-                let height_mm = leaving.distance_mm * leaving.normal.dot(request.direction);
-                (leaving.normal, height_mm, self.interior.beyond(&leaving, f64::INFINITY))
-            };
-            let Some(value) = self.value(line, depth, normal, height_mm, request.direction) else { continue };
-            let probe = &mut probes[first + i];
-            *probe = Probe { normal: normal.as_vec3(), height_mm: height_mm as f32, through: [0.0; 3], value };
-            if f64::from(value) > NEGLIGIBLE * line.worth {
-                tracer.shadow_rays.push(beyond.0);
-                tracer.skips.push(beyond.1);
-                tracer.of_shadow.push((first + i) as u32);
-            } else {
-                probe.value = 0.0;
+        let Some(line) = self.prober.line(point) else { return };
+        match self.prober.settings.sharing {
+            Sharing::None { .. } => every_direction(&self.prober, &line, &mut work.unshared, out),
+            Sharing::Adaptive { tolerance, .. } => {
+                Adaptive { prober: &self.prober, grid: &self.grid, line: &line, tolerance }.run(&mut work.shared, out);
             }
-        }
-        self.shadows(tracer, probes);
-    }
-
-    /// What light through a plane contributes at most in any channel; none where no light enters.
-    fn value(&self, line: &Line, depth: &Depth, normal: DVec3, height_mm: f64, direction: DVec3) -> Option<f32> {
-        let cosine = normal.dot(direction);
-        let entry = Entry::new(self.settings.form, line.optics.eta_inside_over_outside, cosine)?;
-        let path_mm = height_mm / cosine * entry.stretch;
-        Some((depth.weight.max_element() * entry.gain * (-line.least_per_mm * path_mm).exp()) as f32)
-    }
-
-    /// Fills what comes through.
-    fn shadows(&self, tracer: &mut Tracer, probes: &mut [Probe]) {
-        let mut set = |i: u32, through: [f32; 3]| {
-            let probe = &mut probes[i as usize];
-            probe.through = through;
-            probe.value *= through.iter().fold(0.0f32, |m, t| m.max(*t));
-        };
-        if self.interior.crossings() == Crossings::Attenuated {
-            for ((ray, &skip), &i) in tracer.shadow_rays.iter().zip(&tracer.skips).zip(&tracer.of_shadow) {
-                set(i, self.interior.transmitted(ray, skip).as_vec3().to_array());
-            }
-            return;
-        }
-        tracer.occluded.clear();
-        tracer.occluded.resize(tracer.shadow_rays.len(), false);
-        self.interior.bvh.occluded_many(&tracer.shadow_rays, &tracer.skips, &mut tracer.occluded);
-        for (&occluded, &i) in tracer.occluded.iter().zip(&tracer.of_shadow) {
-            set(i, [f32::from(u8::from(!occluded)); 3]);
-        }
-    }
-}
-
-impl Line<'_> {
-    fn at(&self, depth: u32) -> DVec3 {
-        let s = self.depths.get(depth as usize).map_or(0.0, |d| d.s_mm);
-        self.start - s * self.point.normal
-    }
-}
-
-/// Memory of one thread.
-struct Work {
-    tracer: Tracer,
-    requests: Vec<Request>,
-    probes: Vec<Probe>,
-    adaptive: adaptive::Memory,
-}
-
-impl Work {
-    fn new() -> Self {
-        Self {
-            tracer: Tracer::default(),
-            requests: Vec::new(),
-            probes: Vec::new(),
-            adaptive: adaptive::Memory::default(),
         }
     }
 }

@@ -1,107 +1,11 @@
 //! Pictures off the screen, read back as linear radiance.
 
 use super::Raster;
-use super::view::{Encoding, View};
+use super::canvas::{Canvas, Finish, descriptor};
+use super::view::View;
 use crate::error::{Error, Result};
 use crate::evaluate::device::Device;
 use crate::render::camera::Resolution;
-
-/// Format of pictures off the screen.
-const LINEAR_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
-
-/// How pixels are made.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Finish {
-    /// Format of the target.
-    pub format: wgpu::TextureFormat,
-    /// Samples in a pixel, 1 or 4.
-    pub samples: u32,
-    /// How colours are written.
-    pub encoding: Encoding,
-}
-
-impl Finish {
-    /// Of pictures that are read back.
-    pub const PICTURE: Self = Self { format: LINEAR_FORMAT, samples: 4, encoding: Encoding::Linear };
-}
-
-/// The textures that a frame is drawn to, besides the one that is shown.
-pub struct Canvas {
-    resolution: Resolution,
-    finish: Finish,
-    depth: wgpu::TextureView,
-    /// What is resolved, where there are several samples.
-    many: Option<wgpu::TextureView>,
-}
-
-impl Canvas {
-    /// Textures of a size.
-    ///
-    /// # Errors
-    /// A picture larger than the adapter has (exit 5).
-    pub fn new(device: &Device, resolution: Resolution, finish: Finish) -> Result<Self> {
-        let limit = device.device.limits().max_texture_dimension_2d as usize;
-        if resolution.width.max(resolution.height) > limit {
-            return Err(Error::unsupported(format!(
-                "{resolution} pixels where {} draws {limit} along a side at most; \
-                 use a smaller --resolution or --device cpu",
-                device.info.name
-            )));
-        }
-        let texture = |label, format| {
-            let descriptor =
-                descriptor(label, resolution, format, finish.samples, wgpu::TextureUsages::RENDER_ATTACHMENT);
-            device.device.create_texture(&descriptor).create_view(&wgpu::TextureViewDescriptor::default())
-        };
-        Ok(Self {
-            resolution,
-            finish,
-            depth: texture("depth", super::DEPTH_FORMAT),
-            many: (finish.samples > 1).then(|| texture("samples", finish.format)),
-        })
-    }
-
-    /// Size.
-    pub fn resolution(&self) -> Resolution {
-        self.resolution
-    }
-
-    /// How its pixels are made.
-    pub fn finish(&self) -> Finish {
-        self.finish
-    }
-
-    pub(super) fn depth(&self) -> &wgpu::TextureView {
-        &self.depth
-    }
-
-    pub(super) fn many(&self) -> Option<&wgpu::TextureView> {
-        self.many.as_ref()
-    }
-}
-
-fn descriptor(
-    label: &'static str,
-    resolution: Resolution,
-    format: wgpu::TextureFormat,
-    samples: u32,
-    usage: wgpu::TextureUsages,
-) -> wgpu::TextureDescriptor<'static> {
-    wgpu::TextureDescriptor {
-        label: Some(label),
-        size: wgpu::Extent3d {
-            width: resolution.width as u32,
-            height: resolution.height as u32,
-            depth_or_array_layers: 1,
-        },
-        mip_level_count: 1,
-        sample_count: samples,
-        dimension: wgpu::TextureDimension::D2,
-        format,
-        usage,
-        view_formats: &[],
-    }
-}
 
 /// A picture that can be read back.
 pub struct Picture {
@@ -128,7 +32,8 @@ impl Picture {
     pub fn new(device: &Device, resolution: Resolution) -> Result<Self> {
         let canvas = Canvas::new(device, resolution, Finish::PICTURE)?;
         let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
-        let texture = device.device.create_texture(&descriptor("picture", resolution, LINEAR_FORMAT, 1, usage));
+        let texture =
+            device.device.create_texture(&descriptor("picture", resolution, Finish::PICTURE.format, 1, usage));
         let bytes_per_row = (8 * resolution.width as u32).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
         let size = u64::from(bytes_per_row) * resolution.height as u64;
         if size > device.device.limits().max_buffer_size {
@@ -166,13 +71,13 @@ impl Picture {
         );
         device.queue.submit([encoder.finish()]);
         let bytes = device.read(&self.buffer, self.buffer.size())?;
-        let Resolution { width, .. } = self.canvas.resolution;
+        let resolution = self.canvas.resolution();
         let pixels = bytes
             .chunks_exact(self.bytes_per_row as usize)
-            .flat_map(|row| row[..8 * width].chunks_exact(8))
+            .flat_map(|row| row[..8 * resolution.width].chunks_exact(8))
             .map(|texel| std::array::from_fn(|c| from_half(u16::from_le_bytes([texel[2 * c], texel[2 * c + 1]]))))
             .collect();
-        Ok(LinearPicture { resolution: self.canvas.resolution, pixels })
+        Ok(LinearPicture { resolution, pixels })
     }
 }
 

@@ -1,0 +1,107 @@
+//! What a frame is drawn to: how its pixels are made, and the textures beside the one that is shown.
+
+use super::view::Encoding;
+use crate::error::{Error, Result};
+use crate::evaluate::device::Device;
+use crate::render::camera::Resolution;
+
+/// Format of the depth; reversed, so that infinity is 0.
+pub(super) const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
+
+/// Format of pictures off the screen.
+const LINEAR_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
+
+/// How pixels are made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Finish {
+    /// Format of the texture that is drawn to.
+    pub format: wgpu::TextureFormat,
+    /// Samples in a pixel, 1 or 4.
+    pub samples: u32,
+    /// How colours are written.
+    pub encoding: Encoding,
+}
+
+impl Finish {
+    /// Pictures that are read back have linear half floats and four samples in a pixel.
+    pub const PICTURE: Self = Self { format: LINEAR_FORMAT, samples: 4, encoding: Encoding::Linear };
+}
+
+/// The textures that a frame is drawn to, besides the one that is shown.
+pub struct Canvas {
+    resolution: Resolution,
+    finish: Finish,
+    depth: wgpu::TextureView,
+    /// The texture of all samples of a pixel, which is resolved into the shown one; none where there is one sample.
+    many: Option<wgpu::TextureView>,
+}
+
+impl Canvas {
+    /// Textures of a size.
+    ///
+    /// # Errors
+    /// A picture larger than the adapter has (exit 5).
+    pub fn new(device: &Device, resolution: Resolution, finish: Finish) -> Result<Self> {
+        let limit = device.device.limits().max_texture_dimension_2d as usize;
+        if resolution.width.max(resolution.height) > limit {
+            return Err(Error::unsupported(format!(
+                "{resolution} pixels where {} draws {limit} along a side at most; \
+                 use a smaller --resolution or --device cpu",
+                device.info.name
+            )));
+        }
+        let texture = |label, format| {
+            let descriptor =
+                descriptor(label, resolution, format, finish.samples, wgpu::TextureUsages::RENDER_ATTACHMENT);
+            device.device.create_texture(&descriptor).create_view(&wgpu::TextureViewDescriptor::default())
+        };
+        Ok(Self {
+            resolution,
+            finish,
+            depth: texture("depth", DEPTH_FORMAT),
+            many: (finish.samples > 1).then(|| texture("samples", finish.format)),
+        })
+    }
+
+    /// Size.
+    pub fn resolution(&self) -> Resolution {
+        self.resolution
+    }
+
+    /// How its pixels are made.
+    pub fn finish(&self) -> Finish {
+        self.finish
+    }
+
+    pub(super) fn depth(&self) -> &wgpu::TextureView {
+        &self.depth
+    }
+
+    pub(super) fn many(&self) -> Option<&wgpu::TextureView> {
+        self.many.as_ref()
+    }
+}
+
+/// A two-dimensional texture without mipmaps.
+pub(super) fn descriptor(
+    label: &'static str,
+    resolution: Resolution,
+    format: wgpu::TextureFormat,
+    samples: u32,
+    usage: wgpu::TextureUsages,
+) -> wgpu::TextureDescriptor<'static> {
+    wgpu::TextureDescriptor {
+        label: Some(label),
+        size: wgpu::Extent3d {
+            width: resolution.width as u32,
+            height: resolution.height as u32,
+            depth_or_array_layers: 1,
+        },
+        mip_level_count: 1,
+        sample_count: samples,
+        dimension: wgpu::TextureDimension::D2,
+        format,
+        usage,
+        view_formats: &[],
+    }
+}

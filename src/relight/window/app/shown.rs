@@ -1,0 +1,50 @@
+//! The open window with the evaluator, the raster and the threads that work for it.
+
+use std::sync::Arc;
+
+use crate::relight::raster::Raster;
+use crate::relight::window::colours::Colours;
+use crate::relight::window::desk::Desk;
+use crate::relight::window::jobs::Jobs;
+use crate::relight::window::screen::Screen;
+use crate::relight::window::worker::Worker;
+use crate::render::texture::Texture;
+
+/// The open window: the screen, the threads that work for it, and the state that a person changes.
+pub(super) struct Shown {
+    pub(super) screen: Screen,
+    pub(super) raster: Raster,
+    pub(super) worker: Worker,
+    /// Workers of evaluators that were replaced, until their last state is computed.
+    pub(super) retired: Vec<Worker>,
+    pub(super) colours: Colours,
+    pub(super) jobs: Jobs,
+    pub(super) desk: Desk,
+    pub(super) texture: Option<Arc<Texture>>,
+    pub(super) transport: String,
+    pub(super) vertices: usize,
+    pub(super) samples: usize,
+    pub(super) follows_eye: bool,
+}
+
+/// An evaluator that works and what it is drawn with.
+pub(super) struct Staged {
+    pub(super) raster: Raster,
+    pub(super) worker: Worker,
+    pub(super) transport: String,
+    pub(super) vertices: usize,
+    pub(super) samples: usize,
+}
+
+impl Shown {
+    /// Puts another evaluator in place of the one that works.
+    pub(super) fn put(&mut self, staged: Staged) {
+        let Staged { raster, worker, transport, vertices, samples } = staged;
+        self.raster = raster;
+        // To wait for what it does now would hold up the picture.
+        let before = std::mem::replace(&mut self.worker, worker);
+        before.retire();
+        self.retired.push(before);
+        (self.transport, self.vertices, self.samples) = (transport, vertices, samples);
+    }
+}
