@@ -165,6 +165,5 @@ pub fn evaluate(evaluator: &mut dyn Evaluator, lights: Vec<Light>) -> Result<Vec
 /// # Errors
 /// Failures of the work.
 pub fn measure(evaluator: &mut dyn Evaluator) -> Result<Ledger> {
-    let unseen = measure::probes::unseen(&evaluator.scene().mesh);
-    evaluator.measured_error(&unseen, &Silent)
+    measure::probes::by_stage(evaluator, &Silent)
 }

@@ -130,15 +130,10 @@ impl Bench {
         let recipe = Recipe { samples: Some(samples), max_rms: method.default_max_rms(), set };
         let asset = Arc::new(bake_for(LightKind::Environment, method, scene, &recipe, &Silent)?);
         let rows = StoredRows::of(&asset)?.ok_or_else(|| Error::runtime("the asset has no rows"))?;
-        let receivers = Receivers::new(&scene.mesh, &scene.parts, 16);
-        let (receivers, indices) = receivers.subset(RECEIVERS, 1);
-        let all = translux::evaluate::sampling_error::receiver_areas(
-            &scene.mesh,
-            &Receivers::new(&scene.mesh, &scene.parts, 16),
-        );
-        let areas = indices.iter().filter_map(|&i| all.get(i as usize).copied()).collect();
+        let all = Receivers::new(&scene.mesh, &scene.parts, 16);
+        let (receivers, points) = all.probe_points(&all.areas_mm2(&scene.mesh), (RECEIVERS, 1));
         let (bvh, patches) = (Bvh::new(&scene.mesh), patches(&scene.mesh, &asset.samples));
-        Ok(Self { asset, bvh, patches, rows, receivers, areas })
+        Ok(Self { asset, bvh, patches, rows, receivers, areas: points.areas_mm2 })
     }
 
     fn surface(&self) -> Surface<'_> {

@@ -7,7 +7,6 @@
 use glam::DVec3;
 use rayon::prelude::*;
 use translux::error::Result;
-use translux::evaluate::sampling_error::receiver_areas;
 use translux::geometry::bvh::Bvh;
 use translux::geometry::samples::{self, Samples};
 use translux::light::quantised::interpolation::{Interpolator, Scheme};
@@ -72,7 +71,7 @@ pub(crate) fn measure(scene: &Scene, counts: &[usize], lights: &[DVec3], views: 
     let (bvh, patches) = (Bvh::new(&scene.mesh), samples::patches(&scene.mesh, &samples));
     let tree = SampleTree::new(&samples, &patches);
     let receivers = Receivers::new(&scene.mesh, &scene.parts, GROUP);
-    let areas = receiver_areas(&scene.mesh, &receivers);
+    let areas = receivers.areas_mm2(&scene.mesh);
     let surface = Surface { domain: scene.domain(), bvh: &bvh, samples: &samples, patches: &patches };
     let gather = Gather::new(&surface, &tree, &scene.media, NearField::for_error(NEAR_RMS));
     let etas: Vec<f64> = scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();

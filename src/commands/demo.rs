@@ -19,7 +19,7 @@ use crate::geometry::shapes;
 use crate::import::materials::MaterialChoice;
 use crate::import::{ImportOptions, Source};
 use crate::io::atomic;
-use crate::measure::probes::unseen;
+use crate::measure::probes::by_stage;
 use crate::medium::material::Material;
 use crate::render::camera::Resolution;
 use crate::render::film::{PngBackground, side_by_side, to_png};
@@ -143,7 +143,7 @@ fn show(evaluator: &mut dyn Evaluator, name: &str, folder: &Path, console: &Cons
     let files = ["png", "exr"].map(|suffix| folder.join(format!("{name}.{suffix}")));
     let picture = PictureArgs::at(CAMERA.parse()?, Resolution::new(SIDES[0], SIDES[1])?);
     let (picture, frame) = render::finish(evaluator, METHOD, lights, &picture, &files, console)?;
-    let measured = evaluator.measured_error(&unseen(&evaluator.scene().mesh), console)?;
+    let measured = by_stage(evaluator, console)?;
     let Scene { media, .. } = evaluator.scene();
     let medium = MediumReport::of(&media[0]);
     Ok((Shown { medium, measured, picture }, frame))

@@ -16,7 +16,7 @@ use super::output;
 use crate::compress::ledger::Ledger;
 use crate::error::{ExitCode, Result};
 use crate::evaluate::{Evaluator, SingleScattering};
-use crate::measure::probes::unseen;
+use crate::measure::probes::by_stage;
 use crate::report::evaluation::{EvaluationReport, RadiosityReport, mean_and_max};
 use crate::report::radiosity_ply::{SINGLE_INCLUDED, Single, comments, radiosity_ply};
 use crate::report::text::{duration, percent};
@@ -90,7 +90,7 @@ pub(super) fn finish(
         radiosity_ply(&scene.mesh, &radiosity, single.as_deref().map_or(Single::None, Single::Beside), comments)
     })?;
     let measured = match measure {
-        Measure::Yes => evaluator.measured_error(&unseen(&evaluator.scene().mesh), console)?,
+        Measure::Yes => by_stage(evaluator, console)?,
         Measure::No => Ledger::default(),
     };
     for entry in &measured.entries {

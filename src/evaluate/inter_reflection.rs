@@ -4,7 +4,7 @@
 use glam::DVec3;
 
 use crate::error::{Error, Result};
-use crate::math::statistics::{VertexError, vertex_error};
+use crate::math::statistics::VertexError;
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
 use crate::transport::gather::{Gather, Scheme};
@@ -118,13 +118,12 @@ impl Returned {
         (direct, pieces): (&[DVec3], &Pieces),
         areas: &[f64],
     ) -> VertexError {
-        let (subset, indices) = transfer.receivers.subset(PROBES, 2);
+        let (subset, points) = transfer.receivers.probe_points(areas, (PROBES, 2));
         let radiosity = |irradiance: &[DVec3]| {
             let lit = transfer.gather.light_with_pieces(irradiance, pieces);
             transfer.gather.radiosity(&subset, &lit, Scheme::AllPairs, &Silent)
         };
         let half = sum(direct, &matrix.apply(&self.outgoing, Rays::FirstHalf));
-        let areas: Vec<f64> = indices.iter().filter_map(|&i| areas.get(i as usize).copied()).collect();
-        vertex_error(&radiosity(&half), &radiosity(&self.irradiance), &areas).scaled(MARGIN)
+        points.error(&radiosity(&half), &radiosity(&self.irradiance)).scaled(MARGIN)
     }
 }

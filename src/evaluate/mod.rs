@@ -9,9 +9,11 @@ pub mod form;
 pub(crate) mod forward;
 pub mod inter_reflection;
 pub mod keys;
+pub mod measured;
 pub mod method;
 pub mod sampling_error;
 pub mod single_scattering;
+pub mod stages;
 pub mod summed;
 
 pub use capabilities::{Capabilities, Cost, MaterialEdit, ProfileEdit, SingleScattering, SourceFields};

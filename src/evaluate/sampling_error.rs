@@ -1,14 +1,15 @@
-//! What sampling costs: the error of a sample set and its shadow rays, extrapolated from a second set.
+//! What sampling costs: the error of a sample set and its shadow rays, extrapolated from a second set, and that of stored irradiance in
+//! place of the rays.
 
 use glam::DVec3;
 
+use super::stages;
 use crate::compress::ledger::Ledger;
 use crate::error::Result;
-use crate::geometry::mesh::Mesh;
 use crate::geometry::part_table::PartTable;
 use crate::geometry::samples::{self, Samples};
 use crate::light::Light;
-use crate::math::statistics::vertex_error;
+use crate::math::statistics::VertexError;
 use crate::medium::material::Medium;
 use crate::progress::{Progress, Silent};
 use crate::transport::gather::{Gather, MediumKernel, NearField, Scheme};
@@ -30,8 +31,10 @@ pub struct Sampled<'a> {
     pub kernels: Option<&'a [MediumKernel]>,
     /// Lights in force.
     pub lights: &'a [Light],
-    /// Irradiance of each sample, RGB, and of the pieces of those that are not lit evenly.
+    /// Irradiance of each sample by rays, RGB, and of the pieces of those that are not lit evenly.
     pub irradiance: (&'a [DVec3], &'a Pieces),
+    /// Irradiance of each sample that stored rows gave in its place, where they did.
+    pub stored: Option<&'a [DVec3]>,
     /// How it was sampled.
     pub sampling: LightSampling,
     /// How near samples are integrated.
@@ -51,7 +54,7 @@ impl Sampled<'_> {
         }
     }
 
-    /// Enters the error of sampling into the ledger. An error that falls in proportion to the number of samples is taken
+    /// Enters the error of sampling into the ledger, and that of stored rows, which has an entry of its own. An error that falls in proportion to the number of samples is taken
     /// for granted.
     ///
     /// # Errors
@@ -66,7 +69,7 @@ impl Sampled<'_> {
         let sampling = LightSampling { points_per_patch, ..self.sampling };
         let etas: Vec<f64> = self.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
         let irradiance = Illumination::new(&surface, self.lights, &etas, sampling)?.all_with_pieces(progress);
-        let (subset, indices) = self.receivers.subset(PROBES, 2);
+        let (subset, points) = self.receivers.probe_points(self.areas, (PROBES, 2));
         let sum = |surface: &Surface, (irradiance, pieces): (&[DVec3], &Pieces)| {
             // All pairs need no tree.
             let tree = SampleTree::default();
@@ -75,11 +78,23 @@ impl Sampled<'_> {
         };
         let theirs = sum(&surface, (&irradiance.0, &irradiance.1));
         let ours = sum(&self.surface, self.irradiance);
-        let areas: Vec<f64> = indices.iter().map(|&i| self.areas[i as usize]).collect();
         let factor = extrapolation(samples.len(), other.len());
         let note = format!("extrapolated from {} samples, on vertices of their own", other.len());
-        ledger.add("sampling", vertex_error(&theirs, &ours, &areas).scaled(factor), note);
+        ledger.add("sampling", points.error(&theirs, &ours).scaled(factor), note);
+        if let Some(stored) = self.stored {
+            let note = "stored rows (cube map, truncation, quantiser; fields of area lights) against rays";
+            ledger.add("environment", self.stored_error(stored), note);
+        }
         Ok(())
+    }
+
+    /// Error of stored irradiance against that of the rays, in the radiosity that it gives.
+    fn stored_error(&self, stored: &[DVec3]) -> VertexError {
+        let (subset, points) = stages::probe_points(self.receivers, self.areas);
+        let tree = SampleTree::default();
+        let gather = self.gather(&self.surface, &tree);
+        let sum = |e: &[DVec3]| gather.radiosity(&subset, &gather.light(e), Scheme::AllPairs, &Silent);
+        points.error(&sum(stored), &sum(self.irradiance.0))
     }
 }
 
@@ -102,20 +117,6 @@ fn comparison_count(count: usize, parts: &PartTable) -> usize {
     } else {
         count / 2
     }
-}
-
-/// A third of the area of the triangles around each receiver, mm^2.
-pub fn receiver_areas(mesh: &Mesh, receivers: &Receivers) -> Vec<f64> {
-    let mut areas = vec![0.0; receivers.len()];
-    for (index, triangle) in mesh.triangles.iter().enumerate() {
-        let third = mesh.cross_mm2(index as u32).length() / 6.0;
-        for &v in triangle {
-            if let Some(area) = areas.get_mut(receivers.of_vertex[v as usize] as usize) {
-                *area += third;
-            }
-        }
-    }
-    areas
 }
 
 #[cfg(test)]

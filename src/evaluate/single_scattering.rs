@@ -8,9 +8,9 @@ use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
 use crate::geometry::bvh::Bvh;
 use crate::light::Light;
-use crate::math::statistics::vertex_error;
 use crate::progress::Progress;
 use crate::scene::Scene;
+use crate::transport::receivers::ProbePoints;
 use crate::transport::single_scattering::radiance::{DepthSampling, Path, Settings, Share, SingleScattering};
 use crate::transport::single_scattering::{Coefficients, Crossings, Density, ExitPoint, Form, vertex_points};
 
@@ -173,8 +173,8 @@ impl Traced {
         let places = Places::new(lit.scene);
         let all = places.points.len();
         let step = all.div_ceil(PROBES).max(1);
-        let chosen = || (step / 2..all).step_by(step);
-        let areas: Vec<f64> = chosen().map(|p| places.areas_mm2[p]).collect();
+        let probes = ProbePoints::new((step / 2..all).step_by(step).map(|p| p as u32).collect(), &places.areas_mm2);
+        let points = probes.of(&places.points);
         let per_vertex = self.is_per_vertex(lit.scene);
         let half = (self.samples / 2).max(1);
         let single = Self { samples: half, ..self }.prepared(lit)?;
@@ -185,7 +185,7 @@ impl Traced {
                 true => single.per_point(&p, key + keys),
                 false => single.radiance(&p, aslant(p.normal), Path::Refracted, key + keys),
             };
-            chosen().collect::<Vec<_>>().into_par_iter().map(|p| of(places.points[p])).collect()
+            points.par_iter().copied().map(of).collect()
         });
         let mean: Vec<DVec3> = one.iter().zip(&other).map(|(a, b)| 0.5 * (*a + *b)).collect();
         let towards = if per_vertex { "" } else { ", towards an eye" };
@@ -194,7 +194,7 @@ impl Traced {
         );
         // A single sample has no half.
         let factor = (2.0 * f64::from(half) / f64::from(self.samples.max(1))).sqrt().max(1.0);
-        ledger.add("single scattering", vertex_error(&one, &mean, &areas).scaled(factor), note);
+        ledger.add("single scattering", probes.error(&one, &mean).scaled(factor), note);
         Ok(())
     }
 }

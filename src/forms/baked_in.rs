@@ -12,13 +12,14 @@ use crate::compress::ledger::Ledger;
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::inter_reflection::Outside;
 use crate::evaluate::single_scattering::{LitScene, TowardsEye, Traced};
+use crate::evaluate::stages::worst_and_unseen;
 use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit, SingleScattering, SourceFields};
 #[cfg(feature = "gpu")]
 use crate::evaluate::{DeviceEvaluator, device::Device};
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::Samples;
 use crate::light::Light;
-use crate::math::statistics::{VertexError, vertex_error};
+use crate::math::statistics::vertex_error;
 use crate::medium::material::Medium;
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
@@ -28,11 +29,6 @@ use crate::transport::receivers::Receivers;
 
 /// Error of the hierarchy that the transport is measured against.
 const TRUTH_ERROR: f64 = 0.001;
-
-/// An error, or none where the truth is black and the values are not: nothing can be relative to that.
-pub fn relative(error: VertexError) -> VertexError {
-    if error.rms.is_finite() { error } else { VertexError::default() }
-}
 
 /// Samples lit by rays and summed through the hierarchy.
 pub fn truth(scene: &Scene, samples: usize) -> GatheredEvaluator {
@@ -97,11 +93,11 @@ impl Truth {
         progress: &dyn Progress,
     ) -> Result<Ledger> {
         let areas = scene.vertex_areas_mm2();
-        let mut error = VertexError::default();
-        for lights in unseen.iter().map(std::slice::from_ref).chain([lights]) {
+        let error = worst_and_unseen(unseen, |light| {
+            let lights = light.map_or(lights, std::slice::from_ref);
             let expected = self.lit(scene, lights, progress)?.radiosity(progress)?;
-            error = error.max(relative(vertex_error(&values(lights)?, &expected, &areas)));
-        }
+            Ok(vertex_error(&values(lights)?, &expected, &areas).or_none())
+        })?;
         let mut ledger = self.lit(scene, lights, progress)?.measured_error(&[], progress)?;
         ledger.add(stage, error, note);
         Ok(ledger)

@@ -5,7 +5,6 @@ use std::ops::Range;
 use glam::DVec3;
 
 use crate::error::Result;
-use crate::evaluate::sampling_error::receiver_areas;
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::{self, Patch, Samples};
 use crate::geometry::scattered::OrientedPoint;
@@ -15,7 +14,7 @@ use crate::scene::Scene;
 use crate::transport::gather::Gather;
 use crate::transport::irradiance::{Illumination, LightSampling};
 use crate::transport::many_lights::{IrradianceRows, ManyLights};
-use crate::transport::receivers::Receivers;
+use crate::transport::receivers::{ProbePoints, Receivers};
 use crate::transport::surface::Surface;
 use crate::transport::tree::SampleTree;
 
@@ -78,7 +77,7 @@ impl<'a> SampledScene<'a> {
         let (bvh, patches) = rayon::join(|| Bvh::new(&scene.mesh), || samples::patches(&scene.mesh, &samples));
         let tree = SampleTree::new(&samples, &patches);
         let receivers = Receivers::new(&scene.mesh, &scene.parts, GROUP);
-        let areas = receiver_areas(&scene.mesh, &receivers);
+        let areas = receivers.areas_mm2(&scene.mesh);
         let points = oriented(scene, &receivers);
         Self { scene, bvh, samples, patches, tree, receivers, areas, points, sampling: SAMPLING }
     }
@@ -93,17 +92,24 @@ impl<'a> SampledScene<'a> {
     /// # Errors
     /// Lights that cannot be served.
     pub fn irradiance(&self, lights: &[Light]) -> Result<IrradianceRows> {
-        let surface = self.surface();
-        let etas: Vec<f64> = self.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
         let mut values = vec![0.0; self.samples.len() * lights.len()];
         for (column, light) in lights.iter().enumerate() {
-            let one = std::slice::from_ref(light);
-            let irradiance = Illumination::new(&surface, one, &etas, self.sampling)?.all(&Silent);
-            for (row, e) in values.chunks_exact_mut(lights.len()).zip(&irradiance) {
+            for (row, e) in values.chunks_exact_mut(lights.len()).zip(&self.by_rays(light)?) {
                 row[column] = e.x as f32;
             }
         }
         Ok(IrradianceRows { lights: lights.len(), values })
+    }
+
+    /// Irradiance of every sample under a light by rays, RGB.
+    pub(crate) fn by_rays(&self, light: &Light) -> Result<Vec<DVec3>> {
+        let etas: Vec<f64> = self.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
+        Ok(Illumination::new(&self.surface(), std::slice::from_ref(light), &etas, self.sampling)?.all(&Silent))
+    }
+
+    /// Receivers that are points of a net or some of them, given by their indices.
+    pub(crate) fn probes(&self, indices: Vec<u32>) -> ProbePoints {
+        ProbePoints::new(indices, &self.areas)
     }
 
     /// Calls `work` with the transfer, which keeps an error under some lights.

@@ -26,6 +26,12 @@ impl VertexError {
         Self { rms: rms * factor, bias: bias * factor, p999: p999 * factor, worst: worst * factor, dark: dark * factor }
     }
 
+    /// The same, or no error where the reference is black and the values are not: nothing can be relative to that.
+    #[must_use]
+    pub fn or_none(self) -> Self {
+        if self.rms.is_finite() { self } else { Self::default() }
+    }
+
     /// The larger of each figure.
     #[must_use]
     pub fn max(self, other: Self) -> Self {
@@ -77,11 +83,10 @@ pub fn vertex_error(values: &[DVec3], reference: &[DVec3], weights: &[f64]) -> V
         return VertexError::default();
     }
     let mean = |f: &dyn Fn(usize) -> f64| weights.iter().enumerate().map(|(i, w)| w * f(i)).sum::<f64>() / total;
-    let rms = [0, 1, 2].map(|c| mean(&|i| reference[i][c] * reference[i][c]).sqrt());
-    let brightest = rms.iter().copied().fold(0.0, f64::max);
+    let units = units(reference, weights);
     let mut result = VertexError { dark: dark_error(values, reference, weights), ..VertexError::default() };
     for channel in 0..3 {
-        let unit = rms[channel].max(CHANNEL_FLOOR * brightest);
+        let unit = units[channel];
         let difference = |i: usize| values[i][channel] - reference[i][channel];
         let relative = |d: f64| {
             if d == 0.0 {
@@ -104,6 +109,20 @@ pub fn vertex_error(values: &[DVec3], reference: &[DVec3], weights: &[f64]) -> V
         });
     }
     result
+}
+
+/// Error of each value, largest channel, in the unit of [`vertex_error`]: what a picture of the error shows.
+pub fn relative_errors(values: &[DVec3], reference: &[DVec3], weights: &[f64]) -> Vec<f32> {
+    let unit = units(reference, weights).max(DVec3::splat(f64::MIN_POSITIVE));
+    let error = |(b, t): (&DVec3, &DVec3)| (((*b - *t) / unit).abs().max_element() as f32).min(f32::MAX);
+    values.iter().zip(reference).map(error).collect()
+}
+
+/// What the errors of each channel are relative to: its RMS, or a share of that of the brightest channel.
+fn units(reference: &[DVec3], weights: &[f64]) -> DVec3 {
+    let squares: DVec3 = reference.iter().zip(weights).map(|(b, w)| *w * (*b * *b)).sum();
+    let rms = (squares / weights.iter().sum::<f64>().max(f64::MIN_POSITIVE)).map(f64::sqrt);
+    rms.max(DVec3::splat(CHANNEL_FLOOR * rms.max_element()))
 }
 
 /// See [`VertexError::dark`]; a channel counts from a thousandth of the mean of all, so that what is black is no unit.
@@ -163,9 +182,20 @@ mod tests {
     }
 
     #[test]
+    fn a_field_of_errors_is_relative_to_the_rms_of_each_channel() {
+        let truth = [DVec3::new(1.0, 2.0, 0.0), DVec3::new(1.0, 2.0, 0.0)];
+        let values = [DVec3::new(1.1, 2.0, 0.0), DVec3::new(1.0, 1.0, 0.0)];
+        let found = relative_errors(&values, &truth, &[1.0, 3.0]);
+        assert!((found[0] - 0.1).abs() < 1e-6 && (found[1] - 0.5).abs() < 1e-6, "{found:?}");
+        assert!(relative_errors(&truth, &[DVec3::ZERO; 2], &[0.0; 2]).iter().all(|e| e.is_finite()));
+    }
+
+    #[test]
     fn a_black_reference_is_safe() {
         assert_eq!(vertex_error(&[DVec3::ZERO], &[DVec3::ZERO], &[1.0]), VertexError::default());
-        assert!(vertex_error(&[DVec3::ONE], &[DVec3::ZERO], &[1.0]).rms.is_infinite());
+        let infinite = vertex_error(&[DVec3::ONE], &[DVec3::ZERO], &[1.0]);
+        assert!(infinite.rms.is_infinite());
+        assert_eq!(infinite.or_none(), VertexError::default());
         assert_eq!(vertex_error(&[], &[], &[]), VertexError::default());
     }
 

@@ -4,10 +4,13 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use crate::evaluate::Probes;
+use crate::compress::ledger::Ledger;
+use crate::error::Result;
+use crate::evaluate::{Evaluator, Probes};
 use crate::geometry::mesh::Mesh;
 use crate::light::Light;
 use crate::light::sky::sky;
+use crate::progress::Progress;
 
 /// Which half of the probe lights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -76,6 +79,15 @@ pub fn environments(half: Half) -> Vec<Light> {
 pub fn for_bake(mesh: &Mesh) -> Probes {
     let tuning = directional(Half::Tuning).into_iter().chain(points(mesh, Half::Tuning)).collect();
     Probes { tuning, unseen: unseen(mesh).into_iter().chain(environments(Half::Figures)).collect() }
+}
+
+/// What an evaluator is off by under the lights in force, by stage; what was tuned for them is measured under [`unseen`] ones as well.
+///
+/// # Errors
+/// Failures of the work.
+pub fn by_stage(evaluator: &mut dyn Evaluator, progress: &dyn Progress) -> Result<Ledger> {
+    let unseen = unseen(&evaluator.scene().mesh);
+    evaluator.measured_error(&unseen, progress)
 }
 
 /// The constant light of radiance 1.

@@ -9,10 +9,10 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::gather::{Criterion, Gather, Scheme, Source};
-use super::receivers::{Group, Receivers};
+use super::receivers::{Group, ProbePoints, Receivers};
 use super::tree::SampleTree;
 use crate::math::simd::{Level, add_scaled, multiversion};
-use crate::math::statistics::{VertexError, vertex_error};
+use crate::math::statistics::VertexError;
 use crate::progress::Progress;
 
 /// Irradiance of every sample under each of some lights; for a scene of one index of refraction, white lights.
@@ -121,14 +121,14 @@ impl<'a> ManyLights<'a> {
     /// receivers; returns the error on others.
     pub fn tune(&mut self, error: f64, rows: &IrradianceRows) -> VertexError {
         let shared = &Shared::new(self, rows);
-        let (subset, indices) = self.receivers.subset(TUNING, 0);
+        let (subset, points) = self.receivers.probe_points(self.areas, (TUNING, 0));
         let truth = self.gathered(&subset, rows, shared, Scheme::AllPairs, &crate::progress::Silent);
         let scheme = |limit| Scheme::Hierarchical { criterion: Criterion::SolidAngle(limit) };
         let mut limit = (4.0 * error).clamp(1e-4, 1.0);
         let mut kept = None;
         for _ in 0..TRIALS {
             let found = self.gathered(&subset, rows, shared, scheme(limit), &crate::progress::Silent);
-            let found = self.worst(&found, &truth, &indices).rms;
+            let found = worst(&found, &truth, &points).rms;
             if found <= TARGET * error {
                 kept = Some(limit);
                 if found >= 0.5 * TARGET * error {
@@ -142,10 +142,10 @@ impl<'a> ManyLights<'a> {
         }
         let Some(limit) = kept else { return VertexError::default() };
         self.scheme = scheme(limit);
-        let (subset, indices) = self.receivers.subset(PROBES, 1);
+        let (subset, points) = self.receivers.probe_points(self.areas, (PROBES, 1));
         let truth = self.gathered(&subset, rows, shared, Scheme::AllPairs, &crate::progress::Silent);
         let found = self.gathered(&subset, rows, shared, self.scheme, &crate::progress::Silent);
-        self.worst(&found, &truth, &indices)
+        worst(&found, &truth, &points)
     }
 
     /// Radiosity of every receiver under each light. A receiver's value depends on its own group only.
@@ -154,13 +154,6 @@ impl<'a> ManyLights<'a> {
         let result = self.gathered(self.receivers, rows, &Shared::new(self, rows), self.scheme, progress);
         progress.finish();
         result
-    }
-
-    /// The error under the worst light.
-    fn worst(&self, found: &RadiosityRows, truth: &RadiosityRows, indices: &[u32]) -> VertexError {
-        let areas: Vec<f64> = indices.iter().map(|&i| self.areas.get(i as usize).copied().unwrap_or(0.0)).collect();
-        let of_light = |light| vertex_error(&found.under(light), &truth.under(light), &areas);
-        (0..found.lights).map(of_light).fold(VertexError::default(), VertexError::max)
     }
 
     fn gathered<'r>(
@@ -201,6 +194,12 @@ impl<'a> ManyLights<'a> {
         jobs.into_par_iter().for_each_init(Work::default, of_group);
         RadiosityRows { lights, values }
     }
+}
+
+/// The error under the worst light.
+fn worst(found: &RadiosityRows, truth: &RadiosityRows, points: &ProbePoints) -> VertexError {
+    let of_light = |light| points.error(&found.under(light), &truth.under(light));
+    (0..found.lights).map(of_light).fold(VertexError::default(), VertexError::max)
 }
 
 /// What all receivers share.

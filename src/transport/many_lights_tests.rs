@@ -3,6 +3,7 @@ use glam::DVec3;
 use super::*;
 use crate::geometry::shapes;
 use crate::light::Light;
+use crate::math::statistics::vertex_error;
 use crate::progress::Silent;
 use crate::transport::gather::NearField;
 use crate::transport::irradiance::{Illumination, LightSampling};

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use crate::geometry::cluster::{self, Run};
 use crate::geometry::mesh::Mesh;
 use crate::geometry::part_table::PartTable;
+use crate::math::statistics::{VertexError, vertex_error};
 
 /// Points that gather flux, grouped by part and place.
 #[derive(Clone, Debug, Default)]
@@ -51,6 +52,33 @@ impl Sphere {
         let (low, high) = points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), grow);
         let centre_mm = if points.is_empty() { DVec3::ZERO } else { 0.5 * (low + high) };
         Self { centre_mm, radius_mm: points.iter().map(|p| p.distance(centre_mm)).fold(0.0, f64::max) }
+    }
+}
+
+/// Some of many receivers, at which errors are measured or choices made.
+#[derive(Clone, Debug, Default)]
+pub struct ProbePoints {
+    /// Index of each among all receivers.
+    pub indices: Vec<u32>,
+    /// Area around each, mm^2.
+    pub areas_mm2: Vec<f64>,
+}
+
+impl ProbePoints {
+    /// The receivers of some indices; `areas_mm2` are those around all.
+    pub fn new(indices: Vec<u32>, areas_mm2: &[f64]) -> Self {
+        let areas_mm2 = indices.iter().map(|&i| areas_mm2.get(i as usize).copied().unwrap_or(0.0)).collect();
+        Self { indices, areas_mm2 }
+    }
+
+    /// Their values out of those of all receivers.
+    pub fn of<T: Copy + Default>(&self, all: &[T]) -> Vec<T> {
+        self.indices.iter().map(|&i| all.get(i as usize).copied().unwrap_or_default()).collect()
+    }
+
+    /// Error of radiosity at these points; none where the truth is black at all of them.
+    pub fn error(&self, values: &[DVec3], truth: &[DVec3]) -> VertexError {
+        vertex_error(values, truth, &self.areas_mm2).or_none()
     }
 }
 
@@ -140,6 +168,20 @@ impl Receivers {
         self.positions.is_empty()
     }
 
+    /// A third of the area of the triangles around each receiver, mm^2; `mesh` is the one that they are vertices of.
+    pub fn areas_mm2(&self, mesh: &Mesh) -> Vec<f64> {
+        let mut areas = vec![0.0; self.len()];
+        for (index, triangle) in mesh.triangles.iter().enumerate() {
+            let third = mesh.cross_mm2(index as u32).length() / 6.0;
+            for &v in triangle {
+                if let Some(area) = areas.get_mut(self.of_vertex[v as usize] as usize) {
+                    *area += third;
+                }
+            }
+        }
+        areas
+    }
+
     /// Some of the receivers, by their ascending indices, in groups of at most `capacity`; no vertex takes their values.
     pub fn only(&self, indices: &[u32], capacity: usize) -> Self {
         let mut result = Self::default();
@@ -199,6 +241,12 @@ impl Receivers {
             }
         }
         (subset, indices)
+    }
+
+    /// As [`Self::subset`], with the areas around the receivers of the subset; `areas_mm2` are those around all.
+    pub fn probe_points(&self, areas_mm2: &[f64], (count, phase): (usize, usize)) -> (Self, ProbePoints) {
+        let (subset, indices) = self.subset(count, phase);
+        (subset, ProbePoints::new(indices, areas_mm2))
     }
 }
 

@@ -10,9 +10,10 @@ use super::subject::{Baked, Subject};
 use super::truth::Reference;
 use crate::asset::Asset;
 use crate::error::{Error, Result};
+use crate::evaluate::measured::{Measured, Truth, measured};
 use crate::evaluate::{Evaluator, Method};
 use crate::light::Light;
-use crate::math::statistics::{Quantiles, VertexError, vertex_error};
+use crate::math::statistics::{Quantiles, VertexError};
 use crate::measure::chart::{LightError, PictureError, Row};
 use crate::measure::flip::{self, Picture};
 use crate::measure::image_error::image_error;
@@ -44,18 +45,17 @@ pub(super) fn of(
         if !kinds.contains(&light.kind()) {
             continue;
         }
-        let mut values = Vec::new();
         let times = subject.repetitions.times(|| {
             evaluator.set_lights(vec![light.clone()], &Silent)?;
-            values = evaluator.radiosity(&Silent)?;
-            Ok(())
+            evaluator.radiosity(&Silent).map(drop)
         })?;
+        let Measured { radiosity: values, error, .. } = measured(evaluator.as_mut(), Truth::Given(expected), &Silent)?;
         let (picture, of_light) = pictures(evaluator.as_ref(), &values, index, truth)?;
         shown = shown.or(of_light);
         lights.push(LightError {
             light: text.clone(),
             picture,
-            error: vertex_error(&values, expected, &truth.areas),
+            error,
             negative_share: negative_share(&values, &truth.areas),
             relight_ms: Quantiles::of(times),
         });

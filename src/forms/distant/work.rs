@@ -1,9 +1,12 @@
 //! What bakes of transport of light from far away have in common: samples, a tuned hierarchy, the lights of choices and of errors.
 
+use glam::DVec3;
+
 use super::settings::{Distant, KINDS};
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
 use crate::evaluate::BakeSettings;
+use crate::evaluate::stages::{of_kinds, spread, worst};
 use crate::forms::sampled_scene::SampledScene;
 use crate::light::{Light, LightKind};
 use crate::math::statistics::VertexError;
@@ -34,6 +37,30 @@ pub(crate) struct Work<'a, 'b> {
     pub(crate) unseen: Unseen,
 }
 
+impl Work<'_, '_> {
+    /// The worst of what each of some stages adds under environments that no choice saw, and of what all of them do together under
+    /// suns. `values` hands over radiosity before and after the stages, given a light and the irradiance of the samples by rays.
+    pub(crate) fn errors<'l, V, const N: usize>(
+        &'l self,
+        progress: &dyn Progress,
+        values: impl Fn(&'l Light, &[DVec3]) -> Result<V>,
+        by_stage: impl Fn(&V) -> Result<[VertexError; N]>,
+        together: impl Fn(&V) -> VertexError,
+    ) -> Result<([VertexError; N], VertexError)> {
+        let Unseen { environments, suns } = &self.unseen;
+        progress.start("errors", (environments.len() + suns.len()) as u64);
+        let under = |light| {
+            let values = values(light, &self.sampled.by_rays(light)?);
+            progress.advance(1);
+            values
+        };
+        let errors = worst(environments, |light| by_stage(&under(light)?))?;
+        let [suns] = worst(suns, |light| Ok([together(&under(light)?)]))?;
+        progress.finish();
+        Ok((errors, suns))
+    }
+}
+
 /// Lights that errors are measured under.
 pub(crate) struct Unseen {
     pub(crate) environments: Vec<Light>,
@@ -42,8 +69,8 @@ pub(crate) struct Unseen {
 
 impl Unseen {
     fn new(lights: &[Light]) -> Self {
-        let of = |kinds: &[LightKind]| lights.iter().filter(|l| kinds.contains(&l.kind())).cloned().collect();
-        Self { environments: of(&[LightKind::Environment, LightKind::Constant]), suns: of(&[LightKind::Directional]) }
+        let environments = of_kinds(lights, &[LightKind::Environment, LightKind::Constant]);
+        Self { environments, suns: of_kinds(lights, &[LightKind::Directional]) }
     }
 }
 
@@ -57,7 +84,8 @@ pub(crate) fn with_work<T>(
     let sampled = SampledScene::new(scene, plan.density.count(scene, settings.samples));
     progress.finish();
     sampled.with_transfer(NearField::for_error(settings.max_rms), |mut transfer| {
-        let suns = directional(&settings.probes.tuning, TUNING);
+        let suns = of_kinds(&settings.probes.tuning, &[LightKind::Directional]);
+        let suns: Vec<Light> = spread(&suns, TUNING).cloned().collect();
         progress.start("tuning", suns.len() as u64);
         let rows = sampled.irradiance(&suns)?;
         let hierarchy = transfer.tune(HIERARCHY * settings.max_rms, &rows);
@@ -74,12 +102,6 @@ pub(crate) fn with_work<T>(
         };
         make(&work, &rows, ledger)
     })
-}
-
-/// Some directional lights spread over all.
-fn directional(lights: &[Light], count: usize) -> Vec<Light> {
-    let all: Vec<&Light> = lights.iter().filter(|l| l.kind() == LightKind::Directional).collect();
-    all.iter().step_by(all.len().div_ceil(count).max(1)).map(|l| (*l).clone()).collect()
 }
 
 /// What is known of the error under suns, in words.

@@ -6,16 +6,16 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::settings::{EnvironmentRows, TERMS};
-use super::stored::{StoredRows, comes_from_far_away};
+use super::stored::{IN_ROWS, StoredRows};
 use crate::compress::ledger::Ledger;
 use crate::compress::rows::Rows;
 use crate::error::Result;
-use crate::evaluate::sampling_error::receiver_areas;
+use crate::evaluate::stages::{of_kinds, probe_points, worst};
 use crate::geometry::samples::{self, Samples};
 use crate::light::Light;
 use crate::light::cube_light::CubeLight;
 use crate::math::cube_map::{self, FACES};
-use crate::math::statistics::{VertexError, vertex_error};
+use crate::math::statistics::VertexError;
 use crate::medium::entrance_basis::EntranceBasis;
 use crate::progress::{Progress, Silent};
 use crate::transport::balanced_tree::in_tree_order;
@@ -35,9 +35,6 @@ const NATIVE_DIRECTIONS: u32 = 1024;
 
 /// Samples whose visibility is checked with one ray for each sub-texel.
 const CHECKED: usize = 32;
-
-/// Receivers that errors are measured on.
-const PROBES: usize = 192;
 
 /// Rows of every sample, in blocks: samples lie in the order of their tree.
 ///
@@ -61,7 +58,7 @@ pub fn measure(
     progress: &dyn Progress,
 ) -> Result<()> {
     let domain = full.domain;
-    let lights: Vec<&Light> = unseen.iter().filter(|l| comes_from_far_away(l)).collect();
+    let lights = of_kinds(unseen, &IN_ROWS);
     let entrance = EntranceBasis::new(TERMS);
     let etas: Vec<f64> = domain.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
     if lights.is_empty() || etas.iter().any(|&eta| entrance.project(eta).is_err()) {
@@ -79,24 +76,20 @@ pub fn measure(
     let everything = RowBaker::new(&surface, settings.of_rows(6 * side * side))?;
     progress.advance(1);
 
-    let (subset, indices) = receivers.subset(PROBES, 1);
-    let areas = receiver_areas(domain.mesh, receivers);
-    let areas: Vec<f64> = indices.iter().map(|&i| areas[i as usize]).collect();
+    let (subset, points) = probe_points(receivers, &receivers.areas_mm2(domain.mesh));
     let tree = SampleTree::default();
     let gather = Gather::new(&surface, &tree, domain.media, near);
     let radiosity = |e: &[DVec3]| gather.radiosity(&subset, &gather.light(e), Scheme::AllPairs, &Silent);
-    let mut worst = [VertexError::default(); 2];
     let unabridged = full_resolution(&everything, &surface, &lights, side)?;
-    for (light, full) in lights.iter().zip(unabridged) {
-        let sampling = LightSampling { directions: NATIVE_DIRECTIONS, ..sampling };
-        let native = Illumination::new(&surface, std::slice::from_ref(*light), &etas, sampling)?.all(&Silent);
+    let sampling = LightSampling { directions: NATIVE_DIRECTIONS, ..sampling };
+    let [cube_map, truncation] = worst(lights.chunks(1).zip(unabridged), |(light, full)| {
+        let native = Illumination::new(&surface, light, &etas, sampling)?.all(&Silent);
         let mut kept = vec![DVec3::ZERO; samples.len()];
-        stored.add(std::slice::from_ref(*light), domain, &samples, &mut kept)?;
+        stored.add(light, domain, &samples, &mut kept)?;
         let [native, full, kept] = [native, full, kept].map(|e| radiosity(&e));
-        worst[0] = worst[0].max(vertex_error(&full, &native, &areas));
-        worst[1] = worst[1].max(vertex_error(&kept, &full, &areas));
         progress.advance(1);
-    }
+        Ok([points.error(&full, &native), points.error(&kept, &full)])
+    })?;
     progress.finish();
     let note = format!("the worst of {} environments, on {} samples of their own", lights.len(), samples.len());
     ledger.add(
@@ -104,13 +97,13 @@ pub fn measure(
         visibility.0,
         format!("{} of {} sub-texels decided otherwise", visibility.1, visibility.2),
     );
-    ledger.add("cube map", worst[0], format!("against {NATIVE_DIRECTIONS} rays into the native map; {note}"));
-    ledger.add("row truncation", worst[1], format!("quantiser included; {note}"));
+    ledger.add("cube map", cube_map, format!("against {NATIVE_DIRECTIONS} rays into the native map; {note}"));
+    ledger.add("row truncation", truncation, format!("quantiser included; {note}"));
     Ok(())
 }
 
 /// Irradiance under each light from rows of which nothing is dropped, chunk by chunk.
-fn full_resolution(baker: &RowBaker, surface: &Surface, lights: &[&Light], side: usize) -> Result<Vec<Vec<DVec3>>> {
+fn full_resolution(baker: &RowBaker, surface: &Surface, lights: &[Light], side: usize) -> Result<Vec<Vec<DVec3>>> {
     let lights: Vec<CubeLight> = lights.iter().map(|light| CubeLight::new(light, side)).collect::<Result<_>>()?;
     let entrance = EntranceBasis::new(TERMS);
     let (samples, domain) = (surface.samples, surface.domain);

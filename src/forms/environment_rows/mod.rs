@@ -10,4 +10,4 @@ mod stored;
 
 pub use bake::{measure, rows};
 pub use settings::EnvironmentRows;
-pub use stored::{StoredRows, by_rays, comes_from_far_away, error_of_rows};
+pub use stored::{BY_RAYS, IN_ROWS, StoredRows, by_rays};

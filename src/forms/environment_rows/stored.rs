@@ -8,20 +8,16 @@ use crate::asset::Asset;
 use crate::compress::rows::Rows;
 use crate::error::Result;
 use crate::evaluate::SourceFields;
-use crate::evaluate::sampling_error::Sampled;
 use crate::geometry::part_table::PartTable;
 use crate::geometry::samples::Samples;
 use crate::light::cube_light::CubeLight;
 use crate::light::{Light, LightKind, refuse_fields};
-use crate::math::statistics::{VertexError, vertex_error};
 use crate::medium::entrance_basis::MOST_TERMS;
 use crate::medium::material::Medium;
-use crate::progress::{Progress, Silent};
+use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::transport::domain::Domain;
-use crate::transport::gather::Scheme;
 use crate::transport::irradiance::Pieces;
-use crate::transport::tree::SampleTree;
 
 /// Rows that serve as a light's irradiance.
 pub struct StoredRows {
@@ -29,10 +25,11 @@ pub struct StoredRows {
     fields: Fields,
 }
 
-/// Whether rows hold what this light does.
-pub fn comes_from_far_away(light: &Light) -> bool {
-    matches!(light.kind(), LightKind::Environment | LightKind::Constant)
-}
+/// Kinds of light that rows hold.
+pub const IN_ROWS: [LightKind; 2] = [LightKind::Environment, LightKind::Constant];
+
+/// Kinds that they do not, but for area lights with a source radiance field.
+pub const BY_RAYS: [LightKind; 3] = [LightKind::Directional, LightKind::Point, LightKind::Area];
 
 impl StoredRows {
     /// Of rows.
@@ -88,7 +85,7 @@ impl StoredRows {
 
     /// Whether they stand for the rays of a light in some media.
     pub fn have(&self, light: &Light, media: &[Medium]) -> bool {
-        (comes_from_far_away(light) || light.has_field()) && self.serve(media)
+        (IN_ROWS.contains(&light.kind()) || light.has_field()) && self.serve(media)
     }
 
     /// The plain arrays.
@@ -163,17 +160,4 @@ impl StoredRows {
 /// Lights as rays see them: what rows are measured against.
 pub fn by_rays(lights: &[Light]) -> Vec<Light> {
     lights.iter().map(Light::by_rays).collect()
-}
-
-/// Receivers that the error of rows is measured on.
-const PROBES: usize = 192;
-
-/// Error of stored rows against rays, each the irradiance of the samples of `sampled`, in the radiosity that they give.
-pub fn error_of_rows(sampled: &Sampled, (stored, rays): (&[DVec3], &[DVec3])) -> VertexError {
-    let (subset, indices) = sampled.receivers.subset(PROBES, 1);
-    let tree = SampleTree::default();
-    let gather = sampled.gather(&sampled.surface, &tree);
-    let sum = |e: &[DVec3]| gather.radiosity(&subset, &gather.light(e), Scheme::AllPairs, &Silent);
-    let areas: Vec<f64> = indices.iter().map(|&i| sampled.areas[i as usize]).collect();
-    vertex_error(&sum(stored), &sum(rays), &areas)
 }

@@ -10,7 +10,6 @@ use super::sources::FarRadiosity;
 use super::subset::{OfFunctions, Projected, Subset};
 use crate::compress::blocks;
 use crate::light::Light;
-use crate::math::statistics::vertex_error;
 use crate::medium::profile_basis::ProfileBasis;
 use crate::scene::Scene;
 use crate::transport::balanced_tree::LightDetails;
@@ -120,7 +119,7 @@ impl Choice {
                     let of_class = |(class, lost): (&Class, &FarRadiosity)| {
                         let truth = &class.truths[index][material];
                         let values = materials[material].add(lost, truth.clone());
-                        vertex_error(&values, truth, &class.of.subset.areas).rms.powi(2)
+                        class.of.subset.points.error(&values, truth).rms.powi(2)
                     };
                     classes.iter().zip(lost).map(of_class).sum::<f64>()
                 };

@@ -17,16 +17,17 @@ use super::settings::Factored;
 use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
-use crate::evaluate::sampling_error::{Sampled, receiver_areas};
+use crate::evaluate::sampling_error::Sampled;
+use crate::evaluate::stages::{probe_points, worst_and_unseen};
 use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit};
 #[cfg(feature = "gpu")]
 use crate::evaluate::{DeviceEvaluator, device::Device};
-use crate::forms::environment_rows::{StoredRows, by_rays, error_of_rows};
+use crate::forms::environment_rows::{StoredRows, by_rays};
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::{self, Patch, Samples};
 use crate::light::Light;
 use crate::math::simd::Level;
-use crate::math::statistics::{VertexError, vertex_error};
+use crate::math::statistics::VertexError;
 use crate::medium::fresnel::BoundaryFit;
 use crate::medium::material::Medium;
 use crate::medium::profile_basis::ProfileBasis;
@@ -45,9 +46,6 @@ use crate::transport::tree::SampleTree;
 
 /// A material whose error by the basis alone is above this (T1, any light) is refused.
 const MOST_BASIS_ERROR: f64 = 0.1;
-
-/// Receivers that the far field's error is measured on.
-const PROBES: usize = 192;
 
 /// Receivers that are combined as one task.
 const RUN: usize = 1024;
@@ -108,7 +106,7 @@ pub(super) fn open(form: Factored, asset: &Asset) -> Result<Box<dyn Evaluator>> 
         let surface = Surface { domain: scene.domain(), bvh: &bvh, samples: &asset.samples, patches: &patches };
         Around::new(&surface, &tree, &receivers, form.near, basis.split_mm())
     };
-    let areas = receiver_areas(&scene.mesh, &receivers);
+    let areas = receivers.areas_mm2(&scene.mesh);
     let media = scene.media.clone();
     let mut evaluator = FactoredEvaluator {
         samples: asset.samples.clone(),
@@ -221,15 +219,12 @@ impl FactoredEvaluator {
 
     /// Error of everything but the sampling, against all pairs of the same samples.
     fn transport_error(&self, lit: &Lit) -> VertexError {
-        let (subset, indices) = self.receivers.subset(PROBES, 1);
+        let (subset, points) = probe_points(&self.receivers, &self.areas);
         let (surface, tree) = (self.surface(), SampleTree::default());
         let gather = Gather::new(&surface, &tree, &self.scene.media, NearField::REFERENCE);
         let light = gather.light_with_pieces(&lit.irradiance, &lit.pieces);
         let truth = gather.radiosity(&subset, &light, Scheme::AllPairs, &Silent);
-        let all = self.combine(lit, &Silent);
-        let values: Vec<DVec3> = indices.iter().map(|&i| all[i as usize]).collect();
-        let areas: Vec<f64> = indices.iter().map(|&i| self.areas[i as usize]).collect();
-        vertex_error(&values, &truth, &areas)
+        points.error(&points.of(&self.combine(lit, &Silent)), &truth)
     }
 }
 
@@ -348,25 +343,17 @@ impl Evaluator for FactoredEvaluator {
             kernels: None,
             lights: &lights,
             irradiance: rays.as_ref().map_or((&lit.irradiance, &lit.pieces), |(e, pieces)| (e, pieces)),
+            stored: rays.as_ref().map(|_| lit.irradiance.as_slice()),
             sampling: self.form.sampling,
             near: self.form.near,
             receivers: &self.receivers,
             areas: &self.areas,
         };
         sampled.enter(&mut ledger, progress)?;
-        if let Some(rays) = &rays {
-            let error = error_of_rows(&sampled, (&lit.irradiance, &rays.0));
-            ledger.add(
-                "environment",
-                error,
-                "stored rows (cube map, truncation, quantiser; fields of area lights) against rays",
-            );
-        }
-        let mut error = self.transport_error(&lit);
-        for light in unseen {
-            let lit = self.light(std::slice::from_ref(light), progress)?;
-            error = error.max(self.transport_error(&lit));
-        }
+        let error = worst_and_unseen(unseen, |light| match light {
+            None => Ok(self.transport_error(&lit)),
+            Some(light) => Ok(self.transport_error(&self.light(std::slice::from_ref(light), progress)?)),
+        })?;
         let note = "hierarchy, basis, truncation and quantiser against all pairs, on vertices that no choice saw, the worst \
                     of these and of probe lights";
         ledger.add("transport", error, note);

@@ -12,8 +12,7 @@ use super::points::FarPoints;
 use super::settings::Factored;
 use super::sources::FarRadiosity;
 use super::subset::{Projected, Subset};
-use crate::evaluate::sampling_error::receiver_areas;
-use crate::math::statistics::{VertexError, vertex_error};
+use crate::math::statistics::VertexError;
 use crate::medium::profile_basis::{ProfileBasis, Table};
 use crate::scene::Scene;
 use crate::transport::far_field::LANES;
@@ -58,11 +57,10 @@ impl Between {
         (count, phase): (usize, usize),
     ) -> Option<Self> {
         let shared = points.weights.as_ref()?;
-        let (receivers, indices) = ordered.receivers.subset(count, phase);
-        let areas = receiver_areas(&scene.mesh, &ordered.receivers);
-        let areas = indices.iter().map(|&i| areas[i as usize]).collect();
+        let areas = ordered.receivers.areas_mm2(&scene.mesh);
+        let (receivers, probes) = ordered.receivers.probe_points(&areas, (count, phase));
         let of = |&i: &u32| shared.of(i as usize).map(|(point, w)| (point, f64::from(w))).collect();
-        let weights: Vec<Row> = indices.iter().map(of).collect();
+        let weights: Vec<Row> = probes.indices.iter().map(of).collect();
         let of_rows = |rows: &mut dyn Iterator<Item = &Row>| -> BTreeSet<u32> {
             rows.flatten().map(|(point, _)| *point).collect()
         };
@@ -75,14 +73,14 @@ impl Between {
         let taken: Vec<Taken> = points.fills.iter().flat_map(take).collect();
         let all: Vec<u32> = of_rows(&mut weights.iter().chain(taken.iter().map(|t| &t.row))).into_iter().collect();
         let sources = points.receivers.only(&all, LANES);
-        let targets = Subset { receivers, indices, areas };
+        let targets = Subset { receivers, points: probes };
         let materials = Subset::materials(scene, basis);
         Some(Self { targets, points: all, sources, weights, taken, materials })
     }
 
     /// Number of receivers.
     pub(super) fn targets(&self) -> usize {
-        self.targets.indices.len()
+        self.targets.receivers.len()
     }
 
     /// What interpolation loses where nothing else is lost, the worst of some lights and all materials.
@@ -110,7 +108,7 @@ impl Between {
             let found: FarRadiosity = self.weights.iter().map(of_target).collect();
             let near = near.under(irradiance);
             let of_material = |(material, near): (&Projected, Vec<DVec3>)| {
-                vertex_error(&material.add(&found, near.clone()), &material.add(exact, near), &self.targets.areas)
+                self.targets.points.error(&material.add(&found, near.clone()), &material.add(exact, near))
             };
             self.materials.iter().zip(near).map(of_material).fold(VertexError::default(), VertexError::max)
         };

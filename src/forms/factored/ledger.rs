@@ -13,18 +13,19 @@ use super::sources::{FarRadiosity, all_pairs};
 use super::subset::{NearOfMaterials, OfFunctions, Projected, Subset};
 use crate::compress::ledger::Ledger;
 use crate::error::Result;
-use crate::evaluate::sampling_error::{Sampled, receiver_areas};
-use crate::forms::environment_rows::comes_from_far_away;
+use crate::evaluate::sampling_error::Sampled;
+use crate::evaluate::stages::{of_kinds, worst};
+use crate::forms::environment_rows::BY_RAYS;
 use crate::light::Light;
 use crate::math::simd::Level;
-use crate::math::statistics::{VertexError, vertex_error};
+use crate::math::statistics::VertexError;
 use crate::medium::profile_basis::ProfileBasis;
 use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::transport::balanced_tree::LightDetails;
 use crate::transport::far_field::{FarTransport, Precision, Rows};
 use crate::transport::near_field::far_all_pairs;
-use crate::transport::receivers::Group;
+use crate::transport::receivers::{Group, ProbePoints};
 
 /// Groups of receivers that errors are measured on.
 const GROUPS: usize = 12;
@@ -71,13 +72,16 @@ const NAMES: [&str; 4] = ["hierarchy", "basis", "truncation", "quantiser"];
 pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
     let Baked { scene, ordered, form, unseen, progress, .. } = *baked;
     // Environments have entries of their own; to the transport they are smooth.
-    let unseen: Vec<&Light> = unseen.iter().filter(|l| !comes_from_far_away(l)).collect();
+    let unseen = of_kinds(unseen, &BY_RAYS);
     let mut ledger = Ledger::default();
-    let areas = receiver_areas(&scene.mesh, &ordered.receivers);
+    if unseen.is_empty() {
+        return Ok(ledger);
+    }
+    let areas = ordered.receivers.areas_mm2(&scene.mesh);
     progress.start("ledger", 2 * unseen.len() as u64);
     let materials = Subset::materials(scene, baked.basis);
     let mut irradiances: Vec<Vec<DVec3>> = Vec::with_capacity(unseen.len());
-    for &light in &unseen {
+    for light in &unseen {
         let (irradiance, pieces) = ordered.irradiance(scene, light, form.sampling)?;
         let mut one = Ledger::default();
         let sampled = Sampled {
@@ -86,6 +90,7 @@ pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
             kernels: None,
             lights: std::slice::from_ref(light),
             irradiance: (&irradiance, &pieces),
+            stored: None,
             sampling: form.sampling,
             near: form.near,
             receivers: &ordered.receivers,
@@ -100,20 +105,18 @@ pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
     let of_functions = Subset::of_functions(scene, &ordered.points, (GROUPS, 1));
     let measured: Vec<Measured> =
         of_functions.iter().map(|of| Measured::new(baked, of, &materials, &irradiances)).collect();
-    let mut worst: Option<Errors> = None;
-    for (index, irradiance) in irradiances.iter().enumerate() {
-        let errors = baked.under(&measured, &materials, (index, irradiance));
-        worst = Some(worst.map_or(errors, |w| std::array::from_fn(|i| w[i].max(errors[i]))));
+    let errors = worst(irradiances.iter().enumerate(), |(index, irradiance)| {
         progress.advance(1);
-    }
+        Ok(baked.under(&measured, &materials, (index, irradiance)))
+    })?;
     progress.finish();
     let note = format!(
         "the worst of {} materials under {} probe lights, on {} receivers; no choice saw these lights and receivers",
         materials.len(),
         unseen.len(),
-        measured.iter().map(|m| m.of.subset.indices.len()).sum::<usize>()
+        measured.iter().map(|m| m.of.subset.receivers.len()).sum::<usize>()
     );
-    for (name, error) in NAMES.iter().zip(worst.into_iter().flatten()) {
+    for (name, error) in NAMES.iter().zip(errors) {
         ledger.add(name, error, note.clone());
     }
     if let Some(between) = Between::new(scene, ordered, baked.basis, &ordered.points, (BETWEEN, 1)) {
@@ -161,7 +164,7 @@ impl Baked<'_> {
             }
             let stages = self.stages(measured, light, (&details, &stored));
             for ((all, material), near) in of_materials.iter_mut().zip(materials).zip(near) {
-                let found = stages.errors(material, near, &measured.of.subset.areas);
+                let found = stages.errors(material, near, &measured.of.subset.points);
                 *all = std::array::from_fn(|i| beside(all[i], found[i]));
             }
         }
@@ -182,7 +185,7 @@ impl Baked<'_> {
         let of_material = |(material, near): (&Projected, &Vec<DVec3>)| {
             let far = far_all_pairs(merged, &material.dipoles, lengths, &subset.receivers, &light);
             let truth: Vec<DVec3> = near.iter().zip(&far).map(|(n, f)| *n + *f).collect();
-            vertex_error(&material.add(&by_basis, near.clone()), &truth, &subset.areas)
+            subset.points.error(&material.add(&by_basis, near.clone()), &truth)
         };
         materials.iter().zip(near).map(of_material).collect()
     }
@@ -200,7 +203,7 @@ impl Baked<'_> {
         Stages {
             integrated: of_rows(subset.rebuilt(everything, terms, details)),
             truncated: of_rows(subset.rebuilt(kept, terms, details)),
-            quantised: of_rows(subset.indices.iter().map(quantised).collect()),
+            quantised: of_rows(subset.points.indices.iter().map(quantised).collect()),
             exact,
         }
     }
@@ -208,12 +211,12 @@ impl Baked<'_> {
 
 impl Stages {
     /// Errors in one material, each stage as if all before it had been exact; the basis is none of them.
-    fn errors(&self, material: &Projected, near: Vec<DVec3>, areas: &[f64]) -> Errors {
+    fn errors(&self, material: &Projected, near: Vec<DVec3>, points: &ProbePoints) -> Errors {
         let combined = |values: &FarRadiosity| material.add(values, vec![DVec3::ZERO; near.len()]);
         let truth = material.add(&self.exact, near.clone());
         let against = |before: &[DVec3], after: &[DVec3]| {
             let values: Vec<DVec3> = (0..truth.len()).map(|i| truth[i] + (after[i] - before[i])).collect();
-            vertex_error(&values, &truth, areas)
+            points.error(&values, &truth)
         };
         let [exact, integrated, truncated, quantised] =
             [&self.exact, &self.integrated, &self.truncated, &self.quantised].map(combined);

@@ -11,11 +11,10 @@ use super::points::FarPoints;
 use super::settings::Factored;
 use super::sources::FarRadiosity;
 use super::subset::{Projected, Subset};
-use crate::math::statistics::vertex_error;
 use crate::medium::profile_basis::{ProfileBasis, Table};
 use crate::scene::Scene;
 use crate::transport::far_field::LANES;
-use crate::transport::receivers::Group;
+use crate::transport::receivers::{Group, ProbePoints};
 
 /// Levels of spacing at most.
 pub const MOST_LEVELS: usize = 4;
@@ -27,7 +26,7 @@ const OF_A_GROUP: usize = 8;
 /// What interpolation from the points of each level does to each function at some points.
 struct Trial {
     materials: Vec<Projected>,
-    areas: Vec<f64>,
+    points: ProbePoints,
     lights: Vec<UnderLight>,
 }
 
@@ -103,8 +102,7 @@ impl Trial {
         sources.dedup();
         let targets = Subset {
             receivers: nested.receivers.only(&finest, LANES),
-            areas: vec![1.0; finest.len()],
-            indices: finest,
+            points: ProbePoints { areas_mm2: vec![1.0; finest.len()], indices: finest },
         };
         let materials = Subset::materials(scene, basis);
         let irradiances: Vec<&[DVec3]> = lights.iter().map(|light| light.irradiance.as_slice()).collect();
@@ -124,7 +122,7 @@ impl Trial {
             UnderLight { truths, changes }
         };
         let lights = irradiances.iter().zip(&exact).zip(&known).map(under).collect();
-        Some(Self { materials, areas: targets.areas, lights })
+        Some(Self { materials, points: targets.points, lights })
     }
 
     /// The worst of all lights and materials.
@@ -134,9 +132,9 @@ impl Trial {
                 let change = |(k, &level): (usize, &u8)| light.changes[usize::from(level)][target][k];
                 levels.iter().enumerate().map(change).collect::<Vec<f64>>()
             };
-            let changes: Vec<Vec<f64>> = (0..self.areas.len()).map(of_target).collect();
+            let changes: Vec<Vec<f64>> = (0..self.points.indices.len()).map(of_target).collect();
             let of_material = |(material, truth): (&Projected, &Vec<DVec3>)| {
-                vertex_error(&material.add(&changes, truth.clone()), truth, &self.areas).rms
+                self.points.error(&material.add(&changes, truth.clone()), truth).rms
             };
             self.materials.iter().zip(&light.truths).map(of_material).fold(0.0, f64::max)
         };

@@ -6,7 +6,6 @@ use rayon::prelude::*;
 use super::ordered_samples::OrderedSamples;
 use super::points::FarPoints;
 use super::settings::Factored;
-use crate::evaluate::sampling_error::receiver_areas;
 use crate::geometry::cluster::Run;
 use crate::medium::dipole::Dipole;
 use crate::medium::fresnel::BoundaryFit;
@@ -20,15 +19,13 @@ use crate::transport::irradiance::Pieces;
 use crate::transport::light_range::LightRange;
 use crate::transport::near_field::Around;
 use crate::transport::near_rings::{NearRings, RingCoefficients};
-use crate::transport::receivers::{Group, Receivers};
+use crate::transport::receivers::{Group, ProbePoints, Receivers};
 use crate::transport::surface::Surface;
 
 /// A few groups of receivers, spread over all of them.
 pub(super) struct Subset {
     pub(super) receivers: Receivers,
-    /// Index of each receiver in all of them.
-    pub(super) indices: Vec<u32>,
-    pub(super) areas: Vec<f64>,
+    pub(super) points: ProbePoints,
 }
 
 /// A few groups of the rows that have the same functions of the far field.
@@ -69,13 +66,12 @@ impl Subset {
             let run = Run { first, end: receivers.positions.len() as u32 };
             receivers.groups.push(Group { run, part: group.part });
         }
-        let areas = indices.iter().map(|&i| areas[i as usize]).collect();
-        Self { receivers, indices, areas }
+        Self { receivers, points: ProbePoints::new(indices, areas) }
     }
 
     /// About `count` groups of the first set of functions, and half as many of the others.
     pub(super) fn of_functions(scene: &Scene, points: &FarPoints, (count, phase): (usize, usize)) -> Vec<OfFunctions> {
-        let of_points = receiver_areas(&scene.mesh, &points.receivers);
+        let of_points = points.receivers.areas_mm2(&scene.mesh);
         let rows = &points.rows;
         let areas: Vec<f64> = (0..rows.places.len() as u32).map(|row| of_points[rows.point(row) as usize]).collect();
         let subset = |(class, (functions, groups)): (usize, (u16, Vec<Group>))| {

@@ -12,7 +12,7 @@ use crate::asset::{Asset, Provenance};
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
 use crate::evaluate::inter_reflection;
-use crate::evaluate::sampling_error::receiver_areas;
+use crate::evaluate::stages::{of_kinds, spread};
 use crate::evaluate::{AssetParts, BakeSettings, Evaluator};
 use crate::forms::density;
 use crate::forms::environment_rows::{self, StoredRows};
@@ -108,9 +108,8 @@ fn resolution(
         let light = Illumination::new(surface, std::slice::from_ref(light), &etas, form.sampling)?;
         Ok(light.all_with_pieces(&Silent))
     };
-    let chosen = lights.iter().step_by(lights.len().div_ceil(LIGHTS).max(1));
-    let tuning: Vec<(Vec<DVec3>, Pieces)> = chosen.map(lit).collect::<Result<_>>()?;
-    let areas = receiver_areas(domain.mesh, receivers);
+    let tuning: Vec<(Vec<DVec3>, Pieces)> = spread(lights, LIGHTS).map(lit).collect::<Result<_>>()?;
+    let areas = receivers.areas_mm2(domain.mesh);
     let quality = Quality::tuned((surface, &media(domain.media)), (receivers, &areas), &tuning, error);
     progress.finish();
     Ok(quality)
@@ -124,8 +123,7 @@ fn measured(
     unseen: &[Light],
     progress: &dyn Progress,
 ) -> Result<Ledger> {
-    let sharp = |light: &&Light| !matches!(light.kind(), LightKind::Environment | LightKind::Constant);
-    let mut unseen: Vec<Light> = unseen.iter().filter(sharp).cloned().collect();
+    let mut unseen = of_kinds(unseen, &environment_rows::BY_RAYS);
     if unseen.is_empty() {
         return Ok(Ledger::default());
     }

@@ -6,17 +6,16 @@ use super::lit_samples::GatheredEvaluator;
 use super::settings::{Bound, Far};
 use crate::compress::ledger::Ledger;
 use crate::evaluate::inter_reflection::Transfer;
-use crate::math::statistics::{VertexError, vertex_error};
+use crate::evaluate::stages::probe_points;
+use crate::math::statistics::VertexError;
 use crate::progress::Silent;
 use crate::transport::gather::{NearField, Scheme};
 use crate::transport::irradiance::Pieces;
 use crate::transport::multilevel::{SurfaceNets, SurfaceTables};
+use crate::transport::receivers::{ProbePoints, Receivers};
 
 /// Receivers that tune the hierarchy.
 const TUNING_PROBES: usize = 96;
-
-/// Receivers that measure an error, none of which tuned anything.
-const PROBES: usize = 192;
 
 /// Limits that tuning tries at most; without success the hierarchy is left out.
 const TRIALS: usize = 12;
@@ -28,31 +27,30 @@ const TARGET: f64 = 0.7;
 const CLOSE: f64 = 0.6;
 
 impl GatheredEvaluator {
-    /// Calls `work` with a function from a limit of the criterion to the error of the hierarchy against all pairs, on a
-    /// subset of `count` receivers.
-    pub(super) fn against_all_pairs<T>(
+    /// Calls `work` with a function from a limit of the criterion to the error of the hierarchy against all pairs, at some
+    /// receivers.
+    fn against_all_pairs<T>(
         &self,
         irradiance: &[DVec3],
         bound: Bound,
-        (count, phase): (usize, usize),
+        (subset, points): &(Receivers, ProbePoints),
         work: impl FnOnce(&dyn Fn(f64) -> VertexError) -> T,
     ) -> T {
         let surface = self.surface();
         let gather = self.gather(&surface, self.gathering.near);
         let lit = gather.light(irradiance);
-        let (subset, indices) = self.receivers.subset(count, phase);
-        let truth = gather.radiosity(&subset, &lit, Scheme::AllPairs, &Silent);
-        let areas: Vec<f64> = indices.iter().map(|&i| self.areas[i as usize]).collect();
+        let truth = gather.radiosity(subset, &lit, Scheme::AllPairs, &Silent);
         work(&|limit| {
             let scheme = Scheme::Hierarchical { criterion: bound.criterion(limit) };
-            vertex_error(&gather.radiosity(&subset, &lit, scheme, &Silent), &truth, &areas)
+            points.error(&gather.radiosity(subset, &lit, scheme, &Silent), &truth)
         })
     }
 
     /// Finds the largest limit of the criterion that keeps the asked error on some receivers.
     pub(super) fn tune(&mut self, error: f64, bound: Bound) {
         let irradiance = self.lit().0;
-        let limit = self.against_all_pairs(irradiance, bound, (TUNING_PROBES, 0), |error_of| {
+        let probes = self.receivers.probe_points(&self.areas, (TUNING_PROBES, 0));
+        let limit = self.against_all_pairs(irradiance, bound, &probes, |error_of| {
             let mut limit = bound.first_limit(error);
             let mut kept = None;
             for _ in 0..TRIALS {
@@ -78,29 +76,26 @@ impl GatheredEvaluator {
     fn nets_error(&self, (nets, tables): (&SurfaceNets, &SurfaceTables), lit: (&[DVec3], &Pieces)) -> VertexError {
         let surface = self.surface();
         let gather = self.gather(&surface, NearField::REFERENCE);
-        let (subset, indices) = self.receivers.subset(PROBES, 1);
+        let (subset, points) = probe_points(&self.receivers, &self.areas);
         let truth = gather.radiosity(&subset, &gather.light_with_pieces(lit.0, lit.1), Scheme::AllPairs, &Silent);
-        let all = nets.radiosity(&surface, tables, lit, self.receivers.len());
-        let values: Vec<DVec3> = indices.iter().map(|&i| all[i as usize]).collect();
-        let areas: Vec<f64> = indices.iter().map(|&i| self.areas[i as usize]).collect();
-        vertex_error(&values, &truth, &areas)
+        points.error(&points.of(&nets.radiosity(&surface, tables, lit, self.receivers.len())), &truth)
     }
 
-    /// The error of the transfer in force, with what stands for it in a ledger; `None` where it is all pairs.
-    pub(super) fn transfer_error(&self, lit: (&[DVec3], &Pieces)) -> Option<(&'static str, VertexError)> {
-        match self.nets() {
-            Some(nets) => Some(("multilevel", self.nets_error(nets, lit))),
-            None => self.hierarchy_error(lit.0).map(|error| ("hierarchy", error)),
-        }
+    /// What the transfer in force is called in a ledger; `None` where it is all pairs.
+    pub(super) fn transfer(&self) -> Option<&'static str> {
+        let hierarchy = matches!(self.gathering.far, Far::Hierarchical { .. }) && self.limit.is_some();
+        if self.nets().is_some() { Some("multilevel") } else { hierarchy.then_some("hierarchy") }
     }
 
-    /// The error of the hierarchy in force on receivers that no tuning saw.
-    pub(super) fn hierarchy_error(&self, irradiance: &[DVec3]) -> Option<VertexError> {
-        match (self.gathering.far, self.limit) {
-            (Far::Hierarchical { bound, .. }, Some(limit)) => {
-                Some(self.against_all_pairs(irradiance, bound, (PROBES, 1), |error_of| error_of(limit)))
+    /// The error of the transfer in force against all pairs, at receivers that no tuning saw.
+    pub(super) fn transfer_error(&self, lit: (&[DVec3], &Pieces)) -> VertexError {
+        match (self.nets(), self.gathering.far, self.limit) {
+            (Some(nets), ..) => self.nets_error(nets, lit),
+            (None, Far::Hierarchical { bound, .. }, Some(limit)) => {
+                let probes = probe_points(&self.receivers, &self.areas);
+                self.against_all_pairs(lit.0, bound, &probes, |error_of| error_of(limit))
             }
-            _ => None,
+            _ => VertexError::default(),
         }
     }
 

@@ -17,8 +17,9 @@ use crate::evaluate::DeviceEvaluator;
 use crate::evaluate::device::Device;
 use crate::evaluate::sampling_error::Sampled;
 use crate::evaluate::single_scattering::TowardsEye;
+use crate::evaluate::stages::worst_and_unseen;
 use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit, SingleScattering};
-use crate::forms::environment_rows::{StoredRows, by_rays, error_of_rows};
+use crate::forms::environment_rows::{StoredRows, by_rays};
 use crate::geometry::bvh::Bvh;
 use crate::light::Light;
 use crate::medium::material::Medium;
@@ -141,30 +142,24 @@ impl Evaluator for GatheredEvaluator {
             kernels: self.profile.as_ref().map(|(_, kernels)| kernels.as_slice()),
             lights: &lights,
             irradiance: direct,
+            stored: rays.as_ref().map(|_| self.direct().0),
             sampling: self.gathering.sampling,
             near: self.gathering.near,
             receivers: &self.receivers,
             areas: &self.areas,
         };
         sampled.enter(&mut ledger, progress)?;
-        if let Some((rays, _)) = &rays {
-            let error = error_of_rows(&sampled, (self.direct().0, rays));
-            ledger.add(
-                "environment",
-                error,
-                "stored rows (cube map, truncation, quantiser; fields of area lights) against rays",
-            );
-        }
         let gain = self.enter_inter_reflection(&mut ledger);
         if let Some(single) = self.single {
             single.enter_noise(self.lit_scene(), &mut ledger)?;
         }
         self.prepare_nets(progress);
-        let Some((stage, mut error)) = self.transfer_error(self.lit()) else { return Ok(ledger) };
-        for light in unseen {
+        let Some(stage) = self.transfer() else { return Ok(ledger) };
+        let error = worst_and_unseen(unseen, |light| {
+            let Some(light) = light else { return Ok(self.transfer_error(self.lit())) };
             let (irradiance, pieces) = self.illuminate(std::slice::from_ref(light), progress)?;
-            error = self.transfer_error((&irradiance, &pieces)).map_or(error, |(_, other)| error.max(other));
-        }
+            Ok(self.transfer_error((&irradiance, &pieces)))
+        })?;
         let note = "against all pairs, on vertices that no tuning saw, the worst of these and of probe lights";
         ledger.add(stage, error.scaled(gain), note);
         Ok(ledger)

@@ -10,7 +10,6 @@ use super::settings::{Far, Gathering};
 use crate::asset::Asset;
 use crate::error::Result;
 use crate::evaluate::inter_reflection::{Outside, Returned, Transfer};
-use crate::evaluate::sampling_error::receiver_areas;
 use crate::evaluate::single_scattering::{LitScene, Traced};
 use crate::forms::environment_rows::StoredRows;
 use crate::geometry::bvh::Bvh;
@@ -64,7 +63,7 @@ impl GatheredEvaluator {
         let (bvh, patches) = rayon::join(|| Bvh::new(&scene.mesh), || samples::patches(&scene.mesh, &asset.samples));
         let tree = SampleTree::new(&asset.samples, &patches);
         let receivers = Receivers::new(&scene.mesh, &scene.parts, gathering.group);
-        let areas = receiver_areas(&scene.mesh, &receivers);
+        let areas = receivers.areas_mm2(&scene.mesh);
         Self {
             asset,
             scene,

@@ -19,7 +19,7 @@ use crate::evaluate::{DeviceEvaluator, device::Device};
 #[cfg(feature = "gpu")]
 use crate::forms::baked_in::BakedIn;
 use crate::forms::baked_in::Stored;
-use crate::forms::projected::references::weights;
+use crate::forms::projected::references::{ascending_rows, weights};
 use crate::forms::sampled_scene::{oriented, parts};
 use crate::light::Light;
 use crate::math::simd::{Level, multiversion};
@@ -183,8 +183,7 @@ impl Transport {
             references: Vec::new(),
             gathered: Vec::new(),
         };
-        let mut order: Vec<u32> = (0..net.point.len() as u32).collect();
-        order.sort_unstable_by_key(|&row| net.point[row as usize]);
+        let order = ascending_rows(&net.point);
         let mut first = 0;
         for (index, known) in known.iter().enumerate() {
             let stored = coded[index].set.columns.len();

@@ -11,7 +11,7 @@ use crate::compress::prediction::Net;
 use crate::error::{Error, Result};
 use crate::forms::sampled_scene::{SampledScene, parts};
 use crate::geometry::scattered::{Kriging, OrientedPoint, Weights};
-use crate::math::statistics::{VertexError, vertex_error};
+use crate::math::statistics::VertexError;
 use crate::transport::receivers::Receivers;
 
 /// Reference points that a vertex is interpolated from.
@@ -102,8 +102,8 @@ pub(crate) fn spatial_error(sampled: &SampledScene, net: &Net, spacing_mm: f64, 
     chosen.sort_unstable();
     let weights =
         weights_of_some(&chosen, &sampled.points, &sampled.receivers, (spacing_mm, STRIDE), Kriging::RADIOSITY);
-    let some: Vec<usize> = parts(&sampled.receivers).into_iter().flat_map(|part| part.step_by(STRIDE)).collect();
-    let areas: Vec<f64> = some.iter().map(|&i| sampled.areas[i]).collect();
+    let some = parts(&sampled.receivers).into_iter().flat_map(|part| part.step_by(STRIDE).map(|i| i as u32));
+    let points = sampled.probes(some.collect());
     let of_light = |values: &Vec<DVec3>| {
         let sources: Vec<[f32; 4]> = chosen
             .iter()
@@ -112,8 +112,7 @@ pub(crate) fn spatial_error(sampled: &SampledScene, net: &Net, spacing_mm: f64, 
                 [r, g, b, 0.0]
             })
             .collect();
-        let expected: Vec<DVec3> = some.iter().map(|&i| values[i]).collect();
-        vertex_error(&interpolate(&weights, &sources, some.len()), &expected, &areas)
+        points.error(&interpolate(&weights, &sources, points.indices.len()), &points.of(values))
     };
     truth.iter().map(of_light).fold(VertexError::default(), VertexError::max)
 }
@@ -125,8 +124,7 @@ pub(crate) fn in_ascending_order(
     size: usize,
     compute: impl FnOnce(&[u32]) -> Result<Vec<f32>>,
 ) -> Result<Vec<f32>> {
-    let mut order: Vec<u32> = (0..points.len() as u32).collect();
-    order.sort_unstable_by_key(|&row| points[row as usize]);
+    let order = ascending_rows(points);
     let ascending: Vec<u32> = order.iter().map(|&row| points[row as usize]).collect();
     let computed = compute(&ascending)?;
     let mut values = vec![0.0; computed.len()];
@@ -134,6 +132,20 @@ pub(crate) fn in_ascending_order(
         values[*row as usize * size..(*row as usize + 1) * size].copy_from_slice(source);
     }
     Ok(values)
+}
+
+/// Rows of a net in ascending order of their points.
+pub(crate) fn ascending_rows(points: &[u32]) -> Vec<u32> {
+    let mut order: Vec<u32> = (0..points.len() as u32).collect();
+    order.sort_unstable_by_key(|&row| points[row as usize]);
+    order
+}
+
+/// Values at the rows of a net, from those in ascending order of their points.
+pub(crate) fn in_order_of_rows(net: &Net, ascending: &[DVec3]) -> Vec<DVec3> {
+    let mut values = vec![DVec3::ZERO; ascending.len()];
+    ascending_rows(&net.point).iter().zip(ascending).for_each(|(&row, value)| values[row as usize] = *value);
+    values
 }
 
 /// Weights of every receiver over the reference points, which are some of the receivers, ascending.

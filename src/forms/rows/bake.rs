@@ -6,14 +6,13 @@ use translux_format::rows::{FACES, IrradianceRows};
 use super::evaluate::Rows;
 use crate::compress::ledger::Ledger;
 use crate::error::Result;
-use crate::forms::baked_in::{Stored, relative};
+use crate::evaluate::stages::probe_points;
+use crate::forms::baked_in::Stored;
 use crate::forms::distant::{Choice, Distant, Work, under_suns};
 use crate::light::Light;
 use crate::light::cube_light::CubeLight;
 use crate::light::sky::sky;
-use crate::math::statistics::{VertexError, vertex_error};
 use crate::progress::{Progress, Silent};
-use crate::transport::irradiance::Illumination;
 use crate::transport::irradiance_rows::row::Keep;
 use crate::transport::irradiance_rows::texels::TexelBaker;
 use crate::transport::irradiance_rows::vectors::{RowTree, Selection, SparseRows, irradiance_rows};
@@ -23,7 +22,7 @@ use crate::transport::receivers::Receivers;
 const MORE: usize = 2;
 const LEAST: usize = 256;
 
-/// Receivers that thresholds are found on, and errors measured on.
+/// Receivers that thresholds are found on.
 const SOME: usize = 192;
 
 /// Thresholds that are tried.
@@ -121,41 +120,34 @@ fn measure(
     ledger: &mut Ledger,
     progress: &dyn Progress,
 ) -> Result<()> {
-    let (sampled, unseen) = (work.sampled, &work.unseen);
-    let (some, indices) = sampled.receivers.subset(SOME, 1);
-    let areas: Vec<f64> = indices.iter().map(|&i| sampled.areas[i as usize]).collect();
+    let (some, points) = probe_points(&work.sampled.receivers, &work.sampled.areas);
     let all = Selection { keep: Keep::Largest(FACES * (tree.side() * tree.side() - 1)), importance: None };
     let whole = Rows::new(&tree.vectors(&some, work.transfer.scheme(), all, &Silent)?, work.plan.transform)?;
     let kept = Rows::new(vectors, work.plan.transform)?;
-    let surface = sampled.surface();
-    let etas: Vec<f64> = sampled.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
-    let (mut errors, mut suns) = ([VertexError::default(); 3], VertexError::default());
-    progress.start("errors", (unseen.environments.len() + unseen.suns.len()) as u64);
-    for (index, light) in unseen.environments.iter().chain(&unseen.suns).enumerate() {
-        let one = std::slice::from_ref(light);
-        let rays = Illumination::new(&surface, one, &etas, sampled.sampling)?.all(&Silent);
-        let truth = work.transfer.towards(&some, &areas).under(&rays);
-        let values = |rows: &Rows, at: &dyn Fn(usize) -> usize| -> Result<Vec<DVec3>> {
-            let cube = rows.light(one)?;
-            let mut sums = Vec::new();
-            rows.sums(&cube, &mut sums);
-            let value =
-                |i: usize| sums.get(at(i)).map_or(DVec3::ZERO, |v| DVec3::new(v[0].into(), v[1].into(), v[2].into()));
-            Ok((0..some.len()).map(|i| value(i).max(DVec3::ZERO) * cube.scale).collect())
+    let everything: Vec<u32> = (0..some.len() as u32).collect();
+    let of_rows = |rows: &Rows, indices: &[u32], light: &Light| -> Result<Vec<DVec3>> {
+        let cube = rows.light(std::slice::from_ref(light))?;
+        let mut sums = Vec::new();
+        rows.sums(&cube, &mut sums);
+        let value = |&i: &u32| {
+            let sum = sums.get(i as usize).map_or(DVec3::ZERO, |v| DVec3::new(v[0].into(), v[1].into(), v[2].into()));
+            sum.max(DVec3::ZERO) * cube.scale
         };
+        Ok(indices.iter().map(value).collect())
+    };
+    let values = |light: &Light, rays: &[DVec3]| {
+        let truth = work.transfer.towards(&some, &points.areas_mm2).under(rays);
         let sampled = through(work, rows, light, &some)?;
-        let summed = values(&whole, &|i| i)?;
-        let stored = values(&kept, &|i| indices[i] as usize)?;
-        let error = |a: &[DVec3], b: &[DVec3]| relative(vertex_error(a, b, &areas));
-        if index < unseen.environments.len() {
-            let found = [error(&sampled, &truth), error(&summed, &sampled), error(&stored, &summed)];
-            errors.iter_mut().zip(found).for_each(|(worst, found)| *worst = worst.max(found));
-        } else {
-            suns = suns.max(error(&stored, &truth));
-        }
-        progress.advance(1);
-    }
-    progress.finish();
+        Ok([truth, sampled, of_rows(&whole, &everything, light)?, of_rows(&kept, &points.indices, light)?])
+    };
+    let (errors, suns) = work.errors(
+        progress,
+        values,
+        |[truth, sampled, summed, stored]| {
+            Ok([points.error(sampled, truth), points.error(summed, sampled), points.error(stored, summed)])
+        },
+        |[truth, .., stored]| points.error(stored, truth),
+    )?;
     let count = of_sample(work.plan);
     ledger.add("irradiance rows", errors[0], format!("cube map and {count} coefficients of each sample, against rays"));
     ledger.add("tree", errors[1], format!("{count} coefficients of each node"));

@@ -8,20 +8,20 @@ use super::phase::resolved;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
 use crate::evaluate::SingleScattering;
-use crate::evaluate::sampling_error::receiver_areas;
 use crate::evaluate::single_scattering::{LitScene, Scattering, SeenPoint, TowardsEye, Traced};
-use crate::forms::baked_in::{MeanCosine, Single as InAsset, Stored, StoredSingle, relative};
+use crate::evaluate::stages::{probe_points, worst};
+use crate::forms::baked_in::{MeanCosine, Single as InAsset, Stored, StoredSingle};
 use crate::forms::distant::Integrand;
 use crate::forms::distant::{Distant, Single, Terms};
 use crate::forms::projected::components::{Components, Weighted};
 use crate::forms::projected::harmonics::{HarmonicBasis, components};
 use crate::forms::rows::Rows;
 use crate::light::Light;
-use crate::math::statistics::{VertexError, vertex_error};
+use crate::math::statistics::VertexError;
 use crate::medium::fresnel::transmittance;
 use crate::medium::phase::LegendrePhase;
 use crate::scene::Scene;
-use crate::transport::receivers::Receivers;
+use crate::transport::receivers::{ProbePoints, Receivers};
 use crate::transport::single_scattering::radiance::{self, Path, Settings};
 use crate::transport::single_scattering::{Coefficients, ExitPoint, inside_towards, radiosity_factor, vertex_points};
 
@@ -30,9 +30,6 @@ const PLACES: u32 = 128;
 
 /// The same for every vertex.
 const PLACES_OF_VERTICES: u32 = 32;
-
-/// Receivers that errors are measured on.
-const SOME: usize = 192;
 
 /// Terms of a phase function at most.
 const MOST_TERMS: usize = translux_format::distant_transport::MOST_TERMS as usize;
@@ -281,20 +278,17 @@ pub(super) fn exits(scene: &Scene, receivers: &Receivers) -> Vec<ExitPoint> {
 pub(super) struct Probe<'a> {
     lit: LitScene<'a>,
     receivers: &'a Receivers,
-    some: Vec<u32>,
-    points: Vec<ExitPoint>,
-    areas: Vec<f64>,
+    points: ProbePoints,
+    /// Where light leaves at each of them.
+    exits: Vec<ExitPoint>,
     integrand: Integrand,
 }
 
 impl<'a> Probe<'a> {
     pub(super) fn new(lit: LitScene<'a>, receivers: &'a Receivers, integrand: Integrand) -> Self {
-        let exits = exits(lit.scene, receivers);
-        let all = receiver_areas(&lit.scene.mesh, receivers);
-        let (_, some) = receivers.subset(SOME, 1);
-        let points = some.iter().filter_map(|&i| exits.get(i as usize)).copied().collect();
-        let areas = some.iter().filter_map(|&i| all.get(i as usize)).copied().collect();
-        Self { lit, receivers, some, points, areas, integrand }
+        let (_, points) = probe_points(receivers, &receivers.areas_mm2(&lit.scene.mesh));
+        let exits = points.of(&exits(lit.scene, receivers));
+        Self { lit, receivers, points, exits, integrand }
     }
 
     /// Relative to single scattering: isotropic, or towards eyes half way to the horizon.
@@ -308,7 +302,7 @@ impl<'a> Probe<'a> {
         let settings = Settings { coefficients, form, crossings, ..Settings::REFERENCE };
         let rays = radiance::SingleScattering::new(self.lit.scene.domain(), self.lit.bvh, lights, settings)?;
         let aslant = |n: DVec3| (n + n.any_orthonormal_vector()).normalize_or_zero();
-        let points = || self.points.par_iter().zip(&self.some);
+        let points = || self.exits.par_iter().zip(&self.points.indices);
         let (found, expected): (Vec<DVec3>, Vec<DVec3>) = match phase {
             Phase::Isotropic => {
                 points().map(|(p, &r)| (terms.value(0, r).max(DVec3::ZERO), rays.per_point(p, r.into()))).unzip()
@@ -322,13 +316,12 @@ impl<'a> Probe<'a> {
                 points().map(of).unzip()
             }
         };
-        Ok(relative(vertex_error(&found, &expected, &self.areas)))
+        Ok(self.points.error(&found, &expected))
     }
 
     /// The worst under some lights, each alone, of what a bake stores.
     pub(super) fn worst(&self, values: &Values, single: Single, lights: &[Light]) -> Result<VertexError> {
         let phase = if single == Single::Isotropic { Phase::Isotropic } else { Phase::OfMedia };
-        let of = |light: &Light| self.error(values, phase, std::slice::from_ref(light));
-        lights.iter().try_fold(VertexError::default(), |worst, light| Ok(worst.max(of(light)?)))
+        worst(lights.chunks(1), |light| Ok([self.error(values, phase, light)?])).map(|[worst]| worst)
     }
 }

@@ -5,18 +5,18 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 
-use glam::DVec3;
 use rayon::ThreadPool;
 
 use super::placing::Placing;
 use crate::error::{Error, Result};
 use crate::evaluate::DeviceEvaluator;
 use crate::evaluate::Evaluator;
+use crate::evaluate::measured::{Measured, Truth, measured};
 use crate::io::atomic;
 use crate::io::environment::load_environment;
 use crate::light::Light;
 use crate::light::environment::EnvironmentMap;
-use crate::math::statistics::vertex_error;
+use crate::math::statistics::relative_errors;
 use crate::medium::material::Medium;
 use crate::medium::profiles::model::{LoadedProfile, ProfileModel};
 use crate::progress::Progress;
@@ -27,9 +27,6 @@ use crate::render::film::{ColourType, PngBackground, to_exr, to_png};
 use crate::render::frame::{RenderSettings, render};
 use crate::render::single::Exitance;
 use crate::render::texture::Texture;
-
-/// Share of the brightest channel's RMS below which a channel's own is not the unit.
-const CHANNEL_FLOOR: f64 = 1e-3;
 
 /// Something to do.
 pub(super) enum Job {
@@ -210,24 +207,13 @@ fn evaluator_in(state: &State, placing: &Placing, progress: &dyn Progress) -> Re
 
 fn error_field(state: &State, placing: &Placing, progress: &dyn Progress) -> Result<ErrorField> {
     let mut evaluator = evaluator_in(state, placing, progress)?;
-    let radiosity = evaluator.radiosity(progress)?;
-    let truth = evaluator.all_pairs(progress)?;
-    let areas = evaluator.scene().vertex_areas_mm2();
-    let error = vertex_error(&radiosity, &truth, &areas);
-    let values = relative(&radiosity, &truth, &areas);
+    let Measured { radiosity, truth, areas_mm2: areas, error } =
+        measured(evaluator.as_mut(), Truth::OwnSamples, progress)?;
+    let values = relative_errors(&radiosity, &truth, &areas);
     let mut sorted: Vec<f32> = values.iter().zip(&areas).filter(|(_, a)| **a > 0.0).map(|(v, _)| *v).collect();
     sorted.sort_unstable_by(f32::total_cmp);
     let scale = sorted.get(sorted.len() * 99 / 100).copied().map_or(0.0, f64::from);
     Ok(ErrorField { serial: state.serial, values, rms: error.rms, worst: error.worst, scale: scale.max(1e-9) })
-}
-
-/// Largest channel of the difference, each relative to its RMS over the area.
-fn relative(values: &[DVec3], truth: &[DVec3], areas: &[f64]) -> Vec<f32> {
-    let square: DVec3 = truth.iter().zip(areas).map(|(t, a)| *t * *t * *a).sum();
-    let rms = (square / areas.iter().sum::<f64>().max(f64::MIN_POSITIVE)).map(f64::sqrt);
-    let unit = rms.max(DVec3::splat((CHANNEL_FLOOR * rms.max_element()).max(f64::MIN_POSITIVE)));
-    let error = |(b, t): (&DVec3, &DVec3)| (((*b - *t) / unit).abs().max_element() as f32).min(f32::MAX);
-    values.iter().zip(truth).map(error).collect()
 }
 
 /// How far a job is.
@@ -261,18 +247,4 @@ impl Progress for Meter {
 /// The folder that pictures are saved in.
 pub(super) fn folder() -> &'static Path {
     Path::new(".")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn errors_are_relative_to_the_rms_of_their_channel() {
-        let truth = [DVec3::new(1.0, 2.0, 0.0), DVec3::new(1.0, 2.0, 0.0)];
-        let values = [DVec3::new(1.1, 2.0, 0.0), DVec3::new(1.0, 1.0, 0.0)];
-        let found = relative(&values, &truth, &[1.0, 3.0]);
-        assert!((found[0] - 0.1).abs() < 1e-6 && (found[1] - 0.5).abs() < 1e-6, "{found:?}");
-        assert!(relative(&truth, &[DVec3::ZERO; 2], &[0.0; 2]).iter().all(|e| e.is_finite()));
-    }
 }

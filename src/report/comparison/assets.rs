@@ -4,17 +4,16 @@ use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::Arc;
 
-use glam::DVec3;
 use serde::Serialize;
 use translux_format::{Budget, FormatError, Provenance, Reader, SectionInfo, Tag, metadata};
 
-use super::vertices::vertex_areas;
 use crate::asset::Asset;
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::Evaluator;
+use crate::evaluate::measured::{Measured, Truth, measured};
 use crate::geometry::mesh::Mesh;
 use crate::light::Light;
-use crate::math::statistics::{VertexError, vertex_error};
+use crate::math::statistics::VertexError;
 use crate::measure::probes;
 use crate::progress::Progress;
 use crate::report::text::{percent, table};
@@ -199,15 +198,21 @@ pub(super) fn radiosity(
         )));
     }
     let lights = probe_lights(mesh);
-    let areas = vertex_areas(|v| mesh.local_mm[v as usize].as_dvec3(), mesh.local_mm.len(), &mesh.triangles);
-    // One after the other: the first evaluator is gone before the second is opened.
-    let values_a = under(open(&a, path_a)?, &lights, progress)?;
-    let values_b = under(open(&b, path_b)?, &lights, progress)?;
-    let errors = lights
-        .iter()
-        .zip(values_a.iter().zip(&values_b))
-        .map(|((light, _), (values, reference))| ProbeError { light, error: vertex_error(values, reference, &areas) });
-    let errors: Vec<ProbeError> = errors.collect();
+    // One after the other: the second evaluator is gone before the first is opened.
+    let mut of_b = Vec::with_capacity(lights.len());
+    let mut evaluator = open(&b, path_b)?;
+    for (_, light) in &lights {
+        evaluator.set_lights(vec![light.clone()], progress)?;
+        of_b.push(evaluator.radiosity(progress)?);
+    }
+    drop(evaluator);
+    let mut evaluator = open(&a, path_a)?;
+    let errors = lights.into_iter().zip(&of_b).map(|((name, light), truth)| {
+        evaluator.set_lights(vec![light], progress)?;
+        let Measured { error, .. } = measured(evaluator.as_mut(), Truth::Given(truth), progress)?;
+        Ok(ProbeError { light: name, error })
+    });
+    let errors: Vec<ProbeError> = errors.collect::<Result<_>>()?;
     Ok((errors.iter().fold(VertexError::default(), |worst, probe| worst.max(probe.error)), errors))
 }
 
@@ -218,17 +223,4 @@ fn probe_lights(mesh: &Mesh) -> Vec<(&'static str, Light)> {
         _ => "a constant light",
     };
     probes::unseen(mesh).into_iter().chain([probes::constant()]).map(|light| (name(&light), light)).collect()
-}
-
-/// Radiosity of the vertices under each light.
-fn under(
-    mut evaluator: Box<dyn Evaluator>,
-    lights: &[(&str, Light)],
-    progress: &dyn Progress,
-) -> Result<Vec<Vec<DVec3>>> {
-    let values = lights.iter().map(|(_, light)| {
-        evaluator.set_lights(vec![light.clone()], progress)?;
-        evaluator.radiosity(progress)
-    });
-    values.collect()
 }

@@ -5,7 +5,6 @@ use glam::DVec3;
 
 use super::surface::MOST_SOFTENING;
 use super::{NearRule, Quality, SurfaceNets};
-use crate::math::statistics::vertex_error;
 use crate::progress::Silent;
 use crate::transport::gather::{Gather, MediumKernel, NearField, Scheme};
 use crate::transport::irradiance::Pieces;
@@ -42,7 +41,7 @@ impl Quality {
         lights: &[(Vec<DVec3>, Pieces)],
         error: f64,
     ) -> Self {
-        let (subset, indices) = receivers.subset(PROBES, 0);
+        let (subset, points) = receivers.probe_points(areas, (PROBES, 0));
         let tree = SampleTree::default();
         let truths_in = |kernels: &Vec<MediumKernel>| -> Vec<Vec<DVec3>> {
             let gather = Gather::with_kernels(surface, &tree, kernels.clone(), NearField::REFERENCE);
@@ -52,7 +51,6 @@ impl Quality {
             lights.iter().map(truth).collect()
         };
         let truths: Vec<Vec<Vec<DVec3>>> = media.iter().map(truths_in).collect();
-        let areas: Vec<f64> = indices.iter().map(|&i| areas[i as usize]).collect();
         let guess = Self::for_error(error);
         let mut quality = Self { softening: SMOOTHEST * guess.softening, ..guess };
         let mut nets = SurfaceNets::new(surface, receivers, quality);
@@ -62,8 +60,7 @@ impl Quality {
                 let tables = nets.tables(kernels);
                 let of_light = |((irradiance, pieces), truth): (&(Vec<DVec3>, Pieces), &Vec<DVec3>)| {
                     let all = nets.radiosity(surface, &tables, (irradiance, pieces), receivers.len());
-                    let values: Vec<DVec3> = indices.iter().map(|&i| all[i as usize]).collect();
-                    vertex_error(&values, truth, &areas).rms
+                    points.error(&points.of(&all), truth).rms
                 };
                 lights.iter().zip(truths).map(of_light).fold(0.0, f64::max)
             };

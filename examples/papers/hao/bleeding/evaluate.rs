@@ -9,7 +9,7 @@ use super::lists::{Cell, Lists, Neighbourhoods};
 use translux::compress::ledger::Ledger;
 use translux::error::{Error, Result};
 use translux::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit, SourceFields};
-use translux::forms::baked_in::{self, MeanCosine, Truth, relative};
+use translux::forms::baked_in::{self, MeanCosine, Truth};
 use translux::geometry::bvh::Bvh;
 use translux::geometry::samples::Samples;
 use translux::light::Light;
@@ -71,8 +71,8 @@ pub(super) fn measure(
         let expected = truth.radiosity(&Silent)?;
         let expected: Vec<DVec3> = probes.iter().map(|(v, _)| expected[*v]).collect();
         let [all, near] = [0, 1].map(|k| sums.iter().map(|of_light| of_light[index][k]).collect::<Vec<DVec3>>());
-        range = range.max(relative(vertex_error(&near, &all, &areas)));
-        sampling = sampling.max(relative(vertex_error(&all, &expected, &areas)));
+        range = range.max(vertex_error(&near, &all, &areas).or_none());
+        sampling = sampling.max(vertex_error(&all, &expected, &areas).or_none());
         progress.advance(1);
     }
     progress.finish();

@@ -18,7 +18,6 @@ use crate::hao::harmonic_fit::undershoot;
 use translux::compress::ledger::Ledger;
 use translux::error::{Error, Result};
 use translux::evaluate::{AssetParts, BakeSettings};
-use translux::forms::baked_in::relative;
 use translux::forms::density;
 use translux::forms::projected::lights::LightSet;
 use translux::forms::projected::lights::{LightSetSettings, TUNING, chosen};
@@ -236,7 +235,7 @@ impl Work<'_> {
                 let found = matrix.products(&harmonics::weights(order, &pieces, &vec![1.0; CHANNELS * columns]));
                 let clamp = |v: &[f32; 4]| DVec3::new(v[0].into(), v[1].into(), v[2].into()).max(DVec3::ZERO);
                 let found: Vec<DVec3> = found.iter().map(clamp).collect();
-                worst = worst.max(relative(vertex_error(&found, truth, &areas)).rms);
+                worst = worst.max(vertex_error(&found, truth, &areas).or_none().rms);
             }
             if worst < best.1 {
                 best = (order, worst);
@@ -306,7 +305,7 @@ impl Work<'_> {
             let one = std::slice::from_ref(light);
             let exact = self.exact.at_receivers(&self.exact.light(self.set, one)?);
             let found = stored.at_receivers(&stored.light(self.set, one)?);
-            worst = worst.max(relative(vertex_error(&found, &exact, &self.sampled.areas)));
+            worst = worst.max(vertex_error(&found, &exact, &self.sampled.areas).or_none());
         }
         Ok(worst)
     }
@@ -348,8 +347,8 @@ impl Work<'_> {
                 Encoding::Harmonics => truth.clone(),
                 _ => self.exact.at_receivers(&self.exact.light(self.set, one)?),
             };
-            errors[0] = errors[0].max(relative(vertex_error(&between, &truth, &self.sampled.areas)));
-            errors[1] = errors[1].max(relative(vertex_error(&found, &between, &self.sampled.areas)));
+            errors[0] = errors[0].max(vertex_error(&between, &truth, &self.sampled.areas).or_none());
+            errors[1] = errors[1].max(vertex_error(&found, &between, &self.sampled.areas).or_none());
             progress.advance(1);
         }
         progress.finish();

@@ -10,21 +10,22 @@ use crate::compress::ledger::Ledger;
 use crate::compress::prediction::Net;
 use crate::error::Result;
 use crate::evaluate::BakeSettings;
-use crate::forms::baked_in::{Stored, relative};
+use crate::evaluate::stages::worst;
+use crate::forms::baked_in::Stored;
 use crate::forms::distant::{Distant, MOST_ORDER, SUN, Work, under_suns, with_work};
 use crate::forms::projected::coding::{Radiosities, code};
-use crate::forms::projected::references::{in_ascending_order, spacing, spatial_error};
+use crate::forms::projected::components::Lit;
+use crate::forms::projected::references::{in_ascending_order, in_order_of_rows, spacing, spatial_error};
 use crate::forms::sampled_scene::{GROUP, SampledScene, parts};
 use crate::forms::single_scattering::Folded;
 use crate::light::Light;
 use crate::light::harmonics::coefficients;
-use crate::math::statistics::{VertexError, vertex_error};
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
 use crate::transport::gather::NearField;
-use crate::transport::irradiance::Illumination;
 use crate::transport::irradiance_rows::texels::TexelBaker;
 use crate::transport::many_lights::IrradianceRows;
+use crate::transport::receivers::ProbePoints;
 
 /// Shares of the asked error.
 const SPATIAL: f64 = 0.44;
@@ -180,26 +181,35 @@ fn needed(work: &Work, progress: &dyn Progress) -> Result<usize> {
     let (scene, count) = (work.sampled.scene, work.sampled.samples.len().div_ceil(COARSER));
     let coarse = SampledScene::new(scene, count.max(LEAST_SAMPLES));
     coarse.with_transfer(NearField::for_error(work.max_rms), |transfer| {
-        let (some, indices) = coarse.receivers.subset(SOME, 0);
-        let areas: Vec<f64> = indices.iter().map(|&i| coarse.areas[i as usize]).collect();
-        let transfer = transfer.towards(&some, &areas);
+        let (some, points) = coarse.receivers.probe_points(&coarse.areas, (SOME, 0));
+        let transfer = transfer.towards(&some, &points.areas_mm2);
         let truth = transfer.radiosity(&coarse.irradiance(work.suns)?, &Silent);
         let surface = coarse.surface();
         let baker = TexelBaker::new(&surface, work.plan.resolution());
         let rows = transfer.radiosity(&baker.harmonics(MOST_ORDER, progress), &Silent);
         let values = AtReferences { functions: rows.lights, values: rows.values };
         for order in FIRST_ORDER..MOST_ORDER {
-            let mut worst = 0.0f64;
-            for (index, light) in work.suns.iter().enumerate() {
-                let error = vertex_error(&values.under(light, order)?, &truth.under(index), &areas);
-                worst = worst.max(relative(error).rms);
-            }
-            if worst <= SUN * ORDER * work.max_rms {
+            let [error] = worst(work.suns.iter().enumerate(), |(index, light)| {
+                Ok([points.error(&values.under(light, order)?, &truth.under(index))])
+            })?;
+            if error.rms <= SUN * ORDER * work.max_rms {
                 return Ok(order);
             }
         }
         Ok(MOST_ORDER)
     })
+}
+
+/// Radiosity before and after each stage under a light.
+struct UnderLight<'a> {
+    light: &'a Light,
+    /// Of every receiver, without single scattering.
+    truth: Vec<DVec3>,
+    lit: Lit,
+    /// At some rows of the net: the truth, from all harmonics, from what is stored.
+    at_net: Vec<DVec3>,
+    exact: Vec<DVec3>,
+    coded: Vec<DVec3>,
 }
 
 /// Enters what each stage loses under lights that no choice saw.
@@ -209,59 +219,43 @@ fn measure(
     ledger: &mut Ledger,
     progress: &dyn Progress,
 ) -> Result<()> {
-    let (sampled, unseen, folded) = (work.sampled, &work.unseen, beside.folded);
-    let surface = sampled.surface();
-    let etas: Vec<f64> = sampled.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
+    let (sampled, folded) = (work.sampled, beside.folded);
     // Rays of single scattering take their time.
     let most = if folded.is_some() { MOST_TRACED } else { usize::MAX };
     let chosen: Vec<usize> = (0..net.point.len()).step_by(net.point.len().div_ceil(most).max(1)).collect();
-    let points: Vec<u32> = chosen.iter().map(|&row| net.point[row]).collect();
-    let areas: Vec<f64> = points.iter().map(|&i| sampled.areas[i as usize]).collect();
-    let some = Some(sampled.receivers.subset(MOST_TRACED, 1).1).filter(|_| folded.is_some()).unwrap_or_default();
+    let of_rows = |all: &[DVec3]| chosen.iter().map(|&row| all[row]).collect::<Vec<DVec3>>();
+    let points = sampled.probes(chosen.iter().map(|&row| net.point[row]).collect());
+    let between = folded.map(|_| sampled.probes(sampled.receivers.subset(MOST_TRACED, 1).1));
     let stored = components(file, (tags::SET, 1), sampled.scene, &sampled.receivers)?;
-    let mut order: Vec<u32> = (0..net.point.len() as u32).collect();
-    order.sort_unstable_by_key(|&row| net.point[row as usize]);
-    let (mut errors, mut suns) = ([VertexError::default(); 3], VertexError::default());
-    progress.start("errors", (unseen.environments.len() + unseen.suns.len()) as u64);
-    for (index, light) in unseen.environments.iter().chain(&unseen.suns).enumerate() {
-        let one = std::slice::from_ref(light);
-        let rays = Illumination::new(&surface, one, &etas, sampled.sampling)?.all(&Silent);
-        let truth = radiosity(work, beside.returned, &rays);
-        let with_single = |points: &[u32]| -> Result<Vec<DVec3>> {
-            let mut values = points.iter().map(|&i| truth[i as usize]).collect::<Vec<_>>();
-            folded.map_or(Ok(()), |folded| folded.add_rays(light, points, &mut values))?;
-            Ok(values)
+    let with_single = |light: &Light, points: &ProbePoints, truth: &[DVec3]| -> Result<Vec<DVec3>> {
+        let mut values = points.of(truth);
+        folded.map_or(Ok(()), |folded| folded.add_rays(light, &points.indices, &mut values))?;
+        Ok(values)
+    };
+    let values = |light, rays: &[DVec3]| {
+        let truth = radiosity(work, beside.returned, rays);
+        let at_net = with_single(light, &points, &truth)?;
+        let exact = of_rows(&values.under(light, file.order as usize)?);
+        let lit = stored.light(std::slice::from_ref(light))?;
+        let coded = of_rows(&in_order_of_rows(net, &stored.transport.at_references(&lit)));
+        Ok(UnderLight { light, truth, lit, at_net, exact, coded })
+    };
+    let by_stage = |under: &UnderLight| {
+        let UnderLight { light, truth, lit, at_net, exact, coded } = under;
+        let spatial = match &between {
+            None => spatial_error(sampled, net, file.spacing_mm, std::slice::from_ref(truth)),
+            Some(between) => {
+                let parts = stored.transport.of_parts(lit);
+                let value =
+                    |&[r, g, b, _]: &[f32; 4]| DVec3::new(r.into(), g.into(), b.into()).max(DVec3::ZERO) * lit.scale;
+                let all = parts.first().map_or(&[] as &[[f32; 4]], Vec::as_slice);
+                let found: Vec<DVec3> = between.of(all).iter().map(value).collect();
+                between.error(&found, &with_single(light, between, truth)?)
+            }
         };
-        let at_net = with_single(&points)?;
-        let all = values.under(light, file.order as usize)?;
-        let exact: Vec<DVec3> = chosen.iter().map(|&row| all[row]).collect();
-        let lit = stored.light(one)?;
-        let sorted = stored.transport.at_references(&lit);
-        let mut by_row = vec![DVec3::ZERO; sorted.len()];
-        order.iter().zip(sorted).for_each(|(&row, value)| by_row[row as usize] = value);
-        let coded: Vec<DVec3> = chosen.iter().map(|&row| by_row[row]).collect();
-        if index < unseen.environments.len() {
-            let spatial = match folded {
-                None => spatial_error(sampled, net, file.spacing_mm, std::slice::from_ref(&truth)),
-                Some(_) => {
-                    let parts = stored.transport.of_parts(&lit);
-                    let value = |&i: &u32| {
-                        let [r, g, b, _] =
-                            parts.first().and_then(|part| part.get(i as usize)).copied().unwrap_or_default();
-                        DVec3::new(r.into(), g.into(), b.into()).max(DVec3::ZERO) * lit.scale
-                    };
-                    let areas: Vec<f64> = some.iter().map(|&i| sampled.areas[i as usize]).collect();
-                    vertex_error(&some.iter().map(value).collect::<Vec<_>>(), &with_single(&some)?, &areas)
-                }
-            };
-            let found = [vertex_error(&exact, &at_net, &areas), spatial, vertex_error(&coded, &exact, &areas)];
-            errors.iter_mut().zip(found).for_each(|(worst, found)| *worst = worst.max(relative(found)));
-        } else {
-            suns = suns.max(relative(vertex_error(&coded, &at_net, &areas)));
-        }
-        progress.advance(1);
-    }
-    progress.finish();
+        Ok([points.error(exact, at_net), spatial, points.error(coded, exact)])
+    };
+    let (errors, suns) = work.errors(progress, values, by_stage, |u| points.error(&u.coded, &u.at_net))?;
     let order = file.order;
     ledger.add(
         "harmonics",

@@ -12,14 +12,14 @@ use super::settings::{LightSetSettings, QuantisedLights};
 use crate::compress::ledger::Ledger;
 use crate::compress::prediction::Net;
 use crate::error::Result;
+use crate::evaluate::stages::{of_kinds, spread, worst};
 use crate::evaluate::{AssetParts, BakeSettings};
-use crate::forms::baked_in::relative;
 use crate::forms::density;
+use crate::forms::distant;
 use crate::forms::projected::coding::{Radiosities, code};
-use crate::forms::projected::references::{in_ascending_order, spacing, spacing_of, spatial_error};
+use crate::forms::projected::references::{in_ascending_order, in_order_of_rows, spacing, spacing_of, spatial_error};
 use crate::forms::sampled_scene::{GROUP, SampledScene, parts};
-use crate::light::Light;
-use crate::math::statistics::{VertexError, vertex_error};
+use crate::light::{Light, LightKind};
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
 use crate::transport::gather::NearField;
@@ -126,9 +126,7 @@ pub(super) fn bake(
 
 /// Some of the directional and point lights, spread over all.
 pub fn chosen(lights: &[Light], count: usize) -> Vec<Light> {
-    let white = |l: &&Light| matches!(l, Light::Directional { .. } | Light::Point { .. });
-    let all: Vec<&Light> = lights.iter().filter(white).collect();
-    all.iter().step_by(all.len().div_ceil(count).max(1)).map(|l| (*l).clone()).collect()
+    spread(&of_kinds(lights, &[LightKind::Directional, LightKind::Point]), count).cloned().collect()
 }
 
 /// Radiosities `[point][channel][light]` of some receivers.
@@ -156,18 +154,15 @@ fn of_shells(values: &[f32], shells: usize, directions: usize, some: std::ops::R
     Cow::Owned(planes.flat_map(|plane| &plane[some.start * directions..some.end * directions]).copied().collect())
 }
 
-/// What interpolation between the lights of a set makes of each of some lights, at the rows of the net.
-fn interpolated(set: &LightSet, values: &[f32], lights: &[Light]) -> Result<Vec<Vec<DVec3>>> {
+/// What interpolation between the lights of a set makes of a light, at the rows of the net.
+fn interpolated(set: &LightSet, values: &[f32], light: &Light) -> Result<Vec<DVec3>> {
     let count = set.lights.count();
-    let of_light = |light: &Light| -> Result<Vec<DVec3>> {
-        let vector = set.vector(std::slice::from_ref(light))?;
-        let of_row = |row: &[f32]| {
-            let sum = |c: usize| row[c * count..].iter().zip(&vector).map(|(v, w)| f64::from(*v) * w[c]).sum::<f64>();
-            DVec3::new(sum(0), sum(1), sum(2)).max(DVec3::ZERO)
-        };
-        Ok(values.chunks_exact(3 * count).map(of_row).collect())
+    let vector = set.vector(std::slice::from_ref(light))?;
+    let of_row = |row: &[f32]| {
+        let sum = |c: usize| row[c * count..].iter().zip(&vector).map(|(v, w)| f64::from(*v) * w[c]).sum::<f64>();
+        DVec3::new(sum(0), sum(1), sum(2)).max(DVec3::ZERO)
     };
-    lights.iter().map(of_light).collect()
+    Ok(values.chunks_exact(3 * count).map(of_row).collect())
 }
 
 /// Error of the interpolation between lights under the worst of those that are parallel.
@@ -179,16 +174,11 @@ fn between_lights(
     lights: &[Light],
     truth: &[Vec<DVec3>],
 ) -> Result<f64> {
-    let areas: Vec<f64> = points.iter().map(|&i| sampled.areas[i as usize]).collect();
-    let mut worst = 0.0f64;
-    for (light, truth) in lights.iter().zip(truth) {
-        if matches!(light, Light::Directional { .. }) {
-            let expected: Vec<DVec3> = points.iter().map(|&i| truth[i as usize]).collect();
-            let found = interpolated(set, values, std::slice::from_ref(light))?;
-            worst = worst.max(relative(vertex_error(&found[0], &expected, &areas)).rms);
-        }
-    }
-    Ok(worst)
+    let points = sampled.probes(points.to_vec());
+    let parallel = lights.iter().zip(truth).filter(|(light, _)| light.kind() == LightKind::Directional);
+    let [error] =
+        worst(parallel, |(light, truth)| Ok([points.error(&interpolated(set, values, light)?, &points.of(truth))]))?;
+    Ok(error.rms)
 }
 
 /// Enters what each stage loses under lights that no choice saw.
@@ -201,33 +191,22 @@ fn measure(
     progress: &dyn Progress,
 ) -> Result<()> {
     let parallel = set.lights.shells.inverse().len() == 1;
-    let served = |l: &&Light| !(parallel && matches!(l, Light::Point { .. } | Light::Area { .. }));
-    let unseen: Vec<Light> = unseen.iter().filter(served).cloned().collect();
-    progress.start("errors", unseen.len() as u64);
+    let served = of_kinds(unseen, if parallel { distant::KINDS } else { &LightKind::ALL });
     let transport = sections::transport(file, sampled.scene, &sampled.receivers, set)?;
-    let surface = sampled.surface();
-    let etas: Vec<f64> = sampled.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
-    let areas: Vec<f64> = net.point.iter().map(|&i| sampled.areas[i as usize]).collect();
-    let mut errors = [VertexError::default(); 3];
-    for light in &unseen {
-        let one = std::slice::from_ref(light);
-        let illumination = crate::transport::irradiance::Illumination::new(&surface, one, &etas, sampled.sampling)?;
-        let truth = transfer.under(&illumination.all(&Silent));
-        let at_net: Vec<DVec3> = net.point.iter().map(|&i| truth[i as usize]).collect();
-        let between = interpolated(set, values, one)?.remove(0);
-        let stored = transport.at_references(&sections::light(&transport, set, one)?);
-        let mut order: Vec<u32> = (0..net.point.len() as u32).collect();
-        order.sort_unstable_by_key(|&row| net.point[row as usize]);
-        let mut coded = vec![DVec3::ZERO; stored.len()];
-        order.iter().zip(&stored).for_each(|(&row, value)| coded[row as usize] = *value);
-        let found = [
-            vertex_error(&between, &at_net, &areas),
-            spatial_error(sampled, net, file.spacing_mm, std::slice::from_ref(&truth)),
-            vertex_error(&coded, &between, &areas),
-        ];
-        errors.iter_mut().zip(found).for_each(|(worst, found)| *worst = worst.max(relative(found)));
+    let points = sampled.probes(net.point.clone());
+    progress.start("errors", served.len() as u64);
+    let errors = worst(&served, |light| {
         progress.advance(1);
-    }
+        let truth = transfer.under(&sampled.by_rays(light)?);
+        let between = interpolated(set, values, light)?;
+        let lit = sections::light(&transport, set, std::slice::from_ref(light))?;
+        let coded = in_order_of_rows(net, &transport.at_references(&lit));
+        Ok([
+            points.error(&between, &points.of(&truth)),
+            spatial_error(sampled, net, file.spacing_mm, std::slice::from_ref(&truth)),
+            points.error(&coded, &between),
+        ])
+    })?;
     progress.finish();
     let count = set.lights.directions.count();
     ledger.add(
