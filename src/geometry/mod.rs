@@ -5,6 +5,7 @@ pub mod bvh;
 pub mod check;
 pub mod cluster;
 pub mod geometry_image;
+pub mod laplacian;
 pub mod mesh;
 pub mod nearest;
 pub mod part_table;
