@@ -6,6 +6,7 @@ pub mod density;
 pub mod distant;
 pub mod environment_rows;
 pub mod factored;
+pub mod filtered_normals;
 pub mod gathered;
 pub mod hao;
 pub mod projected;
@@ -16,7 +17,7 @@ pub mod single_scattering;
 use crate::evaluate::FormEntry;
 
 /// Every form of this crate.
-pub const ALL: [FormEntry; 7] = [
+pub const ALL: [FormEntry; 8] = [
     FormEntry::of::<gathered::Gathered>(),
     FormEntry::of::<factored::Factored>(),
     FormEntry::of::<projected::lights::QuantisedLights>(),
@@ -24,4 +25,5 @@ pub const ALL: [FormEntry; 7] = [
     FormEntry::of::<rows::DirectionalRows>(),
     FormEntry::of::<hao::VertexValues>(),
     FormEntry::of::<hao::bleeding::NeighbourLists>(),
+    FormEntry::of::<filtered_normals::FilteredNormals>(),
 ];

@@ -165,11 +165,11 @@ mod tests {
         assert!(symbolic.bytes_of_factors() >= 8 * rows);
     }
 
+    /// The first pivot is exactly 0.
     #[test]
-    fn a_shift_on_an_eigenvalue_is_refused_or_off_by_rounding() {
-        let one = SymmetricMatrix::new(vec![3.0], &[]);
-        let symbolic = Symbolic::new(&one).unwrap();
-        assert!(symbolic.shifted(3.0).is_none());
-        assert_eq!(symbolic.shifted(3.5).unwrap().below(), 1);
+    fn a_vanishing_pivot_is_refused() {
+        let symbolic = Symbolic::new(&path(3)).unwrap();
+        assert!(symbolic.shifted(2.0).is_none());
+        assert_eq!(symbolic.shifted(2.1).unwrap().below(), 2);
     }
 }
