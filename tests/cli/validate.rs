@@ -286,6 +286,7 @@ fn every_method_writes_what_is_valid() {
         let settings: &[&str] = match method {
             "quantized_lights" => &["", "--set encoding=lloyd8", "--set encoding=bleeding"],
             "all_frequency" => &["", "--set basis=haar"],
+            "filtered_normals" => &["", "--set filter=geometric"],
             _ => &[""],
         };
         for set in settings {
