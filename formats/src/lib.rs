@@ -52,6 +52,7 @@ pub mod far_field;
 mod far_functions;
 mod far_sums;
 mod far_values;
+pub mod filtered_normals;
 pub mod mesh;
 pub mod metadata;
 pub mod multilevel;

@@ -33,6 +33,12 @@ pub trait Method: Sync {
         0.005
     }
 
+    /// Where the method is an approximation by design, the largest relative error that it is meant for; what an evaluator measures of
+    /// its own error stays below. None where the error is as small as it is asked to be.
+    fn declared_error(&self) -> Option<f64> {
+        None
+    }
+
     /// Settings that charts compare, as options of `bake`, the defaults (no options) first: from fast or small to exact.
     fn ladder(&self) -> &'static [&'static str] {
         &[""]

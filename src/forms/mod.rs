@@ -6,6 +6,7 @@ pub mod density;
 pub mod distant;
 pub mod environment_rows;
 pub mod factored;
+pub mod filtered_normals;
 pub mod gathered;
 pub mod projected;
 pub mod rows;
@@ -15,10 +16,11 @@ pub mod single_scattering;
 use crate::evaluate::FormEntry;
 
 /// Every form of this crate.
-pub const ALL: [FormEntry; 5] = [
+pub const ALL: [FormEntry; 6] = [
     FormEntry::of::<gathered::Gathered>(),
     FormEntry::of::<factored::Factored>(),
     FormEntry::of::<projected::lights::QuantisedLights>(),
     FormEntry::of::<projected::harmonics::Harmonics>(),
     FormEntry::of::<rows::DirectionalRows>(),
+    FormEntry::of::<filtered_normals::FilteredNormals>(),
 ];

@@ -4,6 +4,7 @@ pub mod ball;
 pub mod bvh;
 pub mod check;
 pub mod cluster;
+pub mod laplacian;
 pub mod mesh;
 pub mod nearest;
 pub mod part_table;

@@ -2,6 +2,7 @@
 
 pub mod all_frequency;
 pub mod editable;
+pub mod filtered_normals;
 mod keys;
 pub mod quantized_lights;
 pub mod reference;
@@ -11,12 +12,13 @@ use crate::evaluate::{Method, Registry};
 use crate::forms;
 
 /// Every method of this crate, in the order of listings.
-const ALL: [&dyn Method; 5] = [
+const ALL: [&dyn Method; 6] = [
     &reference::Reference,
     &two_pass::TwoPass,
     &editable::Editable,
     &quantized_lights::QuantizedLights,
     &all_frequency::AllFrequency,
+    &filtered_normals::FilteredNormals,
 ];
 
 /// The methods and the forms of this crate.

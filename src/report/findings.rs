@@ -9,7 +9,7 @@ use translux_format::far_field::{self, FarField, Shape};
 use translux_format::profile_basis::{self, ProfileBasis};
 use translux_format::rows::{self, IrradianceRows};
 use translux_format::{
-    COMMON_TAGS, FormatError, LedgerEntry, Scan, Tag, VERSION_MAJOR, VERSION_MINOR, distant_transport, mesh, metadata,
+    COMMON_TAGS, FormatError, LedgerEntry, Scan, Tag, VERSION_MAJOR, VERSION_MINOR, distant_transport, filtered_normals, mesh, metadata,
     multilevel, parts, quantised_lights, quantised_values, samples, scattering_lists,
 };
 
@@ -127,7 +127,8 @@ fn without_samples() -> Vec<Tag> {
     let lights = quantised_lights::tags::SETS.iter().flat_map(|set| set.all());
     let single = [quantised_lights::tags::NUMBERS, scattering_lists::tags::NUMBERS];
     let rows = [rows::tags::TRANSPORT, rows::tags::SINGLE].map(rows::tags::Set::all);
-    let all = [&single[..], &quantised_values::tags::ALL, &distant_transport::tags::ALL, rows.as_flattened()];
+    let normals = &filtered_normals::tags::ALL;
+    let all = [&single[..], &quantised_values::tags::ALL, &distant_transport::tags::ALL, normals, rows.as_flattened()];
     lights.chain(all.concat()).collect()
 }
 

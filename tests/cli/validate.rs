@@ -285,6 +285,7 @@ fn every_method_writes_what_is_valid() {
     for method in translux::methods::built_in().methods().iter().map(|m| m.name()) {
         let settings: &[&str] = match method {
             "all_frequency" => &["", "--set basis=haar"],
+            "filtered_normals" => &["", "--set filter=geometric"],
             _ => &[""],
         };
         for set in settings {

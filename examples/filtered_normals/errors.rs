@@ -1,0 +1,129 @@
+//! Errors against the exact sums on the bunny, beside Lambert's cosine that wraps around the terminator and has the right total.
+
+use glam::DVec3;
+use translux::error::Result;
+use translux::evaluate::Evaluator;
+use translux::geometry::bvh::{NO_TRIANGLE, Ray, offset_origin};
+use translux::light::Light;
+use translux::medium::fresnel::{BoundaryFit, diffuse_transmittance};
+use translux::scene::Scene;
+
+use crate::bench::{baked, exposure, opened, percent, picture, rms, shown, six_lights, truth, under};
+use crate::common::bench::{Context, bytes_per_vertex, table};
+use crate::common::sheet;
+
+const MATERIALS: [&str; 3] = ["marble", "skin1", "skimmilk"];
+
+/// Settings, and what they are called.
+const VARIANTS: [(&str, &[(&str, &str)]); 7] = [
+    ("normals as they are", &[("alpha", "1"), ("width", "1")]),
+    ("heat, fitted", &[]),
+    ("heat, not fitted", &[("alpha", "0"), ("width", "1")]),
+    ("heat, length kept", &[("length", "kept")]),
+    ("geometric, fitted", &[("filter", "geometric")]),
+    ("spectral, fitted", &[("filter", "spectral")]),
+    ("bleeding", &[("bleeding", "irradiance")]),
+];
+
+/// How far the cosine wraps; the best of them under the same lights is taken, which favours the rival.
+const WRAPS: [f64; 6] = [0.0, 0.1, 0.2, 0.3, 0.5, 0.8];
+
+const SIDE: usize = 220;
+
+/// Unit normals of the welded vertices, weighted by area.
+fn normals(scene: &Scene) -> Vec<DVec3> {
+    let mesh = &scene.mesh;
+    let mut sums = vec![DVec3::ZERO; mesh.local_mm.len()];
+    for triangle in 0..mesh.triangles.len() as u32 {
+        mesh.welded(triangle).iter().for_each(|v| sums[*v as usize] += mesh.cross_mm2(triangle));
+    }
+    mesh.weld.iter().map(|w| sums[*w as usize].normalize_or_zero()).collect()
+}
+
+/// `R C V L max(0, mu + w) / (1 + w)^2`: over all normals it sends back what a cosine does. Shadows as the method has them.
+fn wrapped(evaluator: &dyn Evaluator, normals: &[DVec3], light: &Light, wrap: f64) -> Vec<DVec3> {
+    let scene = evaluator.scene();
+    let properties = &scene.media[0].properties;
+    let totals = DVec3::from_array(properties.summary(BoundaryFit::Published).map(|s| s.total_reflectance));
+    let enters = diffuse_transmittance(properties.eta_inside_over_outside);
+    let value = |(v, normal): (usize, &DVec3)| {
+        let at = scene.mesh.local_mm[v].as_dvec3();
+        let (to, arriving, distance) = match light {
+            Light::Directional { from, irradiance } => (*from, *irradiance, f64::INFINITY),
+            Light::Point { at_mm, intensity } => {
+                let to = *at_mm - scene.mesh.origin_mm - at;
+                (to.normalize(), *intensity / to.length_squared(), to.length())
+            }
+            _ => return DVec3::ZERO,
+        };
+        let mu = normal.dot(to);
+        let lifted = (to + (0.05 - mu).max(0.0) * *normal).normalize();
+        let mut ray = Ray::new(offset_origin(at.as_vec3(), normal.as_vec3()), lifted.as_vec3());
+        ray.t_max = distance as f32;
+        if evaluator.bvh().occluded(&ray, NO_TRIANGLE) {
+            return DVec3::ZERO;
+        }
+        totals * arriving * (enters * (mu + wrap).max(0.0) / ((1.0 + wrap) * (1.0 + wrap)))
+    };
+    normals.iter().enumerate().map(value).collect()
+}
+
+pub(crate) fn run(context: &Context) -> Result<String> {
+    let (model, few) = if context.quick { ("bunny_3k", 1) } else { ("bunny_closed", MATERIALS.len()) };
+    let mut text = String::new();
+    for material in &MATERIALS[..few] {
+        let scene = context.scene(model, material)?;
+        let lights = six_lights(&scene)?;
+        let mut truth = truth(context, &scene)?;
+        let expected: Vec<Vec<DVec3>> = lights.iter().map(|l| under(truth.as_mut(), &l.1)).collect::<Result<_>>()?;
+        let mut rows = Vec::new();
+        let mut sheet = vec![];
+        let mut row = |name: &str, bytes: String, errors: &[f64], note: String| {
+            let mean = (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt();
+            let mut row = vec![name.to_owned(), bytes, percent(mean)];
+            row.extend(errors.iter().map(|e| percent(*e)));
+            row.push(note);
+            context.say(&format!("{material}: {}", row.join(", ")));
+            rows.push(row);
+        };
+        let factor = exposure(&picture(truth.as_ref(), &expected[2], SIDE)?);
+        sheet.push(shown(&picture(truth.as_ref(), &expected[2], SIDE)?, factor));
+        for (name, set) in VARIANTS {
+            let asset = baked(&scene, set)?;
+            let mut evaluator = opened(&asset)?;
+            let mut errors = Vec::new();
+            for ((_, light), expected) in lights.iter().zip(&expected) {
+                let found = under(evaluator.as_mut(), light)?;
+                errors.push(rms(&scene, &found, expected));
+                if errors.len() == 3 {
+                    sheet.push(shown(&picture(evaluator.as_ref(), &found, SIDE)?, factor));
+                }
+            }
+            let numbers = asset.sections.iter().find(|s| s.tag == translux_format::filtered_normals::tags::NUMBERS);
+            let numbers = numbers.and_then(|s| s.record::<translux_format::filtered_normals::Numbers>().ok());
+            let shape = numbers.map_or(String::new(), |n| format!("{:.2}, {:.2}", n.alpha, n.width));
+            row(name, format!("{:.1}", bytes_per_vertex(&asset)?), &errors, shape);
+        }
+        let normals = normals(&scene);
+        let of = |wrap: f64| -> Vec<f64> {
+            let error = |(light, expected): (&(&str, Light), &Vec<DVec3>)| {
+                rms(&scene, &wrapped(truth.as_ref(), &normals, &light.1, wrap), expected)
+            };
+            lights.iter().zip(&expected).map(error).collect()
+        };
+        let square = |errors: &Vec<f64>| errors.iter().map(|e| e * e).sum::<f64>();
+        let all = WRAPS.map(|wrap| (wrap, of(wrap)));
+        if let Some((wrap, errors)) = all.iter().min_by(|a, b| square(&a.1).total_cmp(&square(&b.1))) {
+            row("wrapped Lambert, the best wrap", "0".to_owned(), errors, format!("{wrap:.1}"));
+        }
+        let path = format!("filtered_normals_{material}.png");
+        translux::io::atomic::write(&context.pictures.join(&path), &sheet::png(SIDE, &[sheet])?)?;
+        let mut head = vec!["", "bytes/vertex", "all six"];
+        head.extend(lights.iter().map(|l| l.0));
+        head.push("alpha, width; wrap");
+        let vertices = scene.mesh.local_mm.len();
+        text += &format!("### {model}, {vertices} vertices, {material}\n\n![Exact sums, then the rows of the table, lit from the side]");
+        text += &format!("(pictures/{path})\n\n{}\n", table(&head, &rows));
+    }
+    Ok(text)
+}

@@ -1,0 +1,61 @@
+//! What the page says around what was measured.
+
+use crate::common::runner::Words;
+
+const HEAD: &str = "\
+# Filtered normals: Patro 2007, measured
+
+`cargo run --release --example filtered_normals -- ../shared/data docs` measures everything on this page and writes it
+(`examples/filtered_normals/`; `--quick` tries it, `--only PART` measures one part again). Models have a diagonal of 30 mm. Times are
+those of the machine that wrote the page and of what else it did; everything else is the same anywhere.
+
+The method stores no transport. Normals are low-passed over the surface, and take the place of the normals in local lighting:
+`B = R F_t(mu) max(0, mu) V L` with the filtered, renormalised normal of each channel. It is an approximation by design, and its
+ledger says by how much.
+
+- **What is stored** is neither a basis nor one filtered normal: normals under eight low passes `1 / (1 + t lambda)`, quantised to 1/256 and
+  predicted from the vertices before, and how open each vertex is. Any filter of the surface is a sum over these eight and the normals
+  themselves, so it changes with the material, for each channel, at the cost of that sum: RGB takes the same bytes. The filter that a
+  material implies is the Hankel transform of its R_d, normalised: `(e^(-z_r s) + e^(-z_v s)) / (e^(-z_r sigma_tr) + e^(-z_v sigma_tr))` with
+  `s = sqrt(sigma_tr^2 + lambda)`. Published materials are met to 2 % of the response, Gaussians and exponentials to 6 %.
+- **`filter=heat`**: the low passes are solutions of `(M + t S) x = M n` by conjugate gradients, nothing factorised.
+- **`filter=spectral`**: the paper's manifold harmonics up to wavelengths of 10 mean edges, by shift and invert in bands whose number of pairs
+  is that of the inertia; the remainder goes through the mean response of its frequencies (gamma of equation 11).
+- **`filter=geometric`**: the paper's equation 3; weights by area unless `weights=count`.
+- **Shadows** are rays from the vertices. Where the light is below a vertex's horizon the ray goes along the horizon, because the filtered normal
+  decides there. `shadows=off` is the paper's.
+- **`bleeding=irradiance`** is the paper's future work: the same filter on the shadowed irradiance, for each light.
+- **alpha** and **width** are fitted on probe lights unless given: the share of the unfiltered normal, and a factor of the filter's width.
+
+## Errors
+
+RMS over the vertices against exact sums, in %, worst channel; *all six* is the root of the mean square. *Wrapped Lambert* is
+`R C V L max(0, mu + w) / (1 + w)^2`, which returns as much as a cosine over all normals, with the best w under these very lights.
+
+";
+
+const FIGURE2: &str = "
+## Figure 2: uneven meshes
+
+The same surface with its longest edges cut to three times as many vertices. A filter of the surface gives the same values at the vertices that
+were there before; sums that count vertices do not. No shadows, nothing fitted.
+
+";
+
+const SPEED: &str = "
+## Speed
+
+A change of the filter is a new material: the coefficients of each channel, and the radiosity of every vertex.
+
+";
+
+const TAIL: &str = "
+## What it gives up
+
+Light that enters on one side and leaves on the other, thin parts that glow, shadows softened from inside: local lighting has none of these,
+whatever its normal. With `bleeding=irradiance` shadow boundaries soften, and light still does not cross a thin part, which is
+far over the surface and near through it.
+";
+
+pub(crate) const WORDS: Words =
+    Words { head: HEAD, before: &[("figure2", FIGURE2), ("speed", SPEED)], places: &[], tail: TAIL };

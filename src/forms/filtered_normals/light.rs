@@ -1,0 +1,222 @@
+//! Lights as local lighting takes them: sharp ones as beams that are seen or not, those from all around as harmonics of order 2.
+
+use std::f64::consts::TAU;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::settings::Shadows;
+use crate::error::Result;
+use crate::geometry::bvh::{Bvh, NO_TRIANGLE, Ray, offset_origin};
+use crate::light::harmonics::{coefficients, to_harmonics};
+use crate::light::{Light, refuse_fields};
+use crate::math::quadrature::gauss_legendre_cached;
+use crate::math::sh::real_sh;
+use crate::medium::fresnel;
+
+/// Cells along an edge of an area light.
+const SIDE: usize = 4;
+
+/// Bands of the harmonics (Ramamoorthi and Hanrahan 2001).
+const BANDS: usize = 3;
+
+/// How far a shadow ray stays above the horizon, as the sine of its height.
+const ABOVE: f64 = 0.05;
+
+/// Points that are lit together.
+const CHUNK: usize = 1024;
+
+/// Where light comes from, as seen from a point.
+enum Beam {
+    Direction { from: DVec3, irradiance: DVec3 },
+    Place { at: DVec3, intensity: DVec3, axis: Option<DVec3> },
+}
+
+/// A beam with whether each point sees it.
+struct Seen {
+    beam: Beam,
+    seen: Vec<bool>,
+}
+
+/// Light from all around.
+enum Around {
+    Constant(DVec3),
+    Harmonics(Vec<DVec3>),
+}
+
+/// What one medium does to light that enters.
+pub(super) struct Entrance {
+    eta: f64,
+    /// `2 pi Int F_t mu P_l dmu` of each band.
+    bands: [f64; BANDS],
+}
+
+impl Entrance {
+    pub(super) fn new(eta: f64) -> Self {
+        // F_t rises from 0 in a thin layer at the horizon where eta is near 1: mu = x^2 puts nodes there.
+        let rule = gauss_legendre_cached(16);
+        let mut bands = [0.0; BANDS];
+        for node in rule {
+            let x = 0.5 * (node.position + 1.0);
+            let mu = x * x;
+            let weight = TAU * node.weight * x * fresnel::transmittance(eta, mu) * mu;
+            let legendre = [1.0, mu, 1.5 * mu * mu - 0.5];
+            bands.iter_mut().zip(legendre).for_each(|(band, p)| *band += weight * p);
+        }
+        Self { eta, bands }
+    }
+}
+
+/// Lights for some points.
+#[derive(Default)]
+pub(super) struct Lit {
+    beams: Vec<Seen>,
+    around: Vec<Around>,
+}
+
+/// Points and how rays leave them.
+#[derive(Clone, Copy)]
+pub(super) struct Lookers<'a> {
+    pub(super) at: &'a [DVec3],
+    pub(super) normals: &'a [DVec3],
+    pub(super) origin_mm: DVec3,
+    pub(super) shadows: Shadows,
+}
+
+impl Lit {
+    pub(super) fn new(lookers: Lookers, bvh: &Bvh, lights: &[Light]) -> Result<Self> {
+        refuse_fields(lights)?;
+        let mut lit = Self::default();
+        for light in lights {
+            match light {
+                Light::Constant { radiance } => lit.around.push(Around::Constant(*radiance)),
+                Light::Environment { .. } => lit.around.push(Around::Harmonics(coefficients(light, BANDS)?)),
+                _ => {
+                    for beam in beams(light, lookers.origin_mm) {
+                        let seen = seen(&beam, lookers, bvh);
+                        lit.beams.push(Seen { beam, seen });
+                    }
+                }
+            }
+        }
+        Ok(lit)
+    }
+
+    /// Irradiance behind a surface of a unit normal at a point, RGB; `open` is the share of the sky that it sees.
+    pub(super) fn irradiance(&self, point: usize, at: DVec3, normal: DVec3, open: f64, entrance: &Entrance) -> DVec3 {
+        let mut sum = DVec3::ZERO;
+        for Seen { beam, seen } in &self.beams {
+            if !seen[point] {
+                continue;
+            }
+            let (direction, arriving) = beam.towards(at);
+            let mu = normal.dot(direction);
+            if mu > 0.0 {
+                sum += arriving * (fresnel::transmittance(entrance.eta, mu) * mu);
+            }
+        }
+        for around in &self.around {
+            sum += open
+                * match around {
+                    Around::Constant(radiance) => entrance.bands[0] * *radiance,
+                    Around::Harmonics(coefficients) => {
+                        let mut y = [0.0; BANDS * BANDS];
+                        real_sh(BANDS, to_harmonics(normal), &mut y);
+                        let band = |k: usize| entrance.bands[k.isqrt()] * y[k];
+                        let e: DVec3 = coefficients.iter().enumerate().map(|(k, c)| band(k) * *c).sum();
+                        // Three bands of a strong sun undershoot on the far side.
+                        e.max(DVec3::ZERO)
+                    }
+                };
+        }
+        sum
+    }
+}
+
+impl Beam {
+    /// Unit direction towards the light, and its irradiance on a surface that faces it.
+    fn towards(&self, from: DVec3) -> (DVec3, DVec3) {
+        match self {
+            Self::Direction { from, irradiance } => (*from, *irradiance),
+            Self::Place { at, intensity, axis } => {
+                let to = *at - from;
+                let distance2 = to.length_squared().max(1e-30);
+                let direction = to / distance2.sqrt();
+                let cosine = axis.map_or(1.0, |axis| (-direction.dot(axis)).max(0.0));
+                (direction, *intensity * (cosine / distance2))
+            }
+        }
+    }
+}
+
+fn beams(light: &Light, origin: DVec3) -> Vec<Beam> {
+    match light {
+        Light::Directional { from, irradiance } => vec![Beam::Direction { from: *from, irradiance: *irradiance }],
+        Light::Point { at_mm, intensity } => {
+            vec![Beam::Place { at: *at_mm - origin, intensity: *intensity, axis: None }]
+        }
+        Light::Area { at_mm, normal, u, size_mm, radiance, .. } => {
+            let v = normal.cross(*u);
+            let place = |i: usize| (i as f64 + 0.5) / SIDE as f64 - 0.5;
+            let intensity = *radiance * (size_mm[0] * size_mm[1] / (SIDE * SIDE) as f64);
+            (0..SIDE * SIDE)
+                .map(|cell| {
+                    let across = *u * (size_mm[0] * place(cell % SIDE)) + v * (size_mm[1] * place(cell / SIDE));
+                    Beam::Place { at: *at_mm - origin + across, intensity, axis: Some(*normal) }
+                })
+                .collect()
+        }
+        Light::Constant { .. } | Light::Environment { .. } => Vec::new(),
+    }
+}
+
+/// Which points see a beam.
+fn seen(beam: &Beam, lookers: Lookers, bvh: &Bvh) -> Vec<bool> {
+    let mut seen = vec![true; lookers.at.len()];
+    if lookers.shadows == Shadows::Off {
+        return seen;
+    }
+    seen.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, seen)| {
+        let first = chunk * CHUNK;
+        let ray = |i: usize| {
+            let (at, normal) = (lookers.at[first + i], lookers.normals[first + i]);
+            let (direction, _) = beam.towards(at);
+            let distance = match beam {
+                Beam::Direction { .. } => f64::INFINITY,
+                Beam::Place { at: place, .. } => place.distance(at),
+            };
+            let height = normal.dot(direction);
+            let lifted = (direction + (ABOVE - height).max(0.0) * normal).normalize_or(direction);
+            Ray {
+                origin: offset_origin(at.as_vec3(), normal.as_vec3()),
+                direction: lifted.as_vec3(),
+                t_min: 0.0,
+                t_max: distance as f32,
+            }
+        };
+        let rays: Vec<Ray> = (0..seen.len()).map(ray).collect();
+        let mut occluded = vec![false; rays.len()];
+        bvh.occluded_many(&rays, &vec![NO_TRIANGLE; rays.len()], &mut occluded);
+        seen.iter_mut().zip(occluded).for_each(|(seen, occluded)| *seen = !occluded);
+    });
+    seen
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::PI;
+
+    use super::*;
+
+    #[test]
+    fn the_first_band_is_what_constant_light_sends_in() {
+        for eta in [1.0, 1.001, 1.3, 1.5] {
+            let exact = fresnel::diffuse_transmittance(eta);
+            let found = Entrance::new(eta).bands[0] / PI;
+            assert!((found / exact - 1.0).abs() < 2e-3, "{eta}: {found} {exact}");
+        }
+        // A clamped cosine: pi, 2 pi / 3, pi / 4.
+        let [a, b, c] = Entrance::new(1.0).bands;
+        assert!((a - PI).abs() < 1e-9 && (b - TAU / 3.0).abs() < 1e-9 && (c - PI / 4.0).abs() < 1e-9);
+    }
+}

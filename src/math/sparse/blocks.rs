@@ -1,0 +1,134 @@
+//! Blocks of vectors stored row by row, and the products that keep them orthonormal. No lane of a sum mixes with another, so that all
+//! instruction sets give the same bits.
+
+use rayon::prelude::*;
+
+use super::ROWS;
+use crate::math::simd::{Level, multiversion};
+
+/// Vectors of a block.
+pub(super) const WIDTH: usize = 8;
+
+/// Entries of one row.
+pub(super) type Row = [f64; WIDTH];
+
+/// A small matrix between two blocks.
+pub(super) type Small = [Row; WIDTH];
+
+pub(super) const ZERO: Small = [[0.0; WIDTH]; WIDTH];
+
+#[inline(always)]
+fn dots(a: &[Row], b: &[Row], out: &mut Small) {
+    const HALF: usize = WIDTH / 2;
+    for half in 0..2 {
+        let mut sums = [[0.0; WIDTH]; HALF];
+        for (a, b) in a.iter().zip(b) {
+            for i in 0..HALF {
+                let factor = a[half * HALF + i];
+                for j in 0..WIDTH {
+                    sums[i][j] += factor * b[j];
+                }
+            }
+        }
+        out[half * HALF..(half + 1) * HALF].copy_from_slice(&sums);
+    }
+}
+
+#[inline(always)]
+fn add(a: &[Row], factors: &Small, sign: f64, b: &mut [Row]) {
+    for (a, b) in a.iter().zip(b) {
+        let mut sum = [0.0; WIDTH];
+        for i in 0..WIDTH {
+            for j in 0..WIDTH {
+                sum[j] += a[i] * factors[i][j];
+            }
+        }
+        for j in 0..WIDTH {
+            b[j] += sign * sum[j];
+        }
+    }
+}
+
+multiversion! {
+    /// `out = a^T b`.
+    fn dots_on(a: &[Row], b: &[Row], out: &mut Small) => dots
+}
+
+multiversion! {
+    /// `b += sign a factors`.
+    fn add_on(a: &[Row], factors: &Small, sign: f64, b: &mut [Row]) => add
+}
+
+/// `a^T b` for each of several `a`, summed over runs of rows in their order.
+pub(super) fn products(blocks: &[&[Row]], b: &[Row]) -> Vec<Small> {
+    let level = Level::detect();
+    let of_run = |(run, b): (usize, &[Row])| -> Vec<Small> {
+        let rows = run * ROWS..run * ROWS + b.len();
+        let of = |a: &&[Row]| {
+            let mut out = ZERO;
+            dots_on(level, &a[rows.clone()], b, &mut out);
+            out
+        };
+        blocks.iter().map(of).collect()
+    };
+    let runs: Vec<Vec<Small>> = b.par_chunks(ROWS).enumerate().map(of_run).collect();
+    let mut sums = vec![ZERO; blocks.len()];
+    for run in &runs {
+        for (sum, part) in sums.iter_mut().flatten().flatten().zip(run.iter().flatten().flatten()) {
+            *sum += part;
+        }
+    }
+    sums
+}
+
+/// `b += sign Sum_k a_k factors_k`.
+pub(super) fn add_products(blocks: &[&[Row]], factors: &[Small], sign: f64, b: &mut [Row]) {
+    let level = Level::detect();
+    b.par_chunks_mut(ROWS).enumerate().for_each(|(run, b)| {
+        let rows = run * ROWS..run * ROWS + b.len();
+        for (a, factors) in blocks.iter().zip(factors) {
+            add_on(level, &a[rows.clone()], factors, sign, b);
+        }
+    });
+}
+
+/// Takes what lies in the span of orthonormal blocks out of `b`, twice, so that rounding leaves nothing; returns the shares of both times
+/// together.
+pub(super) fn orthogonalise(blocks: &[&[Row]], b: &mut [Row]) -> Vec<Small> {
+    let mut shares = products(blocks, b);
+    add_products(blocks, &shares, -1.0, b);
+    let again = products(blocks, b);
+    add_products(blocks, &again, -1.0, b);
+    for (share, again) in shares.iter_mut().flatten().flatten().zip(again.iter().flatten().flatten()) {
+        *share += again;
+    }
+    shares
+}
+
+/// Makes a block orthonormal by modified Gram-Schmidt steps, each vector twice; `b = q r` with r upper triangular in the result. What
+/// is left of a vector below `negligible` of its length becomes zero, as its row of r.
+pub(super) fn orthonormalise(b: &mut [Row], negligible: f64) -> Small {
+    let mut r = ZERO;
+    for column in 0..WIDTH {
+        let length = |b: &[Row]| products(&[b], b)[0][column][column].max(0.0).sqrt();
+        let before = length(b);
+        for _ in 0..2 {
+            let all = products(&[b], b)[0];
+            let mut take = [0.0; WIDTH];
+            for (i, take) in take.iter_mut().enumerate().take(column) {
+                *take = all[i][column];
+                r[i][column] += *take;
+            }
+            b.par_iter_mut().with_min_len(ROWS).for_each(|b| {
+                for i in 0..column {
+                    b[column] -= take[i] * b[i];
+                }
+            });
+        }
+        let after = length(b);
+        let kept = after > negligible * before && after > 0.0;
+        r[column][column] = if kept { after } else { 0.0 };
+        b.par_iter_mut().with_min_len(ROWS).for_each(|b| b[column] = if kept { b[column] / after } else { 0.0 });
+    }
+    r
+}
