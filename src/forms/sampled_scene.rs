@@ -95,7 +95,7 @@ impl<'a> SampledScene<'a> {
     /// Calls `work` with the transfer, which keeps an error under some lights.
     pub(crate) fn with_transfer<T>(
         &self,
-        near: crate::transport::gather::NearField,
+        near: crate::transport::near_rule::NearField,
         work: impl FnOnce(ManyLights) -> Result<T>,
     ) -> Result<T> {
         let surface = self.surface();

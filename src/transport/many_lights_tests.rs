@@ -4,8 +4,8 @@ use super::*;
 use crate::geometry::shapes;
 use crate::light::Light;
 use crate::progress::Silent;
-use crate::transport::gather::NearField;
 use crate::transport::irradiance::{Illumination, LightSampling};
+use crate::transport::near_rule::NearField;
 use crate::transport::test_scene::{Fixture, named};
 
 fn lights(count: usize) -> Vec<Light> {

@@ -32,13 +32,16 @@ use crate::medium::material::Medium;
 use crate::medium::profile_basis::ProfileBasis;
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
-use crate::transport::balanced_tree::{BalancedTree, LightDetails};
+use crate::transport::balanced_tree::LightDetails;
+use crate::transport::close_pairs::ClosePairs;
 use crate::transport::far_field::LANES;
-use crate::transport::gather::{Gather, NearField, Scheme};
+use crate::transport::gather::{Gather, Scheme};
 use crate::transport::irradiance::{Illumination, Pieces};
+use crate::transport::kernel::medium::MediumKernel;
 use crate::transport::light_range::LightRange;
-use crate::transport::near_field::{Around, Corners, Near};
+use crate::transport::near_field::{Corners, Near, around};
 use crate::transport::near_rings::{NearRings, RingCoefficients, RingMoments};
+use crate::transport::near_rule::NearField;
 use crate::transport::receivers::{Group, Receivers};
 use crate::transport::surface::Surface;
 use crate::transport::tree::SampleTree;
@@ -62,7 +65,7 @@ pub(super) struct FactoredEvaluator {
     pub(super) form: Factored,
     bvh: Bvh,
     pub(super) patches: Vec<Patch>,
-    pub(super) around: Around,
+    pub(super) around: ClosePairs,
     pub(super) corners: Corners,
     pub(super) receivers: Receivers,
     /// Of the far field.
@@ -72,7 +75,8 @@ pub(super) struct FactoredEvaluator {
     pub(super) far: FarField,
     order: ByFunction,
     pub(super) rows: Option<StoredRows>,
-    /// Of each medium.
+    /// Of each medium, and its coefficients.
+    pub(super) kernels: Vec<MediumKernel>,
     pub(super) coefficients: Vec<Coefficients>,
     /// In place of the near field itself, where many edits are expected, and their coefficients for each medium.
     rings: Option<NearRings>,
@@ -96,17 +100,16 @@ pub(super) fn open(form: Factored, asset: &Asset) -> Result<Box<dyn Evaluator>> 
     let geometry = || {
         let bvh = Bvh::new(&scene.mesh);
         let patches = samples::patches(&scene.mesh, &asset.samples);
-        let tree = BalancedTree::new(&asset.samples, &patches);
         let corners = Corners::new(&scene.mesh, &asset.samples, &patches);
-        (bvh, patches, tree, corners)
+        (bvh, patches, corners)
     };
-    let ((far, rows), (bvh, patches, tree, corners)) = rayon::join(stored, geometry);
+    let ((far, rows), (bvh, patches, corners)) = rayon::join(stored, geometry);
     let ((basis, far), rows) = (far?, rows?);
     let receivers = Receivers::new(&scene.mesh, &scene.parts, LANES);
     let points = FarPoints::of(&far, &receivers)?;
     let around = {
         let surface = Surface { domain: scene.domain(), bvh: &bvh, samples: &asset.samples, patches: &patches };
-        Around::new(&surface, &tree, &receivers, form.near, basis.split_mm())
+        around(&surface, &receivers, form.near, basis.split_mm())
     };
     let areas = receiver_areas(&scene.mesh, &receivers);
     let media = scene.media.clone();
@@ -125,6 +128,7 @@ pub(super) fn open(form: Factored, asset: &Asset) -> Result<Box<dyn Evaluator>> 
         order: ByFunction::new(&far),
         far,
         rows,
+        kernels: Vec::new(),
         coefficients: Vec::new(),
         rings: None,
         ring_coefficients: Vec::new(),
@@ -177,7 +181,7 @@ impl FactoredEvaluator {
     }
 
     fn prepare_ring_coefficients(&mut self) {
-        let of_rings = |rings: &NearRings| self.scene.media.iter().map(|m| rings.coefficients(m)).collect();
+        let of_rings = |rings: &NearRings| self.kernels.iter().map(|kernel| rings.coefficients(kernel)).collect();
         self.ring_coefficients = self.rings.as_ref().map_or_else(Vec::new, of_rings);
     }
 
@@ -216,14 +220,14 @@ impl FactoredEvaluator {
     /// The near field of the media in force.
     pub(super) fn near(&self) -> Near<'_> {
         let geometry = (&self.around, &self.corners);
-        Near::new(self.surface(), geometry, &self.scene.media, self.form.near, self.basis.split_mm())
+        Near::new(self.surface(), geometry, &self.kernels, self.form.near, self.basis.split_mm())
     }
 
     /// Error of everything but the sampling, against all pairs of the same samples.
     fn transport_error(&self, lit: &Lit) -> VertexError {
         let (subset, indices) = self.receivers.subset(PROBES, 1);
         let (surface, tree) = (self.surface(), SampleTree::default());
-        let gather = Gather::new(&surface, &tree, &self.scene.media, NearField::REFERENCE);
+        let gather = Gather::with_kernels(&surface, &tree, self.kernels.clone(), NearField::REFERENCE);
         let light = gather.light_with_pieces(&lit.irradiance, &lit.pieces);
         let truth = gather.radiosity(&subset, &light, Scheme::AllPairs, &Silent);
         let all = self.combine(lit, &Silent);
@@ -305,6 +309,7 @@ impl Evaluator for FactoredEvaluator {
             self.lit = None;
         }
         self.coefficients = coefficients;
+        self.kernels = MediumKernel::of_media(&media);
         self.scene.media = media;
         self.prepare_ring_coefficients();
         Ok(())
@@ -380,7 +385,7 @@ impl Evaluator for FactoredEvaluator {
             None => self.light(&self.lights, progress)?,
         };
         let (surface, tree) = (self.surface(), SampleTree::default());
-        let gather = Gather::new(&surface, &tree, &self.scene.media, NearField::REFERENCE);
+        let gather = Gather::with_kernels(&surface, &tree, self.kernels.clone(), NearField::REFERENCE);
         let light = gather.light_with_pieces(&lit.irradiance, &lit.pieces);
         let values = gather.radiosity(&self.receivers, &light, Scheme::AllPairs, progress);
         let radiosity = self.receivers.expand(&values);

@@ -8,9 +8,10 @@ use crate::compress::ledger::Ledger;
 use crate::evaluate::inter_reflection::Transfer;
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::progress::Silent;
-use crate::transport::gather::{NearField, Scheme};
+use crate::transport::gather::Scheme;
 use crate::transport::irradiance::Pieces;
 use crate::transport::multilevel::{SurfaceNets, SurfaceTables};
+use crate::transport::near_rule::NearField;
 
 /// Receivers that tune the hierarchy.
 const TUNING_PROBES: usize = 96;

@@ -28,8 +28,8 @@ use crate::math::sh::undershoot;
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::progress::Progress;
 use crate::scene::Scene;
-use crate::transport::gather::NearField;
 use crate::transport::many_lights::ManyLights;
+use crate::transport::near_rule::NearField;
 
 /// Directions unless they are asked for: the paper's.
 const DIRECTIONS: usize = 200;

@@ -19,10 +19,10 @@ use crate::light::Light;
 use crate::light::harmonics::coefficients;
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::progress::{Progress, Silent};
-use crate::transport::gather::NearField;
 use crate::transport::irradiance::Illumination;
 use crate::transport::irradiance_rows::texels::TexelBaker;
 use crate::transport::many_lights::IrradianceRows;
+use crate::transport::near_rule::NearField;
 
 /// Shares of the asked error.
 const SPATIAL: f64 = 0.44;
