@@ -12,8 +12,8 @@ use translux::math::simd::Level;
 use translux::medium::fresnel::BoundaryFit;
 use translux::medium::material::preset;
 use translux::medium::profile::Profile;
-use translux::transport::kernel::radial_table::{self, RadialTable};
-use translux::transport::kernel::{Block, FlatSource, KernelRgb, PointSource, add_points, add_triangles};
+use translux::transport::kernel::medium::MediumKernel;
+use translux::transport::kernel::{Block, FlatSource, PointSource, Receiver};
 
 /// Pairs of a second, a core and a channel that the project asks for.
 const TARGET: f64 = 1e9;
@@ -21,20 +21,20 @@ const TARGET: f64 = 1e9;
 fn main() {
     let Some(marble) = preset("marble") else { return };
     let dipoles = marble.properties().dipoles(BoundaryFit::Published);
-    let kernel = KernelRgb::new(dipoles.map(|d| d.poles()));
+    let kernel = MediumKernel::of_dipoles(dipoles);
     let free_path = dipoles[1].z_real_mm;
     let mut widest = 0.0;
     for level in Level::available() {
         for receivers in [16, 64] {
             let block = block_of(receivers, free_path);
             let pairs = points(&block, receivers, free_path, |b, sources| {
-                add_points(level, b, &kernel, sources);
+                kernel.add_points(level, b, sources);
             });
             println!("{level:?}, blocks of {receivers}: {:.2} G pairs/s a channel", pairs * 1e-9);
             widest = f64::max(widest, pairs);
             for size in [0.5, 2.0, 5.0, 20.0, 200.0] {
                 let nanoseconds = triangles(&block, receivers, size * free_path, |b, sources| {
-                    add_triangles(level, b, &kernel, sources);
+                    kernel.add_triangles(level, b, sources);
                 });
                 println!(
                     "{level:?}, blocks of {receivers}: triangle of {size} mean free paths {nanoseconds:.1} ns RGB"
@@ -43,16 +43,16 @@ fn main() {
         }
     }
     // The same dipoles as any profile is evaluated.
-    let table = RadialTable::new(&dipoles.map(|d| Arc::new(d) as Arc<dyn Profile>), 100.0 * free_path);
+    let table = MediumKernel::of_profiles(dipoles.map(|d| Arc::new(d) as Arc<dyn Profile>), 100.0 * free_path);
     for level in Level::available() {
         let block = block_of(16, free_path);
         let pairs = points(&block, 16, free_path, |b, sources| {
-            radial_table::add_points(level, b, &table, sources);
+            table.add_points(level, b, sources);
         });
-        println!("{level:?}, tables: {:.2} G pairs/s a channel, {} KiB", pairs * 1e-9, table.bytes() / 1024);
+        println!("{level:?}, tables: {:.2} G pairs/s a channel", pairs * 1e-9);
         for size in [0.5, 2.0, 20.0] {
             let nanoseconds = triangles(&block, 16, size * free_path, |b, sources| {
-                radial_table::add_triangles(level, b, &table, sources);
+                table.add_triangles(level, b, sources);
             });
             println!("{level:?}, tables: triangle of {size} mean free paths {nanoseconds:.1} ns RGB");
         }
@@ -69,7 +69,7 @@ fn block_of(receivers: usize, free_path: f64) -> Block {
     let at = |i| DVec3::new(uniform(1, i, 0), uniform(1, i, 1), 0.1 * uniform(1, i, 2)) * free_path;
     let positions: Vec<DVec3> = (0..receivers as u64).map(at).collect();
     let mut block = Block::default();
-    block.reset(DVec3::ZERO, &positions);
+    block.reset(DVec3::ZERO, positions.iter().map(|&at_mm| Receiver { at_mm }));
     block
 }
 

@@ -5,8 +5,8 @@ use translux::evaluate::keys::{AnyKey, Key, Keys, PowerOfTwo};
 use translux::evaluate::{AnyForm, BakeSettings, Method};
 use translux::forms::density::Density;
 use translux::forms::gathered::{Bound, Far, Gathered};
-use translux::transport::gather::NearField;
 use translux::transport::irradiance::LightSampling;
+use translux::transport::near_rule::NearField;
 
 /// The method.
 pub(crate) struct ToyMethod;

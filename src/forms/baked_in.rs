@@ -23,8 +23,8 @@ use crate::math::statistics::vertex_error;
 use crate::medium::material::Medium;
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
-use crate::transport::gather::NearField;
 use crate::transport::irradiance::LightSampling;
+use crate::transport::near_rule::NearField;
 use crate::transport::receivers::Receivers;
 
 /// Error of the hierarchy that the transport is measured against.

@@ -118,7 +118,7 @@ impl<'a> SampledScene<'a> {
     /// Those of the work.
     pub fn with_transfer<T>(
         &self,
-        near: crate::transport::gather::NearField,
+        near: crate::transport::near_rule::NearField,
         work: impl FnOnce(ManyLights) -> Result<T>,
     ) -> Result<T> {
         let surface = self.surface();

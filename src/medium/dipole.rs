@@ -5,11 +5,30 @@ use glam::DVec3;
 use super::profile::Profile;
 use crate::math::quadrature::{gauss_legendre_cached, integrate_with};
 
-use std::f64::consts::TAU;
+use std::f64::consts::{LOG2_E, TAU};
 
 /// Reduced extinctions beyond these bounds (1/mm) saturate, so that every power of a distance in the profile stays
 /// a normal number in f32 as well. The albedo, and with it the total reflectance, is kept.
 const EXTINCTION_BOUNDS_PER_MM: (f64, f64) = (1e-12, 1e12);
+
+/// `exp(-x)` for x >= 0 to 3e-16 of itself, 0 beyond 700; by additions and multiplications only, so that
+/// every processor and every system library gives the same bits.
+pub(super) fn decay(x: f64) -> f64 {
+    // Upper 32 bits of ln 2, whose products with the exponents are exact, and the rest.
+    const LN_2_HIGH: f64 = 0.693_147_180_369_123_816_490;
+    const LN_2_LOW: f64 = 1.908_214_929_270_587_700_02e-10;
+    if x.is_nan() || x >= 700.0 {
+        return 0.0;
+    }
+    let halvings = (x * LOG2_E + 0.5).floor();
+    let rest = (halvings * LN_2_HIGH - x) + halvings * LN_2_LOW;
+    // Taylor series on [-ln 2 / 2, ln 2 / 2].
+    let mut sum = 1.0;
+    for k in (1..=14).rev() {
+        sum = 1.0 + sum * (rest / f64::from(k));
+    }
+    sum * f64::from_bits((1023 - halvings as u64) << 52)
+}
 
 /// One source below or above the surface: it contributes `weight (1 + sigma d) exp(-sigma d) / d^3` to R_d,
 /// with `d = sqrt(r^2 + z^2)`.
@@ -29,6 +48,30 @@ impl Pole {
     /// Contribution to R_d at `r_mm`, in 1/mm^2.
     pub fn reflectance(&self, r_mm: f64) -> f64 {
         self.kernel(r_mm.hypot(self.z_mm))
+    }
+
+    /// The same at a squared distance, mm^2, by [`decay`].
+    pub(super) fn reflectance_at_square(&self, s_mm2: f64) -> f64 {
+        let d2 = s_mm2 + self.z_mm * self.z_mm;
+        let d = d2.sqrt();
+        let x = self.sigma_per_mm * d;
+        self.weight * ((1.0 + x) * decay(x)) / (d * d2)
+    }
+
+    /// The same and its first two derivatives in `s = r^2`.
+    ///
+    /// `(-2 d/ds)^n exp(-x) / d = exp(-x) theta_n(x) / d^(2n + 1)` with the reverse Bessel polynomials theta_n.
+    fn derivatives(&self, s_mm2: f64) -> [f64; 3] {
+        let d2 = s_mm2 + self.z_mm * self.z_mm;
+        let d = d2.sqrt();
+        let x = self.sigma_per_mm * d;
+        let scale = self.weight * decay(x) / (d * d2);
+        if scale == 0.0 {
+            return [0.0; 3];
+        }
+        let theta_2 = 3.0 + x * (3.0 + x);
+        let theta_3 = 15.0 + x * (15.0 + x * (6.0 + x));
+        [scale * (1.0 + x), -0.5 * scale * theta_2 / d2, 0.25 * scale * theta_3 / d2 / d2]
     }
 
     /// `weight (1 + sigma d) exp(-sigma d) / d^3`.
@@ -297,6 +340,11 @@ impl Profile for Dipole {
 
     fn triangle(&self, receiver_mm: DVec3, corners_mm: [DVec3; 3]) -> f64 {
         triangle(&self.poles(), receiver_mm, corners_mm)
+    }
+
+    fn expansion(&self, s_mm2: f64) -> [f64; 3] {
+        let [real, image] = self.poles().map(|pole| pole.derivatives(s_mm2));
+        [real[0] + image[0], real[1] + image[1], 0.5 * (real[2] + image[2])]
     }
 }
 

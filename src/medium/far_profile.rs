@@ -9,9 +9,10 @@
 //! Taylor series, the remainder included, is therefore positive: `0 < f <= R_d` and f decreases with r, for every
 //! dipole and every rho. The near part R_d - f is never negative, and f never returns more than the profile does.
 
-use std::f64::consts::{LOG2_E, PI, TAU};
+use std::f64::consts::{PI, TAU};
 
-use super::dipole::{Dipole, Pole};
+use super::dipole::{Dipole, Pole, decay};
+use super::softened::Softened;
 
 /// Split radii beyond this (mm) count as this: the seventh power of the distance stays a finite number.
 const LARGEST_SPLIT_MM: f64 = 1e30;
@@ -19,65 +20,19 @@ const LARGEST_SPLIT_MM: f64 = 1e30;
 /// Squared distances beyond this (mm^2) count as this; nothing is left of any profile there.
 const LARGEST_SQUARE_MM2: f64 = 1e120;
 
-/// `exp(-x)` for x >= 0 to 3e-16 of itself, 0 beyond 700; by additions and multiplications only, so that
-/// every processor and every system library gives the same bits.
-pub(super) fn decay(x: f64) -> f64 {
-    // Upper 32 bits of ln 2, whose products with the exponents are exact, and the rest.
-    const LN_2_HIGH: f64 = 0.693_147_180_369_123_816_490;
-    const LN_2_LOW: f64 = 1.908_214_929_270_587_700_02e-10;
-    if x.is_nan() || x >= 700.0 {
-        return 0.0;
-    }
-    let halvings = (x * LOG2_E + 0.5).floor();
-    let rest = (halvings * LN_2_HIGH - x) + halvings * LN_2_LOW;
-    // Taylor series on [-ln 2 / 2, ln 2 / 2].
-    let mut sum = 1.0;
-    for k in (1..=14).rev() {
-        sum = 1.0 + sum * (rest / f64::from(k));
-    }
-    sum * f64::from_bits((1023 - halvings as u64) << 52)
-}
-
-/// R_d of one pole and its first two derivatives in `s = r^2`.
-///
-/// `(-2 d/ds)^n exp(-x) / d = exp(-x) theta_n(x) / d^(2n + 1)` with the reverse Bessel polynomials theta_n.
-fn derivatives(pole: &Pole, s_mm2: f64) -> [f64; 3] {
-    let d2 = s_mm2 + pole.z_mm * pole.z_mm;
-    let d = d2.sqrt();
-    let x = pole.sigma_per_mm * d;
-    let scale = pole.weight * decay(x) / (d * d2);
-    if scale == 0.0 {
-        return [0.0; 3];
-    }
-    let theta_2 = 3.0 + x * (3.0 + x);
-    let theta_3 = 15.0 + x * (15.0 + x * (6.0 + x));
-    [scale * (1.0 + x), -0.5 * scale * theta_2 / d2, 0.25 * scale * theta_3 / d2 / d2]
-}
-
-/// R_d of one pole at `s = r^2`.
-fn reflectance(pole: &Pole, s_mm2: f64) -> f64 {
-    let d2 = s_mm2 + pole.z_mm * pole.z_mm;
-    let d = d2.sqrt();
-    let x = pole.sigma_per_mm * d;
-    pole.weight * ((1.0 + x) * decay(x)) / (d * d2)
-}
-
 /// The far part of the profile of one channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FarProfile {
     poles: [Pole; 2],
     split_mm: f64,
-    polynomial: [f64; 3],
+    softened: Softened,
 }
 
 impl FarProfile {
     /// Splits the profile at `split_mm`, rho. A radius that is not positive leaves the whole profile to the far part.
     pub fn new(dipole: &Dipole, split_mm: f64) -> Self {
         let split_mm = if split_mm > 0.0 { split_mm.min(LARGEST_SPLIT_MM) } else { 0.0 };
-        let poles = dipole.poles();
-        let [real, virtual_one] = poles.map(|pole| derivatives(&pole, split_mm * split_mm));
-        let [value, first, second] = [0, 1, 2].map(|order| real[order] + virtual_one[order]);
-        Self { poles, split_mm, polynomial: [value, first, 0.5 * second] }
+        Self { poles: dipole.poles(), split_mm, softened: Softened::new(dipole, split_mm) }
     }
 
     /// The radius rho in mm inside which the profile is replaced by its continuation.
@@ -87,7 +42,7 @@ impl FarProfile {
 
     /// c of the continuation `c[0] + c[1] u + c[2] u^2`, `u = r^2 - rho^2` in mm^2; 1/mm^2, 1/mm^4, 1/mm^6.
     pub fn polynomial(&self) -> [f64; 3] {
-        self.polynomial
+        self.softened.polynomial()
     }
 
     /// f at distance `r_mm`, in 1/mm^2.
@@ -97,20 +52,17 @@ impl FarProfile {
 
     /// f at the squared distance `r2_mm2`, in 1/mm^2.
     pub fn reflectance_at_square(&self, r2_mm2: f64) -> f64 {
-        let u = r2_mm2 - self.split_mm * self.split_mm;
-        if u < 0.0 {
-            let [value, first, second] = self.polynomial;
-            return value + u * (first + u * second);
-        }
-        // f64::min turns NaN into the bound.
-        let s = r2_mm2.min(LARGEST_SQUARE_MM2);
-        reflectance(&self.poles[0], s) + reflectance(&self.poles[1], s)
+        self.softened.inside(r2_mm2).unwrap_or_else(|| {
+            // f64::min turns NaN into the bound.
+            let s = r2_mm2.min(LARGEST_SQUARE_MM2);
+            self.poles[0].reflectance_at_square(s) + self.poles[1].reflectance_at_square(s)
+        })
     }
 
     /// `Int 2 pi r f dr` over the plane: the part of the total diffuse reflectance that is left to the far part.
     pub fn total(&self) -> f64 {
         let rho2 = self.split_mm * self.split_mm;
-        let [value, first, second] = self.polynomial;
+        let [value, first, second] = self.polynomial();
         let inside = PI * rho2 * (value - rho2 * (first / 2.0 - rho2 * (second / 3.0)));
         inside + self.beyond(rho2)
     }
@@ -156,40 +108,6 @@ mod tests {
             [(0.0, 1.0), (0.0, 0.0), (1e6, 0.0), (1e6, 1e6), (1e-6, 0.0), (1e-9, 1e-9), (1e-6, 1e6), (1e300, 1e300)];
         all.extend(extremes.map(|(scattering, absorption)| Dipole::new(scattering, absorption, a)));
         all
-    }
-
-    #[test]
-    fn decay_is_the_exponential() {
-        for i in 0..20_000 {
-            let x = f64::from(i) * 0.035;
-            let (ours, exact) = (decay(x), (-x).exp());
-            assert!((ours - exact).abs() <= 4e-16 * exact, "{x} {ours:e} {exact:e}");
-        }
-        assert_eq!(decay(0.0), 1.0);
-        assert!(decay(f64::MIN_POSITIVE) == 1.0 && decay(701.0) == 0.0);
-        assert!(decay(f64::INFINITY) == 0.0 && decay(f64::NAN) == 0.0);
-    }
-
-    #[test]
-    fn derivatives_agree_with_finite_differences() {
-        for dipole in dipoles() {
-            for pole in dipole.poles() {
-                // Far below z^2 the differences drown in rounding.
-                for s in [0.01, 1.0, 30.0, 1e4].map(|factor| factor * pole.z_mm * pole.z_mm) {
-                    let [value, first, second] = derivatives(&pole, s);
-                    let exact = pole.reflectance(s.sqrt());
-                    assert!((value - exact).abs() <= 1e-12 * exact.abs() + 1e-300, "{pole:?} {s}");
-                    // A step over which x changes by about 1e-4 keeps truncation and rounding balanced.
-                    let h = 1e-4 * (s + pole.z_mm * pole.z_mm) / (1.0 + pole.sigma_per_mm * s.sqrt().hypot(pole.z_mm));
-                    let h = h.min(0.5 * s);
-                    let (below, above) = (derivatives(&pole, s - h), derivatives(&pole, s + h));
-                    let slope = (above[0] - below[0]) / (2.0 * h);
-                    let curvature = (above[1] - below[1]) / (2.0 * h);
-                    assert!((first - slope).abs() <= 1e-6 * slope.abs() + 1e-290, "{pole:?} {s} {first:e} {slope:e}");
-                    assert!((second - curvature).abs() <= 1e-6 * curvature.abs() + 1e-290, "{pole:?} {s}");
-                }
-            }
-        }
     }
 
     #[test]

@@ -2,6 +2,12 @@
 
 use glam::DVec3;
 
+/// Step of the derivatives over a^2.
+const STEP: f64 = 0.02;
+
+/// Derivatives at most, over the value at a: those of measured profiles are noisy.
+const HIGHEST: [f64; 2] = [100.0, 1e4];
+
 /// A radial diffuse reflectance profile R_d(r) of one channel, r in mm, R_d in 1/mm^2.
 ///
 /// Everything about a radial profile on planar pieces follows from its tail integral
@@ -58,4 +64,18 @@ pub trait Profile: Send + Sync {
 
     /// `Int_triangle R_d(|x - y|) dA(y)`, the receiver anywhere in space.
     fn triangle(&self, receiver_mm: DVec3, corners_mm: [DVec3; 3]) -> f64;
+
+    /// R_d, its derivative in `s = r^2` and half the second one at a squared distance in mm^2: 1/mm^2, 1/mm^4, 1/mm^6. By finite
+    /// differences over a fiftieth of the square, where there is nothing better.
+    fn expansion(&self, s_mm2: f64) -> [f64; 3] {
+        let at = |u: f64| self.reflectance((s_mm2 * (1.0 + u)).sqrt());
+        let [a, b, c, d, e] = [-2.0 * STEP, -STEP, 0.0, STEP, 2.0 * STEP].map(at);
+        let first = (8.0 * (d - b) - (e - a)) / (12.0 * STEP);
+        let second = (16.0 * (b + d) - (a + e) - 30.0 * c) / (12.0 * STEP * STEP);
+        // Profiles decrease, and more slowly the farther they are.
+        let first = if first.is_finite() { first.clamp(-HIGHEST[0] * c, 0.0) } else { 0.0 };
+        let second = if second.is_finite() { second.clamp(0.0, HIGHEST[1] * c) } else { 0.0 };
+        let s = s_mm2.max(f64::MIN_POSITIVE);
+        [if c.is_finite() { c } else { 0.0 }, first / s, 0.5 * second / s / s]
+    }
 }

@@ -2,43 +2,40 @@
 //!
 //! With `s = r^2` the polynomial is that of Taylor of degree 2 around `s = a^2`, as multilevel summation softens 1/r (Hardy, Stone
 //! and Schulten 2009, equation 8): what is left of the profile varies on the scale of a, and what was taken away is compact.
-//! [`super::far_profile::FarProfile`] is the same of a dipole in closed form.
+//! Of a dipole the polynomial is exact ([`Profile::expansion`]), and [`super::far_profile::FarProfile`] knows its totals.
 
 use super::profile::Profile;
-
-/// Step of the derivatives over a^2.
-const STEP: f64 = 0.02;
-
-/// Derivatives at most, over the value at a: those of measured profiles are noisy.
-const HIGHEST: [f64; 2] = [100.0, 1e4];
 
 /// What stands for a profile inside a radius.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Softened {
     radius2_mm2: f64,
-    /// Of `u = r^2 / a^2 - 1`, 1/mm^2.
+    /// Of `u = r^2 - a^2`.
     polynomial: [f64; 3],
 }
 
 impl Softened {
-    /// Of a profile inside `radius_mm`, which is positive and finite.
+    /// Of a profile inside `radius_mm`, which is finite; the whole profile where it is not positive.
     pub fn new(profile: &dyn Profile, radius_mm: f64) -> Self {
-        let radius2_mm2 = radius_mm * radius_mm;
-        let at = |u: f64| profile.reflectance((radius2_mm2 * (1.0 + u)).sqrt());
-        let [a, b, c, d, e] = [-2.0 * STEP, -STEP, 0.0, STEP, 2.0 * STEP].map(at);
-        let first = (8.0 * (d - b) - (e - a)) / (12.0 * STEP);
-        let second = (16.0 * (b + d) - (a + e) - 30.0 * c) / (12.0 * STEP * STEP);
-        // Profiles decrease, and more slowly the farther they are.
-        let first = if first.is_finite() { first.clamp(-HIGHEST[0] * c, 0.0) } else { 0.0 };
-        let second = if second.is_finite() { second.clamp(0.0, HIGHEST[1] * c) } else { 0.0 };
-        Self { radius2_mm2, polynomial: [if c.is_finite() { c } else { 0.0 }, first, 0.5 * second] }
+        let radius2_mm2 = radius_mm.max(0.0).powi(2);
+        Self { radius2_mm2, polynomial: profile.expansion(radius2_mm2) }
+    }
+
+    /// c of the polynomial `c[0] + c[1] u + c[2] u^2`, `u = r^2 - a^2` in mm^2; 1/mm^2, 1/mm^4, 1/mm^6.
+    pub fn polynomial(&self) -> [f64; 3] {
+        self.polynomial
     }
 
     /// The polynomial at a squared distance in mm^2, in 1/mm^2; `None` beyond the radius.
     pub fn inside(&self, r2_mm2: f64) -> Option<f64> {
-        let u = r2_mm2 / self.radius2_mm2 - 1.0;
+        let u = r2_mm2 - self.radius2_mm2;
         let [value, first, second] = self.polynomial;
         (u < 0.0).then_some(value + u * (first + u * second))
+    }
+
+    /// What a profile has more than its softened form at a squared distance in mm^2, in 1/mm^2: nothing beyond the radius.
+    pub fn less(&self, profile: &dyn Profile, r2_mm2: f64) -> f64 {
+        self.inside(r2_mm2).map_or(0.0, |softened| profile.reflectance(r2_mm2.sqrt()) - softened)
     }
 
     /// The softened profile at a squared distance in mm^2, in 1/mm^2.
@@ -48,9 +45,9 @@ impl Softened {
 
     /// `Int_r^a f(s) s ds` of the polynomial f from a squared distance in mm^2 to the radius, without unit.
     pub fn tail_inside(&self, r2_mm2: f64) -> f64 {
-        let u = (r2_mm2 / self.radius2_mm2 - 1.0).min(0.0);
+        let u = (r2_mm2 - self.radius2_mm2).min(0.0);
         let [value, first, second] = self.polynomial;
-        -0.5 * self.radius2_mm2 * u * (value + u * (first / 2.0 + u * (second / 3.0)))
+        -0.5 * u * (value + u * (first / 2.0 + u * (second / 3.0)))
     }
 }
 
@@ -58,16 +55,32 @@ impl Softened {
 mod tests {
     use super::*;
     use crate::math::quadrature::integrate;
+    use crate::medium::dipole::Dipole;
     use crate::medium::far_profile::FarProfile;
     use crate::medium::fresnel::BoundaryFit;
     use crate::medium::material::PRESETS;
 
+    /// A dipole that has its derivatives from finite differences.
+    struct Any(Dipole);
+
+    impl Profile for Any {
+        fn reflectance(&self, r_mm: f64) -> f64 {
+            self.0.reflectance(r_mm)
+        }
+        fn tail(&self, r_mm: f64) -> f64 {
+            self.0.tail(r_mm)
+        }
+        fn triangle(&self, receiver_mm: glam::DVec3, corners_mm: [glam::DVec3; 3]) -> f64 {
+            self.0.triangle(receiver_mm, corners_mm)
+        }
+    }
+
     #[test]
-    fn dipoles_are_softened_as_in_closed_form() {
+    fn finite_differences_soften_as_the_closed_form() {
         for preset in &PRESETS {
             for dipole in preset.properties().dipoles(BoundaryFit::Published) {
                 for radius in [0.1, 1.0, 10.0] {
-                    let (soft, exact) = (Softened::new(&dipole, radius), FarProfile::new(&dipole, radius));
+                    let (soft, exact) = (Softened::new(&Any(dipole), radius), FarProfile::new(&dipole, radius));
                     for share in [0.0, 0.3, 0.7, 0.99, 1.0, 1.5, 4.0] {
                         let r2 = share * radius * radius;
                         let (found, expected) =

@@ -11,7 +11,7 @@ use crate::forms::factored::{Factored, MOST_LEVELS};
 use crate::forms::gathered::{Bound, Far, Gathered};
 use crate::medium::profile_basis::Family;
 use crate::transport::far_field;
-use crate::transport::gather::NearField;
+use crate::transport::near_rule::NearField;
 
 /// The method.
 pub struct Editable;

@@ -8,7 +8,7 @@ use crate::evaluate::single_scattering::{MOST_SAMPLES, Scattering, Traced};
 use crate::evaluate::{AnyForm, BakeSettings, Method};
 use crate::forms::density::Density;
 use crate::forms::gathered::{Far, Gathered};
-use crate::transport::gather::NearField;
+use crate::transport::near_rule::NearField;
 
 /// The method.
 pub struct Reference;

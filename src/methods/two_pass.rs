@@ -6,7 +6,7 @@ use crate::evaluate::keys::{AnyKey, Auto, Key, Keys, Number, OneOf, PowerOfTwo, 
 use crate::evaluate::{AnyForm, BakeSettings, Method};
 use crate::forms::density::Density;
 use crate::forms::gathered::{Bound, Far, Gathered};
-use crate::transport::gather::NearField;
+use crate::transport::near_rule::NearField;
 
 /// The method.
 pub struct TwoPass;

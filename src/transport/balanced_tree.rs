@@ -88,14 +88,12 @@ pub struct Cell {
     pub radius_mm: f64,
     /// Area, mm^2.
     pub area_mm2: f64,
-    /// Radius of the largest sample, mm.
-    pub largest_mm: f64,
 }
 
 impl From<&Patch> for Cell {
     fn from(patch: &Patch) -> Self {
         let Patch { centre_mm, radius_mm, area_mm2, .. } = *patch;
-        Self { centre_mm, radius_mm, area_mm2, largest_mm: radius_mm }
+        Self { centre_mm, radius_mm, area_mm2 }
     }
 }
 
@@ -154,12 +152,7 @@ fn build(patches: &[Patch], cells: &mut [Cell]) -> Cell {
     let centre = (a.area_mm2 * a.centre_mm + b.area_mm2 * b.centre_mm) / area.max(f64::MIN_POSITIVE);
     // From the samples themselves: spheres around spheres grow with every level.
     let reach = |p: &Patch| p.centre_mm.distance(centre) + p.radius_mm;
-    let cell = Cell {
-        centre_mm: centre,
-        radius_mm: patches.iter().map(reach).fold(0.0, f64::max),
-        area_mm2: area,
-        largest_mm: a.largest_mm.max(b.largest_mm),
-    };
+    let cell = Cell { centre_mm: centre, radius_mm: patches.iter().map(reach).fold(0.0, f64::max), area_mm2: area };
     right_cells[0] = cell;
     cell
 }

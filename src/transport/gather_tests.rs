@@ -5,7 +5,9 @@ use crate::geometry::mesh::Mesh;
 use crate::geometry::shapes;
 use crate::geometry::source::SourceModel;
 use crate::medium::dipole::Dipole;
+use crate::medium::fresnel::BoundaryFit;
 use crate::medium::material::OpticalProperties;
+use crate::medium::profile::Profile;
 use crate::progress::Silent;
 use crate::transport::test_scene::{Fixture, named};
 
@@ -240,8 +242,8 @@ fn parts_exchange_no_light() {
     let part = (0..fixture.scene.mesh.triangles.len()).map(|t| u32::from(t >= 320)).collect();
     let names = vec![("left".to_owned(), Some(0)), ("right".to_owned(), Some(0))];
     fixture.scene.parts = crate::geometry::part_table::PartTable::new(&fixture.scene.mesh, part, names);
-    fixture.samples = crate::geometry::samples::Samples::new(&fixture.scene.mesh, &fixture.scene.parts, 800);
-    fixture.patches = crate::geometry::samples::patches(&fixture.scene.mesh, &fixture.samples);
+    fixture.samples = samples::Samples::new(&fixture.scene.mesh, &fixture.scene.parts, 800);
+    fixture.patches = samples::patches(&fixture.scene.mesh, &fixture.samples);
     fixture.tree = SampleTree::new(&fixture.samples, &fixture.patches);
     let e: Vec<DVec3> =
         (0..800).map(|i| if fixture.samples.part(0).contains(&i) { DVec3::ONE } else { DVec3::ZERO }).collect();

@@ -5,8 +5,8 @@ use crate::geometry::shapes;
 use crate::light::Light;
 use crate::math::statistics::vertex_error;
 use crate::progress::Silent;
-use crate::transport::gather::NearField;
 use crate::transport::irradiance::{Illumination, LightSampling};
+use crate::transport::near_rule::NearField;
 use crate::transport::test_scene::{Fixture, named};
 
 fn lights(count: usize) -> Vec<Light> {

@@ -1,6 +1,7 @@
 //! Visibility, irradiance and the transfer of flux through the medium.
 
 pub mod balanced_tree;
+pub mod close_pairs;
 pub mod cube_harmonics;
 pub mod domain;
 pub mod expected_light;
@@ -16,8 +17,10 @@ pub mod many_lights;
 pub mod multilevel;
 pub mod near_field;
 pub mod near_rings;
+pub mod near_rule;
 pub mod random_walk;
 pub mod receivers;
+pub mod sample_light;
 pub mod single_scattering;
 pub mod surface;
 pub mod tree;

@@ -8,53 +8,44 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::balanced_tree::{BalancedTree, Node, power_of_two_near};
-use super::gather::NearField;
+use super::close_pairs::ClosePairs;
 use super::irradiance::Pieces;
-use super::kernel::KernelRgb;
-use super::kernel::near::{self, Flats, Points, SquareTable};
-use super::kernel::radial_table::Rgb;
+use super::kernel::medium::MediumKernel;
+use super::kernel::near::{self, Flats, Points};
+use super::kernel::radial_table::{QuadraticTable, Rgb};
+use super::near_rule::{NearField, THREE_POINTS, near_square};
 use super::receivers::{Group, Receivers, Sphere};
+use super::sample_light::SampleLight;
 use super::surface::Surface;
 use crate::geometry::mesh::Mesh;
 use crate::geometry::samples::{self, Patch, Samples};
 use crate::math::simd::Level;
 use crate::medium::dipole::Dipole;
-use crate::medium::far_profile::FarProfile;
-use crate::medium::fresnel::BoundaryFit;
-use crate::medium::material::Medium;
+use crate::medium::softened::Softened;
 use crate::progress::Progress;
 
 /// Kernels of one medium.
 struct NearKernel {
     /// Of triangles.
-    kernel: KernelRgb,
+    medium: MediumKernel,
     /// R_d of points of samples that are no points, and R_d less its far part.
-    whole: SquareTable,
-    near: SquareTable,
+    whole: QuadraticTable,
+    near: QuadraticTable,
     /// The far part inside the split radius: `c0 + c1 u + c2 u^2`, `u = r^2 - split^2`, of each channel.
     polynomials: [[f32; 3]; 3],
-    /// Depth of the shallowest real source, mm.
-    smooth_mm: f64,
 }
 
 impl NearKernel {
     /// Points of samples are at most `reach_mm` from a receiver.
-    fn new(medium: &Medium, split_mm: f64, reach_mm: f64) -> Self {
-        let profiles = medium.properties.dipoles(BoundaryFit::Published);
-        let poles = profiles.map(|p| p.poles());
-        let smooth_mm = poles.iter().flatten().map(|p| p.z_mm).fold(f64::MAX, f64::min);
-        let [whole, far] = [0.0, split_mm].map(|split_mm| profiles.map(|p| FarProfile::new(&p, split_mm)));
-        let split2 = split_mm * split_mm;
-        let near = |c: usize, r2: f64| {
-            if r2 < split2 { whole[c].reflectance_at_square(r2) - far[c].reflectance_at_square(r2) } else { 0.0 }
-        };
+    fn new(medium: &MediumKernel, split_mm: f64, reach_mm: f64) -> Self {
+        let (profiles, far, smooth_mm) = (medium.profiles(), medium.softened(split_mm), medium.smooth_mm());
+        let near = |c: usize, r2: f64| far[c].less(profiles[c].as_ref(), r2);
+        let whole = |c: usize, r2: f64| profiles[c].reflectance(r2.sqrt());
         Self {
-            kernel: KernelRgb::new(poles),
-            whole: SquareTable::new(smooth_mm, reach_mm * reach_mm, |c, r2| whole[c].reflectance_at_square(r2)),
-            near: SquareTable::new(smooth_mm, split2, near),
+            whole: QuadraticTable::new(smooth_mm, reach_mm * reach_mm, whole),
+            near: QuadraticTable::new(smooth_mm, split_mm * split_mm, near),
             polynomials: far.map(|f| f.polynomial().map(|c| c as f32)),
-            smooth_mm,
+            medium: medium.clone(),
         }
     }
 }
@@ -92,58 +83,16 @@ impl Corners {
     }
 }
 
-/// The samples, lit or not, that some receiver of each group may be near to, whatever the medium.
-#[derive(Clone, Debug, Default)]
-pub struct Around {
-    /// Those of group `g` are `samples[offsets[g]..offsets[g + 1]]`.
-    offsets: Vec<usize>,
-    samples: Vec<u32>,
-}
-
-impl Around {
-    /// Around the groups of receivers, by a walk through the tree for each; `rule` and `split_mm` are those of the near field.
-    pub fn new(surface: &Surface, tree: &BalancedTree, receivers: &Receivers, rule: NearField, split_mm: f64) -> Self {
-        let of_group = |group: &Group| {
-            let (sphere, mut found) = (receivers.sphere(*group), Vec::new());
-            let mut stack: Vec<Node> = tree.root(group.part as usize).into_iter().collect();
-            while let Some(node) = stack.pop() {
-                let cell = tree.cell(node, surface.patches);
-                let distance = cell.centre_mm.distance(sphere.centre_mm) - sphere.radius_mm;
-                let reach = split_mm.max(rule.three_points_below * cell.largest_mm);
-                if node.is_leaf() {
-                    found.extend((distance < reach).then_some(node.first));
-                } else if distance - cell.radius_mm < reach {
-                    stack.extend(node.children());
-                }
-            }
-            found
-        };
-        let lists: Vec<Vec<u32>> = receivers.groups.par_iter().map(of_group).collect();
-        let mut offsets = Vec::with_capacity(lists.len() + 1);
-        offsets.push(0);
-        let mut end = 0;
-        offsets.extend(lists.iter().map(|list| {
-            end += list.len();
-            end
-        }));
-        Self { offsets, samples: lists.concat() }
-    }
-
-    /// Those of a group.
-    pub fn of(&self, group: usize) -> &[u32] {
-        self.offsets.get(group..group + 2).and_then(|o| self.samples.get(o[0]..o[1])).unwrap_or(&[])
-    }
-
-    /// Bytes in memory.
-    pub fn bytes(&self) -> usize {
-        size_of_val(self.offsets.as_slice()) + size_of_val(self.samples.as_slice())
-    }
+/// The samples, lit or not, that some receiver of each group is near to, whatever the medium; `rule` and `split_mm` are those of the near
+/// field.
+pub fn around(surface: &Surface, receivers: &Receivers, rule: NearField, split_mm: f64) -> ClosePairs {
+    ClosePairs::of_samples(surface, receivers, |patch| split_mm.max(rule.three_points_below * patch.radius_mm))
 }
 
 /// The near field of a scene's media.
 pub struct Near<'a> {
     surface: Surface<'a>,
-    around: &'a Around,
+    around: &'a ClosePairs,
     corners: &'a Corners,
     media: Vec<NearKernel>,
     rule: NearField,
@@ -190,8 +139,8 @@ impl<'a> Near<'a> {
     /// Of media split at a radius; `around` is made with the same radius and rule.
     pub fn new(
         surface: Surface<'a>,
-        (around, corners): (&'a Around, &'a Corners),
-        media: &[Medium],
+        (around, corners): (&'a ClosePairs, &'a Corners),
+        media: &[MediumKernel],
         rule: NearField,
         split_mm: f64,
     ) -> Self {
@@ -212,8 +161,7 @@ impl<'a> Near<'a> {
         progress: &dyn Progress,
     ) {
         progress.start("near field", receivers.len() as u64);
-        let brightest = irradiance.iter().map(|e| e.max_element()).fold(0.0, f64::max);
-        let scale = power_of_two_near(brightest).recip();
+        let light = SampleLight::new(irradiance, pieces);
         let mut jobs = Vec::with_capacity(receivers.groups.len());
         let mut rest = radiosity;
         for (index, group) in receivers.groups.iter().enumerate() {
@@ -222,7 +170,7 @@ impl<'a> Near<'a> {
             jobs.push((index, *group, mine));
         }
         jobs.into_par_iter().for_each_init(Lists::default, |lists, (index, group, out)| {
-            self.group((receivers, index), group, &Shine { irradiance, pieces, scale }, lists, out);
+            self.group((receivers, index), group, &light, lists, out);
             progress.advance(out.len() as u64);
         });
         progress.finish();
@@ -232,7 +180,7 @@ impl<'a> Near<'a> {
         &self,
         (receivers, index): (&Receivers, usize),
         group: Group,
-        light: &Shine,
+        light: &SampleLight,
         lists: &mut Lists,
         out: &mut [DVec3],
     ) {
@@ -251,9 +199,9 @@ impl<'a> Near<'a> {
             let at = (*receiver - place.centre_mm).as_vec3().to_array();
             self.receiver((member, at), medium, light, lists);
         }
-        near::add_flats(self.level, &medium.kernel, &lists.flats, &mut lists.sums);
+        medium.medium.add_flats(self.level, &lists.flats, &mut lists.sums);
         for (sum, out) in lists.sums.iter().zip(out) {
-            *out += DVec3::from_array(*sum) / light.scale;
+            *out += light.radiosity(DVec3::from_array(*sum));
         }
     }
 
@@ -263,26 +211,34 @@ impl<'a> Near<'a> {
 
     /// Squared distance below which a sample is not a point, mm^2; may be negative.
     fn below2(&self, patch: &Patch, medium: &NearKernel, radii: f64) -> f64 {
-        (radii * patch.radius_mm).powi(2) - medium.smooth_mm * medium.smooth_mm
+        near_square(radii * patch.radius_mm, medium.medium.smooth_mm())
     }
 
-    fn candidate(&self, index: u32, medium: &NearKernel, place: &Sphere, light: &Shine, candidates: &mut Candidates) {
-        let e = light.irradiance[index as usize];
+    fn candidate(
+        &self,
+        index: u32,
+        medium: &NearKernel,
+        place: &Sphere,
+        light: &SampleLight,
+        candidates: &mut Candidates,
+    ) {
         let patch = &self.surface.patches[index as usize];
         let three2 = self.below2(patch, medium, self.rule.three_points_below);
         let reach = self.split_mm.max(three2.max(0.0).sqrt()) + place.radius_mm;
-        if e == DVec3::ZERO || patch.centre_mm.distance_squared(place.centre_mm) >= reach * reach {
+        if light.irradiance(index as usize) == DVec3::ZERO
+            || patch.centre_mm.distance_squared(place.centre_mm) >= reach * reach
+        {
             return;
         }
         let at = (patch.centre_mm - place.centre_mm).as_vec3().to_array();
         candidates.at.iter_mut().zip(at).for_each(|(list, x)| list.push(x));
-        candidates.flux.push((e * (light.scale * patch.area_mm2)).as_vec3().extend(0.0).to_array());
+        candidates.flux.push(light.flux(index as usize, patch).as_vec3().extend(0.0).to_array());
         candidates.three2.push(three2 as f32);
         candidates.exact2.push(self.below2(patch, medium, self.rule.exact_below) as f32);
         candidates.patch.push(index);
     }
 
-    fn receiver(&self, (member, at): (usize, [f32; 3]), medium: &NearKernel, light: &Shine, lists: &mut Lists) {
+    fn receiver(&self, (member, at): (usize, [f32; 3]), medium: &NearKernel, light: &SampleLight, lists: &mut Lists) {
         let Lists { candidates, r2, near_indices, special_indices, whole, flats, sums } = lists;
         let Some(sums) = sums.get_mut(member) else { return };
         let split2 = (self.split_mm * self.split_mm) as f32;
@@ -305,14 +261,14 @@ impl<'a> Near<'a> {
             }
             let offset: [f32; 3] = std::array::from_fn(|axis| candidates.at[axis][i] - at[axis]);
             let patch = candidates.patch[i] as usize;
-            if let Some(pieces) = light.pieces.of(patch) {
+            if let Some(pieces) = light.pieces(patch) {
                 let exact = r2[i] < candidates.exact2[i];
                 for (deviation, corners) in pieces {
                     let seen = corners.map(|corner| std::array::from_fn(|axis| corner[axis] + offset[axis]));
-                    piece(seen, (deviation * light.scale).as_vec3().to_array(), exact, (whole, flats, member as u32));
+                    piece(seen, deviation.as_vec3().to_array(), exact, (whole, flats, member as u32));
                 }
             }
-            let e = (light.irradiance[patch] * light.scale).as_vec3().to_array();
+            let e = light.irradiance(patch).as_vec3().to_array();
             for corners in self.corners.of(self.surface.samples, candidates.patch[i]) {
                 let seen = corners.map(|corner| std::array::from_fn(|axis| corner[axis] + offset[axis]));
                 if r2[i] < candidates.exact2[i] {
@@ -326,13 +282,6 @@ impl<'a> Near<'a> {
         near::add_points(self.level, &medium.whole, whole, sums);
         sums.iter_mut().zip(far).for_each(|(sum, far)| *sum -= f64::from(far));
     }
-}
-
-/// Light on the samples, brought near 1.
-struct Shine<'a> {
-    irradiance: &'a [DVec3],
-    pieces: &'a Pieces,
-    scale: f64,
 }
 
 /// Squared distances of all candidates to a receiver, the indices of those that are points inside the split radius, and of
@@ -378,13 +327,14 @@ fn piece(seen: [[f32; 3]; 3], e: [f32; 3], exact: bool, (whole, flats, receiver)
     whole.push(((a + b + c) / 3.0).length_squared(), e.map(|e| e * area));
 }
 
-/// The midpoints between the centroid and the corners, a third of the flux each: exact for quadratic functions.
+/// [`THREE_POINTS`] of a triangle.
 fn three_points(corners: [[f32; 3]; 3], irradiance: [f32; 3], points: &mut Points) {
+    let (towards, weight) = THREE_POINTS;
     let [a, b, c] = corners.map(glam::Vec3::from_array);
-    let third = (b - a).cross(c - a).length() / 6.0;
+    let third = weight * (0.5 * (b - a).cross(c - a).length());
     let centre = (a + b + c) / 3.0;
     for corner in [a, b, c] {
-        points.push((0.5 * (centre + corner)).length_squared(), irradiance.map(|e| e * third));
+        points.push(centre.lerp(corner, towards).length_squared(), irradiance.map(|e| e * third));
     }
 }
 
@@ -397,25 +347,25 @@ pub fn far_all_pairs(
     receivers: &Receivers,
     irradiance: &[DVec3],
 ) -> Vec<DVec3> {
-    let far = dipoles.each_ref().map(|dipole| FarProfile::new(dipole, split_mm));
+    let far = dipoles.each_ref().map(|dipole| Softened::new(dipole, split_mm));
     let reach = 1.001 * diagonal_mm;
     let smooth = split_mm.max(dipoles.iter().map(|d| d.z_real_mm).fold(f64::MAX, f64::min));
-    let table = SquareTable::new(smooth, reach * reach, |c, r2| far[c].reflectance_at_square(r2));
-    let brightest = irradiance.iter().map(|e| e.max_element()).fold(0.0, f64::max);
-    let scale = power_of_two_near(brightest).recip();
+    let far = |c: usize, r2: f64| far[c].reflectance_at_square(&dipoles[c], r2);
+    let table = QuadraticTable::new(smooth, reach * reach, far);
+    let light = SampleLight::even(irradiance);
     let of_group = |group: &Group| {
         let part = group.part as usize;
         let of_part = part_offsets[part] as usize..part_offsets[part + 1] as usize;
         let mut points = Points::default();
         let mut of_receiver = |receiver: DVec3| {
             points.clear();
-            for (patch, irradiance) in patches[of_part.clone()].iter().zip(&irradiance[of_part.clone()]) {
+            for (sample, patch) in of_part.clone().zip(&patches[of_part.clone()]) {
                 let r2 = patch.centre_mm.distance_squared(receiver) as f32;
-                points.push(r2, (*irradiance * (patch.area_mm2 * scale)).as_vec3().to_array());
+                points.push(r2, light.flux(sample, patch).as_vec3().to_array());
             }
             let mut sums = [0.0; 3];
             near::add_points(Level::detect(), &table, &points, &mut sums);
-            DVec3::from_array(sums) / scale
+            light.radiosity(DVec3::from_array(sums))
         };
         receivers.positions[group.run.range()].iter().map(|&p| of_receiver(p)).collect::<Vec<_>>()
     };

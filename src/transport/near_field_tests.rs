@@ -4,6 +4,7 @@ use super::*;
 use crate::geometry::samples::patches;
 use crate::geometry::shapes;
 use crate::math::random::uniform;
+use crate::medium::fresnel::BoundaryFit;
 use crate::medium::profile::Profile;
 use crate::progress::Silent;
 use crate::transport::balanced_tree::in_tree_order;
@@ -12,11 +13,10 @@ use crate::transport::test_scene::{Fixture, named};
 use crate::transport::tree::SampleTree;
 
 /// The fixture with its samples in tree order.
-fn ordered(mut fixture: Fixture) -> (Fixture, BalancedTree) {
+fn ordered(mut fixture: Fixture) -> Fixture {
     fixture.samples = in_tree_order(&fixture.samples, &fixture.patches);
     fixture.patches = patches(&fixture.scene.mesh, &fixture.samples);
-    let tree = BalancedTree::new(&fixture.samples, &fixture.patches);
-    (fixture, tree)
+    fixture
 }
 
 /// Worst difference between near plus far and the gather of everything, over the total reflectance, worst channel.
@@ -26,7 +26,7 @@ fn difference(fixture: Fixture, split_mm: f64, rule: NearField, irradiance: &dyn
 
 /// The same, and that of a gather of everything by the same rule.
 fn differences(fixture: Fixture, split_mm: f64, rule: NearField, irradiance: &dyn Fn(u64) -> DVec3) -> [f64; 2] {
-    let (fixture, tree) = ordered(fixture);
+    let fixture = ordered(fixture);
     let surface = fixture.surface();
     let media = &fixture.scene.media;
     let receivers = Receivers::new(&fixture.scene.mesh, &fixture.scene.parts, 16);
@@ -40,8 +40,8 @@ fn differences(fixture: Fixture, split_mm: f64, rule: NearField, irradiance: &dy
         &receivers,
         &irradiance,
     );
-    let around = Around::new(&surface, &tree, &receivers, rule, split_mm);
-    let near = Near::new(surface, (&around, &corners), media, rule, split_mm);
+    let around = around(&surface, &receivers, rule, split_mm);
+    let near = Near::new(surface, (&around, &corners), &MediumKernel::of_media(media), rule, split_mm);
     near.add(&receivers, (&irradiance, &Pieces::default()), &mut sums, &Silent);
     let no_tree = SampleTree::default();
     let all = |rule| {

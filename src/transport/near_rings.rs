@@ -14,15 +14,15 @@ use rayon::prelude::*;
 
 use self::hats::{Areas, Rings};
 use super::balanced_tree::power_of_two_near;
-use super::gather::NearField;
+use super::close_pairs::ClosePairs;
 use super::irradiance::Pieces;
+use super::kernel::medium::MediumKernel;
 use super::light_range::{CommonColour, LightRange};
-use super::near_field::{Around, Corners};
+use super::near_field::Corners;
+use super::near_rule::NearField;
 use super::receivers::{Group, Receivers};
 use super::surface::Surface;
 use crate::math::simd::{Level, multiversion, prefetch};
-use crate::medium::fresnel::BoundaryFit;
-use crate::medium::material::Medium;
 use crate::progress::Progress;
 
 /// Hat functions. With them and [`hats::DENSER`] a shadow boundary anywhere costs at most 1e-3 of the light of a lit plane, waves of light
@@ -129,7 +129,7 @@ impl NearRings {
     /// Around receivers in groups of at most 16; `around` and `corners` are those of the near field with the same rule and split radius.
     pub fn new(
         surface: &Surface,
-        (around, corners): (&Around, &Corners),
+        (around, corners): (&ClosePairs, &Corners),
         receivers: &Receivers,
         (rule, split_mm): (NearField, f64),
         progress: &dyn Progress,
@@ -191,8 +191,8 @@ impl NearRings {
     }
 
     /// Of a medium.
-    pub fn coefficients(&self, medium: &Medium) -> RingCoefficients {
-        let channels = medium.properties.dipoles(BoundaryFit::Published).map(|dipole| self.rings.coefficients(&dipole));
+    pub fn coefficients(&self, medium: &MediumKernel) -> RingCoefficients {
+        let channels = medium.profiles().each_ref().map(|p| self.rings.coefficients(p.as_ref(), medium.smooth_mm()));
         RingCoefficients(std::array::from_fn(|column| channels.each_ref().map(|of_channel| of_channel[column])))
     }
 
@@ -201,7 +201,7 @@ impl NearRings {
     pub fn moments(
         &self,
         surface: &Surface,
-        around: &Around,
+        around: &ClosePairs,
         receivers: &Receivers,
         (irradiance, pieces): (&[DVec3], &Pieces),
         LightRange { brightest, colour }: LightRange,
@@ -255,7 +255,7 @@ type Columned<'a> = (&'a mut [[f32; LANES]], (&'a Group, &'a Vec<Seen>));
 struct Gathering<'a> {
     rings: &'a NearRings,
     surface: &'a Surface<'a>,
-    around: &'a Around,
+    around: &'a ClosePairs,
     receivers: &'a Receivers,
     irradiance: &'a [DVec3],
     pieces: &'a Pieces,

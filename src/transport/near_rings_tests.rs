@@ -5,11 +5,12 @@ use crate::geometry::samples::patches;
 use crate::geometry::shapes;
 use crate::light::Light;
 use crate::medium::far_profile::FarProfile;
+use crate::medium::fresnel::BoundaryFit;
 use crate::medium::profile::Profile;
 use crate::progress::Silent;
-use crate::transport::balanced_tree::{BalancedTree, in_tree_order};
+use crate::transport::balanced_tree::in_tree_order;
 use crate::transport::irradiance::{Illumination, LightSampling};
-use crate::transport::near_field::Near;
+use crate::transport::near_field::{Near, around};
 use crate::transport::test_scene::{Fixture, named};
 
 /// RMS difference of the near field by rings and by itself, over the RMS of the whole radiosity, under a light whose shadow
@@ -18,7 +19,6 @@ fn difference(name: &str, samples: usize, spacings: f64, colours: usize) -> f64 
     let mut fixture = Fixture::new(shapes::torus(8.0, 3.0, 96, 48), named(name), samples);
     fixture.samples = in_tree_order(&fixture.samples, &fixture.patches);
     fixture.patches = patches(&fixture.scene.mesh, &fixture.samples);
-    let tree = BalancedTree::new(&fixture.samples, &fixture.patches);
     let surface = fixture.surface();
     let media = &fixture.scene.media;
     let receivers = Receivers::new(&fixture.scene.mesh, &fixture.scene.parts, LANES);
@@ -26,7 +26,7 @@ fn difference(name: &str, samples: usize, spacings: f64, colours: usize) -> f64 
     let split_mm = spacings * (area / fixture.patches.len() as f64).sqrt();
     let corners = Corners::new(&fixture.scene.mesh, &fixture.samples, &fixture.patches);
     let rule = NearField::FAST;
-    let around = Around::new(&surface, &tree, &receivers, rule, split_mm);
+    let around = around(&surface, &receivers, rule, split_mm);
     let light = [
         Light::point(DVec3::new(30.0, 6.0, 4.0), DVec3::new(300.0, 200.0, 100.0)).unwrap(),
         Light::point(DVec3::new(-8.0, 30.0, 9.0), DVec3::new(50.0, 200.0, 300.0)).unwrap(),
@@ -37,7 +37,7 @@ fn difference(name: &str, samples: usize, spacings: f64, colours: usize) -> f64 
     let (irradiance, pieces) = illumination.all_with_pieces(&Silent);
     let zero = vec![DVec3::ZERO; receivers.len()];
     let (mut exact, mut by_rings) = (zero.clone(), zero);
-    Near::new(surface, (&around, &corners), media, NearField::REFERENCE, split_mm).add(
+    Near::new(surface, (&around, &corners), &MediumKernel::of_media(media), NearField::REFERENCE, split_mm).add(
         &receivers,
         (&irradiance, &pieces),
         &mut exact,
@@ -53,7 +53,7 @@ fn difference(name: &str, samples: usize, spacings: f64, colours: usize) -> f64 
     let range = LightRange::new(&irradiance, pieces.deviations());
     assert_eq!(range.colour.is_some(), colours == 1);
     let moments = rings.moments(&surface, &around, &receivers, (&irradiance, &pieces), range);
-    let coefficients = rings.coefficients(&media[0]);
+    let coefficients = rings.coefficients(&MediumKernel::new(&media[0]));
     rings.add(&moments, &receivers, |_| Some(&coefficients), &mut by_rings);
     let totals = DVec3::from_array(media[0].properties.dipoles(BoundaryFit::Published).map(|d| d.total()));
     let square = |v: DVec3| (v / totals).length_squared();
@@ -94,7 +94,7 @@ fn even_light_on_a_plane_costs_nothing() {
         let properties = named(name);
         for (channel, dipole) in properties.dipoles(BoundaryFit::Published).iter().enumerate() {
             let rings = Rings::new(2.0);
-            let coefficients = rings.coefficients(dipole);
+            let coefficients = rings.coefficients(dipole, dipole.z_real_mm);
             let hats: f64 = (0..RINGS)
                 .map(|k| {
                     let before = if k > 0 { rings.0[k] - rings.0[k - 1] } else { 0.0 };
@@ -111,26 +111,25 @@ fn even_light_on_a_plane_costs_nothing() {
 
 #[test]
 fn more_samples_around_a_group_than_are_numbered_together() {
-    // Receivers all over the torus in one group have all samples around them; alone each has few. The sums are the same.
+    // Receivers all over the torus have all samples around them in one group; alone each has few. The sums are the same.
     let mut fixture = Fixture::new(shapes::torus(8.0, 3.0, 24, 12), named("marble"), NUMBERED + 20_000);
     fixture.samples = in_tree_order(&fixture.samples, &fixture.patches);
     fixture.patches = patches(&fixture.scene.mesh, &fixture.samples);
-    let tree = BalancedTree::new(&fixture.samples, &fixture.patches);
     let surface = fixture.surface();
     let all = Receivers::new(&fixture.scene.mesh, &fixture.scene.parts, LANES);
     let corners = Corners::new(&fixture.scene.mesh, &fixture.samples, &fixture.patches);
-    let (rule, split_mm) = (NearField::FAST, 0.3);
+    let (rule, split_mm) = (NearField::FAST, 5.0);
     let irradiance: Vec<DVec3> =
         fixture.patches.iter().map(|p| DVec3::new(1.0, 1.5 + p.centre_mm.x.sin(), 0.5)).collect();
     let spread: Vec<u32> = (0..LANES as u32).map(|i| i * all.len() as u32 / LANES as u32).collect();
     let near_of = |capacity: usize| {
         let receivers = all.only(&spread, capacity);
-        let around = Around::new(&surface, &tree, &receivers, rule, split_mm);
+        let around = around(&surface, &receivers, rule, split_mm);
         let rings = NearRings::new(&surface, (&around, &corners), &receivers, (rule, split_mm), &Silent);
         let range = LightRange::new(&irradiance, &[]);
         let moments = rings.moments(&surface, &around, &receivers, (&irradiance, &Pieces::default()), range);
         let mut values = vec![DVec3::ZERO; receivers.len()];
-        let coefficients = rings.coefficients(&fixture.scene.media[0]);
+        let coefficients = rings.coefficients(&MediumKernel::new(&fixture.scene.media[0]));
         rings.add(&moments, &receivers, |_| Some(&coefficients), &mut values);
         (values, around.of(0).len())
     };

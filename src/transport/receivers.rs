@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::kernel::Receiver;
 use crate::geometry::cluster::{self, Run};
 use crate::geometry::mesh::Mesh;
 use crate::geometry::part_table::PartTable;
@@ -83,6 +84,11 @@ impl ProbePoints {
 }
 
 impl Receivers {
+    /// Those of a group.
+    pub fn of(&self, group: Group) -> impl ExactSizeIterator<Item = Receiver> {
+        self.positions[group.run.range()].iter().map(|&at_mm| Receiver { at_mm })
+    }
+
     /// One receiver for each welded vertex that a transferring part uses. A vertex that several parts share belongs to
     /// the first of them. Groups hold at most `capacity` receivers.
     pub fn new(mesh: &Mesh, parts: &PartTable, capacity: usize) -> Self {

@@ -20,8 +20,8 @@ use translux::math::statistics::vertex_error;
 use translux::measure::probes::{self, Half};
 use translux::progress::Silent;
 use translux::scene::Scene;
-use translux::transport::gather::NearField;
 use translux::transport::irradiance::LightSampling;
+use translux::transport::near_rule::NearField;
 
 /// Compares `reference` and `two_pass` with the oracle at about 200 vertices under each light.
 fn compare(name: &str, scene: &Scene, lights: &[(&str, Light)], samples: Option<usize>) {
@@ -258,7 +258,7 @@ fn a_large_marble_block_under_even_light_has_its_reflectance() {
     let block = shapes::cuboid(DVec3::splat(1000.0), 10);
     let scene = scene(block, Scale::DiagonalMm(1800.0), "marble");
     let medium = scene.media[0].properties;
-    let reflectance = translux::transport::gather::MediumKernel::new(&scene.media[0]).total();
+    let reflectance = translux::transport::kernel::medium::MediumKernel::new(&scene.media[0]).total();
     let entering =
         std::f64::consts::PI * translux::medium::fresnel::diffuse_transmittance(medium.eta_inside_over_outside);
     let inner: Vec<usize> = (0..scene.mesh.local_mm.len())

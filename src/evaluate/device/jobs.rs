@@ -8,13 +8,13 @@ use bytemuck::{Pod, Zeroable};
 use super::Device;
 use crate::error::Result;
 use crate::geometry::samples::Patch;
-use crate::transport::gather::NearField;
-use crate::transport::kernel::EdgeRule;
+use crate::transport::kernel::EdgePrecision;
+use crate::transport::near_rule::NearField;
 use crate::transport::receivers::{Receivers, Sphere};
 use crate::transport::surface::Surface;
 
 /// Receivers of one workgroup.
-const RECEIVERS: usize = 16;
+pub(super) const RECEIVERS: usize = 16;
 
 /// Workgroups of one dispatch along one axis, on every adapter.
 const MOST_WORKGROUPS: usize = 65_535;
@@ -94,8 +94,9 @@ struct OfSample {
 }
 
 impl Effort {
-    /// For samples in at most `pieces` pieces, edges integrated by the longest of `rules`.
-    pub fn new(surface: &Surface, near: NearField, rules: &[EdgeRule], pieces: usize) -> Self {
+    /// For samples in at most `pieces` pieces, edges integrated by the longest of the rules of a precision.
+    pub fn new(surface: &Surface, near: NearField, precision: EdgePrecision, pieces: usize) -> Self {
+        let rules = precision.rules();
         let nodes = rules.iter().map(|(_, nodes)| nodes.len()).max().unwrap_or(0);
         // Three edges, their nodes and the search for the rule.
         let triangle = 3 * (nodes + 1) + rules.len();

@@ -24,7 +24,7 @@ struct Rules {
     limits: array<vec4<f32>, 2>,
     starts: array<vec4<u32>, 2>,
     // Two nodes each: position, weight, position, weight.
-    nodes: array<vec4<f32>, 32>,
+    nodes: array<vec4<f32>, EDGE_NODES / 2u>,
 }
 
 struct Patch {
@@ -81,15 +81,17 @@ struct Settings {
 const EVEN: u32 = 0xffffffffu;
 // Terms summed before the sum is added to a longer one: rounding grows with the number of terms.
 const FLUSH: u32 = 31u;
-const LANES: u32 = 16u;
-const SLICES: u32 = 4u;
 
 // One for each thread: a lane of receivers times a slice of the entries.
-var<workgroup> slices: array<vec3<f32>, 64>;
+var<workgroup> slices: array<vec3<f32>, WORKGROUP>;
 
 // The sum of a lane's slices, after a barrier.
 fn sum_of(lane: u32) -> vec3<f32> {
-    return slices[lane] + slices[lane + LANES] + slices[lane + 2u * LANES] + slices[lane + 3u * LANES];
+    var sum = vec3(0.0);
+    for (var slice = 0u; slice < SLICES; slice += 1u) {
+        sum += slices[lane + slice * LANES];
+    }
+    return sum;
 }
 
 // Later rounds add to what earlier ones wrote.
@@ -135,7 +137,7 @@ fn rise_over(given: vec3<f32>, scale: vec3<f32>, divisor: vec3<f32>) -> vec3<f32
 
 fn rule_of(ratio: f32) -> vec2<u32> {
     var rule = 0u;
-    while rule < 5u && ratio > rules.limits[rule >> 2u][rule & 3u] {
+    while rule + 1u < EDGE_RULES && ratio > rules.limits[rule >> 2u][rule & 3u] {
         rule += 1u;
     }
     let next = rule + 1u;
@@ -205,13 +207,13 @@ fn triangle(medium: u32, p: array<vec3<f32>, 3>) -> vec3<f32> {
 // The midpoints between the centroid and the corners, a third of the flux each.
 fn three_points(medium: u32, p: array<vec3<f32>, 3>) -> vec3<f32> {
     let centre = (p[0] + p[1] + p[2]) / 3.0;
-    let third = length(cross(p[1] - p[0], p[2] - p[0])) / 6.0;
+    let area = 0.5 * length(cross(p[1] - p[0], p[2] - p[0]));
     var sum = vec3(0.0);
     for (var k = 0u; k < 3u; k += 1u) {
-        let at = 0.5 * (centre + p[k]);
+        let at = centre + THREE_POINTS.x * (p[k] - centre);
         sum += reflectance(medium, dot(at, at));
     }
-    return third * sum;
+    return area * THREE_POINTS.y * sum;
 }
 
 fn area_at_centroid(medium: u32, p: array<vec3<f32>, 3>) -> vec3<f32> {

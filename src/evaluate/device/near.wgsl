@@ -28,7 +28,7 @@ fn of_candidate(medium: u32, index: u32, at: vec3<f32>) -> vec3<f32> {
     return close_patch(medium, index, offset, r2 < exact * exact - media[medium].smooth2) - flux * far;
 }
 
-@compute @workgroup_size(64)
+@compute @workgroup_size(WORKGROUP)
 fn near(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
     let job = group.x;
     let lane = thread % LANES;

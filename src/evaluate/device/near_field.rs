@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use super::Device;
 use super::jobs::{Effort, Entries, Shard, shards};
-use super::surface::{KERNEL, READ, SurfaceBuffers, bind, bind_group_layout, dispatch, pipeline};
+use super::surface::{READ, SurfaceBuffers, bind, bind_group_layout, dispatch, pipeline, shader};
 use crate::error::Result;
-use crate::transport::near_field::Around;
+use crate::transport::close_pairs::ClosePairs;
 use crate::transport::receivers::Receivers;
 
 /// Coefficients of one medium in the shader.
@@ -29,13 +29,13 @@ impl NearOnDevice {
     pub fn new(
         buffers: &SurfaceBuffers,
         receivers: &Receivers,
-        (around, effort): (&Around, &Effort),
+        (around, effort): (&ClosePairs, &Effort),
         (media, medium): (usize, impl Fn(u32) -> Option<u32>),
         far_values: &wgpu::Buffer,
     ) -> Result<Self> {
         let device = Arc::clone(buffers.device());
         let layout = bind_group_layout(&device.device, "near", &[READ; 4]);
-        let text = format!("{KERNEL}{}", include_str!("near.wgsl"));
+        let text = shader(include_str!("near.wgsl"));
         let pipeline = pipeline(&device.device, &text, "near", [buffers.layout(), &layout]);
         let coefficients = device.zeros("coefficients of the media", (16 * TERMS * media) as u64)?;
         let lists: Vec<Entries> =

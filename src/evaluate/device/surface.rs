@@ -3,27 +3,82 @@
 use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
-use glam::DVec3;
 use wgpu::util::DeviceExt;
 
 use super::Device;
+use super::jobs::{CLUSTER, RECEIVERS};
 use crate::error::{Error, Result};
 use crate::geometry::samples::{Patch, Samples};
-use crate::medium::far_profile::FarProfile;
-use crate::medium::fresnel::BoundaryFit;
-use crate::medium::material::Medium;
-use crate::transport::gather::NearField;
-use crate::transport::irradiance::Pieces;
-use crate::transport::kernel::EdgeRule;
+use crate::transport::kernel::medium::MediumKernel;
+use crate::transport::kernel::radial_table::{RadialTable, Rgb};
+use crate::transport::kernel::{EdgePrecision, EdgeRule};
 use crate::transport::near_field::Corners;
+use crate::transport::near_rule::{MOST_SPLITS, NearField, PIECE_IS_POINT, SIX_POINTS, THREE_BEYOND, THREE_POINTS};
 use crate::transport::receivers::Receivers;
-
-/// The text of the shaders that use these buffers begins with this.
-pub const KERNEL: &str = include_str!("kernel.wgsl");
+use crate::transport::sample_light::SampleLight;
 
 /// Rules for edges that the shader holds, and nodes of all of them.
 const RULES: usize = 6;
 const NODES: usize = 64;
+
+/// Invocations that share the receivers of a workgroup: slices of what these gather from.
+const SLICES: usize = 4;
+
+/// The text of a shader that uses these buffers: what it shares with others, and the numbers of the near-field rule and of the work that
+/// the processor goes by.
+pub fn shader(text: &str) -> String {
+    let (three, [inner, outer]) = (THREE_POINTS, SIX_POINTS);
+    let numbers = format!(
+        "const LANES: u32 = {RECEIVERS}u;
+const SLICES: u32 = {SLICES}u;
+const WORKGROUP: u32 = {workgroup}u;
+const CLUSTER: u32 = {CLUSTER}u;
+const EDGE_RULES: u32 = {RULES}u;
+const EDGE_NODES: u32 = {NODES}u;
+const THREE_POINTS: vec2<f32> = vec2({:?}, {:?});
+const INNER_OF_SIX: vec2<f32> = vec2({:?}, {:?});
+const OUTER_OF_SIX: vec2<f32> = vec2({:?}, {:?});
+const THREE_BEYOND2: f32 = {:?};
+const PIECE_IS_POINT2: f32 = {:?};
+const MOST_SPLITS: u32 = {MOST_SPLITS}u;
+",
+        three.0,
+        three.1,
+        inner.0,
+        inner.1,
+        outer.0,
+        outer.1,
+        THREE_BEYOND * THREE_BEYOND,
+        PIECE_IS_POINT * PIECE_IS_POINT,
+        workgroup = RECEIVERS * SLICES,
+    );
+    [&numbers, include_str!("kernel.wgsl"), text].concat()
+}
+
+/// The text of a shader that looks up the segments of tables of so many bits.
+pub fn table_shader(bits: u32, text: &str) -> String {
+    [&format!("const SHIFT: u32 = {bits}u;\n"), include_str!("radial_table.wgsl"), text].concat()
+}
+
+/// Where a [`RadialTable`] is among the segments of several.
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+pub struct GpuTable {
+    scale2: f32,
+    bits: u32,
+    first: u32,
+    last: u32,
+}
+
+impl GpuTable {
+    /// Appends the segments of a table.
+    pub fn append<const BITS: u32>(table: &RadialTable<2, BITS>, all: &mut Vec<[Rgb; 2]>) -> Self {
+        let (scale2, bits, segments) = table.segments();
+        let first = all.len() as u32;
+        all.extend(segments);
+        Self { scale2, bits, first, last: (all.len() as u32).saturating_sub(first + 1) }
+    }
+}
 
 /// Workgroups along the first axis at most, on every adapter; more go into further rows.
 const WIDTH: u32 = 65_535;
@@ -103,8 +158,8 @@ pub struct Geometry<'a> {
     pub receivers: &'a Receivers,
     /// How near samples are integrated.
     pub near: NearField,
-    /// Rules for the edges of triangles.
-    pub rules: &'a [EdgeRule],
+    /// How accurately the edges of triangles are integrated.
+    pub precision: EdgePrecision,
     /// Basis functions of a far field; 0 without one.
     pub terms: usize,
 }
@@ -122,7 +177,7 @@ impl SurfaceBuffers {
                 "{name} binds {most} storage buffers where {STORAGE_BUFFERS} are needed; use --device cpu"
             )));
         }
-        let Geometry { samples, patches, corners, receivers, near, rules, terms } = geometry;
+        let Geometry { samples, patches, corners, receivers, near, precision, terms } = geometry;
         let settings = GpuSettings {
             exact_below: near.exact_below as f32,
             three_points_below: near.three_points_below as f32,
@@ -141,7 +196,7 @@ impl SurfaceBuffers {
         let positions: Vec<[f32; 4]> = receivers.positions.iter().map(|p| p.as_vec3().extend(0.0).to_array()).collect();
         let count = patches.len();
         let settings_buffer = uniform(&device.device, "settings", bytemuck::bytes_of(&settings));
-        let rules = uniform(&device.device, "rules", bytemuck::bytes_of(&pack(rules)?));
+        let rules = uniform(&device.device, "rules", bytemuck::bytes_of(&pack(precision.rules())?));
         let layout = layout(&device.device);
         let media = device.storage::<GpuMedium>("media", &[GpuMedium::zeroed()])?;
         let corners = device.storage("corners of the facets", corners.values().as_flattened().as_flattened())?;
@@ -172,32 +227,32 @@ impl SurfaceBuffers {
         })
     }
 
-    /// Replaces the media; `split_mm` is where a far field begins, infinite without one.
+    /// Replaces the media; `split_mm` is where a far field begins, if there is one.
     ///
     /// # Errors
-    /// More media than the adapter binds (exit 5).
-    pub fn set_media(&mut self, media: &[Medium], split_mm: f64) -> Result<()> {
-        let media: Vec<GpuMedium> = media.iter().map(|m| medium(m, split_mm)).collect();
+    /// More media than the adapter binds, or others than dipoles (exit 5).
+    pub fn set_media(&mut self, media: &[MediumKernel], split_mm: Option<f64>) -> Result<()> {
+        let media: Vec<GpuMedium> = media.iter().map(|m| medium(m, split_mm)).collect::<Result<_>>()?;
         self.media = self.device.storage("media", &media)?;
         self.bind();
         Ok(())
     }
 
-    /// Replaces the light on the samples; `scale` is a power of two that brings the brightest irradiance near 1.
+    /// Replaces the light on the samples.
     ///
     /// # Errors
     /// More pieces than the adapter binds (exit 5).
-    pub fn set_light(&mut self, irradiance: &[DVec3], pieces: &Pieces, scale: f64) -> Result<()> {
-        self.scale = scale;
-        let scaled: Vec<[f32; 4]> =
-            irradiance.iter().map(|e| (*e / self.scale).as_vec3().extend(0.0).to_array()).collect();
+    pub fn set_light(&mut self, light: &SampleLight) -> Result<()> {
+        self.scale = light.unit();
+        let samples = 0..self.count as usize;
+        let scaled: Vec<[f32; 4]> = samples.map(|i| light.irradiance(i).as_vec3().extend(0.0).to_array()).collect();
         let mut first = vec![u32::MAX; self.count as usize];
         let mut packed: Vec<[f32; 4]> = Vec::new();
         for (patch, first) in first.iter_mut().enumerate() {
-            let Some(of_patch) = pieces.of(patch) else { continue };
+            let Some(of_patch) = light.pieces(patch) else { continue };
             *first = (packed.len() / 3) as u32;
             for (deviation, corners) in of_patch {
-                let deviation = (deviation / self.scale).as_vec3().to_array();
+                let deviation = deviation.as_vec3().to_array();
                 packed.extend(corners.iter().zip(deviation).map(|([x, y, z], e)| [*x, *y, *z, e]));
             }
         }
@@ -211,7 +266,7 @@ impl SurfaceBuffers {
             self.bind();
         }
         queue.write_buffer(&self.pieces, 0, bytemuck::cast_slice(&packed));
-        self.settings.pieces = pieces.count() as u32;
+        self.settings.pieces = light.most_pieces() as u32;
         queue.write_buffer(&self.settings_buffer, 0, bytemuck::bytes_of(&self.settings));
         Ok(())
     }
@@ -284,9 +339,8 @@ fn pack(rules: &[EdgeRule]) -> Result<GpuRules> {
     Ok(packed)
 }
 
-fn medium(medium: &Medium, split_mm: f64) -> GpuMedium {
-    let profiles = medium.properties.dipoles(BoundaryFit::Published);
-    let poles = profiles.each_ref().map(|p| p.poles());
+fn medium(medium: &MediumKernel, split_mm: Option<f64>) -> Result<GpuMedium> {
+    let poles = medium.poles().ok_or_else(|| Error::unsupported("the shaders sum dipoles alone; use --device cpu"))?;
     let rgb = |value: &dyn Fn(usize) -> f64| -> [f32; 4] {
         std::array::from_fn(|channel| if channel < 3 { value(channel) as f32 } else { 0.0 })
     };
@@ -297,22 +351,17 @@ fn medium(medium: &Medium, split_mm: f64) -> GpuMedium {
             rgb(&|c| poles[c][which].sigma_per_mm),
         ]
     };
-    let shallowest = poles.iter().flatten().map(|p| p.z_mm).fold(f64::MAX, f64::min);
-    let polynomial = if split_mm.is_finite() {
-        let of_channel = profiles.each_ref().map(|p| FarProfile::new(p, split_mm).polynomial());
-        [0, 1, 2].map(|power| rgb(&|c| of_channel[c][power]))
-    } else {
-        [[0.0; 4]; 3]
-    };
-    GpuMedium {
+    let polynomials = split_mm.map_or([[0.0; 3]; 3], |split_mm| medium.softened(split_mm).map(|far| far.polynomial()));
+    let shallowest = medium.smooth_mm();
+    Ok(GpuMedium {
         real: term(0),
         image: term(1),
-        polynomial,
-        split2: (split_mm * split_mm).min(f64::from(f32::MAX)) as f32,
+        polynomial: [0, 1, 2].map(|power| rgb(&|c| polynomials[c][power])),
+        split2: split_mm.map_or(f32::MAX, |split_mm| (split_mm * split_mm) as f32),
         shallowest: shallowest as f32,
         smooth2: (shallowest * shallowest) as f32,
         padding: 0.0,
-    }
+    })
 }
 
 /// Two uniforms, then storage, of which radiosity is written.

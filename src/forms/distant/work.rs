@@ -12,8 +12,8 @@ use crate::light::{Light, LightKind};
 use crate::math::statistics::VertexError;
 use crate::progress::Progress;
 use crate::scene::Scene;
-use crate::transport::gather::NearField;
 use crate::transport::many_lights::{IrradianceRows, ManyLights};
+use crate::transport::near_rule::NearField;
 
 /// Share of the asked error for the hierarchy.
 const HIERARCHY: f64 = 0.1;

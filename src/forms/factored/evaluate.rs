@@ -33,13 +33,16 @@ use crate::medium::material::Medium;
 use crate::medium::profile_basis::ProfileBasis;
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
-use crate::transport::balanced_tree::{BalancedTree, LightDetails};
+use crate::transport::balanced_tree::LightDetails;
+use crate::transport::close_pairs::ClosePairs;
 use crate::transport::far_field::LANES;
-use crate::transport::gather::{Gather, NearField, Scheme};
+use crate::transport::gather::{Gather, Scheme};
 use crate::transport::irradiance::{Illumination, Pieces};
+use crate::transport::kernel::medium::MediumKernel;
 use crate::transport::light_range::LightRange;
-use crate::transport::near_field::{Around, Corners, Near};
+use crate::transport::near_field::{Corners, Near, around};
 use crate::transport::near_rings::{NearRings, RingCoefficients, RingMoments};
+use crate::transport::near_rule::NearField;
 use crate::transport::receivers::{Group, Receivers};
 use crate::transport::surface::Surface;
 use crate::transport::tree::SampleTree;
@@ -60,7 +63,7 @@ pub(super) struct FactoredEvaluator {
     pub(super) form: Factored,
     bvh: Bvh,
     pub(super) patches: Vec<Patch>,
-    pub(super) around: Around,
+    pub(super) around: ClosePairs,
     pub(super) corners: Corners,
     pub(super) receivers: Receivers,
     /// Of the far field.
@@ -70,7 +73,8 @@ pub(super) struct FactoredEvaluator {
     pub(super) far: FarField,
     order: ByFunction,
     pub(super) rows: Option<StoredRows>,
-    /// Of each medium.
+    /// Of each medium, and its coefficients.
+    pub(super) kernels: Vec<MediumKernel>,
     pub(super) coefficients: Vec<Coefficients>,
     /// In place of the near field itself, where many edits are expected, and their coefficients for each medium.
     rings: Option<NearRings>,
@@ -94,17 +98,16 @@ pub(super) fn open(form: Factored, asset: &Asset) -> Result<Box<dyn Evaluator>> 
     let geometry = || {
         let bvh = Bvh::new(&scene.mesh);
         let patches = samples::patches(&scene.mesh, &asset.samples);
-        let tree = BalancedTree::new(&asset.samples, &patches);
         let corners = Corners::new(&scene.mesh, &asset.samples, &patches);
-        (bvh, patches, tree, corners)
+        (bvh, patches, corners)
     };
-    let ((far, rows), (bvh, patches, tree, corners)) = rayon::join(stored, geometry);
+    let ((far, rows), (bvh, patches, corners)) = rayon::join(stored, geometry);
     let ((basis, far), rows) = (far?, rows?);
     let receivers = Receivers::new(&scene.mesh, &scene.parts, LANES);
     let points = FarPoints::of(&far, &receivers)?;
     let around = {
         let surface = Surface { domain: scene.domain(), bvh: &bvh, samples: &asset.samples, patches: &patches };
-        Around::new(&surface, &tree, &receivers, form.near, basis.split_mm())
+        around(&surface, &receivers, form.near, basis.split_mm())
     };
     let areas = receivers.areas_mm2(&scene.mesh);
     let media = scene.media.clone();
@@ -123,6 +126,7 @@ pub(super) fn open(form: Factored, asset: &Asset) -> Result<Box<dyn Evaluator>> 
         order: ByFunction::new(&far),
         far,
         rows,
+        kernels: Vec::new(),
         coefficients: Vec::new(),
         rings: None,
         ring_coefficients: Vec::new(),
@@ -175,7 +179,7 @@ impl FactoredEvaluator {
     }
 
     fn prepare_ring_coefficients(&mut self) {
-        let of_rings = |rings: &NearRings| self.scene.media.iter().map(|m| rings.coefficients(m)).collect();
+        let of_rings = |rings: &NearRings| self.kernels.iter().map(|kernel| rings.coefficients(kernel)).collect();
         self.ring_coefficients = self.rings.as_ref().map_or_else(Vec::new, of_rings);
     }
 
@@ -214,14 +218,14 @@ impl FactoredEvaluator {
     /// The near field of the media in force.
     pub(super) fn near(&self) -> Near<'_> {
         let geometry = (&self.around, &self.corners);
-        Near::new(self.surface(), geometry, &self.scene.media, self.form.near, self.basis.split_mm())
+        Near::new(self.surface(), geometry, &self.kernels, self.form.near, self.basis.split_mm())
     }
 
     /// Error of everything but the sampling, against all pairs of the same samples.
     fn transport_error(&self, lit: &Lit) -> VertexError {
         let (subset, points) = probe_points(&self.receivers, &self.areas);
         let (surface, tree) = (self.surface(), SampleTree::default());
-        let gather = Gather::new(&surface, &tree, &self.scene.media, NearField::REFERENCE);
+        let gather = Gather::with_kernels(&surface, &tree, self.kernels.clone(), NearField::REFERENCE);
         let light = gather.light_with_pieces(&lit.irradiance, &lit.pieces);
         let truth = gather.radiosity(&subset, &light, Scheme::AllPairs, &Silent);
         points.error(&points.of(&self.combine(lit, &Silent)), &truth)
@@ -300,6 +304,7 @@ impl Evaluator for FactoredEvaluator {
             self.lit = None;
         }
         self.coefficients = coefficients;
+        self.kernels = MediumKernel::of_media(&media);
         self.scene.media = media;
         self.prepare_ring_coefficients();
         Ok(())
@@ -367,7 +372,7 @@ impl Evaluator for FactoredEvaluator {
             None => self.light(&self.lights, progress)?,
         };
         let (surface, tree) = (self.surface(), SampleTree::default());
-        let gather = Gather::new(&surface, &tree, &self.scene.media, NearField::REFERENCE);
+        let gather = Gather::with_kernels(&surface, &tree, self.kernels.clone(), NearField::REFERENCE);
         let light = gather.light_with_pieces(&lit.irradiance, &lit.pieces);
         let values = gather.radiosity(&self.receivers, &light, Scheme::AllPairs, progress);
         let radiosity = self.receivers.expand(&values);

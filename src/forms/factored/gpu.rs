@@ -22,9 +22,9 @@ use crate::light::cube_light::CubeLight;
 use crate::medium::material::Medium;
 use crate::progress::Progress;
 use crate::scene::Scene;
-use crate::transport::balanced_tree::power_of_two_near;
 use crate::transport::irradiance::Pieces;
-use crate::transport::kernel::near::NEAR_EDGE_RULES;
+use crate::transport::kernel::EdgePrecision;
+use crate::transport::sample_light::SampleLight;
 
 /// What has to run before the radiosity is that of the lights and media in force.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,7 +54,7 @@ impl FactoredOnDevice {
             corners: &cpu.corners,
             receivers: &cpu.receivers,
             near: cpu.form.near,
-            rules: &NEAR_EDGE_RULES,
+            precision: EdgePrecision::Near,
             terms: cpu.far.terms,
         };
         let buffers = SurfaceBuffers::new(device, &geometry)?;
@@ -62,7 +62,7 @@ impl FactoredOnDevice {
         let tree = TreeOnDevice::new(&buffers, &cpu.samples, &cpu.patches)?;
         let far = FarOnDevice::new(device, (&cpu.far, &cpu.points.fills, cpu.points.weights.as_ref()), &tree)?;
         let pieces = cpu.form.sampling.pieces_of_uneven() as usize;
-        let effort = Effort::new(&cpu.surface(), cpu.form.near, &NEAR_EDGE_RULES, pieces);
+        let effort = Effort::new(&cpu.surface(), cpu.form.near, EdgePrecision::Near, pieces);
         let parts = &cpu.scene.parts.parts;
         let media = (cpu.scene.media.len(), |part: u32| parts[part as usize].medium);
         let near = NearOnDevice::new(&buffers, &cpu.receivers, (&cpu.around, &effort), media, far.values())?;
@@ -94,11 +94,11 @@ impl FactoredOnDevice {
             None => Vec::new(),
         };
         let brightest = irradiance.iter().map(|e| e.max_element()).chain(maps.iter().map(CubeLight::scale));
-        let scale = power_of_two_near(brightest.fold(0.0, f64::max));
-        self.buffers.set_light(&irradiance, &pieces, scale)?;
+        let light = SampleLight::with_brightest(&irradiance, &pieces, brightest.fold(0.0, f64::max));
+        self.buffers.set_light(&light)?;
         if let (Some(rows), Some(stored), false) = (&self.rows, &cpu.rows, maps.is_empty()) {
             let entrance = stored.entrance_of_parts(&cpu.scene.parts, &cpu.scene.media)?;
-            maps.iter().try_for_each(|map| rows.add(map, &entrance, scale))?;
+            maps.iter().try_for_each(|map| rows.add(map, &entrance, light.unit()))?;
         }
         self.tree.run();
         self.far.run();
@@ -108,7 +108,7 @@ impl FactoredOnDevice {
 
     fn upload_media(&mut self) -> Result<()> {
         self.near.set_media(&self.cpu.coefficients);
-        self.buffers.set_media(&self.cpu.scene.media, self.cpu.basis.split_mm())
+        self.buffers.set_media(&self.cpu.kernels, Some(self.cpu.basis.split_mm()))
     }
 }
 

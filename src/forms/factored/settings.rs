@@ -15,8 +15,8 @@ use crate::medium::profile_basis::Family;
 use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::transport::far_field;
-use crate::transport::gather::NearField;
 use crate::transport::irradiance::LightSampling;
+use crate::transport::near_rule::NearField;
 
 /// Transport of each function of a basis of R_d: the far field stored, the near field from the geometry.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -14,10 +14,12 @@ use crate::medium::profile_basis::ProfileBasis;
 use crate::progress::Silent;
 use crate::scene::Scene;
 use crate::transport::balanced_tree::LightDetails;
+use crate::transport::close_pairs::ClosePairs;
 use crate::transport::far_field::Rows;
 use crate::transport::irradiance::Pieces;
+use crate::transport::kernel::medium::MediumKernel;
 use crate::transport::light_range::LightRange;
-use crate::transport::near_field::Around;
+use crate::transport::near_field::around;
 use crate::transport::near_rings::{NearRings, RingCoefficients};
 use crate::transport::receivers::{Group, ProbePoints, Receivers};
 use crate::transport::surface::Surface;
@@ -48,7 +50,7 @@ pub(super) struct Projected {
 pub(super) struct NearOfMaterials<'a> {
     surface: Surface<'a>,
     receivers: &'a Receivers,
-    around: Around,
+    around: ClosePairs,
     rings: NearRings,
     coefficients: Vec<RingCoefficients>,
 }
@@ -101,10 +103,11 @@ impl Subset {
         materials: &[Projected],
     ) -> NearOfMaterials<'a> {
         let (surface, receivers) = (ordered.surface(scene), &self.receivers);
-        let around = Around::new(&surface, &ordered.tree, receivers, form.near, ordered.split_mm);
+        let around = around(&surface, receivers, form.near, ordered.split_mm);
         let rule = (form.near, ordered.split_mm);
         let rings = NearRings::new(&surface, (&around, &ordered.corners), receivers, rule, &Silent);
-        let coefficients = materials.iter().map(|material| rings.coefficients(&material.medium)).collect();
+        let coefficients =
+            materials.iter().map(|material| rings.coefficients(&MediumKernel::new(&material.medium))).collect();
         NearOfMaterials { surface, receivers, around, rings, coefficients }
     }
 

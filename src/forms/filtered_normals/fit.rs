@@ -6,7 +6,7 @@ use super::evaluate::{FilteredNormalsEvaluator, MediumFilter, local_lighting};
 use super::light::Lit;
 use crate::error::Result;
 use crate::evaluate::Evaluator;
-use crate::forms::baked_in::{relative, truth};
+use crate::forms::baked_in::truth;
 use crate::forms::gathered::GatheredEvaluator;
 use crate::light::Light;
 use crate::math::statistics::{VertexError, vertex_error};
@@ -64,7 +64,7 @@ impl FilteredNormalsEvaluator {
                     self.scene.media.iter().map(|medium| self.filters.of(medium, (alpha, width))).collect();
                 let square = |(expected, lit): &(Vec<DVec3>, Lit)| {
                     let found = local_lighting(&dressed, &filters, self.form.length, lit);
-                    relative(vertex_error(&found, expected, &areas)).rms.powi(2)
+                    vertex_error(&found, expected, &areas).or_none().rms.powi(2)
                 };
                 let error = (cases.iter().map(square).sum::<f64>() / cases.len().max(1) as f64).sqrt();
                 if error < best.error {
@@ -91,7 +91,7 @@ impl FilteredNormalsEvaluator {
             let found: Vec<DVec3> = indices.iter().map(|i| all[*i as usize]).collect();
             self.truth().set_lights(lights.clone(), progress)?;
             let expected = self.truth().radiosity_at(&subset, progress)?;
-            error = error.max(relative(vertex_error(&found, &expected, &areas)));
+            error = error.max(vertex_error(&found, &expected, &areas).or_none());
         }
         Ok(error)
     }

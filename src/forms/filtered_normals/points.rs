@@ -4,7 +4,6 @@ use glam::DVec3;
 use translux_format::filtered_normals::Earlier;
 
 use crate::error::Result;
-use crate::evaluate::sampling_error::receiver_areas;
 use crate::geometry::bvh::{Bvh, NO_TRIANGLE};
 use crate::geometry::laplacian::Laplacian;
 use crate::geometry::samples::Samples;
@@ -61,7 +60,7 @@ impl Points {
                 order.push(r);
             }
         }
-        let areas = receiver_areas(&scene.mesh, &receivers);
+        let areas = receivers.areas_mm2(&scene.mesh);
         let medium = part.iter().map(medium_of).collect();
         Self { receivers, medium, normals, areas, order, triangles }
     }

@@ -24,9 +24,10 @@ use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
 use crate::transport::balanced_tree::in_tree_order;
 use crate::transport::far_field::LANES;
-use crate::transport::gather::MediumKernel;
 use crate::transport::irradiance::{Illumination, Pieces};
-use crate::transport::multilevel::{NearRule, Quality};
+use crate::transport::kernel::medium::MediumKernel;
+use crate::transport::multilevel::Quality;
+use crate::transport::near_rule::NearRule;
 use crate::transport::receivers::Receivers;
 use crate::transport::surface::Surface;
 
@@ -52,7 +53,7 @@ fn media(media: &[Medium]) -> Vec<Vec<MediumKernel>> {
         let other = |medium: &Medium| MediumKernel::new(&Medium { properties, ..medium.clone() });
         media.iter().map(other).collect()
     };
-    let own = media.iter().map(MediumKernel::new).collect();
+    let own = MediumKernel::of_media(media);
     let others = MATERIALS.iter().filter_map(|name| preset(name)).map(|preset| of(preset.properties()));
     std::iter::once(own).chain(others).collect()
 }

@@ -2,14 +2,8 @@
 
 // Where a part's tables of R_d less its softened form are: at a point, and averaged over a disc.
 struct Compact {
-    point_scale2: f32,
-    point_bits: u32,
-    point_first: u32,
-    point_last: u32,
-    disc_scale2: f32,
-    disc_bits: u32,
-    disc_first: u32,
-    disc_last: u32,
+    point: RadialTable,
+    disc: RadialTable,
     smooth2: f32,
     split2: f32,
     // In radii of a sample.
@@ -23,30 +17,12 @@ struct Compact {
 // A value at the start of each segment, and its slope per mm^2.
 @group(1) @binding(4) var<storage, read> segments: array<vec4<f32>>;
 
-// Mantissa bits within a segment.
-const SHIFT: u32 = 17u;
-const MOST_SPLITS: u32 = 16u;
-const PIECE_IS_POINT2: f32 = 9.0;
-const THREE_BEYOND2: f32 = 4.0;
-
-// Dunavant's six points of degree 4: how far three of them are from the centroid on the way to the corners, and their weight.
-const INNER: vec2<f32> = vec2(1.5 * 0.108103018168070 - 0.5, 0.223381589678011);
-const OUTER: vec2<f32> = vec2(1.5 * 0.816847572980459 - 0.5, 0.109951743655322);
-const MIDDLE: vec2<f32> = vec2(0.5, 1.0 / 3.0);
-
-fn looked_up(scale2: f32, start: u32, first: u32, last: u32, r2: f32) -> vec3<f32> {
-    let x = max(r2, 0.0) + scale2;
-    let bits = bitcast<u32>(x) >> SHIFT;
-    let at = 2u * (first + min(bits - min(start, bits), last));
-    return segments[at].xyz + segments[at + 1u].xyz * (x - bitcast<f32>(bits << SHIFT));
-}
-
 fn at_point(table: u32, r2: f32) -> vec3<f32> {
-    return looked_up(compact[table].point_scale2, compact[table].point_bits, compact[table].point_first, compact[table].point_last, r2);
+    return looked_up(compact[table].point, r2);
 }
 
 fn at_disc(table: u32, r2: f32) -> vec3<f32> {
-    return looked_up(compact[table].disc_scale2, compact[table].disc_bits, compact[table].disc_first, compact[table].disc_last, r2);
+    return looked_up(compact[table].disc, r2);
 }
 
 fn area_of(p: array<vec3<f32>, 3>) -> f32 {
@@ -101,7 +77,7 @@ fn split(table: u32, whole: array<vec3<f32>, 3>) -> vec3<f32> {
             depth += 1u;
             continue;
         }
-        sum += area_of(p) * (three_of(table, p, middle, INNER) + three_of(table, p, middle, OUTER));
+        sum += area_of(p) * (three_of(table, p, middle, INNER_OF_SIX) + three_of(table, p, middle, OUTER_OF_SIX));
         // The last quarters of their triangles are done with.
         while depth > 0u && extractBits(path, 2u * (depth - 1u), 2u) == 3u {
             depth -= 1u;
@@ -122,9 +98,9 @@ fn of_facet(table: u32, p: array<vec3<f32>, 3>) -> vec3<f32> {
         return split(table, p);
     }
     if from2 < THREE_BEYOND2 * near2 {
-        return area_of(p) * (three_of(table, p, middle, INNER) + three_of(table, p, middle, OUTER));
+        return area_of(p) * (three_of(table, p, middle, INNER_OF_SIX) + three_of(table, p, middle, OUTER_OF_SIX));
     }
-    return area_of(p) * three_of(table, p, middle, MIDDLE);
+    return area_of(p) * three_of(table, p, middle, THREE_POINTS);
 }
 
 fn of_piece(table: u32, p: array<vec3<f32>, 3>) -> vec3<f32> {
@@ -169,7 +145,7 @@ fn of_sample(table: u32, index: u32, at: vec3<f32>) -> vec3<f32> {
     return sum + irradiance[index].xyz * mean;
 }
 
-@compute @workgroup_size(64)
+@compute @workgroup_size(WORKGROUP)
 fn near(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
     let job = group.x;
     let lane = thread % LANES;

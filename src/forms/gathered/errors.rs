@@ -9,9 +9,10 @@ use crate::evaluate::inter_reflection::Transfer;
 use crate::evaluate::stages::probe_points;
 use crate::math::statistics::VertexError;
 use crate::progress::Silent;
-use crate::transport::gather::{NearField, Scheme};
+use crate::transport::gather::Scheme;
 use crate::transport::irradiance::Pieces;
 use crate::transport::multilevel::{SurfaceNets, SurfaceTables};
+use crate::transport::near_rule::NearField;
 use crate::transport::receivers::{ProbePoints, Receivers};
 
 /// Receivers that tune the hierarchy.

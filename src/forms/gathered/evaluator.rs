@@ -26,8 +26,9 @@ use crate::medium::material::Medium;
 use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::Progress;
 use crate::scene::Scene;
-use crate::transport::gather::{NearField, Scheme};
+use crate::transport::gather::Scheme;
 use crate::transport::interreflection::InterReflection;
+use crate::transport::near_rule::NearField;
 use crate::transport::receivers::Receivers;
 
 impl Evaluator for GatheredEvaluator {

@@ -7,8 +7,6 @@ struct Cluster {
 
 @group(1) @binding(2) var<storage, read> clusters: array<Cluster>;
 
-const CLUSTER: u32 = 0x80000000u;
-
 fn of_patch(job: u32, medium: u32, index: u32, at: vec3<f32>) -> vec3<f32> {
     let centre = patches[index].centre;
     let distance = max(length(centre - jobs[job].centre) - jobs[job].radius, 0.0);
@@ -22,7 +20,7 @@ fn of_patch(job: u32, medium: u32, index: u32, at: vec3<f32>) -> vec3<f32> {
     return close_patch(medium, index, offset, reach2 < exact * exact);
 }
 
-@compute @workgroup_size(64)
+@compute @workgroup_size(WORKGROUP)
 fn gather(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
     let job = group.x;
     let lane = thread % LANES;

@@ -10,7 +10,7 @@ use super::lit_samples::GatheredEvaluator;
 use crate::error::Result;
 use crate::evaluate::device::jobs::{CLUSTER, Effort, Entries, Shard, shards};
 use crate::evaluate::device::surface::{
-    Geometry, KERNEL, READ, SurfaceBuffers, bind, bind_group_layout, dispatch, pipeline,
+    Geometry, READ, SurfaceBuffers, bind, bind_group_layout, dispatch, pipeline, shader,
 };
 use crate::evaluate::device::{Device, read_radiosity};
 use crate::evaluate::forward::{forward_scene, forward_single_scattering};
@@ -18,10 +18,11 @@ use crate::evaluate::{DeviceEvaluator, Evaluator};
 use crate::light::Light;
 use crate::medium::material::Medium;
 use crate::progress::Progress;
-use crate::transport::balanced_tree::power_of_two_near;
 use crate::transport::gather::{Scheme, Source};
-use crate::transport::kernel::EDGE_RULES;
+use crate::transport::kernel::EdgePrecision;
+use crate::transport::kernel::medium::MediumKernel;
 use crate::transport::near_field::Corners;
+use crate::transport::sample_light::SampleLight;
 
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
@@ -57,15 +58,15 @@ impl HierarchyOnDevice {
             corners: &corners,
             receivers: cpu.receivers(),
             near: cpu.near(),
-            rules: &EDGE_RULES,
+            precision: EdgePrecision::Reference,
             terms: 0,
         };
         let pieces = cpu.sampling().pieces_of_uneven() as usize;
-        let effort = Effort::new(&surface, cpu.near(), &EDGE_RULES, pieces);
+        let effort = Effort::new(&surface, cpu.near(), EdgePrecision::Reference, pieces);
         let mut buffers = SurfaceBuffers::new(device, &geometry)?;
-        buffers.set_media(surface.domain.media, f64::INFINITY)?;
+        buffers.set_media(&MediumKernel::of_media(surface.domain.media), None)?;
         let layout = bind_group_layout(&device.device, "gather", &[READ; 3]);
-        let text = format!("{KERNEL}{}", include_str!("gather.wgsl"));
+        let text = shader(include_str!("gather.wgsl"));
         let pipeline = pipeline(&device.device, &text, "gather", [buffers.layout(), &layout]);
         device.check()?;
         let device = Arc::clone(device);
@@ -81,12 +82,9 @@ impl HierarchyOnDevice {
             };
             let sources = gather.sources(self.cpu.receivers(), lit, scheme);
             let lists = sources.iter().map(|list| Entries::List(list.iter().map(entry).collect())).collect();
-            let (clusters, scale) = gather.clusters(lit);
-            let clusters = clusters.iter().map(|c| GpuCluster {
-                centre: c.centre_mm.as_vec3().extend(0.0).to_array(),
-                flux: (c.flux * scale).as_vec3().extend(0.0).to_array(),
-            });
-            Ok((self.shards(lists)?, clusters.collect()))
+            let packed = |v: DVec3| v.as_vec3().extend(0.0).to_array();
+            let cluster = |(centre, flux)| GpuCluster { centre: packed(centre), flux: packed(flux) };
+            Ok((self.shards(lists)?, gather.clusters(lit).map(cluster).collect()))
         })
     }
 
@@ -120,8 +118,7 @@ impl DeviceEvaluator for HierarchyOnDevice {
         }
         self.cpu.irradiance(progress)?;
         let (irradiance, pieces) = self.cpu.lit();
-        let brightest = irradiance.iter().map(|e| e.max_element()).fold(0.0, f64::max);
-        self.buffers.set_light(irradiance, pieces, power_of_two_near(brightest))?;
+        self.buffers.set_light(&SampleLight::new(irradiance, pieces))?;
         match self.cpu.tuned_scheme() {
             Scheme::AllPairs => {
                 let shards = match self.all_pairs.take() {
@@ -175,7 +172,7 @@ impl Evaluator for HierarchyOnDevice {
     fn set_media(&mut self, media: Vec<Medium>) -> Result<()> {
         self.cpu.set_media(media)?;
         self.is_current = false;
-        self.buffers.set_media(&self.cpu.scene().media, f64::INFINITY)
+        self.buffers.set_media(&MediumKernel::of_media(&self.cpu.scene().media), None)
     }
 
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {

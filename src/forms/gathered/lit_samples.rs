@@ -19,10 +19,12 @@ use crate::medium::material::Medium;
 use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::Progress;
 use crate::scene::Scene;
-use crate::transport::gather::{Gather, Lit, MediumKernel, NearField, Scheme};
+use crate::transport::gather::{Gather, Lit, Scheme};
 use crate::transport::interreflection::InterReflection;
 use crate::transport::irradiance::{Illumination, LightSampling, Pieces};
+use crate::transport::kernel::medium::MediumKernel;
 use crate::transport::multilevel::{SurfaceNets, SurfaceTables};
+use crate::transport::near_rule::NearField;
 use crate::transport::receivers::Receivers;
 use crate::transport::surface::Surface;
 use crate::transport::tree::SampleTree;
@@ -233,7 +235,7 @@ impl GatheredEvaluator {
         if !nets.is_prepared() {
             let kernels = match &self.profile {
                 Some((_, kernels)) => kernels.clone(),
-                None => self.scene.media.iter().map(MediumKernel::new).collect(),
+                None => MediumKernel::of_media(&self.scene.media),
             };
             nets.prepare(&self.surface(), &self.receivers, &kernels, progress);
         }

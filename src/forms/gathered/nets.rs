@@ -1,7 +1,7 @@
 //! Radiosity by multilevel summation: nets once for the samples, tables for each set of media.
 
 use crate::progress::Progress;
-use crate::transport::gather::MediumKernel;
+use crate::transport::kernel::medium::MediumKernel;
 use crate::transport::multilevel::{Quality, SurfaceNets, SurfaceTables};
 use crate::transport::receivers::Receivers;
 use crate::transport::surface::Surface;

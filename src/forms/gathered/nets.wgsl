@@ -48,19 +48,19 @@ fn restricted(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation
     }
 }
 
-struct Table {
-    // Segments per mm^2.
-    per_mm2: f32,
-    last: u32,
+struct NetKernel {
+    table: RadialTable,
     // 1: adds to the potential that is there.
     is_added: u32,
-    padding: u32,
+    padding0: u32,
+    padding1: u32,
+    padding2: u32,
 }
 
 // Positions, mm, and their charges.
 @group(0) @binding(2) var<storage, read> points: array<vec4<f32>>;
-@group(0) @binding(3) var<uniform> table: Table;
-// A value at the start of each segment, and what it gains up to the end.
+@group(0) @binding(3) var<uniform> kernel: NetKernel;
+// A value at the start of each segment, and its slope per mm^2.
 @group(0) @binding(4) var<storage, read> segments: array<vec4<f32>>;
 
 // First and last point of a group, and where its list begins and ends.
@@ -78,16 +78,13 @@ fn smoothed(@builtin(workgroup_id) workgroup: vec3<u32>, @builtin(local_invocati
     for (var i = group.z + thread / LANES; i < group.w; i += SLICES) {
         let source = list[i];
         let offset = points[source].xyz - at;
-        let place = min(dot(offset, offset) * table.per_mm2, f32(table.last));
-        let segment = u32(place);
-        let value = segments[2u * segment].xyz + segments[2u * segment + 1u].xyz * (place - f32(segment));
-        sum += values[source].xyz * value;
+        sum += values[source].xyz * looked_up(kernel.table, dot(offset, offset));
     }
     slices[thread] = sum;
     workgroupBarrier();
     if thread < LANES && point < group.y && index < shard.count {
         sum = slices[lane] + slices[lane + LANES] + slices[lane + 2u * LANES] + slices[lane + 3u * LANES];
-        if table.is_added == 1u {
+        if kernel.is_added == 1u {
             sum += sums[point].xyz;
         }
         sums[point] = vec4(sum, 0.0);

@@ -11,7 +11,8 @@ use crate::error::{Error, Result};
 use crate::evaluate::device::interpolated::{Interpolation, Stage, check_turns, cut};
 use crate::evaluate::device::jobs::{Effort, Entries, Shard, shards};
 use crate::evaluate::device::surface::{
-    Geometry, KERNEL, READ, SurfaceBuffers, UNIFORM, WRITE, bind, bind_group_layout, dispatch, pipeline, uniform,
+    Geometry, GpuTable, READ, SurfaceBuffers, UNIFORM, WRITE, bind, bind_group_layout, dispatch, pipeline, shader,
+    table_shader, uniform,
 };
 use crate::evaluate::device::{Device, read_radiosity};
 use crate::evaluate::forward::{forward_scene, forward_single_scattering};
@@ -21,11 +22,13 @@ use crate::light::Light;
 use crate::medium::material::Medium;
 use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::{Progress, Silent};
-use crate::transport::balanced_tree::power_of_two_near;
-use crate::transport::kernel::EDGE_RULES;
-use crate::transport::multilevel::{Adjoint, MOST_SPLITS, Net, NetsOfPart, PIECE_IS_POINT, SurfaceNets, SurfaceTables};
+use crate::transport::kernel::EdgePrecision;
+use crate::transport::kernel::radial_table::{SHIFT, SMOOTH_SHIFT};
+use crate::transport::multilevel::{Adjoint, Net, NetsOfPart, SurfaceNets, SurfaceTables};
 use crate::transport::near_field::Corners;
+use crate::transport::near_rule::{MOST_SPLITS, PIECE_IS_POINT};
 use crate::transport::receivers::Receivers;
+use crate::transport::sample_light::SampleLight;
 use crate::transport::surface::Surface;
 
 /// Rows of one workgroup, and how many invocations share one.
@@ -45,31 +48,21 @@ struct GpuShard {
 
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
-struct GpuTable {
-    per_mm2: f32,
-    last: u32,
+struct GpuNetKernel {
+    table: GpuTable,
     is_added: u32,
-    padding: u32,
+    padding: [u32; 3],
 }
 
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct GpuCompact {
-    point: GpuRadialTable,
-    disc: GpuRadialTable,
+    point: GpuTable,
+    disc: GpuTable,
     smooth2: f32,
     split2: f32,
     facets_below: f32,
     pieces_below: f32,
-}
-
-#[repr(C)]
-#[derive(Clone, Copy, Pod, Zeroable)]
-struct GpuRadialTable {
-    scale2: f32,
-    bits: u32,
-    first: u32,
-    last: u32,
 }
 
 /// A [`GatheredEvaluator`] that sums over nets, on a device.
@@ -180,19 +173,17 @@ impl NetsOnDevice {
             corners: &corners,
             receivers: cpu.receivers(),
             near: cpu.near(),
-            rules: &EDGE_RULES,
+            precision: EdgePrecision::Reference,
             terms: 0,
         };
-        let mut buffers = SurfaceBuffers::new(device, &geometry)?;
-        // The shaders that know the dipole are part of the same text.
-        buffers.set_media(surface.domain.media, f64::INFINITY)?;
+        let buffers = SurfaceBuffers::new(device, &geometry)?;
         let flux = device.zeros("flux", 16 * surface.patches.len() as u64)?;
         let shaders = Shaders::new(device);
         let part = |part, tables| shaders.part(device, (part, tables), [&flux, buffers.radiosity()]);
         let parts =
             nets.parts.iter().zip(&tables.parts).map(|(p, (tables, _))| part(p, tables)).collect::<Result<_>>()?;
         let layout = bind_group_layout(&device.device, "compact", &[READ; 5]);
-        let text = format!("{KERNEL}{}", include_str!("compact.wgsl"));
+        let text = table_shader(SHIFT, &shader(include_str!("compact.wgsl")));
         let pipeline = pipeline(&device.device, &text, "near", [buffers.layout(), &layout]);
         // Other media may need smaller pieces: cut for those as well.
         let splits = Splits { smooth_mm: 0.5 * Splits::of(tables).smooth_mm, ..Splits::of(tables) };
@@ -213,13 +204,12 @@ impl NetsOnDevice {
         for (part, (own, _)) in self.parts.iter_mut().zip(&tables.parts) {
             let coarsest = part.levels.len().saturating_sub(1);
             for (index, (level, table)) in part.levels.iter_mut().zip(&own.levels).enumerate() {
-                let segments = table.segments();
+                let mut segments = Vec::new();
+                let own = GpuTable::append(&table.table, &mut segments);
                 if size_of_val(segments.as_slice()) as u64 > level.segments.size() {
                     return Err(Error::runtime("tables of another medium do not fit the device's"));
                 }
-                let last = segments.len().saturating_sub(1) as u32;
-                let is_added = u32::from(index < coarsest);
-                let header = GpuTable { per_mm2: table.per_mm2, last, is_added, padding: 0 };
+                let header = GpuNetKernel { table: own, is_added: u32::from(index < coarsest), padding: [0; 3] };
                 self.device.queue.write_buffer(&level.segments, 0, bytemuck::cast_slice(segments.as_flattened()));
                 self.device.queue.write_buffer(&level.table, 0, bytemuck::bytes_of(&header));
                 level.is_nothing = table.is_nothing();
@@ -232,15 +222,9 @@ impl NetsOnDevice {
         }
         let (mut heads, mut all) = (Vec::new(), Vec::new());
         for (_, compact) in &tables.parts {
-            let mut radial = |table: &crate::transport::kernel::radial_table::RadialTable| {
-                let (scale2, bits, segments) = table.segments();
-                let first = all.len() as u32;
-                all.extend(segments);
-                GpuRadialTable { scale2, bits, first, last: (all.len() as u32).saturating_sub(first + 1) }
-            };
             heads.push(GpuCompact {
-                point: radial(&compact.point),
-                disc: radial(&compact.disc),
+                point: GpuTable::append(&compact.point, &mut all),
+                disc: GpuTable::append(&compact.disc, &mut all),
                 smooth2: (compact.smooth_mm * compact.smooth_mm) as f32,
                 split2: compact.split_below * compact.split_below,
                 facets_below: compact.rule.facets_below as f32,
@@ -276,9 +260,9 @@ fn near_shards(
         let Some(of_part) = receivers.groups.get(first).map(|g| g.part as usize) else { continue };
         table_of_part[of_part] = Some(index as u32);
         let start = part.samples.start as u32;
-        for (list, ends) in lists[first..].iter_mut().zip(part.near.offsets.windows(2)) {
-            let samples = part.near.samples.get(ends[0]..ends[1]).unwrap_or(&[]);
-            *list = Entries::List(samples.iter().map(|sample| start + sample).collect());
+        let groups = receivers.groups.partition_point(|g| (g.run.first as usize) < part.receivers.end);
+        for (group, list) in lists[first..groups].iter_mut().enumerate() {
+            *list = Entries::List(part.near.close.of(group).iter().map(|sample| start + sample).collect());
         }
     }
     let rule = |(_, compact): &(_, crate::transport::multilevel::Compact)| {
@@ -301,7 +285,7 @@ struct Shaders {
 impl Shaders {
     fn new(device: &Device) -> Self {
         let calls = &device.device;
-        let text = include_str!("nets.wgsl");
+        let text = &table_shader(SMOOTH_SHIFT, include_str!("nets.wgsl"));
         let work = || bind_group_layout(calls, "shard", &[UNIFORM, READ, READ]);
         let restriction = [bind_group_layout(calls, "restriction", &[READ, WRITE]), work()];
         let sums = [bind_group_layout(calls, "net", &[READ, WRITE, READ, UNIFORM, READ]), work()];
@@ -336,8 +320,8 @@ impl Shaders {
             };
             let points: Vec<[f32; 4]> = net.at.iter().map(|&p| Vec3::from(p).extend(0.0).to_array()).collect();
             let points = device.storage("points of a net", &points)?;
-            let header = uniform(&device.device, "table", bytemuck::bytes_of(&GpuTable::zeroed()));
-            let segments = device.storage("softened kernel", table.segments().as_flattened())?;
+            let header = uniform(&device.device, "table", bytemuck::bytes_of(&GpuNetKernel::zeroed()));
+            let segments = device.storage("softened kernel", table.table.segments().2.as_flattened())?;
             let bound = [&charges[index], &potentials[index], &points, &header, &segments];
             let sums = self.smoothed(device, net, bound)?;
             levels.push(Level { restriction, prolongation, sums, table: header, segments, is_nothing: false });
@@ -377,7 +361,8 @@ impl Shaders {
     }
 
     fn smoothed(&self, device: &Device, net: &Net, bound: [&wgpu::Buffer; 5]) -> Result<Stage> {
-        let offsets: Vec<u32> = net.offsets.iter().map(|&o| o as u32).collect();
+        let (offsets, around) = net.around.flat();
+        let offsets: Vec<u32> = offsets.iter().map(|&o| o as u32).collect();
         check_turns(offsets.windows(2).map(|w| (w[1] - w[0]) as usize).max().unwrap_or(0) / SLICES + 1)?;
         let binding = device.largest_binding() as usize;
         let mut shards = Vec::new();
@@ -388,7 +373,7 @@ impl Shaders {
             let work = [
                 shard(device, &range),
                 device.storage("groups of points", groups.as_flattened())?,
-                device.storage("points around", &net.around[from as usize..to as usize])?,
+                device.storage("points around", &around[from as usize..to as usize])?,
             ];
             shards.push((bind(&device.device, &self.sums[1], work.iter()), range.len() as u32));
         }
@@ -431,14 +416,11 @@ impl DeviceEvaluator for NetsOnDevice {
         }
         self.cpu.irradiance(progress)?;
         let (irradiance, pieces) = self.cpu.lit();
-        let brightest = irradiance.iter().map(|e| e.max_element()).fold(0.0, f64::max);
-        let scale = power_of_two_near(brightest);
-        self.buffers.set_light(irradiance, pieces, scale)?;
-        let patches = self.cpu.surface().patches;
-        let flux = |(e, patch): (&DVec3, &crate::geometry::samples::Patch)| {
-            (*e * (patch.area_mm2 / scale)).as_vec3().extend(0.0).to_array()
-        };
-        let flux: Vec<[f32; 4]> = irradiance.iter().zip(patches).map(flux).collect();
+        let light = SampleLight::new(irradiance, pieces);
+        self.buffers.set_light(&light)?;
+        let patches = self.cpu.surface().patches.iter().enumerate();
+        let flux: Vec<[f32; 4]> =
+            patches.map(|(i, patch)| light.flux(i, patch).as_vec3().extend(0.0).to_array()).collect();
         self.device.queue.write_buffer(&self.flux, 0, bytemuck::cast_slice(&flux));
         let mut encoder = self.device.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         encoder.clear_buffer(self.buffers.radiosity(), 0, None);

@@ -14,9 +14,10 @@ use crate::forms::density::Density;
 use crate::forms::environment_rows::EnvironmentRows;
 use crate::progress::Progress;
 use crate::scene::Scene;
-use crate::transport::gather::{Criterion, NearField};
+use crate::transport::gather::Criterion;
 use crate::transport::irradiance::LightSampling;
 use crate::transport::multilevel::Quality;
+use crate::transport::near_rule::NearField;
 
 /// Samples, how light reaches them, and how they are summed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

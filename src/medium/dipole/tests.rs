@@ -445,3 +445,41 @@ fn a_fixed_multiple_of_the_mean_free_path_is_no_range() {
     assert!(most > 0.2 && least < 1e-6, "{least} {most}");
     assert!(long > 40.0 * short, "{short} {long}");
 }
+
+#[test]
+fn decay_is_the_exponential() {
+    for i in 0..20_000 {
+        let x = f64::from(i) * 0.035;
+        let (ours, exact) = (decay(x), (-x).exp());
+        assert!((ours - exact).abs() <= 4e-16 * exact, "{x} {ours:e} {exact:e}");
+    }
+    assert_eq!(decay(0.0), 1.0);
+    assert!(decay(f64::MIN_POSITIVE) == 1.0 && decay(701.0) == 0.0);
+    assert!(decay(f64::INFINITY) == 0.0 && decay(f64::NAN) == 0.0);
+}
+
+#[test]
+fn derivatives_agree_with_finite_differences() {
+    let presets = PRESETS.iter().flat_map(|preset| preset.properties().dipoles(BoundaryFit::Published));
+    let extremes =
+        [(0.0, 1.0), (0.0, 0.0), (1e6, 0.0), (1e6, 1e6), (1e-6, 0.0), (1e-9, 1e-9), (1e-6, 1e6), (1e300, 1e300)];
+    let extremes = extremes.map(|(scattering, absorption)| dipole((scattering, absorption, 1.3)));
+    for dipole in presets.chain(all()).chain(extremes) {
+        for pole in dipole.poles() {
+            // Far below z^2 the differences drown in rounding.
+            for s in [0.01, 1.0, 30.0, 1e4].map(|factor| factor * pole.z_mm * pole.z_mm) {
+                let [value, first, second] = pole.derivatives(s);
+                let exact = pole.reflectance(s.sqrt());
+                assert!((value - exact).abs() <= 1e-12 * exact.abs() + 1e-300, "{pole:?} {s}");
+                // A step over which x changes by about 1e-4 keeps truncation and rounding balanced.
+                let h = 1e-4 * (s + pole.z_mm * pole.z_mm) / (1.0 + pole.sigma_per_mm * s.sqrt().hypot(pole.z_mm));
+                let h = h.min(0.5 * s);
+                let (below, above) = (pole.derivatives(s - h), pole.derivatives(s + h));
+                let slope = (above[0] - below[0]) / (2.0 * h);
+                let curvature = (above[1] - below[1]) / (2.0 * h);
+                assert!((first - slope).abs() <= 1e-6 * slope.abs() + 1e-290, "{pole:?} {s} {first:e} {slope:e}");
+                assert!((second - curvature).abs() <= 1e-6 * curvature.abs() + 1e-290, "{pole:?} {s}");
+            }
+        }
+    }
+}

@@ -16,7 +16,8 @@
 
 use super::grid::Grid;
 use crate::math::nnls::non_negative_least_squares;
-use crate::medium::far_profile::{FarProfile, decay};
+use crate::medium::dipole::decay;
+use crate::medium::far_profile::FarProfile;
 
 /// Standard deviation below the first, over the split radius, and of the widest Gaussian, over the reach.
 const NARROWEST: f64 = 0.25;

@@ -10,7 +10,8 @@ use crate::light::Light;
 use crate::light::cube_light::CubeLight;
 use crate::light::sky::sky;
 use crate::progress::Silent;
-use crate::transport::gather::{Criterion, NearField};
+use crate::transport::gather::Criterion;
+use crate::transport::near_rule::NearField;
 use crate::transport::test_scene::{Fixture, named};
 use crate::transport::visibility::Resolution;
 

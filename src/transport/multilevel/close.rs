@@ -2,16 +2,9 @@
 
 use glam::Vec3;
 
-use super::near::{Compact, Facets, Rgb, Shine};
-
-/// Three points that integrate polynomials of degree 2: halfway to the corners from the centroid.
-const DEGREE_2: (f32, f32) = (0.5, 1.0 / 3.0);
-
-/// They are enough from this many times farther on than six points are: nothing is lost at 2, and much at 1.
-const THREE_BEYOND: f32 = 2.0;
-
-/// What a shadow boundary leaves of a sample is a point above this distance over its radius.
-pub(crate) const PIECE_IS_POINT: f32 = 3.0;
+use super::near::{Compact, Facets, Shine};
+use crate::transport::kernel::radial_table::Rgb;
+use crate::transport::near_rule::{PIECE_IS_POINT, THREE_BEYOND, THREE_POINTS, near_square};
 
 /// Lit samples that some receiver of a group may be too near to for a disc, positions relative to its centre, mm.
 #[derive(Default)]
@@ -34,7 +27,7 @@ pub(super) struct Close {
 /// A facet of a close sample.
 #[derive(Clone, Copy)]
 pub(super) struct CloseFacet {
-    /// Where [`DEGREE_2`] has its points, and its centroid, by axis.
+    /// Where [`THREE_POINTS`] has its points, and its centroid, by axis.
     pub(super) points: [Rgb; 3],
     /// Of each point.
     pub(super) flux: Rgb,
@@ -85,10 +78,7 @@ impl Close {
         light: Shine,
     ) {
         let smooth2 = (compact.smooth_mm * compact.smooth_mm) as f32;
-        let below2 = |radii: f64| {
-            let reach = radii as f32 * radius;
-            reach * reach - smooth2
-        };
+        let below2 = |radii: f64| near_square(radii * f64::from(radius), compact.smooth_mm) as f32;
         let most = compact.rule.facets_below.max(compact.rule.pieces_below) as f32 * radius;
         let distance2 = at[0] * at[0] + at[1] * at[1] + at[2] * at[2];
         if most * most <= smooth2 || distance2 >= (most + receivers) * (most + receivers) {
@@ -100,7 +90,7 @@ impl Close {
         };
         let facets2 = below2(compact.rule.facets_below);
         let pieces2 = below2(compact.rule.pieces_below).max(facets2);
-        let (by_facets, by_pieces) = (within(facets2), light.pieces.is_uneven(sample) && within(pieces2));
+        let (by_facets, by_pieces) = (within(facets2), light.light.is_uneven(sample) && within(pieces2));
         if !by_facets && !by_pieces {
             return;
         }
@@ -130,8 +120,8 @@ impl Close {
         facets: &Facets,
         light: Shine,
     ) {
-        let e = (light.irradiance[sample] * light.scale).as_vec3();
-        let (towards, weight) = DEGREE_2;
+        let e = light.light.irradiance(sample).as_vec3();
+        let (towards, weight) = THREE_POINTS;
         for (facet, number) in facets.of(sample).iter().zip(facets.offsets[sample]..) {
             let [red, green, blue] = (e * (weight * facet.area)).to_array();
             let mut points = [[0.0; 4]; 3];
@@ -146,18 +136,18 @@ impl Close {
     }
 
     fn push_pieces(&mut self, sample: usize, at: [f32; 3], smooth2: f32, light: Shine) {
-        self.fours = light.pieces.count().div_ceil(4);
+        self.fours = light.light.most_pieces().div_ceil(4);
         let before = self.pieces.len();
         let none = ClosePieces { centroids: [[0.0; 4]; 3], flux: [[0.0; 4]; 4], more2: [f32::NEG_INFINITY; 4] };
         self.pieces.resize(before + self.fours, none);
         let own = &mut self.pieces[before..];
-        for (k, (deviation, corners)) in light.pieces.of(sample).into_iter().flatten().enumerate() {
+        for (k, (deviation, corners)) in light.light.pieces(sample).into_iter().flatten().enumerate() {
             let (four, lane) = (&mut own[k / 4], k % 4);
             let [a, b, c] = corners.map(Vec3::from);
             let middle = (a + b + c) / 3.0;
             let radius2 = middle.distance_squared(a).max(middle.distance_squared(b)).max(middle.distance_squared(c));
             let area = 0.5 * (b - a).cross(c - a).length();
-            let [red, green, blue] = ((deviation * light.scale).as_vec3() * area).to_array();
+            let [red, green, blue] = (deviation.as_vec3() * area).to_array();
             for (axis, centroids) in four.centroids.iter_mut().enumerate() {
                 centroids[lane] = at[axis] + middle[axis];
             }

@@ -16,15 +16,12 @@ mod weights;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use self::kernel::{PointBlock, SmoothTable};
-pub use self::surface::{NearRule, Quality, SurfaceNets, SurfaceTables};
+use self::kernel::{NetKernel, PointBlock};
+pub use self::surface::{Quality, SurfaceNets, SurfaceTables};
 pub(crate) use self::weights::Adjoint;
 #[cfg(feature = "gpu")]
-pub(crate) use self::{
-    close::PIECE_IS_POINT,
-    near::{Compact, MOST_SPLITS},
-    surface::Part as NetsOfPart,
-};
+pub(crate) use self::{near::Compact, surface::Part as NetsOfPart};
+use super::close_pairs::ClosePairs;
 use super::interpolation::SharedWeights;
 use crate::geometry::cluster::{self, Run};
 use crate::geometry::scattered::{Kriging, OrientedPoint, Weights, choose_from};
@@ -67,9 +64,8 @@ pub(crate) struct Net {
     points: Vec<OrientedPoint>,
     pub(crate) at: Vec<[f32; 3]>,
     pub(crate) groups: Vec<Run>,
-    /// Points within reach of some point of group `g` are `around[offsets[g]..offsets[g + 1]]`.
-    pub(crate) offsets: Vec<usize>,
-    pub(crate) around: Vec<u32>,
+    /// Points within reach of those of each group.
+    pub(crate) around: ClosePairs,
     /// From this net to the next coarser, and back.
     pub(crate) up: Adjoint,
     pub(crate) down: SharedWeights,
@@ -77,7 +73,7 @@ pub(crate) struct Net {
 
 /// Tables of one medium for every level.
 pub(crate) struct Tables {
-    pub(crate) levels: Vec<SmoothTable>,
+    pub(crate) levels: Vec<NetKernel>,
 }
 
 impl Multilevel {
@@ -129,7 +125,7 @@ impl Multilevel {
     /// Number of nets, of points and of pairs.
     pub(super) fn sizes(&self) -> Vec<(usize, usize)> {
         let pairs = |net: &Net| {
-            let of_group = |(g, run): (usize, &Run)| run.range().len() * (net.offsets[g + 1] - net.offsets[g]);
+            let of_group = |(g, run): (usize, &Run)| run.range().len() * net.around.of(g).len();
             net.groups.iter().enumerate().map(of_group).sum()
         };
         self.levels.iter().map(|net| (net.points.len(), pairs(net))).collect()
@@ -141,8 +137,7 @@ impl Multilevel {
             size_of_val(net.points.as_slice())
                 + size_of_val(net.at.as_slice())
                 + size_of_val(net.groups.as_slice())
-                + size_of_val(net.offsets.as_slice())
-                + size_of_val(net.around.as_slice())
+                + net.around.bytes()
                 + net.up.bytes()
                 + net.down.bytes()
         };
@@ -164,7 +159,7 @@ impl Multilevel {
         let count = self.levels.len();
         let level = |level: usize| {
             let radius = self.near_mm() * 2f64.powi(level as i32);
-            SmoothTable::new(profiles, radius, (level + 1 < count).then_some(2.0 * radius), extent_mm)
+            NetKernel::new(profiles, radius, (level + 1 < count).then_some(2.0 * radius), extent_mm)
         };
         Tables { levels: (0..count).into_par_iter().map(level).collect() }
     }
@@ -203,19 +198,17 @@ impl Net {
         let groups = cluster::groups(&mut order, &positions, GROUP);
         let points: Vec<OrientedPoint> = order.iter().map(|&i| points[i as usize]).collect();
         let at = points.iter().map(|p| p.at_mm.as_vec3().to_array()).collect();
-        let (offsets, around, up) = (vec![0; groups.len() + 1], Vec::new(), Adjoint::default());
-        Self { points, at, groups, offsets, around, up, down: SharedWeights::default() }
+        let (around, up, down) = (ClosePairs::default(), Adjoint::default(), SharedWeights::default());
+        Self { points, at, groups, around, up, down }
     }
 
     /// Lists the points within a distance.
     fn reach(&mut self, reach_mm: f64) {
         let positions: Vec<DVec3> = self.points.iter().map(|p| p.at_mm).collect();
-        let lists = around(&positions, &positions, &self.groups, reach_mm);
-        self.offsets = ends(&lists);
-        self.around = lists.concat();
+        self.around = ClosePairs::new(&positions, |_| reach_mm, &positions, &self.groups);
     }
 
-    fn add(&self, table: &SmoothTable, charges: &[[f32; 4]], out: &mut [[f32; 4]]) {
+    fn add(&self, table: &NetKernel, charges: &[[f32; 4]], out: &mut [[f32; 4]]) {
         let level = Level::detect();
         let mut rest = out;
         let mut jobs = Vec::with_capacity(self.groups.len());
@@ -226,59 +219,10 @@ impl Net {
         }
         jobs.into_par_iter().with_min_len(8).for_each(|(g, run, out)| {
             let mut block = PointBlock::new(&self.at[run.range()]);
-            let sources = &self.around[self.offsets[g]..self.offsets[g + 1]];
-            kernel::add_smooth(level, &mut block, table, sources, (&self.at, charges));
+            kernel::add_smooth(level, &mut block, table, self.around.of(g), (&self.at, charges));
             block.add_to(out);
         });
     }
-}
-
-/// Where each list starts and the last ends, one after another.
-fn ends(lists: &[Vec<u32>]) -> Vec<usize> {
-    let ends = lists.iter().scan(0, |end, list| {
-        *end += list.len();
-        Some(*end)
-    });
-    std::iter::once(0).chain(ends).collect()
-}
-
-/// Which of `sources` are within reach of some point of each group of `points`, ascending.
-pub(in crate::transport) fn around(
-    sources: &[DVec3],
-    points: &[DVec3],
-    groups: &[Run],
-    reach_mm: f64,
-) -> Vec<Vec<u32>> {
-    // Runs of the sources in the order given, which keeps neighbours together.
-    const RUN: usize = 16;
-    let runs: Vec<(DVec3, DVec3)> = sources
-        .chunks(RUN)
-        .map(|run| run.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), p| (a.min(*p), b.max(*p))))
-        .collect();
-    let bounds = |boxes: &[(DVec3, DVec3)]| {
-        boxes.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), (c, d)| (a.min(*c), b.max(*d)))
-    };
-    let upper: Vec<(DVec3, DVec3)> = runs.chunks(RUN).map(bounds).collect();
-    let apart = |(low, high): &(DVec3, DVec3), (from, to): &(DVec3, DVec3)| {
-        (*low - *to).max(*from - *high).max(DVec3::ZERO).length_squared()
-    };
-    let reach2 = reach_mm * reach_mm;
-    let of_group = |run: &Run| {
-        let members = &points[run.range()];
-        let own = bounds(&members.iter().map(|p| (*p, *p)).collect::<Vec<_>>());
-        let mut found = Vec::new();
-        for (u, _) in upper.iter().enumerate().filter(|(_, upper)| apart(upper, &own) < reach2) {
-            let first = u * RUN;
-            for (r, _) in runs[first..].iter().take(RUN).enumerate().filter(|(_, run)| apart(run, &own) < reach2) {
-                let first = (first + r) * RUN;
-                let end = (first + RUN).min(sources.len());
-                let near = |i: &usize| members.iter().any(|p| p.distance_squared(sources[*i]) < reach2);
-                found.extend((first..end).filter(near).map(|i| i as u32));
-            }
-        }
-        found
-    };
-    groups.par_iter().map(of_group).collect()
 }
 
 #[cfg(test)]

@@ -9,35 +9,21 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::close::Close;
-use super::{around, ends};
 use crate::geometry::cluster::Run;
 use crate::geometry::mesh::Mesh;
 use crate::geometry::samples::{Patch, Samples};
 use crate::math::simd::{Level, multiversion};
-use crate::transport::irradiance::Pieces;
-use crate::transport::kernel::radial_table::{self, RadialTable};
-use crate::transport::kernel::{Block, PointSource};
+use crate::transport::close_pairs::ClosePairs;
+use crate::transport::kernel::radial_table::{LinearTable, Rgb};
+use crate::transport::kernel::{Block, PointSource, Receiver};
+use crate::transport::near_rule::{MOST_SPLITS, NearRule, SIX_POINTS};
 use crate::transport::receivers::Sphere;
-
-/// RGB and nothing.
-pub(super) type Rgb = [f32; 4];
-
-/// Six points that integrate polynomials of degree 4 over a triangle (Dunavant 1985): how far three of them are from the centroid
-/// on the way to the corners, and the weight of each.
-const DEGREE_4: [(f32, f32); 2] = [
-    (1.5 * 0.108_103_018_168_070 - 0.5, 0.223_381_589_678_011),
-    (1.5 * 0.816_847_572_980_459 - 0.5, 0.109_951_743_655_322),
-];
-
-/// A facet is split so many times at most.
-pub(crate) const MOST_SPLITS: u32 = 16;
+use crate::transport::sample_light::SampleLight;
 
 /// Samples around groups of receivers.
 pub(crate) struct NearSamples {
-    /// Those of group `g` are `samples[offsets[g]..offsets[g + 1]]`.
-    pub(crate) offsets: Vec<usize>,
-    /// From the first sample of the part on.
-    pub(crate) samples: Vec<u32>,
+    /// Samples from the first of the part on.
+    pub(crate) close: ClosePairs,
     groups: Vec<Run>,
     receivers: Vec<DVec3>,
 }
@@ -119,31 +105,20 @@ impl Facets {
     }
 }
 
-/// Light on the samples, brought near 1.
+/// Light on the samples.
 #[derive(Clone, Copy)]
 pub(super) struct Shine<'a> {
-    /// E times area of every sample.
+    /// E times area of every sample, scaled.
     pub(super) flux: &'a [Rgb],
-    pub(super) irradiance: &'a [DVec3],
-    pub(super) pieces: &'a Pieces,
-    pub(super) scale: f64,
-}
-
-/// Distances over the radius of a sample below which it is more than a disc.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct NearRule {
-    /// Points of its facets below this.
-    pub facets_below: f64,
-    /// Pieces, where it is not lit evenly, below this.
-    pub pieces_below: f64,
+    pub(super) light: SampleLight<'a>,
 }
 
 /// The compact part of three profiles.
 pub(crate) struct Compact {
     /// At a point.
-    pub(crate) point: RadialTable,
+    pub(crate) point: LinearTable,
     /// Mean over the disc that stands for a sample.
-    pub(crate) disc: RadialTable,
+    pub(crate) disc: LinearTable,
     /// Depth of the shallowest real source, mm.
     pub(crate) smooth_mm: f64,
     pub(crate) rule: NearRule,
@@ -172,15 +147,12 @@ struct Scratch {
 impl NearSamples {
     /// Lists of the samples within reach of receivers, which are in groups.
     pub(super) fn new(samples: &[DVec3], receivers: &[DVec3], groups: &[Run], reach_mm: f64) -> Self {
-        let lists = around(samples, receivers, groups, reach_mm);
-        Self { offsets: ends(&lists), samples: lists.concat(), groups: groups.to_vec(), receivers: receivers.to_vec() }
+        let close = ClosePairs::new(samples, |_| reach_mm, receivers, groups);
+        Self { close, groups: groups.to_vec(), receivers: receivers.to_vec() }
     }
 
     pub(super) fn bytes(&self) -> usize {
-        size_of_val(self.offsets.as_slice())
-            + size_of_val(self.samples.as_slice())
-            + size_of_val(self.groups.as_slice())
-            + size_of_val(self.receivers.as_slice())
+        self.close.bytes() + size_of_val(self.groups.as_slice()) + size_of_val(self.receivers.as_slice())
     }
 
     /// Adds the compact part to the radiosity of every receiver, RGB. `first` is the part's first sample.
@@ -198,11 +170,11 @@ impl NearSamples {
             let place = Sphere::around(members);
             scratch.close.clear();
             scratch.discs.clear();
-            for &sample in &self.samples[self.offsets[g]..self.offsets[g + 1]] {
+            for &sample in self.close.of(g) {
                 scratch.push(first + sample as usize, &place, compact, facets, light);
             }
-            scratch.block.reset(place.centre_mm, members);
-            radial_table::add_points(level, &mut scratch.block, &compact.disc, &scratch.discs);
+            scratch.block.reset(place.centre_mm, members.iter().map(|&at_mm| Receiver { at_mm }));
+            compact.disc.add_points(level, &mut scratch.block, &scratch.discs);
             for (i, (receiver, out)) in members.iter().zip(out).enumerate() {
                 let [r, g, b] = scratch.block.sum(i).as_vec3().to_array();
                 for (out, value) in out.iter_mut().zip([r, g, b]) {
@@ -219,7 +191,7 @@ impl Scratch {
     #[inline]
     fn push(&mut self, sample: usize, place: &Sphere, compact: &Compact, facets: &Facets, light: Shine) {
         let Some(flux) = light.flux.get(sample) else { return };
-        let uneven = light.pieces.is_uneven(sample);
+        let uneven = light.light.is_uneven(sample);
         if flux[0] == 0.0 && flux[1] == 0.0 && flux[2] == 0.0 && !uneven {
             return;
         }
@@ -268,12 +240,12 @@ fn receive_body(
             let places = compact.point.places(&r2);
             for j in 0..4 {
                 if r2[j] >= four.more2[j] {
-                    add(&mut sum, &four.flux[j], &compact.point.reflectance_at(places[j]));
+                    add(&mut sum, &four.flux[j], &compact.point.value(&places, j));
                     continue;
                 }
-                let piece = light.pieces.of(close.sample[i] as usize).and_then(|mut pieces| pieces.nth(4 * k + j));
+                let piece = light.light.pieces(close.sample[i] as usize).and_then(|mut pieces| pieces.nth(4 * k + j));
                 let Some((deviation, corners)) = piece else { continue };
-                let e = (deviation * light.scale).as_vec3();
+                let e = deviation.as_vec3();
                 let corners =
                     [offset + Vec3::from(corners[0]), offset + Vec3::from(corners[1]), offset + Vec3::from(corners[2])];
                 let mut integral = [0.0f32; 4];
@@ -295,8 +267,8 @@ fn receive_body(
             if r2[3] >= near.more2 {
                 let places = compact.point.places(&r2);
                 let mut values = [0.0f32; 4];
-                for place in &places[..3] {
-                    let value = compact.point.reflectance_at(*place);
+                for j in 0..3 {
+                    let value = compact.point.value(&places, j);
                     for k in 0..4 {
                         values[k] += value[k];
                     }
@@ -324,12 +296,12 @@ fn receive_body(
             } else {
                 points(&mut integral, (middle, facet.area), &corners, &compact.point);
             }
-            let e = (light.irradiance[sample] * light.scale).as_vec3();
+            let e = light.light.irradiance(sample).as_vec3();
             add(&mut sum, &[e.x, e.y, e.z, 0.0], &integral);
         }
         // It is among the discs as well.
         let flux = &close.flux[i];
-        add(&mut sum, &[-flux[0], -flux[1], -flux[2], 0.0], &compact.disc.reflectance_at_square(seen.r2[i]));
+        add(&mut sum, &[-flux[0], -flux[1], -flux[2], 0.0], &compact.disc.at_square(seen.r2[i]));
     }
     for c in 0..4 {
         out[c] += sum[c];
@@ -346,10 +318,10 @@ multiversion! {
     ) => receive_body
 }
 
-/// Adds the integral, by [`DEGREE_4`], over a triangle with a centroid and an area as the receiver sees it; corners by axis.
+/// Adds the integral, by [`SIX_POINTS`], over a triangle with a centroid and an area as the receiver sees it; corners by axis.
 #[inline(always)]
-fn points(sum: &mut Rgb, (middle, area): ([f32; 3], f32), corners: &[Rgb; 3], table: &RadialTable) {
-    for (towards, weight) in DEGREE_4 {
+fn points(sum: &mut Rgb, (middle, area): ([f32; 3], f32), corners: &[Rgb; 3], table: &LinearTable) {
+    for (towards, weight) in SIX_POINTS {
         let mut r2 = [0.0f32; 4];
         for (middle, corners) in middle.iter().zip(corners) {
             let rest = (1.0 - towards) * middle;
@@ -360,8 +332,8 @@ fn points(sum: &mut Rgb, (middle, area): ([f32; 3], f32), corners: &[Rgb; 3], ta
         }
         let places = table.places(&r2);
         let mut values = [0.0f32; 4];
-        for place in &places[..3] {
-            let value = table.reflectance_at(*place);
+        for j in 0..3 {
+            let value = table.value(&places, j);
             for c in 0..4 {
                 values[c] += value[c];
             }
@@ -372,8 +344,8 @@ fn points(sum: &mut Rgb, (middle, area): ([f32; 3], f32), corners: &[Rgb; 3], ta
     }
 }
 
-/// Adds the integral over a triangle in pieces that are small enough, each by [`DEGREE_4`].
-fn split(sum: &mut Rgb, [a, b, c]: [Vec3; 3], (smooth2, split2): (f32, f32), splits: u32, table: &RadialTable) {
+/// Adds the integral over a triangle in pieces that are small enough, each by [`SIX_POINTS`].
+fn split(sum: &mut Rgb, [a, b, c]: [Vec3; 3], (smooth2, split2): (f32, f32), splits: u32, table: &LinearTable) {
     let middle = (a + b + c) / 3.0;
     let radius2 = middle.distance_squared(a).max(middle.distance_squared(b)).max(middle.distance_squared(c));
     if splits > 0 && middle.length_squared() + smooth2 < split2 * radius2 {

@@ -5,18 +5,17 @@ use std::sync::Arc;
 use glam::DVec3;
 use rayon::prelude::*;
 
-pub use super::near::NearRule;
 use super::near::{Compact, Facets, NearSamples, Shine};
 use super::{FEW, Multilevel, Resolution, Tables};
 use crate::geometry::cluster::Run;
 use crate::geometry::scattered::OrientedPoint;
 use crate::medium::profile::Profile;
-use crate::medium::softened::Softened;
-use crate::transport::balanced_tree::power_of_two_near;
-use crate::transport::gather::MediumKernel;
 use crate::transport::irradiance::Pieces;
-use crate::transport::kernel::radial_table::RadialTable;
+use crate::transport::kernel::medium::MediumKernel;
+use crate::transport::kernel::radial_table::LinearTable;
+use crate::transport::near_rule::NearRule;
 use crate::transport::receivers::Receivers;
+use crate::transport::sample_light::SampleLight;
 use crate::transport::surface::Surface;
 
 /// Softening at most.
@@ -144,14 +143,14 @@ impl SurfaceNets {
             let medium = &media[part.medium];
             let profiles: &[Arc<dyn Profile>; 3] = medium.profiles();
             let radius = part.nets.near_mm();
-            let softened = profiles.each_ref().map(|p| Softened::new(p.as_ref(), radius));
+            let softened = medium.softened(radius);
             let square = self.facets.mean_square(part.samples.clone());
             let (tables, (point, disc)) = rayon::join(
                 || part.nets.tables(&profiles.each_ref().map(AsRef::as_ref), part.extent_mm.max(2.0 * radius)),
                 || {
                     rayon::join(
-                        || RadialTable::compact(profiles, &softened, radius),
-                        || RadialTable::compact_disc(profiles, &softened, radius, square),
+                        || LinearTable::compact(profiles, &softened, radius),
+                        || LinearTable::compact_disc(profiles, &softened, radius, square),
                     )
                 },
             );
@@ -180,26 +179,21 @@ impl SurfaceNets {
         receivers: usize,
     ) -> Vec<DVec3> {
         const TASK: usize = 4096;
-        let brightest = irradiance.par_iter().map(|e| e.max_element()).reduce(|| 0.0, f64::max);
-        let scale = power_of_two_near(brightest).recip();
+        let light = SampleLight::new(irradiance, pieces);
         let mut flux = vec![[0.0f32; 4]; irradiance.len()];
-        flux.par_chunks_mut(TASK).enumerate().for_each(|(chunk, out)| {
-            let first = chunk * TASK;
-            for (i, out) in out.iter_mut().enumerate() {
-                let [r, g, b] =
-                    (irradiance[first + i] * (surface.patches[first + i].area_mm2 * scale)).as_vec3().to_array();
-                *out = [r, g, b, 0.0];
-            }
+        flux.par_iter_mut().zip(surface.patches).enumerate().with_min_len(TASK).for_each(|(i, (out, patch))| {
+            *out = light.flux(i, patch).as_vec3().extend(0.0).to_array();
         });
         let mut result = vec![DVec3::ZERO; receivers];
-        let light = Shine { flux: &flux, irradiance, pieces, scale };
+        let shine = Shine { flux: &flux, light };
         for (part, (far, compact)) in self.parts.iter().zip(&tables.parts) {
             let mut values = Vec::new();
             part.nets.sum(far, &flux[part.samples.clone()], &mut values);
-            part.near.add(compact, &self.facets, light, part.samples.start, &mut values);
+            part.near.add(compact, &self.facets, shine, part.samples.start, &mut values);
             let out = &mut result[part.receivers.clone()];
             out.par_iter_mut().zip(&values).with_min_len(TASK).for_each(|(out, value)| {
-                *out = (DVec3::new(value[0].into(), value[1].into(), value[2].into()) / scale).max(DVec3::ZERO);
+                let sum = DVec3::new(value[0].into(), value[1].into(), value[2].into());
+                *out = light.radiosity(sum).max(DVec3::ZERO);
             });
         }
         result

@@ -7,8 +7,10 @@ use crate::math::random::uniform;
 use crate::medium::material::OpticalProperties;
 use crate::medium::profiles::model::ProfileModel;
 use crate::progress::Silent;
-use crate::transport::gather::{Gather, MediumKernel, NearField, Scheme};
+use crate::transport::gather::{Gather, Scheme};
 use crate::transport::irradiance::{Illumination, LightSampling, Pieces};
+use crate::transport::kernel::medium::MediumKernel;
+use crate::transport::near_rule::NearField;
 use crate::transport::receivers::Receivers;
 use crate::transport::test_scene::{Fixture, named};
 
@@ -157,21 +159,4 @@ fn an_opaque_part_takes_and_gives_nothing() {
     let irradiance = vec![DVec3::ONE; fixture.patches.len()];
     let pair = both(&fixture, &kernels(&fixture), (&irradiance, &Pieces::NONE), Quality::for_error(0.005));
     assert!(error(&pair) <= 0.005, "{:.1e}", error(&pair));
-}
-
-#[test]
-fn what_is_around_a_group_is_what_all_pairs_say() {
-    let points: Vec<DVec3> =
-        (0..700).map(|i| DVec3::new(uniform(5, i, 0), uniform(5, i, 1), 0.2 * uniform(5, i, 2))).collect();
-    let mut order: Vec<u32> = (0..points.len() as u32).collect();
-    let groups = cluster::groups(&mut order, &points, GROUP);
-    let points: Vec<DVec3> = order.iter().map(|&i| points[i as usize]).collect();
-    for reach in [0.0, 0.01, 0.1, 0.5, 10.0, f64::INFINITY] {
-        let found = around(&points, &points, &groups, reach);
-        for (list, run) in found.iter().zip(&groups) {
-            let near = |i: &u32| points[run.range()].iter().any(|p| p.distance(points[*i as usize]) < reach);
-            let expected: Vec<u32> = (0..points.len() as u32).filter(near).collect();
-            assert_eq!(list, &expected, "{reach}");
-        }
-    }
 }

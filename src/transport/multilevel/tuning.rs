@@ -4,10 +4,12 @@
 use glam::DVec3;
 
 use super::surface::MOST_SOFTENING;
-use super::{NearRule, Quality, SurfaceNets};
+use super::{Quality, SurfaceNets};
 use crate::progress::Silent;
-use crate::transport::gather::{Gather, MediumKernel, NearField, Scheme};
+use crate::transport::gather::{Gather, Scheme};
 use crate::transport::irradiance::Pieces;
+use crate::transport::kernel::medium::MediumKernel;
+use crate::transport::near_rule::{NearField, NearRule};
 use crate::transport::receivers::Receivers;
 use crate::transport::surface::Surface;
 use crate::transport::tree::SampleTree;

@@ -5,8 +5,9 @@ use glam::DVec3;
 use super::{COLUMNS, CURVATURE, RINGS, SLOPE};
 use crate::geometry::ball::triangle_in_balls;
 use crate::math::quadrature::gauss_legendre_cached;
-use crate::medium::dipole::Dipole;
-use crate::medium::far_profile::FarProfile;
+use crate::medium::profile::Profile;
+use crate::medium::softened::Softened;
+use crate::transport::near_rule::three_points;
 
 /// The k-th radius grows as this power of k: dense media are peaked at the receiver.
 pub(super) const DENSER: i32 = 3;
@@ -53,23 +54,22 @@ impl Rings {
     }
 
     /// The same as three points, see the near field's rule.
-    pub(super) fn three_points(&self, [a, b, c]: [DVec3; 3], out: &mut Areas) {
-        let (centre, third) = ((a + b + c) / 3.0, (b - a).cross(c - a).length() / 6.0);
-        for corner in [a, b, c] {
-            self.point((0.5 * (centre + corner)).length_squared(), third, out);
+    pub(super) fn three_points(&self, corners: [DVec3; 3], out: &mut Areas) {
+        let (points, third) = three_points(corners);
+        for point in points {
+            self.point(point.length_squared(), third, out);
         }
     }
 
-    /// Coefficients of the columns of one channel.
-    pub(super) fn coefficients(&self, dipole: &Dipole) -> [f32; COLUMNS] {
-        let [whole, far] = [0.0, self.0[RINGS].sqrt()].map(|split_mm| FarProfile::new(dipole, split_mm));
+    /// Coefficients of the columns of one channel, of a profile that is smooth inside a depth, mm.
+    pub(super) fn coefficients(&self, profile: &dyn Profile, smooth_mm: f64) -> [f32; COLUMNS] {
+        let far = Softened::new(profile, self.0[RINGS].sqrt());
         let near = |r2: f64| {
-            let value = whole.reflectance_at_square(r2) - far.reflectance_at_square(r2);
+            let value = far.less(profile, r2);
             if value.is_finite() { value } else { 0.0 }
         };
         let (mut diagonal, mut beside, mut right) = ([0.0; RINGS + 1], [0.0; RINGS + 1], [0.0; RINGS + 1]);
-        let smooth = dipole.poles().iter().map(|pole| pole.z_mm).fold(f64::MAX, f64::min);
-        let scale2 = (smooth * smooth).max(1e-9 * self.0[1]);
+        let scale2 = (smooth_mm * smooth_mm).max(1e-9 * self.0[1]);
         let rule = gauss_legendre_cached(ORDER);
         for k in 0..RINGS {
             let (from, to) = (self.0[k], self.0[k + 1]);

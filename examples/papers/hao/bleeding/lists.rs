@@ -13,7 +13,8 @@ use translux::medium::fresnel::BoundaryFit;
 use translux::medium::profile::Profile;
 use translux::scene::Scene;
 use translux::transport::irradiance::SurfacePoint;
-use translux::transport::kernel::{Block, KernelRgb, PointSource, add_points};
+use translux::transport::kernel::medium::MediumKernel;
+use translux::transport::kernel::{Block, PointSource, Receiver};
 use translux::transport::receivers::{Group, NONE, Sphere};
 
 /// Vertices whose candidates are found together.
@@ -291,9 +292,9 @@ struct GroupBlock {
 
 impl GroupBlock {
     /// R_d at each of them times the area of a source.
-    fn receive(&mut self, kernel: &KernelRgb, at: DVec3, area_mm2: f64) {
-        let at = (at - self.centre).as_vec3().to_array();
-        add_points(self.level, &mut self.block, kernel, &[PointSource { at, flux: [area_mm2 as f32; 3] }]);
+    fn receive(&mut self, kernel: &MediumKernel, at: DVec3, area_mm2: f64) {
+        let source = PointSource::new(at, DVec3::splat(area_mm2), self.centre);
+        kernel.add_points(self.level, &mut self.block, &[source]);
         self.block.take(&mut self.factors);
     }
 }
@@ -305,15 +306,14 @@ pub(super) struct Lists {
 
 impl Lists {
     pub(super) fn new(vertices: &Neighbourhoods, ranges_mm: &[f64], cell: Cell) -> Self {
-        let poles = |dipoles: &[Dipole; 3]| KernelRgb::new(dipoles.each_ref().map(Dipole::poles));
         let level = Level::detect();
-        let kernels: Vec<KernelRgb> = vertices.dipoles.iter().map(poles).collect();
+        let kernels: Vec<MediumKernel> = vertices.dipoles.iter().map(|d| MediumKernel::of_dipoles(*d)).collect();
         let of_group = |(mut lists, first): (Vec<Vec<u32>>, usize)| {
             let medium = vertices.points[first].1 as usize;
             let at: Vec<DVec3> = (first..first + lists.len()).map(|row| vertices.at(row)).collect();
             let mut block =
                 GroupBlock { level, centre: at[0], block: Block::default(), factors: vec![[0.0; 3]; lists.len()] };
-            block.block.reset(block.centre, &at);
+            block.block.reset(block.centre, at.iter().map(|&at_mm| Receiver { at_mm }));
             let mut rows: Vec<Vec<Entry>> = lists.iter().map(|list| Vec::with_capacity(list.len())).collect();
             // Ascending in every list, so that the next vertex of all is the least of the next of each.
             lists.iter_mut().for_each(|list| list.reverse());

@@ -27,8 +27,8 @@ use translux::light::quantised::interpolation::default_order;
 use translux::math::statistics::{VertexError, vertex_error};
 use translux::progress::Progress;
 use translux::scene::Scene;
-use translux::transport::gather::NearField;
 use translux::transport::many_lights::ManyLights;
+use translux::transport::near_rule::NearField;
 
 /// Directions unless they are asked for: the paper's.
 const DIRECTIONS: usize = 200;

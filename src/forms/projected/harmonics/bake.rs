@@ -22,9 +22,9 @@ use crate::light::Light;
 use crate::light::harmonics::coefficients;
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
-use crate::transport::gather::NearField;
 use crate::transport::irradiance_rows::texels::TexelBaker;
 use crate::transport::many_lights::IrradianceRows;
+use crate::transport::near_rule::NearField;
 use crate::transport::receivers::ProbePoints;
 
 /// Shares of the asked error.

@@ -22,8 +22,8 @@ use crate::forms::sampled_scene::{GROUP, SampledScene, parts};
 use crate::light::{Light, LightKind};
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
-use crate::transport::gather::NearField;
 use crate::transport::many_lights::ManyLights;
+use crate::transport::near_rule::NearField;
 
 /// Shares of the asked error: what is left of its square goes to the interpolation between lights.
 const SPATIAL: f64 = 0.42;

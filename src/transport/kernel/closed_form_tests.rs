@@ -1,5 +1,7 @@
 #![allow(clippy::unwrap_used)]
 
+use glam::DVec3;
+
 use super::*;
 use crate::math::random::uniform;
 use crate::math::simd::Level;
@@ -8,9 +10,18 @@ use crate::medium::far_profile::FarProfile;
 use crate::medium::fresnel::BoundaryFit;
 use crate::medium::material::PRESETS;
 use crate::medium::profile::Profile;
+use crate::transport::kernel::medium::MediumKernel;
+use crate::transport::kernel::radial_table::QuadraticTable;
+use crate::transport::kernel::{Block, FlatSource, PointSource, Receiver, near};
 
-fn kernel_of(dipoles: &[Dipole; 3]) -> KernelRgb {
-    KernelRgb::new(dipoles.map(|d| d.poles()))
+fn kernel_of(dipoles: &[Dipole; 3]) -> MediumKernel {
+    MediumKernel::of_dipoles(*dipoles)
+}
+
+fn block_of(centre: DVec3, receivers: &[DVec3]) -> Block {
+    let mut block = Block::default();
+    block.reset(centre, receivers.iter().map(|&at_mm| Receiver { at_mm }));
+    block
 }
 
 /// The published materials, and media of reduced extinction 1e-3 to 1e3 per mm with and without absorption.
@@ -20,24 +31,18 @@ fn media() -> Vec<[Dipole; 3]> {
     published.chain(extremes).collect()
 }
 
-fn points_at(level: Level, kernel: &KernelRgb, distances: &[f64]) -> Vec<DVec3> {
+fn points_at(level: Level, kernel: &MediumKernel, distances: &[f64]) -> Vec<DVec3> {
     let receivers: Vec<DVec3> = distances.iter().map(|&r| DVec3::new(0.6, 0.0, 0.8) * r).collect();
-    let mut block = Block::default();
-    block.reset(DVec3::ZERO, &receivers);
-    add_points(level, &mut block, kernel, &[PointSource { at: [0.0; 3], flux: [1.0; 3] }]);
+    let mut block = block_of(DVec3::ZERO, &receivers);
+    kernel.add_points(level, &mut block, &[PointSource { at: [0.0; 3], flux: [1.0; 3] }]);
     (0..receivers.len()).map(|i| block.sum(i)).collect()
 }
 
-fn triangles_at(level: Level, kernel: &KernelRgb, corners: [DVec3; 3], receivers: &[DVec3]) -> Vec<DVec3> {
+fn triangles_at(level: Level, kernel: &MediumKernel, corners: [DVec3; 3], receivers: &[DVec3]) -> Vec<DVec3> {
     let centre = receivers.iter().sum::<DVec3>() / receivers.len() as f64;
-    let mut block = Block::default();
-    block.reset(centre, receivers);
-    add_triangles(
-        level,
-        &mut block,
-        kernel,
-        &FlatSource::new(corners, [1.0; 3], centre).into_iter().collect::<Vec<_>>(),
-    );
+    let mut block = block_of(centre, receivers);
+    let sources: Vec<FlatSource> = FlatSource::new(corners, [1.0; 3], centre).into_iter().collect();
+    kernel.add_triangles(level, &mut block, &sources);
     (0..receivers.len()).map(|i| block.sum(i)).collect()
 }
 
@@ -90,9 +95,8 @@ fn many_sources_add_up_without_drift() {
         .map(|i| PointSource { at: [0, 1, 2].map(|k| 4.0 * uniform(1, i, k) as f32), flux: [1.0; 3] })
         .collect();
     let receivers: Vec<DVec3> = (0..20).map(|i| DVec3::new(uniform(2, i, 0), uniform(2, i, 1), 0.3)).collect();
-    let mut block = Block::default();
-    block.reset(DVec3::ZERO, &receivers);
-    add_points(Level::detect(), &mut block, &kernel_of(&dipoles), &sources);
+    let mut block = block_of(DVec3::ZERO, &receivers);
+    kernel_of(&dipoles).add_points(Level::detect(), &mut block, &sources);
     for (i, x) in receivers.iter().enumerate() {
         let at = |s: &PointSource| DVec3::from_array(s.at.map(f64::from));
         let exact: f64 = sources.iter().map(|s| dipoles[0].reflectance(at(s).distance(*x))).sum();
@@ -167,7 +171,7 @@ fn near_rules_follow_the_closed_form() {
                 for x in receivers_of(corners, z, (m * 5 + s) as u64) {
                     let (mut flats, mut sums) = (near::Flats::default(), [[0.0; 3]]);
                     flats.push(0, corners.map(|c| (c - x).as_vec3().to_array()), [1.0; 3]);
-                    near::add_flats(Level::detect(), &kernel, &flats, &mut sums);
+                    kernel.add_flats(Level::detect(), &flats, &mut sums);
                     for (value, dipole) in sums[0].iter().zip(dipoles) {
                         let error = (value - dipole.triangle(x, corners)).abs() / dipole.total().max(1e-300);
                         worst = worst.max(error);
@@ -248,7 +252,7 @@ fn near_points_follow_the_profile_and_lanes_do_not_mix() {
         let z = dipoles[1].z_real_mm;
         let reach = 300.0 * z;
         let whole = dipoles.each_ref().map(|d| FarProfile::new(d, 0.0));
-        let table = near::SquareTable::new(z, reach * reach, |c, r2| whole[c].reflectance_at_square(r2));
+        let table = QuadraticTable::new(z, reach * reach, |c, r2| whole[c].reflectance_at_square(r2));
         for (count, seed) in [(1, 0), (17, 1), (700, 2)] {
             let r2: Vec<f32> = (0..count).map(|i| (reach * uniform(3, seed, i).powi(4)).powi(2) as f32).collect();
             let flux: Vec<[f32; 4]> = (0..count).map(|i| [1.0, 0.5 + i as f32, 2.0, 0.0]).collect();
@@ -280,11 +284,11 @@ fn near_points_follow_the_profile_and_lanes_do_not_mix() {
     let mut together = [[0.0; 3]; 5];
     let mut flats = near::Flats::default();
     (0..40).for_each(|i| flats.push(i as u32 % 5, triangle(i), [1.0, 2.0, 3.0]));
-    near::add_flats(Level::detect(), &kernel, &flats, &mut together);
+    kernel.add_flats(Level::detect(), &flats, &mut together);
     for (receiver, together) in together.iter().enumerate() {
         let (mut flats, mut alone) = (near::Flats::default(), [[0.0; 3]]);
         (0..40).filter(|i| i % 5 == receiver).for_each(|i| flats.push(0, triangle(i), [1.0, 2.0, 3.0]));
-        near::add_flats(Level::detect(), &kernel, &flats, &mut alone);
+        kernel.add_flats(Level::detect(), &flats, &mut alone);
         for c in 0..3 {
             assert!((together[c] - alone[0][c]).abs() <= 2e-5 * alone[0][c], "{together:?} {alone:?}");
         }

@@ -1,0 +1,88 @@
+//! Light on the samples, on its way to the receivers.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::balanced_tree::power_of_two_near;
+use super::irradiance::Pieces;
+use crate::geometry::samples::Patch;
+
+/// Irradiance of every sample, RGB, and of the pieces of those that are not lit evenly, brought into the range of single precision.
+///
+/// All sums over samples take light from here and give radiosity back through [`SampleLight::radiosity`]. A factor for each point of the
+/// surface belongs to these two ends: that of a sample to what it sends, that of a receiver to what it has received.
+#[derive(Clone, Copy)]
+pub struct SampleLight<'a> {
+    irradiance: &'a [DVec3],
+    pieces: &'a Pieces,
+    /// A power of two that brings the brightest irradiance near 1.
+    scale: f64,
+}
+
+/// No sample is lit unevenly.
+static NO_PIECES: Pieces = Pieces::NONE;
+
+impl<'a> SampleLight<'a> {
+    /// Of even irradiance.
+    pub fn even(irradiance: &'a [DVec3]) -> Self {
+        Self::new(irradiance, &NO_PIECES)
+    }
+
+    /// Of irradiance and of the pieces of the same light, or none.
+    pub fn new(irradiance: &'a [DVec3], pieces: &'a Pieces) -> Self {
+        const TASK: usize = 1 << 13;
+        let brightest = |light: &[DVec3]| light.iter().map(|e| e.max_element()).fold(0.0, f64::max);
+        let brightest = irradiance.par_chunks(TASK).map(brightest).reduce(|| 0.0, f64::max);
+        Self::with_brightest(irradiance, pieces, brightest)
+    }
+
+    /// The same where the largest irradiance is known.
+    pub fn with_brightest(irradiance: &'a [DVec3], pieces: &'a Pieces, brightest: f64) -> Self {
+        Self { irradiance, pieces, scale: power_of_two_near(brightest).recip() }
+    }
+
+    /// Irradiance of a sample, scaled.
+    #[inline(always)]
+    pub fn irradiance(&self, sample: usize) -> DVec3 {
+        self.irradiance[sample] * self.scale
+    }
+
+    /// Irradiance times area, scaled.
+    #[inline(always)]
+    pub fn flux(&self, sample: usize, patch: &Patch) -> DVec3 {
+        self.irradiance[sample] * (self.scale * patch.area_mm2)
+    }
+
+    /// Flux of many samples, scaled.
+    pub fn scaled(&self, flux: DVec3) -> DVec3 {
+        flux * self.scale
+    }
+
+    /// Whether a sample has pieces.
+    #[inline(always)]
+    pub fn is_uneven(&self, sample: usize) -> bool {
+        self.pieces.is_uneven(sample)
+    }
+
+    /// What each piece of an uneven sample receives more than the whole, scaled, and its corners relative to the sample's centroid, mm.
+    pub fn pieces(&self, sample: usize) -> Option<impl Iterator<Item = (DVec3, &'a [[f32; 3]; 3])> + use<'a>> {
+        let scale = self.scale;
+        self.pieces.of(sample).map(|pieces| pieces.map(move |(deviation, corners)| (deviation * scale, corners)))
+    }
+
+    /// Pieces of an uneven sample at most.
+    pub fn most_pieces(&self) -> usize {
+        self.pieces.count()
+    }
+
+    /// What a scaled value of 1 is in the unit of the light.
+    pub fn unit(&self) -> f64 {
+        self.scale.recip()
+    }
+
+    /// What a receiver's sum is in the unit of the light.
+    #[inline(always)]
+    pub fn radiosity(&self, sum: DVec3) -> DVec3 {
+        sum / self.scale
+    }
+}
