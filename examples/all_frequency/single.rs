@@ -20,7 +20,7 @@ use translux::progress::Silent;
 use translux::render::background::Background;
 use translux::render::camera::{Camera, Resolution};
 use translux::render::frame::{Frame, RenderSettings, Specular, render};
-use translux::render::single::{Exitance, Single};
+use translux::render::single::{Scattered, Single};
 use translux::scene::Scene;
 use translux::transport::single_scattering::ExitPoint;
 use translux::transport::single_scattering::interface::refracted;
@@ -107,8 +107,8 @@ impl Stand {
     /// A picture of what comes from `single`.
     pub(crate) fn picture(&self, single: Single) -> Result<Picture> {
         let radiosity = vec![DVec3::ZERO; self.evaluator.scene().mesh.local_mm.len()];
-        let exitance = Exitance { radiosity: &radiosity, single, texture: None };
-        Ok(Picture::of(&render(self.evaluator.as_ref(), exitance, &[], &self.settings, &Silent)?))
+        let scattered = Scattered { exitance: &radiosity, single, texture: None };
+        Ok(Picture::of(&render(self.evaluator.as_ref(), scattered, &[], &self.settings, &Silent)?))
     }
 
     /// By rays, along a path, with the random numbers of a key.

@@ -143,7 +143,7 @@ pub(crate) fn picture(
     settings.samples_per_pixel = EYE_RAYS;
     settings.specular = Specular::Off;
     settings.background = Background::None;
-    render(evaluator, radiosity, &[], &settings, &Silent)
+    render(evaluator, &radiosity.to_vec(), &[], &settings, &Silent)
 }
 
 /// As it is shown beside others of the same exposure: on white, sRGB left to the encoder.

@@ -11,6 +11,7 @@ use super::lights::ResolvedLights;
 use super::output;
 use crate::asset::Provenance;
 use crate::error::{Error, ExitCode, Result};
+use crate::evaluate::exitance::MeshPoint;
 use crate::evaluate::{Evaluator, SingleScattering};
 use crate::geometry::mesh::Mesh;
 use crate::geometry::nearest::{NearestPoint, SurfacePoint};
@@ -21,10 +22,6 @@ use crate::report::evaluation::{OnMeshReport, RadiosityReport};
 use crate::report::radiosity_ply::{Single, check_range, comments, radiosity_ply};
 use crate::report::text::{percent, significant};
 use crate::scene::Scene;
-use crate::transport::receivers::{NONE, Receivers};
-
-/// Receivers that share a traversal of the samples.
-const GROUP: usize = 16;
 
 /// A triangle of the asset that looks away from a vertex counts as further by this share of the diagonal.
 const THIN: f64 = 0.05;
@@ -179,27 +176,28 @@ impl Placed {
     }
 
     fn evaluate(&self, evaluator: &mut dyn Evaluator, console: &Console) -> Result<OnMesh> {
-        let scene = evaluator.scene();
-        let part = |p: &SurfacePoint| scene.parts.triangle_part.get(p.triangle as usize).copied();
-        let on_surface = |p: &Option<SurfacePoint>| p.as_ref().and_then(|p| Some((part(p)?, p.at_mm)));
-        let offset = self.mesh.origin_mm - scene.mesh.origin_mm;
-        let itself = |(p, v): (&Option<SurfacePoint>, &glam::Vec3)| {
-            p.as_ref().and_then(|p| Some((part(p)?, v.as_dvec3() + offset)))
+        evaluator.prepare_points(console)?;
+        let missing = || Error::runtime("radiosity of another mesh is missing");
+        let exitance = evaluator.exitance_at_points().ok_or_else(missing)?;
+        let mesh = &evaluator.scene().mesh;
+        let offset = self.mesh.origin_mm - mesh.origin_mm;
+        let point = |found: &SurfacePoint| {
+            let point = MeshPoint::new(mesh, found.triangle, found.weights)?;
+            Some(MeshPoint { at_mm: found.at_mm, ..point })
         };
-        let places: [Vec<Option<(u32, DVec3)>>; 3] = [
-            self.vertices.iter().map(on_surface).collect(),
-            self.centres.iter().map(on_surface).collect(),
-            self.vertices.iter().zip(&self.mesh.local_mm).map(itself).collect(),
-        ];
-        let mut found = Vec::new();
-        for places in &places {
-            let receivers = Receivers::at(places, GROUP);
-            let values = evaluator.radiosity_at(&receivers, console)?;
-            let value = |&r: &u32| if r == NONE { None } else { values.get(r as usize).copied() };
-            found.push(receivers.of_vertex.iter().map(|r| value(r).unwrap_or_default()).collect::<Vec<DVec3>>());
-        }
-        let [radiosity, centres, itself]: [Vec<DVec3>; 3] =
-            found.try_into().map_err(|_| Error::runtime("radiosity of another mesh is missing"))?;
+        // Zero where there is no point.
+        let at = |points: Vec<Option<MeshPoint>>| -> Vec<DVec3> {
+            let mut values =
+                exitance.at_each(&points.iter().copied().flatten().collect::<Vec<_>>(), console).into_iter();
+            points.iter().map(|point| point.and_then(|_| values.next()).unwrap_or_default()).collect()
+        };
+        let on_surface = |found: &Option<SurfacePoint>| found.as_ref().and_then(point);
+        let itself = |(found, v): (&Option<SurfacePoint>, &glam::Vec3)| {
+            Some(MeshPoint { at_mm: v.as_dvec3() + offset, ..on_surface(found)? })
+        };
+        let radiosity = at(self.vertices.iter().map(on_surface).collect());
+        let centres = at(self.centres.iter().map(on_surface).collect());
+        let itself = at(self.vertices.iter().zip(&self.mesh.local_mm).map(itself).collect());
         check_range("radiosity", &radiosity)?;
         let mean = |t: &[u32; 3]| t.iter().map(|&v| radiosity[v as usize]).sum::<DVec3>() / 3.0;
         let between: Vec<DVec3> = self.mesh.triangles.iter().map(mean).collect();

@@ -20,7 +20,7 @@ use crate::render::film::{ColourType, PngBackground, to_exr, to_png};
 use crate::render::frame::{
     DEFAULT_SAMPLES_PER_PIXEL, Frame, MAX_SAMPLES_PER_PIXEL, RenderSettings, Specular, memory_bytes, render,
 };
-use crate::render::single::{Exitance, Single};
+use crate::render::single::{Scattered, Single};
 use crate::render::texture::Texture;
 use crate::report::picture::RenderReport;
 use crate::report::text::{percent, significant};
@@ -160,11 +160,11 @@ pub(super) fn finish(
         (None, Some(values)) => Single::PerVertex(values),
         (None, None) => Single::None,
     };
-    let exitance = Exitance { radiosity: &radiosity, single, texture: texture.as_ref() };
+    let scattered = Scattered { exitance: &radiosity, single, texture: texture.as_ref() };
     if shown {
-        settings.white = picture.view.exposure.white(evaluator, exitance, &settings)?;
+        settings.white = picture.view.exposure.white(evaluator, scattered, &settings)?;
     }
-    let frame = render(evaluator, exitance, &lights.lights, &settings, console)?;
+    let frame = render(evaluator, scattered, &lights.lights, &settings, console)?;
     let single_scattering_paths = towards_eye.as_ref().map(|eye| eye.paths_per_pixel(settings.samples_per_pixel));
     if let Some(paths) = single_scattering_paths.filter(|paths| *paths > 0) {
         console.note(&cost_of_single(&frame, paths));

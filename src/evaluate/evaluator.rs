@@ -8,6 +8,7 @@ use glam::DVec3;
 use super::capabilities::{Capabilities, Cost, SingleScattering};
 #[cfg(feature = "gpu")]
 use super::device::adapter::Device;
+use super::exitance::Exitance;
 use super::single_scattering::TowardsEye;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
@@ -17,7 +18,6 @@ use crate::medium::material::Medium;
 use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::Progress;
 use crate::scene::Scene;
-use crate::transport::receivers::Receivers;
 
 /// An asset at run time: lights in, radiosity out. Linear in the lights.
 pub trait Evaluator: Send {
@@ -59,7 +59,8 @@ pub trait Evaluator: Send {
     /// without, by far less than the error that was asked for.
     fn prepare_for_edits(&mut self, _progress: &dyn Progress) {}
 
-    /// Radiosity of every source vertex, RGB; zero for vertices without transferring area.
+    /// Radiosity of every source vertex, RGB; zero for vertices without transferring area. Whoever draws takes it as [`Exitance`] that
+    /// is linear over each triangle.
     ///
     /// # Errors
     /// Failures of the work.
@@ -95,15 +96,20 @@ pub trait Evaluator: Send {
         false
     }
 
-    /// Radiosity at any places of the parts under the lights and media in force, in the order of the receivers, RGB. Only what
-    /// gathers from samples when it is evaluated can do so.
+    /// Makes ready what [`Self::exitance_at_points`] gives until lights or media change. Only what gathers from samples when it is
+    /// evaluated can do so.
     ///
     /// # Errors
     /// `Unsupported` where transport ends at the vertices that it was computed for; failures of the work.
-    fn radiosity_at(&mut self, _receivers: &Receivers, _progress: &dyn Progress) -> Result<Vec<DVec3>> {
+    fn prepare_points(&mut self, _progress: &dyn Progress) -> Result<()> {
         Err(Error::unsupported(
             "the transport in this asset ends at its own vertices; an asset of --method editable stores none and serves other meshes",
         ))
+    }
+
+    /// Exitance at any point of the parts under the lights and media in force, after [`Self::prepare_points`]; none without.
+    fn exitance_at_points(&self) -> Option<Box<dyn Exitance + '_>> {
+        None
     }
 
     /// What the evaluator measures of its own error for the lights and media in force, on vertices that no choice saw;
@@ -144,7 +150,8 @@ pub trait DeviceEvaluator: Evaluator {
     fn update(&mut self, progress: &dyn Progress) -> Result<()>;
 
     /// Radiosity of every receiver over [`Self::scale`], four floats each (RGB and 0); the same buffer as long as the
-    /// evaluator lives.
+    /// evaluator lives. It stands for [`Exitance`] where a device draws: [`Self::receiver_of_vertex`] takes it to the vertices,
+    /// between which the rasteriser interpolates.
     fn radiosity_buffer(&self) -> &wgpu::Buffer;
 
     /// What the buffer's values are multiplied by: a power of two that keeps them in the range of single precision. May

@@ -15,6 +15,8 @@ pub struct SurfacePoint {
     pub at_mm: DVec3,
     /// Its triangle.
     pub triangle: u32,
+    /// Weights of the triangle's corners.
+    pub weights: [f64; 3],
     /// How far it is from the point that asked, mm.
     pub distance_mm: f64,
 }
@@ -99,7 +101,7 @@ impl<'a> NearestPoint<'a> {
                     let better = best.is_none_or(|(known, place)| (cost, triangle) < (known, place.triangle));
                     if better && cost.is_finite() {
                         let at_mm = corners.iter().zip(weights).map(|(c, w)| *c * w).sum();
-                        best = Some((cost, SurfacePoint { at_mm, triangle, distance_mm }));
+                        best = Some((cost, SurfacePoint { at_mm, triangle, weights, distance_mm }));
                     }
                 }
                 continue;

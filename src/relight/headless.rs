@@ -3,8 +3,6 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use glam::DVec3;
-
 use super::choice::Place;
 use super::files::frame_name;
 use super::lights::{pivot_mm, turned};
@@ -18,6 +16,7 @@ use super::raster::{
 use super::timings::{Adapter, FrameTime, SCHEMA, Summary, Timings};
 use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
+use crate::evaluate::exitance::Exitance;
 use crate::io::atomic;
 use crate::light::Light;
 use crate::progress::{Progress, Silent};
@@ -25,7 +24,7 @@ use crate::render::background::Background;
 use crate::render::camera::{Camera, Resolution};
 use crate::render::film::{Exposure, MAX_STOPS, PngBackground, to_png};
 use crate::render::frame::{RenderSettings, Specular, render};
-use crate::render::single::Exitance;
+use crate::render::single::Scattered;
 use crate::render::texture::Texture;
 
 /// Samples in a pixel of a frame.
@@ -186,8 +185,8 @@ impl Painter {
         evaluator.set_lights(animation.lights.clone(), progress)?;
         evaluator.set_eye(animation.camera.at_mm());
         let radiosity = evaluator.radiosity(progress)?;
-        let exitance = exitance(&radiosity, animation);
-        let frame = render(evaluator, exitance, &animation.lights, &settings(animation), progress)?;
+        let scattered = scattered(&radiosity, animation);
+        let frame = render(evaluator, scattered, &animation.lights, &settings(animation), progress)?;
         Ok(animation.exposure.factor(&frame))
     }
 
@@ -201,8 +200,8 @@ impl Painter {
                 let light_ms = clock.lap_ms();
                 let radiosity = evaluator.radiosity(&Silent)?;
                 let transport_ms = clock.lap_ms();
-                let exitance = exitance(&radiosity, animation);
-                let frame = render(evaluator.as_ref(), exitance, &lights, &settings(animation), &Silent)?;
+                let scattered = scattered(&radiosity, animation);
+                let frame = render(evaluator.as_ref(), scattered, &lights, &settings(animation), &Silent)?;
                 let draw_ms = clock.lap_ms();
                 let background = match animation.background {
                     Background::None => PngBackground::Transparent,
@@ -257,8 +256,8 @@ pub(super) fn png(picture: &LinearPicture, background: Background) -> Result<Vec
     crate::io::png::encode_png(width, height, &rgb, None)
 }
 
-fn exitance<'a>(radiosity: &'a [DVec3], animation: &'a Animation) -> Exitance<'a> {
-    Exitance { texture: animation.texture.as_ref(), ..Exitance::from(radiosity) }
+fn scattered<'a>(exitance: &'a dyn Exitance, animation: &'a Animation) -> Scattered<'a> {
+    Scattered { texture: animation.texture.as_ref(), ..Scattered::from(exitance) }
 }
 
 fn settings(animation: &Animation) -> RenderSettings {

@@ -9,10 +9,10 @@ use super::glossy_lights::{GlossyLights, Place, ShadowRays};
 use super::normals::ShadingNormals;
 use super::pixel_samples::{PixelSamples, Stream};
 use super::settings::{EMPTY, Pixel, RenderSettings, Specular};
-use super::single::{Exitance, EyeRay, SingleRadiance, Spot};
+use super::single::{EyeRay, Scattered, SingleRadiance, Spot};
 use super::specular::Ggx;
 use super::texture::Texture;
-use crate::evaluate::exitance::{Exitance as _, Interpolated};
+use crate::evaluate::exitance::{Exitance, MeshPoint};
 use crate::geometry::bvh::{Bvh, Hit, Ray};
 use crate::light::Light;
 use crate::scene::Scene;
@@ -105,7 +105,7 @@ struct Boundary {
 pub(super) struct Renderer<'a> {
     scene: &'a Scene,
     bvh: &'a Bvh,
-    exitance: Interpolated<'a>,
+    exitance: &'a dyn Exitance,
     single: SingleRadiance<'a>,
     texture: Option<&'a Texture>,
     settings: &'a RenderSettings,
@@ -143,7 +143,7 @@ impl<'a> Renderer<'a> {
     pub(super) fn new(
         scene: &'a Scene,
         bvh: &'a Bvh,
-        exitance: Exitance<'a>,
+        scattered: Scattered<'a>,
         lights: &'a [Light],
         settings: &'a RenderSettings,
     ) -> Self {
@@ -159,9 +159,9 @@ impl<'a> Renderer<'a> {
         Self {
             scene,
             bvh,
-            exitance: Interpolated::new(&scene.mesh.triangles, exitance.radiosity),
-            single: SingleRadiance::new(scene, exitance.single),
-            texture: exitance.texture,
+            exitance: scattered.exitance,
+            single: SingleRadiance::new(scene, scattered.single),
+            texture: scattered.texture,
             settings,
             backdrop: Backdrop::new(settings.background, lights),
             lights: GlossyLights::new(reflecting, scene.mesh.origin_mm, settings.samples_per_pixel),
@@ -339,12 +339,13 @@ impl<'a> Renderer<'a> {
         if let Some(boundary) = boundary.filter(|_| cos_geometric > 0.0) {
             let least = LEAST_COSINE_SHARE * cos_geometric;
             let cosine = (-normal.dot(direction)).max(least);
-            let radiosity = self.exitance.at(hit.triangle, weights);
-            seen.radiance = radiosity * boundary.exit.per_radiosity(cosine);
+            let place = MeshPoint { triangle: hit.triangle, vertices, barycentric: weights, at_mm: point };
+            seen.radiance = self.exitance.at(&place) * boundary.exit.per_radiosity(cosine);
             let to_eye = -direction;
             let normal = facing(normal, to_eye, least).unwrap_or(geometric);
             let exit = ExitPoint { at_mm: point, normal, geometric, part };
-            let spot = Spot { hit, vertices, weights, exit, to_eye, cosine, medium: medium.map_or(0, |m| m as usize) };
+            let medium = medium.map_or(0, |m| m as usize);
+            let spot = Spot { point: &place, exit, to_eye, cosine, medium };
             seen.single = self.single.at(&spot, ray);
             if let Some(texture) = self.texture {
                 seen.albedo = texture.albedo(mesh, hit.triangle, weights, point);

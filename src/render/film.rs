@@ -5,7 +5,7 @@ use std::str::FromStr;
 use super::background::Background;
 use super::camera::Resolution;
 use super::frame::{AlbedoLayer, Frame, Pixel, RenderSettings, SingleLayer, Specular, render};
-use super::single::Exitance;
+use super::single::Scattered;
 use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
 use crate::io::exr_write::{ExrChannel, ExrImage, ExrLayer, MAX_HALF, SampleKind};
@@ -82,7 +82,7 @@ impl Exposure {
     pub fn white<'a>(
         self,
         evaluator: &dyn Evaluator,
-        exitance: impl Into<Exitance<'a>>,
+        scattered: impl Into<Scattered<'a>>,
         settings: &RenderSettings,
     ) -> Result<f64> {
         const LONGEST_SIDE: usize = 96;
@@ -95,7 +95,7 @@ impl Exposure {
             background: Background::None,
             ..*settings
         };
-        Ok(self.factor(&render(evaluator, exitance, &[], &small, &Silent)?).recip())
+        Ok(self.factor(&render(evaluator, scattered, &[], &small, &Silent)?).recip())
     }
 }
 

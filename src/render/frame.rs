@@ -7,7 +7,7 @@ pub use super::settings::{DEFAULT_SAMPLES_PER_PIXEL, MAX_SAMPLES_PER_PIXEL, Pixe
 use super::camera::Resolution;
 use super::eye::{Counts, Renderer, TILE};
 use super::settings::EMPTY;
-use super::single::{Exitance, Single};
+use super::single::{Scattered, Single};
 use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
 use crate::light::Light;
@@ -61,7 +61,7 @@ pub fn memory_bytes(resolution: Resolution) -> u64 {
     resolution.pixels() as u64 * (size_of::<Pixel>() as u64 + 4 * CHANNELS + 2 * 4 * CHANNELS)
 }
 
-/// Renders a scene with the radiosity of its source vertices, and single scattering where that is given as well.
+/// Renders a scene with the exitance of its surface, and single scattering where that is given as well.
 ///
 /// Exit radiance is that of [`super::exit::ExitRadiance`] with the shading normal, for the medium of the part that is hit;
 /// specular reflection that of [`super::specular::Ggx`]: shadowed for directional, point and area lights, unshadowed for
@@ -74,18 +74,18 @@ pub fn memory_bytes(resolution: Resolution) -> u64 {
 /// mistake).
 pub fn render<'a>(
     evaluator: &dyn Evaluator,
-    exitance: impl Into<Exitance<'a>>,
+    scattered: impl Into<Scattered<'a>>,
     lights: &[Light],
     settings: &RenderSettings,
     progress: &dyn Progress,
 ) -> Result<Frame> {
     let (scene, bvh) = (evaluator.scene(), evaluator.bvh());
-    let exitance = exitance.into();
-    exitance.check(scene)?;
+    let scattered = scattered.into();
+    scattered.check(scene)?;
     check(settings)?;
     let resolution = settings.resolution;
     progress.start("render", resolution.height.div_ceil(TILE) as u64);
-    let renderer = Renderer::new(scene, bvh, exitance, lights, settings);
+    let renderer = Renderer::new(scene, bvh, scattered, lights, settings);
     let mut pixels = vec![EMPTY; resolution.pixels()];
     let back_facing = pixels
         .par_chunks_mut(TILE * resolution.width)
@@ -97,12 +97,12 @@ pub fn render<'a>(
         })
         .reduce(Counts::default, Counts::add);
     progress.finish();
-    let single = match exitance.single {
+    let single = match scattered.single {
         Single::None => SingleLayer::None,
         Single::PerVertex(_) => SingleLayer::PerVertex,
         Single::TowardsEye(_) => SingleLayer::TowardsEye,
     };
-    let albedo = if exitance.texture.is_some() { AlbedoLayer::Textured } else { AlbedoLayer::None };
+    let albedo = if scattered.texture.is_some() { AlbedoLayer::Textured } else { AlbedoLayer::None };
     Ok(Frame { resolution, pixels, back_facing_share: back_facing.share(), single, albedo })
 }
 

@@ -1,12 +1,12 @@
-//! What leaves a surface, and single scattering towards the eye.
+//! Scattered light that leaves a surface, and single scattering towards the eye.
 
 use glam::DVec3;
 
 use super::exit::{ExitFresnel, ExitRadiance};
 use super::texture::Texture;
 use crate::error::{Error, Result};
+use crate::evaluate::exitance::{Exitance, MeshPoint};
 use crate::evaluate::single_scattering::{SeenPoint, TowardsEye};
-use crate::geometry::bvh::Hit;
 use crate::math::random;
 use crate::scene::Scene;
 use crate::transport::single_scattering::ExitPoint;
@@ -28,31 +28,31 @@ pub enum Single<'a> {
     TowardsEye(&'a dyn TowardsEye),
 }
 
-/// What leaves a surface.
+/// Scattered light that leaves a surface.
 #[derive(Clone, Copy)]
-pub struct Exitance<'a> {
-    /// Of every source vertex, RGB.
-    pub radiosity: &'a [DVec3],
-    /// Beside it.
+pub struct Scattered<'a> {
+    /// Scattered more than once, or as often as the evaluator's radiosity has it.
+    pub exitance: &'a dyn Exitance,
+    /// Scattered once, beside it.
     pub single: Single<'a>,
     /// What both are multiplied by.
     pub texture: Option<&'a Texture>,
 }
 
-impl<'a> From<&'a [DVec3]> for Exitance<'a> {
-    fn from(radiosity: &'a [DVec3]) -> Self {
-        Self { radiosity, single: Single::None, texture: None }
+impl<'a> From<&'a dyn Exitance> for Scattered<'a> {
+    fn from(exitance: &'a dyn Exitance) -> Self {
+        Self { exitance, single: Single::None, texture: None }
     }
 }
 
-impl<'a> From<&'a Vec<DVec3>> for Exitance<'a> {
+impl<'a> From<&'a Vec<DVec3>> for Scattered<'a> {
     fn from(radiosity: &'a Vec<DVec3>) -> Self {
-        Self::from(radiosity.as_slice())
+        Self::from(radiosity as &dyn Exitance)
     }
 }
 
-impl Exitance<'_> {
-    /// One finite value for each vertex.
+impl Scattered<'_> {
+    /// One finite value for each vertex, where values are those of the vertices.
     pub(super) fn check(&self, scene: &Scene) -> Result<()> {
         let vertices = scene.mesh.local_mm.len();
         let check = |name: &str, values: &[DVec3]| {
@@ -67,7 +67,7 @@ impl Exitance<'_> {
                 None => Ok(()),
             }
         };
-        check("radiosity", self.radiosity)?;
+        self.exitance.at_vertices().map_or(Ok(()), |values| check("radiosity", values))?;
         match self.single {
             Single::PerVertex(values) => check("single scattering", values),
             Single::None | Single::TowardsEye(_) => Ok(()),
@@ -77,9 +77,7 @@ impl Exitance<'_> {
 
 /// A place that an eye ray sees from in front.
 pub(super) struct Spot<'a> {
-    pub(super) hit: &'a Hit,
-    pub(super) vertices: [u32; 3],
-    pub(super) weights: [f64; 3],
+    pub(super) point: &'a MeshPoint,
     pub(super) exit: ExitPoint,
     pub(super) to_eye: DVec3,
     /// Cosine of the shading normal to the eye.
@@ -127,13 +125,13 @@ impl<'a> SingleRadiance<'a> {
             Single::None => DVec3::ZERO,
             Single::PerVertex(values) => {
                 let exit = self.exits.get(spot.medium).map_or(0.0, |e| e.per_radiosity(spot.cosine));
-                let corner = |k: usize| values.get(spot.vertices[k] as usize).copied().unwrap_or(DVec3::ZERO);
-                exit * (0..3).map(|k| corner(k) * spot.weights[k]).sum::<DVec3>()
+                let corner = |k: usize| values.get(spot.point.vertices[k] as usize).copied().unwrap_or(DVec3::ZERO);
+                exit * (0..3).map(|k| corner(k) * spot.point.barycentric[k]).sum::<DVec3>()
             }
             Single::TowardsEye(eye) => eye.radiance(&SeenPoint {
                 exit: spot.exit,
-                triangle: spot.hit.triangle,
-                weights: spot.weights,
+                triangle: spot.point.triangle,
+                weights: spot.point.barycentric,
                 to_eye: spot.to_eye,
                 key: ray.key(),
                 share: ray.share(),

@@ -19,7 +19,7 @@ use translux::progress::Silent;
 use translux::render::background::Background;
 use translux::render::camera::{Camera, Resolution};
 use translux::render::frame::{RenderSettings, Specular, render};
-use translux::render::single::{Exitance, Single};
+use translux::render::single::{Scattered, Single};
 use translux::scene::Scene;
 use translux::transport::single_scattering::radiance::Share;
 use translux::transport::single_scattering::vertex_points;
@@ -200,8 +200,8 @@ fn for_a_fixed_eye_it_is_a_part_of_the_radiosity() {
     settings.background = Background::None;
     settings.samples_per_pixel = 16;
     let lights = [environment(), sun()];
-    let pixels = |evaluator: &dyn Evaluator, exitance: Exitance| -> Vec<DVec3> {
-        let frame = render(evaluator, exitance, &lights, &settings, &Silent).unwrap();
+    let pixels = |evaluator: &dyn Evaluator, scattered: Scattered| -> Vec<DVec3> {
+        let frame = render(evaluator, scattered, &lights, &settings, &Silent).unwrap();
         frame.pixels.iter().map(|p| glam::Vec3::from(p.beauty).as_dvec3()).collect()
     };
     for evaluator in [&mut beside, &mut summed] {
@@ -225,11 +225,11 @@ fn for_a_fixed_eye_it_is_a_part_of_the_radiosity() {
         summed.set_media(media()).unwrap();
         let radiosity = beside.radiosity(&Silent).unwrap();
         let eye = beside.towards_eye().unwrap().unwrap();
-        let with = Exitance { single: Single::TowardsEye(eye.as_ref()), ..Exitance::from(&radiosity) };
+        let with = Scattered { single: Single::TowardsEye(eye.as_ref()), ..Scattered::from(&radiosity) };
         let truth = pixels(beside.as_ref(), with);
-        let without = pixels(beside.as_ref(), Exitance::from(&radiosity));
+        let without = pixels(beside.as_ref(), Scattered::from(&radiosity));
         let found = summed.radiosity(&Silent).unwrap();
-        let found = pixels(summed.as_ref(), Exitance::from(&found));
+        let found = pixels(summed.as_ref(), Scattered::from(&found));
         let [error, share] = [difference(&found, &truth), difference(&without, &truth)];
         assert!(error < 0.1 * share && share > 0.01, "{g}: {error} of {share}");
         shown.push(found);

@@ -25,7 +25,7 @@ use translux::render::camera::{Camera, Resolution};
 use translux::render::film::Exposure;
 use translux::render::frame::Specular;
 use translux::render::frame::{Frame, RenderSettings, render};
-use translux::render::single::Exitance;
+use translux::render::single::Scattered;
 use translux::render::texture::Texture;
 use translux::scene::Scene;
 
@@ -158,8 +158,8 @@ fn a_drawn_texture_is_the_rendered_one() {
         samples_per_pixel: 64,
         ..RenderSettings::new(camera, resolution)
     };
-    let exitance = Exitance { texture: texture.as_ref(), ..Exitance::from(&radiosity) };
-    let frame = render(&drawn.evaluator, exitance, &lights(), &settings, &Silent).unwrap();
+    let scattered = Scattered { texture: texture.as_ref(), ..Scattered::from(&radiosity) };
+    let frame = render(&drawn.evaluator, scattered, &lights(), &settings, &Silent).unwrap();
     let exposure = Exposure::Auto.factor(&frame);
     let picture = drawn.take(&View { exposure, ..view });
     let (mut sum, mut count, mut worst, mut veined) = (0.0f64, 0usize, 0.0f64, 0usize);

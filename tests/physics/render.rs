@@ -382,8 +382,9 @@ fn camera_texts_say_what_to_type() {
 fn wrong_calls_are_errors() {
     let fake = Fake::new(icosphere(7.0, 1));
     let good = settings(camera([0.0, 0.0, 30.0], 30.0), size(8, 8));
-    let fails =
-        |radiosity: &[DVec3], settings: &RenderSettings| render(&fake, radiosity, &[], settings, &Silent).is_err();
+    let fails = |radiosity: &[DVec3], settings: &RenderSettings| {
+        render(&fake, &radiosity.to_vec(), &[], settings, &Silent).is_err()
+    };
     let mut radiosity = fake.uniform();
     assert!(!fails(&radiosity, &good));
     for samples_per_pixel in [0, u32::MAX] {

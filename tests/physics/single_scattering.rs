@@ -22,7 +22,7 @@ use translux::medium::phase::HenyeyGreenstein;
 use translux::progress::Silent;
 use translux::render::exit::ExitFresnel;
 use translux::render::frame::{Frame, RenderSettings, SingleLayer, Specular, render};
-use translux::render::single::{Exitance, Single};
+use translux::render::single::{Scattered, Single};
 use translux::scene::Scene;
 use translux::transport::single_scattering::interface::{Form, refracted};
 use translux::transport::single_scattering::plane::PlaneMedium;
@@ -153,14 +153,14 @@ fn the_same_bytes_on_any_number_of_threads_and_none_of_it_from_the_mesh() {
 }
 
 /// A ball that is a thousand mean free paths thick, seen from far away: the mean over its disc of a layer is `Int L 2 mu dmu`.
-fn disc(evaluator: &dyn Evaluator, exitance: Exitance, exit_fresnel: ExitFresnel) -> (Frame, DVec3) {
+fn disc(evaluator: &dyn Evaluator, scattered: Scattered, exit_fresnel: ExitFresnel) -> (Frame, DVec3) {
     let view = RenderSettings {
         specular: Specular::Off,
         exit_fresnel,
         samples_per_pixel: 8,
         ..rendering::settings(rendering::camera([0.0, 0.0, 2e5], 0.6), rendering::size(64, 64))
     };
-    let frame = render(evaluator, exitance, &[], &view, &Silent).unwrap();
+    let frame = render(evaluator, scattered, &[], &view, &Silent).unwrap();
     let (mut sum, mut covered) = (DVec3::ZERO, 0.0);
     for pixel in &frame.pixels {
         sum += DVec3::from(pixel.single.map(f64::from));
@@ -177,8 +177,8 @@ fn in_a_furnace_the_picture_of_a_ball_has_the_albedo() {
         evaluator.set_lights(vec![Light::constant(DVec3::ONE).unwrap()], &Silent).unwrap();
         let black = vec![DVec3::ZERO; evaluator.scene().mesh.local_mm.len()];
         let eye = evaluator.towards_eye().unwrap().unwrap();
-        let exitance = Exitance { radiosity: &black, single: Single::TowardsEye(eye.as_ref()), texture: None };
-        let (frame, mean) = disc(evaluator.as_ref(), exitance, ExitFresnel::Paper);
+        let scattered = Scattered { exitance: &black, single: Single::TowardsEye(eye.as_ref()), texture: None };
+        let (frame, mean) = disc(evaluator.as_ref(), scattered, ExitFresnel::Paper);
         let exact = half_space(eta).albedo(Form::Physical);
         println!("eta {eta}: {mean:.5}, {exact:.5}");
         assert_eq!(frame.single, SingleLayer::TowardsEye);
@@ -195,8 +195,8 @@ fn values_of_vertices_leave_as_they_were_made() {
     let count = evaluator.scene().mesh.local_mm.len();
     let (black, s) = (vec![DVec3::ZERO; count], vec![DVec3::new(1.0, 2.0, 3.0); count]);
     for exit_fresnel in [ExitFresnel::Normalised, ExitFresnel::Paper] {
-        let exitance = Exitance { radiosity: &black, single: Single::PerVertex(&s), texture: None };
-        let (frame, mean) = disc(evaluator.as_ref(), exitance, exit_fresnel);
+        let scattered = Scattered { exitance: &black, single: Single::PerVertex(&s), texture: None };
+        let (frame, mean) = disc(evaluator.as_ref(), scattered, exit_fresnel);
         assert_eq!(frame.single, SingleLayer::PerVertex);
         // All that leaves adds up.
         assert!((mean * PI / DVec3::new(1.0, 2.0, 3.0) - 1.0).abs().max_element() < 5e-3, "{mean}");
@@ -206,8 +206,8 @@ fn values_of_vertices_leave_as_they_were_made() {
     }
     let settings = rendering::settings(rendering::camera([0.0, 0.0, 4000.0], 40.0), rendering::size(8, 8));
     for bad in [vec![DVec3::ONE; count - 1], vec![DVec3::NAN; count]] {
-        let exitance = Exitance { radiosity: &black, single: Single::PerVertex(&bad), texture: None };
-        let error = render(evaluator.as_ref(), exitance, &[], &settings, &Silent).unwrap_err();
+        let scattered = Scattered { exitance: &black, single: Single::PerVertex(&bad), texture: None };
+        let error = render(evaluator.as_ref(), scattered, &[], &settings, &Silent).unwrap_err();
         assert!(error.message().contains("single scattering"), "{}", error.message());
     }
 }
@@ -230,8 +230,8 @@ fn an_eye_sees_the_phase_function_along_its_refracted_direction() {
             ..rendering::settings(rendering::camera(at, 0.5), rendering::size(8, 8))
         };
         let eye = evaluator.towards_eye().unwrap().unwrap();
-        let exitance = Exitance { radiosity: &black, single: Single::TowardsEye(eye.as_ref()), texture: None };
-        let frame = render(evaluator.as_ref(), exitance, &[], &view, &Silent).unwrap();
+        let scattered = Scattered { exitance: &black, single: Single::TowardsEye(eye.as_ref()), texture: None };
+        let frame = render(evaluator.as_ref(), scattered, &[], &view, &Silent).unwrap();
         let mean = frame.pixels.iter().map(|p| DVec3::from(p.single.map(f64::from))).sum::<DVec3>() / 64.0;
         let to_eye = DVec3::from(at).normalize();
         let inside = |w| refracted(1.4, w, DVec3::Y).unwrap();

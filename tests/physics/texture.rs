@@ -13,7 +13,7 @@ use translux::io::png::{encode_png, read_png};
 use translux::light::Light;
 use translux::progress::Silent;
 use translux::render::frame::{AlbedoLayer, Frame, RenderSettings, render};
-use translux::render::single::{Exitance, Single};
+use translux::render::single::{Scattered, Single};
 use translux::render::texture::Texture;
 use translux::render::texture::spec::TextureSpec;
 
@@ -96,8 +96,8 @@ fn wrong_textures_are_refused_with_advice() {
 
 fn rendered(fake: &Fake, texture: Option<&Texture>, view: &RenderSettings) -> Frame {
     let radiosity = fake.uniform();
-    let exitance = Exitance { radiosity: &radiosity, single: Single::None, texture };
-    render(fake, exitance, &[Light::constant(DVec3::ONE).unwrap()], view, &Silent).unwrap()
+    let scattered = Scattered { exitance: &radiosity, single: Single::None, texture };
+    render(fake, scattered, &[Light::constant(DVec3::ONE).unwrap()], view, &Silent).unwrap()
 }
 
 /// Marble stands still in the object, wherever that is and whoever looks at it.

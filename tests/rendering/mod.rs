@@ -49,7 +49,7 @@ impl Fake {
     }
 
     pub fn render(&self, radiosity: &[DVec3], settings: &RenderSettings) -> Frame {
-        render(self, radiosity, &[], settings, &Silent).unwrap()
+        render(self, &radiosity.to_vec(), &[], settings, &Silent).unwrap()
     }
 
     pub fn default_camera(&self, resolution: Resolution) -> Camera {

@@ -10,6 +10,7 @@ use super::subject::{Baked, Subject};
 use super::truth::Reference;
 use crate::asset::Asset;
 use crate::error::{Error, Result};
+use crate::evaluate::exitance::Exitance;
 use crate::evaluate::measured::{Measured, Truth, measured};
 use crate::evaluate::{Evaluator, Method};
 use crate::light::Light;
@@ -123,7 +124,7 @@ fn negative_share(values: &[DVec3], areas: &[f64]) -> f64 {
 /// Errors of the pictures under the `index`-th light, and that of the first view.
 fn pictures(
     evaluator: &dyn Evaluator,
-    radiosity: &[DVec3],
+    exitance: &dyn Exitance,
     index: usize,
     truth: &Reference,
 ) -> Result<(PictureError, Option<Shown>)> {
@@ -131,7 +132,7 @@ fn pictures(
     let mut shown = None;
     for (settings, frames) in &truth.views {
         let Some(expected) = frames.get(index) else { continue };
-        let frame = render(evaluator, radiosity, &[], settings, &Silent)?;
+        let frame = render(evaluator, exitance, &[], settings, &Silent)?;
         let diffuse = |f: &Frame| f.pixels.iter().map(|p| p.diffuse).collect::<Vec<_>>();
         let (found, wanted) = (diffuse(&frame), diffuse(expected));
         let (width, height) = (frame.resolution.width, frame.resolution.height);

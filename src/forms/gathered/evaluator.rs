@@ -7,6 +7,7 @@ use glam::DVec3;
 
 use super::lit_samples::GatheredEvaluator;
 use super::nets::Nets;
+use super::settings::Far;
 #[cfg(feature = "gpu")]
 use super::{hierarchy_gpu::HierarchyOnDevice, nets_gpu::NetsOnDevice};
 use crate::compress::ledger::Ledger;
@@ -15,6 +16,7 @@ use crate::error::{Error, Result};
 use crate::evaluate::DeviceEvaluator;
 #[cfg(feature = "gpu")]
 use crate::evaluate::device::Device;
+use crate::evaluate::exitance::{Exitance, MeshPoint};
 use crate::evaluate::sampling_error::Sampled;
 use crate::evaluate::single_scattering::TowardsEye;
 use crate::evaluate::stages::worst_and_unseen;
@@ -24,12 +26,40 @@ use crate::geometry::bvh::Bvh;
 use crate::light::Light;
 use crate::medium::material::Medium;
 use crate::medium::profiles::model::LoadedProfile;
-use crate::progress::Progress;
+use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
 use crate::transport::gather::Scheme;
 use crate::transport::interreflection::InterReflection;
 use crate::transport::near_rule::NearField;
 use crate::transport::receivers::Receivers;
+
+/// Receivers that share a traversal of the samples, where points anywhere are receivers.
+const GROUP: usize = 16;
+
+/// Exitance that is gathered at each point.
+struct AtPoints<'a>(&'a GatheredEvaluator);
+
+impl Exitance for AtPoints<'_> {
+    fn at_vertices(&self) -> Option<&[DVec3]> {
+        None
+    }
+
+    fn at(&self, point: &MeshPoint) -> DVec3 {
+        self.at_each(std::slice::from_ref(point), &Silent).first().copied().unwrap_or_default()
+    }
+
+    fn at_each(&self, points: &[MeshPoint], progress: &dyn Progress) -> Vec<DVec3> {
+        let parts = &self.0.scene.parts;
+        let place = |point: &MeshPoint| {
+            let part = *parts.triangle_part.get(point.triangle as usize)?;
+            parts.parts.get(part as usize)?.transfers().then_some((part, point.at_mm))
+        };
+        let receivers = Receivers::at(&points.iter().map(place).collect::<Vec<_>>(), GROUP);
+        let scheme = self.0.scheme();
+        let values = self.0.with_gather(|gather, lit| gather.radiosity(&receivers, lit, scheme, progress));
+        receivers.expand(&values)
+    }
+}
 
 impl Evaluator for GatheredEvaluator {
     fn capabilities(&self) -> Capabilities {
@@ -109,10 +139,16 @@ impl Evaluator for GatheredEvaluator {
         Ok(self.receivers.expand(&values))
     }
 
-    fn radiosity_at(&mut self, receivers: &Receivers, progress: &dyn Progress) -> Result<Vec<DVec3>> {
+    fn prepare_points(&mut self, progress: &dyn Progress) -> Result<()> {
         self.irradiance(progress)?;
-        let scheme = self.tuned_scheme();
-        Ok(self.with_gather(|gather, lit| gather.radiosity(receivers, lit, scheme, progress)))
+        self.tuned_scheme();
+        Ok(())
+    }
+
+    fn exitance_at_points(&self) -> Option<Box<dyn Exitance + '_>> {
+        let lit = self.irradiance.is_some() && (self.outside.is_none() || self.returned.is_some());
+        let tuned = matches!(self.gathering.far, Far::AllPairs) || self.limit.is_some();
+        (lit && tuned).then(|| Box::new(AtPoints(self)) as Box<dyn Exitance>)
     }
 
     fn single_scattering_is(&self) -> SingleScattering {

@@ -25,7 +25,7 @@ use crate::relight::raster::picture::LinearPicture;
 use crate::render::background::Background;
 use crate::render::film::{ColourType, PngBackground, to_exr, to_png};
 use crate::render::frame::{RenderSettings, render};
-use crate::render::single::Exitance;
+use crate::render::single::Scattered;
 use crate::render::texture::Texture;
 
 /// Something to do.
@@ -155,8 +155,8 @@ fn run(job: Job, placing: &Placing, progress: &dyn Progress) -> Result<Outcome> 
             let mut evaluator = evaluator_in(&state, placing, progress)?;
             evaluator.set_eye(settings.camera.at_mm());
             let radiosity = evaluator.radiosity(progress)?;
-            let exitance = Exitance { texture: texture.as_deref(), ..Exitance::from(&radiosity) };
-            let frame = render(evaluator.as_ref(), exitance, &state.lights, &settings, progress)?;
+            let scattered = Scattered { texture: texture.as_deref(), ..Scattered::from(&radiosity) };
+            let frame = render(evaluator.as_ref(), scattered, &state.lights, &settings, progress)?;
             let paths = ["exr", "png"].map(|suffix| stem.with_extension(suffix));
             let text = |name: &str, text: String| (name.to_owned(), text);
             let mut attributes = vec![
