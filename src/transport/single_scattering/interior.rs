@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec3};
 
-use super::interface::{Entry, Form, inside_direction, refracted};
+use super::interface::{Form, Refraction, inside_direction, refracted};
 use crate::geometry::bvh::{Bvh, Hit, Ray, offset_origin};
 use crate::medium::fresnel::transmittance;
 use crate::medium::material::OpticalProperties;
@@ -244,9 +244,9 @@ impl<'a> Interior<'a> {
     /// The same from numbers.
     pub(super) fn incident_at(&self, straight_mm: f64, normal: DVec3, direction: DVec3, eta: f64) -> Option<Incident> {
         let cosine = normal.dot(direction);
-        let entry = Entry::new(self.form, eta, cosine)?;
-        let inside = inside_direction(eta, direction, normal, cosine, entry.cos_inside);
-        Some(Incident { gain: entry.gain, path_mm: straight_mm * entry.stretch, straight_mm, inside })
+        let refraction = Refraction::new(self.form, eta, cosine)?;
+        let inside = inside_direction(eta, direction, normal, cosine, refraction.cos_inside);
+        Some(Incident { gain: refraction.gain, path_mm: straight_mm * refraction.stretch, straight_mm, inside })
     }
 
     /// The way on from where a ray left the body, up to `t_max`, and the triangle to leave out.
@@ -282,11 +282,11 @@ impl<'a> Interior<'a> {
             let eta = optics.eta_inside_over_outside;
             let cosine = self.normal(&hit).dot(direction);
             let place = open.iter().position(|body| body.0 == part);
-            let entry = Entry::new(Form::Printed, eta, cosine.abs());
-            let Some(entry) = entry.filter(|_| cosine != 0.0) else { return DVec3::ZERO };
+            let refraction = Refraction::new(Form::Printed, eta, cosine.abs());
+            let Some(refraction) = refraction.filter(|_| cosine != 0.0) else { return DVec3::ZERO };
             let surface = transmittance(eta, cosine.abs());
             let inside = |entered: f64| {
-                let length = (f64::from(hit.t) - entered) * entry.stretch;
+                let length = (f64::from(hit.t) - entered) * refraction.stretch;
                 (-length * optics.sigma_t_per_mm).map(f64::exp)
             };
             match (cosine < 0.0, place) {

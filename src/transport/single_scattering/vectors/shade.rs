@@ -132,7 +132,7 @@ fn add_product_body(picture: &[f32], term: &[f32], out: &mut [f32]) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::interface::Entry;
+    use super::super::super::interface::Refraction;
     use super::*;
     use crate::math::simd::Level;
 
@@ -156,12 +156,12 @@ mod tests {
                 let medium = Medium { form, eta };
                 refract(Level::detect(), medium, &cosines, &heights, &mut gains, &mut paths);
                 for ((c, gain), path) in cosines.iter().zip(&gains).zip(&paths) {
-                    let Some(entry) = Entry::new(form, eta.into(), (*c).into()) else {
+                    let Some(refraction) = Refraction::new(form, eta.into(), (*c).into()) else {
                         assert!(*gain == 0.0, "{eta} {c}");
                         continue;
                     };
-                    assert!((f64::from(*gain) / entry.gain - 1.0).abs() < 1e-5, "{form:?} {eta} {c}");
-                    assert!((f64::from(*path) * entry.cos_inside / 2.0 - 1.0).abs() < 1e-5);
+                    assert!((f64::from(*gain) / refraction.gain - 1.0).abs() < 1e-5, "{form:?} {eta} {c}");
+                    assert!((f64::from(*path) * refraction.cos_inside / 2.0 - 1.0).abs() < 1e-5);
                 }
             }
         }
