@@ -1,4 +1,4 @@
-//! What leaves a surface, and single scattering towards the eye.
+//! Exitance of a surface, and single scattering towards the eye.
 
 use glam::DVec3;
 
@@ -24,18 +24,18 @@ pub enum Single<'a> {
     /// A value `s` for each source vertex: `L = F_t(w_o) s / (pi C)`, whatever the normalisation of the exit Fresnel factor,
     /// which s was made with.
     PerVertex(&'a [DVec3]),
-    /// What an evaluator has for each eye ray.
+    /// Radiance that an evaluator has for each eye ray.
     TowardsEye(&'a dyn TowardsEye),
 }
 
-/// What leaves a surface.
+/// The light that leaves a surface.
 #[derive(Clone, Copy)]
 pub struct Exitance<'a> {
-    /// Of every source vertex, RGB.
+    /// Radiosity of every source vertex, RGB.
     pub radiosity: &'a [DVec3],
-    /// Beside it.
+    /// Single scattering beside it.
     pub single: Single<'a>,
-    /// What both are multiplied by.
+    /// The texture that both are multiplied by.
     pub texture: Option<&'a Texture>,
 }
 
@@ -84,7 +84,7 @@ pub(super) struct Spot<'a> {
     pub(super) to_eye: DVec3,
     /// Cosine of the shading normal to the eye.
     pub(super) cosine: f64,
-    /// Of the medium.
+    /// Index of the medium.
     pub(super) medium: usize,
 }
 
@@ -111,7 +111,7 @@ impl EyeRay {
 /// Single scattering of a scene.
 pub(super) struct SingleRadiance<'a> {
     single: Single<'a>,
-    /// For each medium.
+    /// The exit from each medium.
     exits: Vec<ExitRadiance>,
 }
 

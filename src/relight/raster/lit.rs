@@ -86,14 +86,14 @@ fn environments(lights: &[Light]) -> Vec<(&Arc<EnvironmentMap>, f64, DVec3)> {
 /// Textures of the environments, made anew only when other pictures come.
 pub(super) struct Environments {
     maps: Vec<Arc<EnvironmentMap>>,
-    /// What the textures' values are multiplied by.
+    /// Factors that the textures' values are multiplied by.
     scales: Vec<f64>,
     pub(super) glossy: wgpu::TextureView,
     pub(super) backdrop: wgpu::TextureView,
 }
 
 impl Environments {
-    /// None at all.
+    /// Black textures, for lights without an environment.
     pub(super) fn none(device: &Device) -> Self {
         Self::of(device, Vec::new())
     }

@@ -83,7 +83,7 @@ pub(super) struct Pattern {
 }
 
 impl Pattern {
-    /// None.
+    /// A white texture, for a scene without one.
     pub(super) fn new(device: &Device) -> Result<Self> {
         let uniform = device.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("texture"),

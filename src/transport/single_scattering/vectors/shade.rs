@@ -1,15 +1,15 @@
-//! From what arrives in each texel to vectors: attenuation of three channels, many texels at a time.
+//! Vectors from the light that arrives in each texel: attenuation of three channels, many texels at a time.
 
 use super::super::interface::Form;
 use crate::math::simd::multiversion;
 
-/// What is seen at one depth in every texel of a cube map: a plane, and how much light comes through.
+/// The plane that is seen from one depth in every texel of a cube map, and the share of light that comes through.
 pub(super) struct Planes {
     /// Cosine outside; not positive where nothing arrives.
     pub(super) cosine: Vec<f32>,
     /// Distance of the plane, mm.
     pub(super) height_mm: Vec<f32>,
-    /// Of each channel if bodies attenuate channels unequally; else the first is for all.
+    /// The share of light that comes through, of each channel if bodies attenuate channels unequally; else the first is for all.
     pub(super) through: [Vec<f32>; 3],
     /// F_t and the refraction factor, from the cosine.
     pub(super) gain: Vec<f32>,
