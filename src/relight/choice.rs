@@ -11,7 +11,7 @@ use crate::evaluate::{
     device::{Device, Uploaded},
 };
 
-/// What a person asks for.
+/// The device that a person asks for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DeviceChoice {
     /// Shaders on a graphics adapter; the CPU's transport drawn by a software adapter; all on the CPU where there is none.
@@ -30,7 +30,7 @@ pub type Open<'a> = &'a dyn Fn() -> Result<Box<dyn Evaluator>>;
 pub enum Place {
     /// On the CPU, with pictures drawn there.
     Cpu(Box<dyn Evaluator>),
-    /// With its radiosity on a device that draws.
+    /// On a device that draws, with its radiosity there.
     #[cfg(feature = "gpu")]
     Device(Box<dyn DeviceEvaluator>),
 }

@@ -22,7 +22,7 @@ pub fn frame_name(frame: usize, frames: usize) -> String {
     format!("frame_{frame:0digits$}.png")
 }
 
-/// What a dropped file is, by its suffix.
+/// The kind of a dropped file, by its suffix.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Dropped {
     /// An asset that takes the place of the model.
@@ -34,7 +34,7 @@ pub enum Dropped {
 }
 
 impl Dropped {
-    /// What `path` is.
+    /// The kind of the file at `path`.
     pub fn new(path: &Path) -> Self {
         let suffix = path.extension().map(|s| s.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
         let name = path.file_name().map_or_else(|| path.to_string_lossy(), |n| n.to_string_lossy());

@@ -47,9 +47,9 @@ pub struct Animation {
     pub exposure: Exposure,
     /// Reflection.
     pub specular: Specular,
-    /// What scattered light is multiplied by.
+    /// The texture that scattered light is multiplied by.
     pub texture: Option<Texture>,
-    /// What is seen beside the object.
+    /// The background that is seen beside the object.
     pub background: Background,
     /// Lights of the first frame.
     pub lights: Vec<Light>,

@@ -11,7 +11,7 @@ use crate::light::environment::Rotation;
 /// Most stops that a light is made brighter or darker by.
 pub const MAX_STOPS: f64 = 10.0;
 
-/// What lights turn about: the vertical axis through the middle of the mesh's bounding box, in world mm.
+/// The point that lights turn about, on the vertical axis through the middle of the mesh's bounding box, in world mm.
 pub fn pivot_mm(mesh: &Mesh) -> DVec3 {
     let [min, max] = mesh.bounds_local_mm();
     mesh.origin_mm + 0.5 * (min + max)

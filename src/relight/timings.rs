@@ -9,10 +9,10 @@ use crate::render::camera::Resolution;
 /// Identifies the shape of the file of timings.
 pub const SCHEMA: &str = "translux-relight-timings/1";
 
-/// What drew.
+/// The adapter that drew.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Adapter {
-    /// As the driver calls it.
+    /// The name that the driver has for it.
     pub name: String,
     /// `graphics` or `software`.
     pub kind: &'static str,
@@ -25,11 +25,11 @@ pub struct Adapter {
 pub struct FrameTime {
     /// Name of its picture.
     pub file: String,
-    /// From the lights to what the transport starts from.
+    /// Milliseconds from the lights to the irradiance that the transport starts from.
     pub light_ms: f64,
-    /// From there to radiosity.
+    /// Milliseconds from there to radiosity.
     pub transport_ms: f64,
-    /// From radiosity to a picture in memory.
+    /// Milliseconds from radiosity to a picture in memory.
     pub draw_ms: f64,
     /// All of them.
     pub total_ms: f64,
@@ -38,18 +38,18 @@ pub struct FrameTime {
 /// Quantiles over the frames, in milliseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Summary {
-    /// From the lights to what the transport starts from.
+    /// Milliseconds from the lights to the irradiance that the transport starts from.
     pub light_ms: Quantiles,
-    /// From there to radiosity.
+    /// Milliseconds from there to radiosity.
     pub transport_ms: Quantiles,
-    /// From radiosity to a picture in memory.
+    /// Milliseconds from radiosity to a picture in memory.
     pub draw_ms: Quantiles,
     /// All of them.
     pub total_ms: Quantiles,
 }
 
 impl Summary {
-    /// Of some frames.
+    /// The quantiles over some frames.
     pub fn of(frames: &[FrameTime]) -> Self {
         let over = |value: fn(&FrameTime) -> f64| Quantiles::of(frames.iter().map(value));
         Self {
@@ -66,9 +66,9 @@ impl Summary {
 pub struct Timings {
     /// [`SCHEMA`].
     pub schema: &'static str,
-    /// Of this program.
+    /// Version of this program.
     pub version: &'static str,
-    /// What drew; none where the CPU did.
+    /// The adapter that drew; none where the CPU did.
     pub adapter: Option<Adapter>,
     /// Where the transport ran.
     pub transport: String,
@@ -80,7 +80,7 @@ pub struct Timings {
     pub samples: usize,
     /// Pixels.
     pub resolution: Resolution,
-    /// As it would be typed.
+    /// The camera as it would be typed.
     pub camera: String,
     /// Lights of the first frame.
     pub lights: Vec<String>,

@@ -1,4 +1,4 @@
-//! What is seen beside the object: the lights at infinity, nothing, or a colour.
+//! The background beside the object: the lights at infinity, nothing, or a colour.
 
 use std::str::FromStr;
 
@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 use crate::light::Light;
 use crate::light::environment::{EnvironmentMap, Rotation};
 
-/// What is seen beside the object.
+/// The background that is seen beside the object.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Background {
     /// The environments and the constant lights; other lights are invisible.

@@ -227,7 +227,7 @@ pub(super) fn checked_fov(degrees: f64) -> Result<f64> {
     )))
 }
 
-/// From the object to the default camera.
+/// The direction from the object to the default camera.
 pub(super) fn default_direction() -> DVec3 {
     let (sin, cos) = DEFAULT_ELEVATION_DEGREES.to_radians().sin_cos();
     DVec3::new(0.0, sin, cos)

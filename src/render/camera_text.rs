@@ -20,7 +20,7 @@ pub struct CameraSpec {
     pub at_mm: Option<DVec3>,
     /// The point in the middle of the picture, in mm; default: the centre of the mesh's bounding box.
     pub look_mm: Option<DVec3>,
-    /// What is up in the picture; default: +Y, or -Z for a view straight down and +Z for one straight up.
+    /// The direction that is up in the picture; default: +Y, or -Z for a view straight down and +Z for one straight up.
     pub up: Option<DVec3>,
     /// Vertical field of view in degrees; default: [`DEFAULT_FOV_DEGREES`].
     pub fov_degrees: Option<f64>,

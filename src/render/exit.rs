@@ -1,4 +1,4 @@
-//! From radiosity to the radiance that reaches the eye.
+//! The radiance that reaches the eye, from radiosity.
 
 use std::f64::consts::FRAC_1_PI;
 
@@ -24,7 +24,7 @@ pub struct ExitRadiance {
 }
 
 impl ExitRadiance {
-    /// Of a medium with this index of refraction, inside over outside.
+    /// The exit from a medium with this index of refraction, inside over outside.
     pub fn new(eta_inside_over_outside: f64, normalisation: ExitFresnel) -> Self {
         let c = match normalisation {
             ExitFresnel::Normalised => diffuse_transmittance(eta_inside_over_outside),

@@ -88,7 +88,7 @@ impl Sum {
     }
 }
 
-/// To 32 bits; what does not fit becomes the largest finite value.
+/// A colour in 32 bits; values that do not fit become the largest finite one.
 fn narrow(v: DVec3) -> [f32; 3] {
     let limit = f64::from(f32::MAX);
     v.to_array().map(|c| c.clamp(-limit, limit) as f32)
@@ -97,7 +97,7 @@ fn narrow(v: DVec3) -> [f32; 3] {
 /// The boundary of a medium.
 struct Boundary {
     exit: ExitRadiance,
-    /// None where nothing is reflected.
+    /// The microfacet model; none where nothing is reflected.
     ggx: Option<Ggx>,
 }
 
@@ -113,7 +113,7 @@ pub(super) struct Renderer<'a> {
     lights: GlossyLights,
     normals: ShadingNormals,
     samples: PixelSamples,
-    /// For each medium.
+    /// The boundary of each medium.
     boundaries: Vec<Boundary>,
     /// The eye in the mesh's local coordinates.
     eye: DVec3,
@@ -122,16 +122,16 @@ pub(super) struct Renderer<'a> {
     radius_mm: f64,
 }
 
-/// What a group of pixels is worked out in; one for each tile.
+/// Memory that a group of pixels is worked out in; one for each tile.
 #[derive(Default)]
 struct Desk {
-    /// Of every eye ray.
+    /// Directions of all eye rays.
     directions: Vec<DVec3>,
-    /// Of those that come near the object: the ray and which one it is.
+    /// Eye rays that come near the object; `indices` says which ones.
     rays: Vec<Ray>,
     indices: Vec<u32>,
     hits: Vec<Option<Hit>>,
-    /// What reflects, the eye rays that see it, and what they get.
+    /// The points that reflect; `of_place` has the eye rays that see them, `reflected` the radiance that these get.
     places: Vec<Place>,
     of_place: Vec<u32>,
     reflected: Vec<DVec3>,
@@ -378,7 +378,7 @@ fn facing(normal: DVec3, to_eye: DVec3, least: f64) -> Option<DVec3> {
     Some(to_eye * least + across * (1.0 - least * least).max(0.0).sqrt())
 }
 
-/// What an eye ray sees of the object.
+/// The point of the object that an eye ray sees.
 struct Seen {
     radiance: DVec3,
     single: DVec3,
@@ -387,7 +387,7 @@ struct Seen {
     depth_mm: f64,
     from_behind: bool,
     part: u32,
-    /// Where it is reflected.
+    /// The point that reflects the lights, if it does.
     place: Option<Place>,
 }
 

@@ -54,7 +54,7 @@ impl std::fmt::Display for Exposure {
     }
 }
 
-/// What a PNG does with pixels that the object does not cover.
+/// How a PNG shows pixels that the object does not cover.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PngBackground {
     /// Shows the background that was rendered.

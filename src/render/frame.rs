@@ -46,9 +46,9 @@ pub struct Frame {
     /// Share of the hits that met a triangle from behind, where nothing shines: the eye is inside, or the mesh is open
     /// or wound inwards.
     pub back_facing_share: f64,
-    /// What [`Pixel::single`] is.
+    /// The meaning of [`Pixel::single`].
     pub single: SingleLayer,
-    /// What [`Pixel::albedo`] is.
+    /// The meaning of [`Pixel::albedo`].
     pub albedo: AlbedoLayer,
 }
 

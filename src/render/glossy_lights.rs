@@ -1,4 +1,4 @@
-//! What the lights send to the eye by specular reflection.
+//! Radiance that the lights send to the eye by specular reflection.
 //!
 //! Directional and point lights: the model itself times the irradiance, with a shadow ray. Area lights: one point of the
 //! light and one reflection for each eye ray, joined by the balance heuristic, with shadow rays. Environments and constant
@@ -17,7 +17,7 @@ use crate::math::spherical_rectangle::SphericalRectangle;
 /// A point of the surface that an eye ray sees from its front.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Place {
-    /// In the mesh's local coordinates, mm.
+    /// The point in the mesh's local coordinates, mm.
     pub point: DVec3,
     pub triangle: u32,
     /// Geometric unit normal, on the eye's side.
@@ -202,7 +202,7 @@ impl GlossyLights {
         shadow.resolve(bvh, out);
     }
 
-    /// What a reflection brings from the lights at infinity.
+    /// Radiance that a sampled reflection brings from the lights at infinity.
     #[inline]
     fn of_afar(&self, sample: &Reflected) -> DVec3 {
         let solid_angle = 1.0 / (self.samples_per_pixel * sample.density_per_sr);

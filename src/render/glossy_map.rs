@@ -22,9 +22,9 @@ const BANDS: usize = 4;
 /// take 1; interpolation between texels blurs as well, and half of that moves highlights half as far to texel centres.
 const OVERLAP: f32 = 0.5;
 
-/// One resolution: faces of `(side + 2)^2` texels, the outer ones copied from the neighbouring faces, so that
+/// A cube map at one resolution: faces of `(side + 2)^2` texels, the outer ones copied from the neighbouring faces, so that
 /// interpolation crosses the edges of the cube.
-struct Level {
+struct PaddedCubeMap {
     side: usize,
     texels: Vec<Vec4>,
 }
@@ -32,19 +32,19 @@ struct Level {
 /// A pyramid of cube maps in the map's own orientation.
 pub(super) struct GlossyMap {
     /// Finest first; the last has one texel a face.
-    levels: Vec<Level>,
+    levels: Vec<PaddedCubeMap>,
 }
 
 impl GlossyMap {
     pub(super) fn new(map: &EnvironmentMap) -> Self {
         let side = (map.width() / 4).next_power_of_two().clamp(1, MAX_SIDE);
         let mut faces = means(map, side);
-        let mut levels = vec![Level::new(side, &faces)];
+        let mut levels = vec![PaddedCubeMap::new(side, &faces)];
         let mut side = side;
         while side > 1 {
             faces = halved(side, &faces);
             side /= 2;
-            levels.push(Level::new(side, &faces));
+            levels.push(PaddedCubeMap::new(side, &faces));
         }
         Self { levels }
     }
@@ -75,7 +75,7 @@ fn rough_log2(x: f32) -> f32 {
     (x.to_bits() as f32) * (1.0 / 8_388_608.0) - 127.0
 }
 
-impl Level {
+impl PaddedCubeMap {
     fn new(side: usize, faces: &[Vec4]) -> Self {
         let padded = side + 2;
         let mut texels = vec![Vec4::ZERO; FACES * padded * padded];

@@ -65,7 +65,7 @@ fn stored(scene: &Scene, triangle: u32, corner: usize) -> Option<DVec3> {
 struct Around {
     /// Geometric unit normals.
     normals: Vec<DVec3>,
-    /// For each welded vertex, where its entries start in `entries`.
+    /// Position of the first entry of each welded vertex in `entries`.
     offsets: Vec<u32>,
     /// Triangle and the angle of its corner there.
     entries: Vec<(u32, f32)>,

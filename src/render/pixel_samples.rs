@@ -14,7 +14,7 @@ const STAGE: u64 = 0x7069_7865_6c73;
 /// Dimension of the pixel's scramble; the samples use the lower ones.
 const SCRAMBLE: u64 = 1 << 32;
 
-/// What the points are for. Those of different streams are independent.
+/// The purpose of the points. Points of different streams are independent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Stream {
     /// Where eye rays cross the pixel.

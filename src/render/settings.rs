@@ -14,14 +14,14 @@ pub const MAX_SAMPLES_PER_PIXEL: u32 = 1 << 14;
 /// Specular reflection of the lights by translucent parts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Specular {
-    /// None.
+    /// The lights are not reflected.
     Off,
     /// A rough dielectric boundary with the index of refraction of the medium (see [`super::specular`]).
     Rough(Roughness),
 }
 
 impl Specular {
-    /// Of the boundary, if it reflects.
+    /// Roughness of the boundary, if it reflects.
     pub fn roughness(self) -> Option<Roughness> {
         match self {
             Self::Off => None,
@@ -36,7 +36,7 @@ impl Default for Specular {
     }
 }
 
-/// What to render beside the scene.
+/// The settings of a picture: everything that is rendered with beside the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RenderSettings {
     /// The eye.
@@ -47,9 +47,9 @@ pub struct RenderSettings {
     pub samples_per_pixel: u32,
     /// How the exit Fresnel factor is normalised.
     pub exit_fresnel: ExitFresnel,
-    /// What is seen beside the object.
+    /// The background that is seen beside the object.
     pub background: Background,
-    /// What the boundary reflects.
+    /// Specular reflection by the boundary.
     pub specular: Specular,
     /// The radiance that will be white where the picture is shown: what single eye rays have above it goes into
     /// [`Pixel::glare`]. Infinite where that is not known.
@@ -82,7 +82,7 @@ pub struct Pixel {
     pub single: [f32; 3],
     /// Specular radiance, likewise.
     pub specular: [f32; 3],
-    /// What the texture multiplied the diffuse and the singly scattered radiance by, likewise; 0 without a texture.
+    /// The albedo that the texture multiplied the diffuse and the singly scattered radiance by, likewise; 0 without a texture.
     pub albedo: [f32; 3],
     /// The mean of what the specular radiance, or the background, of single eye rays has above white. A highlight thinner
     /// than a pixel may be so bright that all pixels it touches are white: without the glare, its edges are smooth.

@@ -24,7 +24,7 @@ pub enum Single<'a> {
     /// A value `s` for each source vertex: `L = F_t(w_o) s / (pi C)`, whatever the normalisation of the exit Fresnel factor,
     /// which s was made with.
     PerVertex(&'a [DVec3]),
-    /// What an evaluator has for each eye ray.
+    /// Radiance that an evaluator has for each eye ray.
     TowardsEye(&'a dyn TowardsEye),
 }
 
@@ -35,7 +35,7 @@ pub struct Scattered<'a> {
     pub exitance: &'a dyn Exitance,
     /// Scattered once, beside it.
     pub single: Single<'a>,
-    /// What both are multiplied by.
+    /// The texture that both are multiplied by.
     pub texture: Option<&'a Texture>,
 }
 
@@ -82,7 +82,7 @@ pub(super) struct Spot<'a> {
     pub(super) to_eye: DVec3,
     /// Cosine of the shading normal to the eye.
     pub(super) cosine: f64,
-    /// Of the medium.
+    /// Index of the medium.
     pub(super) medium: usize,
 }
 
@@ -109,7 +109,7 @@ impl EyeRay {
 /// Single scattering of a scene.
 pub(super) struct SingleRadiance<'a> {
     single: Single<'a>,
-    /// For each medium.
+    /// The exit from each medium.
     exits: Vec<ExitRadiance>,
 }
 

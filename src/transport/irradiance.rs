@@ -55,7 +55,7 @@ impl LightSampling {
         Ok(())
     }
 
-    /// For the truth.
+    /// The sampling of the truth.
     pub const REFERENCE: Self = Self { points_per_patch: 16, directions: 512, area_side: 16 };
     /// Shadow boundaries to a quarter of a patch, soft light to about 1 % of each patch, which scattering averages.
     pub const FAST: Self = Self { points_per_patch: 4, directions: 256, area_side: 8 };

@@ -8,7 +8,7 @@ use gltf::json::Root;
 use super::accessor::Accessors;
 use super::document::{material_name, mesh_label, node_label};
 use super::nodes::Placement;
-use super::primitive::{Decoded, Plan};
+use super::primitive::{CheckedPrimitive, Decoded};
 use super::warnings::Warnings;
 use crate::error::{Error, Result};
 use crate::geometry::source::{CornerAttribute, SourceModel};
@@ -26,15 +26,16 @@ pub(super) fn assemble(
     placements: &[Placement],
     mut warnings: Warnings,
 ) -> Result<SourceModel> {
-    let plans = plan_meshes(root, data, placements, &mut warnings)?;
-    let mut builder = Builder::new(root, placements, &plans)?;
-    let mut decoded: Vec<Option<Vec<Decoded>>> = plans.iter().map(|_| None).collect();
+    let checked = check_meshes(root, data, placements, &mut warnings)?;
+    let mut builder = Builder::new(root, placements, &checked)?;
+    let mut decoded: Vec<Option<Vec<Decoded>>> = checked.iter().map(|_| None).collect();
     for placement in placements {
-        let (Some(Some(plans)), Some(decoded)) = (plans.get(placement.mesh), decoded.get_mut(placement.mesh)) else {
+        let (Some(Some(checked)), Some(decoded)) = (checked.get(placement.mesh), decoded.get_mut(placement.mesh))
+        else {
             return Err(Error::input(format!("mesh {} does not exist", placement.mesh)));
         };
         if decoded.is_none() {
-            *decoded = Some(plans.iter().map(|plan| plan.decode(&mut warnings)).collect::<Result<_>>()?);
+            *decoded = Some(checked.iter().map(|primitive| primitive.decode(&mut warnings)).collect::<Result<_>>()?);
         }
         let transform = Transform::new(&placement.to_scene);
         if transform.singular {
@@ -44,38 +45,40 @@ pub(super) fn assemble(
             };
             warnings.add_at(&place, "its transform is singular: what it places is flat");
         }
-        for (plan, primitive) in plans.iter().zip(decoded.iter().flatten()) {
-            builder.add(plan, primitive, &transform).map_err(|e| e.at(&plan.place))?;
+        for (source, primitive) in checked.iter().zip(decoded.iter().flatten()) {
+            builder.add(source, primitive, &transform).map_err(|e| e.at(&source.place))?;
         }
     }
     builder.finish(warnings)
 }
 
-/// Plans of the meshes that are placed, by mesh; `None` for the others.
-fn plan_meshes<'a>(
+/// The checked primitives of the meshes that are placed, by mesh; `None` for the others.
+fn check_meshes<'a>(
     root: &Root,
     data: &'a Accessors<'_>,
     placements: &[Placement],
     warnings: &mut Warnings,
-) -> Result<Vec<Option<Vec<Plan<'a>>>>> {
-    let mut plans: Vec<Option<Vec<Plan<'a>>>> = root.meshes.iter().map(|_| None).collect();
-    // Many primitives may share one accessor: their plans alone could outgrow memory.
+) -> Result<Vec<Option<Vec<CheckedPrimitive<'a>>>>> {
+    let mut checked: Vec<Option<Vec<CheckedPrimitive<'a>>>> = root.meshes.iter().map(|_| None).collect();
+    // Many primitives may share one accessor: what is checked about them could alone outgrow memory.
     let mut totals = Totals::default();
     for placement in placements {
-        let (Some(mesh), Some(of_mesh @ None)) = (root.meshes.get(placement.mesh), plans.get_mut(placement.mesh))
+        let (Some(mesh), Some(of_mesh @ None)) = (root.meshes.get(placement.mesh), checked.get_mut(placement.mesh))
         else {
             continue;
         };
         let label = mesh_label(placement.mesh, mesh);
         let of_mesh = of_mesh.insert(Vec::new());
         for (index, primitive) in mesh.primitives.iter().enumerate() {
-            if let Some(plan) = Plan::new(data, format!("{label}, primitive {index}"), primitive, warnings)? {
-                totals.add(&plan)?;
-                of_mesh.push(plan);
+            if let Some(checked) =
+                CheckedPrimitive::new(data, format!("{label}, primitive {index}"), primitive, warnings)?
+            {
+                totals.add(&checked)?;
+                of_mesh.push(checked);
             }
         }
     }
-    Ok(plans)
+    Ok(checked)
 }
 
 /// Sizes so far, kept within the limits.
@@ -86,9 +89,9 @@ struct Totals {
 }
 
 impl Totals {
-    fn add(&mut self, plan: &Plan<'_>) -> Result<()> {
-        self.vertices = self.vertices.saturating_add(plan.vertices);
-        self.triangles = self.triangles.saturating_add(plan.triangles_at_most());
+    fn add(&mut self, checked: &CheckedPrimitive<'_>) -> Result<()> {
+        self.vertices = self.vertices.saturating_add(checked.vertices);
+        self.triangles = self.triangles.saturating_add(checked.triangles_at_most());
         for (count, what) in [(self.vertices, "vertices"), (self.triangles, "triangles")] {
             if count > MAX_ELEMENTS {
                 let advice = "place fewer instances or decimate the meshes";
@@ -140,15 +143,15 @@ struct Builder<'a> {
 }
 
 impl<'a> Builder<'a> {
-    fn new(root: &'a Root, placements: &[Placement], plans: &[Option<Vec<Plan<'_>>>]) -> Result<Self> {
+    fn new(root: &'a Root, placements: &[Placement], checked: &[Option<Vec<CheckedPrimitive<'_>>>]) -> Result<Self> {
         let mut totals = Totals::default();
-        for plan in placements.iter().filter_map(|placement| plans.get(placement.mesh)?.as_deref()).flatten() {
-            totals.add(plan)?;
+        for checked in placements.iter().filter_map(|placement| checked.get(placement.mesh)?.as_deref()).flatten() {
+            totals.add(checked)?;
         }
         let Totals { vertices, triangles } = totals;
-        let mut any = plans.iter().flatten().flatten();
-        let has_normals = any.clone().any(Plan::has_normals);
-        let has_uvs = any.any(Plan::has_uvs);
+        let mut any = checked.iter().flatten().flatten();
+        let has_normals = any.clone().any(CheckedPrimitive::has_normals);
+        let has_uvs = any.any(CheckedPrimitive::has_uvs);
         let mut model = SourceModel { metres_per_unit: Some(1.0), ..SourceModel::default() };
         reserve(&mut model.positions, vertices)?;
         reserve(&mut model.triangles, triangles)?;
@@ -159,7 +162,7 @@ impl<'a> Builder<'a> {
         Ok(Self { root, model, normals, uvs, lacks_normals: false, lacks_uvs: false, material_of_name: HashMap::new() })
     }
 
-    fn add(&mut self, plan: &Plan<'_>, primitive: &Decoded, transform: &Transform) -> Result<()> {
+    fn add(&mut self, checked: &CheckedPrimitive<'_>, primitive: &Decoded, transform: &Transform) -> Result<()> {
         let offset = u32::try_from(self.model.positions.len())
             .map_err(|_| Error::runtime("more vertices than 32 bits can number"))?;
         let mut finite = true;
@@ -178,7 +181,7 @@ impl<'a> Builder<'a> {
                 .iter()
                 .map(|&[a, b, c]| if transform.mirrors { [a, c, b].map(corner) } else { [a, b, c].map(corner) }),
         );
-        let material = self.material(plan.material);
+        let material = self.material(checked.material);
         self.model.triangle_material.resize(self.model.triangles.len(), material);
         let end = self.model.positions.len();
         if let Some(normals) = &mut self.normals {

@@ -20,7 +20,7 @@ enum Topology {
 }
 
 /// A primitive whose accessors are located and checked, and whose size is known before anything is allocated.
-pub(super) struct Plan<'a> {
+pub(super) struct CheckedPrimitive<'a> {
     positions: Elements<'a>,
     normals: Option<Elements<'a>>,
     uvs: Option<Elements<'a>>,
@@ -47,7 +47,7 @@ pub(super) struct Decoded {
     pub(super) uvs: Option<Vec<Vec2>>,
 }
 
-impl<'a> Plan<'a> {
+impl<'a> CheckedPrimitive<'a> {
     /// Checks a primitive; `None` for one without surface (points, lines, no positions), which a warning names.
     pub(super) fn new(
         data: &'a Accessors<'_>,
@@ -123,7 +123,7 @@ impl<'a> Plan<'a> {
     }
 }
 
-impl Plan<'_> {
+impl CheckedPrimitive<'_> {
     /// Number of triangles; strips may give fewer, because their joints have no area and are dropped.
     pub(super) fn triangles_at_most(&self) -> usize {
         match self.topology {

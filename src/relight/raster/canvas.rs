@@ -1,4 +1,4 @@
-//! What a frame is drawn to: how its pixels are made, and the textures beside the one that is shown.
+//! The textures that a frame is drawn to beside the one that is shown, and how its pixels are made.
 
 use super::view::Encoding;
 use crate::error::{Error, Result};

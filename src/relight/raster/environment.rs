@@ -17,14 +17,14 @@ pub(super) const MAX_BACKDROP_WIDTH: usize = 2048;
 /// Directions that a blurred pixel looks in.
 const DIRECTIONS: u32 = 96;
 
-/// A picture of width w and height w / 2.
+/// An environment in latitude and longitude: `width` columns and half as many rows.
 #[derive(Clone)]
-pub(super) struct Level {
+pub(super) struct LatLongImage {
     pub(super) width: usize,
     pub(super) pixels: Vec<DVec3>,
 }
 
-impl Level {
+impl LatLongImage {
     fn height(&self) -> usize {
         (self.width / 2).max(1)
     }
@@ -57,16 +57,16 @@ impl Level {
 }
 
 /// The map at another size: means over what a pixel covers, or interpolated where it covers less than one.
-pub(super) fn resized(map: &EnvironmentMap, width: usize) -> Level {
+pub(super) fn resized(map: &EnvironmentMap, width: usize) -> LatLongImage {
     let height = (width / 2).max(1);
     if map.width() < width || map.height() < height {
         let at = |i: usize| centre_of(i, width, height);
-        return Level {
+        return LatLongImage {
             width,
             pixels: (0..width * height).into_par_iter().map(|i| map.radiance_bilinear(at(i))).collect(),
         };
     }
-    let mut level = Level { width, pixels: vec![DVec3::ZERO; width * height] };
+    let mut level = LatLongImage { width, pixels: vec![DVec3::ZERO; width * height] };
     level.pixels.par_chunks_mut(width).enumerate().for_each(|(row, pixels)| {
         let mut weights = vec![0.0; width];
         for y in row * map.height() / height..(row + 1) * map.height() / height {
@@ -90,10 +90,10 @@ fn centre_of(index: usize, width: usize, height: usize) -> DVec3 {
 
 /// Levels for roughness 0, 0.2, ... 1, each of half the size of the one before: what a mirror direction sees through the
 /// GGX lobe around it, seen from above (Karis 2013, "Real shading in Unreal Engine 4").
-pub(super) fn blurred(map: &EnvironmentMap) -> Vec<Level> {
+pub(super) fn blurred(map: &EnvironmentMap) -> Vec<LatLongImage> {
     let mut sources = vec![resized(map, GLOSSY_WIDTH)];
     while sources.last().is_some_and(|l| l.width > 4) {
-        let next = sources.last().map(Level::halved);
+        let next = sources.last().map(LatLongImage::halved);
         sources.extend(next);
     }
     (0..LEVELS)
@@ -107,7 +107,7 @@ pub(super) fn blurred(map: &EnvironmentMap) -> Vec<Level> {
         .collect()
 }
 
-fn blur(sources: &[Level], width: usize, roughness: f64) -> Level {
+fn blur(sources: &[LatLongImage], width: usize, roughness: f64) -> LatLongImage {
     let alpha = roughness * roughness;
     let lobe = lobe(alpha, 4.0 * PI / (GLOSSY_WIDTH * GLOSSY_WIDTH / 2) as f64, sources.len());
     let height = width / 2;
@@ -122,7 +122,7 @@ fn blur(sources: &[Level], width: usize, roughness: f64) -> Level {
         }
         sum / weights
     };
-    Level { width, pixels: (0..width * height).into_par_iter().map(pixel).collect() }
+    LatLongImage { width, pixels: (0..width * height).into_par_iter().map(pixel).collect() }
 }
 
 /// Directions of the lobe about +Z, and the source whose pixels are about as large as each one's share of it.
@@ -195,7 +195,7 @@ mod tests {
             assert!(level.pixels.iter().all(|p| (*p - DVec3::new(2.0, 1.0, 0.5)).length() < 1e-12));
         }
         let map = sky();
-        let mean = |level: &Level| {
+        let mean = |level: &LatLongImage| {
             let height = level.pixels.len() / level.width;
             let weight = |i: usize| (((i / level.width) as f64 + 0.5) * PI / height as f64).sin();
             let sum: f64 = (0..level.pixels.len()).map(weight).sum();

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::environment::{LEVELS, Level, MAX_BACKDROP_WIDTH, MAX_PACKED, blurred, packed, resized};
+use super::environment::{LEVELS, LatLongImage, MAX_BACKDROP_WIDTH, MAX_PACKED, blurred, packed, resized};
 use super::shadows::{SHADOWED, is_sharp};
 use super::view::{ENVIRONMENTS, EnvironmentUniform, finite, finite3};
 use crate::evaluate::device::Device;
@@ -86,14 +86,14 @@ fn environments(lights: &[Light]) -> Vec<(&Arc<EnvironmentMap>, f64, DVec3)> {
 /// Textures of the environments, made anew only when other pictures come.
 pub(super) struct Environments {
     maps: Vec<Arc<EnvironmentMap>>,
-    /// What the textures' values are multiplied by.
+    /// Factors that the textures' values are multiplied by.
     scales: Vec<f64>,
     pub(super) glossy: wgpu::TextureView,
     pub(super) backdrop: wgpu::TextureView,
 }
 
 impl Environments {
-    /// None at all.
+    /// Black textures, for lights without an environment.
     pub(super) fn none(device: &Device) -> Self {
         Self::of(device, Vec::new())
     }
@@ -108,9 +108,9 @@ impl Environments {
             (largest / MAX_PACKED).max(1.0).log2().ceil().exp2()
         };
         let scales: Vec<f64> = maps.iter().map(brightest).collect();
-        let black = |width: usize| Level { width, pixels: vec![DVec3::ZERO; width * (width / 2).max(1)] };
-        let mut glossy: Vec<Vec<Level>> = maps.iter().map(|m| blurred(m)).collect();
-        let mut backdrop: Vec<Vec<Level>> = maps.iter().map(|m| vec![resized(m, width)]).collect();
+        let black = |width: usize| LatLongImage { width, pixels: vec![DVec3::ZERO; width * (width / 2).max(1)] };
+        let mut glossy: Vec<Vec<LatLongImage>> = maps.iter().map(|m| blurred(m)).collect();
+        let mut backdrop: Vec<Vec<LatLongImage>> = maps.iter().map(|m| vec![resized(m, width)]).collect();
         if maps.is_empty() {
             glossy.push((0..LEVELS).map(|l| black(64 >> l)).collect());
             backdrop.push(vec![black(width)]);
@@ -145,7 +145,7 @@ impl Environments {
 }
 
 /// A texture array of one layer for each environment, with the levels of each.
-fn texture(device: &Device, label: &str, layers: &[Vec<Level>], scales: &[f64]) -> wgpu::TextureView {
+fn texture(device: &Device, label: &str, layers: &[Vec<LatLongImage>], scales: &[f64]) -> wgpu::TextureView {
     let (width, levels) = layers.first().and_then(|l| Some((l.first()?.width, l.len()))).unwrap_or((1, 1));
     let size = |level: usize| wgpu::Extent3d {
         width: (width >> level).max(1) as u32,

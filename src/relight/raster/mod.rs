@@ -56,7 +56,7 @@ pub struct Raster {
     environments: Environments,
     pattern: Pattern,
     lights: Vec<Light>,
-    /// What the tables of the media were made for.
+    /// The media and the reflection that the tables of the media were made for.
     made_for: Option<(Vec<Medium>, Specular)>,
     bindings: wgpu::BindGroup,
 }
@@ -131,7 +131,7 @@ impl Raster {
         &self.device
     }
 
-    /// Where whoever evaluates puts what is drawn.
+    /// The copy of radiosity and visibility that is drawn; whoever evaluates publishes to it.
     pub fn shown(&self) -> &Shown {
         &self.shown
     }

@@ -83,7 +83,7 @@ pub(super) struct Pattern {
 }
 
 impl Pattern {
-    /// None.
+    /// A white texture, for a scene without one.
     pub(super) fn new(device: &Device) -> Result<Self> {
         let uniform = device.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("texture"),
@@ -100,7 +100,7 @@ impl Pattern {
             mipmap_filter: wgpu::MipmapFilterMode::Linear,
             ..Default::default()
         });
-        let white = Level { width: 1, height: 1, rgb: vec![[1.0; 3]] };
+        let white = MipLevel { width: 1, height: 1, rgb: vec![[1.0; 3]] };
         let coats = device.storage("coats", &[CoatEntry::default()])?;
         Ok(Self { uniform, pictures: uploaded(device, &[vec![white]]), repeat, coats })
     }
@@ -121,14 +121,14 @@ impl Pattern {
     }
 }
 
-/// One size of a picture, linear.
-struct Level {
+/// One mip level of a picture, linear.
+struct MipLevel {
     width: usize,
     height: usize,
     rgb: Vec<[f32; 3]>,
 }
 
-impl Level {
+impl MipLevel {
     /// Half the size along each side, rounded down as textures have it; each pixel is the mean of what it covers.
     fn halved(&self) -> Self {
         let (width, height) = ((self.width / 2).max(1), (self.height / 2).max(1));
@@ -160,7 +160,7 @@ fn covered(index: usize, size: usize, of: usize) -> Vec<(usize, f32)> {
     (from as usize..(to.ceil() as usize).min(of)).map(|i| (i, share(i))).filter(|(_, share)| *share > 0.0).collect()
 }
 
-impl Level {
+impl MipLevel {
     /// A picture at a size that is not smaller than its own; its own pixels where it is that.
     fn enlarged(picture: &Picture, [width, height]: [usize; 2]) -> Self {
         let at = |i: usize| {
@@ -186,20 +186,20 @@ impl Level {
 }
 
 /// The sizes of each picture; the largest of all pictures are alike, as the layers of a texture are.
-fn layers(pictures: &[Picture], limit: usize) -> Vec<Vec<Level>> {
+fn layers(pictures: &[Picture], limit: usize) -> Vec<Vec<MipLevel>> {
     let sizes = pictures.iter().map(Picture::size);
     let size = sizes.fold([1, 1], |[width, height], [w, h]| [width.max(w), height.max(h)]);
-    pictures.iter().map(|picture| Level::enlarged(picture, size).pyramid(limit)).collect()
+    pictures.iter().map(|picture| MipLevel::enlarged(picture, size).pyramid(limit)).collect()
 }
 
 /// A texture array of one layer for each picture.
-fn uploaded(device: &Device, layers: &[Vec<Level>]) -> wgpu::TextureView {
-    let size = |level: &Level, layers: usize| wgpu::Extent3d {
+fn uploaded(device: &Device, layers: &[Vec<MipLevel>]) -> wgpu::TextureView {
+    let size = |level: &MipLevel, layers: usize| wgpu::Extent3d {
         width: level.width as u32,
         height: level.height as u32,
         depth_or_array_layers: layers as u32,
     };
-    let first = layers.first().map_or(&[] as &[Level], Vec::as_slice);
+    let first = layers.first().map_or(&[] as &[MipLevel], Vec::as_slice);
     let texture = device.device.create_texture(&wgpu::TextureDescriptor {
         label: Some("texture"),
         // A single layer is no array to the OpenGL backend.
@@ -332,7 +332,7 @@ mod tests {
                 (0..width * height).map(|i| std::array::from_fn(|c| uniform(8, i as u64, c as u64) as f32)).collect();
             let mean = |rgb: &[[f32; 3]], c: usize| rgb.iter().map(|p| f64::from(p[c])).sum::<f64>() / rgb.len() as f64;
             let picture = Picture::new(width, height, rgb.clone()).unwrap();
-            let all = Level::enlarged(&picture, [width, height]).pyramid(100);
+            let all = MipLevel::enlarged(&picture, [width, height]).pyramid(100);
             assert!(all[0].width <= 100 && all.last().is_some_and(|l| (l.width, l.height) == (1, 1)));
             for (larger, level) in all.iter().zip(&all[1..]) {
                 assert_eq!((level.width, level.height), ((larger.width / 2).max(1), (larger.height / 2).max(1)));

@@ -21,7 +21,7 @@ pub(crate) struct Shadows {
 }
 
 impl Shadows {
-    /// Of the vertices of a scene.
+    /// Prepares the starts of the shadow rays of a scene's vertices.
     pub(crate) fn new(scene: &Scene) -> Self {
         let mesh = &scene.mesh;
         let mut normals = vec![DVec3::ZERO; mesh.local_mm.len()];
@@ -46,7 +46,7 @@ impl Shadows {
         &self.starts
     }
 
-    /// For each vertex a byte for each of the shadowed lights: 255 where it is seen, or where the surface faces away.
+    /// The visibility of each vertex, a byte for each of the shadowed lights: 255 where it is seen, or where the surface faces away.
     pub(crate) fn visibility(&self, bvh: &Bvh, lights: &[Light]) -> Vec<u32> {
         let mut out = vec![u32::MAX; self.starts.len()];
         let sharp = lights.iter().filter(|l| is_sharp(l)).take(SHADOWED);

@@ -1,4 +1,4 @@
-//! What is drawn, apart from what is computed: a copy that changes in one submission, so that a frame never mixes two
+//! The radiosity that is drawn, apart from the one that is computed: a copy that changes in one submission, so that a frame never mixes two
 //! states.
 
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! What a frame is drawn with besides the scene: eye, exposure, what to show; and its form for the shaders.
+//! The view of a frame, with the eye, the exposure and what is shown of the object; and its form for the shaders.
 
 use glam::{DVec2, DVec3, Mat4, Vec4};
 
@@ -7,7 +7,7 @@ use crate::render::camera::{Camera, Resolution};
 use crate::render::frame::Specular;
 use crate::render::specular::Roughness;
 
-/// Where nothing is cut off in front of the eye: this share of the object's diagonal at least.
+/// The nearest distance that is drawn, as a share of the object's diagonal.
 const NEAREST: f64 = 1e-4;
 
 /// Colours of the error view from none to the end of its scale, as they are shown (sRGB).
@@ -20,10 +20,10 @@ pub const ERROR_COLOURS: [[f32; 3]; 6] = [
     [0.85, 0.15, 0.10],
 ];
 
-/// What is shown of the object.
+/// The quantity that is shown of the object.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Look {
-    /// What the eye sees.
+    /// The radiance that reaches the eye.
     #[default]
     Picture,
     /// Radiosity: what a white diffuse surface of this brightness would look like.
@@ -32,7 +32,7 @@ pub enum Look {
     Error,
 }
 
-/// What a frame is drawn with.
+/// The view of a frame: everything that it is drawn with beside the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
     /// The eye.
@@ -43,9 +43,9 @@ pub struct View {
     pub exposure: f64,
     /// Reflection.
     pub specular: Specular,
-    /// What is shown.
+    /// The quantity that is shown.
     pub look: Look,
-    /// What is seen beside the object.
+    /// The background that is seen beside the object.
     pub background: Background,
     /// Whether the texture is multiplied in, where there is one.
     pub texture: Textured,
@@ -60,7 +60,7 @@ pub struct View {
 pub enum Textured {
     /// The object is as its materials make it.
     No,
-    /// Its texture is on it.
+    /// The object has its texture.
     #[default]
     Yes,
 }
@@ -206,7 +206,7 @@ pub(super) fn finite(value: f64) -> f32 {
     (value as f32).clamp(f32::MIN, f32::MAX)
 }
 
-/// The same for a colour.
+/// A colour in single precision, cut to finite values.
 pub(super) fn finite3(value: DVec3) -> [f32; 3] {
     value.to_array().map(finite)
 }

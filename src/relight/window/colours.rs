@@ -10,7 +10,7 @@ use crate::medium::material::OpticalProperties;
 use crate::medium::profiles::model::LoadedProfile;
 use crate::relight::newest::Newest;
 
-/// What is to be found out.
+/// The quantity that a question asks for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Task {
     /// The colour of a medium.
@@ -29,7 +29,7 @@ pub(super) struct Question {
 }
 
 impl Question {
-    /// By the profile, at once.
+    /// The answer of the profile, worked out at once.
     pub(super) fn answered(&self) -> Result<Inversion> {
         match &self.task {
             Task::ColourOf(properties) => Inversion::of_medium(&self.profile, properties),
@@ -38,7 +38,7 @@ impl Question {
     }
 }
 
-/// What was found.
+/// The answer to a question.
 pub(super) struct Answer {
     pub(super) ticket: u64,
     pub(super) result: Result<Inversion>,

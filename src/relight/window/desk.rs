@@ -26,7 +26,7 @@ const TURN_DEGREES_PER_SECOND: f64 = 30.0;
 /// Seconds in which automatic exposure follows most of a change.
 const ADAPTATION_S: f64 = 0.3;
 
-/// What is known about the error of the transport.
+/// The error of the transport, as far as it is known.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct KnownError {
     /// State that it is for.
@@ -51,9 +51,9 @@ pub(super) struct Desk {
     pub(super) pivot_mm: DVec3,
     pub(super) turn_degrees: f64,
     pub(super) turning: bool,
-    /// As the sliders have them.
+    /// The media as the sliders have them.
     pub(super) media: Vec<Medium>,
-    /// In force.
+    /// The media in force.
     pub(super) accepted: Vec<Medium>,
     pub(super) material: MaterialEdit,
     pub(super) refused: Option<String>,

@@ -51,12 +51,12 @@ pub(super) struct State {
     pub(super) media: Vec<Medium>,
     /// Names of the media for reports.
     pub(super) names: Vec<String>,
-    /// In the dipole's place.
+    /// The profile in the dipole's place.
     pub(super) profile: Option<Arc<LoadedProfile>>,
     pub(super) serial: u64,
 }
 
-/// What came of a job.
+/// The outcome of a job.
 pub(super) enum Outcome {
     Error(ErrorField),
     Saved(Vec<PathBuf>),
@@ -83,7 +83,7 @@ pub(super) struct Profiled {
 
 /// Errors of all vertices.
 pub(super) struct ErrorField {
-    /// Of the state that it is for.
+    /// Serial number of the state that the error is for.
     pub(super) serial: u64,
     /// Largest of the channels, relative to the channel's RMS, of each vertex.
     pub(super) values: Vec<f32>,

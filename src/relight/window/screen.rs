@@ -15,7 +15,7 @@ use crate::render::camera::Resolution;
 /// Frames that fail in a row before the window gives up.
 const MAX_FAILURES: u32 = 60;
 
-/// What is drawn to.
+/// The surface of the window, and the textures and the user interface that are drawn to it.
 pub(super) struct Screen {
     pub(super) window: Arc<Window>,
     pub(super) device: Arc<Device>,

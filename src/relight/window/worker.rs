@@ -128,13 +128,13 @@ fn sent(sender: &Sender<Done>, done: Done) -> bool {
     sender.send(done).is_ok()
 }
 
-/// What the thread owns.
+/// The evaluator and its state, which the thread owns.
 struct Bench {
     evaluator: Box<dyn DeviceEvaluator>,
     shown: Shown,
     albedo: Vec<DVec3>,
     shadows: Shadows,
-    /// Of the vertices, for the lights.
+    /// Visibility of the lights from each source vertex.
     visibility: Vec<u32>,
     is_lit: bool,
     lights: Vec<Light>,

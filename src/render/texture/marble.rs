@@ -18,13 +18,13 @@ const MOST_VEINS: f64 = 1e4;
 /// Marble of an object.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Marble {
-    /// With the distance between veins of this object, in mm.
+    /// The marble with the distance between veins of this object, in mm.
     spec: MarbleSpec,
     scale_mm: f64,
 }
 
 impl Marble {
-    /// For an object with this diagonal.
+    /// The marble of an object with this diagonal.
     ///
     /// # Errors
     /// Veins so fine that they mean nothing (exit 1).
@@ -40,7 +40,7 @@ impl Marble {
         Ok(Self { spec: MarbleSpec { scale_mm: Some(scale_mm), ..spec }, scale_mm })
     }
 
-    /// What was asked for, with the distance between veins filled in.
+    /// The marble that was asked for, with the distance between veins filled in.
     pub fn spec(&self) -> &MarbleSpec {
         &self.spec
     }

@@ -27,7 +27,7 @@ pub enum Texture {
 }
 
 impl Texture {
-    /// What `spec` is on a mesh; none for no texture.
+    /// The texture that `spec` gives on a mesh; none for no texture.
     ///
     /// # Errors
     /// Those of [`Marble::new`], [`PictureTexture::read_image`] and [`PictureTexture::read_model`].
@@ -61,7 +61,7 @@ impl Texture {
         }
     }
 
-    /// What a person should know about it, one line each.
+    /// The warnings that a person should read, one line each.
     pub fn warnings(&self) -> &[String] {
         match self {
             Self::Marble(_) => &[],
@@ -84,7 +84,7 @@ impl Texture {
     }
 }
 
-/// As it would be typed, with what was filled in.
+/// The texture as it would be typed, with all values that were filled in.
 impl fmt::Display for Texture {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

@@ -63,11 +63,11 @@ impl Picture {
 pub struct Coat {
     /// RGB in [0, 1].
     pub factor: DVec3,
-    /// What it is multiplied by.
+    /// The picture that the factor is multiplied by.
     pub picture: Option<PlacedPicture>,
 }
 
-/// Where pictures came from.
+/// The file that pictures came from.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Origin {
     /// One picture over everything.
@@ -80,7 +80,7 @@ pub enum Origin {
 #[derive(Clone, Debug, PartialEq)]
 pub struct PictureTexture {
     origin: Origin,
-    /// For each material of the mesh.
+    /// The coat of each material of the mesh.
     coats: Vec<Coat>,
     pictures: Vec<Picture>,
     warnings: Vec<String>,
@@ -130,22 +130,22 @@ impl PictureTexture {
         Ok(Self { origin: Origin::Model(path.to_owned()), coats, pictures, warnings: colours.warnings })
     }
 
-    /// Where it was read from.
+    /// The file that it was read from.
     pub fn origin(&self) -> &Origin {
         &self.origin
     }
 
-    /// What is different from what the file says, one line each.
+    /// The differences from the file's own texture, one line each.
     pub fn warnings(&self) -> &[String] {
         &self.warnings
     }
 
-    /// For each material of the mesh.
+    /// The coat of each material of the mesh.
     pub fn coats(&self) -> &[Coat] {
         &self.coats
     }
 
-    /// What the coats name.
+    /// The pictures that the coats name.
     pub fn pictures(&self) -> &[Picture] {
         &self.pictures
     }

@@ -19,7 +19,7 @@ pub const SHARPNESS: [f64; 2] = [0.1, 100.0];
 const KEYS: &str = "scale, base, veins, turbulence, octaves, sharpness, seed";
 const EXAMPLE: &str = "marble:scale=6:veins=0.2,0.15,0.1:seed=7";
 
-/// What is multiplied into the scattered light, as typed; no file was opened.
+/// The texture that is multiplied into the scattered light, as typed; no file was opened.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum TextureSpec {
     /// Nothing.
@@ -176,7 +176,7 @@ fn colour(key: &str, value: &str) -> Result<DVec3> {
     )))
 }
 
-/// As it would be typed.
+/// The texture as it would be typed.
 impl fmt::Display for TextureSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

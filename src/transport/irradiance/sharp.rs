@@ -140,7 +140,7 @@ impl Sharp {
         self.arrivals.iter_mut().zip(occluded).for_each(|(arrival, occluded)| arrival.occluded = occluded);
     }
 
-    /// For each patch whether some of its points are lit and others in shadow.
+    /// Whether some points of each patch are lit and others in shadow.
     pub(super) fn crossed(&self, patches: usize) -> Vec<bool> {
         let mut crossed = vec![false; patches];
         for of_patch in self.arrivals.chunk_by(|a, b| a.patch == b.patch) {

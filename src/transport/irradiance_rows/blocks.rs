@@ -44,7 +44,7 @@ const BIN_SHIFT: u32 = 20;
 
 /// Squared errors of some blocks.
 struct Energies {
-    /// What rows of their own lose.
+    /// The squared error that rows with coefficients of their own lose.
     asked: f64,
     /// Number of coefficients of blocks and the sum of their energies, in bins of their energies.
     bins: Vec<(u64, f64)>,
@@ -144,7 +144,7 @@ impl BlockWork {
         self.kept = kept;
     }
 
-    /// What the rows of a block lose with so many coefficients each, and the energies of the transformed ones; forgets them.
+    /// The squared error of the rows of a block with so many coefficients each, and the energies of the transformed ones; forgets the rows.
     fn measure(&mut self, coefficients: usize) -> Energies {
         let mut found = Energies::new();
         let (stride, details) = (self.stride(), coefficients.saturating_sub(FACES));

@@ -36,7 +36,7 @@ use crate::progress::Progress;
 use crate::transport::surface::Surface;
 use crate::transport::visibility::{GROUP, Observer, Occluders, Resolution, Visible, visit};
 
-/// What the rows keep.
+/// The resolution, the terms and the number of coefficients of the rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RowSettings {
     /// Resolution of visibility; texels are 2 x 2 sub-texels.
@@ -73,7 +73,7 @@ struct Tables {
     /// The square root of the solid angle of each texel.
     weights: Vec<f32>,
     polynomials: Vec<[f32; DEGREE]>,
-    /// The same as they are stored, one for each term.
+    /// The polynomials as they are stored, one for each term.
     functions: Vec<[f64; DEGREE]>,
     haar: Haar,
 }
@@ -197,7 +197,7 @@ fn join(mut all: IrradianceRows, chunks: Vec<IrradianceRows>) -> Result<Irradian
 }
 
 multiversion! {
-    /// From means over texels to coefficients, picture after picture.
+    /// Transforms means over texels to coefficients, picture after picture.
     fn transform_face(haar: &Haar, weights: &[f32], scratch: &mut [f32], out: &mut [f32]) => transform_face_body
 }
 

@@ -1,4 +1,4 @@
-//! What the light of each texel of a cube map adds to the irradiance of a sample, before any basis: `V F_t(mu) mu`, the mean over
+//! The share of the irradiance of a sample that each texel of a cube map adds, before any basis: `V F_t(mu) mu`, the mean over
 //! 2 x 2 sub-texels, for the medium that the sample belongs to.
 
 use std::ops::Range;
@@ -14,11 +14,11 @@ use crate::transport::many_lights::IrradianceRows;
 use crate::transport::surface::Surface;
 use crate::transport::visibility::{GROUP, Observer, Occluders, Resolution, Visible, visit};
 
-/// Where the sub-texels of a face are.
+/// The places of the sub-texels of a face.
 pub(super) struct Grid {
     /// Texels along an edge.
     pub(super) side: usize,
-    /// For even and for odd columns, `s` of the sub-texels.
+    /// `s` of the sub-texels, of even and of odd columns.
     columns: [Vec<f32>; 2],
     /// One over the length of the direction: `[sub-row][parity][column / 2]`.
     inverse_length: Vec<f32>,
@@ -101,7 +101,7 @@ pub struct TexelBaker<'a> {
     level: Level,
 }
 
-/// What one sample receives from each texel.
+/// The irradiance that one sample receives from each texel.
 pub struct TexelRow {
     /// Means over texels, not yet times their solid angles, `[face][row][column]`; 0 on faces that are not lit.
     pub values: Vec<f32>,

@@ -82,7 +82,7 @@ impl SparseRows {
         Ok(())
     }
 
-    /// What every row gives under a light in the same transform, its first `channel`.
+    /// The irradiance that every row gives under a light in the same transform, in one channel of it.
     pub fn under(&self, radiance: &[[f32; 4]], channel: usize) -> Vec<f64> {
         let of_row = |index: usize| {
             let (places, values) = self.row(index);
@@ -145,14 +145,14 @@ fn of_channels(side: usize) -> IrradianceRows {
 /// Rows of dense vectors, one after the other.
 pub struct RowWriter {
     haar: Haar,
-    /// From integrals over texels to what is transformed.
+    /// Factors from integrals over texels to the values that are transformed.
     weights: Vec<f32>,
     work: Work,
     rows: IrradianceRows,
 }
 
 impl RowWriter {
-    /// For faces of so many texels.
+    /// A writer of rows for faces of so many texels.
     ///
     /// # Errors
     /// A side that has no transform.
@@ -206,9 +206,9 @@ pub struct RowTree<'a> {
 /// Which coefficients the vectors keep, and what multiplies their squares when they are compared.
 #[derive(Clone, Copy, Debug)]
 pub struct Selection<'a> {
-    /// How many.
+    /// How many coefficients a row keeps.
     pub keep: Keep,
-    /// For each place.
+    /// The factor of each place.
     pub importance: Option<&'a [f32]>,
 }
 

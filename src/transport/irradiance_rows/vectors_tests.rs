@@ -51,7 +51,7 @@ fn stored(rows: &IrradianceRows, light: &CubeLight) -> Vec<DVec3> {
     (0..rows.patches()).map(of_row).collect()
 }
 
-/// The same light through the samples.
+/// The irradiance under the same light by sampling it.
 fn gathered(
     gather: &Gather,
     rows: &SparseRows,

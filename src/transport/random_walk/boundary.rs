@@ -13,7 +13,7 @@ pub struct Site {
     pub v: f32,
 }
 
-/// What a flight meets.
+/// The end of a flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Crossing {
     /// Nothing: it ends inside the medium.
@@ -27,13 +27,13 @@ pub enum Crossing {
         /// The place.
         site: Site,
     },
-    /// It is outside although it never crossed the boundary: an opening, or rounding beside a sharp edge.
+    /// The flight is outside although it never crossed the boundary: an opening, or rounding beside a sharp edge.
     Lost,
 }
 
 /// The boundary of a homogeneous body.
 pub trait Boundary: Sync {
-    /// What a flight of `reach_mm` (infinite is fine) from `from_mm` along a unit direction meets first. `depth` counts the
+    /// The first crossing of a flight of `reach_mm` (infinite is fine) from `from_mm` along a unit direction. `depth` counts the
     /// closed surfaces around the photon, for bodies made of several that overlap; it starts at 1.
     fn crossing(&self, from_mm: DVec3, direction: DVec3, reach_mm: f64, depth: &mut u32) -> Crossing;
 }

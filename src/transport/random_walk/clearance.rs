@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use crate::geometry::samples::bisect;
 
-/// What is known about a point.
+/// A lower bound of the distance of a point to the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Clearance {
     /// The surface is farther than this, in mm; 0 where it may be near.
@@ -48,7 +48,7 @@ const CELLS: std::ops::RangeInclusive<usize> = (1 << 16)..=(1 << 22);
 const SHARE_OF_FREE_PATH: f64 = 0.2;
 
 impl ClearanceGrid {
-    /// For triangles in mm and a medium whose mean free path is `free_path_mm` (infinite is fine).
+    /// A grid for triangles in mm and a medium whose mean free path is `free_path_mm` (infinite is fine).
     pub(super) fn new(triangles: &[[DVec3; 3]], free_path_mm: f64) -> Self {
         let grow = |(low, high): (DVec3, DVec3), c: &DVec3| (low.min(*c), high.max(*c));
         let (low, high) = triangles.iter().flatten().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), grow);
@@ -80,7 +80,7 @@ impl ClearanceGrid {
         grid
     }
 
-    /// What is known about a point.
+    /// A lower bound of the distance of a point to the surface.
     #[inline(always)]
     pub(super) fn at(&self, point: DVec3) -> Clearance {
         let scaled = (point - self.low) * self.inverse_cell;
@@ -110,7 +110,7 @@ impl ClearanceGrid {
 
     /// Marks the cells around a triangle: those of the boxes around pieces of it, and their neighbours.
     ///
-    /// With the neighbours marked, the distance between the nearest points of two cells is that between the indices of one
+    /// Once the neighbours are marked, the distance between the nearest points of two cells is that between the indices of one
     /// and of the other's nearest neighbour, axis by axis.
     fn mark(&self, triangle: [DVec3; 3], near: &mut [bool]) {
         let mut stack = vec![triangle];

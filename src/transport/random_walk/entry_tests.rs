@@ -105,7 +105,7 @@ fn entering(scene: &TestScene, lights: &[Light], candidates: u64) -> [Vec<DVec3>
     [(0..REGIONS).map(mean).collect(), (0..REGIONS).map(error).collect()]
 }
 
-/// The same by the patches of the other methods.
+/// The irradiance by the patches of the other methods.
 fn arriving(scene: &TestScene, lights: &[Light], sampling: LightSampling) -> Vec<DVec3> {
     let bvh = Bvh::new(&scene.mesh);
     let samples = Samples::new(&scene.mesh, &scene.parts, scene.mesh.triangles.len());

@@ -1,4 +1,4 @@
-//! From a scene and its lights to the exitance of every vertex, with its confidence.
+//! The exitance of every vertex of a scene under its lights, with its standard error.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -36,7 +36,7 @@ const PILOT_PHOTONS: std::ops::RangeInclusive<u64> = (1 << 14)..=(1 << 20);
 const WORTHLESS: f64 = 0.7;
 const MOST_PILOT_PHOTONS: u64 = 1 << 26;
 
-/// What to say where that many are not enough.
+/// The message where that many are not enough.
 const HOPELESS: &str =
     "hardly any light comes out, less than its noise: ask for a number of photons instead of an error";
 
@@ -57,7 +57,7 @@ pub const MOST_LOST: f64 = 1e-3;
 pub enum Effort {
     /// So many photons in each channel.
     Photons(u64),
-    /// As many as bring [`Exitance::noise`] to this.
+    /// As many photons as bring [`Exitance::noise`] to this.
     Noise(f64),
 }
 
@@ -71,7 +71,7 @@ pub struct Exitance {
     pub hats: Hats,
     /// Exitance of every order from 1 on.
     pub total: Vec<DVec3>,
-    /// Of that, order 1.
+    /// Exitance of order 1, which `total` includes.
     pub single: Vec<DVec3>,
     /// Standard error of `total`, from [`BATCHES`] independent batches.
     pub standard_error: Vec<DVec3>,
@@ -101,7 +101,7 @@ impl Exitance {
         self.relative_noise().max_element()
     }
 
-    /// What errors of each channel are relative to.
+    /// The RMS of each channel that its errors are relative to.
     pub fn unit(&self) -> DVec3 {
         let rms = self.rms();
         rms.max(DVec3::splat(CHANNEL_FLOOR * rms.max_element()))
@@ -341,7 +341,7 @@ fn stage_of(seed: u64, purpose: &[u64]) -> u64 {
 }
 
 /// Walks photons of weight 1 from the same start, or from starts that `start` draws, through any boundary.
-/// The same bits on any number of threads.
+/// The result has the same bits on any number of threads.
 pub fn budget<B: Boundary>(
     boundary: &B,
     medium: &WalkMedium,

@@ -32,7 +32,7 @@ const MOST_NESTED: u32 = 64;
 const SLACK: f64 = 1.0 / 524_288.0;
 
 impl MeshBoundary {
-    /// From the triangles of a part and the mean free path (unreduced) of its medium.
+    /// The boundary of a part with these triangles, whose medium has this mean free path (unreduced).
     pub fn new(mesh: &Mesh, triangles: Vec<u32>, free_path_mm: f64) -> Self {
         let corners: Vec<[DVec3; 3]> = triangles.iter().map(|&t| mesh.corners_local_mm(t)).collect();
         let single: Vec<_> = corners.iter().map(|c| c.map(|p| p.as_vec3())).collect();

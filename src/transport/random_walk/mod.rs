@@ -4,10 +4,10 @@
 //! 1/sigma_t (unreduced), lose weight by absorption, are reflected at the smooth boundary by exact Fresnel, and leave. What
 //! leaves is tallied where it does, split by the number of scattering events.
 //!
-//! What it shares with the other methods: irradiance behind the surface includes F_t at the entrance; light that has left
-//! does not enter again, neither its own part nor another; shadows are those of the whole scene. What it does not share:
-//! the dipole is a half space's answer to multiple scattering, the walk knows the shape, the direction of entrance and
-//! every order. Parts joined across air are walked one by one: no light crosses the air.
+//! As in the other methods, irradiance behind the surface includes F_t at the entrance, light that has left does not enter
+//! again, neither its own part nor another, and shadows are those of the whole scene. Other than the dipole, which is a half
+//! space's answer to multiple scattering, the walk knows the shape, the direction of entrance and every order. Parts joined
+//! across air are walked one by one: no light crosses the air.
 //!
 //! # Speed
 //!

@@ -15,7 +15,7 @@ pub struct ModelError {
     pub rms_error: [f64; 3],
     /// Mean of the difference, signed: positive where the method is brighter.
     pub bias: [f64; 3],
-    /// What was taken out: RMS of the standard errors.
+    /// The noise that was taken out: RMS of the standard errors.
     pub noise: [f64; 3],
     /// Standard error of `bias` (the errors of vertices taken for independent).
     pub bias_error: [f64; 3],

@@ -1,4 +1,4 @@
-//! What photons leave behind: exitance on the vertices' hat functions, and where the flux went.
+//! The tallies of photons: exitance on the vertices' hat functions, and where the flux went.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -21,7 +21,7 @@ pub struct Hats {
     pub mass_mm2: Vec<f64>,
     /// The welded vertex of each slot.
     pub vertex: Vec<u32>,
-    /// For each source vertex the slot whose value it takes: that of the first of its parts; [`NONE`] without area.
+    /// The slot whose value each source vertex takes, that of the first of its parts; [`NONE`] without area.
     pub of_vertex: Vec<u32>,
 }
 
@@ -76,12 +76,12 @@ impl Hats {
     }
 }
 
-/// What is tallied apart.
+/// Orders of scattering that are tallied apart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Order {
-    /// Left after one scattering event.
+    /// The photon left after one scattering event.
     Single,
-    /// After several.
+    /// The photon left after several scattering events.
     Multiple,
 }
 
@@ -123,20 +123,20 @@ impl SlotTally {
     }
 }
 
-/// Where flux went. All in one unit: photons, or flux once scaled.
+/// The balance of the flux that entered, in one unit: photons, or flux once scaled.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Budget {
-    /// What entered.
+    /// Flux that entered.
     pub entered: f64,
-    /// What left without having been scattered: straight through. Not part of the exitance.
+    /// Flux that left without having been scattered: straight through. It is not part of the exitance.
     pub left_unscattered: f64,
-    /// What left after one scattering event.
+    /// Flux that left after one scattering event.
     pub left_once: f64,
-    /// What left after several.
+    /// Flux that left after several scattering events.
     pub left_more: f64,
-    /// What was found outside without having left: openings and rounding. Not part of anything.
+    /// Flux that was found outside without having left: openings and rounding. It is not part of anything.
     pub lost: f64,
-    /// What total reflection keeps inside for good.
+    /// Flux that total reflection keeps inside for good.
     pub trapped: f64,
     /// Scattering events and absorptions, a count.
     pub collisions: u64,
@@ -186,7 +186,7 @@ impl Budget {
         }
     }
 
-    /// What left after at least one scattering event, over what entered.
+    /// Flux that left after at least one scattering event, over the flux that entered.
     pub fn reflectance(&self) -> f64 {
         self.share(self.left_once + self.left_more)
     }

@@ -95,20 +95,20 @@ pub struct Start {
 /// How a photon ended.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum End {
-    /// It left.
+    /// The photon left the medium.
     Left {
-        /// Where.
+        /// The place where it left.
         site: Site,
         /// Scattering events before.
         order: u64,
-        /// What is left of its weight 1.
+        /// The weight that is left of 1.
         weight: f64,
     },
-    /// It was absorbed.
+    /// The photon was absorbed.
     Absorbed,
-    /// It was found outside without having left, with this weight.
+    /// The photon was found outside without having left, with this weight.
     Lost(f64),
-    /// Total reflection keeps it, with this weight.
+    /// Total reflection keeps the photon inside, with this weight.
     Trapped(f64),
 }
 

@@ -1,4 +1,4 @@
-//! Where along the path inside light is scattered: distances with the weights that make a sum of them the integral over s.
+//! Distances along the path inside where light is scattered, with the weights that make a sum of them the integral over s.
 
 use glam::DVec3;
 
@@ -20,7 +20,7 @@ pub enum Density {
     /// The mean of the three channels' `sigma_t exp(-sigma_t s) / A`: no weight exceeds three times its channel's.
     #[default]
     Channels,
-    /// By the luminance of sigma_t alone, as in the paper: `s = -ln(1 - xi A) / |sigma_t|`. A channel that is much clearer than
+    /// The density by the luminance of sigma_t alone, as in the paper: `s = -ln(1 - xi A) / |sigma_t|`. A channel that is much clearer than
     /// the luminance has weights without bound.
     Luminance,
 }

@@ -7,20 +7,20 @@ use crate::medium::fresnel::{refracted_cosine, transmittance};
 /// Which form of the integrand, equation (4) of Wang, Tran and Luebke 2005.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 pub enum Form {
-    /// With the change of solid angle and of radiance at the surface, `|w_i.n_i| / (eta^2 |w_i'.n_i|)`: reciprocal, and no
+    /// The integrand with the change of solid angle and of radiance at the surface, `|w_i.n_i| / (eta^2 |w_i'.n_i|)`: reciprocal, and no
     /// energy is gained.
     #[default]
     Physical,
-    /// As printed, without it: 2.4 times as bright at eta = 1.3, 3.4 times at 1.5. For the paper's figures.
+    /// The integrand as printed, without that change: 2.4 times as bright at eta = 1.3, 3.4 times at 1.5. For the paper's figures.
     Printed,
 }
 
 /// Beyond this a refracted path counts as this many times the straight one (eta < 1, near the critical angle).
 const MOST_STRETCH: f64 = 1e9;
 
-/// What the surface does to light from one direction.
+/// How the surface refracts light that enters from one direction: its gain, its path and its cosine inside.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Entry {
+pub struct Refraction {
     /// `F_t(eta, w_i)`, times the refraction factor in the physical form.
     pub gain: f64,
     /// Length of the refracted path over that of the straight one, equation (5): `cos / cos'`.
@@ -29,8 +29,8 @@ pub struct Entry {
     pub cos_inside: f64,
 }
 
-impl Entry {
-    /// At a cosine outside; none where no light enters (from behind, under total reflection).
+impl Refraction {
+    /// Refraction at a cosine outside; none where no light enters (from behind, under total reflection).
     ///
     /// The physical gain is written without the division by `cos'`, so that it stays finite at the critical angle of eta < 1.
     #[inline]
@@ -65,7 +65,7 @@ pub fn refracted(eta_inside_over_outside: f64, outside: DVec3, normal: DVec3) ->
     Some(inside_direction(eta_inside_over_outside, outside, normal, cosine, cos_inside))
 }
 
-/// The same with known cosines.
+/// The refracted direction, by the cosines outside and inside.
 #[inline]
 pub(super) fn inside_direction(eta: f64, outside: DVec3, normal: DVec3, cosine: f64, cos_inside: f64) -> DVec3 {
     (outside / eta + normal * (cos_inside - cosine / eta)).normalize_or_zero()
@@ -82,13 +82,13 @@ mod tests {
         for eta in ETAS {
             for i in 1..=100 {
                 let cosine = f64::from(i) / 100.0;
-                let Some(entry) = Entry::new(Form::Physical, eta, cosine) else {
-                    assert!(eta < 1.0 && Entry::new(Form::Printed, eta, cosine).is_none());
+                let Some(refraction) = Refraction::new(Form::Physical, eta, cosine) else {
+                    assert!(eta < 1.0 && Refraction::new(Form::Printed, eta, cosine).is_none());
                     continue;
                 };
-                let expected = transmittance(eta, cosine) * cosine / (eta * eta * entry.cos_inside);
-                assert!((entry.gain / expected - 1.0).abs() < 1e-9, "{eta} {cosine}");
-                assert!((entry.stretch * entry.cos_inside / cosine - 1.0).abs() < 1e-12);
+                let expected = transmittance(eta, cosine) * cosine / (eta * eta * refraction.cos_inside);
+                assert!((refraction.gain / expected - 1.0).abs() < 1e-9, "{eta} {cosine}");
+                assert!((refraction.stretch * refraction.cos_inside / cosine - 1.0).abs() < 1e-12);
             }
         }
     }
@@ -98,7 +98,7 @@ mod tests {
         for eta in ETAS {
             for cosine in [f64::NAN, -1.0, 0.0, 1e-300, 1e-12, 0.5, 1.0, 2.0, f64::INFINITY] {
                 for form in [Form::Physical, Form::Printed] {
-                    if let Some(e) = Entry::new(form, eta, cosine) {
+                    if let Some(e) = Refraction::new(form, eta, cosine) {
                         assert!(e.gain.is_finite() && e.gain >= 0.0 && e.stretch.is_finite(), "{eta} {cosine} {e:?}");
                     }
                 }
@@ -106,7 +106,7 @@ mod tests {
             // The critical angle itself.
             let critical = ((1.0 - eta) * (1.0 + eta)).max(0.0).sqrt();
             for cosine in [critical, critical.next_up(), critical.next_down(), critical + 1e-15] {
-                if let Some(e) = Entry::new(Form::Physical, eta, cosine) {
+                if let Some(e) = Refraction::new(Form::Physical, eta, cosine) {
                     assert!(e.gain.is_finite() && e.stretch.is_finite());
                 }
             }

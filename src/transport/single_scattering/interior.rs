@@ -1,20 +1,20 @@
-//! What straight rays meet inside and around a body: where they leave it, and what is between that place and the light.
+//! Straight rays inside and around a body: where they leave it, and the surfaces between that place and the light.
 
 use glam::{DVec3, Vec3};
 
-use super::interface::{Entry, Form, inside_direction, refracted};
+use super::interface::{Form, Refraction, inside_direction, refracted};
 use crate::geometry::bvh::{Bvh, Hit, Ray, offset_origin};
 use crate::medium::fresnel::transmittance;
 use crate::medium::material::OpticalProperties;
 use crate::transport::domain::Domain;
 
-/// What becomes of light whose straight way crosses more surfaces than the one it enters by.
+/// How light is dimmed whose straight way crosses more surfaces than the one it enters by.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 pub enum Crossings {
-    /// It is lost, as in the paper.
+    /// The light is lost, as in the paper.
     #[default]
     Occluded,
-    /// It passes translucent bodies, and other folds of its own, attenuated along the refracted length inside them and by both
+    /// The light passes translucent bodies, and other folds of the same body, attenuated along the refracted length inside them and by both
     /// of their surfaces. Neglected: the bend and shift of the ray behind them, reflections between their surfaces, and light
     /// that they scatter. Opaque parts occlude. What begins inside the body before the light enters it (an opaque core, another
     /// medium) occludes in both modes.
@@ -43,7 +43,7 @@ pub struct Optics {
 }
 
 impl Optics {
-    /// Of a material.
+    /// The optics of a material.
     pub fn new(properties: &OpticalProperties, coefficients: Coefficients) -> Self {
         let (sigma_s_per_mm, sigma_t_per_mm) = match coefficients {
             Coefficients::Reduced => (properties.sigma_s_reduced_per_mm, properties.sigma_t_reduced_per_mm()),
@@ -66,7 +66,7 @@ pub struct ExitPoint {
     pub part: u32,
 }
 
-/// Where a ray from inside leaves the body.
+/// The place where a ray from inside leaves the body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Leaving {
     pub(super) distance_mm: f64,
@@ -83,7 +83,7 @@ pub(super) struct Incident {
     pub(super) gain: f64,
     /// `s_i'`, mm.
     pub(super) path_mm: f64,
-    /// From the point to where it enters, along the straight way, mm.
+    /// Distance from the point to the place where the light enters, along the straight way, mm.
     pub(super) straight_mm: f64,
     /// `w_i'`, outward.
     pub(super) inside: DVec3,
@@ -163,8 +163,8 @@ impl<'a> Interior<'a> {
         Ray::new(from.as_vec3(), direction.as_vec3())
     }
 
-    /// Where a ray from inside a part leaves it, given its first hit. Surfaces of the same part inside each other are one body.
-    /// None where another part is met before, and where nothing is (an open surface, a ray that rounding lost).
+    /// The place where a ray from inside a part leaves it, given its first hit. Surfaces of the same part inside each other are one body.
+    /// There is none where another part is met before, and where nothing is (an open surface, a ray that rounding lost).
     pub(super) fn leaving(&self, ray: &Ray, first: Option<Hit>, part: u32) -> Option<Leaving> {
         let (mut hit, mut depth, mut ray) = (first?, 1u32, *ray);
         for _ in 0..MOST_CROSSINGS {
@@ -196,7 +196,7 @@ impl<'a> Interior<'a> {
         None
     }
 
-    /// The same where another part is met: where both touch, the ray leaves within rounding of there.
+    /// The place where the ray leaves if another part is met first: where both touch, it leaves within rounding of there.
     fn leaving_at_contact(&self, ray: Ray, met: Hit, mut depth: u32, part: u32) -> Option<Leaving> {
         let near = Ray { t_max: (met.t + self.slack_mm).next_up(), ..ray };
         let mut hits = self.sorted(&near);
@@ -216,7 +216,7 @@ impl<'a> Interior<'a> {
         hits
     }
 
-    /// The same, hit and all.
+    /// Traces a ray from inside a part to the place where it leaves the part.
     pub(super) fn leave(&self, from: DVec3, direction: DVec3, part: u32) -> Option<Leaving> {
         let ray = self.ray(from, direction);
         self.leaving(&ray, self.bvh.closest(&ray), part)
@@ -236,17 +236,17 @@ impl<'a> Interior<'a> {
         }
     }
 
-    /// What a surface does to light that enters the body where a ray leaves it.
+    /// Light from a direction that enters the body where a ray leaves it; none where the surface reflects all of it.
     pub(super) fn incident(&self, leaving: &Leaving, direction: DVec3, eta: f64) -> Option<Incident> {
         self.incident_at(leaving.distance_mm, leaving.normal, direction, eta)
     }
 
-    /// The same from numbers.
+    /// Light from a direction that enters through a surface with this normal, at this straight distance from the point.
     pub(super) fn incident_at(&self, straight_mm: f64, normal: DVec3, direction: DVec3, eta: f64) -> Option<Incident> {
         let cosine = normal.dot(direction);
-        let entry = Entry::new(self.form, eta, cosine)?;
-        let inside = inside_direction(eta, direction, normal, cosine, entry.cos_inside);
-        Some(Incident { gain: entry.gain, path_mm: straight_mm * entry.stretch, straight_mm, inside })
+        let refraction = Refraction::new(self.form, eta, cosine)?;
+        let inside = inside_direction(eta, direction, normal, cosine, refraction.cos_inside);
+        Some(Incident { gain: refraction.gain, path_mm: straight_mm * refraction.stretch, straight_mm, inside })
     }
 
     /// The way on from where a ray left the body, up to `t_max`, and the triangle to leave out.
@@ -255,14 +255,14 @@ impl<'a> Interior<'a> {
         (Ray { t_min: t + self.slack_mm, t_max: t_max as f32, ..leaving.ray }, leaving.triangle)
     }
 
-    /// The same from the surface itself, for media that rays do not resolve.
+    /// The way on from the surface itself, for media that rays do not resolve.
     pub(super) fn beyond_flat(&self, point: &ExitPoint, direction: DVec3, t_max: f64) -> (Ray, u32) {
         let origin = offset_origin(point.at_mm.as_vec3(), point.geometric.as_vec3());
         let ray = Ray { origin, direction: direction.as_vec3(), t_min: self.slack_mm, t_max: t_max as f32 };
         (ray, crate::geometry::bvh::NO_TRIANGLE)
     }
 
-    /// How much light comes through along the way on, RGB.
+    /// The share of light that comes through along the way on, RGB.
     pub(super) fn transmitted(&self, ray: &Ray, skip: u32) -> DVec3 {
         match self.crossings {
             Crossings::Occluded => DVec3::splat(f64::from(u8::from(!self.bvh.occluded(ray, skip)))),
@@ -282,11 +282,11 @@ impl<'a> Interior<'a> {
             let eta = optics.eta_inside_over_outside;
             let cosine = self.normal(&hit).dot(direction);
             let place = open.iter().position(|body| body.0 == part);
-            let entry = Entry::new(Form::Printed, eta, cosine.abs());
-            let Some(entry) = entry.filter(|_| cosine != 0.0) else { return DVec3::ZERO };
+            let refraction = Refraction::new(Form::Printed, eta, cosine.abs());
+            let Some(refraction) = refraction.filter(|_| cosine != 0.0) else { return DVec3::ZERO };
             let surface = transmittance(eta, cosine.abs());
             let inside = |entered: f64| {
-                let length = (f64::from(hit.t) - entered) * entry.stretch;
+                let length = (f64::from(hit.t) - entered) * refraction.stretch;
                 (-length * optics.sigma_t_per_mm).map(f64::exp)
             };
             match (cosine < 0.0, place) {

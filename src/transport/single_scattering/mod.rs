@@ -11,7 +11,7 @@
 //! - [`vectors`]: for each texel of a cube map, what its light adds; what the all-frequency method compresses.
 //! - [`plane`]: closed forms.
 //!
-//! As a quantity per vertex, in the unit of radiosity: `s = pi C L1 / F_t(w_o)`, so that `F_t(w_o) s / (pi C)` is the
+//! The quantity per vertex, in the unit of radiosity, is `s = pi C L1 / F_t(w_o)`, so that `F_t(w_o) s / (pi C)` is the
 //! radiance towards an eye, as it is for radiosity.
 
 pub mod depths;

@@ -3,7 +3,7 @@
 
 use std::f64::consts::{FRAC_1_PI, TAU};
 
-use super::interface::{Entry, Form};
+use super::interface::{Form, Refraction};
 use crate::math::quadrature::integrate;
 use crate::medium::fresnel::transmittance;
 
@@ -36,7 +36,8 @@ impl PlaneMedium {
     /// function that has the value `phase_per_sr` between them inside.
     pub fn radiance(&self, form: Form, cos_eye: f64, cos_light: f64, phase_per_sr: f64) -> f64 {
         let eta = self.eta_inside_over_outside;
-        let (Some(eye), Some(light)) = (Entry::new(form, eta, cos_eye), Entry::new(form, eta, cos_light)) else {
+        let (Some(eye), Some(light)) = (Refraction::new(form, eta, cos_eye), Refraction::new(form, eta, cos_light))
+        else {
             return 0.0;
         };
         transmittance(eta, cos_eye) * light.gain * phase_per_sr * self.attenuated(eye.cos_inside, light.cos_inside)
@@ -109,7 +110,7 @@ mod tests {
         let medium = half_space(eta);
         let inner = |eye: f64| {
             integrate_with(&rule, 0.0, 1.0, |light| {
-                let inside = |mu: f64| Entry::new(Form::Physical, eta, mu).map_or(0.0, |e| e.cos_inside);
+                let inside = |mu: f64| Refraction::new(Form::Physical, eta, mu).map_or(0.0, |e| e.cos_inside);
                 let (a, b) = (inside(eye), inside(light));
                 let sines = ((1.0 - a * a) * (1.0 - b * b)).max(0.0).sqrt();
                 let mean = integrate_with(&rule, 0.0, PI, |azimuth| phase(-a * b - sines * azimuth.cos())) / PI;

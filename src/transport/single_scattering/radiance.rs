@@ -30,7 +30,7 @@ pub enum DepthSampling {
     Deterministic(u32),
 }
 
-/// Where the path inside goes.
+/// The direction of the path inside.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Path {
     /// Along the refracted direction of the eye.
@@ -56,7 +56,7 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// For the truth: 128 distances, 2048 directions.
+    /// The settings of the truth: 128 distances, 2048 directions.
     pub const REFERENCE: Self = Self {
         form: Form::Physical,
         crossings: Crossings::Occluded,
@@ -64,7 +64,7 @@ impl Settings {
         depths: DepthSampling::Random(128, Density::Channels),
         directions: 2048,
     };
-    /// What the paper bakes.
+    /// The paper's settings: 16 deterministic distances.
     pub const PAPER: Self = Self { depths: DepthSampling::Deterministic(16), ..Self::REFERENCE };
 }
 
@@ -370,7 +370,7 @@ impl<'a> SingleScattering<'a> {
         *radiance * sum
     }
 
-    /// What light of unit `L dw` from one direction adds, and how far inside it comes straight.
+    /// The radiance that light of unit `L dw` from one direction adds, and the length of its straight way inside.
     fn scattered(&self, line: &Line, depth: &Depth, to_light: DVec3, distance: f64) -> (DVec3, f64) {
         let none = (DVec3::ZERO, 0.0);
         let eta = line.optics.eta_inside_over_outside;

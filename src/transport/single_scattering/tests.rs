@@ -163,8 +163,8 @@ fn ball(radius: f64, properties: &OpticalProperties, channel: usize, form: Form)
             let (along, b2) = (height * mu, height * height * (1.0 - mu * mu));
             let straight = -along + (radius * radius - b2).max(0.0).sqrt();
             let cosine = (along + straight) / radius;
-            let Some(entry) = interface::Entry::new(form, eta, cosine) else { return 0.0 };
-            entry.gain * (-sigma_t * straight * entry.stretch).exp() * 0.5
+            let Some(refraction) = interface::Refraction::new(form, eta, cosine) else { return 0.0 };
+            refraction.gain * (-sigma_t * straight * refraction.stretch).exp() * 0.5
         };
         sigma_s
             * (-sigma_t * s).exp()

@@ -50,7 +50,7 @@ pub(super) struct Counts {
     cells: Vec<i16>,
     /// `[quarter][row]`.
     bounds: Vec<[i16; 2]>,
-    /// Of one quarter.
+    /// Words of one quarter.
     words: Vec<u64>,
 }
 
@@ -247,7 +247,7 @@ impl Counts {
         compare(level, &mut self.cells[quarter * face..(quarter + 1) * face], value, &mut self.words);
     }
 
-    /// What [`Counts::take_equal`] found.
+    /// The words that [`Counts::take_equal`] set.
     pub(super) fn words(&self) -> &[u64] {
         &self.words
     }

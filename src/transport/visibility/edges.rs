@@ -155,7 +155,7 @@ impl Occluders {
         &self.edges[index as usize]
     }
 
-    /// By how much the number of triangles in a direction changes across an edge. Each of its triangles counts +1 if it
+    /// The change of the number of triangles in a direction across an edge. Each of its triangles counts +1 if it
     /// shows its front and runs from the first end to the second, or neither of the two, else -1.
     ///
     /// The facing of a triangle is decided by one formula for all its edges, so that even where rounding decides it the

@@ -1,4 +1,4 @@
-//! What a point of the surface sees: one bit for each sub-texel of a cube map above its horizon, as one ray each says.
+//! Visibility from a point of the surface: one bit for each sub-texel of a cube map above its horizon, as one ray each says.
 //!
 //! The number of triangles in a direction changes only across edges, by the sum of what the edge's triangles change: 2
 //! or 0 where two triangles meet (0 unless they face the point differently), 1 at a boundary, anything where more meet.
@@ -90,10 +90,10 @@ impl Resolution {
     }
 }
 
-/// What one point sees.
+/// The visibility of one point.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Visible {
-    /// Its resolution.
+    /// Resolution of the cube map.
     pub resolution: Resolution,
     /// Sub-texels above the horizon (`n.w > 0` at the centre), row by row, faces in order: column `x` of a row is bit
     /// `x % 64` of its word `x / 64`.

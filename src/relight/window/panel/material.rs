@@ -17,7 +17,7 @@ const LARGEST_G: f64 = 0.95;
 /// Profiles that are picked by name; slabs have a thickness, files a path.
 const NAMED: [&str; 7] =
     ["dipole", "better-dipole", "photon-beam", "burley", "burley:fit=diffuse", "burley:fit=dmfp", "gaussians:skin"];
-/// What the colours are.
+/// The quantity that the colours stand for.
 const REFLECTANCE: &str = "total diffuse reflectance by the profile, linear sRGB";
 const CHANNELS: [&str; 3] = ["R", "G", "B"];
 

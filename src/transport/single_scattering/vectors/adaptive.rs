@@ -67,12 +67,12 @@ struct Cell {
 /// Whether the light of a corner arrives.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Light {
-    /// It arrives.
+    /// The light arrives.
     Free,
-    /// It would arrive through the plane of the others, but does not.
+    /// The light would arrive through the plane of the other corners, but does not.
     #[default]
     Hidden,
-    /// The plane of the others has it below the horizon.
+    /// The direction is below the horizon of the plane of the other corners.
     BelowHorizon,
 }
 

@@ -1,6 +1,6 @@
 //! A ray through every sub-texel from every depth: slow and plain, the truth that shared rays are measured against.
 
-use super::super::interface::{Entry, inside_direction};
+use super::super::interface::{Refraction, inside_direction};
 use super::probes::{Line, ProbeMemory, Prober, Request};
 use crate::math::cube_map::{FACES, direction};
 
@@ -24,14 +24,14 @@ pub(super) fn every_direction(prober: &Prober, line: &Line, memory: &mut ProbeMe
                 let texel = at * side + sub % (2 * side) / 2;
                 let angle = f64::from(prober.angles[texel % (side * side)]);
                 let cosine = probe.normal.as_dvec3().dot(request.direction);
-                let Some(entry) = Entry::new(prober.settings.form, eta, cosine) else { continue };
+                let Some(refraction) = Refraction::new(prober.settings.form, eta, cosine) else { continue };
                 let normal = probe.normal.as_dvec3();
-                let inside = inside_direction(eta, request.direction, normal, cosine, entry.cos_inside);
+                let inside = inside_direction(eta, request.direction, normal, cosine, refraction.cos_inside);
                 prober.settings.phase.evaluate(inside, &mut terms);
-                let path_mm = f64::from(probe.height_mm) / cosine * entry.stretch;
+                let path_mm = f64::from(probe.height_mm) / cosine * refraction.stretch;
                 for channel in 0..3 {
                     let attenuated = (-extinction[channel] * path_mm).exp();
-                    let arriving = entry.gain * f64::from(probe.through[channel]);
+                    let arriving = refraction.gain * f64::from(probe.through[channel]);
                     let value = depth.weight[channel] * attenuated * arriving * (0.25 * angle);
                     for (k, g) in terms.iter().enumerate() {
                         out[(k * 3 + channel) * texels + texel] += (value * g) as f32;

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 
 use super::super::depths::{self, Density, Depth};
-use super::super::interface::Entry;
+use super::super::interface::Refraction;
 use super::super::interior::{Crossings, ExitPoint, Interior, Optics};
 use super::settings::{Sharing, VectorSettings};
 use crate::geometry::bvh::{Bvh, Hit, Ray};
@@ -153,9 +153,9 @@ impl<'a> Prober<'a> {
     /// The most that light through a plane contributes in any channel; none where no light enters.
     fn value(&self, line: &Line, depth: &Depth, normal: DVec3, height_mm: f64, direction: DVec3) -> Option<f32> {
         let cosine = normal.dot(direction);
-        let entry = Entry::new(self.settings.form, line.optics.eta_inside_over_outside, cosine)?;
-        let path_mm = height_mm / cosine * entry.stretch;
-        Some((depth.weight.max_element() * entry.gain * (-line.least_per_mm * path_mm).exp()) as f32)
+        let refraction = Refraction::new(self.settings.form, line.optics.eta_inside_over_outside, cosine)?;
+        let path_mm = height_mm / cosine * refraction.stretch;
+        Some((depth.weight.max_element() * refraction.gain * (-line.least_per_mm * path_mm).exp()) as f32)
     }
 
     /// Fills the light that reaches the probes with shadow rays.

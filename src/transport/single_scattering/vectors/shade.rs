@@ -1,15 +1,15 @@
-//! From what arrives in each texel to vectors: attenuation of three channels, many texels at a time.
+//! Vectors from the light that arrives in each texel: attenuation of three channels, many texels at a time.
 
 use super::super::interface::Form;
 use crate::math::simd::multiversion;
 
-/// What is seen at one depth in every texel of a cube map: a plane, and how much light comes through.
+/// The plane that is seen from one depth in every texel of a cube map, and the share of light that comes through.
 pub(super) struct Planes {
     /// Cosine outside; not positive where nothing arrives.
     pub(super) cosine: Vec<f32>,
     /// Distance of the plane, mm.
     pub(super) height_mm: Vec<f32>,
-    /// Of each channel if bodies attenuate channels unequally; else the first is for all.
+    /// The share of light that comes through, of each channel if bodies attenuate channels unequally; else the first is for all.
     pub(super) through: [Vec<f32>; 3],
     /// F_t and the refraction factor, from the cosine.
     pub(super) gain: Vec<f32>,
@@ -132,7 +132,7 @@ fn add_product_body(picture: &[f32], term: &[f32], out: &mut [f32]) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::interface::Entry;
+    use super::super::super::interface::Refraction;
     use super::*;
     use crate::math::simd::Level;
 
@@ -156,12 +156,12 @@ mod tests {
                 let medium = Medium { form, eta };
                 refract(Level::detect(), medium, &cosines, &heights, &mut gains, &mut paths);
                 for ((c, gain), path) in cosines.iter().zip(&gains).zip(&paths) {
-                    let Some(entry) = Entry::new(form, eta.into(), (*c).into()) else {
+                    let Some(refraction) = Refraction::new(form, eta.into(), (*c).into()) else {
                         assert!(*gain == 0.0, "{eta} {c}");
                         continue;
                     };
-                    assert!((f64::from(*gain) / entry.gain - 1.0).abs() < 1e-5, "{form:?} {eta} {c}");
-                    assert!((f64::from(*path) * entry.cos_inside / 2.0 - 1.0).abs() < 1e-5);
+                    assert!((f64::from(*gain) / refraction.gain - 1.0).abs() < 1e-5, "{form:?} {eta} {c}");
+                    assert!((f64::from(*path) * refraction.cos_inside / 2.0 - 1.0).abs() < 1e-5);
                 }
             }
         }
