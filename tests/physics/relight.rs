@@ -56,10 +56,21 @@ fn scene() -> Scene {
     Scene { mesh, parts, media: vec![medium("marble"), medium("skin1")] }
 }
 
-fn evaluator() -> Box<dyn Evaluator> {
+/// A ball of marble alone, which hides no light from itself.
+fn ball() -> Scene {
+    let (mesh, _) = Mesh::from_source(shapes::icosphere(10.0, 5), &Placement { mm_per_unit: 1.0 }).unwrap();
+    let parts = PartTable::new(&mesh, vec![0; mesh.triangles.len()], vec![("ball".into(), Some(0))]);
+    Scene {
+        media: vec![Medium { name: "marble".into(), properties: preset("marble").unwrap().properties() }],
+        mesh,
+        parts,
+    }
+}
+
+fn evaluator(scene: Scene) -> Box<dyn Evaluator> {
     let mut recipe = methods::built_in().method("two_pass").unwrap().default_recipe().unwrap();
     recipe.settings.samples = Some(2000);
-    let asset = recipe.bake(scene(), Provenance::default(), &Silent).unwrap();
+    let asset = recipe.bake(scene, Provenance::default(), &Silent).unwrap();
     methods::built_in().open(Arc::new(asset)).unwrap()
 }
 
@@ -74,7 +85,11 @@ struct Drawn {
 
 impl Drawn {
     fn new(device: Arc<Device>, lights: &[Light]) -> Self {
-        let mut evaluator = Uploaded::new(evaluator(), device).unwrap();
+        Self::of(scene(), device, lights)
+    }
+
+    fn of(scene: Scene, device: Arc<Device>, lights: &[Light]) -> Self {
+        let mut evaluator = Uploaded::new(evaluator(scene), device).unwrap();
         evaluator.set_lights(lights.to_vec(), &Silent).unwrap();
         evaluator.update(&Silent).unwrap();
         let mut raster = Raster::new(&evaluator, &[Finish::PICTURE]).unwrap();
@@ -206,6 +221,40 @@ fn drawn_reflections_are_near_the_rendered_ones() {
     }
     // Shadows at vertices instead of pixels, and lobes of environments looked up instead of sampled.
     assert!(difference < 0.15 * reflected, "{difference} of {reflected}");
+}
+
+/// Where nothing is in shadow, scattering and reflection are drawn as bright as they are rendered, each by itself.
+#[test]
+fn what_is_drawn_is_as_bright_as_what_is_rendered() {
+    let Some(device) = device() else { return };
+    let resolution = Resolution::new(320, 200).unwrap();
+    let camera = Camera::framing(&ball().mesh, resolution).unwrap();
+    let directional =
+        Light::directional(DVec3::new(0.2, 0.3, 0.1) - camera.forward(), DVec3::new(3.0, 2.5, 2.0)).unwrap();
+    for light in [directional, Light::constant(DVec3::new(1.0, 0.5, 0.25)).unwrap()] {
+        let (kind, lights) = (light.kind().name(), vec![light]);
+        let mut drawn = Drawn::of(ball(), Arc::clone(&device), &lights);
+        let settings = RenderSettings { background: Background::None, ..RenderSettings::new(camera, resolution) };
+        let frame = drawn.rendered(&lights, &settings);
+        let view = View { background: Background::None, ..View::new(camera, resolution, 1.0) };
+        let shining = drawn.take(&view);
+        let dull = drawn.take(&View { specular: Specular::Off, ..view });
+        let mut sums = [[0.0f64; 2]; 2];
+        for (i, pixel) in frame.pixels.iter().enumerate().filter(|(i, _)| is_inside(&frame, *i)) {
+            for c in 0..3 {
+                let [shining, dull] = [&shining, &dull].map(|p| f64::from(p.pixels[i][c]));
+                let found = [dull, shining - dull];
+                let expected = [pixel.diffuse[c], pixel.specular[c]].map(f64::from);
+                (0..2).for_each(|k| sums[k] = [sums[k][0] + found[k], sums[k][1] + expected[k]]);
+            }
+        }
+        for (what, [found, expected]) in ["scattered", "reflected"].into_iter().zip(sums) {
+            println!("{kind}, {what}: {:.3} % brighter than rendered", 100.0 * (found / expected - 1.0));
+            // What is reflected of light from everywhere is looked up over the cosine: 0.8 % too bright here, the others below 0.04 %.
+            let most = if (kind, what) == ("constant", "reflected") { 1.2e-2 } else { 2e-3 };
+            assert!(expected > 0.0 && (found / expected - 1.0).abs() < most, "{kind}, {what}: {found} of {expected}");
+        }
+    }
 }
 
 #[test]
