@@ -22,7 +22,7 @@ const WIDEST: f64 = 0.25;
 const NARROWEST: f64 = 0.4;
 
 /// Steps of a unit.
-const STEPS: f64 = 256.0;
+const STEPS: f64 = 128.0;
 
 /// Steps of an octave of a sum of weights.
 pub(super) const STEPS_OF_OCTAVE: f64 = 16.0;
@@ -115,7 +115,11 @@ fn heat(points: &Points, laplacian: &Laplacian, widths: &[f64]) -> Fields {
         .collect();
     vectors.reverse();
     let flat = laplacian.flat_triangles;
-    Fields { vectors, sums: None, note: format!("heat, {iterations} products with the Laplacian, {flat} flat triangles") }
+    Fields {
+        vectors,
+        sums: None,
+        note: format!("heat, {iterations} products with the Laplacian, {flat} flat triangles"),
+    }
 }
 
 fn vectors_of(points: &Points, laplacian: &Laplacian, values: &[[f64; 3]]) -> Vec<DVec3> {
