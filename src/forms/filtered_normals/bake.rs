@@ -6,7 +6,7 @@ use translux_format::filtered_normals::{self as stored, Numbers};
 use super::evaluate::{FilteredNormalsEvaluator, STAGE};
 use super::fit::Fitted;
 use super::geometric::Sums;
-use super::points::Points;
+use super::points::{Points, STEPS_OF_OCTAVE, TOLERANCE};
 use super::settings::{Bleeding, Filter, FilteredNormals};
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
@@ -23,12 +23,6 @@ const NARROWEST: f64 = 0.4;
 
 /// Steps of a unit.
 const STEPS: f64 = 128.0;
-
-/// Steps of an octave of a sum of weights.
-pub(super) const STEPS_OF_OCTAVE: f64 = 16.0;
-
-/// Residual of the implicit steps: far below a step of the quantiser.
-pub(super) const TOLERANCE: f64 = 1e-5;
 
 /// A ladder of fields over the points, and where it came from.
 pub(super) struct Fields {

@@ -7,9 +7,8 @@ use rayon::prelude::*;
 use translux_format::Budget;
 use translux_format::filtered_normals::{self as stored, Numbers};
 
-use super::bake::{STEPS_OF_OCTAVE, TOLERANCE};
 use super::light::{Entrance, Lit, Lookers};
-use super::points::Points;
+use super::points::{Points, STEPS_OF_OCTAVE, TOLERANCE};
 use super::response::{Ladder, dipoles, response};
 use super::settings::{Bleeding, Filter, FilteredNormals, Length, Response, Sum};
 use crate::asset::Asset;
