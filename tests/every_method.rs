@@ -514,7 +514,10 @@ fn other_lights_than_baked_for_are_as_good_or_refused() {
             let values = one.radiosity(&Silent).unwrap();
             let found = vertex_error(&values, &lit(all.as_mut(), vec![light]), &vertex_areas(&scene)).rms;
             let promised = promise(one.as_mut()) + promise(all.as_mut());
-            assert!(promised < 2.0 * largest_promise(method) && found <= promised, "{what}: {found:.2e} of {promised:.2e}");
+            assert!(
+                promised < 2.0 * largest_promise(method) && found <= promised,
+                "{what}: {found:.2e} of {promised:.2e}"
+            );
         }
     }
 }

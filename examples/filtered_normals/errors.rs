@@ -19,7 +19,7 @@ const VARIANTS: [(&str, &[(&str, &str)]); 7] = [
     ("normals as they are", &[("alpha", "1"), ("width", "1")]),
     ("heat, fitted", &[]),
     ("heat, not fitted", &[("alpha", "0"), ("width", "1")]),
-    ("heat, length kept", &[("length", "kept")]),
+    ("heat, renormalised", &[("length", "unit")]),
     ("geometric, fitted", &[("filter", "geometric")]),
     ("spectral, fitted", &[("filter", "spectral")]),
     ("bleeding", &[("bleeding", "irradiance")]),
@@ -122,7 +122,9 @@ pub(crate) fn run(context: &Context) -> Result<String> {
         head.extend(lights.iter().map(|l| l.0));
         head.push("alpha, width; wrap");
         let vertices = scene.mesh.local_mm.len();
-        text += &format!("### {model}, {vertices} vertices, {material}\n\n![Exact sums, then the rows of the table, lit from the side]");
+        text += &format!(
+            "### {model}, {vertices} vertices, {material}\n\n![Exact sums, then the rows of the table, lit from the side]"
+        );
         text += &format!("(pictures/{path})\n\n{}\n", table(&head, &rows));
     }
     Ok(text)

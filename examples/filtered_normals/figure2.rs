@@ -23,7 +23,14 @@ const FILTERS: [(&str, &[(&str, &str)]); 4] = [
     ),
     (
         "geometric, by area",
-        &[("filter", "geometric"), ("weights", "area"), ("sum", "mean"), ("alpha", "0"), ("width", "1"), ("shadows", "off")],
+        &[
+            ("filter", "geometric"),
+            ("weights", "area"),
+            ("sum", "mean"),
+            ("alpha", "0"),
+            ("width", "1"),
+            ("shadows", "off"),
+        ],
     ),
     ("spectral", &[("filter", "spectral"), ("alpha", "0"), ("width", "1"), ("shadows", "off")]),
     ("heat", &[("alpha", "0"), ("width", "1"), ("shadows", "off")]),
@@ -61,5 +68,8 @@ pub(crate) fn run(context: &Context) -> Result<String> {
     let path = "filtered_normals_figure2.png";
     translux::io::atomic::write(&context.pictures.join(path), &sheet::png(SIDE, &sheets)?)?;
     let head = ["mesh", "filter", "change when edges are cut, % RMS", "error without shadows, % RMS"];
-    Ok(format!("![Exact sums; geometric, geometric by area, spectral, heat](pictures/{path})\n\n{}", table(&head, &rows)))
+    Ok(format!(
+        "![Exact sums; geometric, geometric by area, spectral, heat](pictures/{path})\n\n{}",
+        table(&head, &rows)
+    ))
 }

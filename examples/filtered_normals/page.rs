@@ -10,10 +10,11 @@ const HEAD: &str = "\
 those of the machine that wrote the page and of what else it did; everything else is the same anywhere.
 
 The method stores no transport. Normals are low-passed over the surface, and take the place of the normals in local lighting:
-`B = R F_t(mu) max(0, mu) V L` with the filtered, renormalised normal of each channel. It is an approximation by design, and its
+`B = R F_t(mu) max(0, mu) V L` with the filtered normal of each channel; its length multiplies the light (`length=unit` renormalises, as the
+paper does: on the bunny in marble 46 in place of 32 % RMS). It is an approximation by design, and its
 ledger says by how much.
 
-- **What is stored** is neither a basis nor one filtered normal: normals under eight low passes `1 / (1 + t lambda)`, quantised to 1/256 and
+- **What is stored** is neither a basis nor one filtered normal: normals under eight low passes `1 / (1 + t lambda)`, quantised to 1/128 and
   predicted from the vertices before, and how open each vertex is. Any filter of the surface is a sum over these eight and the normals
   themselves, so it changes with the material, for each channel, at the cost of that sum: RGB takes the same bytes. The filter that a
   material implies is the Hankel transform of its R_d, normalised: `(e^(-z_r s) + e^(-z_v s)) / (e^(-z_r sigma_tr) + e^(-z_v sigma_tr))` with
@@ -24,6 +25,8 @@ ledger says by how much.
 - **`filter=geometric`**: the paper's equation 3; weights by area unless `weights=count`.
 - **Shadows** are rays from the vertices. Where the light is below a vertex's horizon the ray goes along the horizon, because the filtered normal
   decides there. `shadows=off` is the paper's.
+- **Its nearest rival** wraps the cosine around the terminator and costs less. With its best wrap it is about as good as filtered normals, and better than
+  renormalised ones: what filtered normals miss is light from beyond the vertex's own neighbourhood, which no normal has.
 - **`bleeding=irradiance`** is the paper's future work: the same filter on the shadowed irradiance, for each light.
 - **alpha** and **width** are fitted on probe lights unless given: the share of the unfiltered normal, and a factor of the filter's width.
 

@@ -59,7 +59,8 @@ fn flat_torus(side: u32, size: f64, shear: f64) -> Laplacian {
         for x in 0..side {
             let corners = [(x, y), (x + 1, y), (x + 1, y + 1), (x, y + 1)];
             for t in [[0, 1, 2], [0, 2, 3]] {
-                triangles.push((t.map(|i| name(corners[i].0, corners[i].1)), t.map(|i| at(corners[i].0, corners[i].1))));
+                triangles
+                    .push((t.map(|i| name(corners[i].0, corners[i].1)), t.map(|i| at(corners[i].0, corners[i].1))));
             }
         }
     }
@@ -70,7 +71,8 @@ fn flat_torus(side: u32, size: f64, shear: f64) -> Laplacian {
 fn a_flat_torus_has_its_eigenvalues_obtuse_triangles_or_not() {
     let size = 10.0;
     let unit = (2.0 * PI / size).powi(2);
-    let mut expected: Vec<f64> = (-9i32..=9).flat_map(|a| (-9..=9).map(move |b| unit * f64::from(a * a + b * b))).collect();
+    let mut expected: Vec<f64> =
+        (-9i32..=9).flat_map(|a| (-9..=9).map(move |b| unit * f64::from(a * a + b * b))).collect();
     expected.sort_by(f64::total_cmp);
     for shear in [0.0, 0.45] {
         let laplacian = flat_torus(48, size, shear);
@@ -136,6 +138,8 @@ fn diffusion_damps_harmonics_of_a_sphere() {
     let response = |l: f64| 1.0 / (1.0 + t * l * (l + 1.0) / (radius * radius));
     for (before, after) in before.iter().zip(&after) {
         assert!((after[0] - 1.0).abs() < 1e-6);
-        assert!((after[1] - before[1] * response(1.0)).abs() < 2e-3 && (after[2] - before[2] * response(2.0)).abs() < 1e-2);
+        assert!(
+            (after[1] - before[1] * response(1.0)).abs() < 2e-3 && (after[2] - before[2] * response(2.0)).abs() < 1e-2
+        );
     }
 }

@@ -9,8 +9,8 @@ use translux_format::far_field::{self, FarField, Shape};
 use translux_format::profile_basis::{self, ProfileBasis};
 use translux_format::rows::{self, IrradianceRows};
 use translux_format::{
-    COMMON_TAGS, FormatError, LedgerEntry, Scan, Tag, VERSION_MAJOR, VERSION_MINOR, distant_transport, filtered_normals, mesh, metadata,
-    multilevel, parts, quantised_lights, quantised_values, samples, scattering_lists,
+    COMMON_TAGS, FormatError, LedgerEntry, Scan, Tag, VERSION_MAJOR, VERSION_MINOR, distant_transport,
+    filtered_normals, mesh, metadata, multilevel, parts, quantised_lights, quantised_values, samples, scattering_lists,
 };
 
 use super::text::percent;

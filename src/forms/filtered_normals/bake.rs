@@ -6,7 +6,7 @@ use translux_format::filtered_normals::{self as stored, Numbers};
 use super::evaluate::{FilteredNormalsEvaluator, STAGE};
 use super::fit::Fitted;
 use super::geometric::Sums;
-use super::points::Points;
+use super::points::{Points, STEPS_OF_OCTAVE, TOLERANCE};
 use super::settings::{Bleeding, Filter, FilteredNormals};
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
@@ -22,13 +22,7 @@ const WIDEST: f64 = 0.25;
 const NARROWEST: f64 = 0.4;
 
 /// Steps of a unit.
-const STEPS: f64 = 256.0;
-
-/// Steps of an octave of a sum of weights.
-pub(super) const STEPS_OF_OCTAVE: f64 = 16.0;
-
-/// Residual of the implicit steps: far below a step of the quantiser.
-pub(super) const TOLERANCE: f64 = 1e-5;
+const STEPS: f64 = 128.0;
 
 /// A ladder of fields over the points, and where it came from.
 pub(super) struct Fields {
@@ -115,7 +109,11 @@ fn heat(points: &Points, laplacian: &Laplacian, widths: &[f64]) -> Fields {
         .collect();
     vectors.reverse();
     let flat = laplacian.flat_triangles;
-    Fields { vectors, sums: None, note: format!("heat, {iterations} products with the Laplacian, {flat} flat triangles") }
+    Fields {
+        vectors,
+        sums: None,
+        note: format!("heat, {iterations} products with the Laplacian, {flat} flat triangles"),
+    }
 }
 
 fn vectors_of(points: &Points, laplacian: &Laplacian, values: &[[f64; 3]]) -> Vec<DVec3> {

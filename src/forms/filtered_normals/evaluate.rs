@@ -7,9 +7,8 @@ use rayon::prelude::*;
 use translux_format::Budget;
 use translux_format::filtered_normals::{self as stored, Numbers};
 
-use super::bake::{STEPS_OF_OCTAVE, TOLERANCE};
 use super::light::{Entrance, Lit, Lookers};
-use super::points::Points;
+use super::points::{Points, STEPS_OF_OCTAVE, TOLERANCE};
 use super::response::{Ladder, dipoles, response};
 use super::settings::{Bleeding, Filter, FilteredNormals, Length, Response, Sum};
 use crate::asset::Asset;
@@ -219,7 +218,9 @@ impl FilteredNormalsEvaluator {
         let expected = if matches!(form.filter, Filter::Geometric { .. }) { 4 } else { 3 };
         let descend = fields.numbers.rungs.windows(2).all(|w| w[0] > w[1]);
         if fields.numbers.columns != expected || fields.numbers.rungs.len() < 2 || !descend {
-            return Err(Error::input("the rungs of the filtered normals (section fln.rec) are not those of its filter"));
+            return Err(Error::input(
+                "the rungs of the filtered normals (section fln.rec) are not those of its filter",
+            ));
         }
         let dressed = Dressed::new(&points, fields);
         let widths = fields.numbers.rungs.clone();
@@ -391,7 +392,9 @@ mod tests {
     #[test]
     fn widths_are_found_between_rungs() {
         let widths = [8.0, 4.0, 2.0, 1.0];
-        for (width, rung, share) in [(8.0, 0, 0.0), (9.0, 0, 0.0), (4.0, 0, 1.0), (2.0, 1, 1.0), (1.0, 2, 1.0), (0.1, 2, 1.0)] {
+        for (width, rung, share) in
+            [(8.0, 0, 0.0), (9.0, 0, 0.0), (4.0, 0, 1.0), (2.0, 1, 1.0), (1.0, 2, 1.0), (0.1, 2, 1.0)]
+        {
             let (found, at) = between(&widths, width);
             assert_eq!((found, at), (rung, share), "{width}");
         }

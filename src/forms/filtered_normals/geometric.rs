@@ -46,8 +46,14 @@ impl<'a> Sums<'a> {
             Weights::Count => vec![1.0; points.len()],
             Weights::Area => points.areas.iter().map(|a| if mean > 0.0 { a / mean } else { 0.0 }).collect(),
         };
-        let mut sums =
-            Self { points, order: Vec::new(), nodes: Vec::new(), weights, roots: Vec::new(), root_of: vec![0; points.len()] };
+        let mut sums = Self {
+            points,
+            order: Vec::new(),
+            nodes: Vec::new(),
+            weights,
+            roots: Vec::new(),
+            root_of: vec![0; points.len()],
+        };
         for part in points.receivers.groups.chunk_by(|a, b| a.part == b.part) {
             let (first, end) = (part[0].run.first, part[part.len() - 1].run.end);
             let mut order: Vec<u32> = (first..end).collect();

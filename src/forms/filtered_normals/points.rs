@@ -20,6 +20,12 @@ const GROUP: usize = 16;
 /// Directions that openness is measured with: a constant light takes a quarter of them.
 const OPENNESS: LightSampling = LightSampling { directions: 1024, ..LightSampling::FAST };
 
+/// Steps of an octave of a sum of weights.
+pub(super) const STEPS_OF_OCTAVE: f64 = 16.0;
+
+/// Residual of the implicit steps: far below a step of the quantiser.
+pub(super) const TOLERANCE: f64 = 1e-5;
+
 /// The points of a scene.
 pub(super) struct Points {
     pub(super) receivers: Receivers,

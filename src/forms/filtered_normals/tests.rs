@@ -77,7 +77,8 @@ fn normals_of_a_sphere_keep_their_direction() {
     let geometric = Filter::Geometric { weights: Weights::Area, sum: Sum::Mean, reach: 5.0 };
     for filter in [Filter::Heat, Filter::Spectral { wavelength: 10.0 }, geometric] {
         let unit = lit(opened(&FilteredNormals { filter, ..FORM }, &scene).as_mut(), light.clone());
-        let kept = lit(opened(&FilteredNormals { filter, length: Length::Kept, ..FORM }, &scene).as_mut(), light.clone());
+        let kept =
+            lit(opened(&FilteredNormals { filter, length: Length::Kept, ..FORM }, &scene).as_mut(), light.clone());
         for (c, dipole) in properties.dipoles(fresnel::BoundaryFit::Published).iter().enumerate() {
             let total = crate::medium::profile::Profile::total(dipole);
             let length = response::response(Response::Material, dipole, 2.0 / (radius * radius));
@@ -88,10 +89,10 @@ fn normals_of_a_sphere_keep_their_direction() {
                 }
                 let expected = total * cosine * fresnel::transmittance(properties.eta_inside_over_outside, cosine);
                 // A step of the quantiser and the noise that coefficients make of it.
-                assert!((unit[c] - expected).abs() < 0.015 * total, "{filter:?} {c} {cosine}: {} {expected}", unit[c]);
+                assert!((unit[c] - expected).abs() < 0.025 * total, "{filter:?} {c} {cosine}: {} {expected}", unit[c]);
                 if !matches!(filter, Filter::Geometric { .. }) && cosine > 0.3 {
                     let ratio = kept[c] / unit[c];
-                    assert!((ratio - length).abs() < 0.04, "{filter:?} {c}: {ratio} {length}");
+                    assert!((ratio - length).abs() < 0.06, "{filter:?} {c}: {ratio} {length}");
                 }
             }
         }
@@ -122,7 +123,8 @@ fn ways_to_make_the_ladder_agree() {
 fn the_fit_lowers_the_error_and_the_ledger_says_it() {
     let scene = scene(shapes::bumpy_head(10.0, 3), "marble");
     let light = |x, y, z| Light::directional(DVec3::new(x, y, z), DVec3::ONE).unwrap();
-    let probes = Probes { tuning: vec![light(1.0, 0.2, 0.1), light(-0.4, 0.3, 1.0)], unseen: vec![light(0.1, 1.0, 0.3)] };
+    let probes =
+        Probes { tuning: vec![light(1.0, 0.2, 0.1), light(-0.4, 0.3, 1.0)], unseen: vec![light(0.1, 1.0, 0.3)] };
     let error = |form: &FilteredNormals| {
         let asset = baked(form, &scene, probes.clone());
         let promised = asset.ledger.total_rms();

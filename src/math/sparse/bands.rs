@@ -7,9 +7,9 @@
 //! faer's partial eigensolver takes one vector at a time through a Gram-Schmidt of all others (9.2 s for 300 pairs of 15,000 rows) and
 //! hangs where a shift meets an eigenvalue; blocks keep their sums in registers, and a shift that fails is moved.
 
+use super::SymmetricMatrix;
 use super::blocks::{self, Row, WIDTH, ZERO};
 use super::factorisation::{Factors, Symbolic};
-use super::SymmetricMatrix;
 use crate::error::{Error, Result};
 use crate::math::eigen::symmetric_eigen;
 use crate::math::random::uniform;
@@ -190,7 +190,9 @@ fn one_band(
     }
     if pairs.len() < wanted {
         let there = pairs.len();
-        return Err(Error::runtime(format!("{there} of {wanted} eigenpairs between {low:.3e} and {high:.3e} converged")));
+        return Err(Error::runtime(format!(
+            "{there} of {wanted} eigenpairs between {low:.3e} and {high:.3e} converged"
+        )));
     }
     pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut sorted = vec![vec![[0.0; WIDTH]; matrix.rows()]; wanted.div_ceil(WIDTH)];

@@ -166,10 +166,8 @@ pub(crate) fn sum_over_rows<const N: usize>(
     rows: usize,
     of_run: impl Fn(std::ops::Range<usize>) -> [f64; N] + Sync,
 ) -> [f64; N] {
-    let runs: Vec<[f64; N]> = (0..rows.div_ceil(ROWS))
-        .into_par_iter()
-        .map(|run| of_run(run * ROWS..((run + 1) * ROWS).min(rows)))
-        .collect();
+    let runs: Vec<[f64; N]> =
+        (0..rows.div_ceil(ROWS)).into_par_iter().map(|run| of_run(run * ROWS..((run + 1) * ROWS).min(rows))).collect();
     runs.iter().fold([0.0; N], |mut sum, run| {
         sum.iter_mut().zip(run).for_each(|(sum, run)| *sum += run);
         sum
