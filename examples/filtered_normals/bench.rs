@@ -73,7 +73,7 @@ pub(crate) fn picture(evaluator: &dyn Evaluator, radiosity: &[DVec3], side: usiz
     settings.samples_per_pixel = 9;
     settings.specular = Specular::Off;
     settings.background = Background::None;
-    render(evaluator, radiosity, &[], &settings, &Silent)
+    render(evaluator, &radiosity.to_vec(), &[], &settings, &Silent)
 }
 
 /// On white, at an exposure.

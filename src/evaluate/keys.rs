@@ -276,7 +276,8 @@ impl Keys {
     /// A key that differs from its default although nothing read it, with its value.
     pub fn unread(&self) -> Option<(&'static str, &str)> {
         let read = self.read.borrow();
-        let unread = |(name, text): &(&&'static str, &String)| !read.contains(*name) && self.defaults[*name] != text.as_str();
+        let unread =
+            |(name, text): &(&&'static str, &String)| !read.contains(*name) && self.defaults[*name] != text.as_str();
         self.values.iter().find(unread).map(|(name, text)| (*name, text.as_str()))
     }
 

@@ -62,7 +62,9 @@ impl<'a> dyn Method + 'a {
         if let Some((name, text)) = keys.unread() {
             let needed = match self.gives_meaning(name, given, &settings) {
                 choices if choices.is_empty() => "it means nothing beside the other keys; leave it out".to_owned(),
-                choices => format!("it means something with {} only; set that too, or leave this out", choices.join(" or ")),
+                choices => {
+                    format!("it means something with {} only; set that too, or leave this out", choices.join(" or "))
+                }
             };
             return Err(Error::command_line(format!("--set {name}={text}: {needed}")));
         }

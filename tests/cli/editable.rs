@@ -186,9 +186,15 @@ fn methods_are_listed_with_their_errors() {
     for fragment in ["editable: ", "--max-rms", "1.00 %", "--set terms=", "auto"] {
         assert!(text.contains(fragment), "{fragment}: {text}");
     }
-    assert!(!text.contains("--set basis=") && text.contains("more for experts: translux methods editable --all"), "{text}");
+    assert!(
+        !text.contains("--set basis=") && text.contains("more for experts: translux methods editable --all"),
+        "{text}"
+    );
     let text = folder.run("methods editable --all").ok().text();
-    assert!(text.contains("--set basis=") && text.contains("transported") && !text.contains("more for experts"), "{text}");
+    assert!(
+        text.contains("--set basis=") && text.contains("transported") && !text.contains("more for experts"),
+        "{text}"
+    );
     let report = folder.run("methods --json").ok().json();
     let methods = report["methods"].as_array().unwrap();
     let error = |name: &str| methods.iter().find(|m| m["name"] == name).unwrap()["default_max_rms"].clone();

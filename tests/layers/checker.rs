@@ -77,7 +77,9 @@ impl fmt::Display for Violation {
             Rule::RunTime => "the run time imports neither `io` nor a `bake`: the asset is all it has",
             Rule::Concrete => "pictures are made through `dyn Evaluator`, whatever the method",
             Rule::Hidden => "this test cannot read through it",
-            Rule::Order => "src/lib.rs holds one `pub mod` for each layer, bottom to top, then `use` and public functions, and nothing else",
+            Rule::Order => {
+                "src/lib.rs holds one `pub mod` for each layer, bottom to top, then `use` and public functions, and nothing else"
+            }
         };
         write!(f, "src/{file}:{line}: from `{from}` to `{to}`: {why}")
     }

@@ -194,6 +194,16 @@ impl GatheredEvaluator {
         self.scheme()
     }
 
+    /// Radiosity of any receivers of the scene's parts under the light and the media in force, RGB, in their order.
+    ///
+    /// # Errors
+    /// Failures of the work.
+    pub fn radiosity_at(&mut self, receivers: &Receivers, progress: &dyn Progress) -> Result<Vec<DVec3>> {
+        self.irradiance(progress)?;
+        let scheme = self.tuned_scheme();
+        Ok(self.with_gather(|gather, lit| gather.radiosity(receivers, lit, scheme, progress)))
+    }
+
     /// Calls `work` with a gather for the media in force and the light on the samples.
     pub fn with_gather<T>(&self, work: impl FnOnce(&Gather, &Lit) -> T) -> T {
         let surface = self.surface();

@@ -31,6 +31,7 @@ pub struct MediumKernel {
 /// How profiles are evaluated in single precision. Tables of the dipole would be as fast for points, but 5e-4 off where the closed form is
 /// 2e-7 off, and slower for triangles: `cargo bench --bench transfer`.
 #[derive(Clone)]
+#[expect(clippy::large_enum_variant, reason = "there is one for each medium, and inner loops read it in place")]
 enum Fast {
     /// Dipoles, in closed form.
     Poles { poles: [[Pole; 2]; 3], rgb: PolesRgb },

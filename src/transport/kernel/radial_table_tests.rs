@@ -130,9 +130,9 @@ fn short_segments_follow_smooth_functions() {
         for i in 0..1000 {
             let r2 = reach * reach * (f64::from(i) + 0.5) / 1000.0;
             let found = table.at_square(r2 as f32);
-            for c in 0..3 {
+            for (c, &found) in found.iter().enumerate().take(3) {
                 let exact = value(c, r2);
-                assert!((f64::from(found[c]) - exact).abs() < 3e-5 * exact, "{r2}: {} {exact}", found[c]);
+                assert!((f64::from(found) - exact).abs() < 3e-5 * exact, "{r2}: {found} {exact}");
             }
         }
         assert_eq!(table.at_square(9.0 * (reach * reach) as f32), [0.0; 4]);

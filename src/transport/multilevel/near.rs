@@ -238,8 +238,8 @@ fn receive_body(
                 r2[j] = dx * dx + dy * dy + dz * dz;
             }
             let places = compact.point.places(&r2);
-            for j in 0..4 {
-                if r2[j] >= four.more2[j] {
+            for (j, &square) in r2.iter().enumerate() {
+                if square >= four.more2[j] {
                     add(&mut sum, &four.flux[j], &compact.point.value(&places, j));
                     continue;
                 }
