@@ -296,8 +296,10 @@ fn planted_re_exports_roots_and_unplaced_modules_are_found() {
     assert_eq!(planted("lib.rs", "pub mod math;\npub mod error;\n"), [(2, Order)]);
     assert_eq!(planted("lib.rs", "pub mod math;\npub mod math;\n"), [(2, Order)]);
     assert_eq!(planted("lib.rs", "pub mod error;\nmod math;\n"), [(2, Order)]);
-    assert_eq!(planted("lib.rs", "pub mod error;\npub fn f() {}\n"), [(2, Order)]);
-    assert_eq!(planted("lib.rs", "pub mod error;\nuse error::Error;\n"), [(2, Order)]);
+    assert_eq!(planted("lib.rs", "pub mod error;\nfn f() {}\n"), [(2, Order)]);
+    assert_eq!(planted("lib.rs", "pub mod error;\npub struct S;\n"), [(2, Order)]);
+    assert_eq!(planted("lib.rs", "pub fn f() {}\npub mod error;\n"), [(1, Order)]);
+    assert_eq!(planted("lib.rs", "pub mod error;\nuse error::Error;\npub fn f() -> Result<(), Error> {}\n"), []);
     assert_eq!(planted("lib.rs", "pub mod error;\npub use error::Error;\n"), []);
     assert_eq!(planted("light/mod.rs", "use crate::Light;\n"), [(1, Unplaced)]);
 }

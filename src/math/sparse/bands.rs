@@ -25,7 +25,7 @@ const MOST_PAIRS: usize = 180;
 const DENSE: usize = 400;
 
 /// Residual over the largest eigenvalue asked for, at which a pair has converged.
-const TOLERANCE: f64 = 1e-10;
+const TOLERANCE: f64 = 1e-11;
 
 /// Dimension of a Krylov space over the number of pairs asked of it when it is first looked at, and from look to look.
 const FIRST_LOOK: f64 = 2.0;
