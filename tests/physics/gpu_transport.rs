@@ -23,16 +23,21 @@ fn bake(method: &dyn Method) -> Arc<Asset> {
     Arc::new(try_bake(method, group(), Some(2000), few.as_slice()).unwrap())
 }
 
-/// Every method but the example's, whose form has no shaders.
+/// Methods whose forms have no shaders.
+const WITHOUT_SHADERS: [&str; 2] = ["filtered_normals", "toy_form"];
+
+/// Every other method.
 fn with_shaders() -> Vec<&'static dyn Method> {
-    every().into_iter().filter(|method| method.name() != "toy_form").collect()
+    every().into_iter().filter(|method| !WITHOUT_SHADERS.contains(&method.name())).collect()
 }
 
 #[test]
 fn a_form_without_shaders_says_so() {
     let Some(device) = device(u64::MAX) else { return };
-    let evaluator = registry().open(bake(in_memory::method("toy_form"))).unwrap();
-    assert_eq!(evaluator.on_device(&device).err().unwrap().code(), ExitCode::Unsupported);
+    for name in WITHOUT_SHADERS {
+        let evaluator = registry().open(bake(in_memory::method(name))).unwrap();
+        assert_eq!(evaluator.on_device(&device).err().unwrap().code(), ExitCode::Unsupported, "{name}");
+    }
 }
 
 /// Both evaluators of one asset.
