@@ -262,8 +262,13 @@ fn opaque_parts_have_no_radiosity() {
     for method in every() {
         let mut evaluator = Shared::Group.baked(method);
         for light in served(method, &every_light(&scene)) {
+            // Local lighting leaves the far side of a sharp light black; soft light reaches every translucent vertex.
+            let local = method.declared_error().is_some() && light.kind() != LightKind::Constant;
             let values = lit(evaluator.as_mut(), vec![light]);
-            let dark = |(value, area): (&DVec3, &f64)| (*area == 0.0) == (*value == DVec3::ZERO);
+            let dark = |(value, area): (&DVec3, &f64)| {
+                let black = *value == DVec3::ZERO;
+                if local { black || *area > 0.0 } else { black == (*area == 0.0) }
+            };
             assert!(values.iter().zip(&areas).all(dark), "{}", method.name());
         }
     }
