@@ -61,9 +61,9 @@ pub enum SingleScattering {
     None,
     /// In the radiosity, isotropic: what leaves is the same as with [`Self::PerVertex`], but nothing tells the two apart.
     Included,
-    /// Beside it: [`Evaluator::single_scattering`].
+    /// Beside it: [`super::Evaluator::single_scattering`].
     PerVertex,
-    /// Beside it, for eyes alone, looked up: [`Evaluator::towards_eye`].
+    /// Beside it, for eyes alone, looked up: [`super::Evaluator::towards_eye`].
     TowardsEye,
     /// The same by rays.
     TracedTowardsEye,

@@ -86,7 +86,7 @@ impl<'a> dyn Method + 'a {
     /// What runs when nothing is asked for.
     ///
     /// # Errors
-    /// As [`Self::recipe`]: none for a method whose defaults fit.
+    /// As `recipe`: none for a method whose defaults fit.
     pub fn default_recipe(&self) -> Result<Recipe> {
         self.recipe(&[], BakeSettings::new(self.default_max_rms()))
     }

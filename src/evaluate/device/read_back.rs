@@ -6,7 +6,7 @@ use crate::error::Result;
 use crate::evaluate::evaluator::DeviceEvaluator;
 use crate::progress::Progress;
 
-/// What [`Evaluator::radiosity`] of a device evaluator is: updated, read back, a value for each source vertex.
+/// What [`radiosity`](crate::evaluate::Evaluator::radiosity) of a device evaluator is: updated, read back, a value for each source vertex.
 ///
 /// # Errors
 /// As [`DeviceEvaluator::update`].
