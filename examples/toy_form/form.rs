@@ -24,6 +24,9 @@ pub(crate) const ENTRY: FormEntry = FormEntry::of::<Ambient>();
 /// RGB of every source vertex, f32 x 3.
 const TAG: Tag = Tag::from_static("toy.amb");
 
+/// Number of samples that the radiosity was computed from, u32.
+const COUNT: Tag = Tag::from_static("toy.num");
+
 /// The settings: how many samples the radiosity is computed from.
 #[derive(Serialize, Deserialize)]
 pub(crate) struct Ambient {
@@ -32,6 +35,7 @@ pub(crate) struct Ambient {
 
 impl Form for Ambient {
     const NAME: &'static str = "toy_ambient";
+    const TAGS: &'static [Tag] = &[TAG, COUNT];
 
     fn validate(&self) -> Result<()> {
         self.density.validate()
@@ -57,7 +61,7 @@ impl Form for Ambient {
         let error = vertex_error(&coarser, &values, &scene.vertex_areas_mm2());
         ledger.add("sampling", error, "half as many samples against all, under a constant light");
         let rows: Vec<[f32; 3]> = values.iter().map(|b| b.as_vec3().to_array()).collect();
-        let count = RawSection::from_rows(Tag::from_static("toy.num"), Kind::Method, Codec::Raw, &[count as u32]);
+        let count = RawSection::from_rows(COUNT, Kind::Method, Codec::Raw, &[count as u32]);
         let sections = vec![RawSection::from_rows(TAG, Kind::Method, Codec::Zstd, &rows), count];
         Ok(AssetParts::without_samples(scene, ledger, sections))
     }
@@ -71,10 +75,7 @@ impl Form for Ambient {
         if rows.len() != scene.mesh.local_mm.len() || rows.as_flattened().iter().any(|v| !v.is_finite()) {
             return Err(Error::input(format!("section {TAG}: it does not belong to this mesh")));
         }
-        let count: Vec<u32> = section(Tag::from_static("toy.num"))
-            .ok_or_else(missing)?
-            .rows()
-            .map_err(|e| Error::input(e.to_string()))?;
+        let count: Vec<u32> = section(COUNT).ok_or_else(missing)?.rows().map_err(|e| Error::input(e.to_string()))?;
         let samples = count.first().copied().unwrap_or(1) as usize;
         let values = rows.iter().map(|row| glam::Vec3::from_array(*row).as_dvec3()).collect();
         BakedIn::boxed(scene, receivers, samples, Values(values))

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use translux_format::metadata::tags;
-use translux_format::{Codec, FormatError, Kind, RawSection};
+use translux_format::{Codec, FormatError, Kind, RawSection, Tag};
 
 use super::evaluator::Evaluator;
 use crate::asset::Asset;
@@ -75,6 +75,10 @@ impl AssetParts {
 pub trait Form: Serialize + DeserializeOwned + Send + Sync + 'static {
     /// Name in the asset.
     const NAME: &'static str;
+
+    /// Tags of sections that no other part of this crate knows, in assets that are evaluated without samples: those of a form from
+    /// outside.
+    const TAGS: &'static [Tag] = &[];
 
     /// Refuses settings out of range: those of a file may be anything.
     ///
@@ -179,6 +183,8 @@ impl<F: Form> AnyForm for F {
 pub struct FormEntry {
     /// Its name in the asset.
     pub name: &'static str,
+    /// See [`Form::TAGS`].
+    pub tags: &'static [Tag],
     /// Reads and validates its settings.
     pub read: fn(&RawSection) -> Result<Box<dyn AnyForm>>,
 }
@@ -186,7 +192,7 @@ pub struct FormEntry {
 impl FormEntry {
     /// The entry of a form.
     pub const fn of<F: Form>() -> Self {
-        Self { name: F::NAME, read: read::<F> }
+        Self { name: F::NAME, tags: F::TAGS, read: read::<F> }
     }
 }
 

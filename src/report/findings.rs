@@ -123,17 +123,18 @@ catalogue! {
 const AREA_TOLERANCE: f64 = 1e-5;
 
 /// Sections of methods that are evaluated without samples.
-fn without_samples() -> Vec<Tag> {
+fn without_samples(registry: &Registry) -> Vec<Tag> {
     let lights = quantised_lights::tags::SETS.iter().flat_map(|set| set.all());
     let single = [quantised_lights::tags::NUMBERS, scattering_lists::tags::NUMBERS];
     let rows = [rows::tags::TRANSPORT, rows::tags::SINGLE].map(rows::tags::Set::all);
     let normals = &filtered_normals::tags::ALL;
     let all = [&single[..], &quantised_values::tags::ALL, &distant_transport::tags::ALL, normals, rows.as_flattened()];
-    lights.chain(all.concat()).collect()
+    let outside = registry.forms().iter().flat_map(|form| form.tags).copied();
+    lights.chain(all.concat()).chain(outside).collect()
 }
 
 /// Versions, and sections that nobody here reads.
-pub fn of_version(scan: &Scan) -> Vec<Finding> {
+pub fn of_version(scan: &Scan, registry: &Registry) -> Vec<Finding> {
     let mut out = Vec::new();
     if let Some((major, minor)) = scan.version.filter(|(_, minor)| *minor > VERSION_MINOR) {
         let known = format!("this build knows {VERSION_MAJOR}.{VERSION_MINOR}");
@@ -144,7 +145,7 @@ pub fn of_version(scan: &Scan) -> Vec<Finding> {
         let others = [profile_basis::tags::TOTALS, rows::tags::BLOCKS, multilevel::tags::NUMBERS];
         let far = [&far_field::tags::ALL[..], &far_field::tags::OPTIONAL].concat();
         let sampled = [&far[..], &profile_basis::tags::ALL, &rows::tags::ALL, &others, &of_form].concat();
-        if ![&COMMON_TAGS[..], &sampled, &without_samples()].concat().contains(&section.tag) {
+        if ![&COMMON_TAGS[..], &sampled, &without_samples(registry)].concat().contains(&section.tag) {
             let (bytes, kind) = (section.stored_bytes, section.kind);
             let message = format!("section {} ({kind}, {bytes} bytes) is unknown", section.tag);
             out.push(Finding::new(&UNKNOWN_SECTION, Some(section.tag), message));
@@ -154,7 +155,7 @@ pub fn of_version(scan: &Scan) -> Vec<Finding> {
 }
 
 /// Mesh, parts and samples.
-pub fn of_geometry(scan: &Scan) -> Vec<Finding> {
+pub fn of_geometry(scan: &Scan, registry: &Registry) -> Vec<Finding> {
     let mut out = Vec::new();
     let Some(file) = &scan.mesh else { return out };
     let used: BTreeSet<u32> = file.triangles.iter().flatten().copied().collect();
@@ -184,7 +185,7 @@ pub fn of_geometry(scan: &Scan) -> Vec<Finding> {
         out.push(Finding::new(&UNUSED_MEDIA, Some(parts::tags::MEDIA), message));
     }
     if let Some(samples) = &scan.samples {
-        let tags = without_samples();
+        let tags = without_samples(registry);
         let is_without = samples.patch_count() == 0 && scan.sections.iter().any(|s| tags.contains(&s.tag));
         if !is_without {
             out.extend(of_samples(&mesh, parts, samples, &areas));

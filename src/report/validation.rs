@@ -54,8 +54,8 @@ pub fn validate(path: &Path, registry: &Registry, progress: &dyn Progress) -> Re
 
 fn find(scan: &Scan, bytes: &[u8], registry: &Registry) -> Vec<Finding> {
     let mut out: Vec<Finding> = scan.errors.iter().map(Finding::of_format).collect();
-    out.extend(findings::of_version(scan));
-    out.extend(findings::of_geometry(scan));
+    out.extend(findings::of_version(scan, registry));
+    out.extend(findings::of_geometry(scan, registry));
     out.extend(findings::of_provenance(scan, registry));
     match findings::of_method_sections(scan) {
         Ok(found) => out.extend(found),

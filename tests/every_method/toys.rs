@@ -46,7 +46,9 @@ fn a_method_and_a_form_from_outside_are_whole_programs() {
         std::fs::write(folder.join("head.obj"), &obj).unwrap();
         let run = |line: &str| run(&program, folder, line);
         let text = |output: Output| String::from_utf8(output.stdout).unwrap();
-        run(&format!("bake head.obj -o a.tlux --method {name} --samples 3000 --size-mm 20 --material marble -q"));
+        run(&format!(
+            "bake head.obj -o a.tlux --method {name} --samples 3000 --max-rms 2% --size-mm 20 --material marble -q"
+        ));
         assert!(text(run("validate a.tlux")).contains(verdict), "{name}");
         assert!(text(run("inspect a.tlux")).contains(name));
         assert!(text(run(&format!("methods {name}"))).contains("You "));
