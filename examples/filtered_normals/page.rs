@@ -11,7 +11,7 @@ those of the machine that wrote the page and of what else it did; everything els
 
 The method stores no transport. Normals are low-passed over the surface, and take the place of the normals in local lighting:
 `B = R F_t(mu) max(0, mu) V L` with the filtered normal of each channel; its length multiplies the light (`length=unit` renormalises, as the
-paper does: on the bunny in marble 46 in place of 32 % RMS). It is an approximation by design, and its
+paper does). It is an approximation by design, and its
 ledger says by how much.
 
 - **What is stored** is neither a basis nor one filtered normal: normals under eight low passes `1 / (1 + t lambda)`, quantised to 1/128 and
@@ -25,8 +25,8 @@ ledger says by how much.
 - **`filter=geometric`**: the paper's equation 3; weights by area unless `weights=count`.
 - **Shadows** are rays from the vertices. Where the light is below a vertex's horizon the ray goes along the horizon, because the filtered normal
   decides there. `shadows=off` is the paper's.
-- **Its nearest rival** wraps the cosine around the terminator and costs less. With its best wrap it is about as good as filtered normals, and better than
-  renormalised ones: what filtered normals miss is light from beyond the vertex's own neighbourhood, which no normal has.
+- **Its nearest rival** wraps the cosine around the terminator and costs less. The tables have it with its best wrap. What filtered normals
+  miss is light from beyond the vertex's own neighbourhood, which no normal has.
 - **`bleeding=irradiance`** is the paper's future work: the same filter on the shadowed irradiance, for each light.
 - **alpha** and **width** are fitted on probe lights unless given: the share of the unfiltered normal, and a factor of the filter's width.
 
