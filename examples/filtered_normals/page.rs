@@ -58,6 +58,9 @@ const TAIL: &str = "
 Light that enters on one side and leaves on the other, thin parts that glow, shadows softened from inside: local lighting has none of these,
 whatever its normal. With `bleeding=irradiance` shadow boundaries soften, and light still does not cross a thin part, which is
 far over the surface and near through it.
+
+Shadow boundaries are as coarse as the vertices. Where the surface curves more within the filter's width in one channel than in another (toes, fingertips), the colours
+part: a foot of the bunny in skin1, lit from behind beside the sky, turns cyan, because the red normal is filtered away.
 ";
 
 pub(crate) const WORDS: Words =
