@@ -12,7 +12,7 @@ mod hats;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use self::hats::{Areas, Rings};
+use self::hats::{Areas, COLUMNS, CURVATURE, RINGS, Rings, SLOPE, WIDTH, WINDOWS};
 use super::balanced_tree::power_of_two_near;
 use super::close_pairs::ClosePairs;
 use super::irradiance::Pieces;
@@ -24,20 +24,6 @@ use super::receivers::{Group, Receivers};
 use super::surface::Surface;
 use crate::math::simd::{Level, multiversion, prefetch};
 use crate::progress::Progress;
-
-/// Hat functions. With them and [`hats::DENSER`] a shadow boundary anywhere costs at most 1e-3 of the light of a lit plane, waves of light
-/// 2e-4, for free paths of 0.03 to 4 spacings of the samples and a split radius of 6.
-const RINGS: usize = 20;
-
-/// Besides the hats: that at the split radius, where nothing is left of near parts, and light on `u = r^2 - split^2` and its square,
-/// of the pieces of uneven samples, of which the far field sees the mean.
-const COLUMNS: usize = WINDOWS * WIDTH;
-const SLOPE: usize = RINGS + 1;
-const CURVATURE: usize = RINGS + 2;
-
-/// Columns side by side: a window.
-const WIDTH: usize = 8;
-const WINDOWS: usize = (RINGS + 3).div_ceil(WIDTH);
 
 /// Receivers side by side.
 const LANES: usize = 16;

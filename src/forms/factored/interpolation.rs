@@ -8,7 +8,7 @@ use super::choice::Tuning;
 use super::far_sums::Fill;
 use super::levels::levels;
 use super::ordered_samples::{OrderedSamples, spacing_mm};
-use super::points::FarPoints;
+use super::points::{FarPoints, Row};
 use super::settings::Factored;
 use super::sources::FarRadiosity;
 use super::subset::{Projected, Subset};
@@ -24,9 +24,6 @@ const RECEIVERS: usize = 96;
 /// Spacings that are tried, and how much closer the next one is.
 const TRIALS: usize = 5;
 const CLOSER: (f64, f64) = (0.5, 0.85);
-
-/// Points that something is interpolated from, and their weights.
-pub(super) type Row = Vec<(u32, f64)>;
 
 /// Functions (bit k) that a point takes from others.
 struct Taken {

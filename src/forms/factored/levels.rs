@@ -5,9 +5,8 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::choice::Tuning;
-use super::interpolation::Row;
 use super::ordered_samples::OrderedSamples;
-use super::points::FarPoints;
+use super::points::{FarPoints, Row};
 use super::settings::Factored;
 use super::sources::FarRadiosity;
 use super::subset::{Projected, Subset};
@@ -15,9 +14,6 @@ use crate::medium::profile_basis::{ProfileBasis, Table};
 use crate::scene::Scene;
 use crate::transport::far_field::LANES;
 use crate::transport::receivers::{Group, ProbePoints};
-
-/// Levels of spacing at most.
-pub const MOST_LEVELS: usize = 4;
 
 /// Groups of points that the choice is made on, and points of each.
 const GROUPS: usize = 8;

@@ -8,7 +8,6 @@ use glam::DVec3;
 use translux_format::far_field::FarField;
 
 use super::far_sums::Fill;
-use super::interpolation::Row;
 use crate::error::{Error, Result};
 use crate::forms::projected::references::weights_among;
 use crate::forms::sampled_scene::parts;
@@ -23,6 +22,9 @@ const FIT: Kriging = Kriging::SMOOTH;
 
 /// A part has functions at so many points or more, where it has them: their distance means nothing to a small one.
 const LEAST_POINTS: usize = 64;
+
+/// Points that something is interpolated from, and their weights.
+pub(super) type Row = Vec<(u32, f64)>;
 
 /// Points of the far field.
 pub(super) struct FarPoints {

@@ -1,12 +1,9 @@
 //! Components: transport as coefficients at reference points over a basis of functions of the light. What is stored, and what an
 //! evaluator makes of it.
 
-use std::ops::Range;
-#[cfg(feature = "gpu")]
-use std::sync::Arc;
-
 use glam::DVec3;
 use rayon::prelude::*;
+use std::ops::Range;
 use translux_format::coefficients::decode;
 use translux_format::quantised_lights::{Set, tags};
 use translux_format::{Budget, FormatError};
@@ -14,11 +11,6 @@ use translux_format::{Budget, FormatError};
 use super::digits::{Digit, LANES, Term, products};
 use crate::compress::prediction::Net;
 use crate::error::{Error, Result};
-#[cfg(feature = "gpu")]
-use crate::evaluate::{DeviceEvaluator, device::Device};
-#[cfg(feature = "gpu")]
-use crate::forms::baked_in::BakedIn;
-use crate::forms::baked_in::Stored;
 use crate::forms::projected::references::{ascending_rows, weights};
 use crate::forms::sampled_scene::{oriented, parts};
 use crate::light::Light;
@@ -322,31 +314,6 @@ pub(crate) trait LightBasis: Send + Sync + 'static {
 pub(crate) struct Components<B> {
     pub(crate) basis: B,
     pub(crate) transport: Transport,
-}
-
-impl<B: LightBasis> Stored for Components<B> {
-    type Light = Lit;
-
-    fn light(&self, lights: &[Light]) -> Result<Lit> {
-        self.basis.lit(&self.transport, lights)
-    }
-
-    fn radiosity(&mut self, lit: &Lit, receivers: &Receivers) -> Vec<DVec3> {
-        self.transport.radiosity(lit, receivers)
-    }
-
-    fn stage(&self) -> &'static str {
-        B::STAGE
-    }
-
-    fn bytes(&self) -> usize {
-        self.transport.bytes()
-    }
-
-    #[cfg(feature = "gpu")]
-    fn on_device(evaluator: BakedIn<Self>, device: &Arc<Device>) -> Result<Box<dyn DeviceEvaluator>> {
-        Ok(Box::new(super::gpu::ComponentsOnDevice::new(evaluator, device)?))
-    }
 }
 
 impl SetOfShells {

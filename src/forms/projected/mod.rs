@@ -9,3 +9,4 @@ mod gpu;
 pub mod harmonics;
 pub mod lights;
 pub mod references;
+mod stored;

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::near::{Compact, Facets, Shine};
+use super::compact::{Compact, Facets, Shine};
 use crate::transport::kernel::radial_table::Rgb;
 use crate::transport::near_rule::{PIECE_IS_POINT, THREE_BEYOND, THREE_POINTS, near_square};
 

@@ -7,6 +7,7 @@
 //! left. Weights and lists follow from the geometry alone: any kernel, so any medium, can be summed at once.
 
 mod close;
+mod compact;
 mod kernel;
 mod near;
 mod surface;
@@ -20,7 +21,7 @@ use self::kernel::{NetKernel, PointBlock};
 pub use self::surface::{Quality, SurfaceNets, SurfaceTables};
 pub(crate) use self::weights::Adjoint;
 #[cfg(feature = "gpu")]
-pub(crate) use self::{near::Compact, surface::Part as NetsOfPart};
+pub(crate) use self::{compact::Compact, surface::Part as NetsOfPart};
 use super::close_pairs::ClosePairs;
 use super::interpolation::SharedWeights;
 use crate::geometry::cluster::{self, Run};

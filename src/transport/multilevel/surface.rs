@@ -5,7 +5,8 @@ use std::sync::Arc;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::near::{Compact, Facets, NearSamples, Shine};
+use super::compact::{Compact, Facets, Shine};
+use super::near::NearSamples;
 use super::{FEW, Multilevel, Resolution, Tables};
 use crate::geometry::cluster::Run;
 use crate::geometry::scattered::OrientedPoint;

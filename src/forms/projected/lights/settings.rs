@@ -1,19 +1,12 @@
 //! The settings of `quantised_lights`.
 
-use std::sync::Arc;
-
 use serde::{Deserialize, Serialize};
 
-use super::{bake, evaluate};
-use crate::asset::Asset;
 use crate::error::{Error, Result};
-use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Form};
 use crate::forms::density::Density;
 use crate::forms::projected::references::Spacing;
 use crate::light::quantised::distances::Blend;
 use crate::light::quantised::interpolation::Scheme;
-use crate::progress::Progress;
-use crate::scene::Scene;
 
 /// Directions at most.
 pub const MOST_DIRECTIONS: usize = 2048;
@@ -58,26 +51,4 @@ pub struct QuantisedLights {
     pub lights: LightSetSettings,
     /// Distance between reference points.
     pub spacing: Spacing,
-}
-
-impl Form for QuantisedLights {
-    const NAME: &'static str = "quantised_lights";
-
-    fn validate(&self) -> Result<()> {
-        self.density.validate()?;
-        self.lights.validate()?;
-        self.spacing.validate()
-    }
-
-    fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {
-        bake::memory(self, scene, settings)
-    }
-
-    fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {
-        bake::bake(self, scene, settings, progress)
-    }
-
-    fn open(&self, asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
-        evaluate::open(self, &asset)
-    }
 }
