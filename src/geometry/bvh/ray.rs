@@ -1,4 +1,4 @@
-//! Rays, and what a traversal needs to know about one of them.
+//! Rays, and the data that a traversal derives from one.
 
 use glam::{DVec3, Vec3};
 
@@ -36,7 +36,7 @@ pub fn offset_origin(point: Vec3, geometric_normal: Vec3) -> Vec3 {
     offset_along(point, geometric_normal.as_dvec3().normalize_or_zero())
 }
 
-/// The same with a unit normal.
+/// [`offset_origin`] with a unit normal.
 pub fn offset_along(point: Vec3, unit: DVec3) -> Vec3 {
     let distance = f64::from(32.0 * ROUNDING) * point.as_dvec3().abs().max_element();
     let moved = point.as_dvec3() + unit * distance;
