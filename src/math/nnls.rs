@@ -7,7 +7,8 @@
 /// A gradient below this share of its largest possible value is rounding.
 const NEGLIGIBLE: f64 = 1e-14;
 
-/// What is left of a column beside others, below this share of it, is rounding: the column is one of their sums.
+/// A column's remainder orthogonal to the others below this share of its length is rounding: the column depends on
+/// them.
 const DEPENDENT: f64 = 1e-13;
 
 /// Changes of the free unknowns for each unknown; more than three are never needed, and whatever stands then is a feasible answer.

@@ -5,7 +5,7 @@
 /// A node of a quadrature rule on [-1, 1].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Node {
-    /// Where the integrand is evaluated, in (-1, 1).
+    /// Abscissa at which the integrand is evaluated, in (-1, 1).
     pub position: f64,
     /// Its weight; the weights of a rule sum to 2.
     pub weight: f64,
