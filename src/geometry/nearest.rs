@@ -13,7 +13,7 @@ const LEAF: usize = 4;
 pub struct SurfacePoint {
     /// Position relative to the mesh's origin, mm.
     pub at_mm: DVec3,
-    /// Its triangle.
+    /// Triangle of the point.
     pub triangle: u32,
     /// Weights of the triangle's corners.
     pub weights: [f64; 3],

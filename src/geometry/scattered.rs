@@ -403,7 +403,7 @@ multiversion! {
     fn covariances(places: &Places, numbers: (usize, f64, f64, f64), known: &mut System) => covariances_body
 }
 
-/// Gaussian elimination with row pivots. Whole steps of columns: what is left of a pivot is not read again.
+/// Gaussian elimination with row pivots, in whole steps of columns; columns left of a pivot are not read again.
 #[inline(always)]
 fn solve_body(matrix: &mut System, size: usize, found: &mut Option<[f64; MOST + 1]>) {
     for column in 0..size {
@@ -445,7 +445,7 @@ fn solve_body(matrix: &mut System, size: usize, found: &mut Option<[f64; MOST + 
 }
 
 multiversion! {
-    /// Solves a system of `size` equations; leaves what is found alone where there is no solution.
+    /// Solves a system of `size` equations; leaves `found` as it is where there is no solution.
     fn solve(matrix: &mut System, size: usize, found: &mut Option<[f64; MOST + 1]>) => solve_body
 }
 

@@ -19,7 +19,7 @@ use std::sync::Arc;
 
 /// A light source. Colours are linear sRGB; positions world mm; directions point towards the light.
 ///
-/// The constructors check what they are given and normalise directions; a literal is trusted.
+/// The constructors check their arguments and normalise directions; a literal is trusted.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Light {
     /// The same radiance from every direction.

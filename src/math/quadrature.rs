@@ -138,7 +138,7 @@ fn kronrod(f: &mut impl FnMut(f64) -> f64, a: f64, b: f64) -> (f64, f64) {
     (half * fine, (half * (fine - coarse)).abs())
 }
 
-/// Intervals that [`integrate`] looks at before it accepts what it has.
+/// Intervals after which [`integrate`] accepts the sum reached.
 const MOST_INTERVALS: usize = 50_000;
 
 /// Halvings after which an interval is accepted: its width is then 2^-48 of the whole.

@@ -165,7 +165,7 @@ pub fn random_direction(stage: u64, index: u64) -> DVec3 {
     DVec3::new(r * azimuth.cos(), r * azimuth.sin(), z)
 }
 
-/// A unit vector along `direction`; +Z for the zero vector and what is not finite.
+/// A unit vector along `direction`; +Z for the zero vector and vectors that are not finite.
 pub fn unit(direction: DVec3) -> DVec3 {
     let largest = direction.abs().max_element();
     if direction.is_finite() && largest > 0.0 { (direction / largest).normalize() } else { DVec3::Z }

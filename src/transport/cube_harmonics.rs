@@ -106,7 +106,7 @@ pub struct Product<'a> {
     done: usize,
     /// For each octant, then for each parity: `[texel of the octant][row]`.
     values: [Vec<[f32; BATCH]>; PARITIES],
-    /// `[row][padded member]` of one parity.
+    /// Sums of one parity, `[row][padded member]`.
     sums: Vec<f32>,
 }
 

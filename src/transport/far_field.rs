@@ -28,7 +28,7 @@ pub struct Precision {
     pub opening: f64,
     /// Cells whose details stay below this significance are not opened for their sake.
     pub threshold: f64,
-    /// Details below this significance are dropped; the threshold, or less to see what it drops.
+    /// Details below this significance are dropped: the threshold, or less to measure the error of dropping.
     pub keep: f64,
 }
 
@@ -39,7 +39,7 @@ pub struct Rows {
     pub nodes: Vec<u32>,
     /// Kept basis functions of each coefficient, as bits k.
     pub masks: Vec<u16>,
-    /// `[coefficient][kept k][lane]`.
+    /// Kept details, `[coefficient][kept k][lane]`.
     pub values: Vec<[f32; LANES]>,
     /// Sum of each row, `[lane][k]`.
     pub sums: Vec<f32>,

@@ -53,7 +53,7 @@ const FACET_STEP: f64 = 0.618_033_988_749_894_9;
 /// Rays of each sample that are used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rays {
-    /// All of them.
+    /// All rays.
     All,
     /// The first half, itself well spread.
     FirstHalf,

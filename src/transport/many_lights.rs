@@ -47,7 +47,7 @@ impl RadiosityRows {
     }
 }
 
-/// Receivers that tune the criterion, and others that measure what it costs.
+/// Receivers that tune the criterion, and others that measure its error.
 const TUNING: usize = 96;
 const PROBES: usize = 192;
 
@@ -80,7 +80,7 @@ pub struct ManyLights<'a> {
 }
 
 impl<'a> ManyLights<'a> {
-    /// All pairs until [`Self::tune`]; `areas` are those around the receivers.
+    /// The transfer by all pairs until [`Self::tune`]; `areas` are those around the receivers.
     pub fn new(gather: &'a Gather<'a>, tree: &'a SampleTree, receivers: &'a Receivers, areas: &'a [f64]) -> Self {
         Self { gather, tree, receivers, areas, scheme: Scheme::AllPairs, level: Level::detect() }
     }
@@ -242,14 +242,14 @@ struct Product {
     rows: usize,
     columns: usize,
     lights: usize,
-    /// `[source][row]`.
+    /// Weights of the sources at hand, `[source][row]`.
     weights: Vec<f32>,
     /// Number of sources at hand.
     sources: usize,
-    /// Their light, `[block][source][column of the block]`: rows of it lie a multiple of a page apart, and read where they are
-    /// they would push each other out of the cache.
+    /// Light of the sources at hand, `[block][source][column of the block]`: in place its rows lie a multiple of a page
+    /// apart and would push each other out of the cache.
     light: Vec<[f32; COLUMNS]>,
-    /// `[row][column]`.
+    /// Sums, `[row][column]`.
     sums: Vec<f32>,
 }
 

@@ -84,8 +84,8 @@ impl Corners {
     }
 }
 
-/// The samples, lit or not, that some receiver of each group is near to, whatever the medium; `rule` and `split_mm` are those of the near
-/// field.
+/// The samples, lit or not, that some receiver of each group is near to in any medium; `rule` and `split_mm` are those
+/// of the near field.
 pub fn around(surface: &Surface, receivers: &Receivers, rule: NearField, split_mm: f64) -> ClosePairs {
     ClosePairs::of_samples(surface, receivers, |patch| split_mm.max(rule.three_points_below * patch.radius_mm))
 }

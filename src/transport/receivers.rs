@@ -57,7 +57,7 @@ impl Sphere {
     }
 }
 
-/// Some of many receivers, at which errors are measured or choices made.
+/// A subset of receivers, at which errors are measured or choices made.
 #[derive(Clone, Debug, Default)]
 pub struct ProbePoints {
     /// Index of each among all receivers.

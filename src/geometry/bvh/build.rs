@@ -243,7 +243,7 @@ impl Emitter<'_> {
         }
     }
 
-    /// Writes nodes in the order of a depth-first walk, so that what is visited together lies together.
+    /// Writes nodes in the order of a depth-first walk, so that nodes visited together lie together.
     fn emit(&mut self) {
         // Root, its place in its parent, its depth; a scene of one block still gets a root node.
         let mut stack = vec![(0usize, None::<(usize, usize)>, 1usize)];

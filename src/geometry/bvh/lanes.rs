@@ -13,7 +13,7 @@ pub(super) type Slot = MaybeUninit<u32>;
 /// Instruction set of the traversal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Path {
-    /// Whatever the compiler makes of arrays.
+    /// Arrays, as the compiler vectorises them.
     Portable,
     /// AVX2 and FMA, and the bit instructions that come with them.
     #[cfg(target_arch = "x86_64")]

@@ -97,7 +97,7 @@ impl Bvh {
         packet::closest_many(self.path, &self.tree, rays, out);
     }
 
-    /// Hands over every hit in the open range of the ray, in no particular but a fixed order.
+    /// Calls `visit` with every hit in the open range of the ray, in no particular but a fixed order.
     ///
     /// A ray through an edge or a vertex meets each of the triangles around it.
     pub fn crossings(&self, ray: &Ray, visit: impl FnMut(Hit)) {

@@ -70,7 +70,7 @@ pub(super) trait Visit {
     fn take(&mut self, hit: ExactHit, triangle: u32) -> bool;
 }
 
-/// Any triangle but one.
+/// Visitor that ends at the first hit with any triangle but one.
 pub(super) struct Except(pub u32);
 
 impl Visit for Except {
@@ -84,7 +84,7 @@ impl Visit for Except {
     }
 }
 
-/// Every hit.
+/// Visitor that passes every hit to a function.
 struct Every<F>(F);
 
 impl<F: FnMut(Hit)> Visit for Every<F> {
@@ -104,7 +104,7 @@ pub(super) fn occluded(path: Path, tree: &Tree, query: &Query, skip: u32) -> boo
     any(path, tree, query, &mut Except(skip))
 }
 
-/// Hands over every hit of the ray.
+/// Calls `visit` with every hit of the ray.
 pub(super) fn crossings(path: Path, tree: &Tree, query: &Query, visit: impl FnMut(Hit)) {
     any(path, tree, query, &mut Every(visit));
 }

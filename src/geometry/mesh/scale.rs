@@ -82,7 +82,7 @@ impl Mesh {
     /// diagonal is already within a relative 1e-6 of it stays as it is.
     ///
     /// # Errors
-    /// Command line: a size that is not positive and finite, or outside what a mesh may have; a mesh of no extent.
+    /// Command line: a size that is not positive and finite, or outside the range of a mesh's; a mesh of no extent.
     pub fn resize(&mut self, diagonal_mm: f64) -> Result<f64> {
         let size = positive(diagonal_mm, "--size-mm")?;
         if !(MIN_DIAGONAL_MM..=MAX_DIAGONAL_MM).contains(&size) {

@@ -144,7 +144,7 @@ impl Components {
     }
 
     /// Turns closed components round whose normals all point inwards, unless they lie in another closed component of
-    /// the same medium (then they are its cavities). Counts what it does in `report`.
+    /// the same medium (then they are its cavities). Counts them in `report`.
     pub(crate) fn orient(&mut self, mesh: &mut Mesh, report: &mut RepairReport) {
         if !self.list.iter().any(Component::is_inverted) {
             return;

@@ -165,7 +165,7 @@ fn emitters(light: &Light, centre_mm: DVec3) -> Vec<(DVec3, DVec3)> {
     emission.points.iter().map(intensity).collect()
 }
 
-/// The same radiance from everywhere, as irradiance from the centres of texels.
+/// Constant radiance from all directions, as irradiance from the centres of texels.
 fn everywhere(radiance: DVec3) -> Vec<(DVec3, DVec3)> {
     let side = GATHER_SIDE;
     let angles = solid_angles_sr(side);

@@ -33,7 +33,7 @@ const TOLERANCE: f64 = 1e-11;
 const FIRST_LOOK: f64 = 2.0;
 const NEXT_LOOK: f64 = 0.3;
 
-/// Dimension of a Krylov space at most, over the number of pairs; then it starts anew beside what was found.
+/// Dimension of a Krylov space at most, over the number of pairs; then a new one starts beside the pairs found.
 const MOST_DIMENSION: f64 = 5.0;
 
 /// Krylov spaces of a band at most: every one adds pairs unless the arithmetic has failed.

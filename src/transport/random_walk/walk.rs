@@ -115,7 +115,7 @@ pub enum End {
 /// A photon's end and its scattering events.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Walked {
-    /// Its end.
+    /// End of the photon.
     pub end: End,
     /// Scattering events.
     pub collisions: u64,
