@@ -5,9 +5,9 @@
 //! `M^-1/2 S M^-1/2` has the same eigenvalues and orthogonal eigenvectors.
 //!
 //! - Obtuse triangles give negative weights, which stay. The energy is a sum of that of flat triangles all the same, so
-//! that `S` has no negative eigenvalue, linear functions of a plane stay exact, and eigenvalues converge; clamped
-//! weights give up both, and intrinsic flips change the surface that functions are interpolated on. The maximum
-//! principle is lost: filtered values may leave the range of the values by a little.
+//!   that `S` has no negative eigenvalue, linear functions of a plane stay exact, and eigenvalues converge; clamped
+//!   weights give up both, and intrinsic flips change the surface that functions are interpolated on. The maximum
+//!   principle is lost: filtered values may leave the range of the values by a little.
 //! - A triangle belongs to all its edges, however many others do: edges of three triangles need nothing else.
 //! - At an open boundary nothing flows out (Neumann's condition).
 //! - Triangles whose height is below 1e-6 of their longest edge have no weights; their corners may be connected through others.

@@ -38,8 +38,7 @@ pub struct Kriging {
     pub sources: usize,
     /// Offset of the multiquadric over the distance of the farthest source: the larger, the smoother the values are taken to be.
     pub offset: f64,
-    /// Nugget added to the diagonal of the covariance: variance of each value alone, which also keeps points in one
-    /// place solvable.
+    /// Nugget on the diagonal of the covariance: variance of each value alone; points in one place stay solvable.
     pub ridge: f64,
     /// Sum of the weights' magnitudes above which the ridge is raised.
     pub largest: f64,
@@ -162,8 +161,7 @@ fn distance2(a: &OrientedPoint, b: &OrientedPoint, normal_mm: f64) -> f64 {
     a.at_mm.distance_squared(b.at_mm) + normal_mm * normal_mm * a.normal.distance_squared(b.normal)
 }
 
-/// Squared remoteness by which sources are chosen: the other side of something thin comes last. It is no metric, which
-/// the covariance needs.
+/// Squared remoteness by which sources are chosen, the other side of something thin last; it is no metric.
 fn remoteness2(a: &OrientedPoint, b: &OrientedPoint, normal_mm: f64) -> f64 {
     let opposite = (a.normal.distance_squared(b.normal) - 2.0).max(0.0);
     distance2(a, b, normal_mm) + OPPOSITE * normal_mm * normal_mm * opposite * opposite
@@ -226,8 +224,7 @@ pub struct Weights {
 }
 
 impl Weights {
-    /// Weights of every one of `targets` over the nearest of `sources`, which are about `spacing_mm` apart; none
-    /// without sources.
+    /// Weights of `targets` over the nearest of `sources`, which are about `spacing_mm` apart; none without sources.
     pub fn new(sources: &[OrientedPoint], targets: &[OrientedPoint], spacing_mm: f64, fit: Kriging) -> Self {
         let each = fit.sources.min(MOST);
         if sources.is_empty() || each == 0 {

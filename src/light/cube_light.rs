@@ -20,8 +20,7 @@ const BANDS: usize = 16;
 /// Haar transform of light and transport over a cube map; their dot product is the same in both variants.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Transform {
-    /// Orthonormal on the sphere: light and transport times the square root of the texels' solid angles, which weight
-    /// the transform.
+    /// Orthonormal on the sphere: both times the square root of the texels' solid angles, which weight the transform.
     SolidAngle,
     /// Orthonormal on the texels (Ng et al. 2003; Wang, Tran & Luebke 2005): the transport times the solid angles, the light as
     /// it is.
@@ -75,8 +74,7 @@ pub struct CubeLight {
 }
 
 impl CubeLight {
-    /// The cube map of a constant, directional or environment light in [`Transform::SolidAngle`]; `side` is a power of
-    /// two.
+    /// The cube map of a constant, directional or environment light in [`Transform::SolidAngle`].
     ///
     /// Every pixel's energy is conserved: it is cut in pieces, and each piece goes to one texel.
     ///

@@ -206,8 +206,7 @@ impl Light {
     }
 }
 
-/// Refuses lights that ask for a source radiance field, for callers that cast rays: they are not silently sampled in
-/// another way.
+/// Refuses lights with a source radiance field, so that casting rays does not silently replace the field.
 ///
 /// # Errors
 /// A light with a source radiance field (exit 5).

@@ -1,5 +1,4 @@
-//! A rectangle seen from a point, as a cube map: the share of each texel's solid angle that it fills, as Haar
-//! coefficients.
+//! A rectangle seen from a point, as a cube map: the share that it fills of each texel's solid angle, Haar transformed.
 //!
 //! Coverage is exact up to the variation of solid angle inside a texel: the rectangle is clipped to each face's pyramid, and the
 //! polygon on the face to every texel that its edges cross.

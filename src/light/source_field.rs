@@ -3,16 +3,15 @@
 //!
 //! At points of concentric spheres around the rectangle the field holds a cube map of the radiance that arrives there,
 //! as sparse Haar coefficients. A place between them interpolates eight maps, and the product with an irradiance row is
-//! a sparse dot product for each: the light may move, grow, shrink and change its radiance without a ray or a new
-//! field.
+//! a sparse dot product for each: the light may move, change size and radiance without a ray or a new field.
 //!
 //! - The points lie over the half space in front (behind, a one-sided rectangle is dark): a square grid on the octahedral map of the
 //!   hemisphere, on spheres whose radii grow by the square root of 2. The innermost has that many half diagonals; nearer places get
 //!   their own map instead of an interpolated one, which is exact, and where the rectangle fills much of it takes as long as a hundred
 //!   shadow rays. Beyond the outermost, where the rectangle is smaller than a texel, the map is that of the outermost.
 //! - A map is held over its solid angle, and the interpolated product is multiplied by the exact solid angle of the
-//! place: interpolation errs in directions alone. That halves the error of the irradiance or better (`16 x 16` points
-//! on a hemisphere: 0.7 to 1.0 % in place of 1.5 to 2.1 %; 32 x 32: 0.2 to 0.5 %; unoccluded, normals up to grazing).
+//!   place: interpolation errs in directions alone. That halves the error of the irradiance or better (`16 x 16` points
+//!   on a hemisphere: 0.7 to 1.0 % in place of 1.5 to 2.1 %; 32 x 32: 0.2 to 0.5 %; unoccluded, normals up to grazing).
 //! - The maps are in world axes, as rows are. A turned rectangle is another field.
 
 use glam::DVec3;
@@ -59,8 +58,7 @@ enum Place {
 }
 
 impl SourceField {
-    /// The field of a rectangle, with cube maps of `side` texels along an edge and `points` steps along an edge of the
-    /// grid of points.
+    /// The field of a rectangle: cube maps of `side` texels and a grid of `points` steps along an edge.
     ///
     /// # Errors
     /// A side that is no power of two, or points out of range (exit 5).

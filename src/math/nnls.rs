@@ -7,8 +7,7 @@
 /// A gradient below this share of its largest possible value is rounding.
 const NEGLIGIBLE: f64 = 1e-14;
 
-/// A column's remainder orthogonal to the others below this share of its length is rounding: the column depends on
-/// them.
+/// A column's part orthogonal to the others is rounding below this share of its length: the column depends on them.
 const DEPENDENT: f64 = 1e-13;
 
 /// Changes of the free unknowns for each unknown; more than three are never needed, and the result then is feasible.

@@ -134,8 +134,7 @@ impl SphericalDelaunay {
         [a.cross(b).dot(direction), b.cross(c).dot(direction), c.cross(a).dot(direction)]
     }
 
-    /// Walks from the triangle `at` to the one that holds `direction`, each time across the edge that is most in the
-    /// way.
+    /// Walks from the triangle `at` to the one that holds `direction`, across the edges that are most in the way.
     fn walk(&self, mut at: usize, direction: DVec3) -> usize {
         for _ in 0..self.triangles.len() {
             let sides = self.sides(at, direction);

@@ -138,8 +138,7 @@ impl<'a> Gather<'a> {
         lit.clusters.iter().map(|cluster| (cluster.centre_mm, lit.light.scaled(cluster.flux)))
     }
 
-    /// Sources that each group of receivers gathers from under a scheme, in the order in which [`Self::radiosity`] sums
-    /// them.
+    /// Sources of each group of receivers under a scheme, in the order in which [`Self::radiosity`] sums them.
     pub fn sources(&self, receivers: &Receivers, lit: &Lit, scheme: Scheme) -> Vec<Vec<Source>> {
         let of_group = |group: &Group| {
             let mut sources = Vec::new();

@@ -57,8 +57,7 @@ impl LightSampling {
 
     /// The sampling of the truth.
     pub const REFERENCE: Self = Self { points_per_patch: 16, directions: 512, area_side: 16 };
-    /// Sampling that resolves shadow boundaries to a quarter of a patch and soft light to about 1 % for each patch,
-    /// which scattering averages.
+    /// Shadow boundaries within a quarter of a patch, soft light within about 1 % a patch, which scattering averages.
     pub const FAST: Self = Self { points_per_patch: 4, directions: 256, area_side: 8 };
 
     /// Pieces of a patch that a shadow boundary crosses.

@@ -132,8 +132,7 @@ pub(super) type Row = [f32; LANES];
 struct SeenTriangle {
     /// Squared heights of the receivers over the planes, mm^2.
     height2: Row,
-    /// For each edge, signed distance of its line from the receiver's foot, coordinate of its start along it, and
-    /// length, mm.
+    /// For each edge: signed distance of its line from the receiver's foot, coordinate of its start, length, mm.
     pedals: [Row; 3],
     starts: [Row; 3],
     lengths: [Row; 3],

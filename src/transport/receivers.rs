@@ -1,5 +1,4 @@
-//! The points where radiosity is gathered: one receiver for each welded vertex that a part uses, in groups that lie
-//! close together.
+//! Points where radiosity is gathered: a receiver for each welded vertex of a part, in groups that lie close together.
 
 use std::collections::BTreeMap;
 

@@ -9,9 +9,8 @@ use crate::geometry::samples::Patch;
 
 /// Irradiance of every sample, RGB, and of the pieces of those that are not lit evenly, brought into the range of single precision.
 ///
-/// All sums over samples take light from here and give radiosity back through [`SampleLight::radiosity`]. A factor for
-/// each point of the surface belongs to these two ends: that of a sample on its irradiance, that of a receiver on its
-/// sum.
+/// All sums over samples take light from here and give radiosity back through [`SampleLight::radiosity`]. Factors for
+/// each point of the surface belong to these two ends: of a sample on its irradiance, of a receiver on its sum.
 #[derive(Clone, Copy)]
 pub struct SampleLight<'a> {
     irradiance: &'a [DVec3],

@@ -89,7 +89,7 @@ impl Bvh {
         traverse::closest(self.path, &self.tree, &query)
     }
 
-    /// [`Self::closest`] for each ray, to the bit; faster where neighbours in the slice are alike (the eye rays of a
+    /// [`Self::closest`] for each ray, to the bit; faster where neighbours in the slice are alike (eye rays of a
     /// pixel).
     ///
     /// Answers as many rays as the shorter of the two slices holds.

@@ -37,8 +37,7 @@ impl<L: Lanes> Wide<L> {
         }
     }
 
-    /// Bits of the boxes, of eight, that the ray may meet between `t_min` and `t_max`, and its distances where it
-    /// enters them.
+    /// Bits of the boxes, of eight, that the ray may meet between `t_min` and `t_max`, and the entry distances.
     #[inline(always)]
     fn boxes(&self, planes: &[[f32; WIDTH]; 6], t_min: L::V, t_max: L::V) -> (u32, L::V) {
         let enter = L::max(self.near(planes, 0), L::max(self.near(planes, 1), L::max(self.near(planes, 2), t_min)));

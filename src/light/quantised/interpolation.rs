@@ -221,8 +221,7 @@ impl Interpolator {
         total
     }
 
-    /// Number of functions of the direction in which the weights of a smooth scheme are linear; 0 for the local
-    /// schemes.
+    /// Number of functions of the direction in which a smooth scheme's weights are linear; 0 for the local schemes.
     pub fn functions(&self) -> usize {
         self.functions
     }

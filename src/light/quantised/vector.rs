@@ -139,8 +139,7 @@ impl Emission {
         Some(Self { normal: *normal, points })
     }
 
-    /// Irradiance that a place (mm) gets from the rectangle, over that if the cosine of each point were that towards
-    /// the centre.
+    /// Irradiance at a place (mm) from the rectangle, over that with each point's cosine as towards the centre.
     pub fn ratio(&self, at_mm: DVec3) -> f64 {
         let (mut seen, mut assumed) = (0.0, 0.0);
         for (point, area_mm2, cosine) in &self.points {

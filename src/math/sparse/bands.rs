@@ -77,8 +77,7 @@ pub struct Found {
     pub pairs: usize,
     /// Largest `|A v - lambda v|` over the largest eigenvalue asked for.
     pub residual: f64,
-    /// Largest scalar product of two vectors of a band or of neighbouring bands, or deviation of a squared length from
-    /// 1.
+    /// Largest scalar product of two vectors of a band or of neighbouring bands, or error of a squared length.
     pub orthogonality: f64,
 }
 

@@ -92,8 +92,7 @@ pub(super) fn add_products(blocks: &[&[Row]], factors: &[Small], sign: f64, b: &
     });
 }
 
-/// Projects `b` off the span of orthonormal blocks, twice, so that rounding leaves nothing; returns the sum of both
-/// shares.
+/// Projects `b` off the span of orthonormal blocks, twice against rounding; returns the sum of both times' shares.
 pub(super) fn orthogonalise(blocks: &[&[Row]], b: &mut [Row]) -> Vec<Small> {
     let mut shares = products(blocks, b);
     add_products(blocks, &shares, -1.0, b);

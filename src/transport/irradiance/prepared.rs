@@ -26,8 +26,7 @@ pub(super) enum Prepared<'a> {
 /// Directions of one stratum of an environment.
 pub(super) struct StratumRays {
     pub(super) candidates: Vec<Candidate>,
-    /// Points of a patch that look there: all for a bright stratum, as a sun's shadow is as sharp as a directional
-    /// light's.
+    /// Points of a patch that look there: all for a bright stratum, whose shadow may be as sharp as a sun's.
     pub(super) points: PointsUsed,
 }
 

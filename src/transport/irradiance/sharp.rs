@@ -168,8 +168,7 @@ impl Sharp {
     }
 }
 
-/// Samples that a shadow boundary of a sharp light crosses, with the irradiance of each of their pieces less the
-/// sample's.
+/// Samples that a shadow boundary of a sharp light crosses, with the irradiance of each piece less the sample's.
 #[derive(Clone, Debug, Default)]
 pub struct Pieces {
     /// Position of each sample's pieces in `deviations`; `u32::MAX` for samples that are lit evenly.

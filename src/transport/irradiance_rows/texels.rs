@@ -131,8 +131,7 @@ impl<'a> TexelBaker<'a> {
         self.grid.side
     }
 
-    /// Calls `each` with the rows of some samples in their order, on one thread; a row does not depend on how ranges
-    /// are cut.
+    /// Calls `each` with the rows of some samples in their order, on one thread; a row does not depend on the range.
     pub fn visit(&self, samples: Range<usize>, mut each: impl FnMut(usize, &TexelRow)) {
         let (mesh, all) = (self.surface.domain.mesh, self.surface.samples);
         let first = samples.start;

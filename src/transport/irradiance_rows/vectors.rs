@@ -57,8 +57,7 @@ impl SparseRows {
         (&self.places[range.clone()], &self.values[range])
     }
 
-    /// Appends a row of the `most` largest of some coefficients, given by place; zeros are left out, and of equal ones
-    /// the first stay.
+    /// Appends a row of the `most` largest of some coefficients, by place, without zeros; of equals the first stay.
     fn push(&mut self, coefficients: &mut Vec<(u16, f32)>, most: usize) {
         coefficients.retain(|(_, value)| *value != 0.0);
         if coefficients.len() > most {

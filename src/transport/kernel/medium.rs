@@ -62,8 +62,7 @@ impl MediumKernel {
         }
     }
 
-    /// The kernel of a medium with other profiles, over an object in which no two points are further apart than
-    /// `reach_mm`.
+    /// The kernel of a medium with other profiles, over an object whose points are at most `reach_mm` apart.
     ///
     /// # Errors
     /// As [`LoadedProfile::channels`].

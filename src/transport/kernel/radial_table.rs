@@ -33,8 +33,7 @@ const SHORT_STEP: f32 = 0.125;
 /// Rules for edges up to a length over the scale on which R_d is smooth: tables err more than any of them.
 static RULES: [EdgeRule; 3] = [(2.0, &GAUSS_8), (20.0, &GAUSS_12), (f32::INFINITY, &GAUSS_24)];
 
-/// Widest instructions in use: with wider ones compilers gather from the table where single loads are five times as
-/// fast.
+/// Widest instructions used: with wider ones compilers gather from the table, five times as slowly as by single loads.
 pub(crate) const WIDEST: Level = Level::Avx2;
 
 /// RGB and nothing.
@@ -154,8 +153,7 @@ impl<const BITS: u32> RadialTable<2, BITS> {
 }
 
 impl SmoothTable {
-    /// Tabulates `value`, a function of channel and squared distance (mm^2) that is smooth on a scale (mm), up to a
-    /// reach, mm.
+    /// Tabulates `value` over channel and squared distance (mm^2), smooth on a scale (mm), up to a reach, mm.
     pub(in crate::transport) fn new(scale_mm: f64, reach_mm: f64, value: impl Fn(usize, f64) -> f64) -> Self {
         let (table, nodes) = Self::empty(scale_mm, reach_mm * reach_mm);
         let values = [0, 1, 2].map(|c| nodes.iter().map(|&r2| finite(value(c, r2))).collect::<Vec<f64>>());
@@ -221,8 +219,7 @@ impl LinearTable {
 }
 
 impl QuadraticTable {
-    /// Tabulates `value`, a function of channel and squared distance (mm^2) that is smooth on a scale (mm), up to
-    /// `end_mm2`.
+    /// Tabulates `value` over channel and squared distance (mm^2), smooth on a scale (mm), up to `end_mm2`.
     pub fn new(scale_mm: f64, end_mm2: f64, value: impl Fn(usize, f64) -> f64) -> Self {
         let (table, nodes) = Self::empty(scale_mm, end_mm2);
         let segment = |pair: &[f64]| {

@@ -1,5 +1,4 @@
-//! The inner loop between the points of a net: a kernel softened inside a radius, less the kernel softened inside twice
-//! that.
+//! The inner loop between the points of a net: a kernel softened inside a radius, less that softened inside its double.
 
 use crate::math::simd::{Level, multiversion};
 use crate::medium::profile::Profile;
@@ -96,8 +95,7 @@ multiversion! {
     fn smooth(block: &mut PointBlock, table: &SmoothTable, sources: &[u32], values: (&[[f32; 3]], &[Rgb])) => smooth_body
 }
 
-/// Adds `charge K(|x - at|)` of every source, given by its index among positions (mm) and charges, to every point of a
-/// block.
+/// Adds `charge K(|x - at|)` of the sources, indices among positions (mm) and charges, to every point of a block.
 pub(super) fn add_smooth(
     level: Level,
     block: &mut PointBlock,

@@ -1,5 +1,4 @@
-//! The adjoint of interpolation: values at many points, weighted, are summed at the few that these are interpolated
-//! from.
+//! The adjoint of interpolation: values at many points, weighted, are summed at the few that interpolate them.
 
 use rayon::prelude::*;
 

@@ -134,8 +134,7 @@ pub struct Budget {
     pub left_once: f64,
     /// Flux that left after several scattering events.
     pub left_more: f64,
-    /// Flux that was found outside without having left: openings and rounding. It counts in no other field but
-    /// `entered`.
+    /// Flux that was found outside without having left: openings and rounding. Otherwise it counts in `entered` only.
     pub lost: f64,
     /// Flux that total reflection keeps inside for good.
     pub trapped: f64,

@@ -48,7 +48,7 @@ fn exponential(xi: f64, rate: f64, cut: f64) -> f64 {
     -(-xi * cut).ln_1p() / rate
 }
 
-/// Samples at `positions` in (0, 1) of the integral over s from 0 to `reach_mm` (which may be infinite). Empty without
+/// Samples at `positions` in (0, 1) of the integral over s from 0 to `reach_mm` (may be infinite). Empty without
 /// extinction.
 pub fn sampled(
     optics: &Optics,
@@ -146,8 +146,7 @@ impl Mixture {
         self.used().map(|(rate, cut)| share(rate, s) / cut).sum::<f64>() / self.count
     }
 
-    /// The distance below which the fraction `xi` lies: between those of the single exponentials, by bisection with
-    /// Newton's steps.
+    /// Distance below which the fraction `xi` lies: between those of the exponentials, by bisection and Newton's steps.
     fn invert(&self, xi: f64) -> f64 {
         let ends = self.used().map(|(rate, cut)| exponential(xi, rate, cut));
         let (mut low, mut high) = ends.fold((f64::INFINITY, 0.0f64), |(l, h), s| (l.min(s), h.max(s)));

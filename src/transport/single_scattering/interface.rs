@@ -11,8 +11,7 @@ pub enum Form {
     /// reciprocal, and no energy is gained.
     #[default]
     Physical,
-    /// The integrand as printed, without that change: 2.4 times as bright at eta = 1.3, 3.4 times at 1.5. For the
-    /// paper's figures.
+    /// The integrand as printed, without it, for the paper's figures: 2.4 times as bright at eta = 1.3, 3.4 at 1.5.
     Printed,
 }
 

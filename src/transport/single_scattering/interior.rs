@@ -24,8 +24,7 @@ pub enum Crossings {
 /// Coefficients that an evaluation takes from a medium.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Coefficients {
-    /// Reduced coefficients `sigma_s'`, `sigma_t'` with an isotropic phase function: similarity theory; exact for g =
-    /// 0.
+    /// Reduced `sigma_s'`, `sigma_t'` with an isotropic phase function: similarity theory; exact for g = 0.
     #[default]
     Reduced,
     /// Coefficients `sigma_s`, `sigma_t` with the phase function of the medium's g.

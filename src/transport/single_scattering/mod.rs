@@ -8,8 +8,7 @@
 //! the length `s_i'` and by G, which is exact for a flat surface and distant light, and no truth about glass marbles.
 //!
 //! - [`radiance`]: under lights, towards an eye or along the inverse normal, by random or by the paper's deterministic samples.
-//! - [`vectors`]: for each texel of a cube map, the radiance that its light adds; the all-frequency method compresses
-//! them.
+//! - [`vectors`]: the radiance that light of each texel of a cube map adds, which the all-frequency method compresses.
 //! - [`plane`]: closed forms.
 //!
 //! The quantity per vertex, in the unit of radiosity, is `s = pi C L1 / F_t(w_o)`, so that `F_t(w_o) s / (pi C)` is the

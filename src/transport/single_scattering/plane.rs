@@ -1,5 +1,4 @@
-//! Single scattering of a half space and a slab in closed form (Hanrahan and Krueger 1993), against which everything
-//! else is tested.
+//! Single scattering of a half space and a slab in closed form (Hanrahan and Krueger 1993), to test the rest against.
 
 use std::f64::consts::{FRAC_1_PI, TAU};
 

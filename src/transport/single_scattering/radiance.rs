@@ -199,8 +199,7 @@ impl<'a> SingleScattering<'a> {
         transmittance(eta, point.normal.dot(to_eye)) * self.before_exit(point, optics, along, towards_eye, draw)
     }
 
-    /// The quantity `s = pi C L1 / F_t(w_o)` along the inverse normal, seen from straight above, RGB, in the unit of
-    /// radiosity.
+    /// `s = pi C L1 / F_t(w_o)` along the inverse normal, seen from straight above, RGB, in the unit of radiosity.
     pub fn per_point(&self, point: &ExitPoint, key: u64) -> DVec3 {
         let Some(optics) = self.interior.optics(point.part) else { return DVec3::ZERO };
         let factor = radiosity_factor(optics.eta_inside_over_outside);

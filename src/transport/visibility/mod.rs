@@ -1,5 +1,4 @@
-//! Visibility from a point of the surface: one bit for each sub-texel of a cube map above its horizon, as by one ray
-//! each.
+//! Visibility from a point of the surface: one bit, as by one ray, for each sub-texel of a cube map above its horizon.
 //!
 //! The number of triangles in a direction changes only across edges, by the sum of what the edge's triangles change: 2
 //! or 0 where two triangles meet (0 unless they face the point differently), 1 at a boundary, anything where more meet.
@@ -227,8 +226,7 @@ impl Walk<'_> {
         }
     }
 
-    /// Sets the bits of a ring above the horizon, and those that see: where the count is least, if a ray there meets
-    /// nothing.
+    /// Sets the bits of a ring: above the horizon, and seen (where the count is least, if a ray there meets nothing).
     fn bits(&mut self, ring: &Ring, view: &View, least: i16, observer: &Observer) {
         let (side, count) = (self.visible.resolution.side(), self.visible.resolution.words());
         let mut free = false;

@@ -1,5 +1,4 @@
-//! Rays at the corners of cells of a cube map; cells are cut where their corners disagree, texels are interpolated
-//! inside.
+//! Rays at the corners of cells of a cube map; cells are cut where corners disagree, texels are interpolated inside.
 
 use glam::{DVec3, Vec3};
 
@@ -157,8 +156,7 @@ impl Adaptive<'_> {
         self.prober.settings.phase == LightTerms::Isotropic
     }
 
-    /// Traces all corners and lists all cells of the coarsest size; the depths of one direction together, as their rays
-    /// are alike.
+    /// Traces all corners and lists all cells of the coarsest size; depths of one direction together (rays are alike).
     fn first(&self, size: usize, memory: &mut Memory) {
         let grid = self.grid;
         let depths = self.line.depths.len();

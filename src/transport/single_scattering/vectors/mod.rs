@@ -32,8 +32,7 @@
 //! The remaining error is roughness along the path under a small light: each of six Gauss points meets another facet,
 //! fold or shadow. Ways to lessen it that were tried, marble, Grace cathedral, the sky with a sun, mean of the suns: 12
 //! depths and a tolerance of 0.1, 2.5 times as long: 2.5, 5, 1.6 %; 8 depths, 1.3 times as long: 3.0, 5.4, 2.1 %; a
-//! tolerance of
-//! 0.1, 1.5 times as long: 2.4, 4.8, 1.6 %. Before the projection, each of 16 suns as large as a texel, against 64
+//! tolerance of 0.1, 1.5 times as long: 2.4, 4.8, 1.6 %. Before the projection, 16 suns as large as a texel, against 64
 //! unshared samples: 3.1 %; 12 and 24 depths with a tolerance of 0.02, 7 and 12 times as long: 1.7 and 1.3 %; the
 //! paper's 16: 1.2 %. Texels cut in four where their corners disagree, 1.7 times as long: 2.8 % (a sky with a bare sun
 //! 3.0 to 1.7 %, which harmonics do not resolve). Shadow boundaries found between two depths by halving: no change, as
