@@ -24,10 +24,10 @@ pub fn triangle_in_balls(corners: [DVec3; 3], squared_radii: &[f64]) -> impl Ite
 
 /// An edge as the foot of the perpendicular sees it, mm.
 struct Edge {
-    /// Distance of its line, and on which side the foot is.
+    /// Distance of the edge's line from the foot, and the side of the line, 1 or -1, on which the foot is.
     distance: f64,
     side: f64,
-    /// Along the line, and the angles there.
+    /// Coordinates of the ends along the line, and their angles seen from the foot, in radians.
     ends: [f64; 2],
     angles: [f64; 2],
 }
@@ -67,7 +67,7 @@ impl Edge {
 mod tests {
     use super::*;
 
-    /// The same by midpoints of small triangles.
+    /// Area and moment inside a ball, as sums over midpoints of small triangles.
     fn by_points([a, b, c]: [DVec3; 3], square: f64) -> [f64; 2] {
         const SIDE: usize = 400;
         let cell = 0.5 * (b - a).cross(c - a).length() / (SIDE * SIDE) as f64;

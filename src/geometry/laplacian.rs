@@ -4,10 +4,10 @@
 //! The stiffness `S` is positive semi-definite, `M` the diagonal of the masses: `M^-1 S` is minus the Laplace-Beltrami operator, and
 //! `M^-1/2 S M^-1/2` has the same eigenvalues and orthogonal eigenvectors.
 //!
-//! - Obtuse triangles give negative weights, which stay. The energy is a sum of that of flat triangles all the same, so that `S` has no
-//!   negative eigenvalue, linear functions of a plane stay exact, and eigenvalues converge; clamped weights give up both, and intrinsic
-//!   flips change the surface that functions are interpolated on. What is lost is the maximum principle: filtered values may leave the
-//!   range of the values by a little.
+//! - Obtuse triangles give negative weights, which stay. The energy is a sum of that of flat triangles all the same, so
+//!   that `S` has no negative eigenvalue, linear functions of a plane stay exact, and eigenvalues converge; clamped
+//!   weights give up both, and intrinsic flips change the surface that functions are interpolated on. The maximum
+//!   principle is lost: filtered values may leave the range of the values by a little.
 //! - A triangle belongs to all its edges, however many others do: edges of three triangles need nothing else.
 //! - At an open boundary nothing flows out (Neumann's condition).
 //! - Triangles whose height is below 1e-6 of their longest edge have no weights; their corners may be connected through others.
@@ -42,8 +42,8 @@ pub struct Laplacian {
 }
 
 impl Laplacian {
-    /// Of triangles over `vertices` vertices, each with its corners in the same order, mm. Triangles that name a vertex twice or one
-    /// that is not there are left out.
+    /// The Laplacian of triangles over `vertices` vertices, each with the positions of its corners, mm. Triangles that
+    /// name a vertex twice or one that is not there are left out.
     pub fn new(vertices: usize, triangles: impl Iterator<Item = ([u32; 3], [DVec3; 3])>) -> Self {
         let mut mass = vec![0.0; vertices];
         let mut pairs = Vec::new();
@@ -86,7 +86,7 @@ impl Laplacian {
         self.vertex.len()
     }
 
-    /// Whether there are none.
+    /// True if there are no nodes.
     pub fn is_empty(&self) -> bool {
         self.vertex.is_empty()
     }
@@ -106,8 +106,8 @@ impl Laplacian {
         self.node.iter().map(|n| of_nodes.get(*n as usize).copied().unwrap_or(other)).collect()
     }
 
-    /// `(1 - t Laplace)^-1` of values of the nodes, `t` in mm^2: a low pass whose response at the eigenvalue lambda is
-    /// `1 / (1 + t lambda)`. Starts from what `values` holds.
+    /// Writes `(1 - t Laplace)^-1` of values `of` the nodes to `values`, `t` in mm^2: a low pass whose response at the
+    /// eigenvalue lambda is `1 / (1 + t lambda)`. The iteration starts from the content of `values`.
     pub fn diffused(&self, t_mm2: f64, of: &[[f64; 3]], values: &mut [[f64; 3]], tolerance: f64) -> Solved {
         resolvent::solve((&self.mass_mm2, &self.stiffness), t_mm2, of, values, tolerance)
     }

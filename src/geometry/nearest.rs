@@ -11,13 +11,13 @@ const LEAF: usize = 4;
 /// A point of a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfacePoint {
-    /// Where, relative to the mesh's origin, mm.
+    /// Position relative to the mesh's origin, mm.
     pub at_mm: DVec3,
-    /// Its triangle.
+    /// Triangle of the point.
     pub triangle: u32,
     /// Weights of the triangle's corners.
     pub weights: [f64; 3],
-    /// How far it is from the point that asked, mm.
+    /// Distance from the query point, mm.
     pub distance_mm: f64,
 }
 
@@ -46,7 +46,7 @@ impl Node {
 }
 
 impl<'a> NearestPoint<'a> {
-    /// On these triangles.
+    /// A search over these triangles.
     pub fn new(mesh: &'a Mesh, triangles: impl IntoIterator<Item = u32>) -> Self {
         let mut order: Vec<u32> = triangles.into_iter().filter(|&t| (t as usize) < mesh.triangles.len()).collect();
         let centre = |t: u32| mesh.corners_local_mm(t).iter().sum::<DVec3>() / 3.0;

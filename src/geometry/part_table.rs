@@ -17,7 +17,7 @@ pub struct PartEntry {
 }
 
 impl PartEntry {
-    /// Whether light enters it.
+    /// True if light enters the part.
     pub fn transfers(&self) -> bool {
         self.medium.is_some()
     }
@@ -33,8 +33,8 @@ pub struct PartTable {
 }
 
 impl PartTable {
-    /// From names and media; areas and counts follow from the mesh. `triangle_part` must be as long as the mesh has
-    /// triangles; entries beyond the parts belong to none.
+    /// The table of parts with these names and media; areas and counts follow from the mesh. `triangle_part` has one
+    /// entry for each triangle; entries beyond the parts belong to none.
     pub fn new(mesh: &Mesh, triangle_part: Vec<u32>, parts: Vec<(String, Option<u32>)>) -> Self {
         let mut parts: Vec<PartEntry> = parts
             .into_iter()
@@ -49,14 +49,14 @@ impl PartTable {
         Self { triangle_part, parts }
     }
 
-    /// Of the same mesh in another size.
+    /// The table of the same mesh scaled by `factor`.
     #[must_use]
     pub fn scaled(mut self, factor: f64) -> Self {
         self.parts.iter_mut().for_each(|part| part.area_mm2 *= factor * factor);
         self
     }
 
-    /// From the analysis of a mesh.
+    /// The table of the parts that the analysis of a mesh found.
     pub fn of(mesh: &Mesh, parts: &Parts) -> Self {
         let medium = |role: Role| match role {
             Role::Medium(medium) => Some(medium),

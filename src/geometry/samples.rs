@@ -133,7 +133,7 @@ enum Content {
     Facet(Facet),
 }
 
-/// Whether a node is cut by its area or before all others.
+/// Urgency of cutting a node: by its area, or before all others.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Urgency {
     ByArea,
@@ -277,7 +277,7 @@ impl Subdivision {
     }
 }
 
-/// What the clustering needs of a triangle.
+/// A triangle as the clustering sees it.
 #[derive(Clone, Copy)]
 struct Triangle {
     centroid: DVec3,
@@ -355,7 +355,7 @@ fn area_median(order: &mut [u32], total: f64, triangles: &[Triangle]) -> usize {
     (low + 1).clamp(1, order.len() - 1)
 }
 
-/// Where a patch lies, derived from its facets.
+/// Centroid, size and normal of a patch, derived from its facets.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Patch {
     /// Area-weighted centroid relative to the mesh's origin, mm.

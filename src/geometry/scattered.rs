@@ -1,10 +1,11 @@
 //! Interpolation of scattered data on a surface: reference points, a subset of a set of oriented points with a spacing, in nested
 //! levels, and the weights that interpolate smooth values from them.
 //!
-//! Distance is `|x - y|^2 + (NORMAL spacing |n - m|)^2`; of sources, those whose normals point the other way come last, so that
-//! the two sides of something thin do not mix. Weights are those of local kriging with a multiquadric, which reproduces constants: from ten points they err by half of what barycentric
-//! weights of three do (closed bunny in marble, 12 % of the vertices: 0.23 against 0.50 % of full scale). Everything
-//! follows from the points alone, by additions, multiplications, divisions and square roots: a reader computes the same.
+//! The squared distance is `|x - y|^2 + (NORMAL spacing |n - m|)^2`; sources whose normals point the other way come
+//! last, so that the two sides of something thin do not mix. Weights are those of local kriging with a multiquadric,
+//! which reproduces constants: from ten points they err by half as much as barycentric weights of three (closed bunny
+//! in marble, 12 % of the vertices: 0.23 against 0.50 % of full scale). Everything follows from the points alone, by
+//! additions, multiplications, divisions and square roots: a reader computes the same.
 
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
@@ -27,31 +28,31 @@ pub struct OrientedPoint {
 /// Weight of a difference of normals against one of position, in spacings.
 const NORMAL: f64 = 0.5;
 
-/// How much more normals count that are more than a right angle apart.
+/// Weight of the extra remoteness of normals more than a right angle apart.
 const OPPOSITE: f64 = 8.0;
 
-/// How values are interpolated from sources.
+/// Settings of the kriging interpolation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Kriging {
     /// Sources of a target, at most [`MOST`].
     pub sources: usize,
     /// Offset of the multiquadric over the distance of the farthest source: the larger, the smoother the values are taken to be.
     pub offset: f64,
-    /// Added to the diagonal: what values have of their own, and what gives points in one place a solution.
+    /// Nugget on the diagonal of the covariance: variance of each value alone; points in one place stay solvable.
     pub ridge: f64,
-    /// Sum of the weights' magnitudes above which more is added to the diagonal.
+    /// Sum of the weights' magnitudes above which the ridge is raised.
     pub largest: f64,
 }
 
 impl Kriging {
-    /// For values that may have edges.
+    /// Settings for values that may have edges.
     pub const RADIOSITY: Self = Self { sources: 10, offset: 1.0, ridge: 1e-4, largest: f64::INFINITY };
-    /// For values that are as smooth in space as a softened kernel: they are followed off the surface that the sources are on, which is
-    /// rougher than their spacing on a scan.
+    /// Settings for values as smooth in space as a softened kernel: they are followed off the surface of the sources,
+    /// which on a scan is rougher than their spacing.
     pub const SMOOTH: Self = Self { sources: 32, offset: 2.5, ridge: 1e-7, largest: 8.0 };
 }
 
-/// Most that is added to the diagonal for the sake of small weights.
+/// Largest ridge that is tried for the sake of small weights.
 const MOST_RIDGE: f64 = 1e-4;
 
 /// Seed of the order in which points are tried.
@@ -109,7 +110,7 @@ impl Grid {
         self.cells.entry(self.cell(at)).or_default().push(index);
     }
 
-    /// Whether there is such a point in the cell of `at` or in one beside it.
+    /// True if there is such a point in the cell of `at` or in one beside it.
     fn any_beside(&self, at: DVec3, is_such: impl Fn(u32) -> bool) -> bool {
         let Cell(x, y, z) = self.cell(at);
         OUTWARD.iter().any(|[dx, dy, dz]| {
@@ -137,7 +138,7 @@ impl Grid {
     }
 }
 
-/// Cells of a cube of three on either side, the middle one first: whoever looks for any point near another finds it there.
+/// Cells of a cube of three on either side, the middle one first, where a near point is found soonest.
 const OUTWARD: [[i64; 3]; 27] = {
     let mut cells = [[0; 3]; 27];
     let (mut next, mut apart) = (0, 0);
@@ -160,7 +161,7 @@ fn distance2(a: &OrientedPoint, b: &OrientedPoint, normal_mm: f64) -> f64 {
     a.at_mm.distance_squared(b.at_mm) + normal_mm * normal_mm * a.normal.distance_squared(b.normal)
 }
 
-/// What sources are chosen by: the other side of something thin comes last. The covariance needs a metric, which this is not.
+/// Squared remoteness by which sources are chosen, the other side of something thin last; it is no metric.
 fn remoteness2(a: &OrientedPoint, b: &OrientedPoint, normal_mm: f64) -> f64 {
     let opposite = (a.normal.distance_squared(b.normal) - 2.0).max(0.0);
     distance2(a, b, normal_mm) + OPPOSITE * normal_mm * normal_mm * opposite * opposite
@@ -173,7 +174,7 @@ pub fn choose(points: &[OrientedPoint], spacing_mm: f64) -> Vec<Vec<u32>> {
     choose_from(points, 0, spacing_mm)
 }
 
-/// The same, the first points before all others.
+/// [`choose`] that tries the first `first` points before all others.
 pub fn choose_from(points: &[OrientedPoint], first: usize, spacing_mm: f64) -> Vec<Vec<u32>> {
     let mut order: Vec<u32> = (0..points.len() as u32).collect();
     order.sort_unstable_by_key(|&i| (i as usize >= first, bits(STAGE, u64::from(i), 0), i));
@@ -223,8 +224,7 @@ pub struct Weights {
 }
 
 impl Weights {
-    /// From the nearest of `sources`, which are about `spacing_mm` apart, for every one of `targets`. Without sources there are
-    /// no weights.
+    /// Weights of `targets` over the nearest of `sources`, which are about `spacing_mm` apart; none without sources.
     pub fn new(sources: &[OrientedPoint], targets: &[OrientedPoint], spacing_mm: f64, fit: Kriging) -> Self {
         let each = fit.sources.min(MOST);
         if sources.is_empty() || each == 0 {
@@ -400,7 +400,7 @@ multiversion! {
     fn covariances(places: &Places, numbers: (usize, f64, f64, f64), known: &mut System) => covariances_body
 }
 
-/// Gaussian elimination with row pivots. Whole steps of columns: what is left of a pivot is not read again.
+/// Gaussian elimination with row pivots, in whole steps of columns; columns left of a pivot are not read again.
 #[inline(always)]
 fn solve_body(matrix: &mut System, size: usize, found: &mut Option<[f64; MOST + 1]>) {
     for column in 0..size {
@@ -442,7 +442,7 @@ fn solve_body(matrix: &mut System, size: usize, found: &mut Option<[f64; MOST + 
 }
 
 multiversion! {
-    /// Solves a system of `size` equations; leaves what is found alone where there is no solution.
+    /// Solves a system of `size` equations; leaves `found` as it is where there is no solution.
     fn solve(matrix: &mut System, size: usize, found: &mut Option<[f64; MOST + 1]>) => solve_body
 }
 

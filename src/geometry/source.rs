@@ -31,7 +31,7 @@ pub struct SourceModel {
     pub uvs: Option<CornerAttribute<Vec2>>,
     /// Metres in one source unit, where the format defines it (glTF: 1).
     pub metres_per_unit: Option<f64>,
-    /// What was repaired or left out, one line each, for the user.
+    /// Warnings to the user about repairs and omissions, one line each.
     pub warnings: Vec<String>,
 }
 

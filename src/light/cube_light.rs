@@ -17,10 +17,10 @@ const PIECES_PER_TEXEL: usize = 16;
 /// Rows of a map that are summed together, so that sums do not depend on the number of threads.
 const BANDS: usize = 16;
 
-/// How light and transport over a cube map become Haar coefficients; dot products are the same in both.
+/// Haar transform of light and transport over a cube map; their dot product is the same in both variants.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Transform {
-    /// Orthonormal on the sphere: both times the square root of the texels' solid angles, which weigh the transform.
+    /// Orthonormal on the sphere: both times the square root of the texels' solid angles, which weight the transform.
     SolidAngle,
     /// Orthonormal on the texels (Ng et al. 2003; Wang, Tran & Luebke 2005): the transport times the solid angles, the light as
     /// it is.
@@ -41,7 +41,7 @@ impl Transform {
         Ok((haar, angles))
     }
 
-    /// The transform of a face's picture of transport (means over texels), and what each texel is multiplied by before.
+    /// The transform of a face's picture of transport (means over texels), and the factor on each texel before it.
     ///
     /// # Errors
     /// Another side than a power of two (exit 5).
@@ -51,7 +51,7 @@ impl Transform {
         Ok((haar, angles.into_iter().map(|angle| factor(angle) as f32).collect()))
     }
 
-    /// The same for radiance.
+    /// The transform of a face's picture of radiance, and the factor on each texel before it.
     fn of_light(self, side: usize) -> Result<(Haar, Vec<f64>)> {
         let (haar, angles) = self.haar(side)?;
         let factor = |angle: f64| if self == Self::SolidAngle { angle.sqrt() } else { 1.0 };
@@ -68,23 +68,23 @@ pub struct CubeLight {
     side: usize,
     /// Mean radiance, RGB, texel by texel.
     radiance: Vec<DVec3>,
-    /// Haar coefficients of radiance times the square root of the solid angle, over `scale`; the fourth number is 0.
+    /// Haar coefficients of radiance in the transform asked for, over `scale`; the fourth number is 0.
     coefficients: Vec<[f32; 4]>,
     scale: f64,
 }
 
 impl CubeLight {
-    /// From a constant light or an environment in its own resolution; `side` is a power of two.
+    /// The cube map of a constant, directional or environment light in [`Transform::SolidAngle`].
     ///
     /// Every pixel's energy is conserved: it is cut in pieces, and each piece goes to one texel.
     ///
     /// # Errors
-    /// Another kind of light, or another side (exit 5).
+    /// A point or area light, or another side (exit 5).
     pub fn new(light: &Light, side: usize) -> Result<Self> {
         Self::transformed(light, side, Transform::SolidAngle)
     }
 
-    /// The same in another transform; parallel light fills its texel evenly.
+    /// The cube map in a given transform; parallel light fills its texel evenly.
     ///
     /// # Errors
     /// A light at a distance, or another side (exit 5).

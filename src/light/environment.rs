@@ -230,13 +230,13 @@ impl Rotation {
         }
     }
 
-    /// From the map's frame to the world.
+    /// Turns a direction from the map's frame to the world.
     pub fn to_world(self, direction: DVec3) -> DVec3 {
         let DVec3 { x, y, z } = direction;
         DVec3::new(self.cos * x + self.sin * z, y, self.cos * z - self.sin * x)
     }
 
-    /// From the world to the map's frame.
+    /// Turns a direction from the world to the map's frame.
     pub fn to_map(self, direction: DVec3) -> DVec3 {
         let DVec3 { x, y, z } = direction;
         DVec3::new(self.cos * x - self.sin * z, y, self.cos * z + self.sin * x)

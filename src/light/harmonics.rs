@@ -1,4 +1,4 @@
-//! Light from far away as spherical harmonics: what transport that is stored in them is multiplied with.
+//! Light from far away as spherical harmonics, the factor of transport that is stored in them.
 //!
 //! The polar axis is +Y, up: a turn of an environment about it turns pairs of coefficients, and a map is projected once for all
 //! its turns.
@@ -20,7 +20,7 @@ const CHUNK: usize = 512;
 /// Maps whose projections are kept.
 const KEPT: usize = 16;
 
-/// In the axes of the harmonics, whose pole is world +Y.
+/// A world direction in the axes of the harmonics, whose pole is world +Y.
 pub fn to_harmonics(world: DVec3) -> DVec3 {
     DVec3::new(world.z, world.x, world.y)
 }
@@ -53,7 +53,7 @@ pub fn coefficients(light: &Light, order: usize) -> Result<Vec<DVec3>> {
     }
 }
 
-/// Sums of pieces of light: directions of any length and irradiances.
+/// Coefficients of the sum of pieces of light, each a direction (of any length) and an irradiance.
 fn sum(pieces: &[(DVec3, DVec3)], order: usize) -> Vec<DVec3> {
     let of_chunk = |pieces: &[(DVec3, DVec3)]| {
         let mut sums = vec![DVec3::ZERO; order * order];

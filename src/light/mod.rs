@@ -19,12 +19,12 @@ use std::sync::Arc;
 
 /// A light source. Colours are linear sRGB; positions world mm; directions point towards the light.
 ///
-/// The constructors check what they are given and normalise directions; a literal is trusted.
+/// The constructors check their arguments and normalise directions; a literal is trusted.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Light {
     /// The same radiance from every direction.
     Constant {
-        /// W/(m^2 sr) in arbitrary but common units, RGB.
+        /// Radiance, RGB, W/(m^2 sr) in arbitrary but common units.
         radiance: DVec3,
     },
     /// Parallel light.
@@ -178,7 +178,7 @@ impl Light {
         Ok(self)
     }
 
-    /// Whether it is to go through a source radiance field.
+    /// True for an area light that is to go through a source radiance field.
     pub fn has_field(&self) -> bool {
         matches!(self, Self::Area { field: Some(_), .. })
     }
@@ -206,7 +206,7 @@ impl Light {
     }
 }
 
-/// For what casts rays: a light that asks for a source radiance field is not silently sampled in another way.
+/// Refuses lights with a source radiance field, so that casting rays does not silently replace the field.
 ///
 /// # Errors
 /// A light with a source radiance field (exit 5).

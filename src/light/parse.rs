@@ -13,7 +13,7 @@ use super::environment::EnvironmentMap;
 use super::{Light, sky, validate};
 use crate::error::{Error, Result};
 
-/// Where the pixels of an environment come from.
+/// Source of the pixels of an environment.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum MapSource {
     /// A picture in a file, as typed.
@@ -29,7 +29,7 @@ pub enum LightSpec {
     Analytic(Light),
     /// An environment that is still to be loaded.
     Environment {
-        /// What to load.
+        /// The picture to load.
         source: MapSource,
         /// Counter-clockwise turn about +Y seen from above, in degrees.
         rotate_degrees: f64,
@@ -292,7 +292,7 @@ impl LightSpec {
     /// The light itself; `load` is asked for the picture of an environment file.
     ///
     /// # Errors
-    /// What `load` returns.
+    /// Those of `load` and of [`Light::environment`].
     pub fn resolve(&self, load: impl FnOnce(&Path) -> Result<Arc<EnvironmentMap>>) -> Result<Light> {
         match self {
             Self::Analytic(light) => Ok(light.clone()),

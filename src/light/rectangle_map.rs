@@ -1,4 +1,4 @@
-//! A rectangle seen from a point, as a cube map: which share of each texel's solid angle it fills, as Haar coefficients.
+//! A rectangle seen from a point, as a cube map: the share that it fills of each texel's solid angle, Haar transformed.
 //!
 //! Coverage is exact up to the variation of solid angle inside a texel: the rectangle is clipped to each face's pyramid, and the
 //! polygon on the face to every texel that its edges cross.
@@ -11,18 +11,18 @@ use crate::error::{Error, Result};
 use crate::math::cube_map::{FACES, FRAMES, centre};
 use crate::math::haar::Haar;
 
-/// A one-sided rectangle around the origin whose half diagonal is 1, in world axes: what remains of an area light without its place,
+/// A one-sided rectangle around the origin whose half diagonal is 1, in world axes: an area light without its place,
 /// size and radiance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UnitRectangle {
-    /// Along the first edge, along the second, and normal of the side that emits; unit vectors.
+    /// Unit vectors along the first edge, along the second, and along the normal of the side that emits.
     axes: [DVec3; 3],
     /// Half lengths of the edges.
     half: [f64; 2],
 }
 
 impl UnitRectangle {
-    /// Of an area light, and half its diagonal in mm.
+    /// The unit rectangle of an area light, and half the light's diagonal in mm.
     ///
     /// # Errors
     /// Another kind of light; edges too long for double precision, or too different (exit 5).
@@ -123,7 +123,7 @@ impl<const D: usize> Polygon<D> {
 }
 
 impl Polygon<2> {
-    /// Where the line `t` crosses it; empty (from infinity) where it does not.
+    /// Range of `s` in which the line `t` crosses the polygon; empty (from infinity) where it does not.
     fn across(&self, t: f64) -> (f64, f64) {
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
         let mut take = |s: f64| (low, high) = (low.min(s), high.max(s));
@@ -141,7 +141,7 @@ impl Polygon<2> {
         (low, high)
     }
 
-    /// Its area, and the solid angle of a unit of area at its centroid.
+    /// Area of the polygon, and the solid angle in sr of a unit of area at its centroid.
     fn measure(&self) -> (f64, f64) {
         let corners = self.corners();
         let Some(first) = corners.first() else { return (0.0, 0.0) };
@@ -160,13 +160,13 @@ impl Polygon<2> {
     }
 }
 
-/// Solid angle of a unit of area of a face.
+/// Solid angle in sr of a unit of area of a face at `(s, t)`.
 fn density(s: f64, t: f64) -> f64 {
     let square = 1.0 + s * s + t * t;
     1.0 / (square * square.sqrt())
 }
 
-/// Memory of one thread.
+/// Map of a rectangle: the result and the memory of one thread.
 pub struct Seen {
     /// Haar coefficients of the coverage times the square root of the texels' solid angles, in the order of
     /// [`crate::math::cube_map`].
@@ -176,7 +176,7 @@ pub struct Seen {
     scratch: Vec<f32>,
 }
 
-/// What maps of one side share.
+/// Transform and factors shared by all maps of one side.
 pub struct RectangleMaps {
     side: usize,
     haar: Haar,
@@ -184,7 +184,7 @@ pub struct RectangleMaps {
 }
 
 impl RectangleMaps {
-    /// For faces of `side` x `side` texels.
+    /// Maps with faces of `side` x `side` texels.
     ///
     /// # Errors
     /// Another side than a power of two (exit 5).
@@ -214,7 +214,7 @@ impl RectangleMaps {
         }
     }
 
-    /// Shares of the texels that are covered.
+    /// Writes the covered share of every texel to `seen.coefficients`.
     fn cover(&self, rectangle: &UnitRectangle, at: DVec3, seen: &mut Seen) {
         let corners = rectangle.corners().map(|c| c - at);
         let pictures = seen.coefficients.chunks_exact_mut(self.factors.len()).zip(&mut seen.lit);

@@ -11,7 +11,7 @@ use super::environment::EnvironmentMap;
 const WIDTH: usize = 256;
 const HEIGHT: usize = 128;
 
-/// Where the sun stands: behind (-Z, the default camera looks from +Z), left (-X), about 30 degrees high.
+/// Direction of the sun: behind (-Z, the default camera looks from +Z), left (-X), about 30 degrees high.
 const SUN: DVec3 = DVec3::new(-0.6, 0.6, -0.85);
 const SUN_RADIANCE: DVec3 = DVec3::new(60.0, 46.0, 30.0);
 /// 1 - cos of the angle at which the sun's core falls to a sixteenth.
@@ -47,7 +47,7 @@ fn radiance(direction: DVec3) -> DVec3 {
     GROUND * (1.0 - above) + (gradient + sun) * above
 }
 
-/// Falls from 1 at 0 to 1/16 at 1.
+/// A lobe that falls from 1 at 0 to 1/16 at 1.
 fn lobe(t: f64) -> f64 {
     let base = 1.0 / (1.0 + t.max(0.0));
     (base * base) * (base * base)

@@ -1,17 +1,17 @@
 //! The radiance that a rectangle sends into the space around it, precomputed (source radiance field: Zhou, Hu, Lin, Guo and Shum
 //! 2005, "Precomputed shadow fields for dynamic scenes"; Wang et al. 2008, section 3, use it for local area lights).
 //!
-//! At points of concentric spheres around the rectangle the field holds a cube map of what arrives there, as sparse Haar coefficients.
-//! A place between them interpolates eight maps, and the product with an irradiance row is a sparse dot product for each: the light
-//! may move, grow, shrink and change its radiance without a ray or a new field.
+//! At points of concentric spheres around the rectangle the field holds a cube map of the radiance that arrives there,
+//! as sparse Haar coefficients. A place between them interpolates eight maps, and the product with an irradiance row is
+//! a sparse dot product for each: the light may move, change size and radiance without a ray or a new field.
 //!
 //! - The points lie over the half space in front (behind, a one-sided rectangle is dark): a square grid on the octahedral map of the
 //!   hemisphere, on spheres whose radii grow by the square root of 2. The innermost has that many half diagonals; nearer places get
 //!   their own map instead of an interpolated one, which is exact, and where the rectangle fills much of it takes as long as a hundred
 //!   shadow rays. Beyond the outermost, where the rectangle is smaller than a texel, the map is that of the outermost.
-//! - A map is held over its solid angle, and what is interpolated is multiplied by the exact solid angle of the place: interpolation
-//!   errs in directions alone. That halves the error of the irradiance or better (`16 x 16` points on a hemisphere: 0.7 to 1.0 % in
-//!   place of 1.5 to 2.1 %; 32 x 32: 0.2 to 0.5 %; unoccluded, normals up to grazing).
+//! - A map is held over its solid angle, and the interpolated product is multiplied by the exact solid angle of the
+//!   place: interpolation errs in directions alone. That halves the error of the irradiance or better (`16 x 16` points
+//!   on a hemisphere: 0.7 to 1.0 % in place of 1.5 to 2.1 %; 32 x 32: 0.2 to 0.5 %; unoccluded, normals up to grazing).
 //! - The maps are in world axes, as rows are. A turned rectangle is another field.
 
 use glam::DVec3;
@@ -31,7 +31,7 @@ const LEAST_HEIGHT: f64 = 1e-3;
 /// Levels of the quantiser of a map's coefficients, of each sign.
 const LEVELS: f64 = 32767.0;
 
-/// A source radiance field: linear in what multiplies it, of unit radiance.
+/// The source radiance field of a rectangle of unit radiance.
 pub struct SourceField {
     rectangle: UnitRectangle,
     maps: RectangleMaps,
@@ -39,26 +39,26 @@ pub struct SourceField {
     spheres: usize,
     /// Map `i` has the coefficients `offsets[i]..offsets[i + 1]`: sphere by sphere, row by row.
     offsets: Vec<u32>,
-    /// Places in ascending order.
+    /// Indices of the kept coefficients of each map, ascending.
     indices: Vec<u16>,
-    /// Over `steps` of the map.
+    /// Their values, in units of the map's entry in `steps`.
     values: Vec<i16>,
     steps: Vec<f32>,
 }
 
-/// Where a place is in a field.
+/// Position of a place in a field.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Place {
     /// Behind the rectangle or so far away that nothing arrives.
     Dark,
     /// Nearer than the innermost sphere.
     Near,
-    /// Among these maps, with their weights.
+    /// Between these maps, with their weights.
     Among([(usize, f64); 8]),
 }
 
 impl SourceField {
-    /// Of a rectangle, for cube maps of `side` texels along an edge, with `points` points along an edge of the grid.
+    /// The field of a rectangle: cube maps of `side` texels and a grid of `points` steps along an edge.
     ///
     /// # Errors
     /// A side that is no power of two, or points out of range (exit 5).
@@ -104,7 +104,7 @@ impl SourceField {
         Ok(field)
     }
 
-    /// Whether it is that of a rectangle, a side and a number of points.
+    /// True if it is the field of this rectangle, side and number of points.
     pub fn is_of(&self, rectangle: &UnitRectangle, side: usize, points: u16) -> bool {
         self.rectangle == *rectangle && self.maps.side() == side && self.points == usize::from(points)
     }
@@ -122,7 +122,7 @@ impl SourceField {
         self.steps.len()
     }
 
-    /// Whether there are no maps, which never is.
+    /// True if there are no maps, which is never so.
     pub fn is_empty(&self) -> bool {
         self.steps.is_empty()
     }
@@ -132,8 +132,8 @@ impl SourceField {
         self.maps.memory()
     }
 
-    /// Product of a row (all Haar coefficients, weighted by the square root of solid angles) with what arrives at a place, in half
-    /// diagonals from the centre.
+    /// Product of a row (all Haar coefficients, weighted by the square root of solid angles) with the radiance that
+    /// arrives at a place, given in half diagonals from the centre.
     pub fn product(&self, at: DVec3, row: &[f32], memory: &mut Seen) -> f64 {
         match self.place(at) {
             Place::Dark => 0.0,
@@ -145,7 +145,7 @@ impl SourceField {
         }
     }
 
-    /// The same with the map of the place itself: what the interpolation is measured against.
+    /// [`Self::product`] with the map of the place itself, against which the interpolation is measured.
     pub fn exact(&self, at: DVec3, row: &[f32], memory: &mut Seen) -> f64 {
         if self.rectangle.solid_angle(at) <= 0.0 {
             return 0.0;
@@ -211,7 +211,7 @@ impl SourceField {
     }
 }
 
-/// Of a sphere, in half diagonals.
+/// Radius of a sphere in half diagonals.
 fn radius(sphere: usize) -> f64 {
     (0.5 * (sphere + 1) as f64).exp2()
 }
@@ -225,7 +225,7 @@ fn direction(rectangle: &UnitRectangle, points: usize, place: [usize; 2]) -> DVe
     (inside.x * u + inside.y * v + inside.z.max(LEAST_HEIGHT) * n).normalize()
 }
 
-/// One map.
+/// One map: its kept coefficients, quantised.
 struct Sparse {
     indices: Vec<u16>,
     values: Vec<i16>,
@@ -233,7 +233,7 @@ struct Sparse {
 }
 
 impl Sparse {
-    /// The largest coefficients over a solid angle.
+    /// The largest coefficients of a map over the solid angle in sr, quantised.
     fn of(seen: &Seen, solid_angle: f64) -> Self {
         let face = seen.coefficients.len() / seen.lit.len();
         let faces = seen.coefficients.chunks_exact(face).enumerate().filter(|(i, _)| seen.lit[*i]);

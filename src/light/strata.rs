@@ -15,7 +15,7 @@ use super::environment::{EnvironmentMap, direction_of};
 use crate::error::{Error, Result};
 use crate::math::random;
 
-/// How finely an environment is cut.
+/// Resolution of the cut of an environment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StrataSettings {
     /// Rectangles at most; fewer when there are fewer lit pixels.
@@ -30,7 +30,7 @@ impl StrataSettings {
     pub const DEFAULT: Self = Self { strata: 256, candidates: 64 };
 }
 
-/// A direction in the map's frame (not rotated) and what it stands for.
+/// A direction in the map's frame (not rotated) and its weight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Candidate {
     /// Unit vector towards the light.
@@ -107,7 +107,7 @@ impl Strata {
     }
 }
 
-/// The map with what depends on its rows only.
+/// The map with tables over its rows.
 struct Grid<'a> {
     map: &'a EnvironmentMap,
     solid_angle: Vec<f64>,
@@ -289,7 +289,8 @@ fn cuts(values: &[f64]) -> impl Iterator<Item = (usize, f64, f64)> {
     })
 }
 
-/// Index at which the running sum of `weights` passes `target`, and how far into it, in [0, 1]. Never a zero weight.
+/// Index at which the running sum of `weights` passes `target`, and the share of that weight, in [0, 1], before it
+/// does. Never a zero weight.
 fn pick(weights: impl Iterator<Item = f64>, target: f64) -> (usize, f64) {
     let (mut sum, mut last) = (0.0, (0, 0.5));
     for (index, weight) in weights.enumerate() {

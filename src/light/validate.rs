@@ -1,4 +1,4 @@
-//! What the numbers of a light must satisfy; shared by the constructors and the text form.
+//! Checks of the numbers of a light; shared by the constructors and the text form.
 
 use std::ops::RangeInclusive;
 
@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use crate::error::{Error, Result};
 
-/// Steps along an edge of the square grid of points on the hemisphere; it has one point more.
+/// Allowed steps along an edge of a source radiance field's square grid on the hemisphere, which has one point more.
 pub const POINTS: RangeInclusive<u16> = 4..=64;
 
 /// Squared lengths this close to 1 are left alone, so that normalising twice gives the same bits as once.
@@ -15,7 +15,7 @@ const UNIT_TOLERANCE: f64 = 4.0 * f64::EPSILON;
 /// Vectors closer to parallel than this have no usable perpendicular part.
 const PARALLEL_SINE: f64 = 1e-6;
 
-/// A radiometric RGB quantity: finite and not negative.
+/// Checks that a radiometric RGB quantity is finite and not negative.
 pub(super) fn amount(key: &str, value: DVec3) -> Result<DVec3> {
     if !value.is_finite() {
         return Err(Error::input(format!("{key} must be finite, and it is {}", text(value))));
@@ -27,7 +27,7 @@ pub(super) fn amount(key: &str, value: DVec3) -> Result<DVec3> {
     Ok(value + 0.0)
 }
 
-/// A finite position.
+/// Checks that a position is finite.
 pub(super) fn position(key: &str, value: DVec3) -> Result<DVec3> {
     if value.is_finite() {
         Ok(value)
@@ -36,7 +36,7 @@ pub(super) fn position(key: &str, value: DVec3) -> Result<DVec3> {
     }
 }
 
-/// A finite angle in degrees.
+/// Checks that an angle in degrees is finite.
 pub(super) fn angle(key: &str, degrees: f64) -> Result<f64> {
     if degrees.is_finite() {
         Ok(degrees)
@@ -61,7 +61,7 @@ pub(super) fn direction(key: &str, value: DVec3) -> Result<DVec3> {
     Ok((value / largest).normalize())
 }
 
-/// Two positive finite lengths in mm.
+/// Checks that two lengths in mm are positive and finite.
 pub(super) fn size(size_mm: [f64; 2]) -> Result<[f64; 2]> {
     if size_mm.iter().all(|s| s.is_finite() && *s > 0.0) {
         Ok(size_mm)
@@ -73,7 +73,7 @@ pub(super) fn size(size_mm: [f64; 2]) -> Result<[f64; 2]> {
     }
 }
 
-/// Points along an edge of a source radiance field.
+/// Checks the number of points along an edge of a source radiance field.
 pub(super) fn field_points(points: u16) -> Result<u16> {
     if POINTS.contains(&points) {
         return Ok(points);

@@ -14,11 +14,11 @@ pub const FACES: usize = 6;
 /// The axes of a face.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Frame {
-    /// Through the centre of the face.
+    /// Axis through the centre of the face.
     pub forward: DVec3,
-    /// Along which `s` grows.
+    /// Axis along which `s` grows.
     pub right: DVec3,
-    /// Along which `t` grows.
+    /// Axis along which `t` grows.
     pub down: DVec3,
 }
 

@@ -27,9 +27,9 @@ const MOST_STEPS: usize = 60;
 /// Eigenvalues in descending order, with their vectors.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Eigen {
-    /// Descending.
+    /// Eigenvalues, descending.
     pub values: Vec<f64>,
-    /// Orthonormal, one for each value; the first of the largest components of each is positive.
+    /// Orthonormal eigenvectors, one for each value; the first of the largest components of each is positive.
     pub vectors: Vec<Vec<f64>>,
 }
 
@@ -61,8 +61,8 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 }
 
 /// All eigenvalues and eigenvectors of the symmetric matrix whose lower triangle is that of `matrix`, `order * order`
-/// numbers row by row. At order 1200, `A v - value v` is 1.4e-15 of the largest value and products of two vectors are
-/// 9e-15; it takes 1.0 s on one thread and 0.5 s on two, order 600 an eighth.
+/// numbers row by row. At order 1200, `A v - value v` is 1.4e-15 of the largest value and scalar products of two
+/// vectors are 9e-15; it takes 1.0 s on one thread and 0.5 s on two, order 600 an eighth.
 ///
 /// # Errors
 /// Another number of entries, an order above [`MOST_ORDER`], or an entry that is not finite (exit 3); no
@@ -353,7 +353,7 @@ mod tests {
         }
     }
 
-    /// Times, for whoever changes this: `cargo test --release --lib eigen::tests::speed -- --ignored --nocapture`.
+    /// Prints times: `cargo test --release --lib eigen::tests::speed -- --ignored --nocapture`.
     #[test]
     #[ignore = "prints times"]
     fn speed() {

@@ -2,8 +2,8 @@
 //!
 //! A texel's value is held times the square root of its weight, so that plain dot products are weighted ones. Each level
 //! turns 2 x 2 blocks into the part along the weights (a constant picture has nothing else) and three differences,
-//! and goes on with the former in the upper left quarter: coefficient 0 alone tells what a constant picture sees. Equal
-//! weights give the usual transform. No product is fused with an addition, so the bits are the same everywhere.
+//! and goes on with the former in the upper left quarter: a constant picture has coefficient 0 alone. Equal weights
+//! give the usual transform. No product is fused with an addition, so the bits are the same everywhere.
 
 /// The transform for pictures of one size and one set of weights.
 #[derive(Clone, Debug, PartialEq)]
@@ -18,13 +18,13 @@ struct Level {
     size: usize,
     /// Cosine and sine for each horizontal pair: `size` rows of `size / 2`.
     across: [Vec<f32>; 2],
-    /// The same for each vertical pair of horizontal sums: `size / 2` rows of `size / 2`.
+    /// Cosine and sine for each vertical pair of horizontal sums: `size / 2` rows of `size / 2`.
     down: [Vec<f32>; 2],
 }
 
 impl Haar {
-    /// For pictures of `side` x `side` texels with positive weights, row by row; `None` unless `side` is a power of two
-    /// and there are as many weights.
+    /// The transform for pictures of `side` x `side` texels with positive weights, row by row; `None` unless `side` is
+    /// a power of two and there is one weight for each texel.
     pub fn new(side: usize, weights: &[f64]) -> Option<Self> {
         let positive = weights.iter().all(|w| *w > 0.0 && w.is_finite());
         if !side.is_power_of_two() || side.checked_mul(side) != Some(weights.len()) || !positive {

@@ -1,4 +1,4 @@
-//! Quadrature, counter-based random numbers, directions and statistics.
+//! Linear algebra, quadrature, counter-based random numbers, directions and statistics.
 
 pub mod cube_map;
 pub mod eigen;

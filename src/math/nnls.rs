@@ -7,10 +7,10 @@
 /// A gradient below this share of its largest possible value is rounding.
 const NEGLIGIBLE: f64 = 1e-14;
 
-/// What is left of a column beside others, below this share of it, is rounding: the column is one of their sums.
+/// A column's part orthogonal to the others is rounding below this share of its length: the column depends on them.
 const DEPENDENT: f64 = 1e-13;
 
-/// Changes of the free unknowns for each unknown; more than three are never needed, and whatever stands then is a feasible answer.
+/// Changes of the free unknowns for each unknown; more than three are never needed, and the result then is feasible.
 const MOST_CHANGES: usize = 10;
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {
@@ -28,8 +28,8 @@ fn subtract(a: &mut [f64], factor: f64, b: &[f64]) {
     }
 }
 
-/// The x >= 0 that makes `|Sum_j x_j columns_j - target|` least, one number for each column. Columns are as long as the target and
-/// finite; what is beyond the shorter one is ignored.
+/// The x >= 0 that makes `|Sum_j x_j columns_j - target|` least, one number for each column. Columns are as long as the
+/// target and finite; entries beyond the shorter one are ignored.
 pub fn non_negative_least_squares(columns: &[Vec<f64>], target: &[f64]) -> Vec<f64> {
     let norms: Vec<f64> = columns.iter().map(|column| norm(column)).collect();
     let scale = norm(target);

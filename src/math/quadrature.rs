@@ -5,7 +5,7 @@
 /// A node of a quadrature rule on [-1, 1].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Node {
-    /// Where the integrand is evaluated, in (-1, 1).
+    /// Abscissa at which the integrand is evaluated, in (-1, 1).
     pub position: f64,
     /// Its weight; the weights of a rule sum to 2.
     pub weight: f64,
@@ -138,7 +138,7 @@ fn kronrod(f: &mut impl FnMut(f64) -> f64, a: f64, b: f64) -> (f64, f64) {
     (half * fine, (half * (fine - coarse)).abs())
 }
 
-/// Intervals that [`integrate`] looks at before it accepts what it has.
+/// Intervals after which [`integrate`] accepts the sum reached.
 const MOST_INTERVALS: usize = 50_000;
 
 /// Halvings after which an interval is accepted: its width is then 2^-48 of the whole.

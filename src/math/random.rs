@@ -15,7 +15,7 @@ pub const fn bits(stage: u64, index: u64, dimension: u64) -> u64 {
     mix(mix(mix(stage) ^ index) ^ dimension)
 }
 
-/// Uniform in [0, 1) with 53 bits.
+/// A number uniform in [0, 1) with 53 bits.
 #[inline]
 pub fn uniform(stage: u64, index: u64, dimension: u64) -> f64 {
     (bits(stage, index, dimension) >> 11) as f64 * (1.0 / (1u64 << 53) as f64)

@@ -13,7 +13,7 @@ use glam::DVec3;
 /// Largest order that is tested.
 pub const MOST_ORDER: usize = 32;
 
-/// `order^2` harmonics of a unit vector, index `l l + l + m`; of them as many as `out` holds.
+/// Writes the `order^2` harmonics of a unit vector, index `l l + l + m`, to `out`, as many as it holds.
 ///
 /// Legendre functions are normalised from the start and divided by `sin^m theta`, whose part goes with `cos(m phi)` and
 /// `sin(m phi)`: nothing overflows, and the poles need no care.

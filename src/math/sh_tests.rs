@@ -98,7 +98,7 @@ fn the_addition_theorem_holds() {
     real_sh(0, DVec3::Z, &mut short);
 }
 
-/// Times, for whoever changes this: `cargo test --release --lib sh::tests::speed -- --ignored --nocapture`.
+/// Prints times: `cargo test --release --lib sh::tests::speed -- --ignored --nocapture`.
 #[test]
 #[ignore = "prints times"]
 fn speed() {

@@ -6,7 +6,7 @@
 /// Instruction sets that the kernels are compiled for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Level {
-    /// What the target guarantees (SSE2 on x86-64, NEON on AArch64).
+    /// Instructions that the target guarantees (SSE2 on x86-64, NEON on AArch64).
     Baseline,
     /// AVX2, 8 lanes of f32.
     Avx2,
@@ -41,8 +41,8 @@ impl Level {
     }
 }
 
-/// Adds `factor` times some values to as many sums. One call for each row of a product keeps the sums in registers, where
-/// compilers spill those of a loop over all rows.
+/// `sums += factor values`. One call for each row of a product keeps the sums in registers, where compilers spill those
+/// of a loop over all rows.
 #[inline(always)]
 pub(crate) fn add_scaled<const N: usize>(sums: &mut [f32; N], factor: f32, values: &[f32; N]) {
     for i in 0..N {
@@ -50,7 +50,7 @@ pub(crate) fn add_scaled<const N: usize>(sums: &mut [f32; N], factor: f32, value
     }
 }
 
-/// Asks for a value that will be read soon, where caches do not foresee it; an index beyond the end does nothing.
+/// Prefetches a value that will be read soon, where caches do not foresee it; an index beyond the end does nothing.
 #[inline(always)]
 pub(crate) fn prefetch<T>(values: &[T], index: usize) {
     #[cfg(target_arch = "x86_64")]

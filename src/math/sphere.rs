@@ -2,7 +2,8 @@
 //!
 //! The hull grows point by point in a shuffled order that depends on nothing but the number of points. A point within
 //! 1e-12 of a face's plane does not see it, so points on one circle give some triangulation of their polygon instead of
-//! a failure. What cannot be triangulated over the whole sphere (all points in a half space, two that coincide) is an error.
+//! a failure. Points that cannot be triangulated over the whole sphere (all in a half space, two that coincide) are an
+//! error.
 
 use std::f64::consts::TAU;
 
@@ -18,7 +19,7 @@ pub const MOST_POINTS: usize = 1 << 14;
 /// Distances from a plane below this count as rounding, in units of the sphere's radius.
 const COPLANAR: f64 = 1e-12;
 
-/// How far from 1 the length of a point may be.
+/// Largest deviation of a point's length from 1.
 const UNIT_TOLERANCE: f64 = 1e-9;
 
 /// Stage of the counter-based random numbers that shuffle the points.
@@ -40,7 +41,7 @@ pub struct SphericalDelaunay {
     starts: Vec<u32>,
 }
 
-/// Where a direction lies.
+/// Location of a direction in the triangulation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Location {
     /// Index of the triangle.
@@ -127,13 +128,13 @@ impl SphericalDelaunay {
         Location { triangle, barycentric }
     }
 
-    /// On which side of every edge's plane `direction` lies, positive inside, scaled by the edge.
+    /// Signed distances of `direction` from the plane of every edge, positive inside, scaled by the edge.
     fn sides(&self, triangle: usize, direction: DVec3) -> [f64; 3] {
         let [a, b, c] = self.triangles[triangle].map(|i| self.points[i as usize]);
         [a.cross(b).dot(direction), b.cross(c).dot(direction), c.cross(a).dot(direction)]
     }
 
-    /// Walks from the triangle `at` across the edge that is most in the way.
+    /// Walks from the triangle `at` to the one that holds `direction`, across the edges that are most in the way.
     fn walk(&self, mut at: usize, direction: DVec3) -> usize {
         for _ in 0..self.triangles.len() {
             let sides = self.sides(at, direction);
@@ -163,7 +164,7 @@ pub fn random_direction(stage: u64, index: u64) -> DVec3 {
     DVec3::new(r * azimuth.cos(), r * azimuth.sin(), z)
 }
 
-/// A unit vector along `direction`; +Z for the zero vector and what is not finite.
+/// A unit vector along `direction`; +Z for the zero vector and vectors that are not finite.
 pub fn unit(direction: DVec3) -> DVec3 {
     let largest = direction.abs().max_element();
     if direction.is_finite() && largest > 0.0 { (direction / largest).normalize() } else { DVec3::Z }
@@ -203,7 +204,7 @@ type Triples = Vec<[u32; 3]>;
 #[derive(Clone, Copy)]
 struct Face {
     corners: [u32; 3],
-    /// Across the edge from corner k to corner k + 1.
+    /// Faces across the edges from corner k to corner k + 1.
     across: [u32; 3],
 }
 
@@ -215,7 +216,7 @@ struct Plane {
 }
 
 impl Plane {
-    /// Of a face that no longer exists: nothing is above it.
+    /// Plane of a face that no longer exists: nothing is above it.
     const GONE: Self = Self { normal: DVec3::ZERO, offset: f64::INFINITY };
 
     fn height(&self, point: DVec3) -> f64 {
@@ -364,7 +365,7 @@ impl<'a> Hull<'a> {
         self.unused.extend(&self.seen);
     }
 
-    /// The error for a point that sees no face: on a sphere that is one that was there before.
+    /// The error for a point that sees no face: on a sphere it coincides with an earlier one.
     fn coincides(&self, index: usize) -> Error {
         let point = self.points[index];
         let distance = |i: usize| if i == index { f64::INFINITY } else { self.points[i].distance(point) };
@@ -372,7 +373,7 @@ impl<'a> Hull<'a> {
         Error::input(format!("directions {} and {} coincide; give each once", index.min(nearest), index.max(nearest)))
     }
 
-    /// Triangles and neighbours without gaps, after a check of what every triangulation of a sphere satisfies.
+    /// Triangles and neighbours without gaps, after a check of the number of triangles and of every neighbour.
     fn finish(self) -> Result<(Triples, Triples)> {
         let mut number = vec![NONE; self.faces.len()];
         let mut kept = Vec::new();

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-/// How far per-vertex values are from a reference, relative to the reference's RMS of the channel; worst channel each.
+/// Errors of per-vertex values relative to the reference's RMS of the channel; the worst channel of each figure.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct VertexError {
     /// Area-weighted root mean square of the difference.
@@ -26,7 +26,7 @@ impl VertexError {
         Self { rms: rms * factor, bias: bias * factor, p999: p999 * factor, worst: worst * factor, dark: dark * factor }
     }
 
-    /// The same, or no error where the reference is black and the values are not: nothing can be relative to that.
+    /// The error, or zero where it is infinite because the reference is black and the values are not.
     #[must_use]
     pub fn or_none(self) -> Self {
         if self.rms.is_finite() { self } else { Self::default() }
@@ -57,7 +57,7 @@ pub struct Quantiles {
 }
 
 impl Quantiles {
-    /// Of some values, zero where there are none.
+    /// Quantiles of some values, zero where there are none.
     pub fn of(values: impl IntoIterator<Item = f64>) -> Self {
         let mut sorted: Vec<f64> = values.into_iter().collect();
         sorted.sort_unstable_by(f64::total_cmp);
@@ -111,21 +111,22 @@ pub fn vertex_error(values: &[DVec3], reference: &[DVec3], weights: &[f64]) -> V
     result
 }
 
-/// Error of each value, largest channel, in the unit of [`vertex_error`]: what a picture of the error shows.
+/// Error of each value, largest channel, in the unit of [`vertex_error`], for pictures of the error.
 pub fn relative_errors(values: &[DVec3], reference: &[DVec3], weights: &[f64]) -> Vec<f32> {
     let unit = units(reference, weights).max(DVec3::splat(f64::MIN_POSITIVE));
     let error = |(b, t): (&DVec3, &DVec3)| (((*b - *t) / unit).abs().max_element() as f32).min(f32::MAX);
     values.iter().zip(reference).map(error).collect()
 }
 
-/// What the errors of each channel are relative to: its RMS, or a share of that of the brightest channel.
+/// Unit of the errors of each channel: its RMS, or [`CHANNEL_FLOOR`] of that of the brightest channel if larger.
 fn units(reference: &[DVec3], weights: &[f64]) -> DVec3 {
     let squares: DVec3 = reference.iter().zip(weights).map(|(b, w)| *w * (*b * *b)).sum();
     let rms = (squares / weights.iter().sum::<f64>().max(f64::MIN_POSITIVE)).map(f64::sqrt);
     rms.max(DVec3::splat(CHANNEL_FLOOR * rms.max_element()))
 }
 
-/// See [`VertexError::dark`]; a channel counts from a thousandth of the mean of all, so that what is black is no unit.
+/// See [`VertexError::dark`]; each channel's unit is at least a thousandth of the brightest channel's mean over all
+/// vertices, so that black is no unit.
 fn dark_error(values: &[DVec3], reference: &[DVec3], weights: &[f64]) -> f64 {
     let all = || values.iter().zip(reference).zip(weights);
     let (area, sum) = all().fold((0.0, DVec3::ZERO), |(area, sum), ((_, b), w)| (area + w, sum + *w * *b));

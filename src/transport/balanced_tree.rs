@@ -28,7 +28,7 @@ impl Node {
         middle(self.first as usize, self.end as usize)
     }
 
-    /// Whether it is a single sample.
+    /// True if the node is a single sample.
     pub fn is_leaf(self) -> bool {
         self.end - self.first <= 1
     }
@@ -79,7 +79,7 @@ fn sort(order: &mut [u32], centres: &[DVec3]) {
     }
 }
 
-/// What is known of a node without a light.
+/// Geometry of a node.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Cell {
     /// Area-weighted centroid relative to the mesh's origin, mm.
@@ -106,7 +106,7 @@ pub struct BalancedTree {
 }
 
 impl BalancedTree {
-    /// Of samples in tree order.
+    /// The tree over samples in tree order.
     pub fn new(samples: &Samples, patches: &[Patch]) -> Self {
         let mut cells = vec![Cell::default(); patches.len()];
         for part in 0..samples.part_offsets.len().saturating_sub(1) {
@@ -122,7 +122,7 @@ impl BalancedTree {
         (first < end).then_some(Node { first, end })
     }
 
-    /// What is known of a node.
+    /// Geometry of a node.
     pub fn cell(&self, node: Node, patches: &[Patch]) -> Cell {
         if node.is_leaf() { Cell::from(&patches[node.first as usize]) } else { self.cells[node.name()] }
     }
@@ -133,7 +133,7 @@ impl BalancedTree {
     }
 }
 
-/// Cells of a range by name, and its own.
+/// Writes the cells of all nodes of a range by name; returns that of the whole.
 fn build(patches: &[Patch], cells: &mut [Cell]) -> Cell {
     match patches {
         [] => return Cell::default(),
@@ -166,7 +166,7 @@ pub struct LightDetails {
     pub means: Vec<[f32; 3]>,
     /// A power of two that brings the brightest irradiance near 1, into the range of single precision.
     pub scale: f64,
-    /// Of all irradiance, if it has one.
+    /// Colour of all irradiance, if it has one.
     pub colour: Option<CommonColour>,
 }
 
@@ -176,7 +176,7 @@ impl LightDetails {
         Self::of_range(samples, patches, irradiance, LightRange::new(irradiance, &[]))
     }
 
-    /// The same for irradiance that was looked over.
+    /// [`Self::new`] for irradiance whose range is known.
     pub fn of_range(samples: &Samples, patches: &[Patch], irradiance: &[DVec3], range: LightRange) -> Self {
         let LightRange { brightest, colour } = range;
         let scale = power_of_two_near(brightest);
@@ -202,7 +202,7 @@ impl LightDetails {
     }
 }
 
-/// The power of two at or below a value, within 2^-1000..2^1000; 1 for what has none.
+/// The power of two at or below a value, within 2^-1000..2^1000; 1 if the value is not positive and finite.
 pub fn power_of_two_near(value: f64) -> f64 {
     let usable = value > 0.0 && value.is_finite();
     if usable { value.log2().floor().clamp(-1000.0, 1000.0).exp2() } else { 1.0 }

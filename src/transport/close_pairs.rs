@@ -1,4 +1,4 @@
-//! Which sources are close to which receivers: the lists that every stage shares which sums close pairs in a way of its own.
+//! Lists of the sources close to each group of receivers, for every stage that sums close pairs in its own way.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -11,18 +11,18 @@ use crate::geometry::samples::Patch;
 /// For each group of neighbouring points, the sources within reach of some of them.
 #[derive(Clone, Debug, Default)]
 pub struct ClosePairs {
-    /// Those of group `g` are `sources[offsets[g]..offsets[g + 1]]`.
+    /// Sources of group `g` are `sources[offsets[g]..offsets[g + 1]]`.
     offsets: Vec<usize>,
     sources: Vec<u32>,
 }
 
 impl ClosePairs {
-    /// The sources that are nearer to some point of each group than their own reach, mm.
+    /// Finds the sources that are nearer to some point of each group than their own reach, mm.
     pub fn new(sources: &[DVec3], reach_mm: impl Fn(usize) -> f64 + Sync, points: &[DVec3], groups: &[Run]) -> Self {
         Self::of_lists(&search((sources, 0), &reach_mm, points, groups))
     }
 
-    /// The samples of its own part that are nearer to some receiver of each group than their reach, mm.
+    /// Finds the samples of each group's own part that are nearer to some receiver of it than their reach, mm.
     pub fn of_samples(surface: &Surface, receivers: &Receivers, reach_mm: impl Fn(&Patch) -> f64 + Sync) -> Self {
         let centres: Vec<DVec3> = surface.patches.iter().map(|patch| patch.centre_mm).collect();
         let reach_mm = |sample: usize| reach_mm(&surface.patches[sample]);
@@ -44,13 +44,13 @@ impl ClosePairs {
         Self { offsets: std::iter::once(0).chain(ends).collect(), sources: lists.concat() }
     }
 
-    /// Those of a group, ascending.
+    /// Sources of a group, ascending.
     #[inline]
     pub fn of(&self, group: usize) -> &[u32] {
         self.offsets.get(group..group + 2).and_then(|o| self.sources.get(o[0]..o[1])).unwrap_or(&[])
     }
 
-    /// Where the lists of the groups begin, and the end of the last, among all sources of all groups.
+    /// Offsets of the groups' lists, one more than there are groups, and the sources, list after list.
     #[cfg(feature = "gpu")]
     pub(crate) fn flat(&self) -> (&[usize], &[u32]) {
         (&self.offsets, &self.sources)

@@ -1,4 +1,4 @@
-//! Functions over a cube map times spherical harmonics.
+//! Scalar products of functions over a cube map with spherical harmonics.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -14,12 +14,12 @@ const BATCH: usize = 6;
 /// Functions of a block of the product.
 const COLUMNS: usize = 16;
 
-/// Spherical harmonics at the centres of texels times their solid angles, where a direction and its mirror images are one: a
-/// harmonic is even or odd in each of the three axes, so that it needs one octant of what is even and odd in the same ones, an
-/// eighth of the products.
+/// Spherical harmonics at the centres of texels times their solid angles, stored on one octant. A harmonic is even or
+/// odd in each of the three axes, so that it meets only the part of a function with the same parities, which one octant
+/// gives: an eighth of the products.
 pub struct CubeHarmonics {
     functions: usize,
-    /// For each parity: functions of it.
+    /// For each parity, the indices of the harmonics that have it.
     members: [Vec<usize>; PARITIES],
     /// For each parity: `[block of members][texel of the octant][member of the block]`, padded with zeros.
     matrices: [Vec<f32>; PARITIES],
@@ -36,13 +36,13 @@ fn padded(members: &[usize]) -> usize {
 }
 
 impl CubeHarmonics {
-    /// For `order^2` harmonics and faces of `side` texels, an even number, times the solid angles of the texels: what a row of
-    /// means over texels is multiplied with.
+    /// `order^2` harmonics times the solid angles of the texels, for products with rows of means over texels; faces
+    /// have `side` texels along an edge, an even number.
     pub fn new(side: usize, order: usize) -> Self {
         Self::weighted(side, order, &solid_angles_sr(side))
     }
 
-    /// The same for rows of integrals over texels.
+    /// `order^2` harmonics for products with rows of integrals over texels.
     pub fn of_integrals(side: usize, order: usize) -> Self {
         Self::weighted(side, order, &vec![1.0; side * side])
     }
@@ -101,17 +101,17 @@ impl CubeHarmonics {
 pub struct Product<'a> {
     harmonics: &'a CubeHarmonics,
     level: Level,
-    /// Rows at hand, and before them.
+    /// Number of rows at hand, and of rows already written.
     rows: usize,
     done: usize,
     /// For each octant, then for each parity: `[texel of the octant][row]`.
     values: [Vec<[f32; BATCH]>; PARITIES],
-    /// `[row][padded member]` of one parity.
+    /// Sums of one parity, `[row][padded member]`.
     sums: Vec<f32>,
 }
 
 impl<'a> Product<'a> {
-    /// Without rows.
+    /// A product without rows.
     pub fn new(harmonics: &'a CubeHarmonics) -> Self {
         let values = harmonics.mirrored.each_ref().map(|texels| vec![[0.0; BATCH]; texels.len()]);
         Self { harmonics, level: Level::detect(), rows: 0, done: 0, values, sums: Vec::new() }
@@ -152,7 +152,7 @@ impl<'a> Product<'a> {
 }
 
 multiversion! {
-    /// From octants to parities: sums and differences along each axis.
+    /// Turns values by octant into values by parity: sums and differences along each axis.
     fn unmix(values: &mut [Vec<[f32; BATCH]>; PARITIES]) => unmix_body
 }
 

@@ -4,19 +4,19 @@ use crate::geometry::mesh::Mesh;
 use crate::geometry::part_table::PartTable;
 use crate::medium::material::Medium;
 
-/// A borrowed mesh in mm with its parts and their media: all that light meets, however it is sampled.
+/// A borrowed mesh in mm with its parts and their media, independent of the sampling.
 #[derive(Clone, Copy, Debug)]
 pub struct Domain<'a> {
     /// Geometry.
     pub mesh: &'a Mesh,
-    /// Which triangles form one body.
+    /// Assignment of triangles to bodies.
     pub parts: &'a PartTable,
     /// Media that parts refer to.
     pub media: &'a [Medium],
 }
 
 impl Domain<'_> {
-    /// A third of the transferring area around each source vertex, mm^2.
+    /// For each source vertex, a third of the area of the triangles around it in parts that light enters, mm^2.
     pub fn vertex_areas_mm2(&self) -> Vec<f64> {
         let mut areas = vec![0.0; self.mesh.local_mm.len()];
         for (triangle, vertices) in self.mesh.triangles.iter().enumerate() {

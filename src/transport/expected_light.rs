@@ -1,9 +1,9 @@
-//! What a light is expected to look like in the basis of the sample tree: which details matter.
+//! Expected details of a light in the basis of the sample tree, which tell the details that matter.
 
 use super::balanced_tree::{BalancedTree, LightDetails};
 
-/// Share of what was seen at a node itself; the rest is what nodes of its size saw, because other lights draw their
-/// shadows elsewhere.
+/// Weight of the mean square at the node itself; the rest is that of all nodes of its size, because other lights draw
+/// their shadows elsewhere.
 const OWN_SHARE: f64 = 0.5;
 
 /// RMS over lights of the detail at each node over the mean irradiance of its part, by the name of the node.

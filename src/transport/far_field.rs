@@ -21,14 +21,14 @@ pub const TERMS: usize = 16;
 /// One value for each basis function (padded with zeros) and receiver.
 type Values = [[f32; TERMS]; LANES];
 
-/// How finely rows are integrated and what of them is kept.
+/// Precision of the integration of rows, and the significance of the details that are kept.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Precision {
     /// A cell whose radius is below this fraction of its distance is integrated by the centroids of its children.
     pub opening: f64,
     /// Cells whose details stay below this significance are not opened for their sake.
     pub threshold: f64,
-    /// Details below this significance are dropped; the threshold, or less to see what it drops.
+    /// Details below this significance are dropped: the threshold, or less to measure the error of dropping.
     pub keep: f64,
 }
 
@@ -37,15 +37,15 @@ pub struct Precision {
 pub struct Rows {
     /// Nodes of the kept coefficients, ascending.
     pub nodes: Vec<u32>,
-    /// Which basis functions are kept of each coefficient: bit k.
+    /// Kept basis functions of each coefficient, as bits k.
     pub masks: Vec<u16>,
-    /// `[coefficient][kept k][lane]`.
+    /// Kept details, `[coefficient][kept k][lane]`.
     pub values: Vec<[f32; LANES]>,
     /// Sum of each row, `[lane][k]`.
     pub sums: Vec<f32>,
 }
 
-/// What all groups share.
+/// Inputs shared by all groups.
 pub struct FarTransport<'a> {
     /// Tree over the samples.
     pub tree: &'a BalancedTree,
@@ -53,13 +53,13 @@ pub struct FarTransport<'a> {
     pub patches: &'a [Patch],
     /// The basis functions.
     pub table: &'a Table,
-    /// What a typical material makes of each function, over its total reflectance.
+    /// Typical coefficient of each function in a material, over its total reflectance.
     pub spread: &'a [f64],
     /// Expected detail of the light at each node over its mean, by name.
     pub expected: &'a [f32],
     /// Lengths over which the functions change, where they change most, mm.
     pub smooth_mm: &'a [f64],
-    /// How finely.
+    /// Precision of the rows.
     pub precision: Precision,
 }
 

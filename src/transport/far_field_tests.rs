@@ -73,7 +73,7 @@ impl Sphere {
         self.spread[k] * sum * light.scale
     }
 
-    /// The same from every sample.
+    /// Typical far radiosity of one receiver and function, summed over every sample.
     fn all_pairs(&self, receiver: DVec3, irradiance: &[DVec3], k: usize) -> f64 {
         let table = self.basis.table();
         let mut values = [0.0; 8];

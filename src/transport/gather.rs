@@ -1,8 +1,8 @@
 //! Gathers the flux of all samples at the receivers: B(x) = Int_A R_d(|x - y|) E(y) dA, all pairs or through the tree.
 //!
-//! How a patch is integrated follows from its size against its distance and the depth of the real source, because R_d
-//! is smooth on the scale of sqrt(d^2 + z_r^2): as flat triangles in closed form, at three points, or at its centroid.
-//! The patch under the receiver is never skipped.
+//! A patch is integrated as flat triangles in closed form, at three points, or at its centroid, depending on its size
+//! against its distance and the depth of the real source, because R_d is smooth on the scale of sqrt(d^2 + z_r^2). The
+//! patch under the receiver is never skipped.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -20,19 +20,19 @@ use crate::math::simd::Level;
 use crate::medium::material::Medium;
 use crate::progress::Progress;
 
-/// How the sum over samples is organised.
+/// Organisation of the sum over samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Scheme {
     /// Every sample with every receiver.
     AllPairs,
     /// Clusters that look small from the receivers stand for their samples (Jensen & Buhler 2002).
     Hierarchical {
-        /// Which clusters look small.
+        /// Condition under which a cluster is small enough.
         criterion: Criterion,
     },
 }
 
-/// Which clusters may stand for their samples.
+/// Condition under which a cluster may stand for its samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Criterion {
     /// Area / distance^2 below this many steradians (Jensen & Buhler 2002).
@@ -42,7 +42,7 @@ pub enum Criterion {
     KernelBound(f64),
 }
 
-/// Everything a gather needs besides the light.
+/// Surface, tree and media of a gather, without the light.
 pub struct Gather<'a> {
     surface: &'a Surface<'a>,
     tree: &'a SampleTree,
@@ -51,13 +51,13 @@ pub struct Gather<'a> {
     level: Level,
 }
 
-/// Light on the samples and what the tree makes of it.
+/// Light on the samples and in the clusters of the tree.
 pub struct Lit<'a> {
     light: SampleLight<'a>,
     clusters: Vec<Cluster>,
 }
 
-/// Something that a group of receivers gathers from.
+/// Source that a group of receivers gathers from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Source {
     /// A cluster of the light's tree, by its index.
@@ -75,12 +75,12 @@ pub(in crate::transport) struct Lists {
 }
 
 impl<'a> Gather<'a> {
-    /// With the media given (a change of material is another `Gather`).
+    /// A gather in the given media (a change of material is another `Gather`).
     pub fn new(surface: &'a Surface<'a>, tree: &'a SampleTree, media: &[Medium], near: NearField) -> Self {
         Self::with_kernels(surface, tree, MediumKernel::of_media(media), near)
     }
 
-    /// With kernels of the media that are there already.
+    /// [`Self::new`] with existing kernels of the media.
     pub fn with_kernels(
         surface: &'a Surface<'a>,
         tree: &'a SampleTree,
@@ -102,7 +102,7 @@ impl<'a> Gather<'a> {
         self.lit(SampleLight::even(irradiance), irradiance)
     }
 
-    /// The same, with what is known of samples that are not lit evenly.
+    /// [`Self::light`] with the pieces of samples that are not lit evenly.
     pub fn light_with_pieces<'b>(&self, irradiance: &'b [DVec3], pieces: &'b Pieces) -> Lit<'b> {
         self.lit(SampleLight::new(irradiance, pieces), irradiance)
     }
@@ -133,12 +133,12 @@ impl<'a> Gather<'a> {
         result
     }
 
-    /// Where the clusters of a light are, and their flux, scaled.
+    /// Centre of each cluster of a light, mm, and its flux, scaled.
     pub fn clusters<'b>(&self, lit: &'b Lit) -> impl Iterator<Item = (DVec3, DVec3)> + use<'b> {
         lit.clusters.iter().map(|cluster| (cluster.centre_mm, lit.light.scaled(cluster.flux)))
     }
 
-    /// What each group of receivers gathers from under a scheme, group after group; the order is that of [`Self::radiosity`].
+    /// Sources of each group of receivers under a scheme, in the order in which [`Self::radiosity`] sums them.
     pub fn sources(&self, receivers: &Receivers, lit: &Lit, scheme: Scheme) -> Vec<Vec<Source>> {
         let of_group = |group: &Group| {
             let mut sources = Vec::new();
@@ -152,8 +152,8 @@ impl<'a> Gather<'a> {
         receivers.groups.par_iter().map(of_group).collect()
     }
 
-    /// What every source of a light brings the receivers of a group for a flux of 1 (clusters) or an irradiance of 1
-    /// (samples): RGB of each receiver.
+    /// Passes every source of a light to `take`, with the radiosity, RGB, that it brings each receiver of a group for a
+    /// flux of 1 (clusters) or an irradiance of 1 (samples).
     pub(in crate::transport) fn weights(
         &self,
         receivers: &Receivers,
@@ -287,7 +287,7 @@ impl<'a> Gather<'a> {
         total
     }
 
-    /// Adds one patch of an irradiance to the lists, as finely as its distance asks for, and the pieces that it has under a light.
+    /// Adds one patch of an irradiance to the lists, as finely as its distance requires, and its pieces under a light.
     fn patch(
         &self,
         index: usize,

@@ -9,7 +9,7 @@ use crate::math::simd::{Level, multiversion};
 /// Targets of a run.
 pub const LANES: usize = 16;
 
-/// What a weight of 1 is stored as.
+/// Stored value of a weight of 1.
 pub const ONE: f32 = 16384.0;
 
 /// Runs of one task.
@@ -27,7 +27,7 @@ pub struct SharedWeights {
 }
 
 impl SharedWeights {
-    /// The same weights rounded to 16 bits; those of a target still add up to what they did, to the rounding of one weight.
+    /// Rounds weights to 16 bits; the sum of a target's weights is kept to the rounding of one weight.
     pub fn new(weights: &Weights) -> Self {
         let targets = weights.values.len().checked_div(weights.each).unwrap_or(0);
         let runs: Vec<(Vec<u32>, Vec<[i16; LANES]>)> = (0..targets.div_ceil(LANES))
@@ -43,7 +43,7 @@ impl SharedWeights {
         result
     }
 
-    /// Gives the sources other numbers: source `i` becomes `names[i]`, or stays where there is none.
+    /// Renumbers the sources: source `i` becomes `names[i]`, or stays where there is none.
     pub fn rename_sources(&mut self, names: &[u32]) {
         self.sources.iter_mut().for_each(|source| *source = names.get(*source as usize).copied().unwrap_or(*source));
     }
@@ -83,13 +83,13 @@ impl SharedWeights {
             + size_of_val(self.values.as_slice())
     }
 
-    /// Fills `out`, one for each target, with what the weights make of RGB values at the sources, negative values clamped to 0;
-    /// values that are missing count as 0.
+    /// Fills `out`, one for each target, with the weighted sums of RGB values at the sources, negative sums clamped to
+    /// 0; values that are missing count as 0.
     pub fn apply(&self, values: &[[f32; 4]], out: &mut Vec<[f32; 4]>) {
         self.apply_above(0.0, values, out);
     }
 
-    /// The same without a clamp.
+    /// [`Self::apply`] without a clamp.
     pub fn apply_signed(&self, values: &[[f32; 4]], out: &mut Vec<[f32; 4]>) {
         self.apply_above(f32::NEG_INFINITY, values, out);
     }

@@ -4,11 +4,11 @@
 //! A radiosity B leaves as the radiance `F_t(eta, mu) B / (pi C)`, `C = 2 Int_0^1 F_t mu dmu`, and arrives at a sample as
 //! irradiance behind the surface, `E'(x) = Int V F_t(eta, mu) mu L dw`. Directions with density `F_t mu / (pi C)` make that
 //! the mean of `C F_t' B' / C'` over the rays that meet the outer side of a part with a medium; the other rays bring
-//! nothing: they leave the scene, end at an opaque part, or inside another body. What the surface mirrors is not followed.
+//! nothing: they leave the scene, end at an opaque part, or inside another body. Mirror reflections are not followed.
 //!
-//! The geometric factor is in the rays, so that no pair of points near each other, as in a crease, has a weight that grows
-//! beyond bounds. The same hits serve every light: what is kept is a sparse matrix from vertices to samples, whose rows are
-//! empty where a body is convex.
+//! The geometric factor is in the rays, so that no pair of points near each other, as in a crease, has a weight that
+//! grows beyond bounds. The same hits serve every light: they are kept as a sparse matrix from vertices to samples,
+//! whose rows are empty where a body is convex.
 
 use std::f64::consts::TAU;
 
@@ -39,29 +39,29 @@ const BLOCK: usize = 64;
 /// Samples of one task of a sum.
 const SAMPLES_OF_A_TASK: usize = 1024;
 
-/// What a weight of a corner of 1 is stored as.
+/// Stored value of a corner's weight of 1.
 const WHOLE: u16 = u16::MAX;
 
-/// How the sets of directions of successive samples are turned against each other: any run of samples, which are neighbours,
-/// has turns spread evenly over the square (the Kronecker sequence of the root of x^3 = x + 1). With random turns the mean over
+/// Shift of the set of directions from one sample to the next: any run of samples, which are neighbours, has shifts
+/// spread evenly over the square (the Kronecker sequence of the root of x^3 = x + 1). With random shifts the mean over
 /// a surface is off by several times as much with 64 rays.
 const TURNS: [f64; 2] = [0.754_877_666_246_692_8, 0.569_840_290_998_053_3];
 
 /// Step between the places of successive rays along the facets of a sample.
 const FACET_STEP: f64 = 0.618_033_988_749_894_9;
 
-/// Which rays of each sample.
+/// Rays of each sample that are used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rays {
-    /// All of them.
+    /// All rays.
     All,
     /// The first half, itself well spread.
     FirstHalf,
-    /// The rest, as well.
+    /// The second half, as well spread.
     SecondHalf,
 }
 
-/// A ray that met a surface which light leaves from.
+/// A ray that met a surface from which light leaves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Arrival {
     triangle: u32,
@@ -72,7 +72,7 @@ struct Arrival {
 }
 
 impl Arrival {
-    /// Of the three corners; they add up to 1.
+    /// Weights of the three corners; they add up to 1.
     fn weights(self) -> [f64; 3] {
         let [b, c] = self.corners;
         let a = WHOLE.saturating_sub(b.saturating_add(c));
@@ -84,7 +84,7 @@ impl Arrival {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct InterReflection {
     rays: u32,
-    /// Two for each sample: where the arrivals of the first half of its rays end, and those of the second.
+    /// Two for each sample: ends of the arrivals of the first half of its rays, and of the second.
     ends: Vec<usize>,
     arrivals: Vec<Arrival>,
     /// For each triangle, the rows of the values at its corners.
@@ -121,7 +121,7 @@ impl InterReflection {
         Self { rays, ends, arrivals, rows: surface.domain.mesh.triangles.clone() }
     }
 
-    /// The same for values of receivers in place of source vertices: `receiver_of_vertex` as
+    /// The matrix for values of receivers in place of source vertices: `receiver_of_vertex` as
     /// [`super::receivers::Receivers::of_vertex`].
     #[must_use]
     pub fn of_receivers(mut self, receiver_of_vertex: &[u32]) -> Self {
@@ -130,7 +130,7 @@ impl InterReflection {
         self
     }
 
-    /// Whether no light comes back, as outside a convex body.
+    /// True if no light comes back, as outside a convex body.
     pub fn is_empty(&self) -> bool {
         self.arrivals.is_empty()
     }
@@ -145,7 +145,7 @@ impl InterReflection {
         self.rays
     }
 
-    /// Rays of all samples that bring something.
+    /// Number of rays of all samples that bring light.
     pub fn arrivals(&self) -> usize {
         self.arrivals.len()
     }
@@ -178,8 +178,9 @@ impl InterReflection {
         (0..self.samples()).into_par_iter().with_min_len(SAMPLES_OF_A_TASK).map(of_sample).collect()
     }
 
-    /// The same for any number of columns: `rows` is `[vertex][column]`, the result `[sample][column]`. A row that is missing
-    /// or cut short counts as 0. Values of either sign, such as coefficients of a basis of lights.
+    /// [`Self::apply`] with all rays for any number of columns: `rows` is `[vertex][column]`, the result
+    /// `[sample][column]`. A row that is missing or cut short counts as 0. Values of either sign, such as coefficients
+    /// of a basis of lights.
     pub fn apply_rows(&self, rows: &[f32], columns: usize) -> Vec<f32> {
         let mut out = vec![0.0; self.samples() * columns];
         if columns > 0 {
@@ -239,9 +240,9 @@ multiversion! {
 /// The surface of a medium from outside.
 struct Optics {
     eta: f64,
-    /// `C`.
+    /// The constant `C`.
     diffuse: f64,
-    /// Cosines below which equal steps of the distribution `2 F_t mu / C` lie.
+    /// Quantiles of the cosine under the density `2 F_t mu / C`, in equal steps.
     cosines: Vec<f64>,
 }
 
@@ -280,10 +281,10 @@ struct Bundle {
     order: Vec<(u32, u32)>,
 }
 
-/// What casts rays.
+/// Surface, optics and directions for casting rays.
 struct Caster<'a> {
     surface: &'a Surface<'a>,
-    /// Of each medium.
+    /// Optics of each medium.
     optics: Vec<Optics>,
     /// A (0, 2)-sequence in base 2: the first half is as well spread as the whole.
     directions: Vec<[f64; 2]>,
@@ -343,7 +344,7 @@ impl Caster<'_> {
         }
     }
 
-    /// What each ray meets first, in their order.
+    /// First hit of each ray, in their order.
     fn trace(&self, bundle: &mut Bundle) -> Vec<Option<Hit>> {
         let Bundle { rays, directions, order } = bundle;
         order.extend(directions.iter().zip(0..).map(|(direction, ray)| (direction_key(*direction), ray)));
@@ -360,7 +361,7 @@ impl Caster<'_> {
         hits
     }
 
-    /// What comes along a ray; none from an opaque part and from the inner side of a surface.
+    /// The arrival along a ray that hit a surface; none from an opaque part and from the inner side of a surface.
     fn arrival(&self, hit: &Hit, direction: DVec3, receiver: &Optics) -> Option<Arrival> {
         let domain = self.surface.domain;
         let part = *domain.parts.triangle_part.get(hit.triangle as usize)?;

@@ -37,7 +37,7 @@ fn mean(fixture: &Fixture, irradiance: &[DVec3]) -> f64 {
     fixture.flux(irradiance).x / area
 }
 
-/// Of constant radiosity inside a hollow sphere, where both ends of every ray have one cosine.
+/// Irradiance for a radiosity of 1 inside a hollow sphere, where both ends of every ray have one cosine.
 fn hollow_sphere(eta: f64) -> f64 {
     let twice = |mu: f64| 2.0 * transmittance(eta, mu).powi(2) * mu;
     (0..8).map(|i| integrate(twice, f64::from(i) / 8.0, f64::from(i + 1) / 8.0, 1e-12)).sum::<f64>()

@@ -28,7 +28,7 @@ pub(super) use self::directions::{around, direction_key};
 pub use self::sharp::{Pieces, Uneven};
 pub use self::surface_point::SurfacePoint;
 
-/// How finely lights and shadows are sampled.
+/// Numbers of directions and points by which lights and shadows are sampled.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct LightSampling {
     /// Points of a patch that see a directional or a point light, a power of two.
@@ -57,7 +57,7 @@ impl LightSampling {
 
     /// The sampling of the truth.
     pub const REFERENCE: Self = Self { points_per_patch: 16, directions: 512, area_side: 16 };
-    /// Shadow boundaries to a quarter of a patch, soft light to about 1 % of each patch, which scattering averages.
+    /// Shadow boundaries within a quarter of a patch, soft light within about 1 % a patch, which scattering averages.
     pub const FAST: Self = Self { points_per_patch: 4, directions: 256, area_side: 8 };
 
     /// Pieces of a patch that a shadow boundary crosses.
@@ -71,7 +71,7 @@ const STAGE_CONSTANT: u64 = 1;
 const STAGE_AREA: u64 = 2;
 const STAGE_ENVIRONMENT: u64 = 3;
 
-/// Irradiance at most: its sums over a surface stay finite.
+/// Largest irradiance: its sums over a surface stay finite.
 const MOST: f64 = 1e280;
 
 /// Only visibility varies between the directions of a constant light, so that it takes this many times fewer.
@@ -80,8 +80,8 @@ const CONSTANT_SAVES: u32 = 4;
 /// A patch that a shadow boundary of a sharp light crosses is looked at from this many times as many points, a power of two.
 const UNEVEN_REFINEMENT: u32 = 8;
 
-/// How far the first points of a patch are from its centroid, over the distance of the corners: off the edges, where
-/// neighbours would shadow them.
+/// Distance of the first points of a patch from its centroid, over that of the corners: off the edges, where neighbours
+/// would shadow them.
 const PROBE_REACH: f64 = 0.9;
 
 /// Weights of these three points and the centroid that integrate quadratic functions exactly.
@@ -90,7 +90,8 @@ const PROBE_WEIGHTS: [f64; 4] = {
     [corner, corner, corner, 1.0 - 3.0 * corner]
 };
 
-/// Shadow rays of one patch, in an order that keeps neighbouring directions together, and what each brings unoccluded.
+/// Shadow rays of one patch, in an order that keeps neighbouring directions together, and the irradiance that each
+/// brings unoccluded.
 #[derive(Default)]
 struct Bundle {
     rays: Vec<Ray>,
@@ -173,7 +174,7 @@ impl<'a> Illumination<'a> {
         (result, Pieces::new(patches, count, uneven.into_iter().flatten()))
     }
 
-    /// Irradiance of the patches from `first` on; returns those that are not lit evenly.
+    /// Writes the irradiance of the patches from `first` on to `out`; returns those that are not lit evenly.
     pub fn range(&self, first: usize, out: &mut [DVec3]) -> Vec<Uneven> {
         let rays = out.len() * self.sampling.points_per_patch as usize;
         let mut sharp: Vec<Sharp> = self.lights.iter().filter_map(|light| Sharp::new(light, rays)).collect();
@@ -232,7 +233,8 @@ impl<'a> Illumination<'a> {
         uneven
     }
 
-    /// Soft light on patches of one part, and the rays towards sharp lights; `before` patches of the range come before them.
+    /// Writes the soft light on patches of one part and collects the rays towards sharp lights; `before` patches of the
+    /// range come before them.
     fn some_of_part(&self, part: usize, first: usize, out: &mut [DVec3], (before, sharp): (usize, &mut [Sharp])) {
         let medium = self.surface.domain.parts.parts[part].medium.unwrap_or(0) as usize;
         let eta = self.entrance[medium].0;

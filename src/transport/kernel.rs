@@ -1,15 +1,16 @@
-//! How much of the irradiance at one point of the surface leaves at another, in single precision: what every stage sums.
+//! The radial kernel R_d, in single precision: the share of the irradiance at one point of the surface that leaves at
+//! another, per area, which every stage sums.
 //!
-//! A medium's kernel is one type, [`medium::MediumKernel`]: three radial profiles in double precision, and what evaluates them fast, in
-//! [`closed_form`] or by a [`radial_table`]. It meets two kinds of sources, points and flat triangles, and two ways of summing them: a
-//! block of receivers that lie close together against all sources of a list ([`Block`]), or each receiver against sources of its own
-//! ([`near`]). Coordinates are relative to the centre of the receivers, so that single precision loses little; sums run in f32 over
-//! at most `FLUSH` sources and are then added to f64.
+//! A medium's kernel is one type, [`medium::MediumKernel`]: three radial profiles in double precision, and a fast form
+//! of them, in [`closed_form`] or by a [`radial_table`]. There are two kinds of sources, points and flat triangles, and
+//! two ways of summing them: a block of receivers that lie close together against all sources of a list ([`Block`]), or
+//! each receiver against sources of its own ([`near`]). Coordinates are relative to the centre of the receivers, so
+//! that single precision loses little; sums run in f32 over at most `FLUSH` sources and are then added to f64.
 //!
-//! Kernels know no more of the two ends of a pair than [`Receiver`] and [`PointSource`] (or [`FlatSource`], which has a normal) say. A
-//! factor that depends on both normals, such as a double layer beside the radial kernel, gets what it needs from there: the normal of
-//! the receiver in the one, flux times normal in the other. One factor a point lies outside of the sums:
-//! [`SampleLight`](super::sample_light::SampleLight) applies it to the light before, and to the sums after.
+//! Kernels know no more of the two ends of a pair than [`Receiver`] and [`PointSource`] (or [`FlatSource`], which has a
+//! normal) say. A factor that depends on both normals, such as a double layer beside the radial kernel, would be added
+//! there: the normal of the receiver in the one, flux times normal in the other. One factor a point lies outside of the
+//! sums: [`SampleLight`](super::sample_light::SampleLight) applies it to the light before, and to the sums after.
 
 pub mod closed_form;
 pub mod medium;
@@ -23,7 +24,7 @@ use crate::math::quadrature::gauss_legendre_const;
 /// Sources summed in f32 before the sum is added to its f64 total.
 pub(super) const FLUSH: usize = 32;
 
-/// Where light leaves.
+/// A point where light leaves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Receiver {
     /// Position relative to the mesh's origin, mm.
@@ -41,13 +42,13 @@ pub struct PointSource {
 }
 
 impl PointSource {
-    /// At a position relative to the mesh's origin (mm), seen from a block around `centre_mm`.
+    /// A source at a position relative to the mesh's origin (mm), seen from a block around `centre_mm`.
     pub fn new(at_mm: DVec3, flux: DVec3, centre_mm: DVec3) -> Self {
         Self { at: (at_mm - centre_mm).as_vec3().to_array(), flux: flux.as_vec3().to_array() }
     }
 }
 
-/// A flat triangle of uniform irradiance, as a block sees it. What depends on the triangle alone is taken in double
+/// A flat triangle of uniform irradiance, as a block sees it. Quantities of the triangle alone are computed in double
 /// precision, so that single precision loses only a part in 2^24 of the block's own size.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FlatSource {
@@ -99,7 +100,7 @@ impl FlatSource {
         })
     }
 
-    /// As the receivers of a row see it.
+    /// The triangle as the receivers of a row see it.
     #[inline(always)]
     fn seen_from(&self, [x, y, z]: &[Row; 3]) -> SeenTriangle {
         let n = self.normal;
@@ -127,11 +128,11 @@ pub const LANES: usize = 16;
 /// One value for each receiver of a row.
 pub(super) type Row = [f32; LANES];
 
-/// A triangle for each receiver of a row, the same or others: what its integral follows from.
+/// A triangle for each receiver of a row, the same or different ones, as the input of its integral.
 struct SeenTriangle {
     /// Squared heights of the receivers over the planes, mm^2.
     height2: Row,
-    /// Of each edge: signed distance of its line from the receiver's foot, coordinate of its start along it, length, mm.
+    /// For each edge: signed distance of its line from the receiver's foot, coordinate of its start, length, mm.
     pedals: [Row; 3],
     starts: [Row; 3],
     lengths: [Row; 3],
@@ -149,31 +150,32 @@ impl SeenTriangle {
     };
 }
 
-/// How accurately triangles are integrated.
+/// Accuracy of the integration of triangles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EdgePrecision {
-    /// For sums over everything.
+    /// Accuracy of sums over everything.
     Reference,
-    /// For the near field beside a far field that is interpolated.
+    /// Accuracy of the near field beside a far field that is interpolated.
     Near,
 }
 
-/// RGB of every receiver of a row, in whichever order suits a kernel. Inlined into the loops below, once for every instruction set.
+/// RGB values of every receiver of a row, in the order that suits a kernel. Inlined into the loops below, once for
+/// every instruction set.
 pub(super) trait RowValues: Copy {
-    /// Nothing.
+    /// Zero for every receiver.
     const ZERO: Self;
 
     /// Adds values times one factor for each channel.
     fn add_scaled(&mut self, factor: [f32; 3], values: &Self);
 
-    /// Those of one receiver.
+    /// Values of one receiver.
     fn of_lane(&self, lane: usize) -> [f32; 3];
 
-    /// Adds them to sums in double precision.
+    /// Adds the values to sums in double precision.
     fn flush(&self, sums: &mut [[f64; LANES]; 3]);
 }
 
-/// A radial kernel as a row of receivers meets it.
+/// A radial kernel, evaluated for a row of receivers.
 pub(super) trait Radial {
     type Values: RowValues;
 
@@ -185,7 +187,7 @@ pub(super) trait Radial {
 trait RadialIntegral {
     type Values: RowValues;
 
-    /// The integrals, at least 0.
+    /// The kernel integrated over each receiver's triangle, at least 0.
     fn triangle(&self, seen: &SeenTriangle, precision: EdgePrecision) -> Self::Values;
 }
 
@@ -219,7 +221,7 @@ impl Block {
         }
     }
 
-    /// The sums of all receivers, RGB, which then are zero again.
+    /// Moves the sums of all receivers, RGB, to `out` and sets them to zero.
     pub fn take(&mut self, out: &mut [[f32; 3]]) {
         for (row, out) in self.rows.iter_mut().zip(out.chunks_mut(LANES)) {
             for (lane, out) in out.iter_mut().enumerate() {

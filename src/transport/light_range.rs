@@ -1,5 +1,5 @@
-//! How bright light is, and light of one colour, which one channel says all about: that of a single light, of several alike, of a
-//! grey environment.
+//! Brightness of light, and whether it has one colour, so that one channel holds all of it: a single light, several
+//! lights of one colour, a grey environment.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -7,29 +7,29 @@ use rayon::prelude::*;
 /// Irradiance farther than this share of the brightest from every multiple of a colour is of another one.
 const SAME_COLOUR: f64 = 1e-10;
 
-/// What is looked at as one task.
+/// Irradiances of one task.
 const CHUNK: usize = 8192;
 
 /// A colour that all light is a multiple of.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CommonColour {
-    /// The first channel that none exceeds: its light, times `rgb`, is the light.
+    /// The first channel that no other exceeds: its light, times `rgb`, is the light.
     pub channel: usize,
-    /// Relative to that channel.
+    /// The colour relative to that channel.
     pub rgb: DVec3,
 }
 
-/// What a look over all irradiance tells.
+/// Brightness and colour of all irradiance.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LightRange {
     /// The largest component, at least 0.
     pub brightest: f64,
-    /// Of all irradiance; white where there is none, `None` if colours differ.
+    /// Colour of all irradiance; white where there is none, `None` if colours differ.
     pub colour: Option<CommonColour>,
 }
 
 impl LightRange {
-    /// Of irradiance and of its deviations in pieces of samples, RGB.
+    /// The range of irradiance and of its deviations in pieces of samples, RGB.
     pub fn new(irradiance: &[DVec3], deviations: &[DVec3]) -> Self {
         let dark = (0.0, DVec3::ZERO);
         let brighter = |a: (f64, DVec3), e: &DVec3| if e.max_element() > a.0 { (e.max_element(), *e) } else { a };

@@ -1,9 +1,9 @@
 //! Radiosity under many lights at once: the transfer from samples to receivers is computed once for all of them, and
 //! applied as a product of matrices.
 //!
-//! What stands for what is the same for all lights of a call: clusters have the centroid of the flux that these bring
-//! together. Lights of one call should be neighbours; samples that none of them reaches cost nothing then. Irradiance of
-//! directional and point lights is scalar (F_t depends on eta alone), transfer is RGB.
+//! All lights of a call share one choice of clusters, with the centroid of the flux of all of them. Lights of one call
+//! should be neighbours; samples that none of them reaches cost nothing then. Irradiance of directional and point
+//! lights is scalar (F_t depends on eta alone), transfer is RGB.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -20,7 +20,7 @@ use crate::progress::Progress;
 pub struct IrradianceRows {
     /// Lights.
     pub lights: usize,
-    /// Those of sample `s` are `values[s * lights..(s + 1) * lights]`.
+    /// Irradiances of sample `s` are `values[s * lights..(s + 1) * lights]`.
     pub values: Vec<f32>,
 }
 
@@ -47,7 +47,7 @@ impl RadiosityRows {
     }
 }
 
-/// Receivers that tune the criterion, and others that measure what it costs.
+/// Receivers that tune the criterion, and others that measure its error.
 const TUNING: usize = 96;
 const PROBES: usize = 192;
 
@@ -60,7 +60,7 @@ const TARGET: f64 = 0.7;
 /// Sources whose weights are multiplied at once.
 const SOURCES: usize = 64;
 
-/// From one block of columns to the next: one more, because what lies a page apart pushes each other out of the cache.
+/// Stride from one block of columns to the next: one more, because rows a page apart push each other out of the cache.
 const STRIDE: usize = SOURCES + 1;
 
 /// Rows of a block: channels of receivers, as many as keep their sums in the 16 registers of AVX2.
@@ -80,17 +80,17 @@ pub struct ManyLights<'a> {
 }
 
 impl<'a> ManyLights<'a> {
-    /// All pairs until [`Self::tune`]; `areas` are those around the receivers.
+    /// The transfer by all pairs until [`Self::tune`]; `areas` are those around the receivers.
     pub fn new(gather: &'a Gather<'a>, tree: &'a SampleTree, receivers: &'a Receivers, areas: &'a [f64]) -> Self {
         Self { gather, tree, receivers, areas, scheme: Scheme::AllPairs, level: Level::detect() }
     }
 
-    /// What the transfer is made of.
+    /// The gather that computes the transfer.
     pub fn gather(&self) -> &'a Gather<'a> {
         self.gather
     }
 
-    /// How its sums are organised.
+    /// Organisation of its sums.
     pub fn scheme(&self) -> Scheme {
         self.scheme
     }
@@ -202,9 +202,9 @@ fn worst(found: &RadiosityRows, truth: &RadiosityRows, points: &ProbePoints) -> 
     (0..found.lights).map(of_light).fold(VertexError::default(), VertexError::max)
 }
 
-/// What all receivers share.
+/// Light that all receivers share.
 struct Shared {
-    /// Mean irradiance of every sample.
+    /// Irradiance of every sample, the mean over the lights.
     mean: Vec<DVec3>,
     /// Flux of every node of the tree under each light.
     flux: Vec<f32>,
@@ -223,7 +223,7 @@ impl Shared {
     }
 }
 
-/// What a thread works with.
+/// Working memory of one thread.
 #[derive(Default)]
 struct Work {
     lists: super::gather::Lists,
@@ -242,14 +242,14 @@ struct Product {
     rows: usize,
     columns: usize,
     lights: usize,
-    /// `[source][row]`.
+    /// Weights of the sources at hand, `[source][row]`.
     weights: Vec<f32>,
-    /// Sources at hand.
+    /// Number of sources at hand.
     sources: usize,
-    /// Their light, `[block][source][column of the block]`: rows of it lie a multiple of a page apart, and read where they are
-    /// they would push each other out of the cache.
+    /// Light of the sources at hand, `[block][source][column of the block]`: in place its rows lie a multiple of a page
+    /// apart and would push each other out of the cache.
     light: Vec<[f32; COLUMNS]>,
-    /// `[row][column]`.
+    /// Sums, `[row][column]`.
     sums: Vec<f32>,
 }
 
@@ -264,7 +264,7 @@ impl Product {
         self.sources = 0;
     }
 
-    /// `weights` is per receiver, RGB.
+    /// Adds a source: its weights for each receiver, RGB, and its light under each light.
     fn push(&mut self, weights: &[[f32; 3]], light: &[f32]) {
         let at = self.sources * self.rows;
         let slots = self.weights[at..at + self.rows].iter_mut();
@@ -287,7 +287,7 @@ impl Product {
         self.sources = 0;
     }
 
-    /// From `[receiver, channel][padded light]` to the layout of [`RadiosityRows`].
+    /// Copies the sums from `[receiver, channel][padded light]` to the layout of [`RadiosityRows`].
     fn store(&self, members: usize, out: &mut [f32]) {
         for (row, out) in out.chunks_exact_mut(self.lights.max(1)).enumerate().take(3 * members) {
             let at = row * self.columns;

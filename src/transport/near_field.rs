@@ -2,8 +2,8 @@
 //! with the actual profile.
 //!
 //! Inside the split radius a far profile is a polynomial, so the difference is compact. A sample close enough is
-//! integrated exactly (as in [`super::gather`]) and what the far field takes for it, f at its centroid, is subtracted;
-//! the others are points.
+//! integrated exactly (as in [`super::gather`]) less its far field, the far part of R_d at its centroid; the others are
+//! points.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -26,10 +26,11 @@ use crate::progress::Progress;
 
 /// Kernels of one medium.
 struct NearKernel {
-    /// Of triangles.
+    /// Kernel of triangles.
     medium: MediumKernel,
-    /// R_d of points of samples that are no points, and R_d less its far part.
+    /// R_d, for the points that stand for a sample too near to be one point.
     whole: QuadraticTable,
+    /// R_d less its far part, for the samples that are points.
     near: QuadraticTable,
     /// The far part inside the split radius: `c0 + c1 u + c2 u^2`, `u = r^2 - split^2`, of each channel.
     polynomials: [[f32; 3]; 3],
@@ -55,7 +56,7 @@ impl NearKernel {
 pub struct Corners(Vec<[[f32; 3]; 3]>);
 
 impl Corners {
-    /// Of all facets of a sample set.
+    /// The corners of all facets of a sample set.
     pub fn new(mesh: &Mesh, samples: &Samples, patches: &[Patch]) -> Self {
         let of_patch = |(index, patch): (usize, &Patch)| {
             let centre = patch.centre_mm;
@@ -66,13 +67,13 @@ impl Corners {
         Self(patches.par_iter().enumerate().flat_map_iter(of_patch).collect())
     }
 
-    /// Of one sample.
+    /// Corners of the facets of one sample.
     pub fn of(&self, samples: &Samples, sample: u32) -> &[[[f32; 3]; 3]] {
         let offsets = &samples.patch_offsets[sample as usize..sample as usize + 2];
         &self.0[offsets[0] as usize..offsets[1] as usize]
     }
 
-    /// Facet after facet.
+    /// Corners of all facets, facet after facet.
     pub fn values(&self) -> &[[[f32; 3]; 3]] {
         &self.0
     }
@@ -83,8 +84,8 @@ impl Corners {
     }
 }
 
-/// The samples, lit or not, that some receiver of each group is near to, whatever the medium; `rule` and `split_mm` are those of the near
-/// field.
+/// The samples, lit or not, that some receiver of each group is near to in any medium; `rule` and `split_mm` are those
+/// of the near field.
 pub fn around(surface: &Surface, receivers: &Receivers, rule: NearField, split_mm: f64) -> ClosePairs {
     ClosePairs::of_samples(surface, receivers, |patch| split_mm.max(rule.three_points_below * patch.radius_mm))
 }
@@ -121,7 +122,7 @@ impl Candidates {
     }
 }
 
-/// What one group of receivers works with.
+/// Working memory for one group of receivers.
 #[derive(Default)]
 struct Lists {
     candidates: Candidates,
@@ -130,13 +131,13 @@ struct Lists {
     near_indices: Vec<u32>,
     special_indices: Vec<u32>,
     whole: Points,
-    /// Of all receivers of the group.
+    /// Triangles near to any receiver of the group.
     flats: Flats,
     sums: Vec<[f64; 3]>,
 }
 
 impl<'a> Near<'a> {
-    /// Of media split at a radius; `around` is made with the same radius and rule.
+    /// The near field of media split at a radius; `around` is made with the same radius and rule.
     pub fn new(
         surface: Surface<'a>,
         (around, corners): (&'a ClosePairs, &'a Corners),
@@ -284,8 +285,8 @@ impl<'a> Near<'a> {
     }
 }
 
-/// Squared distances of all candidates to a receiver, the indices of those that are points inside the split radius, and of
-/// those that need more than a point; the numbers of both.
+/// Writes the squared distances of all candidates to a receiver, the indices of those that are points inside the split
+/// radius, and of those that need more than a point; returns the numbers of both.
 fn sort_by_distance(
     candidates: &Candidates,
     [x, y, z]: [f32; 3],
@@ -316,7 +317,7 @@ fn sort_by_distance(
     (nears, specials)
 }
 
-/// A piece of a sample: exact, or a point, because it is small where its sample is three.
+/// Adds a piece of a sample: exact, or as a point, because it is small where its sample is three points.
 fn piece(seen: [[f32; 3]; 3], e: [f32; 3], exact: bool, (whole, flats, receiver): (&mut Points, &mut Flats, u32)) {
     if exact {
         flats.push(receiver, seen, e);
@@ -327,7 +328,7 @@ fn piece(seen: [[f32; 3]; 3], e: [f32; 3], exact: bool, (whole, flats, receiver)
     whole.push(((a + b + c) / 3.0).length_squared(), e.map(|e| e * area));
 }
 
-/// [`THREE_POINTS`] of a triangle.
+/// Adds the [`THREE_POINTS`] of a triangle.
 fn three_points(corners: [[f32; 3]; 3], irradiance: [f32; 3], points: &mut Points) {
     let (towards, weight) = THREE_POINTS;
     let [a, b, c] = corners.map(glam::Vec3::from_array);

@@ -24,7 +24,7 @@ fn difference(fixture: Fixture, split_mm: f64, rule: NearField, irradiance: &dyn
     differences(fixture, split_mm, rule, irradiance)[0]
 }
 
-/// The same, and that of a gather of everything by the same rule.
+/// [`difference`], and that of a gather of everything by the same rule.
 fn differences(fixture: Fixture, split_mm: f64, rule: NearField, irradiance: &dyn Fn(u64) -> DVec3) -> [f64; 2] {
     let fixture = ordered(fixture);
     let surface = fixture.surface();

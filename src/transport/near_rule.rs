@@ -1,7 +1,9 @@
-//! The near-field rule: when a piece of the surface is so near that it is no point, and the points that stand for it where it is less near.
+//! The near-field rule: the distances below which a piece of the surface is no point, and the points that stand for it
+//! where it is less near.
 //!
-//! A radial kernel that is smooth inside a depth s changes at a distance r over a length of `sqrt(r^2 + s^2)`. A piece of the surface is
-//! near where that is below some multiple of its radius. How many radii follows from the asked error: a [`NearField`] or a [`NearRule`].
+//! A radial kernel that is smooth inside a depth s changes at a distance r over a length of `sqrt(r^2 + s^2)`. A piece
+//! of the surface is near where that is below some multiple of its radius. The number of radii follows from the asked
+//! error: a [`NearField`] or a [`NearRule`].
 
 use glam::DVec3;
 
@@ -14,7 +16,7 @@ pub fn near_square(length_mm: f64, smooth_mm: f64) -> f64 {
     length_mm * length_mm - smooth_mm * smooth_mm
 }
 
-/// Points of a triangle between its centroid and its corners: how far on the way, and the weight of each of the three.
+/// Three points of a triangle between its centroid and its corners: share of the way to the corner, weight of each.
 pub type CornerPoints = (f32, f32);
 
 /// Three points, which integrate polynomials of degree 2.
@@ -29,10 +31,10 @@ pub const SIX_POINTS: [CornerPoints; 2] = [
 /// Three points are enough for a facet from this many times farther on than six are: nothing is lost at 2, and much at 1.
 pub const THREE_BEYOND: f32 = 2.0;
 
-/// What a shadow boundary leaves of a sample is a point above this distance over its radius.
+/// Distance over radius from which on a piece of a sample that a shadow boundary crosses is a point.
 pub const PIECE_IS_POINT: f32 = 3.0;
 
-/// A facet is split so many times at most.
+/// Splits of a facet at most.
 pub const MOST_SPLITS: u32 = 16;
 
 /// The [`THREE_POINTS`] of a triangle and the area of each.
@@ -41,7 +43,7 @@ pub fn three_points(corners: [DVec3; 3]) -> ([DVec3; 3], f64) {
     (corners.map(|corner| 0.5 * (centre + corner)), samples::area(corners) / 3.0)
 }
 
-/// When a patch counts as near, in units of its radius.
+/// Distances, in units of a patch's radius, below which the patch counts as near.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct NearField {
     /// Closed form below this distance over radius.
@@ -69,8 +71,8 @@ impl NearField {
     /// elsewhere: 3e-4 at 0.1, 4e-4 at 1, 2e-4 at 3.
     pub const FAST: Self = Self { exact_below: 3.0, three_points_below: 6.0 };
 
-    /// For an asked error of the whole result: [`Self::FAST`] at 0.5 %. The error of a rule falls with the square of
-    /// distance over size.
+    /// The rule for an asked error of the whole result: [`Self::FAST`] at 0.5 %. The error of a rule falls with the
+    /// square of distance over size.
     pub fn for_error(relative_rms: f64) -> Self {
         let reach = (0.005 / relative_rms).sqrt();
         let Self { exact_below, three_points_below } = Self::FAST;
@@ -84,8 +86,8 @@ impl NearField {
 /// Distances over the radius of a sample below which it is more than a disc.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NearRule {
-    /// Points of its facets below this.
+    /// Points of its facets are summed below this.
     pub facets_below: f64,
-    /// Pieces, where it is not lit evenly, below this.
+    /// Pieces of a sample that is not lit evenly are summed below this.
     pub pieces_below: f64,
 }

@@ -1,4 +1,4 @@
-//! Where radiosity is gathered: one receiver for each welded vertex and part, in groups that lie close together.
+//! Points where radiosity is gathered: a receiver for each welded vertex of a part, in groups that lie close together.
 
 use std::collections::BTreeMap;
 
@@ -47,7 +47,7 @@ pub struct Sphere {
 }
 
 impl Sphere {
-    /// Around these; about the origin if there are none.
+    /// The sphere around these points; about the origin if there are none.
     pub fn around(points: &[DVec3]) -> Self {
         let grow = |(low, high): (DVec3, DVec3), &p: &DVec3| (low.min(p), high.max(p));
         let (low, high) = points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), grow);
@@ -56,7 +56,7 @@ impl Sphere {
     }
 }
 
-/// Some of many receivers, at which errors are measured or choices made.
+/// A subset of receivers, at which errors are measured or choices made.
 #[derive(Clone, Debug, Default)]
 pub struct ProbePoints {
     /// Index of each among all receivers.
@@ -72,7 +72,7 @@ impl ProbePoints {
         Self { indices, areas_mm2 }
     }
 
-    /// Their values out of those of all receivers.
+    /// Values at these receivers, out of those of all.
     pub fn of<T: Copy + Default>(&self, all: &[T]) -> Vec<T> {
         self.indices.iter().map(|&i| all.get(i as usize).copied().unwrap_or_default()).collect()
     }
@@ -84,7 +84,7 @@ impl ProbePoints {
 }
 
 impl Receivers {
-    /// Those of a group.
+    /// Receivers of a group.
     pub fn of(&self, group: Group) -> impl ExactSizeIterator<Item = Receiver> {
         self.positions[group.run.range()].iter().map(|&at_mm| Receiver { at_mm })
     }
@@ -211,7 +211,7 @@ impl Receivers {
         self.of_vertex.iter().map(|&r| values.get(r as usize).copied().unwrap_or(DVec3::ZERO)).collect()
     }
 
-    /// As [`Self::expand`] from single precision over a scale, RGB and nothing, on all threads.
+    /// [`Self::expand`] of values in single precision (RGB, the fourth unused) times `scale`, on all threads.
     pub fn expand_rgb(&self, values: &[[f32; 4]], scale: f64) -> Vec<DVec3> {
         let of_vertex = |&receiver: &u32| match values.get(receiver as usize) {
             Some(&[r, g, b, _]) => DVec3::new(r.into(), g.into(), b.into()) * scale,

@@ -9,8 +9,8 @@ use crate::geometry::samples::Patch;
 
 /// Irradiance of every sample, RGB, and of the pieces of those that are not lit evenly, brought into the range of single precision.
 ///
-/// All sums over samples take light from here and give radiosity back through [`SampleLight::radiosity`]. A factor for each point of the
-/// surface belongs to these two ends: that of a sample to what it sends, that of a receiver to what it has received.
+/// All sums over samples take light from here and give radiosity back through [`SampleLight::radiosity`]. Factors for
+/// each point of the surface belong to these two ends: of a sample on its irradiance, of a receiver on its sum.
 #[derive(Clone, Copy)]
 pub struct SampleLight<'a> {
     irradiance: &'a [DVec3],
@@ -19,16 +19,16 @@ pub struct SampleLight<'a> {
     scale: f64,
 }
 
-/// No sample is lit unevenly.
+/// Pieces of light that is even on every sample.
 static NO_PIECES: Pieces = Pieces::NONE;
 
 impl<'a> SampleLight<'a> {
-    /// Of even irradiance.
+    /// Light that is even on every sample.
     pub fn even(irradiance: &'a [DVec3]) -> Self {
         Self::new(irradiance, &NO_PIECES)
     }
 
-    /// Of irradiance and of the pieces of the same light, or none.
+    /// Irradiance of every sample and the pieces of the same light, or none.
     pub fn new(irradiance: &'a [DVec3], pieces: &'a Pieces) -> Self {
         const TASK: usize = 1 << 13;
         let brightest = |light: &[DVec3]| light.iter().map(|e| e.max_element()).fold(0.0, f64::max);
@@ -36,7 +36,7 @@ impl<'a> SampleLight<'a> {
         Self::with_brightest(irradiance, pieces, brightest)
     }
 
-    /// The same where the largest irradiance is known.
+    /// [`Self::new`] where the largest irradiance is known.
     pub fn with_brightest(irradiance: &'a [DVec3], pieces: &'a Pieces, brightest: f64) -> Self {
         Self { irradiance, pieces, scale: power_of_two_near(brightest).recip() }
     }
@@ -58,13 +58,14 @@ impl<'a> SampleLight<'a> {
         flux * self.scale
     }
 
-    /// Whether a sample has pieces.
+    /// True if a sample has pieces.
     #[inline(always)]
     pub fn is_uneven(&self, sample: usize) -> bool {
         self.pieces.is_uneven(sample)
     }
 
-    /// What each piece of an uneven sample receives more than the whole, scaled, and its corners relative to the sample's centroid, mm.
+    /// For each piece of an uneven sample, its irradiance less the sample's, scaled, and its corners relative to the
+    /// sample's centroid, mm.
     pub fn pieces(&self, sample: usize) -> Option<impl Iterator<Item = (DVec3, &'a [[f32; 3]; 3])> + use<'a>> {
         let scale = self.scale;
         self.pieces.of(sample).map(|pieces| pieces.map(move |(deviation, corners)| (deviation * scale, corners)))
@@ -75,12 +76,12 @@ impl<'a> SampleLight<'a> {
         self.pieces.count()
     }
 
-    /// What a scaled value of 1 is in the unit of the light.
+    /// Value of a scaled 1 in the unit of the light.
     pub fn unit(&self) -> f64 {
         self.scale.recip()
     }
 
-    /// What a receiver's sum is in the unit of the light.
+    /// Radiosity of a receiver in the unit of the light, from its scaled sum.
     #[inline(always)]
     pub fn radiosity(&self, sum: DVec3) -> DVec3 {
         sum / self.scale

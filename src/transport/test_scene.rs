@@ -13,7 +13,7 @@ use crate::geometry::samples::{Patch, Samples, patches};
 use crate::geometry::source::SourceModel;
 use crate::medium::material::{Medium, OpticalProperties, preset};
 
-/// A domain that owns what it is made of.
+/// A domain that owns its mesh, parts and media.
 pub(super) struct TestScene {
     pub(super) mesh: Mesh,
     pub(super) parts: PartTable,
@@ -46,12 +46,12 @@ pub(super) fn named(name: &str) -> OpticalProperties {
 }
 
 impl Fixture {
-    /// One part of one medium.
+    /// A scene of one part of one medium.
     pub(super) fn new(source: SourceModel, properties: OpticalProperties, samples: usize) -> Self {
         Self::with_opaque(source, usize::MAX, properties, samples)
     }
 
-    /// The same, with triangles from `first_opaque` on that only cast shadows.
+    /// [`Self::new`] with triangles from `first_opaque` on that only cast shadows.
     pub(super) fn with_opaque(
         source: SourceModel,
         first_opaque: usize,

@@ -1,4 +1,4 @@
-//! The tree over surface samples and what it holds for one light: flux, its centroid and a bounding radius per node.
+//! The tree over surface samples, and for one light the flux, its centroid and a bounding radius of each node.
 
 use glam::DVec3;
 
@@ -27,7 +27,7 @@ struct Node {
     children: [u32; 2],
 }
 
-/// What a node stands for under one light.
+/// A node under one light: flux, area and bounds of its samples.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Cluster {
     /// Flux-weighted centroid relative to the mesh's origin, mm.
@@ -40,9 +40,9 @@ pub struct Cluster {
     pub flux: DVec3,
 }
 
-/// What a visitor of the tree wants next.
+/// Item that a walk through the tree passes to its visitor.
 pub enum Visit<'a> {
-    /// A node with its index among the clusters; the answer is whether the cluster will do.
+    /// A node with its index among the clusters; the visitor answers true if the cluster will do.
     Node(u32, &'a Cluster),
     /// The samples of a leaf.
     Leaf(&'a [u32]),
@@ -124,7 +124,7 @@ impl SampleTree {
         self.nodes.len()
     }
 
-    /// Whether there are no nodes.
+    /// True if there are no nodes.
     pub fn is_empty(&self) -> bool {
         self.nodes.is_empty()
     }
@@ -166,7 +166,7 @@ impl SampleTree {
         Cluster { centre_mm: centre, radius_mm: radius, area_mm2: area, flux }
     }
 
-    /// Walks a part's tree: `visit` answers for a node whether its cluster will do instead of what is below it.
+    /// Walks a part's tree: `visit` answers true for a node whose cluster will do in place of its children.
     pub fn walk(&self, part: usize, clusters: &[Cluster], mut visit: impl FnMut(Visit) -> bool) {
         let mut stack = Vec::with_capacity(64);
         stack.extend(self.roots.get(part).copied().flatten());

@@ -13,7 +13,8 @@ use obvhs::{Boundable, BvhBuildParams};
 /// Children of a node and triangles of a leaf.
 pub(super) const WIDTH: usize = 8;
 
-/// What a stack entry or a child refers to: an inner node, or (`LEAF` set) a block and its number of triangles less one.
+/// Flag of a reference (stack entry or child): if set, the rest is a block and its number of triangles less one; else
+/// the index of an inner node.
 pub(super) const LEAF: u32 = 1 << 31;
 
 /// Cost of testing a block of triangles against that of testing the boxes of a node.
@@ -30,7 +31,7 @@ pub(super) struct Children(pub [u32; WIDTH]);
 pub(super) struct Node {
     /// Low x, y, z, then high x, y, z of the children's boxes; an empty box where there is no child.
     pub planes: [[f32; WIDTH]; 6],
-    /// What the children are.
+    /// References to the children.
     pub children: Children,
 }
 
@@ -38,7 +39,7 @@ pub(super) struct Node {
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(32))]
 pub(super) struct Block {
-    /// By corner, axis, lane.
+    /// Coordinates of the corners, `[corner][axis][lane]`.
     pub corners: [[[f32; WIDTH]; 3]; 3],
     /// Indices of the triangles as they were given.
     pub triangles: [u32; WIDTH],
@@ -125,8 +126,9 @@ fn unit_frame(low: Vec3, high: Vec3) -> (DVec3, f64) {
     ((low + high) * 0.5, 1.0 / (high - low).max_element())
 }
 
-/// Which subtrees become one node's children: `cost[n][i]` is the least cost of the binary node `n` as at most `i + 1`
-/// wide children, `split[n][i]` how many of them the left side gets (0: one fewer in all is as good, or it is one).
+/// Choice of the subtrees that become one node's children: `cost[n][i]` is the least cost of the binary node `n` as at
+/// most `i + 1` wide children, `split[n][i]` how many of them the left side gets (0: one fewer in all is as good, or it
+/// is one), `count[n]` its number of triangles.
 struct Cut {
     cost: Vec<[f32; WIDTH]>,
     split: Vec<[u8; WIDTH]>,
@@ -241,7 +243,7 @@ impl Emitter<'_> {
         }
     }
 
-    /// Writes nodes in the order of a depth-first walk, so that what is visited together lies together.
+    /// Writes nodes in the order of a depth-first walk, so that nodes visited together lie together.
     fn emit(&mut self) {
         // Root, its place in its parent, its depth; a scene of one block still gets a root node.
         let mut stack = vec![(0usize, None::<(usize, usize)>, 1usize)];

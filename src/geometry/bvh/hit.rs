@@ -1,9 +1,9 @@
-//! Where a ray meets a triangle.
+//! The hit of a ray on a triangle.
 
 /// No triangle: the value of `skip` that skips nothing.
 pub const NO_TRIANGLE: u32 = u32::MAX;
 
-/// Where a ray meets a triangle.
+/// Intersection of a ray with a triangle.
 ///
 /// The point is `(1 - u - v) * a + u * b + v * c` for the corners `a`, `b`, `c`.
 #[derive(Clone, Copy, Debug, PartialEq)]

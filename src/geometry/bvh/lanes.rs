@@ -10,10 +10,10 @@ use super::build::{Children, WIDTH};
 /// An entry of a stack of references; clearing stacks for every ray would cost as much as a node.
 pub(super) type Slot = MaybeUninit<u32>;
 
-/// Which instructions to use.
+/// Instruction set of the traversal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Path {
-    /// Whatever the compiler makes of arrays.
+    /// Arrays, as the compiler vectorises them.
     Portable,
     /// AVX2 and FMA, and the bit instructions that come with them.
     #[cfg(target_arch = "x86_64")]

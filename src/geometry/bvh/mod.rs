@@ -67,7 +67,7 @@ impl Bvh {
         Self { tree: Tree::new(corners), path: lanes::Path::detect() }
     }
 
-    /// Whether anything but triangle `skip` ([`NO_TRIANGLE`]: nothing is skipped) lies on the ray, ends excluded.
+    /// True if any triangle but `skip` ([`NO_TRIANGLE`]: nothing is skipped) meets the ray, ends excluded.
     ///
     /// A ray that is not finite meets nothing.
     pub fn occluded(&self, ray: &Ray, skip: u32) -> bool {
@@ -75,8 +75,8 @@ impl Bvh {
         traverse::occluded(self.path, &self.tree, &query, skip)
     }
 
-    /// For each ray what [`Self::occluded`] says, to the bit; faster where neighbours in the slice are alike
-    /// (one direction and near origins, or one origin and near directions).
+    /// [`Self::occluded`] for each ray, with the same answers; faster where neighbours in the slice are alike (one
+    /// direction and near origins, or one origin and near directions).
     ///
     /// Answers as many rays as the shortest of the three slices holds.
     pub fn occluded_many(&self, rays: &[Ray], skip: &[u32], out: &mut [bool]) {
@@ -89,15 +89,15 @@ impl Bvh {
         traverse::closest(self.path, &self.tree, &query)
     }
 
-    /// For each ray what [`Self::closest`] says, to the bit; faster where neighbours in the slice are alike (the eye rays of
-    /// a pixel).
+    /// [`Self::closest`] for each ray, to the bit; faster where neighbours in the slice are alike (eye rays of a
+    /// pixel).
     ///
     /// Answers as many rays as the shorter of the two slices holds.
     pub fn closest_many(&self, rays: &[Ray], out: &mut [Option<Hit>]) {
         packet::closest_many(self.path, &self.tree, rays, out);
     }
 
-    /// Hands over every hit in the open range of the ray, in no particular but a fixed order.
+    /// Calls `visit` with every hit in the open range of the ray, in no particular but a fixed order.
     ///
     /// A ray through an edge or a vertex meets each of the triangles around it.
     pub fn crossings(&self, ray: &Ray, visit: impl FnMut(Hit)) {

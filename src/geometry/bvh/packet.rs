@@ -34,7 +34,7 @@ pub(super) fn occluded_many(path: Path, tree: &Tree, rays: &[Ray], skip: &[u32],
     }
 }
 
-/// How many of the first rays can share a bundle; at least one.
+/// Number of rays, from the first on, that can share a bundle; at least one unless there are none.
 fn alike(tree: &Tree, rays: &[Ray]) -> usize {
     let Some(first) = rays.first() else { return 0 };
     let least = LEAST_COSINE * first.direction.length_squared();

@@ -1,4 +1,4 @@
-//! Rays, and what a traversal needs to know about one of them.
+//! Rays, and the data that a traversal derives from one.
 
 use glam::{DVec3, Vec3};
 
@@ -36,14 +36,14 @@ pub fn offset_origin(point: Vec3, geometric_normal: Vec3) -> Vec3 {
     offset_along(point, geometric_normal.as_dvec3().normalize_or_zero())
 }
 
-/// The same with a unit normal.
+/// [`offset_origin`] with a unit normal.
 pub fn offset_along(point: Vec3, unit: DVec3) -> Vec3 {
     let distance = f64::from(32.0 * ROUNDING) * point.as_dvec3().abs().max_element();
     let moved = point.as_dvec3() + unit * distance;
     round_along(moved, unit)
 }
 
-/// Rounds to 32 bits without giving back what a move along `direction` gained.
+/// Rounds to 32 bits without giving back any of a move along `direction`.
 fn round_along(point: DVec3, direction: DVec3) -> Vec3 {
     // Farther by what rounding to the nearest takes back at most, on either side of a power of two. Which way it rounds cannot be
     // foreseen: a branch would cost more.
@@ -76,7 +76,7 @@ pub(super) struct Query {
     pub near_offset: [f32; 3],
     /// `inverse` times `far_origin`.
     pub far_offset: [f32; 3],
-    /// For each axis, whether the direction points down it.
+    /// For each axis, true if the direction points down it.
     pub negative: [bool; 3],
     /// Range for boxes, from `origin`.
     pub box_range: [f32; 2],

@@ -9,7 +9,7 @@ use super::triangle::{ExactHit, candidates, exact};
 /// Entries of a stack that needs no allocation; deeper trees take a `Vec`.
 pub(super) const SMALL_STACK: usize = 256;
 
-/// The same of a stack that is cleared for every ray, which short rays feel.
+/// Entries of the smaller stack of a search for the closest hit: it is cleared for every ray, which short rays feel.
 const CLEARED_STACK: usize = 96;
 
 /// No block has this number: there are fewer than 2^28.
@@ -37,7 +37,7 @@ impl<L: Lanes> Wide<L> {
         }
     }
 
-    /// Which of the eight boxes the ray may meet between `t_min` and `t_max`, and where it enters them.
+    /// Bits of the boxes, of eight, that the ray may meet between `t_min` and `t_max`, and the entry distances.
     #[inline(always)]
     fn boxes(&self, planes: &[[f32; WIDTH]; 6], t_min: L::V, t_max: L::V) -> (u32, L::V) {
         let enter = L::max(self.near(planes, 0), L::max(self.near(planes, 1), L::max(self.near(planes, 2), t_min)));
@@ -61,15 +61,15 @@ fn splat3<L: Lanes>([x, y, z]: [f32; 3]) -> [L::V; 3] {
     [L::splat(x), L::splat(y), L::splat(z)]
 }
 
-/// What to do with the hits of a ray.
+/// Visitor of the hits of a ray.
 pub(super) trait Visit {
-    /// Whether a hit with this triangle is of any interest; asked before the hit is worked out.
+    /// True if a hit with this triangle is of interest; asked before the hit is worked out.
     fn wants(&self, triangle: u32) -> bool;
     /// Takes a hit; true ends the search.
     fn take(&mut self, hit: ExactHit, triangle: u32) -> bool;
 }
 
-/// Any triangle but one.
+/// Visitor that ends at the first hit with any triangle but one.
 pub(super) struct Except(pub u32);
 
 impl Visit for Except {
@@ -83,7 +83,7 @@ impl Visit for Except {
     }
 }
 
-/// Every hit.
+/// Visitor that passes every hit to a function.
 struct Every<F>(F);
 
 impl<F: FnMut(Hit)> Visit for Every<F> {
@@ -98,12 +98,12 @@ impl<F: FnMut(Hit)> Visit for Every<F> {
     }
 }
 
-/// Whether the ray meets a triangle other than `skip`.
+/// True if the ray meets a triangle other than `skip`.
 pub(super) fn occluded(path: Path, tree: &Tree, query: &Query, skip: u32) -> bool {
     any(path, tree, query, &mut Except(skip))
 }
 
-/// Hands over every hit of the ray.
+/// Calls `visit` with every hit of the ray.
 pub(super) fn crossings(path: Path, tree: &Tree, query: &Query, visit: impl FnMut(Hit)) {
     any(path, tree, query, &mut Every(visit));
 }
@@ -196,7 +196,7 @@ impl Nearest {
         self.hit.t
     }
 
-    /// As users see it.
+    /// The hit in single precision, `None` if there is none.
     #[inline]
     pub(super) fn rounded(&self) -> Option<Hit> {
         (self.triangle != NO_TRIANGLE).then(|| self.hit.rounded(self.triangle))

@@ -17,7 +17,7 @@ pub(super) struct ExactHit {
 }
 
 impl ExactHit {
-    /// As users see it.
+    /// The hit in single precision.
     pub(super) fn rounded(self, triangle: u32) -> Hit {
         Hit { triangle, t: self.t as f32, u: self.u as f32, v: self.v as f32 }
     }

@@ -90,7 +90,7 @@ pub(super) fn vertices(mesh: &Mesh) -> (usize, usize) {
     (used, start.par_windows(2).filter(|bounds| fans(bounds)).count())
 }
 
-/// Whether the edges around a vertex fall into several connected pieces.
+/// True if the edges around a vertex form more than one connected piece.
 fn is_split(link: &[[u32; 2]]) -> bool {
     let Some(&[first, mut end]) = link.first() else { return false };
     // Nearly every vertex has one small closed fan: walk round it.

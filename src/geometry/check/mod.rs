@@ -1,4 +1,4 @@
-//! The mesh check: what a mesh is, what is wrong with it, and whether it is fine enough for its material.
+//! The mesh check: size, topology, defects, and whether the mesh is fine enough for its material.
 
 mod measure;
 mod part;
@@ -13,7 +13,7 @@ pub use self::part::{MeanFreePath, PartCheck, THICKNESS_SAMPLES, THIN_MEAN_FREE_
 /// Share of a part's area above which thin regions and long edges are worth a warning.
 const WARNING_SHARE: f64 = 0.05;
 
-/// What the mesh check found.
+/// Findings of the mesh check.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct MeshCheck {
     /// Vertices of the source.
@@ -22,7 +22,7 @@ pub struct MeshCheck {
     pub welded_vertices_used: usize,
     /// Triangles after repairs.
     pub triangles: usize,
-    /// What was changed on the way.
+    /// Repairs of the source.
     pub repairs: RepairReport,
     /// Corners of the bounding box in world mm.
     pub bounds_mm: [[f64; 3]; 2],
@@ -38,7 +38,7 @@ pub struct MeshCheck {
     pub boundary_edges: usize,
     /// Loops and open paths that those edges form.
     pub boundary_loops: usize,
-    /// Of those, loops of no width (a corner of one triangle lies on an edge of another): they leave no opening.
+    /// Loops of no width among those (a corner of one triangle lies on an edge of another): they leave no opening.
     pub slits: usize,
     /// Edges with more than two triangles.
     pub non_manifold_edges: usize,
@@ -101,7 +101,7 @@ pub fn check(
 }
 
 impl MeshCheck {
-    /// What a person should know before they trust results on this mesh, one line each; empty for a sound mesh.
+    /// Warnings about defects that make results on this mesh unreliable, one line each; empty for a sound mesh.
     pub fn warnings(&self) -> Vec<String> {
         let mut lines = self.repairs.lines();
         let openings = self.boundary_loops - self.slits;

@@ -14,9 +14,9 @@ pub const THICKNESS_SAMPLES: usize = 2048;
 /// Mean free paths 1/sigma_t' of one medium over its colour channels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeanFreePath {
-    /// Of the densest channel, in mm: what triangles must resolve.
+    /// Mean free path of the densest channel, in mm: triangles must resolve it.
     pub shortest_mm: f64,
-    /// Of the clearest channel, in mm: what thickness must exceed.
+    /// Mean free path of the clearest channel, in mm: thickness must exceed it.
     pub longest_mm: f64,
 }
 

@@ -1,4 +1,4 @@
-//! From a source model to the mesh that every stage works on: scale, rounding, welding and repairs, all counted.
+//! Builds the mesh that every stage works on from a source model: scale, rounding, welding and repairs, all counted.
 
 use glam::{DVec3, Vec3};
 use serde::Serialize;
@@ -12,7 +12,7 @@ use crate::math::random::mix;
 /// Indices of half-edges must fit 32 bits.
 const MAX_TRIANGLES: usize = 1 << 30;
 
-/// What was found and changed on the way from the source to the mesh.
+/// Counts of the defects and repairs between the source and the mesh.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct RepairReport {
     /// Vertices of the source.

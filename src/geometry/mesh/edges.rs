@@ -73,7 +73,7 @@ impl EdgeTable {
 pub(crate) struct Chain {
     /// Vertices in order; the last one joins the first unless the chain is open.
     pub vertices: Vec<u32>,
-    /// Whether the last vertex joins the first.
+    /// True if the last vertex joins the first.
     pub closed: bool,
 }
 

@@ -1,4 +1,4 @@
-//! From the units of a source to millimetres.
+//! Conversion of the units of a source to millimetres.
 
 use glam::DVec3;
 
@@ -22,7 +22,7 @@ pub enum UpAxis {
     Z,
 }
 
-/// How large a model is, as a user states it.
+/// Size of a model, as a user states it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Scale {
     /// Length of one source unit in mm.
@@ -33,14 +33,14 @@ pub enum Scale {
     HeightMm(f64, UpAxis),
 }
 
-/// Where a model stands in the world: multiplied about its own origin, nothing else.
+/// Placement of a model in the world: a scale about its own origin, nothing else.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placement {
     /// Length of one source unit in mm.
     pub mm_per_unit: f64,
 }
 
-/// The scale of a model: what the user says, else what the file format says.
+/// The scale of a model: that of the user, else that of the file format.
 ///
 /// The bounding box is that of the vertices that triangles use.
 ///
@@ -78,11 +78,11 @@ pub fn resolve_scale(source: &SourceModel, scale: Option<Scale>) -> Result<Place
 }
 
 impl Mesh {
-    /// Scales the mesh about the world's origin so that its diagonal is `diagonal_mm`; returns the factor. What is the same to a
-    /// few bits of single precision stays as it is.
+    /// Scales the mesh about the world's origin so that its diagonal is `diagonal_mm`; returns the factor. A mesh whose
+    /// diagonal is already within a relative 1e-6 of it stays as it is.
     ///
     /// # Errors
-    /// Command line: a size that is not positive and finite, or outside what a mesh may have; a mesh of no extent.
+    /// Command line: a size that is not positive and finite, or outside the range of a mesh's; a mesh of no extent.
     pub fn resize(&mut self, diagonal_mm: f64) -> Result<f64> {
         let size = positive(diagonal_mm, "--size-mm")?;
         if !(MIN_DIAGONAL_MM..=MAX_DIAGONAL_MM).contains(&size) {

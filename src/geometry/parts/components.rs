@@ -1,4 +1,4 @@
-//! Connected components of a mesh: what hangs together within one medium, whether it is closed, and how large it is.
+//! Connected components of a mesh within one medium: their triangles, closure, area and volume.
 
 use glam::DVec3;
 
@@ -7,7 +7,7 @@ use super::touch::{Corners, Crossing, crossing};
 use super::tree::{Aabb, BoxTree};
 use crate::geometry::mesh::{Chain, EdgeTable, Mesh, POSITION_RESOLUTION, RepairReport, simple_chains};
 
-/// Whether a surface bounds a volume.
+/// Closure of a surface: closed if it bounds a volume.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Closure {
@@ -144,7 +144,7 @@ impl Components {
     }
 
     /// Turns closed components round whose normals all point inwards, unless they lie in another closed component of
-    /// the same medium (then they are its cavities). Counts what it does in `report`.
+    /// the same medium (then they are its cavities). Counts them in `report`.
     pub(crate) fn orient(&mut self, mesh: &mut Mesh, report: &mut RepairReport) {
         if !self.list.iter().any(Component::is_inverted) {
             return;
@@ -168,7 +168,7 @@ impl Components {
         }
     }
 
-    /// For each component whether it is inverted and in no other closed component of its medium.
+    /// For each component, true if it is inverted and in no other closed component of its medium.
     fn outermost_inverted(&self, mesh: &Mesh) -> Vec<bool> {
         let mut trees = ComponentTrees::new(mesh, self);
         (0..self.list.len() as u32)
@@ -211,7 +211,7 @@ fn connect(mesh: &Mesh, roles: &MaterialRoles) -> (Vec<u32>, usize) {
     sets.labels()
 }
 
-/// Whether a border chain is a slit of no width: all of its vertices on one line, as far as positions resolve.
+/// True if a border chain is a slit of no width: all of its vertices on one line, as far as positions resolve.
 pub(crate) fn is_slit(mesh: &Mesh, chain: &Chain) -> bool {
     if !chain.closed {
         return false;
@@ -263,7 +263,7 @@ impl ComponentTree {
         Self { corners, tree: BoxTree::new(&boxes) }
     }
 
-    /// Whether any triangle of one tree comes within `distance` of one of the other.
+    /// True if any triangle of one tree comes within `distance` of one of the other.
     pub(crate) fn touches(&self, other: &Self, distance: f64) -> bool {
         use std::ops::ControlFlow::{Break, Continue};
         self.tree
@@ -274,7 +274,7 @@ impl ComponentTree {
             .is_break()
     }
 
-    /// Whether a point lies inside this closed surface: odd number of crossings of a ray.
+    /// True if a point lies inside this closed surface: odd number of crossings of a ray.
     ///
     /// Rays that pass an edge or graze a face are given up for another direction; where all are unclear the point is
     /// taken as outside.
@@ -311,7 +311,7 @@ impl ComponentTree {
         false
     }
 
-    /// Nearest triangle that the ray leaves through its back, with the distance, beyond `t_min` and before `t_max`.
+    /// Distance to the nearest accepted triangle beyond `t_min` that the ray leaves through its back.
     pub(crate) fn exit(
         &self,
         origin: DVec3,
@@ -375,14 +375,14 @@ impl<'a> ComponentTrees<'a> {
         near
     }
 
-    /// Whether two components come within `distance`.
+    /// True if two components come within `distance`.
     pub(crate) fn touch(&mut self, a: u32, b: u32, distance: f64) -> bool {
         self.tree(a);
         self.tree(b);
         matches!((&self.trees[a as usize], &self.trees[b as usize]), (Some(a), Some(b)) if a.touches(b, distance))
     }
 
-    /// Whether `outer` is closed and holds the first corner of `inner`: all of it, where the two do not touch.
+    /// True if `outer` is closed and holds the first corner of `inner`: all of it, where the two do not touch.
     pub(crate) fn holds(&mut self, outer: u32, inner: u32) -> bool {
         let (o, i) = (&self.components.list[outer as usize], &self.components.list[inner as usize]);
         let point = self.mesh.corners_local_mm(i.first_triangle)[0];

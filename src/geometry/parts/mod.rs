@@ -24,7 +24,7 @@ use super::mesh::{EdgeTable, Mesh, RepairReport};
 /// A hundred times the rounding of positions: parts modelled face to face touch, parts with a visible gap do not.
 pub const TOUCH_TOLERANCE: f64 = 1e-5;
 
-/// How components of one medium become parts (`--parts`).
+/// Rule by which components of one medium become parts (`--parts`).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PartsRule {
@@ -130,7 +130,7 @@ impl Parts {
     }
 }
 
-/// Everything that parts and the mesh check derive from one mesh, computed once.
+/// Parts, components and edges of a mesh, computed once for transport and the mesh check.
 pub struct Analysis {
     /// The parts.
     pub parts: Parts,

@@ -5,7 +5,7 @@ use glam::DVec3;
 /// A triangle by its corners.
 pub(crate) type Corners = [DVec3; 3];
 
-/// Whether two triangles intersect or come within `distance` of each other, coplanar overlap included.
+/// True if two triangles intersect or come within `distance` of each other, coplanar overlap included.
 ///
 /// Two triangles are nearest at two edges or at a corner and a face, unless an edge of one pierces the other.
 pub(crate) fn within(a: &Corners, b: &Corners, distance: f64) -> bool {
@@ -19,7 +19,7 @@ pub(crate) fn within(a: &Corners, b: &Corners, distance: f64) -> bool {
         || b.iter().any(|&p| face_distance2(p, a).is_some_and(|d| d <= limit))
 }
 
-/// Whether a segment passes through the interior of a triangle; contact within rounding is left to the distances.
+/// True if a segment passes through the interior of a triangle; contact within rounding is left to the distances.
 fn pierces(segment: &[DVec3; 2], triangle: &Corners) -> bool {
     let direction = segment[1] - segment[0];
     matches!(crossing(segment[0], direction, triangle), Crossing::At { t, .. } if t <= 1.0)
@@ -71,14 +71,14 @@ fn segment_distance2(p: &[DVec3; 2], q: &[DVec3; 2]) -> f64 {
     (p[0] + d1 * s - q[0] - d2 * t).length_squared()
 }
 
-/// Where a ray meets a triangle.
+/// Crossing of a ray with a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Crossing {
-    /// Nowhere at t > 0.
+    /// No crossing at t > 0.
     None,
     /// Inside the triangle at `t`; `outward` if the ray leaves through the back of the face.
     At { t: f64, outward: bool },
-    /// Through an edge or a corner, or along the face, as far as rounding can tell.
+    /// The ray passes through an edge or a corner, or along the face, as far as rounding can tell.
     Unclear,
 }
 

@@ -37,7 +37,7 @@ impl Aabb {
         self.min.cmple(other.min).all() && other.max.cmple(self.max).all()
     }
 
-    /// Whether the ray `origin + t direction`, 0 <= t <= `t_max`, meets the box; `inverse` is 1 / direction.
+    /// True if the ray `origin + t direction`, 0 <= t <= `t_max`, meets the box; `inverse` is 1 / direction.
     fn meets_ray(&self, origin: DVec3, inverse: DVec3, t_max: f64) -> bool {
         // The slabs of the empty box would span everything.
         if self.min.x > self.max.x {

@@ -15,8 +15,8 @@ pub fn demo_model() -> SourceModel {
     elephant(SPACING_MM)
 }
 
-/// The demonstration model of triangles about `spacing_mm` long. Coarser than the demonstration it is closed still, but a few edges
-/// between thin parts have four faces (two at 1.5 mm).
+/// The demonstration model of triangles about `spacing_mm` long. With a coarser spacing it is still closed, but a few
+/// edges between thin parts have four faces (two at 1.5 mm).
 pub fn elephant(spacing_mm: f64) -> SourceModel {
     let grid = Grid { min: DVec3::new(-32.0, -2.0, -30.0), max: DVec3::new(32.0, 50.0, 38.0), spacing: spacing_mm };
     let elephant = Elephant::new();

@@ -323,7 +323,7 @@ pub fn still_life(spacing_mm: f64) -> SourceModel {
     SourceModel { metres_per_unit: Some(1e-3), ..whole }
 }
 
-/// The same surface with its normals the other way.
+/// The shape with the winding of its triangles reversed.
 pub fn inside_out(mut shape: SourceModel) -> SourceModel {
     shape.triangles.iter_mut().for_each(|t| t.swap(1, 2));
     shape

@@ -19,12 +19,12 @@ pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
 /// The lower triangular factor L of A = L L^T.
 pub(super) struct Cholesky {
     size: usize,
-    /// Row by row, zeros above the diagonal.
+    /// The factor row by row, zeros above the diagonal.
     factor: Vec<f64>,
 }
 
 impl Cholesky {
-    /// Of a symmetric matrix of `size` rows; only its lower half is read. None unless it is positive definite.
+    /// Factorises a symmetric matrix of `size` rows; only its lower half is read. None unless it is positive definite.
     pub(super) fn new(mut matrix: Vec<f64>, size: usize) -> Option<Self> {
         for i in 0..size {
             let (above, row) = matrix.split_at_mut(i * size);

@@ -8,7 +8,7 @@ use glam::DVec3;
 use crate::error::{Error, Result};
 use crate::math::sphere::{SphericalDelaunay, unit};
 
-/// How many directions a set may have.
+/// Allowed numbers of directions of a set.
 pub const COUNTS: RangeInclusive<usize> = 4..=4096;
 
 /// Shifts the lattice towards the poles by this part of a step. Of the offsets from 0 to 1.2 in steps of 0.01, 1/4 has the
@@ -21,12 +21,12 @@ pub struct DirectionSet {
     triangulation: SphericalDelaunay,
 }
 
-/// A direction of a set and how far it is.
+/// A direction of a set and its angle from the one asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Near {
     /// Index in the set.
     pub index: usize,
-    /// Angle in radians.
+    /// Angle from the direction asked for, in radians.
     pub angle: f64,
 }
 

@@ -9,10 +9,10 @@ use crate::light::Light;
 /// Most shells of a set.
 pub const MOST_SHELLS: usize = 16;
 
-/// Most that a shell's inverse distance may be, in inverse bounding radii.
+/// Largest inverse distance of a shell, in inverse bounding radii.
 pub const NEAREST: f64 = 0.99;
 
-/// How values between shells follow from those at the shells.
+/// Interpolation of values between shells from those at the shells.
 ///
 /// RMS error by the number of shells (the parallel light counts as one) for point lights from far away to this many bounding
 /// radii, spread by [`DistanceSet::spread`]; 200 blurred clamped cosines with shadow edges at random places within the bounding
@@ -29,7 +29,8 @@ pub const NEAREST: f64 = 0.99;
 /// | polynomial, 1.11 radii | 2.0e-1 | 7.1e-2 | 3.0e-2 | 1.3e-2 | 4.1e-3 | 2.6e-3 |
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 pub enum Blend {
-    /// Linear in the inverse distance between the two nearest shells: the paper's, trilinear with the direction's.
+    /// Linear in the inverse distance between the two nearest shells: the paper's interpolation, trilinear together
+    /// with that of the direction.
     Linear,
     /// The polynomial in the inverse distance through all shells.
     Polynomial,
@@ -67,7 +68,7 @@ impl DistanceSet {
         Ok(Self { centre_mm, radius_mm, inverse, blend })
     }
 
-    /// Parallel light only.
+    /// The set of parallel light only.
     ///
     /// # Errors
     /// As [`DistanceSet::new`] (exit 3).
@@ -111,7 +112,7 @@ impl DistanceSet {
         &self.inverse
     }
 
-    /// How values between shells are made.
+    /// Interpolation of values between shells.
     pub fn blend(&self) -> Blend {
         self.blend
     }
@@ -167,7 +168,7 @@ fn linear(nodes: &[f64], u: f64) -> Vec<f64> {
     weights
 }
 
-/// Lagrange's polynomials at `u`.
+/// Values of Lagrange's polynomials at `u`.
 fn polynomial(nodes: &[f64], u: f64) -> Vec<f64> {
     let factor = |k: usize| {
         let others = nodes.iter().enumerate().filter(move |(j, _)| *j != k);

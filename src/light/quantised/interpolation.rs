@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::math::sh::real_sh;
 use crate::math::sphere::unit;
 
-/// How a value between the directions of a set follows from the values at them. All reproduce constants.
+/// Interpolation scheme of values between the directions of a set. All reproduce constants.
 ///
 /// RMS error by the number of directions for 300 clamped cosines with up to two shadow edges, blurred by Gaussians of 3 to 30
 /// degrees (standard deviation), at 400 random directions; full scale is about 1. The jump is the most that a value moves at 200
@@ -100,8 +100,8 @@ const SAME_DIRECTION: f64 = 1e-12;
 /// Square of the length in the kernel, see [`Scheme::Rbf`].
 const KERNEL_LENGTH_SQUARED: f64 = 0.2 * 0.2;
 
-/// What makes the kernel positive definite when the products of harmonics are added: more than its largest eigenvalue on them
-/// times 4 pi over the count. It has no influence on the result.
+/// Factor on the products of harmonics that are added to make the kernel positive definite: more than its largest
+/// eigenvalue on them times 4 pi over the count. It has no influence on the result.
 const POLYNOMIAL_SHIFT: f64 = 100.0;
 
 /// Order of the harmonics of [`Scheme::LeastSquares`] for a set of `count` directions: floor(sqrt(0.6 count)), at least 1 and at
@@ -117,9 +117,9 @@ pub struct Interpolator {
     scheme: Scheme,
     /// Order of the harmonics among the functions that `matrix` multiplies.
     order: usize,
-    /// Functions of the direction that weights are linear in; none for the local schemes.
+    /// Number of functions of the direction in which the weights are linear; 0 for the local schemes.
     functions: usize,
-    /// Weights from these functions, a row for each direction.
+    /// Matrix from these functions to the weights, a row for each direction.
     matrix: Vec<f64>,
 }
 
@@ -221,18 +221,18 @@ impl Interpolator {
         total
     }
 
-    /// How many functions of the direction the weights of a smooth scheme are linear in; 0 for the local schemes.
+    /// Number of functions of the direction in which a smooth scheme's weights are linear; 0 for the local schemes.
     pub fn functions(&self) -> usize {
         self.functions
     }
 
-    /// Weights from these functions: a row for each direction of the set, empty for the local schemes.
+    /// Matrix from these functions to the weights: a row for each direction of the set, empty for the local schemes.
     pub fn matrix(&self) -> &[f64] {
         &self.matrix
     }
 
-    /// Frees what [`Self::weights`] and [`Self::sum`] of a smooth scheme need (they give zeros from then on), for who reads
-    /// [`Self::function_sums`] only.
+    /// Frees the matrix that [`Self::weights`] and [`Self::sum`] of a smooth scheme need (they give zeros from then
+    /// on), for callers of [`Self::function_sums`] only.
     pub fn forget_weights(&mut self) {
         self.matrix = Vec::new();
     }
@@ -260,7 +260,7 @@ impl Interpolator {
         total
     }
 
-    /// The few weights of a local scheme.
+    /// Passes the few weights of a local scheme to `add`.
     fn local(&self, direction: DVec3, mut add: impl FnMut(usize, f64)) {
         if self.scheme == Scheme::Barycentric {
             let found = self.set.triangulation().locate(direction);
@@ -278,7 +278,7 @@ impl Interpolator {
         }
     }
 
-    /// The functions that the weights of a smooth scheme are linear in.
+    /// Values of the functions in which the weights of a smooth scheme are linear: kernels, then harmonics.
     fn values(&self, direction: DVec3, out: &mut [f64]) {
         let (kernels, harmonics) = out.split_at_mut(self.functions - self.order * self.order);
         kernels

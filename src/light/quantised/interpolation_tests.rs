@@ -125,7 +125,7 @@ fn largest_jump(interpolator: &Interpolator, lit: &[(Lit, Vec<f64>)], arc: Arc, 
     largest
 }
 
-/// The largest jump in 0.1 degrees over some quarters of great circles, and what is left of it in a hundredth of that step.
+/// The largest jump in 0.1 degrees over some quarters of great circles, and its rest in a hundredth of that step.
 fn jumps(interpolator: &Interpolator) -> [f64; 2] {
     let value_of = |f: &Lit| interpolator.set().directions().iter().map(|d| f.at(*d)).collect();
     let lit: Vec<(Lit, Vec<f64>)> = (0..24)

@@ -24,7 +24,7 @@ fn normal_cdf(x: f64) -> f64 {
     if x > 0.0 { 1.0 - upper } else { upper }
 }
 
-/// Blurs by a Gaussian: max(0, n.w) and up to two shadow edges, each of its own width.
+/// max(0, n.w) times up to two shadow edges, each blurred by a Gaussian of its own width.
 pub(super) struct Lit {
     normal: DVec3,
     width: f64,

@@ -87,7 +87,7 @@ pub fn distant(light: &Light) -> Result<Vec<(DVec3, DVec3)>> {
     }
 }
 
-/// Pairs of position in mm and intensity.
+/// Pieces on the shells (see [`pieces`]) of points, pairs of position in mm and intensity.
 fn points(lights: &QuantisedLights, points: &[(DVec3, DVec3)]) -> Result<Vec<Vec<(DVec3, DVec3)>>> {
     let shells = lights.shells.inverse().len();
     let mut by_shell = vec![Vec::with_capacity(points.len()); shells];
@@ -106,8 +106,8 @@ fn points(lights: &QuantisedLights, points: &[(DVec3, DVec3)]) -> Result<Vec<Vec
     Ok(by_shell)
 }
 
-/// A rectangle as points that emit, cosine-weighted: what is left out when all of the scene sees the emission that its centre
-/// sees.
+/// A rectangle as points that emit, cosine-weighted, to mend the approximation that all of the scene sees the emission
+/// that its centre sees.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Emission {
     normal: DVec3,
@@ -116,7 +116,7 @@ pub struct Emission {
 }
 
 impl Emission {
-    /// Of an area light; none of other lights.
+    /// The points of an area light; none for other lights.
     pub fn new(light: &Light, centre_mm: DVec3) -> Option<Self> {
         let Light::Area { at_mm, normal, u, size_mm, .. } = light else { return None };
         let v = normal.cross(*u);
@@ -139,7 +139,7 @@ impl Emission {
         Some(Self { normal: *normal, points })
     }
 
-    /// What a place in mm sees of it over what it would see if the cosine of each point were that towards the centre.
+    /// Irradiance at a place (mm) from the rectangle, over that with each point's cosine as towards the centre.
     pub fn ratio(&self, at_mm: DVec3) -> f64 {
         let (mut seen, mut assumed) = (0.0, 0.0);
         for (point, area_mm2, cosine) in &self.points {
@@ -164,7 +164,7 @@ fn emitters(light: &Light, centre_mm: DVec3) -> Vec<(DVec3, DVec3)> {
     emission.points.iter().map(intensity).collect()
 }
 
-/// The same radiance from everywhere, as irradiance from the centres of texels.
+/// Constant radiance from all directions, as irradiance from the centres of texels.
 fn everywhere(radiance: DVec3) -> Vec<(DVec3, DVec3)> {
     let side = GATHER_SIDE;
     let angles = solid_angles_sr(side);
@@ -176,7 +176,7 @@ fn everywhere(radiance: DVec3) -> Vec<(DVec3, DVec3)> {
         .collect()
 }
 
-/// Energy of a texel and where it comes from.
+/// Energy of a texel and the direction of its centre.
 #[derive(Clone, Copy, Default)]
 struct Gathered {
     energy: DVec3,

@@ -1,11 +1,13 @@
 //! The lowest eigenpairs of a sparse positive semi-definite matrix, band by band.
 //!
-//! Each band has a shift in its middle; Krylov spaces of the inverse of the shifted matrix are built in blocks, fully orthogonalised,
-//! so that eigenvalues of a multiplicity as large as a block are found (spheres have them). Vectors of the band before are taken out,
-//! so that no pair is found twice. The inertia of the factors at the edges of a band says how many pairs it has: none is missed.
+//! Each band has a shift in its middle; Krylov spaces of the inverse of the shifted matrix are built in blocks, fully
+//! orthogonalised, so that eigenvalues of a multiplicity as large as a block are found (spheres have them). Vectors of
+//! the band before are taken out, so that no pair is found twice. The inertia of the factors at the edges of a band
+//! gives its number of pairs: none is missed.
 //!
-//! faer's partial eigensolver takes one vector at a time through a Gram-Schmidt of all others (9.2 s for 300 pairs of 15,000 rows) and
-//! hangs where a shift meets an eigenvalue; blocks keep their sums in registers, and a shift that fails is moved.
+//! faer's partial eigensolver takes one vector at a time through a Gram-Schmidt of all others (9.2 s for 300 pairs of
+//! 15,000 rows) and hangs where a shift meets an eigenvalue; blocks keep their sums in registers, and a shift that
+//! fails is moved.
 
 use super::SymmetricMatrix;
 use super::blocks::{self, Row, WIDTH, ZERO};
@@ -31,22 +33,22 @@ const TOLERANCE: f64 = 1e-11;
 const FIRST_LOOK: f64 = 2.0;
 const NEXT_LOOK: f64 = 0.3;
 
-/// Dimension of a Krylov space at most, over the number of pairs; then it starts anew beside what was found.
+/// Dimension of a Krylov space at most, over the number of pairs; then a new one starts beside the pairs found.
 const MOST_DIMENSION: f64 = 5.0;
 
 /// Krylov spaces of a band at most: every one adds pairs unless the arithmetic has failed.
 const MOST_SPACES: usize = 64;
 
-/// What is left of a vector of a block, relative, that is nothing but rounding.
+/// Length of a vector of a block after orthogonalisation, over that before, below which it is nothing but rounding.
 const NEGLIGIBLE: f64 = 1e-10;
 
-/// A stage of random numbers of its own.
+/// Stage number of the random numbers that start Krylov spaces.
 const STAGE: u64 = 0x6c61_706c;
 
 /// Eigenpairs with ascending eigenvalues.
 #[derive(Clone, Debug, Default)]
 pub struct Band {
-    /// Ascending.
+    /// Eigenvalues, ascending.
     pub values: Vec<f64>,
     /// Orthonormal vectors in blocks of eight, row by row; those beyond the number of values are 0.
     blocks: Vec<Vec<Row>>,
@@ -58,7 +60,7 @@ impl Band {
         self.blocks[pair / WIDTH][row][pair % WIDTH]
     }
 
-    /// Scalar products of the vectors with several columns that are stored row by row.
+    /// Scalar products of the vectors with three columns that are stored row by row.
     pub fn coefficients(&self, columns: &[[f64; 3]]) -> Vec<[f64; 3]> {
         let wide: Vec<Row> = columns.iter().map(|c| std::array::from_fn(|i| *c.get(i).unwrap_or(&0.0))).collect();
         let slices: Vec<&[Row]> = self.blocks.iter().map(Vec::as_slice).collect();
@@ -68,19 +70,19 @@ impl Band {
     }
 }
 
-/// What the search found, and how exact it is.
+/// Number and accuracy of the eigenpairs that were found.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Found {
     /// Number of pairs, which is that of the inertia.
     pub pairs: usize,
     /// Largest `|A v - lambda v|` over the largest eigenvalue asked for.
     pub residual: f64,
-    /// Largest scalar product of two vectors of a band or of neighbouring bands, or what a length differs from 1.
+    /// Largest scalar product of two vectors of a band or of neighbouring bands, or error of a squared length.
     pub orthogonality: f64,
 }
 
 impl Found {
-    /// The sum of the pairs, the worst of the errors.
+    /// The sum of the pairs and the larger of each error.
     #[must_use]
     pub fn and(self, other: Self) -> Self {
         Self {
@@ -341,7 +343,7 @@ fn dense(matrix: &SymmetricMatrix, below: f64) -> Result<Band> {
     Ok(Band { values: chosen.iter().map(|&i| eigen.values[i]).collect(), blocks })
 }
 
-/// How exact a band is.
+/// Residual and orthogonality of a band.
 fn checked(matrix: &SymmetricMatrix, band: &Band, before: Option<&Band>, scale: f64) -> Found {
     let own = slices(&band.blocks);
     let mut orthogonality = 0f64;

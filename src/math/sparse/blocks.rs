@@ -6,10 +6,10 @@ use rayon::prelude::*;
 use super::ROWS;
 use crate::math::simd::{Level, multiversion};
 
-/// Vectors of a block.
+/// Number of vectors in a block.
 pub(super) const WIDTH: usize = 8;
 
-/// Entries of one row.
+/// One row of a block: an entry of each vector.
 pub(super) type Row = [f64; WIDTH];
 
 /// A small matrix between two blocks.
@@ -92,8 +92,7 @@ pub(super) fn add_products(blocks: &[&[Row]], factors: &[Small], sign: f64, b: &
     });
 }
 
-/// Takes what lies in the span of orthonormal blocks out of `b`, twice, so that rounding leaves nothing; returns the shares of both times
-/// together.
+/// Projects `b` off the span of orthonormal blocks, twice against rounding; returns the sum of both times' shares.
 pub(super) fn orthogonalise(blocks: &[&[Row]], b: &mut [Row]) -> Vec<Small> {
     let mut shares = products(blocks, b);
     add_products(blocks, &shares, -1.0, b);
@@ -105,8 +104,8 @@ pub(super) fn orthogonalise(blocks: &[&[Row]], b: &mut [Row]) -> Vec<Small> {
     shares
 }
 
-/// Makes a block orthonormal by modified Gram-Schmidt steps, each vector twice; `b = q r` with r upper triangular in the result. What
-/// is left of a vector below `negligible` of its length becomes zero, as its row of r.
+/// Makes a block orthonormal by Gram-Schmidt steps, each vector twice; returns the upper triangular r of `b = q r`. A
+/// vector whose remainder is below `negligible` of its length becomes zero, and so does its diagonal entry of r.
 pub(super) fn orthonormalise(b: &mut [Row], negligible: f64) -> Small {
     let mut r = ZERO;
     for column in 0..WIDTH {

@@ -17,7 +17,7 @@ use faer::{Conj, MatMut, Par, Side};
 use super::SymmetricMatrix;
 use crate::error::{Error, Result};
 
-/// What all matrices with the pattern of one share.
+/// Symbolic factorisation, shared by all shifts of a matrix: its entries, their pattern and the elimination order.
 pub struct Symbolic {
     rows: usize,
     offsets: Vec<usize>,
@@ -35,7 +35,7 @@ pub struct Factors<'a> {
 }
 
 impl Symbolic {
-    /// The order of elimination of a matrix.
+    /// The symbolic factorisation of a matrix.
     ///
     /// # Errors
     /// Run time: no memory for it.

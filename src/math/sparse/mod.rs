@@ -21,8 +21,9 @@ pub struct SymmetricMatrix {
 }
 
 impl SymmetricMatrix {
-    /// From a diagonal and what stands at pairs of different rows, `(i, j, value)` once for each pair; values of one pair add up in
-    /// their order. Pairs beyond the diagonal's length and pairs of a row with itself are left out.
+    /// The matrix with this diagonal and the entries `(i, j, value)` beside it, each given on one side of the diagonal
+    /// only; values of one pair add up in their order. Pairs beyond the diagonal's length and pairs of a row with
+    /// itself are left out.
     pub fn new(diagonal: Vec<f64>, pairs: &[(u32, u32, f64)]) -> Self {
         let rows = diagonal.len();
         let inside = |&&(i, j, _): &&(u32, u32, f64)| i != j && (i.max(j) as usize) < rows;
@@ -80,7 +81,7 @@ impl SymmetricMatrix {
             + size_of_val(self.values.as_slice())
     }
 
-    /// The product with several vectors, row by row; `out` as long as `x`.
+    /// The product with `N` vectors, stored row by row; `out` is as long as `x`.
     pub fn product<const N: usize>(&self, x: &[[f64; N]], out: &mut [[f64; N]]) {
         out.par_chunks_mut(ROWS).enumerate().for_each(|(chunk, out)| {
             for (i, out) in out.iter_mut().enumerate() {
@@ -102,7 +103,7 @@ impl SymmetricMatrix {
         sum
     }
 
-    /// `s_i a_ij s_j` in the place of `a_ij`.
+    /// The matrix of the entries `s_i a_ij s_j`.
     #[must_use]
     pub fn scaled(&self, s: &[f64]) -> Self {
         let mut scaled = self.clone();

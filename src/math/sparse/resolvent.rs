@@ -9,15 +9,15 @@ use rayon::prelude::*;
 
 use super::{ROWS, SymmetricMatrix, sum_over_rows};
 
-/// Iterations at most; what stands then is the answer, and its residual says so.
+/// Iterations at most; the values then reached are the answer, and its residual tells.
 const MOST: usize = 20_000;
 
-/// Vectors that are solved for at once.
+/// Number of vectors that are solved for at once.
 pub const TOGETHER: usize = 3;
 
 type Row = [f64; TOGETHER];
 
-/// What a solution took.
+/// Iterations and residual of a solution.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Solved {
     /// Products with the matrix.

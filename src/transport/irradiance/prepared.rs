@@ -26,11 +26,11 @@ pub(super) enum Prepared<'a> {
 /// Directions of one stratum of an environment.
 pub(super) struct StratumRays {
     pub(super) candidates: Vec<Candidate>,
-    /// Whether every point of a patch looks there: a sun's shadow is as sharp as a directional light's.
+    /// Points of a patch that look there: all for a bright stratum, whose shadow may be as sharp as a sun's.
     pub(super) points: PointsUsed,
 }
 
-/// Which points of a patch look at a stratum.
+/// Points of a patch that look at a stratum.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum PointsUsed {
     One,
@@ -70,7 +70,7 @@ impl<'a> Prepared<'a> {
         })
     }
 
-    /// Whether all points of a patch see one direction or one point.
+    /// True for a directional or a point light: all points of a patch see one direction or one point.
     pub(super) fn is_sharp(&self) -> bool {
         matches!(self, Self::Directional { .. } | Self::Point { .. })
     }

@@ -22,7 +22,7 @@ impl Illumination<'_> {
         Some([at(a), at(b), at(c), at(centre)])
     }
 
-    /// Whether one of the lights is in front of a patch; true where that is not obvious.
+    /// True if one of the lights is in front of a patch, or if that is not obvious.
     pub(super) fn is_faced(&self, patch: usize, lights: &[Sharp]) -> bool {
         let Patch { centre_mm, normal, .. } = self.surface.patches[patch];
         normal == DVec3::ZERO || lights.iter().any(|light| light.faces(centre_mm, normal))

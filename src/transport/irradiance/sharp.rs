@@ -61,7 +61,7 @@ impl Sharp {
         Some(Self { source, colour, rays: Vec::with_capacity(rays), skip, arrivals, entering: Vec::new() })
     }
 
-    /// Whether the light is in front of the plane of a triangle, given by a point and a normal of any length.
+    /// True if the light is in front of the plane of a triangle, given by a point and a normal of any length.
     pub(super) fn faces(&self, on_plane: DVec3, normal: DVec3) -> bool {
         match self.source {
             Source::Direction(from) => normal.dot(from) > 0.0,
@@ -70,7 +70,7 @@ impl Sharp {
         }
     }
 
-    /// Direction to the light and distance of a point, and by how much less the light is there.
+    /// Direction to the light from a point, its distance, and the factor on `colour` there: 1, or 1 / distance^2.
     fn towards(&self, at: DVec3) -> (DVec3, f64, f64) {
         match self.source {
             Source::Direction(from) => (from, f64::INFINITY, 1.0),
@@ -140,7 +140,7 @@ impl Sharp {
         self.arrivals.iter_mut().zip(occluded).for_each(|(arrival, occluded)| arrival.occluded = occluded);
     }
 
-    /// Whether some points of each patch are lit and others in shadow.
+    /// For each patch, true if some of its points are lit and others in shadow.
     pub(super) fn crossed(&self, patches: usize) -> Vec<bool> {
         let mut crossed = vec![false; patches];
         for of_patch in self.arrivals.chunk_by(|a, b| a.patch == b.patch) {
@@ -149,14 +149,14 @@ impl Sharp {
         crossed
     }
 
-    /// Adds what arrives at each of some patches.
+    /// Adds the irradiance of each patch that `of` selects.
     pub(super) fn add(&self, out: &mut [DVec3], of: impl Fn(usize) -> bool) {
         for arrival in self.arrivals.iter().filter(|a| !a.occluded && of(a.patch as usize)) {
             out[arrival.patch as usize] += self.colour * arrival.gain;
         }
     }
 
-    /// Adds what arrives at each piece of one patch.
+    /// Adds the irradiance of each piece of one patch.
     pub(super) fn add_to_pieces(&self, patch: usize, points: &mut [DVec3]) {
         let first = self.arrivals.partition_point(|a| (a.patch as usize) < patch);
         let count = points.len() as f64;
@@ -168,8 +168,7 @@ impl Sharp {
     }
 }
 
-/// Samples that a shadow boundary of a sharp light crosses, with what each of their pieces receives more or
-/// less than the whole.
+/// Samples that a shadow boundary of a sharp light crosses, with the irradiance of each piece less the sample's.
 #[derive(Clone, Debug, Default)]
 pub struct Pieces {
     /// Position of each sample's pieces in `deviations`; `u32::MAX` for samples that are lit evenly.
@@ -195,22 +194,22 @@ impl Pieces {
         result
     }
 
-    /// Whether a sample is not lit evenly.
+    /// True if a sample is not lit evenly.
     pub fn is_uneven(&self, sample: usize) -> bool {
         self.first.get(sample).is_some_and(|&first| first != u32::MAX)
     }
 
-    /// How far the irradiance of each piece is from its sample's, RGB, of all samples that are not lit evenly.
+    /// Irradiance of each piece less its sample's, RGB, of all samples that are not lit evenly.
     pub fn deviations(&self) -> &[DVec3] {
         &self.deviations
     }
 
-    /// Pieces of each sample that is not lit evenly.
+    /// Number of pieces of each sample that is not lit evenly.
     pub fn count(&self) -> usize {
         self.count
     }
 
-    /// Pieces of a sample: how far their irradiance is from the sample's, RGB, in all 0; and corners relative to the
+    /// Pieces of a sample: their irradiance less the sample's, RGB, which sums to 0; and corners relative to the
     /// sample's centroid, mm. `None` if it is lit evenly.
     pub fn of(&self, patch: usize) -> Option<impl Iterator<Item = (DVec3, &[[f32; 3]; 3])>> {
         let first = *self.first.get(patch).filter(|&&first| first != u32::MAX)? as usize;

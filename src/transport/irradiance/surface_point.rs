@@ -7,7 +7,7 @@ use crate::geometry::bvh::{Ray, offset_origin};
 /// A point of the surface.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SurfacePoint {
-    /// Relative to the mesh's origin, mm.
+    /// Position relative to the mesh's origin, mm.
     pub at: DVec3,
     /// Unit normal; zero where there is none, and nothing arrives.
     pub normal: DVec3,

@@ -1,19 +1,23 @@
 //! Rows in blocks of neighbouring patches: one threshold and one step for all of them.
 //!
-//! The rows of a block are Haar transformed over its patches ([`crate::compress::row_blocks`]), on top of the transform over the
-//! cube map: the paper's double projection, without a parameterised surface. A coefficient is kept where what it adds to the squares of
-//! all patches is above a threshold, and quantised in steps of about that size. The threshold is the largest one whose error is
-//! that of rows of their own with the asked number of coefficients, on some of the blocks.
+//! The rows of a block are Haar transformed over its patches ([`crate::compress::row_blocks`]), on top of the transform
+//! over the cube map: the paper's double projection, without a parameterised surface. A coefficient is kept where its
+//! share of the squares of all patches is above a threshold, and quantised in steps of about that size. The threshold
+//! is the largest one whose error, on some of the blocks, is that of separate rows with the asked number of
+//! coefficients.
 //!
 //! # Measured
 //!
-//! Gargoyle, 131,072 samples, faces of 32 texels, two terms, at the squared error of 128 coefficients for each sample: blocks of 8 take 27
-//! coefficients a sample, of 32 14, of 64 11, of 256 9. Longer ones save little and need more memory while they are made.
+//! Gargoyle, 131,072 samples, faces of 32 texels, two terms, at the squared error of 128 coefficients for each sample:
+//! blocks of 8 take 27 coefficients a sample, of 32 14, of 64 11, of 256 9. Longer ones save little and need more
+//! memory while they are made.
 //!
-//! The same shape with 65,536 vertices, against all coefficients, the worst of six maps: 128 coefficients of their own take 236 bytes a vertex in a file
-//! (1,048 in memory); radiosity in marble and skin errs by 1.2 %, under a bare sun by 5.7 %. In blocks 55 bytes (229), 0.60 % and 1.5 %, though irradiance
-//! errs by 3.9 % in place of 2.9 %: what is dropped has no mean over a block, and scattering takes means. For 256 130 bytes, 0.26 % and 0.41 %.
-//! A new map takes 12 ms in place of 28, on two cores.
+//! The same shape with 65,536 vertices, against all coefficients, the worst of six maps: separate rows of 128
+//! coefficients take 236 bytes a vertex in a file (1,048 in memory); radiosity in marble and skin errs by 1.2 %, under
+//! a bare sun by
+//! 5.7 %. In blocks 55 bytes (229), 0.60 % and 1.5 %, though irradiance errs by 3.9 % in place of 2.9 %: dropped
+//! coefficients have no mean over a block, and scattering takes means. For 256 130 bytes, 0.26 % and 0.41 %. A new map
+//! takes 12 ms in place of 28, on two cores.
 
 use rayon::prelude::*;
 use translux_format::rows::{self, IrradianceRows};
@@ -30,7 +34,7 @@ use crate::transport::visibility::{Observer, visit};
 /// Patches of a block at most.
 const BLOCK: usize = 64;
 
-/// Blocks that look for what they see together.
+/// Blocks whose visibility is found together.
 const TOGETHER: usize = 16;
 
 /// Blocks that the threshold is chosen on.
@@ -44,9 +48,9 @@ const BIN_SHIFT: u32 = 20;
 
 /// Squared errors of some blocks.
 struct Energies {
-    /// The squared error that rows with coefficients of their own lose.
+    /// The squared error of separate rows.
     asked: f64,
-    /// Number of coefficients of blocks and the sum of their energies, in bins of their energies.
+    /// Number of coefficients of blocks and the sum of their energies, by bins of energy.
     bins: Vec<(u64, f64)>,
 }
 
@@ -69,7 +73,7 @@ impl Energies {
         }
     }
 
-    /// The largest energy that may be dropped, if what is kept is rounded to steps of its root.
+    /// The largest energy that may be dropped, if kept coefficients are rounded to steps of its root.
     fn threshold(&self, terms: usize) -> f32 {
         let mut kept: u64 = self.bins.iter().map(|bin| bin.0).sum();
         let (mut threshold, mut dropped) = (0.0f32, 0.0);
@@ -92,7 +96,7 @@ struct BlockWork {
     row: Work,
     face: usize,
     terms: usize,
-    /// Rows of a block, each as that of one patch.
+    /// Rows of a block, patch after patch.
     rows: Vec<f32>,
     kept: Vec<u16>,
 }
@@ -118,12 +122,12 @@ impl BlockWork {
         })
     }
 
-    /// Takes the row of one more patch.
+    /// Appends the row of one more patch.
     fn push(&mut self) {
         self.rows.extend_from_slice(&self.row.coefficients);
     }
 
-    /// Appends the transformed rows, and forgets them.
+    /// Appends the transformed rows to `out`, and clears them.
     fn append(&mut self, threshold: f32, out: &mut IrradianceRows) {
         let stride = self.stride();
         row_blocks::forward(&mut self.rows, stride);
@@ -144,7 +148,8 @@ impl BlockWork {
         self.kept = kept;
     }
 
-    /// The squared error of the rows of a block with so many coefficients each, and the energies of the transformed ones; forgets the rows.
+    /// The squared error of the rows of a block with so many coefficients each, and the energies of the transformed
+    /// ones; clears the rows.
     fn measure(&mut self, coefficients: usize) -> Energies {
         let mut found = Energies::new();
         let (stride, details) = (self.stride(), coefficients.saturating_sub(FACES));
@@ -174,7 +179,7 @@ impl BlockWork {
 }
 
 impl RowBaker<'_> {
-    /// Rows of all patches in blocks of neighbours, with about the error that rows of their own have with the coefficients of the
+    /// Rows of all patches in blocks of neighbours, with about the error of separate rows with the coefficients of the
     /// settings. Patches next to each other should lie side by side.
     ///
     /// # Errors
@@ -197,7 +202,7 @@ impl RowBaker<'_> {
         Rows::new(join(IrradianceRows { block: BLOCK, ..self.empty() }, chunks)?, &samples.part_offsets)
     }
 
-    /// Energy of a coefficient that is not kept.
+    /// Largest energy of a coefficient that is dropped.
     fn threshold(&self, blocks: &[[u32; 2]]) -> f32 {
         let some: Vec<[u32; 2]> = blocks.iter().copied().step_by(blocks.len().div_ceil(PROBES).max(1)).collect();
         let of_block = |block: &[u32; 2]| {
@@ -211,7 +216,7 @@ impl RowBaker<'_> {
         all.threshold(self.settings.terms)
     }
 
-    /// Hands over the rows of each block, which lie one after the other.
+    /// Calls `each` with the rows of each block; blocks lie one after the other.
     fn visit_blocks(&self, blocks: &[[u32; 2]], mut each: impl FnMut(&mut BlockWork)) {
         let ([first, _], [_, end]) =
             (blocks.first().copied().unwrap_or_default(), blocks.last().copied().unwrap_or_default());

@@ -1,4 +1,4 @@
-//! Irradiance rows: for every patch, how much the light of each texel of a cube map adds to its irradiance.
+//! Irradiance rows: for every patch, the share of each texel of a cube map in its irradiance.
 //!
 //! An entry is the mean over 2 x 2 sub-texels of `V f_j(mu)` times the texel's solid angle, for each function f_j of the
 //! entrance basis (so that the index of refraction stays free), seen from one point of the patch. Entries are Haar
@@ -48,7 +48,7 @@ pub struct RowSettings {
 }
 
 impl RowSettings {
-    /// See the measured errors in the tests.
+    /// Default settings; the module has the measured errors.
     pub const DEFAULT: Self = Self { resolution: Resolution::Sub64, terms: 2, coefficients: 128 };
 
     /// Texels along an edge of a face.
@@ -57,7 +57,7 @@ impl RowSettings {
     }
 }
 
-/// Everything that the rows of all patches share.
+/// Surface, settings and tables shared by the rows of all patches.
 pub struct RowBaker<'a> {
     surface: &'a Surface<'a>,
     settings: RowSettings,
@@ -66,7 +66,7 @@ pub struct RowBaker<'a> {
     level: Level,
 }
 
-/// Numbers of a face.
+/// Tables of a face.
 struct Tables {
     grid: Grid,
     terms: usize,
@@ -159,7 +159,7 @@ impl<'a> RowBaker<'a> {
         rows
     }
 
-    /// The Haar coefficients of one point.
+    /// Computes the Haar coefficients of one point.
     fn transform(&self, observer: &Observer, visible: &Visible, work: &mut Work) {
         let Tables { grid, terms, weights, polynomials, haar, .. } = &self.tables;
         let face = grid.side * grid.side;
@@ -179,7 +179,7 @@ impl<'a> RowBaker<'a> {
     }
 }
 
-/// All rows of some, one after the other, behind those of the first.
+/// Appends the rows of all chunks to `all`.
 fn join(mut all: IrradianceRows, chunks: Vec<IrradianceRows>) -> Result<IrradianceRows> {
     for mut chunk in chunks {
         let first = all.indices.len();

@@ -1,15 +1,15 @@
-//! One row: the coefficients of a point, which of them are kept, and their quantiser.
+//! One row: the coefficients of a point, their selection and their quantiser.
 
 use translux_format::rows::IrradianceRows;
 
 use crate::math::cube_map::FACES;
 
-/// Which details a row keeps, by the sum of their squares over the terms.
+/// Details that a row keeps, selected by energy: the sum of their squares over the terms.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Keep {
-    /// So many of the largest.
+    /// The so many of the largest energy.
     Largest(usize),
-    /// All that are above.
+    /// All whose energy is above this.
     Above(f32),
 }
 
@@ -17,11 +17,11 @@ pub enum Keep {
 pub(super) struct Work {
     face: usize,
     terms: usize,
-    /// `[face][term][row][column]`.
+    /// Coefficients, `[face][term][row][column]`.
     pub(super) coefficients: Vec<f32>,
     pub(super) lit: [bool; FACES],
     pub(super) scratch: Vec<f32>,
-    /// Sum of the squares over the terms, as bits, which order as the numbers do.
+    /// Energy of each detail (sum of the squares over the terms) as bits, which order as the numbers do.
     energies: Vec<u32>,
     bins: Vec<u32>,
     kept: Vec<u16>,
@@ -47,7 +47,7 @@ impl Work {
         }
     }
 
-    /// Takes coefficients `[place][term]` of three terms.
+    /// Copies coefficients `[place][term]` of three terms.
     pub(super) fn take(&mut self, vector: &[[f32; 3]]) {
         let pictures = self.coefficients.chunks_exact_mut(3 * self.face);
         for ((out, vector), lit) in pictures.zip(vector.chunks_exact(self.face)).zip(&mut self.lit) {
@@ -68,7 +68,7 @@ impl Work {
         push(&self.coefficients, &self.kept, [0.0; 2], rows);
     }
 
-    /// Squares of all details, summed over the terms.
+    /// Computes the energies of all details, times the importance.
     fn measure(&mut self, importance: Option<&[f32]>) {
         for (index, energies) in self.energies.chunks_exact_mut(self.face).enumerate().filter(|(i, _)| self.lit[*i]) {
             let terms = &self.coefficients[index * self.terms * self.face..][..self.terms * self.face];

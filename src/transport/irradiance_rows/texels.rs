@@ -1,4 +1,4 @@
-//! The share of the irradiance of a sample that each texel of a cube map adds, before any basis: `V F_t(mu) mu`, the mean over
+//! The share of each texel of a cube map in the irradiance of a sample, before any basis: `V F_t(mu) mu`, the mean over
 //! 2 x 2 sub-texels, for the medium that the sample belongs to.
 
 use std::ops::Range;
@@ -18,7 +18,7 @@ use crate::transport::visibility::{GROUP, Observer, Occluders, Resolution, Visib
 pub(super) struct Grid {
     /// Texels along an edge.
     pub(super) side: usize,
-    /// `s` of the sub-texels, of even and of odd columns.
+    /// Coordinate `s` of the sub-texels, of even and of odd columns.
     columns: [Vec<f32>; 2],
     /// One over the length of the direction: `[sub-row][parity][column / 2]`.
     inverse_length: Vec<f32>,
@@ -90,13 +90,13 @@ fn mean_of_texels_body(grid: &Grid, polynomials: &[[f32; DEGREE]], normal: [f32;
     }
 }
 
-/// Everything that the rows of all samples share.
+/// Surface and tables shared by the rows of all samples.
 pub struct TexelBaker<'a> {
     surface: &'a Surface<'a>,
     resolution: Resolution,
     occluders: Occluders,
     grid: Grid,
-    /// F_t times the cosine for the medium of each part.
+    /// Polynomial of `F_t mu` for the medium of each part.
     of_part: Vec<[f32; DEGREE]>,
     level: Level,
 }
@@ -131,7 +131,7 @@ impl<'a> TexelBaker<'a> {
         self.grid.side
     }
 
-    /// Hands over the rows of some samples in their order, on one thread; a row does not depend on how ranges are cut.
+    /// Calls `each` with the rows of some samples in their order, on one thread; a row does not depend on the range.
     pub fn visit(&self, samples: Range<usize>, mut each: impl FnMut(usize, &TexelRow)) {
         let (mesh, all) = (self.surface.domain.mesh, self.surface.samples);
         let first = samples.start;

@@ -18,7 +18,7 @@ use crate::transport::receivers::Receivers;
 use crate::transport::tree::SampleTree;
 use crate::transport::visibility::GROUP;
 
-/// Receivers of a group at most, and their channels.
+/// Receivers of a group at most, and lanes for their channels.
 const MEMBERS: usize = 16;
 const LANES: usize = 3 * MEMBERS;
 
@@ -43,7 +43,7 @@ impl SparseRows {
         self.offsets.len().saturating_sub(1)
     }
 
-    /// Whether there are none.
+    /// True if there are no rows.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -57,7 +57,7 @@ impl SparseRows {
         (&self.places[range.clone()], &self.values[range])
     }
 
-    /// Appends one with the largest of some coefficients, given by place; what is 0 is left out, and of equal ones the first stay.
+    /// Appends a row of the `most` largest of some coefficients, by place, without zeros; of equals the first stay.
     fn push(&mut self, coefficients: &mut Vec<(u16, f32)>, most: usize) {
         coefficients.retain(|(_, value)| *value != 0.0);
         if coefficients.len() > most {
@@ -131,7 +131,7 @@ pub fn irradiance_rows(
     Ok(all)
 }
 
-/// No row yet, of three terms, the channels.
+/// Rows of three terms, the channels, without any row.
 fn of_channels(side: usize) -> IrradianceRows {
     IrradianceRows {
         side,
@@ -163,7 +163,7 @@ impl RowWriter {
         Ok(Self { haar, weights, work: Work::new(side, 3), rows: of_channels(side) })
     }
 
-    /// Takes integrals over texels, `[channel][face][row][column]`, each times a factor.
+    /// Appends a row from integrals over texels, `[channel][face][row][column]`, each times a factor.
     pub fn push(&mut self, integrals: &[f32], factor: f32, selection: Selection) {
         let face = self.weights.len();
         for (index, out) in self.work.coefficients.chunks_exact_mut(3 * face).enumerate() {
@@ -180,7 +180,7 @@ impl RowWriter {
         self.work.append(selection.keep, selection.importance, &mut self.rows);
     }
 
-    /// All of them.
+    /// Returns all rows.
     pub fn finish(self) -> IrradianceRows {
         self.rows
     }
@@ -194,7 +194,7 @@ pub fn joined(side: usize, chunks: Vec<IrradianceRows>) -> Result<IrradianceRows
     super::join(of_channels(side), chunks)
 }
 
-/// Sums of rows: of every node, times area.
+/// Sums of rows times area over the samples of every node.
 pub struct RowTree<'a> {
     gather: &'a Gather<'a>,
     samples: &'a SparseRows,
@@ -203,12 +203,12 @@ pub struct RowTree<'a> {
     level: Level,
 }
 
-/// Which coefficients the vectors keep, and what multiplies their squares when they are compared.
+/// Selection of the coefficients that vectors keep.
 #[derive(Clone, Copy, Debug)]
 pub struct Selection<'a> {
-    /// How many coefficients a row keeps.
+    /// Coefficients that a row keeps.
     pub keep: Keep,
-    /// The factor of each place.
+    /// Factor on the squares of each place when they are compared.
     pub importance: Option<&'a [f32]>,
 }
 
@@ -312,7 +312,7 @@ impl<'a> RowTree<'a> {
         super::join(of_channels(side), chunks)
     }
 
-    /// Hands over the vectors of the receivers of some groups, one after the other: `[place][channel]`.
+    /// Calls `each` with the vectors of the receivers of some groups, one after the other: `[place][channel]`.
     fn dense(
         &self,
         receivers: &Receivers,
@@ -344,7 +344,7 @@ impl<'a> RowTree<'a> {
         }
     }
 
-    /// Under the same radiance from everywhere, up to a factor: what the tree's clusters go by.
+    /// Irradiance of each sample under the same radiance from everywhere, up to a factor, for the tree's clusters.
     fn mean_irradiance(&self) -> Vec<glam::DVec3> {
         let face = self.side * self.side;
         let of_sample = |sample: usize| {

@@ -23,7 +23,7 @@ pub(super) struct PolesRgb {
 }
 
 impl PolesRgb {
-    /// From the poles of each channel's profile, and the depth of the shallowest of them, mm.
+    /// The kernel of the poles of each channel's profile, and the depth of the shallowest of them, mm.
     pub(super) fn new(poles: &[[Pole; 2]; 3], shallowest_mm: f64) -> Self {
         let term =
             |p: Pole| Term { weight: p.weight as f32, z2: (p.z_mm * p.z_mm) as f32, sigma: p.sigma_per_mm as f32 };
@@ -41,13 +41,13 @@ impl EdgePrecision {
     }
 }
 
-/// 5e-7 of the total reflectance up to 30 times the depth, 2e-6 beyond (worst case over the published materials and
-/// extreme ones).
+/// Rules with errors of 5e-7 of the total reflectance up to 30 times the depth, 2e-6 beyond (worst case over the
+/// published materials and extreme ones).
 static EDGE_RULES: [EdgeRule; 5] =
     [(1.0, &GAUSS_4), (3.0, &GAUSS_6), (10.0, &GAUSS_8), (100.0, &GAUSS_12), (f32::INFINITY, &GAUSS_24)];
 
-/// 1e-5 of the total reflectance (worst case over the published materials and extreme ones): coarser than those of the truth,
-/// and far finer than the three points that other samples get.
+/// Rules with errors of 1e-5 of the total reflectance (worst case over the published materials and extreme ones):
+/// coarser than those of the truth, and far finer than the three points that other samples get.
 static NEAR_EDGE_RULES: [EdgeRule; 6] = [
     (1.0, &GAUSS_3),
     (3.0, &GAUSS_4),

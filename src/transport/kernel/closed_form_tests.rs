@@ -65,7 +65,7 @@ fn exponential_is_accurate_to_two_parts_in_ten_million() {
     }
 }
 
-/// exp(-x) ends at 2^-80: what remains of a profile's peak.
+/// Error that the floor of exp(-x), 2^-80, leaves, over a profile's peak.
 const FLOOR: f64 = 1e-24;
 
 #[test]

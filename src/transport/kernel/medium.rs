@@ -1,4 +1,4 @@
-//! The kernel of a medium: its profiles in double precision, and what evaluates them fast.
+//! The kernel of a medium: its profiles in double precision, and their fast evaluation in single precision.
 
 use std::sync::Arc;
 
@@ -17,40 +17,40 @@ use crate::medium::profile::Profile;
 use crate::medium::profiles::model::LoadedProfile;
 use crate::medium::softened::Softened;
 
-/// How much of the irradiance at a point leaves at another, for three channels of one medium.
+/// Profiles R_d of the three channels of one medium, 1/mm^2.
 #[derive(Clone)]
 pub struct MediumKernel {
     profiles: [Arc<dyn Profile>; 3],
     fast: Fast,
     /// The decay of each channel far away, 1/mm.
     sigma_per_mm: [f64; 3],
-    /// On the scale of this length the profiles are smooth, mm: the depth of the shallowest real source.
+    /// Length on whose scale the profiles are smooth, mm: for dipoles, the depth of the shallowest source.
     smooth_mm: f64,
 }
 
-/// How profiles are evaluated in single precision. Tables of the dipole would be as fast for points, but 5e-4 off where the closed form is
-/// 2e-7 off, and slower for triangles: `cargo bench --bench transfer`.
+/// Evaluation of profiles in single precision. Tables of the dipole would be as fast for points, but 5e-4 off where the
+/// closed form is 2e-7 off, and slower for triangles: `cargo bench --bench transfer`.
 #[derive(Clone)]
 #[expect(clippy::large_enum_variant, reason = "there is one for each medium, and inner loops read it in place")]
 enum Fast {
     /// Dipoles, in closed form.
     Poles { poles: [[Pole; 2]; 3], rgb: PolesRgb },
-    /// Any profile.
+    /// Any profile, by a table.
     Table(Arc<ProfileTable>),
 }
 
 impl MediumKernel {
-    /// The dipole of a medium.
+    /// The kernel of a medium's dipoles.
     pub fn new(medium: &Medium) -> Self {
         Self::of_dipoles(medium.properties.dipoles(BoundaryFit::Published))
     }
 
-    /// Those of some media.
+    /// The kernels of some media's dipoles.
     pub fn of_media(media: &[Medium]) -> Vec<Self> {
         media.iter().map(Self::new).collect()
     }
 
-    /// Of three dipoles.
+    /// The kernel of three dipoles, one for each channel.
     pub fn of_dipoles(dipoles: [Dipole; 3]) -> Self {
         let poles = dipoles.map(|p| p.poles());
         let smooth_mm = poles.iter().flatten().map(|p| p.z_mm).fold(f64::MAX, f64::min);
@@ -62,7 +62,7 @@ impl MediumKernel {
         }
     }
 
-    /// Of a medium with other profiles, over an object in which no two points are further apart than `reach_mm`.
+    /// The kernel of a medium with other profiles, over an object whose points are at most `reach_mm` apart.
     ///
     /// # Errors
     /// As [`LoadedProfile::channels`].
@@ -70,7 +70,7 @@ impl MediumKernel {
         Ok(Self::of_profiles(profile.channels(&medium.properties)?.map(Arc::from), reach_mm))
     }
 
-    /// Of any profiles, which are nothing beyond a reach, mm.
+    /// The kernel of any profiles, taken as zero beyond a reach, mm.
     pub fn of_profiles(profiles: [Arc<dyn Profile>; 3], reach_mm: f64) -> Self {
         let table = ProfileTable::new(&profiles, reach_mm);
         Self {
@@ -91,7 +91,7 @@ impl MediumKernel {
         self.profiles.each_ref().map(|p| Softened::new(p.as_ref(), radius_mm))
     }
 
-    /// The poles of the dipoles, where that is what the profiles are.
+    /// The poles of the dipoles; none where the profiles are others.
     pub fn poles(&self) -> Option<&[[Pole; 2]; 3]> {
         match &self.fast {
             Fast::Poles { poles, .. } => Some(poles),
@@ -104,7 +104,7 @@ impl MediumKernel {
         self.sigma_per_mm
     }
 
-    /// On the scale of this length the profiles are smooth, mm.
+    /// Length on whose scale the profiles are smooth, mm.
     pub fn smooth_mm(&self) -> f64 {
         self.smooth_mm
     }
@@ -155,7 +155,7 @@ multiversion! {
     fn flats_of_table(kernel: &ProfileTable, flats: &Flats, sums: &mut [[f64; 3]]) => flats_body::<ProfileTable>
 }
 
-/// The decay of a profile where a hundredth of it is left, or as much as lies within reach: of exp(-sigma r) / r^2.
+/// The decay sigma, 1/mm, of exp(-sigma r) / r^2 fitted to a profile where a hundredth of it is left, or at the reach.
 fn decay_per_mm(profile: &dyn Profile, reach_mm: f64) -> f64 {
     let far = profile.range_mm(0.01).min(reach_mm);
     let near = 0.5 * far;

@@ -1,8 +1,8 @@
 //! The near field: many sources against one receiver, side by side.
 //!
-//! Points take R_d, or R_d less its far part, from a table: around a group of receivers each has a list of its own, and sums run
-//! in f32 over at most `FLUSH` points. Triangles of a whole group of receivers are integrated side by side, because a receiver alone has
-//! too few of them to fill the lanes.
+//! Points take R_d, or R_d less its far part, from a table: around a group of receivers each has a list of its own, and
+//! sums run in f32 over at most `FLUSH` points. Triangles of a whole group of receivers are integrated side by side,
+//! because a receiver alone has too few of them to fill the lanes.
 
 use super::radial_table::{QuadraticTable, Rgb, WIDEST};
 use super::{EdgePrecision, FLUSH, LANES, RadialIntegral, Row, RowValues, SeenTriangle};
@@ -21,7 +21,7 @@ pub struct Points {
 }
 
 impl Points {
-    /// Forgets all.
+    /// Removes all entries.
     pub fn clear(&mut self) {
         self.r2.clear();
         self.flux.clear();
@@ -57,7 +57,7 @@ fn collect(sums: &mut [f64; 3], partial: &[Rgb; CHAINS]) {
     }
 }
 
-/// Points of one row, and rows of one sum in single precision.
+/// Points of one sum in single precision.
 const FLUSHED: usize = FLUSH * CHAINS;
 
 #[inline(always)]
@@ -110,7 +110,7 @@ pub fn add_points(level: Level, table: &QuadraticTable, points: &Points, sums: &
     points_of(level.min(WIDEST), table, points, sums);
 }
 
-/// Adds the same of some of many sources, whose squared distances (mm^2) and fluxes are given.
+/// [`add_points`] for some of many sources, whose squared distances (mm^2) and fluxes are given.
 pub fn add_chosen(
     level: Level,
     table: &QuadraticTable,
@@ -130,15 +130,15 @@ pub struct Flats {
 
 #[derive(Clone, Copy, Debug)]
 struct FlatRow {
-    /// By corner and axis, relative to the receiver, mm.
+    /// Corners relative to the receiver, `[corner][axis]`, mm.
     corners: [[Row; 3]; 3],
     irradiance: [Row; 3],
-    /// Whose they are.
+    /// Receiver of each triangle.
     receivers: [u32; LANES],
 }
 
 impl Flats {
-    /// Forgets all.
+    /// Removes all entries.
     pub fn clear(&mut self) {
         self.rows.clear();
         self.len = 0;
@@ -168,7 +168,7 @@ impl Flats {
 }
 
 impl FlatRow {
-    /// As their receivers see the triangles.
+    /// The triangles as their receivers see them.
     #[inline(always)]
     fn seen(&self) -> SeenTriangle {
         let c = &self.corners;

@@ -1,8 +1,9 @@
 //! Radial functions by tables over the squared distance, three channels side by side.
 //!
-//! Segments are even in the logarithm of r^2 + s^2, s the scale on which the function is smooth, 64 to each doubling: the upper bits of
-//! the number are the index, and within a segment the function is a polynomial of r^2. Where it goes as a power p of that sum, a linear one
-//! is off by p (p + 1) / 32768 at most, 5e-4 where p is 4, and a quadratic one by 3e-6.
+//! Segments are even in the logarithm of r^2 + s^2, s the scale on which the function is smooth, 64 to each doubling:
+//! the upper bits of the number are the index, and within a segment the function is a polynomial of r^2. Where the
+//! function goes as a power p of that sum, a linear one is off by p (p + 1) / 32768 at most, 5e-4 where p is 4, and a
+//! quadratic one by 3e-6.
 
 use std::sync::Arc;
 
@@ -16,7 +17,7 @@ use crate::math::simd::{Level, multiversion};
 use crate::medium::profile::Profile;
 use crate::medium::softened::Softened;
 
-/// Bits of a mantissa within a segment of most tables, and within one of [`SmoothTable`]s.
+/// Bits of a mantissa within a segment of most tables, and of a [`SmoothTable`].
 pub(crate) const SHIFT: u32 = 23 - 6;
 pub(crate) const SMOOTH_SHIFT: u32 = 23 - 9;
 
@@ -32,7 +33,7 @@ const SHORT_STEP: f32 = 0.125;
 /// Rules for edges up to a length over the scale on which R_d is smooth: tables err more than any of them.
 static RULES: [EdgeRule; 3] = [(2.0, &GAUSS_8), (20.0, &GAUSS_12), (f32::INFINITY, &GAUSS_24)];
 
-/// Beyond these instructions nothing is gained: compilers gather from the table where single loads are five times as fast.
+/// Widest instructions used: with wider ones compilers gather from the table, five times as slowly as by single loads.
 pub(crate) const WIDEST: Level = Level::Avx2;
 
 /// RGB and nothing.
@@ -43,7 +44,7 @@ pub(crate) type Rgb = [f32; 4];
 #[repr(C, align(32))]
 struct Segment<const N: usize>([Rgb; N]);
 
-/// A radial function, RGB: by polynomials of N coefficients on segments of so many bits. Nothing beyond its end.
+/// A radial function, RGB, as polynomials of N coefficients on segments of so many bits; zero beyond its end.
 #[derive(Clone, Debug)]
 pub struct RadialTable<const N: usize, const BITS: u32> {
     /// s^2, mm^2, and its upper bits.
@@ -53,13 +54,13 @@ pub struct RadialTable<const N: usize, const BITS: u32> {
     segments: Vec<Segment<N>>,
 }
 
-/// By linear pieces: half as much to read.
+/// Table of linear pieces, which reads less than one of quadratic pieces.
 pub type LinearTable = RadialTable<2, SHIFT>;
 
-/// By quadratic pieces.
+/// Table of quadratic pieces.
 pub type QuadraticTable = RadialTable<3, SHIFT>;
 
-/// By linear pieces so short that functions which are smooth on the scale of their reach are off by 3e-5.
+/// Table of linear pieces so short that functions which are smooth on the scale of their reach are off by 3e-5.
 pub type SmoothTable = RadialTable<2, SMOOTH_SHIFT>;
 
 /// Places in a table of some squared distances: segments, and the squares beyond their starts, mm^2.
@@ -70,7 +71,8 @@ pub(in crate::transport) struct Places<const L: usize> {
 }
 
 impl<const N: usize, const BITS: u32> RadialTable<N, BITS> {
-    /// Without segments, and their squared distances: where the first begins, and where each ends, mm^2.
+    /// A table without segments, and the squared distances of its nodes: the start of the first segment and the end of
+    /// each, mm^2.
     fn empty(scale_mm: f64, end_mm2: f64) -> (Self, Vec<f64>) {
         let end = end_mm2.clamp(1e-30, 1e30);
         let scale2 = (scale_mm * scale_mm).clamp(LEAST_SCALE * LEAST_SCALE * end, end) as f32;
@@ -82,7 +84,7 @@ impl<const N: usize, const BITS: u32> RadialTable<N, BITS> {
         (Self { scale2, first, segments: Vec::new() }, (first..=last + 1).map(square).collect())
     }
 
-    /// With the segments whose coefficients these are, by number, channel and power.
+    /// The table with segments of these coefficients, `[channel][power]` each.
     fn filled(mut self, segments: impl Iterator<Item = [[f64; N]; 3]>) -> Self {
         let single = |channels: [[f64; N]; 3]| {
             let power = |k: usize| [channels[0][k] as f32, channels[1][k] as f32, channels[2][k] as f32, 0.0];
@@ -93,7 +95,7 @@ impl<const N: usize, const BITS: u32> RadialTable<N, BITS> {
         self
     }
 
-    /// Where some squared distances (mm^2) are.
+    /// Places of some squared distances (mm^2) in the table.
     #[inline(always)]
     pub(in crate::transport) fn places<const L: usize>(&self, r2: &[f32; L]) -> Places<L> {
         let last = (self.segments.len() as u32).wrapping_sub(1);
@@ -127,8 +129,8 @@ impl<const N: usize, const BITS: u32> RadialTable<N, BITS> {
         self.value(&self.places(&[r2]), 0)
     }
 
-    /// What a shader looks it up in: the square that is added to r^2, mm^2; its upper bits, which are those of the first segment; the
-    /// coefficients of each segment.
+    /// The table for a shader: the square that is added to r^2, mm^2; its upper bits, which are those of the first
+    /// segment; the coefficients of each segment.
     #[cfg(feature = "gpu")]
     pub(crate) fn segments(&self) -> (f32, u32, Vec<[Rgb; N]>) {
         (self.scale2, self.first, self.segments.iter().map(|segment| segment.0).collect())
@@ -141,7 +143,7 @@ impl<const N: usize, const BITS: u32> RadialTable<N, BITS> {
 }
 
 impl<const BITS: u32> RadialTable<2, BITS> {
-    /// Linear between values of each channel at the nodes.
+    /// The table that is linear between values of each channel at the nodes.
     fn linear(self, nodes: &[f64], values: &[Vec<f64>; 3]) -> Self {
         let segment = |k: usize| {
             values.each_ref().map(|values| [values[k], (values[k + 1] - values[k]) / (nodes[k + 1] - nodes[k])])
@@ -151,7 +153,7 @@ impl<const BITS: u32> RadialTable<2, BITS> {
 }
 
 impl SmoothTable {
-    /// Of values by channel and squared distance (mm^2), smooth on a scale (mm), up to a reach, mm.
+    /// Tabulates `value` over channel and squared distance (mm^2), smooth on a scale (mm), up to a reach, mm.
     pub(in crate::transport) fn new(scale_mm: f64, reach_mm: f64, value: impl Fn(usize, f64) -> f64) -> Self {
         let (table, nodes) = Self::empty(scale_mm, reach_mm * reach_mm);
         let values = [0, 1, 2].map(|c| nodes.iter().map(|&r2| finite(value(c, r2))).collect::<Vec<f64>>());
@@ -160,8 +162,8 @@ impl SmoothTable {
 }
 
 impl LinearTable {
-    /// Of values by channel and distance (mm), which are nothing beyond a reach, and of `Int_r^inf value(s) s ds`, which says what the
-    /// first segment returns even where there is no value at 0.
+    /// Tabulates `value`, a function of channel and distance (mm) that is zero beyond the reach. `tail` is
+    /// `Int_r^inf value(s) s ds`, whose integral the first segment keeps even where there is no value at 0.
     fn new(
         (scale_mm, reach_mm): (f64, f64),
         value: impl Fn(usize, f64) -> f64 + Sync,
@@ -183,8 +185,8 @@ impl LinearTable {
         points(level.min(WIDEST), block, self, sources);
     }
 
-    /// Of what three profiles have more than their softened forms, which is nothing beyond the radius, mm, that these were softened
-    /// inside.
+    /// Tabulates three profiles less their softened forms, a difference that is zero beyond the radius, mm, inside
+    /// which these were softened.
     pub fn compact(profiles: &[Arc<dyn Profile>; 3], softened: &[Softened; 3], radius_mm: f64) -> Self {
         let value = |c: usize, r: f64| softened[c].less(profiles[c].as_ref(), r * r);
         let outside: [f64; 3] = std::array::from_fn(|c| profiles[c].tail(radius_mm));
@@ -194,8 +196,8 @@ impl LinearTable {
         Self::new((radius_containing(profiles, INNERMOST, radius_mm), radius_mm), value, tail)
     }
 
-    /// The mean of the same over a disc, in the plane of the receiver, whose points are `mean_square` mm^2 from its centre in
-    /// the mean of squares.
+    /// The mean of [`Self::compact`]'s difference over a disc in the plane of the receiver, whose points have the mean
+    /// squared distance `mean_square`, mm^2, from its centre.
     pub fn compact_disc(
         profiles: &[Arc<dyn Profile>; 3],
         softened: &[Softened; 3],
@@ -217,7 +219,7 @@ impl LinearTable {
 }
 
 impl QuadraticTable {
-    /// Of values by channel and squared distance (mm^2), smooth on a scale (mm), up to `end_mm2`.
+    /// Tabulates `value` over channel and squared distance (mm^2), smooth on a scale (mm), up to `end_mm2`.
     pub fn new(scale_mm: f64, end_mm2: f64, value: impl Fn(usize, f64) -> f64) -> Self {
         let (table, nodes) = Self::empty(scale_mm, end_mm2);
         let segment = |pair: &[f64]| {
@@ -232,23 +234,23 @@ impl QuadraticTable {
     }
 }
 
-/// The smallest radius (mm) that holds a share of one of some profiles, as far as there is anything.
+/// The smallest radius (mm) that holds a share of one of three profiles, of those that are not zero, at most the reach.
 fn radius_containing(profiles: &[Arc<dyn Profile>; 3], share: f64, reach_mm: f64) -> f64 {
     let radii = profiles.iter().map(|p| p.radius_containing_mm(share)).filter(|r| *r > 0.0);
     radii.fold(reach_mm, f64::min).max(LEAST_SCALE * reach_mm)
 }
 
-/// What has no value or is beyond single precision is not worth one.
+/// The value clamped to the range of single precision; 0 if it is not finite.
 fn finite(value: f64) -> f64 {
     if value.is_finite() { value.clamp(-1e30, 1e30) } else { 0.0 }
 }
 
-/// The same of what is not negative.
+/// [`finite`], at least 0.
 fn positive(value: f64) -> f64 {
     finite(value).max(0.0)
 }
 
-/// Any profiles of three channels.
+/// Any profiles of three channels, by tables.
 #[derive(Clone, Debug)]
 pub(super) struct ProfileTable {
     /// R_d, 1/mm^2.
@@ -260,7 +262,7 @@ pub(super) struct ProfileTable {
 }
 
 impl ProfileTable {
-    /// Of three profiles up to a distance in mm; beyond it they are zero.
+    /// Tables of three profiles up to a distance in mm; beyond it they are zero.
     pub(super) fn new(profiles: &[Arc<dyn Profile>; 3], reach_mm: f64) -> Self {
         let reach = if reach_mm.is_finite() && reach_mm > 0.0 { reach_mm.min(1e15) } else { 1.0 };
         let scale = radius_containing(profiles, INNERMOST, reach);
@@ -278,7 +280,7 @@ impl ProfileTable {
         }
     }
 
-    /// Adds what points of flux bring every receiver of the block.
+    /// Adds `flux R_d(|x - at|)` of every source to every receiver of the block.
     pub(super) fn add_points(&self, level: Level, block: &mut Block, sources: &[PointSource]) {
         self.reflectance.add_points(level, block, sources);
     }
@@ -341,7 +343,7 @@ multiversion! {
 impl RadialIntegral for ProfileTable {
     type Values = [Rgb; LANES];
 
-    /// As for poles: a sum over the edges of Int (tail(H) - tail(d)) p / (p^2 + s^2) ds.
+    /// As for dipoles: a sum over the edges of Int (tail(H) - tail(d)) p / (p^2 + s^2) ds.
     #[inline(always)]
     fn triangle(&self, seen: &SeenTriangle, _: EdgePrecision) -> [Rgb; LANES] {
         let height2 = &seen.height2;

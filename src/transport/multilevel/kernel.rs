@@ -1,4 +1,4 @@
-//! The inner loop between the points of a net: what is left of a kernel that is softened inside a radius, less the same inside twice that.
+//! The inner loop between the points of a net: a kernel softened inside a radius, less that softened inside its double.
 
 use crate::math::simd::{Level, multiversion};
 use crate::medium::profile::Profile;
@@ -6,7 +6,7 @@ use crate::medium::softened::Softened;
 use crate::transport::kernel::radial_table::{Rgb, SmoothTable, WIDEST};
 use crate::transport::kernel::{FLUSH, LANES, Radial, Row};
 
-/// A part of a profile that is smaller than this share of its total over the whole reach is nothing.
+/// A kernel whose integral over the whole reach is at most this share of the profile's total is negligible.
 const NOTHING: f64 = 1e-7;
 
 /// The kernel between the points of a net.
@@ -17,7 +17,8 @@ pub(crate) struct NetKernel {
 }
 
 impl NetKernel {
-    /// Of three profiles softened inside `radius_mm`, less the same inside `less_mm`; all of it, up to the extent, without.
+    /// The kernel of three profiles softened inside `radius_mm`, less the same inside `less_mm`; without `less_mm`, all
+    /// of it up to the extent.
     pub(super) fn new(profiles: &[&dyn Profile; 3], radius_mm: f64, less_mm: Option<f64>, extent_mm: f64) -> Self {
         let reach = less_mm.unwrap_or(1.001 * extent_mm).max(f64::MIN_POSITIVE);
         let softened = profiles
@@ -35,7 +36,7 @@ impl NetKernel {
         Self { table: SmoothTable::new(scale, reach, value), nothing }
     }
 
-    /// Whether it is negligible everywhere.
+    /// True if the kernel is negligible everywhere.
     pub(crate) fn is_nothing(&self) -> bool {
         self.nothing
     }
@@ -48,7 +49,7 @@ pub(super) struct PointBlock {
 }
 
 impl PointBlock {
-    /// Of at most [`LANES`] points.
+    /// A block of at most [`LANES`] points.
     pub(super) fn new(points: &[[f32; 3]]) -> Self {
         let mut at = [[0.0; LANES]; 3];
         for (lane, point) in points.iter().take(LANES).enumerate() {
@@ -57,7 +58,7 @@ impl PointBlock {
         Self { at, sums: [[0.0; 4]; LANES] }
     }
 
-    /// Adds the sums to those of the points.
+    /// Adds the block's sums to `out`.
     pub(super) fn add_to(&self, out: &mut [Rgb]) {
         for (out, sum) in out.iter_mut().zip(&self.sums) {
             (0..4).for_each(|c| out[c] += sum[c]);
@@ -94,7 +95,7 @@ multiversion! {
     fn smooth(block: &mut PointBlock, table: &SmoothTable, sources: &[u32], values: (&[[f32; 3]], &[Rgb])) => smooth_body
 }
 
-/// Adds what the sources, given by their indices among positions (mm) and charges, bring every point of a block.
+/// Adds `charge K(|x - at|)` of the sources, indices among positions (mm) and charges, to every point of a block.
 pub(super) fn add_smooth(
     level: Level,
     block: &mut PointBlock,

@@ -29,7 +29,7 @@ use crate::geometry::scattered::{Kriging, OrientedPoint, Weights, choose_from};
 use crate::math::simd::Level;
 use crate::medium::profile::Profile;
 
-/// How finely a kernel is resolved.
+/// Resolution of a kernel by nets.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Resolution {
     /// Spacing of the finest net, mm.
@@ -45,10 +45,10 @@ impl Resolution {
     }
 }
 
-/// A coarsest net has no more points than this, or as few as there are.
+/// Nets are coarsened until one has no more points than this, if any does.
 const FEW: usize = 600;
 
-/// Points of a group.
+/// Points of a group at most.
 const GROUP: usize = 16;
 
 /// A surface's nets, finest first.
@@ -61,13 +61,13 @@ pub(crate) struct Multilevel {
 
 /// Points of one spacing.
 pub(crate) struct Net {
-    /// Group after group.
+    /// Points, group after group.
     points: Vec<OrientedPoint>,
     pub(crate) at: Vec<[f32; 3]>,
     pub(crate) groups: Vec<Run>,
     /// Points within reach of those of each group.
     pub(crate) around: ClosePairs,
-    /// From this net to the next coarser, and back.
+    /// Weights from this net to the next coarser, and back.
     pub(crate) up: Adjoint,
     pub(crate) down: SharedWeights,
 }
@@ -123,7 +123,7 @@ impl Multilevel {
         }
     }
 
-    /// Number of nets, of points and of pairs.
+    /// Number of points and of pairs of each net, finest first.
     pub(super) fn sizes(&self) -> Vec<(usize, usize)> {
         let pairs = |net: &Net| {
             let of_group = |(g, run): (usize, &Run)| run.range().len() * net.around.of(g).len();

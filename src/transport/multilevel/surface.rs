@@ -22,7 +22,7 @@ use crate::transport::surface::Surface;
 /// Softening at most.
 pub(super) const MOST_SOFTENING: f64 = 16.0;
 
-/// How closely the sums follow all pairs.
+/// Accuracy of the sums against all pairs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quality {
     /// Asked relative error, RMS over the receivers.
@@ -31,14 +31,14 @@ pub struct Quality {
     pub spacing: f64,
     /// Radius of the compact part in spacings of the finest net.
     pub softening: f64,
-    /// How near samples are integrated.
+    /// Integration of near samples.
     pub near: NearRule,
 }
 
 impl Quality {
-    /// For an asked error where the surface has not been measured ([`Quality::tuned`]). That of a softened kernel's interpolation
-    /// falls with the fourth power of the softening; under the worst of the probe lights it was 2.4e-3 (bunny, 100 mm, marble)
-    /// to 8e-3 (noise on a coarsely sampled head) at 2.75.
+    /// The quality for an asked error where the surface has not been measured ([`Quality::tuned`]). The error of a
+    /// softened kernel's interpolation falls with the fourth power of the softening; under the worst of the probe
+    /// lights it was 2.4e-3 (bunny, 100 mm, marble) to 8e-3 (noise on a coarsely sampled head) at 2.75.
     pub fn for_error(relative_rms: f64) -> Self {
         let softening = (2.75 * (8e-3 / (0.8 * relative_rms)).powf(0.25)).clamp(2.4, MOST_SOFTENING);
         let reach = 0.005 / relative_rms;
@@ -68,18 +68,18 @@ pub(crate) struct Part {
     extent_mm: f64,
 }
 
-/// Radius of the compact part in spacings: few samples are summed one by one.
+/// Radius of the compact part in spacings; the whole extent if there are few samples, which are summed one by one.
 fn softening(quality: Quality, samples: usize, extent_mm: f64, spacing_mm: f64) -> f64 {
     if samples <= FEW { quality.softening.max(2.0 * extent_mm / spacing_mm) } else { quality.softening }
 }
 
-/// What follows from the media: tables of every part.
+/// Tables of every part, which follow from the media.
 pub struct SurfaceTables {
     pub(crate) parts: Vec<(Tables, Compact)>,
 }
 
 impl SurfaceNets {
-    /// Of the samples of a surface, for receivers on it.
+    /// The nets of the samples of a surface, for receivers on it.
     pub fn new(surface: &Surface, receivers: &Receivers, quality: Quality) -> Self {
         let centres: Vec<DVec3> = surface.patches.iter().map(|p| p.centre_mm).collect();
         let of_part = |groups: &[crate::transport::receivers::Group]| {
@@ -125,7 +125,7 @@ impl SurfaceNets {
         Part { medium, groups: runs, samples, receivers: range, nets, near, extent_mm }
     }
 
-    /// The same nets, as far as they go, with another quality: the spacing stays.
+    /// Sets another quality; nets and spacing stay.
     pub(super) fn set_quality(&mut self, surface: &Surface, receivers: &Receivers, quality: Quality) {
         let softens = quality.softening != self.quality.softening;
         self.quality = Quality { spacing: self.quality.spacing, ..quality };
@@ -163,8 +163,9 @@ impl SurfaceNets {
         SurfaceTables { parts: self.parts.par_iter().map(of_part).collect() }
     }
 
-    /// Six points of a triangle err by 0.8 % where it is 1.2 radii away, and with the fifth power of distance over radius; what comes
-    /// from so near matters as much as what a sample around the receiver returns.
+    /// Distance over radius below which facets are split. Six points of a triangle err by 0.8 % where it is 1.2 radii
+    /// away, less with the fifth power of that distance; the weight of so near a sample is the share that a sample
+    /// around the receiver returns.
     fn split_below(&self, profiles: &[Arc<dyn Profile>; 3], mean_square: f64) -> f32 {
         let share = |p: &Arc<dyn Profile>| p.disc((2.0 * mean_square).sqrt()) / p.total();
         let share = profiles.iter().map(share).filter(|s| s.is_finite()).fold(0.0, f64::max);

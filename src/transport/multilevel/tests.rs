@@ -39,7 +39,7 @@ fn error((found, truth): &(Vec<DVec3>, Vec<DVec3>)) -> f64 {
     relative.max_element().sqrt()
 }
 
-/// What a bake finds to be enough under three lights.
+/// Quality that a bake finds to be enough under three lights.
 fn tuned(fixture: &Fixture, asked: f64) -> Quality {
     let receivers = Receivers::new(&fixture.scene.mesh, &fixture.scene.parts, 16);
     let areas = vec![1.0; receivers.len()];

@@ -1,5 +1,5 @@
-//! The quality that keeps an asked error on a surface: what interpolation and discs err by depends on how rough the surface is and
-//! on how its samples are shaped, so it is measured, against all pairs.
+//! The quality that keeps an asked error on a surface: the errors of interpolation and of discs depend on the roughness
+//! of the surface and on the shape of its samples, so they are measured, against all pairs.
 
 use glam::DVec3;
 
@@ -20,10 +20,10 @@ const PROBES: usize = 192;
 /// Share of the asked error that is aimed at: other receivers and lights may fare worse.
 const TARGET: f64 = 0.8;
 
-/// What is tried first over [`Quality::for_error`], which rough surfaces need.
+/// Softening that is tried first, over that of [`Quality::for_error`], which rough surfaces need.
 const SMOOTHEST: f64 = 0.72;
 
-/// How much finer each trial is: the softening, and the distances of the near rule.
+/// Factors from one trial to the next on the softening, and on the distances of the near rule.
 const SOFTER: f64 = 1.15;
 const NEARER: f64 = 1.35;
 
@@ -34,9 +34,9 @@ const TRIALS: usize = 10;
 const MOST_NEAR: f64 = 24.0;
 
 impl Quality {
-    /// The coarsest of a few that keeps a relative error, RMS over receivers of some areas, in each of some sets of media and
-    /// under each of some lights: the irradiance of every sample and the pieces of uneven ones. As fine as tried where none
-    /// keeps it.
+    /// The coarsest quality of a few that keeps a relative error, RMS over receivers weighted by `areas`, in each set
+    /// of media and under each light (irradiance of every sample and pieces of uneven ones); the last one tried where
+    /// none keeps it.
     pub fn tuned(
         (surface, media): (&Surface, &[Vec<MediumKernel>]),
         (receivers, areas): (&Receivers, &[f64]),

@@ -1,4 +1,4 @@
-//! Interpolation the other way round: what values at many points, weighted, make at the few that they are interpolated from.
+//! The adjoint of interpolation: values at many points, weighted, are summed at the few that interpolate them.
 
 use rayon::prelude::*;
 
@@ -10,14 +10,14 @@ const TASK: usize = 256;
 /// The transpose of interpolation weights.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Adjoint {
-    /// Of coarse point `i` the cells `offsets[i]..offsets[i + 1]`.
+    /// Coarse point `i` has the cells `offsets[i]..offsets[i + 1]`.
     pub(crate) offsets: Vec<usize>,
-    /// A fine point and its weight each.
+    /// Fine points and their weights.
     pub(crate) cells: Vec<(u32, f32)>,
 }
 
 impl Adjoint {
-    /// Of weights over `coarse` points.
+    /// The transpose of weights over `coarse` points.
     pub(super) fn new(weights: &Weights, coarse: usize) -> Self {
         let mut offsets = vec![0; coarse + 1];
         let used = |(_, w): &(u32, f32)| *w != 0.0;
@@ -37,7 +37,7 @@ impl Adjoint {
         Self { offsets, cells }
     }
 
-    /// Sums of values, RGB.
+    /// Weighted sums, at every coarse point, of RGB values at the fine points.
     pub(super) fn apply(&self, values: &[[f32; 4]]) -> Vec<[f32; 4]> {
         let coarse = self.offsets.len().saturating_sub(1);
         let of_point = |i: usize| {

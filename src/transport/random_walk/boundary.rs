@@ -1,4 +1,4 @@
-//! Where a flight through the medium ends: the boundary as the walk sees it, and the two shapes with exact answers.
+//! The end of a flight through the medium: the boundary as the walk sees it, and the two shapes with exact answers.
 
 use glam::DVec3;
 
@@ -16,15 +16,15 @@ pub struct Site {
 /// The end of a flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Crossing {
-    /// Nothing: it ends inside the medium.
+    /// No crossing: the flight ends inside the medium.
     Inside,
-    /// The boundary.
+    /// A crossing of the boundary.
     Surface {
-        /// Where a reflected flight goes on, just inside.
+        /// Point just inside where a reflected flight goes on, mm.
         inside_mm: DVec3,
         /// Geometric unit normal, outward.
         normal: DVec3,
-        /// The place.
+        /// Place of the crossing.
         site: Site,
     },
     /// The flight is outside although it never crossed the boundary: an opening, or rounding beside a sharp edge.

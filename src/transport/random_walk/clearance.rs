@@ -1,8 +1,8 @@
-//! How far every point of space is from a surface at least: flights that are shorter need no ray.
+//! Lower bounds of the distance of every point of space from a surface: flights that are shorter need no ray.
 //!
 //! A grid over the bounding box. A cell that the surface may touch has no clearance; any other has the distance between
-//! its box and the nearest of those, which no point of it can overestimate. Cells that are connected to the border
-//! without the surface in between are outside.
+//! its box and the nearest of those, which is a lower bound for all of its points. Cells that are connected to the
+//! border without the surface in between are outside.
 
 use glam::{DVec3, UVec3};
 use rayon::prelude::*;
@@ -24,7 +24,7 @@ pub(super) struct ClearanceGrid {
     low: DVec3,
     inverse_cell: f64,
     size: UVec3,
-    /// Distance in units of `unit_mm`; [`OUTSIDE`] outside.
+    /// Distance of each cell in units of `unit_mm`; [`OUTSIDE`] outside.
     codes: Vec<u8>,
     unit_mm: f64,
 }
@@ -132,7 +132,7 @@ impl ClearanceGrid {
         }
     }
 
-    /// Distances to the marked cells, and what is outside.
+    /// Codes of all cells: distances to the marked ones, [`OUTSIDE`] outside.
     fn encode(&self, near: &[bool]) -> Vec<u8> {
         let far = (REACH * REACH) as u16;
         let (nx, nxy) = (self.size.x as usize, (self.size.x * self.size.y) as usize);
@@ -147,7 +147,7 @@ impl ClearanceGrid {
         codes
     }
 
-    /// Marks as outside what is connected to the first cell, a corner of the border.
+    /// Marks as outside the cells connected to the first one, a corner of the border.
     fn flood(&self, near: &[bool], codes: &mut [u8]) {
         let mut stack = vec![UVec3::ZERO];
         codes[0] = OUTSIDE;
@@ -170,7 +170,7 @@ impl ClearanceGrid {
     }
 }
 
-/// Squares of the distances to the nearest zero of a row, at most what is there.
+/// Lowers the values of a row to the squared distances to the row's nearest zero.
 fn distances_in_row(row: &mut [u16]) {
     let mut distance = REACH;
     let mut next = |value: &mut u16| {

@@ -1,4 +1,4 @@
-//! Where photons enter a scene: points uniform over the surface, directions by the light, weights that are irradiance.
+//! Entrance of photons into a scene: points uniform over the surface, directions by the light, weights by irradiance.
 
 use std::f64::consts::{PI, TAU};
 
@@ -16,7 +16,7 @@ use crate::math::spherical_rectangle::SphericalRectangle;
 use crate::medium::fresnel::{self, CosineTransmittance};
 use crate::transport::domain::Domain;
 
-/// How finely an environment is cut: 2^18 directions, each with the energy around it.
+/// Cut of an environment: 2^18 directions, each with the energy around it.
 const ENVIRONMENT: StrataSettings = StrataSettings { strata: 4096, candidates: 64 };
 
 /// A point light comes no nearer than the square root of this, so that weights stay finite.
@@ -28,7 +28,7 @@ const CURVE_CELLS: f64 = 65_535.0;
 /// A photon that may enter.
 #[derive(Clone, Copy, Debug)]
 pub struct Candidate {
-    /// Where and how it would start.
+    /// Place and direction in which it would start.
     pub start: Start,
     /// Part that it enters.
     pub part: u32,
@@ -39,7 +39,7 @@ pub struct Candidate {
     triangle: u32,
 }
 
-/// A light with what all points share.
+/// A light, prepared for all points.
 enum Source<'a> {
     Constant { radiance: DVec3 },
     Directional { from: DVec3, irradiance: DVec3 },
@@ -48,7 +48,7 @@ enum Source<'a> {
     Environment { strata: Strata, cumulative: Vec<f64>, rotation: Rotation, scale: DVec3 },
 }
 
-/// Light towards a point: its direction, how far it is, and the irradiance behind the surface over the entrance's
+/// Light towards a point: its direction, its distance, and the irradiance behind the surface over the entrance's
 /// `F_t cos`, or including it.
 struct Arrival {
     towards: DVec3,
@@ -70,7 +70,7 @@ pub struct Entries<'a> {
 }
 
 impl<'a> Entries<'a> {
-    /// `bvh` holds the occluders: all triangles of the scene.
+    /// Prepares the lit surface; `bvh` holds the occluders, all triangles of the scene.
     ///
     /// # Errors
     /// Those of cutting an environment.
@@ -125,13 +125,13 @@ impl<'a> Entries<'a> {
         (irradiance.max_element() > 0.0).then_some(Candidate { start, part, irradiance, shadow, triangle })
     }
 
-    /// Whether nothing is between a candidate and its light.
+    /// True if nothing is between a candidate and its light.
     pub fn is_lit(&self, candidate: &Candidate) -> bool {
         !self.bvh.occluded(&candidate.shadow, candidate.triangle)
     }
 }
 
-/// Where the first corner of a triangle is along a space-filling curve through the bounding box (Morton's).
+/// Position of a triangle's first corner along a space-filling curve through the bounding box (Morton's).
 fn along_curve(mesh: &Mesh, [low, high]: [DVec3; 2], triangle: u32) -> u64 {
     let [corner, ..] = mesh.corners_local_mm(triangle);
     let scaled = (corner - low) * (CURVE_CELLS / (high - low).max_element().max(f64::MIN_POSITIVE));

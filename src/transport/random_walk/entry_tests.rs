@@ -50,7 +50,7 @@ fn region(scene: &TestScene, triangle: u32) -> usize {
     8 * part + (0..3).fold(0, |octant, axis| octant | usize::from(normal[axis] > 0.0) << axis)
 }
 
-/// Fewer candidates unless there is time: 3 % in place of 0.5 %.
+/// Factor by which candidates are fewer unless there is time: 3 % in place of 0.5 %.
 const SAVES: u64 = 9;
 
 /// Lights around the scene, all coloured, with as many candidates as bring four standard errors of the whole below 0.5 %.
@@ -105,7 +105,7 @@ fn entering(scene: &TestScene, lights: &[Light], candidates: u64) -> [Vec<DVec3>
     [(0..REGIONS).map(mean).collect(), (0..REGIONS).map(error).collect()]
 }
 
-/// The irradiance by the patches of the other methods.
+/// Flux into each region by the irradiance that the other methods use, RGB.
 fn arriving(scene: &TestScene, lights: &[Light], sampling: LightSampling) -> Vec<DVec3> {
     let bvh = Bvh::new(&scene.mesh);
     let samples = Samples::new(&scene.mesh, &scene.parts, scene.mesh.triangles.len());

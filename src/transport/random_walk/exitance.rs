@@ -52,10 +52,10 @@ const CHANNEL_FLOOR: f64 = 1e-3;
 /// A larger share of the flux that is lost is an error: the surface has openings.
 pub const MOST_LOST: f64 = 1e-3;
 
-/// How long to walk.
+/// Length of the walk.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Effort {
-    /// So many photons in each channel.
+    /// This number of photons in each channel.
     Photons(u64),
     /// As many photons as bring [`Exitance::noise`] to this.
     Noise(f64),
@@ -67,7 +67,7 @@ pub enum Effort {
 /// another method's figures in the same form see [`super::model_error::project`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Exitance {
-    /// The hat functions that the vectors below go with.
+    /// The hat functions, one for each entry of the vectors below.
     pub hats: Hats,
     /// Exitance of every order from 1 on.
     pub total: Vec<DVec3>,
@@ -75,7 +75,7 @@ pub struct Exitance {
     pub single: Vec<DVec3>,
     /// Standard error of `total`, from [`BATCHES`] independent batches.
     pub standard_error: Vec<DVec3>,
-    /// Where the flux of each channel went.
+    /// Balance of the flux of each channel.
     pub budget: [Budget; 3],
     /// Candidates of each channel; on average each is one photon.
     pub photons: [u64; 3],
@@ -101,7 +101,7 @@ impl Exitance {
         self.relative_noise().max_element()
     }
 
-    /// The RMS of each channel that its errors are relative to.
+    /// Unit of the errors of each channel: its RMS, or a thousandth of the brightest channel's if larger.
     pub fn unit(&self) -> DVec3 {
         let rms = self.rms();
         rms.max(DVec3::splat(CHANNEL_FLOOR * rms.max_element()))
@@ -205,7 +205,7 @@ impl Bodies {
     }
 }
 
-/// Everything that photons of all channels share.
+/// Inputs shared by the photons of all channels.
 struct Run<'a> {
     entries: &'a Entries<'a>,
     bodies: &'a Bodies,
@@ -299,7 +299,7 @@ impl Run<'_> {
         budgets.iter().fold(Budget::default(), |sum, b| sum.plus(b))
     }
 
-    /// Walks the photons that one candidate becomes: on average its irradiance over that of a photon.
+    /// Walks the photons that one candidate becomes; their mean number is its irradiance over that of a photon.
     fn enter(&self, batch: &Batch, index: u64, budget: &mut Budget) {
         let mut stream = Stream::new(batch.stage, index << 9);
         // One candidate in each of as many equal areas.

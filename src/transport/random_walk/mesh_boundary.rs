@@ -15,20 +15,20 @@ pub struct MeshBoundary {
     triangles: Vec<u32>,
     normals: Vec<DVec3>,
     grid: ClearanceGrid,
-    /// Rounding of coordinates, generously: what is this near behind a ray's origin may be in front of it.
+    /// Rounding of coordinates, generously: a surface this near behind a ray's origin may be in front of it, mm.
     slack_mm: f32,
 }
 
 /// Steps through free space from both ends before a ray is cast.
 const MOST_STEPS: u32 = 6;
 
-/// A step that covers less than this share of what is left is the last.
+/// A step that covers less than this share of the remaining way is the last.
 const LEAST_GAIN: f64 = 0.2;
 
 /// Surfaces of the same part inside each other that one flight crosses at most; more are a loop of rounding errors.
 const MOST_NESTED: u32 = 64;
 
-/// Slack over the largest coordinate: what [`offset_origin`] moves by.
+/// Slack over the largest coordinate: the step of [`offset_origin`].
 const SLACK: f64 = 1.0 / 524_288.0;
 
 impl MeshBoundary {
@@ -46,12 +46,12 @@ impl MeshBoundary {
         }
     }
 
-    /// The point of a triangle that is just inside.
+    /// A point of a triangle, moved just inside.
     pub(super) fn just_inside(point: DVec3, normal: DVec3) -> DVec3 {
         offset_origin(point.as_vec3(), -normal.as_vec3()).as_dvec3()
     }
 
-    /// As [`Boundary::crossing`], where the grid leaves it open.
+    /// [`Boundary::crossing`] by rays, where the grid leaves it open.
     fn cast(&self, from: DVec3, direction: DVec3, reach: f64, depth: &mut u32) -> Crossing {
         // Single precision may shorten the reach below a hit that lies before its end.
         let mut ray = Ray {

@@ -1,8 +1,8 @@
 //! A volumetric random walk: the exitance that the dipole only approximates.
 //!
 //! Photons enter a homogeneous medium through its boundary, scatter (Henyey and Greenstein) after free paths of mean
-//! 1/sigma_t (unreduced), lose weight by absorption, are reflected at the smooth boundary by exact Fresnel, and leave. What
-//! leaves is tallied where it does, split by the number of scattering events.
+//! 1/sigma_t (unreduced), lose weight by absorption, are reflected at the smooth boundary by exact Fresnel, and leave.
+//! Their weights are tallied where they leave, split by the number of scattering events.
 //!
 //! As in the other methods, irradiance behind the surface includes F_t at the entrance, light that has left does not enter
 //! again, neither its own part nor another, and shadows are those of the whole scene. Other than the dipole, which is a half
@@ -13,8 +13,9 @@
 //!
 //! Million collisions for a second of one core (AMD EPYC, marble at g = 0 and 0.8, entrances and rays included): half space
 //! 71 and 43, ball of 15 mm 51 and 39, closed bunny of 30 mm (70k triangles) 5 to 7 and 13. A photon in the bunny scatters 40
-//! times (200) before it leaves: what costs there are the flights near the surface, whose rays and look-ups in the grid of free
-//! space take three quarters of the time. 20 was aimed at for meshes and is not reached. What was tried, times the speed before:
+//! times (200) before it leaves: most of the cost there is flights near the surface, whose rays and look-ups in the
+//! grid of free space take three quarters of the time. 20 was aimed at for meshes and is not reached. Attempts and
+//! their speed-ups:
 //!
 //! - free space around both ends of a flight in place of its start alone: 1.3, kept;
 //! - photons that follow each other start beside each other, along a space-filling curve: 1.05 to 1.18, kept;

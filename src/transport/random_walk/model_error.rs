@@ -1,4 +1,4 @@
-//! How far another method's radiosity is from the walk's exitance: the model's own error.
+//! Error of another method's radiosity against the walk's exitance: the model's own error.
 
 use glam::DVec3;
 

@@ -1,4 +1,4 @@
-//! The tallies of photons: exitance on the vertices' hat functions, and where the flux went.
+//! The tallies of photons: exitance on the vertices' hat functions, and the balance of the flux.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -65,7 +65,7 @@ impl Hats {
         self.mass_mm2.len()
     }
 
-    /// Whether there are none.
+    /// True if there are no slots.
     pub fn is_empty(&self) -> bool {
         self.mass_mm2.is_empty()
     }
@@ -111,7 +111,7 @@ impl SlotTally {
         }
     }
 
-    /// Weights of order 1 and of higher orders by slot; starts over.
+    /// Weights of order 1 and of higher orders by slot; sets the sums to zero.
     pub(super) fn take(&mut self) -> impl Iterator<Item = [f64; 2]> {
         self.sums.iter_mut().map(|sums| {
             sums.each_mut().map(|sum| {
@@ -134,7 +134,7 @@ pub struct Budget {
     pub left_once: f64,
     /// Flux that left after several scattering events.
     pub left_more: f64,
-    /// Flux that was found outside without having left: openings and rounding. It is not part of anything.
+    /// Flux that was found outside without having left: openings and rounding. Otherwise it counts in `entered` only.
     pub lost: f64,
     /// Flux that total reflection keeps inside for good.
     pub trapped: f64,
@@ -158,7 +158,7 @@ impl Budget {
         }
     }
 
-    /// The sum of two.
+    /// The sum of two budgets.
     #[must_use]
     pub fn plus(self, other: &Self) -> Self {
         Self {
@@ -191,7 +191,7 @@ impl Budget {
         self.share(self.left_once + self.left_more)
     }
 
-    /// A part of the flux over what entered; 0 where nothing did.
+    /// A flux over the flux that entered; 0 if none did.
     pub fn share(&self, flux: f64) -> f64 {
         if self.entered > 0.0 { flux / self.entered } else { 0.0 }
     }

@@ -31,7 +31,7 @@ pub struct WalkMedium {
     pub albedo: f64,
     /// Refractive index inside over outside.
     pub eta_inside_over_outside: f64,
-    /// Directions of scattering.
+    /// Phase function.
     pub phase: HenyeyGreenstein,
 }
 
@@ -49,7 +49,7 @@ impl WalkMedium {
     }
 }
 
-/// Random numbers of one photon: each is a function of the key and of how many were drawn before.
+/// Random numbers of one photon: each is a function of the key and of the number drawn before.
 #[derive(Clone, Copy, Debug)]
 pub struct Stream {
     key: u64,
@@ -83,16 +83,16 @@ fn open_unit(bits: u64) -> f64 {
     ((bits >> 12) as f64 + 0.5) * (1.0 / (1u64 << 52) as f64)
 }
 
-/// Where and how a photon starts inside the medium.
+/// Place and direction in which a photon starts inside the medium.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Start {
-    /// Just inside the boundary, mm.
+    /// Position just inside the boundary, mm.
     pub at_mm: DVec3,
     /// Unit direction inside.
     pub direction: DVec3,
 }
 
-/// How a photon ended.
+/// End of a photon.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum End {
     /// The photon left the medium.
@@ -101,7 +101,7 @@ pub enum End {
         site: Site,
         /// Scattering events before.
         order: u64,
-        /// The weight that is left of 1.
+        /// Weight on leaving, of 1 at the start.
         weight: f64,
     },
     /// The photon was absorbed.
@@ -112,10 +112,10 @@ pub enum End {
     Trapped(f64),
 }
 
-/// A photon's end and what it took.
+/// A photon's end and its scattering events.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Walked {
-    /// How it ended.
+    /// End of the photon.
     pub end: End,
     /// Scattering events.
     pub collisions: u64,
@@ -195,7 +195,7 @@ fn walk_with<B: Boundary>(
     Walked { end, collisions: order }
 }
 
-/// -ln(x) for x in (0, 1), to 1e-12 relative or 1e-14: the same bits on every machine, which the system's is not.
+/// -ln(x) for x in (0, 1), to 1e-12 relative or 1e-14: the same bits on every machine, unlike the system's.
 #[inline(always)]
 fn minus_ln(x: f64) -> f64 {
     // x = m 2^e with m in [sqrt(1/2), sqrt(2)): adding the distance of sqrt(1/2) to 1 in the bits carries into the exponent.

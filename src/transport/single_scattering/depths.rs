@@ -10,7 +10,7 @@ use crate::math::quadrature::gauss_legendre;
 pub struct Depth {
     /// Distance from where light leaves, mm.
     pub s_mm: f64,
-    /// `sigma_s exp(-sigma_t s)` over the density of s, over the number of samples; RGB.
+    /// Weight `sigma_s exp(-sigma_t s)` over the density of s, over the number of samples; RGB.
     pub weight: DVec3,
 }
 
@@ -20,8 +20,8 @@ pub enum Density {
     /// The mean of the three channels' `sigma_t exp(-sigma_t s) / A`: no weight exceeds three times its channel's.
     #[default]
     Channels,
-    /// The density by the luminance of sigma_t alone, as in the paper: `s = -ln(1 - xi A) / |sigma_t|`. A channel that is much clearer than
-    /// the luminance has weights without bound.
+    /// The density by the luminance of sigma_t alone, as in the paper: `s = -ln(1 - xi A) / |sigma_t|`. A channel that
+    /// is much clearer than the luminance has weights without bound.
     Luminance,
 }
 
@@ -33,12 +33,12 @@ pub(super) fn luminance(rgb: DVec3) -> f64 {
 /// Channels whose extinctions differ by more than this factor get depths of their own.
 const ALIKE: f64 = 4.0;
 
-/// The decay of the density of a quadrature over the least extinction of its channels. Light on the way in is attenuated
-/// too: with this factor what is left to integrate is about linear, with 1.8 it has a root's singularity and the error is 17
-/// times as large.
+/// The decay of the density of a quadrature over the least extinction of its channels. Light on the way in is
+/// attenuated too: with this factor the remaining integrand is about linear, with 1.8 it has a root's singularity and
+/// the error is 17 times as large.
 const DECAY: f64 = 1.0;
 
-/// `1 - exp(-rate length)`.
+/// Share of an exponential within a length: `1 - exp(-rate length)`.
 fn share(rate: f64, length_mm: f64) -> f64 {
     -(-rate * length_mm).exp_m1()
 }
@@ -48,8 +48,8 @@ fn exponential(xi: f64, rate: f64, cut: f64) -> f64 {
     -(-xi * cut).ln_1p() / rate
 }
 
-/// Samples at `positions` in (0, 1), of the integral over s from 0 to `reach_mm` (which may be infinite). Empty where nothing is
-/// scattered or absorbed.
+/// Samples at `positions` in (0, 1) of the integral over s from 0 to `reach_mm` (may be infinite). Empty without
+/// extinction.
 pub fn sampled(
     optics: &Optics,
     reach_mm: f64,
@@ -146,7 +146,7 @@ impl Mixture {
         self.used().map(|(rate, cut)| share(rate, s) / cut).sum::<f64>() / self.count
     }
 
-    /// Between the answers of the single exponentials, by bisection with Newton's steps.
+    /// Distance below which the fraction `xi` lies: between those of the exponentials, by bisection and Newton's steps.
     fn invert(&self, xi: f64) -> f64 {
         let ends = self.used().map(|(rate, cut)| exponential(xi, rate, cut));
         let (mut low, mut high) = ends.fold((f64::INFINITY, 0.0f64), |(l, h), s| (l.min(s), h.max(s)));

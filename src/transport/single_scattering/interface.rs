@@ -4,24 +4,24 @@ use glam::DVec3;
 
 use crate::medium::fresnel::{refracted_cosine, transmittance};
 
-/// Which form of the integrand, equation (4) of Wang, Tran and Luebke 2005.
+/// Form of the integrand, equation (4) of Wang, Tran and Luebke 2005.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 pub enum Form {
-    /// The integrand with the change of solid angle and of radiance at the surface, `|w_i.n_i| / (eta^2 |w_i'.n_i|)`: reciprocal, and no
-    /// energy is gained.
+    /// The integrand with the change of solid angle and of radiance at the surface, `|w_i.n_i| / (eta^2 |w_i'.n_i|)`:
+    /// reciprocal, and no energy is gained.
     #[default]
     Physical,
-    /// The integrand as printed, without that change: 2.4 times as bright at eta = 1.3, 3.4 times at 1.5. For the paper's figures.
+    /// The integrand as printed, without it, for the paper's figures: 2.4 times as bright at eta = 1.3, 3.4 at 1.5.
     Printed,
 }
 
-/// Beyond this a refracted path counts as this many times the straight one (eta < 1, near the critical angle).
+/// Largest length of a refracted path over that of the straight one (reached for eta < 1, near the critical angle).
 const MOST_STRETCH: f64 = 1e9;
 
-/// How the surface refracts light that enters from one direction: its gain, its path and its cosine inside.
+/// Refraction of light that enters from one direction: its gain, its path and its cosine inside.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Refraction {
-    /// `F_t(eta, w_i)`, times the refraction factor in the physical form.
+    /// Gain `F_t(eta, w_i)`, times the refraction factor in the physical form.
     pub gain: f64,
     /// Length of the refracted path over that of the straight one, equation (5): `cos / cos'`.
     pub stretch: f64,

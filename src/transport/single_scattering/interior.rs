@@ -1,4 +1,4 @@
-//! Straight rays inside and around a body: where they leave it, and the surfaces between that place and the light.
+//! Straight rays inside and around a body: their exit points, and the surfaces between these and the light.
 
 use glam::{DVec3, Vec3};
 
@@ -8,30 +8,30 @@ use crate::medium::fresnel::transmittance;
 use crate::medium::material::OpticalProperties;
 use crate::transport::domain::Domain;
 
-/// How light is dimmed whose straight way crosses more surfaces than the one it enters by.
+/// Treatment of light whose straight way crosses more surfaces than the one it enters by.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 pub enum Crossings {
     /// The light is lost, as in the paper.
     #[default]
     Occluded,
-    /// The light passes translucent bodies, and other folds of the same body, attenuated along the refracted length inside them and by both
-    /// of their surfaces. Neglected: the bend and shift of the ray behind them, reflections between their surfaces, and light
-    /// that they scatter. Opaque parts occlude. What begins inside the body before the light enters it (an opaque core, another
-    /// medium) occludes in both modes.
+    /// The light passes translucent bodies, and other folds of the same body, attenuated along the refracted length
+    /// inside them and by both of their surfaces. Neglected: the bend and shift of the ray behind them, reflections
+    /// between their surfaces, and light that they scatter. Opaque parts occlude. A surface met inside the body before
+    /// the light enters it (an opaque core, another medium) occludes in both modes.
     Attenuated,
 }
 
-/// Which coefficients an evaluation takes from a medium.
+/// Coefficients that an evaluation takes from a medium.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Coefficients {
-    /// `sigma_s'`, `sigma_t'`, with an isotropic phase function: similarity theory; exact for g = 0.
+    /// Reduced `sigma_s'`, `sigma_t'` with an isotropic phase function: similarity theory; exact for g = 0.
     #[default]
     Reduced,
-    /// `sigma_s`, `sigma_t`, with the phase function of the medium's g.
+    /// Coefficients `sigma_s`, `sigma_t` with the phase function of the medium's g.
     Unreduced,
 }
 
-/// A medium as single scattering needs it.
+/// Coefficients of a medium for single scattering.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Optics {
     /// Scattering, 1/mm.
@@ -56,7 +56,7 @@ impl Optics {
 /// A place on the surface where light leaves.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ExitPoint {
-    /// Relative to the mesh's origin, mm.
+    /// Position relative to the mesh's origin, mm.
     pub at_mm: DVec3,
     /// Unit normal that the eye and the inverse-normal path refer to; zero where there is none, and nothing leaves.
     pub normal: DVec3,
@@ -81,18 +81,18 @@ pub(super) struct Leaving {
 pub(super) struct Incident {
     /// F_t and the refraction factor.
     pub(super) gain: f64,
-    /// `s_i'`, mm.
+    /// Length `s_i'` of the refracted path inside, mm.
     pub(super) path_mm: f64,
     /// Distance from the point to the place where the light enters, along the straight way, mm.
     pub(super) straight_mm: f64,
-    /// `w_i'`, outward.
+    /// Direction `w_i'` inside, outward.
     pub(super) inside: DVec3,
 }
 
 /// Surfaces that one ray crosses at most before it counts as lost: more are a loop of rounding errors.
 const MOST_CROSSINGS: u32 = 64;
 
-/// Slack over the largest coordinate: what [`offset_origin`] moves by.
+/// Slack over the largest coordinate: the step of [`offset_origin`].
 const SLACK: f64 = 1.0 / 524_288.0;
 
 /// Mean free paths shorter than this many slacks are not resolved by rays in single precision: the surface counts as flat.
@@ -140,7 +140,7 @@ impl<'a> Interior<'a> {
         self.optics.get(medium as usize)
     }
 
-    /// Whether rays are too coarse for this medium.
+    /// True if rays are too coarse for this medium.
     pub(super) fn is_dense(&self, optics: &Optics) -> bool {
         optics.sigma_t_per_mm.max_element() * f64::from(self.slack_mm) * RESOLVED > 1.0
     }
@@ -153,7 +153,7 @@ impl<'a> Interior<'a> {
         self.domain.parts.triangle_part.get(triangle as usize).copied().unwrap_or(u32::MAX)
     }
 
-    /// Where rays into the body from a point of its surface start.
+    /// Start of rays into the body from a point of its surface.
     pub(super) fn start(&self, point: &ExitPoint) -> DVec3 {
         offset_origin(point.at_mm.as_vec3(), -point.geometric.as_vec3()).as_dvec3()
     }
@@ -163,8 +163,8 @@ impl<'a> Interior<'a> {
         Ray::new(from.as_vec3(), direction.as_vec3())
     }
 
-    /// The place where a ray from inside a part leaves it, given its first hit. Surfaces of the same part inside each other are one body.
-    /// There is none where another part is met before, and where nothing is (an open surface, a ray that rounding lost).
+    /// The place where a ray from inside a part leaves it, given its first hit. Surfaces of the same part inside each
+    /// other are one body. None if another part is met before, or nothing (an open surface, a ray that rounding lost).
     pub(super) fn leaving(&self, ray: &Ray, first: Option<Hit>, part: u32) -> Option<Leaving> {
         let (mut hit, mut depth, mut ray) = (first?, 1u32, *ray);
         for _ in 0..MOST_CROSSINGS {
@@ -180,7 +180,7 @@ impl<'a> Interior<'a> {
         None
     }
 
-    /// Counts a surface of the body itself; where it is the last one, the ray leaves.
+    /// Counts a surface of the body itself; returns the place where the ray leaves if it is the last one.
     fn crossed(&self, hit: &Hit, ray: &Ray, depth: &mut u32) -> Option<Leaving> {
         let normal = self.normal(hit);
         if normal.dot(ray.direction.as_dvec3()) > 0.0 {
@@ -222,7 +222,7 @@ impl<'a> Interior<'a> {
         self.leaving(&ray, self.bvh.closest(&ray), part)
     }
 
-    /// How far the medium goes on from a point of the surface; infinite through an opening.
+    /// Length of the medium along a ray from a point of the surface, mm; infinite through an opening.
     pub(super) fn reach(&self, from: DVec3, direction: DVec3, part: u32) -> f64 {
         let ray = self.ray(from, direction);
         match self.bvh.closest(&ray) {
@@ -314,7 +314,7 @@ impl<'a> Interior<'a> {
     }
 }
 
-/// `w_o'`: the direction inside, outward, of light that leaves at a point towards an eye; none where nothing does.
+/// Direction `w_o'` inside, outward, of light that leaves at a point towards an eye; none if no light does.
 pub fn inside_towards(eta_inside_over_outside: f64, to_eye: DVec3, point: &ExitPoint) -> Option<DVec3> {
     let inside = refracted(eta_inside_over_outside, to_eye, point.normal)?;
     if inside.dot(point.geometric) > 0.0 {
@@ -324,8 +324,8 @@ pub fn inside_towards(eta_inside_over_outside: f64, to_eye: DVec3, point: &ExitP
     refracted(eta_inside_over_outside, to_eye, point.geometric)
 }
 
-/// One point for each source vertex, with the angle-weighted normal of the triangles of its part around its welded vertex (the
-/// first transferring part that uses it); no normal where there is none.
+/// One point for each source vertex, with the angle-weighted normal of the triangles of its part around its welded
+/// vertex (the first transferring part that uses it); the normal is zero for a vertex without such triangles.
 pub fn vertex_points(domain: Domain) -> Vec<ExitPoint> {
     let mesh = domain.mesh;
     let count = mesh.local_mm.len();

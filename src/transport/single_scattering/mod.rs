@@ -8,7 +8,7 @@
 //! the length `s_i'` and by G, which is exact for a flat surface and distant light, and no truth about glass marbles.
 //!
 //! - [`radiance`]: under lights, towards an eye or along the inverse normal, by random or by the paper's deterministic samples.
-//! - [`vectors`]: for each texel of a cube map, what its light adds; what the all-frequency method compresses.
+//! - [`vectors`]: the radiance that light of each texel of a cube map adds, which the all-frequency method compresses.
 //! - [`plane`]: closed forms.
 //!
 //! The quantity per vertex, in the unit of radiosity, is `s = pi C L1 / F_t(w_o)`, so that `F_t(w_o) s / (pi C)` is the
@@ -29,7 +29,7 @@ pub use self::depths::Density;
 pub use self::interface::Form;
 pub use self::interior::{Coefficients, Crossings, ExitPoint, Optics, inside_towards, vertex_points};
 
-/// `pi C`: what `L1 / F_t(w_o)` is multiplied by to become the quantity per vertex.
+/// The factor `pi C` from `L1 / F_t(w_o)` to the quantity per vertex.
 pub fn radiosity_factor(eta_inside_over_outside: f64) -> f64 {
     PI * diffuse_transmittance(eta_inside_over_outside)
 }

@@ -1,5 +1,4 @@
-//! Single scattering of a half space and a slab in closed form (Hanrahan and Krueger 1993), which everything else is
-//! tested against.
+//! Single scattering of a half space and a slab in closed form (Hanrahan and Krueger 1993), to test the rest against.
 
 use std::f64::consts::{FRAC_1_PI, TAU};
 
@@ -21,8 +20,9 @@ pub struct PlaneMedium {
 }
 
 impl PlaneMedium {
-    /// `Int_0^dm sigma_s exp(-s sigma_t) exp(-s_i' sigma_t) ds` along a path whose cosine inside is `cos_path`, for light at
-    /// `cos_light` inside: how much of what enters is on the way out of single scattering, without p.
+    /// `Int_0^dm sigma_s exp(-s sigma_t) exp(-s_i' sigma_t) ds` along a path whose cosine inside is `cos_path`, for
+    /// light at `cos_light` inside: the share of entering light that is scattered once into the path and reaches its
+    /// end, without p.
     pub fn attenuated(&self, cos_path: f64, cos_light: f64) -> f64 {
         if !(self.sigma_t_per_mm > 0.0 && cos_path > 0.0 && cos_light > 0.0) {
             return 0.0;

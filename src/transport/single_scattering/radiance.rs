@@ -21,7 +21,7 @@ use crate::medium::phase::HenyeyGreenstein;
 use crate::progress::Progress;
 use crate::transport::domain::Domain;
 
-/// How distances along the path are chosen.
+/// Choice of distances along the path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum DepthSampling {
     /// Stratified at random, drawn from a density.
@@ -40,7 +40,7 @@ pub enum Path {
     InverseNormal,
 }
 
-/// Everything that changes an answer.
+/// Settings of single scattering.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
     /// The integrand.
@@ -94,7 +94,7 @@ impl Share {
     }
 }
 
-/// A light with what all points share.
+/// A light, prepared for all points.
 enum Prepared<'a> {
     Constant(DVec3),
     Directional {
@@ -129,7 +129,7 @@ pub struct SingleScattering<'a> {
     settings: Settings,
 }
 
-/// The path of one point.
+/// The path inside below one point.
 struct Line<'a> {
     point: &'a ExitPoint,
     optics: &'a Optics,
@@ -137,7 +137,7 @@ struct Line<'a> {
     direction: DVec3,
     reach_mm: f64,
     phase: HenyeyGreenstein,
-    /// `w_o'`.
+    /// Direction `w_o'` inside, outward.
     towards_eye: DVec3,
     key: u64,
     share: Share,
@@ -199,7 +199,7 @@ impl<'a> SingleScattering<'a> {
         transmittance(eta, point.normal.dot(to_eye)) * self.before_exit(point, optics, along, towards_eye, draw)
     }
 
-    /// `s = pi C L1 / F_t(w_o)` along the inverse normal, seen from straight above, RGB: the unit of radiosity.
+    /// `s = pi C L1 / F_t(w_o)` along the inverse normal, seen from straight above, RGB, in the unit of radiosity.
     pub fn per_point(&self, point: &ExitPoint, key: u64) -> DVec3 {
         let Some(optics) = self.interior.optics(point.part) else { return DVec3::ZERO };
         let factor = radiosity_factor(optics.eta_inside_over_outside);
@@ -226,7 +226,7 @@ impl<'a> SingleScattering<'a> {
         result
     }
 
-    /// `L1 / F_t(w_o)`.
+    /// Radiance before the exit, `L1 / F_t(w_o)`, RGB.
     fn before_exit(
         &self,
         point: &ExitPoint,

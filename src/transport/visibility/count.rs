@@ -13,7 +13,7 @@ use glam::{DVec3, Vec3};
 
 use crate::math::simd::{Level, multiversion};
 
-/// The four quarters around an axis, and which faces they are.
+/// The four quarters around an axis, and their faces.
 pub(super) struct Ring {
     /// Axes of the quarters 0 and 1, and the axis itself, before `flip`.
     axes: [DVec3; 3],
@@ -25,7 +25,7 @@ pub(super) struct Ring {
 #[derive(Clone, Copy)]
 pub(super) struct Quarter {
     pub(super) face: usize,
-    /// Whether `s` and `t` of the face run against those of the ring.
+    /// True if `s` and `t` of the face run against those of the ring.
     pub(super) turned: bool,
 }
 
@@ -33,7 +33,7 @@ const fn quarter(face: usize, turned: bool) -> Option<Quarter> {
     Some(Quarter { face, turned })
 }
 
-/// Around the vertical the four sides, around Z the top and the bottom.
+/// The ring around the vertical with the four sides, and that around Z with the top and the bottom.
 pub(super) const RINGS: [Ring; 2] = [
     Ring {
         axes: [DVec3::Z, DVec3::X, DVec3::NEG_Y],
@@ -44,24 +44,24 @@ pub(super) const RINGS: [Ring; 2] = [
 
 /// Counts of the quarters of one ring for one point.
 pub(super) struct Counts {
-    /// A power of two.
+    /// Sub-texels along an edge, a power of two.
     side: usize,
-    /// `[quarter][row from the pole][column]`: changes, after [`Counts::sum`] the counts.
+    /// Changes, after [`Counts::sum`] the counts: `[quarter][row from the pole][column]`.
     cells: Vec<i16>,
-    /// `[quarter][row]`.
+    /// First and end column above the horizon, `[quarter][row]`.
     bounds: Vec<[i16; 2]>,
-    /// Words of one quarter.
+    /// Bits of one quarter, as words.
     words: Vec<u64>,
 }
 
 /// A ring as one point sees it.
 pub(super) struct View {
-    /// Quarters 0 and 1, and the axis away from the pole above the horizon: coordinate axes.
+    /// Axes of the quarters 0 and 1, and the axis away from the pole above the horizon: coordinate axes.
     axes: [DVec3; 3],
-    /// Whether the last one is vertical, and its sign.
+    /// True if the last axis is vertical; and its sign.
     upright: bool,
     sign: f64,
-    /// Whether the rows run against the axis of the ring.
+    /// True if the rows run against the axis of the ring.
     pub(super) flipped: bool,
     pub(super) active: [bool; 4],
     /// Components of the normal along `axes`.
@@ -99,7 +99,7 @@ impl View {
         [f64::from(p), f64::from(v.x), self.sign * f64::from(r)]
     }
 
-    /// First and end column of a row above the horizon, `n.w > 0`.
+    /// First and end column above the horizon, `n.w > 0`, of a row.
     pub(super) fn above(&self, side: usize, quarter: usize, row: usize) -> [usize; 2] {
         let [z, x, r] = in_quarter(quarter, self.normal);
         let half = 0.5 * side as f64;
@@ -153,7 +153,7 @@ impl Counts {
         Self { side, cells: vec![0; 4 * side * side], bounds, words }
     }
 
-    /// Column lines before the azimuth of a point.
+    /// Number of column lines before the azimuth of a point.
     #[inline]
     fn azimuth(&self, p: f64, q: f64) -> usize {
         let quarter = quarter_of(p, q);
@@ -161,7 +161,7 @@ impl Counts {
         quarter * self.side + self.start(0.5 * self.side as f64 * (s + 1.0))
     }
 
-    /// Centres below a place, 0 to `side`; a place that is no number is beyond all.
+    /// Number of centres below a place, 0 to `side`; a NaN is beyond all.
     #[inline]
     fn start(&self, place: f64) -> usize {
         // The integer part of a positive number is its floor everywhere.
@@ -222,7 +222,7 @@ impl Counts {
         }
     }
 
-    /// Turns changes into counts; the least of them above the horizon, `i16::MAX` for none.
+    /// Turns changes into counts; returns the least above the horizon, `i16::MAX` for none.
     pub(super) fn sum(&mut self, level: Level, view: &View) -> i16 {
         let (side, face) = (self.side, self.side * self.side);
         let mut least = i16::MAX;

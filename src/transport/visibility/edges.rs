@@ -1,4 +1,4 @@
-//! Edges of the occluders, and the few of them that can bound what a group of neighbouring points sees.
+//! Edges of the occluders, and the few of them that can be silhouettes for a group of neighbouring points.
 
 use glam::{DVec3, Vec3};
 
@@ -18,7 +18,7 @@ struct Block {
     /// Planes (unit normal, distance) of the two triangles, signed so that the edge is none where they agree.
     /// Zero where the edge has not two triangles.
     planes: [[[f32; LANES]; 4]; 2],
-    /// `u32::MAX` in unused lanes.
+    /// Indices of the edges; `u32::MAX` in unused lanes.
     edge: [u32; LANES],
 }
 
@@ -26,7 +26,7 @@ impl Block {
     const EMPTY: Self = Self { ends: [[[0.0; LANES]; 3]; 2], planes: [[[0.0; LANES]; 4]; 2], edge: [u32::MAX; LANES] };
 }
 
-/// Some edges.
+/// Some edges, in blocks.
 #[derive(Clone, Default)]
 pub(super) struct Candidates {
     blocks: Vec<Block>,
@@ -67,7 +67,7 @@ type Plane = (DVec3, f64);
 pub(super) struct Edge {
     pub(super) ends: [Vec3; 2],
     sides: [u32; 2],
-    /// Where there are two sides, their planes and directions, so that they lie beside the ends in memory.
+    /// Planes and directions of the sides if there are two, so that they lie beside the ends in memory.
     two: Option<[(Plane, i32); 2]>,
 }
 
@@ -85,7 +85,7 @@ pub struct Occluders {
     sides: Vec<Side>,
     planes: Vec<Plane>,
     all: Candidates,
-    /// Largest coordinate.
+    /// Largest absolute coordinate.
     extent_mm: f32,
     level: Level,
 }
@@ -169,7 +169,7 @@ impl Occluders {
         self.sides_of(edge).iter().map(|side| facing(self.planes[side.triangle as usize], side.direction)).sum()
     }
 
-    /// Keeps the edges that may bound what any of the points sees above its horizon.
+    /// Keeps the edges that may be silhouettes above the horizon of any of the points.
     pub(super) fn narrow(&self, from: &Candidates, group: &Group, into: &mut Candidates, marks: &mut Vec<u16>) {
         into.clear();
         marks.clear();
@@ -184,7 +184,7 @@ impl Occluders {
         }
     }
 
-    /// As [`Self::narrow`], only the indices.
+    /// [`Self::narrow`], as indices of the edges only.
     pub(super) fn list(&self, from: &Candidates, group: &Group, into: &mut Vec<u32>, marks: &mut Vec<u16>) {
         into.clear();
         marks.clear();
@@ -212,7 +212,7 @@ impl Occluders {
     }
 }
 
-/// Where the points of a group are and look.
+/// Bounds of the positions and normals of a group of points.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Group {
     centre: Vec3,
@@ -224,7 +224,7 @@ pub(super) struct Group {
 }
 
 impl Group {
-    /// Points and unit normals; none for no points.
+    /// The group of these points and unit normals; none without points.
     pub(super) fn of(points: impl Iterator<Item = (Vec3, Vec3)> + Clone) -> Option<Self> {
         let first = points.clone().next()?;
         let (mut low, mut high, mut low_normal, mut high_normal) = (first.0, first.0, first.1, first.1);

@@ -1,4 +1,4 @@
-//! Visibility from a point of the surface: one bit for each sub-texel of a cube map above its horizon, as one ray each says.
+//! Visibility from a point of the surface: one bit, as by one ray, for each sub-texel of a cube map above its horizon.
 //!
 //! The number of triangles in a direction changes only across edges, by the sum of what the edge's triangles change: 2
 //! or 0 where two triangles meet (0 unless they face the point differently), 1 at a boundary, anything where more meet.
@@ -36,7 +36,7 @@ pub use self::edges::Occluders;
 /// A point of the surface that looks around.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Observer {
-    /// Where rays start: off the surface (see [`offset_origin`]), relative to the mesh's origin, mm.
+    /// Origin of rays: off the surface (see [`offset_origin`]), relative to the mesh's origin, mm.
     pub eye: Vec3,
     /// Geometric unit normal.
     pub normal: DVec3,
@@ -115,7 +115,7 @@ impl Visible {
         first..first + words
     }
 
-    /// Whether a bit of `above` or `seen` is set.
+    /// True if a bit of `above` or `seen` is set.
     pub fn bit(&self, bits: &[u64], face: usize, x: usize, y: usize) -> bool {
         bits[self.row(face, y)][x / 64] >> (x % 64) & 1 == 1
     }
@@ -128,13 +128,13 @@ impl Visible {
 
 /// Points in the largest group: enough to look through all edges once for it.
 pub const GROUP: usize = 1024;
-/// Each group is cut in this many.
+/// Number of groups that a group is cut in.
 const CUTS: usize = 8;
-/// Groups of this size look at each point.
+/// Size at most of the groups whose points are treated one by one.
 const SMALLEST: usize = 16;
 
-/// Hands over what each observer sees, in their order. Neighbours in the slice should be neighbours in space, and several
-/// multiples of [`GROUP`] are a good length; neither changes an answer.
+/// Calls `each` with the visibility of each observer, in their order. Neighbours in the slice should be neighbours in
+/// space, and several multiples of [`GROUP`] are a good length; neither changes an answer.
 pub fn visit(
     occluders: &Occluders,
     bvh: &Bvh,
@@ -162,11 +162,11 @@ struct Walk<'a> {
     occluders: &'a Occluders,
     bvh: &'a Bvh,
     level: Level,
-    /// Lists of the levels that are not in use.
+    /// Spare lists.
     lists: Vec<Candidates>,
     marks: Vec<u16>,
     edges: Vec<u32>,
-    /// Ends of the edges that bound something, relative to the eye, and what changes across them.
+    /// Ends of the silhouette edges, relative to the eye, and the change of the count across them.
     changes: Vec<([Vec3; 2], i32)>,
     counts: Counts,
     visible: Visible,
@@ -226,7 +226,7 @@ impl Walk<'_> {
         }
     }
 
-    /// Sets the bits of a ring: where the count is least, if a ray there meets nothing.
+    /// Sets the bits of a ring: above the horizon, and seen (where the count is least, if a ray there meets nothing).
     fn bits(&mut self, ring: &Ring, view: &View, least: i16, observer: &Observer) {
         let (side, count) = (self.visible.resolution.side(), self.visible.resolution.words());
         let mut free = false;
@@ -272,7 +272,7 @@ fn range_bits([low, high]: [usize; 2]) -> [u64; 2] {
     if low >= high { [0; 2] } else { [word(0), word(64)] }
 }
 
-/// Columns in reverse order.
+/// The columns, in reverse order if turned.
 fn turn(words: [u64; 2], turned: bool, count: usize) -> [u64; 2] {
     match (turned, count) {
         (false, _) => words,

@@ -75,7 +75,7 @@ fn shadowed_and_others(fixture: &Fixture, count: usize) -> Vec<Observer> {
     chosen
 }
 
-/// Compares on every eighth of the darkest points and others; returns the share of what is hidden.
+/// Compares on every eighth of the darkest points and others; returns the share of hidden sub-texels.
 fn check(name: &str, source: SourceModel, count: usize) -> f64 {
     let fixture = Fixture::new(source, named("marble"), 4000);
     let chosen = shadowed_and_others(&fixture, count);

@@ -1,4 +1,4 @@
-//! Rays at the corners of cells of a cube map, cells that are cut where the corners disagree, texels from what is between.
+//! Rays at the corners of cells of a cube map; cells are cut where corners disagree, texels are interpolated inside.
 
 use glam::{DVec3, Vec3};
 
@@ -19,7 +19,7 @@ const NONE: u32 = u32::MAX;
 /// Corners that contribute less than this share of the brightest of their cell are dark.
 const DARK: f32 = 0.02;
 
-/// Corners that contribute less than this share of the brightest have less to say about the plane of a cell.
+/// Corners that contribute less than this share of the brightest weigh less in the plane of a cell.
 const FAINT: f32 = 0.1;
 
 /// A dark corner whose direction is at most this cosine above the plane of the others is below their horizon.
@@ -28,7 +28,7 @@ const HORIZON: f32 = 0.02;
 /// Directions of the corners of texels.
 pub(super) struct Grid {
     side: usize,
-    /// `[face][row][column]`, `side + 1` along each edge.
+    /// Directions of the corners, `[face][row][column]`, `side + 1` along each edge.
     directions: Vec<DVec3>,
     /// Directions of the centres of texels.
     centres: Vec<Vec3>,
@@ -64,7 +64,7 @@ struct Cell {
     y: u8,
 }
 
-/// Whether the light of a corner arrives.
+/// Arrival of light at a corner.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Light {
     /// The light arrives.
@@ -81,7 +81,7 @@ enum Light {
 struct Patch {
     probes: [Probe; 4],
     light: [Light; 4],
-    /// Weight of each in the plane of the cell.
+    /// Weight of each corner in the plane of the cell.
     says: [f32; 4],
     /// The largest contribution.
     most: f32,
@@ -95,9 +95,9 @@ pub(super) struct Memory {
     index: Vec<u32>,
     cells: Vec<Cell>,
     cut: Vec<Cell>,
-    /// Whether anything arrives, `[depth][face]`.
+    /// True where any light arrives, `[depth][face]`.
     lit: Vec<bool>,
-    /// `[depth]`.
+    /// Planes of each depth.
     planes: Vec<Planes>,
     picture: Vec<f32>,
 }
@@ -151,12 +151,12 @@ impl Adaptive<'_> {
         self.shade(memory, out);
     }
 
-    /// Whether the only term is the same everywhere.
+    /// True if the only term is the same everywhere.
     fn is_constant(&self) -> bool {
         self.prober.settings.phase == LightTerms::Isotropic
     }
 
-    /// All corners and cells of the coarsest size; the depths of one direction together, as their rays are alike.
+    /// Traces all corners and lists all cells of the coarsest size; depths of one direction together (rays are alike).
     fn first(&self, size: usize, memory: &mut Memory) {
         let grid = self.grid;
         let depths = self.line.depths.len();
@@ -177,7 +177,7 @@ impl Adaptive<'_> {
         self.trace(memory);
     }
 
-    /// Makes sure that a corner is looked at.
+    /// Requests a ray for a corner that has none.
     fn ask(&self, depth: usize, face: usize, x: usize, y: usize, memory: &mut Memory) {
         let grid = self.grid;
         let corner = grid.corner(face, x, y);
@@ -225,7 +225,7 @@ impl Adaptive<'_> {
         patch
     }
 
-    /// How much of the contribution of a cell is in doubt.
+    /// Doubt about the contribution of a cell, in the unit of contributions.
     fn difference(&self, patch: &Patch) -> f32 {
         if patch.light.contains(&Light::Hidden) {
             return patch.most;
@@ -246,7 +246,7 @@ impl Adaptive<'_> {
         most * (optical.max((high - low).max_element()).min(1.0)).max(through.1 - through.0)
     }
 
-    /// Asks for the middles of edges and of the cell, and leaves its quarters to be looked at.
+    /// Requests the middles of the edges and of the cell, and lists its quarters.
     fn split(&self, cell: Cell, size: usize, memory: &mut Memory) {
         let half = size / 2;
         let (depth, face, x, y) = (cell.depth as usize, cell.face as usize, cell.x as usize, cell.y as usize);
@@ -309,7 +309,7 @@ impl Adaptive<'_> {
         }
     }
 
-    /// The light side of the phase function.
+    /// Writes the light side of the phase function for a texel.
     fn terms(&self, planes: &mut Planes, texel: usize, direction: Vec3, normal: Vec3) {
         let (count, texels) = (self.prober.settings.phase.count(), self.prober.texels());
         let eta = self.line.optics.eta_inside_over_outside;

@@ -1,5 +1,5 @@
-//! Single scattering vectors: for each texel of a cube map, what light from there adds to a point, for each term of the phase
-//! function and each channel.
+//! Single scattering vectors: the singly scattered light that each texel of a cube map adds at a point, for each term
+//! of the phase function and each channel.
 //!
 //! `T_k(x_o, w) = sigma_s Int_0^dm exp(-s sigma_t) tau_k(x_p(s), w) ds` along the inverse normal (equations 10 and 11 of Wang, Tran
 //! and Luebke 2005), as the mean over a texel times its solid angle: `L1 = F_t(w_o) Sum_k h_k(w_o') T_k . L`. For an isotropic
@@ -12,11 +12,11 @@
 //!
 //! - along the normal, Gauss points in place of the midpoint rule: four of them are nearer to the integral than 16
 //!   deterministic samples (see [`super::depths::gauss`]);
-//! - over directions, rays at the corners of cells of an eighth of a face (11 degrees), later of parts of them; what the
-//!   rays meet, a plane and whether the light is free, is interpolated over the cell, and refraction, attenuation and channels
-//!   are worked out for each texel, so that a flat surface is exact however large cells are; cells with a shadow boundary,
-//!   and those over which the plane turns or shifts, are cut in four, down to single texels whose corners are shared with
-//!   their neighbours.
+//! - over directions, rays at the corners of cells of an eighth of a face (11 degrees), later of parts of them; the
+//! plane that the rays meet and the visibility of the light are interpolated over the cell, and refraction, attenuation
+//! and channels are worked out for each texel, so that a flat surface is exact however large cells are; cells with a
+//! shadow boundary, and those over which the plane turns or shifts, are cut in four, down to single texels whose
+//! corners are shared with their neighbours.
 //!
 //! No vertex depends on another, so that ranges and threads change nothing.
 //!
@@ -29,14 +29,15 @@
 //! 32, 4.7 % at most. The paper's 16 deterministic samples, unshared: 0.3 to 0.5 % under maps, 0.5 and 0.8 % under suns.
 //! Four depths are 0.3 % worse under most maps and take 0.7 of the time.
 //!
-//! What remains is roughness along the path under a small light: each of six Gauss points meets another facet, fold or shadow.
-//! Ways to lessen it that were tried, marble, Grace cathedral, the sky with a sun, mean of the suns: 12 depths and a tolerance of
-//! 0.1, 2.5 times as long: 2.5, 5, 1.6 %; 8 depths, 1.3 times as long: 3.0, 5.4, 2.1 %; a tolerance of 0.1, 1.5 times as long:
-//! 2.4, 4.8, 1.6 %. Before the projection, each of 16 suns as large as a texel, against 64 unshared samples: 3.1 %; 12 and 24 depths
-//! with a tolerance of 0.02, 7 and 12 times as long: 1.7 and 1.3 %; the paper's 16: 1.2 %. Texels cut in four where their corners
-//! disagree, 1.7 times as long: 2.8 % (a sky with a bare sun 3.0 to 1.7 %, which harmonics do not resolve). Shadow boundaries
-//! found between two depths by halving: no change, as one depth in 25 has one next to it.
-//! Single scattering is a fifteenth (marble) to a fifth (skin1) of all light, so that 5 % of it are 0.3 to 1 % of what is seen.
+//! The remaining error is roughness along the path under a small light: each of six Gauss points meets another facet,
+//! fold or shadow. Ways to lessen it that were tried, marble, Grace cathedral, the sky with a sun, mean of the suns: 12
+//! depths and a tolerance of 0.1, 2.5 times as long: 2.5, 5, 1.6 %; 8 depths, 1.3 times as long: 3.0, 5.4, 2.1 %; a
+//! tolerance of 0.1, 1.5 times as long: 2.4, 4.8, 1.6 %. Before the projection, 16 suns as large as a texel, against 64
+//! unshared samples: 3.1 %; 12 and 24 depths with a tolerance of 0.02, 7 and 12 times as long: 1.7 and 1.3 %; the
+//! paper's 16: 1.2 %. Texels cut in four where their corners disagree, 1.7 times as long: 2.8 % (a sky with a bare sun
+//! 3.0 to 1.7 %, which harmonics do not resolve). Shadow boundaries found between two depths by halving: no change, as
+//! one depth in 25 has one next to it. Single scattering is a fifteenth (marble) to a fifth (skin1) of all light, so
+//! that 5 % of it are 0.3 to 1 % of all.
 //!
 //! Sixteen harmonics (g 0.3, a body 6 mm wide of mean free paths of 1 mm, constant light, from aslant): 2.8 % against traced
 //! light, 1.5 % with six depths and a tolerance of 0.05; light from behind matters more to a forward phase function than the
@@ -67,7 +68,7 @@ use crate::transport::domain::Domain;
 
 pub use self::settings::{Sharing, VectorSettings};
 
-/// Everything that the vectors of all points share.
+/// Settings and tables shared by the vectors of all points.
 pub struct VectorBaker<'a> {
     prober: Prober<'a>,
     grid: Grid,
@@ -91,12 +92,12 @@ impl<'a> VectorBaker<'a> {
         Ok(Self { prober: Prober::new(domain, bvh, settings), grid })
     }
 
-    /// Numbers of one vector: `[term][channel][face][row][column]`.
+    /// Length of one vector, `[term][channel][face][row][column]`.
     pub fn len(&self) -> usize {
         self.prober.settings.phase.count() * 3 * self.texels()
     }
 
-    /// Never: a cube map has texels.
+    /// Never true: a cube map has texels.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -111,8 +112,8 @@ impl<'a> VectorBaker<'a> {
         &self.prober.settings
     }
 
-    /// Vectors of some of the points, on one thread; `each` gets the number of a point and its vector, in ascending order. They do
-    /// not depend on how ranges are cut. A point without a normal or a medium has a vector of zeros; so has one past the end.
+    /// Passes the vectors of some of the points to `each`, in ascending order and on one thread. They do not depend on
+    /// how ranges are cut. A point without a normal or a medium has a vector of zeros; so has one past the end.
     pub fn range(&self, points: &[ExitPoint], range: Range<usize>, mut each: impl FnMut(usize, &[f32])) {
         let mut out = vec![0.0f32; self.len()];
         let mut work = Work::default();

@@ -1,4 +1,4 @@
-//! Probes: rays from the path below a point through the surface, and the light that reaches the places where they leave.
+//! Probes: rays from the path below a point through the surface, and the light that reaches their exit points.
 
 use glam::{DVec3, Vec3};
 
@@ -26,9 +26,9 @@ pub(super) struct Prober<'a> {
 pub(super) struct Probe {
     /// Outward unit normal where the light enters.
     pub(super) normal: Vec3,
-    /// Distance from the point inside to the plane of that place, mm.
+    /// Distance from the point inside to the plane of the surface there, mm.
     pub(super) height_mm: f32,
-    /// The share that other bodies let through, RGB; 0 where nothing arrives.
+    /// The share that other bodies let through, RGB; 0 where no light arrives.
     pub(super) through: [f32; 3],
     /// The most that the direction contributes in any channel, before the phase function and the solid angle.
     pub(super) value: f32,
@@ -47,19 +47,19 @@ pub(super) struct Line<'a> {
     pub(super) optics: &'a Optics,
     /// The start of the path, relative to the mesh's origin, mm.
     start: DVec3,
-    /// Whether the medium is too dense for rays, so that the surface counts as flat.
+    /// True if the medium is too dense for rays, so that the surface counts as flat.
     dense: bool,
     pub(super) depths: Vec<Depth>,
-    /// Extinction of the clearest channel.
+    /// Extinction of the clearest channel, 1/mm.
     pub(super) least_per_mm: f64,
-    /// The largest weight of a depth.
+    /// The largest weight of a depth, attenuated back along the path.
     worth: f64,
 }
 
-/// Largest factor between a contribution that is worth a shadow ray and the largest one.
+/// Contribution over [`Line::worth`] above which a probe is worth a shadow ray.
 const NEGLIGIBLE: f64 = 2e-4;
 
-/// Rays of some probes and what they meet.
+/// Rays of some probes, their hits and their shadow rays.
 #[derive(Default)]
 struct TracedRays {
     rays: Vec<Ray>,
@@ -91,7 +91,7 @@ impl<'a> Prober<'a> {
         FACES * self.settings.side * self.settings.side
     }
 
-    /// The path below a point; none where it has no normal, no medium, or nothing is scattered.
+    /// The path below a point; none if it has no normal, no medium, or no scattering.
     pub(super) fn line<'b>(&'b self, point: &'b ExitPoint) -> Option<Line<'b>> {
         if !point.at_mm.is_finite() || !point.normal.is_finite() || point.normal == DVec3::ZERO {
             return None;
@@ -110,7 +110,7 @@ impl<'a> Prober<'a> {
         (worth > 0.0).then_some(Line { point, optics, start, dense, depths, least_per_mm, worth })
     }
 
-    /// Traces a ray for each request; their probes come after those that are there.
+    /// Traces a ray for each request; appends their probes.
     pub(super) fn trace(&self, line: &Line, memory: &mut ProbeMemory) {
         let ProbeMemory { requests, probes, traced } = memory;
         let first = probes.len();
@@ -158,7 +158,7 @@ impl<'a> Prober<'a> {
         Some((depth.weight.max_element() * refraction.gain * (-line.least_per_mm * path_mm).exp()) as f32)
     }
 
-    /// Fills the light that reaches the probes with shadow rays.
+    /// Sets the light that reaches the probes with shadow rays.
     fn shadows(&self, traced: &mut TracedRays, probes: &mut [Probe]) {
         let mut set = |i: u32, through: [f32; 3]| {
             let probe = &mut probes[i as usize];

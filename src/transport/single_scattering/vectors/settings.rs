@@ -5,10 +5,10 @@ use super::super::interior::{Coefficients, Crossings};
 use crate::error::{Error, Result};
 use crate::medium::phase::LightTerms;
 
-/// How the rays of the texels and depths of a point are shared.
+/// Sharing of rays among the texels and depths of a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Sharing {
-    /// Rays are not shared: the paper's deterministic samples, so many, each with a ray through every one of 2 x 2 sub-texels.
+    /// Rays are not shared: the paper's deterministic samples, each with a ray through every one of 2 x 2 sub-texels.
     None {
         /// Distances along the normal.
         depths: u32,
@@ -29,20 +29,20 @@ impl Sharing {
     pub const DEFAULT: Self = Self::Adaptive { depths: 6, tolerance: 0.3 };
 }
 
-/// The integrand of the vectors, and how finely it is sampled.
+/// The integrand of the vectors and its sampling.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VectorSettings {
     /// Texels along an edge of a face: 8, 16, 32, 64 or 128.
     pub side: usize,
     /// The integrand.
     pub form: Form,
-    /// How surfaces between the point where light enters and the light dim it.
+    /// Treatment of surfaces between the point where light enters and the light.
     pub crossings: Crossings,
-    /// The coefficients of the medium that count: reduced ones for an isotropic phase function.
+    /// Coefficients of the medium: reduced ones for an isotropic phase function.
     pub coefficients: Coefficients,
     /// Light side of the phase function.
     pub phase: LightTerms,
-    /// How rays are shared.
+    /// Sharing of rays.
     pub sharing: Sharing,
 }
 

@@ -5,7 +5,7 @@ use crate::math::simd::multiversion;
 
 /// The plane that is seen from one depth in every texel of a cube map, and the share of light that comes through.
 pub(super) struct Planes {
-    /// Cosine outside; not positive where nothing arrives.
+    /// Cosine outside; not positive where no light arrives.
     pub(super) cosine: Vec<f32>,
     /// Distance of the plane, mm.
     pub(super) height_mm: Vec<f32>,
@@ -13,9 +13,9 @@ pub(super) struct Planes {
     pub(super) through: [Vec<f32>; 3],
     /// F_t and the refraction factor, from the cosine.
     pub(super) gain: Vec<f32>,
-    /// `s_i'`, mm, from cosine and distance.
+    /// Length `s_i'` of the refracted path inside, mm, from cosine and distance.
     pub(super) path_mm: Vec<f32>,
-    /// `[term][texel]`; empty where there is one constant term.
+    /// Light side of the phase function, `[term][texel]`; empty where there is one constant term.
     pub(super) terms: Vec<f32>,
 }
 
@@ -41,12 +41,12 @@ pub(super) struct Medium {
 }
 
 multiversion! {
-    /// Gains and paths of cosines and distances.
+    /// Computes gains and paths from cosines and distances.
     pub(super) fn refract(medium: Medium, cosines: &[f32], heights: &[f32], gains: &mut [f32], paths: &mut [f32])
         => refract_body
 }
 
-/// Cosines below this count as it, so that nothing is divided by zero; what they bring is nothing.
+/// Cosines are at least this, so that nothing is divided by zero; light at or below it has no gain.
 const LEAST_COSINE: f32 = 1e-6;
 
 #[inline(always)]
@@ -101,7 +101,7 @@ fn exponential(x: f32) -> f32 {
 }
 
 multiversion! {
-    /// Adds gain, attenuation, weight and solid angle of one channel to `out`.
+    /// Adds the product of gain, transmitted share, attenuation, weight and solid angle of one channel to `out`.
     pub(super) fn add_channel(channel: &Channel, out: &mut [f32]) => add_channel_body
 }
 
