@@ -90,26 +90,20 @@ pub(crate) fn code(radiosities: &Radiosities, net: &Net, light_net: &Net, tags: 
     let squares: f64 = rows.par_chunks(size).map(square).collect::<Vec<f64>>().iter().sum();
     // Squared error of all rows together.
     let budget = squares * error * error;
-    let eigen = symmetric_eigen(&gram(&rows, lights), lights)?;
-    let mut omitted = 0.0;
-    // Columns are numbered with 16 bits.
-    let mut functions = eigen.values.len().min(MOST_COLUMNS / planes.max(1));
-    eigen.values.iter().skip(functions).for_each(|value| omitted += value.max(0.0));
-    while functions > 1 && omitted + eigen.values[functions - 1].max(0.0) <= OMITTED * budget {
-        functions -= 1;
-        omitted += eigen.values[functions].max(0.0);
-    }
+    let Principal { functions: light_functions, values, omitted } =
+        principal(&rows, lights, (MOST_COLUMNS / planes.max(1), OMITTED * budget))?;
+    let functions = light_functions.len();
     // Rows of the light net: functions side by side, each with the step that its importance allows.
     let mut basis = vec![0.0f32; lights * functions];
     for (row, &light) in light_net.point.iter().enumerate() {
         for f in 0..functions {
-            basis[row * functions + f] = eigen.vectors[f][light as usize] as f32;
+            basis[row * functions + f] = light_functions[f][light as usize] as f32;
         }
     }
     let step_of = |f: usize| {
-        let largest = eigen.vectors[f].iter().fold(0.0f64, |a, v| a.max(v.abs()));
+        let largest = light_functions[f].iter().fold(0.0f64, |a, v| a.max(v.abs()));
         let share = ROUNDED_BASIS * budget / (functions * lights) as f64;
-        let step = (12.0 * share / eigen.values[f].max(f64::MIN_POSITIVE)).sqrt().min(1.0);
+        let step = (12.0 * share / values[f].max(f64::MIN_POSITIVE)).sqrt().min(1.0);
         step.max(largest / MOST_STEPS).max(f64::from(f32::MIN_POSITIVE)) as f32
     };
     let basis_steps: Vec<f32> = (0..functions).map(step_of).collect();
@@ -174,6 +168,77 @@ fn decorrelated_planes(radiosities: &Radiosities) -> Result<(Vec<f64>, Vec<f64>)
     }
     let eigen = symmetric_eigen(&sum, planes)?;
     Ok((eigen.vectors.concat(), units))
+}
+
+/// Principal components of the light: orthonormal functions of the lights.
+struct Principal {
+    /// By falling energy.
+    functions: Vec<Vec<f64>>,
+    /// Squares of their coefficients, summed over all rows.
+    values: Vec<f64>,
+    /// Energy of what is left out.
+    omitted: f64,
+}
+
+/// At most `most` principal components of rows over the lights, one at least, without the last ones that hold an energy of at most
+/// `left_out`. Rows fewer than lights have products with each other that are fewer than those of the lights: a small mesh must not wait
+/// for the components of 2,048 lights.
+fn principal(rows: &[f32], lights: usize, (most, left_out): (usize, f64)) -> Result<Principal> {
+    let few = (1..lights).contains(&(rows.len() / lights.max(1)));
+    let eigen = match few {
+        true => symmetric_eigen(&products(rows, lights), rows.len() / lights)?,
+        false => symmetric_eigen(&gram(rows, lights), lights)?,
+    };
+    let (mut values, mut vectors) = (eigen.values, eigen.vectors);
+    let mut count = values.len().min(most);
+    let mut omitted: f64 = values[count..].iter().map(|value| value.max(0.0)).sum();
+    while count > 1 && omitted + values[count - 1].max(0.0) <= left_out {
+        count -= 1;
+        omitted += values[count].max(0.0);
+    }
+    values.truncate(count);
+    vectors.truncate(count);
+    let functions = if few { over_lights(&vectors, rows, lights) } else { vectors };
+    Ok(Principal { functions, values, omitted })
+}
+
+/// Orthonormal functions over the lights, of combinations of rows.
+fn over_lights(combinations: &[Vec<f64>], rows: &[f32], lights: usize) -> Vec<Vec<f64>> {
+    let of = |weights: &Vec<f64>| {
+        let mut sum = vec![0.0f64; lights];
+        for (weight, row) in weights.iter().zip(rows.chunks_exact(lights)) {
+            sum.iter_mut().zip(row).for_each(|(sum, v)| *sum += weight * f64::from(*v));
+        }
+        sum
+    };
+    let mut functions: Vec<Vec<f64>> = combinations.par_iter().map(of).collect();
+    // Those of little energy have lost digits against the strong ones, which nothing but their products can show.
+    for f in 0..functions.len() {
+        let (before, rest) = functions.split_at_mut(f);
+        let own = &mut rest[0];
+        for _ in 0..2 {
+            for other in &*before {
+                let product: f64 = own.iter().zip(other).map(|(a, b)| a * b).sum();
+                own.iter_mut().zip(other).for_each(|(a, b)| *a -= product * b);
+            }
+            let length = own.iter().map(|v| v * v).sum::<f64>().sqrt().max(f64::MIN_POSITIVE);
+            own.iter_mut().for_each(|v| *v /= length);
+        }
+    }
+    functions
+}
+
+/// Products of each row with those up to and with itself: the lower triangle.
+fn products(rows: &[f32], lights: usize) -> Vec<f64> {
+    let count = rows.len() / lights.max(1);
+    let mut result = vec![0.0f64; count * count];
+    result.par_chunks_mut(count.max(1)).enumerate().for_each(|(i, out)| {
+        let row = &rows[i * lights..(i + 1) * lights];
+        for (out, other) in out[..=i].iter_mut().zip(rows.chunks_exact(lights)) {
+            *out = row.iter().zip(other).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum();
+        }
+    });
+    result
 }
 
 /// Products of the rows' entries, summed over all rows of `size`: the lower triangle.
