@@ -298,7 +298,7 @@ fn radiosity_is_linear_in_the_lights() {
         let together = lit(evaluator, lights.clone());
         // A method may choose its precision anew for each set of lights.
         let error = vertex_error(&together, &sum, &areas).rms;
-        assert!(error < method.default_max_rms(), "{}: {error:.2e} between the sum and all", method.name());
+        assert!(error < method.default_max_rms().min(0.05), "{}: {error:.2e} between the sum and all", method.name());
 
         let [dim, bright] = [1.0, 1000.0].map(|factor| {
             let colour = DVec3::new(1.0, 2.0, 3.0) * factor;
@@ -420,7 +420,9 @@ fn figures_make_sense() {
     assert_eq!(names.len(), all.len());
     for method in every() {
         let name = method.name();
-        assert!((1e-4..0.1).contains(&method.default_max_rms()) && !method.summary().is_empty(), "{name}");
+        let asked = method.default_max_rms();
+        let sane = method.declared_error().map_or((1e-4..0.1).contains(&asked), |declared| asked == declared);
+        assert!(sane && !method.summary().is_empty(), "{name}");
         let asset = Shared::Group.asset(method);
         let cost = reopened(&asset).cost();
         assert!((2900..=3100).contains(&cost.samples), "{name}: {} samples", cost.samples);

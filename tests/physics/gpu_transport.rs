@@ -3,7 +3,7 @@
 #![cfg(feature = "gpu")]
 #![allow(clippy::unwrap_used, missing_docs)]
 
-use crate::in_memory;
+use crate::{baked, in_memory};
 use std::sync::Arc;
 
 use crate::in_memory::{every, medium, registry, served, try_bake};
@@ -19,8 +19,12 @@ use translux::progress::Silent;
 
 /// The group under a method; sets of lights are small, since it is not their error that is measured here.
 fn bake(method: &dyn Method) -> Arc<Asset> {
-    let few = method.keys().iter().any(|key| key.name() == "lights").then(|| ("lights".to_owned(), "60".to_owned()));
-    Arc::new(try_bake(method, group(), Some(2000), few.as_slice()).unwrap())
+    let stored = method.keys().iter().any(|key| key.name() == "transport" && key.default() == "stored");
+    let set =
+        [("lights", "60", method.keys().iter().any(|key| key.name() == "lights")), ("transport", "stored", stored)];
+    let set: Vec<String> =
+        set.iter().filter(|(.., has)| *has).map(|(key, value, _)| format!("{key}={value}")).collect();
+    baked::asset(method.name(), &group(), 2000, &set.iter().map(String::as_str).collect::<Vec<_>>())
 }
 
 /// Methods whose forms have no shaders.

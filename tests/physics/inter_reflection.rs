@@ -100,11 +100,12 @@ fn a_concave_body_is_brighter_everywhere_and_a_convex_one_nowhere() {
         for light in some_lights() {
             let radiosity =
                 |set: &[(&str, &str)]| lit(open("reference", &body, 4000, set).as_mut(), vec![light.clone()]);
-            let (off, once, twice) = (radiosity(&[]), radiosity(&[ONCE]), radiosity(&[("inter-reflection", "2")]));
+            let (off, once) = (radiosity(&[]), radiosity(&[ONCE]));
             if name == "ball" {
                 assert_eq!(off, once);
                 continue;
             }
+            let twice = radiosity(&[("inter-reflection", "2")]);
             assert!(off.iter().zip(&once).all(|(off, once)| once.cmpge(ROUNDING * *off).all()));
             let areas = vertex_areas(&body);
             let power = |b: &[DVec3]| b.iter().zip(&areas).map(|(b, a)| *a * *b).sum::<DVec3>();

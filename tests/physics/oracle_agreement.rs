@@ -23,11 +23,11 @@ use translux::scene::Scene;
 use translux::transport::irradiance::LightSampling;
 use translux::transport::near_rule::NearField;
 
-/// Compares `reference` and `two_pass` with the oracle at about 200 vertices under each light.
+/// Compares `reference` and `two_pass` with the oracle at about 120 vertices under each light.
 fn compare(name: &str, scene: &Scene, lights: &[(&str, Light)], samples: Option<usize>) {
     let medium = truth_files::material(&scene.media[0].name);
     let vertices: Vec<usize> =
-        (0..scene.mesh.local_mm.len()).step_by(scene.mesh.local_mm.len().div_ceil(200)).collect();
+        (0..scene.mesh.local_mm.len()).step_by(scene.mesh.local_mm.len().div_ceil(120)).collect();
     let mut methods: Vec<(&str, f64, Box<dyn Evaluator>)> = [("reference", 2e-3, samples), ("two_pass", 5e-3, None)]
         .map(|(method, limit, samples)| (method, limit, open(method, scene.clone(), samples)))
         .into();
@@ -56,7 +56,7 @@ fn compare(name: &str, scene: &Scene, lights: &[(&str, Light)], samples: Option<
 }
 
 fn head(material: &str) -> Scene {
-    scene(shapes::bumpy_head(1.0, 4), Scale::DiagonalMm(20.0), material)
+    scene(shapes::bumpy_head(1.0, 3), Scale::DiagonalMm(20.0), material)
 }
 
 /// A window beside the body, an eighth of its size.

@@ -20,6 +20,9 @@ fn csv() -> String {
     text
 }
 
+/// Every so many vertices are looked at: on a ball they are alike.
+const EVERY: usize = 37;
+
 fn ball() -> (Folder, Mesh) {
     let folder = Folder::new();
     let model = shapes::icosphere(4.0, 3);
@@ -42,13 +45,13 @@ fn radiosity_is_the_integral_of_the_profile() {
             };
             DVec3::new(sum(0), sum(1), sum(2))
         };
-        (0..mesh.local_mm.len() as u32).step_by(13).map(at).collect()
+        (0..mesh.local_mm.len() as u32).step_by(EVERY).map(at).collect()
     };
     let line =
         "reference ball.obj --unit mm --material skin1 --samples 2000 --light constant:radiance=1 --no-measure -q";
     folder.run(&format!("{line} -o dipole.ply")).ok();
     let dipole = (folder.radiosity("dipole.ply"), integrals("dipole"));
-    let some = |values: &[DVec3]| values.iter().step_by(13).copied().collect::<Vec<DVec3>>();
+    let some = |values: &[DVec3]| values.iter().step_by(EVERY).copied().collect::<Vec<DVec3>>();
     for profile in
         ["better-dipole", "photon-beam", "burley", "burley:fit=diffuse", "slab:thickness=1.5", "gaussians:skin"]
     {

@@ -427,7 +427,7 @@ fn every_method_renders_under_every_light() {
     for &method in methods::built_in().methods() {
         let mut evaluator = in_memory::open(method.name(), scene.clone(), Some(1500));
         let evaluator: &mut dyn Evaluator = evaluator.as_mut();
-        let view = RenderSettings::new(Camera::framing(&scene.mesh, size(40, 40)).unwrap(), size(40, 40));
+        let view = RenderSettings::new(Camera::framing(&scene.mesh, size(24, 24)).unwrap(), size(24, 24));
         for light in in_memory::served(method, &every_light()) {
             let what = format!("{}, {}", method.name(), light.kind().name());
             let radiosity = in_memory::lit(evaluator, vec![light.clone()]);

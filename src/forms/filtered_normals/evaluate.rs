@@ -174,8 +174,12 @@ pub(super) fn local_lighting(dressed: &Dressed, filters: &[MediumFilter], length
             for (c, channel) in medium.channels.iter().enumerate() {
                 let filtered = dressed.filtered(point, channel);
                 let unit = filtered.normalize_or(dressed.normals[point]);
-                let factor = if length == Length::Kept { filtered.length() } else { 1.0 };
-                let e = lit.irradiance(point, dressed.at[point], unit, dressed.open[point], &medium.entrance);
+                let (factor, spread) = match length {
+                    Length::Unit => (1.0, 1.0),
+                    Length::Kept => (filtered.length(), 1.0),
+                    Length::Spread => (1.0, filtered.length().min(1.0)),
+                };
+                let e = lit.irradiance(point, dressed.at[point], (unit, spread), dressed.open[point], &medium.entrance);
                 out[c] = medium.totals[c] * factor * e[c];
             }
         }

@@ -20,6 +20,11 @@ const SIDE: usize = 4;
 /// Bands of the harmonics (Ramamoorthi and Hanrahan 2001).
 const BANDS: usize = 3;
 
+/// Places of the table of spread cosines, and the bands that it is made of.
+const COSINES: usize = 64;
+const SPREADS: usize = 32;
+const SPREAD_BANDS: usize = 96;
+
 /// How far a shadow ray stays above the horizon, as the sine of its height.
 const ABOVE: f64 = 0.05;
 
@@ -44,9 +49,66 @@ enum Around {
     Harmonics(Vec<DVec3>),
 }
 
+/// `F_t(mu) max(0, mu)`, averaged over normals that spread about their mean as heat does on the sphere: harmonics of band l fall to
+/// `length^(l (l + 1) / 2)` where the mean of the normals has that length.
+struct SpreadCosine(Vec<[f64; COSINES + 1]>);
+
+impl SpreadCosine {
+    fn new(eta: f64) -> Self {
+        let exact = |mu: f64| if mu > 0.0 { fresnel::transmittance(eta, mu) * mu } else { 0.0 };
+        let cosine = |i: usize| 2.0 * i as f64 / COSINES as f64 - 1.0;
+        let mut series = [0.0; SPREAD_BANDS];
+        for node in gauss_legendre_cached(SPREAD_BANDS) {
+            let x = 0.5 * (node.position + 1.0);
+            let (mu, weight) = (x * x, node.weight * x);
+            for (l, (sum, p)) in series.iter_mut().zip(legendre(mu)).enumerate() {
+                *sum += weight * (l as f64 + 0.5) * exact(mu) * p;
+            }
+        }
+        let rows = (0..=SPREADS).map(|row| {
+            if row == 0 {
+                return std::array::from_fn(|i| exact(cosine(i)));
+            }
+            let length = 1.0 - (row as f64 / SPREADS as f64).powi(2);
+            let bands: [f64; SPREAD_BANDS] =
+                std::array::from_fn(|l| series[l] * length.powf((l * (l + 1)) as f64 / 2.0));
+            std::array::from_fn(|i| {
+                bands.iter().zip(legendre(cosine(i))).map(|(band, p)| band * p).sum::<f64>().max(0.0)
+            })
+        });
+        Self(rows.collect())
+    }
+
+    /// For the cosine of a direction and the mean of the normals, which has a length from 0 to 1.
+    fn at(&self, mu: f64, length: f64) -> f64 {
+        let place = |x: f64, last: usize| {
+            let x = x.clamp(0.0, last as f64);
+            let cell = (x as usize).min(last - 1);
+            (cell, x - cell as f64)
+        };
+        let (row, down) = place((1.0 - length).max(0.0).sqrt() * SPREADS as f64, SPREADS);
+        let (column, right) = place((mu + 1.0) * 0.5 * COSINES as f64, COSINES);
+        let of = |row: &[f64; COSINES + 1]| row[column] + right * (row[column + 1] - row[column]);
+        let (narrow, wide) = (of(&self.0[row]), of(&self.0[row + 1]));
+        narrow + down * (wide - narrow)
+    }
+}
+
+/// Legendre's polynomials.
+fn legendre(mu: f64) -> [f64; SPREAD_BANDS] {
+    let mut p = [1.0; SPREAD_BANDS];
+    p[1] = mu;
+    for l in 2..SPREAD_BANDS {
+        let n = l as f64;
+        p[l] = ((2.0 * n - 1.0) * mu * p[l - 1] - (n - 1.0) * p[l - 2]) / n;
+    }
+    p
+}
+
 /// What one medium does to light that enters.
 pub(super) struct Entrance {
     eta: f64,
+    cosine: SpreadCosine,
     /// `2 pi Int F_t mu P_l dmu` of each band.
     bands: [f64; BANDS],
 }
@@ -63,7 +125,7 @@ impl Entrance {
             let legendre = [1.0, mu, 1.5 * mu * mu - 0.5];
             bands.iter_mut().zip(legendre).for_each(|(band, p)| *band += weight * p);
         }
-        Self { eta, bands }
+        Self { eta, cosine: SpreadCosine::new(eta), bands }
     }
 }
 
@@ -102,8 +164,16 @@ impl Lit {
         Ok(lit)
     }
 
-    /// Irradiance behind a surface of a unit normal at a point, RGB; `open` is the share of the sky that it sees.
-    pub(super) fn irradiance(&self, point: usize, at: DVec3, normal: DVec3, open: f64, entrance: &Entrance) -> DVec3 {
+    /// Irradiance behind a surface at a point, RGB, over normals that have a unit vector times a length as their mean; `open` is the share
+    /// of the sky that it sees.
+    pub(super) fn irradiance(
+        &self,
+        point: usize,
+        at: DVec3,
+        (normal, length): (DVec3, f64),
+        open: f64,
+        entrance: &Entrance,
+    ) -> DVec3 {
         let mut sum = DVec3::ZERO;
         for Seen { beam, seen } in &self.beams {
             if !seen[point] {
@@ -111,7 +181,9 @@ impl Lit {
             }
             let (direction, arriving) = beam.towards(at);
             let mu = normal.dot(direction);
-            if mu > 0.0 {
+            if length < 1.0 {
+                sum += arriving * entrance.cosine.at(mu, length);
+            } else if mu > 0.0 {
                 sum += arriving * (fresnel::transmittance(entrance.eta, mu) * mu);
             }
         }
@@ -122,7 +194,8 @@ impl Lit {
                     Around::Harmonics(coefficients) => {
                         let mut y = [0.0; BANDS * BANDS];
                         real_sh(BANDS, to_harmonics(normal), &mut y);
-                        let band = |k: usize| entrance.bands[k.isqrt()] * y[k];
+                        let spread = [1.0, length, length.powi(3)];
+                        let band = |k: usize| entrance.bands[k.isqrt()] * spread[k.isqrt()] * y[k];
                         let e: DVec3 = coefficients.iter().enumerate().map(|(k, c)| band(k) * *c).sum();
                         // Three bands of a strong sun undershoot on the far side.
                         e.max(DVec3::ZERO)
@@ -207,6 +280,24 @@ mod tests {
     use std::f64::consts::PI;
 
     use super::*;
+
+    #[test]
+    fn normals_that_spread_lose_no_light() {
+        for eta in [1.0, 1.3] {
+            let cosine = SpreadCosine::new(eta);
+            let rule = crate::math::quadrature::gauss_legendre(64);
+            let mean = |length: f64| 0.5 * rule.iter().map(|n| n.weight * cosine.at(n.position, length)).sum::<f64>();
+            let exact = 0.25 * fresnel::diffuse_transmittance(eta);
+            for length in [0.0, 0.01, 0.3, 0.7, 0.95, 0.999, 1.0] {
+                assert!((mean(length) / exact - 1.0).abs() < 3e-3, "{eta} {length}: {} {exact}", mean(length));
+            }
+            // All normals alike: the cosine itself; all directions: the mean, whatever the light.
+            assert!((cosine.at(0.5, 1.0) - 0.5 * fresnel::transmittance(eta, 0.5)).abs() < 1e-3);
+            assert!((cosine.at(-1.0, 0.0) / exact - 1.0).abs() < 1e-3);
+            // A sphere seen as a whole: length 0; the normals of half a sphere: 1/2, seen from the side half of the front.
+            assert!(cosine.at(0.0, 0.5) > 0.1 && cosine.at(1.0, 0.5) < 0.8 * cosine.at(1.0, 1.0));
+        }
+    }
 
     #[test]
     fn the_first_band_is_what_constant_light_sends_in() {

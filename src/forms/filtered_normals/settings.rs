@@ -84,6 +84,9 @@ pub enum Length {
     Unit,
     /// It multiplies the light: less where the normals around differ.
     Kept,
+    /// It says how far the normals around spread, and light falls on all of these: less from the front and more from the side and from
+    /// behind, none of it lost.
+    Spread,
 }
 
 /// Whether vertices are shadowed.
