@@ -15,10 +15,11 @@ use crate::common::sheet;
 const MATERIALS: [&str; 3] = ["marble", "skin1", "skimmilk"];
 
 /// Settings, and what they are called.
-const VARIANTS: [(&str, &[(&str, &str)]); 7] = [
+const VARIANTS: [(&str, &[(&str, &str)]); 8] = [
     ("normals as they are", &[("alpha", "1"), ("width", "1")]),
     ("heat, fitted", &[]),
     ("heat, not fitted", &[("alpha", "0"), ("width", "1")]),
+    ("heat, length multiplies", &[("length", "kept")]),
     ("heat, renormalised", &[("length", "unit")]),
     ("geometric, fitted", &[("filter", "geometric")]),
     ("spectral, fitted", &[("filter", "spectral")]),
@@ -40,7 +41,8 @@ fn normals(scene: &Scene) -> Vec<DVec3> {
     mesh.weld.iter().map(|w| sums[*w as usize].normalize_or_zero()).collect()
 }
 
-/// `R C V L max(0, mu + w) / (1 + w)^2`: over all normals it sends back what a cosine does. Shadows as the method has them.
+/// `R C V L max(0, mu + w) / (1 + w)^2`: over all normals it sends back what a cosine does. Shadows fade towards the horizon as those of
+/// the method do, and nothing is known of how open a vertex is.
 fn wrapped(evaluator: &dyn Evaluator, normals: &[DVec3], light: &Light, wrap: f64) -> Vec<DVec3> {
     let scene = evaluator.scene();
     let properties = &scene.media[0].properties;
@@ -57,13 +59,12 @@ fn wrapped(evaluator: &dyn Evaluator, normals: &[DVec3], light: &Light, wrap: f6
             _ => return DVec3::ZERO,
         };
         let mu = normal.dot(to);
-        let lifted = (to + (0.05 - mu).max(0.0) * *normal).normalize();
-        let mut ray = Ray::new(offset_origin(at.as_vec3(), normal.as_vec3()), lifted.as_vec3());
+        let high = (mu / 0.3).clamp(0.0, 1.0);
+        let share = high * high * (3.0 - 2.0 * high);
+        let mut ray = Ray::new(offset_origin(at.as_vec3(), normal.as_vec3()), to.as_vec3());
         ray.t_max = distance as f32;
-        if evaluator.bvh().occluded(&ray, NO_TRIANGLE) {
-            return DVec3::ZERO;
-        }
-        totals * arriving * (enters * (mu + wrap).max(0.0) / ((1.0 + wrap) * (1.0 + wrap)))
+        let seen = if evaluator.bvh().occluded(&ray, NO_TRIANGLE) { 1.0 - share } else { 1.0 };
+        totals * arriving * (seen * enters * (mu + wrap).max(0.0) / ((1.0 + wrap) * (1.0 + wrap)))
     };
     normals.iter().enumerate().map(value).collect()
 }

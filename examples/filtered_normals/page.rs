@@ -10,9 +10,12 @@ const HEAD: &str = "\
 those of the machine that wrote the page and of what else it did; everything else is the same anywhere.
 
 The method stores no transport. Normals are low-passed over the surface, and take the place of the normals in local lighting:
-`B = R F_t(mu) max(0, mu) V L` with the filtered normal of each channel; its length multiplies the light (`length=unit` renormalises, as the
-paper does). It is an approximation by design, and its
-ledger says by how much.
+`B = R F_t(mu) max(0, mu) V L` with the filtered normal of each channel. It is an approximation by design, and its ledger says by how much.
+
+- **`length=spread`** (ours, the default): a filtered normal is short where the normals around it differ. Light falls on normals that spread
+  about it until their mean has its length, as heat spreads on the sphere: harmonics of band l of `F_t(mu) max(0, mu)` fall by
+  `length^(l (l + 1) / 2)`. No light is lost; it comes from the side, and from behind where the body is small. `length=kept` multiplies the
+  light by the length instead, `length=unit` renormalises, as the paper does.
 
 - **What is stored** is neither a basis nor one filtered normal: normals under eight low passes `1 / (1 + t lambda)`, quantised to 1/128 and
   predicted from the vertices before, and how open each vertex is. Any filter of the surface is a sum over these eight and the normals
@@ -23,8 +26,8 @@ ledger says by how much.
 - **`filter=spectral`**: the paper's manifold harmonics up to wavelengths of 10 mean edges, by shift and invert in bands whose number of pairs
   is that of the inertia; the remainder goes through the mean response of its frequencies (gamma of equation 11).
 - **`filter=geometric`**: the paper's equation 3; weights by area unless `weights=count`.
-- **Shadows** are rays from the vertices. Where the light is below a vertex's horizon the ray goes along the horizon, because the filtered normal
-  decides there. `shadows=off` is the paper's.
+- **Shadows** are rays from the vertices. Towards the horizon of a vertex they fade into how open it is (the share of the sky that it sees),
+  which is all that counts below: light enters where the surface around faces it. `shadows=off` is the paper's.
 - **Its nearest rival** wraps the cosine around the terminator and costs less. The tables have it with its best wrap. What filtered normals
   miss is light from beyond the vertex's own neighbourhood, which no normal has.
 - **`bleeding=irradiance`** is the paper's future work: the same filter on the shadowed irradiance, for each light.
@@ -59,8 +62,7 @@ Light that enters on one side and leaves on the other, thin parts that glow, sha
 whatever its normal. With `bleeding=irradiance` shadow boundaries soften, and light still does not cross a thin part, which is
 far over the surface and near through it.
 
-Shadow boundaries are as coarse as the vertices. Where the surface curves more within the filter's width in one channel than in another (toes, fingertips), the colours
-part: a foot of the bunny in skin1, lit from behind beside the sky, turns cyan, because the red normal is filtered away.
+Boundaries of cast shadows are as coarse as the vertices.
 ";
 
 pub(crate) const WORDS: Words =

@@ -15,8 +15,8 @@ pub struct FilteredNormals;
 /// Of the samples that its error is measured against.
 const DENSITY: Density = Density { spacing: 0.35, least: 1 << 15, most: 1 << 16 };
 
-/// In media that scatter little, one channel may be off by all its light and more where a body casts shadows on itself.
-const DECLARED: f64 = 2.0;
+/// A body of a dozen triangles or one that casts shadows on itself may be off by all its light and more: that is worth a warning.
+const DECLARED: f64 = 1.0;
 
 /// How the ladder of normals is made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -259,7 +259,7 @@ impl FilteredNormalsEvaluator {
 
     pub(super) fn lookers<'a>(&self, dressed: &'a Dressed) -> Lookers<'a> {
         let (origin_mm, shadows) = (self.scene.mesh.origin_mm, self.form.shadows);
-        Lookers { at: &dressed.at, normals: &dressed.normals, origin_mm, shadows }
+        Lookers { at: &dressed.at, normals: &dressed.normals, open: &dressed.open, origin_mm, shadows }
     }
 
     fn lit(&self, lights: &[Light]) -> Result<Lit> {

@@ -10,7 +10,7 @@ use crate::error::Result;
 use crate::geometry::bvh::{Bvh, NO_TRIANGLE, Ray, offset_origin};
 use crate::light::harmonics::{coefficients, to_harmonics};
 use crate::light::{Light, refuse_fields};
-use crate::math::quadrature::gauss_legendre_cached;
+use crate::math::quadrature::{gauss_legendre, gauss_legendre_cached};
 use crate::math::sh::real_sh;
 use crate::medium::fresnel;
 
@@ -25,8 +25,9 @@ const COSINES: usize = 64;
 const SPREADS: usize = 32;
 const SPREAD_BANDS: usize = 96;
 
-/// How far a shadow ray stays above the horizon, as the sine of its height.
-const ABOVE: f64 = 0.05;
+/// Height of a light over the horizon of a vertex, as a sine, from which on a shadow ray alone says whether light arrives; none is cast
+/// below the horizon.
+const HIGH: f64 = 0.3;
 
 /// Points that are lit together.
 const CHUNK: usize = 1024;
@@ -37,10 +38,10 @@ enum Beam {
     Place { at: DVec3, intensity: DVec3, axis: Option<DVec3> },
 }
 
-/// A beam with whether each point sees it.
+/// A beam with the share of it that each point sees.
 struct Seen {
     beam: Beam,
-    seen: Vec<bool>,
+    seen: Vec<f32>,
 }
 
 /// Light from all around.
@@ -58,7 +59,7 @@ impl SpreadCosine {
         let exact = |mu: f64| if mu > 0.0 { fresnel::transmittance(eta, mu) * mu } else { 0.0 };
         let cosine = |i: usize| 2.0 * i as f64 / COSINES as f64 - 1.0;
         let mut series = [0.0; SPREAD_BANDS];
-        for node in gauss_legendre_cached(SPREAD_BANDS) {
+        for node in gauss_legendre(SPREAD_BANDS) {
             let x = 0.5 * (node.position + 1.0);
             let (mu, weight) = (x * x, node.weight * x);
             for (l, (sum, p)) in series.iter_mut().zip(legendre(mu)).enumerate() {
@@ -141,6 +142,8 @@ pub(super) struct Lit {
 pub(super) struct Lookers<'a> {
     pub(super) at: &'a [DVec3],
     pub(super) normals: &'a [DVec3],
+    /// Share of the sky that each sees.
+    pub(super) open: &'a [f64],
     pub(super) origin_mm: DVec3,
     pub(super) shadows: Shadows,
 }
@@ -176,10 +179,12 @@ impl Lit {
     ) -> DVec3 {
         let mut sum = DVec3::ZERO;
         for Seen { beam, seen } in &self.beams {
-            if !seen[point] {
+            let seen = f64::from(seen[point]);
+            if seen == 0.0 {
                 continue;
             }
             let (direction, arriving) = beam.towards(at);
+            let arriving = seen * arriving;
             let mu = normal.dot(direction);
             if length < 1.0 {
                 sum += arriving * entrance.cosine.at(mu, length);
@@ -243,34 +248,36 @@ fn beams(light: &Light, origin: DVec3) -> Vec<Beam> {
     }
 }
 
-/// Which points see a beam.
-fn seen(beam: &Beam, lookers: Lookers, bvh: &Bvh) -> Vec<bool> {
-    let mut seen = vec![true; lookers.at.len()];
+/// The share of a beam that each point sees. Towards the horizon a ray tells more of the bumps around a vertex than of the light, and below
+/// it light comes in where the surface around the vertex faces it: as much is seen of it as of the sky.
+fn seen(beam: &Beam, lookers: Lookers, bvh: &Bvh) -> Vec<f32> {
+    let mut seen = vec![1.0; lookers.at.len()];
     if lookers.shadows == Shadows::Off {
         return seen;
     }
     seen.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, seen)| {
         let first = chunk * CHUNK;
-        let ray = |i: usize| {
+        let (mut rays, mut shares) = (Vec::with_capacity(seen.len()), Vec::with_capacity(seen.len()));
+        for (i, seen) in seen.iter_mut().enumerate() {
             let (at, normal) = (lookers.at[first + i], lookers.normals[first + i]);
             let (direction, _) = beam.towards(at);
-            let distance = match beam {
-                Beam::Direction { .. } => f64::INFINITY,
-                Beam::Place { at: place, .. } => place.distance(at),
-            };
-            let height = normal.dot(direction);
-            let lifted = (direction + (ABOVE - height).max(0.0) * normal).normalize_or(direction);
-            Ray {
-                origin: offset_origin(at.as_vec3(), normal.as_vec3()),
-                direction: lifted.as_vec3(),
-                t_min: 0.0,
-                t_max: distance as f32,
+            let high = (normal.dot(direction) / HIGH).clamp(0.0, 1.0);
+            let share = high * high * (3.0 - 2.0 * high);
+            *seen = ((1.0 - share) * lookers.open[first + i]) as f32;
+            if share == 0.0 {
+                continue;
             }
-        };
-        let rays: Vec<Ray> = (0..seen.len()).map(ray).collect();
+            let t_max = match beam {
+                Beam::Direction { .. } => f32::INFINITY,
+                Beam::Place { at: place, .. } => place.distance(at) as f32,
+            };
+            let origin = offset_origin(at.as_vec3(), normal.as_vec3());
+            rays.push(Ray { origin, direction: direction.as_vec3(), t_min: 0.0, t_max });
+            shares.push((i, share as f32));
+        }
         let mut occluded = vec![false; rays.len()];
         bvh.occluded_many(&rays, &vec![NO_TRIANGLE; rays.len()], &mut occluded);
-        seen.iter_mut().zip(occluded).for_each(|(seen, occluded)| *seen = !occluded);
+        shares.iter().zip(occluded).filter(|(_, occluded)| !occluded).for_each(|((i, share), _)| seen[*i] += share);
     });
     seen
 }
@@ -285,7 +292,7 @@ mod tests {
     fn normals_that_spread_lose_no_light() {
         for eta in [1.0, 1.3] {
             let cosine = SpreadCosine::new(eta);
-            let rule = crate::math::quadrature::gauss_legendre(64);
+            let rule = gauss_legendre(64);
             let mean = |length: f64| 0.5 * rule.iter().map(|n| n.weight * cosine.at(n.position, length)).sum::<f64>();
             let exact = 0.25 * fresnel::diffuse_transmittance(eta);
             for length in [0.0, 0.01, 0.3, 0.7, 0.95, 0.999, 1.0] {

@@ -92,8 +92,8 @@ pub enum Length {
 /// Whether vertices are shadowed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Shadows {
-    /// By rays, and by how open a vertex is under light from all around. Where the light is below the horizon of a vertex, the ray goes
-    /// along the horizon: whether the vertex faces it is the filtered normal's to say.
+    /// By rays, and by how open a vertex is under light from all around. The same holds for a light below its horizon: whether the vertex
+    /// faces it is the filtered normal's to say.
     Cast,
     /// They are not, as in the paper.
     Off,
