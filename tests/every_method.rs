@@ -18,6 +18,7 @@ use glam::DVec3;
 use in_memory::{every, lit, medium, recipe, registry, scene, scene_of, served, try_bake, vertex_areas};
 use translux::asset::{Asset, Provenance};
 use translux::error::ExitCode;
+use translux::evaluate::exitance::{Exitance, MeshPoint};
 use translux::evaluate::{BakeSettings, Evaluator, MaterialEdit, Method};
 use translux::geometry::mesh::Scale;
 use translux::geometry::shapes;
@@ -279,6 +280,39 @@ fn opaque_parts_have_no_radiosity() {
             assert!(values.iter().zip(&areas).all(dark), "{}", method.name());
         }
     }
+}
+
+/// What gathers at any point gives at a corner what the vertex has, on opaque parts nothing, and the same alone and among many.
+#[test]
+fn exitance_at_points_is_that_of_the_vertices() {
+    let scene = Shared::Group.scene();
+    let lights = vec![every_light(&scene)[1].clone(), probes::constant()];
+    let corners: Vec<MeshPoint> =
+        (0..scene.mesh.triangles.len() as u32).filter_map(|t| MeshPoint::new(&scene.mesh, t, [0.0, 1.0, 0.0])).collect();
+    let mut gathered = 0;
+    for method in every().into_iter().filter(|m| served(*m, &lights).len() == lights.len()) {
+        let mut evaluator = Shared::Group.baked(method);
+        let values = lit(evaluator.as_mut(), lights.clone());
+        let promised = promise(evaluator.as_mut());
+        if let Err(refused) = evaluator.prepare_points(&Silent) {
+            assert_eq!(refused.code(), ExitCode::Unsupported, "{}", method.name());
+            assert!(evaluator.exitance_at_points().is_none(), "{}", method.name());
+            continue;
+        }
+        let exitance = evaluator.exitance_at_points().unwrap();
+        gathered += 1;
+        let found = exitance.at_each(&corners, &Silent);
+        let expected: Vec<DVec3> = corners.iter().map(|p| values.at(p)).collect();
+        let error = vertex_error(&found, &expected, &vec![1.0; found.len()]).rms;
+        assert!(error < 2.0 * promised + 1e-6, "{}: {error:.2e} at corners, promised {promised:.2e}", method.name());
+        for (point, found) in corners.iter().zip(&found).step_by(29) {
+            let opaque = !scene.parts.parts[scene.parts.triangle_part[point.triangle as usize] as usize].transfers();
+            assert_eq!(opaque, *found == DVec3::ZERO, "{}: {point:?}", method.name());
+            let alone = exitance.at(point);
+            assert!((alone - *found).abs().max_element() <= 0.02 * found.max_element(), "{}: {point:?}", method.name());
+        }
+    }
+    assert!(gathered >= 3, "{gathered} methods gather at points");
 }
 
 #[test]
