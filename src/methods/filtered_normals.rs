@@ -1,5 +1,5 @@
-//! `filtered_normals`: normals low-passed over the surface in local lighting, nothing else at run time (Patro 2007). An approximation by
-//! design: its error is stated, and nothing makes it small.
+//! `filtered_normals`: normals low-passed over the surface in local lighting, nothing else at run time (Patro 2007). An
+//! approximation by design: its error is stated, and no setting makes it small.
 
 use crate::error::{Error, Result};
 use crate::evaluate::keys::{AnyKey, Auto, Key, Keys, Number, OneOf};
@@ -12,13 +12,14 @@ use crate::forms::filtered_normals::{
 /// The method.
 pub struct FilteredNormals;
 
-/// Of the samples that its error is measured against.
+/// Density of the samples against which its error is measured.
 const DENSITY: Density = Density { spacing: 0.35, least: 1 << 15, most: 1 << 16 };
 
-/// In media that scatter little, one channel may be off by all its light and more where a body casts shadows on itself.
+/// Declared largest relative error: in media that scatter little, one channel may be wrong by all its light and more
+/// where a body casts shadows on itself.
 const DECLARED: f64 = 2.0;
 
-/// How the ladder of normals is made.
+/// Construction of the ladder of normals.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Made {
     Heat,
