@@ -1,4 +1,4 @@
-//! The domain view of a `.tlux` file: our types on one side, `translux-format`'s plain arrays on the other.
+//! The domain view of a `.tlux` file: this crate's types on one side, `translux-format`'s plain arrays on the other.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -18,23 +18,23 @@ use crate::math::statistics::VertexError;
 use crate::medium::material::{Medium, OpticalProperties};
 use crate::scene::Scene;
 
-/// Revision of the algorithms: raised whenever the same input gives other bytes.
+/// Revision of the algorithms, raised whenever the same input gives different bytes.
 pub const ALGORITHM_REVISION: u32 = 1;
 
-/// Where an asset comes from; nothing in it depends on when or where it was made.
+/// Provenance of an asset, independent of time and place.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Provenance {
-    /// Method that baked it.
+    /// Name of the method that baked it.
     pub method: String,
     /// Resolved parameters.
     pub settings: BTreeMap<String, String>,
-    /// Files it was made from.
+    /// Files that it was made from.
     pub inputs: Vec<Input>,
-    /// How the source's unit was fixed.
+    /// How the unit of the source was fixed.
     pub source_unit: String,
     /// Millimetres in one source unit.
     pub mm_per_source_unit: f64,
-    /// Repairs and choices that are part of the truth.
+    /// Repairs and choices that affect the result.
     pub notes: Vec<String>,
 }
 
@@ -66,16 +66,16 @@ pub struct Asset {
     pub scene: Scene,
     /// Surface samples.
     pub samples: Samples,
-    /// Origin.
+    /// Origin, method and settings.
     pub provenance: Provenance,
-    /// What each lossy stage added.
+    /// The error that each lossy stage added.
     pub ledger: Ledger,
     /// The method's own sections.
     pub sections: Vec<format::RawSection>,
 }
 
 impl Asset {
-    /// The file's bytes.
+    /// Encodes the file.
     ///
     /// # Errors
     /// Values that the format refuses.
@@ -83,7 +83,7 @@ impl Asset {
         self.to_file().to_bytes().map_err(|e| Error::runtime(format!("asset: {e}")))
     }
 
-    /// Reads and validates bytes.
+    /// Reads and validates a file's bytes.
     ///
     /// # Errors
     /// `InvalidInput` for anything that is not a valid asset; `Unsupported` for another major version.
@@ -98,7 +98,7 @@ impl Asset {
         Self::from_file(file)
     }
 
-    /// Writes the file atomically.
+    /// Writes the file atomically; returns its length in bytes.
     ///
     /// # Errors
     /// As [`Self::to_bytes`], and I/O.
@@ -117,8 +117,8 @@ impl Asset {
         Self::from_bytes(&bytes).map_err(|e| e.at(path.display()))
     }
 
-    /// The same object in another size: its diagonal is `diagonal_mm`, its materials are as they were. For assets that hold no
-    /// transport: samples are places on triangles, whatever their size.
+    /// Resizes the object to a diagonal of `diagonal_mm`, with unchanged materials. For assets that hold no transport:
+    /// samples are places on triangles, whatever their size.
     ///
     /// # Errors
     /// Command line: a size that is not positive and finite, or beyond what a mesh may have.

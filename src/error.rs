@@ -1,4 +1,4 @@
-//! One error type: a cause, which fixes the exit code, and a message that says what, where and what to do.
+//! One error type: a cause, which fixes the exit code, and a message that tells the fault, its place and the remedy.
 
 use std::fmt;
 use std::path::Path;
@@ -16,11 +16,11 @@ pub enum ExitCode {
     CommandLine = 1,
     /// A file could not be read or written.
     Io = 2,
-    /// A file was read, and what it says is not valid.
+    /// A file was read, and its contents are not valid.
     InvalidInput = 3,
     /// The work failed while it ran (memory, a lost device, an interrupt).
     Runtime = 4,
-    /// The input is valid, and this program does not support it.
+    /// The input is valid, but this program does not support it.
     Unsupported = 5,
     /// The asked quality, size or time was not met.
     QualityNotMet = 6,

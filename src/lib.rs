@@ -4,7 +4,7 @@
 //!
 //! Lengths are millimetres, scattering and absorption coefficients 1/mm, colours linear sRGB (Rec. 709).
 //! Directions point away from the surface: `w_i` towards the light, `w_o` towards the eye.
-//! Irradiance is what enters the medium (entrance Fresnel included); radiosity is the exitance
+//! Irradiance is the power per area that enters the medium (entrance Fresnel included); radiosity is the exitance
 //! `B(x_o) = Int_A R_d(|x_i - x_o|) E(x_i) dA` outside the medium, per vertex and RGB.
 //!
 //! # Example
@@ -109,7 +109,7 @@ pub fn load(model: &Path, options: &ImportOptions) -> Result<Imported> {
 /// Bakes a scene with a method and some of its keys, for every kind of light.
 ///
 /// # Errors
-/// Methods, keys and values that there are not; failures of the work.
+/// Unknown methods, keys and values; failures of the work.
 pub fn bake(imported: Imported, method: &str, set: &[(&str, &str)]) -> Result<Asset> {
     let registry = methods::built_in();
     let method = registry.method(method)?;
@@ -138,7 +138,7 @@ pub fn open(path: &Path) -> Result<Box<dyn Evaluator>> {
 /// A light from its text, such as `directional:from=0,1,0:irradiance=3`.
 ///
 /// # Errors
-/// Command line: what is wrong with the text; environments that cannot be read.
+/// Command line: a fault of the text; environments that cannot be read.
 pub fn light(text: &str) -> Result<Light> {
     Ok(io::environment::load_light(&light::parse::parse(text)?)?.value)
 }
@@ -160,7 +160,7 @@ pub fn evaluate(evaluator: &mut dyn Evaluator, lights: Vec<Light>) -> Result<Vec
     evaluator.radiosity(&Silent)
 }
 
-/// What the evaluator is off by under the lights in force, by stage.
+/// The error of the evaluator under the lights in force, by stage.
 ///
 /// # Errors
 /// Failures of the work.

@@ -1,4 +1,4 @@
-//! Progress of long work: stages report units of work done, whoever listens shows them.
+//! Progress of long work: stages report units of work done, and listeners show them.
 
 /// Receives the progress of one stage after another. Implementations must be cheap to call from many threads.
 pub trait Progress: Sync {
@@ -18,7 +18,7 @@ pub fn stage<T>(progress: &dyn Progress, name: &'static str, work: impl FnOnce()
     result
 }
 
-/// Progress that nobody looks at.
+/// Progress that is not shown.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Silent;
 

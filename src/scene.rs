@@ -1,4 +1,4 @@
-//! What is baked: a mesh, its parts and the medium of each.
+//! The input of a bake: a mesh, its parts and the medium of each.
 
 use crate::geometry::mesh::Mesh;
 use crate::geometry::part_table::PartTable;
@@ -10,14 +10,14 @@ use crate::transport::domain::Domain;
 pub struct Scene {
     /// Geometry.
     pub mesh: Mesh,
-    /// Which triangles form one body.
+    /// Grouping of the triangles into bodies.
     pub parts: PartTable,
     /// Media that parts refer to.
     pub media: Vec<Medium>,
 }
 
 impl Scene {
-    /// The scene as transport sees it.
+    /// The parts of the scene that transport uses.
     pub fn domain(&self) -> Domain<'_> {
         Domain { mesh: &self.mesh, parts: &self.parts, media: &self.media }
     }

@@ -1,4 +1,4 @@
-//! Settings of a bake as typed and as resolved, and the bake with its memory checked before.
+//! Settings of a bake as typed and as resolved, and the bake, preceded by a check of its memory.
 
 use std::collections::BTreeSet;
 
@@ -34,7 +34,7 @@ pub(super) struct BakeOptions {
 }
 
 impl BakeOptions {
-    /// As resolved: a method with all of its settings.
+    /// The recipe of a method with all settings resolved.
     pub(super) fn resolve(&self, method: &str, console: &Console) -> Result<Recipe> {
         let pairs: Vec<(String, String)> = self
             .set
@@ -74,7 +74,7 @@ fn light_kinds(text: &str) -> Result<BTreeSet<LightKind>> {
     text.split(',').map(|name| kind(name.trim())).collect()
 }
 
-/// Bakes what was imported; the memory is checked before.
+/// Bakes an imported model; the memory is checked before.
 pub(super) fn bake(mut recipe: Recipe, imported: Imported, console: &Console) -> Result<Asset> {
     let Imported { scene, origin, .. } = imported;
     let advice = match largest_fit(&recipe, &scene, console.max_memory) {

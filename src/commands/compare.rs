@@ -54,7 +54,7 @@ pub(super) fn run(args: &CompareArgs, console: &Console) -> Result<ExitCode> {
     Ok(if result.differs() { ExitCode::Difference } else { ExitCode::Ok })
 }
 
-/// Zero is a threshold too.
+/// A share as the threshold, 0 included.
 fn threshold(text: &str) -> Result<f64> {
     if text.trim().trim_end_matches('%').trim().parse() == Ok(0.0) { Ok(0.0) } else { share(text, "--fail-above") }
 }

@@ -15,7 +15,7 @@ pub(super) struct CompletionsArgs {
     shell: Shell,
 }
 
-/// `command` is the whole command line.
+/// Prints the completions; `command` is the whole command line.
 pub(super) fn run(args: &CompletionsArgs, command: clap::Command, console: &Console) -> Result<ExitCode> {
     let mut command = with_words(command, &console.registry);
     let mut script = Vec::new();
@@ -25,7 +25,7 @@ pub(super) fn run(args: &CompletionsArgs, command: clap::Command, console: &Cons
     Ok(ExitCode::Ok)
 }
 
-/// What `--set` may be followed by: each key with each of its words, or with its default where it takes numbers.
+/// Completions of `--set`: each key with each of its words, or with its default where it takes numbers.
 fn settings(registry: &Registry) -> Vec<String> {
     let keys = registry.methods().iter().flat_map(|method| method.keys());
     let of_key = |key: &&dyn AnyKey| {
@@ -39,7 +39,7 @@ fn settings(registry: &Registry) -> Vec<String> {
     all
 }
 
-/// The command line, which knows the methods and their keys by name: for scripts alone, since other values are valid too.
+/// The command line with the names of methods and keys as values: for scripts alone, since other values are valid too.
 pub(super) fn with_words(command: clap::Command, registry: &Registry) -> clap::Command {
     let methods: Vec<&'static str> = registry.methods().iter().map(|method| method.name()).collect();
     let settings = settings(registry);

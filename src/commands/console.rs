@@ -1,4 +1,4 @@
-//! What a command says while it works: progress with remaining time, notes, warnings, stage timings, peak memory.
+//! Output of a command while it works: progress with remaining time, notes, warnings, stage timings, peak memory.
 
 use std::fmt::Display;
 use std::io::{IsTerminal, Write};
@@ -36,7 +36,7 @@ pub(super) struct Global {
     max_memory: Option<String>,
 }
 
-/// How chatty the command is.
+/// Amount of output on standard error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Verbosity {
     /// Errors only.
@@ -68,9 +68,9 @@ pub(super) struct Console {
     pub(super) verbosity: Verbosity,
     pub(super) format: Format,
     pub(super) strictness: Strictness,
-    /// Bytes that may be used.
+    /// Memory limit in bytes.
     pub(super) max_memory: u64,
-    /// Methods and forms that there are.
+    /// Methods and forms that can be used.
     pub(super) registry: Registry,
     state: Mutex<State>,
     started: Instant,
@@ -104,7 +104,7 @@ impl Console {
         self.state.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
     }
 
-    /// A line for people on standard error.
+    /// Prints a line for people on standard error.
     pub(super) fn note(&self, line: &str) {
         if self.verbosity == Verbosity::Normal {
             // A note that standard error does not take is lost, the work is not.
@@ -116,7 +116,7 @@ impl Console {
         }
     }
 
-    /// A warning: printed, and kept for the report.
+    /// Prints a warning and keeps it for the report.
     pub(super) fn warn(&self, line: &str) {
         self.note(&format!("warning: {line}"));
         self.state().warnings.push(line.to_owned());
@@ -150,7 +150,7 @@ impl Console {
         print_line(&json(command, report, &run)?)
     }
 
-    /// Prints one line of results, where results are text and wanted.
+    /// Prints one line of results, unless output is JSON or quiet.
     pub(super) fn say(&self, line: &str) -> Result<()> {
         match (self.format, self.verbosity) {
             (Format::Text, Verbosity::Normal) => print_line(line),
@@ -228,7 +228,7 @@ impl Progress for Console {
     }
 }
 
-/// Prints one line on standard output. A reader that closed the pipe has seen enough.
+/// Prints one line on standard output; a closed pipe is no error.
 pub(super) fn print_line(text: &str) -> Result<()> {
     let mut out = std::io::stdout().lock();
     match writeln!(out, "{text}").and_then(|()| out.flush()) {
@@ -259,7 +259,7 @@ fn parse_size(text: &str) -> Result<u64> {
     }
 }
 
-/// Memory that this process could have: what the system has available, less where a cgroup allows less.
+/// Memory that this process could have: the system's available memory, or a cgroup's limit where that is less.
 fn available_memory() -> u64 {
     let read = |path: &str| std::fs::read_to_string(path).ok();
     let system = read("/proc/meminfo").and_then(|text| {
@@ -272,7 +272,7 @@ fn available_memory() -> u64 {
     system.unwrap_or(8 << 30).min(group.unwrap_or(u64::MAX))
 }
 
-/// Largest resident size of this process so far, in bytes; 0 where the system does not tell.
+/// Largest resident size of this process so far, in bytes; 0 where the system does not report it.
 fn peak_memory() -> u64 {
     std::fs::read_to_string("/proc/self/status")
         .ok()

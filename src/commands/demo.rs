@@ -1,5 +1,5 @@
-//! `translux demo`: a built-in model under a built-in sky, from one bake to pictures in several materials, and what to type
-//! next.
+//! `translux demo`: a built-in model under a built-in sky, from one bake to pictures in several materials, and the
+//! commands to try next.
 
 use std::path::{Path, PathBuf};
 
@@ -40,7 +40,7 @@ pub(super) struct DemoArgs {
 /// Diagonal of the built-in model, mm: small enough for light to cross its ears.
 const SIZE_MM: f64 = 60.0;
 
-/// Materials that it is shown in; it is baked in the first.
+/// Materials of the pictures; the bake is in the first.
 const MATERIALS: [&str; 3] = ["skin1", "marble", "apple"];
 
 /// The sky, dimmed, and a lamp behind the model.
@@ -48,19 +48,19 @@ const LIGHTS: [&str; 2] = ["sky:scale=0.5", "point:at=20,34,-35:intensity=9000,7
 
 const CAMERA: &str = "at=-38,30,108:look=0,19.8,2:fov=22.5";
 
-/// Pixels of the picture of one material.
+/// Width and height of the picture of one material.
 const SIDES: [usize; 2] = [480, 480];
 
 const METHOD: &str = "editable";
 
-/// Surface samples: some more than the model has triangles.
+/// Number of surface samples, a little above the number of the model's triangles.
 const SAMPLES: usize = 3 << 14;
 
-/// One material.
+/// Results of one material.
 #[derive(Serialize)]
 struct Shown {
     medium: MediumReport,
-    /// Errors that the evaluator measures under the lights of the pictures and under others.
+    /// Errors under the lights of the pictures and under others, measured by the evaluator.
     measured: Ledger,
     picture: RenderReport,
 }
@@ -121,7 +121,7 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> Result<ExitCode> {
     Ok(ExitCode::Ok)
 }
 
-/// The bytes of the asset.
+/// Bakes the model; returns the bytes of the asset.
 fn bake(console: &Console) -> Result<Vec<u8>> {
     let mut recipe = console.registry.method(METHOD)?.default_recipe()?;
     recipe.settings.samples = Some(SAMPLES);
@@ -136,7 +136,7 @@ fn bake(console: &Console) -> Result<Vec<u8>> {
     baking::bake(recipe, imported, console)?.to_bytes()
 }
 
-/// Pictures of one material, and how right they are.
+/// Makes pictures of one material and measures their error.
 fn show(evaluator: &mut dyn Evaluator, name: &str, folder: &Path, console: &Console) -> Result<(Shown, Frame)> {
     evaluator.set_media(vec![Material::from_argument(name)?.into()])?;
     let lights = LightArgs { light: LIGHTS.map(str::to_owned).into() }.load(console)?;

@@ -1,4 +1,4 @@
-//! Where an evaluator computes.
+//! The device on which an evaluator computes.
 
 use clap::ValueEnum;
 
@@ -16,7 +16,7 @@ pub(super) enum DeviceArg {
 }
 
 impl DeviceArg {
-    /// Moves an evaluator there.
+    /// Moves an evaluator to the device.
     pub(super) fn place(self, evaluator: Box<dyn Evaluator>, console: &Console) -> Result<Box<dyn Evaluator>> {
         match self {
             Self::Cpu => Ok(evaluator),

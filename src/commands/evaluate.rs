@@ -119,7 +119,7 @@ pub(super) fn finish(
     })
 }
 
-/// Single scattering of each vertex, where there is any; says what it took.
+/// Single scattering of each vertex, where there is any; reports the time it took.
 fn single_scattering(evaluator: &mut dyn Evaluator, console: &Console) -> Result<Option<Vec<DVec3>>> {
     let started = Instant::now();
     let single = evaluator.single_scattering(console)?;

@@ -28,7 +28,7 @@ fn long_help() -> String {
     )
 }
 
-/// Lights ready to use and what they were made from.
+/// Lights ready to use, and the files they were made from.
 pub(super) struct ResolvedLights {
     pub(super) lights: Vec<Light>,
     pub(super) text: Vec<String>,
@@ -36,7 +36,7 @@ pub(super) struct ResolvedLights {
 }
 
 impl LightArgs {
-    /// Reads the text forms and the pictures that they name.
+    /// Reads the text forms of the lights and their pictures.
     pub(super) fn load(&self, console: &Console) -> Result<ResolvedLights> {
         let sky = ["sky".to_owned()];
         let texts = if self.light.is_empty() { &sky } else { self.light.as_slice() };

@@ -40,7 +40,7 @@ pub(super) struct ProfileArg {
     profile: Option<String>,
 }
 
-/// Help of options that ask for another profile, size or mesh than that of the bake: where they apply.
+/// Help text on where options apply that ask for another profile, size or mesh than the bake's.
 pub(super) fn without_transport() -> String {
     let registry = crate::methods::built_in();
     let gathers =
@@ -53,17 +53,17 @@ pub(super) fn without_transport() -> String {
 }
 
 impl ProfileArg {
-    /// Whether there is one.
+    /// Returns whether a profile was given.
     pub(super) fn is_given(&self) -> bool {
         self.profile.is_some()
     }
 
-    /// The profile that is asked for; the dipole without one.
+    /// The profile that was given, otherwise the dipole.
     pub(super) fn model(&self) -> Result<ProfileModel> {
         self.profile.as_deref().map_or(Ok(ProfileModel::Dipole), ProfileModel::parse)
     }
 
-    /// Puts the profile in force and its name beside those of the media.
+    /// Puts the profile in force and adds its name to those of the media.
     pub(super) fn put(&self, evaluator: &mut dyn Evaluator) -> Result<()> {
         let model = self.model()?;
         if model == ProfileModel::Dipole {
@@ -76,7 +76,7 @@ impl ProfileArg {
 }
 
 impl MediumArgs {
-    /// As resolved.
+    /// The choice of materials with its overrides.
     pub(super) fn choice(&self) -> MaterialChoice {
         let overrides = Overrides {
             sigma_s_per_mm: self.sigma_s,

@@ -80,7 +80,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     run_with(crate::methods::built_in(), arguments)
 }
 
-/// Runs the program with other methods and forms than those of this crate.
+/// Runs the program with a registry of other methods and forms.
 pub fn run_with(registry: Registry, arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     let parsed = command().try_get_matches_from(arguments).and_then(|m| Cli::from_arg_matches(&m));
     let cli = match parsed {
@@ -101,7 +101,7 @@ pub fn run_with(registry: Registry, arguments: impl IntoIterator<Item = OsString
     }
 }
 
-/// The command line with the exit codes in its help.
+/// The command line, with the exit codes in its help.
 fn command() -> clap::Command {
     let codes: Vec<String> =
         ExitCode::ALL.iter().map(|(code, meaning)| format!("  {}  {meaning}", *code as u8)).collect();
@@ -140,7 +140,7 @@ fn dispatch(cli: Cli, registry: Registry) -> Result<ExitCode> {
     })
 }
 
-/// Ctrl-C and SIGTERM remove files that are not finished and end the process with 130.
+/// On Ctrl-C and SIGTERM, removes unfinished files and ends the process with 130.
 #[expect(clippy::exit, reason = "an interrupt ends the process from a thread of its own")]
 fn watch_for_interrupts() -> Result<()> {
     let handler = || {

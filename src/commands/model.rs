@@ -77,7 +77,7 @@ enum PartsChoice {
 }
 
 impl ModelArgs {
-    /// Reads the model and resolves its size, parts and media; says what a user must know on standard error.
+    /// Reads the model and resolves its size, parts and media; prints warnings and notes on standard error.
     pub(super) fn load(&self, console: &Console) -> Result<Imported> {
         let options = self.placement.options(&self.media);
         let source = Source::read(&self.model, &options.materials, console)?;
@@ -85,7 +85,7 @@ impl ModelArgs {
     }
 }
 
-/// From a source to a scene, with everything that a user must be told.
+/// Makes a scene of a source, and prints warnings and notes.
 pub(super) fn import(mut source: Source, options: &ImportOptions, console: &Console) -> Result<Imported> {
     // Before the import, which may fail for what they tell.
     std::mem::take(&mut source.model.warnings).iter().for_each(|warning| console.warn(warning));
@@ -112,7 +112,7 @@ pub(super) fn import(mut source: Source, options: &ImportOptions, console: &Cons
 }
 
 impl PlacementArgs {
-    /// As they were typed.
+    /// The options as they were typed.
     pub(super) fn words(&self) -> Vec<String> {
         let mut words = Vec::new();
         let mut option = |name: &str, value: String| words.extend([name.to_owned(), value]);
@@ -138,7 +138,7 @@ impl PlacementArgs {
         words
     }
 
-    /// As resolved.
+    /// The options as resolved.
     fn options(&self, media: &MediumArgs) -> ImportOptions {
         let unit = self.unit.map(|unit| match unit {
             Unit::Mm => 1.0,

@@ -23,10 +23,11 @@ use crate::report::radiosity_ply::{Single, check_range, comments, radiosity_ply}
 use crate::report::text::{percent, significant};
 use crate::scene::Scene;
 
-/// A triangle of the asset that looks away from a vertex counts as further by this share of the diagonal.
+/// Share of the diagonal that is added to the distance of a triangle of the asset that faces away from a vertex.
 const THIN: f64 = 0.05;
 
-/// Vertices further from the asset's surface than this share of its diagonal belong to another object, or another unit.
+/// Share of the diagonal beyond which a vertex is so far from the asset's surface that it belongs to another object or
+/// unit.
 const ELSEWHERE: f64 = 0.1;
 
 /// The other mesh of `--on`.
@@ -36,7 +37,7 @@ pub(super) struct OtherMesh<'a> {
     pub(super) measure: bool,
 }
 
-/// A mesh with the places of its vertices, and of the centres of its triangles, on the asset's surface.
+/// A mesh with the positions of its vertices, and of the centres of its triangles, on the asset's surface.
 struct Placed {
     mesh: Mesh,
     /// A third of the area around each vertex, mm^2.
@@ -46,7 +47,7 @@ struct Placed {
 }
 
 impl OtherMesh<'_> {
-    /// Lights the asset, writes the radiosity of the other mesh and says what differs between the two.
+    /// Lights the asset, writes the radiosity of the other mesh and reports how the two differ.
     pub(super) fn run(
         &self,
         mut evaluator: Box<dyn Evaluator>,
@@ -114,7 +115,7 @@ impl OtherMesh<'_> {
     }
 }
 
-/// Radiosity of the other mesh, and what two ways of taking it from the asset differ by.
+/// Radiosity of the other mesh, and the difference between two ways of taking it from the asset.
 struct OnMesh {
     radiosity: Vec<DVec3>,
     at: VertexError,

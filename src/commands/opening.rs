@@ -34,7 +34,7 @@ pub(super) struct Opened {
 }
 
 impl Opened {
-    /// Relative error that the bake was asked for.
+    /// Relative error that the bake aimed at.
     pub(super) fn asked_rms(&self) -> Option<f64> {
         self.provenance.settings.get("max-rms").and_then(|text| text.parse().ok())
     }
@@ -45,7 +45,7 @@ pub(super) fn baked(asset: Asset, console: &Console) -> Result<Box<dyn Evaluator
     console.stage("prepare", || console.registry.open(Arc::new(asset)))
 }
 
-/// Makes the evaluators of assets, their memory checked before.
+/// Makes the evaluators of assets after a check of their memory.
 pub(super) fn within_memory(console: &Console) -> impl Fn(&Arc<Asset>, &Path) -> Result<Box<dyn Evaluator>> {
     |asset, path| {
         let form = console.registry.form(asset).map_err(|e| e.at(path.display()))?;
@@ -68,7 +68,7 @@ impl AssetArgs {
         Ok(Opened { provenance: asset.provenance.clone(), evaluator })
     }
 
-    /// Reads an asset; the one of these arguments comes in its other size where one is asked for.
+    /// Reads an asset; the asset of these arguments is resized where another size is asked for.
     fn read(&self, registry: &Registry, path: &Path) -> Result<Asset> {
         let asset = Asset::read(path)?;
         let Some(size_mm) = self.size_mm.filter(|_| path == self.asset) else { return Ok(asset) };
@@ -87,13 +87,13 @@ impl AssetArgs {
 
 #[cfg(feature = "gui")]
 impl AssetArgs {
-    /// The profile that is asked for.
+    /// The profile that was given, otherwise the dipole.
     pub(super) fn profile(&self) -> Result<crate::medium::profiles::model::ProfileModel> {
         self.profile.model()
     }
 
-    /// An asset as it was baked, this one in its other size where one is asked for, with a profile in the dipole's place where
-    /// there is one and isotropic single scattering in its radiosity.
+    /// An asset as it was baked, resized if it is the asset of these arguments and another size is asked for, with the
+    /// given profile in place of the dipole and isotropic single scattering added to its radiosity.
     pub(super) fn again(
         &self,
         registry: &Registry,

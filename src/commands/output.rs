@@ -1,4 +1,4 @@
-//! Where results go: files by suffix, standard output.
+//! Destinations of results: files by suffix, standard output.
 
 use std::path::{Path, PathBuf};
 
@@ -7,7 +7,7 @@ use crate::error::{Error, ExitCode, Result};
 use crate::import::file::suffix;
 use crate::io::atomic;
 
-/// Refuses outputs that cannot be told apart or written: before the work, not after it.
+/// Refuses outputs that collide or cannot be written, before the work rather than after it.
 pub(super) fn check(outputs: &[PathBuf], suffixes: &[&str], console: &Console) -> Result<()> {
     for (index, path) in outputs.iter().enumerate() {
         if outputs[..index].contains(path) {
@@ -39,7 +39,7 @@ pub(super) fn check(outputs: &[PathBuf], suffixes: &[&str], console: &Console) -
     Ok(())
 }
 
-/// Writes the same bytes to every output; none are made where there is no output.
+/// Writes the same bytes to every output; without outputs the bytes are not made.
 pub(super) fn write<P: AsRef<Path>>(
     outputs: &[P],
     console: &Console,

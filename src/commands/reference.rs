@@ -1,5 +1,5 @@
-//! `translux reference MODEL --light L -o B.ply`: the truth without an asset, or any method's figures in memory; by the
-//! dipole as the methods have it, or by a random walk through the volume.
+//! `translux reference MODEL --light L -o B.ply`: the truth without an asset, or any method in memory; with the dipole,
+//! or with a random walk through the volume.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -25,10 +25,10 @@ use crate::scene::Scene;
 use crate::transport::random_walk::exitance::{self, Effort, Exitance, MOST_PHOTONS};
 use crate::transport::random_walk::tally::{Budget, NONE};
 
-/// Noise that a random walk aims at where nothing else is asked for.
+/// Default noise of a random walk.
 const DEFAULT_NOISE: f64 = 0.05;
 
-/// A share of lost flux above this is worth a warning.
+/// Share of lost flux above which a warning is given.
 const WORTH_A_WARNING: f64 = 1e-6;
 
 #[derive(Clone, Debug, Args)]
@@ -146,7 +146,7 @@ fn monte_carlo(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
     verdict
 }
 
-/// Refuses parts that are no volumes.
+/// Refuses parts that enclose no volume.
 fn check_closed(scene: &Scene, check: &MeshCheck) -> Result<()> {
     for (entry, part) in scene.parts.parts.iter().zip(&check.parts).filter(|(entry, _)| entry.transfers()) {
         if part.part.closure == Closure::Open {
@@ -167,7 +167,7 @@ fn check_closed(scene: &Scene, check: &MeshCheck) -> Result<()> {
 }
 
 impl ReferenceArgs {
-    /// How long to walk, once nothing asks for what a walk does not have.
+    /// The effort of the walk; refuses options that a walk does not have.
     fn effort(&self) -> Result<Effort> {
         let unfit = [
             (self.method != "reference", "--method"),
@@ -192,7 +192,7 @@ impl ReferenceArgs {
     }
 }
 
-/// Notes and warnings about a walk.
+/// Prints notes and warnings about a walk.
 fn tell(walked: &Exitance, rate: f64, console: &Console) {
     let noise = walked.relative_noise().to_array().map(percent);
     let collisions: u64 = walked.budget.iter().map(|b| b.collisions).sum();

@@ -75,7 +75,7 @@ impl DeviceArg {
     }
 }
 
-/// Figures of an animation.
+/// Report of an animation.
 #[derive(Serialize)]
 struct AnimationReport<'a> {
     #[serde(serialize_with = "crate::report::path")]
@@ -83,7 +83,7 @@ struct AnimationReport<'a> {
     timings: &'a Timings,
 }
 
-/// Runs on the main thread, which a window needs; work goes to `pool`.
+/// Runs on the main thread, as a window must; work goes to `pool`.
 pub(super) fn run(args: &RelightArgs, console: &Console, pool: Arc<rayon::ThreadPool>) -> Result<ExitCode> {
     match (args.headless, args.frames, &args.out) {
         (true, Some(frames), Some(out)) => {
@@ -103,7 +103,7 @@ pub(super) fn run(args: &RelightArgs, console: &Console, pool: Arc<rayon::Thread
     }
 }
 
-/// With all that frames show: single scattering as a part of the radiosity.
+/// The evaluator as frames show it, with single scattering added to the radiosity.
 fn drawn(evaluator: Box<dyn Evaluator>, console: &Console) -> Box<dyn Evaluator> {
     let evaluator = Summed::of(evaluator);
     if evaluator.single_scattering_is() == SingleScattering::TracedTowardsEye {
@@ -162,7 +162,7 @@ fn window(_: &RelightArgs, _: &Console, _: Arc<rayon::ThreadPool>) -> Result<Exi
     ))
 }
 
-/// Figures of a window.
+/// Report of a window's run.
 #[cfg(feature = "gui")]
 #[derive(Serialize)]
 struct WindowRun<'a> {

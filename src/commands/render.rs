@@ -94,7 +94,7 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> Result<ExitCode> {
 }
 
 impl PictureArgs {
-    /// The defaults for a camera and a resolution.
+    /// The default picture arguments for a camera and a resolution.
     pub(super) fn at(camera: CameraSpec, resolution: Resolution) -> Self {
         Self {
             view: ViewArgs::from(camera),
@@ -138,7 +138,7 @@ impl PictureArgs {
     }
 }
 
-/// Lights an evaluator, renders it and writes the pictures; the report, and what was written.
+/// Lights an evaluator, renders it and writes the pictures; returns the report and the picture.
 pub(super) fn finish(
     evaluator: &mut dyn Evaluator,
     method: &str,
@@ -204,7 +204,7 @@ pub(super) fn finish(
     Ok((result, frame))
 }
 
-/// The file of a texture.
+/// The file of a texture, hashed.
 fn picture_input(texture: Option<&Texture>) -> Result<Option<Input>> {
     texture.and_then(Texture::path).map(Input::read).transpose()
 }
@@ -218,7 +218,7 @@ fn cost_of_single(frame: &Frame, paths_per_pixel: u64) -> String {
     )
 }
 
-/// Notes and warnings about a picture that may not look as expected.
+/// Prints notes and warnings about a picture that may not look as expected.
 fn explain(result: &RenderReport, frame: &Frame, console: &Console) {
     console.note(&format!("CAMERA {} | exposure {}", result.camera, significant(result.exposure_factor)));
     if result.coverage == 0.0 {

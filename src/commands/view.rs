@@ -57,7 +57,7 @@ fn texture_help() -> String {
 }
 
 impl ViewArgs {
-    /// The defaults for a camera.
+    /// The default view arguments for a camera.
     pub(super) fn from(camera: CameraSpec) -> Self {
         Self {
             camera: Some(camera),
@@ -73,7 +73,7 @@ impl ViewArgs {
         if self.no_specular { Specular::Off } else { Specular::Rough(self.roughness) }
     }
 
-    /// Reads the texture for a mesh; says what is odd about it.
+    /// Reads the texture for a mesh and prints its warnings.
     pub(super) fn load_texture(&self, mesh: &Mesh, console: &Console) -> Result<Option<Texture>> {
         let texture = Texture::new(&self.texture, mesh)?;
         texture.iter().flat_map(Texture::warnings).for_each(|warning| console.warn(warning));

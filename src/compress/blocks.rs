@@ -1,15 +1,15 @@
 //! Blocks of wavelet coefficients: one coefficient of one basis function for neighbouring receivers, kept or dropped
 //! together and quantised with one step for each function.
 //!
-//! What dropping or rounding a coefficient costs is its significance: its size in a typical material times the detail that
-//! a typical light has there, relative to the radiosity. All coefficients cost about the same bytes, so for a given error
-//! one threshold on the significance serves all of them.
+//! The significance of a coefficient is the error of dropping or rounding it: its size in a typical material times the
+//! detail that a typical light has there, relative to the radiosity. All coefficients cost about the same bytes, so for
+//! a given error one threshold on the significance serves all of them.
 
-/// Receivers side by side in a block.
+/// Number of neighbouring receivers in a block.
 pub const LANES: usize = 16;
 
-/// Step for one typical unit such that rounding adds an RMS of `error`: `gain2` is the sum over a receiver's kept
-/// coefficients of the squared detail of the light, as a mean over receivers.
+/// Quantisation step, in typical units, for which rounding adds an RMS of `error`. `gain2` is the sum over a receiver's
+/// kept coefficients of the squared detail of the light, as a mean over receivers.
 pub fn step(gain2: f64, error: f64) -> f64 {
     // Uniform rounding errors have a variance of step^2 / 12.
     if gain2 > 0.0 { error * (12.0 / gain2).sqrt() } else { error }
@@ -22,7 +22,7 @@ pub fn fitting_step(step: f64, largest: f64) -> f32 {
     if step.is_finite() { (step as f32).min(f32::MAX) } else { f32::MAX }
 }
 
-/// The transform of a row over its lanes, of which `count` are real; the others repeat the last, which costs nothing.
+/// The transform of a row over its lanes; lanes from `count` on repeat the last valid one, which costs nothing.
 pub fn transformed(row: &[f32; LANES], count: usize) -> [f32; LANES] {
     let mut row = *row;
     let last = row[count.clamp(1, LANES) - 1];

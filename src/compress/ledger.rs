@@ -1,21 +1,22 @@
-//! The error ledger: what each lossy stage added, all in the unit of the vertex error.
+//! The error ledger: the error that each lossy stage added, in the unit of the vertex error.
 
 use crate::math::statistics::VertexError;
 
-/// Stages that only light from an environment goes through.
+/// Stages that only light from an environment passes through.
 pub const ENVIRONMENT_STAGES: [&str; 3] = ["visibility", "cube map", "row truncation"];
 
-/// Stages of what stands beside the radiosity: their errors are relative to it alone, so that sums leave them out.
+/// Stages of quantities separate from the radiosity: their errors are relative to those alone, so that sums leave them
+/// out.
 pub const BESIDE_RADIOSITY: [&str; 1] = ["single scattering"];
 
-/// What one stage added.
+/// The error that one stage added.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Entry {
     /// Name of the stage.
     pub stage: String,
-    /// Its error.
+    /// Error of the stage.
     pub error: VertexError,
-    /// How it was measured.
+    /// How the error was measured.
     pub note: String,
 }
 
@@ -27,7 +28,7 @@ pub struct Ledger {
 }
 
 impl Ledger {
-    /// Adds what a stage lost.
+    /// Adds the error of a stage.
     pub fn add(&mut self, stage: &str, error: VertexError, note: impl Into<String>) {
         self.entries.push(Entry { stage: stage.to_owned(), error, note: note.into() });
     }
@@ -46,13 +47,13 @@ impl Ledger {
         }
     }
 
-    /// [`Self::total_rms`] without what only light from an environment meets.
+    /// [`Self::total_rms`] without the stages that only light from an environment passes through.
     pub fn total_rms_without_environment(&self) -> f64 {
         self.of_radiosity().filter(|e| !ENVIRONMENT_STAGES.contains(&e.stage.as_str())).map(|e| e.error.rms).sum()
     }
 
-    /// Sum of the stages' RMS, those of what stands beside the radiosity apart: errors of different stages may point the same way,
-    /// so this is what is promised.
+    /// Sum of the stages' RMS, without quantities separate from the radiosity. Errors of different stages may point the
+    /// same way, so this sum is the stated error.
     pub fn total_rms(&self) -> f64 {
         self.of_radiosity().map(|e| e.error.rms).sum()
     }

@@ -1,4 +1,4 @@
-//! What is lost on the way, and the record of it.
+//! Lossy coding, and the ledger of its errors.
 
 pub mod blocks;
 pub mod ledger;

@@ -1,7 +1,7 @@
-//! Predictive coding of scattered data: values at points of a surface (or of the sphere of directions), coarse to fine, each
-//! level predicted from the reconstruction of those before it; what is left is quantised.
+//! Predictive coding of scattered data: values at points of a surface (or of the sphere of directions), coarse to fine,
+//! each level predicted from the reconstruction of those before it; the residuals are quantised.
 //!
-//! Because the prediction is made from what a reader has, the error of a value is that of its own quantiser alone.
+//! Because the prediction is made from reconstructed values, the error of a value is that of its own quantiser alone.
 
 use std::ops::Range;
 
@@ -9,16 +9,16 @@ use rayon::prelude::*;
 
 use crate::geometry::scattered::{Kriging, OrientedPoint, Weights, choose};
 
-/// Sources that a point is predicted from.
+/// Number of sources that a point is predicted from.
 const SOURCES: usize = 12;
 
-/// What is nearer to zero than this many steps becomes zero and so on: fewer bits for a little more error.
+/// Rounding offset: a residual below 1 - 0.42 steps becomes zero and so on, for fewer bits and a little more error.
 const ROUNDING: f32 = 0.42;
 
-/// No row.
+/// Index that stands for no row.
 const NONE: u32 = u32::MAX;
 
-/// Points in the order in which they are coded, and what each is predicted from.
+/// Points in the order in which they are coded, and the weights that predict each.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Net {
     /// Index of the point of every row.
@@ -29,12 +29,12 @@ pub struct Net {
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Level {
     rows: Range<usize>,
-    /// Sources are rows.
+    /// Weights of the prediction; the sources are rows.
     weights: Weights,
 }
 
 impl Net {
-    /// Reference points of every run of `points` (parts, which do not predict each other) at a spacing.
+    /// A net of reference points at a spacing for every run of `points` (a part; parts do not predict each other).
     pub fn new(points: &[OrientedPoint], parts: &[Range<usize>], spacing_mm: f64) -> Self {
         let of_part = |part: &Range<usize>| {
             let first = part.start as u32;
@@ -78,19 +78,19 @@ impl Net {
         net
     }
 
-    /// Rows in the order of the points that do not predict each other.
+    /// A net of points in their own order that do not predict each other.
     pub fn unpredicted(points: usize) -> Self {
         let weights =
             Weights { each: SOURCES, sources: vec![NONE; points * SOURCES], values: vec![0.0; points * SOURCES] };
         Self { point: (0..points as u32).collect(), levels: vec![Level { rows: 0..points, weights }] }
     }
 
-    /// For each row one before it that is likely to be similar; `u32::MAX` where there is none.
+    /// An earlier row for each row that is likely to be similar; `u32::MAX` where there is none.
     pub fn similar(&self) -> Vec<u32> {
         self.levels.iter().flat_map(|l| l.weights.sources.chunks_exact(SOURCES).map(|sources| sources[0])).collect()
     }
 
-    /// Quantises values `[row][column]` with a step for each column. Returns the integers and what a reader makes of them.
+    /// Quantises values `[row][column]` with a step for each column. Returns the integers and the reconstructed values.
     pub fn quantise(&self, values: &[f32], steps: &[f32]) -> (Vec<i16>, Vec<f32>) {
         let columns = steps.len().max(1);
         let mut integers = vec![0i16; values.len()];
@@ -113,7 +113,7 @@ impl Net {
         (integers, known)
     }
 
-    /// Undoes [`Self::quantise`]; as many integers as rows times steps are needed, other numbers give nothing.
+    /// Undoes [`Self::quantise`]; returns nothing unless the number of integers is rows times steps.
     pub fn dequantise(&self, integers: &[i16], steps: &[f32]) -> Vec<f32> {
         let columns = steps.len();
         if columns == 0 || self.point.len().checked_mul(columns) != Some(integers.len()) {

@@ -1,16 +1,17 @@
 //! Rows of neighbouring patches together: the Haar transform over the tree of a block of patches.
 //!
-//! Wang et al. 2008 (section 3.3) transform their visibility vectors over the surface as well. Patches that lie side by side
-//! see nearly the same of a light, so that the differences of their rows are small, and most of them fall below what is kept. In a
-//! block of n numbers the first becomes their mean; each piece, halved as [`translux_format::rows::blocks`] halves, leaves the mean
-//! of its left half less that of the right one at the first place of the right one. What is dropped there never changes the mean of a block.
-//! Both ways are linear, so that a reader multiplies the transformed rows with a light and transforms the products back.
+//! Wang et al. 2008 (section 3.3) transform their visibility vectors over the surface as well. Neighbouring patches see
+//! nearly the same of a light, so that the differences of their rows are small, and most of them are dropped. In a
+//! block of n numbers the first becomes their mean; each piece, halved as [`translux_format::rows::blocks`] halves,
+//! stores the mean of its left half less that of the right one at the first place of the right one. Dropping such a
+//! difference never changes the mean of a block. Both ways are linear, so that a reader multiplies the transformed rows
+//! with a light and transforms the products back.
 
 use std::ops::Range;
 
 use glam::DVec3;
 
-/// Where the right half of a piece of so many begins.
+/// Start of the right half of a piece of `count` numbers.
 fn middle(count: usize) -> usize {
     count.div_ceil(2)
 }
@@ -65,7 +66,8 @@ pub fn inverse_rows(rows: &mut [f32], stride: usize) {
     inverse_rows(right, stride);
 }
 
-/// For each row of a block of so many: what the square of one of its coefficients adds to the sum of the squares of all patches.
+/// Weight of each row of a block of `count`: the contribution of the square of one of its coefficients to the sum of
+/// the squares of all patches.
 pub fn weights(count: usize) -> Vec<f32> {
     let mut result = vec![0.0; count];
     if let Some(first) = result.first_mut() {
@@ -133,7 +135,7 @@ mod tests {
         assert_eq!(weights(3), [3.0, 0.5, 2.0 / 3.0]);
     }
 
-    /// Parseval: the weighted squares are those of the values.
+    /// Parseval: the weighted squares sum to the squares of the values.
     #[test]
     fn weights_keep_the_sum_of_the_squares() {
         for count in [1, 2, 3, 11, 64] {

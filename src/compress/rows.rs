@@ -12,29 +12,30 @@ use crate::error::{Error, Result};
 use crate::light::cube_light::CubeLight;
 use crate::medium::entrance_basis::{EntranceBasis, MOST_TERMS};
 
-/// Rows that are multiplied with a light.
+/// Irradiance rows that can be multiplied with a light.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rows {
-    /// Valid: `fill` relies on it.
+    /// Validated rows, on which `fill` relies.
     data: IrradianceRows,
     entrance: EntranceBasis,
-    /// Patches that share rows, or that are decoded together, first and one past the last, one run after the other.
+    /// Patches that share rows, or that are decoded together: first and one past the last of each run.
     runs: Vec<[u32; 2]>,
 }
 
-/// All coefficients of the rows of a run of patches, as many as any of them has: what products with cube maps of their own need.
+/// Dense coefficients of the rows of a run of patches, over the union of their indices: for products with cube maps
+/// made for them.
 #[derive(Clone, Debug, Default)]
 pub struct WholeRows {
-    /// Of each coefficient of the cube map: its place among `indices`, counted from 1.
+    /// Place among `indices` of each coefficient of the cube map, counted from 1; 0 for none.
     places: Vec<u16>,
     indices: Vec<u16>,
-    /// `[patch][index]`.
+    /// Coefficients `[patch][index]`.
     values: Vec<f32>,
 }
 
 impl WholeRows {
-    /// Writes those of a patch, counted from the first of the run, into `out`, which has room for six faces and is 0 but for what
-    /// other patches of the run wrote there.
+    /// Writes the coefficients of a patch, counted from the first of the run, into `out`, which has room for six faces
+    /// and is 0 except where other patches of the run were written.
     pub fn write(&self, patch: usize, out: &mut [f32]) {
         let count = self.indices.len();
         let values = self.values.get(patch * count..).unwrap_or(&[]);
@@ -45,7 +46,7 @@ impl WholeRows {
         }
     }
 
-    /// Makes what [`WholeRows::write`] wrote 0 again.
+    /// Resets to 0 what [`WholeRows::write`] wrote.
     pub fn erase(&self, out: &mut [f32]) {
         for index in &self.indices {
             if let Some(out) = out.get_mut(usize::from(*index)) {
@@ -54,7 +55,7 @@ impl WholeRows {
         }
     }
 
-    /// Forgets all; afterwards the run has coefficients at `indices`.
+    /// Clears everything and starts a run with coefficients at `indices`.
     fn begin(&mut self, coefficients: usize, indices: impl Iterator<Item = u16>) {
         for index in self.indices.drain(..) {
             self.places[usize::from(index)] = 0;
@@ -69,14 +70,14 @@ impl WholeRows {
     }
 }
 
-/// Patches that are decoded together where they share no rows, at most.
+/// Largest number of patches that are decoded together where they share no rows.
 const TOGETHER: usize = 64;
 
-/// Coefficients whose values are dequantised together.
+/// Number of coefficients whose values are dequantised together.
 const RUN: usize = 64;
 
 impl Rows {
-    /// Takes rows that were just made, of the patches `part_offsets[i]..part_offsets[i + 1]` of each part.
+    /// Wraps new rows of the patches `part_offsets[i]..part_offsets[i + 1]` of each part.
     ///
     /// # Errors
     /// Rows that are not valid (exit 3).
@@ -85,8 +86,8 @@ impl Rows {
         Self::of_valid(data, part_offsets)
     }
 
-    /// The rows of an asset with these patches of each part, `None` if it has none. They are checked while they are decoded, and
-    /// not again.
+    /// The rows of an asset with these patches of each part, `None` if it has none. They are checked while they are
+    /// decoded.
     ///
     /// # Errors
     /// Sections that are missing or not valid (exit 3).
@@ -106,27 +107,27 @@ impl Rows {
         Ok(Self { data, entrance, runs })
     }
 
-    /// Patches that share rows, first and one past the last, one block after the other; empty where they do not.
+    /// Patches that share rows, first and one past the last of each block; empty where they share none.
     pub fn blocks(&self) -> &[[u32; 2]] {
         if self.data.block > 0 { &self.runs } else { &[] }
     }
 
-    /// Patches of one part that [`Rows::decode`] decodes together, first and one past the last, one run after the other.
+    /// Patches of one part that [`Rows::decode`] decodes together, first and one past the last of each run.
     pub fn runs(&self) -> &[[u32; 2]] {
         &self.runs
     }
 
-    /// The functions of the angle that the rows are made of; they give the coefficients of a refractive index.
+    /// The functions of the angle of which the rows are made; they give the coefficients of a refractive index.
     pub fn entrance(&self) -> &EntranceBasis {
         &self.entrance
     }
 
-    /// The plain arrays.
+    /// The rows as plain arrays.
     pub fn data(&self) -> &IrradianceRows {
         &self.data
     }
 
-    /// The plain arrays.
+    /// The rows as plain arrays.
     pub fn into_data(self) -> IrradianceRows {
         self.data
     }
@@ -136,7 +137,7 @@ impl Rows {
         self.data.patches()
     }
 
-    /// Whether there are no patches.
+    /// Returns whether there are no patches.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -168,7 +169,7 @@ impl Rows {
         Ok(result)
     }
 
-    /// As [`Rows::irradiance`] for some patches, on one thread; patches beyond the last are left out.
+    /// Like [`Rows::irradiance`] for some patches, on one thread; patches beyond the last are left out.
     ///
     /// # Errors
     /// A light with another side (exit 3).
@@ -241,7 +242,7 @@ impl Rows {
         )))
     }
 
-    /// Rows from `first` on times the light, as many as there are in `out` and in the rows.
+    /// Products of the light with rows from `first` on, as many as there are in `out` and in the rows.
     fn fill(
         &self,
         first: usize,

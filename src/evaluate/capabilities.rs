@@ -1,17 +1,17 @@
-//! What an evaluator allows and what it holds.
+//! The edits that an evaluator allows, and the size of what it holds.
 
-/// What an evaluator allows.
+/// The edits that an evaluator allows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Capabilities {
-    /// What may change about the material without a new bake.
+    /// Material properties that may change without a new bake.
     pub material: MaterialEdit,
-    /// Whether another radial profile may take the dipole's place.
+    /// Radial profiles that may replace the dipole.
     pub profile: ProfileEdit,
-    /// Whether area lights may go through source radiance fields ([`crate::light::source_field`]).
+    /// Use of source radiance fields ([`crate::light::source_field`]) for area lights.
     pub source_fields: SourceFields,
 }
 
-/// What may change about the material.
+/// Material properties that may change without a new bake.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum MaterialEdit {
@@ -21,25 +21,25 @@ pub enum MaterialEdit {
     Any,
 }
 
-/// Whether area lights may go through source radiance fields.
+/// Use of source radiance fields for area lights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SourceFields {
-    /// No: there are no irradiance rows at the samples.
+    /// Not possible: there are no irradiance rows at the samples.
     None,
-    /// Yes, in the media in force: their refractive indices are those that the rows serve.
+    /// Possible in the media in force: their refractive indices are those that the rows serve.
     Any,
 }
 
-/// Which radial profiles an evaluator takes.
+/// Radial profiles that an evaluator takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ProfileEdit {
-    /// The one that its transport was computed for.
+    /// Only the profile that its transport was computed for.
     None,
-    /// Any, on the CPU: the shaders know the dipole alone.
+    /// Any profile, on the CPU: the shaders know the dipole alone.
     OnCpu,
-    /// Any, on devices as well.
+    /// Any profile, on devices as well.
     Any,
 }
 
@@ -54,17 +54,18 @@ pub struct Cost {
     pub resident_bytes: usize,
 }
 
-/// Where single scattering is.
+/// The place where an evaluator returns single scattering.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SingleScattering {
-    /// Nowhere.
+    /// There is no single scattering.
     None,
-    /// In the radiosity, isotropic: what leaves is the same as with [`Self::PerVertex`], but nothing tells the two apart.
+    /// Added to the radiosity, isotropic: the sum is the same as with [`Self::PerVertex`], but nothing tells the two
+    /// apart.
     Included,
-    /// Beside it: [`super::Evaluator::single_scattering`].
+    /// A separate value per vertex: [`super::Evaluator::single_scattering`].
     PerVertex,
-    /// Beside it, for eyes alone, looked up: [`super::Evaluator::towards_eye`].
+    /// Separate and dependent on the eye, looked up: [`super::Evaluator::towards_eye`].
     TowardsEye,
-    /// The same by rays.
+    /// Separate and dependent on the eye, traced by rays.
     TracedTowardsEye,
 }

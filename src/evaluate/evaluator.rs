@@ -1,4 +1,4 @@
-//! The traits of what an asset is at run time: lights in, radiosity out, on the CPU or on a device.
+//! The traits of an asset at run time: lights in, radiosity out, on the CPU or on a device.
 
 #[cfg(feature = "gpu")]
 use std::sync::Arc;
@@ -21,16 +21,16 @@ use crate::scene::Scene;
 
 /// An asset at run time: lights in, radiosity out. Linear in the lights.
 pub trait Evaluator: Send {
-    /// What may change.
+    /// The edits that are allowed.
     fn capabilities(&self) -> Capabilities;
 
-    /// Size of what is held.
+    /// Size of what the evaluator holds.
     fn cost(&self) -> Cost;
 
     /// The scene that the asset describes, with the media in force.
     fn scene(&self) -> &Scene;
 
-    /// Occluders of the scene, for whoever looks at it.
+    /// Ray-tracing hierarchy of the scene's occluders, which also serves drawing.
     fn bvh(&self) -> &Bvh;
 
     /// Replaces the lights.
@@ -55,12 +55,12 @@ pub trait Evaluator: Send {
         ))
     }
 
-    /// Spends memory and time now, so that edits of the media under one light are fast from here on. What is summed may be coarser than
-    /// without, by far less than the error that was asked for.
+    /// Spends memory and time now, so that later edits of the media under one light are fast. The sums may become
+    /// coarser, by far less than the error that was asked for.
     fn prepare_for_edits(&mut self, _progress: &dyn Progress) {}
 
-    /// Radiosity of every source vertex, RGB; zero for vertices without transferring area. Whoever draws takes it as [`Exitance`] that
-    /// is linear over each triangle.
+    /// Radiosity of every source vertex, RGB; zero for vertices without transferring area. As an [`Exitance`] it is
+    /// linear over each triangle.
     ///
     /// # Errors
     /// Failures of the work.
@@ -76,12 +76,12 @@ pub trait Evaluator: Send {
         Ok(None)
     }
 
-    /// Where single scattering is, without the work of computing it.
+    /// The place of single scattering, without the work of computing it.
     fn single_scattering_is(&self) -> SingleScattering {
         SingleScattering::None
     }
 
-    /// Single scattering under the lights and media in force as eyes see it, where that is more than
+    /// Single scattering under the lights and media in force as seen by an eye, where it differs from
     /// [`Self::single_scattering`].
     ///
     /// # Errors
@@ -90,14 +90,14 @@ pub trait Evaluator: Send {
         Ok(None)
     }
 
-    /// Puts the eye somewhere, mm, for what leaves the surface towards it alone; whether that is anything, so that
-    /// [`Self::radiosity`] has changed.
+    /// Sets the position of the eye, mm, for light that leaves the surface towards it alone. Returns whether
+    /// [`Self::radiosity`] depends on it.
     fn set_eye(&mut self, _at_mm: DVec3) -> bool {
         false
     }
 
-    /// Makes ready what [`Self::exitance_at_points`] gives until lights or media change. Only what gathers from samples when it is
-    /// evaluated can do so.
+    /// Prepares [`Self::exitance_at_points`] until lights or media change. Only forms that gather from samples at run
+    /// time support it.
     ///
     /// # Errors
     /// `Unsupported` where transport ends at the vertices that it was computed for; failures of the work.
@@ -107,20 +107,22 @@ pub trait Evaluator: Send {
         ))
     }
 
-    /// Exitance at any point of the parts under the lights and media in force, after [`Self::prepare_points`]; none without.
+    /// Exitance at any point of the parts under the lights and media in force, after [`Self::prepare_points`];
+    /// otherwise none.
     fn exitance_at_points(&self) -> Option<Box<dyn Exitance + '_>> {
         None
     }
 
-    /// What the evaluator measures of its own error for the lights and media in force, on vertices that no choice saw;
-    /// what was tuned for these lights is measured under the `unseen` ones as well.
+    /// The evaluator's own error for the lights and media in force, by stage, measured on vertices that no choice saw.
+    /// Stages that were tuned for these lights are measured under the `unseen` ones as well.
     ///
     /// # Errors
     /// Failures of the work.
     fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger>;
 
-    /// Radiosity of every source vertex under the lights and media in force, RGB, as the samples alone would have it: all
-    /// pairs, the near field integrated as finely as the truth does. What the evaluator's own transport is off by.
+    /// Radiosity of every source vertex under the lights and media in force, RGB, from all pairs of the evaluator's
+    /// samples, the near field integrated as finely as in the truth. The difference from it is the error of the
+    /// evaluator's transport.
     ///
     /// # Errors
     /// Failures of the work.
@@ -136,13 +138,13 @@ pub trait Evaluator: Send {
     }
 }
 
-/// An evaluator whose radiosity lies in the memory of a device, for whoever draws it there.
+/// An evaluator whose radiosity lies in the memory of a device, to be drawn there.
 #[cfg(feature = "gpu")]
 pub trait DeviceEvaluator: Evaluator {
     /// The device.
     fn device(&self) -> &Arc<Device>;
 
-    /// Brings the buffer up to date with the lights and the media in force; what it enqueues comes before later
+    /// Brings the buffer up to date with the lights and the media in force. Its commands are enqueued before later
     /// submissions.
     ///
     /// # Errors
@@ -154,13 +156,13 @@ pub trait DeviceEvaluator: Evaluator {
     /// between which the rasteriser interpolates.
     fn radiosity_buffer(&self) -> &wgpu::Buffer;
 
-    /// What the buffer's values are multiplied by: a power of two that keeps them in the range of single precision. May
-    /// change with every update.
+    /// Factor from the buffer's values to radiosity: a power of two that keeps them in the range of single precision.
+    /// May change with every update.
     fn scale(&self) -> f64;
 
     /// Receiver of each source vertex; `u32::MAX` for vertices that have none, whose radiosity is 0.
     fn receiver_of_vertex(&self) -> &[u32];
 
-    /// Where the transport is computed, as a person would say it.
+    /// Where the transport is computed, in words.
     fn transport(&self) -> String;
 }

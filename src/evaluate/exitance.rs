@@ -1,9 +1,9 @@
-//! Exitance between whoever computes it and whoever draws it: at the source vertices, or at any point of the surface.
+//! Exitance as it is handed from evaluators to renderers: at the source vertices, or at any point of the surface.
 //!
-//! [`Evaluator::radiosity`](super::Evaluator::radiosity) gives that of the vertices, which is linear over each triangle;
-//! [`Evaluator::exitance_at_points`](super::Evaluator::exitance_at_points) that of forms which gather, at every point that is asked
-//! for. A rasteriser has no use for either: [`DeviceEvaluator`](super::evaluator::DeviceEvaluator) leaves the exitance of the vertices
-//! in the memory of the device, and the interpolation over a triangle is the device's own.
+//! [`Evaluator::radiosity`](super::Evaluator::radiosity) gives the exitance of the vertices, which is linear over each
+//! triangle; [`Evaluator::exitance_at_points`](super::Evaluator::exitance_at_points) gives it at every point that is
+//! asked for, for forms that gather. A rasteriser needs neither: [`DeviceEvaluator`](super::evaluator::DeviceEvaluator)
+//! leaves the exitance of the vertices in the memory of the device, which interpolates it over each triangle.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -20,7 +20,8 @@ pub struct MeshPoint {
     pub vertices: [u32; 3],
     /// Their weights, which add up to 1.
     pub barycentric: [f64; 3],
-    /// Where it is, relative to the mesh's origin, mm; a little off the triangle for points of another mesh of the same object.
+    /// Position relative to the mesh's origin, mm; a little off the triangle for points of another mesh of the same
+    /// object.
     pub at_mm: DVec3,
 }
 
@@ -35,14 +36,14 @@ impl MeshPoint {
 
 /// Exitance of a triangle mesh, linear RGB, in the unit of the lights' irradiance.
 pub trait Exitance: Sync {
-    /// Of every source vertex, in the order of the source, zero for vertices without transferring area, where that is what there is;
-    /// none where exitance is evaluated at points.
+    /// Exitance of every source vertex, in the order of the source, zero for vertices without transferring area; none
+    /// where exitance is evaluated at points.
     fn at_vertices(&self) -> Option<&[DVec3]>;
 
-    /// At a point, zero where nothing is transferred.
+    /// Exitance at a point, zero where nothing is transferred.
     fn at(&self, point: &MeshPoint) -> DVec3;
 
-    /// At many points, in their order: what they share is computed once.
+    /// Exitance at many points, in their order; shared work is done once.
     fn at_each(&self, points: &[MeshPoint], _progress: &dyn Progress) -> Vec<DVec3> {
         points.par_iter().map(|point| self.at(point)).collect()
     }

@@ -19,32 +19,32 @@ use crate::light::{Light, LightKind};
 use crate::progress::Progress;
 use crate::scene::Scene;
 
-/// What every bake is asked for, whatever its form.
+/// Settings of a bake that all forms share.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BakeSettings {
-    /// Surface samples, or as many as the form needs.
+    /// Number of surface samples; none for as many as the form needs.
     pub samples: Option<usize>,
-    /// Relative error that is asked for.
+    /// Largest relative RMS error that is asked for.
     pub max_rms: f64,
     /// Kinds of light that the asset is made for.
     pub for_lights: BTreeSet<LightKind>,
-    /// Lights that choices and figures take.
+    /// Probe lights for choices and for reported errors.
     pub probes: Probes,
 }
 
 impl BakeSettings {
-    /// Every kind of light, as many samples as are needed, no probe lights.
+    /// Settings for every kind of light, as many samples as are needed, no probe lights.
     pub fn new(max_rms: f64) -> Self {
         Self { samples: None, max_rms, for_lights: LightKind::ALL.into_iter().collect(), probes: Probes::default() }
     }
 
-    /// Whether the asset is made for a kind of light.
+    /// Returns whether the asset is made for a kind of light.
     pub fn is_for(&self, kind: LightKind) -> bool {
         self.for_lights.contains(&kind)
     }
 }
 
-/// Lights for the choices of a bake and for the figures of its ledger, which no choice sees.
+/// Probe lights: one set for the choices of a bake, another for the errors of its ledger, which no choice sees.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Probes {
     /// Lights that choices look at.
@@ -53,11 +53,11 @@ pub struct Probes {
     pub unseen: Vec<Light>,
 }
 
-/// What a form makes of a scene.
+/// The result of a form's bake.
 pub struct AssetParts {
-    /// The surface samples; none where nothing is evaluated from samples.
+    /// The surface samples; empty for forms that evaluate none.
     pub samples: Samples,
-    /// What each lossy stage added.
+    /// The error that each lossy stage added.
     pub ledger: Ledger,
     /// Sections of the form's own.
     pub sections: Vec<RawSection>,
@@ -91,7 +91,8 @@ pub trait Form: Serialize + DeserializeOwned + Send + Sync + 'static {
         &LightKind::ALL
     }
 
-    /// Whether its assets hold transport, which belongs to the size and the mesh that it was computed for.
+    /// Returns whether its assets hold transport, which is valid only for the size and the mesh that it was computed
+    /// for.
     fn holds_transport(&self) -> bool {
         true
     }
@@ -99,7 +100,7 @@ pub trait Form: Serialize + DeserializeOwned + Send + Sync + 'static {
     /// Memory that a bake of this scene takes, in bytes, estimated before the work.
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64;
 
-    /// Precomputes.
+    /// Precomputes the parts of an asset.
     ///
     /// # Errors
     /// Scenes or lights that do not fit; failures of the work.

@@ -1,6 +1,6 @@
 //! Evaluators that wrap another one.
 
-/// What an evaluator that wraps another one in a field passes on unchanged, whatever it does with light.
+/// Forwards the calls that do not concern light to the evaluator that is wrapped in a field.
 macro_rules! forward_scene {
     ($inner:ident) => {
         fn capabilities(&self) -> $crate::evaluate::Capabilities {
@@ -34,7 +34,7 @@ macro_rules! forward_scene {
 }
 pub(crate) use forward_scene;
 
-/// The same of single scattering.
+/// Forwards the calls for single scattering.
 #[cfg(feature = "gpu")]
 macro_rules! forward_single_scattering {
     ($inner:ident) => {

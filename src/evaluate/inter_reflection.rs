@@ -1,5 +1,5 @@
-//! Inter-reflection outside the medium, when it is asked for: what leaves the surface and falls on it again is transferred
-//! again, `B = T(E + K B')` with the `B'` of one time less.
+//! Inter-reflection outside the medium, optional: light that leaves the surface and falls on it again is transferred
+//! again, `B = T(E + K B')`, `B'` being the radiosity with one bounce less.
 
 use glam::DVec3;
 
@@ -13,37 +13,38 @@ use crate::transport::irradiance::Pieces;
 use crate::transport::receivers::Receivers;
 use crate::transport::surface::Surface;
 
-/// Receivers that measure the noise.
+/// Receivers at which the noise is measured.
 const PROBES: usize = 384;
 
-/// Two halves are a single draw, and where a few creases send most of the light there is little to average over: what is
-/// stated is this many times half of their difference. On small heads and a bunny, half of it alone is 0.5 to 2 times the error.
+/// Factor on half the difference of the two halves of the rays, which gives the stated noise: the halves are a single
+/// draw, and where a few creases send most of the light there is little to average over. On small heads and a bunny,
+/// half of the difference alone is 0.5 to 2 times the error.
 const MARGIN: f64 = 2.0;
 
-/// How light that leaves the surface is followed from outside.
+/// Settings of inter-reflection outside the medium.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Outside {
-    /// Times that light falls on the surface again, at least 1.
+    /// Number of bounces, times that light falls on the surface again, at least 1.
     pub times: u32,
-    /// Rays of a sample that look for it, a power of two.
+    /// Rays of each sample, a power of two.
     pub rays: u32,
 }
 
-/// Bytes that it takes at run time at most.
+/// Largest number of bytes that inter-reflection takes at run time.
 pub fn memory(outside: Option<Outside>, samples: usize, scene: &Scene) -> u64 {
     outside.map_or(0, |o| InterReflection::most_bytes(samples, o.rays, scene.mesh.triangles.len()))
 }
 
-/// Irradiance with what comes back from outside.
+/// Irradiance with the light that returns from outside.
 #[derive(Clone, Debug)]
 pub(crate) struct Returned {
-    /// Irradiance of every sample, RGB: that of the lights and what came back.
+    /// Irradiance of every sample, RGB, from the lights and from returned light.
     pub(crate) irradiance: Vec<DVec3>,
-    /// Radiosity of every receiver whose light came back last.
+    /// Radiosity of every receiver in the last bounce.
     outgoing: Vec<DVec3>,
 }
 
-/// What light is transferred by, and where to.
+/// The gather that transfers light, its receivers and its scheme.
 #[derive(Clone, Copy)]
 pub(crate) struct Transfer<'a> {
     pub(crate) gather: &'a Gather<'a>,
@@ -51,7 +52,8 @@ pub(crate) struct Transfer<'a> {
     pub(crate) scheme: Scheme,
 }
 
-/// Times at most; of what is sent out a hundredth comes back 16 times only where almost nothing is absorbed or escapes.
+/// Largest number of bounces; after 16, a hundredth of the light is left only where almost nothing is absorbed or
+/// escapes.
 pub const MOST_TIMES: u32 = 16;
 
 impl Outside {
@@ -74,7 +76,7 @@ impl Outside {
         InterReflection::new(surface, &etas, self.rays, progress).of_receivers(&receivers.of_vertex)
     }
 
-    /// Adds what comes back to the irradiance of the lights.
+    /// Adds the returned light to the irradiance of the lights.
     pub(crate) fn returned(
         self,
         matrix: &InterReflection,
@@ -99,7 +101,8 @@ fn sum(a: &[DVec3], b: &[DVec3]) -> Vec<DVec3> {
 }
 
 impl Returned {
-    /// Flux into the samples over that of the lights alone, of the channel where it is largest; at least 1.
+    /// Total flux into the samples over the flux of the lights alone, in the channel where the ratio is largest; at
+    /// least 1.
     pub(crate) fn gain(&self, direct: &[DVec3], surface: &Surface) -> f64 {
         let flux = |irradiance: &[DVec3]| -> DVec3 {
             surface.patches.iter().zip(irradiance).map(|(patch, e)| patch.area_mm2 * *e).sum()
@@ -109,8 +112,8 @@ impl Returned {
         (0..3).map(of).filter(|gain| gain.is_finite()).fold(1.0, f64::max)
     }
 
-    /// The noise of the rays, with a margin, from half of the difference that two halves of the rays make to the radiosity
-    /// of some receivers, relative to all of it. `areas` are those around the receivers, mm^2.
+    /// The noise of the rays, with [`MARGIN`]: from half of the difference between the radiosities of some receivers by
+    /// either half of the rays, relative to their whole radiosity. `areas` are those around the receivers, mm^2.
     pub(crate) fn noise(
         &self,
         matrix: &InterReflection,

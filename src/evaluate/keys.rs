@@ -13,13 +13,13 @@ pub trait Domain: Sync {
     /// A value.
     type Value;
 
-    /// The value of a text without spaces around it; none where the text is no value.
+    /// Parses a text without spaces around it; none where it is no value.
     fn parse(&self, text: &str) -> Option<Self::Value>;
 
     /// The values in words that complete "needed is".
     fn describe(&self) -> String;
 
-    /// Values that are words, for completions.
+    /// The values that are words, for completions.
     fn words(&self) -> Vec<&'static str> {
         Vec::new()
     }
@@ -57,7 +57,7 @@ impl Domain for PowerOfTwo {
     }
 }
 
-/// One of several words, each with what it means.
+/// One of several words, each with its value.
 #[derive(Clone, Copy, Debug)]
 pub struct OneOf<T: 'static>(pub &'static [(&'static str, T)]);
 
@@ -115,13 +115,13 @@ impl<D: Domain> Domain for Auto<D> {
     }
 }
 
-/// Who needs a key.
+/// The users who need a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Audience {
-    /// Everybody who bakes: shown by `methods NAME`.
+    /// Everybody who bakes: listed by `methods NAME`.
     Everyday,
-    /// Who studies the method or compares it with its paper: shown by `methods NAME --all`.
+    /// Users who study the method or compare it with its paper: listed by `methods NAME --all`.
     Expert,
 }
 
@@ -134,9 +134,9 @@ pub struct Key<D> {
     pub default: &'static str,
     /// One line: effect and unit.
     pub help: &'static str,
-    /// Who needs it.
+    /// Users who need it.
     pub audience: Audience,
-    /// Its values.
+    /// The values that it takes.
     pub domain: D,
 }
 
@@ -157,7 +157,7 @@ impl<D> Key<D> {
     }
 }
 
-/// A key whatever the type of its values: what listings show and what checks a text.
+/// A key whatever the type of its values: listed, and able to check a text.
 pub trait AnyKey: Sync {
     /// Name.
     fn name(&self) -> &'static str;
@@ -168,13 +168,13 @@ pub trait AnyKey: Sync {
     /// One line: effect and unit.
     fn help(&self) -> &'static str;
 
-    /// Who needs it.
+    /// Users who need it.
     fn audience(&self) -> Audience;
 
     /// Its values in words.
     fn values(&self) -> String;
 
-    /// Values that are words.
+    /// The values that are words.
     fn words(&self) -> Vec<&'static str>;
 
     /// Refuses a text that is no value.
@@ -223,7 +223,8 @@ impl<D: Domain> Key<D> {
     }
 }
 
-/// The keys of a method with their values, each checked; a method reads those that its other choices leave a meaning.
+/// The keys of a method with their checked values; a method reads only those that have a meaning under its other
+/// choices.
 pub struct Keys {
     method: &'static str,
     values: BTreeMap<&'static str, String>,
@@ -273,7 +274,7 @@ impl Keys {
         self.values.get(key.name).map_or(key.default, String::as_str)
     }
 
-    /// A key that differs from its default although nothing read it, with its value.
+    /// A key, with its value, that differs from its default although nothing read it.
     pub fn unread(&self) -> Option<(&'static str, &str)> {
         let read = self.read.borrow();
         let unread =
@@ -281,7 +282,7 @@ impl Keys {
         self.values.iter().find(unread).map(|(name, text)| (*name, text.as_str()))
     }
 
-    /// Whether a key was read.
+    /// Returns whether a key was read.
     pub fn was_read(&self, name: &str) -> bool {
         self.read.borrow().contains(name)
     }

@@ -1,4 +1,4 @@
-//! The error of an evaluator, whatever it is, against a truth, whoever has it.
+//! The error of any evaluator against a truth.
 
 use std::borrow::Cow;
 
@@ -12,18 +12,18 @@ use crate::progress::Progress;
 /// Radiosity that an evaluator is judged by.
 #[derive(Clone, Copy, Debug)]
 pub enum Truth<'a> {
-    /// Of every source vertex: a reference, or another asset of the same mesh.
+    /// The given radiosity of every source vertex: a reference, or another asset of the same mesh.
     Given(&'a [DVec3]),
-    /// What the evaluator's own samples give over all pairs ([`Evaluator::all_pairs`]).
+    /// The radiosity of the evaluator's own samples over all pairs ([`Evaluator::all_pairs`]).
     OwnSamples,
 }
 
-/// An evaluator under the lights in force, and the truth.
+/// Radiosity of an evaluator under the lights in force, with the truth and the error.
 #[derive(Clone, Debug)]
 pub struct Measured<'a> {
-    /// Of every source vertex, RGB.
+    /// Radiosity of every source vertex, RGB.
     pub radiosity: Vec<DVec3>,
-    /// The same as it should be.
+    /// True radiosity of every source vertex, RGB.
     pub truth: Cow<'a, [DVec3]>,
     /// A third of the transferring area around each vertex, mm^2.
     pub areas_mm2: Vec<f64>,

@@ -33,8 +33,8 @@ pub trait Method: Sync {
         0.005
     }
 
-    /// Where the method is an approximation by design, the largest relative error that it is meant for; what an evaluator measures of
-    /// its own error stays below. None where the error is as small as it is asked to be.
+    /// Largest relative error of a method that is an approximation by design; the errors that its evaluators measure
+    /// stay below. None where the error is as small as it is asked to be.
     fn declared_error(&self) -> Option<f64> {
         None
     }
@@ -44,7 +44,7 @@ pub trait Method: Sync {
         &[""]
     }
 
-    /// The form that the keys ask for.
+    /// The form and settings that the keys choose.
     ///
     /// # Errors
     /// Command line: values that do not go together; unsupported: kinds of light that it does not serve.
@@ -52,7 +52,7 @@ pub trait Method: Sync {
 }
 
 impl<'a> dyn Method + 'a {
-    /// What runs for keys as typed.
+    /// The recipe for keys as typed.
     ///
     /// # Errors
     /// Keys that are unknown, have no meaning beside the others or a value out of range; those of [`Method::form`].
@@ -83,7 +83,7 @@ impl<'a> dyn Method + 'a {
         choices.filter(|(key, _)| *key != name).filter(reads).map(|(key, word)| format!("{key}={word}")).collect()
     }
 
-    /// What runs when nothing is asked for.
+    /// The recipe of the default keys.
     ///
     /// # Errors
     /// As `recipe`: none for a method whose defaults fit.
@@ -91,21 +91,21 @@ impl<'a> dyn Method + 'a {
         self.recipe(&[], BakeSettings::new(self.default_max_rms()))
     }
 
-    /// Kinds of light that its evaluators serve by default.
+    /// Kinds of light that its evaluators serve with the default keys.
     pub fn kinds(&self) -> &'static [LightKind] {
         self.default_recipe().map_or(&[], |recipe| recipe.form.kinds())
     }
 }
 
-/// What a bake runs, resolved.
+/// A bake with every choice resolved.
 pub struct Recipe {
     /// Name of the method.
     pub method: &'static str,
     /// The form with its settings.
     pub form: Box<dyn AnyForm>,
-    /// Every key as text, for people.
+    /// Value of every key as text, for display.
     pub texts: BTreeMap<String, String>,
-    /// What is asked for beside the keys.
+    /// Settings of the bake beside the keys.
     pub settings: BakeSettings,
 }
 
@@ -115,7 +115,7 @@ impl Recipe {
         self.form.bake_memory(scene, &self.settings)
     }
 
-    /// Bakes a scene into an asset, which records the form, its settings and where it comes from.
+    /// Bakes a scene into an asset, which records the form, its settings and its provenance.
     ///
     /// # Errors
     /// Those of the form.

@@ -1,5 +1,5 @@
-//! What sampling costs: the error of a sample set and its shadow rays, extrapolated from a second set, and that of stored irradiance in
-//! place of the rays.
+//! The error of sampling: that of a sample set and its shadow rays, extrapolated from a second set, and that of stored
+//! irradiance in place of the rays.
 
 use glam::DVec3;
 
@@ -20,7 +20,8 @@ use crate::transport::receivers::Receivers;
 use crate::transport::surface::Surface;
 use crate::transport::tree::SampleTree;
 
-/// Receivers that measure the error; the third of them that no tuning sees (see [`Receivers::subset`]).
+/// Number of receivers at which the error is measured; they belong to the third that no tuning sees (see
+/// [`Receivers::subset`]).
 const PROBES: usize = 384;
 
 /// A lit sample set.
@@ -29,26 +30,26 @@ pub struct Sampled<'a> {
     pub surface: Surface<'a>,
     /// Media in force.
     pub media: &'a [Medium],
-    /// Kernels of the media, where they are not those of the dipole.
+    /// Kernels of the media, where they differ from the dipole's.
     pub kernels: Option<&'a [MediumKernel]>,
     /// Lights in force.
     pub lights: &'a [Light],
-    /// Irradiance of each sample by rays, RGB, and of the pieces of those that are not lit evenly.
+    /// Irradiance of each sample by rays, RGB, and of the pieces of unevenly lit samples.
     pub irradiance: (&'a [DVec3], &'a Pieces),
-    /// Irradiance of each sample that stored rows gave in its place, where they did.
+    /// Irradiance of each sample, RGB, from stored rows, where they replaced the rays.
     pub stored: Option<&'a [DVec3]>,
-    /// How it was sampled.
+    /// Settings of the light sampling.
     pub sampling: LightSampling,
-    /// How near samples are integrated.
+    /// The near-field rule.
     pub near: NearField,
-    /// Receivers.
+    /// Points where radiosity is gathered.
     pub receivers: &'a Receivers,
-    /// Area around each of them, mm^2.
+    /// Area around each receiver, mm^2.
     pub areas: &'a [f64],
 }
 
 impl Sampled<'_> {
-    /// For the media or the kernels in force, on these samples or others.
+    /// Prepares the gather from these samples or others, with the media or the kernels in force.
     pub fn gather<'a>(&self, surface: &'a Surface<'a>, tree: &'a SampleTree) -> Gather<'a> {
         match self.kernels {
             Some(kernels) => Gather::with_kernels(surface, tree, kernels.to_vec(), self.near),
@@ -56,8 +57,8 @@ impl Sampled<'_> {
         }
     }
 
-    /// Enters the error of sampling into the ledger, and that of stored rows, which has an entry of its own. An error that falls in proportion to the number of samples is taken
-    /// for granted.
+    /// Enters the error of sampling into the ledger, and that of stored rows, which has an entry of its own. The error
+    /// of sampling is taken to fall in proportion to 1 over the number of samples.
     ///
     /// # Errors
     /// As [`Illumination::new`].
@@ -90,7 +91,7 @@ impl Sampled<'_> {
         Ok(())
     }
 
-    /// Error of stored irradiance against that of the rays, in the radiosity that it gives.
+    /// Error that stored irradiance, compared with that of the rays, causes in the radiosity.
     fn stored_error(&self, stored: &[DVec3]) -> VertexError {
         let (subset, points) = stages::probe_points(self.receivers, self.areas);
         let tree = SampleTree::default();
@@ -100,15 +101,14 @@ impl Sampled<'_> {
     }
 }
 
-/// The error of so many samples over its difference from that of another set, where an error is in proportion to 1 over the number of
-/// samples: e(N) = k / N, so that the difference is |k / M - k / N|. Of sets of one size it is the
-/// difference itself.
+/// The error of one sample set over the difference between two sets, where the error is e(N) = k / N, so that the
+/// difference is |k / M - k / N|. For sets of equal size it is 1.
 fn extrapolation(samples: usize, others: usize) -> f64 {
     if samples == others { 1.0 } else { others as f64 / samples.abs_diff(others) as f64 }
 }
 
-/// Samples of the set that tells the error of `count`: half as many, but one for each triangle where `count` has them,
-/// since clusters of triangles err in another way; twice as many where there cannot be fewer.
+/// Number of samples of the set that is compared with one of `count`: half as many; one for each triangle where that is
+/// near, since clusters of triangles err in another way; twice as many where there cannot be fewer.
 fn comparison_count(count: usize, parts: &PartTable) -> usize {
     let transferring = parts.parts.iter().filter(|p| p.transfers());
     let (parts, triangles) = transferring.fold((0, 0), |(n, t), p| (n + 1, t + p.triangle_count));

@@ -1,4 +1,4 @@
-//! Single scattering at run time: what an evaluator offers whoever looks at it, and the truth by rays.
+//! Single scattering at run time: the interface that evaluators offer to renderers, and the truth by rays.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -14,43 +14,43 @@ use crate::transport::receivers::ProbePoints;
 use crate::transport::single_scattering::radiance::{DepthSampling, Path, Settings, Share, SingleScattering};
 use crate::transport::single_scattering::{Coefficients, Crossings, Density, ExitPoint, Form, vertex_points};
 
-/// A place of a surface as an eye ray sees it.
+/// A point of a surface as an eye ray sees it.
 #[derive(Clone, Copy, Debug)]
 pub struct SeenPoint {
-    /// Where light leaves; its normal faces the eye.
+    /// Exit point of the light; its normal faces the eye.
     pub exit: ExitPoint,
-    /// The triangle.
+    /// Index of the triangle.
     pub triangle: u32,
-    /// Weights of its corners.
+    /// Barycentric weights of the triangle's corners.
     pub weights: [f64; 3],
     /// Unit vector towards the eye.
     pub to_eye: DVec3,
-    /// Number of the eye ray, which turns its random numbers.
+    /// Number of the eye ray, the seed of its random numbers.
     pub key: u64,
-    /// Which of the samples of a pixel are this ray's.
+    /// This ray's share of the samples of a pixel.
     pub share: Share,
 }
 
 /// Single scattering that depends on the eye.
 pub trait TowardsEye: Sync {
-    /// Radiance towards the eye, outside, RGB.
+    /// Radiance towards the eye, outside the medium, RGB.
     fn radiance(&self, seen: &SeenPoint) -> DVec3;
 
-    /// Ways from a light to a pixel that are followed for each pixel of so many eye rays, for the cost; none where values
-    /// are looked up.
+    /// Number of paths from lights that are followed for each pixel of `eye_rays` rays, as a measure of the cost; none
+    /// where values are looked up.
     fn paths_per_pixel(&self, eye_rays: u32) -> u64;
 }
 
-/// Which phase function.
+/// Phase function of single scattering.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Scattering {
     /// Isotropic, with reduced coefficients.
     Isotropic,
-    /// That of the medium's g, with its own coefficients.
+    /// Henyey-Greenstein with the medium's g, with unreduced coefficients.
     OfMedium,
 }
 
-/// Single scattering by rays, when it is asked for.
+/// Settings of single scattering by rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Traced {
     /// Phase function.
@@ -66,16 +66,16 @@ pub struct Traced {
 /// Directions of a constant, area or environment light for each distance of a directional one.
 pub const DIRECTIONS_PER_SAMPLE: u32 = 16;
 
-/// Distances inside at most.
+/// Largest number of distances inside.
 pub const MOST_SAMPLES: u32 = 4096;
 
-/// Vertices that measure the noise.
+/// Vertices at which the noise is measured.
 const PROBES: usize = 192;
 
-/// Keys of the two answers that tell the noise of a third.
+/// Random keys of the two independent estimates from which the noise is measured.
 const HALVES: [u64; 2] = [1 << 40, 2 << 40];
 
-/// What rays are cast in.
+/// Scene and lights of single scattering.
 #[derive(Clone, Copy)]
 pub struct LitScene<'a> {
     /// The scene, with the media in force.
@@ -98,12 +98,13 @@ impl Traced {
         }
     }
 
-    /// In the physical form, light that crosses further surfaces lost.
+    /// Settings with the physical form, light that crosses further surfaces being lost.
     pub const fn new(scattering: Scattering, samples: u32) -> Self {
         Self { scattering, samples, form: Form::Physical, crossings: Crossings::Occluded }
     }
 
-    /// Whether there is a quantity per vertex: what leaves depends on the eye unless the phase function is isotropic.
+    /// Returns whether a value per vertex exists: exit radiance depends on the eye unless the phase function is
+    /// isotropic.
     pub fn is_per_vertex(self, scene: &Scene) -> bool {
         let used = scene.parts.parts.iter().filter_map(|p| scene.media.get(p.medium? as usize));
         self.scattering == Scattering::Isotropic || used.into_iter().all(|m| m.properties.g == 0.0)
@@ -149,7 +150,7 @@ impl Traced {
         Ok(Some(places.of_vertex.iter().map(of).collect()))
     }
 
-    /// The same towards any eye, along the refracted direction.
+    /// Single scattering towards any eye, along the refracted direction.
     ///
     /// # Errors
     /// As [`SingleScattering::new`].
@@ -164,8 +165,9 @@ impl Traced {
         Ok(Box::new(TracedTowardsEye { single: self.prepared(lit)?, paths_of_lights }))
     }
 
-    /// Enters the noise into a ledger: half the difference of two answers with half of the samples and random numbers of their
-    /// own, on some vertices. Random errors fall with the root of the number of samples or faster, so it is not below the noise.
+    /// Enters the noise into a ledger: half the difference of two estimates, each with half of the samples and its own
+    /// random numbers, at some vertices. Random errors fall with the root of the number of samples or faster, so it is
+    /// not below the noise.
     ///
     /// # Errors
     /// As [`SingleScattering::new`].
@@ -218,11 +220,11 @@ impl TowardsEye for TracedTowardsEye<'_> {
 
 /// One place for each welded vertex that transfers.
 struct Places {
-    /// With the number of a source vertex.
+    /// Exit points, each with the number of a source vertex.
     points: Vec<(u64, ExitPoint)>,
-    /// A third of the area around each.
+    /// A third of the transferring area around each, mm^2.
     areas_mm2: Vec<f64>,
-    /// For each source vertex.
+    /// Index into `points` for each source vertex.
     of_vertex: Vec<Option<u32>>,
 }
 

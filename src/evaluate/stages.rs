@@ -1,5 +1,5 @@
-//! What lossy stages add to the error, measured in one place. A stage hands over radiosity at some receivers under a light, before
-//! itself and after; which receivers and lights these are, and that the worst light counts, is said here.
+//! The error that lossy stages add, measured in one place. A stage supplies radiosity at some receivers under a light,
+//! before and after itself; this module chooses the receivers and the lights, and the worst light counts.
 //!
 //! Whole evaluators are measured by [`super::measured`].
 
@@ -8,13 +8,13 @@ use crate::light::{Light, LightKind};
 use crate::math::statistics::VertexError;
 use crate::transport::receivers::{ProbePoints, Receivers};
 
-/// Receivers that an error is measured at, about.
+/// Approximate number of receivers at which an error is measured.
 const PROBES: usize = 192;
 
-/// Receivers of [`PROBES`] that no choice sees: choices have those of phase 0, errors of sampling those of phase 2.
+/// Phase of [`PROBES`] that no choice sees: choices use phase 0, errors of sampling phase 2.
 const UNSEEN: usize = 1;
 
-/// The receivers at which errors of stages are measured; `areas_mm2` are those around all.
+/// The receivers at which errors of stages are measured; `areas_mm2` are the areas around all receivers.
 pub fn probe_points(receivers: &Receivers, areas_mm2: &[f64]) -> (Receivers, ProbePoints) {
     receivers.probe_points(areas_mm2, (PROBES, UNSEEN))
 }
@@ -29,7 +29,7 @@ pub(crate) fn spread(lights: &[Light], count: usize) -> impl Iterator<Item = &Li
     lights.iter().step_by(lights.len().div_ceil(count).max(1))
 }
 
-/// What each of some stages adds under the worst of several lights; `added` gives it under one of them.
+/// The error that each stage adds under the worst of several lights; `added` measures it under one of them.
 ///
 /// # Errors
 /// Those of `added`.
@@ -44,7 +44,7 @@ pub fn worst<L, const N: usize>(
     Ok(worst)
 }
 
-/// As [`worst`] for an evaluator: under the lights in force together (`None`), and under unseen ones, each alone.
+/// Like [`worst`] for an evaluator: under the lights in force together (`None`), and under each unseen light alone.
 ///
 /// # Errors
 /// Those of `added`.

@@ -1,4 +1,4 @@
-//! Radiosity and single scattering as one, for who draws what leaves the surface.
+//! Radiosity and single scattering in one sum, for renderers.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -17,24 +17,26 @@ use crate::scene::Scene;
 use crate::transport::single_scattering::radiance::Share;
 use crate::transport::single_scattering::{ExitPoint, radiosity_factor, vertex_points};
 
-/// Least cosine of the normal to the eye: what a triangle shows that is seen past its corner's horizon is taken from here.
+/// Least cosine between normal and eye: beyond a corner's horizon, where its triangle may still be visible, single
+/// scattering is that of this angle.
 const HORIZON: f64 = 0.05;
 
-/// An evaluator whose radiosity has in it what another has beside it: isotropic single scattering; looked up for the phase function,
-/// what leaves towards the eye.
+/// An evaluator that adds single scattering to the radiosity: isotropic, or looked up for the phase function towards
+/// the eye.
 pub struct Summed {
     evaluator: Box<dyn Evaluator>,
-    /// Where there is one and it counts, mm.
+    /// Position of the eye, mm, where there is one and single scattering depends on it.
     eye_mm: Option<DVec3>,
-    /// Where light leaves, of every source vertex.
+    /// Exit point of every source vertex.
     exits: Vec<ExitPoint>,
-    /// Under the lights and media in force, without what is for the eye.
+    /// Radiosity of every source vertex, RGB, under the lights and media in force, without single scattering towards
+    /// the eye.
     radiosity: Option<Vec<DVec3>>,
 }
 
 impl Summed {
-    /// Of an evaluator; itself where it has nothing to add. What rays would have to be followed for at every new place of the eye is
-    /// left out.
+    /// Wraps an evaluator, or returns it where there is nothing to add. Single scattering traced by rays is left out: a
+    /// new place of the eye would need new rays.
     pub fn of(evaluator: Box<dyn Evaluator>) -> Box<dyn Evaluator> {
         match evaluator.single_scattering_is() {
             SingleScattering::PerVertex | SingleScattering::TowardsEye => {
@@ -60,7 +62,7 @@ impl Summed {
     }
 }
 
-/// A triangle of every source vertex, and which of its corners it is.
+/// A triangle of every source vertex, and the vertex's corner of it.
 fn corners(scene: &Scene) -> Vec<Option<(u32, usize)>> {
     let mut result = vec![None; scene.mesh.local_mm.len()];
     for (index, triangle) in scene.mesh.triangles.iter().enumerate() {
@@ -73,7 +75,7 @@ fn corners(scene: &Scene) -> Vec<Option<(u32, usize)>> {
     result
 }
 
-/// What a vertex sends towards an eye, as the radiosity that would look the same: `pi C L / F_t(w_o)`.
+/// Single scattering of a vertex towards the eye as the radiosity of equal appearance: `pi C L / F_t(w_o)`.
 fn towards(
     seen: &dyn TowardsEye,
     scene: &Scene,

@@ -1,4 +1,4 @@
-//! The files of a model: which there are, what is in them, and their hashes.
+//! The files of a model: their list, contents and hashes.
 
 use std::path::{Path, PathBuf};
 
@@ -11,9 +11,9 @@ use crate::io;
 pub struct Input {
     /// File name without its folder.
     pub name: String,
-    /// Its BLAKE3 hash, hexadecimal.
+    /// BLAKE3 hash of the file, hexadecimal.
     pub blake3: String,
-    /// Its length.
+    /// Length of the file.
     pub bytes: u64,
 }
 

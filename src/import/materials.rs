@@ -9,23 +9,23 @@ use crate::geometry::part_table::PartEntry;
 use crate::medium::material::{Material, Medium, Overrides};
 use crate::scene::Scene;
 
-/// Optical properties as a user names them.
+/// Optical properties as named by a user.
 #[derive(Clone, Debug, Default)]
 pub struct MaterialChoice {
-    /// Measured materials or TOML files, each for the material of a model or the part of a scene that `NAME=` says in front of
-    /// it; one without a name is for all others.
+    /// Measured materials or TOML files; with `NAME=` in front, for that material of the model or part of the scene,
+    /// otherwise for all others.
     pub texts: Vec<String>,
-    /// Properties in place of those of the material without a name.
+    /// Properties that replace those of the material without a name.
     pub overrides: Overrides,
 }
 
-/// Media of a model, and which of its materials have which.
+/// Media of a model, and the assignment of its materials to them.
 pub struct ModelMedia {
     /// Each medium once.
     pub media: Vec<Medium>,
-    /// Materials of the model that have a medium of their own, with its index.
+    /// Materials of the model with a medium of their own, and its index.
     pub by_name: Vec<(String, u32)>,
-    /// Index of the medium of all others.
+    /// Index of the medium of all other materials.
     pub rest: u32,
 }
 
@@ -41,13 +41,13 @@ impl MaterialChoice {
         Self { texts: vec![text.to_owned()], overrides: Overrides::default() }
     }
 
-    /// Material files among the texts.
+    /// The material files among the texts.
     pub fn files(&self) -> impl Iterator<Item = PathBuf> {
         let texts = self.texts.iter().map(|text| text.split_once('=').map_or(text.as_str(), |(_, text)| text));
         texts.map(PathBuf::from).filter(|path| suffix(path) == "toml")
     }
 
-    /// Media for a model with these materials, of which `translucent` need one.
+    /// Media for a model with these materials; those in `translucent` need one.
     ///
     /// # Errors
     /// Unknown names, two materials without one, or a translucent material of the model without a medium.
@@ -80,12 +80,12 @@ impl MaterialChoice {
         Ok(ModelMedia { media, by_name, rest })
     }
 
-    /// The media of a scene with this choice in their place; none where it says nothing.
+    /// The media of a scene after this choice; none where the choice is empty.
     ///
     /// Names are those of parts or media. Overrides without a material change the properties that each medium has.
     ///
     /// # Errors
-    /// Unknown names, and those of one part among several that share a medium.
+    /// Unknown names, and a name of one part among several that share a medium.
     pub fn of_scene(&self, scene: &Scene) -> Result<Option<Vec<Medium>>> {
         if self.texts.is_empty() && !self.overrides.is_empty() {
             let changed = |m: &Medium| {
@@ -131,16 +131,16 @@ impl MaterialChoice {
         Ok(Some(Material::from_flags(base, &self.overrides)?.into()))
     }
 
-    /// Materials with a name.
+    /// The materials with a name.
     fn named(&self) -> Result<Vec<(String, Medium)>> {
         let named = self.texts.iter().filter_map(|text| text.split_once('='));
         named.map(|(name, text)| Ok((name.to_owned(), Material::from_argument(text)?.into()))).collect()
     }
 }
 
-/// The medium of a part of that name, or the medium itself.
+/// The medium of the part with that name, or the medium with that name.
 ///
-/// Parts of equal material have one medium: to edit it through one of them would change the others in silence.
+/// Parts of equal material have one medium: an edit through one of them would silently change the others.
 fn medium_named(scene: &Scene, name: &str) -> Result<Option<usize>> {
     let parts = &scene.parts.parts;
     let Some(medium) = parts.iter().find(|p| p.name == name).and_then(|p| p.medium) else {

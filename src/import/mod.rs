@@ -1,5 +1,5 @@
-//! Files become a scene: a source file with its unit, its parts and the media of its materials, and a record of what it was
-//! made from.
+//! From files to a scene: a source file with its unit, its parts and the media of its materials, and a record of its
+//! origin.
 //!
 //! ```no_run
 //! use std::path::Path;
@@ -39,11 +39,11 @@ use crate::scene::Scene;
 /// Unit, media, parts and roles that turn a source into a scene.
 #[derive(Clone, Debug)]
 pub struct ImportOptions {
-    /// Unit or size; that of the file without one, which an OBJ file does not have.
+    /// Unit or size; without one the unit of the file, which an OBJ file does not have.
     pub scale: Option<Scale>,
     /// Media of the source's materials.
     pub materials: MaterialChoice,
-    /// Which components share their light inside.
+    /// Rule that decides which components share their light inside.
     pub parts: PartsRule,
     /// Materials of the source that only cast shadows.
     pub opaque: Vec<String>,
@@ -63,20 +63,20 @@ impl Default for ImportOptions {
 pub struct Source {
     /// Polygons in the unit of the source, cut to triangles.
     pub model: SourceModel,
-    /// The model's file, those that it refers to and those of materials; none for a model that was made in memory.
+    /// The model's file, the files that it refers to and those of materials; none for a model made in memory.
     pub inputs: Vec<Input>,
 }
 
-/// The record of what a scene was made from; nothing in it depends on when or where that was.
+/// The record of a scene's origin, independent of time and place.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Origin {
-    /// Files it was made from.
+    /// Files that the scene was made from.
     pub inputs: Vec<Input>,
-    /// How the source's unit was fixed.
+    /// How the unit of the source was fixed.
     pub source_unit: String,
     /// Millimetres in one source unit.
     pub mm_per_source_unit: f64,
-    /// Repairs and choices that are part of the truth; the last one says how components became parts.
+    /// Repairs and choices that affect the result; the last one tells how components became parts.
     pub notes: Vec<String>,
 }
 
@@ -87,7 +87,7 @@ pub struct Imported {
     pub scene: Scene,
     /// Files, unit and repairs.
     pub origin: Origin,
-    /// The mesh against the lengths of its media.
+    /// Check of the mesh against the lengths of its media.
     pub check: MeshCheck,
     /// Oddities of the files, one line each; those of the mesh are [`MeshCheck::warnings`].
     pub warnings: Vec<String>,
@@ -101,8 +101,8 @@ pub fn load(path: &Path, options: &ImportOptions, progress: &dyn Progress) -> Re
     Source::read(path, &options.materials, progress)?.import(options, progress).map_err(|e| e.at(path.display()))
 }
 
-/// Reads another mesh in a known unit, such as a coarser level of detail of a scene's object; with it the warnings of the file
-/// and the repairs, one line each.
+/// Reads another mesh in a known unit, such as a coarser level of detail of a scene's object. Returns it with the
+/// warnings of the file and the repairs, one line each.
 ///
 /// # Errors
 /// As [`read_model`], and a mesh without area.
@@ -163,7 +163,7 @@ impl Source {
     }
 }
 
-/// Names of the materials that triangles have, the opaque ones left out.
+/// Names of the materials that triangles have, without the opaque ones.
 fn translucent<'a>(source: &'a SourceModel, opaque: &[String]) -> Vec<&'a str> {
     let mut used = vec![false; source.materials.len()];
     for &material in &source.triangle_material {
@@ -175,7 +175,7 @@ fn translucent<'a>(source: &'a SourceModel, opaque: &[String]) -> Vec<&'a str> {
     names.map(|(name, _)| name.as_str()).collect()
 }
 
-/// Mean free paths over the channels of a medium.
+/// Range of the mean free path over the channels of a medium.
 fn free_path(medium: &Medium) -> MeanFreePath {
     let paths = medium.properties.mean_free_path_mm();
     MeanFreePath { shortest_mm: paths.min_element(), longest_mm: paths.max_element() }

@@ -60,7 +60,7 @@ fn lock() -> std::sync::MutexGuard<'static, Vec<PathBuf>> {
     UNFINISHED.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
 }
 
-/// Temporary files are private (0600): take over the target's mode, or what a new file gets.
+/// Sets the mode of a temporary file, which is private (0600), to the target's, or to that of a new file.
 #[cfg(unix)]
 fn set_mode(file: &std::fs::File, target: &Path) -> std::io::Result<()> {
     use std::os::unix::fs::PermissionsExt;
@@ -76,7 +76,7 @@ fn set_mode(_file: &std::fs::File, _target: &Path) -> std::io::Result<()> {
     Ok(())
 }
 
-/// The umask without changing it, where the system tells (Linux); 022 elsewhere.
+/// The umask without changing it, where the system reports it (Linux); 022 elsewhere.
 #[cfg(unix)]
 fn umask() -> u32 {
     std::fs::read_to_string("/proc/self/status")

@@ -14,13 +14,13 @@ pub struct Chromaticities {
 }
 
 impl Chromaticities {
-    /// Rec. 709 and sRGB (ITU-R BT.709): what every colour of this crate is in.
+    /// Rec. 709 and sRGB (ITU-R BT.709), the space of every colour of this crate.
     pub const REC_709: Self = Self {
         primaries: [DVec2::new(0.64, 0.33), DVec2::new(0.30, 0.60), DVec2::new(0.15, 0.06)],
         white: DVec2::new(0.3127, 0.3290),
     };
 
-    /// Whether both describe the same space, up to the rounding that files show.
+    /// Returns whether both describe the same space, up to the rounding found in files.
     pub fn is_close_to(&self, other: &Self) -> bool {
         let same = |a: DVec2, b: DVec2| (a - b).abs().max_element() < 1e-3;
         self.primaries.iter().zip(&other.primaries).all(|(a, b)| same(*a, *b)) && same(self.white, other.white)

@@ -1,4 +1,4 @@
-//! Environment maps from files: the format is told by the first bytes, the pixels become linear sRGB radiance.
+//! Environment maps from files: the first bytes decide the format, the pixels become linear sRGB radiance.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -14,12 +14,12 @@ use crate::light::Light;
 use crate::light::environment::EnvironmentMap;
 use crate::light::parse::{self, LightSpec, MapSource};
 
-/// What was loaded, and what a person should know about it.
+/// A loaded value with its warnings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Loaded<T> {
-    /// The result.
+    /// The loaded value.
     pub value: T,
-    /// One line each, with the path in front.
+    /// Warnings, one line each, with the path in front.
     pub warnings: Vec<String>,
 }
 
@@ -62,7 +62,7 @@ pub fn load_light(spec: &LightSpec) -> Result<Loaded<Light>> {
     Ok(Loaded { value, warnings })
 }
 
-/// A bare path may be a misspelt light, and a path with `:word=` a misspelt key.
+/// Adds a hint to an error: a bare path may be a misspelt light, and a path with `:word=` a misspelt key.
 fn with_hint(error: Error, spec: &LightSpec) -> Error {
     let LightSpec::Environment { source: MapSource::File(path), .. } = spec else { return error };
     if path.exists() {
@@ -76,7 +76,7 @@ fn with_hint(error: Error, spec: &LightSpec) -> Error {
     Error::new(error.code(), format!("{} ({hint})", error.message()))
 }
 
-/// Decodes a picture by its first bytes.
+/// Decodes a picture; its first bytes decide the format.
 ///
 /// # Errors
 /// As [`load_environment`], without the path.

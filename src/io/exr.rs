@@ -1,4 +1,4 @@
-//! OpenEXR pictures in: environment maps as linear sRGB, and every channel as a plane for comparisons.
+//! Reading of OpenEXR pictures: environment maps as linear sRGB, and every channel as a plane for comparisons.
 //!
 //! A header decides how much a decoder allocates, so headers are read and bounded first; only then pixels are decoded,
 //! strictly, on one thread.
@@ -41,7 +41,7 @@ pub fn read_exr_channels(path: &Path) -> Result<Vec<ExrPlane>> {
     read_capped(path).and_then(|bytes| decode_planes(&bytes).map_err(|e| e.at(path.display())))
 }
 
-/// As [`read_exr_channels`], from bytes.
+/// Like [`read_exr_channels`], from bytes.
 ///
 /// # Errors
 /// As [`read_exr_channels`], without the path.
@@ -61,7 +61,7 @@ pub fn decode_planes(bytes: &[u8]) -> Result<Vec<ExrPlane>> {
     Ok(planes)
 }
 
-/// Decodes the first RGB (else luminance) picture of a file to linear sRGB.
+/// Decodes the first RGB (otherwise luminance) picture of a file to linear sRGB.
 ///
 /// # Errors
 /// As [`decode_planes`]; no RGB and no Y channel, chroma stored apart, a cube map, a cropped picture (exit 5).
@@ -140,7 +140,7 @@ impl Part {
             .map(|(y, _)| [y.clone(), y.clone(), y])
     }
 
-    /// Prefixes of channel names, the empty one first; repetitions do no harm.
+    /// Prefixes of channel names, the empty one first; they may repeat.
     fn layers(&self) -> impl Iterator<Item = &str> {
         let prefix = |name: &'_ String| name.rfind('.').map_or(0, |dot| dot + 1);
         std::iter::once("").chain(self.channels.iter().map(move |(name, _)| &name[..prefix(name)]))
@@ -161,7 +161,7 @@ fn damaged(error: exr::error::Error) -> Error {
     }
 }
 
-/// Runs the decoder; should it panic, the file is what is wrong.
+/// Runs the decoder; a panic counts as a fault of the file.
 fn guarded<T>(decode: impl FnOnce() -> exr::error::Result<T>) -> Result<T> {
     match catch_unwind(AssertUnwindSafe(decode)) {
         Ok(result) => result.map_err(damaged),
@@ -210,7 +210,7 @@ fn channels_as_f32(channels: AnyChannels<FlatSamples>) -> Vec<(String, Vec<f32>)
     channels.list.into_iter().map(|c| (c.name.to_string(), as_f32(c.sample_data))).collect()
 }
 
-/// Bounds what the decoder will allocate.
+/// Bounds the decoder's allocations.
 fn check_headers(meta: &MetaData, file_bytes: usize) -> Result<()> {
     if meta.headers.is_empty() {
         return Err(Error::input("OpenEXR: no part; the file is damaged"));

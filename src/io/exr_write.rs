@@ -1,5 +1,5 @@
-//! OpenEXR pictures out: one part, layers as channel prefixes (`diffuse.R`), ZIP over 16 rows, Rec. 709, the same bytes
-//! at any thread count.
+//! Writing of OpenEXR pictures: one part, layers as channel prefixes (`diffuse.R`), ZIP over 16 rows, Rec. 709, the
+//! same bytes at any thread count.
 
 use std::collections::HashSet;
 use std::io::Cursor;
@@ -12,28 +12,28 @@ use exr::prelude::{
 use super::colour::Chromaticities;
 use crate::error::{Error, Result};
 
-/// How a channel is stored.
+/// Storage of a channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SampleKind {
-    /// 16 bits: pictures. Values beyond +-65504 are cut there.
+    /// 16 bits, for pictures. Values beyond +-65504 are clamped.
     Half,
-    /// 32 bits: data.
+    /// 32 bits, for data.
     Float,
-    /// 32-bit whole numbers from 0 to [`MAX_WHOLE`]: identifiers.
+    /// 32-bit whole numbers from 0 to [`MAX_WHOLE`], for identifiers.
     Whole,
 }
 
-/// The largest of the whole numbers that 32-bit floats count without gaps.
+/// The largest whole number up to which 32-bit floats represent all.
 pub const MAX_WHOLE: f32 = 16_777_216.0;
-/// The largest value of 16 bits; what lies beyond is cut there.
+/// The largest value of 16 bits; values beyond are clamped.
 pub const MAX_HALF: f32 = 65_504.0;
 
 /// A channel of a layer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExrChannel {
-    /// `R`, `G`, `B`, `A`, `Z`, ...
+    /// Name of the channel: `R`, `G`, `B`, `A`, `Z`, ...
     pub name: String,
-    /// How it is stored.
+    /// Storage of the samples.
     pub kind: SampleKind,
     /// `width * height` samples, row by row from the top; no NaN.
     pub samples: Vec<f32>,
@@ -63,12 +63,12 @@ pub struct ExrImage {
 
 /// Largest side that the format's 32-bit windows hold with room to spare.
 const MAX_SIDE: usize = 1 << 24;
-/// Longer names need a flag that old readers refuse.
+/// Largest length of a name; longer names need a flag that old readers refuse.
 const MAX_NAME_BYTES: usize = 31;
 const ROWS_PER_BLOCK: usize = 16;
 
 impl ExrImage {
-    /// The file's bytes.
+    /// Encodes the file.
     ///
     /// # Errors
     /// An empty picture, wrong sample counts, NaN, fractions among whole numbers, doubled, empty or overlong names

@@ -1,7 +1,7 @@
 //! Radiance HDR pictures (RGBE): every run-length form, header variables honoured.
 //!
-//! Format: Ward, "Real Pixels" (Graphics Gems II, 1991) and the Radiance reference manual's picture description. A pixel
-//! is mantissa * 2^(exponent - 136), as all common readers have it.
+//! Format: Ward, "Real Pixels" (Graphics Gems II, 1991) and the Radiance reference manual's picture description. A
+//! pixel is mantissa * 2^(exponent - 136), as in all common readers.
 
 use glam::{DMat3, DVec2, DVec3};
 
@@ -9,7 +9,7 @@ use super::colour::Chromaticities;
 use super::picture::{LinearImage, check_size, convert};
 use crate::error::{Error, Result};
 
-/// Header bytes beyond this are not a header.
+/// Largest number of bytes of a header.
 const MAX_HEADER_BYTES: usize = 1 << 16;
 
 /// Decodes a picture to linear sRGB radiance. EXPOSURE and COLORCORR are divided out and PRIMARIES converted, as the
@@ -167,7 +167,7 @@ fn floats(name: &str, value: &str) -> Result<Vec<f64>> {
         .collect()
 }
 
-/// The next header line without its end, and what follows it.
+/// The next header line without its end, and the bytes after it.
 fn line(bytes: &[u8]) -> Result<(String, &[u8])> {
     let window = &bytes[..bytes.len().min(MAX_HEADER_BYTES)];
     match window.iter().position(|b| *b == b'\n') {
@@ -203,7 +203,7 @@ fn read_scanline<'a>(bytes: &'a [u8], pixels: &mut [[u8; 4]]) -> std::result::Re
     }
 }
 
-/// The run-length form since 1991: each component in runs of its own.
+/// Reads the run-length form since 1991: each component in runs of its own.
 fn read_planes<'a>(mut bytes: &'a [u8], pixels: &mut [[u8; 4]]) -> std::result::Result<&'a [u8], &'static str> {
     for component in 0..4 {
         let mut x = 0;
@@ -227,8 +227,8 @@ fn read_planes<'a>(mut bytes: &'a [u8], pixels: &mut [[u8; 4]]) -> std::result::
     Ok(bytes)
 }
 
-/// Plain pixels, with the old runs: (1, 1, 1, n) repeats the pixel before n times, and n counts 256 times more in each
-/// further such pixel.
+/// Reads plain pixels with the old runs: (1, 1, 1, n) repeats the pixel before n times, and n counts 256 times more in
+/// each further such pixel.
 fn read_flat<'a>(mut bytes: &'a [u8], pixels: &mut [[u8; 4]]) -> std::result::Result<&'a [u8], &'static str> {
     let (mut x, mut shift) = (0_usize, 0_u32);
     while x < pixels.len() {

@@ -1,4 +1,4 @@
-//! Pictures of radiance as they come from files, and the limits of their size.
+//! Pictures of radiance read from files, and the limits of their size.
 
 use std::fs::File;
 use std::io::Read;
@@ -8,13 +8,13 @@ use glam::{DMat3, DVec3};
 
 use crate::error::{Error, Result};
 
-/// Decoded pixels of one picture may take this much memory.
+/// Largest memory for the decoded pixels of one picture.
 pub const MAX_DECODED_BYTES: u64 = 1 << 30;
 
-/// Pictures in files larger than this are refused unread.
+/// Largest picture file that is read.
 pub const MAX_FILE_BYTES: u64 = 1 << 31;
 
-/// A picture in linear sRGB, row by row from the top, as its file has it: values may be negative or not finite.
+/// A picture in linear sRGB, row by row from the top, as stored in its file: values may be negative or not finite.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LinearImage {
     /// Pixels in a row.
@@ -23,7 +23,7 @@ pub struct LinearImage {
     pub height: usize,
     /// `width * height` pixels.
     pub pixels: Vec<[f32; 3]>,
-    /// What a person should know about how the file was read.
+    /// Warnings about the way in which the file was read.
     pub warnings: Vec<String>,
 }
 
@@ -66,7 +66,7 @@ pub(super) fn check_size(width: u64, height: u64, bytes_per_pixel: u64) -> Resul
     }
 }
 
-/// Applies a colour matrix in place; the identity costs nothing and changes no bits.
+/// Applies a colour matrix in place; the identity changes no bits.
 pub(super) fn convert(pixels: &mut [[f32; 3]], matrix: DMat3) {
     if matrix != DMat3::IDENTITY {
         for pixel in pixels {

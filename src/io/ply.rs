@@ -1,4 +1,4 @@
-//! Stanford PLY: per-vertex results out (binary), tables of vertex properties in (text and binary little-endian).
+//! Stanford PLY: writing of per-vertex results (binary), reading of vertex properties (text and binary little-endian).
 //!
 //! Format: Greg Turk, "The PLY Polygon File Format", 1994.
 
@@ -25,7 +25,7 @@ pub struct RadiosityPly {
     pub s: Option<Vec<[f32; 3]>>,
     /// Triangles; without any, the file has no `face` element.
     pub triangles: Vec<[u32; 3]>,
-    /// Lines of the header for a person: material, light, unit.
+    /// Comments of the header for people: material, light, unit.
     pub comments: Vec<String>,
 }
 
@@ -133,8 +133,8 @@ pub fn read_ply(path: &Path) -> Result<PlyVertexTable> {
     parse_ply(&bytes, &path.display().to_string())
 }
 
-/// Parses the bytes of a PLY file; `name` stands in front of every error. Kept are the scalars of `vertex` and the
-/// vertex indices of `face`; everything else is walked over.
+/// Parses the bytes of a PLY file; `name` stands in front of every error. The scalars of `vertex` and the vertex
+/// indices of `face` are kept, everything else is skipped.
 ///
 /// # Errors
 /// Invalid input where the header or a row is malformed, a vertex value is not finite, or the data is shorter or longer
@@ -181,7 +181,7 @@ fn too_short(element: &Element) -> Error {
     ))
 }
 
-/// Makes the columns of the vertex element, after its length was checked against the bytes that are there.
+/// Makes the columns of the vertex element, once its length has been checked against the available bytes.
 fn start_table(element: &Element, table: &mut PlyVertexTable) {
     table.vertex_count = element.count;
     let scalars = element.properties.iter().filter(|property| matches!(property.kind, Kind::Scalar(_)));

@@ -19,11 +19,11 @@ pub struct PngImage {
     pub height: usize,
     /// `width * height` pixels in [0, 1], row by row from the top.
     pub rgb: Vec<[f32; 3]>,
-    /// Coverage in [0, 1] where the file has it.
+    /// Coverage in [0, 1], where the file has it.
     pub alpha: Option<Vec<f32>>,
 }
 
-/// The bytes of an 8-bit sRGB PNG. `rgb` is linear and cut to [0, 1]; `alpha` is written as it is (not premultiplied).
+/// Encodes an 8-bit sRGB PNG. `rgb` is linear and clamped to [0, 1]; `alpha` is written unchanged (not premultiplied).
 ///
 /// # Errors
 /// An empty picture, wrong lengths, values that are not finite (exit 4: a caller's mistake).
@@ -65,7 +65,7 @@ pub fn read_png(path: &Path) -> Result<PngImage> {
     read_capped(path).and_then(|bytes| decode_png(&bytes).map_err(|e| e.at(path.display())))
 }
 
-/// As [`read_png`], from bytes.
+/// Like [`read_png`], from bytes.
 ///
 /// # Errors
 /// As [`read_png`], without the path.

@@ -95,8 +95,8 @@ fn project(local: &[DVec3]) -> Option<Vec<DVec2>> {
     Some(local.iter().map(|c| DVec2::new(c.dot(u), c.dot(v))).collect())
 }
 
-/// The shorter diagonal where both lie inside; else the one whose smaller triangle is larger (the only one inside, for
-/// a concave quad).
+/// Cuts a quad along the shorter diagonal where both lie inside; otherwise along the one whose smaller triangle is
+/// larger (the only one inside, for a concave quad).
 fn quad(local: &[DVec3], points: &[DVec2]) -> Vec<[usize; 3]> {
     let area = |i: usize, j: usize, k: usize| orient(points[i], points[j], points[k]);
     let worst_02 = area(0, 1, 2).min(area(2, 3, 0));
@@ -111,7 +111,7 @@ fn quad(local: &[DVec3], points: &[DVec2]) -> Vec<[usize; 3]> {
     if cut_13 { vec![[0, 1, 3], [1, 2, 3]] } else { vec![[0, 1, 2], [0, 2, 3]] }
 }
 
-/// What counts as an ear. A polygon starts with the first rule and takes the next one where no ear is left.
+/// Rules for an ear. A polygon starts with the first rule and takes the next one where no ear is left.
 #[derive(Clone, Copy, PartialEq)]
 enum Rule {
     /// Clearly convex, no other corner in it or near its border.
@@ -129,14 +129,15 @@ struct EarClipper<'a> {
     next: Vec<usize>,
     previous: Vec<usize>,
     left: usize,
-    /// A corner that the loop surely contains.
+    /// A corner that is surely in the loop.
     entry: usize,
-    /// Corners that are flat or reflex: only these can spoil an ear.
+    /// Corners that are flat or reflex, the only ones that can prevent an ear.
     blockers: Vec<usize>,
     is_blocker: Vec<bool>,
-    /// Heap entries of a corner with an older stamp are void.
+    /// Number of each corner's latest entry in `ears`; heap entries with an older stamp are void.
     stamp: Vec<u32>,
-    /// (squared length of the new edge as ordered bits, corner, stamp): short edges first make better triangles.
+    /// Heap of (squared length of the new edge as ordered bits, corner, stamp): short edges first make better
+    /// triangles.
     ears: BinaryHeap<Reverse<(u64, usize, u32)>>,
 }
 
@@ -177,7 +178,7 @@ impl EarClipper<'_> {
         [self.previous[corner], corner, self.next[corner]]
     }
 
-    /// Judges every corner that is left by a new rule.
+    /// Judges all remaining corners by a new rule.
     fn start(&mut self, rule: Rule) {
         self.rule = rule;
         self.blockers.clear();
@@ -262,7 +263,8 @@ impl EarClipper<'_> {
         None
     }
 
-    /// Cuts an ear off. Only its two neighbours can change: what was no diagonal of the polygon is none of a part of it.
+    /// Cuts an ear off. Only its two neighbours can change: a line that was no diagonal of the polygon is none of a
+    /// part of it.
     fn clip(&mut self, ear: usize) -> [usize; 3] {
         let triangle = self.triangle(ear);
         let [a, _, c] = triangle;

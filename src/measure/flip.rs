@@ -4,9 +4,9 @@
 //! Evaluator for Alternating Images" (2020). The reference gives a range of exposures; at each of them both pictures
 //! are tone-mapped and compared as they look from a distance (LDR-FLIP); a pixel's error is the largest of these.
 //!
-//! The figures are those of the authors' own evaluator (PyPI `flip-evaluator`) wherever that gives any. What it refuses
-//! or leaves open is settled here:
-//! - A value that is not finite is an error. A negative one counts as 0.
+//! The figures are those of the authors' own evaluator (PyPI `flip-evaluator`) wherever it gives any. Cases that it
+//! refuses or leaves open are settled here:
+//! - A value that is not finite is an error. A negative value counts as 0.
 //! - A black reference has no exposures: they come from the test picture then. Two black pictures are equal.
 //! - Equal pictures give 0 in every pixel, and no value is ever outside [0, 1].
 //!
@@ -39,7 +39,7 @@ pub struct Picture<'a> {
     pub rgb: &'a [[f32; 3]],
 }
 
-/// How the pictures are looked at.
+/// Viewing conditions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
     /// Pixels in a degree of the field of view, 1 to 1000.
@@ -62,34 +62,34 @@ pub struct Exposures {
     pub start: f64,
     /// The brightest picture, in stops: half of the pixels are as bright.
     pub stop: f64,
-    /// How many; 1 where both ends are the same.
+    /// Number of exposures; 1 where both ends are the same.
     pub count: usize,
-    /// What they were taken from.
+    /// Source of the exposures.
     pub from: ExposuresFrom,
 }
 
-/// Where exposures come from.
+/// Source of the exposures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ExposuresFrom {
     /// The reference picture.
     Reference,
-    /// The test picture: the reference is black.
+    /// The test picture, where the reference is black.
     Test,
-    /// Nothing: both pictures are black, and shown as they are.
+    /// None: both pictures are black, and shown as they are.
     Neither,
-    /// The caller.
+    /// The caller's settings.
     Settings,
 }
 
-/// What a comparison found.
+/// Result of a comparison.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HdrFlip {
     /// Mean over all pixels, in [0, 1].
     pub mean: f64,
     /// Error of each pixel, in [0, 1], row by row.
     pub per_pixel: Vec<f32>,
-    /// The exposures that were looked at.
+    /// The exposures at which the pictures were compared.
     pub exposures: Exposures,
 }
 
@@ -145,7 +145,7 @@ pub fn hdr(reference: &Picture, test: &Picture, settings: &Settings) -> Result<H
     Ok(HdrFlip { mean, per_pixel, exposures })
 }
 
-/// Large enough that margins cost little, small enough that a tile's planes stay in cache.
+/// Size of a tile in pixels: large enough that margins cost little, small enough that its planes stay in cache.
 const TILE_WIDTH: usize = 192;
 const TILE_HEIGHT: usize = 48;
 
@@ -172,7 +172,7 @@ fn check(picture: &Picture, name: &str) -> Result<()> {
     }
 }
 
-/// Light of a pixel; there is none below zero.
+/// Linear RGB of a pixel, negative values counted as 0.
 fn light(pixel: &[f32; 3]) -> DVec3 {
     DVec3::from_array(pixel.map(f64::from)).max(DVec3::ZERO)
 }
@@ -190,11 +190,11 @@ impl Exposures {
             .unwrap_or(Self { start: 0.0, stop: 0.0, count: 1, from: ExposuresFrom::Neither })
     }
 
-    /// `None` for a black picture.
+    /// The exposures for these luminances; `None` for a black picture.
     fn of_luminances(mut luminances: Vec<f64>, from: ExposuresFrom) -> Option<Self> {
-        /// Tone-mapped luminance that both ends reach.
+        /// Tone-mapped luminance that the brightest pixel has at one end and the median at the other.
         const BRIGHT: f64 = 0.85;
-        /// A darker median counts as this, which bounds the exposures of an object before black.
+        /// Least median: a darker one counts as this, which bounds the exposures of an object before black.
         const DARKEST_MEDIAN: f64 = f32::EPSILON as f64;
         let largest = luminances.iter().copied().fold(0.0, f64::max);
         if largest <= 0.0 {
@@ -219,7 +219,7 @@ impl Exposures {
         Err(Error::command_line(format!("{count} exposures from {start} to {stop} stops: 1 to 1000 within +-300")))
     }
 
-    /// What pictures are multiplied by, dark to bright.
+    /// Factors that pictures are multiplied by, dark to bright.
     fn factors(&self) -> impl Iterator<Item = f64> {
         let Self { start, stop, count, .. } = *self;
         let step = (stop - start) / (count.max(2) - 1) as f64;
@@ -262,7 +262,7 @@ impl Tile {
     }
 }
 
-/// The pixels of a tile and around it; beyond the border the picture's outermost pixels go on.
+/// The pixels of a tile with its margin; beyond the border the picture's outermost pixels are repeated.
 fn with_margin(picture: &Picture, columns: &Range<usize>, rows: &Range<usize>, reach: usize) -> Vec<DVec3> {
     let around = |range: &Range<usize>, length: usize| {
         let (start, end) = (range.start, range.end + 2 * reach);

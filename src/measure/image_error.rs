@@ -1,6 +1,6 @@
 //! The image error: linear RGB, the reference's highlights scaled to 1, clamped, RMS over covered pixels and channels.
 
-/// Figures of one pair of pictures.
+/// Errors of one pair of pictures.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct ImageError {
     /// RMS over the covered pixels and the three channels.

@@ -1,4 +1,4 @@
-//! Probe lights: the fixed set under which errors are measured. Tuning sees one half, figures come from the other.
+//! Probe lights: the fixed set under which errors are measured. Tuning uses one half, reported figures the other.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ use crate::light::Light;
 use crate::light::sky::sky;
 use crate::progress::Progress;
 
-/// Which half of the probe lights.
+/// The halves of the probe lights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Half {
     /// Lights that choices may look at.
@@ -59,7 +59,7 @@ pub fn points(mesh: &Mesh, half: Half) -> Vec<Light> {
         .collect()
 }
 
-/// A few lights of the half that figures come from: two directions and a point.
+/// A few lights of the half for figures: two directions and a point.
 pub fn unseen(mesh: &Mesh) -> Vec<Light> {
     let directions = directional(Half::Figures).into_iter().step_by(DIRECTIONS / 4);
     directions.take(2).chain(points(mesh, Half::Figures).into_iter().take(1)).collect()
@@ -74,14 +74,15 @@ pub fn environments(half: Half) -> Vec<Light> {
         .to_vec()
 }
 
-/// The lights that a bake gets: for its choices the whole tuning half, for the figures of its ledger a few of the other and
-/// environments.
+/// The probe lights of a bake: the whole tuning half for its choices, a few of the other half and environments for the
+/// figures of its ledger.
 pub fn for_bake(mesh: &Mesh) -> Probes {
     let tuning = directional(Half::Tuning).into_iter().chain(points(mesh, Half::Tuning)).collect();
     Probes { tuning, unseen: unseen(mesh).into_iter().chain(environments(Half::Figures)).collect() }
 }
 
-/// What an evaluator is off by under the lights in force, by stage; what was tuned for them is measured under [`unseen`] ones as well.
+/// The error of an evaluator under the lights in force, by stage; stages tuned for these lights are measured under the
+/// [`unseen`] ones as well.
 ///
 /// # Errors
 /// Failures of the work.

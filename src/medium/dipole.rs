@@ -50,7 +50,7 @@ impl Pole {
         self.kernel(r_mm.hypot(self.z_mm))
     }
 
-    /// The same at a squared distance, mm^2, by [`decay`].
+    /// Contribution to R_d at a squared distance in mm^2, in 1/mm^2, by [`decay`].
     pub(super) fn reflectance_at_square(&self, s_mm2: f64) -> f64 {
         let d2 = s_mm2 + self.z_mm * self.z_mm;
         let d = d2.sqrt();
@@ -58,7 +58,7 @@ impl Pole {
         self.weight * ((1.0 + x) * decay(x)) / (d * d2)
     }
 
-    /// The same and its first two derivatives in `s = r^2`.
+    /// Contribution to R_d and its first two derivatives in `s = r^2`.
     ///
     /// `(-2 d/ds)^n exp(-x) / d = exp(-x) theta_n(x) / d^(2n + 1)` with the reverse Bessel polynomials theta_n.
     fn derivatives(&self, s_mm2: f64) -> [f64; 3] {
@@ -166,19 +166,19 @@ fn panel_order(half_width: f64) -> usize {
 }
 
 /// Triangles whose extent is below this fraction of the length over which the kernel changes are integrated directly,
-/// which keeps the result accurate relative to itself however far the triangle is.
+/// which keeps the result accurate relative to itself at any distance.
 const FAR_RATIO: f64 = 0.25;
 
-/// A radial kernel that knows its integral over the wedge between a receiver and an edge; triangles follow from it.
+/// A radial kernel with its integral over the wedge between a receiver and an edge; triangles follow from it.
 pub(super) trait Radial {
-    /// How fast the kernel changes with distance, relative to itself, at the distance `r_mm`, in 1/mm; an infinite rate is
-    /// always right.
+    /// Rate of change of the kernel with distance, relative to itself, at the distance `r_mm`, in 1/mm; infinity is
+    /// always correct.
     fn rate_per_mm(&self, r_mm: f64) -> f64;
 
     /// The kernel at a squared distance, in 1/mm^2.
     fn at_square(&self, r2_mm2: f64) -> f64;
 
-    /// `Int (tail(H) - tail(sqrt(H^2 + rho^2))) d theta` of an edge; its place as in [`Pole::edge`].
+    /// `Int (tail(H) - tail(sqrt(H^2 + rho^2))) d theta` of an edge, placed as in [`Pole::edge`].
     fn edge(&self, height_mm: f64, offset_mm: f64, from_mm: f64, to_mm: f64) -> f64;
 }
 
@@ -244,7 +244,8 @@ fn near_triangle(kernel: &impl Radial, corners: [DVec3; 3], normal: DVec3) -> f6
     sum
 }
 
-/// Gauss-Legendre over the triangle as a collapsed square; `ratio` says how much the kernel changes over it.
+/// Gauss-Legendre over the triangle as a collapsed square; `ratio` is its extent over the length of change of the
+/// kernel.
 fn far_triangle(kernel: &impl Radial, corners: [DVec3; 3], doubled_area: f64, ratio: f64) -> f64 {
     let rule = gauss_legendre_cached(if ratio < 0.02 {
         3

@@ -16,29 +16,29 @@ use crate::math::quadrature::gauss_legendre_cached;
 /// Indices of refraction that the basis serves.
 pub const ETA_RANGE: RangeInclusive<f64> = 1.0..=2.0;
 
-/// Terms at most.
+/// Largest number of terms.
 pub const MOST_TERMS: usize = 4;
 
 /// Coefficients of each polynomial: of `mu`, `mu^2`, ...
 pub const DEGREE: usize = 9;
 
-/// Nodes in each of the intervals that the scalar products are integrated over, and their number.
+/// Nodes in each interval of the scalar products' quadrature, and number of intervals.
 const ORDER: usize = 16;
 const PIECES: usize = 12;
 
-/// Etas that the functions are made for; denser towards 1, where the angle dependence changes fastest.
+/// Number of etas that the functions are made for; denser towards 1, where the angle dependence changes fastest.
 const ETAS: usize = 49;
 
-/// Sweeps of the Jacobi iteration at most; it converges in less than ten.
+/// Largest number of sweeps of the Jacobi iteration; it converges in less than ten.
 const SWEEPS: usize = 30;
 
-/// Lengths `sqrt(Int f_j^2)` of stored functions: those made here have 0.55 to 0.0005.
+/// Accepted lengths `sqrt(Int f_j^2)` of stored functions; functions made here have 0.55 to 0.0005.
 const SIZES: RangeInclusive<f64> = 1e-6..=1e6;
 
-/// Cosine of the angle between stored functions at most.
+/// Largest cosine of the angle between stored functions.
 const MOST_OVERLAP: f64 = 1e-6;
 
-/// Share of the constant 1 that stored functions hold at least; those made here have 0.7 and more.
+/// Least share of the constant 1 that stored functions must hold; functions made here hold 0.7 and more.
 const LEAST_CONSTANT: f64 = 0.01;
 
 /// Orthogonal functions f_j(mu).
@@ -53,7 +53,7 @@ pub struct EntranceBasis {
     integrals: [f64; MOST_TERMS],
 }
 
-/// Coefficients of one eta, and how well they serve it.
+/// Coefficients for one eta, with their errors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Projection {
     /// c_j; zero beyond the number of terms.
@@ -185,7 +185,7 @@ impl EntranceBasis {
         Ok(result)
     }
 
-    /// With what follows from the functions.
+    /// A basis of these functions, with their squares and integrals.
     fn of(terms: usize, polynomials: [[f64; DEGREE]; MOST_TERMS]) -> Self {
         let square = |p: &[f64; DEGREE]| inner(|mu| evaluate(p, mu), |mu| evaluate(p, mu));
         let integral = |p: &[f64; DEGREE]| inner(|mu| evaluate(p, mu), |_| 1.0);
@@ -193,7 +193,7 @@ impl EntranceBasis {
         Self { terms, polynomials, squares, integrals }
     }
 
-    /// Square of the length of what the functions hold of the constant 1, at most 1.
+    /// Squared length of the projection of the constant 1 on the functions, at most 1.
     fn share_of_constant(&self) -> f64 {
         (0..self.terms).map(|j| self.integrals[j] * self.integrals[j] / self.squares[j]).sum()
     }

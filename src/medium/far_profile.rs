@@ -1,5 +1,5 @@
-//! The smooth far part of R_d: what is left to a basis when the surroundings of a receiver are integrated with the profile
-//! itself.
+//! The smooth far part of R_d, which a basis has to represent when the surroundings of a receiver are integrated with
+//! the profile itself.
 //!
 //! With `s = r^2` the far part is `f = R_d` from the split radius rho on, and inside it the Taylor polynomial of R_d in s
 //! of degree 2 around `s = rho^2`, so that f is even in r and twice continuously differentiable.
@@ -59,7 +59,7 @@ impl FarProfile {
         })
     }
 
-    /// `Int 2 pi r f dr` over the plane: the part of the total diffuse reflectance that is left to the far part.
+    /// `Int 2 pi r f dr` over the plane: the far part's share of the total diffuse reflectance.
     pub fn total(&self) -> f64 {
         let rho2 = self.split_mm * self.split_mm;
         let [value, first, second] = self.polynomial();
@@ -67,7 +67,7 @@ impl FarProfile {
         inside + self.beyond(rho2)
     }
 
-    /// The same over `[0, reach_mm]`; a reach inside the split radius counts as that.
+    /// `Int 2 pi r f dr` over `[0, reach_mm]`; a reach inside the split radius counts as the split radius.
     pub fn total_within(&self, reach_mm: f64) -> f64 {
         let reach_mm = if reach_mm > self.split_mm { reach_mm.min(LARGEST_SPLIT_MM) } else { self.split_mm };
         (self.total() - self.beyond(reach_mm * reach_mm)).max(0.0)
@@ -82,7 +82,7 @@ impl FarProfile {
         of_pole(&self.poles[0]) + of_pole(&self.poles[1])
     }
 
-    /// `Int 2 pi r R_d dr` over the plane: the total diffuse reflectance of the profile that was split.
+    /// `Int 2 pi r R_d dr` over the plane: the total diffuse reflectance of the whole profile.
     pub fn profile_total(&self) -> f64 {
         let half = |pole: &Pole| TAU * pole.weight / pole.z_mm * decay(pole.sigma_per_mm * pole.z_mm);
         half(&self.poles[0]) + half(&self.poles[1])

@@ -1,22 +1,23 @@
 //! Unpolarised Fresnel transmission through a smooth dielectric surface, its hemispherical averages, and sampling by it.
 //!
-//! `eta` is the refractive index inside the medium over the one outside. Cosines are with the outward normal,
-//! in [0, 1] on the side that the name says.
+//! `eta` is the refractive index inside the medium over the one outside. Cosines are with the normal, in [0, 1] on the
+//! side in their names.
 
 use crate::math::quadrature::{gauss_legendre_cached, integrate, integrate_with};
 use crate::math::simd::multiversion;
 
-/// How the diffuse reflection at the boundary, and with it the dipole's `A`, is computed.
+/// Computation of the diffuse reflection at the boundary, and so of the dipole's `A`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum BoundaryFit {
-    /// The published polynomial fits, which measured materials were fitted with.
+    /// The published polynomial fits, with which measured materials were fitted.
     #[default]
     Published,
     /// Quadrature of the Fresnel equations.
     Exact,
 }
 
-/// Where the published fits stay within [`PUBLISHED_FIT_ERROR`] of the exact values; beyond it they leave [0, 1].
+/// Range of eta where the published fits stay within [`PUBLISHED_FIT_ERROR`] of the exact values; beyond it they leave
+/// [0, 1].
 pub const PUBLISHED_FIT_RANGE: std::ops::RangeInclusive<f64> = 0.4..=3.0;
 
 /// Largest difference between the published fits of the internal diffuse reflectance and the exact one, within
@@ -145,13 +146,13 @@ pub fn boundary_a(eta_inside_over_outside: f64, fit: BoundaryFit) -> f64 {
     (1.0 + f_dr) / (1.0 - f_dr).max(f64::EPSILON)
 }
 
-/// Cells of the table of [`CosineTransmittance`].
+/// Number of cells of the table of [`CosineTransmittance`].
 const CELLS: usize = 128;
 
 /// Gauss points of a part of a cell: with 128 cells the integral is exact to 1e-12 of the whole.
 const PARTIAL_ORDER: usize = 5;
 
-/// A step of Newton's method below this is the last: its square is below rounding.
+/// Step of Newton's method below which the iteration ends: its square is below rounding.
 const LAST_STEP: f64 = 1e-9;
 
 /// Entrance cosines with a density proportional to `F_t(eta, mu) mu`: constant light that is sampled by it has
@@ -187,12 +188,12 @@ impl CosineTransmittance {
         Self { eta, borders }
     }
 
-    /// The index ratio that the table was made for.
+    /// The index ratio of the table.
     pub fn eta_inside_over_outside(&self) -> f64 {
         self.eta
     }
 
-    /// Index ratio at least 1, in whose cosine the table is.
+    /// Index ratio on the side where it is at least 1; the table is in that side's cosine.
     fn dense(&self) -> f64 {
         if self.eta < 1.0 { 1.0 / self.eta } else { self.eta }
     }

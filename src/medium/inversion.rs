@@ -1,8 +1,8 @@
-//! From a colour and a length to a medium: the inverse of a profile's total reflectance.
+//! From a colour and a length to a medium: inversion of a profile's total reflectance.
 //!
-//! Jensen and Buhler (2002) describe a medium by its diffuse reflectance and the distance that light scatters over, and solve
-//! the dipole's total for alpha'. Here the same is done with whatever profile is in use: at a fixed length the coefficients
-//! of a channel depend on one number, and its total is found by a search between brackets.
+//! Jensen and Buhler (2002) describe a medium by its diffuse reflectance and the distance that light scatters over, and
+//! solve the dipole's total for alpha'. This module does the same for any profile: at a fixed length the coefficients
+//! of a channel depend on one number, which is found by a bracketing search on the total.
 //!
 //! That number is `x = sqrt(1 - alpha')`, 0 where nothing absorbs and 1 where nothing scatters: totals are smooth in it even
 //! where they near 1, while in alpha' they end in a root that costs half the digits. The search is that of Oliveira and
@@ -15,10 +15,10 @@ use super::material::{LARGEST_SIGMA_PER_MM, OpticalProperties};
 use super::profiles::model::LoadedProfile;
 use crate::error::{Error, Result};
 
-/// Lengths (mm) that are accepted.
+/// Accepted lengths (mm).
 pub const RADII_MM: std::ops::RangeInclusive<f64> = 1e-6..=1e6;
 
-/// Difference of the totals below which a colour counts as reached.
+/// Difference of the totals below which a colour is reached.
 pub const REACHED: f64 = 1e-6;
 
 /// Difference of the totals at which a search ends.
@@ -27,23 +27,23 @@ const CLOSE: f64 = 1e-10;
 /// Width in x of the last bracket.
 const NARROWEST: f64 = 1e-14;
 
-/// Which length stays while the albedo is sought.
+/// The length that is fixed while the albedo is sought.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Radius {
-    /// The mean free path 1 / sigma_t'. Every albedo goes with every one of them.
+    /// The mean free path 1 / sigma_t'. Any albedo is possible with any mean free path.
     #[default]
     MeanFreePath,
-    /// The diffusion length 1 / sigma_tr, sigma_tr = sqrt(3 sigma_a sigma_t'), for every profile: how far light gets. What
-    /// absorbs little must scatter much to get no farther than that, so that sigma_t' grows without bound towards a
-    /// reflectance of 1; it ends at [`LARGEST_SIGMA_PER_MM`].
+    /// The diffusion length 1 / sigma_tr, sigma_tr = sqrt(3 sigma_a sigma_t'), whatever the profile. At a fixed length,
+    /// a medium that absorbs little must scatter much, so that sigma_t' grows without bound towards a reflectance of 1;
+    /// it is limited to [`LARGEST_SIGMA_PER_MM`].
     DiffusionLength,
 }
 
 impl Radius {
-    /// Every one of them.
+    /// Both lengths.
     pub const ALL: [Self; 2] = [Self::MeanFreePath, Self::DiffusionLength];
 
-    /// As people call it.
+    /// Name for people.
     pub fn name(self) -> &'static str {
         match self {
             Self::MeanFreePath => "mean free path",
@@ -51,7 +51,7 @@ impl Radius {
         }
     }
 
-    /// That of a medium in mm, within [`RADII_MM`]: an infinite one is the longest.
+    /// The length of a medium in each channel, mm, within [`RADII_MM`]: an infinite one is the longest.
     pub fn of_medium_mm(self, properties: &OpticalProperties) -> DVec3 {
         let length = match self {
             Self::MeanFreePath => properties.mean_free_path_mm(),
@@ -60,7 +60,7 @@ impl Radius {
         length.clamp(DVec3::splat(*RADII_MM.start()), DVec3::splat(*RADII_MM.end()))
     }
 
-    /// Smallest x whose coefficients are accepted.
+    /// Smallest accepted x.
     fn least(self, radius_mm: f64) -> f64 {
         match self {
             Self::MeanFreePath => 0.0,
@@ -68,7 +68,7 @@ impl Radius {
         }
     }
 
-    /// sigma_s' and sigma_a in 1/mm.
+    /// sigma_s' and sigma_a in 1/mm for a length and an x.
     fn coefficients_per_mm(self, radius_mm: f64, x: f64) -> [f64; 2] {
         let extinction = match self {
             Self::MeanFreePath => 1.0 / radius_mm,
@@ -79,23 +79,23 @@ impl Radius {
     }
 }
 
-/// What a medium is to look like; channels are linear sRGB.
+/// The appearance that is asked of a medium; channels are linear sRGB.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Target {
-    /// Total diffuse reflectance of the half space (of the slab, of the layers), as the profile has it.
+    /// Total diffuse reflectance of the half space (of the slab, of the layers) under the profile.
     pub reflectance: DVec3,
-    /// What `radius_mm` is.
+    /// Meaning of `radius_mm`.
     pub radius: Radius,
     /// Length of each channel in mm.
     pub radius_mm: DVec3,
-    /// Mean cosine; sigma_s' is reduced, so that nothing but single scattering depends on it.
+    /// Mean cosine g; sigma_s' is reduced, so that only single scattering depends on it.
     pub g: f64,
     /// Refractive index inside over outside.
     pub eta_inside_over_outside: f64,
 }
 
 impl Target {
-    /// A medium's own length, g and eta with a colour.
+    /// A target with a medium's own length, g and eta, and another colour.
     pub fn of_medium(properties: &OpticalProperties, radius: Radius, reflectance: DVec3) -> Self {
         Self {
             reflectance,
@@ -107,19 +107,19 @@ impl Target {
     }
 }
 
-/// A medium and what became of its colour.
+/// Result of an inversion: a medium with its colour.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Inversion {
     /// The medium.
     pub properties: OpticalProperties,
-    /// Total diffuse reflectance that was asked for.
+    /// Total diffuse reflectance that was asked for, RGB.
     pub asked: DVec3,
-    /// That of the medium.
+    /// Total diffuse reflectance of the medium, RGB.
     pub achieved: DVec3,
 }
 
 impl Inversion {
-    /// A medium as it is.
+    /// A medium as it is, its own colour being the asked one.
     ///
     /// # Errors
     /// As [`totals`].
@@ -133,7 +133,7 @@ impl Inversion {
         self.achieved - self.asked
     }
 
-    /// Whether no channel is off by more than [`REACHED`].
+    /// Returns whether every channel is within [`REACHED`] of its target.
     pub fn is_reached(&self) -> bool {
         self.gap().abs().max_element() <= REACHED
     }
@@ -148,7 +148,7 @@ pub fn totals(profile: &LoadedProfile, properties: &OpticalProperties) -> Result
     if totals.is_finite() { Ok(totals) } else { Err(Error::runtime(format!("the profile reflects {totals}"))) }
 }
 
-/// Whether a medium's coefficients change a profile.
+/// Returns whether a medium's coefficients change a profile.
 pub fn follows_medium(profile: &LoadedProfile) -> bool {
     match profile {
         LoadedProfile::OfMedium(model) => model.follows_medium(),
@@ -157,11 +157,11 @@ pub fn follows_medium(profile: &LoadedProfile) -> bool {
     }
 }
 
-/// The medium whose total reflectance by `profile` is nearest to the one that is asked for, at the asked length.
+/// The medium whose total reflectance under `profile` is nearest to the asked one, at the asked length.
 ///
-/// Each channel is within 1e-10 of its target where that lies between what the medium reflects without scattering (0, or
-/// what other layers reflect) and without absorption; else it is the nearer of the two, and [`Inversion::gap`] says how far
-/// that is from the target. Totals must rise with alpha' for that, as those of all models do.
+/// Each channel is within 1e-10 of its target where this lies between the totals without scattering (0, or the
+/// reflectance of other layers) and without absorption; otherwise it is the nearer of the two, and [`Inversion::gap`]
+/// is the difference. Totals must rise with alpha' for that, as those of all models do.
 ///
 /// # Errors
 /// Unsupported for profiles that no medium changes; invalid input for a colour that is not finite, a length outside
@@ -209,7 +209,7 @@ pub fn invert(profile: &LoadedProfile, target: &Target) -> Result<Inversion> {
     Ok(Inversion { properties, asked: target.reflectance, achieved })
 }
 
-/// The medium at some x; channels without one have no extinction.
+/// The medium with these x; channels without an x have no extinction.
 fn medium(target: &Target, x: [Option<f64>; 3]) -> OpticalProperties {
     let radius_mm = target.radius_mm.to_array();
     let [red, green, blue] =
@@ -226,11 +226,11 @@ fn medium(target: &Target, x: [Option<f64>; 3]) -> OpticalProperties {
 #[derive(Clone, Copy, Debug)]
 struct Search {
     wanted: f64,
-    /// Where the search starts: without absorption and without scattering.
+    /// First and second x of the search: without absorption and without scattering.
     ends: [f64; 2],
-    /// Those with the differences that they make; of unlike signs from the second on.
+    /// Ends of the bracket, each x with its difference from the wanted total; the signs differ once both are known.
     bracket: [Option<(f64, f64)>; 2],
-    /// x and total of the nearest so far.
+    /// x and total of the nearest one so far.
     best: Option<(f64, f64)>,
     steps: u32,
     is_done: bool,
@@ -251,7 +251,7 @@ impl Search {
         }
     }
 
-    /// Interpolates, truncates and projects.
+    /// The next x inside the bracket: interpolated, truncated and projected.
     fn between(&self, (low, at_low): (f64, f64), (high, at_high): (f64, f64)) -> f64 {
         let (width, whole) = (high - low, self.ends[1] - self.ends[0]);
         let middle = 0.5 * (low + high);
@@ -265,7 +265,7 @@ impl Search {
         if (near - middle).abs() <= room { near } else { middle - towards_middle * room }
     }
 
-    /// Takes in a total.
+    /// Records the total at an x.
     fn learn(&mut self, x: f64, value: f64) {
         let difference = value - self.wanted;
         if self.best.is_none_or(|(_, best)| difference.abs() < (best - self.wanted).abs()) {

@@ -8,16 +8,16 @@ use super::fresnel::{BoundaryFit, PUBLISHED_FIT_RANGE, boundary_a};
 use super::profile::Profile;
 use crate::error::{Error, Result};
 
-/// Refractive indices (inside over outside) that are accepted: where the published fits of the boundary hold.
+/// Accepted refractive indices (inside over outside), the range of the published fits of the boundary.
 pub const ETA_RANGE: std::ops::RangeInclusive<f64> = PUBLISHED_FIT_RANGE;
 
-/// Largest coefficient that is accepted, in 1/mm: a mean free path of a nanometre, far below any wavelength of light.
+/// Largest accepted coefficient, in 1/mm: a mean free path of a nanometre, far below any wavelength of light.
 pub const LARGEST_SIGMA_PER_MM: f64 = 1e6;
 
-/// Refractive index where none is given; that of most measured materials.
+/// Refractive index where none is given, that of most measured materials.
 pub const DEFAULT_ETA: f64 = 1.3;
 
-/// What a homogeneous medium is made of. Channels are linear sRGB; coefficients in 1/mm.
+/// Optical properties of a homogeneous medium. Channels are linear sRGB; coefficients in 1/mm.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct OpticalProperties {
     /// Reduced scattering coefficient sigma_s' = sigma_s (1 - g).
@@ -39,8 +39,8 @@ pub struct Medium {
     pub properties: OpticalProperties,
 }
 
-/// The lengths and the total of one channel that tell whether a method's resolution suits a medium.
-/// Infinite lengths become `null` in JSON.
+/// Lengths and total reflectance of one channel, from which the resolution that a medium needs can be judged. Infinite
+/// lengths become `null` in JSON.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ChannelSummary {
     /// 1 / sigma_t', infinite without extinction.
@@ -185,7 +185,7 @@ impl Preset {
         }
     }
 
-    /// Its optical properties; the measurement gives sigma_s', so g is 0.
+    /// Optical properties of the preset; the measurement gives sigma_s', so g is 0.
     pub fn properties(&self) -> OpticalProperties {
         OpticalProperties {
             sigma_s_reduced_per_mm: DVec3::from_array(self.sigma_s_reduced_per_mm),
@@ -223,7 +223,7 @@ pub fn preset(name: &str) -> Option<&'static Preset> {
     PRESETS.iter().find(|preset| preset.name.eq_ignore_ascii_case(name))
 }
 
-/// What replaces parts of a material, or makes one from nothing.
+/// Properties that replace parts of a material, or make one from nothing.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Overrides {
     /// Reduced scattering coefficient in 1/mm; excludes `sigma_s_per_mm`.
@@ -239,7 +239,7 @@ pub struct Overrides {
 }
 
 impl Overrides {
-    /// Whether nothing is overridden.
+    /// Returns whether nothing is overridden.
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
     }
@@ -273,7 +273,7 @@ fn missing(what: &str, symbol: &str) -> Error {
     Error::input(format!("the {what} coefficient {symbol} is missing; give it in 1/mm, or start from a preset"))
 }
 
-/// What to say about a name that no preset has: the near ones, else all.
+/// Message for a name without a preset: lists the similar names, or all.
 pub(super) fn unknown_preset(name: &str) -> String {
     let wanted = name.to_ascii_lowercase();
     let mut near: Vec<(usize, &str)> = PRESETS

@@ -16,7 +16,7 @@ impl Material {
     /// The material that `--material` names: a preset, or a path that ends in `.toml` (see [`Material::from_file`]).
     ///
     /// # Errors
-    /// Command line when there is no such preset (with the names that come near); else those of [`Material::from_file`].
+    /// Command line when there is no such preset (with similar names); otherwise those of [`Material::from_file`].
     pub fn from_argument(argument: &str) -> Result<Self> {
         let path = Path::new(argument);
         if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml")) {
@@ -28,7 +28,7 @@ impl Material {
     /// Reads a material file (TOML); keys in [`Material::from_toml`]. The name defaults to the file's.
     ///
     /// # Errors
-    /// I/O when it cannot be read; invalid input, with path, line and column, for what it says.
+    /// I/O when it cannot be read; invalid input, with path, line and column, for its contents.
     pub fn from_file(path: &Path) -> Result<Self> {
         let text = read(path)?;
         let stem = path.file_stem().map_or_else(|| "custom".into(), |stem| stem.to_string_lossy().into_owned());
@@ -159,7 +159,7 @@ fn one_line(message: &str) -> String {
     message.split('\n').map(str::trim).collect::<Vec<_>>().join(", ")
 }
 
-/// Applies one key after another, so that an invalid value is blamed on the key that brought it.
+/// Applies one key after another, so that an error names the key with the invalid value.
 fn apply(file: &File, base: Option<&Preset>) -> std::result::Result<OpticalProperties, (Option<Range<usize>>, Error)> {
     let channels = |value: &Option<Spanned<Channels>>| value.as_ref().map(|value| value.get_ref().0);
     let whole = Overrides {

@@ -1,11 +1,11 @@
-//! What every radial diffuse reflectance profile offers, whatever its model.
+//! The interface of all radial diffuse reflectance profiles.
 
 use glam::DVec3;
 
-/// Step of the derivatives over a^2.
+/// Step of the finite differences over a^2.
 const STEP: f64 = 0.02;
 
-/// Derivatives at most, over the value at a: those of measured profiles are noisy.
+/// Largest derivatives over the value at a, since derivatives of measured profiles are noisy.
 const HIGHEST: [f64; 2] = [100.0, 1e4];
 
 /// A radial diffuse reflectance profile R_d(r) of one channel, r in mm, R_d in 1/mm^2.
@@ -37,7 +37,7 @@ pub trait Profile: Send + Sync {
         self.range_mm(1.0 - fraction)
     }
 
-    /// The smallest distance (mm) beyond which at most `share` of the total comes from, to 1e-12 of itself; unlike
+    /// The smallest distance (mm) beyond which lies at most `share` of the total, to 1e-12 of itself; unlike
     /// [`Profile::radius_containing_mm`] it keeps the digits of shares near 0.
     ///
     /// 0 for a share of 1 or more and for a profile that returns nothing; infinite for 0 or less.
@@ -65,8 +65,8 @@ pub trait Profile: Send + Sync {
     /// `Int_triangle R_d(|x - y|) dA(y)`, the receiver anywhere in space.
     fn triangle(&self, receiver_mm: DVec3, corners_mm: [DVec3; 3]) -> f64;
 
-    /// R_d, its derivative in `s = r^2` and half the second one at a squared distance in mm^2: 1/mm^2, 1/mm^4, 1/mm^6. By finite
-    /// differences over a fiftieth of the square, where there is nothing better.
+    /// R_d, its derivative in `s = r^2` and half the second one at a squared distance in mm^2: 1/mm^2, 1/mm^4, 1/mm^6.
+    /// By default from finite differences over a fiftieth of the square.
     fn expansion(&self, s_mm2: f64) -> [f64; 3] {
         let at = |u: f64| self.reflectance((s_mm2 * (1.0 + u)).sqrt());
         let [a, b, c, d, e] = [-2.0 * STEP, -STEP, 0.0, STEP, 2.0 * STEP].map(at);

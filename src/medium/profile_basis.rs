@@ -1,7 +1,7 @@
 //! A linear basis of the far parts of all radial profiles of one object: editing the material becomes a dot product.
 //!
-//! The basis is the principal components of the far parts ([`FarProfile`]) of a training set of dipoles, as in
-//! Wang et al. 2008, section 3.1, with other weights. What counts is the error of the radiosity under any irradiance, which
+//! The basis is the principal components of the far parts ([`FarProfile`]) of a training set of dipoles, as in Wang et
+//! al. 2008, section 3.1, with other weights. The target is the error of the radiosity under any irradiance, which
 //! `T1 = Int 2 pi r |f~ - f| dr` bounds, relative to the profile's total. So each column is divided by its total, the
 //! materials are even in the logarithms of their coefficients, and the components are orthonormal in
 //! `Int (pi (r^2 + split^2) f)^2 d ln(r^2 + split^2)`, whose integrand is the square of that of T1.
@@ -17,7 +17,7 @@
 //! | 2, 100 | 9, 10, 11 | 3.8e-4 | 4.0e-4 | 3.4e-3 |
 //! | 0.1, 65 | 13, 15, 17 | 1.3e-2 | 2.9e-2 | 0.87 |
 //!
-//! r^1.75, r^2.25, and columns weighted again by the errors that they had, changed no number of terms by more than one.
+//! Weights r^1.75 and r^2.25, and columns weighted again by their errors, changed no number of terms by more than one.
 //!
 //! [`Family::Ladder`] trades a few more terms for functions and coefficients that are never negative (`ladder.rs`).
 
@@ -35,26 +35,26 @@ mod ladder;
 mod materials;
 mod table;
 
-/// Most terms that an asked error leads to.
+/// Largest number of terms that an asked error leads to.
 pub const MOST_CHOSEN_TERMS: usize = 24;
 
-/// Most terms of any basis; the singular values of every range are rounding by then.
+/// Largest number of terms of any basis; the singular values of every range are rounding by then.
 pub const MOST_TERMS: usize = 32;
 
-/// Split radii in mm that are served; others are taken to the nearest.
+/// Accepted split radii in mm; others are taken to the nearest.
 const SPLIT_BOUNDS_MM: (f64, f64) = (1e-6, 1e6);
 
-/// Reaches that are served as multiples of the split radius; others are taken to the nearest.
+/// Accepted reaches as multiples of the split radius; others are taken to the nearest.
 const REACH_BOUNDS: (f64, f64) = (2.0, 1e6);
 
-/// Stored numbers beyond these are not of a basis: the radii that are served lead to none, and no sum overflows below them.
+/// Stored numbers beyond these bounds are refused: no accepted radius leads to them, and no sum overflows below them.
 const LARGEST_WEIGHT: f64 = 1e60;
 const LARGEST_VALUE: f32 = 1e30;
 
-/// What the functions of a basis are.
+/// The functions of a basis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 pub enum Family {
-    /// Principal components, least in error for the transported light relative to what each material returns.
+    /// Principal components, chosen for the least error in transported light relative to the total of each material.
     #[default]
     Transported,
     /// Far parts of Gaussians whose standard deviations are a geometric sequence: neither they nor the coefficients of a
@@ -65,14 +65,14 @@ pub enum Family {
     Plain,
 }
 
-/// What a basis is made for.
+/// Range, family and accuracy of a basis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BasisSettings {
     /// Radius in mm inside which the near field is integrated with the profile itself.
     pub split_mm: f64,
     /// Largest distance in mm between two points of the object.
     pub reach_mm: f64,
-    /// What the functions are.
+    /// The functions of the basis.
     pub family: Family,
     /// Number of terms; without it the smallest number that reaches `error`, [`MOST_CHOSEN_TERMS`] at most.
     pub terms: Option<usize>,
@@ -98,10 +98,10 @@ pub struct ProfileBasis {
     nodes_mm: Vec<f64>,
     weights: Vec<f64>,
     functions: Vec<f32>,
-    /// How a ladder finds coefficients.
+    /// Non-negative least squares for the coefficients of a ladder.
     non_negative: Option<NonNegative>,
     interpolation: Interpolation,
-    /// Where errors are integrated, and the functions there, function after function.
+    /// Quadrature of the errors, and the values of the functions at its nodes, function after function.
     measure: Grid,
     measured: Vec<f64>,
 }
@@ -109,8 +109,9 @@ pub struct ProfileBasis {
 impl ProfileBasis {
     /// The basis for an object's own range. Takes a fraction of a second; the same bits on every processor.
     ///
-    /// Radii that make no sense are taken to the nearest that do: the split to 1e-6..1e6 mm, the reach to 2..1e6 splits, the
-    /// number of terms to 1..=[`MOST_TERMS`]. Fewer terms than asked come out only where the training set holds no more.
+    /// Radii out of range are taken to the nearest accepted one: the split to 1e-6..1e6 mm, the reach to 2..1e6 splits;
+    /// the number of terms to 1..=[`MOST_TERMS`]. There are fewer terms than asked only where the training set holds no
+    /// more.
     pub fn new(settings: &BasisSettings) -> Self {
         let split_mm = within(settings.split_mm, SPLIT_BOUNDS_MM);
         let reach_mm = split_mm * within(settings.reach_mm / split_mm, REACH_BOUNDS);
@@ -143,7 +144,7 @@ impl ProfileBasis {
         basis
     }
 
-    /// The first ladder of which every judge is within `error`.
+    /// The shortest ladder whose error is within `error` for every judge.
     fn shortest_ladder(split_mm: f64, reach_mm: f64, error: f64) -> Self {
         let mut basis = Self::ladder(split_mm, reach_mm, 1);
         for terms in 2..=MOST_CHOSEN_TERMS {
@@ -162,8 +163,8 @@ impl ProfileBasis {
         self.measured.chunks_exact(areas.len()).map(total).collect()
     }
 
-    /// A basis that was stored: see the accessors of the same names. Errors are taken up to the last node, which is the reach
-    /// that it was made for unless the family was plain. Of a ladder there are totals.
+    /// A basis from stored numbers, named as the accessors. Errors are taken up to the last node, which is the reach
+    /// that it was made for unless the family was plain. A ladder has `totals`.
     ///
     /// # Errors
     /// Invalid input when the numbers do not make a basis: lengths that do not fit, nodes that do not ascend from 0, numbers
@@ -214,7 +215,7 @@ impl ProfileBasis {
         Ok(basis)
     }
 
-    /// Adds what follows from the stored numbers, which must be valid.
+    /// Completes the basis from the stored numbers, which must be valid.
     fn assemble(split_mm: f64, reach_mm: f64, nodes_mm: Vec<f64>, weights: Vec<f64>, functions: Vec<f32>) -> Self {
         let squares = nodes_mm.iter().map(|node| node * node).collect();
         let interpolation = Interpolation::new(squares, split_mm * split_mm);
@@ -229,7 +230,7 @@ impl ProfileBasis {
         Self { split_mm, nodes_mm, weights, functions, non_negative: None, interpolation, measure, measured }
     }
 
-    /// The first terms, as many as every judge needs to be within `error`.
+    /// The basis cut to the first terms, as many as every judge needs to be within `error`.
     fn shortened(mut self, error: f64) -> Self {
         let mut worst = vec![0.0_f64; self.terms()];
         for judge in materials::judges() {
@@ -269,7 +270,7 @@ impl ProfileBasis {
         &self.functions
     }
 
-    /// `Int 2 pi r b_k dr` over the reach of each function, without unit, where coefficients must not be negative.
+    /// `Int 2 pi r b_k dr` over the reach of each function, without unit, of a ladder; none for other families.
     pub fn totals(&self) -> Option<&[f64]> {
         self.non_negative.as_ref().map(NonNegative::totals)
     }
@@ -325,8 +326,8 @@ impl ProfileBasis {
         materials::judges().iter().map(|judge| self.project(judge).error).fold(0.0, f64::max)
     }
 
-    /// How much a typical material makes of each function: the root mean square over the training set of `s_k` relative to
-    /// the total diffuse reflectance. `spread_k b_k` is comparable between functions.
+    /// Typical coefficient of each function: the root mean square over the training set of `s_k` relative to the total
+    /// diffuse reflectance. `spread_k b_k` is comparable between functions.
     pub fn spread(&self) -> Vec<f64> {
         let training = materials::training();
         let mut squares = vec![0.0; self.terms()];
@@ -340,7 +341,7 @@ impl ProfileBasis {
         squares.into_iter().map(|square: f64| (square / training.len() as f64).sqrt()).collect()
     }
 
-    /// All functions in single precision for many points.
+    /// Table of all functions in single precision, for evaluation at many points.
     pub fn table(&self) -> Table {
         let (split, reach) = (self.split_mm, self.reach_mm());
         Table::new(&self.interpolation, &self.functions, split * split, reach * reach)
@@ -371,7 +372,7 @@ fn nodes_and_weights(split_mm: f64, reach_mm: f64, family: Family) -> (Vec<f64>,
     }
 }
 
-/// The training set as columns in which the plain dot product is the weighted one.
+/// The training set as columns, weighted so that their plain dot product is the weighted one.
 fn columns(split_mm: f64, nodes_mm: &[f64], weights: &[f64], family: Family) -> Vec<Vec<f64>> {
     let dipoles = match family {
         Family::Transported | Family::Ladder => materials::training(),

@@ -1,21 +1,22 @@
-//! Any profile without its peak: a polynomial in the squared distance inside a radius, the profile itself beyond.
+//! Any profile without its peak: a polynomial in the squared distance inside a radius a, the profile itself beyond.
 //!
-//! With `s = r^2` the polynomial is that of Taylor of degree 2 around `s = a^2`, as multilevel summation softens 1/r (Hardy, Stone
-//! and Schulten 2009, equation 8): what is left of the profile varies on the scale of a, and what was taken away is compact.
-//! Of a dipole the polynomial is exact ([`Profile::expansion`]), and [`super::far_profile::FarProfile`] knows its totals.
+//! With `s = r^2` the polynomial is the Taylor polynomial of degree 2 around `s = a^2`, as multilevel summation softens
+//! 1/r (Hardy, Stone and Schulten 2009, equation 8): the softened profile varies on the scale of a, and the difference
+//! is compact. For a dipole the derivatives are exact ([`Profile::expansion`]), and [`super::far_profile::FarProfile`]
+//! knows its totals.
 
 use super::profile::Profile;
 
-/// What stands for a profile inside a radius.
+/// The polynomial that replaces a profile inside a radius.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Softened {
     radius2_mm2: f64,
-    /// Of `u = r^2 - a^2`.
+    /// Coefficients of the polynomial in `u = r^2 - a^2`.
     polynomial: [f64; 3],
 }
 
 impl Softened {
-    /// Of a profile inside `radius_mm`, which is finite; the whole profile where it is not positive.
+    /// Softens a profile inside `radius_mm`, which is finite; a radius that is not positive leaves the whole profile.
     pub fn new(profile: &dyn Profile, radius_mm: f64) -> Self {
         let radius2_mm2 = radius_mm.max(0.0).powi(2);
         Self { radius2_mm2, polynomial: profile.expansion(radius2_mm2) }
@@ -33,7 +34,7 @@ impl Softened {
         (u < 0.0).then_some(value + u * (first + u * second))
     }
 
-    /// What a profile has more than its softened form at a squared distance in mm^2, in 1/mm^2: nothing beyond the radius.
+    /// The profile minus its softened form at a squared distance in mm^2, in 1/mm^2: 0 beyond the radius.
     pub fn less(&self, profile: &dyn Profile, r2_mm2: f64) -> f64 {
         self.inside(r2_mm2).map_or(0.0, |softened| profile.reflectance(r2_mm2.sqrt()) - softened)
     }
@@ -60,7 +61,7 @@ mod tests {
     use crate::medium::fresnel::BoundaryFit;
     use crate::medium::material::PRESETS;
 
-    /// A dipole that has its derivatives from finite differences.
+    /// A dipole with derivatives from finite differences.
     struct Any(Dipole);
 
     impl Profile for Any {

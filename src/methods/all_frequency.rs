@@ -16,16 +16,16 @@ use crate::math::cube_map::FACES;
 /// The method.
 pub struct AllFrequency;
 
-/// Shadow boundaries stay well inside the kernel.
+/// Density of the samples; its spacing keeps shadow boundaries well inside the kernel.
 const DENSITY: Density = Density { spacing: 0.35, least: 1 << 16, most: 1 << 18 };
 
-/// The error that the density is made for.
+/// Error that the density is made for.
 const DENSITY_RMS: f64 = 0.02;
 
-/// Coefficients of a row unless they are asked for: the paper's.
+/// Default number of coefficients of a row: the paper's.
 const ROW: usize = 128;
 
-/// Single scattering without its terms.
+/// Choice of single scattering, before its number of terms.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Scattered {
     Off,
@@ -223,7 +223,7 @@ impl Method for AllFrequency {
     }
 }
 
-/// Single scattering, what it is expressed in, and its integrand.
+/// Single scattering, its basis and its integrand.
 fn single(keys: &Keys, basis: Basis) -> Result<(Single, Basis, Integrand)> {
     let scattered = keys.get(&SINGLE)?;
     if scattered == Scattered::Off {
@@ -245,7 +245,7 @@ fn single(keys: &Keys, basis: Basis) -> Result<(Single, Basis, Integrand)> {
     }
 }
 
-/// Coefficients of a Haar row, and the order of the harmonics where it is asked for.
+/// Number of coefficients of a Haar row, and the order of the harmonics where it is given.
 fn coefficients(keys: &Keys, basis: Basis, side: u32) -> Result<(usize, Option<usize>)> {
     let Some(count) = keys.get(&COEFFICIENTS)? else { return Ok((ROW, None)) };
     let most = FACES * (side as usize).pow(2);

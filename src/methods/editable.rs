@@ -1,4 +1,4 @@
-//! `editable`: the material is chosen when the asset is evaluated (Wang et al. 2008): sums over samples at run time, or stored
+//! `editable`: the material is chosen at evaluation (Wang et al. 2008): sums over samples at run time, or stored
 //! transport of a basis of R_d.
 
 use super::keys;
@@ -16,16 +16,16 @@ use crate::transport::near_rule::NearField;
 /// The method.
 pub struct Editable;
 
-/// Shadow boundaries stay well inside the kernel.
+/// Density of the samples; its spacing keeps shadow boundaries well inside the kernel.
 const DENSITY: Density = Density { spacing: 0.35, least: 1 << 17, most: 1 << 18 };
 
-/// The error that the density is made for; a smaller one asks for more samples.
+/// Error that the density is made for; a smaller one asks for more samples.
 const DENSITY_RMS: f64 = 0.01;
 
 /// Receivers that share a traversal of the tree.
 const GROUP: u32 = 16;
 
-/// Shares of the asked error that lossy stages may take. What is left is for sampling and for rows.
+/// Shares of the asked error that lossy stages may take. The rest is for sampling and for rows.
 const NETS: f64 = 0.8;
 const HIERARCHY: f64 = 0.3;
 const TRUNCATION_SHARE: f64 = 0.6;
@@ -34,10 +34,10 @@ const BASIS_ERROR: f64 = 0.15;
 const INTERPOLATION: f64 = 0.6;
 const LEVELS: f64 = 0.2;
 
-/// Distance of the points of the far field at an error of 1 %, in sample spacings, at most.
+/// Largest distance between the points of the far field at an error of 1 %, in sample spacings.
 const FAR_SPACING_AT_1: f64 = 4.0;
 
-/// Whether transport is stored.
+/// Stored transport, if any.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Transport {
     None,

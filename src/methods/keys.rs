@@ -8,25 +8,25 @@ use crate::transport::interreflection::{LEAST_RAYS, MOST_RAYS};
 use crate::transport::irradiance::LightSampling;
 use crate::transport::single_scattering::{Crossings, Form};
 
-/// Shadow rays of a sample towards sharp lights.
+/// Key for the points of a sample where shadow rays towards sharp lights start.
 pub(super) const fn points(default: &'static str) -> Key<PowerOfTwo> {
     let help = "points of a sample that a directional or point light's shadow rays start from";
     Key::new("points", default, PowerOfTwo(1, 64), help).expert()
 }
 
-/// Shadow rays of a sample towards soft lights.
+/// Key for the shadow rays of a sample towards soft lights.
 pub(super) const fn directions(default: &'static str) -> Key<Number<u32>> {
     let help = "shadow rays of a sample towards an environment; a constant light takes a quarter of them";
     Key::new("directions", default, Number(1, 65536), help).expert()
 }
 
-/// Cells of an area light.
+/// Key for the cells along each edge of an area light.
 pub(super) const fn area_side(default: &'static str) -> Key<Number<u32>> {
     let help = "an area light is cut into this many cells along each edge";
     Key::new("area-side", default, Number(1, 256), help).expert()
 }
 
-/// The light sampling that the keys `points`, `directions` and `area-side` describe.
+/// The light sampling from the keys `points`, `directions` and `area-side`.
 pub(super) fn light_sampling(
     keys: &Keys,
     (points, directions, area_side): (&Key<PowerOfTwo>, &Key<Number<u32>>, &Key<Number<u32>>),
@@ -38,7 +38,7 @@ pub(super) fn light_sampling(
     })
 }
 
-/// How often light that leaves is followed to where it falls on the surface again; 0 for never.
+/// Number of bounces of light that leaves the surface and falls on it again; 0 for none.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Times;
 
@@ -62,7 +62,7 @@ impl Domain for Times {
     }
 }
 
-/// Whether light is followed outside, and how often.
+/// Key for the number of bounces of light outside the medium.
 pub(super) const INTER_REFLECTION: Key<Times> = Key::new(
     "inter-reflection",
     "off",
@@ -71,13 +71,13 @@ pub(super) const INTER_REFLECTION: Key<Times> = Key::new(
      transfer more",
 );
 
-/// How many rays look for it.
+/// Key for the rays of each sample that find these bounces.
 pub(super) const fn rays(default: &'static str) -> Key<PowerOfTwo> {
     let help = "rays of a sample that look for surfaces whose light falls on it";
     Key::new("inter-reflection-rays", default, PowerOfTwo(LEAST_RAYS, MOST_RAYS), help).expert()
 }
 
-/// The inter-reflection that the keys describe.
+/// The inter-reflection that the keys choose; none where it is off.
 pub(super) fn outside(keys: &Keys, rays: &Key<PowerOfTwo>) -> Result<Option<Outside>> {
     match keys.get(&INTER_REFLECTION)? {
         0 => Ok(None),
@@ -85,7 +85,7 @@ pub(super) fn outside(keys: &Keys, rays: &Key<PowerOfTwo>) -> Result<Option<Outs
     }
 }
 
-/// Which form of equation (4) of Wang, Tran and Luebke 2005.
+/// Key for the form of equation (4) of Wang, Tran and Luebke 2005.
 pub(super) const SINGLE_FORM: Key<OneOf<Form>> = Key::new(
     "single-form",
     "physical",
@@ -94,7 +94,7 @@ pub(super) const SINGLE_FORM: Key<OneOf<Form>> = Key::new(
 )
 .expert();
 
-/// What becomes of light whose straight way crosses further surfaces.
+/// Key for the treatment of light whose straight path crosses further surfaces.
 pub(super) const SINGLE_CROSSINGS: Key<OneOf<Crossings>> = Key::new(
     "single-crossings",
     "occluded",
@@ -104,7 +104,7 @@ pub(super) const SINGLE_CROSSINGS: Key<OneOf<Crossings>> = Key::new(
 )
 .expert();
 
-/// The integrand that the keys describe.
+/// The integrand that the keys choose.
 pub(super) fn integrand(keys: &Keys) -> Result<Integrand> {
     Ok(Integrand { form: keys.get(&SINGLE_FORM)?, crossings: keys.get(&SINGLE_CROSSINGS)? })
 }

@@ -1,5 +1,5 @@
-//! `quantized_lights`: radiosity under a quantised set of lights, precomputed; any light is interpolated from the set (Hao &
-//! Varshney 2004). What the paper stores, to the letter, is a program of its own: `examples/papers`.
+//! `quantized_lights`: radiosity under a quantised set of lights, precomputed; any light is interpolated from the set
+//! (Hao & Varshney 2004). A program of its own, `examples/papers`, stores exactly the paper's data.
 
 use crate::error::Result;
 use crate::evaluate::keys::{AnyKey, Auto, Key, Keys, Number, OneOf};
@@ -14,16 +14,16 @@ use crate::light::quantised::interpolation::Scheme;
 /// The method.
 pub struct QuantizedLights;
 
-/// Samples for an error of [`DENSITY_RMS`]: shadow boundaries stay well inside the kernel.
+/// Density of the samples for an error of [`DENSITY_RMS`]; its spacing keeps shadow boundaries well inside the kernel.
 const DENSITY: Density = Density { spacing: 0.35, least: 1 << 16, most: 1 << 18 };
 
-/// The error that the density is made for.
+/// Error that the density is made for.
 const DENSITY_RMS: f64 = 0.02;
 
-/// Shells of point lights unless they are asked for.
+/// Default number of shells of point lights.
 const DEFAULT_SHELLS: usize = 3;
 
-/// Directions in the set.
+/// Key for the number of directions in the set.
 pub const LIGHTS: Key<Auto<Number<usize>>> = Key::new(
     "lights",
     "auto",
@@ -31,7 +31,7 @@ pub const LIGHTS: Key<Auto<Number<usize>>> = Key::new(
     "directions in the set (200 in the paper); auto: as many as --max-rms asks for",
 );
 
-/// Distances of point lights in the set.
+/// Key for the number of distances of point lights in the set.
 pub const SHELLS: Key<Auto<Number<usize>>> = Key::new(
     "shells",
     "auto",
@@ -39,7 +39,7 @@ pub const SHELLS: Key<Auto<Number<usize>>> = Key::new(
     "distances of point and area lights in the set, beside infinity; auto: 3 where --for-lights has them, else 0",
 );
 
-/// The nearest of these distances.
+/// Key for the nearest of these distances.
 pub const NEAREST: Key<Number<f64>> = Key::new(
     "nearest",
     "1.5",
@@ -61,7 +61,7 @@ const REFERENCES: Key<Auto<Number<usize>>> = Key::new(
     "number of reference points, about; auto: what --max-rms asks for",
 );
 
-/// How weights of the lights of the set follow from a direction.
+/// Key for the interpolation between the lights of the set by direction.
 pub const INTERPOLATION: Key<OneOf<Scheme>> = Key::new(
     "interpolation",
     "rbf",
@@ -75,7 +75,7 @@ pub const INTERPOLATION: Key<OneOf<Scheme>> = Key::new(
 )
 .expert();
 
-/// How weights of the shells follow from a distance.
+/// Key for the interpolation between the shells by distance.
 pub const BLEND: Key<OneOf<Blend>> = Key::new(
     "blend",
     "polynomial",
@@ -125,12 +125,12 @@ impl Method for QuantizedLights {
     }
 }
 
-/// How many samples a bake takes for the error that is asked for.
+/// The density of samples for the error that is asked for.
 pub fn density(settings: &BakeSettings) -> Density {
     DENSITY.finer((DENSITY_RMS / settings.max_rms).sqrt().max(1.0))
 }
 
-/// The set of lights that [`LIGHTS`], [`SHELLS`], [`NEAREST`] and [`BLEND`] describe, with an interpolation.
+/// The set of lights from the keys [`LIGHTS`], [`SHELLS`], [`NEAREST`] and [`BLEND`], with an interpolation.
 ///
 /// # Errors
 /// Command line: a method that lacks one of these keys.

@@ -13,7 +13,7 @@ use crate::transport::near_rule::NearField;
 /// The method.
 pub struct Reference;
 
-/// Shadow boundaries stay well inside the kernel.
+/// Density of the samples; its spacing keeps shadow boundaries well inside the kernel.
 const DENSITY: Density = Density { spacing: 0.2, least: 1 << 17, most: 1 << 19 };
 
 /// Receivers of a block: wide, because the kernels are faster on long rows and every sample is seen anyway.

@@ -11,10 +11,10 @@ use crate::transport::near_rule::NearField;
 /// The method.
 pub struct TwoPass;
 
-/// Shadow boundaries stay well inside the kernel.
+/// Density of the samples; its spacing keeps shadow boundaries well inside the kernel.
 const DENSITY: Density = Density { spacing: 0.35, least: 1 << 17, most: 1 << 18 };
 
-/// The error that the density is made for; a smaller one asks for more samples.
+/// Error that the density is made for; a smaller one asks for more samples.
 const DENSITY_RMS: f64 = 0.005;
 
 /// Share of the asked error for the hierarchy.

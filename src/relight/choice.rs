@@ -1,4 +1,4 @@
-//! Where transport and drawing run.
+//! Choice of the device for transport and drawing.
 
 #[cfg(feature = "gpu")]
 use std::sync::Arc;
@@ -11,10 +11,11 @@ use crate::evaluate::{
     device::{Device, Uploaded},
 };
 
-/// The device that a person asks for.
+/// The device that a user asks for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DeviceChoice {
-    /// Shaders on a graphics adapter; the CPU's transport drawn by a software adapter; all on the CPU where there is none.
+    /// Shaders on a graphics adapter; on a software adapter, transport on the CPU and drawing there; all on the CPU
+    /// without one.
     #[default]
     Auto,
     /// Transport in compute shaders, drawn by the adapter.
@@ -23,10 +24,10 @@ pub enum DeviceChoice {
     Cpu,
 }
 
-/// Opens the evaluator; again where a first attempt took it.
+/// Opens the evaluator again, where a first attempt consumed it.
 pub type Open<'a> = &'a dyn Fn() -> Result<Box<dyn Evaluator>>;
 
-/// An evaluator where it runs.
+/// An evaluator on the CPU or on a device.
 pub enum Place {
     /// On the CPU, with pictures drawn there.
     Cpu(Box<dyn Evaluator>),
@@ -35,15 +36,15 @@ pub enum Place {
     Device(Box<dyn DeviceEvaluator>),
 }
 
-/// An evaluator, and what a person should know about where it runs.
+/// A placed evaluator, with a note for the user.
 pub struct Placed {
     /// The evaluator.
     pub place: Place,
-    /// One line where it is not what somebody may expect.
+    /// A line of text where the device is not the expected one.
     pub note: Option<String>,
 }
 
-/// Places the evaluator of `first`, which `open` gives again if it is needed once more.
+/// Places the evaluator `first`; `open` makes it again if it is needed once more.
 ///
 /// # Errors
 /// `Gpu` without an adapter, without shaders for the method or in a build without them (exit 5); those of `open`.

@@ -1,4 +1,4 @@
-//! Names of saved pictures, and what a dropped file is.
+//! Names of saved pictures, and kinds of dropped files.
 
 use std::path::{Path, PathBuf};
 
@@ -29,7 +29,7 @@ pub enum Dropped {
     Asset(PathBuf),
     /// A picture that becomes the environment.
     Environment(PathBuf),
-    /// Something else; what to tell.
+    /// Something else, with the message to show.
     Other(String),
 }
 

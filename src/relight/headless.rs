@@ -1,4 +1,4 @@
-//! An animation without a window: the lights turn once about the object, every frame is a picture, all are timed.
+//! An animation without a window: the lights turn once about the object; every frame becomes a picture and is timed.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -27,29 +27,29 @@ use crate::render::frame::{RenderSettings, Specular, render};
 use crate::render::single::Scattered;
 use crate::render::texture::Texture;
 
-/// Samples in a pixel of a frame.
+/// Samples per pixel of a frame.
 pub const SAMPLES_PER_PIXEL: u32 = 4;
-/// Most frames.
+/// Largest number of frames.
 pub const MAX_FRAMES: usize = 100_000;
 
 /// An animation.
 #[derive(Clone, Debug)]
 pub struct Animation {
-    /// Pictures of a whole turn.
+    /// Number of pictures of a whole turn.
     pub frames: usize,
-    /// Folder that they go to; made where its parent is there.
+    /// Folder of the pictures; created if its parent exists.
     pub folder: PathBuf,
-    /// The eye.
+    /// The camera.
     pub camera: Camera,
-    /// Pixels.
+    /// Size of the pictures.
     pub resolution: Resolution,
-    /// Brightness; automatic: that of the first frame, so that nothing flickers.
+    /// Brightness; automatic exposure is that of the first frame, so that nothing flickers.
     pub exposure: Exposure,
-    /// Reflection.
+    /// Specular reflection.
     pub specular: Specular,
-    /// The texture that scattered light is multiplied by.
+    /// The texture that multiplies scattered light.
     pub texture: Option<Texture>,
-    /// The background that is seen beside the object.
+    /// The background beside the object.
     pub background: Background,
     /// Lights of the first frame.
     pub lights: Vec<Light>,
@@ -108,7 +108,7 @@ fn make_folder(folder: &Path) -> Result<()> {
     }
 }
 
-/// Draws frames where the evaluator is.
+/// Draws frames on the evaluator's device.
 enum Painter {
     Cpu(Box<dyn Evaluator>),
     #[cfg(feature = "gpu")]
@@ -172,7 +172,7 @@ impl Painter {
         }
     }
 
-    /// The factor of all frames: where it is automatic, that of the renderer for the first frame.
+    /// Exposure factor of all frames; automatic exposure is the renderer's for the first frame.
     fn exposure(&mut self, animation: &Animation, progress: &dyn Progress) -> Result<f64> {
         if let Exposure::Stops(stops) = animation.exposure {
             return Ok(stops.clamp(-MAX_STOPS, MAX_STOPS).exp2());
@@ -190,7 +190,7 @@ impl Painter {
         Ok(animation.exposure.factor(&frame))
     }
 
-    /// Times of a frame (its name left open) and its PNG.
+    /// Times of a frame, without its name, and its PNG.
     fn frame(&mut self, animation: &Animation, lights: Vec<Light>, exposure: f64) -> Result<(FrameTime, Vec<u8>)> {
         match self {
             Self::Cpu(evaluator) => {
@@ -242,7 +242,7 @@ impl OnDevice {
     }
 }
 
-/// The PNG of a picture; transparent where nothing is beside the object.
+/// The PNG of a picture, transparent where the background is empty.
 #[cfg(feature = "gpu")]
 pub(super) fn png(picture: &LinearPicture, background: Background) -> Result<Vec<u8>> {
     let Resolution { width, height } = picture.resolution;

@@ -1,4 +1,4 @@
-//! Lights that turn: about the vertical axis for an animation, and by hand in azimuth, elevation and brightness.
+//! Turning lights: about the vertical axis for an animation, and by hand in azimuth, elevation and brightness.
 
 use std::sync::Arc;
 
@@ -8,10 +8,10 @@ use crate::geometry::mesh::Mesh;
 use crate::light::Light;
 use crate::light::environment::Rotation;
 
-/// Most stops that a light is made brighter or darker by.
+/// Largest change of a light's brightness, in stops.
 pub const MAX_STOPS: f64 = 10.0;
 
-/// The point that lights turn about, on the vertical axis through the middle of the mesh's bounding box, in world mm.
+/// The pivot of turning lights, on the vertical axis through the middle of the mesh's bounding box, in world mm.
 pub fn pivot_mm(mesh: &Mesh) -> DVec3 {
     let [min, max] = mesh.bounds_local_mm();
     mesh.origin_mm + 0.5 * (min + max)
@@ -46,22 +46,22 @@ pub fn direction_of_degrees(azimuth: f64, elevation: f64) -> DVec3 {
     DVec3::new(sin_a * cos_e, sin_e, cos_a * cos_e)
 }
 
-/// A light with what a person does to it.
+/// A light with its manual changes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LightEntry {
     base: Light,
-    /// Where the light is seen from the pivot; the turn of an environment.
+    /// Azimuth of the light as seen from the pivot, or the rotation of an environment.
     pub azimuth_degrees: f64,
-    /// Height of the light above the horizon; none where it has no direction or only turns.
+    /// Elevation of the light above the horizon; none where it has no direction or can only turn.
     pub elevation_degrees: Option<f64>,
     /// Brightness relative to the light as it was given, in stops.
     pub stops: f64,
-    /// Whether it shines.
+    /// Whether the light is on.
     pub on: bool,
 }
 
 impl LightEntry {
-    /// A light as it was given.
+    /// An entry for a light without changes.
     pub fn new(base: Light, pivot_mm: DVec3) -> Self {
         let (azimuth_degrees, elevation_degrees) = match &base {
             Light::Environment { rotate_degrees, .. } => (*rotate_degrees, None),
@@ -79,12 +79,12 @@ impl LightEntry {
         &self.base
     }
 
-    /// Whether turning it changes anything.
+    /// Returns whether turning the light changes anything.
     pub fn turns(&self) -> bool {
         !matches!(self.base, Light::Constant { .. })
     }
 
-    /// The light as it stands now, turned by `turn_degrees` more.
+    /// The light with its changes, turned by `turn_degrees` more.
     pub fn light(&self, turn_degrees: f64, pivot_mm: DVec3) -> Light {
         let mut light = self.base.clone();
         if let Some(elevation) = self.elevation_degrees {
@@ -109,7 +109,7 @@ impl LightEntry {
         if turn_degrees == 0.0 { light } else { turned(&light, turn_degrees, pivot_mm) }
     }
 
-    /// Turns by hand.
+    /// Turns the light by hand.
     pub fn turn(&mut self, azimuth_degrees: f64, elevation_degrees: f64) {
         if self.turns() {
             self.azimuth_degrees = (self.azimuth_degrees + azimuth_degrees + 180.0).rem_euclid(360.0) - 180.0;
@@ -139,12 +139,13 @@ fn scale(light: &mut Light, factor: f64) {
     *colour = (*colour * factor).min(DVec3::splat(f64::MAX));
 }
 
-/// The lights that shine, turned.
+/// The lights that are on, turned.
 pub fn shining(entries: &[LightEntry], turn_degrees: f64, pivot_mm: DVec3) -> Vec<Light> {
     entries.iter().filter(|e| e.on).map(|e| e.light(turn_degrees, pivot_mm)).collect()
 }
 
-/// Whether two states of the lights are the same; environments by the place of their picture in memory, which is quick.
+/// Returns whether two states of the lights are the same; environments are compared by the address of their picture,
+/// which is quick.
 pub fn are_same(a: &[Light], b: &[Light]) -> bool {
     let same = |(a, b): (&Light, &Light)| match (a, b) {
         (

@@ -1,4 +1,4 @@
-//! Relighting in real time: a window, and the same frames without one. Knows evaluators by their traits only.
+//! Relighting in real time: a window, and the same frames without one. Evaluators are used through their traits only.
 
 pub mod choice;
 pub mod files;

@@ -1,4 +1,4 @@
-//! A mailbox with one place: who works takes the newest state, what nobody took is replaced.
+//! A mailbox for one item: a worker takes the newest state, and a state that was not taken is replaced.
 
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
@@ -26,7 +26,7 @@ impl<T> Newest<T> {
         self.slot.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Puts a state there in place of one that nobody took.
+    /// Posts a state; replaces one that was not taken.
     pub fn post(&self, value: T) {
         self.lock().value = Some(value);
         self.changed.notify_one();
@@ -52,12 +52,12 @@ impl<T> Newest<T> {
         }
     }
 
-    /// A state if there is one.
+    /// Takes a state if there is one.
     pub fn try_take(&self) -> Option<T> {
         self.lock().value.take()
     }
 
-    /// Whether a state waits.
+    /// Returns whether a state is waiting.
     pub fn is_waiting(&self) -> bool {
         self.lock().value.is_some()
     }

@@ -1,4 +1,4 @@
-//! A camera that a person turns about the object and moves nearer and farther.
+//! A camera that the user turns about the object and moves nearer and farther.
 
 use glam::DVec3;
 
@@ -6,14 +6,14 @@ use super::lights::{angles_degrees, direction_of_degrees};
 use crate::error::Result;
 use crate::render::camera::Camera;
 
-/// Highest and lowest elevation: straight above, +Y would be no longer up in the picture.
+/// Largest elevation, up or down: straight above, +Y would no longer be up in the picture.
 const MAX_ELEVATION_DEGREES: f64 = 89.0;
 /// Degrees for a drag over the height of the picture.
 const DEGREES_PER_HEIGHT: f64 = 180.0;
 /// Nearest and farthest distance relative to the first one.
 const DISTANCES: std::ops::RangeInclusive<f64> = 0.05..=50.0;
 
-/// A camera on a sphere about the point that it looks at; +Y is up.
+/// A camera on a sphere about its target; +Y is up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Orbit {
     look_mm: DVec3,
@@ -39,7 +39,7 @@ impl Orbit {
         }
     }
 
-    /// The camera now.
+    /// The current camera.
     ///
     /// # Errors
     /// As [`Camera::new`].

@@ -1,4 +1,4 @@
-//! How long frames take.
+//! Durations of frames.
 
 use serde::Serialize;
 
@@ -12,39 +12,39 @@ pub const SCHEMA: &str = "translux-relight-timings/1";
 /// The adapter that drew.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Adapter {
-    /// The name that the driver has for it.
+    /// Name from the driver.
     pub name: String,
     /// `graphics` or `software`.
     pub kind: &'static str,
-    /// The interface that it was opened with.
+    /// The graphics interface.
     pub backend: String,
 }
 
 /// Milliseconds of one frame.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FrameTime {
-    /// Name of its picture.
+    /// File name of its picture.
     pub file: String,
-    /// Milliseconds from the lights to the irradiance that the transport starts from.
+    /// Milliseconds from the lights to the irradiance at the start of the transport.
     pub light_ms: f64,
-    /// Milliseconds from there to radiosity.
+    /// Milliseconds from the irradiance to radiosity.
     pub transport_ms: f64,
     /// Milliseconds from radiosity to a picture in memory.
     pub draw_ms: f64,
-    /// All of them.
+    /// Milliseconds in total.
     pub total_ms: f64,
 }
 
 /// Quantiles over the frames, in milliseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Summary {
-    /// Milliseconds from the lights to the irradiance that the transport starts from.
+    /// Milliseconds from the lights to the irradiance at the start of the transport.
     pub light_ms: Quantiles,
-    /// Milliseconds from there to radiosity.
+    /// Milliseconds from the irradiance to radiosity.
     pub transport_ms: Quantiles,
     /// Milliseconds from radiosity to a picture in memory.
     pub draw_ms: Quantiles,
-    /// All of them.
+    /// Milliseconds in total.
     pub total_ms: Quantiles,
 }
 
@@ -64,21 +64,21 @@ impl Summary {
 /// Timings of an animation.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Timings {
-    /// [`SCHEMA`].
+    /// Always [`SCHEMA`].
     pub schema: &'static str,
     /// Version of this program.
     pub version: &'static str,
     /// The adapter that drew; none where the CPU did.
     pub adapter: Option<Adapter>,
-    /// Where the transport ran.
+    /// Where the transport ran, in words.
     pub transport: String,
     /// Method of the asset.
     pub method: String,
-    /// Source vertices.
+    /// Number of source vertices.
     pub vertices: usize,
-    /// Surface samples.
+    /// Number of surface samples.
     pub samples: usize,
-    /// Pixels.
+    /// Size of the pictures.
     pub resolution: Resolution,
     /// The camera as it would be typed.
     pub camera: String,
@@ -86,8 +86,8 @@ pub struct Timings {
     pub lights: Vec<String>,
     /// Factor on radiance, the same for all frames.
     pub exposure_factor: f64,
-    /// Over the frames.
+    /// Quantiles over the frames.
     pub summary: Summary,
-    /// Each frame.
+    /// Times of each frame.
     pub frames: Vec<FrameTime>,
 }

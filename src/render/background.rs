@@ -8,15 +8,15 @@ use crate::error::{Error, Result};
 use crate::light::Light;
 use crate::light::environment::{EnvironmentMap, Rotation};
 
-/// The background that is seen beside the object.
+/// The background beside the object.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Background {
     /// The environments and the constant lights; other lights are invisible.
     #[default]
     Environment,
-    /// Nothing: black, and transparent in pictures that can be.
+    /// Black, and transparent in formats with transparency.
     None,
-    /// The same radiance everywhere, linear sRGB.
+    /// Uniform radiance, linear sRGB.
     Colour(DVec3),
 }
 

@@ -1,26 +1,26 @@
-//! A pinhole camera in world millimetres: what it sees in a pixel, where it shows a point, how it frames a mesh.
+//! A pinhole camera in world millimetres: eye rays, projection of points, framing of a mesh.
 
 use glam::{DVec2, DVec3};
 
 use crate::error::{Error, Result};
 use crate::geometry::mesh::Mesh;
 
-/// Vertical field of view where none is given, in degrees: objects look as from arm's length.
+/// Default vertical field of view, in degrees: objects look as from arm's length.
 pub const DEFAULT_FOV_DEGREES: f64 = 28.0;
 /// Narrowest vertical field of view, in degrees: below it, pixels fall under the precision of ray directions.
 pub const MIN_FOV_DEGREES: f64 = 0.01;
 /// Widest vertical field of view, in degrees: a plane picture has no room for more.
 pub const MAX_FOV_DEGREES: f64 = 179.0;
-/// Height above the horizon from which the default camera looks, in degrees.
+/// Elevation of the default camera above the horizon, in degrees.
 const DEFAULT_ELEVATION_DEGREES: f64 = 12.0;
 /// Share of the half width or half height that the object fills under the default camera.
 const FILL: f64 = 0.93;
-/// Coordinates beyond this are mistakes, and their squares would cost digits.
+/// Largest accepted coordinate: larger ones are mistakes, and their squares would lose digits.
 const MAX_COORDINATE_MM: f64 = 1e12;
-/// View directions closer to `up` than this sine leave no horizontal.
+/// Sine of the angle between view direction and `up` below which no horizontal is left.
 const PARALLEL_SINE: f64 = 1e-6;
 
-/// Pixels of a picture.
+/// Size of a picture in pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Resolution {
     /// Pixels in a row.
@@ -72,7 +72,7 @@ pub struct Camera {
     half_height: f64,
 }
 
-/// Where a camera shows a point.
+/// Image of a point in a camera's picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Projection {
     /// Column and row in pixels from the upper left corner of the picture; pixel (0, 0) spans [0, 1) in both.
@@ -125,7 +125,7 @@ impl Camera {
         Self::framing_from(mesh, resolution, default_direction(), centre_mm(mesh), up, DEFAULT_FOV_DEGREES)
     }
 
-    /// The camera on the ray from `look_mm` towards `direction`, as near as it may be to see the whole mesh.
+    /// The camera on the ray from `look_mm` towards `direction`, as near as possible with the whole mesh in view.
     ///
     /// # Errors
     /// As [`Camera::new`].
@@ -184,7 +184,7 @@ impl Camera {
         (self.forward + (self.right * x + self.upward * y) * self.half_height).normalize()
     }
 
-    /// Where the picture shows a point; none for points that are not in front of the eye.
+    /// Image of a point; none for points that are not in front of the eye.
     pub fn project(&self, point_mm: DVec3, resolution: Resolution) -> Option<Projection> {
         let p = point_mm - self.at_mm;
         let depth_mm = p.dot(self.forward);
@@ -207,7 +207,7 @@ impl std::fmt::Display for Camera {
     }
 }
 
-/// A vector whose squares keep their digits.
+/// Checks that a vector is finite and within [`MAX_COORDINATE_MM`].
 pub(super) fn checked_vector(key: &str, v: DVec3) -> Result<DVec3> {
     // Written so that NaN fails as well.
     if v.is_finite() && v.abs().max_element() <= MAX_COORDINATE_MM {
@@ -217,7 +217,7 @@ pub(super) fn checked_vector(key: &str, v: DVec3) -> Result<DVec3> {
     Err(Error::command_line(format!("{key}={} must hold finite numbers up to 1e12", text(v))))
 }
 
-/// A field of view that a plane picture can have.
+/// Checks that a plane picture can have the field of view.
 pub(super) fn checked_fov(degrees: f64) -> Result<f64> {
     if (MIN_FOV_DEGREES..=MAX_FOV_DEGREES).contains(&degrees) {
         return Ok(degrees);
@@ -227,30 +227,31 @@ pub(super) fn checked_fov(degrees: f64) -> Result<f64> {
     )))
 }
 
-/// The direction from the object to the default camera.
+/// Direction from the object to the default camera.
 pub(super) fn default_direction() -> DVec3 {
     let (sin, cos) = DEFAULT_ELEVATION_DEGREES.to_radians().sin_cos();
     DVec3::new(0.0, sin, cos)
 }
 
-/// `up` where none is given: +Y, and for a vertical view what a person who tilts the head from the front (+Z) sees.
+/// Default for `up`: +Y, and for a vertical view the direction that a person sees who tilts the head from the front
+/// (+Z).
 pub(super) fn default_up(forward: DVec3) -> DVec3 {
     if forward.cross(DVec3::Y).length() < 1e-3 * forward.length() { upward_of(forward) } else { DVec3::Y }
 }
 
-/// An axis that is up in a picture along `forward`.
+/// An axis that points up in a picture along `forward`.
 fn upward_of(forward: DVec3) -> DVec3 {
     let d = forward.abs();
     if d.y >= d.x.max(d.z) { DVec3::new(0.0, 0.0, forward.y.signum()) } else { DVec3::Y }
 }
 
-/// Centre of the bounding box of the triangles in mm, with no more digits than a person needs.
+/// Centre of the bounding box of the triangles in mm, rounded to a few digits.
 pub(super) fn centre_mm(mesh: &Mesh) -> DVec3 {
     let [min, max] = mesh.bounds_local_mm();
     rounded(mesh.origin_mm + 0.5 * (min + max), mesh.diagonal_mm())
 }
 
-/// Rounded to about 1e-4 of `scale`, so that a chosen camera reads well and can be typed again.
+/// The vector rounded to about 1e-4 of `scale`, so that a chosen camera reads well and can be typed again.
 fn rounded(v: DVec3, scale: f64) -> DVec3 {
     let digits = 4.0 - scale.log10().floor();
     if !(-12.0..=18.0).contains(&digits) {

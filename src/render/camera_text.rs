@@ -16,7 +16,7 @@ const EXAMPLE: &str = "at=0,8,75:look=0,0,0:up=0,1,0:fov=28";
 /// A camera as typed: every key is optional.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CameraSpec {
-    /// Position of the eye in mm; default: where the whole mesh is in the picture, from the front and slightly above.
+    /// Position of the eye in mm; by default the whole mesh is in the picture, from the front and slightly above.
     pub at_mm: Option<DVec3>,
     /// The point in the middle of the picture, in mm; default: the centre of the mesh's bounding box.
     pub look_mm: Option<DVec3>,
@@ -27,7 +27,7 @@ pub struct CameraSpec {
 }
 
 impl CameraSpec {
-    /// Fills in what was not typed.
+    /// Fills in the keys that were not given.
     ///
     /// # Errors
     /// As [`Camera::new`] (exit 1).

@@ -1,17 +1,17 @@
-//! The radiance that reaches the eye, from radiosity.
+//! Exit radiance towards the eye, from radiosity.
 
 use std::f64::consts::FRAC_1_PI;
 
 use crate::medium::fresnel::{diffuse_transmittance, transmittance};
 
-/// How the exit Fresnel factor is normalised.
+/// Normalisation of the exit Fresnel factor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ExitFresnel {
     /// `L = F_t(eta, mu) B / (pi C)` with `C = 2 Int_0^1 F_t mu dmu`, so that `Int L mu dw = B`.
     #[default]
     Normalised,
-    /// `L = F_t(eta, mu) B / pi`, as the papers have it: their pictures are darker by C.
+    /// `L = F_t(eta, mu) B / pi`, as in the papers: their pictures are darker by C.
     Paper,
 }
 

@@ -1,4 +1,4 @@
-//! Eye rays: what they meet, and what comes back along them.
+//! Eye rays: their hits, and the radiance along them.
 
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
@@ -20,13 +20,13 @@ use crate::transport::single_scattering::ExitPoint;
 
 /// Side of a tile in pixels.
 pub(super) const TILE: usize = 16;
-/// Pixels are rendered together until they have so many eye rays, which go through the tree as one bundle.
+/// Number of eye rays that are traced as one bundle; pixels are rendered together until they have as many.
 const RAYS_TOGETHER: usize = 16;
-/// The exit cosine is at least this share of the geometric one: a smooth normal may face away from the eye near the
-/// outline of a coarse mesh, where Fresnel's factor would paint whole triangles black.
+/// Least ratio of exit cosine to geometric cosine: a smooth normal may face away from the eye near the outline of a
+/// coarse mesh, where Fresnel's factor would make whole triangles black.
 const LEAST_COSINE_SHARE: f64 = 0.5;
 
-/// Hits, and those from behind. Integers add up to the same in any order.
+/// Numbers of hits, and of hits from behind. Integers give the same sums in any order.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Counts {
     hits: u64,
@@ -55,7 +55,7 @@ struct Sum {
     normal: DVec3,
     depth_mm: f64,
     hits: u32,
-    /// Parts and their hits; few meet in a pixel.
+    /// Parts with their hits; few parts meet in a pixel.
     parts: Vec<(u32, u32)>,
 }
 
@@ -101,7 +101,7 @@ struct Boundary {
     ggx: Option<Ggx>,
 }
 
-/// A scene ready to be looked at.
+/// A scene prepared for rendering.
 pub(super) struct Renderer<'a> {
     scene: &'a Scene,
     bvh: &'a Bvh,
@@ -122,16 +122,16 @@ pub(super) struct Renderer<'a> {
     radius_mm: f64,
 }
 
-/// Memory that a group of pixels is worked out in; one for each tile.
+/// Working memory for a group of pixels; one for each tile.
 #[derive(Default)]
 struct Desk {
     /// Directions of all eye rays.
     directions: Vec<DVec3>,
-    /// Eye rays that come near the object; `indices` says which ones.
+    /// Eye rays that come near the object; `indices` are their numbers.
     rays: Vec<Ray>,
     indices: Vec<u32>,
     hits: Vec<Option<Hit>>,
-    /// The points that reflect; `of_place` has the eye rays that see them, `reflected` the radiance that these get.
+    /// Reflecting points; `of_place` has the eye rays that see them, `reflected` the radiance reflected to these.
     places: Vec<Place>,
     of_place: Vec<u32>,
     reflected: Vec<DVec3>,
@@ -175,7 +175,7 @@ impl<'a> Renderer<'a> {
         }
     }
 
-    /// Renders the rows from `top` on that `pixels` holds.
+    /// Renders the rows from `top` on into `pixels`.
     pub(super) fn tile_row(&self, top: usize, pixels: &mut [Pixel]) -> Counts {
         let width = self.settings.resolution.width;
         let rows = pixels.len() / width;
@@ -205,7 +205,7 @@ impl<'a> Renderer<'a> {
         tiles.iter().fold(Counts::default(), |sum, (_, counts)| sum.add(*counts))
     }
 
-    /// Leaves the sums of some pixels on the desk.
+    /// Computes the sums of some pixels on the desk.
     fn group(&self, pixels: &[(usize, usize)], desk: &mut Desk) -> Counts {
         let samples = self.settings.samples_per_pixel as usize;
         desk.sums.clear();
@@ -251,7 +251,7 @@ impl<'a> Renderer<'a> {
         counts
     }
 
-    /// Eye rays of some pixels, and what they hit.
+    /// Casts the eye rays of some pixels and finds their hits.
     fn cast(&self, pixels: &[(usize, usize)], desk: &mut Desk) {
         let RenderSettings { camera, resolution, .. } = self.settings;
         desk.directions.clear();
@@ -279,7 +279,7 @@ impl<'a> Renderer<'a> {
         self.bvh.closest_many(&desk.rays, &mut desk.hits);
     }
 
-    /// Adds what the places on the desk reflect, and clears them.
+    /// Adds the light that the places on the desk reflect, and clears them.
     fn reflect(&self, pixels: &[(usize, usize)], desk: &mut Desk) {
         let samples = self.settings.samples_per_pixel as usize;
         if desk.places.is_empty() {
@@ -387,7 +387,7 @@ struct Seen {
     depth_mm: f64,
     from_behind: bool,
     part: u32,
-    /// The point that reflects the lights, if it does.
+    /// The point that reflects the lights, if any.
     place: Option<Place>,
 }
 

@@ -54,20 +54,21 @@ impl std::fmt::Display for Exposure {
     }
 }
 
-/// How a PNG shows pixels that the object does not cover.
+/// Treatment in a PNG of pixels that the object does not cover.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PngBackground {
-    /// Shows the background that was rendered.
+    /// They show the rendered background.
     Shown,
-    /// Is transparent there.
+    /// They are transparent.
     Transparent,
 }
 
 impl Exposure {
     /// The factor on radiance, at least the smallest positive number.
     ///
-    /// Automatic: the reciprocal of the percentile of max(R, G, B) of the diffuse and singly scattered radiance over pixels with any coverage,
-    /// divided by the coverage, so that outlines count like the rest; by nearest rank. 1 where nothing shines.
+    /// Automatic: the reciprocal of the percentile of max(R, G, B) of the diffuse and singly scattered radiance over
+    /// pixels with any coverage, divided by the coverage, so that outlines count like the rest; by nearest rank. 1
+    /// where all is black.
     pub fn factor(self, frame: &Frame) -> f64 {
         match self {
             Self::Stops(stops) => stops.clamp(-MAX_STOPS, MAX_STOPS).exp2(),
@@ -75,7 +76,7 @@ impl Exposure {
         }
     }
 
-    /// The radiance that becomes white in a view, from a small picture of it.
+    /// The radiance that becomes white in a view, measured in a small picture of it.
     ///
     /// # Errors
     /// As [`render`].
@@ -99,7 +100,7 @@ impl Exposure {
     }
 }
 
-/// The radiance that becomes white; none where nothing shines.
+/// The radiance that becomes white; none where all is black.
 fn white(pixels: &[Pixel]) -> Option<f64> {
     let brightest = |p: &Pixel| f64::from(scattered(p).into_iter().fold(0.0, f32::max)) / f64::from(p.coverage);
     let mut values: Vec<f64> = pixels.iter().filter(|p| p.coverage > 0.0).map(brightest).collect();
@@ -109,7 +110,7 @@ fn white(pixels: &[Pixel]) -> Option<f64> {
     (*value >= f64::MIN_POSITIVE && value.is_finite()).then_some(*value)
 }
 
-/// An 8-bit sRGB PNG of the beauty without its glare (transparent: without the background, not multiplied by
+/// Encodes an 8-bit sRGB PNG of the beauty without its glare (transparent: without the background, not multiplied by
 /// alpha), times `factor`.
 ///
 /// # Errors
@@ -143,7 +144,7 @@ fn without_glare(p: &Pixel, radiance: [f32; 3]) -> [f32; 3] {
     std::array::from_fn(|c| radiance[c] - p.glare[c])
 }
 
-/// Pictures of one height side by side, each as bright as its factor makes it, without their glare.
+/// Pictures of equal height side by side, each multiplied by its factor, without their glare.
 ///
 /// # Errors
 /// No picture, or unequal heights (exit 4: a caller's mistake).
@@ -183,11 +184,11 @@ fn scattered(p: &Pixel) -> [f32; 3] {
     std::array::from_fn(|c| (p.diffuse[c] + p.single[c]).min(f32::MAX))
 }
 
-/// How the colours of an OpenEXR picture are stored.
+/// Storage of the colours of an OpenEXR picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ColourType {
-    /// 16 bits: 11 significant bits up to 65504, where brighter values are cut.
+    /// 16 bits: 11 significant bits up to 65504, where brighter values are clamped.
     #[default]
     Half,
     /// 32 bits.
@@ -195,7 +196,7 @@ pub enum ColourType {
 }
 
 impl ColourType {
-    /// Pixels with a colour that is cut.
+    /// Number of pixels with a clamped colour.
     pub fn cut_pixels(self, frame: &Frame) -> usize {
         let beyond =
             |p: &&Pixel| [p.beauty, p.diffuse, p.single, p.specular].as_flattened().iter().any(|c| c.abs() > MAX_HALF);
@@ -206,7 +207,7 @@ impl ColourType {
     }
 }
 
-/// An OpenEXR picture of linear radiance, never exposed, with `attributes` (name, text) in its header.
+/// Encodes an OpenEXR picture of linear radiance, never exposed, with `attributes` (name, text) in its header.
 ///
 /// Layers of colour, stored as asked: the beauty as `R`, `G`, `B` with the coverage as `A`; `diffuse.R`, `.G`, `.B`;
 /// `single.R`, `.G`, `.B` if there is single scattering; `specular.R`, `.G`, `.B`; `albedo.R`, `.G`, `.B` if there is a

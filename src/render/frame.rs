@@ -1,4 +1,4 @@
-//! Rendering: what a picture is made of, and the way from a lit scene to one.
+//! Rendered pictures, and the rendering of a lit scene.
 
 use rayon::prelude::*;
 
@@ -13,26 +13,26 @@ use crate::evaluate::Evaluator;
 use crate::light::Light;
 use crate::progress::Progress;
 
-/// Where single scattering came from.
+/// Source of the single scattering in a picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SingleLayer {
-    /// There is none.
+    /// The picture has none.
     #[default]
     None,
-    /// Values of the vertices.
+    /// Interpolated from values at the vertices.
     PerVertex,
-    /// Each eye ray's own.
+    /// Evaluated for each eye ray.
     TowardsEye,
 }
 
-/// Whether a texture was multiplied in.
+/// Whether a texture multiplied the scattered light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum AlbedoLayer {
-    /// There is none.
+    /// There was no texture.
     #[default]
     None,
-    /// [`Pixel::albedo`] says what it was.
+    /// [`Pixel::albedo`] is the texture's albedo.
     Textured,
 }
 
@@ -41,10 +41,10 @@ pub enum AlbedoLayer {
 pub struct Frame {
     /// Size.
     pub resolution: Resolution,
-    /// Row by row from the top.
+    /// Pixels row by row from the top.
     pub pixels: Vec<Pixel>,
-    /// Share of the hits that met a triangle from behind, where nothing shines: the eye is inside, or the mesh is open
-    /// or wound inwards.
+    /// Share of the hits that met a triangle from behind, which is black: the eye is inside, or the mesh is open or
+    /// wound inwards.
     pub back_facing_share: f64,
     /// The meaning of [`Pixel::single`].
     pub single: SingleLayer,
@@ -52,16 +52,16 @@ pub struct Frame {
     pub albedo: AlbedoLayer,
 }
 
-/// Most channels of a picture in a file.
+/// Largest number of channels of a picture in a file.
 const CHANNELS: u64 = 22;
 
-/// Bytes that rendering and writing a picture of this size takes at most, beside the scene.
+/// Upper bound on the bytes for rendering and writing a picture of this size, without the scene.
 pub fn memory_bytes(resolution: Resolution) -> u64 {
     // The pixels, a plane for each channel while a file is encoded, and its bytes.
     resolution.pixels() as u64 * (size_of::<Pixel>() as u64 + 4 * CHANNELS + 2 * 4 * CHANNELS)
 }
 
-/// Renders a scene with the exitance of its surface, and single scattering where that is given as well.
+/// Renders a scene with the exitance of its surface, and with single scattering where given.
 ///
 /// Exit radiance is that of [`super::exit::ExitRadiance`] with the shading normal, for the medium of the part that is hit;
 /// specular reflection that of [`super::specular::Ggx`]: shadowed for directional, point and area lights, unshadowed for

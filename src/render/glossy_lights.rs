@@ -1,4 +1,4 @@
-//! Radiance that the lights send to the eye by specular reflection.
+//! Specular reflection of the lights to the eye.
 //!
 //! Directional and point lights: the model itself times the irradiance, with a shadow ray. Area lights: one point of the
 //! light and one reflection for each eye ray, joined by the balance heuristic, with shadow rays. Environments and constant
@@ -28,9 +28,9 @@ pub(super) struct Place {
     pub to_eye: DVec3,
     /// Boundary of the medium.
     pub ggx: Ggx,
-    /// Uniform numbers that choose the reflection.
+    /// Uniform random numbers that choose the reflection.
     pub lobe: DVec2,
-    /// Uniform numbers that choose the point of a light.
+    /// Uniform random numbers that choose the point of a light.
     pub light: DVec2,
 }
 
@@ -71,7 +71,7 @@ struct Rectangle {
 }
 
 impl Rectangle {
-    /// Distance along a unit direction at which the emitting side is met.
+    /// Distance along a unit direction to the emitting side, if it is met.
     #[inline]
     fn distance(&self, from: DVec3, direction: DVec3) -> Option<f64> {
         let towards = -direction.dot(self.normal);
@@ -86,12 +86,12 @@ impl Rectangle {
     }
 }
 
-/// Rays that wait for an answer, and what they bring if nothing is in their way.
+/// Shadow rays to be traced, and the radiance of each if it is not occluded.
 #[derive(Default)]
 pub(super) struct ShadowRays {
     rays: Vec<Ray>,
     skip: Vec<u32>,
-    /// Index of the place and what to add to it.
+    /// Index of the place, and the radiance to add to it.
     gains: Vec<(u32, DVec3)>,
     occluded: Vec<bool>,
 }
@@ -119,18 +119,18 @@ impl ShadowRays {
     }
 }
 
-/// Lights made ready for specular reflection.
+/// Lights prepared for specular reflection.
 pub(super) struct GlossyLights {
     sharp: Vec<Sharp>,
     rectangles: Vec<Rectangle>,
     constant: DVec3,
     maps: Vec<(GlossyMap, Rotation, DVec3)>,
-    /// Reflections of each pixel together stand for the whole lobe.
+    /// Number of reflections of each pixel, which together sample the whole lobe.
     samples_per_pixel: f64,
 }
 
 impl GlossyLights {
-    /// `origin_mm`: world position of the mesh's local origin.
+    /// Prepares the lights; `origin_mm` is the world position of the mesh's local origin.
     pub(super) fn new(lights: &[Light], origin_mm: DVec3, samples_per_pixel: u32) -> Self {
         let mut all = Self {
             sharp: Vec::new(),
@@ -162,7 +162,7 @@ impl GlossyLights {
         all
     }
 
-    /// Whether a light needs [`Place::lobe`] or [`Place::light`].
+    /// Returns whether a light needs [`Place::lobe`] or [`Place::light`].
     pub(super) fn are_sampled(&self) -> bool {
         self.constant != DVec3::ZERO || !self.maps.is_empty() || !self.rectangles.is_empty()
     }
@@ -202,7 +202,7 @@ impl GlossyLights {
         shadow.resolve(bvh, out);
     }
 
-    /// Radiance that a sampled reflection brings from the lights at infinity.
+    /// Radiance from the lights at infinity by a sampled reflection.
     #[inline]
     fn of_afar(&self, sample: &Reflected) -> DVec3 {
         let solid_angle = 1.0 / (self.samples_per_pixel * sample.density_per_sr);

@@ -1,7 +1,7 @@
 //! An environment blurred to any width, for glossy reflections: a cube map and its halvings.
 //!
-//! A sampled reflection stands for a solid angle of about `1 / (samples * density)`; looking up the mean over that much
-//! instead of one direction takes the noise out (Krivanek and Colbert 2008, "Real-time shading with filtered importance
+//! A sampled reflection represents a solid angle of about `1 / (samples * density)`; the mean over that solid angle
+//! instead of one direction removes the noise (Krivanek and Colbert 2008, "Real-time shading with filtered importance
 //! sampling").
 
 use std::f64::consts::{PI, TAU};
@@ -12,14 +12,15 @@ use rayon::prelude::*;
 use crate::light::environment::EnvironmentMap;
 use crate::math::cube_map::{FACES, FRAMES, centre, position_of, texel_of};
 
-/// Most texels along an edge of a face: a third of a degree each.
+/// Largest number of texels along an edge of a face, a third of a degree each.
 const MAX_SIDE: usize = 256;
-/// Pieces of a pixel are at most this fraction of a texel wide.
+/// Least number of pieces of a pixel per width of a texel.
 const PIECES_PER_TEXEL: usize = 3;
-/// Rows of the map that are summed together, so that sums do not depend on the number of threads.
+/// Number of bands of rows that are summed separately, so that sums do not depend on the number of threads.
 const BANDS: usize = 4;
-/// Look-ups are blurred by so many halvings more than the samples are apart, so that their footprints overlap. The authors
-/// take 1; interpolation between texels blurs as well, and half of that moves highlights half as far to texel centres.
+/// Halvings by which look-ups are blurred beyond the spacing of the samples, so that their footprints overlap. The
+/// authors take 1; interpolation between texels blurs as well, and half of that moves highlights half as far to texel
+/// centres.
 const OVERLAP: f32 = 0.5;
 
 /// A cube map at one resolution: faces of `(side + 2)^2` texels, the outer ones copied from the neighbouring faces, so that
@@ -31,7 +32,7 @@ struct PaddedCubeMap {
 
 /// A pyramid of cube maps in the map's own orientation.
 pub(super) struct GlossyMap {
-    /// Finest first; the last has one texel a face.
+    /// Cube maps, the finest first; the last has one texel per face.
     levels: Vec<PaddedCubeMap>,
 }
 
@@ -68,7 +69,7 @@ impl GlossyMap {
     }
 }
 
-/// The logarithm to 0.09, continuous and growing; a number for the choice of a blur only.
+/// The logarithm to within 0.09, continuous and increasing, for the choice of a blur only.
 #[inline]
 fn rough_log2(x: f32) -> f32 {
     let x = x.clamp(f32::MIN_POSITIVE, f32::MAX);

@@ -1,4 +1,5 @@
-//! Pictures of a lit scene: camera, exit radiance, auxiliary planes, exposure. Knows evaluators by their trait only.
+//! Pictures of a lit scene: camera, exit radiance, auxiliary planes, exposure. Evaluators are used through their trait
+//! only.
 
 pub mod background;
 pub mod camera;

@@ -1,14 +1,14 @@
-//! Shading normals: those of the source where they are usable, else smooth ones from the triangles around a vertex.
+//! Shading normals: the source's where they are usable, otherwise smooth ones from the triangles around a vertex.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::scene::Scene;
 
-/// Triangles whose normals differ by more than 60 degrees meet in an edge that is meant to be seen.
+/// Cosine of the crease angle: an edge between triangles whose normals differ by more than 60 degrees stays sharp.
 const CREASE_COSINE: f64 = 0.5;
-/// Corners at vertices with more triangles than this get the geometric normal: a smooth one would mean nothing there,
-/// and comparing all pairs would take long.
+/// Largest number of triangles around a vertex with a smooth normal: corners at others get the geometric normal, since
+/// a smooth one would be meaningless there and comparing all pairs would take long.
 const MAX_VALENCE: usize = 1024;
 
 /// Shading normals of a scene, three for each triangle.
@@ -19,9 +19,9 @@ pub struct ShadingNormals {
 }
 
 impl ShadingNormals {
-    /// A stored normal counts where it is finite, not zero and within 90 degrees of its triangle's. Elsewhere the
-    /// corner gets the angle-weighted mean of the normals around its welded vertex, over the triangles of the same part
-    /// that are no crease away.
+    /// Computes the shading normals. A stored normal is used where it is finite, not zero and within 90 degrees of its
+    /// triangle's. Elsewhere the corner gets the angle-weighted mean of the normals around its welded vertex, over the
+    /// triangles of the same part that no crease separates from it.
     pub fn new(scene: &Scene) -> Self {
         let mesh = &scene.mesh;
         let around = Around::new(scene);
@@ -52,7 +52,7 @@ impl ShadingNormals {
     }
 }
 
-/// The source's normal of a corner, unit length, if it is one.
+/// The source's normal of a corner, unit length, if it is usable.
 fn stored(scene: &Scene, triangle: u32, corner: usize) -> Option<DVec3> {
     let normals = scene.mesh.normals.as_ref()?;
     let index = normals.corners.get(triangle as usize)?[corner];
@@ -65,9 +65,9 @@ fn stored(scene: &Scene, triangle: u32, corner: usize) -> Option<DVec3> {
 struct Around {
     /// Geometric unit normals.
     normals: Vec<DVec3>,
-    /// Position of the first entry of each welded vertex in `entries`.
+    /// First entry of each welded vertex in `entries`.
     offsets: Vec<u32>,
-    /// Triangle and the angle of its corner there.
+    /// Triangle and its angle at the vertex.
     entries: Vec<(u32, f32)>,
 }
 

@@ -1,5 +1,5 @@
-//! Places of the eye rays within a pixel, and other pairs of numbers for each of them: stratified, different in each
-//! pixel, a function of the pixel alone.
+//! Sample points of the eye rays within a pixel, and further pairs of numbers for each of them: stratified, different
+//! in each pixel, a function of the pixel alone.
 //!
 //! The first 2^k points of the Sobol (0, 2) sequence lie one in each column, row and elementary rectangle of the pixel
 //! cut in 2^k. A random digit scramble for each pixel and a jitter within the finest cell keep that, and make every
@@ -9,27 +9,27 @@ use glam::DVec2;
 
 use crate::math::random;
 
-/// Random numbers of this stage.
+/// Key of the random numbers of this stage.
 const STAGE: u64 = 0x7069_7865_6c73;
-/// Dimension of the pixel's scramble; the samples use the lower ones.
+/// Dimension of the pixel's scramble; the samples use lower ones.
 const SCRAMBLE: u64 = 1 << 32;
 
 /// The purpose of the points. Points of different streams are independent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Stream {
-    /// Where eye rays cross the pixel.
+    /// Positions where eye rays cross the pixel.
     Eye,
-    /// Which way they are reflected.
+    /// Directions in which they are reflected.
     Lobe,
-    /// Which point of an area light they look at.
+    /// Points of an area light that they sample.
     Light,
 }
 
 /// The points of a pixel before they are scrambled.
 pub(super) struct PixelSamples {
-    /// Cells of the columns and of the rows that the points are in.
+    /// Column and row of the cell of each point.
     cells: Vec<[u32; 2]>,
-    /// The number of columns is 2^bits.
+    /// Binary logarithm of the number of columns.
     bits: u32,
 }
 

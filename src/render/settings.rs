@@ -5,10 +5,10 @@ use super::camera::{Camera, Resolution};
 use super::exit::ExitFresnel;
 use super::specular::Roughness;
 
-/// Eye rays through a pixel where none are asked for.
+/// Default number of eye rays through a pixel.
 pub const DEFAULT_SAMPLES_PER_PIXEL: u32 = 16;
 
-/// Most eye rays through a pixel.
+/// Largest number of eye rays through a pixel.
 pub const MAX_SAMPLES_PER_PIXEL: u32 = 1 << 14;
 
 /// Specular reflection of the lights by translucent parts.
@@ -36,23 +36,23 @@ impl Default for Specular {
     }
 }
 
-/// The settings of a picture: everything that is rendered with beside the scene.
+/// The settings of a picture, everything beside the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RenderSettings {
-    /// The eye.
+    /// The camera.
     pub camera: Camera,
     /// Size of the picture.
     pub resolution: Resolution,
     /// Eye rays through a pixel: stratified over the pixel's square, all with the same weight (a box filter).
     pub samples_per_pixel: u32,
-    /// How the exit Fresnel factor is normalised.
+    /// Normalisation of the exit Fresnel factor.
     pub exit_fresnel: ExitFresnel,
-    /// The background that is seen beside the object.
+    /// The background beside the object.
     pub background: Background,
     /// Specular reflection by the boundary.
     pub specular: Specular,
-    /// The radiance that will be white where the picture is shown: what single eye rays have above it goes into
-    /// [`Pixel::glare`]. Infinite where that is not known.
+    /// The radiance that will be white where the picture is shown: the excess of single eye rays over it goes into
+    /// [`Pixel::glare`]. Infinite where it is not known.
     pub white: f64,
 }
 
@@ -76,28 +76,28 @@ impl RenderSettings {
 pub struct Pixel {
     /// Diffuse, singly scattered and specular radiance where the object is, the background elsewhere.
     pub beauty: [f32; 3],
-    /// Diffuse radiance, 0 beside the object: multiplied by the coverage, as OpenEXR has it.
+    /// Diffuse radiance, 0 beside the object: multiplied by the coverage, as OpenEXR requires.
     pub diffuse: [f32; 3],
-    /// Singly scattered radiance, likewise.
+    /// Singly scattered radiance, multiplied by the coverage.
     pub single: [f32; 3],
-    /// Specular radiance, likewise.
+    /// Specular radiance, multiplied by the coverage.
     pub specular: [f32; 3],
-    /// The albedo that the texture multiplied the diffuse and the singly scattered radiance by, likewise; 0 without a texture.
+    /// Albedo of the texture that multiplied the scattered radiance, multiplied by the coverage; 0 without a texture.
     pub albedo: [f32; 3],
-    /// The mean of what the specular radiance, or the background, of single eye rays has above white. A highlight thinner
+    /// Mean excess over white of the specular radiance, or of the background, of single eye rays. A highlight thinner
     /// than a pixel may be so bright that all pixels it touches are white: without the glare, its edges are smooth.
     pub glare: [f32; 3],
     /// Unit mean of the shading normals in world axes; 0 where nothing is hit.
     pub normal: [f32; 3],
-    /// Mean distance of what is hit along the viewing axis, in mm; infinite where nothing is hit.
+    /// Mean distance of the hits along the viewing axis, in mm; infinite where nothing is hit.
     pub depth_mm: f32,
     /// Share of the eye rays that hit the object.
     pub coverage: f32,
-    /// The part that most eye rays hit, of equal ones the first, counted from 1; 0 where nothing is hit.
+    /// The part that most eye rays hit, the first of equal ones, counted from 1; 0 where nothing is hit.
     pub part: u32,
 }
 
-/// Nothing.
+/// A pixel without hits and background.
 pub(super) const EMPTY: Pixel = Pixel {
     beauty: [0.0; 3],
     diffuse: [0.0; 3],

@@ -12,30 +12,31 @@ use crate::scene::Scene;
 use crate::transport::single_scattering::ExitPoint;
 use crate::transport::single_scattering::radiance::Share;
 
-/// Random numbers of this stage.
+/// Key of the random numbers of this stage.
 const STAGE: u64 = 0x7369_6e67_6c65;
 
-/// Where a picture's single scattering comes from.
+/// Source of a picture's single scattering.
 #[derive(Clone, Copy, Default)]
 pub enum Single<'a> {
-    /// There is none.
+    /// The picture has none.
     #[default]
     None,
-    /// A value `s` for each source vertex: `L = F_t(w_o) s / (pi C)`, whatever the normalisation of the exit Fresnel factor,
-    /// which s was made with.
+    /// A value `s` for each source vertex: `L = F_t(w_o) s / (pi C)`, whatever the normalisation of the exit Fresnel
+    /// factor, since s was made with C.
     PerVertex(&'a [DVec3]),
-    /// Radiance that an evaluator has for each eye ray.
+    /// Radiance from an evaluator for each eye ray.
     TowardsEye(&'a dyn TowardsEye),
 }
 
 /// Scattered light that leaves a surface.
 #[derive(Clone, Copy)]
 pub struct Scattered<'a> {
-    /// Scattered more than once, or as often as the evaluator's radiosity has it.
+    /// Exitance of light scattered more than once, and of single scattering where the evaluator's radiosity includes
+    /// it.
     pub exitance: &'a dyn Exitance,
-    /// Scattered once, beside it.
+    /// Single scattering that the exitance does not include.
     pub single: Single<'a>,
-    /// The texture that both are multiplied by.
+    /// The texture that multiplies both.
     pub texture: Option<&'a Texture>,
 }
 
@@ -52,7 +53,7 @@ impl<'a> From<&'a Vec<DVec3>> for Scattered<'a> {
 }
 
 impl Scattered<'_> {
-    /// One finite value for each vertex, where values are those of the vertices.
+    /// Checks that there is one finite value for each vertex, where values are given at vertices.
     pub(super) fn check(&self, scene: &Scene) -> Result<()> {
         let vertices = scene.mesh.local_mm.len();
         let check = |name: &str, values: &[DVec3]| {
@@ -75,7 +76,7 @@ impl Scattered<'_> {
     }
 }
 
-/// A place that an eye ray sees from in front.
+/// A point of the surface that an eye ray sees from its front.
 pub(super) struct Spot<'a> {
     pub(super) point: &'a MeshPoint,
     pub(super) exit: ExitPoint,
@@ -86,7 +87,7 @@ pub(super) struct Spot<'a> {
     pub(super) medium: usize,
 }
 
-/// An eye ray: its pixel and which of the pixel's rays it is.
+/// An eye ray: its pixel and its number among the pixel's rays.
 #[derive(Clone, Copy)]
 pub(super) struct EyeRay {
     pub(super) pixel: u64,
@@ -95,7 +96,8 @@ pub(super) struct EyeRay {
 }
 
 impl EyeRay {
-    /// Strata are dealt out in another order in each pixel, so that the rays at one place of all pixels have all of them.
+    /// The ray's share of the strata. Their order differs from pixel to pixel, so that the rays at one place of all
+    /// pixels cover all strata.
     fn share(self) -> Share {
         let turn = (random::bits(STAGE, self.pixel, 0) >> 32) as u32 % self.of.max(1);
         Share::new((self.sample + turn) % self.of.max(1), self.of)
@@ -109,7 +111,7 @@ impl EyeRay {
 /// Single scattering of a scene.
 pub(super) struct SingleRadiance<'a> {
     single: Single<'a>,
-    /// The exit from each medium.
+    /// Exit radiance of each medium.
     exits: Vec<ExitRadiance>,
 }
 
@@ -119,7 +121,7 @@ impl<'a> SingleRadiance<'a> {
         Self { single, exits: scene.media.iter().map(|m| exit(m.properties.eta_inside_over_outside)).collect() }
     }
 
-    /// Towards the eye, RGB.
+    /// Single scattering towards the eye, RGB.
     pub(super) fn at(&self, spot: &Spot, ray: EyeRay) -> DVec3 {
         match self.single {
             Single::None => DVec3::ZERO,

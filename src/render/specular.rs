@@ -1,12 +1,12 @@
-//! Specular reflection at a rough dielectric boundary: the pieces of the GGX microfacet model.
+//! Specular reflection at a rough dielectric boundary: the factors of the GGX microfacet model.
 //!
 //! `f_r = F D G2 / (4 cos_i cos_o)` (Walter et al. 2007, "Microfacet models for refraction through rough surfaces",
 //! eq. 20) with their distribution D (eq. 33), the exact unpolarised Fresnel reflectance of the medium, and Smith's
 //! masking and shadowing correlated by height (Heitz 2014, "Understanding the masking-shadowing function", eq. 99).
-//! Light reflects once: what several bounces between facets return is missing, so a rough surface loses some.
+//! Only single reflections are counted: light that bounces between facets is missing, so a rough surface loses some.
 //!
-//! Cosines are with the normal of the surface, those named `cos_half` with it too, `cos_difference` is between the half
-//! vector and either direction. All are meant to be in (0, 1]; elsewhere the functions are 0 or finite.
+//! Cosines are with the normal of the surface, including those named `cos_half`; `cos_difference` is between the half
+//! vector and either direction. All should be in (0, 1]; elsewhere the functions are 0 or finite.
 
 use std::f64::consts::{FRAC_1_PI, TAU};
 
@@ -15,9 +15,9 @@ use glam::{DVec2, DVec3};
 use crate::error::{Error, Result};
 use crate::medium::fresnel::transmittance;
 
-/// Perceptual roughness where none is asked for: skin, wax and polished stone.
+/// Default perceptual roughness: skin, wax and polished stone.
 pub const DEFAULT_ROUGHNESS: f64 = 0.3;
-/// Smallest width of the lobe: a mirror would show directional and point lights as points that no eye ray meets.
+/// Least width of the lobe: a mirror would show directional and point lights as points that no eye ray meets.
 pub const MIN_ALPHA: f64 = 1e-3;
 
 /// Perceptual roughness in [0, 1], the square root of the width `alpha` of the lobe.
@@ -26,7 +26,7 @@ pub const MIN_ALPHA: f64 = 1e-3;
 pub struct Roughness(f64);
 
 impl Roughness {
-    /// A roughness.
+    /// A perceptual roughness.
     ///
     /// # Errors
     /// A value outside [0, 1] (exit 1).
@@ -40,7 +40,7 @@ impl Roughness {
         )))
     }
 
-    /// The number.
+    /// The perceptual roughness as a number.
     pub fn value(self) -> f64 {
         self.0
     }
@@ -93,7 +93,7 @@ pub fn distribution(alpha: f64, cos_half: f64) -> f64 {
     FRAC_1_PI * a2 / (t * t)
 }
 
-/// Smith's masking G1: the share of the facets' projected area that a direction at this cosine sees.
+/// Smith's masking G1: the share of the facets' projected area that is visible from a direction at this cosine.
 #[inline]
 pub fn masking(alpha: f64, cos: f64) -> f64 {
     let cos = cos.max(f64::MIN_POSITIVE);
@@ -192,7 +192,7 @@ impl Ggx {
 pub struct Reflected {
     /// Unit direction towards the light.
     pub to_light: DVec3,
-    /// `f_r cos_i` over the density: what radiance from there is multiplied by.
+    /// `f_r cos_i` over the density, the factor on radiance from there.
     pub weight: f64,
     /// Density of this direction.
     pub density_per_sr: f64,
@@ -208,8 +208,8 @@ pub fn frame_of(normal: DVec3) -> [DVec3; 3] {
     [x, DVec3::new(b, sign + normal.y * normal.y * a, -normal.y), normal]
 }
 
-/// Takes reflected light smoothly to 0 where a light sinks below the triangle, from 1 as soon as it stands higher above
-/// it than above the smooth surface (Chiang, Li and Burley 2019, "Taming the shadow terminator").
+/// Factor that takes reflected light smoothly to 0 where a light sinks below the triangle, 1 as soon as it stands
+/// higher above it than above the smooth surface (Chiang, Li and Burley 2019, "Taming the shadow terminator").
 #[inline]
 pub fn terminator(cos_geometric: f64, cos_shading: f64, cos_between_normals: f64) -> f64 {
     if cos_geometric <= 0.0 || cos_shading <= 0.0 {

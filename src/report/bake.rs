@@ -1,4 +1,4 @@
-//! The figures of a bake.
+//! The report of a bake.
 
 use std::path::PathBuf;
 
@@ -12,10 +12,10 @@ use crate::compress::ledger::Ledger;
 use crate::geometry::check::MeshCheck;
 use crate::geometry::samples::{Spacing, patches, spacing};
 
-/// Samples whose spacing is measured.
+/// Number of samples at which the spacing is measured.
 const SPACING_PROBES: usize = 2048;
 
-/// The figures of a bake.
+/// Report of a bake.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct BakeReport {
     pub(crate) method: String,
@@ -28,7 +28,7 @@ pub(crate) struct BakeReport {
     /// Nominal spacing over the shortest mean free path of any medium; none without a mean free path.
     pub(crate) spacing_over_mean_free_path: Option<f64>,
     pub(crate) bytes: u64,
-    /// Stored bytes of all sections but the mesh's and the environment's.
+    /// Stored bytes of all sections except the mesh's and the environment's.
     pub(crate) bytes_without_mesh: u64,
     pub(crate) bytes_per_vertex: f64,
     pub(crate) diagonal_mm: f64,
@@ -63,7 +63,7 @@ impl BakeReport {
         }
     }
 
-    /// Size, samples and errors in lines, after this many seconds.
+    /// Text of size, samples and errors, with the duration in seconds.
     pub(crate) fn summary(&self, seconds: f64) -> String {
         let samples = match self.samples {
             0 => String::new(),

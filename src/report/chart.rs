@@ -13,15 +13,15 @@ use crate::measure::chart::{Chart, Row, Truth};
 use crate::render::film::Exposure;
 use crate::render::frame::Frame;
 
-/// The pictures that the page shows of a row: its first view, and that of the reference.
+/// The pictures of a row on the page: its first view, and the reference's.
 pub(crate) struct Shown {
-    /// By the method.
+    /// Picture by the method.
     pub(crate) frame: Frame,
-    /// By the reference.
+    /// Picture by the reference.
     pub(crate) truth: Frame,
 }
 
-/// A cost that the error is drawn against.
+/// A cost against which the error is drawn.
 struct Cost {
     file: &'static str,
     title: &'static str,
@@ -54,10 +54,10 @@ const COSTS: &[Cost] = &[
     },
 ];
 
-/// The difference is shown this many times as bright.
+/// Amplification of the difference that is shown.
 const AMPLIFICATION: f32 = 10.0;
 
-/// Writes tables, charts and the page, of which `shown` has one entry for each row; returns the page's path.
+/// Writes tables, charts and the page; `shown` has one entry for each row. Returns the page's path.
 pub(crate) fn write(chart: &Chart, shown: &[Shown], folder: &Path) -> Result<PathBuf> {
     let put = |name: &str, bytes: &[u8]| atomic::write(&folder.join(name), bytes);
     let json = serde_json::to_string_pretty(chart).map_err(|e| Error::runtime(format!("chart.json: {e}")))?;
@@ -109,7 +109,7 @@ fn scatter(cost: &Cost, truth: &Truth, rows: &[(usize, &Row)]) -> Scatter {
     }
 }
 
-/// The ledgers of all rows, beside what was measured.
+/// The ledgers of all rows, with the measured errors.
 fn bars(truth: &Truth, rows: &[(usize, &Row)]) -> Bars {
     let mut stages: Vec<String> = Vec::new();
     for (stage, _) in rows.iter().flat_map(|(_, row)| &row.ledger) {

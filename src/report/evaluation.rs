@@ -1,4 +1,4 @@
-//! Radiosity under lights: of an asset, of another mesh of its object, and by a random walk.
+//! Reports of radiosity under lights: of an asset, of another mesh of its object, and by a random walk.
 
 use std::path::PathBuf;
 
@@ -39,47 +39,47 @@ impl RadiosityReport {
     }
 }
 
-/// Mean and maximum of the channels.
+/// Mean and maximum of each channel.
 pub(crate) fn mean_and_max(values: &[DVec3]) -> ([f64; 3], [f64; 3]) {
     let mean = values.iter().sum::<DVec3>() / values.len().max(1) as f64;
     (mean.to_array(), values.iter().fold(DVec3::ZERO, |a, &b| a.max(b)).to_array())
 }
 
-/// Figures of an asset under lights.
+/// Report of an asset under lights.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct EvaluationReport {
     pub(crate) method: String,
     #[serde(flatten)]
     pub(crate) radiosity: RadiosityReport,
-    /// Beside the radiosity, where the method has it.
+    /// Mean of single scattering, which the radiosity does not include; none where the method has none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) mean_single_scattering: Option<[f64; 3]>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) max_single_scattering: Option<[f64; 3]>,
     pub(crate) cost: Cost,
-    /// Relative error that the bake was asked for.
+    /// Relative error that the bake aimed at.
     pub(crate) asked_rms: Option<f64>,
     /// Errors under these lights and others; empty where they were not asked for.
     pub(crate) measured: Ledger,
 }
 
-/// Figures of an asset's object on another mesh.
+/// Report of an asset's object on another mesh.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct OnMeshReport {
     pub(crate) method: String,
     #[serde(flatten)]
     pub(crate) radiosity: RadiosityReport,
-    /// Distance of the vertices from the asset's surface, mean by area.
+    /// Mean distance of the vertices from the asset's surface, weighted by area, mm.
     pub(crate) mean_distance_mm: f64,
     pub(crate) max_distance_mm: f64,
-    /// Radiosity at the vertices themselves against that of the nearest points, which is what is written.
+    /// Radiosity at the vertices themselves against that at the nearest points, which is written.
     pub(crate) at_vertices: VertexError,
-    /// Radiosity interpolated at the centres of the triangles against that of the nearest points.
+    /// Radiosity interpolated at the centres of the triangles against that at the nearest points.
     pub(crate) between_vertices: VertexError,
     pub(crate) cost: Cost,
 }
 
-/// Figures of a random walk.
+/// Report of a random walk.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct WalkReport {
     pub(crate) model: &'static str,
@@ -88,9 +88,9 @@ pub(crate) struct WalkReport {
     pub(crate) seed: u64,
     /// Photons of each channel.
     pub(crate) photons: [u64; 3],
-    /// Flux of each channel by where it ended.
+    /// Flux of each channel by its fate.
     pub(crate) budget: [Budget; 3],
-    /// The result's own error: RMS of the standard errors of the vertices over the RMS of the exitance, by channel.
+    /// RMS of the standard errors of the vertices over the RMS of the exitance, by channel.
     pub(crate) noise: [f64; 3],
     pub(crate) asked_noise: Option<f64>,
 }

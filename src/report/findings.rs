@@ -1,4 +1,5 @@
-//! Findings about an asset that a reader accepts and that should not have been written: the catalogue, and the search in a scan.
+//! Findings about assets that a reader accepts but that should not have been written: the catalogue, and the search in
+//! a scan.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -22,18 +23,18 @@ use crate::geometry::mesh::Mesh;
 use crate::geometry::samples::{Facet, area};
 use crate::medium::entrance_basis::EntranceBasis;
 
-/// Whether an asset with such a finding can be used.
+/// Severity of a finding: whether the asset can be used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Severity {
-    /// It cannot, or gives wrong results.
+    /// The asset cannot be used, or gives wrong results.
     Error,
-    /// It can, and something is odd.
+    /// The asset can be used, but something is odd.
     Warning,
 }
 
 impl Severity {
-    /// As reports print it.
+    /// Name in reports.
     pub fn name(self) -> &'static str {
         match self {
             Self::Error => "error",
@@ -44,26 +45,26 @@ impl Severity {
 
 /// An entry of the catalogue. Numbers are never reused.
 pub struct FindingKind {
-    /// From 100 on; smaller ones are the format's.
+    /// Number from 100 on; smaller ones are the format's.
     pub number: u16,
     /// Whether the asset can be used.
     pub severity: Severity,
-    /// One word in capitals.
+    /// Name in capitalised words.
     pub name: &'static str,
-    /// One line without values.
+    /// Description in one line without values.
     pub meaning: &'static str,
 }
 
 /// A fault of an asset, or an oddity.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Finding {
-    /// Never changes its meaning: those of the format up to 99, those of [`CATALOGUE`] from 100 on.
+    /// Number, whose meaning never changes: those of the format up to 99, those of [`CATALOGUE`] from 100 on.
     pub number: u16,
-    /// One word in capitals.
+    /// Name in capitalised words.
     pub name: &'static str,
     /// Whether the asset can be used.
     pub severity: Severity,
-    /// Section that it is about.
+    /// Section of the finding.
     pub section: Option<String>,
     /// The fault with its values.
     pub message: String,
@@ -91,7 +92,7 @@ macro_rules! catalogue {
     ($($constant:ident = $number:literal $severity:ident $name:literal $meaning:literal;)*) => {
         $(const $constant: FindingKind =
             FindingKind { number: $number, severity: Severity::$severity, name: $name, meaning: $meaning };)*
-        /// Every finding about what a reader accepts.
+        /// Every finding about assets that a reader accepts.
         pub const CATALOGUE: &[FindingKind] = &[$($constant),*];
     };
 }
@@ -119,7 +120,7 @@ catalogue! {
     NEWER_VERSION = 132 Warning "NewerVersion" "a newer minor version of the format";
 }
 
-/// Share of a part's area that its samples may miss by.
+/// Largest difference of the samples' area from their part's, as a share.
 const AREA_TOLERANCE: f64 = 1e-5;
 
 /// Sections of methods that are evaluated without samples.
@@ -133,7 +134,7 @@ fn without_samples(registry: &Registry) -> Vec<Tag> {
     lights.chain(all.concat()).chain(outside).collect()
 }
 
-/// Versions, and sections that nobody here reads.
+/// Findings on versions, and on sections that no form here reads.
 pub fn of_version(scan: &Scan, registry: &Registry) -> Vec<Finding> {
     let mut out = Vec::new();
     if let Some((major, minor)) = scan.version.filter(|(_, minor)| *minor > VERSION_MINOR) {
@@ -154,7 +155,7 @@ pub fn of_version(scan: &Scan, registry: &Registry) -> Vec<Finding> {
     out
 }
 
-/// Mesh, parts and samples.
+/// Findings on mesh, parts and samples.
 pub fn of_geometry(scan: &Scan, registry: &Registry) -> Vec<Finding> {
     let mut out = Vec::new();
     let Some(file) = &scan.mesh else { return out };
@@ -194,7 +195,7 @@ pub fn of_geometry(scan: &Scan, registry: &Registry) -> Vec<Finding> {
     out
 }
 
-/// Samples of a part against the part, all of them valid and fitting together.
+/// Findings on the samples of a part, all of them valid and consistent.
 fn of_samples(
     mesh: &Mesh,
     parts: &translux_format::Parts,
@@ -233,12 +234,12 @@ fn of_samples(
     out
 }
 
-/// Names whose index is not in use.
+/// Names whose index is not used.
 fn unused_names<'a>(names: impl Iterator<Item = &'a str>, used: &BTreeSet<u32>) -> Vec<String> {
     (0..).zip(names).filter(|(index, _)| !used.contains(index)).map(|(_, name)| format!("`{name}`")).collect()
 }
 
-/// Positions and triangles only.
+/// A mesh of positions and triangles only.
 fn geometry_of(file: &translux_format::Mesh) -> Mesh {
     Mesh {
         origin_mm: DVec3::from_array(file.origin_mm),
@@ -252,7 +253,7 @@ fn geometry_of(file: &translux_format::Mesh) -> Mesh {
     }
 }
 
-/// Method, settings and what the ledger promises.
+/// Findings on method, settings and the ledger.
 pub fn of_provenance(scan: &Scan, registry: &Registry) -> Vec<Finding> {
     let mut out = Vec::new();
     let ledger = Some(metadata::tags::LEDGER);
@@ -328,10 +329,10 @@ fn of_method(provenance: &translux_format::Provenance, registry: &Registry) -> V
     out
 }
 
-/// Far field, basis and irradiance rows where they are there.
+/// Findings on far field, basis and irradiance rows, where present.
 ///
 /// # Errors
-/// The faults that sections are refused for.
+/// The faults for which sections are refused.
 pub fn of_method_sections(scan: &Scan) -> Result<Vec<Finding>, Vec<FormatError>> {
     // A section that does not decode has been found already; the others would be blamed for missing it.
     let damaged: Vec<_> = scan.errors.iter().filter_map(FormatError::tag).collect();
@@ -375,7 +376,8 @@ pub fn of_method_sections(scan: &Scan) -> Result<Vec<Finding>, Vec<FormatError>>
     Ok(out)
 }
 
-/// Opens what nothing is wrong with so far, as every command does.
+/// Opens an asset without other findings, as every command does; returns a finding if that fails or the ledger is
+/// empty.
 pub fn of_opening(scan: &Scan, bytes: &[u8], registry: &Registry) -> Option<Finding> {
     let method = registry.method(&scan.provenance.as_ref()?.method).ok()?;
     let opened = Asset::from_bytes(bytes).and_then(|asset| {

@@ -15,10 +15,10 @@ use crate::error::{Error, Result};
 use crate::evaluate::{Capabilities, Cost, MaterialEdit, ProfileEdit, Registry, SourceFields};
 use crate::geometry::part_table::PartEntry;
 
-/// The content of an asset.
+/// The contents of an asset.
 #[derive(Clone, Debug, Serialize)]
 pub struct Inspection {
-    /// Its file.
+    /// The asset's file.
     #[serde(serialize_with = "super::path")]
     pub asset: PathBuf,
     /// Method that baked it.
@@ -28,25 +28,25 @@ pub struct Inspection {
     /// Triangles that have area.
     pub triangles: usize,
     parts: Vec<PartRow>,
-    /// Optical properties that it was baked with.
+    /// Optical properties of the bake.
     pub media: Vec<MediumReport>,
-    /// Diagonal of the bounding box.
+    /// Diagonal of the bounding box, mm.
     pub diagonal_mm: f64,
     /// Bytes by section.
     pub sizes: Sizes,
-    /// Stored bytes of all sections but the mesh's and the environment's.
+    /// Stored bytes per vertex of all sections except the mesh's and the environment's.
     pub bytes_per_vertex_on_disk: f64,
-    /// Bytes that the evaluator holds; none without its form.
+    /// Bytes per vertex that the evaluator holds; none without its form.
     pub bytes_per_vertex_resident: Option<f64>,
-    /// Stored bytes of the sections for environments.
+    /// Stored bytes per vertex of the sections for environments.
     pub environment_bytes_per_vertex_on_disk: f64,
-    /// Decoded bytes of the sections for environments.
+    /// Decoded bytes per vertex of the sections for environments.
     pub environment_bytes_per_vertex_resident: f64,
     /// Size of the evaluator; none without its form.
     pub cost: Option<Cost>,
     /// Edits that need no new bake; none without its form.
     pub edits: Option<Capabilities>,
-    /// Errors that the bake wrote down.
+    /// Errors recorded by the bake.
     pub ledger: Ledger,
     /// Settings, files and unit.
     pub provenance: Provenance,
@@ -61,7 +61,7 @@ struct PartRow {
     samples: usize,
 }
 
-/// Inspects a file; an asset of a form that the registry does not have has no evaluator.
+/// Inspects a file; an asset whose form is not in the registry has no evaluator.
 ///
 /// # Errors
 /// I/O, bytes that are no asset, and those of its form.
@@ -105,7 +105,7 @@ fn parts(asset: &Asset) -> Vec<PartRow> {
     asset.scene.parts.parts.iter().enumerate().map(row).collect()
 }
 
-/// Bytes by kind; the method's decoded bytes are those of its sections, what an evaluator holds is said above.
+/// Bytes by kind; decoded bytes are those of the sections, not of the evaluator.
 fn kinds(r: &Inspection) -> String {
     let per_vertex = |bytes: u64| format!("{:.1}", bytes as f64 / r.vertices.max(1) as f64);
     let mut rows = vec![["kind", "sections", "stored", "decoded", "bytes/vertex stored", "decoded"].map(str::to_owned)];
@@ -184,7 +184,7 @@ impl fmt::Display for Inspection {
     }
 }
 
-/// The edits that need no new bake, for people.
+/// Text of the edits that need no new bake.
 fn edits_of(edits: Capabilities) -> String {
     let material = match edits.material {
         MaterialEdit::None => "the material is baked in",

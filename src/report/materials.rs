@@ -1,4 +1,4 @@
-//! Media and measured materials with the lengths that follow from them.
+//! Reports of media and measured materials with their lengths.
 
 use std::fmt;
 
@@ -14,14 +14,14 @@ pub struct MediumReport {
     pub(crate) name: String,
     #[serde(flatten)]
     pub(crate) properties: OpticalProperties,
-    /// 1 / sigma_t'.
+    /// Mean free path 1 / sigma_t', mm.
     pub(crate) mean_free_path_mm: [f64; 3],
-    /// 1 / sigma_tr; none where nothing absorbs.
+    /// Diffusion length 1 / sigma_tr, mm; none where nothing absorbs.
     pub(crate) diffusion_length_mm: [Option<f64>; 3],
 }
 
 impl MediumReport {
-    /// Computes the lengths.
+    /// The report of a medium.
     pub(crate) fn of(medium: &Medium) -> Self {
         Self {
             name: medium.name.clone(),
@@ -46,7 +46,7 @@ struct MaterialRow {
 }
 
 impl MaterialsReport {
-    /// Every preset.
+    /// The report of all presets.
     pub(crate) fn of_presets() -> Self {
         let row = |preset: &crate::medium::material::Preset| MaterialRow {
             medium: MediumReport::of(&preset.material().into()),

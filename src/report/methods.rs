@@ -1,4 +1,4 @@
-//! Methods, and the keys that each of them takes.
+//! Report of methods and their keys.
 
 use std::fmt;
 
@@ -8,10 +8,10 @@ use super::text::{percent, table};
 use crate::evaluate::Method;
 use crate::evaluate::keys::{AnyKey, Audience};
 
-/// How many keys a text shows; JSON has all.
+/// The keys that the text shows; JSON has all.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Shown {
-    /// None.
+    /// No keys.
     NoKeys,
     /// The keys that everybody needs.
     Everyday,
@@ -43,7 +43,7 @@ struct KeyRow {
     default: &'static str,
     /// The domain in words.
     values: String,
-    /// Values that are words.
+    /// The values that are words.
     words: Vec<&'static str>,
     audience: Audience,
     help: &'static str,

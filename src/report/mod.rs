@@ -48,14 +48,14 @@ pub struct StageTime {
     pub seconds: f64,
 }
 
-/// The run that a report is of.
+/// The run that a report belongs to.
 #[derive(Clone, Debug, Serialize)]
 pub struct Run {
-    /// Wall-clock seconds in all.
+    /// Wall-clock seconds in total.
     pub seconds: f64,
     /// Stages in the order of their first start; one that ran several times has one entry with the sum.
     pub stages: Vec<StageTime>,
-    /// Largest resident size of the process, bytes; 0 where the system does not tell.
+    /// Largest resident size of the process, bytes; 0 where the system does not report it.
     pub peak_memory_bytes: u64,
     /// Worker threads.
     pub threads: usize,
@@ -91,7 +91,7 @@ pub fn path<S: Serializer>(path: &Path, serializer: S) -> std::result::Result<S:
     serializer.collect_str(&path.display())
 }
 
-/// As [`path`], for several.
+/// Like [`path`], for several paths.
 ///
 /// # Errors
 /// Errors of the serialiser.

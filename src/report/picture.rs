@@ -1,4 +1,4 @@
-//! The figures of a picture, and the attributes of its OpenEXR file.
+//! The report of a picture, and the attributes of its OpenEXR file.
 
 use std::path::PathBuf;
 
@@ -15,7 +15,7 @@ use crate::render::frame::SingleLayer;
 use crate::render::specular::Roughness;
 use crate::scene::Scene;
 
-/// Figures of a picture.
+/// Report of a picture.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct RenderReport {
     pub(crate) method: String,
@@ -23,24 +23,24 @@ pub(crate) struct RenderReport {
     pub(crate) lights: Vec<String>,
     pub(crate) inputs: Vec<Input>,
     pub(crate) outputs: Vec<PathBuf>,
-    /// As it would be typed.
+    /// Camera as it would be typed.
     pub(crate) camera: String,
     pub(crate) resolution: Resolution,
     pub(crate) samples_per_pixel: u32,
     pub(crate) exit_fresnel: ExitFresnel,
     pub(crate) background: String,
-    /// None: no specular reflection.
+    /// Roughness of the surface; none without specular reflection.
     pub(crate) roughness: Option<Roughness>,
-    /// As it would be typed; none: no texture.
+    /// Texture as it would be typed; none without texture.
     pub(crate) texture: Option<String>,
     pub(crate) single_scattering: SingleLayer,
-    /// Ways of light that were followed for each covered pixel.
+    /// Number of light paths for each covered pixel.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) single_scattering_paths: Option<u64>,
     pub(crate) exr_type: ColourType,
-    /// As asked for, and the factor that it became; PNG only.
+    /// Exposure as asked for; PNG only.
     pub(crate) exposure: String,
-    /// PNG colours are radiance times this, before the transfer curve.
+    /// Factor on radiance in PNG colours, before the transfer curve.
     pub(crate) exposure_factor: f64,
     /// Share of the picture that the object covers.
     pub(crate) coverage: f64,
@@ -53,8 +53,8 @@ pub(crate) struct RenderReport {
 }
 
 impl RenderReport {
-    /// Text attributes of an OpenEXR picture: all that determines it, no time and no path of the asset. `sources` are the files
-    /// that the asset was made from, `image` is that of the texture.
+    /// Text attributes of an OpenEXR picture: everything that determines it, but no time and no path of the asset.
+    /// `sources` are the files that the asset was made from, `image` is the texture's file.
     pub(crate) fn attributes(&self, scene: &Scene, sources: &[Input], image: Option<&Input>) -> Vec<(String, String)> {
         let exit_fresnel = match self.exit_fresnel {
             ExitFresnel::Normalised => "normalised",
@@ -110,7 +110,7 @@ fn optical_properties(medium: &Medium) -> String {
     )
 }
 
-/// A part as `part.ID` numbers it.
+/// Text of a part, numbered as in `part.ID`.
 fn part(index: usize, part: &PartEntry, media: &[Medium]) -> String {
     let medium = part.medium.and_then(|m| media.get(m as usize)).map_or("opaque", |m| m.name.as_str());
     format!("{} {} ({medium})", index + 1, part.name)

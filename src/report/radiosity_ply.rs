@@ -1,5 +1,5 @@
-//! Radiosity of vertices as a PLY file: `b_*`, where there is any single scattering `s_*`, colours for viewers, and comments that
-//! say what it is of.
+//! Radiosity of vertices as a PLY file: `b_*`, any single scattering as `s_*`, colours for viewers, and comments on its
+//! origin.
 
 use glam::DVec3;
 
@@ -9,7 +9,7 @@ use crate::io::colour::srgb_from_linear;
 use crate::io::ply::{RadiosityPly, write_ply};
 use crate::scene::Scene;
 
-/// Comment of files whose radiosity has single scattering in it.
+/// Comment of files whose radiosity includes single scattering.
 pub(crate) const SINGLE_INCLUDED: &str = "b includes single scattering along the inverse normal";
 
 /// Comments of a file: its origin (a method, say), the materials and the lights.
@@ -20,13 +20,13 @@ pub(crate) fn comments(origin: &str, scene: &Scene, lights: &[String]) -> Vec<St
     comments
 }
 
-/// The scattering that `s_*` hold, and whether colours show it beside `b_*`.
+/// The scattering in `s_*`, and its relation to `b_*`.
 pub(crate) enum Single<'a> {
     /// No `s_*`.
     None,
-    /// Light that `b_*` do without.
+    /// Light that `b_*` do not include; colours show both.
     Beside(&'a [DVec3]),
-    /// Light that `b_*` hold too.
+    /// Light that `b_*` include.
     Within(&'a [DVec3]),
 }
 
@@ -57,7 +57,7 @@ pub(crate) fn radiosity_ply(
     })
 }
 
-/// Refuses what a 32-bit file cannot hold; sums beyond its range may have become NaN on the way.
+/// Refuses values that a 32-bit file cannot hold; sums beyond its range may have become NaN before.
 pub(crate) fn check_range(quantity: &str, values: &[DVec3]) -> Result<()> {
     match values.iter().position(|b| !b.as_vec3().is_finite()) {
         Some(v) => Err(Error::runtime(format!(

@@ -5,22 +5,22 @@ use translux_format::{Budget, Kind, Reader};
 
 use crate::error::{Error, Result};
 
-/// Bytes of an asset by what they are for.
+/// Bytes of an asset by purpose.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Sizes {
     /// The whole file.
     pub file: u64,
-    /// Stored bytes of all sections but the mesh's and the environment's.
+    /// Stored bytes of all sections except the mesh's and the environment's.
     pub stored_without_mesh: u64,
-    /// Decoded bytes of the same.
+    /// Decoded bytes of these sections.
     pub decoded_without_mesh: u64,
-    /// Stored bytes of what is there for environments.
+    /// Stored bytes of the sections for environments.
     pub stored_environment: u64,
-    /// Decoded bytes of the same.
+    /// Decoded bytes of these sections.
     pub decoded_environment: u64,
-    /// By what the sections are for, every kind.
+    /// Sizes by the purpose of the sections, every kind.
     pub(super) kinds: Vec<KindSize>,
-    /// Section by section, as they lie in the file.
+    /// Sizes of the sections in the order of the file.
     pub(super) sections: Vec<SectionSize>,
 }
 

@@ -1,8 +1,8 @@
-//! Figures and tables as people read them.
+//! Figures and tables as text for people.
 
 use std::time::Duration;
 
-/// A duration as people say it.
+/// A duration with its unit.
 pub(crate) fn duration(seconds: f64) -> String {
     if seconds < 1.0 {
         format!("{:.0} ms", seconds * 1e3)
@@ -14,7 +14,7 @@ pub(crate) fn duration(seconds: f64) -> String {
     }
 }
 
-/// A size as people say it.
+/// A size in bytes with its unit.
 pub(crate) fn megabytes(bytes: u64) -> String {
     if bytes < 1 << 20 {
         format!("{:.1} KiB", bytes as f64 / 1024.0)
@@ -25,7 +25,7 @@ pub(crate) fn megabytes(bytes: u64) -> String {
     }
 }
 
-/// A share as people say it.
+/// A share in percent.
 pub(crate) fn percent(share: f64) -> String {
     format!("{} %", significant(100.0 * share))
 }

@@ -15,12 +15,12 @@ use crate::progress::{Progress, stage};
 /// The findings about an asset.
 #[derive(Clone, Debug, Serialize)]
 pub struct Validation {
-    /// Its file.
+    /// The asset's file.
     #[serde(serialize_with = "super::path")]
     pub asset: PathBuf,
     /// Length of the file.
     pub bytes: usize,
-    /// None where the file is too short to have one.
+    /// Version of the format; none where the file is too short to have one.
     pub format_version: Option<String>,
     /// Sections that the directory lists.
     pub sections: usize,
@@ -28,14 +28,14 @@ pub struct Validation {
     pub errors: usize,
     /// Findings that are warnings.
     pub finding_warnings: usize,
-    /// The bytes first.
+    /// Findings, those about the bytes first.
     pub findings: Vec<Finding>,
 }
 
-/// Validates a file; methods and forms that the registry does not have are findings.
+/// Validates a file; methods and forms that are not in the registry are findings.
 ///
 /// # Errors
-/// I/O; whatever else is wrong is a finding.
+/// I/O; anything else that is wrong is a finding.
 pub fn validate(path: &Path, registry: &Registry, progress: &dyn Progress) -> Result<Validation> {
     let bytes = std::fs::read(path).map_err(|e| Error::io(path, &e))?;
     let scan = stage(progress, "read", || translux_format::scan(&bytes, Budget::default()));

@@ -1,4 +1,4 @@
-//! Times of the shaders, where there is an adapter to be timed.
+//! Times of the shaders, where there is an adapter.
 
 use super::arguments::DeviceArg;
 use super::timing::Repetitions;
@@ -15,10 +15,10 @@ pub(super) struct Adapter {
 
 #[cfg(feature = "gpu")]
 impl Adapter {
-    /// Looks for one.
+    /// Looks for an adapter.
     ///
     /// # Errors
-    /// None, where one was asked for (exit 5).
+    /// No adapter, where one was asked for (exit 5).
     pub(super) fn open(wanted: DeviceArg) -> Result<Self> {
         use crate::evaluate::device::Device;
         let device = match wanted {
@@ -29,7 +29,7 @@ impl Adapter {
         Ok(Self { device })
     }
 
-    /// Times a method whose evaluator `open` makes; none without an adapter.
+    /// Times a method, whose evaluator `open` makes; none without an adapter.
     pub(super) fn row(
         &self,
         open: impl Fn() -> Result<Box<dyn Evaluator>>,
@@ -64,10 +64,10 @@ impl Adapter {
 
 #[cfg(not(feature = "gpu"))]
 impl Adapter {
-    /// There is none in a build without shaders.
+    /// An adapter for a build without shaders: there is none.
     ///
     /// # Errors
-    /// One was asked for (exit 5).
+    /// An adapter was asked for (exit 5).
     pub(super) fn open(wanted: DeviceArg) -> Result<Self> {
         match wanted {
             DeviceArg::Auto | DeviceArg::Cpu => Ok(Self {}),
@@ -77,7 +77,7 @@ impl Adapter {
         }
     }
 
-    /// None.
+    /// No times.
     pub(super) fn row(
         &self,
         _open: impl Fn() -> Result<Box<dyn Evaluator>>,

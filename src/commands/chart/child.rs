@@ -1,4 +1,4 @@
-//! A bake in another process, whose memory and time are its own, ended when it takes too long.
+//! A bake in a process of its own, for separate memory and time, ended when it takes too long.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -11,16 +11,16 @@ use crate::error::{Error, ExitCode, Result};
 use crate::io::atomic;
 use crate::measure::growth::Limits;
 
-/// How often a running bake is looked at.
+/// Interval at which a running bake is polled.
 const POLL: Duration = Duration::from_millis(10);
 
-/// How a bake came out.
+/// Outcome of a bake.
 pub(super) enum Outcome {
-    /// Its asset and its report.
+    /// The paths of its asset and its report.
     Done(PathBuf, Value),
-    /// Took too long, after this many seconds.
+    /// The bake took too long, after this many seconds.
     Ended(f64),
-    /// Ran out of something.
+    /// The bake ran out of memory or failed otherwise, with its message.
     Failed(String),
 }
 
@@ -28,14 +28,14 @@ pub(super) enum Outcome {
 pub(super) struct Bake<'a> {
     /// Arguments of the program.
     pub(super) words: &'a [String],
-    /// Names the files of this bake.
+    /// Stem of the names of this bake's files.
     pub(super) key: &'a str,
     pub(super) work: &'a Path,
-    /// None: as long and as large as it becomes.
+    /// Limits of time and memory; none for no limits.
     pub(super) limits: Option<Limits>,
 }
 
-/// Bakes, or takes an asset and a report that are there already.
+/// Bakes, or takes an asset and a report that exist already.
 ///
 /// # Errors
 /// A bake that fails for another reason than memory and time, with its exit code; I/O.

@@ -1,4 +1,5 @@
-//! `translux chart --scale -o DIR`: how bake time, memory, bytes and relight time grow with vertices, samples and size.
+//! `translux chart --scale -o DIR`: growth of bake time, memory, bytes and relight time with vertices, samples and
+//! size.
 
 mod point;
 
@@ -27,7 +28,7 @@ use crate::progress::Progress;
 use crate::report;
 use crate::report::text::duration;
 
-/// The sizes that are measured, and how thoroughly.
+/// The sizes that are measured, and the effort.
 struct Extent {
     /// Vertices of the surface, ascending.
     vertices: &'static [usize],
@@ -35,9 +36,9 @@ struct Extent {
     samples: &'static [usize],
     /// Diagonal over the shortest mean free path, ascending.
     ratios: &'static [f64],
-    /// Vertices where something else is varied.
+    /// Vertices where another size is varied.
     fixed_vertices: usize,
-    /// Surface samples where they are not varied; as many as the method chooses without.
+    /// Surface samples where they are not varied; none where the method chooses.
     fixed_samples: Option<usize>,
     /// Repetitions of a new light.
     repetitions: Repetitions,
@@ -65,10 +66,10 @@ const QUICK: Extent = Extent {
     limit_seconds: 20.0,
 };
 
-/// Diagonal of the surface where it is not varied, mm.
+/// Diagonal of the surface in mm, where it is not varied.
 const SIZE_MM: f64 = 30.0;
 
-/// The light that is timed unless another one is asked for.
+/// The light that is timed by default.
 const LIGHT: &str = "directional:from=0.3,0.8,0.5:irradiance=3";
 
 #[derive(Serialize)]
@@ -166,7 +167,7 @@ fn limit_seconds(args: &ChartArgs, extent: &Extent) -> Result<f64> {
     }
 }
 
-/// The light that is timed: as typed, ready, and what its files hold.
+/// The light that is timed: its text form, the light, and its files.
 fn light(args: &ChartArgs, console: &Console) -> Result<(String, Light, Vec<Input>)> {
     let asked = match args.lights.light.as_slice() {
         [] => LightArgs { light: vec![LIGHT.to_owned()] },
@@ -206,7 +207,7 @@ fn places(extent: &Extent, free_path_mm: f64) -> Vec<Place> {
     of_vertices.chain(of_samples).chain(of_ratios).collect()
 }
 
-/// Makes the surface and its file; a file that is there already and the same is left.
+/// Makes the surface and its file; an identical file that exists is kept.
 fn shape(asked: usize, work: &std::path::Path) -> Result<Shape> {
     let model = surface(asked);
     let path: PathBuf = work.join(format!("knot-{asked}.glb"));

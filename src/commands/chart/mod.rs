@@ -1,4 +1,5 @@
-//! `translux chart MODEL... -o DIR`: every method at a ladder of settings, against one reference; with `--scale` how cost grows.
+//! `translux chart MODEL... -o DIR`: every method at a ladder of settings, against one reference; with `--scale` the
+//! growth of cost.
 
 mod adapter;
 mod arguments;
@@ -22,12 +23,12 @@ use crate::measure::chart::{Chart, Row, SCHEMA};
 use crate::report;
 use crate::report::text::{duration, percent};
 
-/// How much is measured.
+/// The effort of the measurement.
 #[derive(Clone, Copy, Debug)]
 struct Extent {
-    /// Settings of each method.
+    /// Number of settings of each method.
     rungs: usize,
-    /// Repetitions of new lights and edits.
+    /// Repetitions of relights and edits.
     repetitions: Repetitions,
 }
 

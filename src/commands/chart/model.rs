@@ -11,11 +11,11 @@ use crate::scene::Scene;
 use crate::transport::random_walk::exitance::{self, Effort, exitance};
 use crate::transport::random_walk::model_error::compare;
 
-/// Standard error that noise may give the mean square of the difference, relative to the mean square exitance: a model that
-/// is 10 % off is then known to a quarter of a percent.
+/// Standard error that noise may cause in the mean square of the difference, relative to the mean square exitance: an
+/// error of the model of 10 % is then known to a quarter of a percent.
 const UNCERTAINTY: f64 = 5e-4;
 
-/// No walk is asked to be less or more noisy.
+/// Least and largest noise that a walk is asked for.
 const NOISE: [f64; 2] = [0.02, 0.5];
 
 /// Noise of single vertices that gives [`UNCERTAINTY`]: its square has the standard error `noise^2 sqrt(2 / vertices)`.
@@ -23,7 +23,7 @@ fn noise(vertices: usize) -> f64 {
     (UNCERTAINTY * (0.5 * vertices as f64).sqrt()).sqrt().clamp(NOISE[0], NOISE[1])
 }
 
-/// Walks photons under each light; figures that are there already are taken.
+/// Walks photons under each light; existing results are taken.
 pub(super) fn errors(
     subject: &Subject,
     scene: &Scene,

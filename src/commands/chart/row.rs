@@ -1,4 +1,4 @@
-//! One method at one setting: baked by a process of its own, opened, timed and compared.
+//! One method at one setting: baked in a process of its own, opened, timed and compared.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -104,7 +104,7 @@ pub(super) fn of(
     Ok((row, shown))
 }
 
-/// The light in the middle of all, by its median.
+/// Relight time of the median light, by the lights' medians.
 fn middle(lights: &[LightError]) -> Quantiles {
     let mut times: Vec<Quantiles> = lights.iter().map(|l| l.relight_ms).collect();
     times.sort_unstable_by(|a, b| a.median.total_cmp(&b.median));
@@ -121,7 +121,7 @@ fn negative_share(values: &[DVec3], areas: &[f64]) -> f64 {
     (0..3).map(of_channel).fold(0.0, f64::max)
 }
 
-/// Errors of the pictures under the `index`-th light, and that of the first view.
+/// Errors of the pictures under the `index`-th light, and the first view's picture.
 fn pictures(
     evaluator: &dyn Evaluator,
     exitance: &dyn Exitance,

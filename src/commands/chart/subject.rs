@@ -12,7 +12,7 @@ use crate::error::{Error, Result};
 use crate::light::Light;
 use crate::measure::chart::Machine;
 
-/// A model in one material, with what every method is measured by.
+/// A model in one material, with everything that the measurement of a method needs.
 pub(super) struct Subject<'a> {
     pub(super) model: &'a Path,
     pub(super) material: &'a str,
@@ -25,10 +25,10 @@ pub(super) struct Subject<'a> {
     pub(super) console: &'a Console,
 }
 
-/// An asset, and what its bake said.
+/// An asset with the report of its bake.
 pub(super) struct Baked {
     pub(super) path: PathBuf,
-    /// As it would be typed.
+    /// Command of the bake as it would be typed.
     pub(super) command: String,
     pub(super) report: Value,
 }
@@ -39,7 +39,7 @@ impl Subject<'_> {
         self.model.file_name().map_or_else(|| self.model.display().to_string(), |n| n.to_string_lossy().into_owned())
     }
 
-    /// Bakes by a method with options in another process; an asset and a report that are there already are taken.
+    /// Bakes with a method and options in another process; an asset and a report that exist already are taken.
     pub(super) fn bake(&self, method: &str, options: &str) -> Result<Baked> {
         let model = self.model.display().to_string();
         let mut words: Vec<String> =
@@ -59,7 +59,7 @@ impl Subject<'_> {
     }
 }
 
-/// Processor, threads and load.
+/// Processor, threads and load of this machine.
 pub(super) fn machine() -> Machine {
     let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let name = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));

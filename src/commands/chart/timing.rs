@@ -1,4 +1,4 @@
-//! How often something is timed, and the edit of materials that is.
+//! Number of repetitions of timed work, and the edit of materials that is timed.
 
 use std::time::Instant;
 
@@ -7,12 +7,12 @@ use crate::evaluate::{Evaluator, MaterialEdit};
 use crate::math::statistics::Quantiles;
 use crate::medium::material::{Medium, preset};
 
-/// Repetitions of something that is timed.
+/// Limits on the repetitions of timed work.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Repetitions {
-    /// At most.
+    /// Largest number of repetitions.
     pub(super) most: usize,
-    /// None begins after this long, s.
+    /// Duration after which no further repetition begins, s.
     pub(super) patience: f64,
 }
 
@@ -29,8 +29,8 @@ impl Repetitions {
         Ok(times)
     }
 
-    /// Times of a change between two materials of one index of refraction, none where the material is baked in; the media are as
-    /// before in the end.
+    /// Times of a change between two materials of equal refractive index, ms; none where the material is baked in. The
+    /// media are restored in the end.
     pub(super) fn edits<E: Evaluator + ?Sized>(
         self,
         evaluator: &mut E,
@@ -57,7 +57,7 @@ impl Repetitions {
     }
 }
 
-/// Another material of the same index of refraction.
+/// Another material of equal refractive index.
 fn edited(medium: &Medium) -> Medium {
     let mut other = medium.clone();
     if let Some(skin) = preset("skin1") {

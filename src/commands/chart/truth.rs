@@ -18,7 +18,7 @@ use crate::render::background::Background;
 use crate::render::camera::{Camera, Resolution};
 use crate::render::frame::{Frame, RenderSettings, Specular, render};
 
-/// Sides of the pictures that are compared.
+/// Resolution of the pictures that are compared.
 const PICTURE: Resolution = Resolution { width: 320, height: 320 };
 const SAMPLES_PER_PIXEL: u32 = 4;
 
@@ -29,9 +29,9 @@ pub(super) struct Reference {
     pub(super) lights: Vec<(String, Light)>,
     /// Radiosity of every vertex under each light.
     pub(super) radiosity: Vec<Vec<DVec3>>,
-    /// Area around each vertex.
+    /// Area around each vertex, mm^2.
     pub(super) areas: Vec<f64>,
-    /// Views, and what each shows under each light.
+    /// Views, each with its picture under each light.
     pub(super) views: Vec<(RenderSettings, Vec<Frame>)>,
 }
 
@@ -81,7 +81,7 @@ pub(super) fn of(subject: &Subject, samples: usize) -> Result<Reference> {
     })
 }
 
-/// Two directions, a point and the sky, which no bake sees.
+/// Default lights: two directions, a point and the sky, none of which a bake sees.
 fn defaults(evaluator: &dyn Evaluator) -> Vec<(String, Light)> {
     let mesh = &evaluator.scene().mesh;
     let sky = Light::Environment { map: Arc::new(sky()), rotate_degrees: 63.0, scale: DVec3::ONE };
@@ -89,7 +89,7 @@ fn defaults(evaluator: &dyn Evaluator) -> Vec<(String, Light)> {
     near.chain([("sky:rotate=63".to_owned(), sky)]).collect()
 }
 
-/// The front, and the other side from above.
+/// The views: from the front, and from the other side and above.
 fn views(evaluator: &dyn Evaluator, radiosity: &[Vec<DVec3>]) -> Result<Vec<(RenderSettings, Vec<Frame>)>> {
     let mesh = &evaluator.scene().mesh;
     let front = Camera::framing(mesh, PICTURE)?;

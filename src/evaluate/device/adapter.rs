@@ -6,22 +6,22 @@ use wgpu::util::DeviceExt;
 
 use crate::error::{Error, Result};
 
-/// What to do where there is no adapter: part of every message that says so.
+/// Advice where there is no adapter, a part of every message about it.
 const WITHOUT: &str = "the CPU does the same with --device cpu";
 
 /// An opened adapter.
 pub struct Device {
-    /// Its calls.
+    /// The device's calls.
     pub device: wgpu::Device,
-    /// Where work is submitted.
+    /// Queue to which work is submitted.
     pub queue: wgpu::Queue,
-    /// What it is.
+    /// Name, kind and backend of the adapter.
     pub info: wgpu::AdapterInfo,
     first_error: Arc<Mutex<Option<String>>>,
 }
 
 impl Device {
-    /// A device without a window.
+    /// Opens a device without a window.
     ///
     /// # Errors
     /// No adapter, or one that refuses (exit 5).
@@ -29,7 +29,7 @@ impl Device {
         Self::open_limited(u64::MAX)
     }
 
-    /// The same with storage bindings of this many bytes at most, as other adapters have them.
+    /// Like [`Self::open`], with storage bindings of at most this many bytes, as other adapters have them.
     ///
     /// # Errors
     /// As [`Self::open`].
@@ -43,7 +43,7 @@ impl Device {
         with(wgpu::Backends::PRIMARY).or_else(|_| with(wgpu::Backends::all()))
     }
 
-    /// A device that can present to a surface, where one is given.
+    /// Opens a device that can present to a surface, where one is given.
     ///
     /// # Errors
     /// No adapter, or one that refuses (exit 5).
@@ -84,7 +84,7 @@ impl Device {
         format!("{} ({kind} adapter, {})", self.info.name, self.info.backend)
     }
 
-    /// Whether the adapter is a program on the processor.
+    /// Returns whether the adapter is software that runs on the processor.
     pub fn is_software(&self) -> bool {
         self.info.device_type == wgpu::DeviceType::Cpu
     }
@@ -95,10 +95,10 @@ impl Device {
         limits.max_storage_buffer_binding_size.min(limits.max_buffer_size)
     }
 
-    /// The first error since the device was opened, as exit 4.
+    /// Returns the first error since the device was opened, as exit 4.
     ///
     /// # Errors
-    /// That one.
+    /// The first error.
     pub fn check(&self) -> Result<()> {
         match self.first_error.lock().unwrap_or_else(PoisonError::into_inner).as_ref() {
             None => Ok(()),

@@ -11,7 +11,7 @@ use super::surface::{READ, UNIFORM, WRITE, bind, bind_group_layout, dispatch, pi
 use crate::error::{Error, Result};
 use crate::transport::interpolation::{LANES, SharedWeights};
 
-/// Rows of one workgroup, and runs of one.
+/// Rows of one workgroup, and runs of one workgroup.
 const ROWS: usize = 16;
 const RUNS: usize = 8;
 const RUNS_OF_EXPANSION: usize = 4;
@@ -34,16 +34,16 @@ struct RunsOfShard {
     first_run: u32,
     runs: u32,
     receivers: u32,
-    /// Of the far field.
+    /// Basis functions of the far field.
     terms: u32,
     first_receiver: u32,
     is_signed: u32,
-    /// Of the far field: bit k.
+    /// Bit k: function k of the far field is filled in.
     functions: u32,
     padding: u32,
 }
 
-/// A stage of the evaluation: what it reads and writes, and its work cut to what the adapter binds, with workgroups.
+/// A stage of the evaluation: pipeline, buffers, and shards that fit the adapter's bindings, each with its workgroups.
 pub(crate) struct Stage {
     pub(crate) pipeline: wgpu::ComputePipeline,
     pub(crate) bind_group: wgpu::BindGroup,
@@ -57,7 +57,7 @@ impl Stage {
     }
 }
 
-/// What becomes of the radiosity that is there.
+/// The way in which new radiosity meets the radiosity that is there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sum {
     /// It is replaced.
@@ -167,7 +167,8 @@ impl Interpolation {
         Self { values, weights, pipeline }
     }
 
-    /// From values at sources to targets, which begin at `signed_from` and keep their signs; at 0, clamped to 0, without.
+    /// Makes the stage that interpolates values at sources to targets. With `signed_from` the targets begin there and
+    /// keep their signs; without it they begin at 0 and are clamped to 0.
     ///
     /// # Errors
     /// More than the adapter binds, or sums (exit 5).
@@ -192,12 +193,12 @@ impl Interpolation {
     }
 }
 
-/// Sources of a run at most.
+/// Largest number of sources of a run.
 fn longest(weights: &SharedWeights) -> usize {
     weights.offsets().windows(2).map(|w| w[1] as usize - w[0] as usize).max().unwrap_or(0)
 }
 
-/// Sums of so many terms in one invocation are right on every adapter, or refused.
+/// Refuses sums of more terms in one invocation than every adapter adds up correctly.
 pub(crate) fn check_turns(turns: usize) -> Result<()> {
     if turns <= MOST_TURNS_OF_SOFTWARE {
         return Ok(());
@@ -205,7 +206,8 @@ pub(crate) fn check_turns(turns: usize) -> Result<()> {
     Err(Error::unsupported(format!("sums of {turns} where shaders sum {MOST_TURNS_OF_SOFTWARE}; use --device cpu")))
 }
 
-/// The values `[point][function]` of a far field, RGB, brought to the receivers by weights: the stage that does it, and what it fills.
+/// Makes the stage that interpolates the RGB values `[point][function]` of a far field to the receivers, and the buffer
+/// that it fills.
 ///
 /// # Errors
 /// More than the adapter binds, or sums (exit 5).
@@ -228,7 +230,7 @@ pub(crate) fn expansion(
     Ok((stage, expanded))
 }
 
-/// Functions of a far field that some of its receivers take from others: the stage that fills them in.
+/// Makes the stage that fills in those functions of a far field that some receivers take from other receivers.
 ///
 /// # Errors
 /// More than the adapter binds, or sums (exit 5).
@@ -250,7 +252,7 @@ pub(crate) fn filling(
     })
 }
 
-/// Rows as many at once as the adapter binds.
+/// Cuts rows into shards that fit the adapter's bindings.
 fn shards_of_rows(
     device: &Device,
     coefficients: &[i16],
@@ -270,7 +272,7 @@ fn shards_of_rows(
     coefficients.chunks(rows.saturating_mul(width)).enumerate().map(of_chunk).collect()
 }
 
-/// Runs as many at once as the adapter binds.
+/// Cuts runs into shards that fit the adapter's bindings.
 fn shards_of_runs(
     device: &Device,
     weights: &SharedWeights,

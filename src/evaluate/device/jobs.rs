@@ -29,7 +29,7 @@ const MOST_TURNS_OF_HARDWARE: usize = 1 << 22;
 /// Marks the entries of a list that are clusters.
 pub const CLUSTER: u32 = 1 << 31;
 
-/// Receivers that one workgroup serves, and what they gather from in one round.
+/// Receivers that one workgroup serves, and the entries that they gather from in one round.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 struct Job {
@@ -45,12 +45,12 @@ struct Job {
     is_last: u32,
 }
 
-/// What the receivers of a group gather from.
+/// The samples or clusters that the receivers of a group gather from.
 #[derive(Clone, Debug)]
 pub enum Entries {
-    /// The samples of this range.
+    /// The samples of a range.
     Samples(Range<u32>),
-    /// What a list names.
+    /// The samples and clusters of a list.
     List(Vec<u32>),
 }
 
@@ -72,15 +72,15 @@ impl Entries {
 
 /// Jobs of one dispatch and their lists.
 pub struct Shard {
-    /// Bound at 0.
+    /// Jobs, bound at 0.
     pub jobs: wgpu::Buffer,
-    /// Bound at 1.
+    /// Lists of entries, bound at 1.
     pub list: wgpu::Buffer,
-    /// Workgroups.
+    /// Number of workgroups.
     pub count: u32,
 }
 
-/// How long the shaders' loops are for an entry, at most.
+/// Largest number of turns of the shaders' loops for each entry.
 pub struct Effort {
     samples: Vec<OfSample>,
     exact_below: f64,
@@ -94,7 +94,7 @@ struct OfSample {
 }
 
 impl Effort {
-    /// For samples in at most `pieces` pieces, edges integrated by the longest of the rules of a precision.
+    /// The effort for samples in at most `pieces` pieces, edges integrated by the longest of the rules of a precision.
     pub fn new(surface: &Surface, near: NearField, precision: EdgePrecision, pieces: usize) -> Self {
         let rules = precision.rules();
         let nodes = rules.iter().map(|(_, nodes)| nodes.len()).max().unwrap_or(0);
@@ -114,7 +114,8 @@ impl Effort {
         }
     }
 
-    /// Of samples that take so many turns, `[closer than the first distance, than the second]`, in radii of a sample.
+    /// The effort for samples that take `turns` each: `[closer than the first distance, than the second]`, distances in
+    /// radii of a sample.
     pub fn with_turns(patches: &[Patch], [close, less_close]: [f64; 2], turns: impl Fn(usize) -> [usize; 2]) -> Self {
         let of_sample = |(index, patch): (usize, &Patch)| {
             let [exact, three_points] = turns(index);
@@ -158,7 +159,7 @@ impl Effort {
     }
 }
 
-/// What is not finished yet.
+/// The jobs and lists of the unfinished shard.
 #[derive(Default)]
 struct Pending {
     jobs: Vec<Job>,
@@ -177,8 +178,8 @@ impl Pending {
     }
 }
 
-/// The jobs of all groups of receivers from the `entries` of each group and the `medium` of each part, to be run in their
-/// order.
+/// Makes the jobs of all groups of receivers from the `entries` of each group and the `medium` of each part, to be run
+/// in their order.
 ///
 /// # Errors
 /// A single list beyond the adapter's bindings (exit 5).

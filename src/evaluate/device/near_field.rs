@@ -9,7 +9,7 @@ use crate::error::Result;
 use crate::transport::close_pairs::ClosePairs;
 use crate::transport::receivers::Receivers;
 
-/// Coefficients of one medium in the shader.
+/// Largest number of coefficients of a medium in the shader.
 const TERMS: usize = 16;
 
 /// The near field on a device.
@@ -21,8 +21,8 @@ pub struct NearOnDevice {
 }
 
 impl NearOnDevice {
-    /// Of receivers, the samples around each group of them and what these cost, and the medium of each part of `media`;
-    /// `far_values` are what the far field writes.
+    /// Prepares the near field of the receivers: the samples around each group, their effort, the number of `media` and
+    /// the medium of each part. `far_values` holds the far field.
     ///
     /// # Errors
     /// Lists beyond the adapter's bindings (exit 5).

@@ -6,7 +6,8 @@ use crate::error::Result;
 use crate::evaluate::evaluator::DeviceEvaluator;
 use crate::progress::Progress;
 
-/// What [`radiosity`](crate::evaluate::Evaluator::radiosity) of a device evaluator is: updated, read back, a value for each source vertex.
+/// Updates a device evaluator and reads back the radiosity of every source vertex, for
+/// [`radiosity`](crate::evaluate::Evaluator::radiosity).
 ///
 /// # Errors
 /// As [`DeviceEvaluator::update`].

@@ -1,4 +1,4 @@
-//! What the shaders of every method share: samples, receivers, media and the light on the samples.
+//! Buffers and shader text that all methods share: samples, receivers, media and the light on the samples.
 
 use std::sync::Arc;
 
@@ -17,15 +17,15 @@ use crate::transport::near_rule::{MOST_SPLITS, NearField, PIECE_IS_POINT, SIX_PO
 use crate::transport::receivers::Receivers;
 use crate::transport::sample_light::SampleLight;
 
-/// Rules for edges that the shader holds, and nodes of all of them.
+/// Number of edge rules that the shader holds, and of their nodes in total.
 const RULES: usize = 6;
 const NODES: usize = 64;
 
-/// Invocations that share the receivers of a workgroup: slices of what these gather from.
+/// Invocations that share the receivers of a workgroup, each with a slice of the entries.
 const SLICES: usize = 4;
 
-/// The text of a shader that uses these buffers: what it shares with others, and the numbers of the near-field rule and of the work that
-/// the processor goes by.
+/// Completes the text of a shader that uses these buffers: adds the shared code and the constants of the near-field
+/// rule and of the workgroups, the same as on the processor.
 pub fn shader(text: &str) -> String {
     let (three, [inner, outer]) = (THREE_POINTS, SIX_POINTS);
     let numbers = format!(
@@ -55,12 +55,12 @@ const MOST_SPLITS: u32 = {MOST_SPLITS}u;
     [&numbers, include_str!("kernel.wgsl"), text].concat()
 }
 
-/// The text of a shader that looks up the segments of tables of so many bits.
+/// Completes the text of a shader that looks up radial tables whose segments are indexed by `bits` bits.
 pub fn table_shader(bits: u32, text: &str) -> String {
     [&format!("const SHIFT: u32 = {bits}u;\n"), include_str!("radial_table.wgsl"), text].concat()
 }
 
-/// Where a [`RadialTable`] is among the segments of several.
+/// The place of a [`RadialTable`] among the segments of several.
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 pub struct GpuTable {
@@ -146,26 +146,26 @@ pub struct SurfaceBuffers {
     bind_group: wgpu::BindGroup,
 }
 
-/// What stays the same under every light and material.
+/// Geometry and settings that stay the same under every light and material.
 pub struct Geometry<'a> {
     /// The samples.
     pub samples: &'a Samples,
-    /// What is known of each.
+    /// Centre, area and radius of each sample.
     pub patches: &'a [Patch],
-    /// Corners of their facets.
+    /// Corners of the samples' facets.
     pub corners: &'a Corners,
-    /// Where radiosity is gathered.
+    /// Points where radiosity is gathered.
     pub receivers: &'a Receivers,
-    /// How near samples are integrated.
+    /// The near-field rule.
     pub near: NearField,
-    /// How accurately the edges of triangles are integrated.
+    /// Accuracy of the integrals along the edges of triangles.
     pub precision: EdgePrecision,
     /// Basis functions of a far field; 0 without one.
     pub terms: usize,
 }
 
 impl SurfaceBuffers {
-    /// Uploads what stays the same.
+    /// Uploads the geometry and the settings.
     ///
     /// # Errors
     /// An adapter with too few or too small bindings (exit 5).
@@ -227,7 +227,7 @@ impl SurfaceBuffers {
         })
     }
 
-    /// Replaces the media; `split_mm` is where a far field begins, if there is one.
+    /// Replaces the media; the far field, if there is one, begins at `split_mm`.
     ///
     /// # Errors
     /// More media than the adapter binds, or others than dipoles (exit 5).
@@ -287,12 +287,12 @@ impl SurfaceBuffers {
         self.bind_group = bind(&self.device.device, &self.layout, bound.into_iter());
     }
 
-    /// Where the buffers are.
+    /// The device that holds the buffers.
     pub fn device(&self) -> &Arc<Device> {
         &self.device
     }
 
-    /// What the values of the radiosity are multiplied by.
+    /// Factor from the buffer's values to radiosity.
     pub fn scale(&self) -> f64 {
         self.scale
     }
@@ -364,7 +364,7 @@ fn medium(medium: &MediumKernel, split_mm: Option<f64>) -> Result<GpuMedium> {
     })
 }
 
-/// Two uniforms, then storage, of which radiosity is written.
+/// The layout of the first bind group: two uniforms, then storage, in which the shaders write the radiosity.
 fn layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
     let kinds = [UNIFORM, UNIFORM, READ, READ, READ, READ, WRITE, READ, READ, READ];
     bind_group_layout(device, "surface", &kinds)

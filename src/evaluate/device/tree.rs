@@ -32,13 +32,13 @@ pub struct TreeOnDevice {
     up: wgpu::ComputePipeline,
     parts: wgpu::ComputePipeline,
     bind_group: wgpu::BindGroup,
-    /// Deepest first, each with its workgroups.
+    /// Bind group and workgroups of each level, the deepest first.
     levels: Vec<(wgpu::BindGroup, u32)>,
     part_groups: u32,
 }
 
 impl TreeOnDevice {
-    /// Of samples in tree order, whose light is in the buffers.
+    /// Prepares the transform of samples in tree order; their light is in the buffers.
     ///
     /// # Errors
     /// More samples than the adapter binds (exit 5).
@@ -92,7 +92,7 @@ impl TreeOnDevice {
         dispatch(&self.device, &self.parts, &self.bind_group, [(nothing, self.part_groups)].into_iter());
     }
 
-    /// Mean irradiance of the left child less that of the right one, by the name of the node.
+    /// Details: mean irradiance of the left child less that of the right one, indexed by the name of the node.
     pub fn details(&self) -> &wgpu::Buffer {
         &self.details
     }
@@ -103,7 +103,7 @@ impl TreeOnDevice {
     }
 }
 
-/// Puts the nodes below and including this one into lists by their depth; returns its area.
+/// Puts this node and those below it into lists by their depth; returns its area.
 fn collect(node: Node, patches: &[Patch], depth: usize, by_depth: &mut Vec<Vec<GpuNode>>) -> f64 {
     if node.first >= node.end {
         return 0.0;

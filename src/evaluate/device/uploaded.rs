@@ -1,4 +1,4 @@
-//! Transport on the CPU, its radiosity uploaded: the fastest way on a software adapter, and what any method can do.
+//! Transport on the CPU, its radiosity uploaded: the fastest way on a software adapter, and open to every method.
 
 use std::sync::Arc;
 
@@ -14,7 +14,7 @@ use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::Progress;
 use crate::transport::balanced_tree::power_of_two_near;
 
-/// An evaluator of the CPU with a copy of its radiosity on a device; a receiver for each source vertex.
+/// A CPU evaluator with a copy of its radiosity on a device; each source vertex is a receiver.
 pub struct Uploaded {
     evaluator: Box<dyn Evaluator>,
     device: Arc<Device>,
@@ -24,7 +24,7 @@ pub struct Uploaded {
 }
 
 impl Uploaded {
-    /// On a device.
+    /// Wraps an evaluator for a device.
     ///
     /// # Errors
     /// More vertices than the adapter binds (exit 5).

@@ -1,4 +1,4 @@
-//! Accessors: where their elements lie, checked against the buffers, and their conversion to plain arrays.
+//! Accessors: location of their elements, checked against the buffers, and conversion to plain arrays.
 
 use gltf::json::Root;
 use gltf::json::accessor::{Accessor, ComponentType, Type};
@@ -8,10 +8,11 @@ use super::buffers::Buffers;
 use super::extensions;
 use crate::error::{Error, Result};
 
-/// Most elements of an accessor that no bytes in a buffer back (sparse over zeros): such counts cost no file size.
+/// Largest number of elements of an accessor without bytes in a buffer (sparse over zeros), whose count costs no file
+/// size.
 const MAX_UNBACKED: usize = 1 << 20;
 
-/// What an accessor is read for; decides which types it may have.
+/// Purpose for which an accessor is read; it decides the allowed types.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Role {
     Position,
@@ -71,17 +72,17 @@ impl<'a> Accessors<'a> {
         Self { root, buffers, quantized: extensions::declares(root, extensions::QUANTIZATION) }
     }
 
-    /// Number of elements an accessor declares; nothing else of it is checked.
+    /// Number of elements that an accessor declares; nothing else is checked.
     pub(super) fn count(&self, index: usize) -> Result<usize> {
         self.accessor(index).and_then(|accessor| size(accessor.count, "count")).map_err(|e| e.at(place(index)))
     }
 
-    /// Whether an accessor has bytes of its own; without them and without sparse values it is all zeros.
+    /// Returns whether an accessor has bytes of its own; without them and without sparse values it is all zeros.
     pub(super) fn has_data(&self, index: usize) -> bool {
         self.accessor(index).is_ok_and(|accessor| accessor.buffer_view.is_some() || accessor.sparse.is_some())
     }
 
-    /// The elements of an accessor, every byte of them known to exist.
+    /// The elements of an accessor, all of whose bytes are known to exist.
     pub(super) fn elements(&self, index: usize, role: Role) -> Result<Elements<'_>> {
         self.accessor(index).and_then(|accessor| self.locate(accessor, role)).map_err(|e| e.at(place(index)))
     }
@@ -188,7 +189,7 @@ struct Strided<'a> {
     stride: usize,
 }
 
-/// Elements that differ from the base: `indices` rise strictly and are in range.
+/// Elements that differ from the base; `indices` rise strictly and are in range.
 struct Sparse<'a> {
     indices: Vec<u32>,
     values: Strided<'a>,
@@ -213,7 +214,7 @@ impl Elements<'_> {
         }
     }
 
-    /// Whether the components are integers that stand for themselves.
+    /// Returns whether the components are plain, unnormalised integers.
     pub(super) fn is_unscaled_integer(&self) -> bool {
         self.component != ComponentType::F32 && !self.normalized
     }
@@ -236,7 +237,7 @@ impl Elements<'_> {
         }
     }
 
-    /// One unsigned integer for each element of an accessor that is read as [`Role::Indices`].
+    /// The indices of an accessor that is read as [`Role::Indices`].
     pub(super) fn integers(&self) -> Vec<u32> {
         match self.component {
             ComponentType::U8 | ComponentType::I8 => self.gather::<1, 1, u32>(|[byte]| u32::from(byte)),

@@ -1,4 +1,4 @@
-//! All placements of all meshes into one model.
+//! Assembly of all placements of all meshes into one model.
 
 use std::collections::HashMap;
 
@@ -13,13 +13,13 @@ use super::warnings::Warnings;
 use crate::error::{Error, Result};
 use crate::geometry::source::{CornerAttribute, SourceModel};
 
-/// Most vertices, and most triangles, of a model with every instance counted.
+/// Largest number of vertices, and of triangles, of a model with every instance counted.
 pub const MAX_ELEMENTS: usize = 1 << 26;
 
-/// A determinant this small against the product of the axes' lengths means that they lie in a plane.
+/// Determinant over the product of the axes' lengths below which the axes count as coplanar.
 const SINGULAR: f64 = 1e-12;
 
-/// Builds the model; sizes are known and limited before anything of their size is allocated.
+/// Builds the model; sizes are known and limited before allocation.
 pub(super) fn assemble(
     root: &Root,
     data: &Accessors<'_>,
@@ -81,7 +81,7 @@ fn check_meshes<'a>(
     Ok(checked)
 }
 
-/// Sizes so far, kept within the limits.
+/// Numbers of vertices and triangles so far, kept within the limits.
 #[derive(Default)]
 struct Totals {
     vertices: usize,
@@ -102,7 +102,7 @@ impl Totals {
     }
 }
 
-/// A placement's transform with what follows from it.
+/// The transform of a placement with derived quantities.
 struct Transform {
     to_scene: DAffine3,
     /// Inverse transpose of the linear part up to a positive factor; also defined where there is no inverse.

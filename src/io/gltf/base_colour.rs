@@ -1,4 +1,4 @@
-//! Base colours of materials: what other renderers multiply into diffuse light.
+//! Base colours of materials, which other renderers multiply into diffuse light.
 
 use std::path::Path;
 
@@ -20,22 +20,22 @@ const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
 /// The base colours of a document.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct BaseColours {
-    /// In the order of the document.
+    /// Base colours in the order of the document.
     pub materials: Vec<BaseColour>,
-    /// Pictures that they name, linear.
+    /// Linear pictures of the base colours.
     pub pictures: Vec<PngImage>,
-    /// What is different from what the document says, one line each.
+    /// Deviations from the document, one line each.
     pub warnings: Vec<String>,
 }
 
 /// The base colour of a material.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BaseColour {
-    /// As [`super::read_gltf`] calls the material.
+    /// Name of the material as [`super::read_gltf`] gives it.
     pub name: String,
     /// Linear RGB in [0, 1], multiplied with the picture.
     pub factor: DVec3,
-    /// Where a picture lies over the texture coordinates.
+    /// The picture and its placement over the texture coordinates.
     pub picture: Option<PlacedPicture>,
 }
 
@@ -46,7 +46,7 @@ pub struct PlacedPicture {
     pub index: usize,
     /// Factors on u and v.
     pub scale: DVec2,
-    /// What is added then.
+    /// Offset added after scaling.
     pub offset: DVec2,
 }
 
@@ -91,7 +91,7 @@ fn read(bytes: &[u8], path: &Path) -> Result<BaseColours> {
     Ok(read)
 }
 
-/// `images` are those that are named so far.
+/// Reads the base colour of a material; adds its image to `images`, those named so far.
 fn base_colour(
     root: &Root,
     material: &Material,

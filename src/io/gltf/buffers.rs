@@ -20,7 +20,7 @@ pub(super) struct Buffers<'a> {
 }
 
 impl<'a> Buffers<'a> {
-    /// `binary` is the chunk of a GLB, `folder` the place that relative URIs start from.
+    /// Buffers of a document; `binary` is the chunk of a GLB, `folder` the base of relative URIs.
     pub(super) fn new(root: &'a Root, binary: Option<&'a [u8]>, folder: &'a Path) -> Self {
         Self { root, binary, folder, loaded: vec![OnceCell::new(); root.buffers.len()] }
     }
@@ -82,7 +82,7 @@ impl<'a> Buffers<'a> {
     }
 }
 
-/// The path a relative URI names, or an error if it could leave the model's folder.
+/// The path that a relative URI names, or an error if it could leave the model's folder.
 pub(super) fn confined_path(uri: &str) -> Result<PathBuf> {
     if let Some((scheme, _)) = uri.split_once(':')
         && scheme.starts_with(|c: char| c.is_ascii_alphabetic())
@@ -102,7 +102,7 @@ pub(super) fn confined_path(uri: &str) -> Result<PathBuf> {
     Err(Error::input(format!("its uri {} leaves the model's folder; move the file into that folder", shown(uri))))
 }
 
-/// Quoted, control characters escaped, and short enough for a message.
+/// A URI quoted for a message: control characters escaped, shortened.
 fn shown(uri: &str) -> String {
     match uri.char_indices().nth(80) {
         Some((end, _)) => format!("{:?}...", uri.get(..end).unwrap_or_default()),
@@ -110,7 +110,7 @@ fn shown(uri: &str) -> String {
     }
 }
 
-/// `None` where a `%` is not followed by two hexadecimal digits.
+/// Decodes percent escapes; `None` where a `%` is not followed by two hexadecimal digits.
 fn percent_decode(text: &str) -> Option<Vec<u8>> {
     let mut bytes = Vec::with_capacity(text.len());
     let mut rest = text.bytes();
@@ -126,7 +126,7 @@ fn percent_decode(text: &str) -> Option<Vec<u8>> {
     Some(bytes)
 }
 
-/// `data` is the URI after `data:`; its media type is of no interest.
+/// Decodes a data URI; `data` follows `data:`, and the media type is ignored.
 pub(super) fn decode_data_uri(data: &str) -> Result<Vec<u8>> {
     let (kind, payload) = data.split_once(',').ok_or_else(|| Error::input("its data: uri has no comma"))?;
     if !kind.ends_with(";base64") {
@@ -141,7 +141,7 @@ pub(super) fn decode_data_uri(data: &str) -> Result<Vec<u8>> {
     .ok_or_else(bad)
 }
 
-/// RFC 4648, section 4; the padding may be missing. `None` for any other byte or an impossible length.
+/// Decodes base64 (RFC 4648, section 4); padding may be missing. `None` for any other byte or an impossible length.
 fn decode_base64(text: &[u8]) -> Option<Vec<u8>> {
     const PAD_MOST: usize = 2;
     let pads = text.iter().rev().take(PAD_MOST).take_while(|&&byte| byte == b'=').count();

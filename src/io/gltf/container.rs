@@ -15,7 +15,7 @@ pub(super) struct Container<'a> {
     pub(super) binary: Option<&'a [u8]>,
 }
 
-/// Finds the JSON and the binary chunk; the content decides which container it is, not the suffix.
+/// Finds the JSON and the binary chunk; the content decides the container, not the suffix.
 pub(super) fn split<'a>(bytes: &'a [u8], path: &Path, warnings: &mut Warnings) -> Result<Container<'a>> {
     if bytes.is_empty() {
         return Err(Error::input("the file is empty"));

@@ -1,11 +1,11 @@
-//! The JSON document: parsing, and the check that everything it names is in it.
+//! The JSON document: parsing, and the check of its references.
 
 use gltf::json::{Accessor, Index, Mesh, Node, Root};
 
 use super::container::unsupported_version;
 use crate::error::{Error, Result};
 
-/// Parses the JSON of a glTF 2.x document. Nothing it refers to is checked yet.
+/// Parses the JSON of a glTF 2.x document. References are not checked yet.
 pub(super) fn parse(json: &[u8]) -> Result<Root> {
     let root: Root = gltf::json::deserialize::from_slice(json).map_err(|e| {
         // Version 1 stores maps where version 2 has arrays: its type errors would mislead.
@@ -99,7 +99,7 @@ fn check<T>(index: Index<T>, count: usize, kind: &str, place: impl Fn() -> Strin
     Err(Error::input(format!("{} names {kind} {index}, which does not exist (the file has {count})", place())))
 }
 
-/// What a material is called.
+/// Name of a material, made up where it has none.
 pub(super) fn material_name(index: usize, name: Option<&str>) -> String {
     match name {
         None | Some("") => format!("material_{index}"),
@@ -107,12 +107,12 @@ pub(super) fn material_name(index: usize, name: Option<&str>) -> String {
     }
 }
 
-/// `mesh 3 "body"`, for messages.
+/// Name of a mesh for messages, as `mesh 3 "body"`.
 pub(super) fn mesh_label(index: usize, mesh: &Mesh) -> String {
     label("mesh", index, mesh.name.as_deref())
 }
 
-/// `node 3 "body"`, for messages.
+/// Name of a node for messages, as `node 3 "body"`.
 pub(super) fn node_label(index: usize, node: &Node) -> String {
     label("node", index, node.name.as_deref())
 }

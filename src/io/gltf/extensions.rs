@@ -1,4 +1,4 @@
-//! Which extensions a file may require: those that are read, and those that change shading only.
+//! Extensions that a file may require: those that are read, and those that change shading only.
 
 use gltf::json::Root;
 
@@ -7,12 +7,12 @@ use crate::error::{Error, Result};
 
 /// Integer vertex attributes.
 pub(super) const QUANTIZATION: &str = "KHR_mesh_quantization";
-/// Many placements of one node's mesh.
+/// Several placements of one node's mesh.
 pub(super) const INSTANCING: &str = "EXT_mesh_gpu_instancing";
 /// Compressed primitives.
 pub(super) const DRACO: &str = "KHR_draco_mesh_compression";
 
-/// Extensions that leave every vertex and triangle where it is. A name that ends in `_` stands for all that start so.
+/// Extensions that leave every vertex and triangle in place. A name that ends in `_` is a prefix.
 const WITHOUT_GEOMETRY: [&str; 14] = [
     "KHR_materials_",
     "EXT_materials_",
@@ -48,12 +48,12 @@ pub(super) fn check(root: &Root, warnings: &mut Warnings) -> Result<()> {
     Ok(())
 }
 
-/// Whether the document declares an extension.
+/// Returns whether the document declares an extension.
 pub(super) fn declares(root: &Root, name: &str) -> bool {
     root.extensions_used.iter().chain(&root.extensions_required).any(|used| used == name)
 }
 
-/// Whether the document declares an extension that compresses buffer views.
+/// Returns whether the document declares an extension that compresses buffer views.
 pub(super) fn declares_meshopt(root: &Root) -> bool {
     root.extensions_used.iter().chain(&root.extensions_required).any(|name| is_meshopt(name))
 }

@@ -4,7 +4,7 @@
 //! crate's own readers turn a wrong range or type into missing or arbitrary values. Node transforms are applied,
 //! a mesh appears once for each node and instance that places it, and lengths are metres.
 //!
-//! What is read: triangles, strips and fans; `POSITION`, `NORMAL` and `TEXCOORD_0`; sparse accessors;
+//! Supported are triangles, strips and fans; `POSITION`, `NORMAL` and `TEXCOORD_0`; sparse accessors;
 //! `KHR_mesh_quantization`; `EXT_mesh_gpu_instancing`. Skins and morph targets are not applied (a warning says so).
 //! Compressed geometry (Draco, meshopt) is refused as unsupported.
 

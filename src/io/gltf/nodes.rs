@@ -1,4 +1,4 @@
-//! The node tree: which mesh is placed where, in f64.
+//! The node tree: placements of meshes, in f64.
 
 use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3, DVec4};
 use gltf::json::scene::Node;
@@ -10,7 +10,7 @@ use super::extensions::INSTANCING;
 use super::warnings::Warnings;
 use crate::error::{Error, Result};
 
-/// Most placements of meshes by nodes and their instances together.
+/// Largest number of placements of meshes by nodes and their instances together.
 pub const MAX_INSTANCES: usize = 1 << 20;
 
 /// Largest distance of a rotation's length from 1 that rounding explains.
@@ -22,7 +22,7 @@ const AFFINE_TOLERANCE: f64 = 1e-6;
 /// One appearance of a mesh in the scene.
 pub(super) struct Placement {
     pub(super) mesh: usize,
-    /// From the mesh's own coordinates to the scene's; finite.
+    /// Transform from the mesh's own coordinates to the scene's; finite.
     pub(super) to_scene: DAffine3,
     /// The node that places the mesh; `None` in a document without nodes.
     pub(super) node: Option<usize>,
@@ -73,7 +73,7 @@ pub(super) fn placements(root: &Root, data: &Accessors<'_>, warnings: &mut Warni
     Ok(placements)
 }
 
-/// The root nodes of what is read.
+/// The root nodes that are read.
 fn roots(root: &Root, warnings: &mut Warnings) -> Vec<usize> {
     let chosen = root.scene.map_or(0, |scene| scene.value());
     if let Some(scene) = root.scenes.get(chosen) {
@@ -119,7 +119,7 @@ fn local_transform(node: &Node, place: impl Fn() -> String, warnings: &mut Warni
     ))
 }
 
-/// The normalised rotation and how far its length was from 1.
+/// The normalised rotation, and the difference of its length from 1.
 fn unit_rotation(stored: [f32; 4]) -> Result<(DQuat, f64)> {
     let rotation = DQuat::from_array(stored.map(f64::from));
     let length = rotation.length();

@@ -31,19 +31,19 @@ pub(super) struct CheckedPrimitive<'a> {
     pub(super) vertices: usize,
     /// Index of the document's material.
     pub(super) material: Option<usize>,
-    /// For messages.
+    /// Place of the primitive, for messages.
     pub(super) place: String,
 }
 
 /// A primitive in its mesh's coordinates.
 pub(super) struct Decoded {
-    /// As stored, finite or not.
+    /// Positions as stored, finite or not.
     pub(super) positions: Vec<[f32; 3]>,
     /// Indices into `positions`, in range.
     pub(super) triangles: Vec<[u32; 3]>,
-    /// Unit length or zero.
+    /// Normals, of unit length or zero.
     pub(super) normals: Option<Vec<Vec3>>,
-    /// v up, finite.
+    /// Texture coordinates, v up, finite.
     pub(super) uvs: Option<Vec<Vec2>>,
 }
 
@@ -124,7 +124,8 @@ impl<'a> CheckedPrimitive<'a> {
 }
 
 impl CheckedPrimitive<'_> {
-    /// Number of triangles; strips may give fewer, because their joints have no area and are dropped.
+    /// Upper bound on the number of triangles; strips may have fewer, because their joints have no area and are
+    /// dropped.
     pub(super) fn triangles_at_most(&self) -> usize {
         match self.topology {
             Topology::Triangles => self.corners / 3,
@@ -132,12 +133,12 @@ impl CheckedPrimitive<'_> {
         }
     }
 
-    /// Whether the primitive stores normals.
+    /// Returns whether the primitive stores normals.
     pub(super) fn has_normals(&self) -> bool {
         self.normals.is_some()
     }
 
-    /// Whether the primitive stores texture coordinates.
+    /// Returns whether the primitive stores texture coordinates.
     pub(super) fn has_uvs(&self) -> bool {
         self.uvs.is_some()
     }

@@ -1,6 +1,6 @@
-//! Warnings of a reader, told once for each kind.
+//! Warnings of a reader, one line for each kind.
 
-/// What the user should know, each kind told once: its first place, how many more, and how many things it concerns.
+/// Warnings for the user, one for each kind: its first place, how many more, and how many items it concerns.
 #[derive(Default)]
 pub(super) struct Warnings {
     kinds: Vec<Warning>,
@@ -15,7 +15,7 @@ impl Warnings {
         self.add_items(place, 0, message);
     }
 
-    /// `message` reads on from a number, which is the sum of `items` over all places.
+    /// Adds a warning whose `message` continues a number, the sum of `items` over all places.
     pub(super) fn add_items(&mut self, place: &str, items: usize, message: &str) {
         if let Some(known) = self.kinds.iter_mut().find(|known| known.place.is_some() && known.message == message) {
             known.places += 1;

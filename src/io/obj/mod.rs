@@ -44,7 +44,8 @@ pub fn parse_obj(bytes: &[u8], name: &str) -> Result<SourceModel> {
     build(parse::parse(bytes, name)?, name)
 }
 
-/// One `mtllib` may name several files, and file names may hold spaces: either reading will do.
+/// Returns whether a material library exists. One `mtllib` may name several files, and names may hold spaces: either
+/// reading will do.
 fn library_exists(model: &Path, library: &str) -> bool {
     let folder = model.parent().unwrap_or(Path::new(""));
     let exists = |name: &str| folder.join(name.replace('\\', "/")).is_file();

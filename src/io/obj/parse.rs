@@ -1,10 +1,11 @@
-//! One walk over the statements of an OBJ file: every one is checked, and errors name its line.
+//! One pass over the statements of an OBJ file: every one is checked, and errors name its line.
 //!
-//! Our own reader and not the crate `tobj`, because of how `tobj` 4.0.5 reads: errors have no line; corners without a texture
-//! coordinate or normal repeat the one before; colours on some vertices only, comments after numbers, continued lines and names
-//! that are not UTF-8 fail; a fourth coordinate divides the others (it is the weight of rational curves, meaningless for
-//! polygons); a face of one or two corners becomes a point or a line; files without faces, NaN and infinity are accepted; an
-//! unknown material is forgotten; vertices are numbered in the order of first use. Tests compare both where both can read.
+//! Our own reader replaces the crate `tobj`, because in `tobj` 4.0.5 errors have no line; corners without a texture
+//! coordinate or normal repeat the one before; colours on some vertices only, comments after numbers, continued lines
+//! and names that are not UTF-8 fail; a fourth coordinate divides the others (it is the weight of rational curves,
+//! meaningless for polygons); a face of one or two corners becomes a point or a line; files without faces, NaN and
+//! infinity are accepted; an unknown material is forgotten; vertices are numbered in the order of first use. Tests
+//! compare both where both can read.
 
 use std::collections::HashMap;
 
@@ -14,10 +15,10 @@ use super::statement::{Index, Statements, index, number, shown, split_keyword, t
 use crate::error::{Error, Result};
 use crate::io::polygon::MAX_POLYGON_CORNERS;
 
-/// Index of a texture coordinate or normal that a corner does not have.
+/// Index that stands for a missing texture coordinate or normal of a corner.
 pub(super) const NONE: u32 = u32::MAX;
 
-/// Unknown keywords that are named in a warning; a file of garbage must not give a warning as long as itself.
+/// Largest number of unknown keywords in a warning; a file of garbage must not give a warning as long as itself.
 const UNKNOWN_KEYWORDS_NAMED: usize = 8;
 
 /// A corner of a face: indices from 0 into the values in file order.
@@ -35,12 +36,12 @@ pub(super) struct Face {
     line: usize,
 }
 
-/// The content of a file without a known fault.
+/// The content of a file that passed all checks.
 pub(super) struct Parsed {
     pub(super) positions: Vec<DVec3>,
-    /// Texture coordinates; those that are not finite are NaN or infinite still.
+    /// Texture coordinates, possibly not finite.
     pub(super) uvs: Vec<Vec2>,
-    /// Unit normals; zero where the file has no direction.
+    /// Unit normals; zero where the file gives no direction.
     pub(super) normals: Vec<Vec3>,
     pub(super) corners: Vec<Corner>,
     pub(super) faces: Vec<Face>,
@@ -49,7 +50,7 @@ pub(super) struct Parsed {
     pub(super) warnings: Vec<String>,
 }
 
-/// How often something happened, and where first.
+/// Number of occurrences of an event, and its first line.
 #[derive(Default)]
 struct Tally {
     count: usize,
@@ -143,7 +144,7 @@ impl Parser<'_> {
         }
     }
 
-    /// Statements that hold no polygons.
+    /// Handles statements that hold no polygons.
     fn other(&mut self, keyword: &[u8]) {
         match keyword {
             // Names, smoothing and display attributes say nothing about geometry or materials.
@@ -168,7 +169,7 @@ impl Parser<'_> {
         }
     }
 
-    /// Parses up to eight numbers of a statement; more are an error of every statement.
+    /// Parses up to eight numbers of a statement; more are an error in any statement.
     fn numbers(&self, keyword: &str, rest: &[u8]) -> Result<([f64; 8], usize)> {
         let mut values = [0.0; 8];
         let mut count = 0;
@@ -265,7 +266,7 @@ impl Parser<'_> {
         Ok(())
     }
 
-    /// The index of the current material, entered at its first face.
+    /// The index of the current material, which is entered at its first face.
     fn use_material(&mut self) -> u32 {
         let name = self.material.as_deref().unwrap_or("default");
         let id = match self.material_ids.get(name) {
@@ -298,7 +299,7 @@ impl Parser<'_> {
         })
     }
 
-    /// An index from 0. Absolute ones may refer to lines below, so their range is checked at the end.
+    /// An index counted from 0. Absolute ones may refer to lines below, so their range is checked at the end.
     fn resolve(&self, word: &[u8], above: usize, what: &str) -> Result<u32> {
         if word.is_empty() {
             return Ok(NONE);
@@ -354,7 +355,7 @@ impl Parser<'_> {
         })
     }
 
-    /// The first face in the file that refers to what the file does not define.
+    /// Refuses the first face in the file that refers to something undefined.
     fn check_ranges(&self) -> Result<()> {
         let mut corners = self.corners.iter().enumerate();
         let outside = corners.find_map(|(at, corner)| {
@@ -378,7 +379,7 @@ impl Parser<'_> {
         ))
     }
 
-    /// Vertices that are not finite must not be used; unused ones have become zero.
+    /// Refuses faces with vertices that are not finite; unused ones have become zero.
     fn check_finite(&self) -> Result<()> {
         if self.not_finite.is_empty() {
             return Ok(());

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use crate::error::{Error, Result};
 
-/// A whole number that a face writes for a vertex, a texture coordinate or a normal.
+/// A whole number that a face gives for a vertex, a texture coordinate or a normal.
 pub(super) enum Index {
     /// Counted from 0 (the file counts from 1); it may refer to a line below.
     Absolute(u64),
@@ -14,7 +14,7 @@ pub(super) enum Index {
     Zero,
 }
 
-/// Finds the text, or says what the bytes are instead.
+/// The text of the file, or an error that tells what the bytes are instead.
 pub(super) fn text_of<'a>(bytes: &'a [u8], name: &str) -> Result<&'a [u8]> {
     let wrong = |what: &str| Err(Error::input(format!("{name}: {what}; an OBJ file is plain UTF-8 or ASCII text")));
     if bytes.is_empty() {
@@ -35,7 +35,7 @@ pub(super) fn text_of<'a>(bytes: &'a [u8], name: &str) -> Result<&'a [u8]> {
     Ok(bytes.strip_prefix(&[0xEF, 0xBB, 0xBF]).unwrap_or(bytes))
 }
 
-/// White space inside a line; a carriage return before the line feed is one.
+/// Returns whether a byte is white space inside a line; a carriage return before the line feed is.
 fn is_space(byte: u8) -> bool {
     matches!(byte, b' ' | b'\t' | b'\r' | b'\n' | 0x0B | 0x0C)
 }
@@ -110,18 +110,18 @@ pub(super) fn trim(mut bytes: &[u8]) -> &[u8] {
     bytes
 }
 
-/// The first word of a statement and the rest.
+/// Splits a statement into its first word and the rest.
 pub(super) fn split_keyword(statement: &[u8]) -> (&[u8], &[u8]) {
     let end = statement.iter().position(|&b| is_space(b)).unwrap_or(statement.len());
     (&statement[..end], trim(&statement[end..]))
 }
 
-/// Words up to a comment.
+/// Words before a comment.
 pub(super) fn words(rest: &[u8]) -> impl Iterator<Item = &[u8]> {
     rest.split(|&b| is_space(b)).filter(|word| !word.is_empty()).take_while(|word| word[0] != b'#')
 }
 
-/// A number, or not-a-number for the ways in which programs spell values that are not finite.
+/// A number, or NaN for the spellings by which programs write values that are not finite.
 pub(super) fn number(word: &[u8]) -> Option<f64> {
     if let Some(value) = std::str::from_utf8(word).ok().and_then(|text| text.parse().ok()) {
         return Some(value);
@@ -141,7 +141,7 @@ pub(super) fn index(word: &[u8]) -> Option<Index> {
     })
 }
 
-/// A word of the file as a message can show it.
+/// A word of the file as shown in messages.
 pub(super) fn shown(word: &[u8]) -> String {
     let text = String::from_utf8_lossy(word);
     let mut short: String = text.chars().take(40).flat_map(char::escape_debug).collect();

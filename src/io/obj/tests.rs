@@ -56,8 +56,8 @@ fn naive_vertices(text: &str) -> Vec<DVec3> {
         .collect()
 }
 
-/// The crate `tobj` on the same bytes: where it can read them, positions and attributes of every corner of every face are the
-/// same, in the order of the file. Says whether it can.
+/// Compares with the crate `tobj` on the same bytes: where it can read them, positions and attributes of every corner
+/// of every face are the same, in the order of the file. Returns whether it can.
 fn check_against_second_reader(bytes: &[u8], name: &str) -> bool {
     let options = tobj::LoadOptions { single_index: false, ..tobj::LoadOptions::default() };
     let no_library = |_: &Path| Err(tobj::LoadError::OpenFileFailed);

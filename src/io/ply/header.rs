@@ -62,7 +62,7 @@ impl Scalar {
         !matches!(self, Self::F32 | Self::F64)
     }
 
-    /// The value of as many little-endian bytes as the type has.
+    /// The value of a number's little-endian bytes.
     pub(super) fn decode(self, bytes: &[u8]) -> f64 {
         let mut wide = [0; 8];
         wide[..bytes.len()].copy_from_slice(bytes);
@@ -110,7 +110,7 @@ pub(super) struct Property {
 }
 
 impl Property {
-    /// Bytes that the property takes in every row of a binary file.
+    /// Least number of bytes of the property in a row of a binary file.
     pub(super) fn least_bytes(&self) -> usize {
         match self.kind {
             Kind::Scalar(scalar) => scalar.bytes(),

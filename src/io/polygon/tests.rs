@@ -15,7 +15,7 @@ fn total_area(corners: &[DVec3], triangles: &[[usize; 3]]) -> f64 {
     triangles.iter().map(|&[a, b, c]| (corners[b] - corners[a]).cross(corners[c] - corners[a]).length() / 2.0).sum()
 }
 
-/// n - 2 triangles, area kept, winding kept, every corner used, every outline edge in exactly one triangle.
+/// Asserts n - 2 triangles, area and winding kept, every corner used, every outline edge in exactly one triangle.
 fn check_planar(corners: &[DVec3]) {
     let triangles = triangulate(corners);
     assert_eq!(triangles.len(), corners.len() - 2);
@@ -37,7 +37,7 @@ fn check_planar(corners: &[DVec3]) {
     }
 }
 
-/// The same polygon in a slanted plane, far from the origin, reversed and with another first corner.
+/// Checks the same polygon in a slanted plane, far from the origin, reversed and with another first corner.
 fn check_everywhere(points: &[[f64; 2]]) {
     let corners = flat(points);
     check_planar(&corners);

@@ -1,4 +1,4 @@
-//! Logarithmic axes with marks in every decade that is seen, whole or in part.
+//! Logarithmic axes with marks in every decade that is visible, whole or in part.
 
 use std::ops::Range;
 
@@ -7,14 +7,14 @@ use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint, Ranged};
 /// Multiples of a power of ten that are marked, finest first.
 const MULTIPLES: [&[f64]; 3] = [&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0], &[1.0, 2.0, 5.0], &[1.0]];
 
-/// Between two positive numbers.
+/// A logarithmic axis between two positive numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub(in crate::measure) struct LogAxis {
     ends: Range<f64>,
 }
 
 impl LogAxis {
-    /// From the smaller to the larger.
+    /// An axis from the smaller to the larger of two numbers.
     pub(in crate::measure) fn new((low, high): (f64, f64)) -> Self {
         Self { ends: low..high }
     }

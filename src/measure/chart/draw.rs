@@ -26,11 +26,11 @@ pub(in crate::measure) const COLOURS: [RGBColor; 8] = [
     RGBColor(150, 150, 150),
 ];
 
-/// Pixels of a chart.
+/// Size of a chart in pixels.
 const SIZE: (u32, u32) = (900, 620);
 pub(in crate::measure) const FONT: &str = "sans-serif";
 
-/// How numbers of an axis are written.
+/// Unit in which the numbers of an axis are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unit {
     /// Shares as percent.
@@ -41,7 +41,7 @@ pub enum Unit {
     Seconds,
     /// Bytes for each vertex, or kB from ten thousand on.
     BytesPerVertex,
-    /// As it is.
+    /// A plain number.
     Number,
 }
 
@@ -79,50 +79,50 @@ pub struct Point {
     pub y: f64,
 }
 
-/// Whether the points that no other beats in both are joined.
+/// Drawing of the Pareto front, the points that no other beats in both cost and error.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Front {
-    /// By a line.
+    /// Joined by a line.
     #[default]
     Drawn,
-    /// They are not.
+    /// Not drawn.
     Left,
 }
 
 /// Error against a cost.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scatter {
-    /// Over the chart.
+    /// Title over the chart.
     pub title: String,
-    /// Beside the axes.
+    /// Titles of the axes, x and y.
     pub axes: [String; 2],
-    /// Of their numbers.
+    /// Units of the axes, x and y.
     pub units: [Unit; 2],
-    /// In the order of the series.
+    /// Points in the order of the series.
     pub points: Vec<Point>,
-    /// Errors to draw a line at, and what they are.
+    /// Errors at which a dashed line is drawn, with their names.
     pub lines: Vec<(f64, String)>,
-    /// The Pareto front.
+    /// Whether the Pareto front is drawn.
     pub front: Front,
 }
 
 /// An error by stage.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bars {
-    /// Over the chart.
+    /// Title over the chart.
     pub title: String,
     /// Stages in the order of their colours.
     pub stages: Vec<String>,
-    /// Name, RMS of each stage, and the RMS that was measured of the whole.
+    /// Name, RMS of each stage, and measured RMS of the whole.
     pub rows: Vec<(String, Vec<f64>, f64)>,
 }
 
-/// Something that can be drawn.
+/// A chart that can be drawn.
 pub(in crate::measure) trait Drawing {
     fn draw<B: DrawingBackend>(&self, root: &DrawingArea<B, Shift>) -> Result<()>;
 }
 
-/// As SVG.
+/// Draws an error against a cost as SVG.
 ///
 /// # Errors
 /// The backend's.
@@ -130,7 +130,7 @@ pub fn scatter_svg(chart: &Scatter) -> Result<String> {
     svg(chart)
 }
 
-/// As PNG.
+/// Draws an error against a cost as PNG.
 ///
 /// # Errors
 /// The backend's.
@@ -138,7 +138,7 @@ pub fn scatter_png(chart: &Scatter) -> Result<Vec<u8>> {
     png(chart)
 }
 
-/// As SVG.
+/// Draws an error by stage as SVG.
 ///
 /// # Errors
 /// The backend's.
@@ -146,7 +146,7 @@ pub fn bars_svg(chart: &Bars) -> Result<String> {
     svg(chart)
 }
 
-/// As PNG.
+/// Draws an error by stage as PNG.
 ///
 /// # Errors
 /// The backend's.
@@ -190,14 +190,14 @@ pub(in crate::measure) fn failed(error: &dyn std::fmt::Display) -> Error {
     Error::runtime(format!("chart: {error}"))
 }
 
-/// A little more than the values span, within what an axis can show; one decade where there is nothing.
+/// A range a little wider than the values, within the limits of an axis; one decade where there are none.
 pub(in crate::measure) fn span(values: impl Iterator<Item = f64>) -> (f64, f64) {
     let usable = values.filter(|v| v.is_finite() && *v > 0.0);
     let (low, high) = usable.fold((f64::INFINITY, 0.0f64), |(l, h), v| (l.min(v), h.max(v)));
     if high == 0.0 { (0.1, 1.0) } else { (low / 1.5, high * 1.5) }
 }
 
-/// Points of the `index`-th series in its colour and the shape of its marks, and its name in the legend.
+/// Draws the points of the `index`-th series in its colour and shape of marks, and its name in the legend.
 pub(in crate::measure) fn marks<'a, B, T>(
     chart: &mut ChartContext<'a, B, T>,
     index: usize,
@@ -222,7 +222,7 @@ where
     Ok(())
 }
 
-/// The names of all series in a corner.
+/// Draws the names of all series in a corner.
 pub(in crate::measure) fn legend<'a, B, T>(
     chart: &mut ChartContext<'a, B, T>,
     position: SeriesLabelPosition,

@@ -1,7 +1,7 @@
 //! The Pareto front: rows that no other row beats in everything.
 
-/// Indices of the points (cost, error) that no other is at most equal to in both and smaller in one, by ascending cost; of
-/// equal points the first.
+/// Indices of the points (cost, error) for which no other point is at most equal in both and smaller in one, by
+/// ascending cost; the first of equal points.
 pub fn pareto(points: &[(f64, f64)]) -> Vec<usize> {
     let mut order: Vec<usize> =
         (0..points.len()).filter(|&i| points[i].0.is_finite() && points[i].1.is_finite()).collect();

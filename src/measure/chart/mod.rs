@@ -1,4 +1,5 @@
-//! Speed against accuracy against size: what is measured of a method at one setting, and what is made of many such rows.
+//! Speed against accuracy against size: the measurements of a method at one setting, and charts, tables and pages of
+//! many such rows.
 
 pub(in crate::measure) mod axis;
 pub mod draw;
@@ -14,18 +15,18 @@ use crate::transport::random_walk::model_error::ModelError;
 /// Identifies the shape of the JSON.
 pub const SCHEMA: &str = "translux-chart/1";
 
-/// Where the rows were measured.
+/// The machine on which the rows were measured.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Machine {
-    /// As the processor calls itself.
+    /// Name that the processor reports.
     pub processor: String,
     /// Threads that were used.
     pub threads: usize,
-    /// Load average over the last minute when the measurement began; none where the system does not tell.
+    /// Load average over the last minute when the measurement began; none where the system does not report it.
     pub load: Option<f64>,
 }
 
-/// What everything of one model and material is compared with.
+/// The reference that all rows of one model and material are compared with.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Truth {
     /// Model, as it was named.
@@ -34,11 +35,12 @@ pub struct Truth {
     pub material: String,
     /// Samples of the reference.
     pub samples: usize,
-    /// Its own error, the sum of what it measures of itself, worst light.
+    /// RMS of the reference's own error, the sum of its stages, worst light.
     pub own_rms: f64,
     /// The command that makes its asset.
     pub command: String,
-    /// How far its model of the light inside is from a random walk, light by light; empty where none can be walked.
+    /// Difference between its model of the light inside and a random walk, for each light; empty where none can be
+    /// walked.
     pub model_errors: Vec<ModelLine>,
     /// Why no random walk was possible.
     pub no_model_errors: Option<String>,
@@ -51,12 +53,12 @@ impl Truth {
     }
 }
 
-/// The dipole against a random walk, under one light.
+/// The difference between dipole and random walk under one light.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ModelLine {
     /// The light as it would be typed.
     pub light: String,
-    /// The reference less the walk.
+    /// Error of the reference against the walk.
     pub error: ModelError,
     /// Photons of each channel.
     pub photons: [u64; 3],
@@ -64,16 +66,16 @@ pub struct ModelLine {
     pub command: String,
 }
 
-/// One light's errors.
+/// Errors under one light.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LightError {
     /// The light as it would be typed.
     pub light: String,
-    /// Over the vertices.
+    /// Error over the vertices.
     pub error: VertexError,
     /// Share of the area with negative radiosity, in the channel where it is largest.
     pub negative_share: f64,
-    /// Of its pictures, worst view of each figure.
+    /// Worst error of any view, for each figure.
     pub picture: PictureError,
     /// Time to new radiosity after a change of this light, ms.
     pub relight_ms: Quantiles,
@@ -110,7 +112,7 @@ pub struct Row {
     pub material: String,
     /// Method.
     pub method: String,
-    /// What differs from the method's defaults, as it would be typed; empty for the defaults.
+    /// Options that differ from the method's defaults, as they would be typed; empty for the defaults.
     pub setting: String,
     /// The command that bakes the asset.
     pub command: String,
@@ -118,41 +120,41 @@ pub struct Row {
     pub vertices: usize,
     /// Surface samples.
     pub samples: usize,
-    /// The whole bake, s.
+    /// Duration of the whole bake, s.
     pub bake_seconds: f64,
-    /// Its stages, s.
+    /// Duration of each of its stages, s.
     pub bake_stages: Vec<(String, f64)>,
-    /// Most memory that the bake had, bytes.
+    /// Peak memory of the bake, bytes.
     pub peak_memory_bytes: u64,
-    /// The asset, bytes.
+    /// Size of the asset, bytes.
     pub file_bytes: u64,
-    /// Sections but the mesh's and the environment's, on disk.
+    /// Bytes on disk for each vertex, without the mesh's and the environment's sections.
     pub bytes_per_vertex: f64,
-    /// The environment's sections, on disk.
+    /// Bytes of the environment's sections on disk for each vertex.
     pub environment_bytes_per_vertex: f64,
-    /// Method's data in memory.
+    /// Bytes of the method's data in memory for each vertex.
     pub resident_bytes_per_vertex: f64,
-    /// From the file to an evaluator, ms.
+    /// Time from the file to an evaluator, ms.
     pub open_ms: f64,
-    /// Time to new radiosity after a change of light, ms: the median light.
+    /// Time to new radiosity after a change of light, ms, of the median light.
     pub relight_ms: Quantiles,
     /// Time to new radiosity after a change of material, ms; none where the material is baked in.
     pub edit_ms: Option<Quantiles>,
-    /// The same on a graphics adapter, and its name.
+    /// Times on a graphics adapter.
     pub device: Option<DeviceRow>,
-    /// Worst light of each figure.
+    /// Error over the vertices, worst light for each figure.
     pub error: VertexError,
-    /// Largest share of any light.
+    /// Largest share of the area with negative radiosity under any light.
     pub negative_share: f64,
-    /// Worst light and view of each figure.
+    /// Error of the pictures, worst light and view for each figure.
     pub picture: PictureError,
-    /// What the asset promises, RMS.
+    /// Relative RMS error that the asset states.
     pub promised_rms: f64,
     /// Ledger of the asset: stage and RMS.
     pub ledger: Vec<(String, f64)>,
-    /// Light by light.
+    /// Errors under each light.
     pub lights: Vec<LightError>,
-    /// Lights that the method does not serve, as they would be typed: no figure knows of them.
+    /// Lights that the method does not serve, as they would be typed; they are in no figure.
     #[serde(default)]
     pub unserved: Vec<String>,
 }
@@ -164,21 +166,21 @@ pub struct DeviceRow {
     pub adapter: String,
     /// Time to new radiosity in the adapter's memory after a change of light, ms.
     pub relight_ms: Quantiles,
-    /// After a change of material, ms.
+    /// Time to new radiosity after a change of material, ms.
     pub edit_ms: Option<Quantiles>,
 }
 
-/// All of it.
+/// The whole measurement.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Chart {
-    /// [`SCHEMA`].
+    /// Always [`SCHEMA`].
     pub schema: String,
     /// Version of the program.
     pub version: String,
-    /// Where it was measured.
+    /// The machine on which the rows were measured.
     pub machine: Machine,
-    /// One for each model and material.
+    /// References, one for each model and material.
     pub truths: Vec<Truth>,
-    /// In the order of models, materials, methods and their ladders.
+    /// Rows in the order of models, materials, methods and their ladders.
     pub rows: Vec<Row>,
 }

@@ -1,4 +1,4 @@
-//! One HTML page that needs nothing beside it: table, charts, pictures.
+//! One self-contained HTML page: table, charts, pictures.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -6,18 +6,18 @@ use base64::engine::general_purpose::STANDARD;
 use super::draw::Unit;
 use super::{Chart, ModelLine, Row, Truth};
 
-/// Pictures of one row: its own, the reference's, and their difference, as PNG.
+/// Three pictures of one row as PNG: its own, the reference's, and their difference.
 pub struct Triple {
-    /// What is shown.
+    /// Caption of the three pictures.
     pub caption: String,
-    /// In this order.
+    /// PNG files in this order.
     pub pngs: [Vec<u8>; 3],
 }
 
-/// A cell: what is shown, and what the column is sorted by.
+/// A cell: the text, and the number by which the column is sorted.
 type Cell = (String, f64);
 
-/// A column of the page's table: its title, what the pointer on it explains, and its cells.
+/// A column of the page's table: title, explanation shown by the pointer, and cells.
 type Column = (&'static str, &'static str, fn(&Row) -> Cell);
 
 const COLUMNS: &[Column] = &[
@@ -120,7 +120,7 @@ pub fn page(chart: &Chart, charts: &[(String, String)], pictures: &[Triple]) -> 
     text + "<script>" + SCRIPT + "</script>\n</body></html>\n"
 }
 
-/// What the rows of one model and material are compared with, and how good that is.
+/// The paragraph on the reference of one model and material, and on its accuracy.
 fn paragraph(truth: &Truth) -> String {
     let mut text = format!(
         "<p>{} in {}: compared with all pairs of {} samples, which is itself {} RMS off: <code>{}</code><br>\n",

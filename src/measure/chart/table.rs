@@ -2,7 +2,7 @@
 
 use super::{Chart, Row};
 
-/// A column: its name with its unit, and what a row has there.
+/// A column: its name with its unit, and the cell of a row.
 pub type Column = (&'static str, fn(&Row) -> String);
 
 /// Every column of the table.
@@ -40,7 +40,7 @@ pub const COLUMNS: &[Column] = &[
     ("command", |r| r.command.clone()),
 ];
 
-/// Six digits, in the shortest form.
+/// A number with six digits, in the shortest form.
 pub(in crate::measure) fn number(value: f64) -> String {
     let rounded: f64 = format!("{value:.5e}").parse().unwrap_or(value);
     rounded.to_string()

@@ -10,7 +10,7 @@ const XYZ_FROM_RGB: DMat3 = DMat3::from_cols(
     DVec3::new(4_435_075.0 / 24_577_794.0, 887_015.0 / 12_288_897.0, 70_074_185.0 / 73_733_382.0),
 );
 
-/// Rec. 709 luminance, which the exposures come from.
+/// Rec. 709 luminance, from which the exposures are computed.
 const LUMINANCE: DVec3 = DVec3::new(0.2126, 0.7152, 0.0722);
 
 /// Coefficients of the tone curve `(n2 x^2 + n1 x) / (d2 x^2 + d1 x + d0)`: a fit of ACES (Narkowicz 2015) without its
@@ -50,7 +50,7 @@ pub(super) fn tone_curve_inverse(level: f64) -> f64 {
 pub(super) struct Colours {
     white_from_rgb: DMat3,
     rgb_from_white: DMat3,
-    /// The distance that counts as the largest of the gamut: Hunt-adjusted green to blue, compressed.
+    /// The colour difference that counts as the largest of the gamut: Hunt-adjusted green to blue, compressed.
     pub(super) largest_distance: f64,
 }
 

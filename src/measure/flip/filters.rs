@@ -1,5 +1,5 @@
-//! The filters of FLIP, all of them products of one-dimensional ones: what the eye resolves at a distance (contrast
-//! sensitivity, one filter for each opponent channel) and what it takes for edges and points.
+//! The filters of FLIP, all of them products of one-dimensional ones: contrast sensitivity at a viewing distance, one
+//! filter for each opponent channel, and detectors of edges and points.
 
 use std::f64::consts::PI;
 
@@ -17,7 +17,7 @@ impl Taps {
         Self { radius, weights }
     }
 
-    /// Positive weights add up to 1, negative ones to -1.
+    /// Scales positive weights to a sum of 1, negative ones to -1.
     fn normalised(mut self) -> Self {
         let sum = |sign: f64| self.weights.iter().map(|w| (w * sign).max(0.0)).sum::<f64>();
         let (positive, negative) = (sum(1.0), sum(-1.0));
@@ -58,7 +58,7 @@ pub(super) struct Filters {
     pub(super) red_green: Taps,
     /// The two Gaussians of the blue-yellow filter with their shares.
     pub(super) blue_yellow: [(Taps, f64); 2],
-    /// Across an edge or point: smoothing, first and second derivative.
+    /// One-dimensional filters of edges and points: smoothing, first and second derivative.
     pub(super) smooth: Taps,
     pub(super) slope: Taps,
     pub(super) bend: Taps,
@@ -67,7 +67,7 @@ pub(super) struct Filters {
 impl Filters {
     /// Filters for a positive number of pixels in a degree.
     pub(super) fn new(pixels_per_degree: f64) -> Self {
-        /// Width of what counts as a feature in degrees.
+        /// Width of a feature, in degrees.
         const FEATURE_DEG: f64 = 0.082;
         let [wide, narrow] = BLUE_YELLOW;
         // Three standard deviations of the widest Gaussian, for all of them.
@@ -87,7 +87,7 @@ impl Filters {
         }
     }
 
-    /// Pixels that a filtered pixel looks past itself.
+    /// Radius of the widest filter, in pixels.
     pub(super) fn reach(&self) -> usize {
         self.blue_yellow[0].0.radius.max(self.smooth.radius)
     }
@@ -151,7 +151,7 @@ impl Filtered {
     }
 }
 
-/// Adds what each tap sees, in the order of the taps.
+/// Adds the weighted values of all taps, in their order.
 fn add_taps<'a>(out: &mut [f64], taps: &Taps, seen_by: impl Fn(usize) -> Option<&'a [f64]>) {
     for (offset, weight) in taps.weights.iter().enumerate() {
         for (out, value) in out.iter_mut().zip(seen_by(offset).unwrap_or(&[])) {

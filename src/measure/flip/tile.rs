@@ -5,20 +5,20 @@ use glam::DVec3;
 use super::colour::Colours;
 use super::filters::{Filters, Plane};
 
-/// What every tile of a comparison shares.
+/// Filters and colours that all tiles of a comparison share.
 pub(super) struct Viewing {
     pub(super) filters: Filters,
     pub(super) colours: Colours,
 }
 
-/// A tile without its margin, which is as wide as the filters reach.
+/// Size of a tile without its margin, which is as wide as the filters reach.
 #[derive(Clone, Copy)]
 pub(super) struct TileSize {
     pub(super) width: usize,
     pub(super) height: usize,
 }
 
-/// What the eye makes of one tile: filtered colours and the strength of features.
+/// One tile as the eye sees it: filtered colours and the strength of edges and points.
 struct Seen {
     hunt_lab: Vec<DVec3>,
     edges: Vec<f64>,

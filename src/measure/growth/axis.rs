@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// What is varied; everything else is fixed.
+/// The size that is varied; everything else is fixed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Axis {
@@ -15,10 +15,10 @@ pub enum Axis {
 }
 
 impl Axis {
-    /// In the order of the page.
+    /// All axes in the order of the page.
     pub const ALL: [Self; 3] = [Self::Vertices, Self::Samples, Self::Ratio];
 
-    /// In files and tables.
+    /// Name in files and tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Vertices => "vertices",
@@ -27,7 +27,7 @@ impl Axis {
         }
     }
 
-    /// Beside the axis of a chart.
+    /// Title beside the axis of a chart.
     pub fn title(self) -> &'static str {
         match self {
             Self::Vertices => "vertices",
@@ -36,7 +36,7 @@ impl Axis {
         }
     }
 
-    /// What a size counts, after the number.
+    /// Unit that follows the number of a size.
     pub fn unit(self) -> &'static str {
         match self {
             Self::Vertices => "vertices",
@@ -50,16 +50,16 @@ impl Axis {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Quantity {
-    /// The whole bake, s.
+    /// Duration of the whole bake, s.
     BakeSeconds,
-    /// Most memory of the bake, bytes.
+    /// Peak memory of the bake, bytes.
     PeakMemoryBytes,
-    /// Sections on disk but the mesh's and the environment's.
+    /// Bytes of the sections on disk, without the mesh's and the environment's.
     Bytes,
-    /// The environment's sections on disk.
+    /// Bytes of the environment's sections on disk.
     EnvironmentBytes,
-    /// The opened method's data in memory.
+    /// Bytes of the opened method's data in memory.
     ResidentBytes,
-    /// From a new light to new radiosity, ms.
+    /// Time from a new light to new radiosity, ms.
     RelightMs,
 }

@@ -11,18 +11,18 @@ use crate::error::Result;
 /// One cost of every method along one axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Curves {
-    /// Over the chart.
+    /// Title over the chart.
     pub title: String,
-    /// What is varied.
+    /// The size that is varied.
     pub axis: Axis,
-    /// Cost.
+    /// The cost.
     pub quantity: Quantity,
-    /// Points (size, cost) and their law, method by method.
+    /// Points (size, cost) and the fitted law of each method.
     pub series: Vec<(Growing, Vec<(f64, f64)>)>,
 }
 
 impl Curves {
-    /// Of a measurement; none where no point has this cost. Colours and marks follow `methods`.
+    /// The curves of a measurement; none where no point has this cost. Colours and marks follow `methods`.
     pub fn of(growth: &Growth, axis: Axis, quantity: Quantity) -> Option<Self> {
         let of_this = growth.growing.iter().filter(|g| g.axis == axis && g.quantity == quantity);
         let series: Vec<_> = of_this.map(|g| (g.clone(), places(&growth.points, axis, &g.method, quantity))).collect();
@@ -34,7 +34,7 @@ impl Curves {
     }
 }
 
-/// As SVG.
+/// Draws the curves as SVG.
 ///
 /// # Errors
 /// The backend's.
@@ -42,7 +42,7 @@ pub fn curves_svg(curves: &Curves) -> Result<String> {
     svg(curves)
 }
 
-/// As PNG.
+/// Draws the curves as PNG.
 ///
 /// # Errors
 /// The backend's.
@@ -50,14 +50,14 @@ pub fn curves_png(curves: &Curves) -> Result<Vec<u8>> {
     png(curves)
 }
 
-/// Three digits at most, without a sign of precision that is not there.
+/// A number with at most three digits, so that it claims no false precision.
 fn plain(value: f64) -> String {
     let digits = if value.abs() >= 100.0 || value == 0.0 { 0 } else { (2 - value.abs().log10().floor() as i32).max(0) };
     let text = format!("{value:.*}", digits.min(12) as usize);
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
 }
 
-/// A number with the largest of the units that keeps it at 1 or more, the first where none does.
+/// A number in the largest of the units in which it is at least 1, or in the first unit.
 fn scaled(value: f64, units: &[(f64, &str)]) -> String {
     let (unit, name) =
         units.iter().rev().find(|(unit, _)| value >= 0.9995 * unit).or(units.first()).unwrap_or(&(1.0, ""));
@@ -97,7 +97,7 @@ pub fn exponent_text(growing: &Growing) -> String {
     }
 }
 
-/// What the legend says of a method.
+/// Text of a method in the legend.
 fn named(growing: &Growing) -> String {
     let name = &growing.method;
     let law = growing.law.map_or_else(

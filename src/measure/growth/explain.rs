@@ -2,8 +2,8 @@
 
 use super::axis::{Axis, Quantity};
 
-/// The reason of a finding, if there is a known one; `fixed_samples` are those of every bake, where they do not follow the
-/// surface.
+/// The reason of a finding, if one is known; `fixed_samples` is the number of samples of every bake, where it does not
+/// follow the surface.
 pub fn why(axis: Axis, method: &str, quantity: Quantity, fixed_samples: Option<usize>) -> Option<&'static str> {
     match (axis, method, quantity) {
         (Axis::Vertices, "reference" | "two_pass", Quantity::RelightMs) if fixed_samples.is_some() => Some(
@@ -27,7 +27,8 @@ pub fn why(axis: Axis, method: &str, quantity: Quantity, fixed_samples: Option<u
     }
 }
 
-/// Pairs that a new light sums over, for a method that sums over all of them: its time is predicted from them, not from size.
+/// Number of pairs that a new light sums over, for a method that sums over all of them: its time is predicted from it,
+/// not from size.
 pub fn pairs(method: &str, vertices: usize, samples: usize) -> Option<f64> {
     (method == "reference").then_some(vertices as f64 * samples as f64)
 }

@@ -11,7 +11,7 @@ pub struct PowerLaw {
     pub standard_error: f64,
     /// Cost at size 1.
     pub factor: f64,
-    /// Points that it goes through.
+    /// Number of points that were fitted.
     pub points: usize,
 }
 
@@ -30,13 +30,13 @@ struct Line {
     spread: f64,
 }
 
-/// Logarithms of what is positive and finite.
+/// Logarithms of the points whose coordinates are positive and finite.
 fn logarithms(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let usable = |v: f64| v.is_finite() && v > 0.0;
     points.iter().filter(|(x, y)| usable(*x) && usable(*y)).map(|(x, y)| (x.ln(), y.ln())).collect()
 }
 
-/// Least squares; none where all x are the same.
+/// Least-squares line; none where all x are the same.
 fn line(points: &[(f64, f64)]) -> Option<Line> {
     let count = points.len() as f64;
     let mean = |f: fn(&(f64, f64)) -> f64| points.iter().map(f).sum::<f64>() / count;
@@ -52,7 +52,8 @@ fn line(points: &[(f64, f64)]) -> Option<Line> {
     Some(Line { slope, height, residual, spread })
 }
 
-/// The law of at least three points (size, cost), those that are not positive left out; none with fewer or one size alone.
+/// The law of at least three points (size, cost); points that are not positive are left out. None for fewer or for one
+/// size alone.
 pub fn power_law(points: &[(f64, f64)]) -> Option<PowerLaw> {
     let places = logarithms(points);
     if places.len() < 3 {
@@ -74,8 +75,8 @@ pub fn end_slope(points: &[(f64, f64)]) -> Option<f64> {
     line(places.get(places.len().checked_sub(2)?..)?).map(|l| l.slope)
 }
 
-/// The cost at a larger size as the points so far (by ascending size) have it: the larger of what all of them and the last
-/// two say; one point alone grows with the `assumed` exponent. None without points.
+/// Predicts the cost at a larger size from the points so far (by ascending size): the larger of the extrapolations from
+/// all points and from the last two; a single point grows with the `assumed` exponent. None without points.
 pub fn predict(points: &[(f64, f64)], size: f64, assumed: f64) -> Option<f64> {
     let places = logarithms(points);
     let (last_x, last_y) = *places.last()?;

@@ -1,24 +1,25 @@
-//! What is not started, and why.
+//! Limits of time and memory above which work is not started, and the reasons given.
 
 use super::Limits;
 
-/// Predictions are rough: a little more than the limit is started.
+/// Factor on the limit up to which work is started, since predictions are rough.
 pub const MARGIN: f64 = 1.25;
 
-/// A bake that takes this many times the limit is ended.
+/// Factor on the limit at which a running bake is ended.
 pub const KILL: f64 = 2.0;
 
-/// How a command says durations and sizes.
+/// The ways in which a command writes durations and sizes.
 #[derive(Clone, Copy)]
 pub struct Words {
-    /// Of seconds.
+    /// Text of a duration in seconds.
     pub duration: fn(f64) -> String,
-    /// Of bytes.
+    /// Text of a size in bytes.
     pub bytes: fn(u64) -> String,
 }
 
 impl Limits {
-    /// Why work of this predicted duration is not started; none where it is, or where nothing is known.
+    /// The reason why work of this predicted duration is not started; none where it is started, or where nothing is
+    /// known.
     pub fn too_long(&self, predicted_seconds: Option<f64>, words: Words) -> Option<String> {
         let predicted = predicted_seconds?;
         let say = words.duration;
@@ -29,14 +30,14 @@ impl Limits {
         })
     }
 
-    /// Why a bake of this estimated memory is not started.
+    /// The reason why a bake of this estimated memory is not started.
     pub fn too_large(&self, estimated_bytes: u64, words: Words) -> Option<String> {
         let say = words.bytes;
         (estimated_bytes > self.memory_bytes)
             .then(|| format!("about {} of memory estimated, {} allowed", say(estimated_bytes), say(self.memory_bytes)))
     }
 
-    /// When a running bake is ended, s.
+    /// Duration at which a running bake is ended, s.
     pub fn kill_seconds(&self) -> f64 {
         KILL * self.seconds
     }

@@ -1,5 +1,5 @@
-//! How cost grows: bake time, memory, bytes and relight time against vertices, samples and the size of the object over the
-//! mean free path, with fitted exponents.
+//! Growth of cost: bake time, memory, bytes and relight time against vertices, samples and the size of the object over
+//! the mean free path, with fitted exponents.
 
 mod axis;
 pub mod draw;
@@ -23,11 +23,11 @@ pub const SCHEMA: &str = "translux-growth/1";
 /// A cost with an exponent above this grows faster than size.
 pub const FASTER_THAN_SIZE: f64 = 1.1;
 
-/// As [`FASTER_THAN_SIZE`] for the two largest points alone, which are noisier than a fit.
+/// Like [`FASTER_THAN_SIZE`], for the two largest points alone, which are noisier than a fit.
 pub const FASTER_AT_THE_END: f64 = 1.25;
 
 impl Quantity {
-    /// In the order of the page.
+    /// All costs in the order of the page.
     pub const ALL: [Self; 6] = [
         Self::BakeSeconds,
         Self::PeakMemoryBytes,
@@ -37,7 +37,7 @@ impl Quantity {
         Self::RelightMs,
     ];
 
-    /// In file names.
+    /// Name in files.
     pub fn name(self) -> &'static str {
         match self {
             Self::BakeSeconds => "bake",
@@ -49,7 +49,7 @@ impl Quantity {
         }
     }
 
-    /// For people.
+    /// Title for people.
     pub fn title(self) -> &'static str {
         match self {
             Self::BakeSeconds => "time to bake",
@@ -61,7 +61,7 @@ impl Quantity {
         }
     }
 
-    /// Values below this are mostly what every process and file has, and are left out of fits.
+    /// The cost below which a value is mostly the overhead of any process or file; such values are left out of fits.
     pub fn floor(self) -> f64 {
         match self {
             Self::BakeSeconds => 5e-3,
@@ -71,7 +71,7 @@ impl Quantity {
         }
     }
 
-    /// Of a point, if it has it.
+    /// The cost of a point, if it was measured.
     pub fn of(self, point: &Point) -> Option<f64> {
         let costs = point.costs.as_ref()?;
         let value = match self {
@@ -86,54 +86,54 @@ impl Quantity {
     }
 }
 
-/// What was measured of an asset.
+/// The measured costs of an asset.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Costs {
     /// Surface samples that the bake placed.
     pub samples: usize,
-    /// The whole bake by its own clock, s.
+    /// Duration of the whole bake by its own clock, s.
     pub bake_seconds: f64,
-    /// Its stages, s.
+    /// Duration of each of its stages, s.
     pub bake_stages: Vec<(String, f64)>,
-    /// Most memory that the bake had.
+    /// Peak memory of the bake, bytes.
     pub peak_memory_bytes: u64,
-    /// The whole file.
+    /// Size of the whole file, bytes.
     pub file_bytes: u64,
-    /// Sections on disk but the mesh's and the environment's.
+    /// Bytes of the sections on disk, without the mesh's and the environment's.
     pub bytes: u64,
-    /// The environment's sections on disk.
+    /// Bytes of the environment's sections on disk.
     pub environment_bytes: u64,
-    /// The opened method's data in memory, mesh and occluders apart.
+    /// Bytes of the opened method's data in memory, mesh and occluders apart.
     pub resident_bytes: u64,
-    /// From the file to an evaluator, ms.
+    /// Time from the file to an evaluator, ms.
     pub open_ms: f64,
-    /// From a new light to new radiosity, ms; none where it was not timed.
+    /// Time from a new light to new radiosity, ms; none where it was not timed.
     pub relight_ms: Option<Quantiles>,
-    /// How often it was timed.
+    /// Number of relights that were timed.
     pub relights: usize,
 }
 
-/// What was not measured of a point, and why.
+/// The part of a point that was not measured, and the reason.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Skipped {
-    /// The bake (and with it everything) or the relight alone.
+    /// The missing part.
     pub what: Missing,
-    /// For people.
+    /// The reason in words.
     pub reason: String,
 }
 
-/// What a point lacks.
+/// The part of a point that is missing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Missing {
-    /// Everything.
+    /// The bake, and with it everything.
     Bake,
     /// The time of a new light.
     Relight,
 }
 
 impl Missing {
-    /// For people.
+    /// Name for people.
     pub fn name(self) -> &'static str {
         match self {
             Self::Bake => "bake",
@@ -142,14 +142,14 @@ impl Missing {
     }
 }
 
-/// A method at one size.
+/// The measurement of a method at one size.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Point {
-    /// What is varied.
+    /// The size that is varied.
     pub axis: Axis,
     /// Method.
     pub method: String,
-    /// Value on the axis: as asked for where nothing was baked, else as it came out.
+    /// Value on the axis: as asked for where nothing was baked, otherwise as it came out.
     pub size: f64,
     /// Vertices of the surface.
     pub vertices: usize,
@@ -159,52 +159,52 @@ pub struct Point {
     pub size_over_mean_free_path: f64,
     /// The command that bakes the asset.
     pub command: String,
-    /// None where nothing was baked.
+    /// Measured costs; none where nothing was baked.
     pub costs: Option<Costs>,
-    /// What is missing, and why.
+    /// The missing part and the reason.
     pub skipped: Option<Skipped>,
 }
 
-/// How one cost of one method grows along one axis.
+/// Growth of one cost of one method along one axis.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Growing {
-    /// What is varied.
+    /// The size that is varied.
     pub axis: Axis,
     /// Method.
     pub method: String,
-    /// Cost.
+    /// The cost.
     pub quantity: Quantity,
-    /// Through all points above the floor; none with fewer than three.
+    /// Power law through all points above the floor; none with fewer than three.
     pub law: Option<PowerLaw>,
     /// Exponent between the two largest points.
     pub end_exponent: Option<f64>,
     /// Sizes of the points that are below the floor, which the fit leaves out.
     pub below_floor: Vec<f64>,
-    /// Grows faster than size.
+    /// Whether the cost grows faster than size.
     pub finding: bool,
-    /// Why, where it is a finding and the reason is known.
+    /// The reason of a finding, where it is known.
     pub explanation: Option<String>,
 }
 
-/// What bounds the measurement.
+/// Limits of the measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Limits {
-    /// A bake, or a new light, that is predicted to take longer (by more than [`limits::MARGIN`]) is not started, s.
+    /// Largest predicted duration, s, of a bake or a new light that is started; [`limits::MARGIN`] is allowed on top.
     pub seconds: f64,
-    /// A bake that is estimated to need more is not started, bytes.
+    /// Largest estimated memory, bytes, of a bake that is started.
     pub memory_bytes: u64,
 }
 
-/// All of it.
+/// The whole measurement.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Growth {
-    /// [`SCHEMA`].
+    /// Always [`SCHEMA`].
     pub schema: String,
     /// Version of the program.
     pub version: String,
-    /// Where it was measured.
+    /// The machine on which it was measured.
     pub machine: Machine,
-    /// What bounded it.
+    /// Limits of the measurement.
     pub limits: Limits,
     /// Material.
     pub material: String,
@@ -212,11 +212,11 @@ pub struct Growth {
     pub light: String,
     /// The surface, in words.
     pub surface: String,
-    /// Samples of every bake whose samples are not varied; none where the methods choose.
+    /// Samples of every bake along the axes other than samples; none where the methods choose.
     pub fixed_samples: Option<usize>,
-    /// In the order of axes, methods and sizes.
+    /// Points in the order of axes, methods and sizes.
     pub points: Vec<Point>,
-    /// In the order of axes, quantities and methods.
+    /// Growth of every cost, in the order of axes, quantities and methods.
     pub growing: Vec<Growing>,
 }
 
@@ -248,7 +248,7 @@ impl Growth {
         Some(Growing { axis, method, quantity, law, end_exponent, below_floor, finding, explanation })
     }
 
-    /// In the order of their first points.
+    /// Names of the methods in the order of their first points.
     pub fn methods(&self) -> Vec<String> {
         let mut methods: Vec<String> = Vec::new();
         for point in &self.points {
@@ -259,7 +259,7 @@ impl Growth {
         methods
     }
 
-    /// What grows faster than size.
+    /// The costs that grow faster than size.
     pub fn findings(&self) -> impl Iterator<Item = &Growing> {
         self.growing.iter().filter(|g| g.finding)
     }

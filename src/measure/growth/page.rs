@@ -1,4 +1,4 @@
-//! One HTML page that needs nothing beside it: findings, exponents, charts, points.
+//! One self-contained HTML page: findings, exponents, charts, points.
 
 use super::super::chart::page::{SCRIPT, STYLE, escaped, inline};
 use super::draw::{cost_text, exponent, exponent_text, size_text};
@@ -54,7 +54,7 @@ pub fn page(growth: &Growth, charts: &[(String, String)]) -> String {
     text + "<script>" + SCRIPT + "</script>\n</body></html>\n"
 }
 
-/// Everything that was left out.
+/// The list of points and times that were left out.
 fn skipped(growth: &Growth) -> String {
     let line = |p: &Point| {
         let skipped = p.skipped.as_ref()?;
@@ -137,7 +137,7 @@ fn points(growth: &Growth) -> String {
     text + "</tbody></table>\n<p>A click on a title sorts; a point's command appears under the pointer.</p>\n"
 }
 
-/// A cell that sorts by its value; what was not measured sorts last.
+/// A table cell that sorts by its value; missing values sort last.
 fn cell(shown: &str, value: f64) -> String {
     let key = if value.is_finite() { value } else { f64::MAX };
     format!("<td data-key=\"{key}\">{shown}</td>")

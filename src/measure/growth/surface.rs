@@ -1,4 +1,4 @@
-//! The surface that growth is measured on: one smooth closed shape in any number of vertices, and its file.
+//! The surface on which growth is measured: one smooth closed shape with any number of vertices, and its file.
 
 use crate::error::{Error, Result};
 use crate::geometry::mesh::{Mesh, Scale, resolve_scale};
@@ -9,21 +9,21 @@ use crate::geometry::source::SourceModel;
 use crate::medium::material::{Material, Medium};
 use crate::scene::Scene;
 
-/// In words.
+/// The surface in words.
 pub const DESCRIPTION: &str =
     "a trefoil knot of round cross section, closed, its strands 0.12 of the diagonal thick and in each other's shadow";
 
 /// Length of the knot over the circumference of its tube: triangles are then about as long as wide.
 const ASPECT: f64 = 9.3;
 
-/// The trefoil knot with about as many vertices as asked for, always on the same smooth surface; 16 at least.
+/// The trefoil knot with about this many vertices, always on the same smooth surface; at least 16.
 pub fn surface(vertices: usize) -> SourceModel {
     let around = (vertices as f64 / ASPECT).sqrt().round().clamp(4.0, 1e4);
     let along = (vertices as f64 / around).round().clamp(4.0, 1e6);
     torus_knot(2, 3, 10.0, 4.0, 2.5, along as u32, around as u32)
 }
 
-/// The scene that a bake of a model makes, for estimates.
+/// The scene of a bake of the model, for estimates.
 ///
 /// # Errors
 /// A size or a model that cannot be used.

@@ -4,7 +4,7 @@ use super::super::chart::table::{number, quoted};
 use super::{Costs, Point};
 use crate::math::statistics::Quantiles;
 
-/// A column: its name with its unit, and what a point has there; empty where it was not measured.
+/// A column: its name with its unit, and the cell of a point, empty where it was not measured.
 pub type Column = (&'static str, fn(&Point) -> String);
 
 /// Every column of the table.

@@ -1,7 +1,8 @@
 use super::draw::{Curves, cost_text, curves_png, curves_svg, size_text};
 use super::*;
 
-/// Three sizes of two methods: one grows with the square, one with the size; of the latter the largest was not timed.
+/// Three sizes of two methods: the cost of one grows with the square, that of the other with the size; the largest size
+/// of the latter was not timed.
 pub(crate) fn example() -> Growth {
     let point = |method: &str, size: f64, exponent: f64, relit: bool| {
         let cost = 1e-3 * size.powf(exponent);

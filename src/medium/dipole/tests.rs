@@ -130,7 +130,7 @@ const RECEIVERS: [(f64, f64, f64); 16] = [
     (40.0, -30.0, 20.0),
 ];
 
-/// A frame that no coordinate axis is special in, with the triangle and the receiver in it.
+/// A triangle and a receiver in a frame without a special coordinate axis.
 fn placed(scale: f64, (x, y, height): (f64, f64, f64)) -> (DVec3, [DVec3; 3]) {
     let origin = DVec3::new(3.0, -2.0, 1.5) * scale;
     let along = DVec3::new(2.0, -1.0, 2.0) / 3.0;
@@ -415,7 +415,8 @@ fn nothing_but_the_share_lies_beyond_the_range() {
     assert_eq!(dipole((0.0, 1.0, 1.3)).range_mm(0.01), 0.0);
 }
 
-/// Why the range is not a fixed number of mean free paths: what lies beyond ten of them, and how many hold all but 1 %.
+/// Evidence that the range is no fixed number of mean free paths: the share of light beyond ten of them, and the number
+/// that holds all but 1 %.
 #[test]
 fn a_fixed_multiple_of_the_mean_free_path_is_no_range() {
     let mut shares = Vec::new();

@@ -15,13 +15,13 @@ fn skin() -> OpticalProperties {
     preset("skin1").unwrap().properties()
 }
 
-/// The medium below a layer of its own.
+/// The medium below a coat with properties of its own.
 fn coated() -> LoadedProfile {
     let coat = LayerSpec { thickness_mm: Some(0.2), properties: Some(skin()) };
     LoadedProfile::Layers(vec![coat, LayerSpec { thickness_mm: None, properties: None }])
 }
 
-/// Those that are quick enough for many colours, and all.
+/// Profiles that are quick enough for many colours.
 fn closed() -> Vec<(&'static str, LoadedProfile)> {
     ["dipole", "better-dipole", "burley", "burley:fit=diffuse", "burley:fit=dmfp"].map(|t| (t, loaded(t))).into()
 }
@@ -66,7 +66,7 @@ fn presets_come_back_from_their_colour_and_either_length() {
     }
 }
 
-/// What is achieved is the medium's own total, reached where it can be, and else the nearest.
+/// Asserts that the achieved colour is the medium's own total, reached where possible, otherwise the nearest.
 fn assert_nearest(profile: &LoadedProfile, target: &Target, what: &str) {
     let found = invert(profile, target).unwrap();
     let properties = found.properties.validated().unwrap();
@@ -193,7 +193,7 @@ fn what_has_no_answer_is_refused() {
     }
 }
 
-/// Trials of one search, each of which may be a table.
+/// Number of totals in one search, each of which may need a table.
 #[test]
 fn few_totals_are_needed() {
     for wanted in [0.001, 0.2, 0.6, 0.93, 0.999] {

@@ -1,4 +1,4 @@
-//! Strongly forward phase functions as light that goes straight on and a smooth rest (Wiscombe 1977).
+//! Strongly forward phase functions as an unscattered peak and a smooth rest (Wiscombe 1977).
 
 use glam::DVec3;
 
@@ -8,14 +8,15 @@ use crate::medium::material::OpticalProperties;
 /// The delta-M split of Henyey and Greenstein's function: `p ~ f delta + (1 - f) p*` with `f = g^(L+1)` and
 /// `chi_l* = (chi_l - f) / (1 - f)` for the bands up to L. L = 1 is the delta-Eddington approximation.
 ///
-/// What is scattered into the peak counts as unscattered: `sigma_s* = (1 - f) sigma_s`, `sigma_t* = sigma_t - f sigma_s`.
+/// Light scattered into the peak counts as unscattered: `sigma_s* = (1 - f) sigma_s`, `sigma_t* = sigma_t - f sigma_s`.
 ///
-/// # What it leaves
+/// # Errors of the approximation
 ///
-/// Moments up to L are exact. Single scattering in the changed medium is *not* single scattering in the original one: it
-/// includes all light that was scattered into the peak any number of times besides once out of it. That is what is wanted
-/// beside a diffusion term of reduced coefficients, but not a truth for the term of first order alone. For a half space under
-/// constant light (eta 1.3, sigma_a = 0) the albedo of first order is, from the tests, in units of that of the exact function:
+/// Moments up to L are exact. Single scattering in the changed medium is *not* single scattering in the original one:
+/// it includes all light that was scattered into the peak any number of times besides once out of it. That suits a
+/// diffusion term with reduced coefficients, but is no truth for the term of first order alone. For a half space under
+/// constant light (eta 1.3, sigma_a = 0) the albedo of first order is, from the tests, in units of that of the exact
+/// function:
 ///
 /// | g | exact | L = 1 | L = 2 | L = 3 |
 /// | --- | --- | --- | --- | --- |
@@ -32,8 +33,8 @@ pub struct DeltaM {
 }
 
 impl DeltaM {
-    /// For bands up to `highest_band` and g in [-1, 1]. Negative g has no forward peak: f is 0 there wherever it would be
-    /// negative, and the plain series remains.
+    /// The split for bands up to `highest_band` and g in [-1, 1]. Negative g has no forward peak: f is 0 wherever it
+    /// would be negative, and the plain series remains.
     pub fn henyey_greenstein(g: f64, highest_band: usize) -> Self {
         let g = if g.is_nan() { 0.0 } else { g.clamp(-1.0, 1.0 - 1e-9) };
         let highest_band = highest_band.min(super::legendre::MOST_TERMS.isqrt() - 1);

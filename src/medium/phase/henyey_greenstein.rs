@@ -1,15 +1,15 @@
-//! The phase function of Henyey and Greenstein (1941) and the sampling of it.
+//! The phase function of Henyey and Greenstein (1941) and its sampling.
 
 use std::f64::consts::PI;
 
-/// Directions of scattering by the mean of their cosine alone; `g > 0` is forward.
+/// The phase function with mean cosine `g`; `g > 0` is forward.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HenyeyGreenstein {
     g: f64,
 }
 
 impl HenyeyGreenstein {
-    /// For a mean cosine in (-1, 1); what lies outside, and NaN, is brought inside.
+    /// The function for a mean cosine in (-1, 1); values outside are clamped, NaN counts as 0.
     pub fn new(g: f64) -> Self {
         let limit = 1.0 - 1e-9;
         Self { g: if g.is_nan() { 0.0 } else { g.clamp(-limit, limit) } }

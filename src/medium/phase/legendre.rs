@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use crate::math::sh::real_sh;
 
-/// Most terms of a separated phase function: 12 bands.
+/// Largest number of terms of a separated phase function: 12 bands.
 pub const MOST_TERMS: usize = 144;
 
 /// `p(cos) = Sum_l (2 l + 1) chi_l / (4 pi) P_l(cos)` cut after K terms, `cos = -w_i'.w_o'`.
@@ -15,7 +15,7 @@ pub const MOST_TERMS: usize = 144;
 /// real harmonics. The light side is the same for every medium, so that g stays free at run time; its energy is exactly
 /// that of `chi_0 = 1` for every K, from every direction.
 ///
-/// # Where a few terms are enough
+/// # Number of terms
 ///
 /// Only whole bands, K = 1, 4, 9, 16, ..., depend on the scattering angle alone. Others are direction dependent: with K = 8 the
 /// forward value of Henyey and Greenstein's function varies by 12 % of itself (g 0.25), 21 % (0.4), 34 % (0.7) with direction.
@@ -45,7 +45,7 @@ impl LegendrePhase {
         Self { moments, terms: terms.clamp(1, MOST_TERMS) }
     }
 
-    /// From the moments of whole bands, of which `chi_0` is set to 1.
+    /// The series of these moments of whole bands; `chi_0` is set to 1.
     pub fn from_moments(mut moments: Vec<f64>) -> Self {
         moments.truncate(bands(MOST_TERMS));
         moments.iter_mut().filter(|chi| !chi.is_finite()).for_each(|chi| *chi = 0.0);
@@ -57,7 +57,7 @@ impl LegendrePhase {
         Self { moments, terms }
     }
 
-    /// K.
+    /// Number of terms K.
     pub fn terms(&self) -> usize {
         self.terms
     }
@@ -105,7 +105,7 @@ impl LegendrePhase {
     }
 }
 
-/// Bands that hold so many terms.
+/// Number of bands that hold this many terms.
 fn bands(terms: usize) -> usize {
     let terms = terms.clamp(1, MOST_TERMS);
     (terms - 1).isqrt() + 1

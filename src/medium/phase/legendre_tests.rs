@@ -52,7 +52,7 @@ fn energy_and_mean_cosine_are_exact_for_every_g() {
     }
 }
 
-/// The least value over the peak of the true function.
+/// The least value of the series over the peak of the true function.
 fn least(g: f64, terms: usize) -> f64 {
     let (phase, truth) = (LegendrePhase::henyey_greenstein(g, terms), HenyeyGreenstein::new(g));
     let values = (0..=2000).map(|i| phase.density(f64::from(i) / 1000.0 - 1.0));

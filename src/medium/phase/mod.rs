@@ -1,5 +1,5 @@
-//! The phase function of Henyey and Greenstein (1941): its density and the sampling of it, and forms that separate the
-//! direction of the light from that of the eye.
+//! The phase function of Henyey and Greenstein (1941), its density and sampling, and forms that separate the direction
+//! of the light from that of the eye.
 //!
 //! Directions are outward on both sides: `w_i'` from a point inside towards the light, `w_o'` towards the eye. The cosine of
 //! the scattering angle is `-w_i'.w_o'`, so that g > 0 is forward.
@@ -18,14 +18,14 @@ pub use self::henyey_greenstein::HenyeyGreenstein;
 pub use self::legendre::{LegendrePhase, MOST_TERMS};
 pub use self::separable::{SIDE, SeparablePhase};
 
-/// The light side of a phase function of few terms: `p(w_i', w_o') ~ Sum_k g_k(w_i') h_k(w_o')` (Wang, Tran and Luebke 2005,
-/// equation 9). What is baked holds one vector for each `g_k`.
+/// The light side of a phase function of few terms: `p(w_i', w_o') ~ Sum_k g_k(w_i') h_k(w_o')` (Wang, Tran and Luebke
+/// 2005, equation 9). An asset holds one vector for each `g_k`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum LightTerms {
     /// One term, `g = 1 / (4 pi)`, `h = 1`.
     #[default]
     Isotropic,
-    /// The first so many real spherical harmonics, whatever the g of the medium (see [`LegendrePhase`]).
+    /// The first real spherical harmonics, this many, whatever the g of the medium (see [`LegendrePhase`]).
     Harmonics(usize),
     /// The maps of a singular value decomposition.
     Separable(SeparablePhase),

@@ -14,7 +14,7 @@ pub const SIDE: usize = 16;
 
 const TEXELS: usize = FACES * SIDE * SIDE;
 
-/// Terms at most.
+/// Largest number of terms.
 const MOST: usize = 25;
 
 /// Bands of harmonics beyond those of the terms that the iteration starts with.
@@ -67,7 +67,7 @@ impl SeparablePhase {
         Ok(result)
     }
 
-    /// K.
+    /// Number of terms K.
     pub fn terms(&self) -> usize {
         self.terms
     }

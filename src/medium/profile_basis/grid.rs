@@ -12,7 +12,7 @@ const LOG2_OUTSIDE: u32 = 8;
 /// Samples of the plain weighting and the radius up to which they go, in mm (Wang et al. 2008, section 3.1).
 const PLAIN: (usize, f64) = (650, 65.0);
 
-/// Points of a local interpolation.
+/// Number of points of a local interpolation.
 const STENCIL: usize = 6;
 
 /// `from (to / from)^(i / 2^log2)` for i = 0..=2^log2.
@@ -89,12 +89,12 @@ pub(super) fn plain_nodes(reach_mm: f64) -> Vec<f64> {
 #[derive(Clone, Debug)]
 pub(super) struct Interpolation {
     squares: Vec<f64>,
-    /// The node at the split radius, which no stencil straddles: the third derivative jumps there.
+    /// The node at the split radius, which no stencil straddles: the third derivative has a jump there.
     corner: Option<usize>,
 }
 
 impl Interpolation {
-    /// Between ascending squared nodes, at least two of them.
+    /// An interpolation between ascending squared nodes, at least two.
     pub(super) fn new(squares: Vec<f64>, split2: f64) -> Self {
         let near = |square: &f64| (square - split2).abs() <= 1e-12 * split2;
         let last = squares.len() - 1;

@@ -1,11 +1,11 @@
-//! The Gaussian ladder: functions that are nowhere negative, of which every dipole is a sum without negative coefficients.
+//! The Gaussian ladder: non-negative functions of which every dipole is a sum with non-negative coefficients.
 //!
-//! R_d is a sum of Gaussians with positive weights, of all widths: `exp(-sigma d) / d` with `d^2 = r^2 + z^2` is one, and so is what
-//! differentiation in r^2 makes of it. What the basis has to hold is the far part of R_d, which ends in a parabola in r^2 inside the
-//! split radius ([`FarProfile`]). No sum of Gaussians is like that, and non-negative ones come no nearer than
-//! T1 = 1.3e-2, however many. But taking the far part is linear, and of a Gaussian it is positive too: so the functions are
-//! the far parts of Gaussians, and the far part of R_d is a sum of them with the same weights as R_d of the Gaussians. Between
-//! them nothing changes for the near field.
+//! R_d is a sum of Gaussians with positive weights, of all widths: `exp(-sigma d) / d` with `d^2 = r^2 + z^2` is one,
+//! and so are its derivatives in r^2. The basis has to hold the far part of R_d, which ends in a parabola in r^2 inside
+//! the split radius ([`FarProfile`]). No sum of Gaussians has that shape, and non-negative ones come no nearer than T1
+//! = 1.3e-2, however many. But taking the far part is linear, and the far part of a Gaussian is positive too: so the
+//! functions are the far parts of Gaussians, and the far part of R_d is a sum of them with the same weights as R_d of
+//! the Gaussians. The near field does not change.
 //!
 //! The standard deviations are `split / 4 q^k`, k = 1, 2, ..., up to 0.8 times the reach; the last function is a constant, their
 //! limit, for materials that are clearer than the object is wide. Each function has the total 1 over the reach. Coefficients
@@ -19,11 +19,11 @@ use crate::math::nnls::non_negative_least_squares;
 use crate::medium::dipole::decay;
 use crate::medium::far_profile::FarProfile;
 
-/// Standard deviation below the first, over the split radius, and of the widest Gaussian, over the reach.
+/// Standard deviation before the first one, over the split radius, and that of the widest Gaussian, over the reach.
 const NARROWEST: f64 = 0.25;
 const WIDEST: f64 = 0.8;
 
-/// How much more than the other equations the sum of the coefficients counts, before it is made exact.
+/// Weight of the equation for the sum of the coefficients relative to the others, before the sum is made exact.
 const ENERGY_WEIGHT: f64 = 1e3;
 
 /// Halvings that take a root to the last bit.
@@ -69,19 +69,19 @@ pub(super) fn functions(split_mm: f64, reach_mm: f64, terms: usize, grid: &Grid)
     rates.chain([0.0]).flat_map(of_rate).collect()
 }
 
-/// How coefficients follow from a profile: by non-negative least squares in the weighted functions, with their total.
+/// Non-negative least squares in the weighted functions with a given total: the way from a profile to coefficients.
 #[derive(Clone, Debug)]
 pub(super) struct NonNegative {
     /// Total of each function over the reach, without unit.
     totals: Vec<f64>,
-    /// Orthonormal directions in which the functions lie, at the nodes and weighted: `[direction][node]`.
+    /// Orthonormal basis of the space of the weighted functions at the nodes: `[direction][node]`.
     directions: Vec<Vec<f64>>,
-    /// The row of the totals, and the functions in these directions: `[k][row]`.
+    /// Weighted total of each function, and the function in this orthonormal basis: `[k][row]`.
     columns: Vec<Vec<f64>>,
 }
 
 impl NonNegative {
-    /// Of functions with these values (function after function) at nodes with these weights; everything finite.
+    /// Prepares functions with these values (function after function) at nodes with these weights; everything finite.
     pub(super) fn new(functions: &[f32], weights: &[f64], totals: Vec<f64>) -> Self {
         let mut directions: Vec<Vec<f64>> = Vec::new();
         let mut columns = Vec::new();
@@ -116,7 +116,7 @@ impl NonNegative {
         &self.totals
     }
 
-    /// Coefficients of a far part, none negative; their total is the profile's within the reach.
+    /// Coefficients of a far part, none negative; their total is the far part's within the reach.
     pub(super) fn coefficients(&self, far: &FarProfile, nodes_mm: &[f64], weights: &[f64], reach_mm: f64) -> Vec<f64> {
         let weighted = nodes_mm.iter().zip(weights);
         let weighted: Vec<f64> =

@@ -4,7 +4,7 @@ use super::*;
 use crate::medium::fresnel::{BoundaryFit, boundary_a};
 use crate::medium::material::PRESETS;
 
-/// Split and reach in mm, terms, and T1 of all judges that is stated for them.
+/// Split and reach in mm, number of terms, and stated T1 of all judges.
 const STATED: [((f64, f64), usize, f64); 4] =
     [((0.5, 20.0), 11, 5e-3), ((0.5, 50.0), 13, 5e-3), ((0.64, 30.0), 13, 2e-3), ((2.0, 100.0), 14, 2e-3)];
 
@@ -25,7 +25,7 @@ fn strangers() -> Vec<Dipole> {
     media.into_iter().map(|(s, t)| Dipole::new(s, t, boundary_a(1.3, BoundaryFit::Published))).collect()
 }
 
-/// The error in transported light that ladders of Gaussians are known for: 11 steps for 0.5 mm in 20 mm, 13 in 50 mm, 5e-3.
+/// Known errors in transported light of ladders of Gaussians: 11 steps for 0.5 mm in 20 mm, 13 in 50 mm, 5e-3.
 #[test]
 fn ladders_reach_the_stated_errors() {
     for (range, terms, stated) in STATED {

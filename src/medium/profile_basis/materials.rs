@@ -1,4 +1,4 @@
-//! Materials that a basis is made for, and others that it is judged by.
+//! Training materials of a basis, and other materials that judge it.
 
 use super::grid::geometric;
 use crate::math::random;
@@ -22,11 +22,11 @@ const LOG2_STEPS: (u32, u32) = (5, 4);
 const PLAIN_PER_MM: (f64, f64) = (1e-6, 5.0);
 const PLAIN_STEPS: usize = 32;
 
-/// Random materials that judge a basis, and the stream of random numbers that they come from.
+/// Number of random materials that judge a basis, and their stream of random numbers.
 const JUDGES: u64 = 200;
 const JUDGES_STAGE: u64 = 0x6a75_6467;
 
-/// One of this many random materials does not absorb.
+/// One in this many random materials does not absorb.
 const PURE: u64 = 16;
 
 /// Dipoles with coefficients even in their logarithms, and without absorption.
@@ -37,7 +37,7 @@ pub(super) fn training() -> Vec<Dipole> {
     grid_of(&scattering, &absorption)
 }
 
-/// Dipoles with coefficients on an even grid.
+/// Dipoles with coefficients on an even grid, for the plain weighting.
 pub(super) fn plain_training() -> Vec<Dipole> {
     let (from, to) = PLAIN_PER_MM;
     let values: Vec<f64> = (0..PLAIN_STEPS).map(|i| from + (to - from) * i as f64 / (PLAIN_STEPS - 1) as f64).collect();
@@ -54,7 +54,8 @@ fn grid_of(scattering: &[f64], absorption: &[f64]) -> Vec<Dipole> {
     dipoles
 }
 
-/// Every channel of the measured materials, and random materials of the same ranges as [`training`], none of them in it.
+/// Every channel of the measured materials, and random materials of the same ranges as [`training`], none of them part
+/// of it.
 pub(super) fn judges() -> Vec<Dipole> {
     let presets = PRESETS.iter().flat_map(|preset| preset.properties().dipoles(BoundaryFit::Published));
     let log2 = 12;

@@ -2,16 +2,16 @@
 
 use super::grid::Interpolation;
 
-/// Functions side by side in a row are padded with zeros to a multiple of this.
+/// Number to a multiple of which the functions of a row are padded with zeros.
 pub const ROW_LANES: usize = 8;
 
-/// Binary logarithm of the cells of an octave of `1 + r^2 / split^2`.
+/// Binary logarithm of the number of cells in an octave of `1 + r^2 / split^2`.
 const LOG2_CELLS: u32 = 5;
 
-/// Bits of an f32 below the cell's number.
+/// Number of bits of an f32 below the cell's number.
 const CELL_BITS: u32 = f32::MANTISSA_DIGITS - 1 - LOG2_CELLS;
 
-/// Polynomials of a cell: value, slope, curvature and the cubic term.
+/// Coefficients of the polynomial of a cell: value, slope, curvature and the cubic term.
 const ORDER: usize = 4;
 
 /// The functions of a basis as cubics in cells of `x = 1 + r^2 / split^2`.
@@ -22,10 +22,10 @@ const ORDER: usize = 4;
 /// numbers each. Multiplications and additions are not fused and no library function is called: every processor gives the
 /// same bits.
 ///
-/// Error against the functions of the basis, weighted with `r^2 + split^2` as the transport is and relative to
-/// the function's largest weighted magnitude: below 1e-5 for as many terms as an error of 1e-3 needs. Later functions
-/// oscillate more, but no material makes more than a 1e-4th of them. Parabolas on 64 cells were three times worse and half as
-/// large again.
+/// Error against the functions of the basis, weighted with `r^2 + split^2` as the transport is and relative to the
+/// function's largest weighted magnitude: below 1e-5 for as many terms as an error of 1e-3 needs. Later functions
+/// oscillate more, but their share in any material is below 1e-4. Parabolas on 64 cells were three times worse and half
+/// as large again.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
     terms: usize,
@@ -36,7 +36,7 @@ pub struct Table {
 }
 
 impl Table {
-    /// Tabulates `functions` at their nodes; all squares are of mm, `reach2` is the largest of the nodes.
+    /// Tabulates `functions` at their nodes; squares are in mm^2, `reach2` is the largest of the nodes.
     pub(super) fn new(interpolation: &Interpolation, functions: &[f32], split2: f64, reach2: f64) -> Self {
         let inverse_split2 = (1.0 / split2) as f32;
         let largest_x = (1.0 + reach2 / split2) as f32;
@@ -95,8 +95,7 @@ impl Table {
         self.rows.get(cell * length..(cell + 1) * length).unwrap_or(&[])
     }
 
-    /// Every function at a squared distance in mm^2, 1/mm^2; `out` has room for [`Self::terms`] of them, or is filled as
-    /// far as it goes.
+    /// Every function at a squared distance in mm^2, 1/mm^2; fills `out` with at most [`Self::terms`] values.
     #[inline(always)]
     pub fn evaluate(&self, r2_mm2: f32, out: &mut [f32]) {
         let (cell, f) = self.index_of(r2_mm2);

@@ -7,7 +7,7 @@ use crate::math::quadrature::integrate;
 use crate::medium::fresnel::{BoundaryFit, boundary_a};
 use crate::medium::material::{PRESETS, preset};
 
-/// Split and reach in mm with the terms that 1e-2, 3e-3 and 1e-3 need.
+/// Split and reach in mm, with the numbers of terms that errors of 1e-2, 3e-3 and 1e-3 need.
 const RANGES: [((f64, f64), [usize; 3]); 6] = [
     ((0.5, 30.0), [9, 11, 12]),
     ((0.3, 30.0), [10, 12, 13]),
@@ -47,7 +47,7 @@ fn strangers() -> Vec<Dipole> {
     media.into_iter().map(|(s, t, eta)| Dipole::new(s, t, boundary_a(eta, BoundaryFit::Published))).collect()
 }
 
-/// Number k of the basis at a distance, from the table.
+/// Function k of the basis at a distance, from the table.
 fn from_table(table: &Table, coefficients: &[f64], r_mm: f64) -> f64 {
     let mut values = vec![0.0; table.terms()];
     table.evaluate((r_mm * r_mm) as f32, &mut values);

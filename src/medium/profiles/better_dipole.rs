@@ -1,8 +1,8 @@
 //! The better dipole: d'Eon, "A Better Dipole" (2012).
 //!
-//! Against the classical dipole: Grosjean's diffusion coefficient and source strength (the diffusion holds what has scattered
-//! at least twice, hence alpha'^2), the boundary `A = (1 + 3 C_2) / (1 - 2 C_1)` from the exact moments of the Fresnel
-//! reflectance, and an exitance `C_phi phi + C_E E` from fluence and flux in place of the flux alone.
+//! Differences from the classical dipole: Grosjean's diffusion coefficient and source strength (the diffusion holds
+//! light scattered at least twice, hence alpha'^2), the boundary `A = (1 + 3 C_2) / (1 - 2 C_1)` from the exact moments
+//! of the Fresnel reflectance, and an exitance `C_phi phi + C_E E` from fluence and flux instead of the flux alone.
 
 use glam::DVec3;
 
@@ -22,7 +22,7 @@ pub struct BetterDipole {
 /// A source below the surface and its mirror image, with the exitance by fluence and flux.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct SourcePair {
-    /// The flux of both, weighted by C_E.
+    /// Both sources' exitance by flux, weighted by C_E.
     flux: [Pole; 2],
     /// Factor of the fluence `(exp(-sigma d_r) / d_r - exp(-sigma d_v) / d_v)`, in mm^0 over mm: 1/mm times mm.
     fluence_per_mm: f64,

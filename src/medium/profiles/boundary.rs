@@ -1,4 +1,4 @@
-//! Moments of the internal Fresnel reflectance, and coefficients that every channel's model starts from.
+//! Moments of the internal Fresnel reflectance, and coefficients of a channel that the models start from.
 
 use crate::math::quadrature::integrate;
 use crate::medium::fresnel::{BoundaryFit, internal_diffuse_reflectance, transmittance};
@@ -47,7 +47,7 @@ fn second_moment_of_transmittance(eta: f64) -> f64 {
     (3.0 * integrate(integrand, 0.0, span, MOMENT_TOLERANCE)).clamp(0.0, 1.0)
 }
 
-/// The coefficients of one channel as the models use them.
+/// Coefficients of one channel in the form that the models use.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Coefficients {
     /// Reduced albedo alpha' in [0, 1]; 0 without extinction.
@@ -59,7 +59,7 @@ pub(super) struct Coefficients {
 }
 
 impl Coefficients {
-    /// Negative and non-finite coefficients count as 0.
+    /// Coefficients from sigma_s' and sigma_a; negative and non-finite values count as 0.
     pub(super) fn new(sigma_s_reduced_per_mm: f64, sigma_a_per_mm: f64) -> Self {
         let usable = |sigma: f64| if sigma.is_finite() && sigma > 0.0 { sigma } else { 0.0 };
         let (scattering, absorption) = (usable(sigma_s_reduced_per_mm), usable(sigma_a_per_mm));
@@ -77,7 +77,7 @@ impl Coefficients {
     }
 }
 
-/// The modified diffusion of Grosjean (1956), as d'Eon and Irving (2011) brought it to graphics.
+/// The modified diffusion of Grosjean (1956), introduced to graphics by d'Eon and Irving (2011).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Grosjean {
     /// `D = (2 sigma_a + sigma_s') / (3 sigma_t'^2)` in mm.

@@ -11,10 +11,10 @@ use crate::medium::profile::Profile;
 
 use std::f64::consts::PI;
 
-/// Distances below this fraction of d count as this, so that R(0) is finite; `tail` is exact all the same.
+/// Least distance over d, so that R(0) is finite; `tail` is exact all the same.
 const SMALLEST_RATIO: f64 = 1e-9;
 
-/// Which fit of the shape `s(A)` is used, and with it which length l is.
+/// Fit of the shape `s(A)`, which also decides the length l.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum BurleyFit {
     /// Light straight down (equation 5): `1.85 - A + 7 |A - 0.8|^3`, l the mean free path.
@@ -47,15 +47,15 @@ pub struct Burley {
 }
 
 impl Burley {
-    /// From the total reflectance and the length that `fit` scales by. An albedo outside [0, 1] is clamped, NaN is 0; a length
-    /// that is not positive counts as 1e-12 mm, one above 1e12 mm as that.
+    /// The profile with a total reflectance and the length that `fit` scales by. An albedo outside [0, 1] is clamped,
+    /// NaN is 0; a length that is not positive counts as 1e-12 mm, one above 1e12 mm as 1e12.
     pub fn new(albedo: f64, length_mm: f64, fit: BurleyFit) -> Self {
         let albedo = if albedo > 0.0 { albedo.min(1.0) } else { 0.0 };
         let length_mm = if length_mm > 1e-12 { length_mm.min(1e12) } else { 1e-12 };
         Self { albedo, d_mm: length_mm / fit.shape(albedo) }
     }
 
-    /// From a medium: A is the total of the better dipole, l its reduced mean free path 1 / sigma_t' or, for
+    /// The profile of a medium: A is the total of the better dipole, l its reduced mean free path 1 / sigma_t' or, for
     /// [`BurleyFit::DiffuseMeanFreePath`], 1 / sigma_tr by Grosjean's diffusion (1e12 mm without absorption).
     ///
     /// The published s(A) was fitted to light of all orders, A here leaves out single scattering as all profiles do.

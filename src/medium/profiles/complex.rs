@@ -109,7 +109,7 @@ const GAMMA: f64 = 0.577_215_664_901_532_9;
 /// Largest step of the trapezoidal rule of [`bessel_k`]: its error is exp(-pi^2 / (2 step)) of the whole for |arg z| <= pi / 4.
 const LARGEST_STEP: f64 = 0.15;
 
-/// Steps are this over the root of |z| where that is smaller: the integrand is a Gaussian of that width then.
+/// Step over the root of |z|, used where it is smaller: the integrand is a Gaussian of that width then.
 const STEP_OF_WIDTH: f64 = 0.5;
 
 /// K_0(z) and K_1(z) for Re z > 0 and |arg z| <= pi / 4 to 1e-11 of their size.

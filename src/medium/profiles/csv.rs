@@ -1,4 +1,4 @@
-//! Small tables of one key column and three channels, every error with its line.
+//! Small tables of one key column and three channels; errors name the line.
 
 use std::io::Read;
 use std::path::Path;
@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 /// Longest file; a path given by mistake must not fill the memory.
 const LARGEST_FILE_BYTES: u64 = 4 << 20;
 
-/// The text of a file that is short; `kind` says in errors what it should have been.
+/// The text of a short file; errors name the expected `kind` of file.
 pub(super) fn read_text(path: &Path, kind: &str) -> Result<String> {
     let file = std::fs::File::open(path).map_err(|error| Error::io(path, &error))?;
     let mut bytes = Vec::new();
@@ -31,13 +31,13 @@ pub(super) struct Row {
     pub rgb: [f64; 3],
 }
 
-/// Rows of the file, whose header must be `key,r,g,b`. Blank lines and what follows a `#` are skipped.
+/// Rows of the file, whose header must be `key,r,g,b`. Blank lines and comments after a `#` are skipped.
 pub(super) fn read(path: &Path, key: &str) -> Result<Vec<Row>> {
     let text = read_text(path, "table of a profile")?;
     parse(&text, &path.display().to_string(), key)
 }
 
-/// As [`read`] for a text that `place` names.
+/// Like [`read`] for a text; `place` names it in errors.
 pub(super) fn parse(text: &str, place: &str, key: &str) -> Result<Vec<Row>> {
     let header = [key, "r", "g", "b"];
     let mut rows = Vec::new();

@@ -16,7 +16,7 @@ use std::f64::consts::TAU;
 pub struct Lobe {
     /// Variance v of `exp(-r^2 / (2 v)) / (2 pi v)` in mm^2.
     pub variance_mm2: f64,
-    /// Reflectance that it holds, linear RGB.
+    /// Reflectance of the Gaussian, linear RGB.
     pub weights: [f64; 3],
 }
 
@@ -31,7 +31,7 @@ pub const SKIN: [Lobe; 6] = [
     Lobe { variance_mm2: 7.41, weights: [0.078, 0.0, 0.0] },
 ];
 
-/// Variances (mm^2) that are accepted.
+/// Accepted variances (mm^2).
 const VARIANCES_MM2: std::ops::RangeInclusive<f64> = 1e-24..=1e24;
 
 /// Largest weight of a channel.
@@ -45,7 +45,7 @@ pub struct Gaussians {
 }
 
 impl Gaussians {
-    /// From weights and variances in mm^2.
+    /// The sum of Gaussians with these weights and variances in mm^2.
     ///
     /// # Errors
     /// Invalid input when a weight is negative, when the weights sum to more than 1 by more than 1e-6, or when a variance is
@@ -83,7 +83,7 @@ impl Gaussians {
 /// Reads lobes from CSV with the header `variance_mm2,r,g,b`; blank lines and lines that start with `#` are skipped.
 ///
 /// # Errors
-/// I/O when it cannot be read; invalid input, with path and line, for what it says.
+/// I/O when it cannot be read; invalid input, with path and line, for its contents.
 pub fn read_lobes(path: &Path) -> Result<Vec<Lobe>> {
     let rows = csv::read(path, "variance_mm2")?;
     if rows.is_empty() {

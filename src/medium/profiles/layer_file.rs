@@ -1,4 +1,4 @@
-//! Layer files: TOML text to a stack of layers, every error with its line and column.
+//! Layer files: TOML text to a stack of layers; errors name line and column.
 
 use std::path::Path;
 
@@ -10,12 +10,12 @@ use super::layers::{Layer, MOST_LAYERS, THICKNESSES_MM};
 use crate::error::{Error, Result};
 use crate::medium::material::{OpticalProperties, Overrides, preset};
 
-/// A layer of all channels; no material is the medium that the profile is asked for.
+/// A layer of all channels; without properties it is of the medium that the profile is evaluated for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LayerSpec {
     /// Thickness in mm; none for a half space.
     pub thickness_mm: Option<f64>,
-    /// What it is made of.
+    /// Optical properties of the layer.
     pub properties: Option<OpticalProperties>,
 }
 
@@ -72,15 +72,15 @@ impl From<Channels> for DVec3 {
 
 /// Reads a stack: a table `[[layer]]` for each layer from the top, with the keys of a material file (`preset`,
 /// `sigma_s_reduced_per_mm` or `sigma_s_per_mm`, `sigma_a_per_mm`, `g`, `eta`) and `thickness_mm`, which only the last may leave
-/// out. A layer that names no material is the medium that the profile is asked for.
+/// out. A layer without a material is of the medium that the profile is evaluated for.
 ///
 /// # Errors
-/// I/O when it cannot be read; invalid input, with path, line and column, for what it says.
+/// I/O when it cannot be read; invalid input, with path, line and column, for its contents.
 pub fn read(path: &Path) -> Result<Vec<LayerSpec>> {
     parse(&read_text(path, "layer file")?, &path.display().to_string())
 }
 
-/// As [`read`] for a text that `place` names.
+/// Like [`read`] for a text; `place` names it in errors.
 pub(super) fn parse(text: &str, place: &str) -> Result<Vec<LayerSpec>> {
     let at = |start: usize, error: Error| {
         let before = text.get(..start).unwrap_or(text);

@@ -4,11 +4,11 @@
 //! quotient of hyperbolic functions, all mirror images included; layers are added there as the paper adds them (Kubelka's
 //! formulas at every spatial frequency s, both sides of each layer), and one inverse transform gives R(r).
 //!
-//! Each interface has its own A from the ratio of the indices on both sides. What differs from the paper: the source of a
-//! slab holds the light that interacts within its thickness, `alpha' (1 - exp(-tau))`, at the mean depth of that interaction
-//! (one mean free path for thick slabs, the paper's source), and `exp(-tau)` crosses unscattered and stays a point. So
-//! thin layers neither gain nor lose light. What is left out: rough interfaces, light refracted or reflected at interior
-//! interfaces before it scatters, and transmission to the far side as a profile (its total is known).
+//! Each interface has its own A from the ratio of the indices on both sides. Differences from the paper: the source of
+//! a slab holds the light that interacts within its thickness, `alpha' (1 - exp(-tau))`, at the mean depth of that
+//! interaction (one mean free path for thick slabs, the paper's source), and `exp(-tau)` crosses unscattered and stays
+//! a point. So thin layers neither gain nor lose light. Left out: rough interfaces, light refracted or reflected at
+//! interior interfaces before it scatters, and transmission to the far side as a profile (its total is known).
 
 use glam::DVec3;
 
@@ -21,25 +21,25 @@ use crate::medium::profile::Profile;
 
 use std::f64::consts::{PI, SQRT_2, TAU};
 
-/// Most layers of a stack.
+/// Largest number of layers of a stack.
 pub const MOST_LAYERS: usize = 16;
 
-/// Thicknesses (mm) that are accepted.
+/// Accepted thicknesses (mm).
 pub const THICKNESSES_MM: std::ops::RangeInclusive<f64> = 1e-6..=1e6;
 
 /// Step of the trapezoidal rule in the logarithm of the frequency: its error is exp(-pi^2 / (2 step)) of the whole.
 const FREQUENCY_STEP: f64 = 0.2;
 
-/// What the inverse transform drops at both ends, relative to the whole.
+/// Part of the inverse transform that is dropped at either end, relative to the whole.
 const CUT: f64 = 1e-12;
 
-/// Exponent at which the transform has faded.
+/// Exponent at which the transform has vanished.
 const FADED: f64 = 34.0;
 
 /// Step of the table in `ln(1 + r^2 / scale^2)`.
 const TABLE_STEP: f64 = 0.1;
 
-/// The table reaches this many times the longest length of the stack, or this many decay lengths.
+/// Reach of the table in longest lengths of the stack, and in decay lengths.
 const REACH: (f64, f64) = (1e7, 40.0);
 
 /// One layer of one channel.
@@ -94,7 +94,7 @@ impl Layers {
         Ok(Self { table: Tabulated::new(grid, 1.0, &samples)?, totals: [reflected, transmitted] })
     }
 
-    /// What leaves through the far side, unscattered light included; 0 above a half space.
+    /// Total transmittance through the far side, unscattered light included; 0 above a half space.
     pub fn total_transmittance(&self) -> f64 {
         self.totals[1]
     }
@@ -118,17 +118,17 @@ impl Profile for Layers {
     }
 }
 
-/// A layer as its transform needs it, lengths in mm.
+/// A layer with the quantities of its transform, lengths in mm.
 #[derive(Clone, Copy, Debug)]
 struct Slab {
     /// Infinite for a half space.
     thickness: f64,
-    /// Light that interacts and scatters, and light that crosses untouched.
+    /// Fraction of light that interacts and scatters, and fraction that crosses unscattered.
     source: f64,
     unscattered: f64,
     /// Depth of the source below the top.
     depth: f64,
-    /// Extrapolation beyond the top and the bottom.
+    /// Extrapolation lengths beyond the top and the bottom.
     beyond: [f64; 2],
     sigma_tr: f64,
 }
@@ -155,7 +155,7 @@ impl Slab {
         }
     }
 
-    /// Thickness with both extrapolations.
+    /// Thickness with both extrapolation lengths.
     fn whole(&self) -> f64 {
         self.thickness + self.beyond[0] + self.beyond[1]
     }
@@ -165,7 +165,7 @@ impl Slab {
         self.of(s2, self.beyond)
     }
 
-    /// The same for light from below.
+    /// Transforms of reflectance and transmittance for light from below.
     fn lit_from_below(&self, s2: Complex) -> [Complex; 2] {
         self.of(s2, [self.beyond[1], self.beyond[0]])
     }
@@ -196,7 +196,7 @@ impl Slab {
 /// All layers with extinction, from the top.
 struct Stack {
     slabs: Vec<Slab>,
-    /// Smallest depth of a source, and largest length that matters.
+    /// Smallest depth of a source, and largest relevant length.
     shortest_mm: f64,
     longest_mm: f64,
 }
@@ -247,7 +247,7 @@ impl Stack {
         Ok(Self { slabs, shortest_mm, longest_mm })
     }
 
-    /// Transforms of the reflectance and the transmittance of the whole, light from above.
+    /// Transforms of the reflectance and the transmittance of the whole stack, light from above.
     fn transform(&self, s2: Complex) -> [Complex; 2] {
         let mut below = [Complex::ZERO, Complex::ONE];
         for slab in self.slabs.iter().rev() {
@@ -268,8 +268,8 @@ impl Stack {
         self.transform(Complex::ZERO).map(|total| total.re.clamp(0.0, 1.0))
     }
 
-    /// A decay rate (1/mm) that the profile falls faster than: 0.9 of the first singularity of the transform on the imaginary
-    /// axis.
+    /// A decay rate (1/mm) that is less than the profile's: 0.9 of the first singularity of the transform on the
+    /// imaginary axis.
     fn decay_rate_per_mm(&self) -> f64 {
         // Below the smallest sigma_tr every q is real, and no reflectance exceeds its total.
         let least = self.slabs.iter().map(|slab| slab.sigma_tr).fold(f64::INFINITY, f64::min);
@@ -293,7 +293,7 @@ impl Stack {
     }
 }
 
-/// The inverse Hankel transform by a path on which nothing oscillates.
+/// The inverse Hankel transform along a path without oscillations.
 ///
 /// With `J_0 = Re H_0`, `s = i kappa` and `kappa = c + w exp(-i pi / 4)`: `R = Re i/pi^2 Int R^(s) K_0(kappa r) kappa d kappa`, and
 /// for the tail K_1 and r in place of K_0 and kappa. Both fade as `exp(-c r)`, which keeps the digits of far distances; the
@@ -302,7 +302,7 @@ struct Transform {
     /// w, kappa, and `i / pi^2 R^ d kappa`.
     nodes: Vec<(f64, Complex, Complex)>,
     source_mm: f64,
-    /// What half the origin contributes to the tail when the path starts there.
+    /// Contribution of half the origin to the tail when the path starts there.
     origin: f64,
     centre: f64,
 }

@@ -1,8 +1,8 @@
 //! Measured profiles: R_d at a few distances, from CSV.
 //!
-//! Between two distances R is an exponential (a straight line in the logarithm) where both values are positive, else a straight
-//! line; below the first distance it is constant; beyond the last it goes on as the exponential of the last piece where that
-//! falls, else it is 0. The tail is the exact integral of that.
+//! Between two distances R is an exponential (a straight line in the logarithm) where both values are positive,
+//! otherwise a straight line; below the first distance it is constant; beyond the last it continues the last piece's
+//! exponential if that falls, otherwise it is 0. The tail is the exact integral.
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ use crate::medium::profile::Profile;
 
 use std::f64::consts::TAU;
 
-/// How R is joined between two distances.
+/// Interpolation of R between two distances.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Interpolation {
     /// Exponentials where both ends are positive.
@@ -25,10 +25,10 @@ pub enum Interpolation {
     Linear,
 }
 
-/// Most light that a measured profile may return for 1 that enters: what its noise and its interpolation excuse.
+/// Largest total of a measured profile, a little above 1 to allow for noise and interpolation.
 const LARGEST_TOTAL: f64 = 1.001;
 
-/// What R is between two distances, x the distance from where the piece starts.
+/// R between two distances; x is the distance from the start of the piece.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Shape {
     /// `R_0 exp(-rate x)`, in 1/mm.
@@ -43,7 +43,7 @@ struct Piece {
     /// R at `from_mm` in 1/mm^2.
     start: f64,
     shape: Shape,
-    /// `Int R r dr` from the end of the piece on.
+    /// `Int R r dr` beyond the end of the piece.
     beyond: f64,
 }
 
@@ -95,7 +95,7 @@ pub struct Measured {
 }
 
 impl Measured {
-    /// From distances in mm and R in 1/mm^2.
+    /// The profile through points of distances in mm and R in 1/mm^2.
     ///
     /// # Errors
     /// Invalid input with fewer than two points, when distances are negative or do not ascend, when a value is negative or not
@@ -141,7 +141,7 @@ impl Measured {
     }
 }
 
-/// With the integrals of all that follows each piece.
+/// Fills in the integral beyond each piece.
 fn accumulated(mut pieces: Vec<Piece>) -> Vec<Piece> {
     let (mut sum, mut end) = (0.0, f64::INFINITY);
     for piece in pieces.iter_mut().rev() {
@@ -152,7 +152,7 @@ fn accumulated(mut pieces: Vec<Piece>) -> Vec<Piece> {
     pieces
 }
 
-/// One point against the distance before it.
+/// Checks one point, and that it lies beyond the previous distance.
 fn check(previous_mm: Option<f64>, r_mm: f64, value: f64) -> Result<()> {
     if !(r_mm >= 0.0 && r_mm.is_finite()) {
         return Err(Error::input(format!("the distance is {r_mm} mm; it must be 0 or more")));
@@ -192,15 +192,16 @@ impl Profile for Measured {
     }
 }
 
-/// Reads a profile from CSV with the header `r_mm,r,g,b`, R in 1/mm^2; blank lines and what follows a `#` are skipped.
+/// Reads a profile from CSV with the header `r_mm,r,g,b`, R in 1/mm^2; blank lines and comments after a `#` are
+/// skipped.
 ///
 /// # Errors
-/// I/O when it cannot be read; invalid input, with path and line, for what it says.
+/// I/O when it cannot be read; invalid input, with path and line, for its contents.
 pub fn read(path: &Path, interpolation: Interpolation) -> Result<[Measured; 3]> {
     from_rows(&csv::read(path, "r_mm")?, &path.display().to_string(), interpolation)
 }
 
-/// As [`read`] for the rows of a table that `place` names.
+/// Like [`read`] for the rows of a table; `place` names it in errors.
 pub(super) fn from_rows(rows: &[Row], place: &str, interpolation: Interpolation) -> Result<[Measured; 3]> {
     let names = ["red", "green", "blue"];
     let mut previous = None;

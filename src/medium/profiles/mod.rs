@@ -1,7 +1,7 @@
 //! Diffuse reflectance profiles beside the classical dipole, and the choice among them.
 //!
-//! Every profile is R_d(r) of one channel in 1/mm^2, exitance over the flux that has entered. The models from sigma's hold what
-//! is scattered more than once, as the dipole does: single scattering is a separate term.
+//! Every profile is R_d(r) of one channel in 1/mm^2, exitance over the flux that has entered. The models from sigma's
+//! hold light scattered more than once, as the dipole does: single scattering is a separate term.
 //!
 //! | profile | from | tail | triangle |
 //! | --- | --- | --- | --- |

@@ -23,7 +23,7 @@ const FORMS: &str = "type dipole, better-dipole, photon-beam, burley, burley:fit
                      layers:path=FILE.toml, gaussians:skin, gaussians:path=FILE.csv, \
                      measured:path=FILE.csv or measured:interpolation=linear:path=FILE.csv";
 
-/// A profile as typed; no file was opened.
+/// A profile as typed, before any file is read.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum ProfileModel {
     /// The classical dipole.
@@ -54,9 +54,9 @@ pub enum LoadedProfile {
     OfMedium(ProfileModel),
     /// Layers from the top.
     Layers(Vec<LayerSpec>),
-    /// Gaussians, whatever the medium.
+    /// Gaussians, independent of the medium.
     Gaussians([Gaussians; 3]),
-    /// Measured channels, whatever the medium.
+    /// Measured channels, independent of the medium.
     Measured([Measured; 3]),
 }
 
@@ -97,7 +97,7 @@ impl ProfileModel {
         self.load()?.channels(properties)
     }
 
-    /// Whether a medium's coefficients change the profile.
+    /// Returns whether a medium's coefficients change the profile.
     pub fn follows_medium(&self) -> bool {
         !matches!(self, Self::Skin | Self::Gaussians(_) | Self::Measured(..))
     }
@@ -206,7 +206,7 @@ fn has_suffix(text: &str, suffix: &str) -> bool {
     text.to_ascii_lowercase().ends_with(suffix)
 }
 
-/// As it would be typed.
+/// The text form that [`ProfileModel::parse`] reads.
 impl fmt::Display for ProfileModel {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

@@ -5,10 +5,10 @@
 //! a source (equation 12 there). Single scattering is not part of it. The beam makes R grow as -ln r towards
 //! r = 0; below 1e-3 mean free paths it is taken for constant.
 //!
-//! kappa takes away light for good: without absorption the total is 0.93 to 0.95 and not 1.
+//! The factor kappa removes light: without absorption the total is 0.93 to 0.95 and not 1.
 //!
-//! Photon beam and not quantised diffusion (d'Eon and Irving 2011), because it needs no fit of Gaussians and keeps
-//! the oblique beam open.
+//! Photon beam diffusion was preferred to quantised diffusion (d'Eon and Irving 2011), because it needs no fit of
+//! Gaussians and keeps the oblique beam open.
 
 use glam::DVec3;
 
@@ -28,10 +28,10 @@ const DEPTH_STEP: f64 = 0.3;
 /// Depths in mean free paths that hold all but 1e-16 of the beam's light.
 const DEPTHS: (f64, f64) = (1e-9, 42.0);
 
-/// Distance in mean free paths from which kappa is 1.
+/// Distance in mean free paths beyond which kappa is 1.
 const PLAIN_DISTANCE: f64 = 20.0;
 
-/// Distances in mean free paths and, where it is shorter, in diffusion lengths that the table reaches.
+/// Reach of the table in mean free paths and, where that is shorter, in diffusion lengths.
 const REACH: (f64, f64) = (1e8, 45.0);
 
 /// Gauss points between two knots.
@@ -43,9 +43,9 @@ pub struct PhotonBeam {
     table: Tabulated,
 }
 
-/// The beam in units of the mean free path.
+/// The beam, lengths in mean free paths.
 struct Beam {
-    /// Share of the beam's light, depth and sources.
+    /// Share of the beam's light, depth and pair of sources at each depth.
     depths: Vec<(f64, f64, SourcePair)>,
 }
 
@@ -68,7 +68,7 @@ impl Beam {
         self.depths.iter().map(|(share, t, pair)| share * kappa(*t) * pair.reflectance(r)).sum()
     }
 
-    /// Without kappa.
+    /// The tail without kappa.
     fn plain_tail(&self, r: f64) -> f64 {
         self.depths.iter().map(|(share, _, pair)| share * pair.tail(r)).sum()
     }

@@ -1,4 +1,4 @@
-//! Planar triangles for any profile that knows its tail.
+//! Integrals over planar triangles for any profile with a known tail.
 
 use glam::DVec3;
 
@@ -6,13 +6,13 @@ use crate::math::quadrature::integrate;
 use crate::medium::dipole::{Radial, radial_triangle};
 use crate::medium::profile::Profile;
 
-/// Error of an edge aimed at, relative to `tail(0)`.
+/// Target for the error of an edge, relative to `tail(0)`.
 const EDGE_ERROR: f64 = 1e-11;
 
-/// Beyond this the weight `1 / cosh v` of an edge is below rounding.
+/// Parameter beyond which the weight `1 / cosh v` of an edge is below rounding.
 const LARGEST_PARAMETER: f64 = 40.0;
 
-/// A profile as a kernel of edges, by its tail alone.
+/// A profile as a kernel for edges, by its tail alone.
 struct ByTail<'a, P: ?Sized>(&'a P);
 
 impl<P: Profile + ?Sized> Radial for ByTail<'_, P> {
@@ -26,8 +26,8 @@ impl<P: Profile + ?Sized> Radial for ByTail<'_, P> {
         self.0.reflectance(r2_mm2.sqrt())
     }
 
-    /// With `s = offset sinh v` along the edge `d theta = dv / cosh v`: whatever length the profile has, it is a step of
-    /// order 1 in v.
+    /// With `s = offset sinh v` along the edge `d theta = dv / cosh v`: a profile of any length is a step of order 1 in
+    /// v.
     fn edge(&self, height_mm: f64, offset_mm: f64, from_mm: f64, to_mm: f64) -> f64 {
         let bound = |s: f64| (s / offset_mm.abs()).asinh().clamp(-LARGEST_PARAMETER, LARGEST_PARAMETER);
         let (from, to) = (bound(from_mm), bound(to_mm));

@@ -1,4 +1,4 @@
-//! A profile as a table of its tail: any model that is dear to evaluate becomes one logarithm, one exponential and a polynomial.
+//! A profile as a table of its tail: any costly model becomes one logarithm, one exponential and a polynomial.
 //!
 //! With `u = ln(1 + r^2 / s_0)` the logarithm of the tail is a quintic on each cell, through its values, its exact slopes
 //! `-R r dr/du / tail` and curvatures from both. R_d is the derivative of the same polynomial, so that tail and reflectance belong
@@ -10,13 +10,13 @@ use super::planar;
 use crate::error::{Error, Result};
 use crate::medium::profile::Profile;
 
-/// Tails below this share of the whole are extrapolated.
+/// Share of the whole below which tails are extrapolated.
 const SMALLEST_SHARE: f64 = 1e-18;
 
-/// Growth of `R r^2 / tail` over a factor 2 in r that tells an exponential end (2) from a power (1).
+/// Growth of `R r^2 / tail` over a factor 2 in r that distinguishes an exponential end (2) from a power (1).
 const EXPONENTIAL_GROWTH: f64 = 1.3;
 
-/// How the tail goes on behind the table.
+/// Extrapolation of the tail beyond the table.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum End {
     /// `exp(-rate r)`, in 1/mm.
@@ -38,7 +38,7 @@ pub struct Tabulated {
     end: End,
 }
 
-/// Where a table has its knots: `r_k = scale sqrt(exp(k step) - 1)`.
+/// Positions of a table's knots: `r_k = scale sqrt(exp(k step) - 1)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grid {
     /// The distance below which knots are spread evenly in r^2, above it in ln r; any unit.
@@ -53,18 +53,19 @@ impl Grid {
         self.scale * (self.step * index as f64).exp_m1().sqrt()
     }
 
-    /// Knots that it takes to reach a distance.
+    /// Number of knots up to a distance.
     pub fn count(&self, largest: f64) -> usize {
         ((2.0 * (largest / self.scale).ln_1p() / self.step).clamp(3.0, 10_000.0)) as usize + 1
     }
 }
 
 impl Tabulated {
-    /// From `samples[k] = (R, tail)` at the knots of `grid`, R for each square of the grid's unit, which is `unit_mm` long.
+    /// The table of `samples[k] = (R, tail)` at the knots of `grid`; R is in the inverse square of the grid's unit,
+    /// which is `unit_mm` long.
     ///
-    /// The table ends where the tail falls below 1e-18 of the whole or where a sample is not positive and falling; behind it
-    /// the tail goes on as the exponential or the power that it ends with. Samples that start with a tail of 0 are a profile that
-    /// returns nothing.
+    /// The table ends where the tail falls below 1e-18 of the whole or where a sample is not positive and falling;
+    /// beyond it the tail continues as the exponential or the power of its end. Samples that start with a tail of 0 are
+    /// a profile that returns nothing.
     ///
     /// # Errors
     /// Run time when fewer than four samples are usable.
@@ -119,7 +120,7 @@ impl Tabulated {
         })
     }
 
-    /// The tail and R_d together, for the price of one.
+    /// The tail and R_d together, at the cost of one.
     fn both(&self, r_mm: f64) -> (f64, f64) {
         // f64::max turns NaN into 0.
         let r_mm = r_mm.max(0.0);

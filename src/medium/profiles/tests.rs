@@ -26,7 +26,7 @@ fn measured_sample(interpolation: Interpolation) -> Measured {
     Measured::new(&points, interpolation).unwrap()
 }
 
-/// One of each, with the distances (mm) at which the profile has corners.
+/// One profile of each model, with the distances (mm) of its corners.
 fn one_of_each() -> Vec<(&'static str, Box<dyn Profile>, Vec<f64>)> {
     let corners = vec![0.1, 0.3, 0.9, 1.5, 2.0, 2.5, 3.0];
     let slab = |thickness_mm, s, a| Layer {
@@ -73,7 +73,7 @@ fn tail_is_the_integral_of_the_profile() {
     }
 }
 
-/// Nested quadrature of the profile itself, split where it has corners only by its adaptivity.
+/// Nested quadrature of the profile itself; only its adaptivity splits it at corners.
 fn brute_triangle(profile: &dyn Profile, receiver: DVec3, [a, b, c]: [DVec3; 3]) -> f64 {
     let doubled_area = (b - a).cross(c - a).length();
     let tolerance = 1e-5 * profile.total() / doubled_area;
@@ -173,7 +173,7 @@ fn models_meet_at_high_albedo() {
     }
 }
 
-/// Reflectance of a half space for light straight down without what scattered once, isotropic, matched indices:
+/// Reflectance of a half space for light straight down without single scattering, isotropic, matched indices:
 /// Chandrasekhar's H function less `albedo / 2 (1 - ln 2)`.
 fn multiple_scattering(albedo: f64) -> f64 {
     // H(1) by the iteration of his integral equation; 1 - H(1) sqrt(1 - albedo) is the plane albedo.
@@ -378,7 +378,7 @@ fn layer_files_are_read_and_their_mistakes_told() {
     }
 }
 
-/// Not a check but a measurement: `cargo test --release --lib profiles -- --ignored --nocapture cost`.
+/// A measurement, not a check: `cargo test --release --lib profiles -- --ignored --nocapture cost`.
 #[test]
 #[ignore = "prints times"]
 fn cost_of_a_call() {

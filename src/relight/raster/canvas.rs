@@ -1,38 +1,38 @@
-//! The textures that a frame is drawn to beside the one that is shown, and how its pixels are made.
+//! The auxiliary textures to which a frame is drawn, and the format of its pixels.
 
 use super::view::Encoding;
 use crate::error::{Error, Result};
 use crate::evaluate::device::Device;
 use crate::render::camera::Resolution;
 
-/// Format of the depth; reversed, so that infinity is 0.
+/// Format of the depth, which is reversed, so that infinity is 0.
 pub(super) const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 
 /// Format of pictures off the screen.
 const LINEAR_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
 
-/// How pixels are made.
+/// Format, samples and encoding of pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Finish {
     /// Format of the texture that is drawn to.
     pub format: wgpu::TextureFormat,
-    /// Samples in a pixel, 1 or 4.
+    /// Samples per pixel, 1 or 4.
     pub samples: u32,
-    /// How colours are written.
+    /// Encoding of colours.
     pub encoding: Encoding,
 }
 
 impl Finish {
-    /// Pictures that are read back have linear half floats and four samples in a pixel.
+    /// Finish of pictures that are read back: linear half floats and four samples per pixel.
     pub const PICTURE: Self = Self { format: LINEAR_FORMAT, samples: 4, encoding: Encoding::Linear };
 }
 
-/// The textures that a frame is drawn to, besides the one that is shown.
+/// The textures to which a frame is drawn, besides the one that is shown.
 pub struct Canvas {
     resolution: Resolution,
     finish: Finish,
     depth: wgpu::TextureView,
-    /// The texture of all samples of a pixel, which is resolved into the shown one; none where there is one sample.
+    /// The multisampled texture, which is resolved into the shown one; none for one sample per pixel.
     many: Option<wgpu::TextureView>,
 }
 
@@ -68,7 +68,7 @@ impl Canvas {
         self.resolution
     }
 
-    /// How its pixels are made.
+    /// Format, samples and encoding of its pixels.
     pub fn finish(&self) -> Finish {
         self.finish
     }

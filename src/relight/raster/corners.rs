@@ -9,7 +9,7 @@ use crate::geometry::mesh::Mesh;
 use crate::render::normals::ShadingNormals;
 use crate::scene::Scene;
 
-/// An index that stands for nothing.
+/// Index that stands for none.
 pub(super) const NONE: u32 = u32::MAX;
 
 /// A corner of triangles as the shaders read it.
@@ -72,7 +72,7 @@ fn uv_of(mesh: &Mesh, triangle: usize, corner: usize) -> [f32; 2] {
     find().map_or([0.0; 2], |uv| uv.to_array())
 }
 
-/// Ends of the three edges of each triangle.
+/// End points of the three edges of each triangle.
 pub(super) fn wires(indices: &[u32]) -> Vec<u32> {
     indices.as_chunks::<3>().0.iter().flat_map(|[a, b, c]| [*a, *b, *b, *c, *c, *a]).collect()
 }

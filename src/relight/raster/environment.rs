@@ -1,4 +1,5 @@
-//! Environments for the shaders: a sharp one for the background, and one blurred by the lobe of ever rougher surfaces.
+//! Environments for the shaders: a sharp one for the background, and ones blurred by the lobes of ever rougher
+//! surfaces.
 
 use std::f64::consts::{FRAC_1_PI, PI, TAU};
 
@@ -10,11 +11,11 @@ use crate::math::random::radical_inverse_2;
 
 /// Width of the finest blurred level in pixels; its height is half of it.
 pub(super) const GLOSSY_WIDTH: usize = 256;
-/// Levels: the first is sharp, the last has roughness 1; the shader knows this number.
+/// Number of levels: the first is sharp, the last has roughness 1; the shader has the same constant.
 pub(super) const LEVELS: usize = 6;
 /// Widest background in pixels.
 pub(super) const MAX_BACKDROP_WIDTH: usize = 2048;
-/// Directions that a blurred pixel looks in.
+/// Number of directions that are averaged for a blurred pixel.
 const DIRECTIONS: u32 = 96;
 
 /// An environment in latitude and longitude: `width` columns and half as many rows.
@@ -43,7 +44,7 @@ impl LatLongImage {
         row(y.floor()) * (1.0 - fy) + row(y.floor() + 1.0) * fy
     }
 
-    /// Half the size, pixels weighted by their solid angle.
+    /// The image at half the size, pixels weighted by their solid angle.
     fn halved(&self) -> Self {
         let (width, height) = (self.width / 2, self.height() / 2);
         let weight = |row: usize| ((row as f64 + 0.5) * PI / self.height() as f64).sin();
@@ -56,7 +57,7 @@ impl LatLongImage {
     }
 }
 
-/// The map at another size: means over what a pixel covers, or interpolated where it covers less than one.
+/// The map at another size: means over the area of a pixel, or interpolated where that is less than a pixel of the map.
 pub(super) fn resized(map: &EnvironmentMap, width: usize) -> LatLongImage {
     let height = (width / 2).max(1);
     if map.width() < width || map.height() < height {
@@ -88,8 +89,8 @@ fn centre_of(index: usize, width: usize, height: usize) -> DVec3 {
     direction_of(x / width as f64, y / height as f64)
 }
 
-/// Levels for roughness 0, 0.2, ... 1, each of half the size of the one before: what a mirror direction sees through the
-/// GGX lobe around it, seen from above (Karis 2013, "Real shading in Unreal Engine 4").
+/// Levels for roughness 0, 0.2, ... 1, each of half the size of the one before: mean radiance over the GGX lobe about a
+/// mirror direction, for a surface seen from above (Karis 2013, "Real shading in Unreal Engine 4").
 pub(super) fn blurred(map: &EnvironmentMap) -> Vec<LatLongImage> {
     let mut sources = vec![resized(map, GLOSSY_WIDTH)];
     while sources.last().is_some_and(|l| l.width > 4) {
@@ -125,7 +126,7 @@ fn blur(sources: &[LatLongImage], width: usize, roughness: f64) -> LatLongImage 
     LatLongImage { width, pixels: (0..width * height).into_par_iter().map(pixel).collect() }
 }
 
-/// Directions of the lobe about +Z, and the source whose pixels are about as large as each one's share of it.
+/// Directions of the lobe about +Z, each with the source whose pixels are about as large as its share of the lobe.
 fn lobe(alpha: f64, pixel_sr: f64, sources: usize) -> Vec<(DVec3, usize)> {
     let a2 = alpha * alpha;
     let direction = |i: u32| {

@@ -13,7 +13,7 @@ use crate::light::Light;
 use crate::light::environment::EnvironmentMap;
 use crate::render::specular::MIN_ALPHA;
 
-/// A rectangle stands for itself by this many points along each edge.
+/// Number of points along each edge that represent a rectangle.
 const POINTS_PER_EDGE: usize = 3;
 
 /// A light that makes highlights.
@@ -69,7 +69,7 @@ pub(super) fn constant(lights: &[Light]) -> DVec3 {
     lights.iter().map(radiance).sum()
 }
 
-/// The environments among the lights that are shown.
+/// The environments among the lights that the shaders handle.
 fn environments(lights: &[Light]) -> Vec<(&Arc<EnvironmentMap>, f64, DVec3)> {
     let environment = |light: &'_ Light| matches!(light, Light::Environment { .. });
     lights
@@ -83,10 +83,10 @@ fn environments(lights: &[Light]) -> Vec<(&Arc<EnvironmentMap>, f64, DVec3)> {
         .collect()
 }
 
-/// Textures of the environments, made anew only when other pictures come.
+/// Textures of the environments, renewed only when the pictures change.
 pub(super) struct Environments {
     maps: Vec<Arc<EnvironmentMap>>,
-    /// Factors that the textures' values are multiplied by.
+    /// Factors on the textures' values.
     scales: Vec<f64>,
     pub(super) glossy: wgpu::TextureView,
     pub(super) backdrop: wgpu::TextureView,
@@ -121,7 +121,7 @@ impl Environments {
         Self { maps, scales, glossy, backdrop }
     }
 
-    /// Brings the textures up to date; whether they are other ones now.
+    /// Brings the textures up to date; returns whether they were replaced.
     pub(super) fn update(&mut self, device: &Device, lights: &[Light]) -> bool {
         let now = environments(lights);
         let same = now.len() == self.maps.len() && now.iter().zip(&self.maps).all(|((a, ..), b)| Arc::ptr_eq(a, b));
@@ -131,7 +131,7 @@ impl Environments {
         !same
     }
 
-    /// Turns and factors of the environments.
+    /// Rotations and factors of the environments.
     pub(super) fn uniforms(&self, lights: &[Light]) -> ([EnvironmentUniform; ENVIRONMENTS], u32) {
         let mut out = [EnvironmentUniform::default(); ENVIRONMENTS];
         let now = environments(lights);
@@ -190,13 +190,13 @@ fn texture(device: &Device, label: &str, layers: &[Vec<LatLongImage>], scales: &
     })
 }
 
-/// Steps of the table of [`albedos`]; the shader knows this number.
+/// Steps of the table of [`albedos`]; the shader has the same constant.
 pub(super) const ALBEDO_STEPS: usize = 32;
 
-/// Share of light from everywhere that a rough dielectric boundary reflects, at cosines from 0 to 1.
+/// Share of uniform light that a rough dielectric boundary reflects, at cosines from 0 to 1.
 ///
-/// Microfacet normals are taken as those that a direction sees (Heitz 2018, "Sampling the GGX distribution of visible
-/// normals"), each one's light weighted by Fresnel and the masking that is left.
+/// Microfacet normals are distributed as visible from a direction (Heitz 2018, "Sampling the GGX distribution of
+/// visible normals"); the light of each is weighted by Fresnel and the remaining masking.
 pub(super) fn albedos(eta: f64, roughness: f64) -> [f32; ALBEDO_STEPS] {
     const SIDE: u32 = 24;
     let alpha = (roughness * roughness).max(MIN_ALPHA);

@@ -1,5 +1,5 @@
-//! Draws a scene from the radiosity in a device's memory, without reading it back: exit radiance as the renderer has it,
-//! reflections of the lights, and what is seen beside the object.
+//! Draws a scene from the radiosity in a device's memory, without reading it back: exit radiance as in the renderer,
+//! reflections of the lights, and the background.
 
 pub mod canvas;
 mod corners;
@@ -35,7 +35,7 @@ use crate::render::texture::Texture;
 
 pub use self::shown::Shown;
 
-/// A scene on a device, ready to be drawn.
+/// A scene on a device, prepared for drawing.
 pub struct Raster {
     device: Arc<Device>,
     layout: wgpu::BindGroupLayout,
@@ -56,13 +56,13 @@ pub struct Raster {
     environments: Environments,
     pattern: Pattern,
     lights: Vec<Light>,
-    /// The media and the reflection that the tables of the media were made for.
+    /// The media and the reflection of the current tables.
     made_for: Option<(Vec<Medium>, Specular)>,
     bindings: wgpu::BindGroup,
 }
 
 impl Raster {
-    /// The scene of an evaluator, to be drawn in these ways.
+    /// Prepares the scene of an evaluator for drawing with these finishes.
     ///
     /// # Errors
     /// A mesh that the adapter has no room for (exit 5), a lost device (exit 4).
@@ -131,7 +131,7 @@ impl Raster {
         &self.device
     }
 
-    /// The copy of radiosity and visibility that is drawn; whoever evaluates publishes to it.
+    /// The copy of radiosity and visibility that is drawn; evaluators publish to it.
     pub fn shown(&self) -> &Shown {
         &self.shown
     }
@@ -162,7 +162,7 @@ impl Raster {
         self.made_for = Some((media.to_vec(), specular));
     }
 
-    /// Replaces the lights that are reflected and seen.
+    /// Replaces the lights that are reflected and visible.
     ///
     /// # Errors
     /// More lights than the adapter binds (exit 5).
@@ -183,7 +183,7 @@ impl Raster {
         Ok(())
     }
 
-    /// Replaces the texture; the views say whether it is shown.
+    /// Replaces the texture; each view decides whether it is shown.
     ///
     /// # Errors
     /// More materials than the adapter binds (exit 5), a lost device (exit 4).
@@ -208,8 +208,8 @@ impl Raster {
         }
     }
 
-    /// Draws what was published last to the upper left corner of `target`, as large as the view says; nothing where the
-    /// raster was not made for the finish of `canvas`.
+    /// Draws the state that was published last to the upper left corner of `target`, in the view's size; does nothing
+    /// where the raster was not made for the finish of `canvas`.
     pub fn draw(&self, encoder: &mut wgpu::CommandEncoder, view: &View, canvas: &Canvas, target: &wgpu::TextureView) {
         let Some(pipelines) = self.pipelines.iter().find(|p| p.finish == canvas.finish()) else { return };
         let uniform = self.uniform_of(view, canvas.finish().encoding);

@@ -11,7 +11,7 @@ use crate::render::texture::Texture;
 use crate::render::texture::marble::Marble;
 use crate::render::texture::picture::{Coat, Picture};
 
-/// The form of a texture in `texture.wgsl`.
+/// A texture as declared in `texture.wgsl`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 struct PatternUniform {
@@ -53,7 +53,7 @@ impl PatternUniform {
     }
 }
 
-/// The albedo of a material in `texture.wgsl`.
+/// The albedo of a material as declared in `texture.wgsl`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 struct CoatEntry {
@@ -74,7 +74,7 @@ impl CoatEntry {
     }
 }
 
-/// The texture that is bound.
+/// The bound texture.
 pub(super) struct Pattern {
     pub(super) uniform: wgpu::Buffer,
     pub(super) pictures: wgpu::TextureView,
@@ -105,7 +105,7 @@ impl Pattern {
         Ok(Self { uniform, pictures: uploaded(device, &[vec![white]]), repeat, coats })
     }
 
-    /// Replaces it; what is bound must be bound anew.
+    /// Replaces the texture; the bind groups must be renewed.
     pub(super) fn set(&mut self, device: &Device, texture: Option<&Texture>) -> Result<()> {
         if let Some(Texture::Picture(texture)) = texture {
             let entries: Vec<CoatEntry> = texture.coats().iter().map(CoatEntry::of).collect();
@@ -129,7 +129,8 @@ struct MipLevel {
 }
 
 impl MipLevel {
-    /// Half the size along each side, rounded down as textures have it; each pixel is the mean of what it covers.
+    /// The level at half the size along each side, rounded down as for textures; each pixel is the mean of the pixels
+    /// it covers.
     fn halved(&self) -> Self {
         let (width, height) = ((self.width / 2).max(1), (self.height / 2).max(1));
         let spans =
@@ -152,7 +153,7 @@ impl MipLevel {
     }
 }
 
-/// Pixels of a line of `of` that pixel `index` of a line of `size` covers, and their shares of it.
+/// Pixels of a line of `of` pixels that pixel `index` of a line of `size` covers, with their shares.
 fn covered(index: usize, size: usize, of: usize) -> Vec<(usize, f32)> {
     let step = of as f64 / size as f64;
     let (from, to) = (index as f64 * step, (index + 1) as f64 * step);
@@ -161,7 +162,7 @@ fn covered(index: usize, size: usize, of: usize) -> Vec<(usize, f32)> {
 }
 
 impl MipLevel {
-    /// A picture at a size that is not smaller than its own; its own pixels where it is that.
+    /// A picture at a size that is not smaller than its own; unchanged at its own size.
     fn enlarged(picture: &Picture, [width, height]: [usize; 2]) -> Self {
         let at = |i: usize| {
             let (x, y) = ((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
@@ -171,7 +172,7 @@ impl MipLevel {
         Self { width, height, rgb: (0..width * height).into_par_iter().map(at).collect() }
     }
 
-    /// All smaller sizes as well, down to one pixel; the largest within `limit`.
+    /// The level with all smaller ones, down to one pixel; the largest is within `limit`.
     fn pyramid(self, limit: usize) -> Vec<Self> {
         let mut largest = self;
         while largest.width.max(largest.height) > limit.max(1) {
@@ -185,7 +186,7 @@ impl MipLevel {
     }
 }
 
-/// The sizes of each picture; the largest of all pictures are alike, as the layers of a texture are.
+/// The levels of each picture; the largest ones have equal sizes, as the layers of a texture must.
 fn layers(pictures: &[Picture], limit: usize) -> Vec<Vec<MipLevel>> {
     let sizes = pictures.iter().map(Picture::size);
     let size = sizes.fold([1, 1], |[width, height], [w, h]| [width.max(w), height.max(h)]);
@@ -245,7 +246,7 @@ mod tests {
     use crate::render::texture::noise::noise;
     use crate::render::texture::spec::MarbleSpec;
 
-    /// Albedo and noise at each place, where pixels are as wide as the fourth number says.
+    /// Albedo and noise at each place; the fourth number is the width of a pixel.
     const EVALUATE: &str = "
         @group(0) @binding(0) var<storage, read> places: array<vec4f>;
         @group(0) @binding(1) var<storage, read_write> found: array<vec4f>;

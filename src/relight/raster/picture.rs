@@ -1,4 +1,4 @@
-//! Pictures off the screen, read back as linear radiance.
+//! Off-screen pictures, read back as linear radiance.
 
 use super::Raster;
 use super::canvas::{Canvas, Finish, descriptor};
@@ -25,7 +25,7 @@ pub struct LinearPicture {
 }
 
 impl Picture {
-    /// A picture of a size.
+    /// A picture of this resolution.
     ///
     /// # Errors
     /// A picture larger than the adapter has (exit 5).
@@ -48,7 +48,7 @@ impl Picture {
         Ok(Self { canvas, texture, buffer, bytes_per_row })
     }
 
-    /// Draws and reads back.
+    /// Draws a view and reads it back.
     ///
     /// # Errors
     /// A lost device (exit 4).
@@ -81,7 +81,7 @@ impl Picture {
     }
 }
 
-/// A half float (IEEE 754 binary16).
+/// The value of a half float (IEEE 754 binary16).
 fn from_half(bits: u16) -> f32 {
     let magnitude = match (bits >> 10 & 31, bits & 1023) {
         (0, fraction) => f32::from(fraction) / 16_777_216.0,

@@ -147,7 +147,7 @@ pub(super) fn layout(device: &Device) -> wgpu::BindGroupLayout {
     device.device.create_bind_group_layout(&descriptor)
 }
 
-/// The resources of [`layout`]; `buffers` are those of bindings 0 to 6.
+/// The resources of [`layout`]; `buffers` are bindings 0 to 6.
 pub(super) fn bindings(
     device: &Device,
     layout: &wgpu::BindGroupLayout,

@@ -1,4 +1,5 @@
-//! Which vertices see a directional or a point light, for its reflection: the shaders interpolate in between.
+//! Visibility of directional and point lights from the vertices, for their reflections: the shaders interpolate in
+//! between.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -7,21 +8,22 @@ use crate::geometry::bvh::{Bvh, NO_TRIANGLE, Ray, offset_origin};
 use crate::light::Light;
 use crate::scene::Scene;
 
-/// Lights that have shadows: the first ones.
+/// Number of lights with shadows, the first ones.
 pub(crate) const SHADOWED: usize = 4;
 /// Rays that are cast as one task.
 const CHUNK: usize = 512;
-/// Rays start above the surface by this share of the diagonal: between vertices a coarse mesh is flatter than it looks.
+/// Share of the diagonal by which rays start above the surface: between vertices a coarse mesh is flatter than it
+/// looks.
 const LIFT: f64 = 2e-3;
 
-/// Where the shadow rays of the vertices start.
+/// Origins of the shadow rays of the vertices.
 pub(crate) struct Shadows {
     starts: Vec<(Vec3, Vec3)>,
     origin_mm: DVec3,
 }
 
 impl Shadows {
-    /// Prepares the starts of the shadow rays of a scene's vertices.
+    /// Prepares the origins of the shadow rays of a scene's vertices.
     pub(crate) fn new(scene: &Scene) -> Self {
         let mesh = &scene.mesh;
         let mut normals = vec![DVec3::ZERO; mesh.local_mm.len()];
@@ -40,13 +42,14 @@ impl Shadows {
         Self { starts: (0..mesh.local_mm.len()).map(start).collect(), origin_mm: mesh.origin_mm }
     }
 
-    /// Where rays start, and the normal there, of each vertex, in the local coordinates of the mesh.
+    /// Origin of the rays, and normal, of each vertex, in the local coordinates of the mesh.
     #[cfg(feature = "gui")]
     pub(crate) fn starts(&self) -> &[(Vec3, Vec3)] {
         &self.starts
     }
 
-    /// The visibility of each vertex, a byte for each of the shadowed lights: 255 where it is seen, or where the surface faces away.
+    /// The visibility from each vertex, a byte for each of the shadowed lights: 255 where the light is visible, or
+    /// where the surface faces away.
     pub(crate) fn visibility(&self, bvh: &Bvh, lights: &[Light]) -> Vec<u32> {
         let mut out = vec![u32::MAX; self.starts.len()];
         let sharp = lights.iter().filter(|l| is_sharp(l)).take(SHADOWED);
@@ -78,7 +81,7 @@ impl Shadows {
     }
 }
 
-/// Whether a light has shadows.
+/// Returns whether a light has shadows.
 pub(crate) fn is_sharp(light: &Light) -> bool {
     matches!(light, Light::Directional { .. } | Light::Point { .. })
 }

@@ -1,5 +1,5 @@
-//! The radiosity that is drawn, apart from the one that is computed: a copy that changes in one submission, so that a frame never mixes two
-//! states.
+//! The radiosity that is drawn, separate from the computed one: a copy that changes in one submission, so that a frame
+//! never mixes two states.
 
 use std::sync::Arc;
 
@@ -8,14 +8,14 @@ use wgpu::util::DeviceExt;
 use crate::error::Result;
 use crate::evaluate::{DeviceEvaluator, device::Device};
 
-/// Bytes in front of the radiosity: the scale of its values.
+/// Bytes before the radiosity, for the scale of its values.
 const HEADER: u64 = 16;
 
-/// Radiosity and visibility as they are drawn; clones are the same memory.
+/// Radiosity and visibility as they are drawn; clones share memory.
 #[derive(Clone)]
 pub struct Shown {
     device: Arc<Device>,
-    /// Four floats with the scale, then those of every receiver.
+    /// Four floats with the scale, then four for every receiver.
     radiosity: wgpu::Buffer,
     visibility: wgpu::Buffer,
 }
@@ -36,7 +36,7 @@ impl Shown {
         &self.visibility
     }
 
-    /// Shows what an evaluator has computed from now on; `visibility` has an entry for each source vertex.
+    /// Shows an evaluator's current radiosity from now on; `visibility` has an entry for each source vertex.
     ///
     /// # Errors
     /// A lost device (exit 4).

@@ -1,4 +1,4 @@
-//! The view of a frame, with the eye, the exposure and what is shown of the object; and its form for the shaders.
+//! The view of a frame: camera, exposure and the quantity that is shown; and its form for the shaders.
 
 use glam::{DVec2, DVec3, Mat4, Vec4};
 
@@ -7,7 +7,7 @@ use crate::render::camera::{Camera, Resolution};
 use crate::render::frame::Specular;
 use crate::render::specular::Roughness;
 
-/// The nearest distance that is drawn, as a share of the object's diagonal.
+/// Distance of the near plane, as a share of the object's diagonal.
 const NEAREST: f64 = 1e-4;
 
 /// Colours of the error view from none to the end of its scale, as they are shown (sRGB).
@@ -23,44 +23,44 @@ pub const ERROR_COLOURS: [[f32; 3]; 6] = [
 /// The quantity that is shown of the object.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Look {
-    /// The radiance that reaches the eye.
+    /// The radiance towards the eye.
     #[default]
     Picture,
-    /// Radiosity: what a white diffuse surface of this brightness would look like.
+    /// Radiosity, shown as a white diffuse surface of this brightness.
     Radiosity,
     /// The error of the transport in false colours.
     Error,
 }
 
-/// The view of a frame: everything that it is drawn with beside the scene.
+/// The view of a frame, everything beside the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
-    /// The eye.
+    /// The camera.
     pub camera: Camera,
     /// Size of the picture.
     pub resolution: Resolution,
     /// Factor on radiance.
     pub exposure: f64,
-    /// Reflection.
+    /// Specular reflection.
     pub specular: Specular,
     /// The quantity that is shown.
     pub look: Look,
-    /// The background that is seen beside the object.
+    /// The background beside the object.
     pub background: Background,
-    /// Whether the texture is multiplied in, where there is one.
+    /// Whether a texture multiplies the scattered light.
     pub texture: Textured,
     /// Whether the triangles' edges are drawn.
     pub wires: Wires,
-    /// The error that gets the last colour; none while it is not known.
+    /// The error that gets the last colour; none while it is unknown.
     pub worst_error: Option<f64>,
 }
 
-/// Whether the texture is multiplied in.
+/// Whether a texture multiplies the scattered light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Textured {
-    /// The object is as its materials make it.
+    /// The texture is left out.
     No,
-    /// The object has its texture.
+    /// The texture is applied.
     #[default]
     Yes,
 }
@@ -68,15 +68,15 @@ pub enum Textured {
 /// Whether the triangles' edges are drawn.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Wires {
-    /// No.
+    /// Edges are not drawn.
     #[default]
     Hidden,
-    /// Over the picture.
+    /// Edges are drawn over the picture.
     Shown,
 }
 
 impl View {
-    /// A picture with the defaults.
+    /// A view with the default settings.
     pub fn new(camera: Camera, resolution: Resolution, exposure: f64) -> Self {
         Self {
             camera,
@@ -92,7 +92,7 @@ impl View {
     }
 }
 
-/// An environment's turn and factor.
+/// An environment's rotation and factor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub(super) struct EnvironmentUniform {
@@ -100,10 +100,10 @@ pub(super) struct EnvironmentUniform {
     pub(super) scale: [f32; 4],
 }
 
-/// Environments that are reflected and seen: the first ones.
+/// Number of environments that are reflected and visible, the first ones.
 pub(super) const ENVIRONMENTS: usize = 4;
 
-/// The form of `View` in the shaders.
+/// `View` as declared in the shaders.
 #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub(super) struct ViewUniform {
@@ -132,17 +132,17 @@ pub(super) struct ViewUniform {
     pub(super) environments: [EnvironmentUniform; ENVIRONMENTS],
 }
 
-/// How colours leave the fragment shader.
+/// Encoding of colours by the fragment shader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Encoding {
-    /// Linear, up to what half floats hold.
+    /// Linear, up to the range of half floats.
     Linear,
-    /// sRGB, cut to [0, 1].
+    /// sRGB, clamped to [0, 1].
     Srgb,
 }
 
 impl ViewUniform {
-    /// `origin_mm` and `diagonal_mm` are those of the mesh; `centre` of its box is in its local coordinates.
+    /// The uniform of a view; `origin_mm` is the mesh's origin, `bounds_mm` its bounding box in local coordinates.
     pub(super) fn new(view: &View, encoding: Encoding, origin_mm: DVec3, bounds_mm: [DVec3; 2]) -> Self {
         let Resolution { width, height } = view.resolution;
         let camera = &view.camera;
@@ -194,7 +194,7 @@ impl ViewUniform {
         }
     }
 
-    /// Whether nothing shines beside the object.
+    /// Returns whether the background is black.
     pub(super) fn is_black_beside(&self) -> bool {
         let environments = self.backdrop_alpha == 2.0 && self.environment_count > 0;
         !environments && self.backdrop == [0.0; 3]

@@ -1,4 +1,4 @@
-//! The application: its state, how it ends, and the files that handle its events.
+//! The application: its state, its end, and the files that handle its events.
 
 mod actions;
 mod events;
@@ -25,16 +25,16 @@ use crate::render::camera::Resolution;
 use crate::render::camera_text::CameraSpec;
 use crate::render::texture::spec::TextureSpec;
 
-/// The thing that a drag turns.
+/// The object of a drag.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Drag {
     Camera,
     Light,
 }
 
-/// The application: the open window, what its events change, and how it ends.
+/// The application: the open window, the state that its events change, and its end.
 pub(super) struct App {
-    /// The session that the window is opened with; taken by that.
+    /// The session with which the window is opened; taken at that moment.
     session: Option<Session>,
     proxy: EventLoopProxy<()>,
     shown: Option<Shown>,
@@ -49,7 +49,7 @@ pub(super) struct App {
     posted_eye_mm: DVec3,
     last_frame: Option<Instant>,
     last_exposure: Option<Instant>,
-    /// Pixels beside the panel.
+    /// Resolution of the picture beside the panel.
     viewport: Resolution,
 }
 
@@ -90,7 +90,7 @@ impl App {
         }
     }
 
-    /// How fast the window was.
+    /// The report on the speed of the window.
     pub(super) fn report(self) -> Result<WindowReport> {
         match (self.failure, self.report) {
             (Some(error), _) => Err(error),

@@ -1,4 +1,5 @@
-//! The thread that turns colours into coefficients: totals of some profiles are tables, which nobody should wait for.
+//! The thread that turns colours into coefficients: totals of some profiles need tables, which take too long for a
+//! frame.
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, channel};
@@ -10,26 +11,26 @@ use crate::medium::material::OpticalProperties;
 use crate::medium::profiles::model::LoadedProfile;
 use crate::relight::newest::Newest;
 
-/// The quantity that a question asks for.
+/// The task of a question.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Task {
-    /// The colour of a medium.
+    /// Find the colour of a medium.
     ColourOf(OpticalProperties),
-    /// The medium of a colour.
+    /// Find the medium of a colour.
     MediumOf(Target),
 }
 
 /// A question about a profile.
 #[derive(Clone, Debug)]
 pub(super) struct Question {
-    /// Counts questions.
+    /// Serial number of the question.
     pub(super) ticket: u64,
     pub(super) profile: Arc<LoadedProfile>,
     pub(super) task: Task,
 }
 
 impl Question {
-    /// The answer of the profile, worked out at once.
+    /// The answer of the profile, computed at once.
     pub(super) fn answered(&self) -> Result<Inversion> {
         match &self.task {
             Task::ColourOf(properties) => Inversion::of_medium(&self.profile, properties),
@@ -82,7 +83,7 @@ impl Colours {
     }
 }
 
-/// Ends the thread after the question that it has.
+/// Ends the thread after its current question.
 impl Drop for Colours {
     fn drop(&mut self) {
         self.asked.close();

@@ -1,4 +1,4 @@
-//! The state of the window that a person changes, and what is said about it: plain data, no device.
+//! The state of the window that the user changes, and the messages about it: plain data, no device.
 
 mod media;
 
@@ -21,22 +21,22 @@ use crate::render::frame::Specular;
 use crate::render::specular::Roughness;
 use crate::scene::Scene;
 
-/// Degrees that the lights turn in a second.
+/// Speed of turning lights, in degrees per second.
 const TURN_DEGREES_PER_SECOND: f64 = 30.0;
-/// Seconds in which automatic exposure follows most of a change.
+/// Time constant of automatic exposure, s.
 const ADAPTATION_S: f64 = 0.3;
 
-/// The error of the transport, as far as it is known.
+/// The known error of the transport.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct KnownError {
-    /// State that it is for.
+    /// Serial number of the state.
     pub(super) serial: u64,
     pub(super) rms: f64,
     pub(super) worst: f64,
     pub(super) scale: f64,
 }
 
-/// A line for people.
+/// A message for the user.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Message {
     pub(super) text: String,
@@ -51,7 +51,7 @@ pub(super) struct Desk {
     pub(super) pivot_mm: DVec3,
     pub(super) turn_degrees: f64,
     pub(super) turning: bool,
-    /// The media as the sliders have them.
+    /// The media as set by the sliders.
     pub(super) media: Vec<Medium>,
     /// The media in force.
     pub(super) accepted: Vec<Medium>,
@@ -75,7 +75,7 @@ pub(super) struct Desk {
     pub(super) panel_open: bool,
     pub(super) message: Option<Message>,
     pub(super) error: Option<KnownError>,
-    /// Counts the states of lights and media.
+    /// Serial number of the state of lights and media.
     pub(super) serial: u64,
 }
 
@@ -122,7 +122,7 @@ impl Desk {
         }
     }
 
-    /// Another model in place of this one; lights and settings stay.
+    /// Replaces the model; lights and settings stay.
     pub(super) fn replace_model(
         &mut self,
         model: PathBuf,
@@ -155,7 +155,7 @@ impl Desk {
         self.serial += 1;
     }
 
-    /// An environment in place of the first one, or of all lights at infinity where there is none.
+    /// Replaces the first environment, or all lights at infinity where there is none.
     pub(super) fn replace_environment(&mut self, map: std::sync::Arc<EnvironmentMap>) {
         let light = Light::Environment { map, rotate_degrees: 0.0, scale: DVec3::ONE };
         let entry = LightEntry::new(light, self.pivot_mm);
@@ -170,7 +170,7 @@ impl Desk {
         shining(&self.entries, self.turn_degrees, self.pivot_mm)
     }
 
-    /// Time passes; whether the lights turned.
+    /// Advances time; returns whether the lights turned.
     pub(super) fn pass(&mut self, seconds: f64) -> bool {
         if let Some(wanted) = self.white_wanted {
             let share = 1.0 - (-seconds / ADAPTATION_S).exp();
@@ -184,13 +184,13 @@ impl Desk {
         self.turning
     }
 
-    /// The radiance that automatic exposure makes white; the first time at once, then gradually.
+    /// Sets the radiance that automatic exposure makes white: at once the first time, then gradually.
     pub(super) fn adapt(&mut self, white: f64) {
         self.white_wanted = Some(white);
         self.white.get_or_insert(white);
     }
 
-    /// Whether the exposure still changes.
+    /// Returns whether the exposure still changes.
     pub(super) fn is_adapting(&self) -> bool {
         match (self.auto_exposure, self.white, self.white_wanted) {
             (true, Some(white), Some(wanted)) => (white / wanted).log2().abs() > 0.01,
@@ -198,7 +198,7 @@ impl Desk {
         }
     }
 
-    /// Factor on radiance.
+    /// Exposure factor on radiance.
     pub(super) fn exposure_factor(&self) -> f64 {
         let stops = self.stops.clamp(-MAX_STOPS, MAX_STOPS).exp2();
         if self.auto_exposure { self.white.map_or(1.0, f64::recip) } else { stops }
@@ -225,7 +225,7 @@ impl Desk {
         self.roughness = specular.roughness().map_or(self.roughness, Roughness::value);
     }
 
-    /// The view of a frame that an eye sees.
+    /// The view of a frame from a camera.
     pub(super) fn view(&self, camera: Camera, resolution: Resolution) -> View {
         View {
             specular: self.specular(),

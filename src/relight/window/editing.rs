@@ -1,4 +1,4 @@
-//! How a person edits a medium: by its coefficients, or by its colour and radius through the profile in force.
+//! Editing of a medium: by its coefficients, or by its colour and radius through the profile in force.
 
 use std::sync::Arc;
 
@@ -7,7 +7,7 @@ use crate::medium::inversion::{Inversion, Radius, Target};
 use crate::medium::material::{Medium, OpticalProperties};
 use crate::medium::profiles::model::{LoadedProfile, ProfileModel};
 
-/// The sliders that a person moves.
+/// The set of sliders in use.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum By {
     #[default]
@@ -19,13 +19,13 @@ pub(super) enum By {
 pub(super) struct ProfileInForce {
     pub(super) model: ProfileModel,
     pub(super) loaded: Arc<LoadedProfile>,
-    /// Why there can be no other one.
+    /// Reason why the profile cannot be changed.
     pub(super) locked: Option<&'static str>,
-    /// Why the last one that was asked for is not in force.
+    /// Reason why the last requested profile is not in force.
     pub(super) refused: Option<String>,
-    /// The text in the field of profiles.
+    /// Text in the profile field.
     pub(super) typed: String,
-    /// Thickness (mm) of the next slab.
+    /// Thickness of the next slab, mm.
     pub(super) slab_mm: f64,
 }
 
@@ -39,12 +39,12 @@ impl ProfileInForce {
         Self::new(ProfileModel::Dipole, Arc::new(LoadedProfile::OfMedium(ProfileModel::Dipole)), locked)
     }
 
-    /// The profile that an evaluator is given: none for the dipole, which it has in closed form.
+    /// The profile to set on an evaluator; none for the dipole, which it has in closed form.
     pub(super) fn in_place(&self) -> Option<Arc<LoadedProfile>> {
         (self.model != ProfileModel::Dipole).then(|| Arc::clone(&self.loaded))
     }
 
-    /// The names of media as reports have them.
+    /// The names of media in reports.
     pub(super) fn names(&self, media: &[Medium]) -> Vec<String> {
         let suffix = self.suffix();
         media.iter().map(|medium| format!("{}{suffix}", medium.name)).collect()
@@ -55,7 +55,7 @@ impl ProfileInForce {
         if self.model == ProfileModel::Dipole { String::new() } else { format!(" ({})", self.model) }
     }
 
-    /// Media without that text: the panel has a line of its own for the profile.
+    /// Media without that suffix: the panel has a line of its own for the profile.
     pub(super) fn plain(&self, media: &[Medium]) -> Vec<Medium> {
         let suffix = self.suffix();
         let name = |m: &Medium| m.name.strip_suffix(&suffix).unwrap_or(&m.name).to_owned();
@@ -63,7 +63,7 @@ impl ProfileInForce {
     }
 }
 
-/// The index of a medium, the profile and the task of a question.
+/// Index of the medium, profile and task of a question.
 type Asked = (usize, ProfileModel, Task);
 
 /// The medium that is edited.
@@ -72,24 +72,24 @@ pub(super) struct Editing {
     pub(super) selected: usize,
     pub(super) by: By,
     pub(super) radius: Radius,
-    /// The colour and radius that are asked for; none until those of the medium are known.
+    /// The asked colour and radius; none until those of the medium are known.
     pub(super) target: Option<Target>,
-    /// The medium that the profile finds for it, or why there is none.
+    /// The medium that the profile gives for the target, or the reason why there is none.
     pub(super) answer: Option<Result<Inversion, String>>,
     asked: Option<Asked>,
     /// Ticket of the newest question.
     ticket: u64,
-    /// Ticket of the question that `answer` is for.
+    /// Ticket of the question of `answer`.
     answered: u64,
 }
 
 impl Editing {
-    /// Forgets the target: the next one is the colour of the medium as it is.
+    /// Discards the target: the next one is the colour of the medium as it is.
     pub(super) fn restart(&mut self) {
         self.target = None;
     }
 
-    /// Takes the medium's own colour and radius as the target, as soon as they are known.
+    /// Makes the medium's own colour and radius the target, once they are known.
     fn adopt(&mut self) {
         let is_known = self.by == By::Colour && self.target.is_none() && self.answered == self.ticket;
         if let (true, Some(Ok(found)), Some((_, _, task @ Task::ColourOf(_)))) =
@@ -109,7 +109,7 @@ impl Editing {
         self.restart();
     }
 
-    /// The question about the selected medium, of these properties, that is not asked yet.
+    /// The next question about the selected medium with these properties, if it has not been asked yet.
     pub(super) fn question(&mut self, properties: OpticalProperties, profile: &ProfileInForce) -> Option<Question> {
         let task = match (self.by, self.target) {
             (By::Colour, Some(target)) => {
@@ -128,7 +128,7 @@ impl Editing {
         Some(Question { ticket: self.ticket, profile: Arc::clone(&profile.loaded), task })
     }
 
-    /// Takes in an answer; gives the medium that gets other properties by it. Answers to older questions are late.
+    /// Handles an answer; returns the medium whose properties it changes. Late answers to older questions are ignored.
     pub(super) fn take_answer(&mut self, Answer { ticket, result }: Answer) -> Option<(usize, OpticalProperties)> {
         if ticket != self.ticket {
             return None;

@@ -1,4 +1,4 @@
-//! Work beside the evaluation, on a thread of its own with its own evaluator: errors, pictures, files.
+//! Work besides the evaluation, on a thread of its own with its own evaluator: errors, pictures, files.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -28,30 +28,30 @@ use crate::render::frame::{RenderSettings, render};
 use crate::render::single::Scattered;
 use crate::render::texture::Texture;
 
-/// Something to do.
+/// A job.
 pub(super) enum Job {
-    /// The error of the transport in a state.
+    /// Measure the error of the transport in a state.
     Error(State),
-    /// A picture by the renderer, as EXR and PNG.
+    /// Render a picture, as EXR and PNG.
     Render { state: State, settings: Box<RenderSettings>, texture: Option<Arc<Texture>>, exposure: f64, stem: PathBuf },
-    /// A picture that is there, as PNG.
+    /// Save an existing picture as PNG.
     Png { picture: LinearPicture, background: Background, path: PathBuf },
-    /// Another model.
+    /// Open another model.
     Model(PathBuf),
-    /// Another profile for the same one.
+    /// Open the same model with another profile.
     Profile { model: PathBuf, media: Vec<Medium>, profile: ProfileModel },
-    /// An environment.
+    /// Read an environment.
     Environment(PathBuf),
 }
 
-/// A state to look at.
+/// A state to measure or render.
 pub(super) struct State {
     pub(super) model: PathBuf,
     pub(super) lights: Vec<Light>,
     pub(super) media: Vec<Medium>,
     /// Names of the media for reports.
     pub(super) names: Vec<String>,
-    /// The profile in the dipole's place.
+    /// The profile in place of the dipole.
     pub(super) profile: Option<Arc<LoadedProfile>>,
     pub(super) serial: u64,
 }
@@ -65,7 +65,7 @@ pub(super) enum Outcome {
         evaluator: Box<dyn DeviceEvaluator>,
         note: Option<String>,
     },
-    /// Why there is no such profile, or the evaluator that has it.
+    /// The evaluator with the profile, or the reason why there is none.
     Profile(Result<Profiled>),
     Environment {
         map: Arc<EnvironmentMap>,
@@ -81,20 +81,20 @@ pub(super) struct Profiled {
     pub(super) note: Option<String>,
 }
 
-/// Errors of all vertices.
+/// Errors at all vertices.
 pub(super) struct ErrorField {
-    /// Serial number of the state that the error is for.
+    /// Serial number of the state of the error.
     pub(super) serial: u64,
-    /// Largest of the channels, relative to the channel's RMS, of each vertex.
+    /// Largest error of the channels at each vertex, relative to the channel's RMS.
     pub(super) values: Vec<f32>,
     /// Relative RMS and worst vertex.
     pub(super) rms: f64,
     pub(super) worst: f64,
-    /// End of the scale of colours: 99 % of the vertices are below.
+    /// End of the colour scale: 99 % of the vertices are below.
     pub(super) scale: f64,
 }
 
-/// The job that runs, and the one that ended.
+/// The running job, and the one that ended.
 pub(super) struct Jobs {
     running: Option<(&'static str, Arc<Meter>)>,
     ended: Receiver<Result<Outcome>>,
@@ -110,7 +110,7 @@ impl Jobs {
         Self { running: None, ended, sender, pool, placing, wake }
     }
 
-    /// Name and progress of the job that runs.
+    /// Name and progress of the running job.
     pub(super) fn running(&self) -> Option<(&'static str, f32)> {
         self.running.as_ref().map(|(name, meter)| (*name, meter.share()))
     }
@@ -118,7 +118,7 @@ impl Jobs {
     /// Starts a job.
     ///
     /// # Errors
-    /// Another one runs, or no thread can be started.
+    /// Another job is running, or no thread can be started.
     pub(super) fn start(&mut self, name: &'static str, job: Job) -> Result<()> {
         if let Some((running, _)) = &self.running {
             return Err(Error::runtime(format!("wait for: {running}")));
@@ -189,7 +189,7 @@ fn run(job: Job, placing: &Placing, progress: &dyn Progress) -> Result<Outcome> 
     }
 }
 
-/// The model anew with a profile, and the media as they were.
+/// Opens the model again with a profile, and with the same media.
 fn profiled(path: &Path, media: &[Medium], model: ProfileModel, placing: &Placing) -> Result<Profiled> {
     let loaded = Arc::new(model.load()?);
     // The closed form of the dipole is what every evaluator has.
@@ -216,7 +216,7 @@ fn error_field(state: &State, placing: &Placing, progress: &dyn Progress) -> Res
     Ok(ErrorField { serial: state.serial, values, rms: error.rms, worst: error.worst, scale: scale.max(1e-9) })
 }
 
-/// How far a job is.
+/// Progress of a job.
 #[derive(Default)]
 pub(super) struct Meter {
     total: AtomicU64,
@@ -244,7 +244,7 @@ impl Progress for Meter {
     fn finish(&self) {}
 }
 
-/// The folder that pictures are saved in.
+/// The folder for saved pictures.
 pub(super) fn folder() -> &'static Path {
     Path::new(".")
 }

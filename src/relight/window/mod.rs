@@ -1,4 +1,4 @@
-//! The window: turn lights and environments, edit materials, look at errors, save pictures, drop files.
+//! The window: turn lights and environments, edit materials, view errors, save pictures, drop files.
 
 mod app;
 mod colours;
@@ -20,7 +20,7 @@ use crate::error::{Error, Result};
 pub use self::report::WindowReport;
 pub use self::session::{OpenModel, Session, Turn};
 
-/// The cause in a message of winit, without the place in its source, "os error at FILE:LINE: ".
+/// The cause in a message of winit, without the position in its source, "os error at FILE:LINE: ".
 fn cause(message: &str) -> &str {
     match message.strip_prefix("os error at ").and_then(|rest| rest.split_once(": ")) {
         Some((_, cause)) => cause.trim_end_matches('.'),

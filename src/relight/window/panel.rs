@@ -1,4 +1,4 @@
-//! The panel beside the picture, and what is written over it.
+//! The panel beside the picture, and the text over it.
 
 mod asked;
 mod material;
@@ -12,9 +12,9 @@ use crate::light::Light;
 use crate::relight::lights::{LightEntry, MAX_STOPS};
 use crate::relight::raster::view::{ERROR_COLOURS, Look};
 
-/// Width in points that suits a window of 640 points as well.
+/// Width in points, suitable also for a window of 640 points.
 const WIDTH: f32 = 250.0;
-/// Figures that the window shows.
+/// Numbers shown in the window.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Figures {
     pub(super) frames_per_second: f64,
@@ -23,11 +23,11 @@ pub(super) struct Figures {
     pub(super) transport_ms: f64,
     pub(super) adapter: String,
     pub(super) transport: String,
-    /// Name and progress of the job that runs.
+    /// Name and progress of the running job.
     pub(super) job: Option<(&'static str, f32)>,
 }
 
-/// Shows everything; returns what was asked for. What remains of `ui` is the picture's.
+/// Shows everything; returns the user's requests. The rest of `ui` is for the picture.
 pub(super) fn show(ui: &mut Ui, desk: &mut Desk, figures: &Figures) -> Asked {
     let mut asked = Asked::default();
     let mut open = desk.panel_open;
@@ -201,7 +201,7 @@ fn overlays(ui: &mut Ui, desk: &mut Desk, figures: &Figures) {
     }
 }
 
-/// The colours from 0 to the end of the scale.
+/// The colour legend from 0 to the end of the scale.
 fn legend(ui: &mut Ui, scale: f64) {
     let (rect, _) = ui.allocate_exact_size(egui::vec2(200.0, 12.0), egui::Sense::hover());
     let colour = |c: [f32; 3]| Color32::from_rgb((c[0] * 255.0) as u8, (c[1] * 255.0) as u8, (c[2] * 255.0) as u8);

@@ -1,4 +1,4 @@
-//! Opens models and puts their evaluators where they run: work for threads that nobody waits for.
+//! Opens models and places their evaluators on devices, as background work.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -12,7 +12,7 @@ use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::Silent;
 use crate::relight::choice::{self, DeviceChoice};
 
-/// The device of the window and what is asked of it.
+/// The device of the window and its settings.
 #[derive(Clone)]
 pub(super) struct Placing {
     pub(super) device: Arc<Device>,
@@ -21,7 +21,7 @@ pub(super) struct Placing {
 }
 
 impl Placing {
-    /// An evaluator of the CPU with a profile in the dipole's place, and with these media.
+    /// A CPU evaluator with these media and with a profile in place of the dipole.
     ///
     /// # Errors
     /// Those of the file, the profile and the media.
@@ -38,7 +38,7 @@ impl Placing {
         Ok(evaluator)
     }
 
-    /// Puts an evaluator of a model on the device; beside it what a person should know.
+    /// Places a model's evaluator on the device; returns it with a note for the user.
     ///
     /// # Errors
     /// As [`choice::on`].
@@ -56,7 +56,7 @@ impl Placing {
     }
 }
 
-/// Why a window has no other profile than the one in force.
+/// Reason why a window cannot change the profile.
 pub(super) fn locked(capabilities: Capabilities, choice: DeviceChoice) -> Option<&'static str> {
     match (capabilities.profile, capabilities.material, choice) {
         (ProfileEdit::None, MaterialEdit::None, _) => {

@@ -1,4 +1,4 @@
-//! The report of a window that was closed.
+//! The report of a window after it was closed.
 
 use serde::Serialize;
 
@@ -6,33 +6,33 @@ use crate::math::statistics::Quantiles;
 use crate::relight::timings::Adapter;
 use crate::render::camera::Resolution;
 
-/// How fast the window was.
+/// Speed of the window.
 #[derive(Clone, Debug, Serialize)]
 pub struct WindowReport {
     /// The adapter that drew.
     pub adapter: Adapter,
-    /// Where the transport ran.
+    /// Where the transport ran, in words.
     pub transport: String,
-    /// Pixels of the window when it closed.
+    /// Size of the window when it closed.
     pub resolution: Resolution,
-    /// Source vertices.
+    /// Number of source vertices.
     pub vertices: usize,
-    /// Surface samples.
+    /// Number of surface samples.
     pub samples: usize,
     /// Seconds from the first frame to the last one.
     pub seconds: f64,
-    /// Frames that were drawn.
+    /// Number of frames drawn.
     pub frames: usize,
-    /// Frames in a second.
+    /// Frames per second.
     pub frames_per_second: f64,
-    /// States of the lights that were computed and shown.
+    /// Number of states of the lights that were computed and shown.
     pub light_updates: usize,
-    /// States of the lights in a second.
+    /// States of the lights per second.
     pub light_updates_per_second: f64,
     /// Milliseconds from one frame to the next.
     pub frame_ms: Quantiles,
-    /// Milliseconds from lights to the irradiance that the transport starts from.
+    /// Milliseconds from lights to the irradiance at the start of the transport.
     pub light_ms: Quantiles,
-    /// Milliseconds from there to radiosity in the device's memory.
+    /// Milliseconds from the irradiance to radiosity in the device's memory.
     pub transport_ms: Quantiles,
 }

@@ -12,10 +12,10 @@ use crate::relight::raster::canvas::{Canvas, Finish};
 use crate::relight::raster::view::{Encoding, View};
 use crate::render::camera::Resolution;
 
-/// Frames that fail in a row before the window gives up.
+/// Number of consecutive failed frames after which the window gives up.
 const MAX_FAILURES: u32 = 60;
 
-/// The surface of the window, and the textures and the user interface that are drawn to it.
+/// The surface of the window, with the textures and the user interface drawn to it.
 pub(super) struct Screen {
     pub(super) window: Arc<Window>,
     pub(super) device: Arc<Device>,
@@ -79,15 +79,15 @@ impl Screen {
         Ok(Self { window, device, finish, context, input, surface, config, canvas, painter, failures: 0 })
     }
 
-    /// Pixels.
+    /// Size of the surface in pixels.
     pub(super) fn resolution(&self) -> Resolution {
         resolution(&self.config)
     }
 
-    /// Another size.
+    /// Resizes the surface.
     ///
     /// # Errors
-    /// One that the adapter does not have (exit 5).
+    /// A size that the adapter does not support (exit 5).
     pub(super) fn resize(&mut self, width: u32, height: u32) -> Result<()> {
         let most = self.device.device.limits().max_texture_dimension_2d;
         (self.config.width, self.config.height) = (width.clamp(1, most), height.clamp(1, most));
@@ -96,7 +96,7 @@ impl Screen {
         Ok(())
     }
 
-    /// Draws the scene and the interface over it; whether there was something to draw to.
+    /// Draws the scene and the interface over it; returns whether there was a surface to draw to.
     ///
     /// # Errors
     /// A surface that is gone for good (exit 4).

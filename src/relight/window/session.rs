@@ -1,4 +1,4 @@
-//! The model, lights and settings that a window starts with.
+//! The initial model, lights and settings of a window.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -17,10 +17,10 @@ use crate::render::film::Exposure;
 use crate::render::frame::Specular;
 use crate::render::texture::spec::TextureSpec;
 
-/// Opens the asset of a path as it was baked, with another radial profile in the dipole's place where one is given.
+/// Opens the asset at a path as it was baked, with another radial profile in place of the dipole where one is given.
 pub type OpenModel = Arc<dyn Fn(&Path, Option<&LoadedProfile>) -> Result<Box<dyn Evaluator>> + Send + Sync>;
 
-/// The model, lights and settings that a window starts with.
+/// The initial model, lights and settings of a window.
 pub struct Session {
     /// Path of the asset.
     pub model: PathBuf,
@@ -28,36 +28,36 @@ pub struct Session {
     pub evaluator: Box<dyn Evaluator>,
     /// The profile in force.
     pub profile: ProfileModel,
-    /// Opens assets: the same one again, and dropped ones.
+    /// Opens assets: this one again, and dropped ones.
     pub open: OpenModel,
-    /// Lights to start with.
+    /// Initial lights.
     pub lights: Vec<Light>,
-    /// Where the transport runs.
+    /// Device choice for the transport.
     pub choice: DeviceChoice,
-    /// The eye to start with.
+    /// Initial camera.
     pub camera: CameraSpec,
     /// Size of the window.
     pub resolution: Resolution,
-    /// Brightness to start with.
+    /// Initial exposure.
     pub exposure: Exposure,
-    /// Reflection to start with.
+    /// Initial specular reflection.
     pub specular: Specular,
-    /// The texture that scattered light is multiplied by.
+    /// The texture that multiplies scattered light.
     pub texture: TextureSpec,
-    /// The background that is seen beside the object.
+    /// The background beside the object.
     pub background: Background,
-    /// Whether the lights turn.
+    /// Whether the lights turn at first.
     pub turn: Turn,
-    /// Closes the window after this many seconds.
+    /// Seconds after which the window closes; none to stay open.
     pub quit_after_s: Option<f64>,
-    /// Threads that work.
+    /// Worker threads.
     pub pool: Arc<ThreadPool>,
 }
 
-/// Whether the lights turn.
+/// Motion of the lights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Turn {
-    /// They stand still until somebody turns them.
+    /// They stand still until the user turns them.
     Still,
     /// They turn about the object.
     Turning,

@@ -1,4 +1,4 @@
-//! The thread that evaluates: it always takes the newest state, so that the window never waits for it.
+//! The thread that evaluates: it always takes the newest state, so that the window never waits.
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -21,31 +21,31 @@ use crate::relight::raster::view::Textured;
 use crate::render::camera::Camera;
 use crate::render::film::AUTO_EXPOSURE_PERCENTILE;
 
-/// A state that somebody wants to see.
+/// A requested state.
 #[derive(Clone)]
 pub(super) struct Wanted {
-    /// Counts states.
+    /// Serial number of the state.
     pub(super) serial: u64,
     pub(super) lights: Vec<Light>,
     pub(super) media: Vec<Medium>,
-    /// Where the eye is, mm.
+    /// Position of the eye, mm.
     pub(super) eye_mm: DVec3,
-    /// The eye that the automatic exposure is for, where it is wanted.
+    /// The camera for which automatic exposure is measured, where it is wanted.
     pub(super) expose_for: Option<Camera>,
-    /// Whether the texture counts for that.
+    /// Whether the texture is included in that measurement.
     pub(super) textured: Textured,
 }
 
-/// A state that is shown now.
+/// The state that is shown now.
 pub(super) struct Done {
     pub(super) serial: u64,
     pub(super) lights: Vec<Light>,
     pub(super) media: Vec<Medium>,
-    /// Why the wanted media are not those in force.
+    /// Reason why the wanted media are not in force.
     pub(super) refused: Option<Error>,
-    /// Why nothing changed.
+    /// Reason why nothing changed.
     pub(super) failed: Option<Error>,
-    /// Whether what is shown changes where the eye moves.
+    /// Whether the radiosity changes with the eye's position.
     pub(super) follows_eye: bool,
     /// Radiance that becomes white.
     pub(super) white: Option<f64>,
@@ -61,8 +61,8 @@ pub(super) struct Worker {
 }
 
 impl Worker {
-    /// Starts the thread; `wake` is called after every state. `albedo` is the texture's at each source vertex; empty where
-    /// there is none.
+    /// Starts the thread; `wake` is called after every state. `albedo` is the texture's at each source vertex; empty
+    /// without a texture.
     pub(super) fn start(
         evaluator: Box<dyn DeviceEvaluator>,
         shown: Shown,
@@ -94,7 +94,7 @@ impl Worker {
         self.wanted.post(wanted);
     }
 
-    /// Whether a state still waits to be taken.
+    /// Returns whether a state is still waiting.
     pub(super) fn is_behind(&self) -> bool {
         self.wanted.is_waiting()
     }
@@ -103,7 +103,7 @@ impl Worker {
         self.done.try_recv().ok()
     }
 
-    /// Ends the thread after what it does now, without waiting for it.
+    /// Ends the thread after its current work, without waiting for it.
     pub(super) fn retire(&self) {
         self.wanted.close();
     }
@@ -113,7 +113,7 @@ impl Worker {
     }
 }
 
-/// Ends the thread after what it does now.
+/// Ends the thread after its current work.
 impl Drop for Worker {
     fn drop(&mut self) {
         self.wanted.close();
@@ -128,7 +128,7 @@ fn sent(sender: &Sender<Done>, done: Done) -> bool {
     sender.send(done).is_ok()
 }
 
-/// The evaluator and its state, which the thread owns.
+/// The evaluator and its state, owned by the thread.
 struct Bench {
     evaluator: Box<dyn DeviceEvaluator>,
     shown: Shown,

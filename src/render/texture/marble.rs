@@ -6,19 +6,19 @@ use super::noise::noise;
 use super::spec::MarbleSpec;
 use crate::error::{Error, Result};
 
-/// The direction that veins stand across: none of an object's own.
+/// Direction across the veins, unlike any axis of an object.
 const ACROSS: DVec3 = DVec3::new(0.6, 0.64, 0.48);
-/// Where an octave of the turbulence lies beside the one before, so that their zeros do not meet.
+/// Offset between successive octaves of the turbulence, so that their zeros do not meet.
 const SHIFT: DVec3 = DVec3::new(17.37, 5.71, 11.13);
-/// Distance between veins where none is asked for, as a share of the diagonal of the object.
+/// Default distance between veins, as a share of the diagonal of the object.
 const DEFAULT_SCALE_SHARE: f64 = 0.2;
-/// Most veins over the diagonal: beyond, 32 bits do not tell points apart in the shaders.
+/// Largest number of veins over the diagonal: beyond, 32-bit shaders cannot tell points apart.
 const MOST_VEINS: f64 = 1e4;
 
-/// Marble of an object.
+/// Marble for an object.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Marble {
-    /// The marble with the distance between veins of this object, in mm.
+    /// The specification, with the distance between veins filled in.
     spec: MarbleSpec,
     scale_mm: f64,
 }
@@ -27,7 +27,7 @@ impl Marble {
     /// The marble of an object with this diagonal.
     ///
     /// # Errors
-    /// Veins so fine that they mean nothing (exit 1).
+    /// Veins too fine to be meaningful (exit 1).
     pub fn new(spec: MarbleSpec, diagonal_mm: f64) -> Result<Self> {
         let scale_mm = spec.scale_mm.unwrap_or(DEFAULT_SCALE_SHARE * diagonal_mm);
         if !(scale_mm > 0.0 && diagonal_mm / scale_mm <= MOST_VEINS) {
@@ -50,7 +50,7 @@ impl Marble {
         self.scale_mm
     }
 
-    /// The albedo at a place relative to the centre of the object, RGB in [0, 1].
+    /// The albedo at a position relative to the centre of the object, RGB in [0, 1].
     pub fn albedo(&self, at_mm: DVec3) -> DVec3 {
         let MarbleSpec { base, veins, turbulence, sharpness, .. } = self.spec;
         let at = at_mm / self.scale_mm;
@@ -69,7 +69,7 @@ impl Marble {
         (0..self.spec.octaves).map(octave).sum()
     }
 
-    /// Mean of the veins' share over space, for what is too far away to tell them apart.
+    /// Mean of the veins' share over space, for distances at which veins are not resolved.
     pub fn mean_vein(&self) -> f64 {
         const STEPS: u32 = 4096;
         let share = |i: u32| vein((f64::from(i) + 0.5) / f64::from(STEPS), self.spec.sharpness);

@@ -1,5 +1,5 @@
-//! Patterns that what a surface scatters is multiplied by when it is seen: transport knows nothing of them (Wang, Tran and
-//! Luebke 2005, section 5, multiply marble in likewise). Reflected light stays as it is.
+//! Patterns that multiply scattered light when it is seen, and that transport does not depend on (Wang, Tran and Luebke
+//! 2005, section 5, multiply marble likewise). Reflected light stays unchanged.
 
 pub mod marble;
 pub mod noise;
@@ -51,7 +51,7 @@ impl Texture {
         }
     }
 
-    /// The file that it was read from.
+    /// The file that the texture was read from.
     pub fn path(&self) -> Option<&Path> {
         match self {
             Self::Marble(_) => None,
@@ -61,7 +61,7 @@ impl Texture {
         }
     }
 
-    /// The warnings that a person should read, one line each.
+    /// Warnings for the user, one line each.
     pub fn warnings(&self) -> &[String] {
         match self {
             Self::Marble(_) => &[],
@@ -84,7 +84,7 @@ impl Texture {
     }
 }
 
-/// The texture as it would be typed, with all values that were filled in.
+/// The text form of the texture, with all defaults filled in.
 impl fmt::Display for Texture {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

@@ -3,12 +3,12 @@
 
 use glam::DVec3;
 
-/// No value of [`noise`] is farther from 0.
+/// Bound on the absolute value of [`noise`].
 pub const MAX_NOISE: f64 = 1.04;
 /// Mean of `|noise|` over space, to 0.002.
 pub const MEAN_ABSOLUTE_NOISE: f64 = 0.22;
 
-/// Bits of a lattice point that differ from key to key.
+/// Pseudo-random bits of a lattice point for a key.
 #[inline]
 fn lattice_bits(cell: [u32; 3], key: u32) -> u32 {
     let mut bits = 0u32;
@@ -23,7 +23,7 @@ fn lattice_bits(cell: [u32; 3], key: u32) -> u32 {
     bits ^ (bits >> 16)
 }
 
-/// Product of an offset with the gradient that bits choose: one of the directions to the twelve edges of a cube.
+/// Product of an offset with the gradient chosen by `bits`, one of the directions to the twelve edges of a cube.
 #[inline]
 fn slope(bits: u32, offset: DVec3) -> f64 {
     let edge = bits % 12;
@@ -37,7 +37,7 @@ fn slope(bits: u32, offset: DVec3) -> f64 {
 }
 
 /// Noise that is 0 at whole coordinates, with two continuous derivatives, between -[`MAX_NOISE`] and [`MAX_NOISE`];
-/// features are one unit wide. Coordinates beyond 2^31 are all alike.
+/// features are one unit wide. All lattice cells beyond 2^31 are alike.
 #[inline]
 pub fn noise(at: DVec3, key: u32) -> f64 {
     let cell = at.floor();

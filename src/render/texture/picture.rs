@@ -1,4 +1,4 @@
-//! Pictures over the texture coordinates of a mesh, one or none for each of its materials.
+//! Pictures over the texture coordinates of a mesh, at most one for each of its materials.
 
 use std::path::{Path, PathBuf};
 
@@ -18,7 +18,7 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// `width * height` pixels, row by row from the top.
+    /// A picture of `width * height` pixels, row by row from the top.
     ///
     /// # Errors
     /// Another number of pixels, or none (exit 4: a caller's mistake).
@@ -29,12 +29,12 @@ impl Picture {
         Ok(Self { width, height, rgb })
     }
 
-    /// The alpha of a file is not used.
+    /// The picture of a PNG; its alpha is not used.
     fn of(png: PngImage) -> Result<Self> {
         Self::new(png.width, png.height, png.rgb)
     }
 
-    /// Pixels in a row, and rows.
+    /// Width and height in pixels.
     pub fn size(&self) -> [usize; 2] {
         [self.width, self.height]
     }
@@ -61,13 +61,13 @@ impl Picture {
 /// The albedo of a material.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Coat {
-    /// RGB in [0, 1].
+    /// Colour factor, RGB in [0, 1].
     pub factor: DVec3,
-    /// The picture that the factor is multiplied by.
+    /// The picture that is multiplied by the factor.
     pub picture: Option<PlacedPicture>,
 }
 
-/// The file that pictures came from.
+/// The source of the pictures.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Origin {
     /// One picture over everything.
@@ -87,7 +87,7 @@ pub struct PictureTexture {
 }
 
 impl PictureTexture {
-    /// Reads a PNG that lies over all of a mesh.
+    /// Reads a PNG that covers all of a mesh.
     ///
     /// # Errors
     /// A mesh without texture coordinates (exit 5), those of [`read_png`].
@@ -104,10 +104,11 @@ impl PictureTexture {
         })
     }
 
-    /// Reads the base colours of a glTF model for the mesh that was made from it: materials are found by their names.
+    /// Reads the base colours of a glTF model for the mesh that was made from it; materials are matched by name.
     ///
     /// # Errors
-    /// Another model (exit 3), pictures for a mesh without texture coordinates (exit 5), those of [`read_base_colours`].
+    /// Another model (exit 3), pictures for a mesh without texture coordinates (exit 5), those of
+    /// [`read_base_colours`].
     pub fn read_model(path: &Path, mesh: &Mesh) -> Result<Self> {
         let colours = read_base_colours(path).map_err(|e| e.at("texture"))?;
         Self::of_colours(path, colours, mesh).map_err(|e| e.at(format_args!("texture {}", path.display())))
@@ -130,12 +131,12 @@ impl PictureTexture {
         Ok(Self { origin: Origin::Model(path.to_owned()), coats, pictures, warnings: colours.warnings })
     }
 
-    /// The file that it was read from.
+    /// The file that the texture was read from.
     pub fn origin(&self) -> &Origin {
         &self.origin
     }
 
-    /// The differences from the file's own texture, one line each.
+    /// Differences from the file's own texture, one line each.
     pub fn warnings(&self) -> &[String] {
         &self.warnings
     }
@@ -145,7 +146,7 @@ impl PictureTexture {
         &self.coats
     }
 
-    /// The pictures that the coats name.
+    /// The pictures that the coats refer to.
     pub fn pictures(&self) -> &[Picture] {
         &self.pictures
     }

@@ -9,17 +9,17 @@ use glam::DVec3;
 
 use crate::error::{Error, Result};
 
-/// Most octaves of turbulence.
+/// Largest number of octaves of turbulence.
 pub const MAX_OCTAVES: u32 = 10;
-/// Strongest turbulence.
+/// Largest turbulence.
 pub const MAX_TURBULENCE: f64 = 16.0;
-/// Sharpness of veins, widest first.
+/// Range of the sharpness of veins.
 pub const SHARPNESS: [f64; 2] = [0.1, 100.0];
 
 const KEYS: &str = "scale, base, veins, turbulence, octaves, sharpness, seed";
 const EXAMPLE: &str = "marble:scale=6:veins=0.2,0.15,0.1:seed=7";
 
-/// The texture that is multiplied into the scattered light, as typed; no file was opened.
+/// The texture that multiplies the scattered light, as typed; no file has been opened.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum TextureSpec {
     /// Nothing.
@@ -40,15 +40,15 @@ pub struct MarbleSpec {
     pub scale_mm: Option<f64>,
     /// Albedo beside the veins, linear RGB in [0, 1].
     pub base: DVec3,
-    /// Albedo of the veins, likewise.
+    /// Albedo of the veins, linear RGB in [0, 1].
     pub veins: DVec3,
-    /// How far turbulence shifts veins, in their distances.
+    /// Shift of the veins by turbulence, in distances between veins.
     pub turbulence: f64,
     /// Octaves of the turbulence, each half as large and half as strong as the one before.
     pub octaves: u32,
     /// Exponent of the cosine across veins: the larger, the thinner they are.
     pub sharpness: f64,
-    /// Another one, other veins.
+    /// Seed of the veins.
     pub seed: u32,
 }
 
@@ -66,7 +66,7 @@ impl Default for MarbleSpec {
     }
 }
 
-/// Reads one of the forms.
+/// Reads one of the text forms.
 impl FromStr for TextureSpec {
     type Err = Error;
 
@@ -103,7 +103,7 @@ fn read(text: &str) -> Result<TextureSpec> {
     }
 }
 
-/// All after `path=`, colons included.
+/// The text after `path=`, colons included.
 fn path(rest: Option<&str>) -> Option<PathBuf> {
     let path = rest?.strip_prefix("path=")?.trim();
     (!path.is_empty()).then(|| path.into())
@@ -160,7 +160,7 @@ fn whole(key: &str, value: &str, least: u32, most: u32) -> Result<u32> {
     }
 }
 
-/// One number for grey, or three.
+/// One number for grey, or three numbers.
 fn colour(key: &str, value: &str) -> Result<DVec3> {
     let numbers: Vec<f64> = value.split(',').filter_map(|part| part.trim().parse().ok()).collect();
     let colour = match (numbers.as_slice(), value.split(',').count()) {
@@ -176,7 +176,7 @@ fn colour(key: &str, value: &str) -> Result<DVec3> {
     )))
 }
 
-/// The texture as it would be typed.
+/// The text form of the texture.
 impl fmt::Display for TextureSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

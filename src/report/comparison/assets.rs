@@ -1,4 +1,4 @@
-//! Two assets: what differs in their bytes, and how far apart their radiosities are under the probe lights.
+//! Comparison of two assets: differences of their bytes, and of their radiosities under the probe lights.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -18,10 +18,10 @@ use crate::measure::probes;
 use crate::progress::Progress;
 use crate::report::text::{percent, table};
 
-/// Makes the evaluator of an asset; the path is for its errors.
+/// Makes the evaluator of an asset; the path is for its error messages.
 pub type Open<'a> = dyn Fn(&Arc<Asset>, &Path) -> Result<Box<dyn Evaluator>> + 'a;
 
-/// Differences of two assets by section, setting and origin.
+/// Differences of two assets by section, setting and provenance.
 #[derive(Clone, Debug, Serialize)]
 pub struct AssetDifference {
     sections: Vec<SectionPair>,
@@ -44,7 +44,7 @@ enum Status {
 #[derive(Clone, Debug, Serialize)]
 struct SectionPair {
     tag: String,
-    /// Whether type and decoded bytes are the same.
+    /// Result of the comparison of type and decoded bytes.
     status: Status,
     stored_bytes_a: Option<u64>,
     stored_bytes_b: Option<u64>,
@@ -121,7 +121,7 @@ fn kind_of(section: &SectionInfo) -> impl PartialEq {
     (section.kind, section.element, section.components)
 }
 
-/// Provenance but for the settings, as keys and values.
+/// Provenance without the settings, as keys and values.
 fn facts(p: &Provenance) -> Vec<(String, String)> {
     let mut out = vec![
         ("algorithm revision".to_owned(), p.algorithm_revision.to_string()),
@@ -146,7 +146,7 @@ fn differences(a: &[(String, String)], b: &[(String, String)]) -> Vec<Difference
 }
 
 impl AssetDifference {
-    /// Says what differs, in lines.
+    /// The differences as lines of text.
     pub(super) fn describe(&self) -> String {
         let differing: Vec<&SectionPair> = self.sections.iter().filter(|s| s.status != Status::Equal).collect();
         let mut lines = vec![match differing.len() {
@@ -175,7 +175,8 @@ impl AssetDifference {
     }
 }
 
-/// Radiosity of both under fixed lights that no choice saw, the first judged by the second; worst light of each figure.
+/// Error of the first asset's radiosity against the second's under fixed lights that no choice saw; worst light of each
+/// figure.
 pub(super) fn radiosity(
     [a, b]: [&[u8]; 2],
     [path_a, path_b]: [&Path; 2],

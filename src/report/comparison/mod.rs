@@ -1,4 +1,4 @@
-//! Pairs of PLY files, OpenEXR pictures or assets: whether they are equal, and how far the first is from the second.
+//! Comparison of two PLY files, OpenEXR pictures or assets: equality, and the error of the first against the second.
 
 pub mod assets;
 pub mod pictures;
@@ -19,7 +19,7 @@ use crate::measure::flip::Exposures;
 use crate::measure::image_error::ImageError;
 use crate::progress::Progress;
 
-/// The figure that judges a comparison.
+/// The error measure of a comparison.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Metric {
@@ -35,7 +35,7 @@ pub enum Metric {
 }
 
 impl Metric {
-    /// None for a figure that vertices do not have.
+    /// The value of the metric for vertices; none for a metric of pictures alone.
     fn of(self, error: &VertexError) -> Option<f64> {
         match self {
             Self::Rms => Some(error.rms),
@@ -46,10 +46,10 @@ impl Metric {
     }
 }
 
-/// The first of two files against the second.
+/// The error of the first of two files against the second.
 #[derive(Clone, Debug, Serialize)]
 pub struct Comparison {
-    /// The file that is judged.
+    /// The file under test.
     #[serde(serialize_with = "super::path")]
     pub a: PathBuf,
     /// The reference.
@@ -57,9 +57,9 @@ pub struct Comparison {
     pub b: PathBuf,
     /// Whether the contents are the same.
     pub equal: bool,
-    /// The figure that is judged.
+    /// The metric.
     pub metric: Metric,
-    /// The metric; none for assets without a threshold, whose bytes are compared.
+    /// Value of the metric; none for assets without a threshold, whose bytes are compared.
     pub value: Option<f64>,
     /// The largest allowed value.
     pub threshold: Option<f64>,
@@ -92,7 +92,7 @@ pub struct Comparison {
 /// are evaluated under the probe lights, by the evaluators that `open` makes.
 ///
 /// # Errors
-/// I/O, invalid files, files of unlike kinds or meshes, HDR-FLIP of what is no picture.
+/// I/O, invalid files, files of different kinds or meshes, HDR-FLIP of files that are no pictures.
 pub fn compare(
     [a, b]: [&Path; 2],
     metric: Metric,
@@ -162,7 +162,7 @@ pub fn compare(
 }
 
 impl Comparison {
-    /// Whether the metric is above the threshold; without one, whether the contents are unlike.
+    /// Returns whether the metric is above the threshold; without a threshold, whether the contents differ.
     pub fn differs(&self) -> bool {
         match (self.threshold, self.value) {
             (Some(limit), Some(value)) => value > limit,

@@ -1,4 +1,4 @@
-//! Two OpenEXR pictures: RMS over covered pixels, and HDR-FLIP.
+//! Comparison of two OpenEXR pictures: RMS over covered pixels, and HDR-FLIP.
 
 use std::path::Path;
 
@@ -13,13 +13,13 @@ use crate::measure::image_error::{ImageError, image_error};
 /// HDR-FLIP of two pictures.
 #[derive(Clone, Debug, Serialize)]
 pub struct FlipReport {
-    /// Over the whole picture.
+    /// Mean over the whole picture.
     pub mean: f64,
-    /// Over the pixels that either picture covers; none without any.
+    /// Mean over the pixels that either picture covers; none without any.
     pub mean_covered: Option<f64>,
     /// Resolution of the eye.
     pub pixels_per_degree: f64,
-    /// Stops that the pictures were compared at.
+    /// Exposures in stops at which the pictures were compared.
     pub exposures: Exposures,
 }
 
@@ -32,7 +32,7 @@ pub(super) struct Pictures {
     pub(super) notes: Vec<String>,
 }
 
-/// Compares two files, by HDR-FLIP too where it is asked for.
+/// Compares two files, with HDR-FLIP where it is asked for.
 pub(super) fn compare(paths: [&Path; 2], with_flip: bool) -> Result<Pictures> {
     let [a, b] = [read_exr_channels(paths[0])?, read_exr_channels(paths[1])?];
     let layer = if find(&a, "diffuse.R").is_some() && find(&b, "diffuse.R").is_some() { "diffuse." } else { "" };

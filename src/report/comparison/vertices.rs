@@ -1,4 +1,4 @@
-//! Two PLY files: radiosity and single scattering of their vertices.
+//! Comparison of two PLY files: radiosity and single scattering of their vertices.
 
 use std::path::Path;
 
@@ -13,9 +13,9 @@ use crate::report::radiosity_ply::SINGLE_INCLUDED;
 pub(super) struct Vertices {
     /// Whether all columns and triangles are the same.
     pub(super) equal: bool,
-    /// The worse of the radiosity and, where it is compared, the sum with single scattering.
+    /// The larger error of the radiosity and, where it is compared, of the sum with single scattering.
     pub(super) worst: VertexError,
-    /// Single scattering alone, where both files have it.
+    /// Error of single scattering alone, where both files have it.
     pub(super) single: Option<VertexError>,
     pub(super) notes: Vec<String>,
     pub(super) warnings: Vec<String>,
@@ -74,7 +74,7 @@ pub(super) fn compare(paths: [&Path; 2]) -> Result<Vertices> {
     Ok(result)
 }
 
-/// Whether both have single scattering; a note where one alone has it.
+/// Returns whether both files have single scattering; adds a note where only one has it.
 pub(super) fn in_both(has: [bool; 2], paths: [&Path; 2], notes: &mut Vec<String>) -> bool {
     if has[0] != has[1] {
         let with = if has[0] { paths[0] } else { paths[1] };

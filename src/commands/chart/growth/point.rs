@@ -1,4 +1,4 @@
-//! One method at one size: what is predicted and estimated, the bake, the time of a new light; kept by key.
+//! One method at one size: prediction and estimate, the bake, the time of a new light; stored by key.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -30,20 +30,20 @@ use crate::scene::Scene;
 /// One size on one axis.
 pub(super) struct Place {
     pub(super) axis: Axis,
-    /// As asked for.
+    /// Size as asked for.
     pub(super) size: f64,
     pub(super) vertices: usize,
     pub(super) samples: Option<usize>,
     pub(super) size_mm: f64,
 }
 
-/// The surface in some number of vertices.
+/// The surface with some number of vertices.
 pub(super) struct Shape {
-    /// Vertices as asked for.
+    /// Number of vertices as asked for.
     pub(super) asked: usize,
     pub(super) vertices: usize,
     pub(super) path: PathBuf,
-    /// BLAKE3 of the file.
+    /// BLAKE3 hash of the file.
     pub(super) hash: String,
     pub(super) model: SourceModel,
 }
@@ -52,11 +52,11 @@ pub(super) struct Shape {
 pub(super) struct Measurer<'a> {
     pub(super) material: &'a Material,
     pub(super) material_text: &'a str,
-    /// The shortest of the channels.
+    /// Shortest mean free path of the channels, mm.
     pub(super) free_path_mm: f64,
     pub(super) light: &'a Light,
     pub(super) light_text: &'a str,
-    /// Machine and inputs that times depend on beside the command and the light.
+    /// Machine and inputs on which times depend beside the command and the light.
     pub(super) context: String,
     pub(super) limits: Limits,
     pub(super) repetitions: Repetitions,
@@ -64,7 +64,7 @@ pub(super) struct Measurer<'a> {
     pub(super) console: &'a Console,
 }
 
-/// The figures of a point that are kept for another run.
+/// Costs of a point that are stored for later runs.
 #[derive(Serialize, Deserialize)]
 struct Kept {
     costs: Option<Costs>,
@@ -72,12 +72,12 @@ struct Kept {
 }
 
 impl Measurer<'_> {
-    /// The scene that bakes of a shape have, for estimates.
+    /// The scene of bakes of a shape, for estimates.
     pub(super) fn scene(&self, shape: &Shape, size_mm: f64) -> Result<Scene> {
         surface::scene(&shape.model, size_mm, self.material)
     }
 
-    /// Measures a point; `before` are the points so far, which predictions come from.
+    /// Measures a point; predictions are made from the points `before`.
     pub(super) fn point(
         &self,
         place: &Place,
@@ -132,7 +132,7 @@ impl Measurer<'_> {
         Ok(point)
     }
 
-    /// The bake as it would be typed, but for its output.
+    /// The command of the bake as it would be typed, without its output.
     fn words(&self, place: &Place, shape: &Shape, method: &'static dyn Method) -> Vec<String> {
         let model = shape.path.display().to_string();
         let size = place.size_mm.to_string();
@@ -179,7 +179,7 @@ impl Measurer<'_> {
         }
     }
 
-    /// Sizes and times of the bakes of this method on this axis; one that was ended took at least as long as it was allowed.
+    /// Sizes and times of this method's bakes on this axis; an ended bake took at least as long as it was allowed.
     fn bake_history(&self, point: &Point, before: &[Point]) -> Vec<(f64, f64)> {
         let same = before.iter().filter(|p| p.axis == point.axis && p.method == point.method);
         let ended = |p: &Point| p.skipped.as_ref().is_some_and(|s| s.reason.starts_with(ENDED));
@@ -190,7 +190,8 @@ impl Measurer<'_> {
         .collect()
     }
 
-    /// The time of a new light as the smaller sizes predict it, s: from the pairs for a method that sums over all of them.
+    /// The time of a new light, s, predicted from the smaller sizes; for a method that sums over all pairs, from their
+    /// number.
     fn predicted_relight(&self, point: &Point, samples: usize, before: &[Point]) -> Option<f64> {
         let same = before.iter().filter(|p| p.axis == point.axis && p.method == point.method);
         let by_pairs = pairs(&point.method, point.vertices, samples);
@@ -241,7 +242,7 @@ impl Measurer<'_> {
     }
 }
 
-/// How the reason of an ended bake begins.
+/// First word of the reason of an ended bake.
 const ENDED: &str = "ended";
 
 impl Kept {
@@ -253,5 +254,5 @@ impl Kept {
     }
 }
 
-/// How limits say what they allow.
+/// The ways in which limits write durations and sizes.
 const WORDS: Words = Words { duration, bytes: megabytes };

@@ -1,4 +1,4 @@
-//! Every feature that is read, with the geometry in the test.
+//! Every supported feature, with the geometry in the test.
 
 use std::path::Path;
 

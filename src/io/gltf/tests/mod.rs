@@ -145,7 +145,7 @@ fn data() -> Option<PathBuf> {
     None
 }
 
-/// Everything that `SourceModel` promises, and that no NaN leaves this module.
+/// Checks the promises of `SourceModel`, and that no NaN leaves this module.
 fn check_promises(model: &SourceModel) {
     let vertices = model.positions.len();
     let in_range = |corners: &[[u32; 3]], count: usize| corners.iter().flatten().all(|&i| (i as usize) < count);

@@ -1,4 +1,4 @@
-//! Everything that is refused or left out, and what is said about it.
+//! Refused and ignored content, and the messages about it.
 
 use std::path::Path;
 
@@ -141,7 +141,7 @@ fn optional_compression_needs_its_fallback() {
     assert_eq!(maker.read().unwrap_err().code(), ExitCode::Unsupported);
 }
 
-/// Each change of the square, and what the message must say.
+/// Each change of the square, and the expected part of the message.
 #[test]
 fn refusals_name_the_place() {
     let table: &[(&str, Value, &str)] = &[

@@ -11,7 +11,7 @@ use crate::relight::window::panel::Asked;
 use crate::render::frame::RenderSettings;
 
 impl App {
-    /// Does what was asked for.
+    /// Carries out the requests of the panel.
     pub(super) fn act(&mut self, asked: Asked) {
         if asked.save_png {
             self.save_png();

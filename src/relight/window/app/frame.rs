@@ -1,4 +1,4 @@
-//! One frame: from the state that a person has changed to a state that is evaluated, and from results to pixels.
+//! One frame: from the user's changes to an evaluated state, and from results to pixels.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -13,11 +13,11 @@ use crate::relight::window::panel::{self, Asked, Figures};
 use crate::relight::window::worker::{Done, Wanted};
 use crate::render::camera::Resolution;
 
-/// How often automatic exposure looks anew while something changes.
+/// Interval at which automatic exposure is renewed while something changes.
 const EXPOSURE_EVERY: Duration = Duration::from_millis(500);
 
 impl App {
-    /// Takes in the results of the threads.
+    /// Collects the results of the threads.
     fn collect(&mut self) {
         let Some(shown) = &mut self.shown else { return };
         while let Some(done) = shown.worker.done() {
@@ -34,7 +34,7 @@ impl App {
         }
     }
 
-    /// Draws one frame, and has the newest state evaluated.
+    /// Draws one frame, and requests the evaluation of the newest state.
     pub(super) fn frame(&mut self, event_loop: &ActiveEventLoop) -> Result<()> {
         self.collect();
         let now = Instant::now();

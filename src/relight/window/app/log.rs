@@ -1,4 +1,4 @@
-//! How fast the window is.
+//! Speed of the window.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -8,13 +8,13 @@ use crate::math::statistics::Quantiles;
 use crate::relight::timings::Adapter;
 use crate::relight::window::report::WindowReport;
 
-/// Over how many frames and states the shown rates are.
+/// Period over which the shown rates are measured.
 const RATE_OVER: Duration = Duration::from_secs(1);
 
-/// Events that quantiles are over: the last ones, so that a window may stay open for days.
+/// Number of recent events for quantiles, limited so that a window may stay open for days.
 const KEPT: usize = 1 << 14;
 
-/// When things happened and how long they took.
+/// Times and durations of events.
 #[derive(Default)]
 pub(super) struct Log {
     first: Option<Instant>,
@@ -33,21 +33,21 @@ fn keep<T>(values: &mut VecDeque<T>, value: T) {
     values.push_back(value);
 }
 
-/// Events in a second, over the last one.
+/// Events per second, over the last second.
 fn rate(times: &VecDeque<Instant>, now: Instant) -> f64 {
     let recent = times.iter().rev().take_while(|t| now.saturating_duration_since(**t) < RATE_OVER).count();
     recent as f64 / RATE_OVER.as_secs_f64()
 }
 
 impl Log {
-    /// A frame was drawn.
+    /// Records that a frame was drawn.
     pub(super) fn frame(&mut self, now: Instant) {
         self.first.get_or_insert(now);
         self.frame_count += 1;
         keep(&mut self.frames, now);
     }
 
-    /// A state was computed.
+    /// Records that a state was computed.
     pub(super) fn update(&mut self, light_ms: f64, transport_ms: f64) {
         self.update_count += 1;
         keep(&mut self.updates, Instant::now());
@@ -55,18 +55,18 @@ impl Log {
         keep(&mut self.transport_ms, transport_ms);
     }
 
-    /// When the first frame was drawn.
+    /// Time at which the first frame was drawn.
     pub(super) fn first(&self) -> Option<Instant> {
         self.first
     }
 
-    /// Frames and states in a second, and the times of the last state.
+    /// Frames and states per second, and the times of the last state.
     pub(super) fn now(&self, now: Instant) -> [f64; 4] {
         let last = |values: &VecDeque<f64>| values.back().copied().unwrap_or(0.0);
         [rate(&self.frames, now), rate(&self.updates, now), last(&self.light_ms), last(&self.transport_ms)]
     }
 
-    /// The figures at the end; none without a frame.
+    /// The final report; none without a frame.
     pub(super) fn report(&self, shown: &Shown) -> Option<WindowReport> {
         let info = &shown.screen.device.info;
         let (frames, updates) = (self.frame_count, self.update_count);

@@ -10,7 +10,7 @@ use crate::relight::window::screen::Screen;
 use crate::relight::window::worker::Worker;
 use crate::render::texture::Texture;
 
-/// The open window: the screen, the threads that work for it, and the state that a person changes.
+/// The open window: the screen, its worker threads, and the state that the user changes.
 pub(super) struct Shown {
     pub(super) screen: Screen,
     pub(super) raster: Raster,
@@ -27,7 +27,7 @@ pub(super) struct Shown {
     pub(super) follows_eye: bool,
 }
 
-/// An evaluator that works and what it is drawn with.
+/// An evaluator with its worker and its raster.
 pub(super) struct Staged {
     pub(super) raster: Raster,
     pub(super) worker: Worker,
@@ -37,7 +37,7 @@ pub(super) struct Staged {
 }
 
 impl Shown {
-    /// Puts another evaluator in place of the one that works.
+    /// Replaces the working evaluator.
     pub(super) fn put(&mut self, staged: Staged) {
         let Staged { raster, worker, transport, vertices, samples } = staged;
         self.raster = raster;

@@ -1,4 +1,5 @@
-//! Opens the window and puts evaluators on its screen: the first one, those of other models, and those with other profiles.
+//! Opens the window and stages evaluators on its screen: the first one, those of other models, and those with other
+//! profiles.
 
 use std::sync::Arc;
 
@@ -23,7 +24,7 @@ use crate::relight::window::worker::Worker;
 use crate::render::camera::Resolution;
 use crate::render::texture::Texture;
 
-/// Smallest window that everything is readable in.
+/// Smallest window in which everything is readable.
 const LEAST_SIZE: LogicalSize<f64> = LogicalSize::new(640.0, 480.0);
 
 impl App {
@@ -76,7 +77,7 @@ impl App {
         })
     }
 
-    /// Has an evaluator work and a raster draw its radiosity.
+    /// Starts an evaluator's worker, and a raster that draws its radiosity.
     fn stage(&self, screen: &Screen, evaluator: Box<dyn DeviceEvaluator>, texture: Option<&Texture>) -> Result<Staged> {
         let mesh = &evaluator.scene().mesh;
         let albedo = texture.map_or_else(Vec::new, |texture| texture.of_vertices(mesh));
@@ -89,7 +90,7 @@ impl App {
         Ok(Staged { raster, worker, transport, vertices, samples })
     }
 
-    /// Takes in the outcome of a job.
+    /// Handles the outcome of a job.
     pub(super) fn finish(&mut self, outcome: Outcome) {
         let Some(mut shown) = self.shown.take() else { return };
         match outcome {
@@ -125,7 +126,7 @@ impl App {
         self.shown = Some(shown);
     }
 
-    /// Puts another model in place of the one that is shown, which stays where there is an error.
+    /// Replaces the model that is shown, which stays in case of an error.
     fn replace_model(
         &self,
         shown: &mut Shown,

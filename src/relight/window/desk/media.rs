@@ -1,4 +1,4 @@
-//! The media that a person edits, and the profile in force.
+//! The media that the user edits, and the profile in force.
 
 use std::sync::Arc;
 
@@ -8,7 +8,7 @@ use crate::medium::profiles::model::{LoadedProfile, ProfileModel};
 use crate::relight::window::colours::{Answer, Question};
 use crate::relight::window::editing::ProfileInForce;
 
-/// Name of a medium that somebody made here.
+/// Name of a medium made in the window.
 const CUSTOM: &str = "custom";
 
 impl Desk {
@@ -17,7 +17,7 @@ impl Desk {
         self.editing.select(index);
     }
 
-    /// The selected medium has other coefficients now.
+    /// Renames the selected medium after a change of its coefficients, and counts a new state.
     pub(in crate::relight::window) fn edited(&mut self) {
         if let Some(medium) = self.media.get_mut(self.editing.selected) {
             CUSTOM.clone_into(&mut medium.name);
@@ -26,7 +26,7 @@ impl Desk {
         self.serial += 1;
     }
 
-    /// Puts a preset in place of a medium.
+    /// Replaces a medium by a preset.
     pub(in crate::relight::window) fn choose_preset(&mut self, medium: usize, preset: &Preset) {
         if let Some(medium) = self.media.get_mut(medium) {
             *medium = Medium { name: preset.name.to_owned(), properties: preset.properties() };
@@ -36,7 +36,7 @@ impl Desk {
         }
     }
 
-    /// Takes the media in force; drafts that were refused are forgotten. Why they were is told until the next edit.
+    /// Adopts the media in force and discards refused drafts. The reason is shown until the next edit.
     pub(in crate::relight::window) fn settle_media(&mut self, accepted: Vec<Medium>, refused: Option<String>) {
         if let Some(reason) = refused {
             self.refused = Some(reason);
@@ -46,7 +46,7 @@ impl Desk {
         self.accepted = accepted;
     }
 
-    /// Puts another profile in force.
+    /// Puts a profile in force.
     pub(in crate::relight::window) fn replace_profile(&mut self, model: ProfileModel, loaded: Arc<LoadedProfile>) {
         self.profile = ProfileInForce {
             typed: std::mem::take(&mut self.profile.typed),
@@ -56,13 +56,13 @@ impl Desk {
         self.serial += 1;
     }
 
-    /// A question about the selected medium that is not asked yet.
+    /// A question about the selected medium that has not been asked yet.
     pub(in crate::relight::window) fn question(&mut self) -> Option<Question> {
         let properties = self.media.get(self.editing.selected)?.properties;
         self.editing.question(properties, &self.profile)
     }
 
-    /// Takes in an answer; answers to older questions are late.
+    /// Handles an answer; late answers to older questions are ignored.
     pub(in crate::relight::window) fn take_answer(&mut self, answer: Answer) {
         let Some((index, properties)) = self.editing.take_answer(answer) else { return };
         let changed = self.media.get_mut(index).filter(|m| m.properties != properties);
@@ -85,7 +85,7 @@ mod tests {
     use crate::medium::material::preset;
     use crate::relight::window::editing::By;
 
-    /// Answers all questions; how many there were.
+    /// Answers all questions; returns their number.
     fn settle(desk: &mut Desk) -> usize {
         let mut count = 0;
         while let Some(question) = desk.question() {

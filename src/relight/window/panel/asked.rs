@@ -6,12 +6,12 @@ use crate::medium::profiles::model::ProfileModel;
 
 pub(super) const BAD: Color32 = Color32::from_rgb(240, 120, 100);
 
-/// The requests of a person in this frame.
+/// The user's requests in this frame.
 #[derive(Clone, Debug, Default)]
 pub(in crate::relight::window) struct Asked {
     pub(in crate::relight::window) save_png: bool,
     pub(in crate::relight::window) save_render: bool,
     pub(in crate::relight::window) measure_error: bool,
-    /// The profile to be put in place of the one in force.
+    /// The profile to put in force.
     pub(in crate::relight::window) profile: Option<ProfileModel>,
 }

@@ -12,16 +12,16 @@ use crate::medium::profiles::model::ProfileModel;
 use crate::relight::window::desk::Desk;
 use crate::relight::window::editing::{By, ProfileInForce};
 
-/// Largest mean cosine of the slider: close to 1 nothing is seen of a change.
+/// Largest mean cosine of the slider: changes close to 1 are invisible.
 const LARGEST_G: f64 = 0.95;
-/// Profiles that are picked by name; slabs have a thickness, files a path.
+/// Profiles that are chosen by name; slabs have a thickness, files a path.
 const NAMED: [&str; 7] =
     ["dipole", "better-dipole", "photon-beam", "burley", "burley:fit=diffuse", "burley:fit=dmfp", "gaussians:skin"];
-/// The quantity that the colours stand for.
+/// Meaning of the colours.
 const REFLECTANCE: &str = "total diffuse reflectance by the profile, linear sRGB";
 const CHANNELS: [&str; 3] = ["R", "G", "B"];
 
-/// Shows what the object is made of; `free` says whether a job may start.
+/// Shows the material of the object; `free` tells whether a job may start.
 pub(super) fn show(ui: &mut Ui, desk: &mut Desk, free: bool, asked: &mut Asked) {
     ui.strong("Material");
     let editable = desk.material == MaterialEdit::Any;
@@ -86,7 +86,7 @@ fn preset(ui: &mut Ui, desk: &mut Desk) {
     }
 }
 
-/// Changes the selected medium; whether it did.
+/// Changes the selected medium; returns whether it changed.
 fn edit(desk: &mut Desk, change: impl FnOnce(&mut OpticalProperties) -> bool) {
     let changed = desk.media.get_mut(desk.editing.selected).is_some_and(|medium| change(&mut medium.properties));
     if changed {
@@ -166,7 +166,7 @@ fn asked_colour(ui: &mut Ui, target: &mut Target) {
     });
 }
 
-/// A colour as it looks on white light, with its numbers.
+/// A colour as it looks in white light, with its numbers.
 fn swatch(ui: &mut Ui, title: &str, reflectance: DVec3) {
     ui.label(title).on_hover_text(REFLECTANCE);
     ui.horizontal(|ui| {
@@ -177,7 +177,7 @@ fn swatch(ui: &mut Ui, title: &str, reflectance: DVec3) {
     });
 }
 
-/// sRGB of a linear colour.
+/// Converts a linear colour to sRGB.
 fn shade(reflectance: DVec3) -> Color32 {
     let [r, g, b] = reflectance.clamp(DVec3::ZERO, DVec3::ONE).as_vec3().to_array();
     egui::Rgba::from_rgb(r, g, b).into()
@@ -195,7 +195,7 @@ fn phase_and_index(ui: &mut Ui, desk: &mut Desk) {
     });
 }
 
-/// A slider that neither clamps nor rounds what it shows: to look at a medium does not change it.
+/// A slider that neither clamps nor rounds the value it shows: viewing a medium does not change it.
 fn plain(value: &mut f64, range: std::ops::RangeInclusive<f64>) -> Slider<'_> {
     Slider::new(value, range).clamping(SliderClamping::Edits)
 }
@@ -266,7 +266,7 @@ fn profile(ui: &mut Ui, profile: &mut ProfileInForce, free: bool, asked: &mut As
     }
 }
 
-/// A name that fits: the end of a long path.
+/// The profile's name, shortened to the end of a long path.
 fn short(model: &ProfileModel) -> String {
     let text = model.to_string();
     let count = text.chars().count();
