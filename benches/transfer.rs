@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use glam::DVec3;
 use translux::math::random::uniform;
-use translux::math::simd::Level;
+use translux::math::simd::InstructionSet;
 use translux::medium::fresnel::BoundaryFit;
 use translux::medium::material::preset;
 use translux::medium::profile::Profile;
@@ -24,7 +24,7 @@ fn main() {
     let kernel = MediumKernel::of_dipoles(dipoles);
     let free_path = dipoles[1].z_real_mm;
     let mut widest = 0.0;
-    for level in Level::available() {
+    for level in InstructionSet::available() {
         for receivers in [16, 64] {
             let block = block_of(receivers, free_path);
             let pairs = points(&block, receivers, free_path, |b, sources| {
@@ -44,7 +44,7 @@ fn main() {
     }
     // The same dipoles as any profile is evaluated.
     let table = MediumKernel::of_profiles(dipoles.map(|d| Arc::new(d) as Arc<dyn Profile>), 100.0 * free_path);
-    for level in Level::available() {
+    for level in InstructionSet::available() {
         let block = block_of(16, free_path);
         let pairs = points(&block, 16, free_path, |b, sources| {
             table.add_points(level, b, sources);

@@ -287,8 +287,9 @@ fn opaque_parts_have_no_radiosity() {
 fn exitance_at_points_is_that_of_the_vertices() {
     let scene = Shared::Group.scene();
     let lights = vec![every_light(&scene)[1].clone(), probes::constant()];
-    let corners: Vec<MeshPoint> =
-        (0..scene.mesh.triangles.len() as u32).filter_map(|t| MeshPoint::new(&scene.mesh, t, [0.0, 1.0, 0.0])).collect();
+    let corners: Vec<MeshPoint> = (0..scene.mesh.triangles.len() as u32)
+        .filter_map(|t| MeshPoint::new(&scene.mesh, t, [0.0, 1.0, 0.0]))
+        .collect();
     let mut gathered = 0;
     for method in every().into_iter().filter(|m| served(*m, &lights).len() == lights.len()) {
         let mut evaluator = Shared::Group.baked(method);

@@ -8,7 +8,7 @@ use translux::asset::Asset;
 use translux::compress::ledger::Ledger;
 use translux::error::{Error, Result};
 use translux::evaluate::keys::{AnyKey, Keys};
-use translux::evaluate::{AnyForm, AssetParts, BakeSettings, Evaluator, Form, FormEntry, Method};
+use translux::evaluate::{AnyForm, AssetParts, BakeSettings, Evaluator, Form, Method, RegisteredForm};
 use translux::forms::baked_in::{BakedIn, Stored, truth};
 use translux::forms::density::{self, Density};
 use translux::light::{Light, LightKind};
@@ -19,7 +19,7 @@ use translux::transport::receivers::Receivers;
 use translux_format::{Codec, Kind, RawSection, Tag};
 
 /// What a registry takes.
-pub(crate) const ENTRY: FormEntry = FormEntry::of::<Ambient>();
+pub(crate) const ENTRY: RegisteredForm = RegisteredForm::of::<Ambient>();
 
 /// RGB of every source vertex, f32 x 3.
 const TAG: Tag = Tag::from_static("toy.amb");

@@ -23,11 +23,11 @@ const NONE: u32 = u32::MAX;
 pub struct Net {
     /// Index of the point of every row.
     pub point: Vec<u32>,
-    levels: Vec<Level>,
+    levels: Vec<Refinement>,
 }
 
 #[derive(Clone, Debug, Default, PartialEq)]
-struct Level {
+struct Refinement {
     rows: Range<usize>,
     /// Weights of the prediction; the sources are rows.
     weights: Weights,
@@ -73,7 +73,7 @@ impl Net {
                 rows[part].extend(first..first + members.len() as u32);
                 net.point.extend(members);
             }
-            net.levels.push(Level { rows: start..net.point.len(), weights });
+            net.levels.push(Refinement { rows: start..net.point.len(), weights });
         }
         net
     }
@@ -82,7 +82,7 @@ impl Net {
     pub fn unpredicted(points: usize) -> Self {
         let weights =
             Weights { each: SOURCES, sources: vec![NONE; points * SOURCES], values: vec![0.0; points * SOURCES] };
-        Self { point: (0..points as u32).collect(), levels: vec![Level { rows: 0..points, weights }] }
+        Self { point: (0..points as u32).collect(), levels: vec![Refinement { rows: 0..points, weights }] }
     }
 
     /// An earlier row for each row that is likely to be similar; `u32::MAX` where there is none.
@@ -134,7 +134,7 @@ impl Net {
     }
 }
 
-impl Level {
+impl Refinement {
     fn predict(&self, known: &[f32], columns: usize) -> Vec<f32> {
         let mut result = vec![0.0f32; self.rows.len() * columns];
         result.par_chunks_mut(columns).enumerate().for_each(|(row, out)| {

@@ -181,7 +181,7 @@ impl<F: Form> AnyForm for F {
 
 /// A form that assets may have.
 #[derive(Clone, Copy)]
-pub struct FormEntry {
+pub struct RegisteredForm {
     /// Its name in the asset.
     pub name: &'static str,
     /// See [`Form::TAGS`].
@@ -190,7 +190,7 @@ pub struct FormEntry {
     pub read: fn(&RawSection) -> Result<Box<dyn AnyForm>>,
 }
 
-impl FormEntry {
+impl RegisteredForm {
     /// The entry of a form.
     pub const fn of<F: Form>() -> Self {
         Self { name: F::NAME, tags: F::TAGS, read: read::<F> }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use translux_format::metadata::tags;
 
 use super::evaluator::Evaluator;
-use super::form::{AnyForm, BakeSettings, FormEntry};
+use super::form::{AnyForm, BakeSettings, RegisteredForm};
 use super::keys::{AnyKey, Keys};
 use crate::asset::{Asset, Provenance};
 use crate::error::{Error, Result};
@@ -138,7 +138,7 @@ impl Recipe {
 #[derive(Clone, Default)]
 pub struct Registry {
     methods: Vec<&'static dyn Method>,
-    forms: Vec<FormEntry>,
+    forms: Vec<RegisteredForm>,
 }
 
 impl Registry {
@@ -151,7 +151,7 @@ impl Registry {
 
     /// The same with another form.
     #[must_use]
-    pub fn with_form(mut self, form: FormEntry) -> Self {
+    pub fn with_form(mut self, form: RegisteredForm) -> Self {
         self.forms.push(form);
         self
     }
@@ -162,7 +162,7 @@ impl Registry {
     }
 
     /// Every form.
-    pub fn forms(&self) -> &[FormEntry] {
+    pub fn forms(&self) -> &[RegisteredForm] {
         &self.forms
     }
 

@@ -20,5 +20,5 @@ pub use capabilities::{Capabilities, Cost, MaterialEdit, ProfileEdit, SingleScat
 #[cfg(feature = "gpu")]
 pub use evaluator::DeviceEvaluator;
 pub use evaluator::Evaluator;
-pub use form::{AnyForm, AssetParts, BakeSettings, Form, FormEntry, Probes};
+pub use form::{AnyForm, AssetParts, BakeSettings, Form, Probes, RegisteredForm};
 pub use method::{Method, Recipe, Registry};

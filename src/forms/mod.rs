@@ -13,14 +13,14 @@ pub mod rows;
 pub mod sampled_scene;
 pub mod single_scattering;
 
-use crate::evaluate::FormEntry;
+use crate::evaluate::RegisteredForm;
 
 /// Every form of this crate.
-pub const ALL: [FormEntry; 6] = [
-    FormEntry::of::<gathered::Gathered>(),
-    FormEntry::of::<factored::Factored>(),
-    FormEntry::of::<projected::lights::QuantisedLights>(),
-    FormEntry::of::<projected::harmonics::Harmonics>(),
-    FormEntry::of::<rows::DirectionalRows>(),
-    FormEntry::of::<filtered_normals::FilteredNormals>(),
+pub const ALL: [RegisteredForm; 6] = [
+    RegisteredForm::of::<gathered::Gathered>(),
+    RegisteredForm::of::<factored::Factored>(),
+    RegisteredForm::of::<projected::lights::QuantisedLights>(),
+    RegisteredForm::of::<projected::harmonics::Harmonics>(),
+    RegisteredForm::of::<rows::DirectionalRows>(),
+    RegisteredForm::of::<filtered_normals::FilteredNormals>(),
 ];

@@ -14,7 +14,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::math::random::bits;
-use crate::math::simd::{Level, multiversion};
+use crate::math::simd::{InstructionSet, multiversion};
 
 /// A point on a surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -235,7 +235,7 @@ impl Weights {
         let mut grid = Grid::new(cell * (each as f64 / 7.0).sqrt().max(1.0));
         sources.iter().enumerate().for_each(|(i, p)| grid.insert(i as u32, p.at_mm));
         let (count, normal_mm) = (each.min(sources.len()), NORMAL * cell);
-        let level = Level::detect();
+        let level = InstructionSet::detect();
         // Targets of one cell look at the same sources.
         let mut order: Vec<(Cell, u32)> =
             targets.iter().zip(0u32..).map(|(target, index)| (grid.cell(target.at_mm), index)).collect();
@@ -342,7 +342,7 @@ impl Places {
 /// Weights w with sum 1 that minimise the variance of the interpolation under the covariance -sqrt(offset^2 + r^2), r over the
 /// distance of the farthest source.
 fn kriging(
-    level: Level,
+    level: InstructionSet,
     target: &OrientedPoint,
     (sources, near): (&[OrientedPoint], &[u32]),
     (normal_mm, fit): (f64, Kriging),

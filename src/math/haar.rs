@@ -9,12 +9,12 @@
 #[derive(Clone, Debug, PartialEq)]
 pub struct Haar {
     side: usize,
-    levels: Vec<Level>,
+    levels: Vec<Scale>,
 }
 
 /// Rotations of one level; all `[row][column]` of the pairs.
 #[derive(Clone, Debug, PartialEq)]
-struct Level {
+struct Scale {
     size: usize,
     /// Cosine and sine for each horizontal pair: `size` rows of `size / 2`.
     across: [Vec<f32>; 2],
@@ -42,7 +42,7 @@ impl Haar {
                 (0..half).flat_map(|y| rows(y).0.iter().zip(rows(y).1).map(|(a, b)| pair(*a, *b))).collect();
             weights = (0..half).flat_map(|y| rows(y).0.iter().zip(rows(y).1).map(|(a, b)| a + b)).collect();
             let split = |pairs: &[[f32; 2]]| [0, 1].map(|i| pairs.iter().map(|p| p[i]).collect());
-            levels.push(Level { size, across: split(&across), down: split(&down) });
+            levels.push(Scale { size, across: split(&across), down: split(&down) });
             size = half;
         }
         Some(Self { side, levels })

@@ -5,7 +5,7 @@
 
 /// Instruction sets that the kernels are compiled for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Level {
+pub enum InstructionSet {
     /// Instructions that the target guarantees (SSE2 on x86-64, NEON on AArch64).
     Baseline,
     /// AVX2, 8 lanes of f32.
@@ -14,7 +14,7 @@ pub enum Level {
     Avx512,
 }
 
-impl Level {
+impl InstructionSet {
     /// The widest level that this processor runs.
     pub fn detect() -> Self {
         *Self::available().last().unwrap_or(&Self::Baseline)
@@ -68,7 +68,7 @@ pub(crate) fn prefetch<T>(values: &[T], index: usize) {
 macro_rules! multiversion {
     ($(#[$meta:meta])* $vis:vis fn $name:ident ( $($arg:ident : $ty:ty),* $(,)? ) => $body:path) => {
         $(#[$meta])*
-        $vis fn $name(level: $crate::math::simd::Level, $($arg: $ty),*) {
+        $vis fn $name(level: $crate::math::simd::InstructionSet, $($arg: $ty),*) {
             #[cfg(target_arch = "x86_64")]
             {
                 #[target_feature(enable = "avx2")]
@@ -80,11 +80,11 @@ macro_rules! multiversion {
                     $body($($arg),*)
                 }
                 match level {
-                    $crate::math::simd::Level::Baseline => $body($($arg),*),
-                    // SAFETY: `Level::available` found these features on this processor.
-                    $crate::math::simd::Level::Avx2 => unsafe { avx2($($arg),*) },
+                    $crate::math::simd::InstructionSet::Baseline => $body($($arg),*),
+                    // SAFETY: `InstructionSet::available` found these features on this processor.
+                    $crate::math::simd::InstructionSet::Avx2 => unsafe { avx2($($arg),*) },
                     // SAFETY: as above.
-                    $crate::math::simd::Level::Avx512 => unsafe { avx512($($arg),*) },
+                    $crate::math::simd::InstructionSet::Avx512 => unsafe { avx512($($arg),*) },
                 }
             }
             #[cfg(not(target_arch = "x86_64"))]

@@ -268,7 +268,7 @@ impl CosineTransmittance {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::math::simd::Level;
+    use crate::math::simd::InstructionSet;
 
     const ETAS: [f64; 12] = [0.4, 0.5, 1.0 / 1.33, 0.9, 0.999, 1.0, 1.0 + 1e-9, 1.01, 1.3, 1.5, 2.4, 3.0];
 
@@ -312,7 +312,7 @@ mod tests {
     fn many_cosines_enter_as_single_ones_do() {
         for eta in ETAS {
             let all: Vec<f64> = cosines().chain([-1.0, -1e-300, 0.0, 1e-300, 1.0 + 1e-15, f64::NAN]).collect();
-            for level in Level::available() {
+            for level in InstructionSet::available() {
                 let mut entering = all.clone();
                 super::entering(level, eta, &mut entering);
                 for (cosine, entering) in all.iter().zip(&entering) {

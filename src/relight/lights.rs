@@ -48,7 +48,7 @@ pub fn direction_of_degrees(azimuth: f64, elevation: f64) -> DVec3 {
 
 /// A light with its manual changes.
 #[derive(Clone, Debug, PartialEq)]
-pub struct LightEntry {
+pub struct AdjustedLight {
     base: Light,
     /// Azimuth of the light as seen from the pivot, or the rotation of an environment.
     pub azimuth_degrees: f64,
@@ -60,7 +60,7 @@ pub struct LightEntry {
     pub on: bool,
 }
 
-impl LightEntry {
+impl AdjustedLight {
     /// An entry for a light without changes.
     pub fn new(base: Light, pivot_mm: DVec3) -> Self {
         let (azimuth_degrees, elevation_degrees) = match &base {
@@ -140,7 +140,7 @@ fn scale(light: &mut Light, factor: f64) {
 }
 
 /// The lights that are on, turned.
-pub fn shining(entries: &[LightEntry], turn_degrees: f64, pivot_mm: DVec3) -> Vec<Light> {
+pub fn shining(entries: &[AdjustedLight], turn_degrees: f64, pivot_mm: DVec3) -> Vec<Light> {
     entries.iter().filter(|e| e.on).map(|e| e.light(turn_degrees, pivot_mm)).collect()
 }
 
@@ -209,7 +209,7 @@ mod tests {
     #[test]
     fn an_entry_is_its_light_until_somebody_turns_it() {
         for light in all() {
-            let mut entry = LightEntry::new(light.clone(), PIVOT);
+            let mut entry = AdjustedLight::new(light.clone(), PIVOT);
             close(&entry.light(0.0, PIVOT), &light);
             close(&entry.light(77.0, PIVOT), &turned(&light, 77.0, PIVOT));
             let before = entry.light(0.0, PIVOT);
@@ -220,7 +220,7 @@ mod tests {
 
     #[test]
     fn height_and_brightness() {
-        let mut entry = LightEntry::new(all()[1].clone(), PIVOT);
+        let mut entry = AdjustedLight::new(all()[1].clone(), PIVOT);
         entry.turn(0.0, 500.0);
         entry.stops = 1.0;
         let Light::Directional { from, irradiance } = entry.light(0.0, PIVOT) else { panic!("kind") };

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use crate::light::harmonics::to_harmonics;
 use crate::math::cube_map::{FACES, direction, solid_angles_sr, texel_of};
 use crate::math::sh::real_sh;
-use crate::math::simd::{Level, add_scaled, multiversion};
+use crate::math::simd::{InstructionSet, add_scaled, multiversion};
 
 /// Rows that are multiplied together: as many as keep their sums in the 16 registers of AVX2.
 const BATCH: usize = 6;
@@ -100,7 +100,7 @@ impl CubeHarmonics {
 /// Products of rows `[face][row][column]` with the harmonics, a few at a time, written one after the other.
 pub struct Product<'a> {
     harmonics: &'a CubeHarmonics,
-    level: Level,
+    level: InstructionSet,
     /// Number of rows at hand, and of rows already written.
     rows: usize,
     done: usize,
@@ -114,7 +114,7 @@ impl<'a> Product<'a> {
     /// A product without rows.
     pub fn new(harmonics: &'a CubeHarmonics) -> Self {
         let values = harmonics.mirrored.each_ref().map(|texels| vec![[0.0; BATCH]; texels.len()]);
-        Self { harmonics, level: Level::detect(), rows: 0, done: 0, values, sums: Vec::new() }
+        Self { harmonics, level: InstructionSet::detect(), rows: 0, done: 0, values, sums: Vec::new() }
     }
 
     /// Takes the next row; `out` holds `[row][harmonic]` of all of them and is complete after [`Self::finish`].

@@ -16,7 +16,7 @@ use super::sample_light::SampleLight;
 use super::surface::Surface;
 use super::tree::{Cluster, SampleTree, Visit};
 use crate::geometry::samples;
-use crate::math::simd::Level;
+use crate::math::simd::InstructionSet;
 use crate::medium::material::Medium;
 use crate::progress::Progress;
 
@@ -48,7 +48,7 @@ pub struct Gather<'a> {
     tree: &'a SampleTree,
     media: Vec<MediumKernel>,
     near: NearField,
-    level: Level,
+    level: InstructionSet,
 }
 
 /// Light on the samples and in the clusters of the tree.
@@ -87,12 +87,12 @@ impl<'a> Gather<'a> {
         media: Vec<MediumKernel>,
         near: NearField,
     ) -> Self {
-        Self { surface, tree, media, near, level: Level::detect() }
+        Self { surface, tree, media, near, level: InstructionSet::detect() }
     }
 
     /// Uses narrower instructions than this processor offers: the results are the same to the bit.
     #[must_use]
-    pub fn with_level(mut self, level: Level) -> Self {
+    pub fn with_level(mut self, level: InstructionSet) -> Self {
         self.level = level;
         self
     }

@@ -150,13 +150,13 @@ fn results_depend_on_threads_and_instructions_not_at_all_and_on_groups_by_roundi
     let surface = fixture.surface();
     let at_16 = receivers(&fixture, 16);
     for scheme in [Scheme::AllPairs, Scheme::Hierarchical { criterion: Criterion::SolidAngle(0.05) }] {
-        let on = |threads: usize, level: Level| {
+        let on = |threads: usize, level: InstructionSet| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             let gather = Gather::new(&surface, &fixture.tree, &fixture.scene.media, NearField::FAST).with_level(level);
             pool.install(|| gather.radiosity(&at_16, &gather.light(&e), scheme, &Silent))
         };
-        let one = on(1, Level::detect());
-        for level in Level::available() {
+        let one = on(1, InstructionSet::detect());
+        for level in InstructionSet::available() {
             assert_eq!(on(3, level), one, "{level:?} {scheme:?}");
         }
     }

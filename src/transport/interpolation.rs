@@ -4,7 +4,7 @@
 use rayon::prelude::*;
 
 use crate::geometry::scattered::Weights;
-use crate::math::simd::{Level, multiversion};
+use crate::math::simd::{InstructionSet, multiversion};
 
 /// Targets of a run.
 pub const LANES: usize = 16;
@@ -95,7 +95,7 @@ impl SharedWeights {
     }
 
     fn apply_above(&self, least: f32, values: &[[f32; 4]], out: &mut Vec<[f32; 4]>) {
-        let level = Level::detect();
+        let level = InstructionSet::detect();
         out.resize(self.targets, [0.0; 4]);
         out.par_chunks_mut(LANES * RUNS).enumerate().for_each(|(chunk, out)| {
             sums(level, (self, least), chunk * RUNS, values, out);
@@ -199,7 +199,7 @@ mod tests {
         let mut constant = Vec::new();
         shared.apply(&[[2.0; 4]; 90], &mut constant);
         assert!(constant.iter().all(|v| (v[0] - 2.0).abs() < 2.5e-4), "{constant:?}");
-        for level in Level::available() {
+        for level in InstructionSet::available() {
             let mut same = vec![[0.0; 4]; 1000];
             sums(level, (&shared, 0.0), 0, &values, &mut same);
             assert_eq!(same, found);

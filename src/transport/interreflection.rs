@@ -20,7 +20,7 @@ use super::surface::Surface;
 use crate::geometry::bvh::{Hit, Ray, offset_origin};
 use crate::geometry::samples::{Facet, area};
 use crate::math::random::{bits, radical_inverse_2};
-use crate::math::simd::{Level, multiversion};
+use crate::math::simd::{InstructionSet, multiversion};
 use crate::medium::fresnel::{CosineTransmittance, transmittance};
 use crate::progress::Progress;
 use crate::transport::domain::Domain;
@@ -184,7 +184,7 @@ impl InterReflection {
     pub fn apply_rows(&self, rows: &[f32], columns: usize) -> Vec<f32> {
         let mut out = vec![0.0; self.samples() * columns];
         if columns > 0 {
-            let level = Level::detect();
+            let level = InstructionSet::detect();
             out.par_chunks_mut(SAMPLES_OF_A_TASK * columns).enumerate().for_each(|(task, out)| {
                 sums(level, self, task * SAMPLES_OF_A_TASK, rows, columns, out);
             });

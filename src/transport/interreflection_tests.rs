@@ -255,7 +255,7 @@ fn rows_of_any_width_have_the_sums_of_single_columns_on_every_level() {
                 assert!((f64::from(found[sample * columns + column]) - expected.x).abs() < 2e-6, "{sample} {column}");
             }
         }
-        for level in Level::available() {
+        for level in InstructionSet::available() {
             let mut same = vec![1.0; found.len()];
             sums(level, &matrix, 0, &rows, columns, &mut same);
             assert_eq!(same, found);

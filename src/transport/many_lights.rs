@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use super::gather::{Criterion, Gather, Scheme, Source};
 use super::receivers::{Group, ProbePoints, Receivers};
 use super::tree::SampleTree;
-use crate::math::simd::{Level, add_scaled, multiversion};
+use crate::math::simd::{InstructionSet, add_scaled, multiversion};
 use crate::math::statistics::VertexError;
 use crate::progress::Progress;
 
@@ -76,13 +76,13 @@ pub struct ManyLights<'a> {
     receivers: &'a Receivers,
     areas: &'a [f64],
     scheme: Scheme,
-    level: Level,
+    level: InstructionSet,
 }
 
 impl<'a> ManyLights<'a> {
     /// The transfer by all pairs until [`Self::tune`]; `areas` are those around the receivers.
     pub fn new(gather: &'a Gather<'a>, tree: &'a SampleTree, receivers: &'a Receivers, areas: &'a [f64]) -> Self {
-        Self { gather, tree, receivers, areas, scheme: Scheme::AllPairs, level: Level::detect() }
+        Self { gather, tree, receivers, areas, scheme: Scheme::AllPairs, level: InstructionSet::detect() }
     }
 
     /// The gather that computes the transfer.
@@ -112,7 +112,7 @@ impl<'a> ManyLights<'a> {
 
     /// Uses narrower instructions than this processor offers: the results are the same to the bit.
     #[must_use]
-    pub fn with_level(mut self, level: Level) -> Self {
+    pub fn with_level(mut self, level: InstructionSet) -> Self {
         self.level = level;
         self
     }
@@ -282,7 +282,7 @@ impl Product {
         self.sources += 1;
     }
 
-    fn multiply(&mut self, level: Level) {
+    fn multiply(&mut self, level: InstructionSet) {
         multiply(level, self);
         self.sources = 0;
     }

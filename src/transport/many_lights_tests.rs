@@ -87,7 +87,7 @@ fn every_level_gives_the_same_bits() {
             ManyLights::new(gather, &fixture.tree, receivers, &areas).with_level(level).radiosity(&all, &Silent)
         })
     };
-    let levels = Level::available();
+    let levels = InstructionSet::available();
     for level in &levels[1..] {
         assert_eq!(of_level(*level), of_level(levels[0]));
     }

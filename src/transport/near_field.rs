@@ -19,7 +19,7 @@ use super::sample_light::SampleLight;
 use super::surface::Surface;
 use crate::geometry::mesh::Mesh;
 use crate::geometry::samples::{self, Patch, Samples};
-use crate::math::simd::Level;
+use crate::math::simd::InstructionSet;
 use crate::medium::dipole::Dipole;
 use crate::medium::softened::Softened;
 use crate::progress::Progress;
@@ -98,7 +98,7 @@ pub struct Near<'a> {
     media: Vec<NearKernel>,
     rule: NearField,
     split_mm: f64,
-    level: Level,
+    level: InstructionSet,
 }
 
 /// Samples that some receiver of a group is near to, side by side; positions relative to the group's centre, mm.
@@ -149,7 +149,7 @@ impl<'a> Near<'a> {
         let largest = surface.patches.iter().map(|p| p.radius_mm).fold(0.0, f64::max);
         let reach = split_mm.max((rule.three_points_below + 1.0) * largest);
         let media = media.iter().map(|m| NearKernel::new(m, split_mm, reach)).collect();
-        Self { surface, around, corners, media, rule, split_mm, level: Level::detect() }
+        Self { surface, around, corners, media, rule, split_mm, level: InstructionSet::detect() }
     }
 
     /// Adds the near field of one irradiance for each sample, RGB, to the radiosity of every receiver. `pieces` are those of
@@ -365,7 +365,7 @@ pub fn far_all_pairs(
                 points.push(r2, light.flux(sample, patch).as_vec3().to_array());
             }
             let mut sums = [0.0; 3];
-            near::add_points(Level::detect(), &table, &points, &mut sums);
+            near::add_points(InstructionSet::detect(), &table, &points, &mut sums);
             light.radiosity(DVec3::from_array(sums))
         };
         receivers.positions[group.run.range()].iter().map(|&p| of_receiver(p)).collect::<Vec<_>>()

@@ -22,7 +22,7 @@ use super::near_field::Corners;
 use super::near_rule::NearField;
 use super::receivers::{Group, Receivers};
 use super::surface::Surface;
-use crate::math::simd::{Level, multiversion, prefetch};
+use crate::math::simd::{InstructionSet, multiversion, prefetch};
 use crate::progress::Progress;
 
 /// Receivers side by side.
@@ -218,7 +218,7 @@ impl NearRings {
             rest = others;
             jobs.push((group, block, mine));
         }
-        let (level, scale) = (Level::detect(), moments.scale.recip() * rgb);
+        let (level, scale) = (InstructionSet::detect(), moments.scale.recip() * rgb);
         jobs.into_par_iter().with_min_len(64).for_each(|(group, block, out)| {
             let Some(coefficients) = of_group(group) else { return };
             let mut sums = [[0.0; LANES]; 3];
@@ -232,7 +232,7 @@ impl NearRings {
 
 /// Adds light to the columns of one group, `[column][channel][receiver]`. Light of each numbered sample: some channels of its
 /// irradiance, and the same times its area.
-type Gather<const C: usize, const L: usize> = fn(Level, &Seen, &[[f32; L]], &mut [[f32; LANES]]);
+type Gather<const C: usize, const L: usize> = fn(InstructionSet, &Seen, &[[f32; L]], &mut [[f32; LANES]]);
 
 /// The columns of one group, itself, and what it sees.
 type Columned<'a> = (&'a mut [[f32; LANES]], (&'a Group, &'a Vec<Seen>));
@@ -261,7 +261,7 @@ impl Gathering<'_> {
         };
         let light: Vec<[f32; L]> = self.irradiance.par_iter().zip(&self.rings.areas).map(of_sample).collect();
         let mut blocks = vec![[0.0; LANES]; self.receivers.groups.len() * COLUMNS * C];
-        let level = Level::detect();
+        let level = InstructionSet::detect();
         let groups = self.receivers.groups.par_iter().zip(&self.rings.groups);
         let of_group = |(uneven, around): &mut (Vec<u32>, Vec<[f32; L]>), (index, columned): (usize, Columned)| {
             let (block, (group, seen)) = columned;

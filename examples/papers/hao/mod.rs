@@ -11,7 +11,7 @@ mod settings;
 mod simplify;
 mod values;
 
-use translux::evaluate::{FormEntry, Registry};
+use translux::evaluate::{RegisteredForm, Registry};
 
 pub(crate) use settings::{ChosenBy, Encoding, Integral, VertexValues};
 
@@ -20,6 +20,6 @@ pub(crate) const METHOD: &str = "hao_varshney";
 
 /// The methods and forms of the crate, and the paper's.
 pub(crate) fn registry() -> Registry {
-    let with_values = translux::methods::built_in().with_form(FormEntry::of::<VertexValues>());
-    with_values.with_form(FormEntry::of::<bleeding::NeighbourLists>()).with_method(&method::HaoVarshney)
+    let with_values = translux::methods::built_in().with_form(RegisteredForm::of::<VertexValues>());
+    with_values.with_form(RegisteredForm::of::<bleeding::NeighbourLists>()).with_method(&method::HaoVarshney)
 }

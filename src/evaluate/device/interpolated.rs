@@ -44,13 +44,13 @@ struct RunsOfShard {
 }
 
 /// A stage of the evaluation: pipeline, buffers, and shards that fit the adapter's bindings, each with its workgroups.
-pub(crate) struct Stage {
+pub(crate) struct ComputePass {
     pub(crate) pipeline: wgpu::ComputePipeline,
     pub(crate) bind_group: wgpu::BindGroup,
     pub(crate) shards: Vec<(wgpu::BindGroup, u32)>,
 }
 
-impl Stage {
+impl ComputePass {
     pub(crate) fn run(&self, device: &Device) {
         let shards = self.shards.iter().map(|(group, count)| (group, *count));
         dispatch(device, &self.pipeline, &self.bind_group, shards);
@@ -75,8 +75,8 @@ pub struct InterpolatedOnDevice {
     factors: wgpu::Buffer,
     rows: usize,
     radiosity: wgpu::Buffer,
-    products: Stage,
-    interpolation: Stage,
+    products: ComputePass,
+    interpolation: ComputePass,
 }
 
 impl InterpolatedOnDevice {
@@ -101,7 +101,7 @@ impl InterpolatedOnDevice {
         let calls = &device.device;
         let first = bind_group_layout(calls, "columns", &[READ, WRITE, READ]);
         let second = bind_group_layout(calls, "rows of coefficients", &[UNIFORM, READ]);
-        let products = Stage {
+        let products = ComputePass {
             pipeline: pipeline(calls, include_str!("products.wgsl"), "products", [&first, &second]),
             bind_group: bind(calls, &first, [&columns, &references, &factors].into_iter()),
             shards: shards_of_rows(device, coefficients, width, &second)?,
@@ -178,14 +178,14 @@ impl Interpolation {
         weights: &SharedWeights,
         from_and_to: [&wgpu::Buffer; 2],
         signed_from: Option<u32>,
-    ) -> Result<Stage> {
+    ) -> Result<ComputePass> {
         check_turns(longest(weights))?;
         let shard = RunsOfShard {
             first_receiver: signed_from.unwrap_or(0),
             is_signed: u32::from(signed_from.is_some()),
             ..RunsOfShard::zeroed()
         };
-        Ok(Stage {
+        Ok(ComputePass {
             pipeline: self.pipeline.clone(),
             bind_group: bind(&device.device, &self.values, from_and_to.into_iter()),
             shards: shards_of_runs(device, weights, &self.weights, (RUNS, shard))?,
@@ -215,14 +215,14 @@ pub(crate) fn expansion(
     device: &Device,
     weights: &SharedWeights,
     (stored, terms): (&wgpu::Buffer, usize),
-) -> Result<(Stage, wgpu::Buffer)> {
+) -> Result<(ComputePass, wgpu::Buffer)> {
     check_turns(longest(weights))?;
     let expanded = device.zeros("far radiosity of the receivers", 12 * (weights.targets() * terms) as u64)?;
     let calls = &device.device;
     let first = bind_group_layout(calls, "far radiosity", &[READ, WRITE]);
     let second = bind_group_layout(calls, "weights", &[UNIFORM, READ, READ, READ]);
     let shard = RunsOfShard { terms: terms as u32, ..RunsOfShard::zeroed() };
-    let stage = Stage {
+    let stage = ComputePass {
         pipeline: pipeline(calls, include_str!("expanded.wgsl"), "expand", [&first, &second]),
         bind_group: bind(calls, &first, [stored, &expanded].into_iter()),
         shards: shards_of_runs(device, weights, &second, (RUNS_OF_EXPANSION, shard))?,
@@ -238,14 +238,14 @@ pub(crate) fn filling(
     device: &Device,
     (functions, receivers, weights): (u16, &[u32], &SharedWeights),
     (values, terms): (&wgpu::Buffer, usize),
-) -> Result<Stage> {
+) -> Result<ComputePass> {
     check_turns(longest(weights))?;
     let calls = &device.device;
     let receivers = device.storage("receivers without functions", receivers)?;
     let first = bind_group_layout(calls, "far radiosity and receivers", &[WRITE, READ]);
     let second = bind_group_layout(calls, "weights", &[UNIFORM, READ, READ, READ]);
     let shard = RunsOfShard { terms: terms as u32, functions: functions.into(), ..RunsOfShard::zeroed() };
-    Ok(Stage {
+    Ok(ComputePass {
         pipeline: pipeline(calls, include_str!("filled.wgsl"), "fill", [&first, &second]),
         bind_group: bind(calls, &first, [values, &receivers].into_iter()),
         shards: shards_of_runs(device, weights, &second, (RUNS_OF_EXPANSION, shard))?,

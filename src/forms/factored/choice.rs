@@ -39,7 +39,7 @@ pub(super) struct Choice {
 }
 
 /// One coefficient of one function.
-struct Entry {
+struct Coefficient {
     /// Square, summed over the receivers of the group.
     significance2: f64,
     node: u32,
@@ -78,7 +78,7 @@ impl Choice {
             .into_iter()
             .map(|of| Class::new((scene, ordered, form), of, &trial, (&materials, lights)))
             .collect();
-        let lose = |lost: &mut [FarRadiosity], light: &Tuning, entry: &Entry| {
+        let lose = |lost: &mut [FarRadiosity], light: &Tuning, entry: &Coefficient| {
             let class = &classes[entry.class as usize];
             let run = class.of.subset.receivers.groups[entry.group as usize].run;
             let detail = f64::from(light.details.details[entry.node as usize][0]) * light.details.scale;
@@ -92,17 +92,17 @@ impl Choice {
         let below_the_floor = |light: &Tuning| -> Vec<FarRadiosity> {
             let nothing = |class: &Class| vec![vec![0.0; basis.terms()]; class.of.subset.receivers.len()];
             let mut lost: Vec<FarRadiosity> = classes.iter().map(nothing).collect();
-            let small = |e: &Entry| e.significance2 < floor2;
+            let small = |e: &Coefficient| e.significance2 < floor2;
             classes.iter().zip(0..).for_each(|(class, index)| {
                 class.entries(transport, index).filter(small).for_each(|e| lose(&mut lost, light, &e));
             });
             lost
         };
         let mut lost: Vec<Vec<FarRadiosity>> = lights.par_iter().map(below_the_floor).collect();
-        let large = |(class, index): (&Class, u32)| -> Vec<Entry> {
+        let large = |(class, index): (&Class, u32)| -> Vec<Coefficient> {
             class.entries(transport, index).filter(|e| e.significance2 >= floor2).collect()
         };
-        let mut entries: Vec<Entry> = classes.iter().zip(0..).flat_map(large).collect();
+        let mut entries: Vec<Coefficient> = classes.iter().zip(0..).flat_map(large).collect();
         // Ties in the order of the groups: the same on any number of threads.
         entries.par_sort_by(|a, b| a.significance2.total_cmp(&b.significance2));
         let mut threshold = floor;
@@ -187,7 +187,7 @@ impl Class {
     }
 
     /// Every coefficient.
-    fn entries<'a>(&'a self, transport: &'a FarTransport, class: u32) -> impl Iterator<Item = Entry> + 'a {
+    fn entries<'a>(&'a self, transport: &'a FarTransport, class: u32) -> impl Iterator<Item = Coefficient> + 'a {
         let terms = transport.spread.len();
         self.rows.iter().zip(0..).flat_map(move |(rows, group)| {
             let of_row = move |(&node, &mask): (&u32, &u16)| {
@@ -196,7 +196,7 @@ impl Class {
             let entry = move |((row, values), (node, k)): ((u32, &[f32; LANES]), (u32, usize))| {
                 let gain = transport.spread[k] * f64::from(transport.expected[node as usize]);
                 let squares = values.iter().map(|v| (f64::from(*v) * gain).powi(2));
-                Entry { significance2: squares.sum(), node, k: k as u32, class, group, row }
+                Coefficient { significance2: squares.sum(), node, k: k as u32, class, group, row }
             };
             (0..).zip(&rows.values).zip(rows.nodes.iter().zip(&rows.masks).flat_map(of_row)).map(entry)
         })

@@ -17,7 +17,7 @@ use crate::forms::environment_rows::StoredRows;
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::{self, Patch, Samples};
 use crate::light::Light;
-use crate::math::simd::Level;
+use crate::math::simd::InstructionSet;
 use crate::math::statistics::VertexError;
 use crate::medium::profile_basis::ProfileBasis;
 use crate::progress::{Progress, Silent};
@@ -149,7 +149,7 @@ impl FactoredEvaluator {
         progress.start("far field", self.far.groups.len() as u64);
         let range = LightRange::new(&irradiance, pieces.deviations());
         let details = LightDetails::of_range(&self.samples, &self.patches, &irradiance, range);
-        let far = FarSums::new(Level::detect(), (&self.far, &self.order, &self.points.fills), &details);
+        let far = FarSums::new(InstructionSet::detect(), (&self.far, &self.order, &self.points.fills), &details);
         let mut lit = Lit { irradiance, pieces, range, far, moments: None };
         self.gather_rings(&mut lit);
         progress.finish();

@@ -8,7 +8,7 @@ use translux_format::far_field::{FarField, LANES};
 use super::far_sums::Fill;
 use crate::error::{Error, Result};
 use crate::evaluate::device::Device;
-use crate::evaluate::device::interpolated::{Stage, expansion, filling};
+use crate::evaluate::device::interpolated::{ComputePass, expansion, filling};
 use crate::evaluate::device::jobs::MOST_TURNS_OF_SOFTWARE;
 use crate::evaluate::device::surface::{READ, UNIFORM, WRITE, bind, bind_group_layout, dispatch, pipeline, uniform};
 use crate::evaluate::device::tree::TreeOnDevice;
@@ -56,9 +56,9 @@ pub(super) struct FarOnDevice {
     bind_group: wgpu::BindGroup,
     shards: Vec<(wgpu::BindGroup, u32)>,
     /// What receivers take of functions that their own rows have not.
-    fills: Vec<Stage>,
+    fills: Vec<ComputePass>,
     /// From the points that it is stored at to the receivers, and what is there.
-    expansion: Option<(Stage, wgpu::Buffer)>,
+    expansion: Option<(ComputePass, wgpu::Buffer)>,
 }
 
 impl FarOnDevice {

@@ -5,7 +5,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 use translux_format::far_field::{FarField, LANES, over_lanes};
 
-use crate::math::simd::{Level, add_scaled, multiversion};
+use crate::math::simd::{InstructionSet, add_scaled, multiversion};
 use crate::transport::balanced_tree::LightDetails;
 use crate::transport::interpolation::SharedWeights;
 use crate::transport::light_range::CommonColour;
@@ -102,7 +102,7 @@ impl ByFunction {
 impl FarSums {
     /// Of one light. Without fills there are the values of each row, 0 of the functions that its group has not.
     pub(super) fn new(
-        level: Level,
+        level: InstructionSet,
         (far, order, fills): (&FarField, &ByFunction, &[Fill]),
         light: &LightDetails,
     ) -> Self {
@@ -322,7 +322,7 @@ mod tests {
     #[test]
     fn sums_are_those_of_the_specification() {
         let (far, light) = (field(), light());
-        let sums = FarSums::new(Level::detect(), (&far, &ByFunction::new(&far), &[]), &light);
+        let sums = FarSums::new(InstructionSet::detect(), (&far, &ByFunction::new(&far), &[]), &light);
         let (mut receiver, mut coefficient, mut used) = (0, 0, [0, 0]);
         for group in &far.groups {
             let first = used;
@@ -359,9 +359,9 @@ mod tests {
         let order = ByFunction::new(&far);
         let rgb = [0.5, 1.0, 0.25];
         light.details.iter_mut().chain(&mut light.means).for_each(|e| *e = rgb.map(|c| c * e[1]));
-        let three = FarSums::new(Level::detect(), (&far, &order, &[]), &light);
+        let three = FarSums::new(InstructionSet::detect(), (&far, &order, &[]), &light);
         light.colour = Some(CommonColour { channel: 1, rgb: rgb.map(f64::from).into() });
-        let one = FarSums::new(Level::detect(), (&far, &order, &[]), &light);
+        let one = FarSums::new(InstructionSet::detect(), (&far, &order, &[]), &light);
         for (one, three) in one.values.as_flattened().iter().zip(three.values.as_flattened()) {
             assert!((one - three).abs() <= 1e-5 * three.abs(), "{one} {three}");
         }
@@ -374,8 +374,8 @@ mod tests {
         let weights =
             Weights { each: 2, sources: vec![0, 3, 2, 2, 5, 4], values: vec![0.25, 0.75, 1.5, -0.5, 1.0, 0.0] };
         let fill = Fill { functions: 0b101, receivers: vec![16, 17, 20], weights: SharedWeights::new(&weights) };
-        let plain = FarSums::new(Level::detect(), (&far, &order, &[]), &light);
-        let filled = FarSums::new(Level::detect(), (&far, &order, std::slice::from_ref(&fill)), &light);
+        let plain = FarSums::new(InstructionSet::detect(), (&far, &order, &[]), &light);
+        let filled = FarSums::new(InstructionSet::detect(), (&far, &order, std::slice::from_ref(&fill)), &light);
         for receiver in 0..21 {
             for k in 0..3 {
                 let own = plain.value(receiver, k);
@@ -394,9 +394,9 @@ mod tests {
         let rgb = [0.5, 1.0, 0.25];
         let mut light = light;
         light.details.iter_mut().chain(&mut light.means).for_each(|e| *e = rgb.map(|c| c * e[1]));
-        let three = FarSums::new(Level::detect(), (&far, &order, std::slice::from_ref(&fill)), &light);
+        let three = FarSums::new(InstructionSet::detect(), (&far, &order, std::slice::from_ref(&fill)), &light);
         light.colour = Some(CommonColour { channel: 1, rgb: rgb.map(f64::from).into() });
-        let one = FarSums::new(Level::detect(), (&far, &order, &[fill]), &light);
+        let one = FarSums::new(InstructionSet::detect(), (&far, &order, &[fill]), &light);
         for (one, three) in one.values.as_flattened().iter().zip(three.values.as_flattened()) {
             assert!((one - three).abs() <= 1e-5 * three.abs(), "{one} {three}");
         }
@@ -406,8 +406,8 @@ mod tests {
     fn every_instruction_set_gives_the_same_bits_and_materials_combine_linearly() {
         let (far, light) = (field(), light());
         let order = ByFunction::new(&far);
-        let sums = FarSums::new(Level::Baseline, (&far, &order, &[]), &light);
-        for level in Level::available() {
+        let sums = FarSums::new(InstructionSet::Baseline, (&far, &order, &[]), &light);
+        for level in InstructionSet::available() {
             assert_eq!(FarSums::new(level, (&far, &order, &[]), &light).values, sums.values, "{level:?}");
         }
         let coefficients = [vec![1.0, 0.0, 0.0], vec![0.0, 2.0, 0.0], vec![0.5, 0.0, -1.0]];

@@ -17,7 +17,7 @@ use crate::evaluate::sampling_error::Sampled;
 use crate::evaluate::stages::{of_kinds, worst};
 use crate::forms::environment_rows::BY_RAYS;
 use crate::light::Light;
-use crate::math::simd::Level;
+use crate::math::simd::InstructionSet;
 use crate::math::statistics::VertexError;
 use crate::medium::profile_basis::ProfileBasis;
 use crate::progress::Progress;
@@ -46,7 +46,7 @@ pub(super) struct Baked<'a> {
 }
 
 /// Far radiosity of each basis function at each receiver under the first channel of a light, after each stage.
-struct Stages {
+struct AfterStages {
     exact: FarRadiosity,
     integrated: FarRadiosity,
     truncated: FarRadiosity,
@@ -153,7 +153,7 @@ impl Baked<'_> {
     /// Errors under one light, the worst of all materials. What a vertex sums of rows with unlike functions errs on its own.
     fn under(&self, measured: &[Measured], materials: &[Projected], (light, irradiance): (usize, &[DVec3])) -> Errors {
         let details = LightDetails::new(&self.ordered.samples, &self.ordered.patches, irradiance);
-        let stored = FarSums::new(Level::detect(), (self.far, &ByFunction::new(self.far), &[]), &details);
+        let stored = FarSums::new(InstructionSet::detect(), (self.far, &ByFunction::new(self.far), &[]), &details);
         let mut of_materials = vec![Errors::default(); materials.len()];
         for (class, measured) in measured.iter().enumerate() {
             let near = measured.near.under(irradiance);
@@ -190,7 +190,7 @@ impl Baked<'_> {
         materials.iter().zip(near).map(of_material).collect()
     }
 
-    fn stages(&self, measured: &Measured, light: usize, (details, stored): (&LightDetails, &FarSums)) -> Stages {
+    fn stages(&self, measured: &Measured, light: usize, (details, stored): (&LightDetails, &FarSums)) -> AfterStages {
         let Measured { of: OfFunctions { subset, functions }, everything, kept, exact, .. } = measured;
         let (terms, exact) = (self.basis.terms(), exact[light].clone());
         let of_rows = |mut values: FarRadiosity| {
@@ -200,7 +200,7 @@ impl Baked<'_> {
             values
         };
         let quantised = |&row: &u32| (0..terms).map(|k| stored.value(row as usize, k).x).collect();
-        Stages {
+        AfterStages {
             integrated: of_rows(subset.rebuilt(everything, terms, details)),
             truncated: of_rows(subset.rebuilt(kept, terms, details)),
             quantised: of_rows(subset.points.indices.iter().map(quantised).collect()),
@@ -209,7 +209,7 @@ impl Baked<'_> {
     }
 }
 
-impl Stages {
+impl AfterStages {
     /// Errors in one material, each stage as if all before it had been exact; the basis is none of them.
     fn errors(&self, material: &Projected, near: Vec<DVec3>, points: &ProbePoints) -> Errors {
         let combined = |values: &FarRadiosity| material.add(values, vec![DVec3::ZERO; near.len()]);

@@ -2,7 +2,7 @@
 use super::*;
 use crate::error::ExitCode;
 use crate::forms::factored::far_sums::{ByFunction, FarSums};
-use crate::math::simd::Level;
+use crate::math::simd::InstructionSet;
 use crate::transport::balanced_tree::LightDetails;
 use translux_format::far_field as file;
 
@@ -95,7 +95,7 @@ fn points_without_a_function_take_it_from_those_that_have_it_also_when_read_agai
     let details = LightDetails { details: vec![[0.0; 3]; 2], means: vec![[1.0; 3]; 2], scale: 1.0, colour: None };
     for points in [&points, &read] {
         let order = ByFunction::new(&far);
-        let sums = FarSums::new(Level::detect(), (&far, &order, &points.fills), &details);
+        let sums = FarSums::new(InstructionSet::detect(), (&far, &order, &points.fills), &details);
         for (i, &at) in points.receivers.positions.iter().enumerate() {
             for k in 0..3 {
                 let error = (sums.value(i, k).x - smooth(at, k)).abs();

@@ -4,7 +4,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::geometry::samples::{Patch, Samples};
-use crate::math::simd::{Level, multiversion};
+use crate::math::simd::{InstructionSet, multiversion};
 use crate::medium::profile_basis::Table;
 use crate::transport::far_field::TERMS;
 use crate::transport::receivers::Receivers;
@@ -90,7 +90,7 @@ pub(super) fn all_pairs(
     irradiances: &[&[DVec3]],
 ) -> Vec<FarRadiosity> {
     let (terms, lights) = (table.terms(), irradiances.len());
-    let level = Level::detect();
+    let level = InstructionSet::detect();
     let of_source = |(index, patch): (usize, &Patch)| {
         let area = patch.area_mm2;
         irradiances.iter().map(move |irradiance| irradiance[index].x * area)

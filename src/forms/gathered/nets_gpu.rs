@@ -8,7 +8,7 @@ use glam::{DVec3, Vec3};
 
 use super::lit_samples::GatheredEvaluator;
 use crate::error::{Error, Result};
-use crate::evaluate::device::interpolated::{Interpolation, Stage, check_turns, cut};
+use crate::evaluate::device::interpolated::{ComputePass, Interpolation, check_turns, cut};
 use crate::evaluate::device::jobs::{Effort, Entries, Shard, shards};
 use crate::evaluate::device::surface::{
     Geometry, GpuTable, READ, SurfaceBuffers, UNIFORM, WRITE, bind, bind_group_layout, dispatch, pipeline, shader,
@@ -78,15 +78,15 @@ pub(super) struct NetsOnDevice {
 
 /// The nets of a part, finest first.
 struct PartOnDevice {
-    levels: Vec<Level>,
-    to_receivers: Stage,
+    levels: Vec<NetPasses>,
+    to_receivers: ComputePass,
 }
 
-struct Level {
-    restriction: Stage,
+struct NetPasses {
+    restriction: ComputePass,
     /// From the next coarser net.
-    prolongation: Option<Stage>,
-    sums: Stage,
+    prolongation: Option<ComputePass>,
+    sums: ComputePass,
     table: wgpu::Buffer,
     segments: wgpu::Buffer,
     is_nothing: bool,
@@ -324,7 +324,7 @@ impl Shaders {
             let segments = device.storage("softened kernel", table.table.segments().2.as_flattened())?;
             let bound = [&charges[index], &potentials[index], &points, &header, &segments];
             let sums = self.smoothed(device, net, bound)?;
-            levels.push(Level { restriction, prolongation, sums, table: header, segments, is_nothing: false });
+            levels.push(NetPasses { restriction, prolongation, sums, table: header, segments, is_nothing: false });
         }
         let nothing = device.zeros("no potential", 16)?;
         let from = potentials.first().unwrap_or(&nothing);
@@ -338,7 +338,7 @@ impl Shaders {
         device: &Device,
         (rows, first): (&Adjoint, usize),
         bound: [&wgpu::Buffer; 2],
-    ) -> Result<Stage> {
+    ) -> Result<ComputePass> {
         let offsets: Vec<u32> = rows.offsets.iter().map(|&o| o as u32).collect();
         check_turns(offsets.windows(2).map(|w| (w[1] - w[0]) as usize).max().unwrap_or(0) / INVOCATIONS + INVOCATIONS)?;
         let binding = device.largest_binding() as usize;
@@ -357,10 +357,10 @@ impl Shaders {
             shards.push((group, range.len().div_ceil(ROWS) as u32));
         }
         let bind_group = bind(&device.device, &self.restriction[0], bound.into_iter());
-        Ok(Stage { pipeline: self.restricted.clone(), bind_group, shards })
+        Ok(ComputePass { pipeline: self.restricted.clone(), bind_group, shards })
     }
 
-    fn smoothed(&self, device: &Device, net: &Net, bound: [&wgpu::Buffer; 5]) -> Result<Stage> {
+    fn smoothed(&self, device: &Device, net: &Net, bound: [&wgpu::Buffer; 5]) -> Result<ComputePass> {
         let (offsets, around) = net.around.flat();
         let offsets: Vec<u32> = offsets.iter().map(|&o| o as u32).collect();
         check_turns(offsets.windows(2).map(|w| (w[1] - w[0]) as usize).max().unwrap_or(0) / SLICES + 1)?;
@@ -378,7 +378,7 @@ impl Shaders {
             shards.push((bind(&device.device, &self.sums[1], work.iter()), range.len() as u32));
         }
         let bind_group = bind(&device.device, &self.sums[0], bound.into_iter());
-        Ok(Stage { pipeline: self.smoothed.clone(), bind_group, shards })
+        Ok(ComputePass { pipeline: self.smoothed.clone(), bind_group, shards })
     }
 }
 

@@ -14,7 +14,7 @@ use crate::error::{Error, Result};
 use crate::forms::projected::references::{ascending_rows, weights};
 use crate::forms::sampled_scene::{oriented, parts};
 use crate::light::Light;
-use crate::math::simd::{Level, multiversion};
+use crate::math::simd::{InstructionSet, multiversion};
 use crate::scene::Scene;
 use crate::transport::balanced_tree::power_of_two_near;
 use crate::transport::interpolation::SharedWeights;
@@ -243,7 +243,7 @@ impl Transport {
 
     fn products_of(&self, parts: &[Part], values: &mut Vec<[f32; 4]>) {
         values.resize(self.coefficients.len() / self.columns.max(1), [0.0; 4]);
-        let level = Level::detect();
+        let level = InstructionSet::detect();
         let rows = self.coefficients.par_chunks((self.columns * CHUNK).max(1));
         values.par_chunks_mut(CHUNK).zip(rows).enumerate().for_each(|(chunk, (out, rows))| {
             let mut own = [[0.0f32; 4]; CHUNK];
@@ -380,13 +380,13 @@ impl LightFunctions {
 }
 
 /// Adds rows with their weights to sums.
-type AddRows<T> = fn(Level, &mut [f64], &[(f64, &[T])]);
+type AddRows<T> = fn(InstructionSet, &mut [f64], &[(f64, &[T])]);
 
 /// Sums of rows of `width` with these weights.
 fn sums<T: Sync>(weights: &[f64], rows: &[T], width: usize, add: AddRows<T>) -> Vec<f64> {
     let rows = weights.iter().zip(rows.chunks_exact(width.max(1)));
     let rows: Vec<(f64, &[T])> = rows.map(|(w, row)| (*w, row)).filter(|(w, _)| *w != 0.0).collect();
-    let level = Level::detect();
+    let level = InstructionSet::detect();
     let of_chunk = |rows: &[(f64, &[T])]| {
         let mut sums = vec![0.0; width];
         add(level, &mut sums, rows);

@@ -6,7 +6,7 @@
 
 use std::ops::Range;
 
-use crate::math::simd::Level;
+use crate::math::simd::InstructionSet;
 
 /// Columns of a group are padded to whole registers.
 pub(crate) const LANES: usize = 16;
@@ -133,7 +133,7 @@ fn one_colour([r, g, b]: [&[f32]; 3]) -> Option<(Vec<f32>, [f32; 3])> {
 }
 
 /// Fills `out` with what the terms make of rows of digits: RGB and nothing.
-pub(crate) fn products(level: Level, out: &mut [[f32; 4]], rows: &[i8], width: usize, terms: &[Term]) {
+pub(crate) fn products(level: InstructionSet, out: &mut [[f32; 4]], rows: &[i8], width: usize, terms: &[Term]) {
     for (out, rows) in out.chunks_mut(ROWS).zip(rows.chunks((ROWS * width).max(1))) {
         // Beyond the last row it is taken again.
         let row = |i: usize| rows.get(i * width..(i + 1) * width).unwrap_or(&rows[..width.min(rows.len())]);
@@ -151,7 +151,7 @@ pub(crate) fn products(level: Level, out: &mut [[f32; 4]], rows: &[i8], width: u
 
 impl Term {
     /// Sums of the cells of some rows times their numbers.
-    fn sums(&self, level: Level, rows: [&[i8]; ROWS]) -> [f32; ROWS] {
+    fn sums(&self, level: InstructionSet, rows: [&[i8]; ROWS]) -> [f32; ROWS] {
         let cells = rows.map(|row| row.get(self.cells.clone()).unwrap_or(&[]));
         let mut sums = [0.0f32; ROWS];
         for (chunk, numbers) in self.numbers.chunks(CELLS).enumerate() {
@@ -165,11 +165,11 @@ impl Term {
 }
 
 /// Products of [`LANES`] cells at a time, which are all of them in whole registers; in 32 bits.
-fn sums_of_integers(level: Level, rows: [&[i8]; ROWS], numbers: &[i16]) -> [i32; ROWS] {
+fn sums_of_integers(level: InstructionSet, rows: [&[i8]; ROWS], numbers: &[i16]) -> [i32; ROWS] {
     let (numbers, rows) = (numbers.as_chunks::<LANES>().0, rows.map(|row| row.as_chunks::<LANES>().0));
     #[cfg(target_arch = "x86_64")]
-    if level >= Level::Avx2 {
-        // SAFETY: `Level::available` found AVX2 on this processor.
+    if level >= InstructionSet::Avx2 {
+        // SAFETY: `InstructionSet::available` found AVX2 on this processor.
         return unsafe { avx2(rows, numbers) };
     }
     let _ = level;
@@ -256,7 +256,7 @@ mod tests {
             };
             let digits: Vec<i8> = (0..width * rows).map(digit).collect();
             let mut found = vec![[1.0; 4]; rows];
-            products(Level::detect(), &mut found, &digits, width, &terms);
+            products(InstructionSet::detect(), &mut found, &digits, width, &terms);
             let rounded = Term::columns(&terms, width);
             for (row, found) in digits.chunks_exact(width).zip(&found) {
                 for c in 0..3 {
@@ -268,7 +268,7 @@ mod tests {
                     assert!((exact - same).abs() < 2e-5 * 127.0 * 40.0, "{exact} {same}");
                 }
             }
-            for level in Level::available() {
+            for level in InstructionSet::available() {
                 let mut same = vec![[1.0; 4]; rows];
                 products(level, &mut same, &digits, width, &terms);
                 assert_eq!(same, found);

@@ -9,7 +9,7 @@ use crate::forms::baked_in::Stored;
 use crate::forms::distant::far_away;
 use crate::light::Light;
 use crate::light::cube_light::{CubeLight, Transform};
-use crate::math::simd::{Level, multiversion};
+use crate::math::simd::{InstructionSet, multiversion};
 use crate::transport::balanced_tree::power_of_two_near;
 use crate::transport::receivers::Receivers;
 
@@ -75,7 +75,7 @@ impl Rows {
     /// Radiosity of every receiver over the scale of the light, not clamped.
     pub(crate) fn sums(&self, cube: &Cube, out: &mut Vec<[f32; 4]>) {
         out.resize(self.len(), [0.0; 4]);
-        let level = Level::detect();
+        let level = InstructionSet::detect();
         out.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, out)| products(level, self, chunk * CHUNK, cube, out));
     }
 }

@@ -4,7 +4,7 @@
 use rayon::prelude::*;
 
 use super::ROWS;
-use crate::math::simd::{Level, multiversion};
+use crate::math::simd::{InstructionSet, multiversion};
 
 /// Number of vectors in a block.
 pub(super) const WIDTH: usize = 8;
@@ -61,7 +61,7 @@ multiversion! {
 
 /// `a^T b` for each of several `a`, summed over runs of rows in their order.
 pub(super) fn products(blocks: &[&[Row]], b: &[Row]) -> Vec<Small> {
-    let level = Level::detect();
+    let level = InstructionSet::detect();
     let of_run = |(run, b): (usize, &[Row])| -> Vec<Small> {
         let rows = run * ROWS..run * ROWS + b.len();
         let of = |a: &&[Row]| {
@@ -83,7 +83,7 @@ pub(super) fn products(blocks: &[&[Row]], b: &[Row]) -> Vec<Small> {
 
 /// `b += sign Sum_k a_k factors_k`.
 pub(super) fn add_products(blocks: &[&[Row]], factors: &[Small], sign: f64, b: &mut [Row]) {
-    let level = Level::detect();
+    let level = InstructionSet::detect();
     b.par_chunks_mut(ROWS).enumerate().for_each(|(run, b)| {
         let rows = run * ROWS..run * ROWS + b.len();
         for (a, factors) in blocks.iter().zip(factors) {

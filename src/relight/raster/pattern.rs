@@ -56,12 +56,12 @@ impl PatternUniform {
 /// The albedo of a material as declared in `texture.wgsl`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
-struct CoatEntry {
+struct CoatAlbedo {
     factor: [f32; 4],
     place: [f32; 4],
 }
 
-impl CoatEntry {
+impl CoatAlbedo {
     fn of(coat: &Coat) -> Self {
         let [r, g, b] = finite3(coat.factor);
         match coat.picture {
@@ -101,14 +101,14 @@ impl Pattern {
             ..Default::default()
         });
         let white = MipLevel { width: 1, height: 1, rgb: vec![[1.0; 3]] };
-        let coats = device.storage("coats", &[CoatEntry::default()])?;
+        let coats = device.storage("coats", &[CoatAlbedo::default()])?;
         Ok(Self { uniform, pictures: uploaded(device, &[vec![white]]), repeat, coats })
     }
 
     /// Replaces the texture; the bind groups must be renewed.
     pub(super) fn set(&mut self, device: &Device, texture: Option<&Texture>) -> Result<()> {
         if let Some(Texture::Picture(texture)) = texture {
-            let entries: Vec<CoatEntry> = texture.coats().iter().map(CoatEntry::of).collect();
+            let entries: Vec<CoatAlbedo> = texture.coats().iter().map(CoatAlbedo::of).collect();
             self.coats = device.storage("coats", &entries)?;
             let limit = device.device.limits().max_texture_dimension_2d as usize;
             let layers = layers(texture.pictures(), limit);

@@ -11,7 +11,7 @@ use crate::evaluate::MaterialEdit;
 use crate::light::Light;
 use crate::light::environment::EnvironmentMap;
 use crate::medium::material::Medium;
-use crate::relight::lights::{LightEntry, pivot_mm, shining};
+use crate::relight::lights::{AdjustedLight, pivot_mm, shining};
 use crate::relight::orbit::Orbit;
 use crate::relight::raster::view::{Look, Textured, View, Wires};
 use crate::render::background::Background;
@@ -46,7 +46,7 @@ pub(super) struct Message {
 /// The state of the window.
 pub(super) struct Desk {
     pub(super) model: PathBuf,
-    pub(super) entries: Vec<LightEntry>,
+    pub(super) entries: Vec<AdjustedLight>,
     pub(super) selected: usize,
     pub(super) pivot_mm: DVec3,
     pub(super) turn_degrees: f64,
@@ -92,7 +92,7 @@ impl Desk {
         let media = profile.plain(&scene.media);
         Self {
             model,
-            entries: lights.into_iter().map(|l| LightEntry::new(l, pivot_mm)).collect(),
+            entries: lights.into_iter().map(|l| AdjustedLight::new(l, pivot_mm)).collect(),
             selected: 0,
             pivot_mm,
             turn_degrees: 0.0,
@@ -136,7 +136,7 @@ impl Desk {
             .entries
             .iter()
             .map(|e| {
-                let mut entry = LightEntry::new(e.light(0.0, self.pivot_mm), pivot);
+                let mut entry = AdjustedLight::new(e.light(0.0, self.pivot_mm), pivot);
                 entry.on = e.on;
                 entry
             })
@@ -158,7 +158,7 @@ impl Desk {
     /// Replaces the first environment, or all lights at infinity where there is none.
     pub(super) fn replace_environment(&mut self, map: std::sync::Arc<EnvironmentMap>) {
         let light = Light::Environment { map, rotate_degrees: 0.0, scale: DVec3::ONE };
-        let entry = LightEntry::new(light, self.pivot_mm);
+        let entry = AdjustedLight::new(light, self.pivot_mm);
         match self.entries.iter_mut().find(|e| matches!(e.base(), Light::Environment { .. })) {
             Some(place) => *place = entry,
             None => self.entries.push(entry),

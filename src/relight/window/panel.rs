@@ -9,7 +9,7 @@ pub(super) use self::asked::Asked;
 use self::asked::BAD;
 use super::desk::Desk;
 use crate::light::Light;
-use crate::relight::lights::{LightEntry, MAX_STOPS};
+use crate::relight::lights::{AdjustedLight, MAX_STOPS};
 use crate::relight::raster::view::{ERROR_COLOURS, Look};
 
 /// Width in points, suitable also for a window of 640 points.
@@ -88,7 +88,7 @@ fn lights(ui: &mut Ui, desk: &mut Desk) {
     desk.serial += u64::from(changed);
 }
 
-fn light(ui: &mut Ui, entry: &mut LightEntry) -> bool {
+fn light(ui: &mut Ui, entry: &mut AdjustedLight) -> bool {
     let mut changed = false;
     let mut slider = |ui: &mut Ui, slider: Slider| changed |= ui.add(slider).changed();
     if entry.turns() {

@@ -6,7 +6,7 @@ use super::prepared::Prepared;
 use super::surface_point::SurfacePoint;
 use crate::geometry::bvh::{Bvh, Ray, offset_along};
 use crate::geometry::samples::{Facet, Patch, bisect};
-use crate::math::simd::Level;
+use crate::math::simd::InstructionSet;
 use crate::medium::fresnel;
 
 /// A point light comes no nearer to a sample than the square root of this, so that E stays finite.
@@ -111,7 +111,7 @@ impl Sharp {
         let mut entering = std::mem::take(&mut self.entering);
         entering.clear();
         entering.extend(patches.iter().map(|patch| patch.normal.dot(self.towards(patch.centre_mm).0)));
-        fresnel::entering(Level::detect(), eta, &mut entering);
+        fresnel::entering(InstructionSet::detect(), eta, &mut entering);
         for (i, (patch, facet)) in patches.iter().zip(facets).enumerate().filter(|(i, _)| entering[*i] > 0.0) {
             let (to_light, distance, falloff) = self.towards(patch.centre_mm);
             let from = (patch.centre_mm, patch.normal, facet.triangle);

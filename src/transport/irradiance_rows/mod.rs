@@ -30,7 +30,7 @@ use crate::compress::rows::Rows;
 use crate::error::{Error, Result};
 use crate::math::cube_map::{FACES, FRAMES, solid_angles_sr};
 use crate::math::haar::Haar;
-use crate::math::simd::{Level, multiversion};
+use crate::math::simd::{InstructionSet, multiversion};
 use crate::medium::entrance_basis::{DEGREE, EntranceBasis, MOST_TERMS};
 use crate::progress::Progress;
 use crate::transport::surface::Surface;
@@ -63,7 +63,7 @@ pub struct RowBaker<'a> {
     settings: RowSettings,
     occluders: Occluders,
     tables: Tables,
-    level: Level,
+    level: InstructionSet,
 }
 
 /// Tables of a face.
@@ -113,7 +113,7 @@ impl<'a> RowBaker<'a> {
         }
         let tables = Tables::new(settings, &EntranceBasis::new(settings.terms))?;
         let occluders = Occluders::new(surface.domain.mesh);
-        Ok(Self { surface, settings, occluders, tables, level: Level::detect() })
+        Ok(Self { surface, settings, occluders, tables, level: InstructionSet::detect() })
     }
 
     /// Rows of all patches.

@@ -107,7 +107,7 @@ fn ranges_threads_and_instructions_do_not_change_the_rows() {
     let surface = fixture.surface();
     let mut baker = RowBaker::new(&surface, settings(2, 64)).unwrap();
     let whole = baker.all(&Silent).unwrap().into_data();
-    for level in Level::available() {
+    for level in InstructionSet::available() {
         baker.level = level;
         assert_eq!(baker.range(0..40).values, whole.values[..2 * whole.offsets[40] as usize], "{level:?}");
     }
@@ -205,7 +205,7 @@ fn blocks_are_the_same_from_threads_instructions_ranges_and_files() {
     let surface = fixture.surface();
     let mut baker = RowBaker::new(&surface, settings(2, 64)).unwrap();
     let rows = baker.in_blocks(&Silent).unwrap();
-    for level in Level::available() {
+    for level in InstructionSet::available() {
         baker.level = level;
         assert!(baker.in_blocks(&Silent).unwrap() == rows, "{level:?}");
     }

@@ -6,7 +6,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use crate::math::cube_map::{FACES, FRAMES, centre};
-use crate::math::simd::{Level, multiversion};
+use crate::math::simd::{InstructionSet, multiversion};
 use crate::medium::entrance_basis::{DEGREE, polynomial};
 use crate::progress::Progress;
 use crate::transport::cube_harmonics::{CubeHarmonics, Product};
@@ -98,7 +98,7 @@ pub struct TexelBaker<'a> {
     grid: Grid,
     /// Polynomial of `F_t mu` for the medium of each part.
     of_part: Vec<[f32; DEGREE]>,
-    level: Level,
+    level: InstructionSet,
 }
 
 /// The irradiance that one sample receives from each texel.
@@ -123,7 +123,7 @@ impl<'a> TexelBaker<'a> {
         let of_part = of_part.collect();
         let grid = Grid::new(resolution.side() / 2);
         let occluders = Occluders::new(domain.mesh);
-        Self { surface, resolution, occluders, grid, of_part, level: Level::detect() }
+        Self { surface, resolution, occluders, grid, of_part, level: InstructionSet::detect() }
     }
 
     /// Texels along an edge of a face.

@@ -68,7 +68,7 @@ fn harmonics_are_sums_over_texels_whatever_the_batch() {
                 assert!((found - expected).abs() < 2e-6, "{sample} {k}: {found} {expected}");
             }
         });
-        for level in Level::available() {
+        for level in InstructionSet::available() {
             let other = TexelBaker { level, ..TexelBaker::new(&surface, resolution) };
             assert_eq!(other.harmonics(order, &Silent), found);
         }

@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 use crate::light::cube_light::Transform;
 use crate::math::cube_map::{FACES, solid_angles_sr};
 use crate::math::haar::Haar;
-use crate::math::simd::{Level, multiversion};
+use crate::math::simd::{InstructionSet, multiversion};
 use crate::progress::Progress;
 use crate::transport::gather::{Gather, Lists, Lit, Scheme, Source};
 use crate::transport::receivers::Receivers;
@@ -200,7 +200,7 @@ pub struct RowTree<'a> {
     samples: &'a SparseRows,
     nodes: SparseRows,
     side: usize,
-    level: Level,
+    level: InstructionSet,
 }
 
 /// Selection of the coefficients that vectors keep.
@@ -274,7 +274,7 @@ impl<'a> RowTree<'a> {
             nodes.values.extend_from_slice(values);
             nodes.offsets.push(nodes.places.len() as u32);
         }
-        Ok(Self { gather, samples, nodes, side, level: Level::detect() })
+        Ok(Self { gather, samples, nodes, side, level: InstructionSet::detect() })
     }
 
     /// Texels along an edge of a face.

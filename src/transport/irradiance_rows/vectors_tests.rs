@@ -158,6 +158,6 @@ fn sums_of_whole_rows_are_exact_and_thresholds_follow_importance() {
     assert!(!vectors.indices.is_empty() && vectors.indices.iter().all(|i| usize::from(*i) < 3 * 1024));
     // Ranges and instructions do not matter.
     let mut narrow = RowTree::new(&gather, &fixture.tree, &rows, 32, ALL).unwrap();
-    narrow.level = Level::Baseline;
+    narrow.level = InstructionSet::Baseline;
     assert_eq!(narrow.vectors(&receivers, TREE, selection, &Silent).unwrap(), vectors);
 }

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::*;
 use crate::math::random::uniform;
-use crate::math::simd::Level;
+use crate::math::simd::InstructionSet;
 use crate::medium::dipole::Dipole;
 use crate::medium::far_profile::FarProfile;
 use crate::medium::fresnel::BoundaryFit;
@@ -31,14 +31,14 @@ fn media() -> Vec<[Dipole; 3]> {
     published.chain(extremes).collect()
 }
 
-fn points_at(level: Level, kernel: &MediumKernel, distances: &[f64]) -> Vec<DVec3> {
+fn points_at(level: InstructionSet, kernel: &MediumKernel, distances: &[f64]) -> Vec<DVec3> {
     let receivers: Vec<DVec3> = distances.iter().map(|&r| DVec3::new(0.6, 0.0, 0.8) * r).collect();
     let mut block = block_of(DVec3::ZERO, &receivers);
     kernel.add_points(level, &mut block, &[PointSource { at: [0.0; 3], flux: [1.0; 3] }]);
     (0..receivers.len()).map(|i| block.sum(i)).collect()
 }
 
-fn triangles_at(level: Level, kernel: &MediumKernel, corners: [DVec3; 3], receivers: &[DVec3]) -> Vec<DVec3> {
+fn triangles_at(level: InstructionSet, kernel: &MediumKernel, corners: [DVec3; 3], receivers: &[DVec3]) -> Vec<DVec3> {
     let centre = receivers.iter().sum::<DVec3>() / receivers.len() as f64;
     let mut block = block_of(centre, receivers);
     let sources: Vec<FlatSource> = FlatSource::new(corners, [1.0; 3], centre).into_iter().collect();
@@ -73,7 +73,7 @@ fn points_follow_the_profile_at_every_distance() {
     let distances: Vec<f64> = (0..=360).map(|i| 10f64.powf(-6.0 + f64::from(i) / 40.0)).collect();
     let mut worst: f64 = 0.0;
     for dipoles in media() {
-        for (value, r) in points_at(Level::detect(), &kernel_of(&dipoles), &distances).iter().zip(&distances) {
+        for (value, r) in points_at(InstructionSet::detect(), &kernel_of(&dipoles), &distances).iter().zip(&distances) {
             for c in 0..3 {
                 let exact = dipoles[c].reflectance(*r);
                 let error = (value[c] - exact).abs();
@@ -96,7 +96,7 @@ fn many_sources_add_up_without_drift() {
         .collect();
     let receivers: Vec<DVec3> = (0..20).map(|i| DVec3::new(uniform(2, i, 0), uniform(2, i, 1), 0.3)).collect();
     let mut block = block_of(DVec3::ZERO, &receivers);
-    kernel_of(&dipoles).add_points(Level::detect(), &mut block, &sources);
+    kernel_of(&dipoles).add_points(InstructionSet::detect(), &mut block, &sources);
     for (i, x) in receivers.iter().enumerate() {
         let at = |s: &PointSource| DVec3::from_array(s.at.map(f64::from));
         let exact: f64 = sources.iter().map(|s| dipoles[0].reflectance(at(s).distance(*x))).sum();
@@ -143,7 +143,7 @@ fn triangles_follow_the_closed_form_wherever_the_receiver_is() {
             for (s, shape) in shapes().iter().enumerate() {
                 let corners = shape.map(|p| p * (size * z));
                 for x in receivers_of(corners, z, (m * 5 + s) as u64) {
-                    let value = triangles_at(Level::detect(), &kernel, corners, &[x])[0];
+                    let value = triangles_at(InstructionSet::detect(), &kernel, corners, &[x])[0];
                     for c in 0..3 {
                         let exact = dipoles[c].triangle(x, corners);
                         let error = (value[c] - exact).abs() / dipoles[c].total().max(1e-300);
@@ -171,7 +171,7 @@ fn near_rules_follow_the_closed_form() {
                 for x in receivers_of(corners, z, (m * 5 + s) as u64) {
                     let (mut flats, mut sums) = (near::Flats::default(), [[0.0; 3]]);
                     flats.push(0, corners.map(|c| (c - x).as_vec3().to_array()), [1.0; 3]);
-                    kernel.add_flats(Level::detect(), &flats, &mut sums);
+                    kernel.add_flats(InstructionSet::detect(), &flats, &mut sums);
                     for (value, dipole) in sums[0].iter().zip(dipoles) {
                         let error = (value - dipole.triangle(x, corners)).abs() / dipole.total().max(1e-300);
                         worst = worst.max(error);
@@ -192,7 +192,7 @@ fn halves_of_a_triangle_add_up_and_orientation_does_not_matter() {
         let [a, b, c] = shape.map(|p| p * 4.0);
         let m = a.lerp(b, 0.3);
         let receivers = receivers_of([a, b, c], 1.0, 9);
-        let of = |t: [DVec3; 3]| triangles_at(Level::detect(), &kernel, t, &receivers);
+        let of = |t: [DVec3; 3]| triangles_at(InstructionSet::detect(), &kernel, t, &receivers);
         let (whole, left, right, turned) = (of([a, b, c]), of([a, m, c]), of([m, b, c]), of([a, c, b]));
         for i in 0..receivers.len() {
             assert!((whole[i] - left[i] - right[i]).abs().max_element() < 2e-6, "{:?}", receivers[i]);
@@ -210,8 +210,8 @@ fn every_instruction_set_gives_the_same_bits() {
         let corners = shapes()[0].map(|p| p * z * 5.0);
         let receivers = receivers_of(corners, z, 3);
         let of = |level| (points_at(level, &kernel, &distances), triangles_at(level, &kernel, corners, &receivers));
-        let baseline = of(Level::Baseline);
-        for level in Level::available() {
+        let baseline = of(InstructionSet::Baseline);
+        for level in InstructionSet::available() {
             assert_eq!(of(level), baseline, "{level:?}");
         }
     }
@@ -222,16 +222,20 @@ fn black_media_return_nothing_and_nothing_is_ever_nan() {
     let black = [Dipole::new(0.0, 1.0, 2.0), Dipole::new(0.0, 0.0, 2.0), Dipole::new(0.0, 1e30, 2.0)];
     let corners = shapes()[0];
     let receivers = receivers_of(corners, 1.0, 1);
-    assert!(points_at(Level::detect(), &kernel_of(&black), &[0.0, 1.0]).iter().all(|v| *v == DVec3::ZERO));
-    assert!(triangles_at(Level::detect(), &kernel_of(&black), corners, &receivers).iter().all(|v| *v == DVec3::ZERO));
+    assert!(points_at(InstructionSet::detect(), &kernel_of(&black), &[0.0, 1.0]).iter().all(|v| *v == DVec3::ZERO));
+    assert!(
+        triangles_at(InstructionSet::detect(), &kernel_of(&black), corners, &receivers)
+            .iter()
+            .all(|v| *v == DVec3::ZERO)
+    );
     for (s, a) in [(1e-30, 1e-30), (1e30, 1e30), (1e30, 1e-30), (1e-30, 1e30), (1e12, 0.0), (1e-12, 1e12), (1.0, 1e9)] {
         let kernel = kernel_of(&[Dipole::new(s, a, 1.0), Dipole::new(s, 0.0, 1e6), Dipole::new(a, s, 2.0)]);
         for size in [1e-6, 1.0, 1e6] {
             let corners = corners.map(|p| p * size);
             let receivers = receivers_of(corners, size, 2);
-            let values = points_at(Level::detect(), &kernel, &[0.0, 1e-12, 1.0, 1e12]);
+            let values = points_at(InstructionSet::detect(), &kernel, &[0.0, 1e-12, 1.0, 1e12]);
             assert!(values.iter().all(|v| v.is_finite() && v.min_element() >= 0.0), "{s} {a}: {values:?}");
-            let values = triangles_at(Level::detect(), &kernel, corners, &receivers);
+            let values = triangles_at(InstructionSet::detect(), &kernel, corners, &receivers);
             assert!(values.iter().all(|v| v.is_finite()), "{s} {a} {size}: {values:?}");
         }
     }
@@ -264,15 +268,15 @@ fn near_points_follow_the_profile_and_lanes_do_not_mix() {
             }
             let (mut points, mut found, mut chosen) = (near::Points::default(), [0.0; 3], [0.0; 3]);
             r2.iter().zip(&flux).for_each(|(r2, &[r, g, b, _])| points.push(*r2, [r, g, b]));
-            near::add_points(Level::detect(), &table, &points, &mut found);
+            near::add_points(InstructionSet::detect(), &table, &points, &mut found);
             let indices: Vec<u32> = (0..count as u32).rev().collect();
-            near::add_chosen(Level::detect(), &table, &indices, (&r2, &flux), &mut chosen);
+            near::add_chosen(InstructionSet::detect(), &table, &indices, (&r2, &flux), &mut chosen);
             for c in 0..3 {
                 for found in [found[c], chosen[c]] {
                     assert!((found - expected[c]).abs() <= 1e-5 * expected[c].abs(), "{found:e} {:e}", expected[c]);
                 }
             }
-            for level in Level::available() {
+            for level in InstructionSet::available() {
                 let mut again = [0.0; 3];
                 near::add_points(level, &table, &points, &mut again);
                 assert_eq!(again, found);
@@ -284,11 +288,11 @@ fn near_points_follow_the_profile_and_lanes_do_not_mix() {
     let mut together = [[0.0; 3]; 5];
     let mut flats = near::Flats::default();
     (0..40).for_each(|i| flats.push(i as u32 % 5, triangle(i), [1.0, 2.0, 3.0]));
-    kernel.add_flats(Level::detect(), &flats, &mut together);
+    kernel.add_flats(InstructionSet::detect(), &flats, &mut together);
     for (receiver, together) in together.iter().enumerate() {
         let (mut flats, mut alone) = (near::Flats::default(), [[0.0; 3]]);
         (0..40).filter(|i| i % 5 == receiver).for_each(|i| flats.push(0, triangle(i), [1.0, 2.0, 3.0]));
-        kernel.add_flats(Level::detect(), &flats, &mut alone);
+        kernel.add_flats(InstructionSet::detect(), &flats, &mut alone);
         for c in 0..3 {
             assert!((together[c] - alone[0][c]).abs() <= 2e-5 * alone[0][c], "{together:?} {alone:?}");
         }

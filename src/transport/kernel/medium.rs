@@ -9,7 +9,7 @@ use super::near::{Flats, flats_body};
 use super::radial_table::{ProfileTable, WIDEST};
 use super::{Block, FlatSource, PointSource, points_body, triangles_body};
 use crate::error::Result;
-use crate::math::simd::{Level, multiversion};
+use crate::math::simd::{InstructionSet, multiversion};
 use crate::medium::dipole::{Dipole, Pole};
 use crate::medium::fresnel::BoundaryFit;
 use crate::medium::material::Medium;
@@ -115,7 +115,7 @@ impl MediumKernel {
     }
 
     /// Adds `flux R_d(|x - at|)` of every source to every receiver of the block.
-    pub fn add_points(&self, level: Level, block: &mut Block, sources: &[PointSource]) {
+    pub fn add_points(&self, level: InstructionSet, block: &mut Block, sources: &[PointSource]) {
         match &self.fast {
             Fast::Poles { rgb, .. } => points_of_poles(level, block, rgb, sources),
             Fast::Table(table) => table.add_points(level, block, sources),
@@ -123,7 +123,7 @@ impl MediumKernel {
     }
 
     /// Adds `irradiance Int R_d(|x - y|) dA(y)` over every flat triangle to every receiver of the block.
-    pub fn add_triangles(&self, level: Level, block: &mut Block, sources: &[FlatSource]) {
+    pub fn add_triangles(&self, level: InstructionSet, block: &mut Block, sources: &[FlatSource]) {
         match &self.fast {
             Fast::Poles { rgb, .. } => triangles_of_poles(level, block, rgb, sources),
             Fast::Table(table) => triangles_of_table(level.min(WIDEST), block, table, sources),
@@ -131,7 +131,7 @@ impl MediumKernel {
     }
 
     /// Adds `irradiance Int R_d dA` of every flat triangle to the sum of its receiver.
-    pub fn add_flats(&self, level: Level, flats: &Flats, sums: &mut [[f64; 3]]) {
+    pub fn add_flats(&self, level: InstructionSet, flats: &Flats, sums: &mut [[f64; 3]]) {
         match &self.fast {
             Fast::Poles { rgb, .. } => flats_of_poles(level, rgb, flats, sums),
             Fast::Table(table) => flats_of_table(level.min(WIDEST), table, flats, sums),

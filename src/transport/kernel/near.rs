@@ -6,7 +6,7 @@
 
 use super::radial_table::{QuadraticTable, Rgb, WIDEST};
 use super::{EdgePrecision, FLUSH, LANES, RadialIntegral, Row, RowValues, SeenTriangle};
-use crate::math::simd::{Level, multiversion};
+use crate::math::simd::{InstructionSet, multiversion};
 
 /// Sums side by side, so that none waits for the one before.
 const CHAINS: usize = 4;
@@ -106,13 +106,13 @@ multiversion! {
 }
 
 /// Adds `flux f(r^2)` of every source, f by a table.
-pub fn add_points(level: Level, table: &QuadraticTable, points: &Points, sums: &mut [f64; 3]) {
+pub fn add_points(level: InstructionSet, table: &QuadraticTable, points: &Points, sums: &mut [f64; 3]) {
     points_of(level.min(WIDEST), table, points, sums);
 }
 
 /// [`add_points`] for some of many sources, whose squared distances (mm^2) and fluxes are given.
 pub fn add_chosen(
-    level: Level,
+    level: InstructionSet,
     table: &QuadraticTable,
     indices: &[u32],
     sources: (&[f32], &[Rgb]),

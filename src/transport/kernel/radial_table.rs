@@ -13,7 +13,7 @@ use super::{
     Block, EdgePrecision, EdgeRule, GAUSS_8, GAUSS_12, GAUSS_24, LANES, PointSource, Radial, RadialIntegral, Row,
     RowValues, SeenTriangle, edge_rule, points_body,
 };
-use crate::math::simd::{Level, multiversion};
+use crate::math::simd::{InstructionSet, multiversion};
 use crate::medium::profile::Profile;
 use crate::medium::softened::Softened;
 
@@ -34,7 +34,7 @@ const SHORT_STEP: f32 = 0.125;
 static RULES: [EdgeRule; 3] = [(2.0, &GAUSS_8), (20.0, &GAUSS_12), (f32::INFINITY, &GAUSS_24)];
 
 /// Widest instructions used: with wider ones compilers gather from the table, five times as slowly as by single loads.
-pub(crate) const WIDEST: Level = Level::Avx2;
+pub(crate) const WIDEST: InstructionSet = InstructionSet::Avx2;
 
 /// RGB and nothing.
 pub(crate) type Rgb = [f32; 4];
@@ -181,7 +181,7 @@ impl LinearTable {
     }
 
     /// Adds `flux f(|x - at|)` of every source to every receiver of the block.
-    pub fn add_points(&self, level: Level, block: &mut Block, sources: &[PointSource]) {
+    pub fn add_points(&self, level: InstructionSet, block: &mut Block, sources: &[PointSource]) {
         points(level.min(WIDEST), block, self, sources);
     }
 
@@ -281,7 +281,7 @@ impl ProfileTable {
     }
 
     /// Adds `flux R_d(|x - at|)` of every source to every receiver of the block.
-    pub(super) fn add_points(&self, level: Level, block: &mut Block, sources: &[PointSource]) {
+    pub(super) fn add_points(&self, level: InstructionSet, block: &mut Block, sources: &[PointSource]) {
         self.reflectance.add_points(level, block, sources);
     }
 

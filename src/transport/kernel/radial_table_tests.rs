@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::*;
 use crate::math::random::uniform;
-use crate::math::simd::Level;
+use crate::math::simd::InstructionSet;
 use crate::medium::material::PRESETS;
 use crate::medium::profiles::model::ProfileModel;
 use crate::transport::kernel::medium::MediumKernel;
@@ -37,7 +37,7 @@ fn points_are_those_of_the_profile() {
             for distance in [0.05, 0.5, 3.0, 12.0] {
                 let mut block = block_of(&at);
                 let source = PointSource { at: [distance, 0.0, 0.0], flux: [1.0, 2.0, 3.0] };
-                kernel.add_points(Level::detect(), &mut block, &[source]);
+                kernel.add_points(InstructionSet::detect(), &mut block, &[source]);
                 for (i, receiver) in at.iter().enumerate() {
                     let r = (*receiver - DVec3::X * f64::from(distance)).length();
                     for (c, profile) in profiles.iter().enumerate() {
@@ -66,7 +66,7 @@ fn triangles_are_those_of_the_profile() {
             at.extend(receivers(8).into_iter().map(|p| size * p));
             let mut block = block_of(&at);
             let source = FlatSource::new(corners, [1.0; 3], DVec3::ZERO).unwrap();
-            kernel.add_triangles(Level::detect(), &mut block, &[source]);
+            kernel.add_triangles(InstructionSet::detect(), &mut block, &[source]);
             for (i, receiver) in at.iter().enumerate() {
                 for (c, profile) in profiles.iter().enumerate() {
                     let (exact, found) = (profile.triangle(*receiver, corners), block.sum(i)[c]);
@@ -83,7 +83,7 @@ fn all_levels_give_the_same_bits() {
     let kernel = MediumKernel::of_profiles(profiles("burley", 3), 40.0);
     let corners = [DVec3::new(0.1, 0.0, -0.2), DVec3::new(0.9, 0.1, 0.0), DVec3::new(0.3, 0.7, 0.1)];
     let at = receivers(20);
-    let sums = |level: Level| {
+    let sums = |level: InstructionSet| {
         let mut block = block_of(&at);
         let points: Vec<PointSource> =
             receivers(50).iter().map(|p| PointSource { at: p.as_vec3().to_array(), flux: [0.3, 0.2, 0.1] }).collect();
@@ -91,8 +91,8 @@ fn all_levels_give_the_same_bits() {
         kernel.add_triangles(level, &mut block, &[FlatSource::new(corners, [1.0; 3], DVec3::ZERO).unwrap()]);
         (0..at.len()).map(|i| block.sum(i)).collect::<Vec<DVec3>>()
     };
-    let expected = sums(Level::Baseline);
-    assert!(Level::available().into_iter().all(|level| sums(level) == expected));
+    let expected = sums(InstructionSet::Baseline);
+    assert!(InstructionSet::available().into_iter().all(|level| sums(level) == expected));
 }
 
 #[test]
@@ -116,7 +116,7 @@ fn strange_profiles_and_distances_are_finite() {
             let mut block = block_of(&receivers(16));
             let far = PointSource { at: [1e9, 0.0, 0.0], flux: [1.0; 3] };
             let near = PointSource { at: [0.0; 3], flux: [1.0; 3] };
-            kernel.add_points(Level::detect(), &mut block, &[near, far]);
+            kernel.add_points(InstructionSet::detect(), &mut block, &[near, far]);
             assert!((0..16).all(|i| block.sum(i).is_finite() && block.sum(i).min_element() >= 0.0), "{value} {reach}");
         }
     }

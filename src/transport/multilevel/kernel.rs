@@ -1,6 +1,6 @@
 //! The inner loop between the points of a net: a kernel softened inside a radius, less that softened inside its double.
 
-use crate::math::simd::{Level, multiversion};
+use crate::math::simd::{InstructionSet, multiversion};
 use crate::medium::profile::Profile;
 use crate::medium::softened::Softened;
 use crate::transport::kernel::radial_table::{Rgb, SmoothTable, WIDEST};
@@ -97,7 +97,7 @@ multiversion! {
 
 /// Adds `charge K(|x - at|)` of the sources, indices among positions (mm) and charges, to every point of a block.
 pub(super) fn add_smooth(
-    level: Level,
+    level: InstructionSet,
     block: &mut PointBlock,
     kernel: &NetKernel,
     sources: &[u32],

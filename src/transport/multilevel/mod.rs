@@ -26,7 +26,7 @@ use super::close_pairs::ClosePairs;
 use super::interpolation::SharedWeights;
 use crate::geometry::cluster::{self, Run};
 use crate::geometry::scattered::{Kriging, OrientedPoint, Weights, choose_from};
-use crate::math::simd::Level;
+use crate::math::simd::InstructionSet;
 use crate::medium::profile::Profile;
 
 /// Resolution of a kernel by nets.
@@ -210,7 +210,7 @@ impl Net {
     }
 
     fn add(&self, table: &NetKernel, charges: &[[f32; 4]], out: &mut [[f32; 4]]) {
-        let level = Level::detect();
+        let level = InstructionSet::detect();
         let mut rest = out;
         let mut jobs = Vec::with_capacity(self.groups.len());
         for (g, run) in self.groups.iter().enumerate() {

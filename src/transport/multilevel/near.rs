@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use super::close::Close;
 use super::compact::{Compact, Facets, Shine};
 use crate::geometry::cluster::Run;
-use crate::math::simd::{Level, multiversion};
+use crate::math::simd::{InstructionSet, multiversion};
 use crate::transport::close_pairs::ClosePairs;
 use crate::transport::kernel::radial_table::{LinearTable, Rgb};
 use crate::transport::kernel::{Block, PointSource, Receiver};
@@ -57,7 +57,7 @@ impl NearSamples {
 
     /// Adds the compact part to the radiosity of every receiver, RGB. `first` is the part's first sample.
     pub(super) fn add(&self, compact: &Compact, facets: &Facets, light: Shine, first: usize, out: &mut [Rgb]) {
-        let level = Level::detect().min(Level::Avx2);
+        let level = InstructionSet::detect().min(InstructionSet::Avx2);
         let mut rest = out;
         let mut jobs = Vec::with_capacity(self.groups.len());
         for (g, run) in self.groups.iter().enumerate() {

@@ -11,7 +11,7 @@
 
 use glam::{DVec3, Vec3};
 
-use crate::math::simd::{Level, multiversion};
+use crate::math::simd::{InstructionSet, multiversion};
 
 /// The four quarters around an axis, and their faces.
 pub(super) struct Ring {
@@ -223,7 +223,7 @@ impl Counts {
     }
 
     /// Turns changes into counts; returns the least above the horizon, `i16::MAX` for none.
-    pub(super) fn sum(&mut self, level: Level, view: &View) -> i16 {
+    pub(super) fn sum(&mut self, level: InstructionSet, view: &View) -> i16 {
         let (side, face) = (self.side, self.side * self.side);
         let mut least = i16::MAX;
         for quarter in (0..4).filter(|q| view.active[*q]) {
@@ -242,7 +242,7 @@ impl Counts {
     }
 
     /// Sets, row by row of a quarter, words with a bit for each column whose count is `value`; clears the cells.
-    pub(super) fn take_equal(&mut self, level: Level, quarter: usize, value: i16) {
+    pub(super) fn take_equal(&mut self, level: InstructionSet, quarter: usize, value: i16) {
         let face = self.side * self.side;
         compare(level, &mut self.cells[quarter * face..(quarter + 1) * face], value, &mut self.words);
     }

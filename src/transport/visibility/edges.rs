@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 
 use crate::geometry::mesh::{EdgeTable, Mesh};
-use crate::math::simd::{Level, multiversion};
+use crate::math::simd::{InstructionSet, multiversion};
 
 /// Edges side by side.
 const LANES: usize = 16;
@@ -87,7 +87,7 @@ pub struct Occluders {
     all: Candidates,
     /// Largest absolute coordinate.
     extent_mm: f32,
-    level: Level,
+    level: InstructionSet,
 }
 
 impl Occluders {
@@ -105,7 +105,7 @@ impl Occluders {
             planes,
             all: Candidates::default(),
             extent_mm,
-            level: Level::detect(),
+            level: InstructionSet::detect(),
         };
         for edge in EdgeTable::new(mesh).edges() {
             let first = result.sides.len() as u32;

@@ -29,7 +29,7 @@ use crate::geometry::bvh::{Bvh, Ray, offset_origin};
 use crate::geometry::mesh::Mesh;
 use crate::geometry::samples::{Facet, area};
 use crate::math::cube_map::FACES;
-use crate::math::simd::Level;
+use crate::math::simd::InstructionSet;
 
 pub use self::edges::Occluders;
 
@@ -145,7 +145,7 @@ pub fn visit(
     let mut walk = Walk {
         occluders,
         bvh,
-        level: Level::detect(),
+        level: InstructionSet::detect(),
         lists: Vec::new(),
         marks: Vec::new(),
         edges: Vec::new(),
@@ -161,7 +161,7 @@ pub fn visit(
 struct Walk<'a> {
     occluders: &'a Occluders,
     bvh: &'a Bvh,
-    level: Level,
+    level: InstructionSet,
     /// Spare lists.
     lists: Vec<Candidates>,
     marks: Vec<u16>,

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use translux::geometry::bvh::NO_TRIANGLE;
 use translux::geometry::cluster;
-use translux::math::simd::Level;
+use translux::math::simd::InstructionSet;
 use translux::medium::dipole::Dipole;
 use translux::medium::fresnel::BoundaryFit;
 use translux::medium::profile::Profile;
@@ -284,7 +284,7 @@ impl Rows {
 
 /// The vertices of a group as receivers.
 struct GroupBlock {
-    level: Level,
+    level: InstructionSet,
     centre: DVec3,
     block: Block,
     factors: Vec<[f32; 3]>,
@@ -306,7 +306,7 @@ pub(super) struct Lists {
 
 impl Lists {
     pub(super) fn new(vertices: &Neighbourhoods, ranges_mm: &[f64], cell: Cell) -> Self {
-        let level = Level::detect();
+        let level = InstructionSet::detect();
         let kernels: Vec<MediumKernel> = vertices.dipoles.iter().map(|d| MediumKernel::of_dipoles(*d)).collect();
         let of_group = |(mut lists, first): (Vec<Vec<u32>>, usize)| {
             let medium = vertices.points[first].1 as usize;

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 use translux_format::quantised_values::LEVELS;
 
 use super::CHANNELS;
-use translux::math::simd::{Level, multiversion};
+use translux::math::simd::{InstructionSet, multiversion};
 
 /// Sums side by side.
 const LANES: usize = 16;
@@ -85,7 +85,7 @@ impl Matrix {
             self.some_columns(&mut out, weights, &columns);
             return out;
         }
-        let (level, size) = (Level::detect(), (self.planes * self.columns).max(1) * CHUNK);
+        let (level, size) = (InstructionSet::detect(), (self.planes * self.columns).max(1) * CHUNK);
         let out_chunks = out.par_chunks_mut(CHUNK);
         match &self.cells {
             Cells::Floats(c) => out_chunks.zip(c.par_chunks(size)).for_each(|(o, c)| floats(level, o, c, weights)),

@@ -8,7 +8,7 @@ use super::super::interior::{Crossings, ExitPoint, Interior, Optics};
 use super::settings::{Sharing, VectorSettings};
 use crate::geometry::bvh::{Bvh, Hit, Ray};
 use crate::math::cube_map::{FACES, solid_angles_sr};
-use crate::math::simd::Level;
+use crate::math::simd::InstructionSet;
 use crate::transport::domain::Domain;
 
 /// The body, the settings and the tables that the probes of all points share.
@@ -18,7 +18,7 @@ pub(super) struct Prober<'a> {
     /// Solid angles of a face's texels, sr.
     pub(super) angles: Vec<f32>,
     /// The instructions that the processor has.
-    pub(super) level: Level,
+    pub(super) level: InstructionSet,
 }
 
 /// The answer of one ray: the plane where it leaves the body, and the light that reaches that place.
@@ -83,7 +83,7 @@ impl<'a> Prober<'a> {
     pub(super) fn new(domain: Domain<'a>, bvh: &'a Bvh, settings: VectorSettings) -> Self {
         let interior = Interior::new(domain, bvh, settings.form, settings.crossings, settings.coefficients);
         let angles = solid_angles_sr(settings.side).into_iter().map(|a| a as f32).collect();
-        Self { interior, settings, angles, level: Level::detect() }
+        Self { interior, settings, angles, level: InstructionSet::detect() }
     }
 
     /// Texels of a cube map.

@@ -134,7 +134,7 @@ fn add_product_body(picture: &[f32], term: &[f32], out: &mut [f32]) {
 mod tests {
     use super::super::super::interface::Refraction;
     use super::*;
-    use crate::math::simd::Level;
+    use crate::math::simd::InstructionSet;
 
     #[test]
     fn the_exponential_is_exact_to_single_precision() {
@@ -154,7 +154,7 @@ mod tests {
                 let (mut gains, mut paths) = (vec![0.0; cosines.len()], vec![0.0; cosines.len()]);
                 let heights = vec![2.0; cosines.len()];
                 let medium = Medium { form, eta };
-                refract(Level::detect(), medium, &cosines, &heights, &mut gains, &mut paths);
+                refract(InstructionSet::detect(), medium, &cosines, &heights, &mut gains, &mut paths);
                 for ((c, gain), path) in cosines.iter().zip(&gains).zip(&paths) {
                     let Some(refraction) = Refraction::new(form, eta.into(), (*c).into()) else {
                         assert!(*gain == 0.0, "{eta} {c}");
@@ -179,7 +179,7 @@ mod tests {
             weight: 0.7,
             sigma_t_per_mm: 1.3,
         };
-        let results: Vec<Vec<f32>> = Level::available()
+        let results: Vec<Vec<f32>> = InstructionSet::available()
             .into_iter()
             .map(|level| {
                 let mut out = vec![0.0; 64];
