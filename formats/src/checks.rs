@@ -46,7 +46,7 @@ pub(crate) fn addressable(tag: Tag, length: usize) -> Result<()> {
     if length < u32::MAX as usize { Ok(()) } else { invalid(tag, format!("{length} rows are more than 2^32 - 2")) }
 }
 
-/// Whether a range between two offsets may be empty.
+/// Rule for empty ranges between two offsets.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Ranges {
     MayBeEmpty,

@@ -1,5 +1,5 @@
-//! Matrices of quantised coefficients, entropy-coded: rows (vertices) of columns (components) whose energy falls from left
-//! to right, most of them zero.
+//! Matrices of quantised coefficients, entropy-coded: rows (vertices) of columns (components) whose energy falls from
+//! left to right, most of them zero.
 //!
 //! Each row has the number of columns up to its last coefficient that is not 0, and then these coefficients. Their bits
 //! are coded under probabilities that depend on the expected size: the column's mean size in earlier rows, times the
@@ -7,8 +7,9 @@
 //! than with the plain sizes next to the coefficient, on bytes for each light 10 %. Signs and counts depend on a row
 //! named by the caller (say, of the parent in a hierarchy of vertices; the reader must know the same rows).
 //!
-//! 30,000 rows of independent Laplacian columns take 1.1 % (200 columns, 5.0 bits a coefficient) to 1.7 % (64 columns, 2.5 bits)
-//! more than their entropy, 23 to 36 % less than zstd at level 19; 200 and 30 million coefficients a second and core.
+//! 30,000 rows of independent Laplacian columns take 1.1 % (200 columns, 5.0 bits a coefficient) to 1.7 % (64 columns,
+//! 2.5 bits) more than their entropy, 23 to 36 % less than zstd at level 19; 200 and 30 million coefficients a second
+//! and core.
 
 use crate::checks::invalid;
 use crate::error::{FormatError, Result};
@@ -206,7 +207,8 @@ fn predictor_of(predictor_rows: Option<&[u32]>, row: usize) -> Option<usize> {
 /// [`NO_ROW`]; the reader needs the same rows. The same values give the same bytes.
 ///
 /// # Errors
-/// [`FormatError::Invalid`] where lengths disagree, a predictor is not an earlier row, or there are too many rows or columns.
+/// [`FormatError::Invalid`] where lengths disagree, a predictor is not an earlier row, or there are too many rows or
+/// columns.
 pub fn encode(
     tag: Tag,
     rows: usize,
@@ -282,8 +284,8 @@ fn head(tag: Tag, mut bytes: &[u8]) -> Result<Head<'_>> {
 /// most 2 MiB. Accepted bytes are exactly those that [`encode`] gives for the result.
 ///
 /// # Errors
-/// [`FormatError::OverBudget`] and [`FormatError::OutOfMemory`] before memory is taken; [`FormatError::Invalid`] where the
-/// bytes are not a coded matrix, or the predictor rows do not fit it.
+/// [`FormatError::OverBudget`] and [`FormatError::OutOfMemory`] before memory is taken; [`FormatError::Invalid`] where
+/// the bytes are not a coded matrix, or the predictor rows do not fit it.
 pub fn decode(tag: Tag, bytes: &[u8], predictor_rows: Option<&[u32]>, budget: Budget) -> Result<Coefficients> {
     let Head { rows, columns, predicted, stream } = head(tag, bytes)?;
     if predicted != predictor_rows.is_some() {

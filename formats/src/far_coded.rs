@@ -477,7 +477,8 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
 
-    /// Sizes and speed on a real asset: `TLUX=FILE cargo test --release -p translux-format --lib sizes -- --ignored --nocapture`.
+    /// Sizes and speed on a real asset: `TLUX=FILE cargo test --release -p translux-format --lib sizes -- --ignored
+    /// --nocapture`.
     #[test]
     #[ignore = "prints sizes and times of the asset that TLUX names"]
     fn sizes() {

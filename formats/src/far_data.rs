@@ -113,7 +113,8 @@ pub struct FarField {
     /// Receivers of the additional rows, which have other functions than the receivers' own rows. A receiver without a
     /// row of a function gets it by interpolation from the receivers of the part that have one.
     pub others: Vec<u32>,
-    /// Tree node of each coefficient, strictly ascending inside a group. A node is named by the first sample of its right child.
+    /// Tree node of each coefficient, strictly ascending inside a group. A node is named by the first sample of its
+    /// right child.
     pub nodes: Vec<u32>,
     /// Kept basis functions of each coefficient, as a mask: bit k; not 0.
     pub masks: Vec<u16>,

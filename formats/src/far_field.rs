@@ -1,5 +1,5 @@
-//! The far field of `editable`: for groups of neighbouring receivers, weighted Haar coefficients of the transport of every
-//! basis function over the tree of samples.
+//! The far field of `editable`: for groups of neighbouring receivers, weighted Haar coefficients of the transport of
+//! every basis function over the tree of samples.
 
 use crate::asset::{RawSection, pick};
 use crate::checks::{addressable, indices_below, invalid, same_length};

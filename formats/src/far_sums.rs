@@ -1,8 +1,8 @@
 //! Lossless coding of row sums: those of neighbouring receivers are nearly equal, so the differences of their bits are
 //! small.
 //!
-//! Bytes for each receiver of ten sums, zstd level 3 (sums that vary by 10 % over a sphere, with the noise of its samples):
-//! plain 37.5, planes of bytes 28.2, planes of the exclusive or 27.5, planes of differences 26.5.
+//! Bytes for each receiver of ten sums, zstd level 3 (sums that vary by 10 % over a sphere, with the noise of its
+//! samples): plain 37.5, planes of bytes 28.2, planes of the exclusive or 27.5, planes of differences 26.5.
 
 /// Encodes the sums as four planes of bytes for each function, the lowest first: `[k][byte][receiver]` of the zigzag
 /// differences of the bits.

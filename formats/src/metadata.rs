@@ -35,7 +35,8 @@ pub struct InputRecord {
     pub bytes: u64,
 }
 
-/// Everything that fixes the content of an asset. No time, no path, no version of a program that does not change results.
+/// Everything that fixes the content of an asset. No time, no path, no version of a program that does not change
+/// results.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Provenance {
     /// Revision of the algorithms, raised whenever the same input and settings give a different result.
@@ -119,7 +120,7 @@ pub struct LedgerEntry {
     /// 0.1, which lack it.
     #[serde(skip)]
     pub dark: f64,
-    /// How the error was measured or bounded.
+    /// Method by which the error was measured or bounded, in words.
     pub note: String,
 }
 

@@ -27,9 +27,9 @@ pub mod tags {
     pub const TOTALS: Tag = Tag::from_static("bas.tot");
 }
 
-/// Functions b_k(r) on shared nodes. The coefficients of a far profile f are `s_k = Sum_g weight_g f(r_g) b_k(r_g)`, and
-/// `f(r) ~ Sum_k s_k b_k(r)`. Where there are totals s minimises `Sum_g weight_g (Sum_k s_k b_k(r_g) - f(r_g))^2` instead, none of
-/// it negative and `Sum_k s_k total_k` the total of f up to the last node.
+/// Functions b_k(r) on shared nodes. The coefficients of a far profile f are `s_k = Sum_g weight_g f(r_g) b_k(r_g)`,
+/// and `f(r) ~ Sum_k s_k b_k(r)`. Where there are totals s minimises `Sum_g weight_g (Sum_k s_k b_k(r_g) - f(r_g))^2`
+/// instead, none of it negative and `Sum_k s_k total_k` the total of f up to the last node.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ProfileBasis {
     /// Split radius in mm: inside it a far profile is the even polynomial that continues R_d.

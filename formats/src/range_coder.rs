@@ -11,8 +11,9 @@
 
 /// Shift of a settled probability: each new bit weighs 1/128.
 ///
-/// On Laplacian columns, independent and along a tree, 8 makes 0.0 to 0.2 % fewer bytes and is slower to follow a change, 6
-/// makes 0.1 to 0.4 % more; the mean of two probabilities, one of them quicker (4 or 5 beside 7), 0.2 to 0.8 % more.
+/// On Laplacian columns, independent and along a tree, 8 makes 0.0 to 0.2 % fewer bytes and is slower to follow a
+/// change, 6 makes 0.1 to 0.4 % more; the mean of two probabilities, one of them quicker (4 or 5 beside 7), 0.2 to 0.8
+/// % more.
 const SETTLED_SHIFT: u32 = 7;
 
 /// Number of bits seen after which the shift is final.

@@ -173,8 +173,8 @@ pub struct IrradianceRows {
     pub scaling: Vec<i16>,
     /// Step of `scaling` for each patch, finite and at least 0.
     pub scaling_steps: Vec<f32>,
-    /// f_j of each term, `len = terms`: the finite coefficients of `mu`, `mu^2`, ... of a polynomial in the cosine `mu` with
-    /// the normal.
+    /// f_j of each term, `len = terms`: the finite coefficients of `mu`, `mu^2`, ... of a polynomial in the cosine `mu`
+    /// with the normal.
     pub functions: Vec<[f64; DEGREE]>,
 }
 

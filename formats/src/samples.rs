@@ -21,7 +21,8 @@ pub mod tags {
 /// Path of a facet that is its whole triangle.
 pub const WHOLE_TRIANGLE: u32 = 1;
 
-/// The surface samples. A facet is a triangle or a piece of one; a patch is a range of facets; a part has a range of patches.
+/// The surface samples. A facet is a triangle or a piece of one; a patch is a range of facets; a part has a range of
+/// patches.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Samples {
     /// `[triangle, path]`. The bits of `path` after its leading one select, from the most significant down, the halves
