@@ -30,7 +30,7 @@ pub struct Provenance {
     pub settings: BTreeMap<String, String>,
     /// Files that it was made from.
     pub inputs: Vec<Input>,
-    /// How the unit of the source was fixed.
+    /// Source of the unit, in words.
     pub source_unit: String,
     /// Millimetres in one source unit.
     pub mm_per_source_unit: f64,

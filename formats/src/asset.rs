@@ -1,4 +1,4 @@
-//! A whole file as plain arrays: what every method has in common, and the sections that are its own.
+//! A whole file as plain arrays: the content that all methods share, and the method's own sections.
 
 use std::borrow::Cow;
 use std::io;
@@ -41,10 +41,10 @@ pub const COMMON_TAGS: [Tag; 19] = [
     metadata::tags::DARK,
 ];
 
-/// Decoded bytes from which on two threads read sections.
+/// Decoded size in bytes from which two threads read the sections.
 const TWO_THREADS: u64 = 8 << 20;
 
-/// The sections that this crate has no type for, in the order of the file.
+/// The sections without a type in this crate, in the order of the file.
 fn read_extra(reader: &Reader<'_>) -> Result<Vec<RawSection>> {
     let infos: Vec<_> = reader.sections().iter().filter(|info| !COMMON_TAGS.contains(&info.tag)).collect();
     let total: u64 = infos.iter().map(|info| info.decoded_bytes).sum();
@@ -76,18 +76,18 @@ fn read_extra(reader: &Reader<'_>) -> Result<Vec<RawSection>> {
     read.into_iter().map(|(_, section)| section).collect()
 }
 
-/// A section that this crate has no type for: a method's own data, or one from a later minor version.
+/// A section without a type in this crate: a method's own data, or one from a later minor version.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RawSection {
     /// Name; none of [`COMMON_TAGS`].
     pub tag: Tag,
-    /// What it is for.
+    /// Purpose of the section.
     pub kind: Kind,
     /// Type of its scalars.
     pub element: ElementType,
     /// Scalars in one row; 1 for a record.
     pub components: u16,
-    /// How it is stored.
+    /// Encoding of the stored bytes.
     pub codec: Codec,
     /// Decoded bytes, whole rows, little-endian.
     pub bytes: Vec<u8>,
@@ -100,7 +100,7 @@ impl RawSection {
         Self { tag, kind, element: T::TYPE, components: T::COMPONENTS, codec, bytes }
     }
 
-    /// A section of rows whose width is known at run time: `scalars.len()` is a multiple of `components`.
+    /// A section of rows of `components` scalars, a width known at run time: `scalars.len()` is a multiple of it.
     pub fn from_scalars<T: Scalar>(tag: Tag, kind: Kind, codec: Codec, components: u16, scalars: &[T]) -> Self {
         let bytes = bytemuck::cast_slice(scalars).to_vec();
         Self { tag, kind, element: T::TYPE, components, codec, bytes }
@@ -120,7 +120,7 @@ impl RawSection {
         Ok(Self { tag, kind, element, components, codec, bytes: reader.bytes(tag)?.into_owned() })
     }
 
-    /// The rows.
+    /// The section's rows.
     ///
     /// # Errors
     /// [`FormatError::WrongType`] if the section has another element type or width, [`FormatError::SectionLength`] if
@@ -129,7 +129,7 @@ impl RawSection {
         self.cast(T::TYPE, T::COMPONENTS)
     }
 
-    /// The scalars of all rows, whatever the width: `len = rows * components`.
+    /// The scalars of all rows, for any width: `len = rows * components`.
     ///
     /// # Errors
     /// As [`RawSection::rows`].
@@ -137,7 +137,7 @@ impl RawSection {
         self.cast(T::TYPE, self.components)
     }
 
-    /// The structure. `T` holds no lists of zero-sized elements.
+    /// The section's structure. `T` holds no lists of zero-sized elements.
     ///
     /// # Errors
     /// [`FormatError::WrongType`] or [`FormatError::Record`].
@@ -176,7 +176,7 @@ impl RawSection {
     }
 }
 
-/// The sections with these tags, of this kind; `None` if none of them is there.
+/// The sections with these tags, of this kind; `None` if none of them exists.
 pub(crate) fn pick<const N: usize>(
     sections: &[RawSection],
     tags: [Tag; N],
@@ -204,16 +204,16 @@ pub struct AssetFile {
     pub parts: Parts,
     /// Surface samples.
     pub samples: Samples,
-    /// Where the asset comes from.
+    /// Provenance of the asset.
     pub provenance: Provenance,
-    /// What each lossy stage added to the error.
+    /// The error that each lossy stage added.
     pub ledger: Vec<LedgerEntry>,
     /// The method's own sections, in the order of the file.
     pub extra: Vec<RawSection>,
 }
 
 impl AssetFile {
-    /// Checks every component and that they fit together.
+    /// Checks every component and their consistency.
     ///
     /// # Errors
     /// [`FormatError::Invalid`] with the tag of the section at fault, or [`FormatError::DuplicateTag`].
@@ -226,7 +226,7 @@ impl AssetFile {
         self.validate_together()
     }
 
-    /// What holds between components, each of which is valid.
+    /// Checks the consistency of components, each of which is valid.
     fn validate_together(&self) -> Result<()> {
         self.parts.validate_against(self.mesh.triangles.len())?;
         self.samples.validate_against(&self.parts.triangle_part, self.parts.parts.len())?;
@@ -236,7 +236,7 @@ impl AssetFile {
         }
     }
 
-    /// The file as bytes; the same asset gives the same bytes.
+    /// Encodes the file; the same asset gives the same bytes.
     ///
     /// # Errors
     /// The asset is not valid, or an extra section has a bad width or a tag that is taken.
@@ -247,7 +247,7 @@ impl AssetFile {
     /// Writes the same bytes as [`AssetFile::to_bytes`] to a stream, without the whole file in memory.
     ///
     /// # Errors
-    /// As [`AssetFile::to_bytes`] (kind `InvalidData`), and what `out` fails with.
+    /// As [`AssetFile::to_bytes`] (kind `InvalidData`), and errors of `out`.
     pub fn write_to(&self, out: &mut dyn io::Write) -> io::Result<()> {
         let writer = self.writer().map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error))?;
         writer.write_to(out)
@@ -268,7 +268,7 @@ impl AssetFile {
         Ok(writer)
     }
 
-    /// Reads a whole file and validates it. Sections without a type here are kept in `extra`.
+    /// Reads a whole file and validates it. Sections without a type in this crate are kept in `extra`.
     ///
     /// # Errors
     /// Any error of `SPEC.md`.

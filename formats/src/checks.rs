@@ -1,4 +1,4 @@
-//! Checks that the contents of several sections share.
+//! Checks for the contents of several sections.
 
 use crate::error::{FormatError, Result};
 use crate::types::Tag;
@@ -17,7 +17,7 @@ pub(crate) fn finite_f32<const N: usize>(tag: Tag, rows: &[[f32; N]]) -> Result<
     }
 }
 
-/// Every number is at least 0 (or any finite number where `least` is negative infinity).
+/// Checks that every number is at least `least` (or finite, where `least` is negative infinity).
 pub(crate) fn in_range(tag: Tag, what: &str, values: &[f64], least: f64) -> Result<()> {
     match values.iter().find(|x| !(x.is_finite() && **x >= least)) {
         Some(x) if least.is_finite() => invalid(tag, format!("{what} is {x}: it must be finite and at least {least}")),
@@ -33,7 +33,7 @@ pub(crate) fn indices_below(tag: Tag, indices: impl IntoIterator<Item = u32>, li
     }
 }
 
-/// An array has the length that another one prescribes.
+/// Checks that an array has the expected length.
 pub(crate) fn same_length(tag: Tag, what: &str, length: usize, expected: usize) -> Result<()> {
     if length == expected {
         return Ok(());
@@ -41,19 +41,19 @@ pub(crate) fn same_length(tag: Tag, what: &str, length: usize, expected: usize) 
     invalid(tag, format!("{length} rows for {expected} {what}"))
 }
 
-/// Positions of this array fit in `u32`, the largest value left free for "none".
+/// Checks that positions of an array fit in `u32`, the largest value being reserved for "none".
 pub(crate) fn addressable(tag: Tag, length: usize) -> Result<()> {
     if length < u32::MAX as usize { Ok(()) } else { invalid(tag, format!("{length} rows are more than 2^32 - 2")) }
 }
 
-/// Whether a range between two offsets may be empty.
+/// Rule for empty ranges between two offsets.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Ranges {
     MayBeEmpty,
     NonEmpty,
 }
 
-/// Offsets of `offsets.len() - 1` ranges that cover `total` rows in order.
+/// Checks the offsets of `offsets.len() - 1` ranges that cover `total` rows in order.
 pub(crate) fn offsets(tag: Tag, offsets: &[u32], total: usize, ranges: Ranges) -> Result<()> {
     let (Some(first), Some(last)) = (offsets.first(), offsets.last()) else {
         return invalid(tag, "no offsets: the first must be 0");

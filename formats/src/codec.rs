@@ -1,4 +1,4 @@
-//! Records: small structures as bytes. The only place that knows the serialiser, so that a successor changes one file.
+//! Records: small structures as bytes. The only module that uses the serialiser, so that a successor changes one file.
 //!
 //! The encoding is bincode 1 with fixed-width little-endian integers; `SPEC.md` describes it in full.
 

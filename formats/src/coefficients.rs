@@ -1,14 +1,15 @@
-//! Matrices of quantised coefficients, entropy-coded: rows (vertices) of columns (components) whose energy falls from left
-//! to right, most of them zero.
+//! Matrices of quantised coefficients, entropy-coded: rows (vertices) of columns (components) whose energy falls from
+//! left to right, most of them zero.
 //!
-//! Each row has the number of columns up to its last coefficient that is not 0, and then these coefficients. Their bits are
-//! coded under probabilities that depend on the size that is expected: that of the column in the rows before, times the ratio
-//! of what this row has had in the columns before to what they were expected to have. On components of light this takes 3 to
-//! 6 % less than the sizes next to the coefficient as they are, on bytes for each light 10 %. Signs and counts depend on a
-//! row that the caller names (say, of the parent in a hierarchy of vertices; the reader must know the same rows).
+//! Each row has the number of columns up to its last coefficient that is not 0, and then these coefficients. Their bits
+//! are coded under probabilities that depend on the expected size: the column's mean size in earlier rows, times the
+//! ratio of actual to expected sizes in earlier columns of this row. On components of light this takes 3 to 6 % less
+//! than with the plain sizes next to the coefficient, on bytes for each light 10 %. Signs and counts depend on a row
+//! named by the caller (say, of the parent in a hierarchy of vertices; the reader must know the same rows).
 //!
-//! 30,000 rows of independent Laplacian columns take 1.1 % (200 columns, 5.0 bits a coefficient) to 1.7 % (64 columns, 2.5 bits)
-//! more than their entropy, 23 to 36 % less than zstd at level 19; 200 and 30 million coefficients a second and core.
+//! 30,000 rows of independent Laplacian columns take 1.1 % (200 columns, 5.0 bits a coefficient) to 1.7 % (64 columns,
+//! 2.5 bits) more than their entropy, 23 to 36 % less than zstd at level 19; 200 and 30 million coefficients a second
+//! and core.
 
 use crate::checks::invalid;
 use crate::error::{FormatError, Result};
@@ -16,13 +17,13 @@ use crate::range_coder::{Bit, Coder, Decoder, Encoder, Known, Lengths, MAGNITUDE
 use crate::types::{Budget, Tag};
 use crate::varints;
 
-/// Entry of `predictor_rows` for a row without one.
+/// Entry of `predictor_rows` for a row without a predictor.
 pub const NO_ROW: u32 = u32::MAX;
 
-/// Columns at most.
+/// Largest number of columns.
 pub const MOST_COLUMNS: usize = 65_535;
 
-/// Columns that have probabilities of their own; of the others, half an octave shares them.
+/// Number of columns with probabilities of their own; the others share them by half octaves.
 const OWN_COLUMNS: usize = 32;
 
 /// Classes of columns: 32, then two for each of the octaves up to [`MOST_COLUMNS`].
@@ -34,30 +35,30 @@ const LEVELS: usize = 64;
 /// Fractional bits of mean sizes.
 const FRACTION: u32 = 12;
 
-/// Rows, and columns of a row, that a mean is over: 2 to this power.
+/// Binary logarithm of the number of rows, and of columns of a row, over which a mean is taken.
 const SETTLED: u32 = 5;
 
-/// The mean that a column begins with.
+/// Initial mean size of a column.
 const FIRST_MEAN: i32 = 2 << FRACTION;
 
-/// Learned bits at the top of a row's count.
+/// Number of learned bits at the top of a row's count.
 const COUNT_BITS: u32 = 7;
 
-/// Classes of the count that a row is expected to have.
+/// Number of classes of a row's expected count.
 const COUNT_CLASSES: usize = 16;
 
-/// A matrix read back.
+/// A decoded matrix.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Coefficients {
     /// Number of rows.
     pub rows: usize,
     /// Number of columns, at most [`MOST_COLUMNS`].
     pub columns: usize,
-    /// `[row][column]`.
+    /// Coefficients, `[row][column]`.
     pub values: Vec<i16>,
 }
 
-/// Position in a scale of half octaves: 0, 1, 2, 3, 4 to 5, 6 to 7, 8 to 11, ...
+/// Class of a size on a scale of half octaves: 0, 1, 2, 3, 4 to 5, 6 to 7, 8 to 11, ...
 #[inline(always)]
 fn half_octave(size: u32) -> usize {
     if size < 4 {
@@ -76,7 +77,7 @@ fn column_class(column: usize) -> usize {
     (OWN_COLUMNS + half_octave(column as u32) - 10).min(COLUMN_CLASSES - 1)
 }
 
-/// Logarithm of a mean size in sixteenths of an octave; beyond four bits it is all the same.
+/// Logarithm of a mean size in sixteenths of an octave, constant beyond four bits.
 #[inline(always)]
 fn sixteenths(mean: i32) -> i32 {
     let mean = mean.max(0) as u32 + 16;
@@ -84,31 +85,32 @@ fn sixteenths(mean: i32) -> i32 {
     (octave << 4 | (mean >> (octave - 4) & 15)) as i32
 }
 
-/// A running mean after another number.
+/// The running mean after another number.
 #[inline(always)]
 fn towards(mean: i32, next: i32, shift: u32) -> i32 {
     mean + ((next - mean) >> shift)
 }
 
-/// A magnitude as means have it; below 2^28, so that differences fit.
+/// A magnitude in the fixed-point format of means; below 2^28, so that differences fit.
 #[inline(always)]
 fn fixed(size: u32) -> i32 {
     (size.min(u32::from(u16::MAX)) << FRACTION) as i32
 }
 
-/// All that is learned.
+/// Everything learned so far.
 struct Models {
-    /// By the expected size.
+    /// Models of lengths by the expected size.
     lengths: Vec<Lengths>,
-    /// By the octave of the expected size.
+    /// Models of mantissas by the octave of the expected size.
     mantissas: Vec<Mantissas>,
-    /// By the column and the sign of the coefficient in the row named by the caller: none, positive, negative.
+    /// Models of signs by the column and the sign of the coefficient in the row named by the caller: none, positive,
+    /// negative.
     signs: Vec<[Bit; 3]>,
-    /// Mean size of each column in the rows before.
+    /// Mean size of each column in earlier rows.
     means: Vec<i32>,
     rows: u32,
     counts: Vec<[Bit; 1 << COUNT_BITS]>,
-    /// Bits of a count: enough for the number of columns.
+    /// Number of bits of a count, enough for the number of columns.
     count_bits: u32,
 }
 
@@ -126,7 +128,7 @@ impl Models {
         }
     }
 
-    /// The number of columns up to a row's last coefficient that is not 0.
+    /// Codes the number of columns up to a row's last coefficient that is not 0.
     fn count<C: Coder>(&mut self, coder: &mut C, expected: u32, count: u32) -> u32 {
         let class = (expected as usize * COUNT_CLASSES) >> self.count_bits;
         let (mut top, mut shift) = (1, self.count_bits);
@@ -139,7 +141,7 @@ impl Models {
         (top as u32) << shift & ((1 << self.count_bits) - 1) | low
     }
 
-    /// The coefficients of a row, of which the last is not 0. `false` where one is no i16.
+    /// Codes the coefficients of a row, the last of which is not 0. Returns `false` where one is no i16.
     #[inline(always)]
     fn row<C: Coder>(&mut self, coder: &mut C, predictor: &[i16], row: &mut [i16]) -> bool {
         let (mut own, mut expected) = (1 << FRACTION, 1 << FRACTION);
@@ -167,7 +169,7 @@ impl Models {
         fits
     }
 
-    /// A row that was coded, with its zeros.
+    /// Learns from a coded row, zeros included.
     fn learn(&mut self, row: &[i16]) {
         let shift = (self.rows + 2).ilog2().min(SETTLED);
         for (mean, value) in self.means.iter_mut().zip(row) {
@@ -181,7 +183,7 @@ fn count_of(row: &[i16]) -> u32 {
     row.iter().rposition(|value| *value != 0).map_or(0, |last| last as u32 + 1)
 }
 
-/// Checks that every row named is an earlier one.
+/// Checks that every predictor is an earlier row.
 fn check_predictors(tag: Tag, rows: usize, predictor_rows: Option<&[u32]>) -> Result<()> {
     let Some(named) = predictor_rows else { return Ok(()) };
     if named.len() != rows {
@@ -195,17 +197,18 @@ fn check_predictors(tag: Tag, rows: usize, predictor_rows: Option<&[u32]>) -> Re
     }
 }
 
-/// The row that predicts row `row`; without any named, the count of the row before is expected.
+/// The row that predicts row `row`; without predictors, the count of the previous row is expected.
 fn predictor_of(predictor_rows: Option<&[u32]>, row: usize) -> Option<usize> {
     let named = *predictor_rows?.get(row)?;
     (named != NO_ROW).then_some(named as usize)
 }
 
-/// Codes `values`, `[row][column]`. `predictor_rows[i]` is a row before `i` that is likely to be similar, or [`NO_ROW`]; the
-/// reader needs the same rows. The same values give the same bytes.
+/// Encodes `values`, `[row][column]`. `predictor_rows[i]` is a row before `i` that is likely to be similar, or
+/// [`NO_ROW`]; the reader needs the same rows. The same values give the same bytes.
 ///
 /// # Errors
-/// [`FormatError::Invalid`] where lengths disagree, a predictor is not an earlier row, or there are too many rows or columns.
+/// [`FormatError::Invalid`] where lengths disagree, a predictor is not an earlier row, or there are too many rows or
+/// columns.
 pub fn encode(
     tag: Tag,
     rows: usize,
@@ -277,12 +280,12 @@ fn head(tag: Tag, mut bytes: &[u8]) -> Result<Head<'_>> {
     Ok(Head { rows, columns, predicted: predicted == 1, stream: bytes })
 }
 
-/// Undoes [`encode`] with the same `predictor_rows`. Takes the memory of the matrix, which the budget limits, and at most
-/// 2 MiB. Bytes that are accepted are those that [`encode`] gives for the result.
+/// Undoes [`encode`] with the same `predictor_rows`. Takes the memory of the matrix, which the budget limits, and at
+/// most 2 MiB. Accepted bytes are exactly those that [`encode`] gives for the result.
 ///
 /// # Errors
-/// [`FormatError::OverBudget`] and [`FormatError::OutOfMemory`] before memory is taken; [`FormatError::Invalid`] where the
-/// bytes are not a coded matrix, or the predictor rows do not fit it.
+/// [`FormatError::OverBudget`] and [`FormatError::OutOfMemory`] before memory is taken; [`FormatError::Invalid`] where
+/// the bytes are not a coded matrix, or the predictor rows do not fit it.
 pub fn decode(tag: Tag, bytes: &[u8], predictor_rows: Option<&[u32]>, budget: Budget) -> Result<Coefficients> {
     let Head { rows, columns, predicted, stream } = head(tag, bytes)?;
     if predicted != predictor_rows.is_some() {
@@ -305,7 +308,7 @@ pub fn decode(tag: Tag, bytes: &[u8], predictor_rows: Option<&[u32]>, budget: Bu
     Ok(Coefficients { rows, columns, values })
 }
 
-/// Fills the rows; `false` where the stream cannot be one of the encoder's.
+/// Fills the rows; returns `false` where the stream cannot come from the encoder.
 fn read(stream: &[u8], columns: usize, predictor_rows: Option<&[u32]>, values: &mut [i16]) -> bool {
     let (mut decoder, mut models) = (Decoder::new(stream), Models::new(columns));
     let zeros = vec![0; columns];

@@ -22,7 +22,7 @@ pub(crate) fn compress(tag: Tag, bytes: &[u8]) -> Result<Vec<u8>> {
     zstd::bulk::compress(bytes, ZSTD_LEVEL).map_err(|error| FormatError::Compression { tag, reason: error.to_string() })
 }
 
-/// Refuses, before any memory is taken, what cannot be one frame with `decoded` bytes of content.
+/// Refuses bytes that cannot be one frame with `decoded` bytes of content, before any memory is taken.
 pub(crate) fn check_frame(tag: Tag, stored: &[u8], decoded: u64) -> Result<()> {
     let refuse = |reason: String| Err(FormatError::Compression { tag, reason });
     if !stored.starts_with(&FRAME_MAGIC) {

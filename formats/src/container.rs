@@ -1,29 +1,29 @@
-//! Where everything lies in the file: header, directory, sections. `SPEC.md` states the same numbers.
+//! Layout of the file: header, directory, sections. `SPEC.md` states the same numbers.
 
 use crate::error::{FormatError, Result};
 use crate::types::{Codec, ElementType, Kind, Tag};
 
-/// First bytes of every file. The last four tell a file that went through a text-mode transfer.
+/// First bytes of every file. The last four reveal a transfer in text mode.
 pub const MAGIC: [u8; 8] = *b"\x89TLUX\r\n\x1a";
 pub(crate) const HEADER_BYTES: usize = 32;
 pub(crate) const ENTRY_BYTES: usize = 48;
 pub(crate) const ALIGNMENT: u64 = 64;
 pub(crate) const CHECKSUM_AT: usize = 24;
 
-/// A section as the directory describes it.
+/// Directory entry of a section.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SectionInfo {
     /// Name.
     pub tag: Tag,
-    /// What it is for.
+    /// Purpose of the section.
     pub kind: Kind,
     /// Type of its scalars.
     pub element: ElementType,
     /// Scalars in one row.
     pub components: u16,
-    /// How it is stored.
+    /// Encoding of the stored bytes.
     pub codec: Codec,
-    /// Where its stored bytes begin in the file.
+    /// Offset of its stored bytes in the file.
     pub offset: u64,
     /// Bytes in the file, without padding.
     pub stored_bytes: u64,
@@ -57,7 +57,7 @@ impl SectionInfo {
         entry
     }
 
-    /// Reads entry `index`, which lies at `at` in the file, and checks all that needs no other entry.
+    /// Reads entry `index`, which lies at `at` in the file, and makes all checks that need no other entry.
     pub(crate) fn from_entry(index: u32, at: u64, entry: &[u8; ENTRY_BYTES]) -> Result<Self> {
         let tag = Tag::from_bytes(field(entry, 0)).ok_or(FormatError::BadTag { index })?;
         let unknown = |field, value: u8| FormatError::UnknownCode { tag, field, value: value.into() };
@@ -102,7 +102,7 @@ impl SectionInfo {
     }
 }
 
-/// `N` bytes at `at`, which the caller's constants keep inside.
+/// `N` bytes at `at`; the callers' constants stay inside.
 pub(crate) fn field<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
     let mut out = [0; N];
     out.copy_from_slice(&bytes[at..at + N]);
@@ -114,7 +114,7 @@ pub(crate) fn align(at: u64) -> Option<u64> {
     at.checked_next_multiple_of(ALIGNMENT)
 }
 
-/// Checksum of the header and directory, its own field taken as zero.
+/// Checksum of the header and directory, with its own field taken as zero.
 pub(crate) fn head_checksum(head: &[u8]) -> u32 {
     let mut hasher = crc32fast::Hasher::new();
     hasher.update(&head[..CHECKSUM_AT]);

@@ -1,5 +1,5 @@
-//! Transport of light from far away: coefficients at reference points over a basis of spherical harmonics, or sparse rows of Haar
-//! coefficients over a cube map, or the sum of both.
+//! Transport of light from far away: coefficients at reference points over a basis of spherical harmonics, or sparse
+//! rows of Haar coefficients over a cube map, or the sum of both.
 
 use serde::{Deserialize, Serialize};
 
@@ -15,10 +15,10 @@ pub mod tags {
     use crate::quantised_lights::tags::Set;
     use crate::types::Tag;
 
-    /// Numbers, a record.
+    /// Numbers of the transport, a record.
     pub const NUMBERS: Tag = Tag::from_static("aft.rec");
 
-    /// Coefficients over harmonics and their basis.
+    /// Coefficients over harmonics, with their basis.
     pub const SET: Set = Set {
         units: Tag::from_static("aft.uni"),
         basis_steps: Tag::from_static("aft.stp"),
@@ -27,10 +27,10 @@ pub mod tags {
         coefficients: Tag::from_static("aft.cof"),
     };
 
-    /// Numbers of light scattered once, a record.
+    /// Numbers of single scattering, a record.
     pub const SINGLE_NUMBERS: Tag = Tag::from_static("afs.rec");
 
-    /// Its coefficients.
+    /// Coefficients of single scattering over harmonics, with their basis.
     pub const SINGLE_SET: Set = Set {
         units: Tag::from_static("afs.uni"),
         basis_steps: Tag::from_static("afs.stp"),
@@ -39,7 +39,7 @@ pub mod tags {
         coefficients: Tag::from_static("afs.cof"),
     };
 
-    /// All of them, in the order of the file.
+    /// All tags except those of the rows, in the order of the file.
     pub const ALL: [Tag; 12] = [
         NUMBERS,
         SET.units,
@@ -56,36 +56,36 @@ pub mod tags {
     ];
 }
 
-/// Order of the harmonics at most.
+/// Largest order of the harmonics.
 pub const MOST_ORDER: u32 = 32;
 
-/// Terms of the phase function at most.
+/// Largest number of terms of the phase function.
 pub const MOST_TERMS: u32 = 16;
 
-/// Terms of the rows: the channels R, G, B.
+/// Number of terms of the rows: the channels R, G, B.
 const CHANNELS: usize = 3;
 
 /// See `spec/projected.md`, "Harmonics", `spec/rows.md` and `spec/single_scattering.md`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DistantTransport {
-    /// Samples that the transport was computed from.
+    /// Number of samples that the transport was computed from.
     pub samples: u32,
     /// The part in harmonics.
     pub harmonics: Option<Harmonics>,
     /// The part in Haar coefficients, a row for each vertex that a transferring part uses.
     pub rows: Option<IrradianceRows>,
-    /// Light that is scattered once.
+    /// Single scattering.
     pub single: Option<Single>,
 }
 
-/// Light that is scattered once, in harmonics or in rows.
+/// Single scattering, in harmonics or in rows.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Single {
-    /// Terms of the phase function's light side, one for each shell of the set; rows have one.
+    /// Number of terms of the phase function's light side, one for each shell of the set; rows have one.
     pub terms: u32,
-    /// In harmonics.
+    /// Single scattering in harmonics.
     pub harmonics: Option<Harmonics>,
-    /// In Haar coefficients, a row for each vertex.
+    /// Single scattering in Haar coefficients, a row for each vertex.
     pub rows: Option<IrradianceRows>,
 }
 
@@ -100,21 +100,21 @@ pub struct Harmonics {
     pub set: Set,
 }
 
-/// What is no array.
+/// Content of the record of numbers.
 #[derive(Serialize, Deserialize)]
 struct Record {
     samples: u32,
     numbers: Numbers,
 }
 
-/// The same of light that is scattered once.
+/// Content of the record of single scattering.
 #[derive(Serialize, Deserialize)]
 struct SingleRecord {
     terms: u32,
     numbers: Numbers,
 }
 
-/// Of harmonics; order 0 for none.
+/// Numbers of harmonics; order 0 for none.
 #[derive(Default, Serialize, Deserialize)]
 struct Numbers {
     order: u32,
@@ -134,7 +134,7 @@ impl Numbers {
         harmonics.map(of).unwrap_or_default()
     }
 
-    /// With the arrays of a set.
+    /// The harmonics with the arrays of a set; `None` for order 0.
     fn joined(self, tag: Tag, tags: quantised_lights::tags::Set, set: Option<Set>) -> Result<Option<Harmonics>> {
         let Self { order, spacing_mm, channels, step } = self;
         match (order, set) {
@@ -210,7 +210,8 @@ impl Single {
 }
 
 impl DistantTransport {
-    /// Checks every length and range, as [`DistantTransport::from_sections`] guarantees them; coded bytes only as far as their shapes.
+    /// Checks every length and range that [`DistantTransport::from_sections`] guarantees; of coded bytes, only the
+    /// shapes.
     ///
     /// # Errors
     /// [`crate::FormatError::Invalid`] with the tag of the section at fault.
@@ -227,7 +228,7 @@ impl DistantTransport {
         self.single.as_ref().map_or(Ok(()), Single::validate)
     }
 
-    /// The sections of valid transport.
+    /// The sections of a valid transport.
     ///
     /// # Errors
     /// [`crate::FormatError::Invalid`] as [`DistantTransport::validate`].
@@ -247,11 +248,11 @@ impl DistantTransport {
         Ok(sections)
     }
 
-    /// Reads it among the sections of an asset; `None` where there is none. Other sections are left alone. Rows are those of so
-    /// many vertices.
+    /// Reads the transport among the sections of an asset; `None` where there is none. Other sections are ignored. Rows
+    /// are those of `vertices` vertices.
     ///
     /// # Errors
-    /// [`crate::FormatError::MissingSection`] where only some are there, and whatever is wrong with their type or content.
+    /// [`crate::FormatError::MissingSection`] where only some exist, and any fault of their type or content.
     pub fn from_sections(sections: &[RawSection], vertices: usize) -> Result<Option<Self>> {
         let numbers = pick(sections, [tags::NUMBERS], Kind::Method)?;
         let set = Set::from_arrays(sections, tags::SET)?;

@@ -1,11 +1,11 @@
-//! One error type: what was refused, in which section, with a number that never changes meaning.
+//! One error type: the fault, its section, and a number that never changes meaning.
 
 use crate::{ElementType, Tag};
 
 /// Result of every fallible function in this crate.
 pub type Result<T> = std::result::Result<T, FormatError>;
 
-/// Why bytes were refused, or why an asset cannot be written.
+/// The reason why bytes were refused, or why an asset cannot be written.
 ///
 /// [`FormatError::code`] gives the stable number that `SPEC.md` lists; numbers are never reused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -19,7 +19,7 @@ pub enum FormatError {
     TooShort {
         /// Bytes needed to go on.
         needed: u64,
-        /// Bytes there.
+        /// Bytes available.
         length: u64,
     },
     /// 3: written by an incompatible version.
@@ -30,7 +30,7 @@ pub enum FormatError {
         /// Minor version in the header.
         minor: u16,
     },
-    /// 4: the header states another length.
+    /// 4: the header states a different length.
     #[error("the header says {stated} bytes and the file has {actual}: it is cut, or something was appended")]
     FileLength {
         /// Length in the header.
@@ -51,7 +51,7 @@ pub enum FormatError {
     NotZero {
         /// Offset in the file.
         offset: u64,
-        /// What the byte belongs to.
+        /// The field or padding that the byte belongs to.
         place: &'static str,
     },
     /// 7: more sections than the format allows.
@@ -95,7 +95,7 @@ pub enum FormatError {
     /// 12: a section ends beyond the file, or the file goes on after the last one.
     #[error("the sections end at byte {end} and the file at {length}")]
     SectionEnd {
-        /// Where the sections end.
+        /// End of the sections.
         end: u64,
         /// Length of the file.
         length: u64,
@@ -105,7 +105,7 @@ pub enum FormatError {
     SectionLength {
         /// The section.
         tag: Tag,
-        /// What is wrong.
+        /// The fault.
         reason: String,
     },
     /// 14: decoding takes more memory than the caller allowed.
@@ -141,7 +141,7 @@ pub enum FormatError {
     Compression {
         /// The section.
         tag: Tag,
-        /// What is wrong.
+        /// The fault.
         reason: String,
     },
     /// 18: a section that must be there is not.
@@ -169,7 +169,7 @@ pub enum FormatError {
     Record {
         /// The section.
         tag: Tag,
-        /// What is wrong.
+        /// The fault.
         reason: String,
     },
     /// 21: a section parses and its content is not valid.
@@ -177,7 +177,7 @@ pub enum FormatError {
     Invalid {
         /// The section.
         tag: Tag,
-        /// What is wrong and where.
+        /// The fault and its place.
         reason: String,
     },
 }
@@ -210,12 +210,12 @@ impl FormatError {
         }
     }
 
-    /// The name that `SPEC.md` gives the number.
+    /// The name of this error, as `SPEC.md` lists it.
     pub fn name(&self) -> &'static str {
         Self::NAMES[usize::from(self.code() - 1)]
     }
 
-    /// Names of the numbers from 1 on.
+    /// Names of the numbers, from 1 on.
     pub const NAMES: [&'static str; 21] = [
         "BadMagic",
         "TooShort",
@@ -240,7 +240,7 @@ impl FormatError {
         "Invalid",
     ];
 
-    /// The section that the error is about, if it is about one.
+    /// The section of the error, if it concerns one.
     pub fn tag(&self) -> Option<Tag> {
         match self {
             Self::DuplicateTag { tag }

@@ -1,9 +1,10 @@
-//! The coefficients of a far field, entropy-coded: which nodes of the tree a group keeps, which functions of each, and their values.
+//! The coefficients of a far field, entropy-coded: the nodes of the tree that a group keeps, the functions of each, and
+//! their values.
 //!
-//! Neighbouring groups keep nearly the same coefficients, children are like their parents, and functions at one node have the same
-//! shape over the lanes. So the tree is walked from the root of each group, and every bit is coded under a probability that
-//! depends on what has been seen in the group that kept the node last ("before"), at the node above ("parent"), of the function before at
-//! the same node ("beside") and in the row itself.
+//! Neighbouring groups keep nearly the same coefficients, children are like their parents, and functions at one node
+//! have the same shape over the lanes. So the tree is walked from the root of each group, and every bit is coded under
+//! a probability that depends on the last group that kept the node ("before"), on the node above ("parent"), on the
+//! previous function at the same node ("beside") and on the row itself.
 
 use crate::checks::invalid;
 use crate::error::{FormatError, Result};
@@ -13,22 +14,22 @@ use crate::range_coder::{Bit, Coder, Decoder, Encoder, Known, Lengths, MAGNITUDE
 use crate::types::Budget;
 use crate::varints;
 
-/// Levels of the tree that have probabilities of their own.
+/// Number of tree levels with probabilities of their own.
 const LEVELS: usize = 20;
 
-/// Bands of the lanes' transform: mean, and four of details.
+/// Number of bands of the lanes' transform: the mean, and four of details.
 const BANDS: usize = 5;
 
-/// Classes of expected magnitudes, half an octave each.
+/// Number of classes of expected magnitudes, half an octave each.
 const CLASSES: usize = 14;
 
-/// Streams at most, each of which is a thread's. Four cost 0.5 % of the bytes of one.
+/// Largest number of streams, each for one thread. Four cost 0.5 % of the bytes of one.
 const STREAMS: usize = 4;
 
-/// Bytes of a coefficient beside its rows: node, mask, mask of the wide rows, first row.
+/// Bytes of a coefficient besides its rows: node, mask, mask of the wide rows, first row.
 const BYTES_PER_COEFFICIENT: u64 = 12;
 
-/// No coefficient, no group.
+/// Index that stands for no coefficient or no group.
 const NONE: u32 = u32::MAX;
 
 /// Band of each lane.
@@ -36,7 +37,7 @@ const BAND: [usize; LANES] = [0, 1, 2, 2, 3, 3, 3, 3, 4, 4, 4, 4, 4, 4, 4, 4];
 
 type Row = [i16; LANES];
 
-/// Position in a scale of half octaves: 0, 1, 2, 3, 4 to 5, 6 to 7, 8 to 11, ...
+/// Class of a size on a scale of half octaves: 0, 1, 2, 3, 4 to 5, 6 to 7, 8 to 11, ...
 #[inline(always)]
 fn class(size: u32) -> usize {
     if size < 4 {
@@ -46,23 +47,25 @@ fn class(size: u32) -> usize {
     ((2 * octave + (size >> (octave - 1) & 1)) as usize).min(CLASSES - 1)
 }
 
-/// None, positive, negative.
+/// Class of a sign: zero, positive, negative.
 #[inline(always)]
 fn sign(value: i16) -> usize {
     if value == 0 { 0 } else { 1 + usize::from(value < 0) }
 }
 
-/// Everything that is learned.
+/// Everything learned so far.
 struct Models {
-    /// Whether anything is kept from a node down: by level, functions that the parent keeps, and what the groups before had there.
+    /// Models of whether anything is kept in a subtree: by level, by the number of functions that the parent keeps, and
+    /// by earlier groups there.
     some: Vec<[[Bit; 3]; 4]>,
-    /// Whether a function is kept: by function, and whether before, parent, left sibling (none, no, yes) and the function before keep it.
+    /// Models of whether a function is kept: by function, and by whether before, parent, left sibling (none, no, yes)
+    /// and the previous function keep it.
     kept: Vec<[[[[Bit; 2]; 3]; 3]; 3]>,
-    /// By band, and by the size expected from the row itself and from the others.
+    /// Models of lengths by band, and by the size expected from the row itself and from the others.
     lengths: Vec<[[Lengths; CLASSES]; CLASSES]>,
-    /// By band and size.
+    /// Models of mantissas by band and size.
     mantissas: Vec<[Mantissas; CLASSES]>,
-    /// By function, band, and the signs of beside, before and parent.
+    /// Models of signs by function, band, and the signs of beside, before and parent.
     signs: Vec<[[[[Bit; 3]; 3]; 3]; BANDS]>,
 }
 
@@ -77,7 +80,7 @@ impl Models {
         }
     }
 
-    /// A row of a function; `false` where a value is no i16.
+    /// Codes a row of a function; returns `false` where a value is no i16.
     #[inline(always)]
     fn row<C: Coder>(&mut self, coder: &mut C, k: usize, [beside, before, parent]: [&Row; 3], row: &mut Row) -> bool {
         let size = |value: i16| u32::from(value.unsigned_abs());
@@ -113,7 +116,7 @@ impl Models {
     }
 }
 
-/// Coefficients in some order, and the rows of their functions.
+/// Coefficients in a given order, with the rows of their functions.
 #[derive(Default)]
 struct Coefficients {
     nodes: Vec<u32>,
@@ -124,13 +127,13 @@ struct Coefficients {
 }
 
 impl Coefficients {
-    /// The rows of one of them, function after function.
+    /// The rows of a coefficient, function after function.
     fn rows(&self, coefficient: usize) -> &[Row] {
         let start = self.starts[coefficient] as usize;
         &self.rows[start..start + self.masks[coefficient].count_ones() as usize]
     }
 
-    /// The row of a function; zeros where it is not kept, or there is no coefficient.
+    /// The row of a function; zeros where it is not kept or there is no coefficient.
     #[inline(always)]
     fn row(&self, coefficient: u32, k: usize) -> &Row {
         const ZEROS: Row = [0; LANES];
@@ -143,46 +146,46 @@ impl Coefficients {
     }
 }
 
-/// A walk through all groups in either direction.
+/// A walk through all groups, for coding or decoding.
 struct Walk<'a, C> {
     coder: C,
     models: Models,
     terms: usize,
-    /// What is to be coded, in the order of the far field; empty where it is read.
+    /// The coefficients to code, in the order of the far field; empty for decoding.
     given: &'a Coefficients,
-    /// Functions of the group.
+    /// The group's functions, as a mask.
     functions: u16,
-    /// What has been coded, in the order of the walk.
+    /// The coefficients coded so far, in the order of the walk.
     done: Coefficients,
-    /// Limits of the coefficients of the group, and of all rows.
+    /// Largest numbers of coefficients of the group, and of rows in total.
     most: (usize, usize),
-    /// For each node the last coefficient, and the last group that had one there or below.
+    /// Last coefficient of each node, and last group with one there or below.
     last: Vec<(u32, u32)>,
     group: u32,
 }
 
-/// Where in the tree a walk is.
+/// Position of a walk in the tree.
 #[derive(Clone, Copy)]
 struct Place {
     first: u32,
     end: u32,
     level: usize,
     parent: u32,
-    /// Coefficient of the left sibling.
+    /// The left sibling and its coefficient.
     sibling: Sibling,
 }
 
 #[derive(Clone, Copy)]
 enum Sibling {
-    /// This is one, or the root.
+    /// The node is a left child or the root.
     Left,
-    /// It has none or this one.
+    /// The node is a right child; the left one has this coefficient or none.
     Of(u32),
 }
 
 impl<C: Coder> Walk<'_, C> {
-    /// A node and what is below it; the given coefficients there are `range`. The coefficient of the node, or none; `None` where the
-    /// stream cannot be one of the encoder's.
+    /// Codes a node and its subtree, whose given coefficients are `range`. Returns the coefficient of the node, or
+    /// [`NONE`] without one; `None` where the stream cannot come from the encoder.
     fn visit(&mut self, place: Place, range: std::ops::Range<usize>) -> Option<u32> {
         let Place { first, end, level, parent, sibling } = place;
         if end - first <= 1 {
@@ -256,7 +259,7 @@ impl<C: Coder> Walk<'_, C> {
     }
 }
 
-/// A walk that has seen nothing, over the nodes of this many samples.
+/// A new walk over the nodes of `samples` samples.
 fn walk<C: Coder>(coder: C, given: &Coefficients, terms: usize, samples: usize) -> Walk<'_, C> {
     let (models, done, last) = (Models::new(), Coefficients::default(), vec![(NONE, NONE); samples]);
     Walk { coder, models, terms, given, functions: u16::MAX, done, most: (usize::MAX, usize::MAX), last, group: 0 }
@@ -272,11 +275,11 @@ fn samples(shape: &Shape<'_>) -> usize {
     shape.part_offsets.last().map_or(0, |end| *end as usize)
 }
 
-/// Nodes, masks and values of a valid far field: varints (the number of streams, and groups, rows and bytes of each), then the
-/// streams.
+/// Encodes nodes, masks and values of a valid far field: varints (the number of streams, and groups, rows and bytes of
+/// each), then the streams.
 ///
 /// # Errors
-/// [`FormatError::Invalid`] where a row of 16 bits fits 8: a reader could not know.
+/// [`FormatError::Invalid`] where a row of 16 bits fits 8, which a reader could not tell.
 pub(crate) fn encode(field: &FarField, shape: &Shape<'_>) -> Result<Vec<u8>> {
     let given = joined(field)?;
     let runs: Vec<&[Group]> = field.groups.chunks(field.groups.len().div_ceil(STREAMS).max(1)).collect();
@@ -298,7 +301,7 @@ pub(crate) fn encode(field: &FarField, shape: &Shape<'_>) -> Result<Vec<u8>> {
     Ok(head)
 }
 
-/// The coefficients with rows of one width.
+/// The coefficients, with rows of one width.
 fn joined(field: &FarField) -> Result<Coefficients> {
     let mut given = Coefficients { nodes: field.nodes.clone(), masks: field.masks.clone(), ..Coefficients::default() };
     let (mut narrow, mut wide) = (field.narrow.iter(), field.wide.iter());
@@ -317,7 +320,7 @@ fn joined(field: &FarField) -> Result<Coefficients> {
     Ok(given)
 }
 
-/// Rows and stream of some groups, whose coefficients begin at `first`.
+/// Encodes some groups, whose coefficients begin at `first`: number of rows, and stream.
 fn encode_run(
     given: &Coefficients,
     terms: usize,
@@ -346,7 +349,7 @@ fn end_of(groups: &[Group]) -> usize {
     groups.last().map_or(0, |group| group.coefficients_end as usize)
 }
 
-/// What becomes of each job, in their order; each on a thread of its own where there are several.
+/// Results of the jobs, in their order; several jobs run on a thread each.
 fn in_parallel<J: Sync, T: Send>(jobs: &[J], work: impl Fn(&J) -> Result<T> + Sync) -> Vec<Result<T>> {
     if jobs.len() < 2 {
         return jobs.iter().map(work).collect();
@@ -360,7 +363,7 @@ fn in_parallel<J: Sync, T: Send>(jobs: &[J], work: impl Fn(&J) -> Result<T> + Sy
     })
 }
 
-/// One stream and its groups.
+/// A stream with its groups.
 struct Job<'a> {
     groups: &'a [Group],
     first: usize,
@@ -368,7 +371,7 @@ struct Job<'a> {
     stream: &'a [u8],
 }
 
-/// The streams; their groups together are all groups, and nothing is behind the last.
+/// The streams; together they have all groups, and nothing follows the last.
 fn jobs<'a>(mut bytes: &'a [u8], groups: &'a [Group]) -> Option<Vec<Job<'a>>> {
     let count = varints::take(&mut bytes).filter(|count| *count as usize <= STREAMS)?;
     let mut numbers = Vec::new();
@@ -386,12 +389,12 @@ fn jobs<'a>(mut bytes: &'a [u8], groups: &'a [Group]) -> Option<Vec<Job<'a>>> {
     (rest.is_empty() && bytes.is_empty()).then_some(jobs)
 }
 
-/// Undoes [`encode`]: nodes, masks and values of a far field whose groups and steps are valid. Takes the memory of the rows in
-/// 16 bits, which the budget limits, as much again for the result, and 8 bytes for each sample and stream.
+/// Undoes [`encode`]: nodes, masks and values of a far field whose groups and steps are valid. Takes the memory of the
+/// rows in 16 bits, which the budget limits, as much again for the result, and 8 bytes for each sample and stream.
 ///
 /// # Errors
-/// [`FormatError::OverBudget`] and [`FormatError::OutOfMemory`] before memory is taken, [`FormatError::Invalid`] where the bytes are
-/// not what [`encode`] writes.
+/// [`FormatError::OverBudget`] and [`FormatError::OutOfMemory`] before memory is taken, [`FormatError::Invalid`] for
+/// bytes that [`encode`] does not write.
 pub(crate) fn decode(bytes: &[u8], field: &mut FarField, shape: &Shape<'_>, budget: Budget) -> Result<()> {
     let tag = tags::CODED;
     let groups = std::mem::take(&mut field.groups);
@@ -474,7 +477,8 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
 
-    /// Sizes and speed on a real asset: `TLUX=FILE cargo test --release -p translux-format --lib sizes -- --ignored --nocapture`.
+    /// Sizes and speed on a real asset: `TLUX=FILE cargo test --release -p translux-format --lib sizes -- --ignored
+    /// --nocapture`.
     #[test]
     #[ignore = "prints sizes and times of the asset that TLUX names"]
     fn sizes() {

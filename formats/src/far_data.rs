@@ -1,4 +1,5 @@
-//! The far field as plain arrays: groups of receivers and their quantised Haar coefficients, without the bytes that hold them.
+//! The far field as plain arrays: groups of receivers and their quantised Haar coefficients, independent of their
+//! encoding.
 
 use crate::samples::Samples;
 
@@ -12,9 +13,9 @@ pub mod tags {
     pub const GROUPS: Tag = Tag::from_static("far.grp");
     /// Nodes, varints in u8.
     pub const NODES: Tag = Tag::from_static("far.nod");
-    /// Kept functions, u16.
+    /// Kept functions of each coefficient, u16.
     pub const MASKS: Tag = Tag::from_static("far.msk");
-    /// Those of them with 16-bit values, u16.
+    /// Kept functions with 16-bit values, u16.
     pub const WIDE_MASKS: Tag = Tag::from_static("far.wid");
     /// Quantiser steps, f32.
     pub const STEPS: Tag = Tag::from_static("far.stp");
@@ -25,19 +26,19 @@ pub mod tags {
     /// 16-bit values, u8 x 16: a plane of low and one of high bytes.
     pub const WIDE: Tag = Tag::from_static("far.big");
 
-    /// Functions that each group has, u16; only where some group has not all.
+    /// Functions of each group, u16; only where some group lacks some.
     pub const FUNCTIONS: Tag = Tag::from_static("far.fun");
-    /// Receiver of each row beyond those that receivers have of their own, u32; only where there are any.
+    /// Receiver of each additional row beyond the receivers' own, u32; only where there are any.
     pub const ROWS: Tag = Tag::from_static("far.row");
-    /// Nodes, kept functions and values, entropy-coded, u8: in place of the five sections that hold them as they are.
+    /// Nodes, kept functions and values, entropy-coded, u8: replaces the five plain sections.
     pub const CODED: Tag = Tag::from_static("far.cod");
 
-    /// All that are not always there.
+    /// The optional sections.
     pub const OPTIONAL: [Tag; 3] = [FUNCTIONS, ROWS, CODED];
-    /// The five.
+    /// The five sections that [`CODED`] replaces.
     pub const REPLACED: [Tag; 5] = [NODES, MASKS, WIDE_MASKS, NARROW, WIDE];
 
-    /// All sections that the plain layout must have, in the order of the file.
+    /// All mandatory sections of the plain layout, in the order of the file.
     pub const ALL: [Tag; 9] = [RECEIVERS, GROUPS, NODES, MASKS, WIDE_MASKS, STEPS, ROW_SUMS, NARROW, WIDE];
 }
 
@@ -73,62 +74,64 @@ pub fn over_lanes(mut coefficients: [f32; LANES]) -> [f32; LANES] {
     coefficients
 }
 
-/// Basis functions at most: the bits of a mask.
+/// Largest number of basis functions: the bits of a mask.
 pub const MOST_TERMS: usize = 16;
 
-/// Receivers side by side in a coefficient.
+/// Number of neighbouring receivers in a coefficient.
 pub const LANES: usize = 16;
-/// Receiver of a vertex that has none.
+/// Receiver index of a vertex without one.
 pub const NO_RECEIVER: u32 = u32::MAX;
 
-/// A run of rows, of neighbouring receivers of one part, with one list of coefficients.
+/// A run of rows of neighbouring receivers of one part that share a list of coefficients.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Group {
-    /// Part whose samples it gathers from.
+    /// Part whose samples the group gathers from.
     pub part: u32,
-    /// Its rows end here (and begin where those of the group before end); at most [`LANES`] of them.
+    /// End of its rows, which begin at the end of the previous group; at most [`LANES`].
     pub rows_end: u32,
-    /// Its coefficients end here (and begin where those of the group before end).
+    /// End of its coefficients, which begin at the end of the previous group.
     pub coefficients_end: u32,
-    /// Basis functions of its rows: bit k; not 0.
+    /// Basis functions of its rows, as a mask: bit k; not 0.
     pub functions: u16,
 }
 
-/// The mask of so many basis functions.
+/// The mask of `terms` basis functions.
 pub const fn all_functions(terms: usize) -> u16 {
     if terms >= MOST_TERMS { u16::MAX } else { (1 << terms) - 1 }
 }
 
-/// The far field; a value stands for `value * steps[k]`.
+/// The far field; a quantised value means `value * steps[k]`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FarField {
     /// Number of basis functions K.
     pub terms: usize,
-    /// For each source vertex its receiver, or [`NO_RECEIVER`]: its far radiosity is interpolated from the receivers around it.
+    /// Receiver of each source vertex, or [`NO_RECEIVER`]: the vertex's far radiosity is interpolated from nearby
+    /// receivers.
     pub receiver_of_vertex: Vec<u32>,
-    /// The groups. Row i is one of receiver i, as far as there are receivers.
+    /// The groups. Row i belongs to receiver i, as far as there are receivers.
     pub groups: Vec<Group>,
-    /// Receivers of the rows behind these: they have other functions than the rows of their receivers before them. A receiver without a
-    /// row of a function takes what is interpolated from the receivers of the part that have one.
+    /// Receivers of the additional rows, which have other functions than the receivers' own rows. A receiver without a
+    /// row of a function gets it by interpolation from the receivers of the part that have one.
     pub others: Vec<u32>,
-    /// Tree node of each coefficient, strictly ascending inside a group. A node is named by the first sample of its right child.
+    /// Tree node of each coefficient, strictly ascending inside a group. A node is named by the first sample of its
+    /// right child.
     pub nodes: Vec<u32>,
-    /// Which basis functions are kept of each coefficient: bit k; not 0.
+    /// Kept basis functions of each coefficient, as a mask: bit k; not 0.
     pub masks: Vec<u16>,
     /// Quantiser step of each basis function, positive.
     pub steps: Vec<f32>,
-    /// Those of the kept functions whose values need 16 bits.
+    /// Kept functions of each coefficient whose values need 16 bits, as a mask.
     pub wide_masks: Vec<u16>,
-    /// Quantised values of the others: for each coefficient its functions, ascending, and for each of these the Haar
-    /// transform over the lanes (see [`over_lanes`]).
+    /// Quantised 8-bit values: for each coefficient its functions, ascending, and for each of these the Haar transform
+    /// over the lanes (see [`over_lanes`]).
     pub narrow: Vec<[i8; LANES]>,
-    /// Quantised values that need 16 bits, likewise.
+    /// Quantised 16-bit values, in the same order.
     pub wide: Vec<[i16; LANES]>,
-    /// Sum of each row, mm^2 times the unit of the basis: `[row][k]`; 0 for functions that its group has not.
+    /// Sum of each row, mm^2 times the unit of the basis: `[row][k]`; 0 for functions that its group lacks.
     pub row_sums: Vec<f32>,
 }
 
-/// What a far field must fit: the mesh and the samples of its asset.
+/// Dimensions that a far field must fit, those of the mesh and the samples of its asset.
 #[derive(Clone, Copy, Debug)]
 pub struct Shape<'a> {
     /// Number of vertices.
@@ -138,12 +141,12 @@ pub struct Shape<'a> {
 }
 
 impl<'a> Shape<'a> {
-    /// Of a mesh with this many vertices and valid samples.
+    /// The shape of a mesh with this many vertices and valid samples.
     pub fn new(vertices: usize, samples: &'a Samples) -> Self {
         Self { vertices, part_offsets: &samples.part_offsets }
     }
 
-    /// First sample and end of a part that has samples.
+    /// First sample and end of a part with samples.
     pub(crate) fn samples(&self, part: u32) -> Option<(u32, u32)> {
         let first = self.part_offsets.get(part as usize)?;
         let end = self.part_offsets.get(part as usize + 1)?;
@@ -157,7 +160,7 @@ impl FarField {
         self.groups.last().map_or(0, |group| group.rows_end as usize)
     }
 
-    /// Number of receivers: that of a field with valid rows.
+    /// Number of receivers of a field with valid rows.
     pub fn receivers(&self) -> usize {
         self.rows().saturating_sub(self.others.len())
     }
@@ -169,7 +172,7 @@ impl FarField {
     }
 }
 
-/// Rows and coefficients of each group; of groups whose ends ascend.
+/// Numbers of rows and coefficients of each group; the groups' ends ascend.
 pub(crate) fn group_sizes(groups: &[Group]) -> impl Iterator<Item = (usize, usize)> {
     groups.iter().scan((0, 0), |(rows, coefficients), group| {
         let ends = (group.rows_end as usize, group.coefficients_end as usize);

@@ -1,5 +1,5 @@
-//! The far field of `editable`: for groups of neighbouring receivers, weighted Haar coefficients of the transport of every
-//! basis function over the tree of samples.
+//! The far field of `editable`: for groups of neighbouring receivers, weighted Haar coefficients of the transport of
+//! every basis function over the tree of samples.
 
 use crate::asset::{RawSection, pick};
 use crate::checks::{addressable, indices_below, invalid, same_length};
@@ -14,7 +14,7 @@ pub use crate::far_data::{
 };
 
 impl FarField {
-    /// Checks every length, index, order and range, as [`FarField::from_sections`] guarantees them.
+    /// Checks every length, index, order and range that [`FarField::from_sections`] guarantees.
     ///
     /// # Errors
     /// [`crate::FormatError::Invalid`] with the tag of the section at fault.
@@ -41,7 +41,7 @@ impl FarField {
         same_length(tags::WIDE, "16-bit rows", self.wide.len(), far_values::count(self.wide_masks.iter().copied()))
     }
 
-    /// The nodes of a group lie strictly inside its part's samples, in order.
+    /// Checks that the nodes of a group lie strictly inside its part's samples, in order.
     fn check_nodes(&self, shape: &Shape<'_>) -> Result<()> {
         let mut rest = self.nodes.as_slice();
         for ((g, group), (_, count)) in self.groups.iter().enumerate().zip(group_sizes(&self.groups)) {
@@ -57,7 +57,7 @@ impl FarField {
         Ok(())
     }
 
-    /// Kept functions with 8-bit values of each coefficient.
+    /// Mask of each coefficient's kept functions with 8-bit values.
     fn narrow_masks(&self) -> impl Iterator<Item = u16> + Clone {
         self.masks.iter().zip(&self.wide_masks).map(|(kept, wide)| kept & !wide)
     }
@@ -100,7 +100,7 @@ impl FarField {
         Ok(sections)
     }
 
-    /// What both layouts have.
+    /// The sections that both layouts share.
     fn without_coefficients(&self) -> [RawSection; 4] {
         let (kind, zstd) = (Kind::Method, Codec::Zstd);
         let groups: Vec<[u32; 3]> = self.groups.iter().map(|g| [g.part, g.rows_end, g.coefficients_end]).collect();
@@ -112,7 +112,7 @@ impl FarField {
         ]
     }
 
-    /// Steps between the nodes of each group, less 1.
+    /// Differences of successive nodes of each group, less 1, as varints.
     fn node_bytes(&self, shape: &Shape<'_>) -> Vec<u8> {
         let mut bytes = Vec::with_capacity(2 * self.nodes.len());
         let mut nodes = self.nodes.iter();
@@ -126,16 +126,16 @@ impl FarField {
         bytes
     }
 
-    /// Reads the far field among the sections of an asset, in either layout; `None` where there is none. Other sections are left
-    /// alone. Takes less than five times the bytes of its sections, or of what they decode to, at most 2 GiB.
+    /// Reads the far field among the sections of an asset, in either layout; `None` where there is none. Other sections
+    /// are ignored. Takes less than five times the bytes of its sections, or of their decoded size, at most 2 GiB.
     ///
     /// # Errors
-    /// [`crate::FormatError::MissingSection`] where only some are there, and whatever is wrong with their type or content.
+    /// [`crate::FormatError::MissingSection`] where only some exist, and any fault of their type or content.
     pub fn from_sections(sections: &[RawSection], shape: &Shape<'_>) -> Result<Option<Self>> {
         Self::from_sections_within(sections, shape, Budget::default())
     }
 
-    /// The same with a limit for what coded sections decode to.
+    /// Like [`FarField::from_sections`], with a limit on the decoded size of coded sections.
     ///
     /// # Errors
     /// As [`FarField::from_sections`], and [`crate::FormatError::OverBudget`].
@@ -168,7 +168,7 @@ impl FarField {
         Ok(Some(field))
     }
 
-    /// Everything but nodes, masks and values.
+    /// Reads everything except nodes, masks and values.
     fn read_without_coefficients(
         [receivers, groups, steps, row_sums]: [&RawSection; 4],
         shape: &Shape<'_>,
@@ -253,7 +253,7 @@ fn check_groups(groups: &[Group], shape: &Shape<'_>) -> Result<()> {
     addressable(tags::GROUPS, last.0.max(last.1) as usize)
 }
 
-/// One receiver or none for each vertex; every receiver has a vertex.
+/// Checks that each vertex has one receiver or none, and that every receiver has a vertex.
 fn check_receivers(receiver_of_vertex: &[u32], receivers: usize, shape: &Shape<'_>) -> Result<()> {
     let tag = tags::RECEIVERS;
     same_length(tag, "vertices", receiver_of_vertex.len(), shape.vertices)?;
@@ -270,7 +270,7 @@ fn check_receivers(receiver_of_vertex: &[u32], receivers: usize, shape: &Shape<'
     }
 }
 
-/// Positive steps whose largest multiple is finite.
+/// Checks that steps are positive and their largest multiples finite.
 fn check_steps(steps: &[f32]) -> Result<()> {
     if steps.is_empty() {
         return invalid(tags::STEPS, "no basis functions");
@@ -302,7 +302,7 @@ fn read_nodes(bytes: &[u8], groups: &[Group], shape: &Shape<'_>) -> Result<Vec<u
     if rest.is_empty() { Ok(nodes) } else { invalid(tags::NODES, format!("{} bytes after the last node", rest.len())) }
 }
 
-/// A product of lengths; more than any length in memory where it overflows.
+/// A product of lengths, saturating where it overflows.
 fn product(factors: &[usize]) -> usize {
     factors.iter().fold(1, |product, factor| product.saturating_mul(*factor))
 }

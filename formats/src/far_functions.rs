@@ -1,4 +1,4 @@
-//! Rows of a far field that have some of the basis functions: wide functions need fewer receivers than narrow ones.
+//! Rows of a far field with only some of the basis functions: wide functions need fewer receivers than narrow ones.
 
 use std::collections::BTreeMap;
 
@@ -8,7 +8,7 @@ use crate::error::Result;
 use crate::far_data::{FarField, all_functions, group_sizes, tags};
 use crate::types::{Codec, Kind};
 
-/// The sections; none where every group has every function.
+/// The sections of functions and rows; none where every group has every function.
 pub(crate) fn sections(field: &FarField) -> Vec<RawSection> {
     let (kind, zstd) = (Kind::Method, Codec::Zstd);
     let masks: Vec<u16> = field.groups.iter().map(|group| group.functions).collect();
@@ -22,7 +22,7 @@ pub(crate) fn sections(field: &FarField) -> Vec<RawSection> {
     sections
 }
 
-/// Gives groups their functions (all, where there is no section) and rows their receivers.
+/// Sets the functions of the groups (all, without the section) and the receivers of the rows.
 ///
 /// # Errors
 /// Sections of another type, or functions of another number of groups.
@@ -39,7 +39,7 @@ pub(crate) fn read(sections: &[RawSection], field: &mut FarField) -> Result<()> 
     Ok(())
 }
 
-/// Checks that the first rows are those of the receivers, and the others of receivers of their part.
+/// Checks that the first rows belong to the receivers, and the others to receivers of their part.
 ///
 /// # Errors
 /// [`crate::FormatError::Invalid`] with the tag of the section at fault.
@@ -65,8 +65,8 @@ pub(crate) fn check_rows(field: &FarField) -> Result<()> {
     }
 }
 
-/// Checks the functions of the groups: some and no others than there are, each in some group of each part, none twice for a receiver,
-/// no coefficient or sum of one that a group has not. Lengths and orders have been checked.
+/// Checks the functions of the groups: known ones and at least one, each in some group of each part, none twice for a
+/// receiver, no coefficient or sum of a function that its group lacks. Lengths and orders have been checked.
 ///
 /// # Errors
 /// [`crate::FormatError::Invalid`] with the tag of the section at fault.

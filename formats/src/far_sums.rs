@@ -1,9 +1,11 @@
-//! Row sums without loss: neighbouring receivers have nearly equal ones, so the differences of their bits are small.
+//! Lossless coding of row sums: those of neighbouring receivers are nearly equal, so the differences of their bits are
+//! small.
 //!
-//! Bytes for each receiver of ten sums, zstd level 3 (sums that vary by 10 % over a sphere, with the noise of its samples):
-//! plain 37.5, planes of bytes 28.2, planes of the exclusive or 27.5, planes of differences 26.5.
+//! Bytes for each receiver of ten sums, zstd level 3 (sums that vary by 10 % over a sphere, with the noise of its
+//! samples): plain 37.5, planes of bytes 28.2, planes of the exclusive or 27.5, planes of differences 26.5.
 
-/// Four planes of bytes for each function, the lowest first: `[k][byte][receiver]` of the zigzag differences of the bits.
+/// Encodes the sums as four planes of bytes for each function, the lowest first: `[k][byte][receiver]` of the zigzag
+/// differences of the bits.
 pub(crate) fn encode(row_sums: &[f32], terms: usize) -> Vec<u8> {
     let terms = terms.max(1);
     let receivers = row_sums.len() / terms;
@@ -21,7 +23,7 @@ pub(crate) fn encode(row_sums: &[f32], terms: usize) -> Vec<u8> {
     out
 }
 
-/// The sums again: `[receiver][k]`.
+/// Decodes the sums: `[receiver][k]`.
 pub(crate) fn decode(bytes: &[u8], terms: usize) -> Vec<f32> {
     let terms = terms.max(1);
     let receivers = bytes.len() / (4 * terms);

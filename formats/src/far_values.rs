@@ -1,8 +1,9 @@
-//! The order of the far field's values in the file: function after function, because values of one function are alike.
+//! The order of the far field's values in the file: function after function, because values of one function are
+//! similar.
 
 use crate::far_data::LANES;
 
-/// Set bits, lowest first.
+/// Indices of the set bits, lowest first.
 pub(crate) fn bits(mut mask: u16) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
         let k = mask.trailing_zeros() as usize;
@@ -11,7 +12,7 @@ pub(crate) fn bits(mut mask: u16) -> impl Iterator<Item = usize> {
     })
 }
 
-/// Bits of all masks together.
+/// Number of set bits of all masks together.
 pub(crate) fn count(masks: impl Iterator<Item = u16>) -> usize {
     masks.map(|mask| mask.count_ones() as usize).sum()
 }
@@ -29,7 +30,7 @@ fn starts(masks: impl Iterator<Item = u16>) -> [usize; 16] {
     })
 }
 
-/// Rows in the order of the file, `[k][coefficient that has k]`, from the order of the coefficients.
+/// Reorders rows from the order of the coefficients to that of the file, `[k][coefficient that has k]`.
 pub(crate) fn by_function<T: Copy + Default>(rows: &[T], masks: impl Iterator<Item = u16> + Clone) -> Vec<T> {
     let mut at = starts(masks.clone());
     let mut out = vec![T::default(); rows.len()];
@@ -42,7 +43,7 @@ pub(crate) fn by_function<T: Copy + Default>(rows: &[T], masks: impl Iterator<It
     out
 }
 
-/// Undoes [`by_function`]: there are as many rows as the masks have bits.
+/// Undoes [`by_function`]; there are as many rows as the masks have bits.
 pub(crate) fn by_coefficient<T: Copy + Default>(rows: &[T], masks: impl Iterator<Item = u16> + Clone) -> Vec<T> {
     let mut at = starts(masks.clone());
     let mut out = Vec::with_capacity(rows.len());
@@ -53,7 +54,7 @@ pub(crate) fn by_coefficient<T: Copy + Default>(rows: &[T], masks: impl Iterator
     out
 }
 
-/// Low bytes of all rows, then high bytes, of numbers with their sign in the lowest bit.
+/// Low bytes of all rows, then high bytes, of zigzag numbers (sign in the lowest bit).
 pub(crate) fn planes(rows: &[[i16; LANES]]) -> Vec<[u8; LANES]> {
     let zigzag = |row: &[i16; LANES]| row.map(|x| ((x << 1) ^ (x >> 15)) as u16);
     let low = rows.iter().map(|row| zigzag(row).map(|x| x as u8));
@@ -96,7 +97,7 @@ mod tests {
         }
     }
 
-    /// Speed of decoding, for whoever changes it: `cargo test --release -p translux-format --lib speed -- --ignored --nocapture`.
+    /// Speed of decoding: `cargo test --release -p translux-format --lib speed -- --ignored --nocapture`.
     #[test]
     #[ignore = "prints times"]
     fn speed() {

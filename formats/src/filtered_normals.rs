@@ -1,4 +1,4 @@
-//! Filtered normals: low-passed normals of the vertices at a ladder of widths, and how open the vertices are.
+//! Filtered normals: low-passed normals of the vertices at a ladder of widths, and the openness of the vertices.
 
 use serde::{Deserialize, Serialize};
 
@@ -12,52 +12,52 @@ use crate::types::{Budget, Codec, Kind};
 pub mod tags {
     use crate::types::Tag;
 
-    /// Numbers, a record.
+    /// Numbers of the filtered normals, a record.
     pub const NUMBERS: Tag = Tag::from_static("fln.rec");
     /// Fields, coded.
     pub const FIELDS: Tag = Tag::from_static("fln.fld");
     /// Openness of each row, u8.
     pub const OPENNESS: Tag = Tag::from_static("fln.opn");
 
-    /// All of them, in the order of the file.
+    /// All tags, in the order of the file.
     pub const ALL: [Tag; 3] = [NUMBERS, FIELDS, OPENNESS];
 }
 
-/// Rungs at most.
+/// Largest number of rungs.
 pub const MOST_RUNGS: usize = 16;
 
-/// Largest size of a code: fields are vectors of at most unit length, or logarithms.
+/// Largest absolute value of a code: fields are vectors of at most unit length, or logarithms.
 const MOST_CODE: i16 = 8192;
 
-/// What is true of all rows.
+/// Numbers that apply to all rows.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Numbers {
     /// The width of each rung, mm.
     pub rungs: Vec<f64>,
     /// Columns of each rung: 3, or 4 with the logarithm of a sum.
     pub columns: u8,
-    /// Size of a step of vectors.
+    /// Quantiser step of the vectors.
     pub step: f64,
-    /// Share of the normal itself.
+    /// Share of the unfiltered normal.
     pub alpha: f64,
-    /// Factor of the widths that materials imply.
+    /// Factor on the widths that materials imply.
     pub width: f64,
-    /// Samples that errors are measured against.
+    /// Number of samples against which errors are measured.
     pub samples: u32,
 }
 
 /// Filtered normals; see `spec/filtered_normals.md`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FilteredNormals {
-    /// What is true of all rows.
+    /// Numbers that apply to all rows.
     pub numbers: Numbers,
-    /// `[row][column]`, rung after rung.
+    /// Codes of the fields, `[row][column]`, rung after rung.
     pub codes: Vec<i16>,
-    /// Share of the sky that each row sees, in 1/255.
+    /// Share of the sky visible from each row's vertex, in 1/255.
     pub openness: Vec<u8>,
 }
 
-/// For each row the rows before it that share an edge with it, ascending.
+/// Earlier rows that share an edge with each row, ascending.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Earlier {
     offsets: Vec<u32>,
@@ -65,7 +65,7 @@ pub struct Earlier {
 }
 
 impl Earlier {
-    /// From triangles over `rows` rows; corners beyond them are left out.
+    /// The neighbours from triangles over `rows` rows; corners beyond them are left out.
     pub fn new(rows: usize, triangles: impl Iterator<Item = [u32; 3]>) -> Self {
         let mut pairs = Vec::new();
         for [a, b, c] in triangles {
@@ -97,12 +97,12 @@ impl Earlier {
         &self.rows[self.offsets[row] as usize..self.offsets[row + 1] as usize]
     }
 
-    /// The last row before each.
+    /// The last of the earlier neighbours of each row.
     fn last(&self) -> Vec<u32> {
         (0..self.rows()).map(|row| self.of(row).last().copied().unwrap_or(NO_ROW)).collect()
     }
 
-    /// The mean of a column over the rows before, rounded towards minus infinity; 0 where there are none.
+    /// The mean of a column over a row's earlier neighbours, rounded towards minus infinity; 0 without any.
     fn mean(&self, codes: &[i16], columns: usize, row: usize, column: usize) -> i32 {
         let before = self.of(row);
         let sum: i32 = before.iter().map(|b| i32::from(codes[*b as usize * columns + column])).sum();
@@ -116,7 +116,7 @@ impl FilteredNormals {
         self.numbers.rungs.len() * usize::from(self.numbers.columns)
     }
 
-    /// Checks what [`FilteredNormals::from_sections`] guarantees.
+    /// Checks everything that [`FilteredNormals::from_sections`] guarantees.
     ///
     /// # Errors
     /// [`crate::FormatError::Invalid`].
@@ -135,10 +135,10 @@ impl FilteredNormals {
         }
     }
 
-    /// The sections of valid fields.
+    /// The sections of valid filtered normals.
     ///
     /// # Errors
-    /// [`crate::FormatError::Invalid`] as [`FilteredNormals::validate`], or where the rows before are those of another mesh.
+    /// [`crate::FormatError::Invalid`] as [`FilteredNormals::validate`], or where `earlier` is of another mesh.
     pub fn to_sections(&self, earlier: &Earlier) -> Result<Vec<RawSection>> {
         self.validate()?;
         let (rows, columns) = (self.openness.len(), self.columns());
@@ -158,10 +158,11 @@ impl FilteredNormals {
         ])
     }
 
-    /// Reads them among the sections of an asset; `None` where there are none. Other sections are left alone.
+    /// Reads the filtered normals among the sections of an asset; `None` where there are none. Other sections are
+    /// ignored.
     ///
     /// # Errors
-    /// Whatever is wrong with their type or content.
+    /// Any fault of their type or content.
     pub fn from_sections(sections: &[RawSection], earlier: &Earlier, budget: Budget) -> Result<Option<Self>> {
         let Some([numbers, fields, openness]) = pick(sections, tags::ALL, Kind::Method)? else { return Ok(None) };
         let (numbers, openness): (Numbers, Vec<u8>) = (numbers.record()?, openness.rows()?);

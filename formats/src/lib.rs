@@ -1,4 +1,4 @@
-//! The `.tlux` asset: bytes to plain arrays and back, for engines that read what translux baked.
+//! The `.tlux` asset: bytes to plain arrays and back, for engines that read baked assets.
 //!
 //! A file is a list of checksummed sections, each an array of rows (say `f32 x 3`) or a small record. [`Reader`] and
 //! [`Writer`] handle sections; [`AssetFile`] is the typed content that all methods share. `SPEC.md` beside this crate

@@ -34,7 +34,7 @@ pub mod tags {
     pub const WELD: Tag = Tag::from_static("mesh.wld");
 }
 
-/// Values stored once, and for each corner of each triangle the index of its value.
+/// Values stored once, with the index of a value for each corner of each triangle.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CornerAttribute<const N: usize> {
     /// Distinct values, finite.
@@ -65,7 +65,7 @@ pub struct Mesh {
 }
 
 impl Mesh {
-    /// Checks what [`Mesh::decode`] guarantees: finite numbers, indices in range, lengths that agree.
+    /// Checks everything that [`Mesh::decode`] guarantees: finite numbers, indices in range, consistent lengths.
     ///
     /// # Errors
     /// [`FormatError::Invalid`] with the tag of the section at fault.
@@ -105,7 +105,7 @@ impl Mesh {
     /// Adds the sections of a valid mesh.
     ///
     /// # Errors
-    /// The mesh is not valid, or the writer has one of its sections already.
+    /// The mesh is not valid, or the writer already has one of its sections.
     pub fn encode<'a>(&'a self, writer: &mut Writer<'a>) -> Result<()> {
         self.validate()?;
         let zstd = Codec::Zstd;
@@ -187,7 +187,7 @@ fn validate_attribute<const N: usize>(
     indices_below(corners, attribute.corners.iter().flatten().copied(), attribute.values.len())
 }
 
-/// Both sections are there or neither is.
+/// Reads an attribute; both of its sections exist or neither does.
 fn decode_attribute<const N: usize>(
     reader: &Reader<'_>,
     values: Tag,

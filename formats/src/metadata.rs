@@ -1,4 +1,4 @@
-//! Where an asset comes from, and what every lossy stage added to its error.
+//! Provenance of an asset, and the error that each lossy stage added.
 
 use serde::{Deserialize, Serialize};
 
@@ -35,16 +35,17 @@ pub struct InputRecord {
     pub bytes: u64,
 }
 
-/// Everything that fixes the content of an asset. No time, no path, no version of a program that does not change results.
+/// Everything that fixes the content of an asset. No time, no path, no version of a program that does not change
+/// results.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Provenance {
-    /// Raised whenever the same input and settings give another result.
+    /// Revision of the algorithms, raised whenever the same input and settings give a different result.
     pub algorithm_revision: u32,
     /// Name of the method.
     pub method: String,
     /// Resolved settings, sorted by key, no key twice.
     pub settings: Vec<(String, String)>,
-    /// Seed of every random number.
+    /// Seed of all random numbers.
     pub seed: u64,
     /// The files that were read.
     pub inputs: Vec<InputRecord>,
@@ -102,7 +103,7 @@ impl Provenance {
     }
 }
 
-/// What one lossy stage added to the error of radiosity, relative to the reference's RMS (floored per channel).
+/// The error that one lossy stage added to radiosity, relative to the reference's RMS (floored per channel).
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct LedgerEntry {
     /// Name of the stage.
@@ -115,10 +116,11 @@ pub struct LedgerEntry {
     pub p999: f64,
     /// Worst vertex, at least 0.
     pub worst: f64,
-    /// RMS over the vertices below a tenth of the mean, relative to the mean there, at least 0; 0 in files of 0.1, which do not have it.
+    /// RMS over the vertices below a tenth of the mean, relative to the mean there, at least 0; 0 in files of version
+    /// 0.1, which lack it.
     #[serde(skip)]
     pub dark: f64,
-    /// How it was measured or bounded.
+    /// Method by which the error was measured or bounded, in words.
     pub note: String,
 }
 

@@ -1,4 +1,4 @@
-//! Multilevel summation: how finely kernels are resolved where no transport is stored.
+//! Multilevel summation: resolution of the kernels where no transport is stored.
 
 use serde::{Deserialize, Serialize};
 
@@ -11,11 +11,11 @@ use crate::types::{Codec, Kind};
 pub mod tags {
     use crate::types::Tag;
 
-    /// Numbers, a record.
+    /// Numbers of the summation, a record.
     pub const NUMBERS: Tag = Tag::from_static("mls.num");
 }
 
-/// What a bake has measured to be enough. See `spec/samples.md`, "Multilevel summation".
+/// Settings that a bake has measured to be accurate enough. See `spec/samples.md`, "Multilevel summation".
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct MultilevelSummation {
     /// Asked relative error, RMS.
@@ -24,17 +24,17 @@ pub struct MultilevelSummation {
     pub spacing: f64,
     /// Radius of the compact part in spacings of the finest net.
     pub softening: f64,
-    /// Distances over the radius of a sample below which points of its facets are taken, and its pieces where it is not lit evenly.
+    /// Distance over the radius of a sample below which points of its facets are used.
     pub facets_below: f64,
-    /// See there.
+    /// Distance over the radius of a sample below which its pieces are used, where it is not lit evenly.
     pub pieces_below: f64,
 }
 
-/// Numbers above this are no sensible distances: sums would visit every pair.
+/// Largest accepted number; larger distances would make sums visit every pair.
 const MOST: f64 = 1024.0;
 
 impl MultilevelSummation {
-    /// Checks every number, as [`MultilevelSummation::from_sections`] guarantees them.
+    /// Checks every number, as [`MultilevelSummation::from_sections`] guarantees it.
     ///
     /// # Errors
     /// [`crate::FormatError::Invalid`].
@@ -50,7 +50,7 @@ impl MultilevelSummation {
         }
     }
 
-    /// The section of valid numbers.
+    /// The section of valid settings.
     ///
     /// # Errors
     /// [`crate::FormatError::Invalid`] as [`MultilevelSummation::validate`].
@@ -59,10 +59,10 @@ impl MultilevelSummation {
         Ok(vec![RawSection::from_record(tags::NUMBERS, Kind::Method, Codec::Raw, self)?])
     }
 
-    /// Reads them among the sections of an asset; `None` where there are none. Other sections are left alone.
+    /// Reads the settings among the sections of an asset; `None` where there are none. Other sections are ignored.
     ///
     /// # Errors
-    /// Whatever is wrong with their type or content.
+    /// Any fault of their type or content.
     pub fn from_sections(sections: &[RawSection]) -> Result<Option<Self>> {
         let Some([numbers]) = pick(sections, [tags::NUMBERS], Kind::Method)? else { return Ok(None) };
         let result: Self = numbers.record()?;

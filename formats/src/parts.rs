@@ -20,9 +20,9 @@ pub mod tags {
     pub const MEDIA: Tag = Tag::from_static("part.med");
 }
 
-/// Index of a triangle that belongs to no part.
+/// Part index of a triangle that belongs to no part.
 pub const NO_PART: u32 = u32::MAX;
-/// Medium of an opaque part that has none.
+/// Medium index of an opaque part without one.
 pub const NO_MEDIUM: u32 = u32::MAX;
 
 /// A part: triangles that light travels between inside one medium, or an opaque object that only casts shadows.
@@ -51,10 +51,10 @@ pub struct MediumRecord {
     pub eta_inside_over_outside: f64,
 }
 
-/// Which part each triangle belongs to, the parts, and their media.
+/// The part of each triangle, the parts, and their media.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Parts {
-    /// For each triangle, an index into `parts` or [`NO_PART`].
+    /// Index into `parts`, or [`NO_PART`], for each triangle.
     pub triangle_part: Vec<u32>,
     /// The parts.
     pub parts: Vec<PartRecord>,
@@ -63,7 +63,7 @@ pub struct Parts {
 }
 
 impl Parts {
-    /// Checks what [`Parts::decode`] guarantees: indices and optical properties in range.
+    /// Checks everything that [`Parts::decode`] guarantees: indices and optical properties in range.
     ///
     /// # Errors
     /// [`crate::FormatError::Invalid`] with the tag of the section at fault.
@@ -93,7 +93,7 @@ impl Parts {
     /// Adds the sections of valid parts.
     ///
     /// # Errors
-    /// The parts are not valid, or the writer has one of their sections already.
+    /// The parts are not valid, or the writer already has one of their sections.
     pub fn encode<'a>(&'a self, writer: &mut Writer<'a>) -> Result<()> {
         self.validate()?;
         writer

@@ -1,4 +1,4 @@
-//! The basis of radial profiles: an edited material is projected on it with one dot product a function.
+//! The basis of radial profiles: an edited material is projected on it with one dot product per function.
 
 use serde::{Deserialize, Serialize};
 
@@ -20,16 +20,16 @@ pub mod tags {
     /// Functions at the nodes, f32.
     pub const FUNCTIONS: Tag = Tag::from_static("bas.fun");
 
-    /// All of them, in the order of the file.
+    /// All mandatory tags, in the order of the file.
     pub const ALL: [Tag; 4] = [SPLIT, NODES, WEIGHTS, FUNCTIONS];
 
     /// Totals of the functions, f64; only where coefficients must not be negative.
     pub const TOTALS: Tag = Tag::from_static("bas.tot");
 }
 
-/// Functions b_k(r) on shared nodes. The coefficients of a far profile f are `s_k = Sum_g weight_g f(r_g) b_k(r_g)`, and
-/// `f(r) ~ Sum_k s_k b_k(r)`. Where there are totals s minimises `Sum_g weight_g (Sum_k s_k b_k(r_g) - f(r_g))^2` instead, none of
-/// it negative and `Sum_k s_k total_k` the total of f up to the last node.
+/// Functions b_k(r) on shared nodes. The coefficients of a far profile f are `s_k = Sum_g weight_g f(r_g) b_k(r_g)`,
+/// and `f(r) ~ Sum_k s_k b_k(r)`. Where there are totals s minimises `Sum_g weight_g (Sum_k s_k b_k(r_g) - f(r_g))^2`
+/// instead, none of it negative and `Sum_k s_k total_k` the total of f up to the last node.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ProfileBasis {
     /// Split radius in mm: inside it a far profile is the even polynomial that continues R_d.
@@ -44,7 +44,7 @@ pub struct ProfileBasis {
     pub totals: Option<Vec<f64>>,
 }
 
-/// What is no array.
+/// Content of the record.
 #[derive(Serialize, Deserialize)]
 struct Record {
     split_mm: f64,
@@ -56,7 +56,7 @@ impl ProfileBasis {
         self.functions.len().checked_div(self.nodes_mm.len()).unwrap_or(0)
     }
 
-    /// Checks every length, order and range, as [`ProfileBasis::from_sections`] guarantees them.
+    /// Checks every length, order and range that [`ProfileBasis::from_sections`] guarantees.
     ///
     /// # Errors
     /// [`crate::FormatError::Invalid`] with the tag of the section at fault.
@@ -109,10 +109,10 @@ impl ProfileBasis {
         Ok(sections)
     }
 
-    /// Reads the basis among the sections of an asset; `None` where there is none. Other sections are left alone.
+    /// Reads the basis among the sections of an asset; `None` where there is none. Other sections are ignored.
     ///
     /// # Errors
-    /// [`crate::FormatError::MissingSection`] where only some are there, and whatever is wrong with their type or content.
+    /// [`crate::FormatError::MissingSection`] where only some exist, and any fault of their type or content.
     pub fn from_sections(sections: &[RawSection]) -> Result<Option<Self>> {
         let Some([split, nodes, weights, functions]) = pick(sections, tags::ALL, Kind::Method)? else {
             return Ok(None);

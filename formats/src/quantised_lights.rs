@@ -1,4 +1,4 @@
-//! Transport of a quantised set of lights: coefficients at reference points over a basis of functions of the light.
+//! Transport of a quantised set of lights: coefficients at reference points over a basis of functions of the lights.
 
 use serde::{Deserialize, Serialize};
 
@@ -12,7 +12,7 @@ use crate::types::{Codec, Kind, Tag};
 pub mod tags {
     use crate::types::Tag;
 
-    /// Numbers, a record.
+    /// Numbers of the quantised lights, a record.
     pub const NUMBERS: Tag = Tag::from_static("qlt.rec");
 
     /// Tags of a set.
@@ -30,7 +30,7 @@ pub mod tags {
         pub coefficients: Tag,
     }
 
-    /// Parallel light, and lights at a distance.
+    /// Tags of the sets: parallel light, and lights at a distance.
     pub const SETS: [Set; 2] = [
         Set {
             units: Tag::from_static("qlt.uni"),
@@ -49,39 +49,40 @@ pub mod tags {
     ];
 
     impl Set {
-        /// In the order of the file.
+        /// All tags of the set, in the order of the file.
         pub const fn all(self) -> [Tag; 5] {
             [self.units, self.basis_steps, self.basis, self.columns, self.coefficients]
         }
     }
 }
 
-/// Most quantised lights.
+/// Largest number of quantised lights.
 pub const MOST_LIGHTS: usize = 1 << 20;
 
 /// Radiosity of the reference points under the lights of some shells.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Set {
-    /// Rows: what one of each decorrelated plane is, columns: in each channel and, for a channel, each of the shells.
+    /// Matrix from decorrelated planes to channels: a row for each plane, a column for each channel and, within a
+    /// channel, each shell.
     pub channels: Vec<f64>,
-    /// Step of the coefficients.
+    /// Quantiser step of the coefficients.
     pub step: f32,
-    /// Unit of each direction: what its radiosity is divided by.
+    /// Unit of each direction, by which its radiosity is divided.
     pub units: Vec<f32>,
-    /// Step of each basis function.
+    /// Quantiser step of each basis function.
     pub basis_steps: Vec<f32>,
-    /// Basis, `[direction][function]`, as [`coefficients::encode`] writes it.
+    /// Coded basis, `[direction][function]`, as [`coefficients::encode`] writes it.
     pub basis: Vec<u8>,
-    /// Of each column of coefficients: function times the number of planes plus plane.
+    /// Function and plane of each column of coefficients: function times the number of planes plus plane.
     pub columns: Vec<u16>,
-    /// Coefficients, `[reference point][column]`, as [`coefficients::encode`] writes them.
+    /// Coded coefficients, `[reference point][column]`, as [`coefficients::encode`] writes them.
     pub coefficients: Vec<u8>,
 }
 
-/// What no reader needs geometry for. See `spec/projected.md`, "Quantised lights".
+/// Transport of a quantised set of lights. See `spec/projected.md`, "Quantised lights".
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct QuantisedLights {
-    /// Directions of the spherical Fibonacci lattice.
+    /// Number of directions of the spherical Fibonacci lattice.
     pub directions: u32,
     /// Radius of the scene over the distance of each shell of lights, ascending from 0.
     pub shells: Vec<f64>,
@@ -89,13 +90,13 @@ pub struct QuantisedLights {
     pub spacing_mm: f64,
     /// Spacing of the coarsest to finest directions that predict each other, on the unit sphere.
     pub direction_spacing: f64,
-    /// Samples that the transport was computed from.
+    /// Number of samples that the transport was computed from.
     pub samples: u32,
-    /// Parallel light; then, where there are more shells than one, the others.
+    /// Set of parallel light; then, where there are several shells, the set of the others.
     pub sets: Vec<Set>,
 }
 
-/// What is no array.
+/// Content of the record.
 #[derive(Serialize, Deserialize)]
 struct Record {
     directions: u32,
@@ -108,7 +109,7 @@ struct Record {
 }
 
 impl Set {
-    /// Sections of the arrays; the matrix and the step are for a record.
+    /// Sections of the arrays; the matrix and the step belong in a record.
     pub(crate) fn arrays(&self, tags: tags::Set) -> [RawSection; 5] {
         let (kind, zstd) = (Kind::Method, Codec::Zstd);
         [
@@ -120,7 +121,7 @@ impl Set {
         ]
     }
 
-    /// The arrays, without what a record holds; `None` where there are none.
+    /// A set from its arrays, without the numbers of the record; `None` where there are none.
     pub(crate) fn from_arrays(sections: &[RawSection], tags: tags::Set) -> Result<Option<Self>> {
         let Some([units, steps, basis, columns, values]) = pick(sections, tags.all(), Kind::Method)? else {
             return Ok(None);
@@ -176,7 +177,7 @@ impl QuantisedLights {
         self.directions as usize * self.shells.len()
     }
 
-    /// Checks every length and range, as [`QuantisedLights::from_sections`] guarantees them; coded bytes only as far as their
+    /// Checks every length and range that [`QuantisedLights::from_sections`] guarantees; of coded bytes, only the
     /// shapes.
     ///
     /// # Errors
@@ -221,10 +222,11 @@ impl QuantisedLights {
         Ok(sections)
     }
 
-    /// Reads them among the sections of an asset; `None` where there are none. Other sections are left alone.
+    /// Reads the quantised lights among the sections of an asset; `None` where there are none. Other sections are
+    /// ignored.
     ///
     /// # Errors
-    /// [`crate::FormatError::MissingSection`] where only some are there, and whatever is wrong with their type or content.
+    /// [`crate::FormatError::MissingSection`] where only some exist, and any fault of their type or content.
     pub fn from_sections(sections: &[RawSection]) -> Result<Option<Self>> {
         let numbers = pick(sections, [tags::NUMBERS], Kind::Method)?;
         let mut sets = Vec::with_capacity(tags::SETS.len());
@@ -250,7 +252,7 @@ impl QuantisedLights {
     }
 }
 
-/// Shells of each set.
+/// Number of shells of each set.
 fn shells_of_sets(shells: usize) -> Vec<usize> {
     if shells > 1 { vec![1, shells - 1] } else { vec![1] }
 }

@@ -1,5 +1,5 @@
-//! Radiosity of every vertex under a quantised set of lights, as Hao and Varshney 2004 store it: values, one byte each, spherical
-//! harmonics, or reference points with harmonics of the differences.
+//! Radiosity of every vertex under a quantised set of lights, as stored by Hao and Varshney 2004: values, one byte
+//! each, spherical harmonics, or reference points with harmonics of the differences.
 
 use serde::{Deserialize, Serialize};
 
@@ -14,9 +14,9 @@ use crate::types::{Codec, Kind, Tag};
 pub mod tags {
     use crate::types::Tag;
 
-    /// Numbers, a record.
+    /// Numbers of the quantised values, a record.
     pub const NUMBERS: Tag = Tag::from_static("qlv.rec");
-    /// Values as they are, f32.
+    /// Plain values, f32.
     pub const RAW: Tag = Tag::from_static("qlv.raw");
     /// Tables of the codes, f32.
     pub const TABLES: Tag = Tag::from_static("qlv.tab");
@@ -26,43 +26,43 @@ pub mod tags {
     pub const SCALES: Tag = Tag::from_static("qlv.scl");
     /// Harmonics, coded.
     pub const HARMONICS: Tag = Tag::from_static("qlv.har");
-    /// Which vertices are reference points, coded.
+    /// Reference points among the vertices, coded.
     pub const MEMBERS: Tag = Tag::from_static("qlv.mem");
     /// Triangle and weights of every other vertex, coded.
     pub const PLACES: Tag = Tag::from_static("qlv.plc");
 
-    /// All of them, in the order of the file.
+    /// All tags, in the order of the file.
     pub const ALL: [Tag; 8] = [NUMBERS, RAW, TABLES, CODES, SCALES, HARMONICS, MEMBERS, PLACES];
 }
 
-/// Entries of a table.
+/// Number of entries of a table.
 pub const LEVELS: usize = 256;
 
 /// Highest order of the harmonics.
 pub const MOST_ORDER: u8 = 32;
 
-/// Channels.
+/// Number of channels.
 const CHANNELS: usize = 3;
 
-/// Planes of a vector's components: three for each channel.
+/// Number of planes of vectors: three components for each channel.
 const VECTOR_PLANES: u8 = 9;
 
-/// What is stored.
+/// Encoding of the radiosity.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Encoding {
-    /// Values.
+    /// Plain values, 32 bits each.
     #[default]
     Raw,
-    /// One byte a value.
+    /// One byte for each value.
     Codes,
     /// Spherical harmonics, 16 bits each.
     Harmonics,
-    /// One byte a value at reference points, spherical harmonics of the differences elsewhere.
+    /// One byte for each value at reference points, spherical harmonics of the differences elsewhere.
     References,
 }
 
 impl Encoding {
-    /// The sections that it needs, in the order of the file.
+    /// The sections of the encoding, in the order of the file.
     pub fn tags(self) -> &'static [Tag] {
         use tags::{CODES, HARMONICS, MEMBERS, NUMBERS, PLACES, RAW, SCALES, TABLES};
         match self {
@@ -74,39 +74,39 @@ impl Encoding {
     }
 }
 
-/// See `spec/papers.md`, "Quantised values". Arrays that the encoding does not need are empty.
+/// Quantised values. See `spec/papers.md`, "Quantised values". Arrays that the encoding does not need are empty.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct QuantisedValues {
-    /// What is stored.
+    /// Encoding of the radiosity.
     pub encoding: Encoding,
-    /// Directions of the spherical Fibonacci lattice.
+    /// Number of directions of the spherical Fibonacci lattice.
     pub directions: u32,
     /// Radius of the scene over the distance of each shell of lights, ascending from 0.
     pub shells: Vec<f64>,
-    /// Samples that the values were computed from.
+    /// Number of samples that the values were computed from.
     pub samples: u32,
-    /// Values for each light: 3 channels, or 9, three components of a vector for each channel.
+    /// Number of planes of values for each light: 3 channels, or 9, three vector components for each channel.
     pub planes: u8,
-    /// Order of the harmonics; 0 without any.
+    /// Order of the harmonics; 0 without harmonics.
     pub order: u8,
-    /// Values, `[vertex][plane][light]`.
+    /// Plain values, `[vertex][plane][light]`.
     pub raw: Vec<f32>,
-    /// Values of the codes, 256 ascending ones for each plane.
+    /// Values of the codes, 256 in ascending order for each plane.
     pub tables: Vec<f32>,
-    /// Codes of the vertices, or of the reference points, as [`coefficients::encode`] writes them: a row for each vertex and plane,
-    /// a column for each light, less their predictions.
+    /// Coded codes of the vertices, or of the reference points, less their predictions, as [`coefficients::encode`]
+    /// writes them: a row for each vertex and plane, a column for each light.
     pub codes: Vec<u8>,
     /// Unit of each harmonic, `[channel][shell][coefficient]`.
     pub scales: Vec<f32>,
-    /// Harmonics, a row for each vertex (or each that is no reference point), columns as `scales`, coded.
+    /// Coded harmonics, a row for each vertex (or each that is no reference point), columns as in `scales`.
     pub harmonics: Vec<u8>,
-    /// A row for each vertex, one column: 1 where it is a reference point, coded.
+    /// Coded membership: a row for each vertex, one column, 1 for a reference point.
     pub members: Vec<u8>,
-    /// A row for each vertex that is no reference point: triangle, two weights, coded.
+    /// Coded places, a row for each vertex that is no reference point: triangle, two weights.
     pub places: Vec<u8>,
 }
 
-/// What is no array.
+/// Content of the record.
 #[derive(Serialize, Deserialize)]
 struct Record {
     encoding: Encoding,
@@ -123,12 +123,12 @@ impl QuantisedValues {
         self.directions as usize * self.shells.len()
     }
 
-    /// Harmonics of a vertex: of all channels and shells.
+    /// Number of harmonics of a vertex, over all channels and shells.
     pub fn columns(&self) -> usize {
         CHANNELS * self.shells.len() * usize::from(self.order) * usize::from(self.order)
     }
 
-    /// Checks every length and range, as [`QuantisedValues::from_sections`] guarantees them; coded bytes only as far as their
+    /// Checks every length and range that [`QuantisedValues::from_sections`] guarantees; of coded bytes, only the
     /// shapes.
     ///
     /// # Errors
@@ -254,11 +254,12 @@ impl QuantisedValues {
         encoding.tags().iter().map(section).collect()
     }
 
-    /// Reads them among the sections of an asset; `None` where there are none. Other sections are left alone.
+    /// Reads the quantised values among the sections of an asset; `None` where there are none. Other sections are
+    /// ignored.
     ///
     /// # Errors
-    /// [`crate::FormatError::MissingSection`] where only some are there, [`crate::FormatError::Invalid`] where some belong to another
-    /// encoding, and whatever is wrong with their type or content.
+    /// [`crate::FormatError::MissingSection`] where only some exist, [`crate::FormatError::Invalid`] where some belong
+    /// to another encoding, and any fault of their type or content.
     pub fn from_sections(sections: &[RawSection]) -> Result<Option<Self>> {
         let is_there = |tag: Tag| sections.iter().any(|section| section.tag == tag);
         if !tags::ALL.into_iter().any(is_there) {

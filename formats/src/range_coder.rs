@@ -2,20 +2,21 @@
 //! entropy, and integers made of such bits.
 //!
 //! The interval is held in 64 bits and moves on by 32 bits at a time, so probabilities of 16 bits cost nothing in
-//! precision. The stream ends with a mark of 32 bits; of all values in the last interval it has the one with the most zero
-//! bits at its end, and zero bytes at the end are not written. A reader sees zeros behind the end, and [`Decoder::finish`]
-//! accepts nothing but what [`Encoder::finish`] writes: a stream that decodes is the one that encoding gives again, and cut
-//! or damaged ones have a chance of about 2^-32.
+//! precision. The stream ends with a mark of 32 bits; of all values in the last interval it has the one with the most
+//! zero bits at its end, and trailing zero bytes are not written. A reader sees zeros beyond the end, and
+//! [`Decoder::finish`] accepts only streams as written by [`Encoder::finish`]: a stream that decodes is the one that
+//! encoding gives again, and a truncated or damaged one passes with a chance of about 2^-32.
 //!
 //! One function of a [`Coder`] serves both directions, so that writer and reader cannot differ.
 
-/// Shift of a probability that has settled: each bit seen weighs 1/128.
+/// Shift of a settled probability: each new bit weighs 1/128.
 ///
-/// On Laplacian columns, independent and along a tree, 8 makes 0.0 to 0.2 % fewer bytes and is slower to follow a change, 6
-/// makes 0.1 to 0.4 % more; the mean of two probabilities, one of them quicker (4 or 5 beside 7), 0.2 to 0.8 % more.
+/// On Laplacian columns, independent and along a tree, 8 makes 0.0 to 0.2 % fewer bytes and is slower to follow a
+/// change, 6 makes 0.1 to 0.4 % more; the mean of two probabilities, one of them quicker (4 or 5 beside 7), 0.2 to 0.8
+/// % more.
 const SETTLED_SHIFT: u32 = 7;
 
-/// Bits seen after which the shift is the last.
+/// Number of bits seen after which the shift is final.
 const SETTLED_AFTER: u32 = (1 << SETTLED_SHIFT) - 2;
 
 /// Probability that a bit is 0, learned from the bits seen so far: their average at first, then a running one.
@@ -26,7 +27,7 @@ pub struct Bit {
 }
 
 impl Bit {
-    /// Nothing is known.
+    /// A model that has seen nothing.
     pub const NEW: Self = Self { state: 1 << 31 };
 
     /// Probability of 0 in units of 2^-16: 1 to 65535.
@@ -52,19 +53,20 @@ impl Default for Bit {
     }
 }
 
-/// Either direction. The encoder writes what it is given and gives it back; the decoder reads, and ignores what it is given.
+/// Either direction of coding. The encoder writes the given values and returns them; the decoder reads, and ignores the
+/// given values.
 pub trait Coder {
-    /// A bit under a probability that learns from it.
+    /// Codes a bit under a probability, which learns from it.
     fn bit(&mut self, model: &mut Bit, bit: bool) -> bool;
 
-    /// `count` bits (at most 16), each as often 0 as 1.
+    /// Codes `count` bits (at most 16), each with probability 1/2.
     fn direct(&mut self, count: u32, value: u32) -> u32;
 }
 
-/// What a stream ends with.
+/// Bits at the end of every stream.
 const MARK: [u32; 2] = [0xe7d1, 0xa5c3];
 
-/// Below this the interval is widened by 32 bits.
+/// Interval length below which it is widened by 32 bits.
 const NARROW: u64 = 1 << 32;
 
 /// Distance from the lower end of an interval to its value with the most zero bits at the end, the first of these.
@@ -74,7 +76,7 @@ fn roundest(low: u64, range: u64) -> u64 {
     (1..=64).rev().map(|bits| up & (u64::MAX >> (64 - bits))).find(|distance| *distance < range).unwrap_or(0)
 }
 
-/// Bits to bytes.
+/// The encoder, from bits to bytes.
 #[derive(Clone, Debug)]
 pub struct Encoder {
     low: u64,
@@ -83,7 +85,7 @@ pub struct Encoder {
 }
 
 impl Encoder {
-    /// Nothing written.
+    /// An encoder without output.
     pub fn new() -> Self {
         Self { low: 0, range: u64::MAX, bytes: Vec::new() }
     }
@@ -116,7 +118,7 @@ impl Encoder {
         }
     }
 
-    /// The stream; its last byte is not 0.
+    /// Ends the stream and returns it; its last byte is not 0.
     pub fn finish(mut self) -> Vec<u8> {
         for half in MARK {
             self.direct(16, half);
@@ -161,13 +163,13 @@ impl Coder for Encoder {
     }
 }
 
-/// Bytes to bits. Any bytes give bits; behind the end there are zeros. Takes no memory.
+/// The decoder, from bytes to bits. Any bytes give bits; beyond their end there are zeros. Takes no memory.
 #[derive(Clone, Debug)]
 pub struct Decoder<'a> {
     bytes: &'a [u8],
-    /// Bytes of the stream in use, those behind its end included.
+    /// Number of bytes of the stream in use, including those beyond its end.
     at: usize,
-    /// The last eight of them.
+    /// The last eight bytes in use.
     window: u64,
     /// Distance of the stream from the lower end of the interval.
     code: u64,
@@ -175,7 +177,7 @@ pub struct Decoder<'a> {
 }
 
 impl<'a> Decoder<'a> {
-    /// At the start of a stream.
+    /// A decoder at the start of a stream.
     pub fn new(bytes: &'a [u8]) -> Self {
         let mut decoder = Self { bytes, at: 0, window: 0, code: 0, range: u64::MAX };
         decoder.pull();
@@ -207,7 +209,7 @@ impl<'a> Decoder<'a> {
         }
     }
 
-    /// Whether the stream ends here and is what the encoder writes for the bits that were read.
+    /// Returns whether the stream ends here and equals the encoder's output for the bits that were read.
     pub fn finish(mut self) -> bool {
         if MARK.iter().any(|half| self.direct(16, 0) != *half) {
             return false;
@@ -245,28 +247,28 @@ impl Coder for Decoder<'_> {
     }
 }
 
-/// Bits that a magnitude may have.
+/// Largest number of bits of a magnitude.
 pub const MAGNITUDE_BITS: usize = 16;
 
-/// Top bits of a magnitude, below its leading one, that are learned.
+/// Number of learned bits of a magnitude, the highest below its leading one.
 const LEARNED_BITS: u32 = 3;
 
-/// Learned lengths: bit `k` tells whether a magnitude has more than `k` bits, if it has at least `k`.
+/// Models of lengths: bit `k` tells whether a magnitude of at least `k` bits has more than `k`.
 pub type Lengths = [Bit; MAGNITUDE_BITS];
 
-/// Learned bits below the leading one, by length less 1 and the bits above them (a leading 1 before those).
+/// Models of the learned bits below the leading one, by length less 1 and by the bits above (with a leading 1).
 pub type Mantissas = [[Bit; 1 << LEARNED_BITS]; MAGNITUDE_BITS];
 
-/// What is known about a magnitude before it is coded.
+/// Prior knowledge about a magnitude.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Known {
     /// Nothing.
     Nothing,
-    /// It is not 0.
+    /// The magnitude is not 0.
     NotZero,
 }
 
-/// A magnitude of at most [`MAGNITUDE_BITS`] bits in Elias' gamma manner: length, then bits from the top.
+/// Codes a magnitude of at most [`MAGNITUDE_BITS`] bits in Elias' gamma manner: length, then bits from the top.
 #[inline(always)]
 pub fn magnitude<C: Coder>(
     coder: &mut C,
@@ -295,7 +297,7 @@ pub fn magnitude<C: Coder>(
     (top as u32) << shift | low
 }
 
-/// Models of signed integers that are alike.
+/// Models of signed integers of similar size.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Signed {
     lengths: Lengths,
@@ -304,14 +306,14 @@ pub struct Signed {
 }
 
 impl Signed {
-    /// Nothing is known.
+    /// Models that have seen nothing.
     pub const NEW: Self = Self {
         lengths: [Bit::NEW; MAGNITUDE_BITS],
         mantissas: [[Bit::NEW; 1 << LEARNED_BITS]; MAGNITUDE_BITS],
         sign: Bit::NEW,
     };
 
-    /// A number of -65535 to 65535; others are cut to that range.
+    /// Codes a number of -65535 to 65535; others are clamped to that range.
     pub fn code<C: Coder>(&mut self, coder: &mut C, value: i32) -> i32 {
         let size = magnitude(
             coder,

@@ -10,8 +10,8 @@ use crate::error::{FormatError, Result};
 use crate::types::{Budget, Codec, Element, ElementType, Kind, MAX_SECTIONS, Scalar, Tag, VERSION_MAJOR};
 use crate::{codec, compression};
 
-/// A file whose header and directory are valid. Sections are checked and decoded when they are asked for, so that
-/// an engine that maps the file touches only what it uses.
+/// A file whose header and directory are valid. Sections are checked and decoded on demand, so that an engine that maps
+/// the file touches only the bytes that it uses.
 #[derive(Clone, Debug)]
 pub struct Reader<'a> {
     bytes: &'a [u8],
@@ -29,8 +29,8 @@ impl<'a> Reader<'a> {
         Self::parse_with(bytes, budget, &mut Err)
     }
 
-    /// As [`Reader::parse`] where `report` passes every error on. Where it swallows them, the reader has the sections
-    /// that have a place in the file; an error is returned where nothing can be said about the rest of the file.
+    /// Like [`Reader::parse`] where `report` returns every error. Where `report` swallows them, the reader has the
+    /// sections with a place in the file; an error is returned where nothing can be said about the rest of the file.
     pub(crate) fn parse_with(bytes: &'a [u8], budget: Budget, report: Report<'_>) -> Result<Self> {
         let (version, count) = parse_header(bytes, report)?;
         let head_end = HEADER_BYTES + ENTRY_BYTES * count;
@@ -97,20 +97,20 @@ impl<'a> Reader<'a> {
     /// A section as rows of `T`, `len = info.rows()`.
     ///
     /// # Errors
-    /// The section is missing, damaged, or holds something else.
+    /// The section is missing, damaged, or of another type.
     pub fn array<T: Element>(&self, tag: Tag) -> Result<Vec<T>> {
         let info = self.section(tag)?;
         expect_type(info, T::TYPE, T::COMPONENTS)?;
         self.decode(info)
     }
 
-    /// As [`Reader::array`], also checking what the section is for.
+    /// Like [`Reader::array`], also checking the purpose of the section.
     pub(crate) fn array_of<T: Element>(&self, tag: Tag, kind: Kind) -> Result<Vec<T>> {
         expect_kind(self.section(tag)?, kind)?;
         self.array(tag)
     }
 
-    /// A section as single numbers, whatever its number of components: `len = info.rows() * info.components`.
+    /// A section as single numbers, for any number of components: `len = info.rows() * info.components`.
     ///
     /// # Errors
     /// As [`Reader::array`].
@@ -120,7 +120,7 @@ impl<'a> Reader<'a> {
         self.decode(info)
     }
 
-    /// As [`Reader::array`], and in place where the section is raw and `bytes` lies aligned in memory.
+    /// Like [`Reader::array`], but in place where the section is raw and `bytes` lies aligned in memory.
     ///
     /// # Errors
     /// As [`Reader::array`].
@@ -145,7 +145,7 @@ impl<'a> Reader<'a> {
         codec::decode(tag, &self.bytes_of(info)?)
     }
 
-    /// As [`Reader::record`], also checking what the section is for.
+    /// Like [`Reader::record`], also checking the purpose of the section.
     pub(crate) fn record_of<T: DeserializeOwned>(&self, tag: Tag, kind: Kind) -> Result<T> {
         expect_kind(self.section(tag)?, kind)?;
         self.record(tag)
@@ -186,13 +186,12 @@ impl<'a> Reader<'a> {
         Ok(stored)
     }
 
-    /// Decodes straight into the rows, so that an array is in memory once.
     /// Checks the checksum of a section and that it decodes.
     pub(crate) fn check(&self, info: &SectionInfo) -> Result<()> {
         self.bytes_of(info).map(drop)
     }
 
-    /// The same file with only the sections that `keep` says.
+    /// The same file with only the sections that `keep` selects.
     pub(crate) fn keeping(mut self, keep: impl Fn(&SectionInfo) -> bool) -> Self {
         self.sections.retain(keep);
         self
@@ -225,10 +224,10 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// Takes an error and says whether to go on: the strict reader passes it back, a scan keeps it.
+/// Handler of an error, which decides whether to go on: the strict reader returns it, a scan records it.
 pub(crate) type Report<'r> = &'r mut dyn FnMut(FormatError) -> Result<()>;
 
-/// Version and number of sections, after everything that needs no directory entry has been checked.
+/// Reads version and number of sections, and makes all checks that need no directory entry.
 fn parse_header(bytes: &[u8], report: Report<'_>) -> Result<((u16, u16), usize)> {
     let length = bytes.len() as u64;
     let need = |needed: u64| if length < needed { Err(FormatError::TooShort { needed, length }) } else { Ok(()) };
@@ -260,7 +259,7 @@ fn parse_header(bytes: &[u8], report: Report<'_>) -> Result<((u16, u16), usize)>
     Ok(((major, minor), count))
 }
 
-/// Checks that a section begins at the first boundary after `previous_end`; returns where it ends, if inside the file.
+/// Checks that a section begins at the first boundary after `previous_end`; returns its end, if inside the file.
 fn check_place(bytes: &[u8], info: &SectionInfo, previous_end: Option<u64>, report: Report<'_>) -> Result<Option<u64>> {
     let length = bytes.len() as u64;
     if let Some(previous_end) = previous_end {

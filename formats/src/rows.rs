@@ -1,9 +1,10 @@
-//! Irradiance rows over a cube map: for every patch, sparse quantised Haar coefficients of what it receives from far away.
+//! Irradiance rows over a cube map: sparse quantised Haar coefficients of the light that every patch receives from far
+//! away.
 //!
-//! [`IrradianceRows::from_sections`] checks while it decodes, in one pass over the bytes. 131,072 patches of 122 details and
-//! two terms: 14 ms into memory that the process has already, 25 to 45 ms into fresh memory (64 MB), whose page faults are
-//! the difference; copies of the sections and a detail at a time took 70 ms. A second thread saved nothing: page faults
-//! wait for each other.
+//! [`IrradianceRows::from_sections`] checks while it decodes, in one pass over the bytes. 131,072 patches of 122
+//! details and two terms take 14 ms into memory that the process already has, 25 to 45 ms into fresh memory (64 MB),
+//! because of page faults; copies of the sections and a detail at a time took 70 ms. A second thread saved nothing:
+//! page faults wait for each other.
 
 use crate::asset::{RawSection, pick};
 use crate::checks::{Ranges, in_range, invalid, offsets, same_length};
@@ -30,13 +31,14 @@ pub mod tags {
     pub const SCALING_STEPS: Tag = Tag::from_static("rows.scs");
     /// Functions of the angle, f64 x 9.
     pub const FUNCTIONS: Tag = Tag::from_static("rows.fun");
-    /// In place of [`DIMENSIONS`] where rows are in blocks: the same and the patches of a block at most, u32 x 3, one row.
+    /// Replaces [`DIMENSIONS`] where rows are in blocks: the same numbers and the largest number of patches of a block,
+    /// u32 x 3, one row.
     pub const BLOCKS: Tag = Tag::from_static("rows.blk");
 
-    /// Those of rows of patches, in the order of the file.
+    /// Tags of the rows of patches, in the order of the file.
     pub const ALL: [Tag; 8] = IRRADIANCE.all();
 
-    /// Tags of rows of one use.
+    /// Tags of the rows of one use.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     pub struct Set {
         /// As [`DIMENSIONS`].
@@ -59,7 +61,7 @@ pub mod tags {
         pub functions: Tag,
     }
 
-    /// Rows of patches: irradiance.
+    /// Tags of rows of patches: irradiance.
     pub const IRRADIANCE: Set = Set {
         dimensions: DIMENSIONS,
         blocks: Some(BLOCKS),
@@ -72,7 +74,7 @@ pub mod tags {
         functions: FUNCTIONS,
     };
 
-    /// Rows of vertices: radiosity, whose terms are the channels R, G, B.
+    /// Tags of rows of vertices: radiosity, whose terms are the channels R, G, B.
     pub const TRANSPORT: Set = Set {
         dimensions: Tag::from_static("aft.dim"),
         blocks: None,
@@ -85,7 +87,7 @@ pub mod tags {
         functions: Tag::from_static("aft.fun"),
     };
 
-    /// Rows of vertices: light scattered once, in the same way.
+    /// Tags of rows of vertices: single scattering, whose terms are the channels R, G, B.
     pub const SINGLE: Set = Set {
         dimensions: Tag::from_static("afs.dim"),
         blocks: None,
@@ -99,7 +101,7 @@ pub mod tags {
     };
 
     impl Set {
-        /// Those of rows that are not in blocks, in the order of the file.
+        /// Tags of rows without blocks, in the order of the file.
         pub const fn all(self) -> [Tag; 8] {
             [
                 self.dimensions,
@@ -115,19 +117,19 @@ pub mod tags {
     }
 }
 
-/// Faces of a cube map.
+/// Number of faces of a cube map.
 pub const FACES: usize = 6;
-/// Texels along an edge of a face at most.
+/// Largest number of texels along an edge of a face.
 pub const MOST_SIDE: usize = 64;
-/// Terms at most.
+/// Largest number of terms.
 pub const MOST_TERMS: usize = 4;
 /// Degree of the functions of the angle.
 pub const DEGREE: usize = 9;
-/// Patches of a block at most.
+/// Largest number of patches of a block.
 pub const MOST_BLOCK: usize = 1024;
 
-/// Blocks of neighbouring patches, first and one past the last: the patches of each part, halved (the left half is the larger one)
-/// until no piece has more than `most`. None where `most` is 0.
+/// Blocks of neighbouring patches, first and one past the last: the patches of each part, halved (the left half is the
+/// larger one) until no piece has more than `most`. Empty where `most` is 0.
 pub fn blocks(part_offsets: &[u32], most: usize) -> Vec<[u32; 2]> {
     fn halve(first: u32, end: u32, most: u32, blocks: &mut Vec<[u32; 2]>) {
         if end - first <= most {
@@ -148,22 +150,22 @@ pub fn blocks(part_offsets: &[u32], most: usize) -> Vec<[u32; 2]> {
 
 /// The rows of all patches. A coefficient of term `j` is `value * step` of its patch.
 ///
-/// In [`blocks`] the first row of a block is the mean of its patches. A row at the first patch of the right half of a block, or of
-/// a half of a half and so on, is the mean of the left half less that of the right one.
+/// In [`blocks`] the first row of a block is the mean of its patches. A row at the first patch of the right half of a
+/// block, or of a half of a half and so on, is the mean of the left half less that of the right one.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct IrradianceRows {
     /// Texels along an edge of a face: a power of two, 2 to [`MOST_SIDE`].
     pub side: usize,
-    /// Functions of the angle, 1 to [`MOST_TERMS`].
+    /// Number of functions of the angle, 1 to [`MOST_TERMS`].
     pub terms: usize,
-    /// Patches of a block at most, 2 to [`MOST_BLOCK`]; 0: every row is its patch's own.
+    /// Largest number of patches of a block, 2 to [`MOST_BLOCK`]; 0 where every row is its patch's own.
     pub block: usize,
     /// Patch `i` has the coefficients `offsets[i]..offsets[i + 1]`; `len = patches + 1`.
     pub offsets: Vec<u32>,
-    /// Place of each coefficient, `face * side^2 + row * side + column`: strictly ascending inside a patch, never the
-    /// first of a face.
+    /// Position of each coefficient, `face * side^2 + row * side + column`: strictly ascending inside a patch, never
+    /// the first of a face.
     pub indices: Vec<u16>,
-    /// Patch by patch: for each term the values of all its coefficients.
+    /// Values patch by patch: for each term the values of all its coefficients.
     pub values: Vec<i8>,
     /// Step of `values` for each patch, finite and at least 0.
     pub steps: Vec<f32>,
@@ -171,8 +173,8 @@ pub struct IrradianceRows {
     pub scaling: Vec<i16>,
     /// Step of `scaling` for each patch, finite and at least 0.
     pub scaling_steps: Vec<f32>,
-    /// f_j of each term, `len = terms`: the finite coefficients of `mu`, `mu^2`, ... of a polynomial in the cosine `mu` with
-    /// the normal.
+    /// f_j of each term, `len = terms`: the finite coefficients of `mu`, `mu^2`, ... of a polynomial in the cosine `mu`
+    /// with the normal.
     pub functions: Vec<[f64; DEGREE]>,
 }
 
@@ -193,7 +195,7 @@ impl IrradianceRows {
             + size_of_val(&self.functions[..])
     }
 
-    /// Checks what [`IrradianceRows::from_sections`] guarantees.
+    /// Checks everything that [`IrradianceRows::from_sections`] guarantees.
     ///
     /// # Errors
     /// [`crate::FormatError::Invalid`] with the tag of the section at fault.
@@ -215,7 +217,7 @@ impl IrradianceRows {
         Ok(())
     }
 
-    /// Everything but the indices.
+    /// Checks everything except the indices.
     fn validate_shape(&self, tags: &tags::Set) -> Result<()> {
         check_dimensions(tags.dimensions, self.side, self.terms)?;
         check_block(tags, self.block)?;
@@ -239,7 +241,7 @@ impl IrradianceRows {
         self.to_sections_as(&tags::IRRADIANCE, Kind::Environment)
     }
 
-    /// The same with other tags.
+    /// Like [`IrradianceRows::to_sections`], with other tags.
     ///
     /// # Errors
     /// The rows are not valid.
@@ -284,7 +286,7 @@ impl IrradianceRows {
         ])
     }
 
-    /// The rows of `patches` patches, `None` if there are none among the sections.
+    /// The rows of `patches` patches, `None` if the sections have none.
     ///
     /// # Errors
     /// Some of the sections are missing, of another type, or their content is not valid.
@@ -292,7 +294,7 @@ impl IrradianceRows {
         Self::from_sections_as(sections, (&tags::IRRADIANCE, Kind::Environment), patches)
     }
 
-    /// The same of other tags.
+    /// Like [`IrradianceRows::from_sections`], with other tags.
     ///
     /// # Errors
     /// Some of the sections are missing, of another type, or their content is not valid.
@@ -349,7 +351,7 @@ impl IrradianceRows {
     }
 }
 
-/// Side, terms and patches of a block, 0 without blocks.
+/// Side, terms and patches per block; 0 without blocks.
 fn dimensions(tags: &tags::Set, section: &RawSection) -> Result<[usize; 3]> {
     let one = |rows: usize| invalid(section.tag, format!("{rows} rows, not 1"));
     let size = if section.tag == tags.dimensions {
@@ -402,7 +404,7 @@ fn check_functions(tags: &tags::Set, functions: &[[f64; DEGREE]], terms: usize) 
     in_range(tags.functions, "a coefficient", functions.as_flattened(), f64::NEG_INFINITY)
 }
 
-/// Low bytes, then high bytes.
+/// Low bytes of all numbers, then high bytes.
 fn planes(numbers: &[u16]) -> Vec<u8> {
     numbers.iter().map(|n| *n as u8).chain(numbers.iter().map(|n| (n >> 8) as u8)).collect()
 }
@@ -416,7 +418,7 @@ fn ends(counts: &[u16]) -> Vec<u32> {
     std::iter::once(0).chain(ends).collect()
 }
 
-/// Whether an index is the first of a face; `face` is a power of two.
+/// Returns whether an index is the first of a face; `face` is a power of two.
 fn is_scaling(index: u16, face: usize) -> bool {
     usize::from(index) & (face - 1) == 0
 }
@@ -425,7 +427,7 @@ fn bad_indices<T>(tags: &tags::Set, patch: usize) -> Result<T> {
     invalid(tags.indices, format!("the indices of patch {patch} are not ascending places of details"))
 }
 
-/// Places of all details from the low and the high bytes of their differences.
+/// Positions of all details from the low and the high bytes of their differences.
 fn places(tags: &tags::Set, offsets: &[u32], (low, high): (&[u8], &[u8]), face: usize) -> Result<Vec<u16>> {
     let mut places = Vec::with_capacity(low.len());
     for (patch, pair) in offsets.windows(2).enumerate() {
@@ -439,7 +441,7 @@ fn places(tags: &tags::Set, offsets: &[u32], (low, high): (&[u8], &[u8]), face: 
     Ok(places)
 }
 
-/// Makes places of the differences of a patch; whether they are ascending places of details.
+/// Turns the differences of a patch into positions; returns whether they are ascending positions of details.
 fn add_up(row: &mut [u16], face: usize) -> bool {
     // At most 65535 numbers below 2^16.
     let end = row.iter().map(|difference| u32::from(*difference)).sum::<u32>() + row.len() as u32;
@@ -465,7 +467,7 @@ fn add_up(row: &mut [u16], face: usize) -> bool {
     !row.iter().fold(false, |scaling, place| scaling | (place & mask == 0))
 }
 
-/// From term after term to patch by patch.
+/// Reorders values from term after term to patch by patch.
 fn interleaved(offsets: &[u32], planar: &[i8], terms: usize) -> Vec<i8> {
     let plane = planar.len() / terms;
     let mut values = Vec::with_capacity(planar.len());
@@ -477,7 +479,7 @@ fn interleaved(offsets: &[u32], planar: &[i8], terms: usize) -> Vec<i8> {
     values
 }
 
-/// From byte planes of columns to numbers patch by patch, so many at a time that they stay in the nearest cache.
+/// Converts byte planes of columns to numbers patch by patch, in blocks that stay in the nearest cache.
 fn transposed(bytes: &[u8], columns: usize, patches: usize) -> Vec<i16> {
     const BLOCK: usize = 256;
     let (low, high) = bytes.split_at(bytes.len() / 2);

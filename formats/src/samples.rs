@@ -21,11 +21,12 @@ pub mod tags {
 /// Path of a facet that is its whole triangle.
 pub const WHOLE_TRIANGLE: u32 = 1;
 
-/// The surface samples. A facet is a triangle or a piece of one; a patch is a range of facets; a part has a range of patches.
+/// The surface samples. A facet is a triangle or a piece of one; a patch is a range of facets; a part has a range of
+/// patches.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Samples {
-    /// `[triangle, path]`. The bits of `path` after its leading one say, from the most significant down, which half of
-    /// a longest-edge bisection comes next (`SPEC.md` names the halves); 1 is the whole triangle, 0 is no path.
+    /// `[triangle, path]`. The bits of `path` after its leading one select, from the most significant down, the halves
+    /// of a longest-edge bisection (`SPEC.md` names the halves); 1 is the whole triangle, 0 is no path.
     pub facets: Vec<[u32; 2]>,
     /// Patch `i` is `facets[patch_offsets[i]..patch_offsets[i + 1]]`, never empty; `len = patches + 1`.
     pub patch_offsets: Vec<u32>,
@@ -34,7 +35,7 @@ pub struct Samples {
 }
 
 impl Samples {
-    /// No patches for this many parts.
+    /// Samples without patches for this many parts.
     pub fn none(parts: usize) -> Self {
         Self { facets: Vec::new(), patch_offsets: vec![0], part_offsets: vec![0; parts + 1] }
     }
@@ -44,7 +45,8 @@ impl Samples {
         self.patch_offsets.len().saturating_sub(1)
     }
 
-    /// Checks what [`Samples::decode`] guarantees: paths that exist, offsets that start at 0, ascend and end at the end.
+    /// Checks everything that [`Samples::decode`] guarantees: valid paths, offsets that start at 0, ascend and end at
+    /// the end.
     ///
     /// # Errors
     /// [`crate::FormatError::Invalid`] with the tag of the section at fault.
@@ -57,7 +59,7 @@ impl Samples {
         offsets(tags::PART_OFFSETS, &self.part_offsets, self.patch_count(), Ranges::MayBeEmpty)
     }
 
-    /// Checks valid samples against valid parts: every facet lies on a triangle of the part that has its patch.
+    /// Checks valid samples against valid parts: every facet lies on a triangle of its patch's part.
     pub(crate) fn validate_against(&self, triangle_part: &[u32], parts: usize) -> Result<()> {
         indices_below(tags::FACETS, self.facets.iter().map(|[triangle, _]| *triangle), triangle_part.len())?;
         same_length(tags::PART_OFFSETS, "parts and their end", self.part_offsets.len(), parts + 1)?;
@@ -79,7 +81,7 @@ impl Samples {
     /// Adds the sections of valid samples.
     ///
     /// # Errors
-    /// The samples are not valid, or the writer has one of their sections already.
+    /// The samples are not valid, or the writer already has one of their sections.
     pub fn encode<'a>(&'a self, writer: &mut Writer<'a>) -> Result<()> {
         self.validate()?;
         writer

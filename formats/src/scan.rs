@@ -1,4 +1,4 @@
-//! A file looked at as a whole: everything that is wrong with it, and what can be read all the same.
+//! A scan of a whole file: all of its faults, and all content that can be read nevertheless.
 
 use std::collections::BTreeSet;
 
@@ -12,15 +12,15 @@ use crate::reader::Reader;
 use crate::samples::Samples;
 use crate::types::{Budget, Tag};
 
-/// What a look at a whole file found. Without errors the file is exactly one that [`AssetFile::from_bytes`] accepts, and
-/// every component is there.
+/// Result of a scan. Without errors the file is exactly one that [`AssetFile::from_bytes`] accepts, and every component
+/// is present.
 #[derive(Clone, Debug, Default)]
 pub struct Scan {
-    /// Everything that is wrong, roughly in the order of the file. An error may be the consequence of another one.
+    /// All faults, roughly in the order of the file. An error may be the consequence of another one.
     pub errors: Vec<FormatError>,
     /// Major and minor version, where the header could be read.
     pub version: Option<(u16, u16)>,
-    /// The sections that have a place in the file.
+    /// The sections with a place in the file.
     pub sections: Vec<SectionInfo>,
     /// The mesh, if it is valid.
     pub mesh: Option<Mesh>,
@@ -32,11 +32,11 @@ pub struct Scan {
     pub provenance: Option<Provenance>,
     /// The ledger, if valid.
     pub ledger: Option<Vec<LedgerEntry>>,
-    /// The sections that this crate has no type for, those that decode.
+    /// The sections without a type in this crate that decode.
     pub extra: Vec<RawSection>,
 }
 
-/// Looks at every section of a file whatever is wrong with the others. Takes the memory that `budget` allows.
+/// Scans every section of a file, whatever the faults of others. Takes at most the memory of `budget`.
 pub fn scan(bytes: &[u8], budget: Budget) -> Scan {
     let mut scan = Scan::default();
     let mut keep = |error| {
@@ -78,7 +78,7 @@ impl Scan {
         self.check_together();
     }
 
-    /// A component; that a damaged section is missing is no news.
+    /// Records a component or its error; that a damaged section is missing is not reported again.
     fn component<T>(&mut self, damaged: &BTreeSet<Tag>, component: Result<T>) -> Option<T> {
         match component {
             Ok(component) => return Some(component),
@@ -88,7 +88,7 @@ impl Scan {
         None
     }
 
-    /// What holds between components; one that does not fit the others is taken out.
+    /// Checks the consistency of components; one that does not fit the others is removed.
     fn check_together(&mut self) {
         if let (Some(mesh), Some(parts)) = (&self.mesh, &self.parts)
             && let Err(error) = parts.validate_against(mesh.triangles.len())
@@ -104,7 +104,7 @@ impl Scan {
         }
     }
 
-    /// The whole asset, where nothing is wrong.
+    /// The whole asset, where there are no errors.
     pub fn into_asset(self) -> Option<AssetFile> {
         let Self { errors, mesh, parts, samples, provenance, ledger, extra, .. } = self;
         if !errors.is_empty() {

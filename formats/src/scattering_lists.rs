@@ -1,4 +1,4 @@
-//! Scattering neighbourhoods: how far the lists of each vertex reach.
+//! Scattering neighbourhoods: the range of the lists of each vertex.
 
 use serde::{Deserialize, Serialize};
 
@@ -11,21 +11,21 @@ use crate::types::{Codec, Kind};
 pub mod tags {
     use crate::types::Tag;
 
-    /// Numbers, a record.
+    /// Numbers of the neighbourhoods, a record.
     pub const NUMBERS: Tag = Tag::from_static("qlt.ngh");
 }
 
-/// What the lists of a mesh follow from. See `spec/papers.md`, "Scattering neighbourhoods".
+/// Data from which a mesh's lists follow. See `spec/papers.md`, "Scattering neighbourhoods".
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ScatteringLists {
-    /// For each medium, how far light that enters at a vertex counts, mm.
+    /// Range of the light that enters at a vertex, for each medium, mm.
     pub ranges_mm: Vec<f64>,
-    /// Samples that the lists were measured against.
+    /// Number of samples against which the lists were measured.
     pub samples: u32,
 }
 
 impl ScatteringLists {
-    /// Checks every range, as [`ScatteringLists::from_sections`] guarantees them.
+    /// Checks every range, as [`ScatteringLists::from_sections`] guarantees it.
     ///
     /// # Errors
     /// [`crate::FormatError::Invalid`].
@@ -34,7 +34,7 @@ impl ScatteringLists {
         if self.samples == 0 { invalid(tags::NUMBERS, "no samples") } else { Ok(()) }
     }
 
-    /// The section of valid numbers.
+    /// The section of valid ranges.
     ///
     /// # Errors
     /// [`crate::FormatError::Invalid`] as [`ScatteringLists::validate`].
@@ -43,10 +43,10 @@ impl ScatteringLists {
         Ok(vec![RawSection::from_record(tags::NUMBERS, Kind::Method, Codec::Raw, self)?])
     }
 
-    /// Reads them among the sections of an asset; `None` where there are none. Other sections are left alone.
+    /// Reads the ranges among the sections of an asset; `None` where there are none. Other sections are ignored.
     ///
     /// # Errors
-    /// Whatever is wrong with their type or content.
+    /// Any fault of their type or content.
     pub fn from_sections(sections: &[RawSection]) -> Result<Option<Self>> {
         let Some([numbers]) = pick(sections, [tags::NUMBERS], Kind::Method)? else { return Ok(None) };
         let result: Self = numbers.record()?;

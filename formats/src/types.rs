@@ -1,13 +1,13 @@
-//! The vocabulary of the directory: tags, element types, codecs, kinds, and the budget of a reader.
+//! The terms of the directory: tags, element types, codecs, kinds, and the budget of a reader.
 
 use std::fmt;
 
-/// Changes when a reader of the version before could misread the file.
+/// Raised when a reader of the previous version could misread the file.
 pub const VERSION_MAJOR: u16 = 0;
-/// Changes when sections are added that a reader of the version before can leave alone.
+/// Raised when sections are added that a reader of the previous version can ignore.
 pub const VERSION_MINOR: u16 = 2;
 
-/// Most sections in one file.
+/// Largest number of sections in a file.
 pub const MAX_SECTIONS: usize = 1024;
 
 /// Name of a section: 1 to 8 characters of `A-Z a-z 0-9 _ . -`, padded with zero bytes.
@@ -122,7 +122,7 @@ macro_rules! coded_enum {
 }
 
 coded_enum! {
-    /// What a section is an array of.
+    /// Element type of a section's array.
     ElementType {
         /// A serialised structure, see the module `record` and `SPEC.md`; one component of one byte.
         Record = 0, "record";
@@ -164,9 +164,9 @@ impl ElementType {
 }
 
 coded_enum! {
-    /// How the bytes of a section are stored.
+    /// Encoding of the stored bytes of a section.
     Codec {
-        /// As they are; can be read in place.
+        /// Raw bytes, which can be read in place.
         Raw = 0, "raw";
         /// One zstd frame that states its content size.
         Zstd = 1, "zstd";
@@ -174,7 +174,7 @@ coded_enum! {
 }
 
 coded_enum! {
-    /// What a section is for. Bytes per vertex count every section that is not [`Kind::Mesh`].
+    /// Purpose of a section. Bytes per vertex count every section that is not [`Kind::Mesh`].
     Kind {
         /// Positions, triangles, shading normals, texture coordinates.
         Mesh = 0, "mesh";
@@ -196,13 +196,13 @@ pub struct F16Bits(pub u16);
 
 /// A number that sections can hold.
 pub trait Scalar: bytemuck::Pod {
-    /// Its code in the directory.
+    /// Its element type in the directory.
     const TYPE: ElementType;
 }
 
 /// A row of a section: a [`Scalar`] or an array of them.
 pub trait Element: bytemuck::Pod {
-    /// The scalar's code in the directory.
+    /// The scalar's element type in the directory.
     const TYPE: ElementType;
     /// Scalars in one row.
     const COMPONENTS: u16;
@@ -233,7 +233,7 @@ where
     const COMPONENTS: u16 = if N <= u16::MAX as usize { N as u16 } else { 0 };
 }
 
-/// How much memory a reader may take for what it decodes.
+/// Limit on the memory that a reader may take for decoded content.
 ///
 /// The cost of an array is its decoded length; a record costs [`Budget::RECORD_FACTOR`] times its length, because its
 /// strings and lists are larger in memory than in the file. Beside it a reader takes at most 2 MiB.
@@ -244,7 +244,7 @@ pub struct Budget {
 }
 
 impl Budget {
-    /// Bytes that a byte of a record may take while it is decoded.
+    /// Largest number of bytes that a byte of a record takes while it is decoded.
     pub const RECORD_FACTOR: u64 = 12;
 
     /// A budget of this many bytes.
@@ -254,7 +254,7 @@ impl Budget {
 }
 
 impl Default for Budget {
-    /// 2 GiB.
+    /// A budget of 2 GiB.
     fn default() -> Self {
         Self::bytes(2 << 30)
     }

@@ -1,4 +1,5 @@
-//! Unsigned numbers in as few bytes as they need (LEB128): seven bits in a byte, the lowest first, the high bit where more follow.
+//! Unsigned numbers in as few bytes as needed (LEB128): seven bits in a byte, the lowest first, the high bit set where
+//! more follow.
 
 /// Longest encoding of a `u32`.
 const MAX_BYTES: usize = 5;
@@ -11,7 +12,7 @@ pub(crate) fn push(bytes: &mut Vec<u8>, mut value: u32) {
     bytes.push(value as u8);
 }
 
-/// Takes a number off the front; `None` if it is cut, longer than needed, or above 2^32 - 1.
+/// Reads a number off the front; `None` if it is truncated, longer than needed, or above 2^32 - 1.
 #[inline]
 pub(crate) fn take(bytes: &mut &[u8]) -> Option<u32> {
     let mut value = 0u64;

@@ -1,4 +1,4 @@
-//! Sections to bytes, the same bytes every time.
+//! From sections to bytes, the same bytes every time.
 
 use std::borrow::Cow;
 use std::io::{self, Write};
@@ -76,7 +76,7 @@ impl<'a> Writer<'a> {
         Ok(self)
     }
 
-    /// The file as bytes.
+    /// Encodes the file.
     pub fn finish(self) -> Vec<u8> {
         let (head, length) = self.head();
         let mut out = Vec::with_capacity(length as usize);
@@ -91,7 +91,7 @@ impl<'a> Writer<'a> {
     /// Writes the same bytes as [`Writer::finish`] to a stream, without a copy of the whole file in memory.
     ///
     /// # Errors
-    /// What `out` fails with.
+    /// Errors of `out`.
     pub fn write_to(self, out: &mut dyn Write) -> io::Result<()> {
         let (head, _) = self.head();
         out.write_all(&head)?;

@@ -41,7 +41,7 @@ pub(super) struct EvaluateArgs {
     measure: bool,
 }
 
-/// Whether to spend time on measuring the error.
+/// Choice between a measured error and none.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Measure {
     Yes,

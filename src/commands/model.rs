@@ -1,4 +1,5 @@
-//! A model with its size, parts and media: the arguments that every command with a MODEL takes, and the import that they ask for.
+//! A model with its size, parts and media: the arguments that every command with a MODEL takes, and the import that
+//! they ask for.
 
 use std::path::PathBuf;
 

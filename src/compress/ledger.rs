@@ -16,7 +16,7 @@ pub struct Entry {
     pub stage: String,
     /// Error of the stage.
     pub error: VertexError,
-    /// How the error was measured.
+    /// Method by which the error was measured, in words.
     pub note: String,
 }
 

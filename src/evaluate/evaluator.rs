@@ -48,7 +48,7 @@ pub trait Evaluator: Send {
     /// Puts another radial profile in the dipole's place, for the media in force and those to come.
     ///
     /// # Errors
-    /// `Unsupported` where the transport is that of a dipole; what the profile says of the media.
+    /// `Unsupported` where the transport is that of a dipole; errors of the profile for the media.
     fn set_profile(&mut self, _profile: LoadedProfile) -> Result<()> {
         Err(Error::unsupported(
             "the transport in this asset is that of dipoles; an asset of --method editable stores none and takes any profile",
@@ -66,9 +66,9 @@ pub trait Evaluator: Send {
     /// Failures of the work.
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>>;
 
-    /// Single scattering of every source vertex along the inverse normal, isotropic, RGB: `s = pi C L1 / F_t(w_o)`, in the
-    /// unit of the radiosity and beside it (never part of it), in its order and with its welds. None where the method or
-    /// the asset has none, or none that an eye would not change.
+    /// Single scattering of every source vertex along the inverse normal, isotropic, RGB: `s = pi C L1 / F_t(w_o)`, in
+    /// the unit of the radiosity and beside it (never part of it), in its order and with its welds. None where the
+    /// method or the asset has none, or none that an eye would not change.
     ///
     /// # Errors
     /// Failures of the work.
@@ -152,8 +152,8 @@ pub trait DeviceEvaluator: Evaluator {
     fn update(&mut self, progress: &dyn Progress) -> Result<()>;
 
     /// Radiosity of every receiver over [`Self::scale`], four floats each (RGB and 0); the same buffer as long as the
-    /// evaluator lives. It stands for [`Exitance`] where a device draws: [`Self::receiver_of_vertex`] takes it to the vertices,
-    /// between which the rasteriser interpolates.
+    /// evaluator lives. It stands for [`Exitance`] where a device draws: [`Self::receiver_of_vertex`] takes it to the
+    /// vertices, between which the rasteriser interpolates.
     fn radiosity_buffer(&self) -> &wgpu::Buffer;
 
     /// Factor from the buffer's values to radiosity: a power of two that keeps them in the range of single precision.

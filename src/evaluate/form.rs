@@ -1,5 +1,5 @@
-//! Forms: the ways in which transport is kept and evaluated. The typed settings of a form are its record in the asset; they know how to
-//! bake it and how to open it.
+//! Forms: the ways in which transport is kept and evaluated. The typed settings of a form are its record in the asset;
+//! they know how to bake it and how to open it.
 
 use std::any::Any;
 use std::collections::BTreeSet;
@@ -76,8 +76,8 @@ pub trait Form: Serialize + DeserializeOwned + Send + Sync + 'static {
     /// Name in the asset.
     const NAME: &'static str;
 
-    /// Tags of sections that no other part of this crate knows, in assets that are evaluated without samples: those of a form from
-    /// outside.
+    /// Tags of sections that no other part of this crate knows, in assets that are evaluated without samples: those of
+    /// a form from outside.
     const TAGS: &'static [Tag] = &[];
 
     /// Refuses settings out of range: those of a file may be anything.
@@ -136,13 +136,13 @@ pub trait AnyForm: Any + Send + Sync {
     /// See [`Form::bake`].
     ///
     /// # Errors
-    /// Those of the form.
+    /// Errors of the form.
     fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts>;
 
     /// See [`Form::open`].
     ///
     /// # Errors
-    /// Those of the form.
+    /// Errors of the form.
     fn open(&self, asset: Arc<Asset>) -> Result<Box<dyn Evaluator>>;
 }
 

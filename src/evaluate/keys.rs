@@ -1,5 +1,5 @@
-//! Keys of `--set key=value`. One declaration of a key gives its parser, its range check, its default, its line of help, its entry
-//! in reports and completions, and the typed value that a method puts into the settings of its forms.
+//! Keys of `--set key=value`. One declaration of a key gives its parser, its range check, its default, its line of
+//! help, its entry in reports and completions, and the typed value that a method puts into the settings of its forms.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
@@ -132,7 +132,7 @@ pub struct Key<D> {
     pub name: &'static str,
     /// Default, as it would be typed.
     pub default: &'static str,
-    /// One line: effect and unit.
+    /// Help text in one line: effect and unit.
     pub help: &'static str,
     /// Users who need it.
     pub audience: Audience,
@@ -165,7 +165,7 @@ pub trait AnyKey: Sync {
     /// Default, as it would be typed.
     fn default(&self) -> &'static str;
 
-    /// One line: effect and unit.
+    /// Help text in one line: effect and unit.
     fn help(&self) -> &'static str;
 
     /// Users who need it.
@@ -180,7 +180,7 @@ pub trait AnyKey: Sync {
     /// Refuses a text that is no value.
     ///
     /// # Errors
-    /// Command line: what is needed instead.
+    /// Command line: the text is no value of the key; the message tells what is needed.
     fn check(&self, text: &str) -> Result<()>;
 }
 

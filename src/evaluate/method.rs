@@ -22,7 +22,7 @@ pub trait Method: Sync {
     /// One line for people: what it is, and its paper.
     fn summary(&self) -> &'static str;
 
-    /// When to choose it, in one or two sentences.
+    /// Advice on when to choose it, in one or two sentences.
     fn choose_when(&self) -> &'static str;
 
     /// Keys that `--set` takes.
@@ -39,7 +39,8 @@ pub trait Method: Sync {
         None
     }
 
-    /// Settings that charts compare, as options of `bake`, the defaults (no options) first: from fast or small to exact.
+    /// Settings that charts compare, as options of `bake`, the defaults (no options) first: from fast or small to
+    /// exact.
     fn ladder(&self) -> &'static [&'static str] {
         &[""]
     }
@@ -118,7 +119,7 @@ impl Recipe {
     /// Bakes a scene into an asset, which records the form, its settings and its provenance.
     ///
     /// # Errors
-    /// Those of the form.
+    /// Errors of the form.
     pub fn bake(&self, scene: Scene, mut provenance: Provenance, progress: &dyn Progress) -> Result<Asset> {
         let parts = self.form.bake(&scene, &self.settings, progress)?;
         provenance.method = self.method.to_owned();
@@ -142,14 +143,14 @@ pub struct Registry {
 }
 
 impl Registry {
-    /// The same with another method.
+    /// The registry with another method.
     #[must_use]
     pub fn with_method(mut self, method: &'static dyn Method) -> Self {
         self.methods.push(method);
         self
     }
 
-    /// The same with another form.
+    /// The registry with another form.
     #[must_use]
     pub fn with_form(mut self, form: RegisteredForm) -> Self {
         self.forms.push(form);

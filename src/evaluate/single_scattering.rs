@@ -135,8 +135,8 @@ impl Traced {
         SingleScattering::new(lit.scene.domain(), lit.bvh, lit.lights, self.settings())
     }
 
-    /// `s = pi C L1 / F_t` along the inverse normal of every source vertex, RGB; equal for welded vertices, 0 where there is no
-    /// transferring area. None where it depends on the eye.
+    /// `s = pi C L1 / F_t` along the inverse normal of every source vertex, RGB; equal for welded vertices, 0 where
+    /// there is no transferring area. None where it depends on the eye.
     ///
     /// # Errors
     /// As [`SingleScattering::new`].

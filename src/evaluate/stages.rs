@@ -32,7 +32,7 @@ pub(crate) fn spread(lights: &[Light], count: usize) -> impl Iterator<Item = &Li
 /// The error that each stage adds under the worst of several lights; `added` measures it under one of them.
 ///
 /// # Errors
-/// Those of `added`.
+/// Errors of `added`.
 pub fn worst<L, const N: usize>(
     lights: impl IntoIterator<Item = L>,
     mut added: impl FnMut(L) -> Result<[VertexError; N]>,
@@ -47,7 +47,7 @@ pub fn worst<L, const N: usize>(
 /// Like [`worst`] for an evaluator: under the lights in force together (`None`), and under each unseen light alone.
 ///
 /// # Errors
-/// Those of `added`.
+/// Errors of `added`.
 pub fn worst_and_unseen(
     unseen: &[Light],
     mut added: impl FnMut(Option<&Light>) -> Result<VertexError>,

@@ -26,8 +26,8 @@ pub struct Loaded<T> {
 /// Reads an OpenEXR or Radiance HDR environment map.
 ///
 /// # Errors
-/// A file that cannot be read (exit 2), is damaged or holds values that are no radiance (exit 3), or uses a feature that
-/// is not supported (exit 5); the path is in the message.
+/// A file that cannot be read (exit 2), is damaged or holds values that are no radiance (exit 3), or uses a feature
+/// that is not supported (exit 5); the path is in the message.
 pub fn load_environment(path: &Path) -> Result<Loaded<EnvironmentMap>> {
     let place = path.display();
     let decoded = read_capped(path).and_then(|bytes| decode(&bytes).map_err(|e| e.at(place.to_string())))?;
@@ -50,7 +50,7 @@ pub fn load_environment(path: &Path) -> Result<Loaded<EnvironmentMap>> {
 /// Makes the light that `spec` describes, reading its picture if it has one.
 ///
 /// # Errors
-/// Those of [`load_environment`].
+/// Errors of [`load_environment`].
 pub fn load_light(spec: &LightSpec) -> Result<Loaded<Light>> {
     let mut warnings = Vec::new();
     let load = |path: &Path| {

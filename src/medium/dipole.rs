@@ -102,12 +102,12 @@ impl Pole {
     /// `Int (tail(H) - tail(sqrt(H^2 + rho^2))) d theta`.
     ///
     /// The edge lies on a line at the signed distance `offset_mm` from the receiver's foot point and spans the
-    /// coordinates `from_mm..to_mm` along that line, 0 at the foot of the perpendicular. Positive offset: the foot point is
-    /// to the left of the edge. An edge whose line meets the foot point contributes exactly 0.
+    /// coordinates `from_mm..to_mm` along that line, 0 at the foot of the perpendicular. Positive offset: the foot
+    /// point is to the left of the edge. An edge whose line meets the foot point contributes exactly 0.
     ///
-    /// With `D^2 = H^2 + z^2 + offset^2` and the coordinate `s = D sinh u`, the distance is `d = D cosh u` and
-    /// the integrand `(tail(H) - tail) offset / rho^2 ds` loses its pole at rho = 0: what is left is
-    /// analytic for |Im u| < pi / 2, so Gauss-Legendre converges geometrically at a rate known beforehand.
+    /// With `D^2 = H^2 + z^2 + offset^2` and the coordinate `s = D sinh u`, the distance is `d = D cosh u` and the
+    /// integrand `(tail(H) - tail) offset / rho^2 ds` has no pole at rho = 0: it is analytic for |Im u| < pi / 2, so
+    /// Gauss-Legendre converges geometrically at a known rate.
     pub fn edge(&self, height_mm: f64, offset_mm: f64, from_mm: f64, to_mm: f64) -> f64 {
         let d0 = height_mm.hypot(self.z_mm);
         let scale = d0.hypot(offset_mm);
@@ -151,14 +151,15 @@ fn decay_mean(x: f64) -> f64 {
 /// Longest panel of an edge integral in the coordinate u.
 const LONGEST_PANEL: f64 = 1.5;
 
-/// Half-width of the strip around the real u axis in which the edge integrand is bounded by a small multiple of the total.
+/// Half-width of the strip around the real u axis in which the edge integrand is bounded by a small multiple of the
+/// total.
 const STRIP: f64 = 1.2;
 
 /// Error aimed at by a rule, relative to the total reflectance.
 const PANEL_ERROR: f64 = 2e-11;
 
-/// Gauss points that reach [`PANEL_ERROR`] on a panel of the given half-width: the error falls as `rho^(-2 n)`, with rho
-/// the sum of the semi-axes of the largest ellipse around the panel inside the strip.
+/// Gauss points that reach [`PANEL_ERROR`] on a panel of the given half-width: the error falls as `rho^(-2 n)`, with
+/// rho the sum of the semi-axes of the largest ellipse around the panel inside the strip.
 fn panel_order(half_width: f64) -> usize {
     let semi_axis = STRIP / half_width.max(1e-12);
     let rho = semi_axis + (semi_axis * semi_axis + 1.0).sqrt();
@@ -198,8 +199,8 @@ impl Radial for Pole {
 
 /// `Int_triangle R_d(|x - y|) dA(y)` for a profile that is a sum of `poles`, the receiver anywhere in space.
 ///
-/// Accurate to 1e-10 of the total reflectance of the poles; far triangles to 1e-8 of their own value. Independent of the
-/// triangle's orientation. A triangle without area, or with coordinates that are not finite, gives 0.
+/// Accurate to 1e-10 of the total reflectance of the poles; far triangles to 1e-8 of their own value. Independent of
+/// the triangle's orientation. A triangle without area, or with coordinates that are not finite, gives 0.
 pub fn triangle(poles: &[Pole], receiver_mm: DVec3, corners_mm: [DVec3; 3]) -> f64 {
     radial_triangle(poles, receiver_mm, corners_mm)
 }
@@ -287,8 +288,8 @@ impl Dipole {
     /// The dipole of a medium with the reduced scattering and the absorption coefficient (1/mm) and the boundary's
     /// `a = (1 + F_dr) / (1 - F_dr)` (Jensen et al. 2001, equation 4; A as in [`super::fresnel::boundary_a`]).
     ///
-    /// Without extinction nothing returns: the profile is 0. Negative and non-finite coefficients count as 0, `a` below 1
-    /// as 1. Extinctions outside 1e-12..1e12 per mm saturate at constant albedo.
+    /// Without extinction nothing returns: the profile is 0. Negative and non-finite coefficients count as 0, `a` below
+    /// 1 as 1. Extinctions outside 1e-12..1e12 per mm saturate at constant albedo.
     pub fn new(sigma_s_reduced_per_mm: f64, sigma_a_per_mm: f64, a: f64) -> Self {
         let usable = |sigma: f64| if sigma.is_finite() && sigma > 0.0 { sigma } else { 0.0 };
         let (scattering, absorption) = (usable(sigma_s_reduced_per_mm), usable(sigma_a_per_mm));

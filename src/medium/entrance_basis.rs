@@ -1,9 +1,9 @@
 //! `F_t(eta, mu) mu` as a sum of few functions of the angle, so that irradiance rows serve every index of refraction.
 //!
-//! The functions are polynomials in `mu` without a constant term: the leading singular vectors of `F_t(eta, mu) mu` over
-//! `mu` in [0, 1] (uniform in solid angle) and the etas of [`ETA_RANGE`], each scaled so that its coefficient is of size 1.
-//! Coefficients are projections, corrected so that the hemispherical integral `Int F_t mu dmu` is exact: constant
-//! light loses nothing. Polynomials rather than tables, because many directions are evaluated side by side.
+//! The functions are polynomials in `mu` without a constant term: the leading singular vectors of `F_t(eta, mu) mu`
+//! over `mu` in [0, 1] (uniform in solid angle) and the etas of [`ETA_RANGE`], each scaled so that its coefficient is
+//! of size 1. Coefficients are projections, corrected so that the hemispherical integral `Int F_t mu dmu` is exact:
+//! constant light loses nothing. Polynomials rather than tables, because many directions are evaluated side by side.
 //!
 //! `||sum - F_t mu|| / ||F_t mu||`, largest over eta in 1..2, and in 1.2..1.6: see the test, which prints and pins it.
 
@@ -107,8 +107,8 @@ fn orthonormal() -> Vec<[f64; DEGREE]> {
     basis
 }
 
-/// The polynomial nearest to `F_t(eta, mu) mu`, coefficients of `mu`, `mu^2`, ...; its integral is exact. Relative RMS 1e-3 at
-/// most for eta from 1 to 2; below 1, where light is reflected totally from an angle on, up to a few percent.
+/// The polynomial nearest to `F_t(eta, mu) mu`, coefficients of `mu`, `mu^2`, ...; its integral is exact. Relative RMS
+/// 1e-3 at most for eta from 1 to 2; below 1, where light is reflected totally from an angle on, up to a few percent.
 pub fn polynomial(eta_inside_over_outside: f64) -> [f64; DEGREE] {
     let mut result = [0.0; DEGREE];
     for p in orthonormal() {
@@ -148,8 +148,8 @@ impl EntranceBasis {
     /// The functions that rows were stored with: the coefficients of `mu`, `mu^2`, ... of each.
     ///
     /// # Errors
-    /// None or more than [`MOST_TERMS`], functions that are not orthogonal, too small or too large, or so far from a
-    /// constant that no integral can be made exact (exit 3). What passes gives finite coefficients.
+    /// No functions or more than [`MOST_TERMS`], functions that are not orthogonal, too small or too large, or so far
+    /// from a constant that no integral can be made exact (exit 3). Accepted functions give finite coefficients.
     pub fn from_polynomials(polynomials: &[[f64; DEGREE]]) -> Result<Self> {
         let terms = polynomials.len();
         if !(1..=MOST_TERMS).contains(&terms) {
@@ -252,8 +252,8 @@ impl EntranceBasis {
     }
 }
 
-/// The largest eigenvalues of a symmetric matrix, not below 0, and their unit vectors, by cyclic Jacobi rotations. Signs:
-/// the component sum of each vector is not negative.
+/// The largest eigenvalues of a symmetric matrix, not below 0, and their unit vectors, by cyclic Jacobi rotations.
+/// Signs: the component sum of each vector is not negative.
 fn leading_eigenvectors(mut matrix: Vec<Vec<f64>>, count: usize) -> Vec<(f64, Vec<f64>)> {
     let n = matrix.len();
     let mut vectors: Vec<Vec<f64>> = (0..n).map(|i| (0..n).map(|j| f64::from(u8::from(i == j))).collect()).collect();

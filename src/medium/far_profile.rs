@@ -1,13 +1,13 @@
 //! The smooth far part of R_d, which a basis has to represent when the surroundings of a receiver are integrated with
 //! the profile itself.
 //!
-//! With `s = r^2` the far part is `f = R_d` from the split radius rho on, and inside it the Taylor polynomial of R_d in s
-//! of degree 2 around `s = rho^2`, so that f is even in r and twice continuously differentiable.
+//! With `s = r^2` the far part is `f = R_d` from the split radius rho on, and inside it the Taylor polynomial of R_d in
+//! s of degree 2 around `s = rho^2`, so that f is even in r and twice continuously differentiable.
 //!
-//! `exp(-x) / d` with `x = sigma d`, `d^2 = s + z^2` is completely monotone in s: its derivatives
-//! alternate in sign, and so do those of R_d, which is a positive sum of `-2 d/ds` of it. Towards smaller s every term of the
-//! Taylor series, the remainder included, is therefore positive: `0 < f <= R_d` and f decreases with r, for every
-//! dipole and every rho. The near part R_d - f is never negative, and f never returns more than the profile does.
+//! `exp(-x) / d` with `x = sigma d`, `d^2 = s + z^2` is completely monotone in s: its derivatives alternate in sign,
+//! and so do those of R_d, which is a positive sum of `-2 d/ds` of it. Towards smaller s every term of the Taylor
+//! series, the remainder included, is therefore positive: `0 < f <= R_d` and f decreases with r, for every dipole and
+//! every rho. The near part R_d - f is never negative, and f never returns more than the profile does.
 
 use std::f64::consts::{PI, TAU};
 

@@ -1,4 +1,5 @@
-//! Unpolarised Fresnel transmission through a smooth dielectric surface, its hemispherical averages, and sampling by it.
+//! Unpolarised Fresnel transmission through a smooth dielectric surface, its hemispherical averages, and sampling by
+//! it.
 //!
 //! `eta` is the refractive index inside the medium over the one outside. Cosines are with the normal, in [0, 1] on the
 //! side in their names.
@@ -214,8 +215,8 @@ impl CosineTransmittance {
         2.0 * transmittance(self.eta, cos_outside) * cos_outside.clamp(0.0, 1.0) / self.diffuse_transmittance()
     }
 
-    /// The cosine outside, in [0, 1], below which the fraction `xi` of the distribution lies. The density of the result is
-    /// `2 F_t mu / C` to 1e-10.
+    /// The cosine outside, in [0, 1], below which the fraction `xi` of the distribution lies. The density of the result
+    /// is `2 F_t mu / C` to 1e-10.
     pub fn sample_entrance_cosine(&self, xi: f64) -> f64 {
         let xi = if xi > 0.0 { xi.min(1.0) } else { 0.0 };
         let dense = self.dense_cosine(xi * self.half());

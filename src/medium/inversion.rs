@@ -4,10 +4,11 @@
 //! solve the dipole's total for alpha'. This module does the same for any profile: at a fixed length the coefficients
 //! of a channel depend on one number, which is found by a bracketing search on the total.
 //!
-//! That number is `x = sqrt(1 - alpha')`, 0 where nothing absorbs and 1 where nothing scatters: totals are smooth in it even
-//! where they near 1, while in alpha' they end in a root that costs half the digits. The search is that of Oliveira and
-//! Takahashi, "An Enhancement of the Bisection Method Average Performance Preserving Minmax Optimality" (2020): a bisection
-//! that takes secants as long as they are no slower, because a total may stand for a table of thousands of numbers.
+//! That number is `x = sqrt(1 - alpha')`, 0 where nothing absorbs and 1 where nothing scatters: totals are smooth in it
+//! even where they near 1, while in alpha' they end in a root that costs half the digits. The search is that of
+//! Oliveira and Takahashi, "An Enhancement of the Bisection Method Average Performance Preserving Minmax Optimality"
+//! (2020): a bisection that takes secants as long as they are no slower, because a total may stand for a table of
+//! thousands of numbers.
 
 use glam::DVec3;
 

@@ -55,8 +55,9 @@ impl OpticalProperties {
     /// The properties if they are physical and within the accepted ranges.
     ///
     /// # Errors
-    /// Invalid input when a coefficient is negative, not finite or above [`LARGEST_SIGMA_PER_MM`], when |g| is not below 1,
-    /// or when eta is outside [`ETA_RANGE`]. Zero scattering and zero extinction are valid: such a channel returns nothing.
+    /// Invalid input when a coefficient is negative, not finite or above [`LARGEST_SIGMA_PER_MM`], when |g| is not
+    /// below 1, or when eta is outside [`ETA_RANGE`]. Zero scattering and zero extinction are valid: such a channel
+    /// returns nothing.
     pub fn validated(self) -> Result<Self> {
         // First, because a g beyond its range spoils the reduced scattering that was derived with it.
         if self.g.is_nan() || self.g.abs() >= 1.0 {
@@ -244,8 +245,8 @@ impl Overrides {
         *self == Self::default()
     }
 
-    /// `base` with these overrides; without a base, scattering and absorption must be among them, g defaults to 0 and eta to
-    /// [`DEFAULT_ETA`].
+    /// `base` with these overrides; without a base, scattering and absorption must be among them, g defaults to 0 and
+    /// eta to [`DEFAULT_ETA`].
     ///
     /// # Errors
     /// Invalid input when both scattering coefficients are given, when one is missing, or when the result is not valid.

@@ -41,7 +41,8 @@ impl Material {
     /// `sigma_a_per_mm`; `g` (0); `eta` (1.3). Coefficients are one number or three (RGB), in 1/mm.
     ///
     /// # Errors
-    /// Invalid input, with line and column, for unknown keys and for values that are missing, contradictory or not valid.
+    /// Invalid input, with line and column, for unknown keys and for values that are missing, contradictory or not
+    /// valid.
     pub fn from_toml(text: &str, place: &str) -> Result<Self> {
         parse(text, place, "custom")
     }

@@ -57,11 +57,11 @@ pub enum Family {
     /// Principal components, chosen for the least error in transported light relative to the total of each material.
     #[default]
     Transported,
-    /// Far parts of Gaussians whose standard deviations are a geometric sequence: neither they nor the coefficients of a
-    /// material are negative, and the total of the profile is kept.
+    /// Far parts of Gaussians whose standard deviations are a geometric sequence: neither they nor the coefficients of
+    /// a material are negative, and the total of the profile is kept.
     Ladder,
-    /// Principal components of the published choice, for comparison: 650 even samples of r on [0, 65] mm and an even grid of coefficients
-    /// on [1e-6, 5]^2 per mm, neither weighted nor normalised.
+    /// Principal components of the published choice, for comparison: 650 even samples of r on [0, 65] mm and an even
+    /// grid of coefficients on [1e-6, 5]^2 per mm, neither weighted nor normalised.
     Plain,
 }
 
@@ -90,8 +90,9 @@ pub struct Projection {
     pub error: f64,
 }
 
-/// Functions b_k with `f(r) ~ Sum_k s_k b_k(r)` for every far profile f, where `s_k = Sum_g weight_g f(r_g) b_k(r_g)`. On a ladder
-/// s minimises `Sum_g weight_g (Sum_k s_k b_k(r_g) - f(r_g))^2` over `s >= 0` with `Sum_k s_k total_k = Int_0^reach 2 pi r f dr`.
+/// Functions b_k with `f(r) ~ Sum_k s_k b_k(r)` for every far profile f, where `s_k = Sum_g weight_g f(r_g) b_k(r_g)`.
+/// On a ladder s minimises `Sum_g weight_g (Sum_k s_k b_k(r_g) - f(r_g))^2` over `s >= 0` with `Sum_k s_k total_k =
+/// Int_0^reach 2 pi r f dr`.
 #[derive(Clone, Debug)]
 pub struct ProfileBasis {
     split_mm: f64,
@@ -167,8 +168,9 @@ impl ProfileBasis {
     /// that it was made for unless the family was plain. A ladder has `totals`.
     ///
     /// # Errors
-    /// Invalid input when the numbers do not make a basis: lengths that do not fit, nodes that do not ascend from 0, numbers
-    /// that are not finite, a weight or total that is not positive, radii outside the range that [`Self::new`] serves.
+    /// Invalid input when the numbers do not make a basis: lengths that do not fit, nodes that do not ascend from 0,
+    /// numbers that are not finite, a weight or total that is not positive, radii outside the range that [`Self::new`]
+    /// serves.
     pub fn from_parts(
         split_mm: f64,
         nodes_mm: Vec<f64>,
@@ -320,8 +322,8 @@ impl ProfileBasis {
         coefficients.iter().zip(functions).map(residual).collect()
     }
 
-    /// The largest [`Projection::error`] of the judges: every channel of the measured materials, and 200 random media with
-    /// sigma_s' in 0.02..25 and sigma_a in 0 and 1e-4..2 per mm and eta in 1..2 that the basis was not made from.
+    /// The largest [`Projection::error`] of the judges: every channel of the measured materials, and 200 random media
+    /// with sigma_s' in 0.02..25 and sigma_a in 0 and 1e-4..2 per mm and eta in 1..2 that the basis was not made from.
     pub fn worst_error(&self) -> f64 {
         materials::judges().iter().map(|judge| self.project(judge).error).fold(0.0, f64::max)
     }

@@ -1,5 +1,5 @@
-//! `all_frequency`: radiosity under light from far away, transport stored as vectors over the directions of an environment (Wang,
-//! Tran & Luebke 2005).
+//! `all_frequency`: radiosity under light from far away, transport stored as vectors over the directions of an
+//! environment (Wang, Tran & Luebke 2005).
 
 use super::keys::{self, INTER_REFLECTION, SINGLE_CROSSINGS, SINGLE_FORM};
 use crate::error::{Error, Result};

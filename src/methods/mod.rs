@@ -1,4 +1,5 @@
-//! Methods: one file each, a name for a choice of a form and its settings. A method is one file and one line in [`built_in`].
+//! Methods: one file each, a name for a choice of a form and its settings. A method is one file and one line in
+//! [`built_in`].
 
 pub mod all_frequency;
 pub mod editable;

@@ -60,7 +60,8 @@ pub struct Animation {
 /// Draws the frames of a whole turn, writes them as PNG, and their timings as `timings.json`.
 ///
 /// # Errors
-/// A folder or file that cannot be written (exit 2), lights that the asset does not carry (exit 5), failures of the work.
+/// A folder or file that cannot be written (exit 2), lights that the asset does not carry (exit 5), failures of the
+/// work.
 pub fn run(place: Place, animation: &Animation, progress: &dyn Progress) -> Result<Timings> {
     make_folder(&animation.folder)?;
     let mut painter = Painter::new(place, animation)?;

@@ -211,8 +211,8 @@ impl ColourType {
 ///
 /// Layers of colour, stored as asked: the beauty as `R`, `G`, `B` with the coverage as `A`; `diffuse.R`, `.G`, `.B`;
 /// `single.R`, `.G`, `.B` if there is single scattering; `specular.R`, `.G`, `.B`; `albedo.R`, `.G`, `.B` if there is a
-/// texture, which is in the other layers already. Layers of data, always 32 bits (see [`Pixel`]): `normal.X`, `.Y`, `.Z`;
-/// `depth.Z` in mm along the viewing axis; `coverage.A`; `part.ID`, a whole number.
+/// texture, which is in the other layers already. Layers of data, always 32 bits (see [`Pixel`]): `normal.X`, `.Y`,
+/// `.Z`; `depth.Z` in mm along the viewing axis; `coverage.A`; `part.ID`, a whole number.
 ///
 /// # Errors
 /// As [`ExrImage::encode`].

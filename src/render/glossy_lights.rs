@@ -1,9 +1,9 @@
 //! Specular reflection of the lights to the eye.
 //!
-//! Directional and point lights: the model itself times the irradiance, with a shadow ray. Area lights: one point of the
-//! light and one reflection for each eye ray, joined by the balance heuristic, with shadow rays. Environments and constant
-//! lights: one sampled reflection for each eye ray, with a filtered look-up and without shadows: where the object
-//! stands in its own way, the reflection is too bright.
+//! Directional and point lights: the model itself times the irradiance, with a shadow ray. Area lights: one point of
+//! the light and one reflection for each eye ray, joined by the balance heuristic, with shadow rays. Environments and
+//! constant lights: one sampled reflection for each eye ray, with a filtered look-up and without shadows: where the
+//! object stands in its own way, the reflection is too bright.
 
 use glam::{DVec2, DVec3};
 

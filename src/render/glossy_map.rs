@@ -23,8 +23,8 @@ const BANDS: usize = 4;
 /// centres.
 const OVERLAP: f32 = 0.5;
 
-/// A cube map at one resolution: faces of `(side + 2)^2` texels, the outer ones copied from the neighbouring faces, so that
-/// interpolation crosses the edges of the cube.
+/// A cube map at one resolution: faces of `(side + 2)^2` texels, the outer ones copied from the neighbouring faces, so
+/// that interpolation crosses the edges of the cube.
 struct PaddedCubeMap {
     side: usize,
     texels: Vec<Vec4>,

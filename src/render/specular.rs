@@ -318,7 +318,8 @@ mod tests {
         }
     }
 
-    /// Under constant light of radiance 1, `pi C` enters at most; leaving as diffuse light it joins what is reflected.
+    /// Under constant light of radiance 1 at most `pi C` enters; the test adds it, as diffuse exitance, to the
+    /// reflected light.
     #[test]
     fn reflected_and_transmitted_light_never_exceed_what_comes_in() {
         let rule = gauss_legendre(32);

@@ -47,7 +47,7 @@ impl Severity {
 pub struct FindingKind {
     /// Number from 100 on; smaller ones are the format's.
     pub number: u16,
-    /// Whether the asset can be used.
+    /// Severity of the finding.
     pub severity: Severity,
     /// Name in capitalised words.
     pub name: &'static str,
@@ -62,7 +62,7 @@ pub struct Finding {
     pub number: u16,
     /// Name in capitalised words.
     pub name: &'static str,
-    /// Whether the asset can be used.
+    /// Severity of the finding.
     pub severity: Severity,
     /// Section of the finding.
     pub section: Option<String>,

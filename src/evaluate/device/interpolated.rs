@@ -1,4 +1,5 @@
-//! Radiosity as products of stored rows with a few columns, interpolated from the rows' points to all receivers, on a device.
+//! Radiosity as products of stored rows with a few columns, interpolated from the rows' points to all receivers, on a
+//! device.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -60,9 +61,9 @@ impl ComputePass {
 /// The way in which new radiosity meets the radiosity that is there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sum {
-    /// It is replaced.
+    /// The new radiosity replaces it.
     New,
-    /// It is added to.
+    /// The new radiosity is added to it.
     Added,
 }
 
@@ -71,7 +72,7 @@ pub struct InterpolatedOnDevice {
     device: Arc<Device>,
     columns: wgpu::Buffer,
     width: usize,
-    /// 1 where products are added to what is there, and a factor for each reference point.
+    /// Mode (1 to add to the radiosity, 0 to replace it), then a factor for each reference point.
     factors: wgpu::Buffer,
     rows: usize,
     radiosity: wgpu::Buffer,
@@ -80,12 +81,12 @@ pub struct InterpolatedOnDevice {
 }
 
 impl InterpolatedOnDevice {
-    /// Uploads rows of coefficients `[reference point][column]`, an even number of columns, and the weights of every receiver
-    /// over the reference points; reference points that have no row count as 0.
+    /// Uploads rows of coefficients `[reference point][column]`, an even number of columns, and the weights of every
+    /// receiver over the reference points; reference points that have no row count as 0.
     ///
     /// # Errors
-    /// Rows, points or receivers beyond the adapter's bindings (exit 5); an odd number of columns or coefficients that do not
-    /// fill their rows (exit 4: a caller's mistake).
+    /// Rows, points or receivers beyond the adapter's bindings (exit 5); an odd number of columns or coefficients that
+    /// do not fill their rows (exit 4: a caller's mistake).
     pub fn new(device: &Arc<Device>, coefficients: &[i16], width: usize, weights: &SharedWeights) -> Result<Self> {
         check_turns(width.div_ceil(TURN))?;
         if !width.is_multiple_of(2) || !coefficients.len().is_multiple_of(width.max(1)) {
@@ -111,8 +112,8 @@ impl InterpolatedOnDevice {
         Ok(Self { device: Arc::clone(device), columns, width, factors, rows, radiosity, products, interpolation })
     }
 
-    /// Enqueues the radiosity of every reference point under a light that is a column for each channel, RGB, times a factor for
-    /// each reference point (1 where there are none), instead of what is there or added to it.
+    /// Enqueues the radiosity of every reference point under a light that is a column for each channel, RGB, times a
+    /// factor for each reference point (1 without factors); it replaces the previous radiosity or is added to it.
     ///
     /// # Errors
     /// Columns or factors of another length (exit 4: a caller's mistake); a lost device (exit 4).
@@ -145,7 +146,7 @@ impl InterpolatedOnDevice {
         self.device.check()
     }
 
-    /// Radiosity of every receiver, RGB and 0, what [`Self::interpolate`] writes.
+    /// Radiosity of every receiver, RGB and 0, written by [`Self::interpolate`].
     pub fn radiosity(&self) -> &wgpu::Buffer {
         &self.radiosity
     }

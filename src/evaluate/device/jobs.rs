@@ -1,5 +1,6 @@
-//! The work of a gather, cut to what adapters take: bindings of limited size, dispatches of limited length, and loops of
-//! limited length. Mesa's llvmpipe ends every loop of an invocation after 65,535 turns of all loops together, without a word.
+//! The work of a gather, cut to what adapters take: bindings of limited size, dispatches of limited length, and loops
+//! of limited length. Mesa's llvmpipe ends every loop of an invocation after 65,535 turns of all loops together,
+//! without a word.
 
 use std::ops::Range;
 

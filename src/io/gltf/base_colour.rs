@@ -50,8 +50,8 @@ pub struct PlacedPicture {
     pub offset: DVec2,
 }
 
-/// Reads the base colours of a glTF file (`.gltf` or `.glb`): factors, and PNG pictures over `TEXCOORD_0`, with the offset
-/// and scale of `KHR_texture_transform`. Pictures repeat, whatever their sampler says.
+/// Reads the base colours of a glTF file (`.gltf` or `.glb`): factors, and PNG pictures over `TEXCOORD_0`, with the
+/// offset and scale of `KHR_texture_transform`. Pictures repeat, whatever their sampler says.
 ///
 /// # Errors
 /// As [`super::read_gltf`]; pictures that are no PNG, over other texture coordinates or turned (exit 5).

@@ -1,6 +1,8 @@
-//! Charts as SVG and PNG: error against a cost on logarithmic axes with the Pareto front, and bars of an error by stage.
+//! Charts as SVG and PNG: error against a cost on logarithmic axes with the Pareto front, and bars of an error by
+//! stage.
 //!
-//! Methods differ in colour (Okabe & Ito's palette, which colour-blind people tell apart) and in the shape of their marks.
+//! Methods differ in colour (Okabe & Ito's palette, which colour-blind people tell apart) and in the shape of their
+//! marks.
 
 use std::sync::Once;
 
@@ -102,7 +104,7 @@ pub struct Scatter {
     pub points: Vec<Point>,
     /// Errors at which a dashed line is drawn, with their names.
     pub lines: Vec<(f64, String)>,
-    /// Whether the Pareto front is drawn.
+    /// Drawing of the Pareto front.
     pub front: Front,
 }
 

@@ -42,7 +42,7 @@ pub struct Truth {
     /// Difference between its model of the light inside and a random walk, for each light; empty where none can be
     /// walked.
     pub model_errors: Vec<ModelLine>,
-    /// Why no random walk was possible.
+    /// Reason why no random walk was possible.
     pub no_model_errors: Option<String>,
 }
 

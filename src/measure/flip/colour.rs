@@ -76,7 +76,7 @@ impl Colours {
         (self.rgb_from_white * v).clamp(DVec3::ZERO, DVec3::ONE)
     }
 
-    /// L*a*b* of linear RGB, its chroma scaled by L* / 100 (Hunt's effect: what is brighter looks more colourful).
+    /// L*a*b* of linear RGB, its chroma scaled by L* / 100 (Hunt's effect: brighter colours look more colourful).
     pub(super) fn hunt_lab(&self, rgb: DVec3) -> DVec3 {
         let v = self.white_from_rgb * rgb;
         let [x, y, z] = [v.x, v.y, v.z].map(lab_response);

@@ -1,4 +1,4 @@
-//! Why a cost grows faster than size, where the reason is known.
+//! Known reasons why costs grow faster than size.
 
 use super::axis::{Axis, Quantity};
 

@@ -37,7 +37,8 @@ pub fn scene(model: &SourceModel, size_mm: f64, material: &Material) -> Result<S
     Ok(Scene { mesh, parts, media: vec![medium] })
 }
 
-/// A model as binary glTF: positions in 32 bits, triangles, nothing else; a unit of the model is a metre, as glTF has it.
+/// A model as binary glTF: positions in 32 bits, triangles, nothing else; a unit of the model is a metre, as glTF has
+/// it.
 ///
 /// # Errors
 /// More than the 4 GiB that the format holds.

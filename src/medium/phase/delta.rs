@@ -23,9 +23,9 @@ use crate::medium::material::OpticalProperties;
 /// | 0.7 | 0.0108 | 1.03 | 1.56 | 1.34 |
 /// | 0.9 | 0.0029 | 0.34 | 4.02 | 3.12 |
 ///
-/// so where the first order itself is wanted at |g| >= 0.7, it is to be evaluated directly, for the few lights there are
-/// (`transport::single_scattering::radiance` does). p* goes below zero by less than the plain series does: at g = 0.9 and L = 1
-/// (`chi_1* = g / (1 + g)`) it falls to -0.42 / (4 pi), where the plain series falls to -1.7 / (4 pi).
+/// so where the first order itself is wanted at |g| >= 0.7, it is to be evaluated directly, for the few lights there
+/// are (`transport::single_scattering::radiance` does). p* goes below zero by less than the plain series does: at g =
+/// 0.9 and L = 1 (`chi_1* = g / (1 + g)`) it falls to -0.42 / (4 pi), where the plain series falls to -1.7 / (4 pi).
 #[derive(Clone, Debug, PartialEq)]
 pub struct DeltaM {
     unscattered: f64,

@@ -11,15 +11,16 @@ pub const MOST_TERMS: usize = 144;
 
 /// `p(cos) = Sum_l (2 l + 1) chi_l / (4 pi) P_l(cos)` cut after K terms, `cos = -w_i'.w_o'`.
 ///
-/// The addition theorem makes it `Sum_k g_k(w_i') h_k(w_o')` with `g_k = y_k` and `h_k = (-1)^l chi_l y_k` over the first K
-/// real harmonics. The light side is the same for every medium, so that g stays free at run time; its energy is exactly
-/// that of `chi_0 = 1` for every K, from every direction.
+/// The addition theorem makes it `Sum_k g_k(w_i') h_k(w_o')` with `g_k = y_k` and `h_k = (-1)^l chi_l y_k` over the
+/// first K real harmonics. The light side is the same for every medium, so that g stays free at run time; its energy is
+/// exactly that of `chi_0 = 1` for every K, from every direction.
 ///
 /// # Number of terms
 ///
-/// Only whole bands, K = 1, 4, 9, 16, ..., depend on the scattering angle alone. Others are direction dependent: with K = 8 the
-/// forward value of Henyey and Greenstein's function varies by 12 % of itself (g 0.25), 21 % (0.4), 34 % (0.7) with direction.
-/// Series that are too short go negative; the least value over the peak of the true function, in percent, from the tests:
+/// Only whole bands, K = 1, 4, 9, 16, ..., depend on the scattering angle alone. Others are direction dependent: with K
+/// = 8 the forward value of Henyey and Greenstein's function varies by 12 % of itself (g 0.25), 21 % (0.4), 34 % (0.7)
+/// with direction. Series that are too short go negative; the least value over the peak of the true function, in
+/// percent, from the tests:
 ///
 /// | g | K = 1 | 4 | 9 | 16 | 25 |
 /// | --- | --- | --- | --- | --- | --- |
@@ -28,8 +29,8 @@ pub const MOST_TERMS: usize = 144;
 /// | 0.7 | 0 | -5.8 | -2.8 | -5.6 | -1.7 |
 /// | 0.9 | 0 | -0.9 | -0.7 | -1.5 | -1.1 |
 ///
-/// Negative g mirror the positive ones. K = 4 is negative somewhere exactly for |g| > 1/3. From |g| = 0.7 on the series misses most
-/// of the peak; see [`super::DeltaM`], or evaluate single scattering directly.
+/// Negative g mirror the positive ones. K = 4 is negative somewhere exactly for |g| > 1/3. From |g| = 0.7 on the series
+/// misses most of the peak; see [`super::DeltaM`], or evaluate single scattering directly.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LegendrePhase {
     /// `chi_l` of each band, `chi_0 = 1` first.
@@ -38,7 +39,8 @@ pub struct LegendrePhase {
 }
 
 impl LegendrePhase {
-    /// Henyey and Greenstein's function, `chi_l = g^l`; g is brought into [-1, 1] (NaN: 0), terms into 1 to [`MOST_TERMS`].
+    /// Henyey and Greenstein's function, `chi_l = g^l`; g is brought into [-1, 1] (NaN: 0), terms into 1 to
+    /// [`MOST_TERMS`].
     pub fn henyey_greenstein(g: f64, terms: usize) -> Self {
         let g = if g.is_nan() { 0.0 } else { g.clamp(-1.0, 1.0) };
         let moments = (0..bands(terms)).map(|l| g.powi(l as i32)).collect();

@@ -1,8 +1,8 @@
 //! The phase function of Henyey and Greenstein (1941), its density and sampling, and forms that separate the direction
 //! of the light from that of the eye.
 //!
-//! Directions are outward on both sides: `w_i'` from a point inside towards the light, `w_o'` towards the eye. The cosine of
-//! the scattering angle is `-w_i'.w_o'`, so that g > 0 is forward.
+//! Directions are outward on both sides: `w_i'` from a point inside towards the light, `w_o'` towards the eye. The
+//! cosine of the scattering angle is `-w_i'.w_o'`, so that g > 0 is forward.
 
 mod delta;
 mod henyey_greenstein;

@@ -26,11 +26,11 @@ const STEPS: usize = 6;
 /// `p(w_i', w_o') ~ Sum_k g_k(w_i') h_k(w_o')`: light maps and view maps on a cube map.
 ///
 /// The table is weighted with the square roots of the solid angles, without which the energy of the result is wrong by
-/// up to a factor of 2 at g = 0.9. It is symmetric, so its singular vectors are eigenvectors: a subspace iteration that starts
-/// with spherical harmonics finds them in a fraction of a second. Measured (tests): energy from any direction within 1e-3 of 1
-/// for |g| <= 0.4, 2e-3 at 0.7 and 5 % at 0.9, where the table itself is too coarse; K = 4 negative for |g| > 1/3; K = 8 splits a band
-/// and makes the forward value depend on direction. It is there for the paper's figures: [`super::LegendrePhase`] has the same
-/// terms exactly and keeps g free.
+/// up to a factor of 2 at g = 0.9. It is symmetric, so its singular vectors are eigenvectors: a subspace iteration that
+/// starts with spherical harmonics finds them in a fraction of a second. Measured (tests): energy from any direction
+/// within 1e-3 of 1 for |g| <= 0.4, 2e-3 at 0.7 and 5 % at 0.9, where the table itself is too coarse; K = 4 negative
+/// for |g| > 1/3; K = 8 splits a band and makes the forward value depend on direction. It is there for the paper's
+/// figures: [`super::LegendrePhase`] has the same terms exactly and keeps g free.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SeparablePhase {
     terms: usize,
@@ -200,7 +200,8 @@ mod tests {
         (0..TEXELS).map(move |i| (direction(SIDE, i / SIDE / SIDE, i % SIDE, i / SIDE % SIDE), face[i % face.len()]))
     }
 
-    /// Relative L2 error on the table, largest error of the energy, least value over the peak, spread of the forward value.
+    /// Relative L2 error on the table, largest error of the energy, least value over the peak, spread of the forward
+    /// value.
     fn figures(g: f64, terms: usize) -> [f64; 4] {
         let (truth, phase) = (HenyeyGreenstein::new(g), SeparablePhase::new(HenyeyGreenstein::new(g), terms).unwrap());
         let (mut error, mut norm, mut energy_error, mut least) = (0.0, 0.0, 0.0f64, 0.0f64);

@@ -7,12 +7,13 @@
 //! functions are the far parts of Gaussians, and the far part of R_d is a sum of them with the same weights as R_d of
 //! the Gaussians. The near field does not change.
 //!
-//! The standard deviations are `split / 4 q^k`, k = 1, 2, ..., up to 0.8 times the reach; the last function is a constant, their
-//! limit, for materials that are clearer than the object is wide. Each function has the total 1 over the reach. Coefficients
-//! minimise the same weighted square as those of the principal components, none of them is negative, and their sum is the total
-//! of the far part over the reach.
+//! The standard deviations are `split / 4 q^k`, k = 1, 2, ..., up to 0.8 times the reach; the last function is a
+//! constant, their limit, for materials that are clearer than the object is wide. Each function has the total 1 over
+//! the reach. Coefficients minimise the same weighted square as those of the principal components, none of them is
+//! negative, and their sum is the total of the far part over the reach.
 //!
-//! T1 of all judges: 3.9e-3 with 11 terms for a split of 0.5 mm and a reach of 20, 3.7e-3 with 13 for 50, 1.6e-3 with 13 for 0.64 and 30.
+//! T1 of all judges: 3.9e-3 with 11 terms for a split of 0.5 mm and a reach of 20, 3.7e-3 with 13 for 50, 1.6e-3 with
+//! 13 for 0.64 and 30.
 
 use super::grid::Grid;
 use crate::math::nnls::non_negative_least_squares;

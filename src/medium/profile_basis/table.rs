@@ -16,11 +16,11 @@ const ORDER: usize = 4;
 
 /// The functions of a basis as cubics in cells of `x = 1 + r^2 / split^2`.
 ///
-/// The cell is read from the exponent and the upper bits of the mantissa of x, so its width is a 32nd of the octave that it is
-/// in, and the split radius (x = 2) is a border. With `(cell, f) = index_of(r^2)` the functions are
-/// `c0[k] + f (c1[k] + f (c2[k] + f c3[k]))`, where [`Table::row`] holds c0 to c3 one after the other, [`Table::stride`]
-/// numbers each. Multiplications and additions are not fused and no library function is called: every processor gives the
-/// same bits.
+/// The cell is read from the exponent and the upper bits of the mantissa of x, so its width is a 32nd of the octave
+/// that it is in, and the split radius (x = 2) is a border. With `(cell, f) = index_of(r^2)` the functions are `c0[k] +
+/// f (c1[k] + f (c2[k] + f c3[k]))`, where [`Table::row`] holds c0 to c3 one after the other, [`Table::stride`] numbers
+/// each. Multiplications and additions are not fused and no library function is called: every processor gives the same
+/// bits.
 ///
 /// Error against the functions of the basis, weighted with `r^2 + split^2` as the transport is and relative to the
 /// function's largest weighted magnitude: below 1e-5 for as many terms as an error of 1e-3 needs. Later functions

@@ -78,10 +78,11 @@ impl SourcePair {
 }
 
 impl BetterDipole {
-    /// The better dipole of a medium with the reduced scattering and the absorption coefficient (1/mm) and a refractive index.
+    /// The better dipole of a medium with the reduced scattering and the absorption coefficient (1/mm) and a refractive
+    /// index.
     ///
-    /// Without scattering nothing returns. Negative and non-finite coefficients count as 0; extinctions outside 1e-12..1e12
-    /// per mm saturate at constant albedo.
+    /// Without scattering nothing returns. Negative and non-finite coefficients count as 0; extinctions outside
+    /// 1e-12..1e12 per mm saturate at constant albedo.
     pub fn new(sigma_s_reduced_per_mm: f64, sigma_a_per_mm: f64, eta_inside_over_outside: f64) -> Self {
         let medium = Coefficients::new(sigma_s_reduced_per_mm, sigma_a_per_mm);
         let boundary = Boundary::new(eta_inside_over_outside);

@@ -1,6 +1,8 @@
-//! Normalised diffusion: Christensen and Burley, "Approximate Reflectance Profiles for Efficient Subsurface Scattering" (2015).
+//! Normalised diffusion: Christensen and Burley, "Approximate Reflectance Profiles for Efficient Subsurface Scattering"
+//! (2015).
 //!
-//! `R(r) = A (exp(-r / d) + exp(-r / (3 d))) / (8 pi d r)` with `d = l / s(A)`; the total is A. R grows as 1/r towards r = 0.
+//! `R(r) = A (exp(-r / d) + exp(-r / (3 d))) / (8 pi d r)` with `d = l / s(A)`; the total is A. R grows as 1/r towards
+//! r = 0.
 
 use glam::DVec3;
 

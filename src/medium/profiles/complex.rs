@@ -106,7 +106,8 @@ impl Div for Complex {
 /// Euler's constant.
 const GAMMA: f64 = 0.577_215_664_901_532_9;
 
-/// Largest step of the trapezoidal rule of [`bessel_k`]: its error is exp(-pi^2 / (2 step)) of the whole for |arg z| <= pi / 4.
+/// Largest step of the trapezoidal rule of [`bessel_k`]: its error is exp(-pi^2 / (2 step)) of the whole for |arg z| <=
+/// pi / 4.
 const LARGEST_STEP: f64 = 0.15;
 
 /// Step over the root of |z|, used where it is smaller: the integrand is a Gaussian of that width then.

@@ -48,8 +48,8 @@ impl Gaussians {
     /// The sum of Gaussians with these weights and variances in mm^2.
     ///
     /// # Errors
-    /// Invalid input when a weight is negative, when the weights sum to more than 1 by more than 1e-6, or when a variance is
-    /// not between 1e-24 and 1e24.
+    /// Invalid input when a weight is negative, when the weights sum to more than 1 by more than 1e-6, or when a
+    /// variance is not between 1e-24 and 1e24.
     pub fn new(terms: &[(f64, f64)]) -> Result<Self> {
         for (weight, variance) in terms {
             if !(0.0..=LARGEST_WEIGHT).contains(weight) {
@@ -69,7 +69,7 @@ impl Gaussians {
     /// The three channels of `lobes`.
     ///
     /// # Errors
-    /// Those of [`Gaussians::new`], with the channel.
+    /// Errors of [`Gaussians::new`], with the channel.
     pub fn channels(lobes: &[Lobe]) -> Result<[Self; 3]> {
         let channel = |c: usize| {
             let terms: Vec<(f64, f64)> =

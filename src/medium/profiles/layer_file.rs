@@ -71,8 +71,8 @@ impl From<Channels> for DVec3 {
 }
 
 /// Reads a stack: a table `[[layer]]` for each layer from the top, with the keys of a material file (`preset`,
-/// `sigma_s_reduced_per_mm` or `sigma_s_per_mm`, `sigma_a_per_mm`, `g`, `eta`) and `thickness_mm`, which only the last may leave
-/// out. A layer without a material is of the medium that the profile is evaluated for.
+/// `sigma_s_reduced_per_mm` or `sigma_s_per_mm`, `sigma_a_per_mm`, `g`, `eta`) and `thickness_mm`, which only the last
+/// may leave out. A layer without a material is of the medium that the profile is evaluated for.
 ///
 /// # Errors
 /// I/O when it cannot be read; invalid input, with path, line and column, for its contents.

@@ -1,8 +1,8 @@
 //! Layered media: Donner and Jensen, "Light Diffusion in Multi-Layered Translucent Materials" (2005).
 //!
-//! A slab's multipole is the Green's function of diffusion between two extrapolated boundaries. Its Hankel transform is a
-//! quotient of hyperbolic functions, all mirror images included; layers are added there as the paper adds them (Kubelka's
-//! formulas at every spatial frequency s, both sides of each layer), and one inverse transform gives R(r).
+//! A slab's multipole is the Green's function of diffusion between two extrapolated boundaries. Its Hankel transform is
+//! a quotient of hyperbolic functions, all mirror images included; layers are added there as the paper adds them
+//! (Kubelka's formulas at every spatial frequency s, both sides of each layer), and one inverse transform gives R(r).
 //!
 //! Each interface has its own A from the ratio of the indices on both sides. Differences from the paper: the source of
 //! a slab holds the light that interacts within its thickness, `alpha' (1 - exp(-tau))`, at the mean depth of that
@@ -65,12 +65,12 @@ pub struct Layers {
 impl Layers {
     /// The profile of a stack whose first layer faces the light.
     ///
-    /// A layer without extinction counts as absent. The table is accurate to about 1e-8 of R_d wherever it reaches (1e7 times
-    /// the longest length of the stack, 40 decay lengths, or a tail of 1e-18 of the whole).
+    /// A layer without extinction counts as absent. The table is accurate to about 1e-8 of R_d wherever it reaches (1e7
+    /// times the longest length of the stack, 40 decay lengths, or a tail of 1e-18 of the whole).
     ///
     /// # Errors
-    /// Invalid input without layers or with more than [`MOST_LAYERS`], for a thickness outside [`THICKNESSES_MM`], and for a
-    /// half space that is not the last. Run time, should the table fail.
+    /// Invalid input without layers or with more than [`MOST_LAYERS`], for a thickness outside [`THICKNESSES_MM`], and
+    /// for a half space that is not the last. Run time, should the table fail.
     pub fn new(layers: &[Layer], fit: BoundaryFit) -> Result<Self> {
         let stack = Stack::new(layers, fit)?;
         let [reflected, transmitted] = stack.totals();
@@ -295,9 +295,9 @@ impl Stack {
 
 /// The inverse Hankel transform along a path without oscillations.
 ///
-/// With `J_0 = Re H_0`, `s = i kappa` and `kappa = c + w exp(-i pi / 4)`: `R = Re i/pi^2 Int R^(s) K_0(kappa r) kappa d kappa`, and
-/// for the tail K_1 and r in place of K_0 and kappa. Both fade as `exp(-c r)`, which keeps the digits of far distances; the
-/// integrand is smooth in ln w.
+/// With `J_0 = Re H_0`, `s = i kappa` and `kappa = c + w exp(-i pi / 4)`: `R = Re i/pi^2 Int R^(s) K_0(kappa r) kappa d
+/// kappa`, and for the tail K_1 and r in place of K_0 and kappa. Both fade as `exp(-c r)`, which keeps the digits of
+/// far distances; the integrand is smooth in ln w.
 struct Transform {
     /// w, kappa, and `i / pi^2 R^ d kappa`.
     nodes: Vec<(f64, Complex, Complex)>,

@@ -98,8 +98,8 @@ impl Measured {
     /// The profile through points of distances in mm and R in 1/mm^2.
     ///
     /// # Errors
-    /// Invalid input with fewer than two points, when distances are negative or do not ascend, when a value is negative or not
-    /// finite, and when the total exceeds 1 by more than 0.1 %.
+    /// Invalid input with fewer than two points, when distances are negative or do not ascend, when a value is negative
+    /// or not finite, and when the total exceeds 1 by more than 0.1 %.
     pub fn new(points: &[(f64, f64)], interpolation: Interpolation) -> Result<Self> {
         if points.len() < 2 {
             return Err(Error::input(format!("{} points; a profile takes at least 2", points.len())));

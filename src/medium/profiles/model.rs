@@ -75,7 +75,7 @@ impl ProfileModel {
     /// Reads the files that the model names.
     ///
     /// # Errors
-    /// Those of the files: I/O, or invalid input with path and line.
+    /// Errors of the files: I/O, or invalid input with path and line.
     pub fn load(&self) -> Result<LoadedProfile> {
         Ok(match self {
             Self::Layers(path) => LoadedProfile::Layers(layer_file::read(path)?),
@@ -92,7 +92,7 @@ impl ProfileModel {
     /// The profiles of a medium; files are read anew, see [`ProfileModel::load`].
     ///
     /// # Errors
-    /// Those of [`ProfileModel::load`] and [`LoadedProfile::channels`].
+    /// Errors of [`ProfileModel::load`] and [`LoadedProfile::channels`].
     pub fn channels(&self, properties: &OpticalProperties) -> Result<Channels> {
         self.load()?.channels(properties)
     }

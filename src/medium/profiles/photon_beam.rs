@@ -1,9 +1,9 @@
 //! Photon beam diffusion for light that enters at a right angle: Habel, Christensen and Jarosz (2013).
 //!
-//! `R(r) = Int_0^inf alpha' sigma_t' exp(-sigma_t' t) kappa(r, t) R_pair(r, t) dt`: a better dipole at every depth t of the
-//! beam, with the paper's empirical factor `kappa = 1 - exp(-2 sigma_t' (d_r + t))` against the excess of diffusion close to
-//! a source (equation 12 there). Single scattering is not part of it. The beam makes R grow as -ln r towards
-//! r = 0; below 1e-3 mean free paths it is taken for constant.
+//! `R(r) = Int_0^inf alpha' sigma_t' exp(-sigma_t' t) kappa(r, t) R_pair(r, t) dt`: a better dipole at every depth t of
+//! the beam, with the paper's empirical factor `kappa = 1 - exp(-2 sigma_t' (d_r + t))` against the excess of diffusion
+//! close to a source (equation 12 there). Single scattering is not part of it. The beam makes R grow as -ln r towards r
+//! = 0; below 1e-3 mean free paths it is taken for constant.
 //!
 //! The factor kappa removes light: without absorption the total is 0.93 to 0.95 and not 1.
 //!
@@ -75,8 +75,8 @@ impl Beam {
 }
 
 impl PhotonBeam {
-    /// The profile of a medium with the reduced scattering and the absorption coefficient (1/mm) and a refractive index; odd
-    /// values count as in [`super::better_dipole::BetterDipole::new`].
+    /// The profile of a medium with the reduced scattering and the absorption coefficient (1/mm) and a refractive
+    /// index; odd values count as in [`super::better_dipole::BetterDipole::new`].
     ///
     /// # Errors
     /// Run time, should the table fail.

@@ -1,8 +1,8 @@
 //! A profile as a table of its tail: any costly model becomes one logarithm, one exponential and a polynomial.
 //!
-//! With `u = ln(1 + r^2 / s_0)` the logarithm of the tail is a quintic on each cell, through its values, its exact slopes
-//! `-R r dr/du / tail` and curvatures from both. R_d is the derivative of the same polynomial, so that tail and reflectance belong
-//! together to rounding.
+//! With `u = ln(1 + r^2 / s_0)` the logarithm of the tail is a quintic on each cell, through its values, its exact
+//! slopes `-R r dr/du / tail` and curvatures from both. R_d is the derivative of the same polynomial, so that tail and
+//! reflectance belong together to rounding.
 
 use glam::DVec3;
 
@@ -151,7 +151,8 @@ impl Tabulated {
     }
 }
 
-/// Second derivatives in units of the step from values and slopes, to the fourth order inside and the third at the ends.
+/// Second derivatives in units of the step from values and slopes, to the fourth order inside and the third at the
+/// ends.
 fn curvatures(value: &[f64], slope: &[f64]) -> Vec<f64> {
     let n = value.len();
     let one_sided =

@@ -47,15 +47,15 @@ pub struct View {
     pub look: Look,
     /// The background beside the object.
     pub background: Background,
-    /// Whether a texture multiplies the scattered light.
+    /// Use of the texture, where there is one.
     pub texture: Textured,
-    /// Whether the triangles' edges are drawn.
+    /// Drawing of the triangles' edges.
     pub wires: Wires,
     /// The error that gets the last colour; none while it is unknown.
     pub worst_error: Option<f64>,
 }
 
-/// Whether a texture multiplies the scattered light.
+/// Use of the texture on the scattered light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Textured {
     /// The texture is left out.
@@ -65,7 +65,7 @@ pub enum Textured {
     Yes,
 }
 
-/// Whether the triangles' edges are drawn.
+/// Drawing of the triangles' edges.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Wires {
     /// Edges are not drawn.

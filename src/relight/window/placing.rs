@@ -24,7 +24,7 @@ impl Placing {
     /// A CPU evaluator with these media and with a profile in place of the dipole.
     ///
     /// # Errors
-    /// Those of the file, the profile and the media.
+    /// Errors of the file, the profile and the media.
     pub(super) fn evaluator(
         &self,
         model: &Path,

@@ -46,7 +46,7 @@ pub struct Session {
     pub texture: TextureSpec,
     /// The background beside the object.
     pub background: Background,
-    /// Whether the lights turn at first.
+    /// Initial motion of the lights.
     pub turn: Turn,
     /// Seconds after which the window closes; none to stay open.
     pub quit_after_s: Option<f64>,

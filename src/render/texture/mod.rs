@@ -30,7 +30,7 @@ impl Texture {
     /// The texture that `spec` gives on a mesh; none for no texture.
     ///
     /// # Errors
-    /// Those of [`Marble::new`], [`PictureTexture::read_image`] and [`PictureTexture::read_model`].
+    /// Errors of [`Marble::new`], [`PictureTexture::read_image`] and [`PictureTexture::read_model`].
     pub fn new(spec: &TextureSpec, mesh: &Mesh) -> Result<Option<Self>> {
         match spec {
             TextureSpec::None => Ok(None),

@@ -1,5 +1,5 @@
-//! Gradient noise of space: Perlin's improved noise (Perlin 2002, "Improving noise") with gradients chosen by a hash of the
-//! lattice point instead of a table, so that shaders have the same noise (`relight/raster/texture.wgsl`).
+//! Gradient noise of space: Perlin's improved noise (Perlin 2002, "Improving noise") with gradients chosen by a hash of
+//! the lattice point instead of a table, so that shaders have the same noise (`relight/raster/texture.wgsl`).
 
 use glam::DVec3;
 

@@ -66,7 +66,8 @@ pub struct Comparison {
     /// Error of the vertices of PLY files, or of assets under the probe lights.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub vertices: Option<VertexError>,
-    /// Error of single scattering alone, where both files have it; `vertices` is the worse of the radiosity and the sum of both.
+    /// Error of single scattering alone, where both files have it; `vertices` is the worse of the radiosity and the sum
+    /// of both.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub single_scattering: Option<VertexError>,
     /// Error of pictures.
@@ -88,8 +89,8 @@ pub struct Comparison {
 
 /// Compares two files of one kind by their suffix.
 ///
-/// Without a threshold anything but equality is a difference, and assets are compared by their bytes alone; with one, assets
-/// are evaluated under the probe lights, by the evaluators that `open` makes.
+/// Without a threshold anything but equality is a difference, and assets are compared by their bytes alone; with one,
+/// assets are evaluated under the probe lights, by the evaluators that `open` makes.
 ///
 /// # Errors
 /// I/O, invalid files, files of different kinds or meshes, HDR-FLIP of files that are no pictures.
