@@ -37,7 +37,7 @@ pub(super) struct FarPoints {
     pub(super) levels: Vec<u8>,
     /// Stored rows: those of every point, then rows of other functions at some of the points.
     pub(super) rows: RowPlaces,
-    /// What the points take from rows of others.
+    /// Functions that points interpolate from the rows of others.
     pub(super) fills: Vec<Fill>,
     /// Weights of all receivers over the points; none where every receiver is a point.
     pub(super) weights: Option<SharedWeights>,
