@@ -185,8 +185,8 @@ impl GatheredEvaluator {
         self.gathering.sampling
     }
 
-    /// Summation scheme under the light and the media in force, after tuning where that is needed. [`Self::irradiance`]
-    /// must have been called; tuning uses the irradiance in force.
+    /// Summation scheme under the light and the media in force, after tuning where that is needed, on the light before
+    /// inter-reflection. [`Self::irradiance`] must have been called.
     pub fn tuned_scheme(&mut self) -> Scheme {
         if let (Far::Hierarchical { error, bound }, None) = (self.gathering.far, self.limit) {
             self.tune(error, bound);

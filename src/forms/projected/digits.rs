@@ -1,8 +1,8 @@
 //! Coefficients as digits of 8 bits, and lights as 16-bit numbers for each of them: products are sums of integers, which are the
 //! same in any order.
 //!
-//! Reading the coefficients limits the rate of a light. Most columns need a single digit, since the asset's quantiser
-//! has one step for all of them and few are many steps large.
+//! The bytes read for each light limit the rate. Most columns need a single digit, since the asset's quantiser has one
+//! step for all of them and few are many steps large.
 
 use std::ops::Range;
 

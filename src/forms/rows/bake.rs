@@ -25,7 +25,7 @@ const LEAST: usize = 256;
 /// Receivers that thresholds are found on.
 const SOME: usize = 192;
 
-/// Thresholds that are tried: twice as many at most.
+/// Half of the largest number of thresholds that are tried.
 const BISECTIONS: usize = 12;
 
 /// Turns of the sky that expected light is taken from.
