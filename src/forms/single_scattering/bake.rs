@@ -34,7 +34,8 @@ use crate::transport::single_scattering::radiance::{DepthSampling, Settings, Sin
 use crate::transport::single_scattering::vectors::{VectorBaker, VectorSettings};
 use crate::transport::single_scattering::{Coefficients, ExitPoint, Form, Optics, radiosity_factor};
 
-/// Largest error of single scattering over that of the radiosity: as large as it is darker, up to this factor.
+/// Cap on the allowed error of single scattering over that of the radiosity; below it, single scattering may err by as
+/// many times more as it is darker.
 const MOST_OWN: f64 = 8.0;
 
 /// Shares of the error of single scattering.
