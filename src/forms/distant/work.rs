@@ -1,5 +1,4 @@
-//! Shared by bakes of transport of light from far away: samples, a tuned hierarchy, the probe lights of choices and of
-//! errors.
+//! Shared by bakes of light from far away: samples, a tuned hierarchy, the probe lights of choices and of errors.
 
 use glam::DVec3;
 

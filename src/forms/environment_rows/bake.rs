@@ -45,8 +45,7 @@ pub fn rows(surface: &Surface, settings: EnvironmentRows, progress: &dyn Progres
     RowBaker::new(surface, settings.of_rows(settings.coefficients as usize))?.in_blocks(progress)
 }
 
-/// Enters the errors of visibility, cube map and row truncation under environments, on a coarser set of samples that
-/// nothing else uses.
+/// Enters the errors of visibility, cube map and row truncation under environments, on a coarser set of samples.
 ///
 /// # Errors
 /// Lights that do not fit a cube map.

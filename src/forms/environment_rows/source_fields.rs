@@ -63,7 +63,7 @@ impl Fields {
         self.made.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Bytes of all.
+    /// Bytes of all fields in memory.
     pub(super) fn bytes(&self) -> usize {
         self.made().iter().map(|field| field.bytes()).sum()
     }

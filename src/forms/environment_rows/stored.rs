@@ -88,7 +88,7 @@ impl StoredRows {
         (IN_ROWS.contains(&light.kind()) || light.has_field()) && self.serve(media)
     }
 
-    /// The plain arrays.
+    /// Plain arrays of the rows.
     pub fn data(&self) -> &IrradianceRows {
         self.rows.data()
     }

@@ -17,12 +17,11 @@ use crate::transport::far_field::LANES;
 use crate::transport::interpolation::SharedWeights;
 use crate::transport::receivers::{Group, NONE, Receivers};
 
-/// Interpolation of the far field. Closed bunny of 30 mm, points 4 sample spacings apart: 0.37 % from 32 sources, 0.72
-/// % from 16.
+/// Far-field interpolation. Closed bunny of 30 mm, points 4 sample spacings apart: 0.37 % from 32 sources, 0.72 % from
+/// 16.
 const FIT: Kriging = Kriging::SMOOTH;
 
-/// Least number of points of a part that have a function, where it has as many: a spacing means nothing to a small
-/// part.
+/// Least points of a part that have a function, where it has as many: a spacing means nothing to a small part.
 const LEAST_POINTS: usize = 64;
 
 /// Points that something is interpolated from, and their weights.
@@ -32,8 +31,7 @@ pub(super) type Row = Vec<(u32, f64)>;
 pub(super) struct FarPoints {
     /// The points, in groups; `of_vertex` has a point for their vertices alone.
     pub(super) receivers: Receivers,
-    /// Level of each function, where levels have been chosen: its points are `2^level` times as far apart as all
-    /// points.
+    /// Level of each function, where chosen: its points are `2^level` times as far apart as all points.
     pub(super) levels: Vec<u8>,
     /// Stored rows: those of every point, then rows of other functions at some of the points.
     pub(super) rows: RowPlaces,
@@ -274,8 +272,7 @@ fn classes(levels: &[u8]) -> Vec<(u8, u16)> {
     classes.into_iter().collect()
 }
 
-/// Points of a level of spacing or a coarser one, ascending; `nested` holds those that each level adds, the coarsest
-/// first.
+/// Points of a level of spacing or a coarser one, ascending; `nested` has those each level adds, the coarsest first.
 fn coarser(nested: &[Vec<u32>], level: u8) -> impl Iterator<Item = u32> {
     let mut members = Vec::new();
     for (i, added) in nested.iter().enumerate() {

@@ -1,5 +1,4 @@
-//! Lights for local lighting: sharp ones as beams that are visible or not, those from all around as harmonics of order
-//! 2.
+//! Lights for local lighting: sharp ones as beams, visible or not; those from all around as harmonics of order 2.
 
 use std::f64::consts::TAU;
 

@@ -34,8 +34,8 @@ use crate::transport::surface::Surface;
 /// Lights that the resolution of kernels is chosen by.
 const LIGHTS: usize = 3;
 
-/// Published materials that it is chosen by beside the scene's own: errors of nets and near samples are largest in
-/// these.
+/// Published materials that it is chosen by beside the scene's own: those with the largest errors of nets and near
+/// samples.
 const MATERIALS: [&str; 3] = ["ketchup", "chicken1", "spectralon"];
 
 /// Bytes of a sample or a receiver while nets are made.

@@ -336,8 +336,7 @@ fn quantised(net: &Net, values: &[f32], columns: usize, budget: f64) -> Quantise
     best.unwrap_or_else(|| with(least))
 }
 
-/// Columns that lessen the squared error by enough: those that lessen it least are dropped, by `amount` or less
-/// together.
+/// Columns to keep: those that lessen the squared error least are dropped, by `amount` or less together.
 fn worthwhile(values: &[f32], known: &[f32], columns: usize, amount: f64) -> Vec<bool> {
     let mut gains = vec![0.0f64; columns];
     for (values, known) in values.chunks_exact(columns.max(1)).zip(known.chunks_exact(columns.max(1))) {

@@ -1,5 +1,4 @@
-//! Components: transport as coefficients at reference points over a basis of functions of the light, as stored and as
-//! evaluated.
+//! Components: transport as coefficients at reference points over a basis of the light, as stored and as evaluated.
 
 use glam::DVec3;
 use rayon::prelude::*;

@@ -1,5 +1,4 @@
-//! Inter-reflection from outside the medium: the light that returns is smooth, so that few harmonics of the light hold
-//! it.
+//! Inter-reflection outside the medium: returned light is smooth, so that few harmonics of the light hold it.
 
 use glam::DVec3;
 

@@ -1,6 +1,5 @@
-//! Evaluation of `quantized_lights`: lights become weights over the set, these a vector over the columns of the
-//! components; radiosity at a reference point is a dot product with it, and at a vertex a weighted sum over reference
-//! points.
+//! Evaluation of `quantized_lights`: lights become weights over the set, these a vector over the columns of components;
+//! radiosity is a dot product with it at a reference point, and at a vertex a weighted sum over these.
 
 use super::light_set::LightSet;
 use super::sections::{self, read};

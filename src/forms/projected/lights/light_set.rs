@@ -69,8 +69,7 @@ impl LightSet {
         Ok(sum)
     }
 
-    /// The same before interpolation: for each shell, sums of the functions that the interpolator's weights are linear
-    /// in.
+    /// The same before interpolation: for each shell, sums of the functions behind the interpolator's weights.
     pub(crate) fn function_sums(&self, lights: &[Light]) -> Result<Vec<[Vec<f64>; 3]>> {
         Ok(self.pieces(lights)?.iter().map(|shell| self.interpolator.function_sums(shell)).collect())
     }

@@ -33,8 +33,7 @@ pub(super) fn transport(file: &File, scene: &Scene, receivers: &Receivers, set: 
     Transport::new(&coded, (scene, receivers), file.spacing_mm, fold)
 }
 
-/// Converts lights to columns. The emission of an area light depends on the direction: that towards each reference
-/// point.
+/// Converts lights to columns. The emission of an area light is that towards each reference point.
 pub(super) fn light(transport: &Transport, set: &LightSet, lights: &[Light]) -> Result<Lit> {
     let emission = |light: &Light| Emission::new(light, set.lights.shells.centre_mm());
     let rest: Vec<Light> = lights.iter().filter(|light| emission(light).is_none()).cloned().collect();
