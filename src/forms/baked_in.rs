@@ -1,5 +1,5 @@
-//! What evaluators share whose material is baked in: lights become what is multiplied with stored transport; the samples that
-//! their error is measured against; media that stay.
+//! Evaluators whose material is baked in: lights become factors of the stored transport; media stay fixed; errors are
+//! measured against samples lit by rays.
 
 use std::sync::{Arc, OnceLock};
 
@@ -49,7 +49,7 @@ pub fn truth(scene: &Scene, samples: usize) -> GatheredEvaluator {
     GatheredEvaluator::new(Arc::new(asset), gathering)
 }
 
-/// What an evaluator gives, against [`truth`], which is made when it is first asked for.
+/// Reference for an evaluator's radiosity: [`truth`], made when it is first asked for.
 pub struct Truth {
     samples: usize,
     outside: Option<Outside>,
@@ -57,7 +57,7 @@ pub struct Truth {
 }
 
 impl Truth {
-    /// From so many samples.
+    /// A reference of `samples` samples.
     pub fn new(samples: usize) -> Self {
         Self { samples, outside: None, made: None }
     }
@@ -67,7 +67,7 @@ impl Truth {
         self.samples
     }
 
-    /// Under some lights.
+    /// The reference under some lights.
     ///
     /// # Errors
     /// Lights that cannot be served.
@@ -79,11 +79,11 @@ impl Truth {
         Ok(made)
     }
 
-    /// The truth's own error, and a stage: that of `values` under the worst of the lights in force, all together, and of others,
-    /// each alone.
+    /// The reference's own error, and a stage with the error of `values`: the worst of the lights in force, all
+    /// together, and of `unseen`, each alone.
     ///
     /// # Errors
-    /// Those of `values`; lights that cannot be served.
+    /// Errors of `values`; lights that cannot be served.
     pub fn measured(
         &mut self,
         scene: &Scene,
@@ -104,7 +104,7 @@ impl Truth {
     }
 }
 
-/// Whether the mean cosine of the phase function may change.
+/// Editability of the mean cosine of the phase function.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MeanCosine {
     /// It is baked in, or nothing depends on it.
@@ -113,7 +113,7 @@ pub enum MeanCosine {
     Free,
 }
 
-/// Names may change, properties may not, the mean cosine apart where it is free.
+/// Replaces the media: names may change, properties may not, the mean cosine apart where it is free.
 ///
 /// # Errors
 /// Command line: another number of media; unsupported: other properties.
@@ -138,12 +138,12 @@ pub fn replace_media(scene: &mut Scene, media: Vec<Medium>, g: MeanCosine) -> Re
     Ok(())
 }
 
-/// What an asset stores, as it is evaluated.
+/// Stored transport of an asset, as it is evaluated.
 pub trait Stored: Send + Sync {
-    /// A light, made ready.
+    /// Lights, converted to the factor of the stored transport.
     type Light: Send + Sync;
 
-    /// Several lights together, as what is multiplied with what is stored.
+    /// Converts several lights together to the factor of the stored transport.
     ///
     /// # Errors
     ///
@@ -153,13 +153,13 @@ pub trait Stored: Send + Sync {
     /// Radiosity of every source vertex, RGB, none negative.
     fn radiosity(&mut self, light: &Self::Light, receivers: &Receivers) -> Vec<DVec3>;
 
-    /// What [`Evaluator::measured_error`] calls the error of these values.
+    /// Name of the stage of [`Evaluator::measured_error`] with the error of these values.
     fn stage(&self) -> &'static str;
 
     /// Bytes in memory.
     fn bytes(&self) -> usize;
 
-    /// The same on a device.
+    /// The evaluator on a device.
     ///
     /// # Errors
     ///
@@ -175,20 +175,20 @@ pub trait Stored: Send + Sync {
     }
 }
 
-/// What an asset has of light that is scattered once.
+/// Single scattering of an asset.
 pub(crate) enum Single {
     /// Nothing.
     None,
-    /// It is in the radiosity, isotropic; these rays give the same.
+    /// Part of the radiosity, isotropic; these rays give the same.
     Folded(Traced),
-    /// It stands beside the radiosity.
+    /// Apart from the radiosity.
     Beside(Box<dyn StoredSingle>),
 }
 
-/// What else there is than radiosity under the lights.
+/// Single scattering and inter-reflection of an asset.
 pub(crate) struct Beside {
     pub(crate) single: Single,
-    /// Light that falls on the surface again, in the radiosity.
+    /// Inter-reflection, part of the radiosity.
     pub(crate) outside: Option<Outside>,
 }
 
@@ -201,22 +201,22 @@ impl Single {
     }
 }
 
-/// Light that is scattered once, as an asset stores it or not.
+/// Single scattering, stored in an asset or by rays at run time.
 pub(crate) trait StoredSingle: Send + Sync {
-    /// What [`Evaluator::single_scattering_is`] gives.
+    /// Answer of [`Evaluator::single_scattering_is`].
     fn is(&self, scene: &Scene) -> SingleScattering;
 
-    /// What [`Evaluator::single_scattering`] gives.
+    /// Result of [`Evaluator::single_scattering`].
     fn per_vertex(&self, lit: LitScene, receivers: &Receivers) -> Result<Option<Vec<DVec3>>>;
 
-    /// What [`Evaluator::towards_eye`] gives.
+    /// Result of [`Evaluator::towards_eye`].
     fn towards_eye<'a>(
         &'a self,
         lit: LitScene<'a>,
         receivers: &'a Receivers,
     ) -> Result<Option<Box<dyn TowardsEye + 'a>>>;
 
-    /// Whether it reads the mean cosine of media at run time.
+    /// `Free` if the mean cosine of media is read at run time.
     fn mean_cosine(&self) -> MeanCosine;
 
     /// Enters its error against rays into a ledger.
@@ -226,7 +226,7 @@ pub(crate) trait StoredSingle: Send + Sync {
     fn bytes(&self) -> usize;
 }
 
-/// The transport of an asset, lit.
+/// Evaluator of stored transport under the lights in force.
 pub struct BakedIn<S: Stored> {
     scene: Scene,
     bvh: OnceLock<Bvh>,
@@ -234,21 +234,21 @@ pub struct BakedIn<S: Stored> {
     stored: S,
     lights: Vec<Light>,
     light: S::Light,
-    /// For who asks what the transport is worth.
+    /// Reference for the measured error.
     truth: Truth,
     single: Single,
 }
 
 impl<S: Stored + 'static> BakedIn<S> {
-    /// What was stored for these receivers, without light.
+    /// An evaluator of `stored` at these receivers, without lights.
     ///
     /// # Errors
-    /// Those of [`Stored::light`] without lights.
+    /// Errors of [`Stored::light`] without lights.
     pub fn boxed(scene: Scene, receivers: Receivers, samples: usize, stored: S) -> Result<Box<dyn Evaluator>> {
         Self::with(scene, receivers, samples, stored, Beside { single: Single::None, outside: None })
     }
 
-    /// The same with other light.
+    /// The same with single scattering and inter-reflection.
     pub(crate) fn with(
         scene: Scene,
         receivers: Receivers,
@@ -277,7 +277,7 @@ impl<S: Stored> BakedIn<S> {
     }
 }
 
-/// What a device takes from here.
+/// Access for evaluators on a device.
 #[cfg(feature = "gpu")]
 impl<S: Stored> BakedIn<S> {
     pub(crate) fn stored(&self) -> &S {

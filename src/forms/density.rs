@@ -1,4 +1,4 @@
-//! How many surface samples a scene needs, and the memory that they take.
+//! Number of surface samples that a scene needs, and the memory that they take.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,10 +6,10 @@ use crate::error::{Error, Result};
 use crate::geometry::samples::{Facet, Patch};
 use crate::scene::Scene;
 
-/// How densely a surface is sampled.
+/// Density of the surface samples.
 ///
-/// The near field is integrated exactly, so the spacing follows from what shadow boundaries inside a mean free path ask
-/// for; beyond `most`, a mean free path is a detail of a large object, and shadows are drawn as sharp as the samples are.
+/// The near field is integrated exactly, so the spacing follows from shadow boundaries inside a mean free path; beyond
+/// `most`, a mean free path is a detail of a large object, and shadows are as sharp as the samples.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Density {
     /// Spacing over the shortest mean free path.

@@ -1,4 +1,4 @@
-//! A scene with its samples, as bakes see it whose material is baked in.
+//! A scene with its samples, for bakes of a baked-in material.
 
 use std::ops::Range;
 
@@ -21,7 +21,7 @@ use crate::transport::tree::SampleTree;
 /// Receivers that share a traversal of the tree.
 pub const GROUP: usize = 16;
 
-/// Rays of the lights near the scene; scattering and the number of samples smooth what one ray each decides.
+/// Rays of the lights near the scene; scattering and the number of samples smooth the single ray of each sample.
 const SAMPLING: LightSampling = LightSampling { points_per_patch: 1, ..LightSampling::FAST };
 
 /// The vertices as points of the surface.
@@ -52,11 +52,11 @@ pub fn parts(receivers: &Receivers) -> Vec<Range<usize>> {
 pub struct SampledScene<'a> {
     /// The scene.
     pub scene: &'a Scene,
-    /// Tree of its triangles.
+    /// BVH of its triangles.
     pub bvh: Bvh,
     /// Samples of its surface.
     pub samples: Samples,
-    /// The same as patches.
+    /// Patches of the samples.
     pub patches: Vec<Patch>,
     /// The samples in a tree.
     pub tree: SampleTree,
@@ -71,7 +71,7 @@ pub struct SampledScene<'a> {
 }
 
 impl<'a> SampledScene<'a> {
-    /// A scene with about so many samples.
+    /// A scene with about `count` samples.
     pub fn new(scene: &'a Scene, count: usize) -> Self {
         let samples = Samples::new(&scene.mesh, &scene.parts, count);
         let (bvh, patches) = rayon::join(|| Bvh::new(&scene.mesh), || samples::patches(&scene.mesh, &samples));
@@ -112,10 +112,10 @@ impl<'a> SampledScene<'a> {
         ProbePoints::new(indices, &self.areas)
     }
 
-    /// Calls `work` with the transfer, which keeps an error under some lights.
+    /// Calls `work` with the transfer of the samples to the receivers, not tuned yet.
     ///
     /// # Errors
-    /// Those of the work.
+    /// Errors of the work.
     pub fn with_transfer<T>(
         &self,
         near: crate::transport::near_rule::NearField,

@@ -31,7 +31,7 @@ const LANES: usize = 16;
 /// Bytes of rows that are asked for before they are read.
 const AHEAD: usize = 2048;
 
-/// A share of 1.
+/// Stored value of a share of 1.
 const WHOLE: f32 = u8::MAX as f32;
 
 /// Triangles nearer than so many of their radii meet the rings in closed form.
@@ -40,13 +40,13 @@ const EXACT_BELOW: f64 = 1.5;
 /// Light on the columns of one receiver, of each channel.
 type Columns<const C: usize> = [[f32; COLUMNS]; C];
 
-/// Places between two hats.
+/// Steps of a place between two hats.
 const PLACES: f32 = 3072.0;
 
 /// Samples that are numbered together.
 const NUMBERED: usize = 1 << u16::BITS;
 
-/// A sample that is a point: where it is among the hats. Samples have numbers in the list of a group.
+/// A sample taken for a point: its place among the hats. Samples have numbers in the list of a group.
 #[derive(Clone, Copy, Debug)]
 struct Point {
     sample: u16,
@@ -54,8 +54,8 @@ struct Point {
     place: u16,
 }
 
-/// A sample that is none, in the first window: its areas on the hats, mm^2. Peaked profiles make much of the first ones, however little
-/// of a sample is on them.
+/// A sample with an extent, in the first window: its areas on the hats, mm^2. Peaked profiles weight the first hats
+/// strongly, however little of a sample is on them.
 #[derive(Clone, Copy, Debug)]
 struct Row {
     sample: u16,
@@ -70,10 +70,11 @@ struct Shares {
     shares: [u8; WIDTH],
 }
 
-/// What the receivers of one group see of some samples around it.
+/// Samples around the receivers of one group, as points and as areas on the hats.
 #[derive(Clone, Debug, Default)]
 struct Seen {
-    /// Points up to and with each receiver, window after window of the columns; and rows in the first window, shares in the others.
+    /// Ends of each receiver's points, window after window of the columns, and of its rows in the first window, its
+    /// shares in the others.
     ends: Vec<[[u32; 2]; WINDOWS]>,
     points: Vec<Point>,
     rows: Vec<Row>,
@@ -85,13 +86,13 @@ struct Seen {
 pub struct NearRings {
     rings: Rings,
     rule: NearField,
-    /// Of each group, and of each [`NUMBERED`] samples around it.
+    /// Samples seen by each group, for each [`NUMBERED`] samples around it.
     groups: Vec<Vec<Seen>>,
-    /// Of the samples, mm^2.
+    /// Areas of the samples, mm^2.
     areas: Vec<f32>,
 }
 
-/// Light of one irradiance on the columns of every receiver.
+/// Moments of one irradiance on the columns of every receiver.
 #[derive(Clone, Debug, Default)]
 pub struct RingMoments {
     /// `[group][column][channel][receiver]`; one channel if the light has a colour.
@@ -112,7 +113,8 @@ impl RingMoments {
 pub struct RingCoefficients([[f32; 3]; COLUMNS]);
 
 impl NearRings {
-    /// Around receivers in groups of at most 16; `around` and `corners` are those of the near field with the same rule and split radius.
+    /// Rings around receivers in groups of at most 16; `around` and `corners` are those of the near field with the same
+    /// rule and split radius.
     pub fn new(
         surface: &Surface,
         (around, corners): (&ClosePairs, &Corners),
@@ -176,14 +178,14 @@ impl NearRings {
         self.groups.iter().flatten().map(of_group).sum::<usize>() + size_of_val(self.areas.as_slice())
     }
 
-    /// Of a medium.
+    /// Coefficients of a medium.
     pub fn coefficients(&self, medium: &MediumKernel) -> RingCoefficients {
         let channels = medium.profiles().each_ref().map(|p| self.rings.coefficients(p.as_ref(), medium.smooth_mm()));
         RingCoefficients(std::array::from_fn(|column| channels.each_ref().map(|of_channel| of_channel[column])))
     }
 
-    /// Light of one irradiance for each sample, RGB, around the receivers that these were made for. `pieces` are those of the same
-    /// light, or the default; the range is that of both.
+    /// Moments of one irradiance of each sample, RGB, around the receivers that these were made for. `pieces` are those
+    /// of the same light, or the default; the range covers both.
     pub fn moments(
         &self,
         surface: &Surface,
@@ -234,10 +236,10 @@ impl NearRings {
 /// irradiance, and the same times its area.
 type Gather<const C: usize, const L: usize> = fn(InstructionSet, &Seen, &[[f32; L]], &mut [[f32; LANES]]);
 
-/// The columns of one group, itself, and what it sees.
+/// The columns of one group, the group, and the samples it sees.
 type Columned<'a> = (&'a mut [[f32; LANES]], (&'a Group, &'a Vec<Seen>));
 
-/// Light on its way to the rings.
+/// Inputs of gathering light on the rings.
 struct Gathering<'a> {
     rings: &'a NearRings,
     surface: &'a Surface<'a>,
@@ -249,7 +251,7 @@ struct Gathering<'a> {
 }
 
 impl Gathering<'_> {
-    /// Some channels on the columns, `[group][column][channel][receiver]`.
+    /// Gathers some channels on the columns, `[group][column][channel][receiver]`.
     fn run<const C: usize, const L: usize>(&self, channels: [usize; C], gather: Gather<C, L>) -> Vec<[f32; LANES]> {
         let of_sample = |(e, area): (&DVec3, &f32)| {
             let mut light = [0.0; L];
@@ -302,7 +304,7 @@ impl Gathering<'_> {
         blocks
     }
 
-    /// Adds what the pieces of a sample receive more or less than the whole.
+    /// Adds the deviation of a sample's pieces from the light of the whole.
     fn uneven<const C: usize>(&self, offset: Vec3, (sample, channels): (u32, [usize; C]), columns: &mut Columns<C>) {
         let rings = &self.rings.rings;
         let split2 = rings.0[RINGS];
@@ -329,7 +331,7 @@ impl Gathering<'_> {
     }
 }
 
-/// What one receiver sees, window by window.
+/// Samples around one receiver, window by window.
 #[derive(Default)]
 struct Windows {
     points: [Vec<Point>; WINDOWS],
@@ -338,7 +340,7 @@ struct Windows {
 }
 
 impl Seen {
-    /// Takes what the next receiver sees.
+    /// Takes the samples around the next receiver.
     fn take(&mut self, Windows { points, rows, shares }: &mut Windows) {
         let mut ends = [[0; 2]; WINDOWS];
         for (end, points) in ends.iter_mut().zip(points) {
@@ -470,12 +472,12 @@ fn gather_body<const C: usize, const L: usize>(seen: &Seen, light: &[[f32; L]], 
 }
 
 multiversion! {
-    /// Of all channels.
+    /// Gathers all channels.
     fn gather(seen: &Seen, light: &[[f32; 6]], block: &mut [[f32; LANES]]) => gather_body::<3, 6>
 }
 
 multiversion! {
-    /// Of one channel.
+    /// Gathers one channel.
     fn gather_one(seen: &Seen, light: &[[f32; 2]], block: &mut [[f32; LANES]]) => gather_body::<1, 2>
 }
 

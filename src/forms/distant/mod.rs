@@ -1,4 +1,4 @@
-//! What the forms of light from far away share: `harmonics` at reference points, `rows` of every vertex, and single scattering.
+//! Shared by the forms for light from far away: `harmonics` at reference points and `rows` of every vertex.
 
 mod settings;
 mod work;

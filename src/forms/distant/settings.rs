@@ -28,25 +28,25 @@ pub enum Basis {
     Harmonics,
 }
 
-/// How the coefficients of a row are chosen.
+/// Rule that chooses the coefficients of a row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Choice {
-    /// The largest of each vertex.
+    /// The largest coefficients of each vertex.
     Magnitude,
-    /// The largest of each vertex times what light is expected.
+    /// The largest products of coefficient and expected light, for each vertex.
     Light,
-    /// As many as are worth their bytes, at one threshold for all vertices.
+    /// Coefficients that are worth their bytes, at one threshold for all vertices.
     Rate,
 }
 
-/// Where light goes that is scattered once.
+/// Treatment of single scattering.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Single {
     /// It is left out.
     Off,
     /// Isotropic, with reduced coefficients: a value for each vertex.
     Isotropic,
-    /// The same, part of the radiosity.
+    /// The same, added to the radiosity.
     Folded,
     /// By the phase function of each medium, as a sum of terms.
     Phase(Terms),
@@ -55,9 +55,9 @@ pub enum Single {
 /// Terms of a phase function.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Terms {
-    /// As the media ask.
+    /// As many as the media need.
     Auto,
-    /// So many.
+    /// A fixed number.
     Stored(usize),
     /// None: rays at run time.
     Rays,
@@ -68,22 +68,22 @@ pub enum Terms {
 pub struct Integrand {
     /// With the refraction factor, or as printed.
     pub form: Form,
-    /// What becomes of light whose straight way crosses further surfaces.
+    /// Treatment of light whose straight path crosses further surfaces.
     pub crossings: Crossings,
 }
 
 /// Samples, resolutions and single scattering of transport over directions.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Distant {
-    /// How many samples a bake takes.
+    /// Number of samples of a bake.
     pub density: Density,
     /// Texels along an edge of the cube map that irradiance is sampled on, 32 or 64.
     pub side: u32,
-    /// On which measure Haar's functions are orthonormal.
+    /// Measure on which the Haar functions are orthonormal.
     pub transform: Transform,
-    /// Which coefficients of a Haar row are kept.
+    /// Rule that chooses the coefficients of a Haar row.
     pub choice: Choice,
-    /// Coefficients of a Haar row.
+    /// Number of coefficients of a Haar row.
     pub row: usize,
     /// Order of the harmonics, or as the error asks.
     pub order: Option<usize>,
@@ -91,11 +91,11 @@ pub struct Distant {
     pub spacing: Spacing,
     /// Single scattering.
     pub single: Single,
-    /// What it is expressed in.
+    /// Basis of single scattering.
     pub single_basis: Basis,
-    /// What is integrated for it.
+    /// Integrand of single scattering.
     pub integrand: Integrand,
-    /// Light that falls on the surface again.
+    /// Inter-reflection, if any.
     pub outside: Option<Outside>,
 }
 

@@ -1,4 +1,4 @@
-//! What bakes of transport of light from far away have in common: samples, a tuned hierarchy, the lights of choices and of errors.
+//! Shared by bakes of light from far away: samples, a tuned hierarchy, the probe lights of choices and of errors.
 
 use glam::DVec3;
 
@@ -25,7 +25,7 @@ const TUNING: usize = 20;
 /// choice saw fare up to 1.6 times worse than those that choices look at.
 pub(crate) const SUN: f64 = 2.5;
 
-/// What is precomputed, and what it was computed with.
+/// Samples, hierarchy, settings and probe lights of a bake.
 pub(crate) struct Work<'a, 'b> {
     pub(crate) sampled: &'a SampledScene<'a>,
     pub(crate) transfer: &'a ManyLights<'b>,
@@ -38,8 +38,9 @@ pub(crate) struct Work<'a, 'b> {
 }
 
 impl Work<'_, '_> {
-    /// The worst of what each of some stages adds under environments that no choice saw, and of what all of them do together under
-    /// suns. `values` hands over radiosity before and after the stages, given a light and the irradiance of the samples by rays.
+    /// Error that each stage adds, the worst of the environments that no choice saw, and of all stages together, the
+    /// worst of the suns. `values` hands over radiosity before and after the stages, given a light and the irradiance
+    /// of the samples by rays.
     pub(crate) fn errors<'l, V, const N: usize>(
         &'l self,
         progress: &dyn Progress,
@@ -104,13 +105,13 @@ pub(crate) fn with_work<T>(
     })
 }
 
-/// What is known of the error under suns, in words.
+/// The error under suns, in words.
 pub(crate) fn under_suns(error: VertexError) -> String {
     let percent = 100.0 * error.rms;
     format!("{:.2} % with half of the energy in a sun, {percent:.2} % under a sun alone", 0.5 * percent)
 }
 
-/// Refuses lights at a distance.
+/// Refuses lights that do not come from far away.
 pub(crate) fn far_away(light: &Light) -> Result<()> {
     if KINDS.contains(&light.kind()) {
         return Ok(());

@@ -1,4 +1,4 @@
-//! Irradiance rows of an asset, and what they lose under environments that no choice saw.
+//! Irradiance rows of an asset, and their errors under environments that no choice saw.
 
 use std::ops::Range;
 
@@ -28,7 +28,7 @@ use crate::transport::surface::Surface;
 use crate::transport::tree::SampleTree;
 use crate::transport::visibility::{self, Observer, Occluders};
 
-/// Samples of the coarser set that errors are measured on, for each of which an asset has this many.
+/// Samples of an asset for each sample of the coarser set that errors are measured on.
 const COARSER: usize = 8;
 
 /// Rays of a sample that stand for the native resolution of an environment.
@@ -45,8 +45,7 @@ pub fn rows(surface: &Surface, settings: EnvironmentRows, progress: &dyn Progres
     RowBaker::new(surface, settings.of_rows(settings.coefficients as usize))?.in_blocks(progress)
 }
 
-/// Enters what visibility, cube map and the truncation of rows cost under environments, on a coarser set of samples that
-/// nothing else uses.
+/// Enters the errors of visibility, cube map and row truncation under environments, on a coarser set of samples.
 ///
 /// # Errors
 /// Lights that do not fit a cube map.

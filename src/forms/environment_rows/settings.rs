@@ -14,7 +14,7 @@ pub(super) const TERMS: usize = 2;
 /// samples see much the same, but no surface has to be like that.
 const BYTES_PER_COEFFICIENT: u64 = 10;
 
-/// How finely rows resolve the directions.
+/// Directional resolution of the rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct EnvironmentRows {
     /// Texels along an edge of the cube map, 32 or 64.
@@ -41,7 +41,7 @@ impl EnvironmentRows {
         samples as u64 * u64::from(self.coefficients) * BYTES_PER_COEFFICIENT
     }
 
-    /// For the stage that makes rows, with so many coefficients.
+    /// Settings of the stage that makes rows, with a number of coefficients for each sample.
     pub(super) fn of_rows(&self, coefficients: usize) -> RowSettings {
         let resolution = if self.side == 32 { Resolution::Sub64 } else { Resolution::Sub128 };
         RowSettings { resolution, terms: TERMS, coefficients }

@@ -23,7 +23,7 @@ const MOST_FIELDS: usize = 8;
 /// Irradiance at most: its sums over a surface stay finite.
 const MOST: f64 = 1e280;
 
-/// How a sample gets what the light sends to it.
+/// Source of the radiance that reaches a sample from the light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Lookup {
     /// Interpolated in the field.
@@ -32,14 +32,14 @@ pub(super) enum Lookup {
     OwnMap,
 }
 
-/// The fields that were made. They depend on nothing but their lights, so that it shows in time alone which are kept.
+/// Cache of the fields made. Each depends on its light only, so which ones are kept affects time alone.
 #[derive(Default)]
 pub(super) struct Fields {
     made: Mutex<Vec<Arc<SourceField>>>,
 }
 
 impl Fields {
-    /// That of a light, and half the diagonal of the light in mm.
+    /// Source radiance field of a light, and half the diagonal of the light in mm.
     pub(super) fn of(&self, light: &Light, side: usize) -> Result<(Arc<SourceField>, f64)> {
         let Light::Area { field: Some(points), .. } = light else {
             return Err(Error::unsupported(format!("light `{light}` asks for no source radiance field")));
@@ -63,7 +63,7 @@ impl Fields {
         self.made.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Bytes of all.
+    /// Bytes of all fields in memory.
     pub(super) fn bytes(&self) -> usize {
         self.made().iter().map(|field| field.bytes()).sum()
     }

@@ -19,7 +19,7 @@ use crate::scene::Scene;
 use crate::transport::domain::Domain;
 use crate::transport::irradiance::Pieces;
 
-/// Rows that serve as a light's irradiance.
+/// Stored irradiance rows, and the source radiance fields made so far.
 pub struct StoredRows {
     rows: Rows,
     fields: Fields,
@@ -28,16 +28,16 @@ pub struct StoredRows {
 /// Kinds of light that rows hold.
 pub const IN_ROWS: [LightKind; 2] = [LightKind::Environment, LightKind::Constant];
 
-/// Kinds that they do not, but for area lights with a source radiance field.
+/// Kinds of light lit by rays, except area lights with a source radiance field.
 pub const BY_RAYS: [LightKind; 3] = [LightKind::Directional, LightKind::Point, LightKind::Area];
 
 impl StoredRows {
-    /// Of rows.
+    /// Holds `rows`, with no source radiance fields yet.
     pub fn new(rows: Rows) -> Self {
         Self { rows, fields: Fields::default() }
     }
 
-    /// Those of an asset, if it has any.
+    /// Rows of an asset, if it has any.
     ///
     /// # Errors
     /// Sections that do not fit.
@@ -78,17 +78,17 @@ impl StoredRows {
         Ok((irradiance, pieces))
     }
 
-    /// Whether the rows serve every medium: they hold a range of refractive indices.
+    /// True if the rows, which hold a range of refractive indices, serve every medium.
     pub fn serve(&self, media: &[Medium]) -> bool {
         media.iter().all(|m| self.rows.entrance().project(m.properties.eta_inside_over_outside).is_ok())
     }
 
-    /// Whether they stand for the rays of a light in some media.
+    /// True if the rows replace the rays of a light in some media.
     pub fn have(&self, light: &Light, media: &[Medium]) -> bool {
         (IN_ROWS.contains(&light.kind()) || light.has_field()) && self.serve(media)
     }
 
-    /// The plain arrays.
+    /// Plain arrays of the rows.
     pub fn data(&self) -> &IrradianceRows {
         self.rows.data()
     }
@@ -109,7 +109,7 @@ impl StoredRows {
         Ok((0..parts.parts.len()).map(|part| of_part(part).unwrap_or_default()).collect())
     }
 
-    /// Whether area lights may have source radiance fields in these media; `rows` are those of the asset.
+    /// Source radiance fields that area lights may have in these media; `rows` are those of the asset.
     pub fn source_fields(rows: Option<&Self>, media: &[Medium]) -> SourceFields {
         if rows.is_some_and(|rows| rows.serve(media)) { SourceFields::Any } else { SourceFields::None }
     }
@@ -134,8 +134,8 @@ impl StoredRows {
         Ok(())
     }
 
-    /// Irradiance of every sample under a light with a source radiance field, RGB, but by a cube map of each sample's own: what
-    /// the interpolation of the field is measured against.
+    /// Irradiance of every sample under a light with a source radiance field, RGB, by a cube map of each sample's own:
+    /// the reference for the interpolation of the field.
     ///
     /// # Errors
     /// As [`StoredRows::add`].
@@ -157,7 +157,7 @@ impl StoredRows {
     }
 }
 
-/// Lights as rays see them: what rows are measured against.
+/// The lights as rays sample them: the reference for rows.
 pub fn by_rays(lights: &[Light]) -> Vec<Light> {
     lights.iter().map(Light::by_rays).collect()
 }

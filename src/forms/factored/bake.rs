@@ -1,4 +1,4 @@
-//! What `factored` precomputes: samples in tree order, a basis of far profiles, and the transport of each basis function.
+//! Bake of `factored`: samples in tree order, a basis of far profiles, and the transport of each basis function.
 
 use rayon::prelude::*;
 use translux_format::far_field::{FarField, Group};
@@ -93,7 +93,7 @@ pub(super) fn bake(
     Ok(AssetParts { samples: ordered.samples, ledger, sections })
 }
 
-/// As few functions as the asked error allows, as many as a row of the far field holds.
+/// Basis of as few functions as the asked error allows, at most as many as a row of the far field holds.
 fn basis(ordered: &OrderedSamples, scene: &Scene, form: &Factored) -> ProfileBasis {
     let settings = BasisSettings {
         split_mm: ordered.split_mm,
@@ -109,7 +109,7 @@ fn basis(ordered: &OrderedSamples, scene: &Scene, form: &Factored) -> ProfileBas
     ProfileBasis::new(&BasisSettings { terms: Some(TERMS), ..settings })
 }
 
-/// What typical lights do at each node, and some of these lights for choices.
+/// Expected light details at each node of the tree, and some of the lights, for choices.
 fn expected_light(
     scene: &Scene,
     ordered: &OrderedSamples,
@@ -134,7 +134,7 @@ fn expected_light(
     Ok((expected_details(&ordered.tree, parts, ordered.samples.len(), &details), tuning))
 }
 
-/// Rows of the groups `first..end`: independent of how the groups are cut into ranges.
+/// Rows of a range of groups: independent of how the groups are cut into ranges.
 fn rows(transport: &FarTransport, stored: &RowPlaces, range: std::ops::Range<usize>) -> Vec<Rows> {
     let of_group = |(group, functions): (&crate::transport::receivers::Group, &u16)| {
         transport.rows(&stored.places.positions[group.run.range()], group.part as usize, *functions)
@@ -180,7 +180,7 @@ fn far_field(transport: &FarTransport, points: &FarPoints, choice: &Choice, prog
     far
 }
 
-/// Adds the rows of a group. What is rounded to nothing is not kept.
+/// Adds the quantised rows of a group; those that round to 0 are dropped.
 fn quantise(rows: &Rows, steps: &[f32], far: &mut FarField) {
     let mut values = rows.values.iter();
     for (&node, &mask) in rows.nodes.iter().zip(&rows.masks) {

@@ -1,5 +1,5 @@
-//! What is kept of the far field and how finely: the largest threshold that keeps the asked error on some receivers, under
-//! some lights of the tuning half, for every published material and the scene's own.
+//! Truncation and quantisation of the far field: the largest threshold that keeps the asked error on some receivers,
+//! under some lights of the tuning half, for every published material and the scene's own.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -22,16 +22,16 @@ const GROUPS: usize = 16;
 /// Lights that choices are made by, of those that a bake gets.
 const LIGHTS: usize = 8;
 
-/// Significance below which nobody looks, over the asked error.
+/// Least threshold, over the asked error.
 const FLOOR: f64 = 0.003;
 
-/// Steps of the search.
+/// Factor between thresholds of the search.
 const STEP: f64 = 1.04;
 
 /// Share of the asked error that is aimed at: these lights are many and the worst of them counts.
 const TARGET: f64 = 1.0;
 
-/// What is kept, and how finely.
+/// Threshold of the coefficients and their quantiser steps.
 pub(super) struct Choice {
     pub(super) threshold: f64,
     /// Quantiser step of each basis function; raised for values that would not fit.
@@ -40,11 +40,11 @@ pub(super) struct Choice {
 
 /// One coefficient of one function.
 struct Coefficient {
-    /// Square, summed over the receivers of the group.
+    /// Squared significance, summed over the receivers of the group.
     significance2: f64,
     node: u32,
     k: u32,
-    /// Where its values are: class, group and row.
+    /// Place of its values: class, group and row.
     class: u32,
     group: u32,
     row: u32,
@@ -56,7 +56,7 @@ pub(super) struct Tuning {
     pub(super) details: LightDetails,
 }
 
-/// Some lights of those that choices may look at.
+/// Indices of some lights, spread over those that choices may look at.
 pub(super) fn tuning_lights(lights: &[Light]) -> impl Iterator<Item = usize> {
     (0..lights.len()).step_by(lights.len().div_ceil(LIGHTS).max(1))
 }
@@ -149,7 +149,7 @@ impl Choice {
 /// Rows with the same functions, on which choices are made.
 struct Class {
     of: OfFunctions,
-    /// Of each group.
+    /// Rows of each group.
     rows: Vec<Rows>,
     /// Radiosity `[light][material][receiver]`.
     truths: Vec<Vec<Vec<DVec3>>>,

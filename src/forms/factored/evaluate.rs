@@ -1,5 +1,5 @@
-//! How `editable` evaluates: shadow rays at the samples (or stored rows for an environment), the stored far field once for
-//! every basis function, and the near field from the geometry. A change of material combines anew.
+//! Evaluation of `editable`: shadow rays at the samples (or stored rows for an environment), the stored far field once
+//! for every basis function, and the near field from the geometry. A change of material repeats the combination only.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -52,24 +52,24 @@ pub(super) struct FactoredEvaluator {
     pub(super) around: ClosePairs,
     pub(super) corners: Corners,
     pub(super) receivers: Receivers,
-    /// Of the far field.
+    /// Points of the far field.
     pub(super) points: FarPoints,
     pub(super) areas: Vec<f64>,
     pub(super) basis: ProfileBasis,
     pub(super) far: FarField,
     pub(super) order: ByFunction,
     pub(super) rows: Option<StoredRows>,
-    /// Of each medium, and its coefficients.
+    /// Kernel of each medium, and its coefficients.
     pub(super) kernels: Vec<MediumKernel>,
     pub(super) coefficients: Vec<Coefficients>,
-    /// In place of the near field itself, where many edits are expected, and their coefficients for each medium.
+    /// Rings in place of the near field, where many edits are expected, and their coefficients for each medium.
     pub(super) rings: Option<NearRings>,
     pub(super) ring_coefficients: Vec<RingCoefficients>,
     pub(super) lights: Vec<Light>,
     pub(super) lit: Option<Lit>,
 }
 
-/// What follows from the lights.
+/// State that depends on the lights.
 pub(super) struct Lit {
     pub(super) irradiance: Vec<DVec3>,
     pub(super) pieces: Pieces,
@@ -128,13 +128,13 @@ impl FactoredEvaluator {
         Surface { domain: self.scene.domain(), bvh: &self.bvh, samples: &self.samples, patches: &self.patches }
     }
 
-    /// Through the stored rows where there are any for a light, else by rays.
+    /// Irradiance of every sample: through the stored rows where they hold a light, else by rays.
     fn irradiance(&self, lights: &[Light], progress: &dyn Progress) -> Result<(Vec<DVec3>, Pieces)> {
         let asset = (&self.scene, &self.samples);
         StoredRows::illuminate(self.rows.as_ref(), asset, lights, progress, |lights| self.sampled(lights, progress))
     }
 
-    /// Whether a light goes through the stored rows.
+    /// True if a light goes through the stored rows.
     pub(super) fn is_stored(&self, light: &Light) -> bool {
         self.rows.as_ref().is_some_and(|rows| rows.have(light, &self.scene.media))
     }

@@ -55,15 +55,15 @@ pub(super) struct FarOnDevice {
     pipeline: wgpu::ComputePipeline,
     bind_group: wgpu::BindGroup,
     shards: Vec<(wgpu::BindGroup, u32)>,
-    /// What receivers take of functions that their own rows have not.
+    /// Functions that receivers take from other rows because their own lack them.
     fills: Vec<ComputePass>,
-    /// From the points that it is stored at to the receivers, and what is there.
+    /// Interpolation from the points of the far field to the receivers, and its result.
     expansion: Option<(ComputePass, wgpu::Buffer)>,
 }
 
 impl FarOnDevice {
-    /// Uploads a far field; the light comes from a tree. With weights, every receiver takes its values from the points that it is
-    /// stored at.
+    /// Uploads a far field; the light comes from a tree. With weights, every receiver interpolates from the points of
+    /// the far field.
     ///
     /// # Errors
     /// Buffers beyond the adapter's bindings that cannot be cut (exit 5).
@@ -93,7 +93,8 @@ impl FarOnDevice {
         Ok(Self { device: Arc::clone(device), values, pipeline, bind_group, shards, fills, expansion })
     }
 
-    /// Far radiosity of every receiver and function under the light of the tree, over its scale: `[receiver][k]`, RGB.
+    /// Computes the far radiosity of every receiver and function under the light of the tree, over its scale:
+    /// `[receiver][k]`, RGB.
     pub(super) fn run(&self) {
         let shards = self.shards.iter().map(|(group, count)| (group, *count));
         dispatch(&self.device, &self.pipeline, &self.bind_group, shards);
@@ -103,7 +104,7 @@ impl FarOnDevice {
         }
     }
 
-    /// What [`Self::run`] writes.
+    /// Values that [`Self::run`] writes.
     pub(super) fn values(&self) -> &wgpu::Buffer {
         self.expansion.as_ref().map_or(&self.values, |(_, expanded)| expanded)
     }

@@ -22,12 +22,12 @@ pub(super) struct FarSums {
     scale: f64,
 }
 
-/// Receivers whose own rows have not some of the functions, and what these take of the rows that have them.
+/// Receivers whose own rows lack some functions, and their weights over the rows that have them.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Fill {
-    /// The functions: bit k.
+    /// The missing functions: bit k.
     pub functions: u16,
-    /// Those without.
+    /// Receivers whose rows lack the functions.
     pub receivers: Vec<u32>,
     /// Weights of each of them over rows that have the functions.
     pub weights: SharedWeights,
@@ -47,8 +47,8 @@ struct Place {
     row: u32,
 }
 
-/// Where the values of each group and function are. One function after the other is summed without a decision for each value, which
-/// costs more than its arithmetic.
+/// Places of the values of each group and function. Functions are summed one after the other without a branch for each
+/// value, which would cost more than its arithmetic.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ByFunction {
     /// `[group][k]`: ends of the 8-bit and of the 16-bit values.
@@ -57,7 +57,7 @@ pub(super) struct ByFunction {
 }
 
 impl ByFunction {
-    /// Of a far field.
+    /// Sorts the values of a far field by group and function.
     pub(super) fn new(far: &FarField) -> Self {
         let terms = far.terms.min(TERMS);
         let mut result = Self {
@@ -86,7 +86,7 @@ impl ByFunction {
         result
     }
 
-    /// The 8-bit and the 16-bit values of a function in a group, both given as one number.
+    /// The 8-bit and the 16-bit values of a function in a group; `index` is `group * terms + k`.
     fn of(&self, index: usize) -> [&[Place]; 2] {
         let first = index.checked_sub(1).map_or(0, |before| self.ends[before][1]) as usize;
         let [narrow, wide] = self.ends[index].map(|end| end as usize);
@@ -100,7 +100,7 @@ impl ByFunction {
 }
 
 impl FarSums {
-    /// Of one light. Without fills there are the values of each row, 0 of the functions that its group has not.
+    /// Sums under one light. Without fills they are the values of each row, 0 for functions that its group lacks.
     pub(super) fn new(
         level: InstructionSet,
         (far, order, fills): (&FarField, &ByFunction, &[Fill]),
@@ -135,7 +135,8 @@ impl FarSums {
         result
     }
 
-    /// Sums are of three numbers: the channels of one function or, of light of one colour, three functions.
+    /// Fills in missing functions, three numbers at a time: the channels of one function or, under light of one colour,
+    /// three functions.
     fn fill(&mut self, fill: &Fill, colour: Option<CommonColour>) {
         let terms = self.terms.max(1);
         let functions: Vec<usize> = (0..self.terms).filter(|k| fill.functions >> k & 1 == 1).collect();
@@ -190,7 +191,7 @@ impl FarSums {
     }
 }
 
-/// What is summed for one group.
+/// Inputs and output of the sum for one group.
 struct Job<'a> {
     index: usize,
     mean: [f32; 3],
@@ -200,7 +201,7 @@ struct Job<'a> {
 }
 
 impl Job<'_> {
-    /// Some channels, from which `rgb` makes all.
+    /// Sums some channels, from which `rgb` makes all three.
     fn run<const C: usize>(
         self,
         far: &FarField,
@@ -271,7 +272,7 @@ multiversion! {
 }
 
 multiversion! {
-    /// One channel.
+    /// The same for one channel.
     fn add_one(far: &FarField, places: [&[Place]; 2], light: (&[[f32; 3]], [usize; 1]), sums: &mut [[f32; LANES]; 1]) => add_body
 }
 

@@ -1,5 +1,5 @@
-//! `editable` in compute shaders: rays reach the samples on the CPU; stored rows, far field, near field and materials are a
-//! device's.
+//! `editable` in compute shaders: rays reach the samples on the CPU; stored rows, far field, near field and materials
+//! run on the device.
 
 use std::sync::Arc;
 
@@ -26,7 +26,7 @@ use crate::transport::irradiance::Pieces;
 use crate::transport::kernel::EdgePrecision;
 use crate::transport::sample_light::SampleLight;
 
-/// What has to run before the radiosity is that of the lights and media in force.
+/// Work to do before the radiosity is that of the lights and media in force.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stale {
     Nothing,
@@ -73,7 +73,7 @@ impl FactoredOnDevice {
         Ok(evaluator)
     }
 
-    /// Brings light to the samples and the far field, where that is not done.
+    /// Lights the samples and sums the far field, where that is not done.
     fn light(&mut self, progress: &dyn Progress) -> Result<()> {
         if self.stale != Stale::Light {
             return Ok(());

@@ -1,4 +1,4 @@
-//! What interpolation of the far field loses, and how far apart its points may be.
+//! Error of interpolating the far field, and the spacing of its points.
 
 use std::collections::BTreeSet;
 
@@ -21,11 +21,11 @@ use crate::transport::receivers::Receivers;
 /// Receivers that a choice is made on.
 const RECEIVERS: usize = 96;
 
-/// Spacings that are tried, and how much closer the next one is.
+/// Number of spacings that are tried, and range of the factor from one to the next.
 const TRIALS: usize = 5;
 const CLOSER: (f64, f64) = (0.5, 0.85);
 
-/// Functions (bit k) that a point takes from others.
+/// Functions (bit k) that a point takes from other points.
 struct Taken {
     functions: u16,
     point: u32,
@@ -35,17 +35,17 @@ struct Taken {
 /// Receivers, and the points that they are interpolated from.
 pub(super) struct Between {
     targets: Subset,
-    /// All points that anything is interpolated from, ascending, and where they are.
+    /// All points that anything is interpolated from, ascending; `sources` are their positions.
     points: Vec<u32>,
     sources: Receivers,
-    /// Of each target.
+    /// Interpolation weights of each target.
     weights: Vec<Row>,
     taken: Vec<Taken>,
     materials: Vec<Projected>,
 }
 
 impl Between {
-    /// About so many receivers of a phase, between some points; none where every receiver is a point.
+    /// About `count` receivers of a phase, between some points; `None` where every receiver is a point.
     pub(super) fn new(
         scene: &Scene,
         ordered: &OrderedSamples,
@@ -80,7 +80,7 @@ impl Between {
         self.targets.receivers.len()
     }
 
-    /// What interpolation loses where nothing else is lost, the worst of some lights and all materials.
+    /// Error of interpolation alone, the worst of some lights and all materials.
     pub(super) fn error(
         &self,
         scene: &Scene,
@@ -113,8 +113,8 @@ impl Between {
     }
 }
 
-/// Points as far apart as the settings say or, where it does not, as the error that it allows lets them be under some lights; those of
-/// each function at the widest level of spacing.
+/// Points at the spacing of the settings or, where they give none, at the widest that the asked error allows under some
+/// lights; each function at the widest level of spacing.
 pub(super) fn choose_points(
     scene: &Scene,
     ordered: &OrderedSamples,

@@ -1,4 +1,4 @@
-//! What the stages of a bake lose: hierarchy, basis, truncation and quantiser of the far field, each against the ordered
+//! Errors of the stages of a bake: hierarchy, basis, truncation and quantiser of the far field, each against the one
 //! before it, on receivers and lights that no choice saw, the worst of all published materials and the scene's own.
 
 use glam::DVec3;
@@ -33,7 +33,7 @@ const GROUPS: usize = 12;
 /// Receivers between the points of the far field on which interpolation is measured.
 const BETWEEN: usize = 64;
 
-/// What a bake made and how.
+/// Results and inputs of a bake that errors are measured on.
 pub(super) struct Baked<'a> {
     pub(super) scene: &'a Scene,
     pub(super) ordered: &'a OrderedSamples,
@@ -53,13 +53,13 @@ struct AfterStages {
     quantised: FarRadiosity,
 }
 
-/// Rows with the same functions that errors are measured on, with and without what is dropped.
+/// Rows that have the same functions, with and without the dropped coefficients, to measure errors on.
 struct Measured<'a> {
     of: &'a OfFunctions,
     near: NearOfMaterials<'a>,
     everything: Vec<Rows>,
     kept: Vec<Rows>,
-    /// Under each light, from every sample.
+    /// Far radiosity under each light, summed over every sample.
     exact: Vec<FarRadiosity>,
 }
 
@@ -150,7 +150,7 @@ impl<'a> Measured<'a> {
 }
 
 impl Baked<'_> {
-    /// Errors under one light, the worst of all materials. What a vertex sums of rows with unlike functions errs on its own.
+    /// Errors under one light, the worst of all materials. Errors of rows with different functions are independent.
     fn under(&self, measured: &[Measured], materials: &[Projected], (light, irradiance): (usize, &[DVec3])) -> Errors {
         let details = LightDetails::new(&self.ordered.samples, &self.ordered.patches, irradiance);
         let stored = FarSums::new(InstructionSet::detect(), (self.far, &ByFunction::new(self.far), &[]), &details);
@@ -171,7 +171,7 @@ impl Baked<'_> {
         of_materials.into_iter().reduce(|a, b| std::array::from_fn(|i| a[i].max(b[i]))).unwrap_or_default()
     }
 
-    /// What the basis loses at some receivers in each material.
+    /// Error of the basis at some receivers in each material.
     fn lost_by_basis(
         &self,
         subset: &Subset,
@@ -210,7 +210,7 @@ impl Baked<'_> {
 }
 
 impl AfterStages {
-    /// Errors in one material, each stage as if all before it had been exact; the basis is none of them.
+    /// Errors in one material, each stage as if all before it were exact; 0 for the basis.
     fn errors(&self, material: &Projected, near: Vec<DVec3>, points: &ProbePoints) -> Errors {
         let combined = |values: &FarRadiosity| material.add(values, vec![DVec3::ZERO; near.len()]);
         let truth = material.add(&self.exact, near.clone());
@@ -229,7 +229,7 @@ impl AfterStages {
     }
 }
 
-/// Two errors that know nothing of each other.
+/// Sum of two independent errors.
 fn beside(a: VertexError, b: VertexError) -> VertexError {
     VertexError {
         rms: a.rms.hypot(b.rms),

@@ -1,5 +1,5 @@
-//! How far apart the points of each function of the far field may be: every second, fourth or eighth of the points is enough for
-//! functions that are wide.
+//! Spacing of the points of each function of the far field: every second, fourth or eighth of the points is enough for
+//! wide functions.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -19,7 +19,7 @@ use crate::transport::receivers::{Group, ProbePoints};
 const GROUPS: usize = 8;
 const OF_A_GROUP: usize = 8;
 
-/// What interpolation from the points of each level does to each function at some points.
+/// Changes that interpolation from the points of each level makes to each function at some points.
 struct Trial {
     materials: Vec<Projected>,
     points: ProbePoints,
@@ -29,11 +29,11 @@ struct Trial {
 struct UnderLight {
     /// Radiosity in each material.
     truths: Vec<Vec<DVec3>>,
-    /// Changes of the far radiosity, `[level][target][k]`; those of level 0 are 0.
+    /// Changes of the far radiosity, `[level][target][k]`; 0 at level 0.
     changes: Vec<FarRadiosity>,
 }
 
-/// The level of each function: as coarse as an error allows where the points of level 0 are so far apart, mm.
+/// Level of each function: as coarse as the asked error allows at `spacing_mm` between the points of level 0.
 pub(super) fn levels(
     scene: &Scene,
     ordered: &OrderedSamples,
@@ -121,7 +121,7 @@ impl Trial {
         Some(Self { materials, points: targets.points, lights })
     }
 
-    /// The worst of all lights and materials.
+    /// Relative RMS error, the worst of all lights and materials.
     fn error(&self, levels: &[u8]) -> f64 {
         let of_light = |light: &UnderLight| {
             let of_target = |target: usize| {

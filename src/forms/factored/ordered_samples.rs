@@ -1,4 +1,4 @@
-//! Geometry that every stage of a bake reads.
+//! Geometry used by every stage of a bake.
 
 use glam::DVec3;
 
@@ -18,13 +18,13 @@ use crate::transport::near_field::Corners;
 use crate::transport::receivers::Receivers;
 use crate::transport::surface::Surface;
 
-/// Side of a square of the samples' mean area.
+/// Spacing of the samples, mm: side of a square of their mean area.
 pub(super) fn spacing_mm(patches: &[Patch]) -> f64 {
     let area: f64 = patches.iter().map(|p| p.area_mm2).sum();
     (area / patches.len().max(1) as f64).sqrt()
 }
 
-/// Samples in the order of their tree, with what follows from them.
+/// Samples in tree order, and the geometry that follows from them.
 pub(super) struct OrderedSamples {
     pub(super) bvh: Bvh,
     pub(super) samples: Samples,
@@ -32,7 +32,7 @@ pub(super) struct OrderedSamples {
     pub(super) tree: BalancedTree,
     pub(super) corners: Corners,
     pub(super) receivers: Receivers,
-    /// Of the far field; every receiver until they are chosen.
+    /// Points of the far field; every receiver until they are chosen.
     pub(super) points: FarPoints,
     pub(super) split_mm: f64,
     pub(super) merged: Merged,

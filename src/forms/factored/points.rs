@@ -1,6 +1,6 @@
-//! Where the far field is stored: points among the receivers that are apart by a few sample spacings. It is smooth inside the split
-//! radius, so that the receivers between take what kriging makes of the points around them. Functions that are smoother than others have
-//! every second, fourth or eighth of their spacing: the other points take them from those in the same way.
+//! Points of the far field, some of the receivers, a few sample spacings apart. It is smooth inside the split radius,
+//! so that the receivers between are interpolated by kriging. Smoother functions are stored at every second, fourth or
+//! eighth of the spacing only, and the other points interpolate them in the same way.
 
 use std::collections::BTreeMap;
 
@@ -17,10 +17,11 @@ use crate::transport::far_field::LANES;
 use crate::transport::interpolation::SharedWeights;
 use crate::transport::receivers::{Group, NONE, Receivers};
 
-/// How the far field is interpolated. Closed bunny of 30 mm, points 4 sample spacings apart: 0.37 % from 32 sources, 0.72 % from 16.
+/// Far-field interpolation. Closed bunny of 30 mm, points 4 sample spacings apart: 0.37 % from 32 sources, 0.72 % from
+/// 16.
 const FIT: Kriging = Kriging::SMOOTH;
 
-/// A part has functions at so many points or more, where it has them: their distance means nothing to a small one.
+/// Least points of a part that have a function, where it has as many: a spacing means nothing to a small part.
 const LEAST_POINTS: usize = 64;
 
 /// Points that something is interpolated from, and their weights.
@@ -28,20 +29,20 @@ pub(super) type Row = Vec<(u32, f64)>;
 
 /// Points of the far field.
 pub(super) struct FarPoints {
-    /// In groups; their vertices alone have one of them.
+    /// The points, in groups; `of_vertex` has a point for their vertices alone.
     pub(super) receivers: Receivers,
-    /// Of each function, where they have been chosen: it is at points that are apart by `2^level` times as much as all are.
+    /// Level of each function, where chosen: its points are `2^level` times as far apart as all points.
     pub(super) levels: Vec<u8>,
-    /// What is stored: rows of every point, and behind them rows of other functions of some of the points.
+    /// Stored rows: those of every point, then rows of other functions at some of the points.
     pub(super) rows: RowPlaces,
-    /// What the points take from rows of others.
+    /// Functions that points interpolate from the rows of others.
     pub(super) fills: Vec<Fill>,
-    /// Weights of all receivers over them; none where every receiver is one.
+    /// Weights of all receivers over the points; none where every receiver is a point.
     pub(super) weights: Option<SharedWeights>,
 }
 
-/// RowPlaces in groups that lie close together. Neighbours of a group see much the same: functions at every eighth of the points have groups of
-/// these points alone, as those at every point have groups of neighbours among all.
+/// Rows in groups that lie close together, of similar values. Functions at every eighth of the points are grouped among
+/// these points alone, those at every point among all.
 #[derive(Default)]
 pub(super) struct RowPlaces {
     /// Places of the rows; no vertex takes their values.
@@ -53,7 +54,7 @@ pub(super) struct RowPlaces {
 }
 
 impl RowPlaces {
-    /// Groups of rows with the same functions, and these.
+    /// The sets of functions that rows have, and the groups of each.
     pub(super) fn classes(&self) -> Vec<(u16, Vec<Group>)> {
         let mut classes: Vec<(u16, Vec<Group>)> = Vec::new();
         for (group, &functions) in self.places.groups.iter().zip(&self.functions) {
@@ -83,8 +84,8 @@ impl RowPlaces {
 }
 
 impl FarPoints {
-    /// Some of `all`, about so far apart, mm; all of them at 0. Function k is at those of them that are apart by `2^levels[k]` times
-    /// as much.
+    /// Chooses points among `all`, about `spacing_mm` apart; all of them at 0. Those of function k are `2^levels[k]`
+    /// times as far apart.
     pub(super) fn choose(all: &Receivers, spacing_mm: f64, levels: &[u8]) -> Self {
         let places = places(all);
         let classes = classes(levels);
@@ -117,7 +118,7 @@ impl FarPoints {
         Self { levels: levels.to_vec(), ..Self::new((all, &places), &chosen, of_vertex, rows) }
     }
 
-    /// Those of a stored far field.
+    /// Points of a stored far field.
     ///
     /// # Errors
     /// Points that are not some of the receivers in their order (exit 3).
@@ -171,7 +172,7 @@ impl FarPoints {
         Self { receivers, levels: Vec::new(), rows, fills, weights }
     }
 
-    /// Values at the points brought to all receivers.
+    /// Interpolates values at the points to all receivers.
     pub(super) fn expand(&self, values: Vec<DVec3>) -> Vec<DVec3> {
         let Some(weights) = &self.weights else { return values };
         let largest = values.iter().map(|v| v.abs().max_element()).fold(0.0, f64::max);
@@ -182,13 +183,13 @@ impl FarPoints {
         gathered.iter().map(|&[r, g, b, _]| DVec3::new(r.into(), g.into(), b.into()) * scale).collect()
     }
 
-    /// What a point takes of the functions of a fill from others; nothing where it has them itself.
+    /// Weights of a point for the functions of a fill; `None` where it has them itself.
     pub(super) fn row_of(&self, fill: &Fill, point: u32) -> Option<Row> {
         let place = fill.receivers.binary_search(&point).ok()?;
         Some(fill.weights.of(place).map(|(row, w)| (self.rows.point(row), f64::from(w))).collect())
     }
 
-    /// How many points there are, and how many some functions have.
+    /// Number of points, and of those that some functions have, in words.
     pub(super) fn describe(&self) -> String {
         let points = self.receivers.len();
         let of_class = |(functions, groups): &(u16, Vec<Group>)| {
@@ -211,12 +212,12 @@ impl FarPoints {
     }
 }
 
-/// Without normals: kernels are smooth across an edge, and through something thin.
+/// Positions without normals: kernels are smooth across an edge, and through something thin.
 fn places(all: &Receivers) -> Vec<OrientedPoint> {
     all.positions.iter().map(|&at_mm| OrientedPoint { at_mm, normal: DVec3::ZERO }).collect()
 }
 
-/// About how far apart so many points among others are: only how fast neighbours are found depends on it.
+/// Approximate spacing of `count` points among others, mm: affects only the speed of finding neighbours.
 fn apart_mm(points: &[OrientedPoint], count: usize) -> f64 {
     let grow = |(low, high): (DVec3, DVec3), p: &OrientedPoint| (low.min(p.at_mm), high.max(p.at_mm));
     let (low, high) = points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), grow);
@@ -232,7 +233,7 @@ fn between(
     SharedWeights::new(&weights_among(places, parts, (sources, targets), spacing_mm, FIT))
 }
 
-/// What the points take of functions that their own rows have not.
+/// Functions that points interpolate because their own rows lack them.
 fn fills(points: &Receivers, rows: &RowPlaces) -> Vec<Fill> {
     let places = places(points);
     let of_groups = |k: u32, groups: &[Group]| -> Vec<bool> {
@@ -271,7 +272,7 @@ fn classes(levels: &[u8]) -> Vec<(u8, u16)> {
     classes.into_iter().collect()
 }
 
-/// Points of a level of spacing or a coarser one, ascending, of those that each level adds, the coarsest first.
+/// Points of a level of spacing or a coarser one, ascending; `nested` has those each level adds, the coarsest first.
 fn coarser(nested: &[Vec<u32>], level: u8) -> impl Iterator<Item = u32> {
     let mut members = Vec::new();
     for (i, added) in nested.iter().enumerate() {

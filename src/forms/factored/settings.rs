@@ -14,34 +14,34 @@ pub const MOST_LEVELS: usize = 4;
 /// Transport of each function of a basis of R_d: the far field stored, the near field from the geometry.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Factored {
-    /// How many samples there are.
+    /// Number of samples.
     pub density: Density,
-    /// Functions of the basis.
+    /// Family of the basis functions.
     pub family: Family,
-    /// How many; as few as `basis_error` allows.
+    /// Number of basis functions; `None`: as few as `basis_error` allows.
     pub terms: Option<usize>,
     /// Error asked of the basis for any light (T1), over the total reflectance.
     pub basis_error: f64,
     /// Near-field radius over the spacing of the samples.
     pub split: f64,
-    /// Distance of the points of the far field over the spacing of the samples; 0: every receiver is one. None: as `interpolation`
-    /// allows, at most `widest_far_spacing`.
+    /// Spacing of the points of the far field over that of the samples; 0: every receiver is a point. `None`: as
+    /// `interpolation` allows, at most `widest_far_spacing`.
     pub far_spacing: Option<f64>,
-    /// See there.
+    /// Largest `far_spacing` that is chosen.
     pub widest_far_spacing: f64,
     /// Error asked of interpolating the far field.
     pub interpolation: f64,
-    /// Levels of spacing of these points.
+    /// Levels of spacing of the far field's points.
     pub levels: usize,
-    /// Error asked of them.
+    /// Error asked of choosing these levels.
     pub levels_error: f64,
     /// Error asked of dropping coefficients.
     pub truncation: f64,
-    /// Error asked of quantising them.
+    /// Error asked of quantising coefficients.
     pub quantiser: f64,
     /// Cells of the hierarchy open above this radius over distance.
     pub opening: f64,
-    /// Rays.
+    /// Light sampling by rays.
     pub sampling: LightSampling,
     /// Near field.
     pub near: NearField,

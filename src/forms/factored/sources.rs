@@ -9,23 +9,24 @@ use crate::medium::profile_basis::Table;
 use crate::transport::far_field::TERMS;
 use crate::transport::receivers::Receivers;
 
-/// Neighbours that are one source.
+/// Neighbouring samples merged into one source.
 const NEIGHBOURS: usize = 4;
 
 /// Far radiosity `[receiver][k]` under one light.
 pub(super) type FarRadiosity = Vec<Vec<f64>>;
 
-/// Patches that shine, and where each part begins among them.
+/// Source patches, and where each part begins among them.
 pub(super) type Sources<'a> = (&'a [Patch], &'a [u32]);
 
-/// Sources in place of all samples: a few neighbours in the order of the tree are one. Light like any other, of which a sum over all
-/// pairs takes as many times less; how a far field changes between receivers or with the basis is asked of it, not what light is.
+/// Sources that each stand for a few neighbouring samples in tree order, so that a sum over all pairs costs less by
+/// that factor. They serve to measure how a far field changes between receivers or with the basis, not its absolute
+/// value.
 pub(super) struct Merged {
     patches: Vec<Patch>,
     part_offsets: Vec<u32>,
     /// Area of each sample, mm^2.
     areas: Vec<f64>,
-    /// Samples of each source: up to and with.
+    /// One past the last sample of each source.
     ends: Vec<u32>,
 }
 

@@ -1,4 +1,4 @@
-//! A few groups of receivers on which choices are made or errors measured, and materials as the basis sees them.
+//! A few groups of receivers on which choices are made or errors measured, and materials projected onto the basis.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -33,7 +33,7 @@ pub(super) struct Subset {
 /// A few groups of the rows that have the same functions of the far field.
 pub(super) struct OfFunctions {
     pub(super) subset: Subset,
-    /// Bit k.
+    /// Functions of the rows: bit k.
     pub(super) functions: u16,
 }
 
@@ -45,8 +45,8 @@ pub(super) struct Projected {
     coefficients: [Vec<f64>; 3],
 }
 
-/// The near field of some receivers in many materials. It comes from rings, off by a thousandth of it or less: it is what errors are
-/// relative to, and has no part in them.
+/// Near field of some receivers in many materials, from rings, off by a thousandth or less: errors are relative to it,
+/// and it cancels in them.
 pub(super) struct NearOfMaterials<'a> {
     surface: Surface<'a>,
     receivers: &'a Receivers,
@@ -56,7 +56,8 @@ pub(super) struct NearOfMaterials<'a> {
 }
 
 impl Subset {
-    /// About `count` groups of rows, with the areas of all; phases 0 and 1 give others where there are enough.
+    /// About `count` groups of rows, with the areas of all rows; phases 0 and 1 give different groups where there are
+    /// enough.
     fn new(places: &Receivers, groups: &[Group], areas: &[f64], (count, phase): (usize, usize)) -> Self {
         let step = (groups.len() / count).max(1);
         let mut receivers = Receivers::default();

@@ -1,4 +1,4 @@
-//! What `filtered_normals` precomputes: a ladder of low-passed normals, and how open the vertices are.
+//! Bake of `filtered_normals`: a ladder of low-passed normals, and the openness of the vertices.
 
 use glam::DVec3;
 use translux_format::filtered_normals::{self as stored, Numbers};
@@ -21,10 +21,10 @@ use crate::scene::Scene;
 const WIDEST: f64 = 0.25;
 const NARROWEST: f64 = 0.4;
 
-/// Steps of a unit.
+/// Quantiser steps for each unit of a normal.
 const STEPS: f64 = 128.0;
 
-/// A ladder of fields over the points, and where it came from.
+/// A ladder of fields over the points, and a note on its making.
 pub(super) struct Fields {
     /// Vector of each point, rung after rung.
     vectors: Vec<Vec<DVec3>>,
@@ -128,8 +128,8 @@ fn vectors_of(points: &Points, laplacian: &Laplacian, values: &[[f64; 3]]) -> Ve
     all
 }
 
-/// Low passes of the normals in manifold harmonics; what is beyond the last of them goes through the mean of the response over its
-/// frequencies (the paper's equation 11).
+/// Low passes of the normals in manifold harmonics; the remainder beyond the last of them is scaled by the mean of the
+/// response over its frequencies (the paper's equation 11).
 fn spectral(
     points: &Points,
     laplacian: &Laplacian,

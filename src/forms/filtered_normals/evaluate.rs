@@ -31,7 +31,7 @@ pub(super) const STAGE: &str = "filtered normals";
 /// Points that are lit together.
 const CHUNK: usize = 512;
 
-/// What the ladder says of some points.
+/// Points with their filtered normals, decoded from the ladder.
 #[derive(Clone, Default)]
 pub(super) struct Dressed {
     pub(super) at: Vec<DVec3>,
@@ -117,14 +117,14 @@ pub(super) enum Channel {
     Between { rung: usize, share: f64, alpha: f64, sum: Sum },
 }
 
-/// What a medium makes of normals and light.
+/// Filters, total reflectances and entrance of a medium.
 pub(super) struct MediumFilter {
     channels: [Channel; 3],
     totals: DVec3,
     entrance: Entrance,
 }
 
-/// How the filters of media follow from the settings.
+/// Maker of the filters of media, from the settings.
 pub(super) struct Filters {
     form: FilteredNormals,
     ladder: Ladder,
@@ -132,7 +132,7 @@ pub(super) struct Filters {
 }
 
 impl Filters {
-    /// The filters of a medium, with an alpha and a factor of the width.
+    /// The filters of a medium, for an alpha and a factor of the width.
     pub(super) fn of(&self, medium: &Medium, (alpha, width): (f64, f64)) -> MediumFilter {
         let dipoles = dipoles(medium);
         let channels = dipoles.each_ref().map(|dipole| match self.form.filter {
@@ -187,7 +187,7 @@ pub(super) fn local_lighting(dressed: &Dressed, filters: &[MediumFilter], length
     out
 }
 
-/// Filtered normals, lit.
+/// Evaluator of filtered normals, with the lights in force.
 pub(super) struct FilteredNormalsEvaluator {
     pub(super) form: FilteredNormals,
     pub(super) scene: Scene,

@@ -1,4 +1,4 @@
-//! Alpha and the width of the filter, chosen by the error against exact sums; and that error.
+//! Alpha and width of the filter, chosen by the error against exact sums, and that error.
 
 use glam::DVec3;
 
@@ -24,11 +24,11 @@ const LIGHTS: usize = 4;
 /// Samples of the exact sums at most.
 const MOST_SAMPLES: usize = 1 << 16;
 
-/// Values that are tried.
+/// Values of alpha and of the width that are tried.
 const ALPHAS: [f64; 7] = [0.0, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8];
 const WIDTHS: [f64; 9] = [0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0];
 
-/// What was fitted.
+/// Fitted alpha and width, with their error.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Fitted {
     pub(super) alpha: f64,
@@ -38,13 +38,13 @@ pub(super) struct Fitted {
 }
 
 impl FilteredNormalsEvaluator {
-    /// Samples, lit by rays.
+    /// Reference: samples, lit by rays.
     pub(super) fn truth(&mut self) -> &mut GatheredEvaluator {
         let samples = (self.numbers.samples as usize).min(MOST_SAMPLES);
         self.truth.get_or_insert_with(|| Box::new(truth(&self.scene, samples)))
     }
 
-    /// The alpha and the width with the least error under some of the lights; one that the settings name stays.
+    /// Fits alpha and width for the least error under some of the lights; a value given in the settings stays.
     pub(super) fn fit(&mut self, lights: &[Light]) -> Result<Fitted> {
         let chosen: Vec<Light> = lights.iter().step_by(lights.len().div_ceil(LIGHTS).max(1)).cloned().collect();
         let (subset, indices) = self.points.receivers.subset(PROBES, 0);

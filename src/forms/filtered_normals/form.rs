@@ -1,4 +1,4 @@
-//! The form: its settings are checked, baked and opened.
+//! The form: validates its settings, bakes and opens.
 
 use std::sync::Arc;
 

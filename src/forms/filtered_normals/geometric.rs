@@ -15,7 +15,7 @@ const LEAF: usize = 8;
 /// A cluster stands for its vertices where its radius is below this share of the distance and this many reciprocals of sigma.
 const OPENING: f64 = 0.25;
 
-/// Vertices that look for the others together.
+/// Vertices whose sums are one task.
 const CHUNK: usize = 64;
 
 struct Node {
@@ -29,7 +29,7 @@ struct Node {
     weight: f64,
 }
 
-/// The vertices of one part in a tree.
+/// The vertices in trees, one for each part.
 pub(super) struct Sums<'a> {
     points: &'a Points,
     order: Vec<u32>,

@@ -1,4 +1,4 @@
-//! Lights as local lighting takes them: sharp ones as beams that are seen or not, those from all around as harmonics of order 2.
+//! Lights for local lighting: sharp ones as beams, visible or not; those from all around as harmonics of order 2.
 
 use std::f64::consts::TAU;
 
@@ -20,7 +20,7 @@ const SIDE: usize = 4;
 /// Bands of the harmonics (Ramamoorthi and Hanrahan 2001).
 const BANDS: usize = 3;
 
-/// Places of the table of spread cosines, and the bands that it is made of.
+/// Cells of the table of spread cosines, by cosine and by spread, and the Legendre bands behind it.
 const COSINES: usize = 64;
 const SPREADS: usize = 32;
 const SPREAD_BANDS: usize = 96;
@@ -32,13 +32,13 @@ const HIGH: f64 = 0.3;
 /// Points that are lit together.
 const CHUNK: usize = 1024;
 
-/// Where light comes from, as seen from a point.
+/// Light from one direction or one place.
 enum Beam {
     Direction { from: DVec3, irradiance: DVec3 },
     Place { at: DVec3, intensity: DVec3, axis: Option<DVec3> },
 }
 
-/// A beam with the share of it that each point sees.
+/// A beam with its visible share from each point.
 struct Seen {
     beam: Beam,
     seen: Vec<f32>,
@@ -80,7 +80,7 @@ impl SpreadCosine {
         Self(rows.collect())
     }
 
-    /// For the cosine of a direction and the mean of the normals, which has a length from 0 to 1.
+    /// Value for the cosine between a direction and the mean of the normals, which has a length from 0 to 1.
     fn at(&self, mu: f64, length: f64) -> f64 {
         let place = |x: f64, last: usize| {
             let x = x.clamp(0.0, last as f64);
@@ -95,7 +95,7 @@ impl SpreadCosine {
     }
 }
 
-/// Legendre's polynomials.
+/// Legendre polynomials of `mu`.
 fn legendre(mu: f64) -> [f64; SPREAD_BANDS] {
     let mut p = [1.0; SPREAD_BANDS];
     p[1] = mu;
@@ -106,7 +106,7 @@ fn legendre(mu: f64) -> [f64; SPREAD_BANDS] {
     p
 }
 
-/// What one medium does to light that enters.
+/// Fresnel transmission of one medium for light that enters.
 pub(super) struct Entrance {
     eta: f64,
     cosine: SpreadCosine,
@@ -137,7 +137,7 @@ pub(super) struct Lit {
     around: Vec<Around>,
 }
 
-/// Points and how rays leave them.
+/// Points that are lit, with the data of their shadow rays.
 #[derive(Clone, Copy)]
 pub(super) struct Lookers<'a> {
     pub(super) at: &'a [DVec3],
@@ -248,8 +248,9 @@ fn beams(light: &Light, origin: DVec3) -> Vec<Beam> {
     }
 }
 
-/// The share of a beam that each point sees. Towards the horizon a ray tells more of the bumps around a vertex than of the light, and below
-/// it light comes in where the surface around the vertex faces it: as much is seen of it as of the sky.
+/// Visible share of a beam from each point. Towards the horizon a ray depends on the bumps around a vertex more than on
+/// the light, and below it light enters where the surface around the vertex faces it: there the share is that of the
+/// sky.
 fn seen(beam: &Beam, lookers: Lookers, bvh: &Bvh) -> Vec<f32> {
     let mut seen = vec![1.0; lookers.at.len()];
     if lookers.shadows == Shadows::Off {

@@ -20,7 +20,7 @@ const GROUP: usize = 16;
 /// Directions that openness is measured with: a constant light takes a quarter of them.
 const OPENNESS: LightSampling = LightSampling { directions: 1024, ..LightSampling::FAST };
 
-/// Steps of an octave of a sum of weights.
+/// Quantiser steps for each octave of a sum of weights.
 pub(super) const STEPS_OF_OCTAVE: f64 = 16.0;
 
 /// Residual of the implicit steps: far below a step of the quantiser.
@@ -29,7 +29,7 @@ pub(super) const TOLERANCE: f64 = 1e-5;
 /// The points of a scene.
 pub(super) struct Points {
     pub(super) receivers: Receivers,
-    /// Medium of each.
+    /// Medium of each point.
     pub(super) medium: Vec<u32>,
     /// Unit normal weighted by area; zero where there is none.
     pub(super) normals: Vec<DVec3>,
@@ -75,7 +75,7 @@ impl Points {
         self.normals.len()
     }
 
-    /// Which rows of the asset are neighbours.
+    /// Neighbours among the rows of the asset.
     pub(super) fn earlier(&self) -> Earlier {
         let mut row = vec![0u32; self.len()];
         self.order.iter().enumerate().for_each(|(i, r)| row[*r as usize] = i as u32);

@@ -12,7 +12,7 @@ use crate::medium::material::Medium;
 /// Places where responses are compared.
 const PLACES: usize = 192;
 
-/// Octaves of lambda beyond the rungs at either end, base 10.
+/// Decades of lambda beyond the rungs at either end.
 const BEYOND: f64 = 1.0;
 
 /// Weight of lambda = 0, where the response is 1: constants stay.
@@ -21,7 +21,7 @@ const AT_ZERO: f64 = 100.0;
 /// Weight of the squares of the coefficients: the quantiser's noise grows with them.
 const RIDGE: f64 = 2e-3;
 
-/// The response of a filter at an eigenvalue, 1/mm^2, of a channel; 1 at 0.
+/// Response of a channel's filter at an eigenvalue `lambda`, 1/mm^2; 1 at 0.
 pub(super) fn response(kind: Response, dipole: &Dipole, lambda: f64) -> f64 {
     match kind {
         Response::Material => {
@@ -55,12 +55,12 @@ pub(super) struct Ladder {
     t_mm2: Vec<f64>,
     /// Places on the axis of lambda, 1/mm^2, the first of them 0.
     lambda: Vec<f64>,
-    /// What the response at each place adds to each coefficient, that of the unfiltered normal first.
+    /// Weights of the response at each place in each coefficient, that of the unfiltered normal first.
     inverse: Vec<Vec<f64>>,
 }
 
 impl Ladder {
-    /// Of rungs with widths `sqrt(t)`, mm.
+    /// A ladder of rungs with widths `sqrt(t)`, mm.
     pub(super) fn new(widths_mm: &[f64]) -> Self {
         let t_mm2: Vec<f64> = widths_mm.iter().map(|w| w * w).collect();
         let most = t_mm2.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
@@ -160,7 +160,7 @@ mod tests {
         }
     }
 
-    /// Of any published material on an object of 30 mm with edges of 0.3 mm.
+    /// Any published material, on an object of 30 mm with edges of 0.3 mm.
     #[test]
     fn a_ladder_stands_for_every_material() {
         let rungs: Vec<f64> = (0..8).map(|i| 7.5 * (0.15f64 / 7.5).powf(f64::from(i) / 7.0)).collect();

@@ -4,30 +4,30 @@ use serde::{Deserialize, Serialize};
 
 use crate::forms::density::Density;
 
-/// How normals are filtered, and what takes their place in local lighting.
+/// Filter of the normals, and their use in local lighting.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FilteredNormals {
-    /// How many samples errors are measured against.
+    /// Number of samples that errors are measured against.
     pub density: Density,
-    /// How the ladder of filtered normals is made.
+    /// Filter that makes the ladder of normals.
     pub filter: Filter,
-    /// The response of the filter, unless it is that of the material.
+    /// Response of the filter.
     pub response: Response,
-    /// Rungs of the ladder.
+    /// Number of rungs of the ladder.
     pub rungs: u32,
-    /// Share of the normal itself; fitted.
+    /// Share of the normal itself; `None`: fitted.
     pub alpha: Option<f64>,
-    /// Factor of the width of the response; fitted.
+    /// Factor of the width of the response; `None`: fitted.
     pub width: Option<f64>,
-    /// What becomes of the length of a filtered normal.
+    /// Treatment of the length of a filtered normal.
     pub length: Length,
-    /// Whether vertices are shadowed.
+    /// Shadows on the vertices.
     pub shadows: Shadows,
-    /// What is filtered when light comes.
+    /// Filter of the irradiance at run time.
     pub bleeding: Bleeding,
 }
 
-/// How the ladder is made.
+/// Filter that makes the ladder of normals.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Filter {
     /// Implicit steps of the heat equation on the surface.
@@ -41,7 +41,7 @@ pub enum Filter {
     Geometric {
         /// Weight of a vertex beside the exponential.
         weights: Weights,
-        /// What stands beside the normal itself.
+        /// Term added to the normal itself.
         sum: Sum,
         /// Distance up to which vertices count, in reciprocals of sigma_tr.
         reach: f64,
@@ -53,11 +53,11 @@ pub enum Filter {
 pub enum Weights {
     /// 1, as in the paper: dense parts of a mesh weigh more.
     Count,
-    /// The area around it.
+    /// The area around the vertex.
     Area,
 }
 
-/// What stands beside the normal itself in a geometric sum.
+/// Term added to the normal itself in a geometric sum.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Sum {
     /// The sum, as in the paper.
@@ -69,37 +69,37 @@ pub enum Sum {
 /// The response of the filter.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Response {
-    /// That of R_d of each channel: its Hankel transform over its total.
+    /// Response of R_d of each channel: its Hankel transform over its total.
     Material,
     /// A Gaussian of a standard deviation on the surface, mm.
     Gaussian(f64),
-    /// That of exp(-sigma r), 1/mm; sigma_tr of each channel.
+    /// Response of exp(-sigma r), sigma in 1/mm; `None`: sigma_tr of each channel.
     Exponential(Option<f64>),
 }
 
-/// What becomes of the length of a filtered normal.
+/// Treatment of the length of a filtered normal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Length {
-    /// It is made 1.
+    /// Normalised to 1.
     Unit,
-    /// It multiplies the light: less where the normals around differ.
+    /// Factor of the light: less where the normals around differ.
     Kept,
-    /// It says how far the normals around spread, and light falls on all of these: less from the front and more from the side and from
-    /// behind, none of it lost.
+    /// Measure of the spread of the normals around, which all take light: less from the front and more from the side
+    /// and from behind, none of it lost.
     Spread,
 }
 
-/// Whether vertices are shadowed.
+/// Shadows on the vertices.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Shadows {
-    /// By rays, and by how open a vertex is under light from all around. The same holds for a light below its horizon: whether the vertex
-    /// faces it is the filtered normal's to say.
+    /// By rays, and by the openness of the vertex for light from all around and for a light below its horizon, where
+    /// the filtered normal decides if the vertex faces it.
     Cast,
-    /// They are not, as in the paper.
+    /// None, as in the paper.
     Off,
 }
 
-/// What is filtered when light comes.
+/// Filter of the irradiance at run time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Bleeding {
     /// Nothing: the normals are filtered, not the light.

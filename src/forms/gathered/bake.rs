@@ -1,4 +1,4 @@
-//! What `gathered` precomputes: samples; how finely kernels have to be resolved where sums go over nets; rows for environments.
+//! Bake of `gathered`: samples; the resolution of kernels where sums go over nets; rows for environments.
 
 use std::sync::Arc;
 
@@ -34,7 +34,8 @@ use crate::transport::surface::Surface;
 /// Lights that the resolution of kernels is chosen by.
 const LIGHTS: usize = 3;
 
-/// Published materials that it is chosen by beside the scene's own: what nets and near samples err by is largest in these.
+/// Published materials that it is chosen by beside the scene's own: those with the largest errors of nets and near
+/// samples.
 const MATERIALS: [&str; 3] = ["ketchup", "chicken1", "spectralon"];
 
 /// Bytes of a sample or a receiver while nets are made.
@@ -47,7 +48,7 @@ pub(super) fn memory(form: &Gathered, scene: &Scene, settings: &BakeSettings) ->
     density::memory(samples, scene) + nets + rows + inter_reflection::memory(form.outside, samples, scene)
 }
 
-/// Kernels of the scene's media, and of others in their place.
+/// Kernels of the scene's media, and of each published material in their place.
 fn media(media: &[Medium]) -> Vec<Vec<MediumKernel>> {
     let of = |properties: OpticalProperties| {
         let other = |medium: &Medium| MediumKernel::new(&Medium { properties, ..medium.clone() });
@@ -116,7 +117,7 @@ fn resolution(
     Ok(quality)
 }
 
-/// What nets of a quality lose under light that no rows stand for.
+/// Errors of nets of a quality under light that is not in rows.
 fn measured(
     form: &Gathered,
     (scene, samples): (&Scene, &Samples),

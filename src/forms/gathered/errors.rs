@@ -1,4 +1,4 @@
-//! What samples, nets and the hierarchy err by against all pairs, and the tuning that follows from it.
+//! Errors of samples, nets and hierarchy against all pairs, and the tuning that follows from them.
 
 use glam::DVec3;
 
@@ -82,7 +82,7 @@ impl GatheredEvaluator {
         points.error(&points.of(&nets.radiosity(&surface, tables, lit, self.receivers.len())), &truth)
     }
 
-    /// What the transfer in force is called in a ledger; `None` where it is all pairs.
+    /// Name of the transfer in force in a ledger; `None` where it is all pairs.
     pub(super) fn transfer(&self) -> Option<&'static str> {
         let hierarchy = matches!(self.gathering.far, Far::Hierarchical { .. }) && self.limit.is_some();
         if self.nets().is_some() { Some("multilevel") } else { hierarchy.then_some("hierarchy") }
@@ -100,8 +100,8 @@ impl GatheredEvaluator {
         }
     }
 
-    /// Enters what following the light outside adds to the error, and has earlier stages answer for what they hand on with
-    /// it. Returns by how much later ones have to: errors of the transfer come back with the light, at most in proportion.
+    /// Enters the noise of inter-reflection, and scales the errors of earlier stages by the gain of the light that
+    /// returns. Returns this gain: errors of the transfer return with the light, at most in proportion.
     pub(super) fn enter_inter_reflection(&self, ledger: &mut Ledger) -> f64 {
         let (Some(outside), Some(returned), Some(matrix)) = (self.outside, &self.returned, &self.matrix) else {
             return 1.0;

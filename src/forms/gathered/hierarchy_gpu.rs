@@ -39,7 +39,7 @@ pub(super) struct HierarchyOnDevice {
     layout: wgpu::BindGroupLayout,
     pipeline: wgpu::ComputePipeline,
     effort: Effort,
-    /// Of all pairs, which depend on nothing but the samples.
+    /// Shards of all pairs, which depend on the samples only.
     all_pairs: Option<Vec<Shard>>,
     is_current: bool,
 }
@@ -73,7 +73,7 @@ impl HierarchyOnDevice {
         Ok(Self { cpu, device, buffers, layout, pipeline, effort, all_pairs: None, is_current: false })
     }
 
-    /// What every group of receivers gathers from, and the clusters of the light.
+    /// Sources of every group of receivers, and the clusters of the light.
     fn interactions(&self, scheme: Scheme) -> Result<(Vec<Shard>, Vec<GpuCluster>)> {
         self.cpu.with_gather(|gather, lit| {
             let entry = |source: &Source| match source {

@@ -29,10 +29,10 @@ use crate::transport::receivers::Receivers;
 use crate::transport::surface::Surface;
 use crate::transport::tree::SampleTree;
 
-/// What there is before there are lights.
+/// No pieces, in force before there are lights.
 static NO_PIECES: Pieces = Pieces::NONE;
 
-/// Samples, lights and media, with what follows from them.
+/// Samples, lights and media, with the state that depends on them.
 pub struct GatheredEvaluator {
     pub(super) asset: Arc<Asset>,
     pub(super) scene: Scene,
@@ -47,14 +47,14 @@ pub struct GatheredEvaluator {
     pub(super) limit: Option<f64>,
     pub(super) single: Option<Traced>,
     pub(super) outside: Option<Outside>,
-    /// Of the indices of refraction in force.
+    /// Inter-reflection for the indices of refraction in force.
     pub(super) matrix: Option<InterReflection>,
-    /// Of the lights and media in force.
+    /// Light returned for the lights and media in force.
     pub(super) returned: Option<Returned>,
-    /// In place of the dipole, with its kernels for the media in force.
+    /// Profile in place of the dipole, with its kernels for the media in force.
     pub(super) profile: Option<(LoadedProfile, Vec<MediumKernel>)>,
     pub(super) nets: Option<Nets>,
-    /// Irradiance under light from far away, in place of rays.
+    /// Stored irradiance rows for light from far away, in place of rays.
     pub(super) rows: Option<StoredRows>,
 }
 
@@ -100,13 +100,13 @@ impl GatheredEvaluator {
         Self { single, ..self }
     }
 
-    /// The same with light that comes back from outside the medium.
+    /// The same with inter-reflection outside the medium.
     #[must_use]
     pub fn with_inter_reflection(self, outside: Option<Outside>) -> Self {
         Self { outside, ..self }
     }
 
-    /// For the media and profiles in force.
+    /// A gather for the media and profiles in force.
     pub(super) fn gather<'a>(&'a self, surface: &'a Surface<'a>, near: NearField) -> Gather<'a> {
         match &self.profile {
             Some((_, kernels)) => Gather::with_kernels(surface, &self.tree, kernels.clone(), near),
@@ -124,12 +124,12 @@ impl GatheredEvaluator {
         LitScene { scene: &self.scene, bvh: &self.bvh, lights: &self.lights }
     }
 
-    /// The samples and what is known of them.
+    /// The samples on the surface of the scene.
     pub fn surface(&self) -> Surface<'_> {
         Surface { domain: self.scene.domain(), bvh: &self.bvh, samples: &self.asset.samples, patches: &self.patches }
     }
 
-    /// Irradiance of every sample under the lights in force, RGB, with what comes back from outside where that is asked for.
+    /// Irradiance of every sample under the lights in force, RGB, with inter-reflection where that is asked for.
     ///
     /// # Errors
     /// As [`Illumination::new`].
@@ -142,7 +142,7 @@ impl GatheredEvaluator {
         Ok(self.lit().0)
     }
 
-    /// Irradiance of the lights alone.
+    /// Computes the irradiance of the lights alone, where that is missing.
     pub(super) fn light_up(&mut self, progress: &dyn Progress) -> Result<()> {
         if self.irradiance.is_none() {
             self.irradiance = Some(self.illuminate(&self.lights, progress)?);
@@ -170,23 +170,23 @@ impl GatheredEvaluator {
         returned
     }
 
-    /// Where radiosity is gathered.
+    /// Receivers that radiosity is gathered at.
     pub fn receivers(&self) -> &Receivers {
         &self.receivers
     }
 
-    /// How near samples are integrated.
+    /// Near-field rule.
     pub fn near(&self) -> NearField {
         self.gathering.near
     }
 
-    /// How light reaches the samples.
+    /// Ray sampling of the light on the samples.
     pub fn sampling(&self) -> LightSampling {
         self.gathering.sampling
     }
 
-    /// How samples are summed under the light and the media in force, after tuning where that is needed. There must have
-    /// been [`Self::irradiance`]; what tunes is the light before any of it came back.
+    /// Summation scheme under the light and the media in force, after tuning where that is needed, on the light before
+    /// inter-reflection. [`Self::irradiance`] must have been called.
     pub fn tuned_scheme(&mut self) -> Scheme {
         if let (Far::Hierarchical { error, bound }, None) = (self.gathering.far, self.limit) {
             self.tune(error, bound);
@@ -212,7 +212,7 @@ impl GatheredEvaluator {
         work(&gather, &gather.light_with_pieces(irradiance, pieces))
     }
 
-    /// Irradiance of the samples, with what came back from outside, and of the pieces of those that are not lit evenly; empty
+    /// Irradiance of the samples, inter-reflection included, and of the pieces of those that are not lit evenly; empty
     /// before there are lights.
     pub fn lit(&self) -> (&[DVec3], &Pieces) {
         let (direct, pieces) = self.direct();
@@ -224,7 +224,7 @@ impl GatheredEvaluator {
         self.irradiance.as_ref().map_or((&[], &NO_PIECES), |(irradiance, pieces)| (irradiance, pieces))
     }
 
-    /// Through the stored rows where there are any for a light, else by rays.
+    /// Irradiance through the stored rows where they hold a light, else by rays.
     pub(super) fn illuminate(&self, lights: &[Light], progress: &dyn Progress) -> Result<(Vec<DVec3>, Pieces)> {
         let asset = (&self.scene, &self.asset.samples);
         StoredRows::illuminate(self.rows.as_ref(), asset, lights, progress, |lights| self.by_rays(lights, progress))
@@ -239,7 +239,7 @@ impl GatheredEvaluator {
         Ok(Illumination::new(&self.surface(), lights, &etas, self.gathering.sampling)?.all_with_pieces(progress))
     }
 
-    /// Makes what [`Self::nets`] gives, where radiosity is summed over nets.
+    /// Makes the nets and tables of [`Self::nets`], where radiosity is summed over nets.
     pub fn prepare_nets(&mut self, progress: &dyn Progress) {
         let Some(mut nets) = self.nets.take() else { return };
         if !nets.is_prepared() {

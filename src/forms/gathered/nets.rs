@@ -10,7 +10,7 @@ use crate::transport::surface::Surface;
 pub(super) struct Nets {
     quality: Quality,
     nets: Option<SurfaceNets>,
-    /// Of the media and profiles in force.
+    /// Tables of the media and profiles in force.
     tables: Option<SurfaceTables>,
 }
 
@@ -19,12 +19,12 @@ impl Nets {
         Self { quality, nets: None, tables: None }
     }
 
-    /// Other media or profiles are in force.
+    /// Drops the tables, since other media or profiles are in force.
     pub(super) fn forget_media(&mut self) {
         self.tables = None;
     }
 
-    /// Whether [`Self::prepare`] has nothing left to do.
+    /// True if [`Self::prepare`] has nothing left to do.
     pub(super) fn is_prepared(&self) -> bool {
         self.prepared().is_some()
     }
@@ -47,7 +47,7 @@ impl Nets {
         self.tables.get_or_insert_with(|| nets.tables(kernels));
     }
 
-    /// What there is after [`Self::prepare`].
+    /// Nets and tables, present after [`Self::prepare`].
     pub(super) fn prepared(&self) -> Option<(&SurfaceNets, &SurfaceTables)> {
         self.nets.as_ref().zip(self.tables.as_ref())
     }

@@ -8,7 +8,7 @@ use glam::{DVec3, Vec3};
 
 use super::lit_samples::GatheredEvaluator;
 use crate::error::{Error, Result};
-use crate::evaluate::device::interpolated::{ComputePass, Interpolation, check_turns, cut};
+use crate::evaluate::device::interpolated::{Interpolation, ComputePass, check_turns, cut};
 use crate::evaluate::device::jobs::{Effort, Entries, Shard, shards};
 use crate::evaluate::device::surface::{
     Geometry, GpuTable, READ, SurfaceBuffers, UNIFORM, WRITE, bind, bind_group_layout, dispatch, pipeline, shader,
@@ -31,7 +31,7 @@ use crate::transport::receivers::Receivers;
 use crate::transport::sample_light::SampleLight;
 use crate::transport::surface::Surface;
 
-/// Rows of one workgroup, and how many invocations share one.
+/// Rows of one workgroup, and invocations for each row.
 const ROWS: usize = 4;
 const INVOCATIONS: usize = 16;
 
@@ -84,7 +84,7 @@ struct PartOnDevice {
 
 struct NetPasses {
     restriction: ComputePass,
-    /// From the next coarser net.
+    /// Interpolation from the next coarser net.
     prolongation: Option<ComputePass>,
     sums: ComputePass,
     table: wgpu::Buffer,
@@ -92,17 +92,17 @@ struct NetPasses {
     is_nothing: bool,
 }
 
-/// The compact part.
+/// The compact part of the kernel, summed over near samples.
 struct Near {
     layout: wgpu::BindGroupLayout,
     pipeline: wgpu::ComputePipeline,
     shards: Vec<Shard>,
-    /// What the shards are cut for.
+    /// Splits of triangles that the shards are cut for.
     splits: Splits,
     groups: Vec<(wgpu::BindGroup, u32)>,
 }
 
-/// How often triangles are split at most: below which distance over their radius, and down to which scale, mm.
+/// Limits of splitting triangles: distance over their radius below which, and scale down to which they are split, mm.
 #[derive(Clone, Copy, Debug)]
 struct Splits {
     below: f64,
@@ -273,7 +273,7 @@ fn near_shards(
     shards(device, receivers, |part| table_of_part.get(part as usize).copied().flatten(), &lists, &effort)
 }
 
-/// What the nets of every part use.
+/// Pipelines and layouts shared by the nets of all parts.
 struct Shaders {
     restriction: [wgpu::BindGroupLayout; 2],
     restricted: wgpu::ComputePipeline,

@@ -11,12 +11,12 @@ use crate::transport::irradiance::LightSampling;
 use crate::transport::multilevel::Quality;
 use crate::transport::near_rule::NearField;
 
-/// Samples, how light reaches them, and how they are summed.
+/// Samples, their lighting, and their summation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Gathered {
-    /// How many samples there are.
+    /// Number of samples.
     pub density: Density,
-    /// Rays.
+    /// Light sampling by rays.
     pub sampling: LightSampling,
     /// Near field.
     pub near: NearField,
@@ -30,7 +30,7 @@ pub struct Gathered {
     pub environment: Option<EnvironmentRows>,
     /// Single scattering by rays.
     pub single: Option<Traced>,
-    /// Light that leaves and falls on the surface again.
+    /// Inter-reflection outside the medium.
     pub outside: Option<Outside>,
 }
 
@@ -43,7 +43,7 @@ pub enum Far {
     Hierarchical {
         /// Asked relative error of the hierarchy alone.
         error: f64,
-        /// Which clusters may stand for their samples.
+        /// Criterion for clusters that may stand for their samples.
         bound: Bound,
     },
 }
@@ -66,7 +66,7 @@ impl Bound {
         }
     }
 
-    /// Where tuning starts: loose enough that a larger limit would not pay, by the measured error of each criterion.
+    /// First limit of tuning: loose enough that a larger one would not pay, by the measured error of each criterion.
     pub(super) fn first_limit(self, error: f64) -> f64 {
         match self {
             Self::SolidAngle => (8.0 * error).clamp(1e-4, 1.0),
@@ -75,10 +75,10 @@ impl Bound {
     }
 }
 
-/// How samples turn into radiosity.
+/// Settings of gathering radiosity from samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gathering {
-    /// Rays.
+    /// Light sampling by rays.
     pub sampling: LightSampling,
     /// Near field.
     pub near: NearField,
@@ -86,12 +86,12 @@ pub struct Gathering {
     pub far: Far,
     /// Receivers that share a traversal.
     pub group: usize,
-    /// Radiosity of the vertices by multilevel summation; through the far field above otherwise.
+    /// Nets for the radiosity of the vertices by multilevel summation; `None`: through the far field above.
     pub nets: Option<Quality>,
 }
 
 impl Gathered {
-    /// How an evaluator sums, with nets of a quality.
+    /// Settings of an evaluator's sums, with nets of a quality.
     pub(super) fn gathering(&self, nets: Option<Quality>) -> Gathering {
         let Self { sampling, near, far, group, .. } = *self;
         Gathering { sampling, near, far, group: group as usize, nets }

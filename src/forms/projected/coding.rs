@@ -1,5 +1,5 @@
-//! From radiosities at reference points to coded coefficients: channels with distances, and directions, are decorrelated (principal components),
-//! coefficients predicted from coarser reference points, and what is left quantised with one step.
+//! Coding of radiosities at reference points: channels with distances, and directions, are decorrelated (principal
+//! components), coefficients predicted from coarser reference points, and the residuals quantised with one step.
 
 use rayon::prelude::*;
 use translux_format::FormatError;
@@ -10,7 +10,7 @@ use crate::compress::prediction::Net;
 use crate::error::{Error, Result};
 use crate::math::eigen::symmetric_eigen;
 
-/// Share of the squared error for functions that are left out, and for the rounding of those that are kept.
+/// Shares of the squared error for functions that are left out, and for the rounding of those that are kept.
 const OMITTED: f64 = 0.4;
 const ROUNDED_BASIS: f64 = 0.1;
 
@@ -172,7 +172,7 @@ fn decorrelated_planes(radiosities: &Radiosities) -> Result<(Vec<f64>, Vec<f64>)
 
 /// Principal components of the light: orthonormal functions of the lights.
 struct Principal {
-    /// By falling energy.
+    /// Functions by falling energy.
     functions: Vec<Vec<f64>>,
     /// Squares of their coefficients, summed over all rows.
     values: Vec<f64>,
@@ -180,9 +180,9 @@ struct Principal {
     omitted: f64,
 }
 
-/// At most `most` principal components of rows over the lights, one at least, without the last ones that hold an energy of at most
-/// `left_out`. Rows fewer than lights have products with each other that are fewer than those of the lights: a small mesh must not wait
-/// for the components of 2,048 lights.
+/// At most `most` principal components of rows over the lights, at least one, without the last ones that together hold
+/// an energy of `left_out` or less. With fewer rows than lights, the products between rows are used: a small mesh must
+/// not wait for the components of 2,048 lights.
 fn principal(rows: &[f32], lights: usize, (most, left_out): (usize, f64)) -> Result<Principal> {
     let few = (1..lights).contains(&(rows.len() / lights.max(1)));
     let eigen = match few {
@@ -299,14 +299,14 @@ fn columns(coefficients: &[f32], count: usize) -> Vec<u16> {
     order
 }
 
-/// Integers, and what a reader makes of them.
+/// Integers, and the values that a reader decodes from them.
 struct Quantised {
     step: f32,
     integers: Vec<i16>,
     known: Vec<f32>,
 }
 
-/// With the step whose squared error is the budget.
+/// Quantises with the step whose squared error is the budget.
 fn quantised(net: &Net, values: &[f32], columns: usize, budget: f64) -> Quantised {
     let largest = values.iter().fold(0.0f32, |a, v| a.max(v.abs()));
     let least = (largest / 16_000.0).max(f32::MIN_POSITIVE);
@@ -336,7 +336,7 @@ fn quantised(net: &Net, values: &[f32], columns: usize, budget: f64) -> Quantise
     best.unwrap_or_else(|| with(least))
 }
 
-/// Which columns lessen the squared error by enough: those that lessen it least are left out, all together by at most an amount.
+/// Columns to keep: those that lessen the squared error least are dropped, by `amount` or less together.
 fn worthwhile(values: &[f32], known: &[f32], columns: usize, amount: f64) -> Vec<bool> {
     let mut gains = vec![0.0f64; columns];
     for (values, known) in values.chunks_exact(columns.max(1)).zip(known.chunks_exact(columns.max(1))) {
@@ -357,7 +357,7 @@ fn worthwhile(values: &[f32], known: &[f32], columns: usize, amount: f64) -> Vec
     kept
 }
 
-/// Without some columns.
+/// Integers and columns without those dropped.
 fn without(integers: Vec<i16>, columns: Vec<u16>, kept: &[bool]) -> (Vec<i16>, Vec<u16>) {
     let of_row =
         |values: &[i16]| -> Vec<i16> { values.iter().zip(kept).filter(|(_, kept)| **kept).map(|(v, _)| *v).collect() };

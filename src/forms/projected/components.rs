@@ -1,5 +1,4 @@
-//! Components: transport as coefficients at reference points over a basis of functions of the light. What is stored, and what an
-//! evaluator makes of it.
+//! Components: transport as coefficients at reference points over a basis of the light, as stored and as evaluated.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -27,10 +26,10 @@ const CHUNK: usize = 256;
 const ROWS_OF_A_TASK: usize = 256;
 const ROWS: usize = 4;
 
-/// Weights that are off a common colour by less than this share of the largest have it.
+/// Largest deviation of weights of one colour from that colour, over the largest weight.
 const ROUNDING: f64 = 1e-14;
 
-/// Lights made ready: what parts of them give adds up.
+/// Lights converted to columns: the radiosities of the parts add up.
 #[derive(Default)]
 pub(crate) struct Lit {
     pub(crate) parts: Vec<Part>,
@@ -38,29 +37,29 @@ pub(crate) struct Lit {
     pub(crate) scale: f64,
 }
 
-/// Some lights together, before.
+/// Some lights together, as weights over the basis.
 pub(crate) struct Weighted {
-    /// RGB weights of what the basis was folded to, for each shell.
+    /// RGB weights over the rows of the folded basis, for each shell.
     pub(crate) shells: Vec<Vec<[f64; 3]>>,
-    /// Of every reference point, what of it arrives there; empty for all of it.
+    /// Share of the light that arrives at each reference point; empty where it is all.
     pub(crate) factors: Vec<f32>,
 }
 
-/// Some lights together.
+/// Some lights together, as terms over the columns.
 pub(crate) struct Part {
-    /// What every column contributes for each unit of its digits, over the scale.
+    /// Radiosity of every column for each unit of its digits, over the scale.
     pub(crate) terms: Vec<Term>,
-    /// Of every reference point, what of it arrives there; empty for all of it.
+    /// Share of the light that arrives at each reference point; empty where it is all.
     pub(crate) factors: Vec<f32>,
 }
 
-/// A set of coefficients as it is stored, with what its reader knows of the lights.
+/// A stored set of coefficients, with its reader's knowledge of the lights.
 pub(crate) struct Coded<'a> {
     pub(crate) set: &'a Set,
     pub(crate) tags: tags::Set,
     /// Shells that its lights are on.
     pub(crate) shells: Range<usize>,
-    /// Over the lights.
+    /// Net over the lights.
     pub(crate) net: &'a Net,
 }
 
@@ -74,19 +73,19 @@ pub(crate) struct Transport {
     /// Columns of each plane, whole registers.
     groups: Vec<Range<usize>>,
     sets: Vec<SetOfShells>,
-    /// Reference points that every receiver is interpolated from.
+    /// Weights of every receiver over the reference points.
     pub(crate) weights: SharedWeights,
-    /// Where they are, mm.
+    /// Positions of the reference points, mm.
     positions: Vec<DVec3>,
-    /// Radiosity of the reference points and of the receivers, kept for its memory.
+    /// Buffers for the radiosity of the reference points and of the receivers.
     references: Vec<[f32; 4]>,
     gathered: Vec<[f32; 4]>,
 }
 
-/// What a column of digits is of.
+/// Identity of a column of digits.
 #[derive(Clone, Copy)]
 struct Column {
-    /// Where it is stored.
+    /// Index among the stored columns.
     stored: usize,
     /// Function times planes plus plane.
     number: u16,
@@ -97,24 +96,24 @@ struct Column {
 pub(crate) enum LightFunctions {
     /// As stored, in steps of each function.
     Stored { digits: Vec<i16>, steps: Vec<f64> },
-    /// Combined: sums of these may be far smaller than they are.
+    /// Combined with the interpolator's matrix: their sums may be far smaller than themselves.
     Combined(Vec<f64>),
 }
 
-/// What makes columns of lights in some shells.
+/// Conversion of lights in some shells to columns.
 struct SetOfShells {
     shells: Range<usize>,
     columns: Vec<Option<Column>>,
-    /// The units of the directions are in it.
+    /// Basis, multiplied by the units of the directions.
     basis: LightFunctions,
     functions: usize,
-    /// Rows: decorrelated planes, columns: channels and, in each, shells.
+    /// Matrix with a row for each decorrelated plane; columns: channels and, in each, shells.
     channels: Vec<f64>,
 }
 
 impl Transport {
-    /// Decodes, predicts and arranges; `fold` takes a basis `[light][function]`, the lights in their own order, to what weights are
-    /// multiplied with.
+    /// Decodes, predicts and arranges; `fold` turns a basis `[light][function]`, the lights in their own order, into
+    /// the rows that weights are multiplied with.
     pub(crate) fn new(
         coded: &[Coded],
         (scene, receivers): (&Scene, &Receivers),
@@ -187,8 +186,8 @@ impl Transport {
         Ok(transport)
     }
 
-    /// Puts the reference points of a set in the order of the receivers and their coefficients into digits, from one column on;
-    /// returns that after its last one.
+    /// Puts the reference points of a set in the order of the receivers and their coefficients into digits, from column
+    /// `first` on; returns the column after the last one.
     fn arrange(&mut self, known: &[f32], stored: usize, order: &[u32], set: usize, first: usize) -> usize {
         let columns = &self.sets[set].columns;
         let end = first + columns.len();
@@ -201,12 +200,12 @@ impl Transport {
         end
     }
 
-    /// Where the reference points are, mm.
+    /// Positions of the reference points, mm.
     pub(crate) fn positions(&self) -> &[DVec3] {
         &self.positions
     }
 
-    /// Lights made ready, in parts.
+    /// Converts parts of lights to columns.
     pub(crate) fn lit(&self, parts: Vec<Weighted>) -> Result<Lit> {
         let columns = |Weighted { shells, factors }| Ok((self.columns(&shells)?, factors));
         let parts = parts.into_iter().map(columns).collect::<Result<Vec<_>>>()?;
@@ -220,7 +219,7 @@ impl Transport {
         Ok(Lit { parts: parts.into_iter().map(part).collect(), scale })
     }
 
-    /// What every column contributes for each unit of its digits under some lights, for each channel of RGB.
+    /// Radiosity of every column for each unit of its digits under some lights, for each channel of RGB.
     fn columns(&self, shells: &[Vec<[f64; 3]>]) -> Result<[Vec<f64>; 3]> {
         let shells: Vec<&[[f64; 3]]> = shells.iter().map(Vec::as_slice).collect();
         let mut exact = [0, 1, 2].map(|_| Vec::with_capacity(self.columns));
@@ -236,7 +235,7 @@ impl Transport {
         Ok(exact)
     }
 
-    /// Fills `values` with the radiosity of every reference point over the scale of the lights, RGB and nothing.
+    /// Fills `values` with the radiosity of every reference point over the scale of the lights, RGB and 0.
     fn products(&self, lit: &Lit, values: &mut Vec<[f32; 4]>) {
         self.products_of(&lit.parts, values);
     }
@@ -280,7 +279,7 @@ impl Transport {
         receivers.expand_rgb(&self.gathered, lit.scale)
     }
 
-    /// What each part of the lights gives at every receiver, over the scale of the lights, RGB and nothing, of either sign.
+    /// Radiosity of every receiver under each part of the lights, over their scale, RGB and 0, of either sign.
     pub(crate) fn of_parts(&self, lit: &Lit) -> Vec<Vec<[f32; 4]>> {
         let mut references = Vec::new();
         let of_part = |part: &Part| {
@@ -303,21 +302,21 @@ impl Transport {
 
 /// Functions of the light that components are over.
 pub(crate) trait LightBasis: Send + Sync + 'static {
-    /// What [`Stored::stage`] says of them.
+    /// Name of the stage, for [`Stored::stage`].
     const STAGE: &'static str;
 
-    /// Lights made ready for a transport.
+    /// Converts lights to columns of a transport.
     fn lit(&self, transport: &Transport, lights: &[Light]) -> Result<Lit>;
 }
 
-/// Components as an asset has them.
+/// Components of an asset.
 pub(crate) struct Components<B> {
     pub(crate) basis: B,
     pub(crate) transport: Transport,
 }
 
 impl SetOfShells {
-    /// What every column gives for weights of the basis' rows in each shell, for each channel of RGB.
+    /// Radiosity of every column for weights of the basis's rows in each shell, for each channel of RGB.
     fn columns(&self, shells: &[&[[f64; 3]]]) -> [Vec<f64>; 3] {
         let functions: Vec<[Vec<f64>; 3]> = shells.iter().map(|weights| self.functions_of(weights)).collect();
         let planes = 3 * self.shells.len();
@@ -359,7 +358,8 @@ impl SetOfShells {
 }
 
 impl LightFunctions {
-    /// Rows of `functions` in 16 bits, the largest of each function 32,767 steps: to 2e-5 of it, a hundredth of what coding loses.
+    /// Rows of `functions` in 16 bits, the largest of each function 32,767 steps: to 2e-5 of it, a hundredth of the
+    /// error of coding.
     pub(crate) fn stored(rows: &[f32], functions: usize) -> Self {
         let mut largest = vec![0.0f32; functions];
         for row in rows.chunks_exact(functions.max(1)) {
@@ -443,16 +443,16 @@ fn add_rows_body<T: Copy + Into<f64>>(sums: &mut [f64], rows: &[(f64, &[T])]) {
 }
 
 multiversion! {
-    /// See [`add_rows_body`].
+    /// [`add_rows_body`] for a basis of digits.
     fn add_rows_of_digits(sums: &mut [f64], rows: &[(f64, &[i16])]) => add_rows_body
 }
 
 multiversion! {
-    /// See [`add_rows_body`].
+    /// [`add_rows_body`] in double precision.
     fn add_rows_double(sums: &mut [f64], rows: &[(f64, &[f64])]) => add_rows_body
 }
 
-/// From rows of the light net to `[direction][function]` times the direction's unit.
+/// Reorders rows of the light net to `[direction][function]`, times the direction's unit.
 fn by_direction(rows: &[f32], net: &Net, functions: usize, units: &[f32]) -> Vec<f32> {
     let mut result = vec![0.0; units.len() * functions];
     for (&direction, row) in net.point.iter().zip(rows.chunks_exact(functions.max(1))) {

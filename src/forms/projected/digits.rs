@@ -1,7 +1,7 @@
 //! Coefficients as digits of 8 bits, and lights as 16-bit numbers for each of them: products are sums of integers, which are the
 //! same in any order.
 //!
-//! What a light reads is what limits its rate. Most columns need no more than a digit, since the quantiser of the asset has one
+//! The bytes read for each light limit the rate. Most columns need a single digit, since the asset's quantiser has one
 //! step for all of them and few are many steps large.
 
 use std::ops::Range;
@@ -11,7 +11,7 @@ use crate::math::simd::InstructionSet;
 /// Columns of a group are padded to whole registers.
 pub(crate) const LANES: usize = 16;
 
-/// The largest digit, and what a digit is worth in units of the one below it.
+/// The largest digit, and the unit of a digit over that of the one below it.
 const DIGIT: f32 = 127.0;
 const BASE: f32 = 2.0 * DIGIT;
 
@@ -22,26 +22,26 @@ const FINE: f32 = 0.25;
 /// The largest number of a light.
 const NUMBER: f32 = 32767.0;
 
-/// Cells whose sum 32 bits hold.
+/// Cells whose sum fits 32 bits.
 const CELLS: usize = 512;
 
 /// Rows that are multiplied together.
 const ROWS: usize = 4;
 
-/// Groups whose numbers are off a common colour by less than this share of the largest have it.
+/// Largest deviation of a group of one colour from that colour, over its largest number.
 const ROUNDING: f32 = 1e-6;
 
 /// A column of digits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Digit {
-    /// What it is worth.
+    /// Value of 1 of this digit.
     pub(crate) unit: f32,
-    /// The unit of the digit above it, which this refines.
+    /// Unit of the digit above, which this one refines.
     above: Option<f32>,
 }
 
 impl Digit {
-    /// Those of values up to `largest` that are known to about `step`.
+    /// Digits of a column of values up to `largest` that are known to about `step`.
     pub(crate) fn of_column(largest: f32, step: f32) -> Vec<Self> {
         let unit = largest / DIGIT;
         // Nothing to tell apart, or nothing that single precision tells apart.
@@ -71,7 +71,7 @@ pub(crate) struct Term {
 }
 
 impl Term {
-    /// None where all are zero.
+    /// `None` where all values are 0.
     fn new(cells: Range<usize>, values: &[f32], colour: [f32; 3]) -> Option<Self> {
         let unit = values.iter().fold(0.0f32, |a, v| a.max(v.abs())) / NUMBER;
         let number = |v: &f32| (v / unit).round().clamp(-NUMBER, NUMBER) as i16;
@@ -82,8 +82,8 @@ impl Term {
         })
     }
 
-    /// What columns of each channel contribute, group by group: a term where a group has one colour (parallel light of one
-    /// colour), one for each channel else.
+    /// Terms of the columns of each channel, group by group: one where a group has one colour (parallel light of one
+    /// colour), else one for each channel.
     pub(crate) fn of_groups(columns: &[Vec<f32>; 3], groups: &[Range<usize>]) -> Vec<Self> {
         let of_group = |group: &Range<usize>| -> Vec<Self> {
             let [Some(r), Some(g), Some(b)] = columns.each_ref().map(|column| column.get(group.clone())) else {
@@ -117,7 +117,7 @@ impl Term {
     }
 }
 
-/// A number for each cell and their common colour, if there is one; none where all are zero either.
+/// A number for each cell and their common colour, if there is one; `None` as well where all are 0.
 fn one_colour([r, g, b]: [&[f32]; 3]) -> Option<(Vec<f32>, [f32; 3])> {
     let rgb = || r.iter().zip(g).zip(b).map(|((r, g), b)| [*r, *g, *b]);
     let size = |cell: &[f32; 3]| cell.iter().fold(0.0f32, |a, v| a.max(v.abs()));
@@ -132,7 +132,7 @@ fn one_colour([r, g, b]: [&[f32]; 3]) -> Option<(Vec<f32>, [f32; 3])> {
     (!rgb().any(is_off)).then(|| (rgb().map(|cell| number(&cell)).collect(), colour))
 }
 
-/// Fills `out` with what the terms make of rows of digits: RGB and nothing.
+/// Fills `out` with the products of rows of digits and the terms: RGB and 0.
 pub(crate) fn products(level: InstructionSet, out: &mut [[f32; 4]], rows: &[i8], width: usize, terms: &[Term]) {
     for (out, rows) in out.chunks_mut(ROWS).zip(rows.chunks((ROWS * width).max(1))) {
         // Beyond the last row it is taken again.
@@ -164,7 +164,7 @@ impl Term {
     }
 }
 
-/// Products of [`LANES`] cells at a time, which are all of them in whole registers; in 32 bits.
+/// Sums in 32 bits of products of [`LANES`] cells at a time; rows are whole registers.
 fn sums_of_integers(level: InstructionSet, rows: [&[i8]; ROWS], numbers: &[i16]) -> [i32; ROWS] {
     let (numbers, rows) = (numbers.as_chunks::<LANES>().0, rows.map(|row| row.as_chunks::<LANES>().0));
     #[cfg(target_arch = "x86_64")]

@@ -1,5 +1,5 @@
 //! Components in compute shaders: lights become columns on the CPU; products with the stored rows and interpolation
-//! between the reference points are a device's.
+//! between the reference points run on the device.
 
 use std::sync::Arc;
 
@@ -23,7 +23,7 @@ pub(crate) struct ComponentsOnDevice<B: LightBasis> {
     cpu: BakedIn<Components<B>>,
     device: Arc<Device>,
     stored: InterpolatedOnDevice,
-    /// Of the radiosity in the buffer.
+    /// Scale of the radiosity in the buffer.
     scale: f64,
     is_current: bool,
 }

@@ -1,4 +1,4 @@
-//! Reference points: how far apart they may be, and how vertices are interpolated from them.
+//! Reference points: their spacing, and the interpolation of vertices from them.
 
 use std::ops::Range;
 
@@ -17,7 +17,8 @@ use crate::transport::receivers::Receivers;
 /// Reference points that a vertex is interpolated from.
 const SOURCES: usize = Kriging::RADIOSITY.sources;
 
-/// Spacings that are tried, from this many mean free paths on, until the error is this share of what is allowed.
+/// Number of spacings that are tried, the first in mean free paths, and share of the allowed error from which the
+/// search stops.
 const TRIALS: usize = 12;
 const WIDEST: f64 = 2.0;
 const CLOSE: f64 = 0.7;
@@ -25,15 +26,15 @@ const CLOSE: f64 = 0.7;
 /// Spacings that are tried for a number of reference points.
 const BISECTIONS: usize = 14;
 
-/// One vertex of so many measures them.
+/// Stride of the vertices that spacings are measured on.
 const STRIDE: usize = 4;
 
-/// How far apart reference points are asked to be; as far as the error lets them, where neither is.
+/// Spacing asked of the reference points; where neither field is given, as wide as the error allows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Spacing {
-    /// Their distance, mm.
+    /// Spacing, mm.
     pub mm: Option<f64>,
-    /// Their number, about.
+    /// Approximate number of reference points.
     pub references: Option<usize>,
 }
 
@@ -48,7 +49,7 @@ impl Spacing {
     }
 }
 
-/// The widest spacing whose interpolation keeps an error under all of some lights, or little less.
+/// The widest spacing, mm, or a little less, whose interpolation error is at most `error` under all of some lights.
 pub(crate) fn spacing(sampled: &SampledScene, truth: &[Vec<DVec3>], error: f64) -> f64 {
     let free_path = |m: &crate::medium::material::Medium| m.properties.mean_free_path_mm().max_element();
     let widest = sampled.scene.media.iter().map(free_path).filter(|m| m.is_finite()).fold(0.0, f64::max);
@@ -76,7 +77,7 @@ pub(crate) fn spacing(sampled: &SampledScene, truth: &[Vec<DVec3>], error: f64) 
     kept.unwrap_or(spacing)
 }
 
-/// The spacing that gives about so many reference points.
+/// The spacing, mm, that gives about `count` reference points.
 pub(crate) fn spacing_of(sampled: &SampledScene, count: usize) -> f64 {
     let diagonal = sampled.scene.mesh.diagonal_mm();
     let (mut close, mut wide) = (1e-4 * diagonal, diagonal);
@@ -117,8 +118,8 @@ pub(crate) fn spatial_error(sampled: &SampledScene, net: &Net, spacing_mm: f64, 
     truth.iter().map(of_light).fold(VertexError::default(), VertexError::max)
 }
 
-/// What some receivers, given by the rows of a net, have: `compute` takes them in ascending order, and gives a row of `size` numbers
-/// for each. In the order of the rows.
+/// Rows of `size` numbers for receivers given by the rows of a net, in the order of these: `compute` takes the
+/// receivers in ascending order.
 pub(crate) fn in_ascending_order(
     points: &[u32],
     size: usize,
@@ -153,7 +154,7 @@ pub fn weights(chosen: &[u32], points: &[OrientedPoint], receivers: &Receivers, 
     weights_of_some(chosen, points, receivers, (spacing_mm, 1), Kriging::RADIOSITY)
 }
 
-/// The same of every `stride`-th receiver of each part.
+/// The same for every `stride`-th receiver of each part.
 fn weights_of_some(
     chosen: &[u32],
     points: &[OrientedPoint],
@@ -167,8 +168,8 @@ fn weights_of_some(
     weights_among(points, &parts, (chosen, &targets), spacing_mm, fit)
 }
 
-/// Weights of some points over others of the same part, which are about so far apart, mm. Both lie part after part, in any order inside
-/// one; sources are numbered as they are given. A part without sources has weights of 0.
+/// Weights of the targets over sources of the same part, which are about `spacing_mm` apart. Both lie part after part,
+/// in any order inside one; sources are numbered as they are given. A part without sources has weights of 0.
 pub(crate) fn weights_among(
     points: &[OrientedPoint],
     parts: &[Range<usize>],

@@ -18,25 +18,25 @@ use crate::transport::irradiance_rows::texels::TexelBaker;
 use crate::transport::irradiance_rows::vectors::{RowTree, Selection, SparseRows, irradiance_rows};
 use crate::transport::receivers::Receivers;
 
-/// Coefficients of samples and of nodes for each of a vertex, and at least.
+/// Coefficients of a sample or a node for each of a vertex, and their least number.
 const MORE: usize = 2;
 const LEAST: usize = 256;
 
 /// Receivers that thresholds are found on.
 const SOME: usize = 192;
 
-/// Thresholds that are tried.
+/// Half of the largest number of thresholds that are tried.
 const BISECTIONS: usize = 12;
 
 /// Turns of the sky that expected light is taken from.
 const TURNS: usize = 8;
 
-/// Coefficients of each sample and node.
+/// Number of coefficients of each sample and node.
 pub(super) fn of_sample(plan: &Distant) -> usize {
     (MORE * plan.row).max(LEAST).min(FACES * (plan.resolution().side() / 2).pow(2))
 }
 
-/// Vectors of all receivers.
+/// Transport vectors of all receivers.
 pub(super) fn rows(work: &Work, ledger: &mut Ledger, progress: &dyn Progress) -> Result<IrradianceRows> {
     let (sampled, plan) = (work.sampled, work.plan);
     let surface = sampled.surface();
@@ -78,7 +78,7 @@ pub(crate) fn expected_light(side: usize, plan: &Distant) -> Result<Vec<f32>> {
     Ok(squares.iter().map(|square| (square + sun) as f32).collect())
 }
 
-/// The energy above which coefficients are so many on average, on some receivers.
+/// Energy above which `count` coefficients lie on average, on some receivers.
 fn threshold(work: &Work, tree: &RowTree, count: usize, importance: Option<&[f32]>) -> Result<f32> {
     let (some, _) = work.sampled.receivers.subset(SOME, 0);
     let found = |energy: f32| -> Result<usize> {
@@ -101,7 +101,7 @@ fn threshold(work: &Work, tree: &RowTree, count: usize, importance: Option<&[f32
     Ok(high as f32)
 }
 
-/// Radiosity of receivers through the hierarchy, from the irradiance that rows give.
+/// Radiosity of receivers through the hierarchy, from the irradiance by rows.
 fn through(work: &Work, rows: &SparseRows, light: &Light, receivers: &Receivers) -> Result<Vec<DVec3>> {
     let cube = CubeLight::transformed(light, (work.plan.resolution().side()) / 2, work.plan.transform)?;
     let channels = [0, 1, 2].map(|c| rows.under(cube.coefficients(), c));
@@ -111,7 +111,7 @@ fn through(work: &Work, rows: &SparseRows, light: &Light, receivers: &Receivers)
     Ok(work.transfer.towards(receivers, &areas).under(&irradiance))
 }
 
-/// Enters what each stage loses under lights that no choice saw, on some receivers.
+/// Enters the error of each stage under lights that no choice saw, on some receivers.
 fn measure(
     work: &Work,
     rows: &SparseRows,

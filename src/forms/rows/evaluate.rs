@@ -16,30 +16,30 @@ use crate::transport::receivers::Receivers;
 /// Receivers of one task.
 const CHUNK: usize = 256;
 
-/// Rows that are multiplied with a light.
+/// Haar coefficients of every receiver, to be multiplied with a light.
 pub(crate) struct Rows {
     side: usize,
     transform: Transform,
-    /// Bounds of the rows.
+    /// Offsets of the rows, with one past the last.
     offsets: Vec<u32>,
     places: Vec<u16>,
-    /// R, G, B and nothing of each coefficient.
+    /// R, G, B and 0 of each coefficient.
     values: Vec<[i8; 4]>,
     steps: Vec<f32>,
-    /// The first coefficient of each face: `[receiver][face]`, R, G, B and nothing.
+    /// The first coefficient of each face: `[receiver][face]`, R, G, B and 0.
     scaling: Vec<[[f32; 4]; FACES]>,
-    /// Radiosity of the receivers, kept for its memory.
+    /// Buffer for the radiosity of the receivers.
     gathered: Vec<[f32; 4]>,
 }
 
-/// A light for them: coefficients of its radiance over a scale.
+/// A light in the same basis: coefficients of its radiance over a scale.
 pub(crate) struct Cube {
     radiance: Vec<[f32; 4]>,
     pub(crate) scale: f64,
 }
 
 impl Rows {
-    /// Of rows whose three terms are the channels.
+    /// Converts rows whose three terms are the channels.
     pub(crate) fn new(rows: &IrradianceRows, transform: Transform) -> Result<Self> {
         if rows.terms != 3 {
             return Err(Error::input(format!("rows of {} channels, not 3", rows.terms)));

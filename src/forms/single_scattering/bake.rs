@@ -1,5 +1,5 @@
-//! Light that is scattered once: vectors over the texels of a cube map, in harmonics at reference points or in Haar coefficients of
-//! every vertex.
+//! Bake of single scattering: vectors over the texels of a cube map, in harmonics at reference points or in Haar
+//! coefficients of every vertex.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -34,11 +34,11 @@ use crate::transport::single_scattering::radiance::{DepthSampling, Settings, Sin
 use crate::transport::single_scattering::vectors::{VectorBaker, VectorSettings};
 use crate::transport::single_scattering::{Coefficients, ExitPoint, Form, Optics, radiosity_factor};
 
-/// Error that single scattering may have of its own for each of that of the radiosity: as many times as it is darker, but not more
-/// than this.
+/// Cap on the allowed error of single scattering over that of the radiosity; below it, single scattering may err by as
+/// many times more as it is darker.
 const MOST_OWN: f64 = 8.0;
 
-/// Shares of its error.
+/// Shares of the error of single scattering.
 const SPATIAL: f64 = 0.3;
 const CODED: f64 = 0.25;
 
@@ -52,10 +52,10 @@ const ORDER_OF_TERMS: usize = 16;
 /// Reference points of one task.
 const CHUNK: usize = 16;
 
-/// Error of single scattering for each of what the terms leave out of the phase function.
+/// Error of single scattering over the relative error of the truncated phase function.
 const OF_CUT: f64 = 0.25;
 
-/// What a bake stores; none where there is none or rays are cast at run time.
+/// Single scattering that a bake stores; `None` where there is none or rays are cast at run time.
 pub(crate) fn stored(
     work: &Work,
     order: Option<usize>,
@@ -105,7 +105,7 @@ pub(crate) fn stored(
 pub(crate) struct Folded<'a, 'b>(Baked<'a, 'b>);
 
 impl<'a, 'b> Folded<'a, 'b> {
-    /// If it is asked for.
+    /// The bake of folded single scattering, if it is asked for.
     pub(crate) fn new(work: &'a Work<'a, 'b>) -> Result<Option<Self>> {
         match work.plan.single {
             Single::Folded => Ok(Some(Self(Baked::new(work, Single::Isotropic, LightTerms::Isotropic)?))),
@@ -113,7 +113,7 @@ impl<'a, 'b> Folded<'a, 'b> {
         }
     }
 
-    /// Adds what each receiver has under some of the suns, given with all of them.
+    /// Adds single scattering of each receiver under some of the suns; `truth` is given for all suns.
     pub(crate) fn add_under_suns(&self, truth: &mut [Vec<DVec3>]) -> Result<()> {
         for (index, sun) in under_some(self.0.work.suns) {
             let single = self.0.under(sun)?;
@@ -123,13 +123,13 @@ impl<'a, 'b> Folded<'a, 'b> {
         Ok(())
     }
 
-    /// Adds to `[point][channel][harmonic]`, points in ascending order.
+    /// Adds single scattering to `[point][channel][harmonic]`, points in ascending order.
     pub(crate) fn add(&self, points: &[u32], order: usize, values: &mut [f32], progress: &dyn Progress) {
         let single = self.0.projected(points, order, progress);
         values.iter_mut().zip(single).for_each(|(sum, s)| *sum += s);
     }
 
-    /// Adds the truth under a light to values at some receivers.
+    /// Adds single scattering by reference rays under a light to values at some receivers.
     pub(crate) fn add_rays(&self, light: &Light, points: &[u32], values: &mut [DVec3]) -> Result<()> {
         let sampled = self.0.work.sampled;
         let Integrand { form, crossings } = self.0.work.plan.integrand;
@@ -142,23 +142,22 @@ impl<'a, 'b> Folded<'a, 'b> {
     }
 }
 
-/// Some of many suns with their numbers.
+/// Some of many suns with their indices.
 fn under_some(suns: &[Light]) -> impl Iterator<Item = (usize, &Light)> {
     suns.iter().enumerate().step_by(suns.len().div_ceil(SUNS).max(1))
 }
 
-/// Everything that vectors are made with.
+/// Inputs of the vectors of single scattering.
 struct Baked<'a, 'b> {
     work: &'a Work<'a, 'b>,
     coefficients: Coefficients,
     exits: Vec<ExitPoint>,
     baker: VectorBaker<'a>,
-    /// Error for each of that of the radiosity.
+    /// Allowed error over that of the radiosity.
     own: f64,
 }
 
-/// How many times darker single scattering is than all other light, half spaces under constant light, the channel and medium where it
-/// is least.
+/// Ratio of all other light to single scattering, of half spaces under constant light, the least of channels and media.
 fn darker(scene: &Scene, coefficients: Coefficients) -> f64 {
     let of_medium = |m: &Medium| {
         let eta = m.properties.eta_inside_over_outside;
@@ -209,7 +208,7 @@ impl<'a, 'b> Baked<'a, 'b> {
         properties.map_or(0.0, |p| radiosity_factor(p.eta_inside_over_outside) as f32)
     }
 
-    /// How far apart reference points may be.
+    /// Spacing of the reference points, mm.
     fn spacing(&self) -> Result<f64> {
         let Work { sampled, plan, suns, max_rms, .. } = self.work;
         if let Some(asked) = plan.asked_spacing_mm(sampled) {
@@ -219,7 +218,7 @@ impl<'a, 'b> Baked<'a, 'b> {
         Ok(spacing(sampled, &truth, SUN * self.own * SPATIAL * max_rms))
     }
 
-    /// Of every receiver under a sun, by rays.
+    /// Single scattering of every receiver under a sun, by rays.
     fn under(&self, sun: &Light) -> Result<Vec<DVec3>> {
         let depths = DepthSampling::Deterministic(PLACES);
         let Integrand { form, crossings } = self.work.plan.integrand;
@@ -229,7 +228,7 @@ impl<'a, 'b> Baked<'a, 'b> {
             .per_points(&self.exits, &Silent))
     }
 
-    /// `[point][channel][term][harmonic]` of some receivers.
+    /// Single scattering `[point][channel][term][harmonic]` of some receivers.
     fn projected(&self, points: &[u32], order: usize, progress: &dyn Progress) -> Vec<f32> {
         let (terms, texels) = (self.terms(), self.baker.texels());
         let matrix = CubeHarmonics::of_integrals(self.baker.settings().side, order);
@@ -276,7 +275,7 @@ impl<'a, 'b> Baked<'a, 'b> {
         Ok(File { order: order as u32, spacing_mm, set })
     }
 
-    /// Of every receiver.
+    /// Haar rows of every receiver.
     fn rows(&self, progress: &dyn Progress) -> Result<IrradianceRows> {
         let plan = self.work.plan;
         let importance = match plan.choice {

@@ -1,4 +1,4 @@
-//! Light that is scattered once, at run time: looked up in harmonics or rows of the light, or by rays.
+//! Single scattering at run time: looked up in harmonics or rows of the light, or by rays.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -25,7 +25,7 @@ use crate::transport::receivers::{ProbePoints, Receivers};
 use crate::transport::single_scattering::radiance::{self, Path, Settings};
 use crate::transport::single_scattering::{Coefficients, ExitPoint, inside_towards, radiosity_factor, vertex_points};
 
-/// Places inside for each pixel, by rays.
+/// Scattering places inside for each pixel, by rays.
 const PLACES: u32 = 128;
 
 /// The same for every vertex.
@@ -34,7 +34,7 @@ const PLACES_OF_VERTICES: u32 = 32;
 /// Terms of a phase function at most.
 const MOST_TERMS: usize = translux_format::distant_transport::MOST_TERMS as usize;
 
-/// What an asset has.
+/// Single scattering of an asset.
 pub(crate) fn opened(file: Option<&File>, plan: &Distant, scene: &Scene, receivers: &Receivers) -> Result<InAsset> {
     let Some(File { terms, harmonics, rows }) = file else {
         return Ok(match plan.single {
@@ -76,12 +76,12 @@ enum Phase {
 
 /// Stored transport.
 pub(super) enum Values {
-    /// Of so many terms.
+    /// Harmonics, and the number of terms.
     Harmonics(Components<HarmonicBasis>, usize),
     Rows(Rows),
 }
 
-/// What single scattering gives under some lights.
+/// Single scattering under some lights, term by term.
 pub(super) struct LitTerms {
     /// `[term][receiver]`, RGB over the scale.
     terms: Vec<Vec<[f32; 4]>>,
@@ -126,7 +126,7 @@ impl LitTerms {
     }
 }
 
-/// Looked up.
+/// Single scattering looked up in stored transport.
 struct LookedUp {
     values: Values,
     phase: Phase,
@@ -182,7 +182,7 @@ impl StoredSingle for LookedUp {
     }
 }
 
-/// Terms under lights, for eyes.
+/// Terms under lights, evaluated towards eyes.
 struct LitFromOutside<'a> {
     terms: LitTerms,
     scene: &'a Scene,
@@ -201,7 +201,7 @@ impl<'a> LitFromOutside<'a> {
         Self { phases: scene.media.iter().map(of_medium).collect(), terms, scene, receivers }
     }
 
-    /// `L1` towards an eye, where some receivers with their weights meet.
+    /// `L1` towards an eye at a point interpolated from receivers with weights.
     fn towards(&self, exit: &ExitPoint, to_eye: DVec3, corners: &[(u32, f64)]) -> DVec3 {
         let medium = self.scene.parts.parts.get(exit.part as usize).and_then(|part| part.medium);
         let Some(medium) = medium.map(|m| m as usize) else { return DVec3::ZERO };
@@ -233,7 +233,7 @@ impl TowardsEye for LitFromOutside<'_> {
     }
 }
 
-/// Nothing is stored.
+/// Single scattering by rays; nothing is stored.
 struct ByRays(Traced);
 
 impl StoredSingle for ByRays {
@@ -262,7 +262,7 @@ impl StoredSingle for ByRays {
     }
 }
 
-/// For each receiver, where light leaves: as [`vertex_points`] has it for its first vertex.
+/// Point where light leaves for each receiver: as [`vertex_points`] has it for its first vertex.
 pub(super) fn exits(scene: &Scene, receivers: &Receivers) -> Vec<ExitPoint> {
     let nowhere = ExitPoint { part: u32::MAX, ..ExitPoint::default() };
     let mut result = vec![nowhere; receivers.len()];
@@ -274,12 +274,12 @@ pub(super) fn exits(scene: &Scene, receivers: &Receivers) -> Vec<ExitPoint> {
     result
 }
 
-/// Some receivers, for errors.
+/// Some receivers that errors are measured on.
 pub(super) struct Probe<'a> {
     lit: LitScene<'a>,
     receivers: &'a Receivers,
     points: ProbePoints,
-    /// Where light leaves at each of them.
+    /// Points where light leaves, one for each receiver.
     exits: Vec<ExitPoint>,
     integrand: Integrand,
 }
@@ -291,7 +291,7 @@ impl<'a> Probe<'a> {
         Self { lit, receivers, points, exits, integrand }
     }
 
-    /// Relative to single scattering: isotropic, or towards eyes half way to the horizon.
+    /// Error relative to single scattering: isotropic, or towards eyes half way to the horizon.
     fn error(&self, values: &Values, phase: Phase, lights: &[Light]) -> Result<VertexError> {
         let terms = values.lit(lights)?;
         let coefficients = match phase {
@@ -319,7 +319,7 @@ impl<'a> Probe<'a> {
         Ok(self.points.error(&found, &expected))
     }
 
-    /// The worst under some lights, each alone, of what a bake stores.
+    /// Error of stored values, the worst of some lights, each alone.
     pub(super) fn worst(&self, values: &Values, single: Single, lights: &[Light]) -> Result<VertexError> {
         let phase = if single == Single::Isotropic { Phase::Isotropic } else { Phase::OfMedia };
         worst(lights.chunks(1), |light| Ok([self.error(values, phase, light)?])).map(|[worst]| worst)

@@ -1,4 +1,4 @@
-//! Light that is scattered once, stored for light from far away or followed by rays: a companion of the forms of such light.
+//! Single scattering, stored for light from far away or by rays: a companion of the forms of such light.
 
 mod bake;
 mod evaluate;

@@ -1,12 +1,12 @@
-//! How many terms of their phase functions media ask for.
+//! Number of terms that the phase functions of media need.
 
 use crate::forms::distant::{Single, Terms};
 use crate::scene::Scene;
 
-/// Relative L2 error of a phase function for each of the asked error; what light from a hemisphere makes of it is less.
+/// Relative L2 error of a phase function over the asked error; under light from a hemisphere it shrinks.
 const PHASE: f64 = 20.0;
 
-/// What the media ask for; no medium with another g than 0 makes it isotropic.
+/// Resolves automatic terms to those that the media need; isotropic where g is 0 in every medium.
 pub(super) fn resolved(single: Single, scene: &Scene, max_rms: f64) -> Single {
     let Single::Phase(terms) = single else { return single };
     let g = largest_g(scene);
@@ -24,7 +24,7 @@ pub(super) fn largest_g(scene: &Scene) -> f64 {
     media.map(|m| m.properties.g.abs()).fold(0.0, f64::max)
 }
 
-/// What whole bands of Henyey and Greenstein's function leave out, relative L2 error.
+/// Relative L2 error of Henyey and Greenstein's function cut to whole bands.
 pub(super) fn missing(g: f64, terms: usize) -> f64 {
     let square = g * g;
     let energy = |l: usize| (2 * l + 1) as f64 * square.powi(l as i32);

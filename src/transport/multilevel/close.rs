@@ -1,4 +1,4 @@
-//! Samples near a group of receivers, ready for each of them.
+//! Samples near a group of receivers, prepared for the sums of each of them.
 
 use glam::Vec3;
 
@@ -14,12 +14,12 @@ pub(super) struct Close {
     pub(super) sample: Vec<u32>,
     /// Squared distances below which the facets of a sample count, mm^2.
     pub(super) facets2: Vec<f32>,
-    /// Facets up to and with those of each sample; none of one that is too far from all receivers.
+    /// One past the last facet of each sample; a sample that is too far from all receivers has none.
     pub(super) ends: Vec<u32>,
     pub(super) facets: Vec<CloseFacet>,
     /// Samples that are not lit evenly, and squared distances below which their pieces count, mm^2.
     pub(super) uneven: Vec<(u32, f32)>,
-    /// Pieces of each uneven sample, one after another, and how many fours of them each has.
+    /// Pieces of each uneven sample, one after another, and the number of fours of each.
     pub(super) pieces: Vec<ClosePieces>,
     pub(super) fours: usize,
 }
@@ -27,9 +27,9 @@ pub(super) struct Close {
 /// A facet of a close sample.
 #[derive(Clone, Copy)]
 pub(super) struct CloseFacet {
-    /// Where [`THREE_POINTS`] has its points, and its centroid, by axis.
+    /// Points of [`THREE_POINTS`], and the centroid, by axis.
     pub(super) points: [Rgb; 3],
-    /// Of each point.
+    /// Flux of each point.
     pub(super) flux: Rgb,
     /// Squared distance below which it needs more points, mm^2.
     pub(super) more2: f32,
@@ -40,11 +40,11 @@ pub(super) struct CloseFacet {
 /// Four pieces of a close sample.
 #[derive(Clone, Copy)]
 pub(super) struct ClosePieces {
-    /// By axis.
+    /// Centroids of the pieces, by axis.
     pub(super) centroids: [[f32; 4]; 3],
-    /// What each receives more than the whole, RGB and nothing.
+    /// Flux of each piece beyond its share of the whole sample, RGB and 0.
     pub(super) flux: [Rgb; 4],
-    /// Squared distances below which they are no points, mm^2.
+    /// Squared distances below which pieces are not taken for points, mm^2.
     pub(super) more2: [f32; 4],
 }
 
@@ -60,7 +60,7 @@ impl Close {
         self.pieces.clear();
     }
 
-    /// Where the pieces of an uneven sample begin.
+    /// Index of the first four of an uneven sample's pieces.
     #[inline(always)]
     pub(super) fn pieces_of(&self, uneven: usize) -> usize {
         uneven * self.fours

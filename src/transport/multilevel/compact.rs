@@ -17,7 +17,7 @@ pub(super) struct Facet {
     pub(super) area: f32,
     /// Corners relative to the centroid, mm: x, y, z of the three.
     pub(super) corners: [[f32; 3]; 3],
-    /// Their squared distances, mm^2.
+    /// Squared distances of the corners from the centroid, mm^2.
     corner2: [f32; 3],
 }
 
@@ -40,7 +40,7 @@ impl Facet {
     }
 }
 
-/// What the samples are made of, ready to be integrated.
+/// Facets of the samples, prepared for integration.
 pub(super) struct Facets {
     pub(super) facets: Vec<Facet>,
     /// Sample `i` holds `facets[offsets[i]..offsets[i + 1]]`.
@@ -96,13 +96,13 @@ pub(super) struct Shine<'a> {
 
 /// The compact part of three profiles.
 pub(crate) struct Compact {
-    /// At a point.
+    /// Kernel at a point.
     pub(crate) point: LinearTable,
-    /// Mean over the disc that stands for a sample.
+    /// Mean of the kernel over the disc that stands for a sample.
     pub(crate) disc: LinearTable,
     /// Depth of the shallowest real source, mm.
     pub(crate) smooth_mm: f64,
     pub(crate) rule: NearRule,
-    /// Six points are enough for a piece of a facet above this distance over its radius.
+    /// Distance over a piece's radius above which six points are enough.
     pub(crate) split_below: f32,
 }

@@ -1,9 +1,10 @@
 //! The compact part of a kernel: R_d less its softened form, sample by sample around each receiver.
 //!
-//! A sample a few radii away is taken for a disc of the mean size, of which any kernel's mean is a table; what differs is the
-//! shape, of fourth order. Points in place of discs err at second order: the sum over a plane would still be right, but not
-//! where a nearer sample is integrated in another way. Those are: three or six points of each facet, or six of its quarters and so
-//! on, until a piece is small against its distance or against the depth of the real source, on whose scale R_d is smooth.
+//! A sample a few radii away is taken for a disc of the mean size, over which the mean of any kernel is tabulated; the
+//! remaining error is that of the shape, of fourth order. Points in place of discs err at second order: the sum over a
+//! plane would still be right, but not where a nearer sample is integrated in another way. Nearer samples are: by three
+//! or six points of each facet, or six of its quarters and so on, until a piece is small against its distance or
+//! against the depth of the real source, on whose scale R_d is smooth.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -20,22 +21,22 @@ use crate::transport::receivers::Sphere;
 
 /// Samples around groups of receivers.
 pub(crate) struct NearSamples {
-    /// Samples from the first of the part on.
+    /// Samples around each group, numbered from the first of the part.
     pub(crate) close: ClosePairs,
     groups: Vec<Run>,
     receivers: Vec<DVec3>,
 }
 
-/// What one receiver sees of the close samples.
+/// Distances of the close samples from one receiver.
 #[derive(Default)]
 struct Seen {
     /// Squared distances, mm^2.
     r2: Vec<f32>,
-    /// Samples whose facets count.
+    /// Samples that are summed facet by facet.
     special: Vec<u32>,
 }
 
-/// What one thread works with.
+/// Buffers of one thread.
 #[derive(Default)]
 struct Scratch {
     discs: Vec<PointSource>,
@@ -209,7 +210,7 @@ fn receive_body(
 }
 
 multiversion! {
-    /// Adds what close samples bring one receiver more than discs do.
+    /// Adds the difference of close samples from their discs at one receiver.
     fn receive(
         scratch: &mut Scratch,
         at: [f32; 3],
@@ -260,7 +261,7 @@ fn split(sum: &mut Rgb, [a, b, c]: [Vec3; 3], (smooth2, split2): (f32, f32), spl
     points(sum, (middle.to_array(), area), &corners, table);
 }
 
-/// How far all close samples are from a receiver, and of which the facets count.
+/// Finds the squared distances of all close samples from a receiver, and the samples whose facets count.
 #[inline(always)]
 fn look(close: &Close, [x, y, z]: [f32; 3], Seen { r2, special }: &mut Seen) {
     let count = close.sample.len();

@@ -1,4 +1,4 @@
-//! The hat functions of near rings: where their radii are, what falls on them, and how a near part is made of them.
+//! The hat functions of near rings: their radii, areas on them, and near parts of profiles as sums of them.
 
 use glam::DVec3;
 
@@ -15,8 +15,8 @@ pub(super) const DENSER: i32 = 3;
 /// 2e-4, for free paths of 0.03 to 4 spacings of the samples and a split radius of 6.
 pub(super) const RINGS: usize = 20;
 
-/// Besides the hats: that at the split radius, where nothing is left of near parts, and light on `u = r^2 - split^2` and its square,
-/// of the pieces of uneven samples, of which the far field sees the mean.
+/// Columns: the hats, that at the split radius, where near parts vanish, and light on `u = r^2 - split^2` and its
+/// square, of the pieces of uneven samples, of which the far field has the mean.
 pub(super) const COLUMNS: usize = WINDOWS * WIDTH;
 pub(super) const SLOPE: usize = RINGS + 1;
 pub(super) const CURVATURE: usize = RINGS + 2;
@@ -28,7 +28,7 @@ pub(super) const WINDOWS: usize = (RINGS + 3).div_ceil(WIDTH);
 /// Points of a quadrature over an e-fold of the squared distance.
 const ORDER: usize = 8;
 
-/// Squared radii at which hats peak, mm^2; the last one, where near parts end, has none.
+/// Squared radii at which hats peak, mm^2, and last the split radius, where near parts end.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Rings(pub(super) [f64; RINGS + 1]);
 
@@ -37,7 +37,7 @@ impl Rings {
         Self(std::array::from_fn(|k| (split_mm * (k as f64 / RINGS as f64).powi(DENSER)).powi(2)))
     }
 
-    /// Where among the hats a squared distance is: between two of them, by how much of a point falls on the second.
+    /// Place of a squared distance: the hat before it, and the share of a point that falls on the next hat.
     pub(super) fn place(&self, r2: f64) -> Option<(usize, f64)> {
         let next = self.0.partition_point(|s| *s <= r2);
         let (from, to) = (*self.0.get(next.checked_sub(1)?)?, *self.0.get(next)?);
@@ -52,7 +52,7 @@ impl Rings {
         }
     }
 
-    /// Adds a triangle (relative to the receiver, mm) by its area; what is beyond the split radius is on no hat.
+    /// Adds a triangle (relative to the receiver, mm) by its area; the part beyond the split radius is on no hat.
     pub(super) fn triangle(&self, corners: [DVec3; 3], out: &mut Areas) {
         let mut before = [0.0; 2];
         for (k, now) in triangle_in_balls(corners, &self.0[1..]).enumerate() {
@@ -66,7 +66,7 @@ impl Rings {
         }
     }
 
-    /// The same as three points, see the near field's rule.
+    /// Adds a triangle as three points, by the near-field rule.
     pub(super) fn three_points(&self, corners: [DVec3; 3], out: &mut Areas) {
         let (points, third) = three_points(corners);
         for point in points {

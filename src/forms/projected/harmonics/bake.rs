@@ -32,7 +32,7 @@ const SPATIAL: f64 = 0.44;
 const CODED: f64 = 0.15;
 const ORDER: f64 = 0.65;
 
-/// Orders are compared with so many times fewer samples, but not fewer than these, at some receivers.
+/// Orders are compared on a set of samples coarser by this factor but with no fewer than the least, at some receivers.
 const COARSER: usize = 8;
 const LEAST_SAMPLES: usize = 1 << 14;
 const SOME: usize = 384;
@@ -43,10 +43,10 @@ const MOST_TRACED: usize = 256;
 /// The lowest order that is tried.
 const FIRST_ORDER: usize = 3;
 
-/// How much more the bands beyond the first count: a sun has half of the energy.
+/// Weight of the bands beyond the first: a sun has half of the energy.
 const OTHER_BANDS: f32 = 2.0;
 
-/// Light that is not radiosity under the lights alone, but becomes part of it.
+/// Single scattering and inter-reflection that become part of the radiosity.
 #[derive(Clone, Copy)]
 struct Beside<'a> {
     folded: Option<&'a Folded<'a, 'a>>,
@@ -123,11 +123,11 @@ pub(super) fn harmonics(
     Ok(file)
 }
 
-/// What a bake with these settings codes, at every receiver of a scene: the order n of the harmonics and radiosities
-/// `[receiver][channel][harmonic]`.
+/// Coefficients that a bake with these settings would code, at every receiver of a scene: the order n of the harmonics
+/// and radiosities `[receiver][channel][harmonic]`.
 ///
 /// # Errors
-/// Those of a bake.
+/// Errors of a bake.
 pub fn everywhere(
     scene: &Scene,
     distant: &Distant,
@@ -144,7 +144,7 @@ pub fn everywhere(
     })
 }
 
-/// Radiosities of some points, and the order of the harmonics that they are under.
+/// Order of the harmonics, and radiosities of some points under them.
 fn at_points(
     (work, beside): (&Work, Beside),
     points: &[u32],
@@ -159,8 +159,8 @@ fn at_points(
     Ok((order, AtReferences::new((work, beside), points, &rows, progress)?))
 }
 
-/// The RMS error over that of the rows, in units of channels and harmonics, that a bake allows its coding which is asked for an
-/// error of `max_rms`.
+/// Error allowed for coding in a bake at an asked error of `max_rms`: RMS over that of the rows, in units of channels
+/// and harmonics.
 pub fn coding_error(max_rms: f64) -> f64 {
     2.0 * CODED * max_rms
 }
@@ -176,7 +176,7 @@ pub fn coded(values: &[f32], order: usize, net: &Net, error: f64) -> Result<Set>
     code(&radiosities, net, &Net::unpredicted(order * order), tags::SET, error)
 }
 
-/// The lowest order whose error under suns is allowed, at some receivers and on a coarser set of samples.
+/// The lowest order whose error under suns is small enough, at some receivers and on a coarser set of samples.
 fn needed(work: &Work, progress: &dyn Progress) -> Result<usize> {
     let (scene, count) = (work.sampled.scene, work.sampled.samples.len().div_ceil(COARSER));
     let coarse = SampledScene::new(scene, count.max(LEAST_SAMPLES));
@@ -203,16 +203,16 @@ fn needed(work: &Work, progress: &dyn Progress) -> Result<usize> {
 /// Radiosity before and after each stage under a light.
 struct UnderLight<'a> {
     light: &'a Light,
-    /// Of every receiver, without single scattering.
+    /// Radiosity of every receiver, without single scattering.
     truth: Vec<DVec3>,
     lit: Lit,
-    /// At some rows of the net: the truth, from all harmonics, from what is stored.
+    /// Radiosity at some rows of the net: the truth, from all harmonics, from the stored coefficients.
     at_net: Vec<DVec3>,
     exact: Vec<DVec3>,
     coded: Vec<DVec3>,
 }
 
-/// Enters what each stage loses under lights that no choice saw.
+/// Enters the error of each stage under lights that no choice saw.
 fn measure(
     (work, beside): (&Work, Beside),
     (net, values, file): (&Net, &AtReferences, &File),

@@ -14,12 +14,12 @@ use crate::light::harmonics::coefficients;
 use crate::scene::Scene;
 use crate::transport::receivers::Receivers;
 
-/// HarmonicBasis up to an order.
+/// Spherical harmonics up to an order.
 pub(crate) struct HarmonicBasis {
     order: usize,
 }
 
-/// The transport of a file, ready for lights, of so many shells.
+/// The transport of a file with a number of shells, ready to be lit.
 pub(crate) fn components(
     file: &File,
     (tags, shells): (tags::Set, usize),
@@ -36,7 +36,7 @@ pub(crate) fn components(
 }
 
 impl HarmonicBasis {
-    /// All lights together.
+    /// Coefficients of all lights together, RGB for each harmonic.
     pub(crate) fn projected(&self, lights: &[Light]) -> Result<Vec<[f64; 3]>> {
         let mut sums = vec![DVec3::ZERO; self.order * self.order];
         for light in lights {

@@ -1,5 +1,4 @@
-//! Light that leaves the surface and falls on it again from outside the medium: what comes back is smooth, so that few harmonics of
-//! the light hold it.
+//! Inter-reflection outside the medium: returned light is smooth, so that few harmonics of the light hold it.
 
 use glam::DVec3;
 
@@ -13,14 +12,14 @@ use crate::transport::many_lights::{IrradianceRows, RadiosityRows};
 /// Order of the harmonics at most.
 const ORDER: usize = 6;
 
-/// It, as a matrix over the samples.
+/// Inter-reflection as a matrix over the samples, applied a number of times.
 pub(super) struct Returned {
     matrix: InterReflection,
     times: u32,
 }
 
 impl Returned {
-    /// If it is asked for.
+    /// The inter-reflection of a bake, if it is asked for.
     pub(super) fn new(work: &Work, progress: &dyn Progress) -> Option<Self> {
         let Outside { times, rays } = work.plan.outside?;
         let sampled = work.sampled;
@@ -29,8 +28,8 @@ impl Returned {
         Some(Self { matrix: matrix.of_receivers(&sampled.receivers.of_vertex), times })
     }
 
-    /// Adds what comes back to the radiosities `[point][channel][harmonic]` of some receivers, in ascending order, which rows of
-    /// irradiance gave.
+    /// Adds the light that returns to the radiosities `[point][channel][harmonic]` of some receivers, in ascending
+    /// order, which result from `rows` of irradiance.
     pub(super) fn add(
         &self,
         work: &Work,
@@ -70,7 +69,7 @@ impl Returned {
         }
     }
 
-    /// Radiosity of every receiver under an irradiance of the samples, with what comes back.
+    /// Radiosity of every receiver under an irradiance of the samples, inter-reflection included.
     pub(super) fn under(&self, work: &Work, irradiance: &[DVec3]) -> Vec<DVec3> {
         let mut last = work.transfer.under(irradiance);
         let mut all = last.clone();
@@ -82,7 +81,7 @@ impl Returned {
     }
 }
 
-/// As [`Returned::under`], or without it.
+/// As [`Returned::under`], or without inter-reflection.
 pub(super) fn radiosity(work: &Work, returned: Option<&Returned>, irradiance: &[DVec3]) -> Vec<DVec3> {
     returned.map_or_else(|| work.transfer.under(irradiance), |returned| returned.under(work, irradiance))
 }

@@ -1,4 +1,4 @@
-//! What `quantized_lights` precomputes: radiosity at reference points under every light of the set, coded.
+//! Bake of `quantized_lights`: radiosity at reference points under every light of the set, coded.
 
 use std::borrow::Cow;
 
@@ -25,17 +25,17 @@ use crate::scene::Scene;
 use crate::transport::many_lights::ManyLights;
 use crate::transport::near_rule::NearField;
 
-/// Shares of the asked error: what is left of its square goes to the interpolation between lights.
+/// Shares of the asked error: the rest of its square goes to the interpolation between lights.
 const SPATIAL: f64 = 0.42;
 const CODED: f64 = 0.45;
 const HIERARCHY: f64 = 0.1;
 const BETWEEN_LIGHTS: f64 = 0.65;
 
-/// Directions of the first set, from whose error the number is chosen, and at most.
+/// Directions of the first set, from whose error the number is chosen, and the largest number.
 const FIRST_SET: usize = 200;
 const LARGEST_SET: usize = 1600;
 
-/// Reference points, the coarsest ones, that it is measured at.
+/// Reference points, the coarsest ones, that this error is measured at.
 const FIRST_POINTS: usize = 1024;
 
 /// The interpolation's error falls with this power of the number of directions (measured on closed bunny and horse).
@@ -124,7 +124,7 @@ pub(super) fn bake(
     })
 }
 
-/// Some of the directional and point lights, spread over all.
+/// `count` or fewer of the directional and point lights, spread over all.
 pub fn chosen(lights: &[Light], count: usize) -> Vec<Light> {
     spread(&of_kinds(lights, &[LightKind::Directional, LightKind::Point]), count).cloned().collect()
 }
@@ -145,7 +145,7 @@ fn at_references(
     })
 }
 
-/// Radiosities of some shells of a set that has more.
+/// Radiosities of some of the shells.
 fn of_shells(values: &[f32], shells: usize, directions: usize, some: std::ops::Range<usize>) -> Cow<'_, [f32]> {
     if some.len() == shells {
         return Cow::Borrowed(values);
@@ -154,7 +154,7 @@ fn of_shells(values: &[f32], shells: usize, directions: usize, some: std::ops::R
     Cow::Owned(planes.flat_map(|plane| &plane[some.start * directions..some.end * directions]).copied().collect())
 }
 
-/// What interpolation between the lights of a set makes of a light, at the rows of the net.
+/// Radiosity under a light by interpolation between the lights of a set, at the rows of the net.
 fn interpolated(set: &LightSet, values: &[f32], light: &Light) -> Result<Vec<DVec3>> {
     let count = set.lights.count();
     let vector = set.vector(std::slice::from_ref(light))?;
@@ -165,7 +165,7 @@ fn interpolated(set: &LightSet, values: &[f32], light: &Light) -> Result<Vec<DVe
     Ok(values.chunks_exact(3 * count).map(of_row).collect())
 }
 
-/// Error of the interpolation between lights under the worst of those that are parallel.
+/// Error of the interpolation between lights under the worst parallel one.
 fn between_lights(
     sampled: &SampledScene,
     set: &LightSet,
@@ -181,7 +181,7 @@ fn between_lights(
     Ok(error.rms)
 }
 
-/// Enters what each stage loses under lights that no choice saw.
+/// Enters the error of each stage under lights that no choice saw.
 fn measure(
     sampled: &SampledScene,
     transfer: &ManyLights,

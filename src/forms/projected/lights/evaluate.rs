@@ -1,6 +1,5 @@
-//! How `quantized_lights` evaluates: lights become weights over what is stored, and radiosity is linear in these. Components:
-//! weights over the set become a vector over the columns, radiosity at a reference point is a dot product with it, and at a vertex
-//! a weighted sum over reference points.
+//! Evaluation of `quantized_lights`: lights become weights over the set, these a vector over the columns of components;
+//! radiosity is a dot product with it at a reference point, and at a vertex a weighted sum over these.
 
 use super::light_set::LightSet;
 use super::sections::{self, read};
@@ -14,7 +13,7 @@ use crate::forms::sampled_scene::GROUP;
 use crate::light::Light;
 use crate::transport::receivers::Receivers;
 
-/// An asset of components.
+/// Opens an asset of components.
 pub(super) fn open(form: &QuantisedLights, asset: &Asset) -> Result<Box<dyn Evaluator>> {
     let file = read(&asset.sections)?;
     let scene = asset.scene.clone();

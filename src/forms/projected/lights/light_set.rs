@@ -1,4 +1,4 @@
-//! The set of lights and how others are made of it.
+//! The set of lights and the interpolation of other lights from it.
 
 use glam::DVec3;
 
@@ -20,7 +20,7 @@ use crate::transport::receivers::Sphere;
 pub struct LightSet {
     /// The lights: directions on shells.
     pub lights: QuantisedLights,
-    /// Weights of the directions for any other.
+    /// Interpolation between the directions.
     pub interpolator: Interpolator,
 }
 
@@ -40,7 +40,7 @@ impl LightSet {
         Ok(Self { lights: QuantisedLights { directions, shells }, interpolator })
     }
 
-    /// The same with as many shells as the settings have.
+    /// The same with the shells of the settings.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -69,7 +69,7 @@ impl LightSet {
         Ok(sum)
     }
 
-    /// The same before it is interpolated: for each shell, sums of the functions that the interpolator's weights are linear in.
+    /// The same before interpolation: for each shell, sums of the functions behind the interpolator's weights.
     pub(crate) fn function_sums(&self, lights: &[Light]) -> Result<Vec<[Vec<f64>; 3]>> {
         Ok(self.pieces(lights)?.iter().map(|shell| self.interpolator.function_sums(shell)).collect())
     }
@@ -104,7 +104,7 @@ impl LightSet {
     }
 }
 
-/// Side of the faces of the cube map that visibility is decided on.
+/// Texels along an edge of the cube map that visibility is decided on.
 pub(crate) const SIDE: usize = 64;
 
 /// The net over the directions of a set.
@@ -132,7 +132,7 @@ fn lattice(count: usize) -> Result<Vec<DVec3>> {
     Ok(set.directions().iter().map(centre).collect())
 }
 
-/// Around the surfaces that light enters, not what only casts shadows.
+/// Centre and radius, mm, of a sphere around the surfaces that light enters, without those that only cast shadows.
 fn sphere(scene: &Scene) -> (DVec3, f64) {
     let transfers = |part: u32| scene.parts.parts.get(part as usize).is_some_and(|p| p.transfers());
     let mesh = &scene.mesh;

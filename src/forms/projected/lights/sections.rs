@@ -1,4 +1,4 @@
-//! What is stored of components, and lights for them.
+//! Sections of components, and lights converted for them.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -33,7 +33,7 @@ pub(super) fn transport(file: &File, scene: &Scene, receivers: &Receivers, set: 
     Transport::new(&coded, (scene, receivers), file.spacing_mm, fold)
 }
 
-/// Lights made ready. What an area light emits depends on the direction, and is that towards each reference point.
+/// Converts lights to columns. The emission of an area light is that towards each reference point.
 pub(super) fn light(transport: &Transport, set: &LightSet, lights: &[Light]) -> Result<Lit> {
     let emission = |light: &Light| Emission::new(light, set.lights.shells.centre_mm());
     let rest: Vec<Light> = lights.iter().filter(|light| emission(light).is_none()).cloned().collect();
@@ -51,7 +51,7 @@ pub(super) fn light(transport: &Transport, set: &LightSet, lights: &[Light]) -> 
     transport.lit(parts)
 }
 
-/// RGB weights of what the basis is folded to, for each shell.
+/// RGB weights over the rows of the folded basis, for each shell.
 fn weights_of_lights(set: &LightSet, lights: &[Light]) -> Result<Vec<Vec<[f64; 3]>>> {
     if set.interpolator.functions() == 0 {
         let weights: Vec<[f64; 3]> = set.vector(lights)?.iter().map(DVec3::to_array).collect();
@@ -62,8 +62,8 @@ fn weights_of_lights(set: &LightSet, lights: &[Light]) -> Result<Vec<Vec<[f64; 3
     Ok(set.function_sums(lights)?.into_iter().map(of_shell).collect())
 }
 
-/// The basis as a function of what the interpolator's weights are linear in, `[function of the direction][function]`; as it is,
-/// `[direction][function]`, where there is nothing of the kind.
+/// The basis combined with the interpolator's matrix, `[function of the direction][function]`; unchanged,
+/// `[direction][function]`, where the interpolator has no functions.
 fn folded(basis: Vec<f32>, functions: usize, set: &LightSet) -> LightFunctions {
     let width = set.interpolator.functions();
     if width == 0 {

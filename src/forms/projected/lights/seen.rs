@@ -1,4 +1,4 @@
-//! Which lights of a set the samples see, and radiosity under all of them.
+//! Visibility of the lights of a set from the samples, and radiosity under all of them.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -16,16 +16,16 @@ use crate::progress::{Progress, Silent};
 use crate::transport::many_lights::{IrradianceRows, ManyLights};
 use crate::transport::visibility::{self, Observer, Occluders, Resolution, visit};
 
-/// Samples that look around together.
+/// Samples whose visibility is decided together.
 const GROUP_OF_OBSERVERS: usize = 2 * visibility::GROUP;
 
 /// Lights that share their clusters.
 const NEIGHBOURS: usize = 128;
 
-/// Which lights of a set each sample sees: one bit each, `[sample][word]`.
+/// Visibility of the lights of a set from each sample: one bit each, `[sample][word]`.
 pub struct Seen {
     observers: Vec<Observer>,
-    /// Where the lights are; what is nearer than something that casts shadows is not known here.
+    /// Places of the lights; visibility of those nearer than something that casts shadows is not known here.
     places: Vec<Place>,
     words: usize,
     bits: Vec<u64>,
@@ -38,13 +38,13 @@ enum Place {
     Direction(DVec3, usize),
     /// Position relative to the mesh's origin, and its distance from the centre, mm; everything else is nearer to the centre.
     Point(DVec3, f64),
-    /// Rays decide.
+    /// Visibility left to rays.
     Near,
 }
 
 impl Seen {
-    /// Of parallel lights from the centres of texels of a cube map, and of points around the scene: what lies in their direction
-    /// is in front of them, and the texel decides whether there is something.
+    /// Visibility of parallel lights from the centres of texels of a cube map, and of points around the scene:
+    /// everything in their direction is in front of them, so that the texel decides whether it is blocked.
     pub fn new(sampled: &SampledScene, lights: &QuantisedLights, progress: &dyn Progress) -> Self {
         let mesh = &sampled.scene.mesh;
         let centre = lights.shells.centre_mm() - mesh.origin_mm;
@@ -89,12 +89,12 @@ impl Seen {
         Self { observers, places, words, bits }
     }
 
-    /// Whether it knows all of some lights.
+    /// True if the visibility of all of some lights is known.
     fn knows(&self, lights: &[u32]) -> bool {
         lights.iter().all(|&l| !matches!(self.places.get(l as usize), Some(Place::Near) | None))
     }
 
-    /// Irradiance that enters at a sample from one of the lights it knows.
+    /// Irradiance that enters at a sample from a light; 0 where its visibility is not known.
     fn irradiance(&self, sample: usize, light: u32, eta: f64) -> f64 {
         if self.bits[sample * self.words + light as usize / 64] >> (light % 64) & 1 == 0 {
             return 0.0;
@@ -114,7 +114,7 @@ impl Seen {
     }
 }
 
-/// Irradiance of every sample under lights of a set, by their indices, from what is known of visibility.
+/// Irradiance of every sample under lights of a set, by their indices, from the known visibility.
 pub fn irradiance_of_seen(sampled: &SampledScene, seen: &Seen, lights: &[u32]) -> IrradianceRows {
     let count = lights.len();
     let mut values = vec![0.0f32; sampled.samples.len() * count];
@@ -130,8 +130,8 @@ pub fn irradiance_of_seen(sampled: &SampledScene, seen: &Seen, lights: &[u32]) -
     IrradianceRows { lights: count, values }
 }
 
-/// The lights of a set in runs of neighbours, indices of entries; all shells of some directions, since the tree is walked once
-/// for all of a run.
+/// The lights of a set in runs of neighbours, indices of entries, with all shells of a direction in one run, since the
+/// tree is walked once for a run.
 pub fn neighbours(set: &DirectionSet, shells: usize) -> Vec<Vec<u32>> {
     let count = set.count();
     let mut order: Vec<u32> = (0..count as u32).collect();

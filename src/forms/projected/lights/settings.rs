@@ -14,10 +14,10 @@ pub const MOST_DIRECTIONS: usize = 2048;
 /// Shells at most.
 pub const MOST_SHELLS: usize = 16;
 
-/// A set of lights and how others are interpolated from it.
+/// A set of lights and the interpolation of other lights from it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LightSetSettings {
-    /// Directions; as many as the error asks for.
+    /// Number of directions; `None`: as many as the error asks for.
     pub directions: Option<usize>,
     /// Interpolation between directions.
     pub scheme: Scheme,
@@ -45,9 +45,9 @@ impl LightSetSettings {
 /// Radiosity under a set of lights at reference points, as principal components.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct QuantisedLights {
-    /// How many samples a bake takes.
+    /// Number of samples of a bake.
     pub density: Density,
-    /// The set.
+    /// Settings of the set of lights.
     pub lights: LightSetSettings,
     /// Distance between reference points.
     pub spacing: Spacing,
