@@ -8,7 +8,7 @@ use glam::{DVec3, Vec3};
 
 use super::lit_samples::GatheredEvaluator;
 use crate::error::{Error, Result};
-use crate::evaluate::device::interpolated::{Interpolation, ComputePass, check_turns, cut};
+use crate::evaluate::device::interpolated::{ComputePass, Interpolation, check_turns, cut};
 use crate::evaluate::device::jobs::{Effort, Entries, Shard, shards};
 use crate::evaluate::device::surface::{
     Geometry, GpuTable, READ, SurfaceBuffers, UNIFORM, WRITE, bind, bind_group_layout, dispatch, pipeline, shader,

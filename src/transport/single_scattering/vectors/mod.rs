@@ -13,10 +13,10 @@
 //! - along the normal, Gauss points in place of the midpoint rule: four of them are nearer to the integral than 16
 //!   deterministic samples (see [`super::depths::gauss`]);
 //! - over directions, rays at the corners of cells of an eighth of a face (11 degrees), later of parts of them; the
-//! plane that the rays meet and the visibility of the light are interpolated over the cell, and refraction, attenuation
-//! and channels are worked out for each texel, so that a flat surface is exact however large cells are; cells with a
-//! shadow boundary, and those over which the plane turns or shifts, are cut in four, down to single texels whose
-//! corners are shared with their neighbours.
+//!   plane that the rays meet and the visibility of the light are interpolated over the cell, and refraction, attenuation
+//!   and channels are worked out for each texel, so that a flat surface is exact however large cells are; cells with a
+//!   shadow boundary, and those over which the plane turns or shifts, are cut in four, down to single texels whose
+//!   corners are shared with their neighbours.
 //!
 //! No vertex depends on another, so that ranges and threads change nothing.
 //!
