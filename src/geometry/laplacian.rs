@@ -13,9 +13,12 @@
 //! - Triangles whose height is below 1e-6 of their longest edge have no weights; their corners may be connected through others.
 //! - Vertices without area are no nodes.
 
+use std::sync::OnceLock;
+
 use glam::DVec3;
 
 use crate::math::sparse::SymmetricMatrix;
+use crate::math::sparse::multigrid::Grids;
 use crate::math::sparse::resolvent::{self, Solved};
 
 /// No node.
@@ -25,7 +28,7 @@ pub const NONE: u32 = u32::MAX;
 const FLATTEST: f64 = 1e-6;
 
 /// The Laplacian of a mesh.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default)]
 pub struct Laplacian {
     /// For each vertex its node; [`NONE`] for vertices without area.
     pub node: Vec<u32>,
@@ -39,6 +42,7 @@ pub struct Laplacian {
     pub mean_edge_mm: f64,
     /// Triangles that are left out.
     pub flat_triangles: usize,
+    grids: OnceLock<Grids>,
 }
 
 impl Laplacian {
@@ -78,7 +82,8 @@ impl Laplacian {
         }
         let mass_mm2 = vertex.iter().map(|v| mass[*v as usize]).collect();
         let mean_edge_mm = if edges > 0 { length / edges as f64 } else { 0.0 };
-        Self { node, vertex, mass_mm2, stiffness: SymmetricMatrix::new(diagonal, &pairs), mean_edge_mm, flat_triangles }
+        let stiffness = SymmetricMatrix::new(diagonal, &pairs);
+        Self { node, vertex, mass_mm2, stiffness, mean_edge_mm, flat_triangles, grids: OnceLock::new() }
     }
 
     /// Number of nodes.
@@ -109,7 +114,8 @@ impl Laplacian {
     /// Writes `(1 - t Laplace)^-1` of values `of` the nodes to `values`, `t` in mm^2: a low pass whose response at the
     /// eigenvalue lambda is `1 / (1 + t lambda)`. The iteration starts from the content of `values`.
     pub fn diffused(&self, t_mm2: f64, of: &[[f64; 3]], values: &mut [[f64; 3]], tolerance: f64) -> Solved {
-        resolvent::solve((&self.mass_mm2, &self.stiffness), t_mm2, of, values, tolerance)
+        let grids = self.grids.get_or_init(|| Grids::new(&self.mass_mm2, &self.stiffness));
+        resolvent::solve((&self.mass_mm2, &self.stiffness, grids), t_mm2, of, values, tolerance)
     }
 }
 

@@ -109,11 +109,7 @@ fn heat(points: &Points, laplacian: &Laplacian, widths: &[f64]) -> Fields {
         .collect();
     vectors.reverse();
     let flat = laplacian.flat_triangles;
-    Fields {
-        vectors,
-        sums: None,
-        note: format!("heat, {iterations} products with the Laplacian, {flat} flat triangles"),
-    }
+    Fields { vectors, sums: None, note: format!("heat, {iterations} multigrid cycles, {flat} flat triangles") }
 }
 
 fn vectors_of(points: &Points, laplacian: &Laplacian, values: &[[f64; 3]]) -> Vec<DVec3> {

@@ -23,8 +23,8 @@ const OPENNESS: LightSampling = LightSampling { directions: 1024, ..LightSamplin
 /// Quantiser steps for each octave of a sum of weights.
 pub(super) const STEPS_OF_OCTAVE: f64 = 16.0;
 
-/// Residual of the implicit steps: far below a step of the quantiser.
-pub(super) const TOLERANCE: f64 = 1e-5;
+/// Error of the implicit steps, about: far below a step of the quantiser.
+pub(super) const TOLERANCE: f64 = 1e-4;
 
 /// The points of a scene.
 pub(super) struct Points {

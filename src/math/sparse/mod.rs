@@ -4,6 +4,7 @@
 pub mod bands;
 mod blocks;
 pub mod factorisation;
+pub mod multigrid;
 pub mod resolvent;
 
 use rayon::prelude::*;
