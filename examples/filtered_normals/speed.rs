@@ -10,7 +10,7 @@ use crate::bench::{baked, opened, six_lights};
 use crate::common::bench::{Context, bytes_per_vertex, properties, table};
 
 /// Models, and vertices that they are cut to.
-const MODELS: [(&str, usize); 2] = [("bunny_closed", 0), ("bunny_closed", 134_000)];
+const MODELS: [(&str, usize); 3] = [("bunny_closed", 0), ("bunny_closed", 134_000), ("bunny_closed", 1_000_000)];
 
 const CHANGES: usize = 40;
 
@@ -23,7 +23,10 @@ pub(crate) fn run(context: &Context) -> Result<String> {
             _ => context.finer_scene(model, vertices, "skin1")?,
         };
         let count = scene.mesh.local_mm.len();
-        let mut sets = vec![("heat", "10"), ("geometric", "10")];
+        let mut sets = vec![("heat", "10")];
+        if count < 500_000 {
+            sets.push(("geometric", "10"));
+        }
         if count < 50_000 {
             // 300 pairs and all of the paper's.
             sets.extend([("spectral", "17.8"), ("spectral", "10")]);
