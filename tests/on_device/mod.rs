@@ -1,4 +1,4 @@
-//! What tests of compute shaders share: the adapter, a scene and lights of every kind, and what single precision may cost.
+//! What tests of compute shaders share: the adapter, lights of every kind, and what single precision may cost.
 #![allow(clippy::unwrap_used, missing_docs, dead_code, unreachable_pub)]
 
 use std::sync::Arc;
@@ -6,13 +6,7 @@ use std::sync::Arc;
 use glam::DVec3;
 use translux::error::ExitCode;
 use translux::evaluate::device::Device;
-use translux::geometry::mesh::Scale;
-use translux::geometry::shapes;
-use translux::geometry::source::SourceModel;
 use translux::light::{Light, sky};
-use translux::scene::Scene;
-
-use crate::in_memory::scene_of;
 
 /// Relative RMS, and the worst vertex over the RMS, that single precision may cost.
 const RMS: f64 = 1e-5;
@@ -29,21 +23,6 @@ pub fn device(largest_binding: u64) -> Option<Arc<Device>> {
             None
         }
     }
-}
-
-fn called(mut model: SourceModel, name: &str) -> SourceModel {
-    model.materials = vec![name.to_owned()];
-    model
-}
-
-/// Two bodies of unlike media, and a slab that only casts shadows.
-pub fn group() -> Scene {
-    let wax = called(shapes::bumpy_head(8.0, 3), "wax");
-    let soap = called(shapes::icosphere(5.0, 1), "soap");
-    let slab = called(shapes::cuboid(DVec3::new(30.0, 1.0, 20.0), 3), "slab");
-    let place = [DVec3::ZERO, DVec3::new(14.0, 1.0, 3.0), DVec3::new(6.0, -11.0, 0.0)];
-    let model = shapes::compose(&[(wax, place[0]), (soap, place[1]), (slab, place[2])]);
-    scene_of(model, Scale::MillimetresPerUnit(1.0), &[("wax", "marble"), ("soap", "skin1")])
 }
 
 /// All kinds of light, as far away as methods ask for that quantise their distance.

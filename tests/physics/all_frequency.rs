@@ -19,8 +19,8 @@ use translux::math::statistics::vertex_error;
 use translux::progress::Silent;
 use translux::scene::Scene;
 
-const SAMPLES: usize = 6000;
-const TRUTH_SAMPLES: usize = 16_000;
+const SAMPLES: usize = 4000;
+const TRUTH_SAMPLES: usize = 10_000;
 
 fn knot() -> Scene {
     scene(shapes::torus_knot(2, 3, 10.0, 4.0, 1.5, 90, 12), Scale::DiagonalMm(30.0), "marble")
@@ -82,15 +82,15 @@ fn both_bases_give_the_reference_and_more_coefficients_less_error() {
 /// A knot sees itself: what leaves it falls on it again.
 #[test]
 fn light_that_comes_back_is_that_of_the_reference() {
-    let scene = knot();
+    let scene = scene(shapes::torus_knot(2, 3, 10.0, 4.0, 1.5, 70, 10), Scale::DiagonalMm(30.0), "marble");
     let areas = vertex_areas(&scene);
     let lights = vec![environment(20.0), sun(DVec3::new(0.5, 0.7, 0.2))];
-    let reference = |set: &[&str]| truth(&scene, set, &lights);
+    let reference = |set: &[&str]| baked::radiosity("reference", &scene, 7000, set, &lights);
     let without = reference(&[]);
     for times in ["once", "3"] {
         let key = format!("inter-reflection={times}");
         let expected = reference(&[&key]);
-        let mut evaluator = open(bake(&scene, &[&key]));
+        let mut evaluator = open(baked::asset("all_frequency", &scene, 3000, &[&key]));
         let found = lit(evaluator.as_mut(), lights.clone());
         let (error, change) =
             (vertex_error(&found, &expected, &areas).rms, vertex_error(&without, &expected, &areas).rms);
@@ -182,7 +182,7 @@ fn keys_and_lights_that_do_not_fit_are_refused() {
         assert!(error.message().contains(word), "{set:?}: {}", error.message());
     }
     for set in [&[][..], &["basis=haar"]] {
-        let mut evaluator = open(bake(&scene, set));
+        let mut evaluator = open(baked::asset("all_frequency", &scene, 1000, set));
         let before = lit(evaluator.as_mut(), vec![environment(0.0)]);
         let lamp = Light::point(DVec3::new(0.0, 30.0, 0.0), DVec3::ONE).unwrap();
         assert_eq!(evaluator.set_lights(vec![lamp], &Silent).unwrap_err().code(), ExitCode::Unsupported);

@@ -36,7 +36,7 @@ fn pairs(set: &[&str]) -> Vec<(String, String)> {
 }
 
 fn bake(method: &str, scene: &Scene, set: &[&str]) -> Arc<Asset> {
-    baked::asset(method, scene, 2000, set)
+    baked::asset(method, scene, 1000, set)
 }
 
 fn open(asset: Arc<Asset>) -> Box<dyn Evaluator> {
@@ -123,7 +123,7 @@ fn integrands_are_those_of_the_reference() {
     scene.media[0].properties.g = 0.0;
     let areas = vertex_areas(&scene);
     let of = |method: &str, integrand: &str| {
-        let asset = baked::asset(method, &scene, 4000, &["single-scattering=isotropic", integrand]);
+        let asset = baked::asset(method, &scene, 1000, &["single-scattering=isotropic", integrand]);
         per_vertex(open(asset).as_mut(), &[environment()])
     };
     let plain: DVec3 = of("reference", "single-form=physical").iter().sum();
@@ -248,21 +248,23 @@ fn more_terms_come_nearer_to_the_phase_function() {
     let mut truth = open(bake("reference", &scene, &["single-scattering=phase"]));
     // Along the refracted way, which the inverse normal stands for.
     let expected = seen(truth.as_mut(), &[environment()]);
-    let errors = ["1", "4", "9", "16", "rays"].map(|terms| {
+    let errors = ["1", "4", "16", "rays"].map(|terms| {
         let set = format!("phase-terms={terms}");
         let mut evaluator = open(bake("all_frequency", &scene, &["single-scattering=phase", "coefficients=100", &set]));
         assert!(evaluator.single_scattering(&Silent).unwrap().is_none());
         vertex_error(&seen(evaluator.as_mut(), &[environment()]), &expected, &areas).rms
     });
-    println!("1, 4, 9, 16 terms and rays: {errors:.4?}");
-    assert!(errors[0] > 1.5 * errors[1] && errors[1] > errors[3] && errors[3] > errors[4]);
-    assert!(errors[3] < 0.25 && errors[4] < 0.02, "{errors:?}");
+    println!("1, 4, 16 terms and rays: {errors:.4?}");
+    assert!(errors[0] > 1.5 * errors[1] && errors[1] > errors[2] && errors[2] > errors[3]);
+    assert!(errors[2] < 0.25 && errors[3] < 0.02, "{errors:?}");
 }
 
 #[test]
 fn the_number_of_terms_follows_g() {
     let stored = |g: f64| {
-        let asset = bake("all_frequency", &head(g), &["single-scattering=phase", "coefficients=25"]);
+        let mut ball = in_memory::scene(shapes::icosphere(10.0, 1), Scale::MillimetresPerUnit(1.0), "skin1");
+        ball.media[0].properties.g = g;
+        let asset = bake("all_frequency", &ball, &["single-scattering=phase", "coefficients=25"]);
         let file = translux_format::distant_transport::DistantTransport::from_sections(
             &asset.sections,
             asset.scene.mesh.local_mm.len(),

@@ -4,10 +4,14 @@ use std::sync::{Arc, Mutex, OnceLock};
 
 use glam::DVec3;
 use translux::asset::Asset;
+use translux::evaluate::Method;
+use translux::geometry::mesh::Scale;
+use translux::geometry::shapes;
+use translux::geometry::source::SourceModel;
 use translux::light::Light;
 use translux::scene::Scene;
 
-use crate::in_memory::{lit, method, opened, try_bake};
+use crate::in_memory::{lit, method, opened, scene_of, try_bake};
 
 /// One value of a shelf: what it is of, and the value once somebody has made it.
 type Slot<K, T> = (K, Arc<OnceLock<Arc<T>>>);
@@ -56,5 +60,30 @@ pub(crate) fn radiosity(name: &str, scene: &Scene, samples: usize, set: &[&str],
     static VALUES: Shelf<(Bake, Vec<Light>), Vec<DVec3>> = Shelf::new();
     VALUES.get((key(name, scene, samples, set), lights.to_vec()), || {
         lit(opened(asset(name, scene, samples, set)).as_mut(), lights.to_vec())
+    })
+}
+
+/// Two bodies of unlike media, and a slab that only casts shadows.
+pub(crate) fn group() -> Scene {
+    let called = |mut model: SourceModel, name: &str| {
+        model.materials = vec![name.to_owned()];
+        model
+    };
+    let wax = called(shapes::bumpy_head(8.0, 3), "wax");
+    let soap = called(shapes::icosphere(5.0, 1), "soap");
+    let slab = called(shapes::cuboid(DVec3::new(30.0, 1.0, 20.0), 3), "slab");
+    let place = [DVec3::ZERO, DVec3::new(14.0, 1.0, 3.0), DVec3::new(6.0, -11.0, 0.0)];
+    let model = shapes::compose(&[(wax, place[0]), (soap, place[1]), (slab, place[2])]);
+    scene_of(model, Scale::MillimetresPerUnit(1.0), &[("wax", "marble"), ("soap", "skin1")])
+}
+
+/// That group under a method, of 2000 samples; sets of lights are small, since it is not their error that is measured with it.
+pub(crate) fn of_group(method: &dyn Method) -> Arc<Asset> {
+    static ASSETS: Shelf<(&str, Vec<(&str, &str)>), Asset> = Shelf::new();
+    // Methods of one name differ in their defaults.
+    let defaults = method.keys().iter().map(|key| (key.name(), key.default())).collect();
+    ASSETS.get((method.name(), defaults), || {
+        let few = method.keys().iter().any(|k| k.name() == "lights").then(|| ("lights".to_owned(), "60".to_owned()));
+        try_bake(method, group(), Some(2000), few.as_slice()).unwrap()
     })
 }

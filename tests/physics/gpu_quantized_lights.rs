@@ -5,8 +5,9 @@
 
 use std::sync::Arc;
 
-use crate::in_memory::{lit, medium, registry, try_bake};
-use crate::on_device::{assert_same, device, group, lights};
+use crate::baked;
+use crate::in_memory::{lit, medium, registry};
+use crate::on_device::{assert_same, device, lights};
 use glam::DVec3;
 use translux::asset::Asset;
 use translux::error::ExitCode;
@@ -16,13 +17,11 @@ use translux::evaluate::{DeviceEvaluator, device::Device};
 use translux::geometry::scattered::Weights;
 use translux::light::Light;
 use translux::math::random::uniform;
-use translux::methods::quantized_lights::QuantizedLights;
 use translux::progress::Silent;
 use translux::transport::interpolation::SharedWeights;
 
 fn bake(interpolation: &str) -> Arc<Asset> {
-    let set = [("lights", "60"), ("interpolation", interpolation)].map(|(k, v)| (k.to_owned(), v.to_owned()));
-    Arc::new(try_bake(&QuantizedLights, group(), Some(2000), &set).unwrap())
+    baked::asset("quantized_lights", &baked::group(), 2000, &["lights=60", &format!("interpolation={interpolation}")])
 }
 
 fn on_cpu(asset: &Arc<Asset>) -> Box<dyn Evaluator> {

@@ -3,11 +3,12 @@
 #![cfg(feature = "gpu")]
 #![allow(clippy::unwrap_used, missing_docs)]
 
-use crate::{baked, in_memory};
+use crate::in_memory;
 use std::sync::Arc;
 
+use crate::baked::{group, of_group};
 use crate::in_memory::{every, medium, registry, served, try_bake};
-use crate::on_device::{assert_same, device, group, lights};
+use crate::on_device::{assert_same, device, lights};
 use glam::DVec3;
 use translux::asset::Asset;
 use translux::error::ExitCode;
@@ -16,16 +17,6 @@ use translux::evaluate::{Evaluator, MaterialEdit, Method};
 use translux::light::Light;
 use translux::medium::profiles::model::ProfileModel;
 use translux::progress::Silent;
-
-/// The group under a method; sets of lights are small, since it is not their error that is measured here.
-fn bake(method: &dyn Method) -> Arc<Asset> {
-    let stored = method.keys().iter().any(|key| key.name() == "transport" && key.default() == "stored");
-    let set =
-        [("lights", "60", method.keys().iter().any(|key| key.name() == "lights")), ("transport", "stored", stored)];
-    let set: Vec<String> =
-        set.iter().filter(|(.., has)| *has).map(|(key, value, _)| format!("{key}={value}")).collect();
-    baked::asset(method.name(), &group(), 2000, &set.iter().map(String::as_str).collect::<Vec<_>>())
-}
 
 /// Methods whose forms have no shaders.
 const WITHOUT_SHADERS: [&str; 2] = ["filtered_normals", "toy_form"];
@@ -39,7 +30,7 @@ fn with_shaders() -> Vec<&'static dyn Method> {
 fn a_form_without_shaders_says_so() {
     let Some(device) = device(u64::MAX) else { return };
     for name in WITHOUT_SHADERS {
-        let evaluator = registry().open(bake(in_memory::method(name))).unwrap();
+        let evaluator = registry().open(of_group(in_memory::method(name))).unwrap();
         assert_eq!(evaluator.on_device(&device).err().unwrap().code(), ExitCode::Unsupported, "{name}");
     }
 }
@@ -54,7 +45,7 @@ fn pair(asset: &Arc<Asset>, device: &Arc<Device>) -> [Box<dyn Evaluator>; 2] {
 fn every_method_gives_the_same_radiosity_under_every_light() {
     let Some(device) = device(u64::MAX) else { return };
     for method in with_shaders() {
-        let asset = bake(method);
+        let asset = of_group(method);
         let [mut cpu, mut gpu] = pair(&asset, &device);
         assert_eq!(cpu.capabilities(), gpu.capabilities());
         for (index, lights) in lights().into_iter().enumerate() {
@@ -106,7 +97,7 @@ fn profiles_have_the_same_sums_where_nets_have_them() {
         let model: ProfileModel = text.parse().unwrap();
         model.load().unwrap()
     });
-    let asset = Arc::new(try_bake(in_memory::method("editable"), group(), Some(2000), &[]).unwrap());
+    let asset = of_group(in_memory::method("editable"));
     let [mut cpu, mut gpu] = pair(&asset, &device);
     for profile in &profiles {
         let radiosity = |evaluator: &mut dyn Evaluator| {
@@ -126,7 +117,7 @@ fn profiles_have_the_same_sums_where_nets_have_them() {
 fn small_bindings_give_the_same_radiosity_or_a_clear_refusal() {
     let (Some(whole), Some(small)) = (device(u64::MAX), device(300 << 10)) else { return };
     for method in with_shaders() {
-        let asset = bake(method);
+        let asset = of_group(method);
         let radiosity = |device: &Arc<Device>| {
             let [_, mut gpu] = pair(&asset, device);
             gpu.set_lights(lights().remove(3), &Silent).unwrap();
@@ -135,7 +126,7 @@ fn small_bindings_give_the_same_radiosity_or_a_clear_refusal() {
         assert_same(method.name(), &radiosity(&small), &radiosity(&whole));
     }
     let Some(tiny) = device(32 << 10) else { return };
-    let asset = bake(in_memory::method("reference"));
+    let asset = of_group(in_memory::method("reference"));
     let evaluator = registry().open(asset).unwrap();
     let error = evaluator.on_device(&tiny).err().unwrap();
     assert_eq!(error.code(), ExitCode::Unsupported);
@@ -146,7 +137,7 @@ fn small_bindings_give_the_same_radiosity_or_a_clear_refusal() {
 fn lights_of_any_size_keep_their_precision() {
     let Some(device) = device(u64::MAX) else { return };
     for method in with_shaders() {
-        let asset = bake(method);
+        let asset = of_group(method);
         let [_, mut gpu] = pair(&asset, &device);
         let mut lit = |scale: f64| {
             let light = Light::directional(DVec3::ONE, DVec3::splat(scale)).unwrap();

@@ -1,9 +1,10 @@
 //! Inter-reflection outside the medium as its users get it: a furnace against the closed form, concave models, files.
 #![allow(clippy::unwrap_used, missing_docs)]
 
-use crate::common;
+use std::sync::Arc;
+
 use crate::common::Folder;
-use crate::in_memory;
+use crate::{baked, common, in_memory};
 use crate::in_memory::{lit, long, medium, scene, vertex_areas};
 #[cfg(feature = "gpu")]
 use crate::on_device;
@@ -74,7 +75,7 @@ fn a_closed_furnace_has_the_geometric_series() {
             let set = [("inter-reflection", times), ("inter-reflection-rays", "16")];
             // Without light that comes back nothing reads how many rays follow it.
             let set = if times == "off" { &set[..1] } else { &set[..] };
-            lit(open("reference", shell, 5300, set).as_mut(), lamp())
+            lit(open("reference", shell, 2700, set).as_mut(), lamp())
         };
         let off = radiosity("off");
         let reflectance = shell.media[0].properties.dipoles(BoundaryFit::Published).map(|d| d.total());
@@ -96,24 +97,22 @@ fn a_closed_furnace_has_the_geometric_series() {
 #[test]
 fn a_concave_body_is_brighter_everywhere_and_a_convex_one_nowhere() {
     let ball = scene(shapes::icosphere(1.0, 3), Scale::DiagonalMm(20.0), "marble");
-    for (name, body) in [("ball", ball), ("head", head())] {
-        for light in some_lights() {
-            let radiosity =
-                |set: &[(&str, &str)]| lit(open("reference", &body, 4000, set).as_mut(), vec![light.clone()]);
-            let (off, once) = (radiosity(&[]), radiosity(&[ONCE]));
-            if name == "ball" {
-                assert_eq!(off, once);
-                continue;
-            }
-            let twice = radiosity(&[("inter-reflection", "2")]);
-            assert!(off.iter().zip(&once).all(|(off, once)| once.cmpge(ROUNDING * *off).all()));
-            let areas = vertex_areas(&body);
-            let power = |b: &[DVec3]| b.iter().zip(&areas).map(|(b, a)| *a * *b).sum::<DVec3>();
-            let gains = [power(&once) / power(&off) - 1.0, power(&twice) / power(&once) - 1.0];
-            println!("{light}: {:.4} {:.5}", gains[0], gains[1]);
-            assert!(gains[0].min_element() > 1e-3 && gains[0].max_element() < 0.2, "{gains:?}");
-            assert!(gains[1].cmpgt(DVec3::ZERO).all() && gains[1].cmplt(0.3 * gains[0]).all(), "{gains:?}");
-        }
+    let [mut off, mut once] = [&[][..], &[ONCE]].map(|set| open("reference", &ball, 2000, set));
+    for light in some_lights() {
+        assert_eq!(lit(off.as_mut(), vec![light.clone()]), lit(once.as_mut(), vec![light]));
+    }
+    let body = head();
+    let mut evaluators =
+        [&[][..], &[ONCE], &[("inter-reflection", "2")]].map(|set| open("reference", &body, 2000, set));
+    for light in some_lights() {
+        let [off, once, twice] = evaluators.each_mut().map(|e| lit(e.as_mut(), vec![light.clone()]));
+        assert!(off.iter().zip(&once).all(|(off, once)| once.cmpge(ROUNDING * *off).all()));
+        let areas = vertex_areas(&body);
+        let power = |b: &[DVec3]| b.iter().zip(&areas).map(|(b, a)| *a * *b).sum::<DVec3>();
+        let gains = [power(&once) / power(&off) - 1.0, power(&twice) / power(&once) - 1.0];
+        println!("{light}: {:.4} {:.5}", gains[0], gains[1]);
+        assert!(gains[0].min_element() > 1e-3 && gains[0].max_element() < 0.2, "{gains:?}");
+        assert!(gains[1].cmpgt(DVec3::ZERO).all() && gains[1].cmplt(0.3 * gains[0]).all(), "{gains:?}");
     }
 }
 
@@ -151,10 +150,11 @@ fn media_may_change_and_nothing_of_the_old_ones_stays() {
 fn what_is_stated_is_not_below_the_error() {
     let body = head();
     let mut fine = open("reference", &body, 2000, &[ONCE, ("inter-reflection-rays", "1024")]);
+    let mut coarse = ["8", "64"]
+        .map(|rays| (rays, open("reference", &body, 2000, &[ONCE, ("inter-reflection-rays", rays)])));
     for light in some_lights() {
         let exact = lit(fine.as_mut(), vec![light.clone()]);
-        for rays in ["8", "64"] {
-            let mut coarse = open("reference", &body, 2000, &[ONCE, ("inter-reflection-rays", rays)]);
+        for (rays, coarse) in &mut coarse {
             let values = lit(coarse.as_mut(), vec![light.clone()]);
             let found = vertex_error(&values, &exact, &vertex_areas(&body)).rms;
             let stated = stated(coarse.as_mut(), "inter-reflection");
@@ -220,11 +220,11 @@ fn files_are_the_same_on_any_number_of_threads_and_off_is_the_default() {
 #[test]
 fn a_device_does_not_leave_it_out() {
     let Some(device) = on_device::device(u64::MAX) else { return };
-    let group = on_device::group();
+    let group = baked::group();
     for method in ["reference", "two_pass"] {
-        let [off, once] = [vec![], vec![ONCE]].map(|set| open(method, &group, 2000, &set));
-        let (mut off, mut cpu) = (off, once);
-        let mut gpu = open(method, &group, 2000, &[ONCE]).on_device(&device).unwrap();
+        let once = baked::asset(method, &group, 1000, &["inter-reflection=once"]);
+        let (mut off, mut cpu) = (open(method, &group, 1000, &[]), in_memory::opened(Arc::clone(&once)));
+        let mut gpu = in_memory::opened(once).on_device(&device).unwrap();
         for lights in on_device::lights() {
             let [off, cpu, gpu] = [off.as_mut(), cpu.as_mut(), gpu.as_mut() as &mut dyn Evaluator]
                 .map(|evaluator| lit(evaluator, lights.clone()));

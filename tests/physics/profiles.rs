@@ -1,6 +1,8 @@
 //! Radial profiles in the dipole's place, as users have them.
 #![allow(clippy::unwrap_used, missing_docs)]
 
+use std::collections::BTreeMap;
+
 use crate::common::{Folder, relative_difference};
 use glam::DVec3;
 use translux::geometry::mesh::{Mesh, Placement};
@@ -20,15 +22,22 @@ fn csv() -> String {
     text
 }
 
-/// Every so many vertices are looked at: on a ball they are alike.
-const EVERY: usize = 37;
-
 fn ball() -> (Folder, Mesh) {
     let folder = Folder::new();
     let model = shapes::icosphere(4.0, 3);
     folder.obj("ball.obj", &model).write("measured.csv", csv());
     let (mesh, _) = Mesh::from_source(model, &Placement { mm_per_unit: 1.0 }).unwrap();
     (folder, mesh)
+}
+
+/// Where a vertex of the ball lies among the corners of the icosahedron that the ball was divided from, which are its first twelve
+/// vertices: vertices of one place are turned or mirrored into each other with all triangles.
+fn place(mesh: &Mesh, vertex: usize) -> [i64; 12] {
+    let at = |v: usize| mesh.local_mm[v].as_dvec3();
+    let mut cosines = [0; 12];
+    cosines.iter_mut().enumerate().for_each(|(v, c)| *c = (1e4 * at(v).angle_between(at(vertex)).cos()).round() as i64);
+    cosines.sort_unstable();
+    cosines
 }
 
 /// On a convex body under constant light irradiance is the same everywhere: radiosities are to each other as the integrals of
@@ -38,27 +47,29 @@ fn radiosity_is_the_integral_of_the_profile() {
     let (folder, mesh) = ball();
     let integrals = |text: &str| -> Vec<DVec3> {
         let channels = ProfileModel::parse(text).unwrap().channels(&preset("skin1").unwrap().properties()).unwrap();
-        let at = |v: u32| {
-            let x = mesh.local_mm[v as usize].as_dvec3();
+        let mut known: BTreeMap<[i64; 12], DVec3> = BTreeMap::new();
+        let mut at = |v: usize| {
+            let x = mesh.local_mm[v].as_dvec3();
             let sum = |c: usize| -> f64 {
                 (0..mesh.triangles.len() as u32).map(|t| channels[c].triangle(x, mesh.corners_local_mm(t))).sum()
             };
-            DVec3::new(sum(0), sum(1), sum(2))
+            *known.entry(place(&mesh, v)).or_insert_with(|| DVec3::new(sum(0), sum(1), sum(2)))
         };
-        (0..mesh.local_mm.len() as u32).step_by(EVERY).map(at).collect()
+        (0..mesh.local_mm.len()).step_by(13).map(&mut at).collect()
     };
     let line =
         "reference ball.obj --unit mm --material skin1 --samples 2000 --light constant:radiance=1 --no-measure -q";
     folder.run(&format!("{line} -o dipole.ply")).ok();
     let dipole = (folder.radiosity("dipole.ply"), integrals("dipole"));
-    let some = |values: &[DVec3]| values.iter().step_by(EVERY).copied().collect::<Vec<DVec3>>();
+    let some = |values: &[DVec3]| values.iter().step_by(13).copied().collect::<Vec<DVec3>>();
     for profile in
         ["better-dipole", "photon-beam", "burley", "burley:fit=diffuse", "slab:thickness=1.5", "gaussians:skin"]
     {
+        let integrals = integrals(profile);
         for method in ["reference", "two_pass"] {
             folder.run(&format!("{line} --method {method} --profile {profile} -o other.ply")).ok();
             let scaled: Vec<DVec3> = some(&dipole.0).iter().zip(&dipole.1).map(|(b, i)| *b / *i).collect();
-            let expected: Vec<DVec3> = integrals(profile).iter().zip(scaled).map(|(i, e)| *i * e).collect();
+            let expected: Vec<DVec3> = integrals.iter().zip(scaled).map(|(i, e)| *i * e).collect();
             let found = some(&folder.radiosity("other.ply"));
             let difference = relative_difference(&found, &expected);
             assert!(difference < 0.01, "{profile} {method}: {difference}");

@@ -2,10 +2,10 @@
 //! size, the same bytes on any number of threads, and a light that turns.
 #![allow(clippy::unwrap_used, missing_docs)]
 
-use crate::in_memory;
+use crate::{baked, in_memory};
 use std::sync::Arc;
 
-use crate::in_memory::{lit, method, open, pairs, registry, scene, vertex_areas};
+use crate::in_memory::{lit, method, pairs, registry, scene, vertex_areas};
 use glam::DVec3;
 use translux::asset::{Asset, Provenance};
 use translux::error::ExitCode;
@@ -18,7 +18,7 @@ use translux::measure::probes::{self, Half};
 use translux::progress::Silent;
 use translux::scene::Scene;
 
-const SAMPLES: usize = 12_000;
+const SAMPLES: usize = 8000;
 
 fn head() -> Scene {
     scene(shapes::bumpy_head(1.0, 4), Scale::DiagonalMm(20.0), "marble")
@@ -40,6 +40,10 @@ fn reopened(asset: &Asset) -> Box<dyn Evaluator> {
     registry().open(Arc::new(asset)).unwrap()
 }
 
+fn truth(scene: &Scene, light: &Light) -> Arc<Vec<DVec3>> {
+    baked::radiosity("two_pass", scene, 4 * SAMPLES, &[], std::slice::from_ref(light))
+}
+
 fn sky_light() -> Light {
     Light::environment(Arc::new(sky::sky()), 40.0, DVec3::new(1.0, 0.8, 0.5)).unwrap()
 }
@@ -51,14 +55,13 @@ fn radiosity_is_that_of_two_pass_within_the_promise() {
     let scene = head();
     let asset = bake(&scene, &PARALLEL, &[]);
     let mut evaluator = reopened(&asset);
-    let mut truth = open("two_pass", scene.clone(), Some(4 * SAMPLES));
     let mut lights = probes::directional(Half::Figures);
     lights.truncate(6);
     lights.push(Light::directional(DVec3::new(1.0, 2.0, 3.0), DVec3::new(3.0, 2.0, 1.0)).unwrap());
     lights.extend([Light::constant(DVec3::new(0.5, 0.6, 0.7)).unwrap(), sky_light()]);
     for light in lights {
         let values = lit(evaluator.as_mut(), vec![light.clone()]);
-        let found = vertex_error(&values, &lit(truth.as_mut(), vec![light.clone()]), &vertex_areas(&scene)).rms;
+        let found = vertex_error(&values, &truth(&scene, &light), &vertex_areas(&scene)).rms;
         let promised = evaluator.measured_error(&[], &Silent).unwrap().total_rms();
         println!("{light}: {:.2} % RMS, promised {:.2} %", 100.0 * found, 100.0 * promised);
         assert!(found < 0.04 && found < 1.25 * promised + 2.5e-3, "{light}: {found} {promised}");
@@ -108,10 +111,9 @@ fn point_lights_are_served_from_their_shells_and_refused_elsewhere() {
     let error = parallel.set_lights(vec![at(30.0)], &Silent).unwrap_err();
     assert_eq!(error.code(), ExitCode::Unsupported, "{}", error.message());
     let mut evaluator = reopened(&bake(&scene, &[LightKind::Point], &[("lights", "150")]));
-    let mut truth = open("two_pass", scene.clone(), Some(4 * SAMPLES));
     for distance in [17.0, 25.0, 60.0, 1e4] {
         let values = lit(evaluator.as_mut(), vec![at(distance)]);
-        let found = vertex_error(&values, &lit(truth.as_mut(), vec![at(distance)]), &vertex_areas(&scene)).rms;
+        let found = vertex_error(&values, &truth(&scene, &at(distance)), &vertex_areas(&scene)).rms;
         println!("{distance} mm: {:.2} %", 100.0 * found);
         assert!(found < 0.06, "{distance}: {found}");
     }

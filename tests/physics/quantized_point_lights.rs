@@ -2,11 +2,11 @@
 //! distances fails; and the paper's eight neighbours against the default.
 #![allow(clippy::unwrap_used, missing_docs)]
 
-use crate::in_memory;
+use crate::{baked, in_memory};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use crate::in_memory::{lit, method, open, pairs, registry, scene, vertex_areas};
+use crate::in_memory::{lit, method, pairs, registry, scene, vertex_areas};
 use glam::DVec3;
 use translux::asset::{Asset, Provenance};
 use translux::error::ExitCode;
@@ -77,7 +77,7 @@ fn between() -> DVec3 {
 
 /// The scene with what errors are measured against.
 struct Bench {
-    truth: Box<dyn Evaluator>,
+    scene: Scene,
     areas: Vec<f64>,
     centre_mm: DVec3,
     radius_mm: f64,
@@ -87,7 +87,7 @@ impl Bench {
     fn new(scene: &Scene) -> Self {
         let (centre_mm, radius_mm) = sphere(scene);
         Self {
-            truth: open("two_pass", scene.clone(), Some(4 * SAMPLES)),
+            scene: scene.clone(),
             areas: vertex_areas(scene),
             centre_mm,
             radius_mm,
@@ -101,13 +101,14 @@ impl Bench {
     }
 
     /// Relative RMS error of what some lights give instead of another.
-    fn error_of(&mut self, evaluator: &mut dyn Evaluator, lights: Vec<Light>, truth: &Light) -> f64 {
+    fn error_of(&self, evaluator: &mut dyn Evaluator, lights: Vec<Light>, truth: &Light) -> f64 {
         let values = lit(evaluator, lights);
         assert!(values.iter().all(|v| v.is_finite()));
-        vertex_error(&values, &lit(self.truth.as_mut(), vec![truth.clone()]), &self.areas).rms
+        let truth = baked::radiosity("two_pass", &self.scene, 4 * SAMPLES, &[], std::slice::from_ref(truth));
+        vertex_error(&values, &truth, &self.areas).rms
     }
 
-    fn error(&mut self, evaluator: &mut dyn Evaluator, towards: DVec3, radii: f64) -> f64 {
+    fn error(&self, evaluator: &mut dyn Evaluator, towards: DVec3, radii: f64) -> f64 {
         let light = self.light(towards, radii);
         self.error_of(evaluator, vec![light.clone()], &light)
     }
@@ -135,7 +136,7 @@ impl Bench {
 #[test]
 fn distances_from_far_away_to_the_nearest_shell() {
     let scene = head();
-    let mut bench = Bench::new(&scene);
+    let bench = Bench::new(&scene);
     let mut set = evaluator(&scene, &[]);
     let mut worst = [0.0f64; 2];
     for radii in [1e5, 100.0, 10.0, 4.0, 3.0, 2.5, 2.0, 1.75, NEAREST * (1.0 + 1e-9)] {
@@ -163,7 +164,7 @@ fn distances_from_far_away_to_the_nearest_shell() {
 #[test]
 fn nearer_than_the_nearest_shell_is_refused_and_why() {
     let scene = head();
-    let mut bench = Bench::new(&scene);
+    let bench = Bench::new(&scene);
     let mut set = evaluator(&scene, &[]);
     let shells = DistanceSet::spread(bench.centre_mm, bench.radius_mm, 4, 1.0 / NEAREST, Blend::Polynomial).unwrap();
     let towards = of_the_set();
@@ -202,7 +203,7 @@ fn nearer_than_the_nearest_shell_is_refused_and_why() {
 #[test]
 fn close_to_the_surface_a_set_of_distances_fails() {
     let scene = head();
-    let mut bench = Bench::new(&scene);
+    let bench = Bench::new(&scene);
     // Where the surface comes nearest to the bounding sphere, the light comes nearest to the surface.
     let towards = scene.mesh.local_mm.iter().map(|p| p.as_dvec3() + scene.mesh.origin_mm - bench.centre_mm);
     let towards = towards.max_by(|a, b| a.length().total_cmp(&b.length())).unwrap().normalize();
@@ -223,7 +224,7 @@ fn close_to_the_surface_a_set_of_distances_fails() {
 }
 
 /// Worst error of a set under lights of several distances, at a direction of the set and between.
-fn worst(bench: &mut Bench, set: &mut dyn Evaluator) -> [f64; 2] {
+fn worst(bench: &Bench, set: &mut dyn Evaluator) -> [f64; 2] {
     [of_the_set(), between()].map(|towards| {
         let error = |radii: f64| bench.error(set, towards, radii);
         [20.0, 6.0, 3.5, 2.6, 2.1, 1.8, 1.6].into_iter().map(error).fold(0.0, f64::max)
@@ -233,17 +234,17 @@ fn worst(bench: &mut Bench, set: &mut dyn Evaluator) -> [f64; 2] {
 #[test]
 fn more_shells_are_better_and_the_default_beats_eight_neighbours() {
     let scene = head();
-    let mut bench = Bench::new(&scene);
+    let bench = Bench::new(&scene);
     let mut table = BTreeMap::new();
     for shells in ["1", "2", "3", "4"] {
-        let default = worst(&mut bench, evaluator(&scene, &[("shells", shells)]).as_mut());
+        let default = worst(&bench, evaluator(&scene, &[("shells", shells)]).as_mut());
         if shells != "3" && !in_memory::long() {
             println!("{shells} shells: {default:?}");
             table.insert(shells, default);
             continue;
         }
         let trilinear = [("shells", shells), ("blend", "linear"), ("interpolation", "nearest4")];
-        let paper = worst(&mut bench, evaluator(&scene, &trilinear).as_mut());
+        let paper = worst(&bench, evaluator(&scene, &trilinear).as_mut());
         println!(
             "{shells} shells: default {:.2} % at a direction of the set, {:.2} % between; eight neighbours {:.2} %, {:.2} %",
             100.0 * default[0],

@@ -1,7 +1,7 @@
 //! Area lights through source radiance fields: closed forms, shadow rays, environments, and who refuses them.
 #![allow(clippy::unwrap_used, missing_docs)]
 
-use crate::in_memory;
+use crate::{baked, in_memory};
 #[cfg(feature = "gpu")]
 use crate::on_device;
 use std::f64::consts::TAU;
@@ -9,7 +9,6 @@ use std::sync::Arc;
 
 use crate::common::{Folder, relative_difference};
 use glam::DVec3;
-use translux::asset::Asset;
 use translux::error::ExitCode;
 use translux::evaluate::SourceFields;
 use translux::forms::environment_rows::StoredRows;
@@ -122,7 +121,7 @@ fn shadows_are_those_of_rays_but_for_the_rows() {
     let light = light.unwrap();
     let mut errors = Vec::new();
     for coefficients in [128, 1024] {
-        let body = Sampled::new(knot(), 16_000, RowSettings { coefficients, ..RowSettings::DEFAULT }, 1.3);
+        let body = Sampled::new(knot(), 8000, RowSettings { coefficients, ..RowSettings::DEFAULT }, 1.3);
         let field = body.through_rows(&light.clone().through_field(32).unwrap());
         let own = body.rows.without_interpolation(
             &light.clone().through_field(32).unwrap(),
@@ -186,7 +185,6 @@ fn lights_move_grow_and_add_up_on_one_field() {
 
 #[test]
 fn both_forms_take_them_and_whatever_casts_rays_refuses() {
-    let scene = || in_memory::scene(shapes::bumpy_head(8.0, 3), Scale::MillimetresPerUnit(1.0), "marble");
     let plain =
         Light::area(DVec3::new(5.0, 30.0, 9.0), DVec3::new(-0.1, -1.0, 0.0), [8.0, 8.0], DVec3::ONE, None).unwrap();
     let field = plain.clone().through_field(32).unwrap();
@@ -194,10 +192,7 @@ fn both_forms_take_them_and_whatever_casts_rays_refuses() {
         if !method.kinds().contains(&field.kind()) {
             continue;
         }
-        let few =
-            method.keys().iter().any(|key| key.name() == "lights").then(|| ("lights".to_owned(), "60".to_owned()));
-        let asset: Arc<Asset> = Arc::new(in_memory::try_bake(method, scene(), Some(2000), few.as_slice()).unwrap());
-        let mut evaluator = in_memory::registry().open(asset).unwrap();
+        let mut evaluator = in_memory::opened(baked::of_group(method));
         let set = evaluator.set_lights(vec![field.clone()], &Silent);
         if evaluator.capabilities().source_fields == SourceFields::None {
             assert_ne!(method.name(), "editable");
@@ -238,7 +233,7 @@ fn devices_give_the_same() {
     let sky = on_device::lights().into_iter().flatten();
     let lights: Vec<Light> = sky.chain([light.unwrap().through_field(16).unwrap()]).collect();
     for method in in_memory::every().into_iter().filter(|m| m.name() == "editable") {
-        let asset = Arc::new(in_memory::try_bake(method, on_device::group(), Some(2000), &[]).unwrap());
+        let asset = baked::of_group(method);
         let open = || in_memory::registry().open(Arc::clone(&asset)).unwrap();
         let (mut cpu, mut gpu) = (open(), open().on_device(&device).unwrap());
         let cpu = in_memory::lit(cpu.as_mut(), lights.clone());

@@ -1,16 +1,14 @@
 //! Specular reflection in pictures against what is known apart from the renderer: quadrature, formulas, symmetries.
 #![allow(clippy::unwrap_used, missing_docs)]
 
-use crate::in_memory;
+use crate::{baked, in_memory};
 use std::f64::consts::PI;
 use std::sync::Arc;
 
 use crate::rendering::{Fake, camera, settings, size};
 use glam::{DVec2, DVec3};
 use translux::evaluate::Evaluator;
-use translux::geometry::mesh::Scale;
 use translux::geometry::shapes::{bumpy_head, compose, cuboid, icosphere};
-use translux::geometry::source::SourceModel;
 use translux::light::environment::EnvironmentMap;
 use translux::light::{Light, LightKind, sky};
 use translux::medium::fresnel::transmittance;
@@ -411,23 +409,12 @@ fn default_samples_are_free_of_visible_noise() {
     }
 }
 
-fn group() -> SourceModel {
-    let called = |mut model: SourceModel, name: &str| {
-        model.materials = vec![name.to_owned()];
-        model
-    };
-    let wax = called(bumpy_head(8.0, 3), "wax");
-    let slab = called(cuboid(DVec3::new(20.0, 1.0, 20.0), 3), "slab");
-    compose(&[(wax, DVec3::ZERO), (slab, DVec3::new(0.0, -11.0, 0.0))])
-}
-
 #[test]
 fn every_method_renders_under_every_light() {
-    let scene = in_memory::scene_of(group(), Scale::MillimetresPerUnit(1.0), &[("wax", "skin1")]);
     for (index, &method) in methods::built_in().methods().iter().enumerate() {
-        let mut evaluator = in_memory::open(method.name(), scene.clone(), Some(1500));
+        let mut evaluator = in_memory::opened(baked::of_group(method));
         let evaluator: &mut dyn Evaluator = evaluator.as_mut();
-        let view = RenderSettings::new(Camera::framing(&scene.mesh, size(24, 24)).unwrap(), size(24, 24));
+        let view = RenderSettings::new(Camera::framing(&evaluator.scene().mesh, size(24, 24)).unwrap(), size(24, 24));
         // The method is asked for radiosity alone: each meets two kinds of light, and each kind some method.
         let lights = in_memory::served(method, &every_light());
         for light in [0, 2].map(|i| lights[(index + i) % lights.len()].clone()) {
