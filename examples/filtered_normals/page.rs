@@ -22,7 +22,8 @@ The method stores no transport. Normals are low-passed over the surface, and tak
   themselves, so it changes with the material, for each channel, at the cost of that sum: RGB takes the same bytes. The filter that a
   material implies is the Hankel transform of its R_d, normalised: `(e^(-z_r s) + e^(-z_v s)) / (e^(-z_r sigma_tr) + e^(-z_v sigma_tr))` with
   `s = sqrt(sigma_tr^2 + lambda)`. Published materials are met to 2 % of the response, Gaussians and exponentials to 6 %.
-- **`filter=heat`**: the low passes are solutions of `(M + t S) x = M n` by conjugate gradients, nothing factorised.
+- **`filter=heat`**: the low passes are solutions of `(M + t S) x = M n` by conjugate gradients on a multigrid cycle, nothing
+  factorised: some twenty cycles each, however many vertices there are.
 - **`filter=spectral`**: the paper's manifold harmonics up to wavelengths of 10 mean edges, by shift and invert in bands whose number of pairs
   is that of the inertia; the remainder goes through the mean response of its frequencies (gamma of equation 11).
 - **`filter=geometric`**: the paper's equation 3; weights by area unless `weights=count`.

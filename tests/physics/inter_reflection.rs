@@ -4,10 +4,10 @@
 use std::sync::Arc;
 
 use crate::common::Folder;
-use crate::{baked, common, in_memory};
 use crate::in_memory::{lit, long, medium, scene, vertex_areas};
 #[cfg(feature = "gpu")]
 use crate::on_device;
+use crate::{baked, common, in_memory};
 use glam::DVec3;
 use translux::evaluate::Evaluator;
 use translux::geometry::mesh::Scale;
@@ -150,8 +150,8 @@ fn media_may_change_and_nothing_of_the_old_ones_stays() {
 fn what_is_stated_is_not_below_the_error() {
     let body = head();
     let mut fine = open("reference", &body, 2000, &[ONCE, ("inter-reflection-rays", "1024")]);
-    let mut coarse = ["8", "64"]
-        .map(|rays| (rays, open("reference", &body, 2000, &[ONCE, ("inter-reflection-rays", rays)])));
+    let mut coarse =
+        ["8", "64"].map(|rays| (rays, open("reference", &body, 2000, &[ONCE, ("inter-reflection-rays", rays)])));
     for light in some_lights() {
         let exact = lit(fine.as_mut(), vec![light.clone()]);
         for (rays, coarse) in &mut coarse {

@@ -28,9 +28,10 @@ fn compare(name: &str, scene: &Scene, lights: &[(&str, Light)], samples: [Option
     let medium = truth_files::material(&scene.media[0].name);
     let vertices: Vec<usize> =
         (0..scene.mesh.local_mm.len()).step_by(scene.mesh.local_mm.len().div_ceil(128)).collect();
-    let mut methods: Vec<(&str, f64, Box<dyn Evaluator>)> = [("reference", 2e-3, samples[0]), ("two_pass", 5e-3, samples[1])]
-        .map(|(method, limit, samples)| (method, limit, open(method, scene.clone(), samples)))
-        .into();
+    let mut methods: Vec<(&str, f64, Box<dyn Evaluator>)> =
+        [("reference", 2e-3, samples[0]), ("two_pass", 5e-3, samples[1])]
+            .map(|(method, limit, samples)| (method, limit, open(method, scene.clone(), samples)))
+            .into();
     for (what, light) in lights {
         let start = Instant::now();
         // The oracle draws an environment's pixels at random: with its own 8 draws a point it is no better than 0.2 %.

@@ -86,12 +86,7 @@ struct Bench {
 impl Bench {
     fn new(scene: &Scene) -> Self {
         let (centre_mm, radius_mm) = sphere(scene);
-        Self {
-            scene: scene.clone(),
-            areas: vertex_areas(scene),
-            centre_mm,
-            radius_mm,
-        }
+        Self { scene: scene.clone(), areas: vertex_areas(scene), centre_mm, radius_mm }
     }
 
     /// An irradiance of 1 at the centre from so many bounding radii.

@@ -1,9 +1,9 @@
 //! Area lights through source radiance fields: closed forms, shadow rays, environments, and who refuses them.
 #![allow(clippy::unwrap_used, missing_docs)]
 
-use crate::{baked, in_memory};
 #[cfg(feature = "gpu")]
 use crate::on_device;
+use crate::{baked, in_memory};
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
