@@ -19,7 +19,14 @@ const MATERIAL: &str = "skimmilk";
 const FILTERS: [(&str, &[(&str, &str)]); 4] = [
     (
         "geometric, as the paper",
-        &[("filter", "geometric"), ("weights", "count"), ("alpha", "0.5"), ("width", "1"), ("shadows", "off")],
+        &[
+            ("filter", "geometric"),
+            ("weights", "count"),
+            ("alpha", "0.5"),
+            ("width", "1"),
+            ("shadows", "off"),
+            ("length", "unit"),
+        ],
     ),
     (
         "geometric, by area",
@@ -30,10 +37,11 @@ const FILTERS: [(&str, &[(&str, &str)]); 4] = [
             ("alpha", "0"),
             ("width", "1"),
             ("shadows", "off"),
+            ("length", "unit"),
         ],
     ),
-    ("spectral", &[("filter", "spectral"), ("alpha", "0"), ("width", "1"), ("shadows", "off")]),
-    ("heat", &[("alpha", "0"), ("width", "1"), ("shadows", "off")]),
+    ("spectral", &[("filter", "spectral"), ("alpha", "0"), ("width", "1"), ("shadows", "off"), ("length", "unit")]),
+    ("heat", &[("alpha", "0"), ("width", "1"), ("shadows", "off"), ("length", "unit")]),
 ];
 
 pub(crate) fn run(context: &Context) -> Result<String> {

@@ -45,7 +45,7 @@ const FIGURE2: &str = "
 ## Figure 2: uneven meshes
 
 The same surface with its longest edges cut to three times as many vertices. A filter of the surface gives the same values at the vertices that
-were there before; sums that count vertices do not. No shadows, nothing fitted.
+were there before; sums that count vertices do not. No shadows, nothing fitted, filtered normals renormalised as the paper does.
 
 ";
 

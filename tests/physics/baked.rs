@@ -77,9 +77,12 @@ pub(crate) fn group() -> Scene {
     scene_of(model, Scale::MillimetresPerUnit(1.0), &[("wax", "marble"), ("soap", "skin1")])
 }
 
+/// A method, and its keys with their defaults.
+type WithDefaults = (&'static str, Vec<(&'static str, &'static str)>);
+
 /// That group under a method, of 2000 samples; sets of lights are small, since it is not their error that is measured with it.
 pub(crate) fn of_group(method: &dyn Method) -> Arc<Asset> {
-    static ASSETS: Shelf<(&str, Vec<(&str, &str)>), Asset> = Shelf::new();
+    static ASSETS: Shelf<WithDefaults, Asset> = Shelf::new();
     // Methods of one name differ in their defaults.
     let defaults = method.keys().iter().map(|key| (key.name(), key.default())).collect();
     ASSETS.get((method.name(), defaults), || {
