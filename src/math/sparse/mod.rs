@@ -12,6 +12,12 @@ use rayon::prelude::*;
 /// Rows of one task. Sums over all rows add the sums of such runs in their order.
 pub(crate) const ROWS: usize = 4096;
 
+/// Number of vectors that are solved for at once.
+pub const TOGETHER: usize = 3;
+
+/// One number of each of these vectors.
+pub type Row = [f64; TOGETHER];
+
 /// A symmetric matrix, both triangles stored: compressed rows without the diagonal, and the diagonal.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SymmetricMatrix {

@@ -1,4 +1,4 @@
-//! A multigrid cycle for M + t S: the preconditioner of [`super::resolvent`].
+//! A multigrid cycle for M + t S: a preconditioner.
 //!
 //! Coarser grids are aggregates of about four rows, paired twice by the strongest negative values (Notay 2010); smoothing divides by
 //! the sums of absolute values of each row, which is stable for any symmetric matrix, obtuse triangles included. Each grid is
@@ -6,8 +6,7 @@
 
 use rayon::prelude::*;
 
-use super::resolvent::{Row, TOGETHER};
-use super::{ROWS, SymmetricMatrix};
+use super::{ROWS, Row, SymmetricMatrix, TOGETHER};
 
 /// Share of the step of a smoother; below 2 it is stable.
 const RELAXED: f64 = 1.33;

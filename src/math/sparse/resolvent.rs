@@ -8,16 +8,10 @@
 use rayon::prelude::*;
 
 use super::multigrid::Grids;
-use super::{ROWS, SymmetricMatrix, sum_over_rows};
+use super::{ROWS, Row, SymmetricMatrix, TOGETHER, sum_over_rows};
 
 /// Iterations at most; the values then reached are the answer, and its residual tells.
 const MOST: usize = 2_000;
-
-/// Number of vectors that are solved for at once.
-pub const TOGETHER: usize = 3;
-
-/// One number of each vector.
-pub type Row = [f64; TOGETHER];
 
 /// Iterations and residual of a solution.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
