@@ -66,6 +66,7 @@ impl SpreadCosine {
                 *sum += weight * (l as f64 + 0.5) * exact(mu) * p;
             }
         }
+        let places: [[f64; SPREAD_BANDS]; COSINES + 1] = std::array::from_fn(|i| legendre(cosine(i)));
         let rows = (0..=SPREADS).map(|row| {
             if row == 0 {
                 return std::array::from_fn(|i| exact(cosine(i)));
@@ -73,9 +74,7 @@ impl SpreadCosine {
             let length = 1.0 - (row as f64 / SPREADS as f64).powi(2);
             let bands: [f64; SPREAD_BANDS] =
                 std::array::from_fn(|l| series[l] * length.powf((l * (l + 1)) as f64 / 2.0));
-            std::array::from_fn(|i| {
-                bands.iter().zip(legendre(cosine(i))).map(|(band, p)| band * p).sum::<f64>().max(0.0)
-            })
+            places.map(|p| bands.iter().zip(p).map(|(band, p)| band * p).sum::<f64>().max(0.0))
         });
         Self(rows.collect())
     }
