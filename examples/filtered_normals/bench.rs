@@ -6,6 +6,7 @@ use glam::DVec3;
 use translux::asset::Asset;
 use translux::error::Result;
 use translux::evaluate::Evaluator;
+use translux::light::sky::sky;
 use translux::light::{Light, LightKind};
 use translux::math::statistics::vertex_error;
 use translux::methods;
@@ -35,6 +36,19 @@ pub(crate) fn six_lights(scene: &Scene) -> Result<Vec<(&'static str, Light)>> {
         ("sun from behind", parallel(DVec3::new(-0.5, 0.4, -0.9))),
         ("point light, front left", point(-1.0, 0.6, 0.8)?),
         ("point light, low right", point(1.0, -0.2, 0.5)?),
+    ])
+}
+
+/// Light from an area and from all around.
+pub(crate) fn wide_lights(scene: &Scene) -> Result<Vec<(&'static str, Light)>> {
+    let from = DVec3::new(-0.6, 0.9, 0.7).normalize();
+    Ok(vec![
+        (
+            "area light",
+            Light::area(scene.mesh.origin_mm + from * SIZE_MM, -from, [0.5 * SIZE_MM; 2], DVec3::splat(5.0), None)?,
+        ),
+        ("sky", Light::Environment { map: Arc::new(sky()), rotate_degrees: 63.0, scale: DVec3::ONE }),
+        ("constant light", Light::Constant { radiance: DVec3::ONE }),
     ])
 }
 

@@ -27,6 +27,8 @@ The method stores no transport. Normals are low-passed over the surface, and tak
 - **`filter=spectral`**: the paper's manifold harmonics up to wavelengths of 10 mean edges, by shift and invert in bands whose number of pairs
   is that of the inertia; the remainder goes through the mean response of its frequencies (gamma of equation 11).
 - **`filter=geometric`**: the paper's equation 3; weights by area unless `weights=count`.
+- **Light from all around** is three bands of harmonics times the openness of the vertex; an area light is 16 places, each with its shadow ray.
+  Highlights are those of every method (GGX in place of the paper's Blinn-Phong), by the normals as they are.
 - **Shadows** are rays from the vertices. Towards the horizon of a vertex they fade into how open it is (the share of the sky that it sees),
   which is all that counts below: light enters where the surface around faces it. `shadows=off` is the paper's.
 - **Its nearest rival** wraps the cosine around the terminator and costs less. The tables have it with its best wrap. What filtered normals
@@ -38,6 +40,9 @@ The method stores no transport. Normals are low-passed over the surface, and tak
 
 RMS over the vertices against exact sums, in %, worst channel; *all six* is the root of the mean square. *Wrapped Lambert* is
 `R C V L max(0, mu + w) / (1 + w)^2`, which returns as much as a cosine over all normals, with the best w under these very lights.
+
+The second table has a square light of half the size, the built-in sky and light that is the same from all around, and *off the volume*: RMS
+against a random walk through the volume under the sun from the side, which holds the dipole's own error as well.
 
 ";
 

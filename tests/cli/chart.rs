@@ -57,6 +57,15 @@ fn every_row_is_measured_and_says_how_to_make_it_again(folder: &Folder, report: 
         assert_eq!(folder.read("again.tlux").len() as f64, row["file_bytes"].as_f64().unwrap());
     }
     let truth = &chart["truths"][0];
+    // What is next to exact is as far from the volume as the model is; nothing is nearer than the two allow.
+    let worst =
+        |lines: &Value| lines.as_array().unwrap().iter().map(|l| worst_of(&l["error"]["rms"])).fold(0.0, f64::max);
+    let model = worst(&truth["model_errors"]);
+    for row in rows {
+        let [volume, error] = [0, 1].map(|i| row["volume_rms"][i].as_f64().unwrap());
+        let own = row["error"]["rms"].as_f64().unwrap();
+        assert!((volume - model).abs() < 2.0 * own + 3.0 * error + 1e-3 && volume > 0.0, "{volume} {model} {row}");
+    }
     assert!(truth["own_rms"].as_f64().unwrap() > 0.0 && truth["samples"].as_u64().unwrap() >= 6000);
     let models = truth["model_errors"].as_array().unwrap();
     for line in models {
@@ -77,6 +86,10 @@ fn every_row_is_measured_and_says_how_to_make_it_again(folder: &Folder, report: 
     }
 }
 
+fn worst_of(channels: &Value) -> f64 {
+    channels.as_array().unwrap().iter().map(|c| c.as_f64().unwrap()).fold(0.0, f64::max)
+}
+
 fn an_interrupted_chart_goes_on_with_what_is_there(folder: &Folder) {
     let before = chart(folder);
     let baked = |chart: &Value| -> Vec<Value> {
@@ -94,7 +107,7 @@ fn an_interrupted_chart_goes_on_with_what_is_there(folder: &Folder) {
     let same = baked(&before).iter().zip(baked(&after)).filter(|(a, b)| **a == *b).count();
     assert!(same >= 2, "{:?} {:?}", baked(&before), baked(&after));
     let errors = |chart: &Value| -> Vec<Value> {
-        chart["rows"].as_array().unwrap().iter().map(|r| r["error"].clone()).collect()
+        chart["rows"].as_array().unwrap().iter().flat_map(|r| [r["error"].clone(), r["volume_rms"].clone()]).collect()
     };
     assert_eq!(errors(&before), errors(&after));
 }

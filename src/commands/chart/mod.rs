@@ -104,8 +104,9 @@ pub(super) fn run(args: &ChartArgs, console: &Console) -> Result<ExitCode> {
 
 fn say(row: &Row, console: &Console) {
     let setting = if row.setting.is_empty() { "defaults" } else { &row.setting };
+    let volume = row.volume_rms.map_or_else(String::new, |[rms, _]| format!(" ({} off the volume)", percent(rms)));
     console.note(&format!(
-        "{} {} {} {setting}: {} RMS, {} worst vertex, {:.0} bytes/vertex, relight {:.1} ms, bake {}",
+        "{} {} {} {setting}: {} RMS{volume}, {} worst vertex, {:.0} bytes/vertex, relight {:.1} ms, bake {}",
         row.model,
         row.material,
         row.method,

@@ -1,4 +1,4 @@
-//! The model's own error: the reference against a random walk through the volume.
+//! Random walks through the volume, which the reference and every row are compared with.
 
 use glam::DVec3;
 
@@ -8,8 +8,9 @@ use crate::io::atomic;
 use crate::light::Light;
 use crate::measure::chart::ModelLine;
 use crate::scene::Scene;
-use crate::transport::random_walk::exitance::{self, Effort, exitance};
+use crate::transport::random_walk::exitance::{self, Effort, Exitance, exitance};
 use crate::transport::random_walk::model_error::compare;
+use crate::transport::random_walk::tally::{Budget, Hats};
 
 /// Standard error that noise may cause in the mean square of the difference, relative to the mean square exitance: an
 /// error of the model of 10 % is then known to a quarter of a percent.
@@ -23,17 +24,23 @@ fn noise(vertices: usize) -> f64 {
     (UNCERTAINTY * (0.5 * vertices as f64).sqrt()).sqrt().clamp(NOISE[0], NOISE[1])
 }
 
-/// Walks photons under each light; existing results are taken.
+/// A walk as it is kept, without what follows from the scene: exitance, its standard error, photons.
+type Kept = (Vec<DVec3>, Vec<DVec3>, [u64; 3]);
+
+/// The difference between the reference and the volume under each light, and the walks themselves; existing ones are
+/// taken.
 pub(super) fn errors(
     subject: &Subject,
     scene: &Scene,
     lights: &[(String, Light)],
     radiosity: &[Vec<DVec3>],
-) -> Result<Vec<ModelLine>> {
+) -> Result<(Vec<ModelLine>, Vec<Exitance>)> {
     let console = subject.console;
     console.check_memory(exitance::memory(scene.domain()), "raise --max-memory")?;
     let noise = noise(scene.mesh.local_mm.len());
-    let line = |((text, light), values): (&(String, Light), &Vec<DVec3>)| {
+    let hats = Hats::new(&scene.mesh, &scene.parts);
+    let (mut lines, mut walks) = (Vec::with_capacity(lights.len()), Vec::with_capacity(lights.len()));
+    for ((text, light), values) in lights.iter().zip(radiosity) {
         let model = subject.model.display().to_string();
         let mut words = vec!["translux", "reference", &model, "--material", subject.material];
         words.extend(subject.placement.iter().map(String::as_str));
@@ -45,22 +52,30 @@ pub(super) fn errors(
         values.iter().flat_map(|v| v.to_array()).for_each(|v| {
             hasher.update(&v.to_le_bytes());
         });
-        let path = subject.folder.join(format!("{}.walk.json", &hasher.finalize().to_hex()[..16]));
-        if let Some(line) = std::fs::read(&path).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok()) {
-            return Ok(line);
-        }
-        let walked = exitance(scene.domain(), std::slice::from_ref(light), Effort::Noise(noise), 0, console)?;
-        let line = ModelLine {
-            light: text.clone(),
-            error: compare(&walked, values)?,
-            photons: walked.photons,
-            command: format!("{command} --max-rms {noise}"),
+        let path = subject.folder.join(format!("{}.walk", &hasher.finalize().to_hex()[..16]));
+        let kept: Option<Kept> = std::fs::read(&path).ok().and_then(|bytes| bincode::deserialize(&bytes).ok());
+        let walk = match kept.filter(|(total, error, _)| total.len() == hats.len() && error.len() == hats.len()) {
+            Some((total, standard_error, photons)) => {
+                let budget = [Budget::default(); 3];
+                Exitance { hats: hats.clone(), total, single: Vec::new(), standard_error, budget, photons }
+            }
+            None => {
+                let walk = exitance(scene.domain(), std::slice::from_ref(light), Effort::Noise(noise), 0, console)?;
+                let bytes = bincode::serialize(&(&walk.total, &walk.standard_error, walk.photons))
+                    .map_err(|e| Error::runtime(format!("{}: {e}", path.display())))?;
+                atomic::write(&path, &bytes)?;
+                walk
+            }
         };
-        let bytes = serde_json::to_vec(&line).map_err(|e| Error::runtime(format!("{}: {e}", path.display())))?;
-        atomic::write(&path, &bytes)?;
-        Ok(line)
-    };
-    lights.iter().zip(radiosity).map(line).collect()
+        lines.push(ModelLine {
+            light: text.clone(),
+            error: compare(&walk, values)?,
+            photons: walk.photons,
+            command: format!("{command} --max-rms {noise}"),
+        });
+        walks.push(walk);
+    }
+    Ok((lines, walks))
 }
 
 #[cfg(test)]

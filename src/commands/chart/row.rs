@@ -22,6 +22,7 @@ use crate::progress::Silent;
 use crate::render::frame::{Frame, render};
 use crate::report::chart::Shown;
 use crate::report::sizes::sizes;
+use crate::transport::random_walk::model_error::compare;
 
 /// Measures one row.
 pub(super) fn of(
@@ -53,10 +54,13 @@ pub(super) fn of(
         let Measured { radiosity: values, error, .. } = measured(evaluator.as_mut(), Truth::Given(expected), &Silent)?;
         let (picture, of_light) = pictures(evaluator.as_ref(), &values, index, truth)?;
         shown = shown.or(of_light);
+        let volume =
+            truth.walks.get(index).map(|walk| compare(walk, &values).map(|error| error.worst())).transpose()?;
         lights.push(LightError {
             light: text.clone(),
             picture,
             error,
+            volume_rms: volume,
             negative_share: negative_share(&values, &truth.areas),
             relight_ms: Quantiles::of(times),
         });
@@ -94,6 +98,7 @@ pub(super) fn of(
         edit_ms,
         device,
         error: lights.iter().fold(VertexError::default(), |worst, l| worst.max(l.error)),
+        volume_rms: lights.iter().filter_map(|l| l.volume_rms).max_by(|a, b| a[0].total_cmp(&b[0])),
         negative_share: lights.iter().map(|l| l.negative_share).fold(0.0, f64::max),
         picture: lights.iter().fold(PictureError::default(), |worst, l| worst.max(l.picture)),
         promised_rms: ledger.total_rms(),

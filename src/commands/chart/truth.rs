@@ -17,6 +17,7 @@ use crate::progress::Silent;
 use crate::render::background::Background;
 use crate::render::camera::{Camera, Resolution};
 use crate::render::frame::{Frame, RenderSettings, Specular, render};
+use crate::transport::random_walk::exitance::Exitance;
 
 /// Resolution of the pictures that are compared.
 const PICTURE: Resolution = Resolution { width: 320, height: 320 };
@@ -29,6 +30,8 @@ pub(super) struct Reference {
     pub(super) lights: Vec<(String, Light)>,
     /// Radiosity of every vertex under each light.
     pub(super) radiosity: Vec<Vec<DVec3>>,
+    /// What leaves the volume under each light; empty where none can be walked.
+    pub(super) walks: Vec<Exitance>,
     /// Area around each vertex, mm^2.
     pub(super) areas: Vec<f64>,
     /// Views, each with its picture under each light.
@@ -57,11 +60,12 @@ pub(super) fn of(subject: &Subject, samples: usize) -> Result<Reference> {
         radiosity.push(values);
     }
     let views = views(evaluator.as_ref(), &radiosity)?;
-    let (model_errors, no_model_errors) = match model::errors(subject, evaluator.scene(), &lights, &radiosity) {
-        Ok(lines) => (lines, None),
+    let walked = model::errors(subject, evaluator.scene(), &lights, &radiosity);
+    let ((model_errors, walks), no_model_errors) = match walked {
+        Ok(walked) => (walked, None),
         Err(error) => {
             console.warn(&format!("the model's own error is left out: {error}"));
-            (Vec::new(), Some(error.to_string()))
+            (Default::default(), Some(error.to_string()))
         }
     };
     Ok(Reference {
@@ -77,6 +81,7 @@ pub(super) fn of(subject: &Subject, samples: usize) -> Result<Reference> {
         areas: evaluator.scene().vertex_areas_mm2(),
         lights,
         radiosity,
+        walks,
         views,
     })
 }

@@ -73,6 +73,9 @@ pub struct LightError {
     pub light: String,
     /// Error over the vertices.
     pub error: VertexError,
+    /// RMS of the difference from what leaves the volume, worst channel, and its standard error; none where no random walk
+    /// was possible.
+    pub volume_rms: Option<[f64; 2]>,
     /// Share of the area with negative radiosity, in the channel where it is largest.
     pub negative_share: f64,
     /// Worst error of any view, for each figure.
@@ -144,6 +147,9 @@ pub struct Row {
     pub device: Option<DeviceRow>,
     /// Error over the vertices, worst light for each figure.
     pub error: VertexError,
+    /// RMS of the difference from what leaves the volume, worst channel and light, and its standard error; none where no
+    /// random walk was possible.
+    pub volume_rms: Option<[f64; 2]>,
     /// Largest share of the area with negative radiosity under any light.
     pub negative_share: f64,
     /// Error of the pictures, worst light and view for each figure.

@@ -28,6 +28,14 @@ const COLUMNS: &[Column] = &[
         let (served, all) = (r.lights.len(), r.lights.len() + r.unserved.len());
         (format!("{served} of {all}"), all as f64 - served as f64)
     }),
+    (
+        "off the volume",
+        "RMS against a random walk through the volume: the model's error and the method's together",
+        |r| match r.volume_rms {
+            None => ("not known".to_owned(), f64::MAX),
+            Some([rms, error]) => (format!("{} <small>&plusmn; {}</small>", percent(rms).0, percent(error).0), rms),
+        },
+    ),
     ("bias", "Mean error, signed", |r| percent(r.error.bias)),
     ("99.9 %", "99.9th percentile of the error", |r| percent(r.error.p999)),
     ("worst", "Worst vertex", |r| percent(r.error.worst)),

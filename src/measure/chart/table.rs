@@ -28,6 +28,7 @@ pub const COLUMNS: &[Column] = &[
     ("adapter_relight_ms", |r| r.device.as_ref().map_or_else(String::new, |d| number(d.relight_ms.median))),
     ("adapter_edit_ms", |r| r.device.as_ref().and_then(|d| d.edit_ms).map_or_else(String::new, |q| number(q.median))),
     ("rms", |r| number(r.error.rms)),
+    ("volume_rms", |r| r.volume_rms.map_or_else(String::new, |[rms, _]| number(rms))),
     ("bias", |r| number(r.error.bias)),
     ("p999", |r| number(r.error.p999)),
     ("worst_vertex", |r| number(r.error.worst)),
