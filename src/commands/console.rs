@@ -11,6 +11,7 @@ use serde::Serialize;
 
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::Registry;
+use crate::math::simd::InstructionSet;
 use crate::progress::{Progress, stage};
 use crate::report::text::{megabytes, percent};
 use crate::report::{Run, StageTime, json};
@@ -34,6 +35,9 @@ pub(super) struct Global {
     /// Memory that may be used, such as 4GiB or 800MB (default: 75 % of what there is)
     #[arg(long, global = true, value_name = "SIZE")]
     max_memory: Option<String>,
+    /// Widest instructions of the kernels: baseline, avx2, avx512. Results are the same.
+    #[arg(long, global = true, hide = true, env = "TRANSLUX_INSTRUCTIONS", value_name = "SET")]
+    pub(super) instructions: Option<InstructionSet>,
 }
 
 /// Amount of output on standard error.

@@ -110,6 +110,9 @@ fn command() -> clap::Command {
 
 fn dispatch(cli: Cli, registry: Registry) -> Result<ExitCode> {
     let console = Console::new(&cli.global, registry)?;
+    if let Some(widest) = cli.global.instructions {
+        widest.limit();
+    }
     let threads = cli.global.threads.unwrap_or(0);
     if cli.global.threads == Some(0) || threads > 4096 {
         return Err(Error::command_line("--threads: a number from 1 to 4096 is needed"));

@@ -3,6 +3,11 @@
 //! Every lane of a kernel computes one receiver and lanes never mix, no multiplication is fused with an addition, and
 //! division and square root are the exact IEEE operations: all levels give the same bits.
 
+use std::str::FromStr;
+use std::sync::OnceLock;
+
+use crate::error::{Error, Result};
+
 /// Instruction sets that the kernels are compiled for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum InstructionSet {
@@ -14,10 +19,19 @@ pub enum InstructionSet {
     Avx512,
 }
 
+static LIMIT: OnceLock<InstructionSet> = OnceLock::new();
+
 impl InstructionSet {
-    /// The widest level that this processor runs.
+    /// The widest level that this processor runs, within [`InstructionSet::limit`].
     pub fn detect() -> Self {
-        *Self::available().last().unwrap_or(&Self::Baseline)
+        let widest = *Self::available().last().unwrap_or(&Self::Baseline);
+        LIMIT.get().map_or(widest, |limit| widest.min(*limit))
+    }
+
+    /// Lets kernels use no wider level than this for as long as the program runs; results are the same. Only the first limit
+    /// counts.
+    pub fn limit(self) {
+        LIMIT.get_or_init(|| self);
     }
 
     /// Every level that this processor runs, narrowest first.
@@ -47,6 +61,19 @@ impl InstructionSet {
 pub(crate) fn add_scaled<const N: usize>(sums: &mut [f32; N], factor: f32, values: &[f32; N]) {
     for i in 0..N {
         sums[i] += factor * values[i];
+    }
+}
+
+impl FromStr for InstructionSet {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        match text {
+            "baseline" => Ok(Self::Baseline),
+            "avx2" => Ok(Self::Avx2),
+            "avx512" => Ok(Self::Avx512),
+            _ => Err(Error::command_line(format!("instructions `{text}`: baseline, avx2 or avx512 is needed"))),
+        }
     }
 }
 

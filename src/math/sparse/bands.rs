@@ -36,6 +36,10 @@ const NEXT_LOOK: f64 = 0.3;
 /// Dimension of a Krylov space at most, over the number of pairs; then a new one starts beside the pairs found.
 const MOST_DIMENSION: f64 = 5.0;
 
+/// Blocks that a Krylov space may have however few pairs are asked of it: the last pair of a band converges slowly where the
+/// first beyond it is near, and a new space begins from nothing.
+const LEAST_BLOCKS: usize = 24;
+
 /// Krylov spaces of a band at most: every one adds pairs unless the arithmetic has failed.
 const MOST_SPACES: usize = 64;
 
@@ -222,7 +226,7 @@ fn krylov(
     let mut basis: Vec<Vec<Row>> = vec![start];
     let mut projected: Vec<Vec<blocks::Small>> = Vec::new();
     let room = rows.saturating_sub(locked.len() * WIDTH) / WIDTH;
-    let most = ((MOST_DIMENSION * wanted as f64) as usize / WIDTH + 6).min(room.max(1));
+    let most = ((MOST_DIMENSION * wanted as f64) as usize / WIDTH + 6).max(LEAST_BLOCKS).min(room.max(1));
     let mut look = ((FIRST_LOOK * wanted as f64) as usize / WIDTH + 2).min(most);
     loop {
         let mut next = solved(factors, &basis[basis.len() - 1])?;
@@ -387,21 +391,31 @@ mod tests {
     use super::*;
     use crate::progress::Silent;
 
-    /// A grid on a flat torus: eigenvalues are sums of those of two rings, most of them fourfold or eightfold.
+    /// A grid on a flat torus: eigenvalues are sums of those of two rings, most of them fourfold or eightfold where both are
+    /// alike.
     fn torus(side: u32) -> SymmetricMatrix {
+        uneven_torus(side, 1.0)
+    }
+
+    /// The springs along y have another stiffness.
+    fn uneven_torus(side: u32, stiffness: f64) -> SymmetricMatrix {
         let at = |x: u32, y: u32| (x % side) + (y % side) * side;
         let mut pairs = Vec::new();
         for y in 0..side {
             for x in 0..side {
-                pairs.extend([(at(x, y), at(x + 1, y), -1.0), (at(x, y), at(x, y + 1), -1.0)]);
+                pairs.extend([(at(x, y), at(x + 1, y), -1.0), (at(x, y), at(x, y + 1), -stiffness)]);
             }
         }
-        SymmetricMatrix::new(vec![4.0; (side * side) as usize], &pairs)
+        SymmetricMatrix::new(vec![2.0 + 2.0 * stiffness; (side * side) as usize], &pairs)
     }
 
     fn expected(side: u32, below: f64) -> Vec<f64> {
+        expected_of_uneven(side, 1.0, below)
+    }
+
+    fn expected_of_uneven(side: u32, stiffness: f64, below: f64) -> Vec<f64> {
         let ring = |k: u32| 2.0 - 2.0 * (std::f64::consts::TAU * f64::from(k) / f64::from(side)).cos();
-        let mut all: Vec<f64> = (0..side).flat_map(|a| (0..side).map(move |b| ring(a) + ring(b))).collect();
+        let mut all: Vec<f64> = (0..side).flat_map(|a| (0..side).map(move |b| ring(a) + stiffness * ring(b))).collect();
         all.retain(|v| *v < below);
         all.sort_by(f64::total_cmp);
         all
@@ -427,6 +441,24 @@ mod tests {
             }
             assert!(found.residual < 1e-9 && found.orthogonality < 1e-10, "{found:?}");
         }
+    }
+
+    /// Wherever the limit falls between eigenvalues that are a few per cent apart.
+    #[test]
+    fn few_pairs_converge_beside_near_ones() {
+        let matrix = uneven_torus(21, 1.07);
+        let expected = expected_of_uneven(21, 1.07, 1.6);
+        let gaps = expected.windows(2).enumerate().filter(|(_, pair)| pair[1] - pair[0] > 1e-4);
+        let mut limits = 0;
+        for (last, pair) in gaps {
+            for share in [0.1, 0.9] {
+                let (values, found) = all(&matrix, pair[0] + share * (pair[1] - pair[0]));
+                assert_eq!(values.len(), last + 1, "between {pair:?}");
+                assert!(found.residual < 1e-9 && found.orthogonality < 1e-10, "{found:?}");
+                limits += 1;
+            }
+        }
+        assert!(limits > 40, "{limits}");
     }
 
     #[test]
