@@ -352,20 +352,4 @@ mod tests {
             assert!(pool.install(|| symmetric_eigen(&matrix, n)).unwrap() == many);
         }
     }
-
-    /// Prints times: `cargo test --release --lib eigen::tests::speed -- --ignored --nocapture`.
-    #[test]
-    #[ignore = "prints times"]
-    fn speed() {
-        for n in [200, 600, 1200] {
-            let matrix = symmetric(n, |i, j| uniform(9, i as u64, j as u64) - 0.5);
-            for threads in [1, 2] {
-                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-                let start = std::time::Instant::now();
-                let found = pool.install(|| symmetric_eigen(&matrix, n)).unwrap();
-                let time = start.elapsed().as_secs_f64();
-                println!("order {n}, {threads} threads: {time:.3} s, defects {:?}", defects(&matrix, &found));
-            }
-        }
-    }
 }

@@ -1,5 +1,3 @@
-#![allow(clippy::unwrap_used)]
-
 use super::*;
 use crate::geometry::samples::Samples;
 use crate::geometry::shapes;

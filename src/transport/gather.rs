@@ -90,13 +90,6 @@ impl<'a> Gather<'a> {
         Self { surface, tree, media, near, level: InstructionSet::detect() }
     }
 
-    /// Uses narrower instructions than this processor offers: the results are the same to the bit.
-    #[must_use]
-    pub fn with_level(mut self, level: InstructionSet) -> Self {
-        self.level = level;
-        self
-    }
-
     /// Prepares the tree for one irradiance per sample, RGB.
     pub fn light<'b>(&self, irradiance: &'b [DVec3]) -> Lit<'b> {
         self.lit(SampleLight::even(irradiance), irradiance)
@@ -115,14 +108,8 @@ impl<'a> Gather<'a> {
     pub fn radiosity(&self, receivers: &Receivers, lit: &Lit, scheme: Scheme, progress: &dyn Progress) -> Vec<DVec3> {
         progress.start("transfer", receivers.len() as u64);
         let mut result = vec![DVec3::ZERO; receivers.len()];
-        let mut rest = result.as_mut_slice();
-        let mut jobs = Vec::with_capacity(receivers.groups.len());
-        for group in &receivers.groups {
-            let (mine, others) = rest.split_at_mut(group.run.range().len());
-            rest = others;
-            jobs.push((group, mine));
-        }
-        jobs.into_par_iter().for_each_init(Lists::default, |lists, (group, out)| {
+        let jobs = receivers.groups.par_iter().zip(receivers.cut(&mut result, 1));
+        jobs.for_each_init(Lists::default, |lists, (group, out)| {
             self.group(receivers, *group, lit, scheme, lists);
             for (i, value) in out.iter_mut().enumerate() {
                 *value = lit.light.radiosity(lists.block.sum(i));

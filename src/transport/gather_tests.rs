@@ -1,5 +1,3 @@
-#![allow(clippy::unwrap_used)]
-
 use super::*;
 use crate::geometry::mesh::Mesh;
 use crate::geometry::shapes;
@@ -152,7 +150,8 @@ fn results_depend_on_threads_and_instructions_not_at_all_and_on_groups_by_roundi
     for scheme in [Scheme::AllPairs, Scheme::Hierarchical { criterion: Criterion::SolidAngle(0.05) }] {
         let on = |threads: usize, level: InstructionSet| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            let gather = Gather::new(&surface, &fixture.tree, &fixture.scene.media, NearField::FAST).with_level(level);
+            let gather = Gather::new(&surface, &fixture.tree, &fixture.scene.media, NearField::FAST);
+            let gather = Gather { level, ..gather };
             pool.install(|| gather.radiosity(&at_16, &gather.light(&e), scheme, &Silent))
         };
         let one = on(1, InstructionSet::detect());
@@ -229,28 +228,5 @@ fn models_of_one_triangle_of_twin_sheets_and_of_a_micron_are_exact() {
                 assert!(error < 2e-4, "{name} with {samples} samples: {error:.1e}");
             }
         }
-    }
-}
-
-#[test]
-fn parts_exchange_no_light() {
-    let two = shapes::compose(&[
-        (shapes::icosphere(2.0, 2), DVec3::ZERO),
-        (shapes::icosphere(2.0, 2), DVec3::new(4.01, 0.0, 0.0)),
-    ]);
-    let mut fixture = Fixture::new(two, named("marble"), 10);
-    let part = (0..fixture.scene.mesh.triangles.len()).map(|t| u32::from(t >= 320)).collect();
-    let names = vec![("left".to_owned(), Some(0)), ("right".to_owned(), Some(0))];
-    fixture.scene.parts = crate::geometry::part_table::PartTable::new(&fixture.scene.mesh, part, names);
-    fixture.samples = samples::Samples::new(&fixture.scene.mesh, &fixture.scene.parts, 800);
-    fixture.patches = samples::patches(&fixture.scene.mesh, &fixture.samples);
-    fixture.tree = SampleTree::new(&fixture.samples, &fixture.patches);
-    let e: Vec<DVec3> =
-        (0..800).map(|i| if fixture.samples.part(0).contains(&i) { DVec3::ONE } else { DVec3::ZERO }).collect();
-    let receivers = receivers(&fixture, 16);
-    for scheme in [Scheme::AllPairs, Scheme::Hierarchical { criterion: Criterion::SolidAngle(0.1) }] {
-        let values = receivers.expand(&radiosity(&fixture, &e, &receivers, NearField::FAST, scheme));
-        assert!(values[..162].iter().all(|v| v.min_element() > 0.1));
-        assert!(values[162..].iter().all(|v| *v == DVec3::ZERO));
     }
 }

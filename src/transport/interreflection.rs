@@ -57,8 +57,6 @@ pub enum Rays {
     All,
     /// The first half, itself well spread.
     FirstHalf,
-    /// The second half, as well spread.
-    SecondHalf,
 }
 
 /// A ray that met a surface from which light leaves.
@@ -140,16 +138,6 @@ impl InterReflection {
         self.ends.len() / 2
     }
 
-    /// Rays of each sample.
-    pub fn rays(&self) -> u32 {
-        self.rays
-    }
-
-    /// Number of rays of all samples that bring light.
-    pub fn arrivals(&self) -> usize {
-        self.arrivals.len()
-    }
-
     /// Bytes in memory.
     pub fn bytes(&self) -> usize {
         size_of_val(self.ends.as_slice()) + size_of_val(self.arrivals.as_slice()) + size_of_val(self.rows.as_slice())
@@ -203,7 +191,6 @@ impl InterReflection {
         let range = match rays {
             Rays::All => first..last,
             Rays::FirstHalf => first..middle,
-            Rays::SecondHalf => middle..last,
         };
         self.arrivals.get(range).unwrap_or_default()
     }

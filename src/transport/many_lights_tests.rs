@@ -84,7 +84,8 @@ fn every_level_gives_the_same_bits() {
     let of_level = |level| {
         with_many(&fixture, |_, gather, receivers| {
             let areas = vec![1.0; receivers.len()];
-            ManyLights::new(gather, &fixture.tree, receivers, &areas).with_level(level).radiosity(&all, &Silent)
+            let many = ManyLights::new(gather, &fixture.tree, receivers, &areas);
+            ManyLights { level, ..many }.radiosity(&all, &Silent)
         })
     };
     let levels = InstructionSet::available();

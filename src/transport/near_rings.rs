@@ -213,15 +213,10 @@ impl NearRings {
     ) {
         let channels = if moments.colour.is_some() { 1 } else { 3 };
         let rgb = moments.colour.map_or(DVec3::ONE, |colour| colour.rgb);
-        let mut jobs = Vec::with_capacity(receivers.groups.len());
-        let mut rest = radiosity;
-        for (group, block) in receivers.groups.iter().zip(moments.blocks.chunks_exact(COLUMNS * channels)) {
-            let (mine, others) = rest.split_at_mut(group.run.range().len().min(rest.len()));
-            rest = others;
-            jobs.push((group, block, mine));
-        }
+        let blocks = moments.blocks.par_chunks_exact(COLUMNS * channels);
+        let jobs = receivers.groups.par_iter().zip(blocks).zip(receivers.cut(radiosity, 1));
         let (level, scale) = (InstructionSet::detect(), moments.scale.recip() * rgb);
-        jobs.into_par_iter().with_min_len(64).for_each(|(group, block, out)| {
+        jobs.with_min_len(64).for_each(|((group, block), out)| {
             let Some(coefficients) = of_group(group) else { return };
             let mut sums = [[0.0; LANES]; 3];
             product(level, block, &coefficients.0, &mut sums);

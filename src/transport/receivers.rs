@@ -9,6 +9,7 @@ use super::kernel::Receiver;
 use crate::geometry::cluster::{self, Run};
 use crate::geometry::mesh::Mesh;
 use crate::geometry::part_table::PartTable;
+use crate::math::slices::cut;
 use crate::math::statistics::{VertexError, vertex_error};
 
 /// Points that gather flux, grouped by part and place.
@@ -102,35 +103,14 @@ impl Receivers {
                 *slot = (*slot).min(part);
             }
         }
-        let mut by_part = vec![Vec::new(); parts.parts.len()];
-        for (vertex, &part) in part_of_weld.iter().enumerate() {
-            if part != NONE {
-                by_part[part as usize].push(vertex as u32);
-            }
-        }
-        let positions: Vec<DVec3> = mesh.local_mm.iter().map(|p| p.as_dvec3()).collect();
-        let mut result = Self { positions: Vec::new(), groups: Vec::new(), of_vertex: vec![NONE; mesh.local_mm.len()] };
-        let mut of_weld = vec![NONE; mesh.local_mm.len()];
-        for (part, mut order) in by_part.into_iter().enumerate() {
-            let first = result.positions.len() as u32;
-            for run in cluster::groups(&mut order, &positions, capacity) {
-                let run = Run { first: first + run.first, end: first + run.end };
-                result.groups.push(Group { run, part: part as u32 });
-            }
-            for vertex in order {
-                of_weld[vertex as usize] = result.positions.len() as u32;
-                result.positions.push(positions[vertex as usize]);
-            }
-        }
-        let mut used = vec![false; mesh.local_mm.len()];
+        let at = |(vertex, &part): (usize, &u32)| (part != NONE).then(|| (part, mesh.local_mm[vertex].as_dvec3()));
+        let places: Vec<Option<(u32, DVec3)>> = part_of_weld.iter().enumerate().map(at).collect();
+        let mut result = Self::at(&places, capacity);
+        let mut of_vertex = vec![NONE; mesh.local_mm.len()];
         for &v in mesh.triangles.iter().flatten() {
-            used[v as usize] = true;
+            of_vertex[v as usize] = result.of_vertex[mesh.weld[v as usize] as usize];
         }
-        for (vertex, slot) in result.of_vertex.iter_mut().enumerate() {
-            if used[vertex] {
-                *slot = of_weld[mesh.weld[vertex] as usize];
-            }
-        }
+        result.of_vertex = of_vertex;
         result
     }
 
@@ -157,6 +137,11 @@ impl Receivers {
             }
         }
         result
+    }
+
+    /// Values of the receivers, `each` of every one, cut into those of each group.
+    pub(super) fn cut<'a, T>(&self, values: &'a mut [T], each: usize) -> Vec<&'a mut [T]> {
+        cut(values, self.groups.iter().map(|group| group.run.range().len() * each))
     }
 
     /// Number of receivers.

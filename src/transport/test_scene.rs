@@ -1,5 +1,4 @@
 //! Scenes for the tests of this layer.
-#![allow(clippy::unwrap_used)]
 
 use glam::DVec3;
 

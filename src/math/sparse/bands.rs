@@ -382,7 +382,6 @@ fn checked(matrix: &SymmetricMatrix, band: &Band, before: Option<&Band>, scale: 
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
     use crate::progress::Silent;

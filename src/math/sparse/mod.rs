@@ -80,14 +80,6 @@ impl SymmetricMatrix {
         self.columns[range.clone()].iter().copied().zip(self.values[range].iter().copied())
     }
 
-    /// Bytes in memory.
-    pub fn bytes(&self) -> usize {
-        size_of_val(self.diagonal.as_slice())
-            + size_of_val(self.offsets.as_slice())
-            + size_of_val(self.columns.as_slice())
-            + size_of_val(self.values.as_slice())
-    }
-
     /// The product with `N` vectors, stored row by row; `out` is as long as `x`.
     pub fn product<const N: usize>(&self, x: &[[f64; N]], out: &mut [[f64; N]]) {
         out.par_chunks_mut(ROWS).enumerate().for_each(|(chunk, out)| {

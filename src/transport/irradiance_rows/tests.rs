@@ -1,5 +1,3 @@
-#![allow(clippy::unwrap_used)]
-
 use std::f64::consts::PI;
 use std::sync::Arc;
 

@@ -135,11 +135,6 @@ impl<const N: usize, const BITS: u32> RadialTable<N, BITS> {
     pub(crate) fn segments(&self) -> (f32, u32, Vec<[Rgb; N]>) {
         (self.scale2, self.first, self.segments.iter().map(|segment| segment.0).collect())
     }
-
-    /// Bytes in memory.
-    pub fn bytes(&self) -> usize {
-        size_of_val(self.segments.as_slice())
-    }
 }
 
 impl<const BITS: u32> RadialTable<2, BITS> {

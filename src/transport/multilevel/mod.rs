@@ -27,6 +27,7 @@ use super::interpolation::SharedWeights;
 use crate::geometry::cluster::{self, Run};
 use crate::geometry::scattered::{Kriging, OrientedPoint, Weights, choose_from};
 use crate::math::simd::InstructionSet;
+use crate::math::slices::cut;
 use crate::medium::profile::Profile;
 
 /// Resolution of a kernel by nets.
@@ -123,15 +124,6 @@ impl Multilevel {
         }
     }
 
-    /// Number of points and of pairs of each net, finest first.
-    pub(super) fn sizes(&self) -> Vec<(usize, usize)> {
-        let pairs = |net: &Net| {
-            let of_group = |(g, run): (usize, &Run)| run.range().len() * net.around.of(g).len();
-            net.groups.iter().enumerate().map(of_group).sum()
-        };
-        self.levels.iter().map(|net| (net.points.len(), pairs(net))).collect()
-    }
-
     /// Bytes in memory.
     pub(super) fn bytes(&self) -> usize {
         let net = |net: &Net| {
@@ -211,14 +203,8 @@ impl Net {
 
     fn add(&self, table: &NetKernel, charges: &[[f32; 4]], out: &mut [[f32; 4]]) {
         let level = InstructionSet::detect();
-        let mut rest = out;
-        let mut jobs = Vec::with_capacity(self.groups.len());
-        for (g, run) in self.groups.iter().enumerate() {
-            let (mine, others) = rest.split_at_mut(run.range().len());
-            rest = others;
-            jobs.push((g, *run, mine));
-        }
-        jobs.into_par_iter().with_min_len(8).for_each(|(g, run, out)| {
+        let jobs = self.groups.par_iter().zip(cut(out, self.groups.iter().map(|run| run.range().len())));
+        jobs.enumerate().with_min_len(8).for_each(|(g, (run, out))| {
             let mut block = PointBlock::new(&self.at[run.range()]);
             kernel::add_smooth(level, &mut block, table, self.around.of(g), (&self.at, charges));
             block.add_to(out);

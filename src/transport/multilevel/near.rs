@@ -13,6 +13,7 @@ use super::close::Close;
 use super::compact::{Compact, Facets, Shine};
 use crate::geometry::cluster::Run;
 use crate::math::simd::{InstructionSet, multiversion};
+use crate::math::slices::cut;
 use crate::transport::close_pairs::ClosePairs;
 use crate::transport::kernel::radial_table::{LinearTable, Rgb};
 use crate::transport::kernel::{Block, PointSource, Receiver};
@@ -59,14 +60,8 @@ impl NearSamples {
     /// Adds the compact part to the radiosity of every receiver, RGB. `first` is the part's first sample.
     pub(super) fn add(&self, compact: &Compact, facets: &Facets, light: Shine, first: usize, out: &mut [Rgb]) {
         let level = InstructionSet::detect().min(InstructionSet::Avx2);
-        let mut rest = out;
-        let mut jobs = Vec::with_capacity(self.groups.len());
-        for (g, run) in self.groups.iter().enumerate() {
-            let (mine, others) = rest.split_at_mut(run.range().len().min(rest.len()));
-            rest = others;
-            jobs.push((g, *run, mine));
-        }
-        jobs.into_par_iter().with_min_len(4).for_each_init(Scratch::default, |scratch, (g, run, out)| {
+        let jobs = self.groups.par_iter().zip(cut(out, self.groups.iter().map(|run| run.range().len())));
+        jobs.enumerate().with_min_len(4).for_each_init(Scratch::default, |scratch, (g, (run, out))| {
             let members = &self.receivers[run.range()];
             let place = Sphere::around(members);
             scratch.close.clear();
@@ -77,10 +72,8 @@ impl NearSamples {
             scratch.block.reset(place.centre_mm, members.iter().map(|&at_mm| Receiver { at_mm }));
             compact.disc.add_points(level, &mut scratch.block, &scratch.discs);
             for (i, (receiver, out)) in members.iter().zip(out).enumerate() {
-                let [r, g, b] = scratch.block.sum(i).as_vec3().to_array();
-                for (out, value) in out.iter_mut().zip([r, g, b]) {
-                    *out += value;
-                }
+                let sum = scratch.block.sum(i).as_vec3().to_array();
+                out.iter_mut().zip(sum).for_each(|(out, value)| *out += value);
                 let at = (*receiver - place.centre_mm).as_vec3().to_array();
                 receive(level, scratch, at, (compact, facets, light), out);
             }

@@ -201,11 +201,6 @@ impl SurfaceNets {
         result
     }
 
-    /// Points of each net and pairs between them, finest first, of every part.
-    pub fn sizes(&self) -> Vec<Vec<(usize, usize)>> {
-        self.parts.iter().map(|part| part.nets.sizes()).collect()
-    }
-
     /// Bytes in memory.
     pub fn bytes(&self) -> usize {
         self.parts.iter().map(|part| part.nets.bytes() + part.near.bytes()).sum::<usize>() + self.facets.bytes()

@@ -1,5 +1,3 @@
-#![allow(clippy::unwrap_used)]
-
 use super::*;
 use crate::geometry::shapes;
 use crate::light::Light;
@@ -115,22 +113,6 @@ fn any_profile_may_take_the_place_of_the_dipole() {
         // The tables of both sides err by up to 5e-4.
         assert!(error(&pair) <= 0.0055, "{model}: {:.1e}", error(&pair));
     }
-}
-
-#[test]
-fn the_same_bits_with_any_number_of_threads() {
-    let fixture = head(named("skin1"), 6000);
-    let (irradiance, pieces) = lit(&fixture, DVec3::new(1.0, 0.5, 0.3));
-    let surface = fixture.surface();
-    let run = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| {
-            let receivers = Receivers::new(&fixture.scene.mesh, &fixture.scene.parts, 16);
-            let nets = SurfaceNets::new(&surface, &receivers, Quality::for_error(0.01));
-            nets.radiosity(&surface, &nets.tables(&kernels(&fixture)), (&irradiance, &pieces), receivers.len())
-        })
-    };
-    assert_eq!(run(1), run(3));
 }
 
 #[test]
