@@ -150,12 +150,7 @@ impl<'a> Gather<'a> {
         lists: &mut Lists,
         take: &mut impl FnMut(Source, &[[f32; 3]]),
     ) {
-        let sphere = receivers.sphere(group);
-        lists.block.reset(sphere.centre_mm, receivers.of(group));
-        lists.points.clear();
-        lists.flats.clear();
-        let part = group.part as usize;
-        let Some(medium) = self.medium(part) else { return };
+        let Some((part, medium, sphere)) = self.begin(receivers, group, lists) else { return };
         let mut weights = vec![[0.0; 3]; group.run.range().len()];
         self.visit(part, lit, medium, scheme, &sphere, &mut |source| {
             match source {
@@ -177,13 +172,18 @@ impl<'a> Gather<'a> {
         self.surface.patches
     }
 
-    fn group(&self, receivers: &Receivers, group: Group, lit: &Lit, scheme: Scheme, lists: &mut Lists) {
+    /// Empties the lists for a group of receivers; its part, medium and place.
+    fn begin(&self, receivers: &Receivers, group: Group, lists: &mut Lists) -> Option<(usize, &MediumKernel, Sphere)> {
         let sphere = receivers.sphere(group);
         lists.block.reset(sphere.centre_mm, receivers.of(group));
         lists.points.clear();
         lists.flats.clear();
         let part = group.part as usize;
-        let Some(medium) = self.medium(part) else { return };
+        Some((part, self.medium(part)?, sphere))
+    }
+
+    fn group(&self, receivers: &Receivers, group: Group, lit: &Lit, scheme: Scheme, lists: &mut Lists) {
+        let Some((part, medium, sphere)) = self.begin(receivers, group, lists) else { return };
         self.visit(part, lit, medium, scheme, &sphere, &mut |source| match source {
             Source::Cluster(index) => {
                 let cluster = &lit.clusters[index as usize];

@@ -22,7 +22,7 @@ use crate::geometry::samples::{Facet, area};
 use crate::math::random::{bits, radical_inverse_2};
 use crate::math::simd::{InstructionSet, multiversion};
 use crate::medium::fresnel::{CosineTransmittance, transmittance};
-use crate::progress::Progress;
+use crate::progress::{Progress, in_tasks};
 use crate::transport::domain::Domain;
 
 /// Fewest and most rays of a sample, powers of two.
@@ -100,16 +100,7 @@ impl InterReflection {
             directions: (0..rays).map(|k| [radical_inverse_2(k), second_inverse_2(k)]).collect(),
         };
         let samples = surface.samples.len();
-        progress.start("inter-reflection", samples as u64);
-        let blocks: Vec<Block> = (0..samples.div_ceil(BLOCK))
-            .into_par_iter()
-            .map(|block| {
-                let range = block * BLOCK..((block + 1) * BLOCK).min(samples);
-                progress.advance(range.len() as u64);
-                caster.block(range)
-            })
-            .collect();
-        progress.finish();
+        let blocks = in_tasks(progress, "inter-reflection", (samples, BLOCK), |range| caster.block(range));
         let mut ends = Vec::with_capacity(2 * samples);
         let mut arrivals = Vec::with_capacity(blocks.iter().map(|b| b.arrivals.len()).sum());
         for block in blocks {

@@ -8,7 +8,6 @@ use crate::math::random::uniform;
 use crate::medium::fresnel::diffuse_transmittance;
 use crate::medium::material::OpticalProperties;
 use crate::progress::Silent;
-use crate::transport::receivers::Receivers;
 use crate::transport::test_scene::{Fixture, named};
 
 fn of_eta(eta: f64) -> OpticalProperties {
@@ -238,7 +237,7 @@ fn the_error_falls_faster_than_the_root_of_the_number_of_rays() {
 #[test]
 fn rows_of_any_width_have_the_sums_of_single_columns_on_every_level() {
     let fixture = Fixture::new(shapes::bumpy_head(10.0, 3), of_eta(1.3), 3000);
-    let receivers = Receivers::new(&fixture.scene.mesh, &fixture.scene.parts, 16);
+    let receivers = fixture.receivers(16);
     let matrix = matrix(&fixture, 32).of_receivers(&receivers.of_vertex);
     assert!(matrix.arrivals.len() > 200);
     for columns in [1, 3, 16, 49] {

@@ -21,7 +21,7 @@ fn lights(count: usize) -> Vec<Light> {
 
 fn rows(fixture: &Fixture, lights: &[Light]) -> (IrradianceRows, Vec<Vec<DVec3>>) {
     let surface = fixture.surface();
-    let eta = fixture.scene.media[0].properties.eta_inside_over_outside;
+    let eta = fixture.eta();
     let of_light = |light: &Light| {
         let one = std::slice::from_ref(light);
         Illumination::new(&surface, one, &[eta], LightSampling::FAST).unwrap().all(&Silent)
@@ -35,7 +35,7 @@ fn rows(fixture: &Fixture, lights: &[Light]) -> (IrradianceRows, Vec<Vec<DVec3>>
 fn with_many<T>(fixture: &Fixture, work: impl FnOnce(&mut ManyLights, &Gather, &Receivers) -> T) -> T {
     let surface = fixture.surface();
     let gather = Gather::new(&surface, &fixture.tree, &fixture.scene.media, NearField::FAST);
-    let receivers = Receivers::new(&fixture.scene.mesh, &fixture.scene.parts, 16);
+    let receivers = fixture.receivers(16);
     let areas = vec![1.0; receivers.len()];
     work(&mut ManyLights::new(&gather, &fixture.tree, &receivers, &areas), &gather, &receivers)
 }

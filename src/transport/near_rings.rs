@@ -22,7 +22,7 @@ use super::near_field::Corners;
 use super::near_rule::NearField;
 use super::receivers::{Group, Receivers};
 use super::surface::Surface;
-use crate::math::simd::{InstructionSet, multiversion, prefetch};
+use crate::math::simd::{InstructionSet, add_scaled, multiversion, prefetch};
 use crate::progress::Progress;
 
 /// Receivers side by side.
@@ -420,9 +420,7 @@ fn gather_body<const C: usize, const L: usize>(seen: &Seen, light: &[[f32; L]], 
                     on_hats[i] = (1.0 - (place - HATS[window][i]).abs()).max(0.0);
                 }
                 for c in 0..C {
-                    for i in 0..WIDTH {
-                        sums[c][i] += on_hats[i] * light[C + c];
-                    }
+                    add_scaled(&mut sums[c], light[C + c], &on_hats);
                 }
             }
             points = end[0];
@@ -432,9 +430,7 @@ fn gather_body<const C: usize, const L: usize>(seen: &Seen, light: &[[f32; L]], 
                     let Some(light) = light.get(row.sample as usize) else { return };
                     let areas = row.areas.map(|half| f32::from_bits(u32::from(half) << 16));
                     for c in 0..C {
-                        for i in 0..WIDTH {
-                            sums[c][i] += areas[i] * light[c];
-                        }
+                        add_scaled(&mut sums[c], light[c], &areas);
                     }
                 }
                 rows = end[1];
@@ -445,15 +441,11 @@ fn gather_body<const C: usize, const L: usize>(seen: &Seen, light: &[[f32; L]], 
                     let Some(light) = light.get(row.sample as usize) else { return };
                     let on_hats = row.shares.map(f32::from);
                     for c in 0..C {
-                        for i in 0..WIDTH {
-                            of_shares[c][i] += on_hats[i] * light[C + c];
-                        }
+                        add_scaled(&mut of_shares[c], light[C + c], &on_hats);
                     }
                 }
                 for c in 0..C {
-                    for i in 0..WIDTH {
-                        sums[c][i] += of_shares[c][i] * (1.0 / WHOLE);
-                    }
+                    add_scaled(&mut sums[c], 1.0 / WHOLE, &of_shares[c]);
                 }
                 shares = end[1];
             }
@@ -483,9 +475,7 @@ fn product_body(block: &[[f32; LANES]], coefficients: &[[f32; 3]; COLUMNS], sums
         let block: [&[f32; LANES]; 3] =
             if let [red, green, blue] = block { [red, green, blue] } else { [&block[0]; 3] };
         for c in 0..3 {
-            for i in 0..LANES {
-                sums[c][i] += block[c][i] * coefficients[c];
-            }
+            add_scaled(&mut sums[c], coefficients[c], block[c]);
         }
     }
 }

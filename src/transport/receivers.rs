@@ -93,16 +93,7 @@ impl Receivers {
     /// One receiver for each welded vertex that a transferring part uses. A vertex that several parts share belongs to
     /// the first of them. Groups hold at most `capacity` receivers.
     pub fn new(mesh: &Mesh, parts: &PartTable, capacity: usize) -> Self {
-        let mut part_of_weld = vec![NONE; mesh.local_mm.len()];
-        for (triangle, &part) in mesh.triangles.iter().zip(&parts.triangle_part) {
-            if !parts.parts.get(part as usize).is_some_and(|p| p.transfers()) {
-                continue;
-            }
-            for &v in triangle {
-                let slot = &mut part_of_weld[mesh.weld[v as usize] as usize];
-                *slot = (*slot).min(part);
-            }
-        }
+        let part_of_weld = parts_of_welds(mesh, parts);
         let at = |(vertex, &part): (usize, &u32)| (part != NONE).then(|| (part, mesh.local_mm[vertex].as_dvec3()));
         let places: Vec<Option<(u32, DVec3)>> = part_of_weld.iter().enumerate().map(at).collect();
         let mut result = Self::at(&places, capacity);
@@ -239,6 +230,20 @@ impl Receivers {
         let (subset, indices) = self.subset(count, phase);
         (subset, ProbePoints::new(indices, areas_mm2))
     }
+}
+
+/// For each welded vertex the first transferring part that uses it, or [`NONE`].
+pub(super) fn parts_of_welds(mesh: &Mesh, parts: &PartTable) -> Vec<u32> {
+    let mut result = vec![NONE; mesh.local_mm.len()];
+    for (triangle, &part) in mesh.triangles.iter().zip(&parts.triangle_part) {
+        if parts.parts.get(part as usize).is_some_and(|p| p.transfers()) {
+            for &v in triangle {
+                let slot = &mut result[mesh.weld[v as usize] as usize];
+                *slot = (*slot).min(part);
+            }
+        }
+    }
+    result
 }
 
 #[cfg(test)]

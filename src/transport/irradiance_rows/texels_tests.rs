@@ -16,7 +16,7 @@ fn texels_are_the_visible_share_of_the_irradiance() {
     let fixture = knot(70);
     let surface = fixture.surface();
     let baker = TexelBaker::new(&surface, Resolution::Sub64);
-    let eta = fixture.scene.media[0].properties.eta_inside_over_outside;
+    let eta = fixture.eta();
     let mut visited = Vec::new();
     baker.visit(3..70, |sample, row| {
         visited.push(sample);
@@ -77,7 +77,7 @@ fn the_first_harmonic_is_constant_light() {
         let fixture = Fixture::new(shapes::icosphere(10.0, 3), named(name), 500);
         let surface = fixture.surface();
         let found = TexelBaker::new(&surface, Resolution::Sub64).harmonics(1, &Silent);
-        let eta = fixture.scene.media[0].properties.eta_inside_over_outside;
+        let eta = fixture.eta();
         // Radiance 1 / sqrt(4 pi).
         let expected = 0.5 * std::f64::consts::PI.sqrt() * fresnel::diffuse_transmittance(eta);
         let worst = found.values.iter().map(|v| (f64::from(*v) / expected - 1.0).abs()).fold(0.0, f64::max);

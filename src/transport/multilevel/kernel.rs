@@ -1,6 +1,6 @@
 //! The inner loop between the points of a net: a kernel softened inside a radius, less that softened inside its double.
 
-use crate::math::simd::{InstructionSet, multiversion};
+use crate::math::simd::{InstructionSet, add_scaled, multiversion};
 use crate::medium::profile::Profile;
 use crate::medium::softened::Softened;
 use crate::transport::kernel::radial_table::{Rgb, SmoothTable, WIDEST};
@@ -61,7 +61,7 @@ impl PointBlock {
     /// Adds the block's sums to `out`.
     pub(super) fn add_to(&self, out: &mut [Rgb]) {
         for (out, sum) in out.iter_mut().zip(&self.sums) {
-            (0..4).for_each(|c| out[c] += sum[c]);
+            add_scaled(out, 1.0, sum);
         }
     }
 }
@@ -85,7 +85,7 @@ fn smooth_body(block: &mut PointBlock, table: &SmoothTable, sources: &[u32], (at
             table.add_point(&mut partial, &r2, [red, green, blue]);
         }
         for (sum, partial) in block.sums.iter_mut().zip(&partial) {
-            (0..4).for_each(|c| sum[c] += partial[c]);
+            add_scaled(sum, 1.0, partial);
         }
     }
 }

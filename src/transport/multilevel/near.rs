@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::close::Close;
 use super::compact::{Compact, Facets, Shine};
 use crate::geometry::cluster::Run;
-use crate::math::simd::{InstructionSet, multiversion};
+use crate::math::simd::{InstructionSet, add_scaled, multiversion};
 use crate::math::slices::cut;
 use crate::transport::close_pairs::ClosePairs;
 use crate::transport::kernel::radial_table::{LinearTable, Rgb};
@@ -162,10 +162,7 @@ fn receive_body(
                 let places = compact.point.places(&r2);
                 let mut values = [0.0f32; 4];
                 for j in 0..3 {
-                    let value = compact.point.value(&places, j);
-                    for k in 0..4 {
-                        values[k] += value[k];
-                    }
+                    add_scaled(&mut values, 1.0, &compact.point.value(&places, j));
                 }
                 add(&mut sum, &near.flux, &values);
                 continue;
@@ -197,9 +194,7 @@ fn receive_body(
         let flux = &close.flux[i];
         add(&mut sum, &[-flux[0], -flux[1], -flux[2], 0.0], &compact.disc.at_square(seen.r2[i]));
     }
-    for c in 0..4 {
-        out[c] += sum[c];
-    }
+    add_scaled(out, 1.0, &sum);
 }
 
 multiversion! {
@@ -227,14 +222,9 @@ fn points(sum: &mut Rgb, (middle, area): ([f32; 3], f32), corners: &[Rgb; 3], ta
         let places = table.places(&r2);
         let mut values = [0.0f32; 4];
         for j in 0..3 {
-            let value = table.value(&places, j);
-            for c in 0..4 {
-                values[c] += value[c];
-            }
+            add_scaled(&mut values, 1.0, &table.value(&places, j));
         }
-        for c in 0..4 {
-            sum[c] += area * weight * values[c];
-        }
+        add_scaled(sum, area * weight, &values);
     }
 }
 
