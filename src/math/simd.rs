@@ -63,10 +63,10 @@ pub(crate) fn prefetch<T>(values: &[T], index: usize) {
     let _ = (values, index);
 }
 
-/// Compiles `$body` (an `#[inline(always)]` function) for every level and defines `$name` that calls one of them.
+/// Compiles each `$body` (an `#[inline(always)]` function) for every level and defines `$name` that calls one of them.
 #[macro_export]
 macro_rules! multiversion {
-    ($(#[$meta:meta])* $vis:vis fn $name:ident ( $($arg:ident : $ty:ty),* $(,)? ) => $body:path) => {
+    ($($(#[$meta:meta])* $vis:vis fn $name:ident ( $($arg:ident : $ty:ty),* $(,)? ) => $body:path);+ $(;)?) => {$(
         $(#[$meta])*
         $vis fn $name(level: $crate::math::simd::InstructionSet, $($arg: $ty),*) {
             #[cfg(target_arch = "x86_64")]
@@ -93,7 +93,7 @@ macro_rules! multiversion {
                 $body($($arg),*)
             }
         }
-    };
+    )+};
 }
 
 pub use multiversion;

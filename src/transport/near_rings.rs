@@ -460,10 +460,8 @@ fn gather_body<const C: usize, const L: usize>(seen: &Seen, light: &[[f32; L]], 
 
 multiversion! {
     /// Gathers all channels.
-    fn gather(seen: &Seen, light: &[[f32; 6]], block: &mut [[f32; LANES]]) => gather_body::<3, 6>
-}
+    fn gather(seen: &Seen, light: &[[f32; 6]], block: &mut [[f32; LANES]]) => gather_body::<3, 6>;
 
-multiversion! {
     /// Gathers one channel.
     fn gather_one(seen: &Seen, light: &[[f32; 2]], block: &mut [[f32; LANES]]) => gather_body::<1, 2>
 }

@@ -140,19 +140,11 @@ impl MediumKernel {
 }
 
 multiversion! {
-    fn points_of_poles(block: &mut Block, kernel: &PolesRgb, sources: &[PointSource]) => points_body::<PolesRgb>
-}
-multiversion! {
-    fn triangles_of_poles(block: &mut Block, kernel: &PolesRgb, sources: &[FlatSource]) => triangles_body::<PolesRgb>
-}
-multiversion! {
-    fn triangles_of_table(block: &mut Block, kernel: &ProfileTable, sources: &[FlatSource]) => triangles_body::<ProfileTable>
-}
-multiversion! {
-    fn flats_of_poles(kernel: &PolesRgb, flats: &Flats, sums: &mut [[f64; 3]]) => flats_body::<PolesRgb>
-}
-multiversion! {
-    fn flats_of_table(kernel: &ProfileTable, flats: &Flats, sums: &mut [[f64; 3]]) => flats_body::<ProfileTable>
+    fn points_of_poles(block: &mut Block, kernel: &PolesRgb, sources: &[PointSource]) => points_body::<PolesRgb>;
+    fn triangles_of_poles(block: &mut Block, kernel: &PolesRgb, sources: &[FlatSource]) => triangles_body::<PolesRgb>;
+    fn triangles_of_table(block: &mut Block, kernel: &ProfileTable, sources: &[FlatSource]) => triangles_body::<ProfileTable>;
+    fn flats_of_poles(kernel: &PolesRgb, flats: &Flats, sums: &mut [[f64; 3]]) => flats_body::<PolesRgb>;
+    fn flats_of_table(kernel: &ProfileTable, flats: &Flats, sums: &mut [[f64; 3]]) => flats_body::<ProfileTable>;
 }
 
 /// The decay sigma, 1/mm, of exp(-sigma r) / r^2 fitted to a profile where a hundredth of it is left, or at the reach.

@@ -39,6 +39,14 @@ pub(crate) const WIDEST: InstructionSet = InstructionSet::Avx2;
 /// RGB and nothing.
 pub(crate) type Rgb = [f32; 4];
 
+/// `sum += factor value`, channel by channel.
+#[inline(always)]
+pub(in crate::transport) fn add_product(sum: &mut Rgb, factor: &Rgb, value: &Rgb) {
+    for c in 0..4 {
+        sum[c] += factor[c] * value[c];
+    }
+}
+
 /// Coefficients of the powers of the squared distance (mm^2) beyond the start of a segment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(C, align(32))]
@@ -293,9 +301,7 @@ impl RowValues for [Rgb; LANES] {
     fn add_scaled(&mut self, [red, green, blue]: [f32; 3], values: &Self) {
         let factor = [red, green, blue, 0.0];
         for (sum, value) in self.iter_mut().zip(values) {
-            for c in 0..4 {
-                sum[c] += factor[c] * value[c];
-            }
+            add_product(sum, &factor, value);
         }
     }
 
@@ -323,10 +329,7 @@ impl<const BITS: u32> Radial for RadialTable<2, BITS> {
         let places = self.places(r2);
         let flux = [red, green, blue, 0.0];
         for (lane, sum) in sums.iter_mut().enumerate() {
-            let value = self.value(&places, lane);
-            for c in 0..4 {
-                sum[c] += flux[c] * value[c];
-            }
+            add_product(sum, &flux, &self.value(&places, lane));
         }
     }
 }

@@ -4,7 +4,7 @@ use crate::math::simd::{InstructionSet, add_scaled, multiversion};
 use crate::medium::profile::Profile;
 use crate::medium::softened::Softened;
 use crate::transport::kernel::radial_table::{Rgb, SmoothTable, WIDEST};
-use crate::transport::kernel::{FLUSH, LANES, Radial, Row};
+use crate::transport::kernel::{FLUSH, LANES, Radial, squares};
 
 /// A kernel whose integral over the whole reach is at most this share of the profile's total is negligible.
 const NOTHING: f64 = 1e-7;
@@ -71,18 +71,11 @@ fn smooth_body(block: &mut PointBlock, table: &SmoothTable, sources: &[u32], (at
     for chunk in sources.chunks(FLUSH) {
         let mut partial = [[0.0f32; 4]; LANES];
         for &source in chunk {
-            let (Some(&[sx, sy, sz]), Some(&[red, green, blue, _])) =
-                (at.get(source as usize), charges.get(source as usize))
+            let (Some(at), Some(&[red, green, blue, _])) = (at.get(source as usize), charges.get(source as usize))
             else {
                 continue;
             };
-            let [x, y, z] = &block.at;
-            let mut r2: Row = [0.0; LANES];
-            for i in 0..LANES {
-                let (dx, dy, dz) = (x[i] - sx, y[i] - sy, z[i] - sz);
-                r2[i] = dx * dx + dy * dy + dz * dz;
-            }
-            table.add_point(&mut partial, &r2, [red, green, blue]);
+            table.add_point(&mut partial, &squares(&block.at, *at), [red, green, blue]);
         }
         for (sum, partial) in block.sums.iter_mut().zip(&partial) {
             add_scaled(sum, 1.0, partial);

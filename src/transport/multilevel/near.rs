@@ -15,8 +15,8 @@ use crate::geometry::cluster::Run;
 use crate::math::simd::{InstructionSet, add_scaled, multiversion};
 use crate::math::slices::cut;
 use crate::transport::close_pairs::ClosePairs;
-use crate::transport::kernel::radial_table::{LinearTable, Rgb};
-use crate::transport::kernel::{Block, PointSource, Receiver};
+use crate::transport::kernel::radial_table::{LinearTable, Rgb, add_product};
+use crate::transport::kernel::{Block, PointSource, Receiver, squares};
 use crate::transport::near_rule::{MOST_SPLITS, SIX_POINTS};
 use crate::transport::receivers::Sphere;
 
@@ -99,13 +99,6 @@ impl Scratch {
 }
 
 #[inline(always)]
-fn add(sum: &mut Rgb, factor: &Rgb, value: &Rgb) {
-    for c in 0..4 {
-        sum[c] += factor[c] * value[c];
-    }
-}
-
-#[inline(always)]
 fn receive_body(
     scratch: &mut Scratch,
     at: [f32; 3],
@@ -125,16 +118,11 @@ fn receive_body(
         let offset = Vec3::new(close.at[0][i] - at[0], close.at[1][i] - at[1], close.at[2][i] - at[2]);
         let first = close.pieces_of(n);
         for (k, four) in close.pieces[first..first + close.fours].iter().enumerate() {
-            let [xs, ys, zs] = &four.centroids;
-            let mut r2 = [0.0f32; 4];
-            for j in 0..4 {
-                let (dx, dy, dz) = (xs[j] - at[0], ys[j] - at[1], zs[j] - at[2]);
-                r2[j] = dx * dx + dy * dy + dz * dz;
-            }
+            let r2 = squares(&four.centroids, at);
             let places = compact.point.places(&r2);
             for (j, &square) in r2.iter().enumerate() {
                 if square >= four.more2[j] {
-                    add(&mut sum, &four.flux[j], &compact.point.value(&places, j));
+                    add_product(&mut sum, &four.flux[j], &compact.point.value(&places, j));
                     continue;
                 }
                 let piece = light.light.pieces(close.sample[i] as usize).and_then(|mut pieces| pieces.nth(4 * k + j));
@@ -144,7 +132,7 @@ fn receive_body(
                     [offset + Vec3::from(corners[0]), offset + Vec3::from(corners[1]), offset + Vec3::from(corners[2])];
                 let mut integral = [0.0f32; 4];
                 split(&mut integral, corners, (smooth2, split2), MOST_SPLITS, &compact.point);
-                add(&mut sum, &[e.x, e.y, e.z, 0.0], &integral);
+                add_product(&mut sum, &[e.x, e.y, e.z, 0.0], &integral);
             }
         }
     }
@@ -152,19 +140,14 @@ fn receive_body(
         let i = i as usize;
         let begin = if i > 0 { close.ends[i - 1] as usize } else { 0 };
         for near in &close.facets[begin..close.ends[i] as usize] {
-            let [xs, ys, zs] = &near.points;
-            let mut r2 = [0.0f32; 4];
-            for k in 0..4 {
-                let (dx, dy, dz) = (xs[k] - at[0], ys[k] - at[1], zs[k] - at[2]);
-                r2[k] = dx * dx + dy * dy + dz * dz;
-            }
+            let r2 = squares(&near.points, at);
             if r2[3] >= near.more2 {
                 let places = compact.point.places(&r2);
                 let mut values = [0.0f32; 4];
                 for j in 0..3 {
                     add_scaled(&mut values, 1.0, &compact.point.value(&places, j));
                 }
-                add(&mut sum, &near.flux, &values);
+                add_product(&mut sum, &near.flux, &values);
                 continue;
             }
             let sample = close.sample[i] as usize;
@@ -188,11 +171,11 @@ fn receive_body(
                 points(&mut integral, (middle, facet.area), &corners, &compact.point);
             }
             let e = light.light.irradiance(sample).as_vec3();
-            add(&mut sum, &[e.x, e.y, e.z, 0.0], &integral);
+            add_product(&mut sum, &[e.x, e.y, e.z, 0.0], &integral);
         }
         // It is among the discs as well.
         let flux = &close.flux[i];
-        add(&mut sum, &[-flux[0], -flux[1], -flux[2], 0.0], &compact.disc.at_square(seen.r2[i]));
+        add_product(&mut sum, &[-flux[0], -flux[1], -flux[2], 0.0], &compact.disc.at_square(seen.r2[i]));
     }
     add_scaled(out, 1.0, &sum);
 }

@@ -120,14 +120,6 @@ fn few_samples_and_few_receivers_need_no_nets() {
 }
 
 #[test]
-fn darkness_stays_dark() {
-    let fixture = head(named("marble"), 2000);
-    let dark = vec![DVec3::ZERO; fixture.patches.len()];
-    let (found, _) = both(&fixture, &kernels(&fixture), (&dark, &Pieces::NONE), Quality::for_error(0.01));
-    assert!(found.iter().all(|v| *v == DVec3::ZERO));
-}
-
-#[test]
 fn an_opaque_part_takes_and_gives_nothing() {
     let whole = shapes::bumpy_head(20.0, 4);
     let triangles = crate::transport::test_scene::mesh_of(shapes::bumpy_head(20.0, 4)).triangles.len();
