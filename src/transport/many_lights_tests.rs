@@ -40,6 +40,15 @@ fn with_many<T>(fixture: &Fixture, work: impl FnOnce(&mut ManyLights, &Gather, &
     work(&mut ManyLights::new(&gather, &fixture.tree, &receivers, &areas), &gather, &receivers)
 }
 
+/// Errors under each light against all pairs.
+fn errors(found: &RadiosityRows, columns: &[Vec<DVec3>], gather: &Gather, receivers: &Receivers) -> Vec<VertexError> {
+    let of_light = |(light, column): (usize, &Vec<DVec3>)| {
+        let expected = gather.radiosity(receivers, &gather.light(column), Scheme::AllPairs, &Silent);
+        vertex_error(&found.under(light), &expected, &vec![1.0; expected.len()])
+    };
+    columns.iter().enumerate().map(of_light).collect()
+}
+
 #[test]
 fn all_pairs_are_those_of_the_gather() {
     let fixture = Fixture::new(shapes::bumpy_head(10.0, 2), named("marble"), 3000);
@@ -47,9 +56,7 @@ fn all_pairs_are_those_of_the_gather() {
     let (rows, columns) = rows(&fixture, &lights);
     with_many(&fixture, |many, gather, receivers| {
         let found = many.radiosity(&rows, &Silent);
-        for (light, column) in columns.iter().enumerate() {
-            let expected = gather.radiosity(receivers, &gather.light(column), Scheme::AllPairs, &Silent);
-            let error = vertex_error(&found.under(light), &expected, &vec![1.0; expected.len()]);
+        for error in errors(&found, &columns, gather, receivers) {
             assert!(error.worst < 3e-6, "{error:?}");
         }
         assert_eq!(found.of(3).len(), 15);
@@ -68,9 +75,7 @@ fn the_hierarchy_keeps_the_asked_error_under_lights_that_no_tuning_saw() {
             let own = many.tune(asked, &tuning);
             assert!(own.rms > 0.05 * asked && own.rms < 1.5 * asked, "{own:?}");
             let found = many.radiosity(&others, &Silent);
-            for (light, column) in columns.iter().enumerate() {
-                let expected = gather.radiosity(receivers, &gather.light(column), Scheme::AllPairs, &Silent);
-                let error = vertex_error(&found.under(light), &expected, &vec![1.0; expected.len()]);
+            for error in errors(&found, &columns, gather, receivers) {
                 assert!(error.rms < 1.5 * asked, "{asked}: {error:?}");
             }
         }

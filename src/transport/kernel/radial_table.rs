@@ -185,7 +185,7 @@ impl LinearTable {
 
     /// Adds `flux f(|x - at|)` of every source to every receiver of the block.
     pub fn add_points(&self, level: InstructionSet, block: &mut Block, sources: &[PointSource]) {
-        points(level.min(WIDEST), block, self, sources);
+        points(level, block, self, sources);
     }
 
     /// Tabulates three profiles less their softened forms, a difference that is zero beyond the radius, mm, inside
@@ -335,7 +335,7 @@ impl<const BITS: u32> Radial for RadialTable<2, BITS> {
 }
 
 multiversion! {
-    fn points(block: &mut Block, table: &LinearTable, sources: &[PointSource]) => points_body::<LinearTable>
+    fn points(block: &mut Block, table: &LinearTable, sources: &[PointSource]) => points_body::<LinearTable>, up to WIDEST
 }
 
 impl RadialIntegral for ProfileTable {

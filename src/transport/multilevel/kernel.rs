@@ -1,6 +1,6 @@
 //! The inner loop between the points of a net: a kernel softened inside a radius, less that softened inside its double.
 
-use crate::math::simd::{InstructionSet, add_scaled, multiversion};
+use crate::math::simd::{add_scaled, multiversion};
 use crate::medium::profile::Profile;
 use crate::medium::softened::Softened;
 use crate::transport::kernel::radial_table::{Rgb, SmoothTable, WIDEST};
@@ -84,17 +84,11 @@ fn smooth_body(block: &mut PointBlock, table: &SmoothTable, sources: &[u32], (at
 }
 
 multiversion! {
-    /// See [`add_smooth`].
-    fn smooth(block: &mut PointBlock, table: &SmoothTable, sources: &[u32], values: (&[[f32; 3]], &[Rgb])) => smooth_body
-}
-
-/// Adds `charge K(|x - at|)` of the sources, indices among positions (mm) and charges, to every point of a block.
-pub(super) fn add_smooth(
-    level: InstructionSet,
-    block: &mut PointBlock,
-    kernel: &NetKernel,
-    sources: &[u32],
-    values: (&[[f32; 3]], &[Rgb]),
-) {
-    smooth(level.min(WIDEST), block, &kernel.table, sources, values);
+    /// Adds `charge K(|x - at|)` of the sources, indices among positions (mm) and charges, to every point of a block.
+    pub(super) fn add_smooth(
+        block: &mut PointBlock,
+        table: &SmoothTable,
+        sources: &[u32],
+        values: (&[[f32; 3]], &[Rgb]),
+    ) => smooth_body, up to WIDEST
 }

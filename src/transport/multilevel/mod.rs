@@ -206,7 +206,7 @@ impl Net {
         let jobs = self.groups.par_iter().zip(cut(out, self.groups.iter().map(|run| run.range().len())));
         jobs.enumerate().with_min_len(8).for_each(|(g, (run, out))| {
             let mut block = PointBlock::new(&self.at[run.range()]);
-            kernel::add_smooth(level, &mut block, table, self.around.of(g), (&self.at, charges));
+            kernel::add_smooth(level, &mut block, &table.table, self.around.of(g), (&self.at, charges));
             block.add_to(out);
         });
     }
