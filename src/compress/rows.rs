@@ -134,13 +134,8 @@ impl Rows {
     }
 
     /// Number of patches.
-    pub fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.data.patches()
-    }
-
-    /// Returns whether there are no patches.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
     }
 
     /// Irradiance of every patch, RGB. `coefficients_of_patch` gives the coefficients of [`Rows::entrance`] for the

@@ -31,7 +31,8 @@ pub struct Symbolic {
 pub struct Factors<'a> {
     symbolic: &'a Symbolic,
     values: Vec<f64>,
-    negative: usize,
+    /// Number of negative pivots: by Sylvester's law of inertia as many as the matrix has eigenvalues below the shift.
+    pub below: usize,
 }
 
 impl Symbolic {
@@ -76,8 +77,8 @@ impl Symbolic {
             .ok()?;
         let pivots = self.pivots(&values);
         let sound = pivots.len() == self.rows && pivots.iter().all(|pivot| pivot.is_finite() && *pivot != 0.0);
-        let negative = pivots.iter().filter(|pivot| **pivot < 0.0).count();
-        sound.then_some(Factors { symbolic: self, values, negative })
+        let below = pivots.iter().filter(|pivot| **pivot < 0.0).count();
+        sound.then_some(Factors { symbolic: self, values, below })
     }
 
     /// D: the diagonals of the dense supernodes.
@@ -95,11 +96,6 @@ impl Symbolic {
 }
 
 impl Factors<'_> {
-    /// Number of negative pivots: by Sylvester's law of inertia as many as the matrix has eigenvalues below the shift.
-    pub fn below(&self) -> usize {
-        self.negative
-    }
-
     /// Replaces right-hand sides, one after another, by their solutions.
     ///
     /// # Errors
@@ -134,7 +130,7 @@ mod tests {
         let eigenvalue = |k: usize| 2.0 - 2.0 * (k as f64 * std::f64::consts::PI / (rows + 1) as f64).cos();
         for k in [0, 1, 2, 57, 150, 299, 300] {
             let shift = 0.5 * (eigenvalue(k) + eigenvalue(k + 1));
-            assert_eq!(symbolic.shifted(shift).unwrap().below(), k);
+            assert_eq!(symbolic.shifted(shift).unwrap().below, k);
         }
     }
 
@@ -163,6 +159,6 @@ mod tests {
     fn a_vanishing_pivot_is_refused() {
         let symbolic = Symbolic::new(&path(3)).unwrap();
         assert!(symbolic.shifted(2.0).is_none());
-        assert_eq!(symbolic.shifted(2.1).unwrap().below(), 2);
+        assert_eq!(symbolic.shifted(2.1).unwrap().below, 2);
     }
 }

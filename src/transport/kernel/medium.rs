@@ -75,7 +75,7 @@ impl MediumKernel {
         let table = ProfileTable::new(&profiles, reach_mm);
         Self {
             sigma_per_mm: profiles.each_ref().map(|p| decay_per_mm(p.as_ref(), reach_mm)),
-            smooth_mm: table.smooth_mm(),
+            smooth_mm: table.smooth_mm,
             fast: Fast::Table(Arc::new(table)),
             profiles,
         }
@@ -118,7 +118,7 @@ impl MediumKernel {
     pub fn add_points(&self, level: InstructionSet, block: &mut Block, sources: &[PointSource]) {
         match &self.fast {
             Fast::Poles { rgb, .. } => points_of_poles(level, block, rgb, sources),
-            Fast::Table(table) => table.add_points(level, block, sources),
+            Fast::Table(table) => table.reflectance.add_points(level, block, sources),
         }
     }
 

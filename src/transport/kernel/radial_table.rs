@@ -257,11 +257,11 @@ fn positive(value: f64) -> f64 {
 #[derive(Clone, Debug)]
 pub(super) struct ProfileTable {
     /// R_d, 1/mm^2.
-    reflectance: LinearTable,
+    pub(super) reflectance: LinearTable,
     /// `Int_r^inf R_d(s) s ds`, in the same segments.
     tail: LinearTable,
     /// The scale on which the profiles are smooth, mm.
-    smooth_mm: f64,
+    pub(super) smooth_mm: f64,
 }
 
 impl ProfileTable {
@@ -281,16 +281,6 @@ impl ProfileTable {
             tail: tail.linear(&nodes, &tails),
             smooth_mm: radius_containing(profiles, 0.05, reach),
         }
-    }
-
-    /// Adds `flux R_d(|x - at|)` of every source to every receiver of the block.
-    pub(super) fn add_points(&self, level: InstructionSet, block: &mut Block, sources: &[PointSource]) {
-        self.reflectance.add_points(level, block, sources);
-    }
-
-    /// The scale on which the profiles are smooth, mm.
-    pub(super) fn smooth_mm(&self) -> f64 {
-        self.smooth_mm
     }
 }
 

@@ -54,7 +54,7 @@ const GROUP: usize = 16;
 
 /// A surface's nets, finest first.
 pub(crate) struct Multilevel {
-    resolution: Resolution,
+    pub(super) resolution: Resolution,
     pub(crate) levels: Vec<Net>,
     pub(crate) from_samples: Adjoint,
     pub(crate) to_receivers: SharedWeights,
@@ -118,7 +118,7 @@ impl Multilevel {
     /// Softens kernels inside so many spacings.
     pub(super) fn soften(&mut self, softening: f64) {
         self.resolution.softening = softening;
-        let (near, last) = (self.near_mm(), self.levels.len().saturating_sub(1));
+        let (near, last) = (self.resolution.near_mm(), self.levels.len().saturating_sub(1));
         for (level, net) in self.levels.iter_mut().enumerate() {
             net.reach(if level < last { 2.0 * near * 2f64.powi(level as i32) } else { f64::INFINITY });
         }
@@ -137,21 +137,11 @@ impl Multilevel {
         self.levels.iter().map(net).sum::<usize>() + self.from_samples.bytes() + self.to_receivers.bytes()
     }
 
-    /// Spacing of the finest net, mm.
-    pub(super) fn spacing_mm(&self) -> f64 {
-        self.resolution.spacing_mm
-    }
-
-    /// Radius of the compact part, mm.
-    pub(super) fn near_mm(&self) -> f64 {
-        self.resolution.near_mm()
-    }
-
     /// Tables of three profiles.
     pub(super) fn tables(&self, profiles: &[&dyn Profile; 3], extent_mm: f64) -> Tables {
         let count = self.levels.len();
         let level = |level: usize| {
-            let radius = self.near_mm() * 2f64.powi(level as i32);
+            let radius = self.resolution.near_mm() * 2f64.powi(level as i32);
             NetKernel::new(profiles, radius, (level + 1 < count).then_some(2.0 * radius), extent_mm)
         };
         Tables { levels: (0..count).into_par_iter().map(level).collect() }

@@ -61,13 +61,8 @@ impl Hats {
     }
 
     /// Number of slots.
-    pub fn len(&self) -> usize {
+    pub(super) fn len(&self) -> usize {
         self.mass_mm2.len()
-    }
-
-    /// True if there are no slots.
-    pub fn is_empty(&self) -> bool {
-        self.mass_mm2.is_empty()
     }
 
     /// Values of source vertices from values of slots; 0 for vertices without a slot.

@@ -104,7 +104,7 @@ pub(super) struct Interior<'a> {
     pub(super) domain: Domain<'a>,
     pub(super) bvh: &'a Bvh,
     pub(super) form: Form,
-    crossings: Crossings,
+    pub(super) crossings: Crossings,
     normals: Vec<DVec3>,
     optics: Vec<Optics>,
     slack_mm: f32,
@@ -129,10 +129,6 @@ impl<'a> Interior<'a> {
             optics: domain.media.iter().map(|m| Optics::new(&m.properties, coefficients)).collect(),
             slack_mm: (SLACK * largest) as f32,
         }
-    }
-
-    pub(super) fn crossings(&self) -> Crossings {
-        self.crossings
     }
 
     /// The medium of a part.

@@ -81,10 +81,10 @@ struct Side {
 
 /// Triangles of a mesh arranged for [`super::visit`].
 pub struct Occluders {
-    edges: Vec<Edge>,
+    pub(super) edges: Vec<Edge>,
     sides: Vec<Side>,
     planes: Vec<Plane>,
-    all: Candidates,
+    pub(super) all: Candidates,
     /// Largest absolute coordinate.
     extent_mm: f32,
     level: InstructionSet,
@@ -145,14 +145,6 @@ impl Occluders {
 
     fn sides_of(&self, edge: &Edge) -> &[Side] {
         &self.sides[edge.sides[0] as usize..edge.sides[1] as usize]
-    }
-
-    pub(super) fn all(&self) -> &Candidates {
-        &self.all
-    }
-
-    pub(super) fn edge(&self, index: u32) -> &Edge {
-        &self.edges[index as usize]
     }
 
     /// The change of the number of triangles in a direction across an edge. Each of its triangles counts +1 if it
