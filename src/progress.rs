@@ -1,5 +1,9 @@
 //! Progress of long work: stages report units of work done, and listeners show them.
 
+use std::ops::Range;
+
+use rayon::prelude::*;
+
 /// Receives the progress of one stage after another. Implementations must be cheap to call from many threads.
 pub trait Progress: Sync {
     /// A stage of `total` units of work starts.
@@ -16,6 +20,25 @@ pub fn stage<T>(progress: &dyn Progress, name: &'static str, work: impl FnOnce()
     let result = work();
     progress.finish();
     result
+}
+
+/// Runs a stage of `count` units in tasks of `each`, side by side; their results in order.
+pub fn in_tasks<T: Send>(
+    progress: &dyn Progress,
+    name: &'static str,
+    (count, each): (usize, usize),
+    work: impl Fn(Range<usize>) -> T + Sync,
+) -> Vec<T> {
+    progress.start(name, count as u64);
+    let task = |task: usize| {
+        let range = task * each..((task + 1) * each).min(count);
+        let result = work(range.clone());
+        progress.advance(range.len() as u64);
+        result
+    };
+    let results = (0..count.div_ceil(each)).into_par_iter().map(task).collect();
+    progress.finish();
+    results
 }
 
 /// Progress that is not shown.

@@ -7,7 +7,7 @@
 //! difference never changes the mean of a block. Both ways are linear, so that a reader multiplies the transformed rows
 //! with a light and transforms the products back.
 
-use std::ops::Range;
+use std::ops::{Add, Range, Sub};
 
 use glam::DVec3;
 
@@ -35,35 +35,32 @@ pub fn forward(rows: &mut [f32], stride: usize) {
 
 /// Undoes [`forward`] for one number of each row.
 pub fn inverse(values: &mut [DVec3]) {
-    let count = values.len();
-    if count <= 1 {
-        return;
-    }
-    let half = middle(count);
-    let (left, right) = values.split_at_mut(half);
-    let (up, down) = ((count - half) as f64 / count as f64, half as f64 / count as f64);
-    if let ([mean, ..], [difference, ..]) = (&mut *left, &mut *right) {
-        (*mean, *difference) = (*mean + up * *difference, *mean - down * *difference);
-    }
-    inverse(left);
-    inverse(right);
+    undo(values, 1, |share, value| share * value);
 }
 
 /// Undoes [`forward`] for rows of `stride` numbers each.
 pub fn inverse_rows(rows: &mut [f32], stride: usize) {
+    undo(rows, stride, |share, value| share as f32 * value);
+}
+
+fn undo<T: Copy + Add<Output = T> + Sub<Output = T>>(
+    rows: &mut [T],
+    stride: usize,
+    times: impl Fn(f64, T) -> T + Copy,
+) {
     let count = rows.len().checked_div(stride).unwrap_or(0);
     if count <= 1 {
         return;
     }
     let half = middle(count);
     let (left, right) = rows.split_at_mut(half * stride);
-    let (up, down) = ((count - half) as f32 / count as f32, half as f32 / count as f32);
+    let (up, down) = ((count - half) as f64 / count as f64, half as f64 / count as f64);
     for (left, right) in left.iter_mut().zip(&mut *right).take(stride) {
         let (mean, difference) = (*left, *right);
-        (*left, *right) = (mean + up * difference, mean - down * difference);
+        (*left, *right) = (mean + times(up, difference), mean - times(down, difference));
     }
-    inverse_rows(left, stride);
-    inverse_rows(right, stride);
+    undo(left, stride, times);
+    undo(right, stride, times);
 }
 
 /// Weight of each row of a block of `count`: the contribution of the square of one of its coefficients to the sum of

@@ -10,6 +10,7 @@ use translux_format::rows::{self, FACES, IrradianceRows};
 use super::row_blocks;
 use crate::error::{Error, Result};
 use crate::light::cube_light::CubeLight;
+use crate::math::slices::cut;
 use crate::medium::entrance_basis::{EntranceBasis, MOST_TERMS};
 
 /// Irradiance rows that can be multiplied with a light.
@@ -133,13 +134,8 @@ impl Rows {
     }
 
     /// Number of patches.
-    pub fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.data.patches()
-    }
-
-    /// Returns whether there are no patches.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
     }
 
     /// Irradiance of every patch, RGB. `coefficients_of_patch` gives the coefficients of [`Rows::entrance`] for the
@@ -158,13 +154,7 @@ impl Rows {
         result.par_chunks_mut(CHUNK).enumerate().for_each(|(i, out)| {
             self.fill(i * CHUNK, light, &coefficients_of_patch, out);
         });
-        let mut rest = result.as_mut_slice();
-        let mut of_blocks = Vec::with_capacity(self.blocks().len());
-        for [first, end] in self.blocks() {
-            let (block, behind) = rest.split_at_mut((end - first) as usize);
-            of_blocks.push(block);
-            rest = behind;
-        }
+        let of_blocks = cut(&mut result, self.blocks().iter().map(|[first, end]| (end - first) as usize));
         of_blocks.into_par_iter().with_min_len(CHUNK / 16).for_each(row_blocks::inverse);
         Ok(result)
     }

@@ -7,7 +7,7 @@
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
-use crate::math::svd::with_sign;
+use crate::math::svd::{dot, with_sign};
 
 /// Largest order that is accepted.
 pub const MOST_ORDER: usize = 4096;
@@ -44,20 +44,6 @@ struct Rotation {
     row: usize,
     cosine: f64,
     sine: f64,
-}
-
-/// Sum of products in eight interleaved partial sums.
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut partial = [0.0; 8];
-    let (a8, b8) = (a.as_chunks::<8>(), b.as_chunks::<8>());
-    for (x, y) in a8.0.iter().zip(b8.0) {
-        for lane in 0..8 {
-            partial[lane] += x[lane] * y[lane];
-        }
-    }
-    let rest: f64 = a8.1.iter().zip(b8.1).map(|(x, y)| x * y).sum();
-    let [a, b, c, d, e, f, g, h] = partial;
-    ((a + e) + (c + g)) + ((b + f) + (d + h)) + rest
 }
 
 /// All eigenvalues and eigenvectors of the symmetric matrix whose lower triangle is that of `matrix`, `order * order`
@@ -115,7 +101,7 @@ fn tridiagonal(a: &mut [f64], n: usize) -> (Vec<Reflection>, Vec<f64>, Vec<f64>)
         take(row, (v[k], w[k]), (&v[k..], &w[k..]));
         diagonal[k] = row[0];
         let Some(second) = row.get(1) else { break };
-        let length = dot(&row[1..], &row[1..]).sqrt();
+        let length = dot::<8>(&row[1..], &row[1..]).sqrt();
         let reflects = length > NEGLIGIBLE && row[2..].iter().any(|x| *x != 0.0);
         let mut next = vec![0.0; n];
         if reflects {
@@ -134,7 +120,7 @@ fn tridiagonal(a: &mut [f64], n: usize) -> (Vec<Reflection>, Vec<f64>, Vec<f64>)
         let update = |i: usize, (row, product): (&mut [f64], &mut f64)| {
             let row = &mut row[k + 1..];
             take(row, (old.0[i], old.1[i]), old);
-            *product = dot(row, new);
+            *product = dot::<8>(row, new);
         };
         if n - k - 1 < FEW_ROWS {
             below.chunks_exact_mut(n).zip(&mut product[k + 1..]).enumerate().for_each(|(i, pair)| update(i, pair));
@@ -143,7 +129,7 @@ fn tridiagonal(a: &mut [f64], n: usize) -> (Vec<Reflection>, Vec<f64>, Vec<f64>)
             rows.with_min_len(FEW_ROWS / 4).enumerate().for_each(|(i, pair)| update(i, pair));
         }
         // (I - v v^T) A (I - v v^T) = A - v w^T - w v^T with w = A v - (v^T A v / 2) v.
-        let half = 0.5 * dot(new, &product[k + 1..]);
+        let half = 0.5 * dot::<8>(new, &product[k + 1..]);
         let mut other = product;
         other.iter_mut().zip(&next).for_each(|(p, v)| *p -= half * v);
         if reflects {
@@ -267,11 +253,11 @@ mod tests {
         let (mut residual, mut skew) = (0.0_f64, 0.0_f64);
         for (k, v) in found.vectors.iter().enumerate() {
             for i in 0..n {
-                let product = dot(&matrix[i * n..(i + 1) * n], v);
+                let product = dot::<8>(&matrix[i * n..(i + 1) * n], v);
                 residual = residual.max((product - found.values[k] * v[i]).abs() / scale);
             }
             for (j, other) in found.vectors.iter().enumerate() {
-                skew = skew.max((dot(v, other) - f64::from(u8::from(j == k))).abs());
+                skew = skew.max((dot::<8>(v, other) - f64::from(u8::from(j == k))).abs());
             }
         }
         (residual, skew)
@@ -329,7 +315,7 @@ mod tests {
         check(&symmetric(n, |i, j| (uniform(4, i as u64, j as u64) - 0.5) * 1e-300), n);
         check(&symmetric(n, |i, j| (uniform(5, i as u64, j as u64) - 0.5) * 1e305), n);
         let rows: Vec<Vec<f64>> = (0..n as u64).map(|i| (0..20).map(|k| uniform(6, i, k)).collect()).collect();
-        let found = check(&symmetric(n, |i, j| dot(&rows[i], &rows[j])), n);
+        let found = check(&symmetric(n, |i, j| dot::<8>(&rows[i], &rows[j])), n);
         assert!(found.values[19] > 1e-3 && found.values[20..].iter().all(|x| x.abs() < 1e-15 * found.values[0]));
     }
 
@@ -350,22 +336,6 @@ mod tests {
         for threads in [1, 3] {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             assert!(pool.install(|| symmetric_eigen(&matrix, n)).unwrap() == many);
-        }
-    }
-
-    /// Prints times: `cargo test --release --lib eigen::tests::speed -- --ignored --nocapture`.
-    #[test]
-    #[ignore = "prints times"]
-    fn speed() {
-        for n in [200, 600, 1200] {
-            let matrix = symmetric(n, |i, j| uniform(9, i as u64, j as u64) - 0.5);
-            for threads in [1, 2] {
-                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-                let start = std::time::Instant::now();
-                let found = pool.install(|| symmetric_eigen(&matrix, n)).unwrap();
-                let time = start.elapsed().as_secs_f64();
-                println!("order {n}, {threads} threads: {time:.3} s, defects {:?}", defects(&matrix, &found));
-            }
         }
     }
 }

@@ -8,6 +8,7 @@ pub mod quadrature;
 pub mod random;
 pub mod sh;
 pub mod simd;
+pub(crate) mod slices;
 pub mod sparse;
 pub mod sphere;
 pub mod spherical_rectangle;

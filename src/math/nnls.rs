@@ -4,6 +4,8 @@
 //! solved for by orthogonalisation, never through the normal equations, so that nearly parallel columns cost no more digits than
 //! they must. Every sum has a fixed order.
 
+use super::svd::add_scaled;
+
 /// A gradient below this share of its largest possible value is rounding.
 const NEGLIGIBLE: f64 = 1e-14;
 
@@ -19,13 +21,6 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 
 fn norm(a: &[f64]) -> f64 {
     dot(a, a).sqrt()
-}
-
-/// `a -= factor b`.
-fn subtract(a: &mut [f64], factor: f64, b: &[f64]) {
-    for (a, b) in a.iter_mut().zip(b) {
-        *a -= factor * b;
-    }
 }
 
 /// The x >= 0 that makes `|Sum_j x_j columns_j - target|` least, one number for each column. Columns are as long as the
@@ -52,7 +47,7 @@ pub fn non_negative_least_squares(columns: &[Vec<f64>], target: &[f64]) -> Vec<f
         }
         residual.copy_from_slice(target);
         for (column, &x) in columns.iter().zip(&x).filter(|(_, x)| **x > 0.0) {
-            subtract(&mut residual, x, column);
+            add_scaled(&mut residual, -x, column);
         }
     }
     x
@@ -111,10 +106,10 @@ fn least_squares(columns: &[Vec<f64>], chosen: &[usize], target: &[f64]) -> Opti
         for (j, other) in later.iter_mut().enumerate() {
             let product = dot(direction, other);
             triangle[i][i + 1 + j] = product;
-            subtract(other, product, direction);
+            add_scaled(other, -product, direction);
         }
         right[i] = dot(direction, &rest);
-        subtract(&mut rest, right[i], direction);
+        add_scaled(&mut rest, -right[i], direction);
     }
     for i in (0..count).rev() {
         let known = dot(&triangle[i][i + 1..], &right[i + 1..]);
@@ -136,7 +131,7 @@ mod tests {
 
     fn residual(columns: &[Vec<f64>], x: &[f64], target: &[f64]) -> Vec<f64> {
         let mut rest = target.to_vec();
-        columns.iter().zip(x).for_each(|(column, &x)| subtract(&mut rest, x, column));
+        columns.iter().zip(x).for_each(|(column, &x)| add_scaled(&mut rest, -x, column));
         rest
     }
 

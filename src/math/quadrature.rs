@@ -58,40 +58,42 @@ const fn positive_node(n: usize, i: usize) -> Node {
     Node { position: x, weight: 2.0 / ((1.0 - x) * (1.0 + x) * derivative * derivative) }
 }
 
-/// Gauss-Legendre rule with `N` nodes in ascending order, at compile time; exact for polynomials of degree 2N - 1.
-pub const fn gauss_legendre_const<const N: usize>() -> [Node; N] {
-    let mut nodes = [Node { position: 0.0, weight: 0.0 }; N];
+const NO_NODE: Node = Node { position: 0.0, weight: 0.0 };
+
+/// Writes the rule of as many nodes as there are.
+const fn write_rule(rule: &mut [Node]) {
     let mut i = 0;
-    while 2 * i < N {
-        let node = positive_node(N, i);
-        nodes[i] = Node { position: -node.position, weight: node.weight };
-        nodes[N - 1 - i] = node;
+    while 2 * i < rule.len() {
+        let node = positive_node(rule.len(), i);
+        rule[i] = Node { position: -node.position, weight: node.weight };
+        rule[rule.len() - 1 - i] = node;
         i += 1;
     }
+}
+
+/// Gauss-Legendre rule with `N` nodes in ascending order, at compile time; exact for polynomials of degree 2N - 1.
+pub const fn gauss_legendre_const<const N: usize>() -> [Node; N] {
+    let mut nodes = [NO_NODE; N];
+    write_rule(&mut nodes);
     nodes
 }
 
 /// Gauss-Legendre rule with `order` nodes in ascending order; exact for polynomials of degree 2 * order - 1.
 /// Empty for order 0.
 pub fn gauss_legendre(order: usize) -> Vec<Node> {
-    let upper: Vec<Node> = (0..order.div_ceil(2)).map(|i| positive_node(order, i)).collect();
-    let lower = upper.iter().take(order / 2).map(|n| Node { position: -n.position, weight: n.weight });
-    lower.chain(upper.iter().rev().copied()).collect()
+    let mut nodes = vec![NO_NODE; order];
+    write_rule(&mut nodes);
+    nodes
 }
 
 const CACHED_COUNT: usize = LARGEST_CACHED_ORDER * (LARGEST_CACHED_ORDER + 1) / 2;
 
 static CACHED: [Node; CACHED_COUNT] = {
-    let mut all = [Node { position: 0.0, weight: 0.0 }; CACHED_COUNT];
+    let mut all = [NO_NODE; CACHED_COUNT];
     let (mut order, mut first) = (1, 0);
     while order <= LARGEST_CACHED_ORDER {
-        let mut i = 0;
-        while 2 * i < order {
-            let node = positive_node(order, i);
-            all[first + i] = Node { position: -node.position, weight: node.weight };
-            all[first + order - 1 - i] = node;
-            i += 1;
-        }
+        let (_, rest) = all.split_at_mut(first);
+        write_rule(rest.split_at_mut(order).0);
         first += order;
         order += 1;
     }

@@ -97,16 +97,3 @@ fn the_addition_theorem_holds() {
     assert_eq!(short, values(directions[4])[..5]);
     real_sh(0, DVec3::Z, &mut short);
 }
-
-/// Prints times: `cargo test --release --lib sh::tests::speed -- --ignored --nocapture`.
-#[test]
-#[ignore = "prints times"]
-fn speed() {
-    let directions: Vec<DVec3> = sphere().iter().map(|point| point.0).collect();
-    for order in [7, 16, 24, MOST_ORDER] {
-        let mut harmonics = vec![0.0; order * order];
-        let start = std::time::Instant::now();
-        directions.iter().for_each(|d| real_sh(order, *d, &mut harmonics));
-        println!("order {order}: {:.2} us a direction", 1e6 * start.elapsed().as_secs_f64() / directions.len() as f64);
-    }
-}

@@ -90,10 +90,11 @@ pub(crate) fn prefetch<T>(values: &[T], index: usize) {
     let _ = (values, index);
 }
 
-/// Compiles `$body` (an `#[inline(always)]` function) for every level and defines `$name` that calls one of them.
+/// Compiles each `$body` (an `#[inline(always)]` function) for every level and defines `$name` that calls one of them,
+/// the widest one `up to` which wider instructions are slower.
 #[macro_export]
 macro_rules! multiversion {
-    ($(#[$meta:meta])* $vis:vis fn $name:ident ( $($arg:ident : $ty:ty),* $(,)? ) => $body:path) => {
+    ($($(#[$meta:meta])* $vis:vis fn $name:ident ( $($arg:ident : $ty:ty),* $(,)? ) => $body:path $(, up to $widest:expr)?);+ $(;)?) => {$(
         $(#[$meta])*
         $vis fn $name(level: $crate::math::simd::InstructionSet, $($arg: $ty),*) {
             #[cfg(target_arch = "x86_64")]
@@ -106,7 +107,7 @@ macro_rules! multiversion {
                 fn avx512($($arg: $ty),*) {
                     $body($($arg),*)
                 }
-                match level {
+                match level $(.min($widest))? {
                     $crate::math::simd::InstructionSet::Baseline => $body($($arg),*),
                     // SAFETY: `InstructionSet::available` found these features on this processor.
                     $crate::math::simd::InstructionSet::Avx2 => unsafe { avx2($($arg),*) },
@@ -120,7 +121,7 @@ macro_rules! multiversion {
                 $body($($arg),*)
             }
         }
-    };
+    )+};
 }
 
 pub use multiversion;

@@ -33,6 +33,7 @@ const NONE: u32 = u32::MAX;
 pub struct SphericalDelaunay {
     points: Vec<DVec3>,
     triangles: Vec<[u32; 3]>,
+    /// For every triangle the one across the edge from corner k to corner k + 1.
     neighbours: Vec<[u32; 3]>,
     covering_radius: f64,
     /// Texels along an edge of the cube map `starts`.
@@ -100,11 +101,6 @@ impl SphericalDelaunay {
     /// Indices of the points of every triangle, counter-clockwise seen from outside; 2 n - 4 of them.
     pub fn triangles(&self) -> &[[u32; 3]] {
         &self.triangles
-    }
-
-    /// For every triangle the one across the edge from corner k to corner k + 1.
-    pub fn neighbours(&self) -> &[[u32; 3]] {
-        &self.neighbours
     }
 
     /// Largest angle in radians from any direction to the nearest point: the largest circumradius of a triangle.
@@ -400,7 +396,6 @@ fn broken() -> Error {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests {
     use std::f64::consts::PI;
 
@@ -449,9 +444,9 @@ mod tests {
                 let normal = (b - a).cross(c - a).normalize();
                 assert!(sphere.points().iter().all(|p| (*p - a).dot(normal) < 2e-12), "{count}");
                 solid_angle += 2.0 * a.dot(b.cross(c)).atan2(1.0 + a.dot(b) + b.dot(c) + c.dot(a));
-                for (k, &other) in sphere.neighbours()[t].iter().enumerate() {
+                for (k, &other) in sphere.neighbours[t].iter().enumerate() {
                     let edge = [corners[(k + 1) % 3], corners[k]];
-                    let back = (0..3).find(|&j| sphere.neighbours()[other as usize][j] as usize == t).unwrap();
+                    let back = (0..3).find(|&j| sphere.neighbours[other as usize][j] as usize == t).unwrap();
                     let there = sphere.triangles()[other as usize];
                     assert_eq!([there[back], there[(back + 1) % 3]], edge);
                 }

@@ -25,21 +25,26 @@ const MOST_SWEEPS: usize = 30;
 /// Steps beyond those asked for, which the greedy choice needs to hold the wanted subspace.
 const EXTRA_STEPS: usize = 16;
 
-/// Sum of products in four interleaved partial sums, so that the order is fixed and does not wait for every addition.
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut partial = [0.0; 4];
-    let (a4, b4) = (a.chunks_exact(4), b.chunks_exact(4));
-    let rest: f64 = a4.remainder().iter().zip(b4.remainder()).map(|(x, y)| x * y).sum();
-    for (x, y) in a4.zip(b4) {
-        for lane in 0..4 {
+/// Sum of products in interleaved partial sums, a power of two, so that the order is fixed and does not wait for every addition.
+pub(super) fn dot<const LANES: usize>(a: &[f64], b: &[f64]) -> f64 {
+    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
+    let mut partial = [0.0; LANES];
+    for (x, y) in a.iter().zip(b) {
+        for lane in 0..LANES {
             partial[lane] += x[lane] * y[lane];
         }
     }
-    (partial[0] + partial[2]) + (partial[1] + partial[3]) + rest
+    let rest: f64 = a_rest.iter().zip(b_rest).map(|(x, y)| x * y).sum();
+    let mut half = LANES / 2;
+    while half > 0 {
+        (0..half).for_each(|lane| partial[lane] += partial[lane + half]);
+        half /= 2;
+    }
+    partial[0] + rest
 }
 
 /// `a += factor b`.
-fn add_scaled(a: &mut [f64], factor: f64, b: &[f64]) {
+pub(super) fn add_scaled(a: &mut [f64], factor: f64, b: &[f64]) {
     for (x, y) in a.iter_mut().zip(b) {
         *x += factor * y;
     }
@@ -50,7 +55,7 @@ fn add_scaled(a: &mut [f64], factor: f64, b: &[f64]) {
 pub fn left_singular(mut columns: Vec<Vec<f64>>, most: usize) -> LeftSingular {
     let (mut vectors, mut rows) = reduce(&mut columns, 2 * most + EXTRA_STEPS);
     rotate(&mut vectors, &mut rows);
-    let norms: Vec<f64> = rows.iter().map(|row| dot(row, row).sqrt()).collect();
+    let norms: Vec<f64> = rows.iter().map(|row| dot::<4>(row, row).sqrt()).collect();
     let mut order: Vec<usize> = (0..norms.len()).collect();
     order.sort_by(|&i, &j| norms[j].total_cmp(&norms[i]).then(i.cmp(&j)));
     let largest = order.first().map_or(0.0, |&i| norms[i]);
@@ -66,7 +71,7 @@ fn reduce(columns: &mut [Vec<f64>], steps: usize) -> (Vec<Vec<f64>>, Vec<Vec<f64
     let (mut vectors, mut rows): (Vec<Vec<f64>>, Vec<Vec<f64>>) = (Vec::new(), Vec::new());
     let mut first_length = 0.0_f64;
     for _ in 0..steps.min(columns.first().map_or(0, Vec::len)) {
-        let squares = columns.iter().map(|column| dot(column, column));
+        let squares = columns.iter().map(|column| dot::<4>(column, column));
         let longest = squares.enumerate().reduce(|best, next| if next.1 > best.1 { next } else { best });
         let Some((pivot, square)) = longest else { break };
         let length = square.sqrt();
@@ -74,18 +79,9 @@ fn reduce(columns: &mut [Vec<f64>], steps: usize) -> (Vec<Vec<f64>>, Vec<Vec<f64
         if length <= NEGLIGIBLE * first_length {
             break;
         }
-        let mut vector = columns[pivot].clone();
-        // What deflation left of earlier vectors grows when a short column is normalised.
-        for _ in 0..2 {
-            for earlier in &vectors {
-                let along = dot(earlier, &vector);
-                add_scaled(&mut vector, -along, earlier);
-            }
-            let length = dot(&vector, &vector).sqrt();
-            vector.iter_mut().for_each(|x| *x /= length);
-        }
+        let vector = beside(columns[pivot].clone(), &vectors);
         let row = columns.iter_mut().map(|column| {
-            let along = dot(&vector, column);
+            let along = dot::<4>(&vector, column);
             add_scaled(column, -along, &vector);
             along
         });
@@ -95,14 +91,28 @@ fn reduce(columns: &mut [Vec<f64>], steps: usize) -> (Vec<Vec<f64>>, Vec<Vec<f64
     (vectors, rows)
 }
 
+/// The part of a vector that is orthogonal to others, of length 1.
+fn beside(mut vector: Vec<f64>, others: &[Vec<f64>]) -> Vec<f64> {
+    // Twice: what is left of the others grows when a short vector is normalised.
+    for _ in 0..2 {
+        for other in others {
+            let along = dot::<4>(other, &vector);
+            add_scaled(&mut vector, -along, other);
+        }
+        let length = dot::<4>(&vector, &vector).sqrt();
+        vector.iter_mut().for_each(|x| *x /= length);
+    }
+    vector
+}
+
 /// Rotates pairs of rows until all are orthogonal, and the vectors with them (Hestenes 1958).
 fn rotate(vectors: &mut [Vec<f64>], rows: &mut [Vec<f64>]) {
     for _ in 0..MOST_SWEEPS {
         let mut rotated = false;
         for i in 0..rows.len() {
             for j in i + 1..rows.len() {
-                let (a, b) = (dot(&rows[i], &rows[i]), dot(&rows[j], &rows[j]));
-                let mixed = dot(&rows[i], &rows[j]);
+                let (a, b) = (dot::<4>(&rows[i], &rows[i]), dot::<4>(&rows[j], &rows[j]));
+                let mixed = dot::<4>(&rows[i], &rows[j]);
                 if mixed.abs() <= ORTHOGONAL * (a * b).sqrt() {
                     continue;
                 }
@@ -143,16 +153,8 @@ mod tests {
         let orthonormal = |stage: u64, length: usize| -> Vec<Vec<f64>> {
             let mut vectors: Vec<Vec<f64>> = Vec::new();
             for i in 0..values.len() as u64 {
-                let mut vector: Vec<f64> = (0..length as u64).map(|j| uniform(stage, i, j) - 0.5).collect();
-                for _ in 0..2 {
-                    for earlier in &vectors {
-                        let along = dot(earlier, &vector);
-                        add_scaled(&mut vector, -along, earlier);
-                    }
-                    let norm = dot(&vector, &vector).sqrt();
-                    vector.iter_mut().for_each(|x| *x /= norm);
-                }
-                vectors.push(vector);
+                let vector = (0..length as u64).map(|j| uniform(stage, i, j) - 0.5).collect();
+                vectors.push(beside(vector, &vectors));
             }
             vectors
         };
@@ -172,7 +174,7 @@ mod tests {
         for (k, value) in values.iter().enumerate() {
             assert!((found.values[k] - value).abs() < 1e-14, "{k} {:e}", found.values[k]);
             // Rounding of the entries turns a vector by about 1e-16 over its value.
-            let along = dot(&found.vectors[k], &left[k]).abs();
+            let along = dot::<4>(&found.vectors[k], &left[k]).abs();
             assert!(1.0 - along < 1e-12 + 1e-30 / (value * value), "{k} {along}");
         }
     }
@@ -184,12 +186,12 @@ mod tests {
         assert_eq!(found.vectors.len(), 40);
         for (i, a) in found.vectors.iter().enumerate() {
             for (j, b) in found.vectors.iter().enumerate() {
-                assert!((dot(a, b) - f64::from(u8::from(i == j))).abs() < 1e-13, "{i} {j}");
+                assert!((dot::<4>(a, b) - f64::from(u8::from(i == j))).abs() < 1e-13, "{i} {j}");
             }
             let largest = a.iter().fold(0.0_f64, |best, x| if x.abs() > best.abs() { *x } else { best });
             assert!(largest > 0.0);
         }
-        let squares: f64 = columns.iter().map(|column| dot(column, column)).sum();
+        let squares: f64 = columns.iter().map(|column| dot::<4>(column, column)).sum();
         assert!((found.values.iter().map(|value| value * value).sum::<f64>() / squares - 1.0).abs() < 1e-13);
         assert!(found.values.windows(2).all(|pair| pair[0] >= pair[1]));
         assert_eq!(left_singular(columns, 40), found);

@@ -126,11 +126,6 @@ impl BalancedTree {
     pub fn cell(&self, node: Node, patches: &[Patch]) -> Cell {
         if node.is_leaf() { Cell::from(&patches[node.first as usize]) } else { self.cells[node.name()] }
     }
-
-    /// Bytes in memory.
-    pub fn bytes(&self) -> usize {
-        size_of_val(self.cells.as_slice())
-    }
 }
 
 /// Writes the cells of all nodes of a range by name; returns that of the whole.

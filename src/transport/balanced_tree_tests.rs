@@ -1,5 +1,3 @@
-#![allow(clippy::unwrap_used)]
-
 use super::*;
 use crate::geometry::mesh::Mesh;
 use crate::geometry::shapes;

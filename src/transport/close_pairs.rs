@@ -108,7 +108,6 @@ fn search(
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
     use crate::geometry::{cluster, shapes};

@@ -1,11 +1,9 @@
-#![allow(clippy::unwrap_used)]
-
 use super::*;
 use crate::geometry::samples::Samples;
 use crate::geometry::shapes;
 use crate::math::random::uniform;
 use crate::medium::profile_basis::{BasisSettings, Family, ProfileBasis};
-use crate::transport::balanced_tree::{LightDetails, in_tree_order};
+use crate::transport::balanced_tree::LightDetails;
 use crate::transport::test_scene::{Fixture, named};
 
 const SPLIT_MM: f64 = 2.0;
@@ -22,9 +20,8 @@ struct Sphere {
 
 impl Sphere {
     fn new(count: usize) -> Self {
-        let fixture = Fixture::new(shapes::icosphere(10.0, 3), named("marble"), count);
-        let samples = in_tree_order(&fixture.samples, &fixture.patches);
-        let patches = crate::geometry::samples::patches(&fixture.scene.mesh, &samples);
+        let fixture = Fixture::new(shapes::icosphere(10.0, 3), named("marble"), count).in_tree_order();
+        let Fixture { samples, patches, .. } = fixture;
         let settings = BasisSettings {
             split_mm: SPLIT_MM,
             reach_mm: 22.0,

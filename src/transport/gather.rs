@@ -90,13 +90,6 @@ impl<'a> Gather<'a> {
         Self { surface, tree, media, near, level: InstructionSet::detect() }
     }
 
-    /// Uses narrower instructions than this processor offers: the results are the same to the bit.
-    #[must_use]
-    pub fn with_level(mut self, level: InstructionSet) -> Self {
-        self.level = level;
-        self
-    }
-
     /// Prepares the tree for one irradiance per sample, RGB.
     pub fn light<'b>(&self, irradiance: &'b [DVec3]) -> Lit<'b> {
         self.lit(SampleLight::even(irradiance), irradiance)
@@ -115,14 +108,8 @@ impl<'a> Gather<'a> {
     pub fn radiosity(&self, receivers: &Receivers, lit: &Lit, scheme: Scheme, progress: &dyn Progress) -> Vec<DVec3> {
         progress.start("transfer", receivers.len() as u64);
         let mut result = vec![DVec3::ZERO; receivers.len()];
-        let mut rest = result.as_mut_slice();
-        let mut jobs = Vec::with_capacity(receivers.groups.len());
-        for group in &receivers.groups {
-            let (mine, others) = rest.split_at_mut(group.run.range().len());
-            rest = others;
-            jobs.push((group, mine));
-        }
-        jobs.into_par_iter().for_each_init(Lists::default, |lists, (group, out)| {
+        let jobs = receivers.groups.par_iter().zip(receivers.cut(&mut result, 1));
+        jobs.for_each_init(Lists::default, |lists, (group, out)| {
             self.group(receivers, *group, lit, scheme, lists);
             for (i, value) in out.iter_mut().enumerate() {
                 *value = lit.light.radiosity(lists.block.sum(i));
@@ -163,12 +150,7 @@ impl<'a> Gather<'a> {
         lists: &mut Lists,
         take: &mut impl FnMut(Source, &[[f32; 3]]),
     ) {
-        let sphere = receivers.sphere(group);
-        lists.block.reset(sphere.centre_mm, receivers.of(group));
-        lists.points.clear();
-        lists.flats.clear();
-        let part = group.part as usize;
-        let Some(medium) = self.medium(part) else { return };
+        let Some((part, medium, sphere)) = self.begin(receivers, group, lists) else { return };
         let mut weights = vec![[0.0; 3]; group.run.range().len()];
         self.visit(part, lit, medium, scheme, &sphere, &mut |source| {
             match source {
@@ -190,13 +172,18 @@ impl<'a> Gather<'a> {
         self.surface.patches
     }
 
-    fn group(&self, receivers: &Receivers, group: Group, lit: &Lit, scheme: Scheme, lists: &mut Lists) {
+    /// Empties the lists for a group of receivers; its part, medium and place.
+    fn begin(&self, receivers: &Receivers, group: Group, lists: &mut Lists) -> Option<(usize, &MediumKernel, Sphere)> {
         let sphere = receivers.sphere(group);
         lists.block.reset(sphere.centre_mm, receivers.of(group));
         lists.points.clear();
         lists.flats.clear();
         let part = group.part as usize;
-        let Some(medium) = self.medium(part) else { return };
+        Some((part, self.medium(part)?, sphere))
+    }
+
+    fn group(&self, receivers: &Receivers, group: Group, lit: &Lit, scheme: Scheme, lists: &mut Lists) {
+        let Some((part, medium, sphere)) = self.begin(receivers, group, lists) else { return };
         self.visit(part, lit, medium, scheme, &sphere, &mut |source| match source {
             Source::Cluster(index) => {
                 let cluster = &lit.clusters[index as usize];

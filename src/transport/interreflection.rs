@@ -22,7 +22,7 @@ use crate::geometry::samples::{Facet, area};
 use crate::math::random::{bits, radical_inverse_2};
 use crate::math::simd::{InstructionSet, multiversion};
 use crate::medium::fresnel::{CosineTransmittance, transmittance};
-use crate::progress::Progress;
+use crate::progress::{Progress, in_tasks};
 use crate::transport::domain::Domain;
 
 /// Fewest and most rays of a sample, powers of two.
@@ -57,8 +57,6 @@ pub enum Rays {
     All,
     /// The first half, itself well spread.
     FirstHalf,
-    /// The second half, as well spread.
-    SecondHalf,
 }
 
 /// A ray that met a surface from which light leaves.
@@ -102,16 +100,7 @@ impl InterReflection {
             directions: (0..rays).map(|k| [radical_inverse_2(k), second_inverse_2(k)]).collect(),
         };
         let samples = surface.samples.len();
-        progress.start("inter-reflection", samples as u64);
-        let blocks: Vec<Block> = (0..samples.div_ceil(BLOCK))
-            .into_par_iter()
-            .map(|block| {
-                let range = block * BLOCK..((block + 1) * BLOCK).min(samples);
-                progress.advance(range.len() as u64);
-                caster.block(range)
-            })
-            .collect();
-        progress.finish();
+        let blocks = in_tasks(progress, "inter-reflection", (samples, BLOCK), |range| caster.block(range));
         let mut ends = Vec::with_capacity(2 * samples);
         let mut arrivals = Vec::with_capacity(blocks.iter().map(|b| b.arrivals.len()).sum());
         for block in blocks {
@@ -138,16 +127,6 @@ impl InterReflection {
     /// Number of samples.
     pub fn samples(&self) -> usize {
         self.ends.len() / 2
-    }
-
-    /// Rays of each sample.
-    pub fn rays(&self) -> u32 {
-        self.rays
-    }
-
-    /// Number of rays of all samples that bring light.
-    pub fn arrivals(&self) -> usize {
-        self.arrivals.len()
     }
 
     /// Bytes in memory.
@@ -203,7 +182,6 @@ impl InterReflection {
         let range = match rays {
             Rays::All => first..last,
             Rays::FirstHalf => first..middle,
-            Rays::SecondHalf => middle..last,
         };
         self.arrivals.get(range).unwrap_or_default()
     }

@@ -1,8 +1,6 @@
 //! Irradiance of the samples under a set of lights: E = Int L V F_t(eta, n.w) max(0, n.w) dw, shadows by ray casting.
 
-mod directions;
 mod points;
-mod prepared;
 mod probes;
 mod sharp;
 mod surface_point;
@@ -12,21 +10,20 @@ use std::f64::consts::{PI, TAU};
 use glam::DVec3;
 use rayon::prelude::*;
 
-use self::prepared::{CANDIDATES, PointsUsed, Prepared, StratumRays};
 use self::sharp::{Sharp, pieces};
+use super::prepared_light::{Prepared, Rectangle, Stratum};
 use super::surface::Surface;
 use crate::error::{Error, Result};
 use crate::geometry::bvh::{Bvh, Ray};
-use crate::light::strata::Candidate;
+use crate::light::strata::{Candidate, StrataSettings};
 use crate::light::{Light, refuse_fields};
 use crate::math::random::{bits, radical_inverse_2, uniform};
-use crate::math::spherical_rectangle::SphericalRectangle;
 use crate::medium::fresnel::{self, CosineTransmittance};
 use crate::progress::Progress;
 
-pub(super) use self::directions::{around, direction_key};
 pub use self::sharp::{Pieces, Uneven};
 pub use self::surface_point::SurfacePoint;
+pub(super) use self::surface_point::{around, direction_key};
 
 /// Numbers of directions and points by which lights and shadows are sampled.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -121,13 +118,34 @@ impl Bundle {
     }
 }
 
+/// Candidate directions in each stratum of an environment.
+const CANDIDATES: usize = 64;
+
+/// Strata with more than this share of an environment's energy are seen from every point of a patch.
+const BRIGHT_SHARE: f64 = 0.02;
+
+/// Directions of one stratum of an environment.
+struct StratumRays {
+    candidates: Vec<Candidate>,
+    /// True where all points of a patch look there, because its shadow may be as sharp as a sun's; else one does.
+    bright: bool,
+}
+
+/// The strata of an environment, neighbours side by side.
+fn rays_of(strata: Vec<Stratum>, total: f64) -> Vec<StratumRays> {
+    let rays = |Stratum { candidates, energy }| StratumRays { candidates, bright: energy / total > BRIGHT_SHARE };
+    let mut all: Vec<StratumRays> = strata.into_iter().map(rays).collect();
+    all.sort_by_cached_key(|rays| direction_key(rays.candidates[0].direction));
+    all
+}
+
 /// Rays that go from one point of a patch before the next point's: as many as one bundle of the ray caster takes.
 const RUN: usize = 16;
 
 /// Lights prepared for a surface.
 pub struct Illumination<'a> {
     surface: &'a Surface<'a>,
-    lights: Vec<Prepared<'a>>,
+    lights: Vec<Prepared<Vec<StratumRays>>>,
     sampling: LightSampling,
     entrance: Vec<(f64, CosineTransmittance)>,
 }
@@ -137,10 +155,11 @@ impl<'a> Illumination<'a> {
     ///
     /// # Errors
     /// A sampling that environments do not take; a light that asks for a source radiance field (exit 5).
-    pub fn new(surface: &'a Surface<'a>, lights: &'a [Light], etas: &[f64], sampling: LightSampling) -> Result<Self> {
+    pub fn new(surface: &'a Surface<'a>, lights: &[Light], etas: &[f64], sampling: LightSampling) -> Result<Self> {
         refuse_fields(lights)?;
         let origin_mm = surface.domain.mesh.origin_mm;
-        let prepare = |light: &'a Light| Prepared::new(light, origin_mm, sampling.directions);
+        let cut = StrataSettings { strata: sampling.directions as usize, candidates: CANDIDATES };
+        let prepare = |light: &Light| Prepared::new(light, origin_mm, cut, rays_of);
         Ok(Self {
             surface,
             lights: lights.iter().map(prepare).collect::<Result<_>>()?,
@@ -273,7 +292,7 @@ impl<'a> Illumination<'a> {
 
     fn irradiance(
         &self,
-        light: &Prepared,
+        light: &Prepared<Vec<StratumRays>>,
         medium: usize,
         patch: usize,
         points: &[SurfacePoint],
@@ -285,7 +304,7 @@ impl<'a> Illumination<'a> {
             // Sharp lights come in bundles of many patches.
             Prepared::Directional { .. } | Prepared::Point { .. } => DVec3::ZERO,
             Prepared::Area(light) => self.area(light, eta, patch, points),
-            Prepared::Environment { strata } => self.environment(strata, eta, patch, points, bundle),
+            Prepared::Environment(strata) => self.environment(strata, eta, patch, points, bundle),
         }
     }
 
@@ -318,18 +337,11 @@ impl<'a> Illumination<'a> {
         PI * entrance.diffuse_transmittance() * bundle.trace(self.surface.bvh).x
     }
 
-    fn area(&self, light: &Light, eta: f64, patch: usize, points: &[SurfacePoint]) -> DVec3 {
-        let Light::Area { at_mm, normal, u, size_mm, radiance, .. } = light else { return DVec3::ZERO };
-        let v = normal.cross(*u);
-        let centre = *at_mm - self.surface.domain.mesh.origin_mm;
-        let corner = centre - 0.5 * size_mm[0] * *u - 0.5 * size_mm[1] * v;
+    fn area(&self, light: &Rectangle, eta: f64, patch: usize, points: &[SurfacePoint]) -> DVec3 {
         let side = self.sampling.area_side;
         let mut total = 0.0;
         for (index, p) in points.iter().enumerate() {
-            if (p.at - centre).dot(*normal) <= 0.0 {
-                continue;
-            }
-            let rectangle = SphericalRectangle::new(p.at, corner, *u, v, *size_mm);
+            let Some(rectangle) = light.seen_from(p.at) else { continue };
             let mut sum = 0.0;
             let mut cells = 0;
             for cell in (index as u32..side * side).step_by(points.len()) {
@@ -343,7 +355,7 @@ impl<'a> Illumination<'a> {
             }
             total += sum * rectangle.solid_angle() / f64::from(cells.max(1));
         }
-        *radiance * (total / points.len() as f64)
+        light.radiance * (total / points.len() as f64)
     }
 
     fn environment(
@@ -365,12 +377,11 @@ impl<'a> Illumination<'a> {
                     bundle.push(p, direction, weight * (share * fresnel::transmittance(eta, cosine) * cosine));
                 }
             };
-            match stratum.points {
-                PointsUsed::One => look(&points[(index / RUN + patch) % points.len()], 0, 1.0),
-                PointsUsed::All => {
-                    let share = 1.0 / points.len() as f64;
-                    points.iter().enumerate().for_each(|(k, p)| look(p, k, share));
-                }
+            if stratum.bright {
+                let share = 1.0 / points.len() as f64;
+                points.iter().enumerate().for_each(|(k, p)| look(p, k, share));
+            } else {
+                look(&points[(index / RUN + patch) % points.len()], 0, 1.0);
             }
         }
         bundle.trace(self.surface.bvh)

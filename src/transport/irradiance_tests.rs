@@ -1,5 +1,3 @@
-#![allow(clippy::unwrap_used)]
-
 use std::sync::Arc;
 
 use super::*;
@@ -8,7 +6,7 @@ use crate::geometry::shapes;
 use crate::geometry::source::SourceModel;
 use crate::light::environment::{EnvironmentMap, Rotation};
 use crate::progress::Silent;
-use crate::transport::test_scene::{Fixture, named};
+use crate::transport::test_scene::{Fixture, named, on_threads};
 
 const ETA: f64 = 1.5;
 
@@ -289,10 +287,7 @@ fn results_depend_on_neither_threads_nor_ranges() {
     ];
     let surface = fixture.surface();
     let illumination = Illumination::new(&surface, &lights, &[ETA], LightSampling::FAST).unwrap();
-    let on = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| illumination.all(&Silent))
-    };
+    let on = |threads| on_threads(threads, || illumination.all(&Silent));
     let all = on(1);
     assert_eq!(on(4), all);
     let mut middle = vec![DVec3::ZERO; 123];

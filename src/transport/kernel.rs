@@ -237,20 +237,25 @@ impl Block {
     }
 }
 
+/// Squared distances of some points, by axis, from another.
+#[inline(always)]
+pub(super) fn squares<const N: usize>([x, y, z]: &[[f32; N]; 3], from: [f32; 3]) -> [f32; N] {
+    let mut r2 = [0.0; N];
+    for i in 0..N {
+        let (dx, dy, dz) = (x[i] - from[0], y[i] - from[1], z[i] - from[2]);
+        r2[i] = dx * dx + dy * dy + dz * dz;
+    }
+    r2
+}
+
 /// Adds `flux K(|x - at|)` of every source to every receiver of the block.
 #[inline(always)]
 fn points_body<K: Radial>(block: &mut Block, kernel: &K, sources: &[PointSource]) {
     for chunk in sources.chunks(FLUSH) {
         for row in &mut block.rows {
             let mut partial = K::Values::ZERO;
-            let [x, y, z] = &row.at;
             for source in chunk {
-                let mut r2 = [0.0; LANES];
-                for i in 0..LANES {
-                    let (dx, dy, dz) = (x[i] - source.at[0], y[i] - source.at[1], z[i] - source.at[2]);
-                    r2[i] = dx * dx + dy * dy + dz * dz;
-                }
-                kernel.add_point(&mut partial, &r2, source.flux);
+                kernel.add_point(&mut partial, &squares(&row.at, source.at), source.flux);
             }
             partial.flush(&mut row.sums);
         }

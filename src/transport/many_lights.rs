@@ -110,13 +110,6 @@ impl<'a> ManyLights<'a> {
         ManyLights { gather: self.gather, tree: self.tree, receivers, areas, scheme: self.scheme, level: self.level }
     }
 
-    /// Uses narrower instructions than this processor offers: the results are the same to the bit.
-    #[must_use]
-    pub fn with_level(mut self, level: InstructionSet) -> Self {
-        self.level = level;
-        self
-    }
-
     /// Finds the largest limit of the criterion that keeps the asked error under every one of these lights, on some
     /// receivers; returns the error on others.
     pub fn tune(&mut self, error: f64, rows: &IrradianceRows) -> VertexError {
@@ -167,21 +160,14 @@ impl<'a> ManyLights<'a> {
         let (lights, flux) = (rows.lights, &shared.flux);
         let lit = self.gather.light(&shared.mean);
         let mut values = vec![0.0; receivers.len() * 3 * lights];
-        let mut rest = values.as_mut_slice();
-        let mut jobs = Vec::with_capacity(receivers.groups.len());
-        for group in &receivers.groups {
-            let (mine, others) = rest.split_at_mut(group.run.range().len() * 3 * lights);
-            rest = others;
-            jobs.push((*group, mine));
-        }
-        let of_group = |work: &mut Work, (group, out): (Group, &mut [f32])| {
+        let of_group = |work: &mut Work, (group, out): (&Group, &mut [f32])| {
             let members = group.run.range().len();
-            work.begin(members, lights);
+            work.block.begin(3 * members, lights);
             let row = |source: Source| match source {
                 Source::Cluster(node) => &flux[node as usize * lights..(node as usize + 1) * lights],
                 Source::Patch(sample) => &rows.values[sample as usize * lights..(sample as usize + 1) * lights],
             };
-            self.gather.weights(receivers, group, &lit, scheme, &mut work.lists, &mut |source, weights| {
+            self.gather.weights(receivers, *group, &lit, scheme, &mut work.lists, &mut |source, weights| {
                 work.block.push(weights, row(source));
                 if work.block.sources == SOURCES {
                     work.block.multiply(self.level);
@@ -191,7 +177,8 @@ impl<'a> ManyLights<'a> {
             work.block.store(members, out);
             progress.advance(members as u64);
         };
-        jobs.into_par_iter().for_each_init(Work::default, of_group);
+        let jobs = receivers.groups.par_iter().zip(receivers.cut(&mut values, 3 * lights));
+        jobs.for_each_init(Work::default, of_group);
         RadiosityRows { lights, values }
     }
 }
@@ -228,12 +215,6 @@ impl Shared {
 struct Work {
     lists: super::gather::Lists,
     block: Product,
-}
-
-impl Work {
-    fn begin(&mut self, members: usize, lights: usize) {
-        self.block.begin(3 * members, lights);
-    }
 }
 
 /// The sum over sources of weights (rows) times light (columns), both padded to whole blocks.

@@ -21,7 +21,7 @@ fn lights(count: usize) -> Vec<Light> {
 
 fn rows(fixture: &Fixture, lights: &[Light]) -> (IrradianceRows, Vec<Vec<DVec3>>) {
     let surface = fixture.surface();
-    let eta = fixture.scene.media[0].properties.eta_inside_over_outside;
+    let eta = fixture.eta();
     let of_light = |light: &Light| {
         let one = std::slice::from_ref(light);
         Illumination::new(&surface, one, &[eta], LightSampling::FAST).unwrap().all(&Silent)
@@ -35,9 +35,18 @@ fn rows(fixture: &Fixture, lights: &[Light]) -> (IrradianceRows, Vec<Vec<DVec3>>
 fn with_many<T>(fixture: &Fixture, work: impl FnOnce(&mut ManyLights, &Gather, &Receivers) -> T) -> T {
     let surface = fixture.surface();
     let gather = Gather::new(&surface, &fixture.tree, &fixture.scene.media, NearField::FAST);
-    let receivers = Receivers::new(&fixture.scene.mesh, &fixture.scene.parts, 16);
+    let receivers = fixture.receivers(16);
     let areas = vec![1.0; receivers.len()];
     work(&mut ManyLights::new(&gather, &fixture.tree, &receivers, &areas), &gather, &receivers)
+}
+
+/// Errors under each light against all pairs.
+fn errors(found: &RadiosityRows, columns: &[Vec<DVec3>], gather: &Gather, receivers: &Receivers) -> Vec<VertexError> {
+    let of_light = |(light, column): (usize, &Vec<DVec3>)| {
+        let expected = gather.radiosity(receivers, &gather.light(column), Scheme::AllPairs, &Silent);
+        vertex_error(&found.under(light), &expected, &vec![1.0; expected.len()])
+    };
+    columns.iter().enumerate().map(of_light).collect()
 }
 
 #[test]
@@ -47,9 +56,7 @@ fn all_pairs_are_those_of_the_gather() {
     let (rows, columns) = rows(&fixture, &lights);
     with_many(&fixture, |many, gather, receivers| {
         let found = many.radiosity(&rows, &Silent);
-        for (light, column) in columns.iter().enumerate() {
-            let expected = gather.radiosity(receivers, &gather.light(column), Scheme::AllPairs, &Silent);
-            let error = vertex_error(&found.under(light), &expected, &vec![1.0; expected.len()]);
+        for error in errors(&found, &columns, gather, receivers) {
             assert!(error.worst < 3e-6, "{error:?}");
         }
         assert_eq!(found.of(3).len(), 15);
@@ -68,9 +75,7 @@ fn the_hierarchy_keeps_the_asked_error_under_lights_that_no_tuning_saw() {
             let own = many.tune(asked, &tuning);
             assert!(own.rms > 0.05 * asked && own.rms < 1.5 * asked, "{own:?}");
             let found = many.radiosity(&others, &Silent);
-            for (light, column) in columns.iter().enumerate() {
-                let expected = gather.radiosity(receivers, &gather.light(column), Scheme::AllPairs, &Silent);
-                let error = vertex_error(&found.under(light), &expected, &vec![1.0; expected.len()]);
+            for error in errors(&found, &columns, gather, receivers) {
                 assert!(error.rms < 1.5 * asked, "{asked}: {error:?}");
             }
         }
@@ -84,7 +89,8 @@ fn every_level_gives_the_same_bits() {
     let of_level = |level| {
         with_many(&fixture, |_, gather, receivers| {
             let areas = vec![1.0; receivers.len()];
-            ManyLights::new(gather, &fixture.tree, receivers, &areas).with_level(level).radiosity(&all, &Silent)
+            let many = ManyLights::new(gather, &fixture.tree, receivers, &areas);
+            ManyLights { level, ..many }.radiosity(&all, &Silent)
         })
     };
     let levels = InstructionSet::available();

@@ -18,6 +18,7 @@ pub mod multilevel;
 pub mod near_field;
 pub mod near_rings;
 pub mod near_rule;
+mod prepared_light;
 pub mod random_walk;
 pub mod receivers;
 pub mod sample_light;

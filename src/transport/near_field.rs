@@ -163,15 +163,9 @@ impl<'a> Near<'a> {
     ) {
         progress.start("near field", receivers.len() as u64);
         let light = SampleLight::new(irradiance, pieces);
-        let mut jobs = Vec::with_capacity(receivers.groups.len());
-        let mut rest = radiosity;
-        for (index, group) in receivers.groups.iter().enumerate() {
-            let (mine, others) = rest.split_at_mut(group.run.range().len().min(rest.len()));
-            rest = others;
-            jobs.push((index, *group, mine));
-        }
-        jobs.into_par_iter().for_each_init(Lists::default, |lists, (index, group, out)| {
-            self.group((receivers, index), group, &light, lists, out);
+        let jobs = receivers.groups.par_iter().zip(receivers.cut(radiosity, 1)).enumerate();
+        jobs.for_each_init(Lists::default, |lists, (index, (group, out))| {
+            self.group((receivers, index), *group, &light, lists, out);
             progress.advance(out.len() as u64);
         });
         progress.finish();

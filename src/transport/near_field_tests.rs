@@ -1,23 +1,12 @@
-#![allow(clippy::unwrap_used)]
-
 use super::*;
-use crate::geometry::samples::patches;
 use crate::geometry::shapes;
 use crate::math::random::uniform;
 use crate::medium::fresnel::BoundaryFit;
 use crate::medium::profile::Profile;
 use crate::progress::Silent;
-use crate::transport::balanced_tree::in_tree_order;
 use crate::transport::gather::{Gather, Scheme};
 use crate::transport::test_scene::{Fixture, named};
 use crate::transport::tree::SampleTree;
-
-/// The fixture with its samples in tree order.
-fn ordered(mut fixture: Fixture) -> Fixture {
-    fixture.samples = in_tree_order(&fixture.samples, &fixture.patches);
-    fixture.patches = patches(&fixture.scene.mesh, &fixture.samples);
-    fixture
-}
 
 /// Worst difference between near plus far and the gather of everything, over the total reflectance, worst channel.
 fn difference(fixture: Fixture, split_mm: f64, rule: NearField, irradiance: &dyn Fn(u64) -> DVec3) -> f64 {
@@ -26,10 +15,10 @@ fn difference(fixture: Fixture, split_mm: f64, rule: NearField, irradiance: &dyn
 
 /// [`difference`], and that of a gather of everything by the same rule.
 fn differences(fixture: Fixture, split_mm: f64, rule: NearField, irradiance: &dyn Fn(u64) -> DVec3) -> [f64; 2] {
-    let fixture = ordered(fixture);
+    let fixture = fixture.in_tree_order();
     let surface = fixture.surface();
     let media = &fixture.scene.media;
-    let receivers = Receivers::new(&fixture.scene.mesh, &fixture.scene.parts, 16);
+    let receivers = fixture.receivers(16);
     let irradiance: Vec<DVec3> = (0..fixture.patches.len() as u64).map(irradiance).collect();
     let corners = Corners::new(&fixture.scene.mesh, &fixture.samples, &fixture.patches);
     let dipoles = media[0].properties.dipoles(BoundaryFit::Published);

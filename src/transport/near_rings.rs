@@ -22,7 +22,7 @@ use super::near_field::Corners;
 use super::near_rule::NearField;
 use super::receivers::{Group, Receivers};
 use super::surface::Surface;
-use crate::math::simd::{InstructionSet, multiversion, prefetch};
+use crate::math::simd::{InstructionSet, add_scaled, multiversion, prefetch};
 use crate::progress::Progress;
 
 /// Receivers side by side.
@@ -213,15 +213,10 @@ impl NearRings {
     ) {
         let channels = if moments.colour.is_some() { 1 } else { 3 };
         let rgb = moments.colour.map_or(DVec3::ONE, |colour| colour.rgb);
-        let mut jobs = Vec::with_capacity(receivers.groups.len());
-        let mut rest = radiosity;
-        for (group, block) in receivers.groups.iter().zip(moments.blocks.chunks_exact(COLUMNS * channels)) {
-            let (mine, others) = rest.split_at_mut(group.run.range().len().min(rest.len()));
-            rest = others;
-            jobs.push((group, block, mine));
-        }
+        let blocks = moments.blocks.par_chunks_exact(COLUMNS * channels);
+        let jobs = receivers.groups.par_iter().zip(blocks).zip(receivers.cut(radiosity, 1));
         let (level, scale) = (InstructionSet::detect(), moments.scale.recip() * rgb);
-        jobs.into_par_iter().with_min_len(64).for_each(|(group, block, out)| {
+        jobs.with_min_len(64).for_each(|((group, block), out)| {
             let Some(coefficients) = of_group(group) else { return };
             let mut sums = [[0.0; LANES]; 3];
             product(level, block, &coefficients.0, &mut sums);
@@ -425,9 +420,7 @@ fn gather_body<const C: usize, const L: usize>(seen: &Seen, light: &[[f32; L]], 
                     on_hats[i] = (1.0 - (place - HATS[window][i]).abs()).max(0.0);
                 }
                 for c in 0..C {
-                    for i in 0..WIDTH {
-                        sums[c][i] += on_hats[i] * light[C + c];
-                    }
+                    add_scaled(&mut sums[c], light[C + c], &on_hats);
                 }
             }
             points = end[0];
@@ -437,9 +430,7 @@ fn gather_body<const C: usize, const L: usize>(seen: &Seen, light: &[[f32; L]], 
                     let Some(light) = light.get(row.sample as usize) else { return };
                     let areas = row.areas.map(|half| f32::from_bits(u32::from(half) << 16));
                     for c in 0..C {
-                        for i in 0..WIDTH {
-                            sums[c][i] += areas[i] * light[c];
-                        }
+                        add_scaled(&mut sums[c], light[c], &areas);
                     }
                 }
                 rows = end[1];
@@ -450,15 +441,11 @@ fn gather_body<const C: usize, const L: usize>(seen: &Seen, light: &[[f32; L]], 
                     let Some(light) = light.get(row.sample as usize) else { return };
                     let on_hats = row.shares.map(f32::from);
                     for c in 0..C {
-                        for i in 0..WIDTH {
-                            of_shares[c][i] += on_hats[i] * light[C + c];
-                        }
+                        add_scaled(&mut of_shares[c], light[C + c], &on_hats);
                     }
                 }
                 for c in 0..C {
-                    for i in 0..WIDTH {
-                        sums[c][i] += of_shares[c][i] * (1.0 / WHOLE);
-                    }
+                    add_scaled(&mut sums[c], 1.0 / WHOLE, &of_shares[c]);
                 }
                 shares = end[1];
             }
@@ -473,10 +460,8 @@ fn gather_body<const C: usize, const L: usize>(seen: &Seen, light: &[[f32; L]], 
 
 multiversion! {
     /// Gathers all channels.
-    fn gather(seen: &Seen, light: &[[f32; 6]], block: &mut [[f32; LANES]]) => gather_body::<3, 6>
-}
+    fn gather(seen: &Seen, light: &[[f32; 6]], block: &mut [[f32; LANES]]) => gather_body::<3, 6>;
 
-multiversion! {
     /// Gathers one channel.
     fn gather_one(seen: &Seen, light: &[[f32; 2]], block: &mut [[f32; LANES]]) => gather_body::<1, 2>
 }
@@ -488,9 +473,7 @@ fn product_body(block: &[[f32; LANES]], coefficients: &[[f32; 3]; COLUMNS], sums
         let block: [&[f32; LANES]; 3] =
             if let [red, green, blue] = block { [red, green, blue] } else { [&block[0]; 3] };
         for c in 0..3 {
-            for i in 0..LANES {
-                sums[c][i] += block[c][i] * coefficients[c];
-            }
+            add_scaled(&mut sums[c], coefficients[c], block[c]);
         }
     }
 }

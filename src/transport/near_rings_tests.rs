@@ -1,27 +1,21 @@
-#![allow(clippy::unwrap_used)]
-
 use super::*;
-use crate::geometry::samples::patches;
 use crate::geometry::shapes;
 use crate::light::Light;
 use crate::medium::far_profile::FarProfile;
 use crate::medium::fresnel::BoundaryFit;
 use crate::medium::profile::Profile;
 use crate::progress::Silent;
-use crate::transport::balanced_tree::in_tree_order;
 use crate::transport::irradiance::{Illumination, LightSampling};
 use crate::transport::near_field::{Near, around};
-use crate::transport::test_scene::{Fixture, named};
+use crate::transport::test_scene::{Fixture, named, on_threads};
 
 /// RMS difference of the near field by rings and by itself, over the RMS of the whole radiosity, under a light whose shadow
 /// boundaries cross samples.
 fn difference(name: &str, samples: usize, spacings: f64, colours: usize) -> f64 {
-    let mut fixture = Fixture::new(shapes::torus(8.0, 3.0, 96, 48), named(name), samples);
-    fixture.samples = in_tree_order(&fixture.samples, &fixture.patches);
-    fixture.patches = patches(&fixture.scene.mesh, &fixture.samples);
+    let fixture = Fixture::new(shapes::torus(8.0, 3.0, 96, 48), named(name), samples).in_tree_order();
     let surface = fixture.surface();
     let media = &fixture.scene.media;
-    let receivers = Receivers::new(&fixture.scene.mesh, &fixture.scene.parts, LANES);
+    let receivers = fixture.receivers(LANES);
     let area: f64 = fixture.patches.iter().map(|p| p.area_mm2).sum();
     let split_mm = spacings * (area / fixture.patches.len() as f64).sqrt();
     let corners = Corners::new(&fixture.scene.mesh, &fixture.samples, &fixture.patches);
@@ -32,8 +26,7 @@ fn difference(name: &str, samples: usize, spacings: f64, colours: usize) -> f64 
         Light::point(DVec3::new(-8.0, 30.0, 9.0), DVec3::new(50.0, 200.0, 300.0)).unwrap(),
     ];
     let light = &light[..colours];
-    let eta = media[0].properties.eta_inside_over_outside;
-    let illumination = Illumination::new(&surface, light, &[eta], LightSampling::FAST).unwrap();
+    let illumination = Illumination::new(&surface, light, &[fixture.eta()], LightSampling::FAST).unwrap();
     let (irradiance, pieces) = illumination.all_with_pieces(&Silent);
     let zero = vec![DVec3::ZERO; receivers.len()];
     let (mut exact, mut by_rings) = (zero.clone(), zero);
@@ -43,7 +36,6 @@ fn difference(name: &str, samples: usize, spacings: f64, colours: usize) -> f64 
         &mut exact,
         &Silent,
     );
-    let surface = fixture.surface();
     let rings = NearRings::new(&surface, (&around, &corners), &receivers, (rule, split_mm), &Silent);
     println!(
         "bytes/receiver {} uneven {}",
@@ -112,11 +104,9 @@ fn even_light_on_a_plane_costs_nothing() {
 #[test]
 fn more_samples_around_a_group_than_are_numbered_together() {
     // Receivers all over the torus have all samples around them in one group; alone each has few. The sums are the same.
-    let mut fixture = Fixture::new(shapes::torus(8.0, 3.0, 24, 12), named("marble"), NUMBERED + 20_000);
-    fixture.samples = in_tree_order(&fixture.samples, &fixture.patches);
-    fixture.patches = patches(&fixture.scene.mesh, &fixture.samples);
+    let fixture = Fixture::new(shapes::torus(8.0, 3.0, 24, 12), named("marble"), NUMBERED + 20_000).in_tree_order();
     let surface = fixture.surface();
-    let all = Receivers::new(&fixture.scene.mesh, &fixture.scene.parts, LANES);
+    let all = fixture.receivers(LANES);
     let corners = Corners::new(&fixture.scene.mesh, &fixture.samples, &fixture.patches);
     let (rule, split_mm) = (NearField::FAST, 5.0);
     let irradiance: Vec<DVec3> =
@@ -142,9 +132,6 @@ fn more_samples_around_a_group_than_are_numbered_together() {
 
 #[test]
 fn threads_do_not_change_the_moments() {
-    let run = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| difference("marble", 5_000, 5.0, 2)).to_bits()
-    };
+    let run = |threads: usize| on_threads(threads, || difference("marble", 5_000, 5.0, 2)).to_bits();
     assert_eq!(run(1), run(3));
 }

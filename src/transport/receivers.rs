@@ -9,6 +9,7 @@ use super::kernel::Receiver;
 use crate::geometry::cluster::{self, Run};
 use crate::geometry::mesh::Mesh;
 use crate::geometry::part_table::PartTable;
+use crate::math::slices::cut;
 use crate::math::statistics::{VertexError, vertex_error};
 
 /// Points that gather flux, grouped by part and place.
@@ -92,45 +93,15 @@ impl Receivers {
     /// One receiver for each welded vertex that a transferring part uses. A vertex that several parts share belongs to
     /// the first of them. Groups hold at most `capacity` receivers.
     pub fn new(mesh: &Mesh, parts: &PartTable, capacity: usize) -> Self {
-        let mut part_of_weld = vec![NONE; mesh.local_mm.len()];
-        for (triangle, &part) in mesh.triangles.iter().zip(&parts.triangle_part) {
-            if !parts.parts.get(part as usize).is_some_and(|p| p.transfers()) {
-                continue;
-            }
-            for &v in triangle {
-                let slot = &mut part_of_weld[mesh.weld[v as usize] as usize];
-                *slot = (*slot).min(part);
-            }
-        }
-        let mut by_part = vec![Vec::new(); parts.parts.len()];
-        for (vertex, &part) in part_of_weld.iter().enumerate() {
-            if part != NONE {
-                by_part[part as usize].push(vertex as u32);
-            }
-        }
-        let positions: Vec<DVec3> = mesh.local_mm.iter().map(|p| p.as_dvec3()).collect();
-        let mut result = Self { positions: Vec::new(), groups: Vec::new(), of_vertex: vec![NONE; mesh.local_mm.len()] };
-        let mut of_weld = vec![NONE; mesh.local_mm.len()];
-        for (part, mut order) in by_part.into_iter().enumerate() {
-            let first = result.positions.len() as u32;
-            for run in cluster::groups(&mut order, &positions, capacity) {
-                let run = Run { first: first + run.first, end: first + run.end };
-                result.groups.push(Group { run, part: part as u32 });
-            }
-            for vertex in order {
-                of_weld[vertex as usize] = result.positions.len() as u32;
-                result.positions.push(positions[vertex as usize]);
-            }
-        }
-        let mut used = vec![false; mesh.local_mm.len()];
+        let part_of_weld = parts_of_welds(mesh, parts);
+        let at = |(vertex, &part): (usize, &u32)| (part != NONE).then(|| (part, mesh.local_mm[vertex].as_dvec3()));
+        let places: Vec<Option<(u32, DVec3)>> = part_of_weld.iter().enumerate().map(at).collect();
+        let mut result = Self::at(&places, capacity);
+        let mut of_vertex = vec![NONE; mesh.local_mm.len()];
         for &v in mesh.triangles.iter().flatten() {
-            used[v as usize] = true;
+            of_vertex[v as usize] = result.of_vertex[mesh.weld[v as usize] as usize];
         }
-        for (vertex, slot) in result.of_vertex.iter_mut().enumerate() {
-            if used[vertex] {
-                *slot = of_weld[mesh.weld[vertex] as usize];
-            }
-        }
+        result.of_vertex = of_vertex;
         result
     }
 
@@ -157,6 +128,11 @@ impl Receivers {
             }
         }
         result
+    }
+
+    /// Values of the receivers, `each` of every one, cut into those of each group.
+    pub(super) fn cut<'a, T>(&self, values: &'a mut [T], each: usize) -> Vec<&'a mut [T]> {
+        cut(values, self.groups.iter().map(|group| group.run.range().len() * each))
     }
 
     /// Number of receivers.
@@ -254,6 +230,20 @@ impl Receivers {
         let (subset, indices) = self.subset(count, phase);
         (subset, ProbePoints::new(indices, areas_mm2))
     }
+}
+
+/// For each welded vertex the first transferring part that uses it, or [`NONE`].
+pub(super) fn parts_of_welds(mesh: &Mesh, parts: &PartTable) -> Vec<u32> {
+    let mut result = vec![NONE; mesh.local_mm.len()];
+    for (triangle, &part) in mesh.triangles.iter().zip(&parts.triangle_part) {
+        if parts.parts.get(part as usize).is_some_and(|p| p.transfers()) {
+            for &v in triangle {
+                let slot = &mut result[mesh.weld[v as usize] as usize];
+                *slot = (*slot).min(part);
+            }
+        }
+    }
+    result
 }
 
 #[cfg(test)]

@@ -1,5 +1,3 @@
-#![allow(clippy::unwrap_used)]
-
 use super::*;
 use crate::geometry::shapes;
 use crate::geometry::source::SourceModel;

@@ -1,9 +1,10 @@
 //! Scenes for the tests of this layer.
-#![allow(clippy::unwrap_used)]
 
 use glam::DVec3;
 
+use super::balanced_tree::in_tree_order;
 use super::domain::Domain;
+use super::receivers::Receivers;
 use super::surface::Surface;
 use super::tree::SampleTree;
 use crate::geometry::bvh::Bvh;
@@ -73,8 +74,43 @@ impl Fixture {
         Surface { domain: self.scene.domain(), bvh: &self.bvh, samples: &self.samples, patches: &self.patches }
     }
 
+    /// The same with the samples in tree order.
+    pub(super) fn in_tree_order(mut self) -> Self {
+        self.samples = in_tree_order(&self.samples, &self.patches);
+        self.patches = patches(&self.scene.mesh, &self.samples);
+        self
+    }
+
+    /// A receiver for each vertex, in groups of at most `capacity`.
+    pub(super) fn receivers(&self, capacity: usize) -> Receivers {
+        Receivers::new(&self.scene.mesh, &self.scene.parts, capacity)
+    }
+
+    /// Refractive index of the medium.
+    pub(super) fn eta(&self) -> f64 {
+        self.scene.media[0].properties.eta_inside_over_outside
+    }
+
     /// Flux into the samples, RGB.
     pub(super) fn flux(&self, irradiance: &[DVec3]) -> DVec3 {
         self.patches.iter().zip(irradiance).map(|(p, e)| p.area_mm2 * *e).sum()
     }
+}
+
+/// RMS of a difference over that of the reference, all channels together.
+pub(super) fn relative_rms(values: &[DVec3], reference: &[DVec3]) -> f64 {
+    let error: f64 = values.iter().zip(reference).map(|(a, b)| (*a - *b).length_squared()).sum();
+    (error / reference.iter().map(|b| b.length_squared()).sum::<f64>()).sqrt()
+}
+
+/// RMS of a difference over that of the reference, worst channel.
+pub(super) fn worst_rms(values: &[DVec3], reference: &[DVec3]) -> f64 {
+    let square = |v: DVec3| v * v;
+    let error: DVec3 = values.iter().zip(reference).map(|(a, b)| square(*a - *b)).sum();
+    (error / reference.iter().map(|b| square(*b)).sum::<DVec3>()).max_element().sqrt()
+}
+
+/// Runs `work` on so many threads.
+pub(super) fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)
 }

@@ -117,7 +117,7 @@ pub fn for_each_band(
         return Ok(checked(matrix, &band, None, below));
     }
     let symbolic = Symbolic::new(matrix)?;
-    let total = robust(&symbolic, below, below)?.1.below();
+    let total = robust(&symbolic, below, below)?.1.below;
     let mut found = Found::default();
     let (mut before, mut low) = (Band::default(), -below * 1e-3);
     let mut at = 0;
@@ -142,7 +142,7 @@ fn edge(symbolic: &Symbolic, (low, at): (f64, usize), (below, total): (f64, usiz
     let mut least = 0.0;
     for _ in 0..60 {
         let (high, factors) = robust(symbolic, low + width, below)?;
-        let upto = factors.below();
+        let upto = factors.below;
         let pairs = upto.saturating_sub(at);
         if pairs > MOST_PAIRS {
             width = 0.5 * (least + width);
@@ -154,7 +154,7 @@ fn edge(symbolic: &Symbolic, (low, at): (f64, usize), (below, total): (f64, usiz
     }
     // A cluster of more pairs than a band should have: it is one band all the same.
     let (high, factors) = robust(symbolic, (low + 2.0 * width).min(below), below)?;
-    Ok((high, factors.below().max(at + 1)))
+    Ok((high, factors.below.max(at + 1)))
 }
 
 /// Factors at a shift, or very near it where a pivot vanishes there.
@@ -386,7 +386,6 @@ fn checked(matrix: &SymmetricMatrix, band: &Band, before: Option<&Band>, scale: 
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
     use crate::progress::Silent;

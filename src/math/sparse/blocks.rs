@@ -51,10 +51,8 @@ fn add(a: &[Row], factors: &Small, sign: f64, b: &mut [Row]) {
 
 multiversion! {
     /// `out = a^T b`.
-    fn dots_on(a: &[Row], b: &[Row], out: &mut Small) => dots
-}
+    fn dots_on(a: &[Row], b: &[Row], out: &mut Small) => dots;
 
-multiversion! {
     /// `b += sign a factors`.
     fn add_on(a: &[Row], factors: &Small, sign: f64, b: &mut [Row]) => add
 }

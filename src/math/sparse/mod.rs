@@ -80,21 +80,9 @@ impl SymmetricMatrix {
         self.columns[range.clone()].iter().copied().zip(self.values[range].iter().copied())
     }
 
-    /// Bytes in memory.
-    pub fn bytes(&self) -> usize {
-        size_of_val(self.diagonal.as_slice())
-            + size_of_val(self.offsets.as_slice())
-            + size_of_val(self.columns.as_slice())
-            + size_of_val(self.values.as_slice())
-    }
-
     /// The product with `N` vectors, stored row by row; `out` is as long as `x`.
     pub fn product<const N: usize>(&self, x: &[[f64; N]], out: &mut [[f64; N]]) {
-        out.par_chunks_mut(ROWS).enumerate().for_each(|(chunk, out)| {
-            for (i, out) in out.iter_mut().enumerate() {
-                *out = self.row_product(chunk * ROWS + i, x);
-            }
-        });
+        for_rows(out, |row, out| *out = self.row_product(row, x));
     }
 
     /// One row of the product.
@@ -166,6 +154,17 @@ impl SymmetricMatrix {
             all.push(component);
         }
         all
+    }
+}
+
+/// Changes every row, side by side where there are many.
+fn for_rows<const N: usize>(out: &mut [[f64; N]], of: impl Fn(usize, &mut [f64; N]) + Sync) {
+    if out.len() <= ROWS {
+        out.iter_mut().enumerate().for_each(|(row, out)| of(row, out));
+    } else {
+        out.par_chunks_mut(ROWS).enumerate().for_each(|(chunk, out)| {
+            out.iter_mut().enumerate().for_each(|(i, out)| of(chunk * ROWS + i, out));
+        });
     }
 }
 

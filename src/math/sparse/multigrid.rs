@@ -5,9 +5,7 @@
 //! visits each twice, so that the number of iterations hardly grows with the number of rows; once where that would cost more than the
 //! finer grid itself. A part that is down to one row is solved by the smoother and left out of coarser grids.
 
-use rayon::prelude::*;
-
-use super::{ROWS, Row, SymmetricMatrix, TOGETHER};
+use super::{Row, SymmetricMatrix, TOGETHER, for_rows};
 
 /// Share of the step of a smoother; below 2 it is stable.
 const RELAXED: f64 = 1.33;
@@ -173,17 +171,6 @@ impl Cycle<'_> {
         self.work[0].right.copy_from_slice(right);
         visit(&self.operators, &mut self.work);
         &self.work[0].x
-    }
-}
-
-/// Writes every row, side by side where there are many.
-fn for_rows(out: &mut [Row], of: impl Fn(usize, &mut Row) + Sync) {
-    if out.len() <= ROWS {
-        out.iter_mut().enumerate().for_each(|(row, out)| of(row, out));
-    } else {
-        out.par_chunks_mut(ROWS).enumerate().for_each(|(chunk, out)| {
-            out.iter_mut().enumerate().for_each(|(i, out)| of(chunk * ROWS + i, out));
-        });
     }
 }
 

@@ -8,7 +8,7 @@
 use rayon::prelude::*;
 
 use super::multigrid::Grids;
-use super::{ROWS, Row, SymmetricMatrix, TOGETHER, sum_over_rows};
+use super::{ROWS, Row, SymmetricMatrix, TOGETHER, for_rows, sum_over_rows};
 
 /// Iterations at most; the values then reached are the answer, and its residual tells.
 const MOST: usize = 2_000;
@@ -50,7 +50,7 @@ pub fn solve(
     };
     let mut r: Vec<Row> = (0..rows).map(|row| b[row].map(|b| mass[row] * b)).collect();
     let unit = dot(&r, cycle.apply(&r));
-    r.par_iter_mut().enumerate().with_min_len(ROWS).for_each(|(row, r)| {
+    for_rows(&mut r, |row, r| {
         let ax = apply(row, x);
         (0..TOGETHER).for_each(|n| r[n] -= ax[n]);
     });
@@ -65,9 +65,7 @@ pub fn solve(
         if residual(rz) <= tolerance {
             return Solved { iterations, residual: residual(rz) };
         }
-        ap.par_chunks_mut(ROWS).enumerate().for_each(|(chunk, out)| {
-            out.iter_mut().enumerate().for_each(|(i, out)| *out = apply(chunk * ROWS + i, &p));
-        });
+        for_rows(&mut ap, |row, out| *out = apply(row, &p));
         let pap = dot(&p, &ap);
         let ratio = |a: Row, b: Row| -> Row { std::array::from_fn(|n| if b[n] > 0.0 { a[n] / b[n] } else { 0.0 }) };
         let alpha = ratio(rz, pap);

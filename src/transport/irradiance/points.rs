@@ -46,7 +46,6 @@ impl Illumination<'_> {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests {
     use std::f64::consts::PI;
 
@@ -71,7 +70,7 @@ mod tests {
 
     fn lit(fixture: &Fixture, points: &[(SurfacePoint, u32)], light: Light) -> Vec<DVec3> {
         let (surface, lights) = (fixture.surface(), [light]);
-        let eta = fixture.scene.media[0].properties.eta_inside_over_outside;
+        let eta = fixture.eta();
         Illumination::new(&surface, &lights, &[eta], LightSampling::FAST).unwrap().at_points(points, &Silent)
     }
 
@@ -81,7 +80,7 @@ mod tests {
         for radius in [1e-3, 1.0, 10.0, 1e5] {
             let fixture = Fixture::new(shapes::icosphere(radius, 4), named("marble"), 100);
             let points = points(&fixture);
-            let eta = fixture.scene.media[0].properties.eta_inside_over_outside;
+            let eta = fixture.eta();
             let from = DVec3::new(0.3, 0.5, 0.81).normalize();
             let colour = DVec3::new(1.0, 2.0, 3.0);
             let values = lit(&fixture, &points, Light::directional(from, colour).unwrap());

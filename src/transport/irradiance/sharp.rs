@@ -2,15 +2,12 @@
 
 use glam::DVec3;
 
-use super::prepared::Prepared;
 use super::surface_point::SurfacePoint;
 use crate::geometry::bvh::{Bvh, Ray, offset_along};
 use crate::geometry::samples::{Facet, Patch, bisect};
 use crate::math::simd::InstructionSet;
 use crate::medium::fresnel;
-
-/// A point light comes no nearer to a sample than the square root of this, so that E stays finite.
-const LEAST_DISTANCE2_MM2: f64 = 1e-30;
+use crate::transport::prepared_light::{LEAST_DISTANCE2_MM2, Prepared};
 
 /// A light whose rays run side by side, from all patches of a range.
 pub(super) struct Sharp {
@@ -51,7 +48,7 @@ enum Source {
 
 impl Sharp {
     /// A directional or a point light, with room for so many rays; none for the other lights.
-    pub(super) fn new(light: &Prepared, rays: usize) -> Option<Self> {
+    pub(super) fn new<E>(light: &Prepared<E>, rays: usize) -> Option<Self> {
         let (source, colour) = match light {
             Prepared::Directional { from, irradiance } => (Source::Direction(*from), *irradiance),
             Prepared::Point { at, intensity } => (Source::Point(*at), *intensity),

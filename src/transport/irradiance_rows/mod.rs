@@ -21,7 +21,6 @@ pub mod vectors;
 
 use std::ops::Range;
 
-use rayon::prelude::*;
 use translux_format::rows::IrradianceRows;
 
 use self::row::{Keep, Work};
@@ -32,7 +31,7 @@ use crate::math::cube_map::{FACES, FRAMES, solid_angles_sr};
 use crate::math::haar::Haar;
 use crate::math::simd::{InstructionSet, multiversion};
 use crate::medium::entrance_basis::{DEGREE, EntranceBasis, MOST_TERMS};
-use crate::progress::Progress;
+use crate::progress::{Progress, in_tasks};
 use crate::transport::surface::Surface;
 use crate::transport::visibility::{GROUP, Observer, Occluders, Resolution, Visible, visit};
 
@@ -121,18 +120,8 @@ impl<'a> RowBaker<'a> {
     /// # Errors
     /// More than 2^32 - 2 coefficients (exit 5).
     pub fn all(&self, progress: &dyn Progress) -> Result<Rows> {
-        let count = self.surface.samples.len();
-        progress.start("irradiance rows", count as u64);
-        let chunks: Vec<IrradianceRows> = (0..count.div_ceil(GROUP))
-            .into_par_iter()
-            .map(|i| {
-                let range = i * GROUP..((i + 1) * GROUP).min(count);
-                let rows = self.range(range.clone());
-                progress.advance(range.len() as u64);
-                rows
-            })
-            .collect();
-        progress.finish();
+        let size = (self.surface.samples.len(), GROUP);
+        let chunks = in_tasks(progress, "irradiance rows", size, |range| self.range(range));
         Rows::new(join(self.empty(), chunks)?, &self.surface.samples.part_offsets)
     }
 

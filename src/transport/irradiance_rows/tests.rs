@@ -1,5 +1,3 @@
-#![allow(clippy::unwrap_used)]
-
 use std::f64::consts::PI;
 use std::sync::Arc;
 
@@ -14,7 +12,7 @@ use crate::light::sky::sky;
 use crate::medium::fresnel;
 use crate::progress::Silent;
 use crate::transport::irradiance::{Illumination, LightSampling};
-use crate::transport::test_scene::{Fixture, named};
+use crate::transport::test_scene::{Fixture, named, on_threads, relative_rms};
 
 const ETA: f64 = 1.3;
 
@@ -31,11 +29,6 @@ fn relight(fixture: &Fixture, settings: RowSettings, light: &Light, eta: f64) ->
     let rows = RowBaker::new(&surface, settings).unwrap().all(&Silent).unwrap();
     let c = rows.entrance().project(eta).unwrap().coefficients;
     rows.irradiance(&CubeLight::new(light, settings.side()).unwrap(), |_| c).unwrap()
-}
-
-fn relative_rms(values: &[DVec3], reference: &[DVec3]) -> f64 {
-    let error: f64 = values.iter().zip(reference).map(|(a, b)| (*a - *b).length_squared()).sum();
-    (error / reference.iter().map(|b| b.length_squared()).sum::<f64>()).sqrt()
 }
 
 #[test]
@@ -111,8 +104,7 @@ fn ranges_threads_and_instructions_do_not_change_the_rows() {
         baker.level = level;
         assert_eq!(baker.range(0..40).values, whole.values[..2 * whole.offsets[40] as usize], "{level:?}");
     }
-    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-    assert_eq!(one.install(|| baker.all(&Silent)).unwrap().data(), &whole);
+    assert_eq!(on_threads(1, || baker.all(&Silent)).unwrap().data(), &whole);
     let part = baker.range(1000..1100);
     let (from, end) = (whole.offsets[1000] as usize, whole.offsets[1100] as usize);
     assert_eq!(part.indices, whole.indices[from..end]);
@@ -209,8 +201,7 @@ fn blocks_are_the_same_from_threads_instructions_ranges_and_files() {
         baker.level = level;
         assert!(baker.in_blocks(&Silent).unwrap() == rows, "{level:?}");
     }
-    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-    assert!(one.install(|| baker.in_blocks(&Silent)).unwrap() == rows);
+    assert!(on_threads(1, || baker.in_blocks(&Silent)).unwrap() == rows);
     let sections = rows.data().to_sections().unwrap();
     assert!(Rows::from_sections(&sections, &[0, 1500]).unwrap().as_ref() == Some(&rows));
     // Parts that the blocks do not fit.

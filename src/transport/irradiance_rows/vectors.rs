@@ -2,6 +2,8 @@
 //! Scattering"): rows are summed over the nodes of a tree, each with a bounded number of coefficients, and every receiver gathers
 //! rows of samples nearby and of nodes farther away.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 use translux_format::rows::IrradianceRows;
 
@@ -11,10 +13,10 @@ use crate::error::{Error, Result};
 use crate::light::cube_light::Transform;
 use crate::math::cube_map::{FACES, solid_angles_sr};
 use crate::math::haar::Haar;
-use crate::math::simd::{InstructionSet, multiversion};
-use crate::progress::Progress;
+use crate::math::simd::{InstructionSet, add_scaled, multiversion};
+use crate::progress::{Progress, in_tasks};
 use crate::transport::gather::{Gather, Lists, Lit, Scheme, Source};
-use crate::transport::receivers::Receivers;
+use crate::transport::receivers::{Group, Receivers};
 use crate::transport::tree::SampleTree;
 use crate::transport::visibility::GROUP;
 
@@ -39,13 +41,8 @@ impl SparseRows {
     }
 
     /// Number of rows.
-    pub fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.offsets.len().saturating_sub(1)
-    }
-
-    /// True if there are no rows.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
     }
 
     /// Places and coefficients of a row.
@@ -105,13 +102,11 @@ pub fn irradiance_rows(
 ) -> Result<SparseRows> {
     let side = baker.side();
     let (haar, weights) = transform.of_transport(side)?;
-    progress.start("irradiance rows", samples as u64);
-    let of_chunk = |chunk: usize| {
-        let range = chunk * GROUP..((chunk + 1) * GROUP).min(samples);
+    let of_chunk = |range: Range<usize>| {
         let mut rows = SparseRows::empty();
         let (mut picture, mut scratch) = (vec![0.0f32; side * side], vec![0.0f32; side * side]);
         let mut coefficients = Vec::new();
-        baker.visit(range.clone(), |_, row| {
+        baker.visit(range, |_, row| {
             coefficients.clear();
             for face in (0..FACES).filter(|f| row.lit[*f]) {
                 let values = &row.values[face * side * side..(face + 1) * side * side];
@@ -121,11 +116,9 @@ pub fn irradiance_rows(
             }
             rows.push(&mut coefficients, most);
         });
-        progress.advance(range.len() as u64);
         rows
     };
-    let chunks: Vec<SparseRows> = (0..samples.div_ceil(GROUP)).into_par_iter().map(of_chunk).collect();
-    progress.finish();
+    let chunks = in_tasks(progress, "irradiance rows", (samples, GROUP), of_chunk);
     let mut all = SparseRows::empty();
     chunks.iter().try_for_each(|chunk| all.extend(chunk))?;
     Ok(all)
@@ -297,7 +290,7 @@ impl<'a> RowTree<'a> {
         progress.start("transfer", receivers.len() as u64);
         let mean = self.mean_irradiance();
         let lit = self.gather.light(&mean);
-        let chunk = |groups: &[crate::transport::receivers::Group]| {
+        let chunk = |groups: &[Group]| {
             let mut rows = of_channels(side);
             let mut work = Work::new(side, 3);
             self.dense(receivers, groups, (&lit, scheme), |vector| {
@@ -316,7 +309,7 @@ impl<'a> RowTree<'a> {
     fn dense(
         &self,
         receivers: &Receivers,
-        groups: &[crate::transport::receivers::Group],
+        groups: &[Group],
         (lit, scheme): (&Lit, Scheme),
         mut each: impl FnMut(&[[f32; 3]]),
     ) {
@@ -367,9 +360,7 @@ multiversion! {
 fn add_body(sums: &mut [[f32; LANES]], places: &[u16], values: &[f32], weights: &[f32; LANES]) {
     for (place, value) in places.iter().zip(values) {
         let Some(sums) = sums.get_mut(usize::from(*place)) else { continue };
-        for i in 0..LANES {
-            sums[i] += value * weights[i];
-        }
+        add_scaled(sums, *value, weights);
     }
 }
 

@@ -1,5 +1,3 @@
-#![allow(clippy::unwrap_used)]
-
 use std::sync::Arc;
 
 use glam::DVec3;
@@ -12,7 +10,7 @@ use crate::light::sky::sky;
 use crate::progress::Silent;
 use crate::transport::gather::Criterion;
 use crate::transport::near_rule::NearField;
-use crate::transport::test_scene::{Fixture, named};
+use crate::transport::test_scene::{Fixture, named, relative_rms};
 use crate::transport::visibility::Resolution;
 
 const ALL: usize = FACES * 32 * 32;
@@ -65,11 +63,6 @@ fn gathered(
     gather.radiosity(receivers, &gather.light(&irradiance), scheme, &Silent)
 }
 
-fn relative_rms(values: &[DVec3], reference: &[DVec3]) -> f64 {
-    let error: f64 = values.iter().zip(reference).map(|(a, b)| (*a - *b).length_squared()).sum();
-    (error / reference.iter().map(|b| b.length_squared()).sum::<f64>()).sqrt()
-}
-
 fn keep(count: usize) -> Selection<'static> {
     Selection { keep: Keep::Largest(count), importance: None }
 }
@@ -79,7 +72,7 @@ fn whole_vectors_are_the_transport_of_the_samples_in_both_transforms() {
     let fixture = knot();
     let surface = fixture.surface();
     let baker = TexelBaker::new(&surface, Resolution::Sub64);
-    let receivers = Receivers::new(&fixture.scene.mesh, &fixture.scene.parts, 16);
+    let receivers = fixture.receivers(16);
     let gather = Gather::new(&surface, &fixture.tree, &fixture.scene.media, NearField::FAST);
     let mut irradiances = Vec::new();
     for transform in [Transform::SolidAngle, Transform::Texels] {
@@ -110,7 +103,7 @@ fn errors_fall_with_the_coefficients_of_each_stage() {
     let fixture = knot();
     let surface = fixture.surface();
     let baker = TexelBaker::new(&surface, Resolution::Sub64);
-    let receivers = Receivers::new(&fixture.scene.mesh, &fixture.scene.parts, 16);
+    let receivers = fixture.receivers(16);
     let gather = Gather::new(&surface, &fixture.tree, &fixture.scene.media, NearField::FAST);
     let light = CubeLight::new(&lights()[0], 32).unwrap();
     let whole = irradiance_rows(&baker, fixture.samples.len(), (Transform::SolidAngle, ALL), &Silent).unwrap();
@@ -150,7 +143,7 @@ fn sums_of_whole_rows_are_exact_and_thresholds_follow_importance() {
     for (place, value) in places.iter().zip(values) {
         assert!((f64::from(*value) - sums[usize::from(*place)]).abs() < 1e-5 * largest);
     }
-    let receivers = Receivers::new(&fixture.scene.mesh, &fixture.scene.parts, 16);
+    let receivers = fixture.receivers(16);
     let mut importance = vec![1.0f32; ALL];
     importance[3 * 1024..].fill(0.0);
     let selection = Selection { keep: Keep::Above(1e-9), importance: Some(&importance) };

@@ -4,6 +4,7 @@ use super::{
     EdgePrecision, EdgeRule, GAUSS_3, GAUSS_4, GAUSS_6, GAUSS_8, GAUSS_12, GAUSS_24, LANES, Radial, RadialIntegral,
     Row, RowValues, SeenTriangle, edge_rule,
 };
+use crate::math::simd::add_scaled;
 use crate::medium::dipole::Pole;
 
 /// One term `weight (1 + sigma d) exp(-sigma d) / d^3` of R_d, d^2 = r^2 + z^2, in single precision.
@@ -107,9 +108,7 @@ impl RowValues for [Row; 3] {
     #[inline(always)]
     fn add_scaled(&mut self, factor: [f32; 3], values: &Self) {
         for c in 0..3 {
-            for i in 0..LANES {
-                self[c][i] += factor[c] * values[c][i];
-            }
+            add_scaled(&mut self[c], factor[c], &values[c]);
         }
     }
 

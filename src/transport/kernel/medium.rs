@@ -75,7 +75,7 @@ impl MediumKernel {
         let table = ProfileTable::new(&profiles, reach_mm);
         Self {
             sigma_per_mm: profiles.each_ref().map(|p| decay_per_mm(p.as_ref(), reach_mm)),
-            smooth_mm: table.smooth_mm(),
+            smooth_mm: table.smooth_mm,
             fast: Fast::Table(Arc::new(table)),
             profiles,
         }
@@ -118,7 +118,7 @@ impl MediumKernel {
     pub fn add_points(&self, level: InstructionSet, block: &mut Block, sources: &[PointSource]) {
         match &self.fast {
             Fast::Poles { rgb, .. } => points_of_poles(level, block, rgb, sources),
-            Fast::Table(table) => table.add_points(level, block, sources),
+            Fast::Table(table) => table.reflectance.add_points(level, block, sources),
         }
     }
 
@@ -126,7 +126,7 @@ impl MediumKernel {
     pub fn add_triangles(&self, level: InstructionSet, block: &mut Block, sources: &[FlatSource]) {
         match &self.fast {
             Fast::Poles { rgb, .. } => triangles_of_poles(level, block, rgb, sources),
-            Fast::Table(table) => triangles_of_table(level.min(WIDEST), block, table, sources),
+            Fast::Table(table) => triangles_of_table(level, block, table, sources),
         }
     }
 
@@ -134,25 +134,18 @@ impl MediumKernel {
     pub fn add_flats(&self, level: InstructionSet, flats: &Flats, sums: &mut [[f64; 3]]) {
         match &self.fast {
             Fast::Poles { rgb, .. } => flats_of_poles(level, rgb, flats, sums),
-            Fast::Table(table) => flats_of_table(level.min(WIDEST), table, flats, sums),
+            Fast::Table(table) => flats_of_table(level, table, flats, sums),
         }
     }
 }
 
 multiversion! {
-    fn points_of_poles(block: &mut Block, kernel: &PolesRgb, sources: &[PointSource]) => points_body::<PolesRgb>
-}
-multiversion! {
-    fn triangles_of_poles(block: &mut Block, kernel: &PolesRgb, sources: &[FlatSource]) => triangles_body::<PolesRgb>
-}
-multiversion! {
-    fn triangles_of_table(block: &mut Block, kernel: &ProfileTable, sources: &[FlatSource]) => triangles_body::<ProfileTable>
-}
-multiversion! {
-    fn flats_of_poles(kernel: &PolesRgb, flats: &Flats, sums: &mut [[f64; 3]]) => flats_body::<PolesRgb>
-}
-multiversion! {
-    fn flats_of_table(kernel: &ProfileTable, flats: &Flats, sums: &mut [[f64; 3]]) => flats_body::<ProfileTable>
+    fn points_of_poles(block: &mut Block, kernel: &PolesRgb, sources: &[PointSource]) => points_body::<PolesRgb>;
+    fn triangles_of_poles(block: &mut Block, kernel: &PolesRgb, sources: &[FlatSource]) => triangles_body::<PolesRgb>;
+    fn triangles_of_table(block: &mut Block, kernel: &ProfileTable, sources: &[FlatSource])
+        => triangles_body::<ProfileTable>, up to WIDEST;
+    fn flats_of_poles(kernel: &PolesRgb, flats: &Flats, sums: &mut [[f64; 3]]) => flats_body::<PolesRgb>;
+    fn flats_of_table(kernel: &ProfileTable, flats: &Flats, sums: &mut [[f64; 3]]) => flats_body::<ProfileTable>, up to WIDEST;
 }
 
 /// The decay sigma, 1/mm, of exp(-sigma r) / r^2 fitted to a profile where a hundredth of it is left, or at the reach.

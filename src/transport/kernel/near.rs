@@ -4,9 +4,9 @@
 //! sums run in f32 over at most `FLUSH` points. Triangles of a whole group of receivers are integrated side by side,
 //! because a receiver alone has too few of them to fill the lanes.
 
-use super::radial_table::{QuadraticTable, Rgb, WIDEST};
+use super::radial_table::{QuadraticTable, Rgb, WIDEST, add_product};
 use super::{EdgePrecision, FLUSH, LANES, RadialIntegral, Row, RowValues, SeenTriangle};
-use crate::math::simd::{InstructionSet, multiversion};
+use crate::math::simd::multiversion;
 
 /// Sums side by side, so that none waits for the one before.
 const CHAINS: usize = 4;
@@ -40,11 +40,7 @@ impl Points {
 fn row_into(table: &QuadraticTable, r2: &Row, flux: &[Rgb; LANES], partial: &mut [Rgb; CHAINS]) {
     let places = table.places(r2);
     for i in 0..LANES {
-        let value = table.value(&places, i);
-        let partial = &mut partial[i % CHAINS];
-        for c in 0..4 {
-            partial[c] += flux[i][c] * value[c];
-        }
+        add_product(&mut partial[i % CHAINS], &flux[i], &table.value(&places, i));
     }
 }
 
@@ -96,29 +92,16 @@ fn chosen_body(table: &QuadraticTable, indices: &[u32], (r2, flux): (&[f32], &[R
 }
 
 multiversion! {
-    /// See [`add_points`].
-    fn points_of(table: &QuadraticTable, points: &Points, sums: &mut [f64; 3]) => points_body
-}
+    /// Adds `flux f(r^2)` of every source, f by a table.
+    pub fn add_points(table: &QuadraticTable, points: &Points, sums: &mut [f64; 3]) => points_body, up to WIDEST;
 
-multiversion! {
-    /// See [`add_chosen`].
-    fn chosen(table: &QuadraticTable, indices: &[u32], sources: (&[f32], &[Rgb]), sums: &mut [f64; 3]) => chosen_body
-}
-
-/// Adds `flux f(r^2)` of every source, f by a table.
-pub fn add_points(level: InstructionSet, table: &QuadraticTable, points: &Points, sums: &mut [f64; 3]) {
-    points_of(level.min(WIDEST), table, points, sums);
-}
-
-/// [`add_points`] for some of many sources, whose squared distances (mm^2) and fluxes are given.
-pub fn add_chosen(
-    level: InstructionSet,
-    table: &QuadraticTable,
-    indices: &[u32],
-    sources: (&[f32], &[Rgb]),
-    sums: &mut [f64; 3],
-) {
-    chosen(level.min(WIDEST), table, indices, sources, sums);
+    /// [`add_points`] for some of many sources, whose squared distances (mm^2) and fluxes are given.
+    pub fn add_chosen(
+        table: &QuadraticTable,
+        indices: &[u32],
+        sources: (&[f32], &[Rgb]),
+        sums: &mut [f64; 3],
+    ) => chosen_body, up to WIDEST;
 }
 
 /// Triangles as receivers see them.

@@ -39,6 +39,14 @@ pub(crate) const WIDEST: InstructionSet = InstructionSet::Avx2;
 /// RGB and nothing.
 pub(crate) type Rgb = [f32; 4];
 
+/// `sum += factor value`, channel by channel.
+#[inline(always)]
+pub(in crate::transport) fn add_product(sum: &mut Rgb, factor: &Rgb, value: &Rgb) {
+    for c in 0..4 {
+        sum[c] += factor[c] * value[c];
+    }
+}
+
 /// Coefficients of the powers of the squared distance (mm^2) beyond the start of a segment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(C, align(32))]
@@ -135,11 +143,6 @@ impl<const N: usize, const BITS: u32> RadialTable<N, BITS> {
     pub(crate) fn segments(&self) -> (f32, u32, Vec<[Rgb; N]>) {
         (self.scale2, self.first, self.segments.iter().map(|segment| segment.0).collect())
     }
-
-    /// Bytes in memory.
-    pub fn bytes(&self) -> usize {
-        size_of_val(self.segments.as_slice())
-    }
 }
 
 impl<const BITS: u32> RadialTable<2, BITS> {
@@ -182,7 +185,7 @@ impl LinearTable {
 
     /// Adds `flux f(|x - at|)` of every source to every receiver of the block.
     pub fn add_points(&self, level: InstructionSet, block: &mut Block, sources: &[PointSource]) {
-        points(level.min(WIDEST), block, self, sources);
+        points(level, block, self, sources);
     }
 
     /// Tabulates three profiles less their softened forms, a difference that is zero beyond the radius, mm, inside
@@ -254,11 +257,11 @@ fn positive(value: f64) -> f64 {
 #[derive(Clone, Debug)]
 pub(super) struct ProfileTable {
     /// R_d, 1/mm^2.
-    reflectance: LinearTable,
+    pub(super) reflectance: LinearTable,
     /// `Int_r^inf R_d(s) s ds`, in the same segments.
     tail: LinearTable,
     /// The scale on which the profiles are smooth, mm.
-    smooth_mm: f64,
+    pub(super) smooth_mm: f64,
 }
 
 impl ProfileTable {
@@ -279,16 +282,6 @@ impl ProfileTable {
             smooth_mm: radius_containing(profiles, 0.05, reach),
         }
     }
-
-    /// Adds `flux R_d(|x - at|)` of every source to every receiver of the block.
-    pub(super) fn add_points(&self, level: InstructionSet, block: &mut Block, sources: &[PointSource]) {
-        self.reflectance.add_points(level, block, sources);
-    }
-
-    /// The scale on which the profiles are smooth, mm.
-    pub(super) fn smooth_mm(&self) -> f64 {
-        self.smooth_mm
-    }
 }
 
 impl RowValues for [Rgb; LANES] {
@@ -298,9 +291,7 @@ impl RowValues for [Rgb; LANES] {
     fn add_scaled(&mut self, [red, green, blue]: [f32; 3], values: &Self) {
         let factor = [red, green, blue, 0.0];
         for (sum, value) in self.iter_mut().zip(values) {
-            for c in 0..4 {
-                sum[c] += factor[c] * value[c];
-            }
+            add_product(sum, &factor, value);
         }
     }
 
@@ -328,16 +319,13 @@ impl<const BITS: u32> Radial for RadialTable<2, BITS> {
         let places = self.places(r2);
         let flux = [red, green, blue, 0.0];
         for (lane, sum) in sums.iter_mut().enumerate() {
-            let value = self.value(&places, lane);
-            for c in 0..4 {
-                sum[c] += flux[c] * value[c];
-            }
+            add_product(sum, &flux, &self.value(&places, lane));
         }
     }
 }
 
 multiversion! {
-    fn points(block: &mut Block, table: &LinearTable, sources: &[PointSource]) => points_body::<LinearTable>
+    fn points(block: &mut Block, table: &LinearTable, sources: &[PointSource]) => points_body::<LinearTable>, up to WIDEST
 }
 
 impl RadialIntegral for ProfileTable {

@@ -1,10 +1,10 @@
 //! The inner loop between the points of a net: a kernel softened inside a radius, less that softened inside its double.
 
-use crate::math::simd::{InstructionSet, multiversion};
+use crate::math::simd::{add_scaled, multiversion};
 use crate::medium::profile::Profile;
 use crate::medium::softened::Softened;
 use crate::transport::kernel::radial_table::{Rgb, SmoothTable, WIDEST};
-use crate::transport::kernel::{FLUSH, LANES, Radial, Row};
+use crate::transport::kernel::{FLUSH, LANES, Radial, squares};
 
 /// A kernel whose integral over the whole reach is at most this share of the profile's total is negligible.
 const NOTHING: f64 = 1e-7;
@@ -61,7 +61,7 @@ impl PointBlock {
     /// Adds the block's sums to `out`.
     pub(super) fn add_to(&self, out: &mut [Rgb]) {
         for (out, sum) in out.iter_mut().zip(&self.sums) {
-            (0..4).for_each(|c| out[c] += sum[c]);
+            add_scaled(out, 1.0, sum);
         }
     }
 }
@@ -71,37 +71,24 @@ fn smooth_body(block: &mut PointBlock, table: &SmoothTable, sources: &[u32], (at
     for chunk in sources.chunks(FLUSH) {
         let mut partial = [[0.0f32; 4]; LANES];
         for &source in chunk {
-            let (Some(&[sx, sy, sz]), Some(&[red, green, blue, _])) =
-                (at.get(source as usize), charges.get(source as usize))
+            let (Some(at), Some(&[red, green, blue, _])) = (at.get(source as usize), charges.get(source as usize))
             else {
                 continue;
             };
-            let [x, y, z] = &block.at;
-            let mut r2: Row = [0.0; LANES];
-            for i in 0..LANES {
-                let (dx, dy, dz) = (x[i] - sx, y[i] - sy, z[i] - sz);
-                r2[i] = dx * dx + dy * dy + dz * dz;
-            }
-            table.add_point(&mut partial, &r2, [red, green, blue]);
+            table.add_point(&mut partial, &squares(&block.at, *at), [red, green, blue]);
         }
         for (sum, partial) in block.sums.iter_mut().zip(&partial) {
-            (0..4).for_each(|c| sum[c] += partial[c]);
+            add_scaled(sum, 1.0, partial);
         }
     }
 }
 
 multiversion! {
-    /// See [`add_smooth`].
-    fn smooth(block: &mut PointBlock, table: &SmoothTable, sources: &[u32], values: (&[[f32; 3]], &[Rgb])) => smooth_body
-}
-
-/// Adds `charge K(|x - at|)` of the sources, indices among positions (mm) and charges, to every point of a block.
-pub(super) fn add_smooth(
-    level: InstructionSet,
-    block: &mut PointBlock,
-    kernel: &NetKernel,
-    sources: &[u32],
-    values: (&[[f32; 3]], &[Rgb]),
-) {
-    smooth(level.min(WIDEST), block, &kernel.table, sources, values);
+    /// Adds `charge K(|x - at|)` of the sources, indices among positions (mm) and charges, to every point of a block.
+    pub(super) fn add_smooth(
+        block: &mut PointBlock,
+        table: &SmoothTable,
+        sources: &[u32],
+        values: (&[[f32; 3]], &[Rgb]),
+    ) => smooth_body, up to WIDEST
 }

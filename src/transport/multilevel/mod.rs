@@ -27,6 +27,7 @@ use super::interpolation::SharedWeights;
 use crate::geometry::cluster::{self, Run};
 use crate::geometry::scattered::{Kriging, OrientedPoint, Weights, choose_from};
 use crate::math::simd::InstructionSet;
+use crate::math::slices::cut;
 use crate::medium::profile::Profile;
 
 /// Resolution of a kernel by nets.
@@ -53,7 +54,7 @@ const GROUP: usize = 16;
 
 /// A surface's nets, finest first.
 pub(crate) struct Multilevel {
-    resolution: Resolution,
+    pub(super) resolution: Resolution,
     pub(crate) levels: Vec<Net>,
     pub(crate) from_samples: Adjoint,
     pub(crate) to_receivers: SharedWeights,
@@ -117,19 +118,10 @@ impl Multilevel {
     /// Softens kernels inside so many spacings.
     pub(super) fn soften(&mut self, softening: f64) {
         self.resolution.softening = softening;
-        let (near, last) = (self.near_mm(), self.levels.len().saturating_sub(1));
+        let (near, last) = (self.resolution.near_mm(), self.levels.len().saturating_sub(1));
         for (level, net) in self.levels.iter_mut().enumerate() {
             net.reach(if level < last { 2.0 * near * 2f64.powi(level as i32) } else { f64::INFINITY });
         }
-    }
-
-    /// Number of points and of pairs of each net, finest first.
-    pub(super) fn sizes(&self) -> Vec<(usize, usize)> {
-        let pairs = |net: &Net| {
-            let of_group = |(g, run): (usize, &Run)| run.range().len() * net.around.of(g).len();
-            net.groups.iter().enumerate().map(of_group).sum()
-        };
-        self.levels.iter().map(|net| (net.points.len(), pairs(net))).collect()
     }
 
     /// Bytes in memory.
@@ -145,21 +137,11 @@ impl Multilevel {
         self.levels.iter().map(net).sum::<usize>() + self.from_samples.bytes() + self.to_receivers.bytes()
     }
 
-    /// Spacing of the finest net, mm.
-    pub(super) fn spacing_mm(&self) -> f64 {
-        self.resolution.spacing_mm
-    }
-
-    /// Radius of the compact part, mm.
-    pub(super) fn near_mm(&self) -> f64 {
-        self.resolution.near_mm()
-    }
-
     /// Tables of three profiles.
     pub(super) fn tables(&self, profiles: &[&dyn Profile; 3], extent_mm: f64) -> Tables {
         let count = self.levels.len();
         let level = |level: usize| {
-            let radius = self.near_mm() * 2f64.powi(level as i32);
+            let radius = self.resolution.near_mm() * 2f64.powi(level as i32);
             NetKernel::new(profiles, radius, (level + 1 < count).then_some(2.0 * radius), extent_mm)
         };
         Tables { levels: (0..count).into_par_iter().map(level).collect() }
@@ -211,16 +193,10 @@ impl Net {
 
     fn add(&self, table: &NetKernel, charges: &[[f32; 4]], out: &mut [[f32; 4]]) {
         let level = InstructionSet::detect();
-        let mut rest = out;
-        let mut jobs = Vec::with_capacity(self.groups.len());
-        for (g, run) in self.groups.iter().enumerate() {
-            let (mine, others) = rest.split_at_mut(run.range().len());
-            rest = others;
-            jobs.push((g, *run, mine));
-        }
-        jobs.into_par_iter().with_min_len(8).for_each(|(g, run, out)| {
+        let jobs = self.groups.par_iter().zip(cut(out, self.groups.iter().map(|run| run.range().len())));
+        jobs.enumerate().with_min_len(8).for_each(|(g, (run, out))| {
             let mut block = PointBlock::new(&self.at[run.range()]);
-            kernel::add_smooth(level, &mut block, table, self.around.of(g), (&self.at, charges));
+            kernel::add_smooth(level, &mut block, &table.table, self.around.of(g), (&self.at, charges));
             block.add_to(out);
         });
     }

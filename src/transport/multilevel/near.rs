@@ -12,10 +12,11 @@ use rayon::prelude::*;
 use super::close::Close;
 use super::compact::{Compact, Facets, Shine};
 use crate::geometry::cluster::Run;
-use crate::math::simd::{InstructionSet, multiversion};
+use crate::math::simd::{InstructionSet, add_scaled, multiversion};
+use crate::math::slices::cut;
 use crate::transport::close_pairs::ClosePairs;
-use crate::transport::kernel::radial_table::{LinearTable, Rgb};
-use crate::transport::kernel::{Block, PointSource, Receiver};
+use crate::transport::kernel::radial_table::{LinearTable, Rgb, add_product};
+use crate::transport::kernel::{Block, PointSource, Receiver, squares};
 use crate::transport::near_rule::{MOST_SPLITS, SIX_POINTS};
 use crate::transport::receivers::Sphere;
 
@@ -59,14 +60,8 @@ impl NearSamples {
     /// Adds the compact part to the radiosity of every receiver, RGB. `first` is the part's first sample.
     pub(super) fn add(&self, compact: &Compact, facets: &Facets, light: Shine, first: usize, out: &mut [Rgb]) {
         let level = InstructionSet::detect().min(InstructionSet::Avx2);
-        let mut rest = out;
-        let mut jobs = Vec::with_capacity(self.groups.len());
-        for (g, run) in self.groups.iter().enumerate() {
-            let (mine, others) = rest.split_at_mut(run.range().len().min(rest.len()));
-            rest = others;
-            jobs.push((g, *run, mine));
-        }
-        jobs.into_par_iter().with_min_len(4).for_each_init(Scratch::default, |scratch, (g, run, out)| {
+        let jobs = self.groups.par_iter().zip(cut(out, self.groups.iter().map(|run| run.range().len())));
+        jobs.enumerate().with_min_len(4).for_each_init(Scratch::default, |scratch, (g, (run, out))| {
             let members = &self.receivers[run.range()];
             let place = Sphere::around(members);
             scratch.close.clear();
@@ -77,10 +72,8 @@ impl NearSamples {
             scratch.block.reset(place.centre_mm, members.iter().map(|&at_mm| Receiver { at_mm }));
             compact.disc.add_points(level, &mut scratch.block, &scratch.discs);
             for (i, (receiver, out)) in members.iter().zip(out).enumerate() {
-                let [r, g, b] = scratch.block.sum(i).as_vec3().to_array();
-                for (out, value) in out.iter_mut().zip([r, g, b]) {
-                    *out += value;
-                }
+                let sum = scratch.block.sum(i).as_vec3().to_array();
+                out.iter_mut().zip(sum).for_each(|(out, value)| *out += value);
                 let at = (*receiver - place.centre_mm).as_vec3().to_array();
                 receive(level, scratch, at, (compact, facets, light), out);
             }
@@ -106,13 +99,6 @@ impl Scratch {
 }
 
 #[inline(always)]
-fn add(sum: &mut Rgb, factor: &Rgb, value: &Rgb) {
-    for c in 0..4 {
-        sum[c] += factor[c] * value[c];
-    }
-}
-
-#[inline(always)]
 fn receive_body(
     scratch: &mut Scratch,
     at: [f32; 3],
@@ -132,16 +118,11 @@ fn receive_body(
         let offset = Vec3::new(close.at[0][i] - at[0], close.at[1][i] - at[1], close.at[2][i] - at[2]);
         let first = close.pieces_of(n);
         for (k, four) in close.pieces[first..first + close.fours].iter().enumerate() {
-            let [xs, ys, zs] = &four.centroids;
-            let mut r2 = [0.0f32; 4];
-            for j in 0..4 {
-                let (dx, dy, dz) = (xs[j] - at[0], ys[j] - at[1], zs[j] - at[2]);
-                r2[j] = dx * dx + dy * dy + dz * dz;
-            }
+            let r2 = squares(&four.centroids, at);
             let places = compact.point.places(&r2);
             for (j, &square) in r2.iter().enumerate() {
                 if square >= four.more2[j] {
-                    add(&mut sum, &four.flux[j], &compact.point.value(&places, j));
+                    add_product(&mut sum, &four.flux[j], &compact.point.value(&places, j));
                     continue;
                 }
                 let piece = light.light.pieces(close.sample[i] as usize).and_then(|mut pieces| pieces.nth(4 * k + j));
@@ -151,7 +132,7 @@ fn receive_body(
                     [offset + Vec3::from(corners[0]), offset + Vec3::from(corners[1]), offset + Vec3::from(corners[2])];
                 let mut integral = [0.0f32; 4];
                 split(&mut integral, corners, (smooth2, split2), MOST_SPLITS, &compact.point);
-                add(&mut sum, &[e.x, e.y, e.z, 0.0], &integral);
+                add_product(&mut sum, &[e.x, e.y, e.z, 0.0], &integral);
             }
         }
     }
@@ -159,22 +140,14 @@ fn receive_body(
         let i = i as usize;
         let begin = if i > 0 { close.ends[i - 1] as usize } else { 0 };
         for near in &close.facets[begin..close.ends[i] as usize] {
-            let [xs, ys, zs] = &near.points;
-            let mut r2 = [0.0f32; 4];
-            for k in 0..4 {
-                let (dx, dy, dz) = (xs[k] - at[0], ys[k] - at[1], zs[k] - at[2]);
-                r2[k] = dx * dx + dy * dy + dz * dz;
-            }
+            let r2 = squares(&near.points, at);
             if r2[3] >= near.more2 {
                 let places = compact.point.places(&r2);
                 let mut values = [0.0f32; 4];
                 for j in 0..3 {
-                    let value = compact.point.value(&places, j);
-                    for k in 0..4 {
-                        values[k] += value[k];
-                    }
+                    add_scaled(&mut values, 1.0, &compact.point.value(&places, j));
                 }
-                add(&mut sum, &near.flux, &values);
+                add_product(&mut sum, &near.flux, &values);
                 continue;
             }
             let sample = close.sample[i] as usize;
@@ -198,15 +171,13 @@ fn receive_body(
                 points(&mut integral, (middle, facet.area), &corners, &compact.point);
             }
             let e = light.light.irradiance(sample).as_vec3();
-            add(&mut sum, &[e.x, e.y, e.z, 0.0], &integral);
+            add_product(&mut sum, &[e.x, e.y, e.z, 0.0], &integral);
         }
         // It is among the discs as well.
         let flux = &close.flux[i];
-        add(&mut sum, &[-flux[0], -flux[1], -flux[2], 0.0], &compact.disc.at_square(seen.r2[i]));
+        add_product(&mut sum, &[-flux[0], -flux[1], -flux[2], 0.0], &compact.disc.at_square(seen.r2[i]));
     }
-    for c in 0..4 {
-        out[c] += sum[c];
-    }
+    add_scaled(out, 1.0, &sum);
 }
 
 multiversion! {
@@ -234,14 +205,9 @@ fn points(sum: &mut Rgb, (middle, area): ([f32; 3], f32), corners: &[Rgb; 3], ta
         let places = table.places(&r2);
         let mut values = [0.0f32; 4];
         for j in 0..3 {
-            let value = table.value(&places, j);
-            for c in 0..4 {
-                values[c] += value[c];
-            }
+            add_scaled(&mut values, 1.0, &table.value(&places, j));
         }
-        for c in 0..4 {
-            sum[c] += area * weight * values[c];
-        }
+        add_scaled(sum, area * weight, &values);
     }
 }
 

@@ -130,11 +130,11 @@ impl SurfaceNets {
         let softens = quality.softening != self.quality.softening;
         self.quality = Quality { spacing: self.quality.spacing, ..quality };
         for part in self.parts.iter_mut().filter(|_| softens) {
-            let spacing_mm = part.nets.spacing_mm();
+            let spacing_mm = part.nets.resolution.spacing_mm;
             part.nets.soften(softening(quality, part.samples.len(), part.extent_mm, spacing_mm));
             let centres: Vec<DVec3> = surface.patches[part.samples.clone()].iter().map(|p| p.centre_mm).collect();
             let positions = &receivers.positions[part.receivers.clone()];
-            part.near = NearSamples::new(&centres, positions, &part.groups, part.nets.near_mm());
+            part.near = NearSamples::new(&centres, positions, &part.groups, part.nets.resolution.near_mm());
         }
     }
 
@@ -143,7 +143,7 @@ impl SurfaceNets {
         let of_part = |part: &Part| {
             let medium = &media[part.medium];
             let profiles: &[Arc<dyn Profile>; 3] = medium.profiles();
-            let radius = part.nets.near_mm();
+            let radius = part.nets.resolution.near_mm();
             let softened = medium.softened(radius);
             let square = self.facets.mean_square(part.samples.clone());
             let (tables, (point, disc)) = rayon::join(
@@ -199,11 +199,6 @@ impl SurfaceNets {
             });
         }
         result
-    }
-
-    /// Points of each net and pairs between them, finest first, of every part.
-    pub fn sizes(&self) -> Vec<Vec<(usize, usize)>> {
-        self.parts.iter().map(|part| part.nets.sizes()).collect()
     }
 
     /// Bytes in memory.

@@ -199,7 +199,6 @@ fn lower_along(values: &[u16], stride: usize, block: usize) -> Vec<u16> {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
     use crate::geometry::shapes;

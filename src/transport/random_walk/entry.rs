@@ -9,18 +9,14 @@ use super::walk::{Start, Stream};
 use crate::error::Result;
 use crate::geometry::bvh::{Bvh, Ray, offset_origin};
 use crate::geometry::mesh::Mesh;
-use crate::light::environment::Rotation;
-use crate::light::strata::{Strata, StrataSettings};
+use crate::light::strata::StrataSettings;
 use crate::light::{Light, refuse_fields};
-use crate::math::spherical_rectangle::SphericalRectangle;
 use crate::medium::fresnel::{self, CosineTransmittance};
 use crate::transport::domain::Domain;
+use crate::transport::prepared_light::{LEAST_DISTANCE2_MM2, Prepared, Stratum};
 
 /// Cut of an environment: 2^18 directions, each with the energy around it.
 const ENVIRONMENT: StrataSettings = StrataSettings { strata: 4096, candidates: 64 };
-
-/// A point light comes no nearer than the square root of this, so that weights stay finite.
-const LEAST_DISTANCE2_MM2: f64 = 1e-30;
 
 /// Cells of the space-filling curve along the longest side of the bounding box.
 const CURVE_CELLS: f64 = 65_535.0;
@@ -39,13 +35,17 @@ pub struct Candidate {
     triangle: u32,
 }
 
-/// A light, prepared for all points.
-enum Source<'a> {
-    Constant { radiance: DVec3 },
-    Directional { from: DVec3, irradiance: DVec3 },
-    Point { at: DVec3, intensity: DVec3 },
-    Area { light: &'a Light },
-    Environment { strata: Strata, cumulative: Vec<f64>, rotation: Rotation, scale: DVec3 },
+/// A light, an environment as its strata and the energy up to and including each.
+type Source = Prepared<(Vec<Stratum>, Vec<f64>)>;
+
+/// The strata of an environment and the energy up to and including each.
+fn cumulated(strata: Vec<Stratum>, _: f64) -> (Vec<Stratum>, Vec<f64>) {
+    let energy_so_far = |sum: &mut f64, stratum: &Stratum| {
+        *sum += stratum.energy;
+        Some(*sum)
+    };
+    let cumulative = strata.iter().scan(0.0, energy_so_far).collect();
+    (strata, cumulative)
 }
 
 /// Light towards a point: its direction, its distance, and the irradiance behind the surface over the entrance's
@@ -61,7 +61,7 @@ struct Arrival {
 pub struct Entries<'a> {
     domain: Domain<'a>,
     bvh: &'a Bvh,
-    sources: Vec<Source<'a>>,
+    sources: Vec<Source>,
     entrance: Vec<CosineTransmittance>,
     /// Triangles of parts that transfer, part after part and along a curve that keeps neighbours together (photons that
     /// follow each other then walk through the same memory), and the area up to and including each.
@@ -73,8 +73,9 @@ impl<'a> Entries<'a> {
     /// Prepares the lit surface; `bvh` holds the occluders, all triangles of the scene.
     ///
     /// # Errors
-    /// Those of cutting an environment.
-    pub fn new(domain: Domain<'a>, bvh: &'a Bvh, lights: &'a [Light]) -> Result<Self> {
+    /// Those of cutting an environment; a light that asks for a source radiance field (exit 5).
+    pub fn new(domain: Domain<'a>, bvh: &'a Bvh, lights: &[Light]) -> Result<Self> {
+        refuse_fields(lights)?;
         let part_of = |t: u32| domain.parts.triangle_part.get(t as usize).copied().unwrap_or(u32::MAX);
         let transfers = |t: &u32| domain.parts.parts.get(part_of(*t) as usize).is_some_and(|p| p.transfers());
         let bounds = domain.mesh.bounds_local_mm();
@@ -85,7 +86,8 @@ impl<'a> Entries<'a> {
             Some(*sum)
         };
         let cumulative_mm2 = triangles.iter().scan(0.0, area_so_far).collect();
-        let sources = lights.iter().map(|l| Source::new(l, domain)).collect::<Result<_>>()?;
+        let prepare = |light| Source::new(light, domain.mesh.origin_mm, ENVIRONMENT, cumulated);
+        let sources = lights.iter().map(prepare).collect::<Result<_>>()?;
         let eta = |m: &crate::medium::material::Medium| m.properties.eta_inside_over_outside;
         let entrance = domain.media.iter().map(|m| CosineTransmittance::new(eta(m))).collect();
         Ok(Self { domain, bvh, sources, entrance, triangles, cumulative_mm2 })
@@ -109,7 +111,7 @@ impl<'a> Entries<'a> {
         let medium = self.domain.parts.parts.get(part as usize)?.medium? as usize;
         let entrance = self.entrance.get(medium)?;
         let choice = (stream.uniform() * self.sources.len() as f64) as usize;
-        let arrival = self.sources.get(choice)?.arrival(at, normal, self.domain, entrance, stream)?;
+        let arrival = arrival(self.sources.get(choice)?, at, normal, entrance, stream)?;
         let (eta, cosine) = (entrance.eta_inside_over_outside(), arrival.towards.dot(normal));
         let cos_inside = fresnel::refracted_cosine(eta, cosine)?;
         let entering = if arrival.includes_entrance { 1.0 } else { fresnel::transmittance(eta, cosine) * cosine };
@@ -139,83 +141,45 @@ fn along_curve(mesh: &Mesh, [low, high]: [DVec3; 2], triangle: u32) -> u64 {
     spread(scaled.x) | spread(scaled.y) << 1 | spread(scaled.z) << 2
 }
 
-impl<'a> Source<'a> {
-    fn new(light: &'a Light, domain: Domain) -> Result<Self> {
-        Ok(match light {
-            Light::Constant { radiance } => Self::Constant { radiance: *radiance },
-            Light::Directional { from, irradiance } => Self::Directional { from: *from, irradiance: *irradiance },
-            Light::Point { at_mm, intensity } => {
-                Self::Point { at: *at_mm - domain.mesh.origin_mm, intensity: *intensity }
-            }
-            Light::Area { .. } => {
-                refuse_fields(std::slice::from_ref(light))?;
-                Self::Area { light }
-            }
-            Light::Environment { map, rotate_degrees, scale } => {
-                let strata = Strata::new(map, ENVIRONMENT)?;
-                let energy_so_far = |sum: &mut f64, energy: DVec3| {
-                    *sum += energy.element_sum();
-                    Some(*sum)
-                };
-                let cumulative = strata.strata().iter().map(|s| s.energy).scan(0.0, energy_so_far).collect();
-                Self::Environment {
-                    strata,
-                    cumulative,
-                    rotation: Rotation::from_degrees(*rotate_degrees),
-                    scale: *scale,
-                }
-            }
-        })
-    }
-
-    /// A direction of this light for a point; none where it does not reach the front.
-    fn arrival(
-        &self,
-        at: DVec3,
-        normal: DVec3,
-        domain: Domain,
-        entrance: &CosineTransmittance,
-        stream: &mut Stream,
-    ) -> Option<Arrival> {
-        let plain = |towards, distance, gain| Arrival { towards, distance, gain, includes_entrance: false };
-        let arrival = match self {
-            Self::Constant { radiance } => {
-                let mu = entrance.sample_entrance_cosine(stream.uniform());
-                let (sin, cos) = (TAU * stream.uniform()).sin_cos();
-                let (t, b) = normal.any_orthonormal_pair();
-                let towards = mu * normal + (1.0 - mu * mu).max(0.0).sqrt() * (cos * t + sin * b);
-                let gain = *radiance * (PI * entrance.diffuse_transmittance());
-                Arrival { towards, distance: f64::INFINITY, gain, includes_entrance: true }
-            }
-            Self::Directional { from, irradiance } => plain(*from, f64::INFINITY, *irradiance),
-            Self::Point { at: light, intensity } => {
-                let way = *light - at;
-                let square = way.length_squared().max(LEAST_DISTANCE2_MM2);
-                plain(way.normalize_or_zero(), square.sqrt(), *intensity / square)
-            }
-            Self::Area { light } => {
-                let Light::Area { at_mm, normal: front, u, size_mm, radiance, .. } = light else { return None };
-                let (v, centre) = (front.cross(*u), *at_mm - domain.mesh.origin_mm);
-                if (at - centre).dot(*front) <= 0.0 {
-                    return None;
-                }
-                let corner = centre - 0.5 * size_mm[0] * *u - 0.5 * size_mm[1] * v;
-                let rectangle = SphericalRectangle::new(at, corner, *u, v, *size_mm);
-                let way = rectangle.sample(stream.uniform(), stream.uniform()) - at;
-                plain(way.normalize_or_zero(), way.length(), *radiance * rectangle.solid_angle())
-            }
-            Self::Environment { strata, cumulative, rotation, scale } => {
-                let total = cumulative.last().copied().filter(|total| *total > 0.0)?;
-                let wanted = stream.uniform() * total;
-                let index = cumulative.partition_point(|&e| e <= wanted).min(cumulative.len() - 1);
-                let candidates = strata.candidates(index);
-                let candidate = candidates.get((stream.uniform() * candidates.len() as f64) as usize)?;
-                let share = strata.strata().get(index)?.energy.element_sum() / total;
-                plain(rotation.to_world(candidate.direction), f64::INFINITY, candidate.weight * *scale / share)
-            }
-        };
-        (arrival.towards.dot(normal) > 0.0 && arrival.gain.is_finite()).then_some(arrival)
-    }
+/// A direction of a light for a point; none where it does not reach the front.
+fn arrival(
+    source: &Source,
+    at: DVec3,
+    normal: DVec3,
+    entrance: &CosineTransmittance,
+    stream: &mut Stream,
+) -> Option<Arrival> {
+    let plain = |towards, distance, gain| Arrival { towards, distance, gain, includes_entrance: false };
+    let arrival = match source {
+        Source::Constant { radiance } => {
+            let mu = entrance.sample_entrance_cosine(stream.uniform());
+            let (sin, cos) = (TAU * stream.uniform()).sin_cos();
+            let (t, b) = normal.any_orthonormal_pair();
+            let towards = mu * normal + (1.0 - mu * mu).max(0.0).sqrt() * (cos * t + sin * b);
+            let gain = *radiance * (PI * entrance.diffuse_transmittance());
+            Arrival { towards, distance: f64::INFINITY, gain, includes_entrance: true }
+        }
+        Source::Directional { from, irradiance } => plain(*from, f64::INFINITY, *irradiance),
+        Source::Point { at: light, intensity } => {
+            let way = *light - at;
+            let square = way.length_squared().max(LEAST_DISTANCE2_MM2);
+            plain(way.normalize_or_zero(), square.sqrt(), *intensity / square)
+        }
+        Source::Area(light) => {
+            let rectangle = light.seen_from(at)?;
+            let way = rectangle.sample(stream.uniform(), stream.uniform()) - at;
+            plain(way.normalize_or_zero(), way.length(), light.radiance * rectangle.solid_angle())
+        }
+        Source::Environment((strata, cumulative)) => {
+            let total = cumulative.last().copied().filter(|total| *total > 0.0)?;
+            let wanted = stream.uniform() * total;
+            let index = cumulative.partition_point(|&e| e <= wanted).min(cumulative.len() - 1);
+            let Stratum { candidates, energy } = strata.get(index)?;
+            let candidate = candidates.get((stream.uniform() * candidates.len() as f64) as usize)?;
+            plain(candidate.direction, f64::INFINITY, candidate.weight / (energy / total))
+        }
+    };
+    (arrival.towards.dot(normal) > 0.0 && arrival.gain.is_finite()).then_some(arrival)
 }
 
 #[cfg(test)]

@@ -1,5 +1,4 @@
 //! The light that enters against the irradiance that every other method uses, kind by kind.
-#![allow(clippy::unwrap_used)]
 
 use std::sync::Arc;
 

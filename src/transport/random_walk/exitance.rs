@@ -11,7 +11,7 @@ use super::walk::{End, Start, Stream, WalkMedium, walk};
 use crate::error::{Error, ExitCode, Result};
 use crate::geometry::bvh::Bvh;
 use crate::light::Light;
-use crate::progress::Progress;
+use crate::progress::{Progress, Silent};
 use crate::transport::domain::Domain;
 
 /// Batches that the standard errors come from: their own relative error is 1 / sqrt(2 * 31), an eighth.
@@ -243,7 +243,7 @@ impl Run<'_> {
                 let stage = stage_of(seed, &[channel as u64, index]);
                 let candidates = in_batch[channel];
                 let batch = Batch { channel, stage, candidates, irradiance, tally: &tally };
-                let ends = self.batch(&batch, progress);
+                let ends = summed(candidates, progress, |index, budget| self.enter(&batch, index, budget));
                 budget[channel] = budget[channel].plus(&ends.scaled(scale / BATCHES as f64));
                 for ((sums, [once, more]), mass) in sums.iter_mut().zip(tally.take()).zip(&self.hats.mass_mm2) {
                     let factor = if *mass > 0.0 { scale / mass } else { 0.0 };
@@ -285,18 +285,6 @@ impl Run<'_> {
         let mean = |k: usize| values.iter().map(|v| v[k]).sum::<f64>() / IRRADIANCE_PILOT as f64;
         // Any value is right, this one makes a candidate one photon; light that none of them met may still be there.
         [mean(1), mean(0)].into_iter().find(|m| m.is_normal())
-    }
-
-    fn batch(&self, batch: &Batch, progress: &dyn Progress) -> Budget {
-        let chunk = |chunk: u64| {
-            let mut budget = Budget::default();
-            let range = chunk * CHUNK..((chunk + 1) * CHUNK).min(batch.candidates);
-            progress.advance(range.end - range.start);
-            range.for_each(|index| self.enter(batch, index, &mut budget));
-            budget
-        };
-        let budgets: Vec<Budget> = (0..batch.candidates.div_ceil(CHUNK)).into_par_iter().map(chunk).collect();
-        budgets.iter().fold(Budget::default(), |sum, b| sum.plus(b))
     }
 
     /// Walks the photons that one candidate becomes; their mean number is its irradiance over that of a photon.
@@ -349,15 +337,22 @@ pub fn budget<B: Boundary>(
     seed: u64,
     start: impl Fn(&mut Stream) -> Start + Sync,
 ) -> Budget {
+    summed(photons, &Silent, |index, budget| {
+        let mut stream = Stream::new(seed, index);
+        let start = start(&mut stream);
+        budget.add(&walk(boundary, medium, start, &mut stream));
+    })
+}
+
+/// The budget of `count` photons or candidates, in a fixed order.
+fn summed(count: u64, progress: &dyn Progress, add: impl Fn(u64, &mut Budget) + Sync) -> Budget {
     let chunk = |chunk: u64| {
         let mut budget = Budget::default();
-        for index in chunk * CHUNK..((chunk + 1) * CHUNK).min(photons) {
-            let mut stream = Stream::new(seed, index);
-            let start = start(&mut stream);
-            budget.add(&walk(boundary, medium, start, &mut stream));
-        }
+        let range = chunk * CHUNK..((chunk + 1) * CHUNK).min(count);
+        progress.advance(range.end - range.start);
+        range.for_each(|index| add(index, &mut budget));
         budget
     };
-    let budgets: Vec<Budget> = (0..photons.div_ceil(CHUNK)).into_par_iter().map(chunk).collect();
+    let budgets: Vec<Budget> = (0..count.div_ceil(CHUNK)).into_par_iter().map(chunk).collect();
     budgets.iter().fold(Budget::default(), |sum, b| sum.plus(b))
 }

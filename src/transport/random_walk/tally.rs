@@ -61,13 +61,8 @@ impl Hats {
     }
 
     /// Number of slots.
-    pub fn len(&self) -> usize {
+    pub(super) fn len(&self) -> usize {
         self.mass_mm2.len()
-    }
-
-    /// True if there are no slots.
-    pub fn is_empty(&self) -> bool {
-        self.mass_mm2.is_empty()
     }
 
     /// Values of source vertices from values of slots; 0 for vertices without a slot.
@@ -161,27 +156,25 @@ impl Budget {
     /// The sum of two budgets.
     #[must_use]
     pub fn plus(self, other: &Self) -> Self {
-        Self {
-            entered: self.entered + other.entered,
-            left_unscattered: self.left_unscattered + other.left_unscattered,
-            left_once: self.left_once + other.left_once,
-            left_more: self.left_more + other.left_more,
-            lost: self.lost + other.lost,
-            trapped: self.trapped + other.trapped,
-            collisions: self.collisions + other.collisions,
-        }
+        let sum = self.of_each(other, |a, b| a + b);
+        Self { collisions: self.collisions + other.collisions, ..sum }
     }
 
     /// Every flux times a factor.
     #[must_use]
     pub fn scaled(self, factor: f64) -> Self {
+        self.of_each(&self, |flux, _| flux * factor)
+    }
+
+    /// A function of each flux of two budgets, beside the collisions of the first.
+    fn of_each(self, other: &Self, of: impl Fn(f64, f64) -> f64) -> Self {
         Self {
-            entered: self.entered * factor,
-            left_unscattered: self.left_unscattered * factor,
-            left_once: self.left_once * factor,
-            left_more: self.left_more * factor,
-            lost: self.lost * factor,
-            trapped: self.trapped * factor,
+            entered: of(self.entered, other.entered),
+            left_unscattered: of(self.left_unscattered, other.left_unscattered),
+            left_once: of(self.left_once, other.left_once),
+            left_more: of(self.left_more, other.left_more),
+            lost: of(self.lost, other.lost),
+            trapped: of(self.trapped, other.trapped),
             collisions: self.collisions,
         }
     }

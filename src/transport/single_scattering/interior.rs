@@ -7,6 +7,7 @@ use crate::geometry::bvh::{Bvh, Hit, Ray, offset_origin};
 use crate::medium::fresnel::transmittance;
 use crate::medium::material::OpticalProperties;
 use crate::transport::domain::Domain;
+use crate::transport::receivers::parts_of_welds;
 
 /// Treatment of light whose straight way crosses more surfaces than the one it enters by.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
@@ -103,7 +104,7 @@ pub(super) struct Interior<'a> {
     pub(super) domain: Domain<'a>,
     pub(super) bvh: &'a Bvh,
     pub(super) form: Form,
-    crossings: Crossings,
+    pub(super) crossings: Crossings,
     normals: Vec<DVec3>,
     optics: Vec<Optics>,
     slack_mm: f32,
@@ -128,10 +129,6 @@ impl<'a> Interior<'a> {
             optics: domain.media.iter().map(|m| Optics::new(&m.properties, coefficients)).collect(),
             slack_mm: (SLACK * largest) as f32,
         }
-    }
-
-    pub(super) fn crossings(&self) -> Crossings {
-        self.crossings
     }
 
     /// The medium of a part.
@@ -330,17 +327,10 @@ pub fn vertex_points(domain: Domain) -> Vec<ExitPoint> {
     let mesh = domain.mesh;
     let count = mesh.local_mm.len();
     let transfers = |part: u32| domain.parts.parts.get(part as usize).is_some_and(|p| p.transfers());
-    let mut part_of = vec![u32::MAX; count];
+    let part_of = parts_of_welds(mesh, domain.parts);
     let mut normals = vec![DVec3::ZERO; count];
-    let triangles = || (0u32..).zip(domain.parts.triangle_part.iter().copied()).take(mesh.triangles.len());
-    for (triangle, part) in triangles().filter(|&(_, part)| transfers(part)) {
-        for v in mesh.welded(triangle) {
-            if let Some(slot) = part_of.get_mut(v as usize) {
-                *slot = (*slot).min(part);
-            }
-        }
-    }
-    for (triangle, part) in triangles().filter(|&(_, part)| transfers(part)) {
+    let triangles = (0u32..).zip(domain.parts.triangle_part.iter().copied()).take(mesh.triangles.len());
+    for (triangle, part) in triangles.filter(|&(_, part)| transfers(part)) {
         let (corners, normal) = (mesh.corners_local_mm(triangle), mesh.normal(triangle));
         for (k, v) in mesh.welded(triangle).into_iter().enumerate() {
             let (a, b) = (corners[(k + 1) % 3] - corners[k], corners[(k + 2) % 3] - corners[k]);

@@ -12,14 +12,14 @@ use super::radiosity_factor;
 use crate::error::{Error, Result};
 use crate::geometry::bvh::Bvh;
 use crate::light::Light;
-use crate::light::environment::Rotation;
-use crate::light::strata::{Candidate, Strata, StrataSettings};
+use crate::light::strata::StrataSettings;
 use crate::math::random::{radical_inverse_2, uniform};
-use crate::math::spherical_rectangle::SphericalRectangle;
 use crate::medium::fresnel::transmittance;
 use crate::medium::phase::HenyeyGreenstein;
 use crate::progress::Progress;
 use crate::transport::domain::Domain;
+use crate::transport::irradiance::around;
+use crate::transport::prepared_light::{Prepared, Rectangle, Stratum};
 
 /// Choice of distances along the path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -94,22 +94,6 @@ impl Share {
     }
 }
 
-/// A light, prepared for all points.
-enum Prepared<'a> {
-    Constant(DVec3),
-    Directional {
-        from: DVec3,
-        irradiance: DVec3,
-    },
-    Point {
-        at: DVec3,
-        intensity: DVec3,
-    },
-    Area(&'a Light),
-    /// Candidates of each stratum, in the world.
-    Environment(Vec<Vec<Candidate>>),
-}
-
 /// Candidate directions in each stratum of an environment.
 const CANDIDATES: usize = 64;
 
@@ -125,7 +109,7 @@ const STAGE_DIRECTION: u64 = 0x51_0002;
 /// Single scattering of a scene under some lights.
 pub struct SingleScattering<'a> {
     interior: Interior<'a>,
-    lights: Vec<Prepared<'a>>,
+    lights: Vec<Prepared<Vec<Stratum>>>,
     settings: Settings,
 }
 
@@ -149,33 +133,14 @@ impl<'a> SingleScattering<'a> {
     ///
     /// # Errors
     /// No sample or no direction at all; an environment that cannot be cut (exit 3).
-    pub fn new(domain: Domain<'a>, bvh: &'a Bvh, lights: &'a [Light], settings: Settings) -> Result<Self> {
+    pub fn new(domain: Domain<'a>, bvh: &'a Bvh, lights: &[Light], settings: Settings) -> Result<Self> {
         let (DepthSampling::Random(samples, _) | DepthSampling::Deterministic(samples)) = settings.depths;
         if samples == 0 || settings.directions == 0 {
             return Err(Error::input("single scattering needs at least one sample along the path and one direction"));
         }
         let origin = domain.mesh.origin_mm;
-        let prepare = |light: &'a Light| -> Result<Prepared<'a>> {
-            Ok(match light {
-                Light::Constant { radiance } => Prepared::Constant(*radiance),
-                Light::Directional { from, irradiance } => {
-                    Prepared::Directional { from: *from, irradiance: *irradiance }
-                }
-                Light::Point { at_mm, intensity } => Prepared::Point { at: *at_mm - origin, intensity: *intensity },
-                Light::Area { .. } => Prepared::Area(light),
-                Light::Environment { map, rotate_degrees, scale } => {
-                    let cut = StrataSettings { strata: settings.directions as usize, candidates: CANDIDATES };
-                    let strata = Strata::new(map, cut)?;
-                    let rotation = Rotation::from_degrees(*rotate_degrees);
-                    let turned = |c: &Candidate| Candidate {
-                        direction: rotation.to_world(c.direction),
-                        weight: c.weight * *scale,
-                    };
-                    let all = (0..strata.strata().len()).map(|i| strata.candidates(i).iter().map(turned).collect());
-                    Prepared::Environment(all.collect())
-                }
-            })
-        };
+        let cut = StrataSettings { strata: settings.directions as usize, candidates: CANDIDATES };
+        let prepare = |light| Prepared::new(light, origin, cut, |strata, _| strata);
         let interior = Interior::new(domain, bvh, settings.form, settings.crossings, settings.coefficients);
         Ok(Self { interior, lights: lights.iter().map(prepare).collect::<Result<_>>()?, settings })
     }
@@ -285,7 +250,7 @@ impl<'a> SingleScattering<'a> {
         depths::sampled(line.optics, line.reach_mm, density, (0..count as u32).map(position))
     }
 
-    fn of_light(&self, index: u64, light: &Prepared, line: &Line) -> DVec3 {
+    fn of_light(&self, index: u64, light: &Prepared<Vec<Stratum>>, line: &Line) -> DVec3 {
         match light {
             Prepared::Directional { from, irradiance } => {
                 let depths = self.depths(line);
@@ -303,12 +268,12 @@ impl<'a> SingleScattering<'a> {
                 };
                 *intensity * depths.iter().map(of).sum::<DVec3>()
             }
-            Prepared::Constant(radiance) => *radiance * self.constant(index, line),
+            Prepared::Constant { radiance } => *radiance * self.constant(index, line),
             Prepared::Area(light) => self.area(index, light, line),
             Prepared::Environment(strata) => {
                 let mine = || strata.iter().enumerate().skip(line.share.index as usize).step_by(line.share.of as usize);
                 let depths = self.paired(line, index, mine().len());
-                let of = |((i, candidates), depth): ((usize, &Vec<Candidate>), &Depth)| {
+                let of = |((i, Stratum { candidates, .. }), depth): ((usize, &Stratum), &Depth)| {
                     let chosen = uniform(STAGE_DIRECTION, line.key, index << 32 | i as u64) * candidates.len() as f64;
                     let candidate = candidates.get(chosen as usize).or(candidates.last());
                     candidate
@@ -327,7 +292,6 @@ impl<'a> SingleScattering<'a> {
         let (u, v) =
             (uniform(STAGE_DIRECTION, line.key, index << 8), uniform(STAGE_DIRECTION, line.key, index << 8 | 1));
         let normal = line.point.normal;
-        let (tangent, bitangent) = normal.any_orthonormal_pair();
         let mut sum = DVec3::ZERO;
         for (i, depth) in strata.zip(&depths) {
             // The azimuth is stratified by the golden ratio, so that it is independent of the other two.
@@ -338,36 +302,28 @@ impl<'a> SingleScattering<'a> {
             } else {
                 2.0 * (along - FROM_COSINE) / (1.0 - FROM_COSINE) - 1.0
             };
-            let radius = (1.0 - cosine * cosine).max(0.0).sqrt();
-            let direction = normal * cosine + tangent * (radius * azimuth.cos()) + bitangent * (radius * azimuth.sin());
+            let direction = around(normal, cosine, azimuth);
             let density = FROM_COSINE * cosine.max(0.0) * FRAC_1_PI + (1.0 - FROM_COSINE) / (4.0 * PI);
             sum += self.scattered(line, depth, direction, f64::INFINITY).0 / density;
         }
         sum
     }
 
-    fn area(&self, index: u64, light: &Light, line: &Line) -> DVec3 {
-        let Light::Area { at_mm, normal, u, size_mm, radiance, .. } = light else { return DVec3::ZERO };
-        let v = normal.cross(*u);
-        let centre = *at_mm - self.interior.domain.mesh.origin_mm;
-        let corner = centre - 0.5 * size_mm[0] * *u - 0.5 * size_mm[1] * v;
+    fn area(&self, index: u64, light: &Rectangle, line: &Line) -> DVec3 {
         let (strata, count) = line.share.strata(self.settings.directions);
         let depths = self.paired(line, index, strata.len());
         let turn = |d: u64| uniform(STAGE_DIRECTION, line.key, index << 8 | d);
         let mut sum = DVec3::ZERO;
         for (i, depth) in strata.zip(&depths) {
             let at = line.at(depth);
-            if (at - centre).dot(*normal) <= 0.0 {
-                continue;
-            }
-            let rectangle = SphericalRectangle::new(at, corner, *u, v, *size_mm);
+            let Some(rectangle) = light.seen_from(at) else { continue };
             let s = ((f64::from(i) + 0.5) / f64::from(count) + turn(0)).fract();
             let t = (f64::from(i) * 0.618_033_988_749_894_9 + turn(1)).fract();
             let to_light = rectangle.sample(s, t) - at;
             let value = self.scattered(line, depth, to_light.normalize_or_zero(), to_light.length()).0;
             sum += value * rectangle.solid_angle();
         }
-        *radiance * sum
+        light.radiance * sum
     }
 
     /// The radiance that light of unit `L dw` from one direction adds, and the length of its straight way inside.

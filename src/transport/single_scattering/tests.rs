@@ -1,7 +1,6 @@
 //! Against closed forms and against each other.
-#![allow(clippy::unwrap_used)]
 
-use std::f64::consts::{FRAC_1_PI, PI};
+use std::f64::consts::FRAC_1_PI;
 
 use glam::DVec3;
 
@@ -98,21 +97,6 @@ fn hanrahan_and_krueger_on_a_plane() {
             }
         }
     }
-}
-
-#[test]
-fn eye_and_light_can_be_exchanged_in_the_physical_form_only() {
-    let (fixture, point) = patch(medium([1.0, 2.0, 0.5], [0.1, 0.0, 1.0], 1.4));
-    let (a, b) = (at_angle(20.0, 0.1), at_angle(70.0, 2.5));
-    let of = |form, eye: DVec3, from: DVec3| {
-        let lights = [Light::directional(from, DVec3::splat(1.0 / from.y)).unwrap()];
-        let settings = Settings { form, ..Settings::REFERENCE };
-        let single = SingleScattering::new(fixture.scene.domain(), &fixture.bvh, &lights, settings).unwrap();
-        single.radiance(&point, eye, Path::Refracted, 1).y
-    };
-    let differ = |form| (of(form, a, b) / of(form, b, a) - 1.0).abs();
-    assert!(differ(Form::Physical) < 4e-3, "{}", differ(Form::Physical));
-    assert!(differ(Form::Printed) > 0.2, "{}", differ(Form::Printed));
 }
 
 #[test]
@@ -371,5 +355,5 @@ fn a_far_point_light_is_a_directional_one_and_an_area_light_many_of_them() {
     assert!((lamp / sun - 1.0).abs().max_element() < 2e-3, "{sun} {lamp}");
     let panel = of(Light::area(at, -from, [10.0, 10.0], DVec3::splat(distance * distance / 100.0), None).unwrap());
     assert!((panel / sun - 1.0).abs().max_element() < 0.02, "{sun} {panel}");
-    assert!(sun.min_element() > 0.0 && PI > 3.0);
+    assert!(sun.min_element() > 0.0);
 }

@@ -50,8 +50,8 @@ pub(super) struct Counts {
     cells: Vec<i16>,
     /// First and end column above the horizon, `[quarter][row]`.
     bounds: Vec<[i16; 2]>,
-    /// Bits of one quarter, as words.
-    words: Vec<u64>,
+    /// Bits of one quarter, as words, set by [`Counts::take_equal`].
+    pub(super) words: Vec<u64>,
 }
 
 /// A ring as one point sees it.
@@ -245,11 +245,6 @@ impl Counts {
     pub(super) fn take_equal(&mut self, level: InstructionSet, quarter: usize, value: i16) {
         let face = self.side * self.side;
         compare(level, &mut self.cells[quarter * face..(quarter + 1) * face], value, &mut self.words);
-    }
-
-    /// The words that [`Counts::take_equal`] set.
-    pub(super) fn words(&self) -> &[u64] {
-        &self.words
     }
 }
 

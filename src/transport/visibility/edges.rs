@@ -81,10 +81,10 @@ struct Side {
 
 /// Triangles of a mesh arranged for [`super::visit`].
 pub struct Occluders {
-    edges: Vec<Edge>,
+    pub(super) edges: Vec<Edge>,
     sides: Vec<Side>,
     planes: Vec<Plane>,
-    all: Candidates,
+    pub(super) all: Candidates,
     /// Largest absolute coordinate.
     extent_mm: f32,
     level: InstructionSet,
@@ -147,14 +147,6 @@ impl Occluders {
         &self.sides[edge.sides[0] as usize..edge.sides[1] as usize]
     }
 
-    pub(super) fn all(&self) -> &Candidates {
-        &self.all
-    }
-
-    pub(super) fn edge(&self, index: u32) -> &Edge {
-        &self.edges[index as usize]
-    }
-
     /// The change of the number of triangles in a direction across an edge. Each of its triangles counts +1 if it
     /// shows its front and runs from the first end to the second, or neither of the two, else -1.
     ///
@@ -172,35 +164,26 @@ impl Occluders {
     /// Keeps the edges that may be silhouettes above the horizon of any of the points.
     pub(super) fn narrow(&self, from: &Candidates, group: &Group, into: &mut Candidates, marks: &mut Vec<u16>) {
         into.clear();
-        marks.clear();
-        marks.resize(from.blocks.len(), 0);
-        mark(self.level, &from.blocks, group, self.slack(group), marks);
-        for (block, &mask) in from.blocks.iter().zip(marks.iter()) {
-            let mut mask = mask;
-            while mask != 0 {
-                into.push(block, mask.trailing_zeros() as usize % LANES);
-                mask &= mask - 1;
-            }
-        }
+        self.for_kept(from, group, marks, |block, lane| into.push(block, lane));
     }
 
     /// [`Self::narrow`], as indices of the edges only.
     pub(super) fn list(&self, from: &Candidates, group: &Group, into: &mut Vec<u32>, marks: &mut Vec<u16>) {
         into.clear();
-        marks.clear();
-        marks.resize(from.blocks.len(), 0);
-        mark(self.level, &from.blocks, group, self.slack(group), marks);
-        for (block, &mask) in from.blocks.iter().zip(marks.iter()) {
-            let mut mask = mask;
-            while mask != 0 {
-                into.push(block.edge[mask.trailing_zeros() as usize % LANES]);
-                mask &= mask - 1;
-            }
-        }
+        self.for_kept(from, group, marks, |block, lane| into.push(block.edge[lane]));
     }
 
-    fn slack(&self, group: &Group) -> f32 {
-        SLACK * (self.extent_mm + group.centre.abs().max_element() + group.half.max_element())
+    fn for_kept(&self, from: &Candidates, group: &Group, marks: &mut Vec<u16>, mut keep: impl FnMut(&Block, usize)) {
+        marks.clear();
+        marks.resize(from.blocks.len(), 0);
+        let slack = SLACK * (self.extent_mm + group.centre.abs().max_element() + group.half.max_element());
+        mark(self.level, &from.blocks, group, slack, marks);
+        for (block, mask) in from.blocks.iter().zip(marks) {
+            while *mask != 0 {
+                keep(block, mask.trailing_zeros() as usize % LANES);
+                *mask &= *mask - 1;
+            }
+        }
     }
 
     /// Bytes held in memory.

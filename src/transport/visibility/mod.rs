@@ -154,7 +154,7 @@ pub fn visit(
         visible: Visible::new(resolution),
     };
     for (index, group) in observers.chunks(GROUP).enumerate() {
-        walk.group(occluders.all(), group, index * GROUP, &mut each);
+        walk.group(&occluders.all, group, index * GROUP, &mut each);
     }
 }
 
@@ -210,7 +210,7 @@ impl Walk<'_> {
         let eye = observer.eye.as_dvec3();
         self.changes.clear();
         for &index in &self.edges {
-            let edge = self.occluders.edge(index);
+            let edge = &self.occluders.edges[index as usize];
             let change = self.occluders.change(edge, eye);
             if change != 0 {
                 self.changes.push((edge.ends.map(|end| end - observer.eye), change));
@@ -234,8 +234,7 @@ impl Walk<'_> {
             let Some(quarter) = quarter else { continue };
             let mut best = (0, 0, 0);
             self.counts.take_equal(self.level, q, least);
-            for (row, (bounds, words)) in
-                self.counts.bounds(q).iter().zip(self.counts.words().chunks(count)).enumerate()
+            for (row, (bounds, words)) in self.counts.bounds(q).iter().zip(self.counts.words.chunks(count)).enumerate()
             {
                 let above = range_bits(bounds.map(|column| column as usize));
                 let mut seen = [0; 2];

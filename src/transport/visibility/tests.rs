@@ -1,8 +1,7 @@
-#![allow(clippy::unwrap_used)]
-
 use super::*;
 use crate::geometry::shapes;
 use crate::geometry::source::SourceModel;
+use crate::io::obj::parse_obj;
 use crate::math::cube_map::{FRAMES, centre};
 use crate::transport::test_scene::{Fixture, named};
 
@@ -156,21 +155,15 @@ fn answers_do_not_depend_on_the_range() {
 fn the_scanned_bunny_is_seen_as_one_ray_each_sees_it() {
     let shared = std::env::var_os("TRANSLUX_SHARED")
         .map_or_else(|| std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared"), std::path::PathBuf::from);
-    let Ok(text) = std::fs::read_to_string(shared.join("data/meshes/bunny_closed.obj")) else {
+    let Ok(bytes) = std::fs::read(shared.join("data/meshes/bunny_closed.obj")) else {
         println!("WITHOUT ../shared: bunny_closed is not there");
         return;
     };
-    let rows = |tag: &'static str| text.lines().filter_map(move |l| l.strip_prefix(tag)).map(str::split_whitespace);
-    let mut positions: Vec<DVec3> = rows("v ")
-        .map(|w| w.map(|x| x.parse::<f64>().unwrap()).collect::<Vec<_>>())
-        .map(|v| DVec3::new(v[0], v[1], v[2]))
-        .collect();
-    let index = |w: &str| w.split('/').next().unwrap().parse::<u32>().unwrap() - 1;
-    let triangles: Vec<[u32; 3]> =
-        rows("f ").map(|w| w.map(index).collect::<Vec<_>>()).map(|f| [f[0], f[1], f[2]]).collect();
-    let (low, high) = positions.iter().fold((positions[0], positions[0]), |(l, h), p| (l.min(*p), h.max(*p)));
-    positions.iter_mut().for_each(|p| *p *= 30.0 / (high - low).length());
-    let fixture = Fixture::new(SourceModel::new(positions, triangles), named("marble"), 131_072);
+    let mut source = parse_obj(&bytes, "bunny_closed").unwrap();
+    let first = source.positions[0];
+    let (low, high) = source.positions.iter().fold((first, first), |(l, h), p| (l.min(*p), h.max(*p)));
+    source.positions.iter_mut().for_each(|p| *p *= 30.0 / (high - low).length());
+    let fixture = Fixture::new(source, named("marble"), 131_072);
     let chosen = shadowed_and_others(&fixture, 1000);
     let outcome = compare(&fixture, &chosen[..1000.min(chosen.len())], Resolution::Sub64);
     let hidden = outcome.hidden as f64 / outcome.all as f64;

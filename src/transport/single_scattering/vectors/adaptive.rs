@@ -268,7 +268,7 @@ impl Adaptive<'_> {
         {
             *flag = true;
         }
-        let channels = if self.prober.interior.crossings() == Crossings::Occluded { 1 } else { 3 };
+        let channels = if self.prober.interior.crossings == Crossings::Occluded { 1 } else { 3 };
         let step = 1.0 / size as f32;
         for (iy, ix) in (0..size).flat_map(|iy| (0..size).map(move |ix| (iy, ix))) {
             let (u, v) = ((ix as f32 + 0.5) * step, (iy as f32 + 0.5) * step);
@@ -325,7 +325,7 @@ impl Adaptive<'_> {
     fn shade(&self, memory: &mut Memory, out: &mut [f32]) {
         let side = self.grid.side;
         let (count, texels, face) = (self.prober.settings.phase.count(), self.prober.texels(), side * side);
-        let equal = self.prober.interior.crossings() == Crossings::Occluded;
+        let equal = self.prober.interior.crossings == Crossings::Occluded;
         let mut constant = [0.0];
         self.prober.settings.phase.evaluate(self.line.point.normal, &mut constant);
         let term = if self.is_constant() { constant[0] } else { 1.0 };

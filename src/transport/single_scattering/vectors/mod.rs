@@ -93,13 +93,8 @@ impl<'a> VectorBaker<'a> {
     }
 
     /// Length of one vector, `[term][channel][face][row][column]`.
-    pub fn len(&self) -> usize {
+    fn len(&self) -> usize {
         self.prober.settings.phase.count() * 3 * self.texels()
-    }
-
-    /// Never true: a cube map has texels.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
     }
 
     /// Texels of a cube map.

@@ -165,7 +165,7 @@ impl<'a> Prober<'a> {
             probe.through = through;
             probe.value *= through.iter().fold(0.0f32, |m, t| m.max(*t));
         };
-        if self.interior.crossings() == Crossings::Attenuated {
+        if self.interior.crossings == Crossings::Attenuated {
             for ((ray, &skip), &i) in traced.shadow_rays.iter().zip(&traced.skips).zip(&traced.of_shadow) {
                 set(i, self.interior.transmitted(ray, skip).as_vec3().to_array());
             }
