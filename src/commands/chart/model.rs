@@ -54,7 +54,7 @@ pub(super) fn errors(
         });
         let path = subject.folder.join(format!("{}.walk", &hasher.finalize().to_hex()[..16]));
         let kept: Option<Kept> = std::fs::read(&path).ok().and_then(|bytes| bincode::deserialize(&bytes).ok());
-        let walk = match kept.filter(|(total, error, _)| total.len() == hats.len() && error.len() == hats.len()) {
+        let walk = match kept.filter(|(total, error, _)| [total.len(), error.len()] == [hats.vertex.len(); 2]) {
             Some((total, standard_error, photons)) => {
                 let budget = [Budget::default(); 3];
                 Exitance { hats: hats.clone(), total, single: Vec::new(), standard_error, budget, photons }

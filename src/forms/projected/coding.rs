@@ -8,7 +8,8 @@ use translux_format::quantised_lights::{Set, tags};
 
 use crate::compress::prediction::Net;
 use crate::error::{Error, Result};
-use crate::math::eigen::symmetric_eigen;
+use crate::math::eigen::{Eigen, symmetric_eigen};
+use crate::math::leading::{Leading, leading_eigen};
 
 /// Shares of the squared error for functions that are left out, and for the rounding of those that are kept.
 const OMITTED: f64 = 0.4;
@@ -185,19 +186,11 @@ struct Principal {
 /// not wait for the components of 2,048 lights.
 fn principal(rows: &[f32], lights: usize, (most, left_out): (usize, f64)) -> Result<Principal> {
     let few = (1..lights).contains(&(rows.len() / lights.max(1)));
-    let eigen = match few {
-        true => symmetric_eigen(&products(rows, lights), rows.len() / lights)?,
-        false => symmetric_eigen(&gram(rows, lights), lights)?,
+    let (products, order) = match few {
+        true => (products(rows, lights), rows.len() / lights),
+        false => (gram(rows, lights), lights),
     };
-    let (mut values, mut vectors) = (eigen.values, eigen.vectors);
-    let mut count = values.len().min(most);
-    let mut omitted: f64 = values[count..].iter().map(|value| value.max(0.0)).sum();
-    while count > 1 && omitted + values[count - 1].max(0.0) <= left_out {
-        count -= 1;
-        omitted += values[count].max(0.0);
-    }
-    values.truncate(count);
-    vectors.truncate(count);
+    let Leading { pairs: Eigen { values, vectors }, omitted } = leading_eigen(&products, order, most, left_out)?;
     let functions = if few { over_lights(&vectors, rows, lights) } else { vectors };
     Ok(Principal { functions, values, omitted })
 }

@@ -10,7 +10,7 @@
 //! fails is moved.
 
 use super::SymmetricMatrix;
-use super::blocks::{self, Row, WIDTH, ZERO};
+use super::blocks::{self, Row, WIDTH};
 use super::factorisation::{Factors, Symbolic};
 use crate::error::{Error, Result};
 use crate::math::eigen::symmetric_eigen;
@@ -239,7 +239,7 @@ fn krylov(
         if basis.len() >= look || ended {
             let (values, vectors, missing) = ritz(&projected, rest, shift, (low, high, scale), wanted)?;
             if ended || missing == 0 {
-                return Ok((values, combined(&basis, &vectors)));
+                return Ok((values, blocks::combined(&slices(&basis), &vectors)));
             }
             look = basis.len() + ((NEXT_LOOK * wanted as f64) as usize / WIDTH).max(2);
         }
@@ -269,20 +269,7 @@ fn ritz(
     wanted: usize,
 ) -> Result<(Vec<f64>, Vec<Vec<f64>>, usize)> {
     let order = projected.len() * WIDTH;
-    let mut dense = vec![0.0; order * order];
-    for (column, shares) in projected.iter().enumerate() {
-        for (row, small) in shares.iter().enumerate() {
-            for (i, values) in small.iter().enumerate() {
-                for (j, value) in values.iter().enumerate() {
-                    let (r, c) = (row * WIDTH + i, column * WIDTH + j);
-                    if r <= c {
-                        dense[r * order + c] = *value;
-                        dense[c * order + r] = *value;
-                    }
-                }
-            }
-        }
-    }
+    let dense = blocks::assembled(projected);
     let eigen = symmetric_eigen(&dense, order)?;
     let slack = 1e-9 * scale;
     let last = order - WIDTH;
@@ -305,27 +292,6 @@ fn ritz(
     found.truncate(wanted);
     let missing = wanted - found.len();
     Ok((found.iter().map(|f| f.0).collect(), found.into_iter().map(|f| f.1.clone()).collect(), missing))
-}
-
-/// Combinations of a basis, in blocks.
-fn combined(basis: &[Vec<Row>], vectors: &[Vec<f64>]) -> Vec<Vec<Row>> {
-    let basis = slices(basis);
-    let rows = basis.first().map_or(0, |block| block.len());
-    let of_block = |vectors: &[Vec<f64>]| {
-        let factors: Vec<blocks::Small> = (0..basis.len())
-            .map(|b| {
-                let mut small = ZERO;
-                for (j, vector) in vectors.iter().enumerate() {
-                    (0..WIDTH).for_each(|i| small[i][j] = *vector.get(b * WIDTH + i).unwrap_or(&0.0));
-                }
-                small
-            })
-            .collect();
-        let mut out = vec![[0.0; WIDTH]; rows];
-        blocks::add_products(&basis, &factors, 1.0, &mut out);
-        out
-    };
-    vectors.chunks(WIDTH).map(of_block).collect()
 }
 
 /// All pairs of a small matrix.

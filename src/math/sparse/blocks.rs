@@ -7,15 +7,15 @@ use super::ROWS;
 use crate::math::simd::{InstructionSet, multiversion};
 
 /// Number of vectors in a block.
-pub(super) const WIDTH: usize = 8;
+pub(in crate::math) const WIDTH: usize = 8;
 
 /// One row of a block: an entry of each vector.
-pub(super) type Row = [f64; WIDTH];
+pub(in crate::math) type Row = [f64; WIDTH];
 
 /// A small matrix between two blocks.
-pub(super) type Small = [Row; WIDTH];
+pub(in crate::math) type Small = [Row; WIDTH];
 
-pub(super) const ZERO: Small = [[0.0; WIDTH]; WIDTH];
+pub(in crate::math) const ZERO: Small = [[0.0; WIDTH]; WIDTH];
 
 #[inline(always)]
 fn dots(a: &[Row], b: &[Row], out: &mut Small) {
@@ -58,7 +58,7 @@ multiversion! {
 }
 
 /// `a^T b` for each of several `a`, summed over runs of rows in their order.
-pub(super) fn products(blocks: &[&[Row]], b: &[Row]) -> Vec<Small> {
+pub(in crate::math) fn products(blocks: &[&[Row]], b: &[Row]) -> Vec<Small> {
     let level = InstructionSet::detect();
     let of_run = |(run, b): (usize, &[Row])| -> Vec<Small> {
         let rows = run * ROWS..run * ROWS + b.len();
@@ -79,8 +79,49 @@ pub(super) fn products(blocks: &[&[Row]], b: &[Row]) -> Vec<Small> {
     sums
 }
 
+/// The symmetric matrix of the products of a basis with its images, of which the columns up to the diagonal are there:
+/// block by block, stored row by row.
+pub(in crate::math) fn assembled(columns: &[Vec<Small>]) -> Vec<f64> {
+    let order = columns.len() * WIDTH;
+    let mut dense = vec![0.0; order * order];
+    for (column, blocks) in columns.iter().enumerate() {
+        for (row, small) in blocks.iter().enumerate() {
+            for (i, values) in small.iter().enumerate() {
+                for (j, value) in values.iter().enumerate() {
+                    let (r, c) = (row * WIDTH + i, column * WIDTH + j);
+                    if r <= c {
+                        dense[r * order + c] = *value;
+                        dense[c * order + r] = *value;
+                    }
+                }
+            }
+        }
+    }
+    dense
+}
+
+/// Combinations of a basis, in blocks.
+pub(in crate::math) fn combined(basis: &[&[Row]], vectors: &[Vec<f64>]) -> Vec<Vec<Row>> {
+    let rows = basis.first().map_or(0, |block| block.len());
+    let of_block = |vectors: &[Vec<f64>]| {
+        let factors: Vec<Small> = (0..basis.len())
+            .map(|b| {
+                let mut small = ZERO;
+                for (j, vector) in vectors.iter().enumerate() {
+                    (0..WIDTH).for_each(|i| small[i][j] = *vector.get(b * WIDTH + i).unwrap_or(&0.0));
+                }
+                small
+            })
+            .collect();
+        let mut out = vec![[0.0; WIDTH]; rows];
+        add_products(basis, &factors, 1.0, &mut out);
+        out
+    };
+    vectors.chunks(WIDTH).map(of_block).collect()
+}
+
 /// `b += sign Sum_k a_k factors_k`.
-pub(super) fn add_products(blocks: &[&[Row]], factors: &[Small], sign: f64, b: &mut [Row]) {
+pub(in crate::math) fn add_products(blocks: &[&[Row]], factors: &[Small], sign: f64, b: &mut [Row]) {
     let level = InstructionSet::detect();
     b.par_chunks_mut(ROWS).enumerate().for_each(|(run, b)| {
         let rows = run * ROWS..run * ROWS + b.len();
@@ -91,7 +132,7 @@ pub(super) fn add_products(blocks: &[&[Row]], factors: &[Small], sign: f64, b: &
 }
 
 /// Projects `b` off the span of orthonormal blocks, twice against rounding; returns the sum of both times' shares.
-pub(super) fn orthogonalise(blocks: &[&[Row]], b: &mut [Row]) -> Vec<Small> {
+pub(in crate::math) fn orthogonalise(blocks: &[&[Row]], b: &mut [Row]) -> Vec<Small> {
     let mut shares = products(blocks, b);
     add_products(blocks, &shares, -1.0, b);
     let again = products(blocks, b);
@@ -104,7 +145,7 @@ pub(super) fn orthogonalise(blocks: &[&[Row]], b: &mut [Row]) -> Vec<Small> {
 
 /// Makes a block orthonormal by Gram-Schmidt steps, each vector twice; returns the upper triangular r of `b = q r`. A
 /// vector whose remainder is below `negligible` of its length becomes zero, and so does its diagonal entry of r.
-pub(super) fn orthonormalise(b: &mut [Row], negligible: f64) -> Small {
+pub(in crate::math) fn orthonormalise(b: &mut [Row], negligible: f64) -> Small {
     let mut r = ZERO;
     for column in 0..WIDTH {
         let length = |b: &[Row]| products(&[b], b)[0][column][column].max(0.0).sqrt();

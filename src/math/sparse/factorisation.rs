@@ -157,7 +157,7 @@ mod tests {
     #[test]
     fn one_row_is_a_matrix() {
         let symbolic = Symbolic::new(&path(1)).unwrap();
-        assert_eq!([1.5, 2.5].map(|shift| symbolic.shifted(shift).unwrap().below()), [0, 1]);
+        assert_eq!([1.5, 2.5].map(|shift| symbolic.shifted(shift).unwrap().below), [0, 1]);
         let mut column = [3.0];
         symbolic.shifted(0.5).unwrap().solve(&mut column).unwrap();
         assert_eq!(column, [2.0]);

@@ -2,7 +2,7 @@
 //! of threads and on every instruction set.
 
 pub mod bands;
-mod blocks;
+pub(in crate::math) mod blocks;
 pub mod factorisation;
 pub mod multigrid;
 pub mod resolvent;
