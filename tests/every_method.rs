@@ -387,7 +387,7 @@ fn evaluators_have_no_memory() {
 
 #[test]
 fn every_published_material_is_within_its_promise() {
-    let scene = head(3, "marble");
+    let scene = head(2, "marble");
     let light = &every_light(&scene)[1];
     let mut truth = Truth::new(&scene);
     for method in every() {

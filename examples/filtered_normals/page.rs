@@ -42,7 +42,8 @@ RMS over the vertices against exact sums, in %, worst channel; *all six* is the 
 `R C V L max(0, mu + w) / (1 + w)^2`, which returns as much as a cosine over all normals, with the best w under these very lights.
 
 The second table has a square light of half the size, the built-in sky and light that is the same from all around, and *off the volume*: RMS
-against a random walk through the volume under the sun from the side, which holds the dipole's own error as well.
+against a random walk through the volume under the sun from the side, which holds the dipole's own error as well. Errors do not add up:
+the exact sums are 15, 32 and 23 % off the volume (marble, skin1, skimmilk), filtered normals 22, 38 and 24 %.
 
 ";
 

@@ -7,6 +7,7 @@
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
+use crate::math::simd::{InstructionSet, multiversion};
 use crate::math::svd::{dot, with_sign};
 
 /// Largest order that is accepted.
@@ -93,6 +94,7 @@ pub fn symmetric_eigen(matrix: &[f64], order: usize) -> Result<Eigen> {
 fn tridiagonal(a: &mut [f64], n: usize) -> (Vec<Reflection>, Vec<f64>, Vec<f64>) {
     let mut reflections = Vec::new();
     let (mut diagonal, mut beside) = (vec![0.0; n], vec![0.0; n]);
+    let level = InstructionSet::detect();
     // What the reflection before still has to take from the rows below: v w^T + w v^T.
     let (mut v, mut w) = (vec![0.0; n], vec![0.0; n]);
     for k in 0..n {
@@ -119,8 +121,7 @@ fn tridiagonal(a: &mut [f64], n: usize) -> (Vec<Reflection>, Vec<f64>, Vec<f64>)
         let (old, new) = ((&v[k + 1..], &w[k + 1..]), &next[k + 1..]);
         let update = |i: usize, (row, product): (&mut [f64], &mut f64)| {
             let row = &mut row[k + 1..];
-            take(row, (old.0[i], old.1[i]), old);
-            *product = dot::<8>(row, new);
+            take_and_multiply(level, row, (old.0[i], old.1[i]), old, new, product);
         };
         if n - k - 1 < FEW_ROWS {
             below.chunks_exact_mut(n).zip(&mut product[k + 1..]).enumerate().for_each(|(i, pair)| update(i, pair));
@@ -143,6 +144,7 @@ fn tridiagonal(a: &mut [f64], n: usize) -> (Vec<Reflection>, Vec<f64>, Vec<f64>)
 }
 
 /// `row -= a w + b v` for the vectors `(v, w)`.
+#[inline(always)]
 fn take(row: &mut [f64], (a, b): (f64, f64), (v, w): (&[f64], &[f64])) {
     for ((x, v), w) in row.iter_mut().zip(v).zip(w) {
         *x -= a * w + b * v;
@@ -206,30 +208,53 @@ fn ql_step(d: &mut [f64], e: &mut [f64], (first, end): (usize, usize), rotations
 /// Reflections and rotations applied to the unit matrix: blocks of columns, each `order` rows of [`BLOCK`]; row `i` of all is
 /// eigenvector `i`.
 fn transformed(order: usize, reflections: &[Reflection], rotations: &[Rotation]) -> Vec<Vec<[f64; BLOCK]>> {
+    let level = InstructionSet::detect();
     let block = |block: usize| {
         let mut rows = vec![[0.0; BLOCK]; order];
         let diagonal = rows.iter_mut().skip(block * BLOCK).enumerate().take(BLOCK);
         diagonal.for_each(|(i, row)| row[i] = 1.0);
-        for reflection in reflections {
-            let rows = &mut rows[reflection.first..];
-            let mut along = [0.0; BLOCK];
-            for (row, v) in rows.iter().zip(&reflection.v) {
-                along.iter_mut().zip(row).for_each(|(sum, x)| *sum += v * x);
-            }
-            for (row, v) in rows.iter_mut().zip(&reflection.v) {
-                row.iter_mut().zip(&along).for_each(|(x, sum)| *x -= v * sum);
-            }
-        }
-        for Rotation { row, cosine, sine } in rotations {
-            if let [x, y] = &mut rows[*row..row + 2] {
-                for (x, y) in x.iter_mut().zip(y) {
-                    (*x, *y) = (cosine * *x - sine * *y, sine * *x + cosine * *y);
-                }
-            }
-        }
+        transform(level, &mut rows, reflections, rotations);
         rows
     };
     (0..order.div_ceil(BLOCK)).into_par_iter().map(block).collect()
+}
+
+/// Applies reflections, and then rotations, to rows.
+#[inline(always)]
+fn transform_body(rows: &mut [[f64; BLOCK]], reflections: &[Reflection], rotations: &[Rotation]) {
+    for reflection in reflections {
+        let rows = &mut rows[reflection.first..];
+        let mut along = [0.0; BLOCK];
+        for (row, v) in rows.iter().zip(&reflection.v) {
+            along.iter_mut().zip(row).for_each(|(sum, x)| *sum += v * x);
+        }
+        for (row, v) in rows.iter_mut().zip(&reflection.v) {
+            row.iter_mut().zip(&along).for_each(|(x, sum)| *x -= v * sum);
+        }
+    }
+    for Rotation { row, cosine, sine } in rotations {
+        if let [x, y] = &mut rows[*row..row + 2] {
+            for (x, y) in x.iter_mut().zip(y) {
+                (*x, *y) = (cosine * *x - sine * *y, sine * *x + cosine * *y);
+            }
+        }
+    }
+}
+
+/// Takes the reflection before from a row, and multiplies what is left by the next one's vector.
+#[inline(always)]
+fn take_and_multiply_body(row: &mut [f64], of_row: (f64, f64), old: (&[f64], &[f64]), new: &[f64], product: &mut f64) {
+    take(row, of_row, old);
+    *product = dot::<8>(row, new);
+}
+
+multiversion! {
+    /// [`transform_body`].
+    fn transform(rows: &mut [[f64; BLOCK]], reflections: &[Reflection], rotations: &[Rotation]) => transform_body;
+    /// [`take_and_multiply_body`].
+    fn take_and_multiply(
+        row: &mut [f64], of_row: (f64, f64), old: (&[f64], &[f64]), new: &[f64], product: &mut f64
+    ) => take_and_multiply_body
 }
 
 /// Eigenvector `i`, or its negative.

@@ -10,6 +10,7 @@ use crate::compress::prediction::Net;
 use crate::error::{Error, Result};
 use crate::math::eigen::{Eigen, symmetric_eigen};
 use crate::math::leading::{Leading, leading_eigen};
+use crate::math::simd::{InstructionSet, multiversion};
 
 /// Shares of the squared error for functions that are left out, and for the rounding of those that are kept.
 const OMITTED: f64 = 0.4;
@@ -237,6 +238,7 @@ fn products(rows: &[f32], lights: usize) -> Vec<f64> {
 /// Products of the rows' entries, summed over all rows of `size`: the lower triangle.
 fn gram(rows: &[f32], size: usize) -> Vec<f64> {
     const BLOCK: usize = 16;
+    let level = InstructionSet::detect();
     let mut result = vec![0.0f64; size * size];
     result.par_chunks_mut(size * BLOCK).enumerate().for_each(|(block, out)| {
         let first = block * BLOCK;
@@ -244,17 +246,28 @@ fn gram(rows: &[f32], size: usize) -> Vec<f64> {
         // Single precision within some rows, double beyond.
         for some in rows.chunks(size * 256) {
             partial.fill(0.0);
-            for row in some.chunks_exact(size) {
-                for (i, sums) in partial.chunks_exact_mut(size).enumerate() {
-                    let factor = row[first + i];
-                    let end = first + i + 1;
-                    sums[..end].iter_mut().zip(&row[..end]).for_each(|(sum, v)| *sum += factor * v);
-                }
-            }
+            add_products(level, &mut partial, some, size, first);
             out.iter_mut().zip(&partial).for_each(|(sum, v)| *sum += f64::from(*v));
         }
     });
     result
+}
+
+/// Adds products of entries of rows: of each entry from `first` on, as many as `sums` has rows, with those up to it.
+#[inline(always)]
+fn add_products_body(sums: &mut [f32], rows: &[f32], size: usize, first: usize) {
+    for row in rows.chunks_exact(size) {
+        for (i, sums) in sums.chunks_exact_mut(size).enumerate() {
+            let factor = row[first + i];
+            let end = first + i + 1;
+            sums[..end].iter_mut().zip(&row[..end]).for_each(|(sum, v)| *sum += factor * v);
+        }
+    }
+}
+
+multiversion! {
+    /// [`add_products_body`].
+    fn add_products(sums: &mut [f32], rows: &[f32], size: usize, first: usize) => add_products_body
 }
 
 /// Coefficients `[point][function][plane]` of rows `[point][plane][light]`; the basis is `[row of its net][function]`.

@@ -2,7 +2,10 @@
 
 use rayon::prelude::*;
 
+use crate::math::simd::{InstructionSet, multiversion};
+
 /// Sum of products in eight interleaved partial sums, so that the order is fixed and does not wait for every addition.
+#[inline(always)]
 pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut partial = [0.0; 8];
     let (a8, b8) = (a.chunks_exact(8), b.chunks_exact(8));
@@ -26,13 +29,11 @@ pub(super) struct Cholesky {
 impl Cholesky {
     /// Factorises a symmetric matrix of `size` rows; only its lower half is read. None unless it is positive definite.
     pub(super) fn new(mut matrix: Vec<f64>, size: usize) -> Option<Self> {
+        let level = InstructionSet::detect();
         for i in 0..size {
             let (above, row) = matrix.split_at_mut(i * size);
-            for j in 0..i {
-                let other = &above[j * size..j * size + size];
-                row[j] = (row[j] - dot(&row[..j], &other[..j])) / other[j];
-            }
-            let square = row[i] - dot(&row[..i], &row[..i]);
+            factor_row(level, above, row, i);
+            let square = row[i];
             // A NaN is not positive either.
             if !(square > 0.0 && square.is_finite()) {
                 return None;
@@ -43,33 +44,49 @@ impl Cholesky {
         Some(Self { size, factor: matrix })
     }
 
-    fn row(&self, i: usize) -> &[f64] {
-        &self.factor[i * self.size..(i + 1) * self.size]
-    }
-
-    /// Replaces b by the solution of A x = b; entries of b before `first` are zero.
-    fn solve_from(&self, b: &mut [f64], first: usize) {
-        for i in first..self.size {
-            let row = self.row(i);
-            b[i] = (b[i] - dot(&row[first..i], &b[first..i])) / row[i];
-        }
-        for i in (0..self.size).rev() {
-            let row = self.row(i);
-            let value = b[i] / row[i];
-            b[i] = value;
-            b[..i].iter_mut().zip(row).for_each(|(x, l)| *x -= value * l);
-        }
-    }
-
     /// The inverse of A, row by row.
     pub(super) fn inverse(&self) -> Vec<f64> {
+        let level = InstructionSet::detect();
         let mut inverse = vec![0.0; self.size * self.size];
         inverse.par_chunks_mut(self.size.max(1)).enumerate().for_each(|(i, row)| {
             row[i] = 1.0;
-            self.solve_from(row, i);
+            solve_from(level, &self.factor, row, i);
         });
         inverse
     }
+}
+
+/// Row `i` of the factor, its last entry squared, from the rows above.
+#[inline(always)]
+fn factor_row_body(above: &[f64], row: &mut [f64], i: usize) {
+    let size = above.len() / i.max(1);
+    for j in 0..i {
+        let other = &above[j * size..j * size + size];
+        row[j] = (row[j] - dot(&row[..j], &other[..j])) / other[j];
+    }
+    row[i] -= dot(&row[..i], &row[..i]);
+}
+
+/// Replaces b by the solution of A x = b; entries of b before `first` are zero.
+#[inline(always)]
+fn solve_from_body(factor: &[f64], b: &mut [f64], first: usize) {
+    let size = b.len();
+    let row = |i: usize| &factor[i * size..(i + 1) * size];
+    for i in first..size {
+        b[i] = (b[i] - dot(&row(i)[first..i], &b[first..i])) / row(i)[i];
+    }
+    for i in (0..size).rev() {
+        let value = b[i] / row(i)[i];
+        b[i] = value;
+        b[..i].iter_mut().zip(row(i)).for_each(|(x, l)| *x -= value * l);
+    }
+}
+
+multiversion! {
+    /// [`factor_row_body`].
+    fn factor_row(above: &[f64], row: &mut [f64], i: usize) => factor_row_body;
+    /// [`solve_from_body`].
+    fn solve_from(factor: &[f64], b: &mut [f64], first: usize) => solve_from_body
 }
 
 #[cfg(test)]
