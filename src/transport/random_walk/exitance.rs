@@ -3,9 +3,8 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::boundary::Boundary;
+use super::boundary::{Boundary, MeshBoundary};
 use super::entry::{Candidate, Entries};
-use super::mesh_boundary::MeshBoundary;
 use super::tally::{Budget, Hats, Order, SlotTally};
 use super::walk::{End, Start, Stream, WalkMedium, walk};
 use crate::error::{Error, ExitCode, Result};
