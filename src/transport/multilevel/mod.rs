@@ -9,7 +9,6 @@
 mod compact;
 mod near;
 mod surface;
-mod tuning;
 
 use glam::DVec3;
 use rayon::prelude::*;
