@@ -11,25 +11,14 @@ use crate::transport::kernel::medium::MediumKernel;
 use crate::transport::near_rule::NearField;
 use crate::transport::test_scene::{Fixture, medium, named, worst_rms};
 
-/// Values of every receiver by nets and by all pairs.
-fn both(
-    fixture: &Fixture,
-    kernels: &[MediumKernel],
-    lit: (&[DVec3], &Pieces),
-    quality: Quality,
-) -> (Vec<DVec3>, Vec<DVec3>) {
+/// RMS of the difference of nets from all pairs over that of the latter, worst channel.
+fn error(fixture: &Fixture, kernels: &[MediumKernel], lit: (&[DVec3], &Pieces), quality: Quality) -> f64 {
     let surface = fixture.surface();
     let receivers = fixture.receivers(16);
     let nets = SurfaceNets::new(&surface, &receivers, quality);
     let found = nets.radiosity(&surface, &nets.tables(kernels), lit, receivers.len());
     let gather = Gather::with_kernels(&surface, &fixture.tree, kernels.to_vec(), NearField::REFERENCE);
     let truth = gather.radiosity(&receivers, &gather.light_with_pieces(lit.0, lit.1), Scheme::AllPairs, &Silent);
-    (found, truth)
-}
-
-/// RMS of the difference of nets from all pairs over that of the latter, worst channel.
-fn error(fixture: &Fixture, kernels: &[MediumKernel], lit: (&[DVec3], &Pieces), quality: Quality) -> f64 {
-    let (found, truth) = both(fixture, kernels, lit, quality);
     worst_rms(&found, &truth)
 }
 
@@ -42,7 +31,7 @@ fn tuned(fixture: &Fixture, asked: f64) -> Quality {
 }
 
 fn kernels(fixture: &Fixture) -> Vec<MediumKernel> {
-    fixture.scene.media.iter().map(MediumKernel::new).collect()
+    MediumKernel::of_media(&fixture.scene.media)
 }
 
 fn lit(fixture: &Fixture, from: DVec3) -> (Vec<DVec3>, Pieces) {
