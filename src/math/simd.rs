@@ -90,8 +90,8 @@ pub(crate) fn prefetch<T>(values: &[T], index: usize) {
     let _ = (values, index);
 }
 
-/// Compiles each `$body` (an `#[inline(always)]` function) for every level and defines `$name` that calls one of them,
-/// the widest one `up to` which wider instructions are slower.
+/// Compiles each `$body` (an `#[inline(always)]` function) for every level and defines `$name` that calls one of them; with `up to` a
+/// level, none that is wider.
 #[macro_export]
 macro_rules! multiversion {
     ($($(#[$meta:meta])* $vis:vis fn $name:ident ( $($arg:ident : $ty:ty),* $(,)? ) => $body:path $(, up to $widest:expr)?);+ $(;)?) => {$(

@@ -121,7 +121,11 @@ pub fn relative_errors(values: &[DVec3], reference: &[DVec3], weights: &[f64]) -
 /// Unit of the errors of each channel: its RMS, or [`CHANNEL_FLOOR`] of that of the brightest channel if larger.
 fn units(reference: &[DVec3], weights: &[f64]) -> DVec3 {
     let squares: DVec3 = reference.iter().zip(weights).map(|(b, w)| *w * (*b * *b)).sum();
-    let rms = (squares / weights.iter().sum::<f64>().max(f64::MIN_POSITIVE)).map(f64::sqrt);
+    units_of((squares / weights.iter().sum::<f64>().max(f64::MIN_POSITIVE)).map(f64::sqrt))
+}
+
+/// Unit of the errors of each channel of an RMS.
+pub(crate) fn units_of(rms: DVec3) -> DVec3 {
     rms.max(DVec3::splat(CHANNEL_FLOOR * rms.max_element()))
 }
 

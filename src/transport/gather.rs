@@ -236,7 +236,8 @@ impl<'a> Gather<'a> {
         take: &mut impl FnMut(Source),
     ) {
         let scale = self.surface.domain.parts.parts[part].area_mm2.max(f64::MIN_POSITIVE);
-        let mean_flux = self.part_flux(part, lit) / scale;
+        let flux = self.tree.root(part).map_or(DVec3::ZERO, |root| lit.clusters[root as usize].flux);
+        let mean_flux = flux / scale;
         self.tree.walk(part, &lit.clusters, |visit| match visit {
             Visit::Node(index, cluster) => {
                 let distance = cluster.centre_mm.distance(sphere.centre_mm) - sphere.radius_mm;
@@ -261,17 +262,6 @@ impl<'a> Gather<'a> {
 
     fn medium(&self, part: usize) -> Option<&MediumKernel> {
         self.media.get(self.surface.domain.parts.parts[part].medium? as usize)
-    }
-
-    fn part_flux(&self, part: usize, lit: &Lit) -> DVec3 {
-        let mut total = DVec3::ZERO;
-        self.tree.walk(part, &lit.clusters, |visit| {
-            if let Visit::Node(_, cluster) = visit {
-                total = cluster.flux;
-            }
-            true
-        });
-        total
     }
 
     /// Adds one patch of an irradiance to the lists, as finely as its distance requires, and its pieces under a light.

@@ -7,16 +7,11 @@ use crate::medium::fresnel::BoundaryFit;
 use crate::medium::material::OpticalProperties;
 use crate::medium::profile::Profile;
 use crate::progress::Silent;
-use crate::transport::test_scene::{Fixture, named, on_threads, worst_rms};
+use crate::transport::test_scene::{Fixture, medium, named, on_threads, worst_rms};
 
 /// sigma_t' = 1 per mm with the albedos 0.9, 0.99 and 0.999.
 fn unit_medium() -> OpticalProperties {
-    OpticalProperties {
-        sigma_s_reduced_per_mm: DVec3::new(0.9, 0.99, 0.999),
-        sigma_a_per_mm: DVec3::new(0.1, 0.01, 0.001),
-        g: 0.0,
-        eta_inside_over_outside: 1.3,
-    }
+    medium(DVec3::new(0.9, 0.99, 0.999), DVec3::new(0.1, 0.01, 0.001), 1.3)
 }
 
 fn radiosity(fixture: &Fixture, e: &[DVec3], receivers: &Receivers, near: NearField, scheme: Scheme) -> Vec<DVec3> {

@@ -1,7 +1,6 @@
 //! Irradiance of the samples under a set of lights: E = Int L V F_t(eta, n.w) max(0, n.w) dw, shadows by ray casting.
 
 mod points;
-mod probes;
 mod sharp;
 mod surface_point;
 

@@ -4,7 +4,6 @@ pub mod balanced_tree;
 pub mod close_pairs;
 pub mod cube_harmonics;
 pub mod domain;
-pub mod expected_light;
 pub mod far_field;
 pub mod gather;
 pub mod interpolation;

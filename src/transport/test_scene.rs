@@ -4,6 +4,7 @@ use glam::DVec3;
 
 use super::balanced_tree::in_tree_order;
 use super::domain::Domain;
+use super::kernel::{Block, Receiver};
 use super::receivers::Receivers;
 use super::surface::Surface;
 use super::tree::SampleTree;
@@ -11,6 +12,7 @@ use crate::geometry::bvh::Bvh;
 use crate::geometry::mesh::{Mesh, Placement};
 use crate::geometry::part_table::PartTable;
 use crate::geometry::samples::{Patch, Samples, patches};
+use crate::geometry::shapes;
 use crate::geometry::source::SourceModel;
 use crate::medium::material::{Medium, OpticalProperties, preset};
 
@@ -46,7 +48,25 @@ pub(super) fn named(name: &str) -> OpticalProperties {
     preset(name).unwrap().properties()
 }
 
+/// A medium with these reduced scattering and absorption coefficients, 1/mm, whose phase function is isotropic.
+pub(super) fn medium(sigma_s: DVec3, sigma_a: DVec3, eta_inside_over_outside: f64) -> OpticalProperties {
+    let (sigma_s_reduced_per_mm, sigma_a_per_mm) = (sigma_s, sigma_a);
+    OpticalProperties { sigma_s_reduced_per_mm, sigma_a_per_mm, g: 0.0, eta_inside_over_outside }
+}
+
+/// A block of receivers around a centre.
+pub(super) fn block_of(centre: DVec3, receivers: &[DVec3]) -> Block {
+    let mut block = Block::default();
+    block.reset(centre, receivers.iter().map(|&at_mm| Receiver { at_mm }));
+    block
+}
+
 impl Fixture {
+    /// A knot of marble, which hides parts of itself.
+    pub(super) fn knot(samples: usize) -> Self {
+        Self::new(shapes::torus_knot(2, 3, 10.0, 4.0, 1.5, 160, 16), named("marble"), samples)
+    }
+
     /// A scene of one part of one medium.
     pub(super) fn new(source: SourceModel, properties: OpticalProperties, samples: usize) -> Self {
         Self::with_opaque(source, usize::MAX, properties, samples)

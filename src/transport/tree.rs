@@ -119,6 +119,11 @@ impl SampleTree {
         rows
     }
 
+    /// Root of a part; none without samples.
+    pub(super) fn root(&self, part: usize) -> Option<u32> {
+        self.roots.get(part).copied().flatten()
+    }
+
     /// Number of nodes.
     pub(super) fn len(&self) -> usize {
         self.nodes.len()
@@ -164,7 +169,7 @@ impl SampleTree {
     /// Walks a part's tree: `visit` answers true for a node whose cluster will do in place of its children.
     pub fn walk(&self, part: usize, clusters: &[Cluster], mut visit: impl FnMut(Visit) -> bool) {
         let mut stack = Vec::with_capacity(64);
-        stack.extend(self.roots.get(part).copied().flatten());
+        stack.extend(self.root(part));
         while let Some(index) = stack.pop() {
             let node = &self.nodes[index as usize];
             if clusters[index as usize].flux == DVec3::ZERO {

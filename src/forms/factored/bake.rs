@@ -18,8 +18,7 @@ use crate::light::{Light, LightKind};
 use crate::medium::profile_basis::{BasisSettings, ProfileBasis};
 use crate::progress::Progress;
 use crate::scene::Scene;
-use crate::transport::balanced_tree::LightDetails;
-use crate::transport::expected_light::expected_details;
+use crate::transport::balanced_tree::{LightDetails, expected_details};
 use crate::transport::far_field::{FarTransport, LANES, Precision, Rows, TERMS};
 use crate::transport::irradiance::LightSampling;
 

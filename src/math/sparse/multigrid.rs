@@ -44,9 +44,9 @@ impl Grids {
             if finer.rows() <= FEW {
                 break;
             }
-            let (once, count) = paired(finer, Single::LeftOut);
+            let (once, count) = paired(finer, true);
             let half = aggregated(finer, &once, count);
-            let (twice, count) = paired(&half, Single::Kept);
+            let (twice, count) = paired(&half, false);
             if count == 0 || count as f64 > WORTHWHILE * finer.rows() as f64 {
                 break;
             }
@@ -73,19 +73,13 @@ impl Grids {
     }
 }
 
-/// Treatment of rows without values beside the diagonal.
-#[derive(Clone, Copy, PartialEq)]
-enum Single {
-    Kept,
-    LeftOut,
-}
-
-/// Pairs of rows by their strongest negative values, and the number of pairs and unpaired rows.
-fn paired(matrix: &SymmetricMatrix, single: Single) -> (Vec<u32>, usize) {
+/// Pairs of rows by their strongest negative values, and the number of pairs and unpaired rows. Rows without values beside the
+/// diagonal may be left out.
+fn paired(matrix: &SymmetricMatrix, leave_out: bool) -> (Vec<u32>, usize) {
     let mut pair = vec![NONE; matrix.rows()];
     let mut count = 0;
     for row in 0..matrix.rows() {
-        if pair[row] != NONE || (single == Single::LeftOut && matrix.row(row).next().is_none()) {
+        if pair[row] != NONE || (leave_out && matrix.row(row).next().is_none()) {
             continue;
         }
         let free = matrix.row(row).filter(|(column, value)| *value < 0.0 && pair[*column as usize] == NONE);

@@ -16,10 +16,6 @@ use crate::transport::test_scene::{Fixture, named, on_threads, relative_rms};
 
 const ETA: f64 = 1.3;
 
-fn knot(samples: usize) -> Fixture {
-    Fixture::new(shapes::torus_knot(2, 3, 10.0, 4.0, 1.5, 160, 16), named("marble"), samples)
-}
-
 fn settings(terms: usize, coefficients: usize) -> RowSettings {
     RowSettings { terms, coefficients, ..RowSettings::DEFAULT }
 }
@@ -47,7 +43,7 @@ fn constant_light_on_a_convex_body_is_the_closed_form() {
 
 #[test]
 fn all_coefficients_give_the_sum_over_texels() {
-    let fixture = knot(64);
+    let fixture = Fixture::knot(64);
     let (surface, light) = (fixture.surface(), Light::environment(Arc::new(sky()), 40.0, DVec3::ONE).unwrap());
     let all = settings(3, FACES * 32 * 32);
     let cube = CubeLight::new(&light, 32).unwrap();
@@ -79,7 +75,7 @@ fn all_coefficients_give_the_sum_over_texels() {
 
 #[test]
 fn errors_fall_with_coefficients() {
-    let fixture = knot(3000);
+    let fixture = Fixture::knot(3000);
     let (surface, light) = (fixture.surface(), Light::environment(Arc::new(sky()), 40.0, DVec3::ONE).unwrap());
     let lights = [light.clone()];
     let truth = Illumination::new(&surface, &lights, &[ETA], LightSampling { directions: 2048, ..LightSampling::FAST })
@@ -96,7 +92,7 @@ fn errors_fall_with_coefficients() {
 
 #[test]
 fn ranges_threads_and_instructions_do_not_change_the_rows() {
-    let fixture = knot(2500);
+    let fixture = Fixture::knot(2500);
     let surface = fixture.surface();
     let mut baker = RowBaker::new(&surface, settings(2, 64)).unwrap();
     let whole = baker.all(&Silent).unwrap().into_data();
@@ -122,7 +118,7 @@ fn ranges_threads_and_instructions_do_not_change_the_rows() {
 
 #[test]
 fn written_rows_are_those_that_are_multiplied() {
-    let fixture = knot(200);
+    let fixture = Fixture::knot(200);
     let surface = fixture.surface();
     let baker = RowBaker::new(&surface, settings(3, 64)).unwrap();
     for rows in [baker.all(&Silent).unwrap(), baker.in_blocks(&Silent).unwrap()] {
@@ -154,7 +150,7 @@ fn written_rows_are_those_that_are_multiplied() {
 /// A reader needs nothing but the sections.
 #[test]
 fn sections_hold_the_functions_of_the_angle() {
-    let fixture = knot(50);
+    let fixture = Fixture::knot(50);
     let surface = fixture.surface();
     let rows = RowBaker::new(&surface, settings(3, 32)).unwrap().all(&Silent).unwrap();
     assert!(*rows.entrance() == EntranceBasis::new(3));
@@ -171,7 +167,7 @@ fn sections_hold_the_functions_of_the_angle() {
 /// Rows in blocks have about the error of rows of their own, in a fraction of the coefficients.
 #[test]
 fn blocks_keep_the_error_in_fewer_coefficients() {
-    let fixture = knot(6000);
+    let fixture = Fixture::knot(6000);
     let surface = fixture.surface();
     let light = Light::environment(Arc::new(sky()), 40.0, DVec3::ONE).unwrap();
     let cube = CubeLight::new(&light, 32).unwrap();
@@ -193,7 +189,7 @@ fn blocks_keep_the_error_in_fewer_coefficients() {
 
 #[test]
 fn blocks_are_the_same_from_threads_instructions_ranges_and_files() {
-    let fixture = knot(1500);
+    let fixture = Fixture::knot(1500);
     let surface = fixture.surface();
     let mut baker = RowBaker::new(&surface, settings(2, 64)).unwrap();
     let rows = baker.in_blocks(&Silent).unwrap();
@@ -233,7 +229,7 @@ fn constant_light_through_blocks_is_the_closed_form() {
 
 #[test]
 fn impossible_settings_are_refused() {
-    let fixture = knot(10);
+    let fixture = Fixture::knot(10);
     let surface = fixture.surface();
     for (terms, coefficients) in [(0, 128), (5, 128), (2, 5), (2, 6145)] {
         assert!(RowBaker::new(&surface, settings(terms, coefficients)).is_err());

@@ -7,13 +7,9 @@ use crate::medium::fresnel;
 use crate::progress::Silent;
 use crate::transport::test_scene::{Fixture, named};
 
-fn knot(samples: usize) -> Fixture {
-    Fixture::new(shapes::torus_knot(2, 3, 10.0, 4.0, 1.5, 160, 16), named("marble"), samples)
-}
-
 #[test]
 fn texels_are_the_visible_share_of_the_irradiance() {
-    let fixture = knot(70);
+    let fixture = Fixture::knot(70);
     let surface = fixture.surface();
     let baker = TexelBaker::new(&surface, Resolution::Sub64);
     let eta = fixture.eta();
@@ -43,7 +39,7 @@ fn texels_are_the_visible_share_of_the_irradiance() {
 
 #[test]
 fn harmonics_are_sums_over_texels_whatever_the_batch() {
-    let fixture = knot(131);
+    let fixture = Fixture::knot(131);
     let surface = fixture.surface();
     for (resolution, order) in [(Resolution::Sub64, 6), (Resolution::Sub128, 3)] {
         let baker = TexelBaker::new(&surface, resolution);

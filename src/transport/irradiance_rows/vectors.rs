@@ -191,6 +191,7 @@ pub fn joined(side: usize, chunks: Vec<IrradianceRows>) -> Result<IrradianceRows
 pub struct RowTree<'a> {
     gather: &'a Gather<'a>,
     samples: &'a SparseRows,
+    /// From the last node to the first, because children follow their parent.
     nodes: SparseRows,
     side: usize,
     level: InstructionSet,
@@ -219,8 +220,7 @@ impl<'a> RowTree<'a> {
     ) -> Result<Self> {
         let patches = gather.patches();
         let size = FACES * side * side;
-        // From the last node on, because children follow their parent.
-        let mut backwards = SparseRows::empty();
+        let mut nodes = SparseRows::empty();
         let mut sums = vec![0.0f32; size];
         let mut used: Vec<u16> = Vec::new();
         let mut coefficients = Vec::new();
@@ -239,7 +239,7 @@ impl<'a> RowTree<'a> {
             match tree.children(node) {
                 Some(children) => {
                     for child in children {
-                        add(&mut sums, &mut used, backwards.row(count - 1 - child), 1.0);
+                        add(&mut sums, &mut used, nodes.row(count - 1 - child), 1.0);
                     }
                 }
                 None => {
@@ -255,17 +255,10 @@ impl<'a> RowTree<'a> {
             for place in used.drain(..) {
                 coefficients.push((place, std::mem::take(&mut sums[usize::from(place)])));
             }
-            backwards.push(&mut coefficients, most);
-            if backwards.places.len() >= u32::MAX as usize {
+            nodes.push(&mut coefficients, most);
+            if nodes.places.len() >= u32::MAX as usize {
                 return Err(Error::unsupported("the sums of rows have more than 2^32 - 2 coefficients"));
             }
-        }
-        let mut nodes = SparseRows::empty();
-        for node in 0..count {
-            let (places, values) = backwards.row(count - 1 - node);
-            nodes.places.extend_from_slice(places);
-            nodes.values.extend_from_slice(values);
-            nodes.offsets.push(nodes.places.len() as u32);
         }
         Ok(Self { gather, samples, nodes, side, level: InstructionSet::detect() })
     }
@@ -323,7 +316,7 @@ impl<'a> RowTree<'a> {
                 let mut lanes = [0.0f32; LANES];
                 lanes.iter_mut().zip(weights.as_flattened()).for_each(|(lane, w)| *lane = *w);
                 let (places, values) = match source {
-                    Source::Cluster(node) => self.nodes.row(node as usize),
+                    Source::Cluster(node) => self.nodes.row(self.nodes.len() - 1 - node as usize),
                     Source::Patch(sample) => self.samples.row(sample as usize),
                 };
                 add(self.level, &mut sums, places, values, &lanes);

@@ -138,7 +138,7 @@ fn sums_of_whole_rows_are_exact_and_thresholds_follow_importance() {
             sums[usize::from(*place)] += f64::from(*value) * fixture.patches[sample].area_mm2;
         }
     }
-    let (places, values) = tree.nodes.row(0);
+    let (places, values) = tree.nodes.row(tree.nodes.len() - 1);
     let largest = sums.iter().fold(0.0f64, |a, v| a.max(v.abs()));
     for (place, value) in places.iter().zip(values) {
         assert!((f64::from(*value) - sums[usize::from(*place)]).abs() < 1e-5 * largest);

@@ -5,8 +5,9 @@ use crate::math::random::uniform;
 use crate::math::simd::InstructionSet;
 use crate::medium::material::PRESETS;
 use crate::medium::profiles::model::ProfileModel;
+use crate::transport::kernel::FlatSource;
 use crate::transport::kernel::medium::MediumKernel;
-use crate::transport::kernel::{FlatSource, Receiver};
+use crate::transport::test_scene::block_of;
 
 fn profiles(model: &str, material: usize) -> [Arc<dyn Profile>; 3] {
     let channels = ProfileModel::parse(model).unwrap().channels(&PRESETS[material].properties()).unwrap();
@@ -14,12 +15,6 @@ fn profiles(model: &str, material: usize) -> [Arc<dyn Profile>; 3] {
 }
 
 const MODELS: [&str; 6] = ["dipole", "better-dipole", "photon-beam", "burley", "slab:thickness=2", "gaussians:skin"];
-
-fn block_of(receivers: &[DVec3]) -> Block {
-    let mut block = Block::default();
-    block.reset(DVec3::ZERO, receivers.iter().map(|&at_mm| Receiver { at_mm }));
-    block
-}
 
 fn receivers(count: u64) -> Vec<DVec3> {
     (0..count).map(|i| DVec3::from([0, 1, 2].map(|c| 2.0 * uniform(1, i, c) - 1.0))).collect()
@@ -33,7 +28,7 @@ fn points_are_those_of_the_profile() {
             let kernel = MediumKernel::of_profiles(profiles.clone(), 40.0);
             let at = receivers(16);
             for distance in [0.05, 0.5, 3.0, 12.0] {
-                let mut block = block_of(&at);
+                let mut block = block_of(DVec3::ZERO, &at);
                 let source = PointSource { at: [distance, 0.0, 0.0], flux: [1.0, 2.0, 3.0] };
                 kernel.add_points(InstructionSet::detect(), &mut block, &[source]);
                 for (i, receiver) in at.iter().enumerate() {
@@ -62,7 +57,7 @@ fn triangles_are_those_of_the_profile() {
             let inside = (corners[0] + corners[1] + corners[2]) / 3.0;
             let mut at = vec![inside, corners[0], inside + 0.3 * size * DVec3::Z, corners[1] * 1.5];
             at.extend(receivers(8).into_iter().map(|p| size * p));
-            let mut block = block_of(&at);
+            let mut block = block_of(DVec3::ZERO, &at);
             let source = FlatSource::new(corners, [1.0; 3], DVec3::ZERO).unwrap();
             kernel.add_triangles(InstructionSet::detect(), &mut block, &[source]);
             for (i, receiver) in at.iter().enumerate() {
@@ -82,7 +77,7 @@ fn all_levels_give_the_same_bits() {
     let corners = [DVec3::new(0.1, 0.0, -0.2), DVec3::new(0.9, 0.1, 0.0), DVec3::new(0.3, 0.7, 0.1)];
     let at = receivers(20);
     let sums = |level: InstructionSet| {
-        let mut block = block_of(&at);
+        let mut block = block_of(DVec3::ZERO, &at);
         let points: Vec<PointSource> =
             receivers(50).iter().map(|p| PointSource { at: p.as_vec3().to_array(), flux: [0.3, 0.2, 0.1] }).collect();
         kernel.add_points(level, &mut block, &points);
@@ -111,7 +106,7 @@ fn strange_profiles_and_distances_are_finite() {
         for reach in [0.0, 1e-9, 1.0, 1e9, f64::INFINITY, f64::NAN] {
             let odd: [Arc<dyn Profile>; 3] = [0, 1, 2].map(|_| Arc::new(Odd(value, tail)) as Arc<dyn Profile>);
             let kernel = MediumKernel::of_profiles(odd, reach);
-            let mut block = block_of(&receivers(16));
+            let mut block = block_of(DVec3::ZERO, &receivers(16));
             let far = PointSource { at: [1e9, 0.0, 0.0], flux: [1.0; 3] };
             let near = PointSource { at: [0.0; 3], flux: [1.0; 3] };
             kernel.add_points(InstructionSet::detect(), &mut block, &[near, far]);

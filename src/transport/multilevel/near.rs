@@ -9,8 +9,7 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::close::Close;
-use super::compact::{Compact, Facets, Shine};
+use super::compact::{Close, Compact, Facets, Shine};
 use crate::geometry::cluster::Run;
 use crate::math::simd::{InstructionSet, add_scaled, multiversion};
 use crate::math::slices::cut;

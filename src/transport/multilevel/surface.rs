@@ -1,4 +1,6 @@
-//! Radiosity of a scene by multilevel summation: every part has its nets, every medium its tables.
+//! Radiosity of a scene by multilevel summation: every part has its nets, every medium its tables. The errors of interpolation and of
+//! discs depend on the roughness of the surface and on the shape of its samples, so the quality that keeps an asked error is measured,
+//! against all pairs.
 
 use std::sync::Arc;
 
@@ -11,16 +13,38 @@ use super::{FEW, Multilevel, Resolution, Tables};
 use crate::geometry::cluster::Run;
 use crate::geometry::scattered::OrientedPoint;
 use crate::medium::profile::Profile;
+use crate::progress::Silent;
+use crate::transport::gather::{Gather, Scheme};
 use crate::transport::irradiance::Pieces;
 use crate::transport::kernel::medium::MediumKernel;
 use crate::transport::kernel::radial_table::LinearTable;
-use crate::transport::near_rule::NearRule;
-use crate::transport::receivers::Receivers;
+use crate::transport::near_rule::{NearField, NearRule};
+use crate::transport::receivers::{Group, Receivers};
 use crate::transport::sample_light::SampleLight;
 use crate::transport::surface::Surface;
+use crate::transport::tree::SampleTree;
 
 /// Softening at most.
-pub(super) const MOST_SOFTENING: f64 = 16.0;
+const MOST_SOFTENING: f64 = 16.0;
+
+/// Receivers that errors are measured on.
+const PROBES: usize = 192;
+
+/// Share of the asked error that is aimed at: other receivers and lights may fare worse.
+const TARGET: f64 = 0.8;
+
+/// Softening that is tried first, over that of [`Quality::for_error`], which rough surfaces need.
+const SMOOTHEST: f64 = 0.72;
+
+/// Factors from one trial to the next on the softening, and on the distances of the near rule.
+const SOFTER: f64 = 1.15;
+const NEARER: f64 = 1.35;
+
+/// Trials at most, each in both ways.
+const TRIALS: usize = 10;
+
+/// Distance over radius at most below which samples are integrated by points.
+const MOST_NEAR: f64 = 24.0;
 
 /// Accuracy of the sums against all pairs.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,6 +71,69 @@ impl Quality {
             pieces_below: (5.0 * reach.sqrt()).clamp(2.0, 24.0),
         };
         Self { error: relative_rms, spacing: 2.0, softening, near }
+    }
+
+    /// The coarsest quality of a few that keeps a relative error, RMS over receivers weighted by `areas`, in each set
+    /// of media and under each light (irradiance of every sample and pieces of uneven ones); the last one tried where
+    /// none keeps it.
+    pub fn tuned(
+        (surface, media): (&Surface, &[Vec<MediumKernel>]),
+        (receivers, areas): (&Receivers, &[f64]),
+        lights: &[(Vec<DVec3>, Pieces)],
+        error: f64,
+    ) -> Self {
+        let (subset, points) = receivers.probe_points(areas, (PROBES, 0));
+        let tree = SampleTree::default();
+        let truths_in = |kernels: &Vec<MediumKernel>| -> Vec<Vec<DVec3>> {
+            let gather = Gather::with_kernels(surface, &tree, kernels.clone(), NearField::REFERENCE);
+            let truth = |(irradiance, pieces): &(Vec<DVec3>, Pieces)| {
+                gather.radiosity(&subset, &gather.light_with_pieces(irradiance, pieces), Scheme::AllPairs, &Silent)
+            };
+            lights.iter().map(truth).collect()
+        };
+        let truths: Vec<Vec<Vec<DVec3>>> = media.iter().map(truths_in).collect();
+        let guess = Self::for_error(error);
+        let mut quality = Self { softening: SMOOTHEST * guess.softening, ..guess };
+        let mut nets = SurfaceNets::new(surface, receivers, quality);
+        let mut measured = |quality: Self| {
+            nets.set_quality(surface, receivers, quality);
+            let in_media = |(kernels, truths): (&Vec<MediumKernel>, &Vec<Vec<DVec3>>)| {
+                let tables = nets.tables(kernels);
+                let of_light = |((irradiance, pieces), truth): (&(Vec<DVec3>, Pieces), &Vec<DVec3>)| {
+                    let all = nets.radiosity(surface, &tables, (irradiance, pieces), receivers.len());
+                    points.error(&points.of(&all), truth).rms
+                };
+                lights.iter().zip(truths).map(of_light).fold(0.0, f64::max)
+            };
+            media.iter().zip(&truths).map(in_media).fold(0.0, f64::max)
+        };
+        let mut found = measured(quality);
+        for _ in 0..TRIALS {
+            if found <= TARGET * error {
+                break;
+            }
+            let [softer, nearer] = [quality.softer(), quality.nearer()];
+            let both = [measured(softer), measured(nearer)];
+            // The softening costs more, so it has to bring more.
+            (quality, found) = if both[0] < 0.95 * both[1] { (softer, both[0]) } else { (nearer, both[1]) };
+            if quality.softening >= MOST_SOFTENING && quality.near.facets_below >= MOST_NEAR {
+                break;
+            }
+        }
+        quality
+    }
+
+    fn softer(self) -> Self {
+        Self { softening: (SOFTER * self.softening).min(MOST_SOFTENING), ..self }
+    }
+
+    fn nearer(self) -> Self {
+        let NearRule { facets_below, pieces_below } = self.near;
+        let near = NearRule {
+            facets_below: (NEARER * facets_below).min(MOST_NEAR),
+            pieces_below: (NEARER * pieces_below).min(MOST_NEAR),
+        };
+        Self { near, ..self }
     }
 }
 
@@ -82,7 +169,7 @@ impl SurfaceNets {
     /// The nets of the samples of a surface, for receivers on it.
     pub fn new(surface: &Surface, receivers: &Receivers, quality: Quality) -> Self {
         let centres: Vec<DVec3> = surface.patches.iter().map(|p| p.centre_mm).collect();
-        let of_part = |groups: &[crate::transport::receivers::Group]| {
+        let of_part = |groups: &[Group]| {
             let (first, last) = (groups.first()?, groups.last()?);
             let index = first.part as usize;
             let medium = surface.domain.parts.parts.get(index)?.medium? as usize;
@@ -98,7 +185,7 @@ impl SurfaceNets {
     fn part(
         surface: &Surface,
         (centres, samples): (&[DVec3], std::ops::Range<usize>),
-        (receivers, range, groups): (&Receivers, std::ops::Range<usize>, &[crate::transport::receivers::Group]),
+        (receivers, range, groups): (&Receivers, std::ops::Range<usize>, &[Group]),
         medium: usize,
         quality: Quality,
     ) -> Part {
@@ -126,7 +213,7 @@ impl SurfaceNets {
     }
 
     /// Sets another quality; nets and spacing stay.
-    pub(super) fn set_quality(&mut self, surface: &Surface, receivers: &Receivers, quality: Quality) {
+    fn set_quality(&mut self, surface: &Surface, receivers: &Receivers, quality: Quality) {
         let softens = quality.softening != self.quality.softening;
         self.quality = Quality { spacing: self.quality.spacing, ..quality };
         for part in self.parts.iter_mut().filter(|_| softens) {

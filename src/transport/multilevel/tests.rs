@@ -9,27 +9,16 @@ use crate::transport::gather::{Gather, Scheme};
 use crate::transport::irradiance::{Illumination, LightSampling, Pieces};
 use crate::transport::kernel::medium::MediumKernel;
 use crate::transport::near_rule::NearField;
-use crate::transport::test_scene::{Fixture, named, worst_rms};
+use crate::transport::test_scene::{Fixture, medium, named, worst_rms};
 
-/// Values of every receiver by nets and by all pairs.
-fn both(
-    fixture: &Fixture,
-    kernels: &[MediumKernel],
-    lit: (&[DVec3], &Pieces),
-    quality: Quality,
-) -> (Vec<DVec3>, Vec<DVec3>) {
+/// RMS of the difference of nets from all pairs over that of the latter, worst channel.
+fn error(fixture: &Fixture, kernels: &[MediumKernel], lit: (&[DVec3], &Pieces), quality: Quality) -> f64 {
     let surface = fixture.surface();
     let receivers = fixture.receivers(16);
     let nets = SurfaceNets::new(&surface, &receivers, quality);
     let found = nets.radiosity(&surface, &nets.tables(kernels), lit, receivers.len());
     let gather = Gather::with_kernels(&surface, &fixture.tree, kernels.to_vec(), NearField::REFERENCE);
     let truth = gather.radiosity(&receivers, &gather.light_with_pieces(lit.0, lit.1), Scheme::AllPairs, &Silent);
-    (found, truth)
-}
-
-/// RMS of the difference of nets from all pairs over that of the latter, worst channel.
-fn error(fixture: &Fixture, kernels: &[MediumKernel], lit: (&[DVec3], &Pieces), quality: Quality) -> f64 {
-    let (found, truth) = both(fixture, kernels, lit, quality);
     worst_rms(&found, &truth)
 }
 
@@ -42,7 +31,7 @@ fn tuned(fixture: &Fixture, asked: f64) -> Quality {
 }
 
 fn kernels(fixture: &Fixture) -> Vec<MediumKernel> {
-    fixture.scene.media.iter().map(MediumKernel::new).collect()
+    MediumKernel::of_media(&fixture.scene.media)
 }
 
 fn lit(fixture: &Fixture, from: DVec3) -> (Vec<DVec3>, Pieces) {
@@ -70,14 +59,9 @@ fn the_asked_error_is_kept_in_any_medium() {
 
 #[test]
 fn media_from_far_below_to_far_above_the_spacing_come_out_right() {
-    let medium = |scale: f64, absorption: f64| OpticalProperties {
-        sigma_s_reduced_per_mm: DVec3::new(1.0, 2.0, 4.0) * scale,
-        sigma_a_per_mm: DVec3::splat(absorption * scale),
-        g: 0.0,
-        eta_inside_over_outside: 1.3,
-    };
     for (scale, absorption) in [(1e3, 1e-3), (100.0, 0.01), (10.0, 0.0), (0.1, 0.1), (0.01, 0.0), (1e-4, 1e-3)] {
-        let fixture = head(medium(scale, absorption), 6000);
+        let (sigma_s, sigma_a) = (DVec3::new(1.0, 2.0, 4.0) * scale, DVec3::splat(absorption * scale));
+        let fixture = head(medium(sigma_s, sigma_a, 1.3), 6000);
         let (irradiance, pieces) = lit(&fixture, DVec3::new(-0.4, 0.2, 1.0));
         let found = error(&fixture, &kernels(&fixture), (&irradiance, &pieces), Quality::for_error(0.005));
         assert!(found <= 0.005, "{scale} {absorption}: {found:.1e}");

@@ -4,7 +4,7 @@ use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
 
-use super::mesh_boundary::MeshBoundary;
+use super::boundary::MeshBoundary;
 use super::walk::{Start, Stream};
 use crate::error::Result;
 use crate::geometry::bvh::{Bvh, Ray, offset_origin};

@@ -3,14 +3,14 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::boundary::Boundary;
+use super::boundary::{Boundary, MeshBoundary};
 use super::entry::{Candidate, Entries};
-use super::mesh_boundary::MeshBoundary;
-use super::tally::{Budget, Hats, Order, SlotTally};
+use super::tally::{Budget, Hats, SlotTally};
 use super::walk::{End, Start, Stream, WalkMedium, walk};
 use crate::error::{Error, ExitCode, Result};
 use crate::geometry::bvh::Bvh;
 use crate::light::Light;
+use crate::math::statistics::units_of;
 use crate::progress::{Progress, Silent};
 use crate::transport::domain::Domain;
 
@@ -45,9 +45,6 @@ const MARGIN: f64 = 1.1;
 
 /// Most photons of a channel.
 pub const MOST_PHOTONS: u64 = 1 << 40;
-
-/// Share of the brightest channel's RMS below which a channel's own RMS is not used as the unit.
-const CHANNEL_FLOOR: f64 = 1e-3;
 
 /// A larger share of the flux that is lost is an error: the surface has openings.
 pub const MOST_LOST: f64 = 1e-3;
@@ -103,8 +100,7 @@ impl Exitance {
 
     /// Unit of the errors of each channel: its RMS, or a thousandth of the brightest channel's if larger.
     pub fn unit(&self) -> DVec3 {
-        let rms = self.rms();
-        rms.max(DVec3::splat(CHANNEL_FLOOR * rms.max_element()))
+        units_of(self.rms())
     }
 
     /// Mean over the surface of a function of value and standard error.
@@ -317,8 +313,7 @@ impl Run<'_> {
         if let End::Left { site, order, weight: left } = walked.end
             && order > 0
         {
-            let order = if order == 1 { Order::Single } else { Order::Multiple };
-            batch.tally.add(self.hats, site, order, left * weight);
+            batch.tally.add(self.hats, site, order > 1, left * weight);
         }
     }
 }

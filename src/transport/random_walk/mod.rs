@@ -29,7 +29,6 @@ pub mod boundary;
 mod clearance;
 pub mod entry;
 pub mod exitance;
-pub mod mesh_boundary;
 pub mod model_error;
 pub mod tally;
 pub mod walk;

@@ -71,15 +71,6 @@ impl Hats {
     }
 }
 
-/// Orders of scattering that are tallied apart.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Order {
-    /// The photon left after one scattering event.
-    Single,
-    /// The photon left after several scattering events.
-    Multiple,
-}
-
 /// Weights are counted in these units, so that the order of addition does not matter. A slot holds 2^32 photons.
 const UNITS: f64 = 4_294_967_296.0;
 
@@ -93,15 +84,15 @@ impl SlotTally {
         Self { sums: std::iter::repeat_with(Default::default).take(slots).collect() }
     }
 
-    /// Adds a photon that left at a site.
+    /// Adds a photon that left at a site after one scattering event, or after several.
     #[inline]
-    pub(super) fn add(&self, hats: &Hats, site: Site, order: Order, weight: f64) {
+    pub(super) fn add(&self, hats: &Hats, site: Site, several: bool, weight: f64) {
         let Some(corners) = hats.corners.get(site.triangle as usize) else { return };
         let (u, v) = (f64::from(site.u), f64::from(site.v));
         for (&slot, share) in corners.iter().zip([1.0 - u - v, u, v]) {
             if let Some(sums) = self.sums.get(slot as usize) {
                 // A site on an edge may have a weight below 0 by rounding; the conversion makes it 0.
-                sums[order as usize].fetch_add((weight * share * UNITS).round() as u64, Ordering::Relaxed);
+                sums[usize::from(several)].fetch_add((weight * share * UNITS).round() as u64, Ordering::Relaxed);
             }
         }
     }

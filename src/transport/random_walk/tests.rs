@@ -2,9 +2,8 @@ use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
 
-use super::boundary::{Boundary, Crossing, HalfSpace, Sphere};
+use super::boundary::{Boundary, Crossing, HalfSpace, MeshBoundary, Sphere};
 use super::exitance::{Effort, Exitance, budget, exitance};
-use super::mesh_boundary::MeshBoundary;
 use super::model_error::{compare, project};
 use super::tally::{Budget, Hats};
 use super::walk::{Start, Stream, WalkMedium};
@@ -15,16 +14,10 @@ use crate::medium::fresnel::{CosineTransmittance, refracted_cosine};
 use crate::medium::material::OpticalProperties;
 use crate::progress::Silent;
 use crate::transport::random_walk::entry::Entries;
-use crate::transport::test_scene::TestScene;
-use crate::transport::test_scene::{Fixture, named};
+use crate::transport::test_scene::{self, Fixture, TestScene, named};
 
 fn medium(scattering: f64, absorption: f64, g: f64, eta: f64) -> OpticalProperties {
-    OpticalProperties {
-        sigma_s_reduced_per_mm: DVec3::splat(scattering),
-        sigma_a_per_mm: DVec3::splat(absorption),
-        g,
-        eta_inside_over_outside: eta,
-    }
+    OpticalProperties { g, ..test_scene::medium(DVec3::splat(scattering), DVec3::splat(absorption), eta) }
 }
 
 fn scene_of(source: crate::geometry::source::SourceModel, properties: OpticalProperties) -> TestScene {
@@ -147,7 +140,7 @@ fn analogue(albedo: f64, index: u64) -> f64 {
 #[test]
 fn a_mesh_boundary_answers_as_the_sphere_it_stands_for() {
     let radius = 5.0;
-    let mesh = crate::transport::test_scene::mesh_of(shapes::icosphere(radius, 5));
+    let mesh = test_scene::mesh_of(shapes::icosphere(radius, 5));
     let boundary = MeshBoundary::new(&mesh, (0..mesh.triangles.len() as u32).collect(), 0.5);
     let sphere = Sphere { radius_mm: radius };
     for i in 0..20_000 {
@@ -184,7 +177,7 @@ fn surfaces_inside_each_other_are_one_body_and_bubbles_are_holes() {
     let overlapping = shapes::compose(&[(big.clone(), DVec3::ZERO), (small.clone(), DVec3::X * 4.0)]);
     let bubble = shapes::compose(&[(big, DVec3::ZERO), (shapes::inside_out(small), DVec3::ZERO)]);
     let reaches = |model, from: DVec3| {
-        let mesh = crate::transport::test_scene::mesh_of(model);
+        let mesh = test_scene::mesh_of(model);
         let boundary = MeshBoundary::new(&mesh, (0..mesh.triangles.len() as u32).collect(), 0.5);
         let from = from - mesh.origin_mm;
         match boundary.crossing(from, DVec3::new(1.0, 1e-3, 2e-3).normalize(), 100.0, &mut 1) {

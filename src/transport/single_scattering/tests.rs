@@ -15,15 +15,10 @@ use crate::math::cube_map::{FACES, solid_angles_sr};
 use crate::medium::material::OpticalProperties;
 use crate::medium::phase::{HenyeyGreenstein, LightTerms};
 use crate::progress::Silent;
-use crate::transport::test_scene::{Fixture, named};
+use crate::transport::test_scene::{self, Fixture, named};
 
 fn medium(sigma_s: [f64; 3], sigma_a: [f64; 3], eta: f64) -> OpticalProperties {
-    OpticalProperties {
-        sigma_s_reduced_per_mm: DVec3::from_array(sigma_s),
-        sigma_a_per_mm: DVec3::from_array(sigma_a),
-        g: 0.0,
-        eta_inside_over_outside: eta,
-    }
+    test_scene::medium(DVec3::from_array(sigma_s), DVec3::from_array(sigma_a), eta)
 }
 
 /// A patch that is flat as far as light goes, and its middle.

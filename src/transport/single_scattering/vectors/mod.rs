@@ -51,7 +51,6 @@
 //! better. Eight depths: suns 4 % to 2.2 % under skin1 for twice the time.
 
 mod adaptive;
-mod every;
 mod probes;
 mod settings;
 mod shade;
@@ -59,8 +58,7 @@ mod shade;
 use std::ops::Range;
 
 use self::adaptive::{Adaptive, Grid};
-use self::every::every_direction;
-use self::probes::{ProbeMemory, Prober};
+use self::probes::{ProbeMemory, Prober, every_direction};
 use super::interior::ExitPoint;
 use crate::error::Result;
 use crate::geometry::bvh::Bvh;
