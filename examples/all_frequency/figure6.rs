@@ -9,7 +9,7 @@ use translux::math::cube_map::{FACES, direction, solid_angles_sr};
 use translux::measure::chart::draw::{Front, Point, Scatter, Unit, scatter_svg};
 use translux::measure::probes::fibonacci_direction;
 use translux::medium::material::OpticalProperties;
-use translux::medium::phase::{HenyeyGreenstein, LegendrePhase, LightTerms, MOST_TERMS, SeparablePhase};
+use translux::medium::phase::{HenyeyGreenstein, LegendrePhase, LightTerms, MOST_TERMS};
 use translux::render::single::Single;
 use translux::scene::Scene;
 use translux::transport::single_scattering::radiance::{Path, Settings};
@@ -20,6 +20,7 @@ use crate::bench::percent;
 use crate::common::bench::{Context, table};
 use crate::common::runner::summary;
 use crate::common::sheet;
+use crate::separable::SeparablePhase;
 use crate::single::{Picture, Rays, SIDE, SYNTHETIC, Stand, Terms, View, sums, sun_and_sky};
 
 /// Mean cosines.
@@ -73,28 +74,28 @@ impl Few {
     fn terms(&self) -> usize {
         match self {
             Self::Legendre(phase) => phase.terms(),
-            Self::Separable(phase) => phase.terms(),
+            Self::Separable(phase) => phase.light.terms(),
         }
     }
 
     fn light(&self, towards_light: DVec3, out: &mut [f64]) {
         match self {
             Self::Legendre(phase) => LegendrePhase::light(phase.terms(), towards_light, out),
-            Self::Separable(phase) => phase.light(towards_light, out),
+            Self::Separable(phase) => phase.light.evaluate(towards_light, out),
         }
     }
 
     fn view(&self) -> View<'_> {
         match self {
             Self::Legendre(phase) => View::Legendre(phase),
-            Self::Separable(phase) => View::Separable(phase),
+            Self::Separable(phase) => View::Separable(&phase.view),
         }
     }
 
     fn view_terms(&self, towards_eye: DVec3, out: &mut [f64]) {
         match self {
             Self::Legendre(phase) => phase.view(towards_eye, out),
-            Self::Separable(phase) => phase.view(towards_eye, out),
+            Self::Separable(phase) => phase.view.evaluate(towards_eye, out),
         }
     }
 }
@@ -248,7 +249,7 @@ fn pictures(context: &Context) -> Result<(String, String, String)> {
         let separable = Few::separable(g, SPLIT)?;
         let Few::Separable(phase) = &separable else { continue };
         let split = sums(
-            &VectorBaker::new(scene.domain(), &bvh, settings(LightTerms::Separable(phase.clone())))?,
+            &VectorBaker::new(scene.domain(), &bvh, settings(LightTerms::Maps(phase.light.clone())))?,
             &points,
             &cubes,
         );

@@ -1,3 +1,4 @@
+use super::super::planar::{far_triangle, near_triangle};
 use super::*;
 use crate::math::quadrature::integrate;
 use crate::math::random::uniform;

@@ -4,19 +4,17 @@
 //! Directions are outward on both sides: `w_i'` from a point inside towards the light, `w_o'` towards the eye. The
 //! cosine of the scattering angle is `-w_i'.w_o'`, so that g > 0 is forward.
 
-mod delta;
 mod henyey_greenstein;
 mod legendre;
-mod separable;
+mod maps;
 
 use std::f64::consts::FRAC_1_PI;
 
 use glam::DVec3;
 
-pub use self::delta::DeltaM;
 pub use self::henyey_greenstein::HenyeyGreenstein;
 pub use self::legendre::{LegendrePhase, MOST_TERMS};
-pub use self::separable::{SIDE, SeparablePhase};
+pub use self::maps::{DirectionMaps, SIDE};
 
 /// The light side of a phase function of few terms: `p(w_i', w_o') ~ Sum_k g_k(w_i') h_k(w_o')` (Wang, Tran and Luebke
 /// 2005, equation 9). An asset holds one vector for each `g_k`.
@@ -27,8 +25,8 @@ pub enum LightTerms {
     Isotropic,
     /// The first real spherical harmonics, this many, whatever the g of the medium (see [`LegendrePhase`]).
     Harmonics(usize),
-    /// The maps of a singular value decomposition.
-    Separable(SeparablePhase),
+    /// Any functions, such as those of a singular value decomposition.
+    Maps(DirectionMaps),
 }
 
 impl LightTerms {
@@ -37,7 +35,7 @@ impl LightTerms {
         match self {
             Self::Isotropic => 1,
             Self::Harmonics(terms) => (*terms).clamp(1, MOST_TERMS),
-            Self::Separable(phase) => phase.terms(),
+            Self::Maps(maps) => maps.terms(),
         }
     }
 
@@ -46,7 +44,7 @@ impl LightTerms {
         match self {
             Self::Isotropic => out.iter_mut().take(1).for_each(|g| *g = 0.25 * FRAC_1_PI),
             Self::Harmonics(_) => LegendrePhase::light(self.count(), towards_light, out),
-            Self::Separable(phase) => phase.light(towards_light, out),
+            Self::Maps(maps) => maps.evaluate(towards_light, out),
         }
     }
 }

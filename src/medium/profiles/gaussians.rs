@@ -2,10 +2,7 @@
 
 use std::path::Path;
 
-use glam::DVec3;
-
 use super::csv::{self, Row};
-use super::planar;
 use crate::error::{Error, Result};
 use crate::medium::profile::Profile;
 
@@ -107,9 +104,5 @@ impl Profile for Gaussians {
 
     fn tail(&self, r_mm: f64) -> f64 {
         self.terms.iter().map(|(w, v)| w / TAU * (-0.5 * r_mm * (r_mm / v)).exp()).sum()
-    }
-
-    fn triangle(&self, receiver_mm: DVec3, corners_mm: [DVec3; 3]) -> f64 {
-        planar::triangle(self, receiver_mm, corners_mm)
     }
 }

@@ -6,14 +6,9 @@
 
 use std::path::Path;
 
-use glam::DVec3;
-
 use super::csv::{self, Row};
-use super::planar;
 use crate::error::{Error, Result};
 use crate::medium::profile::Profile;
-
-use std::f64::consts::TAU;
 
 /// Interpolation of R between two distances.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -181,14 +176,6 @@ impl Profile for Measured {
             return 0.0;
         }
         piece.beyond + piece.integral(r_mm, end)
-    }
-
-    fn total(&self) -> f64 {
-        TAU * self.tail(0.0)
-    }
-
-    fn triangle(&self, receiver_mm: DVec3, corners_mm: [DVec3; 3]) -> f64 {
-        planar::triangle(self, receiver_mm, corners_mm)
     }
 }
 

@@ -10,14 +10,14 @@ use super::layers::{Layer, Layers};
 use super::measured::{self, Interpolation, Measured};
 use super::model::ProfileModel;
 use super::photon_beam::PhotonBeam;
-use super::{csv, layer_file, planar};
+use super::{csv, layer_file};
 use crate::error::ExitCode;
 use crate::math::quadrature::integrate;
 use crate::math::random::uniform;
 use crate::medium::dipole::Dipole;
 use crate::medium::fresnel::{BoundaryFit, boundary_a};
 use crate::medium::material::{OpticalProperties, PRESETS};
-use crate::medium::profile::Profile;
+use crate::medium::profile::{Profile, triangle_by_tail};
 
 use std::f64::consts::TAU;
 
@@ -125,7 +125,7 @@ fn edges_by_the_tail_alone_agree_with_the_closed_edges_of_the_dipole() {
             let size = 10.0_f64.powf(6.0 * random(20)) * dipole.z_real_mm;
             let corners = [point(0), point(3), point(6)].map(|p| p * size);
             let receiver = point(9) * size;
-            let error = planar::triangle(&dipole, receiver, corners) - dipole.triangle(receiver, corners);
+            let error = triangle_by_tail(&dipole, receiver, corners) - dipole.triangle(receiver, corners);
             worst = worst.max(error.abs() / dipole.total());
         }
     }
@@ -370,7 +370,10 @@ fn layer_files_are_read_and_their_mistakes_told() {
         ("[[layer]]\nthickness_mm = 0", "l.toml:2:16: thickness_mm is 0"),
         ("[[layer]]\npreset = \"mud\"", "l.toml:1:1: no material is called 'mud'"),
         ("[[layer]]\nsigma_a_per_mm = 1", "l.toml:1:1: the scattering coefficient"),
-        ("[[layer]]\nsigma_a_per_mm = \"a\"", "l.toml:2:18: a number or [red, green, blue]"),
+        (
+            "[[layer]]\nsigma_a_per_mm = \"a\"",
+            "l.toml:2:18: invalid type: string \"a\", expected one number or [red, green, blue]",
+        ),
     ] {
         let error = layer_file::parse(text, "l.toml").unwrap_err();
         assert_eq!(error.code(), ExitCode::InvalidInput);
