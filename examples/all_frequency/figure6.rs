@@ -6,7 +6,7 @@ use translux::error::Result;
 use translux::geometry::bvh::Bvh;
 use translux::light::cube_light::CubeLight;
 use translux::math::cube_map::{FACES, direction, solid_angles_sr};
-use translux::measure::chart::draw::{Front, Point, Scatter, Unit, scatter_svg};
+use translux::measure::chart::draw::{Front, Point, Scatter, Unit, as_svg};
 use translux::measure::probes::fibonacci_direction;
 use translux::medium::material::OpticalProperties;
 use translux::medium::phase::{HenyeyGreenstein, LegendrePhase, LightTerms, MOST_TERMS};
@@ -190,7 +190,7 @@ fn functions(context: &Context) -> Result<(String, String)> {
         context.say(&format!("figure 6: functions of g = {g}"));
     }
     let file = "all_frequency_figure6.svg";
-    translux::io::atomic::write(&context.pictures.join(file), scatter_svg(&scatter)?.as_bytes())?;
+    translux::io::atomic::write(&context.pictures.join(file), as_svg(&scatter)?.as_bytes())?;
     let head = ["g", "K", "form", "RMS", "least value, of the peak", "energy: least, largest"];
     Ok((format!("![{}](pictures/{file})\n\n", scatter.title), table(&head, &rows)))
 }

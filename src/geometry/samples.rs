@@ -13,6 +13,7 @@
 //! 20,000, 131,072 and 500,000 samples ([`spacing`]): nearest neighbour at 0.76, 0.69, 0.69 of sqrt(area / count) with a
 //! variation of 0.18, 0.20, 0.20 (random points: 0.5 and 0.52), areas varying by 0.25, 0.21, 0.23.
 
+use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use glam::DVec3;
@@ -133,36 +134,6 @@ enum Content {
     Facet(Facet),
 }
 
-/// Urgency of cutting a node: by its area, or before all others.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum Urgency {
-    ByArea,
-    First,
-}
-
-/// A candidate for the next cut: by urgency, then the largest area, then the older node.
-#[derive(Clone, Copy, PartialEq)]
-struct Candidate {
-    urgency: Urgency,
-    area: f64,
-    node: u32,
-}
-
-impl Eq for Candidate {}
-
-impl PartialOrd for Candidate {
-    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl Ord for Candidate {
-    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        let (a, b) = (self, other);
-        a.urgency.cmp(&b.urgency).then(a.area.total_cmp(&b.area)).then(b.node.cmp(&a.node))
-    }
-}
-
 /// The hierarchy from whole parts over clusters and triangles to facets.
 struct Subdivision {
     order: Vec<u32>,
@@ -209,14 +180,14 @@ impl Subdivision {
         let candidate = |nodes: &[Node], node: u32| {
             let Node { area, content, .. } = &nodes[node as usize];
             let cluster = matches!(content, Content::Cluster(range) if range.len() > 1);
-            let urgency = if own_triangles && cluster { Urgency::First } else { Urgency::ByArea };
-            Candidate { urgency, area: *area, node }
+            // Clusters first, then by area, whose bits are in its order because it is not negative; then the older node.
+            (own_triangles && cluster, area.to_bits(), Reverse(node))
         };
-        let mut heap: BinaryHeap<Candidate> =
+        let mut heap: BinaryHeap<(bool, u64, Reverse<u32>)> =
             self.roots.iter().map(|&(_, node)| candidate(&self.nodes, node)).collect();
         let mut leaves = heap.len();
         while leaves < count {
-            let Some(Candidate { node, .. }) = heap.pop() else { break };
+            let Some((_, _, Reverse(node))) = heap.pop() else { break };
             if let Some(children) = self.split(node) {
                 heap.extend(children.map(|c| candidate(&self.nodes, c)));
                 leaves += 1;
@@ -459,13 +430,12 @@ fn nearest(patches: &[Patch], order: &[u32], i: usize) -> Option<f64> {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::geometry::mesh::{Placement, Scale, resolve_scale};
     use crate::geometry::shapes;
     use crate::geometry::source::SourceModel;
+    use crate::geometry::test_data;
 
     fn mesh_of(source: SourceModel) -> (Mesh, PartTable) {
-        let placement: Placement = resolve_scale(&source, Some(Scale::MillimetresPerUnit(1.0))).unwrap();
-        let (mesh, _) = Mesh::from_source(source, &placement).unwrap();
+        let (mesh, _) = test_data::mesh_of(source);
         let triangle_part = vec![0; mesh.triangles.len()];
         let parts = PartTable::new(&mesh, triangle_part, vec![("all".into(), Some(0))]);
         (mesh, parts)

@@ -1,14 +1,13 @@
 //! The mesh check: size, topology, defects, and whether the mesh is fine enough for its material.
 
 mod measure;
-mod part;
 
 use serde::Serialize;
 
 use super::mesh::{Mesh, RepairReport};
 use super::parts::{Analysis, Closure, Role};
 
-pub use self::part::{MeanFreePath, PartCheck, THICKNESS_SAMPLES, THIN_MEAN_FREE_PATHS};
+pub use self::measure::{MeanFreePath, PartCheck, THICKNESS_SAMPLES, THIN_MEAN_FREE_PATHS};
 
 /// Share of a part's area above which thin regions and long edges are worth a warning.
 const WARNING_SHARE: f64 = 0.05;

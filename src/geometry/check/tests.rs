@@ -1,7 +1,5 @@
 #![allow(clippy::unwrap_used)]
 
-use std::path::PathBuf;
-
 use glam::DVec3;
 
 use super::*;
@@ -9,49 +7,9 @@ use crate::geometry::mesh::{Placement, Scale, resolve_scale};
 use crate::geometry::parts::{MaterialRoles, PartsRule};
 use crate::geometry::shapes::{bumpy_head, compose, cuboid, icosphere, inside_out, plane};
 use crate::geometry::source::SourceModel;
-
-fn checked(source: SourceModel, placement: Placement, paths: Option<&[MeanFreePath]>) -> MeshCheck {
-    let (mut mesh, mut report) = Mesh::from_source(source, &placement).unwrap();
-    let roles = MaterialRoles::single(mesh.materials.len());
-    let analysis = Analysis::new(&mut mesh, &roles, PartsRule::Auto, &mut report);
-    check(&mesh, &analysis, &report, paths)
-}
+use crate::geometry::test_data::{checked, obj};
 
 const UNIT: Placement = Placement { mm_per_unit: 1.0 };
-
-/// A file of the shared test data, or none (said on stderr) where there is none.
-fn shared(file: &str) -> Option<PathBuf> {
-    let root = std::env::var_os("TRANSLUX_SHARED")
-        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared"), PathBuf::from);
-    let path = root.join("data").join(file);
-    if !path.exists() {
-        eprintln!("WITHOUT ../shared: {} is not there", path.display());
-        return None;
-    }
-    Some(path)
-}
-
-/// Vertices and faces of an OBJ, faces cut as fans.
-fn obj(file: &str) -> Option<SourceModel> {
-    let text = std::fs::read_to_string(shared(file)?).unwrap();
-    let mut model = SourceModel { materials: vec!["default".into()], ..SourceModel::default() };
-    for line in text.lines() {
-        let mut words = line.split_whitespace();
-        match words.next() {
-            Some("v") => {
-                let p: Vec<f64> = words.take(3).map(|w| w.parse().unwrap()).collect();
-                model.positions.push(DVec3::from_slice(&p));
-            }
-            Some("f") => {
-                let face: Vec<u32> = words.map(|w| w.split('/').next().unwrap().parse::<u32>().unwrap() - 1).collect();
-                model.triangles.extend((1..face.len() - 1).map(|k| [face[0], face[k], face[k + 1]]));
-            }
-            _ => {}
-        }
-    }
-    model.triangle_material = vec![0; model.triangles.len()];
-    Some(model)
-}
 
 fn checked_file(file: &str) -> Option<MeshCheck> {
     let source = obj(file)?;

@@ -6,7 +6,6 @@
 mod components;
 mod roles;
 mod touch;
-mod tree;
 
 use std::collections::HashMap;
 

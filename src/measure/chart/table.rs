@@ -2,11 +2,11 @@
 
 use super::{Chart, Row};
 
-/// A column: its name with its unit, and the cell of a row.
-pub type Column = (&'static str, fn(&Row) -> String);
+/// A column of rows: its name with its unit, and the cell of a row.
+pub(in crate::measure) type Column<R> = (&'static str, fn(&R) -> String);
 
 /// Every column of the table.
-pub const COLUMNS: &[Column] = &[
+const COLUMNS: &[Column<Row>] = &[
     ("model", |r| r.model.clone()),
     ("material", |r| r.material.clone()),
     ("method", |r| r.method.clone()),
@@ -46,17 +46,20 @@ pub(in crate::measure) fn number(value: f64) -> String {
     rounded.to_string()
 }
 
-/// The table with its header.
-pub fn csv(chart: &Chart) -> String {
+/// Rows as lines below the names of their columns.
+pub(in crate::measure) fn lines<R>(columns: &[Column<R>], rows: &[R]) -> String {
     let line = |cells: Vec<String>| cells.iter().map(|cell| quoted(cell)).collect::<Vec<_>>().join(",") + "\r\n";
-    let mut text = line(COLUMNS.iter().map(|(name, _)| (*name).to_owned()).collect());
-    for row in &chart.rows {
-        text += &line(COLUMNS.iter().map(|(_, value)| value(row)).collect());
-    }
-    text
+    let header = line(columns.iter().map(|(name, _)| (*name).to_owned()).collect());
+    let of_row = |row: &R| line(columns.iter().map(|(_, value)| value(row)).collect());
+    rows.iter().fold(header, |text, row| text + &of_row(row))
 }
 
-pub(in crate::measure) fn quoted(cell: &str) -> String {
+/// The table with its header.
+pub fn csv(chart: &Chart) -> String {
+    lines(COLUMNS, &chart.rows)
+}
+
+fn quoted(cell: &str) -> String {
     if cell.contains([',', '"', '\n', '\r']) { format!("\"{}\"", cell.replace('"', "\"\"")) } else { cell.to_owned() }
 }
 

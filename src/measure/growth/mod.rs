@@ -3,16 +3,15 @@
 
 mod axis;
 pub mod draw;
-pub mod explain;
 pub mod fit;
-pub mod limits;
 pub mod page;
 pub mod surface;
 pub mod table;
 
 use serde::{Deserialize, Serialize};
 
-pub use self::axis::{Axis, Quantity};
+use self::axis::why;
+pub use self::axis::{Axis, Quantity, pairs};
 use self::fit::{PowerLaw, end_slope, power_law};
 use super::chart::Machine;
 use crate::math::statistics::Quantiles;
@@ -25,6 +24,12 @@ pub const FASTER_THAN_SIZE: f64 = 1.1;
 
 /// Like [`FASTER_THAN_SIZE`], for the two largest points alone, which are noisier than a fit.
 pub const FASTER_AT_THE_END: f64 = 1.25;
+
+/// Factor on the limit up to which work is started, since predictions are rough.
+pub const MARGIN: f64 = 1.25;
+
+/// Factor on the limit at which a running bake is ended.
+pub const KILL: f64 = 2.0;
 
 impl Quantity {
     /// All costs in the order of the page.
@@ -189,10 +194,34 @@ pub struct Growing {
 /// Limits of the measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Limits {
-    /// Largest predicted duration, s, of a bake or a new light that is started; [`limits::MARGIN`] is allowed on top.
+    /// Largest predicted duration, s, of a bake or a new light that is started; [`MARGIN`] is allowed on top.
     pub seconds: f64,
     /// Largest estimated memory, bytes, of a bake that is started.
     pub memory_bytes: u64,
+}
+
+impl Limits {
+    /// The reason why work of this predicted duration is not started; none where it is started, or where nothing is
+    /// known.
+    pub fn too_long(&self, predicted_seconds: Option<f64>, say: fn(f64) -> String) -> Option<String> {
+        let predicted = predicted_seconds?;
+        // What is not a number is over the limit.
+        let fits = predicted <= MARGIN * self.seconds;
+        (!fits).then(|| {
+            format!("about {} predicted from the smaller sizes, {} allowed", say(predicted), say(self.seconds))
+        })
+    }
+
+    /// The reason why a bake of this estimated memory is not started.
+    pub fn too_large(&self, estimated_bytes: u64, say: fn(u64) -> String) -> Option<String> {
+        (estimated_bytes > self.memory_bytes)
+            .then(|| format!("about {} of memory estimated, {} allowed", say(estimated_bytes), say(self.memory_bytes)))
+    }
+
+    /// Duration at which a running bake is ended, s.
+    pub fn kill_seconds(&self) -> f64 {
+        KILL * self.seconds
+    }
 }
 
 /// The whole measurement.
@@ -241,8 +270,8 @@ impl Growth {
         let end_exponent = end_slope(&used);
         let finding = law.is_some_and(|law| law.exponent > FASTER_THAN_SIZE)
             || end_exponent.is_some_and(|exponent| exponent > FASTER_AT_THE_END);
-        let why = || explain::why(axis, method, quantity, self.fixed_samples);
-        let explanation = finding.then(why).flatten().map(str::to_owned);
+        let reason = || why(axis, method, quantity, self.fixed_samples);
+        let explanation = finding.then(reason).flatten().map(str::to_owned);
         let method = method.to_owned();
         let below_floor = below.into_iter().map(|p| p.0).collect();
         Some(Growing { axis, method, quantity, law, end_exponent, below_floor, finding, explanation })
