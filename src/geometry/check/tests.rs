@@ -189,24 +189,6 @@ fn the_report_is_json_and_the_same_on_any_number_of_threads() {
 }
 
 #[test]
-fn a_large_mesh_is_checked_in_a_moment() {
-    let source = bumpy_head(10.0, 7);
-    let start = std::time::Instant::now();
-    let (mut mesh, mut report) = Mesh::from_source(source, &UNIT).unwrap();
-    let built = start.elapsed();
-    let analysis = Analysis::new(&mut mesh, &MaterialRoles::single(1), PartsRule::Auto, &mut report);
-    let analysed = start.elapsed();
-    let c = check(&mesh, &analysis, &report, None);
-    println!(
-        "{} triangles: mesh {built:?}, parts {:?}, check {:?}",
-        c.triangles,
-        analysed - built,
-        start.elapsed() - analysed
-    );
-    assert_eq!(c.triangles, 327_680);
-}
-
-#[test]
 fn random_soups_neither_panic_nor_give_anything_but_numbers() {
     use crate::math::random::{bits, uniform};
     for round in 0..300 {

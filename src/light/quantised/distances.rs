@@ -112,11 +112,6 @@ impl DistanceSet {
         &self.inverse
     }
 
-    /// Interpolation of values between shells.
-    pub fn blend(&self) -> Blend {
-        self.blend
-    }
-
     /// The least distance from the centre in mm at which a point light is carried; infinite for parallel light only.
     pub fn nearest_mm(&self) -> f64 {
         self.inverse.last().map_or(f64::INFINITY, |u| self.radius_mm / u)
@@ -321,20 +316,5 @@ mod tests {
         let of = |blend, count| error(&DistanceSet::spread(CENTRE, 1.0, count, 2.0 / 3.0, blend).unwrap(), 2.0 / 3.0);
         assert!(of(Blend::Polynomial, 4) < 0.6 * of(Blend::Linear, 4));
         assert!(of(Blend::Polynomial, 6) < 0.3 * of(Blend::Linear, 6));
-    }
-
-    /// Prints the table of the documentation.
-    #[test]
-    #[ignore = "prints tables"]
-    fn print_errors() {
-        for nearest in [1.0 / 3.0, 0.5, 2.0 / 3.0, 0.8, 0.9] {
-            for blend in [Blend::Linear, Blend::Polynomial] {
-                let of = |count| error(&DistanceSet::spread(CENTRE, 1.0, count, nearest, blend).unwrap(), nearest);
-                println!(
-                    "{nearest:.3} {blend:?} 2..8 shells: {:?}",
-                    (2..=8).map(|n| format!("{:.2e}", of(n))).collect::<Vec<_>>()
-                );
-            }
-        }
     }
 }

@@ -173,7 +173,7 @@ impl Interpolator {
             )));
         }
         let order = if count < QUADRATIC_FROM { 2 } else { 3 };
-        let matrix = rbf_matrix(set, order, kernel).ok_or_else(|| undetermined(count, order))?;
+        let matrix = rbf_matrix(set, order).ok_or_else(|| undetermined(count, order))?;
         Ok(Self { set: set.clone(), scheme: Scheme::Rbf, order, functions: count + order * order, matrix })
     }
 
@@ -321,8 +321,7 @@ fn gram(rows: &[f64], width: usize) -> Option<Vec<f64>> {
 
 /// Weights from kernel values and harmonics: the interpolant sum_j a_j k(w, w_j) + sum_q b_q Y_q(w) with Y^T a = 0 solves
 /// [K Y; Y^T 0] [a; b] = [f; 0], so the weights of the values f are M k(w) + N Y(w) with M, N from the inverse of that matrix.
-/// `kernel` is a function of the squared chord.
-pub(super) fn rbf_matrix(set: &DirectionSet, order: usize, kernel: impl Fn(f64) -> f64 + Sync) -> Option<Vec<f64>> {
+fn rbf_matrix(set: &DirectionSet, order: usize) -> Option<Vec<f64>> {
     let (count, width) = (set.count(), order * order);
     let y = harmonics(set, order);
     let y_row = |i: usize| &y[i * width..(i + 1) * width];

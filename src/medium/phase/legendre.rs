@@ -54,11 +54,6 @@ impl LegendrePhase {
         self.terms
     }
 
-    /// `chi_l` of each band.
-    pub fn moments(&self) -> &[f64] {
-        &self.moments
-    }
-
     /// `g_k = y_k` of the first `terms` harmonics at a unit vector towards the light.
     pub fn light(terms: usize, towards_light: DVec3, out: &mut [f64]) {
         let count = terms.min(out.len());

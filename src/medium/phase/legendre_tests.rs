@@ -18,7 +18,7 @@ fn the_product_of_both_sides_is_the_series() {
     for terms in [1, 4, 9, 16, 25, 64, 144] {
         for g in [-0.9, -0.4, 0.0, 0.25, 0.7] {
             let phase = LegendrePhase::henyey_greenstein(g, terms);
-            assert_eq!((phase.terms(), phase.moments().len()), (terms, terms.isqrt()));
+            assert_eq!((phase.terms(), phase.moments.len()), (terms, terms.isqrt()));
             for i in 0..20 {
                 let (a, b) = (direction(2 * i), direction(2 * i + 1));
                 let difference = phase.product(a, b) - phase.density(-a.dot(b));

@@ -380,25 +380,3 @@ fn layer_files_are_read_and_their_mistakes_told() {
         assert!(error.message().starts_with(says), "{text}: {error}");
     }
 }
-
-/// A measurement, not a check: `cargo test --release --lib profiles -- --ignored --nocapture cost`.
-#[test]
-#[ignore = "prints times"]
-fn cost_of_a_call() {
-    let time = |f: &dyn Fn(f64) -> f64, count: u32| {
-        let start = std::time::Instant::now();
-        let sum: f64 = (0..count).map(|i| f(1e-3 + 5.0 * f64::from(i) / f64::from(count))).sum();
-        (start.elapsed().as_secs_f64() * 1e9 / f64::from(count), sum)
-    };
-    for (name, profile, _) in one_of_each() {
-        let corners = [DVec3::ZERO, DVec3::X, DVec3::Y];
-        let (reflectance, tail) = (time(&|r| profile.reflectance(r), 1_000_000), time(&|r| profile.tail(r), 1_000_000));
-        let triangle = time(&|r| profile.triangle(DVec3::new(0.3 * r, 0.2, 0.0), corners), 5_000);
-        println!("{name}: R {:.0} ns, tail {:.0} ns, triangle {:.0} ns", reflectance.0, tail.0, triangle.0);
-    }
-    for text in MODELS {
-        let (model, start) = (ProfileModel::parse(text).unwrap(), std::time::Instant::now());
-        let channels = model.channels(&PRESETS[0].properties()).unwrap();
-        println!("{text}: {} channels in {:.2} ms", channels.len(), start.elapsed().as_secs_f64() * 1e3);
-    }
-}
