@@ -5,9 +5,9 @@ use rayon::prelude::*;
 use translux::error::Result;
 use translux::geometry::bvh::Bvh;
 use translux::light::cube_light::CubeLight;
+use translux::light::quantised::directions::lattice;
 use translux::math::cube_map::{FACES, direction, solid_angles_sr};
 use translux::measure::chart::draw::{Front, Point, Scatter, Unit, as_svg};
-use translux::measure::probes::fibonacci_direction;
 use translux::medium::material::OpticalProperties;
 use translux::medium::phase::{HenyeyGreenstein, LegendrePhase, LightTerms, MOST_TERMS};
 use translux::render::single::Single;
@@ -114,9 +114,9 @@ pub(crate) struct Figures {
 pub(crate) fn figures(g: f64, phase: &Few) -> Figures {
     let (exact, terms) = (HenyeyGreenstein::new(g), phase.terms());
     let angles = solid_angles_sr(FINE);
-    let eyes: Vec<(DVec3, Vec<f64>)> = (0..EYES)
-        .map(|i| {
-            let eye = fibonacci_direction(i, EYES);
+    let eyes: Vec<(DVec3, Vec<f64>)> = lattice(EYES, 0.5)
+        .into_iter()
+        .map(|eye| {
             let mut view = vec![0.0; terms];
             phase.view_terms(eye, &mut view);
             (eye, view)

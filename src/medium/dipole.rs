@@ -239,4 +239,4 @@ impl Profile for Dipole {
 }
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

@@ -194,6 +194,11 @@ pub const PRESETS: [Preset; 12] = [
     Preset::new("wholemilk", [2.55, 3.21, 3.77], [0.0011, 0.0024, 0.014], 1.3, [0.91, 0.88, 0.76]),
 ];
 
+/// The dipoles of every channel of the measured materials, with the published boundary.
+pub(crate) fn preset_dipoles() -> impl Iterator<Item = Dipole> {
+    PRESETS.iter().flat_map(|preset| preset.properties().dipoles(BoundaryFit::Published))
+}
+
 /// The preset of that name; letter case does not matter.
 pub fn preset(name: &str) -> Option<&'static Preset> {
     PRESETS.iter().find(|preset| preset.name.eq_ignore_ascii_case(name))

@@ -51,44 +51,18 @@ pub fn cos_sin_of_turn(turns: f64) -> DVec2 {
 /// vertices on the sphere. At most 9 subdivisions are made.
 pub fn icosphere(radius: f64, subdivisions: u32) -> SourceModel {
     let phi = 0.5 * (1.0 + 5f64.sqrt());
-    let mut positions: Vec<DVec3> = [
-        [-1.0, phi, 0.0],
-        [1.0, phi, 0.0],
-        [-1.0, -phi, 0.0],
-        [1.0, -phi, 0.0],
-        [0.0, -1.0, phi],
-        [0.0, 1.0, phi],
-        [0.0, -1.0, -phi],
-        [0.0, 1.0, -phi],
-        [phi, 0.0, -1.0],
-        [phi, 0.0, 1.0],
-        [-phi, 0.0, -1.0],
-        [-phi, 0.0, 1.0],
-    ]
-    .map(|p| DVec3::from(p).normalize())
-    .to_vec();
-    let mut triangles: Vec<[u32; 3]> = vec![
-        [0, 11, 5],
-        [0, 5, 1],
-        [0, 1, 7],
-        [0, 7, 10],
-        [0, 10, 11],
-        [1, 5, 9],
-        [5, 11, 4],
-        [11, 10, 2],
-        [10, 7, 6],
-        [7, 1, 8],
-        [3, 9, 4],
-        [3, 4, 2],
-        [3, 2, 6],
-        [3, 6, 8],
-        [3, 8, 9],
-        [4, 9, 5],
-        [2, 4, 11],
-        [6, 2, 10],
-        [8, 6, 7],
-        [9, 8, 1],
+    // Corners of three rectangles at right angles, and the faces between them.
+    let corners = [
+        -1.0, phi, 0.0, 1.0, phi, 0.0, -1.0, -phi, 0.0, 1.0, -phi, 0.0, 0.0, -1.0, phi, 0.0, 1.0, phi, 0.0, -1.0, -phi,
+        0.0, 1.0, -phi, phi, 0.0, -1.0, phi, 0.0, 1.0, -phi, 0.0, -1.0, -phi, 0.0, 1.0,
     ];
+    let faces = [
+        0, 11, 5, 0, 5, 1, 0, 1, 7, 0, 7, 10, 0, 10, 11, 1, 5, 9, 5, 11, 4, 11, 10, 2, 10, 7, 6, 7, 1, 8, 3, 9, 4, 3,
+        4, 2, 3, 2, 6, 3, 6, 8, 3, 8, 9, 4, 9, 5, 2, 4, 11, 6, 2, 10, 8, 6, 7, 9, 8, 1,
+    ];
+    let mut positions: Vec<DVec3> =
+        corners.as_chunks::<3>().0.iter().map(|p| DVec3::from_array(*p).normalize()).collect();
+    let mut triangles: Vec<[u32; 3]> = faces.as_chunks::<3>().0.to_vec();
     for _ in 0..subdivisions.min(9) {
         let mut middle: HashMap<(u32, u32), u32> = HashMap::new();
         let mut cut = |a: u32, b: u32| {

@@ -96,8 +96,8 @@ impl DirectionSet {
     }
 }
 
-/// The lattice with an offset of `offset` steps from the poles.
-fn lattice(count: usize, offset: f64) -> Vec<DVec3> {
+/// A spherical Fibonacci lattice with an offset of `offset` steps from the poles.
+pub fn lattice(count: usize, offset: f64) -> Vec<DVec3> {
     let golden = 0.5 * (5f64.sqrt() - 1.0);
     (0..count)
         .map(|i| {

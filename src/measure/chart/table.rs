@@ -62,22 +62,3 @@ pub fn csv(chart: &Chart) -> String {
 fn quoted(cell: &str) -> String {
     if cell.contains([',', '"', '\n', '\r']) { format!("\"{}\"", cell.replace('"', "\"\"")) } else { cell.to_owned() }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn cells_are_quoted_where_they_must_be() {
-        assert_eq!(quoted("plain"), "plain");
-        assert_eq!(quoted("a,b"), "\"a,b\"");
-        assert_eq!(quoted("say \"x\""), "\"say \"\"x\"\"\"");
-    }
-
-    #[test]
-    fn numbers_keep_six_digits() {
-        assert_eq!(number(0.123_456_789), "0.123457");
-        assert_eq!(number(1234.0), "1234");
-        assert_eq!(number(1e-9), "0.000000001");
-    }
-}

@@ -18,31 +18,28 @@ impl Axis {
     /// All axes in the order of the page.
     pub const ALL: [Self; 3] = [Self::Vertices, Self::Samples, Self::Ratio];
 
+    /// Name, title and unit.
+    fn words(self) -> [&'static str; 3] {
+        match self {
+            Self::Vertices => ["vertices", "vertices", "vertices"],
+            Self::Samples => ["samples", "surface samples", "samples"],
+            Self::Ratio => ["ratio", "size of the object in mean free paths", "mean free paths across"],
+        }
+    }
+
     /// Name in files and tables.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Vertices => "vertices",
-            Self::Samples => "samples",
-            Self::Ratio => "ratio",
-        }
+        self.words()[0]
     }
 
     /// Title beside the axis of a chart.
     pub fn title(self) -> &'static str {
-        match self {
-            Self::Vertices => "vertices",
-            Self::Samples => "surface samples",
-            Self::Ratio => "size of the object in mean free paths",
-        }
+        self.words()[1]
     }
 
     /// Unit that follows the number of a size.
     pub fn unit(self) -> &'static str {
-        match self {
-            Self::Vertices => "vertices",
-            Self::Samples => "samples",
-            Self::Ratio => "mean free paths across",
-        }
+        self.words()[2]
     }
 }
 

@@ -42,38 +42,31 @@ impl Quantity {
         Self::RelightMs,
     ];
 
+    /// Name, title and floor.
+    fn words(self) -> (&'static str, &'static str, f64) {
+        match self {
+            Self::BakeSeconds => ("bake", "time to bake", 5e-3),
+            Self::PeakMemoryBytes => ("memory", "most memory of the bake", 32e6),
+            Self::Bytes => ("bytes", "bytes on disk without mesh and environment", 4096.0),
+            Self::EnvironmentBytes => ("environment", "bytes on disk of what environments need", 4096.0),
+            Self::ResidentBytes => ("resident", "bytes in memory when opened, without the mesh", 4096.0),
+            Self::RelightMs => ("relight", "time from a new light to new radiosity", 0.1),
+        }
+    }
+
     /// Name in files.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::BakeSeconds => "bake",
-            Self::PeakMemoryBytes => "memory",
-            Self::Bytes => "bytes",
-            Self::EnvironmentBytes => "environment",
-            Self::ResidentBytes => "resident",
-            Self::RelightMs => "relight",
-        }
+        self.words().0
     }
 
     /// Title for people.
     pub fn title(self) -> &'static str {
-        match self {
-            Self::BakeSeconds => "time to bake",
-            Self::PeakMemoryBytes => "most memory of the bake",
-            Self::Bytes => "bytes on disk without mesh and environment",
-            Self::EnvironmentBytes => "bytes on disk of what environments need",
-            Self::ResidentBytes => "bytes in memory when opened, without the mesh",
-            Self::RelightMs => "time from a new light to new radiosity",
-        }
+        self.words().1
     }
 
     /// The cost below which a value is mostly the overhead of any process or file; such values are left out of fits.
     pub fn floor(self) -> f64 {
-        match self {
-            Self::BakeSeconds => 5e-3,
-            Self::PeakMemoryBytes => 32e6,
-            Self::Bytes | Self::EnvironmentBytes | Self::ResidentBytes => 4096.0,
-            Self::RelightMs => 0.1,
-        }
+        self.words().2
     }
 
     /// The cost of a point, if it was measured.

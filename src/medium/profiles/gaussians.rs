@@ -69,9 +69,8 @@ impl Gaussians {
     /// Errors of [`Gaussians::new`], with the channel.
     pub fn channels(lobes: &[Lobe]) -> Result<[Self; 3]> {
         let channel = |c: usize| {
-            let terms: Vec<(f64, f64)> =
-                lobes.iter().map(|lobe| (lobe.weights.get(c).copied().unwrap_or(0.0), lobe.variance_mm2)).collect();
-            Self::new(&terms).map_err(|error| error.at(["red", "green", "blue"].get(c).unwrap_or(&"")))
+            let terms: Vec<(f64, f64)> = lobes.iter().map(|lobe| (lobe.weights[c], lobe.variance_mm2)).collect();
+            Self::new(&terms).map_err(|error| error.at(["red", "green", "blue"][c]))
         };
         Ok([channel(0)?, channel(1)?, channel(2)?])
     }

@@ -2,7 +2,6 @@
 
 use std::path::Path;
 
-use glam::DVec3;
 use toml::Spanned;
 
 use super::layers::{Layer, MOST_LAYERS, THICKNESSES_MM};
@@ -23,11 +22,10 @@ impl LayerSpec {
     /// The layer of one channel (0 to 2).
     pub(super) fn channel(&self, medium: &OpticalProperties, channel: usize) -> Layer {
         let properties = self.properties.as_ref().unwrap_or(medium);
-        let of = |v: DVec3| v.to_array().get(channel).copied().unwrap_or(0.0);
         Layer {
             thickness_mm: self.thickness_mm,
-            sigma_s_reduced_per_mm: of(properties.sigma_s_reduced_per_mm),
-            sigma_a_per_mm: of(properties.sigma_a_per_mm),
+            sigma_s_reduced_per_mm: properties.sigma_s_reduced_per_mm[channel],
+            sigma_a_per_mm: properties.sigma_a_per_mm[channel],
             eta_inside_over_outside: properties.eta_inside_over_outside,
         }
     }

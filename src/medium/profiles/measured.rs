@@ -199,9 +199,8 @@ pub(super) fn from_rows(rows: &[Row], place: &str, interpolation: Interpolation)
         previous = Some(row.key);
     }
     let channel = |c: usize| {
-        let points: Vec<(f64, f64)> =
-            rows.iter().map(|row| (row.key, row.rgb.get(c).copied().unwrap_or(0.0))).collect();
-        Measured::new(&points, interpolation).map_err(|e| e.at(names.get(c).unwrap_or(&"")).at(place))
+        let points: Vec<(f64, f64)> = rows.iter().map(|row| (row.key, row.rgb[c])).collect();
+        Measured::new(&points, interpolation).map_err(|e| e.at(names[c]).at(place))
     };
     Ok([channel(0)?, channel(1)?, channel(2)?])
 }
