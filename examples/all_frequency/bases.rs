@@ -2,7 +2,7 @@
 
 use translux::error::Result;
 use translux::light::Light;
-use translux::measure::chart::draw::{Front, Point, Scatter, Unit, scatter_svg};
+use translux::measure::chart::draw::{Front, Point, Scatter, Unit, as_svg};
 use translux::progress::Silent;
 use translux::scene::Scene;
 
@@ -135,7 +135,7 @@ pub(crate) fn run(context: &Context) -> Result<String> {
     let files = ["all_frequency_bases.svg", "all_frequency_bases_sun.svg"];
     let mut text = String::new();
     for (file, chart) in files.iter().zip(&charts) {
-        translux::io::atomic::write(&context.pictures.join(file), scatter_svg(chart)?.as_bytes())?;
+        translux::io::atomic::write(&context.pictures.join(file), as_svg(chart)?.as_bytes())?;
         text.push_str(&format!("![{}](pictures/{file})\n\n", chart.title));
     }
     let head = [

@@ -8,9 +8,9 @@ use translux::error::{Error, Result};
 use translux::evaluate::Evaluator;
 use translux::io::environment::load_environment;
 use translux::light::environment::EnvironmentMap;
+use translux::light::quantised::directions::lattice;
 use translux::light::{Light, LightKind};
 use translux::math::cube_map::FACES;
-use translux::measure::probes::fibonacci_direction;
 use translux::methods;
 use translux::progress::{Progress, Silent};
 use translux::scene::Scene;
@@ -72,7 +72,7 @@ impl Map {
 /// A sun of irradiance 1 from the `index`-th of `count` directions that are spread over the sphere, about another axis than the
 /// probes that a bake sees.
 pub(crate) fn sun(index: usize, count: usize) -> Light {
-    parallel(fibonacci_direction(index, count).yzx())
+    parallel(lattice(count, 0.5)[index].yzx())
 }
 
 /// Constant light of radiance 1 with a sun that has as much energy.

@@ -5,11 +5,11 @@ use rayon::prelude::*;
 use translux::error::Result;
 use translux::geometry::bvh::Bvh;
 use translux::light::cube_light::CubeLight;
+use translux::light::quantised::directions::lattice;
 use translux::math::cube_map::{FACES, direction, solid_angles_sr};
-use translux::measure::chart::draw::{Front, Point, Scatter, Unit, scatter_svg};
-use translux::measure::probes::fibonacci_direction;
+use translux::measure::chart::draw::{Front, Point, Scatter, Unit, as_svg};
 use translux::medium::material::OpticalProperties;
-use translux::medium::phase::{HenyeyGreenstein, LegendrePhase, LightTerms, MOST_TERMS, SeparablePhase};
+use translux::medium::phase::{HenyeyGreenstein, LegendrePhase, LightTerms, MOST_TERMS};
 use translux::render::single::Single;
 use translux::scene::Scene;
 use translux::transport::single_scattering::radiance::{Path, Settings};
@@ -20,6 +20,7 @@ use crate::bench::percent;
 use crate::common::bench::{Context, table};
 use crate::common::runner::summary;
 use crate::common::sheet;
+use crate::separable::SeparablePhase;
 use crate::single::{Picture, Rays, SIDE, SYNTHETIC, Stand, Terms, View, sums, sun_and_sky};
 
 /// Mean cosines.
@@ -73,28 +74,28 @@ impl Few {
     fn terms(&self) -> usize {
         match self {
             Self::Legendre(phase) => phase.terms(),
-            Self::Separable(phase) => phase.terms(),
+            Self::Separable(phase) => phase.light.terms(),
         }
     }
 
     fn light(&self, towards_light: DVec3, out: &mut [f64]) {
         match self {
             Self::Legendre(phase) => LegendrePhase::light(phase.terms(), towards_light, out),
-            Self::Separable(phase) => phase.light(towards_light, out),
+            Self::Separable(phase) => phase.light.evaluate(towards_light, out),
         }
     }
 
     fn view(&self) -> View<'_> {
         match self {
             Self::Legendre(phase) => View::Legendre(phase),
-            Self::Separable(phase) => View::Separable(phase),
+            Self::Separable(phase) => View::Separable(&phase.view),
         }
     }
 
     fn view_terms(&self, towards_eye: DVec3, out: &mut [f64]) {
         match self {
             Self::Legendre(phase) => phase.view(towards_eye, out),
-            Self::Separable(phase) => phase.view(towards_eye, out),
+            Self::Separable(phase) => phase.view.evaluate(towards_eye, out),
         }
     }
 }
@@ -113,9 +114,9 @@ pub(crate) struct Figures {
 pub(crate) fn figures(g: f64, phase: &Few) -> Figures {
     let (exact, terms) = (HenyeyGreenstein::new(g), phase.terms());
     let angles = solid_angles_sr(FINE);
-    let eyes: Vec<(DVec3, Vec<f64>)> = (0..EYES)
-        .map(|i| {
-            let eye = fibonacci_direction(i, EYES);
+    let eyes: Vec<(DVec3, Vec<f64>)> = lattice(EYES, 0.5)
+        .into_iter()
+        .map(|eye| {
             let mut view = vec![0.0; terms];
             phase.view_terms(eye, &mut view);
             (eye, view)
@@ -189,7 +190,7 @@ fn functions(context: &Context) -> Result<(String, String)> {
         context.say(&format!("figure 6: functions of g = {g}"));
     }
     let file = "all_frequency_figure6.svg";
-    translux::io::atomic::write(&context.pictures.join(file), scatter_svg(&scatter)?.as_bytes())?;
+    translux::io::atomic::write(&context.pictures.join(file), as_svg(&scatter)?.as_bytes())?;
     let head = ["g", "K", "form", "RMS", "least value, of the peak", "energy: least, largest"];
     Ok((format!("![{}](pictures/{file})\n\n", scatter.title), table(&head, &rows)))
 }
@@ -248,7 +249,7 @@ fn pictures(context: &Context) -> Result<(String, String, String)> {
         let separable = Few::separable(g, SPLIT)?;
         let Few::Separable(phase) = &separable else { continue };
         let split = sums(
-            &VectorBaker::new(scene.domain(), &bvh, settings(LightTerms::Separable(phase.clone())))?,
+            &VectorBaker::new(scene.domain(), &bvh, settings(LightTerms::Maps(phase.light.clone())))?,
             &points,
             &cubes,
         );

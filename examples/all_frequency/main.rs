@@ -21,6 +21,7 @@ mod lights;
 mod meshes;
 mod page;
 mod profile;
+mod separable;
 mod single;
 mod thin;
 

@@ -14,7 +14,7 @@ use translux::light::cube_light::CubeLight;
 use translux::math::cube_map::direction;
 use translux::measure::image_error::{ImageError, exposure, image_error};
 use translux::medium::fresnel::transmittance;
-use translux::medium::phase::{LegendrePhase, MOST_TERMS, SeparablePhase};
+use translux::medium::phase::{DirectionMaps, LegendrePhase, MOST_TERMS};
 use translux::methods;
 use translux::progress::Silent;
 use translux::render::background::Background;
@@ -175,21 +175,21 @@ impl TowardsEye for Marks<'_> {
 /// The view side of a phase function of few terms.
 pub(crate) enum View<'a> {
     Legendre(&'a LegendrePhase),
-    Separable(&'a SeparablePhase),
+    Separable(&'a DirectionMaps),
 }
 
 impl View<'_> {
     fn terms(&self) -> usize {
         match self {
             Self::Legendre(phase) => phase.terms(),
-            Self::Separable(phase) => phase.terms(),
+            Self::Separable(maps) => maps.terms(),
         }
     }
 
     fn evaluate(&self, towards_eye: DVec3, out: &mut [f64]) {
         match self {
             Self::Legendre(phase) => phase.view(towards_eye, out),
-            Self::Separable(phase) => phase.view(towards_eye, out),
+            Self::Separable(maps) => maps.evaluate(towards_eye, out),
         }
     }
 }

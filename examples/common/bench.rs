@@ -10,7 +10,7 @@ use translux::error::{Error, Result};
 use translux::evaluate::{BakeSettings, Method};
 use translux::geometry::mesh::{Mesh, Scale, resolve_scale};
 use translux::geometry::part_table::PartTable;
-use translux::geometry::parts::{MaterialRoles, Parts, PartsRule};
+use translux::geometry::parts::{Analysis, MaterialRoles, PartsRule};
 use translux::geometry::source::SourceModel;
 use translux::io::obj::read_obj;
 use translux::light::{Light, LightKind};
@@ -75,7 +75,7 @@ pub(crate) fn scene_of(source: SourceModel, scale: Scale, rule: PartsRule, mediu
     let placement = resolve_scale(&source, Some(scale))?;
     let (mut mesh, mut report) = Mesh::from_source(source, &placement)?;
     let roles = MaterialRoles::single(mesh.materials.len());
-    let parts = Parts::new(&mut mesh, &roles, rule, &mut report);
+    let parts = Analysis::new(&mut mesh, &roles, rule, &mut report).parts;
     let parts = PartTable::of(&mesh, &parts);
     Ok(Scene { mesh, parts, media: vec![medium] })
 }

@@ -18,7 +18,7 @@ use translux::light::{Light, LightKind};
 use translux::math::random::uniform;
 use translux::math::spherical_rectangle::SphericalRectangle;
 use translux::math::statistics::vertex_error;
-use translux::measure::chart::draw::{Front, Point, Scatter, Unit, scatter_svg};
+use translux::measure::chart::draw::{Front, Point, Scatter, Unit, as_svg};
 use translux::medium::fresnel::transmittance;
 use translux::medium::material::Medium;
 use translux::methods;
@@ -290,7 +290,7 @@ fn by_distance(context: &Context, scene: &Scene, samples: usize) -> Result<(Stri
         front: Front::Left,
     };
     let file = "editable_fields.svg";
-    translux::io::atomic::write(&context.pictures.join(file), scatter_svg(&chart)?.as_bytes())?;
+    translux::io::atomic::write(&context.pictures.join(file), as_svg(&chart)?.as_bytes())?;
     let mut head = vec!["edge", "distance"];
     head.extend(STEPS);
     head.push("everything, 64 texels, 1024 coefficients");

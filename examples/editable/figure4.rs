@@ -4,7 +4,7 @@
 use rayon::prelude::*;
 use translux::error::Result;
 use translux::math::svd::left_singular;
-use translux::measure::chart::draw::{Front, Point, Scatter, Unit, scatter_svg};
+use translux::measure::chart::draw::{Front, Point, Scatter, Unit, as_svg};
 use translux::medium::dipole::Dipole;
 use translux::medium::fresnel::BoundaryFit;
 use translux::medium::material::{OpticalProperties, PRESETS};
@@ -72,7 +72,7 @@ fn chart(context: &Context, file: &str, title: &str, axes: [&str; 2], points: Ve
         lines: Vec::new(),
         front: Front::Left,
     };
-    translux::io::atomic::write(&context.pictures.join(file), scatter_svg(&chart)?.as_bytes())
+    translux::io::atomic::write(&context.pictures.join(file), as_svg(&chart)?.as_bytes())
 }
 
 pub(crate) fn run(context: &Context) -> Result<String> {

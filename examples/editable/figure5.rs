@@ -1,7 +1,7 @@
 //! Figure 5: what is saved in space, against error: the distance of the points of the far field, and the truncation.
 
 use translux::error::Result;
-use translux::measure::chart::draw::{Front, Point, Scatter, Unit, scatter_svg};
+use translux::measure::chart::draw::{Front, Point, Scatter, Unit, as_svg};
 use translux::progress::Silent;
 
 use crate::bench::{bake, bytes_per_vertex, exposure, open, percent, picture, rms, shown, sun, times_ms, truth, under};
@@ -71,7 +71,7 @@ pub(crate) fn run(context: &Context) -> Result<String> {
         lines: Vec::new(),
         front: Front::Drawn,
     };
-    translux::io::atomic::write(&context.pictures.join("editable_spatial.svg"), scatter_svg(&chart)?.as_bytes())?;
+    translux::io::atomic::write(&context.pictures.join("editable_spatial.svg"), as_svg(&chart)?.as_bytes())?;
     let head = [
         "points of the far field",
         "error asked",

@@ -6,7 +6,7 @@ use translux::error::Result;
 use translux::geometry::mesh::Scale;
 use translux::geometry::parts::PartsRule;
 use translux::geometry::shapes::icosphere;
-use translux::measure::chart::draw::{Front, Point, Scatter, Unit, scatter_svg};
+use translux::measure::chart::draw::{Front, Point, Scatter, Unit, as_svg};
 use translux::medium::material::{Medium, OpticalProperties};
 use translux::medium::profiles::model::ProfileModel;
 use translux::progress::Silent;
@@ -118,7 +118,7 @@ pub(crate) fn run(context: &Context) -> Result<String> {
             front: Front::Left,
         };
         let file = format!("editable_profiles_{shape}.svg");
-        translux::io::atomic::write(&context.pictures.join(&file), scatter_svg(&chart)?.as_bytes())?;
+        translux::io::atomic::write(&context.pictures.join(&file), as_svg(&chart)?.as_bytes())?;
         let head: Vec<&str> = std::iter::once("reduced albedo").chain(PROFILES).collect();
         text += &format!("### {shape}\n\n![Profiles, {shape}](pictures/{file})\n\n");
         for (order, rows) in ORDERS.iter().zip(&rows) {

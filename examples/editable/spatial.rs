@@ -11,7 +11,7 @@ use translux::geometry::mesh::Scale;
 use translux::geometry::parts::PartsRule;
 use translux::geometry::shapes::bumpy_head;
 use translux::geometry::source::SourceModel;
-use translux::measure::chart::draw::{Front, Point, Scatter, Unit, scatter_svg};
+use translux::measure::chart::draw::{Front, Point, Scatter, Unit, as_svg};
 use translux::medium::fresnel::BoundaryFit;
 use translux::medium::material::Medium;
 use translux::medium::profile::Profile;
@@ -222,7 +222,7 @@ pub(crate) fn run(context: &Context) -> Result<String> {
             lines: Vec::new(),
             front: Front::Drawn,
         };
-        translux::io::atomic::write(&context.pictures.join(&file), scatter_svg(&chart)?.as_bytes())?;
+        translux::io::atomic::write(&context.pictures.join(&file), as_svg(&chart)?.as_bytes())?;
         text += &format!("### {name}\n\n![Bytes against error]({})\n\n", format_args!("pictures/{file}"));
         let head = ["transform", "bytes/vertex at 4 a coefficient", "by entropy", "RMS"];
         text += &format!("All functions, one threshold:\n\n{}\n", table(&head, &measured.curves));

@@ -5,7 +5,7 @@ use translux::asset::Asset;
 use translux::error::{Error, Result};
 use translux::evaluate::Evaluator;
 use translux::light::Light;
-use translux::measure::chart::draw::{Front, Point, Scatter, Unit, scatter_svg};
+use translux::measure::chart::draw::{Front, Point, Scatter, Unit, as_svg};
 use translux::medium::profile_basis::ProfileBasis;
 use translux::scene::Scene;
 use translux_format::far_field::{FarField, LANES, Shape, tags};
@@ -220,7 +220,7 @@ pub(crate) fn run(context: &Context) -> Result<String> {
         lines: Vec::new(),
         front: Front::Drawn,
     };
-    translux::io::atomic::write(&context.pictures.join("editable_transfer.svg"), scatter_svg(&chart)?.as_bytes())?;
+    translux::io::atomic::write(&context.pictures.join("editable_transfer.svg"), as_svg(&chart)?.as_bytes())?;
     let head = [
         "basis",
         "error asked",

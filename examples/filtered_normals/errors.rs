@@ -57,7 +57,7 @@ fn normals(scene: &Scene) -> Vec<DVec3> {
 fn wrapped(evaluator: &dyn Evaluator, normals: &[DVec3], light: &Light, wrap: f64) -> Vec<DVec3> {
     let scene = evaluator.scene();
     let properties = &scene.media[0].properties;
-    let totals = DVec3::from_array(properties.summary(BoundaryFit::Published).map(|s| s.total_reflectance));
+    let totals = DVec3::from_array(properties.total_reflectance(BoundaryFit::Published));
     let enters = diffuse_transmittance(properties.eta_inside_over_outside);
     let value = |(v, normal): (usize, &DVec3)| {
         let at = scene.mesh.local_mm[v].as_dvec3();

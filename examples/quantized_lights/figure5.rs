@@ -10,7 +10,7 @@ use translux::error::Result;
 use translux::geometry::bvh::Bvh;
 use translux::geometry::samples::{self, Samples};
 use translux::light::quantised::interpolation::{Interpolator, Scheme};
-use translux::measure::chart::draw::{Front, Point, Scatter, Unit, scatter_svg};
+use translux::measure::chart::draw::{Front, Point, Scatter, Unit, as_svg};
 use translux::progress::Silent;
 use translux::scene::Scene;
 use translux::transport::gather::Gather;
@@ -181,7 +181,7 @@ pub(crate) fn run(context: &Context) -> Result<String> {
             }
         }
         let name = format!("quantized_figure5_{material}.svg");
-        translux::io::atomic::write(&context.pictures.join(&name), scatter_svg(&scatter)?.as_bytes())?;
+        translux::io::atomic::write(&context.pictures.join(&name), as_svg(&scatter)?.as_bytes())?;
         let at = |scheme: Scheme| -> Vec<Spread> {
             let of_model = |(_, found): &(&str, Vec<Found>)| {
                 found.iter().find(|f| f.scheme == scheme && f.count == LIGHTS).map(|f| f.error)

@@ -1,7 +1,7 @@
 //! The paper's Figure 9: image error against the number of reference points.
 
 use translux::error::Result;
-use translux::measure::chart::draw::{Front, Point, Scatter, Unit, scatter_svg};
+use translux::measure::chart::draw::{Front, Point, Scatter, Unit, as_svg};
 
 use crate::bench::{Context, bytes_per_vertex, encoded, table};
 use crate::encodings::{Stand, cells};
@@ -62,7 +62,7 @@ pub(crate) fn run(context: &Context) -> Result<String> {
         }
     }
     let file = "quantized_figure9.svg";
-    translux::io::atomic::write(&context.pictures.join(file), scatter_svg(&scatter)?.as_bytes())?;
+    translux::io::atomic::write(&context.pictures.join(file), as_svg(&scatter)?.as_bytes())?;
     let head =
         ["encoding", "reference points", "bytes/vertex", "added", "covered", "one exposure", "with the interpolation"];
     Ok(format!("![Image error against the number of reference points](pictures/{file})\n\n{}", table(&head, &rows)))

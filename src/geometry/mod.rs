@@ -1,6 +1,8 @@
 //! Meshes, parts, mesh checks, generated shapes, ray casting, surface samples and their tree.
 
 pub mod ball;
+mod boxes;
+mod buckets;
 pub mod bvh;
 pub mod check;
 pub mod cluster;
@@ -13,3 +15,5 @@ pub mod samples;
 pub mod scattered;
 pub mod shapes;
 pub mod source;
+#[cfg(test)]
+pub(crate) mod test_data;

@@ -2,11 +2,8 @@
 
 use glam::DVec3;
 
-use super::cluster::{self, Run};
+use super::boxes::{Aabb, BoxTree};
 use super::mesh::Mesh;
-
-/// Triangles in a leaf at most.
-const LEAF: usize = 4;
 
 /// A point of a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,58 +21,16 @@ pub struct SurfacePoint {
 /// Finds nearest points on some triangles of a mesh.
 pub struct NearestPoint<'a> {
     mesh: &'a Mesh,
-    /// Triangles, leaf after leaf.
-    order: Vec<u32>,
-    nodes: Vec<Node>,
-}
-
-/// A box around triangles; children follow their parent, the first at once.
-#[derive(Clone, Copy, Debug)]
-struct Node {
-    low: DVec3,
-    high: DVec3,
-    run: Run,
-    /// The second child; 0 for a leaf.
-    second: u32,
-}
-
-impl Node {
-    fn distance2(&self, p: DVec3) -> f64 {
-        (p - p.clamp(self.low, self.high)).length_squared()
-    }
+    triangles: Vec<u32>,
+    boxes: BoxTree,
 }
 
 impl<'a> NearestPoint<'a> {
     /// A search over these triangles.
     pub fn new(mesh: &'a Mesh, triangles: impl IntoIterator<Item = u32>) -> Self {
-        let mut order: Vec<u32> = triangles.into_iter().filter(|&t| (t as usize) < mesh.triangles.len()).collect();
-        let centre = |t: u32| mesh.corners_local_mm(t).iter().sum::<DVec3>() / 3.0;
-        let centres: Vec<DVec3> = (0..mesh.triangles.len() as u32).map(centre).collect();
-        let runs = cluster::groups(&mut order, &centres, LEAF);
-        let mut found = Self { mesh, order, nodes: Vec::new() };
-        if !runs.is_empty() {
-            found.link(&runs);
-        }
-        found
-    }
-
-    /// Adds the node over some leaves and everything below it.
-    fn link(&mut self, leaves: &[Run]) -> (DVec3, DVec3) {
-        let index = self.nodes.len();
-        let run = Run { first: leaves[0].first, end: leaves[leaves.len() - 1].end };
-        self.nodes.push(Node { low: DVec3::ZERO, high: DVec3::ZERO, run, second: 0 });
-        let (low, high) = if leaves.len() > 1 {
-            let (left, right) = leaves.split_at(leaves.len().div_ceil(2));
-            let a = self.link(left);
-            self.nodes[index].second = self.nodes.len() as u32;
-            let b = self.link(right);
-            (a.0.min(b.0), a.1.max(b.1))
-        } else {
-            let corners = self.order[run.range()].iter().flat_map(|&t| self.mesh.corners_local_mm(t));
-            corners.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), c| (l.min(c), h.max(c)))
-        };
-        (self.nodes[index].low, self.nodes[index].high) = (low, high);
-        (low, high)
+        let triangles: Vec<u32> = triangles.into_iter().filter(|&t| (t as usize) < mesh.triangles.len()).collect();
+        let boxes: Vec<Aabb> = triangles.iter().map(|&t| Aabb::of(&mesh.corners_local_mm(t))).collect();
+        Self { mesh, triangles, boxes: BoxTree::new(&boxes) }
     }
 
     /// The nearest point to `p` (relative to the mesh's origin, mm). Triangles that look away from `normal` are taken where
@@ -83,34 +38,21 @@ impl<'a> NearestPoint<'a> {
     /// takes whatever is nearest. `None` without triangles.
     pub fn find(&self, p: DVec3, normal: DVec3, thickness_mm: f64) -> Option<SurfacePoint> {
         let mut best: Option<(f64, SurfacePoint)> = None;
-        let mut stack: Vec<u32> = if self.nodes.is_empty() { Vec::new() } else { vec![0] };
-        while let Some(index) = stack.pop() {
-            let node = &self.nodes[index as usize];
-            let far = |node: &Node| best.is_some_and(|(cost, _)| node.distance2(p) > cost * cost);
-            if far(node) {
-                continue;
+        self.boxes.towards(p, |item| {
+            let triangle = self.triangles[item as usize];
+            let corners = self.mesh.corners_local_mm(triangle);
+            let (weights, distance2) = closest_weights(p, corners);
+            let distance_mm = distance2.sqrt();
+            let away = self.mesh.cross_mm2(triangle).dot(normal) < 0.0;
+            let cost = if away { distance_mm + thickness_mm } else { distance_mm };
+            // Ties go to the lower index, so that the order of the tree does not matter.
+            let better = best.is_none_or(|(known, place)| (cost, triangle) < (known, place.triangle));
+            if better && cost.is_finite() {
+                let at_mm = corners.iter().zip(weights).map(|(c, w)| *c * w).sum();
+                best = Some((cost, SurfacePoint { at_mm, triangle, weights, distance_mm }));
             }
-            if node.second == 0 {
-                for &triangle in &self.order[node.run.range()] {
-                    let corners = self.mesh.corners_local_mm(triangle);
-                    let (weights, distance2) = closest_weights(p, corners);
-                    let distance_mm = distance2.sqrt();
-                    let away = self.mesh.cross_mm2(triangle).dot(normal) < 0.0;
-                    let cost = if away { distance_mm + thickness_mm } else { distance_mm };
-                    // Ties go to the lower index, so that the order of the tree does not matter.
-                    let better = best.is_none_or(|(known, place)| (cost, triangle) < (known, place.triangle));
-                    if better && cost.is_finite() {
-                        let at_mm = corners.iter().zip(weights).map(|(c, w)| *c * w).sum();
-                        best = Some((cost, SurfacePoint { at_mm, triangle, weights, distance_mm }));
-                    }
-                }
-                continue;
-            }
-            let children = [index + 1, node.second];
-            let [first, second] = children.map(|child| self.nodes[child as usize].distance2(p));
-            // The nearer child comes last, and so is looked at first.
-            stack.extend(if first < second { [children[1], children[0]] } else { children });
-        }
+            best.map_or(f64::INFINITY, |(cost, _)| cost * cost)
+        });
         best.map(|(_, place)| place)
     }
 }
@@ -151,11 +93,12 @@ pub fn closest_weights(p: DVec3, [a, b, c]: [DVec3; 3]) -> ([f64; 3], f64) {
 mod tests {
     use super::*;
     use crate::geometry::shapes::icosphere;
+    use crate::geometry::test_data::mesh_of;
     use crate::math::random::uniform;
 
     #[test]
     fn the_tree_finds_what_a_search_through_all_triangles_finds() {
-        let mesh = mesh();
+        let (mesh, _) = mesh_of(icosphere(1.0, 3));
         let nearest = NearestPoint::new(&mesh, 0..mesh.triangles.len() as u32);
         for i in 0..500 {
             let p = DVec3::from([0, 1, 2].map(|k| 4.0 * uniform(11, i, k) - 2.0));
@@ -168,7 +111,7 @@ mod tests {
 
     #[test]
     fn the_side_that_looks_away_is_another_surface() {
-        let mesh = mesh();
+        let (mesh, _) = mesh_of(icosphere(1.0, 3));
         let nearest = NearestPoint::new(&mesh, 0..mesh.triangles.len() as u32);
         let p = DVec3::new(0.1, 0.0, 0.0);
         let right = nearest.find(p, DVec3::ZERO, 5.0).unwrap();
@@ -176,10 +119,5 @@ mod tests {
         assert!(right.at_mm.x > 0.8 && left.at_mm.x < 0.2, "{right:?} {left:?}");
         assert!(NearestPoint::new(&mesh, []).find(p, DVec3::X, 1.0).is_none());
         assert!(nearest.find(DVec3::NAN, DVec3::X, 1.0).is_none());
-    }
-
-    fn mesh() -> Mesh {
-        let placement = crate::geometry::mesh::Placement { mm_per_unit: 1.0 };
-        Mesh::from_source(icosphere(1.0, 3), &placement).unwrap().0
     }
 }

@@ -13,6 +13,7 @@
 //! 20,000, 131,072 and 500,000 samples ([`spacing`]): nearest neighbour at 0.76, 0.69, 0.69 of sqrt(area / count) with a
 //! variation of 0.18, 0.20, 0.20 (random points: 0.5 and 0.52), areas varying by 0.25, 0.21, 0.23.
 
+use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use glam::DVec3;
@@ -133,36 +134,6 @@ enum Content {
     Facet(Facet),
 }
 
-/// Urgency of cutting a node: by its area, or before all others.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum Urgency {
-    ByArea,
-    First,
-}
-
-/// A candidate for the next cut: by urgency, then the largest area, then the older node.
-#[derive(Clone, Copy, PartialEq)]
-struct Candidate {
-    urgency: Urgency,
-    area: f64,
-    node: u32,
-}
-
-impl Eq for Candidate {}
-
-impl PartialOrd for Candidate {
-    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl Ord for Candidate {
-    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        let (a, b) = (self, other);
-        a.urgency.cmp(&b.urgency).then(a.area.total_cmp(&b.area)).then(b.node.cmp(&a.node))
-    }
-}
-
 /// The hierarchy from whole parts over clusters and triangles to facets.
 struct Subdivision {
     order: Vec<u32>,
@@ -190,15 +161,9 @@ impl Subdivision {
         }
         let mut result = Self { order: Vec::new(), nodes: Vec::new(), roots: Vec::new() };
         for (part, mut order) in members.into_iter().enumerate().filter(|(_, order)| !order.is_empty()) {
-            let clusters = clusters(&mut order, &triangles);
             let (base, first) = (result.nodes.len() as u32, result.order.len() as u32);
             result.roots.push((part as u32, base));
-            result.nodes.extend(clusters.into_iter().map(|c| Node {
-                area: c.area,
-                content: Content::Cluster(first + c.range.start..first + c.range.end),
-                children: if c.children == NONE { NONE } else { base + c.children },
-                split: false,
-            }));
+            result.nodes.extend(shifted(clusters(&mut order, first, &triangles), base));
             result.order.extend(order);
         }
         result
@@ -209,14 +174,14 @@ impl Subdivision {
         let candidate = |nodes: &[Node], node: u32| {
             let Node { area, content, .. } = &nodes[node as usize];
             let cluster = matches!(content, Content::Cluster(range) if range.len() > 1);
-            let urgency = if own_triangles && cluster { Urgency::First } else { Urgency::ByArea };
-            Candidate { urgency, area: *area, node }
+            // Clusters first, then by area, whose bits are in its order because it is not negative; then the older node.
+            (own_triangles && cluster, area.to_bits(), Reverse(node))
         };
-        let mut heap: BinaryHeap<Candidate> =
+        let mut heap: BinaryHeap<(bool, u64, Reverse<u32>)> =
             self.roots.iter().map(|&(_, node)| candidate(&self.nodes, node)).collect();
         let mut leaves = heap.len();
         while leaves < count {
-            let Some(Candidate { node, .. }) = heap.pop() else { break };
+            let Some((_, _, Reverse(node))) = heap.pop() else { break };
             if let Some(children) = self.split(node) {
                 heap.extend(children.map(|c| candidate(&self.nodes, c)));
                 leaves += 1;
@@ -284,54 +249,45 @@ struct Triangle {
     area: f64,
 }
 
-/// A cluster of triangles: a run of their order.
-struct Cluster {
-    area: f64,
-    range: std::ops::Range<u32>,
-    /// First of two consecutive children.
-    children: u32,
+/// Nodes whose children are further back by `shift`.
+fn shifted(nodes: Vec<Node>, shift: u32) -> impl Iterator<Item = Node> {
+    let moved = move |node: Node| match node.children {
+        NONE => node,
+        children => Node { children: children + shift, ..node },
+    };
+    nodes.into_iter().map(moved)
 }
 
-/// The tree of clusters over `order`, split at the median of the area along the longest axis; the root comes first and
-/// siblings are neighbours. The result does not depend on the number of threads.
-fn clusters(order: &mut [u32], triangles: &[Triangle]) -> Vec<Cluster> {
-    /// Below this many triangles a subtree is one task.
-    const TASK: usize = 2048;
-    fn build(order: &mut [u32], first: u32, triangles: &[Triangle]) -> Vec<Cluster> {
-        let range = first..first + order.len() as u32;
-        let area = order.iter().map(|&t| triangles[t as usize].area).sum();
-        let mut nodes = vec![Cluster { area, range, children: NONE }];
-        if order.len() == 1 {
-            return nodes;
-        }
-        let middle = area_median(order, area, triangles);
-        let (left, right) = order.split_at_mut(middle);
-        let second = first + middle as u32;
-        let (left, right) = if left.len() + right.len() > TASK {
-            rayon::join(|| build(left, first, triangles), || build(right, second, triangles))
-        } else {
-            (build(left, first, triangles), build(right, second, triangles))
-        };
-        nodes[0].children = 1;
-        // Each list starts with its root; the two roots go side by side, then the rest of each.
-        let moved = |list: Vec<Cluster>, shift: u32| {
-            list.into_iter().map(move |mut c| {
-                if c.children != NONE {
-                    c.children += shift;
-                }
-                c
-            })
-        };
-        let shift = left.len() as u32 + 1;
-        let mut left = moved(left, 2);
-        let mut right = moved(right, shift);
-        nodes.extend(left.next());
-        nodes.extend(right.next());
-        nodes.extend(left);
-        nodes.extend(right);
-        nodes
+/// Below this many triangles a subtree of clusters is one task.
+const TASK: usize = 2048;
+
+/// The tree of clusters over `order`, which begins at `first` in the order of all parts, split at the median of the area
+/// along the longest axis; the root comes first and siblings are neighbours. The result does not depend on the number of
+/// threads.
+fn clusters(order: &mut [u32], first: u32, triangles: &[Triangle]) -> Vec<Node> {
+    let content = Content::Cluster(first..first + order.len() as u32);
+    let area = order.iter().map(|&t| triangles[t as usize].area).sum();
+    let mut nodes = vec![Node { area, content, children: NONE, split: false }];
+    if order.len() == 1 {
+        return nodes;
     }
-    build(order, 0, triangles)
+    let middle = area_median(order, area, triangles);
+    let (left, right) = order.split_at_mut(middle);
+    let second = first + middle as u32;
+    let (left, right) = if left.len() + right.len() > TASK {
+        rayon::join(|| clusters(left, first, triangles), || clusters(right, second, triangles))
+    } else {
+        (clusters(left, first, triangles), clusters(right, second, triangles))
+    };
+    nodes[0].children = 1;
+    // Each list starts with its root; the two roots go side by side, then the rest of each.
+    let shift = left.len() as u32 + 1;
+    let (mut left, mut right) = (shifted(left, 2), shifted(right, shift));
+    nodes.extend(left.next());
+    nodes.extend(right.next());
+    nodes.extend(left);
+    nodes.extend(right);
+    nodes
 }
 
 /// Orders triangles along their longest axis and returns where half of the area is reached, at least 1 from each end.
@@ -459,13 +415,12 @@ fn nearest(patches: &[Patch], order: &[u32], i: usize) -> Option<f64> {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::geometry::mesh::{Placement, Scale, resolve_scale};
     use crate::geometry::shapes;
     use crate::geometry::source::SourceModel;
+    use crate::geometry::test_data;
 
     fn mesh_of(source: SourceModel) -> (Mesh, PartTable) {
-        let placement: Placement = resolve_scale(&source, Some(Scale::MillimetresPerUnit(1.0))).unwrap();
-        let (mesh, _) = Mesh::from_source(source, &placement).unwrap();
+        let (mesh, _) = test_data::mesh_of(source);
         let triangle_part = vec![0; mesh.triangles.len()];
         let parts = PartTable::new(&mesh, triangle_part, vec![("all".into(), Some(0))]);
         (mesh, parts)

@@ -46,4 +46,10 @@ impl SourceModel {
             ..Self::default()
         }
     }
+
+    /// The model with one material of this name.
+    #[must_use]
+    pub fn of_material(self, name: &str) -> Self {
+        Self { materials: vec![name.to_owned()], ..self }
+    }
 }

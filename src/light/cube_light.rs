@@ -94,7 +94,9 @@ impl CubeLight {
         let radiance = match light {
             Light::Constant { radiance } => vec![*radiance; FACES * side * side],
             Light::Environment { map, rotate_degrees, scale } => {
-                let mut sums = energies(map, Rotation::from_degrees(*rotate_degrees), side);
+                let turned = (map.as_ref(), Rotation::from_degrees(*rotate_degrees));
+                let add = |sum: &mut DVec3, energy| *sum += energy;
+                let mut sums = sums_of_texels(turned, (side, PIECES_PER_TEXEL), |sum, energy, _| add(sum, energy), add);
                 sums.iter_mut().zip(angles.iter().cycle()).for_each(|(sum, angle)| *sum *= *scale / *angle);
                 sums
             }
@@ -143,40 +145,45 @@ impl CubeLight {
     }
 }
 
-/// Energy of every texel.
-fn energies(map: &EnvironmentMap, rotation: Rotation, side: usize) -> Vec<DVec3> {
+/// Sums of the light of a map over the texels of a cube map. Pixels are cut into pieces that are a fraction of a texel wide,
+/// `pieces` of them to one; `add` takes the energy of each and its direction, `join` adds up the sums of several rows.
+pub(super) fn sums_of_texels<T: Copy + Default + Send>(
+    (map, rotation): (&EnvironmentMap, Rotation),
+    (side, pieces): (usize, usize),
+    add: impl Fn(&mut T, DVec3, DVec3) + Sync,
+    join: impl Fn(&mut T, T),
+) -> Vec<T> {
     let (width, height) = (map.width(), map.height());
-    let (across, down) =
-        ((4 * side * PIECES_PER_TEXEL).div_ceil(width), (2 * side * PIECES_PER_TEXEL).div_ceil(height));
+    let (across, down) = ((4 * side * pieces).div_ceil(width), (2 * side * pieces).div_ceil(height));
     let columns = columns(width * across, rotation);
     let band = |index: usize| {
-        let mut sums = vec![DVec3::ZERO; FACES * side * side];
+        let mut sums = vec![T::default(); FACES * side * side];
         for row in index * height / BANDS..(index + 1) * height / BANDS {
             for piece in 0..down {
                 let step = PI / (height * down) as f64;
-                let polar = ((row * down + piece) as f64 + 0.5) * step;
-                let (sin, cos) = polar.sin_cos();
+                let (sin, cos) = (((row * down + piece) as f64 + 0.5) * step).sin_cos();
                 let angle = TAU / (width * across) as f64 * 2.0 * sin * (0.5 * step).sin();
                 for (x, pieces) in columns.chunks_exact(across).enumerate() {
                     let energy = map.pixel(x, row) * angle;
-                    for &(dx, dz) in pieces {
-                        sums[texel_of(side, DVec3::new(sin * dx, cos, sin * dz))] += energy;
+                    for &(dx, dz) in pieces.iter().filter(|_| energy != DVec3::ZERO) {
+                        let direction = DVec3::new(sin * dx, cos, sin * dz);
+                        add(&mut sums[texel_of(side, direction)], energy, direction);
                     }
                 }
             }
         }
         sums
     };
-    let bands: Vec<Vec<DVec3>> = (0..BANDS).into_par_iter().map(band).collect();
-    let mut total = vec![DVec3::ZERO; FACES * side * side];
+    let bands: Vec<Vec<T>> = (0..BANDS).into_par_iter().map(band).collect();
+    let mut total = vec![T::default(); FACES * side * side];
     for sums in bands {
-        total.iter_mut().zip(sums).for_each(|(total, sum)| *total += sum);
+        total.iter_mut().zip(sums).for_each(|(total, sum)| join(total, sum));
     }
     total
 }
 
 /// `x` and `z` of the turned horizontal directions of `count` columns around an environment map.
-pub(super) fn columns(count: usize, rotation: Rotation) -> Vec<(f64, f64)> {
+fn columns(count: usize, rotation: Rotation) -> Vec<(f64, f64)> {
     let column = |i: usize| {
         let longitude = TAU * (0.5 - (i as f64 + 0.5) / count as f64);
         let turned = rotation.to_world(DVec3::new(longitude.sin(), 0.0, longitude.cos()));

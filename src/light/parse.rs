@@ -10,6 +10,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::environment::EnvironmentMap;
+use super::validate::text as vector_text;
 use super::{Light, sky, validate};
 use crate::error::{Error, Result};
 
@@ -219,28 +220,18 @@ impl<'a> Values<'a> {
         }
     }
 
+    /// As many numbers as the `shape` in words says.
+    fn array<const N: usize>(&self, key: &str, shape: &str) -> Result<Option<[f64; N]>> {
+        let Some(numbers) = self.numbers(key)? else { return Ok(None) };
+        let fail = |n: Vec<f64>| {
+            let numbers = if N == 1 { "" } else { " numbers" };
+            self.kind.fail(format!("{key} takes {shape}, not {}{numbers}", n.len()))
+        };
+        numbers.try_into().map(Some).map_err(fail)
+    }
+
     fn vector(&self, key: &str) -> Result<Option<DVec3>> {
-        match self.numbers(key)?.as_deref() {
-            None => Ok(None),
-            Some([x, y, z]) => Ok(Some(DVec3::new(*x, *y, *z))),
-            Some(n) => Err(self.kind.fail(format!("{key} takes X,Y,Z, not {} numbers", n.len()))),
-        }
-    }
-
-    fn pair(&self, key: &str) -> Result<Option<[f64; 2]>> {
-        match self.numbers(key)?.as_deref() {
-            None => Ok(None),
-            Some([a, b]) => Ok(Some([*a, *b])),
-            Some(n) => Err(self.kind.fail(format!("{key} takes two lengths in mm, not {} numbers", n.len()))),
-        }
-    }
-
-    fn scalar(&self, key: &str) -> Result<Option<f64>> {
-        match self.numbers(key)?.as_deref() {
-            None => Ok(None),
-            Some([a]) => Ok(Some(*a)),
-            Some(n) => Err(self.kind.fail(format!("{key} takes one number, not {}", n.len()))),
-        }
+        Ok(self.array(key, "X,Y,Z")?.map(DVec3::from_array))
     }
 
     fn whole(&self, key: &str) -> Result<Option<u16>> {
@@ -261,7 +252,7 @@ impl<'a> Values<'a> {
             "directional" => Light::directional(vector("from")?, colour("irradiance")?),
             "point" => Light::point(vector("at")?, colour("intensity")?),
             "area" => {
-                let size = self.pair("size")?.ok_or_else(|| self.missing("size"))?;
+                let size = self.array("size", "two lengths in mm")?.ok_or_else(|| self.missing("size"))?;
                 let light = Light::area(vector("at")?, vector("normal")?, size, colour("radiance")?, self.vector("u")?);
                 match self.whole("field")? {
                     Some(points) => light.and_then(|light| light.through_field(points)),
@@ -281,7 +272,7 @@ impl<'a> Values<'a> {
         if source == MapSource::File(PathBuf::new()) {
             return Err(self.kind.fail("the path is empty"));
         }
-        let rotate_degrees = self.scalar("rotate")?.unwrap_or(0.0);
+        let [rotate_degrees] = self.array("rotate", "one number")?.unwrap_or([0.0]);
         let scale = self.colour("scale")?.unwrap_or(DVec3::ONE);
         let scale = validate::amount("scale", scale).map_err(|e| self.kind.fail(e))?;
         Ok(LightSpec::Environment { source, rotate_degrees, scale })
@@ -361,10 +352,6 @@ fn write_placement(f: &mut fmt::Formatter<'_>, rotate_degrees: f64, scale: DVec3
         write!(f, ":scale={}", colour_text(scale))?;
     }
     Ok(())
-}
-
-fn vector_text(v: DVec3) -> String {
-    format!("{},{},{}", v.x, v.y, v.z)
 }
 
 fn colour_text(c: DVec3) -> String {

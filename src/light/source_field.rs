@@ -117,16 +117,6 @@ impl SourceField {
             + size_of_val(self.steps.as_slice())
     }
 
-    /// Number of maps.
-    pub fn len(&self) -> usize {
-        self.steps.len()
-    }
-
-    /// True if there are no maps, which is never so.
-    pub fn is_empty(&self) -> bool {
-        self.steps.is_empty()
-    }
-
     /// Memory of one thread for products.
     pub fn memory(&self) -> Seen {
         self.maps.memory()

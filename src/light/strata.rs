@@ -4,7 +4,7 @@
 //! sum(energy^2 * angular diameter) most. Irradiance is then
 //! E(x) = sum over strata of weight * max(0, n.w) * F_t * V with one candidate (or the mean over several) a stratum.
 
-use std::cmp::Ordering;
+use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::f64::consts::{PI, TAU};
 use std::ops::Range;
@@ -89,11 +89,6 @@ impl Strata {
         &self.strata
     }
 
-    /// Candidates of each stratum, a power of two.
-    pub fn candidates_per_stratum(&self) -> usize {
-        self.candidates_per_stratum
-    }
-
     /// Candidates of the stratum `index` (none past the end). Any aligned run of a power of two of them is itself well
     /// spread over the stratum. To use a few, start at a random one: the first alone sits in a corner.
     pub fn candidates(&self, index: usize) -> &[Candidate] {
@@ -115,33 +110,8 @@ struct Grid<'a> {
     sin_boundary: Vec<f64>,
 }
 
-/// A rectangle waiting to be cut.
-struct Piece {
-    columns: Range<usize>,
-    rows: Range<usize>,
-    cost: f64,
-    order: usize,
-}
-
 /// Columns, rows and energy of one side of a cut.
 type Half = (Range<usize>, Range<usize>, f64);
-
-impl Ord for Piece {
-    fn cmp(&self, other: &Self) -> Ordering {
-        self.cost.total_cmp(&other.cost).then(other.order.cmp(&self.order))
-    }
-}
-impl PartialOrd for Piece {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-impl PartialEq for Piece {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other) == Ordering::Equal
-    }
-}
-impl Eq for Piece {}
 
 impl<'a> Grid<'a> {
     fn new(map: &'a EnvironmentMap) -> Self {
@@ -172,32 +142,31 @@ impl<'a> Grid<'a> {
     }
 
     fn cut(&self, count: usize) -> Vec<Stratum> {
-        let whole = (0..self.map.width(), 0..self.map.height());
-        let energy: f64 = whole.1.clone().map(|y| self.row_importance(&whole.0, y)).sum();
+        let mut pieces = vec![(0..self.map.width(), 0..self.map.height())];
+        let energy: f64 = pieces[0].1.clone().map(|y| self.row_importance(&pieces[0].0, y)).sum();
         if energy <= 0.0 {
             return Vec::new();
         }
-        let mut waiting = BinaryHeap::new();
+        // By cost, whose bits are in its order because it is positive, then the older piece.
+        let mut waiting = BinaryHeap::from([(energy.to_bits(), Reverse(0))]);
         let mut done = Vec::new();
-        let mut order = 0;
-        waiting.push(Piece { columns: whole.0, rows: whole.1, cost: energy, order });
         while waiting.len() + done.len() < count {
-            let Some(piece) = waiting.pop() else { break };
-            let Some(halves) = self.best_cut(&piece.columns, &piece.rows) else {
-                done.push((piece.columns, piece.rows));
+            let Some((_, Reverse(index))) = waiting.pop() else { break };
+            let (columns, rows) = &pieces[index];
+            let Some(halves) = self.best_cut(columns, rows) else {
+                done.push(index);
                 continue;
             };
-            for (columns, rows, energy) in halves {
-                if energy > 0.0 {
-                    order += 1;
-                    let cost = energy * energy * self.diameter(&columns, &rows);
-                    waiting.push(Piece { columns, rows, cost, order });
-                }
+            for (columns, rows, energy) in halves.into_iter().filter(|half| half.2 > 0.0) {
+                let cost = energy * energy * self.diameter(&columns, &rows);
+                waiting.push((cost.to_bits(), Reverse(pieces.len())));
+                pieces.push((columns, rows));
             }
         }
-        done.extend(waiting.into_iter().map(|p| (p.columns, p.rows)));
-        done.sort_by_key(|(columns, rows)| (rows.start, columns.start));
-        done.into_iter().map(|(columns, rows)| self.stratum(columns, rows)).collect()
+        done.extend(waiting.into_iter().map(|(_, Reverse(index))| index));
+        let mut found: Vec<_> = done.into_iter().map(|index| pieces[index].clone()).collect();
+        found.sort_by_key(|(columns, rows)| (rows.start, columns.start));
+        found.into_iter().map(|(columns, rows)| self.stratum(columns, rows)).collect()
     }
 
     fn stratum(&self, columns: Range<usize>, rows: Range<usize>) -> Stratum {

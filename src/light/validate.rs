@@ -17,9 +17,7 @@ const PARALLEL_SINE: f64 = 1e-6;
 
 /// Checks that a radiometric RGB quantity is finite and not negative.
 pub(super) fn amount(key: &str, value: DVec3) -> Result<DVec3> {
-    if !value.is_finite() {
-        return Err(Error::input(format!("{key} must be finite, and it is {}", text(value))));
-    }
+    let value = position(key, value)?;
     if value.min_element() < 0.0 {
         return Err(Error::input(format!("{key} must not be negative, and it is {}", text(value))));
     }
@@ -47,9 +45,7 @@ pub(super) fn angle(key: &str, degrees: f64) -> Result<f64> {
 
 /// A unit vector along `value`; lengths from 1e-300 to 1e300 work.
 pub(super) fn direction(key: &str, value: DVec3) -> Result<DVec3> {
-    if !value.is_finite() {
-        return Err(Error::input(format!("{key} must be finite, and it is {}", text(value))));
-    }
+    let value = position(key, value)?;
     let largest = value.abs().max_element();
     if largest == 0.0 {
         return Err(Error::input(format!("{key} is the zero vector; give a direction, for example {key}=0,1,0")));
@@ -105,6 +101,7 @@ pub(super) fn first_edge(normal: DVec3, asked: Option<DVec3>) -> Result<DVec3> {
     Ok((unit - normal * unit.dot(normal)).normalize())
 }
 
-fn text(v: DVec3) -> String {
+/// Three numbers separated by commas.
+pub(super) fn text(v: DVec3) -> String {
     format!("{},{},{}", v.x, v.y, v.z)
 }

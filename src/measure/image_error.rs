@@ -80,18 +80,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_reference_sets_the_scale_and_the_mask_the_pixels() {
-        let reference = [[2.0; 3], [1.0; 3], [0.0; 3], [9.0; 3]];
-        let picture = [[2.0; 3], [0.5; 3], [0.0; 3], [0.0; 3]];
-        let covered = [true, true, true, false];
-        let e = image_error(&picture, &reference, &covered);
-        assert_eq!((e.scale, e.covered), (0.5, 3));
-        assert!((e.rms - (0.25f64 * 0.25 / 3.0).sqrt()).abs() < 1e-12, "{e:?}");
-        assert!((e.rms_with_background - ((0.25f64 * 0.25 + 1.0) / 4.0).sqrt()).abs() < 1e-12, "{e:?}");
-        assert!((e.worst - 0.25).abs() < 1e-12);
-    }
-
-    #[test]
     fn black_and_empty_pictures_are_safe() {
         let black = [[0.0; 3]; 4];
         assert_eq!(image_error(&black, &black, &[true; 4]).rms, 0.0);

@@ -9,6 +9,7 @@ use crate::error::Result;
 use crate::evaluate::{Evaluator, Probes};
 use crate::geometry::mesh::Mesh;
 use crate::light::Light;
+use crate::light::quantised::directions::lattice;
 use crate::light::sky::sky;
 use crate::progress::Progress;
 
@@ -24,22 +25,14 @@ pub enum Half {
 /// Number of directional probe lights in both halves.
 pub const DIRECTIONS: usize = 32;
 
-/// The `index`-th of `count` directions of a spherical Fibonacci lattice.
-pub fn fibonacci_direction(index: usize, count: usize) -> DVec3 {
-    let golden = 0.5 * (5f64.sqrt() - 1.0);
-    let y = 1.0 - (2.0 * index as f64 + 1.0) / count as f64;
-    let radius = (1.0 - y * y).max(0.0).sqrt();
-    let azimuth = std::f64::consts::TAU * (index as f64 * golden).fract();
-    DVec3::new(radius * azimuth.sin(), y, radius * azimuth.cos())
-}
+/// Offset of the lattice of directions: points in the middle of their steps.
+const MIDPOINTS: f64 = 0.5;
 
 /// Directional lights of a half: every other direction of the lattice, irradiance 1.
 pub fn directional(half: Half) -> Vec<Light> {
     let first = usize::from(half == Half::Figures);
-    (first..DIRECTIONS)
-        .step_by(2)
-        .map(|i| Light::Directional { from: fibonacci_direction(i, DIRECTIONS), irradiance: DVec3::ONE })
-        .collect()
+    let directions = lattice(DIRECTIONS, MIDPOINTS).into_iter().skip(first).step_by(2);
+    directions.map(|from| Light::Directional { from, irradiance: DVec3::ONE }).collect()
 }
 
 /// Point lights of a half: corners of a cube at 1.5 (four corners) and 3 bounding radii (the other four) from the
@@ -102,7 +95,7 @@ mod tests {
 
     #[test]
     fn directions_are_spread_and_the_halves_disjoint() {
-        let all: Vec<DVec3> = (0..DIRECTIONS).map(|i| fibonacci_direction(i, DIRECTIONS)).collect();
+        let all = lattice(DIRECTIONS, MIDPOINTS);
         assert!(all.iter().sum::<DVec3>().length() / (DIRECTIONS as f64) < 0.02);
         for (i, a) in all.iter().enumerate() {
             for b in &all[..i] {

@@ -2,14 +2,12 @@
 
 use glam::DVec3;
 
+use super::planar::{self, Radial};
 use super::profile::Profile;
+use super::profiles::boundary::Coefficients;
 use crate::math::quadrature::{gauss_legendre_cached, integrate_with};
 
 use std::f64::consts::{LOG2_E, TAU};
-
-/// Reduced extinctions beyond these bounds (1/mm) saturate, so that every power of a distance in the profile stays
-/// a normal number in f32 as well. The albedo, and with it the total reflectance, is kept.
-const EXTINCTION_BOUNDS_PER_MM: (f64, f64) = (1e-12, 1e12);
 
 /// `exp(-x)` for x >= 0 to 3e-16 of itself, 0 beyond 700; by additions and multiplications only, so that
 /// every processor and every system library gives the same bits.
@@ -97,18 +95,21 @@ impl Pole {
         let rise = 1.0 + self.sigma_per_mm * self.z_mm * decay_mean(self.sigma_per_mm * beyond);
         self.weight * (-self.sigma_per_mm * self.z_mm).exp() / self.z_mm * (beyond / d) * rise
     }
+}
 
-    /// The integral over the wedge between a receiver and an edge in a plane `height_mm` from it:
-    /// `Int (tail(H) - tail(sqrt(H^2 + rho^2))) d theta`.
-    ///
-    /// The edge lies on a line at the signed distance `offset_mm` from the receiver's foot point and spans the
-    /// coordinates `from_mm..to_mm` along that line, 0 at the foot of the perpendicular. Positive offset: the foot
-    /// point is to the left of the edge. An edge whose line meets the foot point contributes exactly 0.
-    ///
+impl Radial for Pole {
+    fn rate_per_mm(&self, r_mm: f64) -> f64 {
+        1.0 / r_mm.hypot(self.z_mm) + self.sigma_per_mm
+    }
+
+    fn at_square(&self, r2_mm2: f64) -> f64 {
+        self.kernel((r2_mm2 + self.z_mm * self.z_mm).sqrt())
+    }
+
     /// With `D^2 = H^2 + z^2 + offset^2` and the coordinate `s = D sinh u`, the distance is `d = D cosh u` and the
     /// integrand `(tail(H) - tail) offset / rho^2 ds` has no pole at rho = 0: it is analytic for |Im u| < pi / 2, so
     /// Gauss-Legendre converges geometrically at a known rate.
-    pub fn edge(&self, height_mm: f64, offset_mm: f64, from_mm: f64, to_mm: f64) -> f64 {
+    fn edge(&self, height_mm: f64, offset_mm: f64, from_mm: f64, to_mm: f64) -> f64 {
         let d0 = height_mm.hypot(self.z_mm);
         let scale = d0.hypot(offset_mm);
         let (from, to) = ((from_mm / scale).asinh(), (to_mm / scale).asinh());
@@ -166,111 +167,6 @@ fn panel_order(half_width: f64) -> usize {
     ((-PANEL_ERROR.ln() / (2.0 * rho.ln())).ceil() as usize).max(2)
 }
 
-/// Triangles whose extent is below this fraction of the length over which the kernel changes are integrated directly,
-/// which keeps the result accurate relative to itself at any distance.
-const FAR_RATIO: f64 = 0.25;
-
-/// A radial kernel with its integral over the wedge between a receiver and an edge; triangles follow from it.
-pub(super) trait Radial {
-    /// Rate of change of the kernel with distance, relative to itself, at the distance `r_mm`, in 1/mm; infinity is
-    /// always correct.
-    fn rate_per_mm(&self, r_mm: f64) -> f64;
-
-    /// The kernel at a squared distance, in 1/mm^2.
-    fn at_square(&self, r2_mm2: f64) -> f64;
-
-    /// `Int (tail(H) - tail(sqrt(H^2 + rho^2))) d theta` of an edge, placed as in [`Pole::edge`].
-    fn edge(&self, height_mm: f64, offset_mm: f64, from_mm: f64, to_mm: f64) -> f64;
-}
-
-impl Radial for Pole {
-    fn rate_per_mm(&self, r_mm: f64) -> f64 {
-        1.0 / r_mm.hypot(self.z_mm) + self.sigma_per_mm
-    }
-
-    fn at_square(&self, r2_mm2: f64) -> f64 {
-        self.kernel((r2_mm2 + self.z_mm * self.z_mm).sqrt())
-    }
-
-    fn edge(&self, height_mm: f64, offset_mm: f64, from_mm: f64, to_mm: f64) -> f64 {
-        Self::edge(self, height_mm, offset_mm, from_mm, to_mm)
-    }
-}
-
-/// `Int_triangle R_d(|x - y|) dA(y)` for a profile that is a sum of `poles`, the receiver anywhere in space.
-///
-/// Accurate to 1e-10 of the total reflectance of the poles; far triangles to 1e-8 of their own value. Independent of
-/// the triangle's orientation. A triangle without area, or with coordinates that are not finite, gives 0.
-pub fn triangle(poles: &[Pole], receiver_mm: DVec3, corners_mm: [DVec3; 3]) -> f64 {
-    radial_triangle(poles, receiver_mm, corners_mm)
-}
-
-/// [`triangle`] for a sum of any radial kernels.
-pub(super) fn radial_triangle(kernels: &[impl Radial], receiver_mm: DVec3, corners_mm: [DVec3; 3]) -> f64 {
-    let corners = corners_mm.map(|corner| corner - receiver_mm);
-    let cross = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
-    let doubled_area = cross.length();
-    let normal = cross / doubled_area;
-    if !(normal.is_finite() && doubled_area > 0.0) {
-        return 0.0;
-    }
-    let centre = (corners[0] + corners[1] + corners[2]) / 3.0;
-    let radius = corners.map(|corner| corner.distance(centre)).into_iter().fold(0.0, f64::max);
-    let nearest = (centre.length() - radius).max(0.0);
-    let value: f64 = kernels
-        .iter()
-        .map(|kernel| {
-            let ratio = radius * kernel.rate_per_mm(nearest);
-            if ratio < FAR_RATIO {
-                far_triangle(kernel, corners, doubled_area, ratio)
-            } else {
-                near_triangle(kernel, corners, normal)
-            }
-        })
-        .sum();
-    // Rounding of the cancelling edges of a near, but dark triangle.
-    if value.is_finite() { value.max(0.0) } else { 0.0 }
-}
-
-/// The sum over the edges of the wedges that they span with the receiver's foot point.
-fn near_triangle(kernel: &impl Radial, corners: [DVec3; 3], normal: DVec3) -> f64 {
-    let height = corners[0].dot(normal).abs();
-    let mut sum = 0.0;
-    for i in 0..3 {
-        let (from, to) = (corners[i], corners[(i + 1) % 3]);
-        let along = (to - from).normalize_or_zero();
-        let offset = normal.dot(from.cross(along));
-        sum += kernel.edge(height, offset, from.dot(along), to.dot(along));
-    }
-    sum
-}
-
-/// Gauss-Legendre over the triangle as a collapsed square; `ratio` is its extent over the length of change of the
-/// kernel.
-fn far_triangle(kernel: &impl Radial, corners: [DVec3; 3], doubled_area: f64, ratio: f64) -> f64 {
-    let rule = gauss_legendre_cached(if ratio < 0.02 {
-        3
-    } else if ratio < 0.08 {
-        4
-    } else {
-        6
-    });
-    let mut sum = 0.0;
-    for outer in rule {
-        let across = 0.5 * (1.0 + outer.position);
-        let (left, right) = (corners[0].lerp(corners[1], across), corners[0].lerp(corners[2], across));
-        let row: f64 = rule
-            .iter()
-            .map(|inner| {
-                let point = left.lerp(right, 0.5 * (1.0 + inner.position));
-                inner.weight * kernel.at_square(point.length_squared())
-            })
-            .sum();
-        sum += outer.weight * across * row;
-    }
-    0.25 * doubled_area * sum
-}
-
 /// The dipole of one channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Dipole {
@@ -291,22 +187,14 @@ impl Dipole {
     /// Without extinction nothing returns: the profile is 0. Negative and non-finite coefficients count as 0, `a` below
     /// 1 as 1. Extinctions outside 1e-12..1e12 per mm saturate at constant albedo.
     pub fn new(sigma_s_reduced_per_mm: f64, sigma_a_per_mm: f64, a: f64) -> Self {
-        let usable = |sigma: f64| if sigma.is_finite() && sigma > 0.0 { sigma } else { 0.0 };
-        let (scattering, absorption) = (usable(sigma_s_reduced_per_mm), usable(sigma_a_per_mm));
-        let larger = scattering.max(absorption);
-        let (lowest, highest) = EXTINCTION_BOUNDS_PER_MM;
-        if larger == 0.0 {
+        let Some(medium) = Coefficients::of(sigma_s_reduced_per_mm, sigma_a_per_mm) else {
             return Self { albedo: 0.0, sigma_tr_per_mm: 0.0, z_real_mm: 1.0, z_virtual_mm: 1.0 };
-        }
-        // Fractions first: neither the sum of two huge coefficients nor the product of two tiny ones is representable.
-        let sum = scattering / larger + absorption / larger;
-        let extinction = (larger * sum).clamp(lowest, highest);
-        let absorbed = absorption / larger / sum;
+        };
         let a = if a.is_finite() { a.max(1.0) } else { 1.0 };
-        let z_real_mm = 1.0 / extinction;
+        let z_real_mm = 1.0 / medium.extinction_per_mm;
         Self {
-            albedo: scattering / larger / sum,
-            sigma_tr_per_mm: extinction * (3.0 * absorbed).sqrt(),
+            albedo: medium.albedo,
+            sigma_tr_per_mm: medium.extinction_per_mm * (3.0 * medium.absorbed).sqrt(),
             z_real_mm,
             z_virtual_mm: z_real_mm * (1.0 + 4.0 / 3.0 * a),
         }
@@ -341,7 +229,7 @@ impl Profile for Dipole {
     }
 
     fn triangle(&self, receiver_mm: DVec3, corners_mm: [DVec3; 3]) -> f64 {
-        triangle(&self.poles(), receiver_mm, corners_mm)
+        planar::triangle(&self.poles(), receiver_mm, corners_mm)
     }
 
     fn expansion(&self, s_mm2: f64) -> [f64; 3] {
@@ -351,4 +239,4 @@ impl Profile for Dipole {
 }
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

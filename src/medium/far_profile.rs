@@ -94,15 +94,14 @@ mod tests {
     use super::*;
     use crate::math::quadrature::integrate;
     use crate::medium::fresnel::{BoundaryFit, boundary_a};
-    use crate::medium::material::PRESETS;
+    use crate::medium::material::preset_dipoles;
     use crate::medium::profile::Profile;
 
     const SPLITS_MM: [f64; 6] = [0.01, 0.1, 0.5, 2.0, 30.0, 1000.0];
 
     /// Presets, no scattering, no absorption, and both ends of the scale.
     fn dipoles() -> Vec<Dipole> {
-        let mut all: Vec<Dipole> =
-            PRESETS.iter().flat_map(|preset| preset.properties().dipoles(BoundaryFit::Published)).collect();
+        let mut all: Vec<Dipole> = preset_dipoles().collect();
         let a = boundary_a(1.3, BoundaryFit::Published);
         let extremes =
             [(0.0, 1.0), (0.0, 0.0), (1e6, 0.0), (1e6, 1e6), (1e-6, 0.0), (1e-9, 1e-9), (1e-6, 1e6), (1e300, 1e300)];

@@ -39,18 +39,6 @@ pub struct Medium {
     pub properties: OpticalProperties,
 }
 
-/// Lengths and total reflectance of one channel, from which the resolution that a medium needs can be judged. Infinite
-/// lengths become `null` in JSON.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct ChannelSummary {
-    /// 1 / sigma_t', infinite without extinction.
-    pub mean_free_path_mm: f64,
-    /// 1 / sigma_tr, infinite without absorption or without extinction.
-    pub diffusion_length_mm: f64,
-    /// Diffuse reflectance of a half space by the dipole.
-    pub total_reflectance: f64,
-}
-
 impl OpticalProperties {
     /// The properties if they are physical and within the accepted ranges.
     ///
@@ -99,13 +87,6 @@ impl OpticalProperties {
         self.sigma_s_per_mm() + self.sigma_a_per_mm
     }
 
-    /// Reduced albedo alpha' = sigma_s' / sigma_t', 0 without extinction.
-    pub fn albedo_reduced(&self) -> DVec3 {
-        let fraction = |s: f64, t: f64| if t > 0.0 { s / t } else { 0.0 };
-        let (s, t) = (self.sigma_s_reduced_per_mm, self.sigma_t_reduced_per_mm());
-        DVec3::new(fraction(s.x, t.x), fraction(s.y, t.y), fraction(s.z, t.z))
-    }
-
     /// Effective transport coefficient sigma_tr = sqrt(3 sigma_a sigma_t') in 1/mm.
     pub fn sigma_tr_per_mm(&self) -> DVec3 {
         (3.0 * self.sigma_a_per_mm * self.sigma_t_reduced_per_mm()).map(f64::sqrt)
@@ -133,15 +114,9 @@ impl OpticalProperties {
         [(s.x, t.x), (s.y, t.y), (s.z, t.z)].map(|(s, t)| Dipole::new(s, t, a))
     }
 
-    /// Lengths and total of each channel.
-    pub fn summary(&self, fit: BoundaryFit) -> [ChannelSummary; 3] {
-        let (free, diffusion) = (self.mean_free_path_mm().to_array(), self.diffusion_length_mm().to_array());
-        let totals = self.dipoles(fit).map(|dipole| dipole.total());
-        [0, 1, 2].map(|i| ChannelSummary {
-            mean_free_path_mm: free[i],
-            diffusion_length_mm: diffusion[i],
-            total_reflectance: totals[i],
-        })
+    /// Diffuse reflectance of a half space by the dipole, each channel.
+    pub fn total_reflectance(&self, fit: BoundaryFit) -> [f64; 3] {
+        self.dipoles(fit).map(|dipole| dipole.total())
     }
 }
 
@@ -218,6 +193,11 @@ pub const PRESETS: [Preset; 12] = [
     Preset::new("spectralon", [11.6, 20.4, 14.9], [0.0, 0.0, 0.0], 1.3, [1.00, 1.00, 1.00]),
     Preset::new("wholemilk", [2.55, 3.21, 3.77], [0.0011, 0.0024, 0.014], 1.3, [0.91, 0.88, 0.76]),
 ];
+
+/// The dipoles of every channel of the measured materials, with the published boundary.
+pub(crate) fn preset_dipoles() -> impl Iterator<Item = Dipole> {
+    PRESETS.iter().flat_map(|preset| preset.properties().dipoles(BoundaryFit::Published))
+}
 
 /// The preset of that name; letter case does not matter.
 pub fn preset(name: &str) -> Option<&'static Preset> {

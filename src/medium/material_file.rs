@@ -25,26 +25,17 @@ impl Material {
         preset(argument).map(Preset::material).ok_or_else(|| Error::command_line(unknown_preset(argument)))
     }
 
-    /// Reads a material file (TOML); keys in [`Material::from_toml`]. The name defaults to the file's.
-    ///
-    /// # Errors
-    /// I/O when it cannot be read; invalid input, with path, line and column, for its contents.
-    pub fn from_file(path: &Path) -> Result<Self> {
-        let text = read(path)?;
-        let stem = path.file_stem().map_or_else(|| "custom".into(), |stem| stem.to_string_lossy().into_owned());
-        parse(&text, &path.display().to_string(), &stem)
-    }
-
-    /// A material from the text of a material file; `place` stands before the line in errors.
+    /// Reads a material file (TOML). The name defaults to the file's.
     ///
     /// Keys: `name`; `preset` (start from it); `sigma_s_reduced_per_mm` or `sigma_s_per_mm` (unreduced, with `g`);
     /// `sigma_a_per_mm`; `g` (0); `eta` (1.3). Coefficients are one number or three (RGB), in 1/mm.
     ///
     /// # Errors
-    /// Invalid input, with line and column, for unknown keys and for values that are missing, contradictory or not
-    /// valid.
-    pub fn from_toml(text: &str, place: &str) -> Result<Self> {
-        parse(text, place, "custom")
+    /// I/O when it cannot be read; invalid input, with path, line and column, for its contents.
+    pub fn from_file(path: &Path) -> Result<Self> {
+        let text = read_text(path, "material file", 1)?;
+        let stem = path.file_stem().map_or_else(|| "custom".into(), |stem| stem.to_string_lossy().into_owned());
+        parse(&text, &path.display().to_string(), &stem)
     }
 
     /// The material of `--material`, if given, changed by `--sigma-s` (unreduced), `--sigma-a`, `--g` and `--eta`.
@@ -65,9 +56,6 @@ impl Material {
     }
 }
 
-/// Longest material file; a path given by mistake must not fill the memory.
-const LARGEST_FILE_BYTES: u64 = 1 << 20;
-
 /// The keys as written.
 #[derive(serde::Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -83,7 +71,7 @@ struct File {
 
 /// One number for all channels, or three.
 #[derive(Clone, Copy)]
-struct Channels(DVec3);
+pub(super) struct Channels(pub(super) DVec3);
 
 impl<'de> Deserialize<'de> for Channels {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
@@ -119,19 +107,21 @@ impl<'de> Visitor<'de> for ChannelsVisitor {
     }
 }
 
-/// The text of the file at `path`.
-pub(super) fn read(path: &Path) -> Result<String> {
+/// The text of a file of at most `most_mib` MiB, since a path given by mistake must not fill the memory; errors name the
+/// expected `kind` of file.
+pub(super) fn read_text(path: &Path, kind: &str, most_mib: u64) -> Result<String> {
     let file = std::fs::File::open(path).map_err(|error| Error::io(path, &error))?;
     let mut bytes = Vec::new();
-    file.take(LARGEST_FILE_BYTES + 1).read_to_end(&mut bytes).map_err(|error| Error::io(path, &error))?;
-    if bytes.len() as u64 > LARGEST_FILE_BYTES {
-        return Err(Error::input("longer than 1 MiB, so this is no material file").at(path.display()));
+    file.take((most_mib << 20) + 1).read_to_end(&mut bytes).map_err(|error| Error::io(path, &error))?;
+    let wrong = |what: &str| Error::input(format!("{what}, so this is no {kind}")).at(path.display());
+    if bytes.len() as u64 > most_mib << 20 {
+        return Err(wrong(&format!("longer than {most_mib} MiB")));
     }
-    String::from_utf8(bytes).map_err(|_| Error::input("not UTF-8 text, so this is no material file").at(path.display()))
+    String::from_utf8(bytes).map_err(|_| wrong("not UTF-8 text"))
 }
 
 /// `line:column` of a byte offset, both from 1, columns in characters.
-fn position(text: &str, offset: usize) -> String {
+pub(super) fn position(text: &str, offset: usize) -> String {
     let before = text.get(..offset).unwrap_or(text);
     let line = before.matches('\n').count() + 1;
     let column = before.rsplit('\n').next().map_or(0, |line| line.chars().count()) + 1;
@@ -156,8 +146,12 @@ pub(super) fn parse(text: &str, place: &str, name: &str) -> Result<Material> {
     Ok(Material { name: file.name.unwrap_or_else(|| name.to_owned()), properties })
 }
 
-fn one_line(message: &str) -> String {
+pub(super) fn one_line(message: &str) -> String {
     message.split('\n').map(str::trim).collect::<Vec<_>>().join(", ")
+}
+
+fn span<T>(value: &Option<Spanned<T>>) -> Option<Range<usize>> {
+    value.as_ref().map(Spanned::span)
 }
 
 /// Applies one key after another, so that an error names the key with the invalid value.
@@ -178,24 +172,16 @@ fn apply(file: &File, base: Option<&Preset>) -> std::result::Result<OpticalPrope
             g: 0.0,
             eta_inside_over_outside: 1.0,
         };
+        let none = Overrides::default();
         let alone = [
-            (file.g.as_ref().map(Spanned::span), Overrides { g: whole.g, ..Overrides::default() }),
+            (span(&file.g), Overrides { g: whole.g, ..none }),
             (
-                file.sigma_s_reduced_per_mm.as_ref().map(Spanned::span),
-                Overrides { sigma_s_reduced_per_mm: whole.sigma_s_reduced_per_mm, ..Overrides::default() },
+                span(&file.sigma_s_reduced_per_mm),
+                Overrides { sigma_s_reduced_per_mm: whole.sigma_s_reduced_per_mm, ..none },
             ),
-            (
-                file.sigma_s_per_mm.as_ref().map(Spanned::span),
-                Overrides { sigma_s_per_mm: whole.sigma_s_per_mm, g: whole.g, ..Overrides::default() },
-            ),
-            (
-                file.sigma_a_per_mm.as_ref().map(Spanned::span),
-                Overrides { sigma_a_per_mm: whole.sigma_a_per_mm, ..Overrides::default() },
-            ),
-            (
-                file.eta.as_ref().map(Spanned::span),
-                Overrides { eta_inside_over_outside: whole.eta_inside_over_outside, ..Overrides::default() },
-            ),
+            (span(&file.sigma_s_per_mm), Overrides { sigma_s_per_mm: whole.sigma_s_per_mm, g: whole.g, ..none }),
+            (span(&file.sigma_a_per_mm), Overrides { sigma_a_per_mm: whole.sigma_a_per_mm, ..none }),
+            (span(&file.eta), Overrides { eta_inside_over_outside: whole.eta_inside_over_outside, ..none }),
         ];
         let blamed = alone
             .into_iter()
@@ -203,7 +189,7 @@ fn apply(file: &File, base: Option<&Preset>) -> std::result::Result<OpticalPrope
         match blamed {
             Some((span, error)) => (Some(span), error),
             None if whole.sigma_s_reduced_per_mm.is_some() && whole.sigma_s_per_mm.is_some() => {
-                (file.sigma_s_per_mm.as_ref().map(Spanned::span), error)
+                (span(&file.sigma_s_per_mm), error)
             }
             None => (None, error),
         }

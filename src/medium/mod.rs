@@ -8,6 +8,7 @@ pub mod inversion;
 pub mod material;
 mod material_file;
 pub mod phase;
+mod planar;
 pub mod profile;
 pub mod profile_basis;
 pub mod profiles;

@@ -71,9 +71,6 @@ mod tests {
         fn tail(&self, r_mm: f64) -> f64 {
             self.0.tail(r_mm)
         }
-        fn triangle(&self, receiver_mm: glam::DVec3, corners_mm: [glam::DVec3; 3]) -> f64 {
-            self.0.triangle(receiver_mm, corners_mm)
-        }
     }
 
     #[test]
@@ -120,9 +117,6 @@ mod tests {
                 if r_mm < 1.0 { f64::INFINITY } else { f64::NAN }
             }
             fn tail(&self, _: f64) -> f64 {
-                0.0
-            }
-            fn triangle(&self, _: glam::DVec3, _: [glam::DVec3; 3]) -> f64 {
                 0.0
             }
         }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use crate::error::{Error, Result};
 use crate::io::atomic;
 use crate::io::png::encode_png;
-use crate::measure::chart::draw::{Bars, Front, Point, Scatter, Unit, bars_png, bars_svg, scatter_png, scatter_svg};
+use crate::measure::chart::draw::{Bars, Front, Point, Scatter, Unit, as_png, as_svg};
 use crate::measure::chart::front::pareto;
 use crate::measure::chart::page::{Triple, page};
 use crate::measure::chart::table::csv;
@@ -72,13 +72,13 @@ pub(crate) fn write(chart: &Chart, shown: &[Shown], folder: &Path) -> Result<Pat
             let places: Vec<(f64, f64)> = rows.iter().map(|(_, r)| ((cost.of)(r), r.error.rms)).collect();
             members.extend(pareto(&places).into_iter().map(|i| rows[i].0));
             let scatter = scatter(cost, truth, &rows);
-            let (svg, png) = (scatter_svg(&scatter)?, scatter_png(&scatter)?);
+            let (svg, png) = (as_svg(&scatter)?, as_png(&scatter)?);
             put(&format!("{}.svg", name(cost.file)), svg.as_bytes())?;
             put(&format!("{}.png", name(cost.file)), &png)?;
             charts.push((scatter.title, svg));
         }
         let bars = bars(truth, &rows);
-        let (svg, png) = (bars_svg(&bars)?, bars_png(&bars)?);
+        let (svg, png) = (as_svg(&bars)?, as_png(&bars)?);
         put(&format!("{}.svg", name("stages")), svg.as_bytes())?;
         put(&format!("{}.png", name("stages")), &png)?;
         charts.push((bars.title, svg));

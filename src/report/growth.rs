@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
 use crate::io::atomic;
-use crate::measure::growth::draw::{Curves, curves_png, curves_svg};
+use crate::measure::chart::draw::{as_png, as_svg};
+use crate::measure::growth::draw::Curves;
 use crate::measure::growth::page::page;
 use crate::measure::growth::table::csv;
 use crate::measure::growth::{Axis, Growth, Quantity};
@@ -19,9 +20,9 @@ pub(crate) fn write(growth: &Growth, folder: &Path) -> Result<PathBuf> {
     for axis in Axis::ALL {
         for quantity in Quantity::ALL {
             let Some(curves) = Curves::of(growth, axis, quantity) else { continue };
-            let svg = curves_svg(&curves)?;
+            let svg = as_svg(&curves)?;
             put(&format!("{}-{}.svg", axis.name(), quantity.name()), svg.as_bytes())?;
-            put(&format!("{}-{}.png", axis.name(), quantity.name()), &curves_png(&curves)?)?;
+            put(&format!("{}-{}.png", axis.name(), quantity.name()), &as_png(&curves)?)?;
             charts.push((curves.title, svg));
         }
     }

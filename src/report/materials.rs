@@ -50,7 +50,7 @@ impl MaterialsReport {
     pub(crate) fn of_presets() -> Self {
         let row = |preset: &crate::medium::material::Preset| MaterialRow {
             medium: MediumReport::of(&preset.material().into()),
-            total_reflectance: preset.properties().summary(BoundaryFit::Published).map(|c| c.total_reflectance),
+            total_reflectance: preset.properties().total_reflectance(BoundaryFit::Published),
         };
         Self { materials: PRESETS.iter().map(row).collect() }
     }

@@ -10,7 +10,7 @@ use translux::evaluate::keys::{AnyKey, Audience, Keys};
 use translux::evaluate::{AnyForm, BakeSettings, Evaluator, Method, Recipe, Registry};
 use translux::geometry::mesh::{Mesh, Scale, resolve_scale};
 use translux::geometry::part_table::PartTable;
-use translux::geometry::parts::{MaterialRoles, Parts, PartsRule};
+use translux::geometry::parts::{Analysis, MaterialRoles, PartsRule};
 use translux::geometry::source::SourceModel;
 use translux::light::Light;
 use translux::medium::material::{Medium, preset};
@@ -51,7 +51,7 @@ fn with_roles(
     let placement = resolve_scale(&source, Some(scale)).unwrap();
     let (mut mesh, mut report) = Mesh::from_source(source, &placement).unwrap();
     let roles = roles(&mesh.materials);
-    let parts = Parts::new(&mut mesh, &roles, PartsRule::Auto, &mut report);
+    let parts = Analysis::new(&mut mesh, &roles, PartsRule::Auto, &mut report).parts;
     let parts = PartTable::of(&mesh, &parts);
     Scene { mesh, parts, media: presets.iter().map(|name| medium(name)).collect() }
 }

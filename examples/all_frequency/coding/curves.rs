@@ -1,7 +1,7 @@
 //! What was measured of each form of the coding: the chart and the tables.
 
 use translux::error::{Error, Result};
-use translux::measure::chart::draw::{Front, Point, Scatter, Unit, scatter_svg};
+use translux::measure::chart::draw::{Front, Point, Scatter, Unit, as_svg};
 
 use super::clusters::Shape;
 use super::{ALONE_DIRECTIONS, ALONE_MEMBERS, ASKED};
@@ -110,7 +110,7 @@ impl Curves {
             lines: Vec::new(),
             front: Front::Left,
         };
-        translux::io::atomic::write(&context.pictures.join(FILE), scatter_svg(&chart)?.as_bytes())?;
+        translux::io::atomic::write(&context.pictures.join(FILE), as_svg(&chart)?.as_bytes())?;
         let default = self.find(DEFAULT)?.at(error);
         let of_curve = |curve: &Curve| {
             let bytes = curve.at(error);

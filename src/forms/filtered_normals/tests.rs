@@ -10,7 +10,7 @@ use crate::evaluate::{BakeSettings, Evaluator, Form, Probes};
 use crate::forms::density::Density;
 use crate::geometry::mesh::{Mesh, Scale, resolve_scale};
 use crate::geometry::part_table::PartTable;
-use crate::geometry::parts::{MaterialRoles, Parts, PartsRule};
+use crate::geometry::parts::{Analysis, MaterialRoles, PartsRule};
 use crate::geometry::shapes;
 use crate::geometry::source::SourceModel;
 use crate::light::Light;
@@ -27,7 +27,7 @@ pub(super) fn medium(name: &str) -> Medium {
 pub(super) fn scene(model: SourceModel, material: &str) -> Scene {
     let placement = resolve_scale(&model, Some(Scale::MillimetresPerUnit(1.0))).unwrap();
     let (mut mesh, mut report) = Mesh::from_source(model, &placement).unwrap();
-    let parts = Parts::new(&mut mesh, &MaterialRoles::single(1), PartsRule::Auto, &mut report);
+    let parts = Analysis::new(&mut mesh, &MaterialRoles::single(1), PartsRule::Auto, &mut report).parts;
     let parts = PartTable::of(&mesh, &parts);
     Scene { mesh, parts, media: vec![medium(material)] }
 }

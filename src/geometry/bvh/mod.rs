@@ -27,7 +27,6 @@
 //! nothing where they are not. The portable path answers the same at 0.4 of the speed.
 
 mod build;
-mod hit;
 mod lanes;
 mod packet;
 mod ray;
@@ -42,8 +41,8 @@ use self::build::{Block, Node, Tree};
 use self::ray::Query;
 use super::mesh::Mesh;
 
-pub use self::hit::{Hit, NO_TRIANGLE};
 pub use self::ray::{Ray, offset_along, offset_origin};
+pub use self::triangle::{Hit, NO_TRIANGLE};
 
 /// Triangles arranged for ray casting. The tree is a function of the triangles alone.
 #[derive(Clone, Debug)]

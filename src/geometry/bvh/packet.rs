@@ -5,10 +5,10 @@
 //! so the answers are those of single rays.
 
 use super::build::{Children, LEAF, Node, Tree, WIDTH};
-use super::hit::Hit;
 use super::lanes::{Lanes, Path, Portable, Slot};
 use super::ray::{Query, Ray};
 use super::traverse::{self, Except, Nearest, SMALL_STACK};
+use super::triangle::Hit;
 
 /// Most rays in a bundle.
 const BUNDLE: usize = 2 * WIDTH;

@@ -1,12 +1,14 @@
 #![allow(clippy::unwrap_used)]
 
-use std::f64::consts::{PI, TAU};
-use std::path::{Path, PathBuf};
+use std::f64::consts::TAU;
 
 use glam::{DVec3, Vec3};
 
 use super::lanes::Path as Instructions;
 use super::{Bvh, Hit, NO_TRIANGLE, Ray, offset_origin};
+use crate::geometry::shapes;
+use crate::geometry::source::SourceModel;
+use crate::geometry::test_data::obj;
 use crate::math::random::uniform;
 
 type Corners = Vec<[Vec3; 3]>;
@@ -21,56 +23,16 @@ fn point(stage: u64, i: u64) -> Vec3 {
     DVec3::new(uniform(stage, i, 2), uniform(stage, i, 3), uniform(stage, i, 4)).as_vec3() * 2.0 - 1.0
 }
 
-/// A closed grid: `at` must be periodic in both arguments (or pinch to a point).
-fn grid(along: usize, around: usize, at: impl Fn(usize, usize) -> Vec3) -> Corners {
-    let mut corners = Vec::new();
-    for i in 0..along {
-        for j in 0..around {
-            let [a, b, c, d] =
-                [at(i, j), at((i + 1) % along, j), at((i + 1) % along, (j + 1) % around), at(i, (j + 1) % around)];
-            corners.extend([[a, b, c], [a, c, d]]);
-        }
-    }
-    corners
+fn corners_of(model: &SourceModel) -> Corners {
+    model.triangles.iter().map(|t| t.map(|v| model.positions[v as usize].as_vec3())).collect()
 }
 
-fn torus(along: usize, around: usize) -> Corners {
-    grid(along, around, |i, j| {
-        let (a, b) = (TAU * i as f64 / along as f64, TAU * j as f64 / around as f64);
-        let r = 1.0 + 0.4 * b.cos();
-        DVec3::new(r * a.cos(), r * a.sin(), 0.4 * b.sin()).as_vec3()
-    })
+fn torus(along: u32, around: u32) -> Corners {
+    corners_of(&shapes::torus(1.0, 0.4, along, around))
 }
 
 fn icosphere(levels: u32) -> Corners {
-    let g = (1.0 + 5f64.sqrt()) / 2.0;
-    let p: Vec<DVec3> = (0..12)
-        .map(|i| {
-            let (s, t) = (if i & 1 == 0 { 1.0 } else { -1.0 }, if i & 2 == 0 { g } else { -g });
-            [DVec3::new(0.0, s, t), DVec3::new(s, t, 0.0), DVec3::new(t, 0.0, s)][i / 4].normalize()
-        })
-        .collect();
-    let edge = p[0].distance(p[1]);
-    let mut faces: Vec<[DVec3; 3]> = Vec::new();
-    for (i, &a) in p.iter().enumerate() {
-        for (j, &b) in p.iter().enumerate().skip(i + 1) {
-            for &c in &p[j + 1..] {
-                if [a.distance(b), b.distance(c), c.distance(a)].iter().all(|d| (d - edge).abs() < 1e-6) {
-                    faces.push(if a.dot(b.cross(c)) > 0.0 { [a, b, c] } else { [a, c, b] });
-                }
-            }
-        }
-    }
-    for _ in 0..levels {
-        faces = faces
-            .iter()
-            .flat_map(|&[a, b, c]| {
-                let [x, y, z] = [(a + b), (b + c), (c + a)].map(DVec3::normalize);
-                [[a, x, z], [x, b, y], [z, y, c], [x, y, z]]
-            })
-            .collect();
-    }
-    faces.iter().map(|f| f.map(|p| p.as_vec3())).collect()
+    corners_of(&shapes::icosphere(1.0, levels))
 }
 
 fn soup(n: u64, size: f32) -> Corners {
@@ -83,37 +45,6 @@ fn slivers(n: u64) -> Corners {
 
 fn moved(corners: &Corners, scale: f32, offset: Vec3) -> Corners {
     corners.iter().map(|t| t.map(|p| p * scale + offset)).collect()
-}
-
-/// Thin ears and narrow folds.
-fn elephant() -> Corners {
-    let model = crate::geometry::shapes::elephant(1.2);
-    model.triangles.iter().map(|t| t.map(|v| model.positions[v as usize].as_vec3())).collect()
-}
-
-fn obj(name: &str) -> Option<Corners> {
-    let root = std::env::var_os("TRANSLUX_SHARED")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared"), PathBuf::from);
-    let Ok(text) = std::fs::read_to_string(root.join("data/meshes").join(name)) else {
-        println!("WITHOUT ../shared: {name} is not there");
-        return None;
-    };
-    let rows = |tag: &'static str| {
-        text.lines().filter_map(move |l| l.strip_prefix(tag)?.strip_prefix(' ')).map(|l| l.split_whitespace())
-    };
-    let points: Vec<Vec3> = rows("v").map(|w| Vec3::from_iter3(w.map(|x| x.parse().unwrap()))).collect();
-    let face = |w: &str| points[w.split('/').next().unwrap().parse::<usize>().unwrap() - 1];
-    Some(rows("f").map(|w| w.map(face).collect::<Vec<_>>()).map(|f| [f[0], f[1], f[2]]).collect())
-}
-
-trait FromIter3 {
-    fn from_iter3(values: impl Iterator<Item = f32>) -> Self;
-}
-
-impl FromIter3 for Vec3 {
-    fn from_iter3(mut values: impl Iterator<Item = f32>) -> Self {
-        Vec3::from_array([(); 3].map(|()| values.next().unwrap()))
-    }
 }
 
 /// Every path that this machine has.
@@ -376,9 +307,10 @@ fn middles(corners: &Corners, wanted: usize) -> Vec<Vec3> {
 }
 
 fn containment(rays: u64) {
-    let mut meshes = vec![("icosphere", icosphere(4)), ("torus", torus(96, 48)), ("elephant", elephant())];
+    let mut meshes =
+        vec![("icosphere", icosphere(4)), ("torus", torus(96, 48)), ("elephant", corners_of(&shapes::elephant(1.2)))];
     for name in ["bunny_closed.obj", "horse.obj"] {
-        meshes.extend(obj(name).map(|corners| (name, corners)));
+        meshes.extend(obj(&format!("meshes/{name}")).map(|model| (name, corners_of(&model))));
     }
     let share = rays / meshes.len() as u64;
     let start = std::time::Instant::now();
@@ -579,15 +511,4 @@ fn the_tree_is_the_same_every_time_and_holds_every_triangle_once() {
         }
     }
     assert!(seen.iter().all(|&n| n == 1));
-}
-
-#[test]
-fn solid_angle_of_a_sphere_seen_from_afar() {
-    let corners = icosphere(4);
-    let bvh = Bvh::from_triangles(&corners);
-    let n = 200_000;
-    let hits = (0..n).filter(|&i| bvh.occluded(&Ray::new(Vec3::new(0.0, 0.0, 2.0), direction(71, i)), NO_TRIANGLE));
-    let fraction = hits.count() as f64 / n as f64;
-    let exact = 0.5 * (1.0 - (PI / 6.0).cos());
-    assert!((fraction - exact).abs() < 4.0 * (exact / n as f64).sqrt() + 0.01 * exact, "{fraction} {exact}");
 }

@@ -1,10 +1,9 @@
 //! One ray through the tree.
 
 use super::build::{LEAF, Tree, WIDTH};
-use super::hit::{Hit, NO_TRIANGLE};
 use super::lanes::{Lanes, Path, Portable, Slot};
 use super::ray::Query;
-use super::triangle::{ExactHit, candidates, exact};
+use super::triangle::{ExactHit, Hit, NO_TRIANGLE, candidates, exact};
 
 /// Entries of a stack that needs no allocation; deeper trees take a `Vec`.
 pub(super) const SMALL_STACK: usize = 256;

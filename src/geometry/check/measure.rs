@@ -1,12 +1,47 @@
-//! The measurements behind the mesh check.
+//! The measurements behind the mesh check, of the whole mesh and of its parts against the mean free path of their medium.
 
 use glam::DVec3;
 use rayon::prelude::*;
+use serde::Serialize;
 
-use super::part::{MeanFreePath, PartCheck, THICKNESS_SAMPLES, THIN_MEAN_FREE_PATHS};
+use crate::geometry::buckets::Buckets;
 use crate::geometry::mesh::{Mesh, simple_chains};
-use crate::geometry::parts::{Analysis, ComponentTree, Parts, Role, is_slit};
+use crate::geometry::parts::{Analysis, ComponentTree, DisjointSets, Part, Parts, Role, is_slit};
 use crate::math::random::uniform;
+
+/// A part is thin where a straight way inwards leaves it within this many mean free paths: diffusion, which assumes
+/// many scattering events between two surfaces, is inaccurate there.
+pub const THIN_MEAN_FREE_PATHS: f64 = 3.0;
+
+/// Inward rays that measure thickness, spread over the translucent area of the whole mesh.
+pub const THICKNESS_SAMPLES: usize = 2048;
+
+/// Mean free paths 1/sigma_t' of one medium over its colour channels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MeanFreePath {
+    /// Mean free path of the densest channel, in mm: triangles must resolve it.
+    pub shortest_mm: f64,
+    /// Mean free path of the clearest channel, in mm: thickness must exceed it.
+    pub longest_mm: f64,
+}
+
+/// Measurements of one part.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct PartCheck {
+    /// The part itself.
+    #[serde(flatten)]
+    pub part: Part,
+    /// Thickness of a sheet of the same area and volume, 2 V / A, in mm; none for open parts.
+    pub mean_thickness_mm: Option<f64>,
+    /// 5th and 50th percentile over the area of the way straight inwards to the next back face of the part, in mm;
+    /// none where so many of the rays find no way out, and for parts with fewer than 16 of the samples.
+    pub thickness_mm: [Option<f64>; 2],
+    /// Share of the area where that way is below [`THIN_MEAN_FREE_PATHS`]; none without a mean free path. Parts with
+    /// fewer than 16 samples are judged by their mean thickness.
+    pub thin_area_share: Option<f64>,
+    /// Share of the area in triangles with an edge longer than the shortest mean free path; none without one.
+    pub long_edge_area_share: Option<f64>,
+}
 
 /// Stage number of the random numbers that place thickness samples.
 const STAGE: u64 = 0x7468_6963_6b6e_6573;
@@ -65,29 +100,14 @@ fn percentile(values: &mut [f32], fraction: f64) -> f32 {
 
 /// Number of welded vertices in use, and of those with more than one fan of triangles.
 pub(super) fn vertices(mesh: &Mesh) -> (usize, usize) {
-    let mut start = vec![0u32; mesh.weld.len() + 1];
-    for t in 0..mesh.triangles.len() as u32 {
-        for v in mesh.welded(t) {
-            start[v as usize + 1] += 1;
-        }
-    }
-    let used = start.iter().filter(|&&n| n > 0).count();
-    for i in 1..start.len() {
-        start[i] += start[i - 1];
-    }
     // For each corner the edge opposite to it, in the direction of the triangle.
-    let mut opposite = vec![[0u32; 2]; 3 * mesh.triangles.len()];
-    let mut next = start.clone();
-    for t in 0..mesh.triangles.len() as u32 {
+    let of_triangle = |t: u32| {
         let [a, b, c] = mesh.welded(t);
-        for (v, pair) in [(a, [b, c]), (b, [c, a]), (c, [a, b])] {
-            let slot = &mut next[v as usize];
-            opposite[*slot as usize] = pair;
-            *slot += 1;
-        }
-    }
-    let fans = |bounds: &[u32]| is_split(&opposite[bounds[0] as usize..bounds[1] as usize]);
-    (used, start.par_windows(2).filter(|bounds| fans(bounds)).count())
+        [(a, [b, c]), (b, [c, a]), (c, [a, b])]
+    };
+    let opposite = Buckets::new(mesh.weld.len(), || (0..mesh.triangles.len() as u32).flat_map(of_triangle));
+    let used = opposite.all().filter(|link| !link.is_empty()).count();
+    (used, (0..opposite.len()).into_par_iter().filter(|&v| is_split(opposite.bucket(v))).count())
 }
 
 /// True if the edges around a vertex form more than one connected piece.
@@ -110,7 +130,7 @@ fn is_split(link: &[[u32; 2]]) -> bool {
     let mut around: Vec<u32> = link.iter().flatten().copied().collect();
     around.sort_unstable();
     around.dedup();
-    let mut sets = crate::geometry::parts::DisjointSets::new(around.len());
+    let mut sets = DisjointSets::new(around.len());
     let place = |v: u32| around.partition_point(|&w| w < v) as u32;
     for &[a, b] in link {
         sets.join(place(a), place(b));
@@ -135,7 +155,7 @@ pub(super) fn parts(mesh: &Mesh, parts: &Parts, paths: &[MeanFreePath]) -> Vec<P
             }
         }
     }
-    let one = |(part, (mut ways, long)): (&crate::geometry::parts::Part, (Vec<f32>, f64))| {
+    let one = |(part, (mut ways, long)): (&Part, (Vec<f32>, f64))| {
         let mean_thickness_mm = part.volume_mm3.filter(|_| part.area_mm2 > 0.0).map(|v| 2.0 * v.abs() / part.area_mm2);
         let enough = ways.len() >= FEW_SAMPLES;
         let at = |ways: &mut [f32], p| Some(f64::from(percentile(ways, p))).filter(|t| enough && t.is_finite());

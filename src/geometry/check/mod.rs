@@ -1,14 +1,13 @@
 //! The mesh check: size, topology, defects, and whether the mesh is fine enough for its material.
 
 mod measure;
-mod part;
 
 use serde::Serialize;
 
 use super::mesh::{Mesh, RepairReport};
 use super::parts::{Analysis, Closure, Role};
 
-pub use self::part::{MeanFreePath, PartCheck, THICKNESS_SAMPLES, THIN_MEAN_FREE_PATHS};
+pub use self::measure::{MeanFreePath, PartCheck, THICKNESS_SAMPLES, THIN_MEAN_FREE_PATHS};
 
 /// Share of a part's area above which thin regions and long edges are worth a warning.
 const WARNING_SHARE: f64 = 0.05;
@@ -104,29 +103,19 @@ impl MeshCheck {
     /// Warnings about defects that make results on this mesh unreliable, one line each; empty for a sound mesh.
     pub fn warnings(&self) -> Vec<String> {
         let mut lines = self.repairs.lines();
-        let openings = self.boundary_loops - self.slits;
-        if openings > 0 {
-            lines.push(format!(
-                "{openings} openings ({} boundary edges): open surfaces receive light on the front side only",
-                self.boundary_edges
-            ));
-        }
-        if self.slits > 0 {
-            lines
-                .push(format!("{} slits of no width, where vertices of one side are missing on the other", self.slits));
-        }
-        if self.non_manifold_edges > 0 {
-            lines.push(format!("{} edges have more than two triangles", self.non_manifold_edges));
-        }
-        if self.non_manifold_vertices > 0 {
-            lines.push(format!("at {} vertices more than one fan of triangles meets", self.non_manifold_vertices));
-        }
-        if self.inconsistent_edges > 0 {
-            lines.push(format!(
-                "{} edges join triangles of opposite winding: one of their sides receives no light",
-                self.inconsistent_edges
-            ));
-        }
+        let (openings, boundary) = (self.boundary_loops - self.slits, self.boundary_edges);
+        let (slits, edges) = (self.slits, self.non_manifold_edges);
+        let (vertices, inconsistent) = (self.non_manifold_vertices, self.inconsistent_edges);
+        let open = "open surfaces receive light on the front side only";
+        let dark = "one of their sides receives no light";
+        let counted = [
+            (openings, format!("{openings} openings ({boundary} boundary edges): {open}")),
+            (slits, format!("{slits} slits of no width, where vertices of one side are missing on the other")),
+            (edges, format!("{edges} edges have more than two triangles")),
+            (vertices, format!("at {vertices} vertices more than one fan of triangles meets")),
+            (inconsistent, format!("{inconsistent} edges join triangles of opposite winding: {dark}")),
+        ];
+        lines.extend(counted.into_iter().filter(|(count, _)| *count > 0).map(|(_, line)| line));
         for &p in &self.inverted_parts {
             lines.push(format!("the part '{}' is closed and its normals point inwards", self.parts[p].part.name));
         }

@@ -1,7 +1,5 @@
 #![allow(clippy::unwrap_used)]
 
-use std::path::PathBuf;
-
 use glam::DVec3;
 
 use super::*;
@@ -9,55 +7,9 @@ use crate::geometry::mesh::{Placement, Scale, resolve_scale};
 use crate::geometry::parts::{MaterialRoles, PartsRule};
 use crate::geometry::shapes::{bumpy_head, compose, cuboid, icosphere, inside_out, plane};
 use crate::geometry::source::SourceModel;
-
-fn checked(source: SourceModel, placement: Placement, paths: Option<&[MeanFreePath]>) -> MeshCheck {
-    let (mut mesh, mut report) = Mesh::from_source(source, &placement).unwrap();
-    let roles = MaterialRoles::single(mesh.materials.len());
-    let analysis = Analysis::new(&mut mesh, &roles, PartsRule::Auto, &mut report);
-    check(&mesh, &analysis, &report, paths)
-}
+use crate::geometry::test_data::{checked, obj};
 
 const UNIT: Placement = Placement { mm_per_unit: 1.0 };
-
-/// A file of the shared test data, or none (said on stderr) where there is none.
-fn shared(file: &str) -> Option<PathBuf> {
-    let root = std::env::var_os("TRANSLUX_SHARED")
-        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared"), PathBuf::from);
-    let path = root.join("data").join(file);
-    if !path.exists() {
-        eprintln!("WITHOUT ../shared: {} is not there", path.display());
-        return None;
-    }
-    Some(path)
-}
-
-/// Vertices and faces of an OBJ, faces cut as fans.
-fn obj(file: &str) -> Option<SourceModel> {
-    let text = std::fs::read_to_string(shared(file)?).unwrap();
-    let mut model = SourceModel { materials: vec!["default".into()], ..SourceModel::default() };
-    for line in text.lines() {
-        let mut words = line.split_whitespace();
-        match words.next() {
-            Some("v") => {
-                let p: Vec<f64> = words.take(3).map(|w| w.parse().unwrap()).collect();
-                model.positions.push(DVec3::from_slice(&p));
-            }
-            Some("f") => {
-                let face: Vec<u32> = words.map(|w| w.split('/').next().unwrap().parse::<u32>().unwrap() - 1).collect();
-                model.triangles.extend((1..face.len() - 1).map(|k| [face[0], face[k], face[k + 1]]));
-            }
-            _ => {}
-        }
-    }
-    model.triangle_material = vec![0; model.triangles.len()];
-    Some(model)
-}
-
-fn checked_file(file: &str) -> Option<MeshCheck> {
-    let source = obj(file)?;
-    let placement = resolve_scale(&source, Some(Scale::DiagonalMm(50.0))).unwrap();
-    Some(checked(source, placement, None))
-}
 
 /// Edges with one triangle and with more than two, counted the slow way on the faces as the file has them.
 fn edges_of_the_file(source: &SourceModel) -> (usize, usize) {
@@ -109,23 +61,21 @@ fn real_meshes_have_the_counts_that_others_found() {
 
 #[test]
 fn real_faults_are_counted() {
-    if let Some(c) = checked_file("meshes/bunny.obj") {
-        assert_eq!((c.repairs.unreferenced_vertices, c.repairs.vertices_without_area), (1_113, 1_113));
-    }
-    if let Some(c) = checked_file("meshes/teapot.obj") {
-        assert_eq!(c.repairs.welded_vertices, 403);
-    }
-    if let Some(c) = checked_file("bad/double_sided_teapot.obj") {
-        assert!(c.repairs.reversed_twins > 3_000 && c.repairs.flipped_components == 0, "{:?}", c.repairs);
-    }
-    if let Some(c) = checked_file("bad/huge_coords_flt_max.obj") {
-        assert!(c.area_mm2.is_finite() && (c.diagonal_mm - 50.0).abs() < 1e-3);
-    }
-    if let Some(c) = checked_file("bad/far_from_origin.obj") {
-        assert!(c.area_mm2 > 0.0 && c.bounds_mm.iter().flatten().all(|x| x.is_finite()));
-    }
-    if let Some(c) = checked_file("bad/non_manifold_edge.obj") {
-        assert_eq!(c.non_manifold_edges, 1);
+    type Claim = fn(&MeshCheck) -> bool;
+    let unused = |c: &MeshCheck| (c.repairs.unreferenced_vertices, c.repairs.vertices_without_area) == (1_113, 1_113);
+    let claims: [(&str, Claim); 6] = [
+        ("meshes/bunny.obj", unused),
+        ("meshes/teapot.obj", |c| c.repairs.welded_vertices == 403),
+        ("bad/double_sided_teapot.obj", |c| c.repairs.reversed_twins > 3_000 && c.repairs.flipped_components == 0),
+        ("bad/huge_coords_flt_max.obj", |c| c.area_mm2.is_finite() && (c.diagonal_mm - 50.0).abs() < 1e-3),
+        ("bad/far_from_origin.obj", |c| c.area_mm2 > 0.0 && c.bounds_mm.iter().flatten().all(|x| x.is_finite())),
+        ("bad/non_manifold_edge.obj", |c| c.non_manifold_edges == 1),
+    ];
+    for (file, holds) in claims {
+        let Some(source) = obj(file) else { continue };
+        let placement = resolve_scale(&source, Some(Scale::DiagonalMm(50.0))).unwrap();
+        let found = checked(source, placement, None);
+        assert!(holds(&found), "{file}: {found:?}");
     }
     if let Some(source) = obj("bad/degenerate_all.obj") {
         assert!(Mesh::from_source(source, &UNIT).is_err());
@@ -228,24 +178,6 @@ fn the_report_is_json_and_the_same_on_any_number_of_threads() {
     };
     assert_eq!(on(1), on(3));
     assert!(on(1).contains("\"closure\":\"closed\""));
-}
-
-#[test]
-fn a_large_mesh_is_checked_in_a_moment() {
-    let source = bumpy_head(10.0, 7);
-    let start = std::time::Instant::now();
-    let (mut mesh, mut report) = Mesh::from_source(source, &UNIT).unwrap();
-    let built = start.elapsed();
-    let analysis = Analysis::new(&mut mesh, &MaterialRoles::single(1), PartsRule::Auto, &mut report);
-    let analysed = start.elapsed();
-    let c = check(&mesh, &analysis, &report, None);
-    println!(
-        "{} triangles: mesh {built:?}, parts {:?}, check {:?}",
-        c.triangles,
-        analysed - built,
-        start.elapsed() - analysed
-    );
-    assert_eq!(c.triangles, 327_680);
 }
 
 #[test]

@@ -1,11 +1,12 @@
 //! Builds the mesh that every stage works on from a source model: scale, rounding, welding and repairs, all counted.
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 use serde::Serialize;
 
 use super::scale::{MAX_DIAGONAL_MM, MIN_DIAGONAL_MM, used_bounds};
 use super::{Mesh, POSITION_RESOLUTION, Placement};
 use crate::error::{Error, Result};
+use crate::geometry::buckets::Buckets;
 use crate::geometry::source::{CornerAttribute, SourceModel};
 use crate::math::random::mix;
 
@@ -125,12 +126,7 @@ impl Mesh {
         }
         retain(&mut self.triangles, keep);
         retain(&mut self.triangle_material, keep);
-        if let Some(normals) = &mut self.normals {
-            retain(&mut normals.corners, keep);
-        }
-        if let Some(uvs) = &mut self.uvs {
-            retain(&mut uvs.corners, keep);
-        }
+        retain_corners(&mut self.normals, &mut self.uvs, keep);
     }
 }
 
@@ -169,13 +165,15 @@ pub fn skip_materials(source: &mut SourceModel, names: &[String]) -> Result<()> 
     }
     retain(&mut source.triangles, &keep);
     retain(&mut source.triangle_material, &keep);
-    if let Some(normals) = &mut source.normals {
-        retain(&mut normals.corners, &keep);
-    }
-    if let Some(uvs) = &mut source.uvs {
-        retain(&mut uvs.corners, &keep);
-    }
+    retain_corners(&mut source.normals, &mut source.uvs, &keep);
     Ok(())
+}
+
+type Corners<T> = Option<CornerAttribute<T>>;
+
+fn retain_corners(normals: &mut Corners<Vec3>, uvs: &mut Corners<Vec2>, keep: &[bool]) {
+    normals.iter_mut().for_each(|normals| retain(&mut normals.corners, keep));
+    uvs.iter_mut().for_each(|uvs| retain(&mut uvs.corners, keep));
 }
 
 fn retain<T>(values: &mut Vec<T>, keep: &[bool]) {
@@ -279,30 +277,15 @@ fn triangles_to_keep(mesh: &Mesh, report: &mut RepairReport) -> Vec<bool> {
 
 /// Finds equal and reversed triangles: buckets by smallest corner, each sorted by the other two.
 fn drop_duplicates(mesh: &Mesh, keep: &mut [bool], report: &mut RepairReport) {
-    let smallest = |t: usize| mesh.welded(t as u32).into_iter().min().unwrap_or_default() as usize;
-    let mut start = vec![0u32; mesh.weld.len() + 1];
+    let smallest = |t: usize| mesh.welded(t as u32).into_iter().min().unwrap_or_default();
     let kept: Vec<usize> = (0..keep.len()).filter(|&t| keep[t]).collect();
-    for &t in &kept {
-        start[smallest(t) + 1] += 1;
-    }
-    for i in 1..start.len() {
-        start[i] += start[i - 1];
-    }
     // (second, third) corner in sorted order, then orientation and index.
-    let mut rows = vec![(0u64, 0u64); kept.len()];
-    let mut next = start.clone();
-    for &t in &kept {
+    let row = |&t: &usize| {
         let (second, third, reversed) = sorted_corners(mesh.welded(t as u32));
-        let bucket = &mut next[smallest(t)];
-        rows[*bucket as usize] = (u64::from(second) << 32 | u64::from(third), u64::from(reversed) << 32 | t as u64);
-        *bucket += 1;
-    }
-    for bounds in start.windows(2) {
-        let bucket = &mut rows[bounds[0] as usize..bounds[1] as usize];
-        if bucket.len() < 2 {
-            continue;
-        }
-        bucket.sort_unstable();
+        (smallest(t), (u64::from(second) << 32 | u64::from(third), u64::from(reversed) << 32 | t as u64))
+    };
+    let rows = Buckets::new(mesh.weld.len(), || kept.iter().map(row)).sorted();
+    for bucket in rows.all() {
         for pair in bucket.windows(2).filter(|pair| pair[0].0 == pair[1].0) {
             if pair[0].1 >> 32 == pair[1].1 >> 32 {
                 keep[pair[1].1 as u32 as usize] = false;

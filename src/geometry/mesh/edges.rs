@@ -1,12 +1,12 @@
 //! Edges of a welded mesh and the loops that some of them form.
 
 use super::Mesh;
+use crate::geometry::buckets::Buckets;
 
 /// Every edge of a mesh with the triangles at it, as one sorted array: buckets by the smaller welded vertex.
 pub(crate) struct EdgeTable {
-    start: Vec<u32>,
     /// Larger vertex << 32 | triangle << 1 | direction (1: the triangle runs from the larger to the smaller vertex).
-    half_edges: Vec<u64>,
+    half_edges: Buckets<u64>,
 }
 
 /// One undirected edge.
@@ -32,38 +32,20 @@ impl Edge<'_> {
 impl EdgeTable {
     /// Collects the edges of a mesh without collapsed triangles.
     pub(crate) fn new(mesh: &Mesh) -> Self {
-        let mut start = vec![0u32; mesh.weld.len() + 1];
-        for t in 0..mesh.triangles.len() as u32 {
+        let of_triangle = |t: u32| {
             let [a, b, c] = mesh.welded(t);
-            for (u, v) in [(a, b), (b, c), (c, a)] {
-                start[u.min(v) as usize + 1] += 1;
-            }
-        }
-        for i in 1..start.len() {
-            start[i] += start[i - 1];
-        }
-        let mut next = start.clone();
-        let mut half_edges = vec![0u64; 3 * mesh.triangles.len()];
-        for t in 0..mesh.triangles.len() as u32 {
-            let [a, b, c] = mesh.welded(t);
-            for (u, v) in [(a, b), (b, c), (c, a)] {
-                let slot = &mut next[u.min(v) as usize];
-                half_edges[*slot as usize] = u64::from(u.max(v)) << 32 | u64::from(t) << 1 | u64::from(u > v);
-                *slot += 1;
-            }
-        }
-        for bounds in start.windows(2) {
-            half_edges[bounds[0] as usize..bounds[1] as usize].sort_unstable();
-        }
-        Self { start, half_edges }
+            [(a, b), (b, c), (c, a)]
+                .map(|(u, v)| (u.min(v), u64::from(u.max(v)) << 32 | u64::from(t) << 1 | u64::from(u > v)))
+        };
+        let all = || (0..mesh.triangles.len() as u32).flat_map(of_triangle);
+        Self { half_edges: Buckets::new(mesh.weld.len(), all).sorted() }
     }
 
     /// Every edge once, ordered by its vertices.
     pub(crate) fn edges(&self) -> impl Iterator<Item = Edge<'_>> + '_ {
-        self.start.windows(2).enumerate().flat_map(move |(v, bounds)| {
-            self.half_edges[bounds[0] as usize..bounds[1] as usize]
-                .chunk_by(|a, b| a >> 32 == b >> 32)
-                .map(move |run| Edge { vertices: [v as u32, (run[0] >> 32) as u32], half_edges: run })
+        self.half_edges.all().enumerate().flat_map(|(v, bucket)| {
+            let runs = bucket.chunk_by(|a, b| a >> 32 == b >> 32);
+            runs.map(move |run| Edge { vertices: [v as u32, (run[0] >> 32) as u32], half_edges: run })
         })
     }
 }
@@ -86,26 +68,12 @@ pub(crate) fn simple_chains(edges: &[[u32; 2]]) -> Vec<Chain> {
     vertices.dedup();
     let dense = |v: u32| vertices.partition_point(|&w| w < v);
     let ends: Vec<[usize; 2]> = edges.iter().map(|e| e.map(dense)).collect();
-    let mut start = vec![0usize; vertices.len() + 1];
-    for &v in ends.iter().flatten() {
-        start[v + 1] += 1;
-    }
-    for i in 1..start.len() {
-        start[i] += start[i - 1];
-    }
-    let mut next = start.clone();
-    let mut incident = vec![0usize; 2 * ends.len()];
-    for (e, pair) in ends.iter().enumerate() {
-        for &v in pair {
-            incident[next[v]] = e;
-            next[v] += 1;
-        }
-    }
+    let of_edge = |(e, pair): (usize, &[usize; 2])| pair.map(|v| (v as u32, e));
+    let incident = Buckets::new(vertices.len(), || ends.iter().enumerate().flat_map(of_edge));
     let mut walk = Walk {
-        cursor: start[..vertices.len()].to_vec(),
-        start,
+        cursor: vec![0; vertices.len()],
         incident,
-        ends,
+        ends: &ends,
         used: vec![false; edges.len()],
         position: vec![usize::MAX; vertices.len()],
         path: Vec::new(),
@@ -113,7 +81,7 @@ pub(crate) fn simple_chains(edges: &[[u32; 2]]) -> Vec<Chain> {
     };
     // Open paths first, from vertices of odd degree: what is left then has even degree everywhere.
     for v in 0..vertices.len() {
-        if (walk.start[v + 1] - walk.start[v]) % 2 == 1 {
+        if walk.incident.bucket(v).len() % 2 == 1 {
             walk.run(v);
         }
     }
@@ -127,11 +95,11 @@ pub(crate) fn simple_chains(edges: &[[u32; 2]]) -> Vec<Chain> {
     walk.chains.into_iter().map(name).collect()
 }
 
-struct Walk {
-    start: Vec<usize>,
-    incident: Vec<usize>,
+struct Walk<'a> {
+    /// Edges at each vertex, and how many of them have been looked at.
+    incident: Buckets<usize>,
     cursor: Vec<usize>,
-    ends: Vec<[usize; 2]>,
+    ends: &'a [[usize; 2]],
     used: Vec<bool>,
     /// Place of a vertex on the current path.
     position: Vec<usize>,
@@ -139,7 +107,7 @@ struct Walk {
     chains: Vec<(Vec<usize>, bool)>,
 }
 
-impl Walk {
+impl Walk<'_> {
     /// Follows unused edges from `v` until there are none; returns whether there was one.
     fn run(&mut self, v: usize) -> bool {
         let mut current = v;
@@ -175,8 +143,7 @@ impl Walk {
     }
 
     fn unused_edge(&mut self, v: usize) -> Option<usize> {
-        while self.cursor[v] < self.start[v + 1] {
-            let e = self.incident[self.cursor[v]];
+        while let Some(&e) = self.incident.bucket(v).get(self.cursor[v]) {
             if !self.used[e] {
                 return Some(e);
             }

@@ -123,7 +123,7 @@ fn a_large_fan_has_its_repetitions_removed_quickly() {
 
 #[test]
 fn skipped_materials_go_with_their_triangles_only() {
-    let named = |name: &str| SourceModel { materials: vec![name.into()], ..icosphere(1.0, 0) };
+    let named = |name: &str| icosphere(1.0, 0).of_material(name);
     let mut source = compose(&[(named("skin"), DVec3::ZERO), (named("iron"), DVec3::X)]);
     let error = skip_materials(&mut source, &["steel".into()]).unwrap_err();
     assert!(error.message().contains("'skin', 'iron'") && error.code() == ExitCode::CommandLine);

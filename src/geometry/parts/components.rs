@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::roles::{MaterialRoles, Role};
 use super::touch::{Corners, Crossing, crossing};
-use super::tree::{Aabb, BoxTree};
+use crate::geometry::boxes::{Aabb, BoxTree};
 use crate::geometry::mesh::{Chain, EdgeTable, Mesh, POSITION_RESOLUTION, RepairReport, simple_chains};
 
 /// Closure of a surface: closed if it bounds a volume.

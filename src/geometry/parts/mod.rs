@@ -6,7 +6,6 @@
 mod components;
 mod roles;
 mod touch;
-mod tree;
 
 use std::collections::HashMap;
 
@@ -68,11 +67,6 @@ pub struct Parts {
 }
 
 impl Parts {
-    /// Turns inverted components round (see [`RepairReport::flipped_components`]), then groups components into parts.
-    pub fn new(mesh: &mut Mesh, roles: &MaterialRoles, rule: PartsRule, report: &mut RepairReport) -> Self {
-        Analysis::new(mesh, roles, rule, report).parts
-    }
-
     fn group(mesh: &Mesh, components: &Components, rule: PartsRule) -> Self {
         let mut sets = DisjointSets::new(components.list.len());
         join_alike(&components.list, &mut sets, |role| rule == PartsRule::Joined || role == Role::Opaque);
@@ -139,7 +133,7 @@ pub struct Analysis {
 }
 
 impl Analysis {
-    /// Finds edges and components, turns inverted components round (counted in `report`) and groups parts.
+    /// Finds edges and components, turns inverted components round (see [`RepairReport::flipped_components`]) and groups parts.
     pub fn new(mesh: &mut Mesh, roles: &MaterialRoles, rule: PartsRule, report: &mut RepairReport) -> Self {
         let mut edges = EdgeTable::new(mesh);
         let mut components = Components::find(mesh, roles, &edges);

@@ -3,22 +3,18 @@
 use glam::{DVec3, Vec3};
 
 use super::*;
-use crate::geometry::mesh::Placement;
 use crate::geometry::shapes::{bumpy_head, compose, cuboid, icosphere, inside_out, plane, torus};
 use crate::geometry::source::{CornerAttribute, SourceModel};
+use crate::geometry::test_data::mesh_of;
 
 fn named(name: &str, source: SourceModel) -> SourceModel {
-    SourceModel { materials: vec![name.to_string()], ..source }
-}
-
-fn build(source: SourceModel) -> (Mesh, RepairReport) {
-    Mesh::from_source(source, &Placement { mm_per_unit: 1.0 }).unwrap()
+    source.of_material(name)
 }
 
 fn parts_of(source: SourceModel, rule: PartsRule) -> (Parts, RepairReport) {
-    let (mut mesh, mut report) = build(source);
+    let (mut mesh, mut report) = mesh_of(source);
     let roles = MaterialRoles::single(mesh.materials.len());
-    (Parts::new(&mut mesh, &roles, rule, &mut report), report)
+    (Analysis::new(&mut mesh, &roles, rule, &mut report).parts, report)
 }
 
 fn two_spheres(distance: f64) -> SourceModel {
@@ -84,10 +80,10 @@ fn media_and_opaque_triangles_never_share_a_part() {
         (named("skin", icosphere(1.0, 2)), DVec3::X * 20.0),
         (named("milk", icosphere(1.0, 2)), DVec3::X * 21.1),
     ]);
-    let (mut mesh, mut report) = build(source);
+    let (mut mesh, mut report) = mesh_of(source);
     let media = [("wax".to_string(), 1)];
     let roles = MaterialRoles::resolve(&mesh.materials, &media, 0, &["iron".to_string()]).unwrap();
-    let parts = Parts::new(&mut mesh, &roles, PartsRule::Auto, &mut report);
+    let parts = Analysis::new(&mut mesh, &roles, PartsRule::Auto, &mut report).parts;
     let summary: Vec<(&str, Role, usize)> =
         parts.parts.iter().map(|p| (p.name.as_str(), p.role, p.components)).collect();
     assert_eq!(
@@ -110,9 +106,9 @@ fn a_shared_vertex_does_not_connect_two_media() {
         (named("b", plane(1.0, 1.0, 1)), DVec3::X),
         (named("a", plane(1.0, 1.0, 1)), DVec3::new(-1.0, 0.0, -1.0)),
     ]);
-    let (mut mesh, mut report) = build(source);
+    let (mut mesh, mut report) = mesh_of(source);
     let roles = MaterialRoles::resolve(&mesh.materials, &[("b".to_string(), 1)], 0, &[]).unwrap();
-    let parts = Parts::new(&mut mesh, &roles, PartsRule::Separate, &mut report);
+    let parts = Analysis::new(&mut mesh, &roles, PartsRule::Separate, &mut report).parts;
     assert_eq!(parts.triangle_part, [0, 0, 1, 1, 0, 0]);
     assert!(parts.parts.iter().all(|p| p.closure == Closure::Open && p.volume_mm3.is_none()));
 }
@@ -138,9 +134,9 @@ fn an_inverted_component_is_turned_round_with_its_attributes() {
         values: source.positions.iter().map(|p| p.as_vec3().truncate()).collect(),
         corners: source.triangles.clone(),
     });
-    let (mut mesh, mut report) = build(source);
+    let (mut mesh, mut report) = mesh_of(source);
     let roles = MaterialRoles::single(1);
-    let parts = Parts::new(&mut mesh, &roles, PartsRule::Auto, &mut report);
+    let parts = Analysis::new(&mut mesh, &roles, PartsRule::Auto, &mut report).parts;
     assert_eq!((report.flipped_components, report.flipped_triangles), (1, 1280));
     assert!(parts.parts[0].volume_mm3.unwrap() > 0.0);
     let (normals, uvs) = (mesh.normals.as_ref().unwrap(), mesh.uvs.as_ref().unwrap());
@@ -150,7 +146,7 @@ fn an_inverted_component_is_turned_round_with_its_attributes() {
         assert!(mean.as_dvec3().dot(mesh.cross_mm2(t as u32)) > 0.0);
     }
     let before = mesh.clone();
-    let again = Parts::new(&mut mesh, &roles, PartsRule::Auto, &mut report);
+    let again = Analysis::new(&mut mesh, &roles, PartsRule::Auto, &mut report).parts;
     assert_eq!((&before, &parts), (&mesh, &again), "a second pass changes nothing");
 }
 
@@ -162,8 +158,8 @@ fn normals_that_were_right_stay_when_the_winding_turns() {
         corners: source.triangles.clone(),
     });
     let values = source.normals.as_ref().unwrap().values.clone();
-    let (mut mesh, mut report) = build(source);
-    Parts::new(&mut mesh, &MaterialRoles::single(1), PartsRule::Auto, &mut report);
+    let (mut mesh, mut report) = mesh_of(source);
+    Analysis::new(&mut mesh, &MaterialRoles::single(1), PartsRule::Auto, &mut report).parts;
     assert_eq!(report.flipped_components, 1);
     assert_eq!(mesh.normals.unwrap().values, values);
 }
@@ -175,9 +171,9 @@ fn an_inverted_neighbour_is_turned_and_an_inverted_shell_of_another_medium_too()
         (inside_out(icosphere(1.0, 2)), DVec3::X * 5.0),
         (named("glass", inside_out(icosphere(0.5, 2))), DVec3::ZERO),
     ]);
-    let (mut mesh, mut report) = build(source);
+    let (mut mesh, mut report) = mesh_of(source);
     let roles = MaterialRoles::resolve(&mesh.materials, &[("glass".to_string(), 1)], 0, &[]).unwrap();
-    Parts::new(&mut mesh, &roles, PartsRule::Auto, &mut report);
+    Analysis::new(&mut mesh, &roles, PartsRule::Auto, &mut report).parts;
     assert_eq!(report.flipped_components, 2);
 }
 

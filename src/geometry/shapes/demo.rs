@@ -20,11 +20,8 @@ pub fn demo_model() -> SourceModel {
 pub fn elephant(spacing_mm: f64) -> SourceModel {
     let grid = Grid { min: DVec3::new(-32.0, -2.0, -30.0), max: DVec3::new(32.0, 50.0, 38.0), spacing: spacing_mm };
     let elephant = Elephant::new();
-    SourceModel {
-        metres_per_unit: Some(1e-3),
-        materials: vec!["elephant".to_string()],
-        ..mesh(&|p| elephant.distance(p), &grid)
-    }
+    let model = mesh(&|p| elephant.distance(p), &grid).of_material("elephant");
+    SourceModel { metres_per_unit: Some(1e-3), ..model }
 }
 
 /// Smooth minimum over a blend of width `k` (cubic): joins two solids with a fillet.

@@ -51,44 +51,18 @@ pub fn cos_sin_of_turn(turns: f64) -> DVec2 {
 /// vertices on the sphere. At most 9 subdivisions are made.
 pub fn icosphere(radius: f64, subdivisions: u32) -> SourceModel {
     let phi = 0.5 * (1.0 + 5f64.sqrt());
-    let mut positions: Vec<DVec3> = [
-        [-1.0, phi, 0.0],
-        [1.0, phi, 0.0],
-        [-1.0, -phi, 0.0],
-        [1.0, -phi, 0.0],
-        [0.0, -1.0, phi],
-        [0.0, 1.0, phi],
-        [0.0, -1.0, -phi],
-        [0.0, 1.0, -phi],
-        [phi, 0.0, -1.0],
-        [phi, 0.0, 1.0],
-        [-phi, 0.0, -1.0],
-        [-phi, 0.0, 1.0],
-    ]
-    .map(|p| DVec3::from(p).normalize())
-    .to_vec();
-    let mut triangles: Vec<[u32; 3]> = vec![
-        [0, 11, 5],
-        [0, 5, 1],
-        [0, 1, 7],
-        [0, 7, 10],
-        [0, 10, 11],
-        [1, 5, 9],
-        [5, 11, 4],
-        [11, 10, 2],
-        [10, 7, 6],
-        [7, 1, 8],
-        [3, 9, 4],
-        [3, 4, 2],
-        [3, 2, 6],
-        [3, 6, 8],
-        [3, 8, 9],
-        [4, 9, 5],
-        [2, 4, 11],
-        [6, 2, 10],
-        [8, 6, 7],
-        [9, 8, 1],
+    // Corners of three rectangles at right angles, and the faces between them.
+    let corners = [
+        -1.0, phi, 0.0, 1.0, phi, 0.0, -1.0, -phi, 0.0, 1.0, -phi, 0.0, 0.0, -1.0, phi, 0.0, 1.0, phi, 0.0, -1.0, -phi,
+        0.0, 1.0, -phi, phi, 0.0, -1.0, phi, 0.0, 1.0, -phi, 0.0, -1.0, -phi, 0.0, 1.0,
     ];
+    let faces = [
+        0, 11, 5, 0, 5, 1, 0, 1, 7, 0, 7, 10, 0, 10, 11, 1, 5, 9, 5, 11, 4, 11, 10, 2, 10, 7, 6, 7, 1, 8, 3, 9, 4, 3,
+        4, 2, 3, 2, 6, 3, 6, 8, 3, 8, 9, 4, 9, 5, 2, 4, 11, 6, 2, 10, 8, 6, 7, 9, 8, 1,
+    ];
+    let mut positions: Vec<DVec3> =
+        corners.as_chunks::<3>().0.iter().map(|p| DVec3::from_array(*p).normalize()).collect();
+    let mut triangles: Vec<[u32; 3]> = faces.as_chunks::<3>().0.to_vec();
     for _ in 0..subdivisions.min(9) {
         let mut middle: HashMap<(u32, u32), u32> = HashMap::new();
         let mut cut = |a: u32, b: u32| {
@@ -144,18 +118,6 @@ pub fn uv_sphere(radius: f64, segments: u32, rings: u32) -> SourceModel {
         })
         .collect();
     revolve(&outline, segments.max(3))
-}
-
-/// A capsule along Y: a cylinder of the given length between two half spheres of `rings` rings each.
-pub fn capsule(radius: f64, length: f64, segments: u32, rings: u32) -> SourceModel {
-    let (segments, rings) = (segments.max(3), rings.max(1));
-    let spacing = radius * std::f64::consts::FRAC_PI_2 / f64::from(rings);
-    let bands = (length / spacing).ceil().clamp(1.0, 1e4) as u32;
-    let quarter = |r: u32| cos_sin_of_turn(0.25 * f64::from(r) / f64::from(rings)) * radius;
-    let lower = (0..rings).map(|r| DVec2::new(quarter(r).y, -0.5 * length - quarter(r).x));
-    let wall = (0..=bands).map(|b| DVec2::new(radius, length * (f64::from(b) / f64::from(bands) - 0.5)));
-    let upper = (0..rings).rev().map(|r| DVec2::new(quarter(r).y, 0.5 * length + quarter(r).x));
-    revolve(&lower.chain(wall).chain(upper).collect::<Vec<_>>(), segments)
 }
 
 /// An axis-aligned box about the origin with each face cut into `divisions` squared rectangles of two triangles.
@@ -315,9 +277,8 @@ pub fn compose(models: &[(SourceModel, DVec3)]) -> SourceModel {
 /// plate that its neighbours shadow. Three closed parts of the materials `elephant`, `ring` and `plate`, 92 mm, in millimetres;
 /// `spacing_mm` is the length of the elephant's edges.
 pub fn still_life(spacing_mm: f64) -> SourceModel {
-    let named = |model: SourceModel, name: &str| SourceModel { materials: vec![name.to_string()], ..model };
-    let ring = named(torus(9.0, 3.0, 36, 12), "ring");
-    let plate = named(cuboid(DVec3::new(64.0, 1.5, 24.0), 8), "plate");
+    let ring = torus(9.0, 3.0, 36, 12).of_material("ring");
+    let plate = cuboid(DVec3::new(64.0, 1.5, 24.0), 8).of_material("plate");
     let places = [DVec3::ZERO, DVec3::new(38.0, 14.0, 12.0), DVec3::new(18.0, -6.0, 8.0)];
     let whole = compose(&[(elephant(spacing_mm), places[0]), (ring, places[1]), (plate, places[2])]);
     SourceModel { metres_per_unit: Some(1e-3), ..whole }

@@ -79,11 +79,6 @@ impl DirectionSet {
         &self.triangulation
     }
 
-    /// Largest angle in radians from any direction to the nearest of the set.
-    pub fn covering_radius(&self) -> f64 {
-        self.triangulation.covering_radius()
-    }
-
     /// The `k` directions nearest to `direction` (any length but zero), nearest first, at equal distance the lower index first.
     pub fn nearest(&self, direction: DVec3, k: usize) -> Vec<Near> {
         let direction = unit(direction);
@@ -101,8 +96,8 @@ impl DirectionSet {
     }
 }
 
-/// The lattice with an offset of `offset` steps from the poles.
-fn lattice(count: usize, offset: f64) -> Vec<DVec3> {
+/// A spherical Fibonacci lattice with an offset of `offset` steps from the poles.
+pub fn lattice(count: usize, offset: f64) -> Vec<DVec3> {
     let golden = 0.5 * (5f64.sqrt() - 1.0);
     (0..count)
         .map(|i| {
@@ -131,7 +126,8 @@ mod tests {
             (800, 5.26, 5.53),
         ];
         for (count, quarter, half) in table {
-            let radius = |offset| DirectionSet::new(lattice(count, offset)).unwrap().covering_radius().to_degrees();
+            let set = |offset| DirectionSet::new(lattice(count, offset)).unwrap();
+            let radius = |offset| set(offset).triangulation().covering_radius().to_degrees();
             assert!((radius(0.25) - quarter).abs() < 0.006 && (radius(0.5) - half).abs() < 0.006, "{count}");
             assert!(count < 150 || (1..9).all(|k| radius(0.05 * f64::from(k)) >= radius(0.25)), "{count}");
         }

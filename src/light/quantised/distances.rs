@@ -68,14 +68,6 @@ impl DistanceSet {
         Ok(Self { centre_mm, radius_mm, inverse, blend })
     }
 
-    /// The set of parallel light only.
-    ///
-    /// # Errors
-    /// As [`DistanceSet::new`] (exit 3).
-    pub fn parallel(centre_mm: DVec3, radius_mm: f64) -> Result<Self> {
-        Self::new(centre_mm, radius_mm, vec![0.0], Blend::Linear)
-    }
-
     /// `count` shells from u = 0 to `nearest`, where `blend` has the least error: evenly for `Linear`, at the extrema of
     /// Chebyshev's polynomial for `Polynomial`. One shell is parallel light only.
     ///
@@ -110,11 +102,6 @@ impl DistanceSet {
     /// Radius over distance of every shell, ascending from 0.
     pub fn inverse(&self) -> &[f64] {
         &self.inverse
-    }
-
-    /// Interpolation of values between shells.
-    pub fn blend(&self) -> Blend {
-        self.blend
     }
 
     /// The least distance from the centre in mm at which a point light is carried; infinite for parallel light only.
@@ -249,7 +236,7 @@ mod tests {
             assert_eq!(error.code(), ExitCode::Unsupported);
             assert!(error.message().contains("from 12.500 mm on"), "{error}");
         }
-        let parallel = DistanceSet::parallel(CENTRE, 10.0).unwrap();
+        let parallel = DistanceSet::new(CENTRE, 10.0, vec![0.0], Blend::Linear).unwrap();
         assert!(parallel.weights(1e6).unwrap_err().message().contains("parallel light only"));
         assert_eq!(parallel.weights(f64::INFINITY).unwrap(), [1.0]);
     }
@@ -264,7 +251,7 @@ mod tests {
         for inverse in [&[][..], &[0.1], &[0.0, 0.0], &[0.0, 0.5, 0.4], &[0.0, 1.0], &[0.0, f64::NAN]] {
             assert!(new(1.0, inverse).is_err(), "{inverse:?}");
         }
-        assert!(DistanceSet::parallel(DVec3::NAN, 1.0).is_err());
+        assert!(DistanceSet::new(DVec3::NAN, 1.0, vec![0.0], Blend::Linear).is_err());
         for count in [0, MOST_SHELLS + 1, usize::MAX] {
             assert!(DistanceSet::spread(CENTRE, 1.0, count, 0.5, Blend::Linear).is_err());
         }
@@ -321,20 +308,5 @@ mod tests {
         let of = |blend, count| error(&DistanceSet::spread(CENTRE, 1.0, count, 2.0 / 3.0, blend).unwrap(), 2.0 / 3.0);
         assert!(of(Blend::Polynomial, 4) < 0.6 * of(Blend::Linear, 4));
         assert!(of(Blend::Polynomial, 6) < 0.3 * of(Blend::Linear, 6));
-    }
-
-    /// Prints the table of the documentation.
-    #[test]
-    #[ignore = "prints tables"]
-    fn print_errors() {
-        for nearest in [1.0 / 3.0, 0.5, 2.0 / 3.0, 0.8, 0.9] {
-            for blend in [Blend::Linear, Blend::Polynomial] {
-                let of = |count| error(&DistanceSet::spread(CENTRE, 1.0, count, nearest, blend).unwrap(), nearest);
-                println!(
-                    "{nearest:.3} {blend:?} 2..8 shells: {:?}",
-                    (2..=8).map(|n| format!("{:.2e}", of(n))).collect::<Vec<_>>()
-                );
-            }
-        }
     }
 }

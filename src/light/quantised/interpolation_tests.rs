@@ -1,7 +1,7 @@
 use glam::DVec3;
 
 use super::directions::DirectionSet;
-use super::interpolation::{Interpolator, MOST_ORDER, MOST_RBF, Scheme, default_order, rbf_matrix};
+use super::interpolation::{Interpolator, MOST_ORDER, MOST_RBF, Scheme, default_order};
 use super::test_functions::Lit;
 use crate::error::ExitCode;
 use crate::math::sh::real_sh;
@@ -154,123 +154,26 @@ fn only_the_four_nearest_jump_when_a_light_turns() {
     }
 }
 
-/// RMS over functions of blurs between two angles in degrees, and the largest undershoot.
-fn error(
-    set: &DirectionSet,
-    weights: impl Fn(DVec3) -> Vec<f64>,
-    [functions, directions]: [u64; 2],
-    narrowest: f64,
-    widest: f64,
-) -> (f64, f64) {
-    let lit: Vec<Lit> = (0..functions).map(|i| Lit::new(i, narrowest, widest)).collect();
-    let values: Vec<Vec<f64>> = lit.iter().map(|f| set.directions().iter().map(|d| f.at(*d)).collect()).collect();
-    let (mut sum, mut lowest) = (0.0, 0.0_f64);
-    for direction in (0..directions).map(|i| random_direction(99, i)) {
-        let weights = weights(direction);
-        for (f, values) in lit.iter().zip(&values) {
-            let found = total(&weights, values);
-            sum += (found - f.at(direction)).powi(2);
-            lowest = lowest.min(found);
-        }
-    }
-    ((sum / (functions * directions) as f64).sqrt(), lowest)
-}
-
 #[test]
 fn errors_are_those_of_the_documentation() {
+    let lit: Vec<Lit> = (0..300).map(|i| Lit::new(i, 3.0, 30.0)).collect();
     for (scheme, documented) in Scheme::ALL.into_iter().zip(DOCUMENTED) {
         let interpolator = interpolator(200, scheme);
-        let (rms, _) = error(interpolator.set(), |d| weights(&interpolator, d), [300, 400], 3.0, 30.0);
+        let of_set = |f: &Lit| interpolator.set().directions().iter().map(|d| f.at(*d)).collect();
+        let values: Vec<Vec<f64>> = lit.iter().map(of_set).collect();
+        let mut sum = 0.0;
+        for direction in (0..400).map(|i| random_direction(99, i)) {
+            let weights = weights(&interpolator, direction);
+            let error = |(f, values): (&Lit, &Vec<f64>)| (total(&weights, values) - f.at(direction)).powi(2);
+            sum += lit.iter().zip(&values).map(error).sum::<f64>();
+        }
+        let rms = (sum / (300.0 * 400.0)).sqrt();
         assert!((rms / documented - 1.0).abs() < 0.01, "{scheme:?}: {rms}");
     }
 }
 
 /// RMS at 200 directions in the order of [`Scheme::ALL`].
 const DOCUMENTED: [f64; 4] = [1.531e-2, 1.232e-2, 7.31e-3, 1.130e-2];
-
-/// Prints the tables of the documentation: `cargo test --release --lib quantised -- --ignored --nocapture`.
-#[test]
-#[ignore = "prints tables"]
-fn print_errors() {
-    for (narrowest, widest) in [(3.0, 30.0), (3.0, 8.0), (8.0, 16.0), (16.0, 30.0)] {
-        for scheme in Scheme::ALL {
-            print!("{narrowest} to {widest} degrees | {}", scheme.name());
-            for count in [50, 100, 150, 200, 400, 800] {
-                let start = std::time::Instant::now();
-                let interpolator = interpolator(count, scheme);
-                let seconds = start.elapsed().as_secs_f64();
-                let (rms, lowest) =
-                    error(interpolator.set(), |d| weights(&interpolator, d), [300, 400], narrowest, widest);
-                print!(" | {rms:.3e} ({lowest:.3}, {seconds:.3} s)");
-            }
-            println!();
-        }
-    }
-    for count in [50, 100, 200, 400, 800] {
-        let jumps = Scheme::ALL.map(|scheme| jumps(&interpolator(count, scheme))[0]);
-        println!("jumps at {count}: {:?}", jumps.map(|jump| format!("{jump:.2e}")));
-    }
-    for count in [800, 1024, 2048] {
-        let start = std::time::Instant::now();
-        let interpolator = interpolator(count, Scheme::Rbf);
-        let seconds = start.elapsed().as_secs_f64();
-        let at = interpolator.set().directions()[17];
-        let off = weights(&interpolator, at)
-            .iter()
-            .enumerate()
-            .map(|(i, w)| if i == 17 { 1.0 - w } else { *w }.abs())
-            .fold(0.0, f64::max);
-        println!("rbf {count}: set up in {seconds:.2} s, off by {off:.1e} at a direction");
-    }
-}
-
-/// Prints the comparison of kernels in the documentation of [`Scheme::Rbf`].
-#[test]
-#[ignore = "prints tables"]
-fn print_kernels() {
-    // Functions of the chord, with the sign that makes them positive definite on what is orthogonal to polynomials.
-    type Kernel = fn(f64) -> f64;
-    let kernels: [(&str, Kernel); 13] = [
-        ("(r^2 + 0.2^2)^(3/2)", |r| (r * r + 0.04).powf(1.5)),
-        ("r", |r| -r),
-        ("r^3", |r| r.powi(3)),
-        ("r^4 log r", |r| if r > 0.0 { -r.powi(4) * r.ln() } else { 0.0 }),
-        // The scale keeps it below the shift that makes the matrix positive definite.
-        ("r^5", |r| -r.powi(5) / 8.0),
-        ("Matern 3/2, length 0.6", |r| (1.0 + 3f64.sqrt() * r / 0.6) * (-3f64.sqrt() * r / 0.6).exp()),
-        ("Matern 5/2, length 0.6", |r| {
-            let x = 5f64.sqrt() * r / 0.6;
-            (1.0 + x + x * x / 3.0) * (-x).exp()
-        }),
-        ("Wendland C2, radius 2", |r| (1.0 - 0.5 * r).max(0.0).powi(4) * (2.0 * r + 1.0)),
-        ("Wendland C4, radius 2", |r| {
-            let x = 0.5 * r;
-            (1.0 - x).max(0.0).powi(6) * (35.0 * x * x + 18.0 * x + 3.0) / 3.0
-        }),
-        ("exp(-angle)", |r| (-2.0 * (0.5 * r).min(1.0).asin()).exp()),
-        ("Gaussian of 0.3", |r| (-(r / 0.3).powi(2)).exp()),
-        ("(r^2 + 0.3^2)^(3/2)", |r| (r * r + 0.09).powf(1.5)),
-        ("(r^2 + 0.2^2)^(1/2)", |r| -(r * r + 0.04).sqrt()),
-    ];
-    for (name, kernel) in kernels {
-        print!("{name}");
-        for (narrowest, widest) in [(3.0, 30.0), (8.0, 16.0)] {
-            for count in [50, 100, 200, 400] {
-                let set = DirectionSet::fibonacci(count).unwrap();
-                let matrix = rbf_matrix(&set, 3, |squared| kernel(squared.sqrt())).unwrap();
-                let weights = |direction: DVec3| -> Vec<f64> {
-                    let mut values = vec![0.0; count + 9];
-                    let chords = set.directions().iter().map(|d| kernel(d.distance(direction)));
-                    values.iter_mut().zip(chords).for_each(|(out, value)| *out = value);
-                    real_sh(3, direction, &mut values[count..]);
-                    matrix.chunks_exact(count + 9).map(|row| total(row, &values)).collect()
-                };
-                print!(" | {:.3e}", error(&set, weights, [300, 400], narrowest, widest).0);
-            }
-        }
-        println!();
-    }
-}
 
 #[test]
 fn what_does_not_fit_is_an_error() {

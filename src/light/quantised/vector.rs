@@ -1,24 +1,18 @@
 //! A light as weights over the entries of a quantised light set.
 
-use std::f64::consts::{PI, TAU};
-
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::distances::QuantisedLights;
 use super::interpolation::Interpolator;
 use crate::error::{Error, Result};
 use crate::light::Light;
-use crate::light::cube_light::columns;
+use crate::light::cube_light::sums_of_texels;
 use crate::light::environment::{EnvironmentMap, Rotation};
-use crate::math::cube_map::{FACES, direction as texel_direction, solid_angles_sr, texel_of};
+use crate::math::cube_map::{FACES, direction as texel_direction, solid_angles_sr};
 use crate::math::quadrature::gauss_legendre_cached;
 
 /// Texels along an edge of the cube map that distant light is gathered in: 1.4 degrees.
 const GATHER_SIDE: usize = 64;
-
-/// Rows of a map that are gathered together, so that sums do not depend on the number of threads.
-const BANDS: usize = 16;
 
 /// Quadrature points along an edge of an area light, at least and at most.
 const AREA_POINTS: (usize, usize) = (2, 16);
@@ -186,38 +180,16 @@ struct Gathered {
 
 /// The light of a map as irradiance from a direction for every texel that is lit.
 fn gather(map: &EnvironmentMap, rotation: Rotation, scale: DVec3) -> Vec<(DVec3, DVec3)> {
-    let (width, height) = (map.width(), map.height());
-    // Pixels wider than half a texel are cut.
-    let (across, down) = ((8 * GATHER_SIDE).div_ceil(width), (4 * GATHER_SIDE).div_ceil(height));
-    let columns = columns(width * across, rotation);
-    let band = |index: usize| {
-        let mut texels = vec![Gathered::default(); FACES * GATHER_SIDE * GATHER_SIDE];
-        for row in index * height / BANDS..(index + 1) * height / BANDS {
-            for piece in 0..down {
-                let step = PI / (height * down) as f64;
-                let (sin, cos) = (((row * down + piece) as f64 + 0.5) * step).sin_cos();
-                let angle = TAU / (width * across) as f64 * 2.0 * sin * (0.5 * step).sin();
-                for (x, pieces) in columns.chunks_exact(across).enumerate() {
-                    let energy = map.pixel(x, row) * angle;
-                    let brightness = energy.element_sum();
-                    for &(dx, dz) in pieces.iter().filter(|_| brightness > 0.0) {
-                        let direction = DVec3::new(sin * dx, cos, sin * dz);
-                        let texel = &mut texels[texel_of(GATHER_SIDE, direction)];
-                        texel.energy += energy;
-                        texel.centre += brightness * direction;
-                    }
-                }
-            }
-        }
-        texels
+    let add = |texel: &mut Gathered, energy: DVec3, direction: DVec3| {
+        texel.energy += energy;
+        texel.centre += energy.element_sum() * direction;
     };
-    let mut total = vec![Gathered::default(); FACES * GATHER_SIDE * GATHER_SIDE];
-    for texels in (0..BANDS).into_par_iter().map(band).collect::<Vec<_>>() {
-        for (total, texel) in total.iter_mut().zip(texels) {
-            total.energy += texel.energy;
-            total.centre += texel.centre;
-        }
-    }
+    let join = |total: &mut Gathered, texel: Gathered| {
+        total.energy += texel.energy;
+        total.centre += texel.centre;
+    };
+    // Pixels wider than half a texel are cut.
+    let mut total = sums_of_texels((map, rotation), (GATHER_SIDE, 2), add, join);
     total.retain(|texel| texel.energy != DVec3::ZERO);
     total.iter().map(|texel| (texel.centre, texel.energy * scale)).collect()
 }

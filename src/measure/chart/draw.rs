@@ -30,7 +30,7 @@ pub(in crate::measure) const COLOURS: [RGBColor; 8] = [
 
 /// Size of a chart in pixels.
 const SIZE: (u32, u32) = (900, 620);
-pub(in crate::measure) const FONT: &str = "sans-serif";
+const FONT: &str = "sans-serif";
 
 /// Unit in which the numbers of an axis are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,11 +50,7 @@ pub enum Unit {
 impl Unit {
     /// A number with its unit.
     pub fn text(self, value: f64) -> String {
-        let plain = |v: f64| {
-            let digits = if v.abs() >= 100.0 || v == 0.0 { 0 } else { (2 - v.abs().log10().floor() as i32).max(0) };
-            let text = format!("{v:.*}", digits as usize);
-            if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
-        };
+        let plain = |v: f64| plain(v, usize::MAX);
         // Minus zero looks odd.
         let value = value + 0.0;
         match self {
@@ -68,6 +64,13 @@ impl Unit {
             Self::Number => plain(value),
         }
     }
+}
+
+/// A number with at most three digits, so that it claims no false precision, and `most` decimals.
+pub(in crate::measure) fn plain(value: f64, most: usize) -> String {
+    let digits = if value.abs() >= 100.0 || value == 0.0 { 0 } else { (2 - value.abs().log10().floor() as i32).max(0) };
+    let text = format!("{value:.*}", most.min(digits as usize));
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
 }
 
 /// A point of a chart.
@@ -120,43 +123,19 @@ pub struct Bars {
 }
 
 /// A chart that can be drawn.
-pub(in crate::measure) trait Drawing {
+pub trait Drawing {
+    /// Draws the chart on a whole area.
+    ///
+    /// # Errors
+    /// The backend's.
     fn draw<B: DrawingBackend>(&self, root: &DrawingArea<B, Shift>) -> Result<()>;
 }
 
-/// Draws an error against a cost as SVG.
+/// Draws a chart as SVG.
 ///
 /// # Errors
 /// The backend's.
-pub fn scatter_svg(chart: &Scatter) -> Result<String> {
-    svg(chart)
-}
-
-/// Draws an error against a cost as PNG.
-///
-/// # Errors
-/// The backend's.
-pub fn scatter_png(chart: &Scatter) -> Result<Vec<u8>> {
-    png(chart)
-}
-
-/// Draws an error by stage as SVG.
-///
-/// # Errors
-/// The backend's.
-pub fn bars_svg(chart: &Bars) -> Result<String> {
-    svg(chart)
-}
-
-/// Draws an error by stage as PNG.
-///
-/// # Errors
-/// The backend's.
-pub fn bars_png(chart: &Bars) -> Result<Vec<u8>> {
-    png(chart)
-}
-
-pub(in crate::measure) fn svg(drawing: &impl Drawing) -> Result<String> {
+pub fn as_svg(drawing: &impl Drawing) -> Result<String> {
     fonts();
     let mut text = String::new();
     let root = SVGBackend::with_string(&mut text, SIZE).into_drawing_area();
@@ -166,7 +145,11 @@ pub(in crate::measure) fn svg(drawing: &impl Drawing) -> Result<String> {
     Ok(text)
 }
 
-pub(in crate::measure) fn png(drawing: &impl Drawing) -> Result<Vec<u8>> {
+/// Draws a chart as PNG.
+///
+/// # Errors
+/// The backend's.
+pub fn as_png(drawing: &impl Drawing) -> Result<Vec<u8>> {
     fonts();
     let mut buffer = vec![255u8; (3 * SIZE.0 * SIZE.1) as usize];
     let root = BitMapBackend::with_buffer(&mut buffer, SIZE).into_drawing_area();
@@ -197,6 +180,39 @@ pub(in crate::measure) fn span(values: impl Iterator<Item = f64>) -> (f64, f64) 
     let usable = values.filter(|v| v.is_finite() && *v > 0.0);
     let (low, high) = usable.fold((f64::INFINITY, 0.0f64), |(l, h), v| (l.min(v), h.max(v)));
     if high == 0.0 { (0.1, 1.0) } else { (low / 1.5, high * 1.5) }
+}
+
+/// Text of a number on an axis.
+pub(in crate::measure) type Numbers<'a> = &'a dyn Fn(&f64) -> String;
+
+/// An empty chart on two logarithmic axes with their titles and the texts of their numbers.
+pub(in crate::measure) fn on_axes<'a, B: DrawingBackend + 'a>(
+    root: &'a DrawingArea<B, Shift>,
+    title: &str,
+    ends: [(f64, f64); 2],
+    names: [&str; 2],
+    texts: [Numbers<'_>; 2],
+) -> Result<ChartContext<'a, B, Cartesian2d<LogAxis, LogAxis>>> {
+    let [x, y] = ends.map(LogAxis::new);
+    let mut chart = ChartBuilder::on(root)
+        .caption(title, (FONT, 22))
+        .margin(14)
+        .x_label_area_size(52)
+        .y_label_area_size(84)
+        .build_cartesian_2d(x, y)
+        .map_err(|e| failed(&e))?;
+    chart
+        .configure_mesh()
+        .x_desc(names[0])
+        .y_desc(names[1])
+        .x_label_formatter(texts[0])
+        .y_label_formatter(texts[1])
+        .label_style((FONT, 15))
+        .axis_desc_style((FONT, 17))
+        .light_line_style(RGBColor(240, 240, 240))
+        .draw()
+        .map_err(|e| failed(&e))?;
+    Ok(chart)
 }
 
 /// Draws the points of the `index`-th series in its colour and shape of marks, and its name in the legend.
@@ -252,24 +268,9 @@ impl Drawing for Scatter {
         // Room for the legend.
         let x = (x.0, x.1 * (x.1 / x.0).powf(0.35));
         let y = span(shown.iter().map(|p| p.y).chain(self.lines.iter().map(|l| l.0)));
-        let mut chart = ChartBuilder::on(root)
-            .caption(&self.title, (FONT, 22))
-            .margin(14)
-            .x_label_area_size(52)
-            .y_label_area_size(84)
-            .build_cartesian_2d(LogAxis::new(x), LogAxis::new(y))
-            .map_err(|e| failed(&e))?;
-        chart
-            .configure_mesh()
-            .x_desc(&self.axes[0])
-            .y_desc(&self.axes[1])
-            .x_label_formatter(&|v| self.units[0].text(*v))
-            .y_label_formatter(&|v| self.units[1].text(*v))
-            .label_style((FONT, 15))
-            .axis_desc_style((FONT, 17))
-            .light_line_style(RGBColor(240, 240, 240))
-            .draw()
-            .map_err(|e| failed(&e))?;
+        let names = [self.axes[0].as_str(), self.axes[1].as_str()];
+        let texts: [Numbers<'_>; 2] = [&|v| self.units[0].text(*v), &|v| self.units[1].text(*v)];
+        let mut chart = on_axes(root, &self.title, [x, y], names, texts)?;
         for (level, name) in &self.lines {
             let line = [(x.0, *level), (x.1, *level)];
             let colour = RGBColor(90, 90, 90);
@@ -397,24 +398,24 @@ mod tests {
 
     #[test]
     fn charts_name_what_they_show_and_are_the_same_every_time() {
-        let svg = scatter_svg(&scatter()).unwrap();
+        let svg = as_svg(&scatter()).unwrap();
         for text in ["bunny", "relight", "error", "Pareto front", "the dipole's own", "10 ms", "0.1 %"] {
             let escaped = text.replace('\'', "&apos;");
             assert!(svg.contains(text) || svg.contains(&escaped), "{text}: {svg}");
         }
-        assert_eq!(svg, scatter_svg(&scatter()).unwrap());
-        let without = scatter_svg(&Scatter { front: Front::Left, ..scatter() }).unwrap();
+        assert_eq!(svg, as_svg(&scatter()).unwrap());
+        let without = as_svg(&Scatter { front: Front::Left, ..scatter() }).unwrap();
         assert!(!without.contains("Pareto front") && without.contains("bunny"));
-        assert_eq!(scatter_png(&scatter()).unwrap(), scatter_png(&scatter()).unwrap());
+        assert_eq!(as_png(&scatter()).unwrap(), as_png(&scatter()).unwrap());
     }
 
     #[test]
     fn nothing_is_a_chart_too() {
         let empty = Scatter { points: Vec::new(), lines: Vec::new(), ..scatter() };
-        assert!(scatter_svg(&empty).unwrap().contains("bunny"));
+        assert!(as_svg(&empty).unwrap().contains("bunny"));
         let bars = Bars { title: "stages".into(), stages: Vec::new(), rows: Vec::new() };
-        assert!(bars_svg(&bars).unwrap().contains("stages"));
-        assert!(!bars_png(&bars).unwrap().is_empty());
+        assert!(as_svg(&bars).unwrap().contains("stages"));
+        assert!(!as_png(&bars).unwrap().is_empty());
     }
 
     #[test]
@@ -424,7 +425,7 @@ mod tests {
             stages: vec!["sampling".into(), "basis".into()],
             rows: vec![("one".into(), vec![0.01, 0.02], 0.025), ("two".into(), vec![0.005, 0.0], 0.004)],
         };
-        let svg = bars_svg(&bars).unwrap();
+        let svg = as_svg(&bars).unwrap();
         for text in ["sampling", "basis", "one", "two"] {
             assert!(svg.contains(text), "{text}");
         }

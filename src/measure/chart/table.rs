@@ -2,11 +2,11 @@
 
 use super::{Chart, Row};
 
-/// A column: its name with its unit, and the cell of a row.
-pub type Column = (&'static str, fn(&Row) -> String);
+/// A column of rows: its name with its unit, and the cell of a row.
+pub(in crate::measure) type Column<R> = (&'static str, fn(&R) -> String);
 
 /// Every column of the table.
-pub const COLUMNS: &[Column] = &[
+const COLUMNS: &[Column<Row>] = &[
     ("model", |r| r.model.clone()),
     ("material", |r| r.material.clone()),
     ("method", |r| r.method.clone()),
@@ -47,35 +47,19 @@ pub(in crate::measure) fn number(value: f64) -> String {
     rounded.to_string()
 }
 
+/// Rows as lines below the names of their columns.
+pub(in crate::measure) fn lines<R>(columns: &[Column<R>], rows: &[R]) -> String {
+    let line = |cells: Vec<String>| cells.iter().map(|cell| quoted(cell)).collect::<Vec<_>>().join(",") + "\r\n";
+    let header = line(columns.iter().map(|(name, _)| (*name).to_owned()).collect());
+    let of_row = |row: &R| line(columns.iter().map(|(_, value)| value(row)).collect());
+    rows.iter().fold(header, |text, row| text + &of_row(row))
+}
+
 /// The table with its header.
 pub fn csv(chart: &Chart) -> String {
-    let line = |cells: Vec<String>| cells.iter().map(|cell| quoted(cell)).collect::<Vec<_>>().join(",") + "\r\n";
-    let mut text = line(COLUMNS.iter().map(|(name, _)| (*name).to_owned()).collect());
-    for row in &chart.rows {
-        text += &line(COLUMNS.iter().map(|(_, value)| value(row)).collect());
-    }
-    text
+    lines(COLUMNS, &chart.rows)
 }
 
-pub(in crate::measure) fn quoted(cell: &str) -> String {
+fn quoted(cell: &str) -> String {
     if cell.contains([',', '"', '\n', '\r']) { format!("\"{}\"", cell.replace('"', "\"\"")) } else { cell.to_owned() }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn cells_are_quoted_where_they_must_be() {
-        assert_eq!(quoted("plain"), "plain");
-        assert_eq!(quoted("a,b"), "\"a,b\"");
-        assert_eq!(quoted("say \"x\""), "\"say \"\"x\"\"\"");
-    }
-
-    #[test]
-    fn numbers_keep_six_digits() {
-        assert_eq!(number(0.123_456_789), "0.123457");
-        assert_eq!(number(1234.0), "1234");
-        assert_eq!(number(1e-9), "0.000000001");
-    }
 }

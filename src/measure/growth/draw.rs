@@ -3,10 +3,12 @@
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
-use super::super::chart::axis::LogAxis;
-use super::super::chart::draw::{COLOURS, Drawing, FONT, failed, legend, marks, png, span, svg};
+use super::super::chart::draw::{COLOURS, Drawing, Numbers, failed, legend, marks, on_axes, plain as shortest, span};
 use super::{Axis, Growing, Growth, Quantity, places};
 use crate::error::Result;
+
+/// Decimals of a number at most.
+const MOST_DECIMALS: usize = 12;
 
 /// One cost of every method along one axis.
 #[derive(Clone, Debug, PartialEq)]
@@ -34,27 +36,8 @@ impl Curves {
     }
 }
 
-/// Draws the curves as SVG.
-///
-/// # Errors
-/// The backend's.
-pub fn curves_svg(curves: &Curves) -> Result<String> {
-    svg(curves)
-}
-
-/// Draws the curves as PNG.
-///
-/// # Errors
-/// The backend's.
-pub fn curves_png(curves: &Curves) -> Result<Vec<u8>> {
-    png(curves)
-}
-
-/// A number with at most three digits, so that it claims no false precision.
 fn plain(value: f64) -> String {
-    let digits = if value.abs() >= 100.0 || value == 0.0 { 0 } else { (2 - value.abs().log10().floor() as i32).max(0) };
-    let text = format!("{value:.*}", digits.min(12) as usize);
-    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+    shortest(value, MOST_DECIMALS)
 }
 
 /// A number in the largest of the units in which it is at least 1, or in the first unit.
@@ -115,24 +98,9 @@ impl Drawing for Curves {
         let y = span(all().map(|p| p.1));
         // Room for the legend above the curves, which mostly rise to the right.
         let y = (y.0, y.1 * (y.1 / y.0).powf(0.12 * self.series.len() as f64).max(1.5));
-        let mut chart = ChartBuilder::on(root)
-            .caption(&self.title, (FONT, 22))
-            .margin(14)
-            .x_label_area_size(52)
-            .y_label_area_size(84)
-            .build_cartesian_2d(LogAxis::new(x), LogAxis::new(y))
-            .map_err(|e| failed(&e))?;
-        chart
-            .configure_mesh()
-            .x_desc(self.axis.title())
-            .y_desc(self.quantity.title())
-            .x_label_formatter(&|v| size_text(self.axis, *v))
-            .y_label_formatter(&|v| cost_text(self.quantity, *v))
-            .label_style((FONT, 15))
-            .axis_desc_style((FONT, 17))
-            .light_line_style(RGBColor(240, 240, 240))
-            .draw()
-            .map_err(|e| failed(&e))?;
+        let names = [self.axis.title(), self.quantity.title()];
+        let texts: [Numbers<'_>; 2] = [&|v| size_text(self.axis, *v), &|v| cost_text(self.quantity, *v)];
+        let mut chart = on_axes(root, &self.title, [x, y], names, texts)?;
         for (index, (growing, points)) in self.series.iter().enumerate() {
             let colour = COLOURS[index % COLOURS.len()];
             if let Some(law) = growing.law {

@@ -3,16 +3,15 @@
 
 mod axis;
 pub mod draw;
-pub mod explain;
 pub mod fit;
-pub mod limits;
 pub mod page;
 pub mod surface;
 pub mod table;
 
 use serde::{Deserialize, Serialize};
 
-pub use self::axis::{Axis, Quantity};
+use self::axis::why;
+pub use self::axis::{Axis, Quantity, pairs};
 use self::fit::{PowerLaw, end_slope, power_law};
 use super::chart::Machine;
 use crate::math::statistics::Quantiles;
@@ -26,6 +25,12 @@ pub const FASTER_THAN_SIZE: f64 = 1.1;
 /// Like [`FASTER_THAN_SIZE`], for the two largest points alone, which are noisier than a fit.
 pub const FASTER_AT_THE_END: f64 = 1.25;
 
+/// Factor on the limit up to which work is started, since predictions are rough.
+pub const MARGIN: f64 = 1.25;
+
+/// Factor on the limit at which a running bake is ended.
+pub const KILL: f64 = 2.0;
+
 impl Quantity {
     /// All costs in the order of the page.
     pub const ALL: [Self; 6] = [
@@ -37,38 +42,31 @@ impl Quantity {
         Self::RelightMs,
     ];
 
+    /// Name, title and floor.
+    fn words(self) -> (&'static str, &'static str, f64) {
+        match self {
+            Self::BakeSeconds => ("bake", "time to bake", 5e-3),
+            Self::PeakMemoryBytes => ("memory", "most memory of the bake", 32e6),
+            Self::Bytes => ("bytes", "bytes on disk without mesh and environment", 4096.0),
+            Self::EnvironmentBytes => ("environment", "bytes on disk of what environments need", 4096.0),
+            Self::ResidentBytes => ("resident", "bytes in memory when opened, without the mesh", 4096.0),
+            Self::RelightMs => ("relight", "time from a new light to new radiosity", 0.1),
+        }
+    }
+
     /// Name in files.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::BakeSeconds => "bake",
-            Self::PeakMemoryBytes => "memory",
-            Self::Bytes => "bytes",
-            Self::EnvironmentBytes => "environment",
-            Self::ResidentBytes => "resident",
-            Self::RelightMs => "relight",
-        }
+        self.words().0
     }
 
     /// Title for people.
     pub fn title(self) -> &'static str {
-        match self {
-            Self::BakeSeconds => "time to bake",
-            Self::PeakMemoryBytes => "most memory of the bake",
-            Self::Bytes => "bytes on disk without mesh and environment",
-            Self::EnvironmentBytes => "bytes on disk of what environments need",
-            Self::ResidentBytes => "bytes in memory when opened, without the mesh",
-            Self::RelightMs => "time from a new light to new radiosity",
-        }
+        self.words().1
     }
 
     /// The cost below which a value is mostly the overhead of any process or file; such values are left out of fits.
     pub fn floor(self) -> f64 {
-        match self {
-            Self::BakeSeconds => 5e-3,
-            Self::PeakMemoryBytes => 32e6,
-            Self::Bytes | Self::EnvironmentBytes | Self::ResidentBytes => 4096.0,
-            Self::RelightMs => 0.1,
-        }
+        self.words().2
     }
 
     /// The cost of a point, if it was measured.
@@ -189,10 +187,34 @@ pub struct Growing {
 /// Limits of the measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Limits {
-    /// Largest predicted duration, s, of a bake or a new light that is started; [`limits::MARGIN`] is allowed on top.
+    /// Largest predicted duration, s, of a bake or a new light that is started; [`MARGIN`] is allowed on top.
     pub seconds: f64,
     /// Largest estimated memory, bytes, of a bake that is started.
     pub memory_bytes: u64,
+}
+
+impl Limits {
+    /// The reason why work of this predicted duration is not started; none where it is started, or where nothing is
+    /// known.
+    pub fn too_long(&self, predicted_seconds: Option<f64>, say: fn(f64) -> String) -> Option<String> {
+        let predicted = predicted_seconds?;
+        // What is not a number is over the limit.
+        let fits = predicted <= MARGIN * self.seconds;
+        (!fits).then(|| {
+            format!("about {} predicted from the smaller sizes, {} allowed", say(predicted), say(self.seconds))
+        })
+    }
+
+    /// The reason why a bake of this estimated memory is not started.
+    pub fn too_large(&self, estimated_bytes: u64, say: fn(u64) -> String) -> Option<String> {
+        (estimated_bytes > self.memory_bytes)
+            .then(|| format!("about {} of memory estimated, {} allowed", say(estimated_bytes), say(self.memory_bytes)))
+    }
+
+    /// Duration at which a running bake is ended, s.
+    pub fn kill_seconds(&self) -> f64 {
+        KILL * self.seconds
+    }
 }
 
 /// The whole measurement.
@@ -241,8 +263,8 @@ impl Growth {
         let end_exponent = end_slope(&used);
         let finding = law.is_some_and(|law| law.exponent > FASTER_THAN_SIZE)
             || end_exponent.is_some_and(|exponent| exponent > FASTER_AT_THE_END);
-        let why = || explain::why(axis, method, quantity, self.fixed_samples);
-        let explanation = finding.then(why).flatten().map(str::to_owned);
+        let reason = || why(axis, method, quantity, self.fixed_samples);
+        let explanation = finding.then(reason).flatten().map(str::to_owned);
         let method = method.to_owned();
         let below_floor = below.into_iter().map(|p| p.0).collect();
         Some(Growing { axis, method, quantity, law, end_exponent, below_floor, finding, explanation })

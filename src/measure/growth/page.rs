@@ -1,9 +1,8 @@
 //! One self-contained HTML page: findings, exponents, charts, points.
 
-use super::super::chart::page::{SCRIPT, STYLE, escaped, inline};
+use super::super::chart::page::{TAIL, escaped, figures, head};
 use super::draw::{cost_text, exponent, exponent_text, size_text};
-use super::limits::{KILL, MARGIN};
-use super::{Growing, Growth, Point, Quantity};
+use super::{Growing, Growth, KILL, MARGIN, Point, Quantity};
 
 /// A finding, in one sentence.
 pub fn finding_text(growing: &Growing) -> String {
@@ -16,20 +15,13 @@ pub fn finding_text(growing: &Growing) -> String {
 
 /// The page; `charts` are SVG documents with their titles.
 pub fn page(growth: &Growth, charts: &[(String, String)]) -> String {
-    let machine = &growth.machine;
-    let load = machine.load.map_or_else(String::new, |load| format!(", load {load} when it began"));
     let samples = growth.fixed_samples.map_or_else(String::new, |n| format!(" and the number of samples, {n}"));
-    let mut text = format!(
-        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>translux: how cost grows</title>\n\
-         <style>{STYLE}</style></head><body>\n<h1>How cost grows</h1>\n\
-         <p>translux {}, {} threads of {}{load}. Times are medians.</p>\n\
-         <p>The surface is {}, in {}. Every method bakes it at its defaults but for what is varied{samples}; a new light is \
+    let mut text = head(["how cost grows", "How cost grows"], &growth.version, &growth.machine);
+    text += &format!(
+        "<p>The surface is {}, in {}. Every method bakes it at its defaults but for what is varied{samples}; a new light is \
          <code>{}</code>.</p>\n\
          <p>A bake or a new light is not started where its time is predicted from smaller sizes to be above {} (by more than \
          {MARGIN} times), a bake also where its memory is estimated above {}; a bake is ended at {KILL} times that time.</p>\n",
-        escaped(&growth.version),
-        machine.threads,
-        escaped(&machine.processor),
         escaped(&growth.surface),
         escaped(&growth.material),
         escaped(&growth.light),
@@ -47,11 +39,9 @@ pub fn page(growth: &Growth, charts: &[(String, String)]) -> String {
     text += &skipped(growth);
     text += &exponents(growth);
     text += "<h2>Charts</h2>\n";
-    for (title, svg) in charts {
-        text += &format!("<figure>{}<figcaption>{}</figcaption></figure>\n", inline(svg), escaped(title));
-    }
+    text += &figures(charts);
     text += &points(growth);
-    text + "<script>" + SCRIPT + "</script>\n</body></html>\n"
+    text + TAIL
 }
 
 /// The list of points and times that were left out.

@@ -1,14 +1,11 @@
 //! Points as comma-separated values (RFC 4180), one line each.
 
-use super::super::chart::table::{number, quoted};
+use super::super::chart::table::{Column, lines, number};
 use super::{Costs, Point};
 use crate::math::statistics::Quantiles;
 
-/// A column: its name with its unit, and the cell of a point, empty where it was not measured.
-pub type Column = (&'static str, fn(&Point) -> String);
-
-/// Every column of the table.
-pub const COLUMNS: &[Column] = &[
+/// Every column of the table; a cell is empty where it was not measured.
+const COLUMNS: &[Column<Point>] = &[
     ("axis", |p| p.axis.name().to_owned()),
     ("method", |p| p.method.clone()),
     ("size", |p| number(p.size)),
@@ -42,10 +39,5 @@ fn relight(point: &Point, value: fn(&Quantiles) -> f64) -> String {
 
 /// The table with its header.
 pub fn csv(points: &[Point]) -> String {
-    let line = |cells: Vec<String>| cells.iter().map(|cell| quoted(cell)).collect::<Vec<_>>().join(",") + "\r\n";
-    let mut text = line(COLUMNS.iter().map(|(name, _)| (*name).to_owned()).collect());
-    for point in points {
-        text += &line(COLUMNS.iter().map(|(_, value)| value(point)).collect());
-    }
-    text
+    lines(COLUMNS, points)
 }

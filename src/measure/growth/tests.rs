@@ -1,4 +1,5 @@
-use super::draw::{Curves, cost_text, curves_png, curves_svg, size_text};
+use super::super::chart::draw::{as_png, as_svg};
+use super::draw::{Curves, cost_text, size_text};
 use super::*;
 
 /// Three sizes of two methods: the cost of one grows with the square, that of the other with the size; the largest size
@@ -124,13 +125,13 @@ fn the_table_has_a_line_for_each_point_and_the_json_comes_back() {
 fn charts_and_page_say_everything() {
     let growth = example();
     let curves = Curves::of(&growth, Axis::Vertices, Quantity::BakeSeconds).unwrap();
-    let svg = curves_svg(&curves).unwrap();
+    let svg = as_svg(&curves).unwrap();
     for text in
         ["Time to bake against vertices", "exponent 1.50", "(faster than size)", "exponent 1.00", "10k", "100 s"]
     {
         assert!(svg.contains(text), "{text}: {svg}");
     }
-    assert_eq!(curves_png(&curves).unwrap(), curves_png(&curves).unwrap());
+    assert_eq!(as_png(&curves).unwrap(), as_png(&curves).unwrap());
     assert_eq!(Curves::of(&growth, Axis::Vertices, Quantity::EnvironmentBytes), None);
     assert_eq!(Curves::of(&growth, Axis::Samples, Quantity::Bytes), None);
     let page = page::page(&growth, &[(curves.title, svg)]);
@@ -163,4 +164,21 @@ fn numbers_have_plain_units() {
     assert_eq!(cost_text(Quantity::RelightMs, 2500.0), "2.5 s");
     assert_eq!(cost_text(Quantity::Bytes, 1.2e9), "1.2 GB");
     assert_eq!(cost_text(Quantity::Bytes, 0.5), "0.5 B");
+}
+
+#[test]
+fn what_would_pass_a_limit_is_not_started_and_says_so() {
+    let (seconds, bytes): (fn(f64) -> String, fn(u64) -> String) = (|s| format!("{s} s"), |b| format!("{b} B"));
+    let limits = Limits { seconds: 100.0, memory_bytes: 1000 };
+    assert_eq!(limits.too_long(None, seconds), None);
+    assert_eq!(limits.too_long(Some(125.0), seconds), None);
+    let reason = limits.too_long(Some(126.0), seconds).unwrap();
+    assert!(reason.contains("126 s") && reason.contains("100 s"), "{reason}");
+    assert!(
+        limits.too_long(Some(f64::NAN), seconds).is_some() && limits.too_long(Some(f64::INFINITY), seconds).is_some()
+    );
+    assert_eq!(limits.too_large(1000, bytes), None);
+    let reason = limits.too_large(1001, bytes).unwrap();
+    assert!(reason.contains("1001 B") && reason.contains("1000 B"), "{reason}");
+    assert_eq!(limits.kill_seconds(), 200.0);
 }

@@ -146,7 +146,7 @@ fn albedos_of_the_dipole_are_those_of_its_closed_form() {
             let radius_mm = DVec3::new(0.1, 1.0, 9.0);
             let target = Target { reflectance, radius, radius_mm, g: 0.0, eta_inside_over_outside: 1.4 };
             let medium = invert(&LoadedProfile::OfMedium(ProfileModel::Dipole), &target).unwrap().properties;
-            let off = (DVec3::ONE - medium.albedo_reduced()) / (1.0 - albedo) - 1.0;
+            let off = medium.sigma_a_per_mm / medium.sigma_t_reduced_per_mm() / (1.0 - albedo) - 1.0;
             assert!(off.abs().max_element() < 1e-6, "{albedo} {off}");
             let off = radius.of_medium_mm(&medium) / radius_mm - 1.0;
             assert!(off.abs().max_element() < 1e-12, "{albedo} {off}");

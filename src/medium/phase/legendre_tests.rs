@@ -18,7 +18,7 @@ fn the_product_of_both_sides_is_the_series() {
     for terms in [1, 4, 9, 16, 25, 64, 144] {
         for g in [-0.9, -0.4, 0.0, 0.25, 0.7] {
             let phase = LegendrePhase::henyey_greenstein(g, terms);
-            assert_eq!((phase.terms(), phase.moments().len()), (terms, terms.isqrt()));
+            assert_eq!((phase.terms(), phase.moments.len()), (terms, terms.isqrt()));
             for i in 0..20 {
                 let (a, b) = (direction(2 * i), direction(2 * i + 1));
                 let difference = phase.product(a, b) - phase.density(-a.dot(b));
@@ -97,8 +97,6 @@ fn terms_that_are_no_square_depend_on_direction() {
 fn strange_numbers_of_terms_and_g_are_brought_inside() {
     assert_eq!(LegendrePhase::henyey_greenstein(f64::NAN, 0).terms(), 1);
     assert_eq!(LegendrePhase::henyey_greenstein(2.0, 100_000).terms(), MOST_TERMS);
-    assert_eq!(LegendrePhase::from_moments(Vec::new()).moments(), [1.0]);
-    assert_eq!(LegendrePhase::from_moments(vec![3.0, f64::NAN]).moments(), [1.0, 0.0]);
     let (mut few, mut none) = ([0.0; 2], []);
     LegendrePhase::henyey_greenstein(0.3, 9).view(DVec3::X, &mut few);
     LegendrePhase::light(9, DVec3::X, &mut none);

@@ -4,19 +4,52 @@
 //! Directions are outward on both sides: `w_i'` from a point inside towards the light, `w_o'` towards the eye. The
 //! cosine of the scattering angle is `-w_i'.w_o'`, so that g > 0 is forward.
 
-mod delta;
-mod henyey_greenstein;
 mod legendre;
-mod separable;
+mod maps;
 
-use std::f64::consts::FRAC_1_PI;
+use std::f64::consts::{FRAC_1_PI, PI};
 
 use glam::DVec3;
 
-pub use self::delta::DeltaM;
-pub use self::henyey_greenstein::HenyeyGreenstein;
 pub use self::legendre::{LegendrePhase, MOST_TERMS};
-pub use self::separable::{SIDE, SeparablePhase};
+pub use self::maps::{DirectionMaps, SIDE};
+
+/// The phase function with mean cosine `g`; `g > 0` is forward.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HenyeyGreenstein {
+    g: f64,
+}
+
+impl HenyeyGreenstein {
+    /// The function for a mean cosine in (-1, 1); values outside are clamped, NaN counts as 0.
+    pub fn new(g: f64) -> Self {
+        let limit = 1.0 - 1e-9;
+        Self { g: if g.is_nan() { 0.0 } else { g.clamp(-limit, limit) } }
+    }
+
+    /// The mean cosine.
+    pub fn g(self) -> f64 {
+        self.g
+    }
+
+    /// Density over solid angle, 1/sr, at the cosine between the directions before and after.
+    pub fn density(self, cosine: f64) -> f64 {
+        let g = self.g;
+        let square = 1.0 + g * g - 2.0 * g * cosine.clamp(-1.0, 1.0);
+        (1.0 - g) * (1.0 + g) / (4.0 * PI * square * square.sqrt())
+    }
+
+    /// The cosine below which the fraction `xi` of the distribution lies.
+    ///
+    /// The usual form divides a difference by g; here g is divided out, so that every g is exact, 0 included.
+    #[inline(always)]
+    pub fn sample_cosine(self, xi: f64) -> f64 {
+        let (g, t) = (self.g, 2.0 * xi - 1.0);
+        let root = 1.0 + g * t;
+        let numerator = t + g * (0.5 * (t * t + 3.0) + g * (t + 0.5 * g * (t * t - 1.0)));
+        (numerator / (root * root)).clamp(-1.0, 1.0)
+    }
+}
 
 /// The light side of a phase function of few terms: `p(w_i', w_o') ~ Sum_k g_k(w_i') h_k(w_o')` (Wang, Tran and Luebke
 /// 2005, equation 9). An asset holds one vector for each `g_k`.
@@ -27,8 +60,8 @@ pub enum LightTerms {
     Isotropic,
     /// The first real spherical harmonics, this many, whatever the g of the medium (see [`LegendrePhase`]).
     Harmonics(usize),
-    /// The maps of a singular value decomposition.
-    Separable(SeparablePhase),
+    /// Any functions, such as those of a singular value decomposition.
+    Maps(DirectionMaps),
 }
 
 impl LightTerms {
@@ -37,7 +70,7 @@ impl LightTerms {
         match self {
             Self::Isotropic => 1,
             Self::Harmonics(terms) => (*terms).clamp(1, MOST_TERMS),
-            Self::Separable(phase) => phase.terms(),
+            Self::Maps(maps) => maps.terms(),
         }
     }
 
@@ -46,15 +79,13 @@ impl LightTerms {
         match self {
             Self::Isotropic => out.iter_mut().take(1).for_each(|g| *g = 0.25 * FRAC_1_PI),
             Self::Harmonics(_) => LegendrePhase::light(self.count(), towards_light, out),
-            Self::Separable(phase) => phase.light(towards_light, out),
+            Self::Maps(maps) => maps.evaluate(towards_light, out),
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use std::f64::consts::PI;
-
     use super::*;
     use crate::math::quadrature::integrate;
 

@@ -1,8 +1,8 @@
 #![allow(clippy::unwrap_used)]
 
+use super::tests::strangers;
 use super::*;
-use crate::medium::fresnel::{BoundaryFit, boundary_a};
-use crate::medium::material::PRESETS;
+use crate::medium::material::preset_dipoles;
 
 /// Split and reach in mm, number of terms, and stated T1 of all judges.
 const STATED: [((f64, f64), usize, f64); 4] =
@@ -16,22 +16,13 @@ fn ladder(range: (f64, f64), terms: usize) -> ProfileBasis {
     ProfileBasis::new(&settings(range, Some(terms), 0.0))
 }
 
-fn presets() -> Vec<Dipole> {
-    PRESETS.iter().flat_map(|preset| preset.properties().dipoles(BoundaryFit::Published)).collect()
-}
-
-fn strangers() -> Vec<Dipole> {
-    let media = [(0.0, 0.0), (0.0, 1.0), (1e6, 0.0), (1e6, 1e6), (1e-6, 0.0), (1e-6, 1e6), (1e-3, 1e-3), (1e3, 1e-5)];
-    media.into_iter().map(|(s, t)| Dipole::new(s, t, boundary_a(1.3, BoundaryFit::Published))).collect()
-}
-
 /// Known errors in transported light of ladders of Gaussians: 11 steps for 0.5 mm in 20 mm, 13 in 50 mm, 5e-3.
 #[test]
 fn ladders_reach_the_stated_errors() {
     for (range, terms, stated) in STATED {
         let basis = ladder(range, terms);
         let worst = basis.worst_error();
-        let published = presets().iter().map(|dipole| basis.project(dipole).error).fold(0.0, f64::max);
+        let published = preset_dipoles().map(|dipole| basis.project(&dipole).error).fold(0.0, f64::max);
         println!("{range:?} {terms} terms: judges {worst:.1e}, published {published:.1e}");
         assert!(worst <= stated && published <= worst, "{range:?} {worst:e}");
     }
@@ -70,7 +61,7 @@ fn nothing_is_negative_and_totals_are_kept() {
                 assert!(*value >= -1e-7 * largest, "{terms} {k} {r} {value:e} {largest:e}");
             }
         }
-        for dipole in presets().iter().chain(&strangers()) {
+        for dipole in &preset_dipoles().chain(strangers().into_iter().take(8)).collect::<Vec<_>>() {
             let far = FarProfile::new(dipole, range.0);
             let projection = basis.project(dipole);
             assert!(projection.coefficients.iter().all(|&s| s >= 0.0 && s.is_finite()), "{dipole:?}");
@@ -123,7 +114,7 @@ fn a_sum_of_its_own_functions_is_found_again_and_parts_make_the_same_ladder() {
         ProfileBasis::from_parts(0.5, nodes, weights, basis.functions().to_vec(), Some(totals))
     };
     let again = parts(basis.totals().unwrap().to_vec()).unwrap();
-    for dipole in presets() {
+    for dipole in preset_dipoles() {
         assert_eq!(again.project(&dipole), basis.project(&dipole));
     }
     for wrong in [vec![1.0; 12], vec![0.0; 13], vec![f64::NAN; 13], vec![f64::INFINITY; 13]] {

@@ -4,7 +4,7 @@ use super::grid::geometric;
 use crate::math::random;
 use crate::medium::dipole::Dipole;
 use crate::medium::fresnel::{BoundaryFit, boundary_a};
-use crate::medium::material::PRESETS;
+use crate::medium::material::preset_dipoles;
 
 /// Reduced scattering coefficients in 1/mm: from skim milk thinned thirty times to beyond Spectralon.
 const SCATTERING_PER_MM: (f64, f64) = (0.02, 25.0);
@@ -57,7 +57,6 @@ fn grid_of(scattering: &[f64], absorption: &[f64]) -> Vec<Dipole> {
 /// Every channel of the measured materials, and random materials of the same ranges as [`training`], none of them part
 /// of it.
 pub(super) fn judges() -> Vec<Dipole> {
-    let presets = PRESETS.iter().flat_map(|preset| preset.properties().dipoles(BoundaryFit::Published));
     let log2 = 12;
     let scattering = geometric(SCATTERING_PER_MM.0, SCATTERING_PER_MM.1, log2);
     let absorption = geometric(ABSORPTION_PER_MM.0, ABSORPTION_PER_MM.1, log2);
@@ -69,5 +68,5 @@ pub(super) fn judges() -> Vec<Dipole> {
         let t = if i % PURE == 0 { 0.0 } else { pick(&absorption, 1) };
         Dipole::new(pick(&scattering, 0), t, boundary_a(eta, BoundaryFit::Published))
     });
-    presets.chain(drawn).collect()
+    preset_dipoles().chain(drawn).collect()
 }

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use super::*;
 use crate::math::quadrature::integrate;
 use crate::medium::fresnel::{BoundaryFit, boundary_a};
-use crate::medium::material::{PRESETS, preset};
+use crate::medium::material::{PRESETS, preset, preset_dipoles};
 
 /// Split and reach in mm, with the numbers of terms that errors of 1e-2, 3e-3 and 1e-3 need.
 const RANGES: [((f64, f64), [usize; 3]); 6] = [
@@ -25,12 +25,8 @@ fn basis(range: (f64, f64), terms: usize) -> ProfileBasis {
     ProfileBasis::new(&settings(range, Family::Transported, terms))
 }
 
-fn presets() -> Vec<Dipole> {
-    PRESETS.iter().flat_map(|preset| preset.properties().dipoles(BoundaryFit::Published)).collect()
-}
-
 /// sigma_s', sigma_a and eta far outside the training set.
-fn strangers() -> Vec<Dipole> {
+pub(super) fn strangers() -> Vec<Dipole> {
     let media = [
         (0.0, 0.0, 1.3),
         (0.0, 1.0, 1.3),
@@ -70,7 +66,7 @@ fn the_grid_integrates_profiles_over_the_plane() {
         let grid = Grid::new(range.0, range.1);
         assert!(grid.squares_mm2.windows(2).all(|pair| pair[0] < pair[1]));
         assert!(grid.areas_mm2.iter().all(|&area| area > 0.0));
-        for dipole in presets() {
+        for dipole in preset_dipoles() {
             let far = FarProfile::new(&dipole, range.0);
             let f = |r: f64| TAU * r * far.reflectance(r);
             let tolerance = 1e-10 * far.profile_total();
@@ -130,7 +126,7 @@ fn stated_errors_hold_between_the_nodes_and_through_the_table() {
     for (range, [_, _, terms]) in RANGES {
         let basis = basis(range, terms);
         let table = basis.table();
-        for dipole in presets() {
+        for dipole in preset_dipoles() {
             let far = FarProfile::new(&dipole, range.0);
             let projection = basis.project(&dipole);
             let difference = |r: f64| (from_table(&table, &projection.coefficients, r) - far.reflectance(r)).abs();
@@ -151,7 +147,7 @@ fn totals_of_the_projection_are_those_of_the_profile() {
     let range = (0.5, 30.0);
     let basis = basis(range, 12);
     let table = basis.table();
-    for dipole in presets() {
+    for dipole in preset_dipoles() {
         let far = FarProfile::new(&dipole, range.0);
         let coefficients = basis.project(&dipole).coefficients;
         let sum: f64 = fine(range.0, range.1, 2000).map(|(r, area)| area * from_table(&table, &coefficients, r)).sum();
@@ -201,7 +197,7 @@ fn the_published_weighting_is_worse_and_fails_beyond_its_range_of_coefficients()
 #[test]
 fn twelve_terms_serve_every_measured_channel_of_50_mm_sampled_at_half_a_millimetre() {
     // Split at one spacing, where bakes split at six: what is nearer is integrated with the profile itself.
-    let worst = |basis: &ProfileBasis| presets().iter().map(|dipole| basis.project(dipole).error).fold(0.0, f64::max);
+    let worst = |basis: &ProfileBasis| preset_dipoles().map(|dipole| basis.project(&dipole).error).fold(0.0, f64::max);
     let ours = worst(&basis((0.5, 50.0), 12));
     let plain = worst(&ProfileBasis::new(&settings((0.5, 50.0), Family::Plain, 12)));
     println!("T1 of 36 channels, 12 terms: {ours:.1e}, as published {plain:.1e}");
@@ -249,7 +245,7 @@ fn the_spread_falls_and_is_what_the_presets_make_of_the_functions() {
     let spread = basis.spread();
     assert_eq!(spread.len(), 12);
     assert!(spread.windows(2).all(|pair| pair[1] < pair[0] && pair[1] > 0.0), "{spread:?}");
-    for dipole in presets() {
+    for dipole in preset_dipoles() {
         let total = FarProfile::new(&dipole, 0.5).profile_total();
         let coefficients = basis.project(&dipole).coefficients;
         for (k, (s, spread)) in coefficients.iter().zip(&spread).enumerate() {
@@ -276,7 +272,7 @@ fn parts_make_the_same_basis_again_and_wrong_parts_are_refused() {
     let (split, nodes, weights, functions) = parts();
     let again = ProfileBasis::from_parts(split, nodes, weights, functions, None).unwrap();
     assert_eq!(again.table(), basis.table());
-    for dipole in presets() {
+    for dipole in preset_dipoles() {
         assert_eq!(again.project(&dipole), basis.project(&dipole));
     }
     type Parts = (f64, Vec<f64>, Vec<f64>, Vec<f32>);

@@ -4,10 +4,7 @@
 //! light scattered at least twice, hence alpha'^2), the boundary `A = (1 + 3 C_2) / (1 - 2 C_1)` from the exact moments
 //! of the Fresnel reflectance, and an exitance `C_phi phi + C_E E` from fluence and flux instead of the flux alone.
 
-use glam::DVec3;
-
 use super::boundary::{Boundary, Coefficients, Grosjean};
-use super::planar;
 use crate::medium::dipole::Pole;
 use crate::medium::profile::Profile;
 
@@ -99,9 +96,5 @@ impl Profile for BetterDipole {
 
     fn tail(&self, r_mm: f64) -> f64 {
         self.pair.tail(r_mm)
-    }
-
-    fn triangle(&self, receiver_mm: DVec3, corners_mm: [DVec3; 3]) -> f64 {
-        planar::triangle(self, receiver_mm, corners_mm)
     }
 }

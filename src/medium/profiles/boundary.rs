@@ -6,7 +6,8 @@ use crate::medium::fresnel::{BoundaryFit, internal_diffuse_reflectance, transmit
 /// Absolute tolerance of the second moment.
 const MOMENT_TOLERANCE: f64 = 1e-14;
 
-/// Reduced extinctions beyond these bounds (1/mm) saturate at constant albedo.
+/// Reduced extinctions beyond these bounds (1/mm) saturate, so that every power of a distance in a profile stays a
+/// normal number in f32 as well. The albedo, and with it the total reflectance, is kept.
 const EXTINCTION_BOUNDS_PER_MM: (f64, f64) = (1e-12, 1e12);
 
 /// The boundary of a half space to the second order in the angle (d'Eon and Irving 2011, section 3).
@@ -49,7 +50,7 @@ fn second_moment_of_transmittance(eta: f64) -> f64 {
 
 /// Coefficients of one channel in the form that the models use.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Coefficients {
+pub(in crate::medium) struct Coefficients {
     /// Reduced albedo alpha' in [0, 1]; 0 without extinction.
     pub albedo: f64,
     /// `1 - alpha'` without cancellation.
@@ -59,21 +60,28 @@ pub(super) struct Coefficients {
 }
 
 impl Coefficients {
-    /// Coefficients from sigma_s' and sigma_a; negative and non-finite values count as 0.
-    pub(super) fn new(sigma_s_reduced_per_mm: f64, sigma_a_per_mm: f64) -> Self {
+    /// Coefficients from sigma_s' and sigma_a; negative and non-finite values count as 0. None without extinction.
+    pub(in crate::medium) fn of(sigma_s_reduced_per_mm: f64, sigma_a_per_mm: f64) -> Option<Self> {
         let usable = |sigma: f64| if sigma.is_finite() && sigma > 0.0 { sigma } else { 0.0 };
         let (scattering, absorption) = (usable(sigma_s_reduced_per_mm), usable(sigma_a_per_mm));
         let larger = scattering.max(absorption);
         if larger == 0.0 {
-            return Self { albedo: 0.0, absorbed: 1.0, extinction_per_mm: 1.0 };
+            return None;
         }
+        // Fractions first: neither the sum of two huge coefficients nor the product of two tiny ones is representable.
         let sum = scattering / larger + absorption / larger;
         let (lowest, highest) = EXTINCTION_BOUNDS_PER_MM;
-        Self {
+        Some(Self {
             albedo: scattering / larger / sum,
             absorbed: absorption / larger / sum,
             extinction_per_mm: (larger * sum).clamp(lowest, highest),
-        }
+        })
+    }
+
+    /// [`Self::of`], black without extinction.
+    pub(super) fn new(sigma_s_reduced_per_mm: f64, sigma_a_per_mm: f64) -> Self {
+        let black = Self { albedo: 0.0, absorbed: 1.0, extinction_per_mm: 1.0 };
+        Self::of(sigma_s_reduced_per_mm, sigma_a_per_mm).unwrap_or(black)
     }
 }
 

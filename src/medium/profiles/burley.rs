@@ -4,11 +4,8 @@
 //! `R(r) = A (exp(-r / d) + exp(-r / (3 d))) / (8 pi d r)` with `d = l / s(A)`; the total is A. R grows as 1/r towards
 //! r = 0.
 
-use glam::DVec3;
-
 use super::better_dipole::BetterDipole;
 use super::boundary::{Coefficients, Grosjean};
-use super::planar;
 use crate::medium::profile::Profile;
 
 use std::f64::consts::PI;
@@ -80,9 +77,5 @@ impl Profile for Burley {
     fn tail(&self, r_mm: f64) -> f64 {
         let x = r_mm / self.d_mm;
         self.albedo * ((-x).exp() + 3.0 * (-x / 3.0).exp()) / (8.0 * PI)
-    }
-
-    fn triangle(&self, receiver_mm: DVec3, corners_mm: [DVec3; 3]) -> f64 {
-        planar::triangle(self, receiver_mm, corners_mm)
     }
 }

@@ -1,24 +1,9 @@
 //! Small tables of one key column and three channels; errors name the line.
 
-use std::io::Read;
 use std::path::Path;
 
 use crate::error::{Error, Result};
-
-/// Longest file; a path given by mistake must not fill the memory.
-const LARGEST_FILE_BYTES: u64 = 4 << 20;
-
-/// The text of a short file; errors name the expected `kind` of file.
-pub(super) fn read_text(path: &Path, kind: &str) -> Result<String> {
-    let file = std::fs::File::open(path).map_err(|error| Error::io(path, &error))?;
-    let mut bytes = Vec::new();
-    file.take(LARGEST_FILE_BYTES + 1).read_to_end(&mut bytes).map_err(|error| Error::io(path, &error))?;
-    if bytes.len() as u64 > LARGEST_FILE_BYTES {
-        return Err(Error::input(format!("longer than 4 MiB, so this is no {kind}")).at(path.display()));
-    }
-    String::from_utf8(bytes)
-        .map_err(|_| Error::input(format!("not UTF-8 text, so this is no {kind}")).at(path.display()))
-}
+use crate::medium::material_file::read_text;
 
 /// A line of the table.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,7 +18,7 @@ pub(super) struct Row {
 
 /// Rows of the file, whose header must be `key,r,g,b`. Blank lines and comments after a `#` are skipped.
 pub(super) fn read(path: &Path, key: &str) -> Result<Vec<Row>> {
-    let text = read_text(path, "table of a profile")?;
+    let text = read_text(path, "table of a profile", 4)?;
     parse(&text, &path.display().to_string(), key)
 }
 

@@ -2,10 +2,7 @@
 
 use std::path::Path;
 
-use glam::DVec3;
-
 use super::csv::{self, Row};
-use super::planar;
 use crate::error::{Error, Result};
 use crate::medium::profile::Profile;
 
@@ -72,9 +69,8 @@ impl Gaussians {
     /// Errors of [`Gaussians::new`], with the channel.
     pub fn channels(lobes: &[Lobe]) -> Result<[Self; 3]> {
         let channel = |c: usize| {
-            let terms: Vec<(f64, f64)> =
-                lobes.iter().map(|lobe| (lobe.weights.get(c).copied().unwrap_or(0.0), lobe.variance_mm2)).collect();
-            Self::new(&terms).map_err(|error| error.at(["red", "green", "blue"].get(c).unwrap_or(&"")))
+            let terms: Vec<(f64, f64)> = lobes.iter().map(|lobe| (lobe.weights[c], lobe.variance_mm2)).collect();
+            Self::new(&terms).map_err(|error| error.at(["red", "green", "blue"][c]))
         };
         Ok([channel(0)?, channel(1)?, channel(2)?])
     }
@@ -107,9 +103,5 @@ impl Profile for Gaussians {
 
     fn tail(&self, r_mm: f64) -> f64 {
         self.terms.iter().map(|(w, v)| w / TAU * (-0.5 * r_mm * (r_mm / v)).exp()).sum()
-    }
-
-    fn triangle(&self, receiver_mm: DVec3, corners_mm: [DVec3; 3]) -> f64 {
-        planar::triangle(self, receiver_mm, corners_mm)
     }
 }

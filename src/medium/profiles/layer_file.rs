@@ -2,13 +2,12 @@
 
 use std::path::Path;
 
-use glam::DVec3;
 use toml::Spanned;
 
-use super::csv::read_text;
 use super::layers::{Layer, MOST_LAYERS, THICKNESSES_MM};
 use crate::error::{Error, Result};
 use crate::medium::material::{OpticalProperties, Overrides, preset};
+use crate::medium::material_file::{Channels, one_line, position, read_text};
 
 /// A layer of all channels; without properties it is of the medium that the profile is evaluated for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,11 +22,10 @@ impl LayerSpec {
     /// The layer of one channel (0 to 2).
     pub(super) fn channel(&self, medium: &OpticalProperties, channel: usize) -> Layer {
         let properties = self.properties.as_ref().unwrap_or(medium);
-        let of = |v: DVec3| v.to_array().get(channel).copied().unwrap_or(0.0);
         Layer {
             thickness_mm: self.thickness_mm,
-            sigma_s_reduced_per_mm: of(properties.sigma_s_reduced_per_mm),
-            sigma_a_per_mm: of(properties.sigma_a_per_mm),
+            sigma_s_reduced_per_mm: properties.sigma_s_reduced_per_mm[channel],
+            sigma_a_per_mm: properties.sigma_a_per_mm[channel],
             eta_inside_over_outside: properties.eta_inside_over_outside,
         }
     }
@@ -45,29 +43,12 @@ struct File {
 #[serde(deny_unknown_fields)]
 struct Keys {
     thickness_mm: Option<Spanned<f64>>,
-    preset: Option<Spanned<String>>,
+    preset: Option<String>,
     sigma_s_reduced_per_mm: Option<Channels>,
     sigma_s_per_mm: Option<Channels>,
     sigma_a_per_mm: Option<Channels>,
     g: Option<f64>,
     eta: Option<f64>,
-}
-
-/// One number for all channels, or three.
-#[derive(Clone, Copy, serde::Deserialize)]
-#[serde(untagged, expecting = "a number or [red, green, blue] is needed")]
-enum Channels {
-    One(f64),
-    Three([f64; 3]),
-}
-
-impl From<Channels> for DVec3 {
-    fn from(channels: Channels) -> Self {
-        match channels {
-            Channels::One(value) => Self::splat(value),
-            Channels::Three(values) => Self::from_array(values),
-        }
-    }
 }
 
 /// Reads a stack: a table `[[layer]]` for each layer from the top, with the keys of a material file (`preset`,
@@ -77,20 +58,14 @@ impl From<Channels> for DVec3 {
 /// # Errors
 /// I/O when it cannot be read; invalid input, with path, line and column, for its contents.
 pub fn read(path: &Path) -> Result<Vec<LayerSpec>> {
-    parse(&read_text(path, "layer file")?, &path.display().to_string())
+    parse(&read_text(path, "layer file", 4)?, &path.display().to_string())
 }
 
 /// Like [`read`] for a text; `place` names it in errors.
 pub(super) fn parse(text: &str, place: &str) -> Result<Vec<LayerSpec>> {
-    let at = |start: usize, error: Error| {
-        let before = text.get(..start).unwrap_or(text);
-        let column = before.rsplit('\n').next().map_or(0, |line| line.chars().count()) + 1;
-        error.at(format!("{place}:{}:{column}", before.matches('\n').count() + 1))
-    };
-    let file: File = toml::from_str(text).map_err(|error| {
-        let message = error.message().split('\n').map(str::trim).collect::<Vec<_>>().join(", ");
-        at(error.span().map_or(0, |span| span.start), Error::input(message))
-    })?;
+    let at = |start: usize, error: Error| error.at(format!("{place}:{}", position(text, start)));
+    let file: File = toml::from_str(text)
+        .map_err(|error| at(error.span().map_or(0, |span| span.start), Error::input(one_line(error.message()))))?;
     if file.layer.is_empty() || file.layer.len() > MOST_LAYERS {
         let count = file.layer.len();
         return Err(Error::input(format!("{count} tables [[layer]]; there must be 1 to {MOST_LAYERS}")).at(place));
@@ -124,20 +99,15 @@ pub(super) fn parse(text: &str, place: &str) -> Result<Vec<LayerSpec>> {
 
 /// The material of a layer, if it names one.
 fn material(keys: &Keys) -> Result<Option<OpticalProperties>> {
-    let base = match &keys.preset {
-        None => None,
-        Some(name) => match preset(name.get_ref()) {
-            Some(preset) => Some(preset.properties()),
-            None => {
-                let name = name.get_ref();
-                return Err(Error::input(format!("no material is called '{name}'; `translux materials` lists them")));
-            }
-        },
+    let named = |name: &String| match preset(name) {
+        Some(preset) => Ok(preset.properties()),
+        None => Err(Error::input(format!("no material is called '{name}'; `translux materials` lists them"))),
     };
+    let base = keys.preset.as_ref().map(named).transpose()?;
     let overrides = Overrides {
-        sigma_s_reduced_per_mm: keys.sigma_s_reduced_per_mm.map(DVec3::from),
-        sigma_s_per_mm: keys.sigma_s_per_mm.map(DVec3::from),
-        sigma_a_per_mm: keys.sigma_a_per_mm.map(DVec3::from),
+        sigma_s_reduced_per_mm: keys.sigma_s_reduced_per_mm.map(|channels| channels.0),
+        sigma_s_per_mm: keys.sigma_s_per_mm.map(|channels| channels.0),
+        sigma_a_per_mm: keys.sigma_a_per_mm.map(|channels| channels.0),
         g: keys.g,
         eta_inside_over_outside: keys.eta,
     };

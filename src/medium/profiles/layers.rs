@@ -8,9 +8,7 @@
 //! a slab holds the light that interacts within its thickness, `alpha' (1 - exp(-tau))`, at the mean depth of that
 //! interaction (one mean free path for thick slabs, the paper's source), and `exp(-tau)` crosses unscattered and stays
 //! a point. So thin layers neither gain nor lose light. Left out: rough interfaces, light refracted or reflected at
-//! interior interfaces before it scatters, and transmission to the far side as a profile (its total is known).
-
-use glam::DVec3;
+//! interior interfaces before it scatters, and transmission to the far side as a profile.
 
 use super::boundary::Coefficients;
 use super::complex::{Complex, bessel_k};
@@ -59,7 +57,7 @@ pub struct Layer {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layers {
     table: Tabulated,
-    totals: [f64; 2],
+    total: f64,
 }
 
 impl Layers {
@@ -73,11 +71,11 @@ impl Layers {
     /// for a half space that is not the last. Run time, should the table fail.
     pub fn new(layers: &[Layer], fit: BoundaryFit) -> Result<Self> {
         let stack = Stack::new(layers, fit)?;
-        let [reflected, transmitted] = stack.totals();
+        let [reflected, _] = stack.totals();
         // What the frequencies' products would lose to underflow returns nothing.
         if reflected < 1e-150 {
             let table = Tabulated::new(Grid { scale: 1.0, step: 1.0 }, 1.0, &[])?;
-            return Ok(Self { table, totals: [0.0, transmitted] });
+            return Ok(Self { table, total: 0.0 });
         }
         let grid = Grid { scale: stack.shortest_mm, step: TABLE_STEP };
         let farthest_mm = (REACH.0 * stack.longest_mm).min(stack.longest_mm + REACH.1 / stack.decay_rate_per_mm());
@@ -91,12 +89,7 @@ impl Layers {
                 break;
             }
         }
-        Ok(Self { table: Tabulated::new(grid, 1.0, &samples)?, totals: [reflected, transmitted] })
-    }
-
-    /// Total transmittance through the far side, unscattered light included; 0 above a half space.
-    pub fn total_transmittance(&self) -> f64 {
-        self.totals[1]
+        Ok(Self { table: Tabulated::new(grid, 1.0, &samples)?, total: reflected })
     }
 }
 
@@ -110,11 +103,7 @@ impl Profile for Layers {
     }
 
     fn total(&self) -> f64 {
-        self.totals[0]
-    }
-
-    fn triangle(&self, receiver_mm: DVec3, corners_mm: [DVec3; 3]) -> f64 {
-        self.table.triangle(receiver_mm, corners_mm)
+        self.total
     }
 }
 

@@ -6,14 +6,9 @@
 
 use std::path::Path;
 
-use glam::DVec3;
-
 use super::csv::{self, Row};
-use super::planar;
 use crate::error::{Error, Result};
 use crate::medium::profile::Profile;
-
-use std::f64::consts::TAU;
 
 /// Interpolation of R between two distances.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -182,14 +177,6 @@ impl Profile for Measured {
         }
         piece.beyond + piece.integral(r_mm, end)
     }
-
-    fn total(&self) -> f64 {
-        TAU * self.tail(0.0)
-    }
-
-    fn triangle(&self, receiver_mm: DVec3, corners_mm: [DVec3; 3]) -> f64 {
-        planar::triangle(self, receiver_mm, corners_mm)
-    }
 }
 
 /// Reads a profile from CSV with the header `r_mm,r,g,b`, R in 1/mm^2; blank lines and comments after a `#` are
@@ -212,9 +199,8 @@ pub(super) fn from_rows(rows: &[Row], place: &str, interpolation: Interpolation)
         previous = Some(row.key);
     }
     let channel = |c: usize| {
-        let points: Vec<(f64, f64)> =
-            rows.iter().map(|row| (row.key, row.rgb.get(c).copied().unwrap_or(0.0))).collect();
-        Measured::new(&points, interpolation).map_err(|e| e.at(names.get(c).unwrap_or(&"")).at(place))
+        let points: Vec<(f64, f64)> = rows.iter().map(|row| (row.key, row.rgb[c])).collect();
+        Measured::new(&points, interpolation).map_err(|e| e.at(names[c]).at(place))
     };
     Ok([channel(0)?, channel(1)?, channel(2)?])
 }

@@ -13,7 +13,7 @@
 //! | [`measured`] | samples of R | closed | likewise |
 
 pub mod better_dipole;
-mod boundary;
+pub(super) mod boundary;
 pub mod burley;
 mod complex;
 mod csv;
@@ -23,7 +23,6 @@ pub mod layers;
 pub mod measured;
 pub mod model;
 pub mod photon_beam;
-mod planar;
 pub mod tabulated;
 
 #[cfg(test)]

@@ -117,10 +117,9 @@ impl LoadedProfile {
     fn channel(&self, properties: &OpticalProperties, channel: usize) -> Result<Box<dyn Profile>> {
         let own = LayerSpec { thickness_mm: None, properties: None }.channel(properties, channel);
         let Layer { sigma_s_reduced_per_mm: s, sigma_a_per_mm: a, eta_inside_over_outside: eta, .. } = own;
-        let nothing = || Error::runtime("a profile has three channels");
         Ok(match self {
-            Self::Gaussians(channels) => Box::new(channels.get(channel).cloned().ok_or_else(nothing)?),
-            Self::Measured(channels) => Box::new(channels.get(channel).cloned().ok_or_else(nothing)?),
+            Self::Gaussians(channels) => Box::new(channels[channel].clone()),
+            Self::Measured(channels) => Box::new(channels[channel].clone()),
             Self::Layers(specs) => {
                 let layers: Vec<Layer> = specs.iter().map(|spec| spec.channel(properties, channel)).collect();
                 Box::new(Layers::new(&layers, BoundaryFit::Published)?)
@@ -133,9 +132,7 @@ impl LoadedProfile {
                     let slab = Layer { thickness_mm: Some(*thickness), ..own };
                     Box::new(Layers::new(&[slab], BoundaryFit::Published)?)
                 }
-                ProfileModel::Dipole => {
-                    Box::new(*properties.dipoles(BoundaryFit::Published).get(channel).ok_or_else(nothing)?)
-                }
+                ProfileModel::Dipole => Box::new(properties.dipoles(BoundaryFit::Published)[channel]),
                 file => return file.load()?.channel(properties, channel),
             },
         })

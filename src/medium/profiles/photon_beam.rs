@@ -10,8 +10,6 @@
 //! Photon beam diffusion was preferred to quantised diffusion (d'Eon and Irving 2011), because it needs no fit of
 //! Gaussians and keeps the oblique beam open.
 
-use glam::DVec3;
-
 use super::better_dipole::SourcePair;
 use super::boundary::{Boundary, Coefficients, Grosjean};
 use super::tabulated::{Grid, Tabulated};
@@ -114,9 +112,5 @@ impl Profile for PhotonBeam {
 
     fn tail(&self, r_mm: f64) -> f64 {
         self.table.tail(r_mm)
-    }
-
-    fn triangle(&self, receiver_mm: DVec3, corners_mm: [DVec3; 3]) -> f64 {
-        self.table.triangle(receiver_mm, corners_mm)
     }
 }

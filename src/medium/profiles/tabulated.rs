@@ -4,9 +4,6 @@
 //! slopes `-R r dr/du / tail` and curvatures from both. R_d is the derivative of the same polynomial, so that tail and
 //! reflectance belong together to rounding.
 
-use glam::DVec3;
-
-use super::planar;
 use crate::error::{Error, Result};
 use crate::medium::profile::Profile;
 
@@ -190,9 +187,5 @@ impl Profile for Tabulated {
 
     fn tail(&self, r_mm: f64) -> f64 {
         self.both(r_mm).0
-    }
-
-    fn triangle(&self, receiver_mm: DVec3, corners_mm: [DVec3; 3]) -> f64 {
-        planar::triangle(self, receiver_mm, corners_mm)
     }
 }

@@ -10,14 +10,15 @@ use super::layers::{Layer, Layers};
 use super::measured::{self, Interpolation, Measured};
 use super::model::ProfileModel;
 use super::photon_beam::PhotonBeam;
-use super::{csv, layer_file, planar};
+use super::{csv, layer_file};
 use crate::error::ExitCode;
 use crate::math::quadrature::integrate;
 use crate::math::random::uniform;
 use crate::medium::dipole::Dipole;
+use crate::medium::dipole::tests::brute_triangle;
 use crate::medium::fresnel::{BoundaryFit, boundary_a};
 use crate::medium::material::{OpticalProperties, PRESETS};
-use crate::medium::profile::Profile;
+use crate::medium::profile::{Profile, triangle_by_tail};
 
 use std::f64::consts::TAU;
 
@@ -73,17 +74,6 @@ fn tail_is_the_integral_of_the_profile() {
     }
 }
 
-/// Nested quadrature of the profile itself; only its adaptivity splits it at corners.
-fn brute_triangle(profile: &dyn Profile, receiver: DVec3, [a, b, c]: [DVec3; 3]) -> f64 {
-    let doubled_area = (b - a).cross(c - a).length();
-    let tolerance = 1e-5 * profile.total() / doubled_area;
-    let row = |u: f64| {
-        let (left, right) = (a.lerp(b, u), a.lerp(c, u));
-        u * integrate(|v| profile.reflectance(left.lerp(right, v).distance(receiver)), 0.0, 1.0, 0.1 * tolerance)
-    };
-    doubled_area * integrate(row, 0.0, 1.0, tolerance)
-}
-
 #[test]
 fn triangles_agree_with_brute_force() {
     let frame = |x: f64, y: f64, h: f64| {
@@ -98,8 +88,8 @@ fn triangles_agree_with_brute_force() {
             let corners = [frame(0.0, 0.0, 0.0), frame(1.0, 0.0, 0.0), frame(0.3, 0.8, 0.0)].map(|p| p * scale);
             for (x, y, h) in receivers {
                 let receiver = frame(x, y, h) * scale;
-                let (got, want) =
-                    (profile.triangle(receiver, corners), brute_triangle(profile.as_ref(), receiver, corners));
+                let want = brute_triangle(profile.as_ref(), receiver, corners, 1e-5 * profile.total());
+                let got = profile.triangle(receiver, corners);
                 let error = (got - want).abs() / profile.total();
                 assert!(error < 2e-5, "{name} {scale} {x} {y} {h}: {got:e} {want:e}");
                 worst = worst.max(error);
@@ -125,7 +115,7 @@ fn edges_by_the_tail_alone_agree_with_the_closed_edges_of_the_dipole() {
             let size = 10.0_f64.powf(6.0 * random(20)) * dipole.z_real_mm;
             let corners = [point(0), point(3), point(6)].map(|p| p * size);
             let receiver = point(9) * size;
-            let error = planar::triangle(&dipole, receiver, corners) - dipole.triangle(receiver, corners);
+            let error = triangle_by_tail(&dipole, receiver, corners) - dipole.triangle(receiver, corners);
             worst = worst.max(error.abs() / dipole.total());
         }
     }
@@ -370,32 +360,13 @@ fn layer_files_are_read_and_their_mistakes_told() {
         ("[[layer]]\nthickness_mm = 0", "l.toml:2:16: thickness_mm is 0"),
         ("[[layer]]\npreset = \"mud\"", "l.toml:1:1: no material is called 'mud'"),
         ("[[layer]]\nsigma_a_per_mm = 1", "l.toml:1:1: the scattering coefficient"),
-        ("[[layer]]\nsigma_a_per_mm = \"a\"", "l.toml:2:18: a number or [red, green, blue]"),
+        (
+            "[[layer]]\nsigma_a_per_mm = \"a\"",
+            "l.toml:2:18: invalid type: string \"a\", expected one number or [red, green, blue]",
+        ),
     ] {
         let error = layer_file::parse(text, "l.toml").unwrap_err();
         assert_eq!(error.code(), ExitCode::InvalidInput);
         assert!(error.message().starts_with(says), "{text}: {error}");
-    }
-}
-
-/// A measurement, not a check: `cargo test --release --lib profiles -- --ignored --nocapture cost`.
-#[test]
-#[ignore = "prints times"]
-fn cost_of_a_call() {
-    let time = |f: &dyn Fn(f64) -> f64, count: u32| {
-        let start = std::time::Instant::now();
-        let sum: f64 = (0..count).map(|i| f(1e-3 + 5.0 * f64::from(i) / f64::from(count))).sum();
-        (start.elapsed().as_secs_f64() * 1e9 / f64::from(count), sum)
-    };
-    for (name, profile, _) in one_of_each() {
-        let corners = [DVec3::ZERO, DVec3::X, DVec3::Y];
-        let (reflectance, tail) = (time(&|r| profile.reflectance(r), 1_000_000), time(&|r| profile.tail(r), 1_000_000));
-        let triangle = time(&|r| profile.triangle(DVec3::new(0.3 * r, 0.2, 0.0), corners), 5_000);
-        println!("{name}: R {:.0} ns, tail {:.0} ns, triangle {:.0} ns", reflectance.0, tail.0, triangle.0);
-    }
-    for text in MODELS {
-        let (model, start) = (ProfileModel::parse(text).unwrap(), std::time::Instant::now());
-        let channels = model.channels(&PRESETS[0].properties()).unwrap();
-        println!("{text}: {} channels in {:.2} ms", channels.len(), start.elapsed().as_secs_f64() * 1e3);
     }
 }

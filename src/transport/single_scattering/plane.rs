@@ -121,19 +121,12 @@ mod tests {
     }
 
     #[test]
-    fn what_the_delta_split_leaves_of_the_first_order() {
-        use crate::medium::phase::{DeltaM, HenyeyGreenstein};
+    fn the_first_order_falls_as_scattering_goes_forward() {
+        use crate::medium::phase::HenyeyGreenstein;
         let exact = |g: f64| albedo_of(1.3, |c| HenyeyGreenstein::new(g).density(c));
         assert!((exact(0.0) - half_space(1.3).albedo(Form::Physical)).abs() < 1e-5);
-        for (g, first, ratios) in [(0.7, 0.01077, [1.028, 1.563, 1.342]), (0.9, 0.00291, [0.335, 4.020, 3.119])] {
-            let split =
-                |band: usize| albedo_of(1.3, |c| DeltaM::henyey_greenstein(g, band).phase().density(c)) / exact(g);
-            let found = [split(1), split(2), split(3)];
-            println!("g {g}: {:.5} split {found:.3?}", exact(g));
+        for (g, first) in [(0.7, 0.01077), (0.9, 0.00291)] {
             assert!((exact(g) - first).abs() < 5e-5, "{g}");
-            for (found, expected) in found.iter().zip(ratios) {
-                assert!((found - expected).abs() < 0.01, "{g} {found}");
-            }
         }
     }
 

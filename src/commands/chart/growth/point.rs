@@ -17,10 +17,8 @@ use crate::geometry::source::SourceModel;
 use crate::io::atomic;
 use crate::light::Light;
 use crate::math::statistics::Quantiles;
-use crate::measure::growth::explain::pairs;
 use crate::measure::growth::fit::predict;
-use crate::measure::growth::limits::Words;
-use crate::measure::growth::{Axis, Costs, Limits, Missing, Point, Quantity, Skipped, surface};
+use crate::measure::growth::{Axis, Costs, Limits, Missing, Point, Quantity, Skipped, pairs, surface};
 use crate::medium::material::Material;
 use crate::progress::Silent;
 use crate::report::sizes::sizes;
@@ -156,13 +154,13 @@ impl Measurer<'_> {
         let without = |reason: String| Kept { costs: None, skipped: Some(Skipped { what: Missing::Bake, reason }) };
         let mut recipe = method.default_recipe()?;
         recipe.settings.samples = place.samples;
-        if let Some(reason) = self.limits.too_large(recipe.bake_memory(scene), WORDS) {
+        if let Some(reason) = self.limits.too_large(recipe.bake_memory(scene), megabytes) {
             return Ok(without(reason));
         }
         let history = self.bake_history(point, before);
         // One bake alone says little of the next, which can be ended; a light cannot.
         let predicted = predict(&history, point.size, 0.0);
-        if let Some(reason) = self.limits.too_long(predicted, WORDS) {
+        if let Some(reason) = self.limits.too_long(predicted, duration) {
             return Ok(without(reason));
         }
         let bake = Bake { words, key, work: self.work, limits: Some(self.limits) };
@@ -212,7 +210,8 @@ impl Measurer<'_> {
         let open_ms = 1e3 * started.elapsed().as_secs_f64();
         let cost = evaluator.cost();
         let predicted = self.predicted_relight(point, cost.samples, before);
-        let skipped = self.limits.too_long(predicted, WORDS).map(|reason| Skipped { what: Missing::Relight, reason });
+        let skipped =
+            self.limits.too_long(predicted, duration).map(|reason| Skipped { what: Missing::Relight, reason });
         let relight = || {
             evaluator.set_lights(vec![self.light.clone()], &Silent)?;
             let radiosity = evaluator.radiosity(&Silent)?;
@@ -253,6 +252,3 @@ impl Kept {
         }
     }
 }
-
-/// The ways in which limits write durations and sizes.
-const WORDS: Words = Words { duration, bytes: megabytes };

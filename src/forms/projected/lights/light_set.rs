@@ -33,7 +33,7 @@ impl LightSet {
         let (centre_mm, radius_mm) = sphere(scene);
         let directions = DirectionSet::new(lattice(directions)?)?;
         let shells = match inverse.len() {
-            0 | 1 => DistanceSet::parallel(centre_mm, radius_mm)?,
+            0 | 1 => DistanceSet::new(centre_mm, radius_mm, vec![0.0], Blend::Linear)?,
             _ => DistanceSet::new(centre_mm, radius_mm, inverse, blend)?,
         };
         let interpolator = Interpolator::new(&directions, scheme)?;

@@ -2,16 +2,13 @@
 
 use glam::DVec3;
 use rayon::prelude::*;
+use translux::error::{Error, Result};
+use translux::math::cube_map::{FACES, direction, solid_angles_sr};
+use translux::math::eigen::symmetric_eigen;
+use translux::math::sh::real_sh;
+use translux::medium::phase::{DirectionMaps, HenyeyGreenstein, SIDE};
 
-use super::henyey_greenstein::HenyeyGreenstein;
-use crate::error::{Error, Result};
-use crate::math::cube_map::{FACES, FRAMES, centre, direction, position_of, solid_angles_sr, texel_of};
-use crate::math::eigen::symmetric_eigen;
-use crate::math::sh::real_sh;
-
-/// Texels along an edge of a face of the table, as in the paper (6 x 16 x 16 directions on both sides).
-pub const SIDE: usize = 16;
-
+/// Directions on either side: 6 x 16 x 16, as in the paper.
 const TEXELS: usize = FACES * SIDE * SIDE;
 
 /// Largest number of terms.
@@ -29,14 +26,13 @@ const STEPS: usize = 6;
 /// up to a factor of 2 at g = 0.9. It is symmetric, so its singular vectors are eigenvectors: a subspace iteration that
 /// starts with spherical harmonics finds them in a fraction of a second. Measured (tests): energy from any direction
 /// within 1e-3 of 1 for |g| <= 0.4, 2e-3 at 0.7 and 5 % at 0.9, where the table itself is too coarse; K = 4 negative
-/// for |g| > 1/3; K = 8 splits a band and makes the forward value depend on direction. It is there for the paper's
-/// figures: [`super::LegendrePhase`] has the same terms exactly and keeps g free.
-#[derive(Clone, Debug, PartialEq)]
-pub struct SeparablePhase {
-    terms: usize,
-    /// `[texel][term]`.
-    light: Vec<f64>,
-    view: Vec<f64>,
+/// for |g| > 1/3; K = 8 splits a band and makes the forward value depend on direction. `LegendrePhase` has the same
+/// terms exactly and keeps g free.
+pub(crate) struct SeparablePhase {
+    /// `g_k` towards the light.
+    pub(crate) light: DirectionMaps,
+    /// `h_k` towards the eye.
+    pub(crate) view: DirectionMaps,
 }
 
 impl SeparablePhase {
@@ -44,7 +40,7 @@ impl SeparablePhase {
     ///
     /// # Errors
     /// Another number of terms (exit 3).
-    pub fn new(phase: HenyeyGreenstein, terms: usize) -> Result<Self> {
+    pub(crate) fn new(phase: HenyeyGreenstein, terms: usize) -> Result<Self> {
         if !(1..=MOST).contains(&terms) {
             return Err(Error::input(format!("{terms} terms of a phase function: 1 to {MOST} are possible")));
         }
@@ -55,71 +51,16 @@ impl SeparablePhase {
         let entry = |i: usize, j: usize| roots[i] * roots[j] * phase.density(-directions[i].dot(directions[j]));
         let matrix: Vec<f64> = (0..TEXELS * TEXELS).into_par_iter().map(|at| entry(at / TEXELS, at % TEXELS)).collect();
         let (values, vectors) = dominant(&matrix, &directions, &roots, terms)?;
-        let mut result = Self { terms, light: vec![0.0; TEXELS * terms], view: vec![0.0; TEXELS * terms] };
+        let (mut light, mut view) = (vec![0.0; TEXELS * terms], vec![0.0; TEXELS * terms]);
         for (k, (value, vector)) in values.iter().zip(&vectors).enumerate() {
             let scale = value.abs().sqrt();
             for (texel, x) in vector.iter().enumerate() {
                 let map = scale * x / roots[texel];
-                result.light[texel * terms + k] = map;
-                result.view[texel * terms + k] = map.copysign(map * value);
+                light[texel * terms + k] = map;
+                view[texel * terms + k] = map.copysign(map * value);
             }
         }
-        Ok(result)
-    }
-
-    /// Number of terms K.
-    pub fn terms(&self) -> usize {
-        self.terms
-    }
-
-    /// `g_k` at a unit vector towards the light, interpolated between texels.
-    pub fn light(&self, towards_light: DVec3, out: &mut [f64]) {
-        self.look_up(&self.light, towards_light, out);
-    }
-
-    /// `h_k` at a unit vector towards the eye, interpolated between texels.
-    pub fn view(&self, towards_eye: DVec3, out: &mut [f64]) {
-        self.look_up(&self.view, towards_eye, out);
-    }
-
-    /// `Sum_k g_k(w_i') h_k(w_o')`, 1/sr.
-    pub fn product(&self, towards_light: DVec3, towards_eye: DVec3) -> f64 {
-        let (mut light, mut view) = ([0.0; MOST], [0.0; MOST]);
-        self.light(towards_light, &mut light);
-        self.view(towards_eye, &mut view);
-        light.iter().zip(&view).map(|(g, h)| g * h).sum()
-    }
-
-    /// View maps, `[texel][term]` in the order of [`crate::math::cube_map`] with [`SIDE`] texels along an edge.
-    pub fn view_maps(&self) -> &[f64] {
-        &self.view
-    }
-
-    fn look_up(&self, maps: &[f64], at: DVec3, out: &mut [f64]) {
-        let count = self.terms.min(out.len());
-        let out = &mut out[..count];
-        out.fill(0.0);
-        if !at.is_finite() || at == DVec3::ZERO {
-            return;
-        }
-        let (face, s, t) = position_of(at);
-        let cell = |u: f64| 0.5 * (u + 1.0) * SIDE as f64 - 0.5;
-        let (x, y) = (cell(s), cell(t));
-        for (dx, wx) in [(0.0, 1.0 - (x - x.floor())), (1.0, x - x.floor())] {
-            for (dy, wy) in [(0.0, 1.0 - (y - y.floor())), (1.0, y - y.floor())] {
-                let (x, y) = (x.floor() + dx, y.floor() + dy);
-                let inside = |u: f64| (0.0..SIDE as f64).contains(&u);
-                let texel = if inside(x) && inside(y) {
-                    (face * SIDE + y as usize) * SIDE + x as usize
-                } else {
-                    // Beyond the edge of the face, the texel of the next one in that direction.
-                    let beyond = |u: f64| centre(SIDE, 0) + 2.0 * u / SIDE as f64;
-                    texel_of(SIDE, FRAMES[face].direction(beyond(x), beyond(y)))
-                };
-                let map = &maps[texel * self.terms..][..count];
-                out.iter_mut().zip(map).for_each(|(sum, value)| *sum += wx * wy * value);
-            }
-        }
+        Ok(Self { light: DirectionMaps::new(terms, light), view: DirectionMaps::new(terms, view) })
     }
 }
 
@@ -192,8 +133,17 @@ fn orthonormalise(block: &mut [f64], width: usize) {
 mod tests {
     use std::f64::consts::PI;
 
-    use super::super::LegendrePhase;
+    use translux::medium::phase::LegendrePhase;
+
     use super::*;
+
+    /// `Sum_k g_k(w_i') h_k(w_o')`, 1/sr.
+    fn product(phase: &SeparablePhase, towards_light: DVec3, towards_eye: DVec3) -> f64 {
+        let (mut light, mut view) = ([0.0; MOST], [0.0; MOST]);
+        phase.light.evaluate(towards_light, &mut light);
+        phase.view.evaluate(towards_eye, &mut view);
+        light.iter().zip(&view).map(|(g, h)| g * h).sum()
+    }
 
     fn texels() -> impl Iterator<Item = (DVec3, f64)> {
         let face = solid_angles_sr(SIDE);
@@ -208,9 +158,9 @@ mod tests {
         let mut light = vec![0.0; terms];
         let mut forward = Vec::new();
         for (a, _) in texels().step_by(13) {
-            phase.light(a, &mut light);
+            phase.light.evaluate(a, &mut light);
             let mut energy = 0.0;
-            for ((b, angle), h) in texels().zip(phase.view_maps().chunks_exact(terms)) {
+            for ((b, angle), h) in texels().zip(phase.view.values().chunks_exact(terms)) {
                 let p: f64 = light.iter().zip(h).map(|(g, h)| g * h).sum();
                 let exact = truth.density(-a.dot(b));
                 error += angle * (p - exact) * (p - exact);
@@ -219,7 +169,7 @@ mod tests {
                 least = least.min(p);
             }
             energy_error = energy_error.max((energy - 1.0).abs());
-            forward.push(phase.product(a, -a));
+            forward.push(product(&phase, a, -a));
         }
         let mean = forward.iter().sum::<f64>() / forward.len() as f64;
         let most = forward.iter().fold(f64::MIN, |m, &v| m.max(v)) - forward.iter().fold(f64::MAX, |m, &v| m.min(v));
@@ -254,7 +204,7 @@ mod tests {
         let series = LegendrePhase::henyey_greenstein(0.4, 9);
         for (i, (a, _)) in texels().enumerate().step_by(97) {
             let b = (texels().nth((i * 7 + 5) % TEXELS).unwrap().0 + 0.02 * DVec3::ONE).normalize();
-            let difference = phase.product(a, b) - series.product(a, b);
+            let difference = product(&phase, a, b) - series.product(a, b);
             assert!(difference.abs() < 0.02 / (4.0 * PI) * 4.0, "{difference}");
         }
     }
@@ -265,7 +215,7 @@ mod tests {
         assert!(SeparablePhase::new(HenyeyGreenstein::new(0.4), 26).is_err());
         let phase = SeparablePhase::new(HenyeyGreenstein::new(0.9), 1).unwrap();
         for d in [DVec3::ZERO, DVec3::NAN, DVec3::ONE, DVec3::INFINITY, DVec3::NEG_Y] {
-            assert!(phase.product(d, d).is_finite());
+            assert!(product(&phase, d, d).is_finite());
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Axis-aligned boxes in space order with a complete binary tree above them: finds near boxes and boxes along a ray.
+//! Axis-aligned boxes in space order with a complete binary tree above them: finds near boxes, boxes along a ray and those nearest to a point.
 
 use std::ops::ControlFlow;
 
@@ -35,6 +35,10 @@ impl Aabb {
 
     pub(crate) fn contains(&self, other: &Self) -> bool {
         self.min.cmple(other.min).all() && other.max.cmple(self.max).all()
+    }
+
+    fn distance2(&self, p: DVec3) -> f64 {
+        (p - p.clamp(self.min, self.max)).length_squared()
     }
 
     /// True if the ray `origin + t direction`, 0 <= t <= `t_max`, meets the box; `inverse` is 1 / direction.
@@ -147,6 +151,27 @@ impl BoxTree {
             }
         }
         ControlFlow::Continue(())
+    }
+
+    /// Calls `visit` with the items of boxes that may be within the squared distance that it returned last, near boxes
+    /// first.
+    pub(crate) fn towards(&self, p: DVec3, mut visit: impl FnMut(u32) -> f64) {
+        let mut limit2 = f64::INFINITY;
+        let mut stack = vec![1usize];
+        while let Some(node) = stack.pop() {
+            if self.nodes[node].distance2(p) > limit2 {
+                continue;
+            }
+            if node < self.leaves {
+                let [a, b] = [2 * node, 2 * node + 1];
+                let is_first_nearer = self.nodes[a].distance2(p) < self.nodes[b].distance2(p);
+                stack.extend(if is_first_nearer { [b, a] } else { [a, b] });
+                continue;
+            }
+            for (item, _) in self.leaf_items(node) {
+                limit2 = visit(*item);
+            }
+        }
     }
 
     /// Calls `visit` with each item whose box the ray may meet before `t_max`; it returns the `t_max` from there on.
