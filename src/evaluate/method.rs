@@ -6,7 +6,7 @@ use std::sync::Arc;
 use translux_format::metadata::tags;
 
 use super::evaluator::Evaluator;
-use super::form::{AnyForm, BakeSettings, RegisteredForm};
+use super::form::{AnyForm, BakeSettings, RegisteredForm, read_error};
 use super::keys::{AnyKey, Keys};
 use crate::asset::{Asset, Provenance};
 use crate::error::{Error, Result};
@@ -188,7 +188,7 @@ impl Registry {
                 Error::input(format!("an asset without section {tag}, which says how to read it; bake it again"))
             })
         };
-        let name: String = section(tags::FORM)?.record().map_err(|e| Error::input(e.to_string()))?;
+        let name: String = section(tags::FORM)?.record().map_err(read_error)?;
         let form = self.forms.iter().find(|form| form.name == name).ok_or_else(|| {
             Error::unsupported(format!("transport in the form `{name}`, which this build does not have"))
         })?;

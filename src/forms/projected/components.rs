@@ -3,13 +3,14 @@
 use glam::DVec3;
 use rayon::prelude::*;
 use std::ops::Range;
+use translux_format::Budget;
 use translux_format::coefficients::decode;
 use translux_format::quantised_lights::{Set, tags};
-use translux_format::{Budget, FormatError};
 
 use super::digits::{Digit, LANES, Term, products};
 use crate::compress::prediction::Net;
 use crate::error::{Error, Result};
+use crate::evaluate::form::read_error;
 use crate::forms::projected::references::{ascending_rows, weights};
 use crate::forms::sampled_scene::{oriented, parts};
 use crate::light::Light;
@@ -120,11 +121,10 @@ impl Transport {
         spacing_mm: f64,
         fold: impl Fn(Vec<f32>, usize) -> LightFunctions,
     ) -> Result<Self> {
-        let fail = |e: FormatError| Error::input(e.to_string());
         let points = oriented(scene, receivers);
         let net = Net::new(&points, &parts(receivers), spacing_mm);
         let decoded = |tag, bytes: &[u8], net: &Net| {
-            let found = decode(tag, bytes, Some(&net.similar()), Budget::default()).map_err(fail)?;
+            let found = decode(tag, bytes, Some(&net.similar()), Budget::default()).map_err(read_error)?;
             if found.rows != net.point.len() {
                 let (rows, wanted) = (found.rows, net.point.len());
                 return Err(Error::input(format!(

@@ -2,20 +2,21 @@
 
 use glam::DVec3;
 use rayon::prelude::*;
-use translux_format::distant_transport::{Single as File, tags};
+use translux_format::distant_transport::{DistantTransport, Single as File, tags};
 
-use super::phase::resolved;
+use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
 use crate::evaluate::SingleScattering;
+use crate::evaluate::form::read_error;
 use crate::evaluate::single_scattering::{LitScene, Scattering, SeenPoint, TowardsEye, Traced};
 use crate::evaluate::stages::{probe_points, worst};
-use crate::forms::baked_in::{MeanCosine, Single as InAsset, Stored, StoredSingle};
-use crate::forms::distant::Integrand;
-use crate::forms::distant::{Distant, Single, Terms};
+use crate::forms::baked_in::{Beside, MeanCosine, Single as InAsset, Stored, StoredSingle};
+use crate::forms::distant::{Distant, Integrand, Single, Terms};
 use crate::forms::projected::components::{Components, Weighted};
 use crate::forms::projected::harmonics::{HarmonicBasis, components};
 use crate::forms::rows::Rows;
+use crate::forms::sampled_scene::GROUP;
 use crate::light::Light;
 use crate::math::statistics::VertexError;
 use crate::medium::fresnel::transmittance;
@@ -31,11 +32,33 @@ const PLACES: u32 = 128;
 /// The same for every vertex.
 const PLACES_OF_VERTICES: u32 = 32;
 
+/// Relative L2 error of a phase function over the asked error; under light from a hemisphere it shrinks.
+const PHASE: f64 = 20.0;
+
 /// Terms of a phase function at most.
 const MOST_TERMS: usize = translux_format::distant_transport::MOST_TERMS as usize;
 
+/// Transport of light from far away as an asset holds it, with what is beside it.
+pub(crate) struct Opened {
+    pub(crate) scene: Scene,
+    pub(crate) receivers: Receivers,
+    pub(crate) file: DistantTransport,
+    pub(crate) beside: Beside,
+}
+
+/// Opens an asset of light from far away.
+pub(crate) fn opened(asset: &Asset, plan: &Distant) -> Result<Opened> {
+    let scene = asset.scene.clone();
+    let receivers = Receivers::new(&scene.mesh, &scene.parts, GROUP);
+    let file = DistantTransport::from_sections(&asset.sections, receivers.len())
+        .map_err(read_error)?
+        .ok_or_else(|| Error::input("an asset without its transport (sections aft.*); bake it again"))?;
+    let beside = Beside { single: single(file.single.as_ref(), plan, &scene, &receivers)?, outside: plan.outside };
+    Ok(Opened { scene, receivers, file, beside })
+}
+
 /// Single scattering of an asset.
-pub(crate) fn opened(file: Option<&File>, plan: &Distant, scene: &Scene, receivers: &Receivers) -> Result<InAsset> {
+fn single(file: Option<&File>, plan: &Distant, scene: &Scene, receivers: &Receivers) -> Result<InAsset> {
     let Some(File { terms, harmonics, rows }) = file else {
         return Ok(match plan.single {
             Single::Off => InAsset::None,
@@ -66,6 +89,33 @@ pub(crate) fn opened(file: Option<&File>, plan: &Distant, scene: &Scene, receive
 fn traced(scattering: Scattering, samples: u32, plan: &Distant) -> Traced {
     let Integrand { form, crossings } = plan.integrand;
     Traced { form, crossings, ..Traced::new(scattering, samples) }
+}
+
+/// Resolves automatic terms to those that the media need; isotropic where g is 0 in every medium.
+pub(super) fn resolved(single: Single, scene: &Scene, max_rms: f64) -> Single {
+    let Single::Phase(terms) = single else { return single };
+    let g = largest_g(scene);
+    let fits = |terms: &&usize| missing(g, **terms) <= PHASE * max_rms;
+    match terms {
+        Terms::Auto if g == 0.0 => Single::Isotropic,
+        Terms::Auto => Single::Phase([1, 4, 9, 16].iter().find(fits).map_or(Terms::Rays, |k| Terms::Stored(*k))),
+        Terms::Stored(_) | Terms::Rays => single,
+    }
+}
+
+/// The largest |g| of the media in use.
+pub(super) fn largest_g(scene: &Scene) -> f64 {
+    let media = scene.parts.parts.iter().filter_map(|part| scene.media.get(part.medium? as usize));
+    media.map(|m| m.properties.g.abs()).fold(0.0, f64::max)
+}
+
+/// Relative L2 error of Henyey and Greenstein's function cut to whole bands.
+pub(super) fn missing(g: f64, terms: usize) -> f64 {
+    let square = g * g;
+    let energy = |l: usize| (2 * l + 1) as f64 * square.powi(l as i32);
+    let kept: f64 = (0..terms.isqrt()).map(energy).sum();
+    let all = (1.0 + square) / (1.0 - square).powi(2).max(f64::MIN_POSITIVE);
+    (1.0 - kept / all).max(0.0).sqrt()
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]

@@ -131,20 +131,6 @@ fn feature_files() -> Vec<(Vec<u8>, PathBuf)> {
     files.iter().map(|maker| (maker.glb(), "made.glb".into())).collect()
 }
 
-/// The folder of shared test data, or `None` with a line that says so.
-fn data() -> Option<PathBuf> {
-    let folder = match std::env::var_os("TRANSLUX_SHARED") {
-        Some(folder) => PathBuf::from(folder),
-        None => Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared"),
-    };
-    let data = folder.join("data");
-    if data.is_dir() {
-        return Some(data);
-    }
-    println!("WITHOUT ../shared: no shared test data at {}", data.display());
-    None
-}
-
 /// Checks the promises of `SourceModel`, and that no NaN leaves this module.
 fn check_promises(model: &SourceModel) {
     let vertices = model.positions.len();
