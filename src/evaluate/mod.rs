@@ -21,4 +21,4 @@ pub use evaluator::Evaluator;
 #[cfg(feature = "gpu")]
 pub use evaluator::{DeviceEvaluator, Held};
 pub use form::{AnyForm, AssetParts, BakeSettings, Form, Probes, RegisteredForm};
-pub use method::{Method, Recipe, Registry};
+pub use method::{About, Method, Recipe, Registry};

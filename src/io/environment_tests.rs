@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::error::ExitCode;
-use crate::io::shared_data::shared_data;
+use crate::io::reader_tests::shared_data;
 use crate::light::parse::parse;
 
 #[test]

@@ -13,4 +13,4 @@ pub mod ply;
 pub mod png;
 pub mod polygon;
 #[cfg(test)]
-mod shared_data;
+mod reader_tests;

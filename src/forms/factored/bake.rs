@@ -9,7 +9,7 @@ use super::choice::{self, Choice, Tuning};
 use super::evaluate::open;
 use super::interpolation::choose_points;
 use super::ledger::{self, Baked};
-use super::ordered_samples::OrderedSamples;
+use super::ordered_samples::{OrderedSamples, Work};
 use super::points::{FarPoints, RowPlaces};
 use super::sections;
 use super::settings::{Factored, MOST_LEVELS};
@@ -75,7 +75,9 @@ impl Form for Factored {
 
         let (expected, tuning) = expected_light(scene, &ordered, &settings.probes.tuning, self.sampling, progress)?;
         progress.start("points", 0);
-        ordered.points = choose_points(scene, &ordered, self, (&basis, &table), &tuning);
+        ordered.points =
+            choose_points(Work { scene, ordered: &ordered, form: self, basis: &basis, table: &table }, &tuning);
+        let work = Work { scene, ordered: &ordered, form: self, basis: &basis, table: &table };
         progress.finish();
         // Inside the split radius the functions change as at its edge; what is as well known from points twice as far apart changes half as fast.
         let smooth = |level: &u8| 0.5 * ordered.split_mm * f64::from(1u32 << level);
@@ -90,7 +92,7 @@ impl Form for Factored {
             precision: Precision { opening: self.opening, threshold: 0.0, keep: 0.0 },
         };
         progress.start("threshold", 0);
-        let choice = Choice::new(scene, &ordered, self, (&basis, &transport), &tuning);
+        let choice = Choice::new(work, &transport, &tuning);
         progress.finish();
         let precision = Precision { opening: self.opening, threshold: choice.threshold, keep: choice.threshold };
         let transport = FarTransport { precision, ..transport };
@@ -98,10 +100,7 @@ impl Form for Factored {
 
         let mut sections = sections::write(&basis, &far, &scene.mesh, &ordered.samples)?;
         let mut ledger = ledger::measure(&Baked {
-            scene,
-            ordered: &ordered,
-            form: self,
-            basis: &basis,
+            work,
             transport: &transport,
             far: &far,
             unseen: &settings.probes.unseen,

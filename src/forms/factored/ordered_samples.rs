@@ -9,6 +9,7 @@ use crate::error::Result;
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::{self, Patch, Samples};
 use crate::light::Light;
+use crate::medium::profile_basis::{ProfileBasis, Table};
 use crate::progress::Silent;
 use crate::scene::Scene;
 use crate::transport::balanced_tree::{BalancedTree, in_tree_order};
@@ -22,6 +23,16 @@ use crate::transport::surface::Surface;
 pub(super) fn spacing_mm(patches: &[Patch]) -> f64 {
     let area: f64 = patches.iter().map(|p| p.area_mm2).sum();
     (area / patches.len().max(1) as f64).sqrt()
+}
+
+/// What a bake chooses by and is measured with.
+#[derive(Clone, Copy)]
+pub(super) struct Work<'a> {
+    pub(super) scene: &'a Scene,
+    pub(super) ordered: &'a OrderedSamples,
+    pub(super) form: &'a Factored,
+    pub(super) basis: &'a ProfileBasis,
+    pub(super) table: &'a Table,
 }
 
 /// Samples in tree order, and the geometry that follows from them.

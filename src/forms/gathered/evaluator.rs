@@ -5,8 +5,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::lit_samples::GatheredEvaluator;
-use super::nets::Nets;
+use super::lit_samples::{GatheredEvaluator, Nets};
 use super::settings::Far;
 #[cfg(feature = "gpu")]
 use super::{hierarchy_gpu::HierarchyOnDevice, nets_gpu::NetsOnDevice};

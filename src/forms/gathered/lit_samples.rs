@@ -5,7 +5,6 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::nets::Nets;
 use super::settings::{Far, Gathering};
 use crate::asset::Asset;
 use crate::error::Result;
@@ -23,7 +22,7 @@ use crate::transport::gather::{Gather, Lit, Scheme};
 use crate::transport::interreflection::InterReflection;
 use crate::transport::irradiance::{Illumination, LightSampling, Pieces};
 use crate::transport::kernel::medium::MediumKernel;
-use crate::transport::multilevel::{SurfaceNets, SurfaceTables};
+use crate::transport::multilevel::{Quality, SurfaceNets, SurfaceTables};
 use crate::transport::near_rule::NearField;
 use crate::transport::receivers::Receivers;
 use crate::transport::surface::Surface;
@@ -242,7 +241,7 @@ impl GatheredEvaluator {
     /// Makes the nets and tables of [`Self::nets`], where radiosity is summed over nets.
     pub fn prepare_nets(&mut self, progress: &dyn Progress) {
         let Some(mut nets) = self.nets.take() else { return };
-        if !nets.is_prepared() {
+        if nets.prepared().is_none() {
             let kernels = match &self.profile {
                 Some((_, kernels)) => kernels.clone(),
                 None => MediumKernel::of_media(&self.scene.media),
@@ -264,5 +263,46 @@ impl GatheredEvaluator {
             }
             _ => Scheme::AllPairs,
         }
+    }
+}
+
+/// What multilevel summation needs, made when it is first needed: nets once for the samples, tables for each set of media.
+pub(super) struct Nets {
+    quality: Quality,
+    nets: Option<SurfaceNets>,
+    /// Tables of the media and profiles in force.
+    tables: Option<SurfaceTables>,
+}
+
+impl Nets {
+    fn new(quality: Quality) -> Self {
+        Self { quality, nets: None, tables: None }
+    }
+
+    /// Drops the tables, since other media or profiles are in force.
+    pub(super) fn forget_media(&mut self) {
+        self.tables = None;
+    }
+
+    /// Makes what is missing.
+    fn prepare(&mut self, surface: &Surface, receivers: &Receivers, kernels: &[MediumKernel], progress: &dyn Progress) {
+        let quality = self.quality;
+        let nets = self.nets.get_or_insert_with(|| {
+            progress.start("nets", 0);
+            let nets = SurfaceNets::new(surface, receivers, quality);
+            progress.finish();
+            nets
+        });
+        self.tables.get_or_insert_with(|| nets.tables(kernels));
+    }
+
+    /// Nets and tables, present after [`Self::prepare`].
+    fn prepared(&self) -> Option<(&SurfaceNets, &SurfaceTables)> {
+        self.nets.as_ref().zip(self.tables.as_ref())
+    }
+
+    /// Bytes in memory.
+    pub(super) fn bytes(&self) -> usize {
+        self.nets.as_ref().map_or(0, SurfaceNets::bytes)
     }
 }

@@ -7,7 +7,6 @@ mod evaluator;
 #[cfg(feature = "gpu")]
 mod hierarchy_gpu;
 mod lit_samples;
-mod nets;
 #[cfg(feature = "gpu")]
 mod nets_gpu;
 mod settings;

@@ -4,28 +4,15 @@ use glam::DVec3;
 
 use super::*;
 use crate::error::ExitCode;
-use crate::io::shared_data::shared_data;
+use crate::io::reader_tests::{check_promises, shared_data};
 
 fn parse(text: &str) -> Result<SourceModel> {
     parse_obj(text.as_bytes(), "model.obj")
 }
 
 fn check_guarantees(model: &SourceModel) {
-    assert!(!model.triangles.is_empty());
-    assert_eq!(model.triangles.len(), model.triangle_material.len());
-    assert!(model.triangle_material.iter().all(|&m| (m as usize) < model.materials.len()));
-    assert!(model.triangles.iter().flatten().all(|&v| model.positions[v as usize].is_finite()));
+    check_promises(model, 1e-6);
     assert!(model.positions.iter().all(|p| p.is_finite()));
-    if let Some(normals) = &model.normals {
-        assert_eq!(normals.corners.len(), model.triangles.len());
-        assert!(normals.corners.iter().flatten().all(|&c| (c as usize) < normals.values.len()));
-        assert!(normals.values.iter().all(|n| *n == Vec3::ZERO || (n.length() - 1.0).abs() < 1e-6));
-    }
-    if let Some(uvs) = &model.uvs {
-        assert_eq!(uvs.corners.len(), model.triangles.len());
-        assert!(uvs.corners.iter().flatten().all(|&c| (c as usize) < uvs.values.len()));
-        assert!(uvs.values.iter().all(|uv| uv.is_finite()));
-    }
 }
 
 fn area(model: &SourceModel) -> f64 {

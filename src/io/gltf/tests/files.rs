@@ -9,7 +9,7 @@ use super::super::read_gltf;
 use super::check_promises;
 use crate::error::{Error, ExitCode};
 use crate::geometry::source::SourceModel;
-use crate::io::shared_data::shared_data;
+use crate::io::reader_tests::shared_data;
 
 /// The JSON of either container, found without the code under test.
 fn json_of(bytes: &[u8]) -> Value {

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use super::super::read_bytes;
 use super::{check_promises, feature_files, glb};
-use crate::io::shared_data::shared_data;
+use crate::io::reader_tests::shared_data;
 use crate::math::random;
 
 /// One broken variant of a file: cut, flipped bytes, or changed numbers in the JSON, chosen by `index`.
