@@ -156,6 +156,11 @@ impl FactoredEvaluator {
         Ok(lit)
     }
 
+    /// What depends on the lights in force.
+    pub(super) fn take_lit(&mut self, progress: &dyn Progress) -> Result<Lit> {
+        self.lit.take().map_or_else(|| self.light(&self.lights, progress), Ok)
+    }
+
     /// Gathers light on the rings, where there are any.
     pub(super) fn gather_rings(&self, lit: &mut Lit) {
         let light = (lit.irradiance.as_slice(), &lit.pieces);

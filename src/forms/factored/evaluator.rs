@@ -123,10 +123,7 @@ impl Evaluator for FactoredEvaluator {
     }
 
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
-        let lit = match self.lit.take() {
-            Some(lit) => lit,
-            None => self.light(&self.lights, progress)?,
-        };
+        let lit = self.take_lit(progress)?;
         let values = self.combine(&lit, progress);
         self.lit = Some(lit);
         Ok(self.receivers.expand(&values))
@@ -166,10 +163,7 @@ impl Evaluator for FactoredEvaluator {
     }
 
     fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
-        let lit = match self.lit.take() {
-            Some(lit) => lit,
-            None => self.light(&self.lights, progress)?,
-        };
+        let lit = self.take_lit(progress)?;
         let (surface, tree) = (self.surface(), SampleTree::default());
         let gather = Gather::with_kernels(&surface, &tree, self.kernels.clone(), NearField::REFERENCE);
         let light = gather.light_with_pieces(&lit.irradiance, &lit.pieces);

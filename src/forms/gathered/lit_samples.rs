@@ -20,7 +20,7 @@ use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::transport::gather::{Gather, Lit, Scheme};
 use crate::transport::interreflection::InterReflection;
-use crate::transport::irradiance::{Illumination, LightSampling, Pieces};
+use crate::transport::irradiance::{Illumination, Pieces};
 use crate::transport::kernel::medium::MediumKernel;
 use crate::transport::multilevel::{Quality, SurfaceNets, SurfaceTables};
 use crate::transport::near_rule::NearField;
@@ -167,21 +167,6 @@ impl GatheredEvaluator {
         let returned = outside.returned(&matrix, transfer, self.direct(), progress);
         self.matrix = Some(matrix);
         returned
-    }
-
-    /// Receivers that radiosity is gathered at.
-    pub fn receivers(&self) -> &Receivers {
-        &self.receivers
-    }
-
-    /// Near-field rule.
-    pub fn near(&self) -> NearField {
-        self.gathering.near
-    }
-
-    /// Ray sampling of the light on the samples.
-    pub fn sampling(&self) -> LightSampling {
-        self.gathering.sampling
     }
 
     /// Summation scheme under the light and the media in force, after tuning where that is needed, on the light before

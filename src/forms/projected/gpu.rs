@@ -28,7 +28,7 @@ pub(crate) struct ComponentsOnDevice<B: LightBasis> {
 
 impl<B: LightBasis> ComponentsOnDevice<B> {
     pub(crate) fn new(cpu: BakedIn<Components<B>>, device: &Arc<Device>) -> Result<Self> {
-        let transport = &cpu.stored().transport;
+        let transport = &cpu.stored.transport;
         let coefficients: Vec<i16> = transport.coefficients.iter().map(|&digit| i16::from(digit)).collect();
         let stored = InterpolatedOnDevice::new(device, &coefficients, transport.columns, &transport.weights)?;
         Ok(Self { cpu, stored, scale: 1.0, is_current: false })
@@ -38,10 +38,10 @@ impl<B: LightBasis> ComponentsOnDevice<B> {
 impl<B: LightBasis> DeviceEvaluator for ComponentsOnDevice<B> {
     fn update(&mut self, _: &dyn Progress) -> Result<()> {
         if !self.is_current {
-            let lit = self.cpu.lit();
+            let lit = &self.cpu.light;
             for (index, part) in lit.parts.iter().enumerate() {
                 let sum = if index == 0 { Sum::New } else { Sum::Added };
-                let columns = Term::columns(&part.terms, self.cpu.stored().transport.columns);
+                let columns = Term::columns(&part.terms, self.cpu.stored.transport.columns);
                 self.stored.add(&columns, &part.factors, sum)?;
             }
             self.stored.interpolate()?;
@@ -52,7 +52,7 @@ impl<B: LightBasis> DeviceEvaluator for ComponentsOnDevice<B> {
     }
 
     fn held(&self) -> Held<'_> {
-        let receiver_of_vertex = &self.cpu.receivers().of_vertex;
+        let receiver_of_vertex = &self.cpu.receivers.of_vertex;
         Held { device: self.stored.device(), radiosity: self.stored.radiosity(), scale: self.scale, receiver_of_vertex }
     }
 }

@@ -21,7 +21,9 @@ use crate::forms::density;
 use crate::forms::distant;
 use crate::forms::projected::coding::{Radiosities, code};
 use crate::forms::projected::components::LightBasis;
-use crate::forms::projected::references::{in_ascending_order, in_order_of_rows, spacing, spacing_of, spatial_error};
+use crate::forms::projected::references::{
+    in_ascending_order, in_order_of_rows, spacing, spacing_of, spatial_error, under,
+};
 use crate::forms::sampled_scene::{GROUP, SampledScene, parts};
 use crate::light::{Light, LightKind};
 use crate::progress::{Progress, Silent};
@@ -169,13 +171,7 @@ fn of_shells(values: &[f32], shells: usize, directions: usize, some: std::ops::R
 
 /// Radiosity under a light by interpolation between the lights of a set, at the rows of the net.
 fn interpolated(set: &LightSet, values: &[f32], light: &Light) -> Result<Vec<DVec3>> {
-    let count = set.lights.count();
-    let vector = set.vector(std::slice::from_ref(light))?;
-    let of_row = |row: &[f32]| {
-        let sum = |c: usize| row[c * count..].iter().zip(&vector).map(|(v, w)| f64::from(*v) * w[c]).sum::<f64>();
-        DVec3::new(sum(0), sum(1), sum(2)).max(DVec3::ZERO)
-    };
-    Ok(values.chunks_exact(3 * count).map(of_row).collect())
+    Ok(under(values, set.lights.count(), &set.vector(std::slice::from_ref(light))?))
 }
 
 /// Error of the interpolation between lights under the worst parallel one.

@@ -45,7 +45,7 @@ impl LightBasis for LightSet {
         let mut parts = vec![Weighted { shells: weights_of_lights(self, &rest)?, factors: Vec::new() }];
         for light in lights {
             if let Some(emission) = emission(light) {
-                let factors = transport.positions().par_iter().map(|at| emission.ratio(*at) as f32).collect();
+                let factors = transport.positions.par_iter().map(|at| emission.ratio(*at) as f32).collect();
                 let shells = weights_of_lights(self, std::slice::from_ref(light))?;
                 parts.push(Weighted { shells, factors });
             }
