@@ -134,20 +134,3 @@ pub fn light_set(keys: &Keys, settings: &BakeSettings, scheme: Scheme) -> Result
         nearest: 1.0 / keys.get(&NEAREST)?,
     })
 }
-
-#[cfg(test)]
-#[allow(clippy::unwrap_used)]
-mod tests {
-    use super::*;
-    use crate::error::ExitCode;
-
-    #[test]
-    fn keys_of_the_papers_encodings_are_not_its_own() {
-        let method: &dyn Method = &QuantizedLights;
-        let recipe = |key: &str, value: &str| method.recipe(&[(key.into(), value.into())], BakeSettings::new(0.02));
-        assert_eq!(recipe("lights", "100").unwrap().form.name(), "quantised_lights");
-        for (key, value) in [("encoding", "lloyd8"), ("order", "7"), ("window", "none"), ("range-share", "1%")] {
-            assert_eq!(recipe(key, value).err().unwrap().code(), ExitCode::CommandLine);
-        }
-    }
-}

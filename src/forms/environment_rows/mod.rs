@@ -10,4 +10,4 @@ mod stored;
 
 pub use bake::bake;
 pub use settings::EnvironmentRows;
-pub use stored::{BY_RAYS, IN_ROWS, StoredRows, by_rays};
+pub use stored::{BY_RAYS, IN_ROWS, StoredRows, by_rays, sampled};

@@ -16,6 +16,7 @@ use crate::evaluate::device::tree::TreeOnDevice;
 use crate::evaluate::forward::forward_scene;
 use crate::evaluate::{DeviceEvaluator, Evaluator, Held};
 use crate::forms::environment_rows::gpu::RowsOnDevice;
+use crate::forms::environment_rows::sampled;
 use crate::light::Light;
 use crate::light::cube_light::CubeLight;
 use crate::medium::material::Medium;
@@ -79,7 +80,7 @@ impl FactoredOnDevice {
         let (fields, stored): (Vec<Light>, Vec<Light>) = stored.into_iter().partition(Light::has_field);
         let (mut irradiance, pieces) = match near.as_slice() {
             [] => (vec![DVec3::ZERO; cpu.samples.len()], Pieces::default()),
-            near => cpu.sampled(near, progress)?,
+            near => sampled(&cpu.surface(), near, cpu.form.sampling, progress)?,
         };
         // Products with the maps of a field are sums of the processor.
         if let Some(rows) = &cpu.rows {

@@ -81,7 +81,6 @@ pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
         let mut one = Ledger::default();
         let sampled = Sampled {
             surface: ordered.surface(scene),
-            media: &scene.media,
             kernels: None,
             lights: std::slice::from_ref(light),
             irradiance: (&irradiance, &pieces),

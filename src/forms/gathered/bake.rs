@@ -25,7 +25,7 @@ use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
 use crate::transport::balanced_tree::in_tree_order;
 use crate::transport::far_field::LANES;
-use crate::transport::irradiance::{Illumination, Pieces};
+use crate::transport::irradiance::Pieces;
 use crate::transport::kernel::medium::MediumKernel;
 use crate::transport::multilevel::Quality;
 use crate::transport::near_rule::NearRule;
@@ -115,8 +115,8 @@ impl Form for Gathered {
         };
         let quality = self.nets.map(stored).transpose()?;
         let rows = self.environment.map_or(Ok(None), |_| StoredRows::of(&asset))?;
-        let evaluator = GatheredEvaluator::new(asset, self.gathering(quality)).with_rows(rows);
-        Ok(Box::new(evaluator.with_single_scattering(self.single).with_inter_reflection(self.outside)))
+        let evaluator = GatheredEvaluator::new(asset, self.gathering(quality));
+        Ok(Box::new(GatheredEvaluator { rows, single: self.single, outside: self.outside, ..evaluator }))
     }
 }
 
@@ -141,11 +141,7 @@ fn resolution(
 ) -> Result<Quality> {
     progress.start("resolution", 0);
     let domain = surface.domain;
-    let etas: Vec<f64> = domain.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
-    let lit = |light: &Light| {
-        let light = Illumination::new(surface, std::slice::from_ref(light), &etas, form.sampling)?;
-        Ok(light.all_with_pieces(&Silent))
-    };
+    let lit = |light: &Light| environment_rows::sampled(surface, std::slice::from_ref(light), form.sampling, &Silent);
     let tuning: Vec<(Vec<DVec3>, Pieces)> = spread(lights, LIGHTS).map(lit).collect::<Result<_>>()?;
     let areas = receivers.areas_mm2(domain.mesh);
     let quality = Quality::tuned((surface, &media(domain.media)), (receivers, &areas), &tuning, error);

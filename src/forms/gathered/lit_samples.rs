@@ -20,7 +20,7 @@ use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::transport::gather::{Gather, Lit, Scheme};
 use crate::transport::interreflection::InterReflection;
-use crate::transport::irradiance::{Illumination, Pieces};
+use crate::transport::irradiance::Pieces;
 use crate::transport::kernel::medium::MediumKernel;
 use crate::transport::multilevel::{Quality, SurfaceNets, SurfaceTables};
 use crate::transport::near_rule::NearField;
@@ -87,18 +87,6 @@ impl GatheredEvaluator {
         }
     }
 
-    /// The same with stored rows for light from far away.
-    #[must_use]
-    pub fn with_rows(self, rows: Option<StoredRows>) -> Self {
-        Self { rows, ..self }
-    }
-
-    /// The same with single scattering by rays.
-    #[must_use]
-    pub fn with_single_scattering(self, single: Option<Traced>) -> Self {
-        Self { single, ..self }
-    }
-
     /// The same with inter-reflection outside the medium.
     #[must_use]
     pub fn with_inter_reflection(self, outside: Option<Outside>) -> Self {
@@ -131,7 +119,7 @@ impl GatheredEvaluator {
     /// Irradiance of every sample under the lights in force, RGB, with inter-reflection where that is asked for.
     ///
     /// # Errors
-    /// As [`Illumination::new`].
+    /// Lights that cannot be served.
     pub fn irradiance(&mut self, progress: &dyn Progress) -> Result<&[DVec3]> {
         self.light_up(progress)?;
         if let (Some(outside), None) = (self.outside, &self.returned) {
@@ -210,17 +198,11 @@ impl GatheredEvaluator {
 
     /// Irradiance through the stored rows where they hold a light, else by rays.
     pub(super) fn illuminate(&self, lights: &[Light], progress: &dyn Progress) -> Result<(Vec<DVec3>, Pieces)> {
-        let asset = (&self.scene, &self.asset.samples);
-        StoredRows::illuminate(self.rows.as_ref(), asset, lights, progress, |lights| self.by_rays(lights, progress))
+        StoredRows::illuminate(self.rows.as_ref(), &self.surface(), (lights, self.gathering.sampling), progress)
     }
 
     pub(super) fn is_stored(&self, light: &Light) -> bool {
         self.rows.as_ref().is_some_and(|rows| rows.have(light, &self.scene.media))
-    }
-
-    pub(super) fn by_rays(&self, lights: &[Light], progress: &dyn Progress) -> Result<(Vec<DVec3>, Pieces)> {
-        let etas: Vec<f64> = self.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
-        Ok(Illumination::new(&self.surface(), lights, &etas, self.gathering.sampling)?.all_with_pieces(progress))
     }
 
     /// Makes the nets and tables of [`Self::nets`], where radiosity is summed over nets.

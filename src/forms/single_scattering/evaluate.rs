@@ -24,7 +24,7 @@ use crate::medium::phase::LegendrePhase;
 use crate::scene::Scene;
 use crate::transport::receivers::{ProbePoints, Receivers};
 use crate::transport::single_scattering::radiance::{self, Path, Settings};
-use crate::transport::single_scattering::{Coefficients, ExitPoint, inside_towards, radiosity_factor, vertex_points};
+use crate::transport::single_scattering::{ExitPoint, inside_towards, radiosity_factor, vertex_points};
 
 /// Scattering places inside for each pixel, by rays.
 const PLACES: u32 = 128;
@@ -72,8 +72,8 @@ fn single(file: Option<&File>, plan: &Distant, scene: &Scene, receivers: &Receiv
         });
     };
     let phase = match resolved(plan.single, scene, f64::INFINITY) {
-        Single::Phase(_) => Phase::OfMedia,
-        Single::Off | Single::Isotropic | Single::Folded => Phase::Isotropic,
+        Single::Phase(_) => Scattering::OfMedium,
+        Single::Off | Single::Isotropic | Single::Folded => Scattering::Isotropic,
     };
     let values = match (harmonics, rows) {
         (Some(harmonics), None) => {
@@ -116,12 +116,6 @@ pub(super) fn missing(g: f64, terms: usize) -> f64 {
     let kept: f64 = (0..terms.isqrt()).map(energy).sum();
     let all = (1.0 + square) / (1.0 - square).powi(2).max(f64::MIN_POSITIVE);
     (1.0 - kept / all).max(0.0).sqrt()
-}
-
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Phase {
-    Isotropic,
-    OfMedia,
 }
 
 /// Stored transport.
@@ -179,20 +173,20 @@ impl LitTerms {
 /// Single scattering looked up in stored transport.
 struct LookedUp {
     values: Values,
-    phase: Phase,
+    phase: Scattering,
     integrand: Integrand,
 }
 
 impl StoredSingle for LookedUp {
     fn is(&self, _: &Scene) -> SingleScattering {
         match self.phase {
-            Phase::Isotropic => SingleScattering::PerVertex,
-            Phase::OfMedia => SingleScattering::TowardsEye,
+            Scattering::Isotropic => SingleScattering::PerVertex,
+            Scattering::OfMedium => SingleScattering::TowardsEye,
         }
     }
 
     fn per_vertex(&self, lit: LitScene, receivers: &Receivers) -> Result<Option<Vec<DVec3>>> {
-        if self.phase == Phase::OfMedia {
+        if self.phase == Scattering::OfMedium {
             return Ok(None);
         }
         let terms = rayon::scope(|_| self.values.lit(lit.lights))?;
@@ -204,7 +198,7 @@ impl StoredSingle for LookedUp {
         lit: LitScene<'a>,
         receivers: &'a Receivers,
     ) -> Result<Option<Box<dyn TowardsEye + 'a>>> {
-        if self.phase == Phase::Isotropic {
+        if self.phase == Scattering::Isotropic {
             return Ok(None);
         }
         Ok(Some(Box::new(LitFromOutside::new(self.values.lit(lit.lights)?, lit.scene, receivers))))
@@ -212,8 +206,8 @@ impl StoredSingle for LookedUp {
 
     fn mean_cosine(&self) -> MeanCosine {
         match self.phase {
-            Phase::Isotropic => MeanCosine::Stays,
-            Phase::OfMedia => MeanCosine::Free,
+            Scattering::Isotropic => MeanCosine::Stays,
+            Scattering::OfMedium => MeanCosine::Free,
         }
     }
 
@@ -342,22 +336,18 @@ impl<'a> Probe<'a> {
     }
 
     /// Error relative to single scattering: isotropic, or towards eyes half way to the horizon.
-    fn error(&self, values: &Values, phase: Phase, lights: &[Light]) -> Result<VertexError> {
+    fn error(&self, values: &Values, phase: Scattering, lights: &[Light]) -> Result<VertexError> {
         let terms = values.lit(lights)?;
-        let coefficients = match phase {
-            Phase::Isotropic => Coefficients::Reduced,
-            Phase::OfMedia => Coefficients::Unreduced,
-        };
         let Integrand { form, crossings } = self.integrand;
-        let settings = Settings { coefficients, form, crossings, ..Settings::REFERENCE };
+        let settings = Settings { coefficients: phase.coefficients(), form, crossings, ..Settings::REFERENCE };
         let rays = radiance::SingleScattering::new(self.lit.scene.domain(), self.lit.bvh, lights, settings)?;
         let aslant = |n: DVec3| (n + n.any_orthonormal_vector()).normalize_or_zero();
         let points = || self.exits.par_iter().zip(&self.points.indices);
         let (found, expected): (Vec<DVec3>, Vec<DVec3>) = match phase {
-            Phase::Isotropic => {
+            Scattering::Isotropic => {
                 points().map(|(p, &r)| (terms.value(0, r).max(DVec3::ZERO), rays.per_point(p, r.into()))).unzip()
             }
-            Phase::OfMedia => {
+            Scattering::OfMedium => {
                 let seen = LitFromOutside::new(terms, self.lit.scene, self.receivers);
                 let of = |(p, &r): (&ExitPoint, &u32)| {
                     let eye = aslant(p.normal);
@@ -371,7 +361,7 @@ impl<'a> Probe<'a> {
 
     /// Error of stored values, the worst of some lights, each alone.
     pub(super) fn worst(&self, values: &Values, single: Single, lights: &[Light]) -> Result<VertexError> {
-        let phase = if single == Single::Isotropic { Phase::Isotropic } else { Phase::OfMedia };
+        let phase = if single == Single::Isotropic { Scattering::Isotropic } else { Scattering::OfMedium };
         worst(lights.chunks(1), |light| Ok([self.error(values, phase, light)?])).map(|[worst]| worst)
     }
 }

@@ -165,8 +165,7 @@ fn a_hole_joined_by_a_doubled_edge_keeps_its_area() {
 
 #[test]
 fn a_circle_is_cut_without_a_fan_of_slivers() {
-    let n = 256;
-    let circle = around(n, |_| 1.0);
+    let circle = around(256, |_| 1.0);
     check_planar(&circle);
     let mut valence = vec![0; circle.len()];
     for triangle in triangulate(&circle) {

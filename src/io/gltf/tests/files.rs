@@ -93,23 +93,9 @@ fn real_files_have_the_counts_of_their_json() {
 }
 
 #[test]
-fn known_counts_and_names() {
+fn names_and_instances_are_where_they_belong() {
     let Some(data) = shared_data("") else { return };
     let read = |name: &str| read_gltf(&data.join("gltf").join(name)).unwrap();
-    for (name, vertices, triangles) in [
-        ("SimpleMeshes.gltf", 6, 2),
-        ("TriangleWithoutIndices.gltf", 3, 1),
-        ("SimpleInstancing.glb", 125 * 24, 125 * 12),
-        ("BoxInterleaved.glb", 24, 12),
-        ("box_sparse.glb", 8, 12),
-        ("moon.glb", 2551, 5000),
-        ("suzi.glb", 8098, 15744),
-        ("Duck/Duck.gltf", 2399, 4212),
-        ("DuckQuantized/Duck.gltf", 2399, 4212),
-    ] {
-        let model = read(name);
-        assert_eq!((model.positions.len(), model.triangles.len()), (vertices, triangles), "{name}");
-    }
     let suzanne = read("IridescenceSuzanne.glb");
     assert!(suzanne.warnings.iter().any(|w| w.contains("KHR_materials_iridescence")), "{:?}", suzanne.warnings);
     assert_eq!(suzanne.materials, ["Material"]);
