@@ -45,7 +45,7 @@ const MISSED: f64 = 2.5e-3;
 const LARGEST_PROMISE: f64 = 0.025;
 
 fn largest_promise(method: &dyn Method) -> f64 {
-    method.declared_error().unwrap_or(LARGEST_PROMISE)
+    method.about().declared_error.unwrap_or(LARGEST_PROMISE)
 }
 
 /// Negative radiosity over the mean that is put up with, because compressed transport oscillates about zero: on average,
@@ -271,7 +271,7 @@ fn opaque_parts_have_no_radiosity() {
         let mut evaluator = Shared::Group.baked(method);
         for light in served(method, &every_light(&scene)) {
             // Local lighting leaves the far side of a sharp light black; soft light reaches every translucent vertex.
-            let local = method.declared_error().is_some() && light.kind() != LightKind::Constant;
+            let local = method.about().declared_error.is_some() && light.kind() != LightKind::Constant;
             let values = lit(evaluator.as_mut(), vec![light]);
             let dark = |(value, area): (&DVec3, &f64)| {
                 let black = *value == DVec3::ZERO;
@@ -456,8 +456,8 @@ fn figures_make_sense() {
     for method in every() {
         let name = method.name();
         let asked = method.default_max_rms();
-        let sane = method.declared_error().map_or((1e-4..0.1).contains(&asked), |declared| asked == declared);
-        assert!(sane && !method.summary().is_empty(), "{name}");
+        let sane = method.about().declared_error.map_or((1e-4..0.1).contains(&asked), |declared| asked == declared);
+        assert!(sane && !method.about().summary.is_empty(), "{name}");
         let asset = Shared::Group.asset(method);
         let cost = reopened(&asset).cost();
         assert!((2900..=3100).contains(&cost.samples), "{name}: {} samples", cost.samples);

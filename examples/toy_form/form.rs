@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 use translux::asset::Asset;
 use translux::compress::ledger::Ledger;
 use translux::error::{Error, Result};
-use translux::evaluate::keys::{AnyKey, Keys};
-use translux::evaluate::{AnyForm, AssetParts, BakeSettings, Evaluator, Form, Method, RegisteredForm};
+use translux::evaluate::keys::Keys;
+use translux::evaluate::{About, AnyForm, AssetParts, BakeSettings, Evaluator, Form, Method, RegisteredForm};
 use translux::forms::baked_in::{BakedIn, Stored, truth};
 use translux::forms::density::{self, Density};
 use translux::light::{Light, LightKind};
@@ -121,20 +121,16 @@ impl Stored for Values {
 pub(crate) struct ToyForm;
 
 impl Method for ToyForm {
-    fn name(&self) -> &'static str {
-        "toy_form"
-    }
-
-    fn summary(&self) -> &'static str {
-        "radiosity under a constant environment alone (an example)"
-    }
-
-    fn choose_when(&self) -> &'static str {
-        "You want to see how a form is added."
-    }
-
-    fn keys(&self) -> &'static [&'static dyn AnyKey] {
-        &[]
+    fn about(&self) -> About {
+        About {
+            name: "toy_form",
+            summary: "radiosity under a constant environment alone (an example)",
+            choose_when: "You want to see how a form is added.",
+            keys: &[],
+            default_max_rms: 0.005,
+            declared_error: None,
+            ladder: &[""],
+        }
     }
 
     fn form(&self, _: &Keys, _: &BakeSettings) -> Result<Box<dyn AnyForm>> {

@@ -1,8 +1,8 @@
 //! A method: a name for the form `gathered` with other settings than those of the crate's own methods.
 
 use translux::error::Result;
-use translux::evaluate::keys::{AnyKey, Key, Keys, PowerOfTwo};
-use translux::evaluate::{AnyForm, BakeSettings, Method};
+use translux::evaluate::keys::{Key, Keys, PowerOfTwo};
+use translux::evaluate::{About, AnyForm, BakeSettings, Method};
 use translux::forms::density::Density;
 use translux::forms::gathered::{Bound, Far, Gathered};
 use translux::transport::irradiance::LightSampling;
@@ -21,20 +21,16 @@ const RAYS: Key<PowerOfTwo> =
     Key::new("rays", "4", PowerOfTwo(1, 64), "shadow rays of a sample towards a directional or point light");
 
 impl Method for ToyMethod {
-    fn name(&self) -> &'static str {
-        "toy_method"
-    }
-
-    fn summary(&self) -> &'static str {
-        "samples and a hierarchy whose clusters are bounded by the kernel's error (an example)"
-    }
-
-    fn choose_when(&self) -> &'static str {
-        "You want to see how a method is added."
-    }
-
-    fn keys(&self) -> &'static [&'static dyn AnyKey] {
-        &[&RAYS]
+    fn about(&self) -> About {
+        About {
+            name: "toy_method",
+            summary: "samples and a hierarchy whose clusters are bounded by the kernel's error (an example)",
+            choose_when: "You want to see how a method is added.",
+            keys: &[&RAYS],
+            default_max_rms: 0.005,
+            declared_error: None,
+            ladder: &[""],
+        }
     }
 
     fn form(&self, keys: &Keys, settings: &BakeSettings) -> Result<Box<dyn AnyForm>> {

@@ -141,9 +141,6 @@ pub trait Evaluator: Send {
 /// An evaluator whose radiosity lies in the memory of a device, to be drawn there.
 #[cfg(feature = "gpu")]
 pub trait DeviceEvaluator: Evaluator {
-    /// The device.
-    fn device(&self) -> &Arc<Device>;
-
     /// Brings the buffer up to date with the lights and the media in force. Its commands are enqueued before later
     /// submissions.
     ///
@@ -151,18 +148,45 @@ pub trait DeviceEvaluator: Evaluator {
     /// Failures of the work, a lost device among them.
     fn update(&mut self, progress: &dyn Progress) -> Result<()>;
 
-    /// Radiosity of every receiver over [`Self::scale`], four floats each (RGB and 0); the same buffer as long as the
-    /// evaluator lives. It stands for [`Exitance`] where a device draws: [`Self::receiver_of_vertex`] takes it to the
-    /// vertices, between which the rasteriser interpolates.
-    fn radiosity_buffer(&self) -> &wgpu::Buffer;
-
-    /// Factor from the buffer's values to radiosity: a power of two that keeps them in the range of single precision.
-    /// May change with every update.
-    fn scale(&self) -> f64;
-
-    /// Receiver of each source vertex; `u32::MAX` for vertices that have none, whose radiosity is 0.
-    fn receiver_of_vertex(&self) -> &[u32];
+    /// The radiosity and where it lies.
+    fn held(&self) -> Held<'_>;
 
     /// Where the transport is computed, in words.
-    fn transport(&self) -> String;
+    fn transport(&self) -> String {
+        self.held().device.describe()
+    }
+
+    /// Updates the buffer and reads back the radiosity of every source vertex, for [`Evaluator::radiosity`].
+    ///
+    /// # Errors
+    /// As [`Self::update`].
+    fn read_back(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
+        self.update(progress)?;
+        progress.start("read back", 0);
+        let Held { device, radiosity, scale, receiver_of_vertex } = self.held();
+        let bytes = device.read(radiosity, radiosity.size())?;
+        let values: &[[f32; 4]] = &bytemuck::pod_collect_to_vec(&bytes);
+        let of = |&receiver: &u32| match values.get(receiver as usize) {
+            Some(&[r, g, b, _]) => glam::Vec3::new(r, g, b).as_dvec3() * scale,
+            None => DVec3::ZERO,
+        };
+        let radiosity = receiver_of_vertex.iter().map(of).collect();
+        progress.finish();
+        Ok(radiosity)
+    }
+}
+
+/// Radiosity in the memory of a device.
+#[cfg(feature = "gpu")]
+pub struct Held<'a> {
+    /// The device.
+    pub device: &'a Arc<Device>,
+    /// Radiosity of every receiver over the scale, four floats each (RGB and 0); the same buffer as long as the
+    /// evaluator lives. It stands for [`Exitance`] where a device draws, which interpolates it between the vertices.
+    pub radiosity: &'a wgpu::Buffer,
+    /// Factor from the buffer's values to radiosity: a power of two that keeps them in the range of single precision.
+    /// May change with every update.
+    pub scale: f64,
+    /// Receiver of each source vertex; `u32::MAX` for vertices that have none, whose radiosity is 0.
+    pub receiver_of_vertex: &'a [u32],
 }

@@ -152,10 +152,9 @@ impl<F: Form> AnyForm for F {
     }
 
     fn record(&self) -> Result<[RawSection; 2]> {
-        let fail = |e: FormatError| Error::runtime(format!("asset: {e}"));
-        let name = RawSection::from_record(tags::FORM, Kind::Metadata, Codec::Zstd, &F::NAME).map_err(fail)?;
-        let settings = RawSection::from_record(tags::SETTINGS, Kind::Metadata, Codec::Zstd, self).map_err(fail)?;
-        Ok([name, settings])
+        let name = RawSection::from_record(tags::FORM, Kind::Metadata, Codec::Zstd, &F::NAME).map_err(write_error)?;
+        let settings = RawSection::from_record(tags::SETTINGS, Kind::Metadata, Codec::Zstd, self);
+        Ok([name, settings.map_err(write_error)?])
     }
 
     fn kinds(&self) -> &'static [LightKind] {
@@ -197,8 +196,18 @@ impl RegisteredForm {
     }
 }
 
+/// The error for what no section holds (exit 4).
+pub fn write_error(error: FormatError) -> Error {
+    Error::runtime(format!("asset: {error}"))
+}
+
+/// The error for sections that cannot be read (exit 3).
+pub fn read_error(error: FormatError) -> Error {
+    Error::input(error.to_string())
+}
+
 fn read<F: Form>(section: &RawSection) -> Result<Box<dyn AnyForm>> {
-    let form: F = section.record().map_err(|e| Error::input(e.to_string()))?;
+    let form: F = section.record().map_err(read_error)?;
     form.validate().map_err(|e| Error::input(format!("section {}: {}", section.tag, e.message())))?;
     Ok(Box::new(form))
 }

@@ -19,10 +19,6 @@ macro_rules! forward_scene {
             self.$inner.bvh()
         }
 
-        fn prepare_for_edits(&mut self, progress: &dyn $crate::progress::Progress) {
-            self.$inner.prepare_for_edits(progress);
-        }
-
         fn measured_error(
             &mut self,
             unseen: &[$crate::light::Light],

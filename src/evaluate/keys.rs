@@ -269,11 +269,6 @@ impl Keys {
         key.parse(text)
     }
 
-    /// The text of a key, for messages.
-    pub fn text<D>(&self, key: &Key<D>) -> &str {
-        self.values.get(key.name).map_or(key.default, String::as_str)
-    }
-
     /// A key, with its value, that differs from its default although nothing read it.
     pub fn unread(&self) -> Option<(&'static str, &str)> {
         let read = self.read.borrow();

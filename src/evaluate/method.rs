@@ -6,7 +6,7 @@ use std::sync::Arc;
 use translux_format::metadata::tags;
 
 use super::evaluator::Evaluator;
-use super::form::{AnyForm, BakeSettings, RegisteredForm};
+use super::form::{AnyForm, BakeSettings, RegisteredForm, read_error};
 use super::keys::{AnyKey, Keys};
 use crate::asset::{Asset, Provenance};
 use crate::error::{Error, Result};
@@ -14,36 +14,31 @@ use crate::light::LightKind;
 use crate::progress::Progress;
 use crate::scene::Scene;
 
-/// A name for a choice of a form and its settings.
-pub trait Method: Sync {
+/// What is known of a method before it is asked for anything.
+#[derive(Clone, Copy)]
+pub struct About {
     /// Name on the command line and in the asset.
-    fn name(&self) -> &'static str;
-
+    pub name: &'static str,
     /// One line for people: what it is, and its paper.
-    fn summary(&self) -> &'static str;
-
+    pub summary: &'static str,
     /// Advice on when to choose it, in one or two sentences.
-    fn choose_when(&self) -> &'static str;
-
+    pub choose_when: &'static str,
     /// Keys that `--set` takes.
-    fn keys(&self) -> &'static [&'static dyn AnyKey];
-
+    pub keys: &'static [&'static dyn AnyKey],
     /// Error that a bake aims at unless another one is asked for.
-    fn default_max_rms(&self) -> f64 {
-        0.005
-    }
-
+    pub default_max_rms: f64,
     /// Largest relative error of a method that is an approximation by design; the errors that its evaluators measure
     /// stay below. None where the error is as small as it is asked to be.
-    fn declared_error(&self) -> Option<f64> {
-        None
-    }
-
+    pub declared_error: Option<f64>,
     /// Settings that charts compare, as options of `bake`, the defaults (no options) first: from fast or small to
     /// exact.
-    fn ladder(&self) -> &'static [&'static str] {
-        &[""]
-    }
+    pub ladder: &'static [&'static str],
+}
+
+/// A name for a choice of a form and its settings.
+pub trait Method: Sync {
+    /// Its name, its keys and what is said of it.
+    fn about(&self) -> About;
 
     /// The form and settings that the keys choose.
     ///
@@ -53,6 +48,21 @@ pub trait Method: Sync {
 }
 
 impl<'a> dyn Method + 'a {
+    /// Name on the command line and in the asset.
+    pub fn name(&self) -> &'static str {
+        self.about().name
+    }
+
+    /// Keys that `--set` takes.
+    pub fn keys(&self) -> &'static [&'static dyn AnyKey] {
+        self.about().keys
+    }
+
+    /// Error that a bake aims at unless another one is asked for.
+    pub fn default_max_rms(&self) -> f64 {
+        self.about().default_max_rms
+    }
+
     /// The recipe for keys as typed.
     ///
     /// # Errors
@@ -188,7 +198,7 @@ impl Registry {
                 Error::input(format!("an asset without section {tag}, which says how to read it; bake it again"))
             })
         };
-        let name: String = section(tags::FORM)?.record().map_err(|e| Error::input(e.to_string()))?;
+        let name: String = section(tags::FORM)?.record().map_err(read_error)?;
         let form = self.forms.iter().find(|form| form.name == name).ok_or_else(|| {
             Error::unsupported(format!("transport in the form `{name}`, which this build does not have"))
         })?;

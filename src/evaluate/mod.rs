@@ -17,8 +17,8 @@ pub mod stages;
 pub mod summed;
 
 pub use capabilities::{Capabilities, Cost, MaterialEdit, ProfileEdit, SingleScattering, SourceFields};
-#[cfg(feature = "gpu")]
-pub use evaluator::DeviceEvaluator;
 pub use evaluator::Evaluator;
+#[cfg(feature = "gpu")]
+pub use evaluator::{DeviceEvaluator, Held};
 pub use form::{AnyForm, AssetParts, BakeSettings, Form, Probes, RegisteredForm};
-pub use method::{Method, Recipe, Registry};
+pub use method::{About, Method, Recipe, Registry};

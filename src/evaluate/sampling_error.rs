@@ -10,7 +10,6 @@ use crate::geometry::part_table::PartTable;
 use crate::geometry::samples::{self, Samples};
 use crate::light::Light;
 use crate::math::statistics::VertexError;
-use crate::medium::material::Medium;
 use crate::progress::{Progress, Silent};
 use crate::transport::gather::{Gather, Scheme};
 use crate::transport::irradiance::{Illumination, LightSampling, Pieces};
@@ -28,8 +27,6 @@ const PROBES: usize = 384;
 pub struct Sampled<'a> {
     /// The samples.
     pub surface: Surface<'a>,
-    /// Media in force.
-    pub media: &'a [Medium],
     /// Kernels of the media, where they differ from the dipole's.
     pub kernels: Option<&'a [MediumKernel]>,
     /// Lights in force.
@@ -53,7 +50,7 @@ impl Sampled<'_> {
     pub fn gather<'a>(&self, surface: &'a Surface<'a>, tree: &'a SampleTree) -> Gather<'a> {
         match self.kernels {
             Some(kernels) => Gather::with_kernels(surface, tree, kernels.to_vec(), self.near),
-            None => Gather::new(surface, tree, self.media, self.near),
+            None => Gather::new(surface, tree, surface.domain.media, self.near),
         }
     }
 
@@ -70,7 +67,7 @@ impl Sampled<'_> {
         // Other shadow rays too: patches that both sets share would agree on the errors of theirs.
         let points_per_patch = 4 * self.sampling.points_per_patch;
         let sampling = LightSampling { points_per_patch, ..self.sampling };
-        let etas: Vec<f64> = self.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
+        let etas: Vec<f64> = domain.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
         let irradiance = Illumination::new(&surface, self.lights, &etas, sampling)?.all_with_pieces(progress);
         let (subset, points) = self.receivers.probe_points(self.areas, (PROBES, 2));
         let sum = |surface: &Surface, (irradiance, pieces): (&[DVec3], &Pieces)| {

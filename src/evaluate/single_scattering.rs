@@ -50,6 +50,16 @@ pub enum Scattering {
     OfMedium,
 }
 
+impl Scattering {
+    /// The coefficients that it goes with.
+    pub(crate) fn coefficients(self) -> Coefficients {
+        match self {
+            Self::Isotropic => Coefficients::Reduced,
+            Self::OfMedium => Coefficients::Unreduced,
+        }
+    }
+}
+
 /// Settings of single scattering by rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Traced {
@@ -120,10 +130,7 @@ impl Traced {
 
     fn settings(self) -> Settings {
         Settings {
-            coefficients: match self.scattering {
-                Scattering::Isotropic => Coefficients::Reduced,
-                Scattering::OfMedium => Coefficients::Unreduced,
-            },
+            coefficients: self.scattering.coefficients(),
             depths: DepthSampling::Random(self.samples, Density::Channels),
             directions: self.samples.saturating_mul(DIRECTIONS_PER_SAMPLE),
             form: self.form,

@@ -117,6 +117,10 @@ impl Evaluator for Summed {
         self.evaluator.set_profile(profile)
     }
 
+    fn prepare_for_edits(&mut self, progress: &dyn Progress) {
+        self.evaluator.prepare_for_edits(progress);
+    }
+
     fn set_eye(&mut self, at_mm: DVec3) -> bool {
         let follows = self.evaluator.single_scattering_is() == SingleScattering::TowardsEye;
         self.eye_mm = Some(at_mm).filter(|_| follows);

@@ -62,11 +62,6 @@ impl Truth {
         Self { samples, outside: None, made: None }
     }
 
-    /// Number of samples.
-    pub(crate) fn samples(&self) -> usize {
-        self.samples
-    }
-
     /// The reference under some lights.
     ///
     /// # Errors
@@ -230,10 +225,11 @@ pub(crate) trait StoredSingle: Send + Sync {
 pub struct BakedIn<S: Stored> {
     scene: Scene,
     bvh: OnceLock<Bvh>,
-    receivers: Receivers,
-    stored: S,
+    pub(crate) receivers: Receivers,
+    pub(crate) stored: S,
     lights: Vec<Light>,
-    light: S::Light,
+    /// The lights in force.
+    pub(crate) light: S::Light,
     /// Reference for the measured error.
     truth: Truth,
     single: Single,
@@ -277,23 +273,6 @@ impl<S: Stored> BakedIn<S> {
     }
 }
 
-/// Access for evaluators on a device.
-#[cfg(feature = "gpu")]
-impl<S: Stored> BakedIn<S> {
-    pub(crate) fn stored(&self) -> &S {
-        &self.stored
-    }
-
-    pub(crate) fn receivers(&self) -> &Receivers {
-        &self.receivers
-    }
-
-    /// The lights in force.
-    pub(crate) fn lit(&self) -> &S::Light {
-        &self.light
-    }
-}
-
 impl<S: Stored + 'static> Evaluator for BakedIn<S> {
     fn capabilities(&self) -> Capabilities {
         Capabilities { material: MaterialEdit::None, profile: ProfileEdit::None, source_fields: SourceFields::None }
@@ -301,7 +280,7 @@ impl<S: Stored + 'static> Evaluator for BakedIn<S> {
 
     fn cost(&self) -> Cost {
         Cost {
-            samples: self.truth.samples(),
+            samples: self.truth.samples,
             receivers: self.receivers.len(),
             resident_bytes: self.stored.bytes()
                 + self.single.beside().map_or(0, |single| single.bytes())

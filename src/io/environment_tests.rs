@@ -2,25 +2,12 @@
 
 use super::*;
 use crate::error::ExitCode;
+use crate::io::reader_tests::shared_data;
 use crate::light::parse::parse;
-use std::path::PathBuf;
-
-/// The folder of shared test pictures, if this machine has it.
-fn shared_env() -> Option<PathBuf> {
-    let root = std::env::var_os("TRANSLUX_SHARED")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared"), PathBuf::from);
-    let folder = root.join("data/env");
-    if folder.is_dir() {
-        Some(folder)
-    } else {
-        println!("WITHOUT ../shared: no test pictures in {}", folder.display());
-        None
-    }
-}
 
 #[test]
 fn real_maps_load() {
-    let Some(folder) = shared_env() else { return };
+    let Some(folder) = shared_data("env") else { return };
     for (name, width) in [
         ("noon_grass_1k.hdr", 1024),
         ("st_peters_square_night_1k.hdr", 1024),
@@ -47,7 +34,7 @@ fn real_maps_load() {
 #[test]
 fn the_noon_sun_is_above_the_horizon_and_in_a_small_stratum() {
     use crate::light::strata::{Strata, StrataSettings};
-    let Some(folder) = shared_env() else { return };
+    let Some(folder) = shared_data("env") else { return };
     let map = load_environment(&folder.join("noon_grass_1k.hdr")).unwrap().value;
     let strata = Strata::new(&map, StrataSettings::DEFAULT).unwrap();
     let map_energy = map.energy();
@@ -61,7 +48,7 @@ fn the_noon_sun_is_above_the_horizon_and_in_a_small_stratum() {
 fn strata_of_real_maps_give_the_irradiance_of_all_pixels() {
     use crate::light::environment::direction_of;
     use crate::light::strata::{Strata, StrataSettings};
-    let Some(folder) = shared_env() else { return };
+    let Some(folder) = shared_data("env") else { return };
     for name in ["noon_grass_1k.hdr", "st_peters_square_night_1k.hdr", "debevec_grace_256.hdr", "museum.exr"] {
         let map = load_environment(&folder.join(name)).unwrap().value;
         let started = std::time::Instant::now();

@@ -1,5 +1,10 @@
 #![allow(clippy::unwrap_used)]
 
+use exr::prelude::{
+    AnyChannel, Blocks, Compression, Encoding, Image, ImageAttributes, IntegerBounds, Layer, LayerAttributes,
+    LineOrder, SmallVec, Vec2, WritableImage,
+};
+
 use super::*;
 use crate::error::ExitCode;
 use crate::io::exr_write::{ExrChannel, ExrImage, ExrLayer, SampleKind};
@@ -104,7 +109,7 @@ fn attributes_reach_the_header_in_order() {
         assert_eq!(i32::from_le_bytes(*bytes[offset..].first_chunk().unwrap()), 16 * block as i32);
     }
     let white = meta.headers[0].shared_attributes.chromaticities.unwrap().white;
-    assert_eq!(white, openexr::Vec2(0.3127, 0.3290));
+    assert_eq!(white, Vec2(0.3127, 0.3290));
 }
 
 #[test]
@@ -206,9 +211,6 @@ fn huge_and_cropped_windows_are_refused_before_decoding() {
 
 #[test]
 fn several_parts_are_named_and_the_first_colour_one_is_read() {
-    use exr::prelude::{
-        AnyChannel, Encoding, Image, ImageAttributes, IntegerBounds, Layer, LayerAttributes, SmallVec, WritableImage,
-    };
     let part = |name: &str, channels: &[&str], value: f32| {
         let list: SmallVec<[_; 4]> =
             channels.iter().map(|c| AnyChannel::new(*c, FlatSamples::F32(vec![value; 8]))).collect();
@@ -227,10 +229,6 @@ fn several_parts_are_named_and_the_first_colour_one_is_read() {
 
 /// The same small picture in every compression, scan lines and tiles.
 fn compressed() -> Vec<Vec<u8>> {
-    use exr::prelude::{
-        AnyChannel, Blocks, Compression, Encoding, Image, Layer, LayerAttributes, LineOrder, SmallVec, Vec2,
-        WritableImage,
-    };
     let methods = [
         Compression::Uncompressed,
         Compression::RLE,

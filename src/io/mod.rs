@@ -12,3 +12,5 @@ mod picture;
 pub mod ply;
 pub mod png;
 pub mod polygon;
+#[cfg(test)]
+mod reader_tests;

@@ -195,6 +195,39 @@ fn finite(value: f64, row: usize, property: &Property) -> Result<f64> {
     Err(Error::input(format!("`{}` of vertex {row} is not finite", property.name)))
 }
 
+/// Reads a row; `value` gives its numbers one after the other.
+fn read_row(
+    element: &Element,
+    row: usize,
+    table: &mut PlyVertexTable,
+    mut value: impl FnMut(Scalar, &Property) -> Result<f64>,
+) -> Result<()> {
+    let mut column = 0;
+    for property in &element.properties {
+        match property.kind {
+            Kind::Scalar(scalar) => {
+                let number = value(scalar, property)?;
+                if element.is_vertex() {
+                    table.columns[column].1.push(finite(number, row, property)?);
+                    column += 1;
+                }
+            }
+            Kind::List { count, item } => {
+                let length = value(count, property)?;
+                if length < 0.0 {
+                    return Err(Error::input(format!("list `{}` of length {length}", property.name)));
+                }
+                let mut fan = Fan::new(element, property);
+                // At most 2^32 - 1: lengths are of integer types.
+                for _ in 0..length as usize {
+                    fan.corner(value(item, property)?, table);
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
 /// Rows of numbers, one to a line.
 struct TextRows<'a> {
     rest: &'a [u8],
@@ -238,7 +271,8 @@ impl<'a> TextRows<'a> {
 
     fn row(&self, element: &Element, row: usize, text: &[u8], table: &mut PlyVertexTable) -> Result<()> {
         let mut words = text.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
-        let mut value = |scalar: Scalar, property: &Property| {
+        // The words of the line bound the loop over a list, whatever its length says.
+        read_row(element, row, table, |scalar, property| {
             let word = words
                 .next()
                 .ok_or_else(|| Error::input(format!("row {row} of `{}` has no `{}`", element.name, property.name)))?;
@@ -247,27 +281,7 @@ impl<'a> TextRows<'a> {
                     String::from_utf8_lossy(word).chars().take(40).flat_map(char::escape_debug).collect();
                 Error::input(format!("`{word}` is no {} for `{}`", scalar.name(), property.name))
             })
-        };
-        let mut column = 0;
-        for property in &element.properties {
-            match property.kind {
-                Kind::Scalar(scalar) => {
-                    let number = value(scalar, property)?;
-                    if element.is_vertex() {
-                        table.columns[column].1.push(finite(number, row, property)?);
-                        column += 1;
-                    }
-                }
-                Kind::List { count, item } => {
-                    let length = value(count, property)?;
-                    let mut fan = Fan::new(element, property);
-                    // The words of the line bound the loop, whatever the length says.
-                    for _ in 0..list_length(length, property)? {
-                        fan.corner(value(item, property)?, table);
-                    }
-                }
-            }
-        }
+        })?;
         if words.next().is_some() {
             return Err(Error::input(format!("row {row} of `{}` has too many values", element.name)));
         }
@@ -305,26 +319,12 @@ impl Fan {
     }
 }
 
-fn list_length(value: f64, property: &Property) -> Result<usize> {
-    if value < 0.0 {
-        return Err(Error::input(format!("list `{}` of length {value}", property.name)));
-    }
-    // At most 2^32 - 1: lengths are of integer types.
-    Ok(value as usize)
-}
-
 /// Rows of little-endian numbers without gaps.
 struct BinaryRows<'a> {
     rest: &'a [u8],
 }
 
-impl<'a> BinaryRows<'a> {
-    fn take(&mut self, bytes: usize) -> Option<&'a [u8]> {
-        let (taken, rest) = self.rest.split_at_checked(bytes)?;
-        self.rest = rest;
-        Some(taken)
-    }
-
+impl BinaryRows<'_> {
     fn element(&mut self, element: &Element, table: &mut PlyVertexTable) -> Result<()> {
         let least_row: usize = element.properties.iter().map(|property| property.least_bytes()).sum();
         let least = element.count.checked_mul(least_row).filter(|&least| least <= self.rest.len());
@@ -336,35 +336,11 @@ impl<'a> BinaryRows<'a> {
             return Ok(());
         }
         for row in 0..element.count {
-            self.row(element, row, table)?;
-        }
-        Ok(())
-    }
-
-    fn row(&mut self, element: &Element, row: usize, table: &mut PlyVertexTable) -> Result<()> {
-        let mut column = 0;
-        for property in &element.properties {
-            match property.kind {
-                Kind::Scalar(scalar) => {
-                    let bytes = self.take(scalar.bytes()).ok_or_else(|| too_short(element))?;
-                    if element.is_vertex() {
-                        table.columns[column].1.push(finite(scalar.decode(bytes), row, property)?);
-                        column += 1;
-                    }
-                }
-                Kind::List { count, item } => {
-                    let bytes = self.take(count.bytes()).ok_or_else(|| too_short(element))?;
-                    let length = list_length(count.decode(bytes), property)?;
-                    let items = length
-                        .checked_mul(item.bytes())
-                        .and_then(|bytes| self.take(bytes))
-                        .ok_or_else(|| too_short(element))?;
-                    let mut fan = Fan::new(element, property);
-                    for bytes in items.chunks_exact(item.bytes()) {
-                        fan.corner(item.decode(bytes), table);
-                    }
-                }
-            }
+            read_row(element, row, table, |scalar, _| {
+                let (bytes, rest) = self.rest.split_at_checked(scalar.bytes()).ok_or_else(|| too_short(element))?;
+                self.rest = rest;
+                Ok(scalar.decode(bytes))
+            })?;
         }
         Ok(())
     }

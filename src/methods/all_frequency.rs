@@ -3,8 +3,8 @@
 
 use super::keys::{self, INTER_REFLECTION, SINGLE_CROSSINGS, SINGLE_FORM};
 use crate::error::{Error, Result};
-use crate::evaluate::keys::{AnyKey, Auto, Key, Keys, Number, OneOf, PowerOfTwo};
-use crate::evaluate::{AnyForm, BakeSettings, Method};
+use crate::evaluate::keys::{Auto, Key, Keys, Number, OneOf, PowerOfTwo};
+use crate::evaluate::{About, AnyForm, BakeSettings, Method};
 use crate::forms::density::Density;
 use crate::forms::distant::{Basis, Choice, Distant, Integrand, KINDS, MOST_ORDER, Single, Terms};
 use crate::forms::projected::harmonics::Harmonics;
@@ -130,55 +130,44 @@ const PHASE_TERMS: Key<OneOf<Terms>> = Key::new(
 const RAYS: Key<PowerOfTwo> = keys::rays("32");
 
 impl Method for AllFrequency {
-    fn name(&self) -> &'static str {
-        "all_frequency"
-    }
-
-    fn summary(&self) -> &'static str {
-        "transport vectors over an environment; the fastest new environment, material baked in (Wang, Tran & Luebke 2005)"
-    }
-
-    fn choose_when(&self) -> &'static str {
-        "Light comes from far away (environments, suns) and the material stays: the smallest asset, a thousand turned environments a \
-         second."
-    }
-
-    fn keys(&self) -> &'static [&'static dyn AnyKey] {
-        &[
-            &SINGLE,
-            &INTER_REFLECTION,
-            &CUBE,
-            &COEFFICIENTS,
-            &BASIS,
-            &TRANSFORM,
-            &SELECTION,
-            &SPACING,
-            &REFERENCES,
-            &SINGLE_BASIS,
-            &PHASE_TERMS,
-            &SINGLE_FORM,
-            &SINGLE_CROSSINGS,
-            &RAYS,
-        ]
-    }
-
-    fn default_max_rms(&self) -> f64 {
-        0.01
-    }
-
-    fn ladder(&self) -> &'static [&'static str] {
-        &[
-            "",
-            "--max-rms 5%",
-            "--max-rms 2%",
-            "--max-rms 0.5%",
-            "--set basis=haar --set selection=magnitude --set transform=texels",
-            "--set basis=haar --set selection=magnitude",
-            "--set basis=haar",
-            "--set basis=haar --set selection=rate",
-            "--set basis=haar --set coefficients=512",
-            "--set coefficients=25",
-        ]
+    fn about(&self) -> About {
+        About {
+            name: "all_frequency",
+            summary: "transport vectors over an environment; the fastest new environment, material baked in (Wang, \
+                Tran & Luebke 2005)",
+            choose_when: "Light comes from far away (environments, suns) and the material stays: the smallest asset, a \
+                thousand turned environments a second.",
+            keys: &[
+                &SINGLE,
+                &INTER_REFLECTION,
+                &CUBE,
+                &COEFFICIENTS,
+                &BASIS,
+                &TRANSFORM,
+                &SELECTION,
+                &SPACING,
+                &REFERENCES,
+                &SINGLE_BASIS,
+                &PHASE_TERMS,
+                &SINGLE_FORM,
+                &SINGLE_CROSSINGS,
+                &RAYS,
+            ],
+            default_max_rms: 0.01,
+            declared_error: None,
+            ladder: &[
+                "",
+                "--max-rms 5%",
+                "--max-rms 2%",
+                "--max-rms 0.5%",
+                "--set basis=haar --set selection=magnitude --set transform=texels",
+                "--set basis=haar --set selection=magnitude",
+                "--set basis=haar",
+                "--set basis=haar --set selection=rate",
+                "--set basis=haar --set coefficients=512",
+                "--set coefficients=25",
+            ],
+        }
     }
 
     fn form(&self, keys: &Keys, settings: &BakeSettings) -> Result<Box<dyn AnyForm>> {

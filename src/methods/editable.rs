@@ -3,8 +3,8 @@
 
 use super::keys;
 use crate::error::Result;
-use crate::evaluate::keys::{AnyKey, Auto, Domain, Key, Keys, Number, OneOf, PowerOfTwo, Share};
-use crate::evaluate::{AnyForm, BakeSettings, Method};
+use crate::evaluate::keys::{Auto, Domain, Key, Keys, Number, OneOf, PowerOfTwo, Share};
+use crate::evaluate::{About, AnyForm, BakeSettings, Method};
 use crate::forms::density::Density;
 use crate::forms::environment_rows::EnvironmentRows;
 use crate::forms::factored::{Factored, MOST_LEVELS};
@@ -132,52 +132,41 @@ impl Domain for FarSpacing {
 }
 
 impl Method for Editable {
-    fn name(&self) -> &'static str {
-        "editable"
-    }
-
-    fn summary(&self) -> &'static str {
-        "the material is chosen later: samples summed at run time, or transport of a basis of R_d (Wang et al. 2008)"
-    }
-
-    fn choose_when(&self) -> &'static str {
-        "The material changes after the bake, or it is not known yet what will: the default takes any light, material, profile and \
-         size. With transport=stored a new light or material takes milliseconds."
-    }
-
-    fn keys(&self) -> &'static [&'static dyn AnyKey] {
-        &[
-            &TRANSPORT,
-            &TERMS,
-            &CUBE,
-            &COEFFICIENTS,
-            &BASIS,
-            &SPLIT,
-            &FAR_SPACING,
-            &FAR_LEVELS,
-            &TRUNCATION,
-            &POINTS,
-            &DIRECTIONS,
-            &AREA_SIDE,
-        ]
-    }
-
-    fn default_max_rms(&self) -> f64 {
-        0.01
-    }
-
-    fn ladder(&self) -> &'static [&'static str] {
-        &[
-            "",
-            "--set transport=stored",
-            "--samples 32768 --set points=1",
-            "--max-rms 0.2%",
-            "--max-rms 4% --set transport=stored",
-            "--max-rms 2% --set transport=stored",
-            "--samples 32768 --set transport=stored",
-            "--max-rms 0.5% --set transport=stored",
-            "--max-rms 0.5% --samples 262144 --set transport=stored",
-        ]
+    fn about(&self) -> About {
+        About {
+            name: "editable",
+            summary: "the material is chosen later: samples summed at run time, or transport of a basis of R_d (Wang \
+                et al. 2008)",
+            choose_when: "The material changes after the bake, or it is not known yet what will: the default takes any \
+                light, material, profile and size. With transport=stored a new light or material takes milliseconds.",
+            keys: &[
+                &TRANSPORT,
+                &TERMS,
+                &CUBE,
+                &COEFFICIENTS,
+                &BASIS,
+                &SPLIT,
+                &FAR_SPACING,
+                &FAR_LEVELS,
+                &TRUNCATION,
+                &POINTS,
+                &DIRECTIONS,
+                &AREA_SIDE,
+            ],
+            default_max_rms: 0.01,
+            declared_error: None,
+            ladder: &[
+                "",
+                "--set transport=stored",
+                "--samples 32768 --set points=1",
+                "--max-rms 0.2%",
+                "--max-rms 4% --set transport=stored",
+                "--max-rms 2% --set transport=stored",
+                "--samples 32768 --set transport=stored",
+                "--max-rms 0.5% --set transport=stored",
+                "--max-rms 0.5% --samples 262144 --set transport=stored",
+            ],
+        }
     }
 
     fn form(&self, keys: &Keys, settings: &BakeSettings) -> Result<Box<dyn AnyForm>> {

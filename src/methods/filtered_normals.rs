@@ -2,8 +2,8 @@
 //! design: its error is stated, and nothing makes it small.
 
 use crate::error::{Error, Result};
-use crate::evaluate::keys::{AnyKey, Auto, Key, Keys, Number, OneOf};
-use crate::evaluate::{AnyForm, BakeSettings, Method};
+use crate::evaluate::keys::{Auto, Key, Keys, Number, OneOf};
+use crate::evaluate::{About, AnyForm, BakeSettings, Method};
 use crate::forms::density::Density;
 use crate::forms::filtered_normals::{
     Bleeding, Filter, FilteredNormals as Form, Length, Response, Shadows, Sum, Weights,
@@ -128,55 +128,40 @@ const REACH: Key<Number<f64>> = Key::new(
 .expert();
 
 impl Method for FilteredNormals {
-    fn name(&self) -> &'static str {
-        "filtered_normals"
-    }
-
-    fn summary(&self) -> &'static str {
-        "normals filtered over the surface in local lighting; an approximation (Patro 2007)"
-    }
-
-    fn choose_when(&self) -> &'static str {
-        "Nothing may be computed at run time but local lighting, and a look is enough: errors of tens of percent are usual, and stated."
-    }
-
-    fn keys(&self) -> &'static [&'static dyn AnyKey] {
-        &[
-            &FILTER,
-            &RESPONSE,
-            &ALPHA,
-            &WIDTH,
-            &GAUSSIAN_MM,
-            &SIGMA_TR,
-            &LENGTH,
-            &SHADOWS,
-            &BLEEDING,
-            &RUNGS,
-            &WAVELENGTH,
-            &WEIGHTS,
-            &SUM,
-            &REACH,
-        ]
-    }
-
-    fn default_max_rms(&self) -> f64 {
-        // Nothing that a bake does brings the error down to what is asked: more than it declares is worth a warning.
-        DECLARED
-    }
-
-    fn declared_error(&self) -> Option<f64> {
-        Some(DECLARED)
-    }
-
-    fn ladder(&self) -> &'static [&'static str] {
-        &[
-            "",
-            "--set filter=geometric",
-            "--set filter=spectral",
-            "--set length=kept",
-            "--set length=unit",
-            "--set bleeding=irradiance",
-        ]
+    fn about(&self) -> About {
+        About {
+            name: "filtered_normals",
+            summary: "normals filtered over the surface in local lighting; an approximation (Patro 2007)",
+            choose_when: "Nothing may be computed at run time but local lighting, and a look is enough: errors of tens \
+                of percent are usual, and stated.",
+            keys: &[
+                &FILTER,
+                &RESPONSE,
+                &ALPHA,
+                &WIDTH,
+                &GAUSSIAN_MM,
+                &SIGMA_TR,
+                &LENGTH,
+                &SHADOWS,
+                &BLEEDING,
+                &RUNGS,
+                &WAVELENGTH,
+                &WEIGHTS,
+                &SUM,
+                &REACH,
+            ],
+            // Nothing that a bake does brings the error down to what is asked: more than it declares is worth a warning.
+            default_max_rms: DECLARED,
+            declared_error: Some(DECLARED),
+            ladder: &[
+                "",
+                "--set filter=geometric",
+                "--set filter=spectral",
+                "--set length=kept",
+                "--set length=unit",
+                "--set bleeding=irradiance",
+            ],
+        }
     }
 
     fn form(&self, keys: &Keys, _: &BakeSettings) -> Result<Box<dyn AnyForm>> {

@@ -3,9 +3,9 @@
 
 use super::keys::{self, INTER_REFLECTION, SINGLE_CROSSINGS, SINGLE_FORM};
 use crate::error::Result;
-use crate::evaluate::keys::{AnyKey, Key, Keys, Number, OneOf, PowerOfTwo};
+use crate::evaluate::keys::{Key, Keys, Number, OneOf, PowerOfTwo};
 use crate::evaluate::single_scattering::{MOST_SAMPLES, Scattering, Traced};
-use crate::evaluate::{AnyForm, BakeSettings, Method};
+use crate::evaluate::{About, AnyForm, BakeSettings, Method};
 use crate::forms::density::Density;
 use crate::forms::gathered::{Far, Gathered};
 use crate::transport::near_rule::NearField;
@@ -42,34 +42,26 @@ const AREA_SIDE: Key<Number<u32>> = keys::area_side("16");
 const RAYS: Key<PowerOfTwo> = keys::rays("64");
 
 impl Method for Reference {
-    fn name(&self) -> &'static str {
-        "reference"
-    }
-
-    fn summary(&self) -> &'static str {
-        "brute force: all pairs, exact near field; the truth that every error is measured against"
-    }
-
-    fn choose_when(&self) -> &'static str {
-        "To measure others, or for a single picture that may take its time."
-    }
-
-    fn keys(&self) -> &'static [&'static dyn AnyKey] {
-        &[
-            &SINGLE,
-            &INTER_REFLECTION,
-            &POINTS,
-            &DIRECTIONS,
-            &AREA_SIDE,
-            &SINGLE_SAMPLES,
-            &SINGLE_FORM,
-            &SINGLE_CROSSINGS,
-            &RAYS,
-        ]
-    }
-
-    fn ladder(&self) -> &'static [&'static str] {
-        &["", "--samples 16384", "--samples 65536"]
+    fn about(&self) -> About {
+        About {
+            name: "reference",
+            summary: "brute force: all pairs, exact near field; the truth that every error is measured against",
+            choose_when: "To measure others, or for a single picture that may take its time.",
+            keys: &[
+                &SINGLE,
+                &INTER_REFLECTION,
+                &POINTS,
+                &DIRECTIONS,
+                &AREA_SIDE,
+                &SINGLE_SAMPLES,
+                &SINGLE_FORM,
+                &SINGLE_CROSSINGS,
+                &RAYS,
+            ],
+            default_max_rms: 0.005,
+            declared_error: None,
+            ladder: &["", "--samples 16384", "--samples 65536"],
+        }
     }
 
     fn form(&self, keys: &Keys, _: &BakeSettings) -> Result<Box<dyn AnyForm>> {

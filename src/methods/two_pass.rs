@@ -2,8 +2,8 @@
 
 use super::keys::{self, INTER_REFLECTION};
 use crate::error::Result;
-use crate::evaluate::keys::{AnyKey, Auto, Key, Keys, Number, OneOf, PowerOfTwo, Share};
-use crate::evaluate::{AnyForm, BakeSettings, Method};
+use crate::evaluate::keys::{Auto, Key, Keys, Number, OneOf, PowerOfTwo, Share};
+use crate::evaluate::{About, AnyForm, BakeSettings, Method};
 use crate::forms::density::Density;
 use crate::forms::gathered::{Bound, Far, Gathered};
 use crate::transport::near_rule::NearField;
@@ -40,31 +40,24 @@ const AREA_SIDE: Key<Number<u32>> = keys::area_side("8");
 const RAYS: Key<PowerOfTwo> = keys::rays("32");
 
 impl Method for TwoPass {
-    fn name(&self) -> &'static str {
-        "two_pass"
-    }
-
-    fn summary(&self) -> &'static str {
-        "surface samples only; shadows and hierarchical transfer for each light (Jensen & Buhler 2002)"
-    }
-
-    fn choose_when(&self) -> &'static str {
-        "Nothing should be precomputed but samples, and a second or so for each new light is fast enough."
-    }
-
-    fn keys(&self) -> &'static [&'static dyn AnyKey] {
-        &[&INTER_REFLECTION, &ERROR, &BOUND, &POINTS, &DIRECTIONS, &AREA_SIDE, &RAYS]
-    }
-
-    fn ladder(&self) -> &'static [&'static str] {
-        &[
-            "",
-            "--max-rms 4% --samples 16384",
-            "--max-rms 2% --samples 32768",
-            "--max-rms 1%",
-            "--max-rms 0.1%",
-            "--set bound=kernel",
-        ]
+    fn about(&self) -> About {
+        About {
+            name: "two_pass",
+            summary: "surface samples only; shadows and hierarchical transfer for each light (Jensen & Buhler 2002)",
+            choose_when: "Nothing should be precomputed but samples, and a second or so for each new light is fast \
+                enough.",
+            keys: &[&INTER_REFLECTION, &ERROR, &BOUND, &POINTS, &DIRECTIONS, &AREA_SIDE, &RAYS],
+            default_max_rms: 0.005,
+            declared_error: None,
+            ladder: &[
+                "",
+                "--max-rms 4% --samples 16384",
+                "--max-rms 2% --samples 32768",
+                "--max-rms 1%",
+                "--max-rms 0.1%",
+                "--set bound=kernel",
+            ],
+        }
     }
 
     fn form(&self, keys: &Keys, settings: &BakeSettings) -> Result<Box<dyn AnyForm>> {

@@ -67,8 +67,8 @@ impl MethodsReport {
     pub(crate) fn of(methods: &[&dyn Method], shown: Shown) -> Self {
         let row = |method: &&dyn Method| MethodRow {
             name: method.name(),
-            summary: method.summary(),
-            choose_when: method.choose_when(),
+            summary: method.about().summary,
+            choose_when: method.about().choose_when,
             default_max_rms: method.default_max_rms(),
             keys: method.keys().iter().map(|key| KeyRow::of(*key)).collect(),
         };

@@ -7,7 +7,7 @@ use glam::DVec3;
 use translux::asset::{Asset, Provenance};
 use translux::error::Result;
 use translux::evaluate::keys::{AnyKey, Audience, Keys};
-use translux::evaluate::{AnyForm, BakeSettings, Evaluator, Method, Recipe, Registry};
+use translux::evaluate::{About, AnyForm, BakeSettings, Evaluator, Method, Recipe, Registry};
 use translux::geometry::mesh::{Mesh, Scale, resolve_scale};
 use translux::geometry::part_table::PartTable;
 use translux::geometry::parts::{Analysis, MaterialRoles, PartsRule};
@@ -93,26 +93,11 @@ impl AnyKey for Stored {
 }
 
 impl Method for StoredEditable {
-    fn name(&self) -> &'static str {
-        "editable"
-    }
-
-    fn summary(&self) -> &'static str {
-        method("editable").summary()
-    }
-
-    fn choose_when(&self) -> &'static str {
-        method("editable").choose_when()
-    }
-
-    fn keys(&self) -> &'static [&'static dyn AnyKey] {
+    fn about(&self) -> About {
         static KEYS: OnceLock<Vec<&'static dyn AnyKey>> = OnceLock::new();
         let stored = |key: &&'static dyn AnyKey| &*Box::leak(Box::new(Stored(*key))) as &'static dyn AnyKey;
-        KEYS.get_or_init(|| method("editable").keys().iter().map(stored).collect())
-    }
-
-    fn default_max_rms(&self) -> f64 {
-        method("editable").default_max_rms()
+        let keys = KEYS.get_or_init(|| method("editable").keys().iter().map(stored).collect());
+        About { keys, ..method("editable").about() }
     }
 
     fn form(&self, keys: &Keys, settings: &BakeSettings) -> Result<Box<dyn AnyForm>> {

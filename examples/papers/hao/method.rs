@@ -1,8 +1,8 @@
 //! `hao_varshney`: what the paper stores, chosen by `encoding`.
 
 use translux::error::{Error, Result};
-use translux::evaluate::keys::{AnyKey, Auto, Key, Keys, Number, OneOf, Share};
-use translux::evaluate::{AnyForm, BakeSettings, Method};
+use translux::evaluate::keys::{Auto, Key, Keys, Number, OneOf, Share};
+use translux::evaluate::{About, AnyForm, BakeSettings, Method};
 use translux::light::quantised::interpolation::Scheme;
 use translux::math::sh::MOST_ORDER;
 use translux::methods::quantized_lights::{BLEND, INTERPOLATION, LIGHTS, NEAREST, SHELLS, density, light_set};
@@ -102,42 +102,35 @@ const RANGE_SHARE: Key<Auto<Share>> = Key::new(
 .expert();
 
 impl Method for HaoVarshney {
-    fn name(&self) -> &'static str {
-        METHOD
-    }
-
-    fn summary(&self) -> &'static str {
-        "radiosity of every vertex under 200 lights, as the paper encodes it (Hao & Varshney 2004)"
-    }
-
-    fn choose_when(&self) -> &'static str {
-        "You compare with the paper; quantized_lights is smaller and nearer to the truth."
-    }
-
-    fn keys(&self) -> &'static [&'static dyn AnyKey] {
-        &[
-            &ENCODING,
-            &LIGHTS,
-            &SHELLS,
-            &NEAREST,
-            &INTERPOLATION,
-            &BLEND,
-            &INTEGRAL,
-            &ORDER,
-            &WINDOW,
-            &REFERENCES,
-            &CHOICE,
-            &WEIGHTS,
-            &RANGE_SHARE,
-        ]
-    }
-
-    fn default_max_rms(&self) -> f64 {
-        0.02
-    }
-
-    fn ladder(&self) -> &'static [&'static str] {
-        &["", "--set interpolation=nearest4", "--set encoding=sh --set order=7", "--set encoding=reference-points"]
+    fn about(&self) -> About {
+        About {
+            name: METHOD,
+            summary: "radiosity of every vertex under 200 lights, as the paper encodes it (Hao & Varshney 2004)",
+            choose_when: "You compare with the paper; quantized_lights is smaller and nearer to the truth.",
+            keys: &[
+                &ENCODING,
+                &LIGHTS,
+                &SHELLS,
+                &NEAREST,
+                &INTERPOLATION,
+                &BLEND,
+                &INTEGRAL,
+                &ORDER,
+                &WINDOW,
+                &REFERENCES,
+                &CHOICE,
+                &WEIGHTS,
+                &RANGE_SHARE,
+            ],
+            default_max_rms: 0.02,
+            declared_error: None,
+            ladder: &[
+                "",
+                "--set interpolation=nearest4",
+                "--set encoding=sh --set order=7",
+                "--set encoding=reference-points",
+            ],
+        }
     }
 
     fn form(&self, keys: &Keys, settings: &BakeSettings) -> Result<Box<dyn AnyForm>> {

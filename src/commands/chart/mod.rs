@@ -86,7 +86,7 @@ pub(super) fn run(args: &ChartArgs, console: &Console) -> Result<ExitCode> {
             };
             let truth = truth::of(&subject, args.reference_samples)?;
             for method in &methods {
-                for rung in method.ladder().iter().take(extent.rungs) {
+                for rung in method.about().ladder.iter().take(extent.rungs) {
                     let (row, shown) = row::of(&subject, *method, rung, &truth)?;
                     say(&row, console);
                     pictures.push(shown);

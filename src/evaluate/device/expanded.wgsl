@@ -1,30 +1,10 @@
-// Far radiosity of every basis function at the receivers, as weighted sums over the points that it is stored at, which runs of
-// neighbouring receivers share: transport/interpolation.rs.
-
-struct Shard {
-    first_run: u32,
-    runs: u32,
-    // Of all runs.
-    receivers: u32,
-    terms: u32,
-    padding0: vec4<u32>,
-}
+// Far radiosity of every basis function at the receivers, as weighted sums over the points that it is stored at; after runs.wgsl.
 
 // [point][function] and [receiver][function], RGB.
 @group(0) @binding(0) var<storage, read> stored: array<f32>;
 @group(0) @binding(1) var<storage, read_write> expanded: array<f32>;
 
-@group(1) @binding(0) var<uniform> shard: Shard;
-// Of each run: where it begins in the sources; and the end.
-@group(1) @binding(1) var<storage, read> offsets: array<u32>;
-@group(1) @binding(2) var<storage, read> sources: array<u32>;
-// [source][receiver of the run], two each.
-@group(1) @binding(3) var<storage, read> weights: array<u32>;
-
-// Receivers of a run, one for each invocation.
-const RECEIVERS: u32 = 16u;
-const UNIT: f32 = 1.0 / 16384.0;
-
+// An invocation for each receiver of a run.
 @compute @workgroup_size(64)
 fn expand(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
     let lane = thread % RECEIVERS;
@@ -37,10 +17,8 @@ fn expand(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_ind
     for (var k = 0u; k < shard.terms; k += 1u) {
         var sum = vec3(0.0);
         for (var i = offsets[run]; i < end; i += 1u) {
-            let pair = bitcast<i32>(weights[RECEIVERS / 2u * i + lane / 2u]);
-            let weight = f32(extractBits(pair, 16u * (lane % 2u), 16u));
             let at = 3u * (sources[i] * shard.terms + k);
-            sum += weight * vec3(stored[at], stored[at + 1u], stored[at + 2u]);
+            sum += weight_of(i, lane) * vec3(stored[at], stored[at + 1u], stored[at + 2u]);
         }
         let at = 3u * (receiver * shard.terms + k);
         expanded[at] = sum.x * UNIT;

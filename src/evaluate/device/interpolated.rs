@@ -8,7 +8,7 @@ use bytemuck::{Pod, Zeroable};
 
 use super::Device;
 use super::jobs::MOST_TURNS_OF_SOFTWARE;
-use super::surface::{READ, UNIFORM, WRITE, bind, bind_group_layout, dispatch, pipeline, uniform};
+use super::surface::{ComputePass, READ, UNIFORM, WRITE, bind, bind_group_layout, pipeline, uniform};
 use crate::error::{Error, Result};
 use crate::transport::interpolation::{LANES, SharedWeights};
 
@@ -42,20 +42,6 @@ struct RunsOfShard {
     /// Bit k: function k of the far field is filled in.
     functions: u32,
     padding: u32,
-}
-
-/// A stage of the evaluation: pipeline, buffers, and shards that fit the adapter's bindings, each with its workgroups.
-pub(crate) struct ComputePass {
-    pub(crate) pipeline: wgpu::ComputePipeline,
-    pub(crate) bind_group: wgpu::BindGroup,
-    pub(crate) shards: Vec<(wgpu::BindGroup, u32)>,
-}
-
-impl ComputePass {
-    pub(crate) fn run(&self, device: &Device) {
-        let shards = self.shards.iter().map(|(group, count)| (group, *count));
-        dispatch(device, &self.pipeline, &self.bind_group, shards);
-    }
 }
 
 /// The way in which new radiosity meets the radiosity that is there.
@@ -104,7 +90,7 @@ impl InterpolatedOnDevice {
         let second = bind_group_layout(calls, "rows of coefficients", &[UNIFORM, READ]);
         let products = ComputePass {
             pipeline: pipeline(calls, include_str!("products.wgsl"), "products", [&first, &second]),
-            bind_group: bind(calls, &first, [&columns, &references, &factors].into_iter()),
+            bind_group: bind(calls, &first, [&columns, &references, &factors]),
             shards: shards_of_rows(device, coefficients, width, &second)?,
         };
         let interpolation = Interpolation::new(device).stage(device, weights, [&references, &radiosity], None)?;
@@ -146,6 +132,11 @@ impl InterpolatedOnDevice {
         self.device.check()
     }
 
+    /// The device.
+    pub(crate) fn device(&self) -> &Arc<Device> {
+        &self.device
+    }
+
     /// Radiosity of every receiver, RGB and 0, written by [`Self::interpolate`].
     pub fn radiosity(&self) -> &wgpu::Buffer {
         &self.radiosity
@@ -164,7 +155,8 @@ impl Interpolation {
         let calls = &device.device;
         let values = bind_group_layout(calls, "values", &[READ, WRITE]);
         let weights = bind_group_layout(calls, "weights", &[UNIFORM, READ, READ, READ]);
-        let pipeline = pipeline(calls, include_str!("interpolated.wgsl"), "interpolate", [&values, &weights]);
+        let text = [include_str!("runs.wgsl"), include_str!("interpolated.wgsl")].concat();
+        let pipeline = pipeline(calls, &text, "interpolate", [&values, &weights]);
         Self { values, weights, pipeline }
     }
 
@@ -180,7 +172,7 @@ impl Interpolation {
         from_and_to: [&wgpu::Buffer; 2],
         signed_from: Option<u32>,
     ) -> Result<ComputePass> {
-        check_turns(longest(weights))?;
+        check_turns(longest(weights.offsets()))?;
         let shard = RunsOfShard {
             first_receiver: signed_from.unwrap_or(0),
             is_signed: u32::from(signed_from.is_some()),
@@ -188,15 +180,15 @@ impl Interpolation {
         };
         Ok(ComputePass {
             pipeline: self.pipeline.clone(),
-            bind_group: bind(&device.device, &self.values, from_and_to.into_iter()),
+            bind_group: bind(&device.device, &self.values, from_and_to),
             shards: shards_of_runs(device, weights, &self.weights, (RUNS, shard))?,
         })
     }
 }
 
-/// Largest number of sources of a run.
-fn longest(weights: &SharedWeights) -> usize {
-    weights.offsets().windows(2).map(|w| w[1] as usize - w[0] as usize).max().unwrap_or(0)
+/// Largest number of cells of a run.
+pub(crate) fn longest(offsets: &[u32]) -> usize {
+    offsets.array_windows().map(|[from, to]| (to - from) as usize).max().unwrap_or(0)
 }
 
 /// Refuses sums of more terms in one invocation than every adapter adds up correctly.
@@ -217,17 +209,10 @@ pub(crate) fn expansion(
     weights: &SharedWeights,
     (stored, terms): (&wgpu::Buffer, usize),
 ) -> Result<(ComputePass, wgpu::Buffer)> {
-    check_turns(longest(weights))?;
     let expanded = device.zeros("far radiosity of the receivers", 12 * (weights.targets() * terms) as u64)?;
-    let calls = &device.device;
-    let first = bind_group_layout(calls, "far radiosity", &[READ, WRITE]);
-    let second = bind_group_layout(calls, "weights", &[UNIFORM, READ, READ, READ]);
     let shard = RunsOfShard { terms: terms as u32, ..RunsOfShard::zeroed() };
-    let stage = ComputePass {
-        pipeline: pipeline(calls, include_str!("expanded.wgsl"), "expand", [&first, &second]),
-        bind_group: bind(calls, &first, [stored, &expanded].into_iter()),
-        shards: shards_of_runs(device, weights, &second, (RUNS_OF_EXPANSION, shard))?,
-    };
+    let bound = ([READ, WRITE], [stored, &expanded]);
+    let stage = over_functions(device, (include_str!("expanded.wgsl"), "expand"), bound, (weights, shard))?;
     Ok((stage, expanded))
 }
 
@@ -240,15 +225,26 @@ pub(crate) fn filling(
     (functions, receivers, weights): (u16, &[u32], &SharedWeights),
     (values, terms): (&wgpu::Buffer, usize),
 ) -> Result<ComputePass> {
-    check_turns(longest(weights))?;
-    let calls = &device.device;
     let receivers = device.storage("receivers without functions", receivers)?;
-    let first = bind_group_layout(calls, "far radiosity and receivers", &[WRITE, READ]);
-    let second = bind_group_layout(calls, "weights", &[UNIFORM, READ, READ, READ]);
     let shard = RunsOfShard { terms: terms as u32, functions: functions.into(), ..RunsOfShard::zeroed() };
+    let bound = ([WRITE, READ], [values, &receivers]);
+    over_functions(device, (include_str!("filled.wgsl"), "fill"), bound, (weights, shard))
+}
+
+/// Makes a stage that sums values of each function of a far field.
+fn over_functions(
+    device: &Device,
+    (text, entry): (&str, &str),
+    (kinds, buffers): ([wgpu::BufferBindingType; 2], [&wgpu::Buffer; 2]),
+    (weights, shard): (&SharedWeights, RunsOfShard),
+) -> Result<ComputePass> {
+    check_turns(longest(weights.offsets()))?;
+    let calls = &device.device;
+    let first = bind_group_layout(calls, "far radiosity", &kinds);
+    let second = bind_group_layout(calls, "weights", &[UNIFORM, READ, READ, READ]);
     Ok(ComputePass {
-        pipeline: pipeline(calls, include_str!("filled.wgsl"), "fill", [&first, &second]),
-        bind_group: bind(calls, &first, [values, &receivers].into_iter()),
+        pipeline: pipeline(calls, &[include_str!("runs.wgsl"), text].concat(), entry, [&first, &second]),
+        bind_group: bind(calls, &first, buffers),
         shards: shards_of_runs(device, weights, &second, (RUNS_OF_EXPANSION, shard))?,
     })
 }
@@ -268,7 +264,7 @@ fn shards_of_rows(
             RowsOfShard { words: (width / 2) as u32, first_row: (chunk * rows) as u32, rows: count as u32, padding: 0 };
         let shard = uniform(&device.device, "shard of rows", bytemuck::bytes_of(&shard));
         let values = device.storage("coefficients", values)?;
-        Ok((bind(&device.device, layout, [&shard, &values].into_iter()), count.div_ceil(ROWS) as u32))
+        Ok((bind(&device.device, layout, [&shard, &values]), count.div_ceil(ROWS) as u32))
     };
     coefficients.chunks(rows.saturating_mul(width)).enumerate().map(of_chunk).collect()
 }
@@ -300,7 +296,7 @@ fn shards_of_runs(
             device.storage("sources of the runs", weights.sources().get(cells.clone()).unwrap_or(&[]))?,
             device.storage("weights", weights.values().get(cells).unwrap_or(&[]))?,
         ];
-        Ok((bind(&device.device, layout, bound.iter()), runs.len().div_ceil(of_workgroup) as u32))
+        Ok((bind(&device.device, layout, &bound), runs.len().div_ceil(of_workgroup) as u32))
     };
     cut(weights.offsets(), most_cells, most_runs).into_iter().map(of_range).collect()
 }

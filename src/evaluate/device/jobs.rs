@@ -83,15 +83,10 @@ pub struct Shard {
 
 /// Largest number of turns of the shaders' loops for each entry.
 pub struct Effort {
-    samples: Vec<OfSample>,
-    exact_below: f64,
-    three_points_below: f64,
-}
-
-struct OfSample {
-    patch: Patch,
-    exact: usize,
-    three_points: usize,
+    /// Turns of each sample closer than either distance.
+    samples: Vec<(Patch, [usize; 2])>,
+    /// In radii of a sample.
+    below: [f64; 2],
 }
 
 impl Effort {
@@ -101,46 +96,27 @@ impl Effort {
         let nodes = rules.iter().map(|(_, nodes)| nodes.len()).max().unwrap_or(0);
         // Three edges, their nodes and the search for the rule.
         let triangle = 3 * (nodes + 1) + rules.len();
-        let of_sample = |(index, patch): (usize, &Patch)| {
+        Self::with_turns(surface.patches, [near.exact_below, near.three_points_below], |index| {
             let facets = surface.samples.patch(index).len();
             // Neighbouring receivers may do both.
             let three_points = 4 * facets + pieces;
-            let exact = (triangle + 1) * (facets + pieces) + three_points;
-            OfSample { patch: *patch, exact, three_points }
-        };
-        Self {
-            samples: surface.patches.iter().enumerate().map(of_sample).collect(),
-            exact_below: near.exact_below,
-            three_points_below: near.three_points_below,
-        }
+            [(triangle + 1) * (facets + pieces) + three_points, three_points]
+        })
     }
 
     /// The effort for samples that take `turns` each: `[closer than the first distance, than the second]`, distances in
     /// radii of a sample.
-    pub fn with_turns(patches: &[Patch], [close, less_close]: [f64; 2], turns: impl Fn(usize) -> [usize; 2]) -> Self {
-        let of_sample = |(index, patch): (usize, &Patch)| {
-            let [exact, three_points] = turns(index);
-            OfSample { patch: *patch, exact, three_points }
-        };
-        Self {
-            samples: patches.iter().enumerate().map(of_sample).collect(),
-            exact_below: close,
-            three_points_below: less_close,
-        }
+    pub fn with_turns(patches: &[Patch], below: [f64; 2], turns: impl Fn(usize) -> [usize; 2]) -> Self {
+        let of_sample = |(index, patch): (usize, &Patch)| (*patch, turns(index));
+        Self { samples: patches.iter().enumerate().map(of_sample).collect(), below }
     }
 
     fn of(&self, entry: u32, sphere: &Sphere) -> usize {
-        let Some(sample) = self.samples.get(entry as usize) else { return 1 };
-        let distance = sample.patch.centre_mm.distance(sphere.centre_mm) - sphere.radius_mm;
+        let Some((patch, turns)) = self.samples.get(entry as usize) else { return 1 };
+        let distance = patch.centre_mm.distance(sphere.centre_mm) - sphere.radius_mm;
         // A little farther than the shader, which computes in single precision.
-        let below = |radii: f64| distance < 1.001 * radii * sample.patch.radius_mm;
-        if below(self.exact_below) {
-            1 + sample.exact
-        } else if below(self.three_points_below) {
-            1 + sample.three_points
-        } else {
-            1
-        }
+        let is_below = |radii: f64| distance < 1.001 * radii * patch.radius_mm;
+        self.below.iter().zip(turns).find(|(radii, _)| is_below(**radii)).map_or(1, |(_, turns)| 1 + turns)
     }
 
     /// Cuts entries into ranges that one invocation takes.

@@ -94,6 +94,32 @@ fn sum_of(lane: u32) -> vec3<f32> {
     return sum;
 }
 
+// Sums what the entries of a job bring to its receivers, `of_entry` of the shader, each thread those of its slice.
+fn sum_slices(job: u32, thread: u32) {
+    let receiver = min(jobs[job].first_receiver + thread % LANES, jobs[job].end_receiver - 1u);
+    let at = receivers[receiver].xyz;
+    let medium = jobs[job].medium;
+    let direct = jobs[job].direct == 1u;
+    let end = jobs[job].end_entry;
+    var total = vec3(0.0);
+    var partial = vec3(0.0);
+    var count = 0u;
+    for (var i = jobs[job].first_entry + thread / LANES; i < end; i += SLICES) {
+        var entry = i;
+        if !direct {
+            entry = list[i];
+        }
+        partial += of_entry(job, medium, entry, at);
+        count += 1u;
+        if (count & FLUSH) == 0u {
+            total += partial;
+            partial = vec3(0.0);
+        }
+    }
+    slices[thread] = total + partial;
+    workgroupBarrier();
+}
+
 // Later rounds add to what earlier ones wrote.
 fn store(job: u32, receiver: u32, sum: vec3<f32>) {
     var total = sum;
@@ -221,17 +247,22 @@ fn area_at_centroid(medium: u32, p: array<vec3<f32>, 3>) -> vec3<f32> {
     return (0.5 * length(cross(p[1] - p[0], p[2] - p[0]))) * reflectance(medium, dot(centre, centre));
 }
 
+// A facet of a sample that is at an offset from the receiver.
+fn facet_at(facet: u32, offset: vec3<f32>) -> array<vec3<f32>, 3> {
+    let k = 9u * facet;
+    return array<vec3<f32>, 3>(
+        offset + vec3(corners[k], corners[k + 1u], corners[k + 2u]),
+        offset + vec3(corners[k + 3u], corners[k + 4u], corners[k + 5u]),
+        offset + vec3(corners[k + 6u], corners[k + 7u], corners[k + 8u]),
+    );
+}
+
 // A sample that is close: its facets exactly or at three points each, and the pieces of an uneven one.
 fn close_patch(medium: u32, index: u32, offset: vec3<f32>, exact: bool) -> vec3<f32> {
     var sum = vec3(0.0);
     let e = irradiance[index].xyz;
     for (var facet = patches[index].first_facet; facet < patches[index].end_facet; facet += 1u) {
-        let at = 9u * facet;
-        let p = array<vec3<f32>, 3>(
-            offset + vec3(corners[at], corners[at + 1u], corners[at + 2u]),
-            offset + vec3(corners[at + 3u], corners[at + 4u], corners[at + 5u]),
-            offset + vec3(corners[at + 6u], corners[at + 7u], corners[at + 8u]),
-        );
+        let p = facet_at(facet, offset);
         if exact {
             sum += e * triangle(medium, p);
         } else {

@@ -4,11 +4,9 @@ pub mod adapter;
 pub mod interpolated;
 pub mod jobs;
 pub mod near_field;
-pub mod read_back;
 pub mod surface;
 pub mod tree;
 mod uploaded;
 
 pub use adapter::Device;
-pub use read_back::read_radiosity;
 pub use uploaded::Uploaded;

@@ -5,7 +5,7 @@
 // [medium][term], RGB and 0; 16 for each medium.
 @group(1) @binding(3) var<storage, read> coefficients: array<vec4<f32>>;
 
-fn of_candidate(medium: u32, index: u32, at: vec3<f32>) -> vec3<f32> {
+fn of_entry(job: u32, medium: u32, index: u32, at: vec3<f32>) -> vec3<f32> {
     let offset = patches[index].centre - at;
     let r2 = dot(offset, offset);
     let radius = patches[index].radius;
@@ -31,31 +31,14 @@ fn of_candidate(medium: u32, index: u32, at: vec3<f32>) -> vec3<f32> {
 @compute @workgroup_size(WORKGROUP)
 fn near(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
     let job = group.x;
-    let lane = thread % LANES;
-    let receiver = jobs[job].first_receiver + lane;
-    let end_receiver = jobs[job].end_receiver;
-    let at = receivers[min(receiver, end_receiver - 1u)].xyz;
-    let medium = jobs[job].medium;
-    let end = jobs[job].end_entry;
-    var total = vec3(0.0);
-    var partial = vec3(0.0);
-    var count = 0u;
-    for (var i = jobs[job].first_entry + thread / LANES; i < end; i += SLICES) {
-        partial += of_candidate(medium, list[i], at);
-        count += 1u;
-        if (count & FLUSH) == 0u {
-            total += partial;
-            partial = vec3(0.0);
-        }
-    }
-    slices[thread] = total + partial;
-    workgroupBarrier();
-    if thread < LANES && receiver < end_receiver {
-        var sum = sum_of(lane);
+    sum_slices(job, thread);
+    let receiver = jobs[job].first_receiver + thread;
+    if thread < LANES && receiver < jobs[job].end_receiver {
+        var sum = sum_of(thread);
         for (var k = 0u; k < settings.terms && jobs[job].round == 0u; k += 1u) {
             let i = 3u * (receiver * settings.terms + k);
             let value = vec3(far_values[i], far_values[i + 1u], far_values[i + 2u]);
-            sum += coefficients[16u * medium + k].xyz * value;
+            sum += coefficients[16u * jobs[job].medium + k].xyz * value;
         }
         store(job, receiver, sum);
     }

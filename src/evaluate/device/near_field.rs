@@ -42,7 +42,7 @@ impl NearOnDevice {
             (0..receivers.groups.len()).map(|group| Entries::List(around.of(group).to_vec())).collect();
         let of_shard = |shard: Shard| {
             let bound = [&shard.jobs, &shard.list, far_values, &coefficients];
-            (bind(&device.device, &layout, bound.into_iter()), shard.count)
+            (bind(&device.device, &layout, bound), shard.count)
         };
         let shards = shards(&device, receivers, medium, &lists, effort)?.into_iter().map(of_shard).collect();
         device.check()?;
@@ -62,7 +62,6 @@ impl NearOnDevice {
 
     /// Writes the radiosity of every receiver.
     pub fn run(&self, buffers: &SurfaceBuffers) {
-        let shards = self.shards.iter().map(|(group, count)| (group, *count));
-        dispatch(&self.device, &self.pipeline, buffers.bind_group(), shards);
+        dispatch(&self.device, &self.pipeline, buffers.bind_group(), &self.shards);
     }
 }

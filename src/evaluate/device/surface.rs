@@ -8,6 +8,7 @@ use wgpu::util::DeviceExt;
 use super::Device;
 use super::jobs::{CLUSTER, RECEIVERS};
 use crate::error::{Error, Result};
+use crate::evaluate::evaluator::Held;
 use crate::geometry::samples::{Patch, Samples};
 use crate::transport::kernel::medium::MediumKernel;
 use crate::transport::kernel::radial_table::{RadialTable, Rgb};
@@ -131,20 +132,20 @@ pub struct SurfaceBuffers {
     device: Arc<Device>,
     layout: wgpu::BindGroupLayout,
     settings: GpuSettings,
-    settings_buffer: wgpu::Buffer,
-    rules: wgpu::Buffer,
-    media: wgpu::Buffer,
-    patches: wgpu::Buffer,
-    corners: wgpu::Buffer,
-    receivers: wgpu::Buffer,
-    radiosity: wgpu::Buffer,
-    irradiance: wgpu::Buffer,
-    first_piece: wgpu::Buffer,
-    pieces: wgpu::Buffer,
+    /// In the order of their bindings.
+    buffers: [wgpu::Buffer; 10],
     count: u32,
     scale: f64,
     bind_group: wgpu::BindGroup,
 }
+
+/// Bindings of the buffers that change or are read elsewhere.
+const SETTINGS: usize = 0;
+const MEDIA: usize = 2;
+const RADIOSITY: usize = 6;
+const IRRADIANCE: usize = 7;
+const FIRST_PIECE: usize = 8;
+const PIECES: usize = 9;
 
 /// Geometry and settings that stay the same under every light and material.
 pub struct Geometry<'a> {
@@ -195,36 +196,24 @@ impl SurfaceBuffers {
         let patches: Vec<GpuPatch> = patches.iter().enumerate().map(patch).collect();
         let positions: Vec<[f32; 4]> = receivers.positions.iter().map(|p| p.as_vec3().extend(0.0).to_array()).collect();
         let count = patches.len();
-        let settings_buffer = uniform(&device.device, "settings", bytemuck::bytes_of(&settings));
-        let rules = uniform(&device.device, "rules", bytemuck::bytes_of(&pack(precision.rules())?));
-        let layout = layout(&device.device);
-        let media = device.storage::<GpuMedium>("media", &[GpuMedium::zeroed()])?;
-        let corners = device.storage("corners of the facets", corners.values().as_flattened().as_flattened())?;
-        let irradiance = device.zeros("irradiance", 16 * count as u64)?;
-        let first_piece = device.zeros("first pieces", 4 * count as u64)?;
-        let pieces = device.zeros("pieces", 16)?;
-        let radiosity = device.zeros("radiosity", 16 * receivers.len() as u64)?;
-        let (patches, receivers) = (device.storage("samples", &patches)?, device.storage("receivers", &positions)?);
-        let bound = [&settings_buffer, &rules, &media, &patches, &corners, &receivers, &radiosity, &irradiance];
-        let bind_group = bind(&device.device, &layout, bound.into_iter().chain([&first_piece, &pieces]));
-        Ok(Self {
-            device: Arc::clone(device),
-            settings,
-            settings_buffer,
-            rules,
-            media,
-            patches,
-            corners,
-            receivers,
-            radiosity,
-            irradiance,
-            first_piece,
-            pieces,
-            count: count as u32,
-            scale: 1.0,
-            bind_group,
-            layout,
-        })
+        // Two uniforms, then storage, in which the shaders write the radiosity.
+        let kinds = [UNIFORM, UNIFORM, READ, READ, READ, READ, WRITE, READ, READ, READ];
+        let layout = bind_group_layout(&device.device, "surface", &kinds);
+        let buffers = [
+            uniform(&device.device, "settings", bytemuck::bytes_of(&settings)),
+            uniform(&device.device, "rules", bytemuck::bytes_of(&pack(precision.rules())?)),
+            device.storage::<GpuMedium>("media", &[GpuMedium::zeroed()])?,
+            device.storage("samples", &patches)?,
+            device.storage("corners of the facets", corners.values().as_flattened().as_flattened())?,
+            device.storage("receivers", &positions)?,
+            device.zeros("radiosity", 16 * receivers.len() as u64)?,
+            device.zeros("irradiance", 16 * count as u64)?,
+            device.zeros("first pieces", 4 * count as u64)?,
+            device.zeros("pieces", 16)?,
+        ];
+        let bind_group = bind(&device.device, &layout, &buffers);
+        let device = Arc::clone(device);
+        Ok(Self { device, layout, settings, buffers, count: count as u32, scale: 1.0, bind_group })
     }
 
     /// Replaces the media; the far field, if there is one, begins at `split_mm`.
@@ -233,8 +222,7 @@ impl SurfaceBuffers {
     /// More media than the adapter binds, or others than dipoles (exit 5).
     pub fn set_media(&mut self, media: &[MediumKernel], split_mm: Option<f64>) -> Result<()> {
         let media: Vec<GpuMedium> = media.iter().map(|m| medium(m, split_mm)).collect::<Result<_>>()?;
-        self.media = self.device.storage("media", &media)?;
-        self.bind();
+        self.replace(MEDIA, self.device.storage("media", &media)?);
         Ok(())
     }
 
@@ -257,34 +245,22 @@ impl SurfaceBuffers {
             }
         }
         let queue = self.device.queue.clone();
-        queue.write_buffer(&self.irradiance, 0, bytemuck::cast_slice(&scaled));
-        queue.write_buffer(&self.first_piece, 0, bytemuck::cast_slice(&first));
+        queue.write_buffer(&self.buffers[IRRADIANCE], 0, bytemuck::cast_slice(&scaled));
+        queue.write_buffer(&self.buffers[FIRST_PIECE], 0, bytemuck::cast_slice(&first));
         let bytes = 16 * packed.len() as u64;
-        if bytes > self.pieces.size() {
-            self.pieces =
-                self.device.zeros("pieces", bytes.next_power_of_two().min(self.device.largest_binding()).max(bytes))?;
-            self.bind();
+        if bytes > self.buffers[PIECES].size() {
+            let room = bytes.next_power_of_two().min(self.device.largest_binding()).max(bytes);
+            self.replace(PIECES, self.device.zeros("pieces", room)?);
         }
-        queue.write_buffer(&self.pieces, 0, bytemuck::cast_slice(&packed));
+        queue.write_buffer(&self.buffers[PIECES], 0, bytemuck::cast_slice(&packed));
         self.settings.pieces = light.most_pieces() as u32;
-        queue.write_buffer(&self.settings_buffer, 0, bytemuck::bytes_of(&self.settings));
+        queue.write_buffer(&self.buffers[SETTINGS], 0, bytemuck::bytes_of(&self.settings));
         Ok(())
     }
 
-    fn bind(&mut self) {
-        let bound = [
-            &self.settings_buffer,
-            &self.rules,
-            &self.media,
-            &self.patches,
-            &self.corners,
-            &self.receivers,
-            &self.radiosity,
-            &self.irradiance,
-            &self.first_piece,
-            &self.pieces,
-        ];
-        self.bind_group = bind(&self.device.device, &self.layout, bound.into_iter());
+    fn replace(&mut self, binding: usize, buffer: wgpu::Buffer) {
+        self.buffers[binding] = buffer;
+        self.bind_group = bind(&self.device.device, &self.layout, &self.buffers);
     }
 
     /// The device that holds the buffers.
@@ -292,19 +268,20 @@ impl SurfaceBuffers {
         &self.device
     }
 
-    /// Factor from the buffer's values to radiosity.
-    pub fn scale(&self) -> f64 {
-        self.scale
-    }
-
     /// Irradiance of every sample over the scale, RGB and 0.
     pub fn irradiance(&self) -> &wgpu::Buffer {
-        &self.irradiance
+        &self.buffers[IRRADIANCE]
     }
 
     /// Radiosity of every receiver over the scale, RGB and 0.
     pub fn radiosity(&self) -> &wgpu::Buffer {
-        &self.radiosity
+        &self.buffers[RADIOSITY]
+    }
+
+    /// The radiosity as that of an evaluator with these receivers.
+    pub fn held<'a>(&'a self, receivers: &'a Receivers) -> Held<'a> {
+        let (device, radiosity) = (&self.device, self.radiosity());
+        Held { device, radiosity, scale: self.scale, receiver_of_vertex: &receivers.of_vertex }
     }
 
     /// Layout of the first bind group.
@@ -364,12 +341,6 @@ fn medium(medium: &MediumKernel, split_mm: Option<f64>) -> Result<GpuMedium> {
     })
 }
 
-/// The layout of the first bind group: two uniforms, then storage, in which the shaders write the radiosity.
-fn layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
-    let kinds = [UNIFORM, UNIFORM, READ, READ, READ, READ, WRITE, READ, READ, READ];
-    bind_group_layout(device, "surface", &kinds)
-}
-
 /// A uniform buffer with these contents.
 pub fn uniform(device: &wgpu::Device, label: &str, contents: &[u8]) -> wgpu::Buffer {
     device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
@@ -406,13 +377,13 @@ pub fn bind_group_layout(
 pub fn bind<'a>(
     device: &wgpu::Device,
     layout: &wgpu::BindGroupLayout,
-    buffers: impl Iterator<Item = &'a wgpu::Buffer>,
+    buffers: impl IntoIterator<Item = &'a wgpu::Buffer>,
 ) -> wgpu::BindGroup {
     let entry = |(binding, buffer): (usize, &'a wgpu::Buffer)| wgpu::BindGroupEntry {
         binding: binding as u32,
         resource: buffer.as_entire_binding(),
     };
-    let entries: Vec<_> = buffers.enumerate().map(entry).collect();
+    let entries: Vec<_> = buffers.into_iter().enumerate().map(entry).collect();
     device.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout, entries: &entries })
 }
 
@@ -442,14 +413,27 @@ pub fn pipeline(
     })
 }
 
+/// A stage of the evaluation: pipeline, buffers, and shards that fit the adapter's bindings, each with its workgroups.
+pub(crate) struct ComputePass {
+    pub(crate) pipeline: wgpu::ComputePipeline,
+    pub(crate) bind_group: wgpu::BindGroup,
+    pub(crate) shards: Vec<(wgpu::BindGroup, u32)>,
+}
+
+impl ComputePass {
+    pub(crate) fn run(&self, device: &Device) {
+        dispatch(device, &self.pipeline, &self.bind_group, &self.shards);
+    }
+}
+
 /// Runs a pipeline once for each (bind group, number of workgroups), each a submission of its own.
 pub fn dispatch<'a>(
     device: &Device,
     pipeline: &wgpu::ComputePipeline,
     first: &wgpu::BindGroup,
-    shards: impl Iterator<Item = (&'a wgpu::BindGroup, u32)>,
+    shards: impl IntoIterator<Item = &'a (wgpu::BindGroup, u32)>,
 ) {
-    for (shard, count) in shards {
+    for &(ref shard, count) in shards {
         let mut encoder = device.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         {
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());

@@ -32,9 +32,8 @@ pub struct TreeOnDevice {
     up: wgpu::ComputePipeline,
     parts: wgpu::ComputePipeline,
     bind_group: wgpu::BindGroup,
-    /// Bind group and workgroups of each level, the deepest first.
+    /// Bind group and workgroups of each level, the deepest first; and of the parts.
     levels: Vec<(wgpu::BindGroup, u32)>,
-    part_groups: u32,
 }
 
 impl TreeOnDevice {
@@ -72,24 +71,24 @@ impl TreeOnDevice {
         let text = include_str!("tree.wgsl");
         let [up, parts] = ["up", "parts"].map(|entry| pipeline(&device.device, text, entry, [&first, &second]));
         let bound = [&nodes, buffers.irradiance(), &node_means, &details, &roots_buffer, &means];
-        let bind_group = bind(&device.device, &first, bound.into_iter());
+        let bind_group = bind(&device.device, &first, bound);
         let level = |range: [u32; 4]| {
             let buffer = uniform(&device.device, "level", bytemuck::bytes_of(&range));
             let count = (range[1] - range[0]).div_ceil(WORKGROUP as u32);
-            (bind(&device.device, &second, [&buffer].into_iter()), count)
+            (bind(&device.device, &second, [&buffer]), count)
         };
+        let mut levels: Vec<_> = ranges.into_iter().map(level).collect();
         // The parts need a level too, for the layout.
-        let levels = ranges.into_iter().chain([[0; 4]]).map(level).collect();
+        levels.push((level([0; 4]).0, part_groups));
         device.check()?;
-        Ok(Self { device, details, means, up, parts, bind_group, levels, part_groups })
+        Ok(Self { device, details, means, up, parts, bind_group, levels })
     }
 
     /// Transforms the light in the buffers.
     pub fn run(&self) {
-        let Some(((nothing, _), levels)) = self.levels.split_last() else { return };
-        let levels = levels.iter().map(|(group, count)| (group, *count));
+        let Some((parts, levels)) = self.levels.split_last() else { return };
         dispatch(&self.device, &self.up, &self.bind_group, levels);
-        dispatch(&self.device, &self.parts, &self.bind_group, [(nothing, self.part_groups)].into_iter());
+        dispatch(&self.device, &self.parts, &self.bind_group, [parts]);
     }
 
     /// Details: mean irradiance of the left child less that of the right one, indexed by the name of the node.

@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::adapter::Device;
 use crate::error::Result;
-use crate::evaluate::evaluator::{DeviceEvaluator, Evaluator};
+use crate::evaluate::evaluator::{DeviceEvaluator, Evaluator, Held};
 use crate::evaluate::forward::{forward_scene, forward_single_scattering};
 use crate::light::Light;
 use crate::medium::material::Medium;
@@ -36,10 +36,6 @@ impl Uploaded {
 }
 
 impl DeviceEvaluator for Uploaded {
-    fn device(&self) -> &Arc<Device> {
-        &self.device
-    }
-
     fn update(&mut self, progress: &dyn Progress) -> Result<()> {
         let radiosity = self.evaluator.radiosity(progress)?;
         self.scale = power_of_two_near(radiosity.iter().map(|b| b.abs().max_element()).fold(0.0, f64::max));
@@ -48,16 +44,9 @@ impl DeviceEvaluator for Uploaded {
         self.device.check()
     }
 
-    fn radiosity_buffer(&self) -> &wgpu::Buffer {
-        &self.buffer
-    }
-
-    fn scale(&self) -> f64 {
-        self.scale
-    }
-
-    fn receiver_of_vertex(&self) -> &[u32] {
-        &self.receivers
+    fn held(&self) -> Held<'_> {
+        let Self { device, buffer, scale, receivers, .. } = self;
+        Held { device, radiosity: buffer, scale: *scale, receiver_of_vertex: receivers }
     }
 
     fn transport(&self) -> String {
@@ -79,6 +68,10 @@ impl Evaluator for Uploaded {
 
     fn set_profile(&mut self, profile: LoadedProfile) -> Result<()> {
         self.evaluator.set_profile(profile)
+    }
+
+    fn prepare_for_edits(&mut self, progress: &dyn Progress) {
+        self.evaluator.prepare_for_edits(progress);
     }
 
     fn set_eye(&mut self, at_mm: DVec3) -> bool {

@@ -4,12 +4,14 @@ use std::ops::Range;
 
 use glam::DVec3;
 use rayon::prelude::*;
+use translux_format::RawSection;
 
 use super::settings::{EnvironmentRows, TERMS};
 use super::stored::{IN_ROWS, StoredRows};
 use crate::compress::ledger::Ledger;
 use crate::compress::rows::Rows;
 use crate::error::Result;
+use crate::evaluate::form::write_error;
 use crate::evaluate::stages::{of_kinds, probe_points, worst};
 use crate::geometry::samples::{self, Samples};
 use crate::light::Light;
@@ -37,19 +39,29 @@ const NATIVE_DIRECTIONS: u32 = 1024;
 /// Samples whose visibility is checked with one ray for each sub-texel.
 const CHECKED: usize = 32;
 
-/// Rows of every sample, in blocks: samples lie in the order of their tree.
+/// Sections of the rows of every sample, which lie in the order of their tree; their errors are entered into the ledger.
 ///
 /// # Errors
-/// Media whose refractive index the rows do not serve.
-pub fn rows(surface: &Surface, settings: EnvironmentRows, progress: &dyn Progress) -> Result<Rows> {
+/// Media whose refractive index the rows do not serve; lights that do not fit a cube map.
+pub fn bake(
+    (surface, receivers): (&Surface, &Receivers),
+    how: (EnvironmentRows, LightSampling, NearField),
+    unseen: &[Light],
+    ledger: &mut Ledger,
+    progress: &dyn Progress,
+) -> Result<Vec<RawSection>> {
+    let rows = rows(surface, how.0, progress)?;
+    measure(surface, receivers, how, unseen, ledger, progress)?;
+    rows.into_data().to_sections().map_err(write_error)
+}
+
+/// Rows of every sample, in blocks.
+fn rows(surface: &Surface, settings: EnvironmentRows, progress: &dyn Progress) -> Result<Rows> {
     RowBaker::new(surface, settings.of_rows(settings.coefficients as usize))?.in_blocks(progress)
 }
 
 /// Enters the errors of visibility, cube map and row truncation under environments, on a coarser set of samples.
-///
-/// # Errors
-/// Lights that do not fit a cube map.
-pub fn measure(
+fn measure(
     full: &Surface,
     receivers: &Receivers,
     (settings, sampling, near): (EnvironmentRows, LightSampling, NearField),

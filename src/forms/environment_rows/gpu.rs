@@ -51,11 +51,8 @@ struct GpuExpansion {
     padding: [u32; 2],
 }
 
-/// Rows that the adapter's bindings hold together.
-struct Shard {
-    bind_group: wgpu::BindGroup,
-    rows: u32,
-}
+/// Rows that the adapter's bindings hold together: bind group and workgroups, and how many rows.
+type Shard = ((wgpu::BindGroup, u32), u32);
 
 /// The rows of an asset on a device.
 pub struct RowsOnDevice {
@@ -77,7 +74,7 @@ struct Expansion {
     settings: wgpu::Buffer,
     pipeline: wgpu::ComputePipeline,
     bind_group: wgpu::BindGroup,
-    blocks: wgpu::BindGroup,
+    blocks: (wgpu::BindGroup, u32),
 }
 
 impl Expansion {
@@ -95,8 +92,8 @@ impl Expansion {
         let first = bind_group_layout(&device.device, "products", &[UNIFORM, READ, WRITE]);
         let second = bind_group_layout(&device.device, "blocks of the rows", &[READ]);
         let pipeline = pipeline(&device.device, include_str!("row_blocks.wgsl"), "add_blocks", [&first, &second]);
-        let bind_group = bind(&device.device, &first, [&settings, products, buffers.irradiance()].into_iter());
-        let blocks = bind(&device.device, &second, [&blocks].into_iter());
+        let bind_group = bind(&device.device, &first, [&settings, products, buffers.irradiance()]);
+        let blocks = (bind(&device.device, &second, [&blocks]), samples.div_ceil(SAMPLES) as u32);
         Ok(Self { samples: samples as u32, settings, pipeline, bind_group, blocks })
     }
 
@@ -104,8 +101,7 @@ impl Expansion {
     fn run(&self, device: &Device, factor: f32) {
         let settings = GpuExpansion { samples: self.samples, factor, padding: [0; 2] };
         device.queue.write_buffer(&self.settings, 0, bytemuck::bytes_of(&settings));
-        let count = (self.samples as usize).div_ceil(SAMPLES) as u32;
-        dispatch(device, &self.pipeline, &self.bind_group, [(&self.blocks, count)].into_iter());
+        dispatch(device, &self.pipeline, &self.bind_group, [&self.blocks]);
     }
 }
 
@@ -126,8 +122,7 @@ impl RowsOnDevice {
         let pipeline = pipeline(&device.device, include_str!("rows.wgsl"), "multiply_rows", [&first, &second]);
         let products = device.zeros("products of the rows", 16 * samples.len() as u64)?;
         let expansion = Expansion::new(buffers, &products, (stored, samples.len()))?;
-        let bound = [&settings, &radiance, &coefficients, &products];
-        let bind_group = bind(&device.device, &first, bound.into_iter());
+        let bind_group = bind(&device.device, &first, [&settings, &radiance, &coefficients, &products]);
         let shards = shards(&device, rows, samples, &second)?;
         device.check()?;
         let (side, terms) = (rows.side, rows.terms);
@@ -151,16 +146,11 @@ impl RowsOnDevice {
         let queue = &self.device.queue;
         queue.write_buffer(&self.radiance, 0, bytemuck::cast_slice(light.coefficients()));
         queue.write_buffer(&self.coefficients, 0, bytemuck::cast_slice(&entrance));
-        for shard in &self.shards {
-            let settings = GpuSettings {
-                terms: self.terms as u32,
-                face: (self.side * self.side) as u32,
-                rows: shard.rows,
-                padding: 0,
-            };
+        let (terms, face) = (self.terms as u32, (self.side * self.side) as u32);
+        for (shard, rows) in &self.shards {
+            let settings = GpuSettings { terms, face, rows: *rows, padding: 0 };
             queue.write_buffer(&self.settings, 0, bytemuck::bytes_of(&settings));
-            let count = (shard.rows as usize).div_ceil(ROWS) as u32;
-            dispatch(&self.device, &self.pipeline, &self.bind_group, [(&shard.bind_group, count)].into_iter());
+            dispatch(&self.device, &self.pipeline, &self.bind_group, [shard]);
         }
         self.expansion.run(&self.device, (light.scale() / scale) as f32);
         Ok(())
@@ -209,7 +199,8 @@ fn shards(
                 &words(bytemuck::cast_slice(&rows.scaling[first * terms * FACES..end * terms * FACES])),
             )?,
         ];
-        result.push(Shard { bind_group: bind(&device.device, layout, bound.iter()), rows: (end - first) as u32 });
+        let workgroups = of_rows.len().div_ceil(ROWS) as u32;
+        result.push(((bind(&device.device, layout, &bound), workgroups), of_rows.len() as u32));
         first = end;
     }
     Ok(result)

@@ -8,6 +8,6 @@ mod settings;
 mod source_fields;
 mod stored;
 
-pub use bake::{measure, rows};
+pub use bake::bake;
 pub use settings::EnvironmentRows;
-pub use stored::{BY_RAYS, IN_ROWS, StoredRows, by_rays};
+pub use stored::{BY_RAYS, IN_ROWS, StoredRows, by_rays, sampled};

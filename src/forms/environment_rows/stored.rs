@@ -15,9 +15,9 @@ use crate::light::{Light, LightKind, refuse_fields};
 use crate::medium::entrance_basis::MOST_TERMS;
 use crate::medium::material::Medium;
 use crate::progress::Progress;
-use crate::scene::Scene;
 use crate::transport::domain::Domain;
-use crate::transport::irradiance::Pieces;
+use crate::transport::irradiance::{Illumination, LightSampling, Pieces};
+use crate::transport::surface::Surface;
 
 /// Stored irradiance rows, and the source radiance fields made so far.
 pub struct StoredRows {
@@ -57,23 +57,25 @@ impl StoredRows {
     /// Lights that do not fit a cube map; those of the rays; a light with a source radiance field where no rows serve it.
     pub fn illuminate(
         rows: Option<&Self>,
-        (scene, samples): (&Scene, &Samples),
-        lights: &[Light],
+        surface: &Surface,
+        (lights, sampling): (&[Light], LightSampling),
         progress: &dyn Progress,
-        by_rays: impl FnOnce(&[Light]) -> Result<(Vec<DVec3>, Pieces)>,
     ) -> Result<(Vec<DVec3>, Pieces)> {
-        if rows.is_none_or(|rows| !rows.serve(&scene.media)) {
+        let Surface { domain, samples, .. } = *surface;
+        if rows.is_none_or(|rows| !rows.serve(domain.media)) {
             refuse_fields(lights)?;
         }
-        let of_rows = |light: &Light| rows.is_some_and(|rows| rows.have(light, &scene.media));
+        let of_rows = |light: &Light| rows.is_some_and(|rows| rows.have(light, domain.media));
         let (far, near): (Vec<Light>, Vec<Light>) = lights.iter().cloned().partition(of_rows);
-        let (Some(rows), false) = (rows, far.is_empty()) else { return by_rays(lights) };
+        let (Some(rows), false) = (rows, far.is_empty()) else {
+            return sampled(surface, lights, sampling, progress);
+        };
         let (mut irradiance, pieces) = match near.as_slice() {
             [] => (vec![DVec3::ZERO; samples.len()], Pieces::default()),
-            near => by_rays(near)?,
+            near => sampled(surface, near, sampling, progress)?,
         };
         progress.start("rows", 0);
-        rows.add(&far, scene.domain(), samples, &mut irradiance)?;
+        rows.add(&far, domain, samples, &mut irradiance)?;
         progress.finish();
         Ok((irradiance, pieces))
     }
@@ -155,6 +157,20 @@ impl StoredRows {
     pub fn field_bytes(&self, light: &Light) -> Result<usize> {
         Ok(self.fields.of(light, self.rows.data().side)?.0.bytes())
     }
+}
+
+/// Irradiance of every sample by rays, and of the pieces of those that are not lit evenly.
+///
+/// # Errors
+/// As [`Illumination::new`].
+pub fn sampled(
+    surface: &Surface,
+    lights: &[Light],
+    sampling: LightSampling,
+    progress: &dyn Progress,
+) -> Result<(Vec<DVec3>, Pieces)> {
+    let etas: Vec<f64> = surface.domain.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
+    Ok(Illumination::new(surface, lights, &etas, sampling)?.all_with_pieces(progress))
 }
 
 /// The lights as rays sample them: the reference for rows.

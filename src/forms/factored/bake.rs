@@ -1,19 +1,24 @@
 //! Bake of `factored`: samples in tree order, a basis of far profiles, and the transport of each basis function.
 
+use std::sync::Arc;
+
 use rayon::prelude::*;
 use translux_format::far_field::{FarField, Group};
 
 use super::choice::{self, Choice, Tuning};
+use super::evaluate::open;
 use super::interpolation::choose_points;
 use super::ledger::{self, Baked};
-use super::ordered_samples::OrderedSamples;
+use super::ordered_samples::{OrderedSamples, Work};
 use super::points::{FarPoints, RowPlaces};
 use super::sections;
-use super::settings::Factored;
+use super::settings::{Factored, MOST_LEVELS};
+use crate::asset::Asset;
 use crate::compress::blocks;
 use crate::error::{Error, Result};
-use crate::evaluate::{AssetParts, BakeSettings};
-use crate::forms::{density, environment_rows};
+use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Form};
+use crate::forms::density;
+use crate::forms::environment_rows::{self, EnvironmentRows};
 use crate::light::{Light, LightKind};
 use crate::medium::profile_basis::{BasisSettings, ProfileBasis};
 use crate::progress::Progress;
@@ -26,70 +31,90 @@ use crate::transport::irradiance::LightSampling;
 /// proportion to its inverse.
 const BYTES_PER_RECEIVER: f64 = 24_000.0;
 
-pub(super) fn memory(form: &Factored, scene: &Scene, settings: &BakeSettings) -> u64 {
-    let count = form.density.count(scene, settings.samples);
-    let rows = form.environment.filter(|_| settings.is_for(LightKind::Environment)).map_or(0, |e| e.memory(count));
-    let far = scene.mesh.local_mm.len() as f64 * BYTES_PER_RECEIVER * (0.01 / settings.max_rms).clamp(0.3, 30.0);
-    density::memory(count, scene) + far as u64 + rows
-}
+impl Form for Factored {
+    const NAME: &'static str = "factored";
 
-pub(super) fn bake(
-    form: &Factored,
-    scene: &Scene,
-    settings: &BakeSettings,
-    progress: &dyn Progress,
-) -> Result<AssetParts> {
-    progress.start("samples", 0);
-    let mut ordered = OrderedSamples::new(scene, form.density.count(scene, settings.samples), form);
-    progress.finish();
-
-    progress.start("basis", 0);
-    let basis = basis(&ordered, scene, form);
-    let (table, spread) = (basis.table(), basis.spread());
-    progress.finish();
-
-    let (expected, tuning) = expected_light(scene, &ordered, &settings.probes.tuning, form.sampling, progress)?;
-    progress.start("points", 0);
-    ordered.points = choose_points(scene, &ordered, form, (&basis, &table), &tuning);
-    progress.finish();
-    // Inside the split radius the functions change as at its edge; what is as well known from points twice as far apart changes half as fast.
-    let smooth = |level: &u8| 0.5 * ordered.split_mm * f64::from(1u32 << level);
-    let smooth_mm: Vec<f64> = ordered.points.levels.iter().map(smooth).collect();
-    let transport = FarTransport {
-        tree: &ordered.tree,
-        patches: &ordered.patches,
-        table: &table,
-        spread: &spread,
-        expected: &expected,
-        smooth_mm: &smooth_mm,
-        precision: Precision { opening: form.opening, threshold: 0.0, keep: 0.0 },
-    };
-    progress.start("threshold", 0);
-    let choice = Choice::new(scene, &ordered, form, (&basis, &transport), &tuning);
-    progress.finish();
-    let precision = Precision { opening: form.opening, threshold: choice.threshold, keep: choice.threshold };
-    let transport = FarTransport { precision, ..transport };
-    let far = far_field(&transport, &ordered.points, &choice, progress);
-
-    let mut sections = sections::write(&basis, &far, &scene.mesh, &ordered.samples)?;
-    let mut ledger = ledger::measure(&Baked {
-        scene,
-        ordered: &ordered,
-        form,
-        basis: &basis,
-        transport: &transport,
-        far: &far,
-        unseen: &settings.probes.unseen,
-        progress,
-    })?;
-    if let Some(rows) = form.environment.filter(|_| settings.is_for(LightKind::Environment)) {
-        let (surface, how) = (ordered.surface(scene), (rows, form.sampling, form.near));
-        let rows = environment_rows::rows(&surface, rows, progress)?;
-        environment_rows::measure(&surface, &ordered.receivers, how, &settings.probes.unseen, &mut ledger, progress)?;
-        let fail = |e: translux_format::FormatError| Error::runtime(format!("asset: {e}"));
-        sections.extend(rows.into_data().to_sections().map_err(fail)?);
+    fn validate(&self) -> Result<()> {
+        self.density.validate()?;
+        self.sampling.validate()?;
+        self.near.validate()?;
+        self.environment.iter().try_for_each(EnvironmentRows::validate)?;
+        let shares = [self.basis_error, self.interpolation, self.levels_error, self.truncation, self.quantiser];
+        if let Some(share) = shares.into_iter().find(|share| !(*share > 0.0 && *share <= 1.0)) {
+            return Err(Error::input(format!("an asked error of {share}, not above 0 and at most 1")));
+        }
+        let spacings = self.far_spacing.into_iter().chain([self.widest_far_spacing]);
+        let fits = self.terms.is_none_or(|terms| (1..=TERMS).contains(&terms))
+            && (1..=MOST_LEVELS).contains(&self.levels)
+            && (4.0..=64.0).contains(&self.split)
+            && (1e-3..=1.0).contains(&self.opening)
+            && spacings.into_iter().all(|spacing| (0.0..=8.0).contains(&spacing));
+        if !fits {
+            return Err(Error::input(format!("settings of the far field out of range: {self:?}")));
+        }
+        Ok(())
     }
-    Ok(AssetParts { samples: ordered.samples, ledger, sections })
+
+    fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {
+        let count = self.density.count(scene, settings.samples);
+        let rows = self.environment.filter(|_| settings.is_for(LightKind::Environment)).map_or(0, |e| e.memory(count));
+        let far = scene.mesh.local_mm.len() as f64 * BYTES_PER_RECEIVER * (0.01 / settings.max_rms).clamp(0.3, 30.0);
+        density::memory(count, scene) + far as u64 + rows
+    }
+
+    fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {
+        progress.start("samples", 0);
+        let mut ordered = OrderedSamples::new(scene, self.density.count(scene, settings.samples), self);
+        progress.finish();
+
+        progress.start("basis", 0);
+        let basis = basis(&ordered, scene, self);
+        let (table, spread) = (basis.table(), basis.spread());
+        progress.finish();
+
+        let (expected, tuning) = expected_light(scene, &ordered, &settings.probes.tuning, self.sampling, progress)?;
+        progress.start("points", 0);
+        ordered.points =
+            choose_points(Work { scene, ordered: &ordered, form: self, basis: &basis, table: &table }, &tuning);
+        let work = Work { scene, ordered: &ordered, form: self, basis: &basis, table: &table };
+        progress.finish();
+        // Inside the split radius the functions change as at its edge; what is as well known from points twice as far apart changes half as fast.
+        let smooth = |level: &u8| 0.5 * ordered.split_mm * f64::from(1u32 << level);
+        let smooth_mm: Vec<f64> = ordered.points.levels.iter().map(smooth).collect();
+        let transport = FarTransport {
+            tree: &ordered.tree,
+            patches: &ordered.patches,
+            table: &table,
+            spread: &spread,
+            expected: &expected,
+            smooth_mm: &smooth_mm,
+            precision: Precision { opening: self.opening, threshold: 0.0, keep: 0.0 },
+        };
+        progress.start("threshold", 0);
+        let choice = Choice::new(work, &transport, &tuning);
+        progress.finish();
+        let precision = Precision { opening: self.opening, threshold: choice.threshold, keep: choice.threshold };
+        let transport = FarTransport { precision, ..transport };
+        let far = far_field(&transport, &ordered.points, &choice, progress);
+
+        let mut sections = sections::write(&basis, &far, &scene.mesh, &ordered.samples)?;
+        let mut ledger = ledger::measure(&Baked {
+            work,
+            transport: &transport,
+            far: &far,
+            unseen: &settings.probes.unseen,
+            progress,
+        })?;
+        if let Some(rows) = self.environment.filter(|_| settings.is_for(LightKind::Environment)) {
+            let (place, how) = ((&ordered.surface(scene), &ordered.receivers), (rows, self.sampling, self.near));
+            sections.extend(environment_rows::bake(place, how, &settings.probes.unseen, &mut ledger, progress)?);
+        }
+        Ok(AssetParts { samples: ordered.samples, ledger, sections })
+    }
+
+    fn open(&self, asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
+        open(*self, &asset)
+    }
 }
 
 /// Basis of as few functions as the asked error allows, at most as many as a row of the far field holds.

@@ -4,14 +4,11 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::ordered_samples::OrderedSamples;
-use super::settings::Factored;
+use super::ordered_samples::Work;
 use super::sources::FarRadiosity;
 use super::subset::{OfFunctions, Projected, Subset};
 use crate::compress::blocks;
 use crate::light::Light;
-use crate::medium::profile_basis::ProfileBasis;
-use crate::scene::Scene;
 use crate::transport::balanced_tree::LightDetails;
 use crate::transport::far_field::{FarTransport, LANES, Precision, Rows};
 use crate::transport::receivers::Group;
@@ -62,22 +59,15 @@ pub(super) fn tuning_lights(lights: &[Light]) -> impl Iterator<Item = usize> {
 }
 
 impl Choice {
-    pub(super) fn new(
-        scene: &Scene,
-        ordered: &OrderedSamples,
-        form: &Factored,
-        (basis, transport): (&ProfileBasis, &FarTransport),
-        lights: &[Tuning],
-    ) -> Self {
+    pub(super) fn new(work: Work, transport: &FarTransport, lights: &[Tuning]) -> Self {
+        let Work { scene, ordered, form, basis, .. } = work;
         let floor = FLOOR * form.truncation;
         let precision = Precision { opening: form.opening, threshold: floor, keep: 0.0 };
         let trial = FarTransport { precision, ..*transport };
         let subsets = Subset::of_functions(scene, &ordered.points, (GROUPS, 0));
-        let materials = Subset::materials(scene, basis);
-        let classes: Vec<Class> = subsets
-            .into_iter()
-            .map(|of| Class::new((scene, ordered, form), of, &trial, (&materials, lights)))
-            .collect();
+        let materials = Subset::materials(work);
+        let classes: Vec<Class> =
+            subsets.into_iter().map(|of| Class::new(work, of, &trial, (&materials, lights))).collect();
         let lose = |lost: &mut [FarRadiosity], light: &Tuning, entry: &Coefficient| {
             let class = &classes[entry.class as usize];
             let run = class.of.subset.receivers.groups[entry.group as usize].run;
@@ -156,12 +146,7 @@ struct Class {
 }
 
 impl Class {
-    fn new(
-        (scene, ordered, form): (&Scene, &OrderedSamples, &Factored),
-        of: OfFunctions,
-        trial: &FarTransport,
-        (materials, lights): (&[Projected], &[Tuning]),
-    ) -> Self {
+    fn new(work: Work, of: OfFunctions, trial: &FarTransport, (materials, lights): (&[Projected], &[Tuning])) -> Self {
         let subset = &of.subset;
         let (positions, terms) = (&subset.receivers.positions, trial.spread.len());
         let of_group = |group: &Group| trial.rows(&positions[group.run.range()], group.part as usize, of.functions);
@@ -171,10 +156,10 @@ impl Class {
             [] => Vec::new(),
             _ => {
                 let irradiances: Vec<&[DVec3]> = lights.iter().map(|light| light.irradiance.as_slice()).collect();
-                ordered.merged.far_radiosity(trial.table, &subset.receivers, &irradiances)
+                work.ordered.merged.far_radiosity(trial.table, &subset.receivers, &irradiances)
             }
         };
-        let near = subset.near(scene, ordered, form, materials);
+        let near = subset.near(work, materials);
         let under = |(index, light): (usize, &Tuning)| -> Vec<Vec<DVec3>> {
             let mut far = subset.rebuilt(&rows, terms, &light.details);
             for (far, exact) in far.iter_mut().zip(exact.get(index).into_iter().flatten()) {

@@ -26,7 +26,7 @@ use crate::transport::balanced_tree::LightDetails;
 use crate::transport::close_pairs::ClosePairs;
 use crate::transport::far_field::LANES;
 use crate::transport::gather::{Gather, Scheme};
-use crate::transport::irradiance::{Illumination, Pieces};
+use crate::transport::irradiance::Pieces;
 use crate::transport::kernel::medium::MediumKernel;
 use crate::transport::light_range::LightRange;
 use crate::transport::near_field::{Corners, Near, around};
@@ -130,18 +130,12 @@ impl FactoredEvaluator {
 
     /// Irradiance of every sample: through the stored rows where they hold a light, else by rays.
     fn irradiance(&self, lights: &[Light], progress: &dyn Progress) -> Result<(Vec<DVec3>, Pieces)> {
-        let asset = (&self.scene, &self.samples);
-        StoredRows::illuminate(self.rows.as_ref(), asset, lights, progress, |lights| self.sampled(lights, progress))
+        StoredRows::illuminate(self.rows.as_ref(), &self.surface(), (lights, self.form.sampling), progress)
     }
 
     /// True if a light goes through the stored rows.
     pub(super) fn is_stored(&self, light: &Light) -> bool {
         self.rows.as_ref().is_some_and(|rows| rows.have(light, &self.scene.media))
-    }
-
-    pub(super) fn sampled(&self, lights: &[Light], progress: &dyn Progress) -> Result<(Vec<DVec3>, Pieces)> {
-        let etas: Vec<f64> = self.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
-        Ok(Illumination::new(&self.surface(), lights, &etas, self.form.sampling)?.all_with_pieces(progress))
     }
 
     pub(super) fn light(&self, lights: &[Light], progress: &dyn Progress) -> Result<Lit> {
@@ -154,6 +148,11 @@ impl FactoredEvaluator {
         self.gather_rings(&mut lit);
         progress.finish();
         Ok(lit)
+    }
+
+    /// What depends on the lights in force.
+    pub(super) fn take_lit(&mut self, progress: &dyn Progress) -> Result<Lit> {
+        self.lit.take().map_or_else(|| self.light(&self.lights, progress), Ok)
     }
 
     /// Gathers light on the rings, where there are any.

@@ -15,7 +15,7 @@ use crate::evaluate::stages::worst_and_unseen;
 use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit};
 #[cfg(feature = "gpu")]
 use crate::evaluate::{DeviceEvaluator, device::Device};
-use crate::forms::environment_rows::{StoredRows, by_rays};
+use crate::forms::environment_rows::{StoredRows, by_rays, sampled};
 use crate::geometry::bvh::Bvh;
 use crate::light::Light;
 use crate::medium::fresnel::BoundaryFit;
@@ -123,10 +123,7 @@ impl Evaluator for FactoredEvaluator {
     }
 
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
-        let lit = match self.lit.take() {
-            Some(lit) => lit,
-            None => self.light(&self.lights, progress)?,
-        };
+        let lit = self.take_lit(progress)?;
         let values = self.combine(&lit, progress);
         self.lit = Some(lit);
         Ok(self.receivers.expand(&values))
@@ -138,12 +135,11 @@ impl Evaluator for FactoredEvaluator {
         // Sampling is that of rays; what rows lose against them has an entry of its own.
         let lights = by_rays(&self.lights);
         let rays = match self.lights.iter().any(|l| self.is_stored(l)) {
-            true => Some(self.sampled(&lights, progress)?),
+            true => Some(sampled(&self.surface(), &lights, self.form.sampling, progress)?),
             false => None,
         };
-        let sampled = Sampled {
+        let with_rays = Sampled {
             surface: self.surface(),
-            media: &self.scene.media,
             kernels: None,
             lights: &lights,
             irradiance: rays.as_ref().map_or((&lit.irradiance, &lit.pieces), |(e, pieces)| (e, pieces)),
@@ -153,7 +149,7 @@ impl Evaluator for FactoredEvaluator {
             receivers: &self.receivers,
             areas: &self.areas,
         };
-        sampled.enter(&mut ledger, progress)?;
+        with_rays.enter(&mut ledger, progress)?;
         let error = worst_and_unseen(unseen, |light| match light {
             None => Ok(self.transport_error(&lit)),
             Some(light) => Ok(self.transport_error(&self.light(std::slice::from_ref(light), progress)?)),
@@ -166,10 +162,7 @@ impl Evaluator for FactoredEvaluator {
     }
 
     fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
-        let lit = match self.lit.take() {
-            Some(lit) => lit,
-            None => self.light(&self.lights, progress)?,
-        };
+        let lit = self.take_lit(progress)?;
         let (surface, tree) = (self.surface(), SampleTree::default());
         let gather = Gather::with_kernels(&surface, &tree, self.kernels.clone(), NearField::REFERENCE);
         let light = gather.light_with_pieces(&lit.irradiance, &lit.pieces);

@@ -8,9 +8,9 @@ use translux_format::far_field::{FarField, LANES};
 use super::far_sums::Fill;
 use crate::error::{Error, Result};
 use crate::evaluate::device::Device;
-use crate::evaluate::device::interpolated::{ComputePass, expansion, filling};
+use crate::evaluate::device::interpolated::{expansion, filling};
 use crate::evaluate::device::jobs::MOST_TURNS_OF_SOFTWARE;
-use crate::evaluate::device::surface::{READ, UNIFORM, WRITE, bind, bind_group_layout, dispatch, pipeline, uniform};
+use crate::evaluate::device::surface::{ComputePass, READ, UNIFORM, WRITE, bind, bind_group_layout, pipeline, uniform};
 use crate::evaluate::device::tree::TreeOnDevice;
 use crate::transport::interpolation::SharedWeights;
 
@@ -52,9 +52,7 @@ struct Pending {
 pub(super) struct FarOnDevice {
     device: Arc<Device>,
     values: wgpu::Buffer,
-    pipeline: wgpu::ComputePipeline,
-    bind_group: wgpu::BindGroup,
-    shards: Vec<(wgpu::BindGroup, u32)>,
+    stored: ComputePass,
     /// Functions that receivers take from other rows because their own lack them.
     fills: Vec<ComputePass>,
     /// Interpolation from the points of the far field to the receivers, and its result.
@@ -80,24 +78,25 @@ impl FarOnDevice {
         let values = device.zeros("far radiosity", 12 * far.row_sums.len() as u64)?;
         let first = bind_group_layout(&device.device, "far light", &[UNIFORM, READ, READ, READ, WRITE]);
         let second = bind_group_layout(&device.device, "far field", &[READ; 4]);
-        let pipeline = pipeline(&device.device, include_str!("far.wgsl"), "far", [&first, &second]);
         let bound = [&steps, tree.details(), tree.means(), &row_sums, &values];
-        let bind_group = bind(&device.device, &first, bound.into_iter());
-        let shards = shards(device, far, &second)?;
+        let stored = ComputePass {
+            pipeline: pipeline(&device.device, include_str!("far.wgsl"), "far", [&first, &second]),
+            bind_group: bind(&device.device, &first, bound),
+            shards: shards(device, far, &second)?,
+        };
         let fills = fills
             .iter()
             .map(|fill| filling(device, (fill.functions, &fill.receivers, &fill.weights), (&values, terms)))
             .collect::<Result<_>>()?;
         let expansion = weights.map(|weights| expansion(device, weights, (&values, terms))).transpose()?;
         device.check()?;
-        Ok(Self { device: Arc::clone(device), values, pipeline, bind_group, shards, fills, expansion })
+        Ok(Self { device: Arc::clone(device), values, stored, fills, expansion })
     }
 
     /// Computes the far radiosity of every receiver and function under the light of the tree, over its scale:
     /// `[receiver][k]`, RGB.
     pub(super) fn run(&self) {
-        let shards = self.shards.iter().map(|(group, count)| (group, *count));
-        dispatch(&self.device, &self.pipeline, &self.bind_group, shards);
+        self.stored.run(&self.device);
         self.fills.iter().for_each(|stage| stage.run(&self.device));
         if let Some((stage, _)) = &self.expansion {
             stage.run(&self.device);
@@ -172,5 +171,5 @@ fn upload(
     let narrow = device.storage("8-bit values of the far field", &pending.narrow)?;
     let wide = device.storage("16-bit values of the far field", &pending.wide)?;
     let bound = [&groups, &coefficients, &narrow, &wide];
-    Ok(Some((bind(&device.device, layout, bound.into_iter()), pending.groups.len() as u32)))
+    Ok(Some((bind(&device.device, layout, bound), pending.groups.len() as u32)))
 }

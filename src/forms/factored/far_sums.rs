@@ -360,23 +360,31 @@ mod tests {
         let order = ByFunction::new(&far);
         let rgb = [0.5, 1.0, 0.25];
         light.details.iter_mut().chain(&mut light.means).for_each(|e| *e = rgb.map(|c| c * e[1]));
-        let three = FarSums::new(InstructionSet::detect(), (&far, &order, &[]), &light);
-        light.colour = Some(CommonColour { channel: 1, rgb: rgb.map(f64::from).into() });
-        let one = FarSums::new(InstructionSet::detect(), (&far, &order, &[]), &light);
-        for (one, three) in one.values.as_flattened().iter().zip(three.values.as_flattened()) {
-            assert!((one - three).abs() <= 1e-5 * three.abs(), "{one} {three}");
+        // With a fill, functions are summed together.
+        for fills in [&[][..], &[fill()]] {
+            light.colour = None;
+            let three = FarSums::new(InstructionSet::detect(), (&far, &order, fills), &light);
+            light.colour = Some(CommonColour { channel: 1, rgb: rgb.map(f64::from).into() });
+            let one = FarSums::new(InstructionSet::detect(), (&far, &order, fills), &light);
+            for (one, three) in one.values.as_flattened().iter().zip(three.values.as_flattened()) {
+                assert!((one - three).abs() <= 1e-5 * three.abs(), "{one} {three}");
+            }
         }
+    }
+
+    /// Two functions of three receivers from the rows of others.
+    fn fill() -> Fill {
+        let weights =
+            Weights { each: 2, sources: vec![0, 3, 2, 2, 5, 4], values: vec![0.25, 0.75, 1.5, -0.5, 1.0, 0.0] };
+        Fill { functions: 0b101, receivers: vec![16, 17, 20], weights: SharedWeights::new(&weights) }
     }
 
     #[test]
     fn receivers_take_functions_that_they_have_not_from_those_that_have() {
         let (far, light) = (field(), light());
         let order = ByFunction::new(&far);
-        let weights =
-            Weights { each: 2, sources: vec![0, 3, 2, 2, 5, 4], values: vec![0.25, 0.75, 1.5, -0.5, 1.0, 0.0] };
-        let fill = Fill { functions: 0b101, receivers: vec![16, 17, 20], weights: SharedWeights::new(&weights) };
         let plain = FarSums::new(InstructionSet::detect(), (&far, &order, &[]), &light);
-        let filled = FarSums::new(InstructionSet::detect(), (&far, &order, std::slice::from_ref(&fill)), &light);
+        let filled = FarSums::new(InstructionSet::detect(), (&far, &order, &[fill()]), &light);
         for receiver in 0..21 {
             for k in 0..3 {
                 let own = plain.value(receiver, k);
@@ -390,16 +398,6 @@ mod tests {
                 let difference = filled.value(receiver, k).distance(expected);
                 assert!(difference <= 1e-5 * expected.length(), "{receiver} {k}: {difference}");
             }
-        }
-        // Of one colour, where functions are summed together.
-        let rgb = [0.5, 1.0, 0.25];
-        let mut light = light;
-        light.details.iter_mut().chain(&mut light.means).for_each(|e| *e = rgb.map(|c| c * e[1]));
-        let three = FarSums::new(InstructionSet::detect(), (&far, &order, std::slice::from_ref(&fill)), &light);
-        light.colour = Some(CommonColour { channel: 1, rgb: rgb.map(f64::from).into() });
-        let one = FarSums::new(InstructionSet::detect(), (&far, &order, &[fill]), &light);
-        for (one, three) in one.values.as_flattened().iter().zip(three.values.as_flattened()) {
-            assert!((one - three).abs() <= 1e-5 * three.abs(), "{one} {three}");
         }
     }
 

@@ -7,21 +7,20 @@ use glam::DVec3;
 
 use super::evaluate::FactoredEvaluator;
 use super::far_field_gpu::FarOnDevice;
-use crate::compress::ledger::Ledger;
 use crate::error::Result;
+use crate::evaluate::device::Device;
 use crate::evaluate::device::jobs::Effort;
 use crate::evaluate::device::near_field::NearOnDevice;
 use crate::evaluate::device::surface::{Geometry, SurfaceBuffers};
 use crate::evaluate::device::tree::TreeOnDevice;
-use crate::evaluate::device::{Device, read_radiosity};
-use crate::evaluate::{Capabilities, Cost, DeviceEvaluator, Evaluator};
+use crate::evaluate::forward::forward_scene;
+use crate::evaluate::{DeviceEvaluator, Evaluator, Held};
 use crate::forms::environment_rows::gpu::RowsOnDevice;
-use crate::geometry::bvh::Bvh;
+use crate::forms::environment_rows::sampled;
 use crate::light::Light;
 use crate::light::cube_light::CubeLight;
 use crate::medium::material::Medium;
 use crate::progress::Progress;
-use crate::scene::Scene;
 use crate::transport::irradiance::Pieces;
 use crate::transport::kernel::EdgePrecision;
 use crate::transport::sample_light::SampleLight;
@@ -42,7 +41,6 @@ pub(super) struct FactoredOnDevice {
     tree: TreeOnDevice,
     far: FarOnDevice,
     near: NearOnDevice,
-    lights: Vec<Light>,
     stale: Stale,
 }
 
@@ -66,9 +64,8 @@ impl FactoredOnDevice {
         let parts = &cpu.scene.parts.parts;
         let media = (cpu.scene.media.len(), |part: u32| parts[part as usize].medium);
         let near = NearOnDevice::new(&buffers, &cpu.receivers, (&cpu.around, &effort), media, far.values())?;
-        let lights = cpu.lights.clone();
         let device = Arc::clone(device);
-        let mut evaluator = Self { cpu, device, buffers, rows, tree, far, near, lights, stale: Stale::Light };
+        let mut evaluator = Self { cpu, device, buffers, rows, tree, far, near, stale: Stale::Light };
         evaluator.upload_media()?;
         Ok(evaluator)
     }
@@ -79,11 +76,11 @@ impl FactoredOnDevice {
             return Ok(());
         }
         let cpu = &self.cpu;
-        let (near, stored): (Vec<Light>, Vec<Light>) = self.lights.iter().cloned().partition(|l| !cpu.is_stored(l));
+        let (near, stored): (Vec<Light>, Vec<Light>) = cpu.lights.iter().cloned().partition(|l| !cpu.is_stored(l));
         let (fields, stored): (Vec<Light>, Vec<Light>) = stored.into_iter().partition(Light::has_field);
         let (mut irradiance, pieces) = match near.as_slice() {
             [] => (vec![DVec3::ZERO; cpu.samples.len()], Pieces::default()),
-            near => cpu.sampled(near, progress)?,
+            near => sampled(&cpu.surface(), near, cpu.form.sampling, progress)?,
         };
         // Products with the maps of a field are sums of the processor.
         if let Some(rows) = &cpu.rows {
@@ -113,10 +110,6 @@ impl FactoredOnDevice {
 }
 
 impl DeviceEvaluator for FactoredOnDevice {
-    fn device(&self) -> &Arc<Device> {
-        &self.device
-    }
-
     fn update(&mut self, progress: &dyn Progress) -> Result<()> {
         self.light(progress)?;
         if self.stale != Stale::Nothing {
@@ -126,42 +119,17 @@ impl DeviceEvaluator for FactoredOnDevice {
         self.device.check()
     }
 
-    fn radiosity_buffer(&self) -> &wgpu::Buffer {
-        self.buffers.radiosity()
-    }
-
-    fn scale(&self) -> f64 {
-        self.buffers.scale()
-    }
-
-    fn receiver_of_vertex(&self) -> &[u32] {
-        &self.cpu.receivers.of_vertex
-    }
-
-    fn transport(&self) -> String {
-        self.device.describe()
+    fn held(&self) -> Held<'_> {
+        self.buffers.held(&self.cpu.receivers)
     }
 }
 
 impl Evaluator for FactoredOnDevice {
-    fn capabilities(&self) -> Capabilities {
-        self.cpu.capabilities()
-    }
-
-    fn cost(&self) -> Cost {
-        self.cpu.cost()
-    }
-
-    fn scene(&self) -> &Scene {
-        self.cpu.scene()
-    }
-
-    fn bvh(&self) -> &Bvh {
-        self.cpu.bvh()
-    }
+    forward_scene!(cpu);
 
     fn set_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()> {
-        self.lights = lights;
+        // Lit anew by the processor only where it is asked for an error.
+        (self.cpu.lights, self.cpu.lit) = (lights, None);
         self.stale = Stale::Light;
         self.light(progress)
     }
@@ -176,16 +144,10 @@ impl Evaluator for FactoredOnDevice {
     }
 
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
-        read_radiosity(self, progress)
-    }
-
-    fn measured_error(&mut self, unseen: &[Light], progress: &dyn Progress) -> Result<Ledger> {
-        self.cpu.set_lights(self.lights.clone(), progress)?;
-        self.cpu.measured_error(unseen, progress)
+        self.read_back(progress)
     }
 
     fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
-        self.cpu.set_lights(self.lights.clone(), progress)?;
         self.cpu.all_pairs(progress)
     }
 }

@@ -7,14 +7,11 @@ use glam::DVec3;
 use super::choice::Tuning;
 use super::far_sums::Fill;
 use super::levels::levels;
-use super::ordered_samples::{OrderedSamples, spacing_mm};
+use super::ordered_samples::{Work, spacing_mm};
 use super::points::{FarPoints, Row};
-use super::settings::Factored;
 use super::sources::FarRadiosity;
 use super::subset::{Projected, Subset};
 use crate::math::statistics::VertexError;
-use crate::medium::profile_basis::{ProfileBasis, Table};
-use crate::scene::Scene;
 use crate::transport::far_field::LANES;
 use crate::transport::receivers::Receivers;
 
@@ -46,13 +43,8 @@ pub(super) struct Between {
 
 impl Between {
     /// About `count` receivers of a phase, between some points; `None` where every receiver is a point.
-    pub(super) fn new(
-        scene: &Scene,
-        ordered: &OrderedSamples,
-        basis: &ProfileBasis,
-        points: &FarPoints,
-        (count, phase): (usize, usize),
-    ) -> Option<Self> {
+    pub(super) fn new(work: Work, points: &FarPoints, (count, phase): (usize, usize)) -> Option<Self> {
+        let Work { scene, ordered, .. } = work;
         let shared = points.weights.as_ref()?;
         let areas = ordered.receivers.areas_mm2(&scene.mesh);
         let (receivers, probes) = ordered.receivers.probe_points(&areas, (count, phase));
@@ -71,7 +63,7 @@ impl Between {
         let all: Vec<u32> = of_rows(&mut weights.iter().chain(taken.iter().map(|t| &t.row))).into_iter().collect();
         let sources = points.receivers.only(&all, LANES);
         let targets = Subset { receivers, points: probes };
-        let materials = Subset::materials(scene, basis);
+        let materials = Subset::materials(work);
         Some(Self { targets, points: all, sources, weights, taken, materials })
     }
 
@@ -81,17 +73,12 @@ impl Between {
     }
 
     /// Error of interpolation alone, the worst of some lights and all materials.
-    pub(super) fn error(
-        &self,
-        scene: &Scene,
-        ordered: &OrderedSamples,
-        (form, table): (&Factored, &Table),
-        irradiances: &[&[DVec3]],
-    ) -> VertexError {
+    pub(super) fn error(&self, work: Work, irradiances: &[&[DVec3]]) -> VertexError {
+        let Work { ordered, table, .. } = work;
         let exact = ordered.merged.far_radiosity(table, &self.targets.receivers, irradiances);
         let known = ordered.merged.far_radiosity(table, &self.sources, irradiances);
         let place = |point: u32| self.points.partition_point(|p| *p < point);
-        let near = self.targets.near(scene, ordered, form, &self.materials);
+        let near = self.targets.near(work, &self.materials);
         let of_light = |((irradiance, exact), known): ((&&[DVec3], &FarRadiosity), &FarRadiosity)| {
             let sum = |row: &Row, values: &FarRadiosity, k: usize| -> f64 {
                 row.iter().map(|&(point, w)| w * values[place(point)][k]).sum()
@@ -115,34 +102,23 @@ impl Between {
 
 /// Points at the spacing of the settings or, where they give none, at the widest that the asked error allows under some
 /// lights; each function at the widest level of spacing.
-pub(super) fn choose_points(
-    scene: &Scene,
-    ordered: &OrderedSamples,
-    form: &Factored,
-    (basis, table): (&ProfileBasis, &Table),
-    lights: &[Tuning],
-) -> FarPoints {
-    let sample_mm = spacing_mm(&ordered.patches);
-    let spacing = form.far_spacing.unwrap_or_else(|| widest(scene, ordered, form, (basis, table), lights));
-    let levels = levels(scene, ordered, form, (basis, table), lights, spacing * sample_mm);
-    FarPoints::choose(&ordered.receivers, spacing * sample_mm, &levels)
+pub(super) fn choose_points(work: Work, lights: &[Tuning]) -> FarPoints {
+    let sample_mm = spacing_mm(&work.ordered.patches);
+    let spacing = work.form.far_spacing.unwrap_or_else(|| widest(work, lights));
+    let levels = levels(work, lights, spacing * sample_mm);
+    FarPoints::choose(&work.ordered.receivers, spacing * sample_mm, &levels)
 }
 
 /// The widest spacing that keeps the error, in sample spacings.
-fn widest(
-    scene: &Scene,
-    ordered: &OrderedSamples,
-    form: &Factored,
-    (basis, table): (&ProfileBasis, &Table),
-    lights: &[Tuning],
-) -> f64 {
+fn widest(work: Work, lights: &[Tuning]) -> f64 {
+    let Work { ordered, form, .. } = work;
     let sample_mm = spacing_mm(&ordered.patches);
     let irradiances: Vec<&[DVec3]> = lights.iter().map(|light| light.irradiance.as_slice()).collect();
     let mut spacing = form.widest_far_spacing;
     for _ in 0..TRIALS {
         let points = FarPoints::choose(&ordered.receivers, spacing * sample_mm, &[]);
-        let Some(between) = Between::new(scene, ordered, basis, &points, (RECEIVERS, 2)) else { return spacing };
-        let error = between.error(scene, ordered, (form, table), &irradiances).rms;
+        let Some(between) = Between::new(work, &points, (RECEIVERS, 2)) else { return spacing };
+        let error = between.error(work, &irradiances).rms;
         if error <= form.interpolation {
             return spacing;
         }

@@ -7,8 +7,7 @@ use translux_format::far_field::FarField;
 
 use super::far_sums::{ByFunction, FarSums};
 use super::interpolation::Between;
-use super::ordered_samples::OrderedSamples;
-use super::settings::Factored;
+use super::ordered_samples::Work;
 use super::sources::{FarRadiosity, all_pairs};
 use super::subset::{NearOfMaterials, OfFunctions, Projected, Subset};
 use crate::compress::ledger::Ledger;
@@ -19,9 +18,7 @@ use crate::forms::environment_rows::BY_RAYS;
 use crate::light::Light;
 use crate::math::simd::InstructionSet;
 use crate::math::statistics::VertexError;
-use crate::medium::profile_basis::ProfileBasis;
 use crate::progress::Progress;
-use crate::scene::Scene;
 use crate::transport::balanced_tree::LightDetails;
 use crate::transport::far_field::{FarTransport, Precision, Rows};
 use crate::transport::near_field::far_all_pairs;
@@ -35,10 +32,7 @@ const BETWEEN: usize = 64;
 
 /// Results and inputs of a bake that errors are measured on.
 pub(super) struct Baked<'a> {
-    pub(super) scene: &'a Scene,
-    pub(super) ordered: &'a OrderedSamples,
-    pub(super) form: &'a Factored,
-    pub(super) basis: &'a ProfileBasis,
+    pub(super) work: Work<'a>,
     pub(super) transport: &'a FarTransport<'a>,
     pub(super) far: &'a FarField,
     pub(super) unseen: &'a [Light],
@@ -70,7 +64,8 @@ const BASIS: usize = 1;
 const NAMES: [&str; 4] = ["hierarchy", "basis", "truncation", "quantiser"];
 
 pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
-    let Baked { scene, ordered, form, unseen, progress, .. } = *baked;
+    let Baked { work, unseen, progress, .. } = *baked;
+    let Work { scene, ordered, form, .. } = work;
     // Environments have entries of their own; to the transport they are smooth.
     let unseen = of_kinds(unseen, &BY_RAYS);
     let mut ledger = Ledger::default();
@@ -79,14 +74,13 @@ pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
     }
     let areas = ordered.receivers.areas_mm2(&scene.mesh);
     progress.start("ledger", 2 * unseen.len() as u64);
-    let materials = Subset::materials(scene, baked.basis);
+    let materials = Subset::materials(work);
     let mut irradiances: Vec<Vec<DVec3>> = Vec::with_capacity(unseen.len());
     for light in &unseen {
         let (irradiance, pieces) = ordered.irradiance(scene, light, form.sampling)?;
         let mut one = Ledger::default();
         let sampled = Sampled {
             surface: ordered.surface(scene),
-            media: &scene.media,
             kernels: None,
             lights: std::slice::from_ref(light),
             irradiance: (&irradiance, &pieces),
@@ -119,8 +113,8 @@ pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
     for (name, error) in NAMES.iter().zip(errors) {
         ledger.add(name, error, note.clone());
     }
-    if let Some(between) = Between::new(scene, ordered, baked.basis, &ordered.points, (BETWEEN, 1)) {
-        let interpolation = between.error(scene, ordered, (form, baked.transport.table), &irradiances);
+    if let Some(between) = Between::new(work, &ordered.points, (BETWEEN, 1)) {
+        let interpolation = between.error(work, &irradiances);
         let note =
             format!("the far field from {}, as above on {} receivers", ordered.points.describe(), between.targets());
         ledger.add("interpolation", interpolation, note);
@@ -130,7 +124,7 @@ pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
 
 impl<'a> Measured<'a> {
     fn new(baked: &'a Baked, of: &'a OfFunctions, materials: &[Projected], irradiances: &[&[DVec3]]) -> Self {
-        let Baked { scene, ordered, form, transport, .. } = *baked;
+        let Baked { work, transport, .. } = *baked;
         let receivers = &of.subset.receivers;
         let rows = |transport: &FarTransport| -> Vec<Rows> {
             let of_group = |group: &Group| {
@@ -141,10 +135,10 @@ impl<'a> Measured<'a> {
         let precision = Precision { keep: 0.0, ..transport.precision };
         Self {
             of,
-            near: of.subset.near(scene, ordered, form, materials),
+            near: of.subset.near(work, materials),
             everything: rows(&FarTransport { precision, ..*transport }),
             kept: rows(transport),
-            exact: all_pairs(ordered.sources(), transport.table, receivers, irradiances),
+            exact: all_pairs(work.ordered.sources(), work.table, receivers, irradiances),
         }
     }
 }
@@ -152,7 +146,7 @@ impl<'a> Measured<'a> {
 impl Baked<'_> {
     /// Errors under one light, the worst of all materials. Errors of rows with different functions are independent.
     fn under(&self, measured: &[Measured], materials: &[Projected], (light, irradiance): (usize, &[DVec3])) -> Errors {
-        let details = LightDetails::new(&self.ordered.samples, &self.ordered.patches, irradiance);
+        let details = LightDetails::new(&self.work.ordered.samples, &self.work.ordered.patches, irradiance);
         let stored = FarSums::new(InstructionSet::detect(), (self.far, &ByFunction::new(self.far), &[]), &details);
         let mut of_materials = vec![Errors::default(); materials.len()];
         for (class, measured) in measured.iter().enumerate() {
@@ -178,9 +172,9 @@ impl Baked<'_> {
         (materials, near): (&[Projected], &[Vec<DVec3>]),
         irradiance: &[DVec3],
     ) -> Vec<VertexError> {
-        let Self { scene, ordered, .. } = *self;
+        let Work { scene, ordered, table, .. } = self.work;
         let (merged, light) = (ordered.merged.sources(), ordered.merged.light(irradiance));
-        let by_basis = all_pairs(merged, self.transport.table, &subset.receivers, &[&light]).concat();
+        let by_basis = all_pairs(merged, table, &subset.receivers, &[&light]).concat();
         let lengths = (ordered.split_mm, scene.mesh.diagonal_mm());
         let of_material = |(material, near): (&Projected, &Vec<DVec3>)| {
             let far = far_all_pairs(merged, &material.dipoles, lengths, &subset.receivers, &light);
@@ -192,7 +186,7 @@ impl Baked<'_> {
 
     fn stages(&self, measured: &Measured, light: usize, (details, stored): (&LightDetails, &FarSums)) -> AfterStages {
         let Measured { of: OfFunctions { subset, functions }, everything, kept, exact, .. } = measured;
-        let (terms, exact) = (self.basis.terms(), exact[light].clone());
+        let (terms, exact) = (self.work.basis.terms(), exact[light].clone());
         let of_rows = |mut values: FarRadiosity| {
             for (values, exact) in values.iter_mut().zip(&exact) {
                 (0..terms).filter(|k| functions >> k & 1 == 0).for_each(|k| values[k] = exact[k]);

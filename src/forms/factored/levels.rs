@@ -5,13 +5,10 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::choice::Tuning;
-use super::ordered_samples::OrderedSamples;
+use super::ordered_samples::Work;
 use super::points::{FarPoints, Row};
-use super::settings::Factored;
 use super::sources::FarRadiosity;
 use super::subset::{Projected, Subset};
-use crate::medium::profile_basis::{ProfileBasis, Table};
-use crate::scene::Scene;
 use crate::transport::far_field::LANES;
 use crate::transport::receivers::{Group, ProbePoints};
 
@@ -34,20 +31,14 @@ struct UnderLight {
 }
 
 /// Level of each function: as coarse as the asked error allows at `spacing_mm` between the points of level 0.
-pub(super) fn levels(
-    scene: &Scene,
-    ordered: &OrderedSamples,
-    form: &Factored,
-    (basis, table): (&ProfileBasis, &Table),
-    lights: &[Tuning],
-    spacing_mm: f64,
-) -> Vec<u8> {
+pub(super) fn levels(work: Work, lights: &[Tuning], spacing_mm: f64) -> Vec<u8> {
+    let Work { form, basis, .. } = work;
     let terms = basis.terms();
     let mut levels = vec![0; terms];
     if form.levels < 2 || spacing_mm <= 0.0 {
         return levels;
     }
-    let Some(trial) = Trial::new(scene, ordered, form, (basis, table), lights, spacing_mm) else { return levels };
+    let Some(trial) = Trial::new(work, lights, spacing_mm) else { return levels };
     // Again and again the function for which the next level costs least.
     loop {
         let raised = |k: usize| {
@@ -66,14 +57,8 @@ pub(super) fn levels(
 
 impl Trial {
     /// None where there are no points.
-    fn new(
-        scene: &Scene,
-        ordered: &OrderedSamples,
-        form: &Factored,
-        (basis, table): (&ProfileBasis, &Table),
-        lights: &[Tuning],
-        spacing_mm: f64,
-    ) -> Option<Self> {
+    fn new(work: Work, lights: &[Tuning], spacing_mm: f64) -> Option<Self> {
+        let Work { ordered, form, basis, table, .. } = work;
         // Points with a "function" for each level.
         let each: Vec<u8> = (0..form.levels as u8).collect();
         let nested = FarPoints::choose(&ordered.receivers, spacing_mm, &each);
@@ -100,12 +85,12 @@ impl Trial {
             receivers: nested.receivers.only(&finest, LANES),
             points: ProbePoints { areas_mm2: vec![1.0; finest.len()], indices: finest },
         };
-        let materials = Subset::materials(scene, basis);
+        let materials = Subset::materials(work);
         let irradiances: Vec<&[DVec3]> = lights.iter().map(|light| light.irradiance.as_slice()).collect();
         let exact = ordered.merged.far_radiosity(table, &targets.receivers, &irradiances);
         let known = ordered.merged.far_radiosity(table, &nested.receivers.only(&sources, LANES), &irradiances);
         let terms = basis.terms();
-        let near = targets.near(scene, ordered, form, &materials);
+        let near = targets.near(work, &materials);
         let under = |((irradiance, exact), known): ((&&[DVec3], &FarRadiosity), &FarRadiosity)| {
             let change = |(row, exact): (&Row, &Vec<f64>)| -> Vec<f64> {
                 let from = |(source, w): &(u32, f64)| (&known[sources.partition_point(|s| s < source)], *w);

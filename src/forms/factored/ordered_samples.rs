@@ -6,14 +6,16 @@ use super::points::FarPoints;
 use super::settings::Factored;
 use super::sources::{Merged, Sources};
 use crate::error::Result;
+use crate::forms::environment_rows::sampled;
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::{self, Patch, Samples};
 use crate::light::Light;
+use crate::medium::profile_basis::{ProfileBasis, Table};
 use crate::progress::Silent;
 use crate::scene::Scene;
 use crate::transport::balanced_tree::{BalancedTree, in_tree_order};
 use crate::transport::far_field::LANES;
-use crate::transport::irradiance::{Illumination, LightSampling, Pieces};
+use crate::transport::irradiance::{LightSampling, Pieces};
 use crate::transport::near_field::Corners;
 use crate::transport::receivers::Receivers;
 use crate::transport::surface::Surface;
@@ -22,6 +24,16 @@ use crate::transport::surface::Surface;
 pub(super) fn spacing_mm(patches: &[Patch]) -> f64 {
     let area: f64 = patches.iter().map(|p| p.area_mm2).sum();
     (area / patches.len().max(1) as f64).sqrt()
+}
+
+/// What a bake chooses by and is measured with.
+#[derive(Clone, Copy)]
+pub(super) struct Work<'a> {
+    pub(super) scene: &'a Scene,
+    pub(super) ordered: &'a OrderedSamples,
+    pub(super) form: &'a Factored,
+    pub(super) basis: &'a ProfileBasis,
+    pub(super) table: &'a Table,
 }
 
 /// Samples in tree order, and the geometry that follows from them.
@@ -68,10 +80,7 @@ impl OrderedSamples {
         light: &Light,
         sampling: LightSampling,
     ) -> Result<(Vec<DVec3>, Pieces)> {
-        let etas: Vec<f64> = scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
-        let surface = self.surface(scene);
-        let lights = std::slice::from_ref(light);
-        Ok(Illumination::new(&surface, lights, &etas, sampling)?.all_with_pieces(&Silent))
+        sampled(&self.surface(scene), std::slice::from_ref(light), sampling, &Silent)
     }
 
     /// Largest distance between two points of one part, mm, or a little more.

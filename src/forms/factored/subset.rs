@@ -3,14 +3,12 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::ordered_samples::OrderedSamples;
+use super::ordered_samples::Work;
 use super::points::FarPoints;
-use super::settings::Factored;
 use crate::geometry::cluster::Run;
 use crate::medium::dipole::Dipole;
 use crate::medium::fresnel::BoundaryFit;
 use crate::medium::material::{Medium, PRESETS};
-use crate::medium::profile_basis::ProfileBasis;
 use crate::progress::Silent;
 use crate::scene::Scene;
 use crate::transport::balanced_tree::LightDetails;
@@ -85,7 +83,7 @@ impl Subset {
     }
 
     /// Every published material and those of the scene.
-    pub(super) fn materials(scene: &Scene, basis: &ProfileBasis) -> Vec<Projected> {
+    pub(super) fn materials(Work { scene, basis, .. }: Work) -> Vec<Projected> {
         let presets = PRESETS.iter().map(|m| Medium { name: m.name.to_owned(), properties: m.properties() });
         let project = |medium: Medium| {
             let dipoles = medium.properties.dipoles(BoundaryFit::Published);
@@ -96,13 +94,8 @@ impl Subset {
     }
 
     /// The near field of the receivers in each material.
-    pub(super) fn near<'a>(
-        &'a self,
-        scene: &'a Scene,
-        ordered: &'a OrderedSamples,
-        form: &Factored,
-        materials: &[Projected],
-    ) -> NearOfMaterials<'a> {
+    pub(super) fn near<'a>(&'a self, work: Work<'a>, materials: &[Projected]) -> NearOfMaterials<'a> {
+        let Work { scene, ordered, form, .. } = work;
         let (surface, receivers) = (ordered.surface(scene), &self.receivers);
         let around = around(&surface, receivers, form.near, ordered.split_mm);
         let rule = (form.near, ordered.split_mm);

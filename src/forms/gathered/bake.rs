@@ -3,19 +3,20 @@
 use std::sync::Arc;
 
 use glam::DVec3;
-use translux_format::FormatError;
 use translux_format::multilevel::MultilevelSummation;
 
 use super::lit_samples::GatheredEvaluator;
-use super::settings::Gathered;
+use super::settings::{Far, Gathered};
 use crate::asset::{Asset, Provenance};
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
-use crate::evaluate::inter_reflection;
+use crate::evaluate::form::{read_error, write_error};
+use crate::evaluate::inter_reflection::{self, Outside};
+use crate::evaluate::single_scattering::Traced;
 use crate::evaluate::stages::{of_kinds, spread};
-use crate::evaluate::{AssetParts, BakeSettings, Evaluator};
+use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Form};
 use crate::forms::density;
-use crate::forms::environment_rows::{self, StoredRows};
+use crate::forms::environment_rows::{self, EnvironmentRows, StoredRows};
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::{self, Samples};
 use crate::light::{Light, LightKind};
@@ -24,7 +25,7 @@ use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
 use crate::transport::balanced_tree::in_tree_order;
 use crate::transport::far_field::LANES;
-use crate::transport::irradiance::{Illumination, Pieces};
+use crate::transport::irradiance::Pieces;
 use crate::transport::kernel::medium::MediumKernel;
 use crate::transport::multilevel::Quality;
 use crate::transport::near_rule::NearRule;
@@ -41,11 +42,82 @@ const MATERIALS: [&str; 3] = ["ketchup", "chicken1", "spectralon"];
 /// Bytes of a sample or a receiver while nets are made.
 const BYTES_OF_A_POINT: u64 = 1200;
 
-pub(super) fn memory(form: &Gathered, scene: &Scene, settings: &BakeSettings) -> u64 {
-    let samples = form.density.count(scene, settings.samples);
-    let nets = form.nets.map_or(0, |_| (samples + scene.mesh.local_mm.len()) as u64 * BYTES_OF_A_POINT);
-    let rows = form.environment.filter(|_| settings.is_for(LightKind::Environment)).map_or(0, |e| e.memory(samples));
-    density::memory(samples, scene) + nets + rows + inter_reflection::memory(form.outside, samples, scene)
+impl Form for Gathered {
+    const NAME: &'static str = "gathered";
+
+    fn validate(&self) -> Result<()> {
+        self.density.validate()?;
+        self.sampling.validate()?;
+        self.near.validate()?;
+        if !(1..=4096).contains(&self.group) {
+            return Err(Error::input(format!("{} receivers in a group, not 1 to 4096", self.group)));
+        }
+        let share = |value: f64| value.is_finite() && value > 0.0 && value <= 1.0;
+        let hierarchy = match self.far {
+            Far::AllPairs => None,
+            Far::Hierarchical { error, .. } => Some(error),
+        };
+        if let Some(error) = hierarchy.into_iter().chain(self.nets).find(|error| !share(*error)) {
+            return Err(Error::input(format!("an asked error of {error}, not above 0 and at most 1")));
+        }
+        self.environment.iter().try_for_each(EnvironmentRows::validate)?;
+        self.single.iter().try_for_each(Traced::validate)?;
+        self.outside.iter().try_for_each(Outside::validate)
+    }
+
+    fn holds_transport(&self) -> bool {
+        false
+    }
+
+    fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {
+        let samples = self.density.count(scene, settings.samples);
+        let nets = self.nets.map_or(0, |_| (samples + scene.mesh.local_mm.len()) as u64 * BYTES_OF_A_POINT);
+        let rows =
+            self.environment.filter(|_| settings.is_for(LightKind::Environment)).map_or(0, |e| e.memory(samples));
+        density::memory(samples, scene) + nets + rows + inter_reflection::memory(self.outside, samples, scene)
+    }
+
+    fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {
+        progress.start("samples", 0);
+        let samples = Samples::new(&scene.mesh, &scene.parts, self.density.count(scene, settings.samples));
+        let environment = self.environment.filter(|_| settings.is_for(LightKind::Environment));
+        if self.nets.is_none() && environment.is_none() {
+            progress.finish();
+            return Ok(AssetParts { samples, ledger: Ledger::default(), sections: Vec::new() });
+        }
+        // Neighbours lie together, which rows in blocks rest on.
+        let samples = in_tree_order(&samples, &samples::patches(&scene.mesh, &samples));
+        let (bvh, patches) = rayon::join(|| Bvh::new(&scene.mesh), || samples::patches(&scene.mesh, &samples));
+        let surface = Surface { domain: scene.domain(), bvh: &bvh, samples: &samples, patches: &patches };
+        let receivers = Receivers::new(&scene.mesh, &scene.parts, LANES);
+        progress.finish();
+
+        let (mut ledger, mut sections) = (Ledger::default(), Vec::new());
+        if let Some(error) = self.nets {
+            let quality = resolution(self, &surface, &receivers, (error, &settings.probes.tuning), progress)?;
+            sections = numbers(quality).to_sections().map_err(write_error)?;
+            ledger = measured(self, (scene, &samples), quality, &settings.probes.unseen, progress)?;
+        }
+        if let Some(rows) = environment {
+            let (place, how) = ((&surface, &receivers), (rows, self.sampling, self.near));
+            sections.extend(environment_rows::bake(place, how, &settings.probes.unseen, &mut ledger, progress)?);
+        }
+        Ok(AssetParts { samples, ledger, sections })
+    }
+
+    fn open(&self, asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
+        let stored = |_: f64| {
+            let missing = || Error::input("an asset without its resolution (section mls.num); bake it again");
+            let numbers = MultilevelSummation::from_sections(&asset.sections).map_err(read_error)?;
+            let MultilevelSummation { error, spacing, softening, facets_below, pieces_below } =
+                numbers.ok_or_else(missing)?;
+            Ok(Quality { error, spacing, softening, near: NearRule { facets_below, pieces_below } })
+        };
+        let quality = self.nets.map(stored).transpose()?;
+        let rows = self.environment.map_or(Ok(None), |_| StoredRows::of(&asset))?;
+        let evaluator = GatheredEvaluator::new(asset, self.gathering(quality));
+        Ok(Box::new(GatheredEvaluator { rows, single: self.single, outside: self.outside, ..evaluator }))
+    }
 }
 
 /// Kernels of the scene's media, and of each published material in their place.
@@ -59,42 +131,6 @@ fn media(media: &[Medium]) -> Vec<Vec<MediumKernel>> {
     std::iter::once(own).chain(others).collect()
 }
 
-pub(super) fn bake(
-    form: &Gathered,
-    scene: &Scene,
-    settings: &BakeSettings,
-    progress: &dyn Progress,
-) -> Result<AssetParts> {
-    progress.start("samples", 0);
-    let samples = Samples::new(&scene.mesh, &scene.parts, form.density.count(scene, settings.samples));
-    let environment = form.environment.filter(|_| settings.is_for(LightKind::Environment));
-    if form.nets.is_none() && environment.is_none() {
-        progress.finish();
-        return Ok(AssetParts { samples, ledger: Ledger::default(), sections: Vec::new() });
-    }
-    // Neighbours lie together, which rows in blocks rest on.
-    let samples = in_tree_order(&samples, &samples::patches(&scene.mesh, &samples));
-    let (bvh, patches) = rayon::join(|| Bvh::new(&scene.mesh), || samples::patches(&scene.mesh, &samples));
-    let surface = Surface { domain: scene.domain(), bvh: &bvh, samples: &samples, patches: &patches };
-    let receivers = Receivers::new(&scene.mesh, &scene.parts, LANES);
-    progress.finish();
-
-    let (mut ledger, mut sections) = (Ledger::default(), Vec::new());
-    let fail = |e: FormatError| Error::runtime(format!("asset: {e}"));
-    if let Some(error) = form.nets {
-        let quality = resolution(form, &surface, &receivers, (error, &settings.probes.tuning), progress)?;
-        sections = numbers(quality).to_sections().map_err(fail)?;
-        ledger = measured(form, (scene, &samples), quality, &settings.probes.unseen, progress)?;
-    }
-    if let Some(rows) = environment {
-        let how = (rows, form.sampling, form.near);
-        let made = environment_rows::rows(&surface, rows, progress)?;
-        environment_rows::measure(&surface, &receivers, how, &settings.probes.unseen, &mut ledger, progress)?;
-        sections.extend(made.into_data().to_sections().map_err(fail)?);
-    }
-    Ok(AssetParts { samples, ledger, sections })
-}
-
 /// The nets that keep an asked error in the media of the scene and in the hardest published ones.
 fn resolution(
     form: &Gathered,
@@ -105,11 +141,7 @@ fn resolution(
 ) -> Result<Quality> {
     progress.start("resolution", 0);
     let domain = surface.domain;
-    let etas: Vec<f64> = domain.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
-    let lit = |light: &Light| {
-        let light = Illumination::new(surface, std::slice::from_ref(light), &etas, form.sampling)?;
-        Ok(light.all_with_pieces(&Silent))
-    };
+    let lit = |light: &Light| environment_rows::sampled(surface, std::slice::from_ref(light), form.sampling, &Silent);
     let tuning: Vec<(Vec<DVec3>, Pieces)> = spread(lights, LIGHTS).map(lit).collect::<Result<_>>()?;
     let areas = receivers.areas_mm2(domain.mesh);
     let quality = Quality::tuned((surface, &media(domain.media)), (receivers, &areas), &tuning, error);
@@ -144,24 +176,4 @@ fn measured(
 fn numbers(quality: Quality) -> MultilevelSummation {
     let Quality { error, spacing, softening, near: NearRule { facets_below, pieces_below } } = quality;
     MultilevelSummation { error, spacing, softening, facets_below, pieces_below }
-}
-
-pub(super) fn open(form: &Gathered, asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
-    let quality = match form.nets {
-        None => None,
-        Some(_) => {
-            let missing = || Error::input("an asset without its resolution (section mls.num); bake it again");
-            let numbers =
-                MultilevelSummation::from_sections(&asset.sections).map_err(|e| Error::input(e.to_string()))?;
-            let MultilevelSummation { error, spacing, softening, facets_below, pieces_below } =
-                numbers.ok_or_else(missing)?;
-            Some(Quality { error, spacing, softening, near: NearRule { facets_below, pieces_below } })
-        }
-    };
-    let rows = match form.environment {
-        None => None,
-        Some(_) => StoredRows::of(&asset)?,
-    };
-    let evaluator = GatheredEvaluator::new(asset, form.gathering(quality)).with_rows(rows);
-    Ok(Box::new(evaluator.with_single_scattering(form.single).with_inter_reflection(form.outside)))
 }

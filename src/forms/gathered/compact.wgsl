@@ -112,7 +112,7 @@ fn of_piece(table: u32, p: array<vec3<f32>, 3>) -> vec3<f32> {
     return area_of(p) * at_point(table, r2);
 }
 
-fn of_sample(table: u32, index: u32, at: vec3<f32>) -> vec3<f32> {
+fn of_entry(job: u32, table: u32, index: u32, at: vec3<f32>) -> vec3<f32> {
     let offset = patches[index].centre - at;
     let r2 = dot(offset, offset);
     let radius2 = patches[index].radius * patches[index].radius;
@@ -134,13 +134,7 @@ fn of_sample(table: u32, index: u32, at: vec3<f32>) -> vec3<f32> {
     }
     var mean = vec3(0.0);
     for (var facet = patches[index].first_facet; facet < patches[index].end_facet; facet += 1u) {
-        let k = 9u * facet;
-        let p = array<vec3<f32>, 3>(
-            offset + vec3(corners[k], corners[k + 1u], corners[k + 2u]),
-            offset + vec3(corners[k + 3u], corners[k + 4u], corners[k + 5u]),
-            offset + vec3(corners[k + 6u], corners[k + 7u], corners[k + 8u]),
-        );
-        mean += of_facet(table, p);
+        mean += of_facet(table, facet_at(facet, offset));
     }
     return sum + irradiance[index].xyz * mean;
 }
@@ -148,27 +142,10 @@ fn of_sample(table: u32, index: u32, at: vec3<f32>) -> vec3<f32> {
 @compute @workgroup_size(WORKGROUP)
 fn near(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
     let job = group.x;
-    let lane = thread % LANES;
-    let receiver = jobs[job].first_receiver + lane;
-    let end_receiver = jobs[job].end_receiver;
-    let at = receivers[min(receiver, end_receiver - 1u)].xyz;
-    let table = jobs[job].medium;
-    let end = jobs[job].end_entry;
-    var total = vec3(0.0);
-    var partial = vec3(0.0);
-    var count = 0u;
-    for (var i = jobs[job].first_entry + thread / LANES; i < end; i += SLICES) {
-        partial += of_sample(table, list[i], at);
-        count += 1u;
-        if (count & FLUSH) == 0u {
-            total += partial;
-            partial = vec3(0.0);
-        }
-    }
-    slices[thread] = total + partial;
-    workgroupBarrier();
-    if thread < LANES && receiver < end_receiver {
-        let sum = radiosity[receiver].xyz + sum_of(lane);
+    sum_slices(job, thread);
+    let receiver = jobs[job].first_receiver + thread;
+    if thread < LANES && receiver < jobs[job].end_receiver {
+        let sum = radiosity[receiver].xyz + sum_of(thread);
         // What interpolation takes away where there is next to nothing is not less than nothing.
         radiosity[receiver] = vec4(select(sum, max(sum, vec3(0.0)), jobs[job].is_last == 1u), 0.0);
     }

@@ -5,8 +5,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::lit_samples::GatheredEvaluator;
-use super::nets::Nets;
+use super::lit_samples::{GatheredEvaluator, Nets};
 use super::settings::Far;
 #[cfg(feature = "gpu")]
 use super::{hierarchy_gpu::HierarchyOnDevice, nets_gpu::NetsOnDevice};
@@ -21,7 +20,7 @@ use crate::evaluate::sampling_error::Sampled;
 use crate::evaluate::single_scattering::TowardsEye;
 use crate::evaluate::stages::worst_and_unseen;
 use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit, SingleScattering};
-use crate::forms::environment_rows::{StoredRows, by_rays};
+use crate::forms::environment_rows::{StoredRows, by_rays, sampled};
 use crate::geometry::bvh::Bvh;
 use crate::light::Light;
 use crate::medium::material::Medium;
@@ -169,13 +168,12 @@ impl Evaluator for GatheredEvaluator {
         // Sampling is that of rays; what rows lose against them has an entry of its own.
         let lights = by_rays(&self.lights);
         let rays = match self.lights.iter().any(|light| self.is_stored(light)) {
-            true => Some(self.by_rays(&lights, progress)?),
+            true => Some(sampled(&self.surface(), &lights, self.gathering.sampling, progress)?),
             false => None,
         };
         let direct = rays.as_ref().map_or(self.direct(), |(irradiance, pieces)| (irradiance, pieces));
-        let sampled = Sampled {
+        let with_rays = Sampled {
             surface: self.surface(),
-            media: &self.scene.media,
             kernels: self.profile.as_ref().map(|(_, kernels)| kernels.as_slice()),
             lights: &lights,
             irradiance: direct,
@@ -185,7 +183,7 @@ impl Evaluator for GatheredEvaluator {
             receivers: &self.receivers,
             areas: &self.areas,
         };
-        sampled.enter(&mut ledger, progress)?;
+        with_rays.enter(&mut ledger, progress)?;
         let gain = self.enter_inter_reflection(&mut ledger);
         if let Some(single) = self.single {
             single.enter_noise(self.lit_scene(), &mut ledger)?;

@@ -8,13 +8,13 @@ use glam::DVec3;
 
 use super::lit_samples::GatheredEvaluator;
 use crate::error::Result;
+use crate::evaluate::device::Device;
 use crate::evaluate::device::jobs::{CLUSTER, Effort, Entries, Shard, shards};
 use crate::evaluate::device::surface::{
     Geometry, READ, SurfaceBuffers, bind, bind_group_layout, dispatch, pipeline, shader,
 };
-use crate::evaluate::device::{Device, read_radiosity};
 use crate::evaluate::forward::{forward_scene, forward_single_scattering};
-use crate::evaluate::{DeviceEvaluator, Evaluator};
+use crate::evaluate::{DeviceEvaluator, Evaluator, Held};
 use crate::light::Light;
 use crate::medium::material::Medium;
 use crate::progress::Progress;
@@ -23,12 +23,28 @@ use crate::transport::kernel::EdgePrecision;
 use crate::transport::kernel::medium::MediumKernel;
 use crate::transport::near_field::Corners;
 use crate::transport::sample_light::SampleLight;
+use crate::transport::surface::Surface;
 
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct GpuCluster {
     centre: [f32; 4],
     flux: [f32; 4],
+}
+
+/// Uploads the samples and the receivers.
+pub(super) fn buffers(cpu: &GatheredEvaluator, device: &Arc<Device>) -> Result<SurfaceBuffers> {
+    let Surface { domain, samples, patches, .. } = cpu.surface();
+    let geometry = Geometry {
+        samples,
+        patches,
+        corners: &Corners::new(domain.mesh, samples, patches),
+        receivers: &cpu.receivers,
+        near: cpu.gathering.near,
+        precision: EdgePrecision::Reference,
+        terms: 0,
+    };
+    SurfaceBuffers::new(device, &geometry)
 }
 
 /// A [`GatheredEvaluator`] whose radiosity a device gathers.
@@ -51,19 +67,9 @@ impl HierarchyOnDevice {
     /// An adapter with too few or too small bindings (exit 5).
     pub(super) fn new(cpu: GatheredEvaluator, device: &Arc<Device>) -> Result<Self> {
         let surface = cpu.surface();
-        let corners = Corners::new(surface.domain.mesh, surface.samples, surface.patches);
-        let geometry = Geometry {
-            samples: surface.samples,
-            patches: surface.patches,
-            corners: &corners,
-            receivers: cpu.receivers(),
-            near: cpu.near(),
-            precision: EdgePrecision::Reference,
-            terms: 0,
-        };
-        let pieces = cpu.sampling().pieces_of_uneven() as usize;
-        let effort = Effort::new(&surface, cpu.near(), EdgePrecision::Reference, pieces);
-        let mut buffers = SurfaceBuffers::new(device, &geometry)?;
+        let pieces = cpu.gathering.sampling.pieces_of_uneven() as usize;
+        let effort = Effort::new(&surface, cpu.gathering.near, EdgePrecision::Reference, pieces);
+        let mut buffers = buffers(&cpu, device)?;
         buffers.set_media(&MediumKernel::of_media(surface.domain.media), None)?;
         let layout = bind_group_layout(&device.device, "gather", &[READ; 3]);
         let text = shader(include_str!("gather.wgsl"));
@@ -80,7 +86,7 @@ impl HierarchyOnDevice {
                 Source::Cluster(index) => index | CLUSTER,
                 Source::Patch(index) => *index,
             };
-            let sources = gather.sources(self.cpu.receivers(), lit, scheme);
+            let sources = gather.sources(&self.cpu.receivers, lit, scheme);
             let lists = sources.iter().map(|list| Entries::List(list.iter().map(entry).collect())).collect();
             let packed = |v: DVec3| v.as_vec3().extend(0.0).to_array();
             let cluster = |(centre, flux)| GpuCluster { centre: packed(centre), flux: packed(flux) };
@@ -91,27 +97,21 @@ impl HierarchyOnDevice {
     fn shards(&self, entries: Vec<Entries>) -> Result<Vec<Shard>> {
         let parts = &self.cpu.scene().parts.parts;
         let medium = |part: u32| parts[part as usize].medium;
-        shards(&self.device, self.cpu.receivers(), medium, &entries, &self.effort)
+        shards(&self.device, &self.cpu.receivers, medium, &entries, &self.effort)
     }
 
     fn run(&self, shards: &[Shard], clusters: &[GpuCluster]) -> Result<()> {
         let clusters = self.device.storage("clusters", clusters)?;
-        let device = &self.device.device;
-        let groups: Vec<_> = shards
-            .iter()
-            .map(|shard| (bind(device, &self.layout, [&shard.jobs, &shard.list, &clusters].into_iter()), shard.count))
-            .collect();
-        let shards = groups.iter().map(|(group, count)| (group, *count));
-        dispatch(&self.device, &self.pipeline, self.buffers.bind_group(), shards);
+        let of_shard = |Shard { jobs, list, count }: &Shard| {
+            (bind(&self.device.device, &self.layout, [jobs, list, &clusters]), *count)
+        };
+        let shards: Vec<_> = shards.iter().map(of_shard).collect();
+        dispatch(&self.device, &self.pipeline, self.buffers.bind_group(), &shards);
         self.device.check()
     }
 }
 
 impl DeviceEvaluator for HierarchyOnDevice {
-    fn device(&self) -> &Arc<Device> {
-        &self.device
-    }
-
     fn update(&mut self, progress: &dyn Progress) -> Result<()> {
         if self.is_current {
             return Ok(());
@@ -127,7 +127,7 @@ impl DeviceEvaluator for HierarchyOnDevice {
                         let samples = self.cpu.surface().samples;
                         let range =
                             |part: u32| samples.part_offsets[part as usize]..samples.part_offsets[part as usize + 1];
-                        let groups = &self.cpu.receivers().groups;
+                        let groups = &self.cpu.receivers.groups;
                         self.shards(groups.iter().map(|g| Entries::Samples(range(g.part))).collect())?
                     }
                 };
@@ -143,20 +143,8 @@ impl DeviceEvaluator for HierarchyOnDevice {
         Ok(())
     }
 
-    fn radiosity_buffer(&self) -> &wgpu::Buffer {
-        self.buffers.radiosity()
-    }
-
-    fn scale(&self) -> f64 {
-        self.buffers.scale()
-    }
-
-    fn receiver_of_vertex(&self) -> &[u32] {
-        &self.cpu.receivers().of_vertex
-    }
-
-    fn transport(&self) -> String {
-        self.device.describe()
+    fn held(&self) -> Held<'_> {
+        self.buffers.held(&self.cpu.receivers)
     }
 }
 
@@ -176,7 +164,7 @@ impl Evaluator for HierarchyOnDevice {
     }
 
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
-        read_radiosity(self, progress)
+        self.read_back(progress)
     }
 
     fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {

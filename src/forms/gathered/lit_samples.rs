@@ -5,7 +5,6 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::nets::Nets;
 use super::settings::{Far, Gathering};
 use crate::asset::Asset;
 use crate::error::Result;
@@ -21,9 +20,9 @@ use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::transport::gather::{Gather, Lit, Scheme};
 use crate::transport::interreflection::InterReflection;
-use crate::transport::irradiance::{Illumination, LightSampling, Pieces};
+use crate::transport::irradiance::Pieces;
 use crate::transport::kernel::medium::MediumKernel;
-use crate::transport::multilevel::{SurfaceNets, SurfaceTables};
+use crate::transport::multilevel::{Quality, SurfaceNets, SurfaceTables};
 use crate::transport::near_rule::NearField;
 use crate::transport::receivers::Receivers;
 use crate::transport::surface::Surface;
@@ -88,18 +87,6 @@ impl GatheredEvaluator {
         }
     }
 
-    /// The same with stored rows for light from far away.
-    #[must_use]
-    pub fn with_rows(self, rows: Option<StoredRows>) -> Self {
-        Self { rows, ..self }
-    }
-
-    /// The same with single scattering by rays.
-    #[must_use]
-    pub fn with_single_scattering(self, single: Option<Traced>) -> Self {
-        Self { single, ..self }
-    }
-
     /// The same with inter-reflection outside the medium.
     #[must_use]
     pub fn with_inter_reflection(self, outside: Option<Outside>) -> Self {
@@ -132,7 +119,7 @@ impl GatheredEvaluator {
     /// Irradiance of every sample under the lights in force, RGB, with inter-reflection where that is asked for.
     ///
     /// # Errors
-    /// As [`Illumination::new`].
+    /// Lights that cannot be served.
     pub fn irradiance(&mut self, progress: &dyn Progress) -> Result<&[DVec3]> {
         self.light_up(progress)?;
         if let (Some(outside), None) = (self.outside, &self.returned) {
@@ -168,21 +155,6 @@ impl GatheredEvaluator {
         let returned = outside.returned(&matrix, transfer, self.direct(), progress);
         self.matrix = Some(matrix);
         returned
-    }
-
-    /// Receivers that radiosity is gathered at.
-    pub fn receivers(&self) -> &Receivers {
-        &self.receivers
-    }
-
-    /// Near-field rule.
-    pub fn near(&self) -> NearField {
-        self.gathering.near
-    }
-
-    /// Ray sampling of the light on the samples.
-    pub fn sampling(&self) -> LightSampling {
-        self.gathering.sampling
     }
 
     /// Summation scheme under the light and the media in force, after tuning where that is needed, on the light before
@@ -226,23 +198,17 @@ impl GatheredEvaluator {
 
     /// Irradiance through the stored rows where they hold a light, else by rays.
     pub(super) fn illuminate(&self, lights: &[Light], progress: &dyn Progress) -> Result<(Vec<DVec3>, Pieces)> {
-        let asset = (&self.scene, &self.asset.samples);
-        StoredRows::illuminate(self.rows.as_ref(), asset, lights, progress, |lights| self.by_rays(lights, progress))
+        StoredRows::illuminate(self.rows.as_ref(), &self.surface(), (lights, self.gathering.sampling), progress)
     }
 
     pub(super) fn is_stored(&self, light: &Light) -> bool {
         self.rows.as_ref().is_some_and(|rows| rows.have(light, &self.scene.media))
     }
 
-    pub(super) fn by_rays(&self, lights: &[Light], progress: &dyn Progress) -> Result<(Vec<DVec3>, Pieces)> {
-        let etas: Vec<f64> = self.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
-        Ok(Illumination::new(&self.surface(), lights, &etas, self.gathering.sampling)?.all_with_pieces(progress))
-    }
-
     /// Makes the nets and tables of [`Self::nets`], where radiosity is summed over nets.
     pub fn prepare_nets(&mut self, progress: &dyn Progress) {
         let Some(mut nets) = self.nets.take() else { return };
-        if !nets.is_prepared() {
+        if nets.prepared().is_none() {
             let kernels = match &self.profile {
                 Some((_, kernels)) => kernels.clone(),
                 None => MediumKernel::of_media(&self.scene.media),
@@ -264,5 +230,46 @@ impl GatheredEvaluator {
             }
             _ => Scheme::AllPairs,
         }
+    }
+}
+
+/// What multilevel summation needs, made when it is first needed: nets once for the samples, tables for each set of media.
+pub(super) struct Nets {
+    quality: Quality,
+    nets: Option<SurfaceNets>,
+    /// Tables of the media and profiles in force.
+    tables: Option<SurfaceTables>,
+}
+
+impl Nets {
+    fn new(quality: Quality) -> Self {
+        Self { quality, nets: None, tables: None }
+    }
+
+    /// Drops the tables, since other media or profiles are in force.
+    pub(super) fn forget_media(&mut self) {
+        self.tables = None;
+    }
+
+    /// Makes what is missing.
+    fn prepare(&mut self, surface: &Surface, receivers: &Receivers, kernels: &[MediumKernel], progress: &dyn Progress) {
+        let quality = self.quality;
+        let nets = self.nets.get_or_insert_with(|| {
+            progress.start("nets", 0);
+            let nets = SurfaceNets::new(surface, receivers, quality);
+            progress.finish();
+            nets
+        });
+        self.tables.get_or_insert_with(|| nets.tables(kernels));
+    }
+
+    /// Nets and tables, present after [`Self::prepare`].
+    fn prepared(&self) -> Option<(&SurfaceNets, &SurfaceTables)> {
+        self.nets.as_ref().zip(self.tables.as_ref())
+    }
+
+    /// Bytes in memory.
+    pub(super) fn bytes(&self) -> usize {
+        self.nets.as_ref().map_or(0, SurfaceNets::bytes)
     }
 }

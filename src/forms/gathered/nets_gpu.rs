@@ -6,29 +6,27 @@ use std::sync::Arc;
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3};
 
+use super::hierarchy_gpu::buffers;
 use super::lit_samples::GatheredEvaluator;
 use crate::error::{Error, Result};
-use crate::evaluate::device::interpolated::{ComputePass, Interpolation, check_turns, cut};
+use crate::evaluate::device::Device;
+use crate::evaluate::device::interpolated::{Interpolation, check_turns, cut, longest};
 use crate::evaluate::device::jobs::{Effort, Entries, Shard, shards};
 use crate::evaluate::device::surface::{
-    Geometry, GpuTable, READ, SurfaceBuffers, UNIFORM, WRITE, bind, bind_group_layout, dispatch, pipeline, shader,
+    ComputePass, GpuTable, READ, SurfaceBuffers, UNIFORM, WRITE, bind, bind_group_layout, dispatch, pipeline, shader,
     table_shader, uniform,
 };
-use crate::evaluate::device::{Device, read_radiosity};
 use crate::evaluate::forward::{forward_scene, forward_single_scattering};
-use crate::evaluate::{DeviceEvaluator, Evaluator};
+use crate::evaluate::{DeviceEvaluator, Evaluator, Held};
 use crate::geometry::samples::Facet;
 use crate::light::Light;
 use crate::medium::material::Medium;
 use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::{Progress, Silent};
 use crate::transport::interpolation::Adjoint;
-use crate::transport::kernel::EdgePrecision;
 use crate::transport::kernel::radial_table::{SHIFT, SMOOTH_SHIFT};
 use crate::transport::multilevel::{Net, NetsOfPart, SurfaceNets, SurfaceTables};
-use crate::transport::near_field::Corners;
 use crate::transport::near_rule::{MOST_SPLITS, PIECE_IS_POINT};
-use crate::transport::receivers::Receivers;
 use crate::transport::sample_light::SampleLight;
 use crate::transport::surface::Surface;
 
@@ -167,17 +165,7 @@ impl NetsOnDevice {
         cpu.prepare_nets(&Silent);
         let surface = cpu.surface();
         let (nets, tables) = nets_of(&cpu)?;
-        let corners = Corners::new(surface.domain.mesh, surface.samples, surface.patches);
-        let geometry = Geometry {
-            samples: surface.samples,
-            patches: surface.patches,
-            corners: &corners,
-            receivers: cpu.receivers(),
-            near: cpu.near(),
-            precision: EdgePrecision::Reference,
-            terms: 0,
-        };
-        let buffers = SurfaceBuffers::new(device, &geometry)?;
+        let buffers = buffers(&cpu, device)?;
         let flux = device.zeros("flux", 16 * surface.patches.len() as u64)?;
         let shaders = Shaders::new(device);
         let part = |part, tables| shaders.part(device, (part, tables), [&flux, buffers.radiosity()]);
@@ -236,7 +224,7 @@ impl NetsOnDevice {
         let segments = self.device.storage("tables of compact parts", all.as_flattened())?;
         let of_shard = |shard: &Shard| {
             let bound = [&shard.jobs, &shard.list, &self.flux, &heads, &segments];
-            (bind(&self.device.device, &self.near.layout, bound.into_iter()), shard.count)
+            (bind(&self.device.device, &self.near.layout, bound), shard.count)
         };
         self.near.groups = self.near.shards.iter().map(of_shard).collect();
         self.device.check()
@@ -253,7 +241,7 @@ fn near_shards(
     (cpu, nets, tables): (&GatheredEvaluator, &SurfaceNets, &SurfaceTables),
     splits: Splits,
 ) -> Result<Vec<Shard>> {
-    let receivers: &Receivers = cpu.receivers();
+    let receivers = &cpu.receivers;
     let mut lists = vec![Entries::List(Vec::new()); receivers.groups.len()];
     let mut table_of_part = vec![None; cpu.scene().parts.parts.len()];
     for (index, part) in nets.parts.iter().enumerate() {
@@ -270,7 +258,7 @@ fn near_shards(
         compact.rule.facets_below.max(compact.rule.pieces_below)
     };
     let rule_below = tables.parts.iter().map(rule).fold(0.0, f64::max);
-    let effort = splits.effort(&cpu.surface(), (rule_below, cpu.sampling().pieces_of_uneven() as usize));
+    let effort = splits.effort(&cpu.surface(), (rule_below, cpu.gathering.sampling.pieces_of_uneven() as usize));
     shards(device, receivers, |part| table_of_part.get(part as usize).copied().flatten(), &lists, &effort)
 }
 
@@ -341,7 +329,7 @@ impl Shaders {
         bound: [&wgpu::Buffer; 2],
     ) -> Result<ComputePass> {
         let offsets: Vec<u32> = rows.offsets.iter().map(|&o| o as u32).collect();
-        check_turns(offsets.windows(2).map(|w| (w[1] - w[0]) as usize).max().unwrap_or(0) / INVOCATIONS + INVOCATIONS)?;
+        check_turns(longest(&offsets) / INVOCATIONS + INVOCATIONS)?;
         let binding = device.largest_binding() as usize;
         let mut shards = Vec::new();
         for range in cut(&offsets, binding / 8, (binding / 4).saturating_sub(1)) {
@@ -354,17 +342,16 @@ impl Shaders {
                 device.storage("rows of weights", &own)?,
                 device.storage("weights of rows", cells.as_flattened())?,
             ];
-            let group = bind(&device.device, &self.restriction[1], work.iter());
-            shards.push((group, range.len().div_ceil(ROWS) as u32));
+            shards.push((bind(&device.device, &self.restriction[1], &work), range.len().div_ceil(ROWS) as u32));
         }
-        let bind_group = bind(&device.device, &self.restriction[0], bound.into_iter());
+        let bind_group = bind(&device.device, &self.restriction[0], bound);
         Ok(ComputePass { pipeline: self.restricted.clone(), bind_group, shards })
     }
 
     fn smoothed(&self, device: &Device, net: &Net, bound: [&wgpu::Buffer; 5]) -> Result<ComputePass> {
         let (offsets, around) = net.around.flat();
         let offsets: Vec<u32> = offsets.iter().map(|&o| o as u32).collect();
-        check_turns(offsets.windows(2).map(|w| (w[1] - w[0]) as usize).max().unwrap_or(0) / SLICES + 1)?;
+        check_turns(longest(&offsets) / SLICES + 1)?;
         let binding = device.largest_binding() as usize;
         let mut shards = Vec::new();
         for range in cut(&offsets, binding / 4, binding / 16) {
@@ -376,9 +363,9 @@ impl Shaders {
                 device.storage("groups of points", groups.as_flattened())?,
                 device.storage("points around", &around[from as usize..to as usize])?,
             ];
-            shards.push((bind(&device.device, &self.sums[1], work.iter()), range.len() as u32));
+            shards.push((bind(&device.device, &self.sums[1], &work), range.len() as u32));
         }
-        let bind_group = bind(&device.device, &self.sums[0], bound.into_iter());
+        let bind_group = bind(&device.device, &self.sums[0], bound);
         Ok(ComputePass { pipeline: self.smoothed.clone(), bind_group, shards })
     }
 }
@@ -407,10 +394,6 @@ impl PartOnDevice {
 }
 
 impl DeviceEvaluator for NetsOnDevice {
-    fn device(&self) -> &Arc<Device> {
-        &self.device
-    }
-
     fn update(&mut self, progress: &dyn Progress) -> Result<()> {
         if self.is_current {
             return Ok(());
@@ -429,27 +412,14 @@ impl DeviceEvaluator for NetsOnDevice {
         for part in &self.parts {
             part.run(&self.device);
         }
-        let groups = self.near.groups.iter().map(|(group, count)| (group, *count));
-        dispatch(&self.device, &self.near.pipeline, self.buffers.bind_group(), groups);
+        dispatch(&self.device, &self.near.pipeline, self.buffers.bind_group(), &self.near.groups);
         self.device.check()?;
         self.is_current = true;
         Ok(())
     }
 
-    fn radiosity_buffer(&self) -> &wgpu::Buffer {
-        self.buffers.radiosity()
-    }
-
-    fn scale(&self) -> f64 {
-        self.buffers.scale()
-    }
-
-    fn receiver_of_vertex(&self) -> &[u32] {
-        &self.cpu.receivers().of_vertex
-    }
-
-    fn transport(&self) -> String {
-        self.device.describe()
+    fn held(&self) -> Held<'_> {
+        self.buffers.held(&self.cpu.receivers)
     }
 }
 
@@ -473,7 +443,7 @@ impl Evaluator for NetsOnDevice {
     }
 
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
-        read_radiosity(self, progress)
+        self.read_back(progress)
     }
 
     fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {

@@ -2,12 +2,12 @@
 //! components), coefficients predicted from coarser reference points, and the residuals quantised with one step.
 
 use rayon::prelude::*;
-use translux_format::FormatError;
 use translux_format::coefficients::encode;
 use translux_format::quantised_lights::{Set, tags};
 
 use crate::compress::prediction::Net;
-use crate::error::{Error, Result};
+use crate::error::Result;
+use crate::evaluate::form::write_error;
 use crate::math::eigen::{Eigen, symmetric_eigen};
 use crate::math::leading::{Leading, leading_eigen};
 use crate::math::simd::{InstructionSet, multiversion};
@@ -120,17 +120,17 @@ pub(crate) fn code(radiosities: &Radiosities, net: &Net, light_net: &Net, tags: 
     let spent = omitted + ROUNDED_BASIS * budget;
     let Quantised { step, integers, known } =
         quantised(net, &ordered, columns.len(), (budget - spent).max(0.1 * budget));
-    let fail = |e: FormatError| Error::runtime(format!("asset: {e}"));
     let kept = worthwhile(&ordered, &known, columns.len(), DROPPED * budget);
     let (integers, columns) = without(integers, columns, &kept);
     Ok(Set {
         channels: mixture.iter().zip(units.iter().cycle()).map(|(m, unit)| m * unit).collect(),
         step,
         units: radiosities.units.clone(),
-        basis: encode(tags.basis, lights, functions, &basis_integers, Some(&light_net.similar())).map_err(fail)?,
+        basis: encode(tags.basis, lights, functions, &basis_integers, Some(&light_net.similar()))
+            .map_err(write_error)?,
         basis_steps,
         coefficients: encode(tags.coefficients, points, columns.len(), &integers, Some(&net.similar()))
-            .map_err(fail)?,
+            .map_err(write_error)?,
         columns,
     })
 }

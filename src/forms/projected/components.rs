@@ -3,13 +3,14 @@
 use glam::DVec3;
 use rayon::prelude::*;
 use std::ops::Range;
+use translux_format::Budget;
 use translux_format::coefficients::decode;
 use translux_format::quantised_lights::{Set, tags};
-use translux_format::{Budget, FormatError};
 
 use super::digits::{Digit, LANES, Term, products};
 use crate::compress::prediction::Net;
 use crate::error::{Error, Result};
+use crate::evaluate::form::read_error;
 use crate::forms::projected::references::{ascending_rows, weights};
 use crate::forms::sampled_scene::{oriented, parts};
 use crate::light::Light;
@@ -76,7 +77,7 @@ pub(crate) struct Transport {
     /// Weights of every receiver over the reference points.
     pub(crate) weights: SharedWeights,
     /// Positions of the reference points, mm.
-    positions: Vec<DVec3>,
+    pub(crate) positions: Vec<DVec3>,
     /// Buffers for the radiosity of the reference points and of the receivers.
     references: Vec<[f32; 4]>,
     gathered: Vec<[f32; 4]>,
@@ -120,11 +121,10 @@ impl Transport {
         spacing_mm: f64,
         fold: impl Fn(Vec<f32>, usize) -> LightFunctions,
     ) -> Result<Self> {
-        let fail = |e: FormatError| Error::input(e.to_string());
         let points = oriented(scene, receivers);
         let net = Net::new(&points, &parts(receivers), spacing_mm);
         let decoded = |tag, bytes: &[u8], net: &Net| {
-            let found = decode(tag, bytes, Some(&net.similar()), Budget::default()).map_err(fail)?;
+            let found = decode(tag, bytes, Some(&net.similar()), Budget::default()).map_err(read_error)?;
             if found.rows != net.point.len() {
                 let (rows, wanted) = (found.rows, net.point.len());
                 return Err(Error::input(format!(
@@ -200,11 +200,6 @@ impl Transport {
         end
     }
 
-    /// Positions of the reference points, mm.
-    pub(crate) fn positions(&self) -> &[DVec3] {
-        &self.positions
-    }
-
     /// Converts parts of lights to columns.
     pub(crate) fn lit(&self, parts: Vec<Weighted>) -> Result<Lit> {
         let columns = |Weighted { shells, factors }| Ok((self.columns(&shells)?, factors));
@@ -236,11 +231,7 @@ impl Transport {
     }
 
     /// Fills `values` with the radiosity of every reference point over the scale of the lights, RGB and 0.
-    fn products(&self, lit: &Lit, values: &mut Vec<[f32; 4]>) {
-        self.products_of(&lit.parts, values);
-    }
-
-    fn products_of(&self, parts: &[Part], values: &mut Vec<[f32; 4]>) {
+    fn products(&self, parts: &[Part], values: &mut Vec<[f32; 4]>) {
         values.resize(self.coefficients.len() / self.columns.max(1), [0.0; 4]);
         let level = InstructionSet::detect();
         let rows = self.coefficients.par_chunks((self.columns * CHUNK).max(1));
@@ -265,7 +256,7 @@ impl Transport {
     /// Radiosity of the reference points in the order of the receivers, none negative.
     pub(crate) fn at_references(&self, lit: &Lit) -> Vec<DVec3> {
         let mut values = Vec::new();
-        self.products(lit, &mut values);
+        self.products(&lit.parts, &mut values);
         let value = |v: &[f32; 4]| DVec3::new(v[0].into(), v[1].into(), v[2].into()).max(DVec3::ZERO) * lit.scale;
         values.iter().map(value).collect()
     }
@@ -273,7 +264,7 @@ impl Transport {
     /// Radiosity of every source vertex, RGB, none negative.
     pub(crate) fn radiosity(&mut self, lit: &Lit, receivers: &Receivers) -> Vec<DVec3> {
         let mut references = std::mem::take(&mut self.references);
-        self.products(lit, &mut references);
+        self.products(&lit.parts, &mut references);
         self.weights.apply(&references, &mut self.gathered);
         self.references = references;
         receivers.expand_rgb(&self.gathered, lit.scale)
@@ -284,7 +275,7 @@ impl Transport {
         let mut references = Vec::new();
         let of_part = |part: &Part| {
             let mut gathered = Vec::new();
-            self.products_of(std::slice::from_ref(part), &mut references);
+            self.products(std::slice::from_ref(part), &mut references);
             self.weights.apply_signed(&references, &mut gathered);
             gathered
         };

@@ -8,11 +8,10 @@ use glam::DVec3;
 use super::components::{Components, LightBasis};
 use super::digits::Term;
 use crate::error::Result;
-use crate::evaluate::DeviceEvaluator;
-use crate::evaluate::Evaluator;
+use crate::evaluate::device::Device;
 use crate::evaluate::device::interpolated::{InterpolatedOnDevice, Sum};
-use crate::evaluate::device::{Device, read_radiosity};
 use crate::evaluate::forward::{forward_scene, forward_single_scattering};
+use crate::evaluate::{DeviceEvaluator, Evaluator, Held};
 use crate::forms::baked_in::BakedIn;
 use crate::light::Light;
 use crate::medium::material::Medium;
@@ -21,7 +20,6 @@ use crate::progress::Progress;
 /// The transport of an asset on a device.
 pub(crate) struct ComponentsOnDevice<B: LightBasis> {
     cpu: BakedIn<Components<B>>,
-    device: Arc<Device>,
     stored: InterpolatedOnDevice,
     /// Scale of the radiosity in the buffer.
     scale: f64,
@@ -30,24 +28,20 @@ pub(crate) struct ComponentsOnDevice<B: LightBasis> {
 
 impl<B: LightBasis> ComponentsOnDevice<B> {
     pub(crate) fn new(cpu: BakedIn<Components<B>>, device: &Arc<Device>) -> Result<Self> {
-        let transport = &cpu.stored().transport;
+        let transport = &cpu.stored.transport;
         let coefficients: Vec<i16> = transport.coefficients.iter().map(|&digit| i16::from(digit)).collect();
         let stored = InterpolatedOnDevice::new(device, &coefficients, transport.columns, &transport.weights)?;
-        Ok(Self { cpu, device: Arc::clone(device), stored, scale: 1.0, is_current: false })
+        Ok(Self { cpu, stored, scale: 1.0, is_current: false })
     }
 }
 
 impl<B: LightBasis> DeviceEvaluator for ComponentsOnDevice<B> {
-    fn device(&self) -> &Arc<Device> {
-        &self.device
-    }
-
     fn update(&mut self, _: &dyn Progress) -> Result<()> {
         if !self.is_current {
-            let lit = self.cpu.lit();
+            let lit = &self.cpu.light;
             for (index, part) in lit.parts.iter().enumerate() {
                 let sum = if index == 0 { Sum::New } else { Sum::Added };
-                let columns = Term::columns(&part.terms, self.cpu.stored().transport.columns);
+                let columns = Term::columns(&part.terms, self.cpu.stored.transport.columns);
                 self.stored.add(&columns, &part.factors, sum)?;
             }
             self.stored.interpolate()?;
@@ -57,20 +51,9 @@ impl<B: LightBasis> DeviceEvaluator for ComponentsOnDevice<B> {
         Ok(())
     }
 
-    fn radiosity_buffer(&self) -> &wgpu::Buffer {
-        self.stored.radiosity()
-    }
-
-    fn scale(&self) -> f64 {
-        self.scale
-    }
-
-    fn receiver_of_vertex(&self) -> &[u32] {
-        &self.cpu.receivers().of_vertex
-    }
-
-    fn transport(&self) -> String {
-        self.device.describe()
+    fn held(&self) -> Held<'_> {
+        let receiver_of_vertex = &self.cpu.receivers.of_vertex;
+        Held { device: self.stored.device(), radiosity: self.stored.radiosity(), scale: self.scale, receiver_of_vertex }
     }
 }
 
@@ -89,7 +72,7 @@ impl<B: LightBasis> Evaluator for ComponentsOnDevice<B> {
     }
 
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
-        read_radiosity(self, progress)
+        self.read_back(progress)
     }
 
     fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {

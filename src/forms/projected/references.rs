@@ -142,6 +142,16 @@ pub(crate) fn ascending_rows(points: &[u32]) -> Vec<u32> {
     order
 }
 
+/// Radiosity at some points, none negative, of a light that is `vector` over the functions of the radiosities
+/// `[point][channel][function]`.
+pub(crate) fn under(values: &[f32], functions: usize, vector: &[DVec3]) -> Vec<DVec3> {
+    let of_point = |row: &[f32]| {
+        let sum = |c: usize| row[c * functions..].iter().zip(vector).map(|(v, w)| f64::from(*v) * w[c]).sum::<f64>();
+        DVec3::new(sum(0), sum(1), sum(2)).max(DVec3::ZERO)
+    };
+    values.chunks_exact((3 * functions).max(1)).map(of_point).collect()
+}
+
 /// Values at the rows of a net, from those in ascending order of their points.
 pub(crate) fn in_order_of_rows(net: &Net, ascending: &[DVec3]) -> Vec<DVec3> {
     let mut values = vec![DVec3::ZERO; ascending.len()];

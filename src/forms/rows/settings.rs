@@ -9,17 +9,16 @@ use super::bake::{of_sample, rows};
 use super::evaluate::Rows;
 use crate::asset::Asset;
 use crate::error::{Error, Result};
+use crate::evaluate::form::write_error;
 use crate::evaluate::inter_reflection;
 use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Form};
-use crate::forms::baked_in::{BakedIn, Beside};
+use crate::forms::baked_in::BakedIn;
 use crate::forms::density;
 use crate::forms::distant::{Distant, KINDS, with_work};
-use crate::forms::sampled_scene::GROUP;
-use crate::forms::single_scattering;
+use crate::forms::single_scattering::{Opened, opened, stored};
 use crate::light::LightKind;
 use crate::progress::Progress;
 use crate::scene::Scene;
-use crate::transport::receivers::Receivers;
 
 /// Transport of light from far away, as Haar coefficients of every vertex.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -47,24 +46,17 @@ impl Form for DirectionalRows {
         with_work((scene, settings, &self.0), progress, |work, _, mut ledger| {
             let mut file = DistantTransport { samples: work.sampled.samples.len() as u32, ..Default::default() };
             file.rows = Some(rows(work, &mut ledger, progress)?);
-            file.single = single_scattering::stored(work, None, &mut ledger, progress)?;
-            let sections = file.to_sections().map_err(|e| Error::runtime(format!("asset: {e}")))?;
-            Ok(AssetParts::without_samples(scene, ledger, sections))
+            file.single = stored(work, None, &mut ledger, progress)?;
+            Ok(AssetParts::without_samples(scene, ledger, file.to_sections().map_err(write_error)?))
         })
     }
 
     fn open(&self, asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
-        let scene = asset.scene.clone();
-        let receivers = Receivers::new(&scene.mesh, &scene.parts, GROUP);
-        let file = DistantTransport::from_sections(&asset.sections, receivers.len())
-            .map_err(|e| Error::input(e.to_string()))?
-            .ok_or_else(|| Error::input("an asset without its transport (sections aft.*); bake it again"))?;
+        let Opened { scene, receivers, file, beside } = opened(&asset, &self.0)?;
         let Some(own) = &file.rows else {
             return Err(Error::input("an asset without the rows that its settings speak of; bake it again"));
         };
-        let single = single_scattering::opened(file.single.as_ref(), &self.0, &scene, &receivers)?;
         let rows = Rows::new(own, self.0.transform)?;
-        let beside = Beside { single, outside: self.0.outside };
         BakedIn::with(scene, receivers, file.samples as usize, rows, beside)
     }
 }

@@ -6,14 +6,12 @@ use rayon::prelude::*;
 use translux_format::distant_transport::{Harmonics as File, Single as SingleFile, tags};
 use translux_format::rows::{FACES, IrradianceRows};
 
-use super::evaluate::{Probe, Values, exits};
-use super::phase::{largest_g, missing, resolved};
+use super::evaluate::{Probe, Values, exits, largest_g, missing, resolved};
 use crate::compress::ledger::Ledger;
 use crate::compress::prediction::Net;
 use crate::error::Result;
 use crate::evaluate::single_scattering::LitScene;
-use crate::forms::distant::Integrand;
-use crate::forms::distant::{Basis, Choice, MOST_ORDER, SUN, Single, Terms, Work, under_suns};
+use crate::forms::distant::{Basis, Choice, Integrand, MOST_ORDER, SUN, Single, Terms, Work, under_suns};
 use crate::forms::projected::coding::{Radiosities, code};
 use crate::forms::projected::harmonics::components;
 use crate::forms::projected::references::{in_ascending_order, spacing};

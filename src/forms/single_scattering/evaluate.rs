@@ -2,20 +2,21 @@
 
 use glam::DVec3;
 use rayon::prelude::*;
-use translux_format::distant_transport::{Single as File, tags};
+use translux_format::distant_transport::{DistantTransport, Single as File, tags};
 
-use super::phase::resolved;
+use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
 use crate::evaluate::SingleScattering;
+use crate::evaluate::form::read_error;
 use crate::evaluate::single_scattering::{LitScene, Scattering, SeenPoint, TowardsEye, Traced};
 use crate::evaluate::stages::{probe_points, worst};
-use crate::forms::baked_in::{MeanCosine, Single as InAsset, Stored, StoredSingle};
-use crate::forms::distant::Integrand;
-use crate::forms::distant::{Distant, Single, Terms};
+use crate::forms::baked_in::{Beside, MeanCosine, Single as InAsset, Stored, StoredSingle};
+use crate::forms::distant::{Distant, Integrand, Single, Terms};
 use crate::forms::projected::components::{Components, Weighted};
 use crate::forms::projected::harmonics::{HarmonicBasis, components};
 use crate::forms::rows::Rows;
+use crate::forms::sampled_scene::GROUP;
 use crate::light::Light;
 use crate::math::statistics::VertexError;
 use crate::medium::fresnel::transmittance;
@@ -23,7 +24,7 @@ use crate::medium::phase::LegendrePhase;
 use crate::scene::Scene;
 use crate::transport::receivers::{ProbePoints, Receivers};
 use crate::transport::single_scattering::radiance::{self, Path, Settings};
-use crate::transport::single_scattering::{Coefficients, ExitPoint, inside_towards, radiosity_factor, vertex_points};
+use crate::transport::single_scattering::{ExitPoint, inside_towards, radiosity_factor, vertex_points};
 
 /// Scattering places inside for each pixel, by rays.
 const PLACES: u32 = 128;
@@ -31,11 +32,33 @@ const PLACES: u32 = 128;
 /// The same for every vertex.
 const PLACES_OF_VERTICES: u32 = 32;
 
+/// Relative L2 error of a phase function over the asked error; under light from a hemisphere it shrinks.
+const PHASE: f64 = 20.0;
+
 /// Terms of a phase function at most.
 const MOST_TERMS: usize = translux_format::distant_transport::MOST_TERMS as usize;
 
+/// Transport of light from far away as an asset holds it, with what is beside it.
+pub(crate) struct Opened {
+    pub(crate) scene: Scene,
+    pub(crate) receivers: Receivers,
+    pub(crate) file: DistantTransport,
+    pub(crate) beside: Beside,
+}
+
+/// Opens an asset of light from far away.
+pub(crate) fn opened(asset: &Asset, plan: &Distant) -> Result<Opened> {
+    let scene = asset.scene.clone();
+    let receivers = Receivers::new(&scene.mesh, &scene.parts, GROUP);
+    let file = DistantTransport::from_sections(&asset.sections, receivers.len())
+        .map_err(read_error)?
+        .ok_or_else(|| Error::input("an asset without its transport (sections aft.*); bake it again"))?;
+    let beside = Beside { single: single(file.single.as_ref(), plan, &scene, &receivers)?, outside: plan.outside };
+    Ok(Opened { scene, receivers, file, beside })
+}
+
 /// Single scattering of an asset.
-pub(crate) fn opened(file: Option<&File>, plan: &Distant, scene: &Scene, receivers: &Receivers) -> Result<InAsset> {
+fn single(file: Option<&File>, plan: &Distant, scene: &Scene, receivers: &Receivers) -> Result<InAsset> {
     let Some(File { terms, harmonics, rows }) = file else {
         return Ok(match plan.single {
             Single::Off => InAsset::None,
@@ -49,8 +72,8 @@ pub(crate) fn opened(file: Option<&File>, plan: &Distant, scene: &Scene, receive
         });
     };
     let phase = match resolved(plan.single, scene, f64::INFINITY) {
-        Single::Phase(_) => Phase::OfMedia,
-        Single::Off | Single::Isotropic | Single::Folded => Phase::Isotropic,
+        Single::Phase(_) => Scattering::OfMedium,
+        Single::Off | Single::Isotropic | Single::Folded => Scattering::Isotropic,
     };
     let values = match (harmonics, rows) {
         (Some(harmonics), None) => {
@@ -68,10 +91,31 @@ fn traced(scattering: Scattering, samples: u32, plan: &Distant) -> Traced {
     Traced { form, crossings, ..Traced::new(scattering, samples) }
 }
 
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Phase {
-    Isotropic,
-    OfMedia,
+/// Resolves automatic terms to those that the media need; isotropic where g is 0 in every medium.
+pub(super) fn resolved(single: Single, scene: &Scene, max_rms: f64) -> Single {
+    let Single::Phase(terms) = single else { return single };
+    let g = largest_g(scene);
+    let fits = |terms: &&usize| missing(g, **terms) <= PHASE * max_rms;
+    match terms {
+        Terms::Auto if g == 0.0 => Single::Isotropic,
+        Terms::Auto => Single::Phase([1, 4, 9, 16].iter().find(fits).map_or(Terms::Rays, |k| Terms::Stored(*k))),
+        Terms::Stored(_) | Terms::Rays => single,
+    }
+}
+
+/// The largest |g| of the media in use.
+pub(super) fn largest_g(scene: &Scene) -> f64 {
+    let media = scene.parts.parts.iter().filter_map(|part| scene.media.get(part.medium? as usize));
+    media.map(|m| m.properties.g.abs()).fold(0.0, f64::max)
+}
+
+/// Relative L2 error of Henyey and Greenstein's function cut to whole bands.
+pub(super) fn missing(g: f64, terms: usize) -> f64 {
+    let square = g * g;
+    let energy = |l: usize| (2 * l + 1) as f64 * square.powi(l as i32);
+    let kept: f64 = (0..terms.isqrt()).map(energy).sum();
+    let all = (1.0 + square) / (1.0 - square).powi(2).max(f64::MIN_POSITIVE);
+    (1.0 - kept / all).max(0.0).sqrt()
 }
 
 /// Stored transport.
@@ -129,20 +173,20 @@ impl LitTerms {
 /// Single scattering looked up in stored transport.
 struct LookedUp {
     values: Values,
-    phase: Phase,
+    phase: Scattering,
     integrand: Integrand,
 }
 
 impl StoredSingle for LookedUp {
     fn is(&self, _: &Scene) -> SingleScattering {
         match self.phase {
-            Phase::Isotropic => SingleScattering::PerVertex,
-            Phase::OfMedia => SingleScattering::TowardsEye,
+            Scattering::Isotropic => SingleScattering::PerVertex,
+            Scattering::OfMedium => SingleScattering::TowardsEye,
         }
     }
 
     fn per_vertex(&self, lit: LitScene, receivers: &Receivers) -> Result<Option<Vec<DVec3>>> {
-        if self.phase == Phase::OfMedia {
+        if self.phase == Scattering::OfMedium {
             return Ok(None);
         }
         let terms = rayon::scope(|_| self.values.lit(lit.lights))?;
@@ -154,7 +198,7 @@ impl StoredSingle for LookedUp {
         lit: LitScene<'a>,
         receivers: &'a Receivers,
     ) -> Result<Option<Box<dyn TowardsEye + 'a>>> {
-        if self.phase == Phase::Isotropic {
+        if self.phase == Scattering::Isotropic {
             return Ok(None);
         }
         Ok(Some(Box::new(LitFromOutside::new(self.values.lit(lit.lights)?, lit.scene, receivers))))
@@ -162,8 +206,8 @@ impl StoredSingle for LookedUp {
 
     fn mean_cosine(&self) -> MeanCosine {
         match self.phase {
-            Phase::Isotropic => MeanCosine::Stays,
-            Phase::OfMedia => MeanCosine::Free,
+            Scattering::Isotropic => MeanCosine::Stays,
+            Scattering::OfMedium => MeanCosine::Free,
         }
     }
 
@@ -292,22 +336,18 @@ impl<'a> Probe<'a> {
     }
 
     /// Error relative to single scattering: isotropic, or towards eyes half way to the horizon.
-    fn error(&self, values: &Values, phase: Phase, lights: &[Light]) -> Result<VertexError> {
+    fn error(&self, values: &Values, phase: Scattering, lights: &[Light]) -> Result<VertexError> {
         let terms = values.lit(lights)?;
-        let coefficients = match phase {
-            Phase::Isotropic => Coefficients::Reduced,
-            Phase::OfMedia => Coefficients::Unreduced,
-        };
         let Integrand { form, crossings } = self.integrand;
-        let settings = Settings { coefficients, form, crossings, ..Settings::REFERENCE };
+        let settings = Settings { coefficients: phase.coefficients(), form, crossings, ..Settings::REFERENCE };
         let rays = radiance::SingleScattering::new(self.lit.scene.domain(), self.lit.bvh, lights, settings)?;
         let aslant = |n: DVec3| (n + n.any_orthonormal_vector()).normalize_or_zero();
         let points = || self.exits.par_iter().zip(&self.points.indices);
         let (found, expected): (Vec<DVec3>, Vec<DVec3>) = match phase {
-            Phase::Isotropic => {
+            Scattering::Isotropic => {
                 points().map(|(p, &r)| (terms.value(0, r).max(DVec3::ZERO), rays.per_point(p, r.into()))).unzip()
             }
-            Phase::OfMedia => {
+            Scattering::OfMedium => {
                 let seen = LitFromOutside::new(terms, self.lit.scene, self.receivers);
                 let of = |(p, &r): (&ExitPoint, &u32)| {
                     let eye = aslant(p.normal);
@@ -321,7 +361,7 @@ impl<'a> Probe<'a> {
 
     /// Error of stored values, the worst of some lights, each alone.
     pub(super) fn worst(&self, values: &Values, single: Single, lights: &[Light]) -> Result<VertexError> {
-        let phase = if single == Single::Isotropic { Phase::Isotropic } else { Phase::OfMedia };
+        let phase = if single == Single::Isotropic { Scattering::Isotropic } else { Scattering::OfMedium };
         worst(lights.chunks(1), |light| Ok([self.error(values, phase, light)?])).map(|[worst]| worst)
     }
 }

@@ -2,7 +2,6 @@
 
 mod bake;
 mod evaluate;
-mod phase;
 
 pub(crate) use bake::{Folded, stored};
-pub(crate) use evaluate::opened;
+pub(crate) use evaluate::{Opened, opened};

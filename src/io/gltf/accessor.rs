@@ -221,19 +221,14 @@ impl Elements<'_> {
 
     /// Components as f32; normalised integers as `max(c / MAX, -1)` (glTF 2.0, section 3.11).
     pub(super) fn floats<const N: usize>(&self) -> Vec<[f32; N]> {
-        match (self.component, self.normalized) {
-            (ComponentType::F32, _) => self.gather(f32::from_le_bytes),
-            (ComponentType::U8, false) => self.gather(|[byte]| f32::from(byte)),
-            (ComponentType::U8, true) => self.gather(|[byte]| f32::from(byte) / 255.0),
-            (ComponentType::I8, false) => self.gather(|bytes| f32::from(i8::from_le_bytes(bytes))),
-            (ComponentType::I8, true) => self.gather(|bytes| (f32::from(i8::from_le_bytes(bytes)) / 127.0).max(-1.0)),
-            (ComponentType::U16, false) => self.gather(|bytes| f32::from(u16::from_le_bytes(bytes))),
-            (ComponentType::U16, true) => self.gather(|bytes| f32::from(u16::from_le_bytes(bytes)) / 65535.0),
-            (ComponentType::I16, false) => self.gather(|bytes| f32::from(i16::from_le_bytes(bytes))),
-            (ComponentType::I16, true) => {
-                self.gather(|bytes| (f32::from(i16::from_le_bytes(bytes)) / 32767.0).max(-1.0))
-            }
-            (ComponentType::U32, _) => self.gather(|bytes| u32::from_le_bytes(bytes) as f32),
+        let scaled = |value: f32, most: f32| if self.normalized { (value / most).max(-1.0) } else { value };
+        match self.component {
+            ComponentType::F32 => self.gather(f32::from_le_bytes),
+            ComponentType::U8 => self.gather(|[byte]| scaled(byte.into(), 255.0)),
+            ComponentType::I8 => self.gather(|bytes| scaled(i8::from_le_bytes(bytes).into(), 127.0)),
+            ComponentType::U16 => self.gather(|bytes| scaled(u16::from_le_bytes(bytes).into(), 65535.0)),
+            ComponentType::I16 => self.gather(|bytes| scaled(i16::from_le_bytes(bytes).into(), 32767.0)),
+            ComponentType::U32 => self.gather(|bytes| u32::from_le_bytes(bytes) as f32),
         }
     }
 

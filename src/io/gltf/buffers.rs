@@ -6,6 +6,9 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 
+use base64::Engine;
+use base64::alphabet::STANDARD;
+use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use gltf::json::Root;
 
 use super::extensions;
@@ -143,39 +146,12 @@ pub(super) fn decode_data_uri(data: &str) -> Result<Vec<u8>> {
 
 /// Decodes base64 (RFC 4648, section 4); padding may be missing. `None` for any other byte or an impossible length.
 fn decode_base64(text: &[u8]) -> Option<Vec<u8>> {
-    const PAD_MOST: usize = 2;
-    let pads = text.iter().rev().take(PAD_MOST).take_while(|&&byte| byte == b'=').count();
-    if pads > 0 && !text.len().is_multiple_of(4) {
-        return None;
-    }
-    let text = text.get(..text.len() - pads)?;
-    let mut bytes = Vec::with_capacity(text.len() / 4 * 3 + 2);
-    for group in text.chunks(4) {
-        let mut bits = 0u32;
-        for &symbol in group {
-            bits = bits << 6 | u32::from(base64_value(symbol)?);
-        }
-        let whole = match group.len() {
-            4 => 3,
-            3 => 2,
-            2 => 1,
-            _ => return None,
-        };
-        bits <<= 6 * (4 - group.len());
-        bytes.extend(bits.to_be_bytes().into_iter().skip(1).take(whole));
-    }
-    Some(bytes)
-}
-
-fn base64_value(symbol: u8) -> Option<u8> {
-    match symbol {
-        b'A'..=b'Z' => Some(symbol - b'A'),
-        b'a'..=b'z' => Some(symbol - b'a' + 26),
-        b'0'..=b'9' => Some(symbol - b'0' + 52),
-        b'+' => Some(62),
-        b'/' => Some(63),
-        _ => None,
-    }
+    const ANY_END: GeneralPurposeConfig = GeneralPurposeConfig::new()
+        .with_decode_padding_mode(DecodePaddingMode::Indifferent)
+        .with_decode_allow_trailing_bits(true);
+    // The crate also takes a part of the padding.
+    let is_whole = !text.ends_with(b"=") || text.len().is_multiple_of(4);
+    GeneralPurpose::new(&STANDARD, ANY_END).decode(text).ok().filter(|_| is_whole)
 }
 
 #[cfg(test)]

@@ -177,38 +177,38 @@ impl CheckedPrimitive<'_> {
     }
 
     fn unit_normals(&self, elements: &Elements<'_>, warnings: &mut Warnings) -> Vec<Vec3> {
-        let mut invalid = 0usize;
-        let normals = elements.floats::<3>().into_iter().map(|normal| {
+        let problem = "stored normals are not of unit length and are not used";
+        self.usable(elements, (problem, warnings), |normal| {
             let normal = Vec3::from_array(normal);
             let length = normal.length();
-            if (length - 1.0).abs() <= NORMAL_TOLERANCE {
-                return normal / length;
-            }
-            invalid += 1;
-            Vec3::ZERO
-        });
-        let normals = normals.collect();
-        if invalid > 0 {
-            warnings.add_items(&self.place, invalid, "stored normals are not of unit length and are not used");
-        }
-        normals
+            ((length - 1.0).abs() <= NORMAL_TOLERANCE).then(|| normal / length)
+        })
     }
 
     fn uvs_v_up(&self, elements: &Elements<'_>, warnings: &mut Warnings) -> Vec<Vec2> {
+        let problem = "texture coordinates are not finite and become 0";
+        self.usable(elements, (problem, warnings), |[u, v]| Some(Vec2::new(u, 1.0 - v)).filter(|uv| uv.is_finite()))
+    }
+
+    /// Values of elements; 0 where there is none, which a warning tells.
+    fn usable<T: Default, const N: usize>(
+        &self,
+        elements: &Elements<'_>,
+        (problem, warnings): (&str, &mut Warnings),
+        value: impl Fn([f32; N]) -> Option<T>,
+    ) -> Vec<T> {
         let mut invalid = 0usize;
-        let uvs = elements.floats::<2>().into_iter().map(|[u, v]| {
-            let uv = Vec2::new(u, 1.0 - v);
-            if uv.is_finite() {
-                return uv;
-            }
-            invalid += 1;
-            Vec2::ZERO
-        });
-        let uvs = uvs.collect();
+        let of = |stored| {
+            value(stored).unwrap_or_else(|| {
+                invalid += 1;
+                T::default()
+            })
+        };
+        let values = elements.floats::<N>().into_iter().map(of).collect();
         if invalid > 0 {
-            warnings.add_items(&self.place, invalid, "texture coordinates are not finite and become 0");
+            warnings.add_items(&self.place, invalid, problem);
         }
-        uvs
+        values
     }
 }
 

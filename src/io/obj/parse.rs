@@ -37,6 +37,7 @@ pub(super) struct Face {
 }
 
 /// The content of a file that passed all checks.
+#[derive(Default)]
 pub(super) struct Parsed {
     pub(super) positions: Vec<DVec3>,
     /// Texture coordinates, possibly not finite.
@@ -76,19 +77,13 @@ impl Tally {
 struct Parser<'a> {
     name: &'a str,
     line: usize,
-    positions: Vec<DVec3>,
+    parsed: Parsed,
     /// Vertices that are not finite, in order: index and line.
     not_finite: Vec<(u32, usize)>,
-    uvs: Vec<Vec2>,
-    normals: Vec<Vec3>,
-    corners: Vec<Corner>,
-    faces: Vec<Face>,
-    materials: Vec<String>,
     material_ids: HashMap<String, u32>,
     material: Option<String>,
     /// Index of `material` once a face has used it.
     material_id: Option<u32>,
-    material_libraries: Vec<String>,
     weights: Tally,
     colours: Tally,
     points_and_lines: Tally,
@@ -132,8 +127,8 @@ impl Parser<'_> {
             }
             b"mtllib" => {
                 let library = String::from_utf8_lossy(rest).into_owned();
-                if !rest.is_empty() && !self.material_libraries.contains(&library) {
-                    self.material_libraries.push(library);
+                if !rest.is_empty() && !self.parsed.material_libraries.contains(&library) {
+                    self.parsed.material_libraries.push(library);
                 }
                 Ok(())
             }
@@ -206,13 +201,13 @@ impl Parser<'_> {
                 );
             }
         }
-        self.check_count(self.positions.len(), "vertices")?;
+        self.check_count(self.parsed.positions.len(), "vertices")?;
         let position = DVec3::new(values[0], values[1], values[2]);
         if position.is_finite() {
-            self.positions.push(position);
+            self.parsed.positions.push(position);
         } else {
-            self.not_finite.push((self.positions.len() as u32, self.line));
-            self.positions.push(DVec3::ZERO);
+            self.not_finite.push((self.parsed.positions.len() as u32, self.line));
+            self.parsed.positions.push(DVec3::ZERO);
         }
         Ok(())
     }
@@ -222,9 +217,9 @@ impl Parser<'_> {
         if !(1..=3).contains(&count) {
             return Err(self.wrong(&format!("texture coordinate with {count} numbers; one to three are needed")));
         }
-        self.check_count(self.uvs.len(), "texture coordinates")?;
+        self.check_count(self.parsed.uvs.len(), "texture coordinates")?;
         // A missing v is 0, as the format has it.
-        self.uvs.push(DVec2::new(values[0], values[1]).as_vec2());
+        self.parsed.uvs.push(DVec2::new(values[0], values[1]).as_vec2());
         Ok(())
     }
 
@@ -233,21 +228,21 @@ impl Parser<'_> {
         if count != 3 {
             return Err(self.wrong(&format!("normal with {count} numbers; three are needed")));
         }
-        self.check_count(self.normals.len(), "normals")?;
+        self.check_count(self.parsed.normals.len(), "normals")?;
         let value = DVec3::new(values[0], values[1], values[2]);
         // The largest component first: squares of the largest and smallest doubles leave the range.
         let unit = (value / value.abs().max_element()).normalize_or_zero();
-        self.normals.push(if value.is_finite() { unit.as_vec3() } else { Vec3::ZERO });
+        self.parsed.normals.push(if value.is_finite() { unit.as_vec3() } else { Vec3::ZERO });
         Ok(())
     }
 
     fn face(&mut self, rest: &[u8]) -> Result<()> {
-        let start = self.corners.len();
+        let start = self.parsed.corners.len();
         for word in words(rest) {
             let corner = self.corner(word)?;
-            self.corners.push(corner);
+            self.parsed.corners.push(corner);
         }
-        let count = self.corners.len() - start;
+        let count = self.parsed.corners.len() - start;
         if count < 3 {
             let corners = if count == 1 { "corner" } else { "corners" };
             return Err(self.wrong(&format!("face with {count} {corners}; at least 3 are needed")));
@@ -262,22 +257,18 @@ impl Parser<'_> {
             Some(id) => id,
             None => self.use_material(),
         };
-        self.faces.push(Face { end: self.corners.len(), material, line: self.line });
+        self.parsed.faces.push(Face { end: self.parsed.corners.len(), material, line: self.line });
         Ok(())
     }
 
     /// The index of the current material, which is entered at its first face.
     fn use_material(&mut self) -> u32 {
-        let name = self.material.as_deref().unwrap_or("default");
-        let id = match self.material_ids.get(name) {
-            Some(&id) => id,
-            None => {
-                let id = self.materials.len() as u32;
-                self.materials.push(name.to_owned());
-                self.material_ids.insert(name.to_owned(), id);
-                id
-            }
-        };
+        let name = self.material.as_deref().unwrap_or("default").to_owned();
+        let materials = &mut self.parsed.materials;
+        let id = *self.material_ids.entry(name).or_insert_with_key(|name| {
+            materials.push(name.clone());
+            materials.len() as u32 - 1
+        });
         self.material_id = Some(id);
         id
     }
@@ -293,9 +284,9 @@ impl Parser<'_> {
             self.trailing_slashes.add(self.line);
         }
         Ok(Corner {
-            vertex: self.resolve(vertex, self.positions.len(), "vertex")?,
-            uv: self.resolve(uv, self.uvs.len(), "texture coordinate")?,
-            normal: self.resolve(normal, self.normals.len(), "normal")?,
+            vertex: self.resolve(vertex, self.parsed.positions.len(), "vertex")?,
+            uv: self.resolve(uv, self.parsed.uvs.len(), "texture coordinate")?,
+            normal: self.resolve(normal, self.parsed.normals.len(), "normal")?,
         })
     }
 
@@ -321,26 +312,17 @@ impl Parser<'_> {
     }
 
     fn finish(self) -> Result<Parsed> {
-        if self.faces.is_empty() {
+        if self.parsed.faces.is_empty() {
             return Err(self.without_faces());
         }
         self.check_ranges()?;
         self.check_finite()?;
-        Ok(Parsed {
-            warnings: self.warnings(),
-            positions: self.positions,
-            uvs: self.uvs,
-            normals: self.normals,
-            corners: self.corners,
-            faces: self.faces,
-            materials: self.materials,
-            material_libraries: self.material_libraries,
-        })
+        Ok(Parsed { warnings: self.warnings(), ..self.parsed })
     }
 
     fn without_faces(&self) -> Error {
         let name = self.name;
-        let vertices = self.positions.len();
+        let vertices = self.parsed.positions.len();
         let unknown: usize = self.unknown.iter().map(|(_, tally)| tally.count).sum::<usize>() + self.more_unknown.count;
         Error::input(if vertices == 0 && unknown > 0 {
             format!("{name}: no vertices, no faces and {unknown} unknown statements; is this an OBJ file?")
@@ -357,12 +339,12 @@ impl Parser<'_> {
 
     /// Refuses the first face in the file that refers to something undefined.
     fn check_ranges(&self) -> Result<()> {
-        let mut corners = self.corners.iter().enumerate();
+        let mut corners = self.parsed.corners.iter().enumerate();
         let outside = corners.find_map(|(at, corner)| {
             [
-                (corner.vertex, self.positions.len(), "vertex"),
-                (corner.uv, self.uvs.len(), "texture coordinate"),
-                (corner.normal, self.normals.len(), "normal"),
+                (corner.vertex, self.parsed.positions.len(), "vertex"),
+                (corner.uv, self.parsed.uvs.len(), "texture coordinate"),
+                (corner.normal, self.parsed.normals.len(), "normal"),
             ]
             .into_iter()
             .find(|&(index, count, what)| index as usize >= count && (index != NONE || what == "vertex"))
@@ -387,7 +369,8 @@ impl Parser<'_> {
         let line_of = |vertex: u32| {
             self.not_finite.binary_search_by_key(&vertex, |&(v, _)| v).ok().map(|found| self.not_finite[found].1)
         };
-        let used = self.corners.iter().enumerate().find_map(|(at, c)| line_of(c.vertex).map(|l| (at, c.vertex, l)));
+        let used =
+            self.parsed.corners.iter().enumerate().find_map(|(at, c)| line_of(c.vertex).map(|l| (at, c.vertex, l)));
         let Some((at, vertex, line)) = used else { return Ok(()) };
         Err(self.wrong_at(
             self.line_of_corner(at),
@@ -400,8 +383,8 @@ impl Parser<'_> {
     }
 
     fn line_of_corner(&self, corner: usize) -> usize {
-        let face = self.faces.partition_point(|face| face.end <= corner);
-        self.faces.get(face).map_or(self.line, |face| face.line)
+        let face = self.parsed.faces.partition_point(|face| face.end <= corner);
+        self.parsed.faces.get(face).map_or(self.line, |face| face.line)
     }
 
     fn warnings(&self) -> Vec<String> {

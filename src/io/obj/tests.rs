@@ -1,43 +1,18 @@
 #![allow(clippy::unwrap_used)]
 
-use std::path::PathBuf;
-
 use glam::DVec3;
 
 use super::*;
 use crate::error::ExitCode;
-
-fn shared(folder: &str) -> Option<PathBuf> {
-    let root = std::env::var_os("TRANSLUX_SHARED")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared"), PathBuf::from);
-    let path = root.join("data").join(folder);
-    if path.is_dir() {
-        return Some(path);
-    }
-    println!("WITHOUT ../shared: no test data at {}", path.display());
-    None
-}
+use crate::io::reader_tests::{check_promises, shared_data};
 
 fn parse(text: &str) -> Result<SourceModel> {
     parse_obj(text.as_bytes(), "model.obj")
 }
 
 fn check_guarantees(model: &SourceModel) {
-    assert!(!model.triangles.is_empty());
-    assert_eq!(model.triangles.len(), model.triangle_material.len());
-    assert!(model.triangle_material.iter().all(|&m| (m as usize) < model.materials.len()));
-    assert!(model.triangles.iter().flatten().all(|&v| model.positions[v as usize].is_finite()));
+    check_promises(model, 1e-6);
     assert!(model.positions.iter().all(|p| p.is_finite()));
-    if let Some(normals) = &model.normals {
-        assert_eq!(normals.corners.len(), model.triangles.len());
-        assert!(normals.corners.iter().flatten().all(|&c| (c as usize) < normals.values.len()));
-        assert!(normals.values.iter().all(|n| *n == Vec3::ZERO || (n.length() - 1.0).abs() < 1e-6));
-    }
-    if let Some(uvs) = &model.uvs {
-        assert_eq!(uvs.corners.len(), model.triangles.len());
-        assert!(uvs.corners.iter().flatten().all(|&c| (c as usize) < uvs.values.len()));
-        assert!(uvs.values.iter().all(|uv| uv.is_finite()));
-    }
 }
 
 fn area(model: &SourceModel) -> f64 {
@@ -317,7 +292,7 @@ const BAD: &[(&str, std::result::Result<usize, &str>)] = &[
 
 #[test]
 fn bad_files_give_the_documented_result() {
-    let Some(folder) = shared("bad") else { return };
+    let Some(folder) = shared_data("bad") else { return };
     let mut seen = 0;
     for entry in std::fs::read_dir(&folder).unwrap() {
         let path = entry.unwrap().path();
@@ -347,7 +322,7 @@ fn bad_files_give_the_documented_result() {
 
 #[test]
 fn bad_files_that_load_are_what_they_should_be() {
-    let Some(folder) = shared("bad") else { return };
+    let Some(folder) = shared_data("bad") else { return };
     let concave = read_obj(&folder.join("concave_polygon.obj")).unwrap();
     assert_eq!(concave.materials, ["test"]);
     // A ring between circles of 0.7425 and 0.69, as 32-gons and slightly irregular: the shoelace formula by hand.
@@ -400,7 +375,7 @@ fn a_written_model_loads_in_its_order_to_the_bit() {
 
 #[test]
 fn real_meshes_load_in_source_order_with_the_documented_counts() {
-    let Some(folder) = shared("meshes") else { return };
+    let Some(folder) = shared_data("meshes") else { return };
     let sources = std::fs::read_to_string(folder.join("../SOURCES.md")).unwrap();
     let mut seen = 0;
     for row in sources.lines().filter(|row| row.starts_with("| ") && row.contains(".obj |")) {
@@ -441,7 +416,7 @@ fn mutation_seeds() -> Vec<Vec<u8>> {
         grid += &format!("f {} {} {} {}\n", i + 1, i + 2, i + 10, i + 9);
     }
     let mut seeds = vec![everything.into_bytes(), grid.into_bytes()];
-    if let Some(folder) = shared("bad") {
+    if let Some(folder) = shared_data("bad") {
         for name in ["concave_polygon.obj", "negative_indices.obj", "missing_mtl.obj", "far_from_origin.obj"] {
             seeds.push(std::fs::read(folder.join(name)).unwrap());
         }

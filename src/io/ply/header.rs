@@ -21,41 +21,29 @@ pub(super) enum Scalar {
     F64,
 }
 
+/// The number types with their two names and their bytes, in the order of their declaration.
+const SCALARS: [(Scalar, [&str; 2], usize); 8] = [
+    (Scalar::I8, ["char", "int8"], 1),
+    (Scalar::U8, ["uchar", "uint8"], 1),
+    (Scalar::I16, ["short", "int16"], 2),
+    (Scalar::U16, ["ushort", "uint16"], 2),
+    (Scalar::I32, ["int", "int32"], 4),
+    (Scalar::U32, ["uint", "uint32"], 4),
+    (Scalar::F32, ["float", "float32"], 4),
+    (Scalar::F64, ["double", "float64"], 8),
+];
+
 impl Scalar {
     fn from_name(name: &str) -> Option<Self> {
-        Some(match name {
-            "char" | "int8" => Self::I8,
-            "uchar" | "uint8" => Self::U8,
-            "short" | "int16" => Self::I16,
-            "ushort" | "uint16" => Self::U16,
-            "int" | "int32" => Self::I32,
-            "uint" | "uint32" => Self::U32,
-            "float" | "float32" => Self::F32,
-            "double" | "float64" => Self::F64,
-            _ => return None,
-        })
+        SCALARS.iter().find(|(_, names, _)| names.contains(&name)).map(|(scalar, ..)| *scalar)
     }
 
     pub(super) fn name(self) -> &'static str {
-        match self {
-            Self::I8 => "char",
-            Self::U8 => "uchar",
-            Self::I16 => "short",
-            Self::U16 => "ushort",
-            Self::I32 => "int",
-            Self::U32 => "uint",
-            Self::F32 => "float",
-            Self::F64 => "double",
-        }
+        SCALARS[self as usize].1[0]
     }
 
     pub(super) fn bytes(self) -> usize {
-        match self {
-            Self::I8 | Self::U8 => 1,
-            Self::I16 | Self::U16 => 2,
-            Self::I32 | Self::U32 | Self::F32 => 4,
-            Self::F64 => 8,
-        }
+        SCALARS[self as usize].2
     }
 
     fn is_integer(self) -> bool {

@@ -6,6 +6,15 @@ fn flat(points: &[[f64; 2]]) -> Vec<DVec3> {
     points.iter().map(|p| DVec3::new(p[0], p[1], 0.0)).collect()
 }
 
+/// A polygon of `n` corners around the origin, at distances by their numbers.
+fn around(n: usize, radius: impl Fn(usize) -> f64) -> Vec<DVec3> {
+    let corner = |i: usize| {
+        let angle = i as f64 * std::f64::consts::TAU / n as f64;
+        radius(i) * DVec3::new(angle.cos(), angle.sin(), 0.0)
+    };
+    (0..n).map(corner).collect()
+}
+
 fn newell(corners: &[DVec3]) -> DVec3 {
     let origin = corners[0];
     (0..corners.len()).map(|i| (corners[i] - origin).cross(corners[(i + 1) % corners.len()] - origin)).sum()
@@ -156,13 +165,7 @@ fn a_hole_joined_by_a_doubled_edge_keeps_its_area() {
 
 #[test]
 fn a_circle_is_cut_without_a_fan_of_slivers() {
-    let n = 256;
-    let circle: Vec<DVec3> = (0..n)
-        .map(|i| {
-            let angle = f64::from(i) * std::f64::consts::TAU / f64::from(n);
-            DVec3::new(angle.cos(), angle.sin(), 0.0)
-        })
-        .collect();
+    let circle = around(256, |_| 1.0);
     check_planar(&circle);
     let mut valence = vec![0; circle.len()];
     for triangle in triangulate(&circle) {
@@ -260,13 +263,7 @@ fn the_largest_polygons_take_bounded_time() {
     let n = MAX_POLYGON_CORNERS;
     let start = std::time::Instant::now();
     for inner in [0.999, 0.1] {
-        let corners: Vec<DVec3> = (0..n)
-            .map(|i| {
-                let angle = i as f64 * std::f64::consts::TAU / n as f64;
-                let radius = if i % 2 == 0 { 1.0 } else { inner };
-                DVec3::new(radius * angle.cos(), radius * angle.sin(), 0.0)
-            })
-            .collect();
+        let corners = around(n, |i| if i % 2 == 0 { 1.0 } else { inner });
         let triangles = triangulate(&corners);
         let area = newell(&corners).length() / 2.0;
         assert!((total_area(&corners, &triangles) - area).abs() < 1e-10 * area);

@@ -67,12 +67,12 @@ impl Raster {
     /// # Errors
     /// A mesh that the adapter has no room for (exit 5), a lost device (exit 4).
     pub fn new(evaluator: &dyn DeviceEvaluator, finishes: &[Finish]) -> Result<Self> {
-        let device = Arc::clone(evaluator.device());
+        let device = Arc::clone(evaluator.held().device);
         let scene = evaluator.scene();
         let layout = layout(&device);
         let pipelines = finishes.iter().map(|finish| Pipelines::new(&device, &layout, *finish)).collect();
         let usage = |usage| wgpu::BufferUsages::COPY_DST | usage;
-        let (vertices, triangles) = corners(scene, evaluator.receiver_of_vertex());
+        let (vertices, triangles) = corners(scene, evaluator.held().receiver_of_vertex);
         let corners = filled(&device, "corners", &vertices, usage(wgpu::BufferUsages::VERTEX))?;
         let indices = filled(&device, "triangles", &triangles, usage(wgpu::BufferUsages::INDEX))?;
         let wires = filled(&device, "wires", &wires(&triangles), usage(wgpu::BufferUsages::INDEX))?;

@@ -22,8 +22,8 @@ pub struct Shown {
 
 impl Shown {
     pub(super) fn new(evaluator: &dyn DeviceEvaluator) -> Result<Self> {
-        let device = Arc::clone(evaluator.device());
-        let radiosity = device.zeros("shown radiosity", HEADER + evaluator.radiosity_buffer().size())?;
+        let device = Arc::clone(evaluator.held().device);
+        let radiosity = device.zeros("shown radiosity", HEADER + evaluator.held().radiosity.size())?;
         let visibility = device.zeros("shown visibility", evaluator.scene().mesh.local_mm.len() as u64 * 4)?;
         Ok(Self { device, radiosity, visibility })
     }
@@ -46,9 +46,10 @@ impl Shown {
             let usage = wgpu::BufferUsages::COPY_SRC;
             device.create_buffer_init(&wgpu::util::BufferInitDescriptor { label: Some(label), contents, usage })
         };
-        let scale = (evaluator.scale() as f32).clamp(f32::MIN_POSITIVE, f32::MAX);
+        let held = evaluator.held();
+        let scale = (held.scale as f32).clamp(f32::MIN_POSITIVE, f32::MAX);
         let header = staged("scale", bytemuck::cast_slice(&[scale, 0.0, 0.0, 0.0]));
-        let source = evaluator.radiosity_buffer();
+        let source = held.radiosity;
         let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         encoder.copy_buffer_to_buffer(&header, 0, &self.radiosity, 0, HEADER);
         let bytes = source.size().min(self.radiosity.size() - HEADER) / 4 * 4;

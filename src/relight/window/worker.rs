@@ -199,11 +199,11 @@ impl Bench {
 
     /// The radiance of the vertices that face the eye, at the percentile that automatic exposure makes white.
     fn white(&self, camera: &Camera, textured: Textured) -> Result<Option<f64>> {
-        let buffer = self.evaluator.radiosity_buffer();
-        let bytes = self.evaluator.device().read(buffer, buffer.size())?;
+        let held = self.evaluator.held();
+        let bytes = held.device.read(held.radiosity, held.radiosity.size())?;
         let values: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&bytes);
         let eye = (camera.at_mm() - self.evaluator.scene().mesh.origin_mm).as_vec3();
-        let scale = self.evaluator.scale() / std::f64::consts::PI;
+        let scale = held.scale / std::f64::consts::PI;
         let albedo = |vertex: usize| match textured {
             Textured::Yes => self.albedo.get(vertex).copied().unwrap_or(DVec3::ONE),
             Textured::No => DVec3::ONE,
@@ -213,8 +213,8 @@ impl Bench {
             let value = (DVec3::new((*r).into(), (*g).into(), (*b).into()) * albedo(vertex)).max_element() * scale;
             (normal.dot(eye - *point) > 0.0 && value.is_finite()).then_some(value)
         };
-        let receivers = self.evaluator.receiver_of_vertex();
-        let mut seen: Vec<f64> = receivers.iter().zip(self.shadows.starts()).enumerate().filter_map(radiance).collect();
+        let receivers = held.receiver_of_vertex.iter();
+        let mut seen: Vec<f64> = receivers.zip(self.shadows.starts()).enumerate().filter_map(radiance).collect();
         let rank = (AUTO_EXPOSURE_PERCENTILE * seen.len() as f64).ceil() as usize;
         let Some(index) = rank.checked_sub(1) else { return Ok(None) };
         let (_, white, _) = seen.select_nth_unstable_by(index, f64::total_cmp);

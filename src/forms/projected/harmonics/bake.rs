@@ -15,7 +15,7 @@ use crate::forms::baked_in::Stored;
 use crate::forms::distant::{Distant, MOST_ORDER, SUN, Work, under_suns, with_work};
 use crate::forms::projected::coding::{Radiosities, code};
 use crate::forms::projected::components::Lit;
-use crate::forms::projected::references::{in_ascending_order, in_order_of_rows, spacing, spatial_error};
+use crate::forms::projected::references::{in_ascending_order, in_order_of_rows, spacing, spatial_error, under};
 use crate::forms::sampled_scene::{GROUP, SampledScene, parts};
 use crate::forms::single_scattering::Folded;
 use crate::light::Light;
@@ -83,14 +83,7 @@ impl AtReferences {
 
     /// Radiosity at the points under a light, from the first `order^2` harmonics.
     fn under(&self, light: &Light, order: usize) -> Result<Vec<DVec3>> {
-        let vector = coefficients(light, order)?;
-        let of_point = |row: &[f32]| {
-            let sum = |c: usize| -> f64 {
-                row[c * self.functions..].iter().zip(&vector).map(|(v, w)| f64::from(*v) * w[c]).sum()
-            };
-            DVec3::new(sum(0), sum(1), sum(2)).max(DVec3::ZERO)
-        };
-        Ok(self.values.chunks_exact((3 * self.functions).max(1)).map(of_point).collect())
+        Ok(under(&self.values, self.functions, &coefficients(light, order)?))
     }
 }
 

@@ -9,17 +9,16 @@ use super::bake::harmonics;
 use super::evaluate::components;
 use crate::asset::Asset;
 use crate::error::{Error, Result};
+use crate::evaluate::form::write_error;
 use crate::evaluate::inter_reflection;
 use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Form};
-use crate::forms::baked_in::{BakedIn, Beside};
+use crate::forms::baked_in::BakedIn;
 use crate::forms::density;
 use crate::forms::distant::{Distant, KINDS, MOST_ORDER, with_work};
-use crate::forms::sampled_scene::GROUP;
-use crate::forms::single_scattering;
+use crate::forms::single_scattering::{Opened, opened, stored};
 use crate::light::LightKind;
 use crate::progress::Progress;
 use crate::scene::Scene;
-use crate::transport::receivers::Receivers;
 
 /// Transport of light from far away, under spherical harmonics at reference points.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -48,25 +47,18 @@ impl Form for Harmonics {
         with_work((scene, settings, &self.0), progress, |work, suns, mut ledger| {
             let mut file = DistantTransport { samples: work.sampled.samples.len() as u32, ..Default::default() };
             let own = harmonics(work, suns, &mut ledger, progress)?;
-            file.single = single_scattering::stored(work, Some(own.order as usize), &mut ledger, progress)?;
+            file.single = stored(work, Some(own.order as usize), &mut ledger, progress)?;
             file.harmonics = Some(own);
-            let sections = file.to_sections().map_err(|e| Error::runtime(format!("asset: {e}")))?;
-            Ok(AssetParts::without_samples(scene, ledger, sections))
+            Ok(AssetParts::without_samples(scene, ledger, file.to_sections().map_err(write_error)?))
         })
     }
 
     fn open(&self, asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
-        let scene = asset.scene.clone();
-        let receivers = Receivers::new(&scene.mesh, &scene.parts, GROUP);
-        let file = DistantTransport::from_sections(&asset.sections, receivers.len())
-            .map_err(|e| Error::input(e.to_string()))?
-            .ok_or_else(|| Error::input("an asset without its transport (sections aft.*); bake it again"))?;
+        let Opened { scene, receivers, file, beside } = opened(&asset, &self.0)?;
         let Some(own) = &file.harmonics else {
             return Err(Error::input("an asset without the harmonics that its settings speak of; bake it again"));
         };
-        let single = single_scattering::opened(file.single.as_ref(), &self.0, &scene, &receivers)?;
         let transport = components(own, (tags::SET, 1), &scene, &receivers)?;
-        let beside = Beside { single, outside: self.0.outside };
         BakedIn::with(scene, receivers, file.samples as usize, transport, beside)
     }
 }

@@ -1,23 +1,29 @@
 //! Bake of `quantized_lights`: radiosity at reference points under every light of the set, coded.
 
 use std::borrow::Cow;
+use std::sync::Arc;
 
 use glam::DVec3;
 use translux_format::quantised_lights::{QuantisedLights as File, tags};
 
+use super::evaluate::{open, transport};
 use super::light_set::{LightSet, light_net, light_spacing};
-use super::sections;
 use super::seen::radiosity_of_set;
 use super::settings::{LightSetSettings, QuantisedLights};
+use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
 use crate::compress::prediction::Net;
 use crate::error::Result;
+use crate::evaluate::form::write_error;
 use crate::evaluate::stages::{of_kinds, spread, worst};
-use crate::evaluate::{AssetParts, BakeSettings};
+use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Form};
 use crate::forms::density;
 use crate::forms::distant;
 use crate::forms::projected::coding::{Radiosities, code};
-use crate::forms::projected::references::{in_ascending_order, in_order_of_rows, spacing, spacing_of, spatial_error};
+use crate::forms::projected::components::LightBasis;
+use crate::forms::projected::references::{
+    in_ascending_order, in_order_of_rows, spacing, spacing_of, spatial_error, under,
+};
 use crate::forms::sampled_scene::{GROUP, SampledScene, parts};
 use crate::light::{Light, LightKind};
 use crate::progress::{Progress, Silent};
@@ -44,84 +50,93 @@ const ORDER: f64 = 0.7;
 /// Lights that choices look at.
 pub const TUNING: usize = 20;
 
-pub(super) fn memory(form: &QuantisedLights, scene: &Scene, settings: &BakeSettings) -> u64 {
-    let directions = form.lights.directions.unwrap_or(LARGEST_SET) as u64;
-    let shells = form.lights.shells as u64 + 1;
-    let (samples, lights) = (form.density.count(scene, settings.samples) as u64, directions * shells);
-    // Radiosities of each reference point, twice; about a quarter of the vertices at most.
-    let references = scene.mesh.local_mm.len() as u64 / 4 + 256;
-    // Visibility, irradiance and flux of a run of lights; the products of lights and of their functions.
-    density::memory(samples as usize, scene)
-        + references * 3 * 4 * 2 * lights
-        + samples * (lights / 8 + 128 * 4 * 3)
-        + 8 * 4 * directions * directions
-}
+impl Form for QuantisedLights {
+    const NAME: &'static str = "quantised_lights";
 
-pub(super) fn bake(
-    form: &QuantisedLights,
-    scene: &Scene,
-    settings: &BakeSettings,
-    progress: &dyn Progress,
-) -> Result<AssetParts> {
-    progress.start("samples", 0);
-    let sampled = SampledScene::new(scene, form.density.count(scene, settings.samples));
-    progress.finish();
-    sampled.with_transfer(NearField::for_error(settings.max_rms), |mut transfer| {
-        let tuning = chosen(&settings.probes.tuning, TUNING);
-        progress.start("tuning", tuning.len() as u64);
-        let rows = sampled.irradiance(&tuning)?;
-        let hierarchy = transfer.tune(HIERARCHY * settings.max_rms, &rows);
-        let truth = transfer.radiosity(&rows, &Silent);
-        let truth: Vec<Vec<DVec3>> = (0..tuning.len()).map(|light| truth.under(light)).collect();
-        let spacing_mm = match (form.spacing.mm, form.spacing.references) {
-            (Some(spacing_mm), _) => spacing_mm,
-            (None, Some(count)) => spacing_of(&sampled, count),
-            (None, None) => spacing(&sampled, &truth, SPATIAL * settings.max_rms),
-        };
+    fn validate(&self) -> Result<()> {
+        self.density.validate()?;
+        self.lights.validate()?;
+        self.spacing.validate()
+    }
+
+    fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {
+        let directions = self.lights.directions.unwrap_or(LARGEST_SET) as u64;
+        let shells = self.lights.shells as u64 + 1;
+        let (samples, lights) = (self.density.count(scene, settings.samples) as u64, directions * shells);
+        // Radiosities of each reference point, twice; about a quarter of the vertices at most.
+        let references = scene.mesh.local_mm.len() as u64 / 4 + 256;
+        // Visibility, irradiance and flux of a run of lights; the products of lights and of their functions.
+        density::memory(samples as usize, scene)
+            + references * 3 * 4 * 2 * lights
+            + samples * (lights / 8 + 128 * 4 * 3)
+            + 8 * 4 * directions * directions
+    }
+
+    fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {
+        progress.start("samples", 0);
+        let sampled = SampledScene::new(scene, self.density.count(scene, settings.samples));
         progress.finish();
-        let net = Net::new(&sampled.points, &parts(&sampled.receivers), spacing_mm);
-        let directions = match form.lights.directions {
-            Some(directions) => directions,
-            None => {
-                // Parallel light tells how many directions are needed, at some reference points.
-                let few = &net.point[..net.point.len().min(FIRST_POINTS)];
-                let first = LightSet::planned(scene, FIRST_SET, &LightSetSettings { shells: 0, ..form.lights })?;
-                let values = at_references(&sampled, &transfer, &first, few, progress)?;
-                let found = between_lights(&sampled, &first, few, &values, &tuning, &truth)?;
-                let factor = (found / (BETWEEN_LIGHTS * settings.max_rms)).powf(1.0 / ORDER);
-                ((FIRST_SET as f64 * factor).ceil() as usize).clamp(FIRST_SET / 4, LARGEST_SET)
+        sampled.with_transfer(NearField::for_error(settings.max_rms), |mut transfer| {
+            let tuning = chosen(&settings.probes.tuning, TUNING);
+            progress.start("tuning", tuning.len() as u64);
+            let rows = sampled.irradiance(&tuning)?;
+            let hierarchy = transfer.tune(HIERARCHY * settings.max_rms, &rows);
+            let truth = transfer.radiosity(&rows, &Silent);
+            let truth: Vec<Vec<DVec3>> = (0..tuning.len()).map(|light| truth.under(light)).collect();
+            let spacing_mm = match (self.spacing.mm, self.spacing.references) {
+                (Some(spacing_mm), _) => spacing_mm,
+                (None, Some(count)) => spacing_of(&sampled, count),
+                (None, None) => spacing(&sampled, &truth, SPATIAL * settings.max_rms),
+            };
+            progress.finish();
+            let net = Net::new(&sampled.points, &parts(&sampled.receivers), spacing_mm);
+            let directions = match self.lights.directions {
+                Some(directions) => directions,
+                None => {
+                    // Parallel light tells how many directions are needed, at some reference points.
+                    let few = &net.point[..net.point.len().min(FIRST_POINTS)];
+                    let first = LightSet::planned(scene, FIRST_SET, &LightSetSettings { shells: 0, ..self.lights })?;
+                    let values = at_references(&sampled, &transfer, &first, few, progress)?;
+                    let found = between_lights(&sampled, &first, few, &values, &tuning, &truth)?;
+                    let factor = (found / (BETWEEN_LIGHTS * settings.max_rms)).powf(1.0 / ORDER);
+                    ((FIRST_SET as f64 * factor).ceil() as usize).clamp(FIRST_SET / 4, LARGEST_SET)
+                }
+            };
+            let set = LightSet::planned(scene, directions, &self.lights)?;
+            let values = at_references(&sampled, &transfer, &set, &net.point, progress)?;
+            progress.start("coding", 0);
+            let shells = set.lights.shells.inverse().len();
+            let direction_spacing = light_spacing(&set.lights.directions);
+            let directions_net = light_net(&set.lights.directions, direction_spacing);
+            let count = set.lights.directions.count();
+            let mut file = File {
+                directions: count as u32,
+                shells: set.lights.shells.inverse().to_vec(),
+                spacing_mm,
+                direction_spacing,
+                samples: sampled.samples.len() as u32,
+                sets: Vec::new(),
+            };
+            // Parallel light is alone, so that who has no other does not pay for it.
+            for (tags, shells) in tags::SETS.into_iter().zip([0..1, 1..shells]) {
+                if !shells.is_empty() {
+                    let own = of_shells(&values, set.lights.shells.inverse().len(), count, shells.clone());
+                    let radiosities = Radiosities::new(own, shells.len(), count);
+                    file.sets.push(code(&radiosities, &net, &directions_net, tags, CODED * settings.max_rms)?);
+                }
             }
-        };
-        let set = LightSet::planned(scene, directions, &form.lights)?;
-        let values = at_references(&sampled, &transfer, &set, &net.point, progress)?;
-        progress.start("coding", 0);
-        let shells = set.lights.shells.inverse().len();
-        let direction_spacing = light_spacing(&set.lights.directions);
-        let directions_net = light_net(&set.lights.directions, direction_spacing);
-        let count = set.lights.directions.count();
-        let mut file = File {
-            directions: count as u32,
-            shells: set.lights.shells.inverse().to_vec(),
-            spacing_mm,
-            direction_spacing,
-            samples: sampled.samples.len() as u32,
-            sets: Vec::new(),
-        };
-        // Parallel light is alone, so that who has no other does not pay for it.
-        for (tags, shells) in tags::SETS.into_iter().zip([0..1, 1..shells]) {
-            if !shells.is_empty() {
-                let own = of_shells(&values, set.lights.shells.inverse().len(), count, shells.clone());
-                let radiosities = Radiosities::new(own, shells.len(), count);
-                file.sets.push(code(&radiosities, &net, &directions_net, tags, CODED * settings.max_rms)?);
-            }
-        }
-        let sections = sections::write(&file)?;
-        progress.finish();
-        let mut ledger = Ledger::default();
-        ledger.add("hierarchy", hierarchy, "against all pairs, on vertices that no tuning saw");
-        measure(&sampled, &transfer, (&set, &net, &values, &file), &settings.probes.unseen, &mut ledger, progress)?;
-        Ok(AssetParts::without_samples(scene, ledger, sections))
-    })
+            let sections = file.to_sections().map_err(write_error)?;
+            progress.finish();
+            let mut ledger = Ledger::default();
+            ledger.add("hierarchy", hierarchy, "against all pairs, on vertices that no tuning saw");
+            measure(&sampled, &transfer, (&set, &net, &values, &file), &settings.probes.unseen, &mut ledger, progress)?;
+            Ok(AssetParts::without_samples(scene, ledger, sections))
+        })
+    }
+
+    fn open(&self, asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
+        open(self, &asset)
+    }
 }
 
 /// `count` or fewer of the directional and point lights, spread over all.
@@ -156,13 +171,7 @@ fn of_shells(values: &[f32], shells: usize, directions: usize, some: std::ops::R
 
 /// Radiosity under a light by interpolation between the lights of a set, at the rows of the net.
 fn interpolated(set: &LightSet, values: &[f32], light: &Light) -> Result<Vec<DVec3>> {
-    let count = set.lights.count();
-    let vector = set.vector(std::slice::from_ref(light))?;
-    let of_row = |row: &[f32]| {
-        let sum = |c: usize| row[c * count..].iter().zip(&vector).map(|(v, w)| f64::from(*v) * w[c]).sum::<f64>();
-        DVec3::new(sum(0), sum(1), sum(2)).max(DVec3::ZERO)
-    };
-    Ok(values.chunks_exact(3 * count).map(of_row).collect())
+    Ok(under(values, set.lights.count(), &set.vector(std::slice::from_ref(light))?))
 }
 
 /// Error of the interpolation between lights under the worst parallel one.
@@ -192,14 +201,14 @@ fn measure(
 ) -> Result<()> {
     let parallel = set.lights.shells.inverse().len() == 1;
     let served = of_kinds(unseen, if parallel { distant::KINDS } else { &LightKind::ALL });
-    let transport = sections::transport(file, sampled.scene, &sampled.receivers, set)?;
+    let transport = transport(file, sampled.scene, &sampled.receivers, set)?;
     let points = sampled.probes(net.point.clone());
     progress.start("errors", served.len() as u64);
     let errors = worst(&served, |light| {
         progress.advance(1);
         let truth = transfer.under(&sampled.by_rays(light)?);
         let between = interpolated(set, values, light)?;
-        let lit = sections::light(&transport, set, std::slice::from_ref(light))?;
+        let lit = set.lit(&transport, std::slice::from_ref(light))?;
         let coded = in_order_of_rows(net, &transport.at_references(&lit));
         Ok([
             points.error(&between, &points.of(&truth)),

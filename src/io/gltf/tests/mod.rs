@@ -14,6 +14,7 @@ use serde_json::{Value, json};
 use super::read_bytes;
 use crate::error::{ExitCode, Result};
 use crate::geometry::source::SourceModel;
+use crate::io::reader_tests;
 
 /// A document under construction: one buffer, one bufferView for each accessor.
 struct Maker {
@@ -131,35 +132,7 @@ fn feature_files() -> Vec<(Vec<u8>, PathBuf)> {
     files.iter().map(|maker| (maker.glb(), "made.glb".into())).collect()
 }
 
-/// The folder of shared test data, or `None` with a line that says so.
-fn data() -> Option<PathBuf> {
-    let folder = match std::env::var_os("TRANSLUX_SHARED") {
-        Some(folder) => PathBuf::from(folder),
-        None => Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared"),
-    };
-    let data = folder.join("data");
-    if data.is_dir() {
-        return Some(data);
-    }
-    println!("WITHOUT ../shared: no shared test data at {}", data.display());
-    None
-}
-
-/// Checks the promises of `SourceModel`, and that no NaN leaves this module.
+/// Checks the promises of a model.
 fn check_promises(model: &SourceModel) {
-    let vertices = model.positions.len();
-    let in_range = |corners: &[[u32; 3]], count: usize| corners.iter().flatten().all(|&i| (i as usize) < count);
-    assert!(!model.triangles.is_empty() && in_range(&model.triangles, vertices));
-    assert!(model.triangles.iter().flatten().all(|&i| model.positions[i as usize].is_finite()));
-    assert_eq!(model.triangle_material.len(), model.triangles.len());
-    assert!(model.triangle_material.iter().all(|&m| (m as usize) < model.materials.len()));
-    if let Some(normals) = &model.normals {
-        assert_eq!(normals.corners.len(), model.triangles.len());
-        assert!(in_range(&normals.corners, normals.values.len()));
-        assert!(normals.values.iter().all(|n| n.length() == 0.0 || (n.length() - 1.0).abs() < 1e-5));
-    }
-    if let Some(uvs) = &model.uvs {
-        assert_eq!(uvs.corners.len(), model.triangles.len());
-        assert!(in_range(&uvs.corners, uvs.values.len()) && uvs.values.iter().all(|uv| uv.is_finite()));
-    }
+    reader_tests::check_promises(model, 1e-5);
 }
