@@ -40,10 +40,10 @@ pub(super) struct PlacementArgs {
     height_mm: Option<f64>,
     /// Axis of the model that --height-mm measures along
     #[arg(long, default_value = "y")]
-    up: Up,
+    up: UpAxis,
     /// Which components share their light inside
     #[arg(long, default_value = "auto", value_name = "RULE")]
-    parts: PartsChoice,
+    parts: PartsRule,
     /// Materials of the model that only cast shadows, separated by commas
     #[arg(long, value_delimiter = ',', value_name = "NAMES")]
     opaque: Vec<String>,
@@ -57,24 +57,6 @@ enum Unit {
     Mm,
     Cm,
     M,
-}
-
-#[derive(Clone, Copy, Debug, Default, ValueEnum)]
-enum Up {
-    #[default]
-    Y,
-    Z,
-}
-
-#[derive(Clone, Copy, Debug, Default, ValueEnum)]
-enum PartsChoice {
-    /// Components that touch or overlap are one part
-    #[default]
-    Auto,
-    /// Every component is a part
-    Separate,
-    /// All components of a medium are one part
-    Joined,
 }
 
 impl ModelArgs {
@@ -146,20 +128,12 @@ impl PlacementArgs {
             Unit::Cm => 10.0,
             Unit::M => 1000.0,
         });
-        let axis = match self.up {
-            Up::Y => UpAxis::Y,
-            Up::Z => UpAxis::Z,
-        };
         let size = self.size_mm.map(Scale::DiagonalMm);
-        let height = self.height_mm.map(|height| Scale::HeightMm(height, axis));
+        let height = self.height_mm.map(|height| Scale::HeightMm(height, self.up));
         ImportOptions {
             scale: unit.map(Scale::MillimetresPerUnit).or(size).or(height),
             materials: media.choice(),
-            parts: match self.parts {
-                PartsChoice::Auto => PartsRule::Auto,
-                PartsChoice::Separate => PartsRule::Separate,
-                PartsChoice::Joined => PartsRule::Joined,
-            },
+            parts: self.parts,
             opaque: self.opaque.clone(),
             skip: self.skip.clone(),
         }

@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 use serde::Serialize;
 
-use super::console::Console;
+use super::console::{Console, in_range};
 use super::lights::{LightArgs, ResolvedLights};
 use super::opening::{AssetArgs, Opened};
 use super::view::ViewArgs;
@@ -32,7 +32,7 @@ pub(super) struct RelightArgs {
     lights: LightArgs,
     /// Where to compute and draw
     #[arg(long, value_enum, default_value = "auto")]
-    device: DeviceArg,
+    device: DeviceChoice,
     #[command(flatten)]
     view: ViewArgs,
     /// Pixels (default: 1024x1024, the window 1024x700)
@@ -55,26 +55,6 @@ pub(super) struct RelightArgs {
     quit_after: Option<f64>,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum DeviceArg {
-    /// Shaders on a graphics adapter; on a software adapter, transport on the CPU; without any, all on the CPU
-    Auto,
-    /// Transport in compute shaders
-    Gpu,
-    /// Transport on the CPU
-    Cpu,
-}
-
-impl DeviceArg {
-    fn choice(self) -> DeviceChoice {
-        match self {
-            Self::Auto => DeviceChoice::Auto,
-            Self::Gpu => DeviceChoice::Gpu,
-            Self::Cpu => DeviceChoice::Cpu,
-        }
-    }
-}
-
 /// Report of an animation.
 #[derive(Serialize)]
 struct AnimationReport<'a> {
@@ -90,11 +70,7 @@ pub(super) fn run(args: &RelightArgs, console: &Console, pool: Arc<rayon::Thread
             if args.turn || args.quit_after.is_some() {
                 return Err(Error::command_line("--turn and --quit-after are for the window; leave them out"));
             }
-            if !(1..=MAX_FRAMES).contains(&frames) {
-                return Err(Error::command_line(format!(
-                    "--frames {frames}: a number from 1 to {MAX_FRAMES} is needed"
-                )));
-            }
+            in_range("--frames", frames, 1..=MAX_FRAMES)?;
             pool.install(|| animate(args, frames, out, console))
         }
         (true, ..) => Err(Error::command_line("--headless needs --frames N and --out DIR")),
@@ -125,7 +101,7 @@ fn animate(args: &RelightArgs, frames: usize, out: &std::path::Path, console: &C
     let camera = args.view.camera.unwrap_or_default().resolve(&evaluator.scene().mesh, resolution)?;
     let texture = args.view.load_texture(&evaluator.scene().mesh, console)?;
     let again = || Ok(Summed::of(args.asset.open(console)?.evaluator));
-    let Placed { place, note } = place(args.device.choice(), evaluator, &again)?;
+    let Placed { place, note } = place(args.device, evaluator, &again)?;
     note.iter().for_each(|note| console.note(note));
     let animation = Animation {
         frames,
@@ -168,17 +144,13 @@ fn window(_: &RelightArgs, _: &Console, _: Arc<rayon::ThreadPool>) -> Result<Exi
 struct WindowRun<'a> {
     method: &'a str,
     lights: &'a [String],
-    window: &'a crate::relight::window::WindowReport,
+    window: &'a crate::relight::timings::WindowReport,
 }
 
 #[cfg(feature = "gui")]
 fn window(args: &RelightArgs, console: &Console, pool: Arc<rayon::ThreadPool>) -> Result<ExitCode> {
-    use crate::relight::window::{Session, Turn, run};
-    if let Some(seconds) = args.quit_after
-        && !(0.0..=1e6).contains(&seconds)
-    {
-        return Err(Error::command_line(format!("--quit-after {seconds}: seconds from 0 to 1000000 are needed")));
-    }
+    use crate::relight::window::{Session, run};
+    let quit_after_s = args.quit_after.map(|seconds| in_range("--quit-after", seconds, 0.0..=1e6)).transpose()?;
     let (lights, opened) =
         pool.install(|| -> Result<_> { Ok((args.lights.load(console)?, args.asset.open(console)?)) })?;
     // Told before a window opens.
@@ -190,15 +162,15 @@ fn window(args: &RelightArgs, console: &Console, pool: Arc<rayon::ThreadPool>) -
         profile: args.asset.profile()?,
         open: Arc::new(move |path, profile| again.again(&registry, path, profile)),
         lights: lights.lights,
-        choice: args.device.choice(),
+        choice: args.device,
         camera: args.view.camera.unwrap_or_default(),
         resolution: args.resolution.unwrap_or(WINDOW_RESOLUTION),
         exposure: args.view.exposure,
         specular: args.view.specular(),
         texture: args.view.texture.clone(),
         background: args.view.background,
-        turn: if args.turn { Turn::Turning } else { Turn::Still },
-        quit_after_s: args.quit_after,
+        turning: args.turn,
+        quit_after_s,
         pool: Arc::clone(&pool),
     };
     let shown = run(session)?;

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 
 use super::console::Console;
 use super::lights::{LightArgs, ResolvedLights};
@@ -12,11 +12,10 @@ use super::view::ViewArgs;
 use crate::error::{ExitCode, Result};
 use crate::evaluate::Evaluator;
 use crate::import::file::{Input, suffix};
-use crate::render::background::Background;
 use crate::render::camera::Resolution;
 use crate::render::camera_text::CameraSpec;
 use crate::render::exit::ExitFresnel;
-use crate::render::film::{ColourType, PngBackground, to_exr, to_png};
+use crate::render::film::{ColourType, to_exr, to_png};
 use crate::render::frame::{
     DEFAULT_SAMPLES_PER_PIXEL, Frame, MAX_SAMPLES_PER_PIXEL, RenderSettings, Specular, memory_bytes, render,
 };
@@ -57,29 +56,13 @@ pub(super) struct PictureArgs {
     samples_per_pixel: u32,
     /// Normalisation of the exit Fresnel factor
     #[arg(long, default_value = "normalised")]
-    exit_fresnel: ExitFresnelArg,
+    exit_fresnel: ExitFresnel,
     /// How OpenEXR pictures store colours; data (normal, depth, coverage, part) always have 32 bits
     #[arg(long, value_name = "TYPE", default_value = "half")]
-    exr_type: ExrTypeArg,
+    exr_type: ColourType,
     /// Files that the asset was made from, for the header of OpenEXR pictures.
     #[arg(skip)]
     sources: Vec<Input>,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum ExrTypeArg {
-    /// 16 bits, up to 65504
-    Half,
-    /// 32 bits
-    Float,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum ExitFresnelArg {
-    /// All that leaves adds up to the radiosity
-    Normalised,
-    /// As in the papers (C = 1): darker
-    Paper,
 }
 
 pub(super) fn run(args: &RenderArgs, console: &Console) -> Result<ExitCode> {
@@ -100,16 +83,9 @@ impl PictureArgs {
             view: ViewArgs::from(camera),
             resolution,
             samples_per_pixel: DEFAULT_SAMPLES_PER_PIXEL,
-            exit_fresnel: ExitFresnelArg::Normalised,
-            exr_type: ExrTypeArg::Half,
+            exit_fresnel: ExitFresnel::default(),
+            exr_type: ColourType::default(),
             sources: Vec::new(),
-        }
-    }
-
-    fn colours(&self) -> ColourType {
-        match self.exr_type {
-            ExrTypeArg::Half => ColourType::Half,
-            ExrTypeArg::Float => ColourType::Float,
         }
     }
 
@@ -127,10 +103,7 @@ impl PictureArgs {
             camera: spec.resolve(&evaluator.scene().mesh, self.resolution)?,
             resolution: self.resolution,
             samples_per_pixel: self.samples_per_pixel,
-            exit_fresnel: match self.exit_fresnel {
-                ExitFresnelArg::Normalised => ExitFresnel::Normalised,
-                ExitFresnelArg::Paper => ExitFresnel::Paper,
-            },
+            exit_fresnel: self.exit_fresnel,
             background: self.view.background,
             specular: self.view.specular(),
             white: f64::INFINITY,
@@ -188,7 +161,7 @@ pub(super) fn finish(
         texture: texture.as_ref().map(ToString::to_string),
         single_scattering: frame.single,
         single_scattering_paths,
-        exr_type: picture.colours(),
+        exr_type: picture.exr_type,
         exposure: picture.view.exposure.to_string(),
         exposure_factor: picture.view.exposure.factor(&frame),
         coverage: frame.pixels.iter().map(|p| f64::from(p.coverage)).sum::<f64>() / frame.pixels.len() as f64,
@@ -246,10 +219,6 @@ fn write(
     console: &Console,
 ) -> Result<()> {
     let (png, exr): (Vec<&PathBuf>, Vec<&PathBuf>) = outputs.iter().partition(|path| suffix(path) == "png");
-    let background = match settings.background {
-        Background::None => PngBackground::Transparent,
-        Background::Environment | Background::Colour(_) => PngBackground::Shown,
-    };
     output::write(&exr, console, || to_exr(frame, result.exr_type, result.header.clone()))?;
-    output::write(&png, console, || to_png(frame, result.exposure_factor, background))
+    output::write(&png, console, || to_png(frame, result.exposure_factor, settings.background.into()))
 }

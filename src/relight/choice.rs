@@ -12,15 +12,14 @@ use crate::evaluate::{
 };
 
 /// The device that a user asks for.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum DeviceChoice {
-    /// Shaders on a graphics adapter; on a software adapter, transport on the CPU and drawing there; all on the CPU
-    /// without one.
+    /// Shaders on a graphics adapter; on a software adapter, transport on the CPU; without any, all on the CPU.
     #[default]
     Auto,
-    /// Transport in compute shaders, drawn by the adapter.
+    /// Transport in compute shaders.
     Gpu,
-    /// All on the CPU.
+    /// Transport on the CPU.
     Cpu,
 }
 
@@ -73,15 +72,12 @@ pub fn place(choice: DeviceChoice, first: Box<dyn Evaluator>, open: Open) -> Res
 #[cfg(not(feature = "gpu"))]
 pub fn place(choice: DeviceChoice, first: Box<dyn Evaluator>, _open: Open) -> Result<Placed> {
     let missing = "this build has no graphics (cargo feature `gpu`)";
-    match choice {
-        DeviceChoice::Gpu => {
-            Err(crate::error::Error::unsupported(format!("{missing}; the CPU does the same with --device cpu")))
-        }
-        DeviceChoice::Cpu => Ok(Placed { place: Place::Cpu(first), note: None }),
-        DeviceChoice::Auto => {
-            Ok(Placed { place: Place::Cpu(first), note: Some(format!("{missing}; pictures are drawn on the CPU")) })
-        }
+    if choice == DeviceChoice::Gpu {
+        let message = format!("{missing}; the CPU does the same with --device cpu");
+        return Err(crate::error::Error::unsupported(message));
     }
+    let note = (choice == DeviceChoice::Auto).then(|| format!("{missing}; pictures are drawn on the CPU"));
+    Ok(Placed { place: Place::Cpu(first), note })
 }
 
 /// Places the evaluator on a device; with `Cpu`, only its radiosity.

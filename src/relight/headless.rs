@@ -13,7 +13,7 @@ use super::raster::{
     picture::{LinearPicture, Picture},
     view::View,
 };
-use super::timings::{Adapter, FrameTime, SCHEMA, Summary, Timings};
+use super::timings::{Adapter, FrameTime, SCHEMA, Stages, Timings};
 use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
 use crate::evaluate::exitance::Exitance;
@@ -22,7 +22,7 @@ use crate::light::Light;
 use crate::progress::{Progress, Silent};
 use crate::render::background::Background;
 use crate::render::camera::{Camera, Resolution};
-use crate::render::film::{Exposure, MAX_STOPS, PngBackground, to_png};
+use crate::render::film::{Exposure, MAX_STOPS, to_png};
 use crate::render::frame::{RenderSettings, Specular, render};
 use crate::render::single::Scattered;
 use crate::render::texture::Texture;
@@ -75,9 +75,9 @@ pub fn run(place: Place, animation: &Animation, progress: &dyn Progress) -> Resu
     let mut frames = Vec::with_capacity(animation.frames);
     for frame in 0..animation.frames {
         let file = frame_name(frame, animation.frames);
-        let (time, png) = painter.frame(animation, lights_of(frame), exposure)?;
+        let (times, png) = painter.frame(animation, lights_of(frame), exposure)?;
         atomic::write(&animation.folder.join(&file), &png)?;
-        frames.push(FrameTime { file, ..time });
+        frames.push(FrameTime { file, times });
         progress.advance(1);
     }
     progress.finish();
@@ -94,7 +94,7 @@ pub fn run(place: Place, animation: &Animation, progress: &dyn Progress) -> Resu
         camera: animation.camera.to_string(),
         lights: animation.lights.iter().map(ToString::to_string).collect(),
         exposure_factor: exposure,
-        summary: Summary::of(&frames),
+        summary: Stages::of(&frames),
         frames,
     };
     let text = serde_json::to_string_pretty(&timings).map_err(|e| Error::runtime(format!("timings: {e}")))?;
@@ -154,14 +154,7 @@ impl Painter {
         match self {
             Self::Cpu(_) => None,
             #[cfg(feature = "gpu")]
-            Self::Device(on) => {
-                let device = on.raster.device();
-                Some(Adapter {
-                    name: device.info.name.clone(),
-                    kind: if device.is_software() { "software" } else { "graphics" },
-                    backend: device.info.backend.to_string(),
-                })
-            }
+            Self::Device(on) => Some(Adapter::of(on.raster.device())),
         }
     }
 
@@ -191,8 +184,8 @@ impl Painter {
         Ok(animation.exposure.factor(&frame))
     }
 
-    /// Times of a frame, without its name, and its PNG.
-    fn frame(&mut self, animation: &Animation, lights: Vec<Light>, exposure: f64) -> Result<(FrameTime, Vec<u8>)> {
+    /// Times of a frame, and its PNG.
+    fn frame(&mut self, animation: &Animation, lights: Vec<Light>, exposure: f64) -> Result<(Stages<f64>, Vec<u8>)> {
         match self {
             Self::Cpu(evaluator) => {
                 let mut clock = Clock::start();
@@ -204,11 +197,8 @@ impl Painter {
                 let scattered = scattered(&radiosity, animation);
                 let frame = render(evaluator.as_ref(), scattered, &lights, &settings(animation), &Silent)?;
                 let draw_ms = clock.lap_ms();
-                let background = match animation.background {
-                    Background::None => PngBackground::Transparent,
-                    Background::Environment | Background::Colour(_) => PngBackground::Shown,
-                };
-                Ok((time(light_ms, transport_ms, draw_ms), to_png(&frame, exposure, background)?))
+                let png = to_png(&frame, exposure, animation.background.into())?;
+                Ok((times(light_ms, transport_ms, draw_ms), png))
             }
             #[cfg(feature = "gpu")]
             Self::Device(on) => on.frame(animation, lights, exposure),
@@ -218,7 +208,7 @@ impl Painter {
 
 #[cfg(feature = "gpu")]
 impl OnDevice {
-    fn frame(&mut self, animation: &Animation, lights: Vec<Light>, exposure: f64) -> Result<(FrameTime, Vec<u8>)> {
+    fn frame(&mut self, animation: &Animation, lights: Vec<Light>, exposure: f64) -> Result<(Stages<f64>, Vec<u8>)> {
         let mut clock = Clock::start();
         self.evaluator.set_lights(lights.clone(), &Silent)?;
         self.evaluator.set_eye(animation.camera.at_mm());
@@ -239,7 +229,7 @@ impl OnDevice {
         };
         let picture = self.picture.take(&self.raster, &view)?;
         let draw_ms = clock.lap_ms();
-        Ok((time(light_ms, transport_ms, draw_ms), png(&picture, animation.background)?))
+        Ok((times(light_ms, transport_ms, draw_ms), png(&picture, animation.background)?))
     }
 }
 
@@ -262,15 +252,16 @@ fn scattered<'a>(exitance: &'a dyn Exitance, animation: &'a Animation) -> Scatte
 }
 
 fn settings(animation: &Animation) -> RenderSettings {
-    let mut settings = RenderSettings::new(animation.camera, animation.resolution);
-    settings.samples_per_pixel = SAMPLES_PER_PIXEL;
-    settings.background = animation.background;
-    settings.specular = animation.specular;
-    settings
+    RenderSettings {
+        samples_per_pixel: SAMPLES_PER_PIXEL,
+        background: animation.background,
+        specular: animation.specular,
+        ..RenderSettings::new(animation.camera, animation.resolution)
+    }
 }
 
-fn time(light_ms: f64, transport_ms: f64, draw_ms: f64) -> FrameTime {
-    FrameTime { file: String::new(), light_ms, transport_ms, draw_ms, total_ms: light_ms + transport_ms + draw_ms }
+fn times(light_ms: f64, transport_ms: f64, draw_ms: f64) -> Stages<f64> {
+    Stages { light_ms, transport_ms, draw_ms, total_ms: light_ms + transport_ms + draw_ms }
 }
 
 /// A stopwatch.

@@ -21,17 +21,24 @@ pub fn pivot_mm(mesh: &Mesh) -> DVec3 {
 pub fn turned(light: &Light, degrees: f64, pivot_mm: DVec3) -> Light {
     let turn = Rotation::from_degrees(degrees);
     let mut light = light.clone();
-    match &mut light {
-        Light::Constant { .. } => {}
-        Light::Directional { from, .. } => *from = turn.to_world(*from),
-        Light::Point { at_mm, .. } => *at_mm = pivot_mm + turn.to_world(*at_mm - pivot_mm),
-        Light::Area { at_mm, normal, u, .. } => {
-            *at_mm = pivot_mm + turn.to_world(*at_mm - pivot_mm);
-            (*normal, *u) = (turn.to_world(*normal), turn.to_world(*u));
-        }
-        Light::Environment { rotate_degrees, .. } => *rotate_degrees = (*rotate_degrees + degrees).rem_euclid(360.0),
+    rotate(&mut light, pivot_mm, |v| turn.to_world(v), |v| turn.to_world(v));
+    if let Light::Environment { rotate_degrees, .. } = &mut light {
+        *rotate_degrees = (*rotate_degrees + degrees).rem_euclid(360.0);
     }
     light
+}
+
+/// Rotates what a light has in space about a pivot: places by `turn`, unit vectors by `direction`.
+fn rotate(light: &mut Light, pivot_mm: DVec3, turn: impl Fn(DVec3) -> DVec3, direction: impl Fn(DVec3) -> DVec3) {
+    match light {
+        Light::Constant { .. } | Light::Environment { .. } => {}
+        Light::Directional { from, .. } => *from = direction(*from),
+        Light::Point { at_mm, .. } => *at_mm = pivot_mm + turn(*at_mm - pivot_mm),
+        Light::Area { at_mm, normal, u, .. } => {
+            *at_mm = pivot_mm + turn(*at_mm - pivot_mm);
+            (*normal, *u) = (direction(*normal), direction(*u));
+        }
+    }
 }
 
 /// Azimuth from +Z towards +X and elevation above the horizon of a direction, in degrees.
@@ -92,16 +99,7 @@ impl AdjustedLight {
             let rotation = DMat3::from_rotation_y(self.azimuth_degrees.to_radians())
                 * DMat3::from_rotation_x((elevation_0 - elevation).to_radians())
                 * DMat3::from_rotation_y(-azimuth_0.to_radians());
-            match &mut light {
-                Light::Directional { from, .. } => *from = (rotation * *from).normalize(),
-                Light::Point { at_mm, .. } => *at_mm = pivot_mm + rotation * (*at_mm - pivot_mm),
-                Light::Area { at_mm, normal, u, .. } => {
-                    *at_mm = pivot_mm + rotation * (*at_mm - pivot_mm);
-                    *normal = (rotation * *normal).normalize();
-                    *u = (rotation * *u).normalize();
-                }
-                Light::Constant { .. } | Light::Environment { .. } => {}
-            }
+            rotate(&mut light, pivot_mm, |v| rotation * v, |v| (rotation * v).normalize());
         } else if let Light::Environment { rotate_degrees, .. } = &mut light {
             *rotate_degrees = self.azimuth_degrees;
         }

@@ -24,7 +24,7 @@ pub(super) const TILE: usize = 16;
 const RAYS_TOGETHER: usize = 16;
 /// Least ratio of exit cosine to geometric cosine: a smooth normal may face away from the eye near the outline of a
 /// coarse mesh, where Fresnel's factor would make whole triangles black.
-const LEAST_COSINE_SHARE: f64 = 0.5;
+pub(crate) const LEAST_COSINE_SHARE: f64 = 0.5;
 
 /// Numbers of hits, and of hits from behind. Integers give the same sums in any order.
 #[derive(Clone, Copy, Default)]

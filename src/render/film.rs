@@ -63,6 +63,12 @@ pub enum PngBackground {
     Transparent,
 }
 
+impl From<Background> for PngBackground {
+    fn from(background: Background) -> Self {
+        if background == Background::None { Self::Transparent } else { Self::Shown }
+    }
+}
+
 impl Exposure {
     /// The factor on radiance, at least the smallest positive number.
     ///
@@ -185,11 +191,12 @@ fn scattered(p: &Pixel) -> [f32; 3] {
 }
 
 /// Storage of the colours of an OpenEXR picture.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum ColourType {
     /// 16 bits: 11 significant bits up to 65504, where brighter values are clamped.
     #[default]
+    #[value(help = "16 bits, up to 65504")]
     Half,
     /// 32 bits.
     Float,

@@ -3,15 +3,14 @@
 
 mod point;
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
-
-use serde::Serialize;
 
 use self::point::{Measurer, Place, Shape};
 use super::arguments::ChartArgs;
 use super::subject::machine;
 use super::timing::Repetitions;
-use crate::commands::console::Console;
+use crate::commands::console::{Console, in_range};
 use crate::commands::lights::LightArgs;
 use crate::commands::model::PlacementArgs;
 use crate::error::{Error, ExitCode, Result};
@@ -72,14 +71,10 @@ const SIZE_MM: f64 = 30.0;
 /// The light that is timed by default.
 const LIGHT: &str = "directional:from=0.3,0.8,0.5:irradiance=3";
 
-#[derive(Serialize)]
-struct GrowthReport<'a> {
-    growth: &'a Growth,
-}
-
 pub(super) fn run(args: &ChartArgs, methods: &[&'static dyn Method], console: &Console) -> Result<ExitCode> {
     let extent = if args.quick { &QUICK } else { &WHOLE };
-    let limits = Limits { seconds: limit_seconds(args, extent)?, memory_bytes: console.max_memory };
+    let seconds = in_range("--limit-seconds", args.limit_seconds.unwrap_or(extent.limit_seconds), 1e-3..=1e6)?;
+    let limits = Limits { seconds, memory_bytes: console.max_memory };
     if args.placement.words() != PlacementArgs::default().words() {
         return Err(Error::command_line("--scale bakes a surface of its own: options that place a model do not apply"));
     }
@@ -153,18 +148,8 @@ pub(super) fn run(args: &ChartArgs, methods: &[&'static dyn Method], console: &C
         console.note(&format!("faster than size: {}", finding_text(finding)));
     }
     console.say(&format!("{} (after {})", page.display(), duration(console.seconds())))?;
-    console.report("chart", &GrowthReport { growth: &growth })?;
+    console.report("chart", &BTreeMap::from([("growth", &growth)]))?;
     Ok(ExitCode::Ok)
-}
-
-fn limit_seconds(args: &ChartArgs, extent: &Extent) -> Result<f64> {
-    match args.limit_seconds {
-        None => Ok(extent.limit_seconds),
-        Some(seconds) if (1e-3..=1e6).contains(&seconds) => Ok(seconds),
-        Some(seconds) => {
-            Err(Error::command_line(format!("--limit-seconds {seconds}: a number from 0.001 to 1000000 is needed")))
-        }
-    }
 }
 
 /// The light that is timed: its text form, the light, and its files.

@@ -11,11 +11,13 @@ mod subject;
 mod timing;
 mod truth;
 
+use std::collections::BTreeMap;
+
 use self::adapter::Adapter;
 pub(super) use self::arguments::ChartArgs;
 use self::subject::{Subject, machine};
 use self::timing::Repetitions;
-use super::console::Console;
+use super::console::{Console, in_range};
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::Method;
 use crate::light::Light;
@@ -35,11 +37,6 @@ struct Extent {
 const QUICK: Extent = Extent { rungs: 2, repetitions: Repetitions { most: 5, patience: 0.5 } };
 const WHOLE: Extent = Extent { rungs: usize::MAX, repetitions: Repetitions { most: 9, patience: 20.0 } };
 
-#[derive(serde::Serialize)]
-struct ChartReport<'a> {
-    chart: &'a Chart,
-}
-
 pub(super) fn run(args: &ChartArgs, console: &Console) -> Result<ExitCode> {
     let extent = if args.quick { QUICK } else { WHOLE };
     let methods: Vec<&'static dyn Method> = match args.methods.as_slice() {
@@ -52,9 +49,7 @@ pub(super) fn run(args: &ChartArgs, console: &Console) -> Result<ExitCode> {
     if args.limit_seconds.is_some() {
         return Err(Error::command_line("--limit-seconds: only with --scale"));
     }
-    if !(1..=1 << 28).contains(&args.reference_samples) {
-        return Err(Error::command_line("--reference-samples: a number from 1 to 268435456 is needed"));
-    }
+    in_range("--reference-samples", args.reference_samples, 1..=1 << 28)?;
     let work = args.output.join("work");
     std::fs::create_dir_all(&work).map_err(|e| Error::io(&work, &e))?;
     let resolved = args.lights.load(console)?;
@@ -98,7 +93,7 @@ pub(super) fn run(args: &ChartArgs, console: &Console) -> Result<ExitCode> {
     }
     let page = console.stage("write", || report::chart::write(&chart, &pictures, &args.output))?;
     console.say(&format!("{} (after {})", page.display(), duration(console.seconds())))?;
-    console.report("chart", &ChartReport { chart: &chart })?;
+    console.report("chart", &BTreeMap::from([("chart", &chart)]))?;
     Ok(ExitCode::Ok)
 }
 

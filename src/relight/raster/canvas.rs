@@ -1,5 +1,6 @@
 //! The auxiliary textures to which a frame is drawn, and the format of its pixels.
 
+use super::memory::descriptor;
 use super::view::Encoding;
 use crate::error::{Error, Result};
 use crate::evaluate::device::Device;
@@ -29,11 +30,11 @@ impl Finish {
 
 /// The textures to which a frame is drawn, besides the one that is shown.
 pub struct Canvas {
-    resolution: Resolution,
-    finish: Finish,
-    depth: wgpu::TextureView,
+    pub(super) resolution: Resolution,
+    pub(super) finish: Finish,
+    pub(super) depth: wgpu::TextureView,
     /// The multisampled texture, which is resolved into the shown one; none for one sample per pixel.
-    many: Option<wgpu::TextureView>,
+    pub(super) many: Option<wgpu::TextureView>,
 }
 
 impl Canvas {
@@ -61,47 +62,5 @@ impl Canvas {
             depth: texture("depth", DEPTH_FORMAT),
             many: (finish.samples > 1).then(|| texture("samples", finish.format)),
         })
-    }
-
-    /// Size.
-    pub fn resolution(&self) -> Resolution {
-        self.resolution
-    }
-
-    /// Format, samples and encoding of its pixels.
-    pub fn finish(&self) -> Finish {
-        self.finish
-    }
-
-    pub(super) fn depth(&self) -> &wgpu::TextureView {
-        &self.depth
-    }
-
-    pub(super) fn many(&self) -> Option<&wgpu::TextureView> {
-        self.many.as_ref()
-    }
-}
-
-/// A two-dimensional texture without mipmaps.
-pub(super) fn descriptor(
-    label: &'static str,
-    resolution: Resolution,
-    format: wgpu::TextureFormat,
-    samples: u32,
-    usage: wgpu::TextureUsages,
-) -> wgpu::TextureDescriptor<'static> {
-    wgpu::TextureDescriptor {
-        label: Some(label),
-        size: wgpu::Extent3d {
-            width: resolution.width as u32,
-            height: resolution.height as u32,
-            depth_or_array_layers: 1,
-        },
-        mip_level_count: 1,
-        sample_count: samples,
-        dimension: wgpu::TextureDimension::D2,
-        format,
-        usage,
-        view_formats: &[],
     }
 }

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::environment::{LEVELS, LatLongImage, MAX_BACKDROP_WIDTH, MAX_PACKED, blurred, packed, resized};
+use super::memory::{Level, layered};
 use super::shadows::{SHADOWED, is_sharp};
 use super::view::{ENVIRONMENTS, EnvironmentUniform, finite, finite3};
 use crate::evaluate::device::Device;
@@ -71,16 +72,11 @@ pub(super) fn constant(lights: &[Light]) -> DVec3 {
 
 /// The environments among the lights that the shaders handle.
 fn environments(lights: &[Light]) -> Vec<(&Arc<EnvironmentMap>, f64, DVec3)> {
-    let environment = |light: &'_ Light| matches!(light, Light::Environment { .. });
-    lights
-        .iter()
-        .filter(|l| environment(l))
-        .filter_map(|l| match l {
-            Light::Environment { map, rotate_degrees, scale } => Some((map, *rotate_degrees, *scale)),
-            _ => None,
-        })
-        .take(ENVIRONMENTS)
-        .collect()
+    let environment = |light| match light {
+        &Light::Environment { ref map, rotate_degrees, scale } => Some((map, rotate_degrees, scale)),
+        _ => None,
+    };
+    lights.iter().filter_map(environment).take(ENVIRONMENTS).collect()
 }
 
 /// Textures of the environments, renewed only when the pictures change.
@@ -146,51 +142,17 @@ impl Environments {
 
 /// A texture array of one layer for each environment, with the levels of each.
 fn texture(device: &Device, label: &str, layers: &[Vec<LatLongImage>], scales: &[f64]) -> wgpu::TextureView {
-    let (width, levels) = layers.first().and_then(|l| Some((l.first()?.width, l.len()))).unwrap_or((1, 1));
-    let size = |level: usize| wgpu::Extent3d {
-        width: (width >> level).max(1) as u32,
-        height: (width >> (level + 1)).max(1) as u32,
-        depth_or_array_layers: 1,
+    let level = |picture: &LatLongImage, scale: f64| Level {
+        width: picture.width,
+        height: picture.height(),
+        texels: picture.pixels.iter().map(|p| packed(*p / scale).to_ne_bytes()).collect(),
     };
-    let texture = device.device.create_texture(&wgpu::TextureDescriptor {
-        label: Some(label),
-        // A single layer is no array to the OpenGL backend.
-        size: wgpu::Extent3d { depth_or_array_layers: layers.len().max(2) as u32, ..size(0) },
-        mip_level_count: levels as u32,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format: wgpu::TextureFormat::Rgb9e5Ufloat,
-        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
-        view_formats: &[],
-    });
-    for (layer, (pictures, scale)) in layers.iter().zip(scales).enumerate() {
-        for (level, picture) in pictures.iter().enumerate() {
-            let texels: Vec<u32> = picture.pixels.iter().map(|p| packed(*p / *scale)).collect();
-            let size = size(level);
-            device.queue.write_texture(
-                wgpu::TexelCopyTextureInfo {
-                    texture: &texture,
-                    mip_level: level as u32,
-                    origin: wgpu::Origin3d { x: 0, y: 0, z: layer as u32 },
-                    aspect: wgpu::TextureAspect::All,
-                },
-                bytemuck::cast_slice(&texels),
-                wgpu::TexelCopyBufferLayout {
-                    offset: 0,
-                    bytes_per_row: Some(4 * size.width),
-                    rows_per_image: Some(size.height),
-                },
-                size,
-            );
-        }
-    }
-    texture.create_view(&wgpu::TextureViewDescriptor {
-        dimension: Some(wgpu::TextureViewDimension::D2Array),
-        ..Default::default()
-    })
+    let of_layer = |(pictures, scale): (&Vec<LatLongImage>, &f64)| pictures.iter().map(|p| level(p, *scale)).collect();
+    let layers: Vec<Vec<Level>> = layers.iter().zip(scales).map(of_layer).collect();
+    layered(device, label, wgpu::TextureFormat::Rgb9e5Ufloat, &layers)
 }
 
-/// Steps of the table of [`albedos`]; the shader has the same constant.
+/// Steps of the table of [`albedos`].
 pub(super) const ALBEDO_STEPS: usize = 32;
 
 /// Share of uniform light that a rough dielectric boundary reflects, at cosines from 0 to 1.

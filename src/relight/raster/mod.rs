@@ -5,6 +5,7 @@ pub mod canvas;
 mod corners;
 mod environment;
 mod lit;
+mod memory;
 mod pattern;
 pub mod picture;
 mod pipelines;
@@ -17,11 +18,12 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use self::canvas::{Canvas, Finish};
-use self::corners::{Corner, corners, wires};
+use self::corners::{corners, wires};
 use self::lit::{ALBEDO_STEPS, Environments, Lamp, albedos, constant, lamps};
+use self::memory::{filled, sampler};
 use self::pattern::Pattern;
 use self::pipelines::{Pipelines, layout};
-use self::view::{Encoding, Look, View, ViewUniform, Wires, finite, finite3};
+use self::view::{Encoding, Look, View, ViewUniform, finite, finite3};
 use crate::error::Result;
 use crate::evaluate::{DeviceEvaluator, device::Device};
 use crate::light::Light;
@@ -81,23 +83,10 @@ impl Raster {
         let media = device.zeros("media", scene.media.len() as u64 * 16)?;
         let albedo = device.zeros("reflected shares", (scene.media.len() * ALBEDO_STEPS) as u64 * 4)?;
         let lamps = device.storage("lamps", &[Lamp::default()])?;
-        let uniform = device.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("view"),
-            size: size_of::<ViewUniform>() as u64,
-            usage: usage(wgpu::BufferUsages::UNIFORM),
-            mapped_at_creation: false,
-        });
-        let wrap = device.device.create_sampler(&wgpu::SamplerDescriptor {
-            label: Some("environment"),
-            address_mode_u: wgpu::AddressMode::Repeat,
-            address_mode_v: wgpu::AddressMode::ClampToEdge,
-            mag_filter: wgpu::FilterMode::Linear,
-            min_filter: wgpu::FilterMode::Linear,
-            mipmap_filter: wgpu::MipmapFilterMode::Linear,
-            ..Default::default()
-        });
+        let uniform = filled(&device, "view", &[ViewUniform::default()], usage(wgpu::BufferUsages::UNIFORM))?;
+        let wrap = sampler(&device, "environment", wgpu::AddressMode::ClampToEdge);
         let environments = Environments::none(&device);
-        let buffers = [&uniform, shown.radiosity(), shown.visibility(), &errors, &media, &albedo, &lamps];
+        let buffers = [&uniform, &shown.radiosity, &shown.visibility, &errors, &media, &albedo, &lamps];
         let pattern = Pattern::new(&device)?;
         let bindings = pipelines::bindings(&device, &layout, buffers, &environments, &wrap, &pattern);
         device.check()?;
@@ -195,7 +184,7 @@ impl Raster {
 
     fn bind(&mut self) {
         let Self { uniform, shown, errors, media, albedo, lamps, .. } = self;
-        let buffers = [&*uniform, shown.radiosity(), shown.visibility(), errors, media, albedo, lamps];
+        let buffers = [&*uniform, &shown.radiosity, &shown.visibility, errors, media, albedo, lamps];
         let environments = &self.environments;
         self.bindings =
             pipelines::bindings(&self.device, &self.layout, buffers, environments, &self.wrap, &self.pattern);
@@ -211,10 +200,10 @@ impl Raster {
     /// Draws the state that was published last to the upper left corner of `target`, in the view's size; does nothing
     /// where the raster was not made for the finish of `canvas`.
     pub fn draw(&self, encoder: &mut wgpu::CommandEncoder, view: &View, canvas: &Canvas, target: &wgpu::TextureView) {
-        let Some(pipelines) = self.pipelines.iter().find(|p| p.finish == canvas.finish()) else { return };
-        let uniform = self.uniform_of(view, canvas.finish().encoding);
+        let Some(pipelines) = self.pipelines.iter().find(|p| p.finish == canvas.finish) else { return };
+        let uniform = self.uniform_of(view, canvas.finish.encoding);
         self.device.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
-        let (drawn, resolved) = match canvas.many() {
+        let (drawn, resolved) = match &canvas.many {
             Some(many) => (many, Some(target)),
             None => (target, None),
         };
@@ -228,14 +217,14 @@ impl Raster {
                 ops: wgpu::Operations { load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT), store },
             })],
             depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
-                view: canvas.depth(),
+                view: &canvas.depth,
                 depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(0.0), store: wgpu::StoreOp::Discard }),
                 stencil_ops: None,
             }),
             ..Default::default()
         });
         let side = |view: usize, canvas: usize| view.min(canvas) as u32;
-        let (whole, shown) = (canvas.resolution(), view.resolution);
+        let (whole, shown) = (canvas.resolution, view.resolution);
         let (width, height) = (side(shown.width, whole.width), side(shown.height, whole.height));
         pass.set_viewport(0.0, 0.0, width as f32, height as f32, 0.0, 1.0);
         pass.set_scissor_rect(0, 0, width, height);
@@ -244,14 +233,14 @@ impl Raster {
         pass.set_vertex_buffer(0, self.corners.slice(..));
         pass.set_index_buffer(self.indices.slice(..), wgpu::IndexFormat::Uint32);
         pass.draw_indexed(0..self.index_count, 0, 0..1);
-        if view.wires == Wires::Shown {
+        if view.wires {
             pass.set_pipeline(&pipelines.wire);
             pass.set_index_buffer(self.wires.slice(..), wgpu::IndexFormat::Uint32);
             pass.draw_indexed(0..2 * self.index_count, 0, 0..1);
         }
         // Last, so that what the object hides costs nothing; black is there already.
         let is_black =
-            canvas.finish().encoding == Encoding::Srgb && view.look != Look::Error && uniform.is_black_beside();
+            canvas.finish.encoding == Encoding::Srgb && view.look != Look::Error && uniform.is_black_beside();
         if !is_black {
             pass.set_pipeline(&pipelines.beside);
             pass.draw(0..3, 0..1);
@@ -271,30 +260,4 @@ impl Raster {
         };
         uniform
     }
-}
-
-/// A buffer with these contents, never empty.
-fn filled<T: bytemuck::NoUninit>(
-    device: &Device,
-    label: &str,
-    values: &[T],
-    usage: wgpu::BufferUsages,
-) -> Result<wgpu::Buffer> {
-    use wgpu::util::DeviceExt;
-    let bytes: &[u8] = bytemuck::cast_slice(values);
-    let limit = device.device.limits().max_buffer_size;
-    if bytes.len() as u64 > limit {
-        return Err(crate::error::Error::unsupported(format!(
-            "{label}: {} MiB where {} holds {} MiB at most; use --device cpu",
-            bytes.len() >> 20,
-            device.info.name,
-            limit >> 20
-        )));
-    }
-    let zero = [0u8; size_of::<Corner>()];
-    Ok(device.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
-        label: Some(label),
-        contents: if bytes.is_empty() { &zero } else { bytes },
-        usage,
-    }))
 }

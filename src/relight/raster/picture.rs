@@ -1,7 +1,8 @@
 //! Off-screen pictures, read back as linear radiance.
 
 use super::Raster;
-use super::canvas::{Canvas, Finish, descriptor};
+use super::canvas::{Canvas, Finish};
+use super::memory::descriptor;
 use super::view::View;
 use crate::error::{Error, Result};
 use crate::evaluate::device::Device;
@@ -71,7 +72,7 @@ impl Picture {
         );
         device.queue.submit([encoder.finish()]);
         let bytes = device.read(&self.buffer, self.buffer.size())?;
-        let resolution = self.canvas.resolution();
+        let resolution = self.canvas.resolution;
         let pixels = bytes
             .chunks_exact(self.bytes_per_row as usize)
             .flat_map(|row| row[..8 * resolution.width].chunks_exact(8))

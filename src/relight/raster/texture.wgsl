@@ -1,11 +1,6 @@
 // What scattered light is multiplied by: solid marble, or pictures over the texture coordinates. `render::texture` has the
 // same in 64 bits. Beyond what a pixel can show, both become their mean.
 
-// Mean of |noise| over space.
-const MEAN_ABSOLUTE_NOISE = 0.22;
-const ACROSS = vec3f(0.6, 0.64, 0.48);
-const SHIFT = vec3f(17.37, 5.71, 11.13);
-
 struct Pattern {
     base: vec3f,
     // 1 / mm.

@@ -47,32 +47,12 @@ pub struct View {
     pub look: Look,
     /// The background beside the object.
     pub background: Background,
-    /// Use of the texture, where there is one.
-    pub texture: Textured,
-    /// Drawing of the triangles' edges.
-    pub wires: Wires,
+    /// Whether the texture multiplies the scattered light, where there is one.
+    pub textured: bool,
+    /// Whether the triangles' edges are drawn over the picture.
+    pub wires: bool,
     /// The error that gets the last colour; none while it is unknown.
     pub worst_error: Option<f64>,
-}
-
-/// Use of the texture on the scattered light.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Textured {
-    /// The texture is left out.
-    No,
-    /// The texture is applied.
-    #[default]
-    Yes,
-}
-
-/// Drawing of the triangles' edges.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Wires {
-    /// Edges are not drawn.
-    #[default]
-    Hidden,
-    /// Edges are drawn over the picture.
-    Shown,
 }
 
 impl View {
@@ -85,8 +65,8 @@ impl View {
             specular: Specular::default(),
             look: Look::default(),
             background: Background::default(),
-            texture: Textured::default(),
-            wires: Wires::default(),
+            textured: true,
+            wires: false,
             worst_error: None,
         }
     }
@@ -188,7 +168,7 @@ impl ViewUniform {
             },
             error_scale: view.worst_error.map_or(0.0, |e| finite(1.0 / e.max(1e-12))),
             error_known: u32::from(view.worst_error.is_some()),
-            textured: u32::from(view.texture == Textured::Yes),
+            textured: u32::from(view.textured),
             colours: ERROR_COLOURS.map(colour),
             ..Self::default()
         }

@@ -3,7 +3,6 @@
 mod actions;
 mod events;
 mod frame;
-mod input;
 mod log;
 mod shown;
 mod staging;
@@ -17,10 +16,10 @@ use winit::keyboard::ModifiersState;
 
 use self::log::Log;
 use self::shown::Shown;
-use super::report::WindowReport;
 use super::session::Session;
 use crate::error::{Error, Result};
 use crate::relight::choice::DeviceChoice;
+use crate::relight::timings::WindowReport;
 use crate::render::camera::Resolution;
 use crate::render::camera_text::CameraSpec;
 use crate::render::texture::spec::TextureSpec;

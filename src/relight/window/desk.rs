@@ -13,7 +13,7 @@ use crate::light::environment::EnvironmentMap;
 use crate::medium::material::Medium;
 use crate::relight::lights::{AdjustedLight, pivot_mm, shining};
 use crate::relight::orbit::Orbit;
-use crate::relight::raster::view::{Look, Textured, View, Wires};
+use crate::relight::raster::view::{Look, View};
 use crate::render::background::Background;
 use crate::render::camera::{Camera, Resolution};
 use crate::render::film::{Exposure, MAX_STOPS};
@@ -31,8 +31,10 @@ const ADAPTATION_S: f64 = 0.3;
 pub(super) struct KnownError {
     /// Serial number of the state.
     pub(super) serial: u64,
+    /// Relative RMS and worst vertex.
     pub(super) rms: f64,
     pub(super) worst: f64,
+    /// End of the colour scale: 99 % of the vertices are below.
     pub(super) scale: f64,
 }
 
@@ -216,8 +218,9 @@ impl Desk {
         if self.reflects { Specular::Rough(roughness) } else { Specular::Off }
     }
 
-    pub(super) fn texture(&self) -> Textured {
-        if self.has_texture && self.textured { Textured::Yes } else { Textured::No }
+    /// Whether there is a texture and it is shown.
+    pub(super) fn shows_texture(&self) -> bool {
+        self.has_texture && self.textured
     }
 
     pub(super) fn set_specular(&mut self, specular: Specular) {
@@ -231,8 +234,8 @@ impl Desk {
             specular: self.specular(),
             look: self.look,
             background: self.background,
-            texture: self.texture(),
-            wires: if self.wires { Wires::Shown } else { Wires::Hidden },
+            textured: self.shows_texture(),
+            wires: self.wires,
             worst_error: self.error.map(|e| e.scale),
             ..View::new(camera, resolution, self.exposure_factor())
         }

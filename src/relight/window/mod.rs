@@ -5,9 +5,9 @@ mod colours;
 mod desk;
 mod editing;
 mod jobs;
+mod newest;
 mod panel;
 mod placing;
-mod report;
 mod screen;
 mod session;
 mod worker;
@@ -16,9 +16,9 @@ use winit::event_loop::EventLoop;
 
 use self::app::App;
 use crate::error::{Error, Result};
+use crate::relight::timings::WindowReport;
 
-pub use self::report::WindowReport;
-pub use self::session::{OpenModel, Session, Turn};
+pub use self::session::{OpenModel, Session};
 
 /// The cause in a message of winit, without the position in its source, "os error at FILE:LINE: ".
 fn cause(message: &str) -> &str {

@@ -46,19 +46,10 @@ pub struct Session {
     pub texture: TextureSpec,
     /// The background beside the object.
     pub background: Background,
-    /// Initial motion of the lights.
-    pub turn: Turn,
+    /// Whether the lights turn about the object at first.
+    pub turning: bool,
     /// Seconds after which the window closes; none to stay open.
     pub quit_after_s: Option<f64>,
     /// Worker threads.
     pub pool: Arc<ThreadPool>,
-}
-
-/// Motion of the lights.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Turn {
-    /// They stand still until the user turns them.
-    Still,
-    /// They turn about the object.
-    Turning,
 }

@@ -7,9 +7,9 @@ use super::spec::MarbleSpec;
 use crate::error::{Error, Result};
 
 /// Direction across the veins, unlike any axis of an object.
-const ACROSS: DVec3 = DVec3::new(0.6, 0.64, 0.48);
+pub(crate) const ACROSS: DVec3 = DVec3::new(0.6, 0.64, 0.48);
 /// Offset between successive octaves of the turbulence, so that their zeros do not meet.
-const SHIFT: DVec3 = DVec3::new(17.37, 5.71, 11.13);
+pub(crate) const SHIFT: DVec3 = DVec3::new(17.37, 5.71, 11.13);
 /// Default distance between veins, as a share of the diagonal of the object.
 const DEFAULT_SCALE_SHARE: f64 = 0.2;
 /// Largest number of veins over the diagonal: beyond, 32-bit shaders cannot tell points apart.

@@ -20,7 +20,7 @@ use crate::measure::image_error::ImageError;
 use crate::progress::Progress;
 
 /// The error measure of a comparison.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Metric {
     /// Area-weighted RMS over vertices, worst channel; RMS over covered pixels for pictures.
@@ -30,7 +30,7 @@ pub enum Metric {
     P999,
     /// Worst vertex or pixel.
     Worst,
-    /// Mean HDR-FLIP of pictures, 0 to 1.
+    /// HDR-FLIP of pictures: mean of what a person sees who flips between them, 0 to 1.
     Flip,
 }
 

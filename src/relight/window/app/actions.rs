@@ -1,12 +1,13 @@
 //! Actions of the panel and the keys: saving pictures, measuring errors, other profiles and dropped files.
 
+use std::path::Path;
+
 use super::App;
 use super::shown::Shown;
 use crate::relight::files::{Dropped, free_picture};
 use crate::relight::raster::picture::Picture;
-use crate::relight::raster::view::Textured;
 use crate::relight::window::desk::Desk;
-use crate::relight::window::jobs::{Job, State, folder};
+use crate::relight::window::jobs::{Job, State};
 use crate::relight::window::panel::Asked;
 use crate::render::frame::RenderSettings;
 
@@ -36,12 +37,12 @@ impl App {
 
     pub(super) fn save_png(&mut self) {
         let Some(shown) = &mut self.shown else { return };
-        let Some(stem) = free_picture(folder(), &["png"]) else {
+        let Some(stem) = free_picture(Path::new("."), &["png"]) else {
             return shown.desk.complain("every name from picture-001.png on is taken");
         };
         let picture = shown.desk.orbit.camera().and_then(|camera| {
             let picture = Picture::new(&shown.screen.device, self.viewport)?;
-            picture.take(&shown.raster, &shown.desk.view(camera, self.viewport))
+            picture.take(&shown.staged.raster, &shown.desk.view(camera, self.viewport))
         });
         match picture {
             Ok(picture) => {
@@ -54,7 +55,7 @@ impl App {
 
     fn save_render(&mut self) {
         let Some(shown) = &mut self.shown else { return };
-        let Some(stem) = free_picture(folder(), &["png", "exr"]) else {
+        let Some(stem) = free_picture(Path::new("."), &["png", "exr"]) else {
             return shown.desk.complain("every name from picture-001.png on is taken");
         };
         match shown.desk.orbit.camera() {
@@ -64,7 +65,7 @@ impl App {
                 settings.specular = shown.desk.specular();
                 let exposure = shown.desk.exposure_factor();
                 settings.white = exposure.recip();
-                let texture = shown.texture.clone().filter(|_| shown.desk.texture() == Textured::Yes);
+                let texture = shown.texture.clone().filter(|_| shown.desk.shows_texture());
                 let job = Job::Render { state: state(&shown.desk), settings, texture, exposure, stem };
                 start(shown, "rendering", job);
             }
@@ -72,7 +73,7 @@ impl App {
         }
     }
 
-    pub(super) fn dropped(&mut self, path: &std::path::Path) {
+    pub(super) fn dropped(&mut self, path: &Path) {
         let Some(shown) = &mut self.shown else { return };
         match Dropped::new(path) {
             Dropped::Asset(path) => start(shown, "opening the model", Job::Model(path)),
