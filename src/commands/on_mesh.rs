@@ -106,7 +106,7 @@ impl OtherMesh<'_> {
 
     /// Reads the mesh in the units of the asset's source and finds its vertices on the asset's surface.
     fn place(&self, scene: &Scene, provenance: &Provenance, console: &Console) -> Result<Placed> {
-        let mm_per_unit = provenance.mm_per_source_unit;
+        let mm_per_unit = provenance.origin.mm_per_source_unit;
         let (mesh, [warnings, repairs]) = load_mesh(self.model, mm_per_unit, console)?;
         warnings.iter().for_each(|warning| console.warn(warning));
         repairs.iter().for_each(|line| console.note(line));

@@ -70,7 +70,7 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> Result<ExitCode> {
     args.picture.check_memory(console)?;
     let lights = args.lights.load(console)?;
     let Opened { provenance, mut evaluator } = args.asset.open(console)?;
-    let picture = PictureArgs { sources: provenance.inputs.clone(), ..args.picture.clone() };
+    let picture = PictureArgs { sources: provenance.origin.inputs.clone(), ..args.picture.clone() };
     let (result, _) = finish(evaluator.as_mut(), &provenance.method, lights, &picture, &args.output, console)?;
     console.report("render", &result)?;
     Ok(ExitCode::Ok)

@@ -6,6 +6,7 @@ use super::console::Console;
 use crate::error::Result;
 use crate::geometry::mesh::Mesh;
 use crate::render::background::Background;
+use crate::render::camera::xyz;
 use crate::render::camera_text::CameraSpec;
 use crate::render::film::Exposure;
 use crate::render::frame::Specular;
@@ -41,7 +42,6 @@ pub(super) struct ViewArgs {
 
 fn texture_help() -> String {
     let MarbleSpec { base, veins, turbulence, octaves, sharpness, .. } = MarbleSpec::default();
-    let rgb = |v: glam::DVec3| format!("{},{},{}", v.x, v.y, v.z);
     format!(
         "Albedo that scattered light is multiplied by, not reflected light, and the same in every light:\n  \
          none\n  \
@@ -51,8 +51,8 @@ fn texture_help() -> String {
          Keys of marble: scale (mm between veins; default a fifth of the diagonal), base and veins (linear R,G,B or one \
          number, 0 to 1; default {} and {}), turbulence (how far veins are shifted, in their distances; default \
          {turbulence}), octaves (of the turbulence; default {octaves}), sharpness (of the veins; default {sharpness}), seed.",
-        rgb(base),
-        rgb(veins)
+        xyz(base),
+        xyz(veins)
     )
 }
 

@@ -73,6 +73,12 @@ pub struct Origin {
     pub notes: Vec<String>,
 }
 
+impl Default for Origin {
+    fn default() -> Self {
+        Self { inputs: Vec::new(), source_unit: "mm".to_owned(), mm_per_source_unit: 1.0, notes: Vec::new() }
+    }
+}
+
 /// A scene, its origin and the checks of its mesh.
 #[derive(Clone, Debug)]
 pub struct Imported {

@@ -4,7 +4,7 @@ use std::str::FromStr;
 
 use super::background::Background;
 use super::camera::Resolution;
-use super::frame::{AlbedoLayer, Frame, Pixel, RenderSettings, SingleLayer, Specular, render};
+use super::frame::{Frame, Pixel, RenderSettings, SingleLayer, Specular, render};
 use super::single::Scattered;
 use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
@@ -109,11 +109,15 @@ impl Exposure {
 /// The radiance that becomes white; none where all is black.
 fn white(pixels: &[Pixel]) -> Option<f64> {
     let brightest = |p: &Pixel| f64::from(scattered(p).into_iter().fold(0.0, f32::max)) / f64::from(p.coverage);
-    let mut values: Vec<f64> = pixels.iter().filter(|p| p.coverage > 0.0).map(brightest).collect();
+    let value = white_of(pixels.iter().filter(|p| p.coverage > 0.0).map(brightest).collect())?;
+    (value >= f64::MIN_POSITIVE && value.is_finite()).then_some(value)
+}
+
+/// The percentile of automatic exposure among some values, by nearest rank.
+pub(crate) fn white_of(mut values: Vec<f64>) -> Option<f64> {
     let rank = (AUTO_EXPOSURE_PERCENTILE * values.len() as f64).ceil() as usize;
-    let index = rank.checked_sub(1)?;
-    let (_, value, _) = values.select_nth_unstable_by(index, f64::total_cmp);
-    (*value >= f64::MIN_POSITIVE && value.is_finite()).then_some(*value)
+    let (_, value, _) = values.select_nth_unstable_by(rank.checked_sub(1)?, f64::total_cmp);
+    Some(*value)
 }
 
 /// Encodes an 8-bit sRGB PNG of the beauty without its glare (transparent: without the background, not multiplied by
@@ -175,7 +179,7 @@ pub fn side_by_side(pictures: &[(Frame, f64)]) -> Result<Frame> {
         pixels,
         back_facing_share: 0.0,
         single: SingleLayer::None,
-        albedo: AlbedoLayer::None,
+        textured: false,
     })
 }
 
@@ -245,7 +249,7 @@ pub fn to_exr(frame: &Frame, colours: ColourType, attributes: Vec<(String, Strin
         layers.push(layer("single", triple(rgb, colour, |p| p.single)));
     }
     layers.push(layer("specular", triple(rgb, colour, |p| p.specular)));
-    if frame.albedo != AlbedoLayer::None {
+    if frame.textured {
         layers.push(layer("albedo", triple(rgb, colour, |p| p.albedo)));
     }
     layers.extend([
@@ -268,7 +272,7 @@ mod tests {
 
     fn frame(width: usize, pixels: Vec<Pixel>) -> Frame {
         let resolution = Resolution::new(width, pixels.len() / width).unwrap();
-        Frame { resolution, pixels, back_facing_share: 0.0, single: SingleLayer::None, albedo: AlbedoLayer::None }
+        Frame { resolution, pixels, back_facing_share: 0.0, single: SingleLayer::None, textured: false }
     }
 
     fn pixel(radiance: [f32; 3], coverage: f32) -> Pixel {
@@ -389,7 +393,7 @@ mod tests {
     #[test]
     fn a_texture_is_a_layer_of_its_own() {
         let textured = Pixel { albedo: [0.5, 0.25, 0.125], ..pixel([0.5; 3], 1.0) };
-        let with = Frame { albedo: AlbedoLayer::Textured, ..frame(1, vec![textured]) };
+        let with = Frame { textured: true, ..frame(1, vec![textured]) };
         let planes = decode_planes(&to_exr(&with, ColourType::Half, Vec::new()).unwrap()).unwrap();
         assert_eq!(planes.len(), 19);
         let found =

@@ -97,7 +97,11 @@ pub(super) struct ShadowRays {
 }
 
 impl ShadowRays {
+    /// Adds a ray, unless it gains nothing.
     fn push(&mut self, index: usize, place: &Place, to_light: DVec3, distance: f64, gain: DVec3) {
+        if gain == DVec3::ZERO || !gain.is_finite() {
+            return;
+        }
         let origin = offset_origin(place.point.as_vec3(), place.geometric.as_vec3());
         self.rays.push(Ray { t_max: distance as f32, ..Ray::new(origin, to_light.as_vec3()) });
         self.skip.push(place.triangle);
@@ -181,9 +185,7 @@ impl GlossyLights {
                 };
                 // A light in the surface itself has no direction.
                 let gain = if distance > 0.0 { place.response(to_light) * irradiance } else { DVec3::ZERO };
-                if gain != DVec3::ZERO && gain.is_finite() {
-                    shadow.push(index, place, to_light, distance, gain);
-                }
+                shadow.push(index, place, to_light, distance, gain);
             }
             shadow.resolve(bvh, out);
         }
@@ -237,18 +239,14 @@ impl GlossyLights {
             let density = place.ggx.density_per_sr(place.normal.dot(half), place.normal.dot(place.to_eye));
             // The light's density is 1 / solid_angle: L f cos / density times the balance heuristic.
             let gain = light.radiance * (place.response(to_light) * solid_angle / (1.0 + density * solid_angle));
-            if gain != DVec3::ZERO && gain.is_finite() {
-                shadow.push(index, place, to_light, distance, gain);
-            }
+            shadow.push(index, place, to_light, distance, gain);
         }
         if let Some(sample) = reflection
             && let Some(distance) = light.distance(place.point, sample.to_light)
         {
             let share = sample.density_per_sr * solid_angle;
             let gain = light.radiance * (sample.weight * share / (1.0 + share));
-            if gain != DVec3::ZERO && gain.is_finite() {
-                shadow.push(index, place, sample.to_light, distance, gain);
-            }
+            shadow.push(index, place, sample.to_light, distance, gain);
         }
     }
 }

@@ -63,8 +63,7 @@ pub(crate) fn write(chart: &Chart, shown: &[Shown], folder: &Path) -> Result<Pat
     let json = serde_json::to_string_pretty(chart).map_err(|e| Error::runtime(format!("chart.json: {e}")))?;
     put("chart.json", format!("{json}\n").as_bytes())?;
     put("chart.csv", csv(chart).as_bytes())?;
-    let mut charts = Vec::new();
-    let mut members = Vec::new();
+    let (mut drawings, mut members) = (Vec::new(), Vec::new());
     for (index, truth) in chart.truths.iter().enumerate() {
         let rows: Vec<(usize, &Row)> = chart.rows.iter().enumerate().filter(|(_, row)| is_of(row, truth)).collect();
         let name = |what: &str| if index == 0 { what.to_owned() } else { format!("{what}-{}", index + 1) };
@@ -73,15 +72,17 @@ pub(crate) fn write(chart: &Chart, shown: &[Shown], folder: &Path) -> Result<Pat
             members.extend(pareto(&places).into_iter().map(|i| rows[i].0));
             let scatter = scatter(cost, truth, &rows);
             let (svg, png) = (scatter_svg(&scatter)?, scatter_png(&scatter)?);
-            put(&format!("{}.svg", name(cost.file)), svg.as_bytes())?;
-            put(&format!("{}.png", name(cost.file)), &png)?;
-            charts.push((scatter.title, svg));
+            drawings.push((name(cost.file), scatter.title, svg, png));
         }
         let bars = bars(truth, &rows);
         let (svg, png) = (bars_svg(&bars)?, bars_png(&bars)?);
-        put(&format!("{}.svg", name("stages")), svg.as_bytes())?;
-        put(&format!("{}.png", name("stages")), &png)?;
-        charts.push((bars.title, svg));
+        drawings.push((name("stages"), bars.title, svg, png));
+    }
+    let mut charts = Vec::new();
+    for (name, title, svg, png) in drawings {
+        put(&format!("{name}.svg"), svg.as_bytes())?;
+        put(&format!("{name}.png"), &png)?;
+        charts.push((title, svg));
     }
     members.sort_unstable();
     members.dedup();

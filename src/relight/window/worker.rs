@@ -16,7 +16,7 @@ use crate::relight::lights::are_same;
 use crate::relight::raster::Shown;
 use crate::relight::raster::shadows::Shadows;
 use crate::render::camera::Camera;
-use crate::render::film::AUTO_EXPOSURE_PERCENTILE;
+use crate::render::film::white_of;
 
 /// A requested state.
 #[derive(Clone)]
@@ -152,10 +152,7 @@ impl Bench {
             (normal.dot(eye - *point) > 0.0 && value.is_finite()).then_some(value)
         };
         let receivers = self.evaluator.receiver_of_vertex();
-        let mut seen: Vec<f64> = receivers.iter().zip(self.shadows.starts()).enumerate().filter_map(radiance).collect();
-        let rank = (AUTO_EXPOSURE_PERCENTILE * seen.len() as f64).ceil() as usize;
-        let Some(index) = rank.checked_sub(1) else { return Ok(None) };
-        let (_, white, _) = seen.select_nth_unstable_by(index, f64::total_cmp);
-        Ok((*white >= f64::from(f32::MIN_POSITIVE)).then_some(*white))
+        let seen = receivers.iter().zip(self.shadows.starts()).enumerate().filter_map(radiance).collect();
+        Ok(white_of(seen).filter(|white| *white >= f64::from(f32::MIN_POSITIVE)))
     }
 }

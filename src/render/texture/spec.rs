@@ -8,6 +8,7 @@ use std::str::FromStr;
 use glam::DVec3;
 
 use crate::error::{Error, Result};
+use crate::render::camera::xyz;
 
 /// Largest number of octaves of turbulence.
 pub const MAX_OCTAVES: u32 = 10;
@@ -194,8 +195,7 @@ impl fmt::Display for MarbleSpec {
         if let Some(scale_mm) = self.scale_mm {
             write!(f, ":scale={scale_mm}")?;
         }
-        let rgb = |v: DVec3| format!("{},{},{}", v.x, v.y, v.z);
-        write!(f, ":base={}:veins={}", rgb(self.base), rgb(self.veins))?;
+        write!(f, ":base={}:veins={}", xyz(self.base), xyz(self.veins))?;
         let Self { turbulence, octaves, sharpness, seed, .. } = self;
         write!(f, ":turbulence={turbulence}:octaves={octaves}:sharpness={sharpness}:seed={seed}")
     }

@@ -47,7 +47,7 @@ impl Metric {
 }
 
 /// The error of the first of two files against the second.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct Comparison {
     /// The file under test.
     #[serde(serialize_with = "super::path")]
@@ -101,21 +101,7 @@ pub fn compare(
     open: &Open,
     progress: &dyn Progress,
 ) -> Result<Comparison> {
-    let mut result = Comparison {
-        a: a.to_owned(),
-        b: b.to_owned(),
-        equal: false,
-        metric,
-        value: None,
-        threshold,
-        vertices: None,
-        single_scattering: None,
-        image: None,
-        flip: None,
-        assets: None,
-        notes: Vec::new(),
-        warnings: Vec::new(),
-    };
+    let mut result = Comparison { a: a.to_owned(), b: b.to_owned(), metric, threshold, ..Comparison::default() };
     match (suffix(a).as_str(), suffix(b).as_str()) {
         ("ply", "ply") | ("tlux", "tlux") if metric == Metric::Flip => {
             let (a, b) = (a.display(), b.display());
