@@ -13,10 +13,11 @@ use super::view::ViewArgs;
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::summed::Summed;
 use crate::evaluate::{Evaluator, SingleScattering};
-use crate::relight::choice::{DeviceChoice, Placed, place};
-use crate::relight::headless::{self, Animation, MAX_FRAMES};
+use crate::relight::choice::{DeviceChoice, place};
+use crate::relight::headless::{self, Animation, MAX_FRAMES, SAMPLES_PER_PIXEL};
 use crate::relight::timings::Timings;
 use crate::render::camera::Resolution;
+use crate::render::frame::{RenderSettings, memory_bytes};
 
 /// Size of the pictures of an animation.
 const HEADLESS_RESOLUTION: Resolution = Resolution { width: 1024, height: 1024 };
@@ -96,22 +97,22 @@ fn animate(args: &RelightArgs, frames: usize, out: &std::path::Path, console: &C
     let Opened { provenance, evaluator } = args.asset.open(console)?;
     let evaluator = drawn(evaluator, console);
     let resolution = args.resolution.unwrap_or(HEADLESS_RESOLUTION);
-    let needed = crate::render::frame::memory_bytes(resolution);
+    let needed = memory_bytes(resolution);
     console.check_memory(needed, "use a smaller --resolution, or raise --max-memory")?;
-    let camera = args.view.camera.unwrap_or_default().resolve(&evaluator.scene().mesh, resolution)?;
+    let settings = RenderSettings {
+        samples_per_pixel: SAMPLES_PER_PIXEL,
+        ..args.view.settings(&evaluator.scene().mesh, resolution)?
+    };
     let texture = args.view.load_texture(&evaluator.scene().mesh, console)?;
     let again = || Ok(Summed::of(args.asset.open(console)?.evaluator));
-    let Placed { place, note } = place(args.device, evaluator, &again)?;
+    let (place, note) = place(args.device, evaluator, &again)?;
     note.iter().for_each(|note| console.note(note));
     let animation = Animation {
         frames,
         folder: out.to_owned(),
-        camera,
-        resolution,
+        settings,
         exposure: args.view.exposure,
-        specular: args.view.specular(),
         texture,
-        background: args.view.background,
         lights,
         method: provenance.method,
     };

@@ -17,7 +17,7 @@ use crate::render::camera_text::CameraSpec;
 use crate::render::exit::ExitFresnel;
 use crate::render::film::{ColourType, to_exr, to_png};
 use crate::render::frame::{
-    DEFAULT_SAMPLES_PER_PIXEL, Frame, MAX_SAMPLES_PER_PIXEL, RenderSettings, Specular, memory_bytes, render,
+    DEFAULT_SAMPLES_PER_PIXEL, Frame, MAX_SAMPLES_PER_PIXEL, RenderSettings, memory_bytes, render,
 };
 use crate::render::single::{Scattered, Single};
 use crate::render::texture::Texture;
@@ -98,16 +98,9 @@ impl PictureArgs {
     }
 
     fn settings(&self, evaluator: &dyn Evaluator) -> Result<RenderSettings> {
-        let spec = self.view.camera.unwrap_or_default();
-        Ok(RenderSettings {
-            camera: spec.resolve(&evaluator.scene().mesh, self.resolution)?,
-            resolution: self.resolution,
-            samples_per_pixel: self.samples_per_pixel,
-            exit_fresnel: self.exit_fresnel,
-            background: self.view.background,
-            specular: self.view.specular(),
-            white: f64::INFINITY,
-        })
+        let (samples_per_pixel, exit_fresnel) = (self.samples_per_pixel, self.exit_fresnel);
+        let settings = self.view.settings(&evaluator.scene().mesh, self.resolution)?;
+        Ok(RenderSettings { samples_per_pixel, exit_fresnel, ..settings })
     }
 }
 
@@ -154,10 +147,7 @@ pub(super) fn finish(
         samples_per_pixel: settings.samples_per_pixel,
         exit_fresnel: settings.exit_fresnel,
         background: settings.background.to_string(),
-        roughness: match settings.specular {
-            Specular::Off => None,
-            Specular::Rough(roughness) => Some(roughness),
-        },
+        roughness: settings.specular.roughness(),
         texture: texture.as_ref().map(ToString::to_string),
         single_scattering: frame.single,
         single_scattering_paths,

@@ -6,10 +6,10 @@ use super::console::Console;
 use crate::error::Result;
 use crate::geometry::mesh::Mesh;
 use crate::render::background::Background;
-use crate::render::camera::xyz;
+use crate::render::camera::{Resolution, xyz};
 use crate::render::camera_text::CameraSpec;
 use crate::render::film::Exposure;
-use crate::render::frame::Specular;
+use crate::render::frame::{RenderSettings, Specular};
 use crate::render::specular::Roughness;
 use crate::render::texture::Texture;
 use crate::render::texture::spec::{MarbleSpec, TextureSpec};
@@ -67,6 +67,13 @@ impl ViewArgs {
             no_specular: false,
             texture: TextureSpec::None,
         }
+    }
+
+    /// The settings of a picture of a mesh.
+    pub(super) fn settings(&self, mesh: &Mesh, resolution: Resolution) -> Result<RenderSettings> {
+        let camera = self.camera.unwrap_or_default().resolve(mesh, resolution)?;
+        let (background, specular) = (self.background, self.specular());
+        Ok(RenderSettings { background, specular, ..RenderSettings::new(camera, resolution) })
     }
 
     pub(super) fn specular(&self) -> Specular {

@@ -20,10 +20,12 @@ use crate::evaluate::exitance::Exitance;
 use crate::io::atomic;
 use crate::light::Light;
 use crate::progress::{Progress, Silent};
+#[cfg(feature = "gpu")]
 use crate::render::background::Background;
-use crate::render::camera::{Camera, Resolution};
+#[cfg(feature = "gpu")]
+use crate::render::camera::Resolution;
 use crate::render::film::{Exposure, MAX_STOPS, to_png};
-use crate::render::frame::{RenderSettings, Specular, render};
+use crate::render::frame::{RenderSettings, render};
 use crate::render::single::Scattered;
 use crate::render::texture::Texture;
 
@@ -39,18 +41,12 @@ pub struct Animation {
     pub frames: usize,
     /// Folder of the pictures; created if its parent exists.
     pub folder: PathBuf,
-    /// The camera.
-    pub camera: Camera,
-    /// Size of the pictures.
-    pub resolution: Resolution,
+    /// Camera, size, surface and background of the pictures; the samples are those of pictures on the CPU.
+    pub settings: RenderSettings,
     /// Brightness; automatic exposure is that of the first frame, so that nothing flickers.
     pub exposure: Exposure,
-    /// Specular reflection.
-    pub specular: Specular,
     /// The texture that multiplies scattered light.
     pub texture: Option<Texture>,
-    /// The background beside the object.
-    pub background: Background,
     /// Lights of the first frame.
     pub lights: Vec<Light>,
     /// Method of the asset, for the file of timings.
@@ -66,6 +62,7 @@ pub fn run(place: Place, animation: &Animation, progress: &dyn Progress) -> Resu
     make_folder(&animation.folder)?;
     let mut painter = Painter::new(place, animation)?;
     let pivot = pivot_mm(&painter.evaluator().scene().mesh);
+    let settings = &animation.settings;
     let lights_of = |frame: usize| -> Vec<Light> {
         let degrees = 360.0 * frame as f64 / animation.frames as f64;
         animation.lights.iter().map(|l| if frame == 0 { l.clone() } else { turned(l, degrees, pivot) }).collect()
@@ -81,17 +78,18 @@ pub fn run(place: Place, animation: &Animation, progress: &dyn Progress) -> Resu
         progress.advance(1);
     }
     progress.finish();
+    let (adapter, transport) = painter.drawn_by();
     let evaluator = painter.evaluator();
     let timings = Timings {
         schema: SCHEMA,
         version: env!("CARGO_PKG_VERSION"),
-        adapter: painter.adapter(),
-        transport: painter.transport(),
+        adapter,
+        transport,
         method: animation.method.clone(),
         vertices: evaluator.scene().mesh.local_mm.len(),
         samples: evaluator.cost().samples,
-        resolution: animation.resolution,
-        camera: animation.camera.to_string(),
+        resolution: settings.resolution,
+        camera: settings.camera.to_string(),
         lights: animation.lights.iter().map(ToString::to_string).collect(),
         exposure_factor: exposure,
         summary: Stages::of(&frames),
@@ -133,36 +131,29 @@ impl Painter {
             #[cfg(feature = "gpu")]
             Place::Device(evaluator) => {
                 let mut raster = Raster::new(evaluator.as_ref(), &[Finish::PICTURE])?;
-                raster.set_media(&evaluator.scene().media, animation.specular);
+                raster.set_media(&evaluator.scene().media, animation.settings.specular);
                 raster.set_texture(animation.texture.as_ref())?;
-                let picture = Picture::new(raster.device(), animation.resolution)?;
+                let picture = Picture::new(raster.device(), animation.settings.resolution)?;
                 let shadows = super::raster::shadows::Shadows::new(evaluator.scene());
                 Ok(Self::Device(Box::new(OnDevice { evaluator, raster, picture, shadows })))
             }
         }
     }
 
-    fn evaluator(&self) -> &dyn Evaluator {
+    fn evaluator(&mut self) -> &mut dyn Evaluator {
         match self {
-            Self::Cpu(evaluator) => evaluator.as_ref(),
+            Self::Cpu(evaluator) => evaluator.as_mut(),
             #[cfg(feature = "gpu")]
-            Self::Device(on) => on.evaluator.as_ref(),
+            Self::Device(on) => on.evaluator.as_mut(),
         }
     }
 
-    fn adapter(&self) -> Option<Adapter> {
+    /// The adapter, if one draws, and where the transport runs.
+    fn drawn_by(&self) -> (Option<Adapter>, String) {
         match self {
-            Self::Cpu(_) => None,
+            Self::Cpu(_) => (None, "CPU".to_owned()),
             #[cfg(feature = "gpu")]
-            Self::Device(on) => Some(Adapter::of(on.raster.device())),
-        }
-    }
-
-    fn transport(&self) -> String {
-        match self {
-            Self::Cpu(_) => "CPU".to_owned(),
-            #[cfg(feature = "gpu")]
-            Self::Device(on) => on.evaluator.transport(),
+            Self::Device(on) => (Some(Adapter::of(on.raster.device())), on.evaluator.transport()),
         }
     }
 
@@ -171,16 +162,12 @@ impl Painter {
         if let Exposure::Stops(stops) = animation.exposure {
             return Ok(stops.clamp(-MAX_STOPS, MAX_STOPS).exp2());
         }
-        let evaluator: &mut dyn Evaluator = match self {
-            Self::Cpu(evaluator) => evaluator.as_mut(),
-            #[cfg(feature = "gpu")]
-            Self::Device(on) => on.evaluator.as_mut(),
-        };
+        let evaluator = self.evaluator();
         evaluator.set_lights(animation.lights.clone(), progress)?;
-        evaluator.set_eye(animation.camera.at_mm());
+        evaluator.set_eye(animation.settings.camera.at_mm());
         let radiosity = evaluator.radiosity(progress)?;
         let scattered = scattered(&radiosity, animation);
-        let frame = render(evaluator, scattered, &animation.lights, &settings(animation), progress)?;
+        let frame = render(evaluator, scattered, &animation.lights, &animation.settings, progress)?;
         Ok(animation.exposure.factor(&frame))
     }
 
@@ -190,14 +177,14 @@ impl Painter {
             Self::Cpu(evaluator) => {
                 let mut clock = Clock::start();
                 evaluator.set_lights(lights.clone(), &Silent)?;
-                evaluator.set_eye(animation.camera.at_mm());
+                evaluator.set_eye(animation.settings.camera.at_mm());
                 let light_ms = clock.lap_ms();
                 let radiosity = evaluator.radiosity(&Silent)?;
                 let transport_ms = clock.lap_ms();
                 let scattered = scattered(&radiosity, animation);
-                let frame = render(evaluator.as_ref(), scattered, &lights, &settings(animation), &Silent)?;
+                let frame = render(evaluator.as_ref(), scattered, &lights, &animation.settings, &Silent)?;
                 let draw_ms = clock.lap_ms();
-                let png = to_png(&frame, exposure, animation.background.into())?;
+                let png = to_png(&frame, exposure, animation.settings.background.into())?;
                 Ok((times(light_ms, transport_ms, draw_ms), png))
             }
             #[cfg(feature = "gpu")]
@@ -209,10 +196,10 @@ impl Painter {
 #[cfg(feature = "gpu")]
 impl OnDevice {
     fn frame(&mut self, animation: &Animation, lights: Vec<Light>, exposure: f64) -> Result<(Stages<f64>, Vec<u8>)> {
-        let mut clock = Clock::start();
+        let (settings, mut clock) = (&animation.settings, Clock::start());
         self.evaluator.set_lights(lights.clone(), &Silent)?;
-        self.evaluator.set_eye(animation.camera.at_mm());
-        let visibility = match animation.specular.roughness() {
+        self.evaluator.set_eye(animation.settings.camera.at_mm());
+        let visibility = match settings.specular.roughness() {
             Some(_) => self.shadows.visibility(self.evaluator.bvh(), &lights),
             None => Vec::new(),
         };
@@ -223,13 +210,13 @@ impl OnDevice {
         let transport_ms = clock.lap_ms();
         self.raster.set_lights(&lights)?;
         let view = View {
-            specular: animation.specular,
-            background: animation.background,
-            ..View::new(animation.camera, animation.resolution, exposure)
+            specular: settings.specular,
+            background: settings.background,
+            ..View::new(settings.camera, settings.resolution, exposure)
         };
         let picture = self.picture.take(&self.raster, &view)?;
         let draw_ms = clock.lap_ms();
-        Ok((times(light_ms, transport_ms, draw_ms), png(&picture, animation.background)?))
+        Ok((times(light_ms, transport_ms, draw_ms), png(&picture, settings.background)?))
     }
 }
 
@@ -249,15 +236,6 @@ pub(super) fn png(picture: &LinearPicture, background: Background) -> Result<Vec
 
 fn scattered<'a>(exitance: &'a dyn Exitance, animation: &'a Animation) -> Scattered<'a> {
     Scattered { texture: animation.texture.as_ref(), ..Scattered::from(exitance) }
-}
-
-fn settings(animation: &Animation) -> RenderSettings {
-    RenderSettings {
-        samples_per_pixel: SAMPLES_PER_PIXEL,
-        background: animation.background,
-        specular: animation.specular,
-        ..RenderSettings::new(animation.camera, animation.resolution)
-    }
 }
 
 fn times(light_ms: f64, transport_ms: f64, draw_ms: f64) -> Stages<f64> {

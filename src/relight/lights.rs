@@ -56,7 +56,8 @@ pub fn direction_of_degrees(azimuth: f64, elevation: f64) -> DVec3 {
 /// A light with its manual changes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AdjustedLight {
-    base: Light,
+    /// The light as it was given.
+    pub base: Light,
     /// Azimuth of the light as seen from the pivot, or the rotation of an environment.
     pub azimuth_degrees: f64,
     /// Elevation of the light above the horizon; none where it has no direction or can only turn.
@@ -79,11 +80,6 @@ impl AdjustedLight {
             }
         };
         Self { base, azimuth_degrees, elevation_degrees, stops: 0.0, on: true }
-    }
-
-    /// The light as it was given.
-    pub fn base(&self) -> &Light {
-        &self.base
     }
 
     /// Returns whether turning the light changes anything.

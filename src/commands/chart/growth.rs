@@ -167,28 +167,11 @@ fn light(args: &ChartArgs, console: &Console) -> Result<(String, Light, Vec<Inpu
 
 /// Every size of every axis.
 fn places(extent: &Extent, free_path_mm: f64) -> Vec<Place> {
-    let vertices = extent.fixed_vertices;
-    let of_vertices = extent.vertices.iter().map(|&vertices| Place {
-        axis: Axis::Vertices,
-        size: vertices as f64,
-        vertices,
-        samples: extent.fixed_samples,
-        size_mm: SIZE_MM,
-    });
-    let of_samples = extent.samples.iter().map(|&samples| Place {
-        axis: Axis::Samples,
-        size: samples as f64,
-        vertices,
-        samples: Some(samples),
-        size_mm: SIZE_MM,
-    });
-    let of_ratios = extent.ratios.iter().map(|&ratio| Place {
-        axis: Axis::Ratio,
-        size: ratio,
-        vertices,
-        samples: extent.fixed_samples,
-        size_mm: ratio * free_path_mm,
-    });
+    let place = |axis, size, vertices, samples, size_mm| Place { axis, size, vertices, samples, size_mm };
+    let (vertices, samples) = (extent.fixed_vertices, extent.fixed_samples);
+    let of_vertices = extent.vertices.iter().map(|&n| place(Axis::Vertices, n as f64, n, samples, SIZE_MM));
+    let of_samples = extent.samples.iter().map(|&n| place(Axis::Samples, n as f64, vertices, Some(n), SIZE_MM));
+    let of_ratios = extent.ratios.iter().map(|&r| place(Axis::Ratio, r, vertices, samples, r * free_path_mm));
     of_vertices.chain(of_samples).chain(of_ratios).collect()
 }
 

@@ -2,9 +2,9 @@
 
 use glam::DVec3;
 
+use super::child::{store, stored};
 use super::subject::Subject;
-use crate::error::{Error, Result};
-use crate::io::atomic;
+use crate::error::Result;
 use crate::light::Light;
 use crate::measure::chart::ModelLine;
 use crate::scene::Scene;
@@ -46,7 +46,7 @@ pub(super) fn errors(
             hasher.update(&v.to_le_bytes());
         });
         let path = subject.folder.join(format!("{}.walk.json", &hasher.finalize().to_hex()[..16]));
-        if let Some(line) = std::fs::read(&path).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok()) {
+        if let Some(line) = stored(&path) {
             return Ok(line);
         }
         let walked = exitance(scene.domain(), std::slice::from_ref(light), Effort::Noise(noise), 0, console)?;
@@ -56,8 +56,7 @@ pub(super) fn errors(
             photons: walked.photons,
             command: format!("{command} --max-rms {noise}"),
         };
-        let bytes = serde_json::to_vec(&line).map_err(|e| Error::runtime(format!("{}: {e}", path.display())))?;
-        atomic::write(&path, &bytes)?;
+        store(&path, &line)?;
         Ok(line)
     };
     lights.iter().zip(radiosity).map(line).collect()

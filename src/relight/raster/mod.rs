@@ -131,7 +131,7 @@ impl Raster {
         if same {
             return;
         }
-        let roughness = specular.roughness().map_or(1.0, Roughness::value);
+        let alpha = specular.roughness().map_or(1.0, Roughness::alpha);
         let mut rows: Vec<[f32; 4]> = Vec::with_capacity(media.len());
         let mut shares: Vec<f32> = Vec::with_capacity(media.len() * ALBEDO_STEPS);
         for medium in media {
@@ -140,7 +140,7 @@ impl Raster {
             let straight = transmittance(eta, 1.0);
             let scale_per_sr = if straight > 0.0 { exit.per_radiosity(1.0) / straight } else { 0.0 };
             rows.push([eta as f32, finite(scale_per_sr), shares.len() as f32, 0.0]);
-            shares.extend(albedos(eta, roughness));
+            shares.extend(albedos(eta, alpha));
         }
         // The buffers are as long as the scene has media; more would have no part.
         let fits = |buffer: &wgpu::Buffer, bytes: usize| bytes as u64 <= buffer.size();

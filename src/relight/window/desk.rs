@@ -161,7 +161,7 @@ impl Desk {
     pub(super) fn replace_environment(&mut self, map: std::sync::Arc<EnvironmentMap>) {
         let light = Light::Environment { map, rotate_degrees: 0.0, scale: DVec3::ONE };
         let entry = AdjustedLight::new(light, self.pivot_mm);
-        match self.entries.iter_mut().find(|e| matches!(e.base(), Light::Environment { .. })) {
+        match self.entries.iter_mut().find(|e| matches!(e.base, Light::Environment { .. })) {
             Some(place) => *place = entry,
             None => self.entries.push(entry),
         }

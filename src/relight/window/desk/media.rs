@@ -12,11 +12,6 @@ use crate::relight::window::editing::ProfileInForce;
 const CUSTOM: &str = "custom";
 
 impl Desk {
-    /// Selects the medium that is edited.
-    pub(in crate::relight::window) fn select_medium(&mut self, index: usize) {
-        self.editing.select(index);
-    }
-
     /// Renames the selected medium after a change of its coefficients, and counts a new state.
     pub(in crate::relight::window) fn edited(&mut self) {
         if let Some(medium) = self.media.get_mut(self.editing.selected) {

@@ -66,7 +66,7 @@ fn choose_medium(ui: &mut Ui, desk: &mut Desk) {
         }
     });
     if let Some(index) = chosen {
-        desk.select_medium(index);
+        desk.editing.select(index);
     }
 }
 
