@@ -21,7 +21,6 @@ use crate::import::{ImportOptions, Source};
 use crate::io::atomic;
 use crate::measure::probes::by_stage;
 use crate::medium::material::Material;
-use crate::render::camera::Resolution;
 use crate::render::film::{PngBackground, side_by_side, to_png};
 use crate::render::frame::Frame;
 use crate::report::materials::MediumReport;
@@ -48,8 +47,8 @@ const LIGHTS: [&str; 2] = ["sky:scale=0.5", "point:at=20,34,-35:intensity=9000,7
 
 const CAMERA: &str = "at=-38,30,108:look=0,19.8,2:fov=22.5";
 
-/// Width and height of the picture of one material.
-const SIDES: [usize; 2] = [480, 480];
+/// Size of the picture of one material.
+const RESOLUTION: &str = "480x480";
 
 const METHOD: &str = "editable";
 
@@ -141,7 +140,7 @@ fn show(evaluator: &mut dyn Evaluator, name: &str, folder: &Path, console: &Cons
     evaluator.set_media(vec![Material::from_argument(name)?.into()])?;
     let lights = LightArgs { light: LIGHTS.map(str::to_owned).into() }.load(console)?;
     let files = ["png", "exr"].map(|suffix| folder.join(format!("{name}.{suffix}")));
-    let picture = PictureArgs::at(CAMERA.parse()?, Resolution::new(SIDES[0], SIDES[1])?);
+    let picture = PictureArgs::of(["--camera", CAMERA, "--resolution", RESOLUTION])?;
     let (picture, frame) = render::finish(evaluator, METHOD, lights, &picture, &files, console)?;
     let measured = by_stage(evaluator, console)?;
     let Scene { media, .. } = evaluator.scene();

@@ -2,18 +2,17 @@
 
 use std::path::PathBuf;
 
-use clap::Args;
+use clap::{Args, FromArgMatches};
 
 use super::console::Console;
 use super::lights::{LightArgs, ResolvedLights};
 use super::opening::{AssetArgs, Opened};
 use super::output;
 use super::view::ViewArgs;
-use crate::error::{ExitCode, Result};
+use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::Evaluator;
 use crate::import::file::{Input, suffix};
 use crate::render::camera::Resolution;
-use crate::render::camera_text::CameraSpec;
 use crate::render::exit::ExitFresnel;
 use crate::render::film::{ColourType, to_exr, to_png};
 use crate::render::frame::{
@@ -77,16 +76,12 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> Result<ExitCode> {
 }
 
 impl PictureArgs {
-    /// The default picture arguments for a camera and a resolution.
-    pub(super) fn at(camera: CameraSpec, resolution: Resolution) -> Self {
-        Self {
-            view: ViewArgs::from(camera),
-            resolution,
-            samples_per_pixel: DEFAULT_SAMPLES_PER_PIXEL,
-            exit_fresnel: ExitFresnel::default(),
-            exr_type: ColourType::default(),
-            sources: Vec::new(),
-        }
+    /// The arguments as they would be typed, the others by default.
+    pub(super) fn of(words: [&str; 4]) -> Result<Self> {
+        let command = Self::augment_args(clap::Command::new("picture").no_binary_name(true));
+        let matches = command.try_get_matches_from(words);
+        let parsed = matches.and_then(|matches| Self::from_arg_matches(&matches));
+        parsed.map_err(|e| Error::runtime(format!("picture: {e}")))
     }
 
     fn check_memory(&self, console: &Console) -> Result<()> {

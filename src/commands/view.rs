@@ -57,18 +57,6 @@ fn texture_help() -> String {
 }
 
 impl ViewArgs {
-    /// The default view arguments for a camera.
-    pub(super) fn from(camera: CameraSpec) -> Self {
-        Self {
-            camera: Some(camera),
-            exposure: Exposure::Auto,
-            background: Background::Environment,
-            roughness: Roughness::default(),
-            no_specular: false,
-            texture: TextureSpec::None,
-        }
-    }
-
     /// The settings of a picture of a mesh.
     pub(super) fn settings(&self, mesh: &Mesh, resolution: Resolution) -> Result<RenderSettings> {
         let camera = self.camera.unwrap_or_default().resolve(mesh, resolution)?;

@@ -133,11 +133,6 @@ fn scale(light: &mut Light, factor: f64) {
     *colour = (*colour * factor).min(DVec3::splat(f64::MAX));
 }
 
-/// The lights that are on, turned.
-pub fn shining(entries: &[AdjustedLight], turn_degrees: f64, pivot_mm: DVec3) -> Vec<Light> {
-    entries.iter().filter(|e| e.on).map(|e| e.light(turn_degrees, pivot_mm)).collect()
-}
-
 /// Returns whether two states of the lights are the same; environments are compared by the address of their picture,
 /// which is quick.
 pub fn are_same(a: &[Light], b: &[Light]) -> bool {
@@ -146,7 +141,6 @@ pub fn are_same(a: &[Light], b: &[Light]) -> bool {
             Light::Environment { map: a, rotate_degrees: turn_a, scale: scale_a },
             Light::Environment { map: b, rotate_degrees: turn_b, scale: scale_b },
         ) => Arc::ptr_eq(a, b) && turn_a == turn_b && scale_a == scale_b,
-        (Light::Environment { .. }, _) | (_, Light::Environment { .. }) => false,
         (a, b) => a == b,
     };
     a.len() == b.len() && a.iter().zip(b).all(same)
@@ -225,8 +219,6 @@ mod tests {
             _ => DVec3::ZERO,
         });
         assert!((elevation - 10.0).abs() < 1e-9);
-        entry.on = false;
-        assert!(shining(&[entry], 0.0, PIVOT).is_empty());
     }
 
     #[test]

@@ -25,20 +25,12 @@ use crate::measure::chart::{Chart, Row, SCHEMA};
 use crate::report;
 use crate::report::text::{duration, percent};
 
-/// The effort of the measurement.
-#[derive(Clone, Copy, Debug)]
-struct Extent {
-    /// Number of settings of each method.
-    rungs: usize,
-    /// Repetitions of relights and edits.
-    repetitions: Repetitions,
-}
-
-const QUICK: Extent = Extent { rungs: 2, repetitions: Repetitions { most: 5, patience: 0.5 } };
-const WHOLE: Extent = Extent { rungs: usize::MAX, repetitions: Repetitions { most: 9, patience: 20.0 } };
-
 pub(super) fn run(args: &ChartArgs, console: &Console) -> Result<ExitCode> {
-    let extent = if args.quick { QUICK } else { WHOLE };
+    // Settings of each method, and repetitions of relights and edits.
+    let (rungs, repetitions) = match args.quick {
+        true => (2, Repetitions { most: 5, patience: 0.5 }),
+        false => (usize::MAX, Repetitions { most: 9, patience: 20.0 }),
+    };
     let methods: Vec<&'static dyn Method> = match args.methods.as_slice() {
         [] => console.registry.methods().to_vec(),
         names => names.iter().map(|name| console.registry.method(name)).collect::<Result<_>>()?,
@@ -74,14 +66,14 @@ pub(super) fn run(args: &ChartArgs, console: &Console) -> Result<ExitCode> {
                 material,
                 placement: &placement,
                 lights: &lights,
-                repetitions: extent.repetitions,
+                repetitions,
                 folder: &work,
                 adapter: &adapter,
                 console,
             };
             let truth = truth::of(&subject, args.reference_samples)?;
             for method in &methods {
-                for rung in method.ladder().iter().take(extent.rungs) {
+                for rung in method.ladder().iter().take(rungs) {
                     let (row, shown) = row::of(&subject, *method, rung, &truth)?;
                     say(&row, console);
                     pictures.push(shown);

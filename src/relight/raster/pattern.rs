@@ -39,10 +39,10 @@ impl PatternUniform {
     }
 
     fn marble(marble: &Marble) -> Self {
-        let spec = marble.spec();
+        let spec = &marble.spec;
         Self {
             base: finite3(spec.base),
-            veins_per_mm: finite(marble.scale_mm().recip()),
+            veins_per_mm: finite(marble.scale_mm.recip()),
             veins: finite3(spec.veins),
             turbulence: finite(spec.turbulence),
             sharpness: finite(spec.sharpness),
@@ -98,10 +98,10 @@ impl Pattern {
     /// Replaces the texture; the bind groups must be renewed.
     pub(super) fn set(&mut self, device: &Device, texture: Option<&Texture>) -> Result<()> {
         if let Some(Texture::Picture(texture)) = texture {
-            let entries: Vec<CoatAlbedo> = texture.coats().iter().map(CoatAlbedo::of).collect();
+            let entries: Vec<CoatAlbedo> = texture.coats.iter().map(CoatAlbedo::of).collect();
             self.coats = device.storage("coats", &entries)?;
             let limit = device.device.limits().max_texture_dimension_2d as usize;
-            let layers = layers(texture.pictures(), limit);
+            let layers = layers(&texture.pictures, limit);
             if !layers.is_empty() {
                 self.pictures = uploaded(device, &layers);
             }

@@ -98,9 +98,12 @@ impl App {
         }
     }
 
-    fn fail(&mut self, event_loop: &ActiveEventLoop, error: Error) {
-        self.failure.get_or_insert(error);
-        event_loop.exit();
+    /// Ends the window where something failed.
+    fn expect(&mut self, event_loop: &ActiveEventLoop, result: Result<()>) {
+        if let Err(error) = result {
+            self.failure.get_or_insert(error);
+            event_loop.exit();
+        }
     }
 
     fn wake(&self) -> impl Fn() + Send + Sync + 'static {

@@ -7,11 +7,12 @@ use std::path::PathBuf;
 use glam::DVec3;
 
 use super::editing::{Editing, ProfileInForce};
+use crate::error::Result;
 use crate::evaluate::MaterialEdit;
 use crate::light::Light;
 use crate::light::environment::EnvironmentMap;
 use crate::medium::material::Medium;
-use crate::relight::lights::{AdjustedLight, pivot_mm, shining};
+use crate::relight::lights::{AdjustedLight, pivot_mm};
 use crate::relight::orbit::Orbit;
 use crate::relight::raster::view::{Look, View};
 use crate::render::background::Background;
@@ -134,15 +135,9 @@ impl Desk {
         camera: &Camera,
     ) {
         let pivot = pivot_mm(&scene.mesh);
-        self.entries = self
-            .entries
-            .iter()
-            .map(|e| {
-                let mut entry = AdjustedLight::new(e.light(0.0, self.pivot_mm), pivot);
-                entry.on = e.on;
-                entry
-            })
-            .collect();
+        for entry in &mut self.entries {
+            *entry = AdjustedLight { on: entry.on, ..AdjustedLight::new(entry.light(0.0, self.pivot_mm), pivot) };
+        }
         self.model = model;
         self.pivot_mm = pivot;
         self.media = scene.media.clone();
@@ -169,7 +164,8 @@ impl Desk {
     }
 
     pub(super) fn lights(&self) -> Vec<Light> {
-        shining(&self.entries, self.turn_degrees, self.pivot_mm)
+        let shining = self.entries.iter().filter(|entry| entry.on);
+        shining.map(|entry| entry.light(self.turn_degrees, self.pivot_mm)).collect()
     }
 
     /// Advances time; returns whether the lights turned.
@@ -262,6 +258,13 @@ impl Desk {
         self.message = Some(Message { text: text.into(), bad: false });
     }
 
+    /// Complains of what failed.
+    pub(super) fn expect(&mut self, result: Result<()>) {
+        if let Err(error) = result {
+            self.complain(error.message());
+        }
+    }
+
     pub(super) fn complain(&mut self, text: impl Into<String>) {
         self.message = Some(Message { text: text.into(), bad: true });
     }
@@ -300,6 +303,8 @@ pub(super) mod tests {
         let lights = desk.lights();
         let Light::Directional { from, .. } = lights[0] else { panic!("kind") };
         assert!((from - DVec3::X).length() < 1e-12);
+        desk.entries[0].on = false;
+        assert_eq!(desk.lights(), lights[1..]);
         desk.adapt(4.0);
         assert_eq!(desk.exposure_factor(), 0.25);
         desk.adapt(1.0);

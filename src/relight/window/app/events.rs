@@ -17,13 +17,11 @@ const LIGHT_DEGREES_PER_KEY: f64 = 5.0;
 impl ApplicationHandler for App {
     fn resumed(&mut self, event_loop: &ActiveEventLoop) {
         let Some(session) = self.session.take() else { return };
-        match self.open(event_loop, session) {
-            Ok(shown) => {
-                shown.screen.window.request_redraw();
-                self.shown = Some(shown);
-            }
-            Err(error) => self.fail(event_loop, error),
-        }
+        let opened = self.open(event_loop, session).map(|shown| {
+            shown.screen.window.request_redraw();
+            self.shown = Some(shown);
+        });
+        self.expect(event_loop, opened);
     }
 
     fn window_event(&mut self, event_loop: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
@@ -35,14 +33,12 @@ impl ApplicationHandler for App {
         match event {
             WindowEvent::CloseRequested => event_loop.exit(),
             WindowEvent::Resized(size) if size.width > 0 && size.height > 0 => {
-                if let Err(error) = shown.screen.resize(size.width, size.height) {
-                    self.fail(event_loop, error);
-                }
+                let resized = shown.screen.resize(size.width, size.height);
+                self.expect(event_loop, resized);
             }
             WindowEvent::RedrawRequested => {
-                if let Err(error) = self.frame(event_loop) {
-                    self.fail(event_loop, error);
-                }
+                let drawn = self.frame(event_loop);
+                self.expect(event_loop, drawn);
             }
             WindowEvent::CursorMoved { position, .. } => self.moved(position.x, position.y),
             WindowEvent::MouseInput { state, button, .. } => self.pressed(state, button),

@@ -89,9 +89,7 @@ impl App {
         if shown.screen.draw(&shown.staged.raster, &view, interface)? {
             self.log.frame(now);
         }
-        if let Err(error) = shown.screen.device.check() {
-            shown.desk.complain(error.message());
-        }
+        shown.desk.expect(shown.screen.device.check());
         let moving = shown.desk.turning || shown.desk.is_adapting();
         self.act(asked);
         self.schedule(event_loop, moving, repaint.unwrap_or(Duration::MAX), now);
@@ -135,12 +133,8 @@ impl App {
 fn take_in(shown: &mut Shown, log: &mut Log, done: Done) {
     log.update(done.light_ms, done.transport_ms);
     shown.follows_eye = done.follows_eye;
-    if let Err(error) = shown.staged.raster.set_lights(&done.lights) {
-        shown.desk.complain(error.message());
-    }
-    if let Some(error) = done.failed {
-        shown.desk.complain(error.message());
-    }
+    shown.desk.expect(shown.staged.raster.set_lights(&done.lights));
+    shown.desk.expect(done.failed.map_or(Ok(()), Err));
     if let Some(white) = done.white {
         shown.desk.adapt(white);
     }

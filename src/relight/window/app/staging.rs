@@ -96,9 +96,8 @@ impl App {
                 }
             }
             Outcome::Model { path, evaluator, note } => {
-                if let Err(error) = self.replace_model(&mut shown, &path, evaluator, note) {
-                    shown.desk.complain(error.message());
-                }
+                let replaced = self.replace_model(&mut shown, &path, evaluator, note);
+                shown.desk.expect(replaced);
             }
             Outcome::Profile(profiled) => {
                 let replaced = profiled.and_then(|profiled| self.replace_profile(&mut shown, profiled));
