@@ -25,10 +25,10 @@ pub(super) struct Global {
     quiet: bool,
     /// Print one JSON report on standard output
     #[arg(long, global = true)]
-    json: bool,
+    pub(super) json: bool,
     /// Turn warnings about quality, size or time into exit code 6
     #[arg(long, global = true)]
-    strict: bool,
+    pub(super) strict: bool,
     /// Worker threads (default: the processors that this process may use)
     #[arg(long, global = true, env = "TRANSLUX_THREADS", value_name = "N")]
     pub(super) threads: Option<usize>,
@@ -39,12 +39,7 @@ pub(super) struct Global {
 
 /// Standard error and the clock of one command.
 pub(super) struct Console {
-    /// Nothing is printed but errors and what was asked for.
-    quiet: bool,
-    /// The result is one JSON report on standard output.
-    pub(super) json: bool,
-    /// A missed quality fails, where it is a warning otherwise.
-    pub(super) strict: bool,
+    pub(super) global: Global,
     /// Memory limit in bytes.
     pub(super) max_memory: u64,
     /// Methods and forms that can be used.
@@ -67,9 +62,7 @@ impl Console {
             None => available_memory() / 4 * 3,
         };
         Ok(Self {
-            quiet: global.quiet,
-            json: global.json,
-            strict: global.strict,
+            global: global.clone(),
             max_memory,
             registry,
             state: Mutex::new(State { bar: None, stage: None, times: Vec::new(), warnings: Vec::new() }),
@@ -83,7 +76,7 @@ impl Console {
 
     /// Prints a line for people on standard error.
     pub(super) fn note(&self, line: &str) {
-        if !self.quiet {
+        if !self.global.quiet {
             // A note that standard error does not take is lost, the work is not.
             let print = || drop(writeln!(std::io::stderr(), "{line}"));
             match &self.state().bar {
@@ -106,7 +99,7 @@ impl Console {
 
     /// Prints a report for people, or as JSON with `--json`.
     pub(super) fn show<T: Serialize + Display>(&self, command: &str, report: &T) -> Result<()> {
-        if !self.json {
+        if !self.global.json {
             print_line(&report.to_string())?;
         }
         self.report(command, report)
@@ -114,12 +107,12 @@ impl Console {
 
     /// Prints a report as JSON where `--json` asks for it.
     pub(super) fn report<T: Serialize>(&self, command: &str, report: &T) -> Result<()> {
-        if !self.json {
+        if !self.global.json {
             return Ok(());
         }
         let run = Run {
             seconds: self.seconds(),
-            stages: self.times(),
+            stages: self.state().times.clone(),
             peak_memory_bytes: peak_memory(),
             threads: rayon::current_num_threads(),
             warnings: self.state().warnings.clone(),
@@ -129,18 +122,7 @@ impl Console {
 
     /// Prints one line of results, unless output is JSON or quiet.
     pub(super) fn say(&self, line: &str) -> Result<()> {
-        if self.json || self.quiet { Ok(()) } else { print_line(line) }
-    }
-
-    fn times(&self) -> Vec<StageTime> {
-        let mut sums: Vec<StageTime> = Vec::new();
-        for time in &self.state().times {
-            match sums.iter_mut().find(|t| t.stage == time.stage) {
-                Some(sum) => sum.seconds += time.seconds,
-                None => sums.push(time.clone()),
-            }
-        }
-        sums
+        if self.global.json || self.global.quiet { Ok(()) } else { print_line(line) }
     }
 
     /// Seconds since the command started.
@@ -152,7 +134,7 @@ impl Console {
     pub(super) fn judge(&self, measured: f64, asked: Option<f64>) -> Result<ExitCode> {
         if let Some(asked) = asked.filter(|asked| measured > *asked) {
             let line = format!("measured error {} is above the asked {}", percent(measured), percent(asked));
-            if self.strict {
+            if self.global.strict {
                 return Err(Error::new(ExitCode::QualityNotMet, line));
             }
             self.warn(&line);
@@ -174,7 +156,7 @@ impl Progress for Console {
     fn start(&self, stage: &'static str, total: u64) {
         let mut state = self.state();
         state.stage = Some((stage, Instant::now()));
-        let shown = !self.quiet && std::io::stderr().is_terminal() && total > 0;
+        let shown = !self.global.quiet && std::io::stderr().is_terminal() && total > 0;
         state.bar = shown.then(|| {
             let bar = ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::stderr_with_hz(10));
             let template = "{msg:12} {bar:40} {percent:>3} %  {eta} left";
@@ -197,7 +179,10 @@ impl Progress for Console {
         }
         if let Some((stage, since)) = state.stage.take() {
             let seconds = since.elapsed().as_secs_f64();
-            state.times.push(StageTime { stage: stage.to_owned(), seconds });
+            match state.times.iter_mut().find(|time| time.stage == stage) {
+                Some(sum) => sum.seconds += seconds,
+                None => state.times.push(StageTime { stage: stage.to_owned(), seconds }),
+            }
         }
     }
 }

@@ -14,7 +14,7 @@ pub(super) fn check(outputs: &[PathBuf], suffixes: &[&str], console: &Console) -
             return Err(Error::command_line(format!("-o {}: given twice", path.display())));
         }
         if path == Path::new("-") {
-            if console.json {
+            if console.global.json {
                 return Err(Error::command_line("-o - and --json both want standard output: give -o a file"));
             }
             continue;

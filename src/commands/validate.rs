@@ -18,7 +18,7 @@ pub(super) struct ValidateArgs {
 pub(super) fn run(args: &ValidateArgs, console: &Console) -> Result<ExitCode> {
     let result = validate(&args.asset, &console.registry, console)?;
     console.show("validate", &result)?;
-    Ok(match (result.errors, result.finding_warnings, console.strict) {
+    Ok(match (result.errors, result.finding_warnings, console.global.strict) {
         (1.., _, _) => ExitCode::InvalidInput,
         (_, 1.., true) => ExitCode::QualityNotMet,
         _ => ExitCode::Ok,

@@ -23,7 +23,6 @@ pub(crate) mod chart;
 pub mod comparison;
 pub(crate) mod evaluation;
 pub mod findings;
-pub(crate) mod growth;
 pub mod inspection;
 pub mod materials;
 pub(crate) mod methods;

@@ -143,7 +143,7 @@ pub(super) fn run(args: &ChartArgs, methods: &[&'static dyn Method], console: &C
     points.sort_by_key(|p| (p.axis, order(p)));
     growth.points = points;
     growth.fit();
-    let page = console.stage("write", || report::growth::write(&growth, &args.output))?;
+    let page = console.stage("write", || report::chart::write_growth(&growth, &args.output))?;
     for finding in growth.findings() {
         console.note(&format!("faster than size: {}", finding_text(finding)));
     }

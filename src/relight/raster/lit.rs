@@ -79,12 +79,8 @@ pub(super) struct Environments {
 }
 
 impl Environments {
-    /// Black textures, for lights without an environment.
-    pub(super) fn none(device: &Device) -> Self {
-        Self::of(device, Vec::new())
-    }
-
-    fn of(device: &Device, maps: Vec<Arc<EnvironmentMap>>) -> Self {
+    /// The textures of some environments; black ones without any.
+    pub(super) fn of(device: &Device, maps: Vec<Arc<EnvironmentMap>>) -> Self {
         let limit = device.device.limits().max_texture_dimension_2d as usize;
         let widest = maps.iter().map(|m| m.width()).max().unwrap_or(2).next_power_of_two();
         let width = widest.clamp(2, MAX_BACKDROP_WIDTH.min(limit));

@@ -22,7 +22,7 @@ use self::corners::{corners, wires};
 use self::lit::{ALBEDO_STEPS, Environments, Lamp, albedos, constant, lamps};
 use self::memory::{filled, sampler};
 use self::pattern::Pattern;
-use self::pipelines::{Pipelines, layout};
+use self::pipelines::{Bound, Pipelines, layout};
 use self::view::{Encoding, Look, View, ViewUniform, finite, finite3};
 use crate::error::Result;
 use crate::evaluate::{DeviceEvaluator, device::Device};
@@ -48,15 +48,7 @@ pub struct Raster {
     corners: wgpu::Buffer,
     indices: wgpu::Buffer,
     wires: wgpu::Buffer,
-    shown: Shown,
-    errors: wgpu::Buffer,
-    media: wgpu::Buffer,
-    albedo: wgpu::Buffer,
-    lamps: wgpu::Buffer,
-    uniform: wgpu::Buffer,
-    wrap: wgpu::Sampler,
-    environments: Environments,
-    pattern: Pattern,
+    bound: Bound,
     lights: Vec<Light>,
     /// The media and the reflection of the current tables.
     made_for: Option<(Vec<Medium>, Specular)>,
@@ -78,17 +70,19 @@ impl Raster {
         let corners = filled(&device, "corners", &vertices, usage(wgpu::BufferUsages::VERTEX))?;
         let indices = filled(&device, "triangles", &triangles, usage(wgpu::BufferUsages::INDEX))?;
         let wires = filled(&device, "wires", &wires(&triangles), usage(wgpu::BufferUsages::INDEX))?;
-        let shown = Shown::new(evaluator)?;
-        let errors = device.zeros("errors", scene.mesh.local_mm.len() as u64 * 4)?;
-        let media = device.zeros("media", scene.media.len() as u64 * 16)?;
-        let albedo = device.zeros("reflected shares", (scene.media.len() * ALBEDO_STEPS) as u64 * 4)?;
-        let lamps = device.storage("lamps", &[Lamp::default()])?;
-        let uniform = filled(&device, "view", &[ViewUniform::default()], usage(wgpu::BufferUsages::UNIFORM))?;
-        let wrap = sampler(&device, "environment", wgpu::AddressMode::ClampToEdge);
-        let environments = Environments::none(&device);
-        let buffers = [&uniform, &shown.radiosity, &shown.visibility, &errors, &media, &albedo, &lamps];
-        let pattern = Pattern::new(&device)?;
-        let bindings = pipelines::bindings(&device, &layout, buffers, &environments, &wrap, &pattern);
+        let bound = Bound {
+            shown: Shown::new(evaluator)?,
+            errors: device.zeros("errors", scene.mesh.local_mm.len() as u64 * 4)?,
+            media: device.zeros("media", scene.media.len() as u64 * 16)?,
+            albedo: device.zeros("reflected shares", (scene.media.len() * ALBEDO_STEPS) as u64 * 4)?,
+            lamps: device.storage("lamps", &[Lamp::default()])?,
+            uniform: filled(&device, "view", &[ViewUniform::default()], usage(wgpu::BufferUsages::UNIFORM))?,
+            wrap: sampler(&device, "environment", wgpu::AddressMode::ClampToEdge),
+            // Black, for lights without an environment.
+            environments: Environments::of(&device, Vec::new()),
+            pattern: Pattern::new(&device)?,
+        };
+        let bindings = bound.group(&device, &layout);
         device.check()?;
         Ok(Self {
             layout,
@@ -99,15 +93,7 @@ impl Raster {
             corners,
             indices,
             wires,
-            shown,
-            errors,
-            media,
-            albedo,
-            lamps,
-            uniform,
-            wrap,
-            environments,
-            pattern,
+            bound,
             lights: Vec::new(),
             made_for: None,
             bindings,
@@ -122,7 +108,7 @@ impl Raster {
 
     /// The copy of radiosity and visibility that is drawn; evaluators publish to it.
     pub fn shown(&self) -> &Shown {
-        &self.shown
+        &self.bound.shown
     }
 
     /// Replaces the media and the reflection; cheap where nothing changed.
@@ -144,9 +130,9 @@ impl Raster {
         }
         // The buffers are as long as the scene has media; more would have no part.
         let fits = |buffer: &wgpu::Buffer, bytes: usize| bytes as u64 <= buffer.size();
-        if fits(&self.media, rows.len() * 16) && fits(&self.albedo, shares.len() * 4) {
-            self.device.queue.write_buffer(&self.media, 0, bytemuck::cast_slice(&rows));
-            self.device.queue.write_buffer(&self.albedo, 0, bytemuck::cast_slice(&shares));
+        if fits(&self.bound.media, rows.len() * 16) && fits(&self.bound.albedo, shares.len() * 4) {
+            self.device.queue.write_buffer(&self.bound.media, 0, bytemuck::cast_slice(&rows));
+            self.device.queue.write_buffer(&self.bound.albedo, 0, bytemuck::cast_slice(&shares));
         }
         self.made_for = Some((media.to_vec(), specular));
     }
@@ -157,17 +143,17 @@ impl Raster {
     /// More lights than the adapter binds (exit 5).
     pub fn set_lights(&mut self, lights: &[Light]) -> Result<()> {
         let lamps = lamps(lights, self.origin_mm);
-        let mut stale = self.environments.update(&self.device, lights);
+        let mut stale = self.bound.environments.update(&self.device, lights);
         let bytes: &[u8] = bytemuck::cast_slice(&lamps);
-        if bytes.len() as u64 > self.lamps.size() {
-            self.lamps = self.device.storage("lamps", &lamps)?;
+        if bytes.len() as u64 > self.bound.lamps.size() {
+            self.bound.lamps = self.device.storage("lamps", &lamps)?;
             stale = true;
         } else if !lamps.is_empty() {
-            self.device.queue.write_buffer(&self.lamps, 0, bytes);
+            self.device.queue.write_buffer(&self.bound.lamps, 0, bytes);
         }
         self.lights = lights.to_vec();
         if stale {
-            self.bind();
+            self.bindings = self.bound.group(&self.device, &self.layout);
         }
         Ok(())
     }
@@ -177,23 +163,15 @@ impl Raster {
     /// # Errors
     /// More materials than the adapter binds (exit 5), a lost device (exit 4).
     pub fn set_texture(&mut self, texture: Option<&Texture>) -> Result<()> {
-        self.pattern.set(&self.device, texture)?;
-        self.bind();
+        self.bound.pattern.set(&self.device, texture)?;
+        self.bindings = self.bound.group(&self.device, &self.layout);
         self.device.check()
-    }
-
-    fn bind(&mut self) {
-        let Self { uniform, shown, errors, media, albedo, lamps, .. } = self;
-        let buffers = [&*uniform, &shown.radiosity, &shown.visibility, errors, media, albedo, lamps];
-        let environments = &self.environments;
-        self.bindings =
-            pipelines::bindings(&self.device, &self.layout, buffers, environments, &self.wrap, &self.pattern);
     }
 
     /// Replaces the errors of the error view, one for each source vertex.
     pub fn set_errors(&self, errors: &[f32]) {
-        if !errors.is_empty() && size_of_val(errors) as u64 <= self.errors.size() {
-            self.device.queue.write_buffer(&self.errors, 0, bytemuck::cast_slice(errors));
+        if !errors.is_empty() && size_of_val(errors) as u64 <= self.bound.errors.size() {
+            self.device.queue.write_buffer(&self.bound.errors, 0, bytemuck::cast_slice(errors));
         }
     }
 
@@ -202,7 +180,7 @@ impl Raster {
     pub fn draw(&self, encoder: &mut wgpu::CommandEncoder, view: &View, canvas: &Canvas, target: &wgpu::TextureView) {
         let Some(pipelines) = self.pipelines.iter().find(|p| p.finish == canvas.finish) else { return };
         let uniform = self.uniform_of(view, canvas.finish.encoding);
-        self.device.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
+        self.device.queue.write_buffer(&self.bound.uniform, 0, bytemuck::bytes_of(&uniform));
         let (drawn, resolved) = match &canvas.many {
             Some(many) => (many, Some(target)),
             None => (target, None),
@@ -239,8 +217,11 @@ impl Raster {
             pass.draw_indexed(0..2 * self.index_count, 0, 0..1);
         }
         // Last, so that what the object hides costs nothing; black is there already.
-        let is_black =
-            canvas.finish.encoding == Encoding::Srgb && view.look != Look::Error && uniform.is_black_beside();
+        let environments = view.background == Background::Environment && uniform.environment_count > 0;
+        let is_black = canvas.finish.encoding == Encoding::Srgb
+            && view.look != Look::Error
+            && !environments
+            && uniform.backdrop == [0.0; 3];
         if !is_black {
             pass.set_pipeline(&pipelines.beside);
             pass.draw(0..3, 0..1);
@@ -250,7 +231,7 @@ impl Raster {
     fn uniform_of(&self, view: &View, encoding: Encoding) -> ViewUniform {
         let mut uniform = ViewUniform::new(view, encoding, self.origin_mm, self.bounds_mm);
         let constant = constant(&self.lights);
-        (uniform.environments, uniform.environment_count) = self.environments.uniforms(&self.lights);
+        (uniform.environments, uniform.environment_count) = self.bound.environments.uniforms(&self.lights);
         uniform.light_count = lamps(&self.lights, self.origin_mm).len() as u32;
         uniform.constant = finite3(constant);
         uniform.backdrop = match view.background {

@@ -9,7 +9,7 @@ use crate::error::Result;
 use crate::evaluate::device::Device;
 use crate::io::colour::srgb_from_linear;
 use crate::render::texture::Texture;
-use crate::render::texture::marble::{ACROSS, Marble, SHIFT};
+use crate::render::texture::marble::{ACROSS, SHIFT};
 use crate::render::texture::noise::MEAN_ABSOLUTE_NOISE;
 use crate::render::texture::picture::{Coat, Picture};
 
@@ -31,14 +31,11 @@ struct PatternUniform {
 
 impl PatternUniform {
     fn of(texture: Option<&Texture>) -> Self {
-        match texture {
-            None => Self::default(),
-            Some(Texture::Marble(marble)) => Self::marble(marble),
-            Some(Texture::Picture(_)) => Self { kind: 2, ..Self::default() },
-        }
-    }
-
-    fn marble(marble: &Marble) -> Self {
+        let marble = match texture {
+            None => return Self::default(),
+            Some(Texture::Picture(_)) => return Self { kind: 2, ..Self::default() },
+            Some(Texture::Marble(marble)) => marble,
+        };
         let spec = &marble.spec;
         Self {
             base: finite3(spec.base),
@@ -212,6 +209,7 @@ const SHIFT = {};
 mod tests {
     use super::*;
     use crate::math::random::uniform;
+    use crate::render::texture::marble::Marble;
     use crate::render::texture::noise::noise;
     use crate::render::texture::spec::MarbleSpec;
 

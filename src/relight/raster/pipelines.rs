@@ -7,6 +7,7 @@ use super::corners::{Corner, NONE};
 use super::environment::LEVELS;
 use super::lit::{ALBEDO_STEPS, Environments};
 use super::pattern::{self, Pattern};
+use super::shown::Shown;
 use super::view::{ENVIRONMENTS, ERROR_COLOURS};
 use crate::evaluate::device::Device;
 use crate::render::eye::LEAST_COSINE_SHARE;
@@ -128,24 +129,35 @@ pub(super) fn layout(device: &Device) -> wgpu::BindGroupLayout {
     device.device.create_bind_group_layout(&descriptor)
 }
 
-/// The resources of [`layout`]; `buffers` are bindings 0 to 6.
-pub(super) fn bindings(
-    device: &Device,
-    layout: &wgpu::BindGroupLayout,
-    buffers: [&wgpu::Buffer; 7],
-    environments: &Environments,
-    wrap: &wgpu::Sampler,
-    pattern: &Pattern,
-) -> wgpu::BindGroup {
-    let mut resources: Vec<wgpu::BindingResource> = buffers.iter().map(|b| b.as_entire_binding()).collect();
-    resources.push(wgpu::BindingResource::TextureView(&environments.glossy));
-    resources.push(wgpu::BindingResource::TextureView(&environments.backdrop));
-    resources.push(wgpu::BindingResource::Sampler(wrap));
-    resources.push(pattern.uniform.as_entire_binding());
-    resources.push(wgpu::BindingResource::TextureView(&pattern.pictures));
-    resources.push(wgpu::BindingResource::Sampler(&pattern.repeat));
-    resources.push(pattern.coats.as_entire_binding());
-    let entries: Vec<wgpu::BindGroupEntry> =
-        (0..).zip(resources).map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource }).collect();
-    device.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some("scene"), layout, entries: &entries })
+/// The resources of [`layout`].
+pub(super) struct Bound {
+    pub(super) uniform: wgpu::Buffer,
+    pub(super) shown: Shown,
+    pub(super) errors: wgpu::Buffer,
+    pub(super) media: wgpu::Buffer,
+    pub(super) albedo: wgpu::Buffer,
+    pub(super) lamps: wgpu::Buffer,
+    pub(super) wrap: wgpu::Sampler,
+    pub(super) environments: Environments,
+    pub(super) pattern: Pattern,
+}
+
+impl Bound {
+    pub(super) fn group(&self, device: &Device, layout: &wgpu::BindGroupLayout) -> wgpu::BindGroup {
+        let Self { uniform, shown, errors, media, albedo, lamps, wrap, environments, pattern } = self;
+        let buffers = [uniform, &shown.radiosity, &shown.visibility, errors, media, albedo, lamps];
+        let mut resources: Vec<wgpu::BindingResource> = buffers.iter().map(|b| b.as_entire_binding()).collect();
+        resources.extend([
+            wgpu::BindingResource::TextureView(&environments.glossy),
+            wgpu::BindingResource::TextureView(&environments.backdrop),
+            wgpu::BindingResource::Sampler(wrap),
+            pattern.uniform.as_entire_binding(),
+            wgpu::BindingResource::TextureView(&pattern.pictures),
+            wgpu::BindingResource::Sampler(&pattern.repeat),
+            pattern.coats.as_entire_binding(),
+        ]);
+        let entries: Vec<wgpu::BindGroupEntry> =
+            (0..).zip(resources).map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource }).collect();
+        device.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some("scene"), layout, entries: &entries })
+    }
 }

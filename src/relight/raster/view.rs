@@ -173,12 +173,6 @@ impl ViewUniform {
             ..Self::default()
         }
     }
-
-    /// Returns whether the background is black.
-    pub(super) fn is_black_beside(&self) -> bool {
-        let environments = self.backdrop_alpha == 2.0 && self.environment_count > 0;
-        !environments && self.backdrop == [0.0; 3]
-    }
 }
 
 /// The nearest finite number of 32 bits.

@@ -12,6 +12,7 @@ use crate::evaluate::MaterialEdit;
 use crate::light::Light;
 use crate::light::environment::EnvironmentMap;
 use crate::medium::material::Medium;
+use crate::medium::profiles::model::ProfileModel;
 use crate::relight::lights::{AdjustedLight, pivot_mm};
 use crate::relight::orbit::Orbit;
 use crate::relight::raster::view::{Look, View};
@@ -44,6 +45,16 @@ pub(super) struct KnownError {
 pub(super) struct Message {
     pub(super) text: String,
     pub(super) bad: bool,
+}
+
+/// The user's requests in this frame.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Asked {
+    pub(super) save_png: bool,
+    pub(super) save_render: bool,
+    pub(super) measure_error: bool,
+    /// The profile to put in force.
+    pub(super) profile: Option<ProfileModel>,
 }
 
 /// The state of the window.

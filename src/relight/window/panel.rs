@@ -1,13 +1,11 @@
 //! The panel beside the picture, and the text over it.
 
-mod asked;
 mod material;
 
 use egui::{Align2, Color32, RichText, ScrollArea, Slider, Ui};
 
-pub(super) use self::asked::Asked;
-use self::asked::BAD;
-use super::desk::Desk;
+use self::material::BAD;
+use super::desk::{Asked, Desk};
 use crate::light::Light;
 use crate::relight::lights::{AdjustedLight, MAX_STOPS};
 use crate::relight::raster::view::{ERROR_COLOURS, Look};

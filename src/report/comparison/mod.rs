@@ -11,6 +11,7 @@ use serde::Serialize;
 
 use self::assets::{AssetDifference, Open};
 use self::pictures::FlipReport;
+pub(crate) use self::vertices::vertex_areas;
 use super::text::percent;
 use crate::error::{Error, Result};
 use crate::import::file::suffix;

@@ -7,9 +7,8 @@ use super::shown::Shown;
 use crate::error::Result;
 use crate::relight::files::{Dropped, free_picture};
 use crate::relight::raster::picture::Picture;
-use crate::relight::window::desk::Desk;
+use crate::relight::window::desk::{Asked, Desk};
 use crate::relight::window::jobs::{Job, State};
-use crate::relight::window::panel::Asked;
 use crate::render::camera::{Camera, Resolution};
 use crate::render::frame::RenderSettings;
 

@@ -9,7 +9,8 @@ use super::App;
 use super::log::Log;
 use super::shown::Shown;
 use crate::error::Result;
-use crate::relight::window::panel::{self, Asked, Figures};
+use crate::relight::window::desk::Asked;
+use crate::relight::window::panel::{self, Figures};
 use crate::relight::window::worker::{Done, Wanted};
 use crate::render::camera::Resolution;
 

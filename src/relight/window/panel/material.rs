@@ -3,15 +3,16 @@
 use egui::{Color32, ComboBox, DragValue, Slider, SliderClamping, Ui};
 use glam::DVec3;
 
-use super::asked::{Asked, BAD};
 use crate::evaluate::MaterialEdit;
 use crate::medium::inversion::{Inversion, Radius, Target, follows_medium};
 use crate::medium::material::{ETA_RANGE, OpticalProperties, PRESETS};
 use crate::medium::profiles::layers::THICKNESSES_MM;
 use crate::medium::profiles::model::ProfileModel;
-use crate::relight::window::desk::Desk;
+use crate::relight::window::desk::{Asked, Desk};
 use crate::relight::window::editing::{By, ProfileInForce};
 
+/// Colour of what is wrong.
+pub(super) const BAD: Color32 = Color32::from_rgb(240, 120, 100);
 /// Largest mean cosine of the slider: changes close to 1 are invisible.
 const LARGEST_G: f64 = 0.95;
 /// Profiles that are chosen by name; slabs have a thickness, files a path.
