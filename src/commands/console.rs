@@ -97,18 +97,18 @@ impl Console {
         stage(self, name, work)
     }
 
-    /// Prints a report for people, or as JSON with `--json`.
-    pub(super) fn show<T: Serialize + Display>(&self, command: &str, report: &T) -> Result<()> {
+    /// Prints a report for people, or as JSON with `--json`; all went well.
+    pub(super) fn show<T: Serialize + Display>(&self, command: &str, report: &T) -> Result<ExitCode> {
         if !self.global.json {
             print_line(&report.to_string())?;
         }
         self.report(command, report)
     }
 
-    /// Prints a report as JSON where `--json` asks for it.
-    pub(super) fn report<T: Serialize>(&self, command: &str, report: &T) -> Result<()> {
+    /// Prints a report as JSON where `--json` asks for it; all went well.
+    pub(super) fn report<T: Serialize>(&self, command: &str, report: &T) -> Result<ExitCode> {
         if !self.global.json {
-            return Ok(());
+            return Ok(ExitCode::Ok);
         }
         let run = Run {
             seconds: self.seconds(),
@@ -117,7 +117,8 @@ impl Console {
             threads: rayon::current_num_threads(),
             warnings: self.state().warnings.clone(),
         };
-        print_line(&json(command, report, &run)?)
+        print_line(&json(command, report, &run)?)?;
+        Ok(ExitCode::Ok)
     }
 
     /// Prints one line of results, unless output is JSON or quiet.

@@ -116,8 +116,7 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> Result<ExitCode> {
         materials,
     };
     console.say(&summary(&result, args, console))?;
-    console.report("demo", &result)?;
-    Ok(ExitCode::Ok)
+    console.report("demo", &result)
 }
 
 /// Bakes the model; returns the bytes of the asset.

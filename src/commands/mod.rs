@@ -128,7 +128,7 @@ fn dispatch(cli: Cli, registry: Registry) -> Result<ExitCode> {
         Command::Validate(args) => validate::run(&args, &console),
         Command::Chart(args) => chart::run(&args, &console),
         Command::Compare(args) => compare::run(&args, &console),
-        Command::Materials => console.show("materials", &MaterialsReport::of_presets()).map(|()| ExitCode::Ok),
+        Command::Materials => console.show("materials", &MaterialsReport::of_presets()),
         Command::Methods(args) => methods::run(&args, &console),
         Command::Demo(args) => demo::run(&args, &console),
         Command::Completions(args) => completions::run(&args, command(), &console),

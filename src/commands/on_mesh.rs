@@ -102,8 +102,7 @@ impl OtherMesh<'_> {
             between_vertices: result.between,
             cost: evaluator.cost(),
         };
-        console.report("evaluate-on", &report)?;
-        Ok(ExitCode::Ok)
+        console.report("evaluate-on", &report)
     }
 
     /// Reads the mesh in the units of the asset's source and finds its vertices on the asset's surface.

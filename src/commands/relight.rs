@@ -128,8 +128,7 @@ fn animate(args: &RelightArgs, frames: usize, out: &std::path::Path, console: &C
         summary.transport_ms.median,
         summary.draw_ms.median
     ));
-    console.report("relight", &AnimationReport { folder: out, timings: &timings })?;
-    Ok(ExitCode::Ok)
+    console.report("relight", &AnimationReport { folder: out, timings: &timings })
 }
 
 #[cfg(not(feature = "gui"))]
@@ -150,7 +149,7 @@ struct WindowRun<'a> {
 
 #[cfg(feature = "gui")]
 fn window(args: &RelightArgs, console: &Console, pool: Arc<rayon::ThreadPool>) -> Result<ExitCode> {
-    use crate::relight::window::{Session, run};
+    use crate::relight::window::{Session, Settings, run};
     let quit_after_s = args.quit_after.map(|seconds| in_range("--quit-after", seconds, 0.0..=1e6)).transpose()?;
     let (lights, opened) =
         pool.install(|| -> Result<_> { Ok((args.lights.load(console)?, args.asset.open(console)?)) })?;
@@ -163,16 +162,18 @@ fn window(args: &RelightArgs, console: &Console, pool: Arc<rayon::ThreadPool>) -
         profile: args.asset.profile()?,
         open: Arc::new(move |path, profile| again.again(&registry, path, profile)),
         lights: lights.lights,
-        choice: args.device,
-        camera: args.view.camera.unwrap_or_default(),
         resolution: args.resolution.unwrap_or(WINDOW_RESOLUTION),
         exposure: args.view.exposure,
         specular: args.view.specular(),
-        texture: args.view.texture.clone(),
         background: args.view.background,
         turning: args.turn,
-        quit_after_s,
-        pool: Arc::clone(&pool),
+        settings: Settings {
+            choice: args.device,
+            camera: args.view.camera.unwrap_or_default(),
+            texture: args.view.texture.clone(),
+            quit_after_s,
+            pool: Arc::clone(&pool),
+        },
     };
     let shown = run(session)?;
     console.note(&format!(
@@ -180,6 +181,5 @@ fn window(args: &RelightArgs, console: &Console, pool: Arc<rayon::ThreadPool>) -
         shown.frames_per_second, shown.light_updates_per_second, shown.transport, shown.adapter.name
     ));
     let run = WindowRun { method: &opened.provenance.method, lights: &lights.text, window: &shown };
-    pool.install(|| console.report("relight", &run))?;
-    Ok(ExitCode::Ok)
+    pool.install(|| console.report("relight", &run))
 }

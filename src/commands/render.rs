@@ -71,8 +71,7 @@ pub(super) fn run(args: &RenderArgs, console: &Console) -> Result<ExitCode> {
     let Opened { provenance, mut evaluator } = args.asset.open(console)?;
     let picture = PictureArgs { sources: provenance.origin.inputs.clone(), ..args.picture.clone() };
     let (result, _) = finish(evaluator.as_mut(), &provenance.method, lights, &picture, &args.output, console)?;
-    console.report("render", &result)?;
-    Ok(ExitCode::Ok)
+    console.report("render", &result)
 }
 
 impl PictureArgs {
@@ -154,17 +153,12 @@ pub(super) fn finish(
         cost: evaluator.cost(),
         header: Vec::new(),
     };
-    let image = picture_input(texture.as_ref())?;
+    let image = texture.as_ref().and_then(Texture::path).map(Input::read).transpose()?;
     result.header = result.attributes(evaluator.scene(), &picture.sources, image.as_ref());
     result.inputs.extend(image);
     explain(&result, &frame, console);
     write(&frame, &settings, &result, outputs, console)?;
     Ok((result, frame))
-}
-
-/// The file of a texture, hashed.
-fn picture_input(texture: Option<&Texture>) -> Result<Option<Input>> {
-    texture.and_then(Texture::path).map(Input::read).transpose()
 }
 
 /// The work of single scattering towards the eye, as a number that does not depend on the machine.

@@ -224,14 +224,15 @@ impl OnDevice {
 #[cfg(feature = "gpu")]
 pub(super) fn png(picture: &LinearPicture, background: Background) -> Result<Vec<u8>> {
     let Resolution { width, height } = picture.resolution;
-    if background == Background::None {
-        let colour = |[r, g, b, a]: [f32; 4]| if a > 0.0 { [r / a, g / a, b / a] } else { [0.0; 3] };
-        let rgb: Vec<[f32; 3]> = picture.pixels.iter().map(|p| colour(*p)).collect();
-        let alpha: Vec<f32> = picture.pixels.iter().map(|p| p[3]).collect();
-        return crate::io::png::encode_png(width, height, &rgb, Some(&alpha));
-    }
-    let rgb: Vec<[f32; 3]> = picture.pixels.iter().map(|[r, g, b, _]| [*r, *g, *b]).collect();
-    crate::io::png::encode_png(width, height, &rgb, None)
+    let opaque = background != Background::None;
+    let colour = |[r, g, b, a]: [f32; 4]| match a {
+        _ if opaque => [r, g, b],
+        a if a > 0.0 => [r / a, g / a, b / a],
+        _ => [0.0; 3],
+    };
+    let rgb: Vec<[f32; 3]> = picture.pixels.iter().map(|p| colour(*p)).collect();
+    let alpha: Option<Vec<f32>> = (!opaque).then(|| picture.pixels.iter().map(|p| p[3]).collect());
+    crate::io::png::encode_png(width, height, &rgb, alpha.as_deref())
 }
 
 fn scattered<'a>(exitance: &'a dyn Exitance, animation: &'a Animation) -> Scattered<'a> {

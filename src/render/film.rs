@@ -133,21 +133,15 @@ pub fn to_png(frame: &Frame, factor: f64, background: PngBackground) -> Result<V
         _ => 0.0,
     };
     let exposed = |v: [f32; 3], factor: f64| v.map(|c| expose(c, factor));
-    match background {
-        PngBackground::Shown => {
-            let rgb: Vec<[f32; 3]> = frame.pixels.iter().map(|p| exposed(without_glare(p, p.beauty), factor)).collect();
-            encode_png(width, height, &rgb, None)
-        }
-        PngBackground::Transparent => {
-            let unmultiplied = |p: &Pixel| match p.coverage {
-                c if c > 0.0 => exposed(without_glare(p, object(p)), factor / f64::from(c)),
-                _ => [0.0; 3],
-            };
-            let rgb: Vec<[f32; 3]> = frame.pixels.iter().map(unmultiplied).collect();
-            let alpha: Vec<f32> = frame.pixels.iter().map(|p| p.coverage).collect();
-            encode_png(width, height, &rgb, Some(&alpha))
-        }
-    }
+    let opaque = background == PngBackground::Shown;
+    let shown = |p: &Pixel| match p.coverage {
+        _ if opaque => exposed(without_glare(p, p.beauty), factor),
+        c if c > 0.0 => exposed(without_glare(p, object(p)), factor / f64::from(c)),
+        _ => [0.0; 3],
+    };
+    let rgb: Vec<[f32; 3]> = frame.pixels.iter().map(shown).collect();
+    let alpha: Option<Vec<f32>> = (!opaque).then(|| frame.pixels.iter().map(|p| p.coverage).collect());
+    encode_png(width, height, &rgb, alpha.as_deref())
 }
 
 fn without_glare(p: &Pixel, radiance: [f32; 3]) -> [f32; 3] {

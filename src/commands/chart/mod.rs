@@ -85,8 +85,7 @@ pub(super) fn run(args: &ChartArgs, console: &Console) -> Result<ExitCode> {
     }
     let page = console.stage("write", || report::chart::write(&chart, &pictures, &args.output))?;
     console.say(&format!("{} (after {})", page.display(), duration(console.seconds())))?;
-    console.report("chart", &BTreeMap::from([("chart", &chart)]))?;
-    Ok(ExitCode::Ok)
+    console.report("chart", &BTreeMap::from([("chart", &chart)]))
 }
 
 fn say(row: &Row, console: &Console) {

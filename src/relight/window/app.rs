@@ -7,7 +7,7 @@ mod log;
 mod shown;
 mod staging;
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 use glam::DVec3;
@@ -16,13 +16,10 @@ use winit::keyboard::ModifiersState;
 
 use self::log::Log;
 use self::shown::Shown;
-use super::session::Session;
+use super::session::{Session, Settings};
 use crate::error::{Error, Result};
-use crate::relight::choice::DeviceChoice;
 use crate::relight::timings::WindowReport;
 use crate::render::camera::Resolution;
-use crate::render::camera_text::CameraSpec;
-use crate::render::texture::spec::TextureSpec;
 
 /// The object of a drag.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -52,30 +49,14 @@ pub(super) struct App {
     viewport: Resolution,
 }
 
-/// The settings of the session that outlast its opening.
-struct Settings {
-    quit_after_s: Option<f64>,
-    camera: CameraSpec,
-    choice: DeviceChoice,
-    texture: TextureSpec,
-    pool: Arc<rayon::ThreadPool>,
-}
-
 impl App {
     pub(super) fn new(session: Session, proxy: EventLoopProxy<()>) -> Self {
-        let settings = Settings {
-            quit_after_s: session.quit_after_s,
-            camera: session.camera,
-            choice: session.choice,
-            texture: session.texture.clone(),
-            pool: Arc::clone(&session.pool),
-        };
         Self {
             viewport: session.resolution,
+            settings: session.settings.clone(),
             session: Some(session),
             proxy,
             shown: None,
-            settings,
             log: Log::default(),
             failure: None,
             report: None,

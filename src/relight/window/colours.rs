@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use super::newest::Answering;
+use super::answering::Answering;
 use crate::error::Result;
 use crate::medium::inversion::{Inversion, Target, invert};
 use crate::medium::material::OpticalProperties;

@@ -7,8 +7,8 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 
 use rayon::ThreadPool;
 
+use super::answering::spawn;
 use super::desk::KnownError;
-use super::newest::spawn;
 use super::placing::Placing;
 use crate::error::{Error, Result};
 use crate::evaluate::DeviceEvaluator;

@@ -1,11 +1,11 @@
 //! The window: turn lights and environments, edit materials, view errors, save pictures, drop files.
 
+mod answering;
 mod app;
 mod colours;
 mod desk;
 mod editing;
 mod jobs;
-mod newest;
 mod panel;
 mod placing;
 mod screen;
@@ -18,7 +18,7 @@ use self::app::App;
 use crate::error::{Error, Result};
 use crate::relight::timings::WindowReport;
 
-pub use self::session::{OpenModel, Session};
+pub use self::session::{OpenModel, Session, Settings};
 
 /// The cause in a message of winit, without the position in its source, "os error at FILE:LINE: ".
 fn cause(message: &str) -> &str {

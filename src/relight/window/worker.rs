@@ -6,7 +6,7 @@ use std::time::Instant;
 use glam::DVec3;
 use rayon::ThreadPool;
 
-use super::newest::Answering;
+use super::answering::Answering;
 use crate::error::{Error, Result};
 use crate::evaluate::DeviceEvaluator;
 use crate::light::Light;
@@ -21,8 +21,6 @@ use crate::render::film::white_of;
 /// A requested state.
 #[derive(Clone)]
 pub(super) struct Wanted {
-    /// Serial number of the state.
-    pub(super) serial: u64,
     pub(super) lights: Vec<Light>,
     pub(super) media: Vec<Medium>,
     /// Position of the eye, mm.
@@ -35,7 +33,6 @@ pub(super) struct Wanted {
 
 /// The state that is shown now.
 pub(super) struct Done {
-    pub(super) serial: u64,
     pub(super) lights: Vec<Light>,
     pub(super) media: Vec<Medium>,
     /// Reason why the wanted media are not in force.
@@ -126,7 +123,6 @@ impl Bench {
         let ended = Instant::now();
         let failed = failed.or(result.err()).or(white.as_ref().err().cloned());
         Done {
-            serial: wanted.serial,
             lights: self.lights.clone(),
             media: self.media.clone(),
             refused,

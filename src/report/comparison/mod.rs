@@ -36,12 +36,12 @@ pub enum Metric {
 }
 
 impl Metric {
-    /// The value of the metric for vertices; none for a metric of pictures alone.
-    fn of(self, error: &VertexError) -> Option<f64> {
+    /// The figure that the metric names; none for HDR-FLIP.
+    fn of(self, rms: f64, p999: f64, worst: f64) -> Option<f64> {
         match self {
-            Self::Rms => Some(error.rms),
-            Self::P999 => Some(error.p999),
-            Self::Worst => Some(error.worst),
+            Self::Rms => Some(rms),
+            Self::P999 => Some(p999),
+            Self::Worst => Some(worst),
             Self::Flip => None,
         }
     }
@@ -119,12 +119,8 @@ pub fn compare(
         ("exr", "exr") => {
             let found = pictures::compare([a, b], metric == Metric::Flip)?;
             (result.equal, result.notes) = (found.equal, found.notes);
-            result.value = match metric {
-                Metric::Rms => Some(found.error.rms),
-                Metric::P999 => Some(found.error.p999),
-                Metric::Worst => Some(found.error.worst),
-                Metric::Flip => found.flip.as_ref().map(|flip| flip.mean),
-            };
+            let ImageError { rms, p999, worst, .. } = found.error;
+            result.value = metric.of(rms, p999, worst).or(found.flip.as_ref().map(|flip| flip.mean));
             (result.image, result.flip) = (Some(found.error), found.flip);
         }
         ("tlux", "tlux") => {
@@ -145,7 +141,7 @@ pub fn compare(
             return Err(Error::command_line(format!("{a} and {b}: two .ply, two .exr or two .tlux files are needed")));
         }
     }
-    result.value = result.value.or(result.vertices.and_then(|error| metric.of(&error)));
+    result.value = result.value.or(result.vertices.and_then(|e| metric.of(e.rms, e.p999, e.worst)));
     Ok(result)
 }
 

@@ -76,7 +76,6 @@ impl App {
             self.posted = shown.desk.serial;
             self.posted_eye_mm = eye_mm;
             shown.staged.worker.ask(Wanted {
-                serial: shown.desk.serial,
                 lights: shown.desk.lights(),
                 media: shown.desk.media.clone(),
                 eye_mm,
@@ -139,10 +138,5 @@ fn take_in(shown: &mut Shown, log: &mut Log, done: Done) {
     if let Some(white) = done.white {
         shown.desk.adapt(white);
     }
-    let newest = done.serial == shown.desk.serial || !shown.staged.worker.is_behind();
-    if newest || done.refused.is_some() {
-        shown.desk.settle_media(done.media, done.refused.map(|e| e.message().to_owned()));
-    } else {
-        shown.desk.accepted = done.media;
-    }
+    shown.desk.settle_media(done.media, done.refused.map(|e| e.message().to_owned()));
 }

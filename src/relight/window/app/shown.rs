@@ -36,7 +36,7 @@ impl Shown {
     /// Replaces the working evaluator.
     pub(super) fn put(&mut self, staged: Staged) {
         // To wait for what it does now would hold up the picture.
-        let before = std::mem::replace(&mut self.staged, staged);
+        let mut before = std::mem::replace(&mut self.staged, staged);
         before.worker.retire();
         self.retired.push(before.worker);
     }

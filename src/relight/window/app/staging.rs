@@ -40,9 +40,9 @@ impl App {
             .create_window(attributes)
             .map_err(|e| Error::unsupported(format!("no window can be opened: {e}; use --headless")))?;
         let screen = Screen::new(event_loop, Arc::new(window))?;
-        let camera = session.camera.resolve(&session.evaluator.scene().mesh, screen.resolution())?;
+        let camera = self.settings.camera.resolve(&session.evaluator.scene().mesh, screen.resolution())?;
         let capabilities = session.evaluator.capabilities();
-        let (material, locked) = (capabilities.material, locked(capabilities, session.choice));
+        let (material, locked) = (capabilities.material, locked(capabilities, self.settings.choice));
         let profile = ProfileInForce::new(session.profile.clone(), Arc::new(session.profile.load()?), locked);
         let in_place = profile.in_place();
         let scene = session.evaluator.scene();
@@ -51,7 +51,7 @@ impl App {
         desk.set_specular(session.specular);
         desk.background = session.background;
         desk.turning = session.turning;
-        let placing = Placing { device: Arc::clone(&screen.device), choice: session.choice, open: session.open };
+        let placing = Placing { device: Arc::clone(&screen.device), choice: self.settings.choice, open: session.open };
         let (evaluator, note) = placing.place(&session.model, in_place.as_deref(), session.evaluator)?;
         note.into_iter().for_each(|note| desk.say(note));
         let texture = Texture::new(&self.settings.texture, &evaluator.scene().mesh)?.map(Arc::new);
