@@ -21,7 +21,8 @@ use crate::import::{ImportOptions, Source};
 use crate::io::atomic;
 use crate::measure::probes::by_stage;
 use crate::medium::material::Material;
-use crate::render::film::{PngBackground, side_by_side, to_png};
+use crate::render::background::Background;
+use crate::render::film::{side_by_side, to_png};
 use crate::render::frame::Frame;
 use crate::report::materials::MediumReport;
 use crate::report::picture::RenderReport;
@@ -101,7 +102,7 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> Result<ExitCode> {
         materials.push(shown);
     }
     let picture = file("demo.png");
-    atomic::write(&picture, &to_png(&side_by_side(&frames)?, 1.0, PngBackground::Shown)?)?;
+    atomic::write(&picture, &to_png(&side_by_side(&frames)?, 1.0, Background::Environment)?)?;
     let per_vertex = |bytes: u64| bytes as f64 / vertices.max(1) as f64;
     let result = DemoReport {
         asset: path,

@@ -199,5 +199,5 @@ fn write(
 ) -> Result<()> {
     let (png, exr): (Vec<&PathBuf>, Vec<&PathBuf>) = outputs.iter().partition(|path| suffix(path) == "png");
     output::write(&exr, console, || to_exr(frame, result.exr_type, result.header.clone()))?;
-    output::write(&png, console, || to_png(frame, result.exposure_factor, settings.background.into()))
+    output::write(&png, console, || to_png(frame, result.exposure_factor, settings.background))
 }

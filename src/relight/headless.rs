@@ -184,7 +184,7 @@ impl Painter {
                 let scattered = scattered(&radiosity, animation);
                 let frame = render(evaluator.as_ref(), scattered, &lights, &animation.settings, &Silent)?;
                 let draw_ms = clock.lap_ms();
-                let png = to_png(&frame, exposure, animation.settings.background.into())?;
+                let png = to_png(&frame, exposure, animation.settings.background)?;
                 Ok((times(light_ms, transport_ms, draw_ms), png))
             }
             #[cfg(feature = "gpu")]

@@ -56,12 +56,6 @@ impl Place {
     }
 }
 
-/// A light without extent.
-enum Sharp {
-    Directional { from: DVec3, irradiance: DVec3 },
-    Point { at: DVec3, intensity: DVec3 },
-}
-
 struct Rectangle {
     corner: DVec3,
     normal: DVec3,
@@ -125,7 +119,8 @@ impl ShadowRays {
 
 /// Lights prepared for specular reflection.
 pub(super) struct GlossyLights {
-    sharp: Vec<Sharp>,
+    /// Directional and point lights, relative to the mesh's origin.
+    sharp: Vec<Light>,
     rectangles: Vec<Rectangle>,
     constant: DVec3,
     maps: Vec<(GlossyMap, Rotation, DVec3)>,
@@ -146,11 +141,9 @@ impl GlossyLights {
         for light in lights {
             match light {
                 Light::Constant { radiance } => all.constant += *radiance,
-                Light::Directional { from, irradiance } => {
-                    all.sharp.push(Sharp::Directional { from: *from, irradiance: *irradiance });
-                }
-                Light::Point { at_mm, intensity } => {
-                    all.sharp.push(Sharp::Point { at: *at_mm - origin_mm, intensity: *intensity });
+                Light::Directional { .. } => all.sharp.push(light.clone()),
+                &Light::Point { at_mm, intensity } => {
+                    all.sharp.push(Light::Point { at_mm: at_mm - origin_mm, intensity });
                 }
                 Light::Area { at_mm, normal, u, size_mm, radiance, .. } => {
                     let edges = [*u, normal.cross(*u)];
@@ -176,12 +169,13 @@ impl GlossyLights {
         for light in &self.sharp {
             for (index, place) in places.iter().enumerate() {
                 let (to_light, distance, irradiance) = match light {
-                    Sharp::Directional { from, irradiance } => (*from, f64::INFINITY, *irradiance),
-                    Sharp::Point { at, intensity } => {
-                        let offset = *at - place.point;
+                    Light::Directional { from, irradiance } => (*from, f64::INFINITY, *irradiance),
+                    Light::Point { at_mm, intensity } => {
+                        let offset = *at_mm - place.point;
                         let distance = offset.length();
                         (offset / distance, distance, *intensity / (distance * distance))
                     }
+                    Light::Constant { .. } | Light::Area { .. } | Light::Environment { .. } => continue,
                 };
                 // A light in the surface itself has no direction.
                 let gain = if distance > 0.0 { place.response(to_light) * irradiance } else { DVec3::ZERO };

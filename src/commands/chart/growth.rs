@@ -20,7 +20,7 @@ use crate::io::atomic;
 use crate::light::Light;
 use crate::measure::growth::draw::{cost_text, size_text};
 use crate::measure::growth::page::finding_text;
-use crate::measure::growth::surface::{DESCRIPTION, glb, surface};
+use crate::measure::growth::surface::{DESCRIPTION, glb, scene, surface};
 use crate::measure::growth::{Axis, Growth, Limits, Point, Quantity, SCHEMA};
 use crate::medium::material::Material;
 use crate::progress::Progress;
@@ -108,7 +108,6 @@ pub(super) fn run(args: &ChartArgs, methods: &[&'static dyn Method], console: &C
     let weight = |p: &Place| (p.vertices + p.samples.unwrap_or(1 << 17)) as u64 / 1000;
     console.start("growth", places.iter().map(weight).sum::<u64>() * methods.len() as u64);
     let measurer = Measurer {
-        material: &material,
         material_text,
         free_path_mm: free_path,
         light: &light,
@@ -130,7 +129,8 @@ pub(super) fn run(args: &ChartArgs, methods: &[&'static dyn Method], console: &C
                 &shapes[shapes.len() - 1]
             }
         };
-        let scene = measurer.scene(shape, place.size_mm)?;
+        // For estimates.
+        let scene = scene(&shape.model, place.size_mm, &material)?;
         for method in methods {
             let point = measurer.point(place, shape, &scene, *method, &points)?;
             say(&point, console);

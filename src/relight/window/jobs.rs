@@ -160,7 +160,7 @@ fn run(job: Job, placing: &Placing, progress: &dyn Progress) -> Result<Outcome> 
             ];
             attributes.extend(texture.map(|texture| text("texture", texture.to_string())));
             atomic::write(&paths[0], &to_exr(&frame, ColourType::default(), attributes)?)?;
-            atomic::write(&paths[1], &to_png(&frame, exposure, settings.background.into())?)?;
+            atomic::write(&paths[1], &to_png(&frame, exposure, settings.background)?)?;
             Ok(Outcome::Saved(paths.to_vec()))
         }
         Job::Png { picture, background, path } => {

@@ -94,8 +94,8 @@ impl fmt::Display for Texture {
     }
 }
 
-/// Texture coordinates of a point of a triangle.
-fn uv(mesh: &Mesh, triangle: u32, weights: [f64; 3]) -> Option<DVec2> {
+/// Texture coordinates of a point of a triangle, v up.
+pub(crate) fn uv(mesh: &Mesh, triangle: u32, weights: [f64; 3]) -> Option<DVec2> {
     let uvs = mesh.uvs.as_ref()?;
     let corners = uvs.corners.get(triangle as usize)?;
     let mut sum = DVec2::ZERO;

@@ -18,8 +18,7 @@ use crate::math::statistics::Quantiles;
 use crate::measure::growth::explain::pairs;
 use crate::measure::growth::fit::predict;
 use crate::measure::growth::limits::Words;
-use crate::measure::growth::{Axis, Costs, Limits, Missing, Point, Quantity, Skipped, surface};
-use crate::medium::material::Material;
+use crate::measure::growth::{Axis, Costs, Limits, Missing, Point, Quantity, Skipped};
 use crate::progress::Silent;
 use crate::report::sizes::sizes;
 use crate::report::text::{duration, megabytes};
@@ -48,7 +47,6 @@ pub(super) struct Shape {
 
 /// Material, light and limits of every point.
 pub(super) struct Measurer<'a> {
-    pub(super) material: &'a Material,
     pub(super) material_text: &'a str,
     /// Shortest mean free path of the channels, mm.
     pub(super) free_path_mm: f64,
@@ -70,11 +68,6 @@ struct Kept {
 }
 
 impl Measurer<'_> {
-    /// The scene of bakes of a shape, for estimates.
-    pub(super) fn scene(&self, shape: &Shape, size_mm: f64) -> Result<Scene> {
-        surface::scene(&shape.model, size_mm, self.material)
-    }
-
     /// Measures a point; predictions are made from the points `before`.
     pub(super) fn point(
         &self,
@@ -115,7 +108,8 @@ impl Measurer<'_> {
             None => {
                 let kept = self.measure(&point, place, scene, method, (&words, &bake_key), before)?;
                 // What was not started costs nothing to decide again, and other points may decide it otherwise.
-                if kept.worth_keeping() {
+                let was_ended = |s: &Skipped| s.what == Missing::Bake && s.reason.starts_with(ENDED);
+                if kept.skipped.as_ref().is_none_or(was_ended) {
                     child::store(&path, &kept)?;
                 }
                 kept
@@ -237,15 +231,6 @@ impl Measurer<'_> {
 
 /// First word of the reason of an ended bake.
 const ENDED: &str = "ended";
-
-impl Kept {
-    fn worth_keeping(&self) -> bool {
-        match &self.skipped {
-            None => true,
-            Some(skipped) => skipped.what == Missing::Bake && skipped.reason.starts_with(ENDED),
-        }
-    }
-}
 
 /// The ways in which limits write durations and sizes.
 const WORDS: Words = Words { duration, bytes: megabytes };
