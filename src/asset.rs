@@ -61,7 +61,19 @@ impl Asset {
     /// # Errors
     /// Values that the format refuses.
     pub fn to_bytes(&self) -> Result<Vec<u8>> {
-        self.to_file().to_bytes().map_err(|e| Error::runtime(format!("asset: {e}")))
+        let file = format::AssetFile {
+            mesh: mesh_to_file(&self.scene.mesh),
+            parts: parts_to_file(&self.scene),
+            samples: format::Samples {
+                facets: self.samples.facets.iter().map(|f| [f.triangle, f.path]).collect(),
+                patch_offsets: self.samples.patch_offsets.clone(),
+                part_offsets: self.samples.part_offsets.clone(),
+            },
+            provenance: provenance_to_file(&self.provenance),
+            ledger: self.ledger.entries.iter().map(entry_to_file).collect(),
+            extra: self.sections.clone(),
+        };
+        file.to_bytes().map_err(|e| Error::runtime(format!("asset: {e}")))
     }
 
     /// Reads and validates a file's bytes.
@@ -69,8 +81,22 @@ impl Asset {
     /// # Errors
     /// `InvalidInput` for anything that is not a valid asset; `Unsupported` for another major version.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self> {
-        let file = format::AssetFile::from_bytes(bytes, format::Budget::default());
-        Self::from_file(file.map_err(|e| refused(&e))?)
+        let file = format::AssetFile::from_bytes(bytes, format::Budget::default()).map_err(|e| refused(&e))?;
+        let mesh = mesh_from_file(file.mesh);
+        let media: Vec<Medium> = file.parts.media.iter().map(medium_from_file).collect::<Result<_>>()?;
+        let entries = file.parts.parts.iter().map(|p| (p.name.clone(), (!p.opaque).then_some(p.medium))).collect();
+        let parts = PartTable::new(&mesh, file.parts.triangle_part, entries);
+        Ok(Self {
+            scene: Scene { mesh, parts, media },
+            samples: Samples {
+                facets: file.samples.facets.iter().map(|&[triangle, path]| Facet { triangle, path }).collect(),
+                patch_offsets: file.samples.patch_offsets,
+                part_offsets: file.samples.part_offsets,
+            },
+            provenance: provenance_from_file(file.provenance),
+            ledger: Ledger { entries: file.ledger.into_iter().map(entry_from_file).collect() },
+            sections: file.extra,
+        })
     }
 
     /// Writes the file atomically; returns its length in bytes.
@@ -102,39 +128,6 @@ impl Asset {
         self.scene.parts = self.scene.parts.scaled(factor);
         self.provenance.origin.mm_per_source_unit *= factor;
         Ok(self)
-    }
-
-    fn to_file(&self) -> format::AssetFile {
-        format::AssetFile {
-            mesh: mesh_to_file(&self.scene.mesh),
-            parts: parts_to_file(&self.scene),
-            samples: format::Samples {
-                facets: self.samples.facets.iter().map(|f| [f.triangle, f.path]).collect(),
-                patch_offsets: self.samples.patch_offsets.clone(),
-                part_offsets: self.samples.part_offsets.clone(),
-            },
-            provenance: provenance_to_file(&self.provenance),
-            ledger: self.ledger.entries.iter().map(entry_to_file).collect(),
-            extra: self.sections.clone(),
-        }
-    }
-
-    fn from_file(file: format::AssetFile) -> Result<Self> {
-        let mesh = mesh_from_file(file.mesh);
-        let media: Vec<Medium> = file.parts.media.iter().map(medium_from_file).collect::<Result<_>>()?;
-        let entries = file.parts.parts.iter().map(|p| (p.name.clone(), (!p.opaque).then_some(p.medium))).collect();
-        let parts = PartTable::new(&mesh, file.parts.triangle_part, entries);
-        Ok(Self {
-            scene: Scene { mesh, parts, media },
-            samples: Samples {
-                facets: file.samples.facets.iter().map(|&[triangle, path]| Facet { triangle, path }).collect(),
-                patch_offsets: file.samples.patch_offsets,
-                part_offsets: file.samples.part_offsets,
-            },
-            provenance: provenance_from_file(file.provenance),
-            ledger: Ledger { entries: file.ledger.into_iter().map(entry_from_file).collect() },
-            sections: file.extra,
-        })
     }
 }
 

@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::console::{Console, in_range};
 use super::lights::{LightArgs, ResolvedLights};
 use super::opening::{AssetArgs, Opened};
-use super::view::ViewArgs;
+use super::view::{ViewArgs, check_memory};
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::summed::Summed;
 use crate::evaluate::{Evaluator, SingleScattering};
@@ -17,7 +17,7 @@ use crate::relight::choice::{DeviceChoice, place};
 use crate::relight::headless::{self, Animation, MAX_FRAMES, SAMPLES_PER_PIXEL};
 use crate::relight::timings::Timings;
 use crate::render::camera::Resolution;
-use crate::render::frame::{RenderSettings, memory_bytes};
+use crate::render::frame::RenderSettings;
 
 /// Size of the pictures of an animation.
 const HEADLESS_RESOLUTION: Resolution = Resolution { width: 1024, height: 1024 };
@@ -97,8 +97,7 @@ fn animate(args: &RelightArgs, frames: usize, out: &std::path::Path, console: &C
     let Opened { provenance, evaluator } = args.asset.open(console)?;
     let evaluator = drawn(evaluator, console);
     let resolution = args.resolution.unwrap_or(HEADLESS_RESOLUTION);
-    let needed = memory_bytes(resolution);
-    console.check_memory(needed, "use a smaller --resolution, or raise --max-memory")?;
+    check_memory(resolution, console)?;
     let settings = RenderSettings {
         samples_per_pixel: SAMPLES_PER_PIXEL,
         ..args.view.settings(&evaluator.scene().mesh, resolution)?

@@ -8,16 +8,14 @@ use super::console::Console;
 use super::lights::{LightArgs, ResolvedLights};
 use super::opening::{AssetArgs, Opened};
 use super::output;
-use super::view::ViewArgs;
+use super::view::{ViewArgs, check_memory};
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::Evaluator;
 use crate::import::file::{Input, suffix};
 use crate::render::camera::Resolution;
 use crate::render::exit::ExitFresnel;
 use crate::render::film::{ColourType, to_exr, to_png};
-use crate::render::frame::{
-    DEFAULT_SAMPLES_PER_PIXEL, Frame, MAX_SAMPLES_PER_PIXEL, RenderSettings, memory_bytes, render,
-};
+use crate::render::frame::{DEFAULT_SAMPLES_PER_PIXEL, Frame, MAX_SAMPLES_PER_PIXEL, RenderSettings, render};
 use crate::render::single::{Scattered, Single};
 use crate::render::texture::Texture;
 use crate::report::picture::RenderReport;
@@ -66,7 +64,7 @@ pub(super) struct PictureArgs {
 
 pub(super) fn run(args: &RenderArgs, console: &Console) -> Result<ExitCode> {
     output::check(&args.output, &["exr", "png"], console)?;
-    args.picture.check_memory(console)?;
+    check_memory(args.picture.resolution, console)?;
     let lights = args.lights.load(console)?;
     let Opened { provenance, mut evaluator } = args.asset.open(console)?;
     let picture = PictureArgs { sources: provenance.origin.inputs.clone(), ..args.picture.clone() };
@@ -81,14 +79,6 @@ impl PictureArgs {
         let matches = command.try_get_matches_from(words);
         let parsed = matches.and_then(|matches| Self::from_arg_matches(&matches));
         parsed.map_err(|e| Error::runtime(format!("picture: {e}")))
-    }
-
-    fn check_memory(&self, console: &Console) -> Result<()> {
-        let needed = memory_bytes(self.resolution);
-        let share = (console.max_memory as f64 / needed as f64).sqrt();
-        let side = |n: usize| ((n as f64 * share) as usize).max(1);
-        let fitting = format!("{}x{}", side(self.resolution.width), side(self.resolution.height));
-        console.check_memory(needed, &format!("--resolution {fitting} would fit, or raise --max-memory"))
     }
 
     fn settings(&self, evaluator: &dyn Evaluator) -> Result<RenderSettings> {

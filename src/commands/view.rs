@@ -9,7 +9,7 @@ use crate::render::background::Background;
 use crate::render::camera::{Resolution, xyz};
 use crate::render::camera_text::CameraSpec;
 use crate::render::film::Exposure;
-use crate::render::frame::{RenderSettings, Specular};
+use crate::render::frame::{RenderSettings, Specular, memory_bytes};
 use crate::render::specular::Roughness;
 use crate::render::texture::Texture;
 use crate::render::texture::spec::{MarbleSpec, TextureSpec};
@@ -54,6 +54,15 @@ fn texture_help() -> String {
         xyz(base),
         xyz(veins)
     )
+}
+
+/// Refuses a picture that the memory limit does not allow.
+pub(super) fn check_memory(resolution: Resolution, console: &Console) -> Result<()> {
+    let needed = memory_bytes(resolution);
+    let share = (console.max_memory as f64 / needed as f64).sqrt();
+    let side = |n: usize| ((n as f64 * share) as usize).max(1);
+    let (width, height) = (side(resolution.width), side(resolution.height));
+    console.check_memory(needed, &format!("--resolution {width}x{height} would fit, or raise --max-memory"))
 }
 
 impl ViewArgs {

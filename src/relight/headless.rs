@@ -175,17 +175,17 @@ impl Painter {
     fn frame(&mut self, animation: &Animation, lights: Vec<Light>, exposure: f64) -> Result<(Stages<f64>, Vec<u8>)> {
         match self {
             Self::Cpu(evaluator) => {
-                let mut clock = Clock::start();
+                let start = Instant::now();
                 evaluator.set_lights(lights.clone(), &Silent)?;
                 evaluator.set_eye(animation.settings.camera.at_mm());
-                let light_ms = clock.lap_ms();
+                let lit = Instant::now();
                 let radiosity = evaluator.radiosity(&Silent)?;
-                let transport_ms = clock.lap_ms();
+                let transported = Instant::now();
                 let scattered = scattered(&radiosity, animation);
                 let frame = render(evaluator.as_ref(), scattered, &lights, &animation.settings, &Silent)?;
-                let draw_ms = clock.lap_ms();
+                let drawn = Instant::now();
                 let png = to_png(&frame, exposure, animation.settings.background)?;
-                Ok((times(light_ms, transport_ms, draw_ms), png))
+                Ok((times([start, lit, transported, drawn]), png))
             }
             #[cfg(feature = "gpu")]
             Self::Device(on) => on.frame(animation, lights, exposure),
@@ -196,18 +196,18 @@ impl Painter {
 #[cfg(feature = "gpu")]
 impl OnDevice {
     fn frame(&mut self, animation: &Animation, lights: Vec<Light>, exposure: f64) -> Result<(Stages<f64>, Vec<u8>)> {
-        let (settings, mut clock) = (&animation.settings, Clock::start());
+        let (settings, start) = (&animation.settings, Instant::now());
         self.evaluator.set_lights(lights.clone(), &Silent)?;
         self.evaluator.set_eye(animation.settings.camera.at_mm());
         let visibility = match settings.specular.roughness() {
             Some(_) => self.shadows.visibility(self.evaluator.bvh(), &lights),
             None => Vec::new(),
         };
-        let light_ms = clock.lap_ms();
+        let lit = Instant::now();
         self.evaluator.update(&Silent)?;
         self.raster.shown().publish(self.evaluator.as_ref(), &visibility)?;
         self.raster.device().wait()?;
-        let transport_ms = clock.lap_ms();
+        let transported = Instant::now();
         self.raster.set_lights(&lights)?;
         let view = View {
             specular: settings.specular,
@@ -215,8 +215,8 @@ impl OnDevice {
             ..View::new(settings.camera, settings.resolution, exposure)
         };
         let picture = self.picture.take(&self.raster, &view)?;
-        let draw_ms = clock.lap_ms();
-        Ok((times(light_ms, transport_ms, draw_ms), png(&picture, settings.background)?))
+        let drawn = Instant::now();
+        Ok((times([start, lit, transported, drawn]), png(&picture, settings.background)?))
     }
 }
 
@@ -239,22 +239,9 @@ fn scattered<'a>(exitance: &'a dyn Exitance, animation: &'a Animation) -> Scatte
     Scattered { texture: animation.texture.as_ref(), ..Scattered::from(exitance) }
 }
 
-fn times(light_ms: f64, transport_ms: f64, draw_ms: f64) -> Stages<f64> {
+/// The times between the four moments of a frame.
+fn times(moments: [Instant; 4]) -> Stages<f64> {
+    let ms = |lap: usize| (moments[lap + 1] - moments[lap]).as_secs_f64() * 1e3;
+    let (light_ms, transport_ms, draw_ms) = (ms(0), ms(1), ms(2));
     Stages { light_ms, transport_ms, draw_ms, total_ms: light_ms + transport_ms + draw_ms }
-}
-
-/// A stopwatch.
-struct Clock(Instant);
-
-impl Clock {
-    fn start() -> Self {
-        Self(Instant::now())
-    }
-
-    fn lap_ms(&mut self) -> f64 {
-        let now = Instant::now();
-        let lap = now - self.0;
-        self.0 = now;
-        lap.as_secs_f64() * 1e3
-    }
 }
