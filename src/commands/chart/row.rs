@@ -41,10 +41,8 @@ pub(super) fn of(
     let mut lights = Vec::with_capacity(truth.lights.len());
     let mut shown = None;
     let served = |(_, light): &&(String, Light)| kinds.contains(&light.kind());
-    for (index, ((text, light), expected)) in truth.lights.iter().zip(&truth.radiosity).enumerate() {
-        if !kinds.contains(&light.kind()) {
-            continue;
-        }
+    let pairs = truth.lights.iter().zip(&truth.radiosity).enumerate();
+    for (index, ((text, light), expected)) in pairs.filter(|(_, (light, _))| served(light)) {
         let times = subject.repetitions.times(|| {
             evaluator.set_lights(vec![light.clone()], &Silent)?;
             evaluator.radiosity(&Silent).map(drop)

@@ -1,7 +1,6 @@
 //! The auxiliary textures to which a frame is drawn, and the format of its pixels.
 
 use super::memory::descriptor;
-use super::view::Encoding;
 use crate::error::{Error, Result};
 use crate::evaluate::device::Device;
 use crate::render::camera::Resolution;
@@ -19,13 +18,13 @@ pub struct Finish {
     pub format: wgpu::TextureFormat,
     /// Samples per pixel, 1 or 4.
     pub samples: u32,
-    /// Encoding of colours.
-    pub encoding: Encoding,
+    /// Whether colours are encoded as sRGB and clamped to [0, 1]; linear up to the range of half floats otherwise.
+    pub srgb: bool,
 }
 
 impl Finish {
     /// Finish of pictures that are read back: linear half floats and four samples per pixel.
-    pub const PICTURE: Self = Self { format: LINEAR_FORMAT, samples: 4, encoding: Encoding::Linear };
+    pub const PICTURE: Self = Self { format: LINEAR_FORMAT, samples: 4, srgb: false };
 }
 
 /// The textures to which a frame is drawn, besides the one that is shown.

@@ -23,7 +23,7 @@ use self::lit::{ALBEDO_STEPS, Environments, Lamp, albedos, constant, lamps};
 use self::memory::{filled, sampler};
 use self::pattern::Pattern;
 use self::pipelines::{Bound, Pipelines, layout};
-use self::view::{Encoding, Look, View, ViewUniform, finite, finite3};
+use self::view::{Look, View, ViewUniform, finite, finite3};
 use crate::error::Result;
 use crate::evaluate::{DeviceEvaluator, device::Device};
 use crate::light::Light;
@@ -179,7 +179,7 @@ impl Raster {
     /// where the raster was not made for the finish of `canvas`.
     pub fn draw(&self, encoder: &mut wgpu::CommandEncoder, view: &View, canvas: &Canvas, target: &wgpu::TextureView) {
         let Some(pipelines) = self.pipelines.iter().find(|p| p.finish == canvas.finish) else { return };
-        let uniform = self.uniform_of(view, canvas.finish.encoding);
+        let uniform = self.uniform_of(view, canvas.finish.srgb);
         self.device.queue.write_buffer(&self.bound.uniform, 0, bytemuck::bytes_of(&uniform));
         let (drawn, resolved) = match &canvas.many {
             Some(many) => (many, Some(target)),
@@ -218,18 +218,15 @@ impl Raster {
         }
         // Last, so that what the object hides costs nothing; black is there already.
         let environments = view.background == Background::Environment && uniform.environment_count > 0;
-        let is_black = canvas.finish.encoding == Encoding::Srgb
-            && view.look != Look::Error
-            && !environments
-            && uniform.backdrop == [0.0; 3];
+        let is_black = canvas.finish.srgb && view.look != Look::Error && !environments && uniform.backdrop == [0.0; 3];
         if !is_black {
             pass.set_pipeline(&pipelines.beside);
             pass.draw(0..3, 0..1);
         }
     }
 
-    fn uniform_of(&self, view: &View, encoding: Encoding) -> ViewUniform {
-        let mut uniform = ViewUniform::new(view, encoding, self.origin_mm, self.bounds_mm);
+    fn uniform_of(&self, view: &View, srgb: bool) -> ViewUniform {
+        let mut uniform = ViewUniform::new(view, srgb, self.origin_mm, self.bounds_mm);
         let constant = constant(&self.lights);
         (uniform.environments, uniform.environment_count) = self.bound.environments.uniforms(&self.lights);
         uniform.light_count = lamps(&self.lights, self.origin_mm).len() as u32;

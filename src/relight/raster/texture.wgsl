@@ -32,15 +32,13 @@ struct Coat {
 @group(0) @binding(12) var repeat: sampler;
 @group(0) @binding(13) var<storage, read> coats: array<Coat>;
 
+fn mixed(bits: u32, part: u32) -> u32 {
+    let product = (bits ^ part) * 0x9e3779b1u;
+    return product ^ (product >> 15u);
+}
+
 fn lattice_bits(cell: vec3u, key: u32) -> u32 {
-    var bits = cell.x * 0x9e3779b1u;
-    bits ^= bits >> 15u;
-    bits = (bits ^ cell.y) * 0x9e3779b1u;
-    bits ^= bits >> 15u;
-    bits = (bits ^ cell.z) * 0x9e3779b1u;
-    bits ^= bits >> 15u;
-    bits = (bits ^ key) * 0x9e3779b1u;
-    bits ^= bits >> 15u;
+    var bits = mixed(mixed(mixed(mixed(0u, cell.x), cell.y), cell.z), key);
     bits = (bits ^ (bits >> 16u)) * 0x85ebca6bu;
     bits = (bits ^ (bits >> 13u)) * 0xc2b2ae35u;
     return bits ^ (bits >> 16u);

@@ -20,7 +20,7 @@ pub const ERROR_COLOURS: [[f32; 3]; 6] = [
     [0.85, 0.15, 0.10],
 ];
 
-/// The quantity that is shown of the object.
+/// The quantity that is shown of the object; shaders know it by its number.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Look {
     /// The radiance towards the eye.
@@ -112,18 +112,9 @@ pub(super) struct ViewUniform {
     pub(super) environments: [EnvironmentUniform; ENVIRONMENTS],
 }
 
-/// Encoding of colours by the fragment shader.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Encoding {
-    /// Linear, up to the range of half floats.
-    Linear,
-    /// sRGB, clamped to [0, 1].
-    Srgb,
-}
-
 impl ViewUniform {
     /// The uniform of a view; `origin_mm` is the mesh's origin, `bounds_mm` its bounding box in local coordinates.
-    pub(super) fn new(view: &View, encoding: Encoding, origin_mm: DVec3, bounds_mm: [DVec3; 2]) -> Self {
+    pub(super) fn new(view: &View, srgb: bool, origin_mm: DVec3, bounds_mm: [DVec3; 2]) -> Self {
         let Resolution { width, height } = view.resolution;
         let camera = &view.camera;
         let (size, forward) = (DVec2::new(width as f64, height as f64), camera.forward());
@@ -153,14 +144,10 @@ impl ViewUniform {
             upward: upward.as_vec3().to_array(),
             roughness: view.specular.roughness().map_or(1.0, Roughness::value) as f32,
             forward: forward.as_vec3().to_array(),
-            mode: match view.look {
-                Look::Picture => 0,
-                Look::Radiosity => 1,
-                Look::Error => 2,
-            },
+            mode: view.look as u32,
             diffuse: 1.0,
             specular: if view.specular.roughness().is_some() { 1.0 } else { 0.0 },
-            encode: u32::from(encoding == Encoding::Srgb),
+            encode: u32::from(srgb),
             backdrop_alpha: match view.background {
                 Background::Environment => 2.0,
                 Background::None => 0.0,
@@ -197,7 +184,7 @@ mod tests {
         let camera = Camera::new(origin + DVec3::new(4.0, 8.0, 75.0), origin, DVec3::Y, 28.0).unwrap();
         let view = View::new(camera, resolution, 1.0);
         let bounds = [DVec3::splat(-10.0), DVec3::splat(10.0)];
-        let uniform = ViewUniform::new(&view, Encoding::Linear, origin, bounds);
+        let uniform = ViewUniform::new(&view, false, origin, bounds);
         let matrix = Mat4::from_cols_array_2d(&uniform.clip_from_local);
         let mut depths = Vec::new();
         for local in [DVec3::ZERO, DVec3::splat(9.0), DVec3::new(-7.0, 3.0, 5.0)] {
