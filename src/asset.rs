@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use glam::{DVec3, Vec2, Vec3};
+use glam::{DVec3, Vec3};
 use translux_format as format;
 
 use crate::compress::ledger::{Entry, Ledger};
-use crate::error::{Error, Result};
+use crate::error::{Error, ExitCode, Result};
 use crate::geometry::mesh::Mesh;
 use crate::geometry::part_table::{PartEntry, PartTable};
 use crate::geometry::samples::{Facet, Samples};
@@ -22,40 +22,21 @@ use crate::scene::Scene;
 pub const ALGORITHM_REVISION: u32 = 1;
 
 /// Provenance of an asset, independent of time and place.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Provenance {
     /// Name of the method that baked it.
     pub method: String,
     /// Resolved parameters.
     pub settings: BTreeMap<String, String>,
-    /// Files that it was made from.
-    pub inputs: Vec<Input>,
-    /// Source of the unit, in words.
-    pub source_unit: String,
-    /// Millimetres in one source unit.
-    pub mm_per_source_unit: f64,
-    /// Repairs and choices that affect the result.
-    pub notes: Vec<String>,
-}
-
-impl Default for Provenance {
-    fn default() -> Self {
-        Self {
-            method: String::new(),
-            settings: BTreeMap::new(),
-            inputs: Vec::new(),
-            source_unit: "mm".to_owned(),
-            mm_per_source_unit: 1.0,
-            notes: Vec::new(),
-        }
-    }
+    /// Files that it was made from, unit and repairs.
+    #[serde(flatten)]
+    pub origin: Origin,
 }
 
 impl From<Origin> for Provenance {
     /// The origin of a scene that no method has baked yet.
     fn from(origin: Origin) -> Self {
-        let Origin { inputs, source_unit, mm_per_source_unit, notes } = origin;
-        Self { inputs, source_unit, mm_per_source_unit, notes, ..Self::default() }
+        Self { origin, ..Self::default() }
     }
 }
 
@@ -80,7 +61,19 @@ impl Asset {
     /// # Errors
     /// Values that the format refuses.
     pub fn to_bytes(&self) -> Result<Vec<u8>> {
-        self.to_file().to_bytes().map_err(|e| Error::runtime(format!("asset: {e}")))
+        let file = format::AssetFile {
+            mesh: mesh_to_file(&self.scene.mesh),
+            parts: parts_to_file(&self.scene),
+            samples: format::Samples {
+                facets: self.samples.facets.iter().map(|f| [f.triangle, f.path]).collect(),
+                patch_offsets: self.samples.patch_offsets.clone(),
+                part_offsets: self.samples.part_offsets.clone(),
+            },
+            provenance: provenance_to_file(&self.provenance),
+            ledger: self.ledger.entries.iter().map(entry_to_file).collect(),
+            extra: self.sections.clone(),
+        };
+        file.to_bytes().map_err(|e| Error::runtime(format!("asset: {e}")))
     }
 
     /// Reads and validates a file's bytes.
@@ -88,14 +81,22 @@ impl Asset {
     /// # Errors
     /// `InvalidInput` for anything that is not a valid asset; `Unsupported` for another major version.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self> {
-        let file = format::AssetFile::from_bytes(bytes, format::Budget::default()).map_err(|e| {
-            let kind = match e {
-                format::FormatError::UnsupportedVersion { .. } => crate::error::ExitCode::Unsupported,
-                _ => crate::error::ExitCode::InvalidInput,
-            };
-            Error::new(kind, e.to_string())
-        })?;
-        Self::from_file(file)
+        let file = format::AssetFile::from_bytes(bytes, format::Budget::default()).map_err(|e| refused(&e))?;
+        let mesh = mesh_from_file(file.mesh);
+        let media: Vec<Medium> = file.parts.media.iter().map(medium_from_file).collect::<Result<_>>()?;
+        let entries = file.parts.parts.iter().map(|p| (p.name.clone(), (!p.opaque).then_some(p.medium))).collect();
+        let parts = PartTable::new(&mesh, file.parts.triangle_part, entries);
+        Ok(Self {
+            scene: Scene { mesh, parts, media },
+            samples: Samples {
+                facets: file.samples.facets.iter().map(|&[triangle, path]| Facet { triangle, path }).collect(),
+                patch_offsets: file.samples.patch_offsets,
+                part_offsets: file.samples.part_offsets,
+            },
+            provenance: provenance_from_file(file.provenance),
+            ledger: Ledger { entries: file.ledger.into_iter().map(entry_from_file).collect() },
+            sections: file.extra,
+        })
     }
 
     /// Writes the file atomically; returns its length in bytes.
@@ -125,42 +126,29 @@ impl Asset {
     pub fn resized(mut self, diagonal_mm: f64) -> Result<Self> {
         let factor = self.scene.mesh.resize(diagonal_mm)?;
         self.scene.parts = self.scene.parts.scaled(factor);
-        self.provenance.mm_per_source_unit *= factor;
+        self.provenance.origin.mm_per_source_unit *= factor;
         Ok(self)
     }
+}
 
-    fn to_file(&self) -> format::AssetFile {
-        format::AssetFile {
-            mesh: mesh_to_file(&self.scene.mesh),
-            parts: parts_to_file(&self.scene),
-            samples: format::Samples {
-                facets: self.samples.facets.iter().map(|f| [f.triangle, f.path]).collect(),
-                patch_offsets: self.samples.patch_offsets.clone(),
-                part_offsets: self.samples.part_offsets.clone(),
-            },
-            provenance: provenance_to_file(&self.provenance),
-            ledger: self.ledger.entries.iter().map(entry_to_file).collect(),
-            extra: self.sections.clone(),
-        }
-    }
+/// The error of bytes that are no asset, or one of another major version.
+pub(crate) fn refused(error: &format::FormatError) -> Error {
+    let code = match error {
+        format::FormatError::UnsupportedVersion { .. } => ExitCode::Unsupported,
+        _ => ExitCode::InvalidInput,
+    };
+    Error::new(code, error.to_string())
+}
 
-    fn from_file(file: format::AssetFile) -> Result<Self> {
-        let mesh = mesh_from_file(file.mesh);
-        let media: Vec<Medium> = file.parts.media.iter().map(medium_from_file).collect::<Result<_>>()?;
-        let entries = file.parts.parts.iter().map(|p| (p.name.clone(), (!p.opaque).then_some(p.medium))).collect();
-        let parts = PartTable::new(&mesh, file.parts.triangle_part, entries);
-        Ok(Self {
-            scene: Scene { mesh, parts, media },
-            samples: Samples {
-                facets: file.samples.facets.iter().map(|&[triangle, path]| Facet { triangle, path }).collect(),
-                patch_offsets: file.samples.patch_offsets,
-                part_offsets: file.samples.part_offsets,
-            },
-            provenance: provenance_from_file(file.provenance),
-            ledger: Ledger { entries: file.ledger.into_iter().map(entry_from_file).collect() },
-            sections: file.extra,
-        })
-    }
+fn attribute_to_file<T: Copy + Into<[f32; N]>, const N: usize>(
+    attribute: &CornerAttribute<T>,
+) -> format::CornerAttribute<N> {
+    let values = attribute.values.iter().map(|v| (*v).into()).collect();
+    format::CornerAttribute { values, corners: attribute.corners.clone() }
+}
+
+fn attribute_from_file<T: From<[f32; N]>, const N: usize>(file: format::CornerAttribute<N>) -> CornerAttribute<T> {
+    CornerAttribute { values: file.values.into_iter().map(T::from).collect(), corners: file.corners }
 }
 
 fn mesh_to_file(mesh: &Mesh) -> format::Mesh {
@@ -171,14 +159,8 @@ fn mesh_to_file(mesh: &Mesh) -> format::Mesh {
         triangle_material: mesh.triangle_material.clone(),
         materials: mesh.materials.clone(),
         weld: mesh.weld.clone(),
-        normals: mesh.normals.as_ref().map(|n| format::CornerAttribute {
-            values: n.values.iter().map(|v| v.to_array()).collect(),
-            corners: n.corners.clone(),
-        }),
-        uvs: mesh.uvs.as_ref().map(|n| format::CornerAttribute {
-            values: n.values.iter().map(|v| v.to_array()).collect(),
-            corners: n.corners.clone(),
-        }),
+        normals: mesh.normals.as_ref().map(attribute_to_file),
+        uvs: mesh.uvs.as_ref().map(attribute_to_file),
     }
 }
 
@@ -190,14 +172,8 @@ fn mesh_from_file(file: format::Mesh) -> Mesh {
         triangle_material: file.triangle_material,
         materials: file.materials,
         weld: file.weld,
-        normals: file.normals.map(|n| CornerAttribute {
-            values: n.values.into_iter().map(Vec3::from_array).collect(),
-            corners: n.corners,
-        }),
-        uvs: file.uvs.map(|n| CornerAttribute {
-            values: n.values.into_iter().map(Vec2::from_array).collect(),
-            corners: n.corners,
-        }),
+        normals: file.normals.map(attribute_from_file),
+        uvs: file.uvs.map(attribute_from_file),
     }
 }
 
@@ -232,41 +208,33 @@ fn medium_from_file(record: &format::MediumRecord) -> Result<Medium> {
     Ok(Medium { name: record.name.clone(), properties })
 }
 
-fn provenance_to_file(p: &Provenance) -> format::Provenance {
+fn provenance_to_file(Provenance { method, settings, origin }: &Provenance) -> format::Provenance {
     let hash = |text: &str| blake3::Hash::from_hex(text).map_or([0; 32], |h| *h.as_bytes());
     format::Provenance {
         algorithm_revision: ALGORITHM_REVISION,
-        method: p.method.clone(),
-        settings: p.settings.iter().map(|(k, v)| (k.clone(), v.clone())).collect(),
+        method: method.clone(),
+        settings: settings.iter().map(|(k, v)| (k.clone(), v.clone())).collect(),
         seed: 0,
-        inputs: p
+        inputs: origin
             .inputs
             .iter()
             .map(|i| format::InputRecord { name: i.name.clone(), blake3: hash(&i.blake3), bytes: i.bytes })
             .collect(),
-        source_unit: p.source_unit.clone(),
-        mm_per_source_unit: p.mm_per_source_unit,
-        notes: p.notes.clone(),
+        source_unit: origin.source_unit.clone(),
+        mm_per_source_unit: origin.mm_per_source_unit,
+        notes: origin.notes.clone(),
     }
 }
 
 fn provenance_from_file(p: format::Provenance) -> Provenance {
-    Provenance {
-        method: p.method,
-        settings: p.settings.into_iter().collect(),
-        inputs: p
-            .inputs
-            .into_iter()
-            .map(|i| Input {
-                name: i.name,
-                blake3: blake3::Hash::from_bytes(i.blake3).to_hex().to_string(),
-                bytes: i.bytes,
-            })
-            .collect(),
+    let hex = |hash: [u8; 32]| blake3::Hash::from_bytes(hash).to_hex().to_string();
+    let origin = Origin {
+        inputs: p.inputs.into_iter().map(|i| Input { name: i.name, blake3: hex(i.blake3), bytes: i.bytes }).collect(),
         source_unit: p.source_unit,
         mm_per_source_unit: p.mm_per_source_unit,
         notes: p.notes,
-    }
+    };
+    Provenance { method: p.method, settings: p.settings.into_iter().collect(), origin }
 }
 
 fn entry_to_file(entry: &Entry) -> format::LedgerEntry {

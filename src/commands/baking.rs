@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use clap::Args;
 
-use super::console::Console;
+use super::console::{Console, in_range};
 use crate::asset::Asset;
 use crate::error::{Error, Result};
 use crate::evaluate::keys::share;
@@ -44,14 +44,10 @@ impl BakeOptions {
                 _ => Err(Error::command_line(format!("--set {text}: key=value is needed"))),
             })
             .collect::<Result<_>>()?;
-        if let Some(samples) = self.samples
-            && !(1..=1 << 28).contains(&samples)
-        {
-            return Err(Error::command_line(format!("--samples {samples}: a number from 1 to 268435456 is needed")));
-        }
+        let samples = self.samples.map(|samples| in_range("--samples", samples, 1..=1 << 28)).transpose()?;
         let method = console.registry.method(method)?;
         let mut settings = BakeSettings::new(method.default_max_rms());
-        settings.samples = self.samples;
+        settings.samples = samples;
         settings.for_lights = light_kinds(&self.for_lights)?;
         if let Some(text) = &self.max_rms {
             settings.max_rms = share(text, "--max-rms")?;

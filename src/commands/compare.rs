@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 
 use super::console::Console;
 use super::opening;
@@ -18,35 +18,17 @@ pub(super) struct CompareArgs {
     b: PathBuf,
     /// Figure that --fail-above judges
     #[arg(long, default_value = "rms")]
-    metric: MetricArg,
+    metric: Metric,
     /// Exit with 7 if the metric is above this, such as 0.5%; without it anything but equality does. Assets are
     /// evaluated under fixed probe lights then
     #[arg(long, value_name = "E")]
     fail_above: Option<String>,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum MetricArg {
-    /// Area-weighted RMS over vertices, worst channel; RMS over covered pixels for pictures
-    Rms,
-    /// 99.9th percentile
-    P999,
-    /// Worst vertex or pixel
-    Worst,
-    /// HDR-FLIP of pictures: mean of what a person sees who flips between them, 0 to 1
-    Flip,
-}
-
 pub(super) fn run(args: &CompareArgs, console: &Console) -> Result<ExitCode> {
     let threshold = args.fail_above.as_deref().map(threshold).transpose()?;
-    let metric = match args.metric {
-        MetricArg::Rms => Metric::Rms,
-        MetricArg::P999 => Metric::P999,
-        MetricArg::Worst => Metric::Worst,
-        MetricArg::Flip => Metric::Flip,
-    };
     let open = opening::within_memory(console);
-    let result = compare([&args.a, &args.b], metric, threshold, &open, console)?;
+    let result = compare([&args.a, &args.b], args.metric, threshold, &open, console)?;
     result.notes.iter().for_each(|note| console.note(note));
     result.warnings.iter().for_each(|warning| console.warn(warning));
     console.say(&result.to_string())?;

@@ -2,6 +2,7 @@
 
 use std::fmt::Display;
 use std::io::{IsTerminal, Write};
+use std::ops::RangeInclusive;
 use std::sync::Mutex;
 use std::time::Instant;
 
@@ -25,10 +26,10 @@ pub(super) struct Global {
     quiet: bool,
     /// Print one JSON report on standard output
     #[arg(long, global = true)]
-    json: bool,
+    pub(super) json: bool,
     /// Turn warnings about quality, size or time into exit code 6
     #[arg(long, global = true)]
-    strict: bool,
+    pub(super) strict: bool,
     /// Worker threads (default: the processors that this process may use)
     #[arg(long, global = true, env = "TRANSLUX_THREADS", value_name = "N")]
     pub(super) threads: Option<usize>,
@@ -40,38 +41,9 @@ pub(super) struct Global {
     pub(super) instructions: Option<InstructionSet>,
 }
 
-/// Amount of output on standard error.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Verbosity {
-    /// Errors only.
-    Quiet,
-    /// Notes and progress on standard error.
-    Normal,
-}
-
-/// The form of results on standard output.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Format {
-    /// Text for people.
-    Text,
-    /// One JSON report on standard output.
-    Json,
-}
-
-/// The consequence of a missed quality.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Strictness {
-    /// A warning.
-    Warn,
-    /// Exit code 6.
-    Fail,
-}
-
 /// Standard error and the clock of one command.
 pub(super) struct Console {
-    pub(super) verbosity: Verbosity,
-    pub(super) format: Format,
-    pub(super) strictness: Strictness,
+    pub(super) global: Global,
     /// Memory limit in bytes.
     pub(super) max_memory: u64,
     /// Methods and forms that can be used.
@@ -94,9 +66,7 @@ impl Console {
             None => available_memory() / 4 * 3,
         };
         Ok(Self {
-            verbosity: if global.quiet { Verbosity::Quiet } else { Verbosity::Normal },
-            format: if global.json { Format::Json } else { Format::Text },
-            strictness: if global.strict { Strictness::Fail } else { Strictness::Warn },
+            global: global.clone(),
             max_memory,
             registry,
             state: Mutex::new(State { bar: None, stage: None, times: Vec::new(), warnings: Vec::new() }),
@@ -110,7 +80,7 @@ impl Console {
 
     /// Prints a line for people on standard error.
     pub(super) fn note(&self, line: &str) {
-        if self.verbosity == Verbosity::Normal {
+        if !self.global.quiet {
             // A note that standard error does not take is lost, the work is not.
             let print = || drop(writeln!(std::io::stderr(), "{line}"));
             match &self.state().bar {
@@ -131,46 +101,33 @@ impl Console {
         stage(self, name, work)
     }
 
-    /// Prints a report for people, or as JSON with `--json`.
-    pub(super) fn show<T: Serialize + Display>(&self, command: &str, report: &T) -> Result<()> {
-        if self.format == Format::Text {
+    /// Prints a report for people, or as JSON with `--json`; all went well.
+    pub(super) fn show<T: Serialize + Display>(&self, command: &str, report: &T) -> Result<ExitCode> {
+        if !self.global.json {
             print_line(&report.to_string())?;
         }
         self.report(command, report)
     }
 
-    /// Prints a report as JSON where `--json` asks for it.
-    pub(super) fn report<T: Serialize>(&self, command: &str, report: &T) -> Result<()> {
-        if self.format != Format::Json {
-            return Ok(());
+    /// Prints a report as JSON where `--json` asks for it; all went well.
+    pub(super) fn report<T: Serialize>(&self, command: &str, report: &T) -> Result<ExitCode> {
+        if !self.global.json {
+            return Ok(ExitCode::Ok);
         }
         let run = Run {
             seconds: self.seconds(),
-            stages: self.times(),
+            stages: self.state().times.clone(),
             peak_memory_bytes: peak_memory(),
             threads: rayon::current_num_threads(),
             warnings: self.state().warnings.clone(),
         };
-        print_line(&json(command, report, &run)?)
+        print_line(&json(command, report, &run)?)?;
+        Ok(ExitCode::Ok)
     }
 
     /// Prints one line of results, unless output is JSON or quiet.
     pub(super) fn say(&self, line: &str) -> Result<()> {
-        match (self.format, self.verbosity) {
-            (Format::Text, Verbosity::Normal) => print_line(line),
-            _ => Ok(()),
-        }
-    }
-
-    fn times(&self) -> Vec<StageTime> {
-        let mut sums: Vec<StageTime> = Vec::new();
-        for time in &self.state().times {
-            match sums.iter_mut().find(|t| t.stage == time.stage) {
-                Some(sum) => sum.seconds += time.seconds,
-                None => sums.push(time.clone()),
-            }
-        }
-        sums
+        if self.global.json || self.global.quiet { Ok(()) } else { print_line(line) }
     }
 
     /// Seconds since the command started.
@@ -182,7 +139,7 @@ impl Console {
     pub(super) fn judge(&self, measured: f64, asked: Option<f64>) -> Result<ExitCode> {
         if let Some(asked) = asked.filter(|asked| measured > *asked) {
             let line = format!("measured error {} is above the asked {}", percent(measured), percent(asked));
-            if self.strictness == Strictness::Fail {
+            if self.global.strict {
                 return Err(Error::new(ExitCode::QualityNotMet, line));
             }
             self.warn(&line);
@@ -204,7 +161,7 @@ impl Progress for Console {
     fn start(&self, stage: &'static str, total: u64) {
         let mut state = self.state();
         state.stage = Some((stage, Instant::now()));
-        let shown = self.verbosity == Verbosity::Normal && std::io::stderr().is_terminal() && total > 0;
+        let shown = !self.global.quiet && std::io::stderr().is_terminal() && total > 0;
         state.bar = shown.then(|| {
             let bar = ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::stderr_with_hz(10));
             let template = "{msg:12} {bar:40} {percent:>3} %  {eta} left";
@@ -227,7 +184,10 @@ impl Progress for Console {
         }
         if let Some((stage, since)) = state.stage.take() {
             let seconds = since.elapsed().as_secs_f64();
-            state.times.push(StageTime { stage: stage.to_owned(), seconds });
+            match state.times.iter_mut().find(|time| time.stage == stage) {
+                Some(sum) => sum.seconds += seconds,
+                None => state.times.push(StageTime { stage: stage.to_owned(), seconds }),
+            }
         }
     }
 }
@@ -255,36 +215,41 @@ fn parse_size(text: &str) -> Result<u64> {
         "mb" => 1e6,
         "g" | "gib" => 1024.0 * 1024.0 * 1024.0,
         "gb" => 1e9,
-        _ => return Err(Error::command_line(format!("--max-memory {text}: a size such as 4GiB or 800MB is needed"))),
+        _ => f64::NAN,
     };
-    match number.trim().parse::<f64>() {
-        Ok(value) if value.is_finite() && value > 0.0 => Ok((value * factor) as u64),
+    match number.trim().parse::<f64>().map(|value| value * factor) {
+        Ok(bytes) if bytes.is_finite() && bytes > 0.0 => Ok(bytes as u64),
         _ => Err(Error::command_line(format!("--max-memory {text}: a size such as 4GiB or 800MB is needed"))),
     }
 }
 
 /// Memory that this process could have: the system's available memory, or a cgroup's limit where that is less.
 fn available_memory() -> u64 {
-    let read = |path: &str| std::fs::read_to_string(path).ok();
-    let system = read("/proc/meminfo").and_then(|text| {
-        let line = text.lines().find_map(|l| l.strip_prefix("MemAvailable:").map(str::to_owned))?;
-        line.trim().trim_end_matches("kB").trim().parse::<u64>().ok().map(|kib| kib * 1024)
-    });
     let group = ["/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"]
         .iter()
-        .find_map(|p| read(p)?.trim().parse::<u64>().ok());
-    system.unwrap_or(8 << 30).min(group.unwrap_or(u64::MAX))
+        .find_map(|p| std::fs::read_to_string(p).ok()?.trim().parse::<u64>().ok());
+    proc_bytes("/proc/meminfo", "MemAvailable:").unwrap_or(8 << 30).min(group.unwrap_or(u64::MAX))
 }
 
 /// Largest resident size of this process so far, in bytes; 0 where the system does not report it.
 fn peak_memory() -> u64 {
-    std::fs::read_to_string("/proc/self/status")
-        .ok()
-        .and_then(|status| {
-            let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:").map(str::to_owned))?;
-            line.trim().trim_end_matches("kB").trim().parse::<u64>().ok()
-        })
-        .map_or(0, |kib| kib * 1024)
+    proc_bytes("/proc/self/status", "VmHWM:").unwrap_or(0)
+}
+
+/// A size that the system tells in a file, in bytes.
+fn proc_bytes(path: &str, name: &str) -> Option<u64> {
+    let text = std::fs::read_to_string(path).ok()?;
+    let kib = text.lines().find_map(|line| line.strip_prefix(name))?.trim().trim_end_matches("kB").trim();
+    Some(kib.parse::<u64>().ok()? * 1024)
+}
+
+/// The value of an option that must lie in a range.
+pub(super) fn in_range<T: PartialOrd + Display>(flag: &str, value: T, range: RangeInclusive<T>) -> Result<T> {
+    if range.contains(&value) {
+        return Ok(value);
+    }
+    let (least, most) = range.into_inner();
+    Err(Error::command_line(format!("{flag} {value}: a number from {least} to {most} is needed")))
 }
 
 #[cfg(test)]

@@ -21,8 +21,8 @@ use crate::import::{ImportOptions, Source};
 use crate::io::atomic;
 use crate::measure::probes::by_stage;
 use crate::medium::material::Material;
-use crate::render::camera::Resolution;
-use crate::render::film::{PngBackground, side_by_side, to_png};
+use crate::render::background::Background;
+use crate::render::film::{side_by_side, to_png};
 use crate::render::frame::Frame;
 use crate::report::materials::MediumReport;
 use crate::report::picture::RenderReport;
@@ -48,8 +48,8 @@ const LIGHTS: [&str; 2] = ["sky:scale=0.5", "point:at=20,34,-35:intensity=9000,7
 
 const CAMERA: &str = "at=-38,30,108:look=0,19.8,2:fov=22.5";
 
-/// Width and height of the picture of one material.
-const SIDES: [usize; 2] = [480, 480];
+/// Size of the picture of one material.
+const RESOLUTION: &str = "480x480";
 
 const METHOD: &str = "editable";
 
@@ -102,7 +102,7 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> Result<ExitCode> {
         materials.push(shown);
     }
     let picture = file("demo.png");
-    atomic::write(&picture, &to_png(&side_by_side(&frames)?, 1.0, PngBackground::Shown)?)?;
+    atomic::write(&picture, &to_png(&side_by_side(&frames)?, 1.0, Background::Environment)?)?;
     let per_vertex = |bytes: u64| bytes as f64 / vertices.max(1) as f64;
     let result = DemoReport {
         asset: path,
@@ -117,8 +117,7 @@ pub(super) fn run(args: &DemoArgs, console: &Console) -> Result<ExitCode> {
         materials,
     };
     console.say(&summary(&result, args, console))?;
-    console.report("demo", &result)?;
-    Ok(ExitCode::Ok)
+    console.report("demo", &result)
 }
 
 /// Bakes the model; returns the bytes of the asset.
@@ -141,7 +140,7 @@ fn show(evaluator: &mut dyn Evaluator, name: &str, folder: &Path, console: &Cons
     evaluator.set_media(vec![Material::from_argument(name)?.into()])?;
     let lights = LightArgs { light: LIGHTS.map(str::to_owned).into() }.load(console)?;
     let files = ["png", "exr"].map(|suffix| folder.join(format!("{name}.{suffix}")));
-    let picture = PictureArgs::at(CAMERA.parse()?, Resolution::new(SIDES[0], SIDES[1])?);
+    let picture = PictureArgs::of(["--camera", CAMERA, "--resolution", RESOLUTION])?;
     let (picture, frame) = render::finish(evaluator, METHOD, lights, &picture, &files, console)?;
     let measured = by_stage(evaluator, console)?;
     let Scene { media, .. } = evaluator.scene();

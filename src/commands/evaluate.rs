@@ -41,11 +41,13 @@ pub(super) struct EvaluateArgs {
     measure: bool,
 }
 
-/// Choice between a measured error and none.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Measure {
-    Yes,
-    No,
+/// Where radiosity goes, and what its error is held against.
+pub(super) struct Radiosity<'a> {
+    pub(super) method: &'a str,
+    pub(super) outputs: &'a [PathBuf],
+    /// Whether the error is measured.
+    pub(super) measure: bool,
+    pub(super) asked_rms: Option<f64>,
 }
 
 pub(super) fn run(args: &EvaluateArgs, console: &Console) -> Result<ExitCode> {
@@ -56,25 +58,20 @@ pub(super) fn run(args: &EvaluateArgs, console: &Console) -> Result<ExitCode> {
         let other = OtherMesh { model, device: args.device, measure: args.measure };
         return other.run(opened.evaluator, &opened.provenance, (lights, &args.output), console);
     }
-    let (method, asked) = (opened.provenance.method.clone(), opened.asked_rms());
+    let (method, asked_rms) = (opened.provenance.method.clone(), opened.asked_rms());
     let mut evaluator = args.device.place(opened.evaluator, console)?;
-    let measure = if args.measure { Measure::Yes } else { Measure::No };
-    let result = finish(evaluator.as_mut(), &method, lights, &args.output, measure, asked, console)?;
-    let verdict = console.judge(result.measured.total_rms(), result.asked_rms);
-    console.report("evaluate", &result)?;
-    verdict
+    let wanted = Radiosity { method: &method, outputs: &args.output, measure: args.measure, asked_rms };
+    finish("evaluate", evaluator.as_mut(), lights, &wanted, console)
 }
 
-/// Lights an evaluator, writes its radiosity and measures its error.
+/// Lights an evaluator, writes its radiosity, measures its error, and reports it all for a command.
 pub(super) fn finish(
+    command: &str,
     evaluator: &mut dyn Evaluator,
-    method: &str,
     lights: ResolvedLights,
-    outputs: &[PathBuf],
-    measure: Measure,
-    asked_rms: Option<f64>,
+    &Radiosity { method, outputs, measure, asked_rms }: &Radiosity,
     console: &Console,
-) -> Result<EvaluationReport> {
+) -> Result<ExitCode> {
     evaluator.set_lights(lights.lights, console)?;
     let radiosity = evaluator.radiosity(console)?;
     let single = single_scattering(evaluator, console)?;
@@ -89,10 +86,7 @@ pub(super) fn finish(
         }
         radiosity_ply(&scene.mesh, &radiosity, single.as_deref().map_or(Single::None, Single::Beside), comments)
     })?;
-    let measured = match measure {
-        Measure::Yes => by_stage(evaluator, console)?,
-        Measure::No => Ledger::default(),
-    };
+    let measured = if measure { by_stage(evaluator, console)? } else { Ledger::default() };
     for entry in &measured.entries {
         console.note(&format!(
             "{} error: {} RMS, {} worst vertex ({})",
@@ -108,7 +102,8 @@ pub(super) fn finish(
         console.note(&format!("{without_area} vertices have no translucent area around them; their radiosity is 0"));
     }
     let (mean_single, max_single) = single.as_deref().map(mean_and_max).unzip();
-    Ok(EvaluationReport {
+    let verdict = console.judge(measured.total_rms(), asked_rms);
+    let report = EvaluationReport {
         method: method.to_owned(),
         radiosity: RadiosityReport::new((lights.text, lights.inputs), outputs, &radiosity, without_area),
         mean_single_scattering: mean_single,
@@ -116,7 +111,9 @@ pub(super) fn finish(
         cost: evaluator.cost(),
         asked_rms,
         measured,
-    })
+    };
+    console.report(command, &report)?;
+    verdict
 }
 
 /// Single scattering of each vertex, where there is any; reports the time it took.

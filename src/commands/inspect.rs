@@ -15,6 +15,5 @@ pub(super) struct InspectArgs {
 }
 
 pub(super) fn run(args: &InspectArgs, console: &Console) -> Result<ExitCode> {
-    console.show("inspect", &inspect(&args.asset, &console.registry)?)?;
-    Ok(ExitCode::Ok)
+    console.show("inspect", &inspect(&args.asset, &console.registry)?)
 }

@@ -25,6 +25,5 @@ pub(super) fn run(args: &MethodsArgs, console: &Console) -> Result<ExitCode> {
         Some(name) => MethodsReport::of(&[console.registry.method(name)?], shown),
         None => MethodsReport::of(console.registry.methods(), shown),
     };
-    console.show("methods", &report)?;
-    Ok(ExitCode::Ok)
+    console.show("methods", &report)
 }

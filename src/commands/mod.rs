@@ -11,7 +11,6 @@ mod device;
 mod evaluate;
 mod inspect;
 mod lights;
-mod materials;
 mod media;
 mod methods;
 mod model;
@@ -31,7 +30,8 @@ use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::Registry;
-use console::{Console, Global};
+use crate::report::materials::MaterialsReport;
+use console::{Console, Global, in_range};
 
 /// Precompute, inspect, relight and render light transport in translucent meshes.
 #[derive(Debug, Parser)]
@@ -64,7 +64,7 @@ enum Command {
     /// Compare two PLY or EXR files or two assets
     Compare(compare::CompareArgs),
     /// List the measured materials
-    Materials(materials::MaterialsArgs),
+    Materials,
     /// List the methods and the keys that --set takes
     Methods(methods::MethodsArgs),
     /// Bake a built-in model under a built-in sky, render it and say what to type next
@@ -113,12 +113,9 @@ fn dispatch(cli: Cli, registry: Registry) -> Result<ExitCode> {
     if let Some(widest) = cli.global.instructions {
         widest.limit();
     }
-    let threads = cli.global.threads.unwrap_or(0);
-    if cli.global.threads == Some(0) || threads > 4096 {
-        return Err(Error::command_line("--threads: a number from 1 to 4096 is needed"));
-    }
+    let threads = cli.global.threads.map(|threads| in_range("--threads", threads, 1..=4096)).transpose()?;
     let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads)
+        .num_threads(threads.unwrap_or(0))
         .build()
         .map_err(|e| Error::runtime(format!("the worker threads could not be started: {e}")))?;
     watch_for_interrupts()?;
@@ -134,7 +131,7 @@ fn dispatch(cli: Cli, registry: Registry) -> Result<ExitCode> {
         Command::Validate(args) => validate::run(&args, &console),
         Command::Chart(args) => chart::run(&args, &console),
         Command::Compare(args) => compare::run(&args, &console),
-        Command::Materials(args) => materials::run(&args, &console),
+        Command::Materials => console.show("materials", &MaterialsReport::of_presets()),
         Command::Methods(args) => methods::run(&args, &console),
         Command::Demo(args) => demo::run(&args, &console),
         Command::Completions(args) => completions::run(&args, command(), &console),

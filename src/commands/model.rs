@@ -40,10 +40,10 @@ pub(super) struct PlacementArgs {
     height_mm: Option<f64>,
     /// Axis of the model that --height-mm measures along
     #[arg(long, default_value = "y")]
-    up: Up,
+    up: UpAxis,
     /// Which components share their light inside
     #[arg(long, default_value = "auto", value_name = "RULE")]
-    parts: PartsChoice,
+    parts: PartsRule,
     /// Materials of the model that only cast shadows, separated by commas
     #[arg(long, value_delimiter = ',', value_name = "NAMES")]
     opaque: Vec<String>,
@@ -57,24 +57,6 @@ enum Unit {
     Mm,
     Cm,
     M,
-}
-
-#[derive(Clone, Copy, Debug, Default, ValueEnum)]
-enum Up {
-    #[default]
-    Y,
-    Z,
-}
-
-#[derive(Clone, Copy, Debug, Default, ValueEnum)]
-enum PartsChoice {
-    /// Components that touch or overlap are one part
-    #[default]
-    Auto,
-    /// Every component is a part
-    Separate,
-    /// All components of a medium are one part
-    Joined,
 }
 
 impl ModelArgs {
@@ -112,31 +94,26 @@ pub(super) fn import(mut source: Source, options: &ImportOptions, console: &Cons
     Ok(imported)
 }
 
+/// The word of a value.
+fn name(value: impl ValueEnum) -> Option<String> {
+    value.to_possible_value().map(|value| value.get_name().to_owned())
+}
+
 impl PlacementArgs {
     /// The options as they were typed.
     pub(super) fn words(&self) -> Vec<String> {
-        let mut words = Vec::new();
-        let mut option = |name: &str, value: String| words.extend([name.to_owned(), value]);
-        if let Some(unit) = self.unit.and_then(|u| u.to_possible_value()) {
-            option("--unit", unit.get_name().to_owned());
-        }
-        if let Some(mm) = self.size_mm {
-            option("--size-mm", mm.to_string());
-        }
-        if let Some(mm) = self.height_mm {
-            option("--height-mm", mm.to_string());
-            option("--up", self.up.to_possible_value().map_or_else(String::new, |v| v.get_name().to_owned()));
-        }
-        if let Some(rule) = self.parts.to_possible_value() {
-            option("--parts", rule.get_name().to_owned());
-        }
-        if !self.opaque.is_empty() {
-            option("--opaque", self.opaque.join(","));
-        }
-        if !self.skip.is_empty() {
-            option("--skip", self.skip.join(","));
-        }
-        words
+        let list = |names: &[String]| (!names.is_empty()).then(|| names.join(","));
+        let given = [
+            ("--unit", self.unit.and_then(name)),
+            ("--size-mm", self.size_mm.map(|mm| mm.to_string())),
+            ("--height-mm", self.height_mm.map(|mm| mm.to_string())),
+            ("--up", self.height_mm.and_then(|_| name(self.up))),
+            ("--parts", name(self.parts)),
+            ("--opaque", list(&self.opaque)),
+            ("--skip", list(&self.skip)),
+        ];
+        let given = given.into_iter().filter_map(|(option, value)| Some([option.to_owned(), value?]));
+        given.flatten().collect()
     }
 
     /// The options as resolved.
@@ -146,20 +123,12 @@ impl PlacementArgs {
             Unit::Cm => 10.0,
             Unit::M => 1000.0,
         });
-        let axis = match self.up {
-            Up::Y => UpAxis::Y,
-            Up::Z => UpAxis::Z,
-        };
         let size = self.size_mm.map(Scale::DiagonalMm);
-        let height = self.height_mm.map(|height| Scale::HeightMm(height, axis));
+        let height = self.height_mm.map(|height| Scale::HeightMm(height, self.up));
         ImportOptions {
             scale: unit.map(Scale::MillimetresPerUnit).or(size).or(height),
             materials: media.choice(),
-            parts: match self.parts {
-                PartsChoice::Auto => PartsRule::Auto,
-                PartsChoice::Separate => PartsRule::Separate,
-                PartsChoice::Joined => PartsRule::Joined,
-            },
+            parts: self.parts,
             opaque: self.opaque.clone(),
             skip: self.skip.clone(),
         }

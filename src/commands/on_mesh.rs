@@ -18,6 +18,8 @@ use crate::geometry::nearest::{NearestPoint, SurfacePoint};
 use crate::import::file::{Input, files_of};
 use crate::import::load_mesh;
 use crate::math::statistics::{VertexError, vertex_error};
+use crate::render::normals::welded_normals_mm2;
+use crate::report::comparison::vertex_areas;
 use crate::report::evaluation::{OnMeshReport, RadiosityReport};
 use crate::report::radiosity_ply::{Single, check_range, comments, radiosity_ply};
 use crate::report::text::{percent, significant};
@@ -100,13 +102,12 @@ impl OtherMesh<'_> {
             between_vertices: result.between,
             cost: evaluator.cost(),
         };
-        console.report("evaluate-on", &report)?;
-        Ok(ExitCode::Ok)
+        console.report("evaluate-on", &report)
     }
 
     /// Reads the mesh in the units of the asset's source and finds its vertices on the asset's surface.
     fn place(&self, scene: &Scene, provenance: &Provenance, console: &Console) -> Result<Placed> {
-        let mm_per_unit = provenance.mm_per_source_unit;
+        let mm_per_unit = provenance.origin.mm_per_source_unit;
         let (mesh, [warnings, repairs]) = load_mesh(self.model, mm_per_unit, console)?;
         warnings.iter().for_each(|warning| console.warn(warning));
         repairs.iter().for_each(|line| console.note(line));
@@ -127,16 +128,9 @@ impl Placed {
         let nearest = NearestPoint::new(&scene.mesh, 0..scene.mesh.triangles.len() as u32);
         let diagonal = scene.mesh.diagonal_mm();
         let offset = mesh.origin_mm - scene.mesh.origin_mm;
-        let mut normals = vec![DVec3::ZERO; mesh.local_mm.len()];
-        let mut areas = vec![0.0; mesh.local_mm.len()];
-        for t in 0..mesh.triangles.len() as u32 {
-            let cross = mesh.cross_mm2(t);
-            for v in mesh.triangles[t as usize] {
-                // Seams have the normals of both sides.
-                normals[mesh.weld[v as usize] as usize] += cross;
-                areas[v as usize] += cross.length() / 6.0;
-            }
-        }
+        // Seams have the normals of both sides.
+        let normals = welded_normals_mm2(&mesh);
+        let areas = vertex_areas(|v| mesh.local_mm[v as usize].as_dvec3(), mesh.local_mm.len(), &mesh.triangles);
         // What is nearest to an opaque part takes nothing from a translucent one behind it.
         let place = |at: DVec3, normal: DVec3| {
             let found = nearest.find(at, normal, THIN * diagonal)?;

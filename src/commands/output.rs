@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::console::{Console, Format};
+use super::console::Console;
 use crate::error::{Error, ExitCode, Result};
 use crate::import::file::suffix;
 use crate::io::atomic;
@@ -14,7 +14,7 @@ pub(super) fn check(outputs: &[PathBuf], suffixes: &[&str], console: &Console) -
             return Err(Error::command_line(format!("-o {}: given twice", path.display())));
         }
         if path == Path::new("-") {
-            if console.format == Format::Json {
+            if console.global.json {
                 return Err(Error::command_line("-o - and --json both want standard output: give -o a file"));
             }
             continue;

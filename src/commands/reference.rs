@@ -7,8 +7,8 @@ use std::time::Instant;
 use clap::{Args, ValueEnum};
 
 use super::baking::{self, BakeOptions};
-use super::console::Console;
-use super::evaluate::{Measure, finish};
+use super::console::{Console, in_range};
+use super::evaluate::{Radiosity, finish};
 use super::lights::LightArgs;
 use super::media::ProfileArg;
 use super::model::ModelArgs;
@@ -94,18 +94,15 @@ fn dipole(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
         ));
     }
     let recipe = args.options.resolve(&args.method, console)?;
-    let asked = Some(recipe.settings.max_rms);
+    let asked_rms = Some(recipe.settings.max_rms);
     output::check(&args.output, &["ply"], console)?;
     let lights = args.lights.load(console)?;
     let asset = baking::bake(recipe, args.model.load(console)?, console)?;
     let method = asset.provenance.method.clone();
     let mut evaluator = opening::baked(asset, console)?;
     args.profile.put(evaluator.as_mut())?;
-    let measure = if args.no_measure { Measure::No } else { Measure::Yes };
-    let result = finish(evaluator.as_mut(), &method, lights, &args.output, measure, asked, console)?;
-    let verdict = console.judge(result.measured.total_rms(), result.asked_rms);
-    console.report("reference", &result)?;
-    verdict
+    let wanted = Radiosity { method: &method, outputs: &args.output, measure: !args.no_measure, asked_rms };
+    finish("reference", evaluator.as_mut(), lights, &wanted, console)
 }
 
 fn monte_carlo(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
@@ -182,10 +179,7 @@ impl ReferenceArgs {
             )));
         }
         match (self.walk.photons, &self.options.max_rms) {
-            (Some(photons), _) if (1..=MOST_PHOTONS).contains(&photons) => Ok(Effort::Photons(photons)),
-            (Some(photons), _) => {
-                Err(Error::command_line(format!("--photons {photons}: a number from 1 to {MOST_PHOTONS} is needed")))
-            }
+            (Some(photons), _) => in_range("--photons", photons, 1..=MOST_PHOTONS).map(Effort::Photons),
             (None, Some(text)) => Ok(Effort::Noise(share(text, "--max-rms")?)),
             (None, None) => Ok(Effort::Noise(DEFAULT_NOISE)),
         }

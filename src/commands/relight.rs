@@ -3,20 +3,21 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 use serde::Serialize;
 
-use super::console::Console;
+use super::console::{Console, in_range};
 use super::lights::{LightArgs, ResolvedLights};
 use super::opening::{AssetArgs, Opened};
-use super::view::ViewArgs;
+use super::view::{ViewArgs, check_memory};
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::summed::Summed;
 use crate::evaluate::{Evaluator, SingleScattering};
-use crate::relight::choice::{DeviceChoice, Placed, place};
-use crate::relight::headless::{self, Animation, MAX_FRAMES};
+use crate::relight::choice::{DeviceChoice, place};
+use crate::relight::headless::{self, Animation, MAX_FRAMES, SAMPLES_PER_PIXEL};
 use crate::relight::timings::Timings;
 use crate::render::camera::Resolution;
+use crate::render::frame::RenderSettings;
 
 /// Size of the pictures of an animation.
 const HEADLESS_RESOLUTION: Resolution = Resolution { width: 1024, height: 1024 };
@@ -32,7 +33,7 @@ pub(super) struct RelightArgs {
     lights: LightArgs,
     /// Where to compute and draw
     #[arg(long, value_enum, default_value = "auto")]
-    device: DeviceArg,
+    device: DeviceChoice,
     #[command(flatten)]
     view: ViewArgs,
     /// Pixels (default: 1024x1024, the window 1024x700)
@@ -55,26 +56,6 @@ pub(super) struct RelightArgs {
     quit_after: Option<f64>,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum DeviceArg {
-    /// Shaders on a graphics adapter; on a software adapter, transport on the CPU; without any, all on the CPU
-    Auto,
-    /// Transport in compute shaders
-    Gpu,
-    /// Transport on the CPU
-    Cpu,
-}
-
-impl DeviceArg {
-    fn choice(self) -> DeviceChoice {
-        match self {
-            Self::Auto => DeviceChoice::Auto,
-            Self::Gpu => DeviceChoice::Gpu,
-            Self::Cpu => DeviceChoice::Cpu,
-        }
-    }
-}
-
 /// Report of an animation.
 #[derive(Serialize)]
 struct AnimationReport<'a> {
@@ -90,11 +71,7 @@ pub(super) fn run(args: &RelightArgs, console: &Console, pool: Arc<rayon::Thread
             if args.turn || args.quit_after.is_some() {
                 return Err(Error::command_line("--turn and --quit-after are for the window; leave them out"));
             }
-            if !(1..=MAX_FRAMES).contains(&frames) {
-                return Err(Error::command_line(format!(
-                    "--frames {frames}: a number from 1 to {MAX_FRAMES} is needed"
-                )));
-            }
+            in_range("--frames", frames, 1..=MAX_FRAMES)?;
             pool.install(|| animate(args, frames, out, console))
         }
         (true, ..) => Err(Error::command_line("--headless needs --frames N and --out DIR")),
@@ -120,22 +97,21 @@ fn animate(args: &RelightArgs, frames: usize, out: &std::path::Path, console: &C
     let Opened { provenance, evaluator } = args.asset.open(console)?;
     let evaluator = drawn(evaluator, console);
     let resolution = args.resolution.unwrap_or(HEADLESS_RESOLUTION);
-    let needed = crate::render::frame::memory_bytes(resolution);
-    console.check_memory(needed, "use a smaller --resolution, or raise --max-memory")?;
-    let camera = args.view.camera.unwrap_or_default().resolve(&evaluator.scene().mesh, resolution)?;
+    check_memory(resolution, console)?;
+    let settings = RenderSettings {
+        samples_per_pixel: SAMPLES_PER_PIXEL,
+        ..args.view.settings(&evaluator.scene().mesh, resolution)?
+    };
     let texture = args.view.load_texture(&evaluator.scene().mesh, console)?;
     let again = || Ok(Summed::of(args.asset.open(console)?.evaluator));
-    let Placed { place, note } = place(args.device.choice(), evaluator, &again)?;
+    let (place, note) = place(args.device, evaluator, &again)?;
     note.iter().for_each(|note| console.note(note));
     let animation = Animation {
         frames,
         folder: out.to_owned(),
-        camera,
-        resolution,
+        settings,
         exposure: args.view.exposure,
-        specular: args.view.specular(),
         texture,
-        background: args.view.background,
         lights,
         method: provenance.method,
     };
@@ -151,8 +127,7 @@ fn animate(args: &RelightArgs, frames: usize, out: &std::path::Path, console: &C
         summary.transport_ms.median,
         summary.draw_ms.median
     ));
-    console.report("relight", &AnimationReport { folder: out, timings: &timings })?;
-    Ok(ExitCode::Ok)
+    console.report("relight", &AnimationReport { folder: out, timings: &timings })
 }
 
 #[cfg(not(feature = "gui"))]
@@ -168,17 +143,13 @@ fn window(_: &RelightArgs, _: &Console, _: Arc<rayon::ThreadPool>) -> Result<Exi
 struct WindowRun<'a> {
     method: &'a str,
     lights: &'a [String],
-    window: &'a crate::relight::window::WindowReport,
+    window: &'a crate::relight::timings::WindowReport,
 }
 
 #[cfg(feature = "gui")]
 fn window(args: &RelightArgs, console: &Console, pool: Arc<rayon::ThreadPool>) -> Result<ExitCode> {
-    use crate::relight::window::{Session, Turn, run};
-    if let Some(seconds) = args.quit_after
-        && !(0.0..=1e6).contains(&seconds)
-    {
-        return Err(Error::command_line(format!("--quit-after {seconds}: seconds from 0 to 1000000 are needed")));
-    }
+    use crate::relight::window::{Session, Settings, run};
+    let quit_after_s = args.quit_after.map(|seconds| in_range("--quit-after", seconds, 0.0..=1e6)).transpose()?;
     let (lights, opened) =
         pool.install(|| -> Result<_> { Ok((args.lights.load(console)?, args.asset.open(console)?)) })?;
     // Told before a window opens.
@@ -190,16 +161,18 @@ fn window(args: &RelightArgs, console: &Console, pool: Arc<rayon::ThreadPool>) -
         profile: args.asset.profile()?,
         open: Arc::new(move |path, profile| again.again(&registry, path, profile)),
         lights: lights.lights,
-        choice: args.device.choice(),
-        camera: args.view.camera.unwrap_or_default(),
         resolution: args.resolution.unwrap_or(WINDOW_RESOLUTION),
         exposure: args.view.exposure,
         specular: args.view.specular(),
-        texture: args.view.texture.clone(),
         background: args.view.background,
-        turn: if args.turn { Turn::Turning } else { Turn::Still },
-        quit_after_s: args.quit_after,
-        pool: Arc::clone(&pool),
+        turning: args.turn,
+        settings: Settings {
+            choice: args.device,
+            camera: args.view.camera.unwrap_or_default(),
+            texture: args.view.texture.clone(),
+            quit_after_s,
+            pool: Arc::clone(&pool),
+        },
     };
     let shown = run(session)?;
     console.note(&format!(
@@ -207,6 +180,5 @@ fn window(args: &RelightArgs, console: &Console, pool: Arc<rayon::ThreadPool>) -
         shown.frames_per_second, shown.light_updates_per_second, shown.transport, shown.adapter.name
     ));
     let run = WindowRun { method: &opened.provenance.method, lights: &lights.text, window: &shown };
-    pool.install(|| console.report("relight", &run))?;
-    Ok(ExitCode::Ok)
+    pool.install(|| console.report("relight", &run))
 }

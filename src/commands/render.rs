@@ -2,24 +2,20 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
+use clap::{Args, FromArgMatches};
 
 use super::console::Console;
 use super::lights::{LightArgs, ResolvedLights};
 use super::opening::{AssetArgs, Opened};
 use super::output;
-use super::view::ViewArgs;
-use crate::error::{ExitCode, Result};
+use super::view::{ViewArgs, check_memory};
+use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::Evaluator;
 use crate::import::file::{Input, suffix};
-use crate::render::background::Background;
 use crate::render::camera::Resolution;
-use crate::render::camera_text::CameraSpec;
 use crate::render::exit::ExitFresnel;
-use crate::render::film::{ColourType, PngBackground, to_exr, to_png};
-use crate::render::frame::{
-    DEFAULT_SAMPLES_PER_PIXEL, Frame, MAX_SAMPLES_PER_PIXEL, RenderSettings, Specular, memory_bytes, render,
-};
+use crate::render::film::{ColourType, to_exr, to_png};
+use crate::render::frame::{DEFAULT_SAMPLES_PER_PIXEL, Frame, MAX_SAMPLES_PER_PIXEL, RenderSettings, render};
 use crate::render::single::{Scattered, Single};
 use crate::render::texture::Texture;
 use crate::report::picture::RenderReport;
@@ -57,84 +53,38 @@ pub(super) struct PictureArgs {
     samples_per_pixel: u32,
     /// Normalisation of the exit Fresnel factor
     #[arg(long, default_value = "normalised")]
-    exit_fresnel: ExitFresnelArg,
+    exit_fresnel: ExitFresnel,
     /// How OpenEXR pictures store colours; data (normal, depth, coverage, part) always have 32 bits
     #[arg(long, value_name = "TYPE", default_value = "half")]
-    exr_type: ExrTypeArg,
+    exr_type: ColourType,
     /// Files that the asset was made from, for the header of OpenEXR pictures.
     #[arg(skip)]
     sources: Vec<Input>,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum ExrTypeArg {
-    /// 16 bits, up to 65504
-    Half,
-    /// 32 bits
-    Float,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum ExitFresnelArg {
-    /// All that leaves adds up to the radiosity
-    Normalised,
-    /// As in the papers (C = 1): darker
-    Paper,
-}
-
 pub(super) fn run(args: &RenderArgs, console: &Console) -> Result<ExitCode> {
     output::check(&args.output, &["exr", "png"], console)?;
-    args.picture.check_memory(console)?;
+    check_memory(args.picture.resolution, console)?;
     let lights = args.lights.load(console)?;
     let Opened { provenance, mut evaluator } = args.asset.open(console)?;
-    let picture = PictureArgs { sources: provenance.inputs.clone(), ..args.picture.clone() };
+    let picture = PictureArgs { sources: provenance.origin.inputs.clone(), ..args.picture.clone() };
     let (result, _) = finish(evaluator.as_mut(), &provenance.method, lights, &picture, &args.output, console)?;
-    console.report("render", &result)?;
-    Ok(ExitCode::Ok)
+    console.report("render", &result)
 }
 
 impl PictureArgs {
-    /// The default picture arguments for a camera and a resolution.
-    pub(super) fn at(camera: CameraSpec, resolution: Resolution) -> Self {
-        Self {
-            view: ViewArgs::from(camera),
-            resolution,
-            samples_per_pixel: DEFAULT_SAMPLES_PER_PIXEL,
-            exit_fresnel: ExitFresnelArg::Normalised,
-            exr_type: ExrTypeArg::Half,
-            sources: Vec::new(),
-        }
-    }
-
-    fn colours(&self) -> ColourType {
-        match self.exr_type {
-            ExrTypeArg::Half => ColourType::Half,
-            ExrTypeArg::Float => ColourType::Float,
-        }
-    }
-
-    fn check_memory(&self, console: &Console) -> Result<()> {
-        let needed = memory_bytes(self.resolution);
-        let share = (console.max_memory as f64 / needed as f64).sqrt();
-        let side = |n: usize| ((n as f64 * share) as usize).max(1);
-        let fitting = format!("{}x{}", side(self.resolution.width), side(self.resolution.height));
-        console.check_memory(needed, &format!("--resolution {fitting} would fit, or raise --max-memory"))
+    /// The arguments as they would be typed, the others by default.
+    pub(super) fn of(words: [&str; 4]) -> Result<Self> {
+        let command = Self::augment_args(clap::Command::new("picture").no_binary_name(true));
+        let matches = command.try_get_matches_from(words);
+        let parsed = matches.and_then(|matches| Self::from_arg_matches(&matches));
+        parsed.map_err(|e| Error::runtime(format!("picture: {e}")))
     }
 
     fn settings(&self, evaluator: &dyn Evaluator) -> Result<RenderSettings> {
-        let spec = self.view.camera.unwrap_or_default();
-        Ok(RenderSettings {
-            camera: spec.resolve(&evaluator.scene().mesh, self.resolution)?,
-            resolution: self.resolution,
-            samples_per_pixel: self.samples_per_pixel,
-            exit_fresnel: match self.exit_fresnel {
-                ExitFresnelArg::Normalised => ExitFresnel::Normalised,
-                ExitFresnelArg::Paper => ExitFresnel::Paper,
-            },
-            background: self.view.background,
-            specular: self.view.specular(),
-            white: f64::INFINITY,
-        })
+        let (samples_per_pixel, exit_fresnel) = (self.samples_per_pixel, self.exit_fresnel);
+        let settings = self.view.settings(&evaluator.scene().mesh, self.resolution)?;
+        Ok(RenderSettings { samples_per_pixel, exit_fresnel, ..settings })
     }
 }
 
@@ -181,14 +131,11 @@ pub(super) fn finish(
         samples_per_pixel: settings.samples_per_pixel,
         exit_fresnel: settings.exit_fresnel,
         background: settings.background.to_string(),
-        roughness: match settings.specular {
-            Specular::Off => None,
-            Specular::Rough(roughness) => Some(roughness),
-        },
+        roughness: settings.specular.roughness(),
         texture: texture.as_ref().map(ToString::to_string),
         single_scattering: frame.single,
         single_scattering_paths,
-        exr_type: picture.colours(),
+        exr_type: picture.exr_type,
         exposure: picture.view.exposure.to_string(),
         exposure_factor: picture.view.exposure.factor(&frame),
         coverage: frame.pixels.iter().map(|p| f64::from(p.coverage)).sum::<f64>() / frame.pixels.len() as f64,
@@ -196,17 +143,12 @@ pub(super) fn finish(
         cost: evaluator.cost(),
         header: Vec::new(),
     };
-    let image = picture_input(texture.as_ref())?;
+    let image = texture.as_ref().and_then(Texture::path).map(Input::read).transpose()?;
     result.header = result.attributes(evaluator.scene(), &picture.sources, image.as_ref());
     result.inputs.extend(image);
     explain(&result, &frame, console);
     write(&frame, &settings, &result, outputs, console)?;
     Ok((result, frame))
-}
-
-/// The file of a texture, hashed.
-fn picture_input(texture: Option<&Texture>) -> Result<Option<Input>> {
-    texture.and_then(Texture::path).map(Input::read).transpose()
 }
 
 /// The work of single scattering towards the eye, as a number that does not depend on the machine.
@@ -246,10 +188,6 @@ fn write(
     console: &Console,
 ) -> Result<()> {
     let (png, exr): (Vec<&PathBuf>, Vec<&PathBuf>) = outputs.iter().partition(|path| suffix(path) == "png");
-    let background = match settings.background {
-        Background::None => PngBackground::Transparent,
-        Background::Environment | Background::Colour(_) => PngBackground::Shown,
-    };
     output::write(&exr, console, || to_exr(frame, result.exr_type, result.header.clone()))?;
-    output::write(&png, console, || to_png(frame, result.exposure_factor, background))
+    output::write(&png, console, || to_png(frame, result.exposure_factor, settings.background))
 }

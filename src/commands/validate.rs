@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::console::{Console, Strictness};
+use super::console::Console;
 use crate::error::{ExitCode, Result};
 use crate::report::validation::{catalogue, validate};
 
@@ -18,9 +18,9 @@ pub(super) struct ValidateArgs {
 pub(super) fn run(args: &ValidateArgs, console: &Console) -> Result<ExitCode> {
     let result = validate(&args.asset, &console.registry, console)?;
     console.show("validate", &result)?;
-    Ok(match (result.errors, result.finding_warnings, console.strictness) {
+    Ok(match (result.errors, result.finding_warnings, console.global.strict) {
         (1.., _, _) => ExitCode::InvalidInput,
-        (_, 1.., Strictness::Fail) => ExitCode::QualityNotMet,
+        (_, 1.., true) => ExitCode::QualityNotMet,
         _ => ExitCode::Ok,
     })
 }

@@ -6,9 +6,10 @@ use super::console::Console;
 use crate::error::Result;
 use crate::geometry::mesh::Mesh;
 use crate::render::background::Background;
+use crate::render::camera::{Resolution, xyz};
 use crate::render::camera_text::CameraSpec;
 use crate::render::film::Exposure;
-use crate::render::frame::Specular;
+use crate::render::frame::{RenderSettings, Specular, memory_bytes};
 use crate::render::specular::Roughness;
 use crate::render::texture::Texture;
 use crate::render::texture::spec::{MarbleSpec, TextureSpec};
@@ -41,7 +42,6 @@ pub(super) struct ViewArgs {
 
 fn texture_help() -> String {
     let MarbleSpec { base, veins, turbulence, octaves, sharpness, .. } = MarbleSpec::default();
-    let rgb = |v: glam::DVec3| format!("{},{},{}", v.x, v.y, v.z);
     format!(
         "Albedo that scattered light is multiplied by, not reflected light, and the same in every light:\n  \
          none\n  \
@@ -51,22 +51,26 @@ fn texture_help() -> String {
          Keys of marble: scale (mm between veins; default a fifth of the diagonal), base and veins (linear R,G,B or one \
          number, 0 to 1; default {} and {}), turbulence (how far veins are shifted, in their distances; default \
          {turbulence}), octaves (of the turbulence; default {octaves}), sharpness (of the veins; default {sharpness}), seed.",
-        rgb(base),
-        rgb(veins)
+        xyz(base),
+        xyz(veins)
     )
 }
 
+/// Refuses a picture that the memory limit does not allow.
+pub(super) fn check_memory(resolution: Resolution, console: &Console) -> Result<()> {
+    let needed = memory_bytes(resolution);
+    let share = (console.max_memory as f64 / needed as f64).sqrt();
+    let side = |n: usize| ((n as f64 * share) as usize).max(1);
+    let (width, height) = (side(resolution.width), side(resolution.height));
+    console.check_memory(needed, &format!("--resolution {width}x{height} would fit, or raise --max-memory"))
+}
+
 impl ViewArgs {
-    /// The default view arguments for a camera.
-    pub(super) fn from(camera: CameraSpec) -> Self {
-        Self {
-            camera: Some(camera),
-            exposure: Exposure::Auto,
-            background: Background::Environment,
-            roughness: Roughness::default(),
-            no_specular: false,
-            texture: TextureSpec::None,
-        }
+    /// The settings of a picture of a mesh.
+    pub(super) fn settings(&self, mesh: &Mesh, resolution: Resolution) -> Result<RenderSettings> {
+        let camera = self.camera.unwrap_or_default().resolve(mesh, resolution)?;
+        let (background, specular) = (self.background, self.specular());
+        Ok(RenderSettings { background, specular, ..RenderSettings::new(camera, resolution) })
     }
 
     pub(super) fn specular(&self) -> Specular {

@@ -18,19 +18,14 @@ pub struct Input {
 }
 
 impl Input {
-    /// Hashes the bytes of a file.
-    pub fn of(path: &Path, bytes: &[u8]) -> Self {
-        let name = path.file_name().map_or_else(|| "-".to_owned(), |n| n.to_string_lossy().into_owned());
-        Self { name, blake3: blake3::hash(bytes).to_hex().to_string(), bytes: bytes.len() as u64 }
-    }
-
     /// Reads a file and hashes it.
     ///
     /// # Errors
     /// I/O; the message starts with the path.
     pub fn read(path: &Path) -> Result<Self> {
         let bytes = std::fs::read(path).map_err(|e| Error::io(path, &e))?;
-        Ok(Self::of(path, &bytes))
+        let name = path.file_name().map_or_else(|| "-".to_owned(), |n| n.to_string_lossy().into_owned());
+        Ok(Self { name, blake3: blake3::hash(&bytes).to_hex().to_string(), bytes: bytes.len() as u64 })
     }
 }
 

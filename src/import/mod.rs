@@ -37,7 +37,7 @@ use crate::progress::{Progress, stage};
 use crate::scene::Scene;
 
 /// Unit, media, parts and roles that turn a source into a scene.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct ImportOptions {
     /// Unit or size; without one the unit of the file, which an OBJ file does not have.
     pub scale: Option<Scale>,
@@ -49,13 +49,6 @@ pub struct ImportOptions {
     pub opaque: Vec<String>,
     /// Materials of the source that are left out.
     pub skip: Vec<String>,
-}
-
-impl Default for ImportOptions {
-    fn default() -> Self {
-        let (materials, parts) = (MaterialChoice::default(), PartsRule::Auto);
-        Self { scale: None, materials, parts, opaque: Vec::new(), skip: Vec::new() }
-    }
 }
 
 /// A source in memory, and the files that it was read from.
@@ -78,6 +71,12 @@ pub struct Origin {
     pub mm_per_source_unit: f64,
     /// Repairs and choices that affect the result; the last one tells how components became parts.
     pub notes: Vec<String>,
+}
+
+impl Default for Origin {
+    fn default() -> Self {
+        Self { inputs: Vec::new(), source_unit: "mm".to_owned(), mm_per_source_unit: 1.0, notes: Vec::new() }
+    }
 }
 
 /// A scene, its origin and the checks of its mesh.

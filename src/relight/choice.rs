@@ -12,15 +12,14 @@ use crate::evaluate::{
 };
 
 /// The device that a user asks for.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum DeviceChoice {
-    /// Shaders on a graphics adapter; on a software adapter, transport on the CPU and drawing there; all on the CPU
-    /// without one.
+    /// Shaders on a graphics adapter; on a software adapter, transport on the CPU; without any, all on the CPU.
     #[default]
     Auto,
-    /// Transport in compute shaders, drawn by the adapter.
+    /// Transport in compute shaders.
     Gpu,
-    /// All on the CPU.
+    /// Transport on the CPU.
     Cpu,
 }
 
@@ -36,32 +35,25 @@ pub enum Place {
     Device(Box<dyn DeviceEvaluator>),
 }
 
-/// A placed evaluator, with a note for the user.
-pub struct Placed {
-    /// The evaluator.
-    pub place: Place,
-    /// A line of text where the device is not the expected one.
-    pub note: Option<String>,
-}
-
-/// Places the evaluator `first`; `open` makes it again if it is needed once more.
+/// Places the evaluator `first`; `open` makes it again if it is needed once more. Returns it with a note for the user where
+/// the device is not the expected one.
 ///
 /// # Errors
 /// `Gpu` without an adapter, without shaders for the method or in a build without them (exit 5); those of `open`.
 #[cfg(feature = "gpu")]
-pub fn place(choice: DeviceChoice, first: Box<dyn Evaluator>, open: Open) -> Result<Placed> {
+pub fn place(choice: DeviceChoice, first: Box<dyn Evaluator>, open: Open) -> Result<(Place, Option<String>)> {
     if choice == DeviceChoice::Cpu {
-        return Ok(Placed { place: Place::Cpu(first), note: None });
+        return Ok((Place::Cpu(first), None));
     }
     match (Device::open(), choice) {
         (Ok(device), _) => {
             let (evaluator, note) = on(&device, choice, first, open)?;
-            Ok(Placed { place: Place::Device(evaluator), note })
+            Ok((Place::Device(evaluator), note))
         }
         (Err(error), DeviceChoice::Gpu) => Err(error),
         (Err(error), _) => {
             let note = Some(format!("{}; pictures are drawn on the CPU", error.message()));
-            Ok(Placed { place: Place::Cpu(first), note })
+            Ok((Place::Cpu(first), note))
         }
     }
 }
@@ -71,17 +63,14 @@ pub fn place(choice: DeviceChoice, first: Box<dyn Evaluator>, open: Open) -> Res
 /// # Errors
 /// `Gpu` (exit 5).
 #[cfg(not(feature = "gpu"))]
-pub fn place(choice: DeviceChoice, first: Box<dyn Evaluator>, _open: Open) -> Result<Placed> {
+pub fn place(choice: DeviceChoice, first: Box<dyn Evaluator>, _open: Open) -> Result<(Place, Option<String>)> {
     let missing = "this build has no graphics (cargo feature `gpu`)";
-    match choice {
-        DeviceChoice::Gpu => {
-            Err(crate::error::Error::unsupported(format!("{missing}; the CPU does the same with --device cpu")))
-        }
-        DeviceChoice::Cpu => Ok(Placed { place: Place::Cpu(first), note: None }),
-        DeviceChoice::Auto => {
-            Ok(Placed { place: Place::Cpu(first), note: Some(format!("{missing}; pictures are drawn on the CPU")) })
-        }
+    if choice == DeviceChoice::Gpu {
+        let message = format!("{missing}; the CPU does the same with --device cpu");
+        return Err(crate::error::Error::unsupported(message));
     }
+    let note = (choice == DeviceChoice::Auto).then(|| format!("{missing}; pictures are drawn on the CPU"));
+    Ok((Place::Cpu(first), note))
 }
 
 /// Places the evaluator on a device; with `Cpu`, only its radiosity.

@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::import::file::suffix;
+
 /// Largest number in the name of a saved picture.
 const MAX_NUMBER: u32 = 9999;
 
@@ -36,9 +38,8 @@ pub enum Dropped {
 impl Dropped {
     /// The kind of the file at `path`.
     pub fn new(path: &Path) -> Self {
-        let suffix = path.extension().map(|s| s.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
         let name = path.file_name().map_or_else(|| path.to_string_lossy(), |n| n.to_string_lossy());
-        match suffix.as_str() {
+        match suffix(path).as_str() {
             "tlux" => Self::Asset(path.to_owned()),
             "hdr" | "exr" => Self::Environment(path.to_owned()),
             "obj" | "ply" | "gltf" | "glb" => {

@@ -13,17 +13,19 @@ use super::raster::{
     picture::{LinearPicture, Picture},
     view::View,
 };
-use super::timings::{Adapter, FrameTime, SCHEMA, Summary, Timings};
+use super::timings::{Adapter, FrameTime, SCHEMA, Stages, Timings};
 use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
 use crate::evaluate::exitance::Exitance;
 use crate::io::atomic;
 use crate::light::Light;
 use crate::progress::{Progress, Silent};
+#[cfg(feature = "gpu")]
 use crate::render::background::Background;
-use crate::render::camera::{Camera, Resolution};
-use crate::render::film::{Exposure, MAX_STOPS, PngBackground, to_png};
-use crate::render::frame::{RenderSettings, Specular, render};
+#[cfg(feature = "gpu")]
+use crate::render::camera::Resolution;
+use crate::render::film::{Exposure, MAX_STOPS, to_png};
+use crate::render::frame::{RenderSettings, render};
 use crate::render::single::Scattered;
 use crate::render::texture::Texture;
 
@@ -39,18 +41,12 @@ pub struct Animation {
     pub frames: usize,
     /// Folder of the pictures; created if its parent exists.
     pub folder: PathBuf,
-    /// The camera.
-    pub camera: Camera,
-    /// Size of the pictures.
-    pub resolution: Resolution,
+    /// Camera, size, surface and background of the pictures; the samples are those of pictures on the CPU.
+    pub settings: RenderSettings,
     /// Brightness; automatic exposure is that of the first frame, so that nothing flickers.
     pub exposure: Exposure,
-    /// Specular reflection.
-    pub specular: Specular,
     /// The texture that multiplies scattered light.
     pub texture: Option<Texture>,
-    /// The background beside the object.
-    pub background: Background,
     /// Lights of the first frame.
     pub lights: Vec<Light>,
     /// Method of the asset, for the file of timings.
@@ -66,6 +62,7 @@ pub fn run(place: Place, animation: &Animation, progress: &dyn Progress) -> Resu
     make_folder(&animation.folder)?;
     let mut painter = Painter::new(place, animation)?;
     let pivot = pivot_mm(&painter.evaluator().scene().mesh);
+    let settings = &animation.settings;
     let lights_of = |frame: usize| -> Vec<Light> {
         let degrees = 360.0 * frame as f64 / animation.frames as f64;
         animation.lights.iter().map(|l| if frame == 0 { l.clone() } else { turned(l, degrees, pivot) }).collect()
@@ -75,26 +72,27 @@ pub fn run(place: Place, animation: &Animation, progress: &dyn Progress) -> Resu
     let mut frames = Vec::with_capacity(animation.frames);
     for frame in 0..animation.frames {
         let file = frame_name(frame, animation.frames);
-        let (time, png) = painter.frame(animation, lights_of(frame), exposure)?;
+        let (times, png) = painter.frame(animation, lights_of(frame), exposure)?;
         atomic::write(&animation.folder.join(&file), &png)?;
-        frames.push(FrameTime { file, ..time });
+        frames.push(FrameTime { file, times });
         progress.advance(1);
     }
     progress.finish();
+    let (adapter, transport) = painter.drawn_by();
     let evaluator = painter.evaluator();
     let timings = Timings {
         schema: SCHEMA,
         version: env!("CARGO_PKG_VERSION"),
-        adapter: painter.adapter(),
-        transport: painter.transport(),
+        adapter,
+        transport,
         method: animation.method.clone(),
         vertices: evaluator.scene().mesh.local_mm.len(),
         samples: evaluator.cost().samples,
-        resolution: animation.resolution,
-        camera: animation.camera.to_string(),
+        resolution: settings.resolution,
+        camera: settings.camera.to_string(),
         lights: animation.lights.iter().map(ToString::to_string).collect(),
         exposure_factor: exposure,
-        summary: Summary::of(&frames),
+        summary: Stages::of(&frames),
         frames,
     };
     let text = serde_json::to_string_pretty(&timings).map_err(|e| Error::runtime(format!("timings: {e}")))?;
@@ -133,43 +131,29 @@ impl Painter {
             #[cfg(feature = "gpu")]
             Place::Device(evaluator) => {
                 let mut raster = Raster::new(evaluator.as_ref(), &[Finish::PICTURE])?;
-                raster.set_media(&evaluator.scene().media, animation.specular);
+                raster.set_media(&evaluator.scene().media, animation.settings.specular);
                 raster.set_texture(animation.texture.as_ref())?;
-                let picture = Picture::new(raster.device(), animation.resolution)?;
+                let picture = Picture::new(raster.device(), animation.settings.resolution)?;
                 let shadows = super::raster::shadows::Shadows::new(evaluator.scene());
                 Ok(Self::Device(Box::new(OnDevice { evaluator, raster, picture, shadows })))
             }
         }
     }
 
-    fn evaluator(&self) -> &dyn Evaluator {
+    fn evaluator(&mut self) -> &mut dyn Evaluator {
         match self {
-            Self::Cpu(evaluator) => evaluator.as_ref(),
+            Self::Cpu(evaluator) => evaluator.as_mut(),
             #[cfg(feature = "gpu")]
-            Self::Device(on) => on.evaluator.as_ref(),
+            Self::Device(on) => on.evaluator.as_mut(),
         }
     }
 
-    fn adapter(&self) -> Option<Adapter> {
+    /// The adapter, if one draws, and where the transport runs.
+    fn drawn_by(&self) -> (Option<Adapter>, String) {
         match self {
-            Self::Cpu(_) => None,
+            Self::Cpu(_) => (None, "CPU".to_owned()),
             #[cfg(feature = "gpu")]
-            Self::Device(on) => {
-                let device = on.raster.device();
-                Some(Adapter {
-                    name: device.info.name.clone(),
-                    kind: if device.is_software() { "software" } else { "graphics" },
-                    backend: device.info.backend.to_string(),
-                })
-            }
-        }
-    }
-
-    fn transport(&self) -> String {
-        match self {
-            Self::Cpu(_) => "CPU".to_owned(),
-            #[cfg(feature = "gpu")]
-            Self::Device(on) => on.evaluator.transport(),
+            Self::Device(on) => (Some(Adapter::of(on.raster.device())), on.evaluator.transport()),
         }
     }
 
@@ -178,37 +162,30 @@ impl Painter {
         if let Exposure::Stops(stops) = animation.exposure {
             return Ok(stops.clamp(-MAX_STOPS, MAX_STOPS).exp2());
         }
-        let evaluator: &mut dyn Evaluator = match self {
-            Self::Cpu(evaluator) => evaluator.as_mut(),
-            #[cfg(feature = "gpu")]
-            Self::Device(on) => on.evaluator.as_mut(),
-        };
+        let evaluator = self.evaluator();
         evaluator.set_lights(animation.lights.clone(), progress)?;
-        evaluator.set_eye(animation.camera.at_mm());
+        evaluator.set_eye(animation.settings.camera.at_mm());
         let radiosity = evaluator.radiosity(progress)?;
         let scattered = scattered(&radiosity, animation);
-        let frame = render(evaluator, scattered, &animation.lights, &settings(animation), progress)?;
+        let frame = render(evaluator, scattered, &animation.lights, &animation.settings, progress)?;
         Ok(animation.exposure.factor(&frame))
     }
 
-    /// Times of a frame, without its name, and its PNG.
-    fn frame(&mut self, animation: &Animation, lights: Vec<Light>, exposure: f64) -> Result<(FrameTime, Vec<u8>)> {
+    /// Times of a frame, and its PNG.
+    fn frame(&mut self, animation: &Animation, lights: Vec<Light>, exposure: f64) -> Result<(Stages<f64>, Vec<u8>)> {
         match self {
             Self::Cpu(evaluator) => {
-                let mut clock = Clock::start();
+                let start = Instant::now();
                 evaluator.set_lights(lights.clone(), &Silent)?;
-                evaluator.set_eye(animation.camera.at_mm());
-                let light_ms = clock.lap_ms();
+                evaluator.set_eye(animation.settings.camera.at_mm());
+                let lit = Instant::now();
                 let radiosity = evaluator.radiosity(&Silent)?;
-                let transport_ms = clock.lap_ms();
+                let transported = Instant::now();
                 let scattered = scattered(&radiosity, animation);
-                let frame = render(evaluator.as_ref(), scattered, &lights, &settings(animation), &Silent)?;
-                let draw_ms = clock.lap_ms();
-                let background = match animation.background {
-                    Background::None => PngBackground::Transparent,
-                    Background::Environment | Background::Colour(_) => PngBackground::Shown,
-                };
-                Ok((time(light_ms, transport_ms, draw_ms), to_png(&frame, exposure, background)?))
+                let frame = render(evaluator.as_ref(), scattered, &lights, &animation.settings, &Silent)?;
+                let drawn = Instant::now();
+                let png = to_png(&frame, exposure, animation.settings.background)?;
+                Ok((times([start, lit, transported, drawn]), png))
             }
             #[cfg(feature = "gpu")]
             Self::Device(on) => on.frame(animation, lights, exposure),
@@ -218,28 +195,28 @@ impl Painter {
 
 #[cfg(feature = "gpu")]
 impl OnDevice {
-    fn frame(&mut self, animation: &Animation, lights: Vec<Light>, exposure: f64) -> Result<(FrameTime, Vec<u8>)> {
-        let mut clock = Clock::start();
+    fn frame(&mut self, animation: &Animation, lights: Vec<Light>, exposure: f64) -> Result<(Stages<f64>, Vec<u8>)> {
+        let (settings, start) = (&animation.settings, Instant::now());
         self.evaluator.set_lights(lights.clone(), &Silent)?;
-        self.evaluator.set_eye(animation.camera.at_mm());
-        let visibility = match animation.specular.roughness() {
+        self.evaluator.set_eye(animation.settings.camera.at_mm());
+        let visibility = match settings.specular.roughness() {
             Some(_) => self.shadows.visibility(self.evaluator.bvh(), &lights),
             None => Vec::new(),
         };
-        let light_ms = clock.lap_ms();
+        let lit = Instant::now();
         self.evaluator.update(&Silent)?;
         self.raster.shown().publish(self.evaluator.as_ref(), &visibility)?;
         self.raster.device().wait()?;
-        let transport_ms = clock.lap_ms();
+        let transported = Instant::now();
         self.raster.set_lights(&lights)?;
         let view = View {
-            specular: animation.specular,
-            background: animation.background,
-            ..View::new(animation.camera, animation.resolution, exposure)
+            specular: settings.specular,
+            background: settings.background,
+            ..View::new(settings.camera, settings.resolution, exposure)
         };
         let picture = self.picture.take(&self.raster, &view)?;
-        let draw_ms = clock.lap_ms();
-        Ok((time(light_ms, transport_ms, draw_ms), png(&picture, animation.background)?))
+        let drawn = Instant::now();
+        Ok((times([start, lit, transported, drawn]), png(&picture, settings.background)?))
     }
 }
 
@@ -247,44 +224,24 @@ impl OnDevice {
 #[cfg(feature = "gpu")]
 pub(super) fn png(picture: &LinearPicture, background: Background) -> Result<Vec<u8>> {
     let Resolution { width, height } = picture.resolution;
-    if background == Background::None {
-        let colour = |[r, g, b, a]: [f32; 4]| if a > 0.0 { [r / a, g / a, b / a] } else { [0.0; 3] };
-        let rgb: Vec<[f32; 3]> = picture.pixels.iter().map(|p| colour(*p)).collect();
-        let alpha: Vec<f32> = picture.pixels.iter().map(|p| p[3]).collect();
-        return crate::io::png::encode_png(width, height, &rgb, Some(&alpha));
-    }
-    let rgb: Vec<[f32; 3]> = picture.pixels.iter().map(|[r, g, b, _]| [*r, *g, *b]).collect();
-    crate::io::png::encode_png(width, height, &rgb, None)
+    let opaque = background != Background::None;
+    let colour = |[r, g, b, a]: [f32; 4]| match a {
+        _ if opaque => [r, g, b],
+        a if a > 0.0 => [r / a, g / a, b / a],
+        _ => [0.0; 3],
+    };
+    let rgb: Vec<[f32; 3]> = picture.pixels.iter().map(|p| colour(*p)).collect();
+    let alpha: Option<Vec<f32>> = (!opaque).then(|| picture.pixels.iter().map(|p| p[3]).collect());
+    crate::io::png::encode_png(width, height, &rgb, alpha.as_deref())
 }
 
 fn scattered<'a>(exitance: &'a dyn Exitance, animation: &'a Animation) -> Scattered<'a> {
     Scattered { texture: animation.texture.as_ref(), ..Scattered::from(exitance) }
 }
 
-fn settings(animation: &Animation) -> RenderSettings {
-    let mut settings = RenderSettings::new(animation.camera, animation.resolution);
-    settings.samples_per_pixel = SAMPLES_PER_PIXEL;
-    settings.background = animation.background;
-    settings.specular = animation.specular;
-    settings
-}
-
-fn time(light_ms: f64, transport_ms: f64, draw_ms: f64) -> FrameTime {
-    FrameTime { file: String::new(), light_ms, transport_ms, draw_ms, total_ms: light_ms + transport_ms + draw_ms }
-}
-
-/// A stopwatch.
-struct Clock(Instant);
-
-impl Clock {
-    fn start() -> Self {
-        Self(Instant::now())
-    }
-
-    fn lap_ms(&mut self) -> f64 {
-        let now = Instant::now();
-        let lap = now - self.0;
-        self.0 = now;
-        lap.as_secs_f64() * 1e3
-    }
+/// The times between the four moments of a frame.
+fn times(moments: [Instant; 4]) -> Stages<f64> {
+    let ms = |lap: usize| (moments[lap + 1] - moments[lap]).as_secs_f64() * 1e3;
+    let (light_ms, transport_ms, draw_ms) = (ms(0), ms(1), ms(2));
+    Stages { light_ms, transport_ms, draw_ms, total_ms: light_ms + transport_ms + draw_ms }
 }

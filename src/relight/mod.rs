@@ -4,7 +4,6 @@ pub mod choice;
 pub mod files;
 pub mod headless;
 pub mod lights;
-pub mod newest;
 pub mod orbit;
 #[cfg(feature = "gpu")]
 pub mod raster;

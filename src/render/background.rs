@@ -4,6 +4,7 @@ use std::str::FromStr;
 
 use glam::DVec3;
 
+use super::camera::xyz;
 use crate::error::{Error, Result};
 use crate::light::Light;
 use crate::light::environment::{EnvironmentMap, Rotation};
@@ -58,7 +59,7 @@ impl std::fmt::Display for Background {
         match self {
             Self::Environment => f.write_str("env"),
             Self::None => f.write_str("none"),
-            Self::Colour(c) => write!(f, "{},{},{}", c.x, c.y, c.z),
+            Self::Colour(colour) => f.write_str(&xyz(*colour)),
         }
     }
 }

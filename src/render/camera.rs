@@ -95,7 +95,7 @@ impl Camera {
         let up = checked_vector("up", up)?;
         let fov_degrees = checked_fov(fov_degrees)?;
         let Some(forward) = unit(look_mm - at_mm) else {
-            return wrong(format!("at and look are both {}; move one of them", text(at_mm)));
+            return wrong(format!("at and look are both {}; move one of them", xyz(at_mm)));
         };
         let Some(up_unit) = unit(up) else {
             return wrong("up=0,0,0 has no direction; type for example up=0,1,0".to_owned());
@@ -104,10 +104,10 @@ impl Camera {
         if across.length() < PARALLEL_SINE {
             return wrong(format!(
                 "up={} is parallel to the view from at={} to look={}; give the direction that is up in the picture, for example up={}",
-                text(up),
-                text(at_mm),
-                text(look_mm),
-                text(upward_of(forward))
+                xyz(up),
+                xyz(at_mm),
+                xyz(look_mm),
+                xyz(upward_of(forward))
             ));
         }
         let right = across.normalize();
@@ -139,18 +139,15 @@ impl Camera {
     ) -> Result<Self> {
         let frame = Self::new(look_mm + direction, look_mm, up, fov_degrees)?;
         let limit = DVec2::new(resolution.aspect(), 1.0) * frame.half_height * FILL;
-        let distance = mesh.triangles.iter().flatten().fold(0.0f64, |distance, &v| {
+        let (mut distance, mut nearest) = (0.0f64, 0.0f64);
+        for &v in mesh.triangles.iter().flatten() {
             let p = mesh.position_mm(v) - look_mm;
             let beside = DVec2::new(p.dot(frame.right), p.dot(frame.upward)).abs() / limit;
+            distance = distance.max(beside.max_element() - p.dot(frame.forward));
             // In front of the eye, even where a wide view would let it come as near as it likes.
-            distance.max(beside.max_element() - p.dot(frame.forward))
-        });
+            nearest = nearest.max(-p.dot(frame.forward));
+        }
         let diagonal = mesh.diagonal_mm();
-        let nearest = mesh
-            .triangles
-            .iter()
-            .flatten()
-            .fold(0.0f64, |nearest, &v| nearest.max((look_mm - mesh.position_mm(v)).dot(frame.forward)));
         let distance = distance.max(nearest + 1e-2 * diagonal).max(1e-6);
         Self::new(rounded(look_mm + direction * distance, diagonal), look_mm, up, fov_degrees)
     }
@@ -202,7 +199,7 @@ impl Camera {
 /// The canonical text form, which [`CameraSpec`](super::camera_text::CameraSpec) reads back bit for bit.
 impl std::fmt::Display for Camera {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let (at, look, up) = (text(self.at_mm), text(self.look_mm), text(self.up));
+        let (at, look, up) = (xyz(self.at_mm), xyz(self.look_mm), xyz(self.up));
         write!(f, "at={at}:look={look}:up={up}:fov={}", self.fov_degrees)
     }
 }
@@ -214,7 +211,7 @@ pub(super) fn checked_vector(key: &str, v: DVec3) -> Result<DVec3> {
         // Adding zero turns -0 into 0, which prints as people expect.
         return Ok(v + 0.0);
     }
-    Err(Error::command_line(format!("{key}={} must hold finite numbers up to 1e12", text(v))))
+    Err(Error::command_line(format!("{key}={} must hold finite numbers up to 1e12", xyz(v))))
 }
 
 /// Checks that a plane picture can have the field of view.
@@ -271,6 +268,7 @@ fn unit(v: DVec3) -> Option<DVec3> {
     (largest > 0.0 && largest.is_finite()).then(|| (v / largest).normalize())
 }
 
-fn text(v: DVec3) -> String {
+/// Three numbers as they are typed.
+pub(crate) fn xyz(v: DVec3) -> String {
     format!("{},{},{}", v.x, v.y, v.z)
 }

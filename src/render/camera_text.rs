@@ -67,7 +67,7 @@ fn read(text: &str) -> Result<CameraSpec> {
             "at" => set(&mut spec.at_mm, key, vector(key, value)?)?,
             "look" => set(&mut spec.look_mm, key, vector(key, value)?)?,
             "up" => set(&mut spec.up, key, vector(key, value)?)?,
-            "fov" => set(&mut spec.fov_degrees, key, checked_fov(number(key, value)?)?)?,
+            "fov" => set(&mut spec.fov_degrees, key, checked_fov(number(key, value, value)?)?)?,
             _ => return Err(Error::command_line(format!("`{key}` is not one of its keys (at, look, up, fov)"))),
         }
     }
@@ -85,27 +85,25 @@ fn set<T>(slot: &mut Option<T>, key: &str, value: T) -> Result<()> {
     }
 }
 
-fn number(key: &str, value: &str) -> Result<f64> {
-    one_number(value).map_err(|what| Error::command_line(format!("{what} in {key}={value}")))
-}
-
 fn vector(key: &str, value: &str) -> Result<DVec3> {
     let parts: Vec<&str> = value.split(',').collect();
     let &[x, y, z] = parts.as_slice() else {
         let count = parts.len();
         return Err(Error::command_line(format!("{key} takes X,Y,Z, not {count} numbers, and it is `{value}`")));
     };
-    let component = |part| one_number(part).map_err(|what| Error::command_line(format!("{what} in {key}={value}")));
+    let component = |part| number(key, value, part);
     checked_vector(key, DVec3::new(component(x)?, component(y)?, component(z)?))
 }
 
-fn one_number(part: &str) -> std::result::Result<f64, String> {
+/// The number of a part of a key's value.
+fn number(key: &str, value: &str, part: &str) -> Result<f64> {
     let part = part.trim();
-    match part.parse::<f64>() {
-        Ok(number) if number.is_finite() => Ok(number),
-        Ok(_) => Err(format!("`{part}` is not finite")),
-        Err(_) => Err(format!("`{part}` is not a number")),
-    }
+    let what = match part.parse::<f64>() {
+        Ok(number) if number.is_finite() => return Ok(number),
+        Ok(_) => "finite",
+        Err(_) => "a number",
+    };
+    Err(Error::command_line(format!("`{part}` is not {what} in {key}={value}")))
 }
 
 fn with_example(error: Error) -> Error {

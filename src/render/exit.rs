@@ -5,13 +5,15 @@ use std::f64::consts::FRAC_1_PI;
 use crate::medium::fresnel::{diffuse_transmittance, transmittance};
 
 /// Normalisation of the exit Fresnel factor.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum ExitFresnel {
     /// `L = F_t(eta, mu) B / (pi C)` with `C = 2 Int_0^1 F_t mu dmu`, so that `Int L mu dw = B`.
     #[default]
+    #[value(help = "All that leaves adds up to the radiosity")]
     Normalised,
     /// `L = F_t(eta, mu) B / pi`, as in the papers: their pictures are darker by C.
+    #[value(help = "As in the papers (C = 1): darker")]
     Paper,
 }
 

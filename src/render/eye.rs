@@ -24,7 +24,7 @@ pub(super) const TILE: usize = 16;
 const RAYS_TOGETHER: usize = 16;
 /// Least ratio of exit cosine to geometric cosine: a smooth normal may face away from the eye near the outline of a
 /// coarse mesh, where Fresnel's factor would make whole triangles black.
-const LEAST_COSINE_SHARE: f64 = 0.5;
+pub(crate) const LEAST_COSINE_SHARE: f64 = 0.5;
 
 /// Numbers of hits, and of hits from behind. Integers give the same sums in any order.
 #[derive(Clone, Copy, Default)]
@@ -225,24 +225,17 @@ impl<'a> Renderer<'a> {
                 let (x, y) = pixels[index / samples];
                 let pixel = (y * self.settings.resolution.width + x) as u64;
                 let ray = EyeRay { pixel, sample: (index % samples) as u32, of: samples as u32 };
-                self.shade(&hit, *direction, ray)
+                self.shade(&hit, *direction, ray, sum)
             };
-            let Some(seen) = hit.and_then(ray) else {
+            let Some((from_behind, place)) = hit.and_then(ray) else {
                 let radiance = self.backdrop.radiance(*direction);
                 sum.background += radiance;
                 sum.glare += (radiance - self.settings.white).max(DVec3::ZERO);
                 continue;
             };
-            sum.diffuse += seen.radiance;
-            sum.single += seen.single;
-            sum.albedo += seen.albedo;
-            sum.normal += seen.normal;
-            sum.depth_mm += seen.depth_mm;
-            sum.hits += 1;
-            sum.count(seen.part);
             counts.hits += 1;
-            counts.from_behind += u64::from(seen.from_behind);
-            if let Some(place) = seen.place {
+            counts.from_behind += u64::from(from_behind);
+            if let Some(place) = place {
                 desk.places.push(place);
                 desk.of_place.push(index as u32);
             }
@@ -312,7 +305,9 @@ impl<'a> Renderer<'a> {
         desk.of_place.clear();
     }
 
-    fn shade(&self, hit: &Hit, direction: DVec3, ray: EyeRay) -> Option<Seen> {
+    /// Adds what an eye ray sees to a sum; returns whether it is a back side, and the point that reflects the lights, if
+    /// any.
+    fn shade(&self, hit: &Hit, direction: DVec3, ray: EyeRay, sum: &mut Sum) -> Option<(bool, Option<Place>)> {
         let Scene { mesh, parts, .. } = self.scene;
         let vertices = *mesh.triangles.get(hit.triangle as usize)?;
         let (u, v) = (f64::from(hit.u), f64::from(hit.v));
@@ -326,44 +321,33 @@ impl<'a> Renderer<'a> {
         let part = parts.triangle_part.get(hit.triangle as usize).copied().unwrap_or(u32::MAX);
         let medium = parts.parts.get(part as usize).and_then(|p| p.medium);
         let boundary = medium.and_then(|m| self.boundaries.get(m as usize));
-        let mut seen = Seen {
-            radiance: DVec3::ZERO,
-            single: DVec3::ZERO,
-            albedo: DVec3::ZERO,
-            normal,
-            depth_mm: (point - self.eye).dot(self.settings.camera.forward()),
-            from_behind: cos_geometric <= 0.0,
-            part,
-            place: None,
+        sum.normal += normal;
+        sum.depth_mm += (point - self.eye).dot(self.settings.camera.forward());
+        sum.hits += 1;
+        sum.count(part);
+        let Some(boundary) = boundary.filter(|_| cos_geometric > 0.0) else {
+            return Some((cos_geometric <= 0.0, None));
         };
-        if let Some(boundary) = boundary.filter(|_| cos_geometric > 0.0) {
-            let least = LEAST_COSINE_SHARE * cos_geometric;
-            let cosine = (-normal.dot(direction)).max(least);
-            let place = MeshPoint { triangle: hit.triangle, vertices, barycentric: weights, at_mm: point };
-            seen.radiance = self.exitance.at(&place) * boundary.exit.per_radiosity(cosine);
-            let to_eye = -direction;
-            let normal = facing(normal, to_eye, least).unwrap_or(geometric);
-            let exit = ExitPoint { at_mm: point, normal, geometric, part };
-            let medium = medium.map_or(0, |m| m as usize);
-            let spot = Spot { point: &place, exit, to_eye, cosine, medium };
-            seen.single = self.single.at(&spot, ray);
-            if let Some(texture) = self.texture {
-                seen.albedo = texture.albedo(mesh, hit.triangle, weights, point);
-                seen.radiance *= seen.albedo;
-                seen.single *= seen.albedo;
-            }
-            seen.place = boundary.ggx.map(|ggx| Place {
-                point,
-                triangle: hit.triangle,
-                geometric,
-                normal,
-                to_eye,
-                ggx,
-                lobe: DVec2::ZERO,
-                light: DVec2::ZERO,
-            });
+        let least = LEAST_COSINE_SHARE * cos_geometric;
+        let cosine = (-normal.dot(direction)).max(least);
+        let place = MeshPoint { triangle: hit.triangle, vertices, barycentric: weights, at_mm: point };
+        let mut diffuse = self.exitance.at(&place) * boundary.exit.per_radiosity(cosine);
+        let to_eye = -direction;
+        let normal = facing(normal, to_eye, least).unwrap_or(geometric);
+        let exit = ExitPoint { at_mm: point, normal, geometric, part };
+        let medium = medium.map_or(0, |m| m as usize);
+        let mut single = self.single.at(&Spot { point: &place, exit, to_eye, cosine, medium }, ray);
+        if let Some(texture) = self.texture {
+            let albedo = texture.albedo(mesh, hit.triangle, weights, point);
+            diffuse *= albedo;
+            single *= albedo;
+            sum.albedo += albedo;
         }
-        Some(seen)
+        sum.diffuse += diffuse;
+        sum.single += single;
+        let (triangle, lobe, light) = (hit.triangle, DVec2::ZERO, DVec2::ZERO);
+        let reflecting = |ggx| Place { point, triangle, geometric, normal, to_eye, ggx, lobe, light };
+        Some((false, boundary.ggx.map(reflecting)))
     }
 }
 
@@ -376,19 +360,6 @@ fn facing(normal: DVec3, to_eye: DVec3, least: f64) -> Option<DVec3> {
     }
     let across = (normal - to_eye * cosine).try_normalize()?;
     Some(to_eye * least + across * (1.0 - least * least).max(0.0).sqrt())
-}
-
-/// The point of the object that an eye ray sees.
-struct Seen {
-    radiance: DVec3,
-    single: DVec3,
-    albedo: DVec3,
-    normal: DVec3,
-    depth_mm: f64,
-    from_behind: bool,
-    part: u32,
-    /// The point that reflects the lights, if any.
-    place: Option<Place>,
 }
 
 #[cfg(test)]

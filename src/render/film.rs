@@ -4,7 +4,7 @@ use std::str::FromStr;
 
 use super::background::Background;
 use super::camera::Resolution;
-use super::frame::{AlbedoLayer, Frame, Pixel, RenderSettings, SingleLayer, Specular, render};
+use super::frame::{Frame, Pixel, RenderSettings, SingleLayer, Specular, render};
 use super::single::Scattered;
 use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
@@ -54,15 +54,6 @@ impl std::fmt::Display for Exposure {
     }
 }
 
-/// Treatment in a PNG of pixels that the object does not cover.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PngBackground {
-    /// They show the rendered background.
-    Shown,
-    /// They are transparent.
-    Transparent,
-}
-
 impl Exposure {
     /// The factor on radiance, at least the smallest positive number.
     ///
@@ -103,19 +94,23 @@ impl Exposure {
 /// The radiance that becomes white; none where all is black.
 fn white(pixels: &[Pixel]) -> Option<f64> {
     let brightest = |p: &Pixel| f64::from(scattered(p).into_iter().fold(0.0, f32::max)) / f64::from(p.coverage);
-    let mut values: Vec<f64> = pixels.iter().filter(|p| p.coverage > 0.0).map(brightest).collect();
-    let rank = (AUTO_EXPOSURE_PERCENTILE * values.len() as f64).ceil() as usize;
-    let index = rank.checked_sub(1)?;
-    let (_, value, _) = values.select_nth_unstable_by(index, f64::total_cmp);
-    (*value >= f64::MIN_POSITIVE && value.is_finite()).then_some(*value)
+    let value = white_of(pixels.iter().filter(|p| p.coverage > 0.0).map(brightest).collect())?;
+    (value >= f64::MIN_POSITIVE && value.is_finite()).then_some(value)
 }
 
-/// Encodes an 8-bit sRGB PNG of the beauty without its glare (transparent: without the background, not multiplied by
-/// alpha), times `factor`.
+/// The percentile of automatic exposure among some values, by nearest rank.
+pub(crate) fn white_of(mut values: Vec<f64>) -> Option<f64> {
+    let rank = (AUTO_EXPOSURE_PERCENTILE * values.len() as f64).ceil() as usize;
+    let (_, value, _) = values.select_nth_unstable_by(rank.checked_sub(1)?, f64::total_cmp);
+    Some(*value)
+}
+
+/// Encodes an 8-bit sRGB PNG of the beauty without its glare, times `factor`; transparent and not multiplied by alpha where
+/// there is no background.
 ///
 /// # Errors
 /// As [`encode_png`].
-pub fn to_png(frame: &Frame, factor: f64, background: PngBackground) -> Result<Vec<u8>> {
+pub fn to_png(frame: &Frame, factor: f64, background: Background) -> Result<Vec<u8>> {
     let Resolution { width, height } = frame.resolution;
     let expose = |c: f32, factor: f64| match f64::from(c) * factor {
         // Black stays black under a factor that overflowed.
@@ -123,21 +118,15 @@ pub fn to_png(frame: &Frame, factor: f64, background: PngBackground) -> Result<V
         _ => 0.0,
     };
     let exposed = |v: [f32; 3], factor: f64| v.map(|c| expose(c, factor));
-    match background {
-        PngBackground::Shown => {
-            let rgb: Vec<[f32; 3]> = frame.pixels.iter().map(|p| exposed(without_glare(p, p.beauty), factor)).collect();
-            encode_png(width, height, &rgb, None)
-        }
-        PngBackground::Transparent => {
-            let unmultiplied = |p: &Pixel| match p.coverage {
-                c if c > 0.0 => exposed(without_glare(p, object(p)), factor / f64::from(c)),
-                _ => [0.0; 3],
-            };
-            let rgb: Vec<[f32; 3]> = frame.pixels.iter().map(unmultiplied).collect();
-            let alpha: Vec<f32> = frame.pixels.iter().map(|p| p.coverage).collect();
-            encode_png(width, height, &rgb, Some(&alpha))
-        }
-    }
+    let opaque = background != Background::None;
+    let shown = |p: &Pixel| match p.coverage {
+        _ if opaque => exposed(without_glare(p, p.beauty), factor),
+        c if c > 0.0 => exposed(without_glare(p, object(p)), factor / f64::from(c)),
+        _ => [0.0; 3],
+    };
+    let rgb: Vec<[f32; 3]> = frame.pixels.iter().map(shown).collect();
+    let alpha: Option<Vec<f32>> = (!opaque).then(|| frame.pixels.iter().map(|p| p.coverage).collect());
+    encode_png(width, height, &rgb, alpha.as_deref())
 }
 
 fn without_glare(p: &Pixel, radiance: [f32; 3]) -> [f32; 3] {
@@ -169,7 +158,7 @@ pub fn side_by_side(pictures: &[(Frame, f64)]) -> Result<Frame> {
         pixels,
         back_facing_share: 0.0,
         single: SingleLayer::None,
-        albedo: AlbedoLayer::None,
+        textured: false,
     })
 }
 
@@ -185,11 +174,12 @@ fn scattered(p: &Pixel) -> [f32; 3] {
 }
 
 /// Storage of the colours of an OpenEXR picture.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum ColourType {
     /// 16 bits: 11 significant bits up to 65504, where brighter values are clamped.
     #[default]
+    #[value(help = "16 bits, up to 65504")]
     Half,
     /// 32 bits.
     Float,
@@ -238,7 +228,7 @@ pub fn to_exr(frame: &Frame, colours: ColourType, attributes: Vec<(String, Strin
         layers.push(layer("single", triple(rgb, colour, |p| p.single)));
     }
     layers.push(layer("specular", triple(rgb, colour, |p| p.specular)));
-    if frame.albedo != AlbedoLayer::None {
+    if frame.textured {
         layers.push(layer("albedo", triple(rgb, colour, |p| p.albedo)));
     }
     layers.extend([
@@ -261,7 +251,7 @@ mod tests {
 
     fn frame(width: usize, pixels: Vec<Pixel>) -> Frame {
         let resolution = Resolution::new(width, pixels.len() / width).unwrap();
-        Frame { resolution, pixels, back_facing_share: 0.0, single: SingleLayer::None, albedo: AlbedoLayer::None }
+        Frame { resolution, pixels, back_facing_share: 0.0, single: SingleLayer::None, textured: false }
     }
 
     fn pixel(radiance: [f32; 3], coverage: f32) -> Pixel {
@@ -289,13 +279,13 @@ mod tests {
         let highlight = Pixel { beauty: [10.2; 3], specular: [10.0; 3], glare: [9.9; 3], ..pixel([0.2; 3], 1.0) };
         let plain = pixel([0.3; 3], 1.0);
         let shown = |f: &Frame, background| decode_png(&to_png(f, 1.0, background).unwrap()).unwrap().rgb;
-        let expected = shown(&frame(2, vec![plain; 2]), PngBackground::Shown);
+        let expected = shown(&frame(2, vec![plain; 2]), Background::Environment);
         let bright = frame(2, vec![highlight, plain]);
-        assert_eq!(shown(&bright, PngBackground::Shown), expected);
-        assert_eq!(shown(&bright, PngBackground::Transparent), expected);
+        assert_eq!(shown(&bright, Background::Environment), expected);
+        assert_eq!(shown(&bright, Background::None), expected);
         let pair = side_by_side(&[(bright, 1.0), (frame(1, vec![pixel([0.15; 3], 1.0)]), 2.0)]).unwrap();
         assert_eq!((pair.resolution.width, pair.resolution.height), (3, 1));
-        assert_eq!(shown(&pair, PngBackground::Shown), shown(&frame(3, vec![plain; 3]), PngBackground::Shown));
+        assert_eq!(shown(&pair, Background::Environment), shown(&frame(3, vec![plain; 3]), Background::Environment));
         assert!(side_by_side(&[]).is_err());
         assert!(side_by_side(&[(frame(1, vec![plain]), 1.0), (frame(1, vec![plain; 2]), 1.0)]).is_err());
     }
@@ -327,7 +317,7 @@ mod tests {
     fn png_holds_exact_srgb_of_the_exposed_beauty() {
         let values: Vec<f32> = (0..600).map(|i| 1.2 * i as f32 / 599.0).collect();
         let picture = frame(10, values.iter().map(|&v| pixel([v, 0.5 * v, -v], 1.0)).collect());
-        let bytes = raw(&to_png(&picture, 2.0, PngBackground::Shown).unwrap());
+        let bytes = raw(&to_png(&picture, 2.0, Background::Environment).unwrap());
         assert_eq!(bytes.len(), 1800);
         for (i, &v) in values.iter().enumerate() {
             let v = f64::from(v);
@@ -339,16 +329,16 @@ mod tests {
     #[test]
     fn transparent_png_keeps_the_colour_of_the_outline() {
         let picture = frame(1, vec![pixel([0.5, 0.25, 1.0], 0.25), pixel([0.0; 3], 0.0)]);
-        let bytes = raw(&to_png(&picture, 1.0, PngBackground::Transparent).unwrap());
+        let bytes = raw(&to_png(&picture, 1.0, Background::None).unwrap());
         assert_eq!(bytes, [code(0.5), code(0.25), 255, 64, 0, 0, 0, 0]);
-        assert!(decode_png(&to_png(&picture, 1.0, PngBackground::Shown).unwrap()).unwrap().alpha.is_none());
+        assert!(decode_png(&to_png(&picture, 1.0, Background::Environment).unwrap()).unwrap().alpha.is_none());
     }
 
     #[test]
     fn extreme_factors_stay_finite() {
         let picture = frame(2, vec![pixel([f32::MAX, 0.0, -1.0], 1.0), pixel([1e-30, 0.0, -1.0], 1e-3)]);
         for factor in [f64::MIN_POSITIVE, 1e-300, 1e300, f64::MAX] {
-            for background in [PngBackground::Shown, PngBackground::Transparent] {
+            for background in [Background::Environment, Background::None] {
                 assert!(to_png(&picture, factor, background).is_ok());
             }
         }
@@ -358,7 +348,7 @@ mod tests {
     fn transparent_png_shows_reflections() {
         let mut shiny = pixel([0.25; 3], 0.5);
         shiny.specular = [0.125, 0.0, 0.0];
-        let bytes = raw(&to_png(&frame(1, vec![shiny]), 1.0, PngBackground::Transparent).unwrap());
+        let bytes = raw(&to_png(&frame(1, vec![shiny]), 1.0, Background::None).unwrap());
         assert_eq!(bytes, [code(0.5), code(0.25), code(0.25), 128]);
     }
 
@@ -375,14 +365,14 @@ mod tests {
         let bright = Pixel { single: [7e4; 3], ..pixel([0.5; 3], 1.0) };
         assert_eq!(ColourType::Half.cut_pixels(&frame(1, vec![bright])), 1);
         // Transparent pictures show it too.
-        let bytes = raw(&to_png(&with, 0.5, PngBackground::Transparent).unwrap());
+        let bytes = raw(&to_png(&with, 0.5, Background::None).unwrap());
         assert_eq!(bytes[..4], [code(1.0), code(0.375), code(0.25), 255]);
     }
 
     #[test]
     fn a_texture_is_a_layer_of_its_own() {
         let textured = Pixel { albedo: [0.5, 0.25, 0.125], ..pixel([0.5; 3], 1.0) };
-        let with = Frame { albedo: AlbedoLayer::Textured, ..frame(1, vec![textured]) };
+        let with = Frame { textured: true, ..frame(1, vec![textured]) };
         let planes = decode_planes(&to_exr(&with, ColourType::Half, Vec::new()).unwrap()).unwrap();
         assert_eq!(planes.len(), 19);
         let found =

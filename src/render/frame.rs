@@ -26,16 +26,6 @@ pub enum SingleLayer {
     TowardsEye,
 }
 
-/// Use of a texture on the scattered light.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum AlbedoLayer {
-    /// There was no texture.
-    #[default]
-    None,
-    /// [`Pixel::albedo`] is the texture's albedo.
-    Textured,
-}
-
 /// A rendered picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Frame {
@@ -48,8 +38,8 @@ pub struct Frame {
     pub back_facing_share: f64,
     /// The meaning of [`Pixel::single`].
     pub single: SingleLayer,
-    /// The meaning of [`Pixel::albedo`].
-    pub albedo: AlbedoLayer,
+    /// Whether [`Pixel::albedo`] is that of a texture.
+    pub textured: bool,
 }
 
 /// Largest number of channels of a picture in a file.
@@ -102,8 +92,8 @@ pub fn render<'a>(
         Single::PerVertex(_) => SingleLayer::PerVertex,
         Single::TowardsEye(_) => SingleLayer::TowardsEye,
     };
-    let albedo = if scattered.texture.is_some() { AlbedoLayer::Textured } else { AlbedoLayer::None };
-    Ok(Frame { resolution, pixels, back_facing_share: back_facing.share(), single, albedo })
+    let (back_facing_share, textured) = (back_facing.share(), scattered.texture.is_some());
+    Ok(Frame { resolution, pixels, back_facing_share, single, textured })
 }
 
 fn check(settings: &RenderSettings) -> Result<()> {

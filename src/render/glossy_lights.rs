@@ -56,12 +56,6 @@ impl Place {
     }
 }
 
-/// A light without extent.
-enum Sharp {
-    Directional { from: DVec3, irradiance: DVec3 },
-    Point { at: DVec3, intensity: DVec3 },
-}
-
 struct Rectangle {
     corner: DVec3,
     normal: DVec3,
@@ -97,7 +91,11 @@ pub(super) struct ShadowRays {
 }
 
 impl ShadowRays {
+    /// Adds a ray, unless it gains nothing.
     fn push(&mut self, index: usize, place: &Place, to_light: DVec3, distance: f64, gain: DVec3) {
+        if gain == DVec3::ZERO || !gain.is_finite() {
+            return;
+        }
         let origin = offset_origin(place.point.as_vec3(), place.geometric.as_vec3());
         self.rays.push(Ray { t_max: distance as f32, ..Ray::new(origin, to_light.as_vec3()) });
         self.skip.push(place.triangle);
@@ -121,7 +119,8 @@ impl ShadowRays {
 
 /// Lights prepared for specular reflection.
 pub(super) struct GlossyLights {
-    sharp: Vec<Sharp>,
+    /// Directional and point lights, relative to the mesh's origin.
+    sharp: Vec<Light>,
     rectangles: Vec<Rectangle>,
     constant: DVec3,
     maps: Vec<(GlossyMap, Rotation, DVec3)>,
@@ -142,11 +141,9 @@ impl GlossyLights {
         for light in lights {
             match light {
                 Light::Constant { radiance } => all.constant += *radiance,
-                Light::Directional { from, irradiance } => {
-                    all.sharp.push(Sharp::Directional { from: *from, irradiance: *irradiance });
-                }
-                Light::Point { at_mm, intensity } => {
-                    all.sharp.push(Sharp::Point { at: *at_mm - origin_mm, intensity: *intensity });
+                Light::Directional { .. } => all.sharp.push(light.clone()),
+                &Light::Point { at_mm, intensity } => {
+                    all.sharp.push(Light::Point { at_mm: at_mm - origin_mm, intensity });
                 }
                 Light::Area { at_mm, normal, u, size_mm, radiance, .. } => {
                     let edges = [*u, normal.cross(*u)];
@@ -172,18 +169,17 @@ impl GlossyLights {
         for light in &self.sharp {
             for (index, place) in places.iter().enumerate() {
                 let (to_light, distance, irradiance) = match light {
-                    Sharp::Directional { from, irradiance } => (*from, f64::INFINITY, *irradiance),
-                    Sharp::Point { at, intensity } => {
-                        let offset = *at - place.point;
+                    Light::Directional { from, irradiance } => (*from, f64::INFINITY, *irradiance),
+                    Light::Point { at_mm, intensity } => {
+                        let offset = *at_mm - place.point;
                         let distance = offset.length();
                         (offset / distance, distance, *intensity / (distance * distance))
                     }
+                    Light::Constant { .. } | Light::Area { .. } | Light::Environment { .. } => continue,
                 };
                 // A light in the surface itself has no direction.
                 let gain = if distance > 0.0 { place.response(to_light) * irradiance } else { DVec3::ZERO };
-                if gain != DVec3::ZERO && gain.is_finite() {
-                    shadow.push(index, place, to_light, distance, gain);
-                }
+                shadow.push(index, place, to_light, distance, gain);
             }
             shadow.resolve(bvh, out);
         }
@@ -237,18 +233,14 @@ impl GlossyLights {
             let density = place.ggx.density_per_sr(place.normal.dot(half), place.normal.dot(place.to_eye));
             // The light's density is 1 / solid_angle: L f cos / density times the balance heuristic.
             let gain = light.radiance * (place.response(to_light) * solid_angle / (1.0 + density * solid_angle));
-            if gain != DVec3::ZERO && gain.is_finite() {
-                shadow.push(index, place, to_light, distance, gain);
-            }
+            shadow.push(index, place, to_light, distance, gain);
         }
         if let Some(sample) = reflection
             && let Some(distance) = light.distance(place.point, sample.to_light)
         {
             let share = sample.density_per_sr * solid_angle;
             let gain = light.radiance * (sample.weight * share / (1.0 + share));
-            if gain != DVec3::ZERO && gain.is_finite() {
-                shadow.push(index, place, sample.to_light, distance, gain);
-            }
+            shadow.push(index, place, sample.to_light, distance, gain);
         }
     }
 }

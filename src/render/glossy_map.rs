@@ -183,14 +183,10 @@ mod tests {
     use super::*;
     use crate::light::sky::sky;
     use crate::math::random::uniform;
+    use crate::math::sphere::random_direction;
 
     fn directions(count: u64) -> impl Iterator<Item = DVec3> {
-        (0..count).map(|i| {
-            let z = 2.0 * uniform(1, i, 0) - 1.0;
-            let (sin, cos) = (TAU * uniform(1, i, 1)).sin_cos();
-            let r = (1.0 - z * z).sqrt();
-            DVec3::new(r * cos, z, r * sin)
-        })
+        (0..count).map(|i| random_direction(1, i))
     }
 
     #[test]

@@ -5,7 +5,7 @@ pub mod background;
 pub mod camera;
 pub mod camera_text;
 pub mod exit;
-mod eye;
+pub(crate) mod eye;
 pub mod film;
 pub mod frame;
 mod glossy_lights;

@@ -3,6 +3,7 @@
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
+use crate::geometry::mesh::Mesh;
 use crate::scene::Scene;
 
 /// Cosine of the crease angle: an edge between triangles whose normals differ by more than 60 degrees stays sharp.
@@ -50,6 +51,18 @@ impl ShadingNormals {
         let [a, b, c] = self.corners[triangle as usize].map(|n| n.as_dvec3());
         (a * weights[0] + b * weights[1] + c * weights[2]).normalize_or_zero()
     }
+}
+
+/// Sum of the normals around each welded vertex, weighted by twice the areas of their triangles, mm^2.
+pub(crate) fn welded_normals_mm2(mesh: &Mesh) -> Vec<DVec3> {
+    let mut normals = vec![DVec3::ZERO; mesh.weld.len()];
+    for triangle in 0..mesh.triangles.len() as u32 {
+        let cross = mesh.cross_mm2(triangle);
+        for vertex in mesh.welded(triangle) {
+            normals[vertex as usize] += cross;
+        }
+    }
+    normals
 }
 
 /// The source's normal of a corner, unit length, if it is usable.

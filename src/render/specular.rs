@@ -93,13 +93,6 @@ pub fn distribution(alpha: f64, cos_half: f64) -> f64 {
     FRAC_1_PI * a2 / (t * t)
 }
 
-/// Smith's masking G1: the share of the facets' projected area that is visible from a direction at this cosine.
-#[inline]
-pub fn masking(alpha: f64, cos: f64) -> f64 {
-    let cos = cos.max(f64::MIN_POSITIVE);
-    2.0 * cos / (cos + slope_root(alpha, cos))
-}
-
 /// `G2 / (4 cos_i cos_o)`, height-correlated, in a form without a division by small cosines.
 #[inline]
 pub fn visibility(alpha: f64, cos_i: f64, cos_o: f64) -> f64 {

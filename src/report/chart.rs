@@ -1,6 +1,8 @@
-//! The files of a chart: tables, drawings and the page.
+//! The files of a chart and of a growth measurement: tables, drawings and the page.
 
 use std::path::{Path, PathBuf};
+
+use serde::Serialize;
 
 use crate::error::{Error, Result};
 use crate::io::atomic;
@@ -10,6 +12,8 @@ use crate::measure::chart::front::pareto;
 use crate::measure::chart::page::{Triple, page};
 use crate::measure::chart::table::csv;
 use crate::measure::chart::{Chart, Row, Truth};
+use crate::measure::growth::draw::Curves;
+use crate::measure::growth::{self, Axis, Growth, Quantity, table};
 use crate::render::film::Exposure;
 use crate::render::frame::Frame;
 
@@ -59,12 +63,7 @@ const AMPLIFICATION: f32 = 10.0;
 
 /// Writes tables, charts and the page; `shown` has one entry for each row. Returns the page's path.
 pub(crate) fn write(chart: &Chart, shown: &[Shown], folder: &Path) -> Result<PathBuf> {
-    let put = |name: &str, bytes: &[u8]| atomic::write(&folder.join(name), bytes);
-    let json = serde_json::to_string_pretty(chart).map_err(|e| Error::runtime(format!("chart.json: {e}")))?;
-    put("chart.json", format!("{json}\n").as_bytes())?;
-    put("chart.csv", csv(chart).as_bytes())?;
-    let mut charts = Vec::new();
-    let mut members = Vec::new();
+    let (mut drawings, mut members) = (Vec::new(), Vec::new());
     for (index, truth) in chart.truths.iter().enumerate() {
         let rows: Vec<(usize, &Row)> = chart.rows.iter().enumerate().filter(|(_, row)| is_of(row, truth)).collect();
         let name = |what: &str| if index == 0 { what.to_owned() } else { format!("{what}-{}", index + 1) };
@@ -73,22 +72,56 @@ pub(crate) fn write(chart: &Chart, shown: &[Shown], folder: &Path) -> Result<Pat
             members.extend(pareto(&places).into_iter().map(|i| rows[i].0));
             let scatter = scatter(cost, truth, &rows);
             let (svg, png) = (as_svg(&scatter)?, as_png(&scatter)?);
-            put(&format!("{}.svg", name(cost.file)), svg.as_bytes())?;
-            put(&format!("{}.png", name(cost.file)), &png)?;
-            charts.push((scatter.title, svg));
+            drawings.push((name(cost.file), scatter.title, svg, png));
         }
         let bars = bars(truth, &rows);
         let (svg, png) = (as_svg(&bars)?, as_png(&bars)?);
-        put(&format!("{}.svg", name("stages")), svg.as_bytes())?;
-        put(&format!("{}.png", name("stages")), &png)?;
-        charts.push((bars.title, svg));
+        drawings.push((name("stages"), bars.title, svg, png));
     }
+    let charts = tables_and_drawings(folder, "chart", chart, &csv(chart), drawings)?;
     members.sort_unstable();
     members.dedup();
     let triple = |&index: &usize| triple(&chart.rows[index], &shown[index]);
     let pictures: Vec<Triple> = members.iter().map(triple).collect::<Result<_>>()?;
-    put("index.html", page(chart, &charts, &pictures).as_bytes())?;
-    Ok(folder.join("index.html"))
+    let path = folder.join("index.html");
+    atomic::write(&path, page(chart, &charts, &pictures).as_bytes())?;
+    Ok(path)
+}
+
+/// Writes tables, charts and the page of a growth measurement; returns the page's path.
+pub(crate) fn write_growth(growth: &Growth, folder: &Path) -> Result<PathBuf> {
+    let mut drawings = Vec::new();
+    for (axis, quantity) in Axis::ALL.into_iter().flat_map(|axis| Quantity::ALL.map(|quantity| (axis, quantity))) {
+        if let Some(curves) = Curves::of(growth, axis, quantity) {
+            let (svg, png) = (as_svg(&curves)?, as_png(&curves)?);
+            drawings.push((format!("{}-{}", axis.name(), quantity.name()), curves.title, svg, png));
+        }
+    }
+    let charts = tables_and_drawings(folder, "growth", growth, &table::csv(&growth.points), drawings)?;
+    let path = folder.join("growth.html");
+    atomic::write(&path, growth::page::page(growth, &charts).as_bytes())?;
+    Ok(path)
+}
+
+/// Writes figures as JSON and CSV, and drawings (name, title, SVG, PNG); returns titles and SVGs.
+fn tables_and_drawings<T: Serialize>(
+    folder: &Path,
+    stem: &str,
+    figures: &T,
+    csv: &str,
+    drawings: Vec<(String, String, String, Vec<u8>)>,
+) -> Result<Vec<(String, String)>> {
+    let put = |name: String, bytes: &[u8]| atomic::write(&folder.join(name), bytes);
+    let json = serde_json::to_string_pretty(figures).map_err(|e| Error::runtime(format!("{stem}.json: {e}")))?;
+    put(format!("{stem}.json"), format!("{json}\n").as_bytes())?;
+    put(format!("{stem}.csv"), csv.as_bytes())?;
+    let mut charts = Vec::new();
+    for (name, title, svg, png) in drawings {
+        put(format!("{name}.svg"), svg.as_bytes())?;
+        put(format!("{name}.png"), &png)?;
+        charts.push((title, svg));
+    }
+    Ok(charts)
 }
 
 fn is_of(row: &Row, truth: &Truth) -> bool {

@@ -7,8 +7,8 @@ use std::sync::Arc;
 use serde::Serialize;
 
 use super::materials::MediumReport;
-use super::sizes::{Sizes, sizes};
-use super::text::{megabytes, percent, table};
+use super::sizes::{KindSize, SectionSize, Sizes, sizes};
+use super::text::{megabytes, percent, titled};
 use crate::asset::{Asset, Provenance};
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
@@ -108,8 +108,7 @@ fn parts(asset: &Asset) -> Vec<PartRow> {
 /// Bytes by kind; decoded bytes are those of the sections, not of the evaluator.
 fn kinds(r: &Inspection) -> String {
     let per_vertex = |bytes: u64| format!("{:.1}", bytes as f64 / r.vertices.max(1) as f64);
-    let mut rows = vec![["kind", "sections", "stored", "decoded", "bytes/vertex stored", "decoded"].map(str::to_owned)];
-    rows.extend(r.sizes.kinds.iter().map(|k| {
+    let row = |k: &KindSize| {
         [
             k.kind.to_owned(),
             k.sections.to_string(),
@@ -118,8 +117,9 @@ fn kinds(r: &Inspection) -> String {
             per_vertex(k.stored_bytes),
             per_vertex(k.decoded_bytes),
         ]
-    }));
-    table(&rows)
+    };
+    let titles = ["kind", "sections", "stored", "decoded", "bytes/vertex stored", "decoded"];
+    titled(titles, r.sizes.kinds.iter().map(row))
 }
 
 impl fmt::Display for Inspection {
@@ -146,21 +146,20 @@ impl fmt::Display for Inspection {
             writeln!(f, "without a new bake: {}", edits_of(edits))?;
         }
         writeln!(f, "{}", kinds(self))?;
-        let mut rows = vec![["section", "kind", "type", "codec", "rows", "stored", "decoded"].map(str::to_owned)];
-        rows.extend(self.sizes.sections.iter().map(|s| {
+        let section = |s: &SectionSize| {
             [
                 s.tag.clone(),
-                s.kind.clone(),
+                s.kind.to_owned(),
                 format!("{} x{}", s.element, s.components),
-                s.codec.clone(),
+                s.codec.to_owned(),
                 s.rows.to_string(),
                 megabytes(s.stored_bytes),
                 megabytes(s.decoded_bytes),
             ]
-        }));
-        writeln!(f, "{}", table(&rows))?;
-        let mut rows = vec![["part", "medium", "triangles", "area mm^2", "samples"].map(str::to_owned)];
-        rows.extend(self.parts.iter().map(|p| {
+        };
+        let titles = ["section", "kind", "type", "codec", "rows", "stored", "decoded"];
+        writeln!(f, "{}", titled(titles, self.sizes.sections.iter().map(section)))?;
+        let part = |p: &PartRow| {
             [
                 p.name.clone(),
                 p.medium.clone().unwrap_or_else(|| "opaque".to_owned()),
@@ -168,17 +167,18 @@ impl fmt::Display for Inspection {
                 format!("{:.1}", p.area_mm2),
                 p.samples.to_string(),
             ]
-        }));
-        writeln!(f, "{}", table(&rows))?;
+        };
+        let titles = ["part", "medium", "triangles", "area mm^2", "samples"];
+        writeln!(f, "{}", titled(titles, self.parts.iter().map(part)))?;
         for entry in &self.ledger.entries {
             writeln!(f, "error of {}: {} RMS ({})", entry.stage, percent(entry.error.rms), entry.note)?;
         }
-        let from = &self.provenance;
+        let from = &self.provenance.origin;
         for input in &from.inputs {
             writeln!(f, "from {} ({} bytes, BLAKE3 {})", input.name, input.bytes, input.blake3)?;
         }
         writeln!(f, "scale {} mm in a unit of the source ({})", from.mm_per_source_unit, from.source_unit)?;
-        let settings: Vec<String> = from.settings.iter().map(|(k, v)| format!("{k}={v}")).collect();
+        let settings: Vec<String> = self.provenance.settings.iter().map(|(k, v)| format!("{k}={v}")).collect();
         write!(f, "settings {}", settings.join(" "))?;
         from.notes.iter().try_for_each(|note| write!(f, "\nnote {note}"))
     }

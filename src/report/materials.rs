@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::Serialize;
 
-use super::text::{significant, table};
+use super::text::{significant, titled};
 use crate::medium::fresnel::BoundaryFit;
 use crate::medium::material::{Medium, OpticalProperties, PRESETS};
 
@@ -58,7 +58,7 @@ impl MaterialsReport {
 
 impl fmt::Display for MaterialsReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let header = ["material", "sigma_s' 1/mm", "sigma_a 1/mm", "eta", "mean free path mm", "diffusion mm", "R_d"];
+        let titles = ["material", "sigma_s' 1/mm", "sigma_a 1/mm", "eta", "mean free path mm", "diffusion mm", "R_d"];
         let row = |MaterialRow { medium, total_reflectance }: &MaterialRow| {
             let OpticalProperties { sigma_s_reduced_per_mm, sigma_a_per_mm, eta_inside_over_outside, .. } =
                 medium.properties;
@@ -73,8 +73,6 @@ impl fmt::Display for MaterialsReport {
                 total_reflectance.map(|v| format!("{v:.3}")).join(" "),
             ]
         };
-        let rows: Vec<[String; 7]> =
-            [header.map(str::to_owned)].into_iter().chain(self.materials.iter().map(row)).collect();
-        f.write_str(&table(&rows))
+        f.write_str(&titled(titles, self.materials.iter().map(row)))
     }
 }

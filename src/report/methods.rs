@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::Serialize;
 
-use super::text::{percent, table};
+use super::text::{percent, titled};
 use crate::evaluate::Method;
 use crate::evaluate::keys::{AnyKey, Audience};
 
@@ -89,7 +89,7 @@ impl MethodRow {
             [format!("  --set {}=", key.name), key.default.to_owned(), help]
         };
         let keys = self.keys.iter().filter(is_shown).map(line);
-        lines.push(table(&[aim.map(str::to_owned)].into_iter().chain(keys).collect::<Vec<_>>()));
+        lines.push(titled(aim, keys));
         let hidden = self.keys.iter().filter(|key| !is_shown(key)).count();
         if hidden > 0 {
             lines.push(format!("  {hidden} more for experts: translux methods {} --all", self.name));

@@ -23,7 +23,6 @@ pub(crate) mod chart;
 pub mod comparison;
 pub(crate) mod evaluation;
 pub mod findings;
-pub(crate) mod growth;
 pub mod inspection;
 pub mod materials;
 pub(crate) mod methods;
@@ -35,12 +34,12 @@ pub mod validation;
 
 use std::path::{Path, PathBuf};
 
-use serde::{Serialize, Serializer};
+use serde::{Deserialize, Serialize, Serializer};
 
 use crate::error::{Error, Result};
 
 /// Time that a stage took.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct StageTime {
     /// Name of the stage.
     pub stage: String,

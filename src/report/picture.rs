@@ -8,7 +8,7 @@ use crate::evaluate::Cost;
 use crate::geometry::part_table::PartEntry;
 use crate::import::file::Input;
 use crate::medium::material::Medium;
-use crate::render::camera::Resolution;
+use crate::render::camera::{Resolution, xyz};
 use crate::render::exit::ExitFresnel;
 use crate::render::film::ColourType;
 use crate::render::frame::SingleLayer;
@@ -77,15 +77,12 @@ impl RenderReport {
             ("background", self.background.clone()),
             ("units", "radiance: linear sRGB; depth: mm along the viewing axis, infinite beside the object".to_owned()),
         ];
-        match self.single_scattering {
-            SingleLayer::None => {}
-            SingleLayer::PerVertex => {
-                all.push(("singleScattering", "along the inverse normal of the vertices".to_owned()));
-            }
-            SingleLayer::TowardsEye => {
-                all.push(("singleScattering", "along the refracted direction of the eye".to_owned()));
-            }
-        }
+        let single = match self.single_scattering {
+            SingleLayer::None => None,
+            SingleLayer::PerVertex => Some("along the inverse normal of the vertices"),
+            SingleLayer::TowardsEye => Some("along the refracted direction of the eye"),
+        };
+        all.extend(single.map(|text| ("singleScattering", text.to_owned())));
         all.extend(self.texture.clone().map(|texture| ("texture", texture)));
         let image = image.map_or(&[] as &[Input], std::slice::from_ref);
         for (name, inputs) in [("bakedFrom", sources), ("environments", &self.inputs), ("textureFrom", image)] {
@@ -98,13 +95,12 @@ impl RenderReport {
 }
 
 fn optical_properties(medium: &Medium) -> String {
-    let rgb = |v: glam::DVec3| format!("{},{},{}", v.x, v.y, v.z);
     let p = &medium.properties;
     format!(
         "{}: sigma_s'={}/mm sigma_a={}/mm eta={} g={}",
         medium.name,
-        rgb(p.sigma_s_reduced_per_mm),
-        rgb(p.sigma_a_per_mm),
+        xyz(p.sigma_s_reduced_per_mm),
+        xyz(p.sigma_a_per_mm),
         p.eta_inside_over_outside,
         p.g
     )

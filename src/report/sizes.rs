@@ -1,7 +1,7 @@
 //! Bytes of an asset by section and purpose.
 
 use serde::Serialize;
-use translux_format::{Budget, Kind, Reader};
+use translux_format::{Budget, Kind, Reader, SectionInfo};
 
 use crate::error::{Error, Result};
 
@@ -37,10 +37,10 @@ pub(super) struct KindSize {
 #[derive(Clone, Debug, Serialize)]
 pub(super) struct SectionSize {
     pub(super) tag: String,
-    pub(super) kind: String,
-    pub(super) element: String,
+    pub(super) kind: &'static str,
+    pub(super) element: &'static str,
     pub(super) components: u16,
-    pub(super) codec: String,
+    pub(super) codec: &'static str,
     pub(super) rows: u64,
     pub(super) stored_bytes: u64,
     pub(super) decoded_bytes: u64,
@@ -63,28 +63,27 @@ pub fn sizes(bytes: &[u8]) -> Result<Sizes> {
         row
     });
     result.kinds = rows.collect();
-    for section in reader.sections() {
-        match section.kind {
-            Kind::Mesh => {}
-            Kind::Environment => {
-                result.stored_environment += section.stored_bytes;
-                result.decoded_environment += section.decoded_bytes;
-            }
+    for (kind, row) in Kind::ALL.iter().zip(&result.kinds) {
+        let (stored, decoded) = match kind {
+            Kind::Mesh => continue,
+            Kind::Environment => (&mut result.stored_environment, &mut result.decoded_environment),
             Kind::Samples | Kind::Method | Kind::Metadata => {
-                result.stored_without_mesh += section.stored_bytes;
-                result.decoded_without_mesh += section.decoded_bytes;
+                (&mut result.stored_without_mesh, &mut result.decoded_without_mesh)
             }
-        }
-        result.sections.push(SectionSize {
-            tag: section.tag.to_string(),
-            kind: section.kind.name().to_owned(),
-            element: section.element.name().to_owned(),
-            components: section.components,
-            codec: section.codec.name().to_owned(),
-            rows: section.rows(),
-            stored_bytes: section.stored_bytes,
-            decoded_bytes: section.decoded_bytes,
-        });
+        };
+        *stored += row.stored_bytes;
+        *decoded += row.decoded_bytes;
     }
+    let section = |section: &SectionInfo| SectionSize {
+        tag: section.tag.to_string(),
+        kind: section.kind.name(),
+        element: section.element.name(),
+        components: section.components,
+        codec: section.codec.name(),
+        rows: section.rows(),
+        stored_bytes: section.stored_bytes,
+        decoded_bytes: section.decoded_bytes,
+    };
+    result.sections = reader.sections().iter().map(section).collect();
     Ok(result)
 }

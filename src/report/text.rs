@@ -57,6 +57,11 @@ pub(crate) fn table<const N: usize>(rows: &[[String; N]]) -> String {
     rows.iter().map(line).collect::<Vec<_>>().join("\n")
 }
 
+/// A table with titles above its columns.
+pub(crate) fn titled<const N: usize>(titles: [&str; N], rows: impl Iterator<Item = [String; N]>) -> String {
+    table(&[titles.map(str::to_owned)].into_iter().chain(rows).collect::<Vec<_>>())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -19,7 +19,7 @@ use translux::progress::Silent;
 use translux::relight::raster::Raster;
 use translux::relight::raster::canvas::Finish;
 use translux::relight::raster::picture::{LinearPicture, Picture};
-use translux::relight::raster::view::{Look, Textured, View, Wires};
+use translux::relight::raster::view::{Look, View};
 use translux::render::background::Background;
 use translux::render::camera::{Camera, Resolution};
 use translux::render::film::Exposure;
@@ -191,10 +191,10 @@ fn a_drawn_texture_is_the_rendered_one() {
     println!("mean {:.4} % of white, worst {:.2} %, {veined} pixels of veins", 100.0 * mean, 100.0 * worst);
     assert!(mean < 0.005 && veined > 500, "{mean} {veined}");
     assert_ne!(plain, drawn.take(&view));
-    assert_eq!(plain, drawn.take(&View { texture: Textured::No, ..view }));
+    assert_eq!(plain, drawn.take(&View { textured: false, ..view }));
     // Radiosity is what the transport gives.
     let radiosity = View { look: Look::Radiosity, ..view };
-    assert_eq!(drawn.take(&radiosity), drawn.take(&View { texture: Textured::No, ..radiosity }));
+    assert_eq!(drawn.take(&radiosity), drawn.take(&View { textured: false, ..radiosity }));
     drawn.raster.set_texture(None).unwrap();
     assert_eq!(plain, drawn.take(&view));
 }
@@ -294,7 +294,7 @@ fn highlights_are_shadowed_and_the_other_views_show_what_they_say() {
     drawn.raster.shown().publish(&drawn.evaluator, &vec![0; vertices]).unwrap();
     let shadowed = drawn.take(&view);
     assert!((sum(&shadowed) - sum(&dull)).abs() < 1e-3 * sum(&dull));
-    let wires = drawn.take(&View { wires: Wires::Shown, ..view });
+    let wires = drawn.take(&View { wires: true, ..view });
     assert_ne!(wires, shadowed);
     let radiosity = drawn.take(&View { look: Look::Radiosity, ..view });
     assert!(sum(&radiosity) > 0.0 && radiosity != shadowed);

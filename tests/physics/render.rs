@@ -20,7 +20,7 @@ use translux::render::background::Background;
 use translux::render::camera::{Camera, Resolution};
 use translux::render::camera_text::CameraSpec;
 use translux::render::exit::ExitFresnel;
-use translux::render::film::{ColourType, Exposure, PngBackground, to_exr, to_png};
+use translux::render::film::{ColourType, Exposure, to_exr, to_png};
 use translux::render::frame::{Frame, Pixel, RenderSettings, render};
 
 fn fibonacci(count: usize) -> impl Iterator<Item = DVec3> {
@@ -224,7 +224,7 @@ fn bytes_do_not_depend_on_threads() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
             let frame = render(&fake, &radiosity, &lights, &view, &Silent).unwrap();
-            let png = to_png(&frame, Exposure::Auto.factor(&frame), PngBackground::Shown).unwrap();
+            let png = to_png(&frame, Exposure::Auto.factor(&frame), Background::Environment).unwrap();
             (to_exr(&frame, ColourType::Half, Vec::new()).unwrap(), png, frame)
         })
     };
@@ -412,10 +412,7 @@ fn hard_views_give_finite_pictures() {
             let values = [p.beauty, p.diffuse, p.normal].concat();
             assert!(values.iter().all(|v| v.is_finite()) && !p.depth_mm.is_nan(), "{at:?}: {p:?}");
         }
-        assert!(
-            to_exr(&frame, ColourType::Half, Vec::new()).is_ok()
-                && to_png(&frame, 1.0, PngBackground::Transparent).is_ok()
-        );
+        assert!(to_exr(&frame, ColourType::Half, Vec::new()).is_ok() && to_png(&frame, 1.0, Background::None).is_ok());
     }
 }
 
@@ -503,11 +500,11 @@ fn the_bunny_is_upright_and_not_mirrored() {
     println!("{} triangles, {resolution}: {:.2} s", mesh.triangles.len(), start.elapsed().as_secs_f64());
     if let Some(folder) = std::env::var_os("TRANSLUX_PICTURES") {
         let folder = PathBuf::from(folder);
-        let png = to_png(&frame, Exposure::Auto.factor(&frame), PngBackground::Shown).unwrap();
+        let png = to_png(&frame, Exposure::Auto.factor(&frame), Background::Environment).unwrap();
         std::fs::write(folder.join("bunny.png"), png).unwrap();
         let normal = |p: &Pixel| Pixel { beauty: p.normal.map(|c| 0.5 + 0.5 * c), ..*p };
         let normals = Frame { pixels: frame.pixels.iter().map(normal).collect(), ..frame.clone() };
-        std::fs::write(folder.join("normals.png"), to_png(&normals, 1.0, PngBackground::Shown).unwrap()).unwrap();
+        std::fs::write(folder.join("normals.png"), to_png(&normals, 1.0, Background::Environment).unwrap()).unwrap();
     }
     // Moments of the upper third of what is covered: the ears and the head are left of the body.
     let rows: Vec<(usize, f64)> = frame.pixels.iter().enumerate().map(|(i, p)| (i, f64::from(p.coverage))).collect();

@@ -1,11 +1,11 @@
 //! Times of the shaders, where there is an adapter.
 
-use super::arguments::DeviceArg;
 use super::timing::Repetitions;
 use crate::error::Result;
 use crate::evaluate::Evaluator;
 use crate::light::Light;
 use crate::measure::chart::DeviceRow;
+use crate::relight::choice::DeviceChoice;
 
 /// The graphics adapter that is timed beside the processor, if any.
 pub(super) struct Adapter {
@@ -19,12 +19,12 @@ impl Adapter {
     ///
     /// # Errors
     /// No adapter, where one was asked for (exit 5).
-    pub(super) fn open(wanted: DeviceArg) -> Result<Self> {
+    pub(super) fn open(wanted: DeviceChoice) -> Result<Self> {
         use crate::evaluate::device::Device;
         let device = match wanted {
-            DeviceArg::Cpu => None,
-            DeviceArg::Gpu => Some(Device::open()?),
-            DeviceArg::Auto => Device::open().ok().filter(|device| !device.is_software()),
+            DeviceChoice::Cpu => None,
+            DeviceChoice::Gpu => Some(Device::open()?),
+            DeviceChoice::Auto => Device::open().ok().filter(|device| !device.is_software()),
         };
         Ok(Self { device })
     }
@@ -68,10 +68,10 @@ impl Adapter {
     ///
     /// # Errors
     /// An adapter was asked for (exit 5).
-    pub(super) fn open(wanted: DeviceArg) -> Result<Self> {
+    pub(super) fn open(wanted: DeviceChoice) -> Result<Self> {
         match wanted {
-            DeviceArg::Auto | DeviceArg::Cpu => Ok(Self {}),
-            DeviceArg::Gpu => Err(crate::error::Error::unsupported(
+            DeviceChoice::Auto | DeviceChoice::Cpu => Ok(Self {}),
+            DeviceChoice::Gpu => Err(crate::error::Error::unsupported(
                 "--device gpu: this program was built without the feature `gpu`; use --device cpu",
             )),
         }

@@ -2,10 +2,11 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 
 use crate::commands::lights::LightArgs;
 use crate::commands::model::PlacementArgs;
+use crate::relight::choice::DeviceChoice;
 
 #[derive(Clone, Debug, Args)]
 pub(in crate::commands) struct ChartArgs {
@@ -38,15 +39,8 @@ pub(in crate::commands) struct ChartArgs {
     pub(super) reference_samples: usize,
     /// Where shaders are timed beside the processor: on a graphics adapter if there is one (auto; a software adapter is none),
     /// on whatever adapter there is (gpu), nowhere (cpu)
-    #[arg(long, value_enum, default_value = "auto", conflicts_with = "growth")]
-    pub(super) device: DeviceArg,
+    #[arg(long, default_value = "auto", conflicts_with = "growth", hide_possible_values = true)]
+    pub(super) device: DeviceChoice,
     #[command(flatten)]
     pub(super) placement: PlacementArgs,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(super) enum DeviceArg {
-    Auto,
-    Cpu,
-    Gpu,
 }

@@ -5,11 +5,13 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use serde_json::Value;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, ExitCode, Result};
 use crate::io::atomic;
 use crate::measure::growth::Limits;
+use crate::report::StageTime;
 
 /// Interval at which a running bake is polled.
 const POLL: Duration = Duration::from_millis(10);
@@ -17,11 +19,37 @@ const POLL: Duration = Duration::from_millis(10);
 /// Outcome of a bake.
 pub(super) enum Outcome {
     /// The paths of its asset and its report.
-    Done(PathBuf, Value),
+    Done(PathBuf, BakeCost),
     /// The bake took too long, after this many seconds.
     Ended(f64),
     /// The bake ran out of memory or failed otherwise, with its message.
     Failed(String),
+}
+
+/// The cost of a bake as its report tells it.
+#[derive(Deserialize)]
+pub(super) struct BakeCost {
+    pub(super) seconds: f64,
+    stages: Vec<StageTime>,
+    pub(super) peak_memory_bytes: u64,
+}
+
+impl BakeCost {
+    /// Names and seconds of the stages.
+    pub(super) fn stages(&self) -> Vec<(String, f64)> {
+        self.stages.iter().map(|s| (s.stage.clone(), s.seconds)).collect()
+    }
+}
+
+/// What an earlier run stored in a file, if it can be read.
+pub(super) fn stored<T: DeserializeOwned>(path: &Path) -> Option<T> {
+    serde_json::from_slice(&std::fs::read(path).ok()?).ok()
+}
+
+/// Stores a value for later runs.
+pub(super) fn store<T: Serialize>(path: &Path, value: &T) -> Result<()> {
+    let bytes = serde_json::to_vec(value).map_err(|e| Error::runtime(format!("{}: {e}", path.display())))?;
+    atomic::write(path, &bytes)
 }
 
 /// A bake as a command line.
@@ -42,9 +70,8 @@ pub(super) struct Bake<'a> {
 pub(super) fn bake(bake: &Bake) -> Result<Outcome> {
     let file = |suffix: &str| bake.work.join(format!("{}.{suffix}", bake.key));
     let (asset, report_path) = (file("tlux"), file("json"));
-    let cached = std::fs::read(&report_path).ok().and_then(|text| serde_json::from_slice(&text).ok());
-    if let Some(report) = cached.filter(|_| asset.is_file()) {
-        return Ok(Outcome::Done(asset, report));
+    if let Some(cost) = stored(&report_path).filter(|_| asset.is_file()) {
+        return Ok(Outcome::Done(asset, cost));
     }
     // A folder of its own: whatever an ended bake leaves goes with it.
     let folder = file("part");

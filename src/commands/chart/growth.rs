@@ -3,15 +3,14 @@
 
 mod point;
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
-
-use serde::Serialize;
 
 use self::point::{Measurer, Place, Shape};
 use super::arguments::ChartArgs;
 use super::subject::machine;
 use super::timing::Repetitions;
-use crate::commands::console::Console;
+use crate::commands::console::{Console, in_range};
 use crate::commands::lights::LightArgs;
 use crate::commands::model::PlacementArgs;
 use crate::error::{Error, ExitCode, Result};
@@ -21,7 +20,7 @@ use crate::io::atomic;
 use crate::light::Light;
 use crate::measure::growth::draw::{cost_text, size_text};
 use crate::measure::growth::page::finding_text;
-use crate::measure::growth::surface::{DESCRIPTION, glb, surface};
+use crate::measure::growth::surface::{DESCRIPTION, glb, scene, surface};
 use crate::measure::growth::{Axis, Growth, Limits, Point, Quantity, SCHEMA};
 use crate::medium::material::Material;
 use crate::progress::Progress;
@@ -72,14 +71,10 @@ const SIZE_MM: f64 = 30.0;
 /// The light that is timed by default.
 const LIGHT: &str = "directional:from=0.3,0.8,0.5:irradiance=3";
 
-#[derive(Serialize)]
-struct GrowthReport<'a> {
-    growth: &'a Growth,
-}
-
 pub(super) fn run(args: &ChartArgs, methods: &[&'static dyn Method], console: &Console) -> Result<ExitCode> {
     let extent = if args.quick { &QUICK } else { &WHOLE };
-    let limits = Limits { seconds: limit_seconds(args, extent)?, memory_bytes: console.max_memory };
+    let seconds = in_range("--limit-seconds", args.limit_seconds.unwrap_or(extent.limit_seconds), 1e-3..=1e6)?;
+    let limits = Limits { seconds, memory_bytes: console.max_memory };
     if args.placement.words() != PlacementArgs::default().words() {
         return Err(Error::command_line("--scale bakes a surface of its own: options that place a model do not apply"));
     }
@@ -113,7 +108,6 @@ pub(super) fn run(args: &ChartArgs, methods: &[&'static dyn Method], console: &C
     let weight = |p: &Place| (p.vertices + p.samples.unwrap_or(1 << 17)) as u64 / 1000;
     console.start("growth", places.iter().map(weight).sum::<u64>() * methods.len() as u64);
     let measurer = Measurer {
-        material: &material,
         material_text,
         free_path_mm: free_path,
         light: &light,
@@ -135,7 +129,8 @@ pub(super) fn run(args: &ChartArgs, methods: &[&'static dyn Method], console: &C
                 &shapes[shapes.len() - 1]
             }
         };
-        let scene = measurer.scene(shape, place.size_mm)?;
+        // For estimates.
+        let scene = scene(&shape.model, place.size_mm, &material)?;
         for method in methods {
             let point = measurer.point(place, shape, &scene, *method, &points)?;
             say(&point, console);
@@ -148,23 +143,12 @@ pub(super) fn run(args: &ChartArgs, methods: &[&'static dyn Method], console: &C
     points.sort_by_key(|p| (p.axis, order(p)));
     growth.points = points;
     growth.fit();
-    let page = console.stage("write", || report::growth::write(&growth, &args.output))?;
+    let page = console.stage("write", || report::chart::write_growth(&growth, &args.output))?;
     for finding in growth.findings() {
         console.note(&format!("faster than size: {}", finding_text(finding)));
     }
     console.say(&format!("{} (after {})", page.display(), duration(console.seconds())))?;
-    console.report("chart", &GrowthReport { growth: &growth })?;
-    Ok(ExitCode::Ok)
-}
-
-fn limit_seconds(args: &ChartArgs, extent: &Extent) -> Result<f64> {
-    match args.limit_seconds {
-        None => Ok(extent.limit_seconds),
-        Some(seconds) if (1e-3..=1e6).contains(&seconds) => Ok(seconds),
-        Some(seconds) => {
-            Err(Error::command_line(format!("--limit-seconds {seconds}: a number from 0.001 to 1000000 is needed")))
-        }
-    }
+    console.report("chart", &BTreeMap::from([("growth", &growth)]))
 }
 
 /// The light that is timed: its text form, the light, and its files.
@@ -182,28 +166,11 @@ fn light(args: &ChartArgs, console: &Console) -> Result<(String, Light, Vec<Inpu
 
 /// Every size of every axis.
 fn places(extent: &Extent, free_path_mm: f64) -> Vec<Place> {
-    let vertices = extent.fixed_vertices;
-    let of_vertices = extent.vertices.iter().map(|&vertices| Place {
-        axis: Axis::Vertices,
-        size: vertices as f64,
-        vertices,
-        samples: extent.fixed_samples,
-        size_mm: SIZE_MM,
-    });
-    let of_samples = extent.samples.iter().map(|&samples| Place {
-        axis: Axis::Samples,
-        size: samples as f64,
-        vertices,
-        samples: Some(samples),
-        size_mm: SIZE_MM,
-    });
-    let of_ratios = extent.ratios.iter().map(|&ratio| Place {
-        axis: Axis::Ratio,
-        size: ratio,
-        vertices,
-        samples: extent.fixed_samples,
-        size_mm: ratio * free_path_mm,
-    });
+    let place = |axis, size, vertices, samples, size_mm| Place { axis, size, vertices, samples, size_mm };
+    let (vertices, samples) = (extent.fixed_vertices, extent.fixed_samples);
+    let of_vertices = extent.vertices.iter().map(|&n| place(Axis::Vertices, n as f64, n, samples, SIZE_MM));
+    let of_samples = extent.samples.iter().map(|&n| place(Axis::Samples, n as f64, vertices, Some(n), SIZE_MM));
+    let of_ratios = extent.ratios.iter().map(|&r| place(Axis::Ratio, r, vertices, samples, r * free_path_mm));
     of_vertices.chain(of_samples).chain(of_ratios).collect()
 }
 

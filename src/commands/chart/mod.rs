@@ -11,11 +11,13 @@ mod subject;
 mod timing;
 mod truth;
 
+use std::collections::BTreeMap;
+
 use self::adapter::Adapter;
 pub(super) use self::arguments::ChartArgs;
 use self::subject::{Subject, machine};
 use self::timing::Repetitions;
-use super::console::Console;
+use super::console::{Console, in_range};
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::Method;
 use crate::light::Light;
@@ -23,25 +25,12 @@ use crate::measure::chart::{Chart, Row, SCHEMA};
 use crate::report;
 use crate::report::text::{duration, percent};
 
-/// The effort of the measurement.
-#[derive(Clone, Copy, Debug)]
-struct Extent {
-    /// Number of settings of each method.
-    rungs: usize,
-    /// Repetitions of relights and edits.
-    repetitions: Repetitions,
-}
-
-const QUICK: Extent = Extent { rungs: 2, repetitions: Repetitions { most: 5, patience: 0.5 } };
-const WHOLE: Extent = Extent { rungs: usize::MAX, repetitions: Repetitions { most: 9, patience: 20.0 } };
-
-#[derive(serde::Serialize)]
-struct ChartReport<'a> {
-    chart: &'a Chart,
-}
-
 pub(super) fn run(args: &ChartArgs, console: &Console) -> Result<ExitCode> {
-    let extent = if args.quick { QUICK } else { WHOLE };
+    // Settings of each method, and repetitions of relights and edits.
+    let (rungs, repetitions) = match args.quick {
+        true => (2, Repetitions { most: 5, patience: 0.5 }),
+        false => (usize::MAX, Repetitions { most: 9, patience: 20.0 }),
+    };
     let methods: Vec<&'static dyn Method> = match args.methods.as_slice() {
         [] => console.registry.methods().to_vec(),
         names => names.iter().map(|name| console.registry.method(name)).collect::<Result<_>>()?,
@@ -52,9 +41,7 @@ pub(super) fn run(args: &ChartArgs, console: &Console) -> Result<ExitCode> {
     if args.limit_seconds.is_some() {
         return Err(Error::command_line("--limit-seconds: only with --scale"));
     }
-    if !(1..=1 << 28).contains(&args.reference_samples) {
-        return Err(Error::command_line("--reference-samples: a number from 1 to 268435456 is needed"));
-    }
+    in_range("--reference-samples", args.reference_samples, 1..=1 << 28)?;
     let work = args.output.join("work");
     std::fs::create_dir_all(&work).map_err(|e| Error::io(&work, &e))?;
     let resolved = args.lights.load(console)?;
@@ -79,14 +66,14 @@ pub(super) fn run(args: &ChartArgs, console: &Console) -> Result<ExitCode> {
                 material,
                 placement: &placement,
                 lights: &lights,
-                repetitions: extent.repetitions,
+                repetitions,
                 folder: &work,
                 adapter: &adapter,
                 console,
             };
             let truth = truth::of(&subject, args.reference_samples)?;
             for method in &methods {
-                for rung in method.about().ladder.iter().take(extent.rungs) {
+                for rung in method.about().ladder.iter().take(rungs) {
                     let (row, shown) = row::of(&subject, *method, rung, &truth)?;
                     say(&row, console);
                     pictures.push(shown);
@@ -98,8 +85,7 @@ pub(super) fn run(args: &ChartArgs, console: &Console) -> Result<ExitCode> {
     }
     let page = console.stage("write", || report::chart::write(&chart, &pictures, &args.output))?;
     console.say(&format!("{} (after {})", page.display(), duration(console.seconds())))?;
-    console.report("chart", &ChartReport { chart: &chart })?;
-    Ok(ExitCode::Ok)
+    console.report("chart", &BTreeMap::from([("chart", &chart)]))
 }
 
 fn say(row: &Row, console: &Console) {

@@ -4,7 +4,6 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use glam::DVec3;
-use serde_json::Value;
 
 use super::subject::{Baked, Subject};
 use super::truth::Reference;
@@ -31,7 +30,7 @@ pub(super) fn of(
     rung: &str,
     truth: &Reference,
 ) -> Result<(Row, Shown)> {
-    let Baked { path, command, report } = subject.bake(method.name(), rung)?;
+    let Baked { path, command, cost } = subject.bake(method.name(), rung)?;
     let bytes = std::fs::read(&path).map_err(|e| Error::io(&path, &e))?;
     let sizes = sizes(&bytes)?;
     let started = Instant::now();
@@ -43,10 +42,8 @@ pub(super) fn of(
     let mut lights = Vec::with_capacity(truth.lights.len());
     let mut shown = None;
     let served = |(_, light): &&(String, Light)| kinds.contains(&light.kind());
-    for (index, ((text, light), expected)) in truth.lights.iter().zip(&truth.radiosity).enumerate() {
-        if !kinds.contains(&light.kind()) {
-            continue;
-        }
+    let pairs = truth.lights.iter().zip(&truth.radiosity).enumerate();
+    for (index, ((text, light), expected)) in pairs.filter(|(_, (light, _))| served(light)) {
         let times = subject.repetitions.times(|| {
             evaluator.set_lights(vec![light.clone()], &Silent)?;
             evaluator.radiosity(&Silent).map(drop)
@@ -74,10 +71,7 @@ pub(super) fn of(
     let shown = shown.ok_or_else(none)?;
     let vertices = truth.areas.len();
     let per_vertex = |bytes: u64| bytes as f64 / vertices.max(1) as f64;
-    let number = |name: &str| report[name].as_f64().unwrap_or(f64::NAN);
-    let stages = report["stages"].as_array().map_or(&[] as &[Value], Vec::as_slice);
-    let stage = |s: &Value| Some((s["stage"].as_str()?.to_owned(), s["seconds"].as_f64()?));
-    let cost = evaluator.cost();
+    let evaluation = evaluator.cost();
     let row = Row {
         model: subject.name(),
         material: subject.material.to_owned(),
@@ -85,14 +79,14 @@ pub(super) fn of(
         setting: rung.to_owned(),
         command,
         vertices,
-        samples: cost.samples,
-        bake_seconds: number("seconds"),
-        bake_stages: stages.iter().filter_map(stage).collect(),
-        peak_memory_bytes: report["peak_memory_bytes"].as_u64().unwrap_or(0),
+        samples: evaluation.samples,
+        bake_seconds: cost.seconds,
+        bake_stages: cost.stages(),
+        peak_memory_bytes: cost.peak_memory_bytes,
         file_bytes: bytes.len() as u64,
         bytes_per_vertex: per_vertex(sizes.stored_without_mesh),
         environment_bytes_per_vertex: per_vertex(sizes.stored_environment),
-        resident_bytes_per_vertex: per_vertex(cost.resident_bytes as u64),
+        resident_bytes_per_vertex: per_vertex(evaluation.resident_bytes as u64),
         open_ms,
         relight_ms: middle(&lights),
         edit_ms,

@@ -2,10 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use serde_json::Value;
-
 use super::adapter::Adapter;
-use super::child::{Bake, Outcome, bake};
+use super::child::{Bake, BakeCost, Outcome, bake};
 use super::timing::Repetitions;
 use crate::commands::console::Console;
 use crate::error::{Error, Result};
@@ -25,12 +23,12 @@ pub(super) struct Subject<'a> {
     pub(super) console: &'a Console,
 }
 
-/// An asset with the report of its bake.
+/// An asset with the cost of its bake.
 pub(super) struct Baked {
     pub(super) path: PathBuf,
     /// Command of the bake as it would be typed.
     pub(super) command: String,
-    pub(super) report: Value,
+    pub(super) cost: BakeCost,
 }
 
 impl Subject<'_> {
@@ -52,7 +50,7 @@ impl Subject<'_> {
         hasher.update(env!("CARGO_PKG_VERSION").as_bytes()).update(command.as_bytes()).update(&bytes);
         let key = &hasher.finalize().to_hex()[..16];
         match bake(&Bake { words: &words, key, work: self.folder, limits: None })? {
-            Outcome::Done(path, report) => Ok(Baked { path, command, report }),
+            Outcome::Done(path, cost) => Ok(Baked { path, command, cost }),
             Outcome::Failed(said) => Err(Error::runtime(format!("{command}: {said}"))),
             Outcome::Ended(after) => Err(Error::runtime(format!("{command}: ended after {after:.0} s"))),
         }

@@ -13,7 +13,7 @@ pub(super) const MIN_DIAGONAL_MM: f64 = 1e-6;
 pub(super) const MAX_DIAGONAL_MM: f64 = 1e9;
 
 /// The axis of the source that points up.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum UpAxis {
     /// +Y is up.
     #[default]

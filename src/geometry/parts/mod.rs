@@ -24,7 +24,7 @@ use super::mesh::{EdgeTable, Mesh, RepairReport};
 pub const TOUCH_TOLERANCE: f64 = 1e-5;
 
 /// Rule by which components of one medium become parts (`--parts`).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub enum PartsRule {
     /// Components that touch, overlap or lie inside a closed one are one part.

@@ -1,6 +1,6 @@
 //! The auxiliary textures to which a frame is drawn, and the format of its pixels.
 
-use super::view::Encoding;
+use super::memory::descriptor;
 use crate::error::{Error, Result};
 use crate::evaluate::device::Device;
 use crate::render::camera::Resolution;
@@ -18,22 +18,22 @@ pub struct Finish {
     pub format: wgpu::TextureFormat,
     /// Samples per pixel, 1 or 4.
     pub samples: u32,
-    /// Encoding of colours.
-    pub encoding: Encoding,
+    /// Whether colours are encoded as sRGB and clamped to [0, 1]; linear up to the range of half floats otherwise.
+    pub srgb: bool,
 }
 
 impl Finish {
     /// Finish of pictures that are read back: linear half floats and four samples per pixel.
-    pub const PICTURE: Self = Self { format: LINEAR_FORMAT, samples: 4, encoding: Encoding::Linear };
+    pub const PICTURE: Self = Self { format: LINEAR_FORMAT, samples: 4, srgb: false };
 }
 
 /// The textures to which a frame is drawn, besides the one that is shown.
 pub struct Canvas {
-    resolution: Resolution,
-    finish: Finish,
-    depth: wgpu::TextureView,
+    pub(super) resolution: Resolution,
+    pub(super) finish: Finish,
+    pub(super) depth: wgpu::TextureView,
     /// The multisampled texture, which is resolved into the shown one; none for one sample per pixel.
-    many: Option<wgpu::TextureView>,
+    pub(super) many: Option<wgpu::TextureView>,
 }
 
 impl Canvas {
@@ -61,47 +61,5 @@ impl Canvas {
             depth: texture("depth", DEPTH_FORMAT),
             many: (finish.samples > 1).then(|| texture("samples", finish.format)),
         })
-    }
-
-    /// Size.
-    pub fn resolution(&self) -> Resolution {
-        self.resolution
-    }
-
-    /// Format, samples and encoding of its pixels.
-    pub fn finish(&self) -> Finish {
-        self.finish
-    }
-
-    pub(super) fn depth(&self) -> &wgpu::TextureView {
-        &self.depth
-    }
-
-    pub(super) fn many(&self) -> Option<&wgpu::TextureView> {
-        self.many.as_ref()
-    }
-}
-
-/// A two-dimensional texture without mipmaps.
-pub(super) fn descriptor(
-    label: &'static str,
-    resolution: Resolution,
-    format: wgpu::TextureFormat,
-    samples: u32,
-    usage: wgpu::TextureUsages,
-) -> wgpu::TextureDescriptor<'static> {
-    wgpu::TextureDescriptor {
-        label: Some(label),
-        size: wgpu::Extent3d {
-            width: resolution.width as u32,
-            height: resolution.height as u32,
-            depth_or_array_layers: 1,
-        },
-        mip_level_count: 1,
-        sample_count: samples,
-        dimension: wgpu::TextureDimension::D2,
-        format,
-        usage,
-        view_formats: &[],
     }
 }

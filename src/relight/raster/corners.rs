@@ -5,8 +5,8 @@ use std::collections::HashMap;
 
 use glam::Vec3;
 
-use crate::geometry::mesh::Mesh;
 use crate::render::normals::ShadingNormals;
+use crate::render::texture::uv;
 use crate::scene::Scene;
 
 /// Index that stands for none.
@@ -43,7 +43,8 @@ pub(super) fn corners(scene: &Scene, receiver_of_vertex: &[u32]) -> (Vec<Corner>
         for (corner, &vertex) in vertices.iter().enumerate() {
             let weights = std::array::from_fn(|i| f64::from(u8::from(i == corner)));
             let normal = normals.at(triangle as u32, weights).as_vec3().to_array();
-            let uv = uv_of(mesh, triangle, corner);
+            // 0 where there are none.
+            let uv = uv(mesh, triangle as u32, weights).map_or([0.0; 2], |uv| uv.as_vec2().to_array());
             let key = (vertex, medium, material, normal.map(f32::to_bits), uv.map(f32::to_bits));
             let index = *known.entry(key).or_insert_with(|| {
                 corners.push(Corner {
@@ -61,15 +62,6 @@ pub(super) fn corners(scene: &Scene, receiver_of_vertex: &[u32]) -> (Vec<Corner>
         }
     }
     (corners, indices)
-}
-
-/// Texture coordinates of a corner, v up; 0 where there are none.
-fn uv_of(mesh: &Mesh, triangle: usize, corner: usize) -> [f32; 2] {
-    let find = || {
-        let uvs = mesh.uvs.as_ref()?;
-        uvs.values.get(uvs.corners.get(triangle)?[corner] as usize)
-    };
-    find().map_or([0.0; 2], |uv| uv.to_array())
 }
 
 /// End points of the three edges of each triangle.

@@ -11,7 +11,7 @@ use crate::math::random::radical_inverse_2;
 
 /// Width of the finest blurred level in pixels; its height is half of it.
 pub(super) const GLOSSY_WIDTH: usize = 256;
-/// Number of levels: the first is sharp, the last has roughness 1; the shader has the same constant.
+/// Number of levels: the first is sharp, the last has roughness 1.
 pub(super) const LEVELS: usize = 6;
 /// Widest background in pixels.
 pub(super) const MAX_BACKDROP_WIDTH: usize = 2048;
@@ -26,7 +26,7 @@ pub(super) struct LatLongImage {
 }
 
 impl LatLongImage {
-    fn height(&self) -> usize {
+    pub(super) fn height(&self) -> usize {
         (self.width / 2).max(1)
     }
 

@@ -1,17 +1,17 @@
 //! Lights as the shaders read them: lamps for highlights, environments as textures.
 
-use std::f64::consts::FRAC_PI_2;
 use std::sync::Arc;
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
 use super::environment::{LEVELS, LatLongImage, MAX_BACKDROP_WIDTH, MAX_PACKED, blurred, packed, resized};
+use super::memory::{Level, layered};
 use super::shadows::{SHADOWED, is_sharp};
 use super::view::{ENVIRONMENTS, EnvironmentUniform, finite, finite3};
 use crate::evaluate::device::Device;
 use crate::light::Light;
 use crate::light::environment::EnvironmentMap;
-use crate::render::specular::MIN_ALPHA;
+use crate::render::specular::Ggx;
 
 /// Number of points along each edge that represent a rectangle.
 const POINTS_PER_EDGE: usize = 3;
@@ -33,28 +33,19 @@ pub(super) fn lamps(lights: &[Light], origin_mm: DVec3) -> Vec<Lamp> {
     for light in lights {
         let shadow = if is_sharp(light) && slot < SHADOWED { slot as f32 } else { -1.0 };
         slot += usize::from(is_sharp(light));
+        let mut lamp = |to: DVec3, is_place: f32, power: DVec3, normal: [f32; 4]| {
+            out.push(Lamp { to: with(finite3(to), is_place), power: with(finite3(power), shadow), normal });
+        };
         match light {
-            Light::Directional { from, irradiance } => out.push(Lamp {
-                to: with(finite3(*from), 0.0),
-                power: with(finite3(*irradiance), shadow),
-                normal: [0.0; 4],
-            }),
-            Light::Point { at_mm, intensity } => out.push(Lamp {
-                to: with(finite3(*at_mm - origin_mm), 1.0),
-                power: with(finite3(*intensity), shadow),
-                normal: [0.0; 4],
-            }),
+            Light::Directional { from, irradiance } => lamp(*from, 0.0, *irradiance, [0.0; 4]),
+            Light::Point { at_mm, intensity } => lamp(*at_mm - origin_mm, 1.0, *intensity, [0.0; 4]),
             Light::Area { at_mm, normal, u, size_mm, radiance, .. } => {
                 let (first, second) = (*u * size_mm[0], normal.cross(*u) * size_mm[1]);
                 let share = size_mm[0] * size_mm[1] / (POINTS_PER_EDGE * POINTS_PER_EDGE) as f64;
                 let middle = |i: usize| (i as f64 + 0.5) / POINTS_PER_EDGE as f64 - 0.5;
                 for (a, b) in (0..POINTS_PER_EDGE).flat_map(|a| (0..POINTS_PER_EDGE).map(move |b| (a, b))) {
                     let point = *at_mm + first * middle(a) + second * middle(b) - origin_mm;
-                    out.push(Lamp {
-                        to: with(finite3(point), 1.0),
-                        power: with(finite3(*radiance * share), -1.0),
-                        normal: with(finite3(*normal), 1.0),
-                    });
+                    lamp(point, 1.0, *radiance * share, with(finite3(*normal), 1.0));
                 }
             }
             Light::Constant { .. } | Light::Environment { .. } => {}
@@ -71,16 +62,11 @@ pub(super) fn constant(lights: &[Light]) -> DVec3 {
 
 /// The environments among the lights that the shaders handle.
 fn environments(lights: &[Light]) -> Vec<(&Arc<EnvironmentMap>, f64, DVec3)> {
-    let environment = |light: &'_ Light| matches!(light, Light::Environment { .. });
-    lights
-        .iter()
-        .filter(|l| environment(l))
-        .filter_map(|l| match l {
-            Light::Environment { map, rotate_degrees, scale } => Some((map, *rotate_degrees, *scale)),
-            _ => None,
-        })
-        .take(ENVIRONMENTS)
-        .collect()
+    let environment = |light| match light {
+        &Light::Environment { ref map, rotate_degrees, scale } => Some((map, rotate_degrees, scale)),
+        _ => None,
+    };
+    lights.iter().filter_map(environment).take(ENVIRONMENTS).collect()
 }
 
 /// Textures of the environments, renewed only when the pictures change.
@@ -93,12 +79,8 @@ pub(super) struct Environments {
 }
 
 impl Environments {
-    /// Black textures, for lights without an environment.
-    pub(super) fn none(device: &Device) -> Self {
-        Self::of(device, Vec::new())
-    }
-
-    fn of(device: &Device, maps: Vec<Arc<EnvironmentMap>>) -> Self {
+    /// The textures of some environments; black ones without any.
+    pub(super) fn of(device: &Device, maps: Vec<Arc<EnvironmentMap>>) -> Self {
         let limit = device.device.limits().max_texture_dimension_2d as usize;
         let widest = maps.iter().map(|m| m.width()).max().unwrap_or(2).next_power_of_two();
         let width = widest.clamp(2, MAX_BACKDROP_WIDTH.min(limit));
@@ -146,109 +128,52 @@ impl Environments {
 
 /// A texture array of one layer for each environment, with the levels of each.
 fn texture(device: &Device, label: &str, layers: &[Vec<LatLongImage>], scales: &[f64]) -> wgpu::TextureView {
-    let (width, levels) = layers.first().and_then(|l| Some((l.first()?.width, l.len()))).unwrap_or((1, 1));
-    let size = |level: usize| wgpu::Extent3d {
-        width: (width >> level).max(1) as u32,
-        height: (width >> (level + 1)).max(1) as u32,
-        depth_or_array_layers: 1,
+    let level = |picture: &LatLongImage, scale: f64| Level {
+        width: picture.width,
+        height: picture.height(),
+        texels: picture.pixels.iter().map(|p| packed(*p / scale).to_ne_bytes()).collect(),
     };
-    let texture = device.device.create_texture(&wgpu::TextureDescriptor {
-        label: Some(label),
-        // A single layer is no array to the OpenGL backend.
-        size: wgpu::Extent3d { depth_or_array_layers: layers.len().max(2) as u32, ..size(0) },
-        mip_level_count: levels as u32,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format: wgpu::TextureFormat::Rgb9e5Ufloat,
-        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
-        view_formats: &[],
-    });
-    for (layer, (pictures, scale)) in layers.iter().zip(scales).enumerate() {
-        for (level, picture) in pictures.iter().enumerate() {
-            let texels: Vec<u32> = picture.pixels.iter().map(|p| packed(*p / *scale)).collect();
-            let size = size(level);
-            device.queue.write_texture(
-                wgpu::TexelCopyTextureInfo {
-                    texture: &texture,
-                    mip_level: level as u32,
-                    origin: wgpu::Origin3d { x: 0, y: 0, z: layer as u32 },
-                    aspect: wgpu::TextureAspect::All,
-                },
-                bytemuck::cast_slice(&texels),
-                wgpu::TexelCopyBufferLayout {
-                    offset: 0,
-                    bytes_per_row: Some(4 * size.width),
-                    rows_per_image: Some(size.height),
-                },
-                size,
-            );
-        }
-    }
-    texture.create_view(&wgpu::TextureViewDescriptor {
-        dimension: Some(wgpu::TextureViewDimension::D2Array),
-        ..Default::default()
-    })
+    let of_layer = |(pictures, scale): (&Vec<LatLongImage>, &f64)| pictures.iter().map(|p| level(p, *scale)).collect();
+    let layers: Vec<Vec<Level>> = layers.iter().zip(scales).map(of_layer).collect();
+    layered(device, label, wgpu::TextureFormat::Rgb9e5Ufloat, &layers)
 }
 
-/// Steps of the table of [`albedos`]; the shader has the same constant.
+/// Steps of the table of [`albedos`].
 pub(super) const ALBEDO_STEPS: usize = 32;
 
-/// Share of uniform light that a rough dielectric boundary reflects, at cosines from 0 to 1.
-///
-/// Microfacet normals are distributed as visible from a direction (Heitz 2018, "Sampling the GGX distribution of
-/// visible normals"); the light of each is weighted by Fresnel and the remaining masking.
-pub(super) fn albedos(eta: f64, roughness: f64) -> [f32; ALBEDO_STEPS] {
+/// Share of uniform light that a rough dielectric boundary with a lobe of this width reflects, at cosines from 0 to 1.
+pub(super) fn albedos(eta: f64, alpha: f64) -> [f32; ALBEDO_STEPS] {
     const SIDE: u32 = 24;
-    let alpha = (roughness * roughness).max(MIN_ALPHA);
-    let root = |c: f64| (alpha * alpha + (1.0 - alpha * alpha) * c * c).sqrt();
+    let ggx = Ggx { alpha, eta_inside_over_outside: eta };
+    let place = |k: u32| (f64::from(k) + 0.5) / f64::from(SIDE);
     std::array::from_fn(|step| {
         let cos = (step as f64 / (ALBEDO_STEPS - 1) as f64).max(1e-3);
         let eye = DVec3::new((1.0 - cos * cos).sqrt(), 0.0, cos);
-        let stretched = DVec3::new(alpha * eye.x, 0.0, eye.z).normalize();
-        let (a, b) = stretched_frame(stretched);
-        let mut sum = 0.0;
-        for i in 0..SIDE * SIDE {
-            let place = |k: u32| (f64::from(k) + 0.5) / f64::from(SIDE);
-            let (radius, phi) = (place(i % SIDE).sqrt(), 4.0 * FRAC_PI_2 * place(i / SIDE));
-            let x = radius * phi.cos();
-            let s = 0.5 * (1.0 + stretched.z);
-            let y = (1.0 - s) * (1.0 - x * x).sqrt() + s * radius * phi.sin();
-            let normal = a * x + b * y + stretched * (1.0 - x * x - y * y).max(0.0).sqrt();
-            let half = DVec3::new(alpha * normal.x, alpha * normal.y, normal.z.max(0.0)).normalize_or_zero();
-            let along = half.dot(eye);
-            let cos_light = 2.0 * along * half.z - eye.z;
-            if cos_light > 0.0 {
-                let fresnel = 1.0 - crate::medium::fresnel::transmittance(eta, along);
-                // G2 / G1 of the eye.
-                let left = cos_light * (eye.z + root(eye.z)) / (eye.z * root(cos_light) + cos_light * root(eye.z));
-                sum += fresnel * left;
-            }
-        }
-        (sum / f64::from(SIDE * SIDE)) as f32
+        let reflected = |i: u32| {
+            let facet = DVec2::new(place(i % SIDE), place(i / SIDE));
+            ggx.sample(&DVec3::AXES, eye, facet).map_or(0.0, |reflected| reflected.weight)
+        };
+        ((0..SIDE * SIDE).map(reflected).sum::<f64>() / f64::from(SIDE * SIDE)) as f32
     })
-}
-
-fn stretched_frame(normal: DVec3) -> (DVec3, DVec3) {
-    let across = DVec3::new(-normal.y, normal.x, 0.0).normalize_or(DVec3::X);
-    (across, normal.cross(across))
 }
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use crate::render::specular::MIN_ALPHA;
 
     #[test]
     fn a_smooth_boundary_reflects_what_fresnel_says_and_none_without_a_step() {
-        let smooth = albedos(1.5, 0.0);
+        let smooth = albedos(1.5, MIN_ALPHA);
         for (step, value) in smooth.iter().enumerate().skip(2) {
             let cos = step as f64 / (ALBEDO_STEPS - 1) as f64;
             let expected = 1.0 - crate::medium::fresnel::transmittance(1.5, cos);
             assert!((f64::from(*value) - expected).abs() < 0.01 * expected + 1e-3, "{cos}: {value} {expected}");
         }
-        assert!(albedos(1.0, 0.5).iter().all(|a| a.abs() < 1e-6));
+        assert!(albedos(1.0, 0.25).iter().all(|a| a.abs() < 1e-6));
         for roughness in [0.1, 0.3, 1.0] {
-            assert!(albedos(1.3, roughness).iter().all(|a| (0.0..=1.0).contains(a)));
+            assert!(albedos(1.3, roughness * roughness).iter().all(|a| (0.0..=1.0).contains(a)));
         }
     }
 

@@ -5,6 +5,7 @@ pub mod canvas;
 mod corners;
 mod environment;
 mod lit;
+mod memory;
 mod pattern;
 pub mod picture;
 mod pipelines;
@@ -17,11 +18,12 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use self::canvas::{Canvas, Finish};
-use self::corners::{Corner, corners, wires};
+use self::corners::{corners, wires};
 use self::lit::{ALBEDO_STEPS, Environments, Lamp, albedos, constant, lamps};
+use self::memory::{filled, sampler};
 use self::pattern::Pattern;
-use self::pipelines::{Pipelines, layout};
-use self::view::{Encoding, Look, View, ViewUniform, Wires, finite, finite3};
+use self::pipelines::{Bound, Pipelines, layout};
+use self::view::{Look, View, ViewUniform, finite, finite3};
 use crate::error::Result;
 use crate::evaluate::{DeviceEvaluator, device::Device};
 use crate::light::Light;
@@ -46,15 +48,7 @@ pub struct Raster {
     corners: wgpu::Buffer,
     indices: wgpu::Buffer,
     wires: wgpu::Buffer,
-    shown: Shown,
-    errors: wgpu::Buffer,
-    media: wgpu::Buffer,
-    albedo: wgpu::Buffer,
-    lamps: wgpu::Buffer,
-    uniform: wgpu::Buffer,
-    wrap: wgpu::Sampler,
-    environments: Environments,
-    pattern: Pattern,
+    bound: Bound,
     lights: Vec<Light>,
     /// The media and the reflection of the current tables.
     made_for: Option<(Vec<Medium>, Specular)>,
@@ -76,30 +70,19 @@ impl Raster {
         let corners = filled(&device, "corners", &vertices, usage(wgpu::BufferUsages::VERTEX))?;
         let indices = filled(&device, "triangles", &triangles, usage(wgpu::BufferUsages::INDEX))?;
         let wires = filled(&device, "wires", &wires(&triangles), usage(wgpu::BufferUsages::INDEX))?;
-        let shown = Shown::new(evaluator)?;
-        let errors = device.zeros("errors", scene.mesh.local_mm.len() as u64 * 4)?;
-        let media = device.zeros("media", scene.media.len() as u64 * 16)?;
-        let albedo = device.zeros("reflected shares", (scene.media.len() * ALBEDO_STEPS) as u64 * 4)?;
-        let lamps = device.storage("lamps", &[Lamp::default()])?;
-        let uniform = device.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("view"),
-            size: size_of::<ViewUniform>() as u64,
-            usage: usage(wgpu::BufferUsages::UNIFORM),
-            mapped_at_creation: false,
-        });
-        let wrap = device.device.create_sampler(&wgpu::SamplerDescriptor {
-            label: Some("environment"),
-            address_mode_u: wgpu::AddressMode::Repeat,
-            address_mode_v: wgpu::AddressMode::ClampToEdge,
-            mag_filter: wgpu::FilterMode::Linear,
-            min_filter: wgpu::FilterMode::Linear,
-            mipmap_filter: wgpu::MipmapFilterMode::Linear,
-            ..Default::default()
-        });
-        let environments = Environments::none(&device);
-        let buffers = [&uniform, shown.radiosity(), shown.visibility(), &errors, &media, &albedo, &lamps];
-        let pattern = Pattern::new(&device)?;
-        let bindings = pipelines::bindings(&device, &layout, buffers, &environments, &wrap, &pattern);
+        let bound = Bound {
+            shown: Shown::new(evaluator)?,
+            errors: device.zeros("errors", scene.mesh.local_mm.len() as u64 * 4)?,
+            media: device.zeros("media", scene.media.len() as u64 * 16)?,
+            albedo: device.zeros("reflected shares", (scene.media.len() * ALBEDO_STEPS) as u64 * 4)?,
+            lamps: device.storage("lamps", &[Lamp::default()])?,
+            uniform: filled(&device, "view", &[ViewUniform::default()], usage(wgpu::BufferUsages::UNIFORM))?,
+            wrap: sampler(&device, "environment", wgpu::AddressMode::ClampToEdge),
+            // Black, for lights without an environment.
+            environments: Environments::of(&device, Vec::new()),
+            pattern: Pattern::new(&device)?,
+        };
+        let bindings = bound.group(&device, &layout);
         device.check()?;
         Ok(Self {
             layout,
@@ -110,15 +93,7 @@ impl Raster {
             corners,
             indices,
             wires,
-            shown,
-            errors,
-            media,
-            albedo,
-            lamps,
-            uniform,
-            wrap,
-            environments,
-            pattern,
+            bound,
             lights: Vec::new(),
             made_for: None,
             bindings,
@@ -133,7 +108,7 @@ impl Raster {
 
     /// The copy of radiosity and visibility that is drawn; evaluators publish to it.
     pub fn shown(&self) -> &Shown {
-        &self.shown
+        &self.bound.shown
     }
 
     /// Replaces the media and the reflection; cheap where nothing changed.
@@ -142,7 +117,7 @@ impl Raster {
         if same {
             return;
         }
-        let roughness = specular.roughness().map_or(1.0, Roughness::value);
+        let alpha = specular.roughness().map_or(1.0, Roughness::alpha);
         let mut rows: Vec<[f32; 4]> = Vec::with_capacity(media.len());
         let mut shares: Vec<f32> = Vec::with_capacity(media.len() * ALBEDO_STEPS);
         for medium in media {
@@ -151,13 +126,13 @@ impl Raster {
             let straight = transmittance(eta, 1.0);
             let scale_per_sr = if straight > 0.0 { exit.per_radiosity(1.0) / straight } else { 0.0 };
             rows.push([eta as f32, finite(scale_per_sr), shares.len() as f32, 0.0]);
-            shares.extend(albedos(eta, roughness));
+            shares.extend(albedos(eta, alpha));
         }
         // The buffers are as long as the scene has media; more would have no part.
         let fits = |buffer: &wgpu::Buffer, bytes: usize| bytes as u64 <= buffer.size();
-        if fits(&self.media, rows.len() * 16) && fits(&self.albedo, shares.len() * 4) {
-            self.device.queue.write_buffer(&self.media, 0, bytemuck::cast_slice(&rows));
-            self.device.queue.write_buffer(&self.albedo, 0, bytemuck::cast_slice(&shares));
+        if fits(&self.bound.media, rows.len() * 16) && fits(&self.bound.albedo, shares.len() * 4) {
+            self.device.queue.write_buffer(&self.bound.media, 0, bytemuck::cast_slice(&rows));
+            self.device.queue.write_buffer(&self.bound.albedo, 0, bytemuck::cast_slice(&shares));
         }
         self.made_for = Some((media.to_vec(), specular));
     }
@@ -168,17 +143,17 @@ impl Raster {
     /// More lights than the adapter binds (exit 5).
     pub fn set_lights(&mut self, lights: &[Light]) -> Result<()> {
         let lamps = lamps(lights, self.origin_mm);
-        let mut stale = self.environments.update(&self.device, lights);
+        let mut stale = self.bound.environments.update(&self.device, lights);
         let bytes: &[u8] = bytemuck::cast_slice(&lamps);
-        if bytes.len() as u64 > self.lamps.size() {
-            self.lamps = self.device.storage("lamps", &lamps)?;
+        if bytes.len() as u64 > self.bound.lamps.size() {
+            self.bound.lamps = self.device.storage("lamps", &lamps)?;
             stale = true;
         } else if !lamps.is_empty() {
-            self.device.queue.write_buffer(&self.lamps, 0, bytes);
+            self.device.queue.write_buffer(&self.bound.lamps, 0, bytes);
         }
         self.lights = lights.to_vec();
         if stale {
-            self.bind();
+            self.bindings = self.bound.group(&self.device, &self.layout);
         }
         Ok(())
     }
@@ -188,33 +163,25 @@ impl Raster {
     /// # Errors
     /// More materials than the adapter binds (exit 5), a lost device (exit 4).
     pub fn set_texture(&mut self, texture: Option<&Texture>) -> Result<()> {
-        self.pattern.set(&self.device, texture)?;
-        self.bind();
+        self.bound.pattern.set(&self.device, texture)?;
+        self.bindings = self.bound.group(&self.device, &self.layout);
         self.device.check()
-    }
-
-    fn bind(&mut self) {
-        let Self { uniform, shown, errors, media, albedo, lamps, .. } = self;
-        let buffers = [&*uniform, shown.radiosity(), shown.visibility(), errors, media, albedo, lamps];
-        let environments = &self.environments;
-        self.bindings =
-            pipelines::bindings(&self.device, &self.layout, buffers, environments, &self.wrap, &self.pattern);
     }
 
     /// Replaces the errors of the error view, one for each source vertex.
     pub fn set_errors(&self, errors: &[f32]) {
-        if !errors.is_empty() && size_of_val(errors) as u64 <= self.errors.size() {
-            self.device.queue.write_buffer(&self.errors, 0, bytemuck::cast_slice(errors));
+        if !errors.is_empty() && size_of_val(errors) as u64 <= self.bound.errors.size() {
+            self.device.queue.write_buffer(&self.bound.errors, 0, bytemuck::cast_slice(errors));
         }
     }
 
     /// Draws the state that was published last to the upper left corner of `target`, in the view's size; does nothing
     /// where the raster was not made for the finish of `canvas`.
     pub fn draw(&self, encoder: &mut wgpu::CommandEncoder, view: &View, canvas: &Canvas, target: &wgpu::TextureView) {
-        let Some(pipelines) = self.pipelines.iter().find(|p| p.finish == canvas.finish()) else { return };
-        let uniform = self.uniform_of(view, canvas.finish().encoding);
-        self.device.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
-        let (drawn, resolved) = match canvas.many() {
+        let Some(pipelines) = self.pipelines.iter().find(|p| p.finish == canvas.finish) else { return };
+        let uniform = self.uniform_of(view, canvas.finish.srgb);
+        self.device.queue.write_buffer(&self.bound.uniform, 0, bytemuck::bytes_of(&uniform));
+        let (drawn, resolved) = match &canvas.many {
             Some(many) => (many, Some(target)),
             None => (target, None),
         };
@@ -228,14 +195,14 @@ impl Raster {
                 ops: wgpu::Operations { load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT), store },
             })],
             depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
-                view: canvas.depth(),
+                view: &canvas.depth,
                 depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(0.0), store: wgpu::StoreOp::Discard }),
                 stencil_ops: None,
             }),
             ..Default::default()
         });
         let side = |view: usize, canvas: usize| view.min(canvas) as u32;
-        let (whole, shown) = (canvas.resolution(), view.resolution);
+        let (whole, shown) = (canvas.resolution, view.resolution);
         let (width, height) = (side(shown.width, whole.width), side(shown.height, whole.height));
         pass.set_viewport(0.0, 0.0, width as f32, height as f32, 0.0, 1.0);
         pass.set_scissor_rect(0, 0, width, height);
@@ -244,24 +211,24 @@ impl Raster {
         pass.set_vertex_buffer(0, self.corners.slice(..));
         pass.set_index_buffer(self.indices.slice(..), wgpu::IndexFormat::Uint32);
         pass.draw_indexed(0..self.index_count, 0, 0..1);
-        if view.wires == Wires::Shown {
+        if view.wires {
             pass.set_pipeline(&pipelines.wire);
             pass.set_index_buffer(self.wires.slice(..), wgpu::IndexFormat::Uint32);
             pass.draw_indexed(0..2 * self.index_count, 0, 0..1);
         }
         // Last, so that what the object hides costs nothing; black is there already.
-        let is_black =
-            canvas.finish().encoding == Encoding::Srgb && view.look != Look::Error && uniform.is_black_beside();
+        let environments = view.background == Background::Environment && uniform.environment_count > 0;
+        let is_black = canvas.finish.srgb && view.look != Look::Error && !environments && uniform.backdrop == [0.0; 3];
         if !is_black {
             pass.set_pipeline(&pipelines.beside);
             pass.draw(0..3, 0..1);
         }
     }
 
-    fn uniform_of(&self, view: &View, encoding: Encoding) -> ViewUniform {
-        let mut uniform = ViewUniform::new(view, encoding, self.origin_mm, self.bounds_mm);
+    fn uniform_of(&self, view: &View, srgb: bool) -> ViewUniform {
+        let mut uniform = ViewUniform::new(view, srgb, self.origin_mm, self.bounds_mm);
         let constant = constant(&self.lights);
-        (uniform.environments, uniform.environment_count) = self.environments.uniforms(&self.lights);
+        (uniform.environments, uniform.environment_count) = self.bound.environments.uniforms(&self.lights);
         uniform.light_count = lamps(&self.lights, self.origin_mm).len() as u32;
         uniform.constant = finite3(constant);
         uniform.backdrop = match view.background {
@@ -271,30 +238,4 @@ impl Raster {
         };
         uniform
     }
-}
-
-/// A buffer with these contents, never empty.
-fn filled<T: bytemuck::NoUninit>(
-    device: &Device,
-    label: &str,
-    values: &[T],
-    usage: wgpu::BufferUsages,
-) -> Result<wgpu::Buffer> {
-    use wgpu::util::DeviceExt;
-    let bytes: &[u8] = bytemuck::cast_slice(values);
-    let limit = device.device.limits().max_buffer_size;
-    if bytes.len() as u64 > limit {
-        return Err(crate::error::Error::unsupported(format!(
-            "{label}: {} MiB where {} holds {} MiB at most; use --device cpu",
-            bytes.len() >> 20,
-            device.info.name,
-            limit >> 20
-        )));
-    }
-    let zero = [0u8; size_of::<Corner>()];
-    Ok(device.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
-        label: Some(label),
-        contents: if bytes.is_empty() { &zero } else { bytes },
-        usage,
-    }))
 }

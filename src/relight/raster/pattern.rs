@@ -1,14 +1,16 @@
 //! Textures of the object as the shaders read them.
 
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
+use super::memory::{Level, filled, layered, sampler};
 use super::view::{finite, finite3};
 use crate::error::Result;
 use crate::evaluate::device::Device;
 use crate::io::colour::srgb_from_linear;
 use crate::render::texture::Texture;
-use crate::render::texture::marble::Marble;
+use crate::render::texture::marble::{ACROSS, SHIFT};
+use crate::render::texture::noise::MEAN_ABSOLUTE_NOISE;
 use crate::render::texture::picture::{Coat, Picture};
 
 /// A texture as declared in `texture.wgsl`.
@@ -29,18 +31,15 @@ struct PatternUniform {
 
 impl PatternUniform {
     fn of(texture: Option<&Texture>) -> Self {
-        match texture {
-            None => Self::default(),
-            Some(Texture::Marble(marble)) => Self::marble(marble),
-            Some(Texture::Picture(_)) => Self { kind: 2, ..Self::default() },
-        }
-    }
-
-    fn marble(marble: &Marble) -> Self {
-        let spec = marble.spec();
+        let marble = match texture {
+            None => return Self::default(),
+            Some(Texture::Picture(_)) => return Self { kind: 2, ..Self::default() },
+            Some(Texture::Marble(marble)) => marble,
+        };
+        let spec = &marble.spec;
         Self {
             base: finite3(spec.base),
-            veins_per_mm: finite(marble.scale_mm().recip()),
+            veins_per_mm: finite(marble.scale_mm.recip()),
             veins: finite3(spec.veins),
             turbulence: finite(spec.turbulence),
             sharpness: finite(spec.sharpness),
@@ -85,21 +84,9 @@ pub(super) struct Pattern {
 impl Pattern {
     /// A white texture, for a scene without one.
     pub(super) fn new(device: &Device) -> Result<Self> {
-        let uniform = device.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("texture"),
-            size: size_of::<PatternUniform>() as u64,
-            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
-            mapped_at_creation: false,
-        });
-        let repeat = device.device.create_sampler(&wgpu::SamplerDescriptor {
-            label: Some("texture"),
-            address_mode_u: wgpu::AddressMode::Repeat,
-            address_mode_v: wgpu::AddressMode::Repeat,
-            mag_filter: wgpu::FilterMode::Linear,
-            min_filter: wgpu::FilterMode::Linear,
-            mipmap_filter: wgpu::MipmapFilterMode::Linear,
-            ..Default::default()
-        });
+        let usage = wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST;
+        let uniform = filled(device, "texture", &[PatternUniform::default()], usage)?;
+        let repeat = sampler(device, "texture", wgpu::AddressMode::Repeat);
         let white = MipLevel { width: 1, height: 1, rgb: vec![[1.0; 3]] };
         let coats = device.storage("coats", &[CoatAlbedo::default()])?;
         Ok(Self { uniform, pictures: uploaded(device, &[vec![white]]), repeat, coats })
@@ -108,10 +95,10 @@ impl Pattern {
     /// Replaces the texture; the bind groups must be renewed.
     pub(super) fn set(&mut self, device: &Device, texture: Option<&Texture>) -> Result<()> {
         if let Some(Texture::Picture(texture)) = texture {
-            let entries: Vec<CoatAlbedo> = texture.coats().iter().map(CoatAlbedo::of).collect();
+            let entries: Vec<CoatAlbedo> = texture.coats.iter().map(CoatAlbedo::of).collect();
             self.coats = device.storage("coats", &entries)?;
             let limit = device.device.limits().max_texture_dimension_2d as usize;
-            let layers = layers(texture.pictures(), limit);
+            let layers = layers(&texture.pictures, limit);
             if !layers.is_empty() {
                 self.pictures = uploaded(device, &layers);
             }
@@ -151,17 +138,7 @@ impl MipLevel {
         }
         Self { width, height, rgb }
     }
-}
 
-/// Pixels of a line of `of` pixels that pixel `index` of a line of `size` covers, with their shares.
-fn covered(index: usize, size: usize, of: usize) -> Vec<(usize, f32)> {
-    let step = of as f64 / size as f64;
-    let (from, to) = (index as f64 * step, (index + 1) as f64 * step);
-    let share = |i: usize| ((to.min((i + 1) as f64) - from.max(i as f64)).max(0.0) / step) as f32;
-    (from as usize..(to.ceil() as usize).min(of)).map(|i| (i, share(i))).filter(|(_, share)| *share > 0.0).collect()
-}
-
-impl MipLevel {
     /// A picture at a size that is not smaller than its own; unchanged at its own size.
     fn enlarged(picture: &Picture, [width, height]: [usize; 2]) -> Self {
         let at = |i: usize| {
@@ -186,6 +163,14 @@ impl MipLevel {
     }
 }
 
+/// Pixels of a line of `of` pixels that pixel `index` of a line of `size` covers, with their shares.
+fn covered(index: usize, size: usize, of: usize) -> Vec<(usize, f32)> {
+    let step = of as f64 / size as f64;
+    let (from, to) = (index as f64 * step, (index + 1) as f64 * step);
+    let share = |i: usize| ((to.min((i + 1) as f64) - from.max(i as f64)).max(0.0) / step) as f32;
+    (from as usize..(to.ceil() as usize).min(of)).map(|i| (i, share(i))).filter(|(_, share)| *share > 0.0).collect()
+}
+
 /// The levels of each picture; the largest ones have equal sizes, as the layers of a texture must.
 fn layers(pictures: &[Picture], limit: usize) -> Vec<Vec<MipLevel>> {
     let sizes = pictures.iter().map(Picture::size);
@@ -195,54 +180,36 @@ fn layers(pictures: &[Picture], limit: usize) -> Vec<Vec<MipLevel>> {
 
 /// A texture array of one layer for each picture.
 fn uploaded(device: &Device, layers: &[Vec<MipLevel>]) -> wgpu::TextureView {
-    let size = |level: &MipLevel, layers: usize| wgpu::Extent3d {
-        width: level.width as u32,
-        height: level.height as u32,
-        depth_or_array_layers: layers as u32,
+    let code = |c: f32| (255.0 * srgb_from_linear(f64::from(c.clamp(0.0, 1.0)))).round() as u8;
+    let level = |level: &MipLevel| Level {
+        width: level.width,
+        height: level.height,
+        texels: level.rgb.iter().map(|[r, g, b]| [code(*r), code(*g), code(*b), 255]).collect(),
     };
-    let first = layers.first().map_or(&[] as &[MipLevel], Vec::as_slice);
-    let texture = device.device.create_texture(&wgpu::TextureDescriptor {
-        label: Some("texture"),
-        // A single layer is no array to the OpenGL backend.
-        size: first.first().map(|level| size(level, layers.len().max(2))).unwrap_or_default(),
-        mip_level_count: first.len().max(1) as u32,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format: wgpu::TextureFormat::Rgba8UnormSrgb,
-        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
-        view_formats: &[],
-    });
-    for (layer, levels) in layers.iter().enumerate() {
-        for (index, level) in levels.iter().enumerate() {
-            let code = |c: f32| (255.0 * srgb_from_linear(f64::from(c.clamp(0.0, 1.0)))).round() as u8;
-            let texels: Vec<[u8; 4]> = level.rgb.iter().map(|[r, g, b]| [code(*r), code(*g), code(*b), 255]).collect();
-            let target = wgpu::TexelCopyTextureInfo {
-                texture: &texture,
-                mip_level: index as u32,
-                origin: wgpu::Origin3d { x: 0, y: 0, z: layer as u32 },
-                aspect: wgpu::TextureAspect::All,
-            };
-            let layout = wgpu::TexelCopyBufferLayout {
-                offset: 0,
-                bytes_per_row: Some(4 * level.width as u32),
-                rows_per_image: Some(level.height as u32),
-            };
-            device.queue.write_texture(target, texels.as_flattened(), layout, size(level, 1));
-        }
-    }
-    texture.create_view(&wgpu::TextureViewDescriptor {
-        dimension: Some(wgpu::TextureViewDimension::D2Array),
-        ..Default::default()
-    })
+    let layers: Vec<Vec<Level>> = layers.iter().map(|levels| levels.iter().map(level).collect()).collect();
+    layered(device, "texture", wgpu::TextureFormat::Rgba8UnormSrgb, &layers)
+}
+
+/// The text of `texture.wgsl` with the constants of the renderer's noise and marble.
+pub(super) fn shader() -> String {
+    let text = |v: DVec3| format!("vec3f({:?}, {:?}, {:?})", v.x, v.y, v.z);
+    let numbers = format!(
+        "const MEAN_ABSOLUTE_NOISE = {MEAN_ABSOLUTE_NOISE:?};
+const ACROSS = {};
+const SHIFT = {};
+",
+        text(ACROSS),
+        text(SHIFT)
+    );
+    [&numbers, include_str!("texture.wgsl")].concat()
 }
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use glam::DVec3;
-
     use super::*;
     use crate::math::random::uniform;
+    use crate::render::texture::marble::Marble;
     use crate::render::texture::noise::noise;
     use crate::render::texture::spec::MarbleSpec;
 
@@ -261,7 +228,7 @@ mod tests {
     fn evaluated(device: &Device, pattern: &Pattern, places: &[[f32; 4]]) -> Vec<[f32; 4]> {
         let module = device.device.create_shader_module(wgpu::ShaderModuleDescriptor {
             label: None,
-            source: wgpu::ShaderSource::Wgsl([include_str!("texture.wgsl"), EVALUATE].concat().into()),
+            source: wgpu::ShaderSource::Wgsl((shader() + EVALUATE).into()),
         });
         let pipeline = device.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: None,

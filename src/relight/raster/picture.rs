@@ -1,7 +1,10 @@
 //! Off-screen pictures, read back as linear radiance.
 
+use exr::prelude::f16;
+
 use super::Raster;
-use super::canvas::{Canvas, Finish, descriptor};
+use super::canvas::{Canvas, Finish};
+use super::memory::descriptor;
 use super::view::View;
 use crate::error::{Error, Result};
 use crate::evaluate::device::Device;
@@ -71,38 +74,12 @@ impl Picture {
         );
         device.queue.submit([encoder.finish()]);
         let bytes = device.read(&self.buffer, self.buffer.size())?;
-        let resolution = self.canvas.resolution();
+        let resolution = self.canvas.resolution;
         let pixels = bytes
             .chunks_exact(self.bytes_per_row as usize)
             .flat_map(|row| row[..8 * resolution.width].chunks_exact(8))
-            .map(|texel| std::array::from_fn(|c| from_half(u16::from_le_bytes([texel[2 * c], texel[2 * c + 1]]))))
+            .map(|texel| std::array::from_fn(|c| f16::from_le_bytes([texel[2 * c], texel[2 * c + 1]]).to_f32()))
             .collect();
         Ok(LinearPicture { resolution, pixels })
-    }
-}
-
-/// The value of a half float (IEEE 754 binary16).
-fn from_half(bits: u16) -> f32 {
-    let magnitude = match (bits >> 10 & 31, bits & 1023) {
-        (0, fraction) => f32::from(fraction) / 16_777_216.0,
-        (31, 0) => f32::INFINITY,
-        (31, _) => f32::NAN,
-        (exponent, fraction) => f32::from_bits((u32::from(exponent) + 112) << 23 | u32::from(fraction) << 13),
-    };
-    if bits >> 15 == 1 { -magnitude } else { magnitude }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::from_half;
-
-    #[test]
-    fn half_floats_have_known_values() {
-        let known =
-            [(0, 0.0), (0x3c00, 1.0), (0xc000, -2.0), (0x7bff, 65504.0), (1, 5.960_464_5e-8), (0x3555, 0.333_251_95)];
-        for (bits, value) in known {
-            assert_eq!(from_half(bits), value);
-        }
-        assert!(from_half(0x7e00).is_nan() && from_half(0x7c00) == f32::INFINITY);
     }
 }

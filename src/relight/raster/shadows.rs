@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use crate::geometry::bvh::{Bvh, NO_TRIANGLE, Ray, offset_origin};
 use crate::light::Light;
+use crate::render::normals::welded_normals_mm2;
 use crate::scene::Scene;
 
 /// Number of lights with shadows, the first ones.
@@ -26,13 +27,7 @@ impl Shadows {
     /// Prepares the origins of the shadow rays of a scene's vertices.
     pub(crate) fn new(scene: &Scene) -> Self {
         let mesh = &scene.mesh;
-        let mut normals = vec![DVec3::ZERO; mesh.local_mm.len()];
-        for (triangle, vertices) in mesh.triangles.iter().enumerate() {
-            let cross = mesh.cross_mm2(triangle as u32);
-            for &vertex in vertices {
-                normals[mesh.weld[vertex as usize] as usize] += cross;
-            }
-        }
+        let normals = welded_normals_mm2(mesh);
         let lift = LIFT * mesh.diagonal_mm();
         let start = |vertex: usize| {
             let normal = normals[mesh.weld[vertex] as usize].normalize_or_zero();

@@ -3,8 +3,7 @@
 
 use std::sync::Arc;
 
-use wgpu::util::DeviceExt;
-
+use super::memory::filled;
 use crate::error::Result;
 use crate::evaluate::{DeviceEvaluator, device::Device};
 
@@ -16,8 +15,8 @@ const HEADER: u64 = 16;
 pub struct Shown {
     device: Arc<Device>,
     /// Four floats with the scale, then four for every receiver.
-    radiosity: wgpu::Buffer,
-    visibility: wgpu::Buffer,
+    pub(super) radiosity: wgpu::Buffer,
+    pub(super) visibility: wgpu::Buffer,
 }
 
 impl Shown {
@@ -28,35 +27,22 @@ impl Shown {
         Ok(Self { device, radiosity, visibility })
     }
 
-    pub(super) fn radiosity(&self) -> &wgpu::Buffer {
-        &self.radiosity
-    }
-
-    pub(super) fn visibility(&self) -> &wgpu::Buffer {
-        &self.visibility
-    }
-
     /// Shows an evaluator's current radiosity from now on; `visibility` has an entry for each source vertex.
     ///
     /// # Errors
     /// A lost device (exit 4).
     pub fn publish(&self, evaluator: &dyn DeviceEvaluator, visibility: &[u32]) -> Result<()> {
-        let device = &self.device.device;
-        let staged = |label, contents: &[u8]| {
-            let usage = wgpu::BufferUsages::COPY_SRC;
-            device.create_buffer_init(&wgpu::util::BufferInitDescriptor { label: Some(label), contents, usage })
-        };
         let held = evaluator.held();
         let scale = (held.scale as f32).clamp(f32::MIN_POSITIVE, f32::MAX);
-        let header = staged("scale", bytemuck::cast_slice(&[scale, 0.0, 0.0, 0.0]));
+        let header = filled(&self.device, "scale", &[scale, 0.0, 0.0, 0.0], wgpu::BufferUsages::COPY_SRC)?;
         let source = held.radiosity;
-        let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        let mut encoder = self.device.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         encoder.copy_buffer_to_buffer(&header, 0, &self.radiosity, 0, HEADER);
         let bytes = source.size().min(self.radiosity.size() - HEADER) / 4 * 4;
         encoder.copy_buffer_to_buffer(source, 0, &self.radiosity, HEADER, bytes);
         let bytes = size_of_val(visibility) as u64;
         if bytes > 0 && bytes <= self.visibility.size() {
-            let seen = staged("visibility", bytemuck::cast_slice(visibility));
+            let seen = filled(&self.device, "visibility", visibility, wgpu::BufferUsages::COPY_SRC)?;
             encoder.copy_buffer_to_buffer(&seen, 0, &self.visibility, 0, bytes);
         }
         self.device.queue.submit([encoder.finish()]);

@@ -1,11 +1,5 @@
 // The object, its wires and what is seen beside it. Lengths in mm, in the mesh's local coordinates.
 
-const PI = 3.14159265358979;
-const NONE = 0xffffffffu;
-const LEAST_COSINE_SHARE = 0.5;
-const ALBEDO_STEPS = 32u;
-const LAST_LEVEL = 5.0;
-
 struct Environment {
     // Cosine and sine of its turn.
     turn: vec4f,
@@ -36,8 +30,8 @@ struct View {
     error_known: u32,
     textured: u32,
     unused: u32,
-    colours: array<vec4f, 6>,
-    environments: array<Environment, 4>,
+    colours: array<vec4f, ERROR_COLOURS>,
+    environments: array<Environment, ENVIRONMENTS>,
 }
 
 struct Light {

@@ -1,11 +1,6 @@
 // What scattered light is multiplied by: solid marble, or pictures over the texture coordinates. `render::texture` has the
 // same in 64 bits. Beyond what a pixel can show, both become their mean.
 
-// Mean of |noise| over space.
-const MEAN_ABSOLUTE_NOISE = 0.22;
-const ACROSS = vec3f(0.6, 0.64, 0.48);
-const SHIFT = vec3f(17.37, 5.71, 11.13);
-
 struct Pattern {
     base: vec3f,
     // 1 / mm.
@@ -37,15 +32,13 @@ struct Coat {
 @group(0) @binding(12) var repeat: sampler;
 @group(0) @binding(13) var<storage, read> coats: array<Coat>;
 
+fn mixed(bits: u32, part: u32) -> u32 {
+    let product = (bits ^ part) * 0x9e3779b1u;
+    return product ^ (product >> 15u);
+}
+
 fn lattice_bits(cell: vec3u, key: u32) -> u32 {
-    var bits = cell.x * 0x9e3779b1u;
-    bits ^= bits >> 15u;
-    bits = (bits ^ cell.y) * 0x9e3779b1u;
-    bits ^= bits >> 15u;
-    bits = (bits ^ cell.z) * 0x9e3779b1u;
-    bits ^= bits >> 15u;
-    bits = (bits ^ key) * 0x9e3779b1u;
-    bits ^= bits >> 15u;
+    var bits = mixed(mixed(mixed(mixed(0u, cell.x), cell.y), cell.z), key);
     bits = (bits ^ (bits >> 16u)) * 0x85ebca6bu;
     bits = (bits ^ (bits >> 13u)) * 0xc2b2ae35u;
     return bits ^ (bits >> 16u);

@@ -20,7 +20,7 @@ pub const ERROR_COLOURS: [[f32; 3]; 6] = [
     [0.85, 0.15, 0.10],
 ];
 
-/// The quantity that is shown of the object.
+/// The quantity that is shown of the object; shaders know it by its number.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Look {
     /// The radiance towards the eye.
@@ -47,32 +47,12 @@ pub struct View {
     pub look: Look,
     /// The background beside the object.
     pub background: Background,
-    /// Use of the texture, where there is one.
-    pub texture: Textured,
-    /// Drawing of the triangles' edges.
-    pub wires: Wires,
+    /// Whether the texture multiplies the scattered light, where there is one.
+    pub textured: bool,
+    /// Whether the triangles' edges are drawn over the picture.
+    pub wires: bool,
     /// The error that gets the last colour; none while it is unknown.
     pub worst_error: Option<f64>,
-}
-
-/// Use of the texture on the scattered light.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Textured {
-    /// The texture is left out.
-    No,
-    /// The texture is applied.
-    #[default]
-    Yes,
-}
-
-/// Drawing of the triangles' edges.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Wires {
-    /// Edges are not drawn.
-    #[default]
-    Hidden,
-    /// Edges are drawn over the picture.
-    Shown,
 }
 
 impl View {
@@ -85,8 +65,8 @@ impl View {
             specular: Specular::default(),
             look: Look::default(),
             background: Background::default(),
-            texture: Textured::default(),
-            wires: Wires::default(),
+            textured: true,
+            wires: false,
             worst_error: None,
         }
     }
@@ -132,18 +112,9 @@ pub(super) struct ViewUniform {
     pub(super) environments: [EnvironmentUniform; ENVIRONMENTS],
 }
 
-/// Encoding of colours by the fragment shader.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Encoding {
-    /// Linear, up to the range of half floats.
-    Linear,
-    /// sRGB, clamped to [0, 1].
-    Srgb,
-}
-
 impl ViewUniform {
     /// The uniform of a view; `origin_mm` is the mesh's origin, `bounds_mm` its bounding box in local coordinates.
-    pub(super) fn new(view: &View, encoding: Encoding, origin_mm: DVec3, bounds_mm: [DVec3; 2]) -> Self {
+    pub(super) fn new(view: &View, srgb: bool, origin_mm: DVec3, bounds_mm: [DVec3; 2]) -> Self {
         let Resolution { width, height } = view.resolution;
         let camera = &view.camera;
         let (size, forward) = (DVec2::new(width as f64, height as f64), camera.forward());
@@ -173,14 +144,10 @@ impl ViewUniform {
             upward: upward.as_vec3().to_array(),
             roughness: view.specular.roughness().map_or(1.0, Roughness::value) as f32,
             forward: forward.as_vec3().to_array(),
-            mode: match view.look {
-                Look::Picture => 0,
-                Look::Radiosity => 1,
-                Look::Error => 2,
-            },
+            mode: view.look as u32,
             diffuse: 1.0,
             specular: if view.specular.roughness().is_some() { 1.0 } else { 0.0 },
-            encode: u32::from(encoding == Encoding::Srgb),
+            encode: u32::from(srgb),
             backdrop_alpha: match view.background {
                 Background::Environment => 2.0,
                 Background::None => 0.0,
@@ -188,16 +155,10 @@ impl ViewUniform {
             },
             error_scale: view.worst_error.map_or(0.0, |e| finite(1.0 / e.max(1e-12))),
             error_known: u32::from(view.worst_error.is_some()),
-            textured: u32::from(view.texture == Textured::Yes),
+            textured: u32::from(view.textured),
             colours: ERROR_COLOURS.map(colour),
             ..Self::default()
         }
-    }
-
-    /// Returns whether the background is black.
-    pub(super) fn is_black_beside(&self) -> bool {
-        let environments = self.backdrop_alpha == 2.0 && self.environment_count > 0;
-        !environments && self.backdrop == [0.0; 3]
     }
 }
 
@@ -223,7 +184,7 @@ mod tests {
         let camera = Camera::new(origin + DVec3::new(4.0, 8.0, 75.0), origin, DVec3::Y, 28.0).unwrap();
         let view = View::new(camera, resolution, 1.0);
         let bounds = [DVec3::splat(-10.0), DVec3::splat(10.0)];
-        let uniform = ViewUniform::new(&view, Encoding::Linear, origin, bounds);
+        let uniform = ViewUniform::new(&view, false, origin, bounds);
         let matrix = Mat4::from_cols_array_2d(&uniform.clip_from_local);
         let mut depths = Vec::new();
         for local in [DVec3::ZERO, DVec3::splat(9.0), DVec3::new(-7.0, 3.0, 5.0)] {

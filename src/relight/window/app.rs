@@ -3,12 +3,11 @@
 mod actions;
 mod events;
 mod frame;
-mod input;
 mod log;
 mod shown;
 mod staging;
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 use glam::DVec3;
@@ -17,13 +16,10 @@ use winit::keyboard::ModifiersState;
 
 use self::log::Log;
 use self::shown::Shown;
-use super::report::WindowReport;
-use super::session::Session;
+use super::session::{Session, Settings};
 use crate::error::{Error, Result};
-use crate::relight::choice::DeviceChoice;
+use crate::relight::timings::WindowReport;
 use crate::render::camera::Resolution;
-use crate::render::camera_text::CameraSpec;
-use crate::render::texture::spec::TextureSpec;
 
 /// The object of a drag.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -53,30 +49,14 @@ pub(super) struct App {
     viewport: Resolution,
 }
 
-/// The settings of the session that outlast its opening.
-struct Settings {
-    quit_after_s: Option<f64>,
-    camera: CameraSpec,
-    choice: DeviceChoice,
-    texture: TextureSpec,
-    pool: Arc<rayon::ThreadPool>,
-}
-
 impl App {
     pub(super) fn new(session: Session, proxy: EventLoopProxy<()>) -> Self {
-        let settings = Settings {
-            quit_after_s: session.quit_after_s,
-            camera: session.camera,
-            choice: session.choice,
-            texture: session.texture.clone(),
-            pool: Arc::clone(&session.pool),
-        };
         Self {
             viewport: session.resolution,
+            settings: session.settings.clone(),
             session: Some(session),
             proxy,
             shown: None,
-            settings,
             log: Log::default(),
             failure: None,
             report: None,
@@ -99,9 +79,12 @@ impl App {
         }
     }
 
-    fn fail(&mut self, event_loop: &ActiveEventLoop, error: Error) {
-        self.failure.get_or_insert(error);
-        event_loop.exit();
+    /// Ends the window where something failed.
+    fn expect(&mut self, event_loop: &ActiveEventLoop, result: Result<()>) {
+        if let Err(error) = result {
+            self.failure.get_or_insert(error);
+            event_loop.exit();
+        }
     }
 
     fn wake(&self) -> impl Fn() + Send + Sync + 'static {

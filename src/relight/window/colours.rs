@@ -2,14 +2,12 @@
 //! frame.
 
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, channel};
-use std::thread::JoinHandle;
 
-use crate::error::{Error, Result};
+use super::answering::Answering;
+use crate::error::Result;
 use crate::medium::inversion::{Inversion, Target, invert};
 use crate::medium::material::OpticalProperties;
 use crate::medium::profiles::model::LoadedProfile;
-use crate::relight::newest::Newest;
 
 /// The task of a question.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,58 +43,20 @@ pub(super) struct Answer {
     pub(super) result: Result<Inversion>,
 }
 
-/// The thread and its mailboxes; it takes the newest question.
-pub(super) struct Colours {
-    asked: Arc<Newest<Question>>,
-    answers: Receiver<Answer>,
-    thread: Option<JoinHandle<()>>,
-}
+/// The thread that answers questions.
+pub(super) type Colours = Answering<Question, Answer>;
 
-impl Colours {
-    /// Starts the thread; `wake` is called after every answer.
-    pub(super) fn start(wake: impl Fn() + Send + 'static) -> Result<Self> {
-        let asked: Arc<Newest<Question>> = Arc::default();
-        let (sender, answers) = channel();
-        let mailbox = Arc::clone(&asked);
-        let work = move || {
-            while let Some(question) = mailbox.take() {
-                let answer = Answer { ticket: question.ticket, result: question.answered() };
-                if sender.send(answer).is_err() {
-                    break;
-                }
-                wake();
-            }
-        };
-        let thread = std::thread::Builder::new()
-            .name("colours".to_owned())
-            .spawn(work)
-            .map_err(|e| Error::runtime(format!("the thread for colours could not be started: {e}")))?;
-        Ok(Self { asked, answers, thread: Some(thread) })
-    }
-
-    pub(super) fn ask(&self, question: Question) {
-        self.asked.post(question);
-    }
-
-    pub(super) fn answer(&self) -> Option<Answer> {
-        self.answers.try_recv().ok()
-    }
-}
-
-/// Ends the thread after its current question.
-impl Drop for Colours {
-    fn drop(&mut self) {
-        self.asked.close();
-        if let Some(thread) = self.thread.take() {
-            // A thread that panicked has said so.
-            let _ = thread.join();
-        }
-    }
+/// Starts the thread; `wake` is called after every answer.
+pub(super) fn start(wake: impl Fn() + Send + 'static) -> Result<Colours> {
+    let answer = |question: Question| Answer { ticket: question.ticket, result: question.answered() };
+    Answering::start("colours", move || answer, wake)
 }
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
+    use std::sync::mpsc::channel;
+
     use glam::DVec3;
 
     use super::*;
@@ -107,7 +67,7 @@ mod tests {
     #[test]
     fn the_newest_question_is_answered() {
         let (wake, woken) = channel();
-        let colours = Colours::start(move || wake.send(()).unwrap_or_default()).unwrap();
+        let colours = start(move || wake.send(()).unwrap_or_default()).unwrap();
         let profile = Arc::new(LoadedProfile::OfMedium(ProfileModel::Dipole));
         let medium = preset("marble").unwrap().properties();
         for ticket in 1..=50 {

@@ -7,13 +7,15 @@ use std::path::PathBuf;
 use glam::DVec3;
 
 use super::editing::{Editing, ProfileInForce};
+use crate::error::Result;
 use crate::evaluate::MaterialEdit;
 use crate::light::Light;
 use crate::light::environment::EnvironmentMap;
 use crate::medium::material::Medium;
-use crate::relight::lights::{AdjustedLight, pivot_mm, shining};
+use crate::medium::profiles::model::ProfileModel;
+use crate::relight::lights::{AdjustedLight, pivot_mm};
 use crate::relight::orbit::Orbit;
-use crate::relight::raster::view::{Look, Textured, View, Wires};
+use crate::relight::raster::view::{Look, View};
 use crate::render::background::Background;
 use crate::render::camera::{Camera, Resolution};
 use crate::render::film::{Exposure, MAX_STOPS};
@@ -31,8 +33,10 @@ const ADAPTATION_S: f64 = 0.3;
 pub(super) struct KnownError {
     /// Serial number of the state.
     pub(super) serial: u64,
+    /// Relative RMS and worst vertex.
     pub(super) rms: f64,
     pub(super) worst: f64,
+    /// End of the colour scale: 99 % of the vertices are below.
     pub(super) scale: f64,
 }
 
@@ -41,6 +45,16 @@ pub(super) struct KnownError {
 pub(super) struct Message {
     pub(super) text: String,
     pub(super) bad: bool,
+}
+
+/// The user's requests in this frame.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Asked {
+    pub(super) save_png: bool,
+    pub(super) save_render: bool,
+    pub(super) measure_error: bool,
+    /// The profile to put in force.
+    pub(super) profile: Option<ProfileModel>,
 }
 
 /// The state of the window.
@@ -132,15 +146,9 @@ impl Desk {
         camera: &Camera,
     ) {
         let pivot = pivot_mm(&scene.mesh);
-        self.entries = self
-            .entries
-            .iter()
-            .map(|e| {
-                let mut entry = AdjustedLight::new(e.light(0.0, self.pivot_mm), pivot);
-                entry.on = e.on;
-                entry
-            })
-            .collect();
+        for entry in &mut self.entries {
+            *entry = AdjustedLight { on: entry.on, ..AdjustedLight::new(entry.light(0.0, self.pivot_mm), pivot) };
+        }
         self.model = model;
         self.pivot_mm = pivot;
         self.media = scene.media.clone();
@@ -159,7 +167,7 @@ impl Desk {
     pub(super) fn replace_environment(&mut self, map: std::sync::Arc<EnvironmentMap>) {
         let light = Light::Environment { map, rotate_degrees: 0.0, scale: DVec3::ONE };
         let entry = AdjustedLight::new(light, self.pivot_mm);
-        match self.entries.iter_mut().find(|e| matches!(e.base(), Light::Environment { .. })) {
+        match self.entries.iter_mut().find(|e| matches!(e.base, Light::Environment { .. })) {
             Some(place) => *place = entry,
             None => self.entries.push(entry),
         }
@@ -167,7 +175,8 @@ impl Desk {
     }
 
     pub(super) fn lights(&self) -> Vec<Light> {
-        shining(&self.entries, self.turn_degrees, self.pivot_mm)
+        let shining = self.entries.iter().filter(|entry| entry.on);
+        shining.map(|entry| entry.light(self.turn_degrees, self.pivot_mm)).collect()
     }
 
     /// Advances time; returns whether the lights turned.
@@ -216,8 +225,9 @@ impl Desk {
         if self.reflects { Specular::Rough(roughness) } else { Specular::Off }
     }
 
-    pub(super) fn texture(&self) -> Textured {
-        if self.has_texture && self.textured { Textured::Yes } else { Textured::No }
+    /// Whether there is a texture and it is shown.
+    pub(super) fn shows_texture(&self) -> bool {
+        self.has_texture && self.textured
     }
 
     pub(super) fn set_specular(&mut self, specular: Specular) {
@@ -231,8 +241,8 @@ impl Desk {
             specular: self.specular(),
             look: self.look,
             background: self.background,
-            texture: self.texture(),
-            wires: if self.wires { Wires::Shown } else { Wires::Hidden },
+            textured: self.shows_texture(),
+            wires: self.wires,
             worst_error: self.error.map(|e| e.scale),
             ..View::new(camera, resolution, self.exposure_factor())
         }
@@ -257,6 +267,13 @@ impl Desk {
 
     pub(super) fn say(&mut self, text: impl Into<String>) {
         self.message = Some(Message { text: text.into(), bad: false });
+    }
+
+    /// Complains of what failed.
+    pub(super) fn expect(&mut self, result: Result<()>) {
+        if let Err(error) = result {
+            self.complain(error.message());
+        }
     }
 
     pub(super) fn complain(&mut self, text: impl Into<String>) {
@@ -297,6 +314,8 @@ pub(super) mod tests {
         let lights = desk.lights();
         let Light::Directional { from, .. } = lights[0] else { panic!("kind") };
         assert!((from - DVec3::X).length() < 1e-12);
+        desk.entries[0].on = false;
+        assert_eq!(desk.lights(), lights[1..]);
         desk.adapt(4.0);
         assert_eq!(desk.exposure_factor(), 0.25);
         desk.adapt(1.0);

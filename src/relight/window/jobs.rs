@@ -7,6 +7,8 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 
 use rayon::ThreadPool;
 
+use super::answering::spawn;
+use super::desk::KnownError;
 use super::placing::Placing;
 use crate::error::{Error, Result};
 use crate::evaluate::DeviceEvaluator;
@@ -23,7 +25,7 @@ use crate::progress::Progress;
 use crate::relight::headless::png;
 use crate::relight::raster::picture::LinearPicture;
 use crate::render::background::Background;
-use crate::render::film::{ColourType, PngBackground, to_exr, to_png};
+use crate::render::film::{ColourType, to_exr, to_png};
 use crate::render::frame::{RenderSettings, render};
 use crate::render::single::Scattered;
 use crate::render::texture::Texture;
@@ -83,15 +85,9 @@ pub(super) struct Profiled {
 
 /// Errors at all vertices.
 pub(super) struct ErrorField {
-    /// Serial number of the state of the error.
-    pub(super) serial: u64,
+    pub(super) known: KnownError,
     /// Largest error of the channels at each vertex, relative to the channel's RMS.
     pub(super) values: Vec<f32>,
-    /// Relative RMS and worst vertex.
-    pub(super) rms: f64,
-    pub(super) worst: f64,
-    /// End of the colour scale: 99 % of the vertices are below.
-    pub(super) scale: f64,
 }
 
 /// The running job, and the one that ended.
@@ -132,10 +128,7 @@ impl Jobs {
             let _ = sender.send(result);
             wake();
         };
-        std::thread::Builder::new()
-            .name("job".to_owned())
-            .spawn(work)
-            .map_err(|e| Error::runtime(format!("a thread could not be started: {e}")))?;
+        spawn("job", work)?;
         self.running = Some((name, meter));
         Ok(())
     }
@@ -166,10 +159,8 @@ fn run(job: Job, placing: &Placing, progress: &dyn Progress) -> Result<Outcome> 
                 text("material", state.names.join("; ")),
             ];
             attributes.extend(texture.map(|texture| text("texture", texture.to_string())));
-            let background =
-                if settings.background == Background::None { PngBackground::Transparent } else { PngBackground::Shown };
             atomic::write(&paths[0], &to_exr(&frame, ColourType::default(), attributes)?)?;
-            atomic::write(&paths[1], &to_png(&frame, exposure, background)?)?;
+            atomic::write(&paths[1], &to_png(&frame, exposure, settings.background)?)?;
             Ok(Outcome::Saved(paths.to_vec()))
         }
         Job::Png { picture, background, path } => {
@@ -213,7 +204,8 @@ fn error_field(state: &State, placing: &Placing, progress: &dyn Progress) -> Res
     let mut sorted: Vec<f32> = values.iter().zip(&areas).filter(|(_, a)| **a > 0.0).map(|(v, _)| *v).collect();
     sorted.sort_unstable_by(f32::total_cmp);
     let scale = sorted.get(sorted.len() * 99 / 100).copied().map_or(0.0, f64::from);
-    Ok(ErrorField { serial: state.serial, values, rms: error.rms, worst: error.worst, scale: scale.max(1e-9) })
+    let (rms, worst, scale) = (error.rms, error.worst, scale.max(1e-9));
+    Ok(ErrorField { known: KnownError { serial: state.serial, rms, worst, scale }, values })
 }
 
 /// Progress of a job.
@@ -242,9 +234,4 @@ impl Progress for Meter {
     }
 
     fn finish(&self) {}
-}
-
-/// The folder for saved pictures.
-pub(super) fn folder() -> &'static Path {
-    Path::new(".")
 }

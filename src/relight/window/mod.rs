@@ -1,5 +1,6 @@
 //! The window: turn lights and environments, edit materials, view errors, save pictures, drop files.
 
+mod answering;
 mod app;
 mod colours;
 mod desk;
@@ -7,7 +8,6 @@ mod editing;
 mod jobs;
 mod panel;
 mod placing;
-mod report;
 mod screen;
 mod session;
 mod worker;
@@ -16,9 +16,9 @@ use winit::event_loop::EventLoop;
 
 use self::app::App;
 use crate::error::{Error, Result};
+use crate::relight::timings::WindowReport;
 
-pub use self::report::WindowReport;
-pub use self::session::{OpenModel, Session, Turn};
+pub use self::session::{OpenModel, Session, Settings};
 
 /// The cause in a message of winit, without the position in its source, "os error at FILE:LINE: ".
 fn cause(message: &str) -> &str {

@@ -1,13 +1,11 @@
 //! The panel beside the picture, and the text over it.
 
-mod asked;
 mod material;
 
 use egui::{Align2, Color32, RichText, ScrollArea, Slider, Ui};
 
-pub(super) use self::asked::Asked;
-use self::asked::BAD;
-use super::desk::Desk;
+use self::material::BAD;
+use super::desk::{Asked, Desk};
 use crate::light::Light;
 use crate::relight::lights::{AdjustedLight, MAX_STOPS};
 use crate::relight::raster::view::{ERROR_COLOURS, Look};
@@ -75,7 +73,7 @@ fn lights(ui: &mut Ui, desk: &mut Desk) {
         ui.push_id(index, |ui| {
             ui.horizontal(|ui| {
                 changed |= ui.checkbox(&mut entry.on, "").changed();
-                let name = format!("{} {}", index + 1, entry.base().kind().name());
+                let name = format!("{} {}", index + 1, entry.base.kind().name());
                 if ui.selectable_label(desk.selected == index, name).clicked() {
                     desk.selected = index;
                 }
@@ -92,7 +90,7 @@ fn light(ui: &mut Ui, entry: &mut AdjustedLight) -> bool {
     let mut changed = false;
     let mut slider = |ui: &mut Ui, slider: Slider| changed |= ui.add(slider).changed();
     if entry.turns() {
-        let text = if matches!(entry.base(), Light::Environment { .. }) { "rotate" } else { "azimuth" };
+        let text = if matches!(entry.base, Light::Environment { .. }) { "rotate" } else { "azimuth" };
         let range = if entry.azimuth_degrees > 180.0 { 0.0..=360.0 } else { -180.0..=180.0 };
         slider(ui, Slider::new(&mut entry.azimuth_degrees, range).suffix("°").fixed_decimals(0).text(text));
     }

@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::evaluate::device::Device;
 use crate::relight::raster::Raster;
 use crate::relight::raster::canvas::{Canvas, Finish};
-use crate::relight::raster::view::{Encoding, View};
+use crate::relight::raster::view::View;
 use crate::render::camera::Resolution;
 
 /// Number of consecutive failed frames after which the window gives up.
@@ -57,10 +57,9 @@ impl Screen {
         config.format = plain.into_iter().find(|f| formats.contains(f)).unwrap_or(config.format);
         config.present_mode = wgpu::PresentMode::AutoVsync;
         surface.configure(&device.device, &config);
-        let encoding = if config.format.is_srgb() { Encoding::Linear } else { Encoding::Srgb };
         // Measured: four samples cost a software adapter most of its frames.
         let samples = if device.is_software() { 1 } else { 4 };
-        let finish = Finish { format: config.format, samples, encoding };
+        let finish = Finish { format: config.format, samples, srgb: !config.format.is_srgb() };
         let canvas = Canvas::new(&device, resolution(&config), finish)?;
         let context = egui::Context::default();
         context.set_visuals(egui::Visuals::dark());

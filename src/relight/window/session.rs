@@ -32,33 +32,31 @@ pub struct Session {
     pub open: OpenModel,
     /// Initial lights.
     pub lights: Vec<Light>,
-    /// Device choice for the transport.
-    pub choice: DeviceChoice,
-    /// Initial camera.
-    pub camera: CameraSpec,
     /// Size of the window.
     pub resolution: Resolution,
     /// Initial exposure.
     pub exposure: Exposure,
     /// Initial specular reflection.
     pub specular: Specular,
-    /// The texture that multiplies scattered light.
-    pub texture: TextureSpec,
     /// The background beside the object.
     pub background: Background,
-    /// Initial motion of the lights.
-    pub turn: Turn,
+    /// Whether the lights turn about the object at first.
+    pub turning: bool,
+    /// What outlasts the opening.
+    pub settings: Settings,
+}
+
+/// The settings of a window that outlast its opening.
+#[derive(Clone)]
+pub struct Settings {
+    /// Device choice for the transport.
+    pub choice: DeviceChoice,
+    /// Camera of every model at first.
+    pub camera: CameraSpec,
+    /// The texture that multiplies scattered light.
+    pub texture: TextureSpec,
     /// Seconds after which the window closes; none to stay open.
     pub quit_after_s: Option<f64>,
     /// Worker threads.
     pub pool: Arc<ThreadPool>,
-}
-
-/// Motion of the lights.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Turn {
-    /// They stand still until the user turns them.
-    Still,
-    /// They turn about the object.
-    Turning,
 }

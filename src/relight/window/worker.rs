@@ -1,31 +1,26 @@
 //! The thread that evaluates: it always takes the newest state, so that the window never waits.
 
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, Sender, channel};
-use std::thread::JoinHandle;
 use std::time::Instant;
 
 use glam::DVec3;
 use rayon::ThreadPool;
 
+use super::answering::Answering;
 use crate::error::{Error, Result};
 use crate::evaluate::DeviceEvaluator;
 use crate::light::Light;
 use crate::medium::material::Medium;
 use crate::progress::Silent;
 use crate::relight::lights::are_same;
-use crate::relight::newest::Newest;
 use crate::relight::raster::Shown;
 use crate::relight::raster::shadows::Shadows;
-use crate::relight::raster::view::Textured;
 use crate::render::camera::Camera;
-use crate::render::film::AUTO_EXPOSURE_PERCENTILE;
+use crate::render::film::white_of;
 
 /// A requested state.
 #[derive(Clone)]
 pub(super) struct Wanted {
-    /// Serial number of the state.
-    pub(super) serial: u64,
     pub(super) lights: Vec<Light>,
     pub(super) media: Vec<Medium>,
     /// Position of the eye, mm.
@@ -33,12 +28,11 @@ pub(super) struct Wanted {
     /// The camera for which automatic exposure is measured, where it is wanted.
     pub(super) expose_for: Option<Camera>,
     /// Whether the texture is included in that measurement.
-    pub(super) textured: Textured,
+    pub(super) textured: bool,
 }
 
 /// The state that is shown now.
 pub(super) struct Done {
-    pub(super) serial: u64,
     pub(super) lights: Vec<Light>,
     pub(super) media: Vec<Medium>,
     /// Reason why the wanted media are not in force.
@@ -53,79 +47,23 @@ pub(super) struct Done {
     pub(super) transport_ms: f64,
 }
 
-/// The thread and its mailboxes.
-pub(super) struct Worker {
-    wanted: Arc<Newest<Wanted>>,
-    done: Receiver<Done>,
-    thread: Option<JoinHandle<()>>,
-}
+/// The thread that evaluates states.
+pub(super) type Worker = Answering<Wanted, Done>;
 
-impl Worker {
-    /// Starts the thread; `wake` is called after every state. `albedo` is the texture's at each source vertex; empty
-    /// without a texture.
-    pub(super) fn start(
-        evaluator: Box<dyn DeviceEvaluator>,
-        shown: Shown,
-        albedo: Vec<DVec3>,
-        pool: Arc<ThreadPool>,
-        wake: impl Fn() + Send + 'static,
-    ) -> Result<Self> {
-        let wanted = Arc::new(Newest::default());
-        let (sender, done) = channel();
-        let mailbox = Arc::clone(&wanted);
-        let work = move || {
-            let mut bench = pool.install(|| Bench::new(evaluator, shown, albedo));
-            while let Some(state) = mailbox.take() {
-                let done = pool.install(|| bench.work(state));
-                if !sent(&sender, done) {
-                    break;
-                }
-                wake();
-            }
-        };
-        let thread = std::thread::Builder::new()
-            .name("evaluate".to_owned())
-            .spawn(work)
-            .map_err(|e| Error::runtime(format!("the evaluating thread could not be started: {e}")))?;
-        Ok(Self { wanted, done, thread: Some(thread) })
-    }
-
-    pub(super) fn post(&self, wanted: Wanted) {
-        self.wanted.post(wanted);
-    }
-
-    /// Returns whether a state is still waiting.
-    pub(super) fn is_behind(&self) -> bool {
-        self.wanted.is_waiting()
-    }
-
-    pub(super) fn done(&self) -> Option<Done> {
-        self.done.try_recv().ok()
-    }
-
-    /// Ends the thread after its current work, without waiting for it.
-    pub(super) fn retire(&self) {
-        self.wanted.close();
-    }
-
-    pub(super) fn has_ended(&self) -> bool {
-        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
-    }
-}
-
-/// Ends the thread after its current work.
-impl Drop for Worker {
-    fn drop(&mut self) {
-        self.wanted.close();
-        if let Some(thread) = self.thread.take() {
-            // A thread that panicked has said so.
-            let _ = thread.join();
-        }
-    }
-}
-
-fn sent(sender: &Sender<Done>, done: Done) -> bool {
-    sender.send(done).is_ok()
+/// Starts the thread; `wake` is called after every state. `albedo` is the texture's at each source vertex; empty without
+/// a texture.
+pub(super) fn start(
+    evaluator: Box<dyn DeviceEvaluator>,
+    shown: Shown,
+    albedo: Vec<DVec3>,
+    pool: Arc<ThreadPool>,
+    wake: impl Fn() + Send + 'static,
+) -> Result<Worker> {
+    let prepare = move || {
+        let mut bench = pool.install(|| Bench::new(evaluator, shown, albedo));
+        move |state| pool.install(|| bench.work(state))
+    };
+    Answering::start("evaluate", prepare, wake)
 }
 
 /// The evaluator and its state, owned by the thread.
@@ -185,7 +123,6 @@ impl Bench {
         let ended = Instant::now();
         let failed = failed.or(result.err()).or(white.as_ref().err().cloned());
         Done {
-            serial: wanted.serial,
             lights: self.lights.clone(),
             media: self.media.clone(),
             refused,
@@ -198,26 +135,20 @@ impl Bench {
     }
 
     /// The radiance of the vertices that face the eye, at the percentile that automatic exposure makes white.
-    fn white(&self, camera: &Camera, textured: Textured) -> Result<Option<f64>> {
+    fn white(&self, camera: &Camera, textured: bool) -> Result<Option<f64>> {
         let held = self.evaluator.held();
         let bytes = held.device.read(held.radiosity, held.radiosity.size())?;
         let values: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&bytes);
         let eye = (camera.at_mm() - self.evaluator.scene().mesh.origin_mm).as_vec3();
         let scale = held.scale / std::f64::consts::PI;
-        let albedo = |vertex: usize| match textured {
-            Textured::Yes => self.albedo.get(vertex).copied().unwrap_or(DVec3::ONE),
-            Textured::No => DVec3::ONE,
-        };
+        let albedo = |vertex: usize| self.albedo.get(vertex).filter(|_| textured).copied().unwrap_or(DVec3::ONE);
         let radiance = |(vertex, (receiver, (point, normal))): (usize, (&u32, &(glam::Vec3, glam::Vec3)))| {
             let [r, g, b, _] = values.get(*receiver as usize)?;
             let value = (DVec3::new((*r).into(), (*g).into(), (*b).into()) * albedo(vertex)).max_element() * scale;
             (normal.dot(eye - *point) > 0.0 && value.is_finite()).then_some(value)
         };
         let receivers = held.receiver_of_vertex.iter();
-        let mut seen: Vec<f64> = receivers.zip(self.shadows.starts()).enumerate().filter_map(radiance).collect();
-        let rank = (AUTO_EXPOSURE_PERCENTILE * seen.len() as f64).ceil() as usize;
-        let Some(index) = rank.checked_sub(1) else { return Ok(None) };
-        let (_, white, _) = seen.select_nth_unstable_by(index, f64::total_cmp);
-        Ok((*white >= f64::from(f32::MIN_POSITIVE)).then_some(*white))
+        let seen = receivers.zip(self.shadows.starts()).enumerate().filter_map(radiance).collect();
+        Ok(white_of(seen).filter(|white| *white >= f64::from(f32::MIN_POSITIVE)))
     }
 }

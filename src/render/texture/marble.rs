@@ -7,9 +7,9 @@ use super::spec::MarbleSpec;
 use crate::error::{Error, Result};
 
 /// Direction across the veins, unlike any axis of an object.
-const ACROSS: DVec3 = DVec3::new(0.6, 0.64, 0.48);
+pub(crate) const ACROSS: DVec3 = DVec3::new(0.6, 0.64, 0.48);
 /// Offset between successive octaves of the turbulence, so that their zeros do not meet.
-const SHIFT: DVec3 = DVec3::new(17.37, 5.71, 11.13);
+pub(crate) const SHIFT: DVec3 = DVec3::new(17.37, 5.71, 11.13);
 /// Default distance between veins, as a share of the diagonal of the object.
 const DEFAULT_SCALE_SHARE: f64 = 0.2;
 /// Largest number of veins over the diagonal: beyond, 32-bit shaders cannot tell points apart.
@@ -19,8 +19,9 @@ const MOST_VEINS: f64 = 1e4;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Marble {
     /// The specification, with the distance between veins filled in.
-    spec: MarbleSpec,
-    scale_mm: f64,
+    pub spec: MarbleSpec,
+    /// Distance between veins, in mm.
+    pub scale_mm: f64,
 }
 
 impl Marble {
@@ -38,16 +39,6 @@ impl Marble {
             )));
         }
         Ok(Self { spec: MarbleSpec { scale_mm: Some(scale_mm), ..spec }, scale_mm })
-    }
-
-    /// The marble that was asked for, with the distance between veins filled in.
-    pub fn spec(&self) -> &MarbleSpec {
-        &self.spec
-    }
-
-    /// Distance between veins, in mm.
-    pub fn scale_mm(&self) -> f64 {
-        self.scale_mm
     }
 
     /// The albedo at a position relative to the centre of the object, RGB in [0, 1].
@@ -98,8 +89,8 @@ mod tests {
     #[test]
     fn colours_lie_between_base_and_veins_and_fill_the_range() {
         let marble = Marble::new(MarbleSpec::default(), 30.0).unwrap();
-        assert_eq!(marble.scale_mm(), 6.0);
-        let MarbleSpec { base, veins, .. } = *marble.spec();
+        assert_eq!(marble.scale_mm, 6.0);
+        let MarbleSpec { base, veins, .. } = marble.spec;
         let (mut low, mut high) = (DVec3::ONE, DVec3::ZERO);
         for i in 0..20_000 {
             let albedo = marble.albedo(anywhere(i));
@@ -129,11 +120,11 @@ mod tests {
         let marble = Marble::new(MarbleSpec { sharpness: 3.0, ..MarbleSpec::default() }, 30.0).unwrap();
         // Gamma(s + 1/2) / (sqrt(pi) Gamma(s + 1)) at s = 3.
         assert!((marble.mean_vein() - 0.3125).abs() < 1e-9);
-        let other = Marble::new(MarbleSpec { seed: 1, ..*marble.spec() }, 30.0).unwrap();
+        let other = Marble::new(MarbleSpec { seed: 1, ..marble.spec }, 30.0).unwrap();
         let differ =
             (0..1000).filter(|&i| marble.albedo(anywhere(i)).distance(other.albedo(anywhere(i))) > 0.01).count();
         assert!(differ > 500, "{differ}");
-        let again = Marble::new(*marble.spec(), 99.0).unwrap();
+        let again = Marble::new(marble.spec, 99.0).unwrap();
         assert!((0..100).all(|i| marble.albedo(anywhere(i)) == again.albedo(anywhere(i))));
     }
 

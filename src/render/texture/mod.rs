@@ -12,7 +12,7 @@ use std::path::Path;
 use glam::{DVec2, DVec3};
 
 use self::marble::Marble;
-use self::picture::{Origin, PictureTexture};
+use self::picture::PictureTexture;
 use self::spec::TextureSpec;
 use crate::error::Result;
 use crate::geometry::mesh::Mesh;
@@ -54,10 +54,10 @@ impl Texture {
     /// The file that the texture was read from.
     pub fn path(&self) -> Option<&Path> {
         match self {
-            Self::Marble(_) => None,
-            Self::Picture(picture) => match picture.origin() {
-                Origin::Image(path) | Origin::Model(path) => Some(path),
-            },
+            Self::Picture(PictureTexture {
+                spec: TextureSpec::Image(path) | TextureSpec::BaseColour(path), ..
+            }) => Some(path),
+            _ => None,
         }
     }
 
@@ -65,7 +65,7 @@ impl Texture {
     pub fn warnings(&self) -> &[String] {
         match self {
             Self::Marble(_) => &[],
-            Self::Picture(picture) => picture.warnings(),
+            Self::Picture(picture) => &picture.warnings,
         }
     }
 
@@ -88,17 +88,14 @@ impl Texture {
 impl fmt::Display for Texture {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Marble(marble) => marble.spec().fmt(f),
-            Self::Picture(picture) => match picture.origin() {
-                Origin::Image(path) => TextureSpec::Image(path.clone()).fmt(f),
-                Origin::Model(path) => TextureSpec::BaseColour(path.clone()).fmt(f),
-            },
+            Self::Marble(marble) => marble.spec.fmt(f),
+            Self::Picture(picture) => picture.spec.fmt(f),
         }
     }
 }
 
-/// Texture coordinates of a point of a triangle.
-fn uv(mesh: &Mesh, triangle: u32, weights: [f64; 3]) -> Option<DVec2> {
+/// Texture coordinates of a point of a triangle, v up.
+pub(crate) fn uv(mesh: &Mesh, triangle: u32, weights: [f64; 3]) -> Option<DVec2> {
     let uvs = mesh.uvs.as_ref()?;
     let corners = uvs.corners.get(triangle as usize)?;
     let mut sum = DVec2::ZERO;

@@ -1,9 +1,10 @@
 //! Pictures over the texture coordinates of a mesh, at most one for each of its materials.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use glam::{DVec2, DVec3};
 
+use super::spec::TextureSpec;
 use crate::error::{Error, Result};
 use crate::geometry::mesh::Mesh;
 use crate::io::gltf::base_colour::{BaseColours, PlacedPicture, read_base_colours};
@@ -67,23 +68,17 @@ pub struct Coat {
     pub picture: Option<PlacedPicture>,
 }
 
-/// The source of the pictures.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Origin {
-    /// One picture over everything.
-    Image(PathBuf),
-    /// The base colours of a model.
-    Model(PathBuf),
-}
-
 /// Pictures and factors on the materials of a mesh.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PictureTexture {
-    origin: Origin,
+    /// The texture that was asked for, with its file.
+    pub spec: TextureSpec,
     /// The coat of each material of the mesh.
-    coats: Vec<Coat>,
-    pictures: Vec<Picture>,
-    warnings: Vec<String>,
+    pub coats: Vec<Coat>,
+    /// The pictures that the coats refer to.
+    pub pictures: Vec<Picture>,
+    /// Differences from the file's own texture, one line each.
+    pub warnings: Vec<String>,
 }
 
 impl PictureTexture {
@@ -97,7 +92,7 @@ impl PictureTexture {
         let placed = PlacedPicture { index: 0, scale: DVec2::ONE, offset: DVec2::ZERO };
         let coat = Coat { factor: DVec3::ONE, picture: Some(placed) };
         Ok(Self {
-            origin: Origin::Image(path.to_owned()),
+            spec: TextureSpec::Image(path.to_owned()),
             coats: vec![coat; mesh.materials.len()],
             pictures: vec![picture],
             warnings: Vec::new(),
@@ -128,27 +123,7 @@ impl PictureTexture {
             check_coordinates(mesh)?;
         }
         let pictures = colours.pictures.into_iter().map(Picture::of).collect::<Result<_>>()?;
-        Ok(Self { origin: Origin::Model(path.to_owned()), coats, pictures, warnings: colours.warnings })
-    }
-
-    /// The file that the texture was read from.
-    pub fn origin(&self) -> &Origin {
-        &self.origin
-    }
-
-    /// Differences from the file's own texture, one line each.
-    pub fn warnings(&self) -> &[String] {
-        &self.warnings
-    }
-
-    /// The coat of each material of the mesh.
-    pub fn coats(&self) -> &[Coat] {
-        &self.coats
-    }
-
-    /// The pictures that the coats refer to.
-    pub fn pictures(&self) -> &[Picture] {
-        &self.pictures
+        Ok(Self { spec: TextureSpec::BaseColour(path.to_owned()), coats, pictures, warnings: colours.warnings })
     }
 
     /// The albedo of a material of the mesh at texture coordinates.

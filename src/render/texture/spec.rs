@@ -8,6 +8,7 @@ use std::str::FromStr;
 use glam::DVec3;
 
 use crate::error::{Error, Result};
+use crate::render::camera::xyz;
 
 /// Largest number of octaves of turbulence.
 pub const MAX_OCTAVES: u32 = 10;
@@ -127,18 +128,12 @@ fn marble(pairs: &str) -> Result<MarbleSpec> {
         }
         seen.push(key);
         match key {
-            "scale" => spec.scale_mm = Some(in_range(key, value, [f64::MIN_POSITIVE, f64::MAX], "mm above 0")?),
+            "scale" => spec.scale_mm = Some(in_range(key, value, [f64::MIN_POSITIVE, f64::MAX])?),
             "base" => spec.base = colour(key, value)?,
             "veins" => spec.veins = colour(key, value)?,
-            "turbulence" => {
-                let range = format!("0 to {MAX_TURBULENCE}");
-                spec.turbulence = in_range(key, value, [0.0, MAX_TURBULENCE], &range)?;
-            }
+            "turbulence" => spec.turbulence = in_range(key, value, [0.0, MAX_TURBULENCE])?,
             "octaves" => spec.octaves = whole(key, value, 1, MAX_OCTAVES)?,
-            "sharpness" => {
-                let range = format!("{} to {}", SHARPNESS[0], SHARPNESS[1]);
-                spec.sharpness = in_range(key, value, SHARPNESS, &range)?;
-            }
+            "sharpness" => spec.sharpness = in_range(key, value, SHARPNESS)?,
             "seed" => spec.seed = whole(key, value, 0, u32::MAX)?,
             _ => return Err(Error::command_line(format!("`{key}` is not one of its keys ({KEYS})"))),
         }
@@ -146,7 +141,8 @@ fn marble(pairs: &str) -> Result<MarbleSpec> {
     Ok(spec)
 }
 
-fn in_range(key: &str, value: &str, [least, most]: [f64; 2], range: &str) -> Result<f64> {
+fn in_range(key: &str, value: &str, [least, most]: [f64; 2]) -> Result<f64> {
+    let range = if most == f64::MAX { "mm above 0".to_owned() } else { format!("{least} to {most}") };
     match value.parse::<f64>() {
         Ok(number) if (least..=most).contains(&number) => Ok(number),
         _ => Err(Error::command_line(format!("{key}={value}: a number is needed, {range}"))),
@@ -194,8 +190,7 @@ impl fmt::Display for MarbleSpec {
         if let Some(scale_mm) = self.scale_mm {
             write!(f, ":scale={scale_mm}")?;
         }
-        let rgb = |v: DVec3| format!("{},{},{}", v.x, v.y, v.z);
-        write!(f, ":base={}:veins={}", rgb(self.base), rgb(self.veins))?;
+        write!(f, ":base={}:veins={}", xyz(self.base), xyz(self.veins))?;
         let Self { turbulence, octaves, sharpness, seed, .. } = self;
         write!(f, ":turbulence={turbulence}:octaves={octaves}:sharpness={sharpness}:seed={seed}")
     }

@@ -7,8 +7,8 @@ use std::sync::Arc;
 use serde::Serialize;
 use translux_format::{Budget, FormatError, Provenance, Reader, SectionInfo, Tag, metadata};
 
-use crate::asset::Asset;
-use crate::error::{Error, ExitCode, Result};
+use crate::asset::{Asset, refused};
+use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
 use crate::evaluate::measured::{Measured, Truth, measured};
 use crate::geometry::mesh::Mesh;
@@ -16,7 +16,7 @@ use crate::light::Light;
 use crate::math::statistics::VertexError;
 use crate::measure::probes;
 use crate::progress::Progress;
-use crate::report::text::{percent, table};
+use crate::report::text::{percent, titled};
 
 /// Makes the evaluator of an asset; the path is for its error messages.
 pub type Open<'a> = dyn Fn(&Arc<Asset>, &Path) -> Result<Box<dyn Evaluator>> + 'a;
@@ -106,11 +106,7 @@ pub(super) fn bytes(a: &[u8], b: &[u8], path_a: &Path, path_b: &Path) -> Result<
 }
 
 fn wrong(error: &FormatError, path: &Path) -> Error {
-    let code = match error {
-        FormatError::UnsupportedVersion { .. } => ExitCode::Unsupported,
-        _ => ExitCode::InvalidInput,
-    };
-    Error::new(code, error.to_string()).at(path.display())
+    refused(error).at(path.display())
 }
 
 fn parsed<'a>(bytes: &'a [u8], path: &Path) -> Result<Reader<'a>> {
@@ -155,9 +151,8 @@ impl AssetDifference {
         }];
         if !differing.is_empty() {
             let bytes = |b: Option<u64>| b.map_or_else(|| "-".to_owned(), |b| b.to_string());
-            let mut rows = vec![["section", "bytes of A", "bytes of B"].map(str::to_owned)];
-            rows.extend(differing.iter().map(|s| [s.tag.clone(), bytes(s.decoded_bytes_a), bytes(s.decoded_bytes_b)]));
-            lines.push(table(&rows));
+            let row = |s: &&SectionPair| [s.tag.clone(), bytes(s.decoded_bytes_a), bytes(s.decoded_bytes_b)];
+            lines.push(titled(["section", "bytes of A", "bytes of B"], differing.iter().map(row)));
         }
         for (what, list) in [("setting", &self.settings), ("provenance", &self.provenance)] {
             let text = |value: &Option<String>| value.clone().unwrap_or_else(|| "-".to_owned());

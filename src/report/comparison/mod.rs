@@ -11,6 +11,7 @@ use serde::Serialize;
 
 use self::assets::{AssetDifference, Open};
 use self::pictures::FlipReport;
+pub(crate) use self::vertices::vertex_areas;
 use super::text::percent;
 use crate::error::{Error, Result};
 use crate::import::file::suffix;
@@ -20,7 +21,7 @@ use crate::measure::image_error::ImageError;
 use crate::progress::Progress;
 
 /// The error measure of a comparison.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Metric {
     /// Area-weighted RMS over vertices, worst channel; RMS over covered pixels for pictures.
@@ -30,24 +31,24 @@ pub enum Metric {
     P999,
     /// Worst vertex or pixel.
     Worst,
-    /// Mean HDR-FLIP of pictures, 0 to 1.
+    /// HDR-FLIP of pictures: mean of what a person sees who flips between them, 0 to 1.
     Flip,
 }
 
 impl Metric {
-    /// The value of the metric for vertices; none for a metric of pictures alone.
-    fn of(self, error: &VertexError) -> Option<f64> {
+    /// The figure that the metric names; none for HDR-FLIP.
+    fn of(self, rms: f64, p999: f64, worst: f64) -> Option<f64> {
         match self {
-            Self::Rms => Some(error.rms),
-            Self::P999 => Some(error.p999),
-            Self::Worst => Some(error.worst),
+            Self::Rms => Some(rms),
+            Self::P999 => Some(p999),
+            Self::Worst => Some(worst),
             Self::Flip => None,
         }
     }
 }
 
 /// The error of the first of two files against the second.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct Comparison {
     /// The file under test.
     #[serde(serialize_with = "super::path")]
@@ -101,21 +102,7 @@ pub fn compare(
     open: &Open,
     progress: &dyn Progress,
 ) -> Result<Comparison> {
-    let mut result = Comparison {
-        a: a.to_owned(),
-        b: b.to_owned(),
-        equal: false,
-        metric,
-        value: None,
-        threshold,
-        vertices: None,
-        single_scattering: None,
-        image: None,
-        flip: None,
-        assets: None,
-        notes: Vec::new(),
-        warnings: Vec::new(),
-    };
+    let mut result = Comparison { a: a.to_owned(), b: b.to_owned(), metric, threshold, ..Comparison::default() };
     match (suffix(a).as_str(), suffix(b).as_str()) {
         ("ply", "ply") | ("tlux", "tlux") if metric == Metric::Flip => {
             let (a, b) = (a.display(), b.display());
@@ -132,12 +119,8 @@ pub fn compare(
         ("exr", "exr") => {
             let found = pictures::compare([a, b], metric == Metric::Flip)?;
             (result.equal, result.notes) = (found.equal, found.notes);
-            result.value = match metric {
-                Metric::Rms => Some(found.error.rms),
-                Metric::P999 => Some(found.error.p999),
-                Metric::Worst => Some(found.error.worst),
-                Metric::Flip => found.flip.as_ref().map(|flip| flip.mean),
-            };
+            let ImageError { rms, p999, worst, .. } = found.error;
+            result.value = metric.of(rms, p999, worst).or(found.flip.as_ref().map(|flip| flip.mean));
             (result.image, result.flip) = (Some(found.error), found.flip);
         }
         ("tlux", "tlux") => {
@@ -158,7 +141,7 @@ pub fn compare(
             return Err(Error::command_line(format!("{a} and {b}: two .ply, two .exr or two .tlux files are needed")));
         }
     }
-    result.value = result.value.or(result.vertices.and_then(|error| metric.of(&error)));
+    result.value = result.value.or(result.vertices.and_then(|e| metric.of(e.rms, e.p999, e.worst)));
     Ok(result)
 }
 

@@ -84,7 +84,7 @@ pub(super) fn in_both(has: [bool; 2], paths: [&Path; 2], notes: &mut Vec<String>
 }
 
 /// A third of the area of the triangles around each vertex.
-fn vertex_areas(at: impl Fn(u32) -> DVec3, vertices: usize, triangles: &[[u32; 3]]) -> Vec<f64> {
+pub(crate) fn vertex_areas(at: impl Fn(u32) -> DVec3, vertices: usize, triangles: &[[u32; 3]]) -> Vec<f64> {
     let mut areas = vec![0.0; vertices];
     for &[a, b, c] in triangles {
         let third = (at(b) - at(a)).cross(at(c) - at(a)).length() / 6.0;

@@ -5,21 +5,18 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
 
 use crate::asset::Asset;
-use crate::commands::chart::child::{self, Bake, Outcome};
+use crate::commands::chart::child::{self, Bake, BakeCost, Outcome};
 use crate::commands::chart::timing::Repetitions;
 use crate::commands::console::Console;
 use crate::error::{Error, Result};
 use crate::evaluate::Method;
 use crate::geometry::source::SourceModel;
-use crate::io::atomic;
 use crate::light::Light;
 use crate::math::statistics::Quantiles;
 use crate::measure::growth::fit::predict;
-use crate::measure::growth::{Axis, Costs, Limits, Missing, Point, Quantity, Skipped, pairs, surface};
-use crate::medium::material::Material;
+use crate::measure::growth::{Axis, Costs, Limits, Missing, Point, Quantity, Skipped, pairs};
 use crate::progress::Silent;
 use crate::report::sizes::sizes;
 use crate::report::text::{duration, megabytes};
@@ -48,7 +45,6 @@ pub(super) struct Shape {
 
 /// Material, light and limits of every point.
 pub(super) struct Measurer<'a> {
-    pub(super) material: &'a Material,
     pub(super) material_text: &'a str,
     /// Shortest mean free path of the channels, mm.
     pub(super) free_path_mm: f64,
@@ -70,11 +66,6 @@ struct Kept {
 }
 
 impl Measurer<'_> {
-    /// The scene of bakes of a shape, for estimates.
-    pub(super) fn scene(&self, shape: &Shape, size_mm: f64) -> Result<Scene> {
-        surface::scene(&shape.model, size_mm, self.material)
-    }
-
     /// Measures a point; predictions are made from the points `before`.
     pub(super) fn point(
         &self,
@@ -110,15 +101,14 @@ impl Measurer<'_> {
         let bake_key = key(&[]);
         let limit = self.limits.seconds.to_string();
         let path = self.work.join(format!("{}.point.json", key(&["point", self.light_text, &limit])));
-        let kept = std::fs::read(&path).ok().and_then(|text| serde_json::from_slice::<Kept>(&text).ok());
-        let kept = match kept {
+        let kept = match child::stored::<Kept>(&path) {
             Some(kept) => kept,
             None => {
                 let kept = self.measure(&point, place, scene, method, (&words, &bake_key), before)?;
                 // What was not started costs nothing to decide again, and other points may decide it otherwise.
-                if kept.worth_keeping() {
-                    let text = serde_json::to_vec(&kept).map_err(|e| Error::runtime(format!("{command}: {e}")))?;
-                    atomic::write(&path, &text)?;
+                let was_ended = |s: &Skipped| s.what == Missing::Bake && s.reason.starts_with(ENDED);
+                if kept.skipped.as_ref().is_none_or(was_ended) {
+                    child::store(&path, &kept)?;
                 }
                 kept
             }
@@ -165,7 +155,7 @@ impl Measurer<'_> {
         }
         let bake = Bake { words, key, work: self.work, limits: Some(self.limits) };
         match child::bake(&bake)? {
-            Outcome::Done(asset, report) => self.costs(point, &asset, &report, before),
+            Outcome::Done(asset, bake) => self.costs(point, &asset, &bake, before),
             Outcome::Ended(after) => {
                 let allowed = duration(self.limits.seconds);
                 Ok(without(format!("{ENDED} after {}, {allowed} allowed", duration(after))))
@@ -203,7 +193,7 @@ impl Measurer<'_> {
     }
 
     /// Opens an asset and times a new light.
-    fn costs(&self, point: &Point, path: &Path, report: &Value, before: &[Point]) -> Result<Kept> {
+    fn costs(&self, point: &Point, path: &Path, bake: &BakeCost, before: &[Point]) -> Result<Kept> {
         let sizes = sizes(&std::fs::read(path).map_err(|e| Error::io(path, &e))?)?;
         let started = Instant::now();
         let mut evaluator = self.console.registry.open(Arc::new(Asset::read(path)?))?;
@@ -221,14 +211,11 @@ impl Measurer<'_> {
             }
         };
         let times = if skipped.is_none() { self.repetitions.times(relight)? } else { Vec::new() };
-        let missing = |name: &str| Error::runtime(format!("{}: its report has no `{name}`", point.command));
-        let stages = report["stages"].as_array().map_or(&[] as &[Value], Vec::as_slice);
-        let stage = |s: &Value| Some((s["stage"].as_str()?.to_owned(), s["seconds"].as_f64()?));
         let costs = Costs {
             samples: cost.samples,
-            bake_seconds: report["seconds"].as_f64().ok_or_else(|| missing("seconds"))?,
-            bake_stages: stages.iter().filter_map(stage).collect(),
-            peak_memory_bytes: report["peak_memory_bytes"].as_u64().ok_or_else(|| missing("peak_memory_bytes"))?,
+            bake_seconds: bake.seconds,
+            bake_stages: bake.stages(),
+            peak_memory_bytes: bake.peak_memory_bytes,
             file_bytes: sizes.file,
             bytes: sizes.stored_without_mesh,
             environment_bytes: sizes.stored_environment,
@@ -243,12 +230,3 @@ impl Measurer<'_> {
 
 /// First word of the reason of an ended bake.
 const ENDED: &str = "ended";
-
-impl Kept {
-    fn worth_keeping(&self) -> bool {
-        match &self.skipped {
-            None => true,
-            Some(skipped) => skipped.what == Missing::Bake && skipped.reason.starts_with(ENDED),
-        }
-    }
-}

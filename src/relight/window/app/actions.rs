@@ -1,13 +1,15 @@
 //! Actions of the panel and the keys: saving pictures, measuring errors, other profiles and dropped files.
 
+use std::path::{Path, PathBuf};
+
 use super::App;
 use super::shown::Shown;
+use crate::error::Result;
 use crate::relight::files::{Dropped, free_picture};
 use crate::relight::raster::picture::Picture;
-use crate::relight::raster::view::Textured;
-use crate::relight::window::desk::Desk;
-use crate::relight::window::jobs::{Job, State, folder};
-use crate::relight::window::panel::Asked;
+use crate::relight::window::desk::{Asked, Desk};
+use crate::relight::window::jobs::{Job, State};
+use crate::render::camera::{Camera, Resolution};
 use crate::render::frame::RenderSettings;
 
 impl App {
@@ -35,44 +37,44 @@ impl App {
     }
 
     pub(super) fn save_png(&mut self) {
-        let Some(shown) = &mut self.shown else { return };
-        let Some(stem) = free_picture(folder(), &["png"]) else {
-            return shown.desk.complain("every name from picture-001.png on is taken");
-        };
-        let picture = shown.desk.orbit.camera().and_then(|camera| {
-            let picture = Picture::new(&shown.screen.device, self.viewport)?;
-            picture.take(&shown.raster, &shown.desk.view(camera, self.viewport))
+        self.save("saving", &["png"], |shown, camera, viewport, stem| {
+            let picture = Picture::new(&shown.screen.device, viewport)?;
+            let picture = picture.take(&shown.staged.raster, &shown.desk.view(camera, viewport))?;
+            Ok(Job::Png { picture, background: shown.desk.background, path: stem.with_extension("png") })
         });
-        match picture {
-            Ok(picture) => {
-                let job = Job::Png { picture, background: shown.desk.background, path: stem.with_extension("png") };
-                start(shown, "saving", job);
-            }
-            Err(error) => shown.desk.complain(error.message()),
-        }
     }
 
     fn save_render(&mut self) {
-        let Some(shown) = &mut self.shown else { return };
-        let Some(stem) = free_picture(folder(), &["png", "exr"]) else {
-            return shown.desk.complain("every name from picture-001.png on is taken");
-        };
-        match shown.desk.orbit.camera() {
-            Ok(camera) => {
-                let mut settings = Box::new(RenderSettings::new(camera, self.viewport));
-                settings.background = shown.desk.background;
-                settings.specular = shown.desk.specular();
-                let exposure = shown.desk.exposure_factor();
-                settings.white = exposure.recip();
-                let texture = shown.texture.clone().filter(|_| shown.desk.texture() == Textured::Yes);
-                let job = Job::Render { state: state(&shown.desk), settings, texture, exposure, stem };
-                start(shown, "rendering", job);
-            }
-            Err(error) => shown.desk.complain(error.message()),
-        }
+        self.save("rendering", &["png", "exr"], |shown, camera, viewport, stem| {
+            let exposure = shown.desk.exposure_factor();
+            let settings = Box::new(RenderSettings {
+                background: shown.desk.background,
+                specular: shown.desk.specular(),
+                white: exposure.recip(),
+                ..RenderSettings::new(camera, viewport)
+            });
+            let texture = shown.texture.clone().filter(|_| shown.desk.shows_texture());
+            Ok(Job::Render { state: state(&shown.desk), settings, texture, exposure, stem })
+        });
     }
 
-    pub(super) fn dropped(&mut self, path: &std::path::Path) {
+    /// Starts a job that saves the view to a free name with these suffixes.
+    fn save(
+        &mut self,
+        name: &'static str,
+        suffixes: &[&str],
+        job: impl FnOnce(&Shown, Camera, Resolution, PathBuf) -> Result<Job>,
+    ) {
+        let Some(shown) = &mut self.shown else { return };
+        let Some(stem) = free_picture(Path::new("."), suffixes) else {
+            return shown.desk.complain("every name from picture-001.png on is taken");
+        };
+        let job = shown.desk.orbit.camera().and_then(|camera| job(shown, camera, self.viewport, stem));
+        let started = job.and_then(|job| shown.jobs.start(name, job));
+        shown.desk.expect(started);
+    }
+
+    pub(super) fn dropped(&mut self, path: &Path) {
         let Some(shown) = &mut self.shown else { return };
         match Dropped::new(path) {
             Dropped::Asset(path) => start(shown, "opening the model", Job::Model(path)),
@@ -83,9 +85,8 @@ impl App {
 }
 
 fn start(shown: &mut Shown, name: &'static str, job: Job) {
-    if let Err(error) = shown.jobs.start(name, job) {
-        shown.desk.complain(error.message());
-    }
+    let started = shown.jobs.start(name, job);
+    shown.desk.expect(started);
 }
 
 fn state(desk: &Desk) -> State {

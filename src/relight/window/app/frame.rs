@@ -9,7 +9,8 @@ use super::App;
 use super::log::Log;
 use super::shown::Shown;
 use crate::error::Result;
-use crate::relight::window::panel::{self, Asked, Figures};
+use crate::relight::window::desk::Asked;
+use crate::relight::window::panel::{self, Figures};
 use crate::relight::window::worker::{Done, Wanted};
 use crate::render::camera::Resolution;
 
@@ -20,7 +21,7 @@ impl App {
     /// Collects the results of the threads.
     fn collect(&mut self) {
         let Some(shown) = &mut self.shown else { return };
-        while let Some(done) = shown.worker.done() {
+        while let Some(done) = shown.staged.worker.answer() {
             take_in(shown, &mut self.log, done);
         }
         shown.retired.retain(|worker| !worker.has_ended());
@@ -46,7 +47,7 @@ impl App {
         let input = shown.screen.input.take_egui_input(&shown.screen.window);
         let (mut asked, mut rest) = (Asked::default(), egui::Rect::NOTHING);
         let desk = &mut shown.desk;
-        let textured = desk.texture();
+        let textured = desk.shows_texture();
         let context = shown.screen.context.clone();
         let interface = context.run_ui(input, |ui| {
             asked = panel::show(ui, desk, &figures);
@@ -63,7 +64,7 @@ impl App {
         self.viewport =
             Resolution { width: side(rest.right(), whole.width), height: side(rest.bottom(), whole.height) };
         let camera = shown.desk.orbit.camera()?;
-        if shown.desk.texture() != textured {
+        if shown.desk.shows_texture() != textured {
             // Nothing is computed anew but the exposure.
             self.posted = 0;
         }
@@ -74,24 +75,21 @@ impl App {
             self.last_exposure = if expose_for.is_some() { Some(now) } else { self.last_exposure };
             self.posted = shown.desk.serial;
             self.posted_eye_mm = eye_mm;
-            shown.worker.post(Wanted {
-                serial: shown.desk.serial,
+            shown.staged.worker.ask(Wanted {
                 lights: shown.desk.lights(),
                 media: shown.desk.media.clone(),
                 eye_mm,
                 expose_for,
-                textured: shown.desk.texture(),
+                textured: shown.desk.shows_texture(),
             });
         }
         let view = shown.desk.view(camera, self.viewport);
-        shown.raster.set_media(&shown.desk.accepted, view.specular);
+        shown.staged.raster.set_media(&shown.desk.accepted, view.specular);
         let repaint = interface.viewport_output.get(&egui::ViewportId::ROOT).map(|v| v.repaint_delay);
-        if shown.screen.draw(&shown.raster, &view, interface)? {
+        if shown.screen.draw(&shown.staged.raster, &view, interface)? {
             self.log.frame(now);
         }
-        if let Err(error) = shown.screen.device.check() {
-            shown.desk.complain(error.message());
-        }
+        shown.desk.expect(shown.screen.device.check());
         let moving = shown.desk.turning || shown.desk.is_adapting();
         self.act(asked);
         self.schedule(event_loop, moving, repaint.unwrap_or(Duration::MAX), now);
@@ -126,7 +124,7 @@ impl App {
             light_ms,
             transport_ms,
             adapter: shown.screen.device.describe(),
-            transport: shown.transport.clone(),
+            transport: shown.staged.transport.clone(),
             job: shown.jobs.running(),
         }
     }
@@ -135,19 +133,10 @@ impl App {
 fn take_in(shown: &mut Shown, log: &mut Log, done: Done) {
     log.update(done.light_ms, done.transport_ms);
     shown.follows_eye = done.follows_eye;
-    if let Err(error) = shown.raster.set_lights(&done.lights) {
-        shown.desk.complain(error.message());
-    }
-    if let Some(error) = done.failed {
-        shown.desk.complain(error.message());
-    }
+    shown.desk.expect(shown.staged.raster.set_lights(&done.lights));
+    shown.desk.expect(done.failed.map_or(Ok(()), Err));
     if let Some(white) = done.white {
         shown.desk.adapt(white);
     }
-    let newest = done.serial == shown.desk.serial || !shown.worker.is_behind();
-    if newest || done.refused.is_some() {
-        shown.desk.settle_media(done.media, done.refused.map(|e| e.message().to_owned()));
-    } else {
-        shown.desk.accepted = done.media;
-    }
+    shown.desk.settle_media(done.media, done.refused.map(|e| e.message().to_owned()));
 }

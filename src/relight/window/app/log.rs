@@ -5,8 +5,7 @@ use std::time::{Duration, Instant};
 
 use super::shown::Shown;
 use crate::math::statistics::Quantiles;
-use crate::relight::timings::Adapter;
-use crate::relight::window::report::WindowReport;
+use crate::relight::timings::{Adapter, WindowReport};
 
 /// Period over which the shown rates are measured.
 const RATE_OVER: Duration = Duration::from_secs(1);
@@ -68,7 +67,6 @@ impl Log {
 
     /// The final report; none without a frame.
     pub(super) fn report(&self, shown: &Shown) -> Option<WindowReport> {
-        let info = &shown.screen.device.info;
         let (frames, updates) = (self.frame_count, self.update_count);
         let seconds = match (self.first, self.frames.back()) {
             (Some(first), Some(last)) => (*last - first).as_secs_f64(),
@@ -77,15 +75,11 @@ impl Log {
         let rate = |count: usize| if seconds > 0.0 { count as f64 / seconds } else { 0.0 };
         let gaps = self.frames.iter().zip(self.frames.iter().skip(1)).map(|(a, b)| (*b - *a).as_secs_f64() * 1e3);
         Some(WindowReport {
-            adapter: Adapter {
-                name: info.name.clone(),
-                kind: if shown.screen.device.is_software() { "software" } else { "graphics" },
-                backend: info.backend.to_string(),
-            },
-            transport: shown.transport.clone(),
+            adapter: Adapter::of(&shown.screen.device),
+            transport: shown.staged.transport.clone(),
             resolution: shown.screen.resolution(),
-            vertices: shown.vertices,
-            samples: shown.samples,
+            vertices: shown.staged.vertices,
+            samples: shown.staged.samples,
             seconds,
             frames,
             frames_per_second: rate(frames.saturating_sub(1)),

@@ -13,17 +13,13 @@ use crate::render::texture::Texture;
 /// The open window: the screen, its worker threads, and the state that the user changes.
 pub(super) struct Shown {
     pub(super) screen: Screen,
-    pub(super) raster: Raster,
-    pub(super) worker: Worker,
+    pub(super) staged: Staged,
     /// Workers of evaluators that were replaced, until their last state is computed.
     pub(super) retired: Vec<Worker>,
     pub(super) colours: Colours,
     pub(super) jobs: Jobs,
     pub(super) desk: Desk,
     pub(super) texture: Option<Arc<Texture>>,
-    pub(super) transport: String,
-    pub(super) vertices: usize,
-    pub(super) samples: usize,
     pub(super) follows_eye: bool,
 }
 
@@ -39,12 +35,9 @@ pub(super) struct Staged {
 impl Shown {
     /// Replaces the working evaluator.
     pub(super) fn put(&mut self, staged: Staged) {
-        let Staged { raster, worker, transport, vertices, samples } = staged;
-        self.raster = raster;
         // To wait for what it does now would hold up the picture.
-        let before = std::mem::replace(&mut self.worker, worker);
-        before.retire();
-        self.retired.push(before);
-        (self.transport, self.vertices, self.samples) = (transport, vertices, samples);
+        let mut before = std::mem::replace(&mut self.staged, staged);
+        before.worker.retire();
+        self.retired.push(before.worker);
     }
 }

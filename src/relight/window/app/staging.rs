@@ -13,14 +13,14 @@ use crate::error::{Error, Result};
 use crate::evaluate::DeviceEvaluator;
 use crate::relight::raster::Raster;
 use crate::relight::raster::canvas::Finish;
-use crate::relight::window::colours::Colours;
-use crate::relight::window::desk::{Desk, KnownError};
+use crate::relight::window::colours;
+use crate::relight::window::desk::Desk;
 use crate::relight::window::editing::ProfileInForce;
 use crate::relight::window::jobs::{Jobs, Outcome, Profiled};
 use crate::relight::window::placing::{Placing, locked};
 use crate::relight::window::screen::Screen;
-use crate::relight::window::session::{Session, Turn};
-use crate::relight::window::worker::Worker;
+use crate::relight::window::session::Session;
+use crate::relight::window::worker;
 use crate::render::camera::Resolution;
 use crate::render::texture::Texture;
 
@@ -40,9 +40,9 @@ impl App {
             .create_window(attributes)
             .map_err(|e| Error::unsupported(format!("no window can be opened: {e}; use --headless")))?;
         let screen = Screen::new(event_loop, Arc::new(window))?;
-        let camera = session.camera.resolve(&session.evaluator.scene().mesh, screen.resolution())?;
+        let camera = self.settings.camera.resolve(&session.evaluator.scene().mesh, screen.resolution())?;
         let capabilities = session.evaluator.capabilities();
-        let (material, locked) = (capabilities.material, locked(capabilities, session.choice));
+        let (material, locked) = (capabilities.material, locked(capabilities, self.settings.choice));
         let profile = ProfileInForce::new(session.profile.clone(), Arc::new(session.profile.load()?), locked);
         let in_place = profile.in_place();
         let scene = session.evaluator.scene();
@@ -50,31 +50,16 @@ impl App {
         desk.set_exposure(session.exposure);
         desk.set_specular(session.specular);
         desk.background = session.background;
-        desk.turning = session.turn == Turn::Turning;
-        let placing = Placing { device: Arc::clone(&screen.device), choice: session.choice, open: session.open };
+        desk.turning = session.turning;
+        let placing = Placing { device: Arc::clone(&screen.device), choice: self.settings.choice, open: session.open };
         let (evaluator, note) = placing.place(&session.model, in_place.as_deref(), session.evaluator)?;
         note.into_iter().for_each(|note| desk.say(note));
         let texture = Texture::new(&self.settings.texture, &evaluator.scene().mesh)?.map(Arc::new);
-        let Staged { raster, worker, transport, vertices, samples } =
-            self.stage(&screen, evaluator, texture.as_deref())?;
+        let staged = self.stage(&screen, evaluator, texture.as_deref())?;
         desk.has_texture = texture.is_some();
-        let colours = Colours::start(self.wake())?;
+        let colours = colours::start(self.wake())?;
         let jobs = Jobs::new(Arc::clone(&self.settings.pool), placing, Arc::new(self.wake()));
-        let retired = Vec::new();
-        Ok(Shown {
-            screen,
-            raster,
-            worker,
-            retired,
-            colours,
-            jobs,
-            desk,
-            texture,
-            transport,
-            vertices,
-            samples,
-            follows_eye: false,
-        })
+        Ok(Shown { screen, staged, retired: Vec::new(), colours, jobs, desk, texture, follows_eye: false })
     }
 
     /// Starts an evaluator's worker, and a raster that draws its radiosity.
@@ -86,7 +71,7 @@ impl App {
         let transport = evaluator.transport();
         raster.set_texture(texture)?;
         let (shown, pool) = (raster.shown().clone(), Arc::clone(&self.settings.pool));
-        let worker = Worker::start(evaluator, shown, albedo, pool, self.wake())?;
+        let worker = worker::start(evaluator, shown, albedo, pool, self.wake())?;
         Ok(Staged { raster, worker, transport, vertices, samples })
     }
 
@@ -100,9 +85,8 @@ impl App {
                 shown.desk.say(format!("saved {}", names.join(" and ")));
             }
             Outcome::Error(field) => {
-                shown.raster.set_errors(&field.values);
-                let (serial, rms, worst, scale) = (field.serial, field.rms, field.worst, field.scale);
-                shown.desk.error = Some(KnownError { serial, rms, worst, scale });
+                shown.staged.raster.set_errors(&field.values);
+                shown.desk.error = Some(field.known);
             }
             Outcome::Environment { map, warnings } => {
                 shown.desk.replace_environment(map);
@@ -112,9 +96,8 @@ impl App {
                 }
             }
             Outcome::Model { path, evaluator, note } => {
-                if let Err(error) = self.replace_model(&mut shown, &path, evaluator, note) {
-                    shown.desk.complain(error.message());
-                }
+                let replaced = self.replace_model(&mut shown, &path, evaluator, note);
+                shown.desk.expect(replaced);
             }
             Outcome::Profile(profiled) => {
                 let replaced = profiled.and_then(|profiled| self.replace_profile(&mut shown, profiled));

@@ -12,11 +12,6 @@ use crate::relight::window::editing::ProfileInForce;
 const CUSTOM: &str = "custom";
 
 impl Desk {
-    /// Selects the medium that is edited.
-    pub(in crate::relight::window) fn select_medium(&mut self, index: usize) {
-        self.editing.select(index);
-    }
-
     /// Renames the selected medium after a change of its coefficients, and counts a new state.
     pub(in crate::relight::window) fn edited(&mut self) {
         if let Some(medium) = self.media.get_mut(self.editing.selected) {
@@ -96,6 +91,14 @@ mod tests {
         count
     }
 
+    /// A desk whose medium is edited by its colour.
+    fn by_colour() -> Desk {
+        let mut desk = desk();
+        desk.editing.by = By::Colour;
+        assert_eq!(settle(&mut desk), 1);
+        desk
+    }
+
     fn put(desk: &mut Desk, text: &str) {
         let model = ProfileModel::parse(text).unwrap();
         let loaded = Arc::new(model.load().unwrap());
@@ -150,9 +153,7 @@ mod tests {
 
     #[test]
     fn a_medium_follows_its_colour_and_radius() {
-        let mut desk = desk();
-        desk.editing.by = By::Colour;
-        assert_eq!(settle(&mut desk), 1);
+        let mut desk = by_colour();
         let medium = desk.media[0].clone();
         let target = desk.editing.target.unwrap();
         let off = target.radius_mm / medium.properties.mean_free_path_mm() - 1.0;
@@ -179,9 +180,7 @@ mod tests {
 
     #[test]
     fn a_colour_stays_where_the_profile_changes_and_what_is_missing_is_told() {
-        let mut desk = desk();
-        desk.editing.by = By::Colour;
-        settle(&mut desk);
+        let mut desk = by_colour();
         desk.editing.target.as_mut().unwrap().reflectance = DVec3::new(0.99, 0.5, 0.1);
         settle(&mut desk);
         let dipole = desk.media[0].properties;
@@ -203,9 +202,7 @@ mod tests {
 
     #[test]
     fn a_refused_colour_goes_back_to_that_of_the_medium_in_force() {
-        let mut desk = desk();
-        desk.editing.by = By::Colour;
-        settle(&mut desk);
+        let mut desk = by_colour();
         let (old, colour) = (desk.media.clone(), desk.editing.target.unwrap());
         desk.editing.target.as_mut().unwrap().reflectance = DVec3::splat(0.3);
         settle(&mut desk);
@@ -217,9 +214,7 @@ mod tests {
 
     #[test]
     fn late_answers_move_nothing() {
-        let mut desk = desk();
-        desk.editing.by = By::Colour;
-        settle(&mut desk);
+        let mut desk = by_colour();
         desk.editing.target.as_mut().unwrap().reflectance = DVec3::splat(0.3);
         let late = desk.question().unwrap();
         desk.choose_preset(0, preset("cream").unwrap());

@@ -3,15 +3,16 @@
 use egui::{Color32, ComboBox, DragValue, Slider, SliderClamping, Ui};
 use glam::DVec3;
 
-use super::asked::{Asked, BAD};
 use crate::evaluate::MaterialEdit;
-use crate::medium::inversion::{Radius, Target, follows_medium};
+use crate::medium::inversion::{Inversion, Radius, Target, follows_medium};
 use crate::medium::material::{ETA_RANGE, OpticalProperties, PRESETS};
 use crate::medium::profiles::layers::THICKNESSES_MM;
 use crate::medium::profiles::model::ProfileModel;
-use crate::relight::window::desk::Desk;
+use crate::relight::window::desk::{Asked, Desk};
 use crate::relight::window::editing::{By, ProfileInForce};
 
+/// Colour of what is wrong.
+pub(super) const BAD: Color32 = Color32::from_rgb(240, 120, 100);
 /// Largest mean cosine of the slider: changes close to 1 are invisible.
 const LARGEST_G: f64 = 0.95;
 /// Profiles that are chosen by name; slabs have a thickness, files a path.
@@ -56,18 +57,14 @@ fn choose_medium(ui: &mut Ui, desk: &mut Desk) {
     if desk.media.len() < 2 {
         return;
     }
-    let mut chosen = None;
     ui.horizontal_wrapped(|ui| {
         for (index, medium) in desk.media.iter().enumerate() {
             let label = format!("{} {}", index + 1, medium.name);
             if ui.selectable_label(desk.editing.selected == index, label).clicked() {
-                chosen = Some(index);
+                desk.editing.select(index);
             }
         }
     });
-    if let Some(index) = chosen {
-        desk.select_medium(index);
-    }
 }
 
 fn preset(ui: &mut Ui, desk: &mut Desk) {
@@ -96,16 +93,24 @@ fn edit(desk: &mut Desk, change: impl FnOnce(&mut OpticalProperties) -> bool) {
 
 fn coefficients(ui: &mut Ui, desk: &mut Desk) {
     edit(desk, |properties| {
-        let scattering =
-            channels(ui, "scattering σs' per mm", &mut properties.sigma_s_reduced_per_mm, 1e-2, 100.0, 1e-4);
-        let absorption = channels(ui, "absorption σa per mm", &mut properties.sigma_a_per_mm, 1e-4, 100.0, 1e-4);
-        scattering || absorption
+        ui.label("scattering σs' per mm");
+        let scattering = sliders(ui, &mut properties.sigma_s_reduced_per_mm, 1e-2, 100.0, 1e-4);
+        ui.label("absorption σa per mm");
+        sliders(ui, &mut properties.sigma_a_per_mm, 1e-4, 100.0, 1e-4) || scattering
     });
-    match &desk.editing.answer {
-        Some(Ok(found)) => swatch(ui, "reflectance", found.achieved),
-        Some(Err(reason)) => drop(ui.colored_label(BAD, reason)),
-        None => drop(ui.weak("...")),
+    if let Some(found) = found(ui, &desk.editing.answer) {
+        swatch(ui, "reflectance", found.achieved);
     }
+}
+
+/// The medium that the profile gives; shows why there is none, or that it is not known yet.
+fn found<'a>(ui: &mut Ui, answer: &'a Option<Result<Inversion, String>>) -> Option<&'a Inversion> {
+    match answer {
+        Some(Ok(found)) => return Some(found),
+        Some(Err(reason)) => ui.colored_label(BAD, reason),
+        None => ui.weak("..."),
+    };
+    None
 }
 
 fn colour(ui: &mut Ui, desk: &mut Desk) {
@@ -124,18 +129,14 @@ fn colour(ui: &mut Ui, desk: &mut Desk) {
         };
     };
     asked_colour(ui, target);
-    match &editing.answer {
-        Some(Ok(found)) => {
-            swatch(ui, "achieved reflectance", found.achieved);
-            if !found.is_reached() {
-                let gap = found.gap();
-                let worst = (0..3).max_by(|a, b| gap[*a].abs().total_cmp(&gap[*b].abs())).unwrap_or(0);
-                let (channel, gap) = (CHANNELS[worst], gap[worst]);
-                ui.colored_label(BAD, format!("out of the profile's reach: {channel} is off by {gap:+.3}"));
-            }
+    if let Some(found) = found(ui, &editing.answer) {
+        swatch(ui, "achieved reflectance", found.achieved);
+        if !found.is_reached() {
+            let gap = found.gap();
+            let worst = (0..3).max_by(|a, b| gap[*a].abs().total_cmp(&gap[*b].abs())).unwrap_or(0);
+            let (channel, gap) = (CHANNELS[worst], gap[worst]);
+            ui.colored_label(BAD, format!("out of the profile's reach: {channel} is off by {gap:+.3}"));
         }
-        Some(Err(reason)) => drop(ui.colored_label(BAD, reason)),
-        None => drop(ui.weak("...")),
     }
     let mut radius = editing.radius;
     ComboBox::from_id_salt("radius").selected_text(format!("{} mm", radius.name())).width(150.0).show_ui(ui, |ui| {
@@ -198,11 +199,6 @@ fn phase_and_index(ui: &mut Ui, desk: &mut Desk) {
 /// A slider that neither clamps nor rounds the value it shows: viewing a medium does not change it.
 fn plain(value: &mut f64, range: std::ops::RangeInclusive<f64>) -> Slider<'_> {
     Slider::new(value, range).clamping(SliderClamping::Edits)
-}
-
-fn channels(ui: &mut Ui, title: &str, value: &mut DVec3, least: f64, most: f64, smallest: f64) -> bool {
-    ui.label(title);
-    sliders(ui, value, least, most, smallest)
 }
 
 fn sliders(ui: &mut Ui, value: &mut DVec3, least: f64, most: f64, smallest: f64) -> bool {
