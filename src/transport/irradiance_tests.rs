@@ -188,7 +188,8 @@ fn lights_in_on_and_beside_the_surface_stay_finite() {
     let normal = mesh.normal(fixture.samples.patch(3)[0].triangle);
     let vertex = mesh.position_mm(17);
     let mut points = Vec::new();
-    fixture_points(&fixture, 3, &mut points);
+    let surface = fixture.surface();
+    Illumination::new(&surface, &[], &[ETA], LightSampling::REFERENCE).unwrap().points_of(3, &mut points);
     let on_sample_point = points[0].at + mesh.origin_mm;
     for at_mm in
         [DVec3::ZERO, mesh.origin_mm, vertex, centre, centre + 1e-9 * normal, centre - 1e-9 * normal, on_sample_point]
@@ -209,11 +210,6 @@ fn lights_in_on_and_beside_the_surface_stay_finite() {
     assert!(illuminate(&fixture, blinding).iter().all(|v| v.is_finite()));
     let far = Light::Point { at_mm: DVec3::splat(1e200), intensity: DVec3::splat(1e300) };
     assert!(illuminate(&fixture, far).iter().all(|v| v.is_finite()));
-}
-
-fn fixture_points(fixture: &Fixture, patch: usize, out: &mut Vec<SurfacePoint>) {
-    let surface = fixture.surface();
-    Illumination::new(&surface, &[], &[ETA], LightSampling::REFERENCE).unwrap().points_of(patch, out);
 }
 
 /// The floor below a lid with a hole from (-3.3, -2.7) to (4.1, 5.2), 5 mm above.

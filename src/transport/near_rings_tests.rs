@@ -37,11 +37,6 @@ fn difference(name: &str, samples: usize, spacings: f64, colours: usize) -> f64 
         &Silent,
     );
     let rings = NearRings::new(&surface, (&around, &corners), &receivers, (rule, split_mm), &Silent);
-    println!(
-        "bytes/receiver {} uneven {}",
-        rings.bytes() / receivers.len(),
-        (0..irradiance.len()).filter(|i| pieces.is_uneven(*i)).count()
-    );
     let range = LightRange::new(&irradiance, pieces.deviations());
     assert_eq!(range.colour.is_some(), colours == 1);
     let moments = rings.moments(&surface, &around, &receivers, (&irradiance, &pieces), range);
