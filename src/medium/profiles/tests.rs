@@ -9,7 +9,7 @@ use super::gaussians::{Gaussians, SKIN};
 use super::layers::{Layer, Layers};
 use super::measured::{self, Interpolation, Measured};
 use super::model::ProfileModel;
-use super::photon_beam::PhotonBeam;
+use super::photon_beam::photon_beam;
 use super::{csv, layer_file};
 use crate::error::ExitCode;
 use crate::math::quadrature::integrate;
@@ -41,7 +41,7 @@ fn one_of_each() -> Vec<(&'static str, Box<dyn Profile>, Vec<f64>)> {
     vec![
         ("dipole", Box::new(Dipole::new(1.0, 0.05, boundary_a(1.3, BoundaryFit::Published))), vec![]),
         ("better dipole", Box::new(BetterDipole::new(1.0, 0.05, 1.3)), vec![]),
-        ("photon beam", Box::new(PhotonBeam::new(1.0, 0.05, 1.3).unwrap()), vec![1e-3]),
+        ("photon beam", Box::new(photon_beam(1.0, 0.05, 1.3).unwrap()), vec![1e-3]),
         ("burley", Box::new(Burley::new(0.6, 1.0, BurleyFit::Searchlight)), vec![]),
         ("gaussians", Box::new(skin), vec![]),
         ("layers", Box::new(Layers::new(&layers, BoundaryFit::Published).unwrap()), vec![]),
@@ -145,7 +145,7 @@ fn models_meet_at_high_albedo() {
         for (absorption, tolerance) in [(1e-3, 0.04), (1e-5, 0.005)] {
             let classical = Dipole::new(1.0, absorption, a);
             let better = BetterDipole::new(1.0, absorption, eta);
-            let beam = PhotonBeam::new(1.0, absorption, eta).unwrap();
+            let beam = photon_beam(1.0, absorption, eta).unwrap();
             assert!((better.total() / classical.total() - 1.0).abs() < tolerance);
             assert!((beam.total() / better.total() - 1.0).abs() < 0.12);
             // Far away all are the same diffusion; how much of it is up to the boundary.
@@ -181,7 +181,7 @@ fn the_better_dipole_and_the_beam_beat_the_dipole_at_low_albedo() {
         let exact = multiple_scattering(albedo);
         let classical = Dipole::new(s, a, 1.0).total();
         let better = BetterDipole::new(s, a, 1.0).total();
-        let beam = PhotonBeam::new(s, a, 1.0).unwrap().total();
+        let beam = photon_beam(s, a, 1.0).unwrap().total();
         assert!((better - exact).abs() < 0.65 * (classical - exact).abs(), "{albedo}");
         assert!((beam - exact).abs() < (classical - exact).abs(), "{albedo}");
     }
