@@ -113,13 +113,7 @@ impl Query {
     fn from_origin(ray: &Ray, origin: Vec3, length: f32, start: f64, range: [f64; 2], tree: &Tree) -> Self {
         let d = ray.direction.to_array();
         let o = origin.to_array();
-        let z = if d[0].abs() == length {
-            0
-        } else if d[1].abs() == length {
-            1
-        } else {
-            2
-        };
+        let z = ray.direction.abs().max_position();
         let axes = [[1, 2, 0], [2, 0, 1], [0, 1, 2]][z];
         let grow = 32.0 * ROUNDING * tree.magnitude.max(origin.abs().max_element());
         // 2^-30 of the largest component moves the ray by far less than the boxes grow, and keeps infinities out.
