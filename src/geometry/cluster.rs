@@ -20,19 +20,9 @@ impl Run {
 
 /// Axis along which the points extend most.
 pub fn longest_axis(points: impl Iterator<Item = DVec3>) -> usize {
-    let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    for p in points {
-        low = low.min(p);
-        high = high.max(p);
-    }
-    let extent = high - low;
-    if extent.x >= extent.y && extent.x >= extent.z {
-        0
-    } else if extent.y >= extent.z {
-        1
-    } else {
-        2
-    }
+    let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    let (low, high) = points.fold(none, |(low, high), p| (low.min(p), high.max(p)));
+    (high - low).max_position()
 }
 
 /// Reorders `order` (indices into `points`) so that its `k` first entries are not beyond the others along the longest
@@ -50,32 +40,21 @@ pub fn partition(order: &mut [u32], points: &[DVec3], k: usize) {
 ///
 /// All groups but the last of the recursion are full. The result does not depend on the number of threads.
 pub fn groups(order: &mut [u32], points: &[DVec3], capacity: usize) -> Vec<Run> {
-    fn split(order: &mut [u32], points: &[DVec3], capacity: usize) {
+    fn split(order: &mut [u32], points: &[DVec3], capacity: usize, first: usize) -> Vec<Run> {
         if order.len() <= capacity {
             order.sort_unstable();
-            return;
+            let run = Run { first: first as u32, end: (first + order.len()) as u32 };
+            return if order.is_empty() { Vec::new() } else { vec![run] };
         }
         let k = (order.len() / 2).next_multiple_of(capacity).min(order.len() - 1);
         partition(order, points, k);
         let (left, right) = order.split_at_mut(k);
-        rayon::join(|| split(left, points, capacity), || split(right, points, capacity));
+        let (mut runs, rest) =
+            rayon::join(|| split(left, points, capacity, first), || split(right, points, capacity, first + k));
+        runs.extend(rest);
+        runs
     }
-    fn runs(first: usize, len: usize, capacity: usize, out: &mut Vec<Run>) {
-        if len <= capacity {
-            if len > 0 {
-                out.push(Run { first: first as u32, end: (first + len) as u32 });
-            }
-            return;
-        }
-        let k = (len / 2).next_multiple_of(capacity).min(len - 1);
-        runs(first, k, capacity, out);
-        runs(first + k, len - k, capacity, out);
-    }
-    let capacity = capacity.max(1);
-    split(order, points, capacity);
-    let mut out = Vec::new();
-    runs(0, order.len(), capacity, &mut out);
-    out
+    split(order, points, capacity.max(1), 0)
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@ use std::ops::RangeInclusive;
 use glam::DVec3;
 
 use crate::error::{Error, Result};
+use crate::math::sphere::unit;
 
 /// Allowed steps along an edge of a source radiance field's square grid on the hemisphere, which has one point more.
 pub const POINTS: RangeInclusive<u16> = 4..=64;
@@ -46,15 +47,13 @@ pub(super) fn angle(key: &str, degrees: f64) -> Result<f64> {
 /// A unit vector along `value`; lengths from 1e-300 to 1e300 work.
 pub(super) fn direction(key: &str, value: DVec3) -> Result<DVec3> {
     let value = position(key, value)?;
-    let largest = value.abs().max_element();
-    if largest == 0.0 {
+    if value == DVec3::ZERO {
         return Err(Error::input(format!("{key} is the zero vector; give a direction, for example {key}=0,1,0")));
     }
     if (value.length_squared() - 1.0).abs() <= UNIT_TOLERANCE {
         return Ok(value);
     }
-    // Division by the largest component keeps the squares in range.
-    Ok((value / largest).normalize())
+    Ok(unit(value))
 }
 
 /// Checks that two lengths in mm are positive and finite.

@@ -207,18 +207,11 @@ struct Emitter<'a> {
     tree: &'a mut Tree,
 }
 
+const HIGH: [f32; WIDTH] = [f32::INFINITY; WIDTH];
+const LOW: [f32; WIDTH] = [f32::NEG_INFINITY; WIDTH];
+
 /// A node without children.
-const EMPTY: Node = Node {
-    planes: [
-        [f32::INFINITY; WIDTH],
-        [f32::INFINITY; WIDTH],
-        [f32::INFINITY; WIDTH],
-        [f32::NEG_INFINITY; WIDTH],
-        [f32::NEG_INFINITY; WIDTH],
-        [f32::NEG_INFINITY; WIDTH],
-    ],
-    children: Children([0; WIDTH]),
-};
+const EMPTY: Node = Node { planes: [HIGH, HIGH, HIGH, LOW, LOW, LOW], children: Children([0; WIDTH]) };
 
 impl Emitter<'_> {
     /// Boxes from the corners themselves: those of obvhs are rounded and in other units.

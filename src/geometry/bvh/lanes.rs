@@ -35,6 +35,27 @@ impl Path {
     }
 }
 
+/// Defines a function that runs another on the lanes of a path.
+macro_rules! on_lanes {
+    ($(#[$meta:meta])* $vis:vis fn $name:ident $(<$visit:ident>)? ($($arg:ident: $type:ty),*) -> $out:ty => $body:ident) => {
+        $(#[$meta])*
+        $vis fn $name $(<$visit: Visit>)? (path: Path, $($arg: $type),*) -> $out {
+            #[cfg(target_arch = "x86_64")]
+            #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+            fn avx2 $(<$visit: Visit>)? ($($arg: $type),*) -> $out {
+                $body::<super::lanes::Avx2 $(, $visit)?>($($arg),*)
+            }
+            match path {
+                Path::Portable => $body::<Portable $(, $visit)?>($($arg),*),
+                #[cfg(target_arch = "x86_64")]
+                // SAFETY: `Path::detect` returns this path only on a CPU that has these features.
+                Path::Avx2 => unsafe { avx2($($arg),*) },
+            }
+        }
+    };
+}
+pub(super) use on_lanes;
+
 /// Eight `f32` in a register or in several.
 pub(super) trait Lanes {
     /// The registers.

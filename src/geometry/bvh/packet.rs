@@ -5,7 +5,7 @@
 //! so the answers are those of single rays.
 
 use super::build::{Children, LEAF, Node, Tree, WIDTH};
-use super::lanes::{Lanes, Path, Portable, Slot};
+use super::lanes::{Lanes, Path, Portable, Slot, on_lanes};
 use super::ray::{Query, Ray};
 use super::traverse::{self, Except, Nearest, SMALL_STACK};
 use super::triangle::Hit;
@@ -53,12 +53,7 @@ fn bundle_or_single(path: Path, tree: &Tree, rays: &[Ray], skip: &[u32], out: &m
         for (query, ray) in queries.iter_mut().zip(rays) {
             *query = Query::new(ray, tree);
         }
-        let (hit, undecided) = match path {
-            Path::Portable => walk::<Portable>(tree, &queries, skip),
-            #[cfg(target_arch = "x86_64")]
-            // SAFETY: `Path::detect` returns this path only on a CPU that has these features.
-            Path::Avx2 => unsafe { walk_avx2(tree, &queries, skip) },
-        };
+        let (hit, undecided) = walk(path, tree, &queries, skip);
         for (i, out) in out.iter_mut().enumerate() {
             *out = hit >> i & 1 == 1;
             if undecided >> i & 1 == 1
@@ -91,28 +86,19 @@ fn closest_of_some(path: Path, tree: &Tree, rays: &[Ray], out: &mut [Option<Hit>
         *query = Query::new(ray, tree);
     }
     let mut best = [Nearest::NONE; BUNDLE];
-    let found = rays.len() >= FEWEST
-        && tree.stack <= SMALL_STACK
-        && match path {
-            Path::Portable => nearest::<Portable>(tree, &queries, &mut best),
-            #[cfg(target_arch = "x86_64")]
-            // SAFETY: `Path::detect` returns this path only on a CPU that has these features.
-            Path::Avx2 => unsafe { nearest_avx2(tree, &queries, &mut best) },
-        };
+    let found = rays.len() >= FEWEST && tree.stack <= SMALL_STACK && nearest(path, tree, &queries, &mut best);
     for ((query, best), out) in queries.iter().zip(&best).zip(out) {
         *out = if found { best.rounded() } else { query.as_ref().and_then(|q| traverse::closest(path, tree, q)) };
     }
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-fn nearest_avx2(tree: &Tree, queries: &[Option<Query>; BUNDLE], best: &mut [Nearest; BUNDLE]) -> bool {
-    nearest::<super::lanes::Avx2>(tree, queries, best)
+on_lanes! {
+    fn nearest(tree: &Tree, queries: &[Option<Query>; BUNDLE], best: &mut [Nearest; BUNDLE]) -> bool => nearest_with
 }
 
 /// The nearest hit of each ray; false where the rays part so much that they are better asked one by one.
 #[inline(always)]
-fn nearest<L: Lanes>(tree: &Tree, queries: &[Option<Query>; BUNDLE], best: &mut [Nearest; BUNDLE]) -> bool {
+fn nearest_with<L: Lanes>(tree: &Tree, queries: &[Option<Query>; BUNDLE], best: &mut [Nearest; BUNDLE]) -> bool {
     let Some(mut bundle) = Bundle::new(queries) else { return false };
     let mut budget = PATIENCE * bundle.valid.count_ones() as usize;
     let mut stack = [(0.0f32, 0u32); SMALL_STACK];
@@ -292,15 +278,13 @@ impl Bundle {
     }
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-fn walk_avx2(tree: &Tree, queries: &[Option<Query>; BUNDLE], skip: &[u32]) -> (u32, u32) {
-    walk::<super::lanes::Avx2>(tree, queries, skip)
+on_lanes! {
+    fn walk(tree: &Tree, queries: &[Option<Query>; BUNDLE], skip: &[u32]) -> (u32, u32) => walk_with
 }
 
 /// Bits of the rays that are occluded, and of those that must be asked one by one.
 #[inline(always)]
-fn walk<L: Lanes>(tree: &Tree, queries: &[Option<Query>; BUNDLE], skip: &[u32]) -> (u32, u32) {
+fn walk_with<L: Lanes>(tree: &Tree, queries: &[Option<Query>; BUNDLE], skip: &[u32]) -> (u32, u32) {
     let Some(bundle) = Bundle::new(queries) else { return (0, u32::MAX) };
     let mut open = bundle.valid;
     let mut budget = PATIENCE * open.count_ones() as usize;

@@ -56,7 +56,7 @@ fn round_along(point: DVec3, direction: DVec3) -> Vec3 {
 }
 
 /// A ray made ready for boxes and triangles.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Query {
     /// Origin of the shear; moved along the ray to the scene where the ray starts far away from it.
     pub origin: [f32; 3],
@@ -113,13 +113,7 @@ impl Query {
     fn from_origin(ray: &Ray, origin: Vec3, length: f32, start: f64, range: [f64; 2], tree: &Tree) -> Self {
         let d = ray.direction.to_array();
         let o = origin.to_array();
-        let z = if d[0].abs() == length {
-            0
-        } else if d[1].abs() == length {
-            1
-        } else {
-            2
-        };
+        let z = ray.direction.abs().max_position();
         let axes = [[1, 2, 0], [2, 0, 1], [0, 1, 2]][z];
         let grow = 32.0 * ROUNDING * tree.magnitude.max(origin.abs().max_element());
         // 2^-30 of the largest component moves the ray by far less than the boxes grow, and keeps infinities out.
@@ -127,17 +121,11 @@ impl Query {
         let mut query = Self {
             origin: o,
             axes,
-            shear: [0.0; 2],
             direction_z: f64::from(d[z]),
-            inverse: [0.0; 3],
-            near_origin: [0.0; 3],
-            far_origin: [0.0; 3],
-            near_offset: [0.0; 3],
-            far_offset: [0.0; 3],
-            negative: [false; 3],
             box_range: [(range[0] - start) as f32, (range[1] - start) as f32],
             range,
             start,
+            ..Self::default()
         };
         for axis in 0..3 {
             let inverse = 1.0 / d[axis].abs().max(least).copysign(d[axis]);

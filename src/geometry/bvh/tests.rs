@@ -1,7 +1,5 @@
 #![allow(clippy::unwrap_used)]
 
-use std::f64::consts::TAU;
-
 use glam::{DVec3, Vec3};
 
 use super::lanes::Path as Instructions;
@@ -10,13 +8,12 @@ use crate::geometry::shapes;
 use crate::geometry::source::SourceModel;
 use crate::geometry::test_data::obj;
 use crate::math::random::uniform;
+use crate::math::sphere::random_direction;
 
 type Corners = Vec<[Vec3; 3]>;
 
 fn direction(stage: u64, i: u64) -> Vec3 {
-    let (z, a) = (2.0 * uniform(stage, i, 0) - 1.0, TAU * uniform(stage, i, 1));
-    let r = (1.0 - z * z).max(0.0).sqrt();
-    DVec3::new(r * a.cos(), r * a.sin(), z).as_vec3()
+    random_direction(stage, i).as_vec3()
 }
 
 fn point(stage: u64, i: u64) -> Vec3 {

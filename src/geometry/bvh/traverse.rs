@@ -1,7 +1,7 @@
 //! One ray through the tree.
 
 use super::build::{LEAF, Tree, WIDTH};
-use super::lanes::{Lanes, Path, Portable, Slot};
+use super::lanes::{Lanes, Path, Portable, Slot, on_lanes};
 use super::ray::Query;
 use super::triangle::{ExactHit, Hit, NO_TRIANGLE, candidates, exact};
 
@@ -107,20 +107,7 @@ pub(super) fn crossings(path: Path, tree: &Tree, query: &Query, visit: impl FnMu
     any(path, tree, query, &mut Every(visit));
 }
 
-fn any<V: Visit>(path: Path, tree: &Tree, query: &Query, visit: &mut V) -> bool {
-    match path {
-        Path::Portable => any_with::<Portable, V>(tree, query, visit),
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Path::detect` returns this path only on a CPU that has these features.
-        Path::Avx2 => unsafe { any_avx2(tree, query, visit) },
-    }
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-fn any_avx2<V: Visit>(tree: &Tree, query: &Query, visit: &mut V) -> bool {
-    any_with::<super::lanes::Avx2, V>(tree, query, visit)
-}
+on_lanes! { fn any<V>(tree: &Tree, query: &Query, visit: &mut V) -> bool => any_with }
 
 #[inline(always)]
 fn any_with<L: Lanes, V: Visit>(tree: &Tree, query: &Query, visit: &mut V) -> bool {
@@ -216,20 +203,9 @@ impl Visit for Nearest {
     }
 }
 
-/// The nearest hit; of equal ones, the lowest triangle.
-pub(super) fn closest(path: Path, tree: &Tree, query: &Query) -> Option<Hit> {
-    match path {
-        Path::Portable => closest_with::<Portable>(tree, query),
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Path::detect` returns this path only on a CPU that has both features.
-        Path::Avx2 => unsafe { closest_avx2(tree, query) },
-    }
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-fn closest_avx2(tree: &Tree, query: &Query) -> Option<Hit> {
-    closest_with::<super::lanes::Avx2>(tree, query)
+on_lanes! {
+    /// The nearest hit; of equal ones, the lowest triangle.
+    pub(super) fn closest(tree: &Tree, query: &Query) -> Option<Hit> => closest_with
 }
 
 #[inline(always)]

@@ -277,12 +277,11 @@ fn triangles_to_keep(mesh: &Mesh, report: &mut RepairReport) -> Vec<bool> {
 
 /// Finds equal and reversed triangles: buckets by smallest corner, each sorted by the other two.
 fn drop_duplicates(mesh: &Mesh, keep: &mut [bool], report: &mut RepairReport) {
-    let smallest = |t: usize| mesh.welded(t as u32).into_iter().min().unwrap_or_default();
     let kept: Vec<usize> = (0..keep.len()).filter(|&t| keep[t]).collect();
     // (second, third) corner in sorted order, then orientation and index.
     let row = |&t: &usize| {
-        let (second, third, reversed) = sorted_corners(mesh.welded(t as u32));
-        (smallest(t), (u64::from(second) << 32 | u64::from(third), u64::from(reversed) << 32 | t as u64))
+        let ([smallest, second, third], reversed) = sorted_corners(mesh.welded(t as u32));
+        (smallest, (u64::from(second) << 32 | u64::from(third), u64::from(reversed) << 32 | t as u64))
     };
     let rows = Buckets::new(mesh.weld.len(), || kept.iter().map(row)).sorted();
     for bucket in rows.all() {
@@ -297,14 +296,10 @@ fn drop_duplicates(mesh: &Mesh, keep: &mut [bool], report: &mut RepairReport) {
     }
 }
 
-/// The larger two corners in order, and whether the winding runs against it.
-fn sorted_corners([a, b, c]: [u32; 3]) -> (u32, u32, bool) {
-    let (second, third) = if a < b && a < c {
-        (b, c)
-    } else if b < c {
-        (c, a)
-    } else {
-        (a, b)
-    };
-    if second < third { (second, third, false) } else { (third, second, true) }
+/// The corners in ascending order, and whether the winding runs against it.
+fn sorted_corners(mut corners: [u32; 3]) -> ([u32; 3], bool) {
+    let smallest = (0..3).min_by_key(|&i| corners[i]).unwrap_or(0);
+    corners.rotate_left(smallest);
+    let [first, second, third] = corners;
+    ([first, second.min(third), second.max(third)], second > third)
 }

@@ -144,7 +144,6 @@ fn jumps(interpolator: &Interpolator) -> [f64; 2] {
 fn only_the_four_nearest_jump_when_a_light_turns() {
     for scheme in Scheme::ALL {
         let [jump, close] = jumps(&interpolator(200, scheme));
-        println!("{}: {jump:.2e} beyond the function's own motion in 0.1 degrees", scheme.name());
         // A hundredth of the step leaves a hundredth of the motion, and all of a jump.
         if scheme == Scheme::Nearest4 {
             assert!(jump > 0.05 && close > 0.5 * jump, "{jump} {close}");

@@ -170,26 +170,16 @@ fn everywhere(radiance: DVec3) -> Vec<(DVec3, DVec3)> {
         .collect()
 }
 
-/// Energy of a texel and the direction of its centre.
-#[derive(Clone, Copy, Default)]
-struct Gathered {
-    energy: DVec3,
-    /// Directions weighted by the sum of the channels.
-    centre: DVec3,
-}
-
 /// The light of a map as irradiance from a direction for every texel that is lit.
 fn gather(map: &EnvironmentMap, rotation: Rotation, scale: DVec3) -> Vec<(DVec3, DVec3)> {
-    let add = |texel: &mut Gathered, energy: DVec3, direction: DVec3| {
-        texel.energy += energy;
-        texel.centre += energy.element_sum() * direction;
+    // Energy of a texel, and the sum of its directions weighted by the sum of the channels.
+    let add = |[energy, centre]: &mut [DVec3; 2], piece: DVec3, direction: DVec3| {
+        *energy += piece;
+        *centre += piece.element_sum() * direction;
     };
-    let join = |total: &mut Gathered, texel: Gathered| {
-        total.energy += texel.energy;
-        total.centre += texel.centre;
-    };
+    let join = |total: &mut [DVec3; 2], texel: [DVec3; 2]| total.iter_mut().zip(texel).for_each(|(sum, t)| *sum += t);
     // Pixels wider than half a texel are cut.
     let mut total = sums_of_texels((map, rotation), (GATHER_SIDE, 2), add, join);
-    total.retain(|texel| texel.energy != DVec3::ZERO);
-    total.iter().map(|texel| (texel.centre, texel.energy * scale)).collect()
+    total.retain(|[energy, _]| *energy != DVec3::ZERO);
+    total.iter().map(|[energy, centre]| (*centre, *energy * scale)).collect()
 }

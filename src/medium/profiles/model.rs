@@ -10,7 +10,7 @@ use super::gaussians::{self, Gaussians, Lobe, SKIN};
 use super::layer_file::{self, LayerSpec};
 use super::layers::{Layer, Layers, THICKNESSES_MM};
 use super::measured::{self, Interpolation, Measured};
-use super::photon_beam::PhotonBeam;
+use super::photon_beam::photon_beam;
 use crate::error::{Error, Result};
 use crate::medium::fresnel::BoundaryFit;
 use crate::medium::material::OpticalProperties;
@@ -126,7 +126,7 @@ impl LoadedProfile {
             }
             Self::OfMedium(model) => match model {
                 ProfileModel::BetterDipole => Box::new(BetterDipole::new(s, a, eta)),
-                ProfileModel::PhotonBeam => Box::new(PhotonBeam::new(s, a, eta)?),
+                ProfileModel::PhotonBeam => Box::new(photon_beam(s, a, eta)?),
                 ProfileModel::Burley(fit) => Box::new(Burley::of_medium(s, a, eta, *fit)),
                 ProfileModel::Slab(thickness) => {
                     let slab = Layer { thickness_mm: Some(*thickness), ..own };

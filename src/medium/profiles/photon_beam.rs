@@ -10,7 +10,7 @@
 //! Photon beam diffusion was preferred to quantised diffusion (d'Eon and Irving 2011), because it needs no fit of
 //! Gaussians and keeps the oblique beam open.
 
-use super::better_dipole::SourcePair;
+use super::better_dipole::BetterDipole;
 use super::boundary::{Boundary, Coefficients, Grosjean};
 use super::tabulated::{Grid, Tabulated};
 use crate::error::Result;
@@ -35,82 +35,55 @@ const REACH: (f64, f64) = (1e8, 45.0);
 /// Gauss points between two knots.
 const CELL_ORDER: usize = 6;
 
-/// The photon beam profile of one channel.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PhotonBeam {
-    table: Tabulated,
-}
-
-/// The beam, lengths in mean free paths.
-struct Beam {
-    /// Share of the beam's light, depth and pair of sources at each depth.
-    depths: Vec<(f64, f64, SourcePair)>,
-}
-
-impl Beam {
-    fn new(medium: &Coefficients, eta: f64) -> Self {
-        let unit = Coefficients { extinction_per_mm: 1.0, ..*medium };
-        let (boundary, diffusion) = (Boundary::new(eta), Grosjean::new(&unit));
-        let (first, last) = (DEPTHS.0.ln(), DEPTHS.1.ln());
-        let count = ((last - first) / DEPTH_STEP).ceil() as usize;
-        let depths = (0..=count).map(|i| {
-            let t = (first + DEPTH_STEP * i as f64).exp();
-            let strength = medium.albedo * medium.albedo;
-            (DEPTH_STEP * t * (-t).exp(), t, SourcePair::new(&boundary, &diffusion, strength, t))
-        });
-        Self { depths: depths.collect() }
+/// The photon beam profile of one channel of a medium with the reduced scattering and the absorption coefficient (1/mm) and a
+/// refractive index; odd values count as in [`BetterDipole::new`].
+///
+/// # Errors
+/// Run time, should the table fail.
+pub fn photon_beam(
+    sigma_s_reduced_per_mm: f64,
+    sigma_a_per_mm: f64,
+    eta_inside_over_outside: f64,
+) -> Result<Tabulated> {
+    let medium = Coefficients::new(sigma_s_reduced_per_mm, sigma_a_per_mm);
+    let unit_mm = 1.0 / medium.extinction_per_mm;
+    // Squared, and as small as this, it would leave the range of numbers.
+    if medium.albedo < 1e-100 {
+        return Tabulated::new(GRID, unit_mm, &[]);
     }
-
-    fn reflectance(&self, r: f64) -> f64 {
+    // From here on lengths are in mean free paths.
+    let diffusion = Grosjean::new(&Coefficients { extinction_per_mm: 1.0, ..medium });
+    let depths = depths(&medium, &Boundary::new(eta_inside_over_outside), &diffusion);
+    let reflectance = |r: f64| -> f64 {
         let kappa = |t: f64| -(-2.0 * (r.hypot(t) + t)).exp_m1();
-        self.depths.iter().map(|(share, t, pair)| share * kappa(*t) * pair.reflectance(r)).sum()
+        depths.iter().map(|(share, t, pair)| share * kappa(*t) * pair.reflectance(r)).sum()
+    };
+    let count = GRID.count(REACH.0.min((REACH.1 * (1.0 / diffusion.sigma_tr_per_mm)).max(2.0 * PLAIN_DISTANCE)));
+    let mut samples = vec![(0.0, 0.0); count];
+    let mut outer = 0.0;
+    for (k, sample) in samples.iter_mut().enumerate().rev() {
+        let r = GRID.knot(k);
+        let tail = if r > PLAIN_DISTANCE {
+            // Without kappa.
+            depths.iter().map(|(share, _, pair)| share * pair.tail(r)).sum()
+        } else {
+            let rule = gauss_legendre_cached(CELL_ORDER);
+            outer + integrate_with(rule, r, GRID.knot(k + 1), |x| reflectance(x) * x)
+        };
+        *sample = (reflectance(r.max(0.5 * GRID.scale)), tail);
+        outer = tail;
     }
-
-    /// The tail without kappa.
-    fn plain_tail(&self, r: f64) -> f64 {
-        self.depths.iter().map(|(share, _, pair)| share * pair.tail(r)).sum()
-    }
+    Tabulated::new(GRID, unit_mm, &samples)
 }
 
-impl PhotonBeam {
-    /// The profile of a medium with the reduced scattering and the absorption coefficient (1/mm) and a refractive
-    /// index; odd values count as in [`super::better_dipole::BetterDipole::new`].
-    ///
-    /// # Errors
-    /// Run time, should the table fail.
-    pub fn new(sigma_s_reduced_per_mm: f64, sigma_a_per_mm: f64, eta_inside_over_outside: f64) -> Result<Self> {
-        let medium = Coefficients::new(sigma_s_reduced_per_mm, sigma_a_per_mm);
-        let unit_mm = 1.0 / medium.extinction_per_mm;
-        // Squared, and as small as this, it would leave the range of numbers.
-        if medium.albedo < 1e-100 {
-            return Ok(Self { table: Tabulated::new(GRID, unit_mm, &[])? });
-        }
-        let beam = Beam::new(&medium, eta_inside_over_outside);
-        let diffusion_length = 1.0 / Grosjean::new(&Coefficients { extinction_per_mm: 1.0, ..medium }).sigma_tr_per_mm;
-        let count = GRID.count(REACH.0.min((REACH.1 * diffusion_length).max(2.0 * PLAIN_DISTANCE)));
-        let mut samples = vec![(0.0, 0.0); count];
-        let mut outer = 0.0;
-        for (k, sample) in samples.iter_mut().enumerate().rev() {
-            let r = GRID.knot(k);
-            let tail = if r > PLAIN_DISTANCE {
-                beam.plain_tail(r)
-            } else {
-                let rule = gauss_legendre_cached(CELL_ORDER);
-                outer + integrate_with(rule, r, GRID.knot(k + 1), |x| beam.reflectance(x) * x)
-            };
-            *sample = (beam.reflectance(r.max(0.5 * GRID.scale)), tail);
-            outer = tail;
-        }
-        Ok(Self { table: Tabulated::new(GRID, unit_mm, &samples)? })
-    }
-}
-
-impl Profile for PhotonBeam {
-    fn reflectance(&self, r_mm: f64) -> f64 {
-        self.table.reflectance(r_mm)
-    }
-
-    fn tail(&self, r_mm: f64) -> f64 {
-        self.table.tail(r_mm)
-    }
+/// Share of the beam's light, depth and pair of sources at each depth, lengths in mean free paths.
+fn depths(medium: &Coefficients, boundary: &Boundary, diffusion: &Grosjean) -> Vec<(f64, f64, BetterDipole)> {
+    let (first, last) = (DEPTHS.0.ln(), DEPTHS.1.ln());
+    let count = ((last - first) / DEPTH_STEP).ceil() as usize;
+    let strength = medium.albedo * medium.albedo;
+    let depths = (0..=count).map(|i| {
+        let t = (first + DEPTH_STEP * i as f64).exp();
+        (DEPTH_STEP * t * (-t).exp(), t, BetterDipole::of_source(boundary, diffusion, strength, t))
+    });
+    depths.collect()
 }
