@@ -30,10 +30,14 @@ macro_rules! forward_scene {
 }
 pub(crate) use forward_scene;
 
-/// Forwards the calls for single scattering.
+/// Forwards the calls that an evaluator on a device leaves to the processor: those of single scattering, and all pairs.
 #[cfg(feature = "gpu")]
-macro_rules! forward_single_scattering {
+macro_rules! forward_to_processor {
     ($inner:ident) => {
+        fn all_pairs(&mut self, progress: &dyn $crate::progress::Progress) -> $crate::error::Result<Vec<glam::DVec3>> {
+            self.$inner.all_pairs(progress)
+        }
+
         fn single_scattering(
             &mut self,
             progress: &dyn $crate::progress::Progress,
@@ -53,4 +57,4 @@ macro_rules! forward_single_scattering {
     };
 }
 #[cfg(feature = "gpu")]
-pub(crate) use forward_single_scattering;
+pub(crate) use forward_to_processor;

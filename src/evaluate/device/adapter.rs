@@ -102,8 +102,12 @@ impl Device {
     pub fn check(&self) -> Result<()> {
         match self.first_error.lock().unwrap_or_else(PoisonError::into_inner).as_ref() {
             None => Ok(()),
-            Some(error) => Err(Error::runtime(format!("{}: {error}; {WITHOUT}", self.info.name))),
+            Some(error) => Err(self.lost(error)),
         }
+    }
+
+    fn lost(&self, error: impl std::fmt::Display) -> Error {
+        Error::runtime(format!("{}: {error}; {WITHOUT}", self.info.name))
     }
 
     /// A storage buffer with these contents; never empty.
@@ -153,7 +157,6 @@ impl Device {
     /// # Errors
     /// A device that is lost or out of memory (exit 4).
     pub fn read(&self, buffer: &wgpu::Buffer, bytes: u64) -> Result<Vec<u8>> {
-        let lost = |e: &dyn std::fmt::Display| Error::runtime(format!("{}: {e}; {WITHOUT}", self.info.name));
         let size = bytes.next_multiple_of(4).max(4);
         let staging = self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("read back"),
@@ -168,10 +171,10 @@ impl Device {
         staging.map_async(wgpu::MapMode::Read, .., move |result| {
             let _ = sender.send(result);
         });
-        self.device.poll(wgpu::PollType::wait_indefinitely()).map_err(|e| lost(&e))?;
+        self.device.poll(wgpu::PollType::wait_indefinitely()).map_err(|e| self.lost(e))?;
         self.check()?;
-        receiver.recv().map_err(|e| lost(&e))?.map_err(|e| lost(&e))?;
-        let view = staging.get_mapped_range(..).map_err(|e| lost(&e))?;
+        receiver.recv().map_err(|e| self.lost(e))?.map_err(|e| self.lost(e))?;
+        let view = staging.get_mapped_range(..).map_err(|e| self.lost(e))?;
         let mut result = view.to_vec();
         drop(view);
         result.truncate(bytes as usize);
@@ -183,8 +186,7 @@ impl Device {
     /// # Errors
     /// A device that is lost or out of memory (exit 4).
     pub fn wait(&self) -> Result<()> {
-        let lost = |e: wgpu::PollError| Error::runtime(format!("{}: {e}; {WITHOUT}", self.info.name));
-        self.device.poll(wgpu::PollType::wait_indefinitely()).map_err(lost)?;
+        self.device.poll(wgpu::PollType::wait_indefinitely()).map_err(|e| self.lost(e))?;
         self.check()
     }
 }

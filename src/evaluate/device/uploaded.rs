@@ -7,7 +7,7 @@ use glam::DVec3;
 use super::adapter::Device;
 use crate::error::Result;
 use crate::evaluate::evaluator::{DeviceEvaluator, Evaluator, Held};
-use crate::evaluate::forward::{forward_scene, forward_single_scattering};
+use crate::evaluate::forward::{forward_scene, forward_to_processor};
 use crate::light::Light;
 use crate::medium::material::Medium;
 use crate::medium::profiles::model::LoadedProfile;
@@ -56,7 +56,7 @@ impl DeviceEvaluator for Uploaded {
 
 impl Evaluator for Uploaded {
     forward_scene!(evaluator);
-    forward_single_scattering!(evaluator);
+    forward_to_processor!(evaluator);
 
     fn set_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()> {
         self.evaluator.set_lights(lights, progress)
@@ -80,10 +80,6 @@ impl Evaluator for Uploaded {
 
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
         self.evaluator.radiosity(progress)
-    }
-
-    fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
-        self.evaluator.all_pairs(progress)
     }
 
     fn on_device(self: Box<Self>, device: &Arc<Device>) -> Result<Box<dyn DeviceEvaluator>> {

@@ -5,8 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::{Error, Result};
 use crate::evaluate::inter_reflection::Outside;
 use crate::forms::density::Density;
-use crate::forms::projected::references::{Spacing, spacing_of};
-use crate::forms::sampled_scene::SampledScene;
+use crate::forms::projected::references::Spacing;
 use crate::light::LightKind;
 use crate::light::cube_light::Transform;
 use crate::math::cube_map::FACES;
@@ -103,11 +102,6 @@ impl Distant {
     /// Sub-texels of the cube map.
     pub fn resolution(&self) -> Resolution {
         if self.side == 32 { Resolution::Sub64 } else { Resolution::Sub128 }
-    }
-
-    /// Distance between reference points, mm, where it or their number is asked for.
-    pub(crate) fn asked_spacing_mm(&self, sampled: &SampledScene) -> Option<f64> {
-        self.spacing.mm.or_else(|| self.spacing.references.map(|count| spacing_of(sampled, count)))
     }
 
     /// Refuses settings out of range.

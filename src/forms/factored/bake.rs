@@ -3,7 +3,8 @@
 use std::sync::Arc;
 
 use rayon::prelude::*;
-use translux_format::far_field::{FarField, Group};
+use translux_format::far_field::{FarField, Group, Shape};
+use translux_format::{RawSection, profile_basis as file};
 
 use super::choice::{self, Choice, Tuning};
 use super::evaluate::open;
@@ -11,14 +12,16 @@ use super::interpolation::choose_points;
 use super::ledger::{self, Baked};
 use super::ordered_samples::{OrderedSamples, Work};
 use super::points::{FarPoints, RowPlaces};
-use super::sections;
 use super::settings::{Factored, MOST_LEVELS};
 use crate::asset::Asset;
 use crate::compress::blocks;
 use crate::error::{Error, Result};
+use crate::evaluate::form::write_error;
 use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Form};
 use crate::forms::density;
 use crate::forms::environment_rows::{self, EnvironmentRows};
+use crate::geometry::mesh::Mesh;
+use crate::geometry::samples::Samples;
 use crate::light::{Light, LightKind};
 use crate::medium::profile_basis::{BasisSettings, ProfileBasis};
 use crate::progress::Progress;
@@ -97,7 +100,7 @@ impl Form for Factored {
         let transport = FarTransport { precision, ..transport };
         let far = far_field(&transport, &ordered.points, &choice, progress);
 
-        let mut sections = sections::write(&basis, &far, &scene.mesh, &ordered.samples)?;
+        let mut sections = sections(&basis, &far, &scene.mesh, &ordered.samples)?;
         let mut ledger = ledger::measure(&Baked {
             work,
             transport: &transport,
@@ -115,6 +118,22 @@ impl Form for Factored {
     fn open(&self, asset: Arc<Asset>) -> Result<Box<dyn Evaluator>> {
         open(*self, &asset)
     }
+}
+
+/// Sections of the basis and the far field.
+fn sections(basis: &ProfileBasis, far: &FarField, mesh: &Mesh, samples: &Samples) -> Result<Vec<RawSection>> {
+    let mut sections = file::ProfileBasis {
+        split_mm: basis.split_mm(),
+        nodes_mm: basis.nodes_mm().to_vec(),
+        weights_mm4: basis.weights_mm4().to_vec(),
+        functions: basis.functions().to_vec(),
+        totals: basis.totals().map(<[f64]>::to_vec),
+    }
+    .to_sections()
+    .map_err(write_error)?;
+    let shape = Shape { vertices: mesh.local_mm.len(), part_offsets: &samples.part_offsets };
+    sections.extend(far.to_coded_sections(&shape).map_err(write_error)?);
+    Ok(sections)
 }
 
 /// Basis of as few functions as the asked error allows, at most as many as a row of the far field holds.

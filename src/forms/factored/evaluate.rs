@@ -3,15 +3,16 @@
 
 use glam::DVec3;
 use rayon::prelude::*;
-use translux_format::far_field::FarField;
+use translux_format::far_field::{FarField, Shape};
+use translux_format::profile_basis as file;
 
 use super::far_sums::{ByFunction, FarSums};
 use super::points::FarPoints;
-use super::sections;
 use super::settings::Factored;
 use crate::asset::Asset;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
+use crate::evaluate::form::read_error;
 use crate::evaluate::stages::probe_points;
 use crate::forms::environment_rows::StoredRows;
 use crate::geometry::bvh::Bvh;
@@ -80,7 +81,7 @@ pub(super) struct Lit {
 
 pub(super) fn open(form: Factored, asset: &Asset) -> Result<Box<dyn Evaluator>> {
     let scene = asset.scene.clone();
-    let stored = || rayon::join(|| sections::read(asset), || StoredRows::of(asset));
+    let stored = || rayon::join(|| read(asset), || StoredRows::of(asset));
     let geometry = || {
         let bvh = Bvh::new(&scene.mesh);
         let patches = samples::patches(&scene.mesh, &asset.samples);
@@ -121,6 +122,25 @@ pub(super) fn open(form: Factored, asset: &Asset) -> Result<Box<dyn Evaluator>> 
     };
     evaluator.set_media(media)?;
     Ok(Box::new(evaluator))
+}
+
+/// The basis and the far field of an asset.
+fn read(asset: &Asset) -> Result<(ProfileBasis, FarField)> {
+    let missing = |what: &str| Error::input(format!("an asset of `editable` without its {what}; bake it again"));
+    let basis = file::ProfileBasis::from_sections(&asset.sections)
+        .map_err(read_error)?
+        .ok_or_else(|| missing("basis (sections bas.*)"))?;
+    let shape = Shape { vertices: asset.scene.mesh.local_mm.len(), part_offsets: &asset.samples.part_offsets };
+    let far = FarField::from_sections(&asset.sections, &shape)
+        .map_err(read_error)?
+        .ok_or_else(|| missing("far field (sections far.*)"))?;
+    let file::ProfileBasis { split_mm, nodes_mm, weights_mm4, functions, totals } = basis;
+    let basis = ProfileBasis::from_parts(split_mm, nodes_mm, weights_mm4, functions, totals)?;
+    if basis.terms() != far.terms {
+        let (a, b) = (basis.terms(), far.terms);
+        return Err(Error::input(format!("the basis has {a} functions and the far field {b}; bake the asset again")));
+    }
+    Ok((basis, far))
 }
 
 impl FactoredEvaluator {

@@ -13,7 +13,7 @@ use crate::evaluate::device::jobs::Effort;
 use crate::evaluate::device::near_field::NearOnDevice;
 use crate::evaluate::device::surface::{Geometry, SurfaceBuffers};
 use crate::evaluate::device::tree::TreeOnDevice;
-use crate::evaluate::forward::forward_scene;
+use crate::evaluate::forward::{forward_scene, forward_to_processor};
 use crate::evaluate::{DeviceEvaluator, Evaluator, Held};
 use crate::forms::environment_rows::gpu::RowsOnDevice;
 use crate::forms::environment_rows::sampled;
@@ -126,6 +126,7 @@ impl DeviceEvaluator for FactoredOnDevice {
 
 impl Evaluator for FactoredOnDevice {
     forward_scene!(cpu);
+    forward_to_processor!(cpu);
 
     fn set_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()> {
         // Lit anew by the processor only where it is asked for an error.
@@ -145,9 +146,5 @@ impl Evaluator for FactoredOnDevice {
 
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
         self.read_back(progress)
-    }
-
-    fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
-        self.cpu.all_pairs(progress)
     }
 }

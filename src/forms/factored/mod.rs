@@ -15,7 +15,6 @@ mod ledger;
 mod levels;
 mod ordered_samples;
 mod points;
-mod sections;
 mod settings;
 mod sources;
 mod subset;

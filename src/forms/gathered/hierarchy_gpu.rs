@@ -13,7 +13,7 @@ use crate::evaluate::device::jobs::{CLUSTER, Effort, Entries, Shard, shards};
 use crate::evaluate::device::surface::{
     Geometry, READ, SurfaceBuffers, bind, bind_group_layout, dispatch, pipeline, shader,
 };
-use crate::evaluate::forward::{forward_scene, forward_single_scattering};
+use crate::evaluate::forward::{forward_scene, forward_to_processor};
 use crate::evaluate::{DeviceEvaluator, Evaluator, Held};
 use crate::light::Light;
 use crate::medium::material::Medium;
@@ -150,7 +150,7 @@ impl DeviceEvaluator for HierarchyOnDevice {
 
 impl Evaluator for HierarchyOnDevice {
     forward_scene!(cpu);
-    forward_single_scattering!(cpu);
+    forward_to_processor!(cpu);
 
     fn set_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()> {
         self.is_current = false;
@@ -165,9 +165,5 @@ impl Evaluator for HierarchyOnDevice {
 
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
         self.read_back(progress)
-    }
-
-    fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
-        self.cpu.all_pairs(progress)
     }
 }

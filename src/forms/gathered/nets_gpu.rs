@@ -16,7 +16,7 @@ use crate::evaluate::device::surface::{
     ComputePass, GpuTable, READ, SurfaceBuffers, UNIFORM, WRITE, bind, bind_group_layout, dispatch, pipeline, shader,
     table_shader, uniform,
 };
-use crate::evaluate::forward::{forward_scene, forward_single_scattering};
+use crate::evaluate::forward::{forward_scene, forward_to_processor};
 use crate::evaluate::{DeviceEvaluator, Evaluator, Held};
 use crate::geometry::samples::Facet;
 use crate::light::Light;
@@ -425,7 +425,7 @@ impl DeviceEvaluator for NetsOnDevice {
 
 impl Evaluator for NetsOnDevice {
     forward_scene!(cpu);
-    forward_single_scattering!(cpu);
+    forward_to_processor!(cpu);
 
     fn set_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()> {
         self.is_current = false;
@@ -444,10 +444,6 @@ impl Evaluator for NetsOnDevice {
 
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
         self.read_back(progress)
-    }
-
-    fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
-        self.cpu.all_pairs(progress)
     }
 }
 

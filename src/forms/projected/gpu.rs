@@ -10,7 +10,7 @@ use super::digits::Term;
 use crate::error::Result;
 use crate::evaluate::device::Device;
 use crate::evaluate::device::interpolated::{InterpolatedOnDevice, Sum};
-use crate::evaluate::forward::{forward_scene, forward_single_scattering};
+use crate::evaluate::forward::{forward_scene, forward_to_processor};
 use crate::evaluate::{DeviceEvaluator, Evaluator, Held};
 use crate::forms::baked_in::BakedIn;
 use crate::light::Light;
@@ -59,7 +59,7 @@ impl<B: LightBasis> DeviceEvaluator for ComponentsOnDevice<B> {
 
 impl<B: LightBasis> Evaluator for ComponentsOnDevice<B> {
     forward_scene!(cpu);
-    forward_single_scattering!(cpu);
+    forward_to_processor!(cpu);
 
     fn set_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()> {
         self.cpu.set_lights(lights, progress)?;
@@ -73,9 +73,5 @@ impl<B: LightBasis> Evaluator for ComponentsOnDevice<B> {
 
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
         self.read_back(progress)
-    }
-
-    fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
-        self.cpu.all_pairs(progress)
     }
 }

@@ -39,6 +39,11 @@ pub struct Spacing {
 }
 
 impl Spacing {
+    /// The spacing, mm, where it or the number of points is asked for.
+    pub(crate) fn asked_mm(self, sampled: &SampledScene) -> Option<f64> {
+        self.mm.or_else(|| self.references.map(|count| spacing_of(sampled, count)))
+    }
+
     /// Refuses settings out of range.
     ///
     /// # Errors
@@ -78,7 +83,7 @@ pub(crate) fn spacing(sampled: &SampledScene, truth: &[Vec<DVec3>], error: f64) 
 }
 
 /// The spacing, mm, that gives about `count` reference points.
-pub(crate) fn spacing_of(sampled: &SampledScene, count: usize) -> f64 {
+fn spacing_of(sampled: &SampledScene, count: usize) -> f64 {
     let diagonal = sampled.scene.mesh.diagonal_mm();
     let (mut close, mut wide) = (1e-4 * diagonal, diagonal);
     let mut best = (usize::MAX, close);
@@ -101,18 +106,12 @@ pub(crate) fn spacing_of(sampled: &SampledScene, count: usize) -> f64 {
 pub(crate) fn spatial_error(sampled: &SampledScene, net: &Net, spacing_mm: f64, truth: &[Vec<DVec3>]) -> VertexError {
     let mut chosen = net.point.clone();
     chosen.sort_unstable();
-    let weights =
-        weights_of_some(&chosen, &sampled.points, &sampled.receivers, (spacing_mm, STRIDE), Kriging::RADIOSITY);
+    let weights = weights_of_some(&chosen, &sampled.points, &sampled.receivers, (spacing_mm, STRIDE));
     let some = parts(&sampled.receivers).into_iter().flat_map(|part| part.step_by(STRIDE).map(|i| i as u32));
     let points = sampled.probes(some.collect());
     let of_light = |values: &Vec<DVec3>| {
-        let sources: Vec<[f32; 4]> = chosen
-            .iter()
-            .map(|&i| {
-                let [r, g, b] = values[i as usize].as_vec3().to_array();
-                [r, g, b, 0.0]
-            })
-            .collect();
+        let sources: Vec<[f32; 4]> =
+            chosen.iter().map(|&i| values[i as usize].as_vec3().extend(0.0).to_array()).collect();
         points.error(&interpolate(&weights, &sources, points.indices.len()), &points.of(values))
     };
     truth.iter().map(of_light).fold(VertexError::default(), VertexError::max)
@@ -161,7 +160,7 @@ pub(crate) fn in_order_of_rows(net: &Net, ascending: &[DVec3]) -> Vec<DVec3> {
 
 /// Weights of every receiver over the reference points, which are some of the receivers, ascending.
 pub fn weights(chosen: &[u32], points: &[OrientedPoint], receivers: &Receivers, spacing_mm: f64) -> Weights {
-    weights_of_some(chosen, points, receivers, (spacing_mm, 1), Kriging::RADIOSITY)
+    weights_of_some(chosen, points, receivers, (spacing_mm, 1))
 }
 
 /// The same for every `stride`-th receiver of each part.
@@ -170,12 +169,11 @@ fn weights_of_some(
     points: &[OrientedPoint],
     receivers: &Receivers,
     (spacing_mm, stride): (f64, usize),
-    fit: Kriging,
 ) -> Weights {
     let parts = parts(receivers);
     let every = |part: &Range<usize>| part.clone().step_by(stride).map(|i| i as u32);
     let targets: Vec<u32> = parts.iter().flat_map(every).collect();
-    weights_among(points, &parts, (chosen, &targets), spacing_mm, fit)
+    weights_among(points, &parts, (chosen, &targets), spacing_mm, Kriging::RADIOSITY)
 }
 
 /// Weights of the targets over sources of the same part, which are about `spacing_mm` apart. Both lie part after part,

@@ -209,7 +209,7 @@ impl<'a, 'b> Baked<'a, 'b> {
     /// Spacing of the reference points, mm.
     fn spacing(&self) -> Result<f64> {
         let Work { sampled, plan, suns, max_rms, .. } = self.work;
-        if let Some(asked) = plan.asked_spacing_mm(sampled) {
+        if let Some(asked) = plan.spacing.asked_mm(sampled) {
             return Ok(asked);
         }
         let truth: Vec<Vec<DVec3>> = under_some(suns).map(|(_, sun)| self.under(sun)).collect::<Result<_>>()?;

@@ -95,7 +95,7 @@ pub(super) fn harmonics(
 ) -> Result<File> {
     let (sampled, plan) = (work.sampled, work.plan);
     let folded = Folded::new(work)?;
-    let spacing_mm = match plan.asked_spacing_mm(sampled) {
+    let spacing_mm = match plan.spacing.asked_mm(sampled) {
         Some(asked) => asked,
         None => {
             let under_suns = work.transfer.radiosity(suns, &Silent);

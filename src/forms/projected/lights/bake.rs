@@ -21,9 +21,7 @@ use crate::forms::density;
 use crate::forms::distant;
 use crate::forms::projected::coding::{Radiosities, code};
 use crate::forms::projected::components::LightBasis;
-use crate::forms::projected::references::{
-    in_ascending_order, in_order_of_rows, spacing, spacing_of, spatial_error, under,
-};
+use crate::forms::projected::references::{in_ascending_order, in_order_of_rows, spacing, spatial_error, under};
 use crate::forms::sampled_scene::{GROUP, SampledScene, parts};
 use crate::light::{Light, LightKind};
 use crate::progress::{Progress, Silent};
@@ -83,11 +81,8 @@ impl Form for QuantisedLights {
             let hierarchy = transfer.tune(HIERARCHY * settings.max_rms, &rows);
             let truth = transfer.radiosity(&rows, &Silent);
             let truth: Vec<Vec<DVec3>> = (0..tuning.len()).map(|light| truth.under(light)).collect();
-            let spacing_mm = match (self.spacing.mm, self.spacing.references) {
-                (Some(spacing_mm), _) => spacing_mm,
-                (None, Some(count)) => spacing_of(&sampled, count),
-                (None, None) => spacing(&sampled, &truth, SPATIAL * settings.max_rms),
-            };
+            let by_error = || spacing(&sampled, &truth, SPATIAL * settings.max_rms);
+            let spacing_mm = self.spacing.asked_mm(&sampled).unwrap_or_else(by_error);
             progress.finish();
             let net = Net::new(&sampled.points, &parts(&sampled.receivers), spacing_mm);
             let directions = match self.lights.directions {
