@@ -92,13 +92,8 @@ pub(super) fn finish(
     })?;
     let measured = if measure { by_stage(evaluator, console)? } else { Ledger::default() };
     for entry in &measured.entries {
-        console.note(&format!(
-            "{} error: {} RMS, {} worst vertex ({})",
-            entry.stage,
-            percent(entry.error.rms),
-            percent(entry.error.worst),
-            entry.note
-        ));
+        let [rms, worst] = [entry.error.rms, entry.error.worst].map(percent);
+        console.note(&format!("{} error: {rms} RMS, {worst} worst vertex ({})", entry.stage, entry.note));
     }
     let areas = evaluator.scene().vertex_areas_mm2();
     let without_area = areas.iter().filter(|area| **area == 0.0).count();

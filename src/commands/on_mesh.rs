@@ -63,12 +63,10 @@ pub(super) fn run(
         radiosity_ply(&placed.mesh, &result.radiosity, Single::None, comments)
     })?;
     let [mean_distance_mm, max_distance_mm] = placed.distances();
+    let (name, vertices) = (model.display(), result.radiosity.len());
+    let [mean, most] = [mean_distance_mm, max_distance_mm].map(significant);
     console.note(&format!(
-        "{}: {} vertices, {} mm from the surface of the asset in the mean, {} mm at most",
-        model.display(),
-        result.radiosity.len(),
-        significant(mean_distance_mm),
-        significant(max_distance_mm),
+        "{name}: {vertices} vertices, {mean} mm from the surface of the asset in the mean, {most} mm at most"
     ));
     let worst = |e: VertexError| format!("{} RMS, {} worst", percent(e.rms), percent(e.worst));
     console.note(&format!("added between its vertices: {}", worst(result.between)));
