@@ -131,12 +131,10 @@ impl Placed {
         let placed = Self { mesh, areas, vertices, centres };
         let [_, farthest] = placed.distances();
         if farthest > ELSEWHERE * diagonal {
+            let [farthest, across, unit] = [farthest, diagonal, mm_per_unit].map(significant);
             return Err(Error::input(format!(
-                "its vertices are up to {} mm from the surface of the asset, which is {} mm across: is it the same object, in the \
-                 units of the asset's model (one of them is {} mm)?",
-                significant(farthest),
-                significant(diagonal),
-                significant(mm_per_unit),
+                "its vertices are up to {farthest} mm from the surface of the asset, which is {across} mm across: is it the same \
+                 object, in the units of the asset's model (one of them is {unit} mm)?"
             )));
         }
         Ok(placed)
