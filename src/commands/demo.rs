@@ -151,14 +151,10 @@ fn show(evaluator: &mut dyn Evaluator, name: &str, folder: &Path, console: &Cons
 fn summary(r: &DemoReport, args: &DemoArgs, console: &Console) -> String {
     let shown = |path: &Path| path.display().to_string();
     let asset = shown(&r.asset);
+    let DemoReport { vertices, samples, .. } = r;
+    let (size, bake) = (megabytes(r.bytes), duration(r.bake_seconds));
     let mut lines = vec![
-        format!(
-            "{asset}: {}, {} vertices, {} samples, baked in {}",
-            megabytes(r.bytes),
-            r.vertices,
-            r.samples,
-            duration(r.bake_seconds)
-        ),
+        format!("{asset}: {size}, {vertices} vertices, {samples} samples, baked in {bake}"),
         format!(
             "  {:.0} bytes/vertex without the mesh, {:.0} more for environments; error of the bake {} RMS, {} more under \
              environments",
@@ -171,11 +167,8 @@ fn summary(r: &DemoReport, args: &DemoArgs, console: &Console) -> String {
     for (name, Shown { measured, .. }) in MATERIALS.iter().zip(&r.materials) {
         let stage = |e: &Entry| format!("{} {}", e.stage, percent(e.error.rms));
         let stages: Vec<String> = measured.entries.iter().map(stage).collect();
-        lines.push(format!(
-            "  {name}: error in these lights {} RMS ({})",
-            percent(measured.total_rms()),
-            stages.join(", ")
-        ));
+        let (total, stages) = (percent(measured.total_rms()), stages.join(", "));
+        lines.push(format!("  {name}: error in these lights {total} RMS ({stages})"));
     }
     lines.push(format!(
         "{}: {} from one bake, each beside it as .png and .exr (all after {})",

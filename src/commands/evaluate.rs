@@ -10,11 +10,10 @@ use super::console::Console;
 use super::device::DeviceArg;
 use super::lights::{LightArgs, ResolvedLights};
 use super::media::without_transport;
-use super::on_mesh::OtherMesh;
 use super::opening::AssetArgs;
-use super::output;
+use super::{on_mesh, output};
 use crate::compress::ledger::Ledger;
-use crate::error::{ExitCode, Result};
+use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::{Evaluator, SingleScattering};
 use crate::measure::probes::by_stage;
 use crate::report::evaluation::{EvaluationReport, RadiosityReport, mean_and_max};
@@ -55,8 +54,13 @@ pub(super) fn run(args: &EvaluateArgs, console: &Console) -> Result<ExitCode> {
     let lights = args.lights.load(console)?;
     let opened = args.asset.open(console)?;
     if let Some(model) = &args.on {
-        let other = OtherMesh { model, device: args.device, measure: args.measure };
-        return other.run(opened.evaluator, &opened.provenance, (lights, &args.output), console);
+        if args.device != DeviceArg::Cpu {
+            return Err(Error::unsupported("--on: other meshes are evaluated on the CPU; use --device cpu"));
+        }
+        if args.measure {
+            return Err(Error::command_line("--measure: with --on, errors of the other mesh are always measured"));
+        }
+        return on_mesh::run(model, opened.evaluator, &opened.provenance, (lights, &args.output), console);
     }
     let (method, asked_rms) = (opened.provenance.method.clone(), opened.asked_rms());
     let mut evaluator = args.device.place(opened.evaluator, console)?;
@@ -88,13 +92,8 @@ pub(super) fn finish(
     })?;
     let measured = if measure { by_stage(evaluator, console)? } else { Ledger::default() };
     for entry in &measured.entries {
-        console.note(&format!(
-            "{} error: {} RMS, {} worst vertex ({})",
-            entry.stage,
-            percent(entry.error.rms),
-            percent(entry.error.worst),
-            entry.note
-        ));
+        let [rms, worst] = [entry.error.rms, entry.error.worst].map(percent);
+        console.note(&format!("{} error: {rms} RMS, {worst} worst vertex ({})", entry.stage, entry.note));
     }
     let areas = evaluator.scene().vertex_areas_mm2();
     let without_area = areas.iter().filter(|area| **area == 0.0).count();

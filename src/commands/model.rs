@@ -80,15 +80,12 @@ pub(super) fn import(mut source: Source, options: &ImportOptions, console: &Cons
     let diagonal = imported.scene.mesh.diagonal_mm();
     let triple = |v: DVec3| v.to_array().map(significant).join(" ");
     for medium in &imported.scene.media {
-        let (free, diffusion) = (medium.properties.mean_free_path_mm(), medium.properties.diffusion_length_mm());
+        let (name, across) = (&medium.name, significant(diagonal));
+        let length = |mm: DVec3| format!("{} mm ({} %)", triple(mm), triple(100.0 * mm / diagonal));
+        let free = length(medium.properties.mean_free_path_mm());
+        let diffusion = length(medium.properties.diffusion_length_mm());
         console.note(&format!(
-            "SIZE {} mm across | {}: mean free path {} mm ({} %), diffusion length {} mm ({} %), RGB",
-            significant(diagonal),
-            medium.name,
-            triple(free),
-            triple(100.0 * free / diagonal),
-            triple(diffusion),
-            triple(100.0 * diffusion / diagonal),
+            "SIZE {across} mm across | {name}: mean free path {free}, diffusion length {diffusion}, RGB"
         ));
     }
     Ok(imported)

@@ -6,7 +6,6 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::console::Console;
-use super::device::DeviceArg;
 use super::lights::ResolvedLights;
 use super::output;
 use crate::asset::Provenance;
@@ -32,13 +31,6 @@ const THIN: f64 = 0.05;
 /// unit.
 const ELSEWHERE: f64 = 0.1;
 
-/// The other mesh of `--on`.
-pub(super) struct OtherMesh<'a> {
-    pub(super) model: &'a Path,
-    pub(super) device: DeviceArg,
-    pub(super) measure: bool,
-}
-
 /// A mesh with the positions of its vertices, and of the centres of its triangles, on the asset's surface.
 struct Placed {
     mesh: Mesh,
@@ -48,72 +40,61 @@ struct Placed {
     centres: Vec<Option<SurfacePoint>>,
 }
 
-impl OtherMesh<'_> {
-    /// Lights the asset, writes the radiosity of the other mesh and reports how the two differ.
-    pub(super) fn run(
-        &self,
-        mut evaluator: Box<dyn Evaluator>,
-        provenance: &Provenance,
-        (lights, outputs): (ResolvedLights, &[PathBuf]),
-        console: &Console,
-    ) -> Result<ExitCode> {
-        if self.device != DeviceArg::Cpu {
-            return Err(Error::unsupported("--on: other meshes are evaluated on the CPU; use --device cpu"));
-        }
-        if self.measure {
-            return Err(Error::command_line("--measure: with --on, errors of the other mesh are always measured"));
-        }
-        if evaluator.single_scattering_is() != SingleScattering::None {
-            return Err(Error::unsupported("--on: single scattering belongs to the asset's own mesh"));
-        }
-        let mut inputs = lights.inputs;
-        for file in files_of(self.model)? {
-            inputs.push(Input::read(&file)?);
-        }
-        let placed = self.place(evaluator.scene(), provenance, console)?;
-        evaluator.set_lights(lights.lights, console)?;
-        let result = placed.evaluate(evaluator.as_mut(), console).map_err(|e| e.at(self.model.display()))?;
-        output::write(outputs, console, || {
-            let comments = comments(&provenance.method, evaluator.scene(), &lights.text);
-            radiosity_ply(&placed.mesh, &result.radiosity, Single::None, comments)
-        })?;
-        let [mean_distance_mm, max_distance_mm] = placed.distances();
-        console.note(&format!(
-            "{}: {} vertices, {} mm from the surface of the asset in the mean, {} mm at most",
-            self.model.display(),
-            result.radiosity.len(),
-            significant(mean_distance_mm),
-            significant(max_distance_mm),
-        ));
-        let worst = |e: VertexError| format!("{} RMS, {} worst", percent(e.rms), percent(e.worst));
-        console.note(&format!("added between its vertices: {}", worst(result.between)));
-        console
-            .note(&format!("added by gathering at the vertices themselves, which was not done: {}", worst(result.at)));
-        let vertices_without_area = placed.vertices.iter().filter(|place| place.is_none()).count();
-        if vertices_without_area > 0 {
-            console.note(&format!("{vertices_without_area} vertices are on no translucent part; their radiosity is 0"));
-        }
-        let report = OnMeshReport {
-            method: provenance.method.clone(),
-            radiosity: RadiosityReport::new((lights.text, inputs), outputs, &result.radiosity, vertices_without_area),
-            mean_distance_mm,
-            max_distance_mm,
-            at_vertices: result.at,
-            between_vertices: result.between,
-            cost: evaluator.cost(),
-        };
-        console.report("evaluate-on", &report)
+/// Lights the asset, writes the radiosity of the other mesh and reports how the two differ.
+pub(super) fn run(
+    model: &Path,
+    mut evaluator: Box<dyn Evaluator>,
+    provenance: &Provenance,
+    (lights, outputs): (ResolvedLights, &[PathBuf]),
+    console: &Console,
+) -> Result<ExitCode> {
+    if evaluator.single_scattering_is() != SingleScattering::None {
+        return Err(Error::unsupported("--on: single scattering belongs to the asset's own mesh"));
     }
+    let mut inputs = lights.inputs;
+    for file in files_of(model)? {
+        inputs.push(Input::read(&file)?);
+    }
+    let placed = place(model, evaluator.scene(), provenance, console)?;
+    evaluator.set_lights(lights.lights, console)?;
+    let result = placed.evaluate(evaluator.as_mut(), console).map_err(|e| e.at(model.display()))?;
+    output::write(outputs, console, || {
+        let comments = comments(&provenance.method, evaluator.scene(), &lights.text);
+        radiosity_ply(&placed.mesh, &result.radiosity, Single::None, comments)
+    })?;
+    let [mean_distance_mm, max_distance_mm] = placed.distances();
+    let (name, vertices) = (model.display(), result.radiosity.len());
+    let [mean, most] = [mean_distance_mm, max_distance_mm].map(significant);
+    console.note(&format!(
+        "{name}: {vertices} vertices, {mean} mm from the surface of the asset in the mean, {most} mm at most"
+    ));
+    let worst = |e: VertexError| format!("{} RMS, {} worst", percent(e.rms), percent(e.worst));
+    console.note(&format!("added between its vertices: {}", worst(result.between)));
+    console.note(&format!("added by gathering at the vertices themselves, which was not done: {}", worst(result.at)));
+    let vertices_without_area = placed.vertices.iter().filter(|place| place.is_none()).count();
+    if vertices_without_area > 0 {
+        console.note(&format!("{vertices_without_area} vertices are on no translucent part; their radiosity is 0"));
+    }
+    let report = OnMeshReport {
+        method: provenance.method.clone(),
+        radiosity: RadiosityReport::new((lights.text, inputs), outputs, &result.radiosity, vertices_without_area),
+        mean_distance_mm,
+        max_distance_mm,
+        at_vertices: result.at,
+        between_vertices: result.between,
+        cost: evaluator.cost(),
+    };
+    console.report("evaluate-on", &report)
+}
 
-    /// Reads the mesh in the units of the asset's source and finds its vertices on the asset's surface.
-    fn place(&self, scene: &Scene, provenance: &Provenance, console: &Console) -> Result<Placed> {
-        let mm_per_unit = provenance.origin.mm_per_source_unit;
-        let (mesh, [warnings, repairs]) = load_mesh(self.model, mm_per_unit, console)?;
-        warnings.iter().for_each(|warning| console.warn(warning));
-        repairs.iter().for_each(|line| console.note(line));
-        let placed = console.stage("place", || Placed::new(mesh, scene, mm_per_unit));
-        placed.map_err(|e| e.at(self.model.display()))
-    }
+/// Reads the mesh in the units of the asset's source and finds its vertices on the asset's surface.
+fn place(model: &Path, scene: &Scene, provenance: &Provenance, console: &Console) -> Result<Placed> {
+    let mm_per_unit = provenance.origin.mm_per_source_unit;
+    let (mesh, [warnings, repairs]) = load_mesh(model, mm_per_unit, console)?;
+    warnings.iter().for_each(|warning| console.warn(warning));
+    repairs.iter().for_each(|line| console.note(line));
+    let placed = console.stage("place", || Placed::new(mesh, scene, mm_per_unit));
+    placed.map_err(|e| e.at(model.display()))
 }
 
 /// Radiosity of the other mesh, and the difference between two ways of taking it from the asset.
@@ -150,12 +131,10 @@ impl Placed {
         let placed = Self { mesh, areas, vertices, centres };
         let [_, farthest] = placed.distances();
         if farthest > ELSEWHERE * diagonal {
+            let [farthest, across, unit] = [farthest, diagonal, mm_per_unit].map(significant);
             return Err(Error::input(format!(
-                "its vertices are up to {} mm from the surface of the asset, which is {} mm across: is it the same object, in the \
-                 units of the asset's model (one of them is {} mm)?",
-                significant(farthest),
-                significant(diagonal),
-                significant(mm_per_unit),
+                "its vertices are up to {farthest} mm from the surface of the asset, which is {across} mm across: is it the same \
+                 object, in the units of the asset's model (one of them is {unit} mm)?"
             )));
         }
         Ok(placed)

@@ -190,19 +190,15 @@ impl ReferenceArgs {
 fn tell(walked: &Exitance, rate: f64, console: &Console) {
     let noise = walked.relative_noise().to_array().map(percent);
     let collisions: u64 = walked.budget.iter().map(|b| b.collisions).sum();
+    let (noise, photons) = (noise.join(", "), walked.photons.iter().sum::<u64>());
+    let [collisions, rate] = [collisions as f64, rate].map(|n| significant(n * 1e-6));
     console.note(&format!(
-        "noise {} RMS (RGB) from {} photons; {} million collisions, {} million a second",
-        noise.join(", "),
-        walked.photons.iter().sum::<u64>(),
-        significant(collisions as f64 * 1e-6),
-        significant(rate * 1e-6)
+        "noise {noise} RMS (RGB) from {photons} photons; {collisions} million collisions, {rate} million a second"
     ));
     let of = |f: fn(&Budget) -> f64| walked.budget.map(|b| percent(b.share(f(&b)))).join(" ");
+    let (once, more, unscattered) = (of(|b| b.left_once), of(|b| b.left_more), of(|b| b.left_unscattered));
     console.note(&format!(
-        "of what enters (RGB): {} leaves after one scattering, {} after more, {} unscattered",
-        of(|b| b.left_once),
-        of(|b| b.left_more),
-        of(|b| b.left_unscattered)
+        "of what enters (RGB): {once} leaves after one scattering, {more} after more, {unscattered} unscattered"
     ));
     if walked.lost_share() > WORTH_A_WARNING {
         console.warn(&format!("{} of the light was lost through the surface", percent(walked.lost_share())));

@@ -15,7 +15,7 @@ use crate::evaluate::summed::Summed;
 use crate::evaluate::{Evaluator, SingleScattering};
 use crate::relight::choice::{DeviceChoice, place};
 use crate::relight::headless::{self, Animation, MAX_FRAMES, SAMPLES_PER_PIXEL};
-use crate::relight::timings::Timings;
+use crate::relight::timings::{Stages, Timings};
 use crate::render::camera::Resolution;
 use crate::render::frame::RenderSettings;
 
@@ -117,15 +117,12 @@ fn animate(args: &RelightArgs, frames: usize, out: &std::path::Path, console: &C
     };
     let timings = headless::run(place, &animation, console)?;
     let drawn = timings.adapter.as_ref().map_or("CPU", |a| a.name.as_str());
-    let summary = &timings.summary;
+    let Stages { total_ms, light_ms, transport_ms, draw_ms } = &timings.summary;
+    let [total, light, transport, draw] = [total_ms, light_ms, transport_ms, draw_ms].map(|times| times.median);
+    let (folder, place) = (out.display(), &timings.transport);
     console.note(&format!(
-        "{frames} frames in {} | transport on {}, drawn by {drawn} | median {:.1} ms: light {:.1}, transport {:.1}, draw {:.1}",
-        out.display(),
-        timings.transport,
-        summary.total_ms.median,
-        summary.light_ms.median,
-        summary.transport_ms.median,
-        summary.draw_ms.median
+        "{frames} frames in {folder} | transport on {place}, drawn by {drawn} | median {total:.1} ms: light {light:.1}, \
+         transport {transport:.1}, draw {draw:.1}"
     ));
     console.report("relight", &AnimationReport { folder: out, timings: &timings })
 }

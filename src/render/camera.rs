@@ -102,12 +102,10 @@ impl Camera {
         };
         let across = forward.cross(up_unit);
         if across.length() < PARALLEL_SINE {
+            let [up, at, look, example] = [up, at_mm, look_mm, upward_of(forward)].map(xyz);
             return wrong(format!(
-                "up={} is parallel to the view from at={} to look={}; give the direction that is up in the picture, for example up={}",
-                xyz(up),
-                xyz(at_mm),
-                xyz(look_mm),
-                xyz(upward_of(forward))
+                "up={up} is parallel to the view from at={at} to look={look}; give the direction that is up in the picture, for \
+                 example up={example}"
             ));
         }
         let right = across.normalize();

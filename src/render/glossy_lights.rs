@@ -8,7 +8,7 @@
 use glam::{DVec2, DVec3};
 
 use super::glossy_map::GlossyMap;
-use super::specular::{Ggx, Reflected, frame_of, terminator};
+use super::specular::{Ggx, Reflected, terminator};
 use crate::geometry::bvh::{Bvh, Ray, offset_origin};
 use crate::light::Light;
 use crate::light::environment::Rotation;
@@ -49,7 +49,7 @@ impl Place {
     /// The sampled reflection; none below the triangle or the surface.
     #[inline]
     fn reflection(&self) -> Option<Reflected> {
-        let sample = self.ggx.sample(&frame_of(self.normal), self.to_eye, self.lobe)?;
+        let sample = self.ggx.sample(self.normal, self.to_eye, self.lobe)?;
         let (cos_geometric, cos_shading) = (self.geometric.dot(sample.to_light), self.normal.dot(sample.to_light));
         let softened = terminator(cos_geometric, cos_shading, self.normal.dot(self.geometric));
         (softened > 0.0).then_some(Reflected { weight: sample.weight * softened, ..sample })

@@ -143,10 +143,10 @@ impl Ggx {
     /// A direction reflected towards the eye by a visible facet (Heitz 2018, "Sampling the GGX distribution of visible
     /// normals"), for two numbers in [0, 1); none where the facet sends it below the surface.
     ///
-    /// `frame` is a rotation whose third axis is the normal; `to_eye` is above it.
+    /// `to_eye` is above the surface with this unit normal.
     #[inline]
-    pub fn sample(&self, frame: &[DVec3; 3], to_eye: DVec3, u: DVec2) -> Option<Reflected> {
-        let [x, y, z] = *frame;
+    pub fn sample(&self, normal: DVec3, to_eye: DVec3, u: DVec2) -> Option<Reflected> {
+        let ((x, y), z) = (normal.any_orthonormal_pair(), normal);
         let eye = DVec3::new(to_eye.dot(x), to_eye.dot(y), to_eye.dot(z));
         let facet = self.visible_normal(eye, u);
         let cos_difference = facet.dot(eye);
@@ -189,16 +189,6 @@ pub struct Reflected {
     pub weight: f64,
     /// Density of this direction.
     pub density_per_sr: f64,
-}
-
-/// Two unit vectors that complete a unit normal to a right-handed frame, the normal last (Duff et al. 2017).
-#[inline]
-pub fn frame_of(normal: DVec3) -> [DVec3; 3] {
-    let sign = 1.0f64.copysign(normal.z);
-    let a = -1.0 / (sign + normal.z);
-    let b = normal.x * normal.y * a;
-    let x = DVec3::new(1.0 + sign * normal.x * normal.x * a, sign * b, -sign * normal.x);
-    [x, DVec3::new(b, sign + normal.y * normal.y * a, -normal.y), normal]
 }
 
 /// Factor that takes reflected light smoothly to 0 where a light sinks below the triangle, 1 as soon as it stands
@@ -275,12 +265,11 @@ mod tests {
             let ggx = Ggx::new(Roughness::new(roughness).unwrap(), eta);
             for cos_o in [0.08, 0.4, 0.9, 1.0] {
                 let eye = at(cos_o, 0.3);
-                let frame = frame_of(DVec3::Z);
                 let count = 60_000;
                 let mut sum = 0.0;
                 for i in 0..count {
                     let u = DVec2::new(uniform(7, i, 0), uniform(7, i, 1));
-                    let Some(sample) = ggx.sample(&frame, eye, u) else { continue };
+                    let Some(sample) = ggx.sample(DVec3::Z, eye, u) else { continue };
                     let exact = ggx.brdf(DVec3::Z, sample.to_light, eye) * sample.to_light.z / sample.density_per_sr;
                     assert!((sample.weight / exact - 1.0).abs() < 1e-6, "{roughness} {cos_o}: {sample:?} {exact}");
                     sum += sample.weight;
@@ -338,21 +327,13 @@ mod tests {
                 }
                 for cos_o in [1e-9, 0.5, 1.0] {
                     for u in [DVec2::ZERO, DVec2::splat(1.0 - 1e-16), DVec2::new(0.999, 0.25), DVec2::new(0.5, 0.75)] {
-                        if let Some(r) = ggx.sample(&frame_of(DVec3::Z), at(cos_o, 0.7), u) {
+                        if let Some(r) = ggx.sample(DVec3::Z, at(cos_o, 0.7), u) {
                             assert!(r.weight.is_finite() && r.density_per_sr.is_finite() && r.to_light.is_finite());
                             assert!((-1e-12..1.0 + 1e-9).contains(&r.weight), "{r:?}");
                         }
                     }
                 }
             }
-        }
-    }
-
-    #[test]
-    fn frames_are_right_handed_rotations() {
-        for n in [DVec3::X, DVec3::Y, DVec3::Z, DVec3::NEG_Z, DVec3::new(0.3, -0.5, -0.8).normalize()] {
-            let [x, y, z] = frame_of(n);
-            assert!((x.cross(y) - z).length() < 1e-12 && (x.length() - 1.0).abs() < 1e-12 && x.dot(y).abs() < 1e-12);
         }
     }
 

@@ -69,13 +69,10 @@ impl BakeReport {
             0 => String::new(),
             count => format!(" {count} samples {} mm apart,", significant(self.spacing.nominal_mm)),
         };
-        let mut lines = vec![format!(
-            "{}: {},{samples} {:.1} bytes/vertex without the mesh, {}",
-            self.output.display(),
-            megabytes(self.bytes),
-            self.bytes_per_vertex,
-            duration(seconds)
-        )];
+        let (output, size, took) = (self.output.display(), megabytes(self.bytes), duration(seconds));
+        let per_vertex = self.bytes_per_vertex;
+        let first = format!("{output}: {size},{samples} {per_vertex:.1} bytes/vertex without the mesh, {took}");
+        let mut lines = vec![first];
         let stage =
             |e: &crate::compress::ledger::Entry| format!("  {}: {} RMS ({})", e.stage, percent(e.error.rms), e.note);
         lines.extend(self.ledger.entries.iter().map(stage));

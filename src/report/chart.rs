@@ -179,12 +179,8 @@ fn triple(row: &Row, Shown { frame, truth }: &Shown) -> Result<Triple> {
         encode(difference.collect())?,
     ];
     let setting = if row.setting.is_empty() { "defaults" } else { &row.setting };
-    let caption = format!(
-        "{} {setting}, {} in {}: {} RMS over the vertices",
-        row.method,
-        row.model,
-        row.material,
-        Unit::Percent.text(row.error.rms)
-    );
+    let Row { method, model, material, .. } = row;
+    let rms = Unit::Percent.text(row.error.rms);
+    let caption = format!("{method} {setting}, {model} in {material}: {rms} RMS over the vertices");
     Ok(Triple { caption, pngs })
 }

@@ -124,15 +124,11 @@ fn kinds(r: &Inspection) -> String {
 
 impl fmt::Display for Inspection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { method, vertices, triangles, diagonal_mm: across, .. } = self;
+        let (asset, size) = (self.asset.display(), megabytes(self.sizes.file));
         writeln!(
             f,
-            "{}: {}, method {}, {} vertices, {} triangles, {:.1} mm across",
-            self.asset.display(),
-            megabytes(self.sizes.file),
-            self.method,
-            self.vertices,
-            self.triangles,
-            self.diagonal_mm
+            "{asset}: {size}, method {method}, {vertices} vertices, {triangles} triangles, {across:.1} mm across"
         )?;
         let resident = self.bytes_per_vertex_resident.map_or_else(|| "?".to_owned(), |b| format!("{b:.1}"));
         let on_disk = self.bytes_per_vertex_on_disk;

@@ -95,15 +95,10 @@ impl RenderReport {
 }
 
 fn optical_properties(medium: &Medium) -> String {
-    let p = &medium.properties;
-    format!(
-        "{}: sigma_s'={}/mm sigma_a={}/mm eta={} g={}",
-        medium.name,
-        xyz(p.sigma_s_reduced_per_mm),
-        xyz(p.sigma_a_per_mm),
-        p.eta_inside_over_outside,
-        p.g
-    )
+    let Medium { name, properties: p } = medium;
+    let (scattering, absorption) = (xyz(p.sigma_s_reduced_per_mm), xyz(p.sigma_a_per_mm));
+    let (eta, g) = (p.eta_inside_over_outside, p.g);
+    format!("{name}: sigma_s'={scattering}/mm sigma_a={absorption}/mm eta={eta} g={g}")
 }
 
 /// Text of a part, numbered as in `part.ID`.

@@ -193,13 +193,11 @@ fn say(point: &Point, console: &Console) {
     };
     let measured = match point.costs {
         None => String::new(),
-        Some(_) => format!(
-            ": bake {}, {}; {} on disk; relight {}",
-            what(Quantity::BakeSeconds),
-            what(Quantity::PeakMemoryBytes),
-            what(Quantity::Bytes),
-            what(Quantity::RelightMs)
-        ),
+        Some(_) => {
+            let all = [Quantity::BakeSeconds, Quantity::PeakMemoryBytes, Quantity::Bytes, Quantity::RelightMs];
+            let [bake, peak, bytes, relight] = all.map(what);
+            format!(": bake {bake}, {peak}; {bytes} on disk; relight {relight}")
+        }
     };
     let skipped = point.skipped.as_ref().map_or_else(String::new, |s| format!("; no {}: {}", s.what.name(), s.reason));
     console.note(&format!("{method}, {} {}{measured}{skipped}", size_text(*axis, *size), axis.unit()));

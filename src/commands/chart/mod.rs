@@ -91,15 +91,11 @@ pub(super) fn run(args: &ChartArgs, console: &Console) -> Result<ExitCode> {
 fn say(row: &Row, console: &Console) {
     let setting = if row.setting.is_empty() { "defaults" } else { &row.setting };
     let volume = row.volume_rms.map_or_else(String::new, |[rms, _]| format!(" ({} off the volume)", percent(rms)));
+    let Row { model, material, method, bytes_per_vertex, .. } = row;
+    let [rms, worst] = [row.error.rms, row.error.worst].map(percent);
+    let (relight_ms, bake) = (row.relight_ms.median, duration(row.bake_seconds));
     console.note(&format!(
-        "{} {} {} {setting}: {} RMS{volume}, {} worst vertex, {:.0} bytes/vertex, relight {:.1} ms, bake {}",
-        row.model,
-        row.material,
-        row.method,
-        percent(row.error.rms),
-        percent(row.error.worst),
-        row.bytes_per_vertex,
-        row.relight_ms.median,
-        duration(row.bake_seconds)
+        "{model} {material} {method} {setting}: {rms} RMS{volume}, {worst} worst vertex, {bytes_per_vertex:.0} bytes/vertex, \
+         relight {relight_ms:.1} ms, bake {bake}"
     ));
 }

@@ -151,7 +151,7 @@ pub(super) fn albedos(eta: f64, alpha: f64) -> [f32; ALBEDO_STEPS] {
         let eye = DVec3::new((1.0 - cos * cos).sqrt(), 0.0, cos);
         let reflected = |i: u32| {
             let facet = DVec2::new(place(i % SIDE), place(i / SIDE));
-            ggx.sample(&DVec3::AXES, eye, facet).map_or(0.0, |reflected| reflected.weight)
+            ggx.sample(DVec3::Z, eye, facet).map_or(0.0, |reflected| reflected.weight)
         };
         ((0..SIDE * SIDE).map(reflected).sum::<f64>() / f64::from(SIDE * SIDE)) as f32
     })

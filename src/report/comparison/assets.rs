@@ -160,11 +160,8 @@ impl AssetDifference {
         }
         lines.extend(self.probes.iter().map(|probe| {
             let VertexError { rms, p999, worst, .. } = probe.error;
-            let figures = [rms, p999, worst].map(percent);
-            format!(
-                "under {}: RMS {}, 99.9th percentile {}, worst vertex {}",
-                probe.light, figures[0], figures[1], figures[2]
-            )
+            let [rms, p999, worst] = [rms, p999, worst].map(percent);
+            format!("under {}: RMS {rms}, 99.9th percentile {p999}, worst vertex {worst}", probe.light)
         }));
         lines.join("\n")
     }

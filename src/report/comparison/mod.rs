@@ -165,24 +165,16 @@ impl fmt::Display for Comparison {
                         percent(s.rms)
                     )
                 });
-                format!(
-                    "RMS {}, bias {}, 99.9th percentile {}, worst vertex {}{single}",
-                    percent(v.rms),
-                    percent(v.bias),
-                    percent(v.p999),
-                    percent(v.worst)
-                )
+                let [rms, bias, p999, worst] = [v.rms, v.bias, v.p999, v.worst].map(percent);
+                format!("RMS {rms}, bias {bias}, 99.9th percentile {p999}, worst vertex {worst}{single}")
             }
             (_, Some(i)) => {
-                flip_text(self.flip.as_ref())
-                    + &format!(
-                        "RMS {} over {} covered pixels ({} with background), 99.9th percentile {}, worst pixel {}",
-                        percent(i.rms),
-                        i.covered,
-                        percent(i.rms_with_background),
-                        percent(i.p999),
-                        percent(i.worst)
-                    )
+                let [rms, whole, p999, worst] = [i.rms, i.rms_with_background, i.p999, i.worst].map(percent);
+                let (flip, covered) = (flip_text(self.flip.as_ref()), i.covered);
+                format!(
+                    "{flip}RMS {rms} over {covered} covered pixels ({whole} with background), 99.9th percentile {p999}, \
+                     worst pixel {worst}"
+                )
             }
             _ => String::new(),
         };

@@ -117,15 +117,11 @@ impl App {
 
     fn figures(&self, now: Instant) -> Figures {
         let Some(shown) = &self.shown else { return Figures::default() };
-        let [frames_per_second, updates_per_second, light_ms, transport_ms] = self.log.now(now);
         Figures {
-            frames_per_second,
-            updates_per_second,
-            light_ms,
-            transport_ms,
             adapter: shown.screen.device.describe(),
             transport: shown.staged.transport.clone(),
             job: shown.jobs.running(),
+            ..self.log.figures(now)
         }
     }
 }

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use super::shown::Shown;
 use crate::math::statistics::Quantiles;
 use crate::relight::timings::{Adapter, WindowReport};
+use crate::relight::window::panel::Figures;
 
 /// Period over which the shown rates are measured.
 const RATE_OVER: Duration = Duration::from_secs(1);
@@ -60,9 +61,15 @@ impl Log {
     }
 
     /// Frames and states per second, and the times of the last state.
-    pub(super) fn now(&self, now: Instant) -> [f64; 4] {
+    pub(super) fn figures(&self, now: Instant) -> Figures {
         let last = |values: &VecDeque<f64>| values.back().copied().unwrap_or(0.0);
-        [rate(&self.frames, now), rate(&self.updates, now), last(&self.light_ms), last(&self.transport_ms)]
+        Figures {
+            frames_per_second: rate(&self.frames, now),
+            updates_per_second: rate(&self.updates, now),
+            light_ms: last(&self.light_ms),
+            transport_ms: last(&self.transport_ms),
+            ..Figures::default()
+        }
     }
 
     /// The final report; none without a frame.
