@@ -159,7 +159,7 @@ fn normals_that_were_right_stay_when_the_winding_turns() {
     });
     let values = source.normals.as_ref().unwrap().values.clone();
     let (mut mesh, mut report) = mesh_of(source);
-    Analysis::new(&mut mesh, &MaterialRoles::single(1), PartsRule::Auto, &mut report).parts;
+    Analysis::new(&mut mesh, &MaterialRoles::single(1), PartsRule::Auto, &mut report);
     assert_eq!(report.flipped_components, 1);
     assert_eq!(mesh.normals.unwrap().values, values);
 }
@@ -173,7 +173,7 @@ fn an_inverted_neighbour_is_turned_and_an_inverted_shell_of_another_medium_too()
     ]);
     let (mut mesh, mut report) = mesh_of(source);
     let roles = MaterialRoles::resolve(&mesh.materials, &[("glass".to_string(), 1)], 0, &[]).unwrap();
-    Analysis::new(&mut mesh, &roles, PartsRule::Auto, &mut report).parts;
+    Analysis::new(&mut mesh, &roles, PartsRule::Auto, &mut report);
     assert_eq!(report.flipped_components, 2);
 }
 

@@ -168,7 +168,8 @@ fn numbers_have_plain_units() {
 
 #[test]
 fn what_would_pass_a_limit_is_not_started_and_says_so() {
-    let (seconds, bytes): (fn(f64) -> String, fn(u64) -> String) = (|s| format!("{s} s"), |b| format!("{b} B"));
+    let seconds = |s: f64| format!("{s} s");
+    let bytes = |b: u64| format!("{b} B");
     let limits = Limits { seconds: 100.0, memory_bytes: 1000 };
     assert_eq!(limits.too_long(None, seconds), None);
     assert_eq!(limits.too_long(Some(125.0), seconds), None);
