@@ -114,12 +114,15 @@ impl Console {
         if !self.global.json {
             return Ok(ExitCode::Ok);
         }
+        // Each lock is given back before the next: within one statement they would wait for each other.
+        let stages = self.state().times.clone();
+        let warnings = self.state().warnings.clone();
         let run = Run {
             seconds: self.seconds(),
-            stages: self.state().times.clone(),
+            stages,
             peak_memory_bytes: peak_memory(),
             threads: rayon::current_num_threads(),
-            warnings: self.state().warnings.clone(),
+            warnings,
         };
         print_line(&json(command, report, &run)?)?;
         Ok(ExitCode::Ok)
