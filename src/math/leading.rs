@@ -45,7 +45,7 @@ pub struct Leading {
 
 /// The fewest leading eigenpairs, at least one and at most `most`, of the positive semi-definite matrix whose lower triangle is
 /// that of `matrix` (`order * order` numbers row by row), whose values leave `left_out` or less of the trace; one or two per cent
-/// more than the fewest where pairs have not converged. The same bits on any number of threads.
+/// more than the fewest, a quarter more where the values hardly fall. The same bits on any number of threads.
 ///
 /// # Errors
 /// Those of [`symmetric_eigen`].
@@ -179,7 +179,7 @@ mod tests {
                 let fewest = cut(all.clone(), 0.0, order, share * trace).pairs.values.len();
                 let count = pairs.values.len();
                 assert!(omitted <= share * trace + 1e-12 * trace || count == order, "{order} {share}: {omitted}");
-                let most = fewest + fewest.div_ceil(50);
+                let most = fewest + fewest.div_ceil(if factor < 1.0 { 50 } else { 4 });
                 assert!(
                     share == 0.0 || (fewest..=most).contains(&count),
                     "{order} {share}: {count}, {fewest} are needed"
