@@ -27,7 +27,7 @@ const EXTRA_STEPS: usize = 16;
 
 /// Sum of products in interleaved partial sums, a power of two, so that the order is fixed and does not wait for every addition.
 #[inline(always)]
-pub(super) fn dot<const LANES: usize>(a: &[f64], b: &[f64]) -> f64 {
+pub(crate) fn dot<const LANES: usize>(a: &[f64], b: &[f64]) -> f64 {
     let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
     let mut partial = [0.0; LANES];
     for (x, y) in a.iter().zip(b) {

@@ -3,21 +3,7 @@
 use rayon::prelude::*;
 
 use crate::math::simd::{InstructionSet, multiversion};
-
-/// Sum of products in eight interleaved partial sums, so that the order is fixed and does not wait for every addition.
-#[inline(always)]
-pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut partial = [0.0; 8];
-    let (a8, b8) = (a.chunks_exact(8), b.chunks_exact(8));
-    let rest: f64 = a8.remainder().iter().zip(b8.remainder()).map(|(x, y)| x * y).sum();
-    for (x, y) in a8.zip(b8) {
-        for lane in 0..8 {
-            partial[lane] += x[lane] * y[lane];
-        }
-    }
-    let [a, b, c, d, e, f, g, h] = partial;
-    ((a + e) + (c + g)) + ((b + f) + (d + h)) + rest
-}
+use crate::math::svd::dot;
 
 /// The lower triangular factor L of A = L L^T.
 pub(super) struct Cholesky {
@@ -62,9 +48,9 @@ fn factor_row_body(above: &[f64], row: &mut [f64], i: usize) {
     let size = above.len() / i.max(1);
     for j in 0..i {
         let other = &above[j * size..j * size + size];
-        row[j] = (row[j] - dot(&row[..j], &other[..j])) / other[j];
+        row[j] = (row[j] - dot::<8>(&row[..j], &other[..j])) / other[j];
     }
-    row[i] -= dot(&row[..i], &row[..i]);
+    row[i] -= dot::<8>(&row[..i], &row[..i]);
 }
 
 /// Replaces b by the solution of A x = b; entries of b before `first` are zero.
@@ -73,7 +59,7 @@ fn solve_from_body(factor: &[f64], b: &mut [f64], first: usize) {
     let size = b.len();
     let row = |i: usize| &factor[i * size..(i + 1) * size];
     for i in first..size {
-        b[i] = (b[i] - dot(&row(i)[first..i], &b[first..i])) / row(i)[i];
+        b[i] = (b[i] - dot::<8>(&row(i)[first..i], &b[first..i])) / row(i)[i];
     }
     for i in (0..size).rev() {
         let value = b[i] / row(i)[i];
@@ -101,14 +87,14 @@ mod tests {
             let b: Vec<f64> = (0..size * size).map(|i| uniform(3, i as u64, 0) - 0.5).collect();
             let row = |i: usize| &b[i * size..(i + 1) * size];
             let a: Vec<f64> = (0..size * size)
-                .map(|k| dot(row(k / size), row(k % size)) + if k / size == k % size { 0.1 } else { 0.0 })
+                .map(|k| dot::<8>(row(k / size), row(k % size)) + if k / size == k % size { 0.1 } else { 0.0 })
                 .collect();
             let factors = Cholesky::new(a.clone(), size).unwrap();
             let inverse = factors.inverse();
             for i in 0..size {
                 for j in 0..size {
                     // Both are symmetric.
-                    let product = dot(&a[i * size..(i + 1) * size], &inverse[j * size..(j + 1) * size]);
+                    let product = dot::<8>(&a[i * size..(i + 1) * size], &inverse[j * size..(j + 1) * size]);
                     assert!((product - f64::from(u8::from(i == j))).abs() < 1e-10, "{size} {i} {j}: {product}");
                 }
             }

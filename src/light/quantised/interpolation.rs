@@ -3,11 +3,12 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::cholesky::{Cholesky, dot};
+use super::cholesky::Cholesky;
 use super::directions::DirectionSet;
 use crate::error::{Error, Result};
 use crate::math::sh::real_sh;
 use crate::math::sphere::unit;
+use crate::math::svd::dot;
 
 /// Interpolation scheme of values between the directions of a set. All reproduce constants.
 ///
@@ -147,7 +148,9 @@ impl Interpolator {
             .inverse();
         let mut matrix = vec![0.0; count * functions];
         for (row, values) in matrix.chunks_exact_mut(functions).zip(harmonics.chunks_exact(functions)) {
-            row.iter_mut().zip(inverse.chunks_exact(functions)).for_each(|(out, inverse)| *out = dot(values, inverse));
+            row.iter_mut()
+                .zip(inverse.chunks_exact(functions))
+                .for_each(|(out, inverse)| *out = dot::<8>(values, inverse));
         }
         Ok(Self { set: set.clone(), scheme: Scheme::LeastSquares, order, functions, matrix })
     }
@@ -185,7 +188,7 @@ impl Interpolator {
             let mut values = vec![0.0; self.functions];
             self.values(unit(direction), &mut values);
             for (out, row) in out.iter_mut().zip(self.matrix.chunks_exact(self.functions)) {
-                *out = dot(row, &values);
+                *out = dot::<8>(row, &values);
             }
         }
     }
@@ -203,7 +206,7 @@ impl Interpolator {
         }
         let sums = self.function_sums(lights);
         for (total, row) in total.iter_mut().zip(self.matrix.chunks_exact(self.functions)) {
-            *total = DVec3::new(dot(row, &sums[0]), dot(row, &sums[1]), dot(row, &sums[2]));
+            *total = DVec3::new(dot::<8>(row, &sums[0]), dot::<8>(row, &sums[1]), dot::<8>(row, &sums[2]));
         }
         total
     }
@@ -317,21 +320,24 @@ fn rbf_matrix(set: &DirectionSet, order: usize) -> Option<Vec<f64>> {
     shifted.par_chunks_mut(count).enumerate().for_each(|(i, row)| {
         let at = set.directions()[i];
         for (j, (out, other)) in row.iter_mut().zip(set.directions()).enumerate() {
-            *out = kernel(at.distance_squared(*other)) + POLYNOMIAL_SHIFT * dot(y_row(i), y_row(j));
+            *out = kernel(at.distance_squared(*other)) + POLYNOMIAL_SHIFT * dot::<8>(y_row(i), y_row(j));
         }
     });
     let inverse = Cholesky::new(shifted, count)?.inverse();
     let columns: Vec<Vec<f64>> = (0..width).map(|q| (0..count).map(|i| y_row(i)[q]).collect()).collect();
     let solved: Vec<Vec<f64>> =
-        columns.iter().map(|column| inverse.chunks_exact(count).map(|row| dot(row, column)).collect()).collect();
-    let schur = (0..width * width).map(|k| dot(&columns[k / width], &solved[k % width])).collect();
+        columns.iter().map(|column| inverse.chunks_exact(count).map(|row| dot::<8>(row, column)).collect()).collect();
+    let schur = (0..width * width).map(|k| dot::<8>(&columns[k / width], &solved[k % width])).collect();
     let schur = Cholesky::new(schur, width)?.inverse();
     let functions = count + width;
     let mut matrix = vec![0.0; count * functions];
     matrix.par_chunks_mut(functions).enumerate().for_each(|(i, row)| {
         let (kernels, harmonics) = row.split_at_mut(count);
         let solved_row: Vec<f64> = solved.iter().map(|s| s[i]).collect();
-        harmonics.iter_mut().zip(schur.chunks_exact(width)).for_each(|(out, schur)| *out = dot(&solved_row, schur));
+        harmonics
+            .iter_mut()
+            .zip(schur.chunks_exact(width))
+            .for_each(|(out, schur)| *out = dot::<8>(&solved_row, schur));
         kernels.copy_from_slice(&inverse[i * count..(i + 1) * count]);
         for (factor, solved) in harmonics.iter().zip(&solved) {
             kernels.iter_mut().zip(solved).for_each(|(out, s)| *out -= factor * s);
@@ -355,7 +361,7 @@ fn make_exact(matrix: &mut [f64], y: &[f64], count: usize, width: usize) -> Opti
     (0..width).for_each(|q| missing[q * functions + count + q] += 1.0);
     for (row, y) in matrix.chunks_exact_mut(functions).zip(y.chunks_exact(width)) {
         for (missing, inverse) in missing.chunks_exact(functions).zip(inverse.chunks_exact(width)) {
-            let factor = dot(inverse, y);
+            let factor = dot::<8>(inverse, y);
             row.iter_mut().zip(missing).for_each(|(out, value)| *out += factor * value);
         }
     }

@@ -43,9 +43,6 @@ const LEAST_BLOCKS: usize = 24;
 /// Krylov spaces of a band at most: every one adds pairs unless the arithmetic has failed.
 const MOST_SPACES: usize = 64;
 
-/// Length of a vector of a block after orthogonalisation, over that before, below which it is nothing but rounding.
-const NEGLIGIBLE: f64 = 1e-10;
-
 /// Stage number of the random numbers that start Krylov spaces.
 const STAGE: u64 = 0x6c61_706c;
 
@@ -222,7 +219,7 @@ fn krylov(
     let random = |row: usize| std::array::from_fn(|i| uniform(STAGE, (row * WIDTH + i) as u64, space as u64) - 0.5);
     let mut start: Vec<Row> = (0..rows).map(random).collect();
     blocks::orthogonalise(locked, &mut start);
-    blocks::orthonormalise(&mut start, NEGLIGIBLE);
+    blocks::orthonormalise(&mut start);
     let mut basis: Vec<Vec<Row>> = vec![start];
     let mut projected: Vec<Vec<blocks::Small>> = Vec::new();
     let room = rows.saturating_sub(locked.len() * WIDTH) / WIDTH;
@@ -233,7 +230,7 @@ fn krylov(
         blocks::orthogonalise(locked, &mut next);
         let shares = blocks::orthogonalise(&slices(&basis), &mut next);
         blocks::orthogonalise(locked, &mut next);
-        let rest = blocks::orthonormalise(&mut next, NEGLIGIBLE);
+        let rest = blocks::orthonormalise(&mut next);
         projected.push(shares);
         let ended = rest.iter().enumerate().all(|(i, r)| r[i] == 0.0) || basis.len() >= most;
         if basis.len() >= look || ended {

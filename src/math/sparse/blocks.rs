@@ -15,6 +15,9 @@ pub(in crate::math) type Row = [f64; WIDTH];
 /// A small matrix between two blocks.
 pub(in crate::math) type Small = [Row; WIDTH];
 
+/// Length of a vector after orthogonalisation, over that before, below which it is nothing but rounding.
+const NEGLIGIBLE: f64 = 1e-10;
+
 pub(in crate::math) const ZERO: Small = [[0.0; WIDTH]; WIDTH];
 
 #[inline(always)]
@@ -144,8 +147,8 @@ pub(in crate::math) fn orthogonalise(blocks: &[&[Row]], b: &mut [Row]) -> Vec<Sm
 }
 
 /// Makes a block orthonormal by Gram-Schmidt steps, each vector twice; returns the upper triangular r of `b = q r`. A
-/// vector whose remainder is below `negligible` of its length becomes zero, and so does its diagonal entry of r.
-pub(in crate::math) fn orthonormalise(b: &mut [Row], negligible: f64) -> Small {
+/// vector whose remainder is below [`NEGLIGIBLE`] of its length becomes zero, and so does its diagonal entry of r.
+pub(in crate::math) fn orthonormalise(b: &mut [Row]) -> Small {
     let mut r = ZERO;
     for column in 0..WIDTH {
         let length = |b: &[Row]| products(&[b], b)[0][column][column].max(0.0).sqrt();
@@ -164,7 +167,7 @@ pub(in crate::math) fn orthonormalise(b: &mut [Row], negligible: f64) -> Small {
             });
         }
         let after = length(b);
-        let kept = after > negligible * before && after > 0.0;
+        let kept = after > NEGLIGIBLE * before && after > 0.0;
         r[column][column] = if kept { after } else { 0.0 };
         b.par_iter_mut().with_min_len(ROWS).for_each(|b| b[column] = if kept { b[column] / after } else { 0.0 });
     }
