@@ -22,7 +22,7 @@ const MEASURED: usize = 2048;
 const LIGHTS: usize = 4;
 
 /// Samples of the exact sums at most.
-const MOST_SAMPLES: usize = 1 << 16;
+const MOST_SAMPLES: usize = 1 << 14;
 
 /// Values of alpha and of the width that are tried.
 const ALPHAS: [f64; 7] = [0.0, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8];

@@ -18,7 +18,7 @@ use crate::transport::surface::Surface;
 const GROUP: usize = 16;
 
 /// Directions that openness is measured with: a constant light takes a quarter of them.
-const OPENNESS: LightSampling = LightSampling { directions: 1024, ..LightSampling::FAST };
+const OPENNESS: LightSampling = LightSampling { directions: 512, ..LightSampling::FAST };
 
 /// Quantiser steps for each octave of a sum of weights.
 pub(super) const STEPS_OF_OCTAVE: f64 = 16.0;

@@ -28,6 +28,10 @@ use crate::transport::receivers::Receivers;
 use crate::transport::surface::Surface;
 use crate::transport::tree::SampleTree;
 
+/// Spacing of receivers over the distance up to which patches are integrated exactly, beyond which a group of 16 integrates more than they
+/// do one by one.
+const FAR_APART: f64 = 4.0 / 3.0;
+
 /// No pieces, in force before there are lights.
 static NO_PIECES: Pieces = Pieces::NONE;
 
@@ -63,7 +67,7 @@ impl GatheredEvaluator {
         let scene = asset.scene.clone();
         let (bvh, patches) = rayon::join(|| Bvh::new(&scene.mesh), || samples::patches(&scene.mesh, &asset.samples));
         let tree = SampleTree::new(&asset.samples, &patches);
-        let receivers = Receivers::new(&scene.mesh, &scene.parts, gathering.group);
+        let receivers = receivers(&scene, &patches, gathering);
         let areas = receivers.areas_mm2(&scene.mesh);
         Self {
             asset,
@@ -173,6 +177,9 @@ impl GatheredEvaluator {
     pub fn radiosity_at(&mut self, receivers: &Receivers, progress: &dyn Progress) -> Result<Vec<DVec3>> {
         self.irradiance(progress)?;
         let scheme = self.tuned_scheme();
+        let alone = self.receivers.groups.len() == self.receivers.len();
+        let split = alone.then(|| receivers.only(&(0..receivers.len() as u32).collect::<Vec<_>>(), 1));
+        let receivers = split.as_ref().unwrap_or(receivers);
         Ok(self.with_gather(|gather, lit| gather.radiosity(receivers, lit, scheme, progress)))
     }
 
@@ -231,6 +238,19 @@ impl GatheredEvaluator {
             _ => Scheme::AllPairs,
         }
     }
+}
+
+/// Receivers in groups, which share what is near to any of them: alone where they are so far apart that together they would
+/// share most of the surface.
+fn receivers(scene: &Scene, patches: &[Patch], gathering: Gathering) -> Receivers {
+    let all = Receivers::new(&scene.mesh, &scene.parts, gathering.group);
+    let area: f64 = patches.iter().map(|patch| patch.area_mm2).sum();
+    let radius = patches.iter().map(|patch| patch.radius_mm).sum::<f64>() / patches.len().max(1) as f64;
+    let spacing = (area / all.len().max(1) as f64).sqrt();
+    if gathering.nets.is_none() && spacing > FAR_APART * gathering.near.exact_below * radius {
+        return Receivers::new(&scene.mesh, &scene.parts, 1);
+    }
+    all
 }
 
 /// What multilevel summation needs, made when it is first needed: nets once for the samples, tables for each set of media.
