@@ -1,5 +1,6 @@
-//! Meshes, parts, mesh checks, generated shapes, ray casting, surface samples and their tree.
+//! Meshes, parts, mesh checks, generated shapes, ray casting, surface samples and their tree, texture atlases.
 
+pub mod atlas;
 pub mod ball;
 mod boxes;
 mod buckets;
