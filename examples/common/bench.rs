@@ -41,9 +41,14 @@ impl Context {
 
     /// A model of one medium.
     pub(crate) fn scene(&self, model: &str, material: &str) -> Result<Scene> {
+        self.sized_scene(model, material, SIZE_MM)
+    }
+
+    /// The same with another diagonal.
+    pub(crate) fn sized_scene(&self, model: &str, material: &str, size_mm: f64) -> Result<Scene> {
         let source = read_obj(&self.data.join(format!("meshes/{model}.obj")))?;
         let medium = Medium { name: material.to_owned(), properties: properties(material)? };
-        scene_of(source, Scale::DiagonalMm(SIZE_MM), PartsRule::Auto, medium)
+        scene_of(source, Scale::DiagonalMm(size_mm), PartsRule::Auto, medium)
     }
 
     /// The same with its longest edges cut until it has so many vertices.

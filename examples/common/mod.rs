@@ -4,5 +4,6 @@
 
 pub(crate) mod bench;
 pub(crate) mod finer;
+pub(crate) mod lit;
 pub(crate) mod runner;
 pub(crate) mod sheet;

@@ -11,8 +11,9 @@ use translux::scene::Scene;
 use translux::transport::random_walk::exitance::{Effort, exitance};
 use translux::transport::random_walk::model_error::compare;
 
-use crate::bench::{baked, exposure, opened, percent, picture, rms, shown, six_lights, truth, under, wide_lights};
+use crate::bench::{baked, six_lights, wide_lights};
 use crate::common::bench::{Context, bytes_per_vertex, table};
+use crate::common::lit::{exposure, opened, percent, picture, rms, shown, truth, under};
 use crate::common::sheet;
 
 const MATERIALS: [&str; 3] = ["marble", "skin1", "skimmilk"];

@@ -3,8 +3,9 @@
 
 use translux::error::Result;
 
-use crate::bench::{baked, exposure, opened, percent, picture, rms, shown, six_lights, truth, under};
+use crate::bench::{baked, six_lights};
 use crate::common::bench::{Context, table};
+use crate::common::lit::{exposure, opened, percent, picture, rms, shown, truth, under};
 use crate::common::sheet;
 
 const MODELS: [&str; 3] = ["cow", "dragon_res3", "bunny_3k"];

@@ -6,8 +6,9 @@ use translux::error::Result;
 use translux::medium::material::Medium;
 use translux::progress::Silent;
 
-use crate::bench::{baked, opened, six_lights};
+use crate::bench::{baked, six_lights};
 use crate::common::bench::{Context, bytes_per_vertex, properties, table};
+use crate::common::lit::opened;
 
 /// Models, and vertices that they are cut to.
 const MODELS: [(&str, usize); 3] = [("bunny_closed", 0), ("bunny_closed", 134_000), ("bunny_closed", 1_000_000)];

@@ -66,6 +66,7 @@ pub mod rows;
 pub mod samples;
 mod scan;
 pub mod scattering_lists;
+pub mod texture_space;
 mod types;
 mod varints;
 mod writer;

@@ -12,15 +12,19 @@ pub mod projected;
 pub mod rows;
 pub mod sampled_scene;
 pub mod single_scattering;
+#[cfg(test)]
+mod test_scene;
+pub mod texture_space;
 
 use crate::evaluate::RegisteredForm;
 
 /// Every form of this crate.
-pub const ALL: [RegisteredForm; 6] = [
+pub const ALL: [RegisteredForm; 7] = [
     RegisteredForm::of::<gathered::Gathered>(),
     RegisteredForm::of::<factored::Factored>(),
     RegisteredForm::of::<projected::lights::QuantisedLights>(),
     RegisteredForm::of::<projected::harmonics::Harmonics>(),
     RegisteredForm::of::<rows::DirectionalRows>(),
     RegisteredForm::of::<filtered_normals::FilteredNormals>(),
+    RegisteredForm::of::<texture_space::TextureSpace>(),
 ];

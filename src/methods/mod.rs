@@ -7,18 +7,20 @@ pub mod filtered_normals;
 mod keys;
 pub mod quantized_lights;
 pub mod reference;
+pub mod texture_space;
 pub mod two_pass;
 
 use crate::evaluate::{Method, Registry};
 use crate::forms;
 
 /// Every method of this crate, in the order of listings.
-const ALL: [&dyn Method; 6] = [
+const ALL: [&dyn Method; 7] = [
     &reference::Reference,
     &two_pass::TwoPass,
     &editable::Editable,
     &quantized_lights::QuantizedLights,
     &all_frequency::AllFrequency,
+    &texture_space::TextureSpace,
     &filtered_normals::FilteredNormals,
 ];
 

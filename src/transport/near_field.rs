@@ -67,6 +67,11 @@ impl Corners {
         Self(patches.par_iter().enumerate().flat_map_iter(of_patch).collect())
     }
 
+    /// Corners relative to the centroid of their patch, facet after facet.
+    pub fn from_values(values: Vec<[[f32; 3]; 3]>) -> Self {
+        Self(values)
+    }
+
     /// Corners of the facets of one sample.
     pub fn of(&self, samples: &Samples, sample: u32) -> &[[[f32; 3]; 3]] {
         let offsets = &samples.patch_offsets[sample as usize..sample as usize + 2];

@@ -9,7 +9,7 @@ use super::Device;
 use super::jobs::{CLUSTER, RECEIVERS};
 use crate::error::{Error, Result};
 use crate::evaluate::evaluator::Held;
-use crate::geometry::samples::{Patch, Samples};
+use crate::geometry::samples::Patch;
 use crate::transport::kernel::medium::MediumKernel;
 use crate::transport::kernel::radial_table::{RadialTable, Rgb};
 use crate::transport::kernel::{EdgePrecision, EdgeRule};
@@ -149,8 +149,8 @@ const PIECES: usize = 9;
 
 /// Geometry and settings that stay the same under every light and material.
 pub struct Geometry<'a> {
-    /// The samples.
-    pub samples: &'a Samples,
+    /// Facets of each sample: sample `i` has `facet_offsets[i]..facet_offsets[i + 1]` of the corners.
+    pub facet_offsets: &'a [u32],
     /// Centre, area and radius of each sample.
     pub patches: &'a [Patch],
     /// Corners of the samples' facets.
@@ -178,7 +178,7 @@ impl SurfaceBuffers {
                 "{name} binds {most} storage buffers where {STORAGE_BUFFERS} are needed; use --device cpu"
             )));
         }
-        let Geometry { samples, patches, corners, receivers, near, precision, terms } = geometry;
+        let Geometry { facet_offsets, patches, corners, receivers, near, precision, terms } = geometry;
         let settings = GpuSettings {
             exact_below: near.exact_below as f32,
             three_points_below: near.three_points_below as f32,
@@ -189,8 +189,8 @@ impl SurfaceBuffers {
             centre: patch.centre_mm.as_vec3().to_array(),
             area: patch.area_mm2 as f32,
             radius: patch.radius_mm as f32,
-            first_facet: samples.patch_offsets[index],
-            end_facet: samples.patch_offsets[index + 1],
+            first_facet: facet_offsets[index],
+            end_facet: facet_offsets[index + 1],
             padding: 0,
         };
         let patches: Vec<GpuPatch> = patches.iter().enumerate().map(patch).collect();

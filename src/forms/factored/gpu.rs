@@ -47,7 +47,7 @@ pub(super) struct FactoredOnDevice {
 impl FactoredOnDevice {
     pub(super) fn new(cpu: FactoredEvaluator, device: &Arc<Device>) -> Result<Self> {
         let geometry = Geometry {
-            samples: &cpu.samples,
+            facet_offsets: &cpu.samples.patch_offsets,
             patches: &cpu.patches,
             corners: &cpu.corners,
             receivers: &cpu.receivers,

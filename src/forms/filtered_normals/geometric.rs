@@ -136,7 +136,7 @@ mod tests {
 
     #[test]
     fn trees_give_the_sums_of_all_pairs() {
-        let scene = super::super::tests::scene(shapes::bumpy_head(10.0, 4), "marble");
+        let scene = crate::forms::test_scene::scene(shapes::bumpy_head(10.0, 4), "marble");
         let points = Points::new(&scene);
         for weights in [Weights::Count, Weights::Area] {
             let sums = Sums::new(&points, weights);

@@ -8,29 +8,13 @@ use super::*;
 use crate::asset::{Asset, Provenance};
 use crate::evaluate::{BakeSettings, Evaluator, Form, Probes};
 use crate::forms::density::Density;
-use crate::geometry::mesh::{Mesh, Scale, resolve_scale};
-use crate::geometry::part_table::PartTable;
-use crate::geometry::parts::{Analysis, MaterialRoles, PartsRule};
+use crate::forms::test_scene::{medium, scene};
 use crate::geometry::shapes;
-use crate::geometry::source::SourceModel;
 use crate::light::Light;
 use crate::math::statistics::vertex_error;
 use crate::medium::fresnel;
-use crate::medium::material::{Medium, preset};
 use crate::progress::Silent;
 use crate::scene::Scene;
-
-pub(super) fn medium(name: &str) -> Medium {
-    Medium { name: name.to_owned(), properties: preset(name).unwrap().properties() }
-}
-
-pub(super) fn scene(model: SourceModel, material: &str) -> Scene {
-    let placement = resolve_scale(&model, Some(Scale::MillimetresPerUnit(1.0))).unwrap();
-    let (mut mesh, mut report) = Mesh::from_source(model, &placement).unwrap();
-    let parts = Analysis::new(&mut mesh, &MaterialRoles::single(1), PartsRule::Auto, &mut report).parts;
-    let parts = PartTable::of(&mesh, &parts);
-    Scene { mesh, parts, media: vec![medium(material)] }
-}
 
 const FORM: FilteredNormals = FilteredNormals {
     density: Density { spacing: 0.35, least: 4000, most: 4000 },

@@ -25,6 +25,9 @@ use crate::transport::near_field::Corners;
 use crate::transport::sample_light::SampleLight;
 use crate::transport::surface::Surface;
 
+/// The shader that sums samples and clusters of lists.
+pub const GATHER_SHADER: &str = include_str!("gather.wgsl");
+
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct GpuCluster {
@@ -36,7 +39,7 @@ struct GpuCluster {
 pub(super) fn buffers(cpu: &GatheredEvaluator, device: &Arc<Device>) -> Result<SurfaceBuffers> {
     let Surface { domain, samples, patches, .. } = cpu.surface();
     let geometry = Geometry {
-        samples,
+        facet_offsets: &samples.patch_offsets,
         patches,
         corners: &Corners::new(domain.mesh, samples, patches),
         receivers: &cpu.receivers,
@@ -72,7 +75,7 @@ impl HierarchyOnDevice {
         let mut buffers = buffers(&cpu, device)?;
         buffers.set_media(&MediumKernel::of_media(surface.domain.media), None)?;
         let layout = bind_group_layout(&device.device, "gather", &[READ; 3]);
-        let text = shader(include_str!("gather.wgsl"));
+        let text = shader(GATHER_SHADER);
         let pipeline = pipeline(&device.device, &text, "gather", [buffers.layout(), &layout]);
         device.check()?;
         let device = Arc::clone(device);

@@ -11,5 +11,7 @@ mod lit_samples;
 mod nets_gpu;
 mod settings;
 
+#[cfg(feature = "gpu")]
+pub use self::hierarchy_gpu::GATHER_SHADER;
 pub use self::lit_samples::GatheredEvaluator;
 pub use self::settings::{Bound, Far, Gathered, Gathering};

@@ -61,13 +61,13 @@ pub(super) fn from_morton(code: u32) -> [u32; 2] {
 
 /// A convex polygon of up to eight corners, counter-clockwise: a triangle that at most four lines cut has seven.
 #[derive(Clone, Copy, Debug, Default)]
-struct Polygon {
+pub(super) struct Polygon {
     corners: [DVec2; 8],
     count: usize,
 }
 
 impl Polygon {
-    fn corners(&self) -> &[DVec2] {
+    pub(super) fn corners(&self) -> &[DVec2] {
         &self.corners[..self.count]
     }
 
@@ -139,6 +139,14 @@ fn polygon(codes: &Codes, resolution: u32) -> Option<Polygon> {
     let mut polygon = Polygon::default();
     ordered.into_iter().for_each(|corner| polygon.push(corner));
     Some(polygon)
+}
+
+/// The piece of a triangle in a texel; `None` for a triangle without area, and where rounding leaves nothing.
+pub(super) fn piece_in(codes: &Codes, resolution: u32, [x, y]: [u32; 2]) -> Option<Polygon> {
+    let bounds = |first: u32| (f64::from(first), f64::from(first + 1));
+    let ((left, right), (low, high)) = (bounds(x), bounds(y));
+    let piece = polygon(codes, resolution)?.strip(1, low, high).strip(0, left, right);
+    (piece.count >= 3).then_some(piece)
 }
 
 /// The one piece of a triangle without area.

@@ -8,6 +8,7 @@
 mod cut;
 mod flatten;
 mod measure;
+mod outline;
 pub mod texels;
 #[cfg(test)]
 mod tests;
@@ -18,6 +19,7 @@ use glam::Vec2;
 use self::cut::{Codes, STEPS};
 use self::flatten::Kind;
 pub use self::measure::Report;
+pub use self::outline::Outline;
 use super::mesh::Mesh;
 use crate::error::{Error, Result};
 

@@ -1,0 +1,78 @@
+//! What the page says around what was measured.
+
+use crate::common::runner::Words;
+
+const HEAD: &str = "\
+# Texture space: Chang et al. 2008, measured
+
+`cargo run --release --example texture_space -- ../shared/data docs` measures everything on this page and writes it
+(`examples/texture_space/`; `--quick` tries it, `--only PART` measures one part again). Times are those of the machine that wrote
+the page and of what else it did; everything else is the same anywhere.
+
+The asset holds a texture atlas and nothing else: no transport, no material, no light. At run time light falls on the surface as the texels
+cut it, the mip-map of the texture sums it up, and few samples of it bring radiosity to each place: `B = Sum flux R_d(r)`.
+
+- **The cut is exact.** Each triangle is cut by the texels that it touches, and each piece has its own area and irradiance: the map holds what falls on
+  the surface, however small the triangles are, and the Jacobian of the map is exact for each piece.
+- **`sampling=shared`** is the paper's: N samples by irradiance at equal steps of its sum in the order of the mip-map, shared by all places. What
+  it gets wrong is structured: a sample that stands for too much is a bright spot on the surface.
+- **`sampling=clusters`** shares N points as well, but they stand for all of the light: squares of the mip-map with about the same fourth moment,
+  each as four points that have its flux and its second moments.
+- **`sampling=product`** (the default) is what the paper left to do: samples by the product of irradiance and R_d. Each group of up to 16 neighbouring places descends
+  the mip-map to squares that are as points, or as four points, right to a limit, which is set so that there are N points in the
+  mean. Patches nearby are polygons, over which R_d is integrated.
+- **`sampling=hybrid`** is the paper's second method: R_d is divided in two, the far part goes through the shared samples, the near one through an image of the
+  irradiance as the light sees it, at 20 circles of 20 samples and one in the middle. Directional and point lights alone.
+- **The atlas** is the model's own texture coordinates where nothing overlaps, else charts of our own (`--set map`).
+
+| figure | the paper | wanted | measured |
+| --- | --- | --- | --- |
+";
+
+const SAMPLES: &str = "
+## Samples
+
+RMS of the covered pixels (diffuse light, from the default eye, 512 x 512; see *image error* in the [glossary](glossary.md)) against exact sums, and over the vertices in
+parentheses; the worse of two lights, from the front above and from behind. The paper compares with two-pass pictures, tone-mapped, of its own eye and light.
+
+";
+
+const HYBRID: &str = "
+## The hybrid method
+
+";
+
+const MAPS: &str = "
+## Maps
+
+1,600 samples. *Area ratio* is a triangle's area in the map over that on the surface, over the mean. The worst vertex is that of the light from the front.
+
+";
+
+const SPEED: &str = "
+## Speed
+
+Marble; medians of 5. A new light is shadows, the mip-map, samples and sums; a new material the samples that depend on it and the sums. Pairs are samples times
+vertices.
+
+";
+
+const PICTURES: &str = "
+## Pictures
+
+";
+
+const TAIL: &str = "
+## What it gives up
+
+A place sees the light of a texel as one irradiance: shadow boundaries are as sharp as the texels. The error of shared samples is largest where they are
+sparse and the material lets little light through: there each of them is a spot. `product` has no spots, because what is near to a place is
+always resolved for it.
+";
+
+pub(crate) const WORDS: Words = Words {
+    head: HEAD,
+    before: &[("samples", SAMPLES), ("hybrid", HYBRID), ("maps", MAPS), ("speed", SPEED), ("pictures", PICTURES)],
+    places: &[],
+    tail: TAIL,
+};

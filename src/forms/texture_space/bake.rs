@@ -1,0 +1,72 @@
+//! Bake of `texture_space`: the atlas, and the number of samples that the asked error needs.
+
+use translux_format::texture_space::{self as stored, Numbers};
+
+use super::evaluate::{TextureSpaceEvaluator, kinds};
+use super::settings::TextureSpace;
+use crate::compress::ledger::Ledger;
+use crate::error::Result;
+use crate::evaluate::stages::{of_kinds, spread};
+use crate::evaluate::form::write_error;
+use crate::evaluate::{AssetParts, BakeSettings};
+use crate::geometry::atlas::Atlas;
+use crate::progress::{Progress, stage};
+use crate::scene::Scene;
+
+/// Numbers of samples that are tried, each twice the one before.
+const LEAST_COUNT: u32 = 64;
+pub(super) const MOST_COUNT: u32 = 1 << 14;
+
+/// Share of the asked error for the samples; the texture has the rest.
+const OF_SAMPLES: f64 = 0.5;
+
+/// Lights that the number of samples is chosen under.
+const LIGHTS: usize = 3;
+
+/// Texels along each edge unless more are asked for.
+const LEAST_RESOLUTION: u32 = 256;
+const MOST_RESOLUTION: u32 = 2048;
+
+/// Share of the texture that the charts of an atlas cover, about.
+const OCCUPANCY: f64 = 0.5;
+
+/// Texels along each edge of the texture.
+pub(super) fn resolution(form: &TextureSpace, scene: &Scene) -> u32 {
+    let wanted = (form.density.count(scene, None) as f64 / OCCUPANCY).sqrt();
+    let auto = (wanted as u32).clamp(LEAST_RESOLUTION, MOST_RESOLUTION).next_power_of_two();
+    form.resolution.unwrap_or(auto)
+}
+
+pub(super) fn bake(
+    form: &TextureSpace,
+    scene: &Scene,
+    settings: &BakeSettings,
+    progress: &dyn Progress,
+) -> Result<AssetParts> {
+    let resolution = resolution(form, scene);
+    let (atlas, _) = stage(progress, "atlas", || Atlas::new(&scene.mesh, form.map, resolution))?;
+    let asked = settings.samples.map(|count| count.clamp(1, u32::MAX as usize) as u32).or(form.count);
+    let numbers = Numbers {
+        resolution,
+        count: asked.unwrap_or(LEAST_COUNT),
+        truth_samples: form.density.count(scene, None).min(u32::MAX as usize) as u32,
+    };
+    let mut evaluator = TextureSpaceEvaluator::new(form, scene, atlas, numbers)?;
+    let kinds = kinds(&form.sampling);
+    let tuning = of_kinds(&settings.probes.tuning, kinds);
+    if asked.is_none() && !tuning.is_empty() {
+        stage(progress, "number of samples", || {
+            let lights: Vec<_> = spread(&tuning, LIGHTS).cloned().collect();
+            evaluator.choose_count(&lights, OF_SAMPLES * settings.max_rms, (LEAST_COUNT, MOST_COUNT))
+        })?;
+    }
+    let unseen = of_kinds(&settings.probes.unseen, kinds);
+    let mut ledger = Ledger::default();
+    if !unseen.is_empty() {
+        let sets: Vec<_> = unseen.into_iter().map(|light| vec![light]).collect();
+        ledger = stage(progress, "error", || evaluator.errors(&sets, "the worst of the probe lights"))?;
+    }
+    let numbers = evaluator.numbers;
+    let sections = vec![stored::to_section(&numbers).map_err(write_error)?];
+    Ok(AssetParts::without_samples(scene, ledger, sections))
+}

@@ -1,0 +1,23 @@
+//! `texture_space`: irradiance is gathered in the texels of an atlas and summed from few samples of them (Chang et al. 2008). Nothing
+//! about light, material or size is stored: the asset holds the atlas alone.
+//!
+//! The texels cut the surface exactly: light arrives at the [`patches`](map::Patch) of each texel, the mip-map over the texels holds
+//! their flux. The paper draws N samples from it that all receivers share; by default each group of receivers descends it on
+//! its own, to the clusters that matter to it.
+
+mod bake;
+mod descent;
+mod evaluate;
+mod form;
+#[cfg(feature = "gpu")]
+mod gpu;
+mod hybrid;
+mod light;
+mod map;
+mod samples;
+mod settings;
+
+pub use settings::{Local, Sampling, TextureSpace};
+
+#[cfg(test)]
+mod tests;
