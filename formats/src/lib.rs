@@ -39,6 +39,7 @@
 compile_error!("sections are little-endian and read in place: this crate needs a little-endian target");
 
 mod asset;
+pub mod atlas;
 mod checks;
 mod codec;
 pub mod coefficients;

@@ -1,5 +1,6 @@
 //! Bake of `texture_space`: the atlas, and the number of samples that the asked error needs.
 
+use translux_format::atlas;
 use translux_format::texture_space::{self as stored, Numbers};
 
 use super::evaluate::{TextureSpaceEvaluator, kinds};
@@ -9,7 +10,7 @@ use crate::error::Result;
 use crate::evaluate::stages::{of_kinds, spread};
 use crate::evaluate::form::write_error;
 use crate::evaluate::{AssetParts, BakeSettings};
-use crate::geometry::atlas::Atlas;
+use crate::geometry::atlas::{Atlas, Report};
 use crate::progress::{Progress, stage};
 use crate::scene::Scene;
 
@@ -44,13 +45,14 @@ pub(super) fn bake(
     progress: &dyn Progress,
 ) -> Result<AssetParts> {
     let resolution = resolution(form, scene);
-    let (atlas, _) = stage(progress, "atlas", || Atlas::new(&scene.mesh, form.map, resolution))?;
+    let (atlas, report) = stage(progress, "atlas", || Atlas::new(&scene.mesh, form.map, resolution))?;
     let asked = settings.samples.map(|count| count.clamp(1, u32::MAX as usize) as u32).or(form.count);
     let numbers = Numbers {
         resolution,
         count: asked.unwrap_or(LEAST_COUNT),
         truth_samples: form.density.count(scene, None).min(u32::MAX as usize) as u32,
     };
+    let in_file = atlas::Atlas { numbers: numbers_of(&report, resolution), corners: atlas.codes() };
     let mut evaluator = TextureSpaceEvaluator::new(form, scene, atlas, numbers)?;
     let kinds = kinds(&form.sampling);
     let tuning = of_kinds(&settings.probes.tuning, kinds);
@@ -67,6 +69,13 @@ pub(super) fn bake(
         ledger = stage(progress, "error", || evaluator.errors(&sets, "the worst of the probe lights"))?;
     }
     let numbers = evaluator.numbers;
-    let sections = vec![stored::to_section(&numbers).map_err(write_error)?];
+    let mut sections = in_file.to_sections(&scene.mesh.triangles).map_err(write_error)?;
+    sections.push(stored::to_section(&numbers).map_err(write_error)?);
     Ok(AssetParts::without_samples(scene, ledger, sections))
+}
+
+/// What the asset says of its atlas.
+fn numbers_of(report: &Report, page: u32) -> atlas::Numbers {
+    let Report { own, charts, occupancy, overlap, stretch, area_range, smallest, flat } = *report;
+    atlas::Numbers { charts, own, page, occupancy, overlap, stretch, area_range, smallest, flat }
 }

@@ -5,7 +5,7 @@ use std::sync::{Arc, OnceLock};
 use glam::DVec3;
 use rayon::prelude::*;
 use translux_format::texture_space::{self as stored, Numbers};
-use translux_format::{Budget, FormatError};
+use translux_format::{Budget, FormatError, atlas};
 
 use super::descent::{Descent, Kernels};
 #[cfg(feature = "gpu")]
@@ -88,7 +88,9 @@ pub(super) struct TextureSpaceEvaluator {
 pub(super) fn open(form: &TextureSpace, asset: &Arc<Asset>) -> Result<Box<dyn Evaluator>> {
     let input = |e: FormatError| Error::input(e.to_string());
     let missing = || Error::input("an asset without its atlas (sections atl.rec and tex.rec); bake it again");
-    let (atlas, _) = Atlas::new(&asset.scene.mesh, form.map, 512)?;
+    let triangles = &asset.scene.mesh.triangles;
+    let atlas = atlas::Atlas::from_sections(&asset.sections, triangles, Budget::default()).map_err(input)?;
+    let atlas = Atlas::from_codes(&atlas.ok_or_else(missing)?.corners);
     let numbers = stored::from_sections(&asset.sections).map_err(input)?.ok_or_else(missing)?;
     Ok(Box::new(TextureSpaceEvaluator::new(form, &asset.scene, atlas, numbers)?))
 }

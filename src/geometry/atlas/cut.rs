@@ -172,11 +172,7 @@ pub(super) fn is_bounded(codes: &[Codes], resolution: u32) -> bool {
 
 /// Blocks of texels and the triangles that touch them, ascending: `(group << 32 | block, triangle)`. A triangle without
 /// a group is left out.
-pub(super) fn blocks(
-    codes: &[Codes],
-    resolution: u32,
-    group: impl Fn(usize) -> Option<u32> + Sync,
-) -> Vec<(u64, u32)> {
+pub(super) fn blocks(codes: &[Codes], resolution: u32, group: impl Fn(usize) -> Option<u32> + Sync) -> Vec<(u64, u32)> {
     let side = 1 << (BLOCK_BITS / 2);
     let of = |triangle: usize| {
         let mut found = Vec::new();

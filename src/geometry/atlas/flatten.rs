@@ -16,8 +16,8 @@ const TOLERANCE: f64 = 1e-8;
 /// Most steps of the map of even area, of which the first few do nearly all.
 const MOST_STEPS: usize = 30;
 
-/// Powers of the stretch that are tried in a step.
-const POWERS: [f64; 3] = [1.0, 0.5, 0.25];
+/// Most square roots that are taken of the stretch in a step: without any the step is the paper's, with them shorter.
+const MOST_ROOTS: u32 = 2;
 
 /// Which map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -120,8 +120,8 @@ impl Chart {
         let mut system = MeanSystem::new(&self.triangles, &self.places);
         let (mut least, mut stretch) = self.stretch();
         'steps: for _ in 0..MOST_STEPS {
-            for power in POWERS {
-                let (before, divided) = (self.places.clone(), system.divided(&stretch, power));
+            for roots in 0..=MOST_ROOTS {
+                let (before, divided) = (self.places.clone(), system.divided(&stretch, roots));
                 let solved = divided.solve(&self.places);
                 if self.accept(solved) {
                     let (next, around) = self.stretch();
@@ -204,7 +204,7 @@ fn conjugate_gradients(gradient: impl Fn(&[DVec2], &mut [DVec2]), diagonal: &[f6
 /// Points as weighted means of their neighbours; those of the boundary are held.
 #[derive(Clone)]
 struct MeanSystem {
-    /// For each inner point its neighbours and their weights, positive; empty for points of the boundary.
+    /// For each inner point its neighbours, once a triangle, and their weights, positive; empty on the boundary.
     neighbours: Vec<Vec<(u32, f64)>>,
 }
 
@@ -227,27 +227,16 @@ impl MeanSystem {
                 }
                 let [a, b] = [j, l].map(|p| places[p as usize] - places[i as usize]);
                 let tangent = (a.length() * b.length() - a.dot(b)) / a.perp_dot(b);
-                for (other, side) in [(j, a), (l, b)] {
-                    let weight = tangent / side.length();
-                    match neighbours[i as usize].iter_mut().find(|(n, _): &&mut (u32, f64)| *n == other) {
-                        Some((_, sum)) => *sum += weight,
-                        None => neighbours[i as usize].push((other, weight)),
-                    }
-                }
+                neighbours[i as usize].extend([(j, tangent / a.length()), (l, tangent / b.length())]);
             }
         }
         Self { neighbours }
     }
 
-    /// The system whose weights are divided by a power of the stretch at the neighbours.
-    fn divided(&self, stretch: &[f64], power: f64) -> Self {
-        let factor = |n: u32| {
-            let root = stretch[n as usize];
-            // Roots alone: a power is not the same on all processors.
-            let root = if power == 1.0 { root } else { root.sqrt() };
-            1.0 / if power < 0.5 { root.sqrt() } else { root }
-        };
-        let row = |row: &Vec<(u32, f64)>| row.iter().map(|(n, weight)| (*n, weight * factor(*n))).collect();
+    /// The system whose weights are divided by the stretch at the neighbours, or a root of it.
+    fn divided(&self, stretch: &[f64], roots: u32) -> Self {
+        let root = |n: u32| (0..roots).fold(stretch[n as usize], |value, _| value.sqrt());
+        let row = |row: &Vec<(u32, f64)>| row.iter().map(|(n, weight)| (*n, weight / root(*n))).collect();
         Self { neighbours: self.neighbours.iter().map(row).collect() }
     }
 

@@ -121,7 +121,8 @@ impl Report {
             return report;
         }
         let mean = map / surface;
-        let mut ratios: Vec<(f64, f64)> = areas.iter().map(|[map, surface, _]| (map / (surface * mean), *surface)).collect();
+        let mut ratios: Vec<(f64, f64)> =
+            areas.iter().map(|[map, surface, _]| (map / (surface * mean), *surface)).collect();
         ratios.retain(|(ratio, _)| ratio.is_finite());
         ratios.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
         let percentile = |share: f64| {

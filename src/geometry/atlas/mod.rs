@@ -9,9 +9,9 @@ mod cut;
 mod flatten;
 mod measure;
 mod outline;
-pub mod texels;
 #[cfg(test)]
 mod tests;
+pub mod texels;
 mod unwrap;
 
 use glam::Vec2;

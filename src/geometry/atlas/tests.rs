@@ -35,11 +35,18 @@ fn check_texels(mesh: &Mesh, atlas: &Atlas, resolution: u32) -> Texels {
         let distance = (moment - *area * (a + b + c) / 3.0).length();
         assert!(distance <= 1e-6 * area * mesh.diagonal_mm(), "triangle {t}: centroid");
     }
-    let key = |t: &Texel| (t.part, (0..16).map(|i| u64::from(t.x >> i & 1) << (2 * i) | u64::from(t.y >> i & 1) << (2 * i + 1)).sum::<u64>());
+    let key = |t: &Texel| {
+        (
+            t.part,
+            (0..16).map(|i| u64::from(t.x >> i & 1) << (2 * i) | u64::from(t.y >> i & 1) << (2 * i + 1)).sum::<u64>(),
+        )
+    };
     assert!(cut.texels.windows(2).all(|pair| key(&pair[0]) < key(&pair[1])));
     let mut at = 0;
     for texel in &cut.texels {
-        assert!(texel.x < resolution && texel.y < resolution && texel.fragments.start == at && !texel.fragments.is_empty());
+        assert!(
+            texel.x < resolution && texel.y < resolution && texel.fragments.start == at && !texel.fragments.is_empty()
+        );
         at = texel.fragments.end;
         let of = &cut.fragments[texel.fragments.start as usize..at as usize];
         assert!(of.windows(2).all(|pair| pair[0].triangle < pair[1].triangle));
@@ -76,7 +83,13 @@ fn every_shape_has_a_bijective_map() {
         ("cube", shapes::cuboid(DVec3::splat(10.0), 1)),
         ("plane", shapes::plane(10.0, 5.0, 4)),
         ("knot", shapes::torus_knot(2, 3, 10.0, 3.0, 1.0, 60, 8)),
-        ("parts", shapes::compose(&[(ring.of_material("opaque"), DVec3::X * 40.0), (shapes::bumpy_head(10.0, 3), DVec3::ZERO)])),
+        (
+            "parts",
+            shapes::compose(&[
+                (ring.of_material("opaque"), DVec3::X * 40.0),
+                (shapes::bumpy_head(10.0, 3), DVec3::ZERO),
+            ]),
+        ),
         ("triangle", SourceModel::new(vec![DVec3::ZERO, DVec3::X, DVec3::Y], vec![[0, 1, 2]])),
     ];
     for (name, shape) in shapes {
@@ -112,7 +125,8 @@ fn a_square_is_cut_exactly() {
             let of = &cut.fragments[texel.fragments.start as usize..texel.fragments.end as usize];
             let area: f64 = of.iter().map(|f| f.area_mm2).sum();
             let centre = of.iter().map(|f| f.area_mm2 * f.centre_mm).sum::<DVec3>() / area;
-            let expected = DVec3::new(f64::from(texel.x) + 0.5, f64::from(texel.y) + 0.5, 0.0) * (10.0 / n) - DVec3::new(5.0, 5.0, 0.0);
+            let expected = DVec3::new(f64::from(texel.x) + 0.5, f64::from(texel.y) + 0.5, 0.0) * (10.0 / n)
+                - DVec3::new(5.0, 5.0, 0.0);
             assert!((area - 100.0 / (n * n)).abs() < 1e-12 * 100.0, "{area}");
             assert!(centre.distance(expected) < 1e-10, "{centre} for {expected}");
         }
@@ -146,7 +160,17 @@ fn own_coordinates_are_used_only_where_they_are_bijective() {
 #[test]
 fn broken_surfaces_have_a_map() {
     // Three triangles on an edge, one that is alone, one that is thinner than coordinates tell, one that is turned over.
-    let positions = [[0.0; 3], [1.0, 0.0, 0.0], [0.5, 1.0, 0.0], [0.5, -1.0, 0.0], [0.5, 0.0, 1.0], [9.0, 9.0, 9.0], [9.0, 8.0, 9.0], [8.0, 9.0, 9.0], [0.5, 1e-6, 0.0]];
+    let positions = [
+        [0.0; 3],
+        [1.0, 0.0, 0.0],
+        [0.5, 1.0, 0.0],
+        [0.5, -1.0, 0.0],
+        [0.5, 0.0, 1.0],
+        [9.0, 9.0, 9.0],
+        [9.0, 8.0, 9.0],
+        [8.0, 9.0, 9.0],
+        [0.5, 1e-6, 0.0],
+    ];
     let triangles = vec![[0, 1, 2], [1, 0, 3], [0, 1, 4], [5, 6, 7], [0, 1, 8], [2, 3, 4]];
     let (mesh, _) = mesh_of(SourceModel::new(positions.map(DVec3::from).to_vec(), triangles));
     for map in MAPS {
@@ -157,12 +181,24 @@ fn broken_surfaces_have_a_map() {
 }
 
 #[test]
+fn small_parts_that_are_far_apart_have_a_map() {
+    let ball = shapes::icosphere(1.0, 4);
+    let (mesh, _) = mesh_of(shapes::compose(&[(ball.clone(), DVec3::ZERO), (ball, DVec3::X * 1e5)]));
+    for map in MAPS {
+        let (atlas, report) = Atlas::new(&mesh, map, 256).unwrap();
+        assert!(report.flat == 0 && report.overlap < 1e-6 && report.stretch < 1.1, "{report:?}");
+        check_texels(&mesh, &atlas, 256);
+    }
+}
+
+#[test]
 fn any_corners_are_cut() {
     let (mesh, _) = mesh_of(shapes::icosphere(10.0, 2));
     let mut state = 1u32;
     let mut next = || {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        [-1e30, 0.0, 1e-7, 0.5, 0.999_99, 1.0, 2.0, f32::INFINITY, (state >> 8) as f32 / 16_777_216.0][(state >> 28) as usize % 9]
+        [-1e30, 0.0, 1e-7, 0.5, 0.999_99, 1.0, 2.0, f32::INFINITY, (state >> 8) as f32 / 16_777_216.0]
+            [(state >> 28) as usize % 9]
     };
     let corners = mesh.triangles.iter().map(|_| [0; 3].map(|_| Vec2::new(next(), next()))).collect();
     let atlas = Atlas { corners };
@@ -215,7 +251,30 @@ fn table() {
             for f in &cut.fragments {
                 hash = (hash ^ f.area_mm2.to_bits() ^ f.centre_mm.x.to_bits()).wrapping_mul(0x100_0000_01b3);
             }
-            println!("| {name} | {map:?} | {} | {:.3} | {:.1e} | {:.4} | {:.3} to {:.3} | {:.3} | {} | {made:.2} | {cut_s:.3} | {} {} {hash:x}", r.charts, r.occupancy, r.overlap, r.stretch, r.area_range[0], r.area_range[1], r.smallest, r.flat, cut.texels.len(), cut.fragments.len());
+            let welded: Vec<[u32; 3]> = (0..mesh.triangles.len() as u32).map(|t| mesh.welded(t)).collect();
+            let start = std::time::Instant::now();
+            let sections = translux_format::atlas::Atlas { corners: atlas.codes(), ..Default::default() }
+                .to_sections(&welded)
+                .unwrap();
+            println!(
+                "{:?} bytes of {} vertices {:.2}s",
+                sections.iter().map(|s| s.bytes.len()).collect::<Vec<_>>(),
+                mesh.local_mm.len(),
+                start.elapsed().as_secs_f64()
+            );
+            println!(
+                "| {name} | {map:?} | {} | {:.3} | {:.1e} | {:.4} | {:.3} to {:.3} | {:.3} | {} | {made:.2} | {cut_s:.3} | {} {} {hash:x}",
+                r.charts,
+                r.occupancy,
+                r.overlap,
+                r.stretch,
+                r.area_range[0],
+                r.area_range[1],
+                r.smallest,
+                r.flat,
+                cut.texels.len(),
+                cut.fragments.len()
+            );
         }
     }
 }

@@ -5,7 +5,7 @@
 //! Why this one: `xatlas`, which it follows, is C++ behind wrappers that are years old, and its charts are conformal.
 
 use glam::DVec2;
-use uvunwrap::{Density, MeshInput, Options, Packing};
+use uvunwrap::{Density, MeshInput, Options, OutputMesh, OutputVertex, Packing};
 
 use super::cut::{Codes, STEPS};
 use crate::error::{Error, Result};
@@ -20,6 +20,13 @@ const PADDING: u32 = 1;
 /// Texels of a side of the largest page that is tried before charts go to several.
 const LARGEST_PAGE: u32 = 8192;
 
+/// Height of a triangle over the diagonal of the mesh below which the library leaves it out; with a margin.
+const THINNEST: f64 = 2e-6;
+
+/// Share of the surface that thin triangles may have before each becomes a chart. Mostly they have next to none, and
+/// lie in one place; a mesh of small parts that are far apart has no others.
+const MOST_THIN: f64 = 1e-4;
+
 /// A mesh cut into charts, each flattened by itself.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Charts {
@@ -33,94 +40,120 @@ pub(super) struct Charts {
     pub places: Vec<DVec2>,
 }
 
-fn failed(error: &uvunwrap::Error) -> Error {
-    Error::runtime(format!("the surface could not be unwrapped: {error}"))
-}
-
-/// Corners in steps of the unit square from points of a page.
-fn codes(atlas: &uvunwrap::Atlas) -> Vec<Codes> {
+/// Corners in steps of the unit square from points of pages; thin triangles are the meshes after the first.
+fn codes(atlas: &uvunwrap::Atlas, input: &Input) -> Vec<Codes> {
     // Pages beside each other in a square; mostly there is one.
     let pages = f64::from(atlas.page_count.max(1)).sqrt().ceil();
     let size = DVec2::new(f64::from(atlas.width), f64::from(atlas.height));
     let unit = STEPS / (pages * size.max_element().max(1.0));
-    let Some(out) = atlas.meshes.first() else { return Vec::new() };
-    let code = |index: &u32| {
-        let Some(vertex) = out.vertices.get(*index as usize) else { return [0; 2] };
+    let code = |vertex: &OutputVertex| {
         let page = f64::from(vertex.page.unwrap_or(0));
         let place = DVec2::new(page % pages, (page / pages).floor()) * size.max_element();
         let at = (place + DVec2::from(vertex.uv.map(f64::from)) * size) * unit;
         [at.x.round() as u16, at.y.round() as u16]
     };
-    out.indices.as_chunks().0.iter().map(|corners: &[u32; 3]| [0, 1, 2].map(|c| code(&corners[c]))).collect()
-}
-
-/// Packs on one page of at least `page` texels a side, on several only where the largest is too small for the gutters.
-fn packed(input: MeshInput<'_>, page: u32) -> Result<uvunwrap::Atlas> {
-    let mut page_size = page.clamp(16, LARGEST_PAGE);
-    loop {
-        let density = Density::Auto { page_size };
-        let options = Options { density, padding: PADDING, ..Options::default() };
-        let atlas = uvunwrap::generate(&[input], &options).map_err(|e| failed(&e))?;
-        if atlas.page_count <= 1 || page_size >= LARGEST_PAGE {
-            return Ok(atlas);
+    let of = |mesh: &OutputMesh| -> Vec<Codes> {
+        let corner = |index: u32| mesh.vertices.get(index as usize).map_or([0; 2], code);
+        mesh.indices.as_chunks().0.iter().map(|corners: &[u32; 3]| corners.map(corner)).collect()
+    };
+    let mut meshes = atlas.meshes.iter().map(of);
+    let mut result = meshes.next().unwrap_or_default();
+    for (triangle, codes) in input.thin.iter().zip(meshes) {
+        if let (Some(corners), [codes]) = (result.get_mut(*triangle as usize), codes.as_slice()) {
+            *corners = *codes;
         }
-        page_size *= 2;
     }
+    result
 }
 
-/// The mesh with welded corners, as the library takes it.
+/// A mesh as the library takes it.
 struct Input {
     positions: Vec<[f32; 3]>,
     indices: Vec<u32>,
+    /// Triangles that the library would leave out, and the corners of each.
+    thin: Vec<u32>,
+    thin_corners: Vec<[[f32; 3]; 3]>,
 }
 
 impl Input {
+    /// The mesh with welded corners.
     fn new(mesh: &Mesh) -> Self {
         let indices = (0..mesh.triangles.len() as u32).flat_map(|t| mesh.welded(t)).collect();
-        Self { positions: mesh.local_mm.iter().map(|p| p.to_array()).collect(), indices }
+        let least = THINNEST * mesh.diagonal_mm();
+        let is_thin = |t: &u32| {
+            let [a, b, c] = mesh.corners_local_mm(*t);
+            mesh.cross_mm2(*t).length() < least * a.distance(b).max(b.distance(c)).max(c.distance(a))
+        };
+        let mut thin: Vec<u32> = (0..mesh.triangles.len() as u32).filter(is_thin).collect();
+        if thin.iter().map(|t| mesh.area_mm2(*t)).sum::<f64>() < MOST_THIN * mesh.total_area_mm2() {
+            thin.clear();
+        }
+        let corners = |t: &u32| mesh.triangles[*t as usize].map(|v| mesh.local_mm[v as usize].to_array());
+        let thin_corners = thin.iter().map(corners).collect();
+        Self { positions: mesh.local_mm.iter().map(|p| p.to_array()).collect(), indices, thin, thin_corners }
     }
 
-    fn of<'a>(&'a self, mesh: &'a Mesh) -> MeshInput<'a> {
-        // A texel then has one material, and mostly one part.
-        let face_materials = Some(mesh.triangle_material.as_slice());
-        MeshInput { face_materials, ..MeshInput::new(&self.positions, &self.indices) }
+    /// The map of the mesh, whose charts each have triangles of one `material`, and either are given or made.
+    fn unwrapped(&self, materials: &[u32], uvs: Option<&[[f32; 2]]>, options: &Options) -> Result<uvunwrap::Atlas> {
+        let mut ignored = vec![false; self.indices.len() / 3];
+        self.thin.iter().for_each(|t| ignored[*t as usize] = true);
+        let whole = MeshInput {
+            face_materials: Some(materials),
+            ignored_faces: Some(&ignored),
+            existing_uvs: uvs,
+            ..MeshInput::new(&self.positions, &self.indices)
+        };
+        let thin = self.thin_corners.iter().map(|corners| MeshInput::new(corners, &[0, 1, 2]));
+        let meshes: Vec<MeshInput<'_>> = std::iter::once(whole).chain(thin).collect();
+        uvunwrap::generate(&meshes, options)
+            .map_err(|error| Error::runtime(format!("the surface could not be unwrapped: {error}")))
+    }
+
+    /// The map on one page of at least `page` texels a side, on several only where the largest has no room for gutters.
+    fn packed(&self, materials: &[u32], uvs: Option<&[[f32; 2]]>, page: u32) -> Result<Vec<Codes>> {
+        let mut page_size = page.clamp(16, LARGEST_PAGE);
+        loop {
+            let density = Density::Auto { page_size };
+            let options = Options { density, padding: PADDING, ..Options::default() };
+            let atlas = self.unwrapped(materials, uvs, &options)?;
+            if atlas.page_count <= 1 || page_size >= LARGEST_PAGE {
+                return Ok(codes(&atlas, self));
+            }
+            page_size *= 2;
+        }
     }
 }
 
-/// The map that the library makes, as rigid as possible.
+/// The map that the library makes, as rigid as possible. A texel then has one material, and mostly one part.
 pub(super) fn rigid(mesh: &Mesh, page: u32) -> Result<Vec<Codes>> {
-    Ok(codes(&packed(Input::new(mesh).of(mesh), page)?))
+    Input::new(mesh).packed(&mesh.triangle_material, None, page)
 }
 
 /// The charts of that map.
 pub(super) fn charts(mesh: &Mesh) -> Result<Charts> {
-    let input = Input::new(mesh);
     // Any density will do, since the charts are packed later.
     let texels_per_unit = (1024.0 / mesh.total_area_mm2().sqrt()) as f32;
     let density = Density::Fixed { texels_per_unit, page_size: None };
     let options = Options { density, padding: PADDING, packing: Packing::Fast, ..Options::default() };
-    let atlas = uvunwrap::generate(&[input.of(mesh)], &options).map_err(|e| failed(&e))?;
+    let atlas = Input::new(mesh).unwrapped(&mesh.triangle_material, None, &options)?;
     let size = DVec2::new(f64::from(atlas.width), f64::from(atlas.height)) / f64::from(texels_per_unit);
     let Some(out) = atlas.meshes.first() else { return Ok(Charts::default()) };
+    let places: Vec<DVec2> = out.vertices.iter().map(|v| DVec2::from(v.uv.map(f64::from)) * size).collect();
     let triangles: Vec<[u32; 3]> = out.indices.as_chunks().0.to_vec();
-    let place = |point: u32| out.vertices.get(point as usize).map_or(DVec2::ZERO, |v| DVec2::from(v.uv.map(f64::from)) * size);
-    let chart = |[a, b, c]: &[u32; 3]| {
-        let chart = out.vertices.get(*a as usize).and_then(|v| v.chart);
-        chart.filter(|_| (place(*b) - place(*a)).perp_dot(place(*c) - place(*a)) > 0.0).unwrap_or(NONE)
+    let chart = |corners: &[u32; 3]| {
+        let [a, b, c] = corners.map(|corner| places[corner as usize]);
+        let chart = out.vertices[corners[0] as usize].chart;
+        chart.filter(|_| (b - a).perp_dot(c - a) > 0.0).unwrap_or(NONE)
     };
-    Ok(Charts {
-        of_triangle: triangles.iter().map(chart).collect(),
-        vertices: out.vertices.iter().map(|v| v.xref).collect(),
-        places: (0..out.vertices.len() as u32).map(place).collect(),
-        triangles,
-    })
+    let of_triangle = triangles.iter().map(chart).collect();
+    let vertices = out.vertices.iter().map(|v| v.xref).collect();
+    Ok(Charts { of_triangle, vertices, places, triangles })
 }
 
 /// Packs charts, each scaled to its area on the surface. A chart that overlaps itself is flattened anew.
 pub(super) fn repacked(mesh: &Mesh, charts: &Charts, page: u32) -> Result<Vec<Codes>> {
-    let positions: Vec<[f32; 3]> = charts.vertices.iter().map(|v| mesh.local_mm[*v as usize].to_array()).collect();
     let uvs: Vec<[f32; 2]> = charts.places.iter().map(|p| p.as_vec2().to_array()).collect();
-    let face_materials = Some(charts.of_triangle.as_slice());
-    let input = MeshInput::new(&positions, charts.triangles.as_flattened());
-    Ok(codes(&packed(MeshInput { existing_uvs: Some(&uvs), face_materials, ..input }, page)?))
+    let positions = charts.vertices.iter().map(|v| mesh.local_mm[*v as usize].to_array()).collect();
+    let indices = charts.triangles.as_flattened().to_vec();
+    Input { positions, indices, ..Input::new(mesh) }.packed(&charts.of_triangle, Some(&uvs), page)
 }
