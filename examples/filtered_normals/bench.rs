@@ -46,4 +46,3 @@ pub(crate) fn baked(scene: &Scene, set: &[(&str, &str)]) -> Result<Asset> {
     let method = methods::built_in().method("filtered_normals")?;
     bake_for(LightKind::Directional, method, scene, &Recipe { samples: Some(32_768), max_rms: 0.05, set }, &Silent)
 }
-

@@ -72,6 +72,9 @@ pub(crate) fn run(context: &Context) -> Result<String> {
     ];
     text.push_str(&format!("Image RMS (vertex RMS).\n\n{}\n", table(&head, &rows)));
     let head: Vec<&str> = std::iter::once("c, 1/mm").chain(BOUNDS).collect();
-    text.push_str(&format!("The lower bound c, which the paper leaves open: image RMS of the hybrid method.\n\n{}\n", table(&head, &sweep)));
+    text.push_str(&format!(
+        "The lower bound c, which the paper leaves open: image RMS of the hybrid method.\n\n{}\n",
+        table(&head, &sweep)
+    ));
     Ok(text)
 }

@@ -52,6 +52,16 @@ pub(crate) fn run(context: &Context) -> Result<String> {
             }
         }
     }
-    let head = ["model", "map, texels", "charts", "covered", "L2 stretch", "area ratio: 1st to 99th percentile, least", "bytes/vertex", "shared, image RMS (worst vertex)", "product"];
+    let head = [
+        "model",
+        "map, texels",
+        "charts",
+        "covered",
+        "L2 stretch",
+        "area ratio: 1st to 99th percentile, least",
+        "bytes/vertex",
+        "shared, image RMS (worst vertex)",
+        "product",
+    ];
     Ok(table(&head, &rows))
 }

@@ -66,7 +66,10 @@ pub(crate) fn run(context: &Context) -> Result<String> {
             }
             let counts: Vec<String> = context.some(&COUNTS, 4).iter().map(u32::to_string).collect();
             let head: Vec<&str> = std::iter::once("samples").chain(counts.iter().map(String::as_str)).collect();
-            text.push_str(&format!("**{model}, {size} mm, {material}**: image RMS (vertex RMS).\n\n{}\n", table(&head, &rows)));
+            text.push_str(&format!(
+                "**{model}, {size} mm, {material}**: image RMS (vertex RMS).\n\n{}\n",
+                table(&head, &rows)
+            ));
         }
     }
     let name = "texture_space_samples.svg";

@@ -89,7 +89,16 @@ impl Method for TextureSpace {
             choose_when: "Light, material and size all change at run time, nothing may be precomputed but a texture \
                 atlas, and a tenth of a second for each change is fast enough.",
             keys: &[
-                &SAMPLING, &RESOLUTION, &MAP, &IMPORTANCE, &SHARPNESS, &RINGS, &OF_RING, &IMAGE, &DIRECTIONS, &AREA_SIDE,
+                &SAMPLING,
+                &RESOLUTION,
+                &MAP,
+                &IMPORTANCE,
+                &SHARPNESS,
+                &RINGS,
+                &OF_RING,
+                &IMAGE,
+                &DIRECTIONS,
+                &AREA_SIDE,
             ],
             default_max_rms: 0.01,
             declared_error: None,

@@ -11,7 +11,8 @@ use translux_format::profile_basis::{self, ProfileBasis};
 use translux_format::rows::{self, IrradianceRows};
 use translux_format::{
     COMMON_TAGS, FormatError, LedgerEntry, Scan, Tag, VERSION_MAJOR, VERSION_MINOR, atlas, distant_transport,
-    filtered_normals, mesh, metadata, multilevel, parts, quantised_lights, quantised_values, samples, scattering_lists, texture_space,
+    filtered_normals, mesh, metadata, multilevel, parts, quantised_lights, quantised_values, samples, scattering_lists,
+    texture_space,
 };
 
 use super::text::percent;
@@ -128,8 +129,16 @@ fn without_samples(registry: &Registry) -> Vec<Tag> {
     let lights = quantised_lights::tags::SETS.iter().flat_map(|set| set.all());
     let single = [quantised_lights::tags::NUMBERS, scattering_lists::tags::NUMBERS];
     let rows = [rows::tags::TRANSPORT, rows::tags::SINGLE].map(rows::tags::Set::all);
-    let (normals, texture) = (&filtered_normals::tags::ALL, [&atlas::tags::ALL[..], &texture_space::tags::ALL].concat());
-    let all = [&single[..], &quantised_values::tags::ALL, &distant_transport::tags::ALL, normals, &texture, rows.as_flattened()];
+    let (normals, texture) =
+        (&filtered_normals::tags::ALL, [&atlas::tags::ALL[..], &texture_space::tags::ALL].concat());
+    let all = [
+        &single[..],
+        &quantised_values::tags::ALL,
+        &distant_transport::tags::ALL,
+        normals,
+        &texture,
+        rows.as_flattened(),
+    ];
     let outside = registry.forms().iter().flat_map(|form| form.tags).copied();
     lights.chain(all.concat()).chain(outside).collect()
 }

@@ -97,8 +97,7 @@ impl TextureSpaceOnDevice {
         let cpu = &self.cpu;
         let packed = |v: DVec3| v.as_vec3().extend(0.0).to_array();
         let (Some(chosen), Some(lit)) = (&cpu.chosen, &cpu.lit) else { return (Vec::new(), Vec::new()) };
-        let cluster =
-            |at, flux| GpuCluster { centre: packed(at), flux: packed(light.scaled(lit.unit * flux)) };
+        let cluster = |at, flux| GpuCluster { centre: packed(at), flux: packed(light.scaled(lit.unit * flux)) };
         match chosen {
             Chosen::Limit(limit) => {
                 let entry = |source: &Source| match source {

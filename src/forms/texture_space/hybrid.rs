@@ -232,7 +232,8 @@ impl LightView {
     }
 
     fn look(&self, (scene, bvh): (&Scene, &Bvh), pixel: [u32; 2], start: f64) -> Option<Seen> {
-        let at = |i: usize| self.middle[i] + self.half * (2.0 * (f64::from(pixel[i]) + 0.5) / f64::from(self.pixels) - 1.0);
+        let at =
+            |i: usize| self.middle[i] + self.half * (2.0 * (f64::from(pixel[i]) + 0.5) / f64::from(self.pixels) - 1.0);
         let [u, v, towards] = self.axes;
         let (origin, direction) = match self.from {
             From::Direction(direction) => (at(0) * u + at(1) * v + start * direction, -direction),
@@ -298,7 +299,9 @@ impl LightView {
             let turn = if index % 2 == 0 { 0.0 } else { 0.5 };
             for k in 0..samples {
                 let (sine, cosine) = (TAU * (f64::from(k) + turn) / f64::from(samples)).sin_cos();
-                let Some((seen, irradiance)) = self.towards(at + *radius * (cosine * u + sine * v), at) else { continue };
+                let Some((seen, irradiance)) = self.towards(at + *radius * (cosine * u + sine * v), at) else {
+                    continue;
+                };
                 if seen.part == part {
                     let distance = seen.at_mm.distance(at);
                     sum += seen.entering / density * irradiance * look_up(&local.table, local.step_mm, distance);
@@ -332,7 +335,8 @@ mod tests {
         assert!(TAU * 1.01 * middle * whole.reflectance(1.01 * middle) < 1e-3);
         assert_eq!(middle_mm(&profiles, 1e9), 0.0);
         assert!((local_weight(middle, middle, 1.5) - 0.5).abs() < 1e-12);
-        let global = Global { whole: Arc::clone(&whole), middle_mm: middle, sharpness: 1.5, range_mm: whole.range_mm(1e-9) };
+        let global =
+            Global { whole: Arc::clone(&whole), middle_mm: middle, sharpness: 1.5, range_mm: whole.range_mm(1e-9) };
         for r in [0.0, 0.3 * middle, middle, 2.0 * middle] {
             let share = global.reflectance(r) / whole.reflectance(r);
             assert!((share + local_weight(r, middle, 1.5) - 1.0).abs() < 1e-12, "{r}: {share}");

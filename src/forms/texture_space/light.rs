@@ -82,7 +82,10 @@ impl LitMap {
             .map(|patch| {
                 let part = scene.parts.triangle_part.get(patch.triangle as usize);
                 let medium = part.and_then(|p| scene.parts.parts.get(*p as usize)).and_then(|p| p.medium);
-                (SurfacePoint { at: patch.centre_mm, normal: patch.normal, triangle: patch.triangle }, medium.unwrap_or(u32::MAX))
+                (
+                    SurfacePoint { at: patch.centre_mm, normal: patch.normal, triangle: patch.triangle },
+                    medium.unwrap_or(u32::MAX),
+                )
             })
             .collect();
         let mut irradiance = Illumination::new(&surface, lights, &etas, rays)?.at_points(&points, progress);
@@ -101,7 +104,6 @@ impl LitMap {
         let root = map.roots.get(part).copied().flatten();
         root.map_or(Flux::default(), |root| self.nodes[root as usize])
     }
-
 }
 
 /// Flux of every node, children first.

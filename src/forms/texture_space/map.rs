@@ -85,7 +85,8 @@ impl TexelMap {
                 texel: [texel.x, texel.y],
             }));
         }
-        let mut map = Self { resolution, patches, nodes: Vec::new(), roots: Vec::new(), texels: cut.texels.len(), atlas };
+        let mut map =
+            Self { resolution, patches, nodes: Vec::new(), roots: Vec::new(), texels: cut.texels.len(), atlas };
         let measured: Vec<(f64, f64)> =
             map.patches.par_iter().with_min_len(TASK).map(|patch| measure(patch, &map.outline(scene, patch))).collect();
         map.patches.iter_mut().zip(measured).for_each(|(patch, measured)| {
@@ -156,7 +157,8 @@ fn measure(patch: &Patch, outline: &Outline) -> (f64, f64) {
         let own = crate::geometry::samples::area(corners);
         let [a, b, c] = corners.map(|c| c - patch.centre_mm);
         // The mean square of a linear function over a triangle.
-        moment += own * (a.length_squared() + b.length_squared() + c.length_squared() + (a + b + c).length_squared()) / 12.0;
+        moment +=
+            own * (a.length_squared() + b.length_squared() + c.length_squared() + (a + b + c).length_squared()) / 12.0;
         area += own;
     }
     (radius, if area > 0.0 { moment / area } else { 0.0 })

@@ -88,7 +88,11 @@ fn samples_carry_the_whole_flux_whatever_the_light() {
     let scene = scene(shapes::bumpy_head(3.0, 3), "skin1");
     let maps = [Order::Texture, Order::Space].map(|order| map(&scene, 128, order));
     let spot = scene.mesh.origin_mm + scene.mesh.local_mm[0].as_dvec3() * 1.0001;
-    let lights = [sun(), Light::point(spot, DVec3::ONE).unwrap(), Light::environment(sky::sky().into(), 0.0, DVec3::ONE).unwrap()];
+    let lights = [
+        sun(),
+        Light::point(spot, DVec3::ONE).unwrap(),
+        Light::environment(sky::sky().into(), 0.0, DVec3::ONE).unwrap(),
+    ];
     for (map, light) in maps.iter().flat_map(|map| lights.iter().map(move |light| (map, light))) {
         let lit = lit(map, &scene, light.clone());
         let whole = lit.of_part(map, 0);
