@@ -144,7 +144,7 @@ fn local_and_global_light_add_up() {
         let values = evaluator.radiosity(&Silent).unwrap();
         let all = evaluator.all_pairs(&Silent).unwrap();
         let error = vertex_error(&values, &all, &scene.vertex_areas_mm2());
-        assert!(error.rms < 0.01, "{error:?}");
+        assert!(error.rms < 0.015 && error.bias.abs() < 0.005, "{error:?}");
     }
 }
 
