@@ -14,7 +14,7 @@ use crate::transport::near_rule::NearField;
 pub struct TextureSpace;
 
 /// Of the texels: fine enough for shadow boundaries inside the kernel.
-const DENSITY: Density = Density { spacing: 0.35, least: 1 << 15, most: 1 << 17 };
+const DENSITY: Density = Density { spacing: 0.5, least: 1 << 15, most: 1 << 17 };
 
 /// How samples are chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,7 +42,7 @@ const RESOLUTION: Key<Auto<PowerOfTwo>> = Key::new(
     "resolution",
     "auto",
     Auto(PowerOfTwo(16, 4096)),
-    "texels along each edge of the texture; auto: a third of the shortest mean free path, 256 to 2048",
+    "texels along each edge of the texture; auto: half of the shortest mean free path, 256 to 2048",
 );
 
 const MAP: Key<OneOf<Map>> = Key::new(

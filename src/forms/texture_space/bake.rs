@@ -19,7 +19,7 @@ const LEAST_COUNT: u32 = 64;
 pub(super) const MOST_COUNT: u32 = 1 << 14;
 
 /// Share of the asked error for the samples; the texture has the rest.
-const OF_SAMPLES: f64 = 0.5;
+const OF_SAMPLES: f64 = 0.3;
 
 /// Lights that the number of samples is chosen under.
 const LIGHTS: usize = 3;
@@ -34,7 +34,9 @@ const OCCUPANCY: f64 = 0.5;
 /// Texels along each edge of the texture.
 pub(super) fn resolution(form: &TextureSpace, scene: &Scene) -> u32 {
     let wanted = (form.density.count(scene, None) as f64 / OCCUPANCY).sqrt();
-    let auto = (wanted as u32).clamp(LEAST_RESOLUTION, MOST_RESOLUTION).next_power_of_two();
+    // The nearest power of two.
+    let below = (wanted * std::f64::consts::FRAC_1_SQRT_2) as u32;
+    let auto = below.next_power_of_two().clamp(LEAST_RESOLUTION, MOST_RESOLUTION);
     form.resolution.unwrap_or(auto)
 }
 

@@ -54,7 +54,10 @@ const ALONE: f64 = 0.5;
 const MEASURED: usize = 768;
 
 /// Samples of the exact sums at most.
-const MOST_SAMPLES: u32 = 1 << 16;
+const MOST_SAMPLES: u32 = 1 << 15;
+
+/// Samples that stand for all texels where errors are measured.
+const RESOLVED: usize = 1 << 14;
 
 /// Choice of the samples under some lights and media.
 pub(super) enum Chosen {
@@ -228,6 +231,12 @@ impl TextureSpaceEvaluator {
         Ok(())
     }
 
+    /// Radiosity of some receivers from as many samples as tell every texel that matters, RGB.
+    fn resolved(&self, lit: &LitMap, receivers: &Receivers) -> Vec<DVec3> {
+        let descent = self.descent(lit, self.form.near);
+        descent.radiosity(receivers, descent.limit(&self.receivers, RESOLVED.max(4 * self.numbers.count as usize)))
+    }
+
     /// Receivers that descend one by one, each a group.
     fn are_alone(&self) -> bool {
         self.receivers.groups.len() == self.receivers.len()
@@ -251,7 +260,7 @@ impl TextureSpaceEvaluator {
         (subset, indices.iter().map(|i| self.areas[*i as usize]).collect())
     }
 
-    /// Chooses the least number of samples, doubled from `least` to `most`, whose error against all texels is as asked under each
+    /// Chooses the least number of samples, doubled from `least` to `most`, whose error is as asked under each
     /// of some lights, at vertices that no reported error looks at.
     pub(super) fn choose_count(&mut self, lights: &[Light], asked: f64, (least, most): (u32, u32)) -> Result<()> {
         let (receivers, areas) = self.measured(0);
@@ -259,7 +268,7 @@ impl TextureSpaceEvaluator {
         for light in lights {
             let light = std::slice::from_ref(light);
             let lit = self.illuminate(light, &Silent)?;
-            let all = self.descent(&lit, self.form.near).radiosity(&receivers, 0.0);
+            let all = self.resolved(&lit, &receivers);
             loop {
                 let found = self.sums(&self.choose(light, &lit)?, &lit, &receivers);
                 if self.numbers.count >= most || vertex_error(&found, &all, &areas).or_none().rms <= asked {
@@ -278,7 +287,7 @@ impl TextureSpaceEvaluator {
         for lights in sets {
             let lit = self.illuminate(lights, &Silent)?;
             let found = self.sums(&self.choose(lights, &lit)?, &lit, &receivers);
-            let all = self.descent(&lit, self.form.near).radiosity(&receivers, 0.0);
+            let all = self.resolved(&lit, &receivers);
             let truth = self.truth.lit(&self.scene, lights, &Silent)?;
             if let Some(profile) = &self.profile {
                 truth.set_profile(profile.clone())?;
