@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, FromArgMatches};
+use glam::DVec3;
 
 use super::console::Console;
 use super::lights::{LightArgs, ResolvedLights};
@@ -11,11 +12,14 @@ use super::output;
 use super::view::{ViewArgs, check_memory};
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::Evaluator;
+use crate::evaluate::exitance::Exitance;
 use crate::import::file::{Input, suffix};
 use crate::render::camera::Resolution;
 use crate::render::exit::ExitFresnel;
 use crate::render::film::{ColourType, to_exr, to_png};
-use crate::render::frame::{DEFAULT_SAMPLES_PER_PIXEL, Frame, MAX_SAMPLES_PER_PIXEL, RenderSettings, render};
+use crate::render::frame::{
+    DEFAULT_SAMPLES_PER_PIXEL, ExitanceAt, Frame, MAX_SAMPLES_PER_PIXEL, RenderSettings, render,
+};
 use crate::render::single::{Scattered, Single};
 use crate::render::texture::Texture;
 use crate::report::picture::RenderReport;
@@ -51,6 +55,10 @@ pub(super) struct PictureArgs {
     #[arg(long, value_name = "N", default_value_t = DEFAULT_SAMPLES_PER_PIXEL,
         value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_SAMPLES_PER_PIXEL)))]
     samples_per_pixel: u32,
+    /// Where the light that leaves the surface is evaluated; pixels with assets that gather at run time (reference, two_pass,
+    /// editable without stored transport)
+    #[arg(long, value_name = "WHERE", default_value = "vertices")]
+    exitance: ExitanceAt,
     /// Normalisation of the exit Fresnel factor
     #[arg(long, default_value = "normalised")]
     exit_fresnel: ExitFresnel,
@@ -100,7 +108,7 @@ pub(super) fn finish(
     let mut settings = picture.settings(evaluator)?;
     let texture = picture.view.load_texture(&evaluator.scene().mesh, console)?;
     evaluator.set_lights(lights.lights.clone(), console)?;
-    let radiosity = evaluator.radiosity(console)?;
+    let of_vertices = of_vertices(evaluator, picture.exitance, console)?;
     let shown = outputs.iter().any(|path| suffix(path) == "png");
     let is_seen = evaluator.towards_eye()?.is_some();
     let per_vertex = if is_seen { None } else { evaluator.single_scattering(console)? };
@@ -110,7 +118,11 @@ pub(super) fn finish(
         (None, Some(values)) => Single::PerVertex(values),
         (None, None) => Single::None,
     };
-    let scattered = Scattered { exitance: &radiosity, single, texture: texture.as_ref() };
+    let exitance: Box<dyn Exitance> = match of_vertices {
+        Some(values) => Box::new(values),
+        None => evaluator.exitance_at_points().ok_or_else(|| Error::runtime("exitance at points is missing"))?,
+    };
+    let scattered = Scattered { exitance: exitance.as_ref(), single, texture: texture.as_ref() };
     if shown {
         settings.white = picture.view.exposure.white(evaluator, scattered, &settings)?;
     }
@@ -119,7 +131,7 @@ pub(super) fn finish(
     if let Some(paths) = single_scattering_paths.filter(|paths| *paths > 0) {
         console.note(&cost_of_single(&frame, paths));
     }
-    drop(towards_eye);
+    drop((towards_eye, exitance));
     let mut result = RenderReport {
         method: method.to_owned(),
         materials: evaluator.scene().media.iter().map(|m| m.name.clone()).collect(),
@@ -133,6 +145,7 @@ pub(super) fn finish(
         background: settings.background.to_string(),
         roughness: settings.specular.roughness(),
         texture: texture.as_ref().map(ToString::to_string),
+        exitance: frame.exitance,
         single_scattering: frame.single,
         single_scattering_paths,
         exr_type: picture.exr_type,
@@ -149,6 +162,17 @@ pub(super) fn finish(
     explain(&result, &frame, console);
     write(&frame, &settings, &result, outputs, console)?;
     Ok((result, frame))
+}
+
+/// Exitance of the vertices; none where it is evaluated at points, which are prepared then.
+fn of_vertices(evaluator: &mut dyn Evaluator, at: ExitanceAt, console: &Console) -> Result<Option<Vec<DVec3>>> {
+    match at {
+        ExitanceAt::Vertices => evaluator.radiosity(console).map(Some),
+        ExitanceAt::Pixels => {
+            evaluator.prepare_points(console).map_err(|e| e.at("--exitance pixels"))?;
+            Ok(None)
+        }
+    }
 }
 
 /// The work of single scattering towards the eye, as a number that does not depend on the machine.

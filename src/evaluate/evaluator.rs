@@ -103,7 +103,8 @@ pub trait Evaluator: Send {
     /// `Unsupported` where transport ends at the vertices that it was computed for; failures of the work.
     fn prepare_points(&mut self, _progress: &dyn Progress) -> Result<()> {
         Err(Error::unsupported(
-            "the transport in this asset ends at its own vertices; an asset of --method editable stores none and serves other meshes",
+            "the transport in this asset ends at its own vertices; an asset of --method editable stores none and serves any point of the \
+             surface and other meshes, as those of two_pass and reference do",
         ))
     }
 

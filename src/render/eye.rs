@@ -8,6 +8,7 @@ use super::exit::ExitRadiance;
 use super::glossy_lights::{GlossyLights, Place, ShadowRays};
 use super::normals::ShadingNormals;
 use super::pixel_samples::{PixelSamples, Stream};
+use super::seen::{Seen, shared_within_mm};
 use super::settings::{EMPTY, Pixel, RenderSettings, Specular};
 use super::single::{EyeRay, Scattered, SingleRadiance, Spot};
 use super::specular::Ggx;
@@ -15,6 +16,8 @@ use super::texture::Texture;
 use crate::evaluate::exitance::{Exitance, MeshPoint};
 use crate::geometry::bvh::{Bvh, Hit, Ray};
 use crate::light::Light;
+use crate::medium::material::Medium;
+use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::transport::single_scattering::ExitPoint;
 
@@ -26,16 +29,30 @@ const RAYS_TOGETHER: usize = 16;
 /// coarse mesh, where Fresnel's factor would make whole triangles black.
 pub(crate) const LEAST_COSINE_SHARE: f64 = 0.5;
 
-/// Numbers of hits, and of hits from behind. Integers give the same sums in any order.
+/// Most eye rays whose points are asked for their exitance together, but for pixels with more: enough for full groups of
+/// neighbours, few enough for every thread to hold them.
+const RAYS_ASKED_TOGETHER: usize = 1 << 12;
+
+/// Numbers of hits, of hits from behind, and of points whose exitance is not finite. Integers give the same sums in any
+/// order.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Counts {
     hits: u64,
     from_behind: u64,
+    not_finite: u64,
 }
 
 impl Counts {
     pub(super) fn add(self, other: Self) -> Self {
-        Self { hits: self.hits + other.hits, from_behind: self.from_behind + other.from_behind }
+        Self {
+            hits: self.hits + other.hits,
+            from_behind: self.from_behind + other.from_behind,
+            not_finite: self.not_finite + other.not_finite,
+        }
+    }
+
+    pub(super) fn not_finite(self) -> u64 {
+        self.not_finite
     }
 
     pub(super) fn share(self) -> f64 {
@@ -55,6 +72,8 @@ struct Sum {
     normal: DVec3,
     depth_mm: f64,
     hits: u32,
+    /// Number of footprints on the desk that are the pixel's.
+    footprints: usize,
     /// Parts with their hits; few parts meet in a pixel.
     parts: Vec<(u32, u32)>,
 }
@@ -99,13 +118,24 @@ struct Boundary {
     exit: ExitRadiance,
     /// The microfacet model; none where nothing is reflected.
     ggx: Option<Ggx>,
+    /// Distance up to which rays of a pixel share a point whose exitance is asked for, mm.
+    shared_within_mm: f64,
+}
+
+/// The source of exitance.
+#[derive(Clone, Copy)]
+enum Source<'a> {
+    /// Values at the vertices, asked for ray by ray.
+    Vertices(&'a dyn Exitance),
+    /// Values at points, asked for together.
+    Points(&'a dyn Exitance),
 }
 
 /// A scene prepared for rendering.
 pub(super) struct Renderer<'a> {
     scene: &'a Scene,
     bvh: &'a Bvh,
-    exitance: &'a dyn Exitance,
+    exitance: Source<'a>,
     single: SingleRadiance<'a>,
     texture: Option<&'a Texture>,
     settings: &'a RenderSettings,
@@ -136,7 +166,8 @@ struct Desk {
     of_place: Vec<u32>,
     reflected: Vec<DVec3>,
     shadow: ShadowRays,
-    sums: Vec<Sum>,
+    /// Points whose exitance is not asked for yet.
+    seen: Seen,
 }
 
 impl<'a> Renderer<'a> {
@@ -148,18 +179,25 @@ impl<'a> Renderer<'a> {
         settings: &'a RenderSettings,
     ) -> Self {
         let [min, max] = scene.mesh.bounds_local_mm();
-        let boundary = |eta: f64| Boundary {
-            exit: ExitRadiance::new(eta, settings.exit_fresnel),
-            ggx: match settings.specular {
-                Specular::Rough(roughness) if eta != 1.0 => Some(Ggx::new(roughness, eta)),
-                _ => None,
-            },
+        let boundary = |medium: &Medium| {
+            let eta = medium.properties.eta_inside_over_outside;
+            Boundary {
+                exit: ExitRadiance::new(eta, settings.exit_fresnel),
+                ggx: match settings.specular {
+                    Specular::Rough(roughness) if eta != 1.0 => Some(Ggx::new(roughness, eta)),
+                    _ => None,
+                },
+                shared_within_mm: shared_within_mm(&medium.properties),
+            }
         };
         let reflecting = if settings.specular == Specular::Off { &[] } else { lights };
         Self {
             scene,
             bvh,
-            exitance: scattered.exitance,
+            exitance: match scattered.exitance.at_vertices() {
+                Some(_) => Source::Vertices(scattered.exitance),
+                None => Source::Points(scattered.exitance),
+            },
             single: SingleRadiance::new(scene, scattered.single),
             texture: scattered.texture,
             settings,
@@ -167,7 +205,7 @@ impl<'a> Renderer<'a> {
             lights: GlossyLights::new(reflecting, scene.mesh.origin_mm, settings.samples_per_pixel),
             normals: ShadingNormals::new(scene),
             samples: PixelSamples::new(settings.samples_per_pixel),
-            boundaries: scene.media.iter().map(|m| boundary(m.properties.eta_inside_over_outside)).collect(),
+            boundaries: scene.media.iter().map(boundary).collect(),
             eye: settings.camera.at_mm() - scene.mesh.origin_mm,
             centre: 0.5 * (min + max),
             // A little larger, so that rounding cuts nothing off.
@@ -176,7 +214,7 @@ impl<'a> Renderer<'a> {
     }
 
     /// Renders the rows from `top` on into `pixels`.
-    pub(super) fn tile_row(&self, top: usize, pixels: &mut [Pixel]) -> Counts {
+    pub(super) fn tile_row(&self, top: usize, pixels: &mut [Pixel], progress: &dyn Progress) -> Counts {
         let width = self.settings.resolution.width;
         let rows = pixels.len() / width;
         let tiles: Vec<(Vec<Pixel>, Counts)> = (0..width.div_ceil(TILE))
@@ -185,15 +223,9 @@ impl<'a> Renderer<'a> {
                 let columns = tile * TILE..width.min((tile + 1) * TILE);
                 let places: Vec<(usize, usize)> =
                     (top..top + rows).flat_map(|y| columns.clone().map(move |x| (x, y))).collect();
-                let mut counts = Counts::default();
-                let mut rendered = Vec::with_capacity(places.len());
-                let mut desk = Desk::default();
-                let together = RAYS_TOGETHER.div_ceil(self.settings.samples_per_pixel as usize);
-                for group in places.chunks(together) {
-                    counts = counts.add(self.group(group, &mut desk));
-                    rendered.extend(desk.sums.iter().map(|sum| sum.pixel(self.settings.samples_per_pixel)));
-                }
-                (rendered, counts)
+                let rendered = self.tile(&places);
+                progress.advance(places.len() as u64);
+                rendered
             })
             .collect();
         for (tile, (rendered, _)) in tiles.iter().enumerate() {
@@ -205,16 +237,39 @@ impl<'a> Renderer<'a> {
         tiles.iter().fold(Counts::default(), |sum, (_, counts)| sum.add(*counts))
     }
 
-    /// Computes the sums of some pixels on the desk.
-    fn group(&self, pixels: &[(usize, usize)], desk: &mut Desk) -> Counts {
+    /// Renders the pixels of a tile.
+    fn tile(&self, pixels: &[(usize, usize)]) -> (Vec<Pixel>, Counts) {
+        let samples = self.settings.samples_per_pixel;
+        let together = RAYS_TOGETHER.div_ceil(samples as usize);
+        let asked_together = match self.exitance {
+            Source::Vertices(_) => together,
+            Source::Points(_) => (RAYS_ASKED_TOGETHER / samples as usize).max(1),
+        };
+        let mut counts = Counts::default();
+        let mut rendered = Vec::with_capacity(pixels.len());
+        let (mut desk, mut sums) = (Desk::default(), Vec::new());
+        for batch in pixels.chunks(asked_together) {
+            sums.clear();
+            sums.resize_with(batch.len(), Sum::default);
+            for (group, sums) in batch.chunks(together).zip(sums.chunks_mut(together)) {
+                counts = counts.add(self.group(group, sums, &mut desk));
+            }
+            if let Source::Points(exitance) = self.exitance {
+                counts.not_finite += add_seen(exitance, &mut desk.seen, &mut sums);
+            }
+            rendered.extend(sums.iter().map(|sum| sum.pixel(samples)));
+        }
+        (rendered, counts)
+    }
+
+    /// Computes the sums of some pixels, but for exitance at the points that it leaves on the desk.
+    fn group(&self, pixels: &[(usize, usize)], sums: &mut [Sum], desk: &mut Desk) -> Counts {
         let samples = self.settings.samples_per_pixel as usize;
-        desk.sums.clear();
-        desk.sums.resize_with(pixels.len(), Sum::default);
         self.cast(pixels, desk);
         let mut counts = Counts::default();
         let mut next = 0;
         for (index, direction) in desk.directions.iter().enumerate() {
-            let sum = &mut desk.sums[index / samples];
+            let sum = &mut sums[index / samples];
             let hit = if desk.indices.get(next) == Some(&(index as u32)) {
                 next += 1;
                 desk.hits[next - 1]
@@ -225,7 +280,7 @@ impl<'a> Renderer<'a> {
                 let (x, y) = pixels[index / samples];
                 let pixel = (y * self.settings.resolution.width + x) as u64;
                 let ray = EyeRay { pixel, sample: (index % samples) as u32, of: samples as u32 };
-                self.shade(&hit, *direction, ray, sum)
+                self.shade(&hit, *direction, ray, sum, &mut desk.seen)
             };
             let Some((from_behind, place)) = hit.and_then(ray) else {
                 let radiance = self.backdrop.radiance(*direction);
@@ -240,7 +295,7 @@ impl<'a> Renderer<'a> {
                 desk.of_place.push(index as u32);
             }
         }
-        self.reflect(pixels, desk);
+        self.reflect(pixels, sums, desk);
         counts
     }
 
@@ -273,7 +328,7 @@ impl<'a> Renderer<'a> {
     }
 
     /// Adds the light that the places on the desk reflect, and clears them.
-    fn reflect(&self, pixels: &[(usize, usize)], desk: &mut Desk) {
+    fn reflect(&self, pixels: &[(usize, usize)], sums: &mut [Sum], desk: &mut Desk) {
         let samples = self.settings.samples_per_pixel as usize;
         if desk.places.is_empty() {
             return;
@@ -297,7 +352,7 @@ impl<'a> Renderer<'a> {
         desk.reflected.resize(desk.places.len(), DVec3::ZERO);
         self.lights.add(self.bvh, &desk.places, &mut desk.shadow, &mut desk.reflected);
         for (ray, radiance) in desk.of_place.iter().zip(&desk.reflected) {
-            let sum = &mut desk.sums[*ray as usize / samples];
+            let sum = &mut sums[*ray as usize / samples];
             sum.specular += *radiance;
             sum.glare += (*radiance - self.settings.white).max(DVec3::ZERO);
         }
@@ -305,9 +360,16 @@ impl<'a> Renderer<'a> {
         desk.of_place.clear();
     }
 
-    /// Adds what an eye ray sees to a sum; returns whether it is a back side, and the point that reflects the lights, if
-    /// any.
-    fn shade(&self, hit: &Hit, direction: DVec3, ray: EyeRay, sum: &mut Sum) -> Option<(bool, Option<Place>)> {
+    /// Adds what an eye ray sees to a sum, or to what was seen where its exitance is asked for later; returns whether it
+    /// is a back side, and the point that reflects the lights, if any.
+    fn shade(
+        &self,
+        hit: &Hit,
+        direction: DVec3,
+        ray: EyeRay,
+        sum: &mut Sum,
+        seen: &mut Seen,
+    ) -> Option<(bool, Option<Place>)> {
         let Scene { mesh, parts, .. } = self.scene;
         let vertices = *mesh.triangles.get(hit.triangle as usize)?;
         let (u, v) = (f64::from(hit.u), f64::from(hit.v));
@@ -331,24 +393,42 @@ impl<'a> Renderer<'a> {
         let least = LEAST_COSINE_SHARE * cos_geometric;
         let cosine = (-normal.dot(direction)).max(least);
         let place = MeshPoint { triangle: hit.triangle, vertices, barycentric: weights, at_mm: point };
-        let mut diffuse = self.exitance.at(&place) * boundary.exit.per_radiosity(cosine);
+        let exit_radiance = boundary.exit.per_radiosity(cosine);
         let to_eye = -direction;
         let normal = facing(normal, to_eye, least).unwrap_or(geometric);
         let exit = ExitPoint { at_mm: point, normal, geometric, part };
         let medium = medium.map_or(0, |m| m as usize);
         let mut single = self.single.at(&Spot { point: &place, exit, to_eye, cosine, medium }, ray);
+        let mut albedo = DVec3::ONE;
         if let Some(texture) = self.texture {
-            let albedo = texture.albedo(mesh, hit.triangle, weights, point);
-            diffuse *= albedo;
+            albedo = texture.albedo(mesh, hit.triangle, weights, point);
             single *= albedo;
             sum.albedo += albedo;
         }
-        sum.diffuse += diffuse;
+        match self.exitance {
+            Source::Vertices(exitance) => sum.diffuse += exitance.at(&place) * exit_radiance * albedo,
+            Source::Points(_) => {
+                seen.add(&mut sum.footprints, place, albedo * exit_radiance, boundary.shared_within_mm)
+            }
+        }
         sum.single += single;
         let (triangle, lobe, light) = (hit.triangle, DVec2::ZERO, DVec2::ZERO);
         let reflecting = |ggx| Place { point, triangle, geometric, normal, to_eye, ggx, lobe, light };
         Some((false, boundary.ggx.map(reflecting)))
     }
+}
+
+/// Adds the exitance of what was seen to the sums of its pixels; returns at how many points it is not finite.
+fn add_seen(exitance: &dyn Exitance, seen: &mut Seen, sums: &mut [Sum]) -> u64 {
+    let mut seen = seen.take(exitance).into_iter();
+    let mut not_finite = 0;
+    for sum in sums {
+        for radiance in seen.by_ref().take(sum.footprints) {
+            not_finite += u64::from(!radiance.is_finite());
+            sum.diffuse += radiance;
+        }
+    }
+    not_finite
 }
 
 /// The unit normal turned towards the eye until its cosine is at least `least`; none where it points straight away.

@@ -4,7 +4,7 @@ use std::str::FromStr;
 
 use super::background::Background;
 use super::camera::Resolution;
-use super::frame::{Frame, Pixel, RenderSettings, SingleLayer, Specular, render};
+use super::frame::{ExitanceAt, Frame, Pixel, RenderSettings, SingleLayer, Specular, render};
 use super::single::Scattered;
 use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
@@ -157,6 +157,7 @@ pub fn side_by_side(pictures: &[(Frame, f64)]) -> Result<Frame> {
         resolution: Resolution::new(width, height)?,
         pixels,
         back_facing_share: 0.0,
+        exitance: pictures.first().map_or_else(ExitanceAt::default, |(frame, _)| frame.exitance),
         single: SingleLayer::None,
         textured: false,
     })
@@ -251,7 +252,14 @@ mod tests {
 
     fn frame(width: usize, pixels: Vec<Pixel>) -> Frame {
         let resolution = Resolution::new(width, pixels.len() / width).unwrap();
-        Frame { resolution, pixels, back_facing_share: 0.0, single: SingleLayer::None, textured: false }
+        Frame {
+            resolution,
+            pixels,
+            back_facing_share: 0.0,
+            exitance: ExitanceAt::Vertices,
+            single: SingleLayer::None,
+            textured: false,
+        }
     }
 
     fn pixel(radiance: [f32; 3], coverage: f32) -> Pixel {

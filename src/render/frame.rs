@@ -26,6 +26,21 @@ pub enum SingleLayer {
     TowardsEye,
 }
 
+/// Places where exitance is evaluated for a picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum ExitanceAt {
+    /// At the vertices, interpolated linearly over each triangle.
+    #[default]
+    #[value(help = "At the vertices, linear over each triangle")]
+    Vertices,
+    /// At what each pixel sees.
+    #[value(
+        help = "At what each pixel sees, for meshes of large triangles: a sum over the samples for each triangle in each pixel, seconds more"
+    )]
+    Pixels,
+}
+
 /// A rendered picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Frame {
@@ -36,6 +51,8 @@ pub struct Frame {
     /// Share of the hits that met a triangle from behind, which is black: the eye is inside, or the mesh is open or
     /// wound inwards.
     pub back_facing_share: f64,
+    /// The meaning of [`Pixel::diffuse`].
+    pub exitance: ExitanceAt,
     /// The meaning of [`Pixel::single`].
     pub single: SingleLayer,
     /// Whether [`Pixel::albedo`] is that of a texture.
@@ -59,8 +76,11 @@ pub fn memory_bytes(resolution: Resolution) -> u64 {
 /// multiplies both kinds of scattered light, and no reflection. Opaque parts, which have no optical properties, and
 /// back sides are black. The result does not depend on the number of threads.
 ///
+/// Exitance of vertices is interpolated; other exitance is asked for at the points that eye rays see, those of a tile
+/// together.
+///
 /// # Errors
-/// A radiosity that is not finite or does not fit the mesh, no samples per pixel or too many (exit 4: a caller's
+/// An exitance that is not finite or does not fit the mesh, no samples per pixel or too many (exit 4: a caller's
 /// mistake).
 pub fn render<'a>(
     evaluator: &dyn Evaluator,
@@ -74,26 +94,37 @@ pub fn render<'a>(
     scattered.check(scene)?;
     check(settings)?;
     let resolution = settings.resolution;
-    progress.start("render", resolution.height.div_ceil(TILE) as u64);
+    let exitance = match scattered.exitance.at_vertices() {
+        Some(_) => ExitanceAt::Vertices,
+        None => ExitanceAt::Pixels,
+    };
+    // Named after most of the work.
+    let stage = match exitance {
+        ExitanceAt::Vertices => "render",
+        ExitanceAt::Pixels => "transfer",
+    };
+    progress.start(stage, resolution.pixels() as u64);
     let renderer = Renderer::new(scene, bvh, scattered, lights, settings);
     let mut pixels = vec![EMPTY; resolution.pixels()];
-    let back_facing = pixels
+    let counts = pixels
         .par_chunks_mut(TILE * resolution.width)
         .enumerate()
-        .map(|(row, pixels)| {
-            let counts = renderer.tile_row(row * TILE, pixels);
-            progress.advance(1);
-            counts
-        })
+        .map(|(row, pixels)| renderer.tile_row(row * TILE, pixels, progress))
         .reduce(Counts::default, Counts::add);
     progress.finish();
+    if counts.not_finite() > 0 {
+        return Err(Error::runtime(format!(
+            "the exitance at {} of the points seen is not finite",
+            counts.not_finite()
+        )));
+    }
     let single = match scattered.single {
         Single::None => SingleLayer::None,
         Single::PerVertex(_) => SingleLayer::PerVertex,
         Single::TowardsEye(_) => SingleLayer::TowardsEye,
     };
-    let (back_facing_share, textured) = (back_facing.share(), scattered.texture.is_some());
-    Ok(Frame { resolution, pixels, back_facing_share, single, textured })
+    let (back_facing_share, textured) = (counts.share(), scattered.texture.is_some());
+    Ok(Frame { resolution, pixels, back_facing_share, exitance, single, textured })
 }
 
 fn check(settings: &RenderSettings) -> Result<()> {

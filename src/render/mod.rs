@@ -12,6 +12,7 @@ mod glossy_lights;
 mod glossy_map;
 pub mod normals;
 mod pixel_samples;
+mod seen;
 mod settings;
 pub mod single;
 pub mod specular;

@@ -11,7 +11,7 @@ use crate::medium::material::Medium;
 use crate::render::camera::{Resolution, xyz};
 use crate::render::exit::ExitFresnel;
 use crate::render::film::ColourType;
-use crate::render::frame::SingleLayer;
+use crate::render::frame::{ExitanceAt, SingleLayer};
 use crate::render::specular::Roughness;
 use crate::scene::Scene;
 
@@ -33,6 +33,8 @@ pub(crate) struct RenderReport {
     pub(crate) roughness: Option<Roughness>,
     /// Texture as it would be typed; none without texture.
     pub(crate) texture: Option<String>,
+    /// Where exitance was evaluated.
+    pub(crate) exitance: ExitanceAt,
     pub(crate) single_scattering: SingleLayer,
     /// Number of light paths for each covered pixel.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -77,6 +79,11 @@ impl RenderReport {
             ("background", self.background.clone()),
             ("units", "radiance: linear sRGB; depth: mm along the viewing axis, infinite beside the object".to_owned()),
         ];
+        let exitance = match self.exitance {
+            ExitanceAt::Vertices => None,
+            ExitanceAt::Pixels => Some("at what each pixel sees, not at the vertices"),
+        };
+        all.extend(exitance.map(|text| ("exitance", text.to_owned())));
         let single = match self.single_scattering {
             SingleLayer::None => None,
             SingleLayer::PerVertex => Some("along the inverse normal of the vertices"),

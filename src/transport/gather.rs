@@ -44,7 +44,7 @@ pub enum Criterion {
 
 /// Surface, tree and media of a gather, without the light.
 pub struct Gather<'a> {
-    surface: &'a Surface<'a>,
+    surface: Surface<'a>,
     tree: &'a SampleTree,
     media: Vec<MediumKernel>,
     near: NearField,
@@ -76,18 +76,18 @@ pub(in crate::transport) struct Lists {
 
 impl<'a> Gather<'a> {
     /// A gather in the given media (a change of material is another `Gather`).
-    pub fn new(surface: &'a Surface<'a>, tree: &'a SampleTree, media: &[Medium], near: NearField) -> Self {
+    pub fn new(surface: &Surface<'a>, tree: &'a SampleTree, media: &[Medium], near: NearField) -> Self {
         Self::with_kernels(surface, tree, MediumKernel::of_media(media), near)
     }
 
     /// [`Self::new`] with existing kernels of the media.
     pub fn with_kernels(
-        surface: &'a Surface<'a>,
+        surface: &Surface<'a>,
         tree: &'a SampleTree,
         media: Vec<MediumKernel>,
         near: NearField,
     ) -> Self {
-        Self { surface, tree, media, near, level: InstructionSet::detect() }
+        Self { surface: *surface, tree, media, near, level: InstructionSet::detect() }
     }
 
     /// Prepares the tree for one irradiance per sample, RGB.

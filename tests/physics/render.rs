@@ -6,10 +6,13 @@ use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use crate::in_memory;
 use crate::rendering::{Fake, camera, settings, size};
 use glam::{DVec2, DVec3};
 
 use translux::error::ExitCode;
+use translux::evaluate::exitance::{Exitance, MeshPoint};
+use translux::geometry::mesh::Scale;
 use translux::geometry::shapes::{self, compose, cuboid, icosphere, inside_out, plane};
 use translux::geometry::source::CornerAttribute;
 use translux::light::Light;
@@ -21,7 +24,9 @@ use translux::render::camera::{Camera, Resolution};
 use translux::render::camera_text::CameraSpec;
 use translux::render::exit::ExitFresnel;
 use translux::render::film::{ColourType, Exposure, to_exr, to_png};
-use translux::render::frame::{Frame, Pixel, RenderSettings, render};
+use translux::render::frame::{ExitanceAt, Frame, Pixel, RenderSettings, render};
+use translux::render::single::Scattered;
+use translux::render::texture::Texture;
 
 fn fibonacci(count: usize) -> impl Iterator<Item = DVec3> {
     (0..count).map(move |i| {
@@ -375,6 +380,85 @@ fn camera_texts_say_what_to_type() {
     assert_eq!("64".parse::<Resolution>().unwrap(), size(64, 64));
     for bad in ["", "x", "640x", "0x5", "640x480x3", "-1x2", "70000x1", "99999999999999999999x1"] {
         assert!(bad.parse::<Resolution>().unwrap_err().message().contains("for example 1024x768"), "{bad}");
+    }
+}
+
+/// Exitance at points: its value everywhere.
+struct Everywhere(DVec3);
+
+impl Exitance for Everywhere {
+    fn at_vertices(&self) -> Option<&[DVec3]> {
+        None
+    }
+
+    fn at(&self, _point: &MeshPoint) -> DVec3 {
+        self.0
+    }
+}
+
+#[test]
+fn exitance_at_points_is_seen_through_the_same_pixels() {
+    // One colour looks the same from vertices and from points, with a texture and without; rays that share a point lose nothing.
+    let fake = Fake::new(compose(&[(icosphere(7.0, 2), DVec3::ZERO), (cuboid(DVec3::splat(6.0), 1), DVec3::X * 9.0)]));
+    let texture = Texture::new(&"marble".parse().unwrap(), &fake.scene.mesh).unwrap();
+    let view = settings(camera([3.0, 4.0, 40.0], 35.0), size(50, 37));
+    let colour = DVec3::new(1.0, 2.0, 0.5);
+    for texture in [None, texture.as_ref()] {
+        for samples_per_pixel in [1, 3, 16, 5000] {
+            let resolution = if samples_per_pixel == 5000 { size(3, 2) } else { view.resolution };
+            let view = RenderSettings { samples_per_pixel, resolution, ..view };
+            let picture = |exitance: &dyn Exitance| {
+                let scattered = Scattered { texture, ..Scattered::from(exitance) };
+                render(&fake, scattered, &[], &view, &Silent).unwrap()
+            };
+            let expected = picture(&fake.radiosity_by(|_| colour));
+            let found = picture(&Everywhere(colour));
+            assert_eq!((expected.exitance, found.exitance), (ExitanceAt::Vertices, ExitanceAt::Pixels));
+            for (found, expected) in found.pixels.iter().zip(&expected.pixels) {
+                let close = |a: f32, b: f32| (a - b).abs() <= 1e-6 * b.abs();
+                assert!((0..3).all(|c| close(found.diffuse[c], expected.diffuse[c])), "{found:?} {expected:?}");
+                let rest = Pixel { beauty: expected.beauty, diffuse: expected.diffuse, ..*found };
+                assert_eq!(rest, *expected);
+            }
+        }
+    }
+    let error = render(&fake, &Everywhere(DVec3::NAN) as &dyn Exitance, &[], &view, &Silent).unwrap_err();
+    assert!(error.code() == ExitCode::Runtime && error.message().contains("not finite"), "{error}");
+}
+
+/// The diffuse pixels of a picture from the exitance of the vertices, and of one from exitance at points.
+fn from_vertices_and_points(method: &str, divisions: u32, view: &RenderSettings) -> [Vec<DVec3>; 2] {
+    let scene = in_memory::scene(cuboid(DVec3::splat(20.0), divisions), Scale::MillimetresPerUnit(1.0), "skin1");
+    let mut evaluator = in_memory::open(method, scene, Some(1 << 12));
+    let radiosity = in_memory::radiosity(evaluator.as_mut(), Light::directional(FROM, DVec3::ONE).unwrap());
+    evaluator.prepare_points(&Silent).unwrap();
+    let points = evaluator.exitance_at_points().unwrap();
+    [&radiosity as &dyn Exitance, points.as_ref()].map(|exitance| {
+        let frame = render(evaluator.as_ref(), exitance, &[], view, &Silent).unwrap();
+        frame.pixels.iter().map(|p| DVec3::from(p.diffuse.map(f64::from))).collect()
+    })
+}
+
+/// Where the light of a cube comes from: on two of the three faces that are seen.
+const FROM: DVec3 = DVec3::new(0.8, -0.2, 0.6);
+
+#[test]
+fn pictures_from_points_of_twelve_triangles_are_those_from_vertices_of_thousands() {
+    let view = settings(camera([30.0, 24.0, 36.0], 36.0), size(40, 40));
+    let rms = |found: &[DVec3], expected: &[DVec3]| {
+        let square = |pairs: &mut dyn Iterator<Item = DVec3>| pairs.map(|v| v.length_squared()).sum::<f64>();
+        let difference = square(&mut found.iter().zip(expected).map(|(a, b)| *a - *b));
+        (difference / square(&mut expected.iter().copied())).sqrt()
+    };
+    let [fine, fine_points] = from_vertices_and_points("reference", 40, &view);
+    let itself = rms(&fine_points, &fine);
+    assert!(itself < 0.01, "points of 19200 triangles: {itself}");
+    for method in ["reference", "two_pass"] {
+        let [vertices, points] = from_vertices_and_points(method, 1, &view);
+        let [vertices, points] = [vertices, points].map(|picture| rms(&picture, &fine));
+        let said = format!("{method}: {points:.4} from points, {vertices:.2} from 8 vertices");
+        println!("{said}");
+        assert!(points < 0.01 && vertices > 0.3, "{said}");
     }
 }
 

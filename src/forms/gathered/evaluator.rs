@@ -22,12 +22,13 @@ use crate::evaluate::stages::worst_and_unseen;
 use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit, SingleScattering};
 use crate::forms::environment_rows::{StoredRows, by_rays, sampled};
 use crate::geometry::bvh::Bvh;
+use crate::geometry::part_table::PartTable;
 use crate::light::Light;
 use crate::medium::material::Medium;
 use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
-use crate::transport::gather::Scheme;
+use crate::transport::gather::{Gather, Lit, Scheme};
 use crate::transport::interreflection::InterReflection;
 use crate::transport::near_rule::NearField;
 use crate::transport::receivers::Receivers;
@@ -36,7 +37,12 @@ use crate::transport::receivers::Receivers;
 const GROUP: usize = 16;
 
 /// Exitance that is gathered at each point.
-struct AtPoints<'a>(&'a GatheredEvaluator);
+struct AtPoints<'a> {
+    gather: Gather<'a>,
+    lit: Lit<'a>,
+    scheme: Scheme,
+    parts: &'a PartTable,
+}
 
 impl Exitance for AtPoints<'_> {
     fn at_vertices(&self) -> Option<&[DVec3]> {
@@ -48,15 +54,12 @@ impl Exitance for AtPoints<'_> {
     }
 
     fn at_each(&self, points: &[MeshPoint], progress: &dyn Progress) -> Vec<DVec3> {
-        let parts = &self.0.scene.parts;
         let place = |point: &MeshPoint| {
-            let part = *parts.triangle_part.get(point.triangle as usize)?;
-            parts.parts.get(part as usize)?.transfers().then_some((part, point.at_mm))
+            let part = *self.parts.triangle_part.get(point.triangle as usize)?;
+            self.parts.parts.get(part as usize)?.transfers().then_some((part, point.at_mm))
         };
         let receivers = Receivers::at(&points.iter().map(place).collect::<Vec<_>>(), GROUP);
-        let scheme = self.0.scheme();
-        let values = self.0.with_gather(|gather, lit| gather.radiosity(&receivers, lit, scheme, progress));
-        receivers.expand(&values)
+        receivers.expand(&self.gather.radiosity(&receivers, &self.lit, self.scheme, progress))
     }
 }
 
@@ -147,7 +150,13 @@ impl Evaluator for GatheredEvaluator {
     fn exitance_at_points(&self) -> Option<Box<dyn Exitance + '_>> {
         let lit = self.irradiance.is_some() && (self.outside.is_none() || self.returned.is_some());
         let tuned = matches!(self.gathering.far, Far::AllPairs) || self.limit.is_some();
-        (lit && tuned).then(|| Box::new(AtPoints(self)) as Box<dyn Exitance>)
+        (lit && tuned).then(|| {
+            let gather = self.gather(&self.surface(), self.gathering.near);
+            let (irradiance, pieces) = self.lit();
+            let lit = gather.light_with_pieces(irradiance, pieces);
+            let exitance = AtPoints { gather, lit, scheme: self.scheme(), parts: &self.scene.parts };
+            Box::new(exitance) as Box<dyn Exitance>
+        })
     }
 
     fn single_scattering_is(&self) -> SingleScattering {

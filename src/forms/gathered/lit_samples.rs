@@ -98,7 +98,7 @@ impl GatheredEvaluator {
     }
 
     /// A gather for the media and profiles in force.
-    pub(super) fn gather<'a>(&'a self, surface: &'a Surface<'a>, near: NearField) -> Gather<'a> {
+    pub(super) fn gather<'a>(&'a self, surface: &Surface<'a>, near: NearField) -> Gather<'a> {
         match &self.profile {
             Some((_, kernels)) => Gather::with_kernels(surface, &self.tree, kernels.clone(), near),
             None => Gather::new(surface, &self.tree, &self.scene.media, near),
