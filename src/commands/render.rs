@@ -56,7 +56,7 @@ pub(super) struct PictureArgs {
         value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_SAMPLES_PER_PIXEL)))]
     samples_per_pixel: u32,
     /// Where the light that leaves the surface is evaluated; pixels with assets that gather at run time (reference, two_pass,
-    /// editable without stored transport)
+    /// texture_space, editable without stored transport)
     #[arg(long, value_name = "WHERE", default_value = "vertices")]
     exitance: ExitanceAt,
     /// Normalisation of the exit Fresnel factor

@@ -104,7 +104,7 @@ pub trait Evaluator: Send {
     fn prepare_points(&mut self, _progress: &dyn Progress) -> Result<()> {
         Err(Error::unsupported(
             "the transport in this asset ends at its own vertices; an asset of --method editable stores none and serves any point of the \
-             surface and other meshes, as those of two_pass and reference do",
+             surface and other meshes, as those of two_pass, reference and texture_space do",
         ))
     }
 

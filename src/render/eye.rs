@@ -408,7 +408,7 @@ impl<'a> Renderer<'a> {
         match self.exitance {
             Source::Vertices(exitance) => sum.diffuse += exitance.at(&place) * exit_radiance * albedo,
             Source::Points(_) => {
-                seen.add(&mut sum.footprints, place, albedo * exit_radiance, boundary.shared_within_mm)
+                seen.add(&mut sum.footprints, place, albedo * exit_radiance, boundary.shared_within_mm);
             }
         }
         sum.single += single;
