@@ -94,8 +94,12 @@ pub(super) struct Descent<'a> {
 /// Groups that the limit is found on.
 const PROBES: usize = 96;
 
-/// Halvings of the range of the limit's logarithm.
-const HALVINGS: usize = 14;
+/// Sources that [`PROBES`] are for.
+const FEW: usize = 400;
+
+/// Trials of a limit at most, and how near the number has to be (binary logarithm of the ratio).
+const STEPS_OF_LIMIT: usize = 12;
+const CLOSE: f64 = 0.03;
 
 /// Range of limits in binary digits below the error of the whole part as one point.
 const DIGITS: f64 = 60.0;
@@ -131,9 +135,15 @@ impl Descent<'_> {
         }
     }
 
-    /// The limit with which receivers see `count` sources in the mean, about; 0 where every patch is fewer.
+    /// The limit with which receivers see `count` sources in the mean, about; 0 where every patch that is lit is no more.
     pub(super) fn limit(&self, receivers: &Receivers, count: usize) -> f64 {
-        let step = receivers.groups.len().div_ceil(PROBES).max(1);
+        let patches = self.lit.irradiance.par_iter().filter(|e| **e != DVec3::ZERO).count();
+        if patches <= count {
+            return 0.0;
+        }
+        // The more each of them sees, the fewer say how many it is.
+        let probes = (PROBES * FEW / count.max(1)).clamp(PROBES / 8, PROBES);
+        let step = receivers.groups.len().div_ceil(probes).max(1);
         let probes: Vec<_> = receivers.groups.iter().step_by(step).map(|g| (g.part, receivers.sphere(*g))).collect();
         let mean = |limit: f64| {
             let of = |(part, sphere): &(u32, Sphere)| {
@@ -143,20 +153,24 @@ impl Descent<'_> {
             };
             probes.par_iter().map(of).sum::<usize>() as f64 / probes.len().max(1) as f64
         };
-        if mean(0.0) <= count as f64 {
-            return 0.0;
-        }
         let whole = (0..self.map.roots.len()).filter_map(|part| {
             let (_, falloff) = self.kernels.at(self.scene, part as u32)?;
             Some(self.lit.of_part(self.map, part).moment * falloff.at(0.0))
         });
         let largest = whole.fold(0.0, f64::max);
-        let (mut low, mut high) = (-DIGITS, 1.0);
-        for _ in 0..HALVINGS {
-            let middle = 0.5 * (low + high);
-            if mean(largest * middle.exp2()) > count as f64 { low = middle } else { high = middle }
+        // Between all patches and one point, by the logarithms of limit and number, which are nearly in proportion.
+        let excess = |number: f64| (number.max(0.5) / count as f64).log2();
+        let (mut low, mut high) = ((-DIGITS, excess(patches as f64)), (1.0, excess(1.0)));
+        for _ in 0..STEPS_OF_LIMIT {
+            let share = (low.1 / (low.1 - high.1)).clamp(0.1, 0.9);
+            let middle = low.0 + share * (high.0 - low.0);
+            let found = excess(mean(largest * middle.exp2()));
+            if found.abs() < CLOSE {
+                return largest * middle.exp2();
+            }
+            if found > 0.0 { low = (middle, found) } else { high = (middle, found) }
         }
-        largest * high.exp2()
+        largest * high.0.exp2()
     }
 
     /// Sources of each group of receivers, in the order in which [`Self::radiosity`] sums them.
