@@ -428,7 +428,7 @@ fn exitance_at_points_is_seen_through_the_same_pixels() {
 
 /// The diffuse pixels of a picture from the exitance of the vertices, and of one from exitance at points.
 fn from_vertices_and_points(method: &str, divisions: u32, view: &RenderSettings) -> [Vec<DVec3>; 2] {
-    let scene = in_memory::scene(cuboid(DVec3::splat(20.0), divisions), Scale::MillimetresPerUnit(1.0), "skin1");
+    let scene = in_memory::scene(cuboid(DVec3::splat(8.0), divisions), Scale::MillimetresPerUnit(1.0), "skin1");
     let mut evaluator = in_memory::open(method, scene, Some(1 << 12));
     let radiosity = in_memory::radiosity(evaluator.as_mut(), Light::directional(FROM, DVec3::ONE).unwrap());
     evaluator.prepare_points(&Silent).unwrap();
@@ -444,15 +444,15 @@ const FROM: DVec3 = DVec3::new(0.8, -0.2, 0.6);
 
 #[test]
 fn pictures_from_points_of_twelve_triangles_are_those_from_vertices_of_thousands() {
-    let view = settings(camera([30.0, 24.0, 36.0], 36.0), size(40, 40));
+    let view = settings(camera([12.0, 9.6, 14.4], 36.0), size(32, 32));
     let rms = |found: &[DVec3], expected: &[DVec3]| {
         let square = |pairs: &mut dyn Iterator<Item = DVec3>| pairs.map(|v| v.length_squared()).sum::<f64>();
         let difference = square(&mut found.iter().zip(expected).map(|(a, b)| *a - *b));
         (difference / square(&mut expected.iter().copied())).sqrt()
     };
-    let [fine, fine_points] = from_vertices_and_points("reference", 40, &view);
+    let [fine, fine_points] = from_vertices_and_points("reference", 24, &view);
     let itself = rms(&fine_points, &fine);
-    assert!(itself < 0.01, "points of 19200 triangles: {itself}");
+    assert!(itself < 0.01, "points of 6912 triangles: {itself}");
     for method in ["reference", "two_pass"] {
         let [vertices, points] = from_vertices_and_points(method, 1, &view);
         let [vertices, points] = [vertices, points].map(|picture| rms(&picture, &fine));
