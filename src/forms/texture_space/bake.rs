@@ -3,8 +3,8 @@
 use translux_format::atlas;
 use translux_format::texture_space::{self as stored, Numbers};
 
-use super::evaluate::{TextureSpaceEvaluator, kinds};
 use super::settings::TextureSpace;
+use super::state::TextureSpaceEvaluator;
 use crate::compress::ledger::Ledger;
 use crate::error::Result;
 use crate::evaluate::form::write_error;
@@ -56,7 +56,7 @@ pub(super) fn bake(
     };
     let in_file = atlas::Atlas { numbers: numbers_of(&report, resolution), corners: atlas.codes() };
     let mut evaluator = TextureSpaceEvaluator::new(form, scene, atlas, numbers)?;
-    let kinds = kinds(&form.sampling);
+    let kinds = form.sampling.kinds();
     let tuning = of_kinds(&settings.probes.tuning, kinds);
     if asked.is_none() && !tuning.is_empty() {
         stage(progress, "number of samples", || {

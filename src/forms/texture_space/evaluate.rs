@@ -1,20 +1,16 @@
-//! The texels at run time: light arrives in them, samples are chosen, receivers sum R_d over these.
+//! The texels as an [`Evaluator`].
 
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
 use glam::DVec3;
-use rayon::prelude::*;
-use translux_format::texture_space::{self as stored, Numbers};
+use translux_format::texture_space as stored;
 use translux_format::{Budget, FormatError, atlas};
 
-use super::descent::{Descent, Kernels};
 #[cfg(feature = "gpu")]
 use super::gpu::TextureSpaceOnDevice;
-use super::hybrid::{Division, LightView};
 use super::light::LitMap;
-use super::map::{Order, TexelMap};
-use super::samples::{self, Sample};
 use super::settings::{Sampling, TextureSpace};
+use super::state::{Chosen, OF_DESCENT, TextureSpaceEvaluator};
 use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
@@ -24,69 +20,15 @@ use crate::evaluate::DeviceEvaluator;
 use crate::evaluate::device::Device;
 use crate::evaluate::exitance::{Exitance, MeshPoint};
 use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit, SourceFields};
-use crate::forms::baked_in::Truth;
 use crate::geometry::atlas::Atlas;
 use crate::geometry::bvh::Bvh;
-use crate::light::{Light, LightKind, refuse_fields};
-use crate::math::simd::InstructionSet;
-use crate::math::statistics::{VertexError, vertex_error};
+use crate::light::{Light, refuse_fields};
 use crate::medium::material::Medium;
 use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
-use crate::transport::kernel::medium::MediumKernel;
-use crate::transport::kernel::{Block, PointSource};
 use crate::transport::near_rule::NearField;
-use crate::transport::receivers::{Group, Receivers};
-
-/// Names in ledgers.
-const TEXTURE: &str = "texture";
-const SAMPLES: &str = "samples";
-
-/// Receivers that share a descent; those of shared samples only share a centre of their coordinates.
-const OF_DESCENT: usize = 16;
-const OF_SHARED: usize = 256;
-
-/// Spacing of receivers, over the length on which R_d changes, beyond which each descends alone.
-const ALONE: f64 = 0.5;
-
-/// Vertices that errors are measured on; where there are not many more, all are.
-const MEASURED: usize = 768;
-
-/// Samples of the exact sums at most.
-const MOST_SAMPLES: u32 = 1 << 15;
-
-/// Samples that stand for all texels where errors are measured.
-const RESOLVED: usize = 1 << 14;
-
-/// Choice of the samples under some lights and media.
-pub(super) enum Chosen {
-    /// Those of each part, shared by its receivers.
-    Shared(Vec<Vec<Sample>>),
-    /// The limit of each group's descent.
-    Limit(f64),
-    /// Shared samples of the global part, and the images of the local part.
-    Hybrid(Vec<Vec<Sample>>, Vec<LightView>),
-}
-
-/// Evaluator of texels, with the lights in force.
-pub(super) struct TextureSpaceEvaluator {
-    pub(super) form: TextureSpace,
-    pub(super) scene: Scene,
-    bvh: OnceLock<Bvh>,
-    pub(super) map: TexelMap,
-    pub(super) receivers: Receivers,
-    areas: Vec<f64>,
-    pub(super) numbers: Numbers,
-    pub(super) profile: Option<LoadedProfile>,
-    kernels: Kernels,
-    /// The division of R_d and the kernels of its global part, where the method is the hybrid one.
-    division: Option<(Division, Kernels)>,
-    lights: Vec<Light>,
-    pub(super) lit: Option<LitMap>,
-    pub(super) chosen: Option<Chosen>,
-    truth: Truth,
-}
+use crate::transport::receivers::Receivers;
 
 pub(super) fn open(form: &TextureSpace, asset: &Arc<Asset>) -> Result<Box<dyn Evaluator>> {
     let input = |e: FormatError| Error::input(e.to_string());
@@ -96,213 +38,6 @@ pub(super) fn open(form: &TextureSpace, asset: &Arc<Asset>) -> Result<Box<dyn Ev
     let atlas = Atlas::from_codes(&atlas.ok_or_else(missing)?.corners);
     let numbers = stored::from_sections(&asset.sections).map_err(input)?.ok_or_else(missing)?;
     Ok(Box::new(TextureSpaceEvaluator::new(form, &asset.scene, atlas, numbers)?))
-}
-
-impl TextureSpaceEvaluator {
-    pub(super) fn new(form: &TextureSpace, scene: &Scene, atlas: Atlas, numbers: Numbers) -> Result<Self> {
-        let map = TexelMap::new(scene, atlas, numbers.resolution, order(&form.sampling))?;
-        let receivers = receivers(form, scene);
-        let areas = receivers.areas_mm2(&scene.mesh);
-        let mut made = Self {
-            form: *form,
-            scene: scene.clone(),
-            bvh: OnceLock::new(),
-            map,
-            receivers,
-            areas,
-            truth: Truth::new(numbers.truth_samples.min(MOST_SAMPLES) as usize),
-            numbers,
-            profile: None,
-            kernels: Kernels::new(Vec::new()),
-            division: None,
-            lights: Vec::new(),
-            lit: None,
-            chosen: None,
-        };
-        made.take_media(scene.media.clone())?;
-        Ok(made)
-    }
-
-    /// Kernels of some media under the profile in force.
-    fn take_media(&mut self, media: Vec<Medium>) -> Result<()> {
-        let diagonal_mm = self.scene.mesh.diagonal_mm();
-        let kernels = match &self.profile {
-            None => MediumKernel::of_media(&media),
-            Some(profile) => {
-                let of = |medium| MediumKernel::with_profile(medium, profile, diagonal_mm);
-                media.iter().map(of).collect::<Result<_>>()?
-            }
-        };
-        if let Sampling::Hybrid(local) = &self.form.sampling {
-            let (division, global) = Division::new(local, &kernels, diagonal_mm);
-            self.division = Some((division, Kernels::new(global)));
-        }
-        self.kernels = Kernels::new(kernels);
-        let eta = |m: &Medium| m.properties.eta_inside_over_outside;
-        if media.iter().zip(&self.scene.media).any(|(a, b)| eta(a) != eta(b)) {
-            self.lit = None;
-        }
-        self.chosen = None;
-        self.scene.media = media;
-        Ok(())
-    }
-
-    fn bvh(&self) -> &Bvh {
-        self.bvh.get_or_init(|| Bvh::new(&self.scene.mesh))
-    }
-
-    fn illuminate(&self, lights: &[Light], progress: &dyn Progress) -> Result<LitMap> {
-        LitMap::new(&self.map, (&self.scene, self.bvh()), lights, self.form.rays, progress)
-    }
-
-    pub(super) fn descent<'a>(&'a self, lit: &'a LitMap, near: NearField) -> Descent<'a> {
-        Descent { scene: &self.scene, map: &self.map, lit, kernels: &self.kernels, near }
-    }
-
-    /// Irradiance of the patches under the lights in force, RGB.
-    #[cfg(feature = "gpu")]
-    pub(super) fn irradiance(&self) -> Vec<DVec3> {
-        self.lit.as_ref().map_or(Vec::new(), |lit| lit.irradiance.iter().map(|e| lit.unit * *e).collect())
-    }
-
-    /// Chooses the samples.
-    fn choose(&self, lights: &[Light], lit: &LitMap) -> Result<Chosen> {
-        let count = self.numbers.count as usize;
-        let parts = 0..self.map.roots.len();
-        let drawn = || parts.clone().map(|part| samples::drawn(&self.map, lit, part, count)).collect();
-        Ok(match &self.form.sampling {
-            Sampling::Shared => Chosen::Shared(drawn()),
-            Sampling::Clusters => {
-                Chosen::Shared(parts.map(|part| samples::clusters(&self.map, lit, part, count)).collect())
-            }
-            Sampling::Product => Chosen::Limit(self.descent(lit, self.form.near).limit(&self.receivers, count)),
-            Sampling::Hybrid(local) => {
-                let view = |light: &Light| LightView::new((&self.scene, self.bvh()), light, local);
-                Chosen::Hybrid(drawn(), lights.iter().map(view).collect::<Result<_>>()?)
-            }
-        })
-    }
-
-    /// Radiosity of some receivers from the chosen samples, RGB.
-    fn sums(&self, chosen: &Chosen, lit: &LitMap, receivers: &Receivers) -> Vec<DVec3> {
-        match chosen {
-            Chosen::Limit(limit) => self.descent(lit, self.form.near).radiosity(receivers, *limit),
-            Chosen::Shared(samples) => self.shared(&self.kernels, (samples, lit.unit), receivers),
-            Chosen::Hybrid(samples, views) => {
-                let Some((division, global)) = &self.division else { return vec![DVec3::ZERO; receivers.len()] };
-                let mut all = self.shared(global, (samples, lit.unit), receivers);
-                views.iter().for_each(|view| view.add(&self.scene, division, receivers, &mut all));
-                all
-            }
-        }
-    }
-
-    /// Sums over the samples of each part.
-    fn shared(&self, kernels: &Kernels, (samples, unit): (&[Vec<Sample>], f64), receivers: &Receivers) -> Vec<DVec3> {
-        let level = InstructionSet::detect();
-        let of_group = |(block, points): &mut (Block, Vec<PointSource>), group: &Group| {
-            let centre = receivers.sphere(*group).centre_mm;
-            block.reset(centre, receivers.of(*group));
-            let of_part = samples.get(group.part as usize);
-            if let (Some(kernel), Some(samples)) = (kernels.of_part(&self.scene, group.part), of_part) {
-                points.clear();
-                points.extend(samples.iter().map(|s| PointSource::new(s.at_mm, s.flux, centre)));
-                kernel.add_points(level, block, points);
-            }
-            (0..group.run.range().len()).map(|i| unit * block.sum(i)).collect::<Vec<DVec3>>()
-        };
-        let of_groups: Vec<_> = receivers.groups.par_iter().map_init(Default::default, of_group).collect();
-        of_groups.into_iter().flatten().collect()
-    }
-
-    /// Lights the texels and chooses the samples, where that is missing.
-    pub(super) fn prepare(&mut self, progress: &dyn Progress) -> Result<()> {
-        let lit = match self.lit.take() {
-            Some(lit) => lit,
-            None => {
-                self.chosen = None;
-                self.illuminate(&self.lights, progress)?
-            }
-        };
-        if self.chosen.is_none() {
-            self.chosen = Some(self.choose(&self.lights, &lit)?);
-        }
-        self.lit = Some(lit);
-        Ok(())
-    }
-
-    /// Radiosity of some receivers from as many samples as tell every texel that matters, RGB.
-    fn resolved(&self, lit: &LitMap, receivers: &Receivers) -> Vec<DVec3> {
-        let descent = self.descent(lit, self.form.near);
-        descent.radiosity(receivers, descent.limit(&self.receivers, RESOLVED.max(4 * self.numbers.count as usize)))
-    }
-
-    /// Receivers that descend one by one, each a group.
-    fn are_alone(&self) -> bool {
-        self.receivers.groups.len() == self.receivers.len()
-    }
-
-    /// Receivers that errors are measured on, with the areas around them.
-    fn measured(&self, phase: usize) -> (Receivers, Vec<f64>) {
-        if self.receivers.len() <= 2 * MEASURED {
-            return (self.receivers.clone(), self.areas.clone());
-        }
-        let descends_in_groups = self.form.sampling == Sampling::Product && !self.are_alone();
-        let (subset, indices) = if descends_in_groups {
-            // Whole groups: smaller ones would fare better.
-            let step = self.receivers.groups.len().div_ceil(MEASURED / OF_DESCENT).max(1);
-            let groups = self.receivers.groups.iter().skip(phase * step / 2).step_by(step);
-            let indices: Vec<u32> = groups.flat_map(|group| group.run.first..group.run.end).collect();
-            (self.receivers.only(&indices, OF_DESCENT), indices)
-        } else {
-            self.receivers.subset(MEASURED, phase)
-        };
-        (subset, indices.iter().map(|i| self.areas[*i as usize]).collect())
-    }
-
-    /// Chooses the least number of samples, doubled from `least` to `most`, whose error is as asked under each
-    /// of some lights, at vertices that no reported error looks at.
-    pub(super) fn choose_count(&mut self, lights: &[Light], asked: f64, (least, most): (u32, u32)) -> Result<()> {
-        let (receivers, areas) = self.measured(0);
-        self.numbers.count = least;
-        for light in lights {
-            let light = std::slice::from_ref(light);
-            let lit = self.illuminate(light, &Silent)?;
-            let all = self.resolved(&lit, &receivers);
-            loop {
-                let found = self.sums(&self.choose(light, &lit)?, &lit, &receivers);
-                if self.numbers.count >= most || vertex_error(&found, &all, &areas).or_none().rms <= asked {
-                    break;
-                }
-                self.numbers.count = (2 * self.numbers.count).min(most);
-            }
-        }
-        Ok(())
-    }
-
-    /// The errors of texels against exact sums and of samples against all texels, under the worst of some sets of lights.
-    pub(super) fn errors(&mut self, sets: &[Vec<Light>], note: &str) -> Result<Ledger> {
-        let (receivers, areas) = self.measured(1);
-        let mut worst = [VertexError::default(); 2];
-        for lights in sets {
-            let lit = self.illuminate(lights, &Silent)?;
-            let found = self.sums(&self.choose(lights, &lit)?, &lit, &receivers);
-            let all = self.resolved(&lit, &receivers);
-            let truth = self.truth.lit(&self.scene, lights, &Silent)?;
-            if let Some(profile) = &self.profile {
-                truth.set_profile(profile.clone())?;
-            }
-            let expected = truth.radiosity_at(&receivers, &Silent)?;
-            let of = |values: &[DVec3], truth: &[DVec3]| vertex_error(values, truth, &areas).or_none();
-            worst = [worst[0].max(of(&all, &expected)), worst[1].max(of(&found, &all))];
-        }
-        let (texels, side) = (self.map.texels, self.map.resolution);
-        let mut ledger = Ledger::default();
-        let texture = format!("{texels} texels of {side} x {side}, against exact sums over samples, {note}");
-        ledger.add(TEXTURE, worst[0], texture);
-        ledger.add(SAMPLES, worst[1], format!("{} samples, against all texels, {note}", self.numbers.count));
-        Ok(ledger)
-    }
 }
 
 /// Exitance that is summed at each point.
@@ -327,8 +62,7 @@ impl Exitance for AtPoints<'_> {
             let part = *parts.triangle_part.get(point.triangle as usize)?;
             parts.parts.get(part as usize)?.transfers().then_some((part, point.at_mm))
         };
-        let capacity = if self.evaluator.are_alone() { 1 } else { OF_DESCENT };
-        let receivers = Receivers::at(&points.iter().map(place).collect::<Vec<_>>(), capacity);
+        let receivers = Receivers::at(&points.iter().map(place).collect::<Vec<_>>(), OF_DESCENT);
         progress.start("transfer", receivers.len() as u64);
         let values = self.evaluator.sums(self.chosen, self.lit, &receivers);
         progress.finish();
@@ -360,7 +94,7 @@ impl Evaluator for TextureSpaceEvaluator {
 
     fn set_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()> {
         refuse_fields(&lights)?;
-        let kinds = kinds(&self.form.sampling);
+        let kinds = self.form.sampling.kinds();
         if let Some(light) = lights.iter().find(|light| !kinds.contains(&light.kind())) {
             let kind = light.kind().name();
             return Err(Error::unsupported(format!(
@@ -381,7 +115,7 @@ impl Evaluator for TextureSpaceEvaluator {
             return Err(Error::command_line(format!("{given} materials for the {there} media of the asset")));
         }
         self.take_media(media)?;
-        self.truth = Truth::new(self.numbers.truth_samples.min(MOST_SAMPLES) as usize);
+        self.truth = self.new_truth();
         Ok(())
     }
 
@@ -414,7 +148,7 @@ impl Evaluator for TextureSpaceEvaluator {
 
     fn measured_error(&mut self, unseen: &[Light], _: &dyn Progress) -> Result<Ledger> {
         let together = [self.lights.clone()];
-        let kinds = kinds(&self.form.sampling);
+        let kinds = self.form.sampling.kinds();
         let each = unseen.iter().filter(|light| kinds.contains(&light.kind())).map(|light| vec![light.clone()]);
         let sets: Vec<Vec<Light>> = together.into_iter().chain(each).collect();
         self.errors(&sets, "the worst of these lights and of probe lights")
@@ -429,35 +163,5 @@ impl Evaluator for TextureSpaceEvaluator {
     #[cfg(feature = "gpu")]
     fn on_device(self: Box<Self>, device: &Arc<Device>) -> Result<Box<dyn DeviceEvaluator>> {
         Ok(Box::new(TextureSpaceOnDevice::new(*self, device)?))
-    }
-}
-
-/// Receivers in groups. Those of a descent are alone where they are farther from each other than R_d reaches without change: together
-/// they would look at most of the surface.
-fn receivers(form: &TextureSpace, scene: &Scene) -> Receivers {
-    let grouped = |capacity| Receivers::new(&scene.mesh, &scene.parts, capacity);
-    if form.sampling != Sampling::Product {
-        return grouped(OF_SHARED);
-    }
-    let all = grouped(OF_DESCENT);
-    let area: f64 = scene.parts.parts.iter().filter(|p| p.transfers()).map(|p| p.area_mm2).sum();
-    let spacing_mm = (area / all.len().max(1) as f64).sqrt();
-    let smooth_mm = Kernels::new(MediumKernel::of_media(&scene.media)).smooth_mm();
-    if spacing_mm > ALONE * smooth_mm { grouped(1) } else { all }
-}
-
-/// The hierarchy that a choice of samples descends.
-pub(super) fn order(sampling: &Sampling) -> Order {
-    match sampling {
-        Sampling::Shared | Sampling::Hybrid(_) => Order::Texture,
-        Sampling::Clusters | Sampling::Product => Order::Space,
-    }
-}
-
-/// Kinds of light that a choice of samples takes.
-pub(super) fn kinds(sampling: &Sampling) -> &'static [LightKind] {
-    match sampling {
-        Sampling::Hybrid(_) => &[LightKind::Directional, LightKind::Point],
-        _ => &LightKind::ALL,
     }
 }

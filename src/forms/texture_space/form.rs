@@ -38,7 +38,7 @@ impl Form for TextureSpace {
     }
 
     fn kinds(&self) -> &'static [LightKind] {
-        evaluate::kinds(&self.sampling)
+        self.sampling.kinds()
     }
 
     /// The atlas alone is stored, whatever the size and the material.

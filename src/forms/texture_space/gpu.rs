@@ -6,8 +6,9 @@ use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
 use super::descent::Source;
-use super::evaluate::{Chosen, TextureSpaceEvaluator};
+
 use super::settings::Sampling;
+use super::state::{Chosen, TextureSpaceEvaluator};
 use crate::error::{Error, Result};
 use crate::evaluate::device::Device;
 use crate::evaluate::device::jobs::{CLUSTER, Effort, Entries, Shard, shards};

@@ -16,6 +16,7 @@ mod light;
 mod map;
 mod samples;
 mod settings;
+mod state;
 
 pub use settings::{Local, Sampling, TextureSpace};
 

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::forms::density::Density;
 use crate::geometry::atlas::Map;
+use crate::light::LightKind;
 use crate::transport::irradiance::LightSampling;
 use crate::transport::near_rule::NearField;
 
@@ -38,6 +39,16 @@ pub enum Sampling {
     Product,
     /// As `Shared` for the far part of R_d; the near part from an image of the irradiance as the light sees it.
     Hybrid(Local),
+}
+
+impl Sampling {
+    /// Kinds of light that it takes.
+    pub(super) fn kinds(&self) -> &'static [LightKind] {
+        match self {
+            Self::Hybrid(_) => &[LightKind::Directional, LightKind::Point],
+            _ => &LightKind::ALL,
+        }
+    }
 }
 
 /// The local part of the hybrid method (section 4 of the paper).

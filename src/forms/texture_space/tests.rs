@@ -3,10 +3,10 @@
 use glam::DVec3;
 use translux_format::texture_space::Numbers;
 
-use super::evaluate::TextureSpaceEvaluator;
 use super::light::LitMap;
 use super::map::{Order, TexelMap};
 use super::samples::{clusters, drawn};
+use super::state::TextureSpaceEvaluator;
 use super::*;
 use crate::evaluate::{Evaluator, Form};
 use crate::forms::density::Density;
