@@ -31,7 +31,7 @@ pub(crate) fn run(context: &Context) -> Result<String> {
                     if sampling == "shared" {
                         let numbers = translux_format::atlas::Atlas::from_sections(
                             &asset.sections,
-                            &scene.mesh.triangles,
+                            &(0..scene.mesh.triangles.len() as u32).map(|t| scene.mesh.welded(t)).collect::<Vec<_>>(),
                             translux_format::Budget::default(),
                         );
                         let numbers = numbers.ok().flatten().map(|atlas| atlas.numbers).unwrap_or_default();

@@ -16,11 +16,11 @@ cut it, the mip-map of the texture sums it up, and few samples of it bring radio
   the surface, however small the triangles are, and the Jacobian of the map is exact for each piece.
 - **`sampling=shared`** is the paper's: N samples by irradiance at equal steps of its sum in the order of the mip-map, shared by all places. What
   it gets wrong is structured: a sample that stands for too much is a bright spot on the surface.
-- **`sampling=clusters`** shares N points as well, but they stand for all of the light: squares of the mip-map with about the same fourth moment,
-  each as four points that have its flux and its second moments.
+- **`sampling=clusters`** shares N points as well, but they stand for all of the light: boxes of texels of about the same second moment of
+  flux, each at the mean place of its light.
 - **`sampling=product`** (the default) is what the paper left to do: samples by the product of irradiance and R_d. Each group of up to 16 neighbouring places descends
-  the mip-map to squares that are as points, or as four points, right to a limit, which is set so that there are N points in the
-  mean. Patches nearby are polygons, over which R_d is integrated.
+  the boxes to those that are right as points to a limit, which is set so that there are N in the mean. Patches nearby are polygons, over which R_d is integrated.
+  The boxes are in space: squares of the texture hold charts that are far from each other on the surface, and at 400 samples they are three times as wrong.
 - **`sampling=hybrid`** is the paper's second method: R_d is divided in two, the far part goes through the shared samples, the near one through an image of the
   irradiance as the light sees it, at 20 circles of 20 samples and one in the middle. Directional and point lights alone.
 - **The atlas** is the model's own texture coordinates where nothing overlaps, else charts of our own (`--set map`).

@@ -3,6 +3,7 @@
 use translux_format::atlas;
 use translux_format::texture_space::{self as stored, Numbers};
 
+use super::map::welded;
 use super::settings::TextureSpace;
 use super::state::TextureSpaceEvaluator;
 use crate::compress::ledger::Ledger;
@@ -71,7 +72,7 @@ pub(super) fn bake(
         ledger = stage(progress, "error", || evaluator.errors(&sets, "the worst of the probe lights"))?;
     }
     let numbers = evaluator.numbers;
-    let mut sections = in_file.to_sections(&scene.mesh.triangles).map_err(write_error)?;
+    let mut sections = in_file.to_sections(&welded(scene)).map_err(write_error)?;
     sections.push(stored::to_section(&numbers).map_err(write_error)?);
     Ok(AssetParts::without_samples(scene, ledger, sections))
 }

@@ -9,6 +9,7 @@ use translux_format::{Budget, FormatError, atlas};
 #[cfg(feature = "gpu")]
 use super::gpu::TextureSpaceOnDevice;
 use super::light::LitMap;
+use super::map::welded;
 use super::settings::{Sampling, TextureSpace};
 use super::state::{Chosen, OF_DESCENT, TextureSpaceEvaluator};
 use crate::asset::Asset;
@@ -33,8 +34,8 @@ use crate::transport::receivers::Receivers;
 pub(super) fn open(form: &TextureSpace, asset: &Arc<Asset>) -> Result<Box<dyn Evaluator>> {
     let input = |e: FormatError| Error::input(e.to_string());
     let missing = || Error::input("an asset without its atlas (sections atl.rec and tex.rec); bake it again");
-    let triangles = &asset.scene.mesh.triangles;
-    let atlas = atlas::Atlas::from_sections(&asset.sections, triangles, Budget::default()).map_err(input)?;
+    let triangles = welded(&asset.scene);
+    let atlas = atlas::Atlas::from_sections(&asset.sections, &triangles, Budget::default()).map_err(input)?;
     let atlas = Atlas::from_codes(&atlas.ok_or_else(missing)?.corners);
     let numbers = stored::from_sections(&asset.sections).map_err(input)?.ok_or_else(missing)?;
     Ok(Box::new(TextureSpaceEvaluator::new(form, &asset.scene, atlas, numbers)?))

@@ -66,6 +66,11 @@ pub(super) struct TexelMap {
     atlas: Atlas,
 }
 
+/// Triangles of welded vertices, as the atlas in a file has them.
+pub(super) fn welded(scene: &Scene) -> Vec<[u32; 3]> {
+    (0..scene.mesh.triangles.len() as u32).map(|t| scene.mesh.welded(t)).collect()
+}
+
 /// Patches that are measured in one task.
 const TASK: usize = 1024;
 

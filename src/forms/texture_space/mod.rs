@@ -1,7 +1,7 @@
 //! `texture_space`: irradiance is gathered in the texels of an atlas and summed from few samples of them (Chang et al. 2008). Nothing
 //! about light, material or size is stored: the asset holds the atlas alone.
 //!
-//! The texels cut the surface exactly: light arrives at the [`patches`](map::Patch) of each texel, the mip-map over the texels holds
+//! The texels cut the surface exactly: light arrives at the patches of each texel, a hierarchy over the texels holds
 //! their flux. The paper draws N samples from it that all receivers share; by default each group of receivers descends it on
 //! its own, to the clusters that matter to it.
 

@@ -31,6 +31,9 @@ const MOST_THIN: f64 = 1e-4;
 /// with this one, and are cut into 188 charts instead of 69.
 const TRIANGLES_OF_A_CHART: f64 = 2000.0;
 
+/// Triangles beyond which charts are packed by their rows.
+const MANY_TRIANGLES: usize = 50_000;
+
 /// Largest area of a chart, in squares of the mesh's unit.
 fn largest_chart(mesh: &Mesh) -> f32 {
     let share = TRIANGLES_OF_A_CHART / mesh.triangles.len().max(1) as f64;
@@ -129,7 +132,9 @@ impl Input {
         let mut page_size = page.clamp(16, LARGEST_PAGE);
         loop {
             let density = Density::Auto { page_size };
-            let options = Options { density, padding: PADDING, max_chart_area, ..Options::default() };
+            // Charts in the thousands take seconds to nest into each other.
+            let packing = if self.indices.len() > 3 * MANY_TRIANGLES { Packing::Fast } else { Packing::Shape };
+            let options = Options { density, padding: PADDING, max_chart_area, packing, ..Options::default() };
             let atlas = self.unwrapped(materials, uvs, &options)?;
             if atlas.page_count <= 1 || page_size >= LARGEST_PAGE {
                 return Ok(codes(&atlas, self));
