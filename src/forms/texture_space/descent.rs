@@ -22,6 +22,9 @@ pub(super) enum Source {
     Patch(u32),
 }
 
+/// Share of what even light brings to a place that one point may; weights have three channels of about 1.
+const MOST_OF_A_POINT: f64 = 0.1 * 3.0;
+
 /// Steps of a [`Falloff`].
 const STEPS: usize = 1024;
 
@@ -32,6 +35,8 @@ struct Falloff {
     /// Values at distances `smooth t / (1 - t)`, t in equal steps, 1/mm^2.
     values: Vec<f64>,
     smooth_mm: f64,
+    /// Largest weight times R_d of a point, however few samples are asked for: one that brings more than this to a place is a bright spot there.
+    most: f64,
 }
 
 impl Falloff {
@@ -42,7 +47,8 @@ impl Falloff {
             let r = smooth_mm * t / (1.0 - t);
             kernel.profiles().iter().map(|profile| profile.reflectance(r)).fold(0.0, f64::max)
         };
-        Self { values: (0..STEPS).map(at).collect(), smooth_mm }
+        let total = kernel.total().max_element();
+        Self { values: (0..STEPS).map(at).collect(), smooth_mm, most: MOST_OF_A_POINT * total }
     }
 
     fn at(&self, distance_mm: f64) -> f64 {
@@ -125,7 +131,8 @@ impl Descent<'_> {
                 continue;
             }
             let distance = flux.at_mm.distance(sphere.centre_mm) - sphere.radius_mm;
-            if flux.moment * falloff.at(distance.max(0.0)) < limit {
+            let nearby = falloff.at(distance.max(0.0));
+            if flux.moment * nearby < limit && flux.weight() * nearby < falloff.most {
                 take(Source::Node(index));
             } else if node.is_texel {
                 node.children.clone().for_each(|patch| take(Source::Patch(patch)));
