@@ -61,7 +61,7 @@ const MAP: Key<OneOf<Map>> = Key::new(
 
 const IMPORTANCE: Key<Number<f64>> = Key::new(
     "importance",
-    "0.01",
+    "0.1",
     Number(1e-9, 1e3),
     "lower bound c of 2 pi r R_d, 1/mm, that parts near and far light of the hybrid method",
 )
