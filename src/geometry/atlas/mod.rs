@@ -42,7 +42,7 @@ pub enum Map {
     /// The mesh's own texture coordinates where they are bijective, otherwise [`Map::Shape`].
     #[default]
     Auto,
-    /// The mesh's own texture coordinates.
+    /// The mesh's own texture coordinates, moved and scaled into the unit square where they leave it.
     Own,
     /// Charts as rigid as possible (Liu et al. 2008).
     Shape,
@@ -96,6 +96,16 @@ fn code(place: Vec2) -> [u16; 2] {
     place.to_array().map(|v| (f64::from(v) * STEPS).round() as u16)
 }
 
+/// The shift and the scale that bring a range of texture coordinates into the unit square: whole tiles where that will do, since they are
+/// the same texture, otherwise the corner of the range, scaled down evenly where the range is larger than the square.
+fn into_square(low: Vec2, high: Vec2) -> (Vec2, f32) {
+    let tile = (low + SLACK).floor();
+    if (high - tile).max_element() <= 1.0 + SLACK {
+        return (tile, 1.0);
+    }
+    (low, 1.0 / (high - low).max_element().max(1.0))
+}
+
 /// The map of a mesh's own texture coordinates, if it is bijective.
 fn own(mesh: &Mesh) -> Result<(Vec<Codes>, Report)> {
     let remedy = "let the map be made (`shape`)";
@@ -106,12 +116,10 @@ fn own(mesh: &Mesh) -> Result<(Vec<Codes>, Report)> {
     if !used().all(Vec2::is_finite) {
         return Err(Error::input(format!("texture coordinates of the mesh are not finite: {remedy}")));
     }
-    // A whole tile beside the unit square is the same texture.
-    let tile = (used().fold(Vec2::INFINITY, Vec2::min) + SLACK).floor();
-    if (used().fold(Vec2::NEG_INFINITY, Vec2::max) - tile).max_element() > 1.0 + SLACK {
-        return Err(Error::input(format!("the mesh's texture coordinates leave the unit square: {remedy}")));
-    }
-    let codes: Vec<Codes> = uvs.corners.iter().map(|corners| corners.map(|c| code(place(c) - tile))).collect();
+    let (low, high) = used().fold((Vec2::INFINITY, Vec2::NEG_INFINITY), |(low, high), at| (low.min(at), high.max(at)));
+    let (origin, scale) = into_square(low, high);
+    let in_square = |index: u32| code(scale * (place(index) - origin));
+    let codes: Vec<Codes> = uvs.corners.iter().map(|corners| corners.map(in_square)).collect();
     let report = Report::new(mesh, &codes, true);
     let area = |flat: bool| {
         let passing = codes.iter().enumerate().filter(|(_, c)| !flat || cut::doubled_area(c) == 0);
