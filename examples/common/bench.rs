@@ -85,9 +85,9 @@ pub(crate) fn scene_of(source: SourceModel, scale: Scale, rule: PartsRule, mediu
     Ok(Scene { mesh, parts, media: vec![medium] })
 }
 
-/// Parallel light of irradiance 1.
+/// Parallel light of irradiance 1 from a direction of any length.
 pub(crate) fn parallel(from: DVec3) -> Light {
-    Light::Directional { from, irradiance: DVec3::ONE }
+    Light::Directional { from: from.normalize_or(DVec3::Y), irradiance: DVec3::ONE }
 }
 
 /// How an asset is baked.

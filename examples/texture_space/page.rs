@@ -21,8 +21,9 @@ cut it, the mip-map of the texture sums it up, and few samples of it bring radio
 - **`sampling=product`** (the default) is what the paper left to do: samples by the product of irradiance and R_d. Each group of up to 16 neighbouring places descends
   the boxes to those that are right as points to a limit, which is set so that there are N in the mean. Patches nearby are polygons, over which R_d is integrated.
   The boxes are in space: squares of the texture hold charts that are far from each other on the surface, and at 400 samples they are three times as wrong.
-- **`sampling=hybrid`** is the paper's second method: R_d is divided in two, the far part goes through the shared samples, the near one through an image of the
-  irradiance as the light sees it, at 20 circles of 20 samples and one in the middle. Directional and point lights alone.
+- **`sampling=hybrid`** is the paper's second method: R_d is divided in two, the far part goes through shared samples, the near one through an image of the
+  irradiance as the light sees it, at 20 circles of 20 samples and one in the middle. The far part's samples are clusters, or with `--set far=drawn` the
+  paper's. A pixel of the image is a piece of the plane of its triangle, not a point. Directional and point lights alone.
 - **The atlas** is the model's own texture coordinates where nothing overlaps, else charts of our own (`--set map`).
 
 | figure | the paper | wanted | measured |

@@ -5,7 +5,7 @@ use crate::error::Result;
 use crate::evaluate::keys::{Auto, Key, Keys, Number, OneOf, PowerOfTwo};
 use crate::evaluate::{About, AnyForm, BakeSettings, Method};
 use crate::forms::density::Density;
-use crate::forms::texture_space::{Local, Sampling, TextureSpace as Form};
+use crate::forms::texture_space::{Far, Local, Sampling, TextureSpace as Form};
 use crate::geometry::atlas::Map;
 use crate::transport::irradiance::LightSampling;
 use crate::transport::near_rule::NearField;
@@ -78,6 +78,14 @@ const OF_RING: Key<Number<u32>> =
 const IMAGE: Key<PowerOfTwo> =
     Key::new("image", "1024", PowerOfTwo(16, 4096), "pixels along each edge of the image that the light sees").expert();
 
+const FAR: Key<OneOf<Far>> = Key::new(
+    "far",
+    "clusters",
+    OneOf(&[("clusters", Far::Clusters), ("drawn", Far::Drawn)]),
+    "shared samples of the far part: clusters (that hold all of the light) or drawn (the paper's)",
+)
+.expert();
+
 const DIRECTIONS: Key<Number<u32>> = keys::directions("64");
 const AREA_SIDE: Key<Number<u32>> = keys::area_side("4");
 
@@ -97,6 +105,7 @@ impl Method for TextureSpace {
                 &RINGS,
                 &OF_RING,
                 &IMAGE,
+                &FAR,
                 &DIRECTIONS,
                 &AREA_SIDE,
             ],
@@ -124,6 +133,7 @@ impl Method for TextureSpace {
                 rings: keys.get(&RINGS)?,
                 of_ring: keys.get(&OF_RING)?,
                 image: keys.get(&IMAGE)?,
+                far: keys.get(&FAR)?,
             }),
         };
         Ok(Box::new(Form {

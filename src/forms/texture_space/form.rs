@@ -25,7 +25,7 @@ impl Form for TextureSpace {
         let positive = |value: f64| value.is_finite() && value > 0.0;
         let power = |value: u32| value.is_power_of_two() && (16..=4096).contains(&value);
         let local = match self.sampling {
-            Sampling::Hybrid(Local { importance, sharpness, rings, of_ring, image }) => {
+            Sampling::Hybrid(Local { importance, sharpness, rings, of_ring, image, .. }) => {
                 let few = (1..=1000).contains(&rings) && (1..=1000).contains(&of_ring);
                 positive(importance) && positive(sharpness) && few && power(image)
             }

@@ -157,11 +157,19 @@ impl Division {
 /// What a pixel of the light's image sees.
 #[derive(Clone, Copy)]
 struct Seen {
-    at_mm: DVec3,
+    triangle: u32,
     part: u32,
+    /// Parameter of the ray through the middle of the pixel, see [`LightView::ray`].
+    depth: f32,
     /// Transmittance of the surface there.
-    entering: f64,
+    entering: f32,
 }
+
+/// Plane of a triangle: its unit normal, and the distance from the mesh's origin along it.
+type Plane = (DVec3, f64);
+
+/// Least cosine between light and normal at which a pixel is a piece of its triangle's plane; below it all of the pixel has one depth.
+const LEAST_COSINE: f64 = 0.2;
 
 /// The direction or the place that sharp light comes from, relative to the mesh's origin.
 #[derive(Clone, Copy)]
@@ -181,6 +189,7 @@ pub(super) struct LightView {
     half: f64,
     pixels: u32,
     seen: Vec<Option<Seen>>,
+    planes: Vec<Plane>,
 }
 
 /// Nearest point lights over the radius of the object: nearer ones see half of a space.
@@ -222,7 +231,13 @@ impl LightView {
             From::Direction(_) => [centre.dot(u), centre.dot(v)],
             From::Place(_) => [0.0; 2],
         };
-        let mut view = Self { from, colour, axes, middle, half: half * 1.001, pixels: local.image, seen: Vec::new() };
+        let plane = |triangle: u32| {
+            let normal = scene.mesh.normal(triangle);
+            (normal, normal.dot(scene.mesh.corners_local_mm(triangle)[0]))
+        };
+        let planes = (0..scene.mesh.triangles.len() as u32).map(plane).collect();
+        let (half, pixels) = (half * 1.001, local.image);
+        let mut view = Self { from, colour, axes, middle, half, pixels, seen: Vec::new(), planes };
         let start = centre.dot(towards) + 1.01 * radius;
         let row = |row: u32| -> Vec<Option<Seen>> {
             (0..view.pixels).map(|column| view.look((scene, bvh), [column, row], start)).collect()
@@ -246,8 +261,36 @@ impl LightView {
         let eta = scene.media.get(medium as usize)?.properties.eta_inside_over_outside;
         let [a, b, c] = scene.mesh.corners_local_mm(hit.triangle);
         let (s, t) = (f64::from(hit.u), f64::from(hit.v));
-        let entering = if cosine > 0.0 { fresnel::transmittance(eta, cosine) } else { 0.0 };
-        Some(Seen { at_mm: (1.0 - s - t) * a + s * b + t * c, part, entering })
+        let entering = if cosine > 0.0 { fresnel::transmittance(eta, cosine) as f32 } else { 0.0 };
+        let at_mm = (1.0 - s - t) * a + s * b + t * c;
+        let depth = match self.from {
+            From::Direction(direction) => at_mm.dot(direction),
+            From::Place(place) => (place - at_mm).dot(towards),
+        };
+        Some(Seen { triangle: hit.triangle, part, depth: depth as f32, entering })
+    }
+
+    /// The ray of light through a place: its origin and its step, to which a parameter belongs.
+    fn ray(&self, place: DVec3) -> (DVec3, DVec3) {
+        match self.from {
+            From::Direction(direction) => (place - place.dot(direction) * direction, direction),
+            From::Place(light) => {
+                let step = place - light;
+                (light, step / -step.dot(self.axes[2]))
+            }
+        }
+    }
+
+    /// Where the ray through a place meets the surface that a pixel sees.
+    fn meets(&self, seen: &Seen, place: DVec3) -> DVec3 {
+        let (origin, step) = self.ray(place);
+        let depth = match self.planes.get(seen.triangle as usize) {
+            Some((normal, distance)) if normal.dot(step).abs() >= LEAST_COSINE * step.length() => {
+                (distance - normal.dot(origin)) / normal.dot(step)
+            }
+            _ => f64::from(seen.depth),
+        };
+        origin + depth * step
     }
 
     /// What the light sees towards a place, and its irradiance on a surface there that faces the receiver's side of the light.
@@ -299,12 +342,14 @@ impl LightView {
             let turn = if index % 2 == 0 { 0.0 } else { 0.5 };
             for k in 0..samples {
                 let (sine, cosine) = (TAU * (f64::from(k) + turn) / f64::from(samples)).sin_cos();
-                let Some((seen, irradiance)) = self.towards(at + *radius * (cosine * u + sine * v), at) else {
+                let place = at + *radius * (cosine * u + sine * v);
+                let Some((seen, irradiance)) = self.towards(place, at) else {
                     continue;
                 };
                 if seen.part == part {
-                    let distance = seen.at_mm.distance(at);
-                    sum += seen.entering / density * irradiance * look_up(&local.table, local.step_mm, distance);
+                    let distance = self.meets(&seen, place).distance(at);
+                    let entering = f64::from(seen.entering);
+                    sum += entering / density * irradiance * look_up(&local.table, local.step_mm, distance);
                 }
             }
         }

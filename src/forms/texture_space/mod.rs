@@ -18,7 +18,7 @@ mod samples;
 mod settings;
 mod state;
 
-pub use settings::{Local, Sampling, TextureSpace};
+pub use settings::{Far, Local, Sampling, TextureSpace};
 
 #[cfg(test)]
 mod tests;

@@ -37,7 +37,7 @@ pub enum Sampling {
     Clusters,
     /// Clusters of the mip-map for each group of receivers, by irradiance and R_d.
     Product,
-    /// As `Shared` for the far part of R_d; the near part from an image of the irradiance as the light sees it.
+    /// Shared samples for the far part of R_d; the near part from an image of the irradiance as the light sees it.
     Hybrid(Local),
 }
 
@@ -64,4 +64,15 @@ pub struct Local {
     pub of_ring: u32,
     /// Pixels along each edge of the light's image, a power of two.
     pub image: u32,
+    /// The samples of the far part.
+    pub far: Far,
+}
+
+/// The shared samples of the far part of the hybrid method.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Far {
+    /// Points drawn by irradiance: the paper's.
+    Drawn,
+    /// Clusters of about equal second moments of their flux.
+    Clusters,
 }

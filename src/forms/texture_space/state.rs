@@ -11,7 +11,7 @@ use super::hybrid::{Division, LightView};
 use super::light::LitMap;
 use super::map::{Order, TexelMap};
 use super::samples::{self, Sample};
-use super::settings::{Sampling, TextureSpace};
+use super::settings::{Far, Local, Sampling, TextureSpace};
 use crate::compress::ledger::Ledger;
 use crate::error::Result;
 use crate::evaluate::Evaluator;
@@ -156,15 +156,18 @@ impl TextureSpaceEvaluator {
         let count = self.numbers.count as usize;
         let parts = 0..self.map.roots.len();
         let drawn = || parts.clone().map(|part| samples::drawn(&self.map, lit, part, count)).collect();
+        let clusters = || parts.clone().map(|part| samples::clusters(&self.map, lit, part, count)).collect();
         Ok(match &self.form.sampling {
             Sampling::Shared => Chosen::Shared(drawn()),
-            Sampling::Clusters => {
-                Chosen::Shared(parts.map(|part| samples::clusters(&self.map, lit, part, count)).collect())
-            }
+            Sampling::Clusters => Chosen::Shared(clusters()),
             Sampling::Product => Chosen::Limit(self.descent(lit, self.form.near).limit(&self.receivers, count)),
             Sampling::Hybrid(local) => {
                 let view = |light: &Light| LightView::new((&self.scene, self.bvh()), light, local);
-                Chosen::Hybrid(drawn(), lights.iter().map(view).collect::<Result<_>>()?)
+                let far = match local.far {
+                    Far::Drawn => drawn(),
+                    Far::Clusters => clusters(),
+                };
+                Chosen::Hybrid(far, lights.iter().map(view).collect::<Result<_>>()?)
             }
         })
     }
@@ -308,7 +311,7 @@ fn receivers(form: &TextureSpace, scene: &Scene) -> Receivers {
 /// The hierarchy that a choice of samples descends.
 pub(super) fn order(sampling: &Sampling) -> Order {
     match sampling {
-        Sampling::Shared | Sampling::Hybrid(_) => Order::Texture,
-        Sampling::Clusters | Sampling::Product => Order::Space,
+        Sampling::Shared | Sampling::Hybrid(Local { far: Far::Drawn, .. }) => Order::Texture,
+        Sampling::Clusters | Sampling::Product | Sampling::Hybrid(Local { far: Far::Clusters, .. }) => Order::Space,
     }
 }
