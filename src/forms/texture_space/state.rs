@@ -47,6 +47,9 @@ const MEASURED: usize = 768;
 /// Samples of the exact sums at most.
 const MOST_SAMPLES: u32 = 1 << 15;
 
+/// What twice the samples leave of the error at most, where they are worth it.
+const WORTH_MORE: f64 = 0.9;
+
 /// Samples that stand for all texels where errors are measured.
 const RESOLVED: usize = 1 << 14;
 
@@ -250,18 +253,27 @@ impl TextureSpaceEvaluator {
     }
 
     /// Chooses the least number of samples, doubled from `least` to `most`, whose error is as asked under each
-    /// of some lights, at vertices that no reported error looks at.
+    /// of some lights, at vertices that no reported error looks at. The hybrid method's is no more than lowers the error: its near part has
+    /// samples of its own.
     pub(super) fn choose_count(&mut self, lights: &[Light], asked: f64, (least, most): (u32, u32)) -> Result<()> {
         let (receivers, areas) = self.measured(0);
         self.numbers.count = least;
+        let near_samples = matches!(self.form.sampling, Sampling::Hybrid(_));
         for light in lights {
             let light = std::slice::from_ref(light);
             let lit = self.illuminate(light, &Silent)?;
             let all = self.resolved(&lit, &receivers);
+            let mut before: Option<(u32, f64)> = None;
             loop {
                 let found = self.sums(&self.choose(light, &lit)?, &lit, &receivers);
-                if self.numbers.count >= most || vertex_error(&found, &all, &areas).or_none().rms <= asked {
-                    break;
+                let rms = vertex_error(&found, &all, &areas).or_none().rms;
+                match before {
+                    Some((count, error)) if near_samples && rms > WORTH_MORE * error => {
+                        self.numbers.count = count;
+                        break;
+                    }
+                    _ if self.numbers.count >= most || rms <= asked => break,
+                    _ => before = Some((self.numbers.count, rms)),
                 }
                 self.numbers.count = (2 * self.numbers.count).min(most);
             }
