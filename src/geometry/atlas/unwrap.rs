@@ -31,7 +31,7 @@ const MOST_THIN: f64 = 1e-4;
 /// with this one, and are cut into 188 charts instead of 69.
 const TRIANGLES_OF_A_CHART: f64 = 2000.0;
 
-/// The same for meshes of more triangles than [`HUGE`]: a dragon of 202,000 takes 5.5 s of processor time in place of 13, has 4,997 charts in place
+/// The same for meshes of more triangles than [`HUGE`]: a dragon of 202,000 takes less than half of the time, has 4,997 charts in place
 /// of 4,454, and covers 48 % of the square in place of 50 %.
 const TRIANGLES_OF_A_SMALL_CHART: f64 = 500.0;
 
