@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::cholesky::Cholesky;
+use crate::math::cholesky::Cholesky;
 use super::directions::DirectionSet;
 use crate::error::{Error, Result};
 use crate::math::sh::real_sh;
