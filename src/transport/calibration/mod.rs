@@ -94,8 +94,8 @@ pub struct Told {
     pub hats: Hats,
     /// Layers of each part; none for opaque parts, and for those that keep their dipole.
     pub parts: Vec<Option<PartLayers>>,
-    /// Exitance of each slot under an irradiance of 1, smoothed, RGB; 1 where nothing was told.
-    pub row_sums: Vec<DVec3>,
+    /// Exitance of each slot under an irradiance of 1, RGB, by two independent halves of the walks.
+    pub halves: [Vec<DVec3>; 2],
     /// Largest share of the light that was lost in each part.
     pub lost: Vec<f64>,
 }
@@ -104,10 +104,9 @@ pub struct Told {
 pub fn walked(domain: Domain, walks: Walks, progress: &dyn Progress) -> Told {
     let hats = Hats::new(domain.mesh, domain.parts);
     let count = domain.parts.parts.len();
-    let mut told = Told { hats, parts: vec![None; count], row_sums: Vec::new(), lost: vec![0.0; count] };
-    let slots = told.hats.mass_mm2.len();
-    let mut halves = [vec![DVec3::ZERO; slots], vec![DVec3::ZERO; slots]];
-    let mut calibrated = vec![[false; 3]; slots];
+    let slots = hats.mass_mm2.len();
+    let halves = [vec![DVec3::ZERO; slots], vec![DVec3::ZERO; slots]];
+    let mut told = Told { hats, parts: vec![None; count], halves, lost: vec![0.0; count] };
     for (part, entry) in domain.parts.parts.iter().enumerate() {
         let Some(medium) = entry.medium.and_then(|m| domain.media.get(m as usize)) else { continue };
         let media = [0, 1, 2].map(|c| WalkMedium::new(&medium.properties, c));
@@ -144,16 +143,14 @@ pub fn walked(domain: Domain, walks: Walks, progress: &dyn Progress) -> Told {
             let profile: &dyn Profile = &dipoles[c];
             let [moments, ..] = pairs::moments(&body, [profile; 3], &splines, seed);
             layers.push(fit::layers(splines, &moments, &pairs, photon_mm2));
-            for (sums, half) in halves.iter_mut().zip(&of_channel.halves) {
-                for (slot, (sum, of_slot)) in sums.iter_mut().zip(half).enumerate() {
+            for (sums, half) in told.halves.iter_mut().zip(&of_channel.halves) {
+                for ((sum, of_slot), mass) in sums.iter_mut().zip(half).zip(&told.hats.mass_mm2) {
                     let weight = match walks.orders {
                         Orders::FromOne => of_slot[0] + of_slot[1],
                         Orders::FromTwo => of_slot[1],
                     };
-                    let mass = told.hats.mass_mm2[slot];
-                    if weight > 0.0 && mass > 0.0 {
+                    if *mass > 0.0 {
                         sum[c] += weight * 2.0 * photon_mm2 / mass;
-                        calibrated[slot][c] = true;
                     }
                 }
             }
@@ -164,7 +161,6 @@ pub fn walked(domain: Domain, walks: Walks, progress: &dyn Progress) -> Told {
             told.parts[part] = Some(PartLayers { layers, photons });
         }
     }
-    told.row_sums = smoothing::smoothed(domain, &told.hats, &halves);
     told
 }
 
@@ -230,11 +226,21 @@ impl Calibrated {
             (0..part_of.len()).map(|slot| is_calibrated(slot).then(|| at(slot))).collect();
         let receivers = Receivers::oriented(&places, &normals_of_slots(domain, &self.hats), 16);
         let gather = Gather::with_kernels_of_parts(surface, tree, self.kernels.clone(), near);
+        let row_sums = |of: &Self| {
+            let irradiance = of.of_samples(surface);
+            receivers.expand(&gather.radiosity(&receivers, &gather.light(&irradiance), scheme, &Silent))
+        };
         progress.start("row sums", MOST_ROUNDS as u64);
+        // What the walks add to the layers varies less over the surface than what leaves, and is smoothed in its place.
+        let of_layers = row_sums(self);
+        let over = |half: &Vec<DVec3>| -> Vec<DVec3> {
+            let ratio = |(t, k): (&DVec3, &DVec3)| DVec3::select(k.cmpgt(DVec3::ZERO), *t / *k, DVec3::ONE);
+            half.iter().zip(&of_layers).map(ratio).collect()
+        };
+        let ratios = smoothing::smoothed(domain, &self.hats, &told.halves.each_ref().map(over));
+        let wanted: Vec<DVec3> = ratios.iter().zip(&of_layers).map(|(ratio, k)| *ratio * *k).collect();
         for _ in 0..MOST_ROUNDS {
-            let irradiance = self.of_samples(surface);
-            let lit = gather.light(&irradiance);
-            let sums = receivers.expand(&gather.radiosity(&receivers, &lit, scheme, &Silent));
+            let sums = row_sums(self);
             let mut change: f64 = 0.0;
             for (slot, (scale, sum)) in self.scale.iter_mut().zip(sums).enumerate() {
                 if !is_calibrated(slot) {
@@ -242,7 +248,7 @@ impl Calibrated {
                 }
                 for c in 0..3 {
                     // The row sum is s times `sum`.
-                    let (wanted, there) = (told.row_sums[slot][c], sum[c]);
+                    let (wanted, there) = (wanted[slot][c], sum[c]);
                     if wanted > 0.0 && there > 0.0 {
                         let next = (scale[c] * wanted / there).sqrt();
                         change = change.max((next / scale[c] - 1.0).abs());

@@ -1,4 +1,4 @@
-//! Row sums of walks without their noise: smoothed over the surface, over a length that two halves of the walks choose.
+//! Values of walks without their noise: smoothed over the surface, over a length that two halves of the walks choose.
 
 use glam::DVec3;
 
