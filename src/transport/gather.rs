@@ -340,7 +340,11 @@ impl<'a> Gather<'a> {
             } else {
                 // A piece is small where its sample is three points.
                 let flux = deviation * samples::area(corners);
-                lists.add(layers, (corners.iter().sum::<DVec3>() / 3.0, flux, patch.cross_mm2 / patch.area_mm2), centre);
+                lists.add(
+                    layers,
+                    (corners.iter().sum::<DVec3>() / 3.0, flux, patch.cross_mm2 / patch.area_mm2),
+                    centre,
+                );
             }
         }
         for facet in self.surface.samples.patch(index) {

@@ -100,13 +100,19 @@ pub struct Told {
     pub lost: Vec<f64>,
 }
 
+impl Told {
+    /// Nothing told about a domain: every part keeps its dipole.
+    pub fn nothing(domain: Domain) -> Self {
+        let hats = Hats::new(domain.mesh, domain.parts);
+        let (slots, count) = (hats.mass_mm2.len(), domain.parts.parts.len());
+        let halves = [vec![DVec3::ZERO; slots], vec![DVec3::ZERO; slots]];
+        Self { hats, parts: vec![None; count], halves, lost: vec![0.0; count] }
+    }
+}
+
 /// Walks through every part of a domain.
 pub fn walked(domain: Domain, walks: Walks, progress: &dyn Progress) -> Told {
-    let hats = Hats::new(domain.mesh, domain.parts);
-    let count = domain.parts.parts.len();
-    let slots = hats.mass_mm2.len();
-    let halves = [vec![DVec3::ZERO; slots], vec![DVec3::ZERO; slots]];
-    let mut told = Told { hats, parts: vec![None; count], halves, lost: vec![0.0; count] };
+    let mut told = Told::nothing(domain);
     for (part, entry) in domain.parts.parts.iter().enumerate() {
         let Some(medium) = entry.medium.and_then(|m| domain.media.get(m as usize)) else { continue };
         let media = [0, 1, 2].map(|c| WalkMedium::new(&medium.properties, c));
@@ -141,7 +147,7 @@ pub fn walked(domain: Domain, walks: Walks, progress: &dyn Progress) -> Told {
             let pairs: Vec<[f64; 2]> =
                 of_channel.pairs.iter().map(|sums| of_orders(sums).map(|s| s * photon_mm2)).collect();
             let profile: &dyn Profile = &dipoles[c];
-            let [moments, ..] = pairs::moments(&body, [profile; 3], &splines, seed);
+            let moments = pairs::moments(&body, profile, &splines, seed);
             layers.push(fit::layers(splines, &moments, &pairs, photon_mm2));
             for (sums, half) in told.halves.iter_mut().zip(&of_channel.halves) {
                 for ((sum, of_slot), mass) in sums.iter_mut().zip(half).zip(&told.hats.mass_mm2) {
@@ -222,23 +228,19 @@ impl Calibrated {
         let part_of = parts_of_slots(domain, &self.hats);
         let at = |slot: usize| (part_of[slot], domain.mesh.local_mm[self.hats.vertex[slot] as usize].as_dvec3());
         let is_calibrated = |slot: usize| told.parts.get(part_of[slot] as usize).is_some_and(|part| part.is_some());
-        let places: Vec<_> =
-            (0..part_of.len()).map(|slot| is_calibrated(slot).then(|| at(slot))).collect();
+        let places: Vec<_> = (0..part_of.len()).map(|slot| is_calibrated(slot).then(|| at(slot))).collect();
         let receivers = Receivers::oriented(&places, &normals_of_slots(domain, &self.hats), 16);
         let gather = Gather::with_kernels_of_parts(surface, tree, self.kernels.clone(), near);
         let row_sums = |of: &Self| {
             let irradiance = of.of_samples(surface);
             receivers.expand(&gather.radiosity(&receivers, &gather.light(&irradiance), scheme, &Silent))
         };
+        if told.parts.iter().all(Option::is_none) {
+            return;
+        }
         progress.start("row sums", MOST_ROUNDS as u64);
-        // What the walks add to the layers varies less over the surface than what leaves, and is smoothed in its place.
         let of_layers = row_sums(self);
-        let over = |half: &Vec<DVec3>| -> Vec<DVec3> {
-            let ratio = |(t, k): (&DVec3, &DVec3)| DVec3::select(k.cmpgt(DVec3::ZERO), *t / *k, DVec3::ONE);
-            half.iter().zip(&of_layers).map(ratio).collect()
-        };
-        let ratios = smoothing::smoothed(domain, &self.hats, &told.halves.each_ref().map(over));
-        let wanted: Vec<DVec3> = ratios.iter().zip(&of_layers).map(|(ratio, k)| *ratio * *k).collect();
+        let wanted = smoothing::smoothed(domain, &self.hats, &told.halves, &of_layers);
         for _ in 0..MOST_ROUNDS {
             let sums = row_sums(self);
             let mut change: f64 = 0.0;
@@ -341,3 +343,7 @@ fn normals_of_slots(domain: Domain, hats: &Hats) -> Vec<DVec3> {
     }
     normals.iter().map(|n| n.normalize_or_zero()).collect()
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests;

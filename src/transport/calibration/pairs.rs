@@ -34,14 +34,14 @@ const CHUNK: u64 = 16;
 /// Powers of the height: 0, 1, 2.
 pub(super) const POWERS: usize = 3;
 
-/// `Int Int R_d B_k B_(k + j) h^m dA dA` of each channel, mm^2: `[k][j][m]`.
+/// `Int Int R_d B_k B_(k + j) h^m dA dA`, mm^2: `[k][j][m]`.
 pub(super) type Moments = Vec<[[f64; POWERS]; SUPPORT]>;
 
-/// The moments of three profiles over a body.
+/// The moments of a profile over a body.
 ///
 /// Pairs far apart are those of points spread over the body with probes; pairs nearby are those of probes with every crossing of
 /// lines along the probe's normal, so that they are found at any distance and on every sheet.
-pub(super) fn moments(body: &Body, profiles: [&dyn Profile; 3], splines: &Splines, seed: u64) -> [Moments; 3] {
+pub(super) fn moments(body: &Body, profile: &dyn Profile, splines: &Splines, seed: u64) -> Moments {
     let area = body.area_mm2();
     let spread = |count: u64, stage: u64| -> Vec<SurfacePoint> {
         let point = |i: u64| {
@@ -54,7 +54,7 @@ pub(super) fn moments(body: &Body, profiles: [&dyn Profile; 3], splines: &Spline
     let (probes, points) = (spread(PROBES, 1), spread(POINTS, 2));
     let near_mm = NEAR * (area / POINTS as f64).sqrt();
     let of_chunk = |(chunk, probes): (usize, &[SurfacePoint])| {
-        let mut sums = Sums { splines, profiles, of: [0, 1, 2].map(|_| vec![[[0.0; POWERS]; SUPPORT]; splines.len()]) };
+        let mut sums = Sums { splines, profile, of: vec![[[0.0; POWERS]; SUPPORT]; splines.len()] };
         for (i, &probe) in probes.iter().enumerate() {
             let mut stream = Stream::new(mix(seed ^ 3), chunk as u64 * CHUNK + i as u64);
             sums.far(probe, &points, (near_mm, area / POINTS as f64));
@@ -62,38 +62,34 @@ pub(super) fn moments(body: &Body, profiles: [&dyn Profile; 3], splines: &Spline
         }
         sums.of
     };
-    let chunks: Vec<[Moments; 3]> = probes.par_chunks(CHUNK as usize).enumerate().map(of_chunk).collect();
-    let mut total = [0, 1, 2].map(|_| vec![[[0.0; POWERS]; SUPPORT]; splines.len()]);
+    let chunks: Vec<Moments> = probes.par_chunks(CHUNK as usize).enumerate().map(of_chunk).collect();
+    let mut total = vec![[[0.0; POWERS]; SUPPORT]; splines.len()];
     let weight = area / PROBES as f64;
     for chunk in chunks {
-        for (total, part) in total.iter_mut().zip(chunk) {
-            let entries = total.as_flattened_mut().as_flattened_mut();
-            entries.iter_mut().zip(part.as_flattened().as_flattened()).for_each(|(t, p)| *t += weight * p);
-        }
+        let entries = total.as_flattened_mut().as_flattened_mut();
+        entries.iter_mut().zip(chunk.as_flattened().as_flattened()).for_each(|(t, p)| *t += weight * p);
     }
     total
 }
 
 struct Sums<'a> {
     splines: &'a Splines,
-    profiles: [&'a dyn Profile; 3],
-    of: [Moments; 3],
+    profile: &'a dyn Profile,
+    of: Moments,
 }
 
 impl Sums<'_> {
     /// Adds a pair at a distance (mm) with a height, which stands for so much of the surface, mm^2.
     fn add(&mut self, r: f64, h: f64, area: f64) {
         let (first, values) = self.splines.at(r);
-        for (profile, of) in self.profiles.iter().zip(&mut self.of) {
-            let weight = area * profile.reflectance(r);
-            for (j, &left) in values.iter().enumerate() {
-                let Some(entry) = of.get_mut(first + j) else { continue };
-                for (sums, &right) in entry.iter_mut().zip(&values[j..]) {
-                    let product = weight * left * right;
-                    sums[0] += product;
-                    sums[1] += product * h;
-                    sums[2] += product * h * h;
-                }
+        let weight = area * self.profile.reflectance(r);
+        for (j, &left) in values.iter().enumerate() {
+            let Some(entry) = self.of.get_mut(first + j) else { continue };
+            for (sums, &right) in entry.iter_mut().zip(&values[j..]) {
+                let product = weight * left * right;
+                sums[0] += product;
+                sums[1] += product * h;
+                sums[2] += product * h * h;
             }
         }
     }

@@ -66,6 +66,14 @@ impl<'a> CalibratedSurface<'a> {
     /// As [`Calibrated::new`].
     pub fn new(domain: Domain<'a>, samples: usize, walks: Walks, progress: &dyn Progress) -> Result<Self> {
         let told = walked(domain, walks, progress);
+        Self::with(domain, samples, told, progress)
+    }
+
+    /// The same with what walks told before.
+    ///
+    /// # Errors
+    /// As [`Calibrated::new`].
+    pub fn with(domain: Domain<'a>, samples: usize, told: Told, progress: &dyn Progress) -> Result<Self> {
         let (bvh, cut) = rayon::join(|| Bvh::new(domain.mesh), || Cut::new(domain, samples));
         let scheme = Scheme::Hierarchical { criterion: Criterion::SolidAngle(SOLVING_ANGLE) };
         let solving = Cut::new(domain, samples.min(SOLVING));
@@ -85,8 +93,7 @@ impl<'a> CalibratedSurface<'a> {
         let etas: Vec<f64> = self.domain.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
         let mut sum = vec![DVec3::ZERO; self.of_samples.len()];
         for light in lights {
-            let of_light =
-                Illumination::new(&surface, std::slice::from_ref(light), &etas, sampling)?.all(progress);
+            let of_light = Illumination::new(&surface, std::slice::from_ref(light), &etas, sampling)?.all(progress);
             let entered = moved(&surface, light, &of_light);
             sum.iter_mut().zip(entered).for_each(|(sum, e)| *sum += e);
         }

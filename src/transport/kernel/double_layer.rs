@@ -6,9 +6,7 @@
 use glam::DVec3;
 
 use super::radial_table::{LinearTable, ProfileTable, Rgb, WIDEST};
-use super::{
-    Block, EdgePrecision, FLUSH, FlatSource, LANES, PointSource, RadialIntegral, Row, RowValues, squares,
-};
+use super::{Block, EdgePrecision, FLUSH, FlatSource, LANES, PointSource, RadialIntegral, Row, RowValues, squares};
 use crate::math::simd::{InstructionSet, multiversion};
 
 /// Flux times unit normal of a source, `[axis][channel]`.
@@ -18,9 +16,10 @@ pub struct Moment(pub(super) [Rgb; 3]);
 impl Moment {
     /// The moment of a source, by channel.
     pub fn new(of_channel: [DVec3; 3]) -> Self {
-        Self([0, 1, 2].map(|axis| {
-            [of_channel[0][axis] as f32, of_channel[1][axis] as f32, of_channel[2][axis] as f32, 0.0]
-        }))
+        Self(
+            [0, 1, 2]
+                .map(|axis| [of_channel[0][axis] as f32, of_channel[1][axis] as f32, of_channel[2][axis] as f32, 0.0]),
+        )
     }
 
     /// The moment of flux through a piece of surface with one normal.
@@ -102,8 +101,7 @@ fn points_body(block: &mut Block, layers: &DoubleLayer, sources: &[PointSource],
                 let flux = [source.flux[0], source.flux[1], source.flux[2], 0.0];
                 let places = layers.slope.places(&r2);
                 for i in 0..LANES {
-                    let (single, slope) =
-                        (layers.single.reflectance.value(&places, i), layers.slope.value(&places, i));
+                    let (single, slope) = (layers.single.reflectance.value(&places, i), layers.slope.value(&places, i));
                     let way = [source.at[0] - row.at[0][i], source.at[1] - row.at[1][i], source.at[2] - row.at[2][i]];
                     for c in 0..4 {
                         let under = moment[0][c] * way[0] + moment[1][c] * way[1] + moment[2][c] * way[2];
