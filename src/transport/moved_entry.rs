@@ -160,3 +160,46 @@ fn target(
     let point = ray.origin.as_dvec3() + f64::from(hit.t) * normal;
     facets.at(mesh, hit.triangle, point)
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::geometry::shapes;
+    use crate::transport::test_scene::{Fixture, named};
+
+    #[test]
+    fn light_on_a_plane_moves_by_the_tangential_part_of_a_free_path() {
+        let fixture = Fixture::new(shapes::plane(40.0, 40.0, 7), named("marble"), 20_000);
+        let surface = fixture.surface();
+        let light = Light::Directional { from: DVec3::new(0.8, 0.6, 0.0), irradiance: DVec3::ONE };
+        let spot = |at: DVec3| if at.x.abs() < 2.0 && at.z.abs() < 2.0 { DVec3::ONE } else { DVec3::ZERO };
+        let before: Vec<DVec3> = surface.patches.iter().map(|p| spot(p.centre_mm)).collect();
+        let after = moved(&surface, &light, &before);
+        let properties = named("marble");
+        let sine = 0.8 / properties.eta_inside_over_outside;
+        for c in 0..3 {
+            let sums = |values: &[DVec3]| {
+                let of = values.iter().zip(surface.patches).map(|(e, p)| (e[c] * p.area_mm2, p.centre_mm));
+                of.fold((0.0, DVec3::ZERO), |(sum, moment), (flux, at)| (sum + flux, moment + flux * at))
+            };
+            let ((flux, from), (there, to)) = (sums(&before), sums(&after));
+            assert!((there / flux - 1.0).abs() < 1e-12);
+            let shift = (to - from) / flux;
+            let expected = -sine * properties.mean_free_path_mm()[c];
+            assert!((shift.x / expected - 1.0).abs() < 0.05 && shift.z.abs() < 0.02, "{c}: {shift} {expected}");
+        }
+    }
+
+    #[test]
+    fn light_that_finds_no_surface_stays_and_light_from_all_around_too() {
+        let fixture = Fixture::new(shapes::bumpy_head(10.0, 2), named("skin1"), 700);
+        let surface = fixture.surface();
+        let before: Vec<DVec3> = (0..surface.samples.len()).map(|i| DVec3::splat(f64::from(i as u32 % 5))).collect();
+        let point = Light::Point { at_mm: DVec3::new(3.0, 20.0, 1.0), intensity: DVec3::ONE };
+        let flux = |values: &[DVec3]| values.iter().zip(surface.patches).map(|(e, p)| *e * p.area_mm2).sum::<DVec3>();
+        let after = moved(&surface, &point, &before);
+        assert!((flux(&after) - flux(&before)).abs().max_element() < 1e-9 * flux(&before).x && after != before);
+        assert_eq!(moved(&surface, &Light::Constant { radiance: DVec3::ONE }, &before), before);
+    }
+}

@@ -166,11 +166,11 @@ fn errors(scene: &TestScene) -> [f64; 2] {
 fn the_calibrated_kernel_is_nearer_to_the_volume_than_the_dipole() {
     let head = scene_of(shapes::bumpy_head(24.0, 4), "skin1");
     let [calibrated, dipole] = errors(&head);
-    assert!(dipole > 0.2 && calibrated < 0.13, "{calibrated} {dipole}");
+    assert!(dipole > 0.12 && calibrated < 0.1 && calibrated < 0.6 * dipole, "{calibrated} {dipole}");
     // A sheet of a third of a mean free path of marble.
     let sheet = scene_of(shapes::cuboid(DVec3::new(8.0, 0.4, 8.0), 24), "marble");
     let [calibrated, dipole] = errors(&sheet);
-    assert!(dipole > 0.3 && calibrated < 0.15, "{calibrated} {dipole}");
+    assert!(dipole > 0.3 && calibrated < 0.5 * dipole, "{calibrated} {dipole}");
 }
 
 #[test]
@@ -190,6 +190,7 @@ fn threads_do_not_change_a_bit_and_openings_keep_their_dipole() {
 
     let mut open = shapes::icosphere(10.0, 2);
     open.triangles.truncate(open.triangles.len() - 40);
+    open.triangle_material.truncate(open.triangles.len());
     let scene = scene_of(open, "marble");
     let walks = Walks { photons: 4000, ..Walks::default() };
     let body = CalibratedSurface::new(scene.domain(), 2048, walks, &Silent).unwrap();
