@@ -313,7 +313,7 @@ fn a_few_walks_bring_the_dipole_nearer_to_the_volume() {
 
     let report = run("head.obj", "--model calibrated --photons 4000 --samples 700 --seed 3 --json").ok().json();
     assert_eq!((&report["model"], &report["photons"][0][2]), (&"calibrated".into(), &4000.into()));
-    let open = run("sheet.obj", "--model calibrated --samples 400").ok().text();
+    let open = run("sheet.obj", "--model calibrated --samples 400").ok().stderr;
     assert!(open.contains("is not closed: it keeps its dipole"), "{open}");
     for flag in ["--set points=4", "--max-rms 1%", "--no-measure", "--method two_pass", "--profile burley"] {
         run("head.obj", &format!("--model calibrated {flag}")).fails(1, &[flag.split(' ').next().unwrap()]);

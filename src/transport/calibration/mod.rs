@@ -184,6 +184,9 @@ pub struct Calibrated {
 const SOLVED: f64 = 1e-4;
 const MOST_ROUNDS: usize = 40;
 
+/// Slots that share a traversal of the samples.
+const GROUP: usize = 16;
+
 impl Calibrated {
     /// Kernels from layers, and factors that give the row sums.
     ///
@@ -215,7 +218,8 @@ impl Calibrated {
         Ok(result)
     }
 
-    /// Iterates `s <- sqrt(s t / (row sum of s K s))`, t the row sums of the walks.
+    /// Iterates `s <- s (t / (s K s))^(2/3)`, t the row sums of the walks and s K s those of the kernel: of all slots, or where there are more
+    /// than samples of one slot in each sample, and of the others at the end.
     fn solve(
         &mut self,
         surface: &Surface,
@@ -224,46 +228,77 @@ impl Calibrated {
         (near, scheme): (NearField, Scheme),
         progress: &dyn Progress,
     ) {
-        let domain = surface.domain;
-        let part_of = parts_of_slots(domain, &self.hats);
-        let at = |slot: usize| (part_of[slot], domain.mesh.local_mm[self.hats.vertex[slot] as usize].as_dvec3());
-        let is_calibrated = |slot: usize| told.parts.get(part_of[slot] as usize).is_some_and(|part| part.is_some());
-        let places: Vec<_> = (0..part_of.len()).map(|slot| is_calibrated(slot).then(|| at(slot))).collect();
-        let receivers = Receivers::oriented(&places, &normals_of_slots(domain, &self.hats), 16);
-        let gather = Gather::with_kernels_of_parts(surface, tree, self.kernels.clone(), near);
-        let row_sums = |of: &Self| {
-            let irradiance = of.of_samples(surface);
-            receivers.expand(&gather.radiosity(&receivers, &gather.light(&irradiance), scheme, &Silent))
-        };
         if told.parts.iter().all(Option::is_none) {
             return;
         }
+        let domain = surface.domain;
+        let part_of = parts_of_slots(domain, &self.hats);
+        let normals = normals_of_slots(domain, &self.hats);
+        let is_calibrated = |slot: usize| told.parts.get(part_of[slot] as usize).is_some_and(|part| part.is_some());
+        let place = |slot: usize| {
+            let at = domain.mesh.local_mm[self.hats.vertex[slot] as usize].as_dvec3();
+            is_calibrated(slot).then_some((part_of[slot], at))
+        };
+        let slots: Vec<u32> = (0..part_of.len() as u32).collect();
+        let at = |slots: &[u32]| {
+            let places: Vec<_> = slots.iter().map(|&slot| place(slot as usize)).collect();
+            let normals: Vec<DVec3> = slots.iter().map(|&slot| normals[slot as usize]).collect();
+            Receivers::oriented(&places, &normals, GROUP)
+        };
+        let gather = Gather::with_kernels_of_parts(surface, tree, self.kernels.clone(), near);
+        let sums = |receivers: &Receivers, factors: &[DVec3]| {
+            receivers.expand(&gather.radiosity(receivers, &gather.light(factors), scheme, &Silent))
+        };
         progress.start("row sums", MOST_ROUNDS as u64);
-        let of_layers = row_sums(self);
-        let wanted = smoothing::smoothed(domain, &self.hats, &told.halves, &of_layers);
+        let all = at(&slots);
+        let ones = vec![DVec3::ONE; surface.samples.len()];
+        let wanted = smoothing::smoothed(domain, &self.hats, &told.halves, &sums(&all, &ones));
+        let few = (slots.len() > surface.samples.len()).then(|| self.slots_of_samples(surface));
+        let chosen = few.as_ref().map(|few| at(few));
+        let mut of_few = ones;
         for _ in 0..MOST_ROUNDS {
-            let sums = row_sums(self);
-            let mut change: f64 = 0.0;
-            for (slot, (scale, sum)) in self.scale.iter_mut().zip(sums).enumerate() {
-                if !is_calibrated(slot) {
-                    continue;
+            let change = match (&few, &chosen) {
+                (Some(few), Some(chosen)) => {
+                    let there = sums(chosen, &of_few);
+                    let of = |slot: &u32| wanted[*slot as usize];
+                    stepped(&mut of_few, few.iter().map(of).zip(there), |i| is_calibrated(few[i] as usize))
                 }
-                for c in 0..3 {
-                    // The row sum is s times `sum`.
-                    let (wanted, there) = (wanted[slot][c], sum[c]);
-                    if wanted > 0.0 && there > 0.0 {
-                        let next = (scale[c] * wanted / there).sqrt();
-                        change = change.max((next / scale[c] - 1.0).abs());
-                        scale[c] = next;
-                    }
+                _ => {
+                    let there = sums(&all, &self.of_samples(surface));
+                    stepped(&mut self.scale, wanted.iter().copied().zip(there), is_calibrated)
                 }
-            }
+            };
             progress.advance(1);
             if change < SOLVED {
                 break;
             }
         }
+        if few.is_some() {
+            let there = sums(&all, &of_few);
+            for (slot, ((scale, wanted), there)) in self.scale.iter_mut().zip(&wanted).zip(there).enumerate() {
+                for c in (0..3).filter(|&c| is_calibrated(slot) && wanted[c] > 0.0 && there[c] > 0.0) {
+                    scale[c] = wanted[c] / there[c];
+                }
+            }
+        }
         progress.finish();
+    }
+
+    /// A slot of each sample, that of the corner nearest to its centre.
+    fn slots_of_samples(&self, surface: &Surface) -> Vec<u32> {
+        let mesh = surface.domain.mesh;
+        let of = |sample: usize| {
+            let centre = surface.patches[sample].centre_mm;
+            let corners = surface.samples.patch(sample).iter().flat_map(|facet| {
+                let places = mesh.corners_local_mm(facet.triangle);
+                self.hats.corners[facet.triangle as usize].into_iter().zip(places)
+            });
+            let nearest = corners.min_by(|a, b| {
+                a.1.distance_squared(centre).total_cmp(&b.1.distance_squared(centre)).then(a.0.cmp(&b.0))
+            });
+            nearest.map_or(0, |(slot, _)| slot)
+        };
+        (0..surface.samples.len()).map(of).collect()
     }
 
     /// The factor of each sample, RGB.
@@ -296,6 +331,26 @@ impl Calibrated {
         let of = |slot: &u32| self.scale.get(*slot as usize).copied().unwrap_or(DVec3::ONE);
         self.hats.of_vertex.iter().map(of).collect()
     }
+}
+
+/// One round: each factor times `(wanted / (factor there))^(2/3)`; the largest change. The errors of smooth factors count twice in row sums,
+/// those of rough ones once, so that two thirds of a step leave a third of either.
+fn stepped(
+    factors: &mut [DVec3],
+    wanted_and_there: impl Iterator<Item = (DVec3, DVec3)>,
+    is_free: impl Fn(usize) -> bool,
+) -> f64 {
+    let mut change: f64 = 0.0;
+    for (index, (factor, (wanted, there))) in factors.iter_mut().zip(wanted_and_there).enumerate() {
+        for c in 0..3 {
+            if is_free(index) && wanted[c] > 0.0 && there[c] > 0.0 {
+                let step = (wanted[c] / (factor[c] * there[c])).cbrt();
+                factor[c] *= step * step;
+                change = change.max((step * step - 1.0).abs());
+            }
+        }
+    }
+    change
 }
 
 /// Weights of the corners of a triangle at a point in its plane.

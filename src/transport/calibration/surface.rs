@@ -18,10 +18,10 @@ use crate::transport::surface::Surface;
 use crate::transport::tree::SampleTree;
 
 /// Samples with which the factors of points are solved for at most; factors are smooth.
-const SOLVING: usize = 16_384;
+const SOLVING: usize = 8192;
 
 /// Solid angle of clusters in those sums, sr.
-const SOLVING_ANGLE: f64 = 0.01;
+const SOLVING_ANGLE: f64 = 0.03;
 
 /// Receivers of a group.
 const GROUP: usize = 64;
