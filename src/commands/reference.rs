@@ -15,13 +15,17 @@ use super::model::ModelArgs;
 use super::{opening, output};
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::keys::share;
+use crate::forms::density;
 use crate::geometry::check::MeshCheck;
 use crate::geometry::parts::Closure;
 use crate::import::Imported;
-use crate::report::evaluation::{RadiosityReport, WalkReport};
+use crate::report::evaluation::{CalibratedReport, RadiosityReport, WalkReport};
 use crate::report::radiosity_ply::{Single, comments, radiosity_ply};
 use crate::report::text::{percent, significant};
 use crate::scene::Scene;
+use crate::transport::calibration::Walks;
+use crate::transport::calibration::surface::CalibratedSurface;
+use crate::transport::irradiance::LightSampling;
 use crate::transport::random_walk::exitance::{self, Effort, Exitance, MOST_PHOTONS};
 use crate::transport::random_walk::tally::{Budget, NONE};
 
@@ -61,10 +65,11 @@ struct WalkArgs {
     /// What the exitance is computed by. A random walk writes every order of scattering to b_* and the first to s_*
     #[arg(long = "model", id = "physics", default_value = "dipole", value_name = "WHICH")]
     physics: Physics,
-    /// Photons of each channel of a random walk (default: as many as bring the noise to --max-rms, 5% where that is not given)
+    /// Photons of each channel of a random walk (default: as many as bring the noise to --max-rms, 5% where that is not given), or of a
+    /// calibration
     #[arg(long, value_name = "N", conflicts_with = "max_rms")]
     photons: Option<u64>,
-    /// Seed of a random walk
+    /// Seed of a random walk or a calibration
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
 }
@@ -73,6 +78,9 @@ struct WalkArgs {
 enum Physics {
     /// The dipole, or another --profile, over all pairs of samples and vertices
     Dipole,
+    /// The dipole calibrated by a few walks through each closed part: orders of scattering from 1 on, the shape of the body and the
+    /// direction of entrance included; over all pairs
+    Calibrated,
     /// A random walk through the volume: closed parts only, no light from one part to another
     MonteCarlo,
 }
@@ -80,9 +88,10 @@ enum Physics {
 pub(super) fn run(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
     match args.walk.physics {
         Physics::Dipole => dipole(args, console),
-        Physics::MonteCarlo if args.profile.is_given() => {
-            Err(Error::command_line("--profile: a random walk has no profile; leave it out, or use --model dipole"))
+        Physics::Calibrated | Physics::MonteCarlo if args.profile.is_given() => {
+            Err(Error::command_line("--profile: walks have no profile; leave it out, or use --model dipole"))
         }
+        Physics::Calibrated => calibrated(args, console),
         Physics::MonteCarlo => monte_carlo(args, console),
     }
 }
@@ -90,7 +99,7 @@ pub(super) fn run(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
 fn dipole(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
     if args.walk.photons.is_some() || args.walk.seed != 0 {
         return Err(Error::command_line(
-            "--photons and --seed are for --model monte-carlo; the dipole takes --samples",
+            "--photons and --seed are for --model calibrated and monte-carlo; the dipole takes --samples",
         ));
     }
     let recipe = args.options.resolve(&args.method, console)?;
@@ -103,6 +112,61 @@ fn dipole(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
     args.profile.put(evaluator.as_mut())?;
     let wanted = Radiosity { method: &method, outputs: &args.output, measure: !args.no_measure, asked_rms };
     finish("reference", evaluator.as_mut(), lights, &wanted, console)
+}
+
+/// Samples of a calibrated surface, unless another number is asked for.
+const CALIBRATED_SAMPLES: usize = 1 << 17;
+
+/// Rays towards lights, as the reference has them.
+const SAMPLING: LightSampling = LightSampling { points_per_patch: 16, directions: 512, area_side: 16 };
+
+fn calibrated(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
+    let unfit = [
+        (args.method != "reference", "--method"),
+        (!args.options.set.is_empty(), "--set"),
+        (args.options.for_lights != "all", "--for-lights"),
+        (args.options.max_rms.is_some(), "--max-rms"),
+        (args.no_measure, "--no-measure"),
+    ];
+    if let Some((_, flag)) = unfit.iter().find(|(given, _)| *given) {
+        return Err(Error::command_line(format!(
+            "{flag} is not for --model calibrated, which takes --photons, --seed and --samples"
+        )));
+    }
+    let mut walks = Walks { seed: args.walk.seed, ..Walks::default() };
+    if let Some(photons) = args.walk.photons {
+        walks = Walks { photons: in_range("--photons", photons, 1..=MOST_PHOTONS)?, collisions: u64::MAX, ..walks };
+    }
+    let samples = args.options.samples.map(|n| in_range("--samples", n, 1..=1 << 28)).transpose()?;
+    output::check(&args.output, &["ply"], console)?;
+    let lights = args.lights.load(console)?;
+    let Imported { scene, .. } = args.model.load(console)?;
+    let samples = samples.unwrap_or(CALIBRATED_SAMPLES.max(scene.mesh.triangles.len()));
+    let bytes = exitance::memory(scene.domain()) + density::memory(samples, &scene);
+    console.check_memory(bytes, "use fewer --samples, or raise --max-memory")?;
+    let body = CalibratedSurface::new(scene.domain(), samples, walks, console)?;
+    for (part, told) in scene.parts.parts.iter().zip(&body.told.parts) {
+        if part.transfers() && told.is_none() {
+            console.warn(&format!("part `{}` is not closed: it keeps its dipole, which needs no volume", part.name));
+        }
+    }
+    let radiosity = body.radiosity(&lights.lights, SAMPLING, console)?;
+    output::write(&args.output, console, || {
+        let mut comments = comments("calibrated dipole", &scene, &lights.text);
+        comments.push("orders of scattering from 1 on".to_owned());
+        radiosity_ply(&scene.mesh, &radiosity, Single::None, comments)
+    })?;
+    let without_area = body.calibrated.hats.of_vertex.iter().filter(|&&s| s == NONE).count();
+    let photons = body.told.parts.iter().map(|part| part.as_ref().map(|part| part.photons)).collect();
+    let result = CalibratedReport {
+        model: "calibrated",
+        radiosity: RadiosityReport::new((lights.text, lights.inputs), &args.output, &radiosity, without_area),
+        seed: args.walk.seed,
+        samples,
+        photons,
+    };
+    console.report("reference", &result)?;
+    Ok(ExitCode::Ok)
 }
 
 fn monte_carlo(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {

@@ -322,6 +322,8 @@ pub struct Patch {
     pub radius_mm: f64,
     /// Unit normal of a patch that is one facet; zero for others.
     pub normal: DVec3,
+    /// Area times unit normal, summed over its facets, mm^2.
+    pub cross_mm2: DVec3,
 }
 
 /// Centroid, area, radius and normal of every patch.
@@ -331,10 +333,11 @@ pub fn patches(mesh: &Mesh, samples: &Samples) -> Vec<Patch> {
 }
 
 fn measure(mesh: &Mesh, facets: &[Facet]) -> Patch {
-    let (mut moment, mut total) = (DVec3::ZERO, 0.0);
+    let (mut moment, mut total, mut cross_mm2) = (DVec3::ZERO, 0.0, DVec3::ZERO);
     for facet in facets {
         let corners = facet.corners_local_mm(mesh);
         let a = area(corners);
+        cross_mm2 += a * mesh.normal(facet.triangle);
         moment += a / 3.0 * corners.iter().sum::<DVec3>();
         total += a;
     }
@@ -348,7 +351,7 @@ fn measure(mesh: &Mesh, facets: &[Facet]) -> Patch {
         [facet] => mesh.cross_mm2(facet.triangle).normalize_or_zero(),
         _ => DVec3::ZERO,
     };
-    Patch { centre_mm: centre, area_mm2: total, radius_mm: radius2.sqrt(), normal }
+    Patch { centre_mm: centre, area_mm2: total, radius_mm: radius2.sqrt(), normal, cross_mm2 }
 }
 
 /// Statistics of the spacing between samples.

@@ -1,5 +1,6 @@
 //! Linear algebra, quadrature, counter-based random numbers, directions and statistics.
 
+pub(crate) mod cholesky;
 pub mod cube_map;
 pub mod eigen;
 pub mod haar;

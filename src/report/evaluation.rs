@@ -79,6 +79,18 @@ pub(crate) struct OnMeshReport {
     pub(crate) cost: Cost,
 }
 
+/// Report of a calibrated dipole.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct CalibratedReport {
+    pub(crate) model: &'static str,
+    #[serde(flatten)]
+    pub(crate) radiosity: RadiosityReport,
+    pub(crate) seed: u64,
+    pub(crate) samples: usize,
+    /// Photons of each channel of each part; none for parts that were not calibrated.
+    pub(crate) photons: Vec<Option<[u64; 3]>>,
+}
+
 /// Report of a random walk.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct WalkReport {

@@ -149,7 +149,7 @@ mod tests {
         let receivers = Receivers {
             positions,
             groups: vec![group(0, 0), group(16, 0), group(32, 1), group(48, 1)],
-            of_vertex: vec![],
+            ..Receivers::default()
         };
         let close = ClosePairs::of_samples(&fixture.surface(), &receivers, |_| 1e3);
         for (index, group) in receivers.groups.iter().enumerate() {

@@ -8,6 +8,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::irradiance::Pieces;
+use super::kernel::double_layer::Moment;
 use super::kernel::medium::MediumKernel;
 use super::kernel::{Block, FlatSource, PointSource};
 use super::near_rule::{NearField, near_square, three_points};
@@ -46,7 +47,9 @@ pub enum Criterion {
 pub struct Gather<'a> {
     surface: Surface<'a>,
     tree: &'a SampleTree,
-    media: Vec<MediumKernel>,
+    /// Kernels, and which of them each part has.
+    kernels: Vec<MediumKernel>,
+    of_part: Vec<Option<u32>>,
     near: NearField,
     level: InstructionSet,
 }
@@ -55,6 +58,8 @@ pub struct Gather<'a> {
 pub struct Lit<'a> {
     light: SampleLight<'a>,
     clusters: Vec<Cluster>,
+    /// Flux times normal of each cluster, by channel, where a kernel has a double layer; else empty.
+    moments: Vec<[DVec3; 3]>,
 }
 
 /// Source that a group of receivers gathers from.
@@ -70,8 +75,20 @@ pub enum Source {
 #[derive(Default)]
 pub(in crate::transport) struct Lists {
     points: Vec<PointSource>,
+    /// Moments of the points, for kernels with a double layer.
+    moments: Vec<Moment>,
     flats: Vec<FlatSource>,
     block: Block,
+}
+
+impl Lists {
+    /// Adds a point, a piece of surface with a normal; `layers` where the kernel has a double layer.
+    fn add(&mut self, layers: bool, (at_mm, flux, normal): (DVec3, DVec3, DVec3), centre_mm: DVec3) {
+        self.points.push(PointSource::new(at_mm, flux, centre_mm));
+        if layers {
+            self.moments.push(Moment::of_facet(flux, normal));
+        }
+    }
 }
 
 impl<'a> Gather<'a> {
@@ -87,7 +104,18 @@ impl<'a> Gather<'a> {
         media: Vec<MediumKernel>,
         near: NearField,
     ) -> Self {
-        Self { surface: *surface, tree, media, near, level: InstructionSet::detect() }
+        let of_part = surface.domain.parts.parts.iter().map(|part| part.medium).collect();
+        Self::with_kernels_of_parts(surface, tree, (media, of_part), near)
+    }
+
+    /// [`Self::new`] with kernels, and which of them each part has.
+    pub fn with_kernels_of_parts(
+        surface: &Surface<'a>,
+        tree: &'a SampleTree,
+        (kernels, of_part): (Vec<MediumKernel>, Vec<Option<u32>>),
+        near: NearField,
+    ) -> Self {
+        Self { surface: *surface, tree, kernels, of_part, near, level: InstructionSet::detect() }
     }
 
     /// Prepares the tree for one irradiance per sample, RGB.
@@ -101,7 +129,10 @@ impl<'a> Gather<'a> {
     }
 
     fn lit<'b>(&self, light: SampleLight<'b>, irradiance: &[DVec3]) -> Lit<'b> {
-        Lit { light, clusters: self.tree.light(self.surface.patches, irradiance) }
+        let clusters = self.tree.light(self.surface.patches, irradiance);
+        let layers = self.kernels.iter().any(|kernel| kernel.layers().is_some());
+        let moments = if layers { self.tree.moments(self.surface.patches, irradiance) } else { Vec::new() };
+        Lit { light, clusters, moments }
     }
 
     /// Radiosity of every receiver, RGB. A receiver's value depends on its own group only.
@@ -155,8 +186,12 @@ impl<'a> Gather<'a> {
         self.visit(part, lit, medium, scheme, &sphere, &mut |source| {
             match source {
                 Source::Cluster(index) => {
-                    let at = lit.clusters[index as usize].centre_mm;
-                    lists.points.push(PointSource::new(at, DVec3::ONE, sphere.centre_mm));
+                    let Cluster { centre_mm, flux, .. } = lit.clusters[index as usize];
+                    lists.points.push(PointSource::new(centre_mm, DVec3::ONE, sphere.centre_mm));
+                    if let Some(moment) = lit.moments.get(index as usize) {
+                        let of = |c: usize| if flux[c] > 0.0 { moment[c] / flux[c] } else { DVec3::ZERO };
+                        lists.moments.push(Moment::new([of(0), of(1), of(2)]));
+                    }
                 }
                 Source::Patch(index) if lit.light.irradiance(index as usize) == DVec3::ZERO => return,
                 Source::Patch(index) => self.patch(index as usize, DVec3::ONE, None, (medium, &sphere), lists),
@@ -177,6 +212,7 @@ impl<'a> Gather<'a> {
         let sphere = receivers.sphere(group);
         lists.block.reset(sphere.centre_mm, receivers.of(group));
         lists.points.clear();
+        lists.moments.clear();
         lists.flats.clear();
         let part = group.part as usize;
         Some((part, self.medium(part)?, sphere))
@@ -189,6 +225,11 @@ impl<'a> Gather<'a> {
                 let cluster = &lit.clusters[index as usize];
                 let flux = lit.light.scaled(cluster.flux);
                 lists.points.push(PointSource::new(cluster.centre_mm, flux, sphere.centre_mm));
+                if medium.layers().is_some()
+                    && let Some(moment) = lit.moments.get(index as usize)
+                {
+                    lists.moments.push(Moment::new(moment.map(|m| lit.light.scaled(m))));
+                }
             }
             Source::Patch(index) => {
                 let index = index as usize;
@@ -217,11 +258,18 @@ impl<'a> Gather<'a> {
     /// Runs the kernels over the lists if they hold more than `limit` sources.
     fn drain(&self, medium: &MediumKernel, lists: &mut Lists, limit: usize) {
         if lists.points.len() > limit {
-            medium.add_points(self.level, &mut lists.block, &lists.points);
+            match medium.layers() {
+                Some(layers) => layers.add_points(self.level, &mut lists.block, &lists.points, &lists.moments),
+                None => medium.add_points(self.level, &mut lists.block, &lists.points),
+            }
             lists.points.clear();
+            lists.moments.clear();
         }
         if lists.flats.len() > limit {
-            medium.add_triangles(self.level, &mut lists.block, &lists.flats);
+            match medium.layers() {
+                Some(layers) => layers.add_triangles(self.level, &mut lists.block, &lists.flats),
+                None => medium.add_triangles(self.level, &mut lists.block, &lists.flats),
+            }
             lists.flats.clear();
         }
     }
@@ -261,7 +309,7 @@ impl<'a> Gather<'a> {
     }
 
     fn medium(&self, part: usize) -> Option<&MediumKernel> {
-        self.media.get(self.surface.domain.parts.parts[part].medium? as usize)
+        self.kernels.get((*self.of_part.get(part)?)? as usize)
     }
 
     /// Adds one patch of an irradiance to the lists, as finely as its distance requires, and its pieces under a light.
@@ -278,9 +326,10 @@ impl<'a> Gather<'a> {
         }
         let (patch, centre) = (&self.surface.patches[index], sphere.centre_mm);
         let distance = (patch.centre_mm.distance(centre) - sphere.radius_mm).max(0.0);
+        let layers = medium.layers().is_some();
         let below = |radii: f64| distance * distance < near_square(radii * patch.radius_mm, medium.smooth_mm());
         if !below(self.near.three_points_below) {
-            lists.points.push(PointSource::new(patch.centre_mm, e * patch.area_mm2, centre));
+            lists.add(layers, (patch.centre_mm, e * patch.area_mm2, patch.cross_mm2 / patch.area_mm2), centre);
             return;
         }
         let exact = below(self.near.exact_below);
@@ -291,7 +340,11 @@ impl<'a> Gather<'a> {
             } else {
                 // A piece is small where its sample is three points.
                 let flux = deviation * samples::area(corners);
-                lists.points.push(PointSource::new(corners.iter().sum::<DVec3>() / 3.0, flux, centre));
+                lists.add(
+                    layers,
+                    (corners.iter().sum::<DVec3>() / 3.0, flux, patch.cross_mm2 / patch.area_mm2),
+                    centre,
+                );
             }
         }
         for facet in self.surface.samples.patch(index) {
@@ -300,7 +353,8 @@ impl<'a> Gather<'a> {
                 lists.flats.extend(FlatSource::new(corners, e.as_vec3().to_array(), centre));
             } else {
                 let (points, third) = three_points(corners);
-                lists.points.extend(points.map(|at| PointSource::new(at, e * third, centre)));
+                let normal = if layers { self.surface.domain.mesh.normal(facet.triangle) } else { DVec3::ZERO };
+                points.iter().for_each(|&at| lists.add(layers, (at, e * third, normal), centre));
             }
         }
     }

@@ -7,12 +7,12 @@
 //! each receiver against sources of its own ([`near`]). Coordinates are relative to the centre of the receivers, so
 //! that single precision loses little; sums run in f32 over at most `FLUSH` sources and are then added to f64.
 //!
-//! Kernels know no more of the two ends of a pair than [`Receiver`] and [`PointSource`] (or [`FlatSource`], which has a
-//! normal) say. A factor that depends on both normals, such as a double layer beside the radial kernel, would be added
-//! there: the normal of the receiver in the one, flux times normal in the other. One factor a point lies outside of the
-//! sums: [`SampleLight`](super::sample_light::SampleLight) applies it to the light before, and to the sums after.
+//! A radial kernel knows no more of the two ends of a pair than their places. One with a [`double_layer`] knows the
+//! normal of the receiver and flux times normal of the source. One factor a point lies outside of the sums: it is applied
+//! to the light before, and to the sums after.
 
 pub mod closed_form;
+pub mod double_layer;
 pub mod medium;
 pub mod near;
 pub mod radial_table;
@@ -29,6 +29,8 @@ pub(super) const FLUSH: usize = 32;
 pub struct Receiver {
     /// Position relative to the mesh's origin, mm.
     pub at_mm: DVec3,
+    /// Unit normal, outward; only a double layer asks for it.
+    pub normal: DVec3,
 }
 
 /// A point source of flux: one surface sample, or a cluster of them.
@@ -59,6 +61,8 @@ pub struct FlatSource {
     edges: [Edge; 3],
     /// Irradiance, RGB.
     irradiance: [f32; 3],
+    /// Relative to the block's centre, mm.
+    centroid: [f32; 3],
 }
 
 /// An edge of a triangle, seen from the foot of the block's centre in the triangle's plane.
@@ -97,6 +101,7 @@ impl FlatSource {
             height: normal.dot(centre - corners[0]) as f32,
             edges: [edge(0)?, edge(1)?, edge(2)?],
             irradiance,
+            centroid: (corners.iter().sum::<DVec3>() / 3.0 - centre).as_vec3().to_array(),
         })
     }
 
@@ -204,19 +209,26 @@ struct Receivers {
 #[derive(Clone, Debug, Default)]
 pub struct Block {
     rows: Vec<Receivers>,
+    /// Normals of the receivers of each row.
+    normals: Vec<[Row; 3]>,
 }
 
 impl Block {
     /// A block of `receivers` around `centre`, its sums zero.
     pub fn reset(&mut self, centre: DVec3, receivers: impl Iterator<Item = Receiver>) {
         self.rows.clear();
+        self.normals.clear();
         for (index, receiver) in receivers.enumerate() {
             let lane = index % LANES;
             if lane == 0 {
                 self.rows.push(Receivers { at: [[0.0; LANES]; 3], sums: [[0.0; LANES]; 3] });
+                self.normals.push([[0.0; LANES]; 3]);
             }
-            if let Some(row) = self.rows.last_mut() {
-                (0..3).for_each(|axis| row.at[axis][lane] = (receiver.at_mm[axis] - centre[axis]) as f32);
+            if let (Some(row), Some(normals)) = (self.rows.last_mut(), self.normals.last_mut()) {
+                for axis in 0..3 {
+                    row.at[axis][lane] = (receiver.at_mm[axis] - centre[axis]) as f32;
+                    normals[axis][lane] = receiver.normal[axis] as f32;
+                }
             }
         }
     }

@@ -1,6 +1,7 @@
 //! Visibility, irradiance and the transfer of flux through the medium.
 
 pub mod balanced_tree;
+pub mod calibration;
 pub mod close_pairs;
 pub mod cube_harmonics;
 pub mod domain;
@@ -13,6 +14,7 @@ pub mod irradiance_rows;
 pub mod kernel;
 pub mod light_range;
 pub mod many_lights;
+pub mod moved_entry;
 pub mod multilevel;
 pub mod near_field;
 pub mod near_rings;

@@ -17,6 +17,8 @@ use crate::math::statistics::{VertexError, vertex_error};
 pub struct Receivers {
     /// Positions relative to the mesh's origin, mm, group after group.
     pub positions: Vec<DVec3>,
+    /// Their unit normals, outward; zero where nobody asked for them.
+    pub normals: Vec<DVec3>,
     /// Runs of `positions` that lie close together and belong to one part.
     pub groups: Vec<Group>,
     /// For each source vertex the receiver whose value it takes; `NONE` for vertices without transferring area.
@@ -87,7 +89,9 @@ impl ProbePoints {
 impl Receivers {
     /// Receivers of a group.
     pub fn of(&self, group: Group) -> impl ExactSizeIterator<Item = Receiver> {
-        self.positions[group.run.range()].iter().map(|&at_mm| Receiver { at_mm })
+        let range = group.run.range();
+        let places = self.positions[range.clone()].iter().zip(&self.normals[range]);
+        places.map(|(&at_mm, &normal)| Receiver { at_mm, normal })
     }
 
     /// One receiver for each welded vertex that a transferring part uses. A vertex that several parts share belongs to
@@ -96,7 +100,8 @@ impl Receivers {
         let part_of_weld = parts_of_welds(mesh, parts);
         let at = |(vertex, &part): (usize, &u32)| (part != NONE).then(|| (part, mesh.local_mm[vertex].as_dvec3()));
         let places: Vec<Option<(u32, DVec3)>> = part_of_weld.iter().enumerate().map(at).collect();
-        let mut result = Self::at(&places, capacity);
+        let normals = normals_of_welds(mesh, parts, &part_of_weld);
+        let mut result = Self::oriented(&places, &normals, capacity);
         let mut of_vertex = vec![NONE; mesh.local_mm.len()];
         for &v in mesh.triangles.iter().flatten() {
             of_vertex[v as usize] = result.of_vertex[mesh.weld[v as usize] as usize];
@@ -108,6 +113,11 @@ impl Receivers {
     /// Receivers anywhere: places (relative to the mesh's origin, mm) with the part whose flux they gather, or none. Place `i` takes
     /// the value of receiver `of_vertex[i]`. Groups hold at most `capacity` receivers.
     pub fn at(places: &[Option<(u32, DVec3)>], capacity: usize) -> Self {
+        Self::oriented(places, &[], capacity)
+    }
+
+    /// [`Self::at`] with a unit normal for each place; zero for those that have none.
+    pub fn oriented(places: &[Option<(u32, DVec3)>], normals: &[DVec3], capacity: usize) -> Self {
         let positions: Vec<DVec3> = places.iter().map(|place| place.map_or(DVec3::ZERO, |(_, at)| at)).collect();
         let mut by_part: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
         for (i, place) in places.iter().enumerate() {
@@ -115,7 +125,7 @@ impl Receivers {
                 by_part.entry(*part).or_default().push(i as u32);
             }
         }
-        let mut result = Self { positions: Vec::new(), groups: Vec::new(), of_vertex: vec![NONE; places.len()] };
+        let mut result = Self { of_vertex: vec![NONE; places.len()], ..Self::default() };
         for (part, mut order) in by_part {
             let first = result.positions.len() as u32;
             for run in cluster::groups(&mut order, &positions, capacity) {
@@ -125,6 +135,7 @@ impl Receivers {
             for place in order {
                 result.of_vertex[place as usize] = result.positions.len() as u32;
                 result.positions.push(positions[place as usize]);
+                result.normals.push(normals.get(place as usize).copied().unwrap_or_default());
             }
         }
         result
@@ -175,6 +186,7 @@ impl Receivers {
             for run in mine.chunks(capacity.max(1)) {
                 let first = result.positions.len() as u32;
                 result.positions.extend(run.iter().filter_map(|&i| self.positions.get(i as usize)));
+                result.normals.extend(run.iter().filter_map(|&i| self.normals.get(i as usize)));
                 let run = Run { first, end: result.positions.len() as u32 };
                 result.groups.push(Group { run, part: part[0].part });
             }
@@ -217,6 +229,7 @@ impl Receivers {
                 indices.extend(all.take(OF_A_GROUP));
             }
             subset.positions.extend(indices[first as usize..].iter().map(|&i| self.positions[i as usize]));
+            subset.normals.extend(indices[first as usize..].iter().map(|&i| self.normals[i as usize]));
             let run = Run { first, end: subset.positions.len() as u32 };
             if !run.range().is_empty() {
                 subset.groups.push(Group { run, part: group.part });
@@ -230,6 +243,20 @@ impl Receivers {
         let (subset, indices) = self.subset(count, phase);
         (subset, ProbePoints::new(indices, areas_mm2))
     }
+}
+
+/// For each welded vertex the mean normal of the triangles of its part around it, by their areas.
+fn normals_of_welds(mesh: &Mesh, parts: &PartTable, part_of_weld: &[u32]) -> Vec<DVec3> {
+    let mut normals = vec![DVec3::ZERO; mesh.local_mm.len()];
+    for (triangle, &part) in parts.triangle_part.iter().enumerate().take(mesh.triangles.len()) {
+        let cross = mesh.cross_mm2(triangle as u32);
+        for weld in mesh.welded(triangle as u32) {
+            if part_of_weld[weld as usize] == part {
+                normals[weld as usize] += cross;
+            }
+        }
+    }
+    normals.iter().map(|n| n.normalize_or_zero()).collect()
 }
 
 /// For each welded vertex the first transferring part that uses it, or [`NONE`].

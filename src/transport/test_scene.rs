@@ -57,7 +57,7 @@ pub(super) fn medium(sigma_s: DVec3, sigma_a: DVec3, eta_inside_over_outside: f6
 /// A block of receivers around a centre.
 pub(super) fn block_of(centre: DVec3, receivers: &[DVec3]) -> Block {
     let mut block = Block::default();
-    block.reset(centre, receivers.iter().map(|&at_mm| Receiver { at_mm }));
+    block.reset(centre, receivers.iter().map(|&at_mm| Receiver { at_mm, normal: DVec3::ZERO }));
     block
 }
 

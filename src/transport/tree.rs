@@ -92,6 +92,26 @@ impl SampleTree {
         clusters
     }
 
+    /// Flux times normal of every node, by channel; `irradiance` is per sample, RGB.
+    pub fn moments(&self, patches: &[Patch], irradiance: &[DVec3]) -> Vec<[DVec3; 3]> {
+        let mut moments = vec![[DVec3::ZERO; 3]; self.nodes.len()];
+        for index in (0..self.nodes.len()).rev() {
+            let node = self.nodes[index];
+            let mut sum = [DVec3::ZERO; 3];
+            let mut add = |of: [DVec3; 3]| sum.iter_mut().zip(of).for_each(|(sum, of)| *sum += of);
+            if node.children[0] == NONE {
+                for &i in &self.order[node.run.range()] {
+                    let (cross, e) = (patches[i as usize].cross_mm2, irradiance[i as usize]);
+                    add([0, 1, 2].map(|c| e[c] * cross));
+                }
+            } else {
+                node.children.iter().for_each(|c| add(moments[*c as usize]));
+            }
+            moments[index] = sum;
+        }
+        moments
+    }
+
     /// Flux of every node under each of `lights` lights, from the irradiance of every sample under each of them:
     /// `[node][light]`.
     pub fn flux_rows(&self, patches: &[Patch], irradiance: &[f32], lights: usize) -> Vec<f32> {

@@ -293,3 +293,30 @@ fn pictures_are_compared() {
     folder.run("compare b.exr a.exr --metric worst --fail-above 0.1%").fails(7, &[]);
     folder.run("compare a.exr c.exr").fails(2, &["c.exr"]);
 }
+
+#[test]
+fn a_few_walks_bring_the_dipole_nearer_to_the_volume() {
+    let folder = Folder::new();
+    folder.obj("head.obj", &shapes::bumpy_head(20.0, 3)).obj("sheet.obj", &shapes::plane(10.0, 10.0, 4));
+    let run = |model: &str, rest: &str| {
+        let light = "--light directional:from=0.6,0.7,0.3:irradiance=1";
+        folder.run(&format!("reference {model} --unit mm --material skin1 {light} {rest} -o b.ply"))
+    };
+    let values = |rest: &str| {
+        run("head.obj", rest).ok();
+        folder.radiosity("b.ply")
+    };
+    let volume = values("--model monte-carlo --photons 400000");
+    let dipole = relative_difference(&values("--no-measure --samples 4000"), &volume);
+    let calibrated = relative_difference(&values("--model calibrated --photons 40000 --samples 4000"), &volume);
+    assert!(calibrated < 0.7 * dipole && dipole > 0.1, "{calibrated} {dipole}");
+
+    let report = run("head.obj", "--model calibrated --photons 4000 --samples 700 --seed 3 --json").ok().json();
+    assert_eq!((&report["model"], &report["photons"][0][2]), (&"calibrated".into(), &4000.into()));
+    let open = run("sheet.obj", "--model calibrated --samples 400").ok().stderr;
+    assert!(open.contains("is not closed: it keeps its dipole"), "{open}");
+    for flag in ["--set points=4", "--max-rms 1%", "--no-measure", "--method two_pass", "--profile burley"] {
+        run("head.obj", &format!("--model calibrated {flag}")).fails(1, &[flag.split(' ').next().unwrap()]);
+    }
+    run("head.obj", "--photons 4000").fails(1, &["--photons", "calibrated"]);
+}

@@ -250,7 +250,9 @@ impl Lists {
         }
         // R_d is the same both ways: the points side by side receive from one receiver that is on its own.
         let of_one = |receiver: Receiver, lists: &mut Self| {
-            lists.block.reset(centre, lists.points.iter().map(|(at_mm, _)| Receiver { at_mm: *at_mm }));
+            lists
+                .block
+                .reset(centre, lists.points.iter().map(|(at_mm, _)| Receiver { at_mm: *at_mm, normal: DVec3::ZERO }));
             kernel.add_points(level, &mut lists.block, &[PointSource::new(receiver.at_mm, DVec3::ONE, centre)]);
             let sum: DVec3 = lists.points.iter().enumerate().map(|(i, (_, flux))| *flux * lists.block.sum(i)).sum();
             lists.block.reset(centre, std::iter::once(receiver));

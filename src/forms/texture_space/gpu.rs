@@ -67,7 +67,7 @@ impl TextureSpaceOnDevice {
             corners.extend(cpu.map.outline(&cpu.scene, patch).triangles().map(|t| t.map(relative)));
             facet_offsets.push(corners.len() as u32);
             let (centre_mm, area_mm2, radius_mm) = (patch.centre_mm, patch.area_mm2, patch.radius_mm);
-            patches.push(Patch { centre_mm, area_mm2, radius_mm, normal: DVec3::ZERO });
+            patches.push(Patch { centre_mm, area_mm2, radius_mm, ..Patch::default() });
         }
         let precision = EdgePrecision::Reference;
         let geometry = Geometry {

@@ -3,9 +3,9 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::cholesky::Cholesky;
 use super::directions::DirectionSet;
 use crate::error::{Error, Result};
+use crate::math::cholesky::Cholesky;
 use crate::math::sh::real_sh;
 use crate::math::sphere::unit;
 use crate::math::svd::dot;

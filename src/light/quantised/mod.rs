@@ -5,7 +5,6 @@
 //! weights over the entries, [`vector::light_vector`], and everything that the entries carry is linear in that vector.
 //! The weights come from an [`interpolation::Interpolator`], of which the paper's is one of four.
 
-mod cholesky;
 pub mod directions;
 pub mod distances;
 pub mod interpolation;

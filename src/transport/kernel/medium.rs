@@ -5,6 +5,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::closed_form::PolesRgb;
+use super::double_layer::DoubleLayer;
 use super::near::{Flats, flats_body};
 use super::radial_table::{ProfileTable, WIDEST};
 use super::{Block, FlatSource, PointSource, points_body, triangles_body};
@@ -37,6 +38,8 @@ enum Fast {
     Poles { poles: [[Pole; 2]; 3], rgb: PolesRgb },
     /// Any profile, by a table.
     Table(Arc<ProfileTable>),
+    /// A single and a double layer, by tables.
+    Layers(Arc<DoubleLayer>),
 }
 
 impl MediumKernel {
@@ -81,6 +84,26 @@ impl MediumKernel {
         }
     }
 
+    /// The kernel of single layers with double ones beside them, whose slope at a channel and a distance (mm) is in 1/mm; over an object whose
+    /// points are at most `reach_mm` apart.
+    pub fn of_layers(single: [Arc<dyn Profile>; 3], slope: impl Fn(usize, f64) -> f64, reach_mm: f64) -> Self {
+        let layers = DoubleLayer::new(ProfileTable::new(&single, reach_mm), slope);
+        Self {
+            sigma_per_mm: single.each_ref().map(|p| decay_per_mm(p.as_ref(), reach_mm)),
+            smooth_mm: layers.smooth_mm(),
+            fast: Fast::Layers(Arc::new(layers)),
+            profiles: single,
+        }
+    }
+
+    /// The layers, where there is a double one: it needs the moments of sources.
+    pub fn layers(&self) -> Option<&DoubleLayer> {
+        match &self.fast {
+            Fast::Layers(layers) => Some(layers),
+            _ => None,
+        }
+    }
+
     /// The profiles of the three channels.
     pub fn profiles(&self) -> &[Arc<dyn Profile>; 3] {
         &self.profiles
@@ -95,7 +118,7 @@ impl MediumKernel {
     pub fn poles(&self) -> Option<&[[Pole; 2]; 3]> {
         match &self.fast {
             Fast::Poles { poles, .. } => Some(poles),
-            Fast::Table(_) => None,
+            Fast::Table(_) | Fast::Layers(_) => None,
         }
     }
 
@@ -114,11 +137,12 @@ impl MediumKernel {
         DVec3::from_array(self.profiles.each_ref().map(|p| p.total()))
     }
 
-    /// Adds `flux R_d(|x - at|)` of every source to every receiver of the block.
+    /// Adds `flux R_d(|x - at|)` of every source to every receiver of the block; of layers, the single one.
     pub fn add_points(&self, level: InstructionSet, block: &mut Block, sources: &[PointSource]) {
         match &self.fast {
             Fast::Poles { rgb, .. } => points_of_poles(level, block, rgb, sources),
             Fast::Table(table) => table.reflectance.add_points(level, block, sources),
+            Fast::Layers(layers) => layers.single().reflectance.add_points(level, block, sources),
         }
     }
 
@@ -127,6 +151,7 @@ impl MediumKernel {
         match &self.fast {
             Fast::Poles { rgb, .. } => triangles_of_poles(level, block, rgb, sources),
             Fast::Table(table) => triangles_of_table(level, block, table, sources),
+            Fast::Layers(layers) => triangles_of_table(level, block, layers.single(), sources),
         }
     }
 
@@ -135,6 +160,7 @@ impl MediumKernel {
         match &self.fast {
             Fast::Poles { rgb, .. } => flats_of_poles(level, rgb, flats, sums),
             Fast::Table(table) => flats_of_table(level, table, flats, sums),
+            Fast::Layers(layers) => flats_of_table(level, layers.single(), flats, sums),
         }
     }
 }

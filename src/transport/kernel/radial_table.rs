@@ -183,6 +183,15 @@ impl LinearTable {
         table.linear(&nodes, &values)
     }
 
+    /// Tabulates another function of channel and squared distance (mm^2), of either sign, in the segments of a table.
+    pub(super) fn beside(table: &Self, value: impl Fn(usize, f64) -> f64) -> Self {
+        let count = table.segments.len() as u32;
+        let square = |k: u32| f64::from(f32::from_bits((table.first + k) << SHIFT)) - f64::from(table.scale2);
+        let nodes: Vec<f64> = (0..count).map(square).collect();
+        let values = [0, 1, 2].map(|c| nodes.iter().map(|&r2| finite(value(c, r2.max(0.0)))).collect::<Vec<f64>>());
+        Self { scale2: table.scale2, first: table.first, segments: Vec::new() }.linear(&nodes, &values)
+    }
+
     /// Adds `flux f(|x - at|)` of every source to every receiver of the block.
     pub fn add_points(&self, level: InstructionSet, block: &mut Block, sources: &[PointSource]) {
         points(level, block, self, sources);

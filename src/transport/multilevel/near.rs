@@ -68,7 +68,7 @@ impl NearSamples {
             for &sample in self.close.of(g) {
                 scratch.push(first + sample as usize, &place, compact, facets, light);
             }
-            scratch.block.reset(place.centre_mm, members.iter().map(|&at_mm| Receiver { at_mm }));
+            scratch.block.reset(place.centre_mm, members.iter().map(|&at_mm| Receiver { at_mm, normal: DVec3::ZERO }));
             compact.disc.add_points(level, &mut scratch.block, &scratch.discs);
             for (i, (receiver, out)) in members.iter().zip(out).enumerate() {
                 let sum = scratch.block.sum(i).as_vec3().to_array();

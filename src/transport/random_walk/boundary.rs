@@ -129,7 +129,7 @@ impl MeshBoundary {
     }
 
     /// A point of a triangle, moved just inside.
-    pub(super) fn just_inside(point: DVec3, normal: DVec3) -> DVec3 {
+    pub(in crate::transport) fn just_inside(point: DVec3, normal: DVec3) -> DVec3 {
         offset_origin(point.as_vec3(), -normal.as_vec3()).as_dvec3()
     }
 

@@ -134,7 +134,7 @@ impl<'a> Entries<'a> {
 }
 
 /// Position of a triangle's first corner along a space-filling curve through the bounding box (Morton's).
-fn along_curve(mesh: &Mesh, [low, high]: [DVec3; 2], triangle: u32) -> u64 {
+pub(in crate::transport) fn along_curve(mesh: &Mesh, [low, high]: [DVec3; 2], triangle: u32) -> u64 {
     let [corner, ..] = mesh.corners_local_mm(triangle);
     let scaled = (corner - low) * (CURVE_CELLS / (high - low).max_element().max(f64::MIN_POSITIVE));
     let spread = |x: f64| (0..16).fold(0, |code, bit| code | (x as u64 >> bit & 1) << (3 * bit));

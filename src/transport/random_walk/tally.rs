@@ -75,18 +75,18 @@ impl Hats {
 const UNITS: f64 = 4_294_967_296.0;
 
 /// Weight that left through each hat function, of one batch; may be added to from many threads.
-pub(super) struct SlotTally {
+pub(in crate::transport) struct SlotTally {
     sums: Vec<[AtomicU64; 2]>,
 }
 
 impl SlotTally {
-    pub(super) fn new(slots: usize) -> Self {
+    pub(in crate::transport) fn new(slots: usize) -> Self {
         Self { sums: std::iter::repeat_with(Default::default).take(slots).collect() }
     }
 
     /// Adds a photon that left at a site after one scattering event, or after several.
     #[inline]
-    pub(super) fn add(&self, hats: &Hats, site: Site, several: bool, weight: f64) {
+    pub(in crate::transport) fn add(&self, hats: &Hats, site: Site, several: bool, weight: f64) {
         let Some(corners) = hats.corners.get(site.triangle as usize) else { return };
         let (u, v) = (f64::from(site.u), f64::from(site.v));
         for (&slot, share) in corners.iter().zip([1.0 - u - v, u, v]) {
@@ -98,7 +98,7 @@ impl SlotTally {
     }
 
     /// Weights of order 1 and of higher orders by slot; sets the sums to zero.
-    pub(super) fn take(&mut self) -> impl Iterator<Item = [f64; 2]> {
+    pub(in crate::transport) fn take(&mut self) -> impl Iterator<Item = [f64; 2]> {
         self.sums.iter_mut().map(|sums| {
             sums.each_mut().map(|sum| {
                 let value = *sum.get_mut() as f64 / UNITS;

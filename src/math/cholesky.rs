@@ -6,7 +6,7 @@ use crate::math::simd::{InstructionSet, multiversion};
 use crate::math::svd::dot;
 
 /// The lower triangular factor L of A = L L^T.
-pub(super) struct Cholesky {
+pub(crate) struct Cholesky {
     size: usize,
     /// The factor row by row, zeros above the diagonal.
     factor: Vec<f64>,
@@ -14,7 +14,7 @@ pub(super) struct Cholesky {
 
 impl Cholesky {
     /// Factorises a symmetric matrix of `size` rows; only its lower half is read. None unless it is positive definite.
-    pub(super) fn new(mut matrix: Vec<f64>, size: usize) -> Option<Self> {
+    pub(crate) fn new(mut matrix: Vec<f64>, size: usize) -> Option<Self> {
         let level = InstructionSet::detect();
         for i in 0..size {
             let (above, row) = matrix.split_at_mut(i * size);
@@ -30,8 +30,13 @@ impl Cholesky {
         Some(Self { size, factor: matrix })
     }
 
+    /// Replaces b by the solution of A x = b.
+    pub(crate) fn solve(&self, b: &mut [f64]) {
+        solve_from(InstructionSet::detect(), &self.factor, b, 0);
+    }
+
     /// The inverse of A, row by row.
-    pub(super) fn inverse(&self) -> Vec<f64> {
+    pub(crate) fn inverse(&self) -> Vec<f64> {
         let level = InstructionSet::detect();
         let mut inverse = vec![0.0; self.size * self.size];
         inverse.par_chunks_mut(self.size.max(1)).enumerate().for_each(|(i, row)| {

@@ -1,0 +1,404 @@
+//! The calibrated kernel: the answer of the volume in the form of a sum over the surface.
+//!
+//! The dipole knows a half space. A few walks through the body itself tell what is different: between a point where
+//! light enters and one where it leaves,
+//!
+//! `K(o, i) = s_o s_i R_d(r) (a(r) + b(r) h)`,
+//!
+//! with the heights h of each point over the tangent plane of the other, two radial functions of each part and channel
+//! ([`layers`]), and one factor a point. The functions come from pairs of entry and exit of walks with diffuse entry, the
+//! factors from the light that leaves at each vertex where irradiance is the same everywhere: row sums. K is symmetric,
+//! as the volume is. Both hold the orders of scattering that were asked for, no others.
+//!
+//! Parts that let light out (openings) keep their dipole, and say so.
+
+mod body;
+mod fit;
+pub mod layers;
+mod pairs;
+mod smoothing;
+pub mod surface;
+mod walks;
+
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use self::body::Body;
+use self::layers::{Layers, Splines};
+use super::domain::Domain;
+use super::gather::{Gather, Scheme};
+use super::kernel::medium::MediumKernel;
+use super::near_rule::NearField;
+use super::random_walk::exitance::MOST_LOST;
+use super::random_walk::tally::{Hats, NONE};
+use super::random_walk::walk::WalkMedium;
+use super::receivers::Receivers;
+use super::surface::Surface;
+use super::tree::SampleTree;
+use crate::error::Result;
+use crate::math::random::mix;
+use crate::medium::fresnel::{BoundaryFit, CosineTransmittance};
+use crate::medium::material::Medium;
+use crate::medium::profile::Profile;
+use crate::progress::{Progress, Silent};
+
+/// The orders of scattering that a kernel holds. Light that passes without scattering, order 0, is in none.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub enum Orders {
+    /// One event and more.
+    FromOne,
+    /// Two events and more, where the first has a stage of its own.
+    FromTwo,
+}
+
+/// Settings of a calibration.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Walks {
+    /// Photons of each channel of a part.
+    pub photons: u64,
+    /// Scattering events of each channel at most: bodies of many mean free paths get fewer photons.
+    pub collisions: u64,
+    /// Seed of the walks.
+    pub seed: u64,
+    /// Orders that the kernel holds.
+    pub orders: Orders,
+}
+
+impl Default for Walks {
+    fn default() -> Self {
+        Self { photons: 200_000, collisions: 20_000_000, seed: 0, orders: Orders::FromOne }
+    }
+}
+
+/// Photons that tell how many events each takes.
+const PILOT: u64 = 2048;
+
+/// The first knot of the layers over the mean free path, and the factor between knots.
+const FIRST: f64 = 0.25;
+const RATIO: f64 = 1.6;
+
+/// What walks through one part tell.
+#[derive(Clone, Debug)]
+pub struct PartLayers {
+    /// Layers of each channel.
+    pub layers: [Layers; 3],
+    /// Photons of each channel.
+    pub photons: [u64; 3],
+}
+
+/// The layers of every part, and what leaves at each vertex under the same irradiance everywhere.
+#[derive(Clone, Debug)]
+pub struct Told {
+    /// Slots of the scene.
+    pub hats: Hats,
+    /// Layers of each part; none for opaque parts, and for those that keep their dipole.
+    pub parts: Vec<Option<PartLayers>>,
+    /// Exitance of each slot under an irradiance of 1, RGB, by two independent halves of the walks.
+    pub halves: [Vec<DVec3>; 2],
+    /// Largest share of the light that was lost in each part.
+    pub lost: Vec<f64>,
+}
+
+impl Told {
+    /// Nothing told about a domain: every part keeps its dipole.
+    pub fn nothing(domain: Domain) -> Self {
+        let hats = Hats::new(domain.mesh, domain.parts);
+        let (slots, count) = (hats.mass_mm2.len(), domain.parts.parts.len());
+        let halves = [vec![DVec3::ZERO; slots], vec![DVec3::ZERO; slots]];
+        Self { hats, parts: vec![None; count], halves, lost: vec![0.0; count] }
+    }
+}
+
+/// Walks through every part of a domain.
+pub fn walked(domain: Domain, walks: Walks, progress: &dyn Progress) -> Told {
+    let mut told = Told::nothing(domain);
+    for (part, entry) in domain.parts.parts.iter().enumerate() {
+        let Some(medium) = entry.medium.and_then(|m| domain.media.get(m as usize)) else { continue };
+        let media = [0, 1, 2].map(|c| WalkMedium::new(&medium.properties, c));
+        let free_path = media.iter().map(|m| m.free_path_mm).fold(f64::INFINITY, f64::min);
+        let body = Body::new(domain, part as u32, free_path);
+        let (area, diagonal) = (body.area_mm2(), body.diagonal_mm);
+        if !(area > 0.0 && diagonal > 0.0) {
+            continue;
+        }
+        let entrance = CosineTransmittance::new(medium.properties.eta_inside_over_outside);
+        let dipoles = medium.properties.dipoles(BoundaryFit::Published);
+        let free_paths = medium.properties.mean_free_path_mm();
+        let mut layers = Vec::with_capacity(3);
+        let mut photons = [0; 3];
+        for c in 0..3 {
+            let seed = mix(mix(walks.seed ^ 0xca11_b8a7e) ^ (3 * part as u64 + c as u64));
+            let first = (FIRST * free_paths[c]).clamp(1e-4 * diagonal, 0.1 * diagonal);
+            let splines = Splines::new(first, diagonal, RATIO);
+            let (place, how) = ((&body, &told.hats), (&media[c], &entrance));
+            let pilot = walks::told(place, how, &splines, (PILOT, !seed), &Silent);
+            let events = pilot.collisions as f64 / PILOT as f64;
+            photons[c] = walks.photons.min((walks.collisions as f64 / events.max(1.0)) as u64).max(PILOT);
+            progress.start("walks", photons[c]);
+            let of_channel = walks::told(place, how, &splines, (photons[c], seed), progress);
+            progress.finish();
+            told.lost[part] = of_channel.lost.max(told.lost[part]);
+            let of_orders = |sums: &[[f64; 2]; 2]| match walks.orders {
+                Orders::FromOne => [sums[0][0] + sums[1][0], sums[0][1] + sums[1][1]],
+                Orders::FromTwo => sums[1],
+            };
+            let photon_mm2 = area / of_channel.photons as f64;
+            let pairs: Vec<[f64; 2]> =
+                of_channel.pairs.iter().map(|sums| of_orders(sums).map(|s| s * photon_mm2)).collect();
+            let profile: &dyn Profile = &dipoles[c];
+            let moments = pairs::moments(&body, profile, &splines, seed);
+            layers.push(fit::layers(splines, &moments, &pairs, photon_mm2));
+            for (sums, half) in told.halves.iter_mut().zip(&of_channel.halves) {
+                for ((sum, of_slot), mass) in sums.iter_mut().zip(half).zip(&told.hats.mass_mm2) {
+                    let weight = match walks.orders {
+                        Orders::FromOne => of_slot[0] + of_slot[1],
+                        Orders::FromTwo => of_slot[1],
+                    };
+                    if *mass > 0.0 {
+                        sum[c] += weight * 2.0 * photon_mm2 / mass;
+                    }
+                }
+            }
+        }
+        if told.lost[part] <= MOST_LOST
+            && let Ok(layers) = layers.try_into()
+        {
+            told.parts[part] = Some(PartLayers { layers, photons });
+        }
+    }
+    told
+}
+
+/// The kernels of a scene, calibrated.
+pub struct Calibrated {
+    /// Kernels, and which of them each part has.
+    pub kernels: (Vec<MediumKernel>, Vec<Option<u32>>),
+    /// The factor of each slot, RGB.
+    pub scale: Vec<DVec3>,
+    /// Slots of the corners of each triangle.
+    pub hats: Hats,
+}
+
+/// Largest change of a factor after which the iteration ends, and the most rounds.
+const SOLVED: f64 = 1e-4;
+const MOST_ROUNDS: usize = 40;
+
+/// Slots that share a traversal of the samples.
+const GROUP: usize = 16;
+
+impl Calibrated {
+    /// Kernels from layers, and factors that give the row sums.
+    ///
+    /// # Errors
+    /// A dipole that cannot be tabulated.
+    pub fn new(
+        surface: &Surface,
+        tree: &SampleTree,
+        told: &Told,
+        (near, scheme): (NearField, Scheme),
+        progress: &dyn Progress,
+    ) -> Result<Self> {
+        let domain = surface.domain;
+        let reach = domain.mesh.diagonal_mm();
+        let (mut kernels, mut of_part) = (Vec::new(), Vec::new());
+        for (part, entry) in domain.parts.parts.iter().enumerate() {
+            let medium = entry.medium.and_then(|m| domain.media.get(m as usize));
+            of_part.push(medium.map(|_| kernels.len() as u32));
+            let Some(medium) = medium else { continue };
+            kernels.push(match &told.parts[part] {
+                Some(of) => kernel(medium, &of.layers, reach)?,
+                None => MediumKernel::new(medium),
+            });
+        }
+        let kernels = (kernels, of_part);
+        let hats = told.hats.clone();
+        let mut result = Self { kernels, scale: vec![DVec3::ONE; hats.mass_mm2.len()], hats };
+        result.solve(surface, tree, told, (near, scheme), progress);
+        Ok(result)
+    }
+
+    /// Iterates `s <- s (t / (s K s))^(2/3)`, t the row sums of the walks and s K s those of the kernel: of all slots, or where there are more
+    /// than samples of one slot in each sample, and of the others at the end.
+    fn solve(
+        &mut self,
+        surface: &Surface,
+        tree: &SampleTree,
+        told: &Told,
+        (near, scheme): (NearField, Scheme),
+        progress: &dyn Progress,
+    ) {
+        if told.parts.iter().all(Option::is_none) {
+            return;
+        }
+        let domain = surface.domain;
+        let part_of = parts_of_slots(domain, &self.hats);
+        let normals = normals_of_slots(domain, &self.hats);
+        let is_calibrated = |slot: usize| told.parts.get(part_of[slot] as usize).is_some_and(|part| part.is_some());
+        let place = |slot: usize| {
+            let at = domain.mesh.local_mm[self.hats.vertex[slot] as usize].as_dvec3();
+            is_calibrated(slot).then_some((part_of[slot], at))
+        };
+        let slots: Vec<u32> = (0..part_of.len() as u32).collect();
+        let at = |slots: &[u32]| {
+            let places: Vec<_> = slots.iter().map(|&slot| place(slot as usize)).collect();
+            let normals: Vec<DVec3> = slots.iter().map(|&slot| normals[slot as usize]).collect();
+            Receivers::oriented(&places, &normals, GROUP)
+        };
+        let gather = Gather::with_kernels_of_parts(surface, tree, self.kernels.clone(), near);
+        let sums = |receivers: &Receivers, factors: &[DVec3]| {
+            receivers.expand(&gather.radiosity(receivers, &gather.light(factors), scheme, &Silent))
+        };
+        progress.start("row sums", MOST_ROUNDS as u64);
+        let all = at(&slots);
+        let ones = vec![DVec3::ONE; surface.samples.len()];
+        let wanted = smoothing::smoothed(domain, &self.hats, &told.halves, &sums(&all, &ones));
+        let few = (slots.len() > surface.samples.len()).then(|| self.slots_of_samples(surface));
+        let chosen = few.as_ref().map(|few| at(few));
+        let mut of_few = ones;
+        for _ in 0..MOST_ROUNDS {
+            let change = match (&few, &chosen) {
+                (Some(few), Some(chosen)) => {
+                    let there = sums(chosen, &of_few);
+                    let of = |slot: &u32| wanted[*slot as usize];
+                    stepped(&mut of_few, few.iter().map(of).zip(there), |i| is_calibrated(few[i] as usize))
+                }
+                _ => {
+                    let there = sums(&all, &self.of_samples(surface));
+                    stepped(&mut self.scale, wanted.iter().copied().zip(there), is_calibrated)
+                }
+            };
+            progress.advance(1);
+            if change < SOLVED {
+                break;
+            }
+        }
+        if few.is_some() {
+            let there = sums(&all, &of_few);
+            for (slot, ((scale, wanted), there)) in self.scale.iter_mut().zip(&wanted).zip(there).enumerate() {
+                for c in (0..3).filter(|&c| is_calibrated(slot) && wanted[c] > 0.0 && there[c] > 0.0) {
+                    scale[c] = wanted[c] / there[c];
+                }
+            }
+        }
+        progress.finish();
+    }
+
+    /// A slot of each sample, that of the corner nearest to its centre.
+    fn slots_of_samples(&self, surface: &Surface) -> Vec<u32> {
+        let mesh = surface.domain.mesh;
+        let of = |sample: usize| {
+            let centre = surface.patches[sample].centre_mm;
+            let corners = surface.samples.patch(sample).iter().flat_map(|facet| {
+                let places = mesh.corners_local_mm(facet.triangle);
+                self.hats.corners[facet.triangle as usize].into_iter().zip(places)
+            });
+            let nearest = corners.min_by(|a, b| {
+                a.1.distance_squared(centre).total_cmp(&b.1.distance_squared(centre)).then(a.0.cmp(&b.0))
+            });
+            nearest.map_or(0, |(slot, _)| slot)
+        };
+        (0..surface.samples.len()).map(of).collect()
+    }
+
+    /// The factor of each sample, RGB.
+    pub fn of_samples(&self, surface: &Surface) -> Vec<DVec3> {
+        use rayon::prelude::*;
+        let mesh = surface.domain.mesh;
+        let of_patch = |patch: usize| {
+            let (mut sum, mut area) = (DVec3::ZERO, 0.0);
+            for facet in surface.samples.patch(patch) {
+                let corners = facet.corners_local_mm(mesh);
+                let a = crate::geometry::samples::area(corners);
+                let weights = barycentric(mesh.corners_local_mm(facet.triangle), corners.iter().sum::<DVec3>() / 3.0);
+                sum += a * self.at(facet.triangle, weights);
+                area += a;
+            }
+            if area > 0.0 { sum / area } else { DVec3::ONE }
+        };
+        (0..surface.samples.len()).into_par_iter().map(of_patch).collect()
+    }
+
+    /// The factor at a point of a triangle, RGB.
+    pub fn at(&self, triangle: u32, weights: [f64; 3]) -> DVec3 {
+        let Some(corners) = self.hats.corners.get(triangle as usize) else { return DVec3::ONE };
+        let of = |slot: &u32| self.scale.get(*slot as usize).copied().unwrap_or(DVec3::ONE);
+        corners.iter().zip(weights).map(|(slot, weight)| weight * of(slot)).sum()
+    }
+
+    /// The factor of each source vertex, RGB.
+    pub fn of_vertices(&self) -> Vec<DVec3> {
+        let of = |slot: &u32| self.scale.get(*slot as usize).copied().unwrap_or(DVec3::ONE);
+        self.hats.of_vertex.iter().map(of).collect()
+    }
+}
+
+/// One round: each factor times `(wanted / (factor there))^(2/3)`; the largest change. The errors of smooth factors count twice in row sums,
+/// those of rough ones once, so that two thirds of a step leave a third of either.
+fn stepped(
+    factors: &mut [DVec3],
+    wanted_and_there: impl Iterator<Item = (DVec3, DVec3)>,
+    is_free: impl Fn(usize) -> bool,
+) -> f64 {
+    let mut change: f64 = 0.0;
+    for (index, (factor, (wanted, there))) in factors.iter_mut().zip(wanted_and_there).enumerate() {
+        for c in 0..3 {
+            if is_free(index) && wanted[c] > 0.0 && there[c] > 0.0 {
+                let step = (wanted[c] / (factor[c] * there[c])).cbrt();
+                factor[c] *= step * step;
+                change = change.max((step * step - 1.0).abs());
+            }
+        }
+    }
+    change
+}
+
+/// Weights of the corners of a triangle at a point in its plane.
+fn barycentric([a, b, c]: [DVec3; 3], point: DVec3) -> [f64; 3] {
+    let cross = (b - a).cross(c - a);
+    let square = cross.length_squared();
+    if square <= 0.0 {
+        return [1.0 / 3.0; 3];
+    }
+    let v = (point - a).cross(c - a).dot(cross) / square;
+    let w = (b - a).cross(point - a).dot(cross) / square;
+    [1.0 - v - w, v, w]
+}
+
+/// The kernel of a medium with its layers.
+fn kernel(medium: &Medium, layers: &[Layers; 3], reach_mm: f64) -> Result<MediumKernel> {
+    let dipoles = medium.properties.dipoles(BoundaryFit::Published);
+    let single = |c: usize| Ok(Arc::new(layers[c].profile(&dipoles[c], reach_mm)?) as Arc<dyn Profile>);
+    Ok(MediumKernel::of_layers([single(0)?, single(1)?, single(2)?], |c, r| layers[c].slope_per_mm(r), reach_mm))
+}
+
+/// The part of each slot.
+fn parts_of_slots(domain: Domain, hats: &Hats) -> Vec<u32> {
+    let mut parts = vec![NONE; hats.mass_mm2.len()];
+    for (corners, &part) in hats.corners.iter().zip(&domain.parts.triangle_part) {
+        for &slot in corners {
+            if let Some(of_slot) = parts.get_mut(slot as usize) {
+                *of_slot = part;
+            }
+        }
+    }
+    parts
+}
+
+/// The mean normal of the triangles around each slot, by their areas.
+fn normals_of_slots(domain: Domain, hats: &Hats) -> Vec<DVec3> {
+    let mut normals = vec![DVec3::ZERO; hats.mass_mm2.len()];
+    for (triangle, corners) in hats.corners.iter().enumerate() {
+        let cross = domain.mesh.cross_mm2(triangle as u32);
+        for &slot in corners {
+            if let Some(normal) = normals.get_mut(slot as usize) {
+                *normal += cross;
+            }
+        }
+    }
+    normals.iter().map(|n| n.normalize_or_zero()).collect()
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests;

@@ -1,0 +1,135 @@
+//! Moments of the dipole over all pairs of points of a body: the normal equations of the layers.
+
+use std::f64::consts::{PI, TAU};
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::body::{Body, SurfacePoint, distance_and_height};
+use super::layers::{SUPPORT, Splines};
+use crate::geometry::bvh::Ray;
+use crate::math::random::mix;
+use crate::medium::profile::Profile;
+use crate::transport::random_walk::walk::Stream;
+
+/// Points that pairs are formed around, and points of the body that each forms pairs with.
+const PROBES: u64 = 1024;
+const POINTS: u64 = 4096;
+
+/// Lines through the neighbourhood of a probe.
+const LINES: u64 = 64;
+
+/// Mean distances between points within which lines find the neighbourhood of a probe.
+const NEAR: f64 = 3.0;
+
+/// Neighbourhood inside which a surface is its tangent plane, over the first knot.
+const INNERMOST: f64 = 0.1;
+
+/// Least cosine between a line and a normal: surfaces along the lines have weights without bound.
+const LEAST_COSINE: f64 = 0.03;
+
+/// Probes of one task.
+const CHUNK: u64 = 16;
+
+/// Powers of the height: 0, 1, 2.
+pub(super) const POWERS: usize = 3;
+
+/// `Int Int R_d B_k B_(k + j) h^m dA dA`, mm^2: `[k][j][m]`.
+pub(super) type Moments = Vec<[[f64; POWERS]; SUPPORT]>;
+
+/// The moments of a profile over a body.
+///
+/// Pairs far apart are those of points spread over the body with probes; pairs nearby are those of probes with every crossing of
+/// lines along the probe's normal, so that they are found at any distance and on every sheet.
+pub(super) fn moments(body: &Body, profile: &dyn Profile, splines: &Splines, seed: u64) -> Moments {
+    let area = body.area_mm2();
+    let spread = |count: u64, stage: u64| -> Vec<SurfacePoint> {
+        let point = |i: u64| {
+            let mut stream = Stream::new(mix(seed ^ stage), i);
+            let along = (i as f64 + stream.uniform()) / count as f64;
+            body.point(along, &mut stream)
+        };
+        (0..count).into_par_iter().filter_map(point).collect()
+    };
+    let (probes, points) = (spread(PROBES, 1), spread(POINTS, 2));
+    let near_mm = NEAR * (area / POINTS as f64).sqrt();
+    let of_chunk = |(chunk, probes): (usize, &[SurfacePoint])| {
+        let mut sums = Sums { splines, profile, of: vec![[[0.0; POWERS]; SUPPORT]; splines.len()] };
+        for (i, &probe) in probes.iter().enumerate() {
+            let mut stream = Stream::new(mix(seed ^ 3), chunk as u64 * CHUNK + i as u64);
+            sums.far(probe, &points, (near_mm, area / POINTS as f64));
+            sums.near(body, probe, near_mm, &mut stream);
+        }
+        sums.of
+    };
+    let chunks: Vec<Moments> = probes.par_chunks(CHUNK as usize).enumerate().map(of_chunk).collect();
+    let mut total = vec![[[0.0; POWERS]; SUPPORT]; splines.len()];
+    let weight = area / PROBES as f64;
+    for chunk in chunks {
+        let entries = total.as_flattened_mut().as_flattened_mut();
+        entries.iter_mut().zip(chunk.as_flattened().as_flattened()).for_each(|(t, p)| *t += weight * p);
+    }
+    total
+}
+
+struct Sums<'a> {
+    splines: &'a Splines,
+    profile: &'a dyn Profile,
+    of: Moments,
+}
+
+impl Sums<'_> {
+    /// Adds a pair at a distance (mm) with a height, which stands for so much of the surface, mm^2.
+    fn add(&mut self, r: f64, h: f64, area: f64) {
+        let (first, values) = self.splines.at(r);
+        let weight = area * self.profile.reflectance(r);
+        for (j, &left) in values.iter().enumerate() {
+            let Some(entry) = self.of.get_mut(first + j) else { continue };
+            for (sums, &right) in entry.iter_mut().zip(&values[j..]) {
+                let product = weight * left * right;
+                sums[0] += product;
+                sums[1] += product * h;
+                sums[2] += product * h * h;
+            }
+        }
+    }
+
+    fn far(&mut self, probe: SurfacePoint, points: &[SurfacePoint], (near_mm, area): (f64, f64)) {
+        for &point in points {
+            let (r, h) = distance_and_height(probe, point);
+            if r >= near_mm {
+                self.add(r, h, area);
+            }
+        }
+    }
+
+    fn near(&mut self, body: &Body, probe: SurfacePoint, near_mm: f64, stream: &mut Stream) {
+        let inner = (INNERMOST * self.splines.first_mm).min(0.5 * near_mm);
+        self.add(0.5 * inner, 0.0, PI * inner * inner);
+        let (tangent, bitangent) = probe.normal.any_orthonormal_pair();
+        let growth = (near_mm / inner).ln();
+        for line in 0..LINES {
+            let rho = inner * (growth * (line as f64 + stream.uniform()) / LINES as f64).exp();
+            let (sin, cos) = (TAU * stream.uniform()).sin_cos();
+            let foot = probe.at_mm + rho * (cos * tangent + sin * bitangent);
+            let area = TAU * rho * rho * growth / LINES as f64;
+            let start = foot + near_mm * probe.normal;
+            let ray = Ray {
+                origin: start.as_vec3(),
+                direction: -probe.normal.as_vec3(),
+                t_min: 0.0,
+                t_max: (2.0 * near_mm) as f32,
+            };
+            let mut found = Vec::new();
+            body.bvh.crossings(&ray, |hit| found.push((f64::from(hit.t), hit.triangle)));
+            for (t, triangle) in found {
+                let normal = body.normal(triangle);
+                let at_mm: DVec3 = start - t * probe.normal;
+                let (r, h) = distance_and_height(probe, SurfacePoint { at_mm, normal });
+                if r < near_mm {
+                    self.add(r, h, area / normal.dot(probe.normal).abs().max(LEAST_COSINE));
+                }
+            }
+        }
+    }
+}

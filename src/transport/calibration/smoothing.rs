@@ -1,0 +1,68 @@
+//! Values of walks without their noise: smoothed over the surface, over a length that two halves of the walks choose.
+
+use glam::DVec3;
+
+use crate::geometry::laplacian::Laplacian;
+use crate::transport::domain::Domain;
+use crate::transport::random_walk::tally::Hats;
+
+/// Steps of the ladder of lengths, each twice as long as the one before, from a quarter of the mean edge.
+const LENGTHS: usize = 9;
+
+/// Residual of the smoothing.
+const TOLERANCE: f64 = 1e-6;
+
+/// The mean of two halves of noisy values of slots, smoothed: as they are, or over those of a guess, which varies over the surface
+/// as they do. Which of the two, and the length, is for each channel what lets one half predict the other best.
+pub(super) fn smoothed(domain: Domain, hats: &Hats, halves: &[Vec<DVec3>; 2], guess: &[DVec3]) -> Vec<DVec3> {
+    let triangles = hats.corners.iter().enumerate().map(|(t, c)| (*c, domain.mesh.corners_local_mm(t as u32)));
+    let laplacian = Laplacian::new(hats.mass_mm2.len(), triangles);
+    let rows = |of: &[DVec3]| laplacian.at_nodes(of).iter().map(|v| v.to_array()).collect::<Vec<[f64; 3]>>();
+    let [first, second] = halves.each_ref().map(|half| rows(half));
+    let mean = paired(&first, &second, |a, b| 0.5 * (a + b));
+    let guess = rows(guess);
+    let even = vec![[1.0; 3]; guess.len()];
+    let mut best = [f64::INFINITY; 3];
+    let mut result = mean.clone();
+    for guess in [&even, &guess] {
+        let over = |of: &[[f64; 3]]| paired(of, guess, |t, k| if k > 0.0 { t / k } else { 1.0 });
+        let [a, b, both] = [&first, &second, &mean].map(|of| over(of));
+        for step in 0..LENGTHS {
+            let length = 0.25 * laplacian.mean_edge_mm * f64::from(1u32 << step);
+            let pass = |of: &[[f64; 3]]| paired(&low_passed(&laplacian, length * length, of), guess, |s, k| s * k);
+            let (from_a, from_b) = (pass(&a), pass(&b));
+            let risk: [f64; 3] = std::array::from_fn(|c| {
+                let terms = laplacian.mass_mm2.iter().enumerate().map(|(i, mass)| {
+                    let (x, y) = (from_a[i][c] - second[i][c], from_b[i][c] - first[i][c]);
+                    mass * (x * x + y * y)
+                });
+                terms.sum()
+            });
+            let better: Vec<usize> = (0..3).filter(|&c| risk[c] < best[c]).collect();
+            if !better.is_empty() {
+                let smooth = pass(&both);
+                for c in better {
+                    best[c] = risk[c];
+                    result.iter_mut().zip(&smooth).for_each(|(value, smooth)| value[c] = smooth[c]);
+                }
+            }
+        }
+    }
+    let result: Vec<DVec3> = result.into_iter().map(DVec3::from_array).collect();
+    laplacian.at_vertices(&result, DVec3::ONE)
+}
+
+/// A function of the channels of two lists.
+fn paired(a: &[[f64; 3]], b: &[[f64; 3]], of: impl Fn(f64, f64) -> f64) -> Vec<[f64; 3]> {
+    a.iter().zip(b).map(|(a, b)| [0, 1, 2].map(|c| of(a[c], b[c]))).collect()
+}
+
+/// Two steps of half the time each: nearer to heat than one.
+fn low_passed(laplacian: &Laplacian, t_mm2: f64, of: &[[f64; 3]]) -> Vec<[f64; 3]> {
+    let mut values = of.to_vec();
+    for _ in 0..2 {
+        let source = values.clone();
+        laplacian.diffused(0.5 * t_mm2, &source, &mut values, TOLERANCE);
+    }
+    values
+}

@@ -1,0 +1,200 @@
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use super::body::Body;
+use super::layers::{Layers, Splines};
+use super::surface::CalibratedSurface;
+use super::*;
+use crate::geometry::shapes;
+use crate::geometry::source::SourceModel;
+use crate::light::Light;
+use crate::math::quadrature::integrate;
+use crate::medium::material::preset;
+use crate::transport::irradiance::LightSampling;
+use crate::transport::kernel::double_layer::Moment;
+use crate::transport::kernel::{Block, PointSource, Receiver};
+use crate::transport::random_walk::exitance::{Effort, exitance};
+use crate::transport::random_walk::model_error::compare;
+use crate::transport::test_scene::{Fixture, TestScene, named};
+
+const SAMPLING: LightSampling = LightSampling { points_per_patch: 4, directions: 128, area_side: 8 };
+
+fn dipoles(name: &str) -> [crate::medium::dipole::Dipole; 3] {
+    preset(name).unwrap().properties().dipoles(BoundaryFit::Published)
+}
+
+fn some_layers() -> Layers {
+    let splines = Splines::new(0.2, 20.0, 1.6);
+    let single = (0..splines.len()).map(|k| 0.7 + 0.05 * k as f64).collect();
+    let double = (0..splines.len()).map(|k| 0.4 - 0.06 * k as f64).collect();
+    Layers { splines, single, double }
+}
+
+#[test]
+fn splines_are_a_partition_of_one_at_any_distance() {
+    let splines = Splines::new(0.3, 40.0, 1.5);
+    for r in [0.0, 0.1, 0.3, 0.5, 7.7, 40.0, 1e9, f64::NAN] {
+        let (first, values) = splines.at(r);
+        assert!(first + values.len() <= splines.len());
+        assert!((values.iter().sum::<f64>() - 1.0).abs() < 1e-14 && values.iter().all(|v| *v >= 0.0), "{r} {values:?}");
+    }
+    assert_eq!(Splines::new(1.0, 1.0, 1.6).intervals, 1);
+}
+
+#[test]
+fn the_single_layer_is_a_profile_with_its_own_tail() {
+    let layers = some_layers();
+    for dipole in dipoles("skin1") {
+        let profile = layers.profile(&dipole, 30.0).unwrap();
+        for r in [0.05, 0.4, 2.0, 9.0] {
+            let expected = dipole.reflectance(r) * layers.single(r);
+            assert!((profile.reflectance(r) / expected - 1.0).abs() < 2e-3, "{r}");
+            let rest = integrate(|x| dipole.reflectance(x) * layers.single(x) * x, r, 200.0, 1e-12);
+            assert!((profile.tail(r) - rest).abs() < 1e-3 * profile.tail(0.0), "{r} {} {rest}", profile.tail(r));
+        }
+    }
+}
+
+fn scene_of(source: SourceModel, material: &str) -> TestScene {
+    Fixture::new(source, named(material), 64).scene
+}
+
+/// A ball of triangles as a scene.
+fn ball(radius: f64, material: &str) -> TestScene {
+    scene_of(shapes::icosphere(radius, 4), material)
+}
+
+#[test]
+fn moments_of_a_ball_are_those_of_the_integral() {
+    // Chords of a ball are uniform in the square of their length, and heights are -r / radius.
+    let scene = ball(8.0, "marble");
+    let body = Body::new(scene.domain(), 0, 0.4);
+    let profiles = dipoles("marble");
+    let splines = Splines::new(0.1, 16.0, 1.6);
+    for profile in &profiles {
+        let of = pairs::moments(&body, profile, &splines, 1);
+        for power in 0..pairs::POWERS {
+            let sum: f64 = of
+                .iter()
+                .flat_map(|entry| entry.iter().enumerate())
+                .map(|(j, powers)| powers[power] * if j == 0 { 1.0 } else { 2.0 })
+                .sum();
+            let height = |r: f64| (-r / 8.0f64).powi(power as i32);
+            let integral =
+                integrate(|r| std::f64::consts::TAU * profile.reflectance(r) * height(r) * r, 0.0, 16.0, 1e-10);
+            let expected = body.area_mm2() * integral;
+            assert!((sum / expected - 1.0).abs() < 0.03, "power {power}: {sum} {expected}");
+        }
+    }
+}
+
+#[test]
+fn a_kernel_of_the_same_form_is_found_again() {
+    let scene = ball(8.0, "marble");
+    let body = Body::new(scene.domain(), 0, 0.4);
+    let [profile, ..] = dipoles("marble");
+    let splines = Splines::new(0.1, 16.0, 1.6);
+    let moments = pairs::moments(&body, &profile, &splines, 1);
+    let truth = |k: usize| [0.6 + 0.07 * k as f64, 0.3 - 0.05 * k as f64];
+    let n = splines.len();
+    let mut pairs = vec![[0.0; 2]; n];
+    for (k, entry) in moments.iter().enumerate() {
+        for (j, powers) in entry.iter().enumerate().take(n - k) {
+            for (to, from) in [(k, k + j), (k + j, k)].into_iter().take(if j == 0 { 1 } else { 2 }) {
+                let [a, b] = truth(from);
+                pairs[to][0] += a * powers[0] + b * powers[1];
+                pairs[to][1] += a * powers[1] + b * powers[2];
+            }
+        }
+    }
+    let found = fit::layers(splines, &moments, &pairs, 1e-9);
+    // On a ball heights follow from the distance, so that only the kernel itself is determined.
+    for r in [0.1, 0.3, 1.0, 3.0, 9.0] {
+        let kernel = |a: f64, b: f64| a - b * r / 8.0;
+        let of_truth = |which: usize| splines.sum(&(0..n).map(|k| truth(k)[which]).collect::<Vec<_>>(), r);
+        let (found, expected) =
+            (kernel(splines.sum(&found.single, r), splines.sum(&found.double, r)), kernel(of_truth(0), of_truth(1)));
+        assert!((found / expected - 1.0).abs() < 0.02, "{r}: {found} {expected}");
+    }
+    // What has no solution is the dipole.
+    let none = fit::layers(splines, &moments, &vec![[f64::NAN; 2]; n], 1e-9);
+    assert!(none.single.iter().all(|a| *a == 1.0) && none.double.iter().all(|b| *b == 0.0));
+}
+
+#[test]
+fn a_block_sums_what_the_formula_says() {
+    let layers = some_layers();
+    let profiles = dipoles("skin1");
+    let single = profiles.map(|p| Arc::new(layers.profile(&p, 30.0).unwrap()) as Arc<dyn Profile>);
+    let kernel = MediumKernel::of_layers(single.clone(), |_, r| layers.slope_per_mm(r), 30.0);
+    let (receiver, source) = (DVec3::new(0.3, -0.2, 0.1), DVec3::new(2.0, 1.5, -0.7));
+    let (n_o, n_i) = (DVec3::new(0.1, 0.9, 0.3).normalize(), DVec3::new(-0.5, 0.2, 0.8).normalize());
+    let flux = DVec3::new(1.0, 2.0, 0.5);
+    let mut block = Block::default();
+    let centre = DVec3::splat(0.5);
+    block.reset(centre, std::iter::once(Receiver { at_mm: receiver, normal: n_o }));
+    let (points, moments) = ([PointSource::new(source, flux, centre)], [Moment::of_facet(flux, n_i)]);
+    for level in crate::math::simd::InstructionSet::available() {
+        kernel.layers().unwrap().add_points(level, &mut block, &points, &moments);
+        let way = source - receiver;
+        let r = way.length();
+        for c in 0..3 {
+            let heights = way.dot(n_o) - way.dot(n_i);
+            let expected = flux[c] * single[c].reflectance(r) * (1.0 + layers.slope_per_mm(r) * heights);
+            assert!((block.sum(0)[c] / expected - 1.0).abs() < 2e-3, "{c}");
+        }
+        block.reset(centre, std::iter::once(Receiver { at_mm: receiver, normal: n_o }));
+    }
+}
+
+/// Errors of the worst channel under a light from the side: of the calibrated kernel, and of the dipole.
+fn errors(scene: &TestScene) -> [f64; 2] {
+    let domain = scene.domain();
+    let light = Light::Directional { from: DVec3::new(0.6, 0.7, 0.3).normalize(), irradiance: DVec3::ONE };
+    let walked = exitance(domain, &[light.clone()], Effort::Photons(400_000), 77, &Silent).unwrap();
+    let walks = Walks { photons: 60_000, ..Walks::default() };
+    let body = CalibratedSurface::new(domain, 8192, walks, &Silent).unwrap();
+    let plain = CalibratedSurface::with(domain, 8192, Told::nothing(domain), &Silent).unwrap();
+    [body, plain].map(|body| {
+        let radiosity = body.radiosity(&[light.clone()], SAMPLING, &Silent).unwrap();
+        compare(&walked, &radiosity).unwrap().worst()[0]
+    })
+}
+
+#[test]
+fn the_calibrated_kernel_is_nearer_to_the_volume_than_the_dipole() {
+    let head = scene_of(shapes::bumpy_head(24.0, 4), "skin1");
+    let [calibrated, dipole] = errors(&head);
+    assert!(dipole > 0.12 && calibrated < 0.1 && calibrated < 0.6 * dipole, "{calibrated} {dipole}");
+    // A sheet of a third of a mean free path of marble.
+    let sheet = scene_of(shapes::cuboid(DVec3::new(8.0, 0.4, 8.0), 24), "marble");
+    let [calibrated, dipole] = errors(&sheet);
+    assert!(dipole > 0.3 && calibrated < 0.5 * dipole, "{calibrated} {dipole}");
+}
+
+#[test]
+fn threads_do_not_change_a_bit_and_openings_keep_their_dipole() {
+    let scene = scene_of(shapes::bumpy_head(20.0, 2), "marble");
+    let light = Light::Point { at_mm: DVec3::new(0.0, 30.0, 20.0), intensity: DVec3::splat(900.0) };
+    let run = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let walks = Walks { photons: 5000, ..Walks::default() };
+            let body = CalibratedSurface::new(scene.domain(), 2048, walks, &Silent).unwrap();
+            body.radiosity(&[light.clone()], SAMPLING, &Silent).unwrap()
+        })
+    };
+    let (one, three) = (run(1), run(3));
+    assert!(one.iter().any(|b| b.x > 0.0) && one == three);
+
+    let mut open = shapes::icosphere(10.0, 2);
+    open.triangles.truncate(open.triangles.len() - 40);
+    open.triangle_material.truncate(open.triangles.len());
+    let scene = scene_of(open, "marble");
+    let walks = Walks { photons: 4000, ..Walks::default() };
+    let body = CalibratedSurface::new(scene.domain(), 2048, walks, &Silent).unwrap();
+    assert!(body.told.parts[0].is_none() && body.calibrated.scale.iter().all(|s| *s == DVec3::ONE));
+    let radiosity = body.radiosity(&[light], SAMPLING, &Silent).unwrap();
+    assert!(radiosity.iter().all(|b| b.is_finite()));
+}
