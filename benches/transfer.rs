@@ -69,7 +69,7 @@ fn block_of(receivers: usize, free_path: f64) -> Block {
     let at = |i| DVec3::new(uniform(1, i, 0), uniform(1, i, 1), 0.1 * uniform(1, i, 2)) * free_path;
     let positions: Vec<DVec3> = (0..receivers as u64).map(at).collect();
     let mut block = Block::default();
-    block.reset(DVec3::ZERO, positions.iter().map(|&at_mm| Receiver { at_mm }));
+    block.reset(DVec3::ZERO, positions.iter().map(|&at_mm| Receiver { at_mm, normal: DVec3::ZERO }));
     block
 }
 

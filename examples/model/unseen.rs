@@ -43,15 +43,16 @@ pub(crate) fn run(context: &Context) -> Result<String> {
             continue;
         }
         for light in [sun(), side] {
-            let walked = match exitance(scene.domain(), &[light.clone()], Effort::Noise(NOISE), 4711, &Silent) {
-                Ok(walked) => walked,
-                Err(error) => {
-                    context.say(error.message());
-                    continue;
-                }
-            };
+            let walked =
+                match exitance(scene.domain(), std::slice::from_ref(&light), Effort::Noise(NOISE), 4711, &Silent) {
+                    Ok(walked) => walked,
+                    Err(error) => {
+                        context.say(error.message());
+                        continue;
+                    }
+                };
             for body in [&dipole, &body] {
-                let found = compare(&walked, &body.radiosity(&[light.clone()], SAMPLING, &Silent)?)?;
+                let found = compare(&walked, &body.radiosity(std::slice::from_ref(&light), SAMPLING, &Silent)?)?;
                 cells.push(found.rms.map(percent).join(" "));
                 if !std::ptr::eq(body, &dipole) {
                     errors.extend(found.rms);

@@ -152,12 +152,12 @@ fn a_block_sums_what_the_formula_says() {
 fn errors(scene: &TestScene) -> [f64; 2] {
     let domain = scene.domain();
     let light = Light::Directional { from: DVec3::new(0.6, 0.7, 0.3).normalize(), irradiance: DVec3::ONE };
-    let walked = exitance(domain, &[light.clone()], Effort::Photons(400_000), 77, &Silent).unwrap();
+    let walked = exitance(domain, std::slice::from_ref(&light), Effort::Photons(400_000), 77, &Silent).unwrap();
     let walks = Walks { photons: 60_000, ..Walks::default() };
     let body = CalibratedSurface::new(domain, 8192, walks, &Silent).unwrap();
     let plain = CalibratedSurface::with(domain, 8192, Told::nothing(domain), &Silent).unwrap();
     [body, plain].map(|body| {
-        let radiosity = body.radiosity(&[light.clone()], SAMPLING, &Silent).unwrap();
+        let radiosity = body.radiosity(std::slice::from_ref(&light), SAMPLING, &Silent).unwrap();
         compare(&walked, &radiosity).unwrap().worst()[0]
     })
 }
@@ -182,7 +182,7 @@ fn threads_do_not_change_a_bit_and_openings_keep_their_dipole() {
         pool.install(|| {
             let walks = Walks { photons: 5000, ..Walks::default() };
             let body = CalibratedSurface::new(scene.domain(), 2048, walks, &Silent).unwrap();
-            body.radiosity(&[light.clone()], SAMPLING, &Silent).unwrap()
+            body.radiosity(std::slice::from_ref(&light), SAMPLING, &Silent).unwrap()
         })
     };
     let (one, three) = (run(1), run(3));

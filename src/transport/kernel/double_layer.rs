@@ -123,9 +123,10 @@ fn triangles_body(block: &mut Block, layers: &DoubleLayer, sources: &[FlatSource
                 let values = layers.single.triangle(&source.seen_from(&row.at), EdgePrecision::Reference);
                 let r2 = squares(&row.at, source.centroid);
                 let mut heights = heights_over(&row.at, normals, source.centroid);
-                for i in 0..LANES {
-                    for axis in 0..3 {
-                        heights[i] -= (source.centroid[axis] - row.at[axis][i]) * source.normal[axis];
+                for axis in 0..3 {
+                    let (centroid, normal) = (source.centroid[axis], source.normal[axis]);
+                    for (height, at) in heights.iter_mut().zip(&row.at[axis]) {
+                        *height -= (centroid - at) * normal;
                     }
                 }
                 let factors = layers.factors(&r2, &heights);

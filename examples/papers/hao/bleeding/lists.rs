@@ -313,7 +313,7 @@ impl Lists {
             let at: Vec<DVec3> = (first..first + lists.len()).map(|row| vertices.at(row)).collect();
             let mut block =
                 GroupBlock { level, centre: at[0], block: Block::default(), factors: vec![[0.0; 3]; lists.len()] };
-            block.block.reset(block.centre, at.iter().map(|&at_mm| Receiver { at_mm }));
+            block.block.reset(block.centre, at.iter().map(|&at_mm| Receiver { at_mm, normal: DVec3::ZERO }));
             let mut rows: Vec<Vec<Entry>> = lists.iter().map(|list| Vec::with_capacity(list.len())).collect();
             // Ascending in every list, so that the next vertex of all is the least of the next of each.
             lists.iter_mut().for_each(|list| list.reverse());
