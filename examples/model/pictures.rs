@@ -14,8 +14,8 @@ use crate::truth::{SAMPLES, SAMPLING, sun};
 
 const SIDE: usize = 360;
 
-/// Photons of the walks: their noise is hardly seen.
-const PHOTONS: u64 = 12_000_000;
+/// Photons of the walks: their noise is what grains the third picture.
+const PHOTONS: u64 = 3_000_000;
 
 /// Gain of the differences.
 const GAIN: f32 = 3.0;

@@ -17,7 +17,7 @@ use crate::math::statistics::{VertexError, vertex_error};
 pub struct Receivers {
     /// Positions relative to the mesh's origin, mm, group after group.
     pub positions: Vec<DVec3>,
-    /// Their unit normals, outward; zero where nobody asked for them.
+    /// Their unit normals, outward; zero or missing where nobody asked for them.
     pub normals: Vec<DVec3>,
     /// Runs of `positions` that lie close together and belong to one part.
     pub groups: Vec<Group>,
@@ -89,9 +89,10 @@ impl ProbePoints {
 impl Receivers {
     /// Receivers of a group.
     pub fn of(&self, group: Group) -> impl ExactSizeIterator<Item = Receiver> {
-        let range = group.run.range();
-        let places = self.positions[range.clone()].iter().zip(&self.normals[range]);
-        places.map(|(&at_mm, &normal)| Receiver { at_mm, normal })
+        let first = group.run.range().start;
+        let normal = move |i: usize| self.normals.get(first + i).copied().unwrap_or_default();
+        let places = self.positions[group.run.range()].iter().enumerate();
+        places.map(move |(i, &at_mm)| Receiver { at_mm, normal: normal(i) })
     }
 
     /// One receiver for each welded vertex that a transferring part uses. A vertex that several parts share belongs to
@@ -229,7 +230,7 @@ impl Receivers {
                 indices.extend(all.take(OF_A_GROUP));
             }
             subset.positions.extend(indices[first as usize..].iter().map(|&i| self.positions[i as usize]));
-            subset.normals.extend(indices[first as usize..].iter().map(|&i| self.normals[i as usize]));
+            subset.normals.extend(indices[first as usize..].iter().filter_map(|&i| self.normals.get(i as usize)));
             let run = Run { first, end: subset.positions.len() as u32 };
             if !run.range().is_empty() {
                 subset.groups.push(Group { run, part: group.part });

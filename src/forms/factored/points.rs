@@ -161,7 +161,7 @@ impl FarPoints {
         let groups = rows.places.groups.iter().take_while(|group| group.run.range().end <= chosen.len());
         let receivers = Receivers {
             positions: rows.places.positions[..chosen.len()].to_vec(),
-            normals: rows.places.normals[..chosen.len()].to_vec(),
+            normals: rows.places.normals.iter().take(chosen.len()).copied().collect(),
             groups: groups.copied().collect(),
             of_vertex,
         };
