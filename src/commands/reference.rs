@@ -23,8 +23,8 @@ use crate::report::evaluation::{CalibratedReport, RadiosityReport, WalkReport};
 use crate::report::radiosity_ply::{Single, comments, radiosity_ply};
 use crate::report::text::{percent, significant};
 use crate::scene::Scene;
-use crate::transport::calibration::Walks;
 use crate::transport::calibration::surface::CalibratedSurface;
+use crate::transport::calibration::{PHOTONS, Walks};
 use crate::transport::irradiance::LightSampling;
 use crate::transport::random_walk::exitance::{self, Effort, Exitance, MOST_PHOTONS};
 use crate::transport::random_walk::tally::{Budget, NONE};
@@ -135,7 +135,7 @@ fn calibrated(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
     }
     let mut walks = Walks { seed: args.walk.seed, ..Walks::default() };
     if let Some(photons) = args.walk.photons {
-        walks = Walks { photons: in_range("--photons", photons, 1..=MOST_PHOTONS)?, collisions: u64::MAX, ..walks };
+        walks = Walks { photons: in_range("--photons", photons, PHOTONS)?, collisions: u64::MAX, ..walks };
     }
     let samples = args.options.samples.map(|n| in_range("--samples", n, 1..=1 << 28)).transpose()?;
     output::check(&args.output, &["ply"], console)?;

@@ -2,7 +2,6 @@
 
 use glam::DVec3;
 
-use crate::geometry::bvh::Bvh;
 use crate::transport::domain::Domain;
 use crate::transport::random_walk::boundary::MeshBoundary;
 use crate::transport::random_walk::entry::along_curve;
@@ -22,8 +21,6 @@ pub(super) struct Body<'a> {
     /// Triangles along a curve that keeps neighbours together, and the area up to and including each, mm^2.
     triangles: Vec<u32>,
     cumulative_mm2: Vec<f64>,
-    /// The triangles, as rays meet them.
-    pub bvh: Bvh,
     pub diagonal_mm: f64,
 }
 
@@ -39,14 +36,12 @@ impl<'a> Body<'a> {
             Some(*sum)
         };
         let cumulative_mm2 = triangles.iter().scan(0.0, area_so_far).collect();
-        let corners: Vec<[DVec3; 3]> = triangles.iter().map(|&t| domain.mesh.corners_local_mm(t)).collect();
-        let single: Vec<_> = corners.iter().map(|c| c.map(|p| p.as_vec3())).collect();
-        let grow = |(low, high): (DVec3, DVec3), p: &DVec3| (low.min(*p), high.max(*p));
-        let (low, high) = corners.iter().flatten().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), grow);
+        let corners = triangles.iter().flat_map(|&t| domain.mesh.corners_local_mm(t));
+        let grow = |(low, high): (DVec3, DVec3), p: DVec3| (low.min(p), high.max(p));
+        let (low, high) = corners.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), grow);
         Self {
             domain,
             boundary: MeshBoundary::new(domain.mesh, triangles.clone(), free_path_mm),
-            bvh: Bvh::from_triangles(&single),
             triangles,
             cumulative_mm2,
             diagonal_mm: if low.is_finite() { low.distance(high) } else { 0.0 },
@@ -69,9 +64,9 @@ impl<'a> Body<'a> {
         Some(SurfacePoint { at_mm, normal: self.domain.mesh.normal(triangle) })
     }
 
-    /// The normal of a triangle of [`Self::bvh`].
-    pub(super) fn normal(&self, of_bvh: u32) -> DVec3 {
-        self.triangles.get(of_bvh as usize).map_or(DVec3::ZERO, |&t| self.domain.mesh.normal(t))
+    /// The normal of a triangle of the boundary, by its index there.
+    pub(super) fn normal(&self, index: u32) -> DVec3 {
+        self.triangles.get(index as usize).map_or(DVec3::ZERO, |&t| self.domain.mesh.normal(t))
     }
 
     /// The point of a triangle of the mesh at the weights of its second and third corner.

@@ -74,6 +74,9 @@ impl Default for Walks {
 /// Photons that tell how many events each takes.
 const PILOT: u64 = 2048;
 
+/// Photons of each channel: fewer tell nothing, and more would fill the memory.
+pub const PHOTONS: std::ops::RangeInclusive<u64> = PILOT..=1 << 28;
+
 /// The first knot of the layers over the mean free path, and the factor between knots.
 const FIRST: f64 = 0.25;
 const RATIO: f64 = 1.6;

@@ -121,7 +121,7 @@ impl Sums<'_> {
                 t_max: (2.0 * near_mm) as f32,
             };
             let mut found = Vec::new();
-            body.bvh.crossings(&ray, |hit| found.push((f64::from(hit.t), hit.triangle)));
+            body.boundary.bvh().crossings(&ray, |hit| found.push((f64::from(hit.t), hit.triangle)));
             for (t, triangle) in found {
                 let normal = body.normal(triangle);
                 let at_mm: DVec3 = start - t * probe.normal;

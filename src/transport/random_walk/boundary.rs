@@ -128,6 +128,11 @@ impl MeshBoundary {
         }
     }
 
+    /// The triangles as rays meet them, in the order in which they were given.
+    pub(in crate::transport) fn bvh(&self) -> &Bvh {
+        &self.bvh
+    }
+
     /// A point of a triangle, moved just inside.
     pub(in crate::transport) fn just_inside(point: DVec3, normal: DVec3) -> DVec3 {
         offset_origin(point.as_vec3(), -normal.as_vec3()).as_dvec3()
