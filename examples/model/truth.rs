@@ -12,6 +12,7 @@ use translux::transport::calibration::surface::CalibratedSurface;
 use translux::transport::calibration::{Orders, Told, Walks};
 use translux::transport::irradiance::LightSampling;
 use translux::transport::random_walk::model_error::project;
+use translux::transport::random_walk::tally::Hats;
 
 use crate::common::bench::{Context, table};
 use crate::common::lit::percent;
@@ -83,7 +84,7 @@ fn row(
     let mut worst = [0.0f64; 2];
     for (which, (name, light)) in truths.iter().enumerate() {
         let radiosity = body.radiosity(std::slice::from_ref(light), SAMPLING, &Silent)?;
-        let hats = &body.told.hats;
+        let hats = &Hats::new(&scene.mesh, &scene.parts);
         let projected = hats.to_vertices(&project(hats, &radiosity)?);
         let mut biases = Vec::new();
         for (c, channel) in ["r", "g", "b"].iter().enumerate() {

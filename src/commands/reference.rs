@@ -156,7 +156,7 @@ fn calibrated(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
         comments.push("orders of scattering from 1 on".to_owned());
         radiosity_ply(&scene.mesh, &radiosity, Single::None, comments)
     })?;
-    let without_area = body.calibrated.hats.of_vertex.iter().filter(|&&s| s == NONE).count();
+    let without_area = body.calibrated.lattice.of_vertex.iter().filter(|&&s| s == NONE).count();
     let photons = body.told.parts.iter().map(|part| part.as_ref().map(|part| part.photons)).collect();
     let result = CalibratedReport {
         model: "calibrated",

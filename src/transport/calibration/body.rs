@@ -76,9 +76,8 @@ impl<'a> Body<'a> {
     }
 }
 
-/// Distance of two points (mm) and the sum of the heights of each over the tangent plane of the other, over the distance.
-pub(super) fn distance_and_height(o: SurfacePoint, i: SurfacePoint) -> (f64, f64) {
+/// Distance of two points (mm) and the sum of the heights of each over the tangent plane of the other (mm).
+pub(super) fn distance_and_heights(o: SurfacePoint, i: SurfacePoint) -> (f64, f64) {
     let way = i.at_mm - o.at_mm;
-    let r = way.length();
-    (r, if r > 0.0 { way.dot(o.normal - i.normal) / r } else { 0.0 })
+    (way.length(), way.dot(o.normal - i.normal))
 }

@@ -1,8 +1,10 @@
 //! The two radial functions of a calibrated kernel, as factors of the dipole.
 //!
-//! `K(o, i) = R_d(r) (a(r) + b(r) h)`, `h = ((x_i - x_o).n_o + (x_o - x_i).n_i) / r`: negative across a body, zero on a
-//! plane, positive across a hollow. `R_d a` is a single layer and `R_d b / r` times the heights a double layer, as in a
-//! boundary integral. Both are cubic B-splines of the logarithm of the distance.
+//! `K(o, i) = R_d(r) (a(r) + b(r) h)`, `h = f(r) ((x_i - x_o).n_o + (x_o - x_i).n_i)`: negative across a body, zero on a
+//! plane, positive across a hollow. `R_d a` is a single layer and `R_d b f` times the heights a double layer, as in a
+//! boundary integral. Both are cubic B-splines of the logarithm of the distance. f is `1 / r` beyond a mean free path and
+//! fades within: heights are small there, what they would tell the factors of points tell as well, and a double layer
+//! that varies slowly is cheap to sum.
 
 use crate::error::Result;
 use crate::math::quadrature::{gauss_legendre_cached, integrate_with};
@@ -14,6 +16,9 @@ pub(super) const SUPPORT: usize = 4;
 
 /// Least share of the dipole that the single layer keeps: the slope of a kernel is `b / a`.
 const LEAST_SINGLE: f64 = 0.02;
+
+/// Distance within which heights fade, over that at which the splines start.
+const FADE: f64 = 4.0;
 
 /// Step of the table of a single layer in `ln(1 + r^2 / scale^2)`.
 const TABLE_STEP: f64 = 0.08;
@@ -39,6 +44,23 @@ impl Splines {
         let intervals = if octaves.is_finite() { octaves.clamp(1.0, 64.0) as usize } else { 1 };
         let ratio = (last_mm / first_mm).max(1.0 + 1e-6).powf(1.0 / intervals as f64);
         Self { first_mm, ratio, intervals }
+    }
+
+    /// f: the heights over the distance, faded within a mean free path, 1/mm. Even and smooth in r.
+    pub(super) fn fade_per_mm(&self, r_mm: f64) -> f64 {
+        let fade = self.fade_mm();
+        let square = r_mm * r_mm + fade * fade;
+        r_mm * r_mm / (square * square.sqrt())
+    }
+
+    /// The distance within which heights fade, mm.
+    pub(super) fn fade_mm(&self) -> f64 {
+        FADE * self.first_mm
+    }
+
+    /// The distance at which a function is largest, mm.
+    pub(super) fn centre_mm(&self, function: usize) -> f64 {
+        self.first_mm * self.ratio.powf(function as f64 - 1.0)
     }
 
     /// Number of functions.
@@ -77,7 +99,7 @@ pub struct Layers {
     pub splines: Splines,
     /// Coefficients of a, the single layer over the dipole.
     pub single: Vec<f64>,
-    /// Coefficients of b, the double layer over the dipole, for heights over the distance.
+    /// Coefficients of b, the double layer over the dipole.
     pub double: Vec<f64>,
 }
 
@@ -87,10 +109,9 @@ impl Layers {
         self.splines.sum(&self.single, r_mm).max(LEAST_SINGLE)
     }
 
-    /// `b / (a r)` at a distance (mm), 1/mm: the share by which the kernel grows for each mm of the heights.
+    /// `b f / a` at a distance (mm), 1/mm: the share by which the kernel grows for each mm of the heights.
     pub fn slope_per_mm(&self, r_mm: f64) -> f64 {
-        // Heights go as the square of the distance near the receiver.
-        self.splines.sum(&self.double, r_mm) / self.single(r_mm) / r_mm.hypot(0.5 * self.splines.first_mm)
+        self.splines.sum(&self.double, r_mm) / self.single(r_mm) * self.splines.fade_per_mm(r_mm)
     }
 
     /// The single layer `R_d a` of a dipole as a profile, up to a reach, mm.

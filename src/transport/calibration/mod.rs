@@ -14,6 +14,7 @@
 
 mod body;
 mod fit;
+pub mod lattice;
 pub mod layers;
 mod pairs;
 mod smoothing;
@@ -23,20 +24,22 @@ mod walks;
 use std::sync::Arc;
 
 use glam::DVec3;
+use rayon::prelude::*;
 
 use self::body::Body;
+use self::lattice::Lattice;
 use self::layers::{Layers, Splines};
 use super::domain::Domain;
 use super::gather::{Gather, Scheme};
 use super::kernel::medium::MediumKernel;
 use super::near_rule::NearField;
 use super::random_walk::exitance::MOST_LOST;
-use super::random_walk::tally::{Hats, NONE};
 use super::random_walk::walk::WalkMedium;
 use super::receivers::Receivers;
 use super::surface::Surface;
 use super::tree::SampleTree;
 use crate::error::Result;
+use crate::geometry::samples::{self, Facet};
 use crate::math::random::mix;
 use crate::medium::fresnel::{BoundaryFit, CosineTransmittance};
 use crate::medium::material::Medium;
@@ -93,8 +96,8 @@ pub struct PartLayers {
 /// The layers of every part, and what leaves at each vertex under the same irradiance everywhere.
 #[derive(Clone, Debug)]
 pub struct Told {
-    /// Slots of the scene.
-    pub hats: Hats,
+    /// Hat functions of the scene.
+    pub lattice: Arc<Lattice>,
     /// Layers of each part; none for opaque parts, and for those that keep their dipole.
     pub parts: Vec<Option<PartLayers>>,
     /// Exitance of each slot under an irradiance of 1, RGB, by two independent halves of the walks.
@@ -106,10 +109,10 @@ pub struct Told {
 impl Told {
     /// Nothing told about a domain: every part keeps its dipole.
     pub fn nothing(domain: Domain) -> Self {
-        let hats = Hats::new(domain.mesh, domain.parts);
-        let (slots, count) = (hats.mass_mm2.len(), domain.parts.parts.len());
+        let lattice = Arc::new(Lattice::new(domain));
+        let (slots, count) = (lattice.len(), domain.parts.parts.len());
         let halves = [vec![DVec3::ZERO; slots], vec![DVec3::ZERO; slots]];
-        Self { hats, parts: vec![None; count], halves, lost: vec![0.0; count] }
+        Self { lattice, parts: vec![None; count], halves, lost: vec![0.0; count] }
     }
 }
 
@@ -134,7 +137,7 @@ pub fn walked(domain: Domain, walks: Walks, progress: &dyn Progress) -> Told {
             let seed = mix(mix(walks.seed ^ 0xca11_b8a7e) ^ (3 * part as u64 + c as u64));
             let first = (FIRST * free_paths[c]).clamp(1e-4 * diagonal, 0.1 * diagonal);
             let splines = Splines::new(first, diagonal, RATIO);
-            let (place, how) = ((&body, &told.hats), (&media[c], &entrance));
+            let (place, how) = ((&body, told.lattice.as_ref()), (&media[c], &entrance));
             let pilot = walks::told(place, how, &splines, (PILOT, !seed), &Silent);
             let events = pilot.collisions as f64 / PILOT as f64;
             photons[c] = walks.photons.min((walks.collisions as f64 / events.max(1.0)) as u64).max(PILOT);
@@ -153,7 +156,7 @@ pub fn walked(domain: Domain, walks: Walks, progress: &dyn Progress) -> Told {
             let moments = pairs::moments(&body, profile, &splines, seed);
             layers.push(fit::layers(splines, &moments, &pairs, photon_mm2));
             for (sums, half) in told.halves.iter_mut().zip(&of_channel.halves) {
-                for ((sum, of_slot), mass) in sums.iter_mut().zip(half).zip(&told.hats.mass_mm2) {
+                for ((sum, of_slot), mass) in sums.iter_mut().zip(half).zip(&told.lattice.mass_mm2) {
                     let weight = match walks.orders {
                         Orders::FromOne => of_slot[0] + of_slot[1],
                         Orders::FromTwo => of_slot[1],
@@ -179,8 +182,8 @@ pub struct Calibrated {
     pub kernels: (Vec<MediumKernel>, Vec<Option<u32>>),
     /// The factor of each slot, RGB.
     pub scale: Vec<DVec3>,
-    /// Slots of the corners of each triangle.
-    pub hats: Hats,
+    /// Hat functions of the slots.
+    pub lattice: Arc<Lattice>,
 }
 
 /// Largest change of a factor after which the iteration ends, and the most rounds.
@@ -215,14 +218,14 @@ impl Calibrated {
             });
         }
         let kernels = (kernels, of_part);
-        let hats = told.hats.clone();
-        let mut result = Self { kernels, scale: vec![DVec3::ONE; hats.mass_mm2.len()], hats };
+        let lattice = Arc::clone(&told.lattice);
+        let mut result = Self { kernels, scale: vec![DVec3::ONE; lattice.len()], lattice };
         result.solve(surface, tree, told, (near, scheme), progress);
         Ok(result)
     }
 
-    /// Iterates `s <- s (t / (s K s))^(2/3)`, t the row sums of the walks and s K s those of the kernel: of all slots, or where there are more
-    /// than samples of one slot in each sample, and of the others at the end.
+    /// Iterates `s <- s (t / (s K s))^(2/3)`, t the row sums of the walks and s K s those of the kernel: of all slots, or where
+    /// there are more than samples of one slot in each sample, and of the others at the end.
     fn solve(
         &mut self,
         surface: &Surface,
@@ -234,18 +237,14 @@ impl Calibrated {
         if told.parts.iter().all(Option::is_none) {
             return;
         }
-        let domain = surface.domain;
-        let part_of = parts_of_slots(domain, &self.hats);
-        let normals = normals_of_slots(domain, &self.hats);
-        let is_calibrated = |slot: usize| told.parts.get(part_of[slot] as usize).is_some_and(|part| part.is_some());
-        let place = |slot: usize| {
-            let at = domain.mesh.local_mm[self.hats.vertex[slot] as usize].as_dvec3();
-            is_calibrated(slot).then_some((part_of[slot], at))
-        };
-        let slots: Vec<u32> = (0..part_of.len() as u32).collect();
+        let lattice = Arc::clone(&self.lattice);
+        let is_calibrated =
+            |slot: usize| told.parts.get(lattice.part[slot] as usize).is_some_and(|part| part.is_some());
+        let place = |slot: usize| is_calibrated(slot).then(|| (lattice.part[slot], lattice.at_mm[slot]));
+        let slots: Vec<u32> = (0..lattice.len() as u32).collect();
         let at = |slots: &[u32]| {
             let places: Vec<_> = slots.iter().map(|&slot| place(slot as usize)).collect();
-            let normals: Vec<DVec3> = slots.iter().map(|&slot| normals[slot as usize]).collect();
+            let normals: Vec<DVec3> = slots.iter().map(|&slot| lattice.normal[slot as usize]).collect();
             Receivers::oriented(&places, &normals, GROUP)
         };
         let gather = Gather::with_kernels_of_parts(surface, tree, self.kernels.clone(), near);
@@ -255,8 +254,16 @@ impl Calibrated {
         progress.start("row sums", MOST_ROUNDS as u64);
         let all = at(&slots);
         let ones = vec![DVec3::ONE; surface.samples.len()];
-        let wanted = smoothing::smoothed(domain, &self.hats, &told.halves, &sums(&all, &ones));
         let few = (slots.len() > surface.samples.len()).then(|| self.slots_of_samples(surface));
+        // Walks tell means over hat functions. Sums dip at edges and corners, less far than wide hat functions reach.
+        let guess = match &few {
+            Some(_) => sums(&all, &ones),
+            None => {
+                let (places, normals) = lattice.middles(|slot| place(slot as usize));
+                lattice.means(&sums(&Receivers::oriented(&places, &normals, GROUP), &ones))
+            }
+        };
+        let wanted = smoothing::smoothed(&lattice, &told.halves, &guess);
         let chosen = few.as_ref().map(|few| at(few));
         let mut of_few = ones;
         for _ in 0..MOST_ROUNDS {
@@ -289,32 +296,34 @@ impl Calibrated {
 
     /// A slot of each sample, that of the corner nearest to its centre.
     fn slots_of_samples(&self, surface: &Surface) -> Vec<u32> {
-        let mesh = surface.domain.mesh;
         let of = |sample: usize| {
             let centre = surface.patches[sample].centre_mm;
-            let corners = surface.samples.patch(sample).iter().flat_map(|facet| {
-                let places = mesh.corners_local_mm(facet.triangle);
-                self.hats.corners[facet.triangle as usize].into_iter().zip(places)
+            let corners = surface.samples.patch(sample).iter().filter_map(|facet| self.around(surface, facet));
+            let nearest = corners.flat_map(|(slots, _)| slots).min_by(|&a, &b| {
+                let [from_a, from_b] = [a, b].map(|slot| self.lattice.at_mm[slot as usize].distance_squared(centre));
+                from_a.total_cmp(&from_b).then(a.cmp(&b))
             });
-            let nearest = corners.min_by(|a, b| {
-                a.1.distance_squared(centre).total_cmp(&b.1.distance_squared(centre)).then(a.0.cmp(&b.0))
-            });
-            nearest.map_or(0, |(slot, _)| slot)
+            nearest.unwrap_or(0)
         };
         (0..surface.samples.len()).map(of).collect()
     }
 
+    /// Slots around the centroid of a facet, and their weights.
+    fn around(&self, surface: &Surface, facet: &Facet) -> Option<([u32; 3], [f64; 3])> {
+        let corners = surface.domain.mesh.corners_local_mm(facet.triangle);
+        let own = facet.corners_local_mm(surface.domain.mesh);
+        let [_, u, v] = barycentric(corners, own.iter().sum::<DVec3>() / 3.0);
+        self.lattice.at(facet.triangle, u, v)
+    }
+
     /// The factor of each sample, RGB.
     pub fn of_samples(&self, surface: &Surface) -> Vec<DVec3> {
-        use rayon::prelude::*;
         let mesh = surface.domain.mesh;
         let of_patch = |patch: usize| {
             let (mut sum, mut area) = (DVec3::ZERO, 0.0);
             for facet in surface.samples.patch(patch) {
-                let corners = facet.corners_local_mm(mesh);
-                let a = crate::geometry::samples::area(corners);
-                let weights = barycentric(mesh.corners_local_mm(facet.triangle), corners.iter().sum::<DVec3>() / 3.0);
-                sum += a * self.at(facet.triangle, weights);
+                let a = samples::area(facet.corners_local_mm(mesh));
+                sum += a * self.of(self.around(surface, facet));
                 area += a;
             }
             if area > 0.0 { sum / area } else { DVec3::ONE }
@@ -322,17 +331,21 @@ impl Calibrated {
         (0..surface.samples.len()).into_par_iter().map(of_patch).collect()
     }
 
-    /// The factor at a point of a triangle, RGB.
-    pub fn at(&self, triangle: u32, weights: [f64; 3]) -> DVec3 {
-        let Some(corners) = self.hats.corners.get(triangle as usize) else { return DVec3::ONE };
-        let of = |slot: &u32| self.scale.get(*slot as usize).copied().unwrap_or(DVec3::ONE);
-        corners.iter().zip(weights).map(|(slot, weight)| weight * of(slot)).sum()
+    /// The factor at a point of a triangle (weights of its second and third corner), RGB.
+    pub fn at(&self, triangle: u32, [u, v]: [f64; 2]) -> DVec3 {
+        self.of(self.lattice.at(triangle, u, v))
+    }
+
+    fn of(&self, there: Option<([u32; 3], [f64; 3])>) -> DVec3 {
+        let Some((slots, weights)) = there else { return DVec3::ONE };
+        let of = |slot: u32| self.scale.get(slot as usize).copied().unwrap_or(DVec3::ONE);
+        slots.into_iter().zip(weights).map(|(slot, weight)| weight * of(slot)).sum()
     }
 
     /// The factor of each source vertex, RGB.
     pub fn of_vertices(&self) -> Vec<DVec3> {
         let of = |slot: &u32| self.scale.get(*slot as usize).copied().unwrap_or(DVec3::ONE);
-        self.hats.of_vertex.iter().map(of).collect()
+        self.lattice.of_vertex.iter().map(of).collect()
     }
 }
 
@@ -373,33 +386,6 @@ fn kernel(medium: &Medium, layers: &[Layers; 3], reach_mm: f64) -> Result<Medium
     let dipoles = medium.properties.dipoles(BoundaryFit::Published);
     let single = |c: usize| Ok(Arc::new(layers[c].profile(&dipoles[c], reach_mm)?) as Arc<dyn Profile>);
     Ok(MediumKernel::of_layers([single(0)?, single(1)?, single(2)?], |c, r| layers[c].slope_per_mm(r), reach_mm))
-}
-
-/// The part of each slot.
-fn parts_of_slots(domain: Domain, hats: &Hats) -> Vec<u32> {
-    let mut parts = vec![NONE; hats.mass_mm2.len()];
-    for (corners, &part) in hats.corners.iter().zip(&domain.parts.triangle_part) {
-        for &slot in corners {
-            if let Some(of_slot) = parts.get_mut(slot as usize) {
-                *of_slot = part;
-            }
-        }
-    }
-    parts
-}
-
-/// The mean normal of the triangles around each slot, by their areas.
-fn normals_of_slots(domain: Domain, hats: &Hats) -> Vec<DVec3> {
-    let mut normals = vec![DVec3::ZERO; hats.mass_mm2.len()];
-    for (triangle, corners) in hats.corners.iter().enumerate() {
-        let cross = domain.mesh.cross_mm2(triangle as u32);
-        for &slot in corners {
-            if let Some(normal) = normals.get_mut(slot as usize) {
-                *normal += cross;
-            }
-        }
-    }
-    normals.iter().map(|n| n.normalize_or_zero()).collect()
 }
 
 #[cfg(test)]

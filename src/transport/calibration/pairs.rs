@@ -5,7 +5,7 @@ use std::f64::consts::{PI, TAU};
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::body::{Body, SurfacePoint, distance_and_height};
+use super::body::{Body, SurfacePoint, distance_and_heights};
 use super::layers::{SUPPORT, Splines};
 use crate::geometry::bvh::Ray;
 use crate::math::random::mix;
@@ -16,17 +16,16 @@ use crate::transport::random_walk::walk::Stream;
 const PROBES: u64 = 1024;
 const POINTS: u64 = 4096;
 
-/// Lines through the neighbourhood of a probe.
-const LINES: u64 = 64;
+/// Lines through the neighbourhood of a probe along its normal and two tangents in each round: surfaces may stand at right
+/// angles to that of the probe.
+const SHARES: [u64; 3] = [2, 1, 1];
+const ROUNDS: u64 = 24;
 
 /// Mean distances between points within which lines find the neighbourhood of a probe.
 const NEAR: f64 = 3.0;
 
 /// Neighbourhood inside which a surface is its tangent plane, over the first knot.
 const INNERMOST: f64 = 0.1;
-
-/// Least cosine between a line and a normal: surfaces along the lines have weights without bound.
-const LEAST_COSINE: f64 = 0.03;
 
 /// Probes of one task.
 const CHUNK: u64 = 16;
@@ -40,7 +39,7 @@ pub(super) type Moments = Vec<[[f64; POWERS]; SUPPORT]>;
 /// The moments of a profile over a body.
 ///
 /// Pairs far apart are those of points spread over the body with probes; pairs nearby are those of probes with every crossing of
-/// lines along the probe's normal, so that they are found at any distance and on every sheet.
+/// lines along the probe's normal and tangents, so that they are found at any distance, on every sheet and across edges.
 pub(super) fn moments(body: &Body, profile: &dyn Profile, splines: &Splines, seed: u64) -> Moments {
     let area = body.area_mm2();
     let spread = |count: u64, stage: u64| -> Vec<SurfacePoint> {
@@ -79,8 +78,9 @@ struct Sums<'a> {
 }
 
 impl Sums<'_> {
-    /// Adds a pair at a distance (mm) with a height, which stands for so much of the surface, mm^2.
-    fn add(&mut self, r: f64, h: f64, area: f64) {
+    /// Adds a pair at a distance with heights (mm), which stands for so much of the surface, mm^2.
+    fn add(&mut self, r: f64, heights: f64, area: f64) {
+        let h = heights * self.splines.fade_per_mm(r);
         let (first, values) = self.splines.at(r);
         let weight = area * self.profile.reflectance(r);
         for (j, &left) in values.iter().enumerate() {
@@ -96,9 +96,9 @@ impl Sums<'_> {
 
     fn far(&mut self, probe: SurfacePoint, points: &[SurfacePoint], (near_mm, area): (f64, f64)) {
         for &point in points {
-            let (r, h) = distance_and_height(probe, point);
+            let (r, heights) = distance_and_heights(probe, point);
             if r >= near_mm {
-                self.add(r, h, area);
+                self.add(r, heights, area);
             }
         }
     }
@@ -107,27 +107,41 @@ impl Sums<'_> {
         let inner = (INNERMOST * self.splines.first_mm).min(0.5 * near_mm);
         self.add(0.5 * inner, 0.0, PI * inner * inner);
         let (tangent, bitangent) = probe.normal.any_orthonormal_pair();
+        let axes = [probe.normal, tangent, bitangent];
         let growth = (near_mm / inner).ln();
-        for line in 0..LINES {
-            let rho = inner * (growth * (line as f64 + stream.uniform()) / LINES as f64).exp();
-            let (sin, cos) = (TAU * stream.uniform()).sin_cos();
-            let foot = probe.at_mm + rho * (cos * tangent + sin * bitangent);
-            let area = TAU * rho * rho * growth / LINES as f64;
-            let start = foot + near_mm * probe.normal;
-            let ray = Ray {
-                origin: start.as_vec3(),
-                direction: -probe.normal.as_vec3(),
-                t_min: 0.0,
-                t_max: (2.0 * near_mm) as f32,
+        // Crossings for each mm^2 of a surface at a point with a normal, over all lines.
+        let density = |at_mm: DVec3, normal: DVec3| {
+            let of = |axis: &DVec3| {
+                let rho2 = (at_mm - probe.at_mm).reject_from_normalized(*axis).length_squared();
+                let reached = rho2 >= inner * inner && rho2 < near_mm * near_mm;
+                if reached { axis.dot(normal).abs() / (TAU * rho2 * growth) } else { 0.0 }
             };
-            let mut found = Vec::new();
-            body.boundary.bvh().crossings(&ray, |hit| found.push((f64::from(hit.t), hit.triangle)));
-            for (t, triangle) in found {
-                let normal = body.normal(triangle);
-                let at_mm: DVec3 = start - t * probe.normal;
-                let (r, h) = distance_and_height(probe, SurfacePoint { at_mm, normal });
-                if r < near_mm {
-                    self.add(r, h, area / normal.dot(probe.normal).abs().max(LEAST_COSINE));
+            axes.iter().zip(SHARES).map(|(axis, share)| share as f64 * of(axis)).sum::<f64>() * ROUNDS as f64
+        };
+        let mut found = Vec::new();
+        for (axis, share) in (0..3).zip(SHARES) {
+            let lines = share * ROUNDS;
+            let (along, (x, y)) = (axes[axis], (axes[(axis + 1) % 3], axes[(axis + 2) % 3]));
+            for line in 0..lines {
+                let rho = inner * (growth * (line as f64 + stream.uniform()) / lines as f64).exp();
+                let (sin, cos) = (TAU * stream.uniform()).sin_cos();
+                let start = probe.at_mm + rho * (cos * x + sin * y) + near_mm * along;
+                let ray = Ray {
+                    origin: start.as_vec3(),
+                    direction: -along.as_vec3(),
+                    t_min: 0.0,
+                    t_max: (2.0 * near_mm) as f32,
+                };
+                found.clear();
+                body.boundary.bvh().crossings(&ray, |hit| found.push((f64::from(hit.t), hit.triangle)));
+                for &(t, triangle) in &found {
+                    let (at_mm, normal) = (start - t * along, body.normal(triangle));
+                    let (r, heights) = distance_and_heights(probe, SurfacePoint { at_mm, normal });
+                    // A crossing at the very end of the lines' reach has no density by rounding.
+                    let density = density(at_mm, normal);
+                    if r < near_mm && density > 0.0 {
+                        self.add(r, heights, 1.0 / density);
+                    }
                 }
             }
         }

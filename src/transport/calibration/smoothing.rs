@@ -2,9 +2,8 @@
 
 use glam::DVec3;
 
+use super::lattice::Lattice;
 use crate::geometry::laplacian::Laplacian;
-use crate::transport::domain::Domain;
-use crate::transport::random_walk::tally::Hats;
 
 /// Steps of the ladder of lengths, each twice as long as the one before, from a quarter of the mean edge.
 const LENGTHS: usize = 9;
@@ -14,9 +13,8 @@ const TOLERANCE: f64 = 1e-6;
 
 /// The mean of two halves of noisy values of slots, smoothed: as they are, or over those of a guess, which varies over the surface
 /// as they do. Which of the two, and the length, is for each channel what lets one half predict the other best.
-pub(super) fn smoothed(domain: Domain, hats: &Hats, halves: &[Vec<DVec3>; 2], guess: &[DVec3]) -> Vec<DVec3> {
-    let triangles = hats.corners.iter().enumerate().map(|(t, c)| (*c, domain.mesh.corners_local_mm(t as u32)));
-    let laplacian = Laplacian::new(hats.mass_mm2.len(), triangles);
+pub(super) fn smoothed(lattice: &Lattice, halves: &[Vec<DVec3>; 2], guess: &[DVec3]) -> Vec<DVec3> {
+    let laplacian = Laplacian::new(lattice.len(), lattice.triangles());
     let rows = |of: &[DVec3]| laplacian.at_nodes(of).iter().map(|v| v.to_array()).collect::<Vec<[f64; 3]>>();
     let [first, second] = halves.each_ref().map(|half| rows(half));
     let mean = paired(&first, &second, |a, b| 0.5 * (a + b));

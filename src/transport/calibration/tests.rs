@@ -67,7 +67,7 @@ fn ball(radius: f64, material: &str) -> TestScene {
 
 #[test]
 fn moments_of_a_ball_are_those_of_the_integral() {
-    // Chords of a ball are uniform in the square of their length, and heights are -r / radius.
+    // Chords of a ball are uniform in the square of their length, and heights are -r^2 / radius.
     let scene = ball(8.0, "marble");
     let body = Body::new(scene.domain(), 0, 0.4);
     let profiles = dipoles("marble");
@@ -80,7 +80,7 @@ fn moments_of_a_ball_are_those_of_the_integral() {
                 .flat_map(|entry| entry.iter().enumerate())
                 .map(|(j, powers)| powers[power] * if j == 0 { 1.0 } else { 2.0 })
                 .sum();
-            let height = |r: f64| (-r / 8.0f64).powi(power as i32);
+            let height = |r: f64| (-r * r / 8.0 * splines.fade_per_mm(r)).powi(power as i32);
             let integral =
                 integrate(|r| std::f64::consts::TAU * profile.reflectance(r) * height(r) * r, 0.0, 16.0, 1e-10);
             let expected = body.area_mm2() * integral;
@@ -111,7 +111,7 @@ fn a_kernel_of_the_same_form_is_found_again() {
     let found = fit::layers(splines, &moments, &pairs, 1e-9);
     // On a ball heights follow from the distance, so that only the kernel itself is determined.
     for r in [0.1, 0.3, 1.0, 3.0, 9.0] {
-        let kernel = |a: f64, b: f64| a - b * r / 8.0;
+        let kernel = |a: f64, b: f64| a - b * r * r / 8.0 * splines.fade_per_mm(r);
         let of_truth = |which: usize| splines.sum(&(0..n).map(|k| truth(k)[which]).collect::<Vec<_>>(), r);
         let (found, expected) =
             (kernel(splines.sum(&found.single, r), splines.sum(&found.double, r)), kernel(of_truth(0), of_truth(1)));
@@ -171,6 +171,27 @@ fn the_calibrated_kernel_is_nearer_to_the_volume_than_the_dipole() {
     let sheet = scene_of(shapes::cuboid(DVec3::new(8.0, 0.4, 8.0), 24), "marble");
     let [calibrated, dipole] = errors(&sheet);
     assert!(dipole > 0.3 && calibrated < 0.5 * dipole, "{calibrated} {dipole}");
+}
+
+#[test]
+fn triangles_of_many_mean_free_paths_have_the_factors_of_small_ones() {
+    let light = Light::Directional { from: DVec3::new(0.6, 0.7, 0.3).normalize(), irradiance: DVec3::ONE };
+    let corners = |cells: u32| {
+        let scene = scene_of(shapes::cuboid(DVec3::splat(11.0), cells), "marble");
+        let walks = Walks { photons: 200_000, ..Walks::default() };
+        let body = CalibratedSurface::new(scene.domain(), 16_384, walks, &Silent).unwrap();
+        let radiosity = body.radiosity(std::slice::from_ref(&light), SAMPLING, &Silent).unwrap();
+        let at = |corner: DVec3| {
+            let nearest = |(_, p): &(&DVec3, &glam::Vec3)| p.as_dvec3().distance(corner);
+            let all = radiosity.iter().zip(&scene.mesh.local_mm);
+            *all.min_by(|a, b| nearest(a).total_cmp(&nearest(b))).unwrap().0
+        };
+        [-1.0, 1.0].map(|x| [-1.0, 1.0].map(|y| at(5.5 * DVec3::new(x, y, 1.0))))
+    };
+    let (coarse, fine) = (corners(1), corners(24));
+    for (coarse, fine) in coarse.as_flattened().iter().zip(fine.as_flattened()) {
+        assert!(((*coarse - *fine) / fine).abs().max_element() < 0.12, "{coarse} {fine}");
+    }
 }
 
 #[test]

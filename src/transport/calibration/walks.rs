@@ -5,12 +5,13 @@ use std::f64::consts::TAU;
 
 use rayon::prelude::*;
 
-use super::body::{Body, distance_and_height};
+use super::body::{Body, distance_and_heights};
+use super::lattice::Lattice;
 use super::layers::{SUPPORT, Splines};
 use crate::medium::fresnel::{CosineTransmittance, refracted_cosine};
 use crate::progress::Progress;
 use crate::transport::random_walk::boundary::MeshBoundary;
-use crate::transport::random_walk::tally::{Hats, SlotTally};
+use crate::transport::random_walk::tally::SlotTally;
 use crate::transport::random_walk::walk::{End, Start, Stream, WalkMedium, walk};
 
 /// Photons of one task.
@@ -42,7 +43,7 @@ struct Chunk {
 
 /// Walks photons through a body, an even number.
 pub(super) fn told(
-    (body, hats): (&Body, &Hats),
+    (body, lattice): (&Body, &Lattice),
     (medium, entrance): (&WalkMedium, &CosineTransmittance),
     splines: &Splines,
     (photons, seed): (u64, u64),
@@ -51,7 +52,7 @@ pub(super) fn told(
     let half = photons.div_ceil(2);
     let mut result = Told { photons: 2 * half, pairs: vec![[[0.0; 2]; ORDERS]; splines.len()], ..Told::default() };
     for (index, of_half) in result.halves.iter_mut().enumerate() {
-        let mut tally = SlotTally::new(hats.mass_mm2.len());
+        let mut tally = SlotTally::new(lattice.len());
         let stage = crate::math::random::mix(seed ^ (index as u64 + 1));
         let chunk = |chunk: u64| {
             let range = chunk * CHUNK..((chunk + 1) * CHUNK).min(half);
@@ -60,7 +61,7 @@ pub(super) fn told(
             for photon in range {
                 let mut stream = Stream::new(stage, photon);
                 let along = (photon as f64 + stream.uniform()) / half as f64;
-                one((body, hats), (medium, entrance), splines, (along, &mut stream), (&tally, &mut sums));
+                one((body, lattice), (medium, entrance), splines, (along, &mut stream), (&tally, &mut sums));
             }
             sums
         };
@@ -79,7 +80,7 @@ pub(super) fn told(
 
 /// Walks one photon.
 fn one(
-    (body, hats): (&Body, &Hats),
+    (body, lattice): (&Body, &Lattice),
     (medium, entrance): (&WalkMedium, &CosineTransmittance),
     splines: &Splines,
     (along, stream): (f64, &mut Stream),
@@ -97,9 +98,13 @@ fn one(
     sums.collisions += walked.collisions;
     match walked.end {
         End::Left { site, order, weight } if order > 0 => {
-            tally.add(hats, site, order > 1, weight);
-            let exit = body.at_site(site.triangle, f64::from(site.u), f64::from(site.v));
-            let (r, h) = distance_and_height(exit, entry);
+            let (u, v) = (f64::from(site.u), f64::from(site.v));
+            if let Some(there) = lattice.at(site.triangle, u, v) {
+                tally.add_shares(there, order > 1, weight);
+            }
+            let exit = body.at_site(site.triangle, u, v);
+            let (r, heights) = distance_and_heights(exit, entry);
+            let h = heights * splines.fade_per_mm(r);
             let (first, values): (usize, [f64; SUPPORT]) = splines.at(r);
             for (entry, value) in sums.pairs.iter_mut().skip(first).zip(values) {
                 let of_order = &mut entry[usize::from(order > 1)];

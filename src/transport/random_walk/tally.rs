@@ -86,10 +86,16 @@ impl SlotTally {
 
     /// Adds a photon that left at a site after one scattering event, or after several.
     #[inline]
-    pub(in crate::transport) fn add(&self, hats: &Hats, site: Site, several: bool, weight: f64) {
-        let Some(corners) = hats.corners.get(site.triangle as usize) else { return };
+    pub(super) fn add(&self, hats: &Hats, site: Site, several: bool, weight: f64) {
+        let Some(&corners) = hats.corners.get(site.triangle as usize) else { return };
         let (u, v) = (f64::from(site.u), f64::from(site.v));
-        for (&slot, share) in corners.iter().zip([1.0 - u - v, u, v]) {
+        self.add_shares((corners, [1.0 - u - v, u, v]), several, weight);
+    }
+
+    /// Adds a photon through the hat functions of three slots.
+    #[inline]
+    pub(in crate::transport) fn add_shares(&self, (slots, shares): ([u32; 3], [f64; 3]), several: bool, weight: f64) {
+        for (slot, share) in slots.into_iter().zip(shares) {
             if let Some(sums) = self.sums.get(slot as usize) {
                 // A site on an edge may have a weight below 0 by rounding; the conversion makes it 0.
                 sums[usize::from(several)].fetch_add((weight * share * UNITS).round() as u64, Ordering::Relaxed);
