@@ -29,7 +29,7 @@ pub(crate) fn run(context: &Context) -> Result<String> {
         let body = CalibratedSurface::new(scene.domain(), SAMPLES, Walks::default(), &Silent)?;
         let dipole = CalibratedSurface::with(scene.domain(), SAMPLES, Told::nothing(scene.domain()), &Silent)?;
         let mut cells = vec![format!("{model}, {size} mm"), material.to_owned()];
-        if body.told.parts.iter().all(|part| part.is_none()) {
+        if body.calibrated.parts.iter().all(|part| part.is_none()) {
             cells.push("open: keeps its dipole".to_owned());
             rows.push(cells);
             continue;

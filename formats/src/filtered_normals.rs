@@ -98,7 +98,7 @@ impl Earlier {
     }
 
     /// The last of the earlier neighbours of each row.
-    fn last(&self) -> Vec<u32> {
+    pub(crate) fn last(&self) -> Vec<u32> {
         (0..self.rows()).map(|row| self.of(row).last().copied().unwrap_or(NO_ROW)).collect()
     }
 
@@ -107,6 +107,23 @@ impl Earlier {
         let before = self.of(row);
         let sum: i32 = before.iter().map(|b| i32::from(codes[*b as usize * columns + column])).sum();
         if before.is_empty() { 0 } else { (2 * sum + before.len() as i32).div_euclid(2 * before.len() as i32) }
+    }
+
+    /// Codes less the means over the earlier neighbours of their rows.
+    pub(crate) fn without_means(&self, codes: &[i16], columns: usize) -> Vec<i16> {
+        let of = |at: usize| {
+            let (row, column) = (at / columns, at % columns);
+            (i32::from(codes[at]) - self.mean(codes, columns, row, column)) as i16
+        };
+        (0..codes.len()).map(of).collect()
+    }
+
+    /// The inverse of [`Self::without_means`], as far as codes fit 16 bits.
+    pub(crate) fn add_means(&self, codes: &mut [i16], columns: usize) {
+        for at in 0..codes.len() {
+            let code = i32::from(codes[at]) + self.mean(codes, columns, at / columns, at % columns);
+            codes[at] = code.clamp(i32::from(i16::MIN), i32::from(i16::MAX)) as i16;
+        }
     }
 }
 
@@ -143,13 +160,7 @@ impl FilteredNormals {
         self.validate()?;
         let (rows, columns) = (self.openness.len(), self.columns());
         same_length(tags::FIELDS, "rows", rows, earlier.rows())?;
-        let mut rest = self.codes.clone();
-        for row in 0..rows {
-            for column in 0..columns {
-                let at = row * columns + column;
-                rest[at] = (i32::from(self.codes[at]) - earlier.mean(&self.codes, columns, row, column)) as i16;
-            }
-        }
+        let rest = earlier.without_means(&self.codes, columns);
         let coded = coefficients::encode(tags::FIELDS, rows, columns, &rest, Some(&earlier.last()))?;
         Ok(vec![
             RawSection::from_record(tags::NUMBERS, Kind::Method, Codec::Raw, &self.numbers)?,
@@ -174,13 +185,7 @@ impl FilteredNormals {
             return invalid(tags::FIELDS, format!("{rows} rows of {columns} columns"));
         }
         let mut codes = coefficients::decode(tags::FIELDS, &bytes, Some(&earlier.last()), budget)?.values;
-        for row in 0..rows {
-            for column in 0..columns {
-                let at = row * columns + column;
-                let code = i32::from(codes[at]) + earlier.mean(&codes, columns, row, column);
-                codes[at] = code.clamp(i32::from(i16::MIN), i32::from(i16::MAX)) as i16;
-            }
-        }
+        earlier.add_means(&mut codes, columns);
         result.codes = codes;
         result.validate()?;
         Ok(Some(result))

@@ -40,6 +40,7 @@ compile_error!("sections are little-endian and read in place: this crate needs a
 
 mod asset;
 pub mod atlas;
+pub mod calibration;
 mod checks;
 mod codec;
 pub mod coefficients;

@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 
-use super::baking::{self, BakeOptions};
+use super::baking::{self, BakeOptions, WalkOptions};
 use super::console::Console;
 use super::model::ModelArgs;
 use super::output;
@@ -25,10 +25,33 @@ pub(super) struct BakeArgs {
     method: String,
     #[command(flatten)]
     options: BakeOptions,
+    /// Model of the light inside that the kernels follow
+    #[arg(
+        long = "model",
+        id = "inside",
+        default_value = "dipole",
+        value_name = "WHICH",
+        help_heading = "Model of the light inside"
+    )]
+    inside: Inside,
+    #[command(flatten, next_help_heading = "Model of the light inside")]
+    walks: WalkOptions,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Inside {
+    /// The dipole of the papers, made for a half space
+    Dipole,
+    /// The dipole, calibrated by a few walks through each closed part: methods that sum at run time
+    Calibrated,
 }
 
 pub(super) fn run(args: &BakeArgs, console: &Console) -> Result<ExitCode> {
-    let recipe = args.options.resolve(&args.method, console)?;
+    let model = match args.inside {
+        Inside::Dipole => args.walks.dipole(),
+        Inside::Calibrated => args.walks.calibrated(),
+    };
+    let recipe = args.options.resolve(&args.method, model?, console)?;
     let asked = Some(recipe.settings.max_rms);
     output::check(std::slice::from_ref(&args.output), &["tlux"], console)?;
     let imported = args.model.load(console)?;

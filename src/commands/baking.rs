@@ -8,11 +8,13 @@ use super::console::{Console, in_range};
 use crate::asset::Asset;
 use crate::error::{Error, Result};
 use crate::evaluate::keys::share;
-use crate::evaluate::{BakeSettings, Recipe};
+use crate::evaluate::{BakeSettings, Model, Recipe};
+use crate::forms::gathered::uncalibrated;
 use crate::import::Imported;
 use crate::light::LightKind;
 use crate::measure::probes::for_bake;
 use crate::scene::Scene;
+use crate::transport::calibration::{PHOTONS, Walks};
 
 /// Options of a bake beside its method.
 #[derive(Clone, Debug, Args)]
@@ -35,7 +37,7 @@ pub(super) struct BakeOptions {
 
 impl BakeOptions {
     /// The recipe of a method with all settings resolved.
-    pub(super) fn resolve(&self, method: &str, console: &Console) -> Result<Recipe> {
+    pub(super) fn resolve(&self, method: &str, model: Model, console: &Console) -> Result<Recipe> {
         let pairs: Vec<(String, String)> = self
             .set
             .iter()
@@ -49,10 +51,44 @@ impl BakeOptions {
         let mut settings = BakeSettings::new(method.default_max_rms());
         settings.samples = samples;
         settings.for_lights = light_kinds(&self.for_lights)?;
+        settings.model = model;
         if let Some(text) = &self.max_rms {
             settings.max_rms = share(text, "--max-rms")?;
         }
         method.recipe(&pairs, settings)
+    }
+}
+
+/// Walks that calibrate kernels.
+#[derive(Clone, Copy, Debug, Args)]
+pub(super) struct WalkOptions {
+    /// Photons of each channel that a random walk takes (default: as many as bring the noise to --max-rms, 5% where that is
+    /// not given), or a calibration (default: 200000, fewer where each is scattered very often)
+    #[arg(long, value_name = "N")]
+    pub(super) photons: Option<u64>,
+    /// Seed of a random walk or a calibration
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub(super) seed: u64,
+}
+
+impl WalkOptions {
+    /// The calibrated model.
+    pub(super) fn calibrated(self) -> Result<Model> {
+        let mut walks = Walks { seed: self.seed, ..Walks::default() };
+        if let Some(photons) = self.photons {
+            walks = Walks { photons: in_range("--photons", photons, PHOTONS)?, collisions: u64::MAX, ..walks };
+        }
+        Ok(Model::Calibrated(walks))
+    }
+
+    /// The model of the papers, which walks nothing.
+    pub(super) fn dipole(self) -> Result<Model> {
+        if self.photons.is_some() || self.seed != 0 {
+            return Err(Error::command_line(
+                "--photons and --seed are for models that walk: --model calibrated, or monte-carlo of `reference`",
+            ));
+        }
+        Ok(Model::Dipole)
     }
 }
 
@@ -79,7 +115,11 @@ pub(super) fn bake(mut recipe: Recipe, imported: Imported, console: &Console) ->
     };
     console.check_memory(recipe.bake_memory(&scene), &advice)?;
     recipe.settings.probes = for_bake(&scene.mesh);
-    recipe.bake(scene, origin.into(), console)
+    let asset = recipe.bake(scene, origin.into(), console)?;
+    for part in uncalibrated(&asset) {
+        console.warn(&format!("part `{part}` is not closed: it keeps its dipole, which needs no volume"));
+    }
+    Ok(asset)
 }
 
 /// The largest number of samples that the memory limit allows, as a power of two.

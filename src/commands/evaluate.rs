@@ -12,6 +12,7 @@ use super::lights::{LightArgs, ResolvedLights};
 use super::media::without_transport;
 use super::opening::AssetArgs;
 use super::{on_mesh, output};
+use crate::asset::Provenance;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::{Evaluator, SingleScattering};
@@ -40,9 +41,19 @@ pub(super) struct EvaluateArgs {
     measure: bool,
 }
 
+/// Name of the model of assets that name none.
+const DIPOLE: &str = "dipole";
+
+/// The model of the light inside that a bake was made with.
+pub(super) fn model_of(provenance: &Provenance) -> &str {
+    provenance.settings.get("model").map_or(DIPOLE, String::as_str)
+}
+
 /// Where radiosity goes, and what its error is held against.
 pub(super) struct Radiosity<'a> {
     pub(super) method: &'a str,
+    /// Model of the light inside.
+    pub(super) model: &'a str,
     pub(super) outputs: &'a [PathBuf],
     /// Whether the error is measured.
     pub(super) measure: bool,
@@ -62,9 +73,10 @@ pub(super) fn run(args: &EvaluateArgs, console: &Console) -> Result<ExitCode> {
         }
         return on_mesh::run(model, opened.evaluator, &opened.provenance, (lights, &args.output), console);
     }
-    let (method, asked_rms) = (opened.provenance.method.clone(), opened.asked_rms());
+    let (provenance, asked_rms) = (opened.provenance.clone(), opened.asked_rms());
+    let (method, model) = (provenance.method.as_str(), model_of(&provenance));
     let mut evaluator = args.device.place(opened.evaluator, console)?;
-    let wanted = Radiosity { method: &method, outputs: &args.output, measure: args.measure, asked_rms };
+    let wanted = Radiosity { method, model, outputs: &args.output, measure: args.measure, asked_rms };
     finish("evaluate", evaluator.as_mut(), lights, &wanted, console)
 }
 
@@ -73,7 +85,7 @@ pub(super) fn finish(
     command: &str,
     evaluator: &mut dyn Evaluator,
     lights: ResolvedLights,
-    &Radiosity { method, outputs, measure, asked_rms }: &Radiosity,
+    &Radiosity { method, model, outputs, measure, asked_rms }: &Radiosity,
     console: &Console,
 ) -> Result<ExitCode> {
     evaluator.set_lights(lights.lights, console)?;
@@ -82,6 +94,9 @@ pub(super) fn finish(
     output::write(outputs, console, || {
         let scene = evaluator.scene();
         let mut comments = comments(method, scene, &lights.text);
+        if model != DIPOLE {
+            comments.push(format!("model {model}"));
+        }
         if single.is_some() {
             comments.push("s is single scattering along the inverse normal, b does without it".to_owned());
         }
@@ -104,6 +119,7 @@ pub(super) fn finish(
     let verdict = console.judge(measured.total_rms(), asked_rms);
     let report = EvaluationReport {
         method: method.to_owned(),
+        model: model.to_owned(),
         radiosity: RadiosityReport::new((lights.text, lights.inputs), outputs, &radiosity, without_area),
         mean_single_scattering: mean_single,
         max_single_scattering: max_single,

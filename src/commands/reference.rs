@@ -6,26 +6,23 @@ use std::time::Instant;
 
 use clap::{Args, ValueEnum};
 
-use super::baking::{self, BakeOptions};
+use super::baking::{self, BakeOptions, WalkOptions};
 use super::console::{Console, in_range};
-use super::evaluate::{Radiosity, finish};
+use super::evaluate::{Radiosity, finish, model_of};
 use super::lights::LightArgs;
 use super::media::ProfileArg;
 use super::model::ModelArgs;
 use super::{opening, output};
 use crate::error::{Error, ExitCode, Result};
+use crate::evaluate::Model;
 use crate::evaluate::keys::share;
-use crate::forms::density;
 use crate::geometry::check::MeshCheck;
 use crate::geometry::parts::Closure;
 use crate::import::Imported;
-use crate::report::evaluation::{CalibratedReport, RadiosityReport, WalkReport};
+use crate::report::evaluation::{RadiosityReport, WalkReport};
 use crate::report::radiosity_ply::{Single, comments, radiosity_ply};
 use crate::report::text::{percent, significant};
 use crate::scene::Scene;
-use crate::transport::calibration::surface::CalibratedSurface;
-use crate::transport::calibration::{PHOTONS, Walks};
-use crate::transport::irradiance::LightSampling;
 use crate::transport::random_walk::exitance::{self, Effort, Exitance, MOST_PHOTONS};
 use crate::transport::random_walk::tally::{Budget, NONE};
 
@@ -65,13 +62,8 @@ struct WalkArgs {
     /// What the exitance is computed by. A random walk writes every order of scattering to b_* and the first to s_*
     #[arg(long = "model", id = "physics", default_value = "dipole", value_name = "WHICH")]
     physics: Physics,
-    /// Photons of each channel of a random walk (default: as many as bring the noise to --max-rms, 5% where that is not given), or of a
-    /// calibration
-    #[arg(long, value_name = "N", conflicts_with = "max_rms")]
-    photons: Option<u64>,
-    /// Seed of a random walk or a calibration
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    seed: u64,
+    #[command(flatten)]
+    walks: WalkOptions,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -87,86 +79,27 @@ enum Physics {
 
 pub(super) fn run(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
     match args.walk.physics {
-        Physics::Dipole => dipole(args, console),
+        Physics::Dipole => summed(args, args.walk.walks.dipole()?, console),
         Physics::Calibrated | Physics::MonteCarlo if args.profile.is_given() => {
             Err(Error::command_line("--profile: walks have no profile; leave it out, or use --model dipole"))
         }
-        Physics::Calibrated => calibrated(args, console),
+        Physics::Calibrated => summed(args, args.walk.walks.calibrated()?, console),
         Physics::MonteCarlo => monte_carlo(args, console),
     }
 }
 
-fn dipole(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
-    if args.walk.photons.is_some() || args.walk.seed != 0 {
-        return Err(Error::command_line(
-            "--photons and --seed are for --model calibrated and monte-carlo; the dipole takes --samples",
-        ));
-    }
-    let recipe = args.options.resolve(&args.method, console)?;
+fn summed(args: &ReferenceArgs, model: Model, console: &Console) -> Result<ExitCode> {
+    let recipe = args.options.resolve(&args.method, model, console)?;
     let asked_rms = Some(recipe.settings.max_rms);
     output::check(&args.output, &["ply"], console)?;
     let lights = args.lights.load(console)?;
     let asset = baking::bake(recipe, args.model.load(console)?, console)?;
-    let method = asset.provenance.method.clone();
+    let provenance = asset.provenance.clone();
+    let (method, model) = (provenance.method.as_str(), model_of(&provenance));
     let mut evaluator = opening::baked(asset, console)?;
     args.profile.put(evaluator.as_mut())?;
-    let wanted = Radiosity { method: &method, outputs: &args.output, measure: !args.no_measure, asked_rms };
+    let wanted = Radiosity { method, model, outputs: &args.output, measure: !args.no_measure, asked_rms };
     finish("reference", evaluator.as_mut(), lights, &wanted, console)
-}
-
-/// Samples of a calibrated surface, unless another number is asked for.
-const CALIBRATED_SAMPLES: usize = 1 << 17;
-
-/// Rays towards lights, as the reference has them.
-const SAMPLING: LightSampling = LightSampling { points_per_patch: 16, directions: 512, area_side: 16 };
-
-fn calibrated(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
-    let unfit = [
-        (args.method != "reference", "--method"),
-        (!args.options.set.is_empty(), "--set"),
-        (args.options.for_lights != "all", "--for-lights"),
-        (args.options.max_rms.is_some(), "--max-rms"),
-        (args.no_measure, "--no-measure"),
-    ];
-    if let Some((_, flag)) = unfit.iter().find(|(given, _)| *given) {
-        return Err(Error::command_line(format!(
-            "{flag} is not for --model calibrated, which takes --photons, --seed and --samples"
-        )));
-    }
-    let mut walks = Walks { seed: args.walk.seed, ..Walks::default() };
-    if let Some(photons) = args.walk.photons {
-        walks = Walks { photons: in_range("--photons", photons, PHOTONS)?, collisions: u64::MAX, ..walks };
-    }
-    let samples = args.options.samples.map(|n| in_range("--samples", n, 1..=1 << 28)).transpose()?;
-    output::check(&args.output, &["ply"], console)?;
-    let lights = args.lights.load(console)?;
-    let Imported { scene, .. } = args.model.load(console)?;
-    let samples = samples.unwrap_or(CALIBRATED_SAMPLES.max(scene.mesh.triangles.len()));
-    let bytes = exitance::memory(scene.domain()) + density::memory(samples, &scene);
-    console.check_memory(bytes, "use fewer --samples, or raise --max-memory")?;
-    let body = CalibratedSurface::new(scene.domain(), samples, walks, console)?;
-    for (part, told) in scene.parts.parts.iter().zip(&body.told.parts) {
-        if part.transfers() && told.is_none() {
-            console.warn(&format!("part `{}` is not closed: it keeps its dipole, which needs no volume", part.name));
-        }
-    }
-    let radiosity = body.radiosity(&lights.lights, SAMPLING, console)?;
-    output::write(&args.output, console, || {
-        let mut comments = comments("calibrated dipole", &scene, &lights.text);
-        comments.push("orders of scattering from 1 on".to_owned());
-        radiosity_ply(&scene.mesh, &radiosity, Single::None, comments)
-    })?;
-    let without_area = body.calibrated.lattice.of_vertex.iter().filter(|&&s| s == NONE).count();
-    let photons = body.told.parts.iter().map(|part| part.as_ref().map(|part| part.photons)).collect();
-    let result = CalibratedReport {
-        model: "calibrated",
-        radiosity: RadiosityReport::new((lights.text, lights.inputs), &args.output, &radiosity, without_area),
-        seed: args.walk.seed,
-        samples,
-        photons,
-    };
-    console.report("reference", &result)?;
-    Ok(ExitCode::Ok)
 }
 
 fn monte_carlo(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
@@ -177,7 +110,7 @@ fn monte_carlo(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
     check_closed(&scene, &check).map_err(|e| e.at(args.model.model.display()))?;
     console.check_memory(exitance::memory(scene.domain()), "raise --max-memory")?;
     let started = Instant::now();
-    let walked = exitance::exitance(scene.domain(), &lights.lights, effort, args.walk.seed, console)?;
+    let walked = exitance::exitance(scene.domain(), &lights.lights, effort, args.walk.walks.seed, console)?;
     let rate = walked.budget.iter().map(|b| b.collisions).sum::<u64>() as f64 / started.elapsed().as_secs_f64();
     let radiosity = walked.hats.to_vertices(&walked.total);
     output::write(&args.output, console, || {
@@ -197,7 +130,7 @@ fn monte_carlo(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
     let result = WalkReport {
         model: "monte-carlo",
         radiosity: RadiosityReport::new((lights.text, lights.inputs), &args.output, &radiosity, without_area),
-        seed: args.walk.seed,
+        seed: args.walk.walks.seed,
         photons: walked.photons,
         budget: walked.budget,
         noise: walked.relative_noise().to_array(),
@@ -242,7 +175,8 @@ impl ReferenceArgs {
                 "{flag} is for --model dipole; a random walk takes --photons, --max-rms and --seed"
             )));
         }
-        match (self.walk.photons, &self.options.max_rms) {
+        match (self.walk.walks.photons, &self.options.max_rms) {
+            (Some(_), Some(_)) => Err(Error::command_line("--photons and --max-rms: a random walk takes one of them")),
             (Some(photons), _) => in_range("--photons", photons, 1..=MOST_PHOTONS).map(Effort::Photons),
             (None, Some(text)) => Ok(Effort::Noise(share(text, "--max-rms")?)),
             (None, None) => Ok(Effort::Noise(DEFAULT_NOISE)),

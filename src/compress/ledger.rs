@@ -5,9 +5,12 @@ use crate::math::statistics::VertexError;
 /// Stages that only light from an environment passes through.
 pub const ENVIRONMENT_STAGES: [&str; 3] = ["visibility", "cube map", "row truncation"];
 
-/// Stages of quantities separate from the radiosity: their errors are relative to those alone, so that sums leave them
-/// out.
-pub const BESIDE_RADIOSITY: [&str; 1] = ["single scattering"];
+/// Stages of quantities separate from the radiosity, whose errors are relative to those alone, and that of the model, which transport
+/// cannot mend: sums leave them out.
+pub const BESIDE_RADIOSITY: [&str; 2] = ["single scattering", MODEL];
+
+/// The stage of the model itself: what its exact sums are off the volume.
+pub const MODEL: &str = "model";
 
 /// The error that one stage added.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]

@@ -37,6 +37,8 @@ pub enum SourceFields {
 pub enum ProfileEdit {
     /// Only the profile that its transport was computed for.
     None,
+    /// Only the kernels that walks have calibrated: they have no profile.
+    Calibrated,
     /// Any profile, on the CPU: the shaders know the dipole alone.
     OnCpu,
     /// Any profile, on devices as well.

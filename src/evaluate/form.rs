@@ -18,6 +18,17 @@ use crate::geometry::samples::Samples;
 use crate::light::{Light, LightKind};
 use crate::progress::Progress;
 use crate::scene::Scene;
+use crate::transport::calibration::Walks;
+
+/// The model of the light inside that kernels follow.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Model {
+    /// The dipole of the papers, made for a half space.
+    #[default]
+    Dipole,
+    /// The dipole, calibrated by walks through the body.
+    Calibrated(Walks),
+}
 
 /// Settings of a bake that all forms share.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,6 +39,8 @@ pub struct BakeSettings {
     pub max_rms: f64,
     /// Kinds of light that the asset is made for.
     pub for_lights: BTreeSet<LightKind>,
+    /// Model of the light inside.
+    pub model: Model,
     /// Probe lights for choices and for reported errors.
     pub probes: Probes,
 }
@@ -35,7 +48,13 @@ pub struct BakeSettings {
 impl BakeSettings {
     /// Settings for every kind of light, as many samples as are needed, no probe lights.
     pub fn new(max_rms: f64) -> Self {
-        Self { samples: None, max_rms, for_lights: LightKind::ALL.into_iter().collect(), probes: Probes::default() }
+        Self {
+            samples: None,
+            max_rms,
+            for_lights: LightKind::ALL.into_iter().collect(),
+            model: Model::Dipole,
+            probes: Probes::default(),
+        }
     }
 
     /// Returns whether the asset is made for a kind of light.
@@ -97,6 +116,11 @@ pub trait Form: Serialize + DeserializeOwned + Send + Sync + 'static {
         true
     }
 
+    /// Returns whether its kernels can follow a model.
+    fn serves(&self, model: Model) -> bool {
+        model == Model::Dipole
+    }
+
     /// Memory that a bake of this scene takes, in bytes, estimated before the work.
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64;
 
@@ -129,6 +153,9 @@ pub trait AnyForm: Any + Send + Sync {
 
     /// See [`Form::holds_transport`].
     fn holds_transport(&self) -> bool;
+
+    /// See [`Form::serves`].
+    fn serves(&self, model: Model) -> bool;
 
     /// See [`Form::bake_memory`].
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64;
@@ -163,6 +190,10 @@ impl<F: Form> AnyForm for F {
 
     fn holds_transport(&self) -> bool {
         Form::holds_transport(self)
+    }
+
+    fn serves(&self, model: Model) -> bool {
+        Form::serves(self, model)
     }
 
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {

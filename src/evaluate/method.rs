@@ -6,8 +6,9 @@ use std::sync::Arc;
 use translux_format::metadata::tags;
 
 use super::evaluator::Evaluator;
-use super::form::{AnyForm, BakeSettings, RegisteredForm, read_error};
+use super::form::{AnyForm, BakeSettings, Model, RegisteredForm, read_error};
 use super::keys::{AnyKey, Keys};
+use super::model_error;
 use crate::asset::{Asset, Provenance};
 use crate::error::{Error, Result};
 use crate::light::LightKind;
@@ -79,6 +80,13 @@ impl<'a> dyn Method + 'a {
             };
             return Err(Error::command_line(format!("--set {name}={text}: {needed}")));
         }
+        if !form.serves(settings.model) {
+            return Err(Error::unsupported(format!(
+                "the transport of `{}` with these settings holds the dipole: use --model dipole, or a method that sums it at run time, \
+                 such as two_pass",
+                self.name()
+            )));
+        }
         Ok(Recipe { method: self.name(), form, texts: keys.into_texts(), settings })
     }
 
@@ -140,8 +148,16 @@ impl Recipe {
             ("for-lights".to_owned(), kinds.join(",")),
             ("samples".to_owned(), parts.samples.len().to_string()),
         ]);
+        if let Model::Calibrated(_) = self.settings.model {
+            provenance.settings.insert("model".to_owned(), "calibrated".to_owned());
+        }
         let sections = self.form.record()?.into_iter().chain(parts.sections).collect();
-        Ok(Asset { scene, samples: parts.samples, provenance, ledger: parts.ledger, sections })
+        let mut asset = Asset { scene, samples: parts.samples, provenance, ledger: parts.ledger, sections };
+        if let Model::Calibrated(_) = self.settings.model {
+            let mut evaluator = self.form.open(Arc::new(asset.clone()))?;
+            model_error::enter(evaluator.as_mut(), &mut asset.ledger, progress)?;
+        }
+        Ok(asset)
     }
 }
 

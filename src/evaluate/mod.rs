@@ -11,6 +11,7 @@ pub mod inter_reflection;
 pub mod keys;
 pub mod measured;
 pub mod method;
+mod model_error;
 pub mod sampling_error;
 pub mod single_scattering;
 pub mod stages;
@@ -20,5 +21,5 @@ pub use capabilities::{Capabilities, Cost, MaterialEdit, ProfileEdit, SingleScat
 pub use evaluator::Evaluator;
 #[cfg(feature = "gpu")]
 pub use evaluator::{DeviceEvaluator, Held};
-pub use form::{AnyForm, AssetParts, BakeSettings, Form, Probes, RegisteredForm};
+pub use form::{AnyForm, AssetParts, BakeSettings, Form, Model, Probes, RegisteredForm};
 pub use method::{About, Method, Recipe, Registry};

@@ -11,9 +11,11 @@ use crate::geometry::samples::{self, Samples};
 use crate::light::Light;
 use crate::math::statistics::VertexError;
 use crate::progress::{Progress, Silent};
+use crate::transport::calibration::Calibrated;
 use crate::transport::gather::{Gather, Scheme};
 use crate::transport::irradiance::{Illumination, LightSampling, Pieces};
 use crate::transport::kernel::medium::MediumKernel;
+use crate::transport::moved_entry::entered_with_pieces;
 use crate::transport::near_rule::NearField;
 use crate::transport::receivers::Receivers;
 use crate::transport::surface::Surface;
@@ -29,6 +31,8 @@ pub struct Sampled<'a> {
     pub surface: Surface<'a>,
     /// Kernels of the media, where they differ from the dipole's.
     pub kernels: Option<&'a [MediumKernel]>,
+    /// Calibrated kernels in place of these.
+    pub calibrated: Option<&'a Calibrated>,
     /// Lights in force.
     pub lights: &'a [Light],
     /// Irradiance of each sample by rays, RGB, and of the pieces of unevenly lit samples.
@@ -46,12 +50,24 @@ pub struct Sampled<'a> {
 }
 
 impl Sampled<'_> {
-    /// Prepares the gather from these samples or others, with the media or the kernels in force.
-    pub fn gather<'a>(&self, surface: &'a Surface<'a>, tree: &'a SampleTree) -> Gather<'a> {
-        match self.kernels {
-            Some(kernels) => Gather::with_kernels(surface, tree, kernels.to_vec(), self.near),
-            None => Gather::new(surface, tree, surface.domain.media, self.near),
-        }
+    /// Radiosity of some receivers from these samples or others under an irradiance, over all pairs, with the media or the
+    /// kernels in force.
+    pub fn radiosity(
+        &self,
+        surface: &Surface,
+        (irradiance, pieces): (&[DVec3], &Pieces),
+        receivers: &Receivers,
+    ) -> Vec<DVec3> {
+        // All pairs need no tree.
+        let tree = SampleTree::default();
+        let factors = self.calibrated.map_or_else(Vec::new, |calibrated| calibrated.of_samples(surface));
+        let gather = match (self.calibrated, self.kernels) {
+            (Some(calibrated), _) => Gather::calibrated(surface, &tree, (calibrated, &factors), self.near),
+            (None, Some(kernels)) => Gather::with_kernels(surface, &tree, kernels.to_vec(), self.near),
+            (None, None) => Gather::new(surface, &tree, surface.domain.media, self.near),
+        };
+        let lit = gather.light_with_pieces(irradiance, pieces);
+        gather.radiosity(receivers, &lit, Scheme::AllPairs, &Silent)
     }
 
     /// Enters the error of sampling into the ledger, and that of stored rows, which has an entry of its own. The error
@@ -68,16 +84,13 @@ impl Sampled<'_> {
         let points_per_patch = 4 * self.sampling.points_per_patch;
         let sampling = LightSampling { points_per_patch, ..self.sampling };
         let etas: Vec<f64> = domain.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
-        let irradiance = Illumination::new(&surface, self.lights, &etas, sampling)?.all_with_pieces(progress);
-        let (subset, points) = self.receivers.probe_points(self.areas, (PROBES, 2));
-        let sum = |surface: &Surface, (irradiance, pieces): (&[DVec3], &Pieces)| {
-            // All pairs need no tree.
-            let tree = SampleTree::default();
-            let gather = self.gather(surface, &tree);
-            gather.radiosity(&subset, &gather.light_with_pieces(irradiance, pieces), Scheme::AllPairs, &Silent)
+        let irradiance = match self.calibrated {
+            Some(_) => entered_with_pieces(&surface, self.lights, (&etas, sampling), progress)?,
+            None => Illumination::new(&surface, self.lights, &etas, sampling)?.all_with_pieces(progress),
         };
-        let theirs = sum(&surface, (&irradiance.0, &irradiance.1));
-        let ours = sum(&self.surface, self.irradiance);
+        let (subset, points) = self.receivers.probe_points(self.areas, (PROBES, 2));
+        let theirs = self.radiosity(&surface, (&irradiance.0, &irradiance.1), &subset);
+        let ours = self.radiosity(&self.surface, self.irradiance, &subset);
         let factor = extrapolation(samples.len(), other.len());
         let note = format!("extrapolated from {} samples, on vertices of their own", other.len());
         ledger.add("sampling", points.error(&theirs, &ours).scaled(factor), note);
@@ -91,9 +104,7 @@ impl Sampled<'_> {
     /// Error that stored irradiance, compared with that of the rays, causes in the radiosity.
     fn stored_error(&self, stored: &[DVec3]) -> VertexError {
         let (subset, points) = stages::probe_points(self.receivers, self.areas);
-        let tree = SampleTree::default();
-        let gather = self.gather(&self.surface, &tree);
-        let sum = |e: &[DVec3]| gather.radiosity(&subset, &gather.light(e), Scheme::AllPairs, &Silent);
+        let sum = |e: &[DVec3]| self.radiosity(&self.surface, (e, &Pieces::NONE), &subset);
         points.error(&sum(stored), &sum(self.irradiance.0))
     }
 }

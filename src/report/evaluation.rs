@@ -49,6 +49,8 @@ pub(crate) fn mean_and_max(values: &[DVec3]) -> ([f64; 3], [f64; 3]) {
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct EvaluationReport {
     pub(crate) method: String,
+    /// Model of the light inside: `dipole` or `calibrated`.
+    pub(crate) model: String,
     #[serde(flatten)]
     pub(crate) radiosity: RadiosityReport,
     /// Mean of single scattering, which the radiosity does not include; none where the method has none.
@@ -77,18 +79,6 @@ pub(crate) struct OnMeshReport {
     /// Radiosity interpolated at the centres of the triangles against that at the nearest points.
     pub(crate) between_vertices: VertexError,
     pub(crate) cost: Cost,
-}
-
-/// Report of a calibrated dipole.
-#[derive(Clone, Debug, Serialize)]
-pub(crate) struct CalibratedReport {
-    pub(crate) model: &'static str,
-    #[serde(flatten)]
-    pub(crate) radiosity: RadiosityReport,
-    pub(crate) seed: u64,
-    pub(crate) samples: usize,
-    /// Photons of each channel of each part; none for parts that were not calibrated.
-    pub(crate) photons: Vec<Option<[u64; 3]>>,
 }
 
 /// Report of a random walk.

@@ -10,9 +10,9 @@ use translux_format::far_field::{self, FarField, Shape};
 use translux_format::profile_basis::{self, ProfileBasis};
 use translux_format::rows::{self, IrradianceRows};
 use translux_format::{
-    COMMON_TAGS, FormatError, LedgerEntry, Scan, Tag, VERSION_MAJOR, VERSION_MINOR, atlas, distant_transport,
-    filtered_normals, mesh, metadata, multilevel, parts, quantised_lights, quantised_values, samples, scattering_lists,
-    texture_space,
+    COMMON_TAGS, FormatError, LedgerEntry, Scan, Tag, VERSION_MAJOR, VERSION_MINOR, atlas, calibration,
+    distant_transport, filtered_normals, mesh, metadata, multilevel, parts, quantised_lights, quantised_values,
+    samples, scattering_lists, texture_space,
 };
 
 use super::text::percent;
@@ -154,7 +154,9 @@ pub fn of_version(scan: &Scan, registry: &Registry) -> Vec<Finding> {
         let of_form = [metadata::tags::FORM, metadata::tags::SETTINGS];
         let others = [profile_basis::tags::TOTALS, rows::tags::BLOCKS, multilevel::tags::NUMBERS];
         let far = [&far_field::tags::ALL[..], &far_field::tags::OPTIONAL].concat();
-        let sampled = [&far[..], &profile_basis::tags::ALL, &rows::tags::ALL, &others, &of_form].concat();
+        let sampled =
+            [&far[..], &profile_basis::tags::ALL, &rows::tags::ALL, &calibration::tags::ALL, &others, &of_form]
+                .concat();
         if ![&COMMON_TAGS[..], &sampled, &without_samples(registry)].concat().contains(&section.tag) {
             let (bytes, kind) = (section.stored_bytes, section.kind);
             let message = format!("section {} ({kind}, {bytes} bytes) is unknown", section.tag);
@@ -319,7 +321,9 @@ fn of_method(provenance: &translux_format::Provenance, registry: &Registry) -> V
     let there: BTreeSet<&str> = provenance.settings.iter().map(|(key, _)| key.as_str()).collect();
     let list = |keys: BTreeSet<&str>| keys.into_iter().map(|key| format!("`{key}`")).collect::<Vec<_>>().join(", ");
     let mut out = Vec::new();
-    let (missing, unknown) = (&wanted - &there, &there - &wanted);
+    // Assets of the dipole do not say so.
+    let unknown = &(&there - &wanted) - &BTreeSet::from(["model"]);
+    let missing = &wanted - &there;
     if !missing.is_empty() {
         let message = format!("{} lacks the settings {}", method.name(), list(missing));
         out.push(Finding::new(&SETTINGS, tag, message));

@@ -188,6 +188,7 @@ fn edits_of(edits: Capabilities) -> String {
     };
     let profile = match edits.profile {
         ProfileEdit::None => "profile, size and mesh are baked in",
+        ProfileEdit::Calibrated => "kernels calibrated by walks, any size, other meshes of the same object",
         ProfileEdit::OnCpu => "any profile (on the CPU), any size, other meshes of the same object",
         ProfileEdit::Any => "any profile, any size, other meshes of the same object",
     };

@@ -7,6 +7,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::calibration::Calibrated;
 use super::irradiance::Pieces;
 use super::kernel::double_layer::Moment;
 use super::kernel::medium::MediumKernel;
@@ -50,6 +51,8 @@ pub struct Gather<'a> {
     /// Kernels, and which of them each part has.
     kernels: Vec<MediumKernel>,
     of_part: Vec<Option<u32>>,
+    /// Factors of the samples, RGB; empty where there are none.
+    factors: &'a [DVec3],
     near: NearField,
     level: InstructionSet,
 }
@@ -115,20 +118,42 @@ impl<'a> Gather<'a> {
         (kernels, of_part): (Vec<MediumKernel>, Vec<Option<u32>>),
         near: NearField,
     ) -> Self {
-        Self { surface: *surface, tree, kernels, of_part, near, level: InstructionSet::detect() }
+        Self { surface: *surface, tree, kernels, of_part, factors: &[], near, level: InstructionSet::detect() }
+    }
+
+    /// A gather with calibrated kernels; `factors` are those of the samples, RGB.
+    pub fn calibrated(
+        surface: &Surface<'a>,
+        tree: &'a SampleTree,
+        (calibrated, factors): (&Calibrated, &'a [DVec3]),
+        near: NearField,
+    ) -> Self {
+        Self { factors, ..Self::with_kernels_of_parts(surface, tree, calibrated.kernels.clone(), near) }
     }
 
     /// Prepares the tree for one irradiance per sample, RGB.
-    pub fn light<'b>(&self, irradiance: &'b [DVec3]) -> Lit<'b> {
+    pub fn light<'b>(&self, irradiance: &'b [DVec3]) -> Lit<'b>
+    where
+        'a: 'b,
+    {
         self.lit(SampleLight::even(irradiance), irradiance)
     }
 
     /// [`Self::light`] with the pieces of samples that are not lit evenly.
-    pub fn light_with_pieces<'b>(&self, irradiance: &'b [DVec3], pieces: &'b Pieces) -> Lit<'b> {
+    pub fn light_with_pieces<'b>(&self, irradiance: &'b [DVec3], pieces: &'b Pieces) -> Lit<'b>
+    where
+        'a: 'b,
+    {
         self.lit(SampleLight::new(irradiance, pieces), irradiance)
     }
 
-    fn lit<'b>(&self, light: SampleLight<'b>, irradiance: &[DVec3]) -> Lit<'b> {
+    fn lit<'b>(&self, light: SampleLight<'b>, irradiance: &[DVec3]) -> Lit<'b>
+    where
+        'a: 'b,
+    {
+        let light = light.with_factors(self.factors);
+        let scaled: Vec<DVec3> = irradiance.iter().zip(self.factors).map(|(e, factor)| *e * *factor).collect();
+        let irradiance = if self.factors.is_empty() { irradiance } else { &scaled };
         let clusters = self.tree.light(self.surface.patches, irradiance);
         let layers = self.kernels.iter().any(|kernel| kernel.layers().is_some());
         let moments = if layers { self.tree.moments(self.surface.patches, irradiance) } else { Vec::new() };
@@ -143,7 +168,7 @@ impl<'a> Gather<'a> {
         jobs.for_each_init(Lists::default, |lists, (group, out)| {
             self.group(receivers, *group, lit, scheme, lists);
             for (i, value) in out.iter_mut().enumerate() {
-                *value = lit.light.radiosity(lists.block.sum(i));
+                *value = lit.light.radiosity(lists.block.sum(i)) * receivers.factor(group.run.range().start + i);
             }
             progress.advance(out.len() as u64);
         });

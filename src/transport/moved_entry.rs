@@ -8,16 +8,26 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::irradiance::{Illumination, LightSampling, Pieces};
 use super::surface::Surface;
+use crate::error::Result;
 use crate::geometry::bvh::Ray;
 use crate::geometry::mesh::Mesh;
 use crate::geometry::samples::{Facet, bisect};
 use crate::light::Light;
-use crate::math::random::uniform;
+use crate::math::random::{radical_inverse_2, uniform};
 use crate::medium::fresnel::refracted_cosine;
+use crate::progress::Progress;
 
-/// Steps of each sample and channel, one in each of as many equal parts of the distribution of free paths.
+/// Steps of each sample; channels share the depths in free paths.
 const STEPS: usize = 4;
+
+/// Share of the light that goes farther than any step.
+const LEAST: f64 = 1e-10;
+
+/// Steps of a sequence that fills the square evenly: powers of the inverse of the plastic number (Roberts 2018, "The unreasonable
+/// effectiveness of quasirandom sequences").
+const PLASTIC: [f64; 2] = [0.754_877_666_246_692_8, 0.569_840_290_998_053_3];
 
 /// Stage of the random numbers.
 const STAGE: u64 = 0x656e_7472;
@@ -62,6 +72,50 @@ impl Facets {
             (facet, corners) = if is_left { (left, halves[0]) } else { (right, halves[1]) };
         }
     }
+}
+
+/// True if the light of a kind enters from one direction at each point, and is moved.
+pub fn moves(light: &Light) -> bool {
+    matches!(light, Light::Directional { .. } | Light::Point { .. })
+}
+
+/// Irradiance of every sample by lights that move, RGB; `etas` are the indices of the media, inside over outside.
+///
+/// # Errors
+/// As [`Illumination::new`].
+pub fn entered(
+    surface: &Surface,
+    lights: &[Light],
+    (etas, sampling): (&[f64], LightSampling),
+    progress: &dyn Progress,
+) -> Result<Vec<DVec3>> {
+    let mut sum = vec![DVec3::ZERO; surface.samples.len()];
+    for light in lights {
+        let of_light = Illumination::new(surface, std::slice::from_ref(light), etas, sampling)?.all(progress);
+        sum.iter_mut().zip(moved(surface, light, &of_light)).for_each(|(sum, e)| *sum += e);
+    }
+    Ok(sum)
+}
+
+/// Irradiance of every sample under lights, RGB, that of lights of one direction moved, and of the pieces of samples that the
+/// others light unevenly.
+///
+/// # Errors
+/// As [`Illumination::new`].
+pub fn entered_with_pieces(
+    surface: &Surface,
+    lights: &[Light],
+    (etas, sampling): (&[f64], LightSampling),
+    progress: &dyn Progress,
+) -> Result<(Vec<DVec3>, Pieces)> {
+    let (moving, others): (Vec<Light>, Vec<Light>) = lights.iter().cloned().partition(moves);
+    let mut irradiance = entered(surface, &moving, (etas, sampling), progress)?;
+    if others.is_empty() {
+        return Ok((irradiance, Pieces::NONE));
+    }
+    let (of_others, pieces) = Illumination::new(surface, &others, etas, sampling)?.all_with_pieces(progress);
+    irradiance.iter_mut().zip(of_others).for_each(|(sum, e)| *sum += e);
+    Ok((irradiance, pieces))
 }
 
 /// Moves the irradiance of one light, RGB for each sample. Light of many directions at once stays, as diffuse entry does.
@@ -123,13 +177,14 @@ fn target(
     towards: DVec3,
 ) -> Option<u32> {
     let mesh = surface.domain.mesh;
-    let index = sample as u64;
-    let dimension = (channel * STEPS + step) as u64;
+    // Samples whose indices are near lie together: the depths of any 2^k in a row are spread evenly.
+    let index = (sample * STEPS + step) as u32;
     // A point of the sample, so that the whole of it is moved and not its middle alone.
     let own = surface.samples.patch(sample);
-    let facet = own.get((uniform(STAGE, index, 3 * dimension) * own.len() as f64) as usize)?;
+    let facet = own.get((uniform(STAGE, index.into(), 0) * own.len() as f64) as usize)?;
     let [a, b, c] = facet.corners_local_mm(mesh);
-    let (r, s) = (uniform(STAGE, index, 3 * dimension + 1).sqrt(), uniform(STAGE, index, 3 * dimension + 2));
+    let [r, s] = PLASTIC.map(|ratio| (f64::from(index) * ratio).fract());
+    let r = r.sqrt();
     let at = a * (1.0 - r) + b * (r * (1.0 - s)) + c * (r * s);
     let normal = mesh.normal(facet.triangle);
     let part = *surface.domain.parts.triangle_part.get(facet.triangle as usize)?;
@@ -139,8 +194,7 @@ fn target(
     let inside = refracted_cosine(eta, cosine)?;
     let direction = -((towards - cosine * normal) / eta + inside * normal).normalize_or_zero();
     let free_path = medium.properties.mean_free_path_mm()[channel];
-    let shift = uniform(STAGE ^ 1, index, dimension);
-    let length = -free_path * (1.0 - (step as f64 + shift) / STEPS as f64).max(1e-12).ln();
+    let length = -free_path * (1.0 - radical_inverse_2(index) - LEAST).max(LEAST).ln();
     let depth = length * inside;
     if !(depth.is_finite() && cosine > 0.0) {
         return None;

@@ -19,6 +19,8 @@ pub struct Receivers {
     pub positions: Vec<DVec3>,
     /// Their unit normals, outward; zero or missing where nobody asked for them.
     pub normals: Vec<DVec3>,
+    /// Factors on what they gather, RGB; missing where there are none.
+    pub factors: Vec<DVec3>,
     /// Runs of `positions` that lie close together and belong to one part.
     pub groups: Vec<Group>,
     /// For each source vertex the receiver whose value it takes; `NONE` for vertices without transferring area.
@@ -142,6 +144,24 @@ impl Receivers {
         result
     }
 
+    /// The same receivers with factors on what they gather, RGB, one for each of the places or vertices that they are made of.
+    #[must_use]
+    pub fn with_factors(mut self, of_places: &[DVec3]) -> Self {
+        self.factors = vec![DVec3::ONE; self.len()];
+        for (receiver, factor) in self.of_vertex.iter().zip(of_places) {
+            if let Some(of_receiver) = self.factors.get_mut(*receiver as usize) {
+                *of_receiver = *factor;
+            }
+        }
+        self
+    }
+
+    /// The factor of a receiver, RGB.
+    #[inline(always)]
+    pub(super) fn factor(&self, receiver: usize) -> DVec3 {
+        self.factors.get(receiver).copied().unwrap_or(DVec3::ONE)
+    }
+
     /// Values of the receivers, `each` of every one, cut into those of each group.
     pub(super) fn cut<'a, T>(&self, values: &'a mut [T], each: usize) -> Vec<&'a mut [T]> {
         cut(values, self.groups.iter().map(|group| group.run.range().len() * each))
@@ -188,6 +208,7 @@ impl Receivers {
                 let first = result.positions.len() as u32;
                 result.positions.extend(run.iter().filter_map(|&i| self.positions.get(i as usize)));
                 result.normals.extend(run.iter().filter_map(|&i| self.normals.get(i as usize)));
+                result.factors.extend(run.iter().filter_map(|&i| self.factors.get(i as usize)));
                 let run = Run { first, end: result.positions.len() as u32 };
                 result.groups.push(Group { run, part: part[0].part });
             }
@@ -231,6 +252,7 @@ impl Receivers {
             }
             subset.positions.extend(indices[first as usize..].iter().map(|&i| self.positions[i as usize]));
             subset.normals.extend(indices[first as usize..].iter().filter_map(|&i| self.normals.get(i as usize)));
+            subset.factors.extend(indices[first as usize..].iter().filter_map(|&i| self.factors.get(i as usize)));
             let run = Run { first, end: subset.positions.len() as u32 };
             if !run.range().is_empty() {
                 subset.groups.push(Group { run, part: group.part });

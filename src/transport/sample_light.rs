@@ -15,6 +15,8 @@ use crate::geometry::samples::Patch;
 pub struct SampleLight<'a> {
     irradiance: &'a [DVec3],
     pieces: &'a Pieces,
+    /// Factors on the irradiance of the samples, RGB; empty where there are none.
+    factors: &'a [DVec3],
     /// A power of two that brings the brightest irradiance near 1.
     scale: f64,
 }
@@ -38,19 +40,31 @@ impl<'a> SampleLight<'a> {
 
     /// [`Self::new`] where the largest irradiance is known.
     pub fn with_brightest(irradiance: &'a [DVec3], pieces: &'a Pieces, brightest: f64) -> Self {
-        Self { irradiance, pieces, scale: power_of_two_near(brightest).recip() }
+        Self { irradiance, pieces, factors: &[], scale: power_of_two_near(brightest).recip() }
+    }
+
+    /// The same light with a factor on the irradiance of every sample, RGB.
+    #[must_use]
+    pub fn with_factors(self, factors: &'a [DVec3]) -> Self {
+        Self { factors, ..self }
+    }
+
+    /// The factor of a sample times the scale.
+    #[inline(always)]
+    fn gain(&self, sample: usize) -> DVec3 {
+        self.factors.get(sample).map_or(DVec3::splat(self.scale), |factor| *factor * self.scale)
     }
 
     /// Irradiance of a sample, scaled.
     #[inline(always)]
     pub fn irradiance(&self, sample: usize) -> DVec3 {
-        self.irradiance[sample] * self.scale
+        self.irradiance[sample] * self.gain(sample)
     }
 
     /// Irradiance times area, scaled.
     #[inline(always)]
     pub fn flux(&self, sample: usize, patch: &Patch) -> DVec3 {
-        self.irradiance[sample] * (self.scale * patch.area_mm2)
+        self.irradiance[sample] * (self.gain(sample) * patch.area_mm2)
     }
 
     /// Flux of many samples, scaled.
@@ -67,8 +81,8 @@ impl<'a> SampleLight<'a> {
     /// For each piece of an uneven sample, its irradiance less the sample's, scaled, and its corners relative to the
     /// sample's centroid, mm.
     pub fn pieces(&self, sample: usize) -> Option<impl Iterator<Item = (DVec3, &'a [[f32; 3]; 3])> + use<'a>> {
-        let scale = self.scale;
-        self.pieces.of(sample).map(|pieces| pieces.map(move |(deviation, corners)| (deviation * scale, corners)))
+        let gain = self.gain(sample);
+        self.pieces.of(sample).map(|pieces| pieces.map(move |(deviation, corners)| (deviation * gain, corners)))
     }
 
     /// Pieces of an uneven sample at most.

@@ -308,15 +308,49 @@ fn a_few_walks_bring_the_dipole_nearer_to_the_volume() {
     };
     let volume = values("--model monte-carlo --photons 400000");
     let dipole = relative_difference(&values("--no-measure --samples 4000"), &volume);
-    let calibrated = relative_difference(&values("--model calibrated --photons 40000 --samples 4000"), &volume);
+    let walks = "--model calibrated --photons 40000 --samples 4000";
+    let exact = values(&format!("{walks} --no-measure"));
+    let calibrated = relative_difference(&exact, &volume);
     assert!(calibrated < 0.7 * dipole && dipole > 0.1, "{calibrated} {dipole}");
+    let report = run("head.obj", &format!("{walks} --method two_pass --json")).ok().json();
+    assert_eq!((&report["model"], &report["method"]), (&"calibrated".into(), &"two_pass".into()));
+    let hierarchical = relative_difference(&folder.radiosity("b.ply"), &exact);
+    assert!(hierarchical < 0.01, "{hierarchical}");
 
-    let report = run("head.obj", "--model calibrated --photons 4000 --samples 700 --seed 3 --json").ok().json();
-    assert_eq!((&report["model"], &report["photons"][0][2]), (&"calibrated".into(), &4000.into()));
-    let open = run("sheet.obj", "--model calibrated --samples 400").ok().stderr;
+    let open = run("sheet.obj", "--model calibrated --samples 400 --no-measure").ok().stderr;
     assert!(open.contains("is not closed: it keeps its dipole"), "{open}");
-    for flag in ["--set points=4", "--max-rms 1%", "--no-measure", "--method two_pass", "--profile burley"] {
-        run("head.obj", &format!("--model calibrated {flag}")).fails(1, &[flag.split(' ').next().unwrap()]);
-    }
+    run("head.obj", "--model calibrated --profile burley").fails(1, &["--profile"]);
     run("head.obj", "--photons 4000").fails(1, &["--photons", "calibrated"]);
+    run("head.obj", "--model calibrated --method quantized_lights").fails(5, &["quantized_lights", "--model dipole"]);
+}
+
+#[test]
+fn an_asset_keeps_its_calibration_and_makes_it_again_for_another_material_and_size() {
+    let folder = Folder::new();
+    folder.obj("head.obj", &shapes::bumpy_head(20.0, 3));
+    let walks = "--model calibrated --photons 30000 --samples 4000";
+    let bake = |asset: &str, rest: &str| folder.run(&format!("bake head.obj -o {asset} {walks} {rest}"));
+    let light = "--light directional:from=0.6,0.7,0.3:irradiance=1 --light constant:radiance=0.1";
+    let evaluated = |asset: &str, rest: &str| {
+        folder.run(&format!("evaluate {asset} {light} {rest} -o b.ply")).ok();
+        folder.radiosity("b.ply")
+    };
+    for method in ["two_pass", "editable"] {
+        bake("skin.tlux", &format!("--method {method} --unit mm --material skin1")).ok();
+        bake("marble.tlux", &format!("--method {method} --material marble --size-mm 30")).ok();
+        folder.run("validate skin.tlux --strict").ok();
+        let exact = {
+            let reference = format!("reference head.obj --unit mm --material skin1 {walks} --no-measure {light}");
+            folder.run(&format!("{reference} -o b.ply")).ok();
+            folder.radiosity("b.ply")
+        };
+        let kept = relative_difference(&evaluated("skin.tlux", ""), &exact);
+        assert!(kept < 0.01, "{method}: {kept}");
+        let other = evaluated("marble.tlux", "");
+        let edited = relative_difference(&evaluated("skin.tlux", "--material marble --size-mm 30"), &other);
+        assert!(edited < 0.005, "{method}: {edited}");
+        folder.run(&format!("evaluate skin.tlux {light} --profile burley -o b.ply")).fails(5, &["calibrated"]);
+    }
+    let report = folder.run("inspect skin.tlux --json").ok().json();
+    assert_eq!(report["provenance"]["settings"]["model"], "calibrated");
 }

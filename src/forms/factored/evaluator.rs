@@ -141,6 +141,7 @@ impl Evaluator for FactoredEvaluator {
         let with_rays = Sampled {
             surface: self.surface(),
             kernels: None,
+            calibrated: None,
             lights: &lights,
             irradiance: rays.as_ref().map_or((&lit.irradiance, &lit.pieces), |(e, pieces)| (e, pieces)),
             stored: rays.as_ref().map(|_| lit.irradiance.as_slice()),

@@ -82,6 +82,7 @@ pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
         let sampled = Sampled {
             surface: ordered.surface(scene),
             kernels: None,
+            calibrated: None,
             lights: std::slice::from_ref(light),
             irradiance: (&irradiance, &pieces),
             stored: None,

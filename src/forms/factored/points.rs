@@ -162,6 +162,7 @@ impl FarPoints {
         let receivers = Receivers {
             positions: rows.places.positions[..chosen.len()].to_vec(),
             normals: rows.places.normals.iter().take(chosen.len()).copied().collect(),
+            factors: Vec::new(),
             groups: groups.copied().collect(),
             of_vertex,
         };

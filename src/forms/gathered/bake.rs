@@ -3,9 +3,11 @@
 use std::sync::Arc;
 
 use glam::DVec3;
+use translux_format::RawSection;
 use translux_format::multilevel::MultilevelSummation;
 
 use super::lit_samples::GatheredEvaluator;
+use super::model;
 use super::settings::{Far, Gathered};
 use crate::asset::{Asset, Provenance};
 use crate::compress::ledger::Ledger;
@@ -14,7 +16,7 @@ use crate::evaluate::form::{read_error, write_error};
 use crate::evaluate::inter_reflection::{self, Outside};
 use crate::evaluate::single_scattering::Traced;
 use crate::evaluate::stages::{of_kinds, spread};
-use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Form};
+use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Form, Model};
 use crate::forms::density;
 use crate::forms::environment_rows::{self, EnvironmentRows, StoredRows};
 use crate::geometry::bvh::Bvh;
@@ -24,6 +26,7 @@ use crate::medium::material::{Medium, OpticalProperties, preset};
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
 use crate::transport::balanced_tree::in_tree_order;
+use crate::transport::calibration::{Orders, Walks};
 use crate::transport::far_field::LANES;
 use crate::transport::irradiance::Pieces;
 use crate::transport::kernel::medium::MediumKernel;
@@ -69,6 +72,10 @@ impl Form for Gathered {
         false
     }
 
+    fn serves(&self, _: Model) -> bool {
+        true
+    }
+
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {
         let samples = self.density.count(scene, settings.samples);
         let nets = self.nets.map_or(0, |_| (samples + scene.mesh.local_mm.len()) as u64 * BYTES_OF_A_POINT);
@@ -81,9 +88,17 @@ impl Form for Gathered {
         progress.start("samples", 0);
         let samples = Samples::new(&scene.mesh, &scene.parts, self.density.count(scene, settings.samples));
         let environment = self.environment.filter(|_| settings.is_for(LightKind::Environment));
+        let calibration = match settings.model {
+            Model::Dipole => Vec::new(),
+            Model::Calibrated(walks) => {
+                // Where the first scattering has a stage of its own the kernels hold the others.
+                let orders = if self.single.is_some() { Orders::FromTwo } else { Orders::FromOne };
+                model::bake(scene, &Bvh::new(&scene.mesh), Walks { orders, ..walks }, progress)?
+            }
+        };
         if self.nets.is_none() && environment.is_none() {
             progress.finish();
-            return Ok(AssetParts { samples, ledger: Ledger::default(), sections: Vec::new() });
+            return Ok(AssetParts { samples, ledger: Ledger::default(), sections: calibration });
         }
         // Neighbours lie together, which rows in blocks rest on.
         let samples = in_tree_order(&samples, &samples::patches(&scene.mesh, &samples));
@@ -92,11 +107,11 @@ impl Form for Gathered {
         let receivers = Receivers::new(&scene.mesh, &scene.parts, LANES);
         progress.finish();
 
-        let (mut ledger, mut sections) = (Ledger::default(), Vec::new());
+        let (mut ledger, mut sections) = (Ledger::default(), calibration);
         if let Some(error) = self.nets {
             let quality = resolution(self, &surface, &receivers, (error, &settings.probes.tuning), progress)?;
-            sections = numbers(quality).to_sections().map_err(write_error)?;
-            ledger = measured(self, (scene, &samples), quality, &settings.probes.unseen, progress)?;
+            sections.extend(numbers(quality).to_sections().map_err(write_error)?);
+            ledger = measured(self, (scene, &samples, &sections), quality, &settings.probes.unseen, progress)?;
         }
         if let Some(rows) = environment {
             let (place, how) = ((&surface, &receivers), (rows, self.sampling, self.near));
@@ -115,7 +130,7 @@ impl Form for Gathered {
         };
         let quality = self.nets.map(stored).transpose()?;
         let rows = self.environment.map_or(Ok(None), |_| StoredRows::of(&asset))?;
-        let evaluator = GatheredEvaluator::new(asset, self.gathering(quality));
+        let evaluator = GatheredEvaluator::new(asset, self.gathering(quality)).with_model()?;
         Ok(Box::new(GatheredEvaluator { rows, single: self.single, outside: self.outside, ..evaluator }))
     }
 }
@@ -152,7 +167,7 @@ fn resolution(
 /// Errors of nets of a quality under light that is not in rows.
 fn measured(
     form: &Gathered,
-    (scene, samples): (&Scene, &Samples),
+    (scene, samples, sections): (&Scene, &Samples, &[RawSection]),
     quality: Quality,
     unseen: &[Light],
     progress: &dyn Progress,
@@ -166,9 +181,9 @@ fn measured(
         samples: samples.clone(),
         provenance: Provenance::default(),
         ledger: Ledger::default(),
-        sections: Vec::new(),
+        sections: sections.to_vec(),
     };
-    let mut evaluator = GatheredEvaluator::new(Arc::new(asset), form.gathering(Some(quality)));
+    let mut evaluator = GatheredEvaluator::new(Arc::new(asset), form.gathering(Some(quality))).with_model()?;
     evaluator.set_lights(vec![unseen.remove(0)], progress)?;
     evaluator.measured_error(&unseen, progress)
 }

@@ -79,7 +79,8 @@ impl GatheredEvaluator {
         let gather = self.gather(&surface, NearField::REFERENCE);
         let (subset, points) = probe_points(&self.receivers, &self.areas);
         let truth = gather.radiosity(&subset, &gather.light_with_pieces(lit.0, lit.1), Scheme::AllPairs, &Silent);
-        points.error(&points.of(&nets.radiosity(&surface, tables, lit, self.receivers.len())), &truth)
+        let found = nets.radiosity(&surface, tables, self.sample_light(lit), &self.receivers);
+        points.error(&points.of(&found), &truth)
     }
 
     /// Name of the transfer in force in a ledger; `None` where it is all pairs.

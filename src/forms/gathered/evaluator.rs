@@ -28,6 +28,7 @@ use crate::medium::material::Medium;
 use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
+use crate::transport::calibration::Calibrated;
 use crate::transport::gather::{Gather, Lit, Scheme};
 use crate::transport::interreflection::InterReflection;
 use crate::transport::near_rule::NearField;
@@ -42,6 +43,7 @@ struct AtPoints<'a> {
     lit: Lit<'a>,
     scheme: Scheme,
     parts: &'a PartTable,
+    calibrated: Option<&'a Calibrated>,
 }
 
 impl Exitance for AtPoints<'_> {
@@ -58,14 +60,27 @@ impl Exitance for AtPoints<'_> {
             let part = *self.parts.triangle_part.get(point.triangle as usize)?;
             self.parts.parts.get(part as usize)?.transfers().then_some((part, point.at_mm))
         };
-        let receivers = Receivers::at(&points.iter().map(place).collect::<Vec<_>>(), GROUP);
+        let places: Vec<_> = points.iter().map(place).collect();
+        let receivers = match self.calibrated {
+            None => Receivers::at(&places, GROUP),
+            Some(calibrated) => {
+                let weights = |point: &MeshPoint| [point.barycentric[1], point.barycentric[2]];
+                let normals: Vec<DVec3> = points.iter().map(|p| calibrated.normal_at(p.triangle, weights(p))).collect();
+                let factors: Vec<DVec3> = points.iter().map(|p| calibrated.at(p.triangle, weights(p))).collect();
+                Receivers::oriented(&places, &normals, GROUP).with_factors(&factors)
+            }
+        };
         receivers.expand(&self.gather.radiosity(&receivers, &self.lit, self.scheme, progress))
     }
 }
 
 impl Evaluator for GatheredEvaluator {
     fn capabilities(&self) -> Capabilities {
-        let profile = if self.nets.is_some() { ProfileEdit::Any } else { ProfileEdit::OnCpu };
+        let profile = match (&self.model, &self.nets) {
+            (Some(_), _) => ProfileEdit::Calibrated,
+            (None, Some(_)) => ProfileEdit::Any,
+            (None, None) => ProfileEdit::OnCpu,
+        };
         let source_fields = StoredRows::source_fields(self.rows.as_ref(), &self.scene.media);
         Capabilities { material: MaterialEdit::Any, profile, source_fields }
     }
@@ -114,13 +129,24 @@ impl Evaluator for GatheredEvaluator {
                 self.profile = Some((profile.clone(), kernels));
             }
             self.nets.iter_mut().for_each(Nets::forget_media);
+            if let Some(model) = &mut self.model {
+                // Light enters as far from where it meets the surface as the medium lets it.
+                model.set_media(&media);
+                self.irradiance = None;
+            }
         }
+        self.factor_receivers();
         (self.returned, self.limit) = (None, None);
         self.scene.media = media;
         Ok(())
     }
 
     fn set_profile(&mut self, profile: LoadedProfile) -> Result<()> {
+        if self.model.is_some() {
+            return Err(Error::unsupported(
+                "--profile: the kernels of the asset are calibrated by walks, which have no profile; bake it with --model dipole",
+            ));
+        }
         let kernels = self.kernels(&profile, &self.scene.media)?;
         self.profile = Some((profile, kernels));
         (self.returned, self.limit) = (None, None);
@@ -132,7 +158,9 @@ impl Evaluator for GatheredEvaluator {
         self.irradiance(progress)?;
         self.prepare_nets(progress);
         let values = match self.nets() {
-            Some((nets, tables)) => nets.radiosity(&self.surface(), tables, self.lit(), self.receivers.len()),
+            Some((nets, tables)) => {
+                nets.radiosity(&self.surface(), tables, self.sample_light(self.lit()), &self.receivers)
+            }
             None => {
                 let scheme = self.tuned_scheme();
                 self.with_gather(|gather, lit| gather.radiosity(&self.receivers, lit, scheme, progress))
@@ -154,7 +182,13 @@ impl Evaluator for GatheredEvaluator {
             let gather = self.gather(&self.surface(), self.gathering.near);
             let (irradiance, pieces) = self.lit();
             let lit = gather.light_with_pieces(irradiance, pieces);
-            let exitance = AtPoints { gather, lit, scheme: self.scheme(), parts: &self.scene.parts };
+            let exitance = AtPoints {
+                gather,
+                lit,
+                scheme: self.scheme(),
+                parts: &self.scene.parts,
+                calibrated: self.calibrated(),
+            };
             Box::new(exitance) as Box<dyn Exitance>
         })
     }
@@ -184,6 +218,7 @@ impl Evaluator for GatheredEvaluator {
         let with_rays = Sampled {
             surface: self.surface(),
             kernels: self.profile.as_ref().map(|(_, kernels)| kernels.as_slice()),
+            calibrated: self.calibrated(),
             lights: &lights,
             irradiance: direct,
             stored: rays.as_ref().map(|_| self.direct().0),
@@ -223,6 +258,11 @@ impl Evaluator for GatheredEvaluator {
 
     #[cfg(feature = "gpu")]
     fn on_device(self: Box<Self>, device: &Arc<Device>) -> Result<Box<dyn DeviceEvaluator>> {
+        if self.model.is_some() {
+            return Err(Error::unsupported(
+                "the shaders know the dipole alone; use --device cpu with calibrated kernels",
+            ));
+        }
         if self.nets.is_some() {
             return Ok(Box::new(NetsOnDevice::new(*self, device)?));
         }

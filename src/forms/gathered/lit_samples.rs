@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+use super::model::{InForce, Model};
 use super::settings::{Far, Gathering};
 use crate::asset::Asset;
 use crate::error::Result;
@@ -18,13 +19,16 @@ use crate::medium::material::Medium;
 use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::Progress;
 use crate::scene::Scene;
+use crate::transport::calibration::Calibrated;
 use crate::transport::gather::{Gather, Lit, Scheme};
 use crate::transport::interreflection::InterReflection;
 use crate::transport::irradiance::Pieces;
 use crate::transport::kernel::medium::MediumKernel;
+use crate::transport::moved_entry::{entered, moves};
 use crate::transport::multilevel::{Quality, SurfaceNets, SurfaceTables};
 use crate::transport::near_rule::NearField;
 use crate::transport::receivers::Receivers;
+use crate::transport::sample_light::SampleLight;
 use crate::transport::surface::Surface;
 use crate::transport::tree::SampleTree;
 
@@ -56,6 +60,8 @@ pub struct GatheredEvaluator {
     pub(super) returned: Option<Returned>,
     /// Profile in place of the dipole, with its kernels for the media in force.
     pub(super) profile: Option<(LoadedProfile, Vec<MediumKernel>)>,
+    /// Calibrated kernels in place of the dipole's.
+    pub(super) model: Option<Model>,
     pub(super) nets: Option<Nets>,
     /// Stored irradiance rows for light from far away, in place of rays.
     pub(super) rows: Option<StoredRows>,
@@ -86,6 +92,7 @@ impl GatheredEvaluator {
             matrix: None,
             returned: None,
             profile: None,
+            model: None,
             nets: gathering.nets.map(Nets::new),
             rows: None,
         }
@@ -97,11 +104,36 @@ impl GatheredEvaluator {
         Self { outside, ..self }
     }
 
+    /// The same with the calibrated kernels of its asset, if that has any.
+    ///
+    /// # Errors
+    /// Sections that cannot be read or do not fit.
+    pub(super) fn with_model(mut self) -> Result<Self> {
+        self.model = Model::of(&self.asset, &self.surface())?;
+        self.factor_receivers();
+        Ok(self)
+    }
+
+    /// The calibrated kernels in force, if there are any.
+    pub(super) fn calibrated(&self) -> Option<&Calibrated> {
+        self.model.as_ref()?.in_force().map(|in_force| &in_force.calibrated)
+    }
+
+    /// Gives the receivers the factors of the calibrated kernels in force.
+    pub(super) fn factor_receivers(&mut self) {
+        if let Some(factors) = self.calibrated().map(Calibrated::of_vertices) {
+            self.receivers = std::mem::take(&mut self.receivers).with_factors(&factors);
+        }
+    }
+
     /// A gather for the media and profiles in force.
     pub(super) fn gather<'a>(&'a self, surface: &Surface<'a>, near: NearField) -> Gather<'a> {
-        match &self.profile {
-            Some((_, kernels)) => Gather::with_kernels(surface, &self.tree, kernels.clone(), near),
-            None => Gather::new(surface, &self.tree, &self.scene.media, near),
+        match (&self.profile, self.model.as_ref().and_then(Model::in_force)) {
+            (Some((_, kernels)), _) => Gather::with_kernels(surface, &self.tree, kernels.clone(), near),
+            (None, Some(InForce { calibrated, of_samples })) => {
+                Gather::calibrated(surface, &self.tree, (calibrated, of_samples), near)
+            }
+            (None, None) => Gather::new(surface, &self.tree, &self.scene.media, near),
         }
     }
 
@@ -133,8 +165,15 @@ impl GatheredEvaluator {
         Ok(self.lit().0)
     }
 
-    /// Computes the irradiance of the lights alone, where that is missing.
+    /// Computes the irradiance of the lights alone, where that is missing, and calibrated kernels likewise.
     pub(super) fn light_up(&mut self, progress: &dyn Progress) -> Result<()> {
+        if let Some(mut model) = self.model.take() {
+            let made = model.prepare(&self.surface(), progress);
+            self.model = Some(model);
+            if made? {
+                self.factor_receivers();
+            }
+        }
         if self.irradiance.is_none() {
             self.irradiance = Some(self.illuminate(&self.lights, progress)?);
         }
@@ -191,6 +230,12 @@ impl GatheredEvaluator {
         work(&gather, &gather.light_with_pieces(irradiance, pieces))
     }
 
+    /// Light on the samples as sums over nets take it, with the factors of calibrated kernels.
+    pub(super) fn sample_light<'a>(&'a self, (irradiance, pieces): (&'a [DVec3], &'a Pieces)) -> SampleLight<'a> {
+        let factors = self.model.as_ref().and_then(Model::in_force).map_or(&[][..], |m| m.of_samples.as_slice());
+        SampleLight::new(irradiance, pieces).with_factors(factors)
+    }
+
     /// Irradiance of the samples, inter-reflection included, and of the pieces of those that are not lit evenly; empty
     /// before there are lights.
     pub fn lit(&self) -> (&[DVec3], &Pieces) {
@@ -205,7 +250,21 @@ impl GatheredEvaluator {
 
     /// Irradiance through the stored rows where they hold a light, else by rays.
     pub(super) fn illuminate(&self, lights: &[Light], progress: &dyn Progress) -> Result<(Vec<DVec3>, Pieces)> {
-        StoredRows::illuminate(self.rows.as_ref(), &self.surface(), (lights, self.gathering.sampling), progress)
+        let (surface, sampling) = (self.surface(), self.gathering.sampling);
+        let of_rows =
+            |lights: &[Light]| StoredRows::illuminate(self.rows.as_ref(), &surface, (lights, sampling), progress);
+        if self.calibrated().is_none() {
+            return of_rows(lights);
+        }
+        let (moving, others): (Vec<Light>, Vec<Light>) = lights.iter().cloned().partition(moves);
+        let etas: Vec<f64> = self.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
+        let (mut irradiance, pieces) = match others.as_slice() {
+            [] => (vec![DVec3::ZERO; surface.samples.len()], Pieces::NONE),
+            others => of_rows(others)?,
+        };
+        let moved = entered(&surface, &moving, (&etas, sampling), progress)?;
+        irradiance.iter_mut().zip(moved).for_each(|(sum, e)| *sum += e);
+        Ok((irradiance, pieces))
     }
 
     pub(super) fn is_stored(&self, light: &Light) -> bool {
@@ -216,9 +275,11 @@ impl GatheredEvaluator {
     pub fn prepare_nets(&mut self, progress: &dyn Progress) {
         let Some(mut nets) = self.nets.take() else { return };
         if nets.prepared().is_none() {
-            let kernels = match &self.profile {
-                Some((_, kernels)) => kernels.clone(),
-                None => MediumKernel::of_media(&self.scene.media),
+            let of_part = || self.scene.parts.parts.iter().map(|part| part.medium).collect();
+            let kernels = match (&self.profile, self.calibrated()) {
+                (Some((_, kernels)), _) => (kernels.clone(), of_part()),
+                (None, Some(calibrated)) => calibrated.kernels.clone(),
+                (None, None) => (MediumKernel::of_media(&self.scene.media), of_part()),
             };
             nets.prepare(&self.surface(), &self.receivers, &kernels, progress);
         }
@@ -272,7 +333,13 @@ impl Nets {
     }
 
     /// Makes what is missing.
-    fn prepare(&mut self, surface: &Surface, receivers: &Receivers, kernels: &[MediumKernel], progress: &dyn Progress) {
+    fn prepare(
+        &mut self,
+        surface: &Surface,
+        receivers: &Receivers,
+        (kernels, of_part): &(Vec<MediumKernel>, Vec<Option<u32>>),
+        progress: &dyn Progress,
+    ) {
         let quality = self.quality;
         let nets = self.nets.get_or_insert_with(|| {
             progress.start("nets", 0);
@@ -280,7 +347,7 @@ impl Nets {
             progress.finish();
             nets
         });
-        self.tables.get_or_insert_with(|| nets.tables(kernels));
+        self.tables.get_or_insert_with(|| nets.tables(surface, receivers, (kernels, of_part)));
     }
 
     /// Nets and tables, present after [`Self::prepare`].

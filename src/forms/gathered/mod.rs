@@ -7,6 +7,7 @@ mod evaluator;
 #[cfg(feature = "gpu")]
 mod hierarchy_gpu;
 mod lit_samples;
+mod model;
 #[cfg(feature = "gpu")]
 mod nets_gpu;
 mod settings;
@@ -14,4 +15,5 @@ mod settings;
 #[cfg(feature = "gpu")]
 pub use self::hierarchy_gpu::GATHER_SHADER;
 pub use self::lit_samples::GatheredEvaluator;
+pub use self::model::uncalibrated;
 pub use self::settings::{Bound, Far, Gathered, Gathering};

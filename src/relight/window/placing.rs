@@ -65,6 +65,9 @@ pub(super) fn locked(capabilities: Capabilities, choice: DeviceChoice) -> Option
         (ProfileEdit::None, ..) => Some(
             "the transport in this asset is that of dipoles; bake without --set transport=stored for other profiles",
         ),
+        (ProfileEdit::Calibrated, ..) => {
+            Some("the kernels are calibrated by walks, which have no profile; bake with --model dipole for profiles")
+        }
         (ProfileEdit::OnCpu, _, DeviceChoice::Gpu) => Some(
             "the shaders of this method know the dipole alone; leave out --device gpu, or bake with --method editable",
         ),
@@ -85,6 +88,7 @@ mod tests {
         for choice in [DeviceChoice::Auto, DeviceChoice::Cpu, DeviceChoice::Gpu] {
             assert_eq!(of(ProfileEdit::Any, choice), None);
             assert_eq!(of(ProfileEdit::OnCpu, choice).is_some(), choice == DeviceChoice::Gpu);
+            assert!(of(ProfileEdit::Calibrated, choice).is_some_and(|reason| reason.contains("--model dipole")));
             assert!(of(ProfileEdit::None, choice).is_some_and(|reason| reason.contains("transport=stored")));
         }
         let baked = Capabilities {

@@ -8,13 +8,14 @@
 
 use crate::error::Result;
 use crate::math::quadrature::{gauss_legendre_cached, integrate_with};
+use crate::medium::dipole::Dipole;
 use crate::medium::profile::Profile;
 use crate::medium::profiles::tabulated::{Grid, Tabulated};
 
 /// B-splines that are not zero at one distance.
 pub(super) const SUPPORT: usize = 4;
 
-/// Least share of the dipole that the single layer keeps: the slope of a kernel is `b / a`.
+/// Least share of the dipole that the single layer keeps: heights enter as a share of it.
 const LEAST_SINGLE: f64 = 0.02;
 
 /// Distance within which heights fade, over that at which the splines start.
@@ -109,9 +110,9 @@ impl Layers {
         self.splines.sum(&self.single, r_mm).max(LEAST_SINGLE)
     }
 
-    /// `b f / a` at a distance (mm), 1/mm: the share by which the kernel grows for each mm of the heights.
-    pub fn slope_per_mm(&self, r_mm: f64) -> f64 {
-        self.splines.sum(&self.double, r_mm) / self.single(r_mm) * self.splines.fade_per_mm(r_mm)
+    /// The double layer `R_d b f` of a dipole, 1/mm^3.
+    pub fn double(&self, dipole: Dipole) -> impl Profile + use<> {
+        DoubleProfile { layers: self.clone(), dipole }
     }
 
     /// The single layer `R_d a` of a dipole as a profile, up to a reach, mm.
@@ -134,5 +135,34 @@ impl Layers {
         }
         samples.reverse();
         Tabulated::new(grid, 1.0, &samples)
+    }
+}
+
+/// The double layer of one channel. It has no tail: what heights multiply has no integral over a plane.
+struct DoubleProfile {
+    layers: Layers,
+    dipole: Dipole,
+}
+
+/// Step of differences, over the square of the distance.
+const DIFFERENCE: f64 = 0.02;
+
+impl Profile for DoubleProfile {
+    fn reflectance(&self, r_mm: f64) -> f64 {
+        let Layers { splines, double, .. } = &self.layers;
+        self.dipole.reflectance(r_mm) * splines.sum(double, r_mm) * splines.fade_per_mm(r_mm)
+    }
+
+    fn tail(&self, _: f64) -> f64 {
+        0.0
+    }
+
+    fn expansion(&self, s_mm2: f64) -> [f64; 3] {
+        let at = |u: f64| self.reflectance((s_mm2 * (1.0 + u)).sqrt());
+        let [before, here, after] = [-DIFFERENCE, 0.0, DIFFERENCE].map(at);
+        let s = s_mm2.max(f64::MIN_POSITIVE);
+        let first = 0.5 * (after - before) / DIFFERENCE / s;
+        let second = 0.5 * (after + before - 2.0 * here) / (DIFFERENCE * DIFFERENCE) / s / s;
+        [here, first, second].map(|value| if value.is_finite() { value } else { 0.0 })
     }
 }

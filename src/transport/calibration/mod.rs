@@ -30,7 +30,7 @@ use self::body::Body;
 use self::lattice::Lattice;
 use self::layers::{Layers, Splines};
 use super::domain::Domain;
-use super::gather::{Gather, Scheme};
+use super::gather::{Criterion, Gather, Scheme};
 use super::kernel::medium::MediumKernel;
 use super::near_rule::NearField;
 use super::random_walk::exitance::MOST_LOST;
@@ -38,8 +38,9 @@ use super::random_walk::walk::WalkMedium;
 use super::receivers::Receivers;
 use super::surface::Surface;
 use super::tree::SampleTree;
-use crate::error::Result;
-use crate::geometry::samples::{self, Facet};
+use crate::error::{Error, Result};
+use crate::geometry::bvh::Bvh;
+use crate::geometry::samples::{self, Facet, Samples};
 use crate::math::random::mix;
 use crate::medium::fresnel::{BoundaryFit, CosineTransmittance};
 use crate::medium::material::Medium;
@@ -178,6 +179,8 @@ pub fn walked(domain: Domain, walks: Walks, progress: &dyn Progress) -> Told {
 
 /// The kernels of a scene, calibrated.
 pub struct Calibrated {
+    /// Layers of each part; none for opaque parts, and for those that keep their dipole.
+    pub parts: Vec<Option<PartLayers>>,
     /// Kernels, and which of them each part has.
     pub kernels: (Vec<MediumKernel>, Vec<Option<u32>>),
     /// The factor of each slot, RGB.
@@ -193,53 +196,59 @@ const MOST_ROUNDS: usize = 40;
 /// Slots that share a traversal of the samples.
 const GROUP: usize = 16;
 
+/// Samples with which the factors of points are solved for at most; factors are smooth.
+const SOLVING: usize = 8192;
+
+/// Solid angle of clusters in those sums, sr.
+const SOLVING_ANGLE: f64 = 0.03;
+
 impl Calibrated {
+    /// Walks through the parts of a domain, and what they tell as kernels and factors. `bvh` holds the triangles of its mesh.
+    ///
+    /// # Errors
+    /// A dipole that cannot be tabulated.
+    pub fn by_walks(domain: Domain, bvh: &Bvh, walks: Walks, progress: &dyn Progress) -> Result<Self> {
+        Self::new(domain, bvh, walked(domain, walks, progress), progress)
+    }
+
     /// Kernels from layers, and factors that give the row sums.
     ///
     /// # Errors
     /// A dipole that cannot be tabulated.
-    pub fn new(
-        surface: &Surface,
-        tree: &SampleTree,
-        told: &Told,
-        (near, scheme): (NearField, Scheme),
-        progress: &dyn Progress,
-    ) -> Result<Self> {
-        let domain = surface.domain;
-        let reach = domain.mesh.diagonal_mm();
-        let (mut kernels, mut of_part) = (Vec::new(), Vec::new());
-        for (part, entry) in domain.parts.parts.iter().enumerate() {
-            let medium = entry.medium.and_then(|m| domain.media.get(m as usize));
-            of_part.push(medium.map(|_| kernels.len() as u32));
-            let Some(medium) = medium else { continue };
-            kernels.push(match &told.parts[part] {
-                Some(of) => kernel(medium, &of.layers, reach)?,
-                None => MediumKernel::new(medium),
-            });
-        }
-        let kernels = (kernels, of_part);
-        let lattice = Arc::clone(&told.lattice);
-        let mut result = Self { kernels, scale: vec![DVec3::ONE; lattice.len()], lattice };
-        result.solve(surface, tree, told, (near, scheme), progress);
+    pub fn new(domain: Domain, bvh: &Bvh, told: Told, progress: &dyn Progress) -> Result<Self> {
+        let samples = Samples::new(domain.mesh, domain.parts, SOLVING);
+        let patches = samples::patches(domain.mesh, &samples);
+        let tree = SampleTree::new(&samples, &patches);
+        let surface = Surface { domain, bvh, samples: &samples, patches: &patches };
+        let Told { lattice, parts, halves, .. } = told;
+        let kernels = kernels(domain, &parts)?;
+        let mut result = Self { kernels, scale: vec![DVec3::ONE; lattice.len()], lattice, parts };
+        result.solve(&surface, &tree, &halves, progress);
         Ok(result)
+    }
+
+    /// Kernels and factors that were kept.
+    ///
+    /// # Errors
+    /// Another number of parts or of factors than the domain has; a dipole that cannot be tabulated.
+    pub fn kept(domain: Domain, parts: Vec<Option<PartLayers>>, scale: Vec<DVec3>) -> Result<Self> {
+        let lattice = Arc::new(Lattice::new(domain));
+        let (there, needed) = ((parts.len(), scale.len()), (domain.parts.parts.len(), lattice.len()));
+        if there != needed {
+            let message = format!("a calibration of {there:?} parts and points of a scene that has {needed:?}");
+            return Err(Error::input(message));
+        }
+        Ok(Self { kernels: kernels(domain, &parts)?, parts, scale, lattice })
     }
 
     /// Iterates `s <- s (t / (s K s))^(2/3)`, t the row sums of the walks and s K s those of the kernel: of all slots, or where
     /// there are more than samples of one slot in each sample, and of the others at the end.
-    fn solve(
-        &mut self,
-        surface: &Surface,
-        tree: &SampleTree,
-        told: &Told,
-        (near, scheme): (NearField, Scheme),
-        progress: &dyn Progress,
-    ) {
-        if told.parts.iter().all(Option::is_none) {
+    fn solve(&mut self, surface: &Surface, tree: &SampleTree, halves: &[Vec<DVec3>; 2], progress: &dyn Progress) {
+        if self.parts.iter().all(Option::is_none) {
             return;
         }
-        let lattice = Arc::clone(&self.lattice);
-        let is_calibrated =
-            |slot: usize| told.parts.get(lattice.part[slot] as usize).is_some_and(|part| part.is_some());
+        let (lattice, parts) = (Arc::clone(&self.lattice), self.parts.clone());
+        let is_calibrated = |slot: usize| parts.get(lattice.part[slot] as usize).is_some_and(|part| part.is_some());
         let place = |slot: usize| is_calibrated(slot).then(|| (lattice.part[slot], lattice.at_mm[slot]));
         let slots: Vec<u32> = (0..lattice.len() as u32).collect();
         let at = |slots: &[u32]| {
@@ -247,7 +256,8 @@ impl Calibrated {
             let normals: Vec<DVec3> = slots.iter().map(|&slot| lattice.normal[slot as usize]).collect();
             Receivers::oriented(&places, &normals, GROUP)
         };
-        let gather = Gather::with_kernels_of_parts(surface, tree, self.kernels.clone(), near);
+        let scheme = Scheme::Hierarchical { criterion: Criterion::SolidAngle(SOLVING_ANGLE) };
+        let gather = Gather::with_kernels_of_parts(surface, tree, self.kernels.clone(), NearField::FAST);
         let sums = |receivers: &Receivers, factors: &[DVec3]| {
             receivers.expand(&gather.radiosity(receivers, &gather.light(factors), scheme, &Silent))
         };
@@ -263,7 +273,7 @@ impl Calibrated {
                 lattice.means(&sums(&Receivers::oriented(&places, &normals, GROUP), &ones))
             }
         };
-        let wanted = smoothing::smoothed(&lattice, &told.halves, &guess);
+        let wanted = smoothing::smoothed(&lattice, halves, &guess);
         let chosen = few.as_ref().map(|few| at(few));
         let mut of_few = ones;
         for _ in 0..MOST_ROUNDS {
@@ -336,6 +346,13 @@ impl Calibrated {
         self.of(self.lattice.at(triangle, u, v))
     }
 
+    /// The normal at a point of a triangle, between those of the slots around it; zero on opaque parts.
+    pub fn normal_at(&self, triangle: u32, [u, v]: [f64; 2]) -> DVec3 {
+        let Some((slots, weights)) = self.lattice.at(triangle, u, v) else { return DVec3::ZERO };
+        let of = |slot: u32| self.lattice.normal.get(slot as usize).copied().unwrap_or_default();
+        slots.into_iter().zip(weights).map(|(slot, weight)| weight * of(slot)).sum::<DVec3>().normalize_or_zero()
+    }
+
     fn of(&self, there: Option<([u32; 3], [f64; 3])>) -> DVec3 {
         let Some((slots, weights)) = there else { return DVec3::ONE };
         let of = |slot: u32| self.scale.get(slot as usize).copied().unwrap_or(DVec3::ONE);
@@ -381,11 +398,29 @@ fn barycentric([a, b, c]: [DVec3; 3], point: DVec3) -> [f64; 3] {
     [1.0 - v - w, v, w]
 }
 
+/// The kernels of a domain with layers of its parts, and which of them each part has.
+fn kernels(domain: Domain, layers: &[Option<PartLayers>]) -> Result<(Vec<MediumKernel>, Vec<Option<u32>>)> {
+    let reach = domain.mesh.diagonal_mm();
+    let (mut kernels, mut of_part) = (Vec::new(), Vec::new());
+    for (entry, layers) in domain.parts.parts.iter().zip(layers) {
+        let medium = entry.medium.and_then(|m| domain.media.get(m as usize));
+        of_part.push(medium.map(|_| kernels.len() as u32));
+        let Some(medium) = medium else { continue };
+        kernels.push(match layers {
+            Some(of) => kernel(medium, &of.layers, reach)?,
+            None => MediumKernel::new(medium),
+        });
+    }
+    Ok((kernels, of_part))
+}
+
 /// The kernel of a medium with its layers.
 fn kernel(medium: &Medium, layers: &[Layers; 3], reach_mm: f64) -> Result<MediumKernel> {
     let dipoles = medium.properties.dipoles(BoundaryFit::Published);
     let single = |c: usize| Ok(Arc::new(layers[c].profile(&dipoles[c], reach_mm)?) as Arc<dyn Profile>);
-    Ok(MediumKernel::of_layers([single(0)?, single(1)?, single(2)?], |c, r| layers[c].slope_per_mm(r), reach_mm))
+    let double = [0, 1, 2].map(|c| Arc::new(layers[c].double(dipoles[c])) as Arc<dyn Profile>);
+    let varies_mm = layers.iter().map(|layers| layers.splines.fade_mm()).fold(f64::INFINITY, f64::min);
+    Ok(MediumKernel::of_layers([single(0)?, single(1)?, single(2)?], (double, varies_mm), reach_mm))
 }
 
 #[cfg(test)]

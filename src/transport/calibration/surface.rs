@@ -9,19 +9,13 @@ use crate::geometry::samples::{self, Patch, Samples};
 use crate::light::Light;
 use crate::progress::Progress;
 use crate::transport::domain::Domain;
-use crate::transport::gather::{Criterion, Gather, Scheme};
-use crate::transport::irradiance::{Illumination, LightSampling};
-use crate::transport::moved_entry::moved;
+use crate::transport::gather::{Gather, Scheme};
+use crate::transport::irradiance::LightSampling;
+use crate::transport::moved_entry::entered_with_pieces;
 use crate::transport::near_rule::NearField;
 use crate::transport::receivers::Receivers;
 use crate::transport::surface::Surface;
 use crate::transport::tree::SampleTree;
-
-/// Samples with which the factors of points are solved for at most; factors are smooth.
-const SOLVING: usize = 8192;
-
-/// Solid angle of clusters in those sums, sr.
-const SOLVING_ANGLE: f64 = 0.03;
 
 /// Receivers of a group.
 const GROUP: usize = 64;
@@ -52,8 +46,6 @@ pub struct CalibratedSurface<'a> {
     bvh: Bvh,
     cut: Cut,
     receivers: Receivers,
-    /// What the walks told.
-    pub told: Told,
     /// Kernels and factors of points.
     pub calibrated: Calibrated,
     of_samples: Vec<DVec3>,
@@ -75,13 +67,10 @@ impl<'a> CalibratedSurface<'a> {
     /// As [`Calibrated::new`].
     pub fn with(domain: Domain<'a>, samples: usize, told: Told, progress: &dyn Progress) -> Result<Self> {
         let (bvh, cut) = rayon::join(|| Bvh::new(domain.mesh), || Cut::new(domain, samples));
-        let scheme = Scheme::Hierarchical { criterion: Criterion::SolidAngle(SOLVING_ANGLE) };
-        let solving = Cut::new(domain, samples.min(SOLVING));
-        let (surface, how) = (solving.surface(domain, &bvh), (NearField::FAST, scheme));
-        let calibrated = Calibrated::new(&surface, &solving.tree, &told, how, progress)?;
+        let calibrated = Calibrated::new(domain, &bvh, told, progress)?;
         let of_samples = calibrated.of_samples(&cut.surface(domain, &bvh));
-        let receivers = Receivers::new(domain.mesh, domain.parts, GROUP);
-        Ok(Self { domain, bvh, cut, receivers, told, calibrated, of_samples })
+        let receivers = Receivers::new(domain.mesh, domain.parts, GROUP).with_factors(&calibrated.of_vertices());
+        Ok(Self { domain, bvh, cut, receivers, calibrated, of_samples })
     }
 
     /// Radiosity of every source vertex under lights, RGB, over all pairs.
@@ -91,18 +80,15 @@ impl<'a> CalibratedSurface<'a> {
     pub fn radiosity(&self, lights: &[Light], sampling: LightSampling, progress: &dyn Progress) -> Result<Vec<DVec3>> {
         let surface = self.cut.surface(self.domain, &self.bvh);
         let etas: Vec<f64> = self.domain.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
-        let mut sum = vec![DVec3::ZERO; self.of_samples.len()];
-        for light in lights {
-            let of_light = Illumination::new(&surface, std::slice::from_ref(light), &etas, sampling)?.all(progress);
-            let entered = moved(&surface, light, &of_light);
-            sum.iter_mut().zip(entered).for_each(|(sum, e)| *sum += e);
-        }
-        sum.iter_mut().zip(&self.of_samples).for_each(|(e, s)| *e *= *s);
-        let kernels = self.calibrated.kernels.clone();
-        let gather = Gather::with_kernels_of_parts(&surface, &self.cut.tree, kernels, NearField::REFERENCE);
-        let lit = gather.light(&sum);
-        let values = gather.radiosity(&self.receivers, &lit, Scheme::AllPairs, progress);
-        let of_vertices = self.calibrated.of_vertices();
-        Ok(self.receivers.expand(&values).iter().zip(of_vertices).map(|(b, s)| *b * s).collect())
+        let (irradiance, pieces) = entered_with_pieces(&surface, lights, (&etas, sampling), progress)?;
+        let model = (&self.calibrated, self.of_samples.as_slice());
+        let gather = Gather::calibrated(&surface, &self.cut.tree, model, NearField::REFERENCE);
+        let values = gather.radiosity(
+            &self.receivers,
+            &gather.light_with_pieces(&irradiance, &pieces),
+            Scheme::AllPairs,
+            progress,
+        );
+        Ok(self.receivers.expand(&values))
     }
 }

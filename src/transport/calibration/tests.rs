@@ -127,7 +127,8 @@ fn a_block_sums_what_the_formula_says() {
     let layers = some_layers();
     let profiles = dipoles("skin1");
     let single = profiles.map(|p| Arc::new(layers.profile(&p, 30.0).unwrap()) as Arc<dyn Profile>);
-    let kernel = MediumKernel::of_layers(single.clone(), |_, r| layers.slope_per_mm(r), 30.0);
+    let double = profiles.map(|p| Arc::new(layers.double(p)) as Arc<dyn Profile>);
+    let kernel = MediumKernel::of_layers(single.clone(), (double.clone(), 0.8), 30.0);
     let (receiver, source) = (DVec3::new(0.3, -0.2, 0.1), DVec3::new(2.0, 1.5, -0.7));
     let (n_o, n_i) = (DVec3::new(0.1, 0.9, 0.3).normalize(), DVec3::new(-0.5, 0.2, 0.8).normalize());
     let flux = DVec3::new(1.0, 2.0, 0.5);
@@ -141,7 +142,7 @@ fn a_block_sums_what_the_formula_says() {
         let r = way.length();
         for c in 0..3 {
             let heights = way.dot(n_o) - way.dot(n_i);
-            let expected = flux[c] * single[c].reflectance(r) * (1.0 + layers.slope_per_mm(r) * heights);
+            let expected = flux[c] * (single[c].reflectance(r) + double[c].reflectance(r) * heights);
             assert!((block.sum(0)[c] / expected - 1.0).abs() < 2e-3, "{c}");
         }
         block.reset(centre, std::iter::once(Receiver { at_mm: receiver, normal: n_o }));
@@ -215,7 +216,7 @@ fn threads_do_not_change_a_bit_and_openings_keep_their_dipole() {
     let scene = scene_of(open, "marble");
     let walks = Walks { photons: 4000, ..Walks::default() };
     let body = CalibratedSurface::new(scene.domain(), 2048, walks, &Silent).unwrap();
-    assert!(body.told.parts[0].is_none() && body.calibrated.scale.iter().all(|s| *s == DVec3::ONE));
+    assert!(body.calibrated.parts[0].is_none() && body.calibrated.scale.iter().all(|s| *s == DVec3::ONE));
     let radiosity = body.radiosity(&[light], SAMPLING, &Silent).unwrap();
     assert!(radiosity.iter().all(|b| b.is_finite()));
 }

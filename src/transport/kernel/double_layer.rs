@@ -3,11 +3,14 @@
 //! A source is its flux and its moment, flux times normal; a receiver has a normal. Sums go over the same segments as those of
 //! any tabulated profile, with one look-up more for each pair.
 
+use std::sync::Arc;
+
 use glam::DVec3;
 
 use super::radial_table::{LinearTable, ProfileTable, Rgb, WIDEST};
 use super::{Block, EdgePrecision, FLUSH, FlatSource, LANES, PointSource, RadialIntegral, Row, RowValues, squares};
 use crate::math::simd::{InstructionSet, multiversion};
+use crate::medium::profile::Profile;
 
 /// Flux times unit normal of a source, `[axis][channel]`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -29,18 +32,42 @@ impl Moment {
 }
 
 /// The layers of a medium: the single one with its tail, and the slope of the double one in the same segments.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct DoubleLayer {
     single: ProfileTable,
     /// beta, 1/mm.
     slope: LinearTable,
+    /// The double layer itself, A beta, as functions of the distance, 1/mm^3.
+    double: [Arc<dyn Profile>; 3],
+    varies_mm: f64,
+}
+
+impl std::fmt::Debug for DoubleLayer {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("DoubleLayer").field("single", &self.single).field("slope", &self.slope).finish_non_exhaustive()
+    }
 }
 
 impl DoubleLayer {
-    /// Layers from the table of the single one and the slope at a channel and a distance in mm, 1/mm.
-    pub(super) fn new(single: ProfileTable, slope: impl Fn(usize, f64) -> f64) -> Self {
-        let slope = LinearTable::beside(&single.reflectance, |c, r2| slope(c, r2.sqrt()));
-        Self { single, slope }
+    /// Layers from the single ones, 1/mm^2, with their table, and the double ones, 1/mm^3, which vary on the scale of a length, mm.
+    pub(super) fn new(
+        single: &[Arc<dyn Profile>; 3],
+        table: ProfileTable,
+        (double, varies_mm): ([Arc<dyn Profile>; 3], f64),
+    ) -> Self {
+        let slope = |c: usize, r: f64| double[c].reflectance(r) / single[c].reflectance(r);
+        let slope = LinearTable::beside(&table.reflectance, |c, r2| slope(c, r2.sqrt()));
+        Self { single: table, slope, double, varies_mm }
+    }
+
+    /// Length on whose scale the double layer varies, mm, the least of the channels.
+    pub fn varies_mm(&self) -> f64 {
+        self.varies_mm
+    }
+
+    /// The double layer of each channel as a function of the distance, 1/mm^3; of either sign, without a tail.
+    pub fn double(&self) -> &[Arc<dyn Profile>; 3] {
+        &self.double
     }
 
     /// The single layer.

@@ -84,10 +84,10 @@ impl MediumKernel {
         }
     }
 
-    /// The kernel of single layers with double ones beside them, whose slope at a channel and a distance (mm) is in 1/mm; over an object whose
-    /// points are at most `reach_mm` apart.
-    pub fn of_layers(single: [Arc<dyn Profile>; 3], slope: impl Fn(usize, f64) -> f64, reach_mm: f64) -> Self {
-        let layers = DoubleLayer::new(ProfileTable::new(&single, reach_mm), slope);
+    /// The kernel of single layers, 1/mm^2, with double ones beside them, 1/mm^3, which heights multiply and which vary on
+    /// the scale of a length, mm; over an object whose points are at most `reach_mm` apart.
+    pub fn of_layers(single: [Arc<dyn Profile>; 3], double: ([Arc<dyn Profile>; 3], f64), reach_mm: f64) -> Self {
+        let layers = DoubleLayer::new(&single, ProfileTable::new(&single, reach_mm), double);
         Self {
             sigma_per_mm: single.each_ref().map(|p| decay_per_mm(p.as_ref(), reach_mm)),
             smooth_mm: layers.smooth_mm(),

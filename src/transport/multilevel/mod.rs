@@ -7,6 +7,7 @@
 //! left. Weights and lists follow from the geometry alone: any kernel, so any medium, can be summed at once.
 
 mod compact;
+mod double;
 mod near;
 mod surface;
 

@@ -8,9 +8,11 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::compact::{Compact, Facets, Shine};
+use super::double::Double;
 use super::near::NearSamples;
 use super::{FEW, Multilevel, Resolution, Tables};
 use crate::geometry::cluster::Run;
+use crate::geometry::samples::Patch;
 use crate::geometry::scattered::OrientedPoint;
 use crate::medium::profile::Profile;
 use crate::progress::Silent;
@@ -84,6 +86,7 @@ impl Quality {
     ) -> Self {
         let (subset, points) = receivers.probe_points(areas, (PROBES, 0));
         let tree = SampleTree::default();
+        let of_part: Vec<Option<u32>> = surface.domain.parts.parts.iter().map(|part| part.medium).collect();
         let truths_in = |kernels: &Vec<MediumKernel>| -> Vec<Vec<DVec3>> {
             let gather = Gather::with_kernels(surface, &tree, kernels.clone(), NearField::REFERENCE);
             let truth = |(irradiance, pieces): &(Vec<DVec3>, Pieces)| {
@@ -98,9 +101,9 @@ impl Quality {
         let mut measured = |quality: Self| {
             nets.set_quality(surface, receivers, quality);
             let in_media = |(kernels, truths): (&Vec<MediumKernel>, &Vec<Vec<DVec3>>)| {
-                let tables = nets.tables(kernels);
+                let tables = nets.tables(surface, receivers, (kernels, &of_part));
                 let of_light = |((irradiance, pieces), truth): (&(Vec<DVec3>, Pieces), &Vec<DVec3>)| {
-                    let all = nets.radiosity(surface, &tables, (irradiance, pieces), receivers.len());
+                    let all = nets.radiosity(surface, &tables, SampleLight::new(irradiance, pieces), receivers);
                     points.error(&points.of(&all), truth).rms
                 };
                 lights.iter().zip(truths).map(of_light).fold(0.0, f64::max)
@@ -146,7 +149,7 @@ pub struct SurfaceNets {
 
 /// One part that light enters.
 pub(crate) struct Part {
-    medium: usize,
+    part: usize,
     groups: Vec<Run>,
     pub(crate) samples: std::ops::Range<usize>,
     pub(crate) receivers: std::ops::Range<usize>,
@@ -160,9 +163,10 @@ fn softening(quality: Quality, samples: usize, extent_mm: f64, spacing_mm: f64) 
     if samples <= FEW { quality.softening.max(2.0 * extent_mm / spacing_mm) } else { quality.softening }
 }
 
-/// Tables of every part, which follow from the media.
+/// Tables of every part, which follow from the media, and the double layers of parts that have them.
 pub struct SurfaceTables {
     pub(crate) parts: Vec<(Tables, Compact)>,
+    doubles: Vec<Option<Double>>,
 }
 
 impl SurfaceNets {
@@ -172,10 +176,10 @@ impl SurfaceNets {
         let of_part = |groups: &[Group]| {
             let (first, last) = (groups.first()?, groups.last()?);
             let index = first.part as usize;
-            let medium = surface.domain.parts.parts.get(index)?.medium? as usize;
+            surface.domain.parts.parts.get(index)?.medium?;
             let samples = surface.samples.part(index);
             let range = first.run.first as usize..last.run.end as usize;
-            Some(Self::part(surface, (&centres, samples), (receivers, range, groups), medium, quality))
+            Some(Self::part(surface, (&centres, samples), (receivers, range, groups), index, quality))
         };
         let parts = receivers.groups.chunk_by(|a, b| a.part == b.part).filter_map(of_part).collect();
         let facets = Facets::new(surface.domain.mesh, surface.samples, surface.patches);
@@ -186,7 +190,7 @@ impl SurfaceNets {
         surface: &Surface,
         (centres, samples): (&[DVec3], std::ops::Range<usize>),
         (receivers, range, groups): (&Receivers, std::ops::Range<usize>, &[Group]),
-        medium: usize,
+        part: usize,
         quality: Quality,
     ) -> Part {
         let area: f64 = surface.patches[samples.clone()].iter().map(|p| p.area_mm2).sum();
@@ -209,7 +213,7 @@ impl SurfaceNets {
             || Multilevel::new(&sources, &targets, resolution),
             || NearSamples::new(&centres[samples.clone()], positions, &runs, resolution.near_mm()),
         );
-        Part { medium, groups: runs, samples, receivers: range, nets, near, extent_mm }
+        Part { part, groups: runs, samples, receivers: range, nets, near, extent_mm }
     }
 
     /// Sets another quality; nets and spacing stay.
@@ -225,10 +229,26 @@ impl SurfaceNets {
         }
     }
 
-    /// Tables of the media in force.
-    pub fn tables(&self, media: &[MediumKernel]) -> SurfaceTables {
+    /// Tables of kernels of the parts, which are those of [`Self::new`] on the same surface and for the same receivers.
+    pub fn tables(
+        &self,
+        surface: &Surface,
+        receivers: &Receivers,
+        (kernels, of_part): (&[MediumKernel], &[Option<u32>]),
+    ) -> SurfaceTables {
+        let kernel = |part: &Part| of_part.get(part.part).copied().flatten().and_then(|k| kernels.get(k as usize));
+        let double = |part: &Part| {
+            let kernel = kernel(part)?;
+            let layers = kernel.layers()?;
+            let point = |at_mm: &DVec3| OrientedPoint { at_mm: *at_mm, normal: DVec3::ZERO };
+            let sources: Vec<OrientedPoint> =
+                surface.patches[part.samples.clone()].iter().map(|p| point(&p.centre_mm)).collect();
+            let targets: Vec<OrientedPoint> = receivers.positions[part.receivers.clone()].iter().map(point).collect();
+            let (finest, extent) = (part.nets.resolution, part.extent_mm);
+            Some(Double::new((&sources, &targets), (layers.double(), layers.varies_mm()), finest, extent))
+        };
         let of_part = |part: &Part| {
-            let medium = &media[part.medium];
+            let medium = kernel(part)?;
             let profiles: &[Arc<dyn Profile>; 3] = medium.profiles();
             let radius = part.nets.resolution.near_mm();
             let softened = medium.softened(radius);
@@ -245,9 +265,12 @@ impl SurfaceNets {
             let smooth_mm = medium.smooth_mm();
             let split_below = self.split_below(profiles, square);
             let compact = Compact { point, disc, smooth_mm, rule: self.quality.near, split_below };
-            (tables, compact)
+            Some((tables, compact))
         };
-        SurfaceTables { parts: self.parts.par_iter().map(of_part).collect() }
+        SurfaceTables {
+            parts: self.parts.par_iter().filter_map(of_part).collect(),
+            doubles: self.parts.iter().map(double).collect(),
+        }
     }
 
     /// Distance over radius below which facets are split. Six points of a triangle err by 0.8 % where it is 1.2 radii
@@ -259,30 +282,36 @@ impl SurfaceNets {
         (1.2 * (0.008 * share / (0.4 * self.quality.error)).powf(0.2)).clamp(1.0, 4.0) as f32
     }
 
-    /// Radiosity of every receiver, RGB, from the irradiance of every sample and of the pieces of uneven ones.
+    /// Radiosity of every receiver, RGB, from the light on the samples.
     pub fn radiosity(
         &self,
         surface: &Surface,
         tables: &SurfaceTables,
-        (irradiance, pieces): (&[DVec3], &Pieces),
-        receivers: usize,
+        light: SampleLight,
+        receivers: &Receivers,
     ) -> Vec<DVec3> {
         const TASK: usize = 4096;
-        let light = SampleLight::new(irradiance, pieces);
-        let mut flux = vec![[0.0f32; 4]; irradiance.len()];
+        let mut flux = vec![[0.0f32; 4]; surface.patches.len()];
         flux.par_iter_mut().zip(surface.patches).enumerate().with_min_len(TASK).for_each(|(i, (out, patch))| {
             *out = light.flux(i, patch).as_vec3().extend(0.0).to_array();
         });
-        let mut result = vec![DVec3::ZERO; receivers];
+        let mut result = vec![DVec3::ZERO; receivers.len()];
         let shine = Shine { flux: &flux, light };
-        for (part, (far, compact)) in self.parts.iter().zip(&tables.parts) {
+        for ((part, (far, compact)), double) in self.parts.iter().zip(&tables.parts).zip(&tables.doubles) {
             let mut values = Vec::new();
             part.nets.sum(far, &flux[part.samples.clone()], &mut values);
             part.near.add(compact, &self.facets, shine, part.samples.start, &mut values);
-            let out = &mut result[part.receivers.clone()];
-            out.par_iter_mut().zip(&values).with_min_len(TASK).for_each(|(out, value)| {
+            let range = part.receivers.clone();
+            if let Some(double) = double {
+                let normal = |p: &Patch| (p.cross_mm2 / p.area_mm2).as_vec3().to_array();
+                let normals: Vec<[f32; 3]> = surface.patches[part.samples.clone()].iter().map(normal).collect();
+                let of_receivers = receivers.normals.get(range.clone()).unwrap_or(&[]);
+                double.add((&flux[part.samples.clone()], &normals), of_receivers, &mut values);
+            }
+            let out = &mut result[range.clone()];
+            out.par_iter_mut().zip(&values).enumerate().with_min_len(TASK).for_each(|(i, (out, value))| {
                 let sum = DVec3::new(value[0].into(), value[1].into(), value[2].into());
-                *out = light.radiosity(sum).max(DVec3::ZERO);
+                *out = (light.radiosity(sum) * receivers.factor(range.start + i)).max(DVec3::ZERO);
             });
         }
         result

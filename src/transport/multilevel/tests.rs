@@ -5,10 +5,12 @@ use crate::math::random::uniform;
 use crate::medium::material::OpticalProperties;
 use crate::medium::profiles::model::ProfileModel;
 use crate::progress::Silent;
+use crate::transport::calibration::{Calibrated, Walks};
 use crate::transport::gather::{Gather, Scheme};
 use crate::transport::irradiance::{Illumination, LightSampling, Pieces};
 use crate::transport::kernel::medium::MediumKernel;
 use crate::transport::near_rule::NearField;
+use crate::transport::sample_light::SampleLight;
 use crate::transport::test_scene::{Fixture, medium, named, worst_rms};
 
 /// RMS of the difference of nets from all pairs over that of the latter, worst channel.
@@ -16,7 +18,9 @@ fn error(fixture: &Fixture, kernels: &[MediumKernel], lit: (&[DVec3], &Pieces), 
     let surface = fixture.surface();
     let receivers = fixture.receivers(16);
     let nets = SurfaceNets::new(&surface, &receivers, quality);
-    let found = nets.radiosity(&surface, &nets.tables(kernels), lit, receivers.len());
+    let of_part: Vec<Option<u32>> = surface.domain.parts.parts.iter().map(|part| part.medium).collect();
+    let tables = nets.tables(&surface, &receivers, (kernels, &of_part));
+    let found = nets.radiosity(&surface, &tables, SampleLight::new(lit.0, lit.1), &receivers);
     let gather = Gather::with_kernels(&surface, &fixture.tree, kernels.to_vec(), NearField::REFERENCE);
     let truth = gather.radiosity(&receivers, &gather.light_with_pieces(lit.0, lit.1), Scheme::AllPairs, &Silent);
     worst_rms(&found, &truth)
@@ -111,4 +115,32 @@ fn an_opaque_part_takes_and_gives_nothing() {
     let irradiance = vec![DVec3::ONE; fixture.patches.len()];
     let found = error(&fixture, &kernels(&fixture), (&irradiance, &Pieces::NONE), Quality::for_error(0.005));
     assert!(found <= 0.005, "{found:.1e}");
+}
+
+#[test]
+fn double_layers_are_summed_over_nets_of_their_own() {
+    for (material, samples) in [("marble", 30_000), ("skin1", 12_000), ("skin1", 500)] {
+        let fixture = head(named(material), samples);
+        let surface = fixture.surface();
+        let walks = Walks { photons: 20_000, ..Walks::default() };
+        let calibrated = Calibrated::by_walks(surface.domain, surface.bvh, walks, &Silent).unwrap();
+        let receivers = fixture.receivers(16).with_factors(&calibrated.of_vertices());
+        let factors = calibrated.of_samples(&surface);
+        let (irradiance, pieces) = lit(&fixture, DVec3::new(1.0, 0.5, 0.3));
+        let gather = Gather::calibrated(&surface, &fixture.tree, (&calibrated, &factors), NearField::REFERENCE);
+        let lit = gather.light_with_pieces(&irradiance, &pieces);
+        let truth = gather.radiosity(&receivers, &lit, Scheme::AllPairs, &Silent);
+        let quality = tuned(&fixture, 0.005);
+        let nets = SurfaceNets::new(&surface, &receivers, quality);
+        let (kernels, of_part) = &calibrated.kernels;
+        let summed = |kernels: &[MediumKernel]| {
+            let light = SampleLight::new(&irradiance, &pieces).with_factors(&factors);
+            nets.radiosity(&surface, &nets.tables(&surface, &receivers, (kernels, of_part)), light, &receivers)
+        };
+        let found = worst_rms(&summed(kernels), &truth);
+        let reach = fixture.scene.mesh.diagonal_mm();
+        let single = kernels.iter().map(|k| MediumKernel::of_profiles(k.profiles().clone(), reach)).collect::<Vec<_>>();
+        let without = worst_rms(&summed(&single), &truth);
+        assert!(found < 0.007 && without > 0.05, "{material} {samples}: {found:.1e}, {without:.1e} without");
+    }
 }

@@ -5,6 +5,9 @@ use glam::DVec3;
 use super::exitance::Exitance;
 use super::tally::Hats;
 use crate::error::{Error, Result};
+use crate::geometry::cluster::{self, Run};
+use crate::math::statistics::{VertexError, vertex_error};
+use crate::transport::domain::Domain;
 
 /// The difference between a method and the walk, with the walk's noise taken out. Shares of the walk's RMS, by channel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -53,6 +56,42 @@ pub fn project(hats: &Hats, radiosity: &[DVec3]) -> Result<Vec<DVec3>> {
     }
     let divided = sums.iter().zip(&hats.mass_mm2);
     Ok(divided.map(|(sum, &mass)| if mass > 0.0 { *sum / mass } else { DVec3::ZERO }).collect())
+}
+
+/// Error of radiosity over so many places of a surface against two independent walks, whose noise the product of the differences from
+/// either takes out; relative to the RMS of the walks. Places are groups of vertices. The other figures are those of the
+/// places, with the noise of both walks.
+///
+/// # Errors
+/// As [`project`].
+pub fn over_places(domain: Domain, walks: [&Exitance; 2], radiosity: &[DVec3], places: usize) -> Result<VertexError> {
+    let [first, second] = walks;
+    let hats = &first.hats;
+    let projected = project(hats, radiosity)?;
+    let at: Vec<DVec3> = hats.vertex.iter().map(|&v| domain.mesh.local_mm[v as usize].as_dvec3()).collect();
+    let mut order: Vec<u32> = (0..hats.len() as u32).filter(|&slot| hats.mass_mm2[slot as usize] > 0.0).collect();
+    let capacity = order.len().div_ceil(places.max(1));
+    let runs = cluster::groups(&mut order, &at, capacity);
+    let mean = |of: &[DVec3], run: &Run| {
+        let slots = order[run.range()].iter().map(|&slot| slot as usize);
+        let (sum, mass) = slots.fold((DVec3::ZERO, 0.0), |(sum, mass), slot| {
+            (sum + hats.mass_mm2[slot] * of[slot], mass + hats.mass_mm2[slot])
+        });
+        (sum / mass, mass)
+    };
+    let [mut product, mut square] = [DVec3::ZERO; 2];
+    let (mut values, mut truth, mut areas) = (Vec::new(), Vec::new(), Vec::new());
+    for run in &runs {
+        let ((b, mass), (a, _), (c, _)) = (mean(&projected, run), mean(&first.total, run), mean(&second.total, run));
+        product += mass * (b - a) * (b - c);
+        square += mass * a * c;
+        values.push(b);
+        truth.push(0.5 * (a + c));
+        areas.push(mass);
+    }
+    let share = |c: usize| if square[c] > 0.0 { (product[c] / square[c]).max(0.0).sqrt() } else { 0.0 };
+    let rms = (0..3).map(share).fold(0.0, f64::max);
+    Ok(VertexError { rms, ..vertex_error(&values, &truth, &areas).or_none() })
 }
 
 /// Compares the radiosity of every source vertex with a walk.

@@ -1,0 +1,161 @@
+//! Calibrated kernels of a scene: made by walks or kept in an asset, for the media in force.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+use translux_format::calibration::{self as kept, Calibration, Numbers, Part};
+use translux_format::filtered_normals::Earlier;
+use translux_format::{Budget, RawSection};
+
+use crate::asset::Asset;
+use crate::error::{Error, Result};
+use crate::evaluate::form::{read_error, write_error};
+use crate::geometry::bvh::Bvh;
+use crate::medium::material::{Medium, OpticalProperties};
+use crate::progress::Progress;
+use crate::scene::Scene;
+use crate::transport::calibration::lattice::Lattice;
+use crate::transport::calibration::layers::{Layers, Splines};
+use crate::transport::calibration::{Calibrated, Orders, PartLayers, Walks};
+use crate::transport::surface::Surface;
+
+/// Quantiser step of the logarithms of factors: an error of 0.1 % RMS.
+const STEP: f64 = 1.0 / 256.0;
+
+/// Sets of media whose calibrations are remembered.
+const REMEMBERED: usize = 8;
+
+/// A calibration with the factors of the samples.
+pub(super) struct InForce {
+    pub(super) calibrated: Calibrated,
+    pub(super) of_samples: Vec<DVec3>,
+}
+
+/// The calibrated kernels of an evaluator.
+pub(super) struct Model {
+    walks: Walks,
+    /// Those of the media in force; none until they are needed.
+    in_force: Option<Arc<InForce>>,
+    /// Those of media that were in force before.
+    remembered: Vec<(Vec<OpticalProperties>, Arc<InForce>)>,
+}
+
+impl Model {
+    /// The calibration of an asset; none of one whose kernels are dipoles. That of a mesh that has been resized since is made again
+    /// when it is needed.
+    ///
+    /// # Errors
+    /// Sections that cannot be read or do not fit.
+    pub(super) fn of(asset: &Asset, surface: &Surface) -> Result<Option<Self>> {
+        let Some(numbers) = Calibration::numbers(&asset.sections).map_err(read_error)? else { return Ok(None) };
+        let orders = if numbers.from_order == 1 { Orders::FromOne } else { Orders::FromTwo };
+        let Numbers { photons, collisions, seed, diagonal_mm, .. } = numbers;
+        let mut result =
+            Self { walks: Walks { photons, collisions, seed, orders }, in_force: None, remembered: Vec::new() };
+        if diagonal_mm == asset.scene.mesh.diagonal_mm() {
+            let calibrated = read(asset)?;
+            result.put(&asset.scene.media, calibrated, surface);
+        }
+        Ok(Some(result))
+    }
+
+    /// The kernels and factors in force, if they have been made.
+    pub(super) fn in_force(&self) -> Option<&InForce> {
+        self.in_force.as_deref()
+    }
+
+    /// Other media are in force.
+    pub(super) fn set_media(&mut self, media: &[Medium]) {
+        let wanted = properties(media);
+        let known = self.remembered.iter().find(|(of, _)| *of == wanted);
+        self.in_force = known.map(|(_, calibration)| Arc::clone(calibration));
+    }
+
+    /// Makes the kernels of the media in force where they are missing; true if it did.
+    ///
+    /// # Errors
+    /// As [`Calibrated::by_walks`].
+    pub(super) fn prepare(&mut self, surface: &Surface, progress: &dyn Progress) -> Result<bool> {
+        if self.in_force.is_some() {
+            return Ok(false);
+        }
+        let calibrated = Calibrated::by_walks(surface.domain, surface.bvh, self.walks, progress)?;
+        self.put(surface.domain.media, calibrated, surface);
+        Ok(true)
+    }
+
+    fn put(&mut self, media: &[Medium], calibrated: Calibrated, surface: &Surface) {
+        let of_samples = calibrated.of_samples(surface);
+        let made = Arc::new(InForce { calibrated, of_samples });
+        if self.remembered.len() == REMEMBERED {
+            self.remembered.remove(0);
+        }
+        self.remembered.push((properties(media), Arc::clone(&made)));
+        self.in_force = Some(made);
+    }
+}
+
+fn properties(media: &[Medium]) -> Vec<OpticalProperties> {
+    media.iter().map(|medium| medium.properties).collect()
+}
+
+/// Calibrates a scene; the sections of the calibration.
+///
+/// # Errors
+/// As [`Calibrated::by_walks`]; a calibration that no section holds.
+pub(super) fn bake(scene: &Scene, bvh: &Bvh, walks: Walks, progress: &dyn Progress) -> Result<Vec<RawSection>> {
+    let calibrated = Calibrated::by_walks(scene.domain(), bvh, walks, progress)?;
+    let layers = |of: &Layers| kept::Layers {
+        first_mm: of.splines.first_mm,
+        ratio: of.splines.ratio,
+        intervals: of.splines.intervals as u32,
+        single: of.single.clone(),
+        double: of.double.clone(),
+    };
+    let part = |of: &PartLayers| Part { layers: of.layers.each_ref().map(layers), photons: of.photons };
+    let numbers = Numbers {
+        photons: walks.photons,
+        collisions: walks.collisions,
+        seed: walks.seed,
+        from_order: if walks.orders == Orders::FromOne { 1 } else { 2 },
+        diagonal_mm: scene.mesh.diagonal_mm(),
+        step: STEP,
+        parts: calibrated.parts.iter().map(|of| of.as_ref().map(part)).collect(),
+    };
+    let code = |factor: f64| (factor.ln() / STEP).round().clamp(-8192.0, 8192.0) as i16;
+    let codes = calibrated.scale.iter().flat_map(|s| s.to_array().map(code)).collect();
+    Calibration { numbers, codes }.to_sections(&neighbours(&calibrated.lattice)).map_err(write_error)
+}
+
+/// The calibration of the scene of an asset.
+fn read(asset: &Asset) -> Result<Calibrated> {
+    let domain = asset.scene.domain();
+    let neighbours = neighbours(&Lattice::new(domain));
+    let stored = Calibration::from_sections(&asset.sections, &neighbours, Budget::default()).map_err(read_error)?;
+    let Some(Calibration { numbers, codes }) = stored else {
+        return Err(Error::input("an asset without its calibration; bake it again"));
+    };
+    let layers = |of: kept::Layers| Layers {
+        splines: Splines { first_mm: of.first_mm, ratio: of.ratio, intervals: of.intervals as usize },
+        single: of.single,
+        double: of.double,
+    };
+    let part = |of: Part| PartLayers { layers: of.layers.map(layers), photons: of.photons };
+    let parts = numbers.parts.into_iter().map(|of| of.map(part)).collect();
+    let factor = |code: i16| (f64::from(code) * numbers.step).exp();
+    let (points, _) = codes.as_chunks::<3>();
+    let scale = points.iter().map(|codes| DVec3::from_array(codes.map(factor))).collect();
+    Calibrated::kept(domain, parts, scale)
+}
+
+/// Earlier neighbours of the points of a lattice.
+fn neighbours(lattice: &Lattice) -> Earlier {
+    Earlier::new(lattice.len(), lattice.triangles().map(|(slots, _)| slots))
+}
+
+/// Names of the parts of an asset that keep their dipole although it is calibrated: those that let light out.
+pub fn uncalibrated(asset: &Asset) -> Vec<&str> {
+    let Ok(Some(numbers)) = Calibration::numbers(&asset.sections) else { return Vec::new() };
+    let parts = asset.scene.parts.parts.iter().zip(&numbers.parts);
+    parts.filter(|(part, of)| part.transfers() && of.is_none()).map(|(part, _)| part.name.as_str()).collect()
+}
