@@ -26,11 +26,11 @@ use crate::medium::material::{Medium, OpticalProperties, preset};
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
 use crate::transport::balanced_tree::in_tree_order;
-use crate::transport::calibration::{Orders, Walks};
+use crate::transport::calibration::{Calibrated, Orders, Walks};
 use crate::transport::far_field::LANES;
 use crate::transport::irradiance::Pieces;
 use crate::transport::kernel::medium::MediumKernel;
-use crate::transport::multilevel::Quality;
+use crate::transport::multilevel::{KernelsOfParts, Quality};
 use crate::transport::near_rule::NearRule;
 use crate::transport::receivers::Receivers;
 use crate::transport::surface::Surface;
@@ -88,12 +88,14 @@ impl Form for Gathered {
         progress.start("samples", 0);
         let samples = Samples::new(&scene.mesh, &scene.parts, self.density.count(scene, settings.samples));
         let environment = self.environment.filter(|_| settings.is_for(LightKind::Environment));
-        let calibration = match settings.model {
-            Model::Dipole => Vec::new(),
+        let (calibrated, calibration) = match settings.model {
+            Model::Dipole => (None, Vec::new()),
             Model::Calibrated(walks) => {
                 // Where the first scattering has a stage of its own the kernels hold the others.
                 let orders = if self.single.is_some() { Orders::FromTwo } else { Orders::FromOne };
-                model::bake(scene, &Bvh::new(&scene.mesh), Walks { orders, ..walks }, progress)?
+                let bvh = Bvh::new(&scene.mesh);
+                let (calibrated, sections) = model::bake(scene, &bvh, Walks { orders, ..walks }, progress)?;
+                (Some(calibrated), sections)
             }
         };
         if self.nets.is_none() && environment.is_none() {
@@ -109,7 +111,9 @@ impl Form for Gathered {
 
         let (mut ledger, mut sections) = (Ledger::default(), calibration);
         if let Some(error) = self.nets {
-            let quality = resolution(self, &surface, &receivers, (error, &settings.probes.tuning), progress)?;
+            let kernels = kernels(scene, calibrated.as_ref());
+            let asked = (error, settings.probes.tuning.as_slice());
+            let quality = resolution(self, &surface, (&receivers, &kernels), asked, progress)?;
             sections.extend(numbers(quality).to_sections().map_err(write_error)?);
             ledger = measured(self, (scene, &samples, &sections), quality, &settings.probes.unseen, progress)?;
         }
@@ -135,13 +139,17 @@ impl Form for Gathered {
     }
 }
 
-/// Kernels of the scene's media, and of each published material in their place.
-fn media(media: &[Medium]) -> Vec<Vec<MediumKernel>> {
+/// Kernels of the scene, and of each published material in the place of its media.
+fn kernels(scene: &Scene, calibrated: Option<&Calibrated>) -> Vec<KernelsOfParts> {
+    let of_part: Vec<Option<u32>> = scene.parts.parts.iter().map(|part| part.medium).collect();
     let of = |properties: OpticalProperties| {
         let other = |medium: &Medium| MediumKernel::new(&Medium { properties, ..medium.clone() });
-        media.iter().map(other).collect()
+        (scene.media.iter().map(other).collect(), of_part.clone())
     };
-    let own = MediumKernel::of_media(media);
+    let own = match calibrated {
+        Some(calibrated) => calibrated.kernels.clone(),
+        None => (MediumKernel::of_media(&scene.media), of_part.clone()),
+    };
     let others = MATERIALS.iter().filter_map(|name| preset(name)).map(|preset| of(preset.properties()));
     std::iter::once(own).chain(others).collect()
 }
@@ -150,7 +158,7 @@ fn media(media: &[Medium]) -> Vec<Vec<MediumKernel>> {
 fn resolution(
     form: &Gathered,
     surface: &Surface,
-    receivers: &Receivers,
+    (receivers, kernels): (&Receivers, &[KernelsOfParts]),
     (error, lights): (f64, &[Light]),
     progress: &dyn Progress,
 ) -> Result<Quality> {
@@ -159,7 +167,7 @@ fn resolution(
     let lit = |light: &Light| environment_rows::sampled(surface, std::slice::from_ref(light), form.sampling, &Silent);
     let tuning: Vec<(Vec<DVec3>, Pieces)> = spread(lights, LIGHTS).map(lit).collect::<Result<_>>()?;
     let areas = receivers.areas_mm2(domain.mesh);
-    let quality = Quality::tuned((surface, &media(domain.media)), (receivers, &areas), &tuning, error);
+    let quality = Quality::tuned((surface, kernels), (receivers, &areas), &tuning, error);
     progress.finish();
     Ok(quality)
 }

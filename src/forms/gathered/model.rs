@@ -99,11 +99,16 @@ fn properties(media: &[Medium]) -> Vec<OpticalProperties> {
     media.iter().map(|medium| medium.properties).collect()
 }
 
-/// Calibrates a scene; the sections of the calibration.
+/// Calibrates a scene; the calibration and its sections.
 ///
 /// # Errors
 /// As [`Calibrated::by_walks`]; a calibration that no section holds.
-pub(super) fn bake(scene: &Scene, bvh: &Bvh, walks: Walks, progress: &dyn Progress) -> Result<Vec<RawSection>> {
+pub(super) fn bake(
+    scene: &Scene,
+    bvh: &Bvh,
+    walks: Walks,
+    progress: &dyn Progress,
+) -> Result<(Calibrated, Vec<RawSection>)> {
     let calibrated = Calibrated::by_walks(scene.domain(), bvh, walks, progress)?;
     let layers = |of: &Layers| kept::Layers {
         first_mm: of.splines.first_mm,
@@ -124,7 +129,8 @@ pub(super) fn bake(scene: &Scene, bvh: &Bvh, walks: Walks, progress: &dyn Progre
     };
     let code = |factor: f64| (factor.ln() / STEP).round().clamp(-8192.0, 8192.0) as i16;
     let codes = calibrated.scale.iter().flat_map(|s| s.to_array().map(code)).collect();
-    Calibration { numbers, codes }.to_sections(&neighbours(&calibrated.lattice)).map_err(write_error)
+    let sections = Calibration { numbers, codes }.to_sections(&neighbours(&calibrated.lattice)).map_err(write_error)?;
+    Ok((calibrated, sections))
 }
 
 /// The calibration of the scene of an asset.

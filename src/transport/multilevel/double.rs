@@ -25,14 +25,14 @@ const FIELDS: usize = 4;
 /// The fields of some points.
 type Fields = [Vec<Rgb>; FIELDS];
 
-/// Softening of double layers over that of single ones: they are a correction, of which a tenth of the accuracy is enough.
-const SOFTENING: f64 = 0.6;
+/// Softening of double layers over that of single ones: they rise and fall inside it.
+const SOFTENING: f64 = 1.2;
 
 /// Radius that the finest net resolves, over the length on whose scale a double layer varies.
 const RESOLVED: f64 = 1.2;
 
-/// Lengths on whose scale a double layer varies within which it may be softened.
-const SOFTENED: f64 = 2.0;
+/// Spacings of the finest net at least in the length on whose scale a layer varies that is summed whole.
+const WHOLE: f64 = 1.5;
 
 /// The nets of a double layer, and its kernel on each.
 pub(crate) struct Double {
@@ -55,7 +55,7 @@ impl Double {
         let nets = Multilevel::new(samples, receivers, resolution);
         let near = resolution.near_mm();
         // Where the nets are too coarse for the layer it fades within their radius, otherwise it is whole.
-        let innermost = if near > SOFTENED * varies_mm { near } else { 0.0 };
+        let innermost = if varies_mm < WHOLE * spacing_mm { near } else { 0.0 };
         let count = nets.levels.len();
         let kernel = |level: usize| {
             let radius = if level == 0 { innermost } else { near * 2f64.powi(level as i32) };

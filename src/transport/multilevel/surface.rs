@@ -48,6 +48,9 @@ const TRIALS: usize = 10;
 /// Distance over radius at most below which samples are integrated by points.
 const MOST_NEAR: f64 = 24.0;
 
+/// Kernels, and which of them each part has.
+pub type KernelsOfParts = (Vec<MediumKernel>, Vec<Option<u32>>);
+
 /// Accuracy of the sums against all pairs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quality {
@@ -79,16 +82,15 @@ impl Quality {
     /// of media and under each light (irradiance of every sample and pieces of uneven ones); the last one tried where
     /// none keeps it.
     pub fn tuned(
-        (surface, media): (&Surface, &[Vec<MediumKernel>]),
+        (surface, media): (&Surface, &[KernelsOfParts]),
         (receivers, areas): (&Receivers, &[f64]),
         lights: &[(Vec<DVec3>, Pieces)],
         error: f64,
     ) -> Self {
         let (subset, points) = receivers.probe_points(areas, (PROBES, 0));
         let tree = SampleTree::default();
-        let of_part: Vec<Option<u32>> = surface.domain.parts.parts.iter().map(|part| part.medium).collect();
-        let truths_in = |kernels: &Vec<MediumKernel>| -> Vec<Vec<DVec3>> {
-            let gather = Gather::with_kernels(surface, &tree, kernels.clone(), NearField::REFERENCE);
+        let truths_in = |kernels: &KernelsOfParts| -> Vec<Vec<DVec3>> {
+            let gather = Gather::with_kernels_of_parts(surface, &tree, kernels.clone(), NearField::REFERENCE);
             let truth = |(irradiance, pieces): &(Vec<DVec3>, Pieces)| {
                 gather.radiosity(&subset, &gather.light_with_pieces(irradiance, pieces), Scheme::AllPairs, &Silent)
             };
@@ -100,8 +102,8 @@ impl Quality {
         let mut nets = SurfaceNets::new(surface, receivers, quality);
         let mut measured = |quality: Self| {
             nets.set_quality(surface, receivers, quality);
-            let in_media = |(kernels, truths): (&Vec<MediumKernel>, &Vec<Vec<DVec3>>)| {
-                let tables = nets.tables(surface, receivers, (kernels, &of_part));
+            let in_media = |((kernels, of_part), truths): (&KernelsOfParts, &Vec<Vec<DVec3>>)| {
+                let tables = nets.tables(surface, receivers, (kernels, of_part));
                 let of_light = |((irradiance, pieces), truth): (&(Vec<DVec3>, Pieces), &Vec<DVec3>)| {
                     let all = nets.radiosity(surface, &tables, SampleLight::new(irradiance, pieces), receivers);
                     points.error(&points.of(&all), truth).rms

@@ -31,7 +31,8 @@ fn tuned(fixture: &Fixture, asked: f64) -> Quality {
     let receivers = fixture.receivers(16);
     let areas = vec![1.0; receivers.len()];
     let lights = [DVec3::new(0.2, 1.0, 0.1), DVec3::new(-1.0, -0.3, 0.5), DVec3::NEG_Z].map(|from| lit(fixture, from));
-    Quality::tuned((&fixture.surface(), &[kernels(fixture)]), (&receivers, &areas), &lights, asked)
+    let of_part = fixture.scene.parts.parts.iter().map(|part| part.medium).collect();
+    Quality::tuned((&fixture.surface(), &[(kernels(fixture), of_part)]), (&receivers, &areas), &lights, asked)
 }
 
 fn kernels(fixture: &Fixture) -> Vec<MediumKernel> {
@@ -130,8 +131,10 @@ fn double_layers_are_summed_over_nets_of_their_own() {
         let gather = Gather::calibrated(&surface, &fixture.tree, (&calibrated, &factors), NearField::REFERENCE);
         let lit = gather.light_with_pieces(&irradiance, &pieces);
         let truth = gather.radiosity(&receivers, &lit, Scheme::AllPairs, &Silent);
-        let quality = tuned(&fixture, 0.005);
-        let nets = SurfaceNets::new(&surface, &receivers, quality);
+        let areas = vec![1.0; receivers.len()];
+        let of_lights = [(irradiance.clone(), pieces.clone())];
+        let all = (&surface, std::slice::from_ref(&calibrated.kernels));
+        let nets = SurfaceNets::new(&surface, &receivers, Quality::tuned(all, (&receivers, &areas), &of_lights, 0.005));
         let (kernels, of_part) = &calibrated.kernels;
         let summed = |kernels: &[MediumKernel]| {
             let light = SampleLight::new(&irradiance, &pieces).with_factors(&factors);
