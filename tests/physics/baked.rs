@@ -11,7 +11,7 @@ use translux::geometry::source::SourceModel;
 use translux::light::Light;
 use translux::scene::Scene;
 
-use crate::in_memory::{lit, method, opened, scene_of, try_bake};
+use crate::in_memory::{lit, method, opened, scene_of, short, try_bake};
 
 /// One value of a shelf: what it is of, and the value once somebody has made it.
 type Slot<K, T> = (K, Arc<OnceLock<Arc<T>>>);
@@ -87,6 +87,7 @@ pub(crate) fn of_group(method: &dyn Method) -> Arc<Asset> {
     let defaults = method.keys().iter().map(|key| (key.name(), key.default())).collect();
     ASSETS.get((method.name(), defaults), || {
         let few = method.keys().iter().any(|k| k.name() == "lights").then(|| ("lights".to_owned(), "60".to_owned()));
-        try_bake(method, group(), Some(2000), few.as_slice()).unwrap()
+        let set: Vec<_> = short(method).into_iter().chain(few).collect();
+        try_bake(method, group(), Some(2000), &set).unwrap()
     })
 }
