@@ -15,7 +15,7 @@ fn baked() -> Folder {
     let folder = Folder::new();
     let bytes = ASSET.get_or_init(|| {
         folder.obj("ball.obj", &called(shapes::bumpy_head(10.0, 4), "stone"));
-        folder.run("bake ball.obj --unit mm --material marble --method two_pass -o ball.tlux -q").ok();
+        folder.run("bake ball.obj --unit mm --material marble --method two_pass --samples 6000 -o ball.tlux -q").ok();
         folder.read("ball.tlux")
     });
     folder.write("ball.tlux", bytes);
@@ -180,7 +180,11 @@ fn the_header_says_what_made_the_picture() {
         (called(shapes::icosphere(3.0, 1), "wick"), DVec3::X * 20.0),
     ];
     folder.obj("two.obj", &shapes::compose(&parts));
-    folder.run("bake two.obj --unit mm --material wax=skin1 --opaque wick --method two_pass -o two.tlux -q").ok();
+    folder
+        .run(
+            "bake two.obj --unit mm --material wax=skin1 --opaque wick --method two_pass --samples 2000 -o two.tlux -q",
+        )
+        .ok();
     folder.run("render two.tlux --light constant:radiance=2 --resolution 48x24 -q -o two.exr").ok();
     let bytes = folder.read("two.exr");
     let head = String::from_utf8_lossy(&bytes[..4096.min(bytes.len())]).into_owned();
