@@ -15,7 +15,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, OnceLock};
 
 use glam::DVec3;
-use in_memory::{every, lit, medium, recipe, registry, scene, scene_of, served, try_bake, vertex_areas};
+use in_memory::{every, lit, medium, recipe, registry, scene, scene_of, served, short, try_bake, vertex_areas};
 use translux::asset::{Asset, Provenance};
 use translux::error::ExitCode;
 use translux::evaluate::exitance::{Exitance, MeshPoint};
@@ -90,7 +90,7 @@ fn every_light(scene: &Scene) -> Vec<Light> {
 }
 
 fn asset(method: &dyn Method, scene: &Scene, samples: usize) -> Asset {
-    try_bake(method, scene.clone(), Some(samples), &[]).unwrap_or_else(|e| panic!("{}: {e}", method.name()))
+    try_bake(method, scene.clone(), Some(samples), &short(method)).unwrap_or_else(|e| panic!("{}: {e}", method.name()))
 }
 
 /// Scenes that several tests look at, so that each method bakes them once.
@@ -466,7 +466,7 @@ fn figures_make_sense() {
         // The slab's vertices are no receivers.
         let translucent = vertex_areas(&scene).iter().filter(|a| **a > 0.0).count();
         assert_eq!(cost.receivers, translucent, "{name}");
-        let mut recipe = recipe(method, &scene, Some(3000), &[]).unwrap();
+        let mut recipe = recipe(method, &scene, Some(3000), &short(method)).unwrap();
         let announced = recipe.bake_memory(&scene);
         let least = 32 * if asset.samples.is_empty() { cost.receivers } else { cost.samples };
         assert!((least..announced as usize).contains(&cost.resident_bytes), "{name}: {cost:?}, {announced} bytes");
@@ -543,7 +543,7 @@ fn keys_mean_what_they_say() {
 fn other_lights_than_baked_for_are_as_good_or_refused() {
     let scene = Shared::Head.scene();
     for method in every() {
-        let probes = probes::for_bake(&scene.mesh);
+        let probes = in_memory::probes(&scene.mesh);
         let for_lights = [LightKind::Directional].into();
         let settings = BakeSettings {
             samples: Some(Shared::SAMPLES),
@@ -551,7 +551,11 @@ fn other_lights_than_baked_for_are_as_good_or_refused() {
             probes,
             ..BakeSettings::new(method.default_max_rms())
         };
-        let one = method.recipe(&[], settings).unwrap().bake(scene.clone(), Provenance::default(), &Silent).unwrap();
+        let one = method
+            .recipe(&short(method), settings)
+            .unwrap()
+            .bake(scene.clone(), Provenance::default(), &Silent)
+            .unwrap();
         let (mut one, mut all) = (reopened(&one), Shared::Head.baked(method));
         for light in served(method, &every_light(&scene)) {
             let what = format!("{}, {}", method.name(), light.kind().name());

@@ -91,6 +91,20 @@ fn run(page: &Page) -> Result<()> {
     if let Some(name) = only.iter().find(|name| !names.contains(&name.as_str())) {
         return Err(Error::command_line(format!("no part `{name}`; there are {}", names.join(", "))));
     }
+    let path = docs.join(format!("{name}.md"));
+    let fragment = |part: &str| fragments.join(format!("{part}.md"));
+    let is_asked = |part: &str| only.is_empty() || only.iter().any(|o| o == part);
+    // Told before the work: the page that is there would lose what was measured of them.
+    let lost = page.parts.iter().map(|(part, _)| *part).filter(|part| !is_asked(part) && !fragment(part).is_file());
+    let lost: Vec<&str> = lost.collect();
+    if path.is_file() && !lost.is_empty() {
+        return Err(Error::command_line(format!(
+            "{} would lose {}, of which {} has no text: measure them as well, all parts without --only, or write to a folder without that page",
+            path.display(),
+            lost.join(", "),
+            fragments.display()
+        )));
+    }
     let pictures = docs.join("pictures");
     for folder in [&fragments, &pictures] {
         std::fs::create_dir_all(folder).map_err(|e| Error::io(folder, &e))?;
@@ -98,13 +112,12 @@ fn run(page: &Page) -> Result<()> {
     let context = Context { data, pictures, quick, start: Instant::now() };
     let mut pieces = Vec::new();
     for (part, measure) in page.parts {
-        let path = fragments.join(format!("{part}.md"));
-        if only.is_empty() || only.iter().any(|o| o == part) {
-            atomic::write(&path, measure(&context)?.as_bytes())?;
+        if is_asked(part) {
+            atomic::write(&fragment(part), measure(&context)?.as_bytes())?;
             context.say(&format!("{part}: done"));
         }
-        let piece = std::fs::read_to_string(&path).unwrap_or_else(|_| "(Not measured.)\n".to_owned());
+        let piece = std::fs::read_to_string(fragment(part)).unwrap_or_else(|_| "(Not measured.)\n".to_owned());
         pieces.push((*part, piece));
     }
-    atomic::write(&docs.join(format!("{name}.md")), page.words.assembled(&pieces).as_bytes())
+    atomic::write(&path, page.words.assembled(&pieces).as_bytes())
 }

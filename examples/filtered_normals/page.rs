@@ -28,7 +28,10 @@ The method stores no transport. Normals are low-passed over the surface, and tak
   is that of the inertia; the remainder goes through the mean response of its frequencies (gamma of equation 11).
 - **`filter=geometric`**: the paper's equation 3; weights by area unless `weights=count`.
 - **Light from all around** is three bands of harmonics times the openness of the vertex; an area light is 16 places, each with its shadow ray.
-  Highlights are those of every method (GGX in place of the paper's Blinn-Phong), by the normals as they are.
+  Highlights are those of every method, by the normals as they are: GGX, or with `--highlights blinn-phong:EXPONENT` (`render`, `relight`) the
+  paper's Blinn-Phong. The paper means OpenGL's, `(n.h)^EXPONENT` times a constant and the light, and lights the whole of it by the filtered normal.
+  Ours is `F (EXPONENT + 2) / (8 pi) (n.h)^EXPONENT` times irradiance, with the Fresnel reflectance F of the medium: it never returns more than comes in,
+  and what is reflected at the surface does not see a normal that was filtered for what is scattered below it.
 - **Shadows** are rays from the vertices. Towards the horizon of a vertex they fade into how open it is (the share of the sky that it sees),
   which is all that counts below: light enters where the surface around faces it. `shadows=off` is the paper's.
 - **Its nearest rival** wraps the cosine around the terminator and costs less. The tables have it with its best wrap. What filtered normals

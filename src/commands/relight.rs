@@ -66,6 +66,8 @@ struct AnimationReport<'a> {
 
 /// Runs on the main thread, as a window must; work goes to `pool`.
 pub(super) fn run(args: &RelightArgs, console: &Console, pool: Arc<rayon::ThreadPool>) -> Result<ExitCode> {
+    // Told before the asset is read.
+    args.view.specular()?;
     match (args.headless, args.frames, &args.out) {
         (true, Some(frames), Some(out)) => {
             if args.turn || args.quit_after.is_some() {
@@ -160,7 +162,7 @@ fn window(args: &RelightArgs, console: &Console, pool: Arc<rayon::ThreadPool>) -
         lights: lights.lights,
         resolution: args.resolution.unwrap_or(WINDOW_RESOLUTION),
         exposure: args.view.exposure,
-        specular: args.view.specular(),
+        specular: args.view.specular()?,
         background: args.view.background,
         turning: args.turn,
         settings: Settings {

@@ -73,6 +73,7 @@ pub(super) struct PictureArgs {
 pub(super) fn run(args: &RenderArgs, console: &Console) -> Result<ExitCode> {
     output::check(&args.output, &["exr", "png"], console)?;
     check_memory(args.picture.resolution, console)?;
+    args.picture.view.specular()?;
     let lights = args.lights.load(console)?;
     let Opened { provenance, mut evaluator } = args.asset.open(console)?;
     let picture = PictureArgs { sources: provenance.origin.inputs.clone(), ..args.picture.clone() };
@@ -143,6 +144,7 @@ pub(super) fn finish(
         samples_per_pixel: settings.samples_per_pixel,
         exit_fresnel: settings.exit_fresnel,
         background: settings.background.to_string(),
+        highlights: settings.specular.model().map(|model| model.to_string()),
         roughness: settings.specular.roughness(),
         texture: texture.as_ref().map(ToString::to_string),
         exitance: frame.exitance,

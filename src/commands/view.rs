@@ -3,14 +3,15 @@
 use clap::Args;
 
 use super::console::Console;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::geometry::mesh::Mesh;
 use crate::render::background::Background;
 use crate::render::camera::{Resolution, xyz};
 use crate::render::camera_text::CameraSpec;
 use crate::render::film::Exposure;
 use crate::render::frame::{RenderSettings, Specular, memory_bytes};
-use crate::render::specular::Roughness;
+use crate::render::highlight::HighlightModel;
+use crate::render::specular::{DEFAULT_ROUGHNESS, Roughness};
 use crate::render::texture::Texture;
 use crate::render::texture::spec::{MarbleSpec, TextureSpec};
 
@@ -28,16 +29,23 @@ pub(super) struct ViewArgs {
     /// What is seen beside the object: env (environments and constant lights), none (transparent in PNG) or R,G,B
     #[arg(long, value_name = "env|none|RGB", default_value = "env")]
     pub(super) background: Background,
-    /// Roughness of the surface for specular reflection, from 0 (polished) to 1 (matt)
-    #[arg(long, value_name = "R", default_value_t = Roughness::default(), allow_hyphen_values = true)]
-    roughness: Roughness,
+    /// Model of specular reflection: ggx (microfacets, as wide as --roughness says) or blinn-phong:EXPONENT (a power, from
+    /// 1, matt, to 10000, polished); both with the Fresnel reflectance of the medium
+    #[arg(long, value_name = "MODEL", default_value_t)]
+    highlights: HighlightModel,
+    #[arg(long, value_name = "R", allow_hyphen_values = true, help = roughness_help())]
+    roughness: Option<Roughness>,
     /// No specular reflection of the lights
-    #[arg(long, conflicts_with = "roughness")]
+    #[arg(long, conflicts_with_all = ["roughness", "highlights"])]
     no_specular: bool,
     /// Albedo that scattered light is multiplied by, not reflected light: none, marble, a PNG over the texture coordinates,
     /// or the base colours of a glTF model
     #[arg(long, value_name = "TEXTURE", default_value_t, long_help = texture_help())]
     pub(super) texture: TextureSpec,
+}
+
+fn roughness_help() -> String {
+    format!("Roughness of the surface for ggx highlights, from 0 (polished) to 1 (matt) [default: {DEFAULT_ROUGHNESS}]")
 }
 
 fn texture_help() -> String {
@@ -69,12 +77,19 @@ impl ViewArgs {
     /// The settings of a picture of a mesh.
     pub(super) fn settings(&self, mesh: &Mesh, resolution: Resolution) -> Result<RenderSettings> {
         let camera = self.camera.unwrap_or_default().resolve(mesh, resolution)?;
-        let (background, specular) = (self.background, self.specular());
+        let (background, specular) = (self.background, self.specular()?);
         Ok(RenderSettings { background, specular, ..RenderSettings::new(camera, resolution) })
     }
 
-    pub(super) fn specular(&self) -> Specular {
-        if self.no_specular { Specular::Off } else { Specular::Rough(self.roughness) }
+    pub(super) fn specular(&self) -> Result<Specular> {
+        match (self.highlights, self.roughness) {
+            _ if self.no_specular => Ok(Specular::Off),
+            (HighlightModel::Ggx, roughness) => Ok(Specular::Rough(roughness.unwrap_or_default())),
+            (HighlightModel::BlinnPhong(exponent), None) => Ok(Specular::BlinnPhong(exponent)),
+            (model @ HighlightModel::BlinnPhong(_), Some(_)) => Err(Error::command_line(format!(
+                "--roughness is the width of ggx highlights, and the exponent that of {model}: leave --roughness out, or                  --highlights"
+            ))),
+        }
     }
 
     /// Reads the texture for a mesh and prints its warnings.

@@ -199,7 +199,7 @@ impl OnDevice {
         let (settings, start) = (&animation.settings, Instant::now());
         self.evaluator.set_lights(lights.clone(), &Silent)?;
         self.evaluator.set_eye(animation.settings.camera.at_mm());
-        let visibility = match settings.specular.roughness() {
+        let visibility = match settings.specular.shape() {
             Some(_) => self.shadows.visibility(self.evaluator.bvh(), &lights),
             None => Vec::new(),
         };

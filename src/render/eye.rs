@@ -6,12 +6,12 @@ use rayon::prelude::*;
 use super::background::Backdrop;
 use super::exit::ExitRadiance;
 use super::glossy_lights::{GlossyLights, Place, ShadowRays};
+use super::highlight::Highlight;
 use super::normals::ShadingNormals;
 use super::pixel_samples::{PixelSamples, Stream};
 use super::seen::{Seen, shared_within_mm};
 use super::settings::{EMPTY, Pixel, RenderSettings, Specular};
 use super::single::{EyeRay, Scattered, SingleRadiance, Spot};
-use super::specular::Ggx;
 use super::texture::Texture;
 use crate::evaluate::exitance::{Exitance, MeshPoint};
 use crate::geometry::bvh::{Bvh, Hit, Ray};
@@ -116,8 +116,8 @@ fn narrow(v: DVec3) -> [f32; 3] {
 /// The boundary of a medium.
 struct Boundary {
     exit: ExitRadiance,
-    /// The microfacet model; none where nothing is reflected.
-    ggx: Option<Ggx>,
+    /// How it reflects; none where nothing is reflected.
+    highlight: Option<Highlight>,
     /// Distance up to which rays of a pixel share a point whose exitance is asked for, mm.
     shared_within_mm: f64,
 }
@@ -183,10 +183,7 @@ impl<'a> Renderer<'a> {
             let eta = medium.properties.eta_inside_over_outside;
             Boundary {
                 exit: ExitRadiance::new(eta, settings.exit_fresnel),
-                ggx: match settings.specular {
-                    Specular::Rough(roughness) if eta != 1.0 => Some(Ggx::new(roughness, eta)),
-                    _ => None,
-                },
+                highlight: settings.specular.highlight(eta),
                 shared_within_mm: shared_within_mm(&medium.properties),
             }
         };
@@ -413,8 +410,8 @@ impl<'a> Renderer<'a> {
         }
         sum.single += single;
         let (triangle, lobe, light) = (hit.triangle, DVec2::ZERO, DVec2::ZERO);
-        let reflecting = |ggx| Place { point, triangle, geometric, normal, to_eye, ggx, lobe, light };
-        Some((false, boundary.ggx.map(reflecting)))
+        let reflecting = |highlight| Place { point, triangle, geometric, normal, to_eye, highlight, lobe, light };
+        Some((false, boundary.highlight.map(reflecting)))
     }
 }
 

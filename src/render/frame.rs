@@ -71,7 +71,7 @@ pub fn memory_bytes(resolution: Resolution) -> u64 {
 /// Renders a scene with the exitance of its surface, and with single scattering where given.
 ///
 /// Exit radiance is that of [`super::exit::ExitRadiance`] with the shading normal, for the medium of the part that is
-/// hit; specular reflection that of [`super::specular::Ggx`]: shadowed for directional, point and area lights,
+/// hit; specular reflection that of [`super::highlight::Highlight`]: shadowed for directional, point and area lights,
 /// unshadowed for environments and constant lights. Single scattering leaves at the shading normal too. A texture
 /// multiplies both kinds of scattered light, and no reflection. Opaque parts, which have no optical properties, and
 /// back sides are black. The result does not depend on the number of threads.

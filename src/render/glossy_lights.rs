@@ -8,7 +8,8 @@
 use glam::{DVec2, DVec3};
 
 use super::glossy_map::GlossyMap;
-use super::specular::{Ggx, Reflected, terminator};
+use super::highlight::Highlight;
+use super::specular::{Reflected, terminator};
 use crate::geometry::bvh::{Bvh, Ray, offset_origin};
 use crate::light::Light;
 use crate::light::environment::Rotation;
@@ -27,7 +28,7 @@ pub(super) struct Place {
     /// Unit vector to the eye.
     pub to_eye: DVec3,
     /// Boundary of the medium.
-    pub ggx: Ggx,
+    pub highlight: Highlight,
     /// Uniform random numbers that choose the reflection.
     pub lobe: DVec2,
     /// Uniform random numbers that choose the point of a light.
@@ -43,13 +44,13 @@ impl Place {
             return 0.0;
         }
         let softened = terminator(cos_geometric, cos_shading, self.normal.dot(self.geometric));
-        self.ggx.brdf(self.normal, to_light, self.to_eye) * cos_shading * softened
+        self.highlight.brdf(self.normal, to_light, self.to_eye) * cos_shading * softened
     }
 
     /// The sampled reflection; none below the triangle or the surface.
     #[inline]
     fn reflection(&self) -> Option<Reflected> {
-        let sample = self.ggx.sample(self.normal, self.to_eye, self.lobe)?;
+        let sample = self.highlight.sample(self.normal, self.to_eye, self.lobe)?;
         let (cos_geometric, cos_shading) = (self.geometric.dot(sample.to_light), self.normal.dot(sample.to_light));
         let softened = terminator(cos_geometric, cos_shading, self.normal.dot(self.geometric));
         (softened > 0.0).then_some(Reflected { weight: sample.weight * softened, ..sample })
@@ -229,8 +230,7 @@ impl GlossyLights {
         let distance = offset.length();
         if distance > 0.0 {
             let to_light = offset / distance;
-            let half = (to_light + place.to_eye).normalize_or_zero();
-            let density = place.ggx.density_per_sr(place.normal.dot(half), place.normal.dot(place.to_eye));
+            let density = place.highlight.density_per_sr(place.normal, to_light, place.to_eye);
             // The light's density is 1 / solid_angle: L f cos / density times the balance heuristic.
             let gain = light.radiance * (place.response(to_light) * solid_angle / (1.0 + density * solid_angle));
             shadow.push(index, place, to_light, distance, gain);

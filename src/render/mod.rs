@@ -2,6 +2,7 @@
 //! only.
 
 pub mod background;
+pub mod blinn_phong;
 pub mod camera;
 pub mod camera_text;
 pub mod exit;
@@ -10,6 +11,7 @@ pub mod film;
 pub mod frame;
 mod glossy_lights;
 mod glossy_map;
+pub mod highlight;
 pub mod normals;
 mod pixel_samples;
 mod seen;

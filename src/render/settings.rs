@@ -1,9 +1,11 @@
 //! Settings of a picture, and the values of its pixels.
 
 use super::background::Background;
+use super::blinn_phong::{BlinnPhong, Exponent};
 use super::camera::{Camera, Resolution};
 use super::exit::ExitFresnel;
-use super::specular::Roughness;
+use super::highlight::{Highlight, HighlightModel, HighlightShape};
+use super::specular::{Ggx, Roughness};
 
 /// Default number of eye rays through a pixel.
 pub const DEFAULT_SAMPLES_PER_PIXEL: u32 = 16;
@@ -18,14 +20,45 @@ pub enum Specular {
     Off,
     /// A rough dielectric boundary with the index of refraction of the medium (see [`super::specular`]).
     Rough(Roughness),
+    /// A boundary with a Blinn-Phong highlight (see [`super::blinn_phong`]).
+    BlinnPhong(Exponent),
 }
 
 impl Specular {
-    /// Roughness of the boundary, if it reflects.
+    /// Roughness of the boundary, if it is one that has a roughness.
     pub fn roughness(self) -> Option<Roughness> {
         match self {
-            Self::Off => None,
+            Self::Off | Self::BlinnPhong(_) => None,
             Self::Rough(roughness) => Some(roughness),
+        }
+    }
+
+    /// Model of the highlights; none without reflection.
+    pub fn model(self) -> Option<HighlightModel> {
+        match self {
+            Self::Off => None,
+            Self::Rough(_) => Some(HighlightModel::Ggx),
+            Self::BlinnPhong(exponent) => Some(HighlightModel::BlinnPhong(exponent)),
+        }
+    }
+
+    /// Shape of the highlights; none without reflection.
+    pub fn shape(self) -> Option<HighlightShape> {
+        match self {
+            Self::Off => None,
+            Self::Rough(_) => Some(HighlightShape::Ggx),
+            Self::BlinnPhong(_) => Some(HighlightShape::BlinnPhong),
+        }
+    }
+
+    /// The boundary of a medium; none where nothing is reflected.
+    pub fn highlight(self, eta_inside_over_outside: f64) -> Option<Highlight> {
+        let eta = eta_inside_over_outside;
+        match self {
+            _ if eta == 1.0 => None,
+            Self::Off => None,
+            Self::Rough(roughness) => Some(Highlight::Ggx(Ggx::new(roughness, eta))),
+            Self::BlinnPhong(exponent) => Some(Highlight::BlinnPhong(BlinnPhong::new(exponent, eta))),
         }
     }
 }

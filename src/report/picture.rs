@@ -29,7 +29,9 @@ pub(crate) struct RenderReport {
     pub(crate) samples_per_pixel: u32,
     pub(crate) exit_fresnel: ExitFresnel,
     pub(crate) background: String,
-    /// Roughness of the surface; none without specular reflection.
+    /// Model of the highlights as it would be typed; none without specular reflection.
+    pub(crate) highlights: Option<String>,
+    /// Roughness of the surface; none without specular reflection, and for models without a roughness.
     pub(crate) roughness: Option<Roughness>,
     /// Texture as it would be typed; none without texture.
     pub(crate) texture: Option<String>,
@@ -75,7 +77,7 @@ impl RenderReport {
             ("camera", self.camera.clone()),
             ("samplesPerPixel", self.samples_per_pixel.to_string()),
             ("exitFresnel", exit_fresnel.to_owned()),
-            ("roughness", self.roughness.map_or_else(|| "no specular reflection".to_owned(), |r| r.to_string())),
+            self.reflection(),
             ("background", self.background.clone()),
             ("units", "radiance: linear sRGB; depth: mm along the viewing axis, infinite beside the object".to_owned()),
         ];
@@ -98,6 +100,15 @@ impl RenderReport {
             }
         }
         all.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
+    }
+
+    /// The attribute of the specular reflection: the roughness, or the model of one that has none.
+    fn reflection(&self) -> (&'static str, String) {
+        match (&self.highlights, self.roughness) {
+            (_, Some(roughness)) => ("roughness", roughness.to_string()),
+            (Some(model), None) => ("highlights", model.clone()),
+            (None, None) => ("roughness", "no specular reflection".to_owned()),
+        }
     }
 }
 

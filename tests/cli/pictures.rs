@@ -15,7 +15,7 @@ fn baked() -> Folder {
     let folder = Folder::new();
     let bytes = ASSET.get_or_init(|| {
         folder.obj("ball.obj", &called(shapes::bumpy_head(10.0, 4), "stone"));
-        folder.run("bake ball.obj --unit mm --material marble --method two_pass -o ball.tlux -q").ok();
+        folder.run("bake ball.obj --unit mm --material marble --method two_pass --samples 6000 -o ball.tlux -q").ok();
         folder.read("ball.tlux")
     });
     folder.write("ball.tlux", bytes);
@@ -124,6 +124,41 @@ fn specular_reflection_is_a_layer_that_can_be_made_rougher_or_left_out() {
 }
 
 #[test]
+fn highlights_follow_the_model_that_is_asked_for() {
+    let folder = baked();
+    let line = "render ball.tlux --light directional:from=0.2,0.5,1:irradiance=3 --resolution 40x40 -q";
+    for (options, file) in [
+        ("", "a.exr"),
+        ("--highlights ggx --roughness 0.3", "ggx.exr"),
+        ("--highlights blinn-phong:20", "wide.exr"),
+        ("--highlights blinn-phong:200", "narrow.exr"),
+    ] {
+        folder.run(&format!("{line} {options} -o {file}")).ok();
+    }
+    assert_eq!(folder.read("a.exr"), folder.read("ggx.exr"), "ggx is the default");
+    let layer = |file: &str| plane(&folder, file, "specular.G");
+    let brightest = |file: &str| layer(file).into_iter().fold(0.0, f32::max);
+    let share = |file: &str| layer(file).into_iter().filter(|v| *v > 0.1 * brightest(file)).count();
+    assert!(brightest("narrow.exr") > 5.0 * brightest("wide.exr"), "{}", brightest("wide.exr"));
+    assert!(share("wide.exr") > 4 * share("narrow.exr") && share("narrow.exr") > 3, "{}", share("narrow.exr"));
+    assert_eq!(plane(&folder, "a.exr", "diffuse.R"), plane(&folder, "wide.exr", "diffuse.R"));
+    assert!(String::from_utf8_lossy(&folder.read("wide.exr")[..4096]).contains("blinn-phong:20"));
+    let report = folder.run(&format!("{line} --highlights blinn-phong:20 -o b.exr --json")).ok().json();
+    assert!(report["highlights"] == "blinn-phong:20" && report["roughness"].is_null(), "{report}");
+    for exponent in ["0", "-20", "nan", "inf", "shiny", "", "10001"] {
+        folder.run(&format!("{line} --highlights blinn-phong:{exponent} -o c.exr")).fails(1, &["for example"]);
+    }
+    folder.run(&format!("{line} --highlights phong -o c.exr")).fails(1, &["ggx or blinn-phong:EXPONENT"]);
+    for other in ["--roughness 0.3", "--no-specular"] {
+        folder.run(&format!("{line} --highlights blinn-phong:20 {other} -o c.exr")).fails(1, &[&other[..10]]);
+    }
+    // Told before the asset is read.
+    folder
+        .run("render no.tlux --highlights blinn-phong:20 --roughness 0.3 -o c.exr")
+        .fails(1, &["leave --roughness out"]);
+}
+
+#[test]
 fn colours_have_16_bits_or_32_and_what_is_cut_is_said() {
     let folder = baked();
     let line = "render ball.tlux --light constant:radiance=1e6 --resolution 24x24";
@@ -145,7 +180,11 @@ fn the_header_says_what_made_the_picture() {
         (called(shapes::icosphere(3.0, 1), "wick"), DVec3::X * 20.0),
     ];
     folder.obj("two.obj", &shapes::compose(&parts));
-    folder.run("bake two.obj --unit mm --material wax=skin1 --opaque wick --method two_pass -o two.tlux -q").ok();
+    folder
+        .run(
+            "bake two.obj --unit mm --material wax=skin1 --opaque wick --method two_pass --samples 2000 -o two.tlux -q",
+        )
+        .ok();
     folder.run("render two.tlux --light constant:radiance=2 --resolution 48x24 -q -o two.exr").ok();
     let bytes = folder.read("two.exr");
     let head = String::from_utf8_lossy(&bytes[..4096.min(bytes.len())]).into_owned();

@@ -81,6 +81,9 @@ fn what_does_not_fit_is_refused() {
         ("--headless --frames 0 --out x", 1, "--frames 0"),
         ("--headless --frames 2 --out x --turn", 1, "--turn"),
         ("--headless --frames 2 --out x --roughness shiny", 1, "shiny"),
+        ("--headless --frames 2 --out x --highlights blinn-phong:0", 1, "exponent 0"),
+        ("--headless --frames 2 --out x --highlights blinn-phong:20 --roughness 0.3", 1, "leave --roughness out"),
+        ("--highlights blinn-phong:20 --roughness 0.3", 1, "leave --roughness out"),
         ("--headless --frames 2 --out no/such", 2, "no/such"),
         ("--headless --frames 2 --out file", 2, "file"),
     ] {

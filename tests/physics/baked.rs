@@ -11,7 +11,7 @@ use translux::geometry::source::SourceModel;
 use translux::light::Light;
 use translux::scene::Scene;
 
-use crate::in_memory::{lit, method, opened, scene_of, try_bake};
+use crate::in_memory::{lit, method, opened, scene_of, short, try_bake};
 
 /// One value of a shelf: what it is of, and the value once somebody has made it.
 type Slot<K, T> = (K, Arc<OnceLock<Arc<T>>>);
@@ -80,13 +80,16 @@ pub(crate) fn group() -> Scene {
 /// A method, and its keys with their defaults.
 type WithDefaults = (&'static str, Vec<(&'static str, &'static str)>);
 
-/// That group under a method, of 2000 samples; sets of lights are small, since it is not their error that is measured with it.
+/// That group under a method, of 2000 samples, or 500 where each receiver has its own; sets of lights are small, since it is not their
+/// error that is measured with it.
 pub(crate) fn of_group(method: &dyn Method) -> Arc<Asset> {
     static ASSETS: Shelf<WithDefaults, Asset> = Shelf::new();
     // Methods of one name differ in their defaults.
     let defaults = method.keys().iter().map(|key| (key.name(), key.default())).collect();
     ASSETS.get((method.name(), defaults), || {
         let few = method.keys().iter().any(|k| k.name() == "lights").then(|| ("lights".to_owned(), "60".to_owned()));
-        try_bake(method, group(), Some(2000), few.as_slice()).unwrap()
+        let samples = if method.keys().iter().any(|k| k.name() == "sampling") { 500 } else { 2000 };
+        let set: Vec<_> = short(method).into_iter().chain(few).collect();
+        try_bake(method, group(), Some(samples), &set).unwrap()
     })
 }

@@ -189,7 +189,7 @@ fn broken_surfaces_have_a_map() {
 
 #[test]
 fn small_parts_that_are_far_apart_have_a_map() {
-    let ball = shapes::icosphere(1.0, 4);
+    let ball = shapes::icosphere(1.0, 3);
     let (mesh, _) = mesh_of(shapes::compose(&[(ball.clone(), DVec3::ZERO), (ball, DVec3::X * 1e5)]));
     for map in MAPS {
         let (atlas, report) = Atlas::new(&mesh, map, 256).unwrap();

@@ -8,6 +8,9 @@ use rayon::prelude::*;
 
 use crate::light::environment::{EnvironmentMap, direction_of};
 use crate::math::random::radical_inverse_2;
+use crate::render::blinn_phong;
+use crate::render::frame::Specular;
+use crate::render::highlight::HighlightShape;
 
 /// Width of the finest blurred level in pixels; its height is half of it.
 pub(super) const GLOSSY_WIDTH: usize = 256;
@@ -89,9 +92,24 @@ fn centre_of(index: usize, width: usize, height: usize) -> DVec3 {
     direction_of(x / width as f64, y / height as f64)
 }
 
-/// Levels for roughness 0, 0.2, ... 1, each of half the size of the one before: mean radiance over the GGX lobe about a
-/// mirror direction, for a surface seen from above (Karis 2013, "Real shading in Unreal Engine 4").
-pub(super) fn blurred(map: &EnvironmentMap) -> Vec<LatLongImage> {
+/// Place of a reflection among the levels of [`blurred`], from 0 to 1: the roughness, or the one at which a lobe of GGX is
+/// as wide near its middle, `alpha^2 = 2 / (n + 2)`.
+pub(super) fn level_of(specular: Specular) -> f64 {
+    match specular {
+        Specular::Off => 1.0,
+        Specular::Rough(roughness) => roughness.value(),
+        Specular::BlinnPhong(exponent) => (2.0 / (exponent.value() + 2.0)).sqrt().sqrt(),
+    }
+}
+
+/// The exponent whose place among the levels is that of a roughness.
+fn exponent_of(roughness: f64) -> f64 {
+    2.0 / roughness.powi(4) - 2.0
+}
+
+/// Levels for roughness 0, 0.2, ... 1, each of half the size of the one before: mean radiance over the lobe of this shape
+/// about a mirror direction, for a surface seen from above (Karis 2013, "Real shading in Unreal Engine 4").
+pub(super) fn blurred(map: &EnvironmentMap, shape: HighlightShape) -> Vec<LatLongImage> {
     let mut sources = vec![resized(map, GLOSSY_WIDTH)];
     while sources.last().is_some_and(|l| l.width > 4) {
         let next = sources.last().map(LatLongImage::halved);
@@ -102,15 +120,14 @@ pub(super) fn blurred(map: &EnvironmentMap) -> Vec<LatLongImage> {
             let width = GLOSSY_WIDTH >> level;
             match level {
                 0 => sources[0].clone(),
-                _ => blur(&sources, width, level as f64 / (LEVELS - 1) as f64),
+                _ => blur(&sources, width, level as f64 / (LEVELS - 1) as f64, shape),
             }
         })
         .collect()
 }
 
-fn blur(sources: &[LatLongImage], width: usize, roughness: f64) -> LatLongImage {
-    let alpha = roughness * roughness;
-    let lobe = lobe(alpha, 4.0 * PI / (GLOSSY_WIDTH * GLOSSY_WIDTH / 2) as f64, sources.len());
+fn blur(sources: &[LatLongImage], width: usize, roughness: f64, shape: HighlightShape) -> LatLongImage {
+    let lobe = lobe(roughness, shape, 4.0 * PI / (GLOSSY_WIDTH * GLOSSY_WIDTH / 2) as f64, sources.len());
     let height = width / 2;
     let pixel = |i: usize| {
         let normal = centre_of(i, width, height);
@@ -127,17 +144,27 @@ fn blur(sources: &[LatLongImage], width: usize, roughness: f64) -> LatLongImage 
 }
 
 /// Directions of the lobe about +Z, each with the source whose pixels are about as large as its share of the lobe.
-fn lobe(alpha: f64, pixel_sr: f64, sources: usize) -> Vec<(DVec3, usize)> {
-    let a2 = alpha * alpha;
+fn lobe(roughness: f64, shape: HighlightShape, pixel_sr: f64, sources: usize) -> Vec<(DVec3, usize)> {
+    let alpha = roughness * roughness;
+    let (a2, exponent) = (alpha * alpha, exponent_of(roughness));
     let direction = |i: u32| {
         let xi = (f64::from(i) + 0.5) / f64::from(DIRECTIONS);
         let (sin_phi, cos_phi) = (TAU * radical_inverse_2(i)).sin_cos();
-        let cos2 = (1.0 - xi) / (1.0 + (a2 - 1.0) * xi);
+        let cos2 = match shape {
+            HighlightShape::Ggx => (1.0 - xi) / (1.0 + (a2 - 1.0) * xi),
+            HighlightShape::BlinnPhong => blinn_phong::sampled_cosine(exponent, xi).powi(2),
+        };
         let (cos, sin) = (cos2.sqrt(), (1.0 - cos2).max(0.0).sqrt());
         let half = DVec3::new(sin * cos_phi, sin * sin_phi, cos);
         let light = half * (2.0 * cos) - DVec3::Z;
-        let t = 1.0 + (a2 - 1.0) * cos2;
-        let density = 0.25 * FRAC_1_PI * a2 / (t * t);
+        // Seen from above, D cos_half / (4 cos_difference) is a quarter of D.
+        let density = match shape {
+            HighlightShape::Ggx => {
+                let t = 1.0 + (a2 - 1.0) * cos2;
+                0.25 * FRAC_1_PI * a2 / (t * t)
+            }
+            HighlightShape::BlinnPhong => 0.25 * blinn_phong::distribution(exponent, cos),
+        };
         let share_sr = 1.0 / (f64::from(DIRECTIONS) * density);
         let level = (0.5 * (share_sr / pixel_sr).log2() + 0.5).clamp(0.0, (sources - 1) as f64);
         (light, level as usize)
@@ -170,6 +197,8 @@ mod tests {
     use super::*;
     use crate::light::sky::sky;
 
+    const SHAPES: [HighlightShape; 2] = [HighlightShape::Ggx, HighlightShape::BlinnPhong];
+
     fn unpacked(bits: u32) -> DVec3 {
         let unit = f64::from((bits >> 27) as i32 - 24).exp2();
         DVec3::new(f64::from(bits & 511), f64::from(bits >> 9 & 511), f64::from(bits >> 18 & 511)) * unit
@@ -191,7 +220,7 @@ mod tests {
     #[test]
     fn blurring_a_constant_changes_nothing_and_energy_survives_resizing() {
         let grey = EnvironmentMap::new(8, 4, vec![[2.0, 1.0, 0.5]; 32]).unwrap();
-        for level in blurred(&grey) {
+        for level in SHAPES.into_iter().flat_map(|shape| blurred(&grey, shape)) {
             assert_eq!(level.pixels.len(), level.width * level.width / 2);
             assert!(level.pixels.iter().all(|p| (*p - DVec3::new(2.0, 1.0, 0.5)).length() < 1e-12));
         }
@@ -204,8 +233,16 @@ mod tests {
         };
         let expected = map.energy() / (4.0 * PI);
         assert!(((mean(&resized(&map, 64)) - expected) / expected).abs().max_element() < 0.02);
-        for level in blurred(&map) {
+        for level in SHAPES.into_iter().flat_map(|shape| blurred(&map, shape)) {
             assert!(((mean(&level) - expected) / expected).abs().max_element() < 0.1, "{}", level.width);
+        }
+    }
+
+    #[test]
+    fn levels_hold_the_exponents_that_they_are_looked_up_for() {
+        for exponent in [1.0, 20.0, 1e4] {
+            let level = level_of(Specular::BlinnPhong(blinn_phong::Exponent::new(exponent).unwrap()));
+            assert!((0.0..=1.0).contains(&level) && (exponent_of(level) / exponent - 1.0).abs() < 1e-9, "{exponent}");
         }
     }
 }

@@ -11,7 +11,7 @@ use super::view::{ENVIRONMENTS, EnvironmentUniform, finite, finite3};
 use crate::evaluate::device::Device;
 use crate::light::Light;
 use crate::light::environment::EnvironmentMap;
-use crate::render::specular::Ggx;
+use crate::render::highlight::{Highlight, HighlightShape};
 
 /// Number of points along each edge that represent a rectangle.
 const POINTS_PER_EDGE: usize = 3;
@@ -72,6 +72,8 @@ fn environments(lights: &[Light]) -> Vec<(&Arc<EnvironmentMap>, f64, DVec3)> {
 /// Textures of the environments, renewed only when the pictures change.
 pub(super) struct Environments {
     maps: Vec<Arc<EnvironmentMap>>,
+    /// Shape of the highlights that they are blurred for.
+    pub(super) shape: HighlightShape,
     /// Factors on the textures' values.
     scales: Vec<f64>,
     pub(super) glossy: wgpu::TextureView,
@@ -80,7 +82,7 @@ pub(super) struct Environments {
 
 impl Environments {
     /// The textures of some environments; black ones without any.
-    pub(super) fn of(device: &Device, maps: Vec<Arc<EnvironmentMap>>) -> Self {
+    pub(super) fn of(device: &Device, maps: Vec<Arc<EnvironmentMap>>, shape: HighlightShape) -> Self {
         let limit = device.device.limits().max_texture_dimension_2d as usize;
         let widest = maps.iter().map(|m| m.width()).max().unwrap_or(2).next_power_of_two();
         let width = widest.clamp(2, MAX_BACKDROP_WIDTH.min(limit));
@@ -91,7 +93,7 @@ impl Environments {
         };
         let scales: Vec<f64> = maps.iter().map(brightest).collect();
         let black = |width: usize| LatLongImage { width, pixels: vec![DVec3::ZERO; width * (width / 2).max(1)] };
-        let mut glossy: Vec<Vec<LatLongImage>> = maps.iter().map(|m| blurred(m)).collect();
+        let mut glossy: Vec<Vec<LatLongImage>> = maps.iter().map(|m| blurred(m, shape)).collect();
         let mut backdrop: Vec<Vec<LatLongImage>> = maps.iter().map(|m| vec![resized(m, width)]).collect();
         if maps.is_empty() {
             glossy.push((0..LEVELS).map(|l| black(64 >> l)).collect());
@@ -100,15 +102,17 @@ impl Environments {
         let layer_scales = if scales.is_empty() { vec![1.0] } else { scales.clone() };
         let glossy = texture(device, "glossy environment", &glossy, &layer_scales);
         let backdrop = texture(device, "background", &backdrop, &layer_scales);
-        Self { maps, scales, glossy, backdrop }
+        Self { maps, shape, scales, glossy, backdrop }
     }
 
-    /// Brings the textures up to date; returns whether they were replaced.
-    pub(super) fn update(&mut self, device: &Device, lights: &[Light]) -> bool {
+    /// Brings the textures up to date with the lights and with the shape of highlights; returns whether they were replaced.
+    pub(super) fn update(&mut self, device: &Device, lights: &[Light], shape: HighlightShape) -> bool {
         let now = environments(lights);
-        let same = now.len() == self.maps.len() && now.iter().zip(&self.maps).all(|((a, ..), b)| Arc::ptr_eq(a, b));
+        let same = shape == self.shape
+            && now.len() == self.maps.len()
+            && now.iter().zip(&self.maps).all(|((a, ..), b)| Arc::ptr_eq(a, b));
         if !same {
-            *self = Self::of(device, now.iter().map(|(map, ..)| Arc::clone(map)).collect());
+            *self = Self::of(device, now.iter().map(|(map, ..)| Arc::clone(map)).collect(), shape);
         }
         !same
     }
@@ -141,17 +145,17 @@ fn texture(device: &Device, label: &str, layers: &[Vec<LatLongImage>], scales: &
 /// Steps of the table of [`albedos`].
 pub(super) const ALBEDO_STEPS: usize = 32;
 
-/// Share of uniform light that a rough dielectric boundary with a lobe of this width reflects, at cosines from 0 to 1.
-pub(super) fn albedos(eta: f64, alpha: f64) -> [f32; ALBEDO_STEPS] {
+/// Share of uniform light that a boundary reflects, at cosines from 0 to 1.
+pub(super) fn albedos(highlight: Option<Highlight>) -> [f32; ALBEDO_STEPS] {
     const SIDE: u32 = 24;
-    let ggx = Ggx { alpha, eta_inside_over_outside: eta };
+    let Some(highlight) = highlight else { return [0.0; ALBEDO_STEPS] };
     let place = |k: u32| (f64::from(k) + 0.5) / f64::from(SIDE);
     std::array::from_fn(|step| {
         let cos = (step as f64 / (ALBEDO_STEPS - 1) as f64).max(1e-3);
         let eye = DVec3::new((1.0 - cos * cos).sqrt(), 0.0, cos);
         let reflected = |i: u32| {
             let facet = DVec2::new(place(i % SIDE), place(i / SIDE));
-            ggx.sample(DVec3::Z, eye, facet).map_or(0.0, |reflected| reflected.weight)
+            highlight.sample(DVec3::Z, eye, facet).map_or(0.0, |reflected| reflected.weight)
         };
         ((0..SIDE * SIDE).map(reflected).sum::<f64>() / f64::from(SIDE * SIDE)) as f32
     })
@@ -161,19 +165,32 @@ pub(super) fn albedos(eta: f64, alpha: f64) -> [f32; ALBEDO_STEPS] {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::render::specular::MIN_ALPHA;
+    use crate::render::blinn_phong::Exponent;
+    use crate::render::frame::Specular;
+    use crate::render::specular::Roughness;
+
+    fn rough(roughness: f64) -> Specular {
+        Specular::Rough(Roughness::new(roughness).unwrap())
+    }
+
+    fn power(exponent: f64) -> Specular {
+        Specular::BlinnPhong(Exponent::new(exponent).unwrap())
+    }
 
     #[test]
     fn a_smooth_boundary_reflects_what_fresnel_says_and_none_without_a_step() {
-        let smooth = albedos(1.5, MIN_ALPHA);
-        for (step, value) in smooth.iter().enumerate().skip(2) {
-            let cos = step as f64 / (ALBEDO_STEPS - 1) as f64;
-            let expected = 1.0 - crate::medium::fresnel::transmittance(1.5, cos);
-            assert!((f64::from(*value) - expected).abs() < 0.01 * expected + 1e-3, "{cos}: {value} {expected}");
+        // A power loses what its facets' G = cos_i cos_o takes.
+        for (specular, slant) in [(rough(0.0), 0), (power(1e4), 2)] {
+            let smooth = albedos(specular.highlight(1.5));
+            for (step, value) in smooth.iter().enumerate().skip(2) {
+                let cos = step as f64 / (ALBEDO_STEPS - 1) as f64;
+                let expected = (1.0 - crate::medium::fresnel::transmittance(1.5, cos)) * cos.powi(slant);
+                assert!((f64::from(*value) - expected).abs() < 0.01 * expected + 1e-3, "{cos}: {value} {expected}");
+            }
         }
-        assert!(albedos(1.0, 0.25).iter().all(|a| a.abs() < 1e-6));
-        for roughness in [0.1, 0.3, 1.0] {
-            assert!(albedos(1.3, roughness * roughness).iter().all(|a| (0.0..=1.0).contains(a)));
+        assert_eq!(albedos(rough(0.5).highlight(1.0)), [0.0; ALBEDO_STEPS]);
+        for specular in [rough(0.1), rough(0.3), rough(1.0), power(1.0), power(30.0)] {
+            assert!(albedos(specular.highlight(1.3)).iter().all(|a| (0.0..=1.0).contains(a)), "{specular:?}");
         }
     }
 

@@ -32,7 +32,7 @@ use crate::medium::material::Medium;
 use crate::render::background::Background;
 use crate::render::exit::{ExitFresnel, ExitRadiance};
 use crate::render::frame::Specular;
-use crate::render::specular::Roughness;
+use crate::render::highlight::HighlightShape;
 use crate::render::texture::Texture;
 
 pub use self::shown::Shown;
@@ -79,7 +79,7 @@ impl Raster {
             uniform: filled(&device, "view", &[ViewUniform::default()], usage(wgpu::BufferUsages::UNIFORM))?,
             wrap: sampler(&device, "environment", wgpu::AddressMode::ClampToEdge),
             // Black, for lights without an environment.
-            environments: Environments::of(&device, Vec::new()),
+            environments: Environments::of(&device, Vec::new(), HighlightShape::default()),
             pattern: Pattern::new(&device)?,
         };
         let bindings = bound.group(&device, &layout);
@@ -117,7 +117,6 @@ impl Raster {
         if same {
             return;
         }
-        let alpha = specular.roughness().map_or(1.0, Roughness::alpha);
         let mut rows: Vec<[f32; 4]> = Vec::with_capacity(media.len());
         let mut shares: Vec<f32> = Vec::with_capacity(media.len() * ALBEDO_STEPS);
         for medium in media {
@@ -126,13 +125,17 @@ impl Raster {
             let straight = transmittance(eta, 1.0);
             let scale_per_sr = if straight > 0.0 { exit.per_radiosity(1.0) / straight } else { 0.0 };
             rows.push([eta as f32, finite(scale_per_sr), shares.len() as f32, 0.0]);
-            shares.extend(albedos(eta, alpha));
+            shares.extend(albedos(specular.highlight(eta)));
         }
         // The buffers are as long as the scene has media; more would have no part.
         let fits = |buffer: &wgpu::Buffer, bytes: usize| bytes as u64 <= buffer.size();
         if fits(&self.bound.media, rows.len() * 16) && fits(&self.bound.albedo, shares.len() * 4) {
             self.device.queue.write_buffer(&self.bound.media, 0, bytemuck::cast_slice(&rows));
             self.device.queue.write_buffer(&self.bound.albedo, 0, bytemuck::cast_slice(&shares));
+        }
+        let shape = specular.shape().unwrap_or(self.bound.environments.shape);
+        if self.bound.environments.update(&self.device, &self.lights, shape) {
+            self.bindings = self.bound.group(&self.device, &self.layout);
         }
         self.made_for = Some((media.to_vec(), specular));
     }
@@ -143,7 +146,8 @@ impl Raster {
     /// More lights than the adapter binds (exit 5).
     pub fn set_lights(&mut self, lights: &[Light]) -> Result<()> {
         let lamps = lamps(lights, self.origin_mm);
-        let mut stale = self.bound.environments.update(&self.device, lights);
+        let shape = self.bound.environments.shape;
+        let mut stale = self.bound.environments.update(&self.device, lights, shape);
         let bytes: &[u8] = bytemuck::cast_slice(&lamps);
         if bytes.len() as u64 > self.bound.lamps.size() {
             self.bound.lamps = self.device.storage("lamps", &lamps)?;

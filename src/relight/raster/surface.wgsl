@@ -15,7 +15,8 @@ struct View {
     right: vec3f,
     alpha: f32,
     upward: vec3f,
-    roughness: f32,
+    // Level of the environments that are blurred as wide as highlights, from 0 to LAST_LEVEL.
+    level: f32,
     forward: vec3f,
     mode: u32,
     constant: vec3f,
@@ -29,7 +30,8 @@ struct View {
     error_scale: f32,
     error_known: u32,
     textured: u32,
-    unused: u32,
+    // Of Blinn-Phong highlights; 0 for those of GGX.
+    exponent: f32,
     colours: array<vec4f, ERROR_COLOURS>,
     environments: array<Environment, ENVIRONMENTS>,
 }
@@ -141,8 +143,9 @@ fn slope_root(alpha: f32, cosine: f32) -> f32 {
     return sqrt(a2 + (1.0 - a2) * cosine * cosine);
 }
 
-// GGX (Walter et al. 2007) with height-correlated masking (Heitz 2014).
-fn ggx(eta: f32, normal: vec3f, to_light: vec3f, to_eye: vec3f) -> f32 {
+// Radiance over the irradiance of a facing surface: GGX (Walter et al. 2007) with height-correlated masking (Heitz 2014),
+// or a power of the half vector's cosine (render/blinn_phong.rs).
+fn highlight(eta: f32, normal: vec3f, to_light: vec3f, to_eye: vec3f) -> f32 {
     let cos_i = dot(normal, to_light);
     let cos_o = dot(normal, to_eye);
     if cos_i <= 0.0 || cos_o <= 0.0 {
@@ -151,6 +154,11 @@ fn ggx(eta: f32, normal: vec3f, to_light: vec3f, to_eye: vec3f) -> f32 {
     let half = normalize(to_light + to_eye);
     let cos_half = min(dot(normal, half), 1.0);
     let sine = cross(normal, half);
+    if view.exponent > 0.0 {
+        // The sine is exact where the power falls fastest.
+        let power = pow(max(1.0 - dot(sine, sine), 0.0), 0.5 * view.exponent);
+        return (1.0 - transmittance(eta, dot(half, to_eye))) * (view.exponent + 2.0) / (8.0 * PI) * power * cos_i;
+    }
     let a2 = view.alpha * view.alpha;
     let t = dot(sine, sine) + a2 * cos_half * cos_half;
     let distribution = a2 / (PI * t * t);
@@ -190,12 +198,12 @@ fn specular(in: Surface, medium: vec4f, normal: vec3f, to_eye: vec3f) -> vec3f {
         if light.power.w >= 0.0 {
             irradiance *= in.visible[u32(light.power.w)];
         }
-        sum += irradiance * ggx(medium.x, normal, to_light, to_eye);
+        sum += irradiance * highlight(medium.x, normal, to_light, to_eye);
     }
     var around = view.constant;
     let reflected = reflect(-to_eye, normal);
     for (var i = 0u; i < view.environment_count; i++) {
-        let seen = textureSampleLevel(glossy, wrap, place_in_map(reflected, i), i, view.roughness * LAST_LEVEL);
+        let seen = textureSampleLevel(glossy, wrap, place_in_map(reflected, i), i, view.level * LAST_LEVEL);
         around += seen.xyz * view.environments[i].scale.xyz;
     }
     let at = clamp(cos_o, 0.0, 1.0) * f32(ALBEDO_STEPS - 1u);

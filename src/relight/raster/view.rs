@@ -2,6 +2,7 @@
 
 use glam::{DVec2, DVec3, Mat4, Vec4};
 
+use super::environment::level_of;
 use crate::render::background::Background;
 use crate::render::camera::{Camera, Resolution};
 use crate::render::frame::Specular;
@@ -93,7 +94,7 @@ pub(super) struct ViewUniform {
     right: [f32; 3],
     alpha: f32,
     upward: [f32; 3],
-    roughness: f32,
+    level: f32,
     forward: [f32; 3],
     mode: u32,
     pub(super) constant: [f32; 3],
@@ -107,7 +108,7 @@ pub(super) struct ViewUniform {
     error_scale: f32,
     error_known: u32,
     textured: u32,
-    unused: u32,
+    exponent: f32,
     colours: [[f32; 4]; 6],
     pub(super) environments: [EnvironmentUniform; ENVIRONMENTS],
 }
@@ -142,11 +143,11 @@ impl ViewUniform {
             right: right.as_vec3().to_array(),
             alpha: view.specular.roughness().map_or(1.0, Roughness::alpha) as f32,
             upward: upward.as_vec3().to_array(),
-            roughness: view.specular.roughness().map_or(1.0, Roughness::value) as f32,
+            level: level_of(view.specular) as f32,
             forward: forward.as_vec3().to_array(),
             mode: view.look as u32,
             diffuse: 1.0,
-            specular: if view.specular.roughness().is_some() { 1.0 } else { 0.0 },
+            specular: if view.specular == Specular::Off { 0.0 } else { 1.0 },
             encode: u32::from(srgb),
             backdrop_alpha: match view.background {
                 Background::Environment => 2.0,
@@ -156,6 +157,10 @@ impl ViewUniform {
             error_scale: view.worst_error.map_or(0.0, |e| finite(1.0 / e.max(1e-12))),
             error_known: u32::from(view.worst_error.is_some()),
             textured: u32::from(view.textured),
+            exponent: match view.specular {
+                Specular::BlinnPhong(exponent) => exponent.value() as f32,
+                Specular::Off | Specular::Rough(_) => 0.0,
+            },
             colours: ERROR_COLOURS.map(colour),
             ..Self::default()
         }

@@ -17,10 +17,12 @@ use crate::relight::lights::{AdjustedLight, pivot_mm};
 use crate::relight::orbit::Orbit;
 use crate::relight::raster::view::{Look, View};
 use crate::render::background::Background;
+use crate::render::blinn_phong::{DEFAULT_EXPONENT, Exponent};
 use crate::render::camera::{Camera, Resolution};
 use crate::render::film::{Exposure, MAX_STOPS};
 use crate::render::frame::Specular;
-use crate::render::specular::Roughness;
+use crate::render::highlight::HighlightShape;
+use crate::render::specular::{DEFAULT_ROUGHNESS, Roughness};
 use crate::scene::Scene;
 
 /// Speed of turning lights, in degrees per second.
@@ -78,7 +80,10 @@ pub(super) struct Desk {
     white: Option<f64>,
     white_wanted: Option<f64>,
     pub(super) reflects: bool,
+    /// Shape of the highlights, and the width of each.
+    pub(super) highlights: HighlightShape,
     pub(super) roughness: f64,
+    pub(super) exponent: f64,
     /// Whether there is a texture, and whether it is shown.
     pub(super) has_texture: bool,
     pub(super) textured: bool,
@@ -122,7 +127,9 @@ impl Desk {
             white: None,
             white_wanted: None,
             reflects: true,
-            roughness: 0.3,
+            highlights: HighlightShape::default(),
+            roughness: DEFAULT_ROUGHNESS,
+            exponent: DEFAULT_EXPONENT,
             has_texture: false,
             textured: true,
             background: Background::Environment,
@@ -221,8 +228,11 @@ impl Desk {
     }
 
     pub(super) fn specular(&self) -> Specular {
-        let roughness = Roughness::new(self.roughness).unwrap_or_default();
-        if self.reflects { Specular::Rough(roughness) } else { Specular::Off }
+        match self.highlights {
+            _ if !self.reflects => Specular::Off,
+            HighlightShape::Ggx => Specular::Rough(Roughness::new(self.roughness).unwrap_or_default()),
+            HighlightShape::BlinnPhong => Specular::BlinnPhong(Exponent::new(self.exponent).unwrap_or_default()),
+        }
     }
 
     /// Whether there is a texture and it is shown.
@@ -231,8 +241,14 @@ impl Desk {
     }
 
     pub(super) fn set_specular(&mut self, specular: Specular) {
-        self.reflects = specular.roughness().is_some();
-        self.roughness = specular.roughness().map_or(self.roughness, Roughness::value);
+        self.reflects = specular != Specular::Off;
+        match specular {
+            Specular::Off => {}
+            Specular::Rough(roughness) => (self.highlights, self.roughness) = (HighlightShape::Ggx, roughness.value()),
+            Specular::BlinnPhong(exponent) => {
+                (self.highlights, self.exponent) = (HighlightShape::BlinnPhong, exponent.value());
+            }
+        }
     }
 
     /// The view of a frame from a camera.

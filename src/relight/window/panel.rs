@@ -9,6 +9,8 @@ use super::desk::{Asked, Desk};
 use crate::light::Light;
 use crate::relight::lights::{AdjustedLight, MAX_STOPS};
 use crate::relight::raster::view::{ERROR_COLOURS, Look};
+use crate::render::blinn_phong::EXPONENTS;
+use crate::render::highlight::HighlightShape;
 
 /// Width in points, suitable also for a window of 640 points.
 const WIDTH: f32 = 250.0;
@@ -115,11 +117,24 @@ fn picture(ui: &mut Ui, desk: &mut Desk) {
         Slider::new(&mut desk.stops, -16.0..=16.0).clamping(egui::SliderClamping::Edits).fixed_decimals(1).text("EV"),
     );
     ui.checkbox(&mut desk.reflects, "reflection");
-    ui.add_enabled(desk.reflects, Slider::new(&mut desk.roughness, 0.0..=1.0).fixed_decimals(2).text("roughness"));
+    ui.add_enabled_ui(desk.reflects, |ui| highlights(ui, desk));
     if desk.has_texture {
         ui.checkbox(&mut desk.textured, "texture");
     }
     ui.checkbox(&mut desk.wires, "wireframe");
+}
+
+fn highlights(ui: &mut Ui, desk: &mut Desk) {
+    ui.horizontal(|ui| {
+        ui.selectable_value(&mut desk.highlights, HighlightShape::Ggx, "GGX");
+        ui.selectable_value(&mut desk.highlights, HighlightShape::BlinnPhong, "Blinn-Phong");
+    });
+    ui.add(match desk.highlights {
+        HighlightShape::Ggx => Slider::new(&mut desk.roughness, 0.0..=1.0).fixed_decimals(2).text("roughness"),
+        HighlightShape::BlinnPhong => {
+            Slider::new(&mut desk.exponent, EXPONENTS).logarithmic(true).fixed_decimals(0).text("exponent")
+        }
+    });
 }
 
 fn views(ui: &mut Ui, desk: &mut Desk, figures: &Figures, asked: &mut Asked) {
