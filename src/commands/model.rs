@@ -76,6 +76,7 @@ pub(super) fn import(mut source: Source, options: &ImportOptions, console: &Cons
     if let Some(choice) = imported.origin.notes.last().filter(|_| imported.check.components > 1) {
         console.note(choice);
     }
+    imported.check.faults().iter().for_each(|fault| console.fault(fault));
     imported.check.warnings().iter().for_each(|warning| console.warn(warning));
     let diagonal = imported.scene.mesh.diagonal_mm();
     let triple = |v: DVec3| v.to_array().map(significant).join(" ");
