@@ -71,7 +71,13 @@ impl Console {
             global: global.clone(),
             max_memory,
             registry,
-            state: Mutex::new(State { bar: None, stage: None, times: Vec::new(), warnings: Vec::new(), faults: Vec::new() }),
+            state: Mutex::new(State {
+                bar: None,
+                stage: None,
+                times: Vec::new(),
+                warnings: Vec::new(),
+                faults: Vec::new(),
+            }),
             started: Instant::now(),
         })
     }

@@ -9,7 +9,7 @@ use clap::{Args, ValueEnum};
 use super::baking::{self, BakeOptions};
 use super::console::{Console, in_range};
 use super::evaluate::{Radiosity, finish};
-use super::lights::LightArgs;
+use super::lights::{LightArgs, warn_of_places};
 use super::media::ProfileArg;
 use super::model::ModelArgs;
 use super::{opening, output};
@@ -150,6 +150,7 @@ fn calibrated(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
             console.warn(&format!("part `{}` is not closed: it keeps its dipole, which needs no volume", part.name));
         }
     }
+    warn_of_places(&scene, &lights.lights, samples, console);
     let radiosity = body.radiosity(&lights.lights, SAMPLING, console)?;
     output::write(&args.output, console, || {
         let mut comments = comments("calibrated dipole", &scene, &lights.text);
@@ -176,6 +177,8 @@ fn monte_carlo(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
     let Imported { scene, check, .. } = args.model.load(console)?;
     check_closed(&scene, &check).map_err(|e| e.at(args.model.model.display()))?;
     console.check_memory(exitance::memory(scene.domain()), "raise --max-memory")?;
+    // Photons start from points of the surface, not from samples of it.
+    warn_of_places(&scene, &lights.lights, 0, console);
     let started = Instant::now();
     let walked = exitance::exitance(scene.domain(), &lights.lights, effort, args.walk.seed, console)?;
     let rate = walked.budget.iter().map(|b| b.collisions).sum::<u64>() as f64 / started.elapsed().as_secs_f64();

@@ -4,4 +4,5 @@ pub mod chart;
 pub mod flip;
 pub mod growth;
 pub mod image_error;
+pub mod light_places;
 pub mod probes;

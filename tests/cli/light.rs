@@ -320,3 +320,25 @@ fn a_few_walks_bring_the_dipole_nearer_to_the_volume() {
     }
     run("head.obj", "--photons 4000").fails(1, &["--photons", "calibrated"]);
 }
+
+#[test]
+fn lights_inside_on_and_just_above_a_body_are_named_and_strict_fails_on_them() {
+    let folder = Folder::new();
+    folder.obj("ball.obj", &shapes::icosphere(10.0, 3));
+    folder.run("bake ball.obj --unit mm --material skin1 --samples 1500 --for-lights point -o a.tlux").ok();
+    let run = |at: &str, rest: &str| {
+        folder.run(&format!("evaluate a.tlux --light point:at={at}:intensity=100 --measure {rest} -o b.ply"))
+    };
+    let inside = run("0,3,0", "").ok().stderr;
+    assert!(inside.contains("inside the part 'default', 6.9") && inside.contains("0 everywhere"), "{inside}");
+    assert!(!inside.contains("sampling error"), "a black result has no error: {inside}");
+    let json = run("0,3,0", "--json").ok().json();
+    assert_eq!(json["measured"]["entries"].as_array().map(Vec::len), Some(0));
+    run("0,3,0", "--strict").fails(6, &["inside the part 'default'"]);
+    assert!(folder.path("b.ply").exists(), "what was computed is written");
+    run("0,10,0", "--strict").fails(6, &["on the surface of the part 'default'"]);
+    run("0,10.01,0", "--strict").fails(6, &["0.01", "samples lie", "apart"]);
+    let near: DVec3 = folder.radiosity("b.ply").into_iter().sum();
+    assert!(near.min_element() > 0.0, "what falls on the surface is kept");
+    run("0,30,0", "--strict").ok();
+}

@@ -13,8 +13,8 @@ use std::collections::HashMap;
 
 use serde::Serialize;
 
-pub use components::{Closure, WindingDoubt};
 use components::ComponentTrees;
+pub use components::{Closure, WindingDoubt};
 pub(crate) use components::{Component, ComponentTree, Components, DisjointSets, is_slit};
 pub use roles::{MaterialRoles, Role};
 
@@ -147,6 +147,13 @@ impl Parts {
         let opaque = if opaque > 0 { ", one of them opaque" } else { "" };
         format!("{} -> {} ({rule}){opaque}", plural(components, "component"), plural(self.parts.len(), "part"))
     }
+}
+
+/// For each of `count` parts, its edges whose triangles do not pair up in opposite directions, borders aside;
+/// `triangle_part` has one entry for each triangle.
+pub fn inconsistent_edges(mesh: &Mesh, triangle_part: &[u32], count: usize) -> Vec<usize> {
+    let of = |t: u32| triangle_part.get(t as usize).filter(|&&part| (part as usize) < count).map(|&part| (part, 1));
+    components::inspect_edges(mesh, &EdgeTable::new(mesh), of, count).into_iter().map(|(_, edges)| edges).collect()
 }
 
 /// Parts, components and edges of a mesh, computed once for transport and the mesh check.
