@@ -1,5 +1,6 @@
 //! Error metrics of pictures, probe lights and comparisons.
 
+pub mod between_vertices;
 pub mod chart;
 pub mod flip;
 pub mod growth;

@@ -146,13 +146,13 @@ fn multilevel_summation_edits_what_the_tree_edits() {
 #[test]
 fn windings_are_mended_or_told_in_output_asset_and_exit_code() {
     let folder = Folder::new();
-    let right = shapes::bumpy_head(12.0, 3);
+    let right = shapes::bumpy_head(12.0, 4);
     let mut wrong = right.clone();
     wrong.triangles.iter_mut().step_by(3).for_each(|t| t.swap(1, 2));
     folder.obj("right.obj", &right);
     folder.obj("wrong.obj", &wrong);
     let bake = |model: &str, rest: &str| {
-        folder.run(&format!("bake {model}.obj --unit mm --material marble --samples 1300 --for-lights directional {rest} -o {model}.tlux"))
+        folder.run(&format!("bake {model}.obj --unit mm --material skin1 --samples 5120 --for-lights directional --max-rms 20% {rest} -o {model}.tlux"))
     };
     let lit = |model: &str| {
         folder.run(&format!("evaluate {model}.tlux --light directional:from=1,2,3:irradiance=1 -o {model}.ply")).ok();
@@ -162,7 +162,7 @@ fn windings_are_mended_or_told_in_output_asset_and_exit_code() {
     assert!(!told.contains("wound against"), "{told}");
     let told = bake("wrong", "--strict").ok().stderr;
     assert!(
-        told.contains("part 'default': 427 of 1280 triangles were wound against the others: turned over"),
+        told.contains("part 'default': 1707 of 5120 triangles were wound against the others: turned over"),
         "{told}"
     );
     assert!(folder.run("inspect wrong.tlux").ok().text().contains("turned over"));
