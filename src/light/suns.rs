@@ -234,7 +234,7 @@ mod tests {
         assert_eq!(*irradiance, suns[0].irradiance * scale);
         let sent = rest.energy() + suns.iter().map(|sun| sun.irradiance).sum::<DVec3>();
         assert!((sent / map.energy() - 1.0).abs().max_element() < 1e-14);
-        assert_eq!(apart(&[light.clone()], |_| false), [light]);
+        assert_eq!(apart(std::slice::from_ref(&light), |_| false), [light]);
     }
 
     #[test]

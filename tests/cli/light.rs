@@ -344,3 +344,17 @@ fn lights_inside_on_and_just_above_a_body_are_named_and_strict_fails_on_them() {
     assert!(near.min_element() > 0.0, "what falls on the surface is kept");
     run("0,30,0", "--strict").ok();
 }
+
+#[test]
+fn no_vertex_is_darker_than_black() {
+    let folder = Folder::new();
+    // Thousands of mean free paths across, and a light too weak to hide what rounding leaves in the dark.
+    folder.obj("head.obj", &shapes::bumpy_head(500.0, 3));
+    for method in ["reference", "two_pass"] {
+        let line =
+            format!("reference head.obj --unit mm --material marble --samples 8000 --method {method} --no-measure");
+        folder.run(&format!("{line} --light point:at=0,0,1000:intensity=1 -o b.ply")).ok();
+        let values = folder.radiosity("b.ply");
+        assert!(values.iter().all(|b| b.min_element() >= 0.0) && values.iter().any(|b| b.x > 0.0), "{method}");
+    }
+}

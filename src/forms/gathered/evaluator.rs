@@ -59,8 +59,15 @@ impl Exitance for AtPoints<'_> {
             self.parts.parts.get(part as usize)?.transfers().then_some((part, point.at_mm))
         };
         let receivers = Receivers::at(&points.iter().map(place).collect::<Vec<_>>(), GROUP);
-        receivers.expand(&self.gather.radiosity(&receivers, &self.lit, self.scheme, progress))
+        receivers.expand(&not_negative(self.gather.radiosity(&receivers, &self.lit, self.scheme, progress)))
     }
+}
+
+/// Radiosity without what rounding leaves below zero: closed forms over the edges of near triangles cancel, and where it
+/// is dark for many mean free paths around, 1e-8 of the brightest is all that is left of them.
+fn not_negative(mut values: Vec<DVec3>) -> Vec<DVec3> {
+    values.iter_mut().for_each(|b| *b = b.max(DVec3::ZERO));
+    values
 }
 
 impl Evaluator for GatheredEvaluator {
@@ -138,7 +145,7 @@ impl Evaluator for GatheredEvaluator {
                 self.with_gather(|gather, lit| gather.radiosity(&self.receivers, lit, scheme, progress))
             }
         };
-        Ok(self.receivers.expand(&values))
+        Ok(self.receivers.expand(&not_negative(values)))
     }
 
     fn prepare_points(&mut self, progress: &dyn Progress) -> Result<()> {
@@ -218,7 +225,8 @@ impl Evaluator for GatheredEvaluator {
         let (direct, pieces) = self.direct();
         let irradiance = returned.as_ref().map_or(direct, |returned| &returned.irradiance);
         let lit = gather.light_with_pieces(irradiance, pieces);
-        Ok(self.receivers.expand(&gather.radiosity(&self.receivers, &lit, Scheme::AllPairs, progress)))
+        let values = gather.radiosity(&self.receivers, &lit, Scheme::AllPairs, progress);
+        Ok(self.receivers.expand(&not_negative(values)))
     }
 
     #[cfg(feature = "gpu")]

@@ -110,7 +110,7 @@ fn bodies_that_share_an_edge_or_a_corner_are_mended_each_and_fins_only_where_it_
     }
     // A cavity that touches the surface around it in one corner is of the same component, and stays a cavity.
     let mut inner = inside_out(cuboid(DVec3::ONE, 2));
-    inner.positions.iter_mut().for_each(|p| *p = *p + DVec3::splat(0.5));
+    inner.positions.iter_mut().for_each(|p| *p += DVec3::splat(0.5));
     let outer = cuboid(DVec3::splat(2.0), 2);
     let touching = compose(&[(outer, DVec3::ZERO), (inner, DVec3::ZERO)]);
     let (right, sound, _) = analysed(touching.clone());
