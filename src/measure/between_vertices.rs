@@ -17,13 +17,13 @@ use crate::transport::surface::Surface;
 use crate::transport::tree::SampleTree;
 
 /// Triangles whose centroids and mid-edges are looked at, by area.
-const TRIANGLES: usize = 48;
+const TRIANGLES: usize = 32;
 
 /// Surface samples: what they miss is the same at vertices and between them, as long as it varies slowly.
-const SAMPLES: usize = 4096;
+const SAMPLES: usize = 2048;
 
 /// Probe directions; the worst of them counts.
-const LIGHTS: usize = 3;
+const LIGHTS: usize = 2;
 
 /// Receivers that share the samples near to them.
 const GROUP: usize = 4;
