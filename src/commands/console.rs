@@ -57,6 +57,8 @@ struct State {
     stage: Option<(&'static str, Instant)>,
     times: Vec<StageTime>,
     warnings: Vec<String>,
+    /// Those of the warnings that are about quality.
+    faults: Vec<String>,
 }
 
 impl Console {
@@ -69,7 +71,13 @@ impl Console {
             global: global.clone(),
             max_memory,
             registry,
-            state: Mutex::new(State { bar: None, stage: None, times: Vec::new(), warnings: Vec::new() }),
+            state: Mutex::new(State {
+                bar: None,
+                stage: None,
+                times: Vec::new(),
+                warnings: Vec::new(),
+                faults: Vec::new(),
+            }),
             started: Instant::now(),
         })
     }
@@ -94,6 +102,21 @@ impl Console {
     pub(super) fn warn(&self, line: &str) {
         self.note(&format!("warning: {line}"));
         self.state().warnings.push(line.to_owned());
+    }
+
+    /// Warns of something for which results are wrong or poor: with `--strict`, the command fails of it at its end.
+    pub(super) fn fault(&self, line: &str) {
+        self.warn(line);
+        self.state().faults.push(line.to_owned());
+    }
+
+    /// The exit code of a command that has done its work: with `--strict` an error, if there were faults.
+    pub(super) fn verdict(&self, code: ExitCode) -> Result<ExitCode> {
+        let faults = self.state().faults.join("; ");
+        if self.global.strict && code == ExitCode::Ok && !faults.is_empty() {
+            return Err(Error::new(ExitCode::QualityNotMet, faults));
+        }
+        Ok(code)
     }
 
     /// Runs `work` as a named stage without units.

@@ -8,7 +8,7 @@ use glam::DVec3;
 
 use super::console::Console;
 use super::device::DeviceArg;
-use super::lights::{LightArgs, ResolvedLights};
+use super::lights::{LightArgs, ResolvedLights, warn_of_places};
 use super::media::without_transport;
 use super::opening::AssetArgs;
 use super::{on_mesh, output};
@@ -88,6 +88,7 @@ pub(super) fn finish(
     &Radiosity { method, model, outputs, measure, asked_rms }: &Radiosity,
     console: &Console,
 ) -> Result<ExitCode> {
+    warn_of_places(evaluator.scene(), &lights.lights, evaluator.cost().samples, console);
     evaluator.set_lights(lights.lights, console)?;
     let radiosity = evaluator.radiosity(console)?;
     let single = single_scattering(evaluator, console)?;
@@ -105,7 +106,12 @@ pub(super) fn finish(
         }
         radiosity_ply(&scene.mesh, &radiosity, single.as_deref().map_or(Single::None, Single::Beside), comments)
     })?;
-    let measured = if measure { by_stage(evaluator, console)? } else { Ledger::default() };
+    // Errors are relative to the radiosity: where that is black there is none to tell.
+    let black = radiosity.iter().all(|b| *b == DVec3::ZERO);
+    if black {
+        console.note("no light arrives: the radiosity is 0 everywhere");
+    }
+    let measured = if measure && !black { by_stage(evaluator, console)? } else { Ledger::default() };
     for entry in &measured.entries {
         let [rms, worst] = [entry.error.rms, entry.error.worst].map(percent);
         console.note(&format!("{} error: {rms} RMS, {worst} worst vertex ({})", entry.stage, entry.note));

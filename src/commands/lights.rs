@@ -1,6 +1,7 @@
 //! `--light`, repeatable, and the sky where there is none.
 
 use clap::Args;
+use glam::DVec3;
 
 use super::console::Console;
 use crate::error::Result;
@@ -8,6 +9,9 @@ use crate::import::file::Input;
 use crate::io::environment::load_light;
 use crate::light::Light;
 use crate::light::parse::{LightSpec, MapSource, examples, parse};
+use crate::measure::light_places::{Doubt, doubtful};
+use crate::report::text::significant;
+use crate::scene::Scene;
 
 /// Lights of a command.
 #[derive(Clone, Debug, Default, Args)]
@@ -26,6 +30,33 @@ fn long_help() -> String {
          spheres, without rays: for assets of `editable` with rows for environments.",
         forms.join("\n  ")
     )
+}
+
+/// Warns of lights inside a body, on its surface, or too near to it for the samples.
+pub(super) fn warn_of_places(scene: &Scene, lights: &[Light], samples: usize, console: &Console) {
+    let place = |p: DVec3| p.to_array().map(significant).join(", ");
+    for found in doubtful(scene, lights, samples) {
+        let (part, distance) = (&found.part, significant(found.distance_mm));
+        let what = match found.doubt {
+            Doubt::Inside => format!(
+                "is inside the part '{part}', {distance} mm from its surface at {}: light that starts within a body is not modelled and \
+                 adds nothing",
+                place(found.nearest_mm)
+            ),
+            Doubt::OnSurface => format!(
+                "is on the surface of the part '{part}', which sees it edge-on and gets nothing, where half of its light would fall a \
+                 little farther out: move it away"
+            ),
+            Doubt::Near => format!(
+                "is {distance} mm from the surface of the part '{part}' at {}, and samples lie {} mm apart: its light is kept, and where \
+                 it falls is not resolved; use more --samples, or move it away",
+                place(found.nearest_mm),
+                significant(found.spacing_mm)
+            ),
+        };
+        let light = lights.get(found.light).map(Light::to_string).unwrap_or_default();
+        console.fault(&format!("light {} ({light}), with {} mm, {what}", found.light + 1, place(found.at_mm)));
+    }
 }
 
 /// Lights ready to use, and the files they were made from.

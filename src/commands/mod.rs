@@ -120,9 +120,9 @@ fn dispatch(cli: Cli, registry: Registry) -> Result<ExitCode> {
         .map_err(|e| Error::runtime(format!("the worker threads could not be started: {e}")))?;
     watch_for_interrupts()?;
     if let Command::Relight(args) = &cli.command {
-        return relight::run(args, &console, std::sync::Arc::new(pool));
+        return relight::run(args, &console, std::sync::Arc::new(pool)).and_then(|code| console.verdict(code));
     }
-    pool.install(|| match cli.command {
+    let done = pool.install(|| match cli.command {
         Command::Bake(args) => bake::run(&args, &console),
         Command::Evaluate(args) => evaluate::run(&args, &console),
         Command::Render(args) => render::run(&args, &console),
@@ -137,7 +137,8 @@ fn dispatch(cli: Cli, registry: Registry) -> Result<ExitCode> {
         Command::Completions(args) => completions::run(&args, command(), &console),
         // Has run above: a window must be on the main thread.
         Command::Relight(_) => Ok(ExitCode::Ok),
-    })
+    });
+    done.and_then(|code| console.verdict(code))
 }
 
 /// On Ctrl-C and SIGTERM, removes unfinished files and ends the process with 130.

@@ -12,7 +12,11 @@ use crate::error::Result;
 use crate::geometry::mesh::{Scale, UpAxis};
 use crate::geometry::parts::PartsRule;
 use crate::import::{ImportOptions, Imported, Source};
-use crate::report::text::significant;
+use crate::measure::between_vertices::between_vertices;
+use crate::report::text::{percent, significant};
+
+/// Error between vertices from which on it is told.
+const WORTH_A_WARNING: f64 = 0.05;
 
 /// A model and what it is made of.
 #[derive(Clone, Debug, Args)]
@@ -76,7 +80,18 @@ pub(super) fn import(mut source: Source, options: &ImportOptions, console: &Cons
     if let Some(choice) = imported.origin.notes.last().filter(|_| imported.check.components > 1) {
         console.note(choice);
     }
+    imported.check.faults().iter().for_each(|fault| console.fault(fault));
     imported.check.warnings().iter().for_each(|warning| console.warn(warning));
+    if imported.check.may_be_coarse() {
+        let error = between_vertices(&imported.scene, console)?;
+        if error.rms > WORTH_A_WARNING {
+            let [rms, worst] = [error.rms, error.worst].map(percent);
+            console.fault(&format!(
+                "what is drawn between vertices, linear over each triangle, is {rms} off at centroids and mid-edges (worst {worst}), under \
+                 a few probe lights: refine the mesh, or render with --exitance pixels"
+            ));
+        }
+    }
     let diagonal = imported.scene.mesh.diagonal_mm();
     let triple = |v: DVec3| v.to_array().map(significant).join(" ");
     for medium in &imported.scene.media {

@@ -9,7 +9,7 @@ use clap::{Args, ValueEnum};
 use super::baking::{self, BakeOptions, WalkOptions};
 use super::console::{Console, in_range};
 use super::evaluate::{Radiosity, finish, model_of};
-use super::lights::LightArgs;
+use super::lights::{LightArgs, warn_of_places};
 use super::media::ProfileArg;
 use super::model::ModelArgs;
 use super::{opening, output};
@@ -109,6 +109,8 @@ fn monte_carlo(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
     let Imported { scene, check, .. } = args.model.load(console)?;
     check_closed(&scene, &check).map_err(|e| e.at(args.model.model.display()))?;
     console.check_memory(exitance::memory(scene.domain()), "raise --max-memory")?;
+    // Photons start from points of the surface, not from samples of it.
+    warn_of_places(&scene, &lights.lights, 0, console);
     let started = Instant::now();
     let walked = exitance::exitance(scene.domain(), &lights.lights, effort, args.walk.walks.seed, console)?;
     let rate = walked.budget.iter().map(|b| b.collisions).sum::<u64>() as f64 / started.elapsed().as_secs_f64();

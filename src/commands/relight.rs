@@ -7,7 +7,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::console::{Console, in_range};
-use super::lights::{LightArgs, ResolvedLights};
+use super::lights::{LightArgs, ResolvedLights, warn_of_places};
 use super::opening::{AssetArgs, Opened};
 use super::view::{ViewArgs, check_memory};
 use crate::error::{Error, ExitCode, Result};
@@ -97,6 +97,7 @@ fn drawn(evaluator: Box<dyn Evaluator>, console: &Console) -> Box<dyn Evaluator>
 fn animate(args: &RelightArgs, frames: usize, out: &std::path::Path, console: &Console) -> Result<ExitCode> {
     let ResolvedLights { lights, .. } = args.lights.load(console)?;
     let Opened { provenance, evaluator } = args.asset.open(console)?;
+    warn_of_places(evaluator.scene(), &lights, evaluator.cost().samples, console);
     let evaluator = drawn(evaluator, console);
     let resolution = args.resolution.unwrap_or(HEADLESS_RESOLUTION);
     check_memory(resolution, console)?;
@@ -152,6 +153,7 @@ fn window(args: &RelightArgs, console: &Console, pool: Arc<rayon::ThreadPool>) -
     let (lights, opened) =
         pool.install(|| -> Result<_> { Ok((args.lights.load(console)?, args.asset.open(console)?)) })?;
     // Told before a window opens.
+    warn_of_places(opened.evaluator.scene(), &lights.lights, opened.evaluator.cost().samples, console);
     args.view.load_texture(&opened.evaluator.scene().mesh, console)?;
     let (again, registry) = (args.asset.clone(), console.registry.clone());
     let session = Session {

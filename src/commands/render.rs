@@ -6,7 +6,7 @@ use clap::{Args, FromArgMatches};
 use glam::DVec3;
 
 use super::console::Console;
-use super::lights::{LightArgs, ResolvedLights};
+use super::lights::{LightArgs, ResolvedLights, warn_of_places};
 use super::opening::{AssetArgs, Opened};
 use super::output;
 use super::view::{ViewArgs, check_memory};
@@ -108,6 +108,7 @@ pub(super) fn finish(
 ) -> Result<(RenderReport, Frame)> {
     let mut settings = picture.settings(evaluator)?;
     let texture = picture.view.load_texture(&evaluator.scene().mesh, console)?;
+    warn_of_places(evaluator.scene(), &lights.lights, evaluator.cost().samples, console);
     evaluator.set_lights(lights.lights.clone(), console)?;
     let of_vertices = of_vertices(evaluator, picture.exitance, console)?;
     let shown = outputs.iter().any(|path| suffix(path) == "png");

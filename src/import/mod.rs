@@ -30,7 +30,7 @@ use crate::error::{Error, Result};
 use crate::geometry::check::{self, MeanFreePath, MeshCheck};
 use crate::geometry::mesh::{Mesh, Scale, resolve_scale, skip_materials};
 use crate::geometry::part_table::PartTable;
-use crate::geometry::parts::{Analysis, MaterialRoles, PartsRule};
+use crate::geometry::parts::{Analysis, MaterialRoles, Part, PartsRule};
 use crate::geometry::source::SourceModel;
 use crate::medium::material::Medium;
 use crate::progress::{Progress, stage};
@@ -88,7 +88,7 @@ pub struct Imported {
     pub origin: Origin,
     /// Check of the mesh against the lengths of its media.
     pub check: MeshCheck,
-    /// Oddities of the files, one line each; those of the mesh are [`MeshCheck::warnings`].
+    /// Oddities of the files, one line each; those of the mesh are [`MeshCheck::faults`] and [`MeshCheck::warnings`].
     pub warnings: Vec<String>,
 }
 
@@ -144,6 +144,8 @@ impl Source {
             let free_paths: Vec<MeanFreePath> = media.iter().map(free_path).collect();
             let check = check::check(&mesh, &analysis, &repairs, Some(&free_paths));
             let mut notes = repairs.lines();
+            notes.extend(analysis.parts.parts.iter().filter_map(Part::turned));
+            notes.extend(check.faults());
             notes.push(analysis.parts.description());
             let parts = PartTable::of(&mesh, &analysis.parts);
             Ok((Scene { mesh, parts, media }, check, notes))

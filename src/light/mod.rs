@@ -9,6 +9,7 @@ pub mod rectangle_map;
 pub mod sky;
 pub mod source_field;
 pub mod strata;
+pub mod suns;
 mod validate;
 
 use glam::DVec3;

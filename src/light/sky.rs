@@ -14,6 +14,8 @@ const HEIGHT: usize = 128;
 /// Direction of the sun: behind (-Z, the default camera looks from +Z), left (-X), about 30 degrees high.
 const SUN: DVec3 = DVec3::new(-0.6, 0.6, -0.85);
 const SUN_RADIANCE: DVec3 = DVec3::new(60.0, 46.0, 30.0);
+/// Column and row of the pixel that [`sky_with_sun`] adds: 30 degrees to the right of the camera's back, 15 degrees high.
+const LOW_SUN: (usize, usize) = (106, 53);
 /// 1 - cos of the angle at which the sun's core falls to a sixteenth.
 const SUN_WIDTH: f64 = 0.012;
 const GLOW_RADIANCE: DVec3 = DVec3::new(0.9, 0.6, 0.35);
@@ -35,6 +37,18 @@ pub fn sky() -> EnvironmentMap {
             pixels.push(radiance(direction).to_array().map(|c| c as f32));
         }
     }
+    EnvironmentMap::from_valid(WIDTH, HEIGHT, pixels)
+}
+
+/// The built-in sky with a sun of one pixel beside it, low and in front on the right, that sends about as much light as all
+/// the rest.
+pub fn sky_with_sun() -> EnvironmentMap {
+    let sky = sky();
+    let (column, row) = LOW_SUN;
+    let irradiance = sky.energy();
+    let radiance = irradiance / sky.pixel_solid_angle_sr(row);
+    let mut pixels = sky.pixels().to_vec();
+    pixels[row * WIDTH + column] = radiance.to_array().map(|c| c as f32);
     EnvironmentMap::from_valid(WIDTH, HEIGHT, pixels)
 }
 

@@ -21,6 +21,7 @@ use crate::compress::ledger::ENVIRONMENT_STAGES;
 use crate::evaluate::Registry;
 use crate::evaluate::keys::share;
 use crate::geometry::mesh::Mesh;
+use crate::geometry::parts::inconsistent_edges;
 use crate::geometry::samples::{Facet, area};
 use crate::medium::entrance_basis::EntranceBasis;
 
@@ -112,6 +113,7 @@ catalogue! {
     UNUSED_VERTICES = 113 Warning "UnusedVertices" "no triangle has these vertices";
     UNUSED_MATERIALS = 114 Warning "UnusedMaterials" "no triangle has these materials";
     UNUSED_MEDIA = 115 Warning "UnusedMedia" "no part has these media";
+    WINDINGS = 116 Warning "Windings" "neighbouring triangles of a part are wound against each other";
     SETTINGS = 120 Warning "Settings" "the settings are not those that the method has";
     SAMPLE_COUNT = 121 Warning "SampleCount" "the setting samples is not the number of samples";
     NO_LEDGER = 122 Warning "NoLedger" "no stage has told its error";
@@ -195,6 +197,12 @@ pub fn of_geometry(scan: &Scan, registry: &Registry) -> Vec<Finding> {
     if !names.is_empty() {
         let message = format!("no part has the media {}", names.join(", "));
         out.push(Finding::new(&UNUSED_MEDIA, Some(parts::tags::MEDIA), message));
+    }
+    let edges = inconsistent_edges(&mesh, &parts.triangle_part, parts.parts.len());
+    for (part, edges) in parts.parts.iter().zip(edges).filter(|(part, edges)| !part.opaque && *edges > 0) {
+        let name = &part.name;
+        let message = format!("{edges} edges of the part `{name}` join triangles of opposite winding");
+        out.push(Finding::new(&WINDINGS, Some(mesh::tags::TRIANGLES), message));
     }
     if let Some(samples) = &scan.samples {
         let tags = without_samples(registry);

@@ -207,9 +207,16 @@ impl<'a> Illumination<'a> {
         for light in &mut sharp {
             light.trace(self.surface.bvh);
         }
-        // Where a shadow boundary crosses a patch, more rays tell where; for each light on its own, so that lights add up.
+        // Where a shadow boundary crosses a patch or a light is near to it, more rays tell more; for each light on its own, so that
+        // lights add up.
         let mut fine: Vec<Sharp> = self.lights.iter().filter_map(|light| Sharp::new(light, 0)).collect();
-        let crossed: Vec<Vec<bool>> = sharp.iter().map(|light| light.crossed(out.len())).collect();
+        let patches = &self.surface.patches[first..first + out.len()];
+        let near: Vec<Vec<Option<DVec3>>> =
+            sharp.iter().map(|light| patches.iter().map(|patch| light.near(patch)).collect()).collect();
+        let mut crossed: Vec<Vec<bool>> = sharp.iter().map(|light| light.crossed(out.len())).collect();
+        for (crossed, near) in crossed.iter_mut().zip(&near) {
+            crossed.iter_mut().zip(near).for_each(|(crossed, near)| *crossed |= near.is_some());
+        }
         let single = |i: usize| self.surface.samples.patch(first + i).len() == 1;
         let crossed = |light: usize, i: usize| crossed[light][i] && single(i);
         let mut uneven = Vec::new();
@@ -219,8 +226,15 @@ impl<'a> Illumination<'a> {
             let part = self.surface.samples.part_offsets.partition_point(|&p| p as usize <= first + i) - 1;
             let medium = self.surface.domain.parts.parts[part].medium.unwrap_or(0) as usize;
             let share = 1.0 / points.len() as f64;
-            for (_, light) in fine.iter_mut().enumerate().filter(|(light, _)| crossed(*light, i)) {
-                light.collect(i, self.entrance[medium].0, &points, |_| share);
+            let eta = self.entrance[medium].0;
+            for (index, light) in fine.iter_mut().enumerate().filter(|(light, _)| crossed(*light, i)) {
+                match near[index][i] {
+                    None => light.collect(i, eta, &points, |point| (point, share)),
+                    Some(from) => {
+                        let (points, of) = self.graded_points(first + i, self.sampling.pieces_of_uneven(), from);
+                        light.collect(i, eta, &points, |point| of[point]);
+                    }
+                }
             }
             uneven.push(Uneven { patch: (first + i) as u32, deviations: Vec::new(), corners: Vec::new() });
         }
@@ -280,8 +294,8 @@ impl<'a> Illumination<'a> {
             }
             for light in sharp.iter_mut() {
                 match &probe {
-                    Some(probe) => light.collect(before + i, eta, probe, |k| PROBE_WEIGHTS[k]),
-                    None => light.collect(before + i, eta, &points, |_| 1.0 / points.len() as f64),
+                    Some(probe) => light.collect(before + i, eta, probe, |k| (k, PROBE_WEIGHTS[k])),
+                    None => light.collect(before + i, eta, &points, |k| (k, 1.0 / points.len() as f64)),
                 }
             }
             let soft = self.lights.iter().filter(|light| !light.is_sharp());

@@ -102,6 +102,27 @@ fn a_point_light_over_a_plane_is_the_closed_form() {
     assert!(error < 1e-4, "{error}");
 }
 
+/// Half of a light just above a plane falls on it, whatever the samples' spacing: I 2 pi Int_0^1 F_t(mu) dmu, here over
+/// samples that lie 1.8 mm apart.
+#[test]
+fn no_light_is_lost_where_a_point_light_is_nearer_than_the_spacing() {
+    let fixture = floor(500);
+    let steps = 20_000;
+    let middle = |k: i32| (f64::from(k) + 0.5) / f64::from(steps);
+    let transmitted = (0..steps).map(|k| fresnel::transmittance(ETA, middle(k))).sum::<f64>() / f64::from(steps);
+    for sampling in [LightSampling::REFERENCE, LightSampling::FAST] {
+        for height in [1e-3, 0.01, 0.1, 0.4] {
+            let at_mm = DVec3::new(0.31, height, -0.17);
+            let values = illuminate_with(&fixture, Light::Point { at_mm, intensity: DVec3::ONE }, sampling);
+            let flux: f64 = values.iter().zip(&fixture.patches).map(|(e, patch)| e.x * patch.area_mm2).sum();
+            // What passes by the edges of the floor, 20 mm away, grazes it: half a percent of it at most.
+            let ratio = flux / (TAU * transmitted);
+            println!("{height} mm above, {} points: {ratio}", sampling.points_per_patch);
+            assert!((0.98..1.01).contains(&ratio), "{height} mm: {ratio}");
+        }
+    }
+}
+
 #[test]
 fn an_area_light_over_a_plane_is_its_integral() {
     let fixture = floor(4000);

@@ -34,6 +34,10 @@ pub const THREE_BEYOND: f32 = 2.0;
 /// Distance over radius from which on a piece of a sample that a shadow boundary crosses is a point.
 pub const PIECE_IS_POINT: f32 = 3.0;
 
+/// A triangle whose area is less than this share of its longest edge's square is cut across that edge: quarters keep its
+/// shape, and side by side they would be twice as many with every cut.
+pub const SLIVER: f32 = 0.15;
+
 /// Splits of a facet at most.
 pub const MOST_SPLITS: u32 = 16;
 

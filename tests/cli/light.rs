@@ -354,3 +354,41 @@ fn an_asset_keeps_its_calibration_and_makes_it_again_for_another_material_and_si
     let report = folder.run("inspect skin.tlux --json").ok().json();
     assert_eq!(report["provenance"]["settings"]["model"], "calibrated");
 }
+
+#[test]
+fn lights_inside_on_and_just_above_a_body_are_named_and_strict_fails_on_them() {
+    let folder = Folder::new();
+    folder.obj("ball.obj", &shapes::icosphere(10.0, 3));
+    folder
+        .run("bake ball.obj --unit mm --material skin1 --samples 1500 --for-lights point --max-rms 20% -o a.tlux")
+        .ok();
+    let run = |at: &str, rest: &str| {
+        folder.run(&format!("evaluate a.tlux --light point:at={at}:intensity=100 --measure {rest} -o b.ply"))
+    };
+    let inside = run("0,3,0", "").ok().stderr;
+    assert!(inside.contains("inside the part 'default', 6.9") && inside.contains("0 everywhere"), "{inside}");
+    assert!(!inside.contains("sampling error"), "a black result has no error: {inside}");
+    let json = run("0,3,0", "--json").ok().json();
+    assert_eq!(json["measured"]["entries"].as_array().map(Vec::len), Some(0));
+    run("0,3,0", "--strict").fails(6, &["inside the part 'default'"]);
+    assert!(folder.path("b.ply").exists(), "what was computed is written");
+    run("0,10,0", "--strict").fails(6, &["on the surface of the part 'default'"]);
+    run("0,10.01,0", "--strict").fails(6, &["0.01", "samples lie", "apart"]);
+    let near: DVec3 = folder.radiosity("b.ply").into_iter().sum();
+    assert!(near.min_element() > 0.0, "what falls on the surface is kept");
+    run("0,30,0", "--strict").ok();
+}
+
+#[test]
+fn no_vertex_is_darker_than_black() {
+    let folder = Folder::new();
+    // Thousands of mean free paths across, and a light too weak to hide what rounding leaves in the dark.
+    folder.obj("head.obj", &shapes::bumpy_head(500.0, 3));
+    for method in ["reference", "two_pass"] {
+        let line =
+            format!("reference head.obj --unit mm --material marble --samples 8000 --method {method} --no-measure");
+        folder.run(&format!("{line} --light point:at=0,0,1000:intensity=1 -o b.ply")).ok();
+        let values = folder.radiosity("b.ply");
+        assert!(values.iter().all(|b| b.min_element() >= 0.0) && values.iter().any(|b| b.x > 0.0), "{method}");
+    }
+}

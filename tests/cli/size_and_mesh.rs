@@ -142,3 +142,40 @@ fn multilevel_summation_edits_what_the_tree_edits() {
     let rms = stage.and_then(|entry| entry["error"]["rms"].as_f64());
     assert!(rms.is_some_and(|rms| rms > 0.0 && rms <= 0.005), "{rms:?} {entries:?}");
 }
+
+#[test]
+fn windings_are_mended_or_told_in_output_asset_and_exit_code() {
+    let folder = Folder::new();
+    let right = shapes::bumpy_head(12.0, 4);
+    let mut wrong = right.clone();
+    wrong.triangles.iter_mut().step_by(3).for_each(|t| t.swap(1, 2));
+    folder.obj("right.obj", &right);
+    folder.obj("wrong.obj", &wrong);
+    let bake = |model: &str, rest: &str| {
+        folder.run(&format!("bake {model}.obj --unit mm --material skin1 --samples 5120 --for-lights directional --max-rms 20% {rest} -o {model}.tlux"))
+    };
+    let lit = |model: &str| {
+        folder.run(&format!("evaluate {model}.tlux --light directional:from=1,2,3:irradiance=1 -o {model}.ply")).ok();
+        folder.radiosity(&format!("{model}.ply"))
+    };
+    let told = bake("right", "--strict").ok().stderr;
+    assert!(!told.contains("wound against"), "{told}");
+    let told = bake("wrong", "--strict").ok().stderr;
+    assert!(
+        told.contains("part 'default': 1707 of 5120 triangles were wound against the others: turned over"),
+        "{told}"
+    );
+    assert!(folder.run("inspect wrong.tlux").ok().text().contains("turned over"));
+    folder.run("validate wrong.tlux --strict").ok();
+    assert!(relative_difference(&lit("wrong"), &lit("right")) < 1e-3);
+
+    // Half of an open sheet turned over: nothing tells which half is right.
+    let mut sheet = shapes::plane(20.0, 20.0, 8);
+    sheet.triangles.iter_mut().take(64).for_each(|t| t.swap(1, 2));
+    folder.obj("sheet.obj", &sheet);
+    bake("sheet", "").ok().fails(0, &["part 'default'", "opposite winding", "neither winding has a clear majority"]);
+    bake("sheet", "--strict").fails(6, &["opposite winding"]);
+    let found = folder.run("validate sheet.tlux").ok();
+    assert!(found.text().contains("warning 116 Windings: 8 edges of the part `default`"), "{}", found.text());
+    folder.run("validate sheet.tlux --strict").fails(6, &[]);
+}

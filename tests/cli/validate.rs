@@ -67,7 +67,7 @@ type Case = (fn(&mut AssetFile), u64, &'static str, &'static str);
 
 #[test]
 fn every_finding_of_the_catalogue() {
-    let cases: [Case; 16] = [
+    let cases: [Case; 17] = [
         (|a| a.provenance.method = "crystal_ball".into(), 100, "error", "meta.src"),
         (|a| set(a, "max-rms", "a lot"), 102, "error", "meta.src"),
         (|a| add_far_field(a, 2, 3), 103, "error", "far.stp"),
@@ -85,6 +85,7 @@ fn every_finding_of_the_catalogue() {
             "warning",
             "part.med",
         ),
+        (|a| a.mesh.triangles[0].swap(1, 2), 116, "warning", "mesh.tri"),
         (|a| set(a, "charm", "7"), 120, "warning", "meta.src"),
         (|a| set(a, "samples", "501"), 121, "warning", "meta.src"),
         (|a| a.ledger[0].relative_rms = 0.006, 123, "warning", "meta.err"),

@@ -14,7 +14,9 @@ use crate::transport::kernel::medium::MediumKernel;
 use crate::transport::kernel::radial_table::{RadialTable, Rgb};
 use crate::transport::kernel::{EdgePrecision, EdgeRule};
 use crate::transport::near_field::Corners;
-use crate::transport::near_rule::{MOST_SPLITS, NearField, PIECE_IS_POINT, SIX_POINTS, THREE_BEYOND, THREE_POINTS};
+use crate::transport::near_rule::{
+    MOST_SPLITS, NearField, PIECE_IS_POINT, SIX_POINTS, SLIVER, THREE_BEYOND, THREE_POINTS,
+};
 use crate::transport::receivers::Receivers;
 use crate::transport::sample_light::SampleLight;
 
@@ -42,6 +44,7 @@ const OUTER_OF_SIX: vec2<f32> = vec2({:?}, {:?});
 const THREE_BEYOND2: f32 = {:?};
 const PIECE_IS_POINT2: f32 = {:?};
 const MOST_SPLITS: u32 = {MOST_SPLITS}u;
+const SLIVER: f32 = {SLIVER:?};
 ",
         three.0,
         three.1,

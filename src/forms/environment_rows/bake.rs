@@ -1,6 +1,7 @@
 //! Irradiance rows of an asset, and their errors under environments that no choice saw.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -14,8 +15,10 @@ use crate::error::Result;
 use crate::evaluate::form::write_error;
 use crate::evaluate::stages::{of_kinds, probe_points, worst};
 use crate::geometry::samples::{self, Samples};
-use crate::light::Light;
 use crate::light::cube_light::CubeLight;
+use crate::light::sky::sky_with_sun;
+use crate::light::suns::apart;
+use crate::light::{Light, LightKind};
 use crate::math::cube_map::{self, FACES};
 use crate::math::statistics::VertexError;
 use crate::medium::entrance_basis::EntranceBasis;
@@ -70,7 +73,12 @@ fn measure(
     progress: &dyn Progress,
 ) -> Result<()> {
     let domain = full.domain;
-    let lights = of_kinds(unseen, &IN_ROWS);
+    let mut lights = of_kinds(unseen, &IN_ROWS);
+    if let Some(Light::Environment { rotate_degrees, .. }) = lights.iter().rfind(|l| l.kind() == LightKind::Environment)
+    {
+        let (map, rotate_degrees) = (Arc::new(sky_with_sun()), *rotate_degrees);
+        lights.push(Light::Environment { map, rotate_degrees, scale: DVec3::ONE });
+    }
     let entrance = EntranceBasis::new(TERMS);
     let etas: Vec<f64> = domain.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
     if lights.is_empty() || etas.iter().any(|&eta| entrance.project(eta).is_err()) {
@@ -92,12 +100,19 @@ fn measure(
     let tree = SampleTree::default();
     let gather = Gather::new(&surface, &tree, domain.media, near);
     let radiosity = |e: &[DVec3]| gather.radiosity(&subset, &gather.light(e), Scheme::AllPairs, &Silent);
-    let unabridged = full_resolution(&everything, &surface, &lights, side)?;
-    let sampling = LightSampling { directions: NATIVE_DIRECTIONS, ..sampling };
-    let [cube_map, truncation] = worst(lights.chunks(1).zip(unabridged), |(light, full)| {
-        let native = Illumination::new(&surface, light, &etas, sampling)?.all(&Silent);
+    // Suns go by rays, as they do at run time.
+    let parts: Vec<Vec<Light>> = lights.iter().map(|light| apart(std::slice::from_ref(light), |_| true)).collect();
+    let maps: Vec<Light> = parts.iter().map(|part| part[0].clone()).collect();
+    let unabridged = full_resolution(&everything, &surface, &maps, side)?;
+    let native_sampling = LightSampling { directions: NATIVE_DIRECTIONS, ..sampling };
+    let [cube_map, truncation] = worst(lights.chunks(1).zip(&parts).zip(unabridged), |((light, part), mut full)| {
+        let native = Illumination::new(&surface, light, &etas, native_sampling)?.all(&Silent);
         let mut kept = vec![DVec3::ZERO; samples.len()];
-        stored.add(light, domain, &samples, &mut kept)?;
+        stored.add(&part[..1], domain, &samples, &mut kept)?;
+        let suns = Illumination::new(&surface, &part[1..], &etas, sampling)?.all(&Silent);
+        for (sum, sun) in full.iter_mut().chain(&mut kept).zip(suns.iter().cycle()) {
+            *sum += *sun;
+        }
         let [native, full, kept] = [native, full, kept].map(|e| radiosity(&e));
         progress.advance(1);
         Ok([points.error(&full, &native), points.error(&kept, &full)])
@@ -168,4 +183,45 @@ fn visibility_error(surface: &Surface, settings: EnvironmentRows) -> (VertexErro
     });
     let rms = if mean2 > 0.0 { (error2 / mean2).sqrt() } else { 0.0 };
     (VertexError { rms, bias: 0.0, p999: rms, worst: rms, dark: 0.0 }, wrong, all)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::forms::test_scene::scene;
+    use crate::geometry::bvh::Bvh;
+    use crate::geometry::shapes;
+
+    /// A sun in a map is lit like a directional light: with its shadows, and at its place.
+    #[test]
+    fn suns_of_an_environment_go_past_the_rows() {
+        let pair =
+            [(shapes::bumpy_head(10.0, 3), DVec3::ZERO), (shapes::icosphere(4.0, 3), DVec3::new(6.0, 9.0, 12.0))];
+        let scene = scene(shapes::compose(&pair), "skin1");
+        let bvh = Bvh::new(&scene.mesh);
+        let samples = Samples::new(&scene.mesh, &scene.parts, 3000);
+        let samples = in_tree_order(&samples, &samples::patches(&scene.mesh, &samples));
+        let patches = samples::patches(&scene.mesh, &samples);
+        let surface = Surface { domain: scene.domain(), bvh: &bvh, samples: &samples, patches: &patches };
+        let settings = EnvironmentRows { side: 32, coefficients: 64 };
+        let stored = StoredRows::new(rows(&surface, settings, &Silent).unwrap());
+        let light = [Light::environment(Arc::new(sky_with_sun()), 40.0, DVec3::ONE).unwrap()];
+        let native = LightSampling { directions: 2048, ..LightSampling::REFERENCE };
+        let etas = [scene.media[0].properties.eta_inside_over_outside];
+        let truth = Illumination::new(&surface, &light, &etas, native).unwrap().all(&Silent);
+        let error = |values: &[DVec3]| {
+            let areas: Vec<f64> = patches.iter().map(|p| p.area_mm2).collect();
+            crate::math::statistics::vertex_error(values, &truth, &areas)
+        };
+        let mut whole = vec![DVec3::ZERO; samples.len()];
+        stored.add(&light, scene.domain(), &samples, &mut whole).unwrap();
+        let sampling = LightSampling::FAST;
+        let (split, _) = StoredRows::illuminate(Some(&stored), &surface, (&light, sampling), &Silent).unwrap();
+        let (split, whole) = (error(&split), error(&whole));
+        println!("irradiance under a sun and a sky: {split:?}; through the rows alone: {whole:?}");
+        // What is left is the rows' error of the sky and the noise of the rays, sample by sample; scattering averages over both.
+        assert!(split.rms < 0.03 && split.dark < 0.35, "{split:?}");
+        assert!(whole.rms > 2.5 * split.rms && whole.dark > 2.5 * split.dark, "{whole:?}");
+    }
 }

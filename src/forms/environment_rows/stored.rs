@@ -11,6 +11,7 @@ use crate::evaluate::SourceFields;
 use crate::geometry::part_table::PartTable;
 use crate::geometry::samples::Samples;
 use crate::light::cube_light::CubeLight;
+use crate::light::suns::apart;
 use crate::light::{Light, LightKind, refuse_fields};
 use crate::medium::entrance_basis::MOST_TERMS;
 use crate::medium::material::Medium;
@@ -51,7 +52,7 @@ impl StoredRows {
     }
 
     /// Irradiance of every sample, and of the pieces of those that are not lit evenly: through the rows, where there are any, for the
-    /// lights that they have; for the others by rays.
+    /// lights that they have; for the others, and for the suns of environments, by rays.
     ///
     /// # Errors
     /// Lights that do not fit a cube map; those of the rays; a light with a source radiance field where no rows serve it.
@@ -66,10 +67,10 @@ impl StoredRows {
             refuse_fields(lights)?;
         }
         let of_rows = |light: &Light| rows.is_some_and(|rows| rows.have(light, domain.media));
-        let (far, near): (Vec<Light>, Vec<Light>) = lights.iter().cloned().partition(of_rows);
-        let (Some(rows), false) = (rows, far.is_empty()) else {
+        let (Some(rows), true) = (rows, lights.iter().any(of_rows)) else {
             return sampled(surface, lights, sampling, progress);
         };
+        let (far, near): (Vec<Light>, Vec<Light>) = apart(lights, of_rows).into_iter().partition(of_rows);
         let (mut irradiance, pieces) = match near.as_slice() {
             [] => (vec![DVec3::ZERO; samples.len()], Pieces::default()),
             near => sampled(surface, near, sampling, progress)?,

@@ -19,6 +19,7 @@ use crate::forms::environment_rows::gpu::RowsOnDevice;
 use crate::forms::environment_rows::sampled;
 use crate::light::Light;
 use crate::light::cube_light::CubeLight;
+use crate::light::suns::apart;
 use crate::medium::material::Medium;
 use crate::progress::Progress;
 use crate::transport::irradiance::Pieces;
@@ -76,7 +77,8 @@ impl FactoredOnDevice {
             return Ok(());
         }
         let cpu = &self.cpu;
-        let (near, stored): (Vec<Light>, Vec<Light>) = cpu.lights.iter().cloned().partition(|l| !cpu.is_stored(l));
+        let lights = apart(&cpu.lights, |l| cpu.is_stored(l));
+        let (near, stored): (Vec<Light>, Vec<Light>) = lights.into_iter().partition(|l| !cpu.is_stored(l));
         let (fields, stored): (Vec<Light>, Vec<Light>) = stored.into_iter().partition(Light::has_field);
         let (mut irradiance, pieces) = match near.as_slice() {
             [] => (vec![DVec3::ZERO; cpu.samples.len()], Pieces::default()),

@@ -9,6 +9,7 @@ use super::settings::Shadows;
 use crate::error::Result;
 use crate::geometry::bvh::{Bvh, NO_TRIANGLE, Ray, offset_origin};
 use crate::light::harmonics::{coefficients, to_harmonics};
+use crate::light::suns::apart;
 use crate::light::{Light, refuse_fields};
 use crate::math::quadrature::{gauss_legendre, gauss_legendre_cached};
 use crate::math::sh::real_sh;
@@ -151,7 +152,8 @@ impl Lit {
     pub(super) fn new(lookers: Lookers, bvh: &Bvh, lights: &[Light]) -> Result<Self> {
         refuse_fields(lights)?;
         let mut lit = Self::default();
-        for light in lights {
+        // Three bands of harmonics have no sun.
+        for light in &apart(lights, |_| true) {
             match light {
                 Light::Constant { radiance } => lit.around.push(Around::Constant(*radiance)),
                 Light::Environment { .. } => lit.around.push(Around::Harmonics(coefficients(light, BANDS)?)),

@@ -60,26 +60,66 @@ fn quarter(p: array<vec3<f32>, 3>, which: u32) -> array<vec3<f32>, 3> {
     }
 }
 
-// A triangle in quarters that are small enough, depth first; two bits of the path for each level above the current one.
+// True for a triangle whose area is below a share of its longest edge's square.
+fn is_sliver(p: array<vec3<f32>, 3>) -> bool {
+    let u = p[1] - p[0];
+    let v = p[2] - p[1];
+    let w = p[0] - p[2];
+    let longest = 2.0 * SLIVER * max(dot(u, u), max(dot(v, v), dot(w, w)));
+    let doubled = cross(u, -w);
+    return dot(doubled, doubled) < longest * longest;
+}
+
+// A half of a triangle, cut in the middle of its longest edge.
+fn half_of(p: array<vec3<f32>, 3>, which: u32) -> array<vec3<f32>, 3> {
+    let u = p[1] - p[0];
+    let v = p[2] - p[1];
+    let w = p[0] - p[2];
+    let longest = max(dot(u, u), max(dot(v, v), dot(w, w)));
+    var q = p;
+    if dot(u, u) < longest {
+        if dot(v, v) == longest {
+            q = array<vec3<f32>, 3>(p[1], p[2], p[0]);
+        } else {
+            q = array<vec3<f32>, 3>(p[2], p[0], p[1]);
+        }
+    }
+    let middle = 0.5 * (q[0] + q[1]);
+    if which == 0u {
+        return array<vec3<f32>, 3>(q[0], middle, q[2]);
+    }
+    return array<vec3<f32>, 3>(middle, q[1], q[2]);
+}
+
+// A triangle in quarters, and halves of slivers, that are small enough, depth first; two bits of the path for each level above the
+// current one, and one bit that tells halves.
 fn split(table: u32, whole: array<vec3<f32>, 3>) -> vec3<f32> {
     var sum = vec3(0.0);
     var path = 0u;
+    var halved = 0u;
     var depth = 0u;
     loop {
         var p = whole;
         for (var level = 0u; level < depth; level += 1u) {
-            p = quarter(p, extractBits(path, 2u * level, 2u));
+            let which = extractBits(path, 2u * level, 2u);
+            if extractBits(halved, level, 1u) == 1u {
+                p = half_of(p, which);
+            } else {
+                p = quarter(p, which);
+            }
         }
         let middle = (p[0] + p[1] + p[2]) / 3.0;
         if depth < MOST_SPLITS
             && dot(middle, middle) + compact[table].smooth2 < compact[table].split2 * largest2(p, middle) {
             path = insertBits(path, 0u, 2u * depth, 2u);
+            halved = insertBits(halved, select(0u, 1u, is_sliver(p)), depth, 1u);
             depth += 1u;
             continue;
         }
         sum += area_of(p) * (three_of(table, p, middle, INNER_OF_SIX) + three_of(table, p, middle, OUTER_OF_SIX));
-        // The last quarters of their triangles are done with.
-        while depth > 0u && extractBits(path, 2u * (depth - 1u), 2u) == 3u {
+        // The last pieces of their triangles are done with.
+        while depth > 0u
+            && extractBits(path, 2u * (depth - 1u), 2u) == select(3u, 1u, extractBits(halved, depth - 1u, 1u) == 1u) {
             depth -= 1u;
         }
         if depth == 0u {

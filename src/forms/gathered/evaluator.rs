@@ -70,8 +70,15 @@ impl Exitance for AtPoints<'_> {
                 Receivers::oriented(&places, &normals, GROUP).with_factors(&factors)
             }
         };
-        receivers.expand(&self.gather.radiosity(&receivers, &self.lit, self.scheme, progress))
+        receivers.expand(&not_negative(self.gather.radiosity(&receivers, &self.lit, self.scheme, progress)))
     }
+}
+
+/// Radiosity without what rounding leaves below zero: closed forms over the edges of near triangles cancel, and where it
+/// is dark for many mean free paths around, 1e-8 of the brightest is all that is left of them.
+fn not_negative(mut values: Vec<DVec3>) -> Vec<DVec3> {
+    values.iter_mut().for_each(|b| *b = b.max(DVec3::ZERO));
+    values
 }
 
 impl Evaluator for GatheredEvaluator {
@@ -166,7 +173,7 @@ impl Evaluator for GatheredEvaluator {
                 self.with_gather(|gather, lit| gather.radiosity(&self.receivers, lit, scheme, progress))
             }
         };
-        Ok(self.receivers.expand(&values))
+        Ok(self.receivers.expand(&not_negative(values)))
     }
 
     fn prepare_points(&mut self, progress: &dyn Progress) -> Result<()> {
@@ -253,7 +260,8 @@ impl Evaluator for GatheredEvaluator {
         let (direct, pieces) = self.direct();
         let irradiance = returned.as_ref().map_or(direct, |returned| &returned.irradiance);
         let lit = gather.light_with_pieces(irradiance, pieces);
-        Ok(self.receivers.expand(&gather.radiosity(&self.receivers, &lit, Scheme::AllPairs, progress)))
+        let values = gather.radiosity(&self.receivers, &lit, Scheme::AllPairs, progress);
+        Ok(self.receivers.expand(&not_negative(values)))
     }
 
     #[cfg(feature = "gpu")]

@@ -9,7 +9,7 @@ use super::parts::{Analysis, Closure, Role};
 
 pub use self::measure::{MeanFreePath, PartCheck, THICKNESS_SAMPLES, THIN_MEAN_FREE_PATHS};
 
-/// Share of a part's area above which thin regions and long edges are worth a warning.
+/// Share of a part's area above which thin regions are worth a warning, and long edges a measurement.
 const WARNING_SHARE: f64 = 0.05;
 
 /// Findings of the mesh check.
@@ -100,30 +100,51 @@ pub fn check(
 }
 
 impl MeshCheck {
-    /// Warnings about defects that make results on this mesh unreliable, one line each; empty for a sound mesh.
+    /// Defects for which light is lost or taken in on the wrong side, one line each; `--strict` fails on them.
+    pub fn faults(&self) -> Vec<String> {
+        let mut lines = Vec::new();
+        let translucent = |p: &&PartCheck| p.part.role != Role::Opaque && p.part.inconsistent_edges > 0;
+        for part in self.parts.iter().filter(translucent).map(|p| &p.part) {
+            let (name, edges) = (&part.name, part.inconsistent_edges);
+            let why: Vec<&str> = part.winding_doubts.iter().map(|doubt| doubt.reason()).collect();
+            lines.push(format!(
+                "part '{name}': {edges} edges join triangles of opposite winding, and one of their sides receives no light; which \
+                 to turn over is not clear: {}",
+                why.join("; ")
+            ));
+        }
+        for p in self.inverted_parts.iter().filter(|&&p| self.parts[p].part.role != Role::Opaque) {
+            let p = *p;
+            lines.push(format!("the part '{}' is closed and its normals point inwards", self.parts[p].part.name));
+        }
+        lines
+    }
+
+    /// Warnings about other defects that make results on this mesh unreliable, one line each; a sound mesh has none.
     pub fn warnings(&self) -> Vec<String> {
         let mut lines = self.repairs.lines();
         let (openings, boundary) = (self.boundary_loops - self.slits, self.boundary_edges);
         let (slits, edges) = (self.slits, self.non_manifold_edges);
-        let (vertices, inconsistent) = (self.non_manifold_vertices, self.inconsistent_edges);
+        let vertices = self.non_manifold_vertices;
         let open = "open surfaces receive light on the front side only";
-        let dark = "one of their sides receives no light";
         let counted = [
             (openings, format!("{openings} openings ({boundary} boundary edges): {open}")),
             (slits, format!("{slits} slits of no width, where vertices of one side are missing on the other")),
             (edges, format!("{edges} edges have more than two triangles")),
             (vertices, format!("at {vertices} vertices more than one fan of triangles meets")),
-            (inconsistent, format!("{inconsistent} edges join triangles of opposite winding: {dark}")),
         ];
         lines.extend(counted.into_iter().filter(|(count, _)| *count > 0).map(|(_, line)| line));
-        for &p in &self.inverted_parts {
-            lines.push(format!("the part '{}' is closed and its normals point inwards", self.parts[p].part.name));
-        }
+        lines.extend(self.parts.iter().filter_map(|p| p.part.turned()));
         let thin = format!("is thinner than {THIN_MEAN_FREE_PATHS} mean free paths: diffusion is inaccurate there");
         lines.extend(self.share_of_parts(|p| p.thin_area_share, &thin));
-        let long = "is in triangles longer than a mean free path: light varies within them, refine the mesh";
-        lines.extend(self.share_of_parts(|p| p.long_edge_area_share, long));
         lines
+    }
+
+    /// True if light may vary within triangles: a share of a translucent part is in triangles longer than a mean free
+    /// path. On most models it does not vary much, which is to be measured.
+    pub fn may_be_coarse(&self) -> bool {
+        let translucent = self.parts.iter().filter(|p| p.part.role != Role::Opaque);
+        translucent.filter_map(|p| p.long_edge_area_share).any(|share| share > WARNING_SHARE)
     }
 
     /// One line about the translucent parts whose share is worth a warning.

@@ -4,6 +4,7 @@ use glam::DVec3;
 
 use super::roles::{MaterialRoles, Role};
 use super::touch::{Corners, Crossing, crossing};
+use super::turn::turn_over;
 use crate::geometry::boxes::{Aabb, BoxTree};
 use crate::geometry::mesh::{Chain, EdgeTable, Mesh, POSITION_RESOLUTION, RepairReport, simple_chains};
 
@@ -15,6 +16,32 @@ pub enum Closure {
     Closed,
     /// The surface has a border.
     Open,
+}
+
+/// Why the winding of a piece of surface cannot be told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum WindingDoubt {
+    /// It has one side only.
+    OneSided,
+    /// Neither winding has a clear majority of the area.
+    Tie,
+    /// It is closed and encloses no volume.
+    NoVolume,
+    /// More than two triangles meet at its edges.
+    NonManifold,
+}
+
+impl WindingDoubt {
+    /// The reason in words.
+    pub fn reason(self) -> &'static str {
+        match self {
+            Self::OneSided => "the surface has one side only, as a Moebius strip has",
+            Self::Tie => "neither winding has a clear majority",
+            Self::NoVolume => "the surface encloses no volume",
+            Self::NonManifold => "more than two triangles meet at edges, and which belong together is not clear",
+        }
+    }
 }
 
 /// Triangles of one medium that share welded vertices.
@@ -29,6 +56,10 @@ pub(crate) struct Component {
     pub closure: Closure,
     /// Edges whose triangles do not run in opposite directions in pairs.
     pub inconsistent_edges: usize,
+    /// Triangles that ran against the others and were turned over.
+    pub turned_triangles: usize,
+    /// Why windings that disagree were left.
+    pub winding_doubts: Vec<WindingDoubt>,
     pub bounds: Aabb,
 }
 
@@ -96,6 +127,8 @@ impl Components {
                     volume_mm3: 0.0,
                     closure: Closure::Closed,
                     inconsistent_edges: 0,
+                    turned_triangles: 0,
+                    winding_doubts: Vec::new(),
                     bounds: Aabb::EMPTY,
                 });
             }
@@ -107,40 +140,12 @@ impl Components {
             component.bounds = component.bounds.union(Aabb::of(&corners));
         }
         let mut components = Self { of_triangle, list };
-        components.inspect_edges(mesh, edges);
+        let of = |t: u32| Some((components.of_triangle[t as usize], 1));
+        let found = inspect_edges(mesh, edges, of, count);
+        for (component, (closure, inconsistent)) in components.list.iter_mut().zip(found) {
+            (component.closure, component.inconsistent_edges) = (closure, inconsistent);
+        }
         components
-    }
-
-    /// Closure and winding, from the triangles that each component has at each edge.
-    fn inspect_edges(&mut self, mesh: &Mesh, edges: &EdgeTable) {
-        let mut odd: Vec<(u32, [u32; 2])> = Vec::new();
-        let mut here: Vec<(u32, i32)> = Vec::new();
-        for edge in edges.edges() {
-            here.clear();
-            here.extend(edge.triangles().map(|(t, direction)| (self.of_triangle[t as usize], direction)));
-            if let [(c, d), (other_c, other_d)] = here[..]
-                && c == other_c
-                && d != other_d
-            {
-                continue;
-            }
-            here.sort_unstable();
-            for run in here.chunk_by(|a, b| a.0 == b.0) {
-                let component = run[0].0;
-                if run.len() % 2 == 1 {
-                    odd.push((component, edge.vertices));
-                } else if run.iter().map(|r| r.1).sum::<i32>() != 0 {
-                    self.list[component as usize].inconsistent_edges += 1;
-                }
-            }
-        }
-        odd.sort_unstable();
-        for run in odd.chunk_by(|a, b| a.0 == b.0) {
-            let border: Vec<[u32; 2]> = run.iter().map(|r| r.1).collect();
-            if simple_chains(&border).iter().any(|chain| !is_slit(mesh, chain)) {
-                self.list[run[0].0 as usize].closure = Closure::Open;
-            }
-        }
     }
 
     /// Turns closed components round whose normals all point inwards, unless they lie in another closed component of
@@ -153,16 +158,7 @@ impl Components {
         let flipped: Vec<bool> = self.of_triangle.iter().map(|&c| flip[c as usize]).collect();
         report.flipped_components += flip.iter().filter(|&&f| f).count();
         report.flipped_triangles += flipped.iter().filter(|&&f| f).count();
-        turn_normals(mesh, &flipped, &flip, &self.of_triangle);
-        for t in (0..flipped.len()).filter(|&t| flipped[t]) {
-            mesh.triangles[t].swap(1, 2);
-            if let Some(normals) = &mut mesh.normals {
-                normals.corners[t].swap(1, 2);
-            }
-            if let Some(uvs) = &mut mesh.uvs {
-                uvs.corners[t].swap(1, 2);
-            }
-        }
+        turn_over(mesh, &flipped, |t| self.of_triangle[t] as usize, flip.len());
         for (component, _) in self.list.iter_mut().zip(&flip).filter(|(_, f)| **f) {
             component.volume_mm3 = -component.volume_mm3;
         }
@@ -183,10 +179,53 @@ impl Components {
 impl Component {
     /// Closed, wound consistently, and with a clearly negative volume.
     pub(crate) fn is_inverted(&self) -> bool {
-        let diagonal = (self.bounds.max - self.bounds.min).length();
-        let noise = 1e-6 * self.area_mm2 * diagonal;
-        self.closure == Closure::Closed && self.inconsistent_edges == 0 && self.volume_mm3 < -noise
+        let clear = clear_volume(self.volume_mm3, self.area_mm2, &self.bounds);
+        self.closure == Closure::Closed && self.inconsistent_edges == 0 && self.volume_mm3 < 0.0 && clear
     }
+}
+
+/// Whether the sign of a volume is beyond rounding.
+pub(super) fn clear_volume(volume_mm3: f64, area_mm2: f64, bounds: &Aabb) -> bool {
+    volume_mm3.abs() > 1e-6 * area_mm2 * (bounds.max - bounds.min).length()
+}
+
+/// Closure of `count` sets of triangles, and for each the edges whose triangles do not run in opposite directions in
+/// pairs. `of` gives the set of a triangle and the sign of its winding there, none for triangles that are in no set.
+pub(super) fn inspect_edges(
+    mesh: &Mesh,
+    edges: &EdgeTable,
+    of: impl Fn(u32) -> Option<(u32, i32)>,
+    count: usize,
+) -> Vec<(Closure, usize)> {
+    let mut found = vec![(Closure::Closed, 0); count];
+    let mut odd: Vec<(u32, [u32; 2])> = Vec::new();
+    let mut here: Vec<(u32, i32)> = Vec::new();
+    for edge in edges.edges() {
+        here.clear();
+        here.extend(edge.triangles().filter_map(|(t, direction)| of(t).map(|(set, sign)| (set, sign * direction))));
+        if let [(c, d), (other_c, other_d)] = here[..]
+            && c == other_c
+            && d != other_d
+        {
+            continue;
+        }
+        here.sort_unstable();
+        for run in here.chunk_by(|a, b| a.0 == b.0) {
+            if run.len() % 2 == 1 {
+                odd.push((run[0].0, edge.vertices));
+            } else if run.iter().map(|r| r.1).sum::<i32>() != 0 {
+                found[run[0].0 as usize].1 += 1;
+            }
+        }
+    }
+    odd.sort_unstable();
+    for run in odd.chunk_by(|a, b| a.0 == b.0) {
+        let border: Vec<[u32; 2]> = run.iter().map(|r| r.1).collect();
+        if simple_chains(&border).iter().any(|chain| !is_slit(mesh, chain)) {
+            found[run[0].0 as usize].0 = Closure::Open;
+        }
+    }
+    found
 }
 
 /// Triangle labels by shared welded vertices within one role.
@@ -225,30 +264,6 @@ pub(crate) fn is_slit(mesh: &Mesh, chain: &Chain) -> bool {
     let tolerance = 4.0 * POSITION_RESOLUTION * points.iter().map(|p| p.length()).fold(0.0, f64::max);
     let axis = (b - a).normalize_or_zero();
     points.iter().all(|&p| (p - a).cross(axis).length() <= tolerance)
-}
-
-/// Negates the shading normals of flipped components where most of them would point into the surface.
-fn turn_normals(mesh: &mut Mesh, flipped: &[bool], flip: &[bool], of_triangle: &[u32]) {
-    let Some(mut normals) = mesh.normals.take() else { return };
-    let mut agreement = vec![0.0; flip.len()];
-    for t in (0..flipped.len()).filter(|&t| flipped[t]) {
-        let face = -mesh.cross_mm2(t as u32);
-        for &n in &normals.corners[t] {
-            agreement[of_triangle[t] as usize] += face.dot(normals.values[n as usize].as_dvec3());
-        }
-    }
-    let mut negated = vec![u32::MAX; normals.values.len()];
-    for t in (0..flipped.len()).filter(|&t| flipped[t] && agreement[of_triangle[t] as usize] < 0.0) {
-        for n in &mut normals.corners[t] {
-            if negated[*n as usize] == u32::MAX {
-                negated[*n as usize] = normals.values.len() as u32;
-                let value = -normals.values[*n as usize];
-                normals.values.push(value);
-            }
-            *n = negated[*n as usize];
-        }
-    }
-    mesh.normals = Some(normals);
 }
 
 /// The triangles of one component under a box tree.
@@ -384,8 +399,13 @@ impl<'a> ComponentTrees<'a> {
 
     /// True if `outer` is closed and holds the first corner of `inner`: all of it, where the two do not touch.
     pub(crate) fn holds(&mut self, outer: u32, inner: u32) -> bool {
-        let (o, i) = (&self.components.list[outer as usize], &self.components.list[inner as usize]);
-        let point = self.mesh.corners_local_mm(i.first_triangle)[0];
-        o.closure == Closure::Closed && o.bounds.contains(&i.bounds) && self.tree(outer).contains(point)
+        let inner = &self.components.list[inner as usize];
+        self.holds_point(outer, &inner.bounds, self.mesh.corners_local_mm(inner.first_triangle)[0])
+    }
+
+    /// True if `outer` is closed and holds `point`, one of a surface with these bounds.
+    pub(crate) fn holds_point(&mut self, outer: u32, bounds: &Aabb, point: DVec3) -> bool {
+        let o = &self.components.list[outer as usize];
+        o.closure == Closure::Closed && o.bounds.contains(bounds) && self.tree(outer).contains(point)
     }
 }

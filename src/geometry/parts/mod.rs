@@ -6,13 +6,15 @@
 mod components;
 mod roles;
 mod touch;
+mod turn;
+mod winding;
 
 use std::collections::HashMap;
 
 use serde::Serialize;
 
-pub use components::Closure;
 use components::ComponentTrees;
+pub use components::{Closure, WindingDoubt};
 pub(crate) use components::{Component, ComponentTree, Components, DisjointSets, is_slit};
 pub use roles::{MaterialRoles, Role};
 
@@ -53,6 +55,12 @@ pub struct Part {
     pub triangle_count: usize,
     /// Number of connected components.
     pub components: usize,
+    /// Triangles that were wound against the others and have been turned over.
+    pub turned_triangles: usize,
+    /// Edges whose triangles do not pair up in opposite directions (borders aside), as they were left.
+    pub inconsistent_edges: usize,
+    /// Why those were left: which winding is right is not clear.
+    pub winding_doubts: Vec<WindingDoubt>,
 }
 
 /// The parts of a mesh in the order of their first triangles.
@@ -64,6 +72,15 @@ pub struct Parts {
     pub parts: Vec<Part>,
     /// The rule that made them.
     pub rule: PartsRule,
+}
+
+impl Part {
+    /// The triangles that were turned over, in words; none if there were none.
+    pub fn turned(&self) -> Option<String> {
+        let (name, turned, all) = (&self.name, self.turned_triangles, self.triangle_count);
+        let line = format!("part '{name}': {turned} of {all} triangles were wound against the others: turned over");
+        (turned > 0).then_some(line)
+    }
 }
 
 impl Parts {
@@ -90,12 +107,20 @@ impl Parts {
                     volume_mm3: Some(0.0),
                     triangle_count: 0,
                     components: 0,
+                    turned_triangles: 0,
+                    inconsistent_edges: 0,
+                    winding_doubts: Vec::new(),
                 });
             }
             let part = &mut parts[part as usize];
             part.area_mm2 += component.area_mm2;
             part.triangle_count += component.triangles;
             part.components += 1;
+            part.turned_triangles += component.turned_triangles;
+            part.inconsistent_edges += component.inconsistent_edges;
+            part.winding_doubts.extend(&component.winding_doubts);
+            part.winding_doubts.sort_unstable();
+            part.winding_doubts.dedup();
             part.volume_mm3 = part.volume_mm3.map(|v| v + component.volume_mm3);
             if component.closure == Closure::Open {
                 part.closure = Closure::Open;
@@ -124,6 +149,13 @@ impl Parts {
     }
 }
 
+/// For each of `count` parts, its edges whose triangles do not pair up in opposite directions, borders aside;
+/// `triangle_part` has one entry for each triangle.
+pub fn inconsistent_edges(mesh: &Mesh, triangle_part: &[u32], count: usize) -> Vec<usize> {
+    let of = |t: u32| triangle_part.get(t as usize).filter(|&&part| (part as usize) < count).map(|&part| (part, 1));
+    components::inspect_edges(mesh, &EdgeTable::new(mesh), of, count).into_iter().map(|(_, edges)| edges).collect()
+}
+
 /// Parts, components and edges of a mesh, computed once for transport and the mesh check.
 pub struct Analysis {
     /// The parts.
@@ -133,10 +165,12 @@ pub struct Analysis {
 }
 
 impl Analysis {
-    /// Finds edges and components, turns inverted components round (see [`RepairReport::flipped_components`]) and groups parts.
+    /// Finds edges and components, turns triangles over that are wound against the others ([`Part::turned_triangles`])
+    /// and closed components that are wound inwards ([`RepairReport::flipped_components`]), and groups parts.
     pub fn new(mesh: &mut Mesh, roles: &MaterialRoles, rule: PartsRule, report: &mut RepairReport) -> Self {
         let mut edges = EdgeTable::new(mesh);
         let mut components = Components::find(mesh, roles, &edges);
+        winding::mend(mesh, roles, &mut components, &mut edges);
         let before = report.flipped_triangles;
         components.orient(mesh, report);
         if report.flipped_triangles != before {

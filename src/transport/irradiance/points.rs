@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::sharp::{Sharp, pieces};
+use super::sharp::{Sharp, graded, pieces};
 use super::{Bundle, Illumination, MOST, PROBE_REACH, PROBE_WEIGHTS, SurfacePoint};
 use crate::geometry::samples::{Facet, Patch, area};
 use crate::progress::Progress;
@@ -33,7 +33,7 @@ impl Illumination<'_> {
         for (i, ((point, medium), e)) in points.iter().zip(out.iter_mut()).enumerate() {
             let Some((eta, _)) = self.entrance.get(*medium as usize) else { continue };
             let point = std::slice::from_ref(point);
-            sharp.iter_mut().for_each(|light| light.collect(i, *eta, point, |_| 1.0));
+            sharp.iter_mut().for_each(|light| light.collect(i, *eta, point, |point| (point, 1.0)));
             let soft = self.lights.iter().filter(|light| !light.is_sharp());
             *e = soft.map(|light| self.irradiance(light, *medium as usize, first + i, point, &mut bundle)).sum();
         }
@@ -81,6 +81,29 @@ impl Illumination<'_> {
             let at = corners.iter().sum::<DVec3>() / 3.0;
             out.push(SurfacePoint { at, normal, triangle: facet.triangle });
         });
+    }
+
+    /// Points of the pieces of a patch that is one facet, the closer together the nearer they are to a place, each with its
+    /// piece and its share of the patch.
+    pub(super) fn graded_points(
+        &self,
+        patch: usize,
+        count: u32,
+        from: DVec3,
+    ) -> (Vec<SurfacePoint>, Vec<(usize, f64)>) {
+        let (mut points, mut of) = (Vec::new(), Vec::new());
+        let [facet] = self.surface.samples.patch(patch) else { return (points, of) };
+        let normal = self.surface.patches[patch].normal;
+        let mut piece = 0;
+        pieces(facet.corners_local_mm(self.surface.domain.mesh), count, &mut |corners| {
+            graded(corners, from, &mut |part, share| {
+                let at = part.iter().sum::<DVec3>() / 3.0;
+                points.push(SurfacePoint { at, normal, triangle: facet.triangle });
+                of.push((piece, share / f64::from(count)));
+            });
+            piece += 1;
+        });
+        (points, of)
     }
 
     /// Points that stand for equal areas of a patch.

@@ -16,7 +16,7 @@ use crate::math::slices::cut;
 use crate::transport::close_pairs::ClosePairs;
 use crate::transport::kernel::radial_table::{LinearTable, Rgb, add_product};
 use crate::transport::kernel::{Block, PointSource, Receiver, squares};
-use crate::transport::near_rule::{MOST_SPLITS, SIX_POINTS};
+use crate::transport::near_rule::{MOST_SPLITS, SIX_POINTS, SLIVER};
 use crate::transport::receivers::Sphere;
 
 /// Samples around groups of receivers.
@@ -215,6 +215,12 @@ fn split(sum: &mut Rgb, [a, b, c]: [Vec3; 3], (smooth2, split2): (f32, f32), spl
     let middle = (a + b + c) / 3.0;
     let radius2 = middle.distance_squared(a).max(middle.distance_squared(b)).max(middle.distance_squared(c));
     if splits > 0 && middle.length_squared() + smooth2 < split2 * radius2 {
+        if let Some(halves) = halves_of_sliver([a, b, c]) {
+            for half in halves {
+                split(sum, half, (smooth2, split2), splits - 1, table);
+            }
+            return;
+        }
         let (ab, bc, ca) = (0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a));
         for quarter in [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]] {
             split(sum, quarter, (smooth2, split2), splits - 1, table);
@@ -224,6 +230,26 @@ fn split(sum: &mut Rgb, [a, b, c]: [Vec3; 3], (smooth2, split2): (f32, f32), spl
     let area = 0.5 * (b - a).cross(c - a).length();
     let corners = [[a.x, b.x, c.x, 0.0], [a.y, b.y, c.y, 0.0], [a.z, b.z, c.z, 0.0]];
     points(sum, (middle.to_array(), area), &corners, table);
+}
+
+/// The halves of a sliver, cut in the middle of its longest edge; none for other triangles.
+#[inline(always)]
+fn halves_of_sliver([a, b, c]: [Vec3; 3]) -> Option<[[Vec3; 3]; 2]> {
+    let (ab, bc, ca) = (a.distance_squared(b), b.distance_squared(c), c.distance_squared(a));
+    let longest = ab.max(bc).max(ca);
+    let doubled = (b - a).cross(c - a);
+    if doubled.length_squared() >= (2.0 * SLIVER * longest) * (2.0 * SLIVER * longest) {
+        return None;
+    }
+    let [p, q, r] = if ab == longest {
+        [a, b, c]
+    } else if bc == longest {
+        [b, c, a]
+    } else {
+        [c, a, b]
+    };
+    let middle = 0.5 * (p + q);
+    Some([[p, middle, r], [middle, q, r]])
 }
 
 /// Finds the squared distances of all close samples from a receiver, and the samples whose facets count.
