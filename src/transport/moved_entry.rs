@@ -5,22 +5,29 @@
 //! tangential part of the step: the place of the first collision is brought back to the surface along the outward normal
 //! of the entrance. Where that meets no surface of the body, the light stays. No light is lost.
 
+use std::ops::Range;
+
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::domain::Domain;
 use super::irradiance::{Illumination, LightSampling, Pieces};
 use super::surface::Surface;
 use crate::error::Result;
 use crate::geometry::bvh::Ray;
 use crate::geometry::mesh::Mesh;
-use crate::geometry::samples::{Facet, bisect};
+use crate::geometry::samples::{Facet, Patch, bisect};
 use crate::light::Light;
 use crate::math::random::{radical_inverse_2, uniform};
 use crate::medium::fresnel::refracted_cosine;
 use crate::progress::Progress;
 
-/// Steps of each sample; channels share the depths in free paths.
-const STEPS: usize = 4;
+/// Steps of each sample.
+const STEPS: usize = 8;
+
+/// Numbers of samples next to each other whose light is evened, and the least cosine between their normals.
+const NEIGHBOURS: [usize; 2] = [16, 4];
+const FLAT: f64 = 0.7;
 
 /// Share of the light that goes farther than any step.
 const LEAST: f64 = 1e-10;
@@ -132,24 +139,18 @@ pub fn moved(surface: &Surface, light: &Light, irradiance: &[DVec3]) -> Vec<DVec
     let facets = Facets::new(surface);
     let of_task = |task: usize| {
         let range = task * TASK..((task + 1) * TASK).min(irradiance.len());
-        let mut deposits: Vec<(u32, DVec3)> = Vec::with_capacity(range.len() * 4);
+        let mut deposits: Vec<(u32, DVec3)> = Vec::with_capacity(range.len() * STEPS);
         for sample in range {
             let patch = &surface.patches[sample];
             let flux = irradiance[sample] * patch.area_mm2;
             if flux == DVec3::ZERO {
                 continue;
             }
-            let step = |c: usize, k: usize| {
-                let at = target(surface, &facets, sample, (c, k), towards(patch.centre_mm)?)?;
-                Some((at, flux[c] / STEPS as f64))
-            };
-            for c in 0..3 {
-                let mut one = DVec3::ZERO;
-                for k in 0..STEPS {
-                    let (at, share) = step(c, k).unwrap_or((sample as u32, flux[c] / STEPS as f64));
-                    one[c] = share;
-                    deposits.push((at, one));
-                }
+            let (lengths, shares) = steps(sample, free_paths_mm(surface, sample));
+            let towards = towards(patch.centre_mm).unwrap_or_default();
+            for (k, (length, share)) in lengths.into_iter().zip(shares).enumerate() {
+                let at = target(surface, &facets, (sample, k), length, towards).unwrap_or(sample as u32);
+                deposits.push((at, flux * share));
             }
         }
         deposits
@@ -161,25 +162,78 @@ pub fn moved(surface: &Surface, light: &Light, irradiance: &[DVec3]) -> Vec<DVec
             *sum += flux;
         }
     }
-    let of = |(sum, patch): (&mut DVec3, &crate::geometry::samples::Patch)| {
-        *sum = if patch.area_mm2 > 0.0 { *sum / patch.area_mm2 } else { DVec3::ZERO };
-    };
-    result.iter_mut().zip(surface.patches).for_each(of);
+    evened(surface, &mut result);
     result
+}
+
+/// Mean free paths of the medium of a sample, RGB, mm; zero where it has none.
+fn free_paths_mm(surface: &Surface, sample: usize) -> DVec3 {
+    let Domain { parts, media, .. } = surface.domain;
+    let of = || {
+        let triangle = surface.samples.patch(sample).first()?.triangle;
+        let part = parts.parts.get(*parts.triangle_part.get(triangle as usize)? as usize)?;
+        Some(media.get(part.medium? as usize)?.properties.mean_free_path_mm())
+    };
+    of().unwrap_or_default()
+}
+
+/// Lengths of the steps of a sample, mm, and the share of the light of each channel that takes them. All channels take the same
+/// steps, those of the one with the longest paths, and shorter ones more often.
+fn steps(sample: usize, paths: DVec3) -> ([f64; STEPS], [DVec3; STEPS]) {
+    let longest = paths.to_array().into_iter().filter(|path| path.is_finite()).fold(0.0, f64::max);
+    // Samples whose indices are near lie together: the depths of any 2^k in a row are spread evenly.
+    let index = |step: usize| (sample * STEPS + step) as u32;
+    let depths: [f64; STEPS] =
+        std::array::from_fn(|step| -(1.0 - radical_inverse_2(index(step)) - LEAST).max(LEAST).ln());
+    let weights = depths.map(|depth| paths.map(|path| longest / path * (depth - depth * longest / path).exp()));
+    let sum: DVec3 = weights.iter().sum();
+    let even = DVec3::splat(1.0 / STEPS as f64);
+    let shares = weights.map(|weight| {
+        let share = (weight / sum).to_array();
+        DVec3::from_array([0, 1, 2].map(|c| if share[c].is_finite() { share[c] } else { even[c] }))
+    });
+    (depths.map(|depth| longest * depth), shares)
+}
+
+/// Turns the flux of the samples into irradiance, that of a few neighbours together where they are within a mean free path: what
+/// moves lands on single samples, whose light would be grainy.
+fn evened(surface: &Surface, flux: &mut [DVec3]) {
+    for part in 0..surface.domain.parts.parts.len() {
+        let range = surface.samples.part(part);
+        let within = range.clone().next().map_or(0.0, |first| free_paths_mm(surface, first).min_element());
+        even_out((surface.patches, range, within), &NEIGHBOURS, flux);
+    }
+}
+
+/// Evens blocks of a number of samples of a range, or where they are not neighbours within a distance (mm) smaller ones.
+fn even_out((patches, range, within): (&[Patch], Range<usize>, f64), sizes: &[usize], flux: &mut [DVec3]) {
+    let (size, smaller) = sizes.split_first().map_or((1, &[][..]), |(size, smaller)| (*size, smaller));
+    for start in range.clone().step_by(size) {
+        let block = start..(start + size).min(range.end);
+        let first = &patches[start];
+        let is_near =
+            |patch: &Patch| patch.centre_mm.distance(first.centre_mm) < within && patch.normal.dot(first.normal) > FLAT;
+        if size > 1 && !patches[block.clone()].iter().all(is_near) {
+            even_out((patches, block, within), smaller, flux);
+            continue;
+        }
+        let area: f64 = patches[block.clone()].iter().map(|patch| patch.area_mm2).sum();
+        let sum: DVec3 = flux[block.clone()].iter().sum();
+        flux[block].fill(if area > 0.0 { sum / area } else { DVec3::ZERO });
+    }
 }
 
 /// The sample that a step of a sample's light ends at.
 fn target(
     surface: &Surface,
     facets: &Facets,
-    sample: usize,
-    (channel, step): (usize, usize),
+    (sample, step): (usize, usize),
+    length: f64,
     towards: DVec3,
 ) -> Option<u32> {
     let mesh = surface.domain.mesh;
-    // Samples whose indices are near lie together: the depths of any 2^k in a row are spread evenly.
-    let index = (sample * STEPS + step) as u32;
     // A point of the sample, so that the whole of it is moved and not its middle alone.
+    let index = (sample * STEPS + step) as u32;
     let own = surface.samples.patch(sample);
     let facet = own.get((uniform(STAGE, index.into(), 0) * own.len() as f64) as usize)?;
     let [a, b, c] = facet.corners_local_mm(mesh);
@@ -193,8 +247,6 @@ fn target(
     let cosine = towards.dot(normal);
     let inside = refracted_cosine(eta, cosine)?;
     let direction = -((towards - cosine * normal) / eta + inside * normal).normalize_or_zero();
-    let free_path = medium.properties.mean_free_path_mm()[channel];
-    let length = -free_path * (1.0 - radical_inverse_2(index) - LEAST).max(LEAST).ln();
     let depth = length * inside;
     if !(depth.is_finite() && cosine > 0.0) {
         return None;

@@ -240,6 +240,9 @@ impl Evaluator for GatheredEvaluator {
             single.enter_noise(self.lit_scene(), &mut ledger)?;
         }
         self.prepare_nets(progress);
+        if self.nets().is_none() {
+            self.tuned_scheme();
+        }
         let Some(stage) = self.transfer() else { return Ok(ledger) };
         let error = worst_and_unseen(unseen, |light| {
             let Some(light) = light else { return Ok(self.transfer_error(self.lit())) };

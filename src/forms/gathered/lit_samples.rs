@@ -286,7 +286,8 @@ impl GatheredEvaluator {
         self.nets = Some(nets);
     }
 
-    /// Nets, and tables of the media and profiles in force: there must have been [`Self::prepare_nets`].
+    /// Nets, and tables of the media and profiles in force: there must have been [`Self::prepare_nets`]. None where they do not resolve
+    /// calibrated kernels, which the hierarchy sums then.
     pub fn nets(&self) -> Option<(&SurfaceNets, &SurfaceTables)> {
         self.nets.as_ref()?.prepared()
     }
@@ -347,10 +348,12 @@ impl Nets {
             progress.finish();
             nets
         });
-        self.tables.get_or_insert_with(|| nets.tables(surface, receivers, (kernels, of_part)));
+        if self.tables.is_none() && nets.resolve((kernels, of_part)) {
+            self.tables = Some(nets.tables(surface, receivers, (kernels, of_part)));
+        }
     }
 
-    /// Nets and tables, present after [`Self::prepare`].
+    /// Nets and tables, present after [`Self::prepare`] where nets resolve the kernels.
     fn prepared(&self) -> Option<(&SurfaceNets, &SurfaceTables)> {
         self.nets.as_ref().zip(self.tables.as_ref())
     }

@@ -179,7 +179,7 @@ impl LinearTable {
                 *zero = (4.0 * (positive(tail(c, 0.0)) - positive(tail(c, end.sqrt()))) / end - *one).max(*one);
             }
         }
-        let values = values.map(|values| values.into_iter().map(positive).collect());
+        let values = values.map(|values| values.into_iter().map(finite).collect());
         table.linear(&nodes, &values)
     }
 
@@ -224,7 +224,7 @@ impl LinearTable {
                 let square = (r * r + ring * ring + 2.0 * r * ring * cosine).max(0.0);
                 softened[c].less(profiles[c].as_ref(), square)
             };
-            rings.iter().flat_map(|&ring| cosines.map(|cosine| positive(at(ring, cosine)))).sum::<f64>() / 8.0
+            rings.iter().flat_map(|&ring| cosines.map(|cosine| finite(at(ring, cosine)))).sum::<f64>() / 8.0
         };
         Self::new((radius_containing(profiles, INNERMOST, radius_mm), radius_mm), value, |_, _| 0.0)
     }
@@ -284,7 +284,7 @@ impl ProfileTable {
         Self {
             reflectance: LinearTable::new(
                 (scale, reach),
-                |c, r| profiles[c].reflectance(r),
+                |c, r| positive(profiles[c].reflectance(r)),
                 |c, r| profiles[c].tail(r),
             ),
             tail: tail.linear(&nodes, &tails),

@@ -31,8 +31,11 @@ const SOFTENING: f64 = 1.2;
 /// Radius that the finest net resolves, over the length on whose scale a double layer varies.
 const RESOLVED: f64 = 1.2;
 
-/// Spacings of the finest net at least in the length on whose scale a layer varies that is summed whole.
-const WHOLE: f64 = 1.5;
+/// Spacing of the finest net at least, over that of single layers.
+const FINEST: f64 = 0.5;
+
+/// Spacings of the finest net at least in the length on whose scale a layer varies that it resolves.
+const RESOLVING: f64 = 1.5;
 
 /// The nets of a double layer, and its kernel on each.
 pub(crate) struct Double {
@@ -41,8 +44,13 @@ pub(crate) struct Double {
 }
 
 impl Double {
-    /// The nets of a layer that varies on the scale of a length (mm), over samples and for receivers at most an extent apart; none finer than
-    /// the spacing of nets of `finest`, whose softening says how accurate they are.
+    /// True if nets half as far apart as those of a resolution resolve a layer that varies on the scale of a length, mm.
+    pub(super) fn is_resolved(varies_mm: f64, finest: Resolution) -> bool {
+        varies_mm >= RESOLVING * FINEST * finest.spacing_mm
+    }
+
+    /// The nets of a layer that varies on the scale of a length (mm), over samples and for receivers at most an extent apart; half as
+    /// far apart as those of `finest` at least, whose softening says how accurate they are.
     pub(super) fn new(
         (samples, receivers): (&[OrientedPoint], &[OrientedPoint]),
         (layer, varies_mm): (&[Arc<dyn Profile>; 3], f64),
@@ -50,15 +58,14 @@ impl Double {
         extent_mm: f64,
     ) -> Self {
         let softening = SOFTENING * finest.softening;
-        let spacing_mm = (RESOLVED * varies_mm / softening).max(finest.spacing_mm);
+        let spacing_mm = (RESOLVED * varies_mm / softening).max(FINEST * finest.spacing_mm);
         let resolution = Resolution { spacing_mm, softening };
         let nets = Multilevel::new(samples, receivers, resolution);
         let near = resolution.near_mm();
-        // Where the nets are too coarse for the layer it fades within their radius, otherwise it is whole.
-        let innermost = if varies_mm < WHOLE * spacing_mm { near } else { 0.0 };
         let count = nets.levels.len();
         let kernel = |level: usize| {
-            let radius = if level == 0 { innermost } else { near * 2f64.powi(level as i32) };
+            // The finest net has the layer as it is.
+            let radius = if level == 0 { 0.0 } else { near * 2f64.powi(level as i32) };
             let less = (level + 1 < count).then(|| near * 2f64.powi(level as i32 + 1));
             let soft = layer.each_ref().map(|p| Softened::new(p.as_ref(), radius));
             let softer = less.map(|less| layer.each_ref().map(|p| Softened::new(p.as_ref(), less)));

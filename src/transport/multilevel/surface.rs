@@ -96,10 +96,12 @@ impl Quality {
             };
             lights.iter().map(truth).collect()
         };
-        let truths: Vec<Vec<Vec<DVec3>>> = media.iter().map(truths_in).collect();
         let guess = Self::for_error(error);
         let mut quality = Self { softening: SMOOTHEST * guess.softening, ..guess };
         let mut nets = SurfaceNets::new(surface, receivers, quality);
+        let media: Vec<&KernelsOfParts> =
+            media.iter().filter(|(kernels, parts)| nets.resolve((kernels, parts))).collect();
+        let truths: Vec<Vec<Vec<DVec3>>> = media.iter().map(|kernels| truths_in(kernels)).collect();
         let mut measured = |quality: Self| {
             nets.set_quality(surface, receivers, quality);
             let in_media = |((kernels, of_part), truths): (&KernelsOfParts, &Vec<Vec<DVec3>>)| {
@@ -110,7 +112,7 @@ impl Quality {
                 };
                 lights.iter().zip(truths).map(of_light).fold(0.0, f64::max)
             };
-            media.iter().zip(&truths).map(in_media).fold(0.0, f64::max)
+            media.iter().copied().zip(&truths).map(in_media).fold(0.0, f64::max)
         };
         let mut found = measured(quality);
         for _ in 0..TRIALS {
@@ -229,6 +231,16 @@ impl SurfaceNets {
             let positions = &receivers.positions[part.receivers.clone()];
             part.near = NearSamples::new(&centres, positions, &part.groups, part.nets.resolution.near_mm());
         }
+    }
+
+    /// True if nets resolve the double layers of kernels of the parts, where they have any: those that vary within the spacing of
+    /// the samples take sums of another kind.
+    pub fn resolve(&self, (kernels, of_part): (&[MediumKernel], &[Option<u32>])) -> bool {
+        let layers = |part: &Part| kernels.get(of_part.get(part.part).copied().flatten()? as usize)?.layers();
+        let resolved = |part: &Part| {
+            layers(part).is_none_or(|layers| Double::is_resolved(layers.varies_mm(), part.nets.resolution))
+        };
+        self.parts.iter().all(resolved)
     }
 
     /// Tables of kernels of the parts, which are those of [`Self::new`] on the same surface and for the same receivers.
