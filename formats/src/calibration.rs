@@ -116,7 +116,9 @@ impl Calibration {
         parts.iter().flatten().flat_map(|part| &part.layers).try_for_each(Layers::validate)?;
         match self.codes.iter().find(|code| code.unsigned_abs() > MOST_CODE) {
             Some(code) => invalid(tags::FACTORS, format!("a code of {code}")),
-            None if self.codes.len() % CHANNELS != 0 => invalid(tags::FACTORS, "a point without all channels"),
+            None if !self.codes.len().is_multiple_of(CHANNELS) => {
+                invalid(tags::FACTORS, "a point without all channels")
+            }
             None => Ok(()),
         }
     }

@@ -132,8 +132,8 @@ impl Net {
         jobs.enumerate().with_min_len(8).for_each(|(g, ((((run, under), x), y), z))| {
             let mut block = Heights::new(&self.at[run.range()]);
             add_heights(level, &mut block, table, self.around.of(g), (&self.at, charges));
-            for (out, sums) in [under, x, y, z].into_iter().zip(&block.sums) {
-                out.iter_mut().zip(sums).for_each(|(out, sum)| add_scaled(out, 1.0, sum));
+            for (field, out) in [under, x, y, z].into_iter().enumerate() {
+                out.iter_mut().zip(&block.sums).for_each(|(out, sums)| add_scaled(out, 1.0, &sums[field]));
             }
         });
     }
@@ -142,7 +142,7 @@ impl Net {
 /// Points that are summed side by side, with the sums of each field.
 struct Heights {
     at: [[f32; LANES]; 3],
-    sums: [[Rgb; LANES]; FIELDS],
+    sums: [[Rgb; FIELDS]; LANES],
 }
 
 impl Heights {
@@ -152,7 +152,7 @@ impl Heights {
         for (lane, point) in points.iter().take(LANES).enumerate() {
             (0..3).for_each(|axis| at[axis][lane] = point[axis]);
         }
-        Self { at, sums: [[[0.0; 4]; LANES]; FIELDS] }
+        Self { at, sums: [[[0.0; 4]; FIELDS]; LANES] }
     }
 }
 
@@ -160,7 +160,7 @@ impl Heights {
 fn heights_body(block: &mut Heights, table: &SmoothTable, sources: &[u32], (at, charges): (&[[f32; 3]], &Fields)) {
     let [flux, x, y, z] = charges;
     for chunk in sources.chunks(FLUSH) {
-        let mut partial = [[[0.0f32; 4]; LANES]; FIELDS];
+        let mut partial = [[[0.0f32; 4]; FIELDS]; LANES];
         for &source in chunk {
             let source = source as usize;
             let (Some(&at), Some(flux), Some(x), Some(y), Some(z)) =
@@ -169,15 +169,15 @@ fn heights_body(block: &mut Heights, table: &SmoothTable, sources: &[u32], (at, 
                 continue;
             };
             let places = table.places(&squares(&block.at, at));
-            for i in 0..LANES {
+            for (i, sums) in partial.iter_mut().enumerate() {
                 let kernel = table.value(&places, i);
                 let way = [at[0] - block.at[0][i], at[1] - block.at[1][i], at[2] - block.at[2][i]];
                 for c in 0..4 {
                     let own = kernel[c] * flux[c];
-                    partial[0][i][c] -= kernel[c] * (x[c] * way[0] + y[c] * way[1] + z[c] * way[2]);
-                    partial[1][i][c] += own * way[0];
-                    partial[2][i][c] += own * way[1];
-                    partial[3][i][c] += own * way[2];
+                    sums[0][c] -= kernel[c] * (x[c] * way[0] + y[c] * way[1] + z[c] * way[2]);
+                    sums[1][c] += own * way[0];
+                    sums[2][c] += own * way[1];
+                    sums[3][c] += own * way[2];
                 }
             }
         }
