@@ -85,7 +85,7 @@ impl WalkOptions {
     pub(super) fn dipole(self) -> Result<Model> {
         if self.photons.is_some() || self.seed != 0 {
             return Err(Error::command_line(
-                "--photons and --seed are for models that walk: --model calibrated, or monte-carlo of `reference`",
+                "--photons and --seed are for models that walk: --model calibrated, or monte-carlo of `reference`; the dipole takes --samples",
             ));
         }
         Ok(Model::Dipole)

@@ -62,7 +62,7 @@ impl Sampled<'_> {
         let tree = SampleTree::default();
         let factors = self.calibrated.map_or_else(Vec::new, |calibrated| calibrated.of_samples(surface));
         let gather = match (self.calibrated, self.kernels) {
-            (Some(calibrated), _) => Gather::calibrated(surface, &tree, (calibrated, &factors), self.near),
+            (Some(calibrated), _) => Gather::calibrated(surface, &tree, (&calibrated.kernels, &factors), self.near),
             (None, Some(kernels)) => Gather::with_kernels(surface, &tree, kernels.to_vec(), self.near),
             (None, None) => Gather::new(surface, &tree, surface.domain.media, self.near),
         };

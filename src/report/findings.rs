@@ -17,7 +17,7 @@ use translux_format::{
 
 use super::text::percent;
 use crate::asset::{ALGORITHM_REVISION, Asset};
-use crate::compress::ledger::ENVIRONMENT_STAGES;
+use crate::compress::ledger::{BESIDE_RADIOSITY, ENVIRONMENT_STAGES};
 use crate::evaluate::Registry;
 use crate::evaluate::keys::share;
 use crate::geometry::mesh::Mesh;
@@ -292,7 +292,10 @@ pub fn of_provenance(scan: &Scan, registry: &Registry) -> Vec<Finding> {
         }
         (Some((_, Ok(asked))), Some(entries)) => {
             let sum = |environment: bool| -> f64 {
-                let of_light = |e: &&LedgerEntry| environment || !ENVIRONMENT_STAGES.contains(&e.stage.as_str());
+                let of_light = |e: &&LedgerEntry| {
+                    let stage = e.stage.as_str();
+                    !BESIDE_RADIOSITY.contains(&stage) && (environment || !ENVIRONMENT_STAGES.contains(&stage))
+                };
                 entries.iter().filter(of_light).map(|entry| entry.relative_rms).sum()
             };
             let (near, all) = (sum(false), sum(true));

@@ -7,7 +7,6 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::calibration::Calibrated;
 use super::irradiance::Pieces;
 use super::kernel::double_layer::Moment;
 use super::kernel::medium::MediumKernel;
@@ -121,14 +120,14 @@ impl<'a> Gather<'a> {
         Self { surface: *surface, tree, kernels, of_part, factors: &[], near, level: InstructionSet::detect() }
     }
 
-    /// A gather with calibrated kernels; `factors` are those of the samples, RGB.
+    /// A gather with calibrated kernels, and which of them each part has; `factors` are those of the samples, RGB.
     pub fn calibrated(
         surface: &Surface<'a>,
         tree: &'a SampleTree,
-        (calibrated, factors): (&Calibrated, &'a [DVec3]),
+        (kernels, factors): (&(Vec<MediumKernel>, Vec<Option<u32>>), &'a [DVec3]),
         near: NearField,
     ) -> Self {
-        Self { factors, ..Self::with_kernels_of_parts(surface, tree, calibrated.kernels.clone(), near) }
+        Self { factors, ..Self::with_kernels_of_parts(surface, tree, kernels.clone(), near) }
     }
 
     /// Prepares the tree for one irradiance per sample, RGB.

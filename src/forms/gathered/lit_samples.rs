@@ -131,7 +131,7 @@ impl GatheredEvaluator {
         match (&self.profile, self.model.as_ref().and_then(Model::in_force)) {
             (Some((_, kernels)), _) => Gather::with_kernels(surface, &self.tree, kernels.clone(), near),
             (None, Some(InForce { calibrated, of_samples })) => {
-                Gather::calibrated(surface, &self.tree, (calibrated, of_samples), near)
+                Gather::calibrated(surface, &self.tree, (&calibrated.kernels, of_samples), near)
             }
             (None, None) => Gather::new(surface, &self.tree, &self.scene.media, near),
         }

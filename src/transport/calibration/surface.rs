@@ -81,7 +81,7 @@ impl<'a> CalibratedSurface<'a> {
         let surface = self.cut.surface(self.domain, &self.bvh);
         let etas: Vec<f64> = self.domain.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
         let (irradiance, pieces) = entered_with_pieces(&surface, lights, (&etas, sampling), progress)?;
-        let model = (&self.calibrated, self.of_samples.as_slice());
+        let model = (&self.calibrated.kernels, self.of_samples.as_slice());
         let gather = Gather::calibrated(&surface, &self.cut.tree, model, NearField::REFERENCE);
         let values = gather.radiosity(
             &self.receivers,

@@ -139,7 +139,7 @@ fn double_layers_are_summed_over_nets_of_their_own() {
         let receivers = fixture.receivers(16).with_factors(&calibrated.of_vertices());
         let factors = calibrated.of_samples(&surface);
         let (irradiance, pieces) = lit(&fixture, DVec3::new(1.0, 0.5, 0.3));
-        let gather = Gather::calibrated(&surface, &fixture.tree, (&calibrated, &factors), NearField::REFERENCE);
+        let gather = Gather::calibrated(&surface, &fixture.tree, (&calibrated.kernels, &factors), NearField::REFERENCE);
         let lit = gather.light_with_pieces(&irradiance, &pieces);
         let truth = gather.radiosity(&receivers, &lit, Scheme::AllPairs, &Silent);
         let areas = vec![1.0; receivers.len()];
