@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::irradiance::Pieces;
 use super::kernel::double_layer::Moment;
-use super::kernel::medium::MediumKernel;
+use super::kernel::medium::{KernelsOfParts, MediumKernel};
 use super::kernel::{Block, FlatSource, PointSource};
 use super::near_rule::{NearField, near_square, three_points};
 use super::receivers::{Group, Receivers, Sphere};
@@ -124,7 +124,7 @@ impl<'a> Gather<'a> {
     pub fn calibrated(
         surface: &Surface<'a>,
         tree: &'a SampleTree,
-        (kernels, factors): (&(Vec<MediumKernel>, Vec<Option<u32>>), &'a [DVec3]),
+        (kernels, factors): (&KernelsOfParts, &'a [DVec3]),
         near: NearField,
     ) -> Self {
         Self { factors, ..Self::with_kernels_of_parts(surface, tree, kernels.clone(), near) }

@@ -18,6 +18,9 @@ use crate::medium::profile::Profile;
 use crate::medium::profiles::model::LoadedProfile;
 use crate::medium::softened::Softened;
 
+/// Kernels, and which of them each part has.
+pub type KernelsOfParts = (Vec<MediumKernel>, Vec<Option<u32>>);
+
 /// Profiles R_d of the three channels of one medium, 1/mm^2.
 #[derive(Clone)]
 pub struct MediumKernel {

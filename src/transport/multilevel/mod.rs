@@ -14,7 +14,7 @@ mod surface;
 use glam::DVec3;
 use rayon::prelude::*;
 
-pub use self::surface::{KernelsOfParts, Quality, SurfaceNets, SurfaceTables};
+pub use self::surface::{Quality, SurfaceNets, SurfaceTables};
 #[cfg(feature = "gpu")]
 pub(crate) use self::{compact::Compact, surface::Part as NetsOfPart};
 use super::close_pairs::ClosePairs;

@@ -18,7 +18,7 @@ use crate::medium::profile::Profile;
 use crate::progress::Silent;
 use crate::transport::gather::{Gather, Scheme};
 use crate::transport::irradiance::Pieces;
-use crate::transport::kernel::medium::MediumKernel;
+use crate::transport::kernel::medium::{KernelsOfParts, MediumKernel};
 use crate::transport::kernel::radial_table::LinearTable;
 use crate::transport::near_rule::{NearField, NearRule};
 use crate::transport::receivers::{Group, Receivers};
@@ -47,9 +47,6 @@ const TRIALS: usize = 10;
 
 /// Distance over radius at most below which samples are integrated by points.
 const MOST_NEAR: f64 = 24.0;
-
-/// Kernels, and which of them each part has.
-pub type KernelsOfParts = (Vec<MediumKernel>, Vec<Option<u32>>);
 
 /// Accuracy of the sums against all pairs.
 #[derive(Clone, Copy, Debug, PartialEq)]
