@@ -82,47 +82,46 @@ impl Facets {
 }
 
 /// True if the light of a kind enters from one direction at each point, and is moved.
-pub fn moves(light: &Light) -> bool {
+fn moves(light: &Light) -> bool {
     matches!(light, Light::Directional { .. } | Light::Point { .. })
 }
 
-/// Irradiance of every sample by lights that move, RGB; `etas` are the indices of the media, inside over outside.
+/// Irradiance of every sample under lights, RGB, and of the pieces of samples that are lit unevenly: that of lights of one direction
+/// moved, and of the others, if there are any, as a function tells it. `etas` are the indices of the media, inside over outside.
 ///
 /// # Errors
-/// As [`Illumination::new`].
+/// As [`Illumination::new`]; those of the function.
 pub fn entered(
     surface: &Surface,
     lights: &[Light],
     (etas, sampling): (&[f64], LightSampling),
+    of_others: impl FnOnce(&[Light]) -> Result<(Vec<DVec3>, Pieces)>,
     progress: &dyn Progress,
-) -> Result<Vec<DVec3>> {
-    let mut sum = vec![DVec3::ZERO; surface.samples.len()];
-    for light in lights {
+) -> Result<(Vec<DVec3>, Pieces)> {
+    let (moving, others): (Vec<Light>, Vec<Light>) = lights.iter().cloned().partition(moves);
+    let (mut irradiance, pieces) = match others.as_slice() {
+        [] => (vec![DVec3::ZERO; surface.samples.len()], Pieces::NONE),
+        others => of_others(others)?,
+    };
+    for light in &moving {
         let of_light = Illumination::new(surface, std::slice::from_ref(light), etas, sampling)?.all(progress);
-        sum.iter_mut().zip(moved(surface, light, &of_light)).for_each(|(sum, e)| *sum += e);
+        irradiance.iter_mut().zip(moved(surface, light, &of_light)).for_each(|(sum, e)| *sum += e);
     }
-    Ok(sum)
+    Ok((irradiance, pieces))
 }
 
-/// Irradiance of every sample under lights, RGB, that of lights of one direction moved, and of the pieces of samples that the
-/// others light unevenly.
+/// [`entered`] with rays towards all lights.
 ///
 /// # Errors
 /// As [`Illumination::new`].
-pub fn entered_with_pieces(
+pub fn entered_by_rays(
     surface: &Surface,
     lights: &[Light],
     (etas, sampling): (&[f64], LightSampling),
     progress: &dyn Progress,
 ) -> Result<(Vec<DVec3>, Pieces)> {
-    let (moving, others): (Vec<Light>, Vec<Light>) = lights.iter().cloned().partition(moves);
-    let mut irradiance = entered(surface, &moving, (etas, sampling), progress)?;
-    if others.is_empty() {
-        return Ok((irradiance, Pieces::NONE));
-    }
-    let (of_others, pieces) = Illumination::new(surface, &others, etas, sampling)?.all_with_pieces(progress);
-    irradiance.iter_mut().zip(of_others).for_each(|(sum, e)| *sum += e);
-    Ok((irradiance, pieces))
+    let rays = |others: &[Light]| Ok(Illumination::new(surface, others, etas, sampling)?.all_with_pieces(progress));
+    entered(surface, lights, (etas, sampling), rays, progress)
 }
 
 /// Moves the irradiance of one light, RGB for each sample. Light of many directions at once stays, as diffuse entry does.

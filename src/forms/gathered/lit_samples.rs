@@ -24,7 +24,7 @@ use crate::transport::gather::{Gather, Lit, Scheme};
 use crate::transport::interreflection::InterReflection;
 use crate::transport::irradiance::Pieces;
 use crate::transport::kernel::medium::MediumKernel;
-use crate::transport::moved_entry::{entered, moves};
+use crate::transport::moved_entry::entered;
 use crate::transport::multilevel::{Quality, SurfaceNets, SurfaceTables};
 use crate::transport::near_rule::NearField;
 use crate::transport::receivers::Receivers;
@@ -256,15 +256,8 @@ impl GatheredEvaluator {
         if self.calibrated().is_none() {
             return of_rows(lights);
         }
-        let (moving, others): (Vec<Light>, Vec<Light>) = lights.iter().cloned().partition(moves);
         let etas: Vec<f64> = self.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
-        let (mut irradiance, pieces) = match others.as_slice() {
-            [] => (vec![DVec3::ZERO; surface.samples.len()], Pieces::NONE),
-            others => of_rows(others)?,
-        };
-        let moved = entered(&surface, &moving, (&etas, sampling), progress)?;
-        irradiance.iter_mut().zip(moved).for_each(|(sum, e)| *sum += e);
-        Ok((irradiance, pieces))
+        entered(&surface, lights, (&etas, sampling), of_rows, progress)
     }
 
     pub(super) fn is_stored(&self, light: &Light) -> bool {
