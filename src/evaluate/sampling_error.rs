@@ -15,7 +15,6 @@ use crate::transport::calibration::Calibrated;
 use crate::transport::gather::{Gather, Scheme};
 use crate::transport::irradiance::{Illumination, LightSampling, Pieces};
 use crate::transport::kernel::medium::MediumKernel;
-use crate::transport::moved_entry::entered_by_rays;
 use crate::transport::near_rule::NearField;
 use crate::transport::receivers::Receivers;
 use crate::transport::surface::Surface;
@@ -85,7 +84,9 @@ impl Sampled<'_> {
         let sampling = LightSampling { points_per_patch, ..self.sampling };
         let etas: Vec<f64> = domain.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
         let irradiance = match self.calibrated {
-            Some(_) => entered_by_rays(&surface, self.lights, (&etas, sampling), progress)?,
+            Some(calibrated) => {
+                calibrated.entry(&surface).entered_by_rays(&surface, self.lights, (&etas, sampling), progress)?
+            }
             None => Illumination::new(&surface, self.lights, &etas, sampling)?.all_with_pieces(progress),
         };
         let (subset, points) = self.receivers.probe_points(self.areas, (PROBES, 2));

@@ -1,11 +1,14 @@
 //! Entry of light where it first scatters.
 //!
-//! Light that enters at `x` along a refracted direction scatters for the first time a free path further on. A kernel
+//! Light that enters at `y` along a refracted direction scatters for the first time a free path further on. A kernel
 //! that was calibrated with diffuse entry knows the mean of that; under a lone direction the irradiance is moved by the
 //! tangential part of the step: the place of the first collision is brought back to the surface along the outward normal
 //! of the entrance. Where that meets no surface of the body, the light stays. No light is lost.
-
-use std::ops::Range;
+//!
+//! Moved light is fetched, not thrown: each sample takes the irradiance of the places that steps of a few fixed lengths come from, which
+//! is as smooth as the irradiance itself. What is thrown from the same samples with the same lengths says how much light there is of which
+//! a neighbourhood has its share: where normals converge it gathers, and the fetched light is brought to that, over cells that are wide
+//! enough to hold many samples.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -16,31 +19,27 @@ use super::surface::Surface;
 use crate::error::Result;
 use crate::geometry::bvh::Ray;
 use crate::geometry::mesh::Mesh;
-use crate::geometry::samples::{Facet, Patch, bisect};
+use crate::geometry::samples::{Facet, bisect};
 use crate::light::Light;
-use crate::math::random::{radical_inverse_2, uniform};
 use crate::medium::fresnel::refracted_cosine;
 use crate::progress::Progress;
 
 /// Steps of each sample.
-const STEPS: usize = 8;
+const STEPS: usize = 6;
 
-/// Numbers of samples next to each other whose light is evened, and the least cosine between their normals.
-const NEIGHBOURS: [usize; 2] = [16, 4];
-const FLAT: f64 = 0.7;
+/// Edge of the cells in mean free paths, and the least in distances between samples.
+const CELL: f64 = 3.0;
+const CELL_SAMPLES: f64 = 4.0;
 
-/// Share of the light that goes farther than any step.
-const LEAST: f64 = 1e-10;
+/// Bounds of the factor of a cell; what is more is light that fetching does not find, and is spread over the cell.
+const LEAST_FACTOR: f64 = 0.5;
+const MOST_FACTOR: f64 = 2.0;
 
-/// Steps of a sequence that fills the square evenly: powers of the inverse of the plastic number (Roberts 2018, "The unreasonable
-/// effectiveness of quasirandom sequences").
-const PLASTIC: [f64; 2] = [0.754_877_666_246_692_8, 0.569_840_290_998_053_3];
+/// Steps shorter than this share of the radius of a sample stay in it.
+const SHORT: f64 = 0.25;
 
-/// Stage of the random numbers.
-const STAGE: u64 = 0x656e_7472;
-
-/// Samples of one task.
-const TASK: usize = 256;
+/// Cosine towards the light below which samples look for none.
+const TURNED_AWAY: f64 = -0.5;
 
 /// Facets of every triangle, by their paths.
 struct Facets {
@@ -81,189 +80,330 @@ impl Facets {
     }
 }
 
+/// Steps of light in a medium: their lengths, mm, and the share of the light of each channel that takes them.
+#[derive(Clone, Copy)]
+struct Steps {
+    eta: f64,
+    lengths_mm: [f64; STEPS],
+    shares: [DVec3; STEPS],
+}
+
+impl Steps {
+    /// Strata of equal shares of the mean distribution of all channels, and the mean lengths in them; none without free paths.
+    fn new(eta: f64, paths_mm: DVec3) -> Option<Self> {
+        if !(paths_mm.min_element() > 0.0 && paths_mm.max_element().is_finite()) {
+            return None;
+        }
+        // Shares and mean lengths of the channels beyond a length.
+        let beyond = |length: f64| (-length / paths_mm).exp();
+        let moment = |length: f64| (paths_mm + length) * beyond(length);
+        let mean = |v: DVec3| v.element_sum() / 3.0;
+        let edge = |share: f64| {
+            let (mut low, mut high) = (0.0, -paths_mm.max_element() * share.ln());
+            for _ in 0..60 {
+                let middle = 0.5 * (low + high);
+                if mean(beyond(middle)) > share { low = middle } else { high = middle }
+            }
+            0.5 * (low + high)
+        };
+        let (mut lengths_mm, mut shares) = ([0.0; STEPS], [DVec3::ZERO; STEPS]);
+        let (mut share, mut length) = (DVec3::ONE, paths_mm);
+        for k in 0..STEPS {
+            let (next_share, next_length) = if k + 1 == STEPS {
+                (DVec3::ZERO, DVec3::ZERO)
+            } else {
+                let end = edge(1.0 - (k + 1) as f64 / STEPS as f64);
+                (beyond(end), moment(end))
+            };
+            shares[k] = share - next_share;
+            lengths_mm[k] = mean(length - next_length) / mean(shares[k]);
+            (share, length) = (next_share, next_length);
+        }
+        Some(Self { eta, lengths_mm, shares })
+    }
+}
+
+/// Cells of a grid around the samples of a part; samples share in the eight nearest.
+struct Cells {
+    /// Eight cells of each sample, and the place between them.
+    of_sample: Vec<([u32; 8], [f32; 3])>,
+    count: usize,
+}
+
+impl Cells {
+    /// Cells of the samples, whose edges depend on the part.
+    fn new(surface: &Surface, edge_mm: impl Fn(usize) -> Option<f64>) -> Self {
+        let mut keys: Vec<[i32; 4]> = Vec::new();
+        let mut of_sample = Vec::new();
+        let corners = |[part, x, y, z]: [i32; 4]| -> [[i32; 4]; 8] {
+            std::array::from_fn(|i| [part, x + (i & 1) as i32, y + (i >> 1 & 1) as i32, z + (i >> 2) as i32])
+        };
+        let mut bases = vec![([i32::MIN; 4], [0.0; 3]); surface.samples.len()];
+        for part in 0..surface.domain.parts.parts.len() {
+            let Some(edge) = edge_mm(part) else { continue };
+            for sample in surface.samples.part(part) {
+                let at = surface.patches[sample].centre_mm / edge;
+                let base = at.floor();
+                bases[sample] =
+                    ([part as i32, base.x as i32, base.y as i32, base.z as i32], (at - base).as_vec3().to_array());
+                keys.extend(corners(bases[sample].0));
+            }
+        }
+        keys.sort_unstable();
+        keys.dedup();
+        for (base, at) in bases {
+            let found = |key: [i32; 4]| keys.binary_search(&key).map_or(u32::MAX, |found| found as u32);
+            of_sample.push((if base[0] == i32::MIN { [u32::MAX; 8] } else { corners(base).map(found) }, at));
+        }
+        Self { of_sample, count: keys.len() }
+    }
+
+    /// Cells of a sample and its shares in them.
+    fn shares(&self, sample: usize) -> impl Iterator<Item = (usize, f64)> {
+        let (cells, at) = &self.of_sample[sample];
+        let share = |i: usize| {
+            let of = |axis: usize| if i >> axis & 1 == 1 { at[axis] } else { 1.0 - at[axis] };
+            f64::from(of(0) * of(1) * of(2))
+        };
+        cells.iter().enumerate().filter(|(_, cell)| **cell != u32::MAX).map(move |(i, cell)| (*cell as usize, share(i)))
+    }
+
+    /// Sums over the cells of values of the samples.
+    fn sums(&self, values: impl Iterator<Item = DVec3>) -> Vec<DVec3> {
+        let mut sums = vec![DVec3::ZERO; self.count];
+        for (sample, value) in values.enumerate() {
+            if value != DVec3::ZERO {
+                self.shares(sample).for_each(|(cell, share)| sums[cell] += share * value);
+            }
+        }
+        sums
+    }
+
+    /// Means at a sample of values of the cells.
+    fn mean(&self, sample: usize, values: &[DVec3]) -> DVec3 {
+        self.shares(sample).map(|(cell, share)| share * values[cell]).sum()
+    }
+}
+
+/// What the moving of light needs of a surface, whatever the light.
+pub struct MovedEntry {
+    facets: Facets,
+    cells: Cells,
+    /// Steps of each part; none of parts whose light stays.
+    steps: Vec<Option<Steps>>,
+    /// Part of each sample.
+    part: Vec<u32>,
+    /// Area of the samples in each cell, mm^2.
+    areas_mm2: Vec<DVec3>,
+}
+
+impl MovedEntry {
+    /// The samples of a surface, on parts whose light moves.
+    pub fn new(surface: &Surface, moves: impl Fn(usize) -> bool) -> Self {
+        let Domain { parts, media, .. } = surface.domain;
+        let of_part = |(part, entry): (usize, &crate::geometry::part_table::PartEntry)| {
+            let medium = media.get(entry.medium? as usize)?.properties;
+            Steps::new(medium.eta_inside_over_outside, medium.mean_free_path_mm()).filter(|_| moves(part))
+        };
+        let steps: Vec<Option<Steps>> = parts.parts.iter().enumerate().map(of_part).collect();
+        let edge = |part: usize| {
+            let medium = media.get(parts.parts[part].medium? as usize)?.properties;
+            let spacing = (parts.parts[part].area_mm2 / surface.samples.part(part).len().max(1) as f64).sqrt();
+            steps[part].map(|_| (CELL * medium.mean_free_path_mm().max_element()).max(CELL_SAMPLES * spacing))
+        };
+        let cells = Cells::new(surface, edge);
+        let areas_mm2 = cells.sums(surface.patches.iter().map(|patch| DVec3::splat(patch.area_mm2)));
+        let mut part = vec![0; surface.samples.len()];
+        for p in 0..parts.parts.len() {
+            part[surface.samples.part(p)].fill(p as u32);
+        }
+        Self { facets: Facets::new(surface), cells, steps, part, areas_mm2 }
+    }
+
+    /// Irradiance of every sample under lights, RGB, and of the pieces of samples that are lit unevenly: that of lights of one direction
+    /// moved, and of the others, if there are any, as a function tells it. `etas` are the indices of the media, inside over outside.
+    ///
+    /// # Errors
+    /// As [`Illumination::new`]; those of the function.
+    pub fn entered(
+        &self,
+        surface: &Surface,
+        lights: &[Light],
+        (etas, sampling): (&[f64], LightSampling),
+        of_others: impl FnOnce(&[Light]) -> Result<(Vec<DVec3>, Pieces)>,
+        progress: &dyn Progress,
+    ) -> Result<(Vec<DVec3>, Pieces)> {
+        let (moving, others): (Vec<Light>, Vec<Light>) = lights.iter().cloned().partition(moves);
+        let (mut irradiance, pieces) = match others.as_slice() {
+            [] => (vec![DVec3::ZERO; surface.samples.len()], Pieces::NONE),
+            others => of_others(others)?,
+        };
+        for light in &moving {
+            let of_light = Illumination::new(surface, std::slice::from_ref(light), etas, sampling)?.all(progress);
+            irradiance.iter_mut().zip(self.moved(surface, light, &of_light)).for_each(|(sum, e)| *sum += e);
+        }
+        Ok((irradiance, pieces))
+    }
+
+    /// [`Self::entered`] with rays towards all lights.
+    ///
+    /// # Errors
+    /// As [`Illumination::new`].
+    pub fn entered_by_rays(
+        &self,
+        surface: &Surface,
+        lights: &[Light],
+        (etas, sampling): (&[f64], LightSampling),
+        progress: &dyn Progress,
+    ) -> Result<(Vec<DVec3>, Pieces)> {
+        let rays = |others: &[Light]| Ok(Illumination::new(surface, others, etas, sampling)?.all_with_pieces(progress));
+        self.entered(surface, lights, (etas, sampling), rays, progress)
+    }
+
+    /// Moves the irradiance of one light, RGB for each sample. Light of many directions at once stays, as diffuse entry does.
+    pub fn moved(&self, surface: &Surface, light: &Light, irradiance: &[DVec3]) -> Vec<DVec3> {
+        let origin = surface.domain.mesh.origin_mm;
+        let towards = |at: DVec3| match light {
+            Light::Directional { from, .. } => Some(*from),
+            Light::Point { at_mm, .. } => Some((*at_mm - origin - at).normalize_or_zero()),
+            Light::Constant { .. } | Light::Area { .. } | Light::Environment { .. } => None,
+        };
+        if towards(DVec3::ZERO).is_none() {
+            return irradiance.to_vec();
+        }
+        // Irradiance that is fetched or stays, and where it was thrown.
+        let of_sample = |sample: usize| {
+            let patch = &surface.patches[sample];
+            let mut thrown = [u32::MAX; STEPS];
+            let Some(steps) = &self.steps[self.part[sample] as usize] else { return (irradiance[sample], thrown) };
+            let normal = patch.cross_mm2.normalize_or_zero();
+            let towards = towards(patch.centre_mm).unwrap_or_default();
+            let cosine = towards.dot(normal);
+            let mut sum = DVec3::ZERO;
+            for k in 0..STEPS {
+                let (length, share) = (steps.lengths_mm[k], steps.shares[k]);
+                if irradiance[sample] != DVec3::ZERO {
+                    thrown[k] = self.target(surface, sample, (length, steps.eta), towards).unwrap_or(u32::MAX);
+                    if thrown[k] == u32::MAX {
+                        sum += share * irradiance[sample];
+                    }
+                }
+                if cosine > TURNED_AWAY
+                    && let Some(from) = self.source(surface, (sample, normal), (length, steps.eta), towards)
+                {
+                    sum += share * irradiance[from as usize];
+                }
+            }
+            (sum, thrown)
+        };
+        let fetched: Vec<(DVec3, [u32; STEPS])> = (0..irradiance.len()).into_par_iter().map(of_sample).collect();
+        let mut flux = vec![DVec3::ZERO; irradiance.len()];
+        for (sample, (_, thrown)) in fetched.iter().enumerate() {
+            let own = irradiance[sample] * surface.patches[sample].area_mm2;
+            let Some(steps) = self.steps[self.part[sample] as usize].filter(|_| own != DVec3::ZERO) else { continue };
+            for (at, share) in thrown.iter().zip(steps.shares) {
+                flux[if *at == u32::MAX { sample } else { *at as usize }] += own * share;
+            }
+        }
+        let there = self.cells.sums(fetched.iter().zip(surface.patches).map(|((e, _), patch)| *e * patch.area_mm2));
+        let wanted = self.cells.sums(flux.into_iter());
+        // Factors of the cells, and irradiance that fetching does not find.
+        let (mut factors, mut missing) = (vec![DVec3::ONE; self.cells.count], vec![DVec3::ZERO; self.cells.count]);
+        for cell in 0..self.cells.count {
+            for c in 0..3 {
+                let (wanted, there) = (wanted[cell][c], there[cell][c]);
+                if there > 0.0 {
+                    factors[cell][c] = (wanted / there).clamp(LEAST_FACTOR, MOST_FACTOR);
+                }
+                missing[cell][c] =
+                    (wanted - factors[cell][c] * there).max(0.0) / self.areas_mm2[cell].x.max(f64::MIN_POSITIVE);
+            }
+        }
+        let mut result: Vec<DVec3> = fetched.iter().map(|(e, _)| *e).collect();
+        result.par_iter_mut().enumerate().for_each(|(sample, e)| {
+            if self.steps[self.part[sample] as usize].is_some() {
+                *e = *e * self.cells.mean(sample, &factors) + self.cells.mean(sample, &missing);
+            }
+        });
+        self.keep_flux(surface, irradiance, &mut result);
+        result
+    }
+
+    /// Scales the irradiance of each part to the flux that it had.
+    fn keep_flux(&self, surface: &Surface, before: &[DVec3], after: &mut [DVec3]) {
+        for part in 0..surface.domain.parts.parts.len() {
+            let range = surface.samples.part(part);
+            let flux =
+                |values: &[DVec3]| -> DVec3 { range.clone().map(|i| values[i] * surface.patches[i].area_mm2).sum() };
+            let (before, there) = (flux(before), flux(after));
+            for c in (0..3).filter(|&c| there[c] > 0.0) {
+                let factor = before[c] / there[c];
+                range.clone().for_each(|i| after[i][c] *= factor);
+            }
+        }
+    }
+
+    /// The sample that a step of a sample's light ends at.
+    fn target(&self, surface: &Surface, sample: usize, (length, eta): (f64, f64), towards: DVec3) -> Option<u32> {
+        let patch = &surface.patches[sample];
+        let normal = patch.cross_mm2.normalize_or_zero();
+        let cosine = towards.dot(normal);
+        let inside = refracted_cosine(eta, cosine)?;
+        if cosine <= 0.0 {
+            return None;
+        }
+        let tangential = (towards - cosine * normal) / eta;
+        if length * tangential.length() < SHORT * patch.radius_mm {
+            return Some(sample as u32);
+        }
+        let depth = length * inside;
+        self.first(surface, sample, (patch.centre_mm - length * tangential - depth * normal, normal), 2.0 * depth)
+    }
+
+    /// The sample that light of a step that ends at a sample comes from.
+    fn source(
+        &self,
+        surface: &Surface,
+        (sample, normal): (usize, DVec3),
+        (length, eta): (f64, f64),
+        towards: DVec3,
+    ) -> Option<u32> {
+        let patch = &surface.patches[sample];
+        let cosine = towards.dot(normal);
+        let mut tangential = (towards - cosine * normal) / eta;
+        if cosine < 0.0 {
+            // Light that grazes comes over the horizon.
+            tangential = tangential.normalize_or_zero() / eta;
+        }
+        let far = length * tangential.length();
+        if far < SHORT * patch.radius_mm {
+            return Some(sample as u32);
+        }
+        let depth = length * (1.0 - tangential.length_squared()).max(0.0).sqrt();
+        self.first(surface, sample, (patch.centre_mm + length * tangential - depth * normal, normal), 2.0 * depth)
+    }
+
+    /// The sample that a ray from inside the body of a sample leaves it through.
+    fn first(&self, surface: &Surface, sample: usize, (from, along): (DVec3, DVec3), far: f64) -> Option<u32> {
+        let mesh = surface.domain.mesh;
+        if !(far.is_finite() && from.is_finite()) {
+            return None;
+        }
+        let ray = Ray { origin: from.as_vec3(), direction: along.as_vec3(), t_min: 0.0, t_max: far as f32 };
+        let hit = surface.bvh.closest(&ray)?;
+        if surface.domain.parts.triangle_part.get(hit.triangle as usize) != Some(&self.part[sample])
+            || mesh.normal(hit.triangle).dot(along) <= 0.0
+        {
+            return None;
+        }
+        let point = ray.origin.as_dvec3() + f64::from(hit.t) * along;
+        self.facets.at(mesh, hit.triangle, point)
+    }
+}
+
 /// True if the light of a kind enters from one direction at each point, and is moved.
 fn moves(light: &Light) -> bool {
     matches!(light, Light::Directional { .. } | Light::Point { .. })
-}
-
-/// Irradiance of every sample under lights, RGB, and of the pieces of samples that are lit unevenly: that of lights of one direction
-/// moved, and of the others, if there are any, as a function tells it. `etas` are the indices of the media, inside over outside.
-///
-/// # Errors
-/// As [`Illumination::new`]; those of the function.
-pub fn entered(
-    surface: &Surface,
-    lights: &[Light],
-    (etas, sampling): (&[f64], LightSampling),
-    of_others: impl FnOnce(&[Light]) -> Result<(Vec<DVec3>, Pieces)>,
-    progress: &dyn Progress,
-) -> Result<(Vec<DVec3>, Pieces)> {
-    let (moving, others): (Vec<Light>, Vec<Light>) = lights.iter().cloned().partition(moves);
-    let (mut irradiance, pieces) = match others.as_slice() {
-        [] => (vec![DVec3::ZERO; surface.samples.len()], Pieces::NONE),
-        others => of_others(others)?,
-    };
-    for light in &moving {
-        let of_light = Illumination::new(surface, std::slice::from_ref(light), etas, sampling)?.all(progress);
-        irradiance.iter_mut().zip(moved(surface, light, &of_light)).for_each(|(sum, e)| *sum += e);
-    }
-    Ok((irradiance, pieces))
-}
-
-/// [`entered`] with rays towards all lights.
-///
-/// # Errors
-/// As [`Illumination::new`].
-pub fn entered_by_rays(
-    surface: &Surface,
-    lights: &[Light],
-    (etas, sampling): (&[f64], LightSampling),
-    progress: &dyn Progress,
-) -> Result<(Vec<DVec3>, Pieces)> {
-    let rays = |others: &[Light]| Ok(Illumination::new(surface, others, etas, sampling)?.all_with_pieces(progress));
-    entered(surface, lights, (etas, sampling), rays, progress)
-}
-
-/// Moves the irradiance of one light, RGB for each sample. Light of many directions at once stays, as diffuse entry does.
-pub fn moved(surface: &Surface, light: &Light, irradiance: &[DVec3]) -> Vec<DVec3> {
-    let origin = surface.domain.mesh.origin_mm;
-    let towards = |at: DVec3| match light {
-        Light::Directional { from, .. } => Some(*from),
-        Light::Point { at_mm, .. } => Some((*at_mm - origin - at).normalize_or_zero()),
-        Light::Constant { .. } | Light::Area { .. } | Light::Environment { .. } => None,
-    };
-    if towards(DVec3::ZERO).is_none() {
-        return irradiance.to_vec();
-    }
-    let facets = Facets::new(surface);
-    let of_task = |task: usize| {
-        let range = task * TASK..((task + 1) * TASK).min(irradiance.len());
-        let mut deposits: Vec<(u32, DVec3)> = Vec::with_capacity(range.len() * STEPS);
-        for sample in range {
-            let patch = &surface.patches[sample];
-            let flux = irradiance[sample] * patch.area_mm2;
-            if flux == DVec3::ZERO {
-                continue;
-            }
-            let (lengths, shares) = steps(sample, free_paths_mm(surface, sample));
-            let towards = towards(patch.centre_mm).unwrap_or_default();
-            for (k, (length, share)) in lengths.into_iter().zip(shares).enumerate() {
-                let at = target(surface, &facets, (sample, k), length, towards).unwrap_or(sample as u32);
-                deposits.push((at, flux * share));
-            }
-        }
-        deposits
-    };
-    let tasks: Vec<Vec<(u32, DVec3)>> = (0..irradiance.len().div_ceil(TASK)).into_par_iter().map(of_task).collect();
-    let mut result = vec![DVec3::ZERO; irradiance.len()];
-    for (at, flux) in tasks.into_iter().flatten() {
-        if let Some(sum) = result.get_mut(at as usize) {
-            *sum += flux;
-        }
-    }
-    evened(surface, &mut result);
-    result
-}
-
-/// Mean free paths of the medium of a sample, RGB, mm; zero where it has none.
-fn free_paths_mm(surface: &Surface, sample: usize) -> DVec3 {
-    let Domain { parts, media, .. } = surface.domain;
-    let of = || {
-        let triangle = surface.samples.patch(sample).first()?.triangle;
-        let part = parts.parts.get(*parts.triangle_part.get(triangle as usize)? as usize)?;
-        Some(media.get(part.medium? as usize)?.properties.mean_free_path_mm())
-    };
-    of().unwrap_or_default()
-}
-
-/// Lengths of the steps of a sample, mm, and the share of the light of each channel that takes them. All channels take the same
-/// steps, those of the one with the longest paths, and shorter ones more often.
-fn steps(sample: usize, paths: DVec3) -> ([f64; STEPS], [DVec3; STEPS]) {
-    let longest = paths.to_array().into_iter().filter(|path| path.is_finite()).fold(0.0, f64::max);
-    // Samples whose indices are near lie together: the depths of any 2^k in a row are spread evenly.
-    let index = |step: usize| (sample * STEPS + step) as u32;
-    let depths: [f64; STEPS] =
-        std::array::from_fn(|step| -(1.0 - radical_inverse_2(index(step)) - LEAST).max(LEAST).ln());
-    let weights = depths.map(|depth| paths.map(|path| longest / path * (depth - depth * longest / path).exp()));
-    let sum: DVec3 = weights.iter().sum();
-    let even = DVec3::splat(1.0 / STEPS as f64);
-    let shares = weights.map(|weight| {
-        let share = (weight / sum).to_array();
-        DVec3::from_array([0, 1, 2].map(|c| if share[c].is_finite() { share[c] } else { even[c] }))
-    });
-    (depths.map(|depth| longest * depth), shares)
-}
-
-/// Turns the flux of the samples into irradiance, that of a few neighbours together where they are within a mean free path: what
-/// moves lands on single samples, whose light would be grainy.
-fn evened(surface: &Surface, flux: &mut [DVec3]) {
-    for part in 0..surface.domain.parts.parts.len() {
-        let range = surface.samples.part(part);
-        let within = range.clone().next().map_or(0.0, |first| free_paths_mm(surface, first).min_element());
-        even_out((surface.patches, range, within), &NEIGHBOURS, flux);
-    }
-}
-
-/// Evens blocks of a number of samples of a range, or where they are not neighbours within a distance (mm) smaller ones.
-fn even_out((patches, range, within): (&[Patch], Range<usize>, f64), sizes: &[usize], flux: &mut [DVec3]) {
-    let (size, smaller) = sizes.split_first().map_or((1, &[][..]), |(size, smaller)| (*size, smaller));
-    for start in range.clone().step_by(size) {
-        let block = start..(start + size).min(range.end);
-        let first = &patches[start];
-        let is_near =
-            |patch: &Patch| patch.centre_mm.distance(first.centre_mm) < within && patch.normal.dot(first.normal) > FLAT;
-        if size > 1 && !patches[block.clone()].iter().all(is_near) {
-            even_out((patches, block, within), smaller, flux);
-            continue;
-        }
-        let area: f64 = patches[block.clone()].iter().map(|patch| patch.area_mm2).sum();
-        let sum: DVec3 = flux[block.clone()].iter().sum();
-        flux[block].fill(if area > 0.0 { sum / area } else { DVec3::ZERO });
-    }
-}
-
-/// The sample that a step of a sample's light ends at.
-fn target(
-    surface: &Surface,
-    facets: &Facets,
-    (sample, step): (usize, usize),
-    length: f64,
-    towards: DVec3,
-) -> Option<u32> {
-    let mesh = surface.domain.mesh;
-    // A point of the sample, so that the whole of it is moved and not its middle alone.
-    let index = (sample * STEPS + step) as u32;
-    let own = surface.samples.patch(sample);
-    let facet = own.get((uniform(STAGE, index.into(), 0) * own.len() as f64) as usize)?;
-    let [a, b, c] = facet.corners_local_mm(mesh);
-    let [r, s] = PLASTIC.map(|ratio| (f64::from(index) * ratio).fract());
-    let r = r.sqrt();
-    let at = a * (1.0 - r) + b * (r * (1.0 - s)) + c * (r * s);
-    let normal = mesh.normal(facet.triangle);
-    let part = *surface.domain.parts.triangle_part.get(facet.triangle as usize)?;
-    let medium = surface.domain.media.get(surface.domain.parts.parts.get(part as usize)?.medium? as usize)?;
-    let eta = medium.properties.eta_inside_over_outside;
-    let cosine = towards.dot(normal);
-    let inside = refracted_cosine(eta, cosine)?;
-    let direction = -((towards - cosine * normal) / eta + inside * normal).normalize_or_zero();
-    let depth = length * inside;
-    if !(depth.is_finite() && cosine > 0.0) {
-        return None;
-    }
-    let ray = Ray {
-        origin: (at + length * direction).as_vec3(),
-        direction: normal.as_vec3(),
-        t_min: 0.0,
-        t_max: (2.0 * depth) as f32,
-    };
-    let hit = surface.bvh.closest(&ray)?;
-    if surface.domain.parts.triangle_part.get(hit.triangle as usize) != Some(&part)
-        || mesh.normal(hit.triangle).dot(normal) <= 0.0
-    {
-        return None;
-    }
-    let point = ray.origin.as_dvec3() + f64::from(hit.t) * normal;
-    facets.at(mesh, hit.triangle, point)
 }
 
 #[cfg(test)]
@@ -280,7 +420,7 @@ mod tests {
         let light = Light::Directional { from: DVec3::new(0.8, 0.6, 0.0), irradiance: DVec3::ONE };
         let spot = |at: DVec3| if at.x.abs() < 2.0 && at.z.abs() < 2.0 { DVec3::ONE } else { DVec3::ZERO };
         let before: Vec<DVec3> = surface.patches.iter().map(|p| spot(p.centre_mm)).collect();
-        let after = moved(&surface, &light, &before);
+        let after = MovedEntry::new(&surface, |_| true).moved(&surface, &light, &before);
         let properties = named("marble");
         let sine = 0.8 / properties.eta_inside_over_outside;
         for c in 0..3 {
@@ -303,8 +443,9 @@ mod tests {
         let before: Vec<DVec3> = (0..surface.samples.len()).map(|i| DVec3::splat(f64::from(i as u32 % 5))).collect();
         let point = Light::Point { at_mm: DVec3::new(3.0, 20.0, 1.0), intensity: DVec3::ONE };
         let flux = |values: &[DVec3]| values.iter().zip(surface.patches).map(|(e, p)| *e * p.area_mm2).sum::<DVec3>();
-        let after = moved(&surface, &point, &before);
+        let entry = MovedEntry::new(&surface, |_| true);
+        let after = entry.moved(&surface, &point, &before);
         assert!((flux(&after) - flux(&before)).abs().max_element() < 1e-9 * flux(&before).x && after != before);
-        assert_eq!(moved(&surface, &Light::Constant { radiance: DVec3::ONE }, &before), before);
+        assert_eq!(entry.moved(&surface, &Light::Constant { radiance: DVec3::ONE }, &before), before);
     }
 }

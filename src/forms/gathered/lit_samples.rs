@@ -24,7 +24,6 @@ use crate::transport::gather::{Gather, Lit, Scheme};
 use crate::transport::interreflection::InterReflection;
 use crate::transport::irradiance::Pieces;
 use crate::transport::kernel::medium::MediumKernel;
-use crate::transport::moved_entry::entered;
 use crate::transport::multilevel::{Quality, SurfaceNets, SurfaceTables};
 use crate::transport::near_rule::NearField;
 use crate::transport::receivers::Receivers;
@@ -130,7 +129,7 @@ impl GatheredEvaluator {
     pub(super) fn gather<'a>(&'a self, surface: &Surface<'a>, near: NearField) -> Gather<'a> {
         match (&self.profile, self.model.as_ref().and_then(Model::in_force)) {
             (Some((_, kernels)), _) => Gather::with_kernels(surface, &self.tree, kernels.clone(), near),
-            (None, Some(InForce { calibrated, of_samples })) => {
+            (None, Some(InForce { calibrated, of_samples, .. })) => {
                 Gather::calibrated(surface, &self.tree, (&calibrated.kernels, of_samples), near)
             }
             (None, None) => Gather::new(surface, &self.tree, &self.scene.media, near),
@@ -253,11 +252,9 @@ impl GatheredEvaluator {
         let (surface, sampling) = (self.surface(), self.gathering.sampling);
         let of_rows =
             |lights: &[Light]| StoredRows::illuminate(self.rows.as_ref(), &surface, (lights, sampling), progress);
-        if self.calibrated().is_none() {
-            return of_rows(lights);
-        }
+        let Some(in_force) = self.model.as_ref().and_then(Model::in_force) else { return of_rows(lights) };
         let etas: Vec<f64> = self.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
-        entered(&surface, lights, (&etas, sampling), of_rows, progress)
+        in_force.entry.entered(&surface, lights, (&etas, sampling), of_rows, progress)
     }
 
     pub(super) fn is_stored(&self, light: &Light) -> bool {

@@ -17,6 +17,7 @@ use crate::scene::Scene;
 use crate::transport::calibration::lattice::Lattice;
 use crate::transport::calibration::layers::{Layers, Splines};
 use crate::transport::calibration::{Calibrated, Orders, PartLayers, Walks};
+use crate::transport::moved_entry::MovedEntry;
 use crate::transport::surface::Surface;
 
 /// Quantiser step of the logarithms of factors: an error of 0.1 % RMS.
@@ -29,6 +30,8 @@ const REMEMBERED: usize = 8;
 pub(super) struct InForce {
     pub(super) calibrated: Calibrated,
     pub(super) of_samples: Vec<DVec3>,
+    /// What the moving of light needs of the samples.
+    pub(super) entry: MovedEntry,
 }
 
 /// The calibrated kernels of an evaluator.
@@ -86,7 +89,8 @@ impl Model {
 
     fn put(&mut self, media: &[Medium], calibrated: Calibrated, surface: &Surface) {
         let of_samples = calibrated.of_samples(surface);
-        let made = Arc::new(InForce { calibrated, of_samples });
+        let entry = calibrated.entry(surface);
+        let made = Arc::new(InForce { calibrated, of_samples, entry });
         if self.remembered.len() == REMEMBERED {
             self.remembered.remove(0);
         }

@@ -32,6 +32,7 @@ use self::layers::{Layers, Splines};
 use super::domain::Domain;
 use super::gather::{Criterion, Gather, Scheme};
 use super::kernel::medium::MediumKernel;
+use super::moved_entry::MovedEntry;
 use super::near_rule::NearField;
 use super::random_walk::exitance::MOST_LOST;
 use super::random_walk::walk::WalkMedium;
@@ -302,6 +303,11 @@ impl Calibrated {
             }
         }
         progress.finish();
+    }
+
+    /// What the moving of light needs of a surface: light moves in calibrated parts.
+    pub fn entry(&self, surface: &Surface) -> MovedEntry {
+        MovedEntry::new(surface, |part| self.parts.get(part).is_some_and(Option::is_some))
     }
 
     /// A slot of each sample, that of the corner nearest to its centre.

@@ -11,7 +11,6 @@ use crate::progress::Progress;
 use crate::transport::domain::Domain;
 use crate::transport::gather::{Gather, Scheme};
 use crate::transport::irradiance::LightSampling;
-use crate::transport::moved_entry::entered_by_rays;
 use crate::transport::near_rule::NearField;
 use crate::transport::receivers::Receivers;
 use crate::transport::surface::Surface;
@@ -80,7 +79,8 @@ impl<'a> CalibratedSurface<'a> {
     pub fn radiosity(&self, lights: &[Light], sampling: LightSampling, progress: &dyn Progress) -> Result<Vec<DVec3>> {
         let surface = self.cut.surface(self.domain, &self.bvh);
         let etas: Vec<f64> = self.domain.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
-        let (irradiance, pieces) = entered_by_rays(&surface, lights, (&etas, sampling), progress)?;
+        let entry = self.calibrated.entry(&surface);
+        let (irradiance, pieces) = entry.entered_by_rays(&surface, lights, (&etas, sampling), progress)?;
         let model = (&self.calibrated.kernels, self.of_samples.as_slice());
         let gather = Gather::calibrated(&surface, &self.cut.tree, model, NearField::REFERENCE);
         let values = gather.radiosity(
