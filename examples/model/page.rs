@@ -11,7 +11,7 @@ everything else is the same anywhere.
 
 The dipole is a half space's answer. A body is no half space: against walks through the volume the dipole is 13 % (marble) to 30 %
 (skin1) off, and no other radial profile is much better, because what is wrong is the shape. `--model calibrated` of `reference`, and of `bake` with
-`editable` and `two_pass`, takes a second or so of walks through the body itself, and sums
+`editable`, `two_pass`, `quantized_lights` and `all_frequency`, takes a second or so of walks through the body itself, and sums
 
 `B(x_o) = s_o Int R_d(r) (a(r) + b(r) h) s_i E'(x_i) dA`, `h = f(r) ((x_i - x_o).n_o + (x_o - x_i).n_i)`.
 
@@ -24,8 +24,9 @@ The dipole is a half space's answer. A body is no half space: against walks thro
   (`s <- s (t / row sum)^(2/3)`). The kernel stays symmetric, as the volume is. What the walks add to the layers is smoothed over the surface
   before; the length of the smoothing is that with which one half of the walks predicts the other best. Factors stand at the vertices, and where edges are
   longer than three mean free paths at points between.
-- **E'** is irradiance moved to where light first scatters: the tangential part of a free path along the refracted ray, eight steps for
-  each sample, under directional and point lights, evened over up to 16 neighbours within a mean free path. Light of many directions enters as the walks did.
+- **E'** is irradiance moved to where light first scatters: the tangential part of a free path along the refracted ray, under directional and point lights.
+  Each sample fetches the light of the places that steps of six lengths come from, the means of six equal shares of all free paths; what
+  the same steps bring the neighbourhood, counted over cells of three mean free paths, is how much of it there is. Light of many directions enters as the walks did.
 - **Orders.** The kernel holds the orders of scattering that were asked for: from 1 on, or from 2 on where order 1 has a stage of its own. Order
   0, which passes straight through, is in neither.
 - **Openings.** A part that lets light out is no volume: it keeps its dipole, and the command says so.
@@ -61,13 +62,14 @@ const TAIL: &str = "
 
 What is left at low albedo is the depth of the first collision, and where the moved step finds no surface: horns and sharp edges. Order 1 is not
 diffuse; where the reduced albedo is low it deserves its own stage. Light that leaves and enters again is in no row of this page.
-Methods that store transport, and the shaders (`--device gpu`), still hold the dipole, which is the default.
+`editable` with stored transport, `texture_space`, `filtered_normals`, Haar rows, and the shaders (`--device gpu`) of what sums at run time still hold the dipole, which is the
+default. `quantized_lights` and `all_frequency` move light by the mean of the steps of the three channels, since their irradiance is one for all.
 
 Sharp corners are its hardest places: at those of a cube of 12 triangles (11 mm, marble) it is 8 to 13 % dark against hat means of walks on the same cube of
 27,648 triangles, the dipole 35 %.
 
-Steps are drawn, and the kernel is steep where light enters: under a lone sun the drawing leaves 0.8 % (marble) to 1.7 % (skin1) between 65,536 and 131,072 samples
-of bunny_3k, where the dipole has a tenth of that. The ledger's line `sampling` tells it.
+Steps that are drawn, and their light thrown, are grain: the kernel is steep where light enters, and under a lone sun the drawing left 0.8 % (marble) to 1.7 % (skin1)
+between 65,536 and 131,072 samples of bunny_3k. Fetching leaves 0.2 to 0.3 % and 0.1 to 0.4 %, and is nearer to the walks as well.
 
 `editable` sums single layers over its nets as it sums dipoles, and double ones over nets of their own with four fields in place of one. Where those cannot resolve the
 layer (samples more than two thirds of a mean free path apart) the hierarchy of `two_pass` sums in their place, which takes longer for each light.

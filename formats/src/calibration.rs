@@ -157,12 +157,17 @@ impl Calibration {
         Ok(Some(result))
     }
 
+    /// True if there are factors: assets that hold transport have them in that.
+    pub fn is_kept(sections: &[RawSection]) -> bool {
+        sections.iter().any(|section| section.tag == tags::FACTORS)
+    }
+
     /// The numbers alone; `None` where there is no calibration.
     ///
     /// # Errors
     /// Any fault of their type or content.
     pub fn numbers(sections: &[RawSection]) -> Result<Option<Numbers>> {
-        let Some([numbers, _]) = pick(sections, tags::ALL, Kind::Method)? else { return Ok(None) };
+        let Some([numbers]) = pick(sections, [tags::NUMBERS], Kind::Method)? else { return Ok(None) };
         let result = Self { numbers: numbers.record()?, codes: Vec::new() };
         result.validate()?;
         Ok(Some(result.numbers))

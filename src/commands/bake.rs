@@ -42,7 +42,7 @@ pub(super) struct BakeArgs {
 enum Inside {
     /// The dipole of the papers, made for a half space
     Dipole,
-    /// The dipole, calibrated by a few walks through each closed part: methods that sum at run time
+    /// The dipole, calibrated by a few walks through each closed part: two_pass, editable, quantized_lights, all_frequency
     Calibrated,
 }
 

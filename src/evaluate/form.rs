@@ -18,7 +18,7 @@ use crate::geometry::samples::Samples;
 use crate::light::{Light, LightKind};
 use crate::progress::Progress;
 use crate::scene::Scene;
-use crate::transport::calibration::Walks;
+use crate::transport::calibration::{Orders, Walks};
 
 /// The model of the light inside that kernels follow.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -28,6 +28,17 @@ pub enum Model {
     Dipole,
     /// The dipole, calibrated by walks through the body.
     Calibrated(Walks),
+}
+
+impl Model {
+    /// The model of light from an order of scattering on; the dipole holds all.
+    #[must_use]
+    pub fn of_orders(self, orders: Orders) -> Self {
+        match self {
+            Self::Dipole => self,
+            Self::Calibrated(walks) => Self::Calibrated(Walks { orders, ..walks }),
+        }
+    }
 }
 
 /// Settings of a bake that all forms share.

@@ -82,8 +82,8 @@ impl<'a> dyn Method + 'a {
         }
         if !form.serves(settings.model) {
             return Err(Error::unsupported(format!(
-                "the transport of `{}` with these settings holds the dipole: use --model dipole, or a method that sums it at run time, \
-                 such as two_pass",
+                "the transport of `{}` with these settings holds the dipole: use --model dipole, or a method \
+                 that can follow another, such as two_pass or all_frequency",
                 self.name()
             )));
         }

@@ -4,6 +4,7 @@
 use std::sync::{Arc, OnceLock};
 
 use glam::DVec3;
+use translux_format::RawSection;
 
 use super::gathered::{Bound, Far, GatheredEvaluator, Gathering};
 use super::sampled_scene::GROUP;
@@ -32,34 +33,43 @@ const TRUTH_ERROR: f64 = 0.001;
 
 /// Samples lit by rays and summed through the hierarchy.
 pub fn truth(scene: &Scene, samples: usize) -> GatheredEvaluator {
-    let asset = Asset {
+    GatheredEvaluator::new(sampled(scene, samples, Vec::new()), gathering())
+}
+
+/// An asset of samples and sections.
+fn sampled(scene: &Scene, samples: usize, sections: Vec<RawSection>) -> Arc<Asset> {
+    Arc::new(Asset {
         samples: Samples::new(&scene.mesh, &scene.parts, samples),
         scene: scene.clone(),
         provenance: Default::default(),
         ledger: Ledger::default(),
-        sections: Vec::new(),
-    };
-    let gathering = Gathering {
+        sections,
+    })
+}
+
+fn gathering() -> Gathering {
+    Gathering {
         sampling: LightSampling::FAST,
         near: NearField::FAST,
         far: Far::Hierarchical { error: TRUTH_ERROR, bound: Bound::SolidAngle },
         group: GROUP,
         nets: None,
-    };
-    GatheredEvaluator::new(Arc::new(asset), gathering)
+    }
 }
 
 /// Reference for an evaluator's radiosity: [`truth`], made when it is first asked for.
 pub struct Truth {
     samples: usize,
     outside: Option<Outside>,
+    /// Sections of a calibration, where its kernels are not the dipole's.
+    calibration: Vec<RawSection>,
     made: Option<Box<GatheredEvaluator>>,
 }
 
 impl Truth {
     /// A reference of `samples` samples.
     pub fn new(samples: usize) -> Self {
-        Self { samples, outside: None, made: None }
+        Self { samples, outside: None, calibration: Vec::new(), made: None }
     }
 
     /// The reference under some lights.
@@ -67,9 +77,12 @@ impl Truth {
     /// # Errors
     /// Lights that cannot be served.
     pub fn lit(&mut self, scene: &Scene, lights: &[Light], progress: &dyn Progress) -> Result<&mut GatheredEvaluator> {
-        let outside = self.outside;
-        let made = || Box::new(truth(scene, self.samples).with_inter_reflection(outside));
-        let made = self.made.get_or_insert_with(made);
+        if self.made.is_none() {
+            let asset = sampled(scene, self.samples, self.calibration.clone());
+            let evaluator = GatheredEvaluator::new(asset, gathering()).with_model()?;
+            self.made = Some(Box::new(evaluator.with_inter_reflection(self.outside)));
+        }
+        let Some(made) = &mut self.made else { return Err(Error::runtime("a reference that was just made is gone")) };
         made.set_lights(lights.to_vec(), progress)?;
         Ok(made)
     }
@@ -180,11 +193,13 @@ pub(crate) enum Single {
     Beside(Box<dyn StoredSingle>),
 }
 
-/// Single scattering and inter-reflection of an asset.
+/// Single scattering, inter-reflection and model of an asset.
 pub(crate) struct Beside {
     pub(crate) single: Single,
     /// Inter-reflection, part of the radiosity.
     pub(crate) outside: Option<Outside>,
+    /// Sections of the calibration of the kernels that the transport is of.
+    pub(crate) calibration: Vec<RawSection>,
 }
 
 impl Single {
@@ -241,7 +256,13 @@ impl<S: Stored + 'static> BakedIn<S> {
     /// # Errors
     /// Errors of [`Stored::light`] without lights.
     pub fn boxed(scene: Scene, receivers: Receivers, samples: usize, stored: S) -> Result<Box<dyn Evaluator>> {
-        Self::with(scene, receivers, samples, stored, Beside { single: Single::None, outside: None })
+        Self::with(
+            scene,
+            receivers,
+            samples,
+            stored,
+            Beside { single: Single::None, outside: None, calibration: Vec::new() },
+        )
     }
 
     /// The same with single scattering and inter-reflection.
@@ -250,7 +271,7 @@ impl<S: Stored + 'static> BakedIn<S> {
         receivers: Receivers,
         samples: usize,
         stored: S,
-        Beside { single, outside }: Beside,
+        Beside { single, outside, calibration }: Beside,
     ) -> Result<Box<dyn Evaluator>> {
         let (lights, bvh, light) = (Vec::new(), OnceLock::new(), stored.light(&[])?);
         Ok(Box::new(Self {
@@ -260,7 +281,7 @@ impl<S: Stored + 'static> BakedIn<S> {
             stored,
             lights,
             light,
-            truth: Truth { outside, ..Truth::new(samples) },
+            truth: Truth { outside, calibration, ..Truth::new(samples) },
             single,
         }))
     }

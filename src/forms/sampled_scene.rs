@@ -1,16 +1,21 @@
 //! A scene with its samples, for bakes of a baked-in material.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use glam::DVec3;
+use translux_format::RawSection;
 
+use super::gathered::model;
 use crate::error::Result;
+use crate::evaluate::Model;
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::{self, Patch, Samples};
 use crate::geometry::scattered::OrientedPoint;
 use crate::light::Light;
-use crate::progress::Silent;
+use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
+use crate::transport::calibration::{Calibrated, CalibratedSamples};
 use crate::transport::gather::Gather;
 use crate::transport::irradiance::{Illumination, LightSampling};
 use crate::transport::many_lights::{IrradianceRows, ManyLights};
@@ -68,6 +73,8 @@ pub struct SampledScene<'a> {
     pub points: Vec<OrientedPoint>,
     /// Rays towards a light.
     pub sampling: LightSampling,
+    /// Calibrated kernels in place of the dipole's.
+    pub model: Option<CalibratedSamples>,
 }
 
 impl<'a> SampledScene<'a> {
@@ -79,7 +86,32 @@ impl<'a> SampledScene<'a> {
         let receivers = Receivers::new(&scene.mesh, &scene.parts, GROUP);
         let areas = receivers.areas_mm2(&scene.mesh);
         let points = oriented(scene, &receivers);
-        Self { scene, bvh, samples, patches, tree, receivers, areas, points, sampling: SAMPLING }
+        Self { scene, bvh, samples, patches, tree, receivers, areas, points, sampling: SAMPLING, model: None }
+    }
+
+    /// The same with the kernels of a model; where these are calibrated also the sections that say so.
+    ///
+    /// # Errors
+    /// As [`Calibrated::by_walks`].
+    pub fn with_model(self, model: Model, progress: &dyn Progress) -> Result<(Self, Vec<RawSection>)> {
+        let Model::Calibrated(walks) = model else { return Ok((self, Vec::new())) };
+        let (calibrated, sections) = model::bake(self.scene, &self.bvh, walks, progress)?;
+        Ok((self.calibrated(Arc::new(calibrated)), model::without_factors(sections)))
+    }
+
+    /// The same with the kernels of other samples of the same scene.
+    #[must_use]
+    pub fn with_model_of(self, other: &Self) -> Self {
+        match &other.model {
+            Some(model) => self.calibrated(Arc::clone(&model.calibrated)),
+            None => self,
+        }
+    }
+
+    fn calibrated(mut self, calibrated: Arc<Calibrated>) -> Self {
+        self.receivers = self.receivers.with_factors(&calibrated.of_vertices());
+        self.model = Some(CalibratedSamples::new(calibrated, &self.surface()));
+        self
     }
 
     /// The surface that light falls on.
@@ -94,15 +126,33 @@ impl<'a> SampledScene<'a> {
     pub fn irradiance(&self, lights: &[Light]) -> Result<IrradianceRows> {
         let mut values = vec![0.0; self.samples.len() * lights.len()];
         for (column, light) in lights.iter().enumerate() {
-            for (row, e) in values.chunks_exact_mut(lights.len()).zip(&self.by_rays(light)?) {
+            for (row, e) in values.chunks_exact_mut(lights.len()).zip(&self.received(light)?) {
                 row[column] = e.x as f32;
             }
         }
-        Ok(IrradianceRows { lights: lights.len(), values })
+        let mut rows = IrradianceRows { lights: lights.len(), values };
+        self.move_rows(lights, &mut rows);
+        Ok(rows)
     }
 
-    /// Irradiance of every sample under a light by rays, RGB.
+    /// Moves irradiance under lights to where it first scatters, where kernels are calibrated.
+    pub(crate) fn move_rows(&self, lights: &[Light], rows: &mut IrradianceRows) {
+        if let Some(model) = &self.model {
+            model.entry.move_rows(&self.surface(), lights, rows);
+        }
+    }
+
+    /// Irradiance of every sample under a light by rays, RGB, where it first scatters if kernels are calibrated.
     pub(crate) fn by_rays(&self, light: &Light) -> Result<Vec<DVec3>> {
+        let irradiance = self.received(light)?;
+        Ok(match &self.model {
+            Some(model) => model.entry.moved(&self.surface(), light, &irradiance),
+            None => irradiance,
+        })
+    }
+
+    /// The same where it enters.
+    fn received(&self, light: &Light) -> Result<Vec<DVec3>> {
         let etas: Vec<f64> = self.scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
         Ok(Illumination::new(&self.surface(), std::slice::from_ref(light), &etas, self.sampling)?.all(&Silent))
     }
@@ -122,7 +172,12 @@ impl<'a> SampledScene<'a> {
         work: impl FnOnce(ManyLights) -> Result<T>,
     ) -> Result<T> {
         let surface = self.surface();
-        let gather = Gather::new(&surface, &self.tree, &self.scene.media, near);
+        let gather = match &self.model {
+            Some(CalibratedSamples { calibrated, factors, .. }) => {
+                Gather::calibrated(&surface, &self.tree, (&calibrated.kernels, factors), near)
+            }
+            None => Gather::new(&surface, &self.tree, &self.scene.media, near),
+        };
         work(ManyLights::new(&gather, &self.tree, &self.receivers, &self.areas))
     }
 }

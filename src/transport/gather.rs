@@ -62,6 +62,8 @@ pub struct Lit<'a> {
     clusters: Vec<Cluster>,
     /// Flux times normal of each cluster, by channel, where a kernel has a double layer; else empty.
     moments: Vec<[DVec3; 3]>,
+    /// Mean factor of the samples of each cluster, RGB; empty where there are none.
+    factors: Vec<DVec3>,
 }
 
 /// Source that a group of receivers gathers from.
@@ -150,13 +152,24 @@ impl<'a> Gather<'a> {
     where
         'a: 'b,
     {
-        let light = light.with_factors(self.factors);
+        let (light, lit_by) = (light.with_factors(self.factors), irradiance);
         let scaled: Vec<DVec3> = irradiance.iter().zip(self.factors).map(|(e, factor)| *e * *factor).collect();
         let irradiance = if self.factors.is_empty() { irradiance } else { &scaled };
         let clusters = self.tree.light(self.surface.patches, irradiance);
         let layers = self.kernels.iter().any(|kernel| kernel.layers().is_some());
         let moments = if layers { self.tree.moments(self.surface.patches, irradiance) } else { Vec::new() };
-        Lit { light, clusters, moments }
+        let factors = if self.factors.is_empty() { Vec::new() } else { self.mean_factors(&clusters, lit_by) };
+        Lit { light, clusters, moments, factors }
+    }
+
+    /// Mean factor of the samples of each cluster under an irradiance.
+    fn mean_factors(&self, clusters: &[Cluster], irradiance: &[DVec3]) -> Vec<DVec3> {
+        let plain = self.tree.light(self.surface.patches, irradiance);
+        let of = |(with, without): (&Cluster, &Cluster)| {
+            let of_channel = |c: usize| if without.flux[c] > 0.0 { with.flux[c] / without.flux[c] } else { 1.0 };
+            DVec3::from_array([0, 1, 2].map(of_channel))
+        };
+        clusters.iter().zip(&plain).map(of).collect()
     }
 
     /// Radiosity of every receiver, RGB. A receiver's value depends on its own group only.
@@ -195,7 +208,7 @@ impl<'a> Gather<'a> {
     }
 
     /// Passes every source of a light to `take`, with the radiosity, RGB, that it brings each receiver of a group for a
-    /// flux of 1 (clusters) or an irradiance of 1 (samples).
+    /// flux of 1 (clusters) or an irradiance of 1 (samples) before any factors.
     pub(in crate::transport) fn weights(
         &self,
         receivers: &Receivers,
@@ -207,6 +220,7 @@ impl<'a> Gather<'a> {
     ) {
         let Some((part, medium, sphere)) = self.begin(receivers, group, lists) else { return };
         let mut weights = vec![[0.0; 3]; group.run.range().len()];
+        let of_receivers: Vec<DVec3> = group.run.range().map(|i| receivers.factor(i)).collect();
         self.visit(part, lit, medium, scheme, &sphere, &mut |source| {
             match source {
                 Source::Cluster(index) => {
@@ -222,6 +236,16 @@ impl<'a> Gather<'a> {
             }
             self.drain(medium, lists, 0);
             lists.block.take(&mut weights);
+            let factor = match source {
+                Source::Cluster(index) => lit.factors.get(index as usize),
+                Source::Patch(index) => self.factors.get(index as usize),
+            };
+            if let Some(factor) = factor {
+                for (weights, of_receiver) in weights.iter_mut().zip(&of_receivers) {
+                    let both = (*factor * *of_receiver).as_vec3();
+                    weights.iter_mut().zip(both.to_array()).for_each(|(weight, factor)| *weight *= factor);
+                }
+            }
             take(source, &weights);
         });
     }

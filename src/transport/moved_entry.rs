@@ -6,22 +6,25 @@
 //! of the entrance. Where that meets no surface of the body, the light stays. No light is lost.
 //!
 //! Moved light is fetched, not thrown: each sample takes the irradiance of the places that steps of a few fixed lengths come from, which
-//! is as smooth as the irradiance itself. What is thrown from the same samples with the same lengths says how much light there is of which
+//! is as smooth as the irradiance itself. Places are found between neighbours in a few directions and distances, which are looked up once for
+//! all lights. What is thrown from the same samples with the same lengths says how much light there is of which
 //! a neighbourhood has its share: where normals converge it gathers, and the fetched light is brought to that, over cells that are wide
 //! enough to hold many samples.
 
-use glam::DVec3;
+use std::f64::consts::TAU;
+
+use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use super::domain::Domain;
 use super::irradiance::{Illumination, LightSampling, Pieces};
+use super::many_lights::IrradianceRows;
 use super::surface::Surface;
 use crate::error::Result;
 use crate::geometry::bvh::Ray;
 use crate::geometry::mesh::Mesh;
-use crate::geometry::samples::{Facet, bisect};
+use crate::geometry::samples::{Facet, Patch, bisect};
 use crate::light::Light;
-use crate::medium::fresnel::refracted_cosine;
 use crate::progress::Progress;
 
 /// Steps of each sample.
@@ -35,8 +38,15 @@ const CELL_SAMPLES: f64 = 4.0;
 const LEAST_FACTOR: f64 = 0.5;
 const MOST_FACTOR: f64 = 2.0;
 
-/// Steps shorter than this share of the radius of a sample stay in it.
+/// Directions and distances over the surface in which the neighbours of a sample are found; each distance is half of the next.
+const AZIMUTHS: usize = 12;
+const DISTANCES: usize = 4;
+
+/// Distances shorter than this share of the radius of a sample stay in it.
 const SHORT: f64 = 0.25;
+
+/// Heights over the tangent plane within which surface is found, over the distance.
+const SLOPE: f64 = 1.25;
 
 /// Cosine towards the light below which samples look for none.
 const TURNED_AWAY: f64 = -0.5;
@@ -88,6 +98,12 @@ struct Steps {
     shares: [DVec3; STEPS],
 }
 
+/// Lights whose irradiance is moved at once.
+const AT_ONCE: usize = 16;
+
+/// Neighbours of samples along the surface.
+type Around = [[u32; DISTANCES]; AZIMUTHS];
+
 impl Steps {
     /// Strata of equal shares of the mean distribution of all channels, and the mean lengths in them; none without free paths.
     fn new(eta: f64, paths_mm: DVec3) -> Option<Self> {
@@ -120,6 +136,31 @@ impl Steps {
             (share, length) = (next_share, next_length);
         }
         Some(Self { eta, lengths_mm, shares })
+    }
+
+    /// The farthest that light goes along the surface, mm.
+    fn farthest_mm(&self) -> f64 {
+        self.lengths_mm[STEPS - 1] / self.eta
+    }
+
+    /// Shares of the light of an angle of incidence that stay, and that go each of the distances of neighbours.
+    #[inline]
+    fn rungs<const C: usize>(&self, sine: f64, share: impl Fn(&Self, usize) -> [f64; C]) -> [[f64; C]; DISTANCES + 1] {
+        let mut rungs = [[0.0; C]; DISTANCES + 1];
+        for (k, length) in self.lengths_mm.iter().enumerate() {
+            // Distances are 0, 1/8, 1/4, 1/2 and 1 of the farthest.
+            let mut place = length / self.lengths_mm[STEPS - 1] * sine * f64::from(1u32 << (DISTANCES - 1));
+            let mut rung = 0;
+            while place > 1.0 && rung < DISTANCES - 1 {
+                place = if rung == 0 { place - 1.0 } else { 0.5 * (place - 1.0) };
+                // Beyond the first a distance is twice the one before.
+                rung += 1;
+            }
+            let (along, share) = (place.clamp(0.0, 1.0), share(self, k));
+            add(&mut rungs[rung], 1.0 - along, &share);
+            add(&mut rungs[rung + 1], along, &share);
+        }
+        rungs
     }
 }
 
@@ -169,32 +210,51 @@ impl Cells {
     }
 
     /// Sums over the cells of values of the samples.
-    fn sums(&self, values: impl Iterator<Item = DVec3>) -> Vec<DVec3> {
-        let mut sums = vec![DVec3::ZERO; self.count];
+    fn sums<const C: usize>(&self, values: impl Iterator<Item = [f64; C]>) -> Vec<[f64; C]> {
+        let mut sums = vec![[0.0; C]; self.count];
         for (sample, value) in values.enumerate() {
-            if value != DVec3::ZERO {
-                self.shares(sample).for_each(|(cell, share)| sums[cell] += share * value);
+            if value != [0.0; C] {
+                self.shares(sample).for_each(|(cell, share)| add(&mut sums[cell], share, &value));
             }
         }
         sums
     }
 
     /// Means at a sample of values of the cells.
-    fn mean(&self, sample: usize, values: &[DVec3]) -> DVec3 {
-        self.shares(sample).map(|(cell, share)| share * values[cell]).sum()
+    fn mean<const C: usize>(&self, sample: usize, values: &[[f64; C]]) -> [f64; C] {
+        let mut mean = [0.0; C];
+        self.shares(sample).for_each(|(cell, share)| add(&mut mean, share, &values[cell]));
+        mean
     }
 }
 
+/// Adds a multiple of values.
+#[inline(always)]
+fn add<const C: usize>(sum: &mut [f64; C], factor: f64, values: &[f64; C]) {
+    sum.iter_mut().zip(values).for_each(|(sum, value)| *sum += factor * value);
+}
+
+/// Adds the products of values.
+#[inline(always)]
+fn multiply_add<const C: usize>(sum: &mut [f64; C], factor: f64, left: &[f64; C], right: &[f64; C]) {
+    sum.iter_mut().zip(left).zip(right).for_each(|((sum, left), right)| *sum += factor * left * right);
+}
+
+/// No sample.
+const NOWHERE: u32 = u32::MAX;
+
 /// What the moving of light needs of a surface, whatever the light.
 pub struct MovedEntry {
-    facets: Facets,
+    /// Neighbours of each sample; its own index where they are too near, [`NOWHERE`] where there is no surface.
+    around: Vec<Around>,
+    frames: Vec<Frame>,
     cells: Cells,
     /// Steps of each part; none of parts whose light stays.
     steps: Vec<Option<Steps>>,
     /// Part of each sample.
     part: Vec<u32>,
     /// Area of the samples in each cell, mm^2.
-    areas_mm2: Vec<DVec3>,
+    areas_mm2: Vec<[f64; 1]>,
 }
 
 impl MovedEntry {
@@ -212,12 +272,19 @@ impl MovedEntry {
             steps[part].map(|_| (CELL * medium.mean_free_path_mm().max_element()).max(CELL_SAMPLES * spacing))
         };
         let cells = Cells::new(surface, edge);
-        let areas_mm2 = cells.sums(surface.patches.iter().map(|patch| DVec3::splat(patch.area_mm2)));
+        let areas_mm2 = cells.sums(surface.patches.iter().map(|patch| [patch.area_mm2]));
         let mut part = vec![0; surface.samples.len()];
         for p in 0..parts.parts.len() {
             part[surface.samples.part(p)].fill(p as u32);
         }
-        Self { facets: Facets::new(surface), cells, steps, part, areas_mm2 }
+        let facets = Facets::new(surface);
+        let around = |sample: usize| {
+            let farthest = steps[part[sample] as usize].map_or(0.0, |steps| steps.farthest_mm());
+            neighbours(surface, &facets, (sample, part[sample]), farthest)
+        };
+        let around = (0..part.len()).into_par_iter().map(around).collect();
+        let frames = surface.patches.iter().map(Frame::new).collect();
+        Self { around, frames, cells, steps, part, areas_mm2 }
     }
 
     /// Irradiance of every sample under lights, RGB, and of the pieces of samples that are lit unevenly: that of lights of one direction
@@ -262,143 +329,229 @@ impl MovedEntry {
 
     /// Moves the irradiance of one light, RGB for each sample. Light of many directions at once stays, as diffuse entry does.
     pub fn moved(&self, surface: &Surface, light: &Light, irradiance: &[DVec3]) -> Vec<DVec3> {
-        let origin = surface.domain.mesh.origin_mm;
-        let towards = |at: DVec3| match light {
-            Light::Directional { from, .. } => Some(*from),
-            Light::Point { at_mm, .. } => Some((*at_mm - origin - at).normalize_or_zero()),
-            Light::Constant { .. } | Light::Area { .. } | Light::Environment { .. } => None,
-        };
-        if towards(DVec3::ZERO).is_none() {
+        if !moves(light) {
             return irradiance.to_vec();
         }
-        // Irradiance that is fetched or stays, and where it was thrown.
-        let of_sample = |sample: usize| {
-            let patch = &surface.patches[sample];
-            let mut thrown = [u32::MAX; STEPS];
-            let Some(steps) = &self.steps[self.part[sample] as usize] else { return (irradiance[sample], thrown) };
-            let normal = patch.cross_mm2.normalize_or_zero();
-            let towards = towards(patch.centre_mm).unwrap_or_default();
-            let cosine = towards.dot(normal);
-            let mut sum = DVec3::ZERO;
-            for k in 0..STEPS {
-                let (length, share) = (steps.lengths_mm[k], steps.shares[k]);
-                if irradiance[sample] != DVec3::ZERO {
-                    thrown[k] = self.target(surface, sample, (length, steps.eta), towards).unwrap_or(u32::MAX);
-                    if thrown[k] == u32::MAX {
-                        sum += share * irradiance[sample];
-                    }
-                }
-                if cosine > TURNED_AWAY
-                    && let Some(from) = self.source(surface, (sample, normal), (length, steps.eta), towards)
-                {
-                    sum += share * irradiance[from as usize];
-                }
-            }
-            (sum, thrown)
+        let values: Vec<[f64; 3]> = irradiance.iter().map(|e| e.to_array()).collect();
+        let moved = self.moved_by(surface, light, &values, |steps, k| steps.shares[k].to_array());
+        moved.into_iter().map(DVec3::from_array).collect()
+    }
+
+    /// Moves irradiance that is the same for all channels by the mean of the steps of all.
+    pub fn move_rows(&self, surface: &Surface, lights: &[Light], rows: &mut IrradianceRows) {
+        let count = rows.lights;
+        let of_light = |rows: &IrradianceRows, (column, light): (usize, &Light)| {
+            let values: Vec<[f64; 1]> =
+                rows.values.iter().skip(column).step_by(count).map(|e| [f64::from(*e)]).collect();
+            self.moved_by(surface, light, &values, |steps, k| [steps.shares[k].element_sum() / 3.0])
         };
-        let fetched: Vec<(DVec3, [u32; STEPS])> = (0..irradiance.len()).into_par_iter().map(of_sample).collect();
-        let mut flux = vec![DVec3::ZERO; irradiance.len()];
-        for (sample, (_, thrown)) in fetched.iter().enumerate() {
-            let own = irradiance[sample] * surface.patches[sample].area_mm2;
-            let Some(steps) = self.steps[self.part[sample] as usize].filter(|_| own != DVec3::ZERO) else { continue };
-            for (at, share) in thrown.iter().zip(steps.shares) {
-                flux[if *at == u32::MAX { sample } else { *at as usize }] += own * share;
+        let moving: Vec<(usize, &Light)> =
+            lights.iter().enumerate().take(count).filter(|(_, light)| moves(light)).collect();
+        for some in moving.chunks(AT_ONCE) {
+            let columns: Vec<Vec<[f64; 1]>> = some.par_iter().map(|&of| of_light(rows, of)).collect();
+            for ((column, _), values) in some.iter().zip(columns) {
+                let slots = rows.values.iter_mut().skip(*column).step_by(count);
+                slots.zip(values).for_each(|(slot, [value])| *slot = value as f32);
             }
         }
-        let there = self.cells.sums(fetched.iter().zip(surface.patches).map(|((e, _), patch)| *e * patch.area_mm2));
+    }
+
+    fn moved_by<const C: usize>(
+        &self,
+        surface: &Surface,
+        light: &Light,
+        irradiance: &[[f64; C]],
+        share: impl Fn(&Steps, usize) -> [f64; C] + Sync + Copy,
+    ) -> Vec<[f64; C]> {
+        let origin = surface.domain.mesh.origin_mm;
+        let towards = |at: DVec3| match light {
+            Light::Directional { from, .. } => *from,
+            Light::Point { at_mm, .. } => (*at_mm - origin - at).normalize_or_zero(),
+            Light::Constant { .. } | Light::Area { .. } | Light::Environment { .. } => DVec3::ZERO,
+        };
+        // Irradiance that is fetched or stays.
+        let of_sample = |sample: usize| {
+            let Some(steps) = &self.steps[self.part[sample] as usize] else { return irradiance[sample] };
+            let way = self.frames[sample].way(towards(surface.patches[sample].centre_mm));
+            let own = irradiance[sample];
+            let is_lit = own != [0.0; C];
+            if !is_lit && way.cosine <= TURNED_AWAY {
+                return own;
+            }
+            let rungs = steps.rungs(way.along.length(), share);
+            let mut sum = [0.0; C];
+            multiply_add(&mut sum, 1.0, &rungs[0], &own);
+            for (neighbours, back, weight) in self.both_ways(sample, way.along) {
+                for ((at, lost), share) in neighbours.iter().zip(back).zip(&rungs[1..]) {
+                    if is_lit && *lost == NOWHERE {
+                        multiply_add(&mut sum, weight, share, &own);
+                    }
+                    if *at != NOWHERE {
+                        multiply_add(&mut sum, weight, share, &irradiance[*at as usize]);
+                    }
+                }
+            }
+            sum
+        };
+        let mut result: Vec<[f64; C]> = (0..irradiance.len()).into_par_iter().map(of_sample).collect();
+        let flux = self.thrown(surface, irradiance, share, towards);
+        let there = self.cells.sums(result.iter().zip(surface.patches).map(|(e, patch)| e.map(|e| e * patch.area_mm2)));
         let wanted = self.cells.sums(flux.into_iter());
         // Factors of the cells, and irradiance that fetching does not find.
-        let (mut factors, mut missing) = (vec![DVec3::ONE; self.cells.count], vec![DVec3::ZERO; self.cells.count]);
+        let (mut factors, mut missing) = (vec![[1.0; C]; self.cells.count], vec![[0.0; C]; self.cells.count]);
         for cell in 0..self.cells.count {
-            for c in 0..3 {
+            let area = self.areas_mm2[cell][0].max(f64::MIN_POSITIVE);
+            for c in 0..C {
                 let (wanted, there) = (wanted[cell][c], there[cell][c]);
                 if there > 0.0 {
                     factors[cell][c] = (wanted / there).clamp(LEAST_FACTOR, MOST_FACTOR);
                 }
-                missing[cell][c] =
-                    (wanted - factors[cell][c] * there).max(0.0) / self.areas_mm2[cell].x.max(f64::MIN_POSITIVE);
+                missing[cell][c] = (wanted - factors[cell][c] * there).max(0.0) / area;
             }
         }
-        let mut result: Vec<DVec3> = fetched.iter().map(|(e, _)| *e).collect();
         result.par_iter_mut().enumerate().for_each(|(sample, e)| {
             if self.steps[self.part[sample] as usize].is_some() {
-                *e = *e * self.cells.mean(sample, &factors) + self.cells.mean(sample, &missing);
+                let (factor, missing) = (self.cells.mean(sample, &factors), self.cells.mean(sample, &missing));
+                e.iter_mut().zip(factor).zip(missing).for_each(|((e, factor), missing)| *e = *e * factor + missing);
             }
         });
         self.keep_flux(surface, irradiance, &mut result);
         result
     }
 
+    /// Flux that light's steps bring each sample.
+    fn thrown<const C: usize>(
+        &self,
+        surface: &Surface,
+        irradiance: &[[f64; C]],
+        share: impl Fn(&Steps, usize) -> [f64; C] + Copy,
+        towards: impl Fn(DVec3) -> DVec3,
+    ) -> Vec<[f64; C]> {
+        let mut flux = vec![[0.0; C]; irradiance.len()];
+        for (sample, patch) in surface.patches.iter().enumerate() {
+            let own = irradiance[sample].map(|e| e * patch.area_mm2);
+            let Some(steps) = self.steps[self.part[sample] as usize].filter(|_| own != [0.0; C]) else { continue };
+            let way = self.frames[sample].way(towards(patch.centre_mm));
+            let rungs = steps.rungs(way.along.length(), share);
+            multiply_add(&mut flux[sample], 1.0, &rungs[0], &own);
+            for (neighbours, _, weight) in self.both_ways(sample, -way.along) {
+                for (at, share) in neighbours.iter().zip(&rungs[1..]) {
+                    let at = if *at == NOWHERE { sample } else { *at as usize };
+                    multiply_add(&mut flux[at], weight, share, &own);
+                }
+            }
+        }
+        flux
+    }
+
     /// Scales the irradiance of each part to the flux that it had.
-    fn keep_flux(&self, surface: &Surface, before: &[DVec3], after: &mut [DVec3]) {
-        for part in 0..surface.domain.parts.parts.len() {
+    fn keep_flux<const C: usize>(&self, surface: &Surface, before: &[[f64; C]], after: &mut [[f64; C]]) {
+        for part in (0..surface.domain.parts.parts.len()).filter(|&part| self.steps[part].is_some()) {
             let range = surface.samples.part(part);
-            let flux =
-                |values: &[DVec3]| -> DVec3 { range.clone().map(|i| values[i] * surface.patches[i].area_mm2).sum() };
+            let flux = |values: &[[f64; C]]| {
+                let mut sum = [0.0; C];
+                range.clone().for_each(|i| add(&mut sum, surface.patches[i].area_mm2, &values[i]));
+                sum
+            };
             let (before, there) = (flux(before), flux(after));
-            for c in (0..3).filter(|&c| there[c] > 0.0) {
+            for c in (0..C).filter(|&c| there[c] > 0.0) {
                 let factor = before[c] / there[c];
                 range.clone().for_each(|i| after[i][c] *= factor);
             }
         }
     }
 
-    /// The sample that a step of a sample's light ends at.
-    fn target(&self, surface: &Surface, sample: usize, (length, eta): (f64, f64), towards: DVec3) -> Option<u32> {
-        let patch = &surface.patches[sample];
-        let normal = patch.cross_mm2.normalize_or_zero();
-        let cosine = towards.dot(normal);
-        let inside = refracted_cosine(eta, cosine)?;
-        if cosine <= 0.0 {
-            return None;
-        }
-        let tangential = (towards - cosine * normal) / eta;
-        if length * tangential.length() < SHORT * patch.radius_mm {
-            return Some(sample as u32);
-        }
-        let depth = length * inside;
-        self.first(surface, sample, (patch.centre_mm - length * tangential - depth * normal, normal), 2.0 * depth)
+    /// Neighbours of a sample in the two directions next to one in its tangent plane, those in the opposite directions, and weights, 1 in all.
+    fn both_ways(&self, sample: usize, along: DVec2) -> [(&[u32; DISTANCES], &[u32; DISTANCES], f64); 2] {
+        let turn = (along.y.atan2(along.x) / TAU + 1.0).fract() * AZIMUTHS as f64;
+        let around = &self.around[sample];
+        let way = |azimuth: usize, weight: f64| {
+            (&around[azimuth % AZIMUTHS], &around[(azimuth + AZIMUTHS / 2) % AZIMUTHS], weight)
+        };
+        [way(turn as usize, 1.0 - turn.fract()), way(turn as usize + 1, turn.fract())]
     }
 
-    /// The sample that light of a step that ends at a sample comes from.
-    fn source(
-        &self,
-        surface: &Surface,
-        (sample, normal): (usize, DVec3),
-        (length, eta): (f64, f64),
-        towards: DVec3,
-    ) -> Option<u32> {
-        let patch = &surface.patches[sample];
-        let cosine = towards.dot(normal);
-        let mut tangential = (towards - cosine * normal) / eta;
-        if cosine < 0.0 {
-            // Light that grazes comes over the horizon.
-            tangential = tangential.normalize_or_zero() / eta;
-        }
-        let far = length * tangential.length();
-        if far < SHORT * patch.radius_mm {
-            return Some(sample as u32);
-        }
-        let depth = length * (1.0 - tangential.length_squared()).max(0.0).sqrt();
-        self.first(surface, sample, (patch.centre_mm + length * tangential - depth * normal, normal), 2.0 * depth)
+    /// Bytes in memory.
+    pub fn bytes(&self) -> usize {
+        size_of_val(self.around.as_slice())
+            + size_of_val(self.frames.as_slice())
+            + size_of_val(self.cells.of_sample.as_slice())
+            + size_of_val(self.part.as_slice())
+    }
+}
+
+/// The tangent plane of a sample.
+struct Frame {
+    normal: DVec3,
+    axes: [DVec3; 2],
+}
+
+/// The way to a light from a sample.
+struct Way {
+    /// Of the angle with the normal.
+    cosine: f64,
+    /// Sine of that angle along the axes of the tangent plane, towards the light.
+    along: DVec2,
+}
+
+impl Frame {
+    fn new(patch: &Patch) -> Self {
+        let normal = patch.cross_mm2.normalize_or(DVec3::Z);
+        let (x, y) = normal.any_orthonormal_pair();
+        Self { normal, axes: [x, y] }
     }
 
-    /// The sample that a ray from inside the body of a sample leaves it through.
-    fn first(&self, surface: &Surface, sample: usize, (from, along): (DVec3, DVec3), far: f64) -> Option<u32> {
-        let mesh = surface.domain.mesh;
-        if !(far.is_finite() && from.is_finite()) {
-            return None;
-        }
-        let ray = Ray { origin: from.as_vec3(), direction: along.as_vec3(), t_min: 0.0, t_max: far as f32 };
-        let hit = surface.bvh.closest(&ray)?;
-        if surface.domain.parts.triangle_part.get(hit.triangle as usize) != Some(&self.part[sample])
-            || mesh.normal(hit.triangle).dot(along) <= 0.0
-        {
-            return None;
-        }
-        let point = ray.origin.as_dvec3() + f64::from(hit.t) * along;
-        self.facets.at(mesh, hit.triangle, point)
+    /// The way to a light in a unit direction; where that is below the horizon, light that comes over it grazes.
+    fn way(&self, towards: DVec3) -> Way {
+        let cosine = towards.dot(self.normal);
+        let along = DVec2::from_array(self.axes.map(|axis| axis.dot(towards)));
+        Way { cosine, along: if cosine < 0.0 { along.normalize_or_zero() } else { along } }
     }
+}
+
+/// Neighbours of a sample of a part along the surface, up to a distance, mm.
+fn neighbours(surface: &Surface, facets: &Facets, (sample, part): (usize, u32), farthest_mm: f64) -> Around {
+    let patch = &surface.patches[sample];
+    let frame = Frame::new(patch);
+    let mesh = surface.domain.mesh;
+    let mut around = [[sample as u32; DISTANCES]; AZIMUTHS];
+    for (azimuth, of_azimuth) in around.iter_mut().enumerate() {
+        let (sin, cos) = (azimuth as f64 * TAU / AZIMUTHS as f64).sin_cos();
+        let along = cos * frame.axes[0] + sin * frame.axes[1];
+        for (k, found) in of_azimuth.iter_mut().enumerate() {
+            let far = farthest_mm / f64::from(1u32 << (DISTANCES - 1 - k));
+            if far < SHORT * patch.radius_mm || !far.is_finite() {
+                continue;
+            }
+            let depth = SLOPE * far;
+            let ray = Ray {
+                origin: (patch.centre_mm + far * along - depth * frame.normal).as_vec3(),
+                direction: frame.normal.as_vec3(),
+                t_min: 0.0,
+                t_max: (2.0 * depth) as f32,
+            };
+            // The surface of the same body that is nearest to the plane, seen from outside.
+            let mut nearest: Option<(f64, u32)> = None;
+            surface.bvh.crossings(&ray, |hit| {
+                let height = (f64::from(hit.t) - depth).abs();
+                let is_outside = surface.domain.parts.triangle_part.get(hit.triangle as usize) == Some(&part)
+                    && mesh.normal(hit.triangle).dot(frame.normal) > 0.0;
+                if is_outside && nearest.is_none_or(|(least, triangle)| (height, hit.triangle) < (least, triangle)) {
+                    nearest = Some((height, hit.triangle));
+                }
+            });
+            *found = nearest
+                .and_then(|(_, triangle)| {
+                    let [a, b, c] = mesh.corners_local_mm(triangle);
+                    let origin = ray.origin.as_dvec3();
+                    let normal = (b - a).cross(c - a);
+                    let t = (a - origin).dot(normal) / frame.normal.dot(normal);
+                    facets.at(mesh, triangle, origin + t * frame.normal)
+                })
+                .unwrap_or(NOWHERE);
+        }
+    }
+    around
 }
 
 /// True if the light of a kind enters from one direction at each point, and is moved.

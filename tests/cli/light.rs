@@ -321,7 +321,34 @@ fn a_few_walks_bring_the_dipole_nearer_to_the_volume() {
     assert!(open.contains("is not closed: it keeps its dipole"), "{open}");
     run("head.obj", "--model calibrated --profile burley").fails(1, &["--profile"]);
     run("head.obj", "--photons 4000").fails(1, &["--photons", "calibrated"]);
-    run("head.obj", "--model calibrated --method quantized_lights").fails(5, &["quantized_lights", "--model dipole"]);
+    let haar = "--model calibrated --method all_frequency --set basis=haar";
+    run("head.obj", haar).fails(5, &["all_frequency", "--model dipole"]);
+}
+
+#[test]
+fn stored_transport_holds_the_calibrated_model_and_is_measured_against_it() {
+    let folder = Folder::new();
+    folder.obj("head.obj", &shapes::bumpy_head(20.0, 3));
+    let walks = "--model calibrated --photons 30000 --samples 4000";
+    let light = "--light directional:from=0.6,0.7,0.3:irradiance=1 --light constant:radiance=0.2";
+    let reference = |rest: &str| {
+        let command = format!("reference head.obj --unit mm --material skin1 --no-measure {light} -o r.ply {rest}");
+        folder.run(&command).ok();
+        folder.radiosity("r.ply")
+    };
+    let (exact, dipole) = (reference(walks), reference("--samples 4000"));
+    for method in ["quantized_lights", "all_frequency"] {
+        let settings = format!("--method {method} --max-rms 2% --for-lights constant,directional");
+        folder.run(&format!("bake head.obj -o a.tlux --unit mm --material skin1 {walks} {settings}"));
+        folder.run("validate a.tlux").ok();
+        let report = folder.run(&format!("evaluate a.tlux {light} --measure --json -o a.ply")).ok().json();
+        let found = folder.radiosity("a.ply");
+        let (here, there) = (relative_difference(&found, &exact), relative_difference(&found, &dipole));
+        assert!(here < 0.035 && there > 3.0 * here, "{method}: {here} from its own model, {there} from the dipole");
+        let entries = report["ledger"]["entries"].as_array().unwrap();
+        let measured = entries.iter().map(|entry| entry["error"]["rms"].as_f64().unwrap()).fold(0.0, f64::max);
+        assert!(measured < 0.04, "{method}: {report}");
+    }
 }
 
 #[test]
@@ -332,8 +359,7 @@ fn an_asset_keeps_its_calibration_and_makes_it_again_for_another_material_and_si
     let bake = |asset: &str, rest: &str| {
         folder.run(&format!("bake head.obj -o {asset} {walks} --for-lights constant,directional {rest}"))
     };
-    // Under a sun the steps of entering light are drawn, for samples of another order otherwise.
-    let light = "--light constant:radiance=1";
+    let light = "--light directional:from=0.6,0.7,0.3:irradiance=1 --light constant:radiance=0.2";
     let evaluated = |asset: &str, rest: &str| {
         folder.run(&format!("evaluate {asset} {light} {rest} -o b.ply")).ok();
         folder.radiosity("b.ply")

@@ -1,8 +1,9 @@
 //! Shared by bakes of light from far away: samples, a tuned hierarchy, the probe lights of choices and of errors.
 
 use glam::DVec3;
+use translux_format::RawSection;
 
-use super::settings::{Distant, KINDS};
+use super::settings::{Distant, KINDS, Single};
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
 use crate::evaluate::BakeSettings;
@@ -12,6 +13,7 @@ use crate::light::{Light, LightKind};
 use crate::math::statistics::VertexError;
 use crate::progress::Progress;
 use crate::scene::Scene;
+use crate::transport::calibration::Orders;
 use crate::transport::many_lights::{IrradianceRows, ManyLights};
 use crate::transport::near_rule::NearField;
 
@@ -35,6 +37,8 @@ pub(crate) struct Work<'a, 'b> {
     pub(crate) suns: &'a [Light],
     /// Lights that no choice saw.
     pub(crate) unseen: Unseen,
+    /// Sections that say how kernels are calibrated.
+    pub(crate) calibration: Vec<RawSection>,
 }
 
 impl Work<'_, '_> {
@@ -83,6 +87,9 @@ pub(crate) fn with_work<T>(
 ) -> Result<T> {
     progress.start("samples", 0);
     let sampled = SampledScene::new(scene, plan.density.count(scene, settings.samples));
+    // Where the first scattering has a stage of its own the kernels hold the others.
+    let orders = if plan.single == Single::Off { Orders::FromOne } else { Orders::FromTwo };
+    let (sampled, calibration) = sampled.with_model(settings.model.of_orders(orders), progress)?;
     progress.finish();
     sampled.with_transfer(NearField::for_error(settings.max_rms), |mut transfer| {
         let suns = of_kinds(&settings.probes.tuning, &[LightKind::Directional]);
@@ -100,6 +107,7 @@ pub(crate) fn with_work<T>(
             max_rms: settings.max_rms,
             suns: &suns,
             unseen: Unseen::new(&settings.probes.unseen),
+            calibration,
         };
         make(&work, &rows, ledger)
     })

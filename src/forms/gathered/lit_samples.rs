@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::model::{InForce, Model};
+use super::model::Model;
 use super::settings::{Far, Gathering};
 use crate::asset::Asset;
 use crate::error::Result;
@@ -19,7 +19,7 @@ use crate::medium::material::Medium;
 use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::Progress;
 use crate::scene::Scene;
-use crate::transport::calibration::Calibrated;
+use crate::transport::calibration::{Calibrated, CalibratedSamples};
 use crate::transport::gather::{Gather, Lit, Scheme};
 use crate::transport::interreflection::InterReflection;
 use crate::transport::irradiance::Pieces;
@@ -107,7 +107,7 @@ impl GatheredEvaluator {
     ///
     /// # Errors
     /// Sections that cannot be read or do not fit.
-    pub(super) fn with_model(mut self) -> Result<Self> {
+    pub(crate) fn with_model(mut self) -> Result<Self> {
         self.model = Model::of(&self.asset, &self.surface())?;
         self.factor_receivers();
         Ok(self)
@@ -115,7 +115,7 @@ impl GatheredEvaluator {
 
     /// The calibrated kernels in force, if there are any.
     pub(super) fn calibrated(&self) -> Option<&Calibrated> {
-        self.model.as_ref()?.in_force().map(|in_force| &in_force.calibrated)
+        self.model.as_ref()?.in_force().map(|in_force| in_force.calibrated.as_ref())
     }
 
     /// Gives the receivers the factors of the calibrated kernels in force.
@@ -129,8 +129,8 @@ impl GatheredEvaluator {
     pub(super) fn gather<'a>(&'a self, surface: &Surface<'a>, near: NearField) -> Gather<'a> {
         match (&self.profile, self.model.as_ref().and_then(Model::in_force)) {
             (Some((_, kernels)), _) => Gather::with_kernels(surface, &self.tree, kernels.clone(), near),
-            (None, Some(InForce { calibrated, of_samples, .. })) => {
-                Gather::calibrated(surface, &self.tree, (&calibrated.kernels, of_samples), near)
+            (None, Some(CalibratedSamples { calibrated, factors, .. })) => {
+                Gather::calibrated(surface, &self.tree, (&calibrated.kernels, factors), near)
             }
             (None, None) => Gather::new(surface, &self.tree, &self.scene.media, near),
         }
@@ -231,7 +231,7 @@ impl GatheredEvaluator {
 
     /// Light on the samples as sums over nets take it, with the factors of calibrated kernels.
     pub(super) fn sample_light<'a>(&'a self, (irradiance, pieces): (&'a [DVec3], &'a Pieces)) -> SampleLight<'a> {
-        let factors = self.model.as_ref().and_then(Model::in_force).map_or(&[][..], |m| m.of_samples.as_slice());
+        let factors = self.model.as_ref().and_then(Model::in_force).map_or(&[][..], |m| m.factors.as_slice());
         SampleLight::new(irradiance, pieces).with_factors(factors)
     }
 

@@ -7,7 +7,7 @@ mod evaluator;
 #[cfg(feature = "gpu")]
 mod hierarchy_gpu;
 mod lit_samples;
-mod model;
+pub(crate) mod model;
 #[cfg(feature = "gpu")]
 mod nets_gpu;
 mod settings;

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use glam::DVec3;
-use translux_format::calibration::{self as kept, Calibration, Numbers, Part};
+use translux_format::calibration::{self as kept, Calibration, Numbers, Part, tags};
 use translux_format::filtered_normals::Earlier;
 use translux_format::{Budget, RawSection};
 
@@ -16,8 +16,7 @@ use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::transport::calibration::lattice::Lattice;
 use crate::transport::calibration::layers::{Layers, Splines};
-use crate::transport::calibration::{Calibrated, Orders, PartLayers, Walks};
-use crate::transport::moved_entry::MovedEntry;
+use crate::transport::calibration::{Calibrated, CalibratedSamples, Orders, PartLayers, Walks};
 use crate::transport::surface::Surface;
 
 /// Quantiser step of the logarithms of factors: an error of 0.1 % RMS.
@@ -26,26 +25,18 @@ const STEP: f64 = 1.0 / 256.0;
 /// Sets of media whose calibrations are remembered.
 const REMEMBERED: usize = 8;
 
-/// A calibration with the factors of the samples.
-pub(super) struct InForce {
-    pub(super) calibrated: Calibrated,
-    pub(super) of_samples: Vec<DVec3>,
-    /// What the moving of light needs of the samples.
-    pub(super) entry: MovedEntry,
-}
-
 /// The calibrated kernels of an evaluator.
 pub(super) struct Model {
     walks: Walks,
     /// Those of the media in force; none until they are needed.
-    in_force: Option<Arc<InForce>>,
+    in_force: Option<Arc<CalibratedSamples>>,
     /// Those of media that were in force before.
-    remembered: Vec<(Vec<OpticalProperties>, Arc<InForce>)>,
+    remembered: Vec<(Vec<OpticalProperties>, Arc<CalibratedSamples>)>,
 }
 
 impl Model {
     /// The calibration of an asset; none of one whose kernels are dipoles. That of a mesh that has been resized since is made again
-    /// when it is needed.
+    /// when it is needed, and one without its factors.
     ///
     /// # Errors
     /// Sections that cannot be read or do not fit.
@@ -55,7 +46,7 @@ impl Model {
         let Numbers { photons, collisions, seed, diagonal_mm, .. } = numbers;
         let mut result =
             Self { walks: Walks { photons, collisions, seed, orders }, in_force: None, remembered: Vec::new() };
-        if diagonal_mm == asset.scene.mesh.diagonal_mm() {
+        if diagonal_mm == asset.scene.mesh.diagonal_mm() && Calibration::is_kept(&asset.sections) {
             let calibrated = read(asset)?;
             result.put(&asset.scene.media, calibrated, surface);
         }
@@ -63,7 +54,7 @@ impl Model {
     }
 
     /// The kernels and factors in force, if they have been made.
-    pub(super) fn in_force(&self) -> Option<&InForce> {
+    pub(super) fn in_force(&self) -> Option<&CalibratedSamples> {
         self.in_force.as_deref()
     }
 
@@ -88,9 +79,7 @@ impl Model {
     }
 
     fn put(&mut self, media: &[Medium], calibrated: Calibrated, surface: &Surface) {
-        let of_samples = calibrated.of_samples(surface);
-        let entry = calibrated.entry(surface);
-        let made = Arc::new(InForce { calibrated, of_samples, entry });
+        let made = Arc::new(CalibratedSamples::new(Arc::new(calibrated), surface));
         if self.remembered.len() == REMEMBERED {
             self.remembered.remove(0);
         }
@@ -107,7 +96,7 @@ fn properties(media: &[Medium]) -> Vec<OpticalProperties> {
 ///
 /// # Errors
 /// As [`Calibrated::by_walks`]; a calibration that no section holds.
-pub(super) fn bake(
+pub(crate) fn bake(
     scene: &Scene,
     bvh: &Bvh,
     walks: Walks,
@@ -135,6 +124,17 @@ pub(super) fn bake(
     let codes = calibrated.scale.iter().flat_map(|s| s.to_array().map(code)).collect();
     let sections = Calibration { numbers, codes }.to_sections(&neighbours(&calibrated.lattice)).map_err(write_error)?;
     Ok((calibrated, sections))
+}
+
+/// The sections of a calibration that an asset needs which holds transport: without factors, which are in that.
+pub(crate) fn without_factors(mut sections: Vec<RawSection>) -> Vec<RawSection> {
+    sections.retain(|section| section.tag != tags::FACTORS);
+    sections
+}
+
+/// The sections of the calibration of an asset.
+pub(crate) fn sections_of(asset: &Asset) -> Vec<RawSection> {
+    asset.sections.iter().filter(|section| tags::ALL.contains(&section.tag)).cloned().collect()
 }
 
 /// The calibration of the scene of an asset.

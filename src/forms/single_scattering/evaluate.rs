@@ -13,6 +13,7 @@ use crate::evaluate::single_scattering::{LitScene, Scattering, SeenPoint, Toward
 use crate::evaluate::stages::{probe_points, worst};
 use crate::forms::baked_in::{Beside, MeanCosine, Single as InAsset, Stored, StoredSingle};
 use crate::forms::distant::{Distant, Integrand, Single, Terms};
+use crate::forms::gathered::model::sections_of;
 use crate::forms::projected::components::{Components, Weighted};
 use crate::forms::projected::harmonics::{HarmonicBasis, components};
 use crate::forms::rows::Rows;
@@ -53,7 +54,11 @@ pub(crate) fn opened(asset: &Asset, plan: &Distant) -> Result<Opened> {
     let file = DistantTransport::from_sections(&asset.sections, receivers.len())
         .map_err(read_error)?
         .ok_or_else(|| Error::input("an asset without its transport (sections aft.*); bake it again"))?;
-    let beside = Beside { single: single(file.single.as_ref(), plan, &scene, &receivers)?, outside: plan.outside };
+    let beside = Beside {
+        single: single(file.single.as_ref(), plan, &scene, &receivers)?,
+        outside: plan.outside,
+        calibration: sections_of(asset),
+    };
     Ok(Opened { scene, receivers, file, beside })
 }
 

@@ -190,6 +190,23 @@ pub struct Calibrated {
     pub lattice: Arc<Lattice>,
 }
 
+/// Calibrated kernels on the samples of a surface.
+pub struct CalibratedSamples {
+    /// Kernels, and factors of points.
+    pub calibrated: Arc<Calibrated>,
+    /// The factor of each sample, RGB.
+    pub factors: Vec<DVec3>,
+    /// What the moving of light needs of the samples.
+    pub entry: MovedEntry,
+}
+
+impl CalibratedSamples {
+    /// Kernels on the samples of a surface.
+    pub fn new(calibrated: Arc<Calibrated>, surface: &Surface) -> Self {
+        Self { factors: calibrated.of_samples(surface), entry: calibrated.entry(surface), calibrated }
+    }
+}
+
 /// Largest change of a factor after which the iteration ends, and the most rounds.
 const SOLVED: f64 = 1e-4;
 const MOST_ROUNDS: usize = 40;
@@ -198,7 +215,7 @@ const MOST_ROUNDS: usize = 40;
 const GROUP: usize = 16;
 
 /// Samples with which the factors of points are solved for at most; factors are smooth.
-const SOLVING: usize = 8192;
+const SOLVING: usize = 4096;
 
 /// Solid angle of clusters in those sums, sr.
 const SOLVING_ANGLE: f64 = 0.03;

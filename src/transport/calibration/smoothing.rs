@@ -8,8 +8,11 @@ use crate::geometry::laplacian::Laplacian;
 /// Steps of the ladder of lengths, each twice as long as the one before, from a quarter of the mean edge.
 const LENGTHS: usize = 9;
 
-/// Residual of the smoothing.
-const TOLERANCE: f64 = 1e-6;
+/// Residual of the smoothing, far below the noise.
+const TOLERANCE: f64 = 1e-4;
+
+/// Lengths in a row at which a prediction is worse than at a shorter one, after which none is tried.
+const WORSE: usize = 2;
 
 /// The mean of two halves of noisy values of slots, smoothed: as they are, or over those of a guess, which varies over the surface
 /// as they do. Which of the two, and the length, is for each channel what lets one half predict the other best.
@@ -25,7 +28,11 @@ pub(super) fn smoothed(lattice: &Lattice, halves: &[Vec<DVec3>; 2], guess: &[DVe
     for guess in [&even, &guess] {
         let over = |of: &[[f64; 3]]| paired(of, guess, |t, k| if k > 0.0 { t / k } else { 1.0 });
         let [a, b, both] = [&first, &second, &mean].map(|of| over(of));
+        let (mut least, mut worse) = ([f64::INFINITY; 3], 0);
         for step in 0..LENGTHS {
+            if worse == WORSE {
+                break;
+            }
             let length = 0.25 * laplacian.mean_edge_mm * f64::from(1u32 << step);
             let pass = |of: &[[f64; 3]]| paired(&low_passed(&laplacian, length * length, of), guess, |s, k| s * k);
             let (from_a, from_b) = (pass(&a), pass(&b));
@@ -36,6 +43,8 @@ pub(super) fn smoothed(lattice: &Lattice, halves: &[Vec<DVec3>; 2], guess: &[DVe
                 });
                 terms.sum()
             });
+            worse = if (0..3).any(|c| risk[c] < least[c]) { 0 } else { worse + 1 };
+            least = [0, 1, 2].map(|c| least[c].min(risk[c]));
             let better: Vec<usize> = (0..3).filter(|&c| risk[c] < best[c]).collect();
             if !better.is_empty() {
                 let smooth = pass(&both);

@@ -11,7 +11,6 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::{Multilevel, Net, NetKernel, Resolution};
-use crate::geometry::scattered::OrientedPoint;
 use crate::math::simd::{InstructionSet, add_scaled, multiversion};
 use crate::math::slices::cut;
 use crate::medium::profile::Profile;
@@ -39,7 +38,7 @@ const RESOLVING: f64 = 1.5;
 
 /// The nets of a double layer, and its kernel on each.
 pub(crate) struct Double {
-    nets: Multilevel,
+    nets: Arc<Multilevel>,
     levels: Vec<NetKernel>,
 }
 
@@ -49,19 +48,20 @@ impl Double {
         varies_mm >= RESOLVING * FINEST * finest.spacing_mm
     }
 
-    /// The nets of a layer that varies on the scale of a length (mm), over samples and for receivers at most an extent apart; half as
-    /// far apart as those of `finest` at least, whose softening says how accurate they are.
+    /// The resolution of nets for a layer that varies on the scale of a length (mm): half as far apart as those of `finest` at least,
+    /// whose softening says how accurate they are.
+    pub(super) fn resolution(varies_mm: f64, finest: Resolution) -> Resolution {
+        let softening = SOFTENING * finest.softening;
+        Resolution { spacing_mm: (RESOLVED * varies_mm / softening).max(FINEST * finest.spacing_mm), softening }
+    }
+
+    /// A layer that varies on the scale of a length (mm) on nets of its [`Self::resolution`], whose points are at most an extent apart.
     pub(super) fn new(
-        (samples, receivers): (&[OrientedPoint], &[OrientedPoint]),
+        nets: Arc<Multilevel>,
         (layer, varies_mm): (&[Arc<dyn Profile>; 3], f64),
-        finest: Resolution,
         extent_mm: f64,
     ) -> Self {
-        let softening = SOFTENING * finest.softening;
-        let spacing_mm = (RESOLVED * varies_mm / softening).max(FINEST * finest.spacing_mm);
-        let resolution = Resolution { spacing_mm, softening };
-        let nets = Multilevel::new(samples, receivers, resolution);
-        let near = resolution.near_mm();
+        let near = nets.resolution.near_mm();
         let count = nets.levels.len();
         let kernel = |level: usize| {
             // The finest net has the layer as it is.

@@ -2,7 +2,8 @@
 //! discs depend on the roughness of the surface and on the shape of its samples, so the quality that keeps an asked error is measured,
 //! against all pairs.
 
-use std::sync::Arc;
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -157,6 +158,31 @@ pub(crate) struct Part {
     pub(crate) nets: Multilevel,
     pub(crate) near: NearSamples,
     extent_mm: f64,
+    /// Nets of double layers that were asked for last.
+    doubled: Mutex<VecDeque<Arc<Multilevel>>>,
+}
+
+/// Nets of double layers that a part remembers: tuning goes back and forth between a few.
+const DOUBLED: usize = 3;
+
+impl Part {
+    /// The nets of a double layer over the samples and for the receivers of the part.
+    fn doubled(&self, surface: &Surface, receivers: &Receivers, resolution: Resolution) -> Arc<Multilevel> {
+        let mut known = self.doubled.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(found) = known.iter().find(|nets| nets.resolution == resolution) {
+            return Arc::clone(found);
+        }
+        let point = |at_mm: &DVec3| OrientedPoint { at_mm: *at_mm, normal: DVec3::ZERO };
+        let sources: Vec<OrientedPoint> =
+            surface.patches[self.samples.clone()].iter().map(|p| point(&p.centre_mm)).collect();
+        let targets: Vec<OrientedPoint> = receivers.positions[self.receivers.clone()].iter().map(point).collect();
+        let made = Arc::new(Multilevel::new(&sources, &targets, resolution));
+        if known.len() == DOUBLED {
+            known.pop_front();
+        }
+        known.push_back(Arc::clone(&made));
+        made
+    }
 }
 
 /// Radius of the compact part in spacings; the whole extent if there are few samples, which are summed one by one.
@@ -214,7 +240,7 @@ impl SurfaceNets {
             || Multilevel::new(&sources, &targets, resolution),
             || NearSamples::new(&centres[samples.clone()], positions, &runs, resolution.near_mm()),
         );
-        Part { part, groups: runs, samples, receivers: range, nets, near, extent_mm }
+        Part { part, groups: runs, samples, receivers: range, nets, near, extent_mm, doubled: Mutex::default() }
     }
 
     /// Sets another quality; nets and spacing stay.
@@ -251,12 +277,9 @@ impl SurfaceNets {
         let double = |part: &Part| {
             let kernel = kernel(part)?;
             let layers = kernel.layers()?;
-            let point = |at_mm: &DVec3| OrientedPoint { at_mm: *at_mm, normal: DVec3::ZERO };
-            let sources: Vec<OrientedPoint> =
-                surface.patches[part.samples.clone()].iter().map(|p| point(&p.centre_mm)).collect();
-            let targets: Vec<OrientedPoint> = receivers.positions[part.receivers.clone()].iter().map(point).collect();
-            let (finest, extent) = (part.nets.resolution, part.extent_mm);
-            Some(Double::new((&sources, &targets), (layers.double(), layers.varies_mm()), finest, extent))
+            let resolution = Double::resolution(layers.varies_mm(), part.nets.resolution);
+            let nets = part.doubled(surface, receivers, resolution);
+            Some(Double::new(nets, (layers.double(), layers.varies_mm()), part.extent_mm))
         };
         let of_part = |part: &Part| {
             let medium = kernel(part)?;

@@ -5,6 +5,7 @@ use translux_format::distant_transport::{Harmonics as File, tags};
 use translux_format::quantised_lights::Set;
 
 use super::evaluate::components;
+use super::moved::irradiance;
 use super::returned::{Returned, radiosity};
 use crate::compress::ledger::Ledger;
 use crate::compress::prediction::Net;
@@ -22,7 +23,6 @@ use crate::light::Light;
 use crate::light::harmonics::coefficients;
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
-use crate::transport::irradiance_rows::texels::TexelBaker;
 use crate::transport::many_lights::IrradianceRows;
 use crate::transport::near_rule::NearField;
 use crate::transport::receivers::ProbePoints;
@@ -147,8 +147,7 @@ fn at_points(
         Some(order) => order,
         None => needed(work, progress)?,
     };
-    let surface = work.sampled.surface();
-    let rows = TexelBaker::new(&surface, work.plan.resolution()).harmonics(order, progress);
+    let rows = irradiance(work.sampled, (work.plan.resolution(), order), progress)?;
     Ok((order, AtReferences::new((work, beside), points, &rows, progress)?))
 }
 
@@ -172,14 +171,13 @@ pub fn coded(values: &[f32], order: usize, net: &Net, error: f64) -> Result<Set>
 /// The lowest order whose error under suns is small enough, at some receivers and on a coarser set of samples.
 fn needed(work: &Work, progress: &dyn Progress) -> Result<usize> {
     let (scene, count) = (work.sampled.scene, work.sampled.samples.len().div_ceil(COARSER));
-    let coarse = SampledScene::new(scene, count.max(LEAST_SAMPLES));
+    let coarse = SampledScene::new(scene, count.max(LEAST_SAMPLES)).with_model_of(work.sampled);
     coarse.with_transfer(NearField::for_error(work.max_rms), |transfer| {
         let (some, points) = coarse.receivers.probe_points(&coarse.areas, (SOME, 0));
         let transfer = transfer.towards(&some, &points.areas_mm2);
         let truth = transfer.radiosity(&coarse.irradiance(work.suns)?, &Silent);
-        let surface = coarse.surface();
-        let baker = TexelBaker::new(&surface, work.plan.resolution());
-        let rows = transfer.radiosity(&baker.harmonics(MOST_ORDER, progress), &Silent);
+        let rows = irradiance(&coarse, (work.plan.resolution(), MOST_ORDER), progress)?;
+        let rows = transfer.radiosity(&rows, &Silent);
         let values = AtReferences { functions: rows.lights, values: rows.values };
         for order in FIRST_ORDER..MOST_ORDER {
             let [error] = worst(work.suns.iter().enumerate(), |(index, light)| {

@@ -2,6 +2,7 @@
 
 mod bake;
 mod evaluate;
+mod moved;
 mod returned;
 mod settings;
 

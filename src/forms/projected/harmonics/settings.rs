@@ -11,7 +11,7 @@ use crate::asset::Asset;
 use crate::error::{Error, Result};
 use crate::evaluate::form::write_error;
 use crate::evaluate::inter_reflection;
-use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Form};
+use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Form, Model};
 use crate::forms::baked_in::BakedIn;
 use crate::forms::density;
 use crate::forms::distant::{Distant, KINDS, MOST_ORDER, with_work};
@@ -35,6 +35,10 @@ impl Form for Harmonics {
         KINDS
     }
 
+    fn serves(&self, _: Model) -> bool {
+        true
+    }
+
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {
         let (samples, vertices) = (self.0.density.count(scene, settings.samples), scene.mesh.local_mm.len() as u64);
         let functions = self.0.order.unwrap_or(MOST_ORDER).pow(2) as u64;
@@ -49,7 +53,9 @@ impl Form for Harmonics {
             let own = harmonics(work, suns, &mut ledger, progress)?;
             file.single = stored(work, Some(own.order as usize), &mut ledger, progress)?;
             file.harmonics = Some(own);
-            Ok(AssetParts::without_samples(scene, ledger, file.to_sections().map_err(write_error)?))
+            let mut sections = file.to_sections().map_err(write_error)?;
+            sections.extend(work.calibration.iter().cloned());
+            Ok(AssetParts::without_samples(scene, ledger, sections))
         })
     }
 

@@ -16,7 +16,7 @@ use crate::compress::prediction::Net;
 use crate::error::Result;
 use crate::evaluate::form::write_error;
 use crate::evaluate::stages::{of_kinds, spread, worst};
-use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Form};
+use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Form, Model};
 use crate::forms::density;
 use crate::forms::distant;
 use crate::forms::projected::coding::{Radiosities, code};
@@ -57,6 +57,10 @@ impl Form for QuantisedLights {
         self.spacing.validate()
     }
 
+    fn serves(&self, _: Model) -> bool {
+        true
+    }
+
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {
         let directions = self.lights.directions.unwrap_or(LARGEST_SET) as u64;
         let shells = self.lights.shells as u64 + 1;
@@ -73,6 +77,7 @@ impl Form for QuantisedLights {
     fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {
         progress.start("samples", 0);
         let sampled = SampledScene::new(scene, self.density.count(scene, settings.samples));
+        let (sampled, calibration) = sampled.with_model(settings.model, progress)?;
         progress.finish();
         sampled.with_transfer(NearField::for_error(settings.max_rms), |mut transfer| {
             let tuning = chosen(&settings.probes.tuning, TUNING);
@@ -120,7 +125,8 @@ impl Form for QuantisedLights {
                     file.sets.push(code(&radiosities, &net, &directions_net, tags, CODED * settings.max_rms)?);
                 }
             }
-            let sections = file.to_sections().map_err(write_error)?;
+            let mut sections = file.to_sections().map_err(write_error)?;
+            sections.extend(calibration);
             progress.finish();
             let mut ledger = Ledger::default();
             ledger.add("hierarchy", hierarchy, "against all pairs, on vertices that no tuning saw");

@@ -104,6 +104,16 @@ impl LightSet {
     }
 }
 
+/// Parallel light from so many directions all around.
+///
+/// # Errors
+/// A number of directions out of range.
+pub(crate) fn parallel(scene: &Scene, count: usize) -> Result<QuantisedLights> {
+    let (centre_mm, radius_mm) = sphere(scene);
+    let shells = DistanceSet::new(centre_mm, radius_mm, vec![0.0], Blend::Linear)?;
+    Ok(QuantisedLights { directions: DirectionSet::new(lattice(count)?)?, shells })
+}
+
 /// Texels along an edge of the cube map that visibility is decided on.
 pub(crate) const SIDE: usize = 64;
 

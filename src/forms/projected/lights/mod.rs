@@ -9,5 +9,6 @@ mod settings;
 
 pub use self::bake::{TUNING, chosen};
 pub use self::light_set::LightSet;
+pub(crate) use self::light_set::parallel;
 pub use self::seen::{Seen, irradiance_of_seen, neighbours, radiosity_of_set};
 pub use self::settings::{LightSetSettings, MOST_DIRECTIONS, MOST_SHELLS, QuantisedLights};

@@ -159,10 +159,12 @@ pub fn radiosity_of_set(
     let seen = Seen::new(sampled, lights, progress);
     progress.start("lights", count as u64);
     for run in neighbours(&lights.directions, lights.shells.inverse().len()) {
+        let entries: Vec<Light> = run.iter().filter_map(|&i| lights.entry(i as usize)).collect();
         let irradiance = if seen.knows(&run) {
-            irradiance_of_seen(sampled, &seen, &run)
+            let mut rows = irradiance_of_seen(sampled, &seen, &run);
+            sampled.move_rows(&entries, &mut rows);
+            rows
         } else {
-            let entries: Vec<Light> = run.iter().filter_map(|&i| lights.entry(i as usize)).collect();
             sampled.irradiance(&entries)?
         };
         let rows = transfer.radiosity(&irradiance, &Silent);
