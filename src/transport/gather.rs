@@ -156,8 +156,7 @@ impl<'a> Gather<'a> {
         let scaled: Vec<DVec3> = irradiance.iter().zip(self.factors).map(|(e, factor)| *e * *factor).collect();
         let irradiance = if self.factors.is_empty() { irradiance } else { &scaled };
         let clusters = self.tree.light(self.surface.patches, irradiance);
-        let layers = self.kernels.iter().any(|kernel| kernel.layers().is_some());
-        let moments = if layers { self.tree.moments(self.surface.patches, irradiance) } else { Vec::new() };
+        let moments = if self.has_layers() { self.tree.moments(self.surface.patches, irradiance) } else { Vec::new() };
         let factors = if self.factors.is_empty() { Vec::new() } else { self.mean_factors(&clusters, lit_by) };
         Lit { light, clusters, moments, factors }
     }
@@ -248,6 +247,11 @@ impl<'a> Gather<'a> {
             }
             take(source, &weights);
         });
+    }
+
+    /// True if a kernel has a double layer.
+    pub(in crate::transport) fn has_layers(&self) -> bool {
+        self.kernels.iter().any(|kernel| kernel.layers().is_some())
     }
 
     /// Patches of the surface.

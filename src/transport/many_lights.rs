@@ -199,9 +199,12 @@ struct Shared {
 
 impl Shared {
     fn new(many: &ManyLights, rows: &IrradianceRows) -> Self {
+        // Normals and factors of clusters are means weighted by light, which only light of one sign has.
+        let one_sign = many.gather.has_layers();
         let of_sample = |sample: usize| {
             let row = rows.values.get(sample * rows.lights..(sample + 1) * rows.lights).unwrap_or(&[]);
-            DVec3::splat(row.iter().map(|e| f64::from(*e)).sum::<f64>() / row.len().max(1) as f64)
+            let value = |e: &f32| f64::from(if one_sign { e.abs() } else { *e });
+            DVec3::splat(row.iter().map(value).sum::<f64>() / row.len().max(1) as f64)
         };
         Self {
             mean: (0..many.gather.patches().len()).map(of_sample).collect(),

@@ -590,6 +590,32 @@ mod tests {
     }
 
     #[test]
+    fn even_light_stays_even_and_rows_move_by_the_mean_of_the_channels() {
+        let fixture = Fixture::new(shapes::plane(40.0, 40.0, 7), named("skin1"), 10_000);
+        let surface = fixture.surface();
+        let entry = MovedEntry::new(&surface, |_| true);
+        let light = Light::Directional { from: DVec3::new(0.6, 0.4, 0.5).normalize(), irradiance: DVec3::ONE };
+        let inside = |patch: &Patch| patch.centre_mm.x.abs().max(patch.centre_mm.z.abs()) < 10.0;
+        let even = vec![DVec3::ONE; surface.samples.len()];
+        for (e, patch) in entry.moved(&surface, &light, &even).iter().zip(surface.patches) {
+            assert!(!inside(patch) || (*e - 1.0).abs().max_element() < 1e-3, "{} {e}", patch.centre_mm);
+        }
+        let spot: Vec<DVec3> =
+            surface.patches.iter().map(|p| DVec3::splat(f64::from(u8::from(p.centre_mm.length() < 3.0)))).collect();
+        let values = spot.iter().flat_map(|e| [e.x as f32, 0.0]).collect();
+        let mut rows = IrradianceRows { lights: 2, values };
+        entry.move_rows(&surface, &[light.clone(), light.clone()], &mut rows);
+        let moved = entry.moved(&surface, &light, &spot);
+        let mut change: f64 = 0.0;
+        for (row, e) in rows.values.chunks(2).zip(&moved) {
+            change = change.max((f64::from(row[0]) - e.element_sum() / 3.0).abs());
+            assert_eq!(row[1], 0.0);
+        }
+        // The bounds of factors are the only thing that is not linear.
+        assert!(change < 0.02, "{change}");
+    }
+
+    #[test]
     fn light_that_finds_no_surface_stays_and_light_from_all_around_too() {
         let fixture = Fixture::new(shapes::bumpy_head(10.0, 2), named("skin1"), 700);
         let surface = fixture.surface();

@@ -14,9 +14,10 @@ use crate::medium::material::preset;
 use crate::transport::irradiance::LightSampling;
 use crate::transport::kernel::double_layer::Moment;
 use crate::transport::kernel::{Block, PointSource, Receiver};
+use crate::transport::many_lights::{IrradianceRows, ManyLights};
 use crate::transport::random_walk::exitance::{Effort, exitance};
 use crate::transport::random_walk::model_error::compare;
-use crate::transport::test_scene::{Fixture, TestScene, named};
+use crate::transport::test_scene::{Fixture, TestScene, named, relative_rms};
 
 const SAMPLING: LightSampling = LightSampling { points_per_patch: 4, directions: 128, area_side: 8 };
 
@@ -219,4 +220,37 @@ fn threads_do_not_change_a_bit_and_openings_keep_their_dipole() {
     assert!(body.calibrated.parts[0].is_none() && body.calibrated.scale.iter().all(|s| *s == DVec3::ONE));
     let radiosity = body.radiosity(&[light], SAMPLING, &Silent).unwrap();
     assert!(radiosity.iter().all(|b| b.is_finite()));
+}
+
+#[test]
+fn weights_of_many_lights_hold_layers_and_the_factors_of_both_ends() {
+    let fixture = Fixture::new(shapes::bumpy_head(10.0, 3), named("skin1"), 3000);
+    let surface = fixture.surface();
+    let walks = Walks { photons: 4096, ..Walks::default() };
+    let calibrated = Calibrated::by_walks(surface.domain, &fixture.bvh, walks, &Silent).unwrap();
+    let factors = calibrated.of_samples(&surface);
+    let (least, most) = factors.iter().fold((f64::INFINITY, 0.0f64), |(a, b), f| (a.min(f.y), b.max(f.y)));
+    assert!(most > 1.1 * least, "{least} {most}");
+    let gather = Gather::calibrated(&surface, &fixture.tree, (&calibrated.kernels, &factors), NearField::FAST);
+    let receivers = fixture.receivers(16).with_factors(&calibrated.of_vertices());
+    let areas = vec![1.0; receivers.len()];
+    let columns: Vec<Vec<DVec3>> = [DVec3::new(0.3, 0.8, 0.5), DVec3::new(-0.9, 0.2, 0.1), DVec3::NEG_Y]
+        .map(|from| surface.patches.iter().map(|p| DVec3::splat(p.cross_mm2.dot(from).max(0.0) / p.area_mm2)).collect())
+        .to_vec();
+    let values = (0..factors.len()).flat_map(|i| columns.iter().map(move |column| column[i].x as f32)).collect();
+    let rows = IrradianceRows { lights: columns.len(), values };
+    let mut many = ManyLights::new(&gather, &fixture.tree, &receivers, &areas);
+    let worst = |many: &ManyLights| {
+        let found = many.radiosity(&rows, &Silent);
+        let error = |(light, column): (usize, &Vec<DVec3>)| {
+            let expected = gather.radiosity(&receivers, &gather.light(column), Scheme::AllPairs, &Silent);
+            relative_rms(&found.under(light), &expected)
+        };
+        columns.iter().enumerate().map(error).fold(0.0, f64::max)
+    };
+    let all_pairs = worst(&many);
+    assert!(all_pairs < 1e-5, "{all_pairs}");
+    many.tune(0.005, &rows);
+    let hierarchical = worst(&many);
+    assert!(matches!(many.scheme(), Scheme::Hierarchical { .. }) && hierarchical < 0.0075, "{hierarchical}");
 }
