@@ -13,6 +13,7 @@ use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::{self, Patch, Samples};
 use crate::geometry::scattered::OrientedPoint;
 use crate::light::Light;
+use crate::light::suns::apart;
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
 use crate::transport::calibration::{Calibrated, CalibratedSamples};
@@ -144,11 +145,13 @@ impl<'a> SampledScene<'a> {
 
     /// Irradiance of every sample under a light by rays, RGB, where it first scatters if kernels are calibrated.
     pub(crate) fn by_rays(&self, light: &Light) -> Result<Vec<DVec3>> {
-        let irradiance = self.received(light)?;
-        Ok(match &self.model {
-            Some(model) => model.entry.moved(&self.surface(), light, &irradiance),
-            None => irradiance,
-        })
+        let Some(model) = &self.model else { return self.received(light) };
+        let mut sum = vec![DVec3::ZERO; self.samples.len()];
+        for light in apart(std::slice::from_ref(light), |_| true) {
+            let moved = model.entry.moved(&self.surface(), &light, &self.received(&light)?);
+            sum.iter_mut().zip(moved).for_each(|(sum, e)| *sum += e);
+        }
+        Ok(sum)
     }
 
     /// The same where it enters.

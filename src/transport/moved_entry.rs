@@ -25,6 +25,7 @@ use crate::geometry::bvh::Ray;
 use crate::geometry::mesh::Mesh;
 use crate::geometry::samples::{Facet, Patch, bisect};
 use crate::light::Light;
+use crate::light::suns::apart;
 use crate::progress::Progress;
 
 /// Steps of each sample.
@@ -300,7 +301,8 @@ impl MovedEntry {
         of_others: impl FnOnce(&[Light]) -> Result<(Vec<DVec3>, Pieces)>,
         progress: &dyn Progress,
     ) -> Result<(Vec<DVec3>, Pieces)> {
-        let (moving, others): (Vec<Light>, Vec<Light>) = lights.iter().cloned().partition(moves);
+        // The suns of environments come from one direction too.
+        let (moving, others): (Vec<Light>, Vec<Light>) = apart(lights, |_| true).into_iter().partition(moves);
         let (mut irradiance, pieces) = match others.as_slice() {
             [] => (vec![DVec3::ZERO; surface.samples.len()], Pieces::NONE),
             others => of_others(others)?,
