@@ -1,0 +1,68 @@
+#!/usr/bin/env python3
+"""A second reader of .tlux files, written from formats/SPEC.md and its parts alone; it shares nothing with the crates.
+
+    read.py ASSET --light LIGHT... --compare GOLDEN.ply [--most 1e-4]
+
+decodes the asset, computes the radiosity of its vertices slowly and plainly, and fails where that is farther from the PLY's than
+`--most`: the RMS of the difference over that of the PLY, of the worst channel.
+"""
+
+import argparse
+import sys
+
+import numpy as np
+
+import factored
+import gathered
+from container import Bad, File, Scene
+from lights import parse
+
+FORMS = {"factored": factored.radiosity, "gathered": gathered.radiosity}
+
+
+def read_ply(path):
+    """b_r, b_g, b_b of the vertices of a binary PLY."""
+    data = open(path, "rb").read()
+    head, body = data.split(b"end_header\n", 1)
+    fields, count, of_vertex = [], 0, False
+    types = {"float": "<f4", "uchar": "u1", "int": "<i4"}
+    for words in (line.split() for line in head.decode().splitlines()):
+        if words[0] == "element":
+            of_vertex = words[1] == "vertex"
+            count = int(words[2]) if of_vertex else count
+        elif words[0] == "property" and of_vertex:
+            fields.append((words[2], types[words[1]]))
+    table = np.frombuffer(body, dtype=fields, count=count)
+    return np.stack([table[name] for name in ("b_r", "b_g", "b_b")], axis=1).astype(np.float64)
+
+
+def main():
+    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments.add_argument("asset")
+    arguments.add_argument("--light", action="append", required=True)
+    arguments.add_argument("--compare", required=True)
+    arguments.add_argument("--most", type=float, default=1e-4)
+    given = arguments.parse_args()
+    file = File(given.asset)
+    scene = Scene(file)
+    record = file.record("form.nam")
+    form = record.string()
+    record.end()
+    if form not in FORMS:
+        raise Bad(f"form {form}")
+    # Places are without the origin, as positions are.
+    lights = [(kind, where - scene.origin if kind == "point" else where, colour) for kind, where, colour in map(parse, given.light)]
+    mine, golden = FORMS[form](file, scene, lights), read_ply(given.compare)
+    if mine.shape != golden.shape or not np.isfinite(mine).all() or not golden.any():
+        raise Bad("nothing to compare")
+    rms = np.sqrt(((mine - golden) ** 2).mean(axis=0) / (golden**2).mean(axis=0)).max()
+    print(f"{form}: {rms:.2e} RMS, worst vertex {np.abs(mine - golden).max() / golden.max():.2e}")
+    return 0 if rms <= given.most else 1
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main())
+    except Bad as error:
+        print(f"{sys.argv[1]}: {error}", file=sys.stderr)
+        sys.exit(2)
