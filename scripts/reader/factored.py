@@ -324,7 +324,7 @@ def radiosity(file, scene, lights):
     samples = Samples(scene)
     far = FarField(file, scene)
     basis = Basis(file, far.functions)
-    light = samples.irradiance(lights)
+    light = samples.irradiance(file, lights)
     values = far.values(scene, Means(samples.patch_area, light))
     row_part = np.repeat(far.groups[:, 0], np.diff(np.concatenate([[0], far.row_ends])))
     row_mask = np.repeat(far.masks, np.diff(np.concatenate([[0], far.row_ends])))

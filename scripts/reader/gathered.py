@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from environment import EnvironmentRows
 from lights import Shadows, irradiance
 from physics import RULE_POINTS, RULE_WEIGHTS, dipoles, over_triangles
 
@@ -25,8 +26,16 @@ class Samples:
         np.maximum.at(self.radius, self.patch, away)
         self.part = np.searchsorted(scene.part_ends, np.arange(len(self.patch_area)), side="right") - 1
 
-    def irradiance(self, lights):
-        """Mean irradiance of every patch, RGB."""
+    def irradiance(self, file, lights):
+        """Mean irradiance of every patch, RGB: through the rows, where there are any, for what they serve; otherwise by rays."""
+        scene = self.scene
+        rows = EnvironmentRows(file, scene, len(self.patch_area)) if file.has("rows.cnt") else None
+        far = [light for light in lights if rows and light[0] in ("constant", "env")]
+        etas = [scene.medium_of(p).eta if scene.transfers(p) else None for p in range(len(scene.parts))]
+        by_rays = self.by_rays([light for light in lights if light not in far])
+        return sum((rows.irradiance(light, etas) for light in far), by_rays)
+
+    def by_rays(self, lights):
         scene = self.scene
         shadows = Shadows(scene.local[scene.triangles])
         points = np.einsum("pc,fcx->fpx", RULE_POINTS, self.corners)
@@ -51,7 +60,7 @@ class Samples:
 
 def radiosity(file, scene, lights):
     samples = Samples(scene)
-    light = samples.irradiance(lights)
+    light = samples.irradiance(file, lights)
     result = np.zeros((len(scene.local), 3))
     for vertex, parts in enumerate(scene.vertex_parts()):
         # A vertex that several parts have is one of the first.

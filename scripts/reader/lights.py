@@ -3,6 +3,7 @@
 import numpy as np
 
 from container import Bad
+from environment import read_hdr
 from physics import diffuse_transmittance, transmittance
 
 
@@ -12,8 +13,7 @@ def _rgb(text):
 
 
 def parse(text):
-    """`directional:from=X,Y,Z:irradiance=E`, `point:at=X,Y,Z:intensity=I` (mm), `constant:radiance=L`, and `sky:from=X,Y,Z:radiance=L`,
-    an environment of radiance L (0.2 + max(0, w . from)) in the direction w."""
+    """`directional:from=X,Y,Z:irradiance=E`, `point:at=X,Y,Z:intensity=I` (mm), `constant:radiance=L`, `env:path=P.hdr:rotate=D`."""
     kind, *pairs = text.split(":")
     keys = dict(pair.split("=") for pair in pairs)
     if kind == "directional":
@@ -23,6 +23,8 @@ def parse(text):
         return kind, np.array([float(v) for v in keys["at"].split(",")]), _rgb(keys["intensity"])
     if kind == "constant":
         return kind, None, _rgb(keys["radiance"])
+    if kind == "env":
+        return kind, (read_hdr(keys["path"]), float(keys.get("rotate", 0.0))), np.ones(3)
     raise Bad(f"light {text}")
 
 
