@@ -42,12 +42,23 @@ def texels(n, direction):
     return (face * n + cell(t)) * n + cell(s)
 
 
-def of_map(pixels, rotate_degrees, n):
-    """Mean radiance of each texel, [texel][channel]: every pixel is cut into pieces that fall on one texel each."""
+def centres(n):
+    """Directions of the centres of all texels."""
+    at = (2.0 * np.arange(n) + 1.0) / n - 1.0
+    t, s = np.meshgrid(at, at, indexing="ij")
+    one = np.ones_like(s)
+    faces = [(one, -t, -s), (-one, -t, s), (s, one, t), (s, -one, -t), (s, -t, one), (-s, -t, -one)]
+    all_faces = np.concatenate([np.stack(face, axis=2).reshape(-1, 3) for face in faces])
+    return all_faces / np.linalg.norm(all_faces, axis=1, keepdims=True)
+
+
+def of_map_with_centres(pixels, rotate_degrees, n, pieces=2):
+    """Energy of each texel, and the sum of the directions that it comes from, weighted by the sum of its channels: every pixel is
+    constant, and cut into pieces that fall on one texel each."""
     height, width, _ = pixels.shape
-    across, down = -(-4 * n * PIECES // width), -(-2 * n * PIECES // height)
+    across, down = -(-4 * n * pieces // width), -(-2 * n * pieces // height)
     longitude = 2.0 * np.pi * (0.5 - (np.arange(width * across) + 0.5) / (width * across)) + np.radians(rotate_degrees)
-    energy = np.zeros((6 * n * n, 3))
+    energy, centre = np.zeros((6 * n * n, 3)), np.zeros((6 * n * n, 3))
     step = np.pi / (height * down)
     for row in range(height * down):
         polar = (row + 0.5) * step
@@ -55,9 +66,16 @@ def of_map(pixels, rotate_degrees, n):
         direction = np.stack([np.sin(polar) * np.sin(longitude), np.full(len(longitude), np.cos(polar)),
                               np.sin(polar) * np.cos(longitude)], axis=1)
         where = texels(n, direction)
-        colours = np.repeat(pixels[row // down], across, axis=0)
-        for channel in range(3):
-            energy[:, channel] += angle * np.bincount(where, colours[:, channel], minlength=6 * n * n)
+        colours = angle * np.repeat(pixels[row // down], across, axis=0)
+        for k in range(3):
+            energy[:, k] += np.bincount(where, colours[:, k], minlength=6 * n * n)
+            centre[:, k] += np.bincount(where, colours.sum(axis=1) * direction[:, k], minlength=6 * n * n)
+    return energy, centre
+
+
+def of_map(pixels, rotate_degrees, n):
+    """Mean radiance of each texel, [texel][channel]."""
+    energy, _ = of_map_with_centres(pixels, rotate_degrees, n, PIECES)
     return energy / np.tile(solid_angles(n).ravel(), 6)[:, None]
 
 

@@ -14,10 +14,11 @@ import numpy as np
 
 import factored
 import gathered
+import projected
 from container import Bad, File, Scene
 from lights import parse
 
-FORMS = {"factored": factored.radiosity, "gathered": gathered.radiosity}
+FORMS = {"factored": factored.radiosity, "gathered": gathered.radiosity, "quantised_lights": projected.quantised_lights}
 
 
 def read_ply(path):
