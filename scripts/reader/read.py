@@ -12,13 +12,20 @@ import sys
 
 import numpy as np
 
+import distant
 import factored
 import gathered
 import projected
 from container import Bad, File, Scene
 from lights import parse
 
-FORMS = {"factored": factored.radiosity, "gathered": gathered.radiosity, "quantised_lights": projected.quantised_lights}
+FORMS = {
+    "factored": factored.radiosity,
+    "gathered": gathered.radiosity,
+    "harmonics": distant.radiosity,
+    "quantised_lights": projected.quantised_lights,
+    "rows": distant.radiosity,
+}
 
 
 def read_ply(path):
