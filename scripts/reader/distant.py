@@ -1,4 +1,5 @@
-"""The forms `harmonics` and `rows`: light from far away alone (formats/spec/projected.md, rows.md)."""
+"""The forms `harmonics` and `rows`: light from far away alone (formats/spec/projected.md, rows.md), and light that is scattered once
+(formats/spec/single_scattering.md)."""
 
 import numpy as np
 
@@ -63,3 +64,18 @@ def radiosity(file, scene, lights):
     if file.has("aft.dim"):
         total = total + in_rows(file, "aft", scene, lights)
     return np.maximum(total, 0.0)
+
+
+def single_scattering(file, scene, lights):
+    """Light that is scattered once, in the unit of radiosity, where the asset has it for every vertex; else none."""
+    if not file.has("afs.rec"):
+        return None
+    record = file.record("afs.rec")
+    terms = record.u32()
+    part = InHarmonics(file, "afs", scene, terms, record)
+    record.end()
+    if terms > 1:
+        # Towards an eye alone.
+        return None
+    value = part.radiosity(lights) if part.set else in_rows(file, "afs", scene, lights)
+    return np.maximum(value, 0.0)

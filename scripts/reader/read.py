@@ -29,7 +29,7 @@ FORMS = {
 
 
 def read_ply(path):
-    """b_r, b_g, b_b of the vertices of a binary PLY."""
+    """b_r, b_g, b_b of the vertices of a binary PLY, and s_r, s_g, s_b where they are there."""
     data = open(path, "rb").read()
     head, body = data.split(b"end_header\n", 1)
     fields, count, of_vertex = [], 0, False
@@ -41,7 +41,9 @@ def read_ply(path):
         elif words[0] == "property" and of_vertex:
             fields.append((words[2], types[words[1]]))
     table = np.frombuffer(body, dtype=fields, count=count)
-    return np.stack([table[name] for name in ("b_r", "b_g", "b_b")], axis=1).astype(np.float64)
+    triple = lambda *names: np.stack([table[name] for name in names], axis=1).astype(np.float64)
+    single = triple("s_r", "s_g", "s_b") if "s_r" in table.dtype.names else None
+    return triple("b_r", "b_g", "b_b"), single
 
 
 def main():
@@ -60,12 +62,23 @@ def main():
         raise Bad(f"form {form}")
     # Places are without the origin, as positions are.
     lights = [(kind, where - scene.origin if kind == "point" else where, colour) for kind, where, colour in map(parse, given.light)]
-    mine, golden = FORMS[form](file, scene, lights), read_ply(given.compare)
+    golden, golden_single = read_ply(given.compare)
+    worst = difference(form, FORMS[form](file, scene, lights), golden)
+    single = distant.single_scattering(file, scene, lights)
+    if (single is None) != (golden_single is None):
+        raise Bad("light that is scattered once is on one side alone")
+    if single is not None:
+        worst = max(worst, difference("single scattering", single, golden_single))
+    return 0 if worst <= given.most else 1
+
+
+def difference(what, mine, golden):
+    """Relative RMS of the worst channel."""
     if mine.shape != golden.shape or not np.isfinite(mine).all() or not golden.any():
-        raise Bad("nothing to compare")
+        raise Bad(f"{what}: nothing to compare")
     rms = np.sqrt(((mine - golden) ** 2).mean(axis=0) / (golden**2).mean(axis=0)).max()
-    print(f"{form}: {rms:.2e} RMS, worst vertex {np.abs(mine - golden).max() / golden.max():.2e}")
-    return 0 if rms <= given.most else 1
+    print(f"{what}: {rms:.2e} RMS, worst vertex {np.abs(mine - golden).max() / golden.max():.2e}")
+    return rms
 
 
 if __name__ == "__main__":
