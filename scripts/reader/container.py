@@ -185,13 +185,15 @@ class Scene:
         return v
 
     def vertex_parts(self):
-        """The parts that each vertex's transferring triangles belong to."""
-        parts = [set() for _ in self.local]
-        for corners, part in zip(self.triangles, self.triangle_part):
+        """The part that each vertex belongs to: the first transferring one with a triangle at its place; none elsewhere."""
+        of_weld = {}
+        for corners, part in zip(self.weld[self.triangles], self.triangle_part):
             if self.transfers(part):
                 for v in corners:
-                    parts[v].add(part)
-        return parts
+                    of_weld[v] = min(of_weld.get(v, part), part)
+        used = np.zeros(len(self.local), dtype=bool)
+        used[self.triangles.ravel()] = True
+        return [of_weld.get(weld) if used[v] else None for v, weld in enumerate(self.weld)]
 
 
 def normals_and_areas(corners):

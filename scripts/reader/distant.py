@@ -43,31 +43,35 @@ class InHarmonics:
         return expanded(self.scene, self.points, self.of_vertex, self.net, self.spacing, self.set.radiosity(weights))
 
 
-def in_rows(file, prefix, scene, lights):
-    """Of the vertices, the part in Haar coefficients."""
-    points, of_vertex = surface_points(scene)
-    rows = SparseRows(file, prefix, len(points.at), 3, "vst")
-    by_solid_angle = transform_of(file) == 0
-    total = np.zeros((len(points.at), 3))
-    for light in lights:
-        products = rows.times(light_coefficients(light, rows.n, by_solid_angle))
-        total += np.einsum("ijj->ij", products)
-    return np.where((of_vertex >= 0)[:, None], total[of_vertex], 0.0)
+class InRows:
+    """What some sections hold in Haar coefficients over a cube map; the terms are the channels."""
+
+    def __init__(self, file, prefix, scene):
+        points, self.of_vertex = surface_points(scene)
+        self.rows = SparseRows(file, prefix, len(points.at), 3, "vst")
+        self.by_solid_angle = transform_of(file) == 0
+
+    def radiosity(self, lights):
+        """Of the vertices."""
+        total = 0.0
+        for light in lights:
+            products = self.rows.times(light_coefficients(light, self.rows.n, self.by_solid_angle))
+            total = total + np.einsum("ijj->ij", products)
+        return np.where((self.of_vertex >= 0)[:, None], total[self.of_vertex], 0.0)
 
 
-def radiosity(file, scene, lights):
+def open_form(file, scene):
+    """A function from lights to the radiosity of the vertices."""
     record = file.record("aft.rec")
     record.u32()
     part = InHarmonics(file, "aft", scene, 1, record)
     record.end()
-    total = part.radiosity(lights) if part.set else 0.0
-    if file.has("aft.dim"):
-        total = total + in_rows(file, "aft", scene, lights)
-    return np.maximum(total, 0.0)
+    parts = ([part] if part.set else []) + ([InRows(file, "aft", scene)] if file.has("aft.dim") else [])
+    return lambda lights: np.maximum(sum(part.radiosity(lights) for part in parts), 0.0)
 
 
-def single_scattering(file, scene, lights):
-    """Light that is scattered once, in the unit of radiosity, where the asset has it for every vertex; else none."""
+def open_single(file, scene):
+    """The same for light that is scattered once, in the unit of radiosity, where the asset has it for every vertex; else none."""
     if not file.has("afs.rec"):
         return None
     record = file.record("afs.rec")
@@ -77,5 +81,6 @@ def single_scattering(file, scene, lights):
     if terms > 1:
         # Towards an eye alone.
         return None
-    value = part.radiosity(lights) if part.set else in_rows(file, "afs", scene, lights)
-    return np.maximum(value, 0.0)
+    if not part.set:
+        part = InRows(file, "afs", scene)
+    return lambda lights: np.maximum(part.radiosity(lights), 0.0)

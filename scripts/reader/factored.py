@@ -320,62 +320,65 @@ def kriging(places, targets, near):
         yield order, weights
 
 
-def radiosity(file, scene, lights):
-    samples = Samples(scene)
+def open_form(file, scene):
+    """A function from lights to the radiosity of the vertices."""
+    samples = Samples(scene, file)
     far = FarField(file, scene)
     basis = Basis(file, far.functions)
-    light = samples.irradiance(file, lights)
-    values = far.values(scene, Means(samples.patch_area, light))
-    row_part = np.repeat(far.groups[:, 0], np.diff(np.concatenate([[0], far.row_ends])))
-    row_mask = np.repeat(far.masks, np.diff(np.concatenate([[0], far.row_ends])))
-    first_vertex = np.full(far.receivers, -1)
+    counts = np.diff(np.concatenate([[0], far.row_ends]))
+    row_part, row_mask = np.repeat(far.groups[:, 0], counts), np.repeat(far.masks, counts)
+    place = np.zeros((far.receivers, 3))
     for v in range(len(scene.local) - 1, -1, -1):
         if far.receiver[v] != NONE:
-            first_vertex[far.receiver[v]] = v
-    place = scene.local[first_vertex]
-    result = np.zeros((len(scene.local), 3))
+            place[far.receiver[v]] = scene.local[v]
     vertex_parts = scene.vertex_parts()
-    for part in range(len(scene.parts)):
-        if not scene.transfers(part):
-            continue
-        scale_of = np.stack([basis.coefficients(p) for p in dipoles(scene.medium_of(part))], axis=1)
-        mine = np.unique(far.row_receiver[row_part == part])
-        if len(mine) == 0:
-            continue
-        radiosities = np.zeros((far.receivers, 3))
-        for k in range(far.functions):
-            rows = np.flatnonzero((row_part == part) & (row_mask >> k & 1 == 1))
-            owners = far.row_receiver[rows]
-            of_receiver = dict(zip(owners, rows))
-            others = [r for r in mine if r not in of_receiver]
-            for r, row in of_receiver.items():
-                radiosities[r] += scale_of[k] * values[row, k]
-            for r, (near, weights) in zip(others, kriging(place[owners], place[others], 32)):
-                radiosities[r] += scale_of[k] * (weights @ values[rows[near], k])
-        vertices = [v for v, parts in enumerate(vertex_parts) if parts and min(parts) == part]
-        own = [v for v in vertices if far.receiver[v] != NONE]
-        result[own] = radiosities[far.receiver[own]]
-        rest = [v for v in vertices if far.receiver[v] == NONE]
-        for v, (near, weights) in zip(rest, kriging(place[mine], scene.local[rest], 32)):
-            result[v] = weights @ radiosities[mine[near]]
-        add_near(scene, samples, basis, part, vertices, light, result)
-    return result
+    transferring = [part for part in range(len(scene.parts)) if scene.transfers(part)]
+    vertices_of = {part: [v for v, p in enumerate(vertex_parts) if p == part] for part in transferring}
+    near = {part: near_field(scene, samples, basis, part, vertices_of[part]) for part in transferring}
+
+    def radiosity(lights):
+        light = samples.irradiance(lights)
+        values = far.values(scene, Means(samples.patch_area, light))
+        result = np.zeros((len(scene.local), 3))
+        for part in transferring:
+            mine = np.unique(far.row_receiver[row_part == part])
+            if len(mine) > 0:
+                of_profile = np.stack([basis.coefficients(p) for p in dipoles(scene.medium_of(part))], axis=1)
+                radiosities = np.zeros((far.receivers, 3))
+                for k in range(far.functions):
+                    rows = np.flatnonzero((row_part == part) & (row_mask >> k & 1 == 1))
+                    owners = far.row_receiver[rows]
+                    radiosities[owners] += of_profile[k] * values[rows, k]
+                    others = np.setdiff1d(mine, owners)
+                    for r, (sources, weights) in zip(others, kriging(place[owners], place[others], 32)):
+                        radiosities[r] += of_profile[k] * (weights @ values[rows[sources], k])
+                own = [v for v in vertices_of[part] if far.receiver[v] != NONE]
+                result[own] = radiosities[far.receiver[own]]
+                rest = [v for v in vertices_of[part] if far.receiver[v] == NONE]
+                for v, (sources, weights) in zip(rest, kriging(place[mine], scene.local[rest], 32)):
+                    result[v] = weights @ radiosities[mine[sources]]
+            for v, patches, transfer in near[part]:
+                result[v] += (transfer * light[patches]).sum(axis=0)
+        return result
+
+    return radiosity
 
 
-def add_near(scene, samples, basis, part, vertices, light, result):
-    """Adds what the far field, a sum over the centroids of the samples, leaves of R_d over the samples nearby."""
+def near_field(scene, samples, basis, part, vertices):
+    """What the far field, a sum over the centroids of the samples, leaves of R_d over the samples nearby: for each vertex samples and factors."""
     medium = scene.medium_of(part)
     mine = samples.facets_of_part(part)
     patch = samples.patch[mine]
     depth = 1.0 / (medium.sigma_s_reduced + medium.sigma_a).max()
     profiles = dipoles(medium)
     far = [Taylor(profile, basis.split).far for profile in profiles]
+    result = []
     for v in vertices:
         distance = np.linalg.norm(samples.centroid - scene.local[v], axis=1)
         close = distance < np.maximum(basis.split, EXTENDED * samples.radius)
         facets = mine[close[patch]]
         transfer = over_triangles(profiles, scene.local[v], samples.corners[facets], samples.area[facets], depth)
-        result[v] += (transfer * light[samples.patch[facets]]).sum(axis=0)
         which = np.flatnonzero(close & (samples.part == part))
         points = np.stack([f(distance[which]) for f in far], axis=1) * samples.patch_area[which, None]
-        result[v] -= (points * light[which]).sum(axis=0)
+        result.append((v, np.concatenate([samples.patch[facets], which]), np.concatenate([transfer, -points])))
+    return result

@@ -10,7 +10,7 @@ from physics import RULE_POINTS, RULE_WEIGHTS, dipoles, over_triangles
 class Samples:
     """Facets of the patches, and light on them."""
 
-    def __init__(self, scene):
+    def __init__(self, scene, file):
         self.scene = scene
         self.corners = scene.facet_corners()
         self.triangle = scene.facets[:, 0]
@@ -24,12 +24,12 @@ class Samples:
         away = np.linalg.norm(self.corners - self.centroid[self.patch][:, None], axis=2).max(axis=1)
         self.radius = np.zeros(len(self.patch_area))
         np.maximum.at(self.radius, self.patch, away)
+        self.rows = EnvironmentRows(file, scene, len(self.patch_area)) if file.has("rows.cnt") else None
         self.part = np.searchsorted(scene.part_ends, np.arange(len(self.patch_area)), side="right") - 1
 
-    def irradiance(self, file, lights):
+    def irradiance(self, lights):
         """Mean irradiance of every patch, RGB: through the rows, where there are any, for what they serve; otherwise by rays."""
-        scene = self.scene
-        rows = EnvironmentRows(file, scene, len(self.patch_area)) if file.has("rows.cnt") else None
+        scene, rows = self.scene, self.rows
         far = [light for light in lights if rows and light[0] in ("constant", "env")]
         etas = [scene.medium_of(p).eta if scene.transfers(p) else None for p in range(len(scene.parts))]
         by_rays = self.by_rays([light for light in lights if light not in far])
@@ -58,21 +58,24 @@ class Samples:
         return np.flatnonzero(self.part[self.patch] == part)
 
 
-def radiosity(file, scene, lights):
-    samples = Samples(scene)
-    light = samples.irradiance(file, lights)
-    result = np.zeros((len(scene.local), 3))
-    for vertex, parts in enumerate(scene.vertex_parts()):
-        # A vertex that several parts have is one of the first.
-        for part in sorted(parts)[:1]:
-            result[vertex] = gather(scene, samples, part, scene.local[vertex], light)
-    return result
+def open_form(file, scene):
+    """A function from lights to the radiosity of the vertices."""
+    samples = Samples(scene, file)
+    # Int R_d dA over the facets of the part of each vertex.
+    transfers = []
+    for vertex, part in enumerate(scene.vertex_parts()):
+        if part is not None:
+            medium = scene.medium_of(part)
+            mine = samples.facets_of_part(part)
+            scale = 1.0 / (medium.sigma_s_reduced + medium.sigma_a).max()
+            transfer = over_triangles(dipoles(medium), scene.local[vertex], samples.corners[mine], samples.area[mine], scale)
+            transfers.append((vertex, samples.patch[mine], transfer))
 
+    def radiosity(lights):
+        light = samples.irradiance(lights)
+        result = np.zeros((len(scene.local), 3))
+        for vertex, patches, transfer in transfers:
+            result[vertex] = (transfer * light[patches]).sum(axis=0)
+        return result
 
-def gather(scene, samples, part, receiver, light):
-    """Int R_d E dA over a part."""
-    medium = scene.medium_of(part)
-    mine = samples.facets_of_part(part)
-    scale = 1.0 / (medium.sigma_s_reduced + medium.sigma_a).max()
-    transfer = over_triangles(dipoles(medium), receiver, samples.corners[mine], samples.area[mine], scale)
-    return (transfer * light[samples.patch[mine]]).sum(axis=0)
+    return radiosity

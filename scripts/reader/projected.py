@@ -274,7 +274,8 @@ def expanded(scene, points, of_vertex, net, spacing, of_rows):
     return np.where((of_vertex >= 0)[:, None], values[of_vertex], 0.0)
 
 
-def quantised_lights(file, scene, lights):
+def open_form(file, scene):
+    """A function from lights to the radiosity of the vertices."""
     record = file.record("form.set")
     # Density, and the number of directions that was asked for.
     record.f64(), record.u32(), record.u32(), record.option(record.u64)
@@ -294,20 +295,26 @@ def quantised_lights(file, scene, lights):
     sets = [Components(file, "qlt", count, 1, channels[0], steps[0], net, light_net)]
     if len(shells) > 1:
         sets.append(Components(file, "qln", count, len(shells) - 1, channels[1], steps[1], net, light_net))
-    weights = np.zeros((len(shells), count, 3))
     centre, radius = bounding_sphere(scene)
-    for light in lights:
+
+    def weights_of(light):
         if light[0] == "point":
             towards = light[1] - centre
             distance = np.linalg.norm(towards)
             need(len(shells) > 1 and radius / distance <= shells[-1] * (1 + 1e-12), "a light nearer than the shells")
             of_direction = interpolation(scheme, set_of, towards[None] / distance)[0]
             of_shell = between_shells(blend, np.array(shells), radius / distance)
-            weights += of_shell[:, None, None] * of_direction[:, None] * light[2] / distance**2
-        else:
-            where, irradiance = distant(light)
-            weights[0] += interpolation(scheme, set_of, where).T @ irradiance
-    of_rows = sets[0].radiosity(weights[:1])
-    if len(sets) > 1:
-        of_rows = of_rows + sets[1].radiosity(weights[1:])
-    return expanded(scene, points, of_vertex, net, spacing, of_rows)
+            return of_shell[:, None, None] * of_direction[:, None] * light[2] / distance**2
+        where, irradiance = distant(light)
+        result = np.zeros((len(shells), count, 3))
+        result[0] = interpolation(scheme, set_of, where).T @ irradiance
+        return result
+
+    def radiosity(lights):
+        weights = sum(weights_of(light) for light in lights)
+        of_rows = sets[0].radiosity(weights[:1])
+        if len(sets) > 1:
+            of_rows = of_rows + sets[1].radiosity(weights[1:])
+        return expanded(scene, points, of_vertex, net, spacing, of_rows)
+
+    return radiosity

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""A second reader of .tlux files, written from formats/SPEC.md and its parts alone; it shares nothing with the crates.
+"""A second reader of .tlux files, written from formats/SPEC.md and its parts; it shares nothing with the crates.
 
-    read.py ASSET --light LIGHT... --compare GOLDEN.ply [--most 1e-4]
+    read.py ASSET [--most 1e-4] --case LIGHT[+LIGHT...] GOLDEN.ply [--case ...]
 
 decodes the asset, computes the radiosity of its vertices slowly and plainly, and fails where that is farther from the PLY's than
-`--most`: the RMS of the difference over that of the PLY, of the worst channel.
+`--most`: the RMS of the difference over that of the PLY, of the worst channel. Lights are separated by `+`.
 """
 
 import argparse
@@ -20,11 +20,11 @@ from container import Bad, File, Scene
 from lights import parse
 
 FORMS = {
-    "factored": factored.radiosity,
-    "gathered": gathered.radiosity,
-    "harmonics": distant.radiosity,
-    "quantised_lights": projected.quantised_lights,
-    "rows": distant.radiosity,
+    "factored": factored.open_form,
+    "gathered": gathered.open_form,
+    "harmonics": distant.open_form,
+    "quantised_lights": projected.open_form,
+    "rows": distant.open_form,
 }
 
 
@@ -49,8 +49,7 @@ def read_ply(path):
 def main():
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     arguments.add_argument("asset")
-    arguments.add_argument("--light", action="append", required=True)
-    arguments.add_argument("--compare", required=True)
+    arguments.add_argument("--case", action="append", nargs=2, required=True, metavar=("LIGHTS", "GOLDEN"))
     arguments.add_argument("--most", type=float, default=1e-4)
     given = arguments.parse_args()
     file = File(given.asset)
@@ -60,15 +59,18 @@ def main():
     record.end()
     if form not in FORMS:
         raise Bad(f"form {form}")
-    # Places are without the origin, as positions are.
-    lights = [(kind, where - scene.origin if kind == "point" else where, colour) for kind, where, colour in map(parse, given.light)]
-    golden, golden_single = read_ply(given.compare)
-    worst = difference(form, FORMS[form](file, scene, lights), golden)
-    single = distant.single_scattering(file, scene, lights)
-    if (single is None) != (golden_single is None):
-        raise Bad("light that is scattered once is on one side alone")
-    if single is not None:
-        worst = max(worst, difference("single scattering", single, golden_single))
+    radiosity, single = FORMS[form](file, scene), distant.open_single(file, scene)
+    worst = 0.0
+    for lights, path in given.case:
+        # Places are without the origin, as positions are.
+        lights = [parse(light) for light in lights.split("+")]
+        lights = [(kind, where - scene.origin if kind == "point" else where, colour) for kind, where, colour in lights]
+        golden, golden_single = read_ply(path)
+        worst = max(worst, difference(f"{form}, {path}", radiosity(lights), golden))
+        if (single is None) != (golden_single is None):
+            raise Bad("light that is scattered once is on one side alone")
+        if single is not None:
+            worst = max(worst, difference(f"single scattering, {path}", single(lights), golden_single))
     return 0 if worst <= given.most else 1
 
 
