@@ -15,12 +15,14 @@ import numpy as np
 import distant
 import factored
 import gathered
+import normals
 import projected
 from container import Bad, File, Scene
 from lights import parse
 
 FORMS = {
     "factored": factored.open_form,
+    "filtered_normals": normals.open_form,
     "gathered": gathered.open_form,
     "harmonics": distant.open_form,
     "quantised_lights": projected.open_form,

@@ -127,3 +127,13 @@ fn harmonics_and_rows_of_distant_light_read_as_the_pages_say() {
         agree(&potato(2), &bake, &[SUN, SKY], most);
     }
 }
+
+#[test]
+fn filtered_normals_read_as_the_page_says() {
+    for set in ["filter=heat", "response=exponential", "filter=spectral --set response=gaussian"] {
+        let bake = format!(
+            "--size-mm 24 --material skin1 --method filtered_normals --samples 1000 --set length=unit --set shadows=off --set {set}"
+        );
+        agree(&potato(2), &bake, &[SUN], SAME);
+    }
+}
