@@ -17,6 +17,7 @@ import factored
 import gathered
 import normals
 import projected
+import texture
 from container import Bad, File, Scene
 from lights import parse
 
@@ -27,6 +28,7 @@ FORMS = {
     "harmonics": distant.open_form,
     "quantised_lights": projected.open_form,
     "rows": distant.open_form,
+    "texture_space": texture.open_form,
 }
 
 
