@@ -156,12 +156,25 @@ class Scene:
         record.end()
         need(((self.triangle_part < len(self.parts)) | (self.triangle_part == NONE)).all(), "parts of triangles")
 
+        self._names_and_corners(file, vertices, count)
         self.facets = file.array("samp.fac", "u4", 2).astype(np.int64)
         self.patch_ends = file.array("samp.off", "u4").astype(np.int64)
         self.part_ends = file.array("samp.prt", "u4", 1, len(self.parts) + 1).astype(np.int64)
         need((self.facets[:, 0] < count).all() and (self.facets[:, 1] > 0).all(), "facets")
         corners = self.local[self.triangles]
         self.normals, self.areas = normals_and_areas(corners)
+
+    def _names_and_corners(self, file, vertices, count):
+        """Materials, and the shading normals and texture coordinates of corners, which no evaluator here needs."""
+        record = file.record("mesh.mtn")
+        names = record.many(record.string)
+        record.end()
+        need((file.array("mesh.mat", "u4", 1, count) < len(names)).all(), "materials")
+        for values, corners, width in (("mesh.nrm", "mesh.nri", 3), ("mesh.uv", "mesh.uvi", 2)):
+            need(file.has(values) == file.has(corners), f"{values} and {corners}")
+            if file.has(values):
+                table = file.array(values, "f4", width)
+                need(np.isfinite(table).all() and (file.array(corners, "u4", 3, count) < len(table)).all(), values)
 
     def transfers(self, part):
         return part != NONE and not self.parts[part][1]
@@ -202,3 +215,28 @@ def normals_and_areas(corners):
     with np.errstate(invalid="ignore", divide="ignore"):
         normals = np.where(length[:, None] > 0, cross / length[:, None], 0.0)
     return normals, 0.5 * length
+
+
+class Provenance:
+    """Where an asset comes from, and the ledger of its errors."""
+
+    def __init__(self, file):
+        record = file.record("meta.src")
+        self.revision, self.method = record.u32(), record.string()
+        self.settings = record.many(lambda: (record.string(), record.string()))
+        self.seed = record.u64()
+        self.inputs = record.many(lambda: (record.string(), bytes(record.some(32, record.u8)), record.u64()))
+        self.unit, self.millimetres = record.string(), record.f64()
+        self.notes = record.many(record.string)
+        record.end()
+        keys = [key.encode() for key, _ in self.settings]
+        need(all(a < b for a, b in zip(keys, keys[1:])), "order of the settings")
+        need(np.isfinite(self.millimetres) and self.millimetres > 0, "millimetres of a unit")
+        record = file.record("meta.err")
+        self.ledger = record.many(lambda: (record.string(), record.some(4, record.f64), record.string()))
+        record.end()
+        errors = np.array([numbers for _, numbers, _ in self.ledger]).reshape(-1, 4)
+        need(np.isfinite(errors).all() and (errors[:, [0, 2, 3]] >= 0).all(), "errors")
+        if file.has("meta.drk"):
+            dark = file.array("meta.drk", "f8", 1, len(self.ledger))
+            need(np.isfinite(dark).all() and (dark >= 0).all(), "dark errors")

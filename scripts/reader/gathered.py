@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from container import need
 from environment import EnvironmentRows
 from lights import Shadows, irradiance
 from physics import RULE_POINTS, RULE_WEIGHTS, dipoles, over_triangles
@@ -61,6 +62,12 @@ class Samples:
 def open_form(file, scene):
     """A function from lights to the radiosity of the vertices."""
     samples = Samples(scene, file)
+    if file.has("mls.num"):
+        # What nets need; all pairs need none.
+        record = file.record("mls.num")
+        asked, spacing, radius, facets, pieces = record.some(5, record.f64)
+        record.end()
+        need(0 < asked <= 1 and 0.1 <= spacing <= 1024 and 1 <= radius <= 1024 and 0 <= min(facets, pieces), "nets")
     # Int R_d dA over the facets of the part of each vertex.
     transfers = []
     for vertex, part in enumerate(scene.vertex_parts()):

@@ -18,7 +18,7 @@ import gathered
 import normals
 import projected
 import texture
-from container import Bad, File, Scene
+from container import Bad, File, Provenance, Scene
 from lights import parse
 
 FORMS = {
@@ -57,12 +57,13 @@ def main():
     arguments.add_argument("--most", type=float, default=1e-4)
     given = arguments.parse_args()
     file = File(given.asset)
-    scene = Scene(file)
+    scene, provenance = Scene(file), Provenance(file)
     record = file.record("form.nam")
     form = record.string()
     record.end()
     if form not in FORMS:
         raise Bad(f"form {form}")
+    print(f"method {provenance.method}, {len(provenance.settings)} settings, {len(provenance.ledger)} entries in the ledger")
     radiosity, single = FORMS[form](file, scene), distant.open_single(file, scene)
     worst = 0.0
     for lights, path in given.case:
