@@ -4,7 +4,8 @@
     read.py ASSET [--most 1e-4] --case LIGHT[+LIGHT...] GOLDEN.ply [--case ...]
 
 decodes the asset, computes the radiosity of its vertices slowly and plainly, and fails where that is farther from the PLY's than
-`--most`: the RMS of the difference over that of the PLY, of the worst channel. Lights are separated by `+`.
+`--most`: the RMS of the difference over that of the PLY, of the worst channel. Lights are separated by `+`. Without cases it decodes
+the asset, which may be of a version that did not name its form.
 """
 
 import argparse
@@ -53,17 +54,20 @@ def read_ply(path):
 def main():
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     arguments.add_argument("asset")
-    arguments.add_argument("--case", action="append", nargs=2, required=True, metavar=("LIGHTS", "GOLDEN"))
+    arguments.add_argument("--case", action="append", nargs=2, default=[], metavar=("LIGHTS", "GOLDEN"))
     arguments.add_argument("--most", type=float, default=1e-4)
     given = arguments.parse_args()
     file = File(given.asset)
     scene, provenance = Scene(file), Provenance(file)
+    scene.facet_corners()
+    print(f"method {provenance.method}, {len(provenance.settings)} settings, {len(provenance.ledger)} entries in the ledger")
+    if not file.has("form.nam") and not given.case:
+        return 0
     record = file.record("form.nam")
     form = record.string()
     record.end()
     if form not in FORMS:
         raise Bad(f"form {form}")
-    print(f"method {provenance.method}, {len(provenance.settings)} settings, {len(provenance.ledger)} entries in the ledger")
     radiosity, single = FORMS[form](file, scene), distant.open_single(file, scene)
     worst = 0.0
     for lights, path in given.case:

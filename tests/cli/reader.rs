@@ -46,7 +46,8 @@ fn ellipsoid(subdivisions: u32) -> SourceModel {
 fn potato(subdivisions: u32) -> SourceModel {
     let mut model = ellipsoid(subdivisions);
     for p in &mut model.positions {
-        let waves = [(0.11, 0.7 * p.x + 0.3 * p.y + 0.4), (0.07, 0.9 * p.y - 0.5 * p.z + 1.6), (0.05, 0.8 * p.z + 0.2 * p.x)];
+        let waves =
+            [(0.11, 0.7 * p.x + 0.3 * p.y + 0.4), (0.07, 0.9 * p.y - 0.5 * p.z + 1.6), (0.05, 0.8 * p.z + 0.2 * p.x)];
         *p *= 1.0 + waves.iter().map(|(size, phase)| size * phase.sin()).sum::<f64>();
     }
     model
@@ -81,6 +82,29 @@ fn agree(model: &SourceModel, bake: &str, lights: &[&str], most: f64) {
     println!("{bake}\n{said}");
     assert!(output.status.success(), "{bake}: {said}");
     assert!(said.matches(" RMS").count() >= lights.len(), "{said}");
+}
+
+/// The files that no change may make unreadable, of every version, with sections of every type.
+#[test]
+fn frozen_files_are_read() {
+    let Some(python) = python() else { return };
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    for name in ["v0_0_full", "v0_1_full", "v0_2_full"] {
+        let run = |file: &Path| {
+            let reader = root.join("scripts/reader/read.py");
+            Command::new(python).env("PYTHONDONTWRITEBYTECODE", "1").arg(reader).arg(file).output().unwrap()
+        };
+        let path = root.join(format!("formats/tests/data/{name}.tlux"));
+        let output = run(&path);
+        assert!(output.status.success(), "{name}: {}", String::from_utf8_lossy(&output.stderr));
+        // Its checks see a flipped bit.
+        let folder = Folder::new();
+        let mut bytes = std::fs::read(&path).unwrap();
+        let last = bytes.len() - 1;
+        bytes[last] ^= 1;
+        folder.write("broken.tlux", bytes);
+        assert_eq!(run(&folder.path("broken.tlux")).status.code(), Some(2), "{name}");
+    }
 }
 
 #[test]
@@ -140,6 +164,7 @@ fn filtered_normals_read_as_the_page_says() {
 
 #[test]
 fn atlases_and_light_in_their_texels_read_as_the_pages_say() {
-    let bake = "--size-mm 24 --material skin1 --method texture_space --samples 1000 --set sampling=shared --set resolution=32";
+    let bake =
+        "--size-mm 24 --material skin1 --method texture_space --samples 1000 --set sampling=shared --set resolution=32";
     agree(&ellipsoid(1), bake, &[SUN, LAMP, WHITE], SAME);
 }
