@@ -146,7 +146,7 @@ fn sets_of_lights_read_as_the_page_says() {
 fn harmonics_and_rows_of_distant_light_read_as_the_pages_say() {
     for (set, most) in [("basis=sh", ROUNDED), ("basis=haar", SAME), ("basis=haar --set transform=texels", SAME)] {
         let bake = format!(
-            "--size-mm 24 --material skin1 --method all_frequency --samples 1000 --max-rms 0.3% \
+            "--size-mm 24 --material skin1 --method all_frequency --samples 1000 --max-rms 0.1% \
              --set single-scattering=isotropic --for-lights directional,environment,constant --set {set}"
         );
         agree(&potato(2), &bake, &[SUN, SKY], most);
