@@ -318,12 +318,12 @@ fn exitance_at_points_is_that_of_the_vertices() {
 
 #[test]
 fn radiosity_is_linear_in_the_lights() {
-    let scene = head(3, "skin1");
+    let scene = Shared::Head.scene();
     let areas = vertex_areas(&scene);
     let all = every_light(&scene);
     for method in every() {
         let lights = served(method, &all);
-        let mut evaluator = baked(method, &scene, 2000);
+        let mut evaluator = Shared::Head.baked(method);
         let evaluator = evaluator.as_mut();
         let mut sum = vec![DVec3::ZERO; areas.len()];
         for light in &lights {

@@ -7,7 +7,7 @@ use translux::geometry::shapes;
 use translux::io::png::decode_png;
 
 const LINE: &str = "chart head.obj --size-mm 20 --material skin1 --quick --methods two_pass,reference --reference-samples 6000 \
-                    --light directional:from=1,2,3:irradiance=3 --light sky -o out";
+                    --light directional:from=1,2,3:irradiance=3 --light point:at=0,15,30:intensity=900 -o out";
 
 fn head() -> Folder {
     let folder = Folder::new();

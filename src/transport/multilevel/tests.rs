@@ -132,16 +132,13 @@ fn an_opaque_part_takes_and_gives_nothing() {
 #[test]
 fn double_layers_are_summed_over_nets_of_their_own() {
     for (samples, resolved) in [(40_000, true), (4000, false)] {
-        let fixture = head(named("skin1"), samples);
+        let fixture = Fixture::new(shapes::bumpy_head(20.0, 3), named("skin1"), samples);
         let surface = fixture.surface();
         let walks = Walks { photons: 20_000, ..Walks::default() };
         let calibrated = Calibrated::by_walks(surface.domain, surface.bvh, walks, &Silent).unwrap();
         let receivers = fixture.receivers(16).with_factors(&calibrated.of_vertices());
         let factors = calibrated.of_samples(&surface);
         let (irradiance, pieces) = lit(&fixture, DVec3::new(1.0, 0.5, 0.3));
-        let gather = Gather::calibrated(&surface, &fixture.tree, (&calibrated.kernels, &factors), NearField::REFERENCE);
-        let lit = gather.light_with_pieces(&irradiance, &pieces);
-        let truth = gather.radiosity(&receivers, &lit, Scheme::AllPairs, &Silent);
         let areas = vec![1.0; receivers.len()];
         let of_lights = [(irradiance.clone(), pieces.clone())];
         let all = (&surface, std::slice::from_ref(&calibrated.kernels));
@@ -155,6 +152,9 @@ fn double_layers_are_summed_over_nets_of_their_own() {
         if !resolved {
             continue;
         }
+        let gather = Gather::calibrated(&surface, &fixture.tree, (&calibrated.kernels, &factors), NearField::REFERENCE);
+        let lit = gather.light_with_pieces(&irradiance, &pieces);
+        let truth = gather.radiosity(&receivers, &lit, Scheme::AllPairs, &Silent);
         let found = worst_rms(&summed(kernels), &truth);
         let reach = fixture.scene.mesh.diagonal_mm();
         let single = kernels.iter().map(|k| MediumKernel::of_profiles(k.profiles().clone(), reach)).collect::<Vec<_>>();
