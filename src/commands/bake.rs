@@ -92,7 +92,7 @@ fn planned(args: &BakeArgs, model: Model, console: &Console) -> Result<ExitCode>
     let mesh = imported.check.clone();
     let (plan, asset) = planning::bake(&request, imported, console)?;
     let bake = asset.map(|asset| write(args, asset, mesh, console)).transpose()?;
-    plan.sentences().iter().for_each(|line| console.note(line));
+    plan.summary().iter().for_each(|line| console.note(line));
     args.plan.write(&plan)?;
     console.report("bake", &PlannedReport { bake, plan: &plan })?;
     planning::verdict(&plan)

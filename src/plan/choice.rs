@@ -185,6 +185,12 @@ impl<'a> Choice<'a> {
             set(None, too_large(stages, request.max_rms, " RMS of its stages alone"));
             return Ok(false);
         }
+        let sharp = candidate.forecast.samples.map(|samples| sampling.error_under_sharp_lights(samples)).transpose()?;
+        let sharp = self.learnt[candidate.family].rms * (sharp.unwrap_or_default().rms + candidate.forecast.rms);
+        if sharp > share * request.max_rms {
+            set(Some(sharp), too_large(sharp, request.max_rms, " RMS"));
+            return Ok(false);
+        }
         let (rms, dark) = self.expected(candidate, sampling)?;
         if rms > share * request.max_rms {
             set(Some(rms), too_large(rms, request.max_rms, " RMS"));

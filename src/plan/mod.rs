@@ -10,6 +10,8 @@ mod choice;
 mod lights;
 mod record;
 mod request;
+#[cfg(test)]
+mod tests;
 mod truth;
 mod verdict;
 
@@ -36,6 +38,9 @@ use crate::scene::Scene;
 
 /// Vertices at which the choice measures.
 const PLACES: usize = 128;
+
+/// Samples at least that the choice can tell the error of.
+const LEAST_JUDGED: usize = 1 << 14;
 
 /// Bakes at most: what was expected to meet the request and did not is replaced so often.
 const BAKES: usize = 4;
@@ -77,7 +82,7 @@ pub fn bake(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
     all.iter_mut().for_each(|candidate| candidate.recipe.settings.probes.clone_from(&probes));
 
     let seen = (lights(scene, &request.for_lights, Purpose::Choice)?, Places::new(scene, PLACES, 0));
-    let samples = true_samples(scene, request.max_rms, 0);
+    let samples = true_samples(scene, request.max_rms, LEAST_JUDGED);
     let mut sampling = Sampling::new(scene, samples, Truth::new(scene, seen, samples, &[], progress)?);
     let mut choice = Choice::new(&all, request, families.len());
     let mut verdict: Option<Verdict> = None;
@@ -160,7 +165,7 @@ fn conclude(plan: &mut Plan, choice: &Choice, sampling: &mut Sampling, scene: &S
     let Some(chosen) = kept.and_then(|attempt| plan.considered.get(attempt.considered)).cloned() else { return Ok(()) };
     if let Some(samples) = chosen.samples {
         let error = sampling.error(samples)?;
-        plan.dropped.push(format!("samples beyond {samples}, which are {} off", percent(error.rms)));
+        plan.dropped.push(format!("more than {samples} samples: these are {} off", percent(error.rms)));
     }
     if chosen.by_rays {
         plan.dropped.push("irradiance of environments for each sample: rays bring it in the time allowed".to_owned());

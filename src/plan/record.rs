@@ -219,6 +219,23 @@ impl Plan {
 
     /// The plan in sentences, one a line: what was asked, chosen, measured, considered and left out. Without times of this run.
     pub fn sentences(&self) -> Vec<String> {
+        let mut lines = self.summary();
+        let others = self.attempts.iter().enumerate().filter(|(index, _)| Some(*index) != self.kept);
+        lines.extend(others.filter_map(|(_, attempt)| {
+            let name = self.considered.get(attempt.considered)?.name();
+            Some(format!("baked as well: {name}: {}", attempt.misses.join("; ")))
+        }));
+        lines.extend(self.families());
+        lines.extend(self.dropped.iter().map(|what| format!("left out: {what}")));
+        if !self.misses.is_empty() {
+            lines.push(format!("missed: {}", self.misses.join("; ")));
+        }
+        lines.extend(self.would_meet.iter().map(|what| format!("what would meet it: {what}")));
+        lines
+    }
+
+    /// The first of these sentences: what was asked, chosen and measured.
+    pub fn summary(&self) -> Vec<String> {
         let mut lines = vec![self.asked()];
         let kept = self.kept.and_then(|index| self.attempts.get(index));
         if let Some((last, chosen)) = kept.and_then(|kept| Some((kept, self.considered.get(kept.considered)?))) {
@@ -238,17 +255,6 @@ impl Plan {
                 }
             ));
         }
-        let others = self.attempts.iter().enumerate().filter(|(index, _)| Some(*index) != self.kept);
-        lines.extend(others.filter_map(|(_, attempt)| {
-            let name = self.considered.get(attempt.considered)?.name();
-            Some(format!("baked as well: {name}: {}", attempt.misses.join("; ")))
-        }));
-        lines.extend(self.families());
-        lines.extend(self.dropped.iter().map(|what| format!("left out: {what}")));
-        if !self.misses.is_empty() {
-            lines.push(format!("missed: {}", self.misses.join("; ")));
-        }
-        lines.extend(self.would_meet.iter().map(|what| format!("what would meet it: {what}")));
         lines
     }
 

@@ -15,6 +15,7 @@ use crate::evaluate::{Evaluator, Form};
 use crate::forms::density::Density;
 use crate::forms::gathered::{Far, Gathered};
 use crate::geometry::samples::Samples;
+use crate::light::suns::apart;
 use crate::light::{Light, LightKind};
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::progress::{Progress, Silent};
@@ -24,18 +25,30 @@ use crate::transport::near_rule::NearField;
 use crate::transport::receivers::Receivers;
 
 /// Samples of the truth under sharp lights for an error of 1 %; more for smaller ones, and at least [`FINER`] times as many as those
-/// of what is judged.
-const SAMPLES: usize = 1 << 17;
+/// of what is judged and as triangles: the error of samples that are not clusters of triangles goes with their inverse number.
+const SAMPLES: usize = 1 << 15;
 const MOST_SAMPLES: usize = 1 << 20;
-const FINER: usize = 2;
+const FINER: usize = 4;
 
-/// Soft light varies less from sample to sample, and costs many rays of each.
+/// Soft light varies less from sample to sample, and costs many rays of each: fewer samples, unless there are many triangles, and so
+/// many rays in all.
 const FEWER_UNDER_SOFT_LIGHT: usize = 4;
+const SOFT_RAYS: usize = 1 << 24;
+const SOFT_DIRECTIONS: std::ops::RangeInclusive<usize> = 64..=512;
 
 /// Samples beyond which the error of soft light is taken to stay as it is: it falls, and costs too much to measure.
-const MOST_UNDER_SOFT_LIGHT: usize = 1 << 14;
+const MOST_UNDER_SOFT_LIGHT: usize = 1 << 13;
 
-const TRUE_RAYS: LightSampling = LightSampling { points_per_patch: 16, directions: 512, area_side: 12 };
+/// Rays of the truth: twice as fine as what assets are baked for.
+const TRUE_RAYS: LightSampling = LightSampling { points_per_patch: 8, directions: 512, area_side: 12 };
+
+/// Samples of the truth under soft light, and its rays.
+fn under_soft_light(scene: &Scene, samples: usize) -> (usize, LightSampling) {
+    let samples = samples.div_ceil(FEWER_UNDER_SOFT_LIGHT).max(samples.min(2 * scene.mesh.triangles.len()));
+    let directions = (SOFT_RAYS / samples).clamp(*SOFT_DIRECTIONS.start(), *SOFT_DIRECTIONS.end());
+    let area_side = directions.isqrt().clamp(8, 12) as u32;
+    (samples, LightSampling { directions: directions as u32, area_side, ..TRUE_RAYS })
+}
 
 /// Rays of a kind of light that are as few as scattering forgives.
 fn is_soft(light: &Light) -> bool {
@@ -44,8 +57,8 @@ fn is_soft(light: &Light) -> bool {
 
 /// Number of samples of the truth for an error; at least as many as the triangles ask for.
 pub(super) fn true_samples(scene: &Scene, max_rms: f64, judged: usize) -> usize {
-    let by_error = SAMPLES as f64 * (0.01 / max_rms).clamp(0.5, 8.0);
-    (by_error as usize).max(FINER * judged).max(FINER * scene.mesh.triangles.len()).min(MOST_SAMPLES)
+    let by_error = SAMPLES as f64 * (0.01 / max_rms).clamp(0.5, 16.0);
+    (by_error as usize).max(FINER * judged).max(FINER / 2 * scene.mesh.triangles.len()).min(MOST_SAMPLES)
 }
 
 /// Some vertices, with the area around each.
@@ -121,8 +134,8 @@ impl Sums {
         Form::open(&form, Arc::new(asset)).map(Self)
     }
 
-    fn at(&mut self, light: &Light, places: &Places) -> Result<Vec<DVec3>> {
-        self.0.set_lights(vec![light.clone()], &Silent)?;
+    fn at(&mut self, lights: Vec<Light>, places: &Places) -> Result<Vec<DVec3>> {
+        self.0.set_lights(lights, &Silent)?;
         self.0.prepare_points(&Silent)?;
         let missing = || Error::runtime("the truth of a plan serves no points");
         Ok(self.0.exitance_at_points().ok_or_else(missing)?.at_each(&places.points, &Silent))
@@ -154,13 +167,18 @@ impl Truth {
         let mut values = Vec::with_capacity(lights.len());
         progress.start("truth of a plan", lights.len() as u64);
         for light in &lights {
+            // The sun of an environment is as sharp as any: it goes on its own.
             let soft = is_soft(light);
             let of_kind = &mut sums[usize::from(soft)];
             if of_kind.is_none() {
-                let fewer = if soft { FEWER_UNDER_SOFT_LIGHT } else { 1 };
-                *of_kind = Some(Sums::new(scene, samples.div_ceil(fewer), TRUE_RAYS, kernels)?);
+                let (samples, rays) = if soft { under_soft_light(scene, samples) } else { (samples, TRUE_RAYS) };
+                *of_kind = Some(Sums::new(scene, samples, rays, kernels)?);
             }
-            values.push(of_kind.as_mut().map_or(Ok(Vec::new()), |sums| sums.at(light, &places))?);
+            values.push(
+                of_kind
+                    .as_mut()
+                    .map_or(Ok(Vec::new()), |sums| sums.at(apart(std::slice::from_ref(light), |_| true), &places))?,
+            );
             progress.advance(1);
         }
         progress.finish();
@@ -199,10 +217,20 @@ impl<'a> Sampling<'a> {
         all.into_iter().collect()
     }
 
+    /// The error of that many samples under sharp lights alone, which is less work.
+    pub(super) fn error_under_sharp_lights(&mut self, samples: usize) -> Result<VertexError> {
+        self.under(samples.min(self.most), false)
+    }
+
     /// The error of that many samples.
     pub(super) fn error(&mut self, samples: usize) -> Result<VertexError> {
-        let sharp = self.under(samples.min(self.most), false)?;
-        Ok(sharp.max(self.under(samples.min(MOST_UNDER_SOFT_LIGHT).min(self.most / FEWER_UNDER_SOFT_LIGHT), true)?))
+        let sharp = self.error_under_sharp_lights(samples)?;
+        let any_sharp = self.truth.lights.iter().any(|light| !is_soft(light));
+        if self.scene.mesh.triangles.len() <= MOST_UNDER_SOFT_LIGHT {
+            return Ok(sharp.max(self.under(samples.min(MOST_UNDER_SOFT_LIGHT), true)?));
+        }
+        // Clusters of triangles err in much the same way under any light; samples that are none take many rays to measure.
+        if any_sharp { Ok(sharp) } else { self.under(samples, true) }
     }
 
     fn under(&mut self, samples: usize, soft: bool) -> Result<VertexError> {
@@ -215,7 +243,7 @@ impl<'a> Sampling<'a> {
         if !chosen.is_empty() {
             let mut sums = Sums::new(self.scene, samples, LightSampling::FAST, &[])?;
             for light in chosen {
-                let values = sums.at(&self.truth.lights[light], &self.truth.places)?;
+                let values = sums.at(vec![self.truth.lights[light].clone()], &self.truth.places)?;
                 worst = worst.max(self.truth.places.error(&values, &self.truth.values[light]));
             }
         }

@@ -24,11 +24,11 @@ const PLACES: usize = 256;
 /// Directions beside the four odd ones: as many as fit into a quarter of the bake or this time, whichever is longer, on the nominal
 /// machine.
 const DIRECTIONS: std::ops::RangeInclusive<usize> = 4..=60;
-const LEAST_S: f64 = 1.0;
+const LEAST_S: f64 = 0.7;
 const SHARE_OF_BAKE: f64 = 0.15;
 
 /// Seconds that the truth under one direction takes there, about.
-const TRUTH_S: f64 = 0.04;
+const TRUTH_S: f64 = 0.05;
 
 /// Runs of which the fastest counts, where times are asked for.
 const RUNS: usize = 3;

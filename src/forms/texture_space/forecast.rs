@@ -22,7 +22,7 @@ pub(super) fn forecast(form: &TextureSpace, scene: &Scene, settings: &BakeSettin
         rms: TEXTURE + bake::OF_SAMPLES * settings.max_rms,
         bytes: 5e3 + 2.4 * vertices,
         bake_s: 1.2 + 1e-4 * vertices,
-        relight_ms: relight_of_kinds(|kind| 40.0 + 5e-4 * vertices + rays_ms(texels as usize, rays, kind)),
+        relight_ms: relight_of_kinds(|kind| 35.0 + 4.5e-4 * texels + rays_ms(texels as usize, rays, kind)),
         material: MaterialEdit::Any,
     }
     .served(Form::kinds(form))
