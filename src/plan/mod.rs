@@ -22,7 +22,7 @@ use self::choice::Choice;
 use self::lights::{Purpose, lights};
 pub use self::record::{Attempt, Considered, Expected, Left, Plan, SCHEMA, Timings};
 pub use self::request::{DEFAULT_MAX_RMS, Edits, Request};
-use self::truth::{Places, Sampling, Truth, true_samples};
+use self::truth::{Places, Sampling, Truth, judged_by_a_choice, telling, true_samples};
 use self::verdict::{Verdict, misses};
 use crate::asset::{Asset, Provenance};
 use crate::compress::ledger::Ledger;
@@ -32,15 +32,13 @@ use crate::evaluate::forecast::Body;
 use crate::geometry::samples::Samples;
 use crate::measure::probes::for_bake;
 use crate::progress::Progress;
+use crate::report::inspection::PLAN;
 use crate::report::sizes::{Sizes, sizes};
 use crate::report::text::{percent, significant};
 use crate::scene::Scene;
 
 /// Vertices at which the choice measures.
 const PLACES: usize = 128;
-
-/// Samples at least that the choice can tell the error of.
-const LEAST_JUDGED: usize = 1 << 14;
 
 /// Bakes at most: what was expected to meet the request and did not is replaced so often.
 const BAKES: usize = 4;
@@ -81,8 +79,9 @@ pub fn bake(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
     }
     all.iter_mut().for_each(|candidate| candidate.recipe.settings.probes.clone_from(&probes));
 
-    let seen = (lights(scene, &request.for_lights, Purpose::Choice)?, Places::new(scene, PLACES, 0));
-    let samples = true_samples(scene, request.max_rms, LEAST_JUDGED);
+    let seen = telling(lights(scene, &request.for_lights, Purpose::Choice)?, scene);
+    let seen = (seen, Places::new(scene, PLACES, 0));
+    let samples = true_samples(scene, request.max_rms, judged_by_a_choice(scene));
     let mut sampling = Sampling::new(scene, samples, Truth::new(scene, seen, samples, &[], progress)?);
     let mut choice = Choice::new(&all, request, families.len());
     let mut verdict: Option<Verdict> = None;
@@ -121,7 +120,7 @@ pub fn bake(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
     conclude(&mut plan, &choice, &mut sampling, scene)?;
     let mut asset = kept.map(|(asset, _)| asset);
     if let Some(asset) = &mut asset {
-        asset.provenance.origin.notes.extend(plan.sentences().into_iter().map(|line| format!("plan: {line}")));
+        asset.provenance.origin.notes.extend(plan.sentences().into_iter().map(|line| format!("{PLAN}{line}")));
         sized(&mut plan, &sizes(&asset.to_bytes()?)?, asset.scene.mesh.local_mm.len());
     }
     Ok(Planned { plan, asset })

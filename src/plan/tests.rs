@@ -8,8 +8,8 @@ use super::choice::Choice;
 use super::lights::{Purpose, lights};
 use super::record::{Considered, Left};
 use super::request::{Edits, Request};
-use super::truth::{Places, Sampling, Truth, true_samples};
-use super::{LEAST_JUDGED, PLACES, mesh_bytes};
+use super::truth::{Places, Sampling, Truth, judged_by_a_choice, telling, true_samples};
+use super::{PLACES, mesh_bytes};
 use crate::evaluate::Model;
 use crate::geometry::mesh::{Mesh, Placement};
 use crate::geometry::part_table::PartTable;
@@ -38,8 +38,8 @@ fn chosen(scene: &Scene, request: &Request) -> (Option<Considered>, Vec<Consider
     let memory = u64::MAX;
     let Candidates { all, mut considered, families } =
         Candidates::new(&built_in(), request, scene, (mesh_bytes(scene).unwrap(), memory));
-    let seen = lights(scene, &request.for_lights, Purpose::Choice).unwrap();
-    let samples = true_samples(scene, request.max_rms, LEAST_JUDGED);
+    let seen = telling(lights(scene, &request.for_lights, Purpose::Choice).unwrap(), scene);
+    let samples = true_samples(scene, request.max_rms, judged_by_a_choice(scene));
     let truth = Truth::new(scene, (seen, Places::new(scene, PLACES, 0)), samples, &[], &Silent).unwrap();
     let mut sampling = Sampling::new(scene, samples, truth);
     let mut choice = Choice::new(&all, request, families.len());

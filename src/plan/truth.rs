@@ -15,7 +15,6 @@ use crate::evaluate::{Evaluator, Form};
 use crate::forms::density::Density;
 use crate::forms::gathered::{Far, Gathered};
 use crate::geometry::samples::Samples;
-use crate::light::suns::apart;
 use crate::light::{Light, LightKind};
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::progress::{Progress, Silent};
@@ -24,11 +23,15 @@ use crate::transport::irradiance::LightSampling;
 use crate::transport::near_rule::NearField;
 use crate::transport::receivers::Receivers;
 
-/// Samples of the truth under sharp lights for an error of 1 %; more for smaller ones, and at least [`FINER`] times as many as those
-/// of what is judged and as triangles: the error of samples that are not clusters of triangles goes with their inverse number.
+/// Samples of the truth under sharp lights for an error of 1 %; more for smaller ones.
 const SAMPLES: usize = 1 << 15;
 const MOST_SAMPLES: usize = 1 << 20;
+
+/// Samples of the truth over those of what is judged, up to a number of the latter, and beyond it. The error of samples that are not
+/// clusters of triangles goes with their inverse number, so that twice as many tell half of it at least.
 const FINER: usize = 4;
+const FINER_UP_TO: usize = 1 << 16;
+const FINER_BEYOND: usize = 2;
 
 /// Soft light varies less from sample to sample, and costs many rays of each: fewer samples, unless there are many triangles, and so
 /// many rays in all.
@@ -55,10 +58,38 @@ fn is_soft(light: &Light) -> bool {
     !matches!(light.kind(), LightKind::Directional | LightKind::Point)
 }
 
-/// Number of samples of the truth for an error; at least as many as the triangles ask for.
+/// Number of samples of the truth that judges that many samples, for an error that is asked for.
 pub(super) fn true_samples(scene: &Scene, max_rms: f64, judged: usize) -> usize {
     let by_error = SAMPLES as f64 * (0.01 / max_rms).clamp(0.5, 16.0);
-    (by_error as usize).max(FINER * judged).max(FINER / 2 * scene.mesh.triangles.len()).min(MOST_SAMPLES)
+    let finer = if judged <= FINER_UP_TO { FINER * judged } else { FINER_BEYOND * judged };
+    (by_error as usize).max(finer).max(FINER_BEYOND * scene.mesh.triangles.len()).min(MOST_SAMPLES)
+}
+
+/// Number of samples whose error a choice must be able to tell: a few for each triangle.
+pub(super) fn judged_by_a_choice(scene: &Scene) -> usize {
+    const LEAST: usize = 1 << 14;
+    (scene.mesh.triangles.len() / 2 * 3).max(LEAST)
+}
+
+/// The lights of a choice that tell the error of sampling: where there are many triangles, few sharp lights are enough work.
+pub(super) fn telling(lights: Vec<Light>, scene: &Scene) -> Vec<Light> {
+    const MANY: usize = 50_000;
+    const OF_A_KIND: usize = 2;
+    let triangles = scene.mesh.triangles.len();
+    let any_sharp = lights.iter().any(|light| !is_soft(light));
+    if triangles <= MOST_UNDER_SOFT_LIGHT || !any_sharp {
+        return lights;
+    }
+    let mut sharp: Vec<Light> = lights.into_iter().filter(|light| !is_soft(light)).collect();
+    if triangles > MANY {
+        let mut counts = BTreeMap::new();
+        sharp.retain(|light| {
+            let count: &mut usize = counts.entry(light.kind()).or_default();
+            *count += 1;
+            *count <= OF_A_KIND
+        });
+    }
+    sharp
 }
 
 /// Some vertices, with the area around each.
@@ -134,8 +165,8 @@ impl Sums {
         Form::open(&form, Arc::new(asset)).map(Self)
     }
 
-    fn at(&mut self, lights: Vec<Light>, places: &Places) -> Result<Vec<DVec3>> {
-        self.0.set_lights(lights, &Silent)?;
+    fn at(&mut self, light: &Light, places: &Places) -> Result<Vec<DVec3>> {
+        self.0.set_lights(vec![light.clone()], &Silent)?;
         self.0.prepare_points(&Silent)?;
         let missing = || Error::runtime("the truth of a plan serves no points");
         Ok(self.0.exitance_at_points().ok_or_else(missing)?.at_each(&places.points, &Silent))
@@ -167,18 +198,13 @@ impl Truth {
         let mut values = Vec::with_capacity(lights.len());
         progress.start("truth of a plan", lights.len() as u64);
         for light in &lights {
-            // The sun of an environment is as sharp as any: it goes on its own.
             let soft = is_soft(light);
             let of_kind = &mut sums[usize::from(soft)];
             if of_kind.is_none() {
                 let (samples, rays) = if soft { under_soft_light(scene, samples) } else { (samples, TRUE_RAYS) };
                 *of_kind = Some(Sums::new(scene, samples, rays, kernels)?);
             }
-            values.push(
-                of_kind
-                    .as_mut()
-                    .map_or(Ok(Vec::new()), |sums| sums.at(apart(std::slice::from_ref(light), |_| true), &places))?,
-            );
+            values.push(of_kind.as_mut().map_or(Ok(Vec::new()), |sums| sums.at(light, &places))?);
             progress.advance(1);
         }
         progress.finish();
@@ -204,7 +230,7 @@ pub(super) struct Sampling<'a> {
 impl<'a> Sampling<'a> {
     /// `samples` is their number in the truth.
     pub(super) fn new(scene: &'a Scene, samples: usize, truth: Truth) -> Self {
-        Self { scene, truth, most: samples / FINER, known: [BTreeMap::new(), BTreeMap::new()] }
+        Self { scene, truth, most: samples / FINER_BEYOND, known: [BTreeMap::new(), BTreeMap::new()] }
     }
 
     /// What has been measured, by the number of samples.
@@ -243,7 +269,7 @@ impl<'a> Sampling<'a> {
         if !chosen.is_empty() {
             let mut sums = Sums::new(self.scene, samples, LightSampling::FAST, &[])?;
             for light in chosen {
-                let values = sums.at(vec![self.truth.lights[light].clone()], &self.truth.places)?;
+                let values = sums.at(&self.truth.lights[light], &self.truth.places)?;
                 worst = worst.max(self.truth.places.error(&values, &self.truth.values[light]));
             }
         }
