@@ -28,6 +28,8 @@ const DARK_OVER_RMS: f64 = 4.0;
 #[derive(Clone, Copy)]
 struct Learnt {
     rms: f64,
+    /// Of what samples add to the RMS: stages are tuned, so that what is more than expected comes from samples where there are any.
+    samples: f64,
     dark: f64,
     bytes: f64,
 }
@@ -59,7 +61,7 @@ pub(super) struct Choice<'a> {
 
 impl<'a> Choice<'a> {
     pub(super) fn new(all: &'a [Candidate], request: &'a Request, families: usize) -> Self {
-        let learnt = vec![Learnt { rms: 1.0, dark: 1.0, bytes: 1.0 }; families];
+        let learnt = vec![Learnt { rms: 1.0, samples: 1.0, dark: 1.0, bytes: 1.0 }; families];
         Self { all, request, learnt, tried: vec![false; all.len()] }
     }
 
@@ -97,7 +99,10 @@ impl<'a> Choice<'a> {
             if self.bytes(index) > most {
                 break;
             }
-            if !self.is_exact(index, step.share, considered, sampling)? {
+            let waiting = self.waiting(index);
+            if best.is_some_and(|(least, _)| waiting >= least)
+                || !self.is_exact(index, step.share, considered, sampling)?
+            {
                 continue;
             }
             if best.is_none() {
@@ -105,10 +110,7 @@ impl<'a> Choice<'a> {
             }
             let entry = &mut considered[self.all[index].entry];
             (entry.left, entry.why) = (Some(Left::Costlier), "costs more than what was chosen".to_owned());
-            let waiting = self.waiting(index);
-            if best.is_none_or(|(least, _)| waiting < least) {
-                best = Some((waiting, index));
-            }
+            best = Some((waiting, index));
         }
         Ok(best.map(|(_, index)| index))
     }
@@ -157,7 +159,10 @@ impl<'a> Choice<'a> {
             candidate.forecast.samples.map(|samples| sampling.error(samples)).transpose()?.unwrap_or_default();
         let learnt = self.learnt[candidate.family];
         let stages = candidate.forecast.rms;
-        Ok((learnt.rms * (of_samples.rms + stages), learnt.dark * (of_samples.dark + DARK_OVER_RMS * stages)))
+        Ok((
+            learnt.rms * (learnt.samples * of_samples.rms + stages),
+            learnt.dark * (of_samples.dark + DARK_OVER_RMS * stages),
+        ))
     }
 
     fn is_exact(
@@ -186,7 +191,8 @@ impl<'a> Choice<'a> {
             return Ok(false);
         }
         let sharp = candidate.forecast.samples.map(|samples| sampling.error_under_sharp_lights(samples)).transpose()?;
-        let sharp = self.learnt[candidate.family].rms * (sharp.unwrap_or_default().rms + candidate.forecast.rms);
+        let learnt = self.learnt[candidate.family];
+        let sharp = learnt.rms * (learnt.samples * sharp.unwrap_or_default().rms + candidate.forecast.rms);
         if sharp > share * request.max_rms {
             set(Some(sharp), too_large(sharp, request.max_rms, " RMS"));
             return Ok(false);
@@ -213,10 +219,18 @@ impl<'a> Choice<'a> {
         sampling: &mut Sampling,
     ) -> Result<()> {
         let (rms, dark) = self.expected(candidate, sampling)?;
+        let of_samples = candidate.forecast.samples.map(|samples| sampling.error(samples)).transpose()?.map(|e| e.rms);
         let ratio = |measured: f64, expected: f64| if expected > 0.0 { measured / expected } else { 1.0 };
         let learnt = &mut self.learnt[candidate.family];
         // Only for the worse: what was better than expected may have been lucky.
-        learnt.rms *= ratio(attempt.error.rms, rms).max(1.0);
+        let more = ratio(attempt.error.rms, rms).max(1.0);
+        match of_samples {
+            Some(of_samples) if of_samples > 0.0 => {
+                let beyond = attempt.error.rms / learnt.rms - candidate.forecast.rms;
+                learnt.samples = learnt.samples.max(beyond / of_samples);
+            }
+            _ => learnt.rms *= more,
+        }
         learnt.dark *= ratio(attempt.error.dark, dark).max(1.0);
         let bytes = attempt.bytes_per_vertex * candidate.vertices.max(1) as f64;
         learnt.bytes = ratio(bytes, candidate.forecast.bytes);

@@ -11,7 +11,7 @@ use crate::asset::{Asset, Provenance};
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
 use crate::evaluate::exitance::MeshPoint;
-use crate::evaluate::{Evaluator, Form};
+use crate::evaluate::{BakeSettings, Evaluator, Form, Model};
 use crate::forms::density::Density;
 use crate::forms::gathered::{Far, Gathered};
 use crate::geometry::samples::Samples;
@@ -138,6 +138,19 @@ impl Places {
     }
 }
 
+/// Sums over all pairs, as the truth has them.
+const ALL_PAIRS: Gathered = Gathered {
+    density: Density { spacing: 1.0, least: 1, most: u32::MAX },
+    sampling: TRUE_RAYS,
+    near: NearField::REFERENCE,
+    far: Far::AllPairs,
+    group: 64,
+    nets: None,
+    environment: None,
+    single: None,
+    outside: None,
+};
+
 /// Sums over all pairs of some samples at any place.
 struct Sums(Box<dyn Evaluator>);
 
@@ -151,18 +164,7 @@ impl Sums {
             ledger: Ledger::default(),
             sections: kernels.to_vec(),
         };
-        let form = Gathered {
-            density: Density { spacing: 1.0, least: 1, most: u32::MAX },
-            sampling,
-            near: NearField::REFERENCE,
-            far: Far::AllPairs,
-            group: 64,
-            nets: None,
-            environment: None,
-            single: None,
-            outside: None,
-        };
-        Form::open(&form, Arc::new(asset)).map(Self)
+        Form::open(&Gathered { sampling, ..ALL_PAIRS }, Arc::new(asset)).map(Self)
     }
 
     fn at(&mut self, light: &Light, places: &Places) -> Result<Vec<DVec3>> {
@@ -170,6 +172,15 @@ impl Sums {
         self.0.prepare_points(&Silent)?;
         let missing = || Error::runtime("the truth of a plan serves no points");
         Ok(self.0.exitance_at_points().ok_or_else(missing)?.at_each(&places.points, &Silent))
+    }
+}
+
+/// Sections of the kernels of a model before any asset has them; none where it is the dipole.
+pub(super) fn kernels_of(model: Model, scene: &Scene, progress: &dyn Progress) -> Result<Vec<RawSection>> {
+    let settings = BakeSettings { model, samples: Some(1), ..BakeSettings::new(1.0) };
+    match model {
+        Model::Dipole => Ok(Vec::new()),
+        Model::Calibrated(_) => Form::bake(&ALL_PAIRS, scene, &settings, progress).map(|parts| parts.sections),
     }
 }
 
@@ -220,6 +231,7 @@ impl Truth {
 /// The error of sampling as a function of the number of samples, the worst light, measured where it is asked for.
 pub(super) struct Sampling<'a> {
     scene: &'a Scene,
+    kernels: &'a [RawSection],
     truth: Truth,
     /// Number of samples up to which the truth tells errors.
     most: usize,
@@ -228,9 +240,9 @@ pub(super) struct Sampling<'a> {
 }
 
 impl<'a> Sampling<'a> {
-    /// `samples` is their number in the truth.
-    pub(super) fn new(scene: &'a Scene, samples: usize, truth: Truth) -> Self {
-        Self { scene, truth, most: samples / FINER_BEYOND, known: [BTreeMap::new(), BTreeMap::new()] }
+    /// `samples` is their number in the truth, `kernels` as in the truth.
+    pub(super) fn new(scene: &'a Scene, kernels: &'a [RawSection], samples: usize, truth: Truth) -> Self {
+        Self { scene, kernels, truth, most: samples / FINER_BEYOND, known: [BTreeMap::new(), BTreeMap::new()] }
     }
 
     /// What has been measured, by the number of samples.
@@ -267,7 +279,7 @@ impl<'a> Sampling<'a> {
         let chosen: Vec<usize> =
             (0..self.truth.lights.len()).filter(|&i| is_soft(&self.truth.lights[i]) == soft).collect();
         if !chosen.is_empty() {
-            let mut sums = Sums::new(self.scene, samples, LightSampling::FAST, &[])?;
+            let mut sums = Sums::new(self.scene, samples, LightSampling::FAST, self.kernels)?;
             for light in chosen {
                 let values = sums.at(&self.truth.lights[light], &self.truth.places)?;
                 worst = worst.max(self.truth.places.error(&values, &self.truth.values[light]));

@@ -19,8 +19,8 @@ pub(super) struct Basis {
     pub(super) bytes: f64,
     /// Seconds of the bake there.
     pub(super) bake_s: f64,
-    /// Error over the asked one where the basis is large enough.
-    pub(super) keeps: f64,
+    /// Error over the asked one where the basis is large enough: under soft light, and under parallel light.
+    pub(super) keeps: [f64; 2],
 }
 
 /// The forecast of a basis for an asked error; `sharp` where parallel light is among what is asked for.
@@ -28,10 +28,10 @@ pub(super) fn forecast(scene: &Scene, max_rms: f64, basis: Basis, sharp: bool) -
     let body = Body::of(scene);
     let vertices = body.vertices as f64;
     let least = basis.sharp_rms * (body.area_over_path_squared.max(1.0) / AREA_OF_FIT).powf(SHARPER);
-    let tuned = basis.keeps * max_rms;
+    let [soft, parallel] = basis.keeps.map(|keeps| keeps * max_rms);
     Forecast {
         samples: None,
-        rms: if sharp { tuned.max(least) } else { tuned },
+        rms: if sharp { parallel.max(least) } else { soft },
         // Reference points are vertices.
         bytes: 2e3 + basis.bytes * (0.01 / max_rms).powf(0.7) * (vertices / 3000.0).min(1.0),
         bake_s: basis.bake_s * (0.01 / max_rms).sqrt() + 2e-5 * vertices,

@@ -73,8 +73,12 @@ impl Form for QuantisedLights {
 
     fn forecast(&self, scene: &Scene, settings: &BakeSettings) -> Option<Forecast> {
         let shells = self.lights.shells as f64;
-        let basis =
-            Basis { sharp_rms: 0.038, bytes: 2e6 * (1.0 + 0.8 * shells), bake_s: 11.0 + 6.0 * shells, keeps: 1.0 };
+        let basis = Basis {
+            sharp_rms: 0.038,
+            bytes: 2e6 * (1.0 + 0.8 * shells),
+            bake_s: 11.0 + 6.0 * shells,
+            keeps: [1.0, 1.6],
+        };
         let kinds = if self.lights.shells == 0 { distant::KINDS } else { &LightKind::ALL[..] };
         Some(forecast(scene, settings.max_rms, basis, true).served(kinds))
     }
