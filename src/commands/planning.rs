@@ -15,6 +15,7 @@ use crate::import::Imported;
 use crate::import::file::suffix;
 use crate::io::atomic;
 use crate::plan::{self, DEFAULT_MAX_RMS, Edits, Plan, Planned, Request, Setting};
+use crate::report::text::percent;
 
 /// Name of the method that stands for a plan.
 pub(super) const AUTO: &str = "auto";
@@ -107,6 +108,7 @@ impl PlanOptions {
             max_bytes: self.max_bytes.as_deref().map(|text| parse_size("--max-bytes", text)).transpose()?,
             max_relight_ms: positive("--max-relight-ms", self.max_relight_ms)?,
             max_bake_s: positive("--max-bake-s", self.max_bake_s)?,
+            max_rms_may_grow: options.max_rms.is_none(),
             model,
             ..Request::new(max_rms, light_kinds(&options.for_lights)?)
         })
@@ -140,6 +142,12 @@ pub(super) fn bake(request: &Request, imported: Imported, console: &Console) -> 
     let setting = Setting { registry: &console.registry, provenance: origin.into(), max_memory: console.max_memory };
     let Planned { mut plan, asset } = plan::bake(request, &scene, &setting, console)?;
     plan.judge_times(console.seconds());
+    if let Some(default) = plan.relaxed().filter(|_| asset.is_some()) {
+        let [default, reached] = [default, plan.request.max_rms].map(percent);
+        console.warn(&format!(
+            "nothing reaches {default} here, and {reached} was taken in its place: --max-rms says what is needed"
+        ));
+    }
     for part in asset.iter().flat_map(uncalibrated) {
         console.warn(&format!("part `{part}` is not closed: it keeps its dipole, which needs no volume"));
     }

@@ -54,19 +54,36 @@ const STEPS: [Strictness; 4] = [
 /// Chooses among candidates, and learns from those that were baked.
 pub(super) struct Choice<'a> {
     all: &'a [Candidate],
-    request: &'a Request,
+    request: Request,
     learnt: Vec<Learnt>,
     tried: Vec<bool>,
 }
 
 impl<'a> Choice<'a> {
-    pub(super) fn new(all: &'a [Candidate], request: &'a Request, families: usize) -> Self {
+    pub(super) fn new(all: &'a [Candidate], request: &Request, families: usize) -> Self {
         let learnt = vec![Learnt { rms: 1.0, samples: 1.0, dark: 1.0, bytes: 1.0 }; families];
-        Self { all, request, learnt, tried: vec![false; all.len()] }
+        Self { all, request: request.clone(), learnt, tried: vec![false; all.len()] }
     }
 
-    /// The next candidate to bake; none where nothing is expected to meet the request.
+    /// The next candidate to bake; none where nothing is expected to meet the request. Before anything was baked, an error that nobody
+    /// asked for grows until something reaches it.
     pub(super) fn next(&mut self, considered: &mut [Considered], sampling: &mut Sampling) -> Result<Option<usize>> {
+        loop {
+            let found = self.next_for_request(considered, sampling)?;
+            let untouched = !self.tried.contains(&true);
+            match self.request.relaxed(0.0).filter(|_| found.is_none() && untouched) {
+                Some(larger) => self.request.max_rms = larger,
+                None => return Ok(found),
+            }
+        }
+    }
+
+    /// The error that is asked for, or what stands for it.
+    pub(super) fn max_rms(&self) -> f64 {
+        self.request.max_rms
+    }
+
+    fn next_for_request(&mut self, considered: &mut [Considered], sampling: &mut Sampling) -> Result<Option<usize>> {
         for step in STEPS {
             if let Some(index) = self.cheapest(step, considered, sampling)? {
                 self.tried[index] = true;
@@ -129,7 +146,7 @@ impl<'a> Choice<'a> {
 
     /// The limit of size or time that a candidate is expected to exceed, in words.
     fn beyond_limits(&self, index: usize, patience: bool) -> Option<(Left, String)> {
-        let (candidate, request) = (&self.all[index], self.request);
+        let (candidate, request) = (&self.all[index], &self.request);
         let bytes = candidate.forecast.bytes * self.learnt[candidate.family].bytes;
         let per_vertex = bytes / candidate.vertices.max(1) as f64;
         if let Some(most) = request.max_bytes_per_vertex.filter(|most| per_vertex > *most) {
@@ -172,7 +189,7 @@ impl<'a> Choice<'a> {
         considered: &mut [Considered],
         sampling: &mut Sampling,
     ) -> Result<bool> {
-        let (candidate, request) = (&self.all[index], self.request);
+        let (candidate, request) = (&self.all[index], &self.request);
         let entry = &mut considered[candidate.entry];
         let mut set = |rms: Option<f64>, why: String| {
             if let Some(expected) = &mut entry.expected {
@@ -244,7 +261,7 @@ impl<'a> Choice<'a> {
 
     /// What would meet the request where nothing does, or which request could be met.
     pub(super) fn would_meet(&self, considered: &[Considered], sampling: &mut Sampling) -> Result<String> {
-        let request = self.request;
+        let request = &self.request;
         let mut found: Vec<(usize, f64, bool)> = Vec::with_capacity(self.all.len());
         for index in 0..self.all.len() {
             let (rms, dark) = self.expected(&self.all[index], sampling)?;

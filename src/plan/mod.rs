@@ -81,7 +81,7 @@ pub fn bake(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
 
     let seen = telling(lights(scene, &request.for_lights, Purpose::Choice)?, scene);
     let seen = (seen, Places::new(scene, PLACES, 0));
-    let samples = true_samples(scene, request.max_rms, judged_by_a_choice(scene));
+    let samples = true_samples(scene, request.max_rms, judged_by_a_choice(scene, request.model));
     let kernels = kernels_of(request.model, scene, progress)?;
     let truth = Truth::new(scene, seen, samples, &kernels, progress)?;
     let mut sampling = Sampling::new(scene, &kernels, samples, truth);
@@ -94,6 +94,7 @@ pub fn bake(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
         let choosing = Instant::now();
         let next = choice.next(&mut plan.considered, &mut sampling)?;
         plan.timings.choice_s += choosing.elapsed().as_secs_f64();
+        plan.request.max_rms = choice.max_rms();
         let Some(candidate) = next.and_then(|index| all.get(index)) else { break };
         let baking = Instant::now();
         let asset = candidate.recipe.bake(scene.clone(), setting.provenance.clone(), progress)?;
@@ -105,11 +106,12 @@ pub fn bake(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
             None => Verdict::new(scene, request, candidate, &asset, progress)?,
         };
         let sizes = sizes(&asset.to_bytes()?)?;
-        let (attempt, relight_ms) = judge.judge(setting.registry, (candidate, &asset, &sizes), request, progress)?;
+        let (attempt, relight_ms) =
+            judge.judge(setting.registry, (candidate, &asset, &sizes), &plan.request, progress)?;
         verdict = Some(judge);
         plan.timings.verdict_s += judging.elapsed().as_secs_f64();
         choice.learn(candidate, &attempt, &mut plan.considered, &mut sampling)?;
-        let missed = excess(request, &attempt);
+        let missed = excess(&plan.request, &attempt);
         if kept.as_ref().is_none_or(|(_, least)| missed < *least) {
             kept = Some((asset, missed));
             plan.timings.relight_ms = relight_ms;
@@ -155,6 +157,15 @@ fn excess(request: &Request, attempt: &Attempt) -> f64 {
 
 /// Enters what came of the attempts: what is missed, what would meet it, and what the scene does not need.
 fn conclude(plan: &mut Plan, choice: &Choice, sampling: &mut Sampling, scene: &Scene) -> Result<()> {
+    if let Some(attempt) =
+        plan.kept.and_then(|index| plan.attempts.get_mut(index)).filter(|attempt| !attempt.misses.is_empty())
+    {
+        // What was measured may be the best there is; where nobody asked for less it will do.
+        if let Some(larger) = plan.request.relaxed(attempt.error.rms) {
+            plan.request.max_rms = larger;
+            attempt.misses = misses(&plan.request, attempt);
+        }
+    }
     let kept = plan.kept.and_then(|index| plan.attempts.get(index)).cloned();
     plan.misses = match &kept {
         Some(attempt) => attempt.misses.clone(),

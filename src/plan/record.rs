@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::request::Request;
+use super::request::{DEFAULT_MAX_RMS, Request};
 use crate::evaluate::forecast::Body;
 use crate::evaluate::form::Model;
 use crate::evaluate::{Forecast, Recipe};
@@ -217,6 +217,11 @@ impl Plan {
         self.misses.is_empty() && self.timings.misses.is_empty() && self.kept.is_some()
     }
 
+    /// The default error, where nothing reached it and a larger one had to do.
+    pub fn relaxed(&self) -> Option<f64> {
+        (self.request.max_rms_may_grow && self.request.max_rms > DEFAULT_MAX_RMS).then_some(DEFAULT_MAX_RMS)
+    }
+
     /// The plan in sentences, one a line: what was asked, chosen, measured, considered and left out. Without times of this run.
     pub fn sentences(&self) -> Vec<String> {
         let mut lines = self.summary();
@@ -269,7 +274,14 @@ impl Plan {
             max_relight_ms.map(|ms| format!("a new light in at most {} ms", significant(ms))),
             max_bake_s.map(|s| format!("a bake of at most {} s", significant(s))),
         ];
-        let mut words = vec![format!("asked: at most {} RMS under {}", percent(*max_rms), self.request.kinds())];
+        let (error, kinds) = (percent(*max_rms), self.request.kinds());
+        let mut words = vec![match self.relaxed() {
+            Some(default) => format!(
+                "asked: no error, so at most {} RMS; nothing reaches that under {kinds}, {error} is what does",
+                percent(default)
+            ),
+            None => format!("asked: at most {error} RMS under {kinds}"),
+        }];
         words.extend(limits.into_iter().flatten());
         words.join(", ")
     }

@@ -10,6 +10,9 @@ use crate::light::LightKind;
 /// Largest relative RMS error unless another one is asked for.
 pub const DEFAULT_MAX_RMS: f64 = 0.01;
 
+/// What stands for it where nothing reaches it and nobody asked for it.
+pub(super) const RELAXED: [f64; 3] = [0.02, 0.05, 0.1];
+
 /// A new light may take this long where nothing is said about it, ms.
 const PATIENCE_RELIGHT_MS: f64 = 1000.0;
 
@@ -50,6 +53,8 @@ impl Edits {
 pub struct Request {
     /// Largest relative RMS error of transport under any light of the kinds asked for.
     pub max_rms: f64,
+    /// Whether a larger error will do where nothing reaches this one, because nobody named it.
+    pub max_rms_may_grow: bool,
     /// Largest error of the dark part (vertices below a tenth of the mean, relative to their own mean).
     pub max_dark: Option<f64>,
     /// Kinds of light that the asset must serve.
@@ -74,6 +79,7 @@ impl Request {
     pub fn new(max_rms: f64, for_lights: BTreeSet<LightKind>) -> Self {
         Self {
             max_rms,
+            max_rms_may_grow: false,
             max_dark: None,
             for_lights,
             edit: Edits::None,
@@ -93,6 +99,12 @@ impl Request {
     /// Time of a bake that a choice may take, s.
     pub(super) fn bake_s(&self) -> f64 {
         self.max_bake_s.unwrap_or(PATIENCE_BAKE_S)
+    }
+
+    /// The next larger error that will do as well, if any.
+    pub(super) fn relaxed(&self, least: f64) -> Option<f64> {
+        let larger = RELAXED.into_iter().find(|error| *error > self.max_rms && *error >= least);
+        larger.filter(|_| self.max_rms_may_grow)
     }
 
     /// Names of the kinds of light.

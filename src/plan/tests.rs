@@ -39,7 +39,7 @@ fn chosen(scene: &Scene, request: &Request) -> (Option<Considered>, Vec<Consider
     let Candidates { all, mut considered, families } =
         Candidates::new(&built_in(), request, scene, (mesh_bytes(scene).unwrap(), memory));
     let seen = telling(lights(scene, &request.for_lights, Purpose::Choice).unwrap(), scene);
-    let samples = true_samples(scene, request.max_rms, judged_by_a_choice(scene));
+    let samples = true_samples(scene, request.max_rms, judged_by_a_choice(scene, request.model));
     let truth = Truth::new(scene, (seen, Places::new(scene, PLACES, 0)), samples, &[], &Silent).unwrap();
     let mut sampling = Sampling::new(scene, &[], samples, truth);
     let mut choice = Choice::new(&all, request, families.len());

@@ -66,9 +66,12 @@ pub(super) fn true_samples(scene: &Scene, max_rms: f64, judged: usize) -> usize 
 }
 
 /// Number of samples whose error a choice must be able to tell: a few for each triangle.
-pub(super) fn judged_by_a_choice(scene: &Scene) -> usize {
+pub(super) fn judged_by_a_choice(scene: &Scene, model: Model) -> usize {
     const LEAST: usize = 1 << 14;
-    (scene.mesh.triangles.len() / 2 * 3).max(LEAST)
+    /// Entering light of calibrated kernels is drawn.
+    const LEAST_DRAWN: usize = 1 << 17;
+    let least = if model == Model::Dipole { LEAST } else { LEAST_DRAWN };
+    (scene.mesh.triangles.len() / 2 * 3).max(least)
 }
 
 /// The lights of a choice that tell the error of sampling: where there are many triangles, few sharp lights are enough work.
