@@ -45,6 +45,8 @@ pub struct Forecast {
     pub samples: Option<usize>,
     /// Error that the stages of the bake and the sums at run time are expected to add: relative RMS.
     pub rms: f64,
+    /// Its part in the dark, over that: the error of vertices below a tenth of the mean, relative to their own mean.
+    pub dark_over_rms: f64,
     /// Bytes of the asset beside its mesh.
     pub bytes: f64,
     /// Seconds of the bake.

@@ -12,7 +12,7 @@ use crate::scene::Scene;
 const SAMPLES: std::ops::RangeInclusive<u32> = 10..=18;
 
 /// Shares of the asked error that a bake is asked for: the rest is left to the samples and to what no stage sees.
-const SHARES: [f64; 3] = [1.0, 0.6, 0.3];
+const SHARES: [f64; 4] = [1.0, 0.6, 0.3, 0.1];
 
 /// A way to bake, with what it is expected to cost.
 pub(super) struct Candidate {

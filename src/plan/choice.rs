@@ -21,9 +21,6 @@ const RELIGHTS: f64 = 100.0;
 const AIM: f64 = 0.8;
 const HOPELESS: f64 = 1.25;
 
-/// The dark part's error over that of all, of stages of which nothing else is known.
-const DARK_OVER_RMS: f64 = 4.0;
-
 /// What has been learnt of a family: measured over expected.
 #[derive(Clone, Copy)]
 struct Learnt {
@@ -178,7 +175,7 @@ impl<'a> Choice<'a> {
         let stages = candidate.forecast.rms;
         Ok((
             learnt.rms * (learnt.samples * of_samples.rms + stages),
-            learnt.dark * (of_samples.dark + DARK_OVER_RMS * stages),
+            learnt.dark * (of_samples.dark + candidate.forecast.dark_over_rms * stages),
         ))
     }
 

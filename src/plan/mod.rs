@@ -84,7 +84,7 @@ pub fn bake(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
     let samples = true_samples(scene, request.max_rms, judged_by_a_choice(scene, request.model));
     let kernels = kernels_of(request.model, scene, progress)?;
     let truth = Truth::new(scene, seen, samples, &kernels, progress)?;
-    let mut sampling = Sampling::new(scene, &kernels, samples, truth);
+    let mut sampling = Sampling::new(scene, &kernels, (truth, samples), &request.for_lights);
     let mut choice = Choice::new(&all, request, families.len());
     let mut verdict: Option<Verdict> = None;
     let mut kept: Option<(Asset, f64)> = None;

@@ -41,7 +41,7 @@ fn chosen(scene: &Scene, request: &Request) -> (Option<Considered>, Vec<Consider
     let seen = telling(lights(scene, &request.for_lights, Purpose::Choice).unwrap(), scene);
     let samples = true_samples(scene, request.max_rms, judged_by_a_choice(scene, request.model));
     let truth = Truth::new(scene, (seen, Places::new(scene, PLACES, 0)), samples, &[], &Silent).unwrap();
-    let mut sampling = Sampling::new(scene, &[], samples, truth);
+    let mut sampling = Sampling::new(scene, &[], (truth, samples), &request.for_lights);
     let mut choice = Choice::new(&all, request, families.len());
     let next = choice.next(&mut considered, &mut sampling).unwrap();
     let would_meet = choice.would_meet(&considered, &mut sampling).unwrap();

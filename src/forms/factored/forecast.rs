@@ -29,6 +29,7 @@ pub(super) fn forecast(form: &Factored, scene: &Scene, settings: &BakeSettings) 
     Forecast {
         samples: Some(samples),
         rms: KEEPS * form.truncation.max(form.interpolation) + rows.map_or(0.0, |_| EnvironmentRows::EXPECTED_RMS),
+        dark_over_rms: 60.0,
         bytes,
         bake_s,
         relight_ms: relight_of_kinds(|kind| {

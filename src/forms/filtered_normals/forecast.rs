@@ -14,6 +14,7 @@ pub(super) fn forecast(form: &FilteredNormals, scene: &Scene) -> Forecast {
     Forecast {
         samples: None,
         rms: APPROXIMATION,
+        dark_over_rms: 10.0,
         bytes: 2e4 + 0.9 * f64::from(form.rungs) * vertices,
         bake_s: 0.9 + 2e-5 * vertices,
         relight_ms: relight_of_kinds(|kind| {

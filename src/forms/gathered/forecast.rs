@@ -44,6 +44,7 @@ pub(super) fn forecast(form: &Gathered, scene: &Scene, settings: &BakeSettings) 
         samples: Some(samples),
         rms: form.nets.map_or(HIERARCHY_KEEPS * error, |asked| NETS_KEEP * asked)
             + rows.map_or(0.0, |_| EnvironmentRows::EXPECTED_RMS),
+        dark_over_rms: if form.nets.is_some() { 30.0 } else { 25.0 },
         bytes,
         bake_s,
         relight_ms: relight_of_kinds(|kind| {

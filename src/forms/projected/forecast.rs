@@ -32,6 +32,7 @@ pub(super) fn forecast(scene: &Scene, max_rms: f64, basis: Basis, sharp: bool) -
     Forecast {
         samples: None,
         rms: if sharp { parallel.max(least) } else { soft },
+        dark_over_rms: 300.0,
         // Reference points are vertices.
         bytes: 2e3 + basis.bytes * (0.01 / max_rms).powf(0.7) * (vertices / 3000.0).min(1.0),
         bake_s: basis.bake_s * (0.01 / max_rms).sqrt() + 2e-5 * vertices,

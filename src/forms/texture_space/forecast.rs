@@ -20,6 +20,7 @@ pub(super) fn forecast(form: &TextureSpace, scene: &Scene, settings: &BakeSettin
     Forecast {
         samples: None,
         rms: TEXTURE + bake::OF_SAMPLES * settings.max_rms,
+        dark_over_rms: 8.0,
         bytes: 5e3 + 2.4 * vertices,
         bake_s: 1.2 + 1e-4 * vertices,
         relight_ms: relight_of_kinds(|kind| 35.0 + 4.5e-4 * texels + rays_ms(texels as usize, rays, kind)),
