@@ -1,4 +1,7 @@
-//! What the planner's cost model rests on: bytes, bake time and time of a new light of each kind, method by method.
+//! What the forecasts of the forms are fitted to: bytes, processor seconds of the bake, and processor milliseconds to new radiosity under a
+//! new light of each kind. One line for
+//!
+//! `plan_costs MODEL SIZE-MM MATERIAL METHOD SAMPLES|auto KINDS|all [KEY=VALUE...]`
 #![allow(clippy::unwrap_used, missing_docs)]
 use glam::DVec3;
 use std::sync::Arc;
@@ -19,7 +22,9 @@ fn cpu() -> f64 {
 
 fn main() {
     let args: Vec<String> = std::env::args().skip(1).collect();
-    let [model, size, material, method, samples, kinds, set @ ..] = args.as_slice() else { panic!("args") };
+    let [model, size, material, method, samples, kinds, set @ ..] = args.as_slice() else {
+        panic!("plan_costs MODEL SIZE-MM MATERIAL METHOD SAMPLES|auto KINDS|all [KEY=VALUE...]")
+    };
     let options = ImportOptions {
         scale: Some(Scale::DiagonalMm(size.parse().unwrap())),
         materials: MaterialChoice::plain(material),

@@ -1,5 +1,5 @@
 //! What `factored` is expected to cost: fits to bakes of bunny_3k and horse in skin1 at 50 mm with 32,768 and 131,072 samples
-//! (`examples/plan`).
+//! (`examples/plan_costs`).
 
 use super::settings::Factored;
 use crate::evaluate::forecast::{Body, Forecast, rays_ms, relight_of_kinds, samples_bytes};

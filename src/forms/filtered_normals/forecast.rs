@@ -1,4 +1,4 @@
-//! What `filtered_normals` is expected to cost: fits to bakes of bunny_3k and horse in skin1 at 50 mm (`examples/plan`).
+//! What `filtered_normals` is expected to cost: fits to bakes of bunny_3k and horse in skin1 at 50 mm (`examples/plan_costs`).
 
 use super::settings::FilteredNormals;
 use crate::evaluate::MaterialEdit;

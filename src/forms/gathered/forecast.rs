@@ -1,5 +1,5 @@
 //! What `gathered` is expected to cost: fits to bakes of bunny_3k, horse and igea_full in skin1 at 50 mm with 8,192 to 131,072 samples
-//! (`examples/plan`), within a third of them.
+//! (`examples/plan_costs`), within a third of them.
 
 use super::settings::{Far, Gathered};
 use crate::evaluate::forecast::{Body, Forecast, rays_ms, relight_of_kinds, samples_bytes};

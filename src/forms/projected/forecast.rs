@@ -1,5 +1,5 @@
 //! What transport at reference points over a basis of the light is expected to cost: fits to bakes of bunny_3k in skin1 at 50 mm
-//! (`examples/plan`).
+//! (`examples/plan_costs`).
 
 use crate::evaluate::MaterialEdit;
 use crate::evaluate::forecast::{Body, Forecast, relight_of_kinds};

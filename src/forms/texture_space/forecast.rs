@@ -1,4 +1,4 @@
-//! What `texture_space` is expected to cost: fits to bakes of bunny_3k and horse in skin1 at 50 mm (`examples/plan`).
+//! What `texture_space` is expected to cost: fits to bakes of bunny_3k and horse in skin1 at 50 mm (`examples/plan_costs`).
 
 use super::bake;
 use super::settings::TextureSpace;
