@@ -37,7 +37,7 @@
 //!
 //! Modules import downwards only, in this order:
 //! `error` < `progress` < `math` < `medium` < `geometry` < `light` < `io` < `compress` < `transport` < `scene`
-//! < `import` < `asset` < `evaluate` < `forms` < `methods` < `render` < `relight` < `measure` < `report`
+//! < `import` < `asset` < `evaluate` < `forms` < `methods` < `render` < `relight` < `measure` < `report` < `plan`
 //! < `commands`. `tests/layers.rs` checks it. This file alone re-exports across them.
 
 #![warn(clippy::exit, clippy::panic, clippy::print_stderr, clippy::print_stdout)]
@@ -78,6 +78,8 @@ pub mod relight;
 pub mod measure;
 
 pub mod report;
+
+pub mod plan;
 
 pub mod commands;
 

@@ -93,7 +93,7 @@ impl WalkOptions {
 }
 
 /// The kinds of light of `--for-lights`.
-fn light_kinds(text: &str) -> Result<BTreeSet<LightKind>> {
+pub(super) fn light_kinds(text: &str) -> Result<BTreeSet<LightKind>> {
     if text.trim() == "all" {
         return Ok(LightKind::ALL.into_iter().collect());
     }

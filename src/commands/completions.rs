@@ -5,6 +5,7 @@ use clap::builder::PossibleValuesParser;
 use clap_complete::Shell;
 
 use super::console::{Console, print_line};
+use super::planning::AUTO;
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::Registry;
 use crate::evaluate::keys::AnyKey;
@@ -49,7 +50,9 @@ pub(super) fn with_words(command: clap::Command, registry: &Registry) -> clap::C
             command = command.mut_arg("set", |arg| arg.value_parser(PossibleValuesParser::new(settings.clone())));
         }
         for id in ["method", "methods"].into_iter().filter(|id| has(&command, id)).collect::<Vec<_>>() {
-            command = command.mut_arg(id, |arg| arg.value_parser(PossibleValuesParser::new(methods.clone())));
+            let auto = (command.get_name() == "bake").then_some(AUTO);
+            let names: Vec<&str> = auto.into_iter().chain(methods.iter().copied()).collect();
+            command = command.mut_arg(id, |arg| arg.value_parser(PossibleValuesParser::new(names)));
         }
         if command.get_name() == "methods" {
             command = command.mut_arg("name", |arg| arg.value_parser(PossibleValuesParser::new(methods.clone())));

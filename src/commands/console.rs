@@ -64,7 +64,7 @@ struct State {
 impl Console {
     pub(super) fn new(global: &Global, registry: Registry) -> Result<Self> {
         let max_memory = match &global.max_memory {
-            Some(text) => parse_size(text)?,
+            Some(text) => parse_size("--max-memory", text)?,
             None => available_memory() / 4 * 3,
         };
         Ok(Self {
@@ -229,7 +229,8 @@ pub(super) fn print_line(text: &str) -> Result<()> {
     }
 }
 
-fn parse_size(text: &str) -> Result<u64> {
+/// A size as it is typed for an option, in bytes.
+pub(super) fn parse_size(flag: &str, text: &str) -> Result<u64> {
     let trimmed = text.trim();
     let split = trimmed.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(trimmed.len());
     let (number, unit) = trimmed.split_at(split);
@@ -245,7 +246,7 @@ fn parse_size(text: &str) -> Result<u64> {
     };
     match number.trim().parse::<f64>().map(|value| value * factor) {
         Ok(bytes) if bytes.is_finite() && bytes > 0.0 => Ok(bytes as u64),
-        _ => Err(Error::command_line(format!("--max-memory {text}: a size such as 4GiB or 800MB is needed"))),
+        _ => Err(Error::command_line(format!("{flag} {text}: a size such as 4GiB or 800MB is needed"))),
     }
 }
 
@@ -285,11 +286,11 @@ mod tests {
 
     #[test]
     fn sizes_are_read_with_their_units() {
-        assert_eq!(parse_size("4GiB").unwrap(), 4 << 30);
-        assert_eq!(parse_size("800MB").unwrap(), 800_000_000);
-        assert_eq!(parse_size("1.5 k").unwrap(), 1536);
+        assert_eq!(parse_size("--max-memory", "4GiB").unwrap(), 4 << 30);
+        assert_eq!(parse_size("--max-memory", "800MB").unwrap(), 800_000_000);
+        assert_eq!(parse_size("--max-memory", "1.5 k").unwrap(), 1536);
         for bad in ["", "GiB", "-1GB", "4 parsecs", "nan"] {
-            assert!(parse_size(bad).is_err(), "{bad}");
+            assert!(parse_size("--max-memory", bad).is_err(), "{bad}");
         }
     }
 }

@@ -3,7 +3,8 @@
 use clap::Args;
 
 use super::console::Console;
-use crate::error::{ExitCode, Result};
+use super::planning::AUTO;
+use crate::error::{Error, ExitCode, Result};
 use crate::report::methods::{MethodsReport, Shown};
 
 #[derive(Clone, Debug, Args)]
@@ -21,6 +22,11 @@ pub(super) fn run(args: &MethodsArgs, console: &Console) -> Result<ExitCode> {
         (false, Some(_)) => Shown::Everyday,
         (false, None) => Shown::NoKeys,
     };
+    if args.name.as_deref() == Some(AUTO) {
+        return Err(Error::command_line(
+            "methods auto: that is no method but the choice among them; `translux bake --help` says what it can be asked for, and              `translux inspect` of its asset what it chose and why",
+        ));
+    }
     let report = match &args.name {
         Some(name) => MethodsReport::of(&[console.registry.method(name)?], shown),
         None => MethodsReport::of(console.registry.methods(), shown),

@@ -17,6 +17,7 @@ mod model;
 mod on_mesh;
 mod opening;
 mod output;
+mod planning;
 mod reference;
 mod relight;
 mod render;

@@ -11,6 +11,7 @@ use translux_format::metadata::tags;
 use translux_format::{Codec, FormatError, Kind, RawSection, Tag};
 
 use super::evaluator::Evaluator;
+use super::forecast::Forecast;
 use crate::asset::Asset;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
@@ -135,6 +136,11 @@ pub trait Form: Serialize + DeserializeOwned + Send + Sync + 'static {
     /// Memory that a bake of this scene takes, in bytes, estimated before the work.
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64;
 
+    /// What an asset of this scene is expected to cost, estimated before the work; none where nobody has found out.
+    fn forecast(&self, _scene: &Scene, _settings: &BakeSettings) -> Option<Forecast> {
+        None
+    }
+
     /// Precomputes the parts of an asset.
     ///
     /// # Errors
@@ -170,6 +176,9 @@ pub trait AnyForm: Any + Send + Sync {
 
     /// See [`Form::bake_memory`].
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64;
+
+    /// See [`Form::forecast`].
+    fn forecast(&self, scene: &Scene, settings: &BakeSettings) -> Option<Forecast>;
 
     /// See [`Form::bake`].
     ///
@@ -209,6 +218,10 @@ impl<F: Form> AnyForm for F {
 
     fn bake_memory(&self, scene: &Scene, settings: &BakeSettings) -> u64 {
         Form::bake_memory(self, scene, settings)
+    }
+
+    fn forecast(&self, scene: &Scene, settings: &BakeSettings) -> Option<Forecast> {
+        Form::forecast(self, scene, settings)
     }
 
     fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {

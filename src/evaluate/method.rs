@@ -41,6 +41,11 @@ pub trait Method: Sync {
     /// Its name, its keys and what is said of it.
     fn about(&self) -> About;
 
+    /// Choices of its keys that a plan considers, as `(key, value)`; none for methods that are baked when they are named alone.
+    fn planned(&self) -> &'static [&'static [(&'static str, &'static str)]] {
+        &[]
+    }
+
     /// The form and settings that the keys choose.
     ///
     /// # Errors

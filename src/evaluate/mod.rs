@@ -5,6 +5,7 @@ pub mod capabilities;
 pub mod device;
 pub mod evaluator;
 pub mod exitance;
+pub mod forecast;
 pub mod form;
 pub(crate) mod forward;
 pub mod inter_reflection;
@@ -21,5 +22,6 @@ pub use capabilities::{Capabilities, Cost, MaterialEdit, ProfileEdit, SingleScat
 pub use evaluator::Evaluator;
 #[cfg(feature = "gpu")]
 pub use evaluator::{DeviceEvaluator, Held};
+pub use forecast::Forecast;
 pub use form::{AnyForm, AssetParts, BakeSettings, Form, Model, Probes, RegisteredForm};
 pub use method::{About, Method, Recipe, Registry};

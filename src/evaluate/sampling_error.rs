@@ -117,11 +117,13 @@ fn extrapolation(samples: usize, others: usize) -> f64 {
 }
 
 /// Number of samples of the set that is compared with one of `count`: half as many; one for each triangle where that is
-/// near, since clusters of triangles err in another way; twice as many where there cannot be fewer.
+/// near, since clusters of triangles err in another way; twice as many where there cannot be fewer, or where
+/// fewer would be clusters and these are not.
 fn comparison_count(count: usize, parts: &PartTable) -> usize {
     let transferring = parts.parts.iter().filter(|p| p.transfers());
     let (parts, triangles) = transferring.fold((0, 0), |(n, t), p| (n + 1, t + p.triangle_count));
-    if count < 2 * parts {
+    let clusters_alone = (count / 4 * 3 + 1..=count).contains(&triangles);
+    if count < 2 * parts || clusters_alone {
         2 * count
     } else if (count / 2..=count / 4 * 3).contains(&triangles) {
         triangles

@@ -170,6 +170,10 @@ impl Method for AllFrequency {
         }
     }
 
+    fn planned(&self) -> &'static [&'static [(&'static str, &'static str)]] {
+        &[&[]]
+    }
+
     fn form(&self, keys: &Keys, settings: &BakeSettings) -> Result<Box<dyn AnyForm>> {
         if !settings.for_lights.is_empty() && !KINDS.iter().any(|kind| settings.is_for(*kind)) {
             return Err(Error::unsupported(

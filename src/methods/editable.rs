@@ -169,6 +169,10 @@ impl Method for Editable {
         }
     }
 
+    fn planned(&self) -> &'static [&'static [(&'static str, &'static str)]] {
+        &[&[], &[("transport", "stored")]]
+    }
+
     fn form(&self, keys: &Keys, settings: &BakeSettings) -> Result<Box<dyn AnyForm>> {
         let max_rms = settings.max_rms;
         let density = DENSITY.finer((DENSITY_RMS / max_rms).sqrt());

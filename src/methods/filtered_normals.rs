@@ -164,6 +164,10 @@ impl Method for FilteredNormals {
         }
     }
 
+    fn planned(&self) -> &'static [&'static [(&'static str, &'static str)]] {
+        &[&[]]
+    }
+
     fn form(&self, keys: &Keys, _: &BakeSettings) -> Result<Box<dyn AnyForm>> {
         let filter = match keys.get(&FILTER)? {
             Made::Heat => Filter::Heat,

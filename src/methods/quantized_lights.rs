@@ -108,6 +108,10 @@ impl Method for QuantizedLights {
         }
     }
 
+    fn planned(&self) -> &'static [&'static [(&'static str, &'static str)]] {
+        &[&[]]
+    }
+
     fn form(&self, keys: &Keys, settings: &BakeSettings) -> Result<Box<dyn AnyForm>> {
         let lights = light_set(keys, settings, keys.get(&INTERPOLATION)?)?;
         let spacing = Spacing { mm: keys.get(&SPACING)?, references: keys.get(&REFERENCES)? };

@@ -122,6 +122,10 @@ impl Method for TextureSpace {
         }
     }
 
+    fn planned(&self) -> &'static [&'static [(&'static str, &'static str)]] {
+        &[&[]]
+    }
+
     fn form(&self, keys: &Keys, settings: &BakeSettings) -> Result<Box<dyn AnyForm>> {
         let sampling = match keys.get(&SAMPLING)? {
             Choice::Product => Sampling::Product,

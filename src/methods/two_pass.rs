@@ -60,6 +60,10 @@ impl Method for TwoPass {
         }
     }
 
+    fn planned(&self) -> &'static [&'static [(&'static str, &'static str)]] {
+        &[&[]]
+    }
+
     fn form(&self, keys: &Keys, settings: &BakeSettings) -> Result<Box<dyn AnyForm>> {
         let max_rms = settings.max_rms;
         Ok(Box::new(Gathered {

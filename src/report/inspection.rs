@@ -15,6 +15,9 @@ use crate::error::{Error, Result};
 use crate::evaluate::{Capabilities, Cost, MaterialEdit, ProfileEdit, Registry, SourceFields};
 use crate::geometry::part_table::PartEntry;
 
+/// What the notes of a plan begin with.
+pub(crate) const PLAN: &str = "plan: ";
+
 /// The contents of an asset.
 #[derive(Clone, Debug, Serialize)]
 pub struct Inspection {
@@ -176,7 +179,11 @@ impl fmt::Display for Inspection {
         writeln!(f, "scale {} mm in a unit of the source ({})", from.mm_per_source_unit, from.source_unit)?;
         let settings: Vec<String> = self.provenance.settings.iter().map(|(k, v)| format!("{k}={v}")).collect();
         write!(f, "settings {}", settings.join(" "))?;
-        from.notes.iter().try_for_each(|note| write!(f, "\nnote {note}"))
+        from.notes.iter().try_for_each(|note| match note.strip_prefix(PLAN) {
+            // Sentences of their own.
+            Some(_) => write!(f, "\n{note}"),
+            None => write!(f, "\nnote {note}"),
+        })
     }
 }
 

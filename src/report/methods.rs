@@ -102,6 +102,7 @@ impl fmt::Display for MethodsReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut lines: Vec<String> = self.methods.iter().flat_map(|method| method.lines(self.shown)).collect();
         if self.shown == Shown::NoKeys {
+            lines.push("`bake` chooses among them for what it is asked for (--method auto, the default)".to_owned());
             lines.push("keys of a method: translux methods NAME".to_owned());
         }
         f.write_str(&lines.join("\n"))

@@ -17,7 +17,7 @@ fn cube() -> Folder {
 #[test]
 fn code_0_and_what_is_written() {
     let folder = cube();
-    folder.run("bake cube.obj --unit mm --material marble --samples 300 -o a.tlux").ok();
+    folder.run("bake cube.obj --method editable --unit mm --material marble --samples 300 -o a.tlux").ok();
     folder.run(&format!("evaluate a.tlux {SUN} -o b.ply")).ok();
     folder.run("compare b.ply b.ply").ok();
     assert_eq!(folder.names(), ["a.tlux", "b.ply", "cube.obj"]);
@@ -113,7 +113,7 @@ fn code_3_for_invalid_input() {
 #[test]
 fn code_3_for_damaged_assets() {
     let folder = cube();
-    folder.run("bake cube.obj --unit mm --material marble --samples 64 -o a.tlux").ok();
+    folder.run("bake cube.obj --method editable --unit mm --material marble --samples 64 -o a.tlux").ok();
     let whole = folder.read("a.tlux");
     for step in 0..24 {
         let place = step * (whole.len() - 1) / 23;
@@ -166,7 +166,7 @@ fn code_5_for_what_is_not_supported() {
     folder.run("bake draco.gltf --material marble -o a.tlux").fails(5, &["draco.gltf", "KHR_draco_mesh_compression"]);
     folder.write("cube.stl", "solid");
     folder.run("bake cube.stl --unit mm --material marble -o a.tlux").fails(5, &["cube.stl", ".obj"]);
-    folder.run("bake cube.obj --unit mm --material marble --samples 64 -o a.tlux").ok();
+    folder.run("bake cube.obj --method editable --unit mm --material marble --samples 64 -o a.tlux").ok();
     // A backend that this system does not have: no adapter is found.
     let backend = if cfg!(target_os = "macos") { "vulkan" } else { "metal" };
     let output = std::process::Command::new(env!("CARGO_BIN_EXE_translux"))
@@ -311,8 +311,10 @@ fn help_is_complete() {
 fn a_material_that_is_given_must_exist() {
     let folder = Folder::new();
     folder.obj("a.obj", &called(shapes::icosphere(5.0, 1), "wax"));
-    folder.run("bake a.obj --unit mm --material wax=cream --samples 64 -o a.tlux").ok();
-    folder.run("bake a.obj --unit mm --material max=cream --samples 64 -o a.tlux").fails(1, &["max", "'wax'"]);
+    folder.run("bake a.obj --method editable --unit mm --material wax=cream --samples 64 -o a.tlux").ok();
+    folder
+        .run("bake a.obj --method editable --unit mm --material max=cream --samples 64 -o a.tlux")
+        .fails(1, &["max", "'wax'"]);
     folder.run("evaluate a.tlux --material max=cream -o b.ply").fails(1, &["max", "wax"]);
     folder.run("evaluate a.tlux --material wax=marble -o b.ply").ok();
 }

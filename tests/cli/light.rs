@@ -107,7 +107,7 @@ fn light_reaches_another_part_only_through_a_common_medium() {
 #[test]
 fn balls_that_touch_are_one_part() {
     let (touching, a) = balls(8.9);
-    let auto = touching.run("bake balls.obj --unit mm --material skin1 --samples 300 -o a.tlux").ok();
+    let auto = touching.run("bake balls.obj --method editable --unit mm --material skin1 --samples 300 -o a.tlux").ok();
     assert!(auto.stderr.contains("2 components -> 1 part (auto: touching or nested)"), "{}", auto.stderr);
     let [reached, _] = brightest(&touching, a, "--material skin1");
     assert!(reached > 1e-3, "{reached}");
@@ -125,7 +125,9 @@ fn opaque_parts_only_cast_shadows_and_skipped_ones_do_nothing() {
         let [lit, gone] = brightest(&folder, a, &format!("{material} --skip b"));
         assert!(lit > 0.1 && gone == 0.0, "{lit} {gone}");
     }
-    folder.run("bake balls.obj --unit mm --material a=skin1 --samples 64 -o a.tlux").fails(1, &["no material for b"]);
+    folder
+        .run("bake balls.obj --method editable --unit mm --material a=skin1 --samples 64 -o a.tlux")
+        .fails(1, &["no material for b"]);
     // From the other side the light reaches `a` past the opaque ball behind it, and neither changes the other.
     let light = "--light directional:from=-1,0,0:irradiance=3 --samples 3000 -o b.ply";
     folder.run(&format!("reference balls.obj --unit mm --material skin1 --opaque b {light}")).ok();
@@ -134,7 +136,7 @@ fn opaque_parts_only_cast_shadows_and_skipped_ones_do_nothing() {
     assert!(with[..a].iter().all(|b| b.min_element() > 0.0));
     let report = folder.run(&format!("reference balls.obj --unit mm --material skin1 --opaque b {light} --json")).ok();
     assert_eq!(report.json()["vertices_without_area"], with.len() - a);
-    folder.run("bake balls.obj --unit mm --material skin1 --opaque b --samples 64 -o a.tlux").ok();
+    folder.run("bake balls.obj --method editable --unit mm --material skin1 --opaque b --samples 64 -o a.tlux").ok();
     let parts = folder.run("inspect a.tlux --json").ok().json()["parts"].clone();
     assert_eq!((&parts[1]["name"], &parts[1]["medium"], &parts[1]["samples"]), (&"b".into(), &Value::Null, &0.into()));
 }
@@ -156,7 +158,9 @@ fn sizes_are_millimetres() {
         ("--height-mm 8 --up y", 26.0),
         ("--height-mm 6 --up z", 6.5),
     ] {
-        let baked = folder.run(&format!("bake box.obj {flags} --material marble --samples 64 -o a.tlux --json")).ok();
+        let baked = folder
+            .run(&format!("bake box.obj --method editable {flags} --material marble --samples 64 -o a.tlux --json"))
+            .ok();
         assert!(baked.stderr.contains("SIZE "), "{flags}: {}", baked.stderr);
         let report = folder.run("inspect a.tlux --json").ok().json();
         for found in [&baked.json()["diagonal_mm"], &report["diagonal_mm"]] {
@@ -201,7 +205,9 @@ fn gltf_is_in_metres() {
     });
     folder.write("box.gltf", gltf.to_string());
     for (flags, diagonal) in [("", 130.0), ("--unit cm", 1.3), ("--size-mm 26", 26.0)] {
-        let report = folder.run(&format!("bake box.gltf {flags} --material marble --samples 64 -o a.tlux --json")).ok();
+        let report = folder
+            .run(&format!("bake box.gltf --method editable {flags} --material marble --samples 64 -o a.tlux --json"))
+            .ok();
         let found = report.json()["diagonal_mm"].as_f64().unwrap();
         assert!((found / diagonal - 1.0).abs() < 1e-6, "{flags}: {found} mm");
     }
@@ -389,7 +395,7 @@ fn lights_inside_on_and_just_above_a_body_are_named_and_strict_fails_on_them() {
     let folder = Folder::new();
     folder.obj("ball.obj", &shapes::icosphere(10.0, 3));
     folder
-        .run("bake ball.obj --unit mm --material skin1 --samples 1500 --for-lights point --max-rms 20% -o a.tlux")
+        .run("bake ball.obj --method editable --unit mm --material skin1 --samples 1500 --for-lights point --max-rms 20% -o a.tlux")
         .ok();
     let run = |at: &str, rest: &str| {
         folder.run(&format!("evaluate a.tlux --light point:at={at}:intensity=100 --measure {rest} -o b.ply"))

@@ -15,6 +15,7 @@ mod import_files;
 mod light;
 mod output;
 mod pictures;
+mod plan;
 mod reader;
 mod relight;
 mod size_and_mesh;

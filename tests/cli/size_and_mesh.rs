@@ -112,7 +112,7 @@ fn what_cannot_be_done_is_refused() {
         assert!(outcome.stderr.contains("size-mm"), "{}", outcome.stderr);
     }
     folder
-        .run("bake head.obj --size-mm 20 --material marble --set transport=stored --samples 4096 -o stored.tlux -q")
+        .run("bake head.obj --method editable --size-mm 20 --material marble --set transport=stored --samples 4096 -o stored.tlux -q")
         .ok();
     folder
         .run(&format!("evaluate stored.tlux --size-mm 30 {sun}"))
@@ -152,7 +152,7 @@ fn windings_are_mended_or_told_in_output_asset_and_exit_code() {
     folder.obj("right.obj", &right);
     folder.obj("wrong.obj", &wrong);
     let bake = |model: &str, rest: &str| {
-        folder.run(&format!("bake {model}.obj --unit mm --material skin1 --samples 5120 --for-lights directional --max-rms 20% {rest} -o {model}.tlux"))
+        folder.run(&format!("bake {model}.obj --method editable --unit mm --material skin1 --samples 5120 --for-lights directional --max-rms 20% {rest} -o {model}.tlux"))
     };
     let lit = |model: &str| {
         folder.run(&format!("evaluate {model}.tlux --light directional:from=1,2,3:irradiance=1 -o {model}.ply")).ok();

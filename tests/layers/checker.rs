@@ -7,7 +7,7 @@ use proc_macro2::{Delimiter, LineColumn, TokenStream, TokenTree};
 use syn::visit::{self, Visit};
 
 /// Bottom to top. A layer imports itself and what stands before it.
-const LAYERS: [&str; 20] = [
+const LAYERS: [&str; 21] = [
     "error",
     "progress",
     "math",
@@ -27,6 +27,7 @@ const LAYERS: [&str; 20] = [
     "relight",
     "measure",
     "report",
+    "plan",
     "commands",
 ];
 

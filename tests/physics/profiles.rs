@@ -113,7 +113,7 @@ fn what_has_no_place_for_a_profile_says_so() {
     let (folder, _) = ball();
     let sun = "--light constant:radiance=1 -q -o x.ply";
     folder.run("bake ball.obj --unit mm --material skin1 --method two_pass --samples 500 -o free.tlux -q").ok();
-    folder.run("bake ball.obj --unit mm --material skin1 --set transport=stored --samples 500 -o stored.tlux -q").ok();
+    folder.run("bake ball.obj --method editable --unit mm --material skin1 --set transport=stored --samples 500 -o stored.tlux -q").ok();
     folder
         .run(&format!("evaluate stored.tlux --profile burley {sun}"))
         .fails(5, &["dipoles", "--method editable stores none"]);

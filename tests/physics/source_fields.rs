@@ -247,8 +247,9 @@ fn the_command_line_tells_and_refuses() {
     let folder = Folder::new();
     folder.obj("head.obj", &shapes::bumpy_head(8.0, 3));
     let bake = "bake head.obj --unit mm --material marble --samples 2000 -q";
-    folder.run(&format!("{bake} -o rows.tlux")).ok();
-    folder.run(&format!("{bake} --for-lights area -o none.tlux")).ok();
+    let editable = format!("{bake} --method editable");
+    folder.run(&format!("{editable} -o rows.tlux")).ok();
+    folder.run(&format!("{editable} --for-lights area -o none.tlux")).ok();
     folder.run(&format!("{bake} --method two_pass -o pass.tlux")).ok();
     let lamp = "--light area:at=0,30,9:normal=0,-1,-0.2:size=8,8:radiance=5:field=16 -q";
     for threads in [1, 3] {

@@ -41,6 +41,15 @@ impl EnvironmentRows {
         samples as u64 * u64::from(self.coefficients) * BYTES_PER_COEFFICIENT
     }
 
+    /// Error that rows are expected to add under environments, from bakes of bunny_3k in skin1.
+    pub const EXPECTED_RMS: f64 = 0.003;
+
+    /// Bytes that rows of so many samples are expected to take in a file: neighbours share more where there are more of them.
+    pub fn expected_bytes(&self, samples: usize) -> f64 {
+        let n = samples as f64;
+        20.0 * n * (131_072.0 / n.max(1.0)).powf(0.53) * f64::from(self.coefficients) / 128.0
+    }
+
     /// Settings of the stage that makes rows, with a number of coefficients for each sample.
     pub(super) fn of_rows(&self, coefficients: usize) -> RowSettings {
         let resolution = if self.side == 32 { Resolution::Sub64 } else { Resolution::Sub128 };

@@ -68,7 +68,7 @@ impl StoredRows {
         }
         let of_rows = |light: &Light| rows.is_some_and(|rows| rows.have(light, domain.media));
         let (Some(rows), true) = (rows, lights.iter().any(of_rows)) else {
-            return sampled(surface, lights, sampling, progress);
+            return sampled(surface, &apart(lights, |_| true), sampling, progress);
         };
         let (far, near): (Vec<Light>, Vec<Light>) = apart(lights, of_rows).into_iter().partition(of_rows);
         let (mut irradiance, pieces) = match near.as_slice() {
@@ -174,7 +174,8 @@ pub fn sampled(
     Ok(Illumination::new(surface, lights, &etas, sampling)?.all_with_pieces(progress))
 }
 
-/// The lights as rays sample them: the reference for rows.
+/// The lights as rays sample them, the suns of environments on their own: the reference for rows.
 pub fn by_rays(lights: &[Light]) -> Vec<Light> {
-    lights.iter().map(Light::by_rays).collect()
+    let lights: Vec<Light> = lights.iter().map(Light::by_rays).collect();
+    apart(&lights, |_| true)
 }

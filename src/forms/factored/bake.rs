@@ -8,6 +8,7 @@ use translux_format::{RawSection, profile_basis as file};
 
 use super::choice::{self, Choice, Tuning};
 use super::evaluate::open;
+use super::forecast::forecast;
 use super::interpolation::choose_points;
 use super::ledger::{self, Baked};
 use super::ordered_samples::{OrderedSamples, Work};
@@ -17,7 +18,7 @@ use crate::asset::Asset;
 use crate::compress::blocks;
 use crate::error::{Error, Result};
 use crate::evaluate::form::write_error;
-use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Form};
+use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Forecast, Form};
 use crate::forms::density;
 use crate::forms::environment_rows::{self, EnvironmentRows};
 use crate::geometry::mesh::Mesh;
@@ -63,6 +64,10 @@ impl Form for Factored {
         let rows = self.environment.filter(|_| settings.is_for(LightKind::Environment)).map_or(0, |e| e.memory(count));
         let far = scene.mesh.local_mm.len() as f64 * BYTES_PER_RECEIVER * (0.01 / settings.max_rms).clamp(0.3, 30.0);
         density::memory(count, scene) + far as u64 + rows
+    }
+
+    fn forecast(&self, scene: &Scene, settings: &BakeSettings) -> Option<Forecast> {
+        Some(forecast(self, scene, settings))
     }
 
     fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {

@@ -8,6 +8,7 @@ mod evaluator;
 #[cfg(feature = "gpu")]
 mod far_field_gpu;
 mod far_sums;
+mod forecast;
 #[cfg(feature = "gpu")]
 mod gpu;
 mod interpolation;

@@ -4,11 +4,12 @@ use std::sync::Arc;
 
 use translux_format::filtered_normals::MOST_RUNGS;
 
+use super::forecast::forecast;
 use super::settings::{Bleeding, Filter, FilteredNormals, Response};
 use super::{bake, evaluate};
 use crate::asset::Asset;
 use crate::error::{Error, Result};
-use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Form};
+use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Forecast, Form};
 use crate::forms::density;
 use crate::progress::Progress;
 use crate::scene::Scene;
@@ -43,6 +44,10 @@ impl Form for FilteredNormals {
         let of_vertex = 1200 + 24 * u64::from(self.rungs);
         let basis = if matches!(self.filter, Filter::Spectral { .. }) { 10_000 } else { 0 };
         density::memory(self.density.count(scene, settings.samples), scene) + vertices * (of_vertex + basis)
+    }
+
+    fn forecast(&self, scene: &Scene, _: &BakeSettings) -> Option<Forecast> {
+        Some(forecast(self, scene))
     }
 
     fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {

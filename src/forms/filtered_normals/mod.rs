@@ -7,6 +7,7 @@
 mod bake;
 mod evaluate;
 mod fit;
+mod forecast;
 mod form;
 mod geometric;
 mod light;

@@ -6,6 +6,7 @@ use glam::DVec3;
 use translux_format::RawSection;
 use translux_format::multilevel::MultilevelSummation;
 
+use super::forecast::forecast;
 use super::lit_samples::GatheredEvaluator;
 use super::model;
 use super::settings::{Far, Gathered};
@@ -16,7 +17,7 @@ use crate::evaluate::form::{read_error, write_error};
 use crate::evaluate::inter_reflection::{self, Outside};
 use crate::evaluate::single_scattering::Traced;
 use crate::evaluate::stages::{of_kinds, spread};
-use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Form, Model};
+use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Forecast, Form, Model};
 use crate::forms::density;
 use crate::forms::environment_rows::{self, EnvironmentRows, StoredRows};
 use crate::geometry::bvh::Bvh;
@@ -82,6 +83,10 @@ impl Form for Gathered {
         let rows =
             self.environment.filter(|_| settings.is_for(LightKind::Environment)).map_or(0, |e| e.memory(samples));
         density::memory(samples, scene) + nets + rows + inter_reflection::memory(self.outside, samples, scene)
+    }
+
+    fn forecast(&self, scene: &Scene, settings: &BakeSettings) -> Option<Forecast> {
+        forecast(self, scene, settings)
     }
 
     fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {

@@ -4,6 +4,7 @@
 mod bake;
 mod errors;
 mod evaluator;
+mod forecast;
 #[cfg(feature = "gpu")]
 mod hierarchy_gpu;
 mod lit_samples;

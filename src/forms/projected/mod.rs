@@ -4,6 +4,7 @@
 pub(crate) mod coding;
 pub(crate) mod components;
 mod digits;
+mod forecast;
 #[cfg(feature = "gpu")]
 mod gpu;
 pub mod harmonics;

@@ -20,7 +20,7 @@ const LEAST_COUNT: u32 = 64;
 pub(super) const MOST_COUNT: u32 = 1 << 14;
 
 /// Share of the asked error for the samples; the texture has the rest.
-const OF_SAMPLES: f64 = 0.3;
+pub(super) const OF_SAMPLES: f64 = 0.3;
 
 /// Lights that the number of samples is chosen under.
 const LIGHTS: usize = 3;

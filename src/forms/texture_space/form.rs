@@ -2,11 +2,12 @@
 
 use std::sync::Arc;
 
+use super::forecast::forecast;
 use super::settings::{Local, Sampling, TextureSpace};
 use super::{bake, evaluate};
 use crate::asset::Asset;
 use crate::error::{Error, Result};
-use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Form};
+use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Forecast, Form};
 use crate::forms::density;
 use crate::light::LightKind;
 use crate::progress::Progress;
@@ -51,6 +52,10 @@ impl Form for TextureSpace {
         let samples = settings.samples.unwrap_or(bake::MOST_COUNT as usize) as u64;
         let truth = density::memory(self.density.count(scene, None), scene);
         truth + (texels + 4 * scene.mesh.triangles.len() as u64) * OF_TEXEL + 48 * samples
+    }
+
+    fn forecast(&self, scene: &Scene, settings: &BakeSettings) -> Option<Forecast> {
+        Some(forecast(self, scene, settings))
     }
 
     fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {

@@ -8,6 +8,7 @@
 mod bake;
 mod descent;
 mod evaluate;
+mod forecast;
 mod form;
 #[cfg(feature = "gpu")]
 mod gpu;

@@ -16,11 +16,12 @@ use crate::compress::prediction::Net;
 use crate::error::Result;
 use crate::evaluate::form::write_error;
 use crate::evaluate::stages::{of_kinds, spread, worst};
-use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Form, Model};
+use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Forecast, Form, Model};
 use crate::forms::density;
 use crate::forms::distant;
 use crate::forms::projected::coding::{Radiosities, code};
 use crate::forms::projected::components::LightBasis;
+use crate::forms::projected::forecast::{Basis, forecast};
 use crate::forms::projected::references::{in_ascending_order, in_order_of_rows, spacing, spatial_error, under};
 use crate::forms::sampled_scene::{GROUP, SampledScene, parts};
 use crate::light::{Light, LightKind};
@@ -72,6 +73,18 @@ impl Form for QuantisedLights {
             + references * 3 * 4 * 2 * lights
             + samples * (lights / 8 + 128 * 4 * 3)
             + 8 * 4 * directions * directions
+    }
+
+    fn forecast(&self, scene: &Scene, settings: &BakeSettings) -> Option<Forecast> {
+        let shells = self.lights.shells as f64;
+        let basis = Basis {
+            sharp_rms: 0.038,
+            bytes: 2e6 * (1.0 + 0.8 * shells),
+            bake_s: 11.0 + 6.0 * shells,
+            keeps: [1.0, 1.6],
+        };
+        let kinds = if self.lights.shells == 0 { distant::KINDS } else { &LightKind::ALL[..] };
+        Some(forecast(scene, settings.max_rms, basis, true).served(kinds))
     }
 
     fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {

@@ -1,0 +1,233 @@
+//! `auto`: chooses a method and its settings for a request, bakes, and measures the asset from end to end.
+//!
+//! The choice rests on forecasts of the forms ([`Forecast`](crate::evaluate::Forecast)), which follow from numbers of the scene, and on one
+//! measurement, the error of sampling at a few vertices. No clock decides: the same scene and request give the same asset anywhere.
+//! What was chosen is baked, and judged by lights and vertices that the choice did not see; what misses the request is baked anew with
+//! finer settings, or with the next method.
+
+mod candidates;
+mod choice;
+mod lights;
+mod record;
+mod request;
+#[cfg(test)]
+mod tests;
+mod truth;
+mod verdict;
+
+use std::time::Instant;
+
+use self::candidates::Candidates;
+use self::choice::Choice;
+use self::lights::{Purpose, lights};
+pub use self::record::{Attempt, Considered, Expected, Left, Plan, SCHEMA, Timings};
+pub use self::request::{DEFAULT_MAX_RMS, Edits, Request};
+use self::truth::{Places, Sampling, Truth, judged_by_a_choice, kernels_of, telling, true_samples};
+use self::verdict::{Verdict, misses};
+use crate::asset::{Asset, Provenance};
+use crate::compress::ledger::Ledger;
+use crate::error::Result;
+use crate::evaluate::Registry;
+use crate::evaluate::forecast::Body;
+use crate::geometry::samples::Samples;
+use crate::measure::probes::for_bake;
+use crate::progress::Progress;
+use crate::report::inspection::PLAN;
+use crate::report::sizes::{Sizes, sizes};
+use crate::report::text::{percent, significant};
+use crate::scene::Scene;
+
+/// Vertices at which the choice measures.
+const PLACES: usize = 128;
+
+/// Bakes at most: what was expected to meet the request and did not is replaced so often.
+const BAKES: usize = 4;
+
+/// Samples of an asset that is made for the size of its mesh alone.
+const FEWEST: usize = 1;
+
+/// A plan, and the asset that came of it: the one that meets the request, else the one that comes nearest, or none where nothing could.
+pub struct Planned {
+    /// What was considered, measured and chosen.
+    pub plan: Plan,
+    /// The asset, with the plan in sentences among the notes of its provenance; see [`Plan::is_met`].
+    pub asset: Option<Asset>,
+}
+
+/// What a plan may use, and where an asset comes from.
+pub struct Setting<'a> {
+    /// Methods and forms.
+    pub registry: &'a Registry,
+    /// Files, unit and repairs of the scene.
+    pub provenance: Provenance,
+    /// Memory that a bake may take, bytes.
+    pub max_memory: u64,
+}
+
+/// Chooses, bakes and measures.
+///
+/// # Errors
+/// Failures of the work. A request that cannot be met is none: the plan says so.
+pub fn bake(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn Progress) -> Result<Planned> {
+    let started = Instant::now();
+    let found = Candidates::new(setting.registry, request, scene, (mesh_bytes(scene)?, setting.max_memory));
+    let Candidates { mut all, considered, families } = found;
+    let mut plan = Plan::new(request, Body::of(scene), considered);
+    let mut probes = for_bake(&scene.mesh);
+    for lights in [&mut probes.tuning, &mut probes.unseen] {
+        lights.retain(|light| request.for_lights.contains(&light.kind()));
+    }
+    all.iter_mut().for_each(|candidate| candidate.recipe.settings.probes.clone_from(&probes));
+
+    let seen = telling(lights(scene, &request.for_lights, Purpose::Choice)?, scene);
+    let seen = (seen, Places::new(scene, PLACES, 0));
+    let samples = true_samples(scene, request.max_rms, judged_by_a_choice(scene, request.model));
+    let kernels = kernels_of(request.model, scene, progress)?;
+    let truth = Truth::new(scene, seen, samples, &kernels, progress)?;
+    let mut sampling = Sampling::new(scene, &kernels, (truth, samples), &request.for_lights);
+    let mut choice = Choice::new(&all, request, families.len());
+    let mut verdict: Option<Verdict> = None;
+    let mut kept: Option<(Asset, f64)> = None;
+    let mut met = false;
+    plan.timings.choice_s = started.elapsed().as_secs_f64();
+    while plan.attempts.len() < BAKES && !met {
+        let choosing = Instant::now();
+        let next = choice.next(&mut plan.considered, &mut sampling)?;
+        plan.timings.choice_s += choosing.elapsed().as_secs_f64();
+        plan.request.max_rms = choice.max_rms();
+        let Some(candidate) = next.and_then(|index| all.get(index)) else { break };
+        let baking = Instant::now();
+        let asset = candidate.recipe.bake(scene.clone(), setting.provenance.clone(), progress)?;
+        plan.timings.bake_s += baking.elapsed().as_secs_f64();
+
+        let judging = Instant::now();
+        let judge = match verdict.take().filter(|verdict| verdict.suits(candidate)) {
+            Some(verdict) => verdict,
+            None => Verdict::new(scene, request, candidate, &asset, progress)?,
+        };
+        let sizes = sizes(&asset.to_bytes()?)?;
+        let (attempt, relight_ms) =
+            judge.judge(setting.registry, (candidate, &asset, &sizes), &plan.request, progress)?;
+        verdict = Some(judge);
+        plan.timings.verdict_s += judging.elapsed().as_secs_f64();
+        choice.learn(candidate, &attempt, &mut plan.considered, &mut sampling)?;
+        let missed = excess(&plan.request, &attempt);
+        if kept.as_ref().is_none_or(|(_, least)| missed < *least) {
+            kept = Some((asset, missed));
+            plan.timings.relight_ms = relight_ms;
+            plan.kept = Some(plan.attempts.len());
+        }
+        met = attempt.misses.is_empty();
+        plan.attempts.push(attempt);
+    }
+    plan.sampling = sampling.known();
+    conclude(&mut plan, &choice, &mut sampling, scene)?;
+    let mut asset = kept.map(|(asset, _)| asset);
+    if let Some(asset) = &mut asset {
+        asset.provenance.origin.notes.extend(plan.sentences().into_iter().map(|line| format!("{PLAN}{line}")));
+        sized(&mut plan, &sizes(&asset.to_bytes()?)?, asset.scene.mesh.local_mm.len());
+    }
+    Ok(Planned { plan, asset })
+}
+
+/// What the mesh takes in a file, bytes: nothing that a method adds.
+fn mesh_bytes(scene: &Scene) -> Result<u64> {
+    let asset = Asset {
+        scene: scene.clone(),
+        samples: Samples::new(&scene.mesh, &scene.parts, FEWEST),
+        provenance: Provenance::default(),
+        ledger: Ledger::default(),
+        sections: Vec::new(),
+    };
+    let sizes = sizes(&asset.to_bytes()?)?;
+    Ok(sizes.file - sizes.stored_without_mesh)
+}
+
+/// How far an asset is beyond a request: the largest of what it has over what is allowed.
+fn excess(request: &Request, attempt: &Attempt) -> f64 {
+    let over = |found: f64, most: Option<f64>| most.map_or(0.0, |most| found / most);
+    let shares = [
+        over(attempt.error.rms, Some(request.max_rms)),
+        over(attempt.error.dark, request.max_dark),
+        over(attempt.bytes_per_vertex, request.max_bytes_per_vertex),
+        over(attempt.bytes as f64, request.max_bytes.map(|most| most as f64)),
+    ];
+    shares.into_iter().fold(0.0, f64::max)
+}
+
+/// Enters what came of the attempts: what is missed, what would meet it, and what the scene does not need.
+fn conclude(plan: &mut Plan, choice: &Choice, sampling: &mut Sampling, scene: &Scene) -> Result<()> {
+    if let Some(attempt) =
+        plan.kept.and_then(|index| plan.attempts.get_mut(index)).filter(|attempt| !attempt.misses.is_empty())
+    {
+        // What was measured may be the best there is; where nobody asked for less it will do.
+        if let Some(larger) = plan.request.relaxed(attempt.error.rms) {
+            plan.request.max_rms = larger;
+            attempt.misses = misses(&plan.request, attempt);
+        }
+    }
+    let kept = plan.kept.and_then(|index| plan.attempts.get(index)).cloned();
+    plan.misses = match &kept {
+        Some(attempt) => attempt.misses.clone(),
+        None => vec!["nothing that could be baked is expected to meet it".to_owned()],
+    };
+    if !plan.misses.is_empty() {
+        plan.would_meet = Some(choice.would_meet(&plan.considered, sampling)?);
+    }
+    let Some(chosen) = kept.and_then(|attempt| plan.considered.get(attempt.considered)).cloned() else { return Ok(()) };
+    if let Some(samples) = chosen.samples {
+        let error = sampling.error(samples)?;
+        plan.dropped.push(format!("more than {samples} samples: these are {} off", percent(error.rms)));
+    }
+    if chosen.by_rays {
+        plan.dropped.push("irradiance of environments for each sample: rays bring it in the time allowed".to_owned());
+    }
+    let unused = crate::light::LightKind::ALL.iter().filter(|kind| !plan.request.for_lights.contains(kind));
+    let unused: Vec<&str> = unused.map(|kind| kind.name()).collect();
+    if !unused.is_empty() {
+        plan.dropped.push(format!("errors and data of light that was not asked for: {}", unused.join(", ")));
+    }
+    for (index, medium) in scene.media.iter().enumerate() {
+        if !scene.parts.parts.iter().any(|part| part.medium == Some(index as u32)) {
+            plan.dropped
+                .push(format!("the medium {}, which no part is made of, has no say in any choice", medium.name));
+        }
+        let properties = &medium.properties;
+        let grey = |v: glam::DVec3| v.x == v.y && v.y == v.z;
+        if grey(properties.sigma_s_reduced_per_mm) && grey(properties.sigma_a_per_mm) {
+            plan.dropped.push(format!(
+                "nothing of two channels of {}, although all three are equal: no form stores one alone",
+                medium.name
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Enters the final size of the file, which holds the plan itself, and judges it.
+fn sized(plan: &mut Plan, sizes: &Sizes, vertices: usize) {
+    let Some(attempt) = plan.kept.and_then(|index| plan.attempts.get_mut(index)) else { return };
+    attempt.bytes = sizes.file;
+    attempt.bytes_per_vertex = (sizes.stored_without_mesh + sizes.stored_environment) as f64 / vertices.max(1) as f64;
+    attempt.misses = misses(&plan.request, attempt);
+    plan.misses.clone_from(&attempt.misses);
+}
+
+impl Plan {
+    /// Judges the times of this run, where they were asked for; `seconds` is what the whole bake took. The asset does not hold this
+    /// part of the verdict, which depends on the machine.
+    pub fn judge_times(&mut self, seconds: f64) {
+        self.timings.total_s = seconds;
+        let over = |found: f64, most: Option<f64>| most.filter(|most| found > *most);
+        if let Some(most) = over(seconds, self.request.max_bake_s) {
+            let [found, most] = [seconds, most].map(significant);
+            self.timings.misses.push(format!("the bake took {found} s on this machine, more than {most} s"));
+        }
+        if let Some((found, most)) =
+            self.timings.relight_ms.and_then(|found| Some((found, over(found, self.request.max_relight_ms)?)))
+        {
+            let [found, most] = [found, most].map(significant);
+            self.timings.misses.push(format!("a new light takes {found} ms on this machine, more than {most} ms"));
+        }
+    }
+}

@@ -1,0 +1,130 @@
+//! The choice alone, on small bodies: what is asked decides what is chosen. tests/cli bakes what is chosen here.
+#![allow(clippy::unwrap_used)]
+
+use std::collections::BTreeSet;
+
+use super::candidates::Candidates;
+use super::choice::Choice;
+use super::lights::{Purpose, lights};
+use super::record::{Considered, Left};
+use super::request::{Edits, Request};
+use super::truth::{Places, Sampling, Truth, judged_by_a_choice, telling, true_samples};
+use super::{PLACES, mesh_bytes};
+use crate::evaluate::Model;
+use crate::geometry::mesh::{Mesh, Placement};
+use crate::geometry::part_table::PartTable;
+use crate::geometry::shapes;
+use crate::geometry::source::SourceModel;
+use crate::light::{Light, LightKind};
+use crate::medium::material::{Medium, preset};
+use crate::methods::built_in;
+use crate::progress::Silent;
+use crate::scene::Scene;
+use crate::transport::calibration::Walks;
+
+fn scene(model: SourceModel, material: &str) -> Scene {
+    let (mesh, _) = Mesh::from_source(model, &Placement { mm_per_unit: 1.0 }).unwrap();
+    let parts = PartTable::new(&mesh, vec![0; mesh.triangles.len()], vec![("body".to_owned(), Some(0))]);
+    let media = vec![Medium { name: material.to_owned(), properties: preset(material).unwrap().properties() }];
+    Scene { mesh, parts, media }
+}
+
+fn request(max_rms: f64, kinds: &[LightKind]) -> Request {
+    Request::new(max_rms, kinds.iter().copied().collect())
+}
+
+/// The first candidate that would be baked, all that were considered, and what would meet the request.
+fn chosen(scene: &Scene, request: &Request) -> (Option<Considered>, Vec<Considered>, String) {
+    let memory = u64::MAX;
+    let Candidates { all, mut considered, families } =
+        Candidates::new(&built_in(), request, scene, (mesh_bytes(scene).unwrap(), memory));
+    let seen = telling(lights(scene, &request.for_lights, Purpose::Choice).unwrap(), scene);
+    let samples = true_samples(scene, request.max_rms, judged_by_a_choice(scene, request.model));
+    let truth = Truth::new(scene, (seen, Places::new(scene, PLACES, 0)), samples, &[], &Silent).unwrap();
+    let mut sampling = Sampling::new(scene, &[], (truth, samples), &request.for_lights);
+    let mut choice = Choice::new(&all, request, families.len());
+    let next = choice.next(&mut considered, &mut sampling).unwrap();
+    let would_meet = choice.would_meet(&considered, &mut sampling).unwrap();
+    (next.map(|index| considered[all[index].entry].clone()), considered, would_meet)
+}
+
+#[test]
+fn what_is_asked_decides_what_is_chosen() {
+    let head = scene(shapes::bumpy_head(15.0, 4), "skin1");
+    let sun = request(0.01, &[LightKind::Directional]);
+    let plain = chosen(&head, &sun).0.unwrap();
+    println!("a sun: {plain:?}");
+    // Nothing stored but samples, and no more of them than needed.
+    assert!(["editable", "two_pass"].contains(&plain.family.as_str()) && plain.samples.unwrap() < 1 << 15);
+
+    // A light as fast as a lookup: transport must be stored, and the material may be baked in or not.
+    let fast = Request { max_rms: 0.1, max_relight_ms: Some(1.2), ..sun.clone() };
+    let looked_up = chosen(&head, &fast).0.unwrap();
+    println!("fast: {looked_up:?}");
+    assert!(looked_up.expected.as_ref().unwrap().relight_ms <= 1.2);
+    assert!(["quantized_lights", "all_frequency"].contains(&looked_up.method.as_str()), "{looked_up:?}");
+    let (none, considered, _) = chosen(&head, &Request { edit: Edits::Any, ..fast.clone() });
+    assert!(none.is_none(), "{none:?}");
+    let baked_in = considered.iter().filter(|c| c.why.contains("its material is baked in"));
+    assert_eq!(baked_in.map(|c| c.method.as_str()).collect::<Vec<_>>(), ["quantized_lights", "all_frequency"]);
+
+    // A few milliseconds, and the material free: stored transport of a basis.
+    let edited = Request { max_relight_ms: Some(4.5), edit: Edits::Absorption, ..sun.clone() };
+    let edited = chosen(&head, &edited).0.unwrap();
+    println!("edited: {edited:?}");
+    assert!(edited.family.starts_with("editable transport=stored"), "{edited:?}");
+
+    // Point light is no light from far away.
+    let (_, considered, _) = chosen(&head, &Request { for_lights: BTreeSet::from([LightKind::Point]), ..fast });
+    assert!(considered.iter().any(|c| c.method == "all_frequency" && c.why == "does not serve point light"));
+}
+
+#[test]
+fn smaller_errors_take_more_samples_and_what_cannot_be_says_what_can() {
+    let head = scene(shapes::bumpy_head(15.0, 4), "marble");
+    let samples = |max_rms: f64| chosen(&head, &request(max_rms, &[LightKind::Directional])).0.unwrap().samples;
+    let [coarse, fine] = [0.05, 0.002].map(samples);
+    println!("{coarse:?} samples for 5 %, {fine:?} for 0.2 %");
+    assert!(coarse.unwrap() < fine.unwrap());
+    let tiny = Request { max_bytes_per_vertex: Some(0.1), ..request(0.01, &[LightKind::Directional]) };
+    let (none, considered, would_meet) = chosen(&head, &tiny);
+    assert!(none.is_none() && considered.iter().all(|c| c.left.is_some()));
+    assert!(considered.iter().any(|c| c.left == Some(Left::Size) && c.why.contains("bytes/vertex")));
+    println!("{would_meet}");
+    assert!(would_meet.contains("bytes/vertex") && would_meet.contains("ms for a new light"));
+}
+
+#[test]
+fn the_model_decides_what_can_be_stored() {
+    let ball = scene(shapes::icosphere(8.0, 3), "marble");
+    let calibrated = Request { model: Model::Calibrated(Walks::default()), ..request(0.02, &[LightKind::Directional]) };
+    let (chosen, considered, _) = chosen(&ball, &calibrated);
+    let chosen = chosen.unwrap();
+    assert!(["editable", "two_pass"].contains(&chosen.family.as_str()), "{chosen:?}");
+    assert!(considered.iter().any(|c| c.family.contains("stored") && c.why.contains("holds the dipole")));
+}
+
+#[test]
+fn lights_are_of_the_kinds_asked_for_and_some_graze_the_largest_flat_area() {
+    let slab = scene(shapes::cuboid(glam::DVec3::new(40.0, 3.0, 40.0), 4), "marble");
+    for purpose in [Purpose::Choice, Purpose::Verdict { directions: 6 }] {
+        let suns = lights(&slab, &BTreeSet::from([LightKind::Directional]), purpose).unwrap();
+        let from = suns.iter().map(|light| match light {
+            Light::Directional { from, .. } => *from,
+            _ => panic!("{light:?}"),
+        });
+        let from: Vec<glam::DVec3> = from.collect();
+        assert!(
+            from.iter().any(|d| d.y.abs() < 0.06) && from.iter().any(|d| d.y < -0.8) && from.iter().any(|d| d.z < -0.8)
+        );
+    }
+    let all: BTreeSet<LightKind> = LightKind::ALL.into_iter().collect();
+    let [choice, verdict] =
+        [Purpose::Choice, Purpose::Verdict { directions: 6 }].map(|purpose| lights(&slab, &all, purpose).unwrap());
+    let kinds: BTreeSet<LightKind> = choice.iter().map(Light::kind).collect();
+    assert_eq!(kinds, all);
+    // Only the light that has no direction is the same.
+    assert_eq!(choice.iter().filter(|light| verdict.contains(light)).count(), 1);
+    let [first, second] = [0, 1].map(|phase| Places::new(&slab, 40, phase).vertices);
+    assert!(!first.is_empty() && first.iter().all(|vertex| !second.contains(vertex)));
+}

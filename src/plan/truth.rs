@@ -1,0 +1,318 @@
+//! Brute-force truth at a few vertices, and what assets are off it there.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+use glam::DVec3;
+use translux_format::RawSection;
+use translux_format::calibration;
+
+use crate::asset::{Asset, Provenance};
+use crate::compress::ledger::Ledger;
+use crate::error::{Error, Result};
+use crate::evaluate::exitance::MeshPoint;
+use crate::evaluate::{BakeSettings, Evaluator, Form, Model};
+use crate::forms::density::Density;
+use crate::forms::gathered::{Far, Gathered};
+use crate::geometry::samples::Samples;
+use crate::light::{Light, LightKind};
+use crate::math::statistics::{VertexError, vertex_error};
+use crate::progress::{Progress, Silent};
+use crate::scene::Scene;
+use crate::transport::irradiance::LightSampling;
+use crate::transport::near_rule::NearField;
+use crate::transport::receivers::Receivers;
+
+/// Samples of the truth under sharp lights for an error of 1 %; more for smaller ones.
+const SAMPLES: usize = 1 << 15;
+const MOST_SAMPLES: usize = 1 << 20;
+
+/// Samples of the truth over those of what is judged, up to a number of the latter, and beyond it. The error of samples that are not
+/// clusters of triangles goes with their inverse number, so that twice as many tell half of it at least.
+const FINER: usize = 4;
+const FINER_UP_TO: usize = 1 << 16;
+const FINER_BEYOND: usize = 2;
+
+/// Soft light varies less from sample to sample, and costs many rays of each: fewer samples, unless there are many triangles, and so
+/// many rays in all.
+const FEWER_UNDER_SOFT_LIGHT: usize = 4;
+const SOFT_RAYS: usize = 1 << 24;
+const SOFT_DIRECTIONS: std::ops::RangeInclusive<usize> = 64..=512;
+
+/// Error of clusters of triangles under soft light over that under sharp light, at most, where it is not measured: 6 on bunny_closed under an
+/// area light, 1.5 on horse.
+const CLUSTERS_UNDER_SOFT_LIGHT: f64 = 3.0;
+
+/// Samples beyond which the error of soft light is taken to stay as it is: it falls, and costs too much to measure.
+const MOST_UNDER_SOFT_LIGHT: usize = 1 << 13;
+
+/// Rays of the truth: twice as fine as what assets are baked for.
+const TRUE_RAYS: LightSampling = LightSampling { points_per_patch: 8, directions: 512, area_side: 12 };
+
+/// Samples of the truth under soft light, and its rays.
+fn under_soft_light(scene: &Scene, samples: usize) -> (usize, LightSampling) {
+    let samples = samples.div_ceil(FEWER_UNDER_SOFT_LIGHT).max(samples.min(2 * scene.mesh.triangles.len()));
+    let directions = (SOFT_RAYS / samples).clamp(*SOFT_DIRECTIONS.start(), *SOFT_DIRECTIONS.end());
+    let area_side = directions.isqrt().clamp(8, 12) as u32;
+    (samples, LightSampling { directions: directions as u32, area_side, ..TRUE_RAYS })
+}
+
+/// Rays of a kind of light that are as few as scattering forgives.
+fn is_soft(light: &Light) -> bool {
+    !matches!(light.kind(), LightKind::Directional | LightKind::Point)
+}
+
+/// Number of samples of the truth that judges that many samples, for an error that is asked for.
+pub(super) fn true_samples(scene: &Scene, max_rms: f64, judged: usize) -> usize {
+    let by_error = SAMPLES as f64 * (0.01 / max_rms).clamp(0.5, 16.0);
+    let finer = if judged <= FINER_UP_TO { FINER * judged } else { FINER_BEYOND * judged };
+    (by_error as usize).max(finer).max(FINER_BEYOND * scene.mesh.triangles.len()).min(MOST_SAMPLES)
+}
+
+/// Number of samples whose error a choice must be able to tell: a few for each triangle.
+pub(super) fn judged_by_a_choice(scene: &Scene, model: Model) -> usize {
+    const LEAST: usize = 1 << 14;
+    /// Entering light of calibrated kernels is drawn.
+    const LEAST_DRAWN: usize = 1 << 17;
+    let least = if model == Model::Dipole { LEAST } else { LEAST_DRAWN };
+    (scene.mesh.triangles.len() / 2 * 3).max(least)
+}
+
+/// The lights of a choice that tell the error of sampling: where there are many triangles, few sharp lights are enough work.
+pub(super) fn telling(lights: Vec<Light>, scene: &Scene) -> Vec<Light> {
+    const MANY: usize = 50_000;
+    const OF_A_KIND: usize = 2;
+    let triangles = scene.mesh.triangles.len();
+    let any_sharp = lights.iter().any(|light| !is_soft(light));
+    if triangles <= MOST_UNDER_SOFT_LIGHT || !any_sharp {
+        return lights;
+    }
+    let mut sharp: Vec<Light> = lights.into_iter().filter(|light| !is_soft(light)).collect();
+    if triangles > MANY {
+        let mut counts = BTreeMap::new();
+        sharp.retain(|light| {
+            let count: &mut usize = counts.entry(light.kind()).or_default();
+            *count += 1;
+            *count <= OF_A_KIND
+        });
+    }
+    sharp
+}
+
+/// Some vertices, with the area around each.
+pub(super) struct Places {
+    pub(super) vertices: Vec<u32>,
+    points: Vec<MeshPoint>,
+    areas_mm2: Vec<f64>,
+}
+
+impl Places {
+    /// About `count` vertices spread over the translucent parts; different phases (0 to 2) are disjoint unless there are very few.
+    pub(super) fn new(scene: &Scene, count: usize, phase: usize) -> Self {
+        const GROUP: usize = 8;
+        let Scene { mesh, parts, .. } = scene;
+        let receivers = Receivers::new(mesh, parts, GROUP);
+        let (_, chosen) = receivers.probe_points(&receivers.areas_mm2(mesh), (count, phase));
+        let mut wanted: BTreeMap<u32, f64> = chosen.indices.into_iter().zip(chosen.areas_mm2).collect();
+        let mut places = Self { vertices: Vec::new(), points: Vec::new(), areas_mm2: Vec::new() };
+        for (index, corners) in mesh.triangles.iter().enumerate() {
+            let part = parts.triangle_part.get(index).and_then(|&part| parts.parts.get(part as usize));
+            if wanted.is_empty() || !part.is_some_and(|part| part.transfers()) {
+                continue;
+            }
+            for (corner, &vertex) in corners.iter().enumerate() {
+                let receiver = receivers.of_vertex.get(vertex as usize).copied().unwrap_or(u32::MAX);
+                let Some(area) = wanted.remove(&receiver) else { continue };
+                let barycentric = [0, 1, 2].map(|k| if k == corner { 1.0 } else { 0.0 });
+                if let Some(point) = MeshPoint::new(mesh, index as u32, barycentric) {
+                    places.vertices.push(vertex);
+                    places.points.push(point);
+                    places.areas_mm2.push(area);
+                }
+            }
+        }
+        places
+    }
+
+    /// Error of values at the places; none where the truth is black.
+    pub(super) fn error(&self, values: &[DVec3], truth: &[DVec3]) -> VertexError {
+        vertex_error(values, truth, &self.areas_mm2).or_none()
+    }
+
+    /// Values of the places, out of those of every source vertex.
+    pub(super) fn of(&self, all: &[DVec3]) -> Vec<DVec3> {
+        self.vertices.iter().map(|&vertex| all.get(vertex as usize).copied().unwrap_or_default()).collect()
+    }
+}
+
+/// Sums over all pairs, as the truth has them.
+const ALL_PAIRS: Gathered = Gathered {
+    density: Density { spacing: 1.0, least: 1, most: u32::MAX },
+    sampling: TRUE_RAYS,
+    near: NearField::REFERENCE,
+    far: Far::AllPairs,
+    group: 64,
+    nets: None,
+    environment: None,
+    single: None,
+    outside: None,
+};
+
+/// Sums over all pairs of some samples at any place.
+struct Sums(Box<dyn Evaluator>);
+
+impl Sums {
+    /// `kernels` are the sections of calibrated kernels, where the model is not the dipole.
+    fn new(scene: &Scene, samples: usize, sampling: LightSampling, kernels: &[RawSection]) -> Result<Self> {
+        let asset = Asset {
+            scene: scene.clone(),
+            samples: Samples::new(&scene.mesh, &scene.parts, samples),
+            provenance: Provenance::default(),
+            ledger: Ledger::default(),
+            sections: kernels.to_vec(),
+        };
+        Form::open(&Gathered { sampling, ..ALL_PAIRS }, Arc::new(asset)).map(Self)
+    }
+
+    fn at(&mut self, light: &Light, places: &Places) -> Result<Vec<DVec3>> {
+        self.0.set_lights(vec![light.clone()], &Silent)?;
+        self.0.prepare_points(&Silent)?;
+        let missing = || Error::runtime("the truth of a plan serves no points");
+        Ok(self.0.exitance_at_points().ok_or_else(missing)?.at_each(&places.points, &Silent))
+    }
+}
+
+/// Sections of the kernels of a model before any asset has them; none where it is the dipole.
+pub(super) fn kernels_of(model: Model, scene: &Scene, progress: &dyn Progress) -> Result<Vec<RawSection>> {
+    let settings = BakeSettings { model, samples: Some(1), ..BakeSettings::new(1.0) };
+    match model {
+        Model::Dipole => Ok(Vec::new()),
+        Model::Calibrated(_) => Form::bake(&ALL_PAIRS, scene, &settings, progress).map(|parts| parts.sections),
+    }
+}
+
+/// Sections of calibrated kernels of an asset; none where it has the dipole's.
+pub(super) fn kernels(asset: &Asset) -> Vec<RawSection> {
+    let is_kernel = |section: &&RawSection| calibration::tags::ALL.contains(&section.tag);
+    asset.sections.iter().filter(is_kernel).cloned().collect()
+}
+
+/// True radiosity at some vertices under some lights.
+pub(super) struct Truth {
+    pub(super) places: Places,
+    pub(super) lights: Vec<Light>,
+    values: Vec<Vec<DVec3>>,
+}
+
+impl Truth {
+    pub(super) fn new(
+        scene: &Scene,
+        (lights, places): (Vec<Light>, Places),
+        samples: usize,
+        kernels: &[RawSection],
+        progress: &dyn Progress,
+    ) -> Result<Self> {
+        let mut sums: [Option<Sums>; 2] = [None, None];
+        let mut values = Vec::with_capacity(lights.len());
+        progress.start("truth of a plan", lights.len() as u64);
+        for light in &lights {
+            let soft = is_soft(light);
+            let of_kind = &mut sums[usize::from(soft)];
+            if of_kind.is_none() {
+                let (samples, rays) = if soft { under_soft_light(scene, samples) } else { (samples, TRUE_RAYS) };
+                *of_kind = Some(Sums::new(scene, samples, rays, kernels)?);
+            }
+            values.push(of_kind.as_mut().map_or(Ok(Vec::new()), |sums| sums.at(light, &places))?);
+            progress.advance(1);
+        }
+        progress.finish();
+        Ok(Self { places, lights, values })
+    }
+
+    /// Error of radiosity of every source vertex under the light of an index.
+    pub(super) fn error(&self, light: usize, radiosity: &[DVec3]) -> VertexError {
+        self.places.error(&self.places.of(radiosity), &self.values[light])
+    }
+}
+
+/// The error of sampling as a function of the number of samples, the worst light, measured where it is asked for.
+pub(super) struct Sampling<'a> {
+    scene: &'a Scene,
+    kernels: &'a [RawSection],
+    truth: Truth,
+    /// Whether soft light is asked for, measured or not.
+    soft_is_asked: bool,
+    /// Number of samples up to which the truth tells errors.
+    most: usize,
+    /// By number of samples: under sharp lights and under soft ones.
+    known: [BTreeMap<usize, VertexError>; 2],
+}
+
+impl<'a> Sampling<'a> {
+    /// `samples` is their number in the truth, `kernels` as in the truth.
+    pub(super) fn new(
+        scene: &'a Scene,
+        kernels: &'a [RawSection],
+        (truth, samples): (Truth, usize),
+        kinds: &BTreeSet<LightKind>,
+    ) -> Self {
+        let soft_is_asked = kinds.iter().any(|kind| !matches!(kind, LightKind::Directional | LightKind::Point));
+        Self {
+            soft_is_asked,
+            scene,
+            kernels,
+            truth,
+            most: samples / FINER_BEYOND,
+            known: [BTreeMap::new(), BTreeMap::new()],
+        }
+    }
+
+    /// What has been measured, by the number of samples.
+    pub(super) fn known(&self) -> Vec<(usize, VertexError)> {
+        let [sharp, soft] = &self.known;
+        let mut all = sharp.clone();
+        soft.iter().for_each(|(samples, error)| {
+            all.entry(*samples).and_modify(|known| *known = known.max(*error)).or_insert(*error);
+        });
+        all.into_iter().collect()
+    }
+
+    /// The error of that many samples under sharp lights alone, which is less work.
+    pub(super) fn error_under_sharp_lights(&mut self, samples: usize) -> Result<VertexError> {
+        self.under(samples.min(self.most), false)
+    }
+
+    /// The error of that many samples.
+    pub(super) fn error(&mut self, samples: usize) -> Result<VertexError> {
+        let sharp = self.error_under_sharp_lights(samples)?;
+        let any_sharp = self.truth.lights.iter().any(|light| !is_soft(light));
+        if self.scene.mesh.triangles.len() <= MOST_UNDER_SOFT_LIGHT {
+            return Ok(sharp.max(self.under(samples.min(MOST_UNDER_SOFT_LIGHT), true)?));
+        }
+        // Many samples take many rays to measure; what sharp light tells must do.
+        let clusters = samples < self.scene.mesh.triangles.len();
+        match (any_sharp, clusters) {
+            (true, true) if self.soft_is_asked => Ok(sharp.scaled(CLUSTERS_UNDER_SOFT_LIGHT)),
+            (true, _) => Ok(sharp),
+            (false, _) => self.under(samples, true),
+        }
+    }
+
+    fn under(&mut self, samples: usize, soft: bool) -> Result<VertexError> {
+        if let Some(error) = self.known[usize::from(soft)].get(&samples) {
+            return Ok(*error);
+        }
+        let mut worst = VertexError::default();
+        let chosen: Vec<usize> =
+            (0..self.truth.lights.len()).filter(|&i| is_soft(&self.truth.lights[i]) == soft).collect();
+        if !chosen.is_empty() {
+            let mut sums = Sums::new(self.scene, samples, LightSampling::FAST, self.kernels)?;
+            for light in chosen {
+                let values = sums.at(&self.truth.lights[light], &self.truth.places)?;
+                worst = worst.max(self.truth.places.error(&values, &self.truth.values[light]));
+            }
+        }
+        self.known[usize::from(soft)].insert(samples, worst);
+        Ok(worst)
+    }
+}

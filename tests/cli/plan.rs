@@ -1,0 +1,126 @@
+//! `bake --method auto`, the default: every request is met or fails with 6 and says what would meet it.
+
+use serde_json::Value;
+use translux::geometry::shapes;
+
+use crate::common::Folder;
+
+fn folder() -> Folder {
+    let folder = Folder::new();
+    folder.obj("ball.obj", &shapes::icosphere(8.0, 3)).obj("cube.obj", &shapes::cuboid(glam::DVec3::splat(10.0), 1));
+    folder
+}
+
+/// A plan without what differs from run to run.
+fn plan(folder: &Folder, file: &str) -> Value {
+    let mut plan: Value = serde_json::from_slice(&folder.read(file)).unwrap();
+    let timings = plan.as_object_mut().unwrap().remove("timings").unwrap();
+    assert!(timings["total_s"].as_f64().unwrap() > 0.0);
+    plan
+}
+
+/// The attempt whose asset was kept, and what it was.
+fn kept(plan: &Value) -> (&Value, &Value) {
+    let attempt = &plan["attempts"][plan["kept"].as_u64().unwrap() as usize];
+    (attempt, &plan["considered"][attempt["considered"].as_u64().unwrap() as usize])
+}
+
+#[test]
+fn a_bake_without_a_method_meets_its_request_and_says_how_it_chose() {
+    let folder = folder();
+    let bake = "bake ball.obj --unit mm --material marble --for-lights directional,constant --max-rms 1%";
+    let report = folder.run(&format!("{bake} -o a.tlux --report a.json --json")).ok().json();
+    let made = plan(&folder, "a.json");
+    assert_eq!(made["schema"], "translux.plan.v0");
+    assert!(made["misses"].as_array().unwrap().is_empty() && made["would_meet"].is_null());
+    let (attempt, chosen) = kept(&made);
+    assert!(attempt["error"]["rms"].as_f64().unwrap() <= 0.01, "{attempt}");
+    assert!(attempt["lights"].as_u64().unwrap() >= 8 && attempt["vertices"].as_u64().unwrap() > 100, "{attempt}");
+    assert!(chosen["left"].is_null() && chosen["expected"]["rms"].as_f64().unwrap() <= 0.01, "{chosen}");
+    assert_eq!(report["method"], chosen["method"]);
+    assert_eq!(report["plan"]["kept"], made["kept"]);
+    let bytes = folder.read("a.tlux").len() as u64;
+    assert_eq!((&attempt["bytes"], &report["bytes"]), (&bytes.into(), &bytes.into()));
+    // Every method was looked at, or it is said why not.
+    for method in ["two_pass", "editable", "quantized_lights", "all_frequency", "texture_space", "filtered_normals"] {
+        let of_method = |c: &&Value| c["method"] == method;
+        let considered: Vec<&Value> = made["considered"].as_array().unwrap().iter().filter(of_method).collect();
+        let said = |c: &&Value| !c["why"].as_str().unwrap().is_empty();
+        assert!(!considered.is_empty() && considered.iter().all(said), "{method}: {considered:?}");
+    }
+    // A light that neither choice nor verdict saw.
+    let light = "--light directional:from=-0.2,0.4,0.9:irradiance=2";
+    folder.run(&format!("evaluate a.tlux {light} -o a.ply")).ok();
+    folder.run(&format!("reference ball.obj --unit mm --material marble {light} --no-measure -o truth.ply")).ok();
+    folder.run("compare a.ply truth.ply --metric rms --fail-above 1%").ok();
+    let text = folder.run("inspect a.tlux").ok().text();
+    for sentence in [
+        "plan: asked: at most 1.00 % RMS",
+        "plan: chosen: ",
+        "plan: measured: ",
+        "plan: not chosen: ",
+        "plan: left out: ",
+    ] {
+        assert!(text.contains(sentence), "{sentence}: {text}");
+    }
+    folder.run("validate a.tlux").ok();
+
+    // No clock decides: other threads, the same bytes and the same plan.
+    for threads in [1, 3] {
+        folder.run(&format!("--threads {threads} {bake} -o b.tlux --report b.json -q")).ok();
+        assert!(folder.read("b.tlux") == folder.read("a.tlux"), "{threads} threads");
+        assert_eq!(plan(&folder, "b.json"), made);
+    }
+}
+
+#[test]
+fn small_meshes_get_small_assets() {
+    let folder = folder();
+    folder.run("bake cube.obj --unit mm --material marble --for-lights directional --report p.json -o a.tlux -q").ok();
+    let made = plan(&folder, "p.json");
+    let (attempt, chosen) = kept(&made);
+    println!("12 triangles: {} bytes, {}", attempt["bytes"], chosen["family"]);
+    assert!(attempt["bytes"].as_u64().unwrap() < 10_000, "{attempt}");
+}
+
+#[test]
+fn what_cannot_be_met_is_6_and_says_what_would_meet_it() {
+    let folder = folder();
+    let bake = "bake ball.obj --unit mm --material marble --for-lights directional";
+    let missed = &["the request is not met", "What would meet it", "bytes/vertex"];
+    folder.run(&format!("{bake} --max-bytes-per-vertex 0.5 --report p.json -o none.tlux")).fails(6, missed);
+    let made = plan(&folder, "p.json");
+    assert!(made["kept"].is_null() && made["would_meet"].is_string(), "{made}");
+    assert!(!folder.path("none.tlux").exists());
+    // What is expected to be met and is not by the clock of this machine is written, and 6 too.
+    let slow = folder.run(&format!("{bake} --max-rms 5% --max-bake-s 0.5 --report p.json -o a.tlux"));
+    let code = slow.code;
+    assert!(code == 0 || code == 6, "{}", slow.stderr);
+    let timings: Value = serde_json::from_slice(&folder.read("p.json")).unwrap();
+    let kept = !timings["kept"].is_null();
+    assert_eq!(kept, folder.path("a.tlux").exists());
+    assert_eq!(code == 0, kept && timings["timings"]["misses"].as_array().unwrap().is_empty());
+}
+
+#[test]
+fn contradictory_requests_are_refused_with_the_reason() {
+    let folder = folder();
+    let bake = "bake ball.obj --unit mm --material marble -o a.tlux";
+    for (rest, fragments) in [
+        ("--set points=1", &["--set points=1", "keys belong to a method", "auto"][..]),
+        ("--samples 1000", &["--samples", "as many as the error needs"]),
+        ("--max-dark 0", &["--max-dark 0", "10%"]),
+        ("--max-relight-ms 0", &["--max-relight-ms 0", "above 0"]),
+        ("--max-bake-s nan", &["--max-bake-s", "above 0"]),
+        ("--max-bytes lots", &["--max-bytes lots", "such as"]),
+        ("--edit colour", &["colour", "absorption"]),
+        ("--report plan.txt", &["--report plan.txt", ".json"]),
+        ("--method two_pass --max-dark 5%", &["--max-dark", "two_pass", "auto"]),
+        ("--method editable --edit any", &["--edit", "editable", "auto"]),
+        ("--method editable --report p.json", &["--report", "editable", "auto"]),
+    ] {
+        folder.run(&format!("{bake} {rest}")).fails(1, fragments);
+    }
+    folder.run(&format!("{bake} --report none/p.json")).fails(2, &["--report none/p.json"]);
+    assert!(!folder.path("a.tlux").exists());
+}
