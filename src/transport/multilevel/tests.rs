@@ -132,7 +132,7 @@ fn an_opaque_part_takes_and_gives_nothing() {
 #[test]
 fn double_layers_are_summed_over_nets_of_their_own() {
     for (samples, resolved) in [(40_000, true), (4000, false)] {
-        let fixture = Fixture::new(shapes::bumpy_head(20.0, 3), named("skin1"), samples);
+        let fixture = head(named("skin1"), samples);
         let surface = fixture.surface();
         let walks = Walks { photons: 20_000, ..Walks::default() };
         let calibrated = Calibrated::by_walks(surface.domain, surface.bvh, walks, &Silent).unwrap();
