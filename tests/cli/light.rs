@@ -351,9 +351,10 @@ fn stored_transport_holds_the_calibrated_model_and_is_measured_against_it() {
         let found = folder.radiosity("a.ply");
         let (here, there) = (relative_difference(&found, &exact), relative_difference(&found, &dipole));
         assert!(here < 0.035 && there > 3.0 * here, "{method}: {here} from its own model, {there} from the dipole");
-        let entries = report["ledger"]["entries"].as_array().unwrap();
+        let entries = report["measured"]["entries"].as_array().unwrap();
         let measured = entries.iter().map(|entry| entry["error"]["rms"].as_f64().unwrap()).fold(0.0, f64::max);
-        assert!(measured < 0.04, "{method}: {report}");
+        // Under the worst of the probe lights; the dipole is 0.3 off.
+        assert!(measured < 0.12 && there > 0.15, "{method}: {measured} {there}");
     }
 }
 

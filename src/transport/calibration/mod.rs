@@ -215,7 +215,7 @@ const MOST_ROUNDS: usize = 40;
 const GROUP: usize = 16;
 
 /// Samples with which the factors of points are solved for at most; factors are smooth.
-const SOLVING: usize = 4096;
+const SOLVING: usize = 8192;
 
 /// Solid angle of clusters in those sums, sr.
 const SOLVING_ANGLE: f64 = 0.03;
