@@ -6,6 +6,7 @@ use std::collections::BTreeSet;
 use super::capabilities::MaterialEdit;
 use crate::light::LightKind;
 use crate::scene::Scene;
+use crate::transport::irradiance::LightSampling;
 
 /// Numbers of a scene that costs follow from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
@@ -86,6 +87,15 @@ pub fn samples_bytes(samples: usize, body: Body, ordered: bool) -> f64 {
     900.0 + (2.0 * triangles + of_sample * n) * of_order
 }
 
+/// Milliseconds in which light of a kind reaches the samples: from stored rows where there are any that hold it, else by rays.
+pub fn light_ms(samples: usize, sampling: LightSampling, has_rows: bool, kind: LightKind) -> f64 {
+    let LightSampling { points_per_patch, directions, area_side } = sampling;
+    match kind {
+        LightKind::Environment | LightKind::Constant if has_rows => MS_OF_A_ROW * samples as f64,
+        _ => rays_ms(samples, (points_per_patch, directions, area_side.pow(2)), kind),
+    }
+}
+
 /// Milliseconds in which rays light the samples, by the light's kind: rays that start from `points` places of a sample for sharp
 /// lights, `directions` for environments, `cells` for area lights.
 pub fn rays_ms(samples: usize, (points, directions, cells): (u32, u32, u32), kind: LightKind) -> f64 {
@@ -99,3 +109,6 @@ pub fn rays_ms(samples: usize, (points, directions, cells): (u32, u32, u32), kin
 
 /// Time of a shadow ray on both cores, ms, its share of the light's sampling included.
 const MS_OF_A_RAY: f64 = 4.5e-5;
+
+/// Time of a stored row of irradiance, ms.
+const MS_OF_A_ROW: f64 = 4e-4;

@@ -2,7 +2,7 @@
 //! (`examples/plan_costs`), within a third of them.
 
 use super::settings::{Far, Gathered};
-use crate::evaluate::forecast::{Body, Forecast, rays_ms, relight_of_kinds, samples_bytes};
+use crate::evaluate::forecast::{Body, Forecast, light_ms, relight_of_kinds, samples_bytes};
 use crate::evaluate::{BakeSettings, MaterialEdit};
 use crate::forms::environment_rows::EnvironmentRows;
 use crate::light::LightKind;
@@ -39,7 +39,6 @@ pub(super) fn forecast(form: &Gathered, scene: &Scene, settings: &BakeSettings) 
         bytes += rows.expected_bytes(samples);
         bake_s += 0.5 + 6e-5 * n + 4e-5 * vertices;
     }
-    let sampling = (form.sampling.points_per_patch, form.sampling.directions, form.sampling.area_side.pow(2));
     Some(Forecast {
         samples: Some(samples),
         rms: form.nets.map_or(HIERARCHY_KEEPS * error, |asked| NETS_KEEP * asked)
@@ -47,11 +46,7 @@ pub(super) fn forecast(form: &Gathered, scene: &Scene, settings: &BakeSettings) 
         dark_over_rms: if form.nets.is_some() { 30.0 } else { 25.0 },
         bytes,
         bake_s,
-        relight_ms: relight_of_kinds(|kind| {
-            let far_away = matches!(kind, LightKind::Environment | LightKind::Constant);
-            let light = if far_away && rows.is_some() { 4e-4 * n } else { rays_ms(samples, sampling, kind) };
-            light + sums_ms
-        }),
+        relight_ms: relight_of_kinds(|kind| light_ms(samples, form.sampling, rows.is_some(), kind) + sums_ms),
         material: MaterialEdit::Any,
     })
 }
