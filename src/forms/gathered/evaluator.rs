@@ -6,6 +6,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::lit_samples::{GatheredEvaluator, Nets};
+use super::model::Model;
 use super::settings::Far;
 #[cfg(feature = "gpu")]
 use super::{hierarchy_gpu::HierarchyOnDevice, nets_gpu::NetsOnDevice};
@@ -102,6 +103,7 @@ impl Evaluator for GatheredEvaluator {
                 + size_of_val(self.asset.samples.patch_offsets.as_slice())
                 + self.matrix.as_ref().map_or(0, InterReflection::bytes)
                 + self.nets.as_ref().map_or(0, Nets::bytes)
+                + self.model.as_ref().map_or(0, Model::bytes)
                 + self.rows.as_ref().map_or(0, StoredRows::bytes),
         }
     }

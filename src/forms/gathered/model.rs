@@ -22,8 +22,8 @@ use crate::transport::surface::Surface;
 /// Quantiser step of the logarithms of factors: an error of 0.1 % RMS.
 const STEP: f64 = 1.0 / 256.0;
 
-/// Sets of media whose calibrations are remembered.
-const REMEMBERED: usize = 8;
+/// Sets of media whose calibrations are remembered, some 340 bytes a sample each.
+const REMEMBERED: usize = 4;
 
 /// The calibrated kernels of an evaluator.
 pub(super) struct Model {
@@ -56,6 +56,12 @@ impl Model {
     /// The kernels and factors in force, if they have been made.
     pub(super) fn in_force(&self) -> Option<&CalibratedSamples> {
         self.in_force.as_deref()
+    }
+
+    /// Bytes in memory of all calibrations that are remembered, but for their kernels.
+    pub(super) fn bytes(&self) -> usize {
+        let of = |of: &CalibratedSamples| size_of_val(of.factors.as_slice()) + of.entry.bytes();
+        self.remembered.iter().map(|(_, calibration)| of(calibration)).sum()
     }
 
     /// Other media are in force.
