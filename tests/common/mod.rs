@@ -57,7 +57,8 @@ impl Folder {
     /// [`Self::run_as_typed`] has the default.
     pub fn run_words<S: AsRef<OsStr>>(&self, words: impl IntoIterator<Item = S>) -> Outcome {
         let mut words: Vec<OsString> = words.into_iter().map(|word| word.as_ref().to_owned()).collect();
-        let sums = words.first().is_some_and(|word| word == "bake" || word == "reference");
+        let command = if words.first().is_some_and(|word| word == "--threads") { 2 } else { 0 };
+        let sums = words.get(command).is_some_and(|word| word == "bake" || word == "reference");
         if sums && !words.iter().any(|word| word == "--model" || word == "--help") {
             words.extend(["--model", "dipole"].map(OsString::from));
         }
