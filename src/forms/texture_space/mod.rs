@@ -7,17 +7,20 @@
 
 mod bake;
 mod descent;
+#[cfg(feature = "gpu")]
+mod device;
 mod evaluate;
+mod falloff;
 mod forecast;
 mod form;
-#[cfg(feature = "gpu")]
-mod gpu;
 mod hybrid;
+mod kept;
 mod light;
 mod map;
 mod samples;
 mod settings;
 mod state;
+mod view;
 
 pub use settings::{Far, Local, Sampling, TextureSpace};
 

@@ -6,19 +6,22 @@ use glam::DVec3;
 use rayon::prelude::*;
 use translux_format::texture_space::Numbers;
 
-use super::descent::{Descent, Kernels};
-use super::hybrid::{Division, LightView};
+use super::descent::Descent;
+use super::falloff::Kernels;
+use super::hybrid::Division;
+use super::kept::{Kept, Shone};
 use super::light::LitMap;
 use super::map::{Order, TexelMap};
 use super::samples::{self, Sample};
 use super::settings::{Far, Local, Sampling, TextureSpace};
+use super::view::LightView;
 use crate::compress::ledger::Ledger;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::evaluate::Evaluator;
 use crate::forms::baked_in::Truth;
 use crate::geometry::atlas::Atlas;
 use crate::geometry::bvh::Bvh;
-use crate::light::Light;
+use crate::light::{Light, refuse_fields};
 use crate::math::simd::InstructionSet;
 use crate::math::statistics::{VertexError, vertex_error};
 use crate::medium::material::Medium;
@@ -79,6 +82,8 @@ pub(super) struct TextureSpaceEvaluator {
     pub(super) lights: Vec<Light>,
     pub(super) lit: Option<LitMap>,
     pub(super) chosen: Option<Chosen>,
+    /// What lights that move leave.
+    pub(super) kept: Kept,
     pub(super) truth: Truth,
 }
 
@@ -97,11 +102,12 @@ impl TextureSpaceEvaluator {
             truth: Truth::new(numbers.truth_samples.min(MOST_SAMPLES) as usize),
             numbers,
             profile: None,
-            kernels: Kernels::new(Vec::new()),
+            kernels: Kernels::new(Vec::new(), 1.0),
             division: None,
             lights: Vec::new(),
             lit: None,
             chosen: None,
+            kept: Kept::default(),
         };
         made.take_media(scene.media.clone())?;
         Ok(made)
@@ -124,9 +130,9 @@ impl TextureSpaceEvaluator {
         };
         if let Sampling::Hybrid(local) = &self.form.sampling {
             let (division, global) = Division::new(local, &kernels, diagonal_mm);
-            self.division = Some((division, Kernels::new(global)));
+            self.division = Some((division, Kernels::new(global, diagonal_mm)));
         }
-        self.kernels = Kernels::new(kernels);
+        self.kernels = Kernels::new(kernels, diagonal_mm);
         let eta = |m: &Medium| m.properties.eta_inside_over_outside;
         if media.iter().zip(&self.scene.media).any(|(a, b)| eta(a) != eta(b)) {
             self.lit = None;
@@ -140,30 +146,83 @@ impl TextureSpaceEvaluator {
         self.bvh.get_or_init(|| Bvh::new(&self.scene.mesh))
     }
 
+    /// Refuses lights that the samples cannot see.
+    ///
+    /// # Errors
+    /// Unsupported: source radiance fields; with the hybrid method other lights than directional and point ones.
+    pub(super) fn check_lights(&self, lights: &[Light]) -> Result<()> {
+        refuse_fields(lights)?;
+        let kinds = self.form.sampling.kinds();
+        match lights.iter().find(|light| !kinds.contains(&light.kind())) {
+            None => Ok(()),
+            Some(light) => Err(Error::unsupported(format!(
+                "sampling=hybrid sees directional and point lights, no {}; --set sampling=product takes all",
+                light.kind().name()
+            ))),
+        }
+    }
+
+    /// Replaces the lights, without any work yet.
+    #[cfg(feature = "gpu")]
+    pub(super) fn take_lights(&mut self, lights: Vec<Light>) {
+        (self.lights, self.lit, self.chosen) = (lights, None, None);
+    }
+
+    /// What lights shine on.
+    fn shone(&self) -> Shone<'_> {
+        Shone { map: &self.map, scene: &self.scene, bvh: self.bvh(), sampling: self.form.rays }
+    }
+
     pub(super) fn illuminate(&self, lights: &[Light], progress: &dyn Progress) -> Result<LitMap> {
-        LitMap::new(&self.map, (&self.scene, self.bvh()), lights, self.form.rays, progress)
+        Ok(LitMap::new(&self.map, self.shone().irradiance(lights, progress)?))
+    }
+
+    /// Takes lights that have moved, and keeps what was seen of those before; the limit of descents as well, where it still holds.
+    pub(super) fn move_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()> {
+        let mut kept = std::mem::take(&mut self.kept);
+        let irradiance = kept.irradiance(self.shone(), &lights, progress);
+        self.kept = kept;
+        let lit = LitMap::new(&self.map, irradiance?);
+        let guess = match self.chosen {
+            Some(Chosen::Limit(limit)) => Some(limit * self.lit.as_ref().map_or(1.0, |before| before.unit / lit.unit)),
+            _ => None,
+        };
+        self.chosen = Some(self.choose_near(&lights, &lit, guess)?);
+        (self.lit, self.lights) = (Some(lit), lights);
+        Ok(())
     }
 
     pub(super) fn descent<'a>(&'a self, lit: &'a LitMap, near: NearField) -> Descent<'a> {
         Descent { scene: &self.scene, map: &self.map, lit, kernels: &self.kernels, near }
     }
 
-    /// Irradiance of the patches under the lights in force, RGB.
+    /// Kernels of the media in force.
     #[cfg(feature = "gpu")]
-    pub(super) fn irradiance(&self) -> Vec<DVec3> {
-        self.lit.as_ref().map_or(Vec::new(), |lit| lit.irradiance.iter().map(|e| lit.unit * *e).collect())
+    pub(super) fn kernels(&self) -> &Kernels {
+        &self.kernels
+    }
+
+    /// The division of R_d in force and the kernels of its global part; none unless the method is the hybrid one.
+    #[cfg(feature = "gpu")]
+    pub(super) fn division(&self) -> Option<&(Division, Kernels)> {
+        self.division.as_ref()
     }
 
     /// Chooses the samples.
     pub(super) fn choose(&self, lights: &[Light], lit: &LitMap) -> Result<Chosen> {
+        self.choose_near(lights, lit, None)
+    }
+
+    /// Chooses the samples; a limit of descents may be guessed.
+    fn choose_near(&self, lights: &[Light], lit: &LitMap, guess: Option<f64>) -> Result<Chosen> {
         let count = self.numbers.count as usize;
         let parts = 0..self.map.roots.len();
-        let drawn = || parts.clone().map(|part| samples::drawn(&self.map, lit, part, count)).collect();
-        let clusters = || parts.clone().map(|part| samples::clusters(&self.map, lit, part, count)).collect();
+        let drawn = || parts.clone().map(|part| samples::drawn(&self.map, &lit.nodes, part, count)).collect();
+        let clusters = || parts.clone().map(|part| samples::clusters(&self.map, &lit.nodes, part, count)).collect();
         Ok(match &self.form.sampling {
             Sampling::Shared => Chosen::Shared(drawn()),
             Sampling::Clusters => Chosen::Shared(clusters()),
-            Sampling::Product => Chosen::Limit(self.descent(lit, self.form.near).limit(&self.receivers, count)),
+            Sampling::Product => Chosen::Limit(self.descent(lit, self.form.near).limit(&self.receivers, count, guess)),
             Sampling::Hybrid(local) => {
                 let view = |light: &Light| LightView::new((&self.scene, self.bvh()), light, local);
                 let far = match local.far {
@@ -226,7 +285,8 @@ impl TextureSpaceEvaluator {
     /// Radiosity of some receivers from as many samples as tell every texel that matters, RGB.
     fn resolved(&self, lit: &LitMap, receivers: &Receivers) -> Vec<DVec3> {
         let descent = self.descent(lit, self.form.near);
-        descent.radiosity(receivers, descent.limit(&self.receivers, RESOLVED.max(4 * self.numbers.count as usize)))
+        descent
+            .radiosity(receivers, descent.limit(&self.receivers, RESOLVED.max(4 * self.numbers.count as usize), None))
     }
 
     /// Receivers that descend one by one, each a group.
@@ -316,7 +376,7 @@ fn receivers(form: &TextureSpace, scene: &Scene) -> Receivers {
     let all = grouped(OF_DESCENT);
     let area: f64 = scene.parts.parts.iter().filter(|p| p.transfers()).map(|p| p.area_mm2).sum();
     let spacing_mm = (area / all.len().max(1) as f64).sqrt();
-    let smooth_mm = Kernels::new(MediumKernel::of_media(&scene.media)).smooth_mm();
+    let smooth_mm = Kernels::new(MediumKernel::of_media(&scene.media), scene.mesh.diagonal_mm()).smooth_mm();
     if spacing_mm > ALONE * smooth_mm { grouped(1) } else { all }
 }
 

@@ -7,6 +7,8 @@ use glam::DVec3;
 use super::closed_form::PolesRgb;
 use super::double_layer::DoubleLayer;
 use super::near::{Flats, flats_body};
+#[cfg(feature = "gpu")]
+use super::radial_table::LinearTable;
 use super::radial_table::{ProfileTable, WIDEST};
 use super::{Block, FlatSource, PointSource, points_body, triangles_body};
 use crate::error::Result;
@@ -122,6 +124,15 @@ impl MediumKernel {
         match &self.fast {
             Fast::Poles { poles, .. } => Some(poles),
             Fast::Table(_) | Fast::Layers(_) => None,
+        }
+    }
+
+    /// The table of the profiles, where that is how they are evaluated.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn table(&self) -> Option<&LinearTable> {
+        match &self.fast {
+            Fast::Table(table) => Some(&table.reflectance),
+            _ => None,
         }
     }
 
