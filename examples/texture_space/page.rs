@@ -66,6 +66,15 @@ vertices. Measured on two cores while another build used them as well (load 3.5 
 
 ";
 
+const REUSE: &str = "
+## Between frames
+
+Marble, a parallel light that turns. `relight --reuse` keeps what is lit and what is in shadow: of each 64 patches side by side in the texture 8 are looked at in a
+frame, all where one of these has changed or where patches of both kinds are; what they get without shadows is computed anew. The limit of `product` is tried first as it was.
+What differs is the worst frame against the same frame all anew.
+
+";
+
 const PICTURES: &str = "
 ## Pictures
 
@@ -81,7 +90,14 @@ always resolved for it.
 
 pub(crate) const WORDS: Words = Words {
     head: HEAD,
-    before: &[("samples", SAMPLES), ("hybrid", HYBRID), ("maps", MAPS), ("speed", SPEED), ("pictures", PICTURES)],
+    before: &[
+        ("samples", SAMPLES),
+        ("hybrid", HYBRID),
+        ("maps", MAPS),
+        ("speed", SPEED),
+        ("reuse", REUSE),
+        ("pictures", PICTURES),
+    ],
     places: &[],
     tail: TAIL,
 };

@@ -58,11 +58,11 @@ fn ray(from_origin: vec3<f32>, direction: vec3<f32>, range: vec2<f32>) -> Ray {
     let grow = 1.9073486e-6 * max(TREE_MAGNITUDE, from_zero);
     let least = length * 9.313226e-10;
     let negative = direction < vec3(0.0);
-    r.inverse = select(vec3(1.0), vec3(-1.0), negative) / max(size, vec3(least));
+    r.inverse = select(vec3<f32>(1.0), vec3<f32>(-1.0), negative) / max(size, vec3(least));
     let grown = select(vec3(grow), vec3(-grow), negative);
     r.near_offset = (r.origin + grown) * r.inverse;
     r.far_offset = (r.origin - grown) * r.inverse;
-    r.near = vec3(0u, 1u, 2u) + select(vec3(0u), vec3(3u), negative);
+    r.near = vec3<u32>(0u, 1u, 2u) + select(vec3<u32>(0u), vec3<u32>(3u), negative);
     r.axes = vec3((z + 1u) % 3u, (z + 2u) % 3u, z);
     r.along = direction[z];
     r.shear = vec2(direction[r.axes.x], direction[r.axes.y]) * r.inverse[z];
@@ -71,7 +71,7 @@ fn ray(from_origin: vec3<f32>, direction: vec3<f32>, range: vec2<f32>) -> Ray {
 }
 
 fn as_bits(which: vec4<bool>) -> u32 {
-    let bits = select(vec4(0u), vec4(1u, 2u, 4u, 8u), which);
+    let bits = select(vec4<u32>(0u), vec4<u32>(1u, 2u, 4u, 8u), which);
     return bits.x | bits.y | bits.z | bits.w;
 }
 
@@ -80,7 +80,7 @@ fn boxes(r: Ray, node: u32, four: u32, end: f32) -> u32 {
     let nx = tree[node].planes[2u * r.near.x + four] * r.inverse.x - r.near_offset.x;
     let ny = tree[node].planes[2u * r.near.y + four] * r.inverse.y - r.near_offset.y;
     let nz = tree[node].planes[2u * r.near.z + four] * r.inverse.z - r.near_offset.z;
-    let far = (r.near + vec3(3u)) % vec3(6u);
+    let far = (r.near + vec3<u32>(3u)) % vec3<u32>(6u);
     let fx = tree[node].planes[2u * far.x + four] * r.inverse.x - r.far_offset.x;
     let fy = tree[node].planes[2u * far.y + four] * r.inverse.y - r.far_offset.y;
     let fz = tree[node].planes[2u * far.z + four] * r.inverse.z - r.far_offset.z;

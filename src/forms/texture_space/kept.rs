@@ -38,8 +38,6 @@ enum Sight {
 pub(super) struct Kept {
     lights: Vec<(LightKind, Vec<Sight>)>,
     frame: usize,
-    /// Rays of the last frame towards sharp lights.
-    rays: usize,
 }
 
 /// What lights shine on.
@@ -87,11 +85,6 @@ impl Kept {
         self.lights.clear();
     }
 
-    /// Rays that the last frame cast towards directional and point lights.
-    pub(super) fn rays(&self) -> usize {
-        self.rays
-    }
-
     /// Irradiance of all patches under lights that have moved.
     ///
     /// # Errors
@@ -108,7 +101,6 @@ impl Kept {
             self.lights = kinds().map(unknown).collect();
         }
         let nothing = Bvh::from_triangles(&[]);
-        self.rays = 0;
         for (light, (_, sights)) in sharp.iter().zip(&mut self.lights) {
             let light = std::slice::from_ref(light);
             let unshadowed = shone.at(&nothing, light, &shone.map.points, progress)?;
@@ -117,13 +109,17 @@ impl Kept {
                 let found = shone.at(shone.bvh, light, &points, &Silent)?;
                 Ok(found.iter().map(|e| e.max_element() > 0.0).collect())
             };
-            self.rays += see(sights, self.frame, &unshadowed, look)?;
+            see(sights, self.frame, &unshadowed, look)?;
             let of = |(e, (unshadowed, sight)): (&mut DVec3, (&DVec3, &Sight))| {
                 if *sight == Sight::Lit {
                     *e += *unshadowed;
                 }
             };
-            result.par_iter_mut().zip(unshadowed.par_iter().zip(sights)).with_min_len(BLOCK * BLOCK).for_each(of);
+            result
+                .par_iter_mut()
+                .zip(unshadowed.par_iter().zip(sights.par_iter()))
+                .with_min_len(BLOCK * BLOCK)
+                .for_each(of);
         }
         self.frame += 1;
         Ok(result)

@@ -153,6 +153,37 @@ fn local_and_global_light_add_up() {
     }
 }
 
+/// A light that turns, from frame to frame.
+pub(super) fn turned(frame: u32) -> Light {
+    let turn = glam::DQuat::from_rotation_y(0.05 * f64::from(frame));
+    Light::directional(turn * DVec3::new(0.3, 0.3, 0.8), DVec3::new(1.0, 2.0, 3.0)).unwrap()
+}
+
+/// What is kept of a light that moves is next to what all of it anew would be, and it is forgotten where a light is set.
+#[test]
+fn lights_that_move_keep_what_they_leave() {
+    let scene = scene(shapes::bumpy_head(3.0, 3), "skin1");
+    for sampling in [Sampling::Product, Sampling::Shared] {
+        let [mut kept, mut anew] = [0, 1].map(|_| evaluator(&scene, sampling, 400, turned(0)));
+        for frame in 1..8 {
+            Evaluator::move_lights(&mut kept, vec![turned(frame)], &Silent).unwrap();
+            anew.set_lights(vec![turned(frame)], &Silent).unwrap();
+            let [found, expected] = [&mut kept, &mut anew].map(|e| e.radiosity(&Silent).unwrap());
+            let error = vertex_error(&found, &expected, &scene.vertex_areas_mm2());
+            println!("{sampling:?} {frame}: {:.1e}", error.rms);
+            assert!(error.rms < 2e-3, "{frame}: {error:?}");
+        }
+        let light = Light::constant(DVec3::ONE).unwrap();
+        Evaluator::move_lights(&mut kept, vec![light.clone()], &Silent).unwrap();
+        anew.set_lights(vec![light], &Silent).unwrap();
+        let [found, expected] = [&mut kept, &mut anew].map(|e| e.radiosity(&Silent).unwrap());
+        assert!(vertex_error(&found, &expected, &scene.vertex_areas_mm2()).rms < 2e-3);
+        kept.set_lights(vec![turned(1)], &Silent).unwrap();
+        anew.set_lights(vec![turned(1)], &Silent).unwrap();
+        assert_eq!(kept.radiosity(&Silent).unwrap(), anew.radiosity(&Silent).unwrap());
+    }
+}
+
 #[test]
 fn the_hybrid_refuses_light_that_comes_from_everywhere_or_from_within() {
     let scene = scene(shapes::icosphere(4.0, 2), "skimmilk");

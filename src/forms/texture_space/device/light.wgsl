@@ -102,7 +102,7 @@ fn around(axis: vec3<f32>, mu: f32, azimuth: f32) -> vec3<f32> {
 }
 
 // Directions with density F_t cos: only visibility varies.
-fn constant(p: u32, ray: u32) -> f32 {
+fn of_constant(p: u32, ray: u32) -> f32 {
     let medium = points[p].medium;
     let inverse = f32(reverseBits(ray)) * 2.3283064e-10;
     let place = pow(fract(inverse + points[p].turns.x), 1.0 / 3.0) * f32(ENTRANCE_NUMBERS - 1u);
@@ -259,7 +259,7 @@ fn shine(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
         sum = light.colour * (arriving(p, to_light / distance, distance) / square);
     } else if light.kind == 2u {
         for (var ray = light.first; ray < light.end; ray += 1u) {
-            sum += light.colour * constant(p, ray);
+            sum += light.colour * of_constant(p, ray);
         }
     } else if light.kind == 3u {
         sum = light.colour * rectangle(p);

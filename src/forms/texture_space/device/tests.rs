@@ -13,7 +13,7 @@ use crate::forms::texture_space::light::{Flux, LitMap, Walked, nodes};
 use crate::forms::texture_space::samples::drawn;
 use crate::forms::texture_space::settings::{Far, Local, Sampling};
 use crate::forms::texture_space::state::{Chosen, TextureSpaceEvaluator};
-use crate::forms::texture_space::tests::{LOCAL, evaluator, sun};
+use crate::forms::texture_space::tests::{LOCAL, evaluator, sun, turned};
 use crate::geometry::shapes;
 use crate::light::{Light, sky};
 use crate::math::statistics::vertex_error;
@@ -161,5 +161,22 @@ fn every_choice_of_samples_gives_the_same_radiosity() {
             println!("{sampling:?}, {}, {material}: {:.1e}", light.kind().name(), error.rms);
             assert!(error.rms < *most, "{sampling:?}, {material}: {error:?}");
         }
+    }
+}
+
+/// Shadows that are kept are those that the processor keeps.
+#[test]
+fn lights_that_move_keep_the_same() {
+    let Some(device) = device() else { return };
+    let scene = bumpy("skin1");
+    let (mut cpu, mut on) = pair(&device, &scene, Sampling::Clusters, &turned(0));
+    for frame in 1..6 {
+        let [found, expected] = [&mut on as &mut dyn Evaluator, &mut cpu].map(|evaluator| {
+            evaluator.move_lights(vec![turned(frame)], &Silent).unwrap();
+            evaluator.radiosity(&Silent).unwrap()
+        });
+        let error = vertex_error(&found, &expected, &scene.vertex_areas_mm2());
+        println!("{frame}: {:.1e}", error.rms);
+        assert!(error.rms < 1e-3, "{frame}: {error:?}");
     }
 }
