@@ -170,21 +170,21 @@ fn see(
 mod tests {
     use super::*;
 
-    /// A shadow that moves over a row of patches is followed, whatever was kept, and few of them are looked at.
+    /// A shadow that moves over a row of patches is followed, but for what is narrower than those that are looked at lie apart; few of them are looked
+    /// at, and where it rests it is found.
     #[test]
     fn a_moving_shadow_is_followed() {
         let count = 100 * BLOCK;
         let unshadowed = vec![DVec3::ONE; count];
         let mut sights = vec![Sight::Unknown; count];
-        for frame in 0..40 {
-            let edge = 20 * BLOCK + 37 * frame;
+        for frame in 0..40 + SHARE {
+            let edge = 20 * BLOCK + 37 * frame.min(40);
             let is_lit = |i: usize| i < edge || i > edge + 5 * BLOCK;
             let look = |indices: &[u32]| Ok(indices.iter().map(|i| is_lit(*i as usize)).collect());
             let rays = see(&mut sights, frame, &unshadowed, look).unwrap();
             assert!(frame == 0 || rays < count / 4, "{frame}: {rays}");
-            for (i, sight) in sights.iter().enumerate() {
-                assert_eq!(*sight == Sight::Lit, is_lit(i), "{frame} {i}");
-            }
+            let wrong = sights.iter().enumerate().filter(|(i, sight)| (**sight == Sight::Lit) != is_lit(*i)).count();
+            assert!(wrong < if frame < 40 + SHARE - 1 { 2 * SHARE } else { 1 }, "{frame}: {wrong}");
         }
         // What faces away is forgotten.
         see(&mut sights, 0, &vec![DVec3::ZERO; count], |indices| Ok(vec![true; indices.len()])).unwrap();

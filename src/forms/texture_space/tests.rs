@@ -163,7 +163,8 @@ pub(super) fn turned(frame: u32) -> Light {
 #[test]
 fn lights_that_move_keep_what_they_leave() {
     let scene = scene(shapes::bumpy_head(3.0, 3), "skin1");
-    for sampling in [Sampling::Product, Sampling::Shared] {
+    // Draws move by as much as they are wrong.
+    for (sampling, most) in [(Sampling::Product, 5e-3), (Sampling::Shared, 2e-2)] {
         let [mut kept, mut anew] = [0, 1].map(|_| evaluator(&scene, sampling, 400, turned(0)));
         for frame in 1..8 {
             Evaluator::move_lights(&mut kept, vec![turned(frame)], &Silent).unwrap();
@@ -171,7 +172,7 @@ fn lights_that_move_keep_what_they_leave() {
             let [found, expected] = [&mut kept, &mut anew].map(|e| e.radiosity(&Silent).unwrap());
             let error = vertex_error(&found, &expected, &scene.vertex_areas_mm2());
             println!("{sampling:?} {frame}: {:.1e}", error.rms);
-            assert!(error.rms < 2e-3, "{frame}: {error:?}");
+            assert!(error.rms < most, "{frame}: {error:?}");
         }
         let light = Light::constant(DVec3::ONE).unwrap();
         Evaluator::move_lights(&mut kept, vec![light.clone()], &Silent).unwrap();
