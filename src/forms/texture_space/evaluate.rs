@@ -95,7 +95,7 @@ impl Evaluator for TextureSpaceEvaluator {
 
     fn set_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()> {
         self.check_lights(&lights)?;
-        self.kept.clear();
+        self.forget();
         let lit = self.illuminate(&lights, progress)?;
         // Images that cannot be made are refused here.
         let hybrid = matches!(self.form.sampling, Sampling::Hybrid(_));
@@ -155,6 +155,7 @@ impl Evaluator for TextureSpaceEvaluator {
     }
 
     fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
+        self.catch_up();
         self.prepare(progress)?;
         let Some(lit) = &self.lit else { return Ok(Vec::new()) };
         Ok(self.receivers.expand(&self.descent(lit, NearField::REFERENCE).radiosity(&self.receivers, 0.0)))

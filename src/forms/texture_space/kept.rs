@@ -65,12 +65,25 @@ impl Shone<'_> {
         Ok(Illumination::new(&surface, lights, &etas, self.sampling)?.at_points(points, progress))
     }
 
+    /// Irradiance of some points.
+    ///
+    /// # Errors
+    /// Lights that cannot be served.
+    pub(super) fn of_points(
+        &self,
+        lights: &[Light],
+        points: &[(SurfacePoint, u32)],
+        progress: &dyn Progress,
+    ) -> Result<Vec<DVec3>> {
+        self.at(self.bvh, lights, points, progress)
+    }
+
     /// Irradiance of all patches, each light by its own rays.
     ///
     /// # Errors
     /// Lights that cannot be served.
     pub(super) fn irradiance(&self, lights: &[Light], progress: &dyn Progress) -> Result<Vec<DVec3>> {
-        self.at(self.bvh, lights, &self.map.points, progress)
+        self.of_points(lights, &self.map.points, progress)
     }
 }
 

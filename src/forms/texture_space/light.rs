@@ -19,7 +19,7 @@ pub(super) struct Flux {
 
 impl Flux {
     /// Light of an irradiance on a patch.
-    fn of_patch(patch: &Patch, irradiance: DVec3) -> Self {
+    pub(super) fn of_patch(patch: &Patch, irradiance: DVec3) -> Self {
         let rgb = patch.area_mm2 * irradiance;
         Self { rgb, at_mm: patch.centre_mm, moment: rgb.element_sum() * patch.spread_mm2 }
     }
@@ -30,7 +30,7 @@ impl Flux {
     }
 
     /// The sum of several, by the theorem of parallel axes.
-    fn sum(of: impl Iterator<Item = Self> + Clone) -> Self {
+    pub(super) fn sum(of: impl Iterator<Item = Self> + Clone) -> Self {
         let rgb: DVec3 = of.clone().map(|f| f.rgb).sum();
         let weight = rgb.element_sum();
         if weight <= 0.0 {

@@ -66,6 +66,8 @@ pub(super) struct TexelMap {
     pub(super) points: Vec<(SurfacePoint, u32)>,
     /// Nodes of all parts, parents before children.
     pub(super) nodes: Vec<Node>,
+    /// Area of the surface at and below each node, mm^2.
+    pub(super) areas_mm2: Vec<f64>,
     /// The node of each part that is all of it; none for opaque parts.
     pub(super) roots: Vec<Option<u32>>,
     /// Number of texels.
@@ -108,6 +110,7 @@ impl TexelMap {
             patches,
             points: Vec::new(),
             nodes: Vec::new(),
+            areas_mm2: Vec::new(),
             roots: Vec::new(),
             texels: cut.texels.len(),
             atlas,
@@ -138,6 +141,12 @@ impl TexelMap {
             };
             map.roots.push((!leaves.is_empty()).then_some(map.nodes.len() as u32));
             map.stack(&leaves, if order == Order::Texture { 2 } else { 1 });
+        }
+        map.areas_mm2 = vec![0.0; map.nodes.len()];
+        for (index, node) in map.nodes.iter().enumerate().rev() {
+            let of_patches: f64 = node.patches.clone().map(|patch| map.patches[patch as usize].area_mm2).sum();
+            let of_nodes: f64 = map.children(index as u32).map(|child| map.areas_mm2[child as usize]).sum();
+            map.areas_mm2[index] = of_patches + of_nodes;
         }
         Ok(map)
     }
@@ -197,6 +206,7 @@ impl TexelMap {
     pub(super) fn bytes(&self) -> usize {
         size_of_val(self.patches.as_slice())
             + size_of_val(self.points.as_slice())
+            + size_of_val(self.areas_mm2.as_slice())
             + size_of_val(self.nodes.as_slice())
             + size_of_val(self.atlas.corners.as_slice())
     }

@@ -6,9 +6,11 @@
 //! its own, to the clusters that matter to it.
 
 mod bake;
+mod carried;
 mod descent;
 #[cfg(feature = "gpu")]
 mod device;
+mod errors;
 mod evaluate;
 mod falloff;
 mod forecast;

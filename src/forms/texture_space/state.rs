@@ -6,6 +6,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 use translux_format::texture_space::Numbers;
 
+use super::carried::Carried;
 use super::descent::Descent;
 use super::falloff::Kernels;
 use super::hybrid::Division;
@@ -15,46 +16,31 @@ use super::map::{Order, TexelMap};
 use super::samples::{self, Sample};
 use super::settings::{Far, Local, Sampling, TextureSpace};
 use super::view::LightView;
-use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
-use crate::evaluate::Evaluator;
 use crate::forms::baked_in::Truth;
 use crate::geometry::atlas::Atlas;
 use crate::geometry::bvh::Bvh;
 use crate::light::{Light, refuse_fields};
 use crate::math::simd::InstructionSet;
-use crate::math::statistics::{VertexError, vertex_error};
 use crate::medium::material::Medium;
 use crate::medium::profiles::model::LoadedProfile;
-use crate::progress::{Progress, Silent};
+use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::transport::kernel::medium::MediumKernel;
 use crate::transport::kernel::{Block, PointSource};
 use crate::transport::near_rule::NearField;
 use crate::transport::receivers::{Group, Receivers};
 
-/// Names in ledgers.
-const TEXTURE: &str = "texture";
-const SAMPLES: &str = "samples";
-
-/// Receivers that share a descent; those of shared samples only share a centre of their coordinates.
-pub(super) const OF_DESCENT: usize = 16;
+/// Receivers that share a descent; those of shared samples only share a centre of their coordinates. With 16 of them a quarter of the time is walks
+/// that 64 save, at a tenth less error for as many sources; 128 are no faster, and with 256 the near field of few sources is too small.
+pub(super) const OF_DESCENT: usize = 64;
 const OF_SHARED: usize = 256;
 
 /// Spacing of receivers, over the length on which R_d changes, beyond which each descends alone.
 const ALONE: f64 = 0.5;
 
-/// Vertices that errors are measured on; where there are not many more, all are.
-const MEASURED: usize = 768;
-
 /// Samples of the exact sums at most.
 const MOST_SAMPLES: u32 = 1 << 15;
-
-/// What twice the samples leave of the error at most, where they are worth it.
-const WORTH_MORE: f64 = 0.9;
-
-/// Samples that stand for all texels where errors are measured.
-const RESOLVED: usize = 1 << 14;
 
 /// Choice of the samples under some lights and media.
 pub(super) enum Chosen {
@@ -73,7 +59,7 @@ pub(super) struct TextureSpaceEvaluator {
     bvh: OnceLock<Bvh>,
     pub(super) map: TexelMap,
     pub(super) receivers: Receivers,
-    areas: Vec<f64>,
+    pub(super) areas: Vec<f64>,
     pub(super) numbers: Numbers,
     pub(super) profile: Option<LoadedProfile>,
     kernels: Kernels,
@@ -82,8 +68,11 @@ pub(super) struct TextureSpaceEvaluator {
     pub(super) lights: Vec<Light>,
     pub(super) lit: Option<LitMap>,
     pub(super) chosen: Option<Chosen>,
-    /// What lights that move leave.
+    /// What lights that move leave: shadows, and draws.
     pub(super) kept: Kept,
+    carried: Option<Carried>,
+    /// The light in the texels is that of lights before, the samples are those of the lights in force.
+    is_behind: bool,
     pub(super) truth: Truth,
 }
 
@@ -108,6 +97,8 @@ impl TextureSpaceEvaluator {
             lit: None,
             chosen: None,
             kept: Kept::default(),
+            carried: None,
+            is_behind: false,
         };
         made.take_media(scene.media.clone())?;
         Ok(made)
@@ -137,7 +128,8 @@ impl TextureSpaceEvaluator {
         if media.iter().zip(&self.scene.media).any(|(a, b)| eta(a) != eta(b)) {
             self.lit = None;
         }
-        self.chosen = None;
+        self.catch_up();
+        (self.chosen, self.carried) = (None, None);
         self.scene.media = media;
         Ok(())
     }
@@ -177,8 +169,34 @@ impl TextureSpaceEvaluator {
         Ok(LitMap::new(&self.map, self.shone().irradiance(lights, progress)?))
     }
 
-    /// Takes lights that have moved, and keeps what was seen of those before; the limit of descents as well, where it still holds.
+    /// Forgets what lights before left.
+    pub(super) fn forget(&mut self) {
+        self.kept.clear();
+        self.carried = None;
+        self.catch_up();
+    }
+
+    /// Light in the texels that is behind the lights in force has to be made anew.
+    pub(super) fn catch_up(&mut self) {
+        if std::mem::take(&mut self.is_behind) {
+            (self.lit, self.chosen) = (None, None);
+        }
+    }
+
+    /// Samples whose draws are kept, under lights that have moved; false where they have to be drawn anew.
+    fn carry(&mut self, lights: &[Light]) -> Result<bool> {
+        let (Some(mut carried), Some(lit)) = (self.carried.take(), &self.lit) else { return Ok(false) };
+        let Some(samples) = carried.under(self.shone(), lights, lit.unit)? else { return Ok(false) };
+        (self.carried, self.chosen, self.is_behind) = (Some(carried), Some(Chosen::Shared(samples)), true);
+        Ok(true)
+    }
+
+    /// Takes lights that have moved, and keeps what was seen of those before; draws and the limit of descents as well, where they still hold.
     pub(super) fn move_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()> {
+        if self.carry(&lights)? {
+            self.lights = lights;
+            return Ok(());
+        }
         let mut kept = std::mem::take(&mut self.kept);
         let irradiance = kept.irradiance(self.shone(), &lights, progress);
         self.kept = kept;
@@ -187,8 +205,13 @@ impl TextureSpaceEvaluator {
             Some(Chosen::Limit(limit)) => Some(limit * self.lit.as_ref().map_or(1.0, |before| before.unit / lit.unit)),
             _ => None,
         };
-        self.chosen = Some(self.choose_near(&lights, &lit, guess)?);
-        (self.lit, self.lights) = (Some(lit), lights);
+        if self.form.sampling == Sampling::Shared {
+            let (carried, samples) = Carried::new(&self.map, &lit.nodes, self.numbers.count as usize);
+            (self.carried, self.chosen) = (Some(carried), Some(Chosen::Shared(samples)));
+        } else {
+            self.chosen = Some(self.choose_near(&lights, &lit, guess)?);
+        }
+        (self.lit, self.lights, self.is_behind) = (Some(lit), lights, false);
         Ok(())
     }
 
@@ -280,89 +303,6 @@ impl TextureSpaceEvaluator {
         }
         self.lit = Some(lit);
         Ok(())
-    }
-
-    /// Radiosity of some receivers from as many samples as tell every texel that matters, RGB.
-    fn resolved(&self, lit: &LitMap, receivers: &Receivers) -> Vec<DVec3> {
-        let descent = self.descent(lit, self.form.near);
-        descent
-            .radiosity(receivers, descent.limit(&self.receivers, RESOLVED.max(4 * self.numbers.count as usize), None))
-    }
-
-    /// Receivers that descend one by one, each a group.
-    fn are_alone(&self) -> bool {
-        self.receivers.groups.len() == self.receivers.len()
-    }
-
-    /// Receivers that errors are measured on, with the areas around them.
-    fn measured(&self, phase: usize) -> (Receivers, Vec<f64>) {
-        if self.receivers.len() <= 2 * MEASURED {
-            return (self.receivers.clone(), self.areas.clone());
-        }
-        let descends_in_groups = self.form.sampling == Sampling::Product && !self.are_alone();
-        let (subset, indices) = if descends_in_groups {
-            // Whole groups: smaller ones would fare better.
-            let step = self.receivers.groups.len().div_ceil(MEASURED / OF_DESCENT).max(1);
-            let groups = self.receivers.groups.iter().skip(phase * step / 2).step_by(step);
-            let indices: Vec<u32> = groups.flat_map(|group| group.run.first..group.run.end).collect();
-            (self.receivers.only(&indices, OF_DESCENT), indices)
-        } else {
-            self.receivers.subset(MEASURED, phase)
-        };
-        (subset, indices.iter().map(|i| self.areas[*i as usize]).collect())
-    }
-
-    /// Chooses the least number of samples, doubled from `least` to `most`, whose error is as asked under each
-    /// of some lights, at vertices that no reported error looks at. The hybrid method's is no more than lowers the error: its near part has
-    /// samples of its own.
-    pub(super) fn choose_count(&mut self, lights: &[Light], asked: f64, (least, most): (u32, u32)) -> Result<()> {
-        let (receivers, areas) = self.measured(0);
-        self.numbers.count = least;
-        let near_samples = matches!(self.form.sampling, Sampling::Hybrid(_));
-        for light in lights {
-            let light = std::slice::from_ref(light);
-            let lit = self.illuminate(light, &Silent)?;
-            let all = self.resolved(&lit, &receivers);
-            let mut before: Option<(u32, f64)> = None;
-            loop {
-                let found = self.sums(&self.choose(light, &lit)?, &lit, &receivers);
-                let rms = vertex_error(&found, &all, &areas).or_none().rms;
-                match before {
-                    Some((count, error)) if near_samples && rms > WORTH_MORE * error => {
-                        self.numbers.count = count;
-                        break;
-                    }
-                    _ if self.numbers.count >= most || rms <= asked => break,
-                    _ => before = Some((self.numbers.count, rms)),
-                }
-                self.numbers.count = (2 * self.numbers.count).min(most);
-            }
-        }
-        Ok(())
-    }
-
-    /// The errors of texels against exact sums and of samples against all texels, under the worst of some sets of lights.
-    pub(super) fn errors(&mut self, sets: &[Vec<Light>], note: &str) -> Result<Ledger> {
-        let (receivers, areas) = self.measured(1);
-        let mut worst = [VertexError::default(); 2];
-        for lights in sets {
-            let lit = self.illuminate(lights, &Silent)?;
-            let found = self.sums(&self.choose(lights, &lit)?, &lit, &receivers);
-            let all = self.resolved(&lit, &receivers);
-            let truth = self.truth.lit(&self.scene, lights, &Silent)?;
-            if let Some(profile) = &self.profile {
-                truth.set_profile(profile.clone())?;
-            }
-            let expected = truth.radiosity_at(&receivers, &Silent)?;
-            let of = |values: &[DVec3], truth: &[DVec3]| vertex_error(values, truth, &areas).or_none();
-            worst = [worst[0].max(of(&all, &expected)), worst[1].max(of(&found, &all))];
-        }
-        let (texels, side) = (self.map.texels, self.map.resolution);
-        let mut ledger = Ledger::default();
-        let texture = format!("{texels} texels of {side} x {side}, against exact sums over samples, {note}");
-        ledger.add(TEXTURE, worst[0], texture);
-        ledger.add(SAMPLES, worst[1], format!("{} samples, against all texels, {note}", self.numbers.count));
-        Ok(ledger)
     }
 }
 
