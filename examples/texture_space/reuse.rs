@@ -36,10 +36,9 @@ fn turned(evaluator: &mut dyn Evaluator, reuse: bool, step: f64, frames: usize) 
     for frame in 0..=frames {
         let lights = vec![light(step * frame as f64)];
         let start = Instant::now();
-        if reuse {
-            evaluator.move_lights(lights, &Silent)?
-        } else {
-            evaluator.set_lights(lights, &Silent)?
+        match reuse {
+            true => evaluator.move_lights(lights, &Silent)?,
+            false => evaluator.set_lights(lights, &Silent)?,
         }
         let radiosity = evaluator.radiosity(&Silent)?;
         // The first one has nothing to keep.

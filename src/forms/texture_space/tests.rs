@@ -176,7 +176,7 @@ fn lights_that_move_keep_what_they_leave() {
             let all = anew.all_pairs(&Silent).unwrap();
             let rms = [&found, &expected].map(|values| vertex_error(values, &all, &areas).rms);
             let off = vertex_error(&found, &expected, &areas).rms;
-            println!("{sampling:?}: {rms:.1e?}, {off:.1e} off");
+            println!("{sampling:?}: {:.1e} kept, {:.1e} anew, {off:.1e} off", rms[0], rms[1]);
             assert!(sampling == Sampling::Shared || off < 5e-3, "{off}");
             errors = [errors[0] + rms[0].powi(2), errors[1] + rms[1].powi(2)];
             frames += 1.0;

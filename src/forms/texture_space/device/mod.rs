@@ -57,7 +57,6 @@ pub(super) struct TextureSpaceOnDevice {
 }
 
 /// How receivers sum.
-#[expect(clippy::large_enum_variant, reason = "there is one for each evaluator")]
 enum Sums {
     Shared(Shared),
     Product(SurfaceBuffers, DescentOnDevice),
