@@ -7,9 +7,9 @@ use glam::DVec3;
 
 use super::lit_samples::{GatheredEvaluator, Nets};
 use super::model::Model;
-use super::settings::Far;
 #[cfg(feature = "gpu")]
-use super::{hierarchy_gpu::HierarchyOnDevice, nets_gpu::NetsOnDevice};
+use super::on_device::GatheredOnDevice;
+use super::settings::Far;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
 #[cfg(feature = "gpu")]
@@ -84,11 +84,7 @@ fn not_negative(mut values: Vec<DVec3>) -> Vec<DVec3> {
 
 impl Evaluator for GatheredEvaluator {
     fn capabilities(&self) -> Capabilities {
-        let profile = match (&self.model, &self.nets) {
-            (Some(_), _) => ProfileEdit::Calibrated,
-            (None, Some(_)) => ProfileEdit::Any,
-            (None, None) => ProfileEdit::OnCpu,
-        };
+        let profile = if self.model.is_some() { ProfileEdit::Calibrated } else { ProfileEdit::Any };
         let source_fields = StoredRows::source_fields(self.rows.as_ref(), &self.scene.media);
         Capabilities { material: MaterialEdit::Any, profile, source_fields }
     }
@@ -271,19 +267,6 @@ impl Evaluator for GatheredEvaluator {
 
     #[cfg(feature = "gpu")]
     fn on_device(self: Box<Self>, device: &Arc<Device>) -> Result<Box<dyn DeviceEvaluator>> {
-        if self.model.is_some() {
-            return Err(Error::unsupported(
-                "the shaders know the dipole alone; use --device cpu with calibrated kernels",
-            ));
-        }
-        if self.nets.is_some() {
-            return Ok(Box::new(NetsOnDevice::new(*self, device)?));
-        }
-        if self.profile.is_some() {
-            return Err(Error::unsupported(
-                "the shaders that sum all pairs and trees know the dipole alone; use --device cpu with --profile",
-            ));
-        }
-        Ok(Box::new(HierarchyOnDevice::new(*self, device)?))
+        Ok(Box::new(GatheredOnDevice::new(*self, device)?))
     }
 }

@@ -23,7 +23,7 @@ use crate::transport::calibration::{Calibrated, CalibratedSamples};
 use crate::transport::gather::{Gather, Lit, Scheme};
 use crate::transport::interreflection::InterReflection;
 use crate::transport::irradiance::Pieces;
-use crate::transport::kernel::medium::MediumKernel;
+use crate::transport::kernel::medium::{KernelsOfParts, MediumKernel};
 use crate::transport::multilevel::{Quality, SurfaceNets, SurfaceTables};
 use crate::transport::near_rule::NearField;
 use crate::transport::receivers::Receivers;
@@ -140,6 +140,16 @@ impl GatheredEvaluator {
     pub(super) fn kernels(&self, profile: &LoadedProfile, media: &[Medium]) -> Result<Vec<MediumKernel>> {
         let reach = self.scene.mesh.diagonal_mm();
         media.iter().map(|medium| MediumKernel::with_profile(medium, profile, reach)).collect()
+    }
+
+    /// Kernels in force, and which of them each part has.
+    pub(super) fn kernels_in_force(&self) -> KernelsOfParts {
+        let of_part = || self.scene.parts.parts.iter().map(|part| part.medium).collect();
+        match (&self.profile, self.calibrated()) {
+            (Some((_, kernels)), _) => (kernels.clone(), of_part()),
+            (None, Some(calibrated)) => calibrated.kernels.clone(),
+            (None, None) => (MediumKernel::of_media(&self.scene.media), of_part()),
+        }
     }
 
     pub(super) fn lit_scene(&self) -> LitScene<'_> {
@@ -265,13 +275,8 @@ impl GatheredEvaluator {
     pub fn prepare_nets(&mut self, progress: &dyn Progress) {
         let Some(mut nets) = self.nets.take() else { return };
         if nets.prepared().is_none() {
-            let of_part = || self.scene.parts.parts.iter().map(|part| part.medium).collect();
-            let kernels = match (&self.profile, self.calibrated()) {
-                (Some((_, kernels)), _) => (kernels.clone(), of_part()),
-                (None, Some(calibrated)) => calibrated.kernels.clone(),
-                (None, None) => (MediumKernel::of_media(&self.scene.media), of_part()),
-            };
-            nets.prepare(&self.surface(), &self.receivers, &kernels, progress);
+            let (surface, kernels) = (self.surface(), self.kernels_in_force());
+            nets.prepare(&surface, &self.receivers, &kernels, progress);
         }
         self.nets = Some(nets);
     }

@@ -42,12 +42,9 @@ impl Model {
     /// Sections that cannot be read or do not fit.
     pub(super) fn of(asset: &Asset, surface: &Surface) -> Result<Option<Self>> {
         let Some(numbers) = Calibration::numbers(&asset.sections).map_err(read_error)? else { return Ok(None) };
-        let orders = if numbers.from_order == 1 { Orders::FromOne } else { Orders::FromTwo };
-        let Numbers { photons, collisions, seed, diagonal_mm, .. } = numbers;
-        let mut result =
-            Self { walks: Walks { photons, collisions, seed, orders }, in_force: None, remembered: Vec::new() };
-        if diagonal_mm == asset.scene.mesh.diagonal_mm() && Calibration::is_kept(&asset.sections) {
-            let calibrated = read(asset)?;
+        let mut result = Self { walks: walks_of(&numbers), in_force: None, remembered: Vec::new() };
+        if numbers.diagonal_mm == asset.scene.mesh.diagonal_mm() && Calibration::is_kept(&asset.sections) {
+            let calibrated = read(&asset.scene, &asset.sections)?;
             result.put(&asset.scene.media, calibrated, surface);
         }
         Ok(Some(result))
@@ -94,20 +91,31 @@ impl Model {
     }
 }
 
+/// The walks that a calibration was made by.
+fn walks_of(numbers: &Numbers) -> Walks {
+    let orders = if numbers.from_order == 1 { Orders::FromOne } else { Orders::FromTwo };
+    Walks { photons: numbers.photons, collisions: numbers.collisions, seed: numbers.seed, orders }
+}
+
 fn properties(media: &[Medium]) -> Vec<OpticalProperties> {
     media.iter().map(|medium| medium.properties).collect()
 }
 
-/// Calibrates a scene; the calibration and its sections.
+/// Calibrates a scene; the calibration and its sections. Those that are `ready` from the same walks through the same scene are taken.
 ///
 /// # Errors
 /// As [`Calibrated::by_walks`]; a calibration that no section holds.
 pub(crate) fn bake(
     scene: &Scene,
     bvh: &Bvh,
-    walks: Walks,
+    (walks, ready): (Walks, &[RawSection]),
     progress: &dyn Progress,
 ) -> Result<(Calibrated, Vec<RawSection>)> {
+    if Calibration::is_kept(ready)
+        && Calibration::numbers(ready).map_err(read_error)?.is_some_and(|numbers| walks_of(&numbers) == walks)
+    {
+        return Ok((read(scene, ready)?, ready.to_vec()));
+    }
     let calibrated = Calibrated::by_walks(scene.domain(), bvh, walks, progress)?;
     let layers = |of: &Layers| kept::Layers {
         first_mm: of.splines.first_mm,
@@ -143,11 +151,11 @@ pub(crate) fn sections_of(asset: &Asset) -> Vec<RawSection> {
     asset.sections.iter().filter(|section| tags::ALL.contains(&section.tag)).cloned().collect()
 }
 
-/// The calibration of the scene of an asset.
-fn read(asset: &Asset) -> Result<Calibrated> {
-    let domain = asset.scene.domain();
+/// The calibration of a scene in some sections.
+fn read(scene: &Scene, sections: &[RawSection]) -> Result<Calibrated> {
+    let domain = scene.domain();
     let neighbours = neighbours(&Lattice::new(domain));
-    let stored = Calibration::from_sections(&asset.sections, &neighbours, Budget::default()).map_err(read_error)?;
+    let stored = Calibration::from_sections(sections, &neighbours, Budget::default()).map_err(read_error)?;
     let Some(Calibration { numbers, codes }) = stored else {
         return Err(Error::input("an asset without its calibration; bake it again"));
     };

@@ -155,8 +155,8 @@ impl HybridOnDevice {
         let (division, kernels) = cpu.division().ok_or_else(missing)?;
         let (mut tables, mut segments) = (Vec::new(), Vec::new());
         for (kernel, _) in kernels.media() {
-            let table = kernel.table().ok_or_else(missing)?;
-            tables.push(GpuTable::append(table, &mut segments));
+            let table = kernel.by_tables(cpu.scene.mesh.diagonal_mm()).single;
+            tables.push(GpuTable::append(&table, &mut segments));
         }
         let (mut media, mut local, mut circles) = (Vec::new(), Vec::new(), Vec::new());
         for (part, medium) in division.parts.iter().zip(&cpu.scene.media) {

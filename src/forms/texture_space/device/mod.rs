@@ -157,7 +157,7 @@ fn buffers(cpu: &TextureSpaceEvaluator, device: &Arc<Device>, with_corners: bool
         corners: &Corners::from_values(corners),
         receivers: &cpu.receivers,
         near,
-        precision: PRECISION,
+        rules: PRECISION.rules(),
         terms: 0,
     };
     let mut buffers = SurfaceBuffers::new(device, &geometry)?;
