@@ -168,7 +168,8 @@ const SHARE: u32 = {SHARE}u;
             shine,
             keep,
             kept: Vec::new(),
-            frame: 0,
+            // The first one is number 0, as on the processor.
+            frame: u32::MAX,
             layouts: [first, second],
             up,
             summed,
