@@ -60,8 +60,11 @@ const SPEED: &str = "
 Marble; medians of 5. A new light is shadows, the mip-map, samples and sums; a new material the samples that depend on it and the sums. Pairs are samples times
 vertices. Measured on two cores while another build used them as well (load 3.5 to 4): the ratios between rows say more than the times.
 
-- `shared` with 25,600 samples is nothing but pairs, 501 million a second, and the limit here. `product` makes 243 to 268 million: 1.9 to 2.1 times below, not the 1.5
-  that was wanted; its descents, polygons nearby and groups of only 16 places are in that time. It needs a sixteenth of the samples of `clusters`.
+- `shared` with 25,600 samples is nothing but pairs, 501 million a second, and the limit here. In this table `product` makes 243 to 268 million, 1.9 to 2.1 times below:
+  it is older than groups of 64 places, nodes in the order of a walk in single precision, and neighbouring groups that look at the top together. By processor time, both in
+  turn on a machine that others used (load 6), `shared` makes 164 million pairs in a second of one processor, `product` made 107 and 99 with 400 and 1,600 samples, and makes
+  155, 147, 132 and 121 with 100, 400, 1,600 and 6,400: 1.1 to 1.4 times below the limit, where 1.5 was wanted. Of the three ways the nodes give 3 to 6 %, looking together 6 to
+  8 %, the groups 15 to 17 %. It needs a sixteenth of the samples of `clusters`.
 - At equal time a new light by `product` is as good as by `two_pass`: 0.33 % in 93 ms beside 0.38 % in 129 ms, 0.07 % in 257 ms beside 0.09 % in 202 ms. The truth is
   `two_pass` as well, at 0.5 %: that row is all but the truth itself, and what is below 0.15 % is hardly told apart.
 - Exact sums are those of `two_pass` over all pairs, integrals over whatever is near included.
