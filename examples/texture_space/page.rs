@@ -76,9 +76,10 @@ vertices. Measured on two cores while another build used them as well (load 3.5 
 const REUSE: &str = "
 ## Between frames
 
-Marble, a parallel light that turns. `relight --reuse` keeps what is lit and what is in shadow: of each 64 patches side by side in the texture 8 are looked at in a
-frame, all where one of these has changed or where patches of both kinds are; what they get without shadows is computed anew. The limit of `product` is tried first as it was.
-What differs is the worst frame against the same frame all anew.
+`relight --reuse` keeps what lights that move leave. Of each 64 patches side by side in the texture 8 are looked at in a frame, and all where one of these has changed or where
+patches in light and in shadow are side by side; what a patch gets without shadows is computed anew. `product` tries its limit of before first. `shared` keeps its draws for up to 8 frames:
+their texels alone are lit, and weighted by their light over the probability of their draw, in which a tenth is by area; where few come to stand for much, all is
+drawn anew. Views that rest keep what the last frame had; a light that is set, not moved, is always all anew. On an adapter shadows and limits are kept, draws are not.
 
 ";
 
