@@ -20,7 +20,7 @@ use crate::evaluate::exitance::{Exitance, MeshPoint};
 use crate::evaluate::sampling_error::Sampled;
 use crate::evaluate::single_scattering::TowardsEye;
 use crate::evaluate::stages::worst_and_unseen;
-use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit, SingleScattering};
+use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit, Refined, SingleScattering};
 use crate::forms::environment_rows::{StoredRows, by_rays, sampled};
 use crate::geometry::bvh::Bvh;
 use crate::geometry::part_table::PartTable;
@@ -135,12 +135,10 @@ impl Evaluator for GatheredEvaluator {
             }
             self.nets.iter_mut().for_each(Nets::forget_media);
             if let Some(model) = &mut self.model {
-                // Light enters as far from where it meets the surface as the medium lets it.
                 model.set_media(&media);
-                self.irradiance = None;
+                self.other_model();
             }
         }
-        self.factor_receivers();
         (self.returned, self.limit) = (None, None);
         self.scene.media = media;
         Ok(())
@@ -157,6 +155,21 @@ impl Evaluator for GatheredEvaluator {
         (self.returned, self.limit) = (None, None);
         self.nets.iter_mut().for_each(Nets::forget_media);
         Ok(())
+    }
+
+    fn answer_at_once(&mut self) {
+        self.at_once = true;
+    }
+
+    fn refine(&mut self) -> Result<Refined> {
+        let Some(mut model) = self.model.take() else { return Ok(Refined::Done) };
+        let refined = model.refine(&self.scene, &self.surface());
+        self.model = Some(model);
+        let refined = refined?;
+        if refined == Refined::Changed {
+            self.other_model();
+        }
+        Ok(refined)
     }
 
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {

@@ -12,7 +12,7 @@ use crate::error::{Error, Result};
 use crate::evaluate::device::Device;
 use crate::evaluate::device::surface::{Geometry, SurfaceBuffers};
 use crate::evaluate::forward::{forward_scene, forward_to_processor};
-use crate::evaluate::{DeviceEvaluator, Evaluator, Held};
+use crate::evaluate::{DeviceEvaluator, Evaluator, Held, Refined};
 use crate::light::Light;
 use crate::medium::material::Medium;
 use crate::medium::profiles::model::LoadedProfile;
@@ -131,6 +131,18 @@ impl Evaluator for GatheredOnDevice {
         self.cpu.set_profile(profile)?;
         self.other_kernels();
         Ok(())
+    }
+
+    fn answer_at_once(&mut self) {
+        self.cpu.answer_at_once();
+    }
+
+    fn refine(&mut self) -> Result<Refined> {
+        let refined = self.cpu.refine()?;
+        if refined == Refined::Changed {
+            self.other_kernels();
+        }
+        Ok(refined)
     }
 
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
