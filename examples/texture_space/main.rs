@@ -13,6 +13,7 @@ mod hybrid;
 mod maps;
 mod page;
 mod pictures;
+mod reuse;
 mod samples;
 mod speed;
 
@@ -25,6 +26,7 @@ const PAGE: Page = Page {
         ("hybrid", hybrid::run),
         ("maps", maps::run),
         ("speed", speed::run),
+        ("reuse", reuse::run),
         ("pictures", pictures::run),
     ],
     words: page::WORDS,

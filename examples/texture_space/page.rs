@@ -18,12 +18,16 @@ cut it, the mip-map of the texture sums it up, and few samples of it bring radio
   it gets wrong is structured: a sample that stands for too much is a bright spot on the surface.
 - **`sampling=clusters`** shares N points as well, but they stand for all of the light: boxes of texels of about the same second moment of
   flux, each at the mean place of its light.
-- **`sampling=product`** (the default) is what the paper left to do: samples by the product of irradiance and R_d. Each group of up to 16 neighbouring places descends
-  the boxes to those that are right as points to a limit, which is set so that there are N in the mean. Patches nearby are polygons, over which R_d is integrated.
+- **`sampling=product`** (the default) is what the paper left to do: samples by the product of irradiance and R_d. Each group of up to 64 neighbouring places descends
+  the boxes to those that are right as points to a limit, which is set so that there are N in the mean; 16 such groups look at the top together. Patches nearby are polygons, over which R_d is integrated.
   The boxes are in space: squares of the texture hold charts that are far from each other on the surface, and at 400 samples they are three times as wrong.
 - **`sampling=hybrid`** is the paper's second method: R_d is divided in two, the far part goes through shared samples, the near one through an image of the
   irradiance as the light sees it, at 20 circles of 20 samples and one in the middle. The far part's samples are clusters, or with `--set far=drawn` the
   paper's. A pixel of the image is a piece of the plane of its triangle, not a point. Directional and point lights alone.
+- **On an adapter** (`--device gpu`) all of it runs in shaders: rays for the shadows of every kind of light, the mip-map level by level, draws, descents, and both parts of
+  the hybrid method with its image. Clusters alone are chosen on the processor, from the light of the nodes, which is read back. Radiosity is the processor's to 2e-7 RMS,
+  the hybrid method's to 5e-5, where rays through the middle of a pixel meet an edge (`cargo test --release --lib texture_space::device -- --nocapture`, on lavapipe; no other
+  adapter was at hand).
 - **The atlas** is the model's own texture coordinates where nothing overlaps, else charts of our own (`--set map`).
 
 | figure | the paper | wanted | measured |
@@ -56,13 +60,26 @@ const SPEED: &str = "
 Marble; medians of 5. A new light is shadows, the mip-map, samples and sums; a new material the samples that depend on it and the sums. Pairs are samples times
 vertices. Measured on two cores while another build used them as well (load 3.5 to 4): the ratios between rows say more than the times.
 
-- `shared` with 25,600 samples is nothing but pairs, 501 million a second, and the limit here. `product` makes 243 to 268 million: 1.9 to 2.1 times below, not the 1.5
-  that was wanted; its descents, polygons nearby and groups of only 16 places are in that time. It needs a sixteenth of the samples of `clusters`.
+- `shared` with 25,600 samples is nothing but pairs, 501 million a second, and the limit here. In this table `product` makes 243 to 268 million, 1.9 to 2.1 times below:
+  it is older than groups of 64 places, nodes in the order of a walk in single precision, and neighbouring groups that look at the top together. By processor time, both in
+  turn on a machine that others used (load 6), `shared` makes 164 million pairs in a second of one processor, `product` made 107 and 99 with 400 and 1,600 samples, and makes
+  155, 147, 132 and 121 with 100, 400, 1,600 and 6,400: 1.1 to 1.4 times below the limit, where 1.5 was wanted. Of the three ways the nodes give 3 to 6 %, looking together 6 to
+  8 %, the groups 15 to 17 %. It needs a sixteenth of the samples of `clusters`.
 - At equal time a new light by `product` is as good as by `two_pass`: 0.33 % in 93 ms beside 0.38 % in 129 ms, 0.07 % in 257 ms beside 0.09 % in 202 ms. The truth is
   `two_pass` as well, at 0.5 %: that row is all but the truth itself, and what is below 0.15 % is hardly told apart.
 - Exact sums are those of `two_pass` over all pairs, integrals over whatever is near included.
 - The software adapter makes 0.45 frames a second with 400 shared samples, 0.37 with `product`, where the processor makes 15 and 11: there `--device auto` keeps
   transport on the processor.
+
+";
+
+const REUSE: &str = "
+## Between frames
+
+`relight --reuse` keeps what lights that move leave. Of each 64 patches side by side in the texture 8 are looked at in a frame, and all where one of these has changed or where
+patches in light and in shadow are side by side; what a patch gets without shadows is computed anew. `product` tries its limit of before first. `shared` keeps its draws for up to 8 frames:
+their texels alone are lit, and weighted by their light over the probability of their draw, in which a tenth is by area; where few come to stand for much, all is
+drawn anew. Views that rest keep what the last frame had; a light that is set, not moved, is always all anew. On an adapter shadows and limits are kept, draws are not.
 
 ";
 
@@ -81,7 +98,14 @@ always resolved for it.
 
 pub(crate) const WORDS: Words = Words {
     head: HEAD,
-    before: &[("samples", SAMPLES), ("hybrid", HYBRID), ("maps", MAPS), ("speed", SPEED), ("pictures", PICTURES)],
+    before: &[
+        ("samples", SAMPLES),
+        ("hybrid", HYBRID),
+        ("maps", MAPS),
+        ("speed", SPEED),
+        ("reuse", REUSE),
+        ("pictures", PICTURES),
+    ],
     places: &[],
     tail: TAIL,
 };

@@ -39,6 +39,9 @@ pub(super) struct RelightArgs {
     /// Pixels (default: 1024x1024, the window 1024x700)
     #[arg(long, value_name = "WIDTHxHEIGHT")]
     resolution: Option<Resolution>,
+    /// Keep what moving lights leave from frame to frame: faster, and a little less right (texture_space: shadows)
+    #[arg(long)]
+    reuse: bool,
     /// No window: pictures of one turn of the lights about the object, and their timings
     #[arg(long, help_heading = "Without a window")]
     headless: bool,
@@ -115,6 +118,7 @@ fn animate(args: &RelightArgs, frames: usize, out: &std::path::Path, console: &C
         settings,
         exposure: args.view.exposure,
         texture,
+        reuse: args.reuse,
         lights,
         method: provenance.method,
     };
@@ -171,6 +175,7 @@ fn window(args: &RelightArgs, console: &Console, pool: Arc<rayon::ThreadPool>) -
             choice: args.device,
             camera: args.view.camera.unwrap_or_default(),
             texture: args.view.texture.clone(),
+            reuse: args.reuse,
             quit_after_s,
             pool: Arc::clone(&pool),
         },

@@ -39,6 +39,15 @@ pub trait Evaluator: Send {
     /// Lights that the asset does not carry (`Unsupported`).
     fn set_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()>;
 
+    /// Replaces the lights by the same ones that have moved, as in an animation. What is as it was may be kept, so that radiosity may depend on the
+    /// lights before; [`Self::set_lights`] forgets them.
+    ///
+    /// # Errors
+    /// As [`Self::set_lights`].
+    fn move_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()> {
+        self.set_lights(lights, progress)
+    }
+
     /// Replaces the media, one for each of the scene's.
     ///
     /// # Errors

@@ -107,6 +107,11 @@ impl Evaluator for Summed {
         self.evaluator.set_lights(lights, progress)
     }
 
+    fn move_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()> {
+        self.radiosity = None;
+        self.evaluator.move_lights(lights, progress)
+    }
+
     fn set_media(&mut self, media: Vec<Medium>) -> Result<()> {
         self.radiosity = None;
         self.evaluator.set_media(media)

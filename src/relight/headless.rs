@@ -47,6 +47,8 @@ pub struct Animation {
     pub exposure: Exposure,
     /// The texture that multiplies scattered light.
     pub texture: Option<Texture>,
+    /// Whether what moving lights leave is kept from frame to frame.
+    pub reuse: bool,
     /// Lights of the first frame.
     pub lights: Vec<Light>,
     /// Method of the asset, for the file of timings.
@@ -176,7 +178,7 @@ impl Painter {
         match self {
             Self::Cpu(evaluator) => {
                 let start = Instant::now();
-                evaluator.set_lights(lights.clone(), &Silent)?;
+                take_lights(evaluator.as_mut(), &lights, animation.reuse)?;
                 evaluator.set_eye(animation.settings.camera.at_mm());
                 let lit = Instant::now();
                 let radiosity = evaluator.radiosity(&Silent)?;
@@ -197,7 +199,7 @@ impl Painter {
 impl OnDevice {
     fn frame(&mut self, animation: &Animation, lights: Vec<Light>, exposure: f64) -> Result<(Stages<f64>, Vec<u8>)> {
         let (settings, start) = (&animation.settings, Instant::now());
-        self.evaluator.set_lights(lights.clone(), &Silent)?;
+        take_lights(self.evaluator.as_mut(), &lights, animation.reuse)?;
         self.evaluator.set_eye(animation.settings.camera.at_mm());
         let visibility = match settings.specular.shape() {
             Some(_) => self.shadows.visibility(self.evaluator.bvh(), &lights),
@@ -233,6 +235,11 @@ pub(super) fn png(picture: &LinearPicture, background: Background) -> Result<Vec
     let rgb: Vec<[f32; 3]> = picture.pixels.iter().map(|p| colour(*p)).collect();
     let alpha: Option<Vec<f32>> = (!opaque).then(|| picture.pixels.iter().map(|p| p[3]).collect());
     crate::io::png::encode_png(width, height, &rgb, alpha.as_deref())
+}
+
+/// Lights of the next frame.
+fn take_lights<E: Evaluator + ?Sized>(evaluator: &mut E, lights: &[Light], reuse: bool) -> Result<()> {
+    if reuse { evaluator.move_lights(lights.to_vec(), &Silent) } else { evaluator.set_lights(lights.to_vec(), &Silent) }
 }
 
 fn scattered<'a>(exitance: &'a dyn Exitance, animation: &'a Animation) -> Scattered<'a> {

@@ -1,5 +1,7 @@
 //! Irradiance of the samples under a set of lights: E = Int L V F_t(eta, n.w) max(0, n.w) dw, shadows by ray casting.
 
+#[cfg(feature = "gpu")]
+pub mod packed;
 mod points;
 mod sharp;
 mod surface_point;

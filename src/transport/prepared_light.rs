@@ -71,10 +71,10 @@ impl<E> Prepared<E> {
 /// A one-sided area light.
 pub(super) struct Rectangle {
     centre: DVec3,
-    corner: DVec3,
-    normal: DVec3,
-    axes: [DVec3; 2],
-    size_mm: [f64; 2],
+    pub(super) corner: DVec3,
+    pub(super) normal: DVec3,
+    pub(super) axes: [DVec3; 2],
+    pub(super) size_mm: [f64; 2],
     pub(super) radiance: DVec3,
 }
 

@@ -39,23 +39,6 @@ struct Patch {
     more_padding: u32,
 }
 
-struct Job {
-    // Bounding sphere of the receivers' group.
-    centre: vec3<f32>,
-    radius: f32,
-    first_receiver: u32,
-    end_receiver: u32,
-    first_entry: u32,
-    end_entry: u32,
-    medium: u32,
-    // 1: the entries are the samples themselves, without a list.
-    direct: u32,
-    // Above 0: adds to what an earlier round wrote.
-    round: u32,
-    // 1: no round of these receivers comes after this.
-    is_last: u32,
-}
-
 struct Settings {
     // In units of a sample's radius.
     exact_below: f32,
@@ -83,50 +66,9 @@ struct Settings {
 // Three for each piece: a corner relative to the centroid of its sample, and one channel of its deviation.
 @group(0) @binding(9) var<storage, read> pieces: array<vec4<f32>>;
 
-@group(1) @binding(0) var<storage, read> jobs: array<Job>;
-@group(1) @binding(1) var<storage, read> list: array<u32>;
-
 const EVEN: u32 = 0xffffffffu;
 // Terms summed before the sum is added to a longer one: rounding grows with the number of terms.
 const FLUSH: u32 = 31u;
-
-// One for each thread: a lane of receivers times a slice of the entries.
-var<workgroup> slices: array<vec3<f32>, WORKGROUP>;
-
-// The sum of a lane's slices, after a barrier.
-fn sum_of(lane: u32) -> vec3<f32> {
-    var sum = vec3(0.0);
-    for (var slice = 0u; slice < SLICES; slice += 1u) {
-        sum += slices[lane + slice * LANES];
-    }
-    return sum;
-}
-
-// Sums what the entries of a job bring to its receivers, `of_entry` of the shader, each thread those of its slice.
-fn sum_slices(job: u32, thread: u32) {
-    let receiver = min(jobs[job].first_receiver + thread % LANES, jobs[job].end_receiver - 1u);
-    let at = receivers[receiver].xyz;
-    let medium = jobs[job].medium;
-    let direct = jobs[job].direct == 1u;
-    let end = jobs[job].end_entry;
-    var total = vec3(0.0);
-    var partial = vec3(0.0);
-    var count = 0u;
-    for (var i = jobs[job].first_entry + thread / LANES; i < end; i += SLICES) {
-        var entry = i;
-        if !direct {
-            entry = list[i];
-        }
-        partial += of_entry(job, medium, entry, at);
-        count += 1u;
-        if (count & FLUSH) == 0u {
-            total += partial;
-            partial = vec3(0.0);
-        }
-    }
-    slices[thread] = total + partial;
-    workgroupBarrier();
-}
 
 // Unit normal of a receiver, of those that have one.
 fn normal_of(receiver: u32) -> vec3<f32> {
@@ -139,15 +81,6 @@ fn factor_of(receiver: u32) -> vec3<f32> {
         return vec3(1.0);
     }
     return receivers[2u * settings.oriented + receiver].xyz;
-}
-
-// Later rounds add to what earlier ones wrote.
-fn store(job: u32, receiver: u32, sum: vec3<f32>) {
-    var total = sum;
-    if jobs[job].round > 0u {
-        total += radiosity[receiver].xyz;
-    }
-    radiosity[receiver] = vec4(total, 0.0);
 }
 
 fn term(weight: vec3<f32>, z2: vec3<f32>, sigma: vec3<f32>, r2: f32) -> vec3<f32> {

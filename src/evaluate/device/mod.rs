@@ -4,6 +4,7 @@ pub mod adapter;
 pub mod interpolated;
 pub mod jobs;
 pub mod near_field;
+pub mod rays;
 pub mod surface;
 pub mod tree;
 mod uploaded;

@@ -28,9 +28,14 @@ const NODES: usize = 64;
 /// Invocations that share the receivers of a workgroup, each with a slice of the entries.
 const SLICES: usize = 4;
 
+/// Completes the text of a shader that sums over the entries of jobs: as [`kernel_shader`], and what its workgroups do.
+pub fn shader(text: &str) -> String {
+    kernel_shader(&[include_str!("slices.wgsl"), text].concat())
+}
+
 /// Completes the text of a shader that uses these buffers: adds the shared code and the constants of the near-field
 /// rule and of the workgroups, the same as on the processor.
-pub fn shader(text: &str) -> String {
+pub fn kernel_shader(text: &str) -> String {
     let (three, [inner, outer]) = (THREE_POINTS, SIX_POINTS);
     let numbers = format!(
         "const LANES: u32 = {RECEIVERS}u;
@@ -299,6 +304,11 @@ impl SurfaceBuffers {
         self.settings.pieces = light.most_pieces() as u32;
         queue.write_buffer(&self.buffers[SETTINGS], 0, bytemuck::bytes_of(&self.settings));
         Ok(())
+    }
+
+    /// Tells that the irradiance on the device is over another unit: a shader wrote it.
+    pub fn set_unit(&mut self, unit: f64) {
+        self.scale = unit;
     }
 
     fn replace(&mut self, binding: usize, buffer: wgpu::Buffer) {

@@ -62,6 +62,10 @@ impl Evaluator for Uploaded {
         self.evaluator.set_lights(lights, progress)
     }
 
+    fn move_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()> {
+        self.evaluator.move_lights(lights, progress)
+    }
+
     fn set_media(&mut self, media: Vec<Medium>) -> Result<()> {
         self.evaluator.set_media(media)
     }

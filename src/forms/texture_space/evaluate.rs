@@ -7,7 +7,7 @@ use translux_format::texture_space as stored;
 use translux_format::{Budget, FormatError, atlas};
 
 #[cfg(feature = "gpu")]
-use super::gpu::TextureSpaceOnDevice;
+use super::device::TextureSpaceOnDevice;
 use super::light::LitMap;
 use super::map::welded;
 use super::settings::{Sampling, TextureSpace};
@@ -23,7 +23,7 @@ use crate::evaluate::exitance::{Exitance, MeshPoint};
 use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit, SourceFields};
 use crate::geometry::atlas::Atlas;
 use crate::geometry::bvh::Bvh;
-use crate::light::{Light, refuse_fields};
+use crate::light::Light;
 use crate::medium::material::Medium;
 use crate::medium::profiles::model::LoadedProfile;
 use crate::progress::{Progress, Silent};
@@ -94,20 +94,19 @@ impl Evaluator for TextureSpaceEvaluator {
     }
 
     fn set_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()> {
-        refuse_fields(&lights)?;
-        let kinds = self.form.sampling.kinds();
-        if let Some(light) = lights.iter().find(|light| !kinds.contains(&light.kind())) {
-            let kind = light.kind().name();
-            return Err(Error::unsupported(format!(
-                "sampling=hybrid sees directional and point lights, no {kind}; --set sampling=product takes all"
-            )));
-        }
+        self.check_lights(&lights)?;
+        self.forget();
         let lit = self.illuminate(&lights, progress)?;
         // Images that cannot be made are refused here.
         let hybrid = matches!(self.form.sampling, Sampling::Hybrid(_));
         self.chosen = if hybrid { Some(self.choose(&lights, &lit)?) } else { None };
         (self.lit, self.lights) = (Some(lit), lights);
         Ok(())
+    }
+
+    fn move_lights(&mut self, lights: Vec<Light>, progress: &dyn Progress) -> Result<()> {
+        self.check_lights(&lights)?;
+        Self::move_lights(self, lights, progress)
     }
 
     fn set_media(&mut self, media: Vec<Medium>) -> Result<()> {
@@ -156,6 +155,7 @@ impl Evaluator for TextureSpaceEvaluator {
     }
 
     fn all_pairs(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
+        self.catch_up();
         self.prepare(progress)?;
         let Some(lit) = &self.lit else { return Ok(Vec::new()) };
         Ok(self.receivers.expand(&self.descent(lit, NearField::REFERENCE).radiosity(&self.receivers, 0.0)))

@@ -1,18 +1,10 @@
-//! Light in the texels: irradiance of each patch by rays, its flux summed up the mip-map.
+//! Light in the texels: irradiance of each patch, its flux summed up the mip-map.
 
 use glam::DVec3;
 use rayon::prelude::*;
 
 use super::map::{Node, Patch, TexelMap};
-use crate::error::Result;
-use crate::geometry::bvh::Bvh;
-use crate::geometry::samples::Samples;
-use crate::light::Light;
-use crate::progress::Progress;
-use crate::scene::Scene;
-use crate::transport::irradiance::{Illumination, LightSampling, SurfacePoint};
 use crate::transport::sample_light::SampleLight;
-use crate::transport::surface::Surface;
 
 /// Light that arrives in a texel or in a node of the hierarchy.
 #[derive(Clone, Copy, Debug, Default)]
@@ -27,7 +19,7 @@ pub(super) struct Flux {
 
 impl Flux {
     /// Light of an irradiance on a patch.
-    fn of_patch(patch: &Patch, irradiance: DVec3) -> Self {
+    pub(super) fn of_patch(patch: &Patch, irradiance: DVec3) -> Self {
         let rgb = patch.area_mm2 * irradiance;
         Self { rgb, at_mm: patch.centre_mm, moment: rgb.element_sum() * patch.spread_mm2 }
     }
@@ -38,7 +30,7 @@ impl Flux {
     }
 
     /// The sum of several, by the theorem of parallel axes.
-    fn sum(of: impl Iterator<Item = Self> + Clone) -> Self {
+    pub(super) fn sum(of: impl Iterator<Item = Self> + Clone) -> Self {
         let rgb: DVec3 = of.clone().map(|f| f.rgb).sum();
         let weight = rgb.element_sum();
         if weight <= 0.0 {
@@ -50,53 +42,90 @@ impl Flux {
     }
 }
 
+/// A node as walks of the hierarchy see it.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
+pub(super) struct Walked {
+    /// Mean place of its light relative to the mesh's origin, mm.
+    pub(super) at_mm: [f32; 3],
+    /// Sum of the channels times the squared distance from there, mm^4, over the unit.
+    pub(super) moment: f32,
+    /// Flux, RGB, mm^2, over the unit.
+    pub(super) rgb: [f32; 3],
+    /// Sum of the channels.
+    pub(super) weight: f32,
+    /// The node after all that is below.
+    pub(super) next: u32,
+    /// Patches of a texel.
+    pub(super) patches: [u32; 2],
+    /// Number of patches below that are lit; shaders alone count them.
+    pub(super) lit: u32,
+}
+
+impl Walked {
+    /// A node and its light.
+    pub(super) fn new(node: &Node, flux: &Flux) -> Self {
+        Self {
+            at_mm: flux.at_mm.as_vec3().to_array(),
+            moment: flux.moment as f32,
+            rgb: flux.rgb.as_vec3().to_array(),
+            weight: flux.weight() as f32,
+            next: node.next,
+            patches: [node.patches.start, node.patches.end],
+            lit: 0,
+        }
+    }
+}
+
+/// A patch as walks of the hierarchy see it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LitPatch {
+    /// Centroid relative to the mesh's origin, mm.
+    pub(super) at_mm: [f32; 3],
+    /// Distance of the farthest corner from there, mm.
+    pub(super) radius_mm: f32,
+    /// Flux, RGB, mm^2, over the unit.
+    pub(super) flux: [f32; 3],
+}
+
+/// Nodes of one task.
+const TASK: usize = 1 << 12;
+
 /// The map under some lights.
 pub(super) struct LitMap {
     /// Irradiance of each patch over the unit, RGB.
     pub(super) irradiance: Vec<DVec3>,
     /// Flux of each node, over the unit.
     pub(super) nodes: Vec<Flux>,
+    /// The same for walks.
+    pub(super) walked: Vec<Walked>,
+    pub(super) patches: Vec<LitPatch>,
     /// A power of two near the brightest irradiance: what is over it is in the range of single precision.
     pub(super) unit: f64,
 }
 
 impl LitMap {
-    /// Lights the patches from their centroids.
-    ///
-    /// # Errors
-    /// Lights that cannot be served.
-    pub(super) fn new(
-        map: &TexelMap,
-        (scene, bvh): (&Scene, &Bvh),
-        lights: &[Light],
-        rays: LightSampling,
-        progress: &dyn Progress,
-    ) -> Result<Self> {
-        let part_offsets = vec![0; scene.parts.parts.len() + 1];
-        let samples = Samples { facets: Vec::new(), patch_offsets: vec![0], part_offsets };
-        let surface = Surface { domain: scene.domain(), bvh, samples: &samples, patches: &[] };
-        let etas: Vec<f64> = scene.media.iter().map(|m| m.properties.eta_inside_over_outside).collect();
-        let points: Vec<(SurfacePoint, u32)> = map
-            .patches
-            .par_iter()
-            .map(|patch| {
-                let part = scene.parts.triangle_part.get(patch.triangle as usize);
-                let medium = part.and_then(|p| scene.parts.parts.get(*p as usize)).and_then(|p| p.medium);
-                (
-                    SurfacePoint { at: patch.centre_mm, normal: patch.normal, triangle: patch.triangle },
-                    medium.unwrap_or(u32::MAX),
-                )
-            })
-            .collect();
-        let mut irradiance = Illumination::new(&surface, lights, &etas, rays)?.at_points(&points, progress);
+    /// The map under an irradiance of each patch.
+    pub(super) fn new(map: &TexelMap, mut irradiance: Vec<DVec3>) -> Self {
         let unit = SampleLight::even(&irradiance).unit();
         irradiance.par_iter_mut().for_each(|e| *e /= unit);
-        Ok(Self { nodes: nodes(map, &irradiance), irradiance, unit })
+        let nodes = nodes(map, &irradiance);
+        let walked = map.nodes.par_iter().zip(&nodes).with_min_len(TASK).map(|(n, f)| Walked::new(n, f)).collect();
+        let patch = |(patch, e): (&Patch, &DVec3)| LitPatch {
+            at_mm: patch.centre_mm.as_vec3().to_array(),
+            radius_mm: patch.radius_mm as f32,
+            flux: (patch.area_mm2 * *e).as_vec3().to_array(),
+        };
+        let patches = map.patches.par_iter().zip(&irradiance).with_min_len(TASK).map(patch).collect();
+        Self { nodes, walked, patches, irradiance, unit }
     }
 
     /// Bytes in memory.
     pub(super) fn bytes(&self) -> usize {
-        size_of_val(self.irradiance.as_slice()) + size_of_val(self.nodes.as_slice())
+        size_of_val(self.irradiance.as_slice())
+            + size_of_val(self.nodes.as_slice())
+            + size_of_val(self.walked.as_slice())
+            + size_of_val(self.patches.as_slice())
     }
 
     /// Flux of a part.
@@ -106,16 +135,15 @@ impl LitMap {
     }
 }
 
-/// Flux of every node, children first.
-fn nodes(map: &TexelMap, irradiance: &[DVec3]) -> Vec<Flux> {
+/// Flux of every node, from the lowest ones up.
+pub(super) fn nodes(map: &TexelMap, irradiance: &[DVec3]) -> Vec<Flux> {
     let patch = |p: u32| Flux::of_patch(&map.patches[p as usize], irradiance[p as usize]);
-    let mut nodes: Vec<Flux> = Vec::with_capacity(map.nodes.len());
-    for Node { children, is_texel, .. } in &map.nodes {
-        let sum = match is_texel {
-            true => Flux::sum(children.clone().map(patch)),
-            false => Flux::sum(children.clone().map(|child| nodes[child as usize])),
-        };
-        nodes.push(sum);
+    let of_texel = |node: &Node| Flux::sum(node.patches.clone().map(patch));
+    let mut nodes: Vec<Flux> = map.nodes.par_iter().with_min_len(TASK).map(of_texel).collect();
+    for (index, node) in map.nodes.iter().enumerate().rev() {
+        if !node.is_texel() {
+            nodes[index] = Flux::sum(map.children(index as u32).map(|child| nodes[child as usize]));
+        }
     }
     nodes
 }

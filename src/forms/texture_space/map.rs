@@ -10,6 +10,7 @@ use crate::geometry::atlas::texels::{Texel, Texels};
 use crate::geometry::atlas::{Atlas, Outline};
 use crate::geometry::cluster;
 use crate::scene::Scene;
+use crate::transport::irradiance::SurfacePoint;
 
 /// The piece of one triangle inside one texel: flat, lit evenly.
 #[derive(Clone, Copy, Debug)]
@@ -39,17 +40,21 @@ pub(super) enum Order {
     Space,
 }
 
-/// A texel, or a node of the hierarchy over texels.
+/// A texel, or a node of the hierarchy over texels. Nodes are in the order of a walk from the top: first a node, then all that is below
+/// it, child after child.
 #[derive(Clone, Debug)]
 pub(super) struct Node {
-    /// Nodes below, or patches of a texel.
-    pub(super) children: Range<u32>,
-    /// Middle of the box around its surface, mm.
-    pub(super) centre_mm: DVec3,
-    /// Distance of its farthest point from there, mm.
-    pub(super) radius_mm: f64,
-    /// The children are patches.
-    pub(super) is_texel: bool,
+    /// The node after all that is below this one.
+    pub(super) next: u32,
+    /// Patches of a texel; none of other nodes.
+    pub(super) patches: Range<u32>,
+}
+
+impl Node {
+    /// True where patches are below, not nodes.
+    pub(super) fn is_texel(&self) -> bool {
+        !self.patches.is_empty()
+    }
 }
 
 /// The surface as the texels cut it. All that a change of light or material leaves alone.
@@ -57,8 +62,12 @@ pub(super) struct TexelMap {
     pub(super) resolution: u32,
     /// Patches, texel after texel in the order of the texture, part after part.
     pub(super) patches: Vec<Patch>,
-    /// Nodes of all parts, children before parents.
+    /// The patches as points that see the lights, and their media.
+    pub(super) points: Vec<(SurfacePoint, u32)>,
+    /// Nodes of all parts, parents before children.
     pub(super) nodes: Vec<Node>,
+    /// Area of the surface at and below each node, mm^2.
+    pub(super) areas_mm2: Vec<f64>,
     /// The node of each part that is all of it; none for opaque parts.
     pub(super) roots: Vec<Option<u32>>,
     /// Number of texels.
@@ -69,6 +78,12 @@ pub(super) struct TexelMap {
 /// Triangles of welded vertices, as the atlas in a file has them.
 pub(super) fn welded(scene: &Scene) -> Vec<[u32; 3]> {
     (0..scene.mesh.triangles.len() as u32).map(|t| scene.mesh.welded(t)).collect()
+}
+
+/// Medium of a triangle; none of opaque parts.
+pub(super) fn medium_of(scene: &Scene, triangle: u32) -> Option<u32> {
+    let part = *scene.parts.triangle_part.get(triangle as usize)?;
+    scene.parts.parts.get(part as usize)?.medium
 }
 
 /// Patches that are measured in one task.
@@ -90,13 +105,26 @@ impl TexelMap {
                 texel: [texel.x, texel.y],
             }));
         }
-        let mut map =
-            Self { resolution, patches, nodes: Vec::new(), roots: Vec::new(), texels: cut.texels.len(), atlas };
+        let mut map = Self {
+            resolution,
+            patches,
+            points: Vec::new(),
+            nodes: Vec::new(),
+            areas_mm2: Vec::new(),
+            roots: Vec::new(),
+            texels: cut.texels.len(),
+            atlas,
+        };
         let measured: Vec<(f64, f64)> =
             map.patches.par_iter().with_min_len(TASK).map(|patch| measure(patch, &map.outline(scene, patch))).collect();
         map.patches.iter_mut().zip(measured).for_each(|(patch, measured)| {
             (patch.radius_mm, patch.spread_mm2) = measured;
         });
+        let point = |patch: &Patch| {
+            let point = SurfacePoint { at: patch.centre_mm, normal: patch.normal, triangle: patch.triangle };
+            (point, medium_of(scene, patch.triangle).unwrap_or(u32::MAX))
+        };
+        map.points = map.patches.par_iter().with_min_len(TASK).map(point).collect();
         for part in cut.part_offsets.windows(2) {
             let texels = &cut.texels[part[0] as usize..part[1] as usize];
             let leaves: Vec<(u64, Range<u32>)> = match order {
@@ -111,8 +139,14 @@ impl TexelMap {
                     (0u64..).zip(sorted.iter().map(|i| texels[*i as usize].fragments.clone())).collect()
                 }
             };
-            let root = map.stack(leaves, if order == Order::Texture { 2 } else { 1 });
-            map.roots.push(root);
+            map.roots.push((!leaves.is_empty()).then_some(map.nodes.len() as u32));
+            map.stack(&leaves, if order == Order::Texture { 2 } else { 1 });
+        }
+        map.areas_mm2 = vec![0.0; map.nodes.len()];
+        for (index, node) in map.nodes.iter().enumerate().rev() {
+            let of_patches: f64 = node.patches.clone().map(|patch| map.patches[patch as usize].area_mm2).sum();
+            let of_nodes: f64 = map.children(index as u32).map(|child| map.areas_mm2[child as usize]).sum();
+            map.areas_mm2[index] = of_patches + of_nodes;
         }
         Ok(map)
     }
@@ -123,32 +157,56 @@ impl TexelMap {
         Outline::new(corners, self.atlas.corners[patch.triangle as usize], patch.texel, self.resolution)
     }
 
-    /// Stacks the levels of one part, each without the lowest `bits` of the keys below; returns the top.
-    fn stack(&mut self, texels: Vec<(u64, Range<u32>)>, bits: u32) -> Option<u32> {
-        let mut level: Vec<(u64, u32)> = Vec::with_capacity(texels.len());
-        for (key, patches) in texels {
-            let of = &self.patches[patches.start as usize..patches.end as usize];
-            let (centre_mm, radius_mm) = sphere(of.iter().map(|p| (p.centre_mm, p.radius_mm)));
-            level.push((key, self.nodes.len() as u32));
-            self.nodes.push(Node { children: patches, centre_mm, radius_mm, is_texel: true });
-        }
-        while level.len() > 1 {
-            let mut above: Vec<(u64, u32)> = Vec::with_capacity(level.len() / 2);
-            for children in level.chunk_by(|a, b| a.0 >> bits == b.0 >> bits) {
-                let range = children[0].1..children[children.len() - 1].1 + 1;
-                let of = &self.nodes[range.start as usize..range.end as usize];
-                let (centre_mm, radius_mm) = sphere(of.iter().map(|n| (n.centre_mm, n.radius_mm)));
-                above.push((children[0].0 >> bits, self.nodes.len() as u32));
-                self.nodes.push(Node { children: range, centre_mm, radius_mm, is_texel: false });
+    /// Appends the nodes of some texels, by their ascending keys: of each node the children differ in `bits` bits of their keys.
+    fn stack(&mut self, texels: &[(u64, Range<u32>)], bits: u32) {
+        let index = self.nodes.len();
+        match texels {
+            [] => return,
+            [(_, patches)] => self.nodes.push(Node { next: 0, patches: patches.clone() }),
+            [(first, _), .., (last, _)] => {
+                self.nodes.push(Node { next: 0, patches: 0..0 });
+                // Levels on which they are all below one node have none.
+                let shift = (first ^ last).checked_ilog2().unwrap_or(0) / bits * bits;
+                texels.chunk_by(|a, b| a.0 >> shift == b.0 >> shift).for_each(|below| self.stack(below, bits));
             }
-            level = above;
         }
-        level.first().map(|(_, root)| *root)
+        self.nodes[index].next = self.nodes.len() as u32;
+    }
+
+    /// The nodes right below a node.
+    pub(super) fn children(&self, node: u32) -> impl Iterator<Item = u32> + Clone {
+        let Node { next: end, patches } = &self.nodes[node as usize];
+        let inside = move |child: u32| (child < *end).then_some(child);
+        let first = if patches.is_empty() { inside(node + 1) } else { None };
+        std::iter::successors(first, move |child| inside(self.nodes[*child as usize].next))
+    }
+
+    /// Nodes in the order of their heights over the texels, and the range of each height.
+    #[cfg(feature = "gpu")]
+    pub(super) fn levels(&self) -> (Vec<u32>, Vec<Range<u32>>) {
+        let mut heights = vec![0u32; self.nodes.len()];
+        for (index, node) in self.nodes.iter().enumerate().rev() {
+            if !node.is_texel() {
+                let below = self.children(index as u32).map(|child| heights[child as usize]).max();
+                heights[index] = 1 + below.unwrap_or(0);
+            }
+        }
+        let mut order: Vec<u32> = (0..self.nodes.len() as u32).collect();
+        order.sort_by_key(|node| heights[*node as usize]);
+        let mut ranges = Vec::new();
+        let mut first = 0;
+        for level in order.chunk_by(|a, b| heights[*a as usize] == heights[*b as usize]) {
+            ranges.push(first..first + level.len() as u32);
+            first += level.len() as u32;
+        }
+        (order, ranges)
     }
 
     /// Bytes in memory.
     pub(super) fn bytes(&self) -> usize {
         size_of_val(self.patches.as_slice())
+            + size_of_val(self.points.as_slice())
+            + size_of_val(self.areas_mm2.as_slice())
             + size_of_val(self.nodes.as_slice())
             + size_of_val(self.atlas.corners.as_slice())
     }
@@ -167,14 +225,6 @@ fn measure(patch: &Patch, outline: &Outline) -> (f64, f64) {
         area += own;
     }
     (radius, if area > 0.0 { moment / area } else { 0.0 })
-}
-
-/// A sphere around spheres: about the middle of the box of their centres.
-fn sphere(spheres: impl Iterator<Item = (DVec3, f64)> + Clone) -> (DVec3, f64) {
-    let grow = |(low, high): (DVec3, DVec3), (c, _): (DVec3, f64)| (low.min(c), high.max(c));
-    let (low, high) = spheres.clone().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), grow);
-    let centre = 0.5 * (low + high);
-    (centre, spheres.map(|(c, r)| c.distance(centre) + r).fold(0.0, f64::max))
 }
 
 /// Ranges shorter than this are one task.

@@ -6,18 +6,23 @@
 //! its own, to the clusters that matter to it.
 
 mod bake;
+mod carried;
 mod descent;
+#[cfg(feature = "gpu")]
+mod device;
+mod errors;
 mod evaluate;
+mod falloff;
 mod forecast;
 mod form;
-#[cfg(feature = "gpu")]
-mod gpu;
 mod hybrid;
+mod kept;
 mod light;
 mod map;
 mod samples;
 mod settings;
 mod state;
+mod view;
 
 pub use settings::{Far, Local, Sampling, TextureSpace};
 

@@ -3,6 +3,7 @@
 use glam::DVec3;
 use translux_format::texture_space::Numbers;
 
+use super::kept::Shone;
 use super::light::LitMap;
 use super::map::{Order, TexelMap};
 use super::samples::{clusters, drawn};
@@ -32,7 +33,8 @@ const FORM: TextureSpace = TextureSpace {
     near: NearField::FAST,
 };
 
-const LOCAL: Local = Local { importance: 0.02, sharpness: 1.5, rings: 20, of_ring: 20, image: 512, far: Far::Drawn };
+pub(super) const LOCAL: Local =
+    Local { importance: 0.02, sharpness: 1.5, rings: 20, of_ring: 20, image: 512, far: Far::Drawn };
 
 fn atlas(scene: &Scene) -> Atlas {
     Atlas::new(&scene.mesh, Map::Shape, 128).unwrap().0
@@ -43,15 +45,17 @@ fn map(scene: &Scene, resolution: u32, order: Order) -> TexelMap {
 }
 
 fn lit(map: &TexelMap, scene: &Scene, light: Light) -> LitMap {
-    LitMap::new(map, (scene, &Bvh::new(&scene.mesh)), &[light], FORM.rays, &Silent).unwrap()
+    let bvh = Bvh::new(&scene.mesh);
+    let shone = Shone { map, scene, bvh: &bvh, sampling: FORM.rays };
+    LitMap::new(map, shone.irradiance(&[light], &Silent).unwrap())
 }
 
-fn sun() -> Light {
+pub(super) fn sun() -> Light {
     Light::directional(DVec3::new(0.3, 0.8, 0.5), DVec3::new(1.0, 2.0, 3.0)).unwrap()
 }
 
 /// An evaluator that takes `count` samples.
-fn evaluator(scene: &Scene, sampling: Sampling, count: u32, light: Light) -> TextureSpaceEvaluator {
+pub(super) fn evaluator(scene: &Scene, sampling: Sampling, count: u32, light: Light) -> TextureSpaceEvaluator {
     let form = TextureSpace { sampling, ..FORM };
     form.validate().unwrap();
     let numbers = Numbers { resolution: 128, count, truth_samples: 12_000 };
@@ -98,10 +102,10 @@ fn samples_carry_the_whole_flux_whatever_the_light() {
         let whole = lit.of_part(map, 0);
         assert!(whole.weight() > 0.0);
         for count in [1, 7, 400] {
-            let shared = drawn(map, &lit, 0, count);
+            let shared = drawn(map, &lit.nodes, 0, count);
             let sum: f64 = shared.iter().map(|s| s.flux.element_sum()).sum();
             assert!(shared.len() == count && (sum / whole.weight() - 1.0).abs() < 1e-9, "{count}: {sum}");
-            let clusters = clusters(map, &lit, 0, count);
+            let clusters = clusters(map, &lit.nodes, 0, count);
             let sum: DVec3 = clusters.iter().map(|s| s.flux).sum();
             assert!(clusters.len() <= count && (sum / whole.rgb - 1.0).abs().max_element() < 1e-9, "{count}: {sum}");
             assert!(shared.iter().chain(&clusters).all(|s| s.at_mm.length() < scene.mesh.diagonal_mm()));
@@ -109,8 +113,8 @@ fn samples_carry_the_whole_flux_whatever_the_light() {
     }
     let map = &maps[0];
     let dark = lit(map, &scene, Light::constant(DVec3::ZERO).unwrap());
-    assert!(drawn(map, &dark, 0, 10).is_empty() && clusters(map, &dark, 0, 10).is_empty());
-    assert!(drawn(map, &dark, 7, 10).is_empty() && clusters(map, &dark, 7, 10).is_empty());
+    assert!(drawn(map, &dark.nodes, 0, 10).is_empty() && clusters(map, &dark.nodes, 0, 10).is_empty());
+    assert!(drawn(map, &dark.nodes, 7, 10).is_empty() && clusters(map, &dark.nodes, 7, 10).is_empty());
 }
 
 /// Each choice of samples against all texels, and all texels against the exact sums.
@@ -146,6 +150,52 @@ fn local_and_global_light_add_up() {
         let error = vertex_error(&values, &all, &scene.vertex_areas_mm2());
         println!("{far:?}: {error:?}");
         assert!(error.rms < 0.015 && error.bias.abs() < 0.005, "{far:?}: {error:?}");
+    }
+}
+
+/// A light that turns, from frame to frame.
+pub(super) fn turned(frame: u32) -> Light {
+    let turn = glam::DQuat::from_rotation_y(0.05 * f64::from(frame));
+    Light::directional(turn * DVec3::new(0.3, 0.3, 0.8), DVec3::new(1.0, 2.0, 3.0)).unwrap()
+}
+
+/// What is kept of a light that moves is next to what all of it anew would be, draws that are kept are as good as new ones, and all is forgotten
+/// where a light is set.
+#[test]
+fn lights_that_move_keep_what_they_leave() {
+    let scene = scene(shapes::bumpy_head(3.0, 3), "skin1");
+    let areas = scene.vertex_areas_mm2();
+    for sampling in [Sampling::Product, Sampling::Shared] {
+        let [mut kept, mut anew] = [0, 1].map(|_| evaluator(&scene, sampling, 400, turned(0)));
+        let (mut errors, mut frames) = ([0.0f64; 2], 0.0);
+        let constant = Light::constant(DVec3::ONE).unwrap();
+        for light in (1..6).map(turned).chain([constant]) {
+            Evaluator::move_lights(&mut kept, vec![light.clone()], &Silent).unwrap();
+            anew.set_lights(vec![light], &Silent).unwrap();
+            let [found, expected] = [&mut kept, &mut anew].map(|e| e.radiosity(&Silent).unwrap());
+            let all = anew.all_pairs(&Silent).unwrap();
+            let rms = [&found, &expected].map(|values| vertex_error(values, &all, &areas).rms);
+            let off = vertex_error(&found, &expected, &areas).rms;
+            println!("{sampling:?}: {:.1e} kept, {:.1e} anew, {off:.1e} off", rms[0], rms[1]);
+            assert!(sampling == Sampling::Shared || off < 5e-3, "{off}");
+            errors = [errors[0] + rms[0].powi(2), errors[1] + rms[1].powi(2)];
+            frames += 1.0;
+        }
+        let [kept_rms, anew_rms] = errors.map(|square| (square / frames).sqrt());
+        println!("{sampling:?}: {kept_rms:.2e} kept, {anew_rms:.2e} anew");
+        assert!(kept_rms < 1.5 * anew_rms, "{sampling:?}: {kept_rms:.2e} {anew_rms:.2e}");
+        for all in [Evaluator::radiosity, Evaluator::all_pairs] {
+            Evaluator::move_lights(&mut kept, vec![turned(2)], &Silent).unwrap();
+            kept.set_lights(vec![turned(1)], &Silent).unwrap();
+            anew.set_lights(vec![turned(1)], &Silent).unwrap();
+            assert_eq!(all(&mut kept, &Silent).unwrap(), all(&mut anew, &Silent).unwrap());
+        }
+        // Exact sums are of the lights in force, whatever the samples are of.
+        Evaluator::move_lights(&mut kept, vec![turned(2)], &Silent).unwrap();
+        Evaluator::move_lights(&mut kept, vec![turned(1)], &Silent).unwrap();
+        let [found, expected] = [&mut kept, &mut anew].map(|e| e.all_pairs(&Silent).unwrap());
+        let off = vertex_error(&found, &expected, &areas).rms;
+        assert!(off < 5e-3, "{off}");
     }
 }
 

@@ -104,8 +104,46 @@ impl Bvh {
         traverse::crossings(self.path, &self.tree, &query, visit);
     }
 
+    /// The tree as words, for shaders.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn words(&self) -> Words {
+        let Tree { nodes, blocks, low, high, extent, magnitude, stack } = &self.tree;
+        let bits = |rows: &[[f32; build::WIDTH]]| rows.as_flattened().iter().map(|x| x.to_bits()).collect::<Vec<u32>>();
+        let node = |node: &Node| [bits(&node.planes), node.children.0.to_vec()].concat();
+        let block = |block: &Block| [bits(block.corners.as_flattened()), block.triangles.to_vec()].concat();
+        // A box of no triangle is not finite.
+        let bounds = [*low, *high].map(|corner| if corner.is_finite() { corner } else { Vec3::ZERO });
+        Words {
+            nodes: nodes.iter().flat_map(node).collect(),
+            blocks: blocks.iter().flat_map(block).collect(),
+            bounds,
+            extent: *extent,
+            magnitude: *magnitude,
+            // All children of a node wait on the stack, where on a processor one is in a register.
+            stack: stack + build::WIDTH,
+        }
+    }
+
     /// Bytes held in memory.
     pub fn bytes(&self) -> usize {
         self.tree.nodes.len() * size_of::<Node>() + self.tree.blocks.len() * size_of::<Block>()
     }
+}
+
+/// A [`Bvh`] as words: numbers of 32 bits, or their bits.
+#[cfg(feature = "gpu")]
+#[derive(Clone, Debug)]
+pub(crate) struct Words {
+    /// Of each node: low x, y, z, high x, y, z of eight children, their references.
+    pub(crate) nodes: Vec<u32>,
+    /// Of each block: corners of eight triangles by corner and axis, the indices of the triangles.
+    pub(crate) blocks: Vec<u32>,
+    /// Corners of the box of all triangles.
+    pub(crate) bounds: [Vec3; 2],
+    /// Longest side of that box.
+    pub(crate) extent: f32,
+    /// Largest absolute coordinate.
+    pub(crate) magnitude: f32,
+    /// References that wait at once, at most.
+    pub(crate) stack: usize,
 }

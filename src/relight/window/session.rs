@@ -55,6 +55,8 @@ pub struct Settings {
     pub camera: CameraSpec,
     /// The texture that multiplies scattered light.
     pub texture: TextureSpec,
+    /// Whether what moving lights leave is kept from frame to frame.
+    pub reuse: bool,
     /// Seconds after which the window closes; none to stay open.
     pub quit_after_s: Option<f64>,
     /// Worker threads.

@@ -53,16 +53,16 @@ pub(super) struct Done {
 pub(super) type Worker = Answering<Wanted, Done>;
 
 /// Starts the thread; `wake` is called after every state. `albedo` is the texture's at each source vertex; empty without
-/// a texture.
+/// a texture. With `reuse` what moving lights leave is kept.
 pub(super) fn start(
-    evaluator: Box<dyn DeviceEvaluator>,
+    (evaluator, reuse): (Box<dyn DeviceEvaluator>, bool),
     shown: Shown,
     albedo: Vec<DVec3>,
     pool: Arc<ThreadPool>,
     wake: impl Fn() + Send + 'static,
 ) -> Result<Worker> {
     let prepare = move || {
-        let mut bench = pool.install(|| Bench::new(evaluator, shown, albedo));
+        let mut bench = pool.install(|| Bench::new((evaluator, reuse), shown, albedo));
         bench.evaluator.answer_at_once();
         let mut last = None;
         move |asked| {
@@ -81,6 +81,7 @@ pub(super) fn start(
 /// The evaluator and its state, owned by the thread.
 struct Bench {
     evaluator: Box<dyn DeviceEvaluator>,
+    reuse: bool,
     shown: Shown,
     albedo: Vec<DVec3>,
     shadows: Shadows,
@@ -93,11 +94,12 @@ struct Bench {
 }
 
 impl Bench {
-    fn new(evaluator: Box<dyn DeviceEvaluator>, shown: Shown, albedo: Vec<DVec3>) -> Self {
+    fn new((evaluator, reuse): (Box<dyn DeviceEvaluator>, bool), shown: Shown, albedo: Vec<DVec3>) -> Self {
         let shadows = Shadows::new(evaluator.scene());
         let media = evaluator.scene().media.clone();
         Self {
             evaluator,
+            reuse,
             shown,
             albedo,
             shadows,
@@ -141,7 +143,11 @@ impl Bench {
         }
         let mut failed = None;
         if !self.is_lit || !are_same(&wanted.lights, &self.lights) {
-            match self.evaluator.set_lights(wanted.lights.clone(), &Silent) {
+            let taken = match self.reuse {
+                true => self.evaluator.move_lights(wanted.lights.clone(), &Silent),
+                false => self.evaluator.set_lights(wanted.lights.clone(), &Silent),
+            };
+            match taken {
                 Ok(()) => self.lights = wanted.lights,
                 Err(error) => {
                     failed = Some(error);

@@ -81,7 +81,7 @@ impl App {
         let transport = evaluator.transport();
         raster.set_texture(texture)?;
         let (shown, pool) = (raster.shown().clone(), Arc::clone(&self.settings.pool));
-        let worker = worker::start(evaluator, shown, albedo, pool, self.wake())?;
+        let worker = worker::start((evaluator, self.settings.reuse), shown, albedo, pool, self.wake())?;
         Ok(Staged { raster, worker, transport, vertices, samples })
     }
 
