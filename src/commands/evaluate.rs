@@ -12,13 +12,12 @@ use super::lights::{LightArgs, ResolvedLights, warn_of_places};
 use super::media::without_transport;
 use super::opening::AssetArgs;
 use super::{on_mesh, output};
-use crate::asset::Provenance;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::{Evaluator, SingleScattering};
 use crate::measure::probes::by_stage;
 use crate::report::evaluation::{EvaluationReport, RadiosityReport, mean_and_max};
-use crate::report::radiosity_ply::{CALIBRATED, SINGLE_INCLUDED, Single, comments, radiosity_ply};
+use crate::report::radiosity_ply::{CALIBRATED, DIPOLE, SINGLE_INCLUDED, Single, comments, model_of, radiosity_ply};
 use crate::report::text::{duration, percent};
 
 #[derive(Clone, Debug, Args)]
@@ -39,14 +38,6 @@ pub(super) struct EvaluateArgs {
     /// Measure the error and report it
     #[arg(long)]
     measure: bool,
-}
-
-/// Name of the model of assets that name none.
-pub(super) const DIPOLE: &str = "dipole";
-
-/// The model of the light inside that a bake was made with.
-pub(super) fn model_of(provenance: &Provenance) -> &str {
-    provenance.settings.get("model").map_or(DIPOLE, String::as_str)
 }
 
 /// Where radiosity goes, and what its error is held against.

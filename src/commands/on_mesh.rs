@@ -6,7 +6,6 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::console::Console;
-use super::evaluate::{DIPOLE, model_of};
 use super::lights::ResolvedLights;
 use super::output;
 use crate::asset::Provenance;
@@ -21,7 +20,7 @@ use crate::math::statistics::{VertexError, vertex_error};
 use crate::render::normals::welded_normals_mm2;
 use crate::report::comparison::vertex_areas;
 use crate::report::evaluation::{OnMeshReport, RadiosityReport};
-use crate::report::radiosity_ply::{CALIBRATED, Single, check_range, comments, radiosity_ply};
+use crate::report::radiosity_ply::{CALIBRATED, DIPOLE, Single, check_range, comments, model_of, radiosity_ply};
 use crate::report::text::{percent, significant};
 use crate::scene::Scene;
 

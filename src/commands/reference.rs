@@ -8,7 +8,7 @@ use clap::{Args, ValueEnum};
 
 use super::baking::{self, BakeOptions, WalkOptions, Wanted};
 use super::console::{Console, in_range};
-use super::evaluate::{Radiosity, finish, model_of};
+use super::evaluate::{Radiosity, finish};
 use super::lights::{LightArgs, warn_of_places};
 use super::media::ProfileArg;
 use super::model::ModelArgs;
@@ -19,7 +19,7 @@ use crate::geometry::check::MeshCheck;
 use crate::geometry::parts::Closure;
 use crate::import::Imported;
 use crate::report::evaluation::{RadiosityReport, WalkReport};
-use crate::report::radiosity_ply::{RANDOM_WALK, Single, comments, radiosity_ply};
+use crate::report::radiosity_ply::{RANDOM_WALK, Single, comments, model_of, radiosity_ply};
 use crate::report::text::{percent, significant};
 use crate::scene::Scene;
 use crate::transport::random_walk::exitance::{self, Effort, Exitance, MOST_PHOTONS};

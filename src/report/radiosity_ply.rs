@@ -3,6 +3,7 @@
 
 use glam::DVec3;
 
+use crate::asset::Provenance;
 use crate::error::{Error, Result};
 use crate::geometry::mesh::Mesh;
 use crate::io::colour::srgb_from_linear;
@@ -14,6 +15,14 @@ pub(crate) const SINGLE_INCLUDED: &str = "b includes single scattering along the
 
 /// Comment of files whose kernels are calibrated; those of dipoles have none.
 pub(crate) const CALIBRATED: &str = "model calibrated";
+
+/// Name of the model of assets that name none.
+pub(crate) const DIPOLE: &str = "dipole";
+
+/// The model of the light inside that a bake was made with.
+pub(crate) fn model_of(provenance: &Provenance) -> &str {
+    provenance.settings.get("model").map_or(DIPOLE, String::as_str)
+}
 
 /// Origin of files that random walks wrote.
 pub(crate) const RANDOM_WALK: &str = "random walk";

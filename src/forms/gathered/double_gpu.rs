@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
 
-use super::nets_gpu::{GpuNetKernel, Shaders, points};
+use super::net_shaders::{GpuNetKernel, Shaders, points};
 use crate::error::Result;
 use crate::evaluate::device::Device;
 use crate::evaluate::device::surface::{

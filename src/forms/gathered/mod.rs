@@ -14,6 +14,8 @@ pub(crate) mod model;
 #[cfg(feature = "gpu")]
 mod near_gpu;
 #[cfg(feature = "gpu")]
+mod net_shaders;
+#[cfg(feature = "gpu")]
 mod nets_gpu;
 #[cfg(feature = "gpu")]
 mod on_device;
