@@ -1,0 +1,165 @@
+//! The page and the table of the suite.
+
+use std::fmt::Write;
+use std::path::Path;
+
+use crate::suite::{Cell, Verdict, WAYS, cases};
+use crate::{Line, lines};
+
+const HEAD: &str = "\
+# Stability: where methods hold and where they fail
+
+Every method on bodies, media and lights that are odd in one way each, with its default settings for the kind of light of the row, against sums over all pairs of 262,144
+samples (32,768 under soft light) with the rays of `reference`, at up to 1,500 vertices. A row is a body and a light; unless it says something else, the body is a head of 642 vertices, 30 mm,
+in `skin1`, under one sun. `scripts/stability` makes this page and [the table](stability.csv) again; `tests/stability` runs a few rows and fails where one is worse than recorded.
+
+**Promised** is the sum of the stages of the asset's ledger; where an asset holds no transport, what `evaluate --measure` tells. A cell passes where measured / promised lies between 0.5
+and 1, where both are below what the truth can tell (0.1 %, or its own error), or where the method refuses and says why. The others are
+*pessimistic* (less than half of what was promised), *warned* (more than promised, and a warning names the fault of the mesh or the place of the light), or **unannounced** (more than
+promised, and nothing says so). What is not finite or negative would be *broken*.
+
+";
+
+fn verdict(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Passed => "passed",
+        Verdict::Refused => "refused",
+        Verdict::Warned => "warned",
+        Verdict::Pessimistic => "pessimistic",
+        Verdict::Unannounced => "**unannounced**",
+        Verdict::Broken => "**broken**",
+        Verdict::Unfinished => "**unfinished**",
+    }
+}
+
+fn percent(share: f64) -> String {
+    let p = 100.0 * share;
+    if p == 0.0 {
+        "0".to_owned()
+    } else if p >= 100.0 {
+        format!("{p:.0}")
+    } else if p >= 9.95 {
+        format!("{p:.1}")
+    } else {
+        format!("{p:.2}")
+    }
+}
+
+/// Writes `stability.md` and `stability.csv`.
+pub(crate) fn write(folder: &Path, docs: &Path) -> Result<(), String> {
+    let mut cells: Vec<Cell> = Vec::new();
+    for index in 0..cases().len() {
+        for line in lines(&folder.join(format!("{index}.jsonl"))) {
+            if let Line::Cells(own) = line {
+                cells.extend(own);
+            }
+        }
+    }
+    let put = |name: &str, text: String| std::fs::write(docs.join(name), text).map_err(|e| format!("{name}: {e}"));
+    put("stability.md", text(&cells))?;
+    put("stability.csv", csv(&cells))
+}
+
+fn csv(cells: &[Cell]) -> String {
+    let mut text = "row;light;method;verdict;promised rms;measured rms;promised p999;measured p999;promised worst;measured worst;promised \
+                    dark;measured dark;between vertices;clamped share;truth's own rms;bytes/vertex;says\n"
+        .to_owned();
+    for c in cells {
+        let says: Vec<String> = c.says.iter().map(|line| line.replace([';', '\n'], ",")).collect();
+        let _ = write!(text, "{};{};{};{:?}", c.case, c.light, c.way, c.verdict);
+        let (p, m) = (&c.promised, &c.measured);
+        for value in [p.rms, m.rms, p.p999, m.p999, p.worst, m.worst, p.dark, m.dark, c.between, c.clamped, c.truth] {
+            let _ = write!(text, ";{value:.3e}");
+        }
+        let _ = writeln!(text, ";{:.1};{}", c.bytes_per_vertex, says.join(" | "));
+    }
+    text
+}
+
+fn text(cells: &[Cell]) -> String {
+    let mut text = HEAD.to_owned();
+    let of = |way: &str, verdict: Verdict| cells.iter().filter(|c| c.way == way && c.verdict == verdict).count();
+    let verdicts = [
+        Verdict::Passed,
+        Verdict::Refused,
+        Verdict::Pessimistic,
+        Verdict::Warned,
+        Verdict::Unannounced,
+        Verdict::Broken,
+        Verdict::Unfinished,
+    ];
+    text.push_str(
+        "## Counts\n\n| method | passed | refused | pessimistic | warned | unannounced | broken | unfinished |\n",
+    );
+    text.push_str("| --- | --- | --- | --- | --- | --- | --- | --- |\n");
+    for way in WAYS {
+        let counts: Vec<String> = verdicts.iter().map(|v| of(way.name, *v).to_string()).collect();
+        let _ = writeln!(text, "| `{}` | {} |", way.name, counts.join(" | "));
+    }
+    let total = |v: Verdict| cells.iter().filter(|c| c.verdict == v).count();
+    let counts: Vec<String> = verdicts.iter().map(|v| total(*v).to_string()).collect();
+    let _ = writeln!(text, "| all {} | {} |\n", cells.len(), counts.join(" | "));
+    text.push_str(REASONS);
+    text.push_str("## Rows\n\nMeasured / promised RMS in %; r: refused, p: pessimistic, w: warned, **u**: unannounced, **b**: broken, **-**: unfinished.\n\n");
+    let _ = writeln!(text, "| row | light | {} |", WAYS.map(|way| format!("`{}`", way.name)).join(" | "));
+    let _ = writeln!(text, "| --- | --- |{}", " --- |".repeat(WAYS.len()));
+    for case in cases() {
+        for lamp in &case.lamps {
+            let light = lamp.name();
+            let cell = |way: &str| {
+                let Some(c) = cells.iter().find(|c| c.case == case.name && c.light == light && c.way == way) else {
+                    return "not run".to_owned();
+                };
+                let figures = format!("{} / {}", percent(c.measured.rms), percent(c.promised.rms));
+                match c.verdict {
+                    Verdict::Passed => figures,
+                    Verdict::Refused => "r".to_owned(),
+                    Verdict::Pessimistic => format!("{figures} p"),
+                    Verdict::Warned => format!("{figures} w"),
+                    Verdict::Unannounced => format!("{figures} **u**"),
+                    Verdict::Broken => "**b**".to_owned(),
+                    Verdict::Unfinished => "**-**".to_owned(),
+                }
+            };
+            let row: Vec<String> = WAYS.iter().map(|way| cell(way.name)).collect();
+            let _ = writeln!(text, "| {} | {light} | {} |", case.name, row.join(" | "));
+        }
+    }
+    text.push_str("\n## All figures\n\nIn % of the RMS radiosity, measured / promised; dark is relative to the mean of the dark part.\n");
+    for way in WAYS {
+        let _ = writeln!(text, "\n### `{}`\n", way.name);
+        text.push_str("| row | light | verdict | RMS | 99.9 % | worst | dark half | between vertices | clamped | ratio | bytes/vertex | says |\n");
+        text.push_str("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n");
+        for c in cells.iter().filter(|c| c.way == way.name) {
+            let (p, m) = (&c.promised, &c.measured);
+            let pair = |m: f64, p: f64| format!("{} / {}", percent(m), percent(p));
+            let ratio = if p.rms > 0.0 { format!("{:.2}", m.rms / p.rms) } else { String::new() };
+            let figures = match c.verdict {
+                Verdict::Refused | Verdict::Unfinished => [const { String::new() }; 8],
+                _ => [
+                    pair(m.rms, p.rms),
+                    pair(m.p999, p.p999),
+                    pair(m.worst, p.worst),
+                    pair(m.dark, p.dark),
+                    percent(c.between),
+                    percent(c.clamped),
+                    ratio,
+                    format!("{:.0}", c.bytes_per_vertex),
+                ],
+            };
+            let says = c.says.join("; ").replace('|', "/").replace('\n', " ");
+            let _ = writeln!(
+                text,
+                "| {} | {} | {} | {} | {says} |",
+                c.case,
+                c.light,
+                verdict(c.verdict),
+                figures.join(" | ")
+            );
+        }
+    }
+    text
+}
+
+/// Why cells do not pass: written by hand after a run.
+const REASONS: &str = "";
