@@ -45,7 +45,7 @@ impl Case {
 
 const MM: Scale = Scale::MillimetresPerUnit(1.0);
 
-/// Skin of 30 mm under one sun, unless more is said.
+/// Skin of 30 mm under three suns, unless more is said.
 fn case(name: &'static str, model: fn() -> SourceModel) -> Case {
     Case {
         name,
@@ -54,7 +54,7 @@ fn case(name: &'static str, model: fn() -> SourceModel) -> Case {
         materials: vec!["skin1"],
         overrides: Overrides::default(),
         parts: PartsRule::Auto,
-        lamps: vec![Lamp::Sun],
+        lamps: vec![Lamp::Sun, Lamp::EdgeOn, Lamp::Behind],
         set: Vec::new(),
         edited: None,
     }
@@ -78,7 +78,6 @@ pub fn cases() -> Vec<Case> {
     let suns = vec![Lamp::Sun, Lamp::EdgeOn, Lamp::Behind, Lamp::Below, Lamp::Black];
     let points = vec![Lamp::PointAt(1.1), Lamp::PointAt(3.0), Lamp::OnVertex, Lamp::Inside, Lamp::FarPoint];
     let skies = vec![Lamp::Sky, Lamp::SkyWithSun, Lamp::LoneSun, Lamp::LowSun, Lamp::Constant];
-    let front_and_edge = vec![Lamp::Sun, Lamp::EdgeOn];
     let coefficient = |v: f64| Some(DVec3::splat(v));
     let plain = Overrides::default;
     vec![
@@ -92,15 +91,15 @@ pub fn cases() -> Vec<Case> {
         of_size("head of 100 mm", 100.0),
         of_size("head of 1 m", 1e3),
         of_size("head of 10 m", 1e4),
-        Case { scale: MM, lamps: front_and_edge.clone(), ..case("thin sheet", bodies::sheet) },
+        Case { scale: MM, ..case("thin sheet", bodies::sheet) },
         Case { scale: MM, lamps: vec![Lamp::SkyWithSun], ..case("thin sheet, sky", bodies::sheet) },
         Case { scale: MM, parts: PartsRule::Joined, ..case("facing walls, joined", bodies::facing_walls) },
         Case { scale: MM, parts: PartsRule::Separate, ..case("facing walls, separate", bodies::facing_walls) },
         Case { scale: MM, materials: vec!["outer=skin1", "inner=marble"], ..case("nested", bodies::nested) },
         Case { scale: MM, ..case("cavity", bodies::cavity) },
         Case { scale: MM, ..case("touching cubes", bodies::touching) },
-        Case { scale: MM, lamps: front_and_edge.clone(), ..case("open half ball", bodies::open) },
-        Case { scale: MM, lamps: front_and_edge, ..case("open plane", bodies::open_plane) },
+        Case { scale: MM, ..case("open half ball", bodies::open) },
+        Case { scale: MM, ..case("open plane", bodies::open_plane) },
         Case { scale: MM, ..case("non-manifold edge", bodies::non_manifold) },
         Case { scale: MM, ..case("every triangle twice", bodies::duplicated) },
         case("mixed winding", bodies::mixed_winding),
@@ -140,7 +139,7 @@ pub fn cases() -> Vec<Case> {
             materials: vec!["elephant=skin1", "ring=marble", "plate=wholemilk"],
             ..case("elephant, ring and plate", || still_life(4.0))
         },
-        Case { scale: MM, lamps: vec![Lamp::Sun, Lamp::Behind], ..case("ball", || icosphere(15.0, 4)) },
+        Case { scale: MM, ..case("ball", || icosphere(15.0, 4)) },
         case("a million triangles", bodies::a_million),
     ]
 }
