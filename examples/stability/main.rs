@@ -1,6 +1,6 @@
 //! The stability suite: `scripts/stability` runs it.
 //!
-//! `stability list` names the rows; `stability run NUMBER FILE SECONDS` runs one with every method, each within so many seconds, and appends a line for each to the file;
+//! `stability list` names the rows; `stability run NUMBER FOLDER SECONDS` runs one with every method, each within so many seconds, and appends a line for each to its file in the folder;
 //! `stability page FOLDER DOCS` writes the page and the table from the files of a folder.
 //!
 //! What is in the file already is not run again. A method that was begun and has no line has not come to an end: it is recorded as
@@ -41,7 +41,7 @@ fn main() -> ExitCode {
             cases().iter().for_each(|case| println!("{}", case.name));
             Ok(())
         }
-        ["run", number, file, limit] => row(number, Path::new(file), limit),
+        ["run", number, folder, limit] => row(number, Path::new(folder), limit),
         ["page", folder, docs] => page::write(Path::new(folder), Path::new(docs)),
         _ => Err("stability list | run NUMBER FILE | page FOLDER DOCS".to_owned()),
     };
@@ -54,6 +54,12 @@ fn main() -> ExitCode {
     }
 }
 
+/// Name of a row's file.
+fn file_of(case: &str) -> String {
+    let plain = |c: char| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { '-' };
+    format!("{}.jsonl", case.chars().map(plain).collect::<String>())
+}
+
 /// Lines of a row's file; none where there is no file.
 fn lines(file: &Path) -> Vec<Line> {
     let text = std::fs::read_to_string(file).unwrap_or_default();
@@ -61,11 +67,12 @@ fn lines(file: &Path) -> Vec<Line> {
 }
 
 /// Runs what is missing of a row. A method that takes too long ends the program, so that the next run goes on with the others.
-fn row(number: &str, file: &Path, limit: &str) -> Result<(), String> {
+fn row(number: &str, folder: &Path, limit: &str) -> Result<(), String> {
     let all = cases();
     let index: usize = number.parse().map_err(|_| format!("{number}: the number of a row is needed"))?;
     let limit: u64 = limit.parse().map_err(|_| format!("{limit}: a number of seconds is needed"))?;
     let case = all.get(index).ok_or_else(|| format!("{number}: there are {} rows", all.len()))?;
+    let file = &folder.join(file_of(case.name));
     let known = lines(file);
     let mut out = OpenOptions::new().create(true).append(true).open(file).map_err(|e| e.to_string())?;
     let mut put = |line: &Line| -> Result<(), String> {

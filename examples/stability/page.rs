@@ -4,19 +4,21 @@ use std::fmt::Write;
 use std::path::Path;
 
 use crate::suite::{Cell, Verdict, WAYS, cases};
-use crate::{Line, lines};
+use crate::{Line, file_of, lines};
 
 const HEAD: &str = "\
 # Stability: where methods hold and where they fail
 
-Every method on bodies, media and lights that are odd in one way each, with its default settings for the kind of light of the row, against sums over all pairs of 262,144
-samples (32,768 under soft light) with the rays of `reference`, at up to 1,500 vertices. A row is a body and a light; unless it says something else, the body is a head of 642 vertices, 30 mm,
-in `skin1`, under three suns: from an odd direction, edge-on to the largest flat area, from behind. `scripts/stability` makes this page and [the table](stability.csv) again; `tests/stability` runs a few rows and fails where one is worse than recorded.
+Every method on bodies, media and lights that are odd in one way each, baked for the kind of light of the row and the error that is the method's default, against sums over all
+pairs of 131,072 samples (32,768 under soft light) with the rays of `reference`, at up to 1,000 vertices. A row is a body and a light; unless it says something else, the body is a head of
+642 vertices, 30 mm, in `skin1`, with 32,768 samples, under three suns: from an odd direction, edge-on to the largest flat area, from behind. The rows `head, suns`, `points` and `skies` have
+the samples that each method chooses, and a truth of 196,608. `scripts/stability` makes this page and [the table](stability.csv) again; `tests/stability` runs a few rows and fails where
+one is worse than recorded.
 
 **Promised** is the sum of the stages of the asset's ledger; where an asset holds no transport, what `evaluate --measure` tells. A cell passes where measured / promised lies between 0.5
 and 1, where both are below what the truth can tell (0.1 %, or its own error), or where the method refuses and says why. The others are
 *pessimistic* (less than half of what was promised), *warned* (more than promised, and a warning names the fault of the mesh or the place of the light), or **unannounced** (more than
-promised, and nothing says so). What is not finite or negative would be *broken*. An asset that holds transport promises for every light of a row: its worst light decides whether that is pessimistic.
+promised, and nothing says so). What is not finite, or more negative than the worst vertex that was promised, would be *broken*. An asset that holds transport promises for every light of a row: its worst light decides whether that is pessimistic.
 
 ";
 
@@ -48,8 +50,8 @@ fn percent(share: f64) -> String {
 /// Writes `stability.md` and `stability.csv`.
 pub(crate) fn write(folder: &Path, docs: &Path) -> Result<(), String> {
     let mut cells: Vec<Cell> = Vec::new();
-    for index in 0..cases().len() {
-        for line in lines(&folder.join(format!("{index}.jsonl"))) {
+    for case in cases() {
+        for line in lines(&folder.join(file_of(case.name))) {
             if let Line::Cells(own) = line {
                 cells.extend(own);
             }

@@ -24,6 +24,8 @@ pub struct Case {
     pub overrides: Overrides,
     pub parts: PartsRule,
     pub lamps: Vec<Lamp>,
+    /// Surface samples of every method; none for their defaults.
+    pub samples: Option<usize>,
     /// Keys of a method: its name, key, value.
     pub set: Vec<(&'static str, &'static str, &'static str)>,
     /// Properties that take the place of all media after the bake.
@@ -43,6 +45,9 @@ impl Case {
     }
 }
 
+/// Samples of rows that are not about them.
+pub const SAMPLES: usize = 1 << 15;
+
 const MM: Scale = Scale::MillimetresPerUnit(1.0);
 
 /// Skin of 30 mm under three suns, unless more is said.
@@ -55,6 +60,7 @@ fn case(name: &'static str, model: fn() -> SourceModel) -> Case {
         overrides: Overrides::default(),
         parts: PartsRule::Auto,
         lamps: vec![Lamp::Sun, Lamp::EdgeOn, Lamp::Behind],
+        samples: Some(SAMPLES),
         set: Vec::new(),
         edited: None,
     }
@@ -81,10 +87,10 @@ pub fn cases() -> Vec<Case> {
     let coefficient = |v: f64| Some(DVec3::splat(v));
     let plain = Overrides::default;
     vec![
-        Case { lamps: suns, ..case("head, suns", bodies::head) },
-        Case { lamps: points, ..case("head, points", bodies::head) },
+        Case { lamps: suns, samples: None, ..case("head, suns", bodies::head) },
+        Case { lamps: points, samples: None, ..case("head, points", bodies::head) },
         Case { lamps: vec![Lamp::Area], ..case("head, area", bodies::head) },
-        Case { lamps: skies, ..case("head, skies", bodies::head) },
+        Case { lamps: skies, samples: None, ..case("head, skies", bodies::head) },
         of_size("head of 0.1 mm", 0.1),
         of_size("head of 1 mm", 1.0),
         of_size("head of 10 mm", 10.0),

@@ -47,7 +47,7 @@ pub enum Verdict {
     Pessimistic,
     /// The error is above the promised one, and nothing says so.
     Unannounced,
-    /// Values that are not finite, or negative.
+    /// Values that are not finite, or more negative than the promised worst error lets them be.
     Broken,
     /// No result within the time.
     Unfinished,
@@ -144,8 +144,7 @@ impl<'a> Session<'a> {
         }));
         evaluator.set_lights(vec![light.clone()], &Silent)?;
         let all = evaluator.radiosity(&Silent)?;
-        let sound = all.iter().all(|b| b.is_finite() && b.min_element() >= 0.0);
-        let truth = self.truth.get_or_insert_with(|| Truth::new(shown));
+        let truth = self.truth.get_or_insert_with(|| Truth::new(shown, self.case.samples.is_none()));
         let (expected, own) = match self.known.entry(lamp.name()) {
             Entry::Occupied(known) => known.into_mut(),
             Entry::Vacant(free) => free.insert(truth.under(shown, &light)?),
@@ -155,6 +154,10 @@ impl<'a> Session<'a> {
         let measured = finite(truth.places.error(&values, expected));
         let promised = finite(opened.promise(self.case, &light)?);
         let floor = own.max(FLOOR);
+        // Negative values are errors like others: as large as was promised.
+        let mean_square = expected.iter().map(|b| *b * *b).sum::<DVec3>() / expected.len().max(1) as f64;
+        let bound = -promised.worst.max(floor) * mean_square.max_element().sqrt();
+        let sound = all.iter().all(|b| b.is_finite() && b.min_element() >= bound);
         let verdict = match measured.rms {
             _ if !sound => Verdict::Broken,
             _ if black => Verdict::Passed,
@@ -229,6 +232,7 @@ fn baked(case: &Case, way: &Way, imported: Imported) -> Result<(Asset, f64)> {
     let given: Vec<(String, String)> =
         way.set.iter().copied().chain(own).map(|(k, v)| (k.to_owned(), v.to_owned())).collect();
     let settings = BakeSettings {
+        samples: case.samples,
         for_lights: case.lamps.iter().map(|lamp| lamp.kind()).collect(),
         probes: probes::for_bake(&imported.scene.mesh),
         ..BakeSettings::new(method.default_max_rms())

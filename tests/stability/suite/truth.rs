@@ -15,11 +15,14 @@ use translux::progress::Silent;
 use translux::scene::Scene;
 
 /// Vertices that are looked at, at most.
-const MOST: usize = 1500;
+const MOST: usize = 1000;
 
 /// Samples under lights whose shadows are sharp, and under soft ones.
-const SHARP: usize = 1 << 18;
+const SHARP: usize = 1 << 17;
 const SOFT: usize = 1 << 15;
+
+/// The same where methods have their own, more than in other rows.
+const SHARP_OF_MANY: usize = 3 << 16;
 
 /// Some vertices with the area around each.
 pub struct Places {
@@ -70,25 +73,36 @@ impl Places {
 pub struct Truth {
     pub places: Places,
     sums: BTreeMap<(bool, usize), Box<dyn Evaluator>>,
+    /// Error of the truth itself under the first sharp light and the first soft one.
+    own: BTreeMap<bool, f64>,
+    sharp: usize,
 }
 
 impl Truth {
-    pub fn new(scene: &Scene) -> Self {
-        Self { places: Places::new(scene), sums: BTreeMap::new() }
+    /// A truth for methods with the numbers of samples that they choose, or with the few of the suite.
+    pub fn new(scene: &Scene, many: bool) -> Self {
+        let sharp = if many { SHARP_OF_MANY } else { SHARP };
+        Self { places: Places::new(scene), sums: BTreeMap::new(), own: BTreeMap::new(), sharp }
     }
 
-    /// Radiosity under a light, and the error of that: its difference from half as many samples with other rays.
+    /// Radiosity under a light, and the error of that: the difference from half as many samples, under the first light of its softness.
     pub fn under(&mut self, scene: &Scene, light: &Light) -> Result<(Vec<DVec3>, f64)> {
         let soft = !matches!(light.kind(), LightKind::Directional | LightKind::Point);
-        let count = if soft { SOFT.max((2 * scene.mesh.triangles.len()).min(SHARP)) } else { SHARP };
+        let count = if soft { SOFT.max((2 * scene.mesh.triangles.len()).min(self.sharp)) } else { self.sharp };
         let values = self.at(scene, (soft, count), light)?;
-        let coarser = self.at(scene, (soft, count / 2), light)?;
-        let own = self.places.error(&coarser, &values).or_none().rms;
+        let own = match self.own.get(&soft) {
+            Some(own) => *own,
+            None => {
+                let coarser = self.at(scene, (soft, count / 2), light)?;
+                let own = self.places.error(&coarser, &values).or_none().rms;
+                *self.own.entry(soft).or_insert(own)
+            }
+        };
         Ok((values, own))
     }
 
     fn at(&mut self, scene: &Scene, (soft, count): (bool, usize), light: &Light) -> Result<Vec<DVec3>> {
-        let Self { places, sums } = self;
+        let Self { places, sums, .. } = self;
         let evaluator = match sums.entry((soft, count)) {
             std::collections::btree_map::Entry::Occupied(found) => found.into_mut(),
             std::collections::btree_map::Entry::Vacant(free) => free.insert(made(scene, count)?),

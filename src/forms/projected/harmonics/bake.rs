@@ -16,6 +16,7 @@ use crate::forms::baked_in::Stored;
 use crate::forms::distant::{Distant, MOST_ORDER, Work, under_suns, with_work};
 use crate::forms::projected::coding::{Radiosities, code};
 use crate::forms::projected::components::Lit;
+use crate::forms::projected::reach::allowed;
 use crate::forms::projected::references::{in_ascending_order, in_order_of_rows, spacing, spatial_error, under};
 use crate::forms::sampled_scene::{GROUP, SampledScene, parts};
 use crate::forms::single_scattering::Folded;
@@ -100,7 +101,7 @@ pub(super) fn harmonics(
     let folded = Folded::new(work)?;
     let Needed { order, reached } = needed(work, progress)?;
     // What the harmonics cannot reach is not worth the bytes of the other stages.
-    let allowed = work.max_rms.max(reached);
+    let allowed = allowed(work.max_rms, reached);
     let spacing_mm = match plan.spacing.asked_mm(sampled) {
         Some(asked) => asked,
         None => {
@@ -122,7 +123,7 @@ pub(super) fn harmonics(
     if let Some(entry) = ledger.entries.iter_mut().find(|entry| entry.stage == STAGE && reached > work.max_rms) {
         let least = 100.0 * reached;
         entry.note.push_str(&format!(
-            "; the highest order, which reaches about {least:.2} %, and the other stages are as coarse as that lets them"
+            "; the highest order, which reaches about {least:.2} %, and the other stages are no finer than is worth it beside that"
         ));
     }
     Ok(file)

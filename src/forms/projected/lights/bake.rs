@@ -22,6 +22,7 @@ use crate::forms::distant;
 use crate::forms::projected::coding::{Radiosities, code};
 use crate::forms::projected::components::LightBasis;
 use crate::forms::projected::forecast::{Basis, forecast};
+use crate::forms::projected::reach::allowed;
 use crate::forms::projected::references::{in_ascending_order, in_order_of_rows, spacing, spatial_error, under};
 use crate::forms::sampled_scene::{GROUP, SampledScene, parts};
 use crate::light::{Light, LightKind};
@@ -48,7 +49,7 @@ const FIRST_POINTS: usize = 768;
 /// set tells another one in this range. Below the least it hardly falls any more: more directions are not worth their bytes.
 const ORDER: f64 = 0.7;
 const ORDERS: std::ops::RangeInclusive<f64> = 0.3..=2.0;
-const WORTHWHILE: f64 = 0.4;
+const WORTHWHILE: f64 = 0.3;
 
 /// Lights that choices look at.
 pub const TUNING: usize = 20;
@@ -105,14 +106,14 @@ impl Form for QuantisedLights {
             let truth: Vec<Vec<DVec3>> = (0..tuning.len()).map(|light| truth.under(light)).collect();
             progress.finish();
             let needed = match self.lights.directions {
-                Some(directions) => Needed { directions, reached: 0.0, wanted: directions },
+                Some(directions) => Needed { directions, reached: 0.0, wanted: directions, largest: 0.0 },
                 None => {
                     let under = (tuning.as_slice(), truth.as_slice());
                     needed((&sampled, &transfer, &self.lights), under, settings.max_rms, progress)?
                 }
             };
             // What the set cannot reach is not worth the bytes of the other stages.
-            let allowed = settings.max_rms.max(needed.reached);
+            let allowed = allowed(settings.max_rms, needed.reached);
             let by_error = || spacing(&sampled, &truth, SPATIAL * allowed);
             let spacing_mm = self.spacing.asked_mm(&sampled).unwrap_or_else(by_error);
             let net = Net::new(&sampled.points, &parts(&sampled.receivers), spacing_mm);
@@ -195,8 +196,9 @@ struct Needed {
     directions: usize,
     /// Smallest error that a bake with so many could be asked for.
     reached: f64,
-    /// Directions that the asked error would take.
+    /// Directions that the asked error would take, about, and what the largest set would reach.
     wanted: usize,
+    largest: f64,
 }
 
 /// The number of directions for an asked error under the lights of a choice, as far as two small sets tell at some receivers: the second
@@ -220,16 +222,17 @@ fn needed(
     let first = error(FIRST_SET)?;
     let wanted = for_error((FIRST_SET, first), ORDER);
     if wanted <= FIRST_SET {
-        return Ok(Needed { directions: wanted.max(FIRST_SET / 4), reached: 0.0, wanted });
+        return Ok(Needed { directions: wanted.max(FIRST_SET / 4), reached: 0.0, wanted, largest: 0.0 });
     }
     let count = wanted.clamp(FIRST_SET * 3 / 2, SECOND_SET);
     let second = error(count)?;
     let order = ((first / second).ln() / (count as f64 / FIRST_SET as f64).ln()).clamp(*ORDERS.start(), *ORDERS.end());
     let wanted = for_error((count, second), order);
     let most = if order < WORTHWHILE { count } else { LARGEST_SET };
-    let directions = wanted.min(most);
-    let reached = second * (count as f64 / directions as f64).powf(order) / BETWEEN_LIGHTS;
-    Ok(Needed { directions, reached: if wanted > most { reached } else { 0.0 }, wanted })
+    let directions = wanted.clamp(FIRST_SET / 4, most);
+    let with = |directions: usize| second * (count as f64 / directions as f64).powf(order);
+    let reached = if wanted > most { with(directions) / BETWEEN_LIGHTS } else { 0.0 };
+    Ok(Needed { directions, reached, wanted, largest: with(LARGEST_SET) })
 }
 
 /// Error of the interpolation between lights under the worst of those that the set serves.
@@ -277,10 +280,12 @@ fn measure(
     let count = set.lights.directions.count();
     let mut note = format!("interpolation between {count} directions, under lights that no choice saw");
     if needed.reached > 0.0 {
-        note.push_str(&format!(
-            ": the asked error would take about {}, more than a set holds, and the other stages are as coarse as this one lets them",
-            needed.wanted
-        ));
+        let (wanted, most) = (needed.wanted, 100.0 * needed.largest);
+        note.push_str(&match count < LARGEST_SET {
+            true => format!(": it hardly falls with more, {LARGEST_SET} would reach about {most:.2} %"),
+            false => format!(": the most that are chosen, and the asked error would take about {wanted}"),
+        });
+        note.push_str("; the other stages are no finer than is worth it beside that");
     }
     ledger.add("lights", errors[0], note);
     ledger.add("reference points", errors[1], format!("interpolation from {} of them, as above", net.point.len()));
