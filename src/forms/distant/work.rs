@@ -31,8 +31,8 @@ const UNSEEN: f64 = 1.6;
 const SUN_OF_ENVIRONMENT: f64 = 4.0;
 
 /// Turns of the edge-on suns about the normal of the largest flat area: those that choices look at, and that no choice sees.
-const TUNING_TURNS: [f64; 2] = [0.0, 0.31];
-const UNSEEN_TURNS: [f64; 2] = [0.17, 0.58];
+pub(crate) const TUNING_TURNS: [f64; 2] = [0.0, 0.31];
+pub(crate) const UNSEEN_TURNS: [f64; 2] = [0.17, 0.58];
 
 /// Samples, hierarchy, settings and probe lights of a bake.
 pub(crate) struct Work<'a, 'b> {
@@ -122,7 +122,7 @@ fn for_suns_alone(settings: &BakeSettings) -> bool {
 }
 
 /// Suns along the largest flat area.
-fn edge_on(scene: &Scene, turns: [f64; 2]) -> impl Iterator<Item = Light> {
+pub(crate) fn edge_on(scene: &Scene, turns: [f64; 2]) -> impl Iterator<Item = Light> {
     turns.map(|turn| Light::Directional { from: scene.grazing(turn), irradiance: DVec3::ONE }).into_iter()
 }
 

@@ -98,7 +98,15 @@ impl Form for QuantisedLights {
         let (sampled, calibration) = sampled.with_model(settings.model, progress)?;
         progress.finish();
         sampled.with_transfer(NearField::for_error(settings.max_rms), |mut transfer| {
-            let tuning = chosen(&settings.probes.tuning, TUNING);
+            let mut tuning = chosen(&settings.probes.tuning, TUNING);
+            let mut unseen = settings.probes.unseen.clone();
+            if settings.is_for(LightKind::Directional) {
+                for (lights, turns) in [(&mut tuning, distant::TUNING_TURNS), (&mut unseen, distant::UNSEEN_TURNS)] {
+                    if !lights.is_empty() {
+                        lights.extend(distant::edge_on(scene, turns));
+                    }
+                }
+            }
             progress.start("tuning", tuning.len() as u64);
             let rows = sampled.irradiance(&tuning)?;
             let hierarchy = transfer.tune(HIERARCHY * settings.max_rms, &rows);
@@ -146,7 +154,7 @@ impl Form for QuantisedLights {
             let mut ledger = Ledger::default();
             ledger.add("hierarchy", hierarchy, "against all pairs, on vertices that no tuning saw");
             let baked = (&set, &net, values.as_slice(), &file);
-            measure((&sampled, &transfer), baked, (&settings.probes.unseen, &needed), &mut ledger, progress)?;
+            measure((&sampled, &transfer), baked, (&unseen, &needed), &mut ledger, progress)?;
             Ok(AssetParts::without_samples(scene, ledger, sections))
         })
     }
