@@ -10,8 +10,8 @@ const HEAD: &str = "\
 # Stability: where methods hold and where they fail
 
 Every method on bodies, media and lights that are odd in one way each, baked for the kind of light of the row and the error that is the method's default, against sums over all
-pairs of 131,072 samples (32,768 under soft light) with the rays of `reference`, at up to 1,000 vertices. A row is a body and a light; unless it says something else, the body is a head of
-642 vertices, 30 mm, in `skin1`, with 32,768 samples, under three suns: from an odd direction, edge-on to the largest flat area, from behind. The rows `head, suns`, `points` and `skies` have
+pairs of 65,536 samples (16,384 under soft light) with the rays of `reference`, at up to 1,000 vertices. A row is a body and a light; unless it says something else, the body is a head of
+642 vertices, 30 mm, in `skin1`, with 8,192 samples, under three suns: from an odd direction, edge-on to the largest flat area, from behind. The rows `head, suns`, `points` and `skies` have
 the samples that each method chooses, and a truth of 196,608. `scripts/stability` makes this page and [the table](stability.csv) again; `tests/stability` runs a few rows and fails where
 one is worse than recorded.
 

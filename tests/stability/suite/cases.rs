@@ -46,7 +46,7 @@ impl Case {
 }
 
 /// Samples of rows that are not about them.
-pub const SAMPLES: usize = 1 << 15;
+pub const SAMPLES: usize = 1 << 13;
 
 const MM: Scale = Scale::MillimetresPerUnit(1.0);
 

@@ -18,8 +18,8 @@ use translux::scene::Scene;
 const MOST: usize = 1000;
 
 /// Samples under lights whose shadows are sharp, and under soft ones.
-const SHARP: usize = 1 << 17;
-const SOFT: usize = 1 << 15;
+const SHARP: usize = 1 << 16;
+const SOFT: usize = 1 << 14;
 
 /// The same where methods have their own, more than in other rows.
 const SHARP_OF_MANY: usize = 3 << 16;

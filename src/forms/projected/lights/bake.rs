@@ -51,6 +51,9 @@ const ORDER: f64 = 0.7;
 const ORDERS: std::ops::RangeInclusive<f64> = 0.3..=2.0;
 const WORTHWHILE: f64 = 0.3;
 
+/// A number of directions that is as good as none.
+const MANY: usize = 100_000;
+
 /// Lights that choices look at.
 pub const TUNING: usize = 20;
 
@@ -291,6 +294,7 @@ fn measure(
         let (wanted, most) = (needed.wanted, 100.0 * needed.largest);
         note.push_str(&match count < LARGEST_SET {
             true => format!(": it hardly falls with more, {LARGEST_SET} would reach about {most:.2} %"),
+            false if wanted > MANY => ": the most that are chosen, and no number reaches the asked error".to_owned(),
             false => format!(": the most that are chosen, and the asked error would take about {wanted}"),
         });
         note.push_str("; the other stages are no finer than is worth it beside that");
