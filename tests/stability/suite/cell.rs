@@ -41,7 +41,7 @@ pub enum Verdict {
     Passed,
     /// Refused with a reason.
     Refused,
-    /// The error is above the promised one, and a warning names what is wrong with the mesh or the light.
+    /// The error is above the promised one, and a warning names a fault of the mesh or of the light's place.
     Warned,
     /// Less than half of the promised error.
     Pessimistic,
@@ -77,8 +77,9 @@ pub struct Cell {
 pub struct Session<'a> {
     case: &'a Case,
     imported: Result<Imported>,
-    /// Warnings of the import.
-    says: Vec<String>,
+    /// Faults of the mesh, and other warnings of the import, which stand on sound meshes too.
+    faults: Vec<String>,
+    warnings: Vec<String>,
     between: f64,
     truth: Option<Truth>,
     /// True radiosity and its own error, by light.
@@ -88,18 +89,18 @@ pub struct Session<'a> {
 impl<'a> Session<'a> {
     pub fn new(case: &'a Case) -> Self {
         let imported = case.imported();
-        let (mut says, mut between) = (Vec::new(), 0.0);
+        let (mut faults, mut warnings, mut between) = (Vec::new(), Vec::new(), 0.0);
         if let Ok(Imported { scene, check, .. }) = &imported {
-            says = check.faults();
-            says.extend(check.warnings());
+            faults = check.faults();
+            warnings = check.warnings();
             if check.may_be_coarse() {
                 between = between_vertices(scene, &Silent).map_or(0.0, |error| error.rms);
                 if between > BETWEEN {
-                    says.push(format!("{:.0} % off between vertices", 100.0 * between));
+                    warnings.push(format!("{:.0} % off between vertices", 100.0 * between));
                 }
             }
         }
-        Self { case, imported, says, between, truth: None, known: BTreeMap::new() }
+        Self { case, imported, faults, warnings, between, truth: None, known: BTreeMap::new() }
     }
 
     /// Runs a way on all lights of the case.
@@ -133,7 +134,7 @@ impl<'a> Session<'a> {
     fn under(&mut self, lamp: Lamp, way: &Way, opened: &mut Opened) -> Result<Cell> {
         let Opened { evaluator, shown, .. } = &mut *opened;
         let light = lamp.light(shown)?;
-        let mut says = self.says.clone();
+        let mut says = self.faults.clone();
         says.extend(doubtful(shown, std::slice::from_ref(&light), evaluator.cost().samples).iter().map(|found| {
             let what = match found.doubt {
                 Doubt::Inside => "inside the body",
@@ -142,6 +143,8 @@ impl<'a> Session<'a> {
             };
             format!("the light is {what}")
         }));
+        let excused = !says.is_empty();
+        says.extend(self.warnings.iter().cloned());
         evaluator.set_lights(vec![light.clone()], &Silent)?;
         let all = evaluator.radiosity(&Silent)?;
         let truth = self.truth.get_or_insert_with(|| Truth::new(shown, self.case.samples.is_none()));
@@ -162,7 +165,7 @@ impl<'a> Session<'a> {
             _ if !sound => Verdict::Broken,
             _ if black => Verdict::Passed,
             rms if rms <= floor && promised.rms <= 4.0 * floor => Verdict::Passed,
-            rms if rms > promised.rms + 0.1 * floor && says.is_empty() => Verdict::Unannounced,
+            rms if rms > promised.rms + 0.1 * floor && !excused => Verdict::Unannounced,
             rms if rms > promised.rms + 0.1 * floor => Verdict::Warned,
             rms if rms < 0.5 * promised.rms => Verdict::Pessimistic,
             _ => Verdict::Passed,
