@@ -18,7 +18,7 @@ use crate::error::{Error, ExitCode, Result};
 use crate::evaluate::{Evaluator, SingleScattering};
 use crate::measure::probes::by_stage;
 use crate::report::evaluation::{EvaluationReport, RadiosityReport, mean_and_max};
-use crate::report::radiosity_ply::{SINGLE_INCLUDED, Single, comments, radiosity_ply};
+use crate::report::radiosity_ply::{CALIBRATED, SINGLE_INCLUDED, Single, comments, radiosity_ply};
 use crate::report::text::{duration, percent};
 
 #[derive(Clone, Debug, Args)]
@@ -42,7 +42,7 @@ pub(super) struct EvaluateArgs {
 }
 
 /// Name of the model of assets that name none.
-const DIPOLE: &str = "dipole";
+pub(super) const DIPOLE: &str = "dipole";
 
 /// The model of the light inside that a bake was made with.
 pub(super) fn model_of(provenance: &Provenance) -> &str {
@@ -96,7 +96,7 @@ pub(super) fn finish(
         let scene = evaluator.scene();
         let mut comments = comments(method, scene, &lights.text);
         if model != DIPOLE {
-            comments.push(format!("model {model}"));
+            comments.push(CALIBRATED.to_owned());
         }
         if single.is_some() {
             comments.push("s is single scattering along the inverse normal, b does without it".to_owned());

@@ -6,6 +6,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::console::Console;
+use super::evaluate::{DIPOLE, model_of};
 use super::lights::ResolvedLights;
 use super::output;
 use crate::asset::Provenance;
@@ -20,7 +21,7 @@ use crate::math::statistics::{VertexError, vertex_error};
 use crate::render::normals::welded_normals_mm2;
 use crate::report::comparison::vertex_areas;
 use crate::report::evaluation::{OnMeshReport, RadiosityReport};
-use crate::report::radiosity_ply::{Single, check_range, comments, radiosity_ply};
+use crate::report::radiosity_ply::{CALIBRATED, Single, check_range, comments, radiosity_ply};
 use crate::report::text::{percent, significant};
 use crate::scene::Scene;
 
@@ -59,7 +60,8 @@ pub(super) fn run(
     evaluator.set_lights(lights.lights, console)?;
     let result = placed.evaluate(evaluator.as_mut(), console).map_err(|e| e.at(model.display()))?;
     output::write(outputs, console, || {
-        let comments = comments(&provenance.method, evaluator.scene(), &lights.text);
+        let mut comments = comments(&provenance.method, evaluator.scene(), &lights.text);
+        comments.extend((model_of(provenance) != DIPOLE).then(|| CALIBRATED.to_owned()));
         radiosity_ply(&placed.mesh, &result.radiosity, Single::None, comments)
     })?;
     let [mean_distance_mm, max_distance_mm] = placed.distances();

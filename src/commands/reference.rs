@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use clap::{Args, ValueEnum};
 
-use super::baking::{self, BakeOptions, WalkOptions};
+use super::baking::{self, BakeOptions, WalkOptions, Wanted};
 use super::console::{Console, in_range};
 use super::evaluate::{Radiosity, finish, model_of};
 use super::lights::{LightArgs, warn_of_places};
@@ -14,13 +14,12 @@ use super::media::ProfileArg;
 use super::model::ModelArgs;
 use super::{opening, output};
 use crate::error::{Error, ExitCode, Result};
-use crate::evaluate::Model;
 use crate::evaluate::keys::share;
 use crate::geometry::check::MeshCheck;
 use crate::geometry::parts::Closure;
 use crate::import::Imported;
 use crate::report::evaluation::{RadiosityReport, WalkReport};
-use crate::report::radiosity_ply::{Single, comments, radiosity_ply};
+use crate::report::radiosity_ply::{RANDOM_WALK, Single, comments, radiosity_ply};
 use crate::report::text::{percent, significant};
 use crate::scene::Scene;
 use crate::transport::random_walk::exitance::{self, Effort, Exitance, MOST_PHOTONS};
@@ -59,9 +58,10 @@ pub(super) struct ReferenceArgs {
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Model of the light inside")]
 struct WalkArgs {
-    /// What the exitance is computed by. A random walk writes every order of scattering to b_* and the first to s_*
-    #[arg(long = "model", id = "physics", default_value = "dipole", value_name = "WHICH")]
-    physics: Physics,
+    /// What the exitance is computed by (default: calibrated, of methods that can follow it, models with closed parts and no
+    /// --profile; else dipole). A random walk writes every order of scattering to b_* and the first to s_*
+    #[arg(long = "model", id = "physics", value_name = "WHICH")]
+    physics: Option<Physics>,
     #[command(flatten)]
     walks: WalkOptions,
 }
@@ -79,21 +79,25 @@ enum Physics {
 
 pub(super) fn run(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
     match args.walk.physics {
-        Physics::Dipole => summed(args, args.walk.walks.dipole()?, console),
-        Physics::Calibrated | Physics::MonteCarlo if args.profile.is_given() => {
+        None if args.profile.is_given() => summed(args, Wanted::This(args.walk.walks.dipole()?), console),
+        None => summed(args, args.walk.walks.unnamed()?, console),
+        Some(Physics::Dipole) => summed(args, Wanted::This(args.walk.walks.dipole()?), console),
+        Some(Physics::Calibrated | Physics::MonteCarlo) if args.profile.is_given() => {
             Err(Error::command_line("--profile: walks have no profile; leave it out, or use --model dipole"))
         }
-        Physics::Calibrated => summed(args, args.walk.walks.calibrated()?, console),
-        Physics::MonteCarlo => monte_carlo(args, console),
+        Some(Physics::Calibrated) => summed(args, Wanted::This(args.walk.walks.calibrated()?), console),
+        Some(Physics::MonteCarlo) => monte_carlo(args, console),
     }
 }
 
-fn summed(args: &ReferenceArgs, model: Model, console: &Console) -> Result<ExitCode> {
-    let recipe = args.options.resolve(&args.method, model, console)?;
+fn summed(args: &ReferenceArgs, wanted: Wanted, console: &Console) -> Result<ExitCode> {
+    let recipe = args.options.resolve(&args.method, wanted, console)?;
     let asked_rms = Some(recipe.settings.max_rms);
     output::check(&args.output, &["ply"], console)?;
     let lights = args.lights.load(console)?;
-    let asset = baking::bake(recipe, args.model.load(console)?, console)?;
+    let imported = args.model.load(console)?;
+    let recipe = args.options.for_scene(recipe, wanted, &imported, console)?;
+    let asset = baking::bake(recipe, imported, console)?;
     let provenance = asset.provenance.clone();
     let (method, model) = (provenance.method.as_str(), model_of(&provenance));
     let mut evaluator = opening::baked(asset, console)?;
@@ -116,7 +120,7 @@ fn monte_carlo(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
     let rate = walked.budget.iter().map(|b| b.collisions).sum::<u64>() as f64 / started.elapsed().as_secs_f64();
     let radiosity = walked.hats.to_vertices(&walked.total);
     output::write(&args.output, console, || {
-        let mut comments = comments("random walk", &scene, &lights.text);
+        let mut comments = comments(RANDOM_WALK, &scene, &lights.text);
         comments.push(format!("noise {} of the RMS", percent(walked.noise())));
         comments.push("s is what left after one scattering event, b includes it".to_owned());
         let single = walked.hats.to_vertices(&walked.single);

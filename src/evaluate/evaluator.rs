@@ -59,6 +59,17 @@ pub trait Evaluator: Send {
     /// coarser, by far less than the error that was asked for.
     fn prepare_for_edits(&mut self, _progress: &dyn Progress) {}
 
+    /// Lets new media answer at once, by what is known of them without long work; [`Self::refine`] brings the rest.
+    fn answer_at_once(&mut self) {}
+
+    /// Takes what work in the background has brought since the media changed, and starts that work where it is missing.
+    ///
+    /// # Errors
+    /// Failures of the work.
+    fn refine(&mut self) -> Result<Refined> {
+        Ok(Refined::Done)
+    }
+
     /// Radiosity of every source vertex, RGB; zero for vertices without transferring area. As an [`Exitance`] it is
     /// linear over each triangle.
     ///
@@ -137,6 +148,17 @@ pub trait Evaluator: Send {
     fn on_device(self: Box<Self>, _device: &Arc<Device>) -> Result<Box<dyn DeviceEvaluator>> {
         Err(Error::unsupported("this method has no compute shaders; use --device cpu"))
     }
+}
+
+/// How far the work in the background is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refined {
+    /// There is none.
+    Done,
+    /// It goes on.
+    Working,
+    /// It is done and has changed the radiosity.
+    Changed,
 }
 
 /// An evaluator whose radiosity lies in the memory of a device, to be drawn there.

@@ -19,7 +19,7 @@ use crate::geometry::samples::Samples;
 use crate::light::{Light, LightKind};
 use crate::progress::Progress;
 use crate::scene::Scene;
-use crate::transport::calibration::{Orders, Walks};
+use crate::transport::calibration::Walks;
 
 /// The model of the light inside that kernels follow.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -29,17 +29,6 @@ pub enum Model {
     Dipole,
     /// The dipole, calibrated by walks through the body.
     Calibrated(Walks),
-}
-
-impl Model {
-    /// The model of light from an order of scattering on; the dipole holds all.
-    #[must_use]
-    pub fn of_orders(self, orders: Orders) -> Self {
-        match self {
-            Self::Dipole => self,
-            Self::Calibrated(walks) => Self::Calibrated(Walks { orders, ..walks }),
-        }
-    }
 }
 
 /// Settings of a bake that all forms share.
@@ -53,6 +42,8 @@ pub struct BakeSettings {
     pub for_lights: BTreeSet<LightKind>,
     /// Model of the light inside.
     pub model: Model,
+    /// Sections of calibrated kernels that are ready, of the scene of the bake; those of other walks than the model's are not used.
+    pub kernels: Vec<RawSection>,
     /// Probe lights for choices and for reported errors.
     pub probes: Probes,
 }
@@ -65,6 +56,7 @@ impl BakeSettings {
             max_rms,
             for_lights: LightKind::ALL.into_iter().collect(),
             model: Model::Dipole,
+            kernels: Vec::new(),
             probes: Probes::default(),
         }
     }

@@ -19,9 +19,9 @@ pub mod stages;
 pub mod summed;
 
 pub use capabilities::{Capabilities, Cost, MaterialEdit, ProfileEdit, SingleScattering, SourceFields};
-pub use evaluator::Evaluator;
 #[cfg(feature = "gpu")]
 pub use evaluator::{DeviceEvaluator, Held};
+pub use evaluator::{Evaluator, Refined};
 pub use forecast::Forecast;
 pub use form::{AnyForm, AssetParts, BakeSettings, Form, Model, Probes, RegisteredForm};
 pub use method::{About, Method, Recipe, Registry};

@@ -8,7 +8,7 @@ use translux_format::RawSection;
 
 use super::gathered::model;
 use crate::error::Result;
-use crate::evaluate::Model;
+use crate::evaluate::{BakeSettings, Model};
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::{self, Patch, Samples};
 use crate::geometry::scattered::OrientedPoint;
@@ -16,7 +16,7 @@ use crate::light::Light;
 use crate::light::suns::apart;
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
-use crate::transport::calibration::{Calibrated, CalibratedSamples};
+use crate::transport::calibration::{Calibrated, CalibratedSamples, Orders, Walks};
 use crate::transport::gather::Gather;
 use crate::transport::irradiance::{Illumination, LightSampling};
 use crate::transport::many_lights::{IrradianceRows, ManyLights};
@@ -90,12 +90,18 @@ impl<'a> SampledScene<'a> {
         Self { scene, bvh, samples, patches, tree, receivers, areas, points, sampling: SAMPLING, model: None }
     }
 
-    /// The same with the kernels of a model; where these are calibrated also the sections that say so.
+    /// The same with the kernels of a bake, which hold some orders; where these are calibrated also the sections that say so.
     ///
     /// # Errors
     /// As [`Calibrated::by_walks`].
-    pub fn with_model(self, model: Model, progress: &dyn Progress) -> Result<(Self, Vec<RawSection>)> {
-        let Model::Calibrated(walks) = model else { return Ok((self, Vec::new())) };
+    pub fn with_model(
+        self,
+        settings: &BakeSettings,
+        orders: Orders,
+        progress: &dyn Progress,
+    ) -> Result<(Self, Vec<RawSection>)> {
+        let Model::Calibrated(walks) = settings.model else { return Ok((self, Vec::new())) };
+        let walks = (Walks { orders, ..walks }, settings.kernels.as_slice());
         let (calibrated, sections) = model::bake(self.scene, &self.bvh, walks, progress)?;
         Ok((self.calibrated(Arc::new(calibrated)), model::without_factors(sections)))
     }

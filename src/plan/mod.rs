@@ -83,6 +83,7 @@ pub fn bake(request: &Request, scene: &Scene, setting: &Setting, progress: &dyn 
     let seen = (seen, Places::new(scene, PLACES, 0));
     let samples = true_samples(scene, request.max_rms, judged_by_a_choice(scene, request.model));
     let kernels = kernels_of(request.model, scene, progress)?;
+    all.iter_mut().for_each(|candidate| candidate.recipe.settings.kernels.clone_from(&kernels));
     let truth = Truth::new(scene, seen, samples, &kernels, progress)?;
     let mut sampling = Sampling::new(scene, &kernels, (truth, samples), &request.for_lights);
     let mut choice = Choice::new(&all, request, families.len());

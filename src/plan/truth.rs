@@ -72,9 +72,9 @@ pub(super) fn true_samples(scene: &Scene, max_rms: f64, judged: usize) -> usize 
 /// Number of samples whose error a choice must be able to tell: a few for each triangle.
 pub(super) fn judged_by_a_choice(scene: &Scene, model: Model) -> usize {
     const LEAST: usize = 1 << 14;
-    /// Entering light of calibrated kernels is drawn.
-    const LEAST_DRAWN: usize = 1 << 17;
-    let least = if model == Model::Dipole { LEAST } else { LEAST_DRAWN };
+    /// Entering light of calibrated kernels goes from sample to sample.
+    const LEAST_MOVED: usize = 1 << 15;
+    let least = if model == Model::Dipole { LEAST } else { LEAST_MOVED };
     (scene.mesh.triangles.len() / 2 * 3).max(least)
 }
 

@@ -12,6 +12,12 @@ use crate::scene::Scene;
 /// Comment of files whose radiosity includes single scattering.
 pub(crate) const SINGLE_INCLUDED: &str = "b includes single scattering along the inverse normal";
 
+/// Comment of files whose kernels are calibrated; those of dipoles have none.
+pub(crate) const CALIBRATED: &str = "model calibrated";
+
+/// Origin of files that random walks wrote.
+pub(crate) const RANDOM_WALK: &str = "random walk";
+
 /// Comments of a file: its origin (a method, say), the materials and the lights.
 pub(crate) fn comments(origin: &str, scene: &Scene, lights: &[String]) -> Vec<String> {
     let media: Vec<&str> = scene.media.iter().map(|m| m.name.as_str()).collect();

@@ -187,9 +187,13 @@ impl<'a> Gather<'a> {
         result
     }
 
-    /// Centre of each cluster of a light, mm, and its flux, scaled.
-    pub fn clusters<'b>(&self, lit: &'b Lit) -> impl Iterator<Item = (DVec3, DVec3)> + use<'b> {
-        lit.clusters.iter().map(|cluster| (cluster.centre_mm, lit.light.scaled(cluster.flux)))
+    /// Centre of each cluster of a light, mm, its flux and, by channel, flux times normal, scaled; the latter zero where no kernel
+    /// has a double layer.
+    pub fn clusters<'b>(&self, lit: &'b Lit) -> impl Iterator<Item = (DVec3, DVec3, [DVec3; 3])> + use<'b> {
+        lit.clusters.iter().enumerate().map(|(index, cluster)| {
+            let moments = lit.moments.get(index).copied().unwrap_or_default();
+            (cluster.centre_mm, lit.light.scaled(cluster.flux), moments.map(|moment| lit.light.scaled(moment)))
+        })
     }
 
     /// Sources of each group of receivers under a scheme, in the order in which [`Self::radiosity`] sums them.

@@ -10,13 +10,15 @@ use crate::baked::{group, of_group};
 use crate::in_memory::{every, medium, registry, served, try_bake};
 use crate::on_device::{assert_same, device, lights};
 use glam::DVec3;
-use translux::asset::Asset;
+use translux::asset::{Asset, Provenance};
 use translux::error::ExitCode;
 use translux::evaluate::device::Device;
-use translux::evaluate::{Evaluator, MaterialEdit, Method};
+use translux::evaluate::{BakeSettings, Evaluator, MaterialEdit, Method, Model};
 use translux::light::Light;
 use translux::medium::profiles::model::ProfileModel;
 use translux::progress::Silent;
+use translux::scene::Scene;
+use translux::transport::calibration::Walks;
 
 /// Methods whose forms have no shaders.
 const WITHOUT_SHADERS: [&str; 2] = ["filtered_normals", "toy_form"];
@@ -106,28 +108,54 @@ fn lights_of_any_size_keep_their_precision(name: &str, gpu: &mut dyn Evaluator) 
     }
 }
 
-/// Nets take any radial profile, on a device as on the CPU; stored transport and trees there take dipoles alone.
+/// Sums over nets and through the hierarchy take any radial profile, on a device as on the CPU.
 #[test]
-fn profiles_have_the_same_sums_where_nets_have_them() {
+fn profiles_have_the_same_sums() {
     let Some(device) = device(u64::MAX) else { return };
     let profiles = ["better-dipole", "photon-beam", "gaussians:skin"].map(|text| {
         let model: ProfileModel = text.parse().unwrap();
         model.load().unwrap()
     });
-    let asset = of_group(in_memory::method("editable"));
-    let [mut cpu, mut gpu] = pair(&asset, &device);
-    for profile in &profiles {
-        let radiosity = |evaluator: &mut dyn Evaluator| {
-            evaluator.set_profile(profile.clone()).unwrap();
-            evaluator.set_lights(lights().remove(1), &Silent).unwrap();
-            evaluator.radiosity(&Silent).unwrap()
-        };
-        assert_same("a profile", &radiosity(gpu.as_mut()), &radiosity(cpu.as_mut()));
-    }
     let tree = Arc::new(try_bake(in_memory::method("two_pass"), group(), Some(500), &[]).unwrap());
-    let [mut cpu, _] = pair(&tree, &device);
-    cpu.set_profile(profiles[0].clone()).unwrap();
-    assert_eq!(cpu.on_device(&device).err().unwrap().code(), ExitCode::Unsupported);
+    for asset in [of_group(in_memory::method("editable")), tree] {
+        let [mut cpu, mut gpu] = pair(&asset, &device);
+        for profile in &profiles {
+            let radiosity = |evaluator: &mut dyn Evaluator| {
+                evaluator.set_profile(profile.clone()).unwrap();
+                evaluator.set_lights(lights().remove(1), &Silent).unwrap();
+                evaluator.radiosity(&Silent).unwrap()
+            };
+            assert_same("a profile", &radiosity(gpu.as_mut()), &radiosity(cpu.as_mut()));
+        }
+    }
+}
+
+/// Calibrated kernels have double layers and factors at both ends: over nets where these resolve them, as those of chicken, else
+/// through the hierarchy.
+#[test]
+fn calibrated_kernels_have_the_same_sums() {
+    let Some(device) = device(u64::MAX) else { return };
+    for (name, media) in [("two_pass", ["marble", "skin1"]), ("editable", ["chicken1", "skin1"])] {
+        let method = in_memory::method(name);
+        let scene = Scene { media: media.map(medium).into(), ..group() };
+        let model = Model::Calibrated(Walks { photons: 4096, ..Walks::default() });
+        let probes = in_memory::probes(&scene.mesh);
+        let settings = BakeSettings { model, probes, samples: Some(2000), ..BakeSettings::new(0.05) };
+        let asset = method.recipe(&[], settings).unwrap().bake(scene, Provenance::default(), &Silent).unwrap();
+        let [mut cpu, mut gpu] = pair(&Arc::new(asset), &device);
+        for (index, lights) in lights().into_iter().enumerate() {
+            let radiosity = |evaluator: &mut dyn Evaluator| {
+                evaluator.set_lights(lights.clone(), &Silent).unwrap();
+                if name == "editable" && index == 3 {
+                    evaluator.set_media(["marble", "skin1"].map(medium).into()).unwrap();
+                }
+                evaluator.radiosity(&Silent).unwrap()
+            };
+            let (gpu, cpu) = (radiosity(gpu.as_mut()), radiosity(cpu.as_mut()));
+            assert!(cpu.iter().any(|b| b.min_element() > 0.0));
+            assert_same(&format!("{name}, lights {index}"), &gpu, &cpu);
+        }
+    }
 }
 
 #[test]

@@ -9,7 +9,7 @@ use bytemuck::{Pod, Zeroable};
 use super::Device;
 use crate::error::Result;
 use crate::geometry::samples::Patch;
-use crate::transport::kernel::EdgePrecision;
+use crate::transport::kernel::EdgeRule;
 use crate::transport::near_rule::NearField;
 use crate::transport::receivers::{Receivers, Sphere};
 use crate::transport::surface::Surface;
@@ -90,9 +90,8 @@ pub struct Effort {
 }
 
 impl Effort {
-    /// The effort for samples in at most `pieces` pieces, edges integrated by the longest of the rules of a precision.
-    pub fn new(surface: &Surface, near: NearField, precision: EdgePrecision, pieces: usize) -> Self {
-        let rules = precision.rules();
+    /// The effort for samples in at most `pieces` pieces, edges integrated by the longest of some rules.
+    pub fn new(surface: &Surface, near: NearField, rules: &[EdgeRule], pieces: usize) -> Self {
         let nodes = rules.iter().map(|(_, nodes)| nodes.len()).max().unwrap_or(0);
         // Three edges, their nodes and the search for the rule.
         let triangle = 3 * (nodes + 1) + rules.len();

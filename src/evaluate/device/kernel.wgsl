@@ -34,6 +34,9 @@ struct Patch {
     first_facet: u32,
     end_facet: u32,
     padding: u32,
+    // Mean of the unit normals of its facets by area, no longer than 1.
+    normal: vec3<f32>,
+    more_padding: u32,
 }
 
 struct Job {
@@ -59,6 +62,11 @@ struct Settings {
     three_points_below: f32,
     terms: u32,
     pieces: u32,
+    // The number of receivers where their normals and then their factors follow the places, else 0.
+    oriented: u32,
+    padding0: u32,
+    padding1: u32,
+    padding2: u32,
 }
 
 @group(0) @binding(0) var<uniform> settings: Settings;
@@ -118,6 +126,19 @@ fn sum_slices(job: u32, thread: u32) {
     }
     slices[thread] = total + partial;
     workgroupBarrier();
+}
+
+// Unit normal of a receiver, of those that have one.
+fn normal_of(receiver: u32) -> vec3<f32> {
+    return receivers[settings.oriented + receiver].xyz;
+}
+
+// Factor on what a receiver gathers.
+fn factor_of(receiver: u32) -> vec3<f32> {
+    if settings.oriented == 0u {
+        return vec3(1.0);
+    }
+    return receivers[2u * settings.oriented + receiver].xyz;
 }
 
 // Later rounds add to what earlier ones wrote.

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
+use glam::DVec3;
 use wgpu::util::DeviceExt;
 
 use super::Device;
@@ -10,9 +11,9 @@ use super::jobs::{CLUSTER, RECEIVERS};
 use crate::error::{Error, Result};
 use crate::evaluate::evaluator::Held;
 use crate::geometry::samples::Patch;
+use crate::transport::kernel::EdgeRule;
 use crate::transport::kernel::medium::MediumKernel;
 use crate::transport::kernel::radial_table::{RadialTable, Rgb};
-use crate::transport::kernel::{EdgePrecision, EdgeRule};
 use crate::transport::near_field::Corners;
 use crate::transport::near_rule::{
     MOST_SPLITS, NearField, PIECE_IS_POINT, SIX_POINTS, SLIVER, THREE_BEYOND, THREE_POINTS,
@@ -97,6 +98,8 @@ struct GpuSettings {
     three_points_below: f32,
     terms: u32,
     pieces: u32,
+    oriented: u32,
+    padding: [u32; 3],
 }
 
 #[repr(C)]
@@ -128,6 +131,8 @@ struct GpuPatch {
     first_facet: u32,
     end_facet: u32,
     padding: u32,
+    normal: [f32; 3],
+    more_padding: u32,
 }
 
 /// Samples, receivers, media and light.
@@ -144,7 +149,9 @@ pub struct SurfaceBuffers {
 
 /// Bindings of the buffers that change or are read elsewhere.
 const SETTINGS: usize = 0;
+const RULES_OF_EDGES: usize = 1;
 const MEDIA: usize = 2;
+const RECEIVERS_AT: usize = 5;
 const RADIOSITY: usize = 6;
 const IRRADIANCE: usize = 7;
 const FIRST_PIECE: usize = 8;
@@ -162,8 +169,8 @@ pub struct Geometry<'a> {
     pub receivers: &'a Receivers,
     /// The near-field rule.
     pub near: NearField,
-    /// Accuracy of the integrals along the edges of triangles.
-    pub precision: EdgePrecision,
+    /// Rules of the integrals along the edges of triangles.
+    pub rules: &'static [EdgeRule],
     /// Basis functions of a far field; 0 without one.
     pub terms: usize,
 }
@@ -181,12 +188,14 @@ impl SurfaceBuffers {
                 "{name} binds {most} storage buffers where {STORAGE_BUFFERS} are needed; use --device cpu"
             )));
         }
-        let Geometry { facet_offsets, patches, corners, receivers, near, precision, terms } = geometry;
+        let Geometry { facet_offsets, patches, corners, receivers, near, rules, terms } = geometry;
         let settings = GpuSettings {
             exact_below: near.exact_below as f32,
             three_points_below: near.three_points_below as f32,
             terms: *terms as u32,
             pieces: 0,
+            oriented: 0,
+            padding: [0; 3],
         };
         let patch = |(index, patch): (usize, &Patch)| GpuPatch {
             centre: patch.centre_mm.as_vec3().to_array(),
@@ -195,6 +204,8 @@ impl SurfaceBuffers {
             first_facet: facet_offsets[index],
             end_facet: facet_offsets[index + 1],
             padding: 0,
+            normal: (patch.cross_mm2 / patch.area_mm2.max(f64::MIN_POSITIVE)).as_vec3().to_array(),
+            more_padding: 0,
         };
         let patches: Vec<GpuPatch> = patches.iter().enumerate().map(patch).collect();
         let positions: Vec<[f32; 4]> = receivers.positions.iter().map(|p| p.as_vec3().extend(0.0).to_array()).collect();
@@ -204,7 +215,7 @@ impl SurfaceBuffers {
         let layout = bind_group_layout(&device.device, "surface", &kinds);
         let buffers = [
             uniform(&device.device, "settings", bytemuck::bytes_of(&settings)),
-            uniform(&device.device, "rules", bytemuck::bytes_of(&pack(precision.rules())?)),
+            uniform(&device.device, "rules", bytemuck::bytes_of(&pack(rules)?)),
             device.storage::<GpuMedium>("media", &[GpuMedium::zeroed()])?,
             device.storage("samples", &patches)?,
             device.storage("corners of the facets", corners.values().as_flattened().as_flattened())?,
@@ -226,6 +237,35 @@ impl SurfaceBuffers {
     pub fn set_media(&mut self, media: &[MediumKernel], split_mm: Option<f64>) -> Result<()> {
         let media: Vec<GpuMedium> = media.iter().map(|m| medium(m, split_mm)).collect::<Result<_>>()?;
         self.replace(MEDIA, self.device.storage("media", &media)?);
+        Ok(())
+    }
+
+    /// Replaces the rules of integrals along edges.
+    ///
+    /// # Errors
+    /// More rules than the shaders hold (exit 4: a caller's mistake).
+    pub fn set_rules(&mut self, rules: &[EdgeRule]) -> Result<()> {
+        let packed = pack(rules)?;
+        self.device.queue.write_buffer(&self.buffers[RULES_OF_EDGES], 0, bytemuck::bytes_of(&packed));
+        Ok(())
+    }
+
+    /// Gives the receivers, which are those that there are, their normals and factors, where they have factors.
+    ///
+    /// # Errors
+    /// More than the adapter binds (exit 5).
+    pub fn orient(&mut self, receivers: &Receivers) -> Result<()> {
+        let count = if receivers.factors.is_empty() { 0 } else { receivers.len() };
+        let packed = |values: &[DVec3]| values.iter().map(|v| v.as_vec3().extend(0.0).to_array()).collect::<Vec<_>>();
+        let mut all: Vec<[f32; 4]> = packed(&receivers.positions);
+        if count > 0 {
+            all.extend(packed(&receivers.normals));
+            all.resize(2 * count, [0.0; 4]);
+            all.extend(packed(&receivers.factors));
+        }
+        self.replace(RECEIVERS_AT, self.device.storage("receivers", &all)?);
+        self.settings.oriented = count as u32;
+        self.device.queue.write_buffer(&self.buffers[SETTINGS], 0, bytemuck::bytes_of(&self.settings));
         Ok(())
     }
 

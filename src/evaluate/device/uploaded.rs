@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::adapter::Device;
 use crate::error::Result;
-use crate::evaluate::evaluator::{DeviceEvaluator, Evaluator, Held};
+use crate::evaluate::evaluator::{DeviceEvaluator, Evaluator, Held, Refined};
 use crate::evaluate::forward::{forward_scene, forward_to_processor};
 use crate::light::Light;
 use crate::medium::material::Medium;
@@ -72,6 +72,14 @@ impl Evaluator for Uploaded {
 
     fn prepare_for_edits(&mut self, progress: &dyn Progress) {
         self.evaluator.prepare_for_edits(progress);
+    }
+
+    fn answer_at_once(&mut self) {
+        self.evaluator.answer_at_once();
+    }
+
+    fn refine(&mut self) -> Result<Refined> {
+        self.evaluator.refine()
     }
 
     fn set_eye(&mut self, at_mm: DVec3) -> bool {

@@ -136,7 +136,7 @@ pub(crate) fn with_work<T>(
     let sampled = SampledScene::new(scene, plan.density.count(scene, settings.samples));
     // Where the first scattering has a stage of its own the kernels hold the others.
     let orders = if plan.single == Single::Off { Orders::FromOne } else { Orders::FromTwo };
-    let (sampled, calibration) = sampled.with_model(settings.model.of_orders(orders), progress)?;
+    let (sampled, calibration) = sampled.with_model(settings, orders, progress)?;
     progress.finish();
     sampled.with_transfer(NearField::for_error(settings.max_rms), |mut transfer| {
         let suns = of_kinds(&settings.probes.tuning, &[LightKind::Directional]);

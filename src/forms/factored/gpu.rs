@@ -53,7 +53,7 @@ impl FactoredOnDevice {
             corners: &cpu.corners,
             receivers: &cpu.receivers,
             near: cpu.form.near,
-            precision: EdgePrecision::Near,
+            rules: EdgePrecision::Near.rules(),
             terms: cpu.far.terms,
         };
         let buffers = SurfaceBuffers::new(device, &geometry)?;
@@ -61,7 +61,7 @@ impl FactoredOnDevice {
         let tree = TreeOnDevice::new(&buffers, &cpu.samples, &cpu.patches)?;
         let far = FarOnDevice::new(device, (&cpu.far, &cpu.points.fills, cpu.points.weights.as_ref()), &tree)?;
         let pieces = cpu.form.sampling.pieces_of_uneven() as usize;
-        let effort = Effort::new(&cpu.surface(), cpu.form.near, EdgePrecision::Near, pieces);
+        let effort = Effort::new(&cpu.surface(), cpu.form.near, EdgePrecision::Near.rules(), pieces);
         let parts = &cpu.scene.parts.parts;
         let media = (cpu.scene.media.len(), |part: u32| parts[part as usize].medium);
         let near = NearOnDevice::new(&buffers, &cpu.receivers, (&cpu.around, &effort), media, far.values())?;

@@ -99,7 +99,8 @@ impl Form for Gathered {
                 // Where the first scattering has a stage of its own the kernels hold the others.
                 let orders = if self.single.is_some() { Orders::FromTwo } else { Orders::FromOne };
                 let bvh = Bvh::new(&scene.mesh);
-                let (calibrated, sections) = model::bake(scene, &bvh, Walks { orders, ..walks }, progress)?;
+                let (calibrated, sections) =
+                    model::bake(scene, &bvh, (Walks { orders, ..walks }, &settings.kernels), progress)?;
                 (Some(calibrated), sections)
             }
         };

@@ -187,6 +187,6 @@ fn near(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     if thread < LANES && receiver < jobs[job].end_receiver {
         let sum = radiosity[receiver].xyz + sum_of(thread);
         // What interpolation takes away where there is next to nothing is not less than nothing.
-        radiosity[receiver] = vec4(select(sum, max(sum, vec3(0.0)), jobs[job].is_last == 1u), 0.0);
+        radiosity[receiver] = vec4(select(sum, factor_of(receiver) * max(sum, vec3(0.0)), jobs[job].is_last == 1u), 0.0);
     }
 }

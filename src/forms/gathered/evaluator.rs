@@ -7,9 +7,9 @@ use glam::DVec3;
 
 use super::lit_samples::{GatheredEvaluator, Nets};
 use super::model::Model;
-use super::settings::Far;
 #[cfg(feature = "gpu")]
-use super::{hierarchy_gpu::HierarchyOnDevice, nets_gpu::NetsOnDevice};
+use super::on_device::GatheredOnDevice;
+use super::settings::Far;
 use crate::compress::ledger::Ledger;
 use crate::error::{Error, Result};
 #[cfg(feature = "gpu")]
@@ -20,7 +20,7 @@ use crate::evaluate::exitance::{Exitance, MeshPoint};
 use crate::evaluate::sampling_error::Sampled;
 use crate::evaluate::single_scattering::TowardsEye;
 use crate::evaluate::stages::worst_and_unseen;
-use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit, SingleScattering};
+use crate::evaluate::{Capabilities, Cost, Evaluator, MaterialEdit, ProfileEdit, Refined, SingleScattering};
 use crate::forms::environment_rows::{StoredRows, by_rays, sampled};
 use crate::geometry::bvh::Bvh;
 use crate::geometry::part_table::PartTable;
@@ -84,11 +84,7 @@ fn not_negative(mut values: Vec<DVec3>) -> Vec<DVec3> {
 
 impl Evaluator for GatheredEvaluator {
     fn capabilities(&self) -> Capabilities {
-        let profile = match (&self.model, &self.nets) {
-            (Some(_), _) => ProfileEdit::Calibrated,
-            (None, Some(_)) => ProfileEdit::Any,
-            (None, None) => ProfileEdit::OnCpu,
-        };
+        let profile = if self.model.is_some() { ProfileEdit::Calibrated } else { ProfileEdit::Any };
         let source_fields = StoredRows::source_fields(self.rows.as_ref(), &self.scene.media);
         Capabilities { material: MaterialEdit::Any, profile, source_fields }
     }
@@ -139,12 +135,10 @@ impl Evaluator for GatheredEvaluator {
             }
             self.nets.iter_mut().for_each(Nets::forget_media);
             if let Some(model) = &mut self.model {
-                // Light enters as far from where it meets the surface as the medium lets it.
                 model.set_media(&media);
-                self.irradiance = None;
+                self.other_model();
             }
         }
-        self.factor_receivers();
         (self.returned, self.limit) = (None, None);
         self.scene.media = media;
         Ok(())
@@ -161,6 +155,21 @@ impl Evaluator for GatheredEvaluator {
         (self.returned, self.limit) = (None, None);
         self.nets.iter_mut().for_each(Nets::forget_media);
         Ok(())
+    }
+
+    fn answer_at_once(&mut self) {
+        self.at_once = true;
+    }
+
+    fn refine(&mut self) -> Result<Refined> {
+        let Some(mut model) = self.model.take() else { return Ok(Refined::Done) };
+        let refined = model.refine(&self.scene, &self.surface());
+        self.model = Some(model);
+        let refined = refined?;
+        if refined == Refined::Changed {
+            self.other_model();
+        }
+        Ok(refined)
     }
 
     fn radiosity(&mut self, progress: &dyn Progress) -> Result<Vec<DVec3>> {
@@ -271,19 +280,6 @@ impl Evaluator for GatheredEvaluator {
 
     #[cfg(feature = "gpu")]
     fn on_device(self: Box<Self>, device: &Arc<Device>) -> Result<Box<dyn DeviceEvaluator>> {
-        if self.model.is_some() {
-            return Err(Error::unsupported(
-                "the shaders know the dipole alone; use --device cpu with calibrated kernels",
-            ));
-        }
-        if self.nets.is_some() {
-            return Ok(Box::new(NetsOnDevice::new(*self, device)?));
-        }
-        if self.profile.is_some() {
-            return Err(Error::unsupported(
-                "the shaders that sum all pairs and trees know the dipole alone; use --device cpu with --profile",
-            ));
-        }
-        Ok(Box::new(HierarchyOnDevice::new(*self, device)?))
+        Ok(Box::new(GatheredOnDevice::new(*self, device)?))
     }
 }

@@ -23,7 +23,7 @@ use crate::transport::calibration::{Calibrated, CalibratedSamples};
 use crate::transport::gather::{Gather, Lit, Scheme};
 use crate::transport::interreflection::InterReflection;
 use crate::transport::irradiance::Pieces;
-use crate::transport::kernel::medium::MediumKernel;
+use crate::transport::kernel::medium::{KernelsOfParts, MediumKernel};
 use crate::transport::multilevel::{Quality, SurfaceNets, SurfaceTables};
 use crate::transport::near_rule::NearField;
 use crate::transport::receivers::Receivers;
@@ -61,6 +61,8 @@ pub struct GatheredEvaluator {
     pub(super) profile: Option<(LoadedProfile, Vec<MediumKernel>)>,
     /// Calibrated kernels in place of the dipole's.
     pub(super) model: Option<Model>,
+    /// Media that are not calibrated yet have their dipoles until [`Evaluator::refine`] brings more.
+    pub(super) at_once: bool,
     pub(super) nets: Option<Nets>,
     /// Stored irradiance rows for light from far away, in place of rays.
     pub(super) rows: Option<StoredRows>,
@@ -92,6 +94,7 @@ impl GatheredEvaluator {
             returned: None,
             profile: None,
             model: None,
+            at_once: false,
             nets: gathering.nets.map(Nets::new),
             rows: None,
         }
@@ -118,11 +121,19 @@ impl GatheredEvaluator {
         self.model.as_ref()?.in_force().map(|in_force| in_force.calibrated.as_ref())
     }
 
-    /// Gives the receivers the factors of the calibrated kernels in force.
+    /// Gives the receivers the factors of the calibrated kernels in force, none where there are none.
     pub(super) fn factor_receivers(&mut self) {
-        if let Some(factors) = self.calibrated().map(Calibrated::of_vertices) {
-            self.receivers = std::mem::take(&mut self.receivers).with_factors(&factors);
+        match self.calibrated().map(Calibrated::of_vertices) {
+            Some(factors) => self.receivers = std::mem::take(&mut self.receivers).with_factors(&factors),
+            None => self.receivers.factors.clear(),
         }
+    }
+
+    /// Drops what rests on the kernels that were in force: light enters as far from where it meets the surface as they say.
+    pub(super) fn other_model(&mut self) {
+        (self.irradiance, self.returned, self.limit) = (None, None, None);
+        self.nets.iter_mut().for_each(Nets::forget_media);
+        self.factor_receivers();
     }
 
     /// A gather for the media and profiles in force.
@@ -140,6 +151,16 @@ impl GatheredEvaluator {
     pub(super) fn kernels(&self, profile: &LoadedProfile, media: &[Medium]) -> Result<Vec<MediumKernel>> {
         let reach = self.scene.mesh.diagonal_mm();
         media.iter().map(|medium| MediumKernel::with_profile(medium, profile, reach)).collect()
+    }
+
+    /// Kernels in force, and which of them each part has.
+    pub(super) fn kernels_in_force(&self) -> KernelsOfParts {
+        let of_part = || self.scene.parts.parts.iter().map(|part| part.medium).collect();
+        match (&self.profile, self.calibrated()) {
+            (Some((_, kernels)), _) => (kernels.clone(), of_part()),
+            (None, Some(calibrated)) => calibrated.kernels.clone(),
+            (None, None) => (MediumKernel::of_media(&self.scene.media), of_part()),
+        }
     }
 
     pub(super) fn lit_scene(&self) -> LitScene<'_> {
@@ -166,7 +187,7 @@ impl GatheredEvaluator {
 
     /// Computes the irradiance of the lights alone, where that is missing, and calibrated kernels likewise.
     pub(super) fn light_up(&mut self, progress: &dyn Progress) -> Result<()> {
-        if let Some(mut model) = self.model.take() {
+        if let Some(mut model) = self.model.take_if(|_| !self.at_once) {
             let made = model.prepare(&self.surface(), progress);
             self.model = Some(model);
             if made? {
@@ -265,13 +286,8 @@ impl GatheredEvaluator {
     pub fn prepare_nets(&mut self, progress: &dyn Progress) {
         let Some(mut nets) = self.nets.take() else { return };
         if nets.prepared().is_none() {
-            let of_part = || self.scene.parts.parts.iter().map(|part| part.medium).collect();
-            let kernels = match (&self.profile, self.calibrated()) {
-                (Some((_, kernels)), _) => (kernels.clone(), of_part()),
-                (None, Some(calibrated)) => calibrated.kernels.clone(),
-                (None, None) => (MediumKernel::of_media(&self.scene.media), of_part()),
-            };
-            nets.prepare(&self.surface(), &self.receivers, &kernels, progress);
+            let (surface, kernels) = (self.surface(), self.kernels_in_force());
+            nets.prepare(&surface, &self.receivers, &kernels, progress);
         }
         self.nets = Some(nets);
     }

@@ -2,6 +2,8 @@
 //! from far away, and is summed at the receivers for each light: over all pairs, through a hierarchy, or over nets.
 
 mod bake;
+#[cfg(feature = "gpu")]
+mod double_gpu;
 mod errors;
 mod evaluator;
 mod forecast;
@@ -10,7 +12,11 @@ mod hierarchy_gpu;
 mod lit_samples;
 pub(crate) mod model;
 #[cfg(feature = "gpu")]
+mod near_gpu;
+#[cfg(feature = "gpu")]
 mod nets_gpu;
+#[cfg(feature = "gpu")]
+mod on_device;
 mod settings;
 
 #[cfg(feature = "gpu")]

@@ -1,6 +1,7 @@
 //! Calibrated kernels of a scene: made by walks or kept in an asset, for the media in force.
 
 use std::sync::Arc;
+use std::thread::JoinHandle;
 
 use glam::DVec3;
 use translux_format::calibration::{self as kept, Calibration, Numbers, Part, tags};
@@ -9,10 +10,11 @@ use translux_format::{Budget, RawSection};
 
 use crate::asset::Asset;
 use crate::error::{Error, Result};
+use crate::evaluate::Refined;
 use crate::evaluate::form::{read_error, write_error};
 use crate::geometry::bvh::Bvh;
 use crate::medium::material::{Medium, OpticalProperties};
-use crate::progress::Progress;
+use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
 use crate::transport::calibration::lattice::Lattice;
 use crate::transport::calibration::layers::{Layers, Splines};
@@ -32,6 +34,25 @@ pub(super) struct Model {
     in_force: Option<Arc<CalibratedSamples>>,
     /// Those of media that were in force before.
     remembered: Vec<(Vec<OpticalProperties>, Arc<CalibratedSamples>)>,
+    /// Those that are being made.
+    pending: Option<Pending>,
+}
+
+/// A calibration on a thread of its own.
+struct Pending {
+    of: Vec<OpticalProperties>,
+    thread: JoinHandle<Result<Calibrated>>,
+}
+
+impl Pending {
+    fn start(scene: &Scene, walks: Walks) -> Result<Self> {
+        let (of, scene) = (properties(&scene.media), scene.clone());
+        let work = move || Calibrated::by_walks(scene.domain(), &Bvh::new(&scene.mesh), walks, &Silent);
+        let spawned = std::thread::Builder::new().name("calibrate".to_owned()).spawn(work);
+        let thread =
+            spawned.map_err(|e| Error::runtime(format!("the thread `calibrate` could not be started: {e}")))?;
+        Ok(Self { of, thread })
+    }
 }
 
 impl Model {
@@ -42,12 +63,9 @@ impl Model {
     /// Sections that cannot be read or do not fit.
     pub(super) fn of(asset: &Asset, surface: &Surface) -> Result<Option<Self>> {
         let Some(numbers) = Calibration::numbers(&asset.sections).map_err(read_error)? else { return Ok(None) };
-        let orders = if numbers.from_order == 1 { Orders::FromOne } else { Orders::FromTwo };
-        let Numbers { photons, collisions, seed, diagonal_mm, .. } = numbers;
-        let mut result =
-            Self { walks: Walks { photons, collisions, seed, orders }, in_force: None, remembered: Vec::new() };
-        if diagonal_mm == asset.scene.mesh.diagonal_mm() && Calibration::is_kept(&asset.sections) {
-            let calibrated = read(asset)?;
+        let mut result = Self { walks: walks_of(&numbers), in_force: None, remembered: Vec::new(), pending: None };
+        if numbers.diagonal_mm == asset.scene.mesh.diagonal_mm() && Calibration::is_kept(&asset.sections) {
+            let calibrated = read(&asset.scene, &asset.sections)?;
             result.put(&asset.scene.media, calibrated, surface);
         }
         Ok(Some(result))
@@ -84,30 +102,75 @@ impl Model {
         Ok(true)
     }
 
+    /// Takes a calibration that was made in the background, and starts one where the media in force have none. Of media that have
+    /// been replaced since it is remembered.
+    ///
+    /// # Errors
+    /// As [`Self::prepare`]; a system that starts no thread.
+    pub(super) fn refine(&mut self, scene: &Scene, surface: &Surface) -> Result<Refined> {
+        if let Some(Pending { of, thread }) = self.pending.take_if(|pending| pending.thread.is_finished()) {
+            let ended = || Error::runtime("the calibration in the background ended without a result");
+            let calibrated = thread.join().map_err(|_| ended())??;
+            let is_wanted = self.in_force.is_none() && of == properties(&scene.media);
+            let made = self.remember(of, calibrated, surface);
+            if is_wanted {
+                self.in_force = Some(made);
+                return Ok(Refined::Changed);
+            }
+        }
+        if self.in_force.is_some() {
+            return Ok(Refined::Done);
+        }
+        if self.pending.is_none() {
+            self.pending = Some(Pending::start(scene, self.walks)?);
+        }
+        Ok(Refined::Working)
+    }
+
     fn put(&mut self, media: &[Medium], calibrated: Calibrated, surface: &Surface) {
+        self.in_force = Some(self.remember(properties(media), calibrated, surface));
+    }
+
+    fn remember(
+        &mut self,
+        of: Vec<OpticalProperties>,
+        calibrated: Calibrated,
+        surface: &Surface,
+    ) -> Arc<CalibratedSamples> {
         let made = Arc::new(CalibratedSamples::new(Arc::new(calibrated), surface));
         if self.remembered.len() == REMEMBERED {
             self.remembered.remove(0);
         }
-        self.remembered.push((properties(media), Arc::clone(&made)));
-        self.in_force = Some(made);
+        self.remembered.push((of, Arc::clone(&made)));
+        made
     }
+}
+
+/// The walks that a calibration was made by.
+fn walks_of(numbers: &Numbers) -> Walks {
+    let orders = if numbers.from_order == 1 { Orders::FromOne } else { Orders::FromTwo };
+    Walks { photons: numbers.photons, collisions: numbers.collisions, seed: numbers.seed, orders }
 }
 
 fn properties(media: &[Medium]) -> Vec<OpticalProperties> {
     media.iter().map(|medium| medium.properties).collect()
 }
 
-/// Calibrates a scene; the calibration and its sections.
+/// Calibrates a scene; the calibration and its sections. Those that are `ready` from the same walks through the same scene are taken.
 ///
 /// # Errors
 /// As [`Calibrated::by_walks`]; a calibration that no section holds.
 pub(crate) fn bake(
     scene: &Scene,
     bvh: &Bvh,
-    walks: Walks,
+    (walks, ready): (Walks, &[RawSection]),
     progress: &dyn Progress,
 ) -> Result<(Calibrated, Vec<RawSection>)> {
+    if Calibration::is_kept(ready)
+        && Calibration::numbers(ready).map_err(read_error)?.is_some_and(|numbers| walks_of(&numbers) == walks)
+    {
+        return Ok((read(scene, ready)?, ready.to_vec()));
+    }
     let calibrated = Calibrated::by_walks(scene.domain(), bvh, walks, progress)?;
     let layers = |of: &Layers| kept::Layers {
         first_mm: of.splines.first_mm,
@@ -143,11 +206,11 @@ pub(crate) fn sections_of(asset: &Asset) -> Vec<RawSection> {
     asset.sections.iter().filter(|section| tags::ALL.contains(&section.tag)).cloned().collect()
 }
 
-/// The calibration of the scene of an asset.
-fn read(asset: &Asset) -> Result<Calibrated> {
-    let domain = asset.scene.domain();
+/// The calibration of a scene in some sections.
+fn read(scene: &Scene, sections: &[RawSection]) -> Result<Calibrated> {
+    let domain = scene.domain();
     let neighbours = neighbours(&Lattice::new(domain));
-    let stored = Calibration::from_sections(&asset.sections, &neighbours, Budget::default()).map_err(read_error)?;
+    let stored = Calibration::from_sections(sections, &neighbours, Budget::default()).map_err(read_error)?;
     let Some(Calibration { numbers, codes }) = stored else {
         return Err(Error::input("an asset without its calibration; bake it again"));
     };

@@ -76,7 +76,7 @@ impl TextureSpaceOnDevice {
             corners: &Corners::from_values(corners),
             receivers: &cpu.receivers,
             near,
-            precision,
+            rules: precision.rules(),
             terms: 0,
         };
         let mut buffers = SurfaceBuffers::new(device, &geometry)?;

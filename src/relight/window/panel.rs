@@ -25,6 +25,8 @@ pub(super) struct Figures {
     pub(super) transport: String,
     /// Name and progress of the running job.
     pub(super) job: Option<(&'static str, f32)>,
+    /// Whether the picture has dipoles while kernels are calibrated.
+    pub(super) is_rough: bool,
 }
 
 /// Shows everything; returns the user's requests. The rest of `ui` is for the picture.
@@ -189,6 +191,9 @@ fn overlays(ui: &mut Ui, desk: &mut Desk, figures: &Figures) {
             }
             if let Some((name, share)) = figures.job {
                 ui.label(format!("{name} ... {:.0} %", 100.0 * share));
+            }
+            if figures.is_rough {
+                ui.label("the dipole for now: walks through the body calibrate the kernels");
             }
             ui.label(format!(
                 "{:.0} fps | {:.0} light updates/s | light {:.1} ms, transport {:.1} ms",

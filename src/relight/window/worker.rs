@@ -6,9 +6,9 @@ use std::time::Instant;
 use glam::DVec3;
 use rayon::ThreadPool;
 
-use super::answering::Answering;
+use super::answering::{Answering, Asked, Rest};
 use crate::error::{Error, Result};
-use crate::evaluate::DeviceEvaluator;
+use crate::evaluate::{DeviceEvaluator, Refined};
 use crate::light::Light;
 use crate::medium::material::Medium;
 use crate::progress::Silent;
@@ -41,6 +41,8 @@ pub(super) struct Done {
     pub(super) failed: Option<Error>,
     /// Whether the radiosity changes with the eye's position.
     pub(super) follows_eye: bool,
+    /// Whether work in the background will bring better kernels.
+    pub(super) is_rough: bool,
     /// Radiance that becomes white.
     pub(super) white: Option<f64>,
     pub(super) light_ms: f64,
@@ -61,9 +63,19 @@ pub(super) fn start(
 ) -> Result<Worker> {
     let prepare = move || {
         let mut bench = pool.install(|| Bench::new(evaluator, shown, albedo));
-        move |state| pool.install(|| bench.work(state))
+        bench.evaluator.answer_at_once();
+        let mut last = None;
+        move |asked| {
+            pool.install(|| match asked {
+                Asked::Question(wanted) => {
+                    last = Some(Wanted::clone(&wanted));
+                    (Some(bench.work(wanted)), Rest::More)
+                }
+                Asked::Nothing => bench.refine(last.clone()),
+            })
+        }
     };
-    Answering::start("evaluate", prepare, wake)
+    Answering::start_restless("evaluate", prepare, wake)
 }
 
 /// The evaluator and its state, owned by the thread.
@@ -77,13 +89,41 @@ struct Bench {
     is_lit: bool,
     lights: Vec<Light>,
     media: Vec<Medium>,
+    is_rough: bool,
 }
 
 impl Bench {
     fn new(evaluator: Box<dyn DeviceEvaluator>, shown: Shown, albedo: Vec<DVec3>) -> Self {
         let shadows = Shadows::new(evaluator.scene());
         let media = evaluator.scene().media.clone();
-        Self { evaluator, shown, albedo, shadows, visibility: Vec::new(), is_lit: false, lights: Vec::new(), media }
+        Self {
+            evaluator,
+            shown,
+            albedo,
+            shadows,
+            visibility: Vec::new(),
+            is_lit: false,
+            lights: Vec::new(),
+            media,
+            is_rough: false,
+        }
+    }
+
+    /// Brings what an answer at once left out, and answers the last question again where that has changed something.
+    fn refine(&mut self, last: Option<Wanted>) -> (Option<Done>, Rest) {
+        match self.evaluator.refine() {
+            Ok(Refined::Done) => (None, Rest::Over),
+            Ok(Refined::Working) if self.is_rough => (None, Rest::More),
+            Ok(Refined::Working) => {
+                self.is_rough = true;
+                (last.map(|wanted| self.work(wanted)), Rest::More)
+            }
+            Ok(Refined::Changed) => {
+                self.is_rough = false;
+                (last.map(|wanted| self.work(wanted)), Rest::More)
+            }
+            Err(error) => (last.map(|wanted| Done { failed: Some(error), ..self.work(wanted) }), Rest::Over),
+        }
     }
 
     fn work(&mut self, wanted: Wanted) -> Done {
@@ -128,6 +168,7 @@ impl Bench {
             refused,
             failed,
             follows_eye,
+            is_rough: self.is_rough,
             white: white.ok().flatten(),
             light_ms: (lit - start).as_secs_f64() * 1e3,
             transport_ms: (ended - lit).as_secs_f64() * 1e3,

@@ -7,7 +7,7 @@ use glam::DVec3;
 use crate::error::{Error, ExitCode, Result};
 use crate::io::ply::{PlyVertexTable, read_ply};
 use crate::math::statistics::{VertexError, vertex_error};
-use crate::report::radiosity_ply::SINGLE_INCLUDED;
+use crate::report::radiosity_ply::{CALIBRATED, RANDOM_WALK, SINGLE_INCLUDED};
 
 /// Errors of the first of two files against the second.
 pub(super) struct Vertices {
@@ -60,6 +60,16 @@ pub(super) fn compare(paths: [&Path; 2]) -> Result<Vertices> {
     for side in (0..2).filter(|&side| included[side] && !has[1 - side]) {
         let with = paths[side].display();
         let warning = format!("the radiosity of {with} has single scattering in it, that of the other file has not");
+        result.warnings.push(warning);
+    }
+    let calibrated = [&a, &b].map(|table| table.comments.iter().any(|comment| comment == CALIBRATED));
+    let of_walk = format!("translux {RANDOM_WALK}");
+    let walked = [&a, &b].iter().any(|table| table.comments.contains(&of_walk));
+    if calibrated[0] != calibrated[1] && !walked {
+        let with = paths[usize::from(calibrated[1])].display();
+        let warning = format!(
+            "the kernels of {with} are calibrated, those of the other file are dipoles: most of the difference is that of the models"
+        );
         result.warnings.push(warning);
     }
     let with_single = if included == [false; 2] { in_both(has, paths, &mut result.notes) } else { true };

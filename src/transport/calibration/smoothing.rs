@@ -1,5 +1,7 @@
 //! Values of walks without their noise: smoothed over the surface, over a length that two halves of the walks choose.
 
+use std::collections::BTreeSet;
+
 use glam::DVec3;
 
 use super::lattice::Lattice;
@@ -8,8 +10,9 @@ use crate::geometry::laplacian::Laplacian;
 /// Steps of the ladder of lengths, each twice as long as the one before, from a quarter of the mean edge.
 const LENGTHS: usize = 9;
 
-/// Residual of the smoothing, far below the noise.
+/// Residual of the smoothing, far below the noise; and of that which only tells how far off a length is.
 const TOLERANCE: f64 = 1e-4;
+const COARSE_TOLERANCE: f64 = 3e-3;
 
 /// Lengths in a row at which a prediction is worse than at a shorter one, after which none is tried.
 const WORSE: usize = 2;
@@ -21,21 +24,22 @@ pub(super) fn smoothed(lattice: &Lattice, halves: &[Vec<DVec3>; 2], guess: &[DVe
     let rows = |of: &[DVec3]| laplacian.at_nodes(of).iter().map(|v| v.to_array()).collect::<Vec<[f64; 3]>>();
     let [first, second] = halves.each_ref().map(|half| rows(half));
     let mean = paired(&first, &second, |a, b| 0.5 * (a + b));
-    let guess = rows(guess);
-    let even = vec![[1.0; 3]; guess.len()];
-    let mut best = [f64::INFINITY; 3];
-    let mut result = mean.clone();
-    for guess in [&even, &guess] {
-        let over = |of: &[[f64; 3]]| paired(of, guess, |t, k| if k > 0.0 { t / k } else { 1.0 });
-        let [a, b, both] = [&first, &second, &mean].map(|of| over(of));
+    let guesses = [vec![[1.0; 3]; mean.len()], rows(guess)];
+    let over = |of: &[[f64; 3]], guess: usize| paired(of, &guesses[guess], |t, k| if k > 0.0 { t / k } else { 1.0 });
+    let pass = |of: &[[f64; 3]], (guess, step): Choice, tolerance: f64| {
+        let length = 0.25 * laplacian.mean_edge_mm * f64::from(1u32 << step);
+        let smooth = low_passed(&laplacian, length * length, &over(of, guess), tolerance);
+        paired(&smooth, &guesses[guess], |s, k| s * k)
+    };
+    let mut best: [(f64, Option<Choice>); 3] = [(f64::INFINITY, None); 3];
+    for guess in 0..guesses.len() {
         let (mut least, mut worse) = ([f64::INFINITY; 3], 0);
         for step in 0..LENGTHS {
             if worse == WORSE {
                 break;
             }
-            let length = 0.25 * laplacian.mean_edge_mm * f64::from(1u32 << step);
-            let pass = |of: &[[f64; 3]]| paired(&low_passed(&laplacian, length * length, of), guess, |s, k| s * k);
-            let (from_a, from_b) = (pass(&a), pass(&b));
+            let choice = (guess, step);
+            let [from_a, from_b] = [&first, &second].map(|of| pass(of, choice, COARSE_TOLERANCE));
             let risk: [f64; 3] = std::array::from_fn(|c| {
                 let terms = laplacian.mass_mm2.iter().enumerate().map(|(i, mass)| {
                     let (x, y) = (from_a[i][c] - second[i][c], from_b[i][c] - first[i][c]);
@@ -44,20 +48,28 @@ pub(super) fn smoothed(lattice: &Lattice, halves: &[Vec<DVec3>; 2], guess: &[DVe
                 terms.sum()
             });
             worse = if (0..3).any(|c| risk[c] < least[c]) { 0 } else { worse + 1 };
-            least = [0, 1, 2].map(|c| least[c].min(risk[c]));
-            let better: Vec<usize> = (0..3).filter(|&c| risk[c] < best[c]).collect();
-            if !better.is_empty() {
-                let smooth = pass(&both);
-                for c in better {
-                    best[c] = risk[c];
-                    result.iter_mut().zip(&smooth).for_each(|(value, smooth)| value[c] = smooth[c]);
+            for c in 0..3 {
+                least[c] = least[c].min(risk[c]);
+                if risk[c] < best[c].0 {
+                    best[c] = (risk[c], Some(choice));
                 }
             }
+        }
+    }
+    let mut result = mean.clone();
+    let chosen: BTreeSet<Choice> = best.iter().filter_map(|(_, choice)| *choice).collect();
+    for choice in chosen {
+        let smooth = pass(&mean, choice, TOLERANCE);
+        for c in (0..3).filter(|&c| best[c].1 == Some(choice)) {
+            result.iter_mut().zip(&smooth).for_each(|(value, smooth)| value[c] = smooth[c]);
         }
     }
     let result: Vec<DVec3> = result.into_iter().map(DVec3::from_array).collect();
     laplacian.at_vertices(&result, DVec3::ONE)
 }
+
+/// A guess and a step of the ladder of lengths.
+type Choice = (usize, usize);
 
 /// A function of the channels of two lists.
 fn paired(a: &[[f64; 3]], b: &[[f64; 3]], of: impl Fn(f64, f64) -> f64) -> Vec<[f64; 3]> {
@@ -65,11 +77,11 @@ fn paired(a: &[[f64; 3]], b: &[[f64; 3]], of: impl Fn(f64, f64) -> f64) -> Vec<[
 }
 
 /// Two steps of half the time each: nearer to heat than one.
-fn low_passed(laplacian: &Laplacian, t_mm2: f64, of: &[[f64; 3]]) -> Vec<[f64; 3]> {
+fn low_passed(laplacian: &Laplacian, t_mm2: f64, of: &[[f64; 3]], tolerance: f64) -> Vec<[f64; 3]> {
     let mut values = of.to_vec();
     for _ in 0..2 {
         let source = values.clone();
-        laplacian.diffused(0.5 * t_mm2, &source, &mut values, TOLERANCE);
+        laplacian.diffused(0.5 * t_mm2, &source, &mut values, tolerance);
     }
     values
 }

@@ -75,6 +75,12 @@ impl DoubleLayer {
         &self.single
     }
 
+    /// beta, 1/mm, in the segments of the single layer.
+    #[cfg(feature = "gpu")]
+    pub(super) fn slope(&self) -> &LinearTable {
+        &self.slope
+    }
+
     pub(super) fn smooth_mm(&self) -> f64 {
         self.single.smooth_mm
     }

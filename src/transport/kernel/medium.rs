@@ -7,6 +7,8 @@ use glam::DVec3;
 use super::closed_form::PolesRgb;
 use super::double_layer::DoubleLayer;
 use super::near::{Flats, flats_body};
+#[cfg(feature = "gpu")]
+use super::radial_table::LinearTable;
 use super::radial_table::{ProfileTable, WIDEST};
 use super::{Block, FlatSource, PointSource, points_body, triangles_body};
 use crate::error::Result;
@@ -45,7 +47,36 @@ enum Fast {
     Layers(Arc<DoubleLayer>),
 }
 
+/// A kernel by tables, for shaders.
+#[cfg(feature = "gpu")]
+pub(crate) struct Tabulated {
+    /// The single layer, 1/mm^2.
+    pub(crate) single: LinearTable,
+    /// Its tail, `Int_r^inf value(s) s ds`.
+    pub(crate) tail: LinearTable,
+    /// The double layer over the single one, 1/mm, where there is a double layer.
+    pub(crate) slope: Option<LinearTable>,
+    /// The scale on which the single layer is smooth, mm.
+    pub(crate) smooth_mm: f64,
+}
+
 impl MediumKernel {
+    /// The kernel by tables; dipoles over an object whose points are at most `reach_mm` apart.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn by_tables(&self, reach_mm: f64) -> Tabulated {
+        let of = |table: &ProfileTable, slope: Option<&LinearTable>| Tabulated {
+            single: table.reflectance.clone(),
+            tail: table.tail.clone(),
+            slope: slope.cloned(),
+            smooth_mm: table.smooth_mm,
+        };
+        match &self.fast {
+            Fast::Poles { .. } => of(&ProfileTable::new(&self.profiles, reach_mm), None),
+            Fast::Table(table) => of(table, None),
+            Fast::Layers(layers) => of(layers.single(), Some(layers.slope())),
+        }
+    }
+
     /// The kernel of a medium's dipoles.
     pub fn new(medium: &Medium) -> Self {
         Self::of_dipoles(medium.properties.dipoles(BoundaryFit::Published))

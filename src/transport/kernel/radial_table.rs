@@ -28,10 +28,10 @@ const INNERMOST: f64 = 1e-3;
 const LEAST_SCALE: f64 = 1e-6;
 
 /// Below this ratio of rho^2 to H^2 + s^2 the mean of R_d over a step is taken in place of a difference of tails.
-const SHORT_STEP: f32 = 0.125;
+pub(crate) const SHORT_STEP: f32 = 0.125;
 
 /// Rules for edges up to a length over the scale on which R_d is smooth: tables err more than any of them.
-static RULES: [EdgeRule; 3] = [(2.0, &GAUSS_8), (20.0, &GAUSS_12), (f32::INFINITY, &GAUSS_24)];
+pub(crate) static RULES: [EdgeRule; 3] = [(2.0, &GAUSS_8), (20.0, &GAUSS_12), (f32::INFINITY, &GAUSS_24)];
 
 /// Widest instructions used: with wider ones compilers gather from the table, five times as slowly as by single loads.
 pub(crate) const WIDEST: InstructionSet = InstructionSet::Avx2;
@@ -268,7 +268,7 @@ pub(super) struct ProfileTable {
     /// R_d, 1/mm^2.
     pub(super) reflectance: LinearTable,
     /// `Int_r^inf R_d(s) s ds`, in the same segments.
-    tail: LinearTable,
+    pub(super) tail: LinearTable,
     /// The scale on which the profiles are smooth, mm.
     pub(super) smooth_mm: f64,
 }

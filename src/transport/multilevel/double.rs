@@ -19,7 +19,7 @@ use crate::transport::kernel::radial_table::{Rgb, SmoothTable, WIDEST};
 use crate::transport::kernel::{FLUSH, LANES, squares};
 
 /// Fields: flux and its moments as charges, U and V as potentials.
-const FIELDS: usize = 4;
+pub(crate) const FIELDS: usize = 4;
 
 /// The fields of some points.
 type Fields = [Vec<Rgb>; FIELDS];
@@ -38,8 +38,8 @@ const RESOLVING: f64 = 1.5;
 
 /// The nets of a double layer, and its kernel on each.
 pub(crate) struct Double {
-    nets: Arc<Multilevel>,
-    levels: Vec<NetKernel>,
+    pub(crate) nets: Arc<Multilevel>,
+    pub(crate) levels: Vec<NetKernel>,
 }
 
 impl Double {

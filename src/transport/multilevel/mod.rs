@@ -16,7 +16,11 @@ use rayon::prelude::*;
 
 pub use self::surface::{Quality, SurfaceNets, SurfaceTables};
 #[cfg(feature = "gpu")]
-pub(crate) use self::{compact::Compact, surface::Part as NetsOfPart};
+pub(crate) use self::{
+    compact::Compact,
+    double::{Double, FIELDS},
+    surface::Part as NetsOfPart,
+};
 use super::close_pairs::ClosePairs;
 use super::interpolation::{Adjoint, SharedWeights};
 use super::kernel::radial_table::{Rgb, SmoothTable, WIDEST};

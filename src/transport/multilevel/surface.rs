@@ -193,7 +193,7 @@ fn softening(quality: Quality, samples: usize, extent_mm: f64, spacing_mm: f64) 
 /// Tables of every part, which follow from the media, and the double layers of parts that have them.
 pub struct SurfaceTables {
     pub(crate) parts: Vec<(Tables, Compact)>,
-    doubles: Vec<Option<Double>>,
+    pub(crate) doubles: Vec<Option<Double>>,
 }
 
 impl SurfaceNets {

@@ -28,6 +28,7 @@ use crate::forms::sampled_scene::{GROUP, SampledScene, parts};
 use crate::light::{Light, LightKind};
 use crate::progress::{Progress, Silent};
 use crate::scene::Scene;
+use crate::transport::calibration::Orders;
 use crate::transport::many_lights::ManyLights;
 use crate::transport::near_rule::NearField;
 
@@ -98,7 +99,7 @@ impl Form for QuantisedLights {
     fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {
         progress.start("samples", 0);
         let sampled = SampledScene::new(scene, self.density.count(scene, settings.samples));
-        let (sampled, calibration) = sampled.with_model(settings.model, progress)?;
+        let (sampled, calibration) = sampled.with_model(settings, Orders::FromOne, progress)?;
         progress.finish();
         sampled.with_transfer(NearField::for_error(settings.max_rms), |mut transfer| {
             let mut tuning = chosen(&settings.probes.tuning, TUNING);

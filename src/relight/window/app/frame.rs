@@ -121,6 +121,7 @@ impl App {
             adapter: shown.screen.device.describe(),
             transport: shown.staged.transport.clone(),
             job: shown.jobs.running(),
+            is_rough: shown.is_rough,
             ..self.log.figures(now)
         }
     }
@@ -129,6 +130,7 @@ impl App {
 fn take_in(shown: &mut Shown, log: &mut Log, done: Done) {
     log.update(done.light_ms, done.transport_ms);
     shown.follows_eye = done.follows_eye;
+    shown.is_rough = done.is_rough;
     shown.desk.expect(shown.staged.raster.set_lights(&done.lights));
     shown.desk.expect(done.failed.map_or(Ok(()), Err));
     if let Some(white) = done.white {

@@ -21,6 +21,8 @@ pub(super) struct Shown {
     pub(super) desk: Desk,
     pub(super) texture: Option<Arc<Texture>>,
     pub(super) follows_eye: bool,
+    /// Whether better kernels are on their way.
+    pub(super) is_rough: bool,
 }
 
 /// An evaluator with its worker and its raster.

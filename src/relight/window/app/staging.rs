@@ -59,7 +59,17 @@ impl App {
         desk.has_texture = texture.is_some();
         let colours = colours::start(self.wake())?;
         let jobs = Jobs::new(Arc::clone(&self.settings.pool), placing, Arc::new(self.wake()));
-        Ok(Shown { screen, staged, retired: Vec::new(), colours, jobs, desk, texture, follows_eye: false })
+        Ok(Shown {
+            screen,
+            staged,
+            retired: Vec::new(),
+            colours,
+            jobs,
+            desk,
+            texture,
+            follows_eye: false,
+            is_rough: false,
+        })
     }
 
     /// Starts an evaluator's worker, and a raster that draws its radiosity.
