@@ -202,13 +202,15 @@ Of the run of 2026-11-25, on a machine with much else to do; rows that say *not 
 
 | what | why |
 | --- | --- |
-| `filtered_normals`, more than promised under suns and near lights | its error differs by direction up to 1.7 times, and the ledger has four directions, one point light at most |
+| `filtered_normals`, more than promised under suns and near lights | its error differs by direction up to 1.7 times, nine times on a thin sheet, and the ledger has four directions, one point light at most |
 | `filtered_normals`, `quantized_lights`, light where there is none (a sun behind an open triangle, a lamp inside the body) | one interpolates between lights on both sides of the plane, the other has the light's direction at the vertex and no surface around it |
 | `texture_space`, 1.1 to 1.6 times the promised error, on the cube and in milk | the ledger has the choice of samples against all of the atlas; what the texels themselves miss (near field, one normal a texel) is in no stage |
 | `editable` and `editable stored`, up to 1.9 times on the cube of 12 triangles and on the open plane with 8,192 samples | sampling is taken to fall with the number of samples, from half as many; where a few large triangles are cut evenly it does not |
 | `editable stored`, a light on the surface | a warning names the light; the far field ends where light falls between two samples |
-| `all_frequency`, edge-on to a plane, a sheet or a triangle | 1,024 harmonics resolve 6 degrees: light 3 degrees above a plane is a third too bright or too dark; the ledger says so since edge-on suns are among its lights, and is pessimistic for other suns |
+| `all_frequency`, edge-on to a plane, a sheet or a triangle | 1,024 harmonics resolve 6 degrees: light 3 degrees above a plane is up to two thirds too bright or too dark; the ledger says so since edge-on suns are among its lights, and is pessimistic for other suns |
 | `editable`, `editable stored` on a thin sheet under a sky, 19 to 32 times too pessimistic | not looked into: the stages of the rows for environments |
+| an albedo of 0.001, every method but `two_pass` | not looked into: the mean free path is 0.001 mm, so that radiosity follows the irradiance of the place itself, which no sample of 0.5 mm has |
+| facing walls, `two_pass`, `editable`, 1.05 to 1.2 times | the estimate of sampling itself, where half of the surface is in shadow |
 | between vertices, all methods that end at vertices | a mesh property: 68 % on the cube of 12 triangles, 21 % on walls that face each other; the import warns from 5 % on, `render --exitance pixels` does not need the vertices |
 | dark half of `quantized_lights` and `all_frequency` | errors of functions of the light and of their coding are as large in the dark as in the light; told by the bake, not mended |
 
