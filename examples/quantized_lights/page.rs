@@ -149,7 +149,7 @@ by their principal components, the coefficients predicted from coarser reference
 weighted sum of ten reference points (local kriging). No rays, no tree: the material is baked in. Area lights are points that emit towards each reference point.
 
 **In the bake** the transfer is computed once for 128 neighbouring lights and applied as a product of matrices (`transport/many_lights.rs`), at the reference points only. Visibility of all lights
-comes from the silhouettes that a sample sees (`transport/visibility`). How many directions the error needs is measured with 200 at the coarsest thousand reference points.
+comes from the silhouettes that a sample sees (`transport/visibility`). How many directions the error needs is measured with 200 at 768 vertices, under point lights too where they are asked for; where these are too few, with up to 400 more, which say how fast the error falls. What 1,600 cannot reach is said with the number that would, and the other stages are then as coarse as that lets them.
 
 **The paper's encodings**, for comparison, are a program of their own, with all commands: `cargo run --release --example papers -- bake MODEL --method hao_varshney --set encoding=...`.
 `encoding` is `raw`, `uniform8`, `lloyd8` (section 4; with `integral=vector` its Q, section 3.1), `sh` (4.1), `reference-points` (4.2).

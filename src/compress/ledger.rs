@@ -12,6 +12,9 @@ pub const BESIDE_RADIOSITY: [&str; 2] = ["single scattering", MODEL];
 /// The stage of the model itself: what its exact sums are off the volume.
 pub const MODEL: &str = "model";
 
+/// The stages before it together, where they err independently of each other: sums count it in their place.
+pub const TOGETHER: &str = "together";
+
 /// The error that one stage added.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Entry {
@@ -34,6 +37,14 @@ impl Ledger {
     /// Adds the error of a stage.
     pub fn add(&mut self, stage: &str, error: VertexError, note: impl Into<String>) {
         self.entries.push(Entry { stage: stage.to_owned(), error, note: note.into() });
+    }
+
+    /// Adds the stages so far together, which err independently of each other: their squares add.
+    pub fn add_together(&mut self) {
+        let sum = self.of_radiosity().map(|entry| entry.error).reduce(VertexError::beside);
+        if let Some(sum) = sum {
+            self.add(TOGETHER, sum, "the stages above err independently of each other: their squares add");
+        }
     }
 
     /// Takes the larger error of each stage of another ledger; stages that are not here are added.
@@ -61,7 +72,32 @@ impl Ledger {
         self.of_radiosity().map(|e| e.error.rms).sum()
     }
 
-    fn of_radiosity(&self) -> impl Iterator<Item = &Entry> {
-        self.entries.iter().filter(|e| !BESIDE_RADIOSITY.contains(&e.stage.as_str()))
+    /// The stages that sums are of.
+    pub fn of_radiosity(&self) -> impl Iterator<Item = &Entry> {
+        let first = self.entries.iter().rposition(|e| e.stage == TOGETHER).unwrap_or(0);
+        self.entries[first..].iter().filter(|e| !BESIDE_RADIOSITY.contains(&e.stage.as_str()))
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn independent_stages_add_as_squares_and_others_as_they_are() {
+        let error = |rms| VertexError { rms, ..VertexError::default() };
+        let mut ledger = Ledger::default();
+        ledger.add_together();
+        assert_eq!(ledger, Ledger::default());
+        ledger.add("sampling", error(0.03), "");
+        ledger.add("basis", error(0.04), "");
+        assert!((ledger.total_rms() - 0.07).abs() < 1e-15);
+        ledger.add_together();
+        ledger.add(ENVIRONMENT_STAGES[0], error(0.01), "");
+        ledger.add(MODEL, error(0.2), "");
+        assert!((ledger.total_rms() - 0.06).abs() < 1e-15, "{ledger:?}");
+        assert!((ledger.total_rms_without_environment() - 0.05).abs() < 1e-15);
+        assert_eq!(ledger.entries.len(), 5);
     }
 }

@@ -61,6 +61,21 @@ impl BakeSettings {
         }
     }
 
+    /// The settings with those of the unseen probe lights that the asset is made for: points where point or area lights are asked for,
+    /// environments where environments or constant light are, directions in any case.
+    #[must_use]
+    pub fn with_probes_of_kinds(&self) -> Self {
+        let soft = self.is_for(LightKind::Environment) || self.is_for(LightKind::Constant);
+        let near = self.is_for(LightKind::Point) || self.is_for(LightKind::Area);
+        let mut settings = self.clone();
+        settings.probes.unseen.retain(|light| match light.kind() {
+            LightKind::Directional => true,
+            LightKind::Point | LightKind::Area => near,
+            LightKind::Environment | LightKind::Constant => soft,
+        });
+        settings
+    }
+
     /// Returns whether the asset is made for a kind of light.
     pub fn is_for(&self, kind: LightKind) -> bool {
         self.for_lights.contains(&kind)

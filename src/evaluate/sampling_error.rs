@@ -51,8 +51,13 @@ pub struct Sampled<'a> {
 impl Sampled<'_> {
     /// Radiosity of some receivers from these samples or others under an irradiance, over all pairs, with the media or the
     /// kernels in force.
-    pub fn radiosity(
+    pub fn radiosity(&self, surface: &Surface, lit: (&[DVec3], &Pieces), receivers: &Receivers) -> Vec<DVec3> {
+        self.with_near(self.near, surface, lit, receivers)
+    }
+
+    fn with_near(
         &self,
+        near: NearField,
         surface: &Surface,
         (irradiance, pieces): (&[DVec3], &Pieces),
         receivers: &Receivers,
@@ -61,16 +66,16 @@ impl Sampled<'_> {
         let tree = SampleTree::default();
         let factors = self.calibrated.map_or_else(Vec::new, |calibrated| calibrated.of_samples(surface));
         let gather = match (self.calibrated, self.kernels) {
-            (Some(calibrated), _) => Gather::calibrated(surface, &tree, (&calibrated.kernels, &factors), self.near),
-            (None, Some(kernels)) => Gather::with_kernels(surface, &tree, kernels.to_vec(), self.near),
-            (None, None) => Gather::new(surface, &tree, surface.domain.media, self.near),
+            (Some(calibrated), _) => Gather::calibrated(surface, &tree, (&calibrated.kernels, &factors), near),
+            (None, Some(kernels)) => Gather::with_kernels(surface, &tree, kernels.to_vec(), near),
+            (None, None) => Gather::new(surface, &tree, surface.domain.media, near),
         };
         let lit = gather.light_with_pieces(irradiance, pieces);
         gather.radiosity(receivers, &lit, Scheme::AllPairs, &Silent)
     }
 
-    /// Enters the error of sampling into the ledger, and that of stored rows, which has an entry of its own. The error
-    /// of sampling is taken to fall in proportion to 1 over the number of samples.
+    /// Enters the error of sampling and of the near-field rule into the ledger, and that of stored rows, which has an entry of its own. The
+    /// error of sampling is taken to fall in proportion to 1 over the number of samples.
     ///
     /// # Errors
     /// As [`Illumination::new`].
@@ -90,10 +95,11 @@ impl Sampled<'_> {
             None => Illumination::new(&surface, self.lights, &etas, sampling)?.all_with_pieces(progress),
         };
         let (subset, points) = self.receivers.probe_points(self.areas, (PROBES, 2));
-        let theirs = self.radiosity(&surface, (&irradiance.0, &irradiance.1), &subset);
+        // With the near field of the truth: what the rule in force misses is one-sided, and no other stage has it.
+        let theirs = self.with_near(NearField::REFERENCE, &surface, (&irradiance.0, &irradiance.1), &subset);
         let ours = self.radiosity(&self.surface, self.irradiance, &subset);
         let factor = extrapolation(samples.len(), other.len());
-        let note = format!("extrapolated from {} samples, on vertices of their own", other.len());
+        let note = format!("and the near field; extrapolated from {} samples, on vertices of their own", other.len());
         ledger.add("sampling", points.error(&theirs, &ours).scaled(factor), note);
         if let Some(stored) = self.stored {
             let note = "stored rows (cube map, truncation, quantiser; fields of area lights) against rays";

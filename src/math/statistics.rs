@@ -32,6 +32,18 @@ impl VertexError {
         if self.rms.is_finite() { self } else { Self::default() }
     }
 
+    /// Sum of two independent errors.
+    #[must_use]
+    pub fn beside(self, other: Self) -> Self {
+        Self {
+            rms: self.rms.hypot(other.rms),
+            bias: self.bias + other.bias,
+            p999: self.p999.hypot(other.p999),
+            worst: self.worst.hypot(other.worst),
+            dark: self.dark.hypot(other.dark),
+        }
+    }
+
     /// The larger of each figure.
     #[must_use]
     pub fn max(self, other: Self) -> Self {
@@ -78,6 +90,12 @@ const DARK: f64 = 0.1;
 /// Error of `values` against `reference`; `weights` are areas (any unit), all slices of one length.
 /// Zero everywhere for an empty or black reference that the values equal; infinite where a black one differs.
 pub fn vertex_error(values: &[DVec3], reference: &[DVec3], weights: &[f64]) -> VertexError {
+    vertex_error_of_some(values, reference, weights, values.len())
+}
+
+/// [`vertex_error`] of some places that stand for `all`: the 99.9th percentile and the worst are those expected of all, by
+/// [`beyond`].
+pub fn vertex_error_of_some(values: &[DVec3], reference: &[DVec3], weights: &[f64], all: usize) -> VertexError {
     let total: f64 = weights.iter().sum();
     if total <= 0.0 || values.is_empty() {
         return VertexError::default();
@@ -100,15 +118,37 @@ pub fn vertex_error(values: &[DVec3], reference: &[DVec3], weights: &[f64]) -> V
         let mut absolute: Vec<f64> = (0..values.len()).map(|i| difference(i).abs()).collect();
         absolute.sort_unstable_by(f64::total_cmp);
         let rank = ((absolute.len() as f64 * 0.999).ceil() as usize).clamp(1, absolute.len()) - 1;
+        let (mut p999, mut worst) = (absolute[rank], absolute[absolute.len() - 1]);
+        if all > absolute.len() {
+            p999 = p999.max(beyond(&absolute, 1e-3));
+            worst = worst.max(beyond(&absolute, 1.0 / all as f64)).max(p999);
+        }
         result = result.max(VertexError {
             rms: relative(mean(&|i| difference(i).powi(2)).sqrt()),
             bias: relative(mean(&difference)),
-            p999: relative(absolute[rank]),
-            worst: relative(absolute[absolute.len() - 1]),
+            p999: relative(p999),
+            worst: relative(worst),
             dark: 0.0,
         });
     }
     result
+}
+
+/// Share of the largest values that the tail is fitted to.
+const TAIL: f64 = 0.1;
+
+/// The value that a share of all is above, from some values in ascending order, where they are too few to tell: the largest tenth of them
+/// is taken to be of an exponential tail, whose mean excess is its only parameter. Tails that are heavier at the end have larger
+/// values, those of sums of many errors smaller ones.
+fn beyond(ascending: &[f64], share: f64) -> f64 {
+    let count = ascending.len();
+    let members = ((TAIL * count as f64) as usize).clamp(1, count.max(1));
+    let Some(&threshold) = count.checked_sub(members + 1).and_then(|i| ascending.get(i)) else {
+        return ascending.last().copied().unwrap_or(0.0);
+    };
+    let of_tail = &ascending[count - members..];
+    let excess = of_tail.iter().map(|v| v - threshold).sum::<f64>() / members as f64;
+    threshold + excess * (members as f64 / count as f64 / share).max(1.0).ln()
 }
 
 /// Error of each value, largest channel, in the unit of [`vertex_error`], for pictures of the error.
@@ -166,6 +206,32 @@ mod tests {
         let values = [DVec3::new(1.1, 1.0, 1.0), DVec3::ONE];
         let e = vertex_error(&values, &reference, &[1.0, 3.0]);
         assert!((e.rms - 0.05).abs() < 1e-12 && (e.worst - 0.1).abs() < 1e-12, "{e:?}");
+    }
+
+    #[test]
+    fn a_tenth_of_a_tail_tells_what_is_beyond_it() {
+        use crate::math::random::uniform;
+        // Exponential, normal (as the sum of twelve) and of a tenth power: one of each tail.
+        let kinds: [fn(u64) -> f64; 3] = [
+            |i| -uniform(1, i, 0).max(1e-300).ln(),
+            |i| ((0..12).map(|d| uniform(2, i, d)).sum::<f64>() - 6.0).abs(),
+            |i| uniform(3, i, 0).max(1e-300).powf(-0.1) - 1.0,
+        ];
+        for (kind, value) in kinds.iter().enumerate() {
+            let all = 20_000u64;
+            let mut ratios = Vec::new();
+            for run in 0..20 {
+                let values: Vec<f64> = (0..all).map(|i| value(run * all + i)).collect();
+                let worst = values.iter().copied().fold(0.0, f64::max);
+                let some: Vec<DVec3> = values.iter().step_by(100).map(|v| DVec3::splat(1.0 + v)).collect();
+                let truth = vec![DVec3::ONE; some.len()];
+                let e = vertex_error_of_some(&some, &truth, &vec![1.0; some.len()], all as usize);
+                assert!(e.p999 <= e.worst && vertex_error(&some, &truth, &vec![1.0; some.len()]).worst <= e.worst);
+                ratios.push(e.worst / worst);
+            }
+            let mean = ratios.iter().sum::<f64>() / ratios.len() as f64;
+            assert!((0.6..1.6).contains(&mean), "{kind}: {ratios:?}");
+        }
     }
 
     #[test]

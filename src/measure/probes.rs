@@ -71,7 +71,9 @@ pub fn environments(half: Half) -> Vec<Light> {
 /// figures of its ledger.
 pub fn for_bake(mesh: &Mesh) -> Probes {
     let tuning = directional(Half::Tuning).into_iter().chain(points(mesh, Half::Tuning)).collect();
-    Probes { tuning, unseen: unseen(mesh).into_iter().chain(environments(Half::Figures)).collect() }
+    let directions = directional(Half::Figures).into_iter().step_by(DIRECTIONS / 8);
+    let point = points(mesh, Half::Figures).into_iter().take(1);
+    Probes { tuning, unseen: directions.chain(point).chain(environments(Half::Figures)).collect() }
 }
 
 /// The error of an evaluator under the lights in force, by stage; stages tuned for these lights are measured under the

@@ -3,7 +3,6 @@
 //! with a sun in it.
 
 use std::collections::BTreeSet;
-use std::f64::consts::TAU;
 use std::sync::Arc;
 
 use glam::DVec3;
@@ -12,7 +11,6 @@ use crate::error::Result;
 use crate::light::quantised::directions::lattice;
 use crate::light::sky::sky_with_sun;
 use crate::light::{Light, LightKind};
-use crate::math::cube_map::{self, FACES};
 use crate::scene::Scene;
 
 /// For what a set of lights is.
@@ -27,12 +25,6 @@ pub(super) enum Purpose {
     },
 }
 
-/// Height of the edge-on suns above the plane of the flat area, as a sine.
-const GRAZING: f64 = 0.05;
-
-/// Cells of a face of the cube on which normals are counted.
-const CELLS: usize = 8;
-
 /// Offset of the lattice of the verdict's directions.
 const OFFSET: f64 = 0.31;
 
@@ -40,14 +32,12 @@ const OFFSET: f64 = 0.31;
 pub(super) fn lights(scene: &Scene, kinds: &BTreeSet<LightKind>, purpose: Purpose) -> Result<Vec<Light>> {
     let mesh = &scene.mesh;
     let radius = 0.5 * mesh.diagonal_mm();
-    let flat = largest_flat_normal(scene);
-    let along = flat.any_orthonormal_vector();
     // The same questions with other answers: turned about the flat area's normal, and seen from the other side.
     let (turn, side) = match purpose {
         Purpose::Choice => (0.0, 1.0),
-        Purpose::Verdict { .. } => (0.37 * TAU, -1.0),
+        Purpose::Verdict { .. } => (0.37, -1.0),
     };
-    let edge = (along * f64::cos(turn) + flat.cross(along) * f64::sin(turn) + GRAZING * flat).normalize();
+    let edge = scene.grazing(turn);
     let odd = DVec3::new(0.521 * side, 0.683, 0.512).normalize();
     let below = DVec3::new(0.31 * side, -0.9, 0.2).normalize();
     let behind = DVec3::new(0.2, 0.25 * side, -0.9).normalize();
@@ -82,20 +72,4 @@ pub(super) fn lights(scene: &Scene, kinds: &BTreeSet<LightKind>, purpose: Purpos
         }
     }
     Ok(result)
-}
-
-/// Normal of the largest flat area of the translucent parts: the mean over the cell of directions that most area faces.
-fn largest_flat_normal(scene: &Scene) -> DVec3 {
-    let Scene { mesh, parts, .. } = scene;
-    let mut sums = vec![DVec3::ZERO; FACES * CELLS * CELLS];
-    for (triangle, &part) in parts.triangle_part.iter().enumerate().take(mesh.triangles.len()) {
-        if parts.parts.get(part as usize).is_some_and(|part| part.transfers()) {
-            let cross = mesh.cross_mm2(triangle as u32);
-            if cross != DVec3::ZERO {
-                sums[cube_map::texel_of(CELLS, cross.normalize_or(DVec3::Y))] += cross;
-            }
-        }
-    }
-    let largest = sums.into_iter().max_by(|a, b| a.length_squared().total_cmp(&b.length_squared()));
-    largest.unwrap_or_default().normalize_or(DVec3::Y)
 }

@@ -15,6 +15,9 @@ use crate::geometry::samples::{Spacing, patches, spacing};
 /// Number of samples at which the spacing is measured.
 const SPACING_PROBES: usize = 2048;
 
+/// Error of the dark part that is told.
+const DARK: f64 = 0.1;
+
 /// Report of a bake.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct BakeReport {
@@ -63,6 +66,18 @@ impl BakeReport {
         }
     }
 
+    /// What the ledger says about the dark part, where that is worth a line.
+    fn dark_part(&self) -> Option<String> {
+        let stages = self.ledger.of_radiosity();
+        let worst = stages.max_by(|a, b| a.error.dark.total_cmp(&b.error.dark)).filter(|e| e.error.dark > DARK)?;
+        let dark = percent(worst.error.dark);
+        Some(format!(
+            "  dark part (below a tenth of the mean): up to {dark} of its own mean by `{}`; what sums over samples, such as two_pass or editable, \
+             keeps it",
+            worst.stage
+        ))
+    }
+
     /// Text of size, samples and errors, with the duration in seconds.
     pub(crate) fn summary(&self, seconds: f64) -> String {
         let samples = match self.samples {
@@ -76,6 +91,7 @@ impl BakeReport {
         let stage =
             |e: &crate::compress::ledger::Entry| format!("  {}: {} RMS ({})", e.stage, percent(e.error.rms), e.note);
         lines.extend(self.ledger.entries.iter().map(stage));
+        lines.extend(self.dark_part());
         lines.join("\n")
     }
 }

@@ -10,7 +10,7 @@ use crate::geometry::cluster::{self, Run};
 use crate::geometry::mesh::Mesh;
 use crate::geometry::part_table::PartTable;
 use crate::math::slices::cut;
-use crate::math::statistics::{VertexError, vertex_error};
+use crate::math::statistics::{VertexError, vertex_error_of_some};
 
 /// Points that gather flux, grouped by part and place.
 #[derive(Clone, Debug, Default)]
@@ -68,13 +68,16 @@ pub struct ProbePoints {
     pub indices: Vec<u32>,
     /// Area around each, mm^2.
     pub areas_mm2: Vec<f64>,
+    /// Number of all receivers, that these stand for.
+    pub all: usize,
 }
 
 impl ProbePoints {
     /// The receivers of some indices; `areas_mm2` are those around all.
     pub fn new(indices: Vec<u32>, areas_mm2: &[f64]) -> Self {
+        let all = areas_mm2.len();
         let areas_mm2 = indices.iter().map(|&i| areas_mm2.get(i as usize).copied().unwrap_or(0.0)).collect();
-        Self { indices, areas_mm2 }
+        Self { indices, areas_mm2, all }
     }
 
     /// Values at these receivers, out of those of all.
@@ -82,9 +85,10 @@ impl ProbePoints {
         self.indices.iter().map(|&i| all.get(i as usize).copied().unwrap_or_default()).collect()
     }
 
-    /// Error of radiosity at these points; none where the truth is black at all of them.
+    /// Error of radiosity at these points, whose 99.9th percentile and worst are expected of all receivers; none where the truth is
+    /// black at all of them.
     pub fn error(&self, values: &[DVec3], truth: &[DVec3]) -> VertexError {
-        vertex_error(values, truth, &self.areas_mm2).or_none()
+        vertex_error_of_some(values, truth, &self.areas_mm2, self.all).or_none()
     }
 }
 

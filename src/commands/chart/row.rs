@@ -8,6 +8,7 @@ use glam::DVec3;
 use super::subject::{Baked, Subject};
 use super::truth::Reference;
 use crate::asset::Asset;
+use crate::compress::ledger::TOGETHER;
 use crate::error::{Error, Result};
 use crate::evaluate::exitance::Exitance;
 use crate::evaluate::measured::{Measured, Truth, measured};
@@ -96,7 +97,7 @@ pub(super) fn of(
         negative_share: lights.iter().map(|l| l.negative_share).fold(0.0, f64::max),
         picture: lights.iter().fold(PictureError::default(), |worst, l| worst.max(l.picture)),
         promised_rms: ledger.total_rms(),
-        ledger: ledger.entries.iter().map(|e| (e.stage.clone(), e.error.rms)).collect(),
+        ledger: ledger.entries.iter().filter(|e| e.stage != TOGETHER).map(|e| (e.stage.clone(), e.error.rms)).collect(),
         lights,
         unserved: unserved.into_iter().map(|(text, _)| text.clone()).collect(),
     };

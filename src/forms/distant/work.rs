@@ -23,9 +23,16 @@ const HIERARCHY: f64 = 0.1;
 /// Suns that choices look at.
 const TUNING: usize = 20;
 
-/// With half of the energy in a sun, twice the asked error is allowed: a sun alone may be off by four times as much. Suns that no
-/// choice saw fare up to 1.6 times worse than those that choices look at.
-pub(crate) const SUN: f64 = 2.5;
+/// Suns that no choice saw fare up to so many times worse than those that choices look at.
+const UNSEEN: f64 = 1.6;
+
+/// Where environments are asked for, twice the asked error is allowed with half of the energy in a sun: a sun alone may be off by four
+/// times as much. Where suns are and environments are not, a sun alone keeps the asked error.
+const SUN_OF_ENVIRONMENT: f64 = 4.0;
+
+/// Turns of the edge-on suns about the normal of the largest flat area: those that choices look at, and that no choice sees.
+pub(crate) const TUNING_TURNS: [f64; 2] = [0.0, 0.31];
+pub(crate) const UNSEEN_TURNS: [f64; 2] = [0.17, 0.58];
 
 /// Samples, hierarchy, settings and probe lights of a bake.
 pub(crate) struct Work<'a, 'b> {
@@ -33,7 +40,11 @@ pub(crate) struct Work<'a, 'b> {
     pub(crate) transfer: &'a ManyLights<'b>,
     pub(crate) plan: &'a Distant,
     pub(crate) max_rms: f64,
-    /// Suns that choices look at.
+    /// Error that a sun alone may have over the asked one, under the suns that choices look at.
+    pub(crate) sun: f64,
+    /// Whether the asset is asked for suns, which its ledger then tells of.
+    for_suns: bool,
+    /// Suns that choices look at, two of them edge-on where suns are asked for.
     pub(crate) suns: &'a [Light],
     /// Lights that no choice saw.
     pub(crate) unseen: Unseen,
@@ -42,9 +53,18 @@ pub(crate) struct Work<'a, 'b> {
 }
 
 impl Work<'_, '_> {
-    /// Error that each stage adds, the worst of the environments that no choice saw, and of all stages together, the
-    /// worst of the suns. `values` hands over radiosity before and after the stages, given a light and the irradiance
-    /// of the samples by rays.
+    /// The lights that errors are measured under, in words.
+    pub(crate) fn judged_by(&self) -> &'static str {
+        match (self.unseen.environments.is_empty(), self.for_suns) {
+            (true, _) => "suns",
+            (false, true) => "environments and suns",
+            (false, false) => "environments",
+        }
+    }
+
+    /// Error that each stage adds, the worst of the environments that no choice saw, and of the suns where these are asked for; and of
+    /// all stages together, the worst of the suns. `values` hands over radiosity before and after the stages, given a light and the
+    /// irradiance of the samples by rays.
     pub(crate) fn errors<'l, V, const N: usize>(
         &'l self,
         progress: &dyn Progress,
@@ -59,10 +79,17 @@ impl Work<'_, '_> {
             progress.advance(1);
             values
         };
-        let errors = worst(environments, |light| by_stage(&under(light)?))?;
-        let [suns] = worst(suns, |light| Ok([together(&under(light)?)]))?;
+        let mut errors = worst(environments, |light| by_stage(&under(light)?))?;
+        let mut alone = VertexError::default();
+        for light in suns {
+            let values = under(light)?;
+            alone = alone.max(together(&values));
+            if self.for_suns {
+                errors.iter_mut().zip(by_stage(&values)?).for_each(|(worst, error)| *worst = worst.max(error));
+            }
+        }
         progress.finish();
-        Ok((errors, suns))
+        Ok((errors, alone))
     }
 }
 
@@ -73,10 +100,30 @@ pub(crate) struct Unseen {
 }
 
 impl Unseen {
-    fn new(lights: &[Light]) -> Self {
-        let environments = of_kinds(lights, &[LightKind::Environment, LightKind::Constant]);
-        Self { environments, suns: of_kinds(lights, &[LightKind::Directional]) }
+    /// Of the kinds asked for; suns beside environments, which have them, and environments where nothing is asked for.
+    fn new(scene: &Scene, settings: &BakeSettings) -> Self {
+        let lights = &settings.probes.unseen;
+        let environments = match for_suns_alone(settings) {
+            true => Vec::new(),
+            false => of_kinds(lights, &[LightKind::Environment, LightKind::Constant]),
+        };
+        let mut suns = of_kinds(lights, &[LightKind::Directional]);
+        if settings.is_for(LightKind::Directional) && !suns.is_empty() {
+            suns.extend(edge_on(scene, UNSEEN_TURNS));
+        }
+        Self { environments, suns }
     }
+}
+
+/// Whether suns are all that is asked for, of light from far away.
+fn for_suns_alone(settings: &BakeSettings) -> bool {
+    let soft = [LightKind::Environment, LightKind::Constant];
+    settings.is_for(LightKind::Directional) && !soft.iter().any(|kind| settings.is_for(*kind))
+}
+
+/// Suns along the largest flat area.
+pub(crate) fn edge_on(scene: &Scene, turns: [f64; 2]) -> impl Iterator<Item = Light> {
+    turns.map(|turn| Light::Directional { from: scene.grazing(turn), irradiance: DVec3::ONE }).into_iter()
 }
 
 /// Calls `make` with everything ready, the samples under the suns that choices look at, and a ledger that has the hierarchy.
@@ -93,7 +140,11 @@ pub(crate) fn with_work<T>(
     progress.finish();
     sampled.with_transfer(NearField::for_error(settings.max_rms), |mut transfer| {
         let suns = of_kinds(&settings.probes.tuning, &[LightKind::Directional]);
-        let suns: Vec<Light> = spread(&suns, TUNING).cloned().collect();
+        let mut suns: Vec<Light> = spread(&suns, TUNING).cloned().collect();
+        let for_suns = settings.is_for(LightKind::Directional);
+        if for_suns && !suns.is_empty() {
+            suns.extend(edge_on(scene, TUNING_TURNS));
+        }
         progress.start("tuning", suns.len() as u64);
         let rows = sampled.irradiance(&suns)?;
         let hierarchy = transfer.tune(HIERARCHY * settings.max_rms, &rows);
@@ -105,8 +156,10 @@ pub(crate) fn with_work<T>(
             transfer: &transfer,
             plan,
             max_rms: settings.max_rms,
+            sun: if for_suns_alone(settings) { 1.0 } else { SUN_OF_ENVIRONMENT } / UNSEEN,
+            for_suns,
             suns: &suns,
-            unseen: Unseen::new(&settings.probes.unseen),
+            unseen: Unseen::new(scene, settings),
             calibration,
         };
         make(&work, &rows, ledger)

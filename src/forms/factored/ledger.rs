@@ -120,6 +120,8 @@ pub(super) fn measure(baked: &Baked) -> Result<Ledger> {
             format!("the far field from {}, as above on {} receivers", ordered.points.describe(), between.targets());
         ledger.add("interpolation", interpolation, note);
     }
+    // What samples miss, what the basis cannot follow, what is cut off, rounded and interpolated have nothing to do with each other.
+    ledger.add_together();
     Ok(ledger)
 }
 
@@ -160,7 +162,7 @@ impl Baked<'_> {
             let stages = self.stages(measured, light, (&details, &stored));
             for ((all, material), near) in of_materials.iter_mut().zip(materials).zip(near) {
                 let found = stages.errors(material, near, &measured.of.subset.points);
-                *all = std::array::from_fn(|i| beside(all[i], found[i]));
+                *all = std::array::from_fn(|i| all[i].beside(found[i]));
             }
         }
         of_materials.into_iter().reduce(|a, b| std::array::from_fn(|i| a[i].max(b[i]))).unwrap_or_default()
@@ -221,16 +223,5 @@ impl AfterStages {
             against(&integrated, &truncated),
             against(&truncated, &quantised),
         ]
-    }
-}
-
-/// Sum of two independent errors.
-fn beside(a: VertexError, b: VertexError) -> VertexError {
-    VertexError {
-        rms: a.rms.hypot(b.rms),
-        bias: a.bias + b.bias,
-        p999: a.p999.hypot(b.p999),
-        worst: a.worst.hypot(b.worst),
-        dark: a.dark.hypot(b.dark),
     }
 }

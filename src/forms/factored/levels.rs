@@ -83,7 +83,7 @@ impl Trial {
         sources.dedup();
         let targets = Subset {
             receivers: nested.receivers.only(&finest, LANES),
-            points: ProbePoints { areas_mm2: vec![1.0; finest.len()], indices: finest },
+            points: ProbePoints { areas_mm2: vec![1.0; finest.len()], all: finest.len(), indices: finest },
         };
         let materials = Subset::materials(work);
         let irradiances: Vec<&[DVec3]> = lights.iter().map(|light| light.irradiance.as_slice()).collect();

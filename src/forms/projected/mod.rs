@@ -9,5 +9,6 @@ mod forecast;
 mod gpu;
 pub mod harmonics;
 pub mod lights;
+mod reach;
 pub mod references;
 mod stored;

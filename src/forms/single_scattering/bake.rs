@@ -11,7 +11,7 @@ use crate::compress::ledger::Ledger;
 use crate::compress::prediction::Net;
 use crate::error::Result;
 use crate::evaluate::single_scattering::LitScene;
-use crate::forms::distant::{Basis, Choice, Integrand, MOST_ORDER, SUN, Single, Terms, Work, under_suns};
+use crate::forms::distant::{Basis, Choice, Integrand, MOST_ORDER, Single, Terms, Work, under_suns};
 use crate::forms::projected::coding::{Radiosities, code};
 use crate::forms::projected::harmonics::components;
 use crate::forms::projected::references::{in_ascending_order, spacing};
@@ -213,7 +213,7 @@ impl<'a, 'b> Baked<'a, 'b> {
             return Ok(asked);
         }
         let truth: Vec<Vec<DVec3>> = under_some(suns).map(|(_, sun)| self.under(sun)).collect::<Result<_>>()?;
-        Ok(spacing(sampled, &truth, SUN * self.own * SPATIAL * max_rms))
+        Ok(spacing(sampled, &truth, self.work.sun * self.own * SPATIAL * max_rms))
     }
 
     /// Single scattering of every receiver under a sun, by rays.

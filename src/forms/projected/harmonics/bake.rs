@@ -13,9 +13,10 @@ use crate::error::Result;
 use crate::evaluate::BakeSettings;
 use crate::evaluate::stages::worst;
 use crate::forms::baked_in::Stored;
-use crate::forms::distant::{Distant, MOST_ORDER, SUN, Work, under_suns, with_work};
+use crate::forms::distant::{Distant, MOST_ORDER, Work, under_suns, with_work};
 use crate::forms::projected::coding::{Radiosities, code};
 use crate::forms::projected::components::Lit;
+use crate::forms::projected::reach::allowed;
 use crate::forms::projected::references::{in_ascending_order, in_order_of_rows, spacing, spatial_error, under};
 use crate::forms::sampled_scene::{GROUP, SampledScene, parts};
 use crate::forms::single_scattering::Folded;
@@ -36,6 +37,9 @@ const ORDER: f64 = 0.65;
 const COARSER: usize = 8;
 const LEAST_SAMPLES: usize = 1 << 14;
 const SOME: usize = 384;
+
+/// Name of the stage of the harmonics.
+const STAGE: &str = "harmonics";
 
 /// Vertices that errors are measured at where single scattering is traced for them.
 const MOST_TRACED: usize = 256;
@@ -95,24 +99,33 @@ pub(super) fn harmonics(
 ) -> Result<File> {
     let (sampled, plan) = (work.sampled, work.plan);
     let folded = Folded::new(work)?;
+    let Needed { order, reached } = needed(work, progress)?;
+    // What the harmonics cannot reach is not worth the bytes of the other stages.
+    let allowed = allowed(work.max_rms, reached);
     let spacing_mm = match plan.spacing.asked_mm(sampled) {
         Some(asked) => asked,
         None => {
             let under_suns = work.transfer.radiosity(suns, &Silent);
             let mut truth: Vec<Vec<DVec3>> = (0..suns.lights).map(|light| under_suns.under(light)).collect();
             folded.as_ref().map_or(Ok(()), |folded| folded.add_under_suns(&mut truth))?;
-            spacing(sampled, &truth, SUN * SPATIAL * work.max_rms)
+            spacing(sampled, &truth, work.sun * SPATIAL * allowed)
         }
     };
     let net = Net::new(&sampled.points, &parts(&sampled.receivers), spacing_mm);
     let returned = Returned::new(work, progress);
     let beside = Beside { folded: folded.as_ref(), returned: returned.as_ref() };
-    let (order, values) = at_points((work, beside), &net.point, progress)?;
+    let values = at_points((work, beside), &net.point, order, progress)?;
     progress.start("coding", 0);
-    let set = coded(&values.values, order, &net, coding_error(work.max_rms))?;
+    let set = coded(&values.values, order, &net, coding_error(allowed))?;
     let file = File { order: order as u32, spacing_mm, set };
     progress.finish();
     measure((work, beside), (&net, &values, &file), ledger, progress)?;
+    if let Some(entry) = ledger.entries.iter_mut().find(|entry| entry.stage == STAGE && reached > work.max_rms) {
+        let least = 100.0 * reached;
+        entry.note.push_str(&format!(
+            "; the highest order, which reaches about {least:.2} %, and the other stages are no finer than is worth it beside that"
+        ));
+    }
     Ok(file)
 }
 
@@ -132,23 +145,21 @@ pub fn everywhere(
         let returned = Returned::new(work, progress);
         let beside = Beside { folded: folded.as_ref(), returned: returned.as_ref() };
         let points: Vec<u32> = (0..work.sampled.points.len() as u32).collect();
-        let (order, values) = at_points((work, beside), &points, progress)?;
+        let order = needed(work, progress)?.order;
+        let values = at_points((work, beside), &points, order, progress)?;
         Ok((order, values.values))
     })
 }
 
-/// Order of the harmonics, and radiosities of some points under them.
+/// Radiosities of some points under the harmonics of an order.
 fn at_points(
     (work, beside): (&Work, Beside),
     points: &[u32],
+    order: usize,
     progress: &dyn Progress,
-) -> Result<(usize, AtReferences)> {
-    let order = match work.plan.order {
-        Some(order) => order,
-        None => needed(work, progress)?,
-    };
+) -> Result<AtReferences> {
     let rows = irradiance(work.sampled, (work.plan.resolution(), order), progress)?;
-    Ok((order, AtReferences::new((work, beside), points, &rows, progress)?))
+    AtReferences::new((work, beside), points, &rows, progress)
 }
 
 /// Error allowed for coding in a bake at an asked error of `max_rms`: RMS over that of the rows, in units of channels
@@ -168,8 +179,18 @@ pub fn coded(values: &[f32], order: usize, net: &Net, error: f64) -> Result<Set>
     code(&radiosities, net, &Net::unpredicted(order * order), tags::SET, error)
 }
 
-/// The lowest order whose error under suns is small enough, at some receivers and on a coarser set of samples.
-fn needed(work: &Work, progress: &dyn Progress) -> Result<usize> {
+/// An order of the harmonics, and what it reaches.
+struct Needed {
+    order: usize,
+    /// Smallest error that a bake of this order could be asked for, as far as it was looked at.
+    reached: f64,
+}
+
+/// The order that is asked for, or the lowest whose error under suns is small enough, at some receivers and on a coarser set of samples.
+fn needed(work: &Work, progress: &dyn Progress) -> Result<Needed> {
+    if let Some(order) = work.plan.order {
+        return Ok(Needed { order, reached: 0.0 });
+    }
     let (scene, count) = (work.sampled.scene, work.sampled.samples.len().div_ceil(COARSER));
     let coarse = SampledScene::new(scene, count.max(LEAST_SAMPLES)).with_model_of(work.sampled);
     coarse.with_transfer(NearField::for_error(work.max_rms), |transfer| {
@@ -179,15 +200,17 @@ fn needed(work: &Work, progress: &dyn Progress) -> Result<usize> {
         let rows = irradiance(&coarse, (work.plan.resolution(), MOST_ORDER), progress)?;
         let rows = transfer.radiosity(&rows, &Silent);
         let values = AtReferences { functions: rows.lights, values: rows.values };
-        for order in FIRST_ORDER..MOST_ORDER {
+        let mut reached = 0.0;
+        for order in FIRST_ORDER..=MOST_ORDER {
             let [error] = worst(work.suns.iter().enumerate(), |(index, light)| {
                 Ok([points.error(&values.under(light, order)?, &truth.under(index))])
             })?;
-            if error.rms <= SUN * ORDER * work.max_rms {
-                return Ok(order);
+            reached = error.rms / (work.sun * ORDER);
+            if reached <= work.max_rms {
+                return Ok(Needed { order, reached });
             }
         }
-        Ok(MOST_ORDER)
+        Ok(Needed { order: MOST_ORDER, reached })
     })
 }
 
@@ -248,11 +271,9 @@ fn measure(
     };
     let (errors, suns) = work.errors(progress, values, by_stage, |u| points.error(&u.coded, &u.at_net))?;
     let order = file.order;
-    ledger.add(
-        "harmonics",
-        errors[0],
-        format!("{} of order {order}, under environments that no choice saw, against rays", order * order),
-    );
+    let under = work.judged_by();
+    let note = format!("{} of order {order}, under {under} that no choice saw, against rays", order * order);
+    ledger.add(STAGE, errors[0], note);
     let what = if folded.is_some() { "all of it on vertices between" } else { "interpolation from" };
     ledger.add("reference points", errors[1], format!("{what} {} of them, as above", net.point.len()));
     ledger.add("coding", errors[2], format!("basis and quantiser, as above; all of it {}", under_suns(suns)));

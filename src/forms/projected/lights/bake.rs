@@ -22,6 +22,7 @@ use crate::forms::distant;
 use crate::forms::projected::coding::{Radiosities, code};
 use crate::forms::projected::components::LightBasis;
 use crate::forms::projected::forecast::{Basis, forecast};
+use crate::forms::projected::reach::allowed;
 use crate::forms::projected::references::{in_ascending_order, in_order_of_rows, spacing, spatial_error, under};
 use crate::forms::sampled_scene::{GROUP, SampledScene, parts};
 use crate::light::{Light, LightKind};
@@ -37,15 +38,22 @@ const CODED: f64 = 0.45;
 const HIERARCHY: f64 = 0.1;
 const BETWEEN_LIGHTS: f64 = 0.65;
 
-/// Directions of the first set, from whose error the number is chosen, and the largest number.
+/// Directions of the first set, from whose error the number is chosen, those of the second at most, and the largest number.
 const FIRST_SET: usize = 200;
+const SECOND_SET: usize = 400;
 const LARGEST_SET: usize = 1600;
 
-/// Reference points, the coarsest ones, that this error is measured at.
-const FIRST_POINTS: usize = 1024;
+/// Receivers that these errors are measured at.
+const FIRST_POINTS: usize = 768;
 
-/// The interpolation's error falls with this power of the number of directions (measured on closed bunny and horse).
+/// The interpolation's error falls with this power of the number of directions (measured on closed bunny and horse), where no second
+/// set tells another one in this range. Below the least it hardly falls any more: more directions are not worth their bytes.
 const ORDER: f64 = 0.7;
+const ORDERS: std::ops::RangeInclusive<f64> = 0.3..=2.0;
+const WORTHWHILE: f64 = 0.3;
+
+/// A number of directions that is as good as none.
+const MANY: usize = 100_000;
 
 /// Lights that choices look at.
 pub const TUNING: usize = 20;
@@ -94,29 +102,34 @@ impl Form for QuantisedLights {
         let (sampled, calibration) = sampled.with_model(settings, Orders::FromOne, progress)?;
         progress.finish();
         sampled.with_transfer(NearField::for_error(settings.max_rms), |mut transfer| {
-            let tuning = chosen(&settings.probes.tuning, TUNING);
+            let mut tuning = chosen(&settings.probes.tuning, TUNING);
+            let mut unseen = settings.probes.unseen.clone();
+            if settings.is_for(LightKind::Directional) {
+                for (lights, turns) in [(&mut tuning, distant::TUNING_TURNS), (&mut unseen, distant::UNSEEN_TURNS)] {
+                    if !lights.is_empty() {
+                        lights.extend(distant::edge_on(scene, turns));
+                    }
+                }
+            }
             progress.start("tuning", tuning.len() as u64);
             let rows = sampled.irradiance(&tuning)?;
             let hierarchy = transfer.tune(HIERARCHY * settings.max_rms, &rows);
             let truth = transfer.radiosity(&rows, &Silent);
             let truth: Vec<Vec<DVec3>> = (0..tuning.len()).map(|light| truth.under(light)).collect();
-            let by_error = || spacing(&sampled, &truth, SPATIAL * settings.max_rms);
-            let spacing_mm = self.spacing.asked_mm(&sampled).unwrap_or_else(by_error);
             progress.finish();
-            let net = Net::new(&sampled.points, &parts(&sampled.receivers), spacing_mm);
-            let directions = match self.lights.directions {
-                Some(directions) => directions,
+            let needed = match self.lights.directions {
+                Some(directions) => Needed { directions, reached: 0.0, wanted: directions, largest: 0.0 },
                 None => {
-                    // Parallel light tells how many directions are needed, at some reference points.
-                    let few = &net.point[..net.point.len().min(FIRST_POINTS)];
-                    let first = LightSet::planned(scene, FIRST_SET, &LightSetSettings { shells: 0, ..self.lights })?;
-                    let values = at_references(&sampled, &transfer, &first, few, progress)?;
-                    let found = between_lights(&sampled, &first, few, &values, &tuning, &truth)?;
-                    let factor = (found / (BETWEEN_LIGHTS * settings.max_rms)).powf(1.0 / ORDER);
-                    ((FIRST_SET as f64 * factor).ceil() as usize).clamp(FIRST_SET / 4, LARGEST_SET)
+                    let under = (tuning.as_slice(), truth.as_slice());
+                    needed((&sampled, &transfer, &self.lights), under, settings.max_rms, progress)?
                 }
             };
-            let set = LightSet::planned(scene, directions, &self.lights)?;
+            // What the set cannot reach is not worth the bytes of the other stages.
+            let allowed = allowed(settings.max_rms, needed.reached);
+            let by_error = || spacing(&sampled, &truth, SPATIAL * allowed);
+            let spacing_mm = self.spacing.asked_mm(&sampled).unwrap_or_else(by_error);
+            let net = Net::new(&sampled.points, &parts(&sampled.receivers), spacing_mm);
+            let set = LightSet::planned(scene, needed.directions, &self.lights)?;
             let values = at_references(&sampled, &transfer, &set, &net.point, progress)?;
             progress.start("coding", 0);
             let shells = set.lights.shells.inverse().len();
@@ -136,7 +149,7 @@ impl Form for QuantisedLights {
                 if !shells.is_empty() {
                     let own = of_shells(&values, set.lights.shells.inverse().len(), count, shells.clone());
                     let radiosities = Radiosities::new(own, shells.len(), count);
-                    file.sets.push(code(&radiosities, &net, &directions_net, tags, CODED * settings.max_rms)?);
+                    file.sets.push(code(&radiosities, &net, &directions_net, tags, CODED * allowed)?);
                 }
             }
             let mut sections = file.to_sections().map_err(write_error)?;
@@ -144,7 +157,8 @@ impl Form for QuantisedLights {
             progress.finish();
             let mut ledger = Ledger::default();
             ledger.add("hierarchy", hierarchy, "against all pairs, on vertices that no tuning saw");
-            measure(&sampled, &transfer, (&set, &net, &values, &file), &settings.probes.unseen, &mut ledger, progress)?;
+            let baked = (&set, &net, values.as_slice(), &file);
+            measure((&sampled, &transfer), baked, (&unseen, &needed), &mut ledger, progress)?;
             Ok(AssetParts::without_samples(scene, ledger, sections))
         })
     }
@@ -189,7 +203,51 @@ fn interpolated(set: &LightSet, values: &[f32], light: &Light) -> Result<Vec<DVe
     Ok(under(values, set.lights.count(), &set.vector(std::slice::from_ref(light))?))
 }
 
-/// Error of the interpolation between lights under the worst parallel one.
+/// A number of directions, and what it reaches.
+struct Needed {
+    directions: usize,
+    /// Smallest error that a bake with so many could be asked for.
+    reached: f64,
+    /// Directions that the asked error would take, about, and what the largest set would reach.
+    wanted: usize,
+    largest: f64,
+}
+
+/// The number of directions for an asked error under the lights of a choice, as far as two small sets tell at some receivers: the second
+/// says how fast the error falls. Where the largest set cannot reach it, the nearest that is worth its bytes.
+fn needed(
+    (sampled, transfer, settings): (&SampledScene, &ManyLights, &LightSetSettings),
+    (lights, truth): (&[Light], &[Vec<DVec3>]),
+    max_rms: f64,
+    progress: &dyn Progress,
+) -> Result<Needed> {
+    let (_, points) = sampled.receivers.subset(FIRST_POINTS, 0);
+    let error = |directions: usize| -> Result<f64> {
+        let set = LightSet::planned(sampled.scene, directions, settings)?;
+        let values = at_references(sampled, transfer, &set, &points, progress)?;
+        between_lights(sampled, &set, &points, &values, lights, truth)
+    };
+    let target = BETWEEN_LIGHTS * max_rms;
+    let for_error = |(count, error): (usize, f64), order: f64| {
+        ((count as f64 * (error / target).powf(1.0 / order)).ceil()).clamp(1.0, 1e9) as usize
+    };
+    let first = error(FIRST_SET)?;
+    let wanted = for_error((FIRST_SET, first), ORDER);
+    if wanted <= FIRST_SET {
+        return Ok(Needed { directions: wanted.max(FIRST_SET / 4), reached: 0.0, wanted, largest: 0.0 });
+    }
+    let count = wanted.clamp(FIRST_SET * 3 / 2, SECOND_SET);
+    let second = error(count)?;
+    let order = ((first / second).ln() / (count as f64 / FIRST_SET as f64).ln()).clamp(*ORDERS.start(), *ORDERS.end());
+    let wanted = for_error((count, second), order);
+    let most = if order < WORTHWHILE { count } else { LARGEST_SET };
+    let directions = wanted.clamp(FIRST_SET / 4, most);
+    let with = |directions: usize| second * (count as f64 / directions as f64).powf(order);
+    let reached = if wanted > most { with(directions) / BETWEEN_LIGHTS } else { 0.0 };
+    Ok(Needed { directions, reached, wanted, largest: with(LARGEST_SET) })
+}
+
+/// Error of the interpolation between lights under the worst of those that the set serves.
 fn between_lights(
     sampled: &SampledScene,
     set: &LightSet,
@@ -199,18 +257,17 @@ fn between_lights(
     truth: &[Vec<DVec3>],
 ) -> Result<f64> {
     let points = sampled.probes(points.to_vec());
-    let parallel = lights.iter().zip(truth).filter(|(light, _)| light.kind() == LightKind::Directional);
+    let served = lights.iter().zip(truth).filter(|(light, _)| set.vector(std::slice::from_ref(*light)).is_ok());
     let [error] =
-        worst(parallel, |(light, truth)| Ok([points.error(&interpolated(set, values, light)?, &points.of(truth))]))?;
+        worst(served, |(light, truth)| Ok([points.error(&interpolated(set, values, light)?, &points.of(truth))]))?;
     Ok(error.rms)
 }
 
 /// Enters the error of each stage under lights that no choice saw.
 fn measure(
-    sampled: &SampledScene,
-    transfer: &ManyLights,
+    (sampled, transfer): (&SampledScene, &ManyLights),
     (set, net, values, file): (&LightSet, &Net, &[f32], &File),
-    unseen: &[Light],
+    (unseen, needed): (&[Light], &Needed),
     ledger: &mut Ledger,
     progress: &dyn Progress,
 ) -> Result<()> {
@@ -233,11 +290,17 @@ fn measure(
     })?;
     progress.finish();
     let count = set.lights.directions.count();
-    ledger.add(
-        "lights",
-        errors[0],
-        format!("interpolation between {count} directions, under lights that no choice saw"),
-    );
+    let mut note = format!("interpolation between {count} directions, under lights that no choice saw");
+    if needed.reached > 0.0 {
+        let (wanted, most) = (needed.wanted, 100.0 * needed.largest);
+        note.push_str(&match count < LARGEST_SET {
+            true => format!(": it hardly falls with more, {LARGEST_SET} would reach about {most:.2} %"),
+            false if wanted > MANY => ": the most that are chosen, and no number reaches the asked error".to_owned(),
+            false => format!(": the most that are chosen, and the asked error would take about {wanted}"),
+        });
+        note.push_str("; the other stages are no finer than is worth it beside that");
+    }
+    ledger.add("lights", errors[0], note);
     ledger.add("reference points", errors[1], format!("interpolation from {} of them, as above", net.point.len()));
     ledger.add("coding", errors[2], "basis of the lights and quantiser, as above");
     Ok(())

@@ -1,0 +1,133 @@
+//! The stability suite: `scripts/stability` runs it.
+//!
+//! `stability list` names the rows; `stability run NUMBER FOLDER SECONDS` runs one with every method, each within so many seconds, and appends a line for each to its file in the folder;
+//! `stability page FOLDER DOCS` writes the page and the table from the files of a folder.
+//!
+//! What is in the file already is not run again. A method that was begun twice and has no line does not come to an end: it is recorded as
+//! unfinished. The seconds are those of the processor, of all threads together.
+#![allow(clippy::print_stdout, clippy::print_stderr)]
+
+mod page;
+#[path = "../../tests/stability/suite/mod.rs"]
+mod suite;
+
+use std::fs::OpenOptions;
+use std::io::Write;
+use std::path::Path;
+use std::process::ExitCode;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+use suite::{Cell, Session, Verdict, WAYS, cases};
+
+/// Exit status of a run that a method took too long in.
+const TOO_LONG: i32 = 124;
+
+/// Attempts at a method: a run may have been stopped for another reason.
+const ATTEMPTS: usize = 2;
+
+/// A line of a row's file.
+#[derive(Serialize, Deserialize)]
+enum Line {
+    /// A method begins.
+    Begun(String),
+    /// Its cells.
+    Cells(Vec<Cell>),
+}
+
+fn main() -> ExitCode {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
+    let done = match words.as_slice() {
+        ["list"] => {
+            cases().iter().for_each(|case| println!("{}", case.name));
+            Ok(())
+        }
+        ["run", number, folder, limit] => row(number, Path::new(folder), limit),
+        ["page", folder, docs] => page::write(Path::new(folder), Path::new(docs)),
+        _ => Err("stability list | run NUMBER FILE | page FOLDER DOCS".to_owned()),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(why) => {
+            eprintln!("{why}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Processor seconds of this program; 0, so that nothing is stopped, where the system does not tell them.
+fn seconds() -> f64 {
+    /// Of Linux, on every machine.
+    const TICKS_OF_A_SECOND: f64 = 100.0;
+    let text = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    let after_name: Vec<&str> = text.rsplit(')').next().unwrap_or("").split_whitespace().collect();
+    let ticks = |index: usize| after_name.get(index).and_then(|word| word.parse::<f64>().ok()).unwrap_or(0.0);
+    (ticks(11) + ticks(12)) / TICKS_OF_A_SECOND
+}
+
+/// Name of a row's file.
+fn file_of(case: &str) -> String {
+    let plain = |c: char| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { '-' };
+    format!("{}.jsonl", case.chars().map(plain).collect::<String>())
+}
+
+/// Lines of a row's file; none where there is no file.
+fn lines(file: &Path) -> Vec<Line> {
+    let text = std::fs::read_to_string(file).unwrap_or_default();
+    text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect()
+}
+
+/// Runs what is missing of a row. A method that takes too long ends the program, so that the next run goes on with the others.
+fn row(number: &str, folder: &Path, limit: &str) -> Result<(), String> {
+    let all = cases();
+    let index: usize = number.parse().map_err(|_| format!("{number}: the number of a row is needed"))?;
+    let limit: f64 = limit.parse().map_err(|_| format!("{limit}: a number of seconds is needed"))?;
+    let case = all.get(index).ok_or_else(|| format!("{number}: there are {} rows", all.len()))?;
+    let file = &folder.join(file_of(case.name));
+    let known = lines(file);
+    let mut out = OpenOptions::new().create(true).append(true).open(file).map_err(|e| e.to_string())?;
+    let mut put = |line: &Line| -> Result<(), String> {
+        let text = serde_json::to_string(line).map_err(|e| e.to_string())?;
+        writeln!(out, "{text}").and_then(|()| out.flush()).map_err(|e| e.to_string())
+    };
+    let begun = Arc::new(Mutex::new(seconds()));
+    let watched = Arc::clone(&begun);
+    std::thread::spawn(move || {
+        loop {
+            std::thread::sleep(Duration::from_secs(1));
+            if watched.lock().is_ok_and(|begun| seconds() - *begun > limit) {
+                std::process::exit(TOO_LONG);
+            }
+        }
+    });
+    let mut session = Session::new(case);
+    for way in &WAYS {
+        let has = |passes: &dyn Fn(&Line) -> bool| known.iter().any(passes);
+        if has(&|line| matches!(line, Line::Cells(c) if c.first().is_some_and(|c| c.way == way.name))) {
+            continue;
+        }
+        let attempts = known.iter().filter(|line| matches!(line, Line::Begun(name) if name == way.name)).count();
+        let cells = if attempts >= ATTEMPTS {
+            let says = || vec![format!("no result within {limit} s")];
+            let of =
+                |lamp: &suite::lamps::Lamp| Cell::without_figures(case, *lamp, way.name, Verdict::Unfinished, says());
+            case.lamps.iter().map(of).collect()
+        } else {
+            put(&Line::Begun(way.name.to_owned()))?;
+            if let Ok(mut begun) = begun.lock() {
+                *begun = seconds();
+            }
+            session.run(way)
+        };
+        let took = begun.lock().map_or(0.0, |begun| seconds() - *begun);
+        for cell in &cells {
+            let [found, promised] = [cell.measured.rms, cell.promised.rms].map(|v| 100.0 * v);
+            let (case, light, way, verdict) = (&cell.case, &cell.light, &cell.way, cell.verdict);
+            println!("{took:6.1} s  {case}, {light}, {way}: {verdict:?}, {found:.3} % of {promised:.3} %");
+        }
+        put(&Line::Cells(cells))?;
+    }
+    Ok(())
+}

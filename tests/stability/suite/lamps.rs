@@ -1,0 +1,130 @@
+//! Lights of the suite, placed by the body that they fall on.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+use translux::error::Result;
+use translux::light::environment::EnvironmentMap;
+use translux::light::sky::{sky, sky_with_sun};
+use translux::light::{Light, LightKind};
+use translux::math::cube_map::texel_of;
+use translux::scene::Scene;
+
+/// A light by what is odd about it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Lamp {
+    /// Parallel light from an odd direction.
+    Sun,
+    /// Parallel light along the largest flat area, 3 degrees above it.
+    EdgeOn,
+    /// Parallel light from behind, and below.
+    Behind,
+    Below,
+    /// A point so many bounding radii from the centre.
+    PointAt(f64),
+    /// On a vertex, inside the body, a million mm away.
+    OnVertex,
+    Inside,
+    FarPoint,
+    /// A rectangle beside the body.
+    Area,
+    Constant,
+    /// The built-in sky, the same with a low sun of one texel, a lone texel in the dark, a lone one at the horizon.
+    Sky,
+    SkyWithSun,
+    LoneSun,
+    LowSun,
+    /// Parallel light without any.
+    Black,
+}
+
+impl Lamp {
+    pub fn name(self) -> String {
+        match self {
+            Self::Sun => "sun".to_owned(),
+            Self::EdgeOn => "sun edge-on".to_owned(),
+            Self::Behind => "sun behind".to_owned(),
+            Self::Below => "sun below".to_owned(),
+            Self::PointAt(radii) => format!("point at {radii} radii"),
+            Self::OnVertex => "point on the surface".to_owned(),
+            Self::Inside => "point inside".to_owned(),
+            Self::FarPoint => "point at 1e6 mm".to_owned(),
+            Self::Area => "area".to_owned(),
+            Self::Constant => "constant".to_owned(),
+            Self::Sky => "sky".to_owned(),
+            Self::SkyWithSun => "sky and sun".to_owned(),
+            Self::LoneSun => "environment of a lone sun".to_owned(),
+            Self::LowSun => "environment of a low sun".to_owned(),
+            Self::Black => "black".to_owned(),
+        }
+    }
+
+    pub fn kind(self) -> LightKind {
+        match self {
+            Self::Sun | Self::EdgeOn | Self::Behind | Self::Below | Self::Black => LightKind::Directional,
+            Self::PointAt(_) | Self::OnVertex | Self::Inside | Self::FarPoint => LightKind::Point,
+            Self::Area => LightKind::Area,
+            Self::Constant => LightKind::Constant,
+            Self::Sky | Self::SkyWithSun | Self::LoneSun | Self::LowSun => LightKind::Environment,
+        }
+    }
+
+    /// The light; its irradiance where the body stands is about 1.
+    pub fn light(self, scene: &Scene) -> Result<Light> {
+        let mesh = &scene.mesh;
+        let (centre, radius) = (mesh.origin_mm, 0.5 * mesh.diagonal_mm());
+        let sun = |from: DVec3| Light::directional(from.normalize(), DVec3::ONE);
+        let point = |from: DVec3, distance: f64| {
+            Light::point(centre + from.normalize() * distance, DVec3::splat(distance * distance))
+        };
+        let odd = DVec3::new(0.43, 0.55, 0.72);
+        match self {
+            Self::Sun => sun(odd),
+            Self::EdgeOn => {
+                let flat = flattest(scene);
+                sun(flat.any_orthonormal_vector() + 0.05 * flat)
+            }
+            Self::Behind => sun(DVec3::new(-0.25, 0.2, -0.95)),
+            Self::Below => sun(DVec3::new(0.2, -0.95, 0.3)),
+            Self::PointAt(radii) => point(odd, radii * radius),
+            Self::FarPoint => point(odd, 1e6),
+            Self::OnVertex => Light::point(mesh.position_mm(0), DVec3::splat(radius * radius)),
+            Self::Inside => {
+                let corners = mesh.corners_local_mm(0);
+                let depth = 1e-2 * mesh.diagonal_mm();
+                let at = corners.iter().sum::<DVec3>() / 3.0 - depth * mesh.normal(0);
+                Light::point(centre + at, DVec3::splat(depth * depth))
+            }
+            Self::Area => {
+                let from = odd.normalize();
+                let at = centre + 2.0 * radius * from;
+                Light::area(at, -from, [0.8 * radius; 2], DVec3::splat(2.0), None)
+            }
+            Self::Constant => Light::constant(DVec3::splat(0.3)),
+            Self::Sky => Light::environment(Arc::new(sky()), 40.0, DVec3::ONE),
+            Self::SkyWithSun => Light::environment(Arc::new(sky_with_sun()), 40.0, DVec3::ONE),
+            Self::LoneSun => Light::environment(Arc::new(lone(20)?), 75.0, DVec3::ONE),
+            Self::LowSun => Light::environment(Arc::new(lone(62)?), 75.0, DVec3::ONE),
+            Self::Black => Light::directional(odd.normalize(), DVec3::ZERO),
+        }
+    }
+}
+
+/// A map of 256 x 128 that is black but for one texel of a row.
+fn lone(row: usize) -> Result<EnvironmentMap> {
+    let mut pixels = vec![[0.0; 3]; 256 * 128];
+    pixels[row * 256 + 133] = [3e3; 3];
+    EnvironmentMap::new(256, 128, pixels)
+}
+
+/// Normal of the largest flat area.
+fn flattest(scene: &Scene) -> DVec3 {
+    const SIDE: usize = 8;
+    let mut sums = vec![DVec3::ZERO; 6 * SIDE * SIDE];
+    for triangle in 0..scene.mesh.triangles.len() as u32 {
+        let cross = scene.mesh.cross_mm2(triangle);
+        sums[texel_of(SIDE, cross.normalize_or(DVec3::Y))] += cross;
+    }
+    let largest = sums.into_iter().max_by(|a, b| a.length_squared().total_cmp(&b.length_squared()));
+    largest.unwrap_or_default().normalize_or(DVec3::Y)
+}
