@@ -77,7 +77,8 @@ layer (samples more than two thirds of a mean free path apart) the hierarchy of 
 `bake` adds a line `model` to the ledger: the error under a sun and under constant light, the worse of them, against walks that the calibration never used, over 256 places of
 the surface. It is no part of the transport's total, which `--max-rms` is held against.
 
-A new material, or another size, is calibrated when its light is first asked for, which takes a second or more; materials seen before are remembered.
+A new material, or another size, is calibrated when its light is first asked for, which takes some seconds; materials seen before are remembered. The window of `relight` shows the
+dipole at once, says so, and calibrates in the background.
 ";
 
 pub(crate) const WORDS: Words = Words {
