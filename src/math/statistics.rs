@@ -94,7 +94,7 @@ pub fn vertex_error(values: &[DVec3], reference: &[DVec3], weights: &[f64]) -> V
 }
 
 /// [`vertex_error`] of some places that stand for `all`: the 99.9th percentile and the worst are those expected of all, by
-/// [`beyond`].
+/// `beyond`.
 pub fn vertex_error_of_some(values: &[DVec3], reference: &[DVec3], weights: &[f64], all: usize) -> VertexError {
     let total: f64 = weights.iter().sum();
     if total <= 0.0 || values.is_empty() {

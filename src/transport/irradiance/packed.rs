@@ -22,7 +22,7 @@ pub enum PackedLight {
     Constant(DVec3, u32),
     /// A rectangle.
     Area(PackedRectangle),
-    /// Of each stratum, [`CANDIDATES`] of which a point takes number `shift ^ turn`, `turn` the first bits of its index
+    /// Of each stratum, `CANDIDATES` of which a point takes number `shift ^ turn`, `turn` the first bits of its index
     /// in reverse.
     Environment(Vec<PackedStratum>),
 }
