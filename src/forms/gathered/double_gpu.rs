@@ -8,7 +8,8 @@ use super::net_shaders::{GpuNetKernel, Shaders, points};
 use crate::error::Result;
 use crate::evaluate::device::Device;
 use crate::evaluate::device::surface::{
-    ComputePass, GpuTable, READ, SurfaceBuffers, UNIFORM, bind, bind_group_layout, dispatch, pipeline, uniform,
+    ComputePass, GpuTable, READ, SurfaceBuffers, UNIFORM, bind, bind_group_layout, dispatch, kernel_shader, pipeline,
+    uniform,
 };
 use crate::geometry::samples::Patch;
 use crate::transport::multilevel::{Double, FIELDS, NetsOfPart, SurfaceNets, SurfaceTables};
@@ -67,7 +68,8 @@ impl DoubleOnDevice {
         let charges = [flux, x, y, z];
         let at_receivers = fields(device, "fields of receivers", buffers.radiosity().size())?;
         let layout = bind_group_layout(&device.device, "fields of receivers", &[UNIFORM, READ, READ, READ, READ]);
-        let faced = pipeline(&device.device, include_str!("faced.wgsl"), "faced", [buffers.layout(), &layout]);
+        let text = kernel_shader(include_str!("faced.wgsl"));
+        let faced = pipeline(&device.device, &text, "faced", [buffers.layout(), &layout]);
         let mut parts = Vec::new();
         for (part, double) in nets.parts.iter().zip(&tables.doubles) {
             let Some(double) = double else { continue };

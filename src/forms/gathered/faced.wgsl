@@ -1,21 +1,4 @@
-// The fields of double layers at receivers added to their radiosity, each as its normal takes them.
-
-// As in kernel.wgsl.
-struct Settings {
-    exact_below: f32,
-    three_points_below: f32,
-    terms: u32,
-    pieces: u32,
-    oriented: u32,
-    padding0: u32,
-    padding1: u32,
-    padding2: u32,
-}
-
-@group(0) @binding(0) var<uniform> settings: Settings;
-// Places, then unit normals from `settings.oriented` on.
-@group(0) @binding(5) var<storage, read> receivers: array<vec4<f32>>;
-@group(0) @binding(6) var<storage, read_write> radiosity: array<vec4<f32>>;
+// The fields of double layers at receivers added to their radiosity, each as its normal takes them; after kernel.wgsl.
 
 struct Range {
     first: u32,
@@ -36,7 +19,7 @@ fn faced(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
     if receiver >= range.end {
         return;
     }
-    let normal = receivers[settings.oriented + receiver].xyz;
+    let normal = normal_of(receiver);
     let over = normal.x * over_x[receiver] + normal.y * over_y[receiver] + normal.z * over_z[receiver];
     radiosity[receiver] += vec4((under[receiver] + over).xyz, 0.0);
 }
