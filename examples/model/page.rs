@@ -10,9 +10,8 @@ const HEAD: &str = "\
 everything else is the same anywhere.
 
 The dipole is a half space's answer. A body is no half space: against walks through the volume the dipole is 13 % (marble) to 30 %
-(skin1) off, and no other radial profile is much better, because what is wrong is the shape. `reference`, and `bake` with `editable`, `two_pass`,
-`quantized_lights` and `all_frequency`, take a second or so of walks through the body itself (`--model calibrated`, the default of these; `--model dipole` takes the
-papers' kernel), and sum
+(skin1) off, and no other radial profile is much better, because what is wrong is the shape. `--model calibrated` of `reference`, and of `bake` with
+`editable`, `two_pass`, `quantized_lights` and `all_frequency`, takes some seconds of walks through the body itself, and sums
 
 `B(x_o) = s_o Int R_d(r) (a(r) + b(r) h) s_i E'(x_i) dA`, `h = f(r) ((x_i - x_o).n_o + (x_o - x_i).n_i)`.
 
@@ -63,7 +62,7 @@ const TAIL: &str = "
 
 What is left at low albedo is the depth of the first collision, and where the moved step finds no surface: horns and sharp edges. Order 1 is not
 diffuse; where the reduced albedo is low it deserves its own stage. Light that leaves and enters again is in no row of this page.
-`editable` with stored transport, `texture_space`, `filtered_normals` and Haar rows still hold the dipole, whatever the default; models without a closed part as well. `quantized_lights` and `all_frequency` move light by the mean of the steps of the three channels, since their irradiance is one for all.
+`editable` with stored transport, `texture_space`, `filtered_normals` and Haar rows still hold the dipole, which is the default: planning without a method (`--method auto`) takes many times as long with calibrated kernels. `quantized_lights` and `all_frequency` move light by the mean of the steps of the three channels, since their irradiance is one for all.
 
 Sharp corners are its hardest places: at those of a cube of 12 triangles (11 mm, marble) it is 8 to 13 % dark against hat means of walks on the same cube of
 27,648 triangles, the dipole 35 %.

@@ -5,13 +5,14 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 
-use super::baking::{self, BakeOptions, WalkOptions, Wanted};
+use super::baking::{self, BakeOptions, WalkOptions};
 use super::console::Console;
 use super::model::ModelArgs;
 use super::output;
 use super::planning::{self, PlanOptions};
 use crate::asset::Asset;
 use crate::error::{ExitCode, Result};
+use crate::evaluate::Model;
 use crate::geometry::check::MeshCheck;
 use crate::io::atomic;
 use crate::plan::Plan;
@@ -32,10 +33,15 @@ pub(super) struct BakeArgs {
     options: BakeOptions,
     #[command(flatten)]
     plan: PlanOptions,
-    /// Model of the light inside that the kernels follow (default: calibrated, of methods that can follow it and models with
-    /// closed parts; else dipole)
-    #[arg(long = "model", id = "inside", value_name = "WHICH", help_heading = "Model of the light inside")]
-    inside: Option<Inside>,
+    /// Model of the light inside that the kernels follow
+    #[arg(
+        long = "model",
+        id = "inside",
+        default_value = "dipole",
+        value_name = "WHICH",
+        help_heading = "Model of the light inside"
+    )]
+    inside: Inside,
     #[command(flatten, next_help_heading = "Model of the light inside")]
     walks: WalkOptions,
 }
@@ -49,20 +55,18 @@ enum Inside {
 }
 
 pub(super) fn run(args: &BakeArgs, console: &Console) -> Result<ExitCode> {
-    let wanted = match args.inside {
-        None => args.walks.unnamed()?,
-        Some(Inside::Dipole) => Wanted::This(args.walks.dipole()?),
-        Some(Inside::Calibrated) => Wanted::This(args.walks.calibrated()?),
+    let model = match args.inside {
+        Inside::Dipole => args.walks.dipole(),
+        Inside::Calibrated => args.walks.calibrated(),
     };
     if args.method == planning::AUTO {
-        return planned(args, wanted, console);
+        return planned(args, model?, console);
     }
     args.plan.refuse_for(&args.method)?;
-    let recipe = args.options.resolve(&args.method, wanted, console)?;
+    let recipe = args.options.resolve(&args.method, model?, console)?;
     let asked = Some(recipe.settings.max_rms);
     output::check(std::slice::from_ref(&args.output), &["tlux"], console)?;
     let imported = args.model.load(console)?;
-    let recipe = args.options.for_scene(recipe, wanted, &imported, console)?;
     let mesh = imported.check.clone();
     let asset = baking::bake(recipe, imported, console)?;
     let result = write(args, asset, mesh, console)?;
@@ -80,12 +84,11 @@ struct PlannedReport<'a> {
 }
 
 /// A plan, its asset if there is one, and its report; an error where the request is not met.
-fn planned(args: &BakeArgs, wanted: Wanted, console: &Console) -> Result<ExitCode> {
-    let mut request = args.plan.resolve(&args.options, wanted.model())?;
+fn planned(args: &BakeArgs, model: Model, console: &Console) -> Result<ExitCode> {
+    let request = args.plan.resolve(&args.options, model)?;
     output::check(std::slice::from_ref(&args.output), &["tlux"], console)?;
     args.plan.check_report(&args.output)?;
     let imported = args.model.load(console)?;
-    request.model = wanted.of_scene(&imported, console).model();
     let mesh = imported.check.clone();
     let (plan, asset) = planning::bake(&request, imported, console)?;
     let bake = asset.map(|asset| write(args, asset, mesh, console)).transpose()?;

@@ -10,7 +10,6 @@ use crate::error::{Error, Result};
 use crate::evaluate::keys::share;
 use crate::evaluate::{BakeSettings, Model, Recipe};
 use crate::forms::gathered::uncalibrated;
-use crate::geometry::parts::Closure;
 use crate::import::Imported;
 use crate::light::LightKind;
 use crate::measure::probes::for_bake;
@@ -38,7 +37,7 @@ pub(super) struct BakeOptions {
 
 impl BakeOptions {
     /// The recipe of a method with all settings resolved.
-    pub(super) fn resolve(&self, method: &str, model: Wanted, console: &Console) -> Result<Recipe> {
+    pub(super) fn resolve(&self, method: &str, model: Model, console: &Console) -> Result<Recipe> {
         let pairs: Vec<(String, String)> = self
             .set
             .iter()
@@ -52,68 +51,11 @@ impl BakeOptions {
         let mut settings = BakeSettings::new(method.default_max_rms());
         settings.samples = samples;
         settings.for_lights = light_kinds(&self.for_lights)?;
+        settings.model = model;
         if let Some(text) = &self.max_rms {
             settings.max_rms = share(text, "--max-rms")?;
         }
-        match model {
-            Wanted::This(model) => method.recipe(&pairs, BakeSettings { model, ..settings }),
-            Wanted::WhereServed(model) => {
-                let recipe = method.recipe(&pairs, settings.clone())?;
-                if recipe.form.serves(model) {
-                    return method.recipe(&pairs, BakeSettings { model, ..settings });
-                }
-                Ok(recipe)
-            }
-        }
-    }
-
-    /// The recipe, of [`Self::resolve`], for an imported model.
-    pub(super) fn for_scene(
-        &self,
-        recipe: Recipe,
-        wanted: Wanted,
-        imported: &Imported,
-        console: &Console,
-    ) -> Result<Recipe> {
-        if recipe.settings.model != wanted.model() {
-            let name = recipe.method;
-            console
-                .note(&format!("the kernels of `{name}` are dipoles: with these settings it follows no other model"));
-            return Ok(recipe);
-        }
-        match wanted.of_scene(imported, console) {
-            there if there == wanted => Ok(recipe),
-            other => self.resolve(recipe.method, other, console),
-        }
-    }
-}
-
-/// The model of the light inside that is wanted.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Wanted {
-    /// This one.
-    This(Model),
-    /// This one where the method can follow it, else the dipole.
-    WhereServed(Model),
-}
-
-impl Wanted {
-    /// The model, of methods that can follow it.
-    pub(super) fn model(self) -> Model {
-        let (Self::This(model) | Self::WhereServed(model)) = self;
-        model
-    }
-
-    /// The model for a scene: where nobody asked for one and no part is closed, the dipole, which needs no volume.
-    pub(super) fn of_scene(self, Imported { scene, check, .. }: &Imported, console: &Console) -> Self {
-        let mut parts = scene.parts.parts.iter().zip(&check.parts).filter(|(entry, _)| entry.transfers());
-        match self {
-            Self::WhereServed(Model::Calibrated(_)) if parts.all(|(_, part)| part.part.closure == Closure::Open) => {
-                console.note("no part is closed: the kernels are dipoles, which need no volume");
-                Self::WhereServed(Model::Dipole)
-            }
-            wanted => wanted,
-        }
+        method.recipe(&pairs, settings)
     }
 }
 
@@ -130,13 +72,6 @@ pub(super) struct WalkOptions {
 }
 
 impl WalkOptions {
-    /// The model where nobody names one: the calibrated one, of methods that can follow it, unless walks are set by hand, which
-    /// asks for it.
-    pub(super) fn unnamed(self) -> Result<Wanted> {
-        let is_asked = self.photons.is_some() || self.seed != 0;
-        self.calibrated().map(if is_asked { Wanted::This } else { Wanted::WhereServed })
-    }
-
     /// The calibrated model.
     pub(super) fn calibrated(self) -> Result<Model> {
         let mut walks = Walks { seed: self.seed, ..Walks::default() };

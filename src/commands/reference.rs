@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use clap::{Args, ValueEnum};
 
-use super::baking::{self, BakeOptions, WalkOptions, Wanted};
+use super::baking::{self, BakeOptions, WalkOptions};
 use super::console::{Console, in_range};
 use super::evaluate::{Radiosity, finish};
 use super::lights::{LightArgs, warn_of_places};
@@ -14,6 +14,7 @@ use super::media::ProfileArg;
 use super::model::ModelArgs;
 use super::{opening, output};
 use crate::error::{Error, ExitCode, Result};
+use crate::evaluate::Model;
 use crate::evaluate::keys::share;
 use crate::geometry::check::MeshCheck;
 use crate::geometry::parts::Closure;
@@ -58,10 +59,9 @@ pub(super) struct ReferenceArgs {
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Model of the light inside")]
 struct WalkArgs {
-    /// What the exitance is computed by (default: calibrated, of methods that can follow it, models with closed parts and no
-    /// --profile; else dipole). A random walk writes every order of scattering to b_* and the first to s_*
-    #[arg(long = "model", id = "physics", value_name = "WHICH")]
-    physics: Option<Physics>,
+    /// What the exitance is computed by. A random walk writes every order of scattering to b_* and the first to s_*
+    #[arg(long = "model", id = "physics", default_value = "dipole", value_name = "WHICH")]
+    physics: Physics,
     #[command(flatten)]
     walks: WalkOptions,
 }
@@ -79,25 +79,21 @@ enum Physics {
 
 pub(super) fn run(args: &ReferenceArgs, console: &Console) -> Result<ExitCode> {
     match args.walk.physics {
-        None if args.profile.is_given() => summed(args, Wanted::This(args.walk.walks.dipole()?), console),
-        None => summed(args, args.walk.walks.unnamed()?, console),
-        Some(Physics::Dipole) => summed(args, Wanted::This(args.walk.walks.dipole()?), console),
-        Some(Physics::Calibrated | Physics::MonteCarlo) if args.profile.is_given() => {
+        Physics::Dipole => summed(args, args.walk.walks.dipole()?, console),
+        Physics::Calibrated | Physics::MonteCarlo if args.profile.is_given() => {
             Err(Error::command_line("--profile: walks have no profile; leave it out, or use --model dipole"))
         }
-        Some(Physics::Calibrated) => summed(args, Wanted::This(args.walk.walks.calibrated()?), console),
-        Some(Physics::MonteCarlo) => monte_carlo(args, console),
+        Physics::Calibrated => summed(args, args.walk.walks.calibrated()?, console),
+        Physics::MonteCarlo => monte_carlo(args, console),
     }
 }
 
-fn summed(args: &ReferenceArgs, wanted: Wanted, console: &Console) -> Result<ExitCode> {
-    let recipe = args.options.resolve(&args.method, wanted, console)?;
+fn summed(args: &ReferenceArgs, model: Model, console: &Console) -> Result<ExitCode> {
+    let recipe = args.options.resolve(&args.method, model, console)?;
     let asked_rms = Some(recipe.settings.max_rms);
     output::check(&args.output, &["ply"], console)?;
     let lights = args.lights.load(console)?;
-    let imported = args.model.load(console)?;
-    let recipe = args.options.for_scene(recipe, wanted, &imported, console)?;
-    let asset = baking::bake(recipe, imported, console)?;
+    let asset = baking::bake(recipe, args.model.load(console)?, console)?;
     let provenance = asset.provenance.clone();
     let (method, model) = (provenance.method.as_str(), model_of(&provenance));
     let mut evaluator = opening::baked(asset, console)?;

@@ -332,29 +332,18 @@ fn a_few_walks_bring_the_dipole_nearer_to_the_volume() {
 }
 
 #[test]
-fn the_calibrated_model_is_the_default_where_a_method_and_a_mesh_can_follow_it() {
+fn files_of_two_models_are_compared_with_a_warning() {
     let folder = Folder::new();
-    folder.obj("head.obj", &shapes::bumpy_head(20.0, 2)).obj("sheet.obj", &shapes::plane(10.0, 10.0, 4));
-    let bake = |model: &str, rest: &str| {
-        folder.run_as_typed(&format!("bake {model} --unit mm --material skin1 --samples 500 {rest} -o a.tlux"))
+    folder.obj("head.obj", &shapes::bumpy_head(20.0, 2));
+    let write = |rest: &str| {
+        let light = "--light constant:radiance=1 --samples 500 --method two_pass --no-measure";
+        folder.run(&format!("reference head.obj --unit mm --material skin1 {light} {rest}")).ok();
     };
-    let evaluate = |file: &str| folder.run(&format!("evaluate a.tlux --light constant:radiance=1 -o {file}")).ok();
-    let model = || folder.run("inspect a.tlux --json").ok().json()["provenance"]["settings"]["model"].clone();
-    bake("head.obj", "--method two_pass").ok();
-    assert_eq!(model(), "calibrated");
-    evaluate("calibrated.ply");
-    bake("head.obj", "--method two_pass --model dipole").ok();
-    assert!(model().is_null());
-    evaluate("dipole.ply");
-    let said = folder.run("compare dipole.ply calibrated.ply --fail-above 50%").ok().stderr;
-    assert!(said.contains("calibrated.ply are calibrated"), "{said}");
-    let stored = "--method editable --set transport=stored --for-lights directional";
-    let said = bake("head.obj", stored).ok().stderr;
-    assert!(model().is_null() && said.contains("the kernels of `editable` are dipoles"), "{said}");
-    // Who sets the walks asks for them.
-    bake("head.obj", &format!("{stored} --photons 4096")).fails(5, &["editable", "--model dipole"]);
-    let said = bake("sheet.obj", "--method two_pass").ok().stderr;
-    assert!(model().is_null() && said.contains("no part is closed"), "{said}");
+    write("-o dipole.ply");
+    write("--model calibrated --photons 4096 -o calibrated.ply");
+    let said = |line: &str| folder.run(&format!("compare {line} --fail-above 50%")).ok().stderr;
+    assert!(said("dipole.ply calibrated.ply").contains("calibrated.ply are calibrated"));
+    assert!(!said("dipole.ply dipole.ply").contains("calibrated"));
 }
 
 #[test]

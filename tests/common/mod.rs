@@ -1,7 +1,6 @@
 //! What the tests of the command line share: a folder of its own for each test, small models, the program's outcome.
 #![allow(clippy::unwrap_used, missing_docs, dead_code, unreachable_pub)]
 
-use std::ffi::{OsStr, OsString};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -48,29 +47,12 @@ impl Folder {
         names
     }
 
-    /// Runs the program with the words of `line` as its arguments, as [`Self::run_words`] does.
+    /// Runs the program with the words of `line` as its arguments.
     pub fn run(&self, line: &str) -> Outcome {
         self.run_words(line.split_whitespace())
     }
 
-    /// Runs the program. Bakes and references that name no model take the dipole, whose kernels need no walks:
-    /// [`Self::run_as_typed`] has the default.
-    pub fn run_words<S: AsRef<OsStr>>(&self, words: impl IntoIterator<Item = S>) -> Outcome {
-        let mut words: Vec<OsString> = words.into_iter().map(|word| word.as_ref().to_owned()).collect();
-        let command = if words.first().is_some_and(|word| word == "--threads") { 2 } else { 0 };
-        let sums = words.get(command).is_some_and(|word| word == "bake" || word == "reference");
-        if sums && !words.iter().any(|word| word == "--model" || word == "--help") {
-            words.extend(["--model", "dipole"].map(OsString::from));
-        }
-        self.run_these(words)
-    }
-
-    /// Runs the program with the words of `line` as its arguments and nothing else.
-    pub fn run_as_typed(&self, line: &str) -> Outcome {
-        self.run_these(line.split_whitespace())
-    }
-
-    fn run_these<S: AsRef<OsStr>>(&self, words: impl IntoIterator<Item = S>) -> Outcome {
+    pub fn run_words<S: AsRef<std::ffi::OsStr>>(&self, words: impl IntoIterator<Item = S>) -> Outcome {
         let words: Vec<S> = words.into_iter().collect();
         let line: Vec<String> = words.iter().map(|w| w.as_ref().to_string_lossy().into_owned()).collect();
         let line = line.join(" ");

@@ -47,14 +47,13 @@ fn a_method_and_a_form_from_outside_are_whole_programs() {
         let run = |line: &str| run(&program, folder, line);
         let text = |output: Output| String::from_utf8(output.stdout).unwrap();
         run(&format!(
-            "bake head.obj -o a.tlux --method {name} --model dipole --samples 3000 --max-rms 2% --size-mm 20 --material marble -q"
+            "bake head.obj -o a.tlux --method {name} --samples 3000 --max-rms 2% --size-mm 20 --material marble -q"
         ));
         assert!(text(run("validate a.tlux")).contains(verdict), "{name}");
         assert!(text(run("inspect a.tlux")).contains(name));
         assert!(text(run(&format!("methods {name}"))).contains("You "));
         run(&format!("evaluate a.tlux --light {light} -o a.ply -q"));
-        let truth = "reference head.obj --model dipole --samples 12000 --size-mm 20 --material marble -o b.ply -q";
-        run(&format!("{truth} --light {light}"));
+        run(&format!("reference head.obj --samples 12000 --size-mm 20 --material marble --light {light} -o b.ply -q"));
         run(&format!("compare a.ply b.ply --fail-above {most}"));
         run(&format!("render a.tlux --light {light} -o a.png --resolution 64x64 -q"));
         let chart = "chart head.obj -o chart --quick --reference-samples 8000 --size-mm 20 --device cpu -q";

@@ -37,14 +37,11 @@ impl Subject<'_> {
         self.model.file_name().map_or_else(|| self.model.display().to_string(), |n| n.to_string_lossy().into_owned())
     }
 
-    /// Bakes with a method and options in another process; an asset and a report that exist already are taken. All hold the dipole,
-    /// which every method can.
+    /// Bakes with a method and options in another process; an asset and a report that exist already are taken.
     pub(super) fn bake(&self, method: &str, options: &str) -> Result<Baked> {
         let model = self.model.display().to_string();
         let mut words: Vec<String> =
-            ["bake", &model, "--method", method, "--model", "dipole", "--material", self.material]
-                .map(str::to_owned)
-                .into();
+            ["bake", &model, "--method", method, "--material", self.material].map(str::to_owned).into();
         words.extend_from_slice(self.placement);
         words.extend(options.split_whitespace().map(str::to_owned));
         let command = format!("translux {}", words.join(" "));

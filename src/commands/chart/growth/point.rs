@@ -125,10 +125,9 @@ impl Measurer<'_> {
         let model = shape.path.display().to_string();
         let size = place.size_mm.to_string();
         let mut words: Vec<String> =
-            ["bake", &model, "--method", method.name(), "--model", "dipole", "--material", self.material_text]
+            ["bake", &model, "--method", method.name(), "--material", self.material_text, "--size-mm", &size]
                 .map(str::to_owned)
                 .into();
-        words.extend(["--size-mm", &size].map(str::to_owned));
         words.extend(place.samples.into_iter().flat_map(|n| ["--samples".to_owned(), n.to_string()]));
         words
     }
