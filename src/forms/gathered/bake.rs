@@ -20,6 +20,7 @@ use crate::evaluate::stages::{of_kinds, spread};
 use crate::evaluate::{AssetParts, BakeSettings, Evaluator, Forecast, Form, Model};
 use crate::forms::density;
 use crate::forms::environment_rows::{self, EnvironmentRows, StoredRows};
+use crate::forms::sample_count::{UNLIKE_MATERIALS, samples_for};
 use crate::geometry::bvh::Bvh;
 use crate::geometry::samples::{self, Samples};
 use crate::light::{Light, LightKind};
@@ -38,10 +39,6 @@ use crate::transport::surface::Surface;
 
 /// Lights that the resolution of kernels is chosen by.
 const LIGHTS: usize = 3;
-
-/// Published materials that it is chosen by beside the scene's own: those with the largest errors of nets and near
-/// samples.
-const MATERIALS: [&str; 3] = ["ketchup", "chicken1", "spectralon"];
 
 /// Bytes of a sample or a receiver while nets are made.
 const BYTES_OF_A_POINT: u64 = 1200;
@@ -91,7 +88,14 @@ impl Form for Gathered {
 
     fn bake(&self, scene: &Scene, settings: &BakeSettings, progress: &dyn Progress) -> Result<AssetParts> {
         progress.start("samples", 0);
-        let samples = Samples::new(&scene.mesh, &scene.parts, self.density.count(scene, settings.samples));
+        // Nets are made for any material.
+        let materials = if self.nets.is_some() { UNLIKE_MATERIALS.as_slice() } else { &[] };
+        let count = match self.far {
+            // The truth has them all.
+            Far::AllPairs => self.density.count(scene, settings.samples),
+            Far::Hierarchical { .. } => samples_for(scene, (self.density, self.sampling), settings, materials)?,
+        };
+        let samples = Samples::new(&scene.mesh, &scene.parts, count);
         let environment = self.environment.filter(|_| settings.is_for(LightKind::Environment));
         let (calibrated, calibration) = match settings.model {
             Model::Dipole => (None, Vec::new()),
@@ -156,7 +160,7 @@ fn kernels(scene: &Scene, calibrated: Option<&Calibrated>) -> Vec<KernelsOfParts
         Some(calibrated) => calibrated.kernels.clone(),
         None => (MediumKernel::of_media(&scene.media), of_part.clone()),
     };
-    let others = MATERIALS.iter().filter_map(|name| preset(name)).map(|preset| of(preset.properties()));
+    let others = UNLIKE_MATERIALS.iter().filter_map(|name| preset(name)).map(|preset| of(preset.properties()));
     std::iter::once(own).chain(others).collect()
 }
 
