@@ -69,7 +69,7 @@ pub(crate) fn group() -> Scene {
         model.materials = vec![name.to_owned()];
         model
     };
-    let wax = called(shapes::bumpy_head(8.0, 3), "wax");
+    let wax = called(shapes::bumpy_head(8.0, 2), "wax");
     let soap = called(shapes::icosphere(5.0, 1), "soap");
     let slab = called(shapes::cuboid(DVec3::new(30.0, 1.0, 20.0), 3), "slab");
     let place = [DVec3::ZERO, DVec3::new(14.0, 1.0, 3.0), DVec3::new(6.0, -11.0, 0.0)];
